@@ -1,0 +1,2 @@
+//! The `surgtpgs` program.
+fn main() {}

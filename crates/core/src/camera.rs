@@ -1,0 +1,85 @@
+//! Pinhole cameras: OpenCV axes (x right, y down, z forward), pixel centres at +0.5.
+
+use glam::{Affine3A, Vec3};
+
+/// A pinhole camera of known size and pose.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Camera {
+    /// Image columns, in pixels.
+    pub width: u32,
+    /// Image rows, in pixels.
+    pub height: u32,
+    /// Focal length along x, in pixels.
+    pub fx: f32,
+    /// Focal length along y, in pixels.
+    pub fy: f32,
+    /// Principal point x, in pixels; the image centre is `width / 2`.
+    pub cx: f32,
+    /// Principal point y, in pixels.
+    pub cy: f32,
+    /// Maps world points into the camera's axes (scene units).
+    pub camera_from_world: Affine3A,
+}
+
+impl Camera {
+    /// A camera at the origin looking along +z with the given horizontal field of view.
+    pub fn with_field_of_view(width: u32, height: u32, fov_x_degrees: f32) -> Self {
+        let focal = 0.5 * width as f32 / (0.5 * fov_x_degrees.to_radians()).tan();
+        Self {
+            width,
+            height,
+            fx: focal,
+            fy: focal,
+            cx: 0.5 * width as f32,
+            cy: 0.5 * height as f32,
+            camera_from_world: Affine3A::IDENTITY,
+        }
+    }
+
+    /// The same view at another resolution (pixel grid scaled, field of view kept).
+    pub fn resized(&self, width: u32, height: u32) -> Self {
+        let (sx, sy) = (width as f32 / self.width as f32, height as f32 / self.height as f32);
+        Self {
+            width,
+            height,
+            fx: self.fx * sx,
+            fy: self.fy * sy,
+            cx: self.cx * sx,
+            cy: self.cy * sy,
+            ..*self
+        }
+    }
+
+    /// The world point seen at continuous pixel position (u, v) at depth `z` (scene units).
+    /// The centre of pixel (i, j) is (i + 0.5, j + 0.5).
+    pub fn unproject(&self, u: f32, v: f32, z: f32) -> Vec3 {
+        let in_camera = Vec3::new((u - self.cx) / self.fx * z, (v - self.cy) / self.fy * z, z);
+        self.camera_from_world.inverse().transform_point3(in_camera)
+    }
+
+    /// Continuous pixel position and depth of a world point; `None` at or behind the camera plane.
+    pub fn project(&self, point_in_world: Vec3) -> Option<(f32, f32, f32)> {
+        let p = self.camera_from_world.transform_point3(point_in_world);
+        (p.z > 0.0).then(|| (self.fx * p.x / p.z + self.cx, self.fy * p.y / p.z + self.cy, p.z))
+    }
+
+    /// Where the camera stands, in the world.
+    pub fn position_in_world(&self) -> Vec3 {
+        self.camera_from_world.inverse().translation.into()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn project_inverts_unproject_for_a_moved_camera() {
+        let mut camera = Camera::with_field_of_view(640, 512, 60.0);
+        camera.camera_from_world =
+            Affine3A::from_rotation_y(0.3) * Affine3A::from_translation(Vec3::new(1.0, -2.0, 0.5));
+        let (u, v, z) = camera.project(camera.unproject(12.5, 400.5, 7.0)).unwrap();
+        assert!((u - 12.5).abs() < 1e-3 && (v - 400.5).abs() < 1e-3 && (z - 7.0).abs() < 1e-5);
+        assert!(camera.project(camera.position_in_world()).is_none());
+    }
+}

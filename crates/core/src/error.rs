@@ -1,0 +1,63 @@
+//! One error type for the library: what happened, expected and found, what to do, path last.
+
+use std::path::{Path, PathBuf};
+
+/// Why something could not be done.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// What was given is wrong; `what` says what was expected and found, `hint` what to do.
+    #[error("{what}. {hint}{}", at(.path))]
+    Input {
+        /// What happened, expected and found, without a full stop.
+        what: String,
+        /// What the user can do about it; a full sentence or empty.
+        hint: String,
+        /// The file or folder concerned.
+        path: Option<PathBuf>,
+    },
+    /// The machine lacks something (a program, a library, an adapter).
+    #[error("{what}. {hint}")]
+    Missing {
+        /// What is missing and what it is needed for, without a full stop.
+        what: String,
+        /// How to get it.
+        hint: String,
+    },
+    /// Reading or writing failed.
+    #[error("could not {doing}: {source}{}", at(&Some(.path.clone())))]
+    Io {
+        /// What was being done, e.g. "read the image".
+        doing: String,
+        /// The cause.
+        source: std::io::Error,
+        /// The file or folder concerned.
+        path: PathBuf,
+    },
+    /// The user asked to stop; what was finished is kept.
+    #[error("stopped on request")]
+    Cancelled,
+}
+
+fn at(path: &Option<PathBuf>) -> String {
+    path.as_ref().map(|p| format!(" ({})", p.display())).unwrap_or_default()
+}
+
+/// The result of this library's fallible functions.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+impl Error {
+    /// Wrong input without a file: `what` (no full stop) and `hint` (a sentence, or empty).
+    pub fn input(what: impl Into<String>, hint: impl Into<String>) -> Self {
+        Self::Input { what: what.into(), hint: hint.into(), path: None }
+    }
+
+    /// Wrong input in the file or folder `path`.
+    pub fn input_at(path: impl AsRef<Path>, what: impl Into<String>, hint: impl Into<String>) -> Self {
+        Self::Input { what: what.into(), hint: hint.into(), path: Some(path.as_ref().to_owned()) }
+    }
+
+    /// A failed read or write; use as `.map_err(|e| Error::io("read the image", path, e))`.
+    pub fn io(doing: impl Into<String>, path: impl AsRef<Path>, source: std::io::Error) -> Self {
+        Self::Io { doing: doing.into(), source, path: path.as_ref().to_owned() }
+    }
+}

@@ -1,0 +1,57 @@
+//! A row-major image of anything: labels, depth, masks, scores.
+
+/// `width × height` values, row by row from the top left.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Grid<T> {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `data[y * width + x]`.
+    pub data: Vec<T>,
+}
+
+/// Per-pixel yes or no; what `true` means is said where the mask comes from.
+pub type Mask = Grid<bool>;
+
+impl<T> Grid<T> {
+    /// Wraps `data`; panics if its length is not `width * height` (a programming error).
+    pub fn from_vec(width: usize, height: usize, data: Vec<T>) -> Self {
+        assert_eq!(data.len(), width * height, "grid data must have width × height values");
+        Self { width, height, data }
+    }
+
+    /// One row.
+    pub fn row(&self, y: usize) -> &[T] {
+        &self.data[y * self.width..(y + 1) * self.width]
+    }
+
+    /// Applies `f` to every value.
+    pub fn map<U>(&self, f: impl FnMut(&T) -> U) -> Grid<U> {
+        Grid { width: self.width, height: self.height, data: self.data.iter().map(f).collect() }
+    }
+}
+
+impl<T: Copy> Grid<T> {
+    /// A grid filled with one value.
+    pub fn filled(width: usize, height: usize, value: T) -> Self {
+        Self { width, height, data: vec![value; width * height] }
+    }
+
+    /// The value at (x, y).
+    pub fn at(&self, x: usize, y: usize) -> T {
+        self.data[y * self.width + x]
+    }
+
+    /// Sets the value at (x, y).
+    pub fn set(&mut self, x: usize, y: usize, value: T) {
+        self.data[y * self.width + x] = value;
+    }
+}
+
+impl Mask {
+    /// How many pixels are true.
+    pub fn count(&self) -> usize {
+        self.data.iter().filter(|&&v| v).count()
+    }
+}

@@ -1,0 +1,37 @@
+//! Everything SurgTPGS computes, in the order the data flows:
+//!
+//! ```text
+//! folder on disk ─▶ sequence ─▶ needs ─▶ prepare (codec) ─▶ train (gaussian · deform · raster) ─▶ scene
+//!                                                                     │
+//!          text embedding ─▶ relevancy ─▶ mask ─▶ overlay ─▶ export ◀─┘ raster at time t
+//! ```
+//!
+//! No GPU, window, ONNX, printing or network here: those live in the crates that depend on this one.
+
+pub mod error;
+pub mod files;
+pub mod grid;
+pub mod num;
+
+pub mod camera;
+pub mod sequence;
+
+pub mod demo;
+
+pub mod codec;
+pub mod prepare;
+
+pub mod deform;
+pub mod gaussian;
+pub mod raster;
+
+pub mod scene;
+
+pub mod mask;
+pub mod metrics;
+pub mod overlay;
+pub mod relevancy;
+
+pub mod export;
+
+pub use error::{Error, Result};

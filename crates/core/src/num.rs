@@ -1,0 +1,74 @@
+//! The only exp, ln, sigmoid and normalise that touch data: they say what happens at the edges.
+
+/// 1 / (1 + e^-x) without overflow; NaN stays NaN.
+pub fn sigmoid(x: f32) -> f32 {
+    if x >= 0.0 {
+        1.0 / (1.0 + (-x).exp())
+    } else {
+        let e = x.exp();
+        e / (1.0 + e)
+    }
+}
+
+/// The inverse of [`sigmoid`]; `p` is first kept 1e-6 away from 0 and 1.
+pub fn logit(p: f32) -> f32 {
+    let p = p.clamp(1e-6, 1.0 - 1e-6);
+    (p / (1.0 - p)).ln()
+}
+
+/// `v / ‖v‖`, or `None` where the length is zero or not finite.
+pub fn normalised(v: &[f32]) -> Option<Vec<f32>> {
+    let length = norm(v);
+    (length > 1e-12 && length.is_finite()).then(|| v.iter().map(|x| x / length).collect())
+}
+
+/// Euclidean length, summed in f64.
+pub fn norm(v: &[f32]) -> f32 {
+    v.iter().map(|&x| f64::from(x) * f64::from(x)).sum::<f64>().sqrt() as f32
+}
+
+/// Dot product, summed in f64.
+pub fn dot(a: &[f32], b: &[f32]) -> f32 {
+    a.iter().zip(b).map(|(&x, &y)| f64::from(x) * f64::from(y)).sum::<f64>() as f32
+}
+
+/// The `q`-th percentile (0–100) by linear interpolation, as NumPy's default; `None` if empty.
+/// NaN must be filtered out before.
+pub fn percentile(values: &mut [f32], q: f64) -> Option<f32> {
+    if values.is_empty() {
+        return None;
+    }
+    values.sort_unstable_by(f32::total_cmp);
+    let position = q.clamp(0.0, 100.0) / 100.0 * (values.len() - 1) as f64;
+    let (low, high) = (position.floor() as usize, position.ceil() as usize);
+    let (a, b) = (f64::from(values[low]), f64::from(values[high]));
+    Some((a + (b - a) * (position - low as f64)) as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sigmoid_never_overflows_and_inverts() {
+        assert_eq!(sigmoid(-1e30), 0.0);
+        assert_eq!(sigmoid(1e30), 1.0);
+        assert_eq!(sigmoid(0.0), 0.5);
+        assert!((sigmoid(logit(0.1)) - 0.1).abs() < 1e-7);
+        assert!(logit(0.0).is_finite() && logit(1.0).is_finite());
+    }
+
+    #[test]
+    fn percentile_interpolates_linearly() {
+        assert_eq!(percentile(&mut [4.0, 1.0, 2.0, 3.0], 50.0), Some(2.5));
+        assert_eq!(percentile(&mut [1.0, 2.0, 3.0, 4.0, 5.0], 3.0), Some(1.12));
+        assert_eq!(percentile(&mut [], 50.0), None);
+    }
+
+    #[test]
+    fn normalised_refuses_what_has_no_direction() {
+        assert_eq!(normalised(&[3.0, 4.0]), Some(vec![0.6, 0.8]));
+        assert_eq!(normalised(&[0.0, 0.0]), None);
+        assert_eq!(normalised(&[f32::NAN, 1.0]), None);
+    }
+}

@@ -1,0 +1,88 @@
+//! From Gaussians at time t to images: project → bin → raster, with the gradients of all of it.
+
+use crate::{Result, camera::Camera, grid::Grid, scene::Scene};
+
+/// Tile edge in pixels.
+pub const TILE: usize = 16;
+/// Gaussians nearer than this (scene units) are culled.
+pub const NEAR: f32 = 0.2;
+/// Added to the diagonal of the 2-D covariance (px²).
+pub const DILATION: f32 = 0.3;
+/// Contributions below this are skipped.
+pub const MIN_ALPHA: f32 = 1.0 / 255.0;
+/// Alpha is kept below this, so that transmittance never reaches zero.
+pub const MAX_ALPHA: f32 = 0.99;
+/// A pixel stops when its transmittance would fall below this.
+pub const MIN_TRANSMITTANCE: f32 = 1e-4;
+/// The EWA Jacobian is evaluated within this multiple of the image's half-extent.
+pub const FRUSTUM_GUARD: f32 = 1.3;
+
+/// Planes of [`Images`], in order; features follow.
+pub const DEPTH_PLANE: usize = 3;
+/// Accumulated opacity Σw = 1 − T.
+pub const ALPHA_PLANE: usize = 4;
+/// First feature plane.
+pub const FEATURE_PLANE: usize = 5;
+
+/// Rendered images of one view, plane after plane: r, g, b (0–1, may overshoot), Σ w z, alpha, features.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Images {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `planes[k * width * height + y * width + x]`.
+    pub planes: Vec<f32>,
+}
+
+impl Images {
+    /// Plane `k`, row-major.
+    pub fn plane(&self, k: usize) -> &[f32] {
+        let n = self.width * self.height;
+        &self.planes[k * n..(k + 1) * n]
+    }
+    /// Number of feature planes.
+    pub fn latent_dim(&self) -> usize {
+        (self.planes.len() / (self.width * self.height).max(1)).saturating_sub(FEATURE_PLANE)
+    }
+    /// 8-bit sRGB picture.
+    pub fn to_rgb(&self) -> image::RgbImage {
+        let (r, g, b) = (self.plane(0), self.plane(1), self.plane(2));
+        let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
+        image::RgbImage::from_fn(self.width as u32, self.height as u32, |x, y| {
+            let i = y as usize * self.width + x as usize;
+            image::Rgb([byte(r[i]), byte(g[i]), byte(b[i])])
+        })
+    }
+    /// Depth divided by accumulated opacity; 0 where alpha is below `min_alpha`.
+    pub fn normalised_depth(&self, min_alpha: f32) -> Grid<f32> {
+        let depth = self.plane(DEPTH_PLANE).iter().zip(self.plane(ALPHA_PLANE));
+        Grid::from_vec(
+            self.width,
+            self.height,
+            depth.map(|(d, a)| if *a >= min_alpha { d / a } else { 0.0 }).collect(),
+        )
+    }
+}
+
+/// Renders a scene at a time from a camera; the GPU and the CPU do it alike.
+pub trait Renderer: Send {
+    /// Which machine part renders, for reports and provenance, e.g. "CPU (AVX-512)".
+    fn name(&self) -> String;
+    /// Renders; features only if asked for.
+    fn render(&mut self, scene: &Scene, camera: &Camera, time: f32, features: bool) -> Result<Images>;
+}
+
+/// The passes on the CPU, threaded and vectorised; also the specification of the shaders.
+#[derive(Default)]
+pub struct CpuRenderer {}
+
+impl Renderer for CpuRenderer {
+    fn name(&self) -> String {
+        todo!()
+    }
+    fn render(&mut self, scene: &Scene, camera: &Camera, time: f32, features: bool) -> Result<Images> {
+        let _ = (scene, camera, time, features);
+        todo!()
+    }
+}

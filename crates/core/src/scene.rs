@@ -1,0 +1,70 @@
+//! The scene file: one safetensors file with everything the viewer needs.
+
+use crate::{
+    Result, camera::Camera, codec::Codec, deform::Deformation, gaussian::Gaussians, grid::Mask,
+    prepare::EncoderIdentity, sequence::Class,
+};
+use std::path::{Path, PathBuf};
+
+/// A trained reconstruction.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// The Gaussians at rest.
+    pub gaussians: Gaussians,
+    /// How they move.
+    pub deformation: Deformation,
+    /// Camera of each frame; frame i is at time i / N.
+    pub cameras: Vec<Camera>,
+    /// The area that was supervised: `true` inside the endoscopic picture.
+    pub field_of_view: Mask,
+    /// Embeddings ⇄ latents; `None` for a scene without features (then prompts find nothing).
+    pub codec: Option<Codec>,
+    /// Class names with embeddings, where known.
+    pub classes: Vec<(Class, Vec<f32>)>,
+    /// The text encoder the features belong to.
+    pub encoder: Option<EncoderIdentity>,
+    /// Where it comes from and how it was made.
+    pub provenance: Provenance,
+}
+
+/// How a scene was made.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Provenance {
+    /// Program and version.
+    pub made_by: String,
+    /// The recording's folder or file name.
+    pub sequence_name: String,
+    /// Where the recording was, to find the original frames again.
+    pub sequence_path: PathBuf,
+    /// Whether test frames were held out of training.
+    pub held_out: bool,
+    /// Recording speed, where known.
+    pub frames_per_second: Option<f32>,
+    /// Optimiser steps done.
+    pub steps: usize,
+    /// Training wall time, seconds.
+    pub seconds: f64,
+    /// Training settings.
+    pub settings: serde_json::Value,
+}
+
+impl Scene {
+    /// Number of frames.
+    pub fn num_frames(&self) -> usize {
+        self.cameras.len()
+    }
+    /// Time of frame `i`.
+    pub fn time(&self, i: usize) -> f32 {
+        i as f32 / self.num_frames().max(1) as f32
+    }
+    /// Writes the file whole.
+    pub fn save(&self, path: &Path) -> Result<()> {
+        let _ = path;
+        todo!()
+    }
+    /// Reads and validates a file.
+    pub fn load(path: &Path) -> Result<Self> {
+        let _ = path;
+        todo!()
+    }
+}
