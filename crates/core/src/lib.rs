@@ -27,6 +27,8 @@ pub mod raster;
 
 pub mod scene;
 
+pub mod train;
+
 pub mod mask;
 pub mod metrics;
 pub mod overlay;

@@ -75,4 +75,3 @@ pub struct Lattice {
 }
 
 #[expect(dead_code, reason = "written while the rungs are built")]
-fn unused(_: EncoderIdentity) {}

@@ -181,4 +181,3 @@ pub fn check(sequence: &Sequence, progress: &mut dyn FnMut(usize, usize)) -> Rep
     todo!()
 }
 
-fn unused(_: PathBuf, _: Error) {}
