@@ -1,6 +1,6 @@
 //! How much a pixel is what the prompt says: score = σ(T·(p − max_i n_i)) (design §7, method §9.2).
 
-use crate::{codec::Codec, grid::Grid, prepare::EncoderIdentity, raster::Images, sequence::Class};
+use crate::{codec::Codec, grid::Grid, raster::Images, sequence::Class};
 
 /// The visible settings of a query; recorded with every result.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -73,5 +73,3 @@ pub struct Lattice {
     /// The scene's codec.
     pub codec: Codec,
 }
-
-#[expect(dead_code, reason = "written while the rungs are built")]

@@ -1,12 +1,12 @@
 //! A recorded operation on disk: frames, cameras, depth, masks, labels. Decoded lazily, never modified.
 
 use crate::{
-    Error, Result,
+    Result,
     camera::Camera,
     grid::{Grid, Mask},
 };
 use image::RgbImage;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// The folder layouts that are recognised, by content and never by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -180,4 +180,3 @@ pub fn check(sequence: &Sequence, progress: &mut dyn FnMut(usize, usize)) -> Rep
     let _ = (sequence, progress);
     todo!()
 }
-
