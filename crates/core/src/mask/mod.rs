@@ -1,20 +1,212 @@
-//! Masks from scores: threshold, area, outline.
+//! Masks from scores: threshold, outline, overlap, and the clean-up that a person asks for.
 
 use crate::grid::{Grid, Mask};
 
-/// Pixels whose score is above `threshold` (strictly).
+/// Pixels whose score is above `threshold` (strictly); NaN never is.
 pub fn threshold(scores: &Grid<f32>, threshold: f32) -> Mask {
     scores.map(|&s| s > threshold)
 }
 
-/// `true` within `width_px` inside the border of the mask (4-neighbourhood, image border excluded).
-pub fn outline(mask: &Mask, width_px: usize) -> Mask {
-    let _ = (mask, width_px);
-    todo!()
+/// One mask per score image, each pixel in at most one: where several are above their threshold,
+/// the highest score wins (the earlier one on a tie). Images of another size than the first get an empty mask.
+pub fn exclusive(scores: &[&Grid<f32>], thresholds: &[f32]) -> Vec<Mask> {
+    let Some((width, height)) = scores.first().map(|s| (s.width, s.height)) else { return Vec::new() };
+    let mut masks = vec![Grid::filled(width, height, false); scores.len()];
+    for pixel in 0..width * height {
+        let mut best: Option<(usize, f32)> = None;
+        for (k, (image, &limit)) in scores.iter().zip(thresholds).enumerate() {
+            let score = if (image.width, image.height) == (width, height) { image.data[pixel] } else { 0.0 };
+            if score > limit && best.is_none_or(|(_, s)| score > s) {
+                best = Some((k, score));
+            }
+        }
+        if let Some((k, _)) = best {
+            masks[k].data[pixel] = true;
+        }
+    }
+    masks
 }
 
-/// |a ∩ b| / |a ∪ b|; `None` when both are empty. Sizes must agree.
+/// `true` within `width_px` inside the border of the mask (4-neighbourhood, image border excluded):
+/// the pixels that `width_px` erosions would take away.
+pub fn outline(mask: &Mask, width_px: usize) -> Mask {
+    let distance = distance_to_false(mask);
+    let near = |(&inside, &d): (&bool, &u32)| inside && d as usize <= width_px;
+    Grid::from_vec(mask.width, mask.height, mask.data.iter().zip(&distance).map(near).collect())
+}
+
+/// City-block distance of each pixel to the nearest `false` one: 0 on it, `u32::MAX` where there is none.
+fn distance_to_false(mask: &Mask) -> Vec<u32> {
+    let (w, h) = (mask.width, mask.height);
+    let mut distance: Vec<u32> = mask.data.iter().map(|&v| if v { u32::MAX } else { 0 }).collect();
+    for i in 0..w * h {
+        let (x, y) = (i % w, i / w);
+        let left = if x > 0 { distance[i - 1] } else { u32::MAX };
+        let above = if y > 0 { distance[i - w] } else { u32::MAX };
+        distance[i] = distance[i].min(left.min(above).saturating_add(1));
+    }
+    for i in (0..w * h).rev() {
+        let (x, y) = (i % w, i / w);
+        let right = if x + 1 < w { distance[i + 1] } else { u32::MAX };
+        let below = if y + 1 < h { distance[i + w] } else { u32::MAX };
+        distance[i] = distance[i].min(right.min(below).saturating_add(1));
+    }
+    distance
+}
+
+/// |a ∩ b| / |a ∪ b|; `None` when both are empty or their sizes differ.
 pub fn iou(a: &Mask, b: &Mask) -> Option<f64> {
-    let _ = (a, b);
-    todo!()
+    if (a.width, a.height) != (b.width, b.height) {
+        return None;
+    }
+    let (mut both, mut either) = (0_usize, 0_usize);
+    for (&a, &b) in a.data.iter().zip(&b.data) {
+        both += usize::from(a && b);
+        either += usize::from(a || b);
+    }
+    (either > 0).then(|| both as f64 / either as f64)
+}
+
+/// A rectangle of whole pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct PixelRect {
+    /// Leftmost column.
+    pub x: usize,
+    /// Topmost row.
+    pub y: usize,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+/// The smallest rectangle around the `true` pixels; `None` for an empty mask.
+pub fn bounding_box(mask: &Mask) -> Option<PixelRect> {
+    let mut corners: Option<[usize; 4]> = None;
+    for (i, _) in mask.data.iter().enumerate().filter(|(_, v)| **v) {
+        let (x, y) = (i % mask.width, i / mask.width);
+        let [x0, y0, x1, y1] = corners.unwrap_or([x, y, x, y]);
+        corners = Some([x0.min(x), y0.min(y), x1.max(x), y1.max(y)]);
+    }
+    corners.map(|[x0, y0, x1, y1]| PixelRect { x: x0, y: y0, width: x1 - x0 + 1, height: y1 - y0 + 1 })
+}
+
+/// Drops connected parts (8-neighbourhood) of fewer than `min_area_px` pixels.
+pub fn remove_small(mask: &Mask, min_area_px: usize) -> Mask {
+    let mut kept = mask.clone();
+    for part in parts(mask, true, true).into_iter().filter(|p| p.pixels.len() < min_area_px) {
+        part.pixels.into_iter().for_each(|i| kept.data[i] = false);
+    }
+    kept
+}
+
+/// Fills holes (4-neighbourhood) of at most `max_area_px` pixels; what touches the image border is no hole.
+pub fn fill_holes(mask: &Mask, max_area_px: usize) -> Mask {
+    let mut filled = mask.clone();
+    let is_hole = |p: &Part| !p.touches_border && p.pixels.len() <= max_area_px;
+    for part in parts(mask, false, false).into_iter().filter(is_hole) {
+        part.pixels.into_iter().for_each(|i| filled.data[i] = true);
+    }
+    filled
+}
+
+/// A connected part of a mask.
+struct Part {
+    pixels: Vec<usize>,
+    touches_border: bool,
+}
+
+/// The connected parts of pixels equal to `value`, in order of their first pixel.
+fn parts(mask: &Mask, value: bool, diagonal: bool) -> Vec<Part> {
+    const STEPS: [(isize, isize); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)];
+    let steps = &STEPS[..if diagonal { 8 } else { 4 }];
+    let (w, h) = (mask.width, mask.height);
+    let mut open: Vec<bool> = mask.data.iter().map(|&v| v == value).collect();
+    let mut found = Vec::new();
+    for start in 0..open.len() {
+        if !std::mem::take(&mut open[start]) {
+            continue;
+        }
+        let mut part = Part { pixels: vec![start], touches_border: false };
+        let mut next = 0;
+        while let Some(&i) = part.pixels.get(next) {
+            next += 1;
+            let (x, y) = (i % w, i / w);
+            for &(dx, dy) in steps {
+                match (x.checked_add_signed(dx), y.checked_add_signed(dy)) {
+                    (Some(nx), Some(ny)) if nx < w && ny < h => {
+                        if std::mem::take(&mut open[ny * w + nx]) {
+                            part.pixels.push(ny * w + nx);
+                        }
+                    }
+                    _ => part.touches_border = true,
+                }
+            }
+        }
+        found.push(part);
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mask(rows: &[&str]) -> Mask {
+        let data = rows.iter().flat_map(|r| r.chars().map(|c| c == '#')).collect();
+        Grid::from_vec(rows[0].len(), rows.len(), data)
+    }
+
+    #[test]
+    fn threshold_is_strict_and_nan_is_never_found() {
+        let scores = Grid::from_vec(3, 1, vec![0.4, 0.400_1, f32::NAN]);
+        assert_eq!(threshold(&scores, 0.4).data, [false, true, false]);
+    }
+
+    #[test]
+    fn outline_follows_the_border_but_not_the_image_edge() {
+        let image = mask(&["#####", "#####", "###..", "###..", "###.."]);
+        assert_eq!(outline(&image, 1), mask(&[".....", "...##", "..#..", "..#..", "..#.."]));
+        assert_eq!(outline(&image, 2), mask(&["...##", "..###", ".##..", ".##..", ".##.."]));
+        assert_eq!(outline(&image, 0).count(), 0);
+        assert_eq!(outline(&mask(&["###", "###"]), 2).count(), 0);
+        assert_eq!(outline(&Grid::filled(0, 0, true), 2).data.len(), 0);
+    }
+
+    #[test]
+    fn iou_of_known_masks() {
+        let (a, b) = (mask(&["##.", "..."]), mask(&[".##", "..."]));
+        assert_eq!(iou(&a, &b), Some(1.0 / 3.0));
+        assert_eq!(iou(&a, &a), Some(1.0));
+        let empty = mask(&["...", "..."]);
+        assert_eq!(iou(&a, &empty), Some(0.0));
+        assert_eq!(iou(&empty, &empty), None);
+        assert_eq!(iou(&a, &mask(&["##"])), None);
+    }
+
+    #[test]
+    fn bounding_box_is_tight() {
+        let rect = bounding_box(&mask(&["....", ".#..", "..#.", "...."]));
+        assert_eq!(rect, Some(PixelRect { x: 1, y: 1, width: 2, height: 2 }));
+        assert_eq!(bounding_box(&mask(&["..", ".."])), None);
+    }
+
+    #[test]
+    fn small_parts_go_and_holes_close() {
+        let image = mask(&["#....", "...##", ".##..", "....."]);
+        assert_eq!(remove_small(&image, 2), mask(&[".....", "...##", ".##..", "....."]));
+        assert_eq!(remove_small(&image, 5).count(), 0);
+        let ring = mask(&["####.", "#..#.", "#.##.", "####."]);
+        assert_eq!(fill_holes(&ring, 3).count(), 16);
+        assert_eq!(fill_holes(&ring, 2), ring);
+    }
+
+    #[test]
+    fn exclusive_masks_give_each_pixel_to_the_highest_score() {
+        let a = Grid::from_vec(4, 1, vec![0.9, 0.5, 0.5, 0.1]);
+        let b = Grid::from_vec(4, 1, vec![0.8, 0.6, 0.5, 0.2]);
+        let masks = exclusive(&[&a, &b], &[0.4, 0.4]);
+        assert_eq!(masks[0].data, [true, false, true, false]);
+        assert_eq!(masks[1].data, [false, true, false, false]);
+    }
 }
