@@ -12,6 +12,7 @@ pub mod error;
 pub mod files;
 pub mod grid;
 pub mod num;
+pub mod real;
 
 pub mod camera;
 pub mod sequence;

@@ -2,7 +2,16 @@
 //!
 //! ψ_c(t) = Σ_b ω_{b,c} · G(t; θ_b, σ_b) for each channel c of a Gaussian.
 
-use crate::gaussian::Gaussians;
+mod apply;
+mod basis;
+
+pub use apply::{
+    FeatureNet, Moved, gate_feature, gate_feature_backward, move_geometry, move_geometry_backward,
+};
+pub use basis::{BasisShape, LIVE_BASIS, basis, basis_backward};
+
+use crate::{gaussian::Gaussians, num::sigmoid};
+use rayon::prelude::*;
 
 /// First channel of each deformed quantity; gate channels follow [`COLOUR_CHANNEL`] + 3.
 pub const MEAN_CHANNEL: usize = 0;
@@ -20,14 +29,9 @@ pub const fn num_channels(latent_dim: usize) -> usize {
     GATE_CHANNEL + latent_dim
 }
 
-/// Shape of one basis function over time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum BasisShape {
-    /// exp(−(t − θ)² / (2σ²)): the paper's Eq. 1.
-    Gaussian,
-    /// exp(−((t − θ)² / (σ² + 1e-4))²): what the released code computes.
-    Quartic,
+/// Floats per Gaussian and basis: the channels, padded to whole vectors of 16.
+pub const fn stride_for(latent_dim: usize) -> usize {
+    num_channels(latent_dim).next_multiple_of(16)
 }
 
 /// Basis weights of all Gaussians, and the basis functions they weigh.
@@ -37,7 +41,7 @@ pub struct Deformation {
     pub shape: BasisShape,
     /// Number of basis functions, B.
     pub num_bases: usize,
-    /// Floats per Gaussian and basis: the channels, padded to a multiple of 16.
+    /// Floats per Gaussian and basis: [`stride_for`] the latent dimension.
     pub stride: usize,
     /// ω, [B][N][stride] flat; basis-major so that the live bases are a contiguous block.
     pub weights: Vec<f32>,
@@ -71,22 +75,161 @@ pub struct Deformed {
 }
 
 impl Deformation {
-    /// G(t; θ_b, σ_b) of shared bases, and the range of bases whose value is above [`LIVE_BASIS`].
-    pub fn basis_values(&self, time: f32) -> (Vec<f32>, std::ops::Range<usize>) {
-        let _ = time;
-        todo!()
+    /// No motion at all, for `n` Gaussians: bases spread evenly over [0, 1], all weights zero.
+    pub fn at_rest(n: usize, latent_dim: usize, num_bases: usize, width: f32, gate_slope: f32) -> Self {
+        let stride = stride_for(latent_dim);
+        let spacing = 1.0 / (num_bases.max(2) - 1) as f32;
+        Self {
+            shape: BasisShape::Gaussian,
+            num_bases,
+            stride,
+            weights: vec![0.0; num_bases * n * stride],
+            centres: (0..num_bases).map(|b| b as f32 * spacing).collect(),
+            widths: vec![width; num_bases],
+            gate_slope,
+            feature_weight: vec![0.0; latent_dim * (latent_dim + 1)],
+            feature_bias: vec![0.0; latent_dim],
+        }
     }
+
     /// Whether all Gaussians share centres and widths.
     pub fn is_shared(&self) -> bool {
         self.centres.len() == self.num_bases
     }
-}
 
-/// Bases with a smaller value at t are neither evaluated nor updated.
-pub const LIVE_BASIS: f32 = 1e-4;
+    /// Values of shared bases at `time`, and the range outside which they are below [`LIVE_BASIS`].
+    pub fn basis_values(&self, time: f32) -> (Vec<f32>, std::ops::Range<usize>) {
+        let values: Vec<f32> =
+            (0..self.num_bases).map(|b| basis(self.shape, time, self.centres[b], self.widths[b])).collect();
+        let is_live = |v: &f32| *v > LIVE_BASIS;
+        let first = values.iter().position(is_live).unwrap_or(0);
+        let end = values.iter().rposition(is_live).map_or(first, |last| last + 1);
+        (values, first..end)
+    }
+
+    /// ψ(t) of all `n` Gaussians, [N][stride].
+    pub fn psi(&self, n: usize, time: f32) -> Vec<f32> {
+        let mut psi = vec![0.0; n * self.stride];
+        if n == 0 || self.num_bases == 0 {
+            return psi;
+        }
+        let plane = n * self.stride;
+        let chunk = 1024 * self.stride;
+        let shared = self.is_shared().then(|| self.basis_values(time));
+        psi.par_chunks_mut(chunk).enumerate().for_each(|(k, psi)| {
+            let len = psi.len();
+            let at = |b: usize| b * plane + k * chunk..b * plane + k * chunk + len;
+            if let Some((values, live)) = &shared {
+                for b in live.clone() {
+                    for (sum, weight) in psi.iter_mut().zip(&self.weights[at(b)]) {
+                        *sum += values[b] * weight;
+                    }
+                }
+            } else {
+                for b in 0..self.num_bases {
+                    let own = self.centres[at(b)].iter().zip(&self.widths[at(b)]);
+                    for ((sum, weight), (centre, width)) in psi.iter_mut().zip(&self.weights[at(b)]).zip(own)
+                    {
+                        let value = basis(self.shape, time, *centre, *width);
+                        *sum += if value > LIVE_BASIS { value * weight } else { 0.0 };
+                    }
+                }
+            }
+        });
+        psi
+    }
+
+    /// The feature network.
+    pub fn feature_net(&self) -> FeatureNet<'_, f32> {
+        FeatureNet { weight: &self.feature_weight, bias: &self.feature_bias, slope: self.gate_slope }
+    }
+}
 
 /// Deforms and activates all Gaussians at time `t`; the CPU twin of `shaders/deform.wgsl`.
 pub fn deform(gaussians: &Gaussians, deformation: &Deformation, time: f32, features: bool) -> Deformed {
-    let _ = (gaussians, deformation, time, features);
-    todo!()
+    let psi = deformation.psi(gaussians.len(), time);
+    deform_by(gaussians, deformation, &psi, time, features)
+}
+
+/// As [`deform`], with ψ(t) already at hand.
+pub fn deform_by(
+    gaussians: &Gaussians,
+    deformation: &Deformation,
+    psi: &[f32],
+    time: f32,
+    features: bool,
+) -> Deformed {
+    let n = gaussians.len();
+    let stride = deformation.stride;
+    let moved: Vec<Moved<f32>> = (0..n)
+        .into_par_iter()
+        .with_min_len(1024)
+        .map(|i| {
+            let psi = &psi[i * stride..(i + 1) * stride];
+            move_geometry(gaussians.means[i], gaussians.rotations[i], gaussians.log_scales[i], psi)
+        })
+        .collect();
+    let colour = |i: usize, c: usize| gaussians.colours[i][c] + psi[i * stride + COLOUR_CHANNEL + c];
+    let mut deformed = Deformed {
+        means: moved.iter().map(|m| m.geometry.mean).collect(),
+        rotations: moved.iter().map(|m| m.geometry.rotation).collect(),
+        scales: moved.iter().map(|m| m.geometry.scale).collect(),
+        opacities: gaussians.opacity_logits.iter().map(|&o| sigmoid(o)).collect(),
+        colours: (0..n).map(|i| [colour(i, 0), colour(i, 1), colour(i, 2)]).collect(),
+        features: Vec::new(),
+    };
+    let dim = gaussians.latent_dim;
+    if features && dim > 0 {
+        deformed.features = vec![0.0; n * dim];
+        let net = deformation.feature_net();
+        deformed.features.par_chunks_mut(dim).with_min_len(1024).enumerate().for_each(|(i, out)| {
+            let gate = &psi[i * stride + GATE_CHANNEL..i * stride + GATE_CHANNEL + dim];
+            gate_feature(&net, &gaussians.features[i * dim..(i + 1) * dim], gate, time, out);
+        });
+    }
+    deformed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_still_scene_stays_as_it_is() {
+        let gaussians = Gaussians {
+            means: vec![[1.0, 2.0, 3.0]],
+            rotations: vec![[2.0, 0.0, 0.0, 0.0]],
+            log_scales: vec![[0.0, -1.0, 1.0]],
+            opacity_logits: vec![0.0],
+            colours: vec![[0.1, 0.2, 0.3]],
+            features: vec![0.5, -0.5, 1.0],
+            latent_dim: 3,
+            ..Default::default()
+        };
+        let deformation = Deformation::at_rest(1, 3, 17, 0.05, 2.5);
+        let d = deform(&gaussians, &deformation, 0.3, true);
+        assert_eq!(d.means, gaussians.means);
+        assert_eq!(d.rotations, vec![[1.0, 0.0, 0.0, 0.0]]);
+        assert_eq!(d.scales[0][0], 1.0);
+        assert_eq!(d.opacities, vec![0.5]);
+        assert_eq!(d.features, gaussians.features);
+    }
+
+    #[test]
+    fn shared_bases_equal_the_same_bases_held_by_every_gaussian() {
+        let n = 5;
+        let mut shared = Deformation::at_rest(n, 3, 7, 0.1, 2.5);
+        for (i, w) in shared.weights.iter_mut().enumerate() {
+            *w = ((i * 37 % 101) as f32 / 101.0) - 0.5;
+        }
+        let mut own = shared.clone();
+        let block = n * shared.stride;
+        own.centres = (0..7 * block).map(|i| shared.centres[i / block]).collect();
+        own.widths = (0..7 * block).map(|i| shared.widths[i / block]).collect();
+        for time in [0.0, 0.31, 0.98] {
+            for (a, b) in shared.psi(n, time).iter().zip(own.psi(n, time)) {
+                assert!((a - b).abs() < 1e-6);
+            }
+        }
+    }
 }

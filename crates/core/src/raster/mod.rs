@@ -1,6 +1,21 @@
 //! From Gaussians at time t to images: project → bin → raster, with the gradients of all of it.
 
-use crate::{Result, camera::Camera, grid::Grid, scene::Scene};
+pub mod backward;
+pub mod bin;
+pub mod forward;
+pub mod project;
+pub mod reference;
+pub mod sh;
+mod tile;
+
+use crate::{
+    Result,
+    camera::Camera,
+    deform::{Deformed, deform},
+    gaussian::Gaussians,
+    grid::Grid,
+    scene::Scene,
+};
 
 /// Tile edge in pixels.
 pub const TILE: usize = 16;
@@ -74,15 +89,34 @@ pub trait Renderer: Send {
 }
 
 /// The passes on the CPU, threaded and vectorised; also the specification of the shaders.
-#[derive(Default)]
-pub struct CpuRenderer {}
+#[derive(Clone, Copy, Debug, Default)]
+pub struct CpuRenderer;
 
 impl Renderer for CpuRenderer {
     fn name(&self) -> String {
-        todo!()
+        format!("CPU, {} threads, {}", rayon::current_num_threads(), instruction_set())
     }
     fn render(&mut self, scene: &Scene, camera: &Camera, time: f32, features: bool) -> Result<Images> {
-        let _ = (scene, camera, time, features);
-        todo!()
+        let deformed = deform(&scene.gaussians, &scene.deformation, time, features);
+        Ok(render_deformed(&scene.gaussians, &deformed, camera))
     }
 }
+
+/// Project → bin → raster of Gaussians already at time t; features if `deformed` has them.
+pub fn render_deformed(gaussians: &Gaussians, deformed: &Deformed, camera: &Camera) -> Images {
+    let (width, height) = (camera.width as usize, camera.height as usize);
+    let splats = project::project_all(gaussians, deformed, camera);
+    let bins = bin::bin(&splats, width, height);
+    let with_features = deformed.features.len() == gaussians.features.len();
+    let latent_dim = if with_features { gaussians.latent_dim } else { 0 };
+    forward::raster(&splats, &deformed.features, latent_dim, &bins, width, height)
+}
+
+/// The instruction set that the kernels run on here.
+fn instruction_set() -> String {
+    let level = format!("{:?}", fearless_simd::Level::new());
+    level.split(['(', ' ']).next().unwrap_or_default().to_owned()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,81 @@
+//! One basis function over time.
+
+use crate::real::Real;
+
+/// Shape of one basis function over time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum BasisShape {
+    /// exp(−(t − θ)² / (2σ²)): the paper's Eq. 1.
+    Gaussian,
+    /// exp(−((t − θ)² / (σ² + 1e-4))²): what the released code computes (method §3.1).
+    Quartic,
+}
+
+/// Bases with a smaller value at t are neither evaluated nor updated.
+pub const LIVE_BASIS: f32 = 1e-4;
+
+/// Widths below this are treated as this, so that the paper's form cannot divide by zero.
+const MIN_WIDTH: f64 = 1e-4;
+
+/// G(t; θ, σ), in 0–1.
+pub fn basis<T: Real>(shape: BasisShape, time: T, centre: T, width: T) -> T {
+    let d = time - centre;
+    match shape {
+        BasisShape::Gaussian => {
+            let w = width.abs().max(T::of(MIN_WIDTH));
+            (-(d * d) / (T::of(2.0) * w * w)).exp()
+        }
+        BasisShape::Quartic => {
+            let e = d * d / (width * width + T::of(1e-4));
+            (-(e * e)).exp()
+        }
+    }
+}
+
+/// ∂G/∂θ and ∂G/∂σ.
+pub fn basis_backward<T: Real>(shape: BasisShape, time: T, centre: T, width: T) -> (T, T) {
+    let (d, value) = (time - centre, basis(shape, time, centre, width));
+    match shape {
+        BasisShape::Gaussian => {
+            let w = width.abs().max(T::of(MIN_WIDTH));
+            let along_width = if width.abs() > T::of(MIN_WIDTH) {
+                value * d * d / (w * w * w) * width.signum()
+            } else {
+                T::zero()
+            };
+            (value * d / (w * w), along_width)
+        }
+        BasisShape::Quartic => {
+            let q = width * width + T::of(1e-4);
+            let e = d * d / q;
+            (value * T::of(4.0) * e * d / q, value * T::of(4.0) * e * e * width / q)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gradients_match_finite_differences() {
+        for shape in [BasisShape::Gaussian, BasisShape::Quartic] {
+            for (t, c, w) in [(0.31_f64, 0.3, 0.02), (0.5, 0.45, -0.05), (0.2, 0.2, 0.01)] {
+                let (dc, dw) = basis_backward(shape, t, c, w);
+                let h = 1e-7;
+                let numeric_c = (basis(shape, t, c + h, w) - basis(shape, t, c - h, w)) / (2.0 * h);
+                let numeric_w = (basis(shape, t, c, w + h) - basis(shape, t, c, w - h)) / (2.0 * h);
+                assert!((dc - numeric_c).abs() < 1e-5 * (1.0 + numeric_c.abs()), "{shape:?} centre");
+                assert!((dw - numeric_w).abs() < 1e-5 * (1.0 + numeric_w.abs()), "{shape:?} width");
+            }
+        }
+    }
+
+    #[test]
+    fn the_released_shape_has_the_published_half_width() {
+        assert!((basis(BasisShape::Quartic, 0.0125_f64, 0.0, 0.01) - 0.543).abs() < 1e-3);
+        assert!((basis(BasisShape::Quartic, 0.02_f64, 0.0, 0.01) - 0.018).abs() < 1e-3);
+        assert!(basis(BasisShape::Gaussian, 1.0_f32, 0.0, 0.0).is_finite());
+    }
+}

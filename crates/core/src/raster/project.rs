@@ -1,0 +1,396 @@
+//! One Gaussian at time t onto the image plane (method §4.1–4.2); twin of `shaders/project.wgsl`.
+
+use super::{DILATION, FRUSTUM_GUARD, MIN_ALPHA, NEAR, sh};
+use crate::{
+    camera::Camera,
+    deform::Deformed,
+    gaussian::{Gaussians, SH_C0},
+    real::{
+        Matrix, Real, Vector, dot, multiply, rotation_matrix, rotation_matrix_backward, transform,
+        transform_transposed,
+    },
+};
+
+/// A camera in the shape the formulas need.
+#[derive(Clone, Copy, Debug)]
+pub struct View<T> {
+    rotation: Matrix<T, 3, 3>,
+    translation: Vector<T, 3>,
+    position: Vector<T, 3>,
+    focal: Vector<T, 2>,
+    centre: Vector<T, 2>,
+    /// Lowest and highest x/z and y/z at which the Jacobian is evaluated.
+    guard: [(T, T); 2],
+}
+
+impl<T: Real> View<T> {
+    /// Reads a camera.
+    pub fn new(camera: &Camera) -> Self {
+        let (m, t) = (camera.camera_from_world.matrix3, camera.camera_from_world.translation);
+        let position = camera.position_in_world();
+        let guard = |size: u32, focal: f32, centre: f32| {
+            let (size, focal, centre) = (f64::from(size), f64::from(focal), f64::from(centre));
+            let slack = (f64::from(FRUSTUM_GUARD) - 1.0) * 0.5 * size;
+            (T::of((-centre - slack) / focal), T::of((size - centre + slack) / focal))
+        };
+        Self {
+            rotation: std::array::from_fn(|i| std::array::from_fn(|j| T::from_f32(m.col(j)[i]))),
+            translation: t.to_array().map(T::from_f32),
+            position: position.to_array().map(T::from_f32),
+            focal: [T::from_f32(camera.fx), T::from_f32(camera.fy)],
+            centre: [T::from_f32(camera.cx), T::from_f32(camera.cy)],
+            guard: [guard(camera.width, camera.fx, camera.cx), guard(camera.height, camera.fy, camera.cy)],
+        }
+    }
+}
+
+/// A Gaussian on the image plane.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Splat<T> {
+    /// Centre in continuous pixel coordinates; the centre of pixel (i, j) is (i + 0.5, j + 0.5).
+    pub centre: Vector<T, 2>,
+    /// Inverse 2-D covariance: (xx, xy, yy), px⁻².
+    pub conic: Vector<T, 3>,
+    /// z in the camera, scene units.
+    pub depth: T,
+    /// 0–1.
+    pub opacity: T,
+    /// Colour seen from the camera, ≥ 0.
+    pub colour: Vector<T, 3>,
+    /// Half width and half height of the ellipse where alpha falls to [`MIN_ALPHA`], px; 0 if culled.
+    pub extent: Vector<T, 2>,
+}
+
+impl<T: Real> Splat<T> {
+    /// Whether anything of it can be seen.
+    pub fn is_visible(&self) -> bool {
+        self.extent[0] > T::zero()
+    }
+}
+
+/// Gradients with respect to what the raster pass reads of a splat.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SplatGradient<T> {
+    /// ∂L/∂centre, per px.
+    pub centre: Vector<T, 2>,
+    /// ∂L/∂conic for (xx, xy, yy), xy counted once.
+    pub conic: Vector<T, 3>,
+    /// ∂L/∂depth.
+    pub depth: T,
+    /// ∂L/∂opacity.
+    pub opacity: T,
+    /// ∂L/∂colour.
+    pub colour: Vector<T, 3>,
+}
+
+/// The geometry of one Gaussian before projection.
+#[derive(Clone, Copy, Debug)]
+pub struct Geometry<T> {
+    /// Centre in the world.
+    pub mean: Vector<T, 3>,
+    /// Unit quaternion (w, x, y, z).
+    pub rotation: Vector<T, 4>,
+    /// Standard deviations.
+    pub scale: Vector<T, 3>,
+}
+
+/// What forward and backward share: camera point, Jacobian and the 2×3 square root U of the covariance.
+struct Footprint<T> {
+    point: Vector<T, 3>,
+    /// x/z and y/z within the guard, and whether each was inside it.
+    slope: [(T, bool); 2],
+    jacobian_world: Matrix<T, 2, 3>,
+    oriented: Matrix<T, 2, 3>,
+    root: Matrix<T, 2, 3>,
+}
+
+impl<T: Real> Footprint<T> {
+    fn new(view: &View<T>, geometry: &Geometry<T>) -> Option<Self> {
+        let rotated = transform(&view.rotation, geometry.mean);
+        let point: Vector<T, 3> = std::array::from_fn(|i| rotated[i] + view.translation[i]);
+        // Written so that NaN fails too.
+        if !(point[2] > T::from_f32(NEAR)) || !point.iter().all(|v| v.is_finite()) {
+            return None;
+        }
+        let slope = std::array::from_fn(|i| {
+            let (s, (low, high)) = (point[i] / point[2], view.guard[i]);
+            (s.max(low).min(high), s >= low && s <= high)
+        });
+        let per_depth = [view.focal[0] / point[2], view.focal[1] / point[2]];
+        let zero = T::zero();
+        let jacobian = [
+            [per_depth[0], zero, -per_depth[0] * slope[0].0],
+            [zero, per_depth[1], -per_depth[1] * slope[1].0],
+        ];
+        let jacobian_world = multiply(&jacobian, &view.rotation);
+        let oriented = multiply(&jacobian_world, &rotation_matrix(geometry.rotation));
+        let root = oriented.map(|row| std::array::from_fn(|j| row[j] * geometry.scale[j]));
+        Some(Self { point, slope, jacobian_world, oriented, root })
+    }
+
+    /// 2-D covariance (xx, xy, yy) with the pixel's own blur.
+    fn covariance(&self) -> Vector<T, 3> {
+        let [u, v] = self.root;
+        [dot(u, u) + T::from_f32(DILATION), dot(u, v), dot(v, v) + T::from_f32(DILATION)]
+    }
+}
+
+/// Projects one Gaussian; a culled one has extent 0. `colour` is the activated colour.
+pub fn project<T: Real>(
+    view: &View<T>,
+    geometry: &Geometry<T>,
+    opacity: T,
+    colour: Vector<T, 3>,
+) -> Splat<T> {
+    let culled = Splat::default();
+    if !(opacity >= T::from_f32(MIN_ALPHA)) {
+        return culled;
+    }
+    let Some(footprint) = Footprint::new(view, geometry) else { return culled };
+    let [xx, xy, yy] = footprint.covariance();
+    let determinant = xx * yy - xy * xy;
+    if !(determinant > T::zero()) || !determinant.is_finite() {
+        return culled;
+    }
+    let point = footprint.point;
+    // Σ w: alpha = opacity · exp(−½ q) ≥ MIN_ALPHA ⇔ q ≤ cut.
+    let cut = T::of(2.0) * (opacity / T::from_f32(MIN_ALPHA)).ln();
+    Splat {
+        centre: std::array::from_fn(|i| view.focal[i] * point[i] / point[2] + view.centre[i]),
+        conic: [yy / determinant, -xy / determinant, xx / determinant],
+        depth: point[2],
+        opacity,
+        colour,
+        extent: [(cut * xx).sqrt().max(T::of(1e-6)), (cut * yy).sqrt().max(T::of(1e-6))],
+    }
+}
+
+/// Gradients with respect to mean, unit quaternion and scale.
+pub fn project_backward<T: Real>(
+    view: &View<T>,
+    geometry: &Geometry<T>,
+    g: &SplatGradient<T>,
+) -> Geometry<T> {
+    let zero = Geometry { mean: [T::zero(); 3], rotation: [T::zero(); 4], scale: [T::zero(); 3] };
+    let Some(footprint) = Footprint::new(view, geometry) else { return zero };
+    let g_root = covariance_root_backward(&footprint, g.conic);
+    let scale = std::array::from_fn(|j| (0..2).map(|i| g_root[i][j] * footprint.oriented[i][j]).sum());
+    let g_oriented: Matrix<T, 2, 3> = g_root.map(|row| std::array::from_fn(|j| row[j] * geometry.scale[j]));
+    let matrix = rotation_matrix(geometry.rotation);
+    let g_matrix: Matrix<T, 3, 3> = std::array::from_fn(|i| {
+        std::array::from_fn(|j| (0..2).map(|k| footprint.jacobian_world[k][i] * g_oriented[k][j]).sum())
+    });
+    let g_jacobian_world: Matrix<T, 2, 3> = std::array::from_fn(|i| transform(&matrix, g_oriented[i]));
+    let g_jacobian: Matrix<T, 2, 3> = std::array::from_fn(|i| transform(&view.rotation, g_jacobian_world[i]));
+    let g_point = point_backward(view, &footprint, &g_jacobian, g);
+    Geometry {
+        mean: transform_transposed(&view.rotation, g_point),
+        rotation: rotation_matrix_backward(geometry.rotation, &g_matrix),
+        scale,
+    }
+}
+
+/// From the conic to U: C = Σ⁻¹ gives ∂L/∂Σ = −C G C, and Σ = U Uᵀ + blur gives ∂L/∂U = 2 (∂L/∂Σ) U.
+fn covariance_root_backward<T: Real>(footprint: &Footprint<T>, g_conic: Vector<T, 3>) -> Matrix<T, 2, 3> {
+    let [xx, xy, yy] = footprint.covariance();
+    let determinant = xx * yy - xy * xy;
+    if !(determinant > T::zero()) {
+        return [[T::zero(); 3]; 2];
+    }
+    let conic = [[yy / determinant, -xy / determinant], [-xy / determinant, xx / determinant]];
+    let half = g_conic[1] * T::of(0.5);
+    let g = [[g_conic[0], half], [half, g_conic[2]]];
+    let g_covariance = multiply(&multiply(&conic, &g), &conic).map(|row| row.map(|v| -v));
+    multiply(&g_covariance, &footprint.root).map(|row| row.map(|v| v + v))
+}
+
+/// Through centre, depth and Jacobian to the point in the camera.
+fn point_backward<T: Real>(
+    view: &View<T>,
+    footprint: &Footprint<T>,
+    g_jacobian: &Matrix<T, 2, 3>,
+    g: &SplatGradient<T>,
+) -> Vector<T, 3> {
+    let [x, y, z] = footprint.point;
+    let mut g_point = [T::zero(), T::zero(), g.depth];
+    for (axis, value) in [x, y].into_iter().enumerate() {
+        let per_depth = view.focal[axis] / z;
+        let (slope, inside) = footprint.slope[axis];
+        g_point[axis] += g.centre[axis] * per_depth;
+        g_point[2] -= g.centre[axis] * per_depth * value / z;
+        // J[axis][axis] = f/z and J[axis][2] = −f·slope/z, slope = x/z unless held by the guard.
+        g_point[2] -= g_jacobian[axis][axis] * per_depth / z;
+        g_point[2] += g_jacobian[axis][2] * per_depth * slope / z;
+        if inside {
+            g_point[axis] -= g_jacobian[axis][2] * per_depth / z;
+            g_point[2] += g_jacobian[axis][2] * per_depth * slope / z;
+        }
+    }
+    g_point
+}
+
+/// The colour of one Gaussian seen from the camera: max(0, 0.5 + C₀ c₀ + Σ higher bands).
+/// `rest` is [bands][3] flat.
+pub fn view_colour<T: Real>(
+    view: &View<T>,
+    mean: Vector<T, 3>,
+    band0: Vector<T, 3>,
+    degree: usize,
+    rest: &[T],
+) -> Vector<T, 3> {
+    let mut colour = band0.map(|c| T::of(0.5) + T::from_f32(SH_C0) * c);
+    if degree > 0 {
+        let (direction, _) = sh::unit_direction(std::array::from_fn(|i| mean[i] - view.position[i]));
+        let bands = sh::bands(degree, direction);
+        for (band, coefficients) in bands.iter().zip(rest.chunks_exact(3)) {
+            for (c, k) in colour.iter_mut().zip(coefficients) {
+                *c += *band * *k;
+            }
+        }
+    }
+    colour.map(|c| c.max(T::zero()))
+}
+
+/// Gradients of [`view_colour`]: adds to `g_rest`, returns those of the mean and of band 0.
+pub fn view_colour_backward<T: Real>(
+    view: &View<T>,
+    mean: Vector<T, 3>,
+    degree: usize,
+    rest: &[T],
+    colour: Vector<T, 3>,
+    g_colour: Vector<T, 3>,
+    g_rest: &mut [T],
+) -> (Vector<T, 3>, Vector<T, 3>) {
+    let g: Vector<T, 3> =
+        std::array::from_fn(|i| if colour[i] > T::zero() { g_colour[i] } else { T::zero() });
+    let g_band0 = g.map(|v| v * T::from_f32(SH_C0));
+    if degree == 0 {
+        return ([T::zero(); 3], g_band0);
+    }
+    let (direction, length) = sh::unit_direction(std::array::from_fn(|i| mean[i] - view.position[i]));
+    let bands = sh::bands(degree, direction);
+    let mut g_bands = [T::zero(); sh::MAX_BANDS];
+    for (k, coefficients) in rest.chunks_exact(3).enumerate() {
+        g_bands[k] = (0..3).map(|c| g[c] * coefficients[c]).sum();
+        for c in 0..3 {
+            g_rest[k * 3 + c] += g[c] * bands[k];
+        }
+    }
+    let g_direction = sh::bands_backward(degree, direction, &g_bands);
+    if length == T::zero() {
+        return ([T::zero(); 3], g_band0);
+    }
+    let along = dot(direction, g_direction);
+    (std::array::from_fn(|i| (g_direction[i] - direction[i] * along) / length), g_band0)
+}
+
+/// Projects all Gaussians of a scene at one time.
+pub fn project_all(gaussians: &Gaussians, deformed: &Deformed, camera: &Camera) -> Vec<Splat<f32>> {
+    use rayon::prelude::*;
+    let view = View::new(camera);
+    let bands = gaussians.sh_bands() * 3;
+    (0..gaussians.len())
+        .into_par_iter()
+        .with_min_len(1024)
+        .map(|n| {
+            let mean = deformed.means[n];
+            let geometry = Geometry { mean, rotation: deformed.rotations[n], scale: deformed.scales[n] };
+            let rest = &gaussians.sh_rest[n * bands..(n + 1) * bands];
+            let colour = view_colour(&view, mean, deformed.colours[n], gaussians.sh_degree, rest);
+            project(&view, &geometry, deformed.opacities[n], colour)
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{Affine3A, Quat, Vec3};
+
+    fn camera() -> Camera {
+        let mut camera = Camera::with_field_of_view(64, 48, 70.0);
+        camera.camera_from_world = Affine3A::from_rotation_translation(
+            Quat::from_euler(glam::EulerRot::XYZ, 0.1, -0.2, 0.3),
+            Vec3::new(0.2, 0.1, 0.5),
+        );
+        camera
+    }
+
+    fn weighted(s: &Splat<f64>) -> f64 {
+        let w = [0.3, -0.8, 1.7, 0.9, -1.1, 0.4];
+        w[0] * s.centre[0]
+            + w[1] * s.centre[1]
+            + 9.0 * (w[2] * s.conic[0] + w[3] * s.conic[1] + w[4] * s.conic[2])
+            + w[5] * s.depth
+    }
+
+    fn check(geometry: Geometry<f64>) {
+        let view = View::<f64>::new(&camera());
+        let g = SplatGradient {
+            centre: [0.3, -0.8],
+            conic: [9.0 * 1.7, 9.0 * 0.9, 9.0 * -1.1],
+            depth: 0.4,
+            ..Default::default()
+        };
+        let analytic = project_backward(&view, &geometry, &g);
+        let at = |edit: &dyn Fn(&mut Geometry<f64>)| {
+            let mut moved = geometry;
+            edit(&mut moved);
+            weighted(&project(&view, &moved, 0.7, [0.0; 3]))
+        };
+        let compare = |name: &str, analytic: f64, edit: &dyn Fn(&mut Geometry<f64>, f64)| {
+            let h = 1e-6;
+            let numeric = (at(&|m| edit(m, h)) - at(&|m| edit(m, -h))) / (2.0 * h);
+            assert!(
+                (analytic - numeric).abs() <= 1e-5 * (1.0 + numeric.abs()),
+                "{name}: {analytic} against {numeric}"
+            );
+        };
+        for i in 0..3 {
+            compare("mean", analytic.mean[i], &|m, h| m.mean[i] += h);
+            compare("scale", analytic.scale[i], &|m, h| m.scale[i] += h);
+        }
+        for i in 0..4 {
+            compare("rotation", analytic.rotation[i], &|m, h| m.rotation[i] += h);
+        }
+    }
+
+    #[test]
+    fn gradients_match_finite_differences_inside_and_outside_the_guard() {
+        let rotation = unit([0.8, 0.3, -0.4, 0.2]);
+        check(Geometry { mean: [0.3, -0.2, 3.0], rotation, scale: [0.2, 0.5, 0.1] });
+        check(Geometry { mean: [6.0, -0.2, 3.0], rotation, scale: [0.2, 0.5, 0.1] });
+        check(Geometry { mean: [-5.0, 5.2, 3.0], rotation, scale: [0.02, 1.5, 0.1] });
+    }
+
+    fn unit(q: [f64; 4]) -> [f64; 4] {
+        crate::real::unit_quaternion(q).0
+    }
+
+    #[test]
+    fn a_round_gaussian_on_the_axis_has_the_closed_form() {
+        let view = View::<f64>::new(&Camera::with_field_of_view(64, 48, 90.0));
+        let geometry = Geometry { mean: [0.0, 0.0, 4.0], rotation: [1.0, 0.0, 0.0, 0.0], scale: [0.5; 3] };
+        let splat = project(&view, &geometry, 1.0, [0.5; 3]);
+        let variance = (32.0 * 0.5 / 4.0_f64).powi(2) + f64::from(DILATION);
+        assert!((splat.conic[0] - 1.0 / variance).abs() < 1e-9 && splat.conic[1].abs() < 1e-12);
+        assert_eq!(splat.centre, [32.0, 24.0]);
+        assert!((splat.extent[0] - (2.0 * 255f64.ln() * variance).sqrt()).abs() < 1e-5);
+    }
+
+    #[test]
+    fn what_cannot_be_seen_is_culled() {
+        let view = View::<f32>::new(&Camera::with_field_of_view(64, 48, 90.0));
+        let at = |mean, scale, opacity| {
+            project(&view, &Geometry { mean, rotation: [1.0, 0.0, 0.0, 0.0], scale }, opacity, [0.5; 3])
+                .is_visible()
+        };
+        assert!(at([0.0, 0.0, 1.0], [0.1; 3], 0.5));
+        assert!(!at([0.0, 0.0, 0.1], [0.1; 3], 0.5));
+        assert!(!at([0.0, 0.0, -1.0], [0.1; 3], 0.5));
+        assert!(!at([0.0, 0.0, 1.0], [0.1; 3], 0.003));
+        assert!(!at([f32::NAN, 0.0, 1.0], [0.1; 3], 0.5));
+        assert!(!at([0.0, 0.0, 1.0], [f32::INFINITY; 3], 0.5));
+        assert!(!at([0.0, 0.0, 1.0], [0.1; 3], f32::NAN));
+    }
+}
