@@ -31,7 +31,7 @@ pub type RegionMap = Grid<u16>;
 pub const NO_REGION: u16 = u16::MAX;
 
 /// An opened prepared folder.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Prepared {
     /// The recording.
     pub sequence: Sequence,

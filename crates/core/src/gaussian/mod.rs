@@ -1,5 +1,7 @@
 //! The Gaussians at rest, structure of arrays.
 
+pub mod init;
+
 /// Raw (unactivated) parameters of N Gaussians at rest; every array has N rows.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gaussians {

@@ -56,7 +56,7 @@ pub type LabelMap = Grid<u8>;
 pub const NO_LABEL: u8 = 255;
 
 /// A recording; see the accessors.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Sequence {}
 
 impl Sequence {

@@ -1,7 +1,9 @@
 //! The scene file: one safetensors file with everything the viewer needs.
 
+mod file;
+
 use crate::{
-    Result, camera::Camera, codec::Codec, deform::Deformation, gaussian::Gaussians, grid::Mask,
+    Error, Result, camera::Camera, codec::Codec, deform::Deformation, gaussian::Gaussians, grid::Mask,
     prepare::EncoderIdentity, sequence::Class,
 };
 use std::path::{Path, PathBuf};
@@ -59,12 +61,13 @@ impl Scene {
     }
     /// Writes the file whole.
     pub fn save(&self, path: &Path) -> Result<()> {
-        let _ = path;
-        todo!()
+        crate::files::write_whole(path, &file::to_bytes(self)?)
     }
     /// Reads and validates a file.
     pub fn load(path: &Path) -> Result<Self> {
-        let _ = path;
-        todo!()
+        let bytes = std::fs::read(path).map_err(|e| Error::io("read the scene file", path, e))?;
+        file::from_bytes(&bytes).map_err(|what| {
+            Error::input_at(path, what, "Choose another scene file, or train the recording again.")
+        })
     }
 }

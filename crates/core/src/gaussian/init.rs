@@ -1,0 +1,143 @@
+//! The first Gaussians: pixels of training frames back-projected (method §2.1), each spot covered once.
+
+use super::{Gaussians, SH_C0};
+use crate::{camera::Camera, grid::Grid, num::logit};
+use image::RgbImage;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// Opacity of a new Gaussian.
+const INITIAL_OPACITY: f32 = 0.6;
+
+/// A frame to seed from.
+#[derive(Debug)]
+pub struct SeedFrame {
+    /// The frame's camera.
+    pub camera: Camera,
+    /// Colours.
+    pub colour: RgbImage,
+    /// `true` = may be seeded.
+    pub mask: Grid<bool>,
+    /// z in scene units, 0 where unknown; `None` without depth.
+    pub depth: Option<Grid<f32>>,
+}
+
+/// Places one Gaussian in every cell of `spacing_px`² pixels that is supervised and not yet covered by a Gaussian
+/// from an earlier frame. Pixels of unknown depth lie on the fronto-parallel plane at `default_depth`.
+pub fn seed(
+    frames: &[SeedFrame],
+    spacing_px: f32,
+    default_depth: f32,
+    latent_dim: usize,
+    sh_degree: usize,
+    seed: u64,
+) -> Gaussians {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut gaussians = Gaussians { latent_dim, sh_degree, ..Gaussians::default() };
+    for frame in frames {
+        seed_frame(frame, spacing_px.max(1.0), default_depth, &mut gaussians, &mut rng);
+    }
+    let n = gaussians.len();
+    gaussians.features = vec![0.0; n * latent_dim];
+    gaussians.sh_rest = vec![0.0; n * gaussians.sh_bands() * 3];
+    gaussians
+}
+
+fn seed_frame(
+    frame: &SeedFrame,
+    spacing_px: f32,
+    default_depth: f32,
+    gaussians: &mut Gaussians,
+    rng: &mut ChaCha8Rng,
+) {
+    let (width, height) = (frame.mask.width, frame.mask.height);
+    let columns = (width as f32 / spacing_px).ceil() as usize;
+    let rows = (height as f32 / spacing_px).ceil() as usize;
+    let cell_of = |u: f32, v: f32| {
+        let inside = u >= 0.0 && v >= 0.0 && u < width as f32 && v < height as f32;
+        inside.then(|| (v / spacing_px) as usize * columns + (u / spacing_px) as usize)
+    };
+    let mut covered = vec![false; columns * rows];
+    for mean in &gaussians.means {
+        if let Some(cell) = frame.camera.project((*mean).into()).and_then(|(u, v, _)| cell_of(u, v)) {
+            covered[cell] = true;
+        }
+    }
+    let covered = grown(&covered, columns, rows);
+    for cell in (0..columns * rows).filter(|&c| !covered[c]) {
+        let at =
+            |k: usize, jitter: f32, end: usize| (((k as f32 + jitter) * spacing_px) as usize).min(end - 1);
+        let x = at(cell % columns, rng.random_range(0.2..0.8), width);
+        let y = at(cell / columns, rng.random_range(0.2..0.8), height);
+        if frame.mask.at(x, y) {
+            push(frame, x, y, spacing_px, default_depth, gaussians);
+        }
+    }
+}
+
+/// Cells next to a covered one count as covered, so that frames do not seed each other's gaps twice.
+fn grown(covered: &[bool], columns: usize, rows: usize) -> Vec<bool> {
+    let near = |c: usize| {
+        let (x, y) = (c % columns, c / columns);
+        (y.saturating_sub(1)..=(y + 1).min(rows - 1))
+            .any(|v| (x.saturating_sub(1)..=(x + 1).min(columns - 1)).any(|u| covered[v * columns + u]))
+    };
+    (0..covered.len()).map(near).collect()
+}
+
+fn push(
+    frame: &SeedFrame,
+    x: usize,
+    y: usize,
+    spacing_px: f32,
+    default_depth: f32,
+    gaussians: &mut Gaussians,
+) {
+    let known = frame.depth.as_ref().map(|d| d.at(x, y)).filter(|z| *z > 0.0 && z.is_finite());
+    let depth = known.unwrap_or(default_depth);
+    let colour = frame.colour.get_pixel(x as u32, y as u32).0;
+    let radius = 0.6 * spacing_px * depth / frame.camera.fx;
+    gaussians.means.push(frame.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, depth).into());
+    gaussians.rotations.push([1.0, 0.0, 0.0, 0.0]);
+    gaussians.log_scales.push([radius.max(1e-6).ln(); 3]);
+    gaussians.opacity_logits.push(logit(INITIAL_OPACITY));
+    gaussians.colours.push(colour.map(|c| (f32::from(c) / 255.0 - 0.5) / SH_C0));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frame(depth: Option<f32>, mask: impl Fn(usize, usize) -> bool) -> SeedFrame {
+        let data = (0..48).flat_map(|y| (0..64).map(move |x| (x, y))).map(|(x, y)| mask(x, y)).collect();
+        SeedFrame {
+            camera: Camera::with_field_of_view(64, 48, 60.0),
+            colour: RgbImage::from_fn(64, 48, |x, y| image::Rgb([x as u8, y as u8, 9])),
+            mask: Grid::from_vec(64, 48, data),
+            depth: depth.map(|d| Grid::filled(64, 48, d)),
+        }
+    }
+
+    #[test]
+    fn every_gaussian_shows_the_pixel_it_came_from() {
+        let g = seed(&[frame(Some(5.0), |_, _| true)], 4.0, 1.0, 3, 0, 1);
+        assert_eq!(g.len(), 16 * 12);
+        for (mean, colour) in g.means.iter().zip(&g.colours) {
+            let (u, v, z) = Camera::with_field_of_view(64, 48, 60.0).project((*mean).into()).unwrap();
+            assert!((z - 5.0).abs() < 1e-4);
+            let shown = colour.map(|c| ((0.5 + SH_C0 * c) * 255.0).round() as i32);
+            assert_eq!(shown, [u as i32, v as i32, 9]);
+        }
+        assert_eq!(g.features.len(), g.len() * 3);
+    }
+
+    #[test]
+    fn later_frames_only_fill_what_earlier_ones_left() {
+        let left = frame(None, |x, _| x < 32);
+        let all = frame(None, |_, _| true);
+        let once = seed(std::slice::from_ref(&left), 4.0, 1.0, 0, 0, 1).len();
+        let both = seed(&[left, all], 4.0, 1.0, 0, 0, 1).len();
+        assert_eq!(once, 8 * 12);
+        assert_eq!(both, 8 * 12 + 7 * 12);
+    }
+}

@@ -1,0 +1,462 @@
+//! The scene as safetensors: plain tensors, and one JSON text under the metadata key `surgtpgs`.
+//!
+//! | tensor | shape | |
+//! |---|---|---|
+//! | `means` `rotations` `log_scales` `opacity_logits` `colours` | [N, 3 / 4 / 3 / – / 3] | at rest, raw |
+//! | `sh_rest` | [N, bands, 3] | only where the camera moves |
+//! | `features` | [N, D] | |
+//! | `moving` | [M] u32 | Gaussians that have basis weights |
+//! | `basis_weights` | [B, M, channels] | |
+//! | `basis_centres` `basis_widths` | [B], or [B, M, channels] | |
+//! | `feature_net_weight` `feature_net_bias` | [D, D + 1], [D] | |
+//! | `cameras` | [frames, 18] | width, height, fx, fy, cx, cy, camera_from_world as 3×4 rows |
+//! | `field_of_view` | [H, ⌈W / 8⌉] u8 | bits, most significant first |
+//! | `class_embeddings` | [classes, dim] | |
+//! | `encoder.K.weight` `encoder.K.bias` `decoder.K.…` | | the codec's layers |
+
+use super::{Provenance, Scene};
+use crate::{
+    Error, Result,
+    camera::Camera,
+    codec::{Codec, Linear},
+    deform::{BasisShape, Deformation, num_channels, stride_for},
+    gaussian::Gaussians,
+    grid::Mask,
+    prepare::EncoderIdentity,
+    sequence::Class,
+};
+use glam::{Affine3A, Mat3, Vec3};
+use ndarray::{Array1, Array2};
+use safetensors::{Dtype, SafeTensors, tensor::TensorView};
+use std::collections::HashMap;
+
+/// Version of the layout above; a reader refuses a newer one.
+const VERSION: u32 = 1;
+const METADATA_KEY: &str = "surgtpgs";
+const CAMERA_WIDTH: usize = 18;
+/// More basis functions than this are taken for damage.
+const MAX_BASES: usize = 1024;
+
+#[derive(serde::Serialize, serde::Deserialize)]
+struct Header {
+    version: u32,
+    gaussians: usize,
+    latent_dim: usize,
+    sh_degree: usize,
+    basis_shape: BasisShape,
+    gate_slope: f32,
+    width: usize,
+    classes: Vec<Class>,
+    encoder: Option<EncoderIdentity>,
+    provenance: Provenance,
+}
+
+/// Tensors being collected for writing.
+#[derive(Default)]
+struct Writer(Vec<(String, Dtype, Vec<usize>, Vec<u8>)>);
+
+impl Writer {
+    fn f32(&mut self, name: &str, shape: &[usize], values: &[f32]) {
+        let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        self.0.push((name.to_owned(), Dtype::F32, shape.to_vec(), bytes));
+    }
+    fn u32(&mut self, name: &str, values: &[u32]) {
+        let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        self.0.push((name.to_owned(), Dtype::U32, vec![values.len()], bytes));
+    }
+}
+
+pub(super) fn to_bytes(scene: &Scene) -> Result<Vec<u8>> {
+    let g = &scene.gaussians;
+    let n = g.len();
+    let mut w = Writer::default();
+    w.f32("means", &[n, 3], g.means.as_flattened());
+    w.f32("rotations", &[n, 4], g.rotations.as_flattened());
+    w.f32("log_scales", &[n, 3], g.log_scales.as_flattened());
+    w.f32("opacity_logits", &[n], &g.opacity_logits);
+    w.f32("colours", &[n, 3], g.colours.as_flattened());
+    w.f32("sh_rest", &[n, g.sh_bands(), 3], &g.sh_rest);
+    w.f32("features", &[n, g.latent_dim], &g.features);
+    write_deformation(&mut w, scene);
+    let cameras: Vec<f32> = scene.cameras.iter().flat_map(camera_row).collect();
+    w.f32("cameras", &[scene.cameras.len(), CAMERA_WIDTH], &cameras);
+    let fov = &scene.field_of_view;
+    w.0.push(("field_of_view".into(), Dtype::U8, vec![fov.height, fov.width.div_ceil(8)], pack_bits(fov)));
+    let dim = scene.classes.first().map_or(0, |c| c.1.len());
+    let embeddings: Vec<f32> = scene.classes.iter().flat_map(|c| c.1.iter().copied()).collect();
+    w.f32("class_embeddings", &[scene.classes.len(), dim], &embeddings);
+    if let Some(codec) = &scene.codec {
+        write_layers(&mut w, "encoder", &codec.encoder);
+        write_layers(&mut w, "decoder", &codec.decoder);
+    }
+    let header = Header {
+        version: VERSION,
+        gaussians: n,
+        latent_dim: g.latent_dim,
+        sh_degree: g.sh_degree,
+        basis_shape: scene.deformation.shape,
+        gate_slope: scene.deformation.gate_slope,
+        width: fov.width,
+        classes: scene.classes.iter().map(|c| c.0.clone()).collect(),
+        encoder: scene.encoder.clone(),
+        provenance: scene.provenance.clone(),
+    };
+    let failed = |e: &dyn std::fmt::Display| Error::input(format!("the scene could not be written: {e}"), "");
+    let json = serde_json::to_string(&header).map_err(|e| failed(&e))?;
+    let views = w.0.iter().map(|(name, dtype, shape, bytes)| {
+        TensorView::new(*dtype, shape.clone(), bytes).map(|view| (name.as_str(), view))
+    });
+    let views: Vec<_> = views.collect::<Result<_, _>>().map_err(|e| failed(&e))?;
+    safetensors::serialize(views, Some(HashMap::from([(METADATA_KEY.to_owned(), json)])))
+        .map_err(|e| failed(&e))
+}
+
+/// Only Gaussians with a weight that is not zero carry their bases.
+fn write_deformation(w: &mut Writer, scene: &Scene) {
+    let (d, n) = (&scene.deformation, scene.gaussians.len());
+    let channels = num_channels(scene.gaussians.latent_dim);
+    let at = |b: usize, i: usize| (b * n + i) * d.stride..(b * n + i) * d.stride + channels;
+    let moves = |i: &u32| (0..d.num_bases).any(|b| d.weights[at(b, *i as usize)].iter().any(|w| *w != 0.0));
+    let moving: Vec<u32> = (0..n as u32).filter(moves).collect();
+    let rows = |values: &[f32]| -> Vec<f32> {
+        (0..d.num_bases)
+            .flat_map(|b| moving.iter().flat_map(move |&i| values[at(b, i as usize)].to_vec()))
+            .collect()
+    };
+    let shape = [d.num_bases, moving.len(), channels];
+    w.u32("moving", &moving);
+    w.f32("basis_weights", &shape, &rows(&d.weights));
+    if d.is_shared() {
+        w.f32("basis_centres", &shape[..1], &d.centres);
+        w.f32("basis_widths", &shape[..1], &d.widths);
+    } else {
+        w.f32("basis_centres", &shape, &rows(&d.centres));
+        w.f32("basis_widths", &shape, &rows(&d.widths));
+    }
+    let dim = scene.gaussians.latent_dim;
+    w.f32("feature_net_weight", &[dim, dim + 1], &d.feature_weight);
+    w.f32("feature_net_bias", &[dim], &d.feature_bias);
+}
+
+fn write_layers(w: &mut Writer, name: &str, layers: &[Linear]) {
+    for (k, layer) in layers.iter().enumerate() {
+        let weight: Vec<f32> = layer.weight.iter().copied().collect();
+        w.f32(&format!("{name}.{k}.weight"), layer.weight.shape(), &weight);
+        w.f32(&format!("{name}.{k}.bias"), &[layer.bias.len()], &layer.bias.to_vec());
+    }
+}
+
+fn camera_row(camera: &Camera) -> Vec<f32> {
+    let mut row = vec![camera.width as f32, camera.height as f32, camera.fx, camera.fy, camera.cx, camera.cy];
+    let (m, t) = (camera.camera_from_world.matrix3, camera.camera_from_world.translation);
+    for i in 0..3 {
+        row.extend([m.x_axis[i], m.y_axis[i], m.z_axis[i], t[i]]);
+    }
+    row
+}
+
+fn read_camera(row: &[f32]) -> Camera {
+    let at = |r: usize, c: usize| row[6 + 4 * r + c];
+    let column = |c: usize| Vec3::new(at(0, c), at(1, c), at(2, c));
+    Camera {
+        width: row[0] as u32,
+        height: row[1] as u32,
+        fx: row[2],
+        fy: row[3],
+        cx: row[4],
+        cy: row[5],
+        camera_from_world: Affine3A::from_mat3_translation(
+            Mat3::from_cols(column(0), column(1), column(2)),
+            column(3),
+        ),
+    }
+}
+
+fn pack_bits(mask: &Mask) -> Vec<u8> {
+    let pack =
+        |bits: &[bool]| bits.iter().enumerate().fold(0u8, |byte, (i, b)| byte | u8::from(*b) << (7 - i));
+    (0..mask.height).flat_map(|y| mask.row(y).chunks(8).map(pack).collect::<Vec<_>>()).collect()
+}
+
+/// What is wrong with a file, without a full stop.
+type Problem = String;
+
+struct Reader<'a>(SafeTensors<'a>);
+
+impl Reader<'_> {
+    /// The values and shape of a tensor of finite numbers with as many dimensions as `rank`.
+    fn f32(&self, name: &str, rank: usize) -> Result<(Vec<usize>, Vec<f32>), Problem> {
+        let view = self.0.tensor(name).map_err(|_| format!("the scene file lacks the tensor `{name}`"))?;
+        if view.dtype() != Dtype::F32 || view.shape().len() != rank {
+            let (dtype, shape) = (view.dtype(), view.shape());
+            return Err(format!(
+                "tensor `{name}` should be {rank}-dimensional F32, but is {dtype:?} {shape:?}"
+            ));
+        }
+        let values: Vec<f32> =
+            view.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+        if let Some(bad) = values.iter().position(|v| !v.is_finite()) {
+            return Err(format!("tensor `{name}` has a value that is not a number at position {bad}"));
+        }
+        Ok((view.shape().to_vec(), values))
+    }
+
+    fn shaped(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, Problem> {
+        let (found, values) = self.f32(name, shape.len())?;
+        if found == shape {
+            Ok(values)
+        } else {
+            Err(format!("tensor `{name}` should be {shape:?}, but is {found:?}"))
+        }
+    }
+
+    fn rows<const C: usize>(&self, name: &str, n: usize) -> Result<Vec<[f32; C]>, Problem> {
+        let values = self.shaped(name, &[n, C])?;
+        Ok(values.as_chunks::<C>().0.to_vec())
+    }
+}
+
+pub(super) fn from_bytes(bytes: &[u8]) -> Result<Scene, Problem> {
+    let damaged = |e: safetensors::SafeTensorError| format!("this is not a complete scene file: {e}");
+    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
+    let json = metadata.metadata().as_ref().and_then(|m| m.get(METADATA_KEY));
+    let json =
+        json.ok_or("this safetensors file is not a SurgTPGS scene (it lacks the `surgtpgs` metadata)")?;
+    let header: Header =
+        serde_json::from_str(json).map_err(|e| format!("the scene's metadata is damaged: {e}"))?;
+    if header.version > VERSION {
+        return Err(format!(
+            "the scene file has version {}, this program reads up to {VERSION}",
+            header.version
+        ));
+    }
+    if !(header.latent_dim <= 16 && header.sh_degree <= 3) {
+        let (d, sh) = (header.latent_dim, header.sh_degree);
+        return Err(format!("latent dimension {d} (0 to 16) or colour degree {sh} (0 to 3) is out of range"));
+    }
+    let reader = Reader(SafeTensors::deserialize(bytes).map_err(damaged)?);
+    let gaussians = read_gaussians(&reader, &header)?;
+    let deformation = read_deformation(&reader, &header)?;
+    let (camera_shape, cameras) = reader.f32("cameras", 2)?;
+    if camera_shape[1] != CAMERA_WIDTH || camera_shape[0] == 0 {
+        return Err(format!("tensor `cameras` should be [frames, {CAMERA_WIDTH}], but is {camera_shape:?}"));
+    }
+    let cameras: Vec<Camera> = cameras.chunks_exact(CAMERA_WIDTH).map(read_camera).collect();
+    check_cameras(&cameras)?;
+    let field_of_view = read_field_of_view(&reader, &header, &cameras[0])?;
+    let codec = read_codec(&reader, header.latent_dim)?;
+    let (shape, embeddings) = reader.f32("class_embeddings", 2)?;
+    if shape[0] != header.classes.len() {
+        return Err(format!("{} classes, but {} class embeddings", header.classes.len(), shape[0]));
+    }
+    let embeddings = embeddings.chunks(shape[1].max(1)).map(<[f32]>::to_vec);
+    let classes = header.classes.into_iter().zip(embeddings).collect();
+    Ok(Scene {
+        gaussians,
+        deformation,
+        cameras,
+        field_of_view,
+        codec,
+        classes,
+        encoder: header.encoder,
+        provenance: header.provenance,
+    })
+}
+
+fn read_gaussians(reader: &Reader<'_>, header: &Header) -> Result<Gaussians, Problem> {
+    let (n, degree) = (header.gaussians, header.sh_degree);
+    Ok(Gaussians {
+        means: reader.rows("means", n)?,
+        rotations: reader.rows("rotations", n)?,
+        log_scales: reader.rows("log_scales", n)?,
+        opacity_logits: reader.shaped("opacity_logits", &[n])?,
+        colours: reader.rows("colours", n)?,
+        sh_rest: reader.shaped("sh_rest", &[n, (degree + 1) * (degree + 1) - 1, 3])?,
+        sh_degree: degree,
+        features: reader.shaped("features", &[n, header.latent_dim])?,
+        latent_dim: header.latent_dim,
+    })
+}
+
+fn read_deformation(reader: &Reader<'_>, header: &Header) -> Result<Deformation, Problem> {
+    let (n, dim) = (header.gaussians, header.latent_dim);
+    let (channels, stride) = (num_channels(dim), stride_for(dim));
+    let moving =
+        reader.0.tensor("moving").map_err(|_| "the scene file lacks the tensor `moving`".to_owned())?;
+    if moving.dtype() != Dtype::U32 || moving.shape().len() != 1 {
+        return Err("tensor `moving` should be one-dimensional U32".into());
+    }
+    let moving: Vec<usize> = moving
+        .data()
+        .chunks_exact(4)
+        .map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize)
+        .collect();
+    if let Some(bad) = moving.iter().find(|i| **i >= n) {
+        return Err(format!("tensor `moving` names Gaussian {bad} of {n}"));
+    }
+    let (shape, weights) = reader.f32("basis_weights", 3)?;
+    let num_bases = shape[0];
+    if shape[1..] != [moving.len(), channels] || num_bases > MAX_BASES {
+        return Err(format!(
+            "tensor `basis_weights` should be [bases, {}, {channels}], but is {shape:?}",
+            moving.len()
+        ));
+    }
+    let spread = |rows: &[f32]| {
+        let mut all = vec![0.0; num_bases * n * stride];
+        for (k, row) in rows.chunks_exact(channels).enumerate() {
+            let (b, i) = (k / moving.len(), moving[k % moving.len()]);
+            all[(b * n + i) * stride..][..channels].copy_from_slice(row);
+        }
+        all
+    };
+    let own_bases = reader.0.tensor("basis_centres").is_ok_and(|t| t.shape().len() == 3);
+    let bases = |name: &str| {
+        if own_bases {
+            reader.shaped(name, &shape).map(|v| spread(&v))
+        } else {
+            reader.shaped(name, &[num_bases])
+        }
+    };
+    Ok(Deformation {
+        shape: header.basis_shape,
+        num_bases,
+        stride,
+        weights: spread(&weights),
+        centres: bases("basis_centres")?,
+        widths: bases("basis_widths")?,
+        gate_slope: header.gate_slope,
+        feature_weight: reader.shaped("feature_net_weight", &[dim, dim + 1])?,
+        feature_bias: reader.shaped("feature_net_bias", &[dim])?,
+    })
+}
+
+/// All cameras have one size, within what an image can be.
+fn check_cameras(cameras: &[Camera]) -> Result<(), Problem> {
+    let (w, h) = (cameras[0].width, cameras[0].height);
+    let is_good = |c: &Camera| (c.width, c.height) == (w, h) && c.fx > 0.0 && c.fy > 0.0;
+    if !(1..=16384).contains(&w) || !(1..=16384).contains(&h) || !cameras.iter().all(is_good) {
+        return Err(format!("the cameras are damaged (first: {w}×{h}, focal length {})", cameras[0].fx));
+    }
+    Ok(())
+}
+
+fn read_field_of_view(reader: &Reader<'_>, header: &Header, camera: &Camera) -> Result<Mask, Problem> {
+    let (width, height) = (camera.width as usize, camera.height as usize);
+    let view = reader
+        .0
+        .tensor("field_of_view")
+        .map_err(|_| "the scene file lacks the tensor `field_of_view`".to_owned())?;
+    let stride = width.div_ceil(8);
+    if header.width != width || view.dtype() != Dtype::U8 || view.shape() != [height, stride] {
+        return Err(format!("tensor `field_of_view` does not fit the cameras' {width}×{height}"));
+    }
+    let bit = |x: usize, y: usize| view.data()[y * stride + x / 8] >> (7 - x % 8) & 1 == 1;
+    let data = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| bit(x, y)).collect();
+    Ok(Mask::from_vec(width, height, data))
+}
+
+fn read_codec(reader: &Reader<'_>, latent_dim: usize) -> Result<Option<Codec>, Problem> {
+    if latent_dim == 0 {
+        return Ok(None);
+    }
+    let (encoder, decoder) = (read_layers(reader, "encoder")?, read_layers(reader, "decoder")?);
+    let codec = Codec { encoder, decoder };
+    if codec.latent_dim() != latent_dim || codec.encoder.last().is_none_or(|l| l.weight.nrows() != latent_dim)
+    {
+        return Err(format!(
+            "the codec has {} latent numbers, the Gaussians {latent_dim}",
+            codec.latent_dim()
+        ));
+    }
+    Ok(Some(codec))
+}
+
+fn read_layers(reader: &Reader<'_>, name: &str) -> Result<Vec<Linear>, Problem> {
+    let mut layers: Vec<Linear> = Vec::new();
+    while reader.0.tensor(&format!("{name}.{}.weight", layers.len())).is_ok() {
+        let k = layers.len();
+        let (shape, weight) = reader.f32(&format!("{name}.{k}.weight"), 2)?;
+        if layers.last().is_some_and(|l| l.weight.nrows() != shape[1]) {
+            return Err(format!("layer {k} of the {name} does not fit the layer before it"));
+        }
+        let bias = reader.shaped(&format!("{name}.{k}.bias"), &shape[..1])?;
+        let weight = Array2::from_shape_vec((shape[0], shape[1]), weight).map_err(|e| e.to_string())?;
+        layers.push(Linear { weight, bias: Array1::from_vec(bias) });
+    }
+    Ok(layers)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scene() -> Scene {
+        let n = 4;
+        let mut deformation = Deformation::at_rest(n, 3, 5, 0.1, 2.5);
+        let stride = deformation.stride;
+        deformation.weights[(2 * n + 1) * stride + 4] = 0.5;
+        deformation.feature_weight[3] = 0.25;
+        let mut camera = Camera::with_field_of_view(13, 6, 60.0);
+        camera.camera_from_world =
+            Affine3A::from_rotation_x(0.3) * Affine3A::from_translation(Vec3::new(1.0, 2.0, 3.0));
+        let layer = |i: usize, o: usize| Linear {
+            weight: Array2::from_shape_fn((o, i), |(r, c)| (r * 3 + c) as f32),
+            bias: Array1::from_elem(o, 0.5),
+        };
+        Scene {
+            gaussians: Gaussians {
+                means: (0..n).map(|i| [i as f32, 1.0, 2.0]).collect(),
+                rotations: vec![[1.0, 0.0, 0.0, 0.1]; n],
+                log_scales: vec![[0.1, 0.2, 0.3]; n],
+                opacity_logits: vec![0.3; n],
+                colours: vec![[0.4, 0.5, 0.6]; n],
+                sh_rest: vec![0.7; n * 9],
+                sh_degree: 1,
+                features: vec![0.8; n * 3],
+                latent_dim: 3,
+            },
+            deformation,
+            cameras: vec![camera; 3],
+            field_of_view: Mask::from_vec(13, 6, (0..78).map(|i| i % 7 < 3).collect()),
+            codec: Some(Codec { encoder: vec![layer(8, 3)], decoder: vec![layer(3, 5), layer(5, 8)] }),
+            classes: vec![(Class { id: 4, name: "liver".into(), colour: [1, 2, 3] }, vec![0.5; 8])],
+            encoder: None,
+            provenance: Provenance { sequence_name: "café".into(), steps: 7, ..Provenance::default() },
+        }
+    }
+
+    #[test]
+    fn a_scene_survives_the_round_trip() {
+        let before = scene();
+        let bytes = to_bytes(&before).unwrap();
+        assert_eq!(bytes, to_bytes(&before).unwrap(), "the same scene gives the same bytes");
+        let after = from_bytes(&bytes).unwrap();
+        assert_eq!(after.gaussians, before.gaussians);
+        assert_eq!(after.deformation, before.deformation);
+        assert_eq!(after.cameras, before.cameras);
+        assert_eq!(after.field_of_view, before.field_of_view);
+        assert_eq!(after.codec, before.codec);
+        assert_eq!(after.classes, before.classes);
+        assert_eq!(after.provenance, before.provenance);
+    }
+
+    #[test]
+    fn a_file_cut_short_anywhere_is_refused_in_words() {
+        let bytes = to_bytes(&scene()).unwrap();
+        for len in (0..bytes.len()).step_by(97) {
+            assert!(!from_bytes(&bytes[..len]).unwrap_err().is_empty());
+        }
+        assert!(from_bytes(&bytes[..bytes.len() - 1]).is_err());
+    }
+
+    #[test]
+    fn poisoned_and_mismatched_tensors_are_refused() {
+        let mut s = scene();
+        s.gaussians.means[2][1] = f32::NAN;
+        assert!(from_bytes(&to_bytes(&s).unwrap()).unwrap_err().contains("`means`"));
+        let mut s = scene();
+        s.gaussians.features.pop();
+        assert!(to_bytes(&s).is_err());
+    }
+}

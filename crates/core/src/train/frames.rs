@@ -1,0 +1,127 @@
+//! The frames that training compares to, decoded once, at full and at half size.
+
+use super::loss::Truth;
+use crate::{
+    Result,
+    prepare::{NO_REGION, Prepared},
+    sequence::Sequence,
+};
+use std::{collections::BTreeMap, sync::Arc};
+
+/// One frame's ground truth at one size; owned form of [`Truth`].
+#[derive(Debug)]
+pub struct Frame {
+    width: usize,
+    height: usize,
+    colour: Vec<u8>,
+    mask: Vec<bool>,
+    depth: Vec<f32>,
+    regions: Vec<u16>,
+}
+
+impl Frame {
+    /// Decodes frame `i` of a recording at full size.
+    pub fn load(sequence: &Sequence, prepared: Option<&Prepared>, i: usize) -> Result<Self> {
+        let regions = prepared.map(|p| p.regions(i)).transpose()?.flatten();
+        Ok(Self {
+            width: sequence.width(),
+            height: sequence.height(),
+            colour: sequence.frame(i)?.into_raw(),
+            mask: sequence.mask(i)?.data,
+            depth: sequence.depth(i)?.map_or_else(Vec::new, |d| d.data),
+            regions: regions.map_or_else(Vec::new, |r| r.data),
+        })
+    }
+
+    /// As the loss reads it.
+    pub fn truth<'a>(&'a self, latents: &'a [f32], typical_depth: f32) -> Truth<'a> {
+        Truth {
+            width: self.width,
+            height: self.height,
+            colour: &self.colour,
+            mask: &self.mask,
+            depth: &self.depth,
+            regions: &self.regions,
+            latents,
+            typical_depth,
+        }
+    }
+
+    /// Half the size: colours averaged over 2×2 pixels; a pixel is supervised where all four are; depth and region
+    /// are kept where all four agree (depth within 2 %).
+    pub fn halved(&self) -> Self {
+        let (width, height) = (self.width / 2, self.height / 2);
+        let four = |x: usize, y: usize| {
+            let i = 2 * y * self.width + 2 * x;
+            [i, i + 1, i + self.width, i + self.width + 1]
+        };
+        let pixels = || (0..height).flat_map(move |y| (0..width).map(move |x| (x, y)));
+        let colour = pixels()
+            .flat_map(|(x, y)| {
+                let cell = four(x, y);
+                [0, 1, 2].map(|c| {
+                    (cell.iter().map(|i| u32::from(self.colour[3 * i + c])).sum::<u32>() + 2) as u8 / 4
+                })
+            })
+            .collect();
+        let mask = pixels().map(|(x, y)| four(x, y).iter().all(|&i| self.mask[i])).collect();
+        let agreeing_depth = |cell: [usize; 4]| {
+            let values = cell.map(|i| self.depth[i]);
+            let (low, high) = values.iter().fold((f32::MAX, 0.0f32), |(l, h), v| (l.min(*v), h.max(*v)));
+            if low > 0.0 && high <= 1.02 * low { values.iter().sum::<f32>() / 4.0 } else { 0.0 }
+        };
+        let agreeing_region = |cell: [usize; 4]| {
+            let first = self.regions[cell[0]];
+            if cell.iter().all(|&i| self.regions[i] == first) { first } else { NO_REGION }
+        };
+        let depth = if self.depth.is_empty() {
+            Vec::new()
+        } else {
+            pixels().map(|(x, y)| agreeing_depth(four(x, y))).collect()
+        };
+        let regions = if self.regions.is_empty() {
+            Vec::new()
+        } else {
+            pixels().map(|(x, y)| agreeing_region(four(x, y))).collect()
+        };
+        Self { width, height, colour, mask, depth, regions }
+    }
+
+    fn bytes(&self) -> usize {
+        self.colour.len() + self.mask.len() + 4 * self.depth.len() + 2 * self.regions.len()
+    }
+}
+
+/// Decoded frames within a memory budget; what does not fit is decoded again each time.
+#[derive(Debug)]
+pub struct FrameCache {
+    sequence: Sequence,
+    frames: BTreeMap<(usize, bool), Arc<Frame>>,
+    used_bytes: usize,
+    budget_bytes: usize,
+}
+
+impl FrameCache {
+    /// An empty cache of at most `budget_bytes`.
+    pub fn new(sequence: &Sequence, budget_bytes: usize) -> Self {
+        Self { sequence: sequence.clone(), frames: BTreeMap::new(), used_bytes: 0, budget_bytes }
+    }
+
+    /// Frame `i`, halved if asked for.
+    pub fn get(&mut self, prepared: Option<&Prepared>, i: usize, half: bool) -> Result<Arc<Frame>> {
+        if let Some(frame) = self.frames.get(&(i, half)) {
+            return Ok(frame.clone());
+        }
+        let frame = if half {
+            self.get(prepared, i, false)?.halved()
+        } else {
+            Frame::load(&self.sequence, prepared, i)?
+        };
+        let frame = Arc::new(frame);
+        if self.used_bytes + frame.bytes() <= self.budget_bytes {
+            self.used_bytes += frame.bytes();
+            self.frames.insert((i, half), frame.clone());
+        }
+        Ok(frame)
+    }
+}
