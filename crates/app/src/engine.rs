@@ -1,0 +1,426 @@
+//! What the viewer and every verb work with: a scene, its recording, a renderer, a text encoder and the prompts.
+//!
+//! ```text
+//! set_prompts ─▶ text encoder ─▶ queries ──────────────┐
+//! view(i) or View::free ─▶ render ─▶ images ─▶ scores ◀┘ ─▶ masks
+//! ```
+//!
+//! An engine is `Send`: a worker thread can own it. It keeps no state of the last render, so what `scores` returns
+//! belongs to the images it was given.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+use surgtpgs_clip::TextEncoder;
+use surgtpgs_core::{
+    Error, Result,
+    camera::Camera,
+    grid::{Grid, Mask},
+    mask::threshold,
+    prepare::EncoderIdentity,
+    raster::{CpuRenderer, Images, Renderer},
+    relevancy::{Query, Relevancy, RelevancySettings},
+    scene::Scene,
+    sequence::Sequence,
+};
+
+/// What renders.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize,
+)]
+#[serde(rename_all = "snake_case")]
+pub enum Backend {
+    /// The GPU if there is a real one, otherwise the CPU
+    #[default]
+    Auto,
+    /// The CPU
+    Cpu,
+    /// Any graphics adapter, a software one included
+    Gpu,
+}
+
+/// Which text encoder to use.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum EncoderChoice {
+    /// The one the scene was prepared with.
+    #[default]
+    OfScene,
+    /// The one inside the program.
+    Builtin,
+    /// A folder with `model.onnx` and `tokenizer.json`.
+    Folder(PathBuf),
+}
+
+/// How to open an [`Engine`].
+#[derive(Clone, Debug, Default)]
+pub struct EngineOptions {
+    /// What renders.
+    pub backend: Backend,
+    /// Which text encoder answers prompts.
+    pub encoder: EncoderChoice,
+    /// Where the recording is; `None`: where it was when the scene was trained.
+    pub sequence: Option<PathBuf>,
+    /// Settings of queries.
+    pub relevancy: RelevancySettings,
+}
+
+/// What to render.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// Time, 0 to 1; frame i of N is at i / N.
+    pub time: f32,
+    /// The camera; its size is the size of the images.
+    pub camera: Camera,
+    /// Whether this is the recording's own camera (at any size): then the field of view limits what is found.
+    pub recorded: bool,
+}
+
+impl View {
+    /// A view that the recording never had.
+    pub fn free(time: f32, camera: Camera) -> Self {
+        Self { time, camera, recorded: false }
+    }
+
+    /// The same view at another size in pixels.
+    pub fn resized(&self, width: u32, height: u32) -> Self {
+        Self { camera: self.camera.resized(width, height), ..*self }
+    }
+}
+
+/// A scene that can be rendered and asked.
+pub struct Engine {
+    scene: Arc<Scene>,
+    recording: Recording,
+    renderer: Box<dyn Renderer>,
+    relevancy: Option<Box<dyn Relevancy>>,
+    settings: RelevancySettings,
+    encoder_choice: EncoderChoice,
+    /// Opened when the first prompt comes: looking at a scene needs none.
+    encoder: Option<TextEncoder>,
+    prompt_embeddings: BTreeMap<String, Vec<f32>>,
+    phrase_embeddings: BTreeMap<String, Vec<f32>>,
+    queries: Vec<Query>,
+}
+
+/// The recording a scene was made from, or why it is not there.
+enum Recording {
+    Found(Sequence),
+    Missing(String),
+}
+
+impl Engine {
+    /// Opens a scene file. The recording is looked for where it was, then beside the scene file; without it everything
+    /// but [`Engine::original`] works. A recording that `options` names must be there and fit.
+    pub fn open(path: &Path, options: EngineOptions) -> Result<Self> {
+        let scene = Arc::new(Scene::load(path)?);
+        let beside = path.parent().map(|p| p.join(&scene.provenance.sequence_name));
+        Self::new(scene, beside.as_deref(), options)
+    }
+
+    /// Wraps a scene in memory; `beside` is a second place to look for its recording.
+    pub fn new(scene: Arc<Scene>, beside: Option<&Path>, options: EngineOptions) -> Result<Self> {
+        let renderer = open_renderer(options.backend)?;
+        let recording = match &options.sequence {
+            Some(path) => Recording::Found(open_recording(&scene, path)?),
+            None => find_recording(&scene, beside),
+        };
+        Ok(Self {
+            relevancy: open_relevancy(&scene),
+            scene,
+            recording,
+            renderer,
+            settings: options.relevancy,
+            encoder_choice: options.encoder,
+            encoder: None,
+            prompt_embeddings: BTreeMap::new(),
+            phrase_embeddings: BTreeMap::new(),
+            queries: Vec::new(),
+        })
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Arc<Scene> {
+        &self.scene
+    }
+
+    /// Shows another state of the scene, e.g. while it is being trained; the prompts stay. Both must come from the same
+    /// preparation, because the embeddings of the prompts are kept.
+    pub fn replace_scene(&mut self, scene: Arc<Scene>) {
+        self.relevancy = open_relevancy(&scene);
+        self.scene = scene;
+    }
+
+    /// The recording, if it was found.
+    pub fn sequence(&self) -> Option<&Sequence> {
+        match &self.recording {
+            Recording::Found(sequence) => Some(sequence),
+            Recording::Missing(_) => None,
+        }
+    }
+
+    /// Why there is no recording, in a sentence; `None` if there is one.
+    pub fn recording_missing(&self) -> Option<&str> {
+        match &self.recording {
+            Recording::Found(_) => None,
+            Recording::Missing(why) => Some(why),
+        }
+    }
+
+    /// What renders, e.g. "CPU, 2 threads, Avx512".
+    pub fn renderer_name(&self) -> String {
+        self.renderer.name()
+    }
+
+    /// How scores are computed, e.g. "lattice"; "none" for a scene without features.
+    pub fn relevancy_name(&self) -> &'static str {
+        self.relevancy.as_ref().map_or("none", |r| r.name())
+    }
+
+    /// The text encoder in use; `None` before the first prompt.
+    pub fn encoder_identity(&self) -> Option<&EncoderIdentity> {
+        self.encoder.as_ref().map(TextEncoder::identity)
+    }
+
+    /// Frame `i` as it was recorded; frames past the end give the last one.
+    pub fn view(&self, i: usize) -> Result<View> {
+        let last =
+            self.scene.num_frames().checked_sub(1).ok_or_else(|| {
+                Error::input("the scene has no frames", "Train it again from its recording.")
+            })?;
+        let i = i.min(last);
+        Ok(View { time: self.scene.time(i), camera: self.scene.cameras[i], recorded: true })
+    }
+
+    /// Renders a view; the features are needed for [`Engine::scores`] only.
+    pub fn render(&mut self, view: &View, features: bool) -> Result<Images> {
+        let features = features && self.relevancy.is_some();
+        self.renderer.render(&self.scene, &view.camera, view.time, features)
+    }
+
+    /// The prompts being asked, in order, with what each is compared to.
+    pub fn queries(&self) -> &[Query] {
+        &self.queries
+    }
+
+    /// The settings of queries.
+    pub fn settings(&self) -> &RelevancySettings {
+        &self.settings
+    }
+
+    /// Changes the settings; the prompts stay.
+    pub fn set_settings(&mut self, settings: RelevancySettings) -> Result<()> {
+        let prompts: Vec<String> = self.queries.iter().map(|q| q.prompt.clone()).collect();
+        self.settings = settings;
+        self.set_prompts(&prompts)
+    }
+
+    /// What to look for from now on. Words that were encoded before are not encoded again.
+    ///
+    /// Refuses empty words, a scene without features, and a text encoder other than the one the scene was prepared with.
+    pub fn set_prompts(&mut self, prompts: &[String]) -> Result<()> {
+        if prompts.is_empty() {
+            self.queries.clear();
+            return Ok(());
+        }
+        let prompts: Vec<&str> = prompts.iter().map(|p| p.trim()).collect();
+        if prompts.iter().any(|p| p.is_empty()) {
+            return Err(Error::input("a prompt is empty", "Give a few words, such as \"gallbladder\"."));
+        }
+        self.encode(&prompts)?;
+        let phrases: Vec<(String, Vec<f32>)> =
+            self.settings.phrases.iter().map(|p| (p.clone(), self.phrase_embeddings[p].clone())).collect();
+        let (scene, settings) = (&self.scene, &self.settings);
+        let query =
+            |p: &&str| Query::new(p, self.prompt_embeddings[*p].clone(), &phrases, &scene.classes, settings);
+        self.queries = prompts.iter().map(query).collect();
+        Ok(())
+    }
+
+    /// One score image per prompt, from images of `view` with features: 0–1, and 0 in holes and outside the field of view.
+    pub fn scores(&mut self, images: &Images, view: &View) -> Result<Vec<Grid<f32>>> {
+        if self.queries.is_empty() {
+            return Ok(Vec::new());
+        }
+        let relevancy = self.relevancy.as_mut().ok_or_else(no_features)?;
+        let mut scores = relevancy.score(images, &self.queries, &self.settings);
+        if view.recorded {
+            scores.iter_mut().for_each(|s| blank_outside(s, &self.scene.field_of_view));
+        }
+        Ok(scores)
+    }
+
+    /// Where each prompt is found: its score is above the threshold of the settings.
+    pub fn masks(&self, scores: &[Grid<f32>]) -> Vec<Mask> {
+        scores.iter().map(|s| threshold(s, self.settings.threshold)).collect()
+    }
+
+    /// The recorded picture of frame `i`; `None` if the recording is not there.
+    pub fn original(&self, i: usize) -> Result<Option<image::RgbImage>> {
+        self.sequence().map(|s| s.frame(i)).transpose()
+    }
+
+    /// Makes sure that the prompts and the canonical phrases have embeddings.
+    fn encode(&mut self, prompts: &[&str]) -> Result<()> {
+        if self.relevancy.is_none() {
+            return Err(no_features());
+        }
+        let new_prompts: Vec<&str> =
+            prompts.iter().copied().filter(|p| !self.prompt_embeddings.contains_key(*p)).collect();
+        let new_phrases: Vec<String> = self
+            .settings
+            .phrases
+            .iter()
+            .filter(|p| !self.phrase_embeddings.contains_key(*p))
+            .cloned()
+            .collect();
+        if new_prompts.is_empty() && new_phrases.is_empty() {
+            return Ok(());
+        }
+        if self.encoder.is_none() {
+            self.encoder = Some(open_encoder(&self.scene, &self.encoder_choice)?);
+        }
+        let Some(encoder) = &mut self.encoder else { return Ok(()) };
+        if !new_prompts.is_empty() {
+            let embeddings = encoder.encode_prompts(&new_prompts)?;
+            self.prompt_embeddings.extend(new_prompts.iter().map(|p| (*p).to_owned()).zip(embeddings));
+        }
+        if !new_phrases.is_empty() {
+            let words: Vec<&str> = new_phrases.iter().map(String::as_str).collect();
+            let embeddings = encoder.encode_bare(&words)?;
+            self.phrase_embeddings.extend(new_phrases.into_iter().zip(embeddings));
+        }
+        Ok(())
+    }
+}
+
+fn no_features() -> Error {
+    Error::input(
+        "this scene was trained without features, so it cannot be asked for words",
+        "Run `surgtpgs prepare` on the recording and train on the prepared folder.",
+    )
+}
+
+/// Sets scores outside the field of view to 0; the mask is sampled at the scores' size.
+fn blank_outside(scores: &mut Grid<f32>, field_of_view: &Mask) {
+    if field_of_view.width == 0 || field_of_view.height == 0 {
+        return;
+    }
+    let (width, height) = (scores.width, scores.height);
+    for y in 0..height {
+        let row = field_of_view.row((2 * y + 1) * field_of_view.height / (2 * height));
+        for x in 0..width {
+            if !row[(2 * x + 1) * field_of_view.width / (2 * width)] {
+                scores.set(x, y, 0.0);
+            }
+        }
+    }
+}
+
+/// Opens the renderer of choice.
+pub fn open_renderer(backend: Backend) -> Result<Box<dyn Renderer>> {
+    match backend {
+        Backend::Auto | Backend::Cpu => Ok(Box::new(CpuRenderer)),
+        Backend::Gpu => Err(Error::Missing {
+            what: "no graphics adapter was found".into(),
+            hint: "Use `--backend cpu`: the same pictures, slower.".into(),
+        }),
+    }
+}
+
+fn open_relevancy(_scene: &Scene) -> Option<Box<dyn Relevancy>> {
+    None
+}
+
+/// Opens the text encoder and makes sure that it is the one the scene's features belong to.
+fn open_encoder(scene: &Scene, choice: &EncoderChoice) -> Result<TextEncoder> {
+    let expected = scene.encoder.as_ref();
+    let encoder = match (choice, expected.and_then(|e| e.folder.as_deref())) {
+        (EncoderChoice::Folder(folder), _) => TextEncoder::open(folder)?,
+        (EncoderChoice::OfScene, Some(folder)) if !folder.is_dir() => {
+            return Err(Error::input_at(
+                folder,
+                "the text encoder that this scene was prepared with is not there any more",
+                "Give its folder with `--text-encoder`.",
+            ));
+        }
+        (EncoderChoice::OfScene, Some(folder)) => TextEncoder::open(folder)?,
+        (EncoderChoice::OfScene | EncoderChoice::Builtin, _) => TextEncoder::builtin()?,
+    };
+    let found = encoder.identity();
+    let wanted_dim = scene.codec.as_ref().map_or(found.dim, |c| c.embedding_dim());
+    if found.dim != wanted_dim {
+        return Err(Error::input(
+            format!(
+                "the text encoder \"{}\" makes {} values; this scene's decoder makes {wanted_dim}",
+                found.name, found.dim
+            ),
+            "They come from different models: use the encoder the scene was prepared with.",
+        ));
+    }
+    match expected {
+        Some(e) if e.sha256 != found.sha256 => Err(Error::input(
+            format!(
+                "this scene was prepared with the text encoder \"{}\", not with \"{}\"",
+                e.name, found.name
+            ),
+            "Answers would be wrong without notice: use the same encoder files, or prepare and train again.",
+        )),
+        _ => Ok(encoder),
+    }
+}
+
+/// Opens a recording and makes sure that it fits the scene.
+fn open_recording(scene: &Scene, path: &Path) -> Result<Sequence> {
+    let sequence = Sequence::open(path)?;
+    let found = (sequence.num_frames(), sequence.width(), sequence.height());
+    let size = scene.cameras.first().map_or((0, 0), |c| (c.width as usize, c.height as usize));
+    let expected = (scene.num_frames(), size.0, size.1);
+    if found != expected {
+        return Err(Error::input_at(
+            path,
+            format!(
+                "this is not the scene's recording: {} frames of {}×{} instead of {} of {}×{}",
+                found.0, found.1, found.2, expected.0, expected.1, expected.2
+            ),
+            "Give the recording that the scene was trained on.",
+        ));
+    }
+    Ok(sequence)
+}
+
+/// Looks for the recording where it was, then at `beside`.
+fn find_recording(scene: &Scene, beside: Option<&Path>) -> Recording {
+    let places = [Some(scene.provenance.sequence_path.as_path()), beside];
+    let mut why = "the recording is not where it was when the scene was trained".to_owned();
+    for place in places.into_iter().flatten().filter(|p| !p.as_os_str().is_empty() && p.exists()) {
+        match open_recording(scene, place) {
+            Ok(sequence) => return Recording::Found(sequence),
+            Err(e) => why = e.to_string(),
+        }
+    }
+    Recording::Missing(why)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_engine_can_move_to_a_worker_thread() {
+        fn is_send<T: Send>() {}
+        is_send::<Engine>();
+    }
+
+    #[test]
+    fn nothing_is_found_outside_the_field_of_view_at_any_size() {
+        let left = Grid::from_vec(2, 1, vec![true, false]);
+        let mut scores = Grid::filled(4, 3, 0.9);
+        blank_outside(&mut scores, &left);
+        assert!((0..3).all(|y| scores.row(y) == [0.9, 0.9, 0.0, 0.0]));
+        let mut one = Grid::filled(1, 1, 0.9);
+        blank_outside(&mut one, &Grid::filled(3, 3, true));
+        assert_eq!(one.data, [0.9]);
+    }
+}
