@@ -38,8 +38,8 @@ fn squared_errors(image: &RgbImage, truth: &RgbImage, mask: Option<&Mask>) -> Op
     for (i, (a, b)) in image.pixels().zip(truth.pixels()).enumerate() {
         if mask.is_none_or(|m| m.data[i]) {
             count += 1;
-            for c in 0..3 {
-                sums[c] += u64::from(a.0[c].abs_diff(b.0[c])).pow(2);
+            for (sum, (a, b)) in sums.iter_mut().zip(a.0.iter().zip(b.0)) {
+                *sum += u64::from(a.abs_diff(b)).pow(2);
             }
         }
     }
@@ -115,7 +115,7 @@ fn window_mean(image: &Grid<f32>) -> Grid<f32> {
 /// is true; `None` where there is no such pixel or sizes differ.
 pub fn depth_rmse(depth: &Grid<f32>, truth: &Grid<f32>, mask: Option<&Mask>) -> Option<f64> {
     let size = (depth.width, depth.height);
-    if size != (truth.width, truth.height) || !mask.is_none_or(|m| (m.width, m.height) == size) {
+    if size != (truth.width, truth.height) || mask.is_some_and(|m| (m.width, m.height) != size) {
         return None;
     }
     let known = |d: f32| d.is_finite() && d > 0.0;

@@ -1,0 +1,244 @@
+//! The autoencoder that squeezes embeddings (512 and the like) into D latent numbers a pixel (method §7).
+//!
+//! Two ways of training share one stored form. Many different rows (features of image masks) get an
+//! ordinary autoencoder, [`train_autoencoder`]. A handful of rows (the class names of labelled frames) get
+//! latents spread over the sphere and a decoder that snaps noisy and blended latents to the nearest
+//! class, [`train_classes`].
+
+mod autoencoder;
+mod classes;
+mod mlp;
+mod sphere;
+
+use crate::{Error, Result, num};
+use autoencoder::train_autoencoder;
+use classes::train_classes;
+use ndarray::{Array1, Array2, ArrayD, ArrayView2, ArrayViewD, Axis, Ix1, Ix2};
+use rayon::prelude::*;
+
+pub(crate) use mlp::{apply, normalise_rows};
+
+/// Widths of the encoder's hidden layers.
+const ENCODER_HIDDEN: [usize; 4] = [256, 128, 64, 32];
+/// Widths of the decoder's hidden layers.
+const DECODER_HIDDEN: [usize; 6] = [16, 32, 64, 128, 256, 256];
+/// Up to this many different rows, latents are spread over the sphere and the decoder snaps to them.
+const MAX_CLASSES: usize = 64;
+/// Rows with a larger cosine are one class: no decoder can or need tell them apart.
+const SAME_ROW_COSINE: f32 = 0.999_99;
+/// Rows decoded or encoded at once by one thread: enough for matrix products to pay, small enough for the cache.
+const ROWS_AT_ONCE: usize = 256;
+
+/// `y = x Wᵀ + b`; weight is [out, in].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Linear {
+    /// [out, in].
+    pub weight: Array2<f32>,
+    /// [out].
+    pub bias: Array1<f32>,
+}
+
+/// Encoder (dim → D, unit length) and decoder (D → dim, unit length).
+/// Normalisation layers of training are folded into the linear layers; ReLU between layers, none after the last.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Codec {
+    /// Encoder layers in order.
+    pub encoder: Vec<Linear>,
+    /// Decoder layers in order.
+    pub decoder: Vec<Linear>,
+}
+
+/// How a codec is trained.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct CodecSettings {
+    /// Latent numbers per pixel, 1..=16.
+    pub latent_dim: usize,
+    /// Optimiser steps.
+    pub steps: usize,
+    /// Seed of initial weights and batches.
+    pub seed: u64,
+}
+
+impl Default for CodecSettings {
+    fn default() -> Self {
+        Self { latent_dim: 3, steps: 2000, seed: 0 }
+    }
+}
+
+impl Codec {
+    /// Trains on embedding rows [n, dim] (made unit length here) with occurrence `weights` [n].
+    /// `progress` gets (steps done, steps). The same rows and settings give the same bytes.
+    ///
+    /// Fails on no rows, rows that are not finite or have no direction, and settings out of range.
+    pub fn train(
+        rows: ArrayView2<'_, f32>,
+        weights: &[f32],
+        settings: &CodecSettings,
+        progress: &mut dyn FnMut(usize, usize),
+    ) -> Result<Self> {
+        check_training_input(rows, weights, settings)?;
+        let rows = normalise_rows(rows.to_owned());
+        let groups = same_rows(&rows);
+        let num_classes = groups.iter().max().map_or(0, |g| g + 1);
+        if num_classes <= MAX_CLASSES {
+            let first = |g| groups.iter().position(|&other| other == g).unwrap_or(0);
+            let firsts: Vec<usize> = (0..num_classes).map(first).collect();
+            Ok(train_classes(rows.select(Axis(0), &firsts).view(), settings, progress))
+        } else {
+            Ok(train_autoencoder(rows.view(), weights, settings, progress))
+        }
+    }
+
+    /// Latent numbers per pixel, D.
+    pub fn latent_dim(&self) -> usize {
+        self.decoder.first().map_or(0, |l| l.weight.ncols())
+    }
+
+    /// Length of an embedding.
+    pub fn embedding_dim(&self) -> usize {
+        self.decoder.last().map_or(0, |l| l.weight.nrows())
+    }
+
+    /// [n, dim] → [n, D], unit rows. Rows without a direction (zero, not finite) give zeros.
+    /// Panics if rows have another length than [`Self::embedding_dim`] (a programming error).
+    pub fn encode(&self, rows: ArrayView2<'_, f32>) -> Array2<f32> {
+        unit_rows_through(&self.encoder, rows)
+    }
+
+    /// [n, D] → [n, dim], unit rows. Latents that are not finite give zeros.
+    /// Panics if rows have another length than [`Self::latent_dim`] (a programming error).
+    pub fn decode(&self, latents: ArrayView2<'_, f32>) -> Array2<f32> {
+        unit_rows_through(&self.decoder, latents)
+    }
+
+    /// Every weight and bias with its name in files: `encoder.0.weight` [out, in], `encoder.0.bias` [out], …
+    pub fn tensors(&self) -> Vec<(String, ArrayViewD<'_, f32>)> {
+        let halves = [("encoder", &self.encoder), ("decoder", &self.decoder)];
+        let named = halves.iter().flat_map(|(half, layers)| {
+            layers.iter().enumerate().flat_map(move |(i, layer)| {
+                [
+                    (format!("{half}.{i}.weight"), layer.weight.view().into_dyn()),
+                    (format!("{half}.{i}.bias"), layer.bias.view().into_dyn()),
+                ]
+            })
+        });
+        named.collect()
+    }
+
+    /// The inverse of [`Self::tensors`]: `get` finds a tensor by name. Layers are read until a number is missing.
+    pub fn from_tensors(get: impl Fn(&str) -> Option<ArrayD<f32>>) -> Result<Self> {
+        let half = |name: &str| -> Result<Vec<Linear>> {
+            let mut layers = Vec::new();
+            while let Some(weight) = get(&format!("{name}.{}.weight", layers.len())) {
+                let bias = get(&format!("{name}.{}.bias", layers.len()));
+                let pair = weight.into_dimensionality::<Ix2>().ok();
+                match pair.zip(bias.and_then(|b| b.into_dimensionality::<Ix1>().ok())) {
+                    Some((weight, bias)) => layers.push(Linear { weight, bias }),
+                    None => return Err(broken(format!("layer {} of its {name} is malformed", layers.len()))),
+                }
+            }
+            Ok(layers)
+        };
+        let codec = Self { encoder: half("encoder")?, decoder: half("decoder")? };
+        codec.validate()?;
+        Ok(codec)
+    }
+
+    /// Checks that layers fit together, D is 1..=16, and every number is finite.
+    pub fn validate(&self) -> Result<()> {
+        for (name, layers) in [("encoder", &self.encoder), ("decoder", &self.decoder)] {
+            if layers.is_empty() {
+                return Err(broken(format!("it has no {name}")));
+            }
+            for (i, layer) in layers.iter().enumerate() {
+                let (rows, columns) = layer.weight.dim();
+                let expected = if i == 0 { columns } else { layers[i - 1].weight.nrows() };
+                if rows == 0 || columns == 0 || layer.bias.len() != rows || columns != expected {
+                    let bias = layer.bias.len();
+                    return Err(broken(format!(
+                        "layer {i} of its {name} has weight {rows}×{columns} and bias {bias}, where {expected} \
+                         numbers come in"
+                    )));
+                }
+                if !layer.weight.iter().chain(&layer.bias).all(|v| v.is_finite()) {
+                    return Err(broken(format!("layer {i} of its {name} has numbers that are not finite")));
+                }
+            }
+        }
+        let ends = |layers: &[Linear]| (layers[0].weight.ncols(), layers[layers.len() - 1].weight.nrows());
+        let ((dim, latent), (latent_in, dim_out)) = (ends(&self.encoder), ends(&self.decoder));
+        if dim != dim_out || latent != latent_in || !(1..=16).contains(&latent) {
+            return Err(broken(format!(
+                "its encoder maps {dim} numbers to {latent}, its decoder {latent_in} to {dim_out}"
+            )));
+        }
+        Ok(())
+    }
+}
+
+fn broken(what: String) -> Error {
+    Error::input(format!("the codec is not usable: {what}"), "Prepare the recording again.")
+}
+
+fn check_training_input(rows: ArrayView2<'_, f32>, weights: &[f32], settings: &CodecSettings) -> Result<()> {
+    if !(1..=16).contains(&settings.latent_dim) || settings.steps == 0 {
+        return Err(Error::input(
+            format!(
+                "the codec settings ask for {} latent numbers and {} steps; expected 1 to 16 and at least 1",
+                settings.latent_dim, settings.steps
+            ),
+            "Change the settings.",
+        ));
+    }
+    if rows.nrows() == 0 || rows.ncols() == 0 || weights.len() != rows.nrows() {
+        return Err(Error::input(
+            format!(
+                "a codec needs feature rows with one weight each, found {} rows of {} numbers and {} weights",
+                rows.nrows(),
+                rows.ncols(),
+                weights.len()
+            ),
+            "Check that the recording has labels or masks on its training frames.",
+        ));
+    }
+    let bad = rows.outer_iter().position(|row| num::normalised(&row.to_vec()).is_none());
+    let bad = bad.or(weights.iter().position(|w| !w.is_finite() || *w < 0.0));
+    bad.map_or(Ok(()), |row| {
+        Err(Error::input(
+            format!("feature row {row} is zero or not finite, or its weight is not a number ≥ 0"),
+            "Check the encoder that made the features.",
+        ))
+    })
+}
+
+/// Group number of each row; rows in one group point (almost) the same way. Stops telling groups apart
+/// once there are more than [`MAX_CLASSES`].
+fn same_rows(rows: &Array2<f32>) -> Vec<usize> {
+    let mut firsts: Vec<usize> = Vec::new();
+    let mut groups = Vec::with_capacity(rows.nrows());
+    for (i, row) in rows.outer_iter().enumerate() {
+        let known = firsts.iter().position(|&f| rows.row(f).dot(&row) > SAME_ROW_COSINE);
+        groups.push(known.unwrap_or(firsts.len()));
+        if known.is_none() {
+            firsts.push(i);
+        }
+        if firsts.len() > MAX_CLASSES {
+            break;
+        }
+    }
+    groups
+}
+
+fn unit_rows_through(layers: &[Linear], rows: ArrayView2<'_, f32>) -> Array2<f32> {
+    let width = layers.last().map_or(0, |l| l.weight.nrows());
+    let mut out = Array2::zeros((rows.nrows(), width));
+    let chunks: Vec<_> = rows
+        .axis_chunks_iter(Axis(0), ROWS_AT_ONCE)
+        .zip(out.axis_chunks_iter_mut(Axis(0), ROWS_AT_ONCE))
+        .collect();
+    chunks.into_par_iter().for_each(|(rows, mut out)| out.assign(&normalise_rows(apply(layers, rows))));
+    out
+}
+
+#[cfg(test)]
+mod tests;
