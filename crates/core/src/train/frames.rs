@@ -26,7 +26,7 @@ impl Frame {
         Ok(Self {
             width: sequence.width(),
             height: sequence.height(),
-            colour: sequence.frame(i)?.into_raw(),
+            colour: planar(sequence.frame(i)?.as_raw()),
             mask: sequence.mask(i)?.data,
             depth: sequence.depth(i)?.map_or_else(Vec::new, |d| d.data),
             regions: regions.map_or_else(Vec::new, |r| r.data),
@@ -56,14 +56,11 @@ impl Frame {
             [i, i + 1, i + self.width, i + self.width + 1]
         };
         let pixels = || (0..height).flat_map(move |y| (0..width).map(move |x| (x, y)));
-        let colour = pixels()
-            .flat_map(|(x, y)| {
-                let cell = four(x, y);
-                [0, 1, 2].map(|c| {
-                    (cell.iter().map(|i| u32::from(self.colour[3 * i + c])).sum::<u32>() + 2) as u8 / 4
-                })
-            })
-            .collect();
+        let mean = |plane: &[u8], cell: [usize; 4]| {
+            ((cell.iter().map(|i| u32::from(plane[*i])).sum::<u32>() + 2) / 4) as u8
+        };
+        let planes = self.colour.chunks(self.width * self.height);
+        let colour = planes.flat_map(|plane| pixels().map(move |(x, y)| mean(plane, four(x, y)))).collect();
         let mask = pixels().map(|(x, y)| four(x, y).iter().all(|&i| self.mask[i])).collect();
         let agreeing_depth = |cell: [usize; 4]| {
             let values = cell.map(|i| self.depth[i]);
@@ -90,6 +87,11 @@ impl Frame {
     fn bytes(&self) -> usize {
         self.colour.len() + self.mask.len() + 4 * self.depth.len() + 2 * self.regions.len()
     }
+}
+
+/// r, g, b interleaved → plane after plane.
+fn planar(interleaved: &[u8]) -> Vec<u8> {
+    (0..3).flat_map(|c| interleaved.iter().skip(c).step_by(3).copied()).collect()
 }
 
 /// Decoded frames within a memory budget; what does not fit is decoded again each time.

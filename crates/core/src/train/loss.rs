@@ -43,7 +43,7 @@ pub struct Truth<'a> {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// r, g, b interleaved, 0–255.
+    /// r, g, b, plane after plane, 0–255.
     pub colour: &'a [u8],
     /// `true` = supervise.
     pub mask: &'a [bool],
@@ -94,12 +94,12 @@ pub fn loss<T: Real>(planes: &[T], truth: &Truth<'_>, weights: &LossWeights) -> 
     let per_pixel = T::one() / T::of(supervised as f64);
     let variation = T::from_f32(weights.total_variation) * per_pixel;
     for channel in 0..3 {
-        let (plane, g) = (&planes[channel * n..(channel + 1) * n], &mut g[channel * n..(channel + 1) * n]);
-        let scale = per_pixel / T::of(3.0);
-        terms.colour += l1_rows(plane, g, truth, scale, |i| {
-            Some(T::of(f64::from(truth.colour[3 * i + channel]) / 255.0))
-        });
-        terms.total_variation += total_variation(plane, g, truth, variation / T::of(3.0), |_| true);
+        let at = channel * n..(channel + 1) * n;
+        let (plane, g, colour) = (&planes[at.clone()], &mut g[at.clone()], &truth.colour[at]);
+        let (third, byte) = (T::of(1.0 / 3.0), T::of(1.0 / 255.0));
+        let target = |i: usize| T::from_f32(f32::from(colour[i])) * byte;
+        terms.colour += l1(plane, g, truth.width, truth.mask, per_pixel * third, target);
+        terms.total_variation += total_variation(plane, g, truth.width, truth.mask, variation * third);
     }
     depth_terms(planes, &mut g, truth, weights, per_pixel, &mut terms);
     let latent_dim = (planes.len() / n).saturating_sub(FEATURE_PLANE);
@@ -109,84 +109,101 @@ pub fn loss<T: Real>(planes: &[T], truth: &Truth<'_>, weights: &LossWeights) -> 
     (terms, g)
 }
 
-/// Σ scale·|plane − target| over supervised pixels that have a target; adds the gradient.
-fn l1_rows<T: Real>(
-    plane: &[T],
-    g: &mut [T],
-    truth: &Truth<'_>,
-    scale: T,
-    target: impl Fn(usize) -> Option<T> + Sync,
-) -> T {
-    let sums: Vec<T> = g
-        .par_chunks_mut(truth.width)
-        .enumerate()
-        .map(|(y, g)| {
-            let mut sum = T::zero();
-            for (x, g) in g.iter_mut().enumerate() {
-                let i = y * truth.width + x;
-                if let Some(target) = truth.mask[i].then(|| target(i)).flatten() {
-                    let difference = plane[i] - target;
-                    sum += difference.abs() * scale;
-                    *g += sign(difference) * scale;
-                }
-            }
-            sum
-        })
-        .collect();
+/// Rows per parallel piece; partial sums are added piece by piece, so that the thread count does not matter.
+const STRIP_ROWS: usize = 16;
+
+/// Runs `f(first row, its rows of g)` over strips of a plane and adds what it returns, in order.
+fn sum_over_strips<T: Real>(g: &mut [T], width: usize, f: impl Fn(usize, &mut [T]) -> T + Sync) -> T {
+    let strips = g.par_chunks_mut(width * STRIP_ROWS).enumerate();
+    let sums: Vec<T> = strips.map(|(k, g)| f(k * STRIP_ROWS, g)).collect();
     sums.into_iter().sum()
 }
 
-/// 0 at 0, unlike `signum`.
+/// 0 at 0, unlike `signum`; written so that it vectorises.
 fn sign<T: Real>(v: T) -> T {
-    if v > T::zero() {
-        T::one()
-    } else if v < T::zero() {
-        -T::one()
-    } else {
-        T::zero()
-    }
+    let one = |yes: bool| if yes { T::one() } else { T::zero() };
+    one(v > T::zero()) - one(v < T::zero())
 }
 
-/// Σ scale·|x_i − x_j| over horizontal and vertical neighbours, both supervised and both `valid`; adds the gradient.
-fn total_variation<T: Real>(
+fn one_if<T: Real>(yes: bool) -> T {
+    if yes { T::one() } else { T::zero() }
+}
+
+/// Σ scale·|plane − target| where `mask`; adds the gradient.
+fn l1<T: Real>(
     plane: &[T],
     g: &mut [T],
-    truth: &Truth<'_>,
+    width: usize,
+    mask: &[bool],
     scale: T,
-    valid: impl Fn(usize) -> bool + Sync,
+    target: impl Fn(usize) -> T + Sync,
 ) -> T {
-    let (width, height) = (truth.width, truth.height);
+    sum_over_strips(g, width, |row, g| {
+        let start = row * width;
+        let (plane, mask) = (&plane[start..start + g.len()], &mask[start..start + g.len()]);
+        let mut sum = T::zero();
+        for (k, ((g, p), m)) in g.iter_mut().zip(plane).zip(mask).enumerate() {
+            let difference = (*p - target(start + k)) * one_if(*m);
+            sum += difference.abs();
+            *g += sign(difference) * scale;
+        }
+        sum * scale
+    })
+}
+
+/// Σ scale·|x_i − x_j| over horizontal and vertical neighbours, both in `mask`; adds the gradient.
+fn total_variation<T: Real>(plane: &[T], g: &mut [T], width: usize, mask: &[bool], scale: T) -> T {
     if scale == T::zero() {
         return T::zero();
     }
-    let counts = |i: usize| truth.mask[i] && valid(i);
-    let sums: Vec<T> = g
-        .par_chunks_mut(width)
-        .enumerate()
-        .map(|(y, g)| {
-            let mut sum = T::zero();
-            for (x, g) in g.iter_mut().enumerate() {
-                let i = y * width + x;
-                if !counts(i) {
-                    continue;
-                }
-                // Each pair is counted by its left or upper pixel; its gradient by both.
-                let right = (x + 1 < width).then_some(i + 1);
-                let below = (y + 1 < height).then_some(i + width);
-                let left = (x > 0).then(|| i - 1);
-                let above = (y > 0).then(|| i - width);
-                for j in [right, below].into_iter().flatten().filter(|j| counts(*j)) {
-                    sum += (plane[i] - plane[j]).abs() * scale;
-                    *g += sign(plane[i] - plane[j]) * scale;
-                }
-                for j in [left, above].into_iter().flatten().filter(|j| counts(*j)) {
-                    *g += sign(plane[i] - plane[j]) * scale;
-                }
+    let row_of = |y: usize| (&plane[y * width..(y + 1) * width], &mask[y * width..(y + 1) * width]);
+    let height = plane.len() / width;
+    sum_over_strips(g, width, |first, g| {
+        let mut sum = T::zero();
+        let mut pull = vec![T::zero(); width];
+        for (k, g) in g.chunks_exact_mut(width).enumerate() {
+            let y = first + k;
+            let here = row_of(y);
+            sum += pair_rows(
+                (&here.0[..width - 1], &here.1[..width - 1]),
+                (&here.0[1..], &here.1[1..]),
+                &mut pull,
+                scale,
+            );
+            add(&mut g[..width - 1], &pull, T::one());
+            add(&mut g[1..], &pull, -T::one());
+            // A vertical pair is counted by its upper pixel; its gradient by both.
+            if y + 1 < height {
+                sum += pair_rows(here, row_of(y + 1), &mut pull, scale);
+                add(g, &pull, T::one());
             }
-            sum
-        })
-        .collect();
-    sums.into_iter().sum()
+            if y > 0 {
+                pair_rows(row_of(y - 1), here, &mut pull, scale);
+                add(g, &pull, -T::one());
+            }
+        }
+        sum
+    })
+}
+
+/// Values and mask of a row.
+type Row<'a, T> = (&'a [T], &'a [bool]);
+
+/// Σ scale·|a − b| over pixels in both masks; `pull` becomes the gradient with respect to a.
+fn pair_rows<T: Real>(a: Row<'_, T>, b: Row<'_, T>, pull: &mut [T], scale: T) -> T {
+    let mut sum = T::zero();
+    for ((pull, (a, ma)), (b, mb)) in pull.iter_mut().zip(a.0.iter().zip(a.1)).zip(b.0.iter().zip(b.1)) {
+        let difference = (*a - *b) * one_if(*ma && *mb);
+        sum += difference.abs();
+        *pull = sign(difference) * scale;
+    }
+    sum * scale
+}
+
+fn add<T: Real>(to: &mut [T], values: &[T], factor: T) {
+    for (to, v) in to.iter_mut().zip(values) {
+        *to += *v * factor;
+    }
 }
 
 /// Inverse depth r = z̃ A / D (alpha-normalised, in units of the typical depth): |r − r̂| and its variation.
@@ -198,23 +215,31 @@ fn depth_terms<T: Real>(
     per_pixel: T,
     terms: &mut LossTerms<T>,
 ) {
-    let n = truth.width * truth.height;
-    let typical = T::from_f32(truth.typical_depth);
-    let (depth, alpha) = (&planes[DEPTH_PLANE * n..][..n], &planes[ALPHA_PLANE * n..][..n]);
-    let valid = |i: usize| alpha[i] > T::of(MIN_DEPTH_ALPHA) && depth[i] > T::zero();
     if truth.depth.is_empty() || weights.depth == 0.0 {
         return;
     }
-    let inverse: Vec<T> =
-        (0..n).map(|i| if valid(i) { typical * alpha[i] / depth[i] } else { T::zero() }).collect();
+    let n = truth.width * truth.height;
+    let typical = T::from_f32(truth.typical_depth);
+    let (depth, alpha) = (&planes[DEPTH_PLANE * n..][..n], &planes[ALPHA_PLANE * n..][..n]);
+    let rendered: Vec<bool> = (0..n)
+        .into_par_iter()
+        .with_min_len(1 << 14)
+        .map(|i| truth.mask[i] && alpha[i] > T::of(MIN_DEPTH_ALPHA) && depth[i] > T::zero())
+        .collect();
+    let compared: Vec<bool> = rendered.iter().zip(truth.depth).map(|(r, d)| *r && *d > 0.0).collect();
+    let safe = |i: usize| if rendered[i] { typical * alpha[i] / depth[i] } else { T::zero() };
+    let inverse: Vec<T> = (0..n).into_par_iter().with_min_len(1 << 14).map(safe).collect();
     let mut g_inverse = vec![T::zero(); n];
-    let target = |i: usize| (valid(i) && truth.depth[i] > 0.0).then(|| typical / T::from_f32(truth.depth[i]));
-    terms.depth += l1_rows(&inverse, &mut g_inverse, truth, T::from_f32(weights.depth) * per_pixel, target);
+    let target =
+        |i: usize| if truth.depth[i] > 0.0 { typical / T::from_f32(truth.depth[i]) } else { T::zero() };
+    let scale = T::from_f32(weights.depth) * per_pixel;
+    terms.depth += l1(&inverse, &mut g_inverse, truth.width, &compared, scale, target);
     let variation = T::from_f32(weights.total_variation) * per_pixel;
-    terms.total_variation += total_variation(&inverse, &mut g_inverse, truth, variation, valid);
-    for i in (0..n).filter(|&i| valid(i)) {
-        g[DEPTH_PLANE * n + i] -= g_inverse[i] * inverse[i] / depth[i];
-        g[ALPHA_PLANE * n + i] += g_inverse[i] * typical / depth[i];
+    terms.total_variation += total_variation(&inverse, &mut g_inverse, truth.width, &rendered, variation);
+    let (g_depth, g_alpha) = g[DEPTH_PLANE * n..].split_at_mut(n);
+    for i in (0..n).filter(|&i| rendered[i]) {
+        g_depth[i] -= g_inverse[i] * inverse[i] / depth[i];
+        g_alpha[i] += g_inverse[i] * typical / depth[i];
     }
 }
 
@@ -229,64 +254,84 @@ fn feature_terms<T: Real>(
     let n = truth.width * truth.height;
     let all = T::of((n * latent_dim) as f64);
     let weight = T::from_f32(weights.features);
-    let has_region = |i: usize| truth.regions[i] != NO_REGION;
-    let counts = region_counts(truth);
+    let mask: Vec<bool> = truth.mask.iter().zip(truth.regions).map(|(m, r)| *m && *r != NO_REGION).collect();
+    let rows = truth.latents.len() / latent_dim;
+    let regions = Regions::new(truth, &mask, rows, weights.min_region_px);
     for d in 0..latent_dim {
         let at = (FEATURE_PLANE + d) * n;
         let (plane, g) = (&planes[at..at + n], &mut g[at..at + n]);
-        let target = |i: usize| {
-            has_region(i).then(|| T::from_f32(truth.latents[truth.regions[i] as usize * latent_dim + d]))
-        };
-        terms.features += l1_rows(plane, g, truth, weight / all, target);
+        // One more row, so that NO_REGION (masked anyway) reads something.
+        let table: Vec<T> =
+            (0..rows).map(|r| T::from_f32(truth.latents[r * latent_dim + d])).chain([T::zero()]).collect();
+        let target = |i: usize| table[usize::from(truth.regions[i]).min(rows)];
+        terms.features += l1(plane, g, truth.width, &mask, weight / all, target);
         let variation = weight * T::from_f32(weights.total_variation) / all;
-        terms.total_variation += total_variation(plane, g, truth, variation, |_| true);
+        terms.total_variation += total_variation(plane, g, truth.width, truth.mask, variation);
         let smoothness = weight * T::from_f32(weights.region_smoothness) / T::of(latent_dim as f64);
-        terms.region += region_smoothness(plane, g, truth, &counts, weights.min_region_px, smoothness);
+        terms.region += regions.smoothness(plane, g, smoothness);
     }
 }
 
-/// Supervised pixels of each latent-table row.
-fn region_counts(truth: &Truth<'_>) -> Vec<usize> {
-    let mut counts = Vec::new();
-    for (&r, _) in truth.regions.iter().zip(truth.mask).filter(|(r, m)| **m && **r != NO_REGION) {
-        let r = usize::from(r);
-        if r >= counts.len() {
-            counts.resize(r + 1, 0);
+/// The pixels of the regions that are large enough to be smoothed.
+struct Regions<'a, T> {
+    width: usize,
+    ids: &'a [u16],
+    /// 1 / pixels of each region; 0 for regions that are left alone, and for [`NO_REGION`] at the end.
+    share: Vec<T>,
+    mask: &'a [bool],
+}
+
+impl<'a, T: Real> Regions<'a, T> {
+    fn new(truth: &Truth<'a>, mask: &'a [bool], rows: usize, min_px: usize) -> Self {
+        let mut counts = vec![0usize; rows + 1];
+        for (&r, _) in truth.regions.iter().zip(mask).filter(|(_, m)| **m) {
+            counts[usize::from(r).min(rows)] += 1;
         }
-        counts[r] += 1;
+        let share = counts.iter().enumerate().map(|(r, &count)| {
+            if r < rows && count >= min_px.max(1) { T::of(1.0 / count as f64) } else { T::zero() }
+        });
+        Self { width: truth.width, ids: truth.regions, share: share.collect(), mask }
     }
-    counts
-}
 
-/// RS of one feature plane: Σ over large regions of the mean |F − region mean|, the gradient also through the mean.
-fn region_smoothness<T: Real>(
-    plane: &[T],
-    g: &mut [T],
-    truth: &Truth<'_>,
-    counts: &[usize],
-    min_px: usize,
-    scale: T,
-) -> T {
-    let is_large = |i: usize| {
-        let r = usize::from(truth.regions[i]);
-        (truth.mask[i] && truth.regions[i] != NO_REGION && counts[r] >= min_px).then_some(r)
-    };
-    let mut means = vec![T::zero(); counts.len()];
-    let large: Vec<(usize, usize)> = (0..plane.len()).filter_map(|i| is_large(i).map(|r| (i, r))).collect();
-    for &(i, r) in &large {
-        means[r] += plane[i] / T::of(counts[r] as f64);
+    /// Σ over regions of the mean of `value(pixel, region)`, summed strip by strip.
+    fn means(&self, value: impl Fn(usize, usize) -> T + Sync) -> Vec<T> {
+        let last = self.share.len() - 1;
+        let strips = self.ids.par_chunks(self.width * STRIP_ROWS).enumerate();
+        let partial: Vec<Vec<T>> = strips
+            .map(|(k, ids)| {
+                let mut sums = vec![T::zero(); last + 1];
+                for (j, id) in ids.iter().enumerate() {
+                    let i = k * self.width * STRIP_ROWS + j;
+                    if self.mask[i] {
+                        let r = usize::from(*id).min(last);
+                        sums[r] += value(i, r);
+                    }
+                }
+                sums
+            })
+            .collect();
+        let sum = |r: usize| partial.iter().map(|p| p[r]).sum::<T>() * self.share[r];
+        (0..=last).map(sum).collect()
     }
-    let (mut sum, mut sign_sums) = (T::zero(), vec![T::zero(); counts.len()]);
-    for &(i, r) in &large {
-        let difference = plane[i] - means[r];
-        sum += difference.abs() * scale / T::of(counts[r] as f64);
-        sign_sums[r] += sign(difference);
+
+    /// RS of one feature plane: Σ over large regions of the mean |F − region mean|, the gradient also through the mean.
+    fn smoothness(&self, plane: &[T], g: &mut [T], scale: T) -> T {
+        let last = self.share.len() - 1;
+        let means = self.means(|i, _| plane[i]);
+        let deviations = self.means(|i, r| (plane[i] - means[r]).abs());
+        let mean_signs = self.means(|i, r| sign(plane[i] - means[r]));
+        sum_over_strips(g, self.width, |row, g| {
+            for (k, g) in g.iter_mut().enumerate() {
+                let i = row * self.width + k;
+                if self.mask[i] {
+                    let r = usize::from(self.ids[i]).min(last);
+                    *g += (sign(plane[i] - means[r]) - mean_signs[r]) * scale * self.share[r];
+                }
+            }
+            T::zero()
+        });
+        deviations.into_iter().sum::<T>() * scale
     }
-    for &(i, r) in &large {
-        let n = T::of(counts[r] as f64);
-        g[i] += (sign(plane[i] - means[r]) - sign_sums[r] / n) * scale / n;
-    }
-    sum
 }
 
 #[cfg(test)]
