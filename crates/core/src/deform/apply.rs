@@ -7,7 +7,7 @@ use crate::{
 };
 
 /// Log-scales are kept within ± this, so that neither a scale nor its square leaves f32.
-const MAX_LOG_SCALE: f64 = 15.0;
+pub const MAX_LOG_SCALE: f64 = 15.0;
 
 /// A deformed, activated geometry with what its backward pass needs.
 #[derive(Clone, Copy, Debug)]

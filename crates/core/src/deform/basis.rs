@@ -16,7 +16,10 @@ pub enum BasisShape {
 pub const LIVE_BASIS: f32 = 1e-4;
 
 /// Widths below this are treated as this, so that the paper's form cannot divide by zero.
-const MIN_WIDTH: f64 = 1e-4;
+pub const MIN_WIDTH: f64 = 1e-4;
+
+/// Added to σ² in the quartic form, as in the released code.
+pub const QUARTIC_EPSILON: f64 = 1e-4;
 
 /// G(t; θ, σ), in 0–1.
 pub fn basis<T: Real>(shape: BasisShape, time: T, centre: T, width: T) -> T {
@@ -27,7 +30,7 @@ pub fn basis<T: Real>(shape: BasisShape, time: T, centre: T, width: T) -> T {
             (-(d * d) / (T::of(2.0) * w * w)).exp()
         }
         BasisShape::Quartic => {
-            let e = d * d / (width * width + T::of(1e-4));
+            let e = d * d / (width * width + T::of(QUARTIC_EPSILON));
             (-(e * e)).exp()
         }
     }
@@ -47,7 +50,7 @@ pub fn basis_backward<T: Real>(shape: BasisShape, time: T, centre: T, width: T) 
             (value * d / (w * w), along_width)
         }
         BasisShape::Quartic => {
-            let q = width * width + T::of(1e-4);
+            let q = width * width + T::of(QUARTIC_EPSILON);
             let e = d * d / q;
             (value * T::of(4.0) * e * d / q, value * T::of(4.0) * e * e * width / q)
         }

@@ -6,9 +6,10 @@ mod apply;
 mod basis;
 
 pub use apply::{
-    FeatureNet, Moved, gate_feature, gate_feature_backward, move_geometry, move_geometry_backward,
+    FeatureNet, MAX_LOG_SCALE, Moved, gate_feature, gate_feature_backward, move_geometry,
+    move_geometry_backward,
 };
-pub use basis::{BasisShape, LIVE_BASIS, basis, basis_backward};
+pub use basis::{BasisShape, LIVE_BASIS, MIN_WIDTH, QUARTIC_EPSILON, basis, basis_backward};
 
 use crate::{gaussian::Gaussians, num::sigmoid};
 use rayon::prelude::*;

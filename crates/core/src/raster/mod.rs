@@ -32,6 +32,9 @@ pub const MIN_TRANSMITTANCE: f32 = 1e-4;
 /// The EWA Jacobian is evaluated within this multiple of the image's half-extent.
 pub const FRUSTUM_GUARD: f32 = 1.3;
 
+/// A visible splat's half extents are at least this (px): 0 means culled.
+pub const MIN_EXTENT: f32 = 1e-6;
+
 /// Planes of [`Images`], in order; features follow.
 pub const DEPTH_PLANE: usize = 3;
 /// Accumulated opacity Σw = 1 − T.

@@ -1,6 +1,6 @@
 //! One Gaussian at time t onto the image plane (method §4.1–4.2); twin of `shaders/project.wgsl`.
 
-use super::{DILATION, FRUSTUM_GUARD, MIN_ALPHA, NEAR, sh};
+use super::{DILATION, FRUSTUM_GUARD, MIN_ALPHA, MIN_EXTENT, NEAR, sh};
 use crate::{
     camera::Camera,
     deform::Deformed,
@@ -161,7 +161,7 @@ pub fn project<T: Real>(
         depth: point[2],
         opacity,
         colour,
-        extent: [(cut * xx).sqrt().max(T::of(1e-6)), (cut * yy).sqrt().max(T::of(1e-6))],
+        extent: [cut * xx, cut * yy].map(|e| e.sqrt().max(T::from_f32(MIN_EXTENT))),
     }
 }
 
