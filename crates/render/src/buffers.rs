@@ -1,0 +1,123 @@
+//! Device buffers that grow and are reused from frame to frame, within the adapter's limits.
+
+use crate::Gpu;
+use bytemuck::{NoUninit, Pod};
+use surgtpgs_core::{Error, Result};
+
+/// A growable array of `T` on the device; bound exactly as long as it is.
+#[derive(Debug)]
+pub(crate) struct DeviceVec<T> {
+    name: &'static str,
+    buffer: wgpu::Buffer,
+    len: usize,
+    marker: std::marker::PhantomData<T>,
+}
+
+const USAGES: wgpu::BufferUsages =
+    wgpu::BufferUsages::STORAGE.union(wgpu::BufferUsages::COPY_SRC).union(wgpu::BufferUsages::COPY_DST);
+
+impl<T: Pod> DeviceVec<T> {
+    /// One zero: a binding cannot be empty. `name` says in messages what is held.
+    pub(crate) fn new(gpu: &Gpu, name: &'static str) -> Self {
+        Self { name, buffer: allocate(gpu, name, size_of::<T>() as u64), len: 1, marker: Default::default() }
+    }
+
+    /// An array of these values; one zero if there are none.
+    pub(crate) fn from_slice(gpu: &Gpu, name: &'static str, values: &[T]) -> Result<Self> {
+        let mut array = Self::new(gpu, name);
+        array.write(gpu, values)?;
+        Ok(array)
+    }
+
+    /// Makes room for `len` values (at least one); they are lost when the buffer has to grow.
+    pub(crate) fn resize(&mut self, gpu: &Gpu, len: usize) -> Result<()> {
+        let bytes = (len.max(1) * size_of::<T>()) as u64;
+        check_size(gpu, self.name, bytes)?;
+        if bytes > self.buffer.size() {
+            // Half as much again, so that a slowly growing scene does not move every time.
+            let roomy = (bytes + bytes / 2).min(max_bytes(gpu)) / 4 * 4;
+            self.buffer = allocate(gpu, self.name, roomy.max(bytes));
+        }
+        self.len = len.max(1);
+        Ok(())
+    }
+
+    /// Replaces the values.
+    pub(crate) fn write(&mut self, gpu: &Gpu, values: &[T]) -> Result<()> {
+        self.resize(gpu, values.len())?;
+        gpu.queue().write_buffer(&self.buffer, 0, bytemuck::cast_slice(values));
+        Ok(())
+    }
+
+    /// Writes some values from index `at` on, within the length.
+    pub(crate) fn write_at(&self, gpu: &Gpu, at: usize, values: &[T]) {
+        gpu.queue().write_buffer(&self.buffer, (at * size_of::<T>()) as u64, bytemuck::cast_slice(values));
+    }
+
+    /// How many values.
+    pub(crate) fn len(&self) -> usize {
+        self.len
+    }
+
+    /// The buffer; may be longer than the array.
+    pub(crate) fn buffer(&self) -> &wgpu::Buffer {
+        &self.buffer
+    }
+
+    /// The array in bytes.
+    pub(crate) fn num_bytes(&self) -> u64 {
+        (self.len * size_of::<T>()) as u64
+    }
+
+    /// Binds the whole array and no more, so that a shader's `arrayLength` is its length.
+    pub(crate) fn binding(&self) -> wgpu::BindingResource<'_> {
+        let size = wgpu::BufferSize::new(self.num_bytes());
+        wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer: &self.buffer, offset: 0, size })
+    }
+
+    /// Waits for and copies out the first `len` values.
+    pub(crate) fn read(&self, gpu: &Gpu, len: usize) -> Result<Vec<T>> {
+        let bytes = gpu.read_bytes(&self.buffer, (len.min(self.len) * size_of::<T>()) as u64)?;
+        Ok(bytemuck::pod_collect_to_vec(&bytes))
+    }
+}
+
+/// A small constant for one dispatch.
+pub(crate) fn uniform<T: NoUninit>(gpu: &Gpu, value: &T) -> wgpu::Buffer {
+    use wgpu::util::DeviceExt;
+    gpu.device().create_buffer_init(&wgpu::util::BufferInitDescriptor {
+        label: None,
+        contents: bytemuck::bytes_of(value),
+        usage: wgpu::BufferUsages::UNIFORM,
+    })
+}
+
+fn allocate(gpu: &Gpu, name: &str, bytes: u64) -> wgpu::Buffer {
+    gpu.device().create_buffer(&wgpu::BufferDescriptor {
+        label: Some(name),
+        size: bytes.max(16),
+        usage: USAGES,
+        mapped_at_creation: false,
+    })
+}
+
+/// The largest array that can be bound.
+pub(crate) fn max_bytes(gpu: &Gpu) -> u64 {
+    let limits = gpu.device().limits();
+    limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
+}
+
+fn check_size(gpu: &Gpu, name: &str, bytes: u64) -> Result<()> {
+    let limit = max_bytes(gpu);
+    if bytes <= limit {
+        return Ok(());
+    }
+    Err(Error::input(
+        format!(
+            "the GPU holds at most {} MiB of {name} at once, {} MiB are needed",
+            limit >> 20,
+            bytes.div_ceil(1 << 20)
+        ),
+        "Use a smaller scene or picture, or choose the CPU (`--backend cpu`)",
+    ))
+}

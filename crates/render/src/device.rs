@@ -1,0 +1,213 @@
+//! Opening a graphics adapter, and saying plainly why there is none.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use surgtpgs_core::{Error, Result};
+
+/// Which adapters may be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AdapterChoice {
+    /// A real GPU; a software adapter is refused, because the CPU twin is many times faster than one.
+    RealGpu,
+    /// A real GPU if there is one, else a software adapter: for tests.
+    Any,
+}
+
+/// Why no GPU can be used.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Unavailable {
+    /// No driver offers an adapter with compute shaders.
+    #[error("no graphics adapter with compute shaders was found")]
+    NoAdapter,
+    /// Only a software adapter is there, and a real GPU was asked for.
+    #[error("only a software adapter was found ({0})")]
+    OnlySoftware(String),
+    /// The driver refused to open the adapter.
+    #[error("the graphics adapter {adapter} could not be opened: {reason}")]
+    Refused {
+        /// Its name.
+        adapter: String,
+        /// What the driver said.
+        reason: String,
+    },
+}
+
+impl From<Unavailable> for Error {
+    fn from(reason: Unavailable) -> Self {
+        Error::Missing {
+            what: reason.to_string(),
+            hint: "Install a Vulkan, Metal or DirectX 12 driver, or choose the CPU (`--backend cpu`)".into(),
+        }
+    }
+}
+
+/// An open graphics device; clones share it.
+#[derive(Clone, Debug)]
+pub struct Gpu {
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    lost: Arc<Mutex<Option<String>>>,
+}
+
+impl Gpu {
+    /// Opens the best adapter: discrete before integrated before virtual before software.
+    pub fn open(choice: AdapterChoice) -> Result<Self, Unavailable> {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
+        let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+        adapters.retain(|a| {
+            a.get_downlevel_capabilities().flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS)
+                && a.limits().max_compute_invocations_per_workgroup >= 256
+        });
+        adapters.sort_by_key(|a| rank(a.get_info().device_type));
+        let adapter = adapters.into_iter().next().ok_or(Unavailable::NoAdapter)?;
+        let info = adapter.get_info();
+        if choice == AdapterChoice::RealGpu && info.device_type == wgpu::DeviceType::Cpu {
+            return Err(Unavailable::OnlySoftware(info.name));
+        }
+        let descriptor = wgpu::DeviceDescriptor {
+            label: Some("surgtpgs"),
+            // The defaults lie below what every adapter offers.
+            required_limits: adapter.limits(),
+            ..Default::default()
+        };
+        let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
+            .map_err(|e| Unavailable::Refused { adapter: info.name, reason: e.to_string() })?;
+        let gpu = Self::from_device(device, queue);
+        let lost = gpu.lost.clone();
+        gpu.device.set_device_lost_callback(move |reason, message| {
+            // Destroyed is what dropping the last handle gives: nobody is left to tell.
+            if reason != wgpu::DeviceLostReason::Destroyed {
+                *lost.lock().unwrap_or_else(PoisonError::into_inner) = Some(message);
+            }
+        });
+        Ok(gpu)
+    }
+
+    /// Uses a device opened elsewhere, e.g. the window's; who opened it hears of its loss.
+    pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Self {
+        Self { device, queue, lost: Arc::default() }
+    }
+
+    /// The device.
+    pub fn device(&self) -> &wgpu::Device {
+        &self.device
+    }
+
+    /// Its queue.
+    pub fn queue(&self) -> &wgpu::Queue {
+        &self.queue
+    }
+
+    /// Name, kind and interface of the adapter, e.g. "NVIDIA H200 (discrete GPU, Vulkan)".
+    pub fn name(&self) -> String {
+        let info = self.device.adapter_info();
+        let kind = match info.device_type {
+            wgpu::DeviceType::DiscreteGpu => "discrete GPU",
+            wgpu::DeviceType::IntegratedGpu => "integrated GPU",
+            wgpu::DeviceType::VirtualGpu => "virtual GPU",
+            wgpu::DeviceType::Cpu => "software",
+            wgpu::DeviceType::Other => "unknown kind",
+        };
+        format!("{} ({kind}, {:?})", info.name, info.backend)
+    }
+
+    /// Whether the adapter is a program on the CPU rather than a GPU.
+    pub fn is_software(&self) -> bool {
+        self.device.adapter_info().device_type == wgpu::DeviceType::Cpu
+    }
+
+    /// An error if the device was lost (driver reset, GPU unplugged): open a new [`Gpu`] then.
+    pub fn check_alive(&self) -> Result<()> {
+        match &*self.lost.lock().unwrap_or_else(PoisonError::into_inner) {
+            None => Ok(()),
+            Some(reason) => Err(self.failure("the graphics device was lost", reason)),
+        }
+    }
+
+    /// Runs `work`, turning every error the device reports meanwhile into one of ours.
+    pub(crate) fn guarded<T>(&self, work: impl FnOnce() -> Result<T>) -> Result<T> {
+        self.check_alive()?;
+        let scopes =
+            [wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::OutOfMemory]
+                .map(|filter| self.device.push_error_scope(filter));
+        let result = work();
+        // Inner scopes must be popped first.
+        let [validation, internal, memory] = scopes;
+        let errors = [memory, internal, validation].map(|scope| pollster::block_on(scope.pop()));
+        self.check_alive()?;
+        match errors.into_iter().flatten().next() {
+            None => result,
+            Some(wgpu::Error::OutOfMemory { source }) => {
+                Err(self.failure("the GPU's memory is full", &source))
+            }
+            Some(error) => Err(self.failure("the GPU driver reported an error", &error)),
+        }
+    }
+
+    fn failure(&self, what: &str, reason: &dyn std::fmt::Display) -> Error {
+        let adapter = self.device.adapter_info().name;
+        Error::Missing {
+            what: format!("{what} ({adapter}): {reason}"),
+            hint: "Close other programs that use the GPU and try again, or choose the CPU (`--backend cpu`)"
+                .into(),
+        }
+    }
+
+    /// Waits for the first `size` bytes of `buffer`, from its start.
+    pub(crate) fn read_bytes(&self, buffer: &wgpu::Buffer, size: u64) -> Result<Vec<u8>> {
+        let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("readback"),
+            size: size.max(4),
+            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, size);
+        self.queue.submit([encoder.finish()]);
+        self.read_staging(&staging, size)
+    }
+
+    /// Waits for all submitted work and copies out the first `size` bytes of a mappable buffer.
+    pub(crate) fn read_staging(&self, staging: &wgpu::Buffer, size: u64) -> Result<Vec<u8>> {
+        if size == 0 {
+            return Ok(Vec::new());
+        }
+        let (sender, receiver) = std::sync::mpsc::sync_channel(1);
+        staging.map_async(wgpu::MapMode::Read, ..size, move |result| {
+            // The receiver outlives the wait below.
+            let _ = sender.send(result);
+        });
+        self.device
+            .poll(wgpu::PollType::wait_indefinitely())
+            .map_err(|e| self.failure("waiting for the GPU failed", &e))?;
+        self.check_alive()?;
+        let mapped = receiver.recv().map_err(|e| self.failure("reading from the GPU failed", &e))?;
+        mapped.map_err(|e| self.failure("reading from the GPU failed", &e))?;
+        let bytes = staging
+            .get_mapped_range(..size)
+            .map_err(|e| self.failure("reading from the GPU failed", &e))?
+            .to_vec();
+        staging.unmap();
+        Ok(bytes)
+    }
+}
+
+fn rank(kind: wgpu::DeviceType) -> u8 {
+    match kind {
+        wgpu::DeviceType::DiscreteGpu => 0,
+        wgpu::DeviceType::IntegratedGpu => 1,
+        wgpu::DeviceType::VirtualGpu => 2,
+        wgpu::DeviceType::Other => 3,
+        wgpu::DeviceType::Cpu => 4,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_missing_says_how_to_get_it() {
+        let message = Error::from(Unavailable::OnlySoftware("llvmpipe".into())).to_string();
+        assert!(message.contains("llvmpipe") && message.contains("--backend cpu"), "{message}");
+    }
+}

@@ -1,0 +1,72 @@
+//! One compute shader entry point, ready to be dispatched.
+
+use crate::{Gpu, shader_source};
+use surgtpgs_core::Result;
+
+/// A compiled entry point of one shader file.
+#[derive(Debug)]
+pub(crate) struct Kernel {
+    pipeline: wgpu::ComputePipeline,
+    layout: wgpu::BindGroupLayout,
+    max_groups: u32,
+}
+
+impl Kernel {
+    /// Compiles `entry` of `shaders/<file>` for a latent dimension.
+    pub(crate) fn new(gpu: &Gpu, file: &str, entry: &str, latent_dim: usize) -> Result<Self> {
+        let source = shader_source::assemble(file, latent_dim)?;
+        let device = gpu.device();
+        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some(file),
+            source: wgpu::ShaderSource::Wgsl(source.into()),
+        });
+        let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(entry),
+            layout: None,
+            module: &module,
+            entry_point: Some(entry),
+            compilation_options: Default::default(),
+            cache: None,
+        });
+        let layout = pipeline.get_bind_group_layout(0);
+        let max_groups = device.limits().max_compute_workgroups_per_dimension;
+        Ok(Self { pipeline, layout, max_groups })
+    }
+
+    /// Adds a dispatch of `groups` workgroups in a row (folded into two dimensions where there are too many).
+    /// `bindings` are those the entry point uses, with their numbers in the shader.
+    pub(crate) fn dispatch(
+        &self,
+        gpu: &Gpu,
+        pass: &mut wgpu::ComputePass<'_>,
+        bindings: &[(u32, wgpu::BindingResource<'_>)],
+        groups: u32,
+    ) {
+        // Where there is nothing to do the shader finds that out: counts are still written.
+        let groups = groups.max(1);
+        let columns = groups.min(self.max_groups);
+        self.dispatch_2d(gpu, pass, bindings, [columns, groups.div_ceil(columns)]);
+    }
+
+    /// Adds a dispatch of `groups` workgroups along x and y.
+    pub(crate) fn dispatch_2d(
+        &self,
+        gpu: &Gpu,
+        pass: &mut wgpu::ComputePass<'_>,
+        bindings: &[(u32, wgpu::BindingResource<'_>)],
+        groups: [u32; 2],
+    ) {
+        let entries: Vec<_> = bindings
+            .iter()
+            .map(|(binding, resource)| wgpu::BindGroupEntry { binding: *binding, resource: resource.clone() })
+            .collect();
+        let group = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
+            label: None,
+            layout: &self.layout,
+            entries: &entries,
+        });
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, &group, &[]);
+        pass.dispatch_workgroups(groups[0], groups[1], 1);
+    }
+}

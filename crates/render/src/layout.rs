@@ -1,0 +1,290 @@
+//! Mirrors of the structs in `shaders/`; a test compares them field by field with what the shader compiler says.
+
+use bytemuck::{Pod, Zeroable};
+use surgtpgs_core::{
+    camera::Camera,
+    deform::{BasisShape, Deformation, Deformed},
+    gaussian::Gaussians,
+    raster::{FRUSTUM_GUARD, TILE, project::Splat},
+};
+
+/// A struct that exists in Rust and in WGSL under the same name.
+pub trait ShaderStruct {
+    /// Its name in both.
+    const NAME: &'static str;
+    /// Name and byte offset of each field, in order.
+    const FIELDS: &'static [(&'static str, usize)];
+    /// Bytes of one.
+    const SIZE: usize;
+}
+
+macro_rules! shader_struct {
+    ($(#[$meta:meta])* pub struct $name:ident { $($(#[$field_meta:meta])* $field:ident: $type:ty,)* }) => {
+        $(#[$meta])*
+        #[repr(C)]
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+        pub struct $name { $($(#[$field_meta])* pub $field: $type,)* }
+
+        impl ShaderStruct for $name {
+            const NAME: &'static str = stringify!($name);
+            const FIELDS: &'static [(&'static str, usize)] =
+                &[$((stringify!($field), std::mem::offset_of!($name, $field)),)*];
+            const SIZE: usize = size_of::<$name>();
+        }
+    };
+}
+
+shader_struct! {
+    /// The camera and the sizes of the frame (`shared/view.wgsl`).
+    pub struct View {
+        /// Rows of [R | t].
+        camera_from_world: [[f32; 4]; 3],
+        /// Where the camera stands, in the world.
+        position: [f32; 3],
+        /// Degree of the spherical harmonics.
+        sh_degree: u32,
+        /// Focal lengths, px.
+        focal: [f32; 2],
+        /// Principal point, px.
+        centre: [f32; 2],
+        /// Lowest x/z and y/z at which the Jacobian is evaluated.
+        guard_low: [f32; 2],
+        /// Highest x/z and y/z.
+        guard_high: [f32; 2],
+        /// Image columns and rows.
+        size: [u32; 2],
+        /// Tile columns and rows.
+        tiles: [u32; 2],
+        /// N.
+        num_gaussians: u32,
+        /// How many pairs the pair buffers hold.
+        pair_capacity: u32,
+        /// To a multiple of 16 bytes.
+        padding: [u32; 2],
+    }
+}
+
+shader_struct! {
+    /// One part's deformation at one time (`deform.wgsl`).
+    pub struct Deform {
+        /// The part is the rows `first_row..first_row + num_rows` of the scene.
+        first_row: u32,
+        /// Gaussians in the part.
+        num_rows: u32,
+        /// Floats per Gaussian and basis.
+        stride: u32,
+        /// First live basis.
+        first_basis: u32,
+        /// End of the live bases.
+        last_basis: u32,
+        /// B, the basis values ahead of the feature network in the tables.
+        num_bases: u32,
+        /// 1 where all Gaussians share centres and widths.
+        is_shared: u32,
+        /// 1 for [`BasisShape::Quartic`].
+        is_quartic: u32,
+        /// t.
+        time: f32,
+        /// δ.
+        gate_slope: f32,
+        /// To a multiple of 16 bytes.
+        padding: [u32; 2],
+    }
+}
+
+shader_struct! {
+    /// One pass of the radix sort (`sort.wgsl`).
+    pub struct Digit {
+        /// Lowest bit of the digit.
+        shift: u32,
+        /// Blocks of the whole capacity.
+        num_blocks: u32,
+        /// Pairs that fit.
+        capacity: u32,
+        /// To a multiple of 16 bytes.
+        padding: u32,
+    }
+}
+
+shader_struct! {
+    /// A Gaussian at rest: raw parameters (`shared/gaussian.wgsl`).
+    pub struct RestRow {
+        /// Centre in the world.
+        mean: [f32; 3],
+        /// Logit of opacity.
+        opacity_logit: f32,
+        /// Quaternion (w, x, y, z), not normalised.
+        rotation: [f32; 4],
+        /// Logarithms of the standard deviations.
+        log_scale: [f32; 3],
+        /// To a multiple of 16 bytes.
+        padding: f32,
+        /// Band-0 colour coefficients.
+        colour: [f32; 3],
+        /// To a multiple of 16 bytes.
+        padding_2: f32,
+    }
+}
+
+shader_struct! {
+    /// A Gaussian at one time: activated parameters (`shared/gaussian.wgsl`).
+    pub struct DeformedRow {
+        /// Centre in the world.
+        mean: [f32; 3],
+        /// 0–1.
+        opacity: f32,
+        /// Unit quaternion (w, x, y, z).
+        rotation: [f32; 4],
+        /// Standard deviations.
+        scale: [f32; 3],
+        /// To a multiple of 16 bytes.
+        padding: f32,
+        /// Band-0 colour coefficients.
+        colour: [f32; 3],
+        /// To a multiple of 16 bytes.
+        padding_2: f32,
+    }
+}
+
+shader_struct! {
+    /// A Gaussian on the image plane (`shared/gaussian.wgsl`).
+    pub struct SplatRow {
+        /// Continuous pixel position.
+        centre: [f32; 2],
+        /// z in the camera.
+        depth: f32,
+        /// 0–1.
+        opacity: f32,
+        /// Inverse covariance (xx, xy, yy).
+        conic: [f32; 3],
+        /// Half width where alpha falls to 1/255; 0 if culled.
+        extent_x: f32,
+        /// Colour, ≥ 0.
+        colour: [f32; 3],
+        /// Half height.
+        extent_y: f32,
+    }
+}
+
+impl View {
+    /// Reads a camera, for `gaussians` and pair buffers of `pair_capacity`.
+    pub fn new(camera: &Camera, gaussians: &Gaussians, pair_capacity: usize) -> Self {
+        let (m, t) = (camera.camera_from_world.matrix3, camera.camera_from_world.translation);
+        let row = |i: usize| [m.x_axis[i], m.y_axis[i], m.z_axis[i], t[i]];
+        let guard = |size: u32, focal: f32, centre: f32| {
+            let (size, focal, centre) = (f64::from(size), f64::from(focal), f64::from(centre));
+            let slack = (f64::from(FRUSTUM_GUARD) - 1.0) * 0.5 * size;
+            (((-centre - slack) / focal) as f32, ((size - centre + slack) / focal) as f32)
+        };
+        let (x, y) = (guard(camera.width, camera.fx, camera.cx), guard(camera.height, camera.fy, camera.cy));
+        Self {
+            camera_from_world: [row(0), row(1), row(2)],
+            position: camera.position_in_world().to_array(),
+            sh_degree: gaussians.sh_degree as u32,
+            focal: [camera.fx, camera.fy],
+            centre: [camera.cx, camera.cy],
+            guard_low: [x.0, y.0],
+            guard_high: [x.1, y.1],
+            size: [camera.width, camera.height],
+            tiles: [camera.width.div_ceil(TILE as u32), camera.height.div_ceil(TILE as u32)],
+            num_gaussians: gaussians.len() as u32,
+            pair_capacity: pair_capacity as u32,
+            padding: [0; 2],
+        }
+    }
+}
+
+impl Deform {
+    /// The deformation at `time` of the rows `rows`, with only the bases `live` evaluated.
+    pub fn new(
+        deformation: &Deformation,
+        time: f32,
+        rows: &std::ops::Range<usize>,
+        live: &std::ops::Range<usize>,
+    ) -> Self {
+        Self {
+            first_row: rows.start as u32,
+            num_rows: rows.len() as u32,
+            stride: deformation.stride as u32,
+            first_basis: live.start as u32,
+            last_basis: live.end as u32,
+            num_bases: deformation.num_bases as u32,
+            is_shared: u32::from(deformation.is_shared()),
+            is_quartic: u32::from(deformation.shape == BasisShape::Quartic),
+            time,
+            gate_slope: deformation.gate_slope,
+            padding: [0; 2],
+        }
+    }
+}
+
+impl RestRow {
+    /// All Gaussians of a scene, row by row.
+    pub fn rows(gaussians: &Gaussians) -> Vec<Self> {
+        (0..gaussians.len())
+            .map(|i| Self {
+                mean: gaussians.means[i],
+                opacity_logit: gaussians.opacity_logits[i],
+                rotation: gaussians.rotations[i],
+                log_scale: gaussians.log_scales[i],
+                colour: gaussians.colours[i],
+                ..Default::default()
+            })
+            .collect()
+    }
+}
+
+impl DeformedRow {
+    /// From the arrays of core.
+    pub fn rows(deformed: &Deformed) -> Vec<Self> {
+        (0..deformed.means.len())
+            .map(|i| Self {
+                mean: deformed.means[i],
+                opacity: deformed.opacities[i],
+                rotation: deformed.rotations[i],
+                scale: deformed.scales[i],
+                colour: deformed.colours[i],
+                ..Default::default()
+            })
+            .collect()
+    }
+
+    /// Into the arrays of core.
+    pub fn to_deformed(rows: &[Self], features: Vec<f32>) -> Deformed {
+        Deformed {
+            means: rows.iter().map(|r| r.mean).collect(),
+            rotations: rows.iter().map(|r| r.rotation).collect(),
+            scales: rows.iter().map(|r| r.scale).collect(),
+            opacities: rows.iter().map(|r| r.opacity).collect(),
+            colours: rows.iter().map(|r| r.colour).collect(),
+            features,
+        }
+    }
+}
+
+impl From<SplatRow> for Splat<f32> {
+    fn from(row: SplatRow) -> Self {
+        Self {
+            centre: row.centre,
+            conic: row.conic,
+            depth: row.depth,
+            opacity: row.opacity,
+            colour: row.colour,
+            extent: [row.extent_x, row.extent_y],
+        }
+    }
+}
+
+impl From<&Splat<f32>> for SplatRow {
+    fn from(splat: &Splat<f32>) -> Self {
+        Self {
+            centre: splat.centre,
+            depth: splat.depth,
+            opacity: splat.opacity,
+            conic: splat.conic,
+            extent_x: splat.extent[0],
+            colour: splat.colour,
+            extent_y: splat.extent[1],
+        }
+    }
+}

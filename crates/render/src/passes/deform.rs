@@ -1,0 +1,89 @@
+//! Gaussians at rest → Gaussians at time t (`shaders/deform.wgsl`).
+
+use crate::{
+    Gpu,
+    buffers::{DeviceVec, uniform},
+    kernel::Kernel,
+    layout::{Deform, DeformedRow},
+    scene_buffers::SceneBuffers,
+    shader_source::GROUP,
+};
+use std::{collections::BTreeMap, ops::Range};
+use surgtpgs_core::{Result, deform::Deformation};
+
+#[derive(Debug)]
+pub(crate) struct DeformPass {
+    /// By latent dimension.
+    kernels: BTreeMap<usize, Kernel>,
+    tables: DeviceVec<f32>,
+    live: Range<usize>,
+    /// Output, [N].
+    pub rows: DeviceVec<DeformedRow>,
+    /// Output, [N][D].
+    pub features: DeviceVec<f32>,
+}
+
+impl DeformPass {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        Self {
+            kernels: BTreeMap::new(),
+            tables: DeviceVec::new(gpu, "basis values"),
+            live: 0..0,
+            rows: DeviceVec::new(gpu, "Gaussians"),
+            features: DeviceVec::new(gpu, "features"),
+        }
+    }
+
+    /// Compiles for `latent_dim` and uploads the basis values at `time`.
+    pub(crate) fn prepare(
+        &mut self,
+        gpu: &Gpu,
+        deformation: &Deformation,
+        n: usize,
+        time: f32,
+        latent_dim: usize,
+    ) -> Result<()> {
+        if let std::collections::btree_map::Entry::Vacant(entry) = self.kernels.entry(latent_dim) {
+            entry.insert(Kernel::new(gpu, "deform.wgsl", "deform", latent_dim)?);
+        }
+        let (mut tables, live) = if deformation.is_shared() {
+            deformation.basis_values(time)
+        } else {
+            (vec![0.0; deformation.num_bases], 0..deformation.num_bases)
+        };
+        tables.extend_from_slice(&deformation.feature_weight);
+        tables.extend_from_slice(&deformation.feature_bias);
+        self.live = live;
+        self.tables.write(gpu, &tables)?;
+        self.rows.resize(gpu, n)?;
+        self.features.resize(gpu, n * latent_dim)
+    }
+
+    /// Adds the pass; [`Self::prepare`] went before with the same arguments.
+    pub(crate) fn encode(
+        &self,
+        gpu: &Gpu,
+        pass: &mut wgpu::ComputePass<'_>,
+        scene: &SceneBuffers,
+        deformation: &Deformation,
+        time: f32,
+        latent_dim: usize,
+    ) {
+        let kernel = &self.kernels[&latent_dim];
+        for part in &scene.parts {
+            let params = uniform(gpu, &Deform::new(deformation, time, &part.rows, &self.live));
+            let bindings = [
+                (0, params.as_entire_binding()),
+                (1, scene.rest.binding()),
+                (2, scene.features.binding()),
+                (3, part.weights.binding()),
+                (4, part.centres.binding()),
+                (5, part.widths.binding()),
+                (6, self.tables.binding()),
+                (7, self.rows.binding()),
+                (8, self.features.binding()),
+            ];
+            kernel.dispatch(gpu, pass, &bindings, (part.rows.len() as u32).div_ceil(GROUP));
+        }
+    }
+}

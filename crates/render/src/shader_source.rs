@@ -1,0 +1,140 @@
+//! The shaders of `/shaders`, embedded, with `#import` resolved and constants injected from core, so that each
+//! constant has one home.
+
+use std::fmt::Write;
+use surgtpgs_core::{
+    Error, Result, deform, gaussian,
+    raster::{self, sh},
+};
+
+/// Invocations of a workgroup of the passes that run over rows.
+pub const GROUP: u32 = 256;
+/// Items that one workgroup scans.
+pub const SCAN_BLOCK: u32 = 1024;
+/// Invocations of a workgroup of the sort: small enough that its counters fit 16 KiB of workgroup memory.
+pub const SORT_GROUP: u32 = 128;
+/// Pairs that one workgroup sorts.
+pub const SORT_BLOCK: u32 = 2048;
+/// Splats that a tile's workgroup holds at once.
+pub const RASTER_BATCH: u32 = 64;
+
+macro_rules! shaders {
+    ($($name:literal),* $(,)?) => {
+        // The shaders lie outside the crate; it is never published, so no package is cut off from them.
+        &[$(($name, include_str!(concat!("../../../shaders/", $name)))),*]
+    };
+}
+
+/// Every shader file by its path in `/shaders`.
+pub const FILES: &[(&str, &str)] = shaders![
+    "bin.wgsl",
+    "deform.wgsl",
+    "project.wgsl",
+    "raster.wgsl",
+    "scan.wgsl",
+    "sort.wgsl",
+    "shared/dispatch.wgsl",
+    "shared/gaussian.wgsl",
+    "shared/num.wgsl",
+    "shared/sh.wgsl",
+    "shared/view.wgsl",
+];
+
+/// The whole source of `file` for latent dimension D: every `#import path` line replaced once by that file,
+/// `#import constants` by [`constants`].
+pub fn assemble(file: &str, latent_dim: usize) -> Result<String> {
+    let mut out = String::new();
+    append(file, latent_dim, &mut Vec::new(), &mut out)?;
+    Ok(out)
+}
+
+fn append<'a>(file: &'a str, latent_dim: usize, seen: &mut Vec<&'a str>, out: &mut String) -> Result<()> {
+    if seen.contains(&file) {
+        return Ok(());
+    }
+    seen.push(file);
+    if file == "constants" {
+        out.push_str(&constants(latent_dim));
+        return Ok(());
+    }
+    let (_, source) = FILES.iter().find(|(name, _)| *name == file).ok_or_else(|| {
+        Error::input(format!("no shader is called {file:?}"), "Add it to `shader_source::FILES`")
+    })?;
+    for line in source.lines() {
+        match line.strip_prefix("#import ") {
+            Some(import) => append(import.trim(), latent_dim, seen, out)?,
+            None => {
+                out.push_str(line);
+                out.push('\n');
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The constants as WGSL.
+fn constants(latent_dim: usize) -> String {
+    let integers = [
+        ("GROUP", GROUP),
+        ("SCAN_BLOCK", SCAN_BLOCK),
+        ("SORT_GROUP", SORT_GROUP),
+        ("SORT_BLOCK", SORT_BLOCK),
+        ("RASTER_BATCH", RASTER_BATCH),
+        ("LATENT_DIM", latent_dim as u32),
+        ("TILE", raster::TILE as u32),
+        ("DEPTH_PLANE", raster::DEPTH_PLANE as u32),
+        ("ALPHA_PLANE", raster::ALPHA_PLANE as u32),
+        ("FEATURE_PLANE", raster::FEATURE_PLANE as u32),
+        ("MEAN_CHANNEL", deform::MEAN_CHANNEL as u32),
+        ("ROTATION_CHANNEL", deform::ROTATION_CHANNEL as u32),
+        ("SCALE_CHANNEL", deform::SCALE_CHANNEL as u32),
+        ("COLOUR_CHANNEL", deform::COLOUR_CHANNEL as u32),
+        ("GATE_CHANNEL", deform::GATE_CHANNEL as u32),
+    ];
+    let numbers = [
+        ("NEAR", raster::NEAR),
+        ("DILATION", raster::DILATION),
+        ("MIN_ALPHA", raster::MIN_ALPHA),
+        ("MAX_ALPHA", raster::MAX_ALPHA),
+        ("MIN_TRANSMITTANCE", raster::MIN_TRANSMITTANCE),
+        ("MIN_EXTENT", raster::MIN_EXTENT),
+        ("SH_C0", gaussian::SH_C0),
+        ("SH_C1", sh::C1 as f32),
+        ("LIVE_BASIS", deform::LIVE_BASIS),
+        ("MIN_WIDTH", deform::MIN_WIDTH as f32),
+        ("QUARTIC_EPSILON", deform::QUARTIC_EPSILON as f32),
+        ("MAX_LOG_SCALE", deform::MAX_LOG_SCALE as f32),
+    ];
+    let mut out = String::new();
+    for (name, value) in integers {
+        let _ = writeln!(out, "const {name}: u32 = {value}u;");
+    }
+    for (name, value) in numbers {
+        // `{:?}` prints the shortest number that reads back as this very f32.
+        let _ = writeln!(out, "const {name}: f32 = {value:?}f;");
+    }
+    for (name, values) in [("SH_C2", sh::C2.as_slice()), ("SH_C3", &sh::C3)] {
+        let values: Vec<String> = values.iter().map(|v| format!("{:?}f", *v as f32)).collect();
+        let _ = writeln!(out, "const {name} = array<f32, {}>({});", values.len(), values.join(", "));
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_import_is_resolved_once() {
+        let source = assemble("project.wgsl", 3).unwrap();
+        assert!(!source.contains("#import"));
+        assert_eq!(source.matches("fn is_finite").count(), 1);
+        assert!(source.contains("const LATENT_DIM: u32 = 3u;"));
+        assert!(source.contains("const MIN_ALPHA: f32 = 0.003921569f;"));
+    }
+
+    #[test]
+    fn an_unknown_shader_is_refused_by_name() {
+        assert!(assemble("nothing.wgsl", 0).unwrap_err().to_string().contains("nothing.wgsl"));
+    }
+}

@@ -1,0 +1,23 @@
+//! The shaders against their Rust twins, pass by pass, and the proofs that these comparisons can fail.
+//!
+//! They need a graphics adapter; software Vulkan will do (`apt-get install libvulkan1 mesa-vulkan-drivers`).
+//! Without one they say so and pass, under `CI=true` they fail.
+
+#![expect(
+    clippy::unwrap_used,
+    clippy::print_stderr,
+    reason = "helpers of tests fail by panicking, and say which adapter they used"
+)]
+
+/// Comparers, with the reasons for their tolerances.
+mod compare;
+/// Scenes, cameras and the adapter.
+mod fixture;
+/// Each comparer refuses what is just over its tolerance.
+mod harness_can_fail;
+/// The renderer as a whole: twin, growth of buffers, scene changes, bad scenes.
+mod renderer;
+/// Every .wgsl file compiles; Rust and WGSL agree on every struct.
+mod shaders;
+/// Each pass against its twin.
+mod twins;

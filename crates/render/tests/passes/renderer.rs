@@ -1,0 +1,100 @@
+//! The renderer as a whole.
+
+use crate::{
+    compare::{self, WHOLE_CHAIN},
+    fixture::{Recipe, camera, gpu, moved_camera, scene},
+};
+use surgtpgs_core::raster::{CpuRenderer, Renderer};
+use surgtpgs_render::GpuRenderer;
+
+fn renderer() -> Option<GpuRenderer> {
+    gpu().map(|gpu| GpuRenderer::new(gpu).unwrap())
+}
+
+#[test]
+fn pictures_equal_those_of_the_cpu() {
+    let Some(mut renderer) = renderer() else { return };
+    for (latent_dim, sh_degree, is_shared) in [(3, 3, true), (0, 0, false), (8, 1, true)] {
+        let scene = scene(Recipe { latent_dim, sh_degree, is_shared, ..Default::default() });
+        for camera in [camera(160, 128), moved_camera(121, 77)] {
+            for (time, features) in [(0.0, false), (0.61, true)] {
+                let expected = CpuRenderer.render(&scene, &camera, time, features).unwrap();
+                let found = renderer.render(&scene, &camera, time, features).unwrap();
+                compare::images(&found, &expected, WHOLE_CHAIN).unwrap();
+            }
+        }
+    }
+}
+
+#[test]
+fn few_gaussians_render_like_on_the_cpu() {
+    let Some(mut renderer) = renderer() else { return };
+    // 1500 first, so that stale buffers would show.
+    for num_gaussians in [1500, 1, 0, 12] {
+        let mut scene = scene(Recipe { num_gaussians, ..Default::default() });
+        if num_gaussians == 1 {
+            (scene.gaussians.means[0], scene.gaussians.log_scales[0]) = ([0.1, -0.1, 2.0], [-1.5; 3]);
+        }
+        let expected = CpuRenderer.render(&scene, &camera(100, 60), 0.2, true).unwrap();
+        let found = renderer.render(&scene, &camera(100, 60), 0.2, true).unwrap();
+        compare::images(&found, &expected, WHOLE_CHAIN).unwrap();
+        assert_eq!(found.planes.iter().any(|v| *v != 0.0), num_gaussians > 0);
+    }
+}
+
+#[test]
+fn two_runs_give_the_same_bytes_whatever_the_room_for_pairs() {
+    let Some(mut renderer) = renderer() else { return };
+    let scene = scene(Recipe { sh_degree: 2, ..Default::default() });
+    let mut bytes = || renderer.render(&scene, &moved_camera(96, 80), 0.4, true).unwrap().planes;
+    let first = bytes();
+    assert_eq!(first, bytes());
+    let Some(mut fresh) = self::renderer() else { return };
+    fresh.set_pair_capacity(3).unwrap();
+    assert_eq!(first, fresh.render(&scene, &moved_camera(96, 80), 0.4, true).unwrap().planes);
+}
+
+#[test]
+fn a_changed_scene_is_noticed() {
+    let Some(mut renderer) = renderer() else { return };
+    let mut scene = scene(Recipe::default());
+    let camera = camera(64, 48);
+    let before = renderer.render(&scene, &camera, 0.4, false).unwrap();
+    scene.gaussians.colours.iter_mut().for_each(|c| c[0] += 0.5);
+    let after = renderer.render(&scene, &camera, 0.4, false).unwrap();
+    assert_ne!(before, after);
+    compare::images(&after, &CpuRenderer.render(&scene, &camera, 0.4, false).unwrap(), WHOLE_CHAIN).unwrap();
+}
+
+#[test]
+fn one_edited_number_is_seen_after_forget_scene() {
+    let Some(mut renderer) = renderer() else { return };
+    let mut scene = scene(Recipe::default());
+    let camera = camera(64, 48);
+    let before = renderer.render(&scene, &camera, 0.4, false).unwrap();
+    scene.gaussians.opacity_logits.iter_mut().skip(33).step_by(40).for_each(|o| *o = -20.0);
+    renderer.forget_scene();
+    assert_ne!(before, renderer.render(&scene, &camera, 0.4, false).unwrap());
+}
+
+#[test]
+fn a_damaged_scene_is_refused_and_the_next_one_renders() {
+    let Some(mut renderer) = renderer() else { return };
+    let good = scene(Recipe::default());
+    let mut bad = good.clone();
+    bad.deformation.weights.truncate(5);
+    let message = renderer.render(&bad, &camera(64, 48), 0.4, true).unwrap_err().to_string();
+    assert!(message.contains("deformation weights"), "{message}");
+    renderer.render(&good, &camera(64, 48), 0.4, true).unwrap();
+}
+
+#[test]
+fn an_image_too_large_for_the_adapter_is_refused_in_plain_words() {
+    let Some(mut renderer) = renderer() else { return };
+    let scene = scene(Recipe { num_gaussians: 1, ..Default::default() });
+    let limit = renderer.gpu().device().limits().max_storage_buffer_binding_size;
+    let side = ((limit / 16) as f64).sqrt() as u32 + 64;
+    let message = renderer.render(&scene, &camera(side, side), 0.4, true).unwrap_err().to_string();
+    assert!(message.contains("image planes") && message.contains("--backend cpu"), "{message}");
+    assert_eq!(renderer.render(&scene, &camera(0, 5), 0.4, true).unwrap().planes, Vec::<f32>::new());
+}

@@ -1,0 +1,120 @@
+// Gaussians at rest -> Gaussians at time t (method section 3); twin: core::deform::deform.
+//
+//   psi_c(t) = sum over live bases b of G_b(t) * weight[b][n][c]
+//   mean += psi[0..3], q = unit(q + psi[3..7]), scale = exp(log_scale + psi[7..10]), colour += psi[10..13],
+//   f' = f + (W [f; t] + bias) * sigmoid(slope * psi[13..13 + D])
+//
+// One thread per Gaussian of one part: the weights of all Gaussians may exceed what one binding may hold, so
+// they are cut into ranges of Gaussians, each with its own [bases][rows][stride] block.
+
+#import constants
+#import shared/num.wgsl
+#import shared/dispatch.wgsl
+#import shared/gaussian.wgsl
+
+struct Deform {
+    // Rows [first_row, first_row + num_rows) of the scene are this part.
+    first_row: u32,
+    num_rows: u32,
+    stride: u32,
+    // Live bases [first_basis, last_basis).
+    first_basis: u32,
+    last_basis: u32,
+    num_bases: u32,
+    // 1 where all Gaussians share centres and widths: then `tables` starts with the basis values.
+    is_shared: u32,
+    // 1 for the quartic shape of the released code.
+    is_quartic: u32,
+    time: f32,
+    gate_slope: f32,
+    padding: vec2u,
+}
+
+@group(0) @binding(0) var<uniform> params: Deform;
+@group(0) @binding(1) var<storage, read> rest: array<RestRow>;
+@group(0) @binding(2) var<storage, read> features_at_rest: array<f32>;
+@group(0) @binding(3) var<storage, read> weights: array<f32>;
+@group(0) @binding(4) var<storage, read> centres: array<f32>;
+@group(0) @binding(5) var<storage, read> widths: array<f32>;
+// Basis values [B] (of shared bases), feature weight [D][D + 1], feature bias [D].
+@group(0) @binding(6) var<storage, read> tables: array<f32>;
+@group(0) @binding(7) var<storage, read_write> deformed: array<DeformedRow>;
+@group(0) @binding(8) var<storage, read_write> features: array<f32>;
+
+fn basis_value(b: u32, at: u32) -> f32 {
+    if params.is_shared == 1u {
+        return tables[b];
+    }
+    let offset = params.time - centres[at];
+    let width = widths[at];
+    var value: f32;
+    if params.is_quartic == 1u {
+        let e = offset * offset / (width * width + QUARTIC_EPSILON);
+        value = exp(-e * e);
+    } else {
+        let w = max(abs(width), MIN_WIDTH);
+        value = exp(-(offset * offset) / (2.0 * w * w));
+    }
+    return select(0.0, value, value > LIVE_BASIS);
+}
+
+fn psi(row: u32, channel: u32) -> f32 {
+    var sum = 0.0;
+    for (var b = params.first_basis; b < params.last_basis; b++) {
+        let at = (b * params.num_rows + row) * params.stride + channel;
+        sum += basis_value(b, at) * weights[at];
+    }
+    return sum;
+}
+
+fn psi3(row: u32, channel: u32) -> vec3f {
+    return vec3f(psi(row, channel), psi(row, channel + 1u), psi(row, channel + 2u));
+}
+
+fn unit_quaternion(q: vec4f) -> vec4f {
+    let length = sqrt(dot(q, q));
+    if length > 1e-12 && is_finite(length) {
+        return q / length;
+    }
+    return vec4f(1.0, 0.0, 0.0, 0.0);
+}
+
+fn deform_features(row: u32, n: u32) {
+    let network = params.num_bases;
+    let bias = network + LATENT_DIM * (LATENT_DIM + 1u);
+    for (var i = 0u; i < LATENT_DIM; i++) {
+        let line = network + i * (LATENT_DIM + 1u);
+        var change = tables[bias + i] + tables[line + LATENT_DIM] * params.time;
+        for (var j = 0u; j < LATENT_DIM; j++) {
+            change += tables[line + j] * features_at_rest[n * LATENT_DIM + j];
+        }
+        let gate = sigmoid(params.gate_slope * psi(row, GATE_CHANNEL + i));
+        features[n * LATENT_DIM + i] = features_at_rest[n * LATENT_DIM + i] + change * gate;
+    }
+}
+
+@compute @workgroup_size(GROUP)
+fn deform(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) num_groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let row = flat_group(group, num_groups) * GROUP + lane;
+    if row >= params.num_rows {
+        return;
+    }
+    let n = params.first_row + row;
+    let r = rest[n];
+    var out: DeformedRow;
+    out.mean = r.mean + psi3(row, MEAN_CHANNEL);
+    out.opacity = sigmoid(r.opacity_logit);
+    let turn = vec4f(psi(row, ROTATION_CHANNEL), psi3(row, ROTATION_CHANNEL + 1u));
+    out.rotation = unit_quaternion(r.rotation + turn);
+    let exponent = r.log_scale + psi3(row, SCALE_CHANNEL);
+    out.scale = exp(clamp(exponent, vec3f(-MAX_LOG_SCALE), vec3f(MAX_LOG_SCALE)));
+    out.colour = r.colour + psi3(row, COLOUR_CHANNEL);
+    deformed[n] = out;
+    if LATENT_DIM > 0u {
+        deform_features(row, n);
+    }
+}

@@ -1,0 +1,41 @@
+// What the passes hand to each other; mirrors of layout::{RestRow, DeformedRow, SplatRow}.
+
+// A Gaussian at rest: raw parameters.
+struct RestRow {
+    mean: vec3f,
+    opacity_logit: f32,
+    // (w, x, y, z), not normalised.
+    rotation: vec4f,
+    log_scale: vec3f,
+    padding: f32,
+    colour: vec3f,
+    padding_2: f32,
+}
+
+// A Gaussian at one time: activated parameters.
+struct DeformedRow {
+    mean: vec3f,
+    opacity: f32,
+    // Unit, (w, x, y, z).
+    rotation: vec4f,
+    scale: vec3f,
+    padding: f32,
+    // Band-0 coefficients.
+    colour: vec3f,
+    padding_2: f32,
+}
+
+// A Gaussian on the image plane.
+struct SplatRow {
+    // Continuous pixels; the centre of pixel (i, j) is (i + 0.5, j + 0.5).
+    centre: vec2f,
+    depth: f32,
+    opacity: f32,
+    // Inverse covariance (xx, xy, yy).
+    conic: vec3f,
+    // Half width of the ellipse where alpha falls to MIN_ALPHA; 0 if culled.
+    extent_x: f32,
+    colour: vec3f,
+    // Its half height.
+    extent_y: f32,
+}
