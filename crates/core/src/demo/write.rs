@@ -1,0 +1,156 @@
+//! Writes the clip as an ordinary sequence folder.
+
+use super::{Demo, DemoFrame, DemoSettings, FRAMES_PER_SECOND, classes};
+use crate::{Error, Result, camera::Camera, files::write_whole, grid::Mask};
+use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, Luma};
+use ndarray::Array3;
+use ndarray_npy::WriteNpyExt;
+use rayon::prelude::*;
+use serde_json::json;
+use std::{io::Cursor, path::Path};
+
+/// Millimetres of one count in the depth pictures.
+const DEPTH_SCALE: f32 = 0.005;
+
+/// Writes the clip into `folder` as an ordinary sequence folder, creating it; `progress` hears
+/// (frames done, frames in all). The folder must be new, empty, or hold the same clip (which is then written again).
+pub fn write(settings: &DemoSettings, folder: &Path, progress: &mut dyn FnMut(usize, usize)) -> Result<()> {
+    let demo = Demo::new(settings)?;
+    let readme = readme(settings);
+    claim(folder, &readme)?;
+    write_whole(&folder.join("README.txt"), readme.as_bytes())?;
+    write_whole(&folder.join("labels.json"), &to_json(&json!(classes()))?)?;
+    write_whole(&folder.join("sequence.toml"), sequence_toml(&demo).as_bytes())?;
+    if settings.moving_camera {
+        write_whole(&folder.join("transforms.json"), &to_json(&transforms(&demo))?)?;
+    }
+    let mask = gray_png(&demo.field_of_view(), &folder.join("masks"))?;
+    progress(0, settings.frames);
+    for i in 0..settings.frames {
+        write_frame(&demo.frame(i), &mask, folder, &format!("frame_{i:06}"))?;
+        progress(i + 1, settings.frames);
+    }
+    Ok(())
+}
+
+/// Refuses a folder that holds anything else than the clip of this very description.
+fn claim(folder: &Path, readme: &str) -> Result<()> {
+    let entries = match std::fs::read_dir(folder) {
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+        entries => entries.map_err(|e| Error::io("list the folder", folder, e))?,
+    };
+    let same = std::fs::read(folder.join("README.txt")).is_ok_and(|found| found == readme.as_bytes());
+    if same || entries.count() == 0 {
+        return Ok(());
+    }
+    Err(Error::input_at(
+        folder,
+        "the folder for the demo holds other files",
+        "Name a folder that is new or empty.",
+    ))
+}
+
+/// All files of one frame.
+fn write_frame(frame: &DemoFrame, mask: &[u8], folder: &Path, name: &str) -> Result<()> {
+    let (width, height) = frame.colour.dimensions();
+    let counts = frame.depth.data.iter().map(|z| (z / DEPTH_SCALE + 0.5).min(65535.0) as u16).collect();
+    let depth: Option<ImageBuffer<Luma<u16>, Vec<u16>>> = ImageBuffer::from_raw(width, height, counts);
+    let labels = GrayImage::from_raw(width, height, frame.labels.data.clone());
+    let pictures = [
+        ("images", Some(DynamicImage::from(frame.colour.clone()))),
+        ("depth", depth.map(DynamicImage::from)),
+        ("labels", labels.map(DynamicImage::from)),
+    ];
+    pictures.into_par_iter().try_for_each(|(kind, picture)| {
+        let path = folder.join(kind).join(format!("{name}.png"));
+        // A grid always has width × height values.
+        picture.map_or(Ok(()), |picture| write_whole(&path, &png(&picture, &path)?))
+    })?;
+    write_whole(&folder.join("masks").join(format!("{name}.png")), mask)?;
+    let path = folder.join("motion").join(format!("{name}.npy"));
+    let motion =
+        Array3::from_shape_fn((height as usize, width as usize, 2), |(y, x, c)| frame.motion.at(x, y)[c]);
+    let mut bytes = Vec::new();
+    motion
+        .write_npy(&mut bytes)
+        .map_err(|e| Error::io("encode the motion", &path, std::io::Error::other(e)))?;
+    write_whole(&path, &bytes)
+}
+
+fn png(picture: &DynamicImage, path: &Path) -> Result<Vec<u8>> {
+    let mut bytes = Cursor::new(Vec::new());
+    let encoded = picture.write_to(&mut bytes, ImageFormat::Png);
+    encoded.map_err(|e| Error::io("encode the picture", path, std::io::Error::other(e)))?;
+    Ok(bytes.into_inner())
+}
+
+/// White where `mask` is true.
+fn gray_png(mask: &Mask, path: &Path) -> Result<Vec<u8>> {
+    let picture = GrayImage::from_fn(mask.width as u32, mask.height as u32, |x, y| {
+        Luma([if mask.at(x as usize, y as usize) { 255 } else { 0 }])
+    });
+    png(&picture.into(), path)
+}
+
+fn to_json(value: &serde_json::Value) -> Result<Vec<u8>> {
+    serde_json::to_vec_pretty(value)
+        .map_err(|e| Error::io("encode JSON", "labels.json", std::io::Error::other(e)))
+}
+
+/// What pictures alone do not say: units, speed, polarity and, for a still endoscope, the camera.
+fn sequence_toml(demo: &Demo) -> String {
+    let Camera { fx, fy, cx, cy, .. } = demo.camera(0);
+    let camera = match demo.settings().moving_camera {
+        true => String::new(), // in transforms.json
+        false => format!("[camera]\nfx = {fx:?}\nfy = {fy:?}\ncx = {cx:?}\ncy = {cy:?}\n\n"),
+    };
+    format!(
+        "{camera}[depth]\nkind = \"depth\"\nscale = {DEPTH_SCALE:?}\n\n[masks]\nkeep = \"white\"\n\n\
+         [time]\nframes_per_second = {FRAMES_PER_SECOND:?}\n"
+    )
+}
+
+/// nerfstudio's description of the cameras: OpenGL axes (y up, looking along −z), camera to world.
+fn transforms(demo: &Demo) -> serde_json::Value {
+    let settings = demo.settings();
+    let frames = (0..settings.frames).map(|i| {
+        let pose = demo.camera(i).camera_from_world.inverse();
+        let row = |r: usize| {
+            let axes = pose.matrix3;
+            [axes.x_axis[r], -axes.y_axis[r], -axes.z_axis[r], pose.translation[r]]
+        };
+        json!({
+            "file_path": format!("images/frame_{i:06}.png"),
+            "depth_file_path": format!("depth/frame_{i:06}.png"),
+            "mask_path": format!("masks/frame_{i:06}.png"),
+            "label_path": format!("labels/frame_{i:06}.png"),
+            "transform_matrix": [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]],
+        })
+    });
+    let camera = demo.camera(0);
+    json!({
+        "camera_model": "OPENCV",
+        "w": camera.width, "h": camera.height,
+        "fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy,
+        "classes": classes(),
+        "frames": frames.collect::<Vec<_>>(),
+    })
+}
+
+fn readme(settings: &DemoSettings) -> String {
+    let DemoSettings { width, height, frames, moving_camera, seed } = settings;
+    let camera = if *moving_camera { "moving" } else { "still" };
+    format!(
+        "A synthetic laparoscopic clip, written by SurgTPGS. No patient data.\n\
+         {frames} frames of {width}x{height} pixels, {camera} camera, seed {seed}. Lengths are millimetres.\n\n\
+         images/         colour\n\
+         depth/          distance along the camera's axis, 16 bit; one count is {DEPTH_SCALE} mm, 0 is unknown\n\
+         labels/         class of each pixel (see labels.json), 255 is none\n\
+         masks/          white is the round field of view\n\
+         motion/         pixels (right, down) that the tissue in each pixel moves until the next frame,\n\
+         \u{20}               float32 [rows, columns, 2]; 0 outside the field of view\n\
+         sequence.toml   units, speed{}\n{}",
+        if *moving_camera { "" } else { ", camera" },
+        if *moving_camera { "transforms.json cameras, in nerfstudio's form\n" } else { "" },
+    )
+}
