@@ -73,30 +73,36 @@ fn every_class_is_in_view_all_the_time() {
     }
 }
 
+/// Red at a position between pixel centres, 0–255.
+fn red(picture: &RgbImage, p: Vec2) -> f32 {
+    let p = (p - 0.5).clamp(Vec2::ZERO, Vec2::new(picture.width() as f32, picture.height() as f32) - 1.001);
+    let (corner, f) = (p.floor(), p.fract());
+    let at = |i: u32, j: u32| f32::from(picture.get_pixel(corner.x as u32 + i, corner.y as u32 + j).0[0]);
+    let row = |j| at(0, j) * (1.0 - f.x) + at(1, j) * f.x;
+    row(0) * (1.0 - f.y) + row(1) * f.y
+}
+
 #[test]
 fn following_the_motion_finds_the_same_tissue_in_the_next_frame() {
     for moving in [false, true] {
-        let (demo, mut moved) = (demo(moving), 0.0_f32);
-        for i in [4, 17, 30] {
+        let demo =
+            Demo::new(&DemoSettings { width: 240, height: 180, moving_camera: moving, ..Default::default() })
+                .unwrap();
+        for i in [6, 17, 30] {
             let (now, next) = (demo.frame(i), demo.frame(i + 1));
-            let (mut seen, mut same, mut followed, mut stayed) = (0, 0, 0, 0);
+            let (mut seen, mut same, mut followed, mut stayed) = (0, 0, 0.0, 0.0);
             for (k, &label) in now.labels.data.iter().enumerate().filter(|(_, l)| **l != NO_LABEL) {
-                let (from, motion) = (centre(now.labels.width, k), Vec2::from(now.motion.data[k]));
-                let arrival = from + motion;
+                let from = centre(now.labels.width, k);
+                let arrival = from + Vec2::from(now.motion.data[k]);
                 let Some(there) = under(&next.labels, arrival).filter(|&l| l != NO_LABEL) else { continue };
-                moved = moved.max(motion.length());
                 seen += 1;
                 same += usize::from(there == label);
-                if label != 4 {
-                    let red = |picture: &RgbImage, p: Vec2| picture.get_pixel(p.x as u32, p.y as u32).0[0];
-                    followed += u64::from(red(&now.colour, from).abs_diff(red(&next.colour, arrival)));
-                    stayed += u64::from(red(&now.colour, from).abs_diff(red(&next.colour, from)));
-                }
+                followed += (red(&now.colour, from) - red(&next.colour, arrival)).abs();
+                stayed += (red(&now.colour, from) - red(&next.colour, from)).abs();
             }
-            assert!(same as f32 > 0.97 * seen as f32, "frame {i}: {same} of {seen}");
-            assert!(followed as f32 <= 1.02 * stayed as f32, "frame {i}: {followed} {stayed}");
+            assert!(same as f32 > 0.985 * seen as f32, "frame {i}: {same} of {seen}");
+            assert!(followed < 0.6 * stayed, "frame {i}: {followed} followed, {stayed} stayed");
         }
-        assert!(moved > 0.8, "something moves: {moved}");
     }
 }
 
