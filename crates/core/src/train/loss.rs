@@ -7,6 +7,8 @@ use crate::{
     raster::{ALPHA_PLANE, DEPTH_PLANE, FEATURE_PLANE},
     real::Real,
 };
+use fearless_simd::{Simd, dispatch};
+use fearless_simd_macros::simd;
 use rayon::prelude::*;
 
 /// Weights of the loss terms.
@@ -97,7 +99,9 @@ pub fn loss<T: Real>(planes: &[T], truth: &Truth<'_>, weights: &LossWeights) -> 
         let at = channel * n..(channel + 1) * n;
         let (plane, g, colour) = (&planes[at.clone()], &mut g[at.clone()], &truth.colour[at]);
         let (third, byte) = (T::of(1.0 / 3.0), T::of(1.0 / 255.0));
-        let target = |i: usize| T::from_f32(f32::from(colour[i])) * byte;
+        let target = |start: usize, row: &mut [T]| {
+            row.iter_mut().zip(&colour[start..]).for_each(|(to, c)| *to = T::from_f32(f32::from(*c)) * byte);
+        };
         terms.colour += l1(plane, g, truth.width, truth.mask, per_pixel * third, target);
         terms.total_variation += total_variation(plane, g, truth.width, truth.mask, variation * third);
     }
@@ -125,27 +129,60 @@ fn sign<T: Real>(v: T) -> T {
     one(v > T::zero()) - one(v < T::zero())
 }
 
-fn one_if<T: Real>(yes: bool) -> T {
-    if yes { T::one() } else { T::zero() }
+/// Σ |v|, in 16 lanes so that it vectorises.
+#[simd]
+fn abs_sum<S: Simd, T: Real>(_: S, values: &[T]) -> T {
+    let (chunks, rest) = values.as_chunks::<16>();
+    let mut lanes = [T::zero(); 16];
+    for chunk in chunks {
+        for (lane, v) in lanes.iter_mut().zip(chunk) {
+            *lane += v.abs();
+        }
+    }
+    lanes.into_iter().chain(rest.iter().map(|v| v.abs())).sum()
 }
 
-/// Σ scale·|plane − target| where `mask`; adds the gradient.
+/// Values and mask of a row.
+type Row<'a, T> = (&'a [T], &'a [bool]);
+
+/// `difference` becomes a − b where both masks are true, else 0.
+#[simd]
+fn masked_difference<S: Simd, T: Real>(_: S, a: Row<'_, T>, b: Row<'_, T>, difference: &mut [T]) {
+    for ((d, (a, ma)), (b, mb)) in difference.iter_mut().zip(a.0.iter().zip(a.1)).zip(b.0.iter().zip(b.1)) {
+        *d = if *ma & *mb { *a - *b } else { T::zero() };
+    }
+}
+
+/// to += sign(difference) · factor.
+#[simd]
+fn add_signs<S: Simd, T: Real>(_: S, to: &mut [T], difference: &[T], factor: T) {
+    for (to, d) in to.iter_mut().zip(difference) {
+        *to += sign(*d) * factor;
+    }
+}
+
+/// Σ scale·|plane − target| where `mask`; adds the gradient. `target(start, row)` fills in a row of targets.
 fn l1<T: Real>(
     plane: &[T],
     g: &mut [T],
     width: usize,
     mask: &[bool],
     scale: T,
-    target: impl Fn(usize) -> T + Sync,
+    target: impl Fn(usize, &mut [T]) + Sync,
 ) -> T {
+    let level = fearless_simd::Level::new();
     sum_over_strips(g, width, |row, g| {
-        let start = row * width;
-        let (plane, mask) = (&plane[start..start + g.len()], &mask[start..start + g.len()]);
+        let (mut wanted, mut difference) = (vec![T::zero(); width], vec![T::zero(); width]);
         let mut sum = T::zero();
-        for (k, ((g, p), m)) in g.iter_mut().zip(plane).zip(mask).enumerate() {
-            let difference = (*p - target(start + k)) * one_if(*m);
-            sum += difference.abs();
-            *g += sign(difference) * scale;
+        for (k, g) in g.chunks_exact_mut(width).enumerate() {
+            let at = (row + k) * width..(row + k + 1) * width;
+            target(at.start, &mut wanted);
+            let (plane, mask) = (&plane[at.clone()], &mask[at]);
+            sum += dispatch!(level, simd => {
+                masked_difference(simd, (plane, mask), (&wanted, mask), &mut difference);
+                add_signs(simd, g, &difference, scale);
+                abs_sum(simd, &difference)
+            });
         }
         sum * scale
     })
@@ -153,57 +190,39 @@ fn l1<T: Real>(
 
 /// Σ scale·|x_i − x_j| over horizontal and vertical neighbours, both in `mask`; adds the gradient.
 fn total_variation<T: Real>(plane: &[T], g: &mut [T], width: usize, mask: &[bool], scale: T) -> T {
-    if scale == T::zero() {
+    if scale == T::zero() || width < 2 {
         return T::zero();
     }
-    let row_of = |y: usize| (&plane[y * width..(y + 1) * width], &mask[y * width..(y + 1) * width]);
+    let level = fearless_simd::Level::new();
     let height = plane.len() / width;
+    let row_of = |y: usize| (&plane[y * width..(y + 1) * width], &mask[y * width..(y + 1) * width]);
     sum_over_strips(g, width, |first, g| {
-        let mut sum = T::zero();
-        let mut pull = vec![T::zero(); width];
-        for (k, g) in g.chunks_exact_mut(width).enumerate() {
-            let y = first + k;
-            let here = row_of(y);
-            sum += pair_rows(
-                (&here.0[..width - 1], &here.1[..width - 1]),
-                (&here.0[1..], &here.1[1..]),
-                &mut pull,
-                scale,
-            );
-            add(&mut g[..width - 1], &pull, T::one());
-            add(&mut g[1..], &pull, -T::one());
-            // A vertical pair is counted by its upper pixel; its gradient by both.
-            if y + 1 < height {
-                sum += pair_rows(here, row_of(y + 1), &mut pull, scale);
-                add(g, &pull, T::one());
-            }
-            if y > 0 {
-                pair_rows(row_of(y - 1), here, &mut pull, scale);
-                add(g, &pull, -T::one());
-            }
+        let (mut across, mut above, mut below) =
+            (vec![T::zero(); width - 1], vec![T::zero(); width], vec![T::zero(); width]);
+        if first > 0 {
+            dispatch!(level, simd => masked_difference(simd, row_of(first - 1), row_of(first), &mut above));
         }
-        sum
+        let mut sum = T::zero();
+        for (k, g) in g.chunks_exact_mut(width).enumerate() {
+            let here = row_of(first + k);
+            let next = (first + k + 1 < height).then(|| row_of(first + k + 1));
+            // A pair is counted by its left or upper pixel; its gradient goes to both.
+            sum += dispatch!(level, simd => {
+                masked_difference(simd, (&here.0[..width - 1], &here.1[..width - 1]), (&here.0[1..], &here.1[1..]), &mut across);
+                add_signs(simd, &mut g[..width - 1], &across, scale);
+                add_signs(simd, &mut g[1..], &across, -scale);
+                add_signs(simd, g, &above, -scale);
+                match next {
+                    Some(next) => masked_difference(simd, here, next, &mut below),
+                    None => below.fill(T::zero()),
+                }
+                add_signs(simd, g, &below, scale);
+                abs_sum(simd, &across) + abs_sum(simd, &below)
+            });
+            std::mem::swap(&mut above, &mut below);
+        }
+        sum * scale
     })
-}
-
-/// Values and mask of a row.
-type Row<'a, T> = (&'a [T], &'a [bool]);
-
-/// Σ scale·|a − b| over pixels in both masks; `pull` becomes the gradient with respect to a.
-fn pair_rows<T: Real>(a: Row<'_, T>, b: Row<'_, T>, pull: &mut [T], scale: T) -> T {
-    let mut sum = T::zero();
-    for ((pull, (a, ma)), (b, mb)) in pull.iter_mut().zip(a.0.iter().zip(a.1)).zip(b.0.iter().zip(b.1)) {
-        let difference = (*a - *b) * one_if(*ma && *mb);
-        sum += difference.abs();
-        *pull = sign(difference) * scale;
-    }
-    sum * scale
-}
-
-fn add<T: Real>(to: &mut [T], values: &[T], factor: T) {
-    for (to, v) in to.iter_mut().zip(values) {
-        *to += *v * factor;
-    }
 }
 
 /// Inverse depth r = z̃ A / D (alpha-normalised, in units of the typical depth): |r − r̂| and its variation.
@@ -230,8 +249,10 @@ fn depth_terms<T: Real>(
     let safe = |i: usize| if rendered[i] { typical * alpha[i] / depth[i] } else { T::zero() };
     let inverse: Vec<T> = (0..n).into_par_iter().with_min_len(1 << 14).map(safe).collect();
     let mut g_inverse = vec![T::zero(); n];
-    let target =
-        |i: usize| if truth.depth[i] > 0.0 { typical / T::from_f32(truth.depth[i]) } else { T::zero() };
+    let target = |start: usize, row: &mut [T]| {
+        let inverse = |d: f32| if d > 0.0 { typical / T::from_f32(d) } else { T::zero() };
+        row.iter_mut().zip(&truth.depth[start..]).for_each(|(to, d)| *to = inverse(*d));
+    };
     let scale = T::from_f32(weights.depth) * per_pixel;
     terms.depth += l1(&inverse, &mut g_inverse, truth.width, &compared, scale, target);
     let variation = T::from_f32(weights.total_variation) * per_pixel;
@@ -263,7 +284,11 @@ fn feature_terms<T: Real>(
         // One more row, so that NO_REGION (masked anyway) reads something.
         let table: Vec<T> =
             (0..rows).map(|r| T::from_f32(truth.latents[r * latent_dim + d])).chain([T::zero()]).collect();
-        let target = |i: usize| table[usize::from(truth.regions[i]).min(rows)];
+        let target = |start: usize, row: &mut [T]| {
+            row.iter_mut()
+                .zip(&truth.regions[start..])
+                .for_each(|(to, r)| *to = table[usize::from(*r).min(rows)]);
+        };
         terms.features += l1(plane, g, truth.width, &mask, weight / all, target);
         let variation = weight * T::from_f32(weights.total_variation) / all;
         terms.total_variation += total_variation(plane, g, truth.width, truth.mask, variation);
