@@ -5,8 +5,32 @@ use crate::{
     camera::Camera,
     grid::{Grid, Mask},
 };
+use field_of_view::FieldOfView;
 use image::RgbImage;
-use std::path::Path;
+use layout::Recording;
+use std::{
+    path::Path,
+    sync::{Arc, OnceLock},
+};
+
+mod cholecseg8k;
+mod classes;
+mod depth;
+mod endonerf;
+mod field_of_view;
+mod images;
+mod layout;
+mod read;
+mod settings;
+#[cfg(test)]
+mod tests;
+
+pub use classes::ClassEntry;
+pub use depth::DepthKind;
+pub use settings::{
+    CameraSettings, DepthSettings, FieldOfViewSetting, FrameSettings, Keep, MaskSettings, SETTINGS_FILE,
+    Settings, TimeSettings,
+};
 
 /// The folder layouts that are recognised, by content and never by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -55,44 +79,73 @@ pub type LabelMap = Grid<u8>;
 /// The id of a pixel whose class is unknown.
 pub const NO_LABEL: u8 = 255;
 
-/// A recording; see the accessors.
+/// A recording; see the accessors. Cheap to clone: clones share everything.
 #[derive(Clone, Debug)]
-pub struct Sequence {}
+pub struct Sequence {
+    inner: Arc<Inner>,
+}
+
+#[derive(Debug)]
+struct Inner {
+    recording: Recording,
+    camera_moves: bool,
+    field_of_view: OnceLock<FieldOfView>,
+}
+
+/// Frames that are looked at to find the field of view, evenly spread.
+const FIELD_OF_VIEW_FRAMES: usize = 8;
 
 impl Sequence {
-    /// Opens a folder or a video file; the layout is recognised by content.
+    /// Opens a folder or a video file; the layout is recognised by content. Only file names, picture
+    /// headers and small tables are read here.
     pub fn open(path: &Path) -> Result<Self> {
-        let _ = path;
-        todo!()
+        let settings_file = path.join(SETTINGS_FILE);
+        let settings = Settings::read(&settings_file)?;
+        let mut recording = layout::open_folder(path)?;
+        recording.select(&settings.selection())?;
+        settings.apply(&mut recording, &settings_file)?;
+        Ok(Self::from_recording(recording.validate()?))
     }
+
+    fn from_recording(recording: Recording) -> Self {
+        let first = recording.cameras[0].camera_from_world;
+        let camera_moves = recording.cameras.iter().any(|c| !c.camera_from_world.abs_diff_eq(first, 1e-6));
+        Self { inner: Arc::new(Inner { recording, camera_moves, field_of_view: OnceLock::new() }) }
+    }
+
+    fn recording(&self) -> &Recording {
+        &self.inner.recording
+    }
+
     /// The folder or file that was opened.
     pub fn path(&self) -> &Path {
-        todo!()
+        &self.recording().path
     }
     /// Folder or file name, for titles.
     pub fn name(&self) -> String {
-        todo!()
+        let path = self.path();
+        let whole = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        read::file_name(&whole)
     }
     /// The recognised layout.
     pub fn layout(&self) -> Layout {
-        todo!()
+        self.recording().layout
     }
     /// Number of frames, at least 1.
     pub fn num_frames(&self) -> usize {
-        todo!()
+        self.recording().frames.len()
     }
     /// Image columns.
     pub fn width(&self) -> usize {
-        todo!()
+        self.recording().width
     }
     /// Image rows.
     pub fn height(&self) -> usize {
-        todo!()
+        self.recording().height
     }
     /// File stem of frame `i` (or its number, for a video).
     pub fn frame_name(&self, i: usize) -> String {
-        let _ = i;
-        todo!()
+        self.recording().frames[i].name.clone()
     }
     /// Time of frame `i`: i / N.
     pub fn time(&self, i: usize) -> f32 {
@@ -102,51 +155,73 @@ impl Sequence {
     pub fn is_test_frame(i: usize) -> bool {
         i % 8 == 1
     }
-    /// Recording speed, where known.
+    /// Speed of the frames that are used, where known.
     pub fn frames_per_second(&self) -> Option<f32> {
-        todo!()
+        self.recording().frames_per_second
     }
     /// The camera of frame `i`.
     pub fn camera(&self, i: usize) -> Camera {
-        let _ = i;
-        todo!()
+        self.recording().cameras[i]
     }
     /// Where the cameras come from.
     pub fn camera_source(&self) -> CameraSource {
-        todo!()
+        self.recording().camera_source
     }
     /// Whether the camera's pose changes during the recording.
     pub fn camera_moves(&self) -> bool {
-        todo!()
+        self.inner.camera_moves
     }
     /// Decodes frame `i`.
     pub fn frame(&self, i: usize) -> Result<RgbImage> {
-        let _ = i;
-        todo!()
+        self.recording().frame(i)
     }
-    /// Depth (z) of frame `i` in scene units, 0 where unknown; `None` if the recording has no depth.
+    /// Whether any frame has depth.
+    pub fn has_depth(&self) -> bool {
+        self.recording().frames.iter().any(|f| f.depth.is_some())
+    }
+    /// Depth (z) of frame `i` in scene units at the frames' size, 0 where unknown (bilinear where the file
+    /// has another size); `None` if the frame has no depth.
     pub fn depth(&self, i: usize) -> Result<Option<Grid<f32>>> {
-        let _ = i;
-        todo!()
+        self.recording().depth(i)
     }
     /// Supervision mask of frame `i`: `true` = keep; the recording's masks (polarity resolved)
     /// and the field of view together.
     pub fn mask(&self, i: usize) -> Result<Mask> {
-        let _ = i;
-        todo!()
+        let Some(mut mask) = self.recording().file_mask(i)? else { return Ok(self.field_of_view().clone()) };
+        for (keep, inside) in mask.data.iter_mut().zip(&self.field_of_view().data) {
+            *keep &= inside;
+        }
+        Ok(mask)
     }
-    /// The round endoscopic picture or the area inside a black border; `true` = inside.
+    /// The round endoscopic picture or the area inside a black border; `true` = inside. Found from a
+    /// few frames when first asked for; frames that cannot be read are passed over.
     pub fn field_of_view(&self) -> &Mask {
-        todo!()
+        &self.found_field_of_view().mask
     }
     /// Class labels of frame `i`; `None` if the recording has none for it.
     pub fn labels(&self, i: usize) -> Result<Option<LabelMap>> {
-        let _ = i;
-        todo!()
+        let r = self.recording();
+        r.frames[i].labels.as_ref().map(|l| l.read(&r.coding, &r.classes, (r.width, r.height))).transpose()
+    }
+    /// Whether any frame has labels.
+    pub fn has_labels(&self) -> bool {
+        self.recording().frames.iter().any(|f| f.labels.is_some())
     }
     /// The classes that labels refer to; empty without labels.
     pub fn classes(&self) -> &[Class] {
-        todo!()
+        &self.recording().classes
+    }
+
+    fn found_field_of_view(&self) -> &FieldOfView {
+        self.inner.field_of_view.get_or_init(|| {
+            let (width, height, n) = (self.width(), self.height(), self.num_frames());
+            if !self.recording().detect_field_of_view {
+                return FieldOfView::whole(width, height);
+            }
+            let some = n.min(FIELD_OF_VIEW_FRAMES);
+            let frames = (0..some).filter_map(|k| self.frame((2 * k + 1) * n / (2 * some)).ok());
+            FieldOfView::detect(width, height, frames)
+        })
     }
 }
 

@@ -1,0 +1,130 @@
+//! Depth maps: values in files → z in scene units, at the size of the frames.
+
+use super::read;
+use crate::{Result, grid::Grid};
+use std::path::Path;
+
+/// What the values of depth files mean.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum DepthKind {
+    /// z = scale · value.
+    Depth,
+    /// z = scale / value.
+    Disparity,
+}
+
+/// How depth files are read.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct DepthRule {
+    pub kind: DepthKind,
+    pub scale: f64,
+}
+
+impl Default for DepthRule {
+    fn default() -> Self {
+        Self { kind: DepthKind::Depth, scale: 1.0 }
+    }
+}
+
+/// A depth map as read from its file: 0 where unknown.
+pub(super) struct DepthMap {
+    /// Depth in scene units.
+    pub depth: Grid<f32>,
+    /// How many values were not finite, or negative.
+    pub bad_values: usize,
+}
+
+impl DepthRule {
+    /// Reads a PNG (first channel, 8 or 16 bits) or npy map. Values that are not finite or not
+    /// positive become 0, "unknown".
+    pub(super) fn read(&self, path: &Path) -> Result<DepthMap> {
+        let is_npy = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("npy"));
+        let values =
+            if is_npy { read::npy_map(path)? } else { read::first_channel(path)?.map(|&v| f32::from(v)) };
+        let bad_values = values.data.iter().filter(|v| !v.is_finite() || **v < 0.0).count();
+        let depth = values.map(|&v| {
+            let value = f64::from(v);
+            let z = match self.kind {
+                DepthKind::Depth => self.scale * value,
+                DepthKind::Disparity => self.scale / value,
+            } as f32;
+            if v > 0.0 && z.is_finite() { z } else { 0.0 }
+        });
+        Ok(DepthMap { depth, bad_values })
+    }
+}
+
+impl DepthMap {
+    /// The map at another size: bilinear between pixel centres, clamped at the border. Where one of
+    /// the values that would be mixed is unknown, so is the result.
+    pub(super) fn resized(self, width: usize, height: usize) -> Grid<f32> {
+        let from = self.depth;
+        if (from.width, from.height) == (width, height) {
+            return from;
+        }
+        let columns: Vec<_> = (0..width).map(|x| Neighbours::of(x, width, from.width)).collect();
+        let mut data = Vec::with_capacity(width * height);
+        for y in 0..height {
+            let rows = Neighbours::of(y, height, from.height);
+            data.extend(columns.iter().map(|columns| {
+                let (mut z, mut known) = (0.0, true);
+                for (y, wy) in rows.0 {
+                    for (x, wx) in columns.0 {
+                        let value = from.at(x, y);
+                        known &= value > 0.0 || wx * wy == 0.0;
+                        z += wx * wy * value;
+                    }
+                }
+                if known { z } else { 0.0 }
+            }));
+        }
+        Grid::from_vec(width, height, data)
+    }
+}
+
+/// The two source positions around a target position, with their weights.
+struct Neighbours([(usize, f32); 2]);
+
+impl Neighbours {
+    fn of(target: usize, target_len: usize, source_len: usize) -> Self {
+        let position = (target as f32 + 0.5) * source_len as f32 / target_len as f32 - 0.5;
+        let position = position.clamp(0.0, (source_len - 1) as f32);
+        let low = position as usize;
+        let weight = position - low as f32;
+        Self([(low, 1.0 - weight), ((low + 1).min(source_len - 1), weight)])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn map(width: usize, height: usize, data: &[f32]) -> DepthMap {
+        DepthMap { depth: Grid::from_vec(width, height, data.to_vec()), bad_values: 0 }
+    }
+
+    #[test]
+    fn resizing_interpolates_between_pixel_centres_and_clamps() {
+        let wide = map(2, 1, &[1.0, 3.0]).resized(4, 1);
+        assert_eq!(wide.data, [1.0, 1.5, 2.5, 3.0]);
+        let tall = map(1, 2, &[1.0, 3.0]).resized(1, 4);
+        assert_eq!(tall.data, [1.0, 1.5, 2.5, 3.0]);
+    }
+
+    #[test]
+    fn unknown_depth_never_mixes_with_known() {
+        assert_eq!(map(2, 1, &[0.0, 3.0]).resized(4, 1).data, [0.0, 0.0, 0.0, 3.0]);
+    }
+
+    #[test]
+    fn disparity_is_inverted_and_bad_values_are_unknown() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("d.npy");
+        let values = ndarray::arr2(&[[2.0_f32, 0.0, f32::NAN, -1.0]]);
+        ndarray_npy::write_npy(&path, &values.insert_axis(ndarray::Axis(0))).unwrap();
+        let map = DepthRule { kind: DepthKind::Disparity, scale: 10.0 }.read(&path).unwrap();
+        assert_eq!(map.depth.data, [5.0, 0.0, 0.0, 0.0]);
+        assert_eq!(map.bad_values, 2);
+    }
+}

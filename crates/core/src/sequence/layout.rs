@@ -1,0 +1,267 @@
+//! What a layout tells about a recording, and which layout a folder has.
+
+use super::{
+    CameraSource, Class, Layout, cholecseg8k,
+    classes::{self, LabelCoding, LabelFiles},
+    depth::DepthRule,
+    endonerf, images, read,
+    settings::{SETTINGS_FILE, Selection},
+};
+use crate::{
+    Error, Result,
+    camera::Camera,
+    grid::{Grid, Mask},
+};
+use image::RgbImage;
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+/// Horizontal field of view that is assumed where nothing is known, in degrees.
+pub(super) const ASSUMED_FOV_DEGREES: f32 = 60.0;
+
+/// Everything `open` finds out; pictures are decoded when asked for.
+#[derive(Debug)]
+pub(super) struct Recording {
+    pub path: PathBuf,
+    pub layout: Layout,
+    pub width: usize,
+    pub height: usize,
+    pub frames: Vec<Frame>,
+    /// One per frame.
+    pub cameras: Vec<Camera>,
+    pub camera_source: CameraSource,
+    pub depth_rule: DepthRule,
+    pub mask_rule: MaskRule,
+    pub detect_field_of_view: bool,
+    pub coding: LabelCoding,
+    pub classes: Vec<Class>,
+    pub frames_per_second: Option<f32>,
+    /// What the user should know about how the files were understood.
+    pub notes: Vec<String>,
+}
+
+/// The files of one frame.
+#[derive(Debug)]
+pub(super) struct Frame {
+    pub name: String,
+    pub picture: Picture,
+    pub mask: Option<PathBuf>,
+    pub depth: Option<PathBuf>,
+    pub labels: Option<LabelFiles>,
+}
+
+/// Where the pixels of one frame are.
+#[derive(Debug)]
+pub(super) enum Picture {
+    File(PathBuf),
+}
+
+/// Which pixels a mask file keeps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum MaskRule {
+    /// Non-zero is kept.
+    KeepWhite,
+    /// Zero is kept: white hides.
+    KeepBlack,
+    /// The mask is a label picture; this code alone is hidden.
+    DropCode(u8),
+}
+
+impl Recording {
+    /// A recording of `pictures` with nothing but an assumed still camera.
+    pub(super) fn of_pictures(path: &Path, layout: Layout, pictures: &[PathBuf]) -> Result<Self> {
+        let size = read::common_size(pictures)?;
+        let frames = pictures.iter().map(|p| Frame::new(read::stem(p), Picture::File(p.clone())));
+        Ok(Self::new(path, layout, size, frames.collect()))
+    }
+
+    pub(super) fn new(
+        path: &Path,
+        layout: Layout,
+        (width, height): (usize, usize),
+        frames: Vec<Frame>,
+    ) -> Self {
+        let camera = Camera::with_field_of_view(width as u32, height as u32, ASSUMED_FOV_DEGREES);
+        Self {
+            path: path.to_owned(),
+            layout,
+            width,
+            height,
+            cameras: vec![camera; frames.len()],
+            frames,
+            camera_source: CameraSource::Assumed(ASSUMED_FOV_DEGREES),
+            depth_rule: DepthRule::default(),
+            mask_rule: MaskRule::KeepWhite,
+            detect_field_of_view: true,
+            coding: LabelCoding::IdsOrColours,
+            classes: Vec::new(),
+            frames_per_second: None,
+            notes: Vec::new(),
+        }
+    }
+
+    /// Gives every frame its mask from `folder`, if there is one.
+    pub(super) fn add_masks(&mut self, folder: &Path) -> Result<()> {
+        for (frame, file) in self.companions(folder, read::PICTURES, "masks", false)? {
+            frame.mask = Some(file);
+        }
+        Ok(())
+    }
+
+    /// Gives every frame its depth map (PNG or npy) from `folder`, if there is one.
+    pub(super) fn add_depth(&mut self, folder: &Path) -> Result<()> {
+        for (frame, file) in self.companions(folder, &["png", "npy"], "depth maps", false)? {
+            frame.depth = Some(file);
+        }
+        Ok(())
+    }
+
+    /// Gives frames their label picture from `folder` (not every frame needs one) and reads `list`.
+    pub(super) fn add_labels(&mut self, folder: &Path, list: &Path) -> Result<()> {
+        for (frame, file) in self.companions(folder, &["png"], "label pictures", true)? {
+            frame.labels = Some(LabelFiles::Picture(file));
+        }
+        if list.is_file() {
+            self.classes = classes::read_json(list)?;
+        }
+        Ok(())
+    }
+
+    /// Pairs the files of `folder` with frames: by equal names; or, where no name is shared and the
+    /// numbers agree, by order. `partial` allows frames without a file.
+    fn companions(
+        &mut self,
+        folder: &Path,
+        endings: &[&str],
+        what: &str,
+        partial: bool,
+    ) -> Result<Vec<(&mut Frame, PathBuf)>> {
+        let files = if folder.is_dir() { read::list(folder, endings)? } else { Vec::new() };
+        if files.is_empty() {
+            return Ok(Vec::new());
+        }
+        let mut by_name: BTreeMap<String, PathBuf> =
+            files.iter().map(|f| (read::stem(f), f.clone())).collect();
+        let shared = self.frames.iter().filter(|f| by_name.contains_key(&f.name)).count();
+        if shared == files.len() && (partial || shared == self.frames.len()) {
+            return Ok(self
+                .frames
+                .iter_mut()
+                .filter_map(|f| by_name.remove(&f.name).map(|p| (f, p)))
+                .collect());
+        }
+        if files.len() != self.frames.len() {
+            return Err(Error::input_at(
+                folder,
+                format!("{} images but {} {what}", self.frames.len(), files.len()),
+                "There must be one per image, with the same file name or in the same order.",
+            ));
+        }
+        if shared > 0 {
+            let stray = files.iter().find(|f| !self.frames.iter().any(|frame| frame.name == read::stem(f)));
+            return Err(Error::input_at(
+                stray.unwrap_or(&files[0]),
+                format!("only {shared} of {} {what} are named like an image", files.len()),
+                "Give every file the name of its image, or number both from the same start.",
+            ));
+        }
+        Ok(self.frames.iter_mut().zip(files).collect())
+    }
+
+    /// Keeps only the frames that `selection` names.
+    pub(super) fn select(&mut self, selection: &Selection) -> Result<()> {
+        let keep = selection.indices(self.frames.len()).map_err(|what| {
+            Error::input_at(
+                self.path.join(SETTINGS_FILE),
+                what,
+                "Check [frames] and [time] in sequence.toml.",
+            )
+        })?;
+        let mut frames: Vec<_> = std::mem::take(&mut self.frames).into_iter().map(Some).collect();
+        self.frames = keep.iter().filter_map(|&i| frames[i].take()).collect();
+        self.cameras = keep.iter().map(|&i| self.cameras[i]).collect();
+        Ok(())
+    }
+
+    /// Errs where a recording cannot be used at all, whatever its pixels hold.
+    pub(super) fn validate(self) -> Result<Self> {
+        let labelled = self.frames.iter().find_map(|f| f.labels.as_ref());
+        if let (Some(labels), true) = (labelled, self.classes.is_empty()) {
+            return Err(Error::input_at(
+                labels.paths().first().unwrap_or(&self.path.as_path()),
+                "there are label pictures but no class list says what they mean",
+                "Add labels.json beside the folder, or [[classes]] to sequence.toml.",
+            ));
+        }
+        for (i, camera) in self.cameras.iter().enumerate() {
+            let intrinsics = [camera.fx, camera.fy, camera.cx, camera.cy];
+            if !intrinsics.iter().all(|v| v.is_finite()) || camera.fx <= 0.0 || camera.fy <= 0.0 {
+                return Err(Error::input_at(
+                    &self.path,
+                    format!("the camera of frame {i} has fx, fy, cx, cy = {intrinsics:?}"),
+                    "Focal lengths must be positive numbers.",
+                ));
+            }
+        }
+        Ok(self)
+    }
+
+    /// Decodes frame `i`.
+    pub(super) fn frame(&self, i: usize) -> Result<RgbImage> {
+        match &self.frames[i].picture {
+            Picture::File(path) => read::frame(path, self.width, self.height),
+        }
+    }
+
+    /// What the mask file of frame `i` keeps; `None` without one.
+    pub(super) fn file_mask(&self, i: usize) -> Result<Option<Mask>> {
+        let Some(path) = &self.frames[i].mask else { return Ok(None) };
+        let values = read::first_channel(path)?;
+        read::expect_size(path, (values.width, values.height), (self.width, self.height))?;
+        Ok(Some(match self.mask_rule {
+            MaskRule::KeepWhite => values.map(|&v| v != 0),
+            MaskRule::KeepBlack => values.map(|&v| v == 0),
+            MaskRule::DropCode(code) => values.map(|&v| v != u16::from(code)),
+        }))
+    }
+
+    /// Depth of frame `i` at the frames' size, 0 where unknown.
+    pub(super) fn depth(&self, i: usize) -> Result<Option<Grid<f32>>> {
+        let Some(path) = &self.frames[i].depth else { return Ok(None) };
+        Ok(Some(self.depth_rule.read(path)?.resized(self.width, self.height)))
+    }
+}
+
+impl Frame {
+    pub(super) fn new(name: String, picture: Picture) -> Self {
+        Self { name, picture, mask: None, depth: None, labels: None }
+    }
+}
+
+/// Recognises the layout of `folder` by what it holds and opens it.
+pub(super) fn open_folder(folder: &Path) -> Result<Recording> {
+    let images = read::holds(&folder.join("images"), read::PICTURES);
+    if images && folder.join("poses_bounds.npy").is_file() {
+        endonerf::open(folder)
+    } else if !cholecseg8k::frames(folder)?.is_empty() {
+        cholecseg8k::open(folder)
+    } else if images || read::holds(folder, read::PICTURES) {
+        images::open(folder)
+    } else {
+        Err(not_a_recording(folder))
+    }
+}
+
+fn not_a_recording(folder: &Path) -> Error {
+    let inner = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut inner: Vec<_> = inner.filter(|p| read::holds(p, read::PICTURES)).collect();
+    inner.sort_by(|a, b| read::natural_order(&read::file_name(a), &read::file_name(b)));
+    let hint = match inner.first() {
+        Some(first) => format!("The folder \"{}\" inside it does: open that one.", read::file_name(first)),
+        None => "Open a folder of PNG or JPEG frames, one of the known data set layouts, or a video file."
+            .to_owned(),
+    };
+    Error::input_at(folder, "this folder holds no frames", hint)
+}

@@ -1,0 +1,327 @@
+//! `sequence.toml`: what the user knows better than the files. It stands in the recording's folder (for a
+//! video file: beside it, as `NAME.mp4.toml`), every part is optional, and it overrides the layout.
+//!
+//! ```toml
+//! [camera]                    # intrinsics in pixels of the frames …
+//! fx = 569.5                  # fy = fx, cx = width / 2, cy = height / 2 unless given
+//! # fov_x_degrees = 60.0      # … or the horizontal field of view alone
+//!
+//! [depth]
+//! kind = "depth"              # z = scale · value, or "disparity": z = scale / value
+//! scale = 0.001               # scene units per count
+//!
+//! [masks]
+//! keep = "white"              # which side of the mask files is tissue: "white" or "black"
+//! field_of_view = "detect"    # or "whole": no border is looked for
+//!
+//! [time]
+//! frames_per_second = 25.0    # of the files
+//! every = 2                   # use each second frame
+//!
+//! [frames]
+//! first = 0                   # numbers of the first and last file that are used, counted from 0
+//! last = 79
+//!
+//! [[classes]]                 # replaces the class list; ids are values of the label files
+//! id = 1
+//! name = "liver"
+//! colour = [255, 114, 114]    # optional
+//! ```
+
+use super::{
+    CameraSource,
+    classes::{self, ClassEntry, LabelCoding},
+    depth::DepthKind,
+    layout::{MaskRule, Recording},
+};
+use crate::{Error, Result, camera::Camera, files};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Name of the settings file in a recording's folder.
+pub const SETTINGS_FILE: &str = "sequence.toml";
+
+/// The contents of a `sequence.toml`; see the module for its meaning.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Settings {
+    /// `[camera]`
+    #[serde(skip_serializing_if = "is_default")]
+    pub camera: CameraSettings,
+    /// `[depth]`
+    #[serde(skip_serializing_if = "is_default")]
+    pub depth: DepthSettings,
+    /// `[masks]`
+    #[serde(skip_serializing_if = "is_default")]
+    pub masks: MaskSettings,
+    /// `[time]`
+    #[serde(skip_serializing_if = "is_default")]
+    pub time: TimeSettings,
+    /// `[frames]`
+    #[serde(skip_serializing_if = "is_default")]
+    pub frames: FrameSettings,
+    /// `[[classes]]`
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub classes: Vec<ClassEntry>,
+}
+
+/// `[camera]`: either `fov_x_degrees`, or `fx` and what else is known; pixels of the frames.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+#[expect(missing_docs, reason = "explained together above")]
+pub struct CameraSettings {
+    pub fov_x_degrees: Option<f32>,
+    pub fx: Option<f32>,
+    pub fy: Option<f32>,
+    pub cx: Option<f32>,
+    pub cy: Option<f32>,
+}
+
+/// `[depth]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct DepthSettings {
+    /// What the values mean.
+    pub kind: Option<DepthKind>,
+    /// Scene units per count (for disparity: the numerator).
+    pub scale: Option<f64>,
+}
+
+/// `[masks]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MaskSettings {
+    /// Which side of the mask files is supervised.
+    pub keep: Option<Keep>,
+    /// Whether the border around the endoscopic picture is looked for.
+    pub field_of_view: Option<FieldOfViewSetting>,
+}
+
+/// A side of a mask file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Keep {
+    /// Non-zero pixels.
+    White,
+    /// Zero pixels.
+    Black,
+}
+
+/// What is done about the border around the endoscopic picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum FieldOfViewSetting {
+    /// Found from the frames and left out.
+    Detect,
+    /// Everything is inside.
+    Whole,
+}
+
+/// `[time]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TimeSettings {
+    /// Frames per second of the files (before `every`).
+    pub frames_per_second: Option<f32>,
+    /// Use each k-th frame.
+    pub every: Option<usize>,
+}
+
+/// `[frames]`: numbers of files, counted from 0, both included.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+#[expect(missing_docs, reason = "explained together above")]
+pub struct FrameSettings {
+    pub first: Option<usize>,
+    pub last: Option<usize>,
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
+impl Settings {
+    /// Reads `path`; a missing file means no settings. Unknown keys are errors that name the key.
+    pub fn read(path: &Path) -> Result<Self> {
+        let text = match std::fs::read_to_string(path) {
+            Ok(text) => text,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Self::default()),
+            Err(e) => return Err(Error::io("read the settings", path, e)),
+        };
+        let settings: Self = toml::from_str(&text).map_err(|e| {
+            let line = e.span().map_or(1, |span| text[..span.start].matches('\n').count() + 1);
+            Error::input_at(path, format!("line {line}: {}", e.message().trim_end_matches('.')), "")
+        })?;
+        settings.validate().map_err(|what| Error::input_at(path, what, ""))?;
+        Ok(settings)
+    }
+
+    /// Writes a `sequence.toml` into `folder`.
+    pub fn write(&self, folder: &Path) -> Result<()> {
+        let path = folder.join(SETTINGS_FILE);
+        let text = toml::to_string(self).map_err(|e| Error::input_at(&path, e.to_string(), ""))?;
+        files::write_whole(&path, text.as_bytes())
+    }
+
+    fn validate(&self) -> Result<(), String> {
+        let camera = &self.camera;
+        let pixels = [camera.fx, camera.fy, camera.cx, camera.cy];
+        if camera.fov_x_degrees.is_some() && pixels.iter().any(Option::is_some) {
+            return Err("[camera] has both fov_x_degrees and intrinsics in pixels".to_owned());
+        }
+        if camera.fx.is_none() && pixels.iter().any(Option::is_some) {
+            return Err("[camera] lacks fx".to_owned());
+        }
+        let positive = |name: &str, value: Option<f64>, limit: f64| match value {
+            Some(v) if !(v.is_finite() && v > 0.0 && v < limit) => Err(format!("{name} is {v}")),
+            _ => Ok(()),
+        };
+        positive("[camera] fov_x_degrees", camera.fov_x_degrees.map(f64::from), 180.0)?;
+        positive("[camera] fx", camera.fx.map(f64::from), f64::INFINITY)?;
+        positive("[camera] fy", camera.fy.map(f64::from), f64::INFINITY)?;
+        positive("[depth] scale", self.depth.scale, f64::INFINITY)?;
+        positive("[time] frames_per_second", self.time.frames_per_second.map(f64::from), f64::INFINITY)?;
+        positive("[time] every", self.time.every.map(|v| v as f64), f64::INFINITY)
+    }
+
+    /// Which of the files are used.
+    pub(super) fn selection(&self) -> Selection {
+        Selection {
+            first: self.frames.first.unwrap_or(0),
+            last: self.frames.last,
+            every: self.time.every.unwrap_or(1),
+        }
+    }
+
+    /// Overrides what the layout said. `path` is the settings file, for messages.
+    pub(super) fn apply(&self, recording: &mut Recording, path: &Path) -> Result<()> {
+        self.apply_camera(recording);
+        recording.depth_rule.kind = self.depth.kind.unwrap_or(recording.depth_rule.kind);
+        recording.depth_rule.scale = self.depth.scale.unwrap_or(recording.depth_rule.scale);
+        match (self.masks.keep, recording.mask_rule) {
+            (None, _) => {}
+            (Some(_), MaskRule::DropCode(_)) => {
+                return Err(Error::input_at(
+                    path,
+                    "[masks] keep is set, but this recording has no mask files",
+                    "Remove that line.",
+                ));
+            }
+            (Some(Keep::White), _) => recording.mask_rule = MaskRule::KeepWhite,
+            (Some(Keep::Black), _) => recording.mask_rule = MaskRule::KeepBlack,
+        }
+        recording.detect_field_of_view = self.masks.field_of_view != Some(FieldOfViewSetting::Whole);
+        let every = self.time.every.unwrap_or(1) as f32;
+        let frames_per_second = self.time.frames_per_second.or(recording.frames_per_second);
+        recording.frames_per_second = frames_per_second.map(|fps| fps / every);
+        if !self.classes.is_empty() {
+            recording.classes = classes::from_entries(&self.classes, path)?;
+            recording.coding = LabelCoding::IdsOrColours;
+        }
+        Ok(())
+    }
+
+    fn apply_camera(&self, recording: &mut Recording) {
+        let given = &self.camera;
+        let (width, height) = (recording.width as u32, recording.height as u32);
+        let intrinsics = if let Some(degrees) = given.fov_x_degrees {
+            Camera::with_field_of_view(width, height, degrees)
+        } else if let Some(fx) = given.fx {
+            Camera {
+                fx,
+                fy: given.fy.unwrap_or(fx),
+                cx: given.cx.unwrap_or(0.5 * width as f32),
+                cy: given.cy.unwrap_or(0.5 * height as f32),
+                ..Camera::with_field_of_view(width, height, 60.0)
+            }
+        } else {
+            return;
+        };
+        for camera in &mut recording.cameras {
+            *camera = Camera { camera_from_world: camera.camera_from_world, ..intrinsics };
+        }
+        recording.camera_source = CameraSource::Given;
+    }
+}
+
+/// Which of the recorded frames are used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Selection {
+    pub first: usize,
+    pub last: Option<usize>,
+    pub every: usize,
+}
+
+impl Selection {
+    /// The numbers of the used frames among `n`; says what is wrong where there are none.
+    pub(super) fn indices(&self, n: usize) -> Result<Vec<usize>, String> {
+        let last = self.last.unwrap_or(n.saturating_sub(1));
+        if self.first > last || last >= n {
+            return Err(format!(
+                "frames {} to {last} are asked for, the recording has frames 0 to {}",
+                self.first,
+                n.saturating_sub(1)
+            ));
+        }
+        Ok((self.first..=last).step_by(self.every.max(1)).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<Settings> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(SETTINGS_FILE);
+        std::fs::write(&path, text).unwrap();
+        Settings::read(&path)
+    }
+
+    #[test]
+    fn unknown_keys_are_named_with_their_line() {
+        let error = read("[depth]\nscale = 2.0\nfactor = 3\n").unwrap_err().to_string();
+        assert!(error.contains("line 3") && error.contains("factor"), "{error}");
+        let error = read("[masks]\nkeep = \"grey\"\n").unwrap_err().to_string();
+        assert!(error.contains("line 2") && error.contains("grey"), "{error}");
+    }
+
+    #[test]
+    fn contradictions_and_nonsense_are_refused() {
+        for text in [
+            "[camera]\nfov_x_degrees = 60.0\nfx = 500.0\n",
+            "[camera]\ncx = 5.0\n",
+            "[camera]\nfov_x_degrees = 180.0\n",
+            "[camera]\nfx = nan\n",
+            "[depth]\nscale = 0.0\n",
+            "[time]\nevery = 0\n",
+        ] {
+            assert!(read(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn what_is_written_reads_back() {
+        let settings = Settings {
+            camera: CameraSettings { fx: Some(300.5), ..Default::default() },
+            depth: DepthSettings { scale: Some(0.01), kind: Some(DepthKind::Disparity) },
+            masks: MaskSettings { keep: Some(Keep::White), field_of_view: Some(FieldOfViewSetting::Whole) },
+            time: TimeSettings { frames_per_second: Some(25.0), every: Some(2) },
+            frames: FrameSettings { first: Some(1), last: Some(9) },
+            classes: vec![ClassEntry { id: 3, name: "fat".into(), colour: None }],
+        };
+        let folder = tempfile::tempdir().unwrap();
+        settings.write(folder.path()).unwrap();
+        assert_eq!(Settings::read(&folder.path().join(SETTINGS_FILE)).unwrap(), settings);
+        assert_eq!(read("").unwrap(), Settings::default());
+    }
+
+    #[test]
+    fn selection_counts_from_the_first_frame_that_is_used() {
+        let selection = Selection { first: 1, last: Some(8), every: 3 };
+        assert_eq!(selection.indices(10).unwrap(), [1, 4, 7]);
+        assert!(selection.indices(8).is_err());
+        assert!(Selection { first: 5, last: Some(4), every: 1 }.indices(10).is_err());
+        assert_eq!(Selection { first: 0, last: None, every: 1 }.indices(2).unwrap(), [0, 1]);
+    }
+}
