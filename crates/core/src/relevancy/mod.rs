@@ -1,6 +1,21 @@
 //! How much a pixel is what the prompt says: score = σ(T·(p − max_i n_i)) (design §7, method §9.2).
+//!
+//! p and n_i are cosines of the pixel's decoded feature with the prompt and with the negatives; the formula is
+//! the smallest of the pairwise softmaxes that the paper writes. Three rungs compute it: [`Exact`] decodes
+//! every pixel, [`Folded`] gets the same value with fewer operations, [`Lattice`] looks it up.
 
-use crate::{codec::Codec, grid::Grid, raster::Images, sequence::Class};
+mod decoding;
+mod folded;
+mod lattice;
+mod points;
+
+pub use decoding::Exact;
+pub use folded::Folded;
+pub use lattice::{Lattice, LatticeReport};
+pub use points::Points;
+
+use crate::{Error, Result, codec::Codec, grid::Grid, num, raster::Images, sequence::Class};
+use ndarray::Array2;
 
 /// The visible settings of a query; recorded with every result.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -40,8 +55,15 @@ pub struct Query {
     pub negatives: Vec<(String, Vec<f32>)>,
 }
 
+/// Classes this near to the prompt are not its negatives: their cosine with the prompt is above
+/// best − `CLASS_MARGIN` · (best − mean over the classes). Relative, because encoders differ in how far apart
+/// they put words: related names may differ by 0.3 in one and by 0.03 in another.
+pub const CLASS_MARGIN: f32 = 0.25;
+
 impl Query {
-    /// Chooses the negatives for a prompt: the phrases, and by the settings the scene's other classes.
+    /// Chooses the negatives for a prompt: the phrases, and by the settings the scene's other classes (all but
+    /// the nearest one and those within [`CLASS_MARGIN`] of it). Classes whose embedding has another length
+    /// than the prompt's are left out.
     pub fn new(
         prompt: &str,
         embedding: Vec<f32>,
@@ -49,27 +71,97 @@ impl Query {
         classes: &[(Class, Vec<f32>)],
         settings: &RelevancySettings,
     ) -> Self {
-        let _ = (prompt, embedding, phrases, classes, settings);
-        todo!()
+        let mut negatives = phrases.to_vec();
+        if settings.class_negatives {
+            let fitting = classes.iter().filter(|(_, e)| e.len() == embedding.len());
+            let cosines: Vec<_> = fitting.map(|c| (c, num::dot(&c.1, &embedding))).collect();
+            let best = cosines.iter().map(|c| c.1).fold(f32::NEG_INFINITY, f32::max);
+            let mean = cosines.iter().map(|c| c.1).sum::<f32>() / cosines.len().max(1) as f32;
+            let limit = best - CLASS_MARGIN * (best - mean);
+            let others = cosines.into_iter().filter(|(_, cosine)| *cosine < limit);
+            negatives.extend(others.map(|((class, e), _)| (class.name.clone(), e.clone())));
+        }
+        Self { prompt: prompt.to_owned(), embedding, negatives }
+    }
+
+    /// Whether this query can be asked of a scene with `codec`; the error says what does not fit. Scores of
+    /// a query that does not fit are zero everywhere.
+    pub fn check(&self, codec: &Codec) -> Result<()> {
+        let dim = codec.embedding_dim();
+        if let Some(text) = self.texts().find(|t| t.len() != dim) {
+            return Err(Error::input(
+                format!(
+                    "the prompt \"{}\" was encoded with {} numbers, the scene's features have {dim}",
+                    self.prompt,
+                    text.len()
+                ),
+                "Choose the text encoder that the scene was prepared with.",
+            ));
+        }
+        if !self.texts().flatten().all(|v| v.is_finite()) {
+            return Err(Error::input(
+                format!("the encoding of the prompt \"{}\" or of a negative is not finite", self.prompt),
+                "Check the text encoder.",
+            ));
+        }
+        Ok(())
+    }
+
+    /// The prompt's embedding, then the negatives'.
+    fn texts(&self) -> impl Iterator<Item = &Vec<f32>> {
+        std::iter::once(&self.embedding).chain(self.negatives.iter().map(|(_, e)| e))
+    }
+
+    /// The texts as rows, the prompt first; `None` if they do not fit `codec`.
+    fn text_rows(&self, codec: &Codec) -> Option<Array2<f32>> {
+        self.check(codec).ok()?;
+        let flat: Vec<f32> = self.texts().flatten().copied().collect();
+        Array2::from_shape_vec((self.negatives.len() + 1, codec.embedding_dim()), flat).ok()
     }
 }
 
-/// A way to compute score images; every rung gives the exact rung's values within its stated error.
+/// p − max n from cosines with the prompt (first) and the negatives; p alone without negatives.
+fn margin(cosines: &[f32]) -> f32 {
+    let Some((&prompt, negatives)) = cosines.split_first() else { return f32::NEG_INFINITY };
+    let mut best = f32::NEG_INFINITY;
+    for &n in negatives {
+        if n > best {
+            best = n;
+        }
+    }
+    if negatives.is_empty() { prompt } else { prompt - best }
+}
+
+/// A way to compute scores; every rung gives the exact rung's values within its stated error.
+///
+/// Scores are 0 in holes (alpha below `min_alpha`), where a feature is not finite, and for a query that does not
+/// fit the codec (see [`Query::check`]).
 pub trait Relevancy: Send {
     /// Name for reports: "exact", "folded", "lattice".
     fn name(&self) -> &'static str;
-    /// One score image (0–1, 0 in holes) per query, from rendered features and alpha.
-    fn score(&mut self, images: &Images, queries: &[Query], settings: &RelevancySettings) -> Vec<Grid<f32>>;
+
+    /// One score per point (0–1) for each query.
+    fn score_points(
+        &mut self,
+        points: &Points<'_>,
+        queries: &[Query],
+        settings: &RelevancySettings,
+    ) -> Vec<Vec<f32>>;
+
+    /// One score image per query, from rendered features and alpha.
+    fn score(&mut self, images: &Images, queries: &[Query], settings: &RelevancySettings) -> Vec<Grid<f32>> {
+        let scores = self.score_points(&Points::of_images(images, settings.min_alpha), queries, settings);
+        scores.into_iter().map(|s| Grid::from_vec(images.width, images.height, s)).collect()
+    }
 }
 
-/// Decodes every pixel: the truth the other rungs are measured against.
-pub struct Exact {
-    /// The scene's codec.
-    pub codec: Codec,
+/// The fastest rung for a codec: the lattice where the latent space is a volume, else the folded decoder.
+pub fn best(codec: Codec) -> Box<dyn Relevancy> {
+    match Lattice::new(&codec) {
+        Some(lattice) => Box::new(lattice),
+        None => Box::new(Folded::new(codec)),
+    }
 }
 
-/// Scores tabulated over the latent space where the scene has features, interpolated.
-pub struct Lattice {
-    /// The scene's codec.
-    pub codec: Codec,
-}
+#[cfg(test)]
+mod tests;

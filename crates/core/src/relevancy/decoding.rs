@@ -1,0 +1,83 @@
+//! The exact rung, and what it shares with the folded one: decode every point, compare with every text.
+
+use super::{Points, Query, Relevancy, RelevancySettings, margin};
+use crate::{
+    codec::{Codec, Linear, apply, normalise_rows},
+    num,
+};
+use ndarray::{Array2, Axis, concatenate, s};
+use rayon::prelude::*;
+
+/// Points decoded at once by one thread.
+const POINTS_AT_ONCE: usize = 1024;
+
+/// Decodes every pixel: the truth the other rungs are measured against.
+pub struct Exact {
+    /// The scene's codec.
+    pub codec: Codec,
+}
+
+impl Exact {
+    /// For a scene's codec.
+    pub fn new(codec: Codec) -> Self {
+        Self { codec }
+    }
+}
+
+impl Relevancy for Exact {
+    fn name(&self) -> &'static str {
+        "exact"
+    }
+
+    fn score_points(
+        &mut self,
+        points: &Points<'_>,
+        queries: &[Query],
+        settings: &RelevancySettings,
+    ) -> Vec<Vec<f32>> {
+        let texts: Vec<_> = queries.iter().map(|q| q.text_rows(&self.codec)).collect();
+        let all: Vec<usize> = (0..points.len()).collect();
+        score_by_decoding(&self.codec.decoder, points, &all, &texts, settings.temperature)
+    }
+}
+
+/// Scores of every point for each query's texts (rows; `None` scores 0): `layers` turn latents into vectors
+/// whose cosines with the texts count. Only the points in `chosen` are computed, the others score 0.
+pub(super) fn score_by_decoding(
+    layers: &[Linear],
+    points: &Points<'_>,
+    chosen: &[usize],
+    texts: &[Option<Array2<f32>>],
+    temperature: f32,
+) -> Vec<Vec<f32>> {
+    let mut scores = vec![vec![0.0; points.len()]; texts.len()];
+    let views: Vec<_> = texts.iter().flatten().map(|t| t.view()).collect();
+    let latent_dim = layers.first().map_or(0, |l| l.weight.ncols());
+    let Ok(rows) = concatenate(Axis(0), &views) else { return scores };
+    if points.latent_dim() != latent_dim {
+        return scores;
+    }
+    let chunks: Vec<(Vec<usize>, Array2<f32>)> = chosen
+        .par_chunks(POINTS_AT_ONCE)
+        .map(|chunk| {
+            let mut latents = Vec::with_capacity(chunk.len() * latent_dim);
+            let live: Vec<usize> =
+                chunk.iter().copied().filter(|&i| points.push_latent(i, &mut latents)).collect();
+            let latents = Array2::from_shape_vec((live.len(), latent_dim), latents).unwrap_or_default();
+            let cosines = normalise_rows(apply(layers, latents.view())).dot(&rows.t());
+            (live, cosines)
+        })
+        .collect();
+    for (live, cosines) in chunks {
+        let mut column = 0;
+        for (text, out) in texts.iter().zip(&mut scores) {
+            let Some(text) = text else { continue };
+            let own = cosines.slice(s![.., column..column + text.nrows()]);
+            column += text.nrows();
+            for (&i, row) in live.iter().zip(own.outer_iter()) {
+                out[i] = num::sigmoid(temperature * margin(&row.to_vec()));
+            }
+        }
+    }
+    scores
+}

@@ -1,0 +1,82 @@
+//! What one prompt scores in every cell.
+
+use super::{
+    super::{Query, margin},
+    tree::{Tree, midpoint_error, trilinear},
+};
+use half::{f16, slice::HalfFloatSliceExt};
+use ndarray::{Array2, ArrayView2};
+use rayon::prelude::*;
+
+/// Vertices compared with the texts at once by one thread.
+const VERTICES_AT_ONCE: usize = 512;
+
+/// The margins of one prompt at a certain temperature, kept up with a growing tree.
+pub(super) struct Table {
+    query: Query,
+    /// The query's texts as the tree's embeddings are, the prompt first: [texts, rank].
+    texts: Array2<f32>,
+    pub(super) temperature: f32,
+    /// Margin at each vertex.
+    margins: Vec<f32>,
+    /// Margins at the corners of each leaf; NaN in a leaf that must not be interpolated.
+    corners: Vec<[f32; 8]>,
+    /// Largest score error at midpoints of leaves that are interpolated.
+    pub(super) max_error: f32,
+}
+
+impl Table {
+    pub(super) fn new(query: &Query, texts: Array2<f32>, temperature: f32) -> Self {
+        let query = query.clone();
+        Self { query, texts, temperature, margins: Vec::new(), corners: Vec::new(), max_error: 0.0 }
+    }
+
+    pub(super) fn is_for(&self, query: &Query, temperature: f32) -> bool {
+        self.temperature == temperature && self.query == *query
+    }
+
+    /// Tabulates what was added to the tree and cuts cells whose interpolation is off by more than `tolerance`.
+    pub(super) fn update(&mut self, tree: &mut Tree, tolerance: f32) {
+        let rank = tree.rank().max(1);
+        let parts: Vec<Vec<f32>> = tree
+            .embeddings_from(self.margins.len())
+            .par_chunks(VERTICES_AT_ONCE * rank)
+            .map(|part| self.margins_of(part, rank))
+            .collect();
+        self.margins.extend(parts.into_iter().flatten());
+
+        let first = self.corners.len();
+        let margins = &self.margins;
+        let fresh: Vec<([f32; 8], f32)> = tree.leaves()[first..]
+            .par_iter()
+            .map(|leaf| {
+                let corners = leaf.corners.map(|v| margins[v as usize]);
+                let midpoints = leaf.midpoints.map(|v| margins[v as usize]);
+                (corners, midpoint_error(&corners, &midpoints, self.temperature))
+            })
+            .collect();
+        for (i, (corners, error)) in fresh.into_iter().enumerate() {
+            if error <= tolerance {
+                self.corners.push(corners);
+                self.max_error = if error > self.max_error { error } else { self.max_error };
+            } else {
+                self.corners.push([f32::NAN; 8]);
+                tree.split(first + i);
+            }
+        }
+    }
+
+    fn margins_of(&self, embeddings: &[f16], rank: usize) -> Vec<f32> {
+        let mut wide = vec![0.0; embeddings.len()];
+        embeddings.convert_to_f32_slice(&mut wide);
+        let Ok(rows) = ArrayView2::from_shape((wide.len() / rank, rank), &wide) else { return Vec::new() };
+        let cosines = rows.dot(&self.texts.t());
+        cosines.outer_iter().map(|row| row.as_slice().map_or(f32::NAN, margin)).collect()
+    }
+
+    /// The margin at a fraction of a leaf's edges; NaN where it must be decoded instead.
+    #[inline]
+    pub(super) fn interpolate(&self, leaf: u32, at: [f32; 3]) -> f32 {
+        trilinear(&self.corners[leaf as usize], at)
+    }
+}

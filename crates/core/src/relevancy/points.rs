@@ -1,0 +1,75 @@
+//! Where scores are asked for: rendered pixels or single Gaussians.
+
+use crate::raster::{ALPHA_PLANE, FEATURE_PLANE, Images};
+use std::borrow::Cow;
+
+/// Latents of many points, plane after plane, with the opacity they were accumulated with.
+#[derive(Clone, Debug)]
+pub struct Points<'a> {
+    /// One plane per latent number: Σ w f.
+    planes: Vec<Cow<'a, [f32]>>,
+    /// Σ w of each point.
+    alpha: Cow<'a, [f32]>,
+    /// Points with less alpha are holes.
+    min_alpha: f32,
+}
+
+impl<'a> Points<'a> {
+    /// The pixels of rendered images: their latent is features / alpha.
+    pub fn of_images(images: &'a Images, min_alpha: f32) -> Self {
+        let planes = (0..images.latent_dim()).map(|k| Cow::from(images.plane(FEATURE_PLANE + k))).collect();
+        let alpha = if images.planes.is_empty() { &[][..] } else { images.plane(ALPHA_PLANE) };
+        Self { planes, alpha: alpha.into(), min_alpha }
+    }
+
+    /// Single latents, [n][D] flat, for example of the Gaussians themselves.
+    pub fn of_latents(latents: &[f32], latent_dim: usize) -> Self {
+        let plane = |k: usize| latents.iter().copied().skip(k).step_by(latent_dim.max(1)).collect();
+        let count = latents.len() / latent_dim.max(1);
+        Self {
+            planes: (0..latent_dim).map(|k| Cow::Owned(plane(k))).collect(),
+            alpha: vec![1.0; count].into(),
+            min_alpha: 0.0,
+        }
+    }
+
+    /// How many points.
+    pub fn len(&self) -> usize {
+        self.alpha.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.alpha.is_empty()
+    }
+
+    /// Latent numbers per point.
+    pub fn latent_dim(&self) -> usize {
+        self.planes.len()
+    }
+
+    /// 1 / alpha of point `i`; `None` in a hole.
+    pub(super) fn scale(&self, i: usize) -> Option<f32> {
+        let alpha = self.alpha[i];
+        (alpha >= self.min_alpha && alpha > 1e-6).then(|| 1.0 / alpha)
+    }
+
+    /// The latent of point `i` in three numbers; `None` in a hole. Only for D = 3.
+    #[inline]
+    pub(super) fn latent3(&self, i: usize) -> Option<[f32; 3]> {
+        let scale = self.scale(i)?;
+        Some([self.planes[0][i] * scale, self.planes[1][i] * scale, self.planes[2][i] * scale])
+    }
+
+    /// Appends the latent of point `i` to `out` and says so, unless it is in a hole or not finite.
+    pub(super) fn push_latent(&self, i: usize, out: &mut Vec<f32>) -> bool {
+        let Some(scale) = self.scale(i) else { return false };
+        let start = out.len();
+        out.extend(self.planes.iter().map(|p| p[i] * scale));
+        let finite = out[start..].iter().all(|v| v.is_finite());
+        if !finite {
+            out.truncate(start);
+        }
+        finite
+    }
+}

@@ -1,0 +1,365 @@
+//! The rungs against each other and against the written formula, on features as rendering makes them.
+
+use super::*;
+use crate::codec::{CodecSettings, normalise_rows};
+use crate::raster::{ALPHA_PLANE, FEATURE_PLANE};
+use ndarray::Axis;
+use proptest::prelude::*;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::sync::LazyLock;
+
+const DIM: usize = 64;
+const CLASSES: usize = 8;
+
+fn normal(rng: &mut ChaCha8Rng) -> f32 {
+    (0..12).map(|_| rng.random::<f32>()).sum::<f32>() - 6.0
+}
+
+/// Unit rows with cosines near `cosine`.
+fn alike_rows(n: usize, cosine: f32, seed: u64) -> Array2<f32> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut unit = |n| normalise_rows(Array2::from_shape_simple_fn((n, DIM), || normal(&mut rng)));
+    let shared = unit(1);
+    normalise_rows(unit(n) * (1.0 - cosine).sqrt() + shared * cosine.sqrt())
+}
+
+type World = (Codec, Array2<f32>, Vec<(String, Vec<f32>)>);
+
+/// A codec trained on class rows, those rows, and phrases of the same "encoder".
+static WORLD: LazyLock<World> = LazyLock::new(|| {
+    let rows = alike_rows(CLASSES + 4, 0.85, 11);
+    let phrases = ["object", "things", "stuff", "texture"].iter().enumerate();
+    let phrases = phrases.map(|(i, p)| (p.to_string(), rows.row(CLASSES + i).to_vec())).collect();
+    let classes = rows.select(Axis(0), &(0..CLASSES).collect::<Vec<_>>());
+    let settings = CodecSettings { latent_dim: 3, steps: 1000, seed: 0 };
+    let codec = Codec::train(classes.view(), &[1.0; CLASSES], &settings, &mut |_, _| {}).unwrap();
+    (codec, classes, phrases)
+});
+
+fn named_classes() -> Vec<(Class, Vec<f32>)> {
+    let class = |(id, row): (usize, ndarray::ArrayView1<'_, f32>)| {
+        (Class { id: id as u8, name: format!("class {id}"), colour: [0; 3] }, row.to_vec())
+    };
+    WORLD.1.outer_iter().enumerate().map(class).collect()
+}
+
+fn query(prompt: &str, embedding: Vec<f32>) -> Query {
+    Query::new(prompt, embedding, &WORLD.2, &named_classes(), &RelevancySettings::default())
+}
+
+/// A prompt for class `k`, a little off its embedding.
+fn query_for(k: usize) -> Query {
+    let off = alike_rows(1, 0.0, 500 + k as u64);
+    let row = &WORLD.1.row(k) + &(off.row(0).to_owned() * 0.15);
+    query(&format!("class {k}"), num::normalised(&row.to_vec()).unwrap())
+}
+
+/// Features as rendering makes them: soft discs of class latents with noise, alpha that varies, holes.
+fn rendered(codec: &Codec, width: usize, height: usize, noise: f32, seed: u64) -> Images {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let latents = codec.encode(WORLD.1.view());
+    let dim = codec.latent_dim();
+    let discs: Vec<[f32; 4]> = (0..14)
+        .map(|i| {
+            let (w, h) = (width as f32, height as f32);
+            [
+                rng.random::<f32>() * w,
+                rng.random::<f32>() * h,
+                (0.1 + 0.2 * rng.random::<f32>()) * w,
+                (i % CLASSES) as f32,
+            ]
+        })
+        .collect();
+    let n = width * height;
+    let mut planes = vec![0.0; (FEATURE_PLANE + dim) * n];
+    for i in 0..n {
+        let (x, y) = ((i % width) as f32, (i / width) as f32);
+        let mut feature = latents.row(0).to_vec();
+        for &[cx, cy, radius, class] in &discs {
+            let share = num::sigmoid((radius - (x - cx).hypot(y - cy)) / 1.5);
+            for (f, l) in feature.iter_mut().zip(latents.row(class as usize)) {
+                *f = *f * (1.0 - share) + l * share;
+            }
+        }
+        let alpha = if x < 6.0 { 0.2 } else { 0.9 + 0.1 * rng.random::<f32>() };
+        planes[ALPHA_PLANE * n + i] = alpha;
+        for (k, f) in feature.iter().enumerate() {
+            planes[(FEATURE_PLANE + k) * n + i] = alpha * (f + noise * normal(&mut rng));
+        }
+    }
+    Images { width, height, planes }
+}
+
+fn largest_difference(a: &[Grid<f32>], b: &[Grid<f32>]) -> f32 {
+    let pairs = a.iter().zip(b).flat_map(|(a, b)| a.data.iter().zip(&b.data));
+    pairs.map(|(a, b)| (a - b).abs()).fold(0.0, |worst, d| if d > worst { d } else { worst })
+}
+
+#[test]
+fn score_is_the_smallest_pairwise_softmax() {
+    let (codec, _, _) = &*WORLD;
+    let settings = RelevancySettings::default();
+    let images = rendered(codec, 24, 16, 0.05, 1);
+    let q = query_for(2);
+    let scores = Exact::new(codec.clone()).score(&images, std::slice::from_ref(&q), &settings);
+    for i in (6..24 * 16).filter(|i| i % 24 >= 6) {
+        let alpha = images.plane(ALPHA_PLANE)[i];
+        let latent = Array2::from_shape_fn((1, 3), |(_, k)| images.plane(FEATURE_PLANE + k)[i] / alpha);
+        let feature = codec.decode(latent.view()).row(0).to_vec();
+        let p = f64::from(num::dot(&feature, &q.embedding));
+        let softmax = |n: f64| (10.0 * p).exp() / ((10.0 * p).exp() + (10.0 * n).exp());
+        let expected = q
+            .negatives
+            .iter()
+            .map(|(_, n)| softmax(f64::from(num::dot(&feature, n))))
+            .fold(f64::INFINITY, f64::min);
+        assert!((f64::from(scores[0].data[i]) - expected).abs() < 1e-5);
+    }
+}
+
+#[test]
+fn folding_changes_nothing_and_saves_the_rank() {
+    let (codec, _, _) = &*WORLD;
+    let settings = RelevancySettings::default();
+    let images = rendered(codec, 64, 48, 0.08, 2);
+    let queries = [query_for(0), query_for(3)];
+    let exact = Exact::new(codec.clone()).score(&images, &queries, &settings);
+    let mut folded = Folded::new(codec.clone());
+    assert!(folded.rank() <= CLASSES, "rank {}", folded.rank());
+    let difference = largest_difference(&exact, &folded.score(&images, &queries, &settings));
+    assert!(difference <= 1e-4, "{difference}");
+}
+
+#[test]
+fn lattice_keeps_its_promise_over_frames_and_prompts() {
+    let (codec, _, _) = &*WORLD;
+    let settings = RelevancySettings::default();
+    let (mut exact, mut lattice) = (Exact::new(codec.clone()), Lattice::new(codec).unwrap());
+    for frame in 0..3 {
+        let images = rendered(codec, 96, 80, 0.05, 20 + frame);
+        let queries = [query_for(frame as usize), query_for(5)];
+        let truth = exact.score(&images, &queries, &settings);
+        let difference = largest_difference(&truth, &lattice.score(&images, &queries, &settings));
+        assert!(difference <= 1.0 / 255.0, "frame {frame}: {difference}, {:?}", lattice.report());
+    }
+    let report = lattice.report();
+    assert!(report.cells > 100 && report.max_midpoint_error <= 0.5 / 255.0, "{report:?}");
+    assert!(report.decoded_points < 96 * 80 / 20, "{report:?}");
+}
+
+#[test]
+fn lattice_tabulates_a_full_rank_autoencoder_too() {
+    let rows = alike_rows(90, 0.6, 3);
+    let settings = CodecSettings { latent_dim: 3, steps: 60, seed: 0 };
+    let codec = Codec::train(rows.view(), &[1.0; 90], &settings, &mut |_, _| {}).unwrap();
+    let images = rendered(&codec, 64, 48, 0.02, 4);
+    let queries = [query("any", rows.row(17).to_vec())];
+    let settings = RelevancySettings::default();
+    let truth = Exact::new(codec.clone()).score(&images, &queries, &settings);
+    let mut lattice = Lattice::new(&codec).unwrap();
+    let difference = largest_difference(&truth, &lattice.score(&images, &queries, &settings));
+    assert!(difference <= 1.0 / 255.0, "{difference} {:?}", lattice.report());
+}
+
+/// The comparison above must be able to fail: a lattice of another codec is far off.
+#[test]
+fn the_comparison_of_rungs_can_fail() {
+    let (codec, _, _) = &*WORLD;
+    let settings = RelevancySettings::default();
+    let images = rendered(codec, 48, 32, 0.05, 5);
+    let mut other = codec.clone();
+    other.decoder[6].weight.row_mut(7).mapv_inplace(|w| w * 1.5);
+    let queries = [query_for(1)];
+    let a = Exact::new(codec.clone()).score(&images, &queries, &settings);
+    let b = Lattice::new(&other).unwrap().score(&images, &queries, &settings);
+    assert!(largest_difference(&a, &b) > 1.0 / 255.0);
+}
+
+fn every_rung() -> Vec<Box<dyn Relevancy>> {
+    let codec = WORLD.0.clone();
+    vec![
+        Box::new(Exact::new(codec.clone())),
+        Box::new(Folded::new(codec.clone())),
+        Box::new(Lattice::new(&codec).unwrap()),
+    ]
+}
+
+#[test]
+fn holes_and_broken_features_are_never_found() {
+    let mut images = rendered(&WORLD.0, 32, 16, 0.05, 6);
+    let n = 32 * 16;
+    for (i, bad) in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30, f32::MAX].into_iter().enumerate() {
+        images.planes[FEATURE_PLANE * n + 10 + i] = bad;
+        images.planes[ALPHA_PLANE * n + 42 + i] = [f32::NAN, 0.0, -1.0, 0.499, f32::NEG_INFINITY][i];
+    }
+    for rung in &mut every_rung() {
+        let scores = rung.score(&images, &[query_for(0)], &RelevancySettings::default());
+        let data = &scores[0].data;
+        assert!(data.iter().all(|s| (0.0..=1.0).contains(s)), "{}", rung.name());
+        assert!((0..n).filter(|i| i % 32 < 6).all(|i| data[i] == 0.0), "{}: holes", rung.name());
+        assert!(
+            data[10..13].iter().chain(&data[42..47]).all(|&s| s == 0.0),
+            "{}: {:?}",
+            rung.name(),
+            &data[10..13]
+        );
+    }
+}
+
+#[test]
+fn latents_outside_the_cube_are_decoded_exactly() {
+    let latents: Vec<f32> = [[1.5, 0.2, 0.1], [-3.0, 2.0, 1.0], [0.3, 0.4, -1.9]].concat();
+    let points = Points::of_latents(&latents, 3);
+    let settings = RelevancySettings::default();
+    let queries = [query_for(4)];
+    let truth = Exact::new(WORLD.0.clone()).score_points(&points, &queries, &settings);
+    let mut lattice = Lattice::new(&WORLD.0).unwrap();
+    let found = lattice.score_points(&points, &queries, &settings);
+    assert!(truth[0].iter().zip(&found[0]).all(|(a, b)| (a - b).abs() < 1e-4));
+    assert_eq!((lattice.report().decoded_points, lattice.report().cells), (3, 0));
+}
+
+#[test]
+fn prompts_do_not_depend_on_their_order_or_company() {
+    let images = rendered(&WORLD.0, 48, 32, 0.05, 7);
+    let settings = RelevancySettings::default();
+    let queries: Vec<Query> = (0..4).map(query_for).collect();
+    for (rung, alone) in every_rung().iter_mut().zip(&mut every_rung()) {
+        let forward = rung.score(&images, &queries, &settings);
+        let reversed: Vec<Query> = queries.iter().rev().cloned().collect();
+        let mut backward = rung.score(&images, &reversed, &settings);
+        backward.reverse();
+        // The lattice is finer where another prompt asked for it, within its tolerance.
+        let tolerance = if rung.name() == "lattice" { 1.0 / 255.0 } else { 1e-6 };
+        assert!(largest_difference(&forward, &backward) <= tolerance, "{}", rung.name());
+        let single = alone.score(&images, &queries[2..3], &settings);
+        assert!(largest_difference(&forward[2..3], &single) <= tolerance, "{}", rung.name());
+        let twice = rung.score(&images, &[queries[1].clone(), queries[1].clone()], &settings);
+        assert_eq!(twice[0], twice[1]);
+        assert!(rung.score(&images, &[], &settings).is_empty());
+    }
+}
+
+#[test]
+fn each_class_is_found_where_it_is_and_an_absent_one_nowhere() {
+    let (codec, _, phrases) = &*WORLD;
+    let settings = RelevancySettings::default();
+    // Only the classes 0..=4 are in the picture.
+    let latents = codec.encode(WORLD.1.view());
+    let flat: Vec<f32> = (0..5).flat_map(|k| latents.row(k).to_vec()).collect();
+    let points = Points::of_latents(&flat, 3);
+    let ask = |embedding: Vec<f32>| Query::new("x", embedding, phrases, &named_classes(), &settings);
+    let queries: Vec<Query> = (0..CLASSES).map(|k| ask(WORLD.1.row(k).to_vec())).collect();
+    let scores = best(codec.clone()).score_points(&points, &queries, &settings);
+    for (k, scores) in scores.iter().enumerate() {
+        for (pixel, &score) in scores.iter().enumerate() {
+            assert_eq!(score > settings.threshold, pixel == k, "class {k} at {pixel}: {score}");
+        }
+    }
+}
+
+#[test]
+fn queries_of_another_encoder_are_refused_and_score_zero() {
+    let images = rendered(&WORLD.0, 16, 8, 0.05, 8);
+    let mut broken = query_for(0);
+    broken.embedding[3] = f32::NAN;
+    let other = Query { prompt: "liver".into(), embedding: vec![0.1; 12], negatives: Vec::new() };
+    assert!(other.check(&WORLD.0).unwrap_err().to_string().contains("12 numbers"));
+    assert!(broken.check(&WORLD.0).is_err());
+    for rung in &mut every_rung() {
+        let scores = rung.score(
+            &images,
+            &[other.clone(), query_for(1), broken.clone()],
+            &RelevancySettings::default(),
+        );
+        assert!(scores[0].data.iter().chain(&scores[2].data).all(|&s| s == 0.0));
+        assert!(scores[1].data.iter().any(|&s| s > 0.0));
+    }
+}
+
+#[test]
+fn images_without_features_find_nothing() {
+    let images = Images { width: 4, height: 2, planes: vec![1.0; 5 * 8] };
+    for rung in &mut every_rung() {
+        assert_eq!(rung.score(&images, &[query_for(0)], &RelevancySettings::default())[0].data, [0.0; 8]);
+    }
+}
+
+#[test]
+fn other_latent_sizes_use_the_folded_decoder() {
+    let settings = CodecSettings { latent_dim: 5, steps: 2, seed: 0 };
+    let codec = Codec::train(WORLD.1.view(), &[1.0; CLASSES], &settings, &mut |_, _| {}).unwrap();
+    assert_eq!(best(codec).name(), "folded");
+    assert_eq!(best(WORLD.0.clone()).name(), "lattice");
+}
+
+#[test]
+fn the_nearest_class_is_no_negative_and_the_phrases_always_are() {
+    let q = query_for(3);
+    let names: Vec<&str> = q.negatives.iter().map(|(n, _)| n.as_str()).collect();
+    assert_eq!(names[..4], ["object", "things", "stuff", "texture"]);
+    assert!(!names.contains(&"class 3"));
+    assert_eq!(names.len(), 4 + CLASSES - 1);
+    let settings = RelevancySettings { class_negatives: false, ..Default::default() };
+    assert_eq!(
+        Query::new("x", q.embedding.clone(), &WORLD.2, &named_classes(), &settings).negatives.len(),
+        4
+    );
+    // A prompt between two classes has neither as a negative.
+    let between = &WORLD.1.row(1) + &WORLD.1.row(6);
+    let q = query("between", num::normalised(&between.to_vec()).unwrap());
+    assert!(!q.negatives.iter().any(|(n, _)| n == "class 1" || n == "class 6"));
+    // A single class is the nearest one.
+    let one = &named_classes()[..1];
+    assert_eq!(Query::new("x", q.embedding, &[], one, &RelevancySettings::default()).negatives.len(), 0);
+}
+
+proptest! {
+    #[test]
+    fn margin_is_prompt_minus_best_negative(mut values in proptest::collection::vec(-1.0_f32..1.0, 2..9)) {
+        let before = margin(&values);
+        values[1..].reverse();
+        prop_assert_eq!(before, margin(&values));
+        let best = values[1..].iter().copied().fold(-1.0, f32::max);
+        prop_assert_eq!(before, values[0] - best);
+    }
+}
+
+#[test]
+#[ignore = "measures time and error; run it alone"]
+fn measure_rungs_on_a_full_frame() {
+    let (codec, _, _) = &*WORLD;
+    let settings = RelevancySettings::default();
+    let images = rendered(codec, 640, 512, 0.05, 9);
+    let queries = [query_for(2)];
+    let mut lattice = Lattice::new(codec).unwrap();
+    let timed = |rung: &mut dyn Relevancy, images: &Images, queries: &[Query]| {
+        let start = std::time::Instant::now();
+        let scores = rung.score(images, queries, &settings);
+        (start.elapsed().as_secs_f64() * 1e3, scores)
+    };
+    let (exact_ms, truth) = timed(&mut Exact::new(codec.clone()), &images, &queries);
+    let (folded_ms, folded) = timed(&mut Folded::new(codec.clone()), &images, &queries);
+    eprintln!(
+        "exact {exact_ms:.1} ms; folded {folded_ms:.1} ms, error {:.2e}",
+        largest_difference(&truth, &folded)
+    );
+    let (first_ms, looked_up) = timed(&mut lattice, &images, &queries);
+    eprintln!(
+        "lattice first {first_ms:.1} ms, error {:.5} (1/255 = 0.00392)",
+        largest_difference(&truth, &looked_up)
+    );
+    let best = (0..20).map(|_| timed(&mut lattice, &images, &queries).0).fold(f64::INFINITY, f64::min);
+    eprintln!("lattice warm {best:.2} ms; {:?}", lattice.report());
+    let next = [query_for(4)];
+    let (new_prompt_ms, found) = timed(&mut lattice, &images, &next);
+    let error = largest_difference(&Exact::new(codec.clone()).score(&images, &next, &settings), &found);
+    eprintln!("new prompt {new_prompt_ms:.1} ms, error {error:.5}; {:?}", lattice.report());
+    let frame = rendered(codec, 640, 512, 0.05, 10);
+    eprintln!(
+        "new frame {:.1} ms, then {:.2} ms",
+        timed(&mut lattice, &frame, &next).0,
+        timed(&mut lattice, &frame, &next).0
+    );
+}
