@@ -12,15 +12,17 @@ use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
     sync::Arc,
+    time::Instant,
 };
 use surgtpgs_clip::TextEncoder;
 use surgtpgs_core::{
     Error, Result,
     camera::Camera,
+    deform::deform,
     grid::{Grid, Mask},
     mask::threshold,
     prepare::EncoderIdentity,
-    raster::{CpuRenderer, Images, Renderer},
+    raster::{CpuRenderer, Images, Renderer, render_deformed},
     relevancy::{Query, Relevancy, RelevancySettings},
     scene::Scene,
     sequence::Sequence,
@@ -94,6 +96,7 @@ pub struct Engine {
     scene: Arc<Scene>,
     recording: Recording,
     renderer: Box<dyn Renderer>,
+    on_gpu: bool,
     relevancy: Option<Box<dyn Relevancy>>,
     settings: RelevancySettings,
     encoder_choice: EncoderChoice,
@@ -121,7 +124,7 @@ impl Engine {
 
     /// Wraps a scene in memory; `beside` is a second place to look for its recording.
     pub fn new(scene: Arc<Scene>, beside: Option<&Path>, options: EngineOptions) -> Result<Self> {
-        let renderer = open_renderer(options.backend)?;
+        let (renderer, on_gpu) = open_renderer(options.backend)?;
         let recording = match &options.sequence {
             Some(path) => Recording::Found(open_recording(&scene, path)?),
             None => find_recording(&scene, beside),
@@ -131,6 +134,7 @@ impl Engine {
             scene,
             recording,
             renderer,
+            on_gpu,
             settings: options.relevancy,
             encoder_choice: options.encoder,
             encoder: None,
@@ -197,6 +201,23 @@ impl Engine {
     pub fn render(&mut self, view: &View, features: bool) -> Result<Images> {
         let features = features && self.relevancy.is_some();
         self.renderer.render(&self.scene, &view.camera, view.time, features)
+    }
+
+    /// Renders a view with features and says how long it took, in milliseconds: deformation (`None` where the renderer
+    /// does not do it by itself) and the rest.
+    pub fn render_timed(&mut self, view: &View) -> Result<(Images, Option<f64>, f64)> {
+        let ms = |from: Instant| from.elapsed().as_secs_f64() * 1e3;
+        let started = Instant::now();
+        if self.on_gpu {
+            let images = self.render(view, true)?;
+            return Ok((images, None, ms(started)));
+        }
+        let with_features = self.relevancy.is_some();
+        let deformed = deform(&self.scene.gaussians, &self.scene.deformation, view.time, with_features);
+        let deform_ms = ms(started);
+        let started = Instant::now();
+        let images = render_deformed(&self.scene.gaussians, &deformed, &view.camera);
+        Ok((images, Some(deform_ms), ms(started)))
     }
 
     /// The prompts being asked, in order, with what each is compared to.
@@ -318,10 +339,10 @@ fn blank_outside(scores: &mut Grid<f32>, field_of_view: &Mask) {
     }
 }
 
-/// Opens the renderer of choice.
-pub fn open_renderer(backend: Backend) -> Result<Box<dyn Renderer>> {
+/// Opens the renderer of choice; also whether it is a GPU.
+fn open_renderer(backend: Backend) -> Result<(Box<dyn Renderer>, bool)> {
     match backend {
-        Backend::Auto | Backend::Cpu => Ok(Box::new(CpuRenderer)),
+        Backend::Auto | Backend::Cpu => Ok((Box::new(CpuRenderer), false)),
         Backend::Gpu => Err(Error::Missing {
             what: "no graphics adapter was found".into(),
             hint: "Use `--backend cpu`: the same pictures, slower.".into(),

@@ -1,4 +1,13 @@
-//! The program: one binary, verbs on the command line and a viewer, over one engine.
+//! The program: one binary with verbs on the command line and a viewer, over one engine.
+//!
+//! ```text
+//! args ─▶ cli/<verb> ─▶ jobs (prepare, train, demo)  and  engine (render, ask) ─▶ standard output, files
+//!      └▶ viewer ─────▶ the same jobs and engine ─▶ window
+//! ```
 
+pub mod args;
+pub mod cli;
 pub mod engine;
+pub mod jobs;
+pub mod settings;
 pub mod viewer;

@@ -1,0 +1,489 @@
+//! The command line: verbs in the order of the data flow.
+
+use crate::engine::{Backend, EncoderChoice, EngineOptions};
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use std::path::PathBuf;
+use surgtpgs_core::{
+    export::{Format, Source},
+    overlay::OverlayStyle,
+    relevancy::RelevancySettings,
+    train::Profile,
+};
+
+/// See a deforming reconstruction of a recorded endoscopic clip, ask it for structures by name, export masked frames.
+///
+/// Without a verb: the viewer on the built-in demo; with no display, the same job into `surgtpgs-demo/`.
+/// Research use only. Not for diagnostic or intra-operative use.
+#[derive(Debug, Parser)]
+#[command(name = "surgtpgs", version, about, max_term_width = 110, disable_help_subcommand = true)]
+#[command(after_help = "Exit codes: 0 done, 1 the input is wrong, 2 usage, 3 the machine lacks something.")]
+pub struct Cli {
+    /// What to do
+    #[command(subcommand)]
+    pub verb: Option<Verb>,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Verb {
+    /// Open the viewer on a scene, a recording or a prepared folder
+    View(ViewArgs),
+    /// Write the built-in synthetic recording with all its ground truth
+    Demo(DemoArgs),
+    /// Report what a recording holds and what would make training wrong
+    Check(CheckArgs),
+    /// Make features and codec into a folder beside the recording, which is never modified
+    Prepare(PrepareArgs),
+    /// Reconstruct a scene from a prepared folder, or from a bare recording (then without features)
+    Train(TrainArgs),
+    /// Render colour, depth, opacity and feature images of a scene
+    Render(RenderArgs),
+    /// Say on which frames a scene shows what the words name
+    Query(QueryVerbArgs),
+    /// Write masked frames with a record of how they were made
+    Export(ExportArgs),
+    /// Compare a scene with its recording: PSNR, SSIM, depth, IoU, times
+    Eval(EvalArgs),
+}
+
+/// `surgtpgs view`
+#[derive(Debug, Args)]
+pub struct ViewArgs {
+    /// A scene file, a recording or a prepared folder
+    pub path: PathBuf,
+}
+
+/// `surgtpgs demo`
+#[derive(Debug, Args)]
+pub struct DemoArgs {
+    /// Folder to write
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
+    /// Image columns
+    #[arg(long, default_value_t = 320, value_parser = clap::value_parser!(u32).range(16..=4096))]
+    pub width: u32,
+    /// Image rows
+    #[arg(long, default_value_t = 240, value_parser = clap::value_parser!(u32).range(16..=4096))]
+    pub height: u32,
+    /// Number of frames
+    #[arg(long, default_value_t = 48, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub frames: u32,
+    /// Let the endoscope move
+    #[arg(long)]
+    pub moving_camera: bool,
+    /// Seed of textures and noise
+    #[arg(long, default_value_t = 7)]
+    pub seed: u64,
+}
+
+/// `surgtpgs check`
+#[derive(Debug, Args)]
+pub struct CheckArgs {
+    /// A recording (folder or video file) or a prepared folder
+    pub sequence: PathBuf,
+    /// Report as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `surgtpgs prepare`
+#[derive(Debug, Args)]
+pub struct PrepareArgs {
+    /// A recording (folder or video file)
+    pub sequence: PathBuf,
+    /// Folder to write
+    #[arg(short, long, value_name = "PREP")]
+    pub output: PathBuf,
+    /// Take features from the recording's label masks: each pixel gets the embedding of its class name
+    #[arg(long, required = true)]
+    pub labels: bool,
+    /// `builtin`, or a folder with model.onnx and tokenizer.json
+    #[arg(long, value_name = "DIR|builtin", default_value = "builtin")]
+    pub text_encoder: String,
+    /// Hold every eighth frame out of everything, for evaluation
+    #[arg(long)]
+    pub eval: bool,
+    /// Latent numbers per pixel
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=16))]
+    pub latent_dim: u32,
+    /// Seed of the codec's weights and batches
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Replace an earlier prepared folder
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// `surgtpgs train`
+#[derive(Debug, Args)]
+pub struct TrainArgs {
+    /// A prepared folder, or a recording (then without features)
+    pub sequence: PathBuf,
+    /// Scene file to write, e.g. scene.safetensors
+    #[arg(short, long, value_name = "SCENE")]
+    pub output: PathBuf,
+    /// Hold every eighth frame out (a folder prepared with --eval does so anyway)
+    #[arg(long)]
+    pub eval: bool,
+    /// Set of training choices
+    #[arg(long, value_enum, default_value_t = ProfileArg::Default)]
+    pub profile: ProfileArg,
+    /// Optimiser steps
+    #[arg(long, default_value_t = 3000, value_parser = clap::value_parser!(u32).range(1..))]
+    pub iterations: u32,
+    /// Seed of everything random
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// What trains
+    #[arg(long, value_enum, default_value_t = TrainBackend::Auto)]
+    pub backend: TrainBackend,
+    /// Report as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Sets of training choices.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ProfileArg {
+    /// What the paper's released code does, quirks included
+    Paper,
+    /// The paper's formulas done right
+    Default,
+}
+
+impl From<ProfileArg> for Profile {
+    fn from(arg: ProfileArg) -> Self {
+        match arg {
+            ProfileArg::Paper => Self::Paper,
+            ProfileArg::Default => Self::Default,
+        }
+    }
+}
+
+/// What trains.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum TrainBackend {
+    /// The fastest there is
+    Auto,
+    /// The CPU
+    Cpu,
+}
+
+/// How to open a scene; shared by the verbs that render.
+#[derive(Debug, Args)]
+pub struct SceneArgs {
+    /// Scene file
+    pub scene: PathBuf,
+    /// What renders
+    #[arg(long, value_enum, default_value_t = Backend::Auto)]
+    pub backend: Backend,
+}
+
+/// How prompts are answered; shared by the verbs that take or make prompts.
+#[derive(Debug, Args)]
+pub struct RelevancyArgs {
+    /// `builtin`, or the text encoder's folder; needed only if it is not where it was when preparing
+    #[arg(long, value_name = "DIR|builtin")]
+    pub text_encoder: Option<String>,
+    /// Score above which a pixel is found
+    #[arg(long, default_value_t = RelevancySettings::default().threshold, value_parser = unit_number)]
+    pub threshold: f32,
+    /// Sharpness of scores
+    #[arg(long, default_value_t = RelevancySettings::default().temperature, value_parser = positive_number)]
+    pub temperature: f32,
+    /// Compare prompts with the canonical phrases alone, as the paper does
+    #[arg(long)]
+    pub no_class_negatives: bool,
+}
+
+impl RelevancyArgs {
+    /// The settings of queries.
+    pub fn settings(&self) -> RelevancySettings {
+        RelevancySettings {
+            threshold: self.threshold,
+            temperature: self.temperature,
+            class_negatives: !self.no_class_negatives,
+            ..Default::default()
+        }
+    }
+
+    /// How to open the engine of `scene`.
+    pub fn engine_options(&self, scene: &SceneArgs, sequence: Option<PathBuf>) -> EngineOptions {
+        let encoder = self.text_encoder.as_deref().map_or(EncoderChoice::OfScene, encoder_choice);
+        EngineOptions { backend: scene.backend, encoder, sequence, relevancy: self.settings() }
+    }
+}
+
+/// `builtin` or a folder.
+pub fn encoder_choice(arg: &str) -> EncoderChoice {
+    if arg == "builtin" { EncoderChoice::Builtin } else { EncoderChoice::Folder(arg.into()) }
+}
+
+/// `surgtpgs render`
+#[derive(Debug, Args)]
+pub struct RenderArgs {
+    /// The scene
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Folder to write
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
+    /// Frames, e.g. 12 or 10..20 (the end is not included)
+    #[arg(long, value_name = "A..B", value_parser = frame_range)]
+    pub frames: Option<FrameRange>,
+    /// Images to write
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "colour")]
+    pub kind: Vec<ImageKind>,
+    /// Image columns, if not those of the recording (rows follow)
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=8192))]
+    pub width: Option<u32>,
+}
+
+/// Images that `render` writes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
+pub enum ImageKind {
+    /// 8-bit RGB PNG
+    Colour,
+    /// Depth in scene units, 0 in holes: .npy (f32, rows × columns) and a 16-bit PNG to look at
+    Depth,
+    /// Accumulated opacity: 8-bit grey PNG
+    Alpha,
+    /// Latent features: .npy (f32, rows × columns × latent numbers)
+    Feature,
+}
+
+/// `surgtpgs query`
+#[derive(Debug, Args)]
+pub struct QueryVerbArgs {
+    /// The scene
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Words to look for; may be given several times
+    #[arg(long, value_name = "TEXT", required = true, num_args = 1..)]
+    pub prompt: Vec<String>,
+    /// Frames, e.g. 12 or 10..20 (the end is not included)
+    #[arg(long, value_name = "A..B", value_parser = frame_range)]
+    pub frames: Option<FrameRange>,
+    /// How prompts are answered
+    #[command(flatten)]
+    pub relevancy: RelevancyArgs,
+    /// Report as JSON
+    #[arg(long, conflicts_with = "csv")]
+    pub json: bool,
+    /// Report as CSV, a line per prompt and frame
+    #[arg(long)]
+    pub csv: bool,
+}
+
+/// `surgtpgs export`
+#[derive(Debug, Args)]
+pub struct ExportArgs {
+    /// The scene
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Words to look for; may be given several times
+    #[arg(long, value_name = "TEXT", required = true, num_args = 1..)]
+    pub prompt: Vec<String>,
+    /// Folder to write
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
+    /// Files to write per frame
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "cutout,overlay")]
+    pub format: Vec<FormatArg>,
+    /// Frames, e.g. 12 or 10..20 (the end is not included)
+    #[arg(long, value_name = "A..B", value_parser = frame_range)]
+    pub frames: Option<FrameRange>,
+    /// Pictures to mask
+    #[arg(long, value_enum, default_value_t = SourceArg::Original)]
+    pub source: SourceArg,
+    /// Where the recording is, if it is not where it was when training
+    #[arg(long, value_name = "SEQ")]
+    pub sequence: Option<PathBuf>,
+    /// Give a pixel to the best prompt only
+    #[arg(long, conflicts_with = "overlapping")]
+    pub exclusive: bool,
+    /// Let prompts share pixels (the default)
+    #[arg(long)]
+    pub overlapping: bool,
+    /// How overlays are drawn
+    #[arg(long, value_enum, default_value_t = StyleArg::Outline)]
+    pub style: StyleArg,
+    /// Opacity of fills and heatmaps in overlays
+    #[arg(long, default_value_t = 0.35, value_parser = unit_number)]
+    pub opacity: f32,
+    /// Leave the research-use stamp out of overlays; the record says so
+    #[arg(long)]
+    pub no_stamp: bool,
+    /// Overwrite what is there
+    #[arg(long)]
+    pub force: bool,
+    /// How prompts are answered
+    #[command(flatten)]
+    pub relevancy: RelevancyArgs,
+    /// Report as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Files of an export.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum FormatArg {
+    /// RGBA per prompt, what is not found cut away
+    Cutout,
+    /// The frame with all prompts drawn over it
+    Overlay,
+    /// 0/255 per prompt
+    Binary,
+    /// Label ids, named in labels.json
+    Index,
+}
+
+impl From<FormatArg> for Format {
+    fn from(arg: FormatArg) -> Self {
+        match arg {
+            FormatArg::Cutout => Self::Cutout,
+            FormatArg::Overlay => Self::Overlay,
+            FormatArg::Binary => Self::Binary,
+            FormatArg::Index => Self::Index,
+        }
+    }
+}
+
+/// Pictures that an export masks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum SourceArg {
+    /// The recorded frames
+    Original,
+    /// The frames as the scene renders them
+    Reconstruction,
+}
+
+impl From<SourceArg> for Source {
+    fn from(arg: SourceArg) -> Self {
+        match arg {
+            SourceArg::Original => Self::Original,
+            SourceArg::Reconstruction => Self::Reconstruction,
+        }
+    }
+}
+
+/// How overlays are drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum StyleArg {
+    /// A contour
+    Outline,
+    /// A translucent fill with contour
+    Fill,
+    /// The score as colour, fixed range 0 to 1
+    Heatmap,
+}
+
+impl From<StyleArg> for OverlayStyle {
+    fn from(arg: StyleArg) -> Self {
+        match arg {
+            StyleArg::Outline => Self::Outline,
+            StyleArg::Fill => Self::Fill,
+            StyleArg::Heatmap => Self::Heatmap,
+        }
+    }
+}
+
+/// `surgtpgs eval`
+#[derive(Debug, Args)]
+pub struct EvalArgs {
+    /// The scene
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// The recording it was trained on
+    pub sequence: PathBuf,
+    /// How class names are asked
+    #[command(flatten)]
+    pub relevancy: RelevancyArgs,
+    /// Report as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Frames from `start` up to, not including, `end`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FrameRange {
+    start: usize,
+    end: usize,
+}
+
+impl FrameRange {
+    /// The frames of the range in a recording of `num_frames`; all of them for `None`.
+    pub fn frames(range: Option<Self>, num_frames: usize) -> surgtpgs_core::Result<Vec<usize>> {
+        let Self { start, end } = range.unwrap_or(Self { start: 0, end: num_frames });
+        let end = end.min(num_frames);
+        if start >= end {
+            return Err(surgtpgs_core::Error::input(
+                format!("no frame is in the range; the scene has {num_frames}, counted from 0"),
+                "Give a range such as 0..10.",
+            ));
+        }
+        Ok((start..end).collect())
+    }
+}
+
+fn frame_range(text: &str) -> Result<FrameRange, String> {
+    let number = |t: &str, empty: usize| {
+        if t.is_empty() { Ok(empty) } else { t.parse().map_err(|_| format!("\"{t}\" is not a frame number")) }
+    };
+    match text.split_once("..") {
+        Some((start, end)) => Ok(FrameRange { start: number(start, 0)?, end: number(end, usize::MAX)? }),
+        None => {
+            let start: usize =
+                text.parse().map_err(|_| "give a frame such as 12, or a range such as 10..20")?;
+            Ok(FrameRange { start, end: start.saturating_add(1) })
+        }
+    }
+}
+
+fn unit_number(text: &str) -> Result<f32, String> {
+    text.parse().ok().filter(|v| (0.0..=1.0).contains(v)).ok_or_else(|| "give a number from 0 to 1".into())
+}
+
+fn positive_number(text: &str) -> Result<f32, String> {
+    text.parse()
+        .ok()
+        .filter(|v: &f32| v.is_finite() && *v > 0.0)
+        .ok_or_else(|| "give a number above 0".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn verbs_are_listed_in_the_order_of_the_data_flow() {
+        let verbs: Vec<String> = Cli::command().get_subcommands().map(|c| c.get_name().to_owned()).collect();
+        assert_eq!(verbs, ["view", "demo", "check", "prepare", "train", "render", "query", "export", "eval"]);
+    }
+
+    #[test]
+    fn frame_ranges_are_half_open_and_clipped() {
+        let frames =
+            |text| FrameRange::frames(Some(frame_range(text).unwrap()), 5).map_err(|e| e.to_string());
+        assert_eq!(frames("1..3").unwrap(), [1, 2]);
+        assert_eq!(frames("3..").unwrap(), [3, 4]);
+        assert_eq!(frames("4").unwrap(), [4]);
+        assert_eq!(frames("..99").unwrap().len(), 5);
+        assert!(frames("5..9").unwrap_err().contains("counted from 0"));
+        assert!(frame_range("a..b").is_err() && frame_range("").is_err() && frame_range("-1").is_err());
+    }
+
+    #[test]
+    fn prompts_may_be_given_together_or_apart() {
+        let cli =
+            Cli::parse_from(["surgtpgs", "query", "s", "--prompt", "liver", "fat", "--prompt", "bile sac"]);
+        let Some(Verb::Query(args)) = cli.verb else { panic!("not a query") };
+        assert_eq!(args.prompt, ["liver", "fat", "bile sac"]);
+    }
+}

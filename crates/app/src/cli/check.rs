@@ -1,0 +1,60 @@
+//! `surgtpgs check`: what a recording holds, and what would make training wrong.
+
+use super::{
+    Exit,
+    console::{ProgressView, print, print_json},
+};
+use crate::{args::CheckArgs, jobs::Material};
+use surgtpgs_core::{
+    Result,
+    sequence::{self, Report},
+};
+
+pub(super) fn run(args: &CheckArgs) -> Result<Exit> {
+    let report = match Material::open(&args.sequence) {
+        Ok(material) => {
+            let mut view = ProgressView::default();
+            sequence::check(material.sequence(), &mut |done, total| view.count("checking", done, total))
+        }
+        Err(error) if args.json => unreadable(error.to_string()),
+        Err(error) => return Err(error),
+    };
+    if args.json {
+        print_json(&report);
+    } else {
+        print(&as_text(&report));
+    }
+    Ok(if report.ok { Exit::Done } else { Exit::WrongInput })
+}
+
+/// The report on what could not even be opened.
+fn unreadable(error: String) -> Report {
+    Report {
+        ok: false,
+        frames: 0,
+        width: 0,
+        height: 0,
+        camera: String::new(),
+        depth: String::new(),
+        masks: String::new(),
+        labels: String::new(),
+        warnings: Vec::new(),
+        errors: vec![error],
+    }
+}
+
+fn as_text(report: &Report) -> String {
+    let mut lines = vec![
+        format!("frames   {} of {}×{}", report.frames, report.width, report.height),
+        format!("camera   {}", report.camera),
+        format!("depth    {}", report.depth),
+        format!("masks    {}", report.masks),
+        format!("labels   {}", report.labels),
+    ];
+    lines.extend(report.warnings.iter().map(|w| format!("note     {w}")));
+    lines.extend(report.errors.iter().map(|e| format!("WRONG    {e}")));
+    lines.push(
+        if report.ok { "This recording can be trained on." } else { "Training would be wrong." }.into(),
+    );
+    lines.join("\n") + "\n"
+}

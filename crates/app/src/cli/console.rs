@@ -1,0 +1,112 @@
+//! What the verbs say: results on standard output, progress and messages on standard error.
+
+use indicatif::{ProgressBar, ProgressStyle};
+use std::{
+    io::Write,
+    ops::ControlFlow,
+    path::Path,
+    sync::{
+        OnceLock,
+        atomic::{AtomicBool, Ordering},
+    },
+};
+use surgtpgs_core::{Error, Result, files::write_whole};
+
+use crate::jobs::Progress;
+
+/// Writes text to standard output. A reader that went away (`| head`) is not an error.
+pub fn print(text: &str) {
+    let mut out = std::io::stdout().lock();
+    let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+}
+
+/// Writes a value to standard output as indented JSON.
+pub fn print_json(value: &impl serde::Serialize) {
+    // Reports are plain structs of text and numbers: they always serialize.
+    print(&(serde_json::to_string_pretty(value).unwrap_or_default() + "\n"));
+}
+
+/// Writes a line to standard error.
+pub fn say(line: &str) {
+    let _ = writeln!(std::io::stderr().lock(), "{line}");
+}
+
+/// Shows the progress of a job on standard error: a bar on a terminal, a line per stage elsewhere.
+pub struct ProgressView {
+    bar: ProgressBar,
+    stage: String,
+}
+
+impl Default for ProgressView {
+    fn default() -> Self {
+        Self { bar: ProgressBar::hidden(), stage: String::new() }
+    }
+}
+
+impl ProgressView {
+    /// Shows where the job is; a break if the user has pressed Ctrl-C (see [`watch_interrupts`]).
+    pub fn show(&mut self, progress: &Progress<'_>) -> ControlFlow<()> {
+        if self.stage != progress.stage {
+            self.start_stage(progress);
+        }
+        self.bar.set_position(progress.done as u64);
+        self.bar.set_message(progress.detail.to_owned());
+        if interrupted() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+
+    /// For the functions that count only.
+    pub fn count(&mut self, stage: &str, done: usize, total: usize) {
+        let _ = self.show(&Progress { stage, done, total, detail: "" });
+    }
+
+    fn start_stage(&mut self, progress: &Progress<'_>) {
+        self.bar.finish_and_clear();
+        self.stage = progress.stage.to_owned();
+        self.bar = ProgressBar::new(progress.total as u64);
+        if self.bar.is_hidden() {
+            say(&format!("{} …", self.stage));
+        }
+        // The template is constant; the default style stands in should it ever be wrong.
+        if let Ok(style) = ProgressStyle::with_template("{prefix} {bar:30} {pos}/{len} {eta} {msg}") {
+            self.bar.set_style(style);
+        }
+        self.bar.set_prefix(self.stage.clone());
+    }
+}
+
+impl Drop for ProgressView {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+static INTERRUPTED: AtomicBool = AtomicBool::new(false);
+
+/// From now on Ctrl-C asks the job to stop and keep its work; a second one ends the program at once.
+pub fn watch_interrupts() {
+    static INSTALLED: OnceLock<bool> = OnceLock::new();
+    INSTALLED.get_or_init(|| {
+        ctrlc::set_handler(|| {
+            if INTERRUPTED.swap(true, Ordering::SeqCst) {
+                std::process::exit(130);
+            }
+            say("stopping, the work so far is kept (press Ctrl-C again to end at once)");
+        })
+        .is_ok()
+    });
+}
+
+/// Whether the user has pressed Ctrl-C.
+pub fn interrupted() -> bool {
+    INTERRUPTED.load(Ordering::SeqCst)
+}
+
+/// Makes sure, before long work, that a file can be written at `path`.
+pub fn require_writable(path: &Path) -> Result<()> {
+    if path.is_dir() {
+        return Err(Error::input_at(path, "this is a folder, a file is needed", "Give a file name."));
+    }
+    let probe = path.with_file_name(format!(".surgtpgs-{}", std::process::id()));
+    write_whole(&probe, b"")?;
+    std::fs::remove_file(&probe).map_err(|e| Error::io("remove a temporary file", probe, e))
+}

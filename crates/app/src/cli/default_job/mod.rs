@@ -1,0 +1,95 @@
+//! `surgtpgs` without a verb: the viewer on the built-in demo; with no display, the same job into a folder, with a report.
+
+mod report;
+
+use super::{
+    Exit,
+    console::{self, ProgressView, print, say},
+    eval, query, view,
+};
+use crate::{
+    engine::{Engine, EngineOptions},
+    jobs::{self, DemoOptions, DemoPaths},
+    viewer::{self, ViewerInput},
+};
+use report::Findings;
+use std::path::{Path, PathBuf};
+use surgtpgs_core::{
+    Error, Result,
+    export::{ExportOptions, Format},
+};
+
+/// Where the headless job writes, in the current folder.
+const FOLDER: &str = "surgtpgs-demo";
+
+/// What the headless job asks: classes of the demo, another word for one of them, and things that are not there.
+const PROMPTS: [&str; 8] =
+    ["gallbladder", "liver", "fat", "grasper", "bile sac", "forceps", "spaceship", "traffic light"];
+
+pub(super) fn run() -> Result<Exit> {
+    if view::has_display() {
+        viewer::run(ViewerInput::Demo { work_dir: user_folder()? })?;
+    } else {
+        headless(Path::new(FOLDER), &DemoOptions::default())?;
+    }
+    Ok(Exit::Done)
+}
+
+/// The user's own folder for the demo of the viewer.
+fn user_folder() -> Result<PathBuf> {
+    let data = dirs::data_local_dir().ok_or_else(|| Error::Missing {
+        what: "there is no folder for the user's data".into(),
+        hint: "Set HOME.".into(),
+    })?;
+    Ok(data.join("surgtpgs").join("demo"))
+}
+
+/// Builds the demo, evaluates it, asks it, exports masked frames and writes a report, all under `folder`.
+fn headless(folder: &Path, options: &DemoOptions) -> Result<()> {
+    say(&format!(
+        "no display: running the demo into {}/ (`surgtpgs --help` lists the verbs)",
+        folder.display()
+    ));
+    console::require_writable(&folder.join("report.md"))?;
+    console::watch_interrupts();
+    let mut view = ProgressView::default();
+    let trained = jobs::build_demo(folder, options, &mut |p| view.show(p))?;
+    drop(view);
+
+    let scene = DemoPaths::under(folder).scene;
+    let mut engine = Engine::open(&scene, EngineOptions::default())?;
+    let evaluation = eval::evaluate(&mut engine)?;
+    engine.set_prompts(&PROMPTS.map(String::from))?;
+    let frames: Vec<usize> = (0..engine.scene().num_frames()).collect();
+    let answers = query::query(&mut engine, &frames)?;
+    let found = export_found(&mut engine, &answers, &scene, &folder.join("masked-frames"), frames)?;
+
+    let findings =
+        Findings { trained: &trained, evaluation: &evaluation, answers: &answers, exported: found };
+    report::write(folder, &mut engine, &findings)?;
+    print(&report::summary(folder, &findings));
+    Ok(())
+}
+
+/// Exports the prompts that were found somewhere; how many files that made.
+fn export_found(
+    engine: &mut Engine,
+    answers: &query::Report,
+    scene: &Path,
+    folder: &Path,
+    frames: Vec<usize>,
+) -> Result<usize> {
+    let found: Vec<String> =
+        answers.prompts.iter().filter(|p| p.frames_found() > 0).map(|p| p.text.clone()).collect();
+    if found.is_empty() {
+        return Ok(0);
+    }
+    engine.set_prompts(&found)?;
+    jobs::remove_folder(folder)?;
+    let options =
+        ExportOptions { formats: vec![Format::Cutout, Format::Overlay, Format::Index], ..Default::default() };
+    let prompts = jobs::export_prompts(engine);
+    let mut view = ProgressView::default();
+    let summary = jobs::export(engine, scene, folder, frames, prompts, options, true, &mut |p| view.show(p))?;
+    if summary.complete { Ok(summary.files) } else { Err(Error::Cancelled) }
+}

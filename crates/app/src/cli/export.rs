@@ -1,0 +1,74 @@
+//! `surgtpgs export`: masked frames with a record of how they were made.
+
+use super::{
+    Exit,
+    console::{self, ProgressView, print, print_json, say},
+};
+use crate::{
+    args::{ExportArgs, FrameRange},
+    engine::Engine,
+    jobs,
+};
+use surgtpgs_core::{
+    Error, Result,
+    export::{ExportOptions, Format},
+};
+
+pub(super) fn run(args: &ExportArgs) -> Result<Exit> {
+    let options = args.relevancy.engine_options(&args.scene, args.sequence.clone());
+    let mut engine = Engine::open(&args.scene.scene, options)?;
+    engine.set_prompts(&args.prompt)?;
+    let frames = FrameRange::frames(args.frames, engine.scene().num_frames())?;
+    let options = export_options(args);
+    let prompts = jobs::export_prompts(&engine);
+    say(&format!(
+        "exporting {} frames, {} prompts to {}",
+        frames.len(),
+        prompts.len(),
+        args.output.display()
+    ));
+    console::watch_interrupts();
+    let mut view = ProgressView::default();
+    let summary = jobs::export(
+        &mut engine,
+        &args.scene.scene,
+        &args.output,
+        frames,
+        prompts,
+        options,
+        args.force,
+        &mut |p| view.show(p),
+    )?;
+    drop(view);
+    if args.json {
+        print_json(&summary);
+    } else {
+        print(&format!(
+            "{} files in {} ({} frames, {} of them were there already)\n",
+            summary.files,
+            args.output.display(),
+            summary.frames,
+            summary.skipped_frames
+        ));
+    }
+    if summary.complete {
+        Ok(Exit::Done)
+    } else {
+        say("run the same command again to go on");
+        Err(Error::Cancelled)
+    }
+}
+
+fn export_options(args: &ExportArgs) -> ExportOptions {
+    let mut formats: Vec<Format> = args.format.iter().map(|&f| f.into()).collect();
+    formats.sort_unstable();
+    formats.dedup();
+    ExportOptions {
+        formats,
+        source: args.source.into(),
+        exclusive: args.exclusive,
+        stamp: !args.no_stamp,
+        style: args.style.into(),
+        opacity: args.opacity,
+    }
+}

@@ -1,0 +1,76 @@
+//! The verbs, one file each, and what they share: exit codes and the console.
+
+mod check;
+mod console;
+mod default_job;
+mod demo;
+mod eval;
+mod export;
+mod prepare;
+mod query;
+mod render;
+mod train;
+mod view;
+
+use crate::args::{Cli, Verb};
+use clap::Parser;
+use std::ffi::OsString;
+use surgtpgs_core::{Error, Result};
+
+/// How the program ends; the numbers are a contract.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Exit {
+    /// Everything was done.
+    Done = 0,
+    /// The input is wrong; a message says what to do.
+    WrongInput = 1,
+    /// The command line is wrong.
+    Usage = 2,
+    /// The machine lacks something; a message says how to get it.
+    Lacking = 3,
+}
+
+impl From<Exit> for std::process::ExitCode {
+    fn from(exit: Exit) -> Self {
+        Self::from(exit as u8)
+    }
+}
+
+/// Runs a command line (the program's name first) and prints one plain message where it fails.
+pub fn run(args: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Exit {
+    let cli = match Cli::try_parse_from(args) {
+        Ok(cli) => cli,
+        Err(message) => {
+            // Help and version are messages too, for standard output; clap knows which is which.
+            let _ = message.print();
+            return if message.use_stderr() { Exit::Usage } else { Exit::Done };
+        }
+    };
+    match run_verb(cli.verb) {
+        Ok(exit) => exit,
+        Err(error) => {
+            console::say(&format!("error: {}", one_line(&error.to_string())));
+            if matches!(error, Error::Missing { .. }) { Exit::Lacking } else { Exit::WrongInput }
+        }
+    }
+}
+
+fn run_verb(verb: Option<Verb>) -> Result<Exit> {
+    match verb {
+        None => default_job::run(),
+        Some(Verb::View(args)) => view::run(&args),
+        Some(Verb::Demo(args)) => demo::run(&args),
+        Some(Verb::Check(args)) => check::run(&args),
+        Some(Verb::Prepare(args)) => prepare::run(&args),
+        Some(Verb::Train(args)) => train::run(&args),
+        Some(Verb::Render(args)) => render::run(&args),
+        Some(Verb::Query(args)) => query::run(&args),
+        Some(Verb::Export(args)) => export::run(&args),
+        Some(Verb::Eval(args)) => eval::run(&args),
+    }
+}
+
+/// Messages from libraries may have several lines; ours have one.
+fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}

@@ -1,0 +1,136 @@
+//! `surgtpgs query`: on which frames a scene shows what the words name.
+
+use super::{
+    Exit,
+    console::{ProgressView, print, print_json},
+};
+use crate::{
+    args::{FrameRange, QueryVerbArgs},
+    engine::Engine,
+};
+use surgtpgs_core::Result;
+
+/// The JSON report; its keys are a contract.
+#[derive(serde::Serialize)]
+pub(super) struct Report {
+    pub(super) prompts: Vec<PromptReport>,
+    pub(super) threshold: f32,
+    pub(super) relevancy: &'static str,
+    pub(super) renderer: String,
+}
+
+/// Where one prompt was found.
+#[derive(serde::Serialize)]
+pub(super) struct PromptReport {
+    pub(super) text: String,
+    pub(super) frames: Vec<FrameReport>,
+}
+
+/// Whether a prompt was found on a frame, and how much of it.
+#[derive(serde::Serialize)]
+pub(super) struct FrameReport {
+    pub(super) frame: usize,
+    pub(super) found: bool,
+    pub(super) area_px: usize,
+    pub(super) area_fraction: f64,
+    pub(super) max_score: f32,
+}
+
+impl PromptReport {
+    pub(super) fn frames_found(&self) -> usize {
+        self.frames.iter().filter(|f| f.found).count()
+    }
+
+    pub(super) fn max_score(&self) -> f32 {
+        self.frames.iter().map(|f| f.max_score).fold(0.0, f32::max)
+    }
+
+    /// The frame where the prompt covers most; `None` where it is never found.
+    pub(super) fn largest(&self) -> Option<&FrameReport> {
+        self.frames.iter().filter(|f| f.found).max_by_key(|f| f.area_px)
+    }
+}
+
+pub(super) fn run(args: &QueryVerbArgs) -> Result<Exit> {
+    let mut engine = Engine::open(&args.scene.scene, args.relevancy.engine_options(&args.scene, None))?;
+    engine.set_prompts(&args.prompt)?;
+    let frames = FrameRange::frames(args.frames, engine.scene().num_frames())?;
+    let report = query(&mut engine, &frames)?;
+    if args.json {
+        print_json(&report);
+    } else if args.csv {
+        print(&as_csv(&report));
+    } else {
+        print(&as_text(&report, frames.len()));
+    }
+    Ok(Exit::Done)
+}
+
+/// Asks the engine's prompts on `frames`.
+pub(super) fn query(engine: &mut Engine, frames: &[usize]) -> Result<Report> {
+    let mut prompts: Vec<PromptReport> = engine
+        .queries()
+        .iter()
+        .map(|q| PromptReport { text: q.prompt.clone(), frames: Vec::with_capacity(frames.len()) })
+        .collect();
+    let mut view = ProgressView::default();
+    for (done, &frame) in frames.iter().enumerate() {
+        let at = engine.view(frame)?;
+        let images = engine.render(&at, true)?;
+        let scores = engine.scores(&images, &at)?;
+        let masks = engine.masks(&scores);
+        for ((prompt, scores), mask) in prompts.iter_mut().zip(&scores).zip(&masks) {
+            let area_px = mask.count();
+            prompt.frames.push(FrameReport {
+                frame,
+                found: area_px > 0,
+                area_px,
+                area_fraction: area_px as f64 / mask.data.len().max(1) as f64,
+                max_score: scores.data.iter().copied().fold(0.0, f32::max),
+            });
+        }
+        view.count("asking", done + 1, frames.len());
+    }
+    Ok(Report {
+        prompts,
+        threshold: engine.settings().threshold,
+        relevancy: engine.relevancy_name(),
+        renderer: engine.renderer_name(),
+    })
+}
+
+fn as_text(report: &Report, num_frames: usize) -> String {
+    let line = |prompt: &PromptReport| {
+        let found = match prompt.largest() {
+            None => "nothing above the threshold".into(),
+            Some(largest) => format!(
+                "found on {} of {num_frames} frames, largest on frame {} ({} px, {:.1} %)",
+                prompt.frames_found(),
+                largest.frame,
+                largest.area_px,
+                100.0 * largest.area_fraction
+            ),
+        };
+        format!("{}: {found}; best score {:.3}\n", prompt.text, prompt.max_score())
+    };
+    report.prompts.iter().map(line).collect()
+}
+
+fn as_csv(report: &Report) -> String {
+    let mut text = String::from("prompt,frame,found,area_px,area_fraction,max_score\n");
+    for prompt in &report.prompts {
+        let name = quoted(&prompt.text);
+        for f in &prompt.frames {
+            text += &format!(
+                "{name},{},{},{},{},{}\n",
+                f.frame, f.found, f.area_px, f.area_fraction, f.max_score
+            );
+        }
+    }
+    text
+}
+
+/// A CSV field in quotes.
+fn quoted(text: &str) -> String {
+    format!("\"{}\"", text.replace('"', "\"\""))
+}

@@ -1,0 +1,159 @@
+//! `surgtpgs render`: images of a scene, and `render.json` that says what the numbers in them are.
+
+use super::{
+    Exit,
+    console::{ProgressView, print},
+};
+use crate::{
+    args::{FrameRange, ImageKind, RenderArgs},
+    engine::{Engine, EngineOptions, View},
+};
+use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, Luma};
+use ndarray::ArrayView;
+use ndarray_npy::WriteNpyExt;
+use rayon::prelude::*;
+use std::{io::Cursor, path::Path};
+use surgtpgs_core::{
+    Error, Result,
+    files::write_whole,
+    grid::Grid,
+    num::percentile,
+    raster::{ALPHA_PLANE, FEATURE_PLANE, Images},
+};
+
+/// Pixels with less accumulated opacity have no depth.
+const MIN_ALPHA: f32 = 0.5;
+
+pub(super) fn run(args: &RenderArgs) -> Result<Exit> {
+    let options = EngineOptions { backend: args.scene.backend, ..Default::default() };
+    let mut engine = Engine::open(&args.scene.scene, options)?;
+    let frames = FrameRange::frames(args.frames, engine.scene().num_frames())?;
+    let kinds = kinds(args, &engine)?;
+    let mut view = ProgressView::default();
+    let mut depth_range = None;
+    for (done, &frame) in frames.iter().enumerate() {
+        let images =
+            engine.render(&sized(engine.view(frame)?, args.width), kinds.contains(&ImageKind::Feature))?;
+        let range = *depth_range.get_or_insert_with(|| typical_range(&images.normalised_depth(MIN_ALPHA)));
+        kinds.par_iter().try_for_each(|&kind| write(&args.output, kind, frame, &images, range))?;
+        view.count("rendering", done + 1, frames.len());
+    }
+    drop(view);
+    write_notes(&args.output, &engine, &kinds, depth_range)?;
+    print(&format!("{} frames in {} ({})\n", frames.len(), args.output.display(), engine.renderer_name()));
+    Ok(Exit::Done)
+}
+
+fn kinds(args: &RenderArgs, engine: &Engine) -> Result<Vec<ImageKind>> {
+    let mut kinds = args.kind.clone();
+    kinds.sort_unstable();
+    kinds.dedup();
+    if kinds.contains(&ImageKind::Feature) && engine.scene().gaussians.latent_dim == 0 {
+        return Err(Error::input(
+            "this scene was trained without features",
+            "Leave `feature` out of `--kind`, or train on a prepared folder.",
+        ));
+    }
+    Ok(kinds)
+}
+
+fn sized(view: View, width: Option<u32>) -> View {
+    let Some(width) = width else { return view };
+    let rows = f64::from(view.camera.height) * f64::from(width) / f64::from(view.camera.width.max(1));
+    view.resized(width, (rows.round() as u32).max(1))
+}
+
+fn write(folder: &Path, kind: ImageKind, frame: usize, images: &Images, range: (f32, f32)) -> Result<()> {
+    let save = |kind: &str, extension: &str, bytes: Vec<u8>| {
+        write_whole(&folder.join(kind).join(format!("frame_{frame:06}.{extension}")), &bytes)
+    };
+    match kind {
+        ImageKind::Colour => save("colour", "png", png(images.to_rgb().into())?),
+        ImageKind::Alpha => save("alpha", "png", png(alpha(images).into())?),
+        ImageKind::Depth => {
+            let depth = images.normalised_depth(MIN_ALPHA);
+            save("depth", "npy", npy(&[images.height, images.width], &depth.data)?)?;
+            save("depth", "png", png(depth_picture(&depth, range).into())?)
+        }
+        ImageKind::Feature => {
+            let (dim, pixels) = (images.latent_dim(), images.width * images.height);
+            let at = |i: usize| images.planes[(FEATURE_PLANE + i % dim) * pixels + i / dim];
+            let values: Vec<f32> = (0..pixels * dim).map(at).collect();
+            save("feature", "npy", npy(&[images.height, images.width, dim], &values)?)
+        }
+    }
+}
+
+fn alpha(images: &Images) -> GrayImage {
+    let values = images.plane(ALPHA_PLANE);
+    GrayImage::from_fn(images.width as u32, images.height as u32, |x, y| {
+        Luma([(values[y as usize * images.width + x as usize].clamp(0.0, 1.0) * 255.0 + 0.5) as u8])
+    })
+}
+
+/// Depth to look at: the near end of `range` white, the far end nearly black, holes black.
+fn depth_picture(depth: &Grid<f32>, (near, far): (f32, f32)) -> ImageBuffer<Luma<u16>, Vec<u16>> {
+    ImageBuffer::from_fn(depth.width as u32, depth.height as u32, |x, y| {
+        let z = depth.at(x as usize, y as usize);
+        let nearness = 1.0 - ((z - near) / (far - near).max(1e-12)).clamp(0.0, 1.0);
+        Luma([if z > 0.0 { (1.0 + nearness * 65534.0) as u16 } else { 0 }])
+    })
+}
+
+/// The middle 98 % of known depths; the first frame's serves for all, so that the pictures do not flicker.
+fn typical_range(depth: &Grid<f32>) -> (f32, f32) {
+    let mut known: Vec<f32> = depth.data.iter().copied().filter(|z| *z > 0.0 && z.is_finite()).collect();
+    let near = percentile(&mut known, 1.0).unwrap_or(0.0);
+    (near, percentile(&mut known, 99.0).unwrap_or(near + 1.0))
+}
+
+fn png(image: DynamicImage) -> Result<Vec<u8>> {
+    let mut bytes = Cursor::new(Vec::new());
+    image.write_to(&mut bytes, ImageFormat::Png).map_err(|e| {
+        Error::input(format!("a picture could not be encoded as PNG: {e}"), "Choose another `--width`.")
+    })?;
+    Ok(bytes.into_inner())
+}
+
+fn npy(shape: &[usize], values: &[f32]) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let array = ArrayView::from_shape(shape, values).map_err(|e| e.to_string());
+    array.and_then(|a| a.write_npy(&mut bytes).map_err(|e| e.to_string())).map_err(|e| {
+        Error::input(format!("an array could not be encoded: {e}"), "Choose another `--width`.")
+    })?;
+    Ok(bytes)
+}
+
+fn write_notes(folder: &Path, engine: &Engine, kinds: &[ImageKind], range: Option<(f32, f32)>) -> Result<()> {
+    let provenance = &engine.scene().provenance;
+    let notes = serde_json::json!({
+        "tool": format!("SurgTPGS {}", env!("CARGO_PKG_VERSION")),
+        "intended_use": surgtpgs_core::export::intended_use(),
+        "sequence_name": provenance.sequence_name,
+        "rendered_by": engine.renderer_name(),
+        "depth_unit": "scene units",
+        "depth_png_range": range.filter(|_| kinds.contains(&ImageKind::Depth)),
+    });
+    let text = serde_json::to_string_pretty(&notes).unwrap_or_default() + "\n";
+    write_whole(&folder.join("render.json"), text.as_bytes())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn near_is_white_and_holes_are_black() {
+        let depth = Grid::from_vec(4, 1, vec![0.0, 1.0, 2.0, 9.0]);
+        let picture = depth_picture(&depth, (1.0, 2.0));
+        assert_eq!(picture.into_raw(), [0, 65535, 1, 1]);
+    }
+
+    #[test]
+    fn arrays_read_back_as_they_were() {
+        use ndarray_npy::ReadNpyExt;
+        let bytes = npy(&[2, 3], &[1.0, 2.0, 3.0, 4.0, 5.0, 6.5]).unwrap();
+        let array = ndarray::Array2::<f32>::read_npy(Cursor::new(bytes)).unwrap();
+        assert_eq!((array.dim(), array[[1, 2]]), ((2, 3), 6.5));
+    }
+}

@@ -1,0 +1,75 @@
+//! Masked frames of a scene, written to a folder.
+
+use super::{Observer, Progress};
+use crate::{engine::Engine, settings::PROMPT_COLOURS};
+use image::RgbImage;
+use std::path::Path;
+use surgtpgs_core::{
+    Error, Result,
+    export::{Export, ExportOptions, ExportPrompt, ExportSummary, Provenance, Source, file_sha256},
+};
+
+/// The engine's prompts as an export records them: threshold of the engine's settings, colours in order.
+pub fn export_prompts(engine: &Engine) -> Vec<ExportPrompt> {
+    let colours = PROMPT_COLOURS.iter().cycle();
+    let prompt = |(query, &colour): (&surgtpgs_core::relevancy::Query, &[u8; 3])| ExportPrompt {
+        text: query.prompt.clone(),
+        threshold: engine.settings().threshold,
+        colour,
+        negatives: query.negatives.iter().map(|(words, _)| words.clone()).collect(),
+    };
+    engine.queries().iter().zip(colours).map(prompt).collect()
+}
+
+/// Writes `frames` of the scene file `scene`, opened as `engine`, into `folder`. `prompts` are those of the engine (see
+/// [`export_prompts`]). Stops when the observer says so; exporting again goes on from there.
+pub fn export(
+    engine: &mut Engine,
+    scene: &Path,
+    folder: &Path,
+    frames: Vec<usize>,
+    prompts: Vec<ExportPrompt>,
+    options: ExportOptions,
+    overwrite: bool,
+    observer: &mut Observer<'_>,
+) -> Result<ExportSummary> {
+    let source = options.source;
+    if let (Source::Original, Some(why)) = (source, engine.recording_missing()) {
+        return Err(Error::input(
+            format!("the recorded frames are not at hand: {}", why.trim_end_matches('.')),
+            "Say where the recording is with `--sequence`, or export with `--source reconstruction`.",
+        ));
+    }
+    let encoder = engine
+        .encoder_identity()
+        .cloned()
+        .ok_or_else(|| Error::input("there is no prompt to export", "Give at least one."))?;
+    let names = (engine.renderer_name(), engine.relevancy_name());
+    let hash = file_sha256(scene)?;
+    let settings = engine.settings().clone();
+    let provenance = Provenance::new(engine.scene(), hash, &encoder, settings, names, prompts, options);
+    let mut export = Export::begin(folder, frames, provenance, overwrite)?;
+    while let Some(frame) = export.next_frame() {
+        let (done, total) = (export.frames_done(), export.num_frames());
+        if observer(&Progress { stage: "exporting", done, total, detail: "" }).is_break() {
+            break;
+        }
+        let view = engine.view(frame)?;
+        let images = engine.render(&view, true)?;
+        let scores = engine.scores(&images, &view)?;
+        let picture: RgbImage = match source {
+            Source::Original => engine.original(frame)?.unwrap_or_else(|| images.to_rgb()),
+            Source::Reconstruction => images.to_rgb(),
+        };
+        export.write(&picture, &scores).map_err(|e| {
+            let place = format!("the export stopped at frame {frame}, {done} of {total} are complete");
+            match e {
+                Error::Io { doing, source, path } => {
+                    Error::Io { doing: format!("{doing} ({place})"), source, path }
+                }
+                other => other,
+            }
+        })?;
+    }
+    export.finish()
+}

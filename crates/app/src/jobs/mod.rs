@@ -1,0 +1,219 @@
+//! Long work that the command line and the viewer share: prepare, train, build the demo.
+//!
+//! A job reports through a callback and stops when the callback says so; what is finished is kept.
+
+mod export;
+
+pub use export::{export, export_prompts};
+
+use crate::engine::EncoderChoice;
+use std::{
+    ops::ControlFlow,
+    path::{Path, PathBuf},
+};
+use surgtpgs_clip::TextEncoder;
+use surgtpgs_core::{
+    Error, Result,
+    codec::CodecSettings,
+    demo::{self, DemoSettings},
+    prepare::{Prepared, prepare_from_labels},
+    scene::Scene,
+    sequence::Sequence,
+    train::{TrainSettings, Trainer},
+};
+
+/// Where a job is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Progress<'a> {
+    /// What is being done, e.g. "training".
+    pub stage: &'a str,
+    /// Steps of this stage done.
+    pub done: usize,
+    /// Steps of this stage.
+    pub total: usize,
+    /// More in words, or empty.
+    pub detail: &'a str,
+}
+
+/// Called often; [`ControlFlow::Break`] asks the job to stop.
+pub type Observer<'a> = dyn FnMut(&Progress<'_>) -> ControlFlow<()> + 'a;
+
+/// How to prepare a recording.
+#[derive(Clone, Debug, Default)]
+pub struct PrepareOptions {
+    /// Hold test frames out.
+    pub eval: bool,
+    /// Text encoder that embeds the class names.
+    pub encoder: EncoderChoice,
+    /// The codec.
+    pub codec: CodecSettings,
+}
+
+/// Makes a prepared folder from a recording's label masks.
+pub fn prepare(
+    sequence: Sequence,
+    folder: &Path,
+    options: &PrepareOptions,
+    observer: &mut Observer<'_>,
+) -> Result<Prepared> {
+    if sequence.classes().is_empty() {
+        return Err(Error::input_at(
+            sequence.path(),
+            "the recording has no label masks to take features from",
+            "Run `surgtpgs check` on it to see what it holds, or train on it without features.",
+        ));
+    }
+    let mut encoder = match &options.encoder {
+        EncoderChoice::Folder(folder) => TextEncoder::open(folder)?,
+        EncoderChoice::Builtin | EncoderChoice::OfScene => TextEncoder::builtin()?,
+    };
+    let names: Vec<&str> = sequence.classes().iter().map(|c| c.name.as_str()).collect();
+    let embeddings = encoder.encode_prompts(&names)?;
+    let identity = encoder.identity().clone();
+    let mut report = |stage: &str, done, total| {
+        // Preparing is short; it is not interrupted half-way.
+        let _ = observer(&Progress { stage, done, total, detail: "" });
+    };
+    prepare_from_labels(sequence, identity, &embeddings, options.eval, &options.codec, folder, &mut report)
+}
+
+/// What there is to train on.
+pub enum Material {
+    /// With features.
+    Prepared(Prepared),
+    /// Without.
+    Bare(Sequence),
+}
+
+impl Material {
+    /// Opens a prepared folder or a recording.
+    pub fn open(path: &Path) -> Result<Self> {
+        if Prepared::is_prepared(path) {
+            Prepared::open(path).map(Self::Prepared)
+        } else {
+            Sequence::open(path).map(Self::Bare)
+        }
+    }
+
+    /// The recording.
+    pub fn sequence(&self) -> &Sequence {
+        match self {
+            Self::Prepared(prepared) => &prepared.sequence,
+            Self::Bare(sequence) => sequence,
+        }
+    }
+
+    /// The features, where there are some.
+    pub fn prepared(&self) -> Option<&Prepared> {
+        match self {
+            Self::Prepared(prepared) => Some(prepared),
+            Self::Bare(_) => None,
+        }
+    }
+}
+
+/// What training came to.
+pub struct Trained {
+    /// The scene.
+    pub scene: Scene,
+    /// Steps done.
+    pub steps: usize,
+    /// Wall time of the training, seconds, reading the recording included.
+    pub seconds: f64,
+    /// PSNR in dB over the held-out frames, inside the supervision mask.
+    pub psnr_db: f64,
+    /// Steps dropped because their loss or gradient was not finite.
+    pub dropped: usize,
+}
+
+/// Trains until all steps are done or the observer asks to stop.
+pub fn train(material: &Material, settings: TrainSettings, observer: &mut Observer<'_>) -> Result<Trained> {
+    let started = std::time::Instant::now();
+    let total = settings.iterations;
+    let psnr_every = (total / 6).max(250);
+    let mut trainer = Trainer::new(material.sequence(), material.prepared(), settings)?;
+    let training_started = std::time::Instant::now();
+    let (mut psnr, mut dropped) = (String::new(), 0);
+    while trainer.steps_done() < total {
+        let report = trainer.step()?;
+        dropped = report.dropped;
+        if report.step.is_multiple_of(psnr_every) && report.step < total {
+            psnr = format!(", {:.2} dB", trainer.psnr_db()?);
+        }
+        let per_second = report.step as f64 / training_started.elapsed().as_secs_f64().max(1e-9);
+        let detail =
+            format!("loss {:.4}, {} Gaussians, {per_second:.0} steps/s{psnr}", report.loss, report.gaussians);
+        let progress = Progress { stage: "training", done: report.step, total, detail: &detail };
+        if observer(&progress).is_break() {
+            break;
+        }
+    }
+    let seconds = started.elapsed().as_secs_f64();
+    let psnr_db = trainer.psnr_db()?;
+    Ok(Trained { scene: trainer.scene(), steps: trainer.steps_done(), seconds, psnr_db, dropped })
+}
+
+/// Where the demo's files are, under one folder.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct DemoPaths {
+    /// The synthetic recording.
+    pub recording: PathBuf,
+    /// Its features.
+    pub prepared: PathBuf,
+    /// The scene.
+    pub scene: PathBuf,
+}
+
+impl DemoPaths {
+    /// The paths under `folder`.
+    pub fn under(folder: &Path) -> Self {
+        Self {
+            recording: folder.join("recording"),
+            prepared: folder.join("prepared"),
+            scene: folder.join("scene.safetensors"),
+        }
+    }
+}
+
+/// How large the demo is.
+#[derive(Clone, Debug)]
+pub struct DemoOptions {
+    /// The recording.
+    pub recording: DemoSettings,
+    /// Training steps.
+    pub iterations: usize,
+}
+
+impl Default for DemoOptions {
+    fn default() -> Self {
+        Self { recording: DemoSettings::default(), iterations: 1500 }
+    }
+}
+
+/// Builds the demo under `folder`: records it, prepares it (test frames held out), trains it and saves the scene.
+/// Earlier files of the demo are replaced.
+pub fn build_demo(folder: &Path, options: &DemoOptions, observer: &mut Observer<'_>) -> Result<Trained> {
+    let paths = DemoPaths::under(folder);
+    remove_folder(&paths.recording)?;
+    remove_folder(&paths.prepared)?;
+    demo::write(&options.recording, &paths.recording, &mut |done, total| {
+        let _ = observer(&Progress { stage: "recording the demo", done, total, detail: "" });
+    })?;
+    let sequence = Sequence::open(&paths.recording)?;
+    let how = PrepareOptions { eval: true, ..Default::default() };
+    let prepared = prepare(sequence, &paths.prepared, &how, observer)?;
+    let settings = TrainSettings { iterations: options.iterations, eval: true, ..Default::default() };
+    let trained = train(&Material::Prepared(prepared), settings, observer)?;
+    trained.scene.save(&paths.scene)?;
+    if trained.steps < options.iterations { Err(Error::Cancelled) } else { Ok(trained) }
+}
+
+/// Removes a folder that this program made; a missing one is fine.
+pub fn remove_folder(folder: &Path) -> Result<()> {
+    match std::fs::remove_dir_all(folder) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
+            Err(Error::io("remove the old folder", folder, e))
+        }
+        _ => Ok(()),
+    }
+}

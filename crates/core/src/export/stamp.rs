@@ -1,0 +1,47 @@
+//! The words that every overlay carries, because screenshots travel without their caption.
+
+use font8x8::UnicodeFonts;
+use image::{Rgb, RgbImage};
+
+const WORDS: &str = "research use only";
+const LETTER: u32 = 8;
+const INK: Rgb<u8> = Rgb([255, 255, 255]);
+const PAPER: Rgb<u8> = Rgb([0, 0, 0]);
+
+/// Writes the words into the lower left corner, white on black; on several lines where one is too wide.
+pub(super) fn stamp(image: &mut RgbImage) {
+    let size = (image.height() / 240).clamp(1, 8);
+    let columns = (image.width() / (LETTER * size)) as usize;
+    let lines = wrap(WORDS, columns);
+    for (k, line) in lines.iter().rev().enumerate() {
+        let top = image.height().checked_sub((k as u32 + 1) * LETTER * size);
+        let Some(top) = top else { break };
+        for (column, letter) in line.chars().enumerate() {
+            draw_letter(image, letter, column as u32 * LETTER * size, top, size);
+        }
+    }
+}
+
+fn wrap(words: &str, columns: usize) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in words.split(' ') {
+        match lines.last_mut() {
+            Some(line) if line.len() + 1 + word.len() <= columns => *line = format!("{line} {word}"),
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
+
+/// `size` pixels per dot of the letter; what is outside the image is left out.
+fn draw_letter(image: &mut RgbImage, letter: char, left: u32, top: u32, size: u32) {
+    let rows = font8x8::BASIC_FONTS.get(letter).unwrap_or_default();
+    for y in 0..LETTER * size {
+        for x in 0..LETTER * size {
+            let is_ink = rows[(y / size) as usize] >> (x / size) & 1 == 1;
+            if let Some(pixel) = image.get_pixel_mut_checked(left + x, top + y) {
+                *pixel = if is_ink { INK } else { PAPER };
+            }
+        }
+    }
+}

@@ -1,0 +1,176 @@
+use super::*;
+use crate::relevancy::RelevancySettings;
+
+/// Two prompts on a 40 × 24 picture: the left half scores for one, the right three quarters for the other.
+fn scores() -> Vec<Grid<f32>> {
+    let image = |f: &dyn Fn(usize) -> f32| Grid::from_vec(40, 24, (0..40 * 24).map(|i| f(i % 40)).collect());
+    vec![image(&|x| if x < 20 { 0.9 } else { 0.1 }), image(&|x| if x >= 10 { 0.6 } else { 0.2 })]
+}
+
+fn picture() -> RgbImage {
+    RgbImage::from_fn(40, 24, |x, y| image::Rgb([x as u8 + 1, y as u8 + 1, 200]))
+}
+
+fn provenance(formats: &[Format], exclusive: bool) -> Provenance {
+    let prompt = |text: &str, colour| ExportPrompt {
+        text: text.into(),
+        threshold: 0.5,
+        colour,
+        negatives: vec!["object".into()],
+    };
+    Provenance {
+        schema: 1,
+        tool: "SurgTPGS test".into(),
+        intended_use: intended_use().into(),
+        scene_sha256: "00".into(),
+        sequence_name: "demo".into(),
+        sequence_frames: 4,
+        held_out: false,
+        training: serde_json::json!({ "steps": 3 }),
+        encoder: "builtin".into(),
+        encoder_sha256: "11".into(),
+        template: "A photo of a {} in the scene".into(),
+        relevancy: RelevancySettings::default(),
+        relevancy_rung: "exact".into(),
+        rendered_by: "CPU".into(),
+        prompts: vec![prompt("Bile sac", [0, 200, 255]), prompt("liver", [230, 80, 230])],
+        options: ExportOptions { formats: formats.to_vec(), exclusive, ..Default::default() },
+    }
+}
+
+fn run(folder: &Path, frames: &[usize], provenance: &Provenance, force: bool) -> Result<ExportSummary> {
+    let mut export = Export::begin(folder, frames.to_vec(), provenance.clone(), force)?;
+    while export.next_frame().is_some() {
+        export.write(&picture(), &scores())?;
+    }
+    export.finish()
+}
+
+#[test]
+fn cutouts_are_straight_and_hold_nothing_of_what_they_hide() {
+    let folder = tempfile::tempdir().unwrap();
+    run(folder.path(), &[7], &provenance(&[Format::Cutout], false), false).unwrap();
+    let cut = image::open(folder.path().join("cutout/frame_000007_bile-sac.png")).unwrap();
+    assert_eq!(cut.color(), image::ColorType::Rgba8);
+    let cut = cut.to_rgba8();
+    assert_eq!(cut.get_pixel(3, 2).0, [4, 3, 200, 255]);
+    assert_eq!(cut.get_pixel(30, 2).0, [0; 4]);
+}
+
+#[test]
+fn masks_are_0_or_255_and_overlap_only_if_allowed() {
+    for (exclusive, shared) in [(false, 255), (true, 0)] {
+        let folder = tempfile::tempdir().unwrap();
+        run(folder.path(), &[0], &provenance(&[Format::Binary], exclusive), false).unwrap();
+        let at = |name: &str, x| {
+            let mask = image::open(folder.path().join(name)).unwrap();
+            assert_eq!(mask.color(), image::ColorType::L8);
+            mask.to_luma8().get_pixel(x, 5).0[0]
+        };
+        assert_eq!([0, 15, 30].map(|x| at("binary/frame_000000_bile-sac.png", x)), [255, 255, 0]);
+        assert_eq!([0, 15, 30].map(|x| at("binary/frame_000000_liver.png", x)), [0, shared, 255]);
+    }
+}
+
+#[test]
+fn label_images_carry_ids_that_labels_json_names() {
+    let folder = tempfile::tempdir().unwrap();
+    run(folder.path(), &[0], &provenance(&[Format::Index], false), false).unwrap();
+    let ids = image::open(folder.path().join("index/frame_000000.png")).unwrap().to_luma8();
+    assert_eq!([0, 15, 30].map(|x| ids.get_pixel(x, 5).0[0]), [1, 1, 2]);
+    let labels: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(folder.path().join("index/labels.json")).unwrap()).unwrap();
+    assert_eq!(labels["labels"][1]["prompt"], "liver");
+    assert_eq!(labels["labels"][1]["id"], 2);
+}
+
+#[test]
+fn overlays_are_stamped_unless_switched_off_and_the_record_says_so() {
+    let drawn = |stamp: bool| {
+        let folder = tempfile::tempdir().unwrap();
+        let mut how = provenance(&[Format::Overlay], false);
+        how.options.stamp = stamp;
+        run(folder.path(), &[0], &how, false).unwrap();
+        let text = std::fs::read_to_string(folder.path().join(PROVENANCE_FILE)).unwrap();
+        let record: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(record["options"]["stamp"], stamp);
+        assert!(record["intended_use"].as_str().unwrap().contains("Research use only"));
+        image::open(folder.path().join("overlay/frame_000000.png")).unwrap().to_rgb8()
+    };
+    let ink = |image: &RgbImage| image.pixels().filter(|p| p.0 == [255, 255, 255]).count();
+    assert_eq!(ink(&drawn(false)), 0);
+    assert!(ink(&drawn(true)) > 50);
+}
+
+#[test]
+fn the_record_lists_every_file_with_its_hash() {
+    let folder = tempfile::tempdir().unwrap();
+    let how = provenance(&[Format::Cutout, Format::Binary, Format::Index], false);
+    let summary = run(folder.path(), &[0, 2], &how, false).unwrap();
+    assert_eq!(summary, ExportSummary { complete: true, frames: 2, skipped_frames: 0, files: 10 });
+    let record = Record::read(folder.path()).unwrap().unwrap();
+    assert!(record.complete);
+    for file in &record.files {
+        let bytes = std::fs::read(folder.path().join(&file.name)).unwrap();
+        assert_eq!(provenance::sha256(&bytes), file.sha256);
+    }
+}
+
+#[test]
+fn an_export_goes_on_where_it_stopped() {
+    let folder = tempfile::tempdir().unwrap();
+    let how = provenance(&[Format::Binary], false);
+    let mut first = Export::begin(folder.path(), vec![0, 1, 2], how.clone(), false).unwrap();
+    assert_eq!(first.next_frame(), Some(0));
+    first.write(&picture(), &scores()).unwrap();
+    assert!(!first.finish().unwrap().complete);
+
+    std::fs::remove_file(folder.path().join("binary/frame_000000_liver.png")).unwrap();
+    let mut second = Export::begin(folder.path(), vec![0, 1, 2], how.clone(), false).unwrap();
+    assert_eq!(second.next_frame(), Some(0), "a frame with a missing file is not finished");
+    while second.next_frame().is_some() {
+        second.write(&picture(), &scores()).unwrap();
+    }
+    assert!(second.finish().unwrap().complete);
+
+    let third = run(folder.path(), &[0, 1, 2], &how, false).unwrap();
+    assert_eq!((third.complete, third.skipped_frames), (true, 3));
+}
+
+#[test]
+fn nothing_foreign_is_overwritten_unless_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let mine = folder.path().join("binary/frame_000000_liver.png");
+    std::fs::create_dir_all(mine.parent().unwrap()).unwrap();
+    std::fs::write(&mine, b"mine").unwrap();
+    let how = provenance(&[Format::Binary], false);
+    assert!(run(folder.path(), &[0], &how, false).unwrap_err().to_string().contains("--force"));
+    assert_eq!(std::fs::read(&mine).unwrap(), b"mine");
+    run(folder.path(), &[0], &how, true).unwrap();
+    assert_ne!(std::fs::read(&mine).unwrap(), b"mine");
+
+    std::fs::write(&mine, b"edited").unwrap();
+    assert!(run(folder.path(), &[0], &how, false).unwrap_err().to_string().contains("changed"));
+    let other = provenance(&[Format::Binary], true);
+    assert!(run(folder.path(), &[0], &other, false).unwrap_err().to_string().contains("another export"));
+}
+
+#[test]
+fn empty_requests_and_wrong_sizes_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let how = provenance(&[Format::Binary], false);
+    assert!(run(folder.path(), &[], &how, false).is_err());
+    assert!(run(folder.path(), &[0], &provenance(&[], false), false).is_err());
+    assert!(run(folder.path(), &[0], &Provenance { prompts: vec![], ..how.clone() }, false).is_err());
+    let mut export = Export::begin(folder.path(), vec![0], how, false).unwrap();
+    assert!(export.write(&RgbImage::new(3, 3), &scores()).is_err());
+    assert!(export.write(&picture(), &scores()[..1]).is_err());
+}
+
+#[test]
+fn slugs_are_plain_and_distinct() {
+    let prompt =
+        |text: &str| ExportPrompt { text: text.into(), threshold: 0.4, colour: [0; 3], negatives: vec![] };
+    let prompts = ["Bile sac!", "bile  SAC", "胆囊", "../x"].map(prompt);
+    assert_eq!(slugs(&prompts), ["bile-sac_1", "bile-sac_2", "prompt_3", "x"]);
+}
