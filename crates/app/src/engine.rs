@@ -27,6 +27,7 @@ use surgtpgs_core::{
     scene::Scene,
     sequence::Sequence,
 };
+use surgtpgs_render::{AdapterChoice, Gpu, GpuRenderer};
 
 /// What renders.
 #[derive(
@@ -341,12 +342,15 @@ fn blank_outside(scores: &mut Grid<f32>, field_of_view: &Mask) {
 
 /// Opens the renderer of choice; also whether it is a GPU.
 fn open_renderer(backend: Backend) -> Result<(Box<dyn Renderer>, bool)> {
+    let gpu = |adapters| -> Result<GpuRenderer> { GpuRenderer::new(Gpu::open(adapters)?) };
     match backend {
-        Backend::Auto | Backend::Cpu => Ok((Box::new(CpuRenderer), false)),
-        Backend::Gpu => Err(Error::Missing {
-            what: "no graphics adapter was found".into(),
-            hint: "Use `--backend cpu`: the same pictures, slower.".into(),
-        }),
+        Backend::Cpu => Ok((Box::new(CpuRenderer), false)),
+        Backend::Gpu => Ok((Box::new(gpu(AdapterChoice::Any)?), true)),
+        // Whatever a GPU lacks, the CPU makes the same pictures.
+        Backend::Auto => match gpu(AdapterChoice::RealGpu) {
+            Ok(renderer) => Ok((Box::new(renderer), true)),
+            Err(_) => Ok((Box::new(CpuRenderer), false)),
+        },
     }
 }
 

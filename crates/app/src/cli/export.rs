@@ -7,7 +7,7 @@ use super::{
 use crate::{
     args::{ExportArgs, FrameRange},
     engine::Engine,
-    jobs,
+    jobs::{self, ExportRequest},
 };
 use surgtpgs_core::{
     Error, Result,
@@ -19,26 +19,23 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit> {
     let mut engine = Engine::open(&args.scene.scene, options)?;
     engine.set_prompts(&args.prompt)?;
     let frames = FrameRange::frames(args.frames, engine.scene().num_frames())?;
-    let options = export_options(args);
-    let prompts = jobs::export_prompts(&engine);
+    let request = ExportRequest {
+        scene: &args.scene.scene,
+        folder: &args.output,
+        prompts: jobs::export_prompts(&engine),
+        options: export_options(args),
+        overwrite: args.force,
+        frames,
+    };
     say(&format!(
         "exporting {} frames, {} prompts to {}",
-        frames.len(),
-        prompts.len(),
+        request.frames.len(),
+        request.prompts.len(),
         args.output.display()
     ));
     console::watch_interrupts();
     let mut view = ProgressView::default();
-    let summary = jobs::export(
-        &mut engine,
-        &args.scene.scene,
-        &args.output,
-        frames,
-        prompts,
-        options,
-        args.force,
-        &mut |p| view.show(p),
-    )?;
+    let summary = jobs::export(&mut engine, request, &mut |p| view.show(p))?;
     drop(view);
     if args.json {
         print_json(&summary);

@@ -21,18 +21,30 @@ pub fn export_prompts(engine: &Engine) -> Vec<ExportPrompt> {
     engine.queries().iter().zip(colours).map(prompt).collect()
 }
 
-/// Writes `frames` of the scene file `scene`, opened as `engine`, into `folder`. `prompts` are those of the engine (see
-/// [`export_prompts`]). Stops when the observer says so; exporting again goes on from there.
+/// What to export.
+#[derive(Clone, Debug)]
+pub struct ExportRequest<'a> {
+    /// The scene file that the engine has open.
+    pub scene: &'a Path,
+    /// Folder to write.
+    pub folder: &'a Path,
+    /// Frames, counted from 0.
+    pub frames: Vec<usize>,
+    /// The engine's prompts, see [`export_prompts`].
+    pub prompts: Vec<ExportPrompt>,
+    /// What to write.
+    pub options: ExportOptions,
+    /// Whether files of another export may be overwritten.
+    pub overwrite: bool,
+}
+
+/// Writes masked frames. Stops when the observer says so; exporting again goes on from there.
 pub fn export(
     engine: &mut Engine,
-    scene: &Path,
-    folder: &Path,
-    frames: Vec<usize>,
-    prompts: Vec<ExportPrompt>,
-    options: ExportOptions,
-    overwrite: bool,
+    request: ExportRequest<'_>,
     observer: &mut Observer<'_>,
 ) -> Result<ExportSummary> {
+    let ExportRequest { scene, folder, frames, prompts, options, overwrite } = request;
     let source = options.source;
     if let (Source::Original, Some(why)) = (source, engine.recording_missing()) {
         return Err(Error::input(

@@ -4,7 +4,7 @@
 
 mod export;
 
-pub use export::{export, export_prompts};
+pub use export::{ExportRequest, export, export_prompts};
 
 use crate::engine::EncoderChoice;
 use std::{

@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     engine::{Engine, EngineOptions},
-    jobs::{self, DemoOptions, DemoPaths},
+    jobs::{self, DemoOptions, DemoPaths, ExportRequest},
     viewer::{self, ViewerInput},
 };
 use report::Findings;
@@ -89,7 +89,8 @@ fn export_found(
     let options =
         ExportOptions { formats: vec![Format::Cutout, Format::Overlay, Format::Index], ..Default::default() };
     let prompts = jobs::export_prompts(engine);
+    let request = ExportRequest { scene, folder, frames, prompts, options, overwrite: true };
     let mut view = ProgressView::default();
-    let summary = jobs::export(engine, scene, folder, frames, prompts, options, true, &mut |p| view.show(p))?;
+    let summary = jobs::export(engine, request, &mut |p| view.show(p))?;
     if summary.complete { Ok(summary.files) } else { Err(Error::Cancelled) }
 }
