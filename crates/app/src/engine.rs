@@ -23,7 +23,7 @@ use surgtpgs_core::{
     mask::threshold,
     prepare::EncoderIdentity,
     raster::{CpuRenderer, Images, Renderer, render_deformed},
-    relevancy::{Query, Relevancy, RelevancySettings},
+    relevancy::{self, Query, Relevancy, RelevancySettings},
     scene::Scene,
     sequence::Sequence,
 };
@@ -256,7 +256,11 @@ impl Engine {
         let (scene, settings) = (&self.scene, &self.settings);
         let query =
             |p: &&str| Query::new(p, self.prompt_embeddings[*p].clone(), &phrases, &scene.classes, settings);
-        self.queries = prompts.iter().map(query).collect();
+        let queries: Vec<Query> = prompts.iter().map(query).collect();
+        if let Some(codec) = &scene.codec {
+            queries.iter().try_for_each(|q| q.check(codec))?;
+        }
+        self.queries = queries;
         Ok(())
     }
 
@@ -354,8 +358,8 @@ fn open_renderer(backend: Backend) -> Result<(Box<dyn Renderer>, bool)> {
     }
 }
 
-fn open_relevancy(_scene: &Scene) -> Option<Box<dyn Relevancy>> {
-    None
+fn open_relevancy(scene: &Scene) -> Option<Box<dyn Relevancy>> {
+    scene.codec.clone().map(relevancy::best)
 }
 
 /// Opens the text encoder and makes sure that it is the one the scene's features belong to.
