@@ -84,12 +84,15 @@ impl<T: Pod> DeviceVec<T> {
 
 /// A small constant for one dispatch.
 pub(crate) fn uniform<T: NoUninit>(gpu: &Gpu, value: &T) -> wgpu::Buffer {
-    use wgpu::util::DeviceExt;
-    gpu.device().create_buffer_init(&wgpu::util::BufferInitDescriptor {
+    // Not created mapped: that panics where the device was lost.
+    let buffer = gpu.device().create_buffer(&wgpu::BufferDescriptor {
         label: None,
-        contents: bytemuck::bytes_of(value),
-        usage: wgpu::BufferUsages::UNIFORM,
-    })
+        size: size_of::<T>() as u64,
+        usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    });
+    gpu.queue().write_buffer(&buffer, 0, bytemuck::bytes_of(value));
+    buffer
 }
 
 fn allocate(gpu: &Gpu, name: &str, bytes: u64) -> wgpu::Buffer {

@@ -73,11 +73,8 @@ impl Gpu {
             .map_err(|e| Unavailable::Refused { adapter: info.name, reason: e.to_string() })?;
         let gpu = Self::from_device(device, queue);
         let lost = gpu.lost.clone();
-        gpu.device.set_device_lost_callback(move |reason, message| {
-            // Destroyed is what dropping the last handle gives: nobody is left to tell.
-            if reason != wgpu::DeviceLostReason::Destroyed {
-                *lost.lock().unwrap_or_else(PoisonError::into_inner) = Some(message);
-            }
+        gpu.device.set_device_lost_callback(move |_, message| {
+            *lost.lock().unwrap_or_else(PoisonError::into_inner) = Some(message);
         });
         Ok(gpu)
     }
@@ -125,6 +122,8 @@ impl Gpu {
 
     /// Runs `work`, turning every error the device reports meanwhile into one of ours.
     pub(crate) fn guarded<T>(&self, work: impl FnOnce() -> Result<T>) -> Result<T> {
+        // Lets the driver report a loss since the last frame; a failed poll shows in what follows.
+        let _ = self.device.poll(wgpu::PollType::Poll);
         self.check_alive()?;
         let scopes =
             [wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::OutOfMemory]

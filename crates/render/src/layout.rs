@@ -107,6 +107,48 @@ shader_struct! {
 }
 
 shader_struct! {
+    /// One layer of the decoder (`dense.wgsl`).
+    pub struct Dense {
+        /// Points.
+        num_rows: u32,
+        /// Numbers that come in.
+        num_in: u32,
+        /// Numbers that go out.
+        num_out: u32,
+        /// Row of the input that is row 0 of the output.
+        first_row: u32,
+        /// 1 where a ReLU follows.
+        has_relu: u32,
+        /// To a multiple of 16 bytes.
+        padding: u32,
+        /// To a multiple of 16 bytes.
+        padding_2: [u32; 2],
+    }
+}
+
+shader_struct! {
+    /// One query's scores (`relevancy.wgsl`).
+    pub struct Scoring {
+        /// Points.
+        num_rows: u32,
+        /// Numbers of an embedding.
+        embedding_dim: u32,
+        /// Texts of all queries.
+        num_texts: u32,
+        /// The prompt among them; its negatives follow.
+        first_text: u32,
+        /// How many.
+        num_negatives: u32,
+        /// Where the first score goes.
+        first_score: u32,
+        /// Sharpness.
+        temperature: f32,
+        /// To a multiple of 16 bytes.
+        padding: u32,
+    }
+}
+
+shader_struct! {
     /// A Gaussian at rest: raw parameters (`shared/gaussian.wgsl`).
     pub struct RestRow {
         /// Centre in the world.

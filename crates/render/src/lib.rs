@@ -16,9 +16,11 @@ mod device;
 mod kernel;
 pub mod layout;
 pub mod passes;
+mod relevancy;
 mod renderer;
 mod scene_buffers;
 pub mod shader_source;
 
 pub use device::{AdapterChoice, Gpu, Unavailable};
+pub use relevancy::GpuExact;
 pub use renderer::GpuRenderer;

@@ -17,6 +17,8 @@ pub const SORT_GROUP: u32 = 128;
 pub const SORT_BLOCK: u32 = 2048;
 /// Splats that a tile's workgroup holds at once.
 pub const RASTER_BATCH: u32 = 64;
+/// Edge of the output block of a layer that one workgroup computes.
+pub const DENSE_TILE: u32 = 64;
 
 macro_rules! shaders {
     ($($name:literal),* $(,)?) => {
@@ -29,8 +31,10 @@ macro_rules! shaders {
 pub const FILES: &[(&str, &str)] = shaders![
     "bin.wgsl",
     "deform.wgsl",
+    "dense.wgsl",
     "project.wgsl",
     "raster.wgsl",
+    "relevancy.wgsl",
     "scan.wgsl",
     "sort.wgsl",
     "shared/dispatch.wgsl",
@@ -80,6 +84,7 @@ fn constants(latent_dim: usize) -> String {
         ("SORT_GROUP", SORT_GROUP),
         ("SORT_BLOCK", SORT_BLOCK),
         ("RASTER_BATCH", RASTER_BATCH),
+        ("DENSE_TILE", DENSE_TILE),
         ("LATENT_DIM", latent_dim as u32),
         ("TILE", raster::TILE as u32),
         ("DEPTH_PLANE", raster::DEPTH_PLANE as u32),

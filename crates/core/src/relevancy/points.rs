@@ -62,7 +62,7 @@ impl<'a> Points<'a> {
     }
 
     /// Appends the latent of point `i` to `out` and says so, unless it is in a hole or not finite.
-    pub(super) fn push_latent(&self, i: usize, out: &mut Vec<f32>) -> bool {
+    pub fn push_latent(&self, i: usize, out: &mut Vec<f32>) -> bool {
         let Some(scale) = self.scale(i) else { return false };
         let start = out.len();
         out.extend(self.planes.iter().map(|p| p[i] * scale));

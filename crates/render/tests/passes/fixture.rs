@@ -121,7 +121,8 @@ fn deformation(rng: &mut ChaCha8Rng, recipe: Recipe) -> Deformation {
     deformation
 }
 
-fn numbers(rng: &mut ChaCha8Rng, len: usize, size: f32) -> Vec<f32> {
+/// Seeded numbers within ± `size`.
+pub(crate) fn numbers(rng: &mut ChaCha8Rng, len: usize, size: f32) -> Vec<f32> {
     (0..len).map(|_| rng.random_range(-size..size)).collect()
 }
 

@@ -5,7 +5,7 @@ use crate::{
     fixture::{Recipe, camera, gpu, moved_camera, scene},
 };
 use surgtpgs_core::raster::{CpuRenderer, Renderer};
-use surgtpgs_render::GpuRenderer;
+use surgtpgs_render::{AdapterChoice, Gpu, GpuRenderer};
 
 fn renderer() -> Option<GpuRenderer> {
     gpu().map(|gpu| GpuRenderer::new(gpu).unwrap())
@@ -97,4 +97,21 @@ fn an_image_too_large_for_the_adapter_is_refused_in_plain_words() {
     let message = renderer.render(&scene, &camera(side, side), 0.4, true).unwrap_err().to_string();
     assert!(message.contains("image planes") && message.contains("--backend cpu"), "{message}");
     assert_eq!(renderer.render(&scene, &camera(0, 5), 0.4, true).unwrap().planes, Vec::<f32>::new());
+}
+
+#[test]
+fn a_lost_device_is_reported_again_and_again() {
+    if gpu().is_none() {
+        return;
+    }
+    // Its own device: the others' must stay.
+    let own = Gpu::open(AdapterChoice::Any).unwrap();
+    let mut renderer = GpuRenderer::new(own.clone()).unwrap();
+    let scene = scene(Recipe { num_gaussians: 50, ..Default::default() });
+    renderer.render(&scene, &camera(32, 32), 0.4, false).unwrap();
+    own.device().destroy();
+    for _ in 0..2 {
+        let message = renderer.render(&scene, &camera(32, 32), 0.4, false).unwrap_err().to_string();
+        assert!(message.contains("lost") && message.contains("--backend cpu"), "{message}");
+    }
 }

@@ -6,7 +6,7 @@ use naga::{
 };
 use std::{collections::BTreeSet, path::Path};
 use surgtpgs_render::{
-    layout::{Deform, DeformedRow, Digit, RestRow, ShaderStruct, SplatRow, View},
+    layout::{Deform, DeformedRow, Dense, Digit, RestRow, Scoring, ShaderStruct, SplatRow, View},
     shader_source::{FILES, assemble},
 };
 
@@ -92,6 +92,8 @@ fn structs_have_the_same_layout_in_rust_and_in_wgsl() {
     check_struct::<SplatRow>("shared/gaussian.wgsl");
     check_struct::<Deform>("deform.wgsl");
     check_struct::<Digit>("sort.wgsl");
+    check_struct::<Dense>("dense.wgsl");
+    check_struct::<Scoring>("relevancy.wgsl");
 }
 
 #[test]
