@@ -1,0 +1,282 @@
+//! Reading and writing the files of a prepared folder.
+
+use super::{EncoderIdentity, RegionMap};
+use crate::{
+    Error, Result,
+    codec::{Codec, CodecSettings},
+    files::write_whole,
+    sequence::{Class, Sequence},
+};
+use image::{DynamicImage, ImageBuffer, Luma};
+use ndarray::{Array2, ArrayD, ArrayView2, ArrayViewD, Ix2, IxDyn};
+use safetensors::{Dtype, SafeTensors, tensor::TensorView};
+use sha2::{Digest, Sha256};
+use std::{
+    collections::BTreeMap,
+    io::Cursor,
+    path::{Component, Path, PathBuf},
+};
+
+pub(super) const MANIFEST: &str = "prepared.json";
+pub(super) const REGIONS: &str = "regions";
+const CODEC: &str = "codec.safetensors";
+const FEATURES: &str = "features.safetensors";
+const VERSION: u32 = 1;
+const AGAIN: &str = "Prepare the recording again.";
+
+/// What `prepared.json` says.
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
+pub(super) struct Manifest {
+    pub(super) version: u32,
+    pub(super) made_by: String,
+    /// The recording, from the prepared folder; absent where there is no such way (another drive).
+    pub(super) recording_relative: Option<PathBuf>,
+    /// The recording as it was found.
+    pub(super) recording: PathBuf,
+    pub(super) eval: bool,
+    pub(super) frames: usize,
+    pub(super) width: usize,
+    pub(super) height: usize,
+    pub(super) encoder: EncoderIdentity,
+    /// Row k of the feature table is class k.
+    pub(super) classes: Vec<Class>,
+    /// Pixels of each row over all training frames.
+    pub(super) row_pixels: Vec<u64>,
+    /// Frames with a region file, ascending.
+    pub(super) region_frames: Vec<usize>,
+    pub(super) codec_settings: CodecSettings,
+    /// SHA-256 of the tensor files by name, hexadecimal.
+    pub(super) sha256: BTreeMap<String, String>,
+}
+
+impl Manifest {
+    /// A manifest for `sequence` prepared into `folder`, to be filled in.
+    pub(super) fn of(
+        sequence: &Sequence,
+        folder: &Path,
+        eval: bool,
+        encoder: EncoderIdentity,
+        settings: &CodecSettings,
+    ) -> Self {
+        let recording = absolute(sequence.path());
+        Self {
+            version: VERSION,
+            made_by: concat!("surgtpgs ", env!("CARGO_PKG_VERSION")).to_owned(),
+            recording_relative: relative_path(&absolute(folder), &recording),
+            recording,
+            eval,
+            frames: sequence.num_frames(),
+            width: sequence.width(),
+            height: sequence.height(),
+            encoder,
+            classes: Vec::new(),
+            row_pixels: Vec::new(),
+            region_frames: Vec::new(),
+            codec_settings: settings.clone(),
+            sha256: BTreeMap::new(),
+        }
+    }
+
+    pub(super) fn read(folder: &Path) -> Result<Self> {
+        let path = folder.join(MANIFEST);
+        let text = match std::fs::read_to_string(&path) {
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
+                return Err(Error::input_at(
+                    folder,
+                    format!("this is not a prepared folder: it has no {MANIFEST}"),
+                    "If preparing was interrupted, start it again.",
+                ));
+            }
+            read => read.map_err(|e| Error::io("read the file", &path, e))?,
+        };
+        let malformed = |e| Error::input_at(&path, format!("the file cannot be understood: {e}"), AGAIN);
+        let json: serde_json::Value = serde_json::from_str(&text).map_err(malformed)?;
+        if json["version"] != VERSION {
+            return Err(Error::input_at(
+                &path,
+                format!(
+                    "the folder has format version {}, this program reads version {VERSION}",
+                    json["version"]
+                ),
+                AGAIN,
+            ));
+        }
+        serde_json::from_value(json).map_err(malformed)
+    }
+
+    /// Writes the manifest: the folder is complete from now on.
+    pub(super) fn write(&self, folder: &Path) -> Result<()> {
+        let path = folder.join(MANIFEST);
+        let text = serde_json::to_vec_pretty(self)
+            .map_err(|e| Error::input_at(&path, format!("the settings cannot be written: {e}"), ""))?;
+        write_whole(&path, &text)
+    }
+
+    /// The recording, looked for beside the folder first: both may have moved together.
+    pub(super) fn open_recording(&self, folder: &Path) -> Result<Sequence> {
+        let beside = self.recording_relative.as_ref().map(|r| folder.join(r));
+        let places = beside.into_iter().chain([self.recording.clone()]);
+        match places.into_iter().find(|p| p.exists()) {
+            Some(path) => Sequence::open(&path),
+            None => Err(Error::input_at(
+                &self.recording,
+                "the recording that this folder was prepared from is not there any more",
+                "Put it back, or prepare the recording again from where it is now.",
+            )),
+        }
+    }
+
+    /// Writes codec, table and latents, and keeps their checksums.
+    pub(super) fn write_tensors(
+        &mut self,
+        folder: &Path,
+        codec: &Codec,
+        table: ArrayView2<'_, f32>,
+        latents: ArrayView2<'_, f32>,
+    ) -> Result<()> {
+        let features =
+            vec![("table".to_owned(), table.into_dyn()), ("latents".to_owned(), latents.into_dyn())];
+        for (name, tensors) in [(CODEC, codec.tensors()), (FEATURES, features)] {
+            let path = folder.join(name);
+            let bytes = to_safetensors(&tensors)
+                .map_err(|e| Error::input_at(&path, format!("the tensors cannot be written: {e}"), ""))?;
+            write_whole(&path, &bytes)?;
+            self.sha256.insert(name.to_owned(), checksum(&bytes));
+        }
+        Ok(())
+    }
+
+    /// Reads codec, table rows and latents (flat), after comparing the checksums.
+    pub(super) fn read_tensors(&self, folder: &Path) -> Result<(Codec, Array2<f32>, Vec<f32>)> {
+        let codec = self.read_checked(folder, CODEC)?;
+        let codec = Codec::from_tensors(|name| codec.get(name).cloned())?;
+        let features = self.read_checked(folder, FEATURES)?;
+        let matrix =
+            |name: &str| features.get(name).and_then(|t| t.clone().into_dimensionality::<Ix2>().ok());
+        let wrong = |what: String| Err(Error::input_at(folder.join(FEATURES), what, AGAIN));
+        let (Some(table), Some(latents)) = (matrix("table"), matrix("latents")) else {
+            return wrong("the file lacks the matrices \"table\" and \"latents\"".into());
+        };
+        let expected = (codec.embedding_dim(), codec.latent_dim(), table.nrows());
+        let labelled = self.classes.is_empty() || self.classes.len() == table.nrows();
+        if (table.ncols(), latents.ncols(), latents.nrows()) != expected || !labelled || table.is_empty() {
+            return wrong(format!(
+                "table ({}×{}), latents ({}×{}), {} classes and codec ({}→{}) do not fit together",
+                table.nrows(),
+                table.ncols(),
+                latents.nrows(),
+                latents.ncols(),
+                self.classes.len(),
+                expected.0,
+                expected.1
+            ));
+        }
+        if !table.iter().chain(&latents).all(|v| v.is_finite()) {
+            return wrong("the features are not all finite".into());
+        }
+        Ok((codec, table, latents.iter().copied().collect()))
+    }
+
+    fn read_checked(&self, folder: &Path, name: &str) -> Result<BTreeMap<String, ArrayD<f32>>> {
+        let path = folder.join(name);
+        let bytes = std::fs::read(&path).map_err(|e| Error::io("read the file", &path, e))?;
+        if self.sha256.get(name) != Some(&checksum(&bytes)) {
+            return Err(Error::input_at(
+                &path,
+                "the file is damaged or was changed: its checksum differs",
+                AGAIN,
+            ));
+        }
+        from_safetensors(&bytes).map_err(|e| Error::input_at(&path, e, AGAIN))
+    }
+}
+
+pub(super) fn region_file(i: usize) -> String {
+    format!("frame_{i:06}.png")
+}
+
+/// Writes a 16-bit grey PNG.
+pub(super) fn write_region_map(path: &Path, map: RegionMap) -> Result<()> {
+    let (width, height) = (map.width as u32, map.height as u32);
+    let Some(image) = ImageBuffer::<Luma<u16>, _>::from_raw(width, height, map.data) else {
+        return Err(Error::input_at(path, "the region map has the wrong number of pixels", ""));
+    };
+    let mut bytes = Cursor::new(Vec::new());
+    DynamicImage::from(image)
+        .write_to(&mut bytes, image::ImageFormat::Png)
+        .map_err(|e| Error::io("write the region map", path, std::io::Error::other(e)))?;
+    write_whole(path, bytes.get_ref())
+}
+
+pub(super) fn read_region_map(path: &Path) -> Result<RegionMap> {
+    let bytes = std::fs::read(path).map_err(|e| Error::io("read the region map", path, e))?;
+    match image::load_from_memory_with_format(&bytes, image::ImageFormat::Png) {
+        Ok(DynamicImage::ImageLuma16(image)) => {
+            let (width, height) = (image.width() as usize, image.height() as usize);
+            Ok(RegionMap::from_vec(width, height, image.into_raw()))
+        }
+        Ok(other) => Err(Error::input_at(
+            path,
+            format!("a region map must be a 16-bit grey picture, found {:?}", other.color()),
+            AGAIN,
+        )),
+        Err(e) => Err(Error::input_at(path, format!("the region map cannot be read: {e}"), AGAIN)),
+    }
+}
+
+fn to_safetensors(
+    tensors: &[(String, ArrayViewD<'_, f32>)],
+) -> Result<Vec<u8>, safetensors::SafeTensorError> {
+    let bytes: Vec<Vec<u8>> =
+        tensors.iter().map(|(_, t)| t.iter().flat_map(|v| v.to_le_bytes()).collect()).collect();
+    let views = tensors.iter().zip(&bytes).map(|((name, t), bytes)| {
+        Ok((name.as_str(), TensorView::new(Dtype::F32, t.shape().to_vec(), bytes)?))
+    });
+    let views: Vec<_> = views.collect::<Result<_, safetensors::SafeTensorError>>()?;
+    safetensors::serialize(views, None)
+}
+
+fn from_safetensors(bytes: &[u8]) -> Result<BTreeMap<String, ArrayD<f32>>, String> {
+    let file = SafeTensors::deserialize(bytes).map_err(|e| format!("the tensors cannot be read: {e}"))?;
+    let tensor = |(name, view): (String, TensorView<'_>)| {
+        let floats =
+            view.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+        match ArrayD::from_shape_vec(IxDyn(view.shape()), floats) {
+            Ok(array) if view.dtype() == Dtype::F32 => Ok((name, array)),
+            _ => Err(format!("the tensor \"{name}\" is {:?}, expected F32", view.dtype())),
+        }
+    };
+    file.tensors().into_iter().map(tensor).collect()
+}
+
+fn checksum(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().map(|b| format!("{b:02x}")).collect()
+}
+
+/// Absolute and without links where the file system says how, else as given.
+pub(super) fn absolute(path: &Path) -> PathBuf {
+    path.canonicalize().or_else(|_| std::path::absolute(path)).unwrap_or_else(|_| path.to_owned())
+}
+
+/// The way from one absolute folder to another absolute path; `None` if they share no root.
+fn relative_path(from: &Path, to: &Path) -> Option<PathBuf> {
+    let shared = from.components().zip(to.components()).take_while(|(a, b)| a == b).count();
+    if shared == 0 {
+        return None;
+    }
+    let up = from.components().skip(shared).map(|_| Component::ParentDir);
+    Some(up.chain(to.components().skip(shared)).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn relative_paths_go_up_and_down() {
+        let way = |from: &str, to: &str| relative_path(Path::new(from), Path::new(to));
+        assert_eq!(way("/a/b/prep", "/a/clip"), Some("../../clip".into()));
+        assert_eq!(way("/a", "/a/clip"), Some("clip".into()));
+        assert_eq!(way("a", "/b"), None);
+    }
+}

@@ -1,0 +1,194 @@
+//! Features from label masks: every pixel gets the embedding of its class name.
+
+use super::{
+    EncoderIdentity, NO_REGION, Prepared, RegionMap,
+    files::{MANIFEST, Manifest, REGIONS, absolute, region_file, write_region_map},
+};
+use crate::{
+    Error, Result,
+    codec::{Codec, CodecSettings},
+    num,
+    sequence::{NO_LABEL, Sequence},
+};
+use ndarray::Array2;
+use rayon::prelude::*;
+use std::path::Path;
+
+/// Frames read at once; progress is told in between.
+const FRAMES_AT_ONCE: usize = 8;
+
+/// Turns label masks into features: every pixel gets the embedding of its class name.
+/// `embeddings` has one unit row per class of the sequence. Frames held out by `eval` leave no trace.
+///
+/// Pixels outside the supervision mask or without a label get no feature, and a class that has no pixel left in
+/// any training frame no row. `folder` is made; one that is prepared already is overwritten, any other that is
+/// not empty is refused. `progress` gets what is being done, and how much of how much.
+pub fn prepare_from_labels(
+    sequence: Sequence,
+    encoder: EncoderIdentity,
+    embeddings: &[Vec<f32>],
+    eval: bool,
+    settings: &CodecSettings,
+    folder: &Path,
+    progress: &mut dyn FnMut(&str, usize, usize),
+) -> Result<Prepared> {
+    let embeddings = checked_embeddings(&sequence, &encoder, embeddings)?;
+    let frames: Vec<usize> =
+        (0..sequence.num_frames()).filter(|&i| !(eval && Sequence::is_test_frame(i))).collect();
+    let pixels = count_pixels(&sequence, &frames, progress)?;
+    let present: Vec<usize> = (0..sequence.classes().len()).filter(|&k| pixels[k] > 0).collect();
+    if present.is_empty() {
+        return Err(Error::input_at(
+            sequence.path(),
+            "no pixel of the training frames has a label inside the supervision mask",
+            "Check the label masks and the polarity of the masks with `surgtpgs check`.",
+        ));
+    }
+    clear_folder(folder, &sequence)?;
+    let mut manifest = Manifest::of(&sequence, folder, eval, encoder, settings);
+    manifest.classes = present.iter().map(|&k| sequence.classes()[k].clone()).collect();
+    manifest.row_pixels = present.iter().map(|&k| pixels[k]).collect();
+
+    let rows = rows_by_id(&sequence, &present);
+    let write = |&i: &usize| -> Result<Option<usize>> {
+        let Some(map) = region_map(&sequence, i, &rows)? else { return Ok(None) };
+        write_region_map(&folder.join(REGIONS).join(region_file(i)), map)?;
+        Ok(Some(i))
+    };
+    for (done, part) in frames.chunks(FRAMES_AT_ONCE).enumerate() {
+        let written: Vec<_> = part.par_iter().map(write).collect::<Result<_>>()?;
+        manifest.region_frames.extend(written.into_iter().flatten());
+        progress("writing features", (done * FRAMES_AT_ONCE + part.len()).min(frames.len()), frames.len());
+    }
+
+    let table: Vec<f32> = present.iter().flat_map(|&k| embeddings[k].iter().copied()).collect();
+    let table = Array2::from_shape_vec((present.len(), manifest.encoder.dim), table)
+        .map_err(|e| Error::input(format!("the class embeddings cannot be tabulated: {e}"), ""))?;
+    let weights: Vec<f32> = manifest.row_pixels.iter().map(|&p| p as f32).collect();
+    let mut tell = |done, all| progress("training the codec", done, all);
+    let codec = Codec::train(table.view(), &weights, settings, &mut tell)?;
+    let latents = codec.encode(table.view());
+    manifest.write_tensors(folder, &codec, table.view(), latents.view())?;
+    manifest.write(folder)?;
+    Prepared::open(folder)
+}
+
+/// One unit row per class of the sequence, as long as the encoder says.
+fn checked_embeddings(
+    sequence: &Sequence,
+    encoder: &EncoderIdentity,
+    embeddings: &[Vec<f32>],
+) -> Result<Vec<Vec<f32>>> {
+    let classes = sequence.classes();
+    if classes.is_empty() {
+        return Err(Error::input_at(
+            sequence.path(),
+            "the recording has no label masks",
+            "Give it labels, or prepare it with image masks and an image encoder.",
+        ));
+    }
+    if embeddings.len() != classes.len() {
+        return Err(Error::input(
+            format!("{} classes need as many embeddings, found {}", classes.len(), embeddings.len()),
+            "",
+        ));
+    }
+    let unit = |(class, row): (&crate::sequence::Class, &Vec<f32>)| {
+        num::normalised(row).filter(|r| r.len() == encoder.dim).ok_or_else(|| {
+            Error::input(
+                format!(
+                    "the embedding of \"{}\" has {} numbers or no direction; expected {} finite numbers",
+                    class.name,
+                    row.len(),
+                    encoder.dim
+                ),
+                "Check the text encoder.",
+            )
+        })
+    };
+    classes.iter().zip(embeddings).map(unit).collect()
+}
+
+/// Pixels of each class over `frames`, in the order of the sequence's classes.
+fn count_pixels(
+    sequence: &Sequence,
+    frames: &[usize],
+    progress: &mut dyn FnMut(&str, usize, usize),
+) -> Result<Vec<u64>> {
+    let classes = sequence.classes();
+    let rows = rows_by_id(sequence, &(0..classes.len()).collect::<Vec<_>>());
+    let mut pixels = vec![0_u64; classes.len()];
+    for (done, part) in frames.chunks(FRAMES_AT_ONCE).enumerate() {
+        let maps: Vec<_> = part.par_iter().map(|&i| region_map(sequence, i, &rows)).collect::<Result<_>>()?;
+        for row in maps.iter().flatten().flat_map(|m| &m.data).filter(|&&row| row != NO_REGION) {
+            pixels[usize::from(*row)] += 1;
+        }
+        progress("reading labels", (done * FRAMES_AT_ONCE + part.len()).min(frames.len()), frames.len());
+    }
+    Ok(pixels)
+}
+
+/// Row of the feature table by class id: row k is the class `present[k]`.
+fn rows_by_id(sequence: &Sequence, present: &[usize]) -> [u16; 256] {
+    let mut rows = [NO_REGION; 256];
+    for (row, &class) in present.iter().enumerate() {
+        rows[usize::from(sequence.classes()[class].id)] = row as u16;
+    }
+    rows[usize::from(NO_LABEL)] = NO_REGION;
+    rows
+}
+
+/// The region map of frame `i`; `None` if the frame has no labels.
+fn region_map(sequence: &Sequence, i: usize, rows: &[u16; 256]) -> Result<Option<RegionMap>> {
+    let Some(labels) = sequence.labels(i)? else { return Ok(None) };
+    let keep = sequence.mask(i)?;
+    let sizes = [(labels.width, labels.height), (keep.width, keep.height)];
+    if sizes.iter().any(|&s| s != (sequence.width(), sequence.height())) {
+        return Err(Error::input_at(
+            sequence.path(),
+            format!(
+                "labels ({}×{}) or mask ({}×{}) of frame {i} differ in size from the pictures",
+                sizes[0].0, sizes[0].1, sizes[1].0, sizes[1].1
+            ),
+            "Check the recording with `surgtpgs check`.",
+        ));
+    }
+    let row = |(&label, &keep): (&u8, &bool)| if keep { rows[usize::from(label)] } else { NO_REGION };
+    let data = labels.data.iter().zip(&keep.data).map(row).collect();
+    Ok(Some(RegionMap::from_vec(labels.width, labels.height, data)))
+}
+
+/// Makes `folder`, or empties a prepared one: nothing of an earlier preparation may stay behind.
+fn clear_folder(folder: &Path, sequence: &Sequence) -> Result<()> {
+    let fail = |e| Error::io("prepare the folder", folder, e);
+    if folder.exists() && absolute(folder) == absolute(sequence.path()) {
+        return Err(Error::input_at(
+            folder,
+            "features cannot be written into the recording itself",
+            "Choose another folder.",
+        ));
+    }
+    let is_empty = |f: &Path| std::fs::read_dir(f).map(|mut entries| entries.next().is_none());
+    // A folder whose preparation was interrupted has regions but no manifest yet.
+    let ours = Prepared::is_prepared(folder) || folder.join(REGIONS).join(MARKER).is_file();
+    if folder.exists() && !ours && !is_empty(folder).map_err(fail)? {
+        return Err(Error::input_at(
+            folder,
+            "the folder is not empty and was not made by preparing a recording",
+            "Choose a new or empty folder.",
+        ));
+    }
+    let manifest = folder.join(MANIFEST);
+    if manifest.exists() {
+        std::fs::remove_file(&manifest).map_err(fail)?;
+    }
+    let regions = folder.join(REGIONS);
+    if regions.exists() {
+        std::fs::remove_dir_all(&regions).map_err(fail)?;
+    }
+    std::fs::create_dir_all(&regions).map_err(fail)?;
+    std::fs::write(regions.join(MARKER), "Region maps, written by surgtpgs prepare.\n").map_err(fail)
+}
+
+/// A file that tells our regions folder from anybody else's.
+const MARKER: &str = "README.txt";

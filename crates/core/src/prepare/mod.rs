@@ -1,0 +1,142 @@
+//! A prepared folder: per-pixel features of a recording, and the codec that compresses them.
+//! The recording itself is never modified; the folder points to it.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `prepared.json` | where the recording is, what was prepared and how, checksums; written last |
+//! | `codec.safetensors` | `encoder.K.weight` [out, in], `encoder.K.bias` [out], `decoder.K.…` |
+//! | `features.safetensors` | `table` [rows, dim] (unit rows) and `latents` [rows, D] (unit rows), f32 |
+//! | `regions/frame_000000.png` | 16-bit row of the table per pixel, 65535 where there is no feature |
+//!
+//! With `eval`, held-out frames leave no trace: no region file, no row, no share in the codec.
+
+mod files;
+mod labels;
+#[cfg(test)]
+mod tests;
+
+pub use labels::prepare_from_labels;
+
+use crate::{
+    Error, Result,
+    codec::Codec,
+    grid::Grid,
+    sequence::{Class, Sequence},
+};
+use files::{MANIFEST, Manifest, REGIONS, region_file};
+use std::path::{Path, PathBuf};
+
+/// Which text encoder made the embeddings; another one of the same width would be silently wrong.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct EncoderIdentity {
+    /// "builtin" or the folder's name.
+    pub name: String,
+    /// SHA-256 over model and tokenizer files, hexadecimal.
+    pub sha256: String,
+    /// Length of an embedding.
+    pub dim: usize,
+    /// Prompt template with `{}` for the words.
+    pub template: String,
+    /// Folder it was loaded from; `None` for the built-in one.
+    pub folder: Option<PathBuf>,
+}
+
+/// Row of the feature table per pixel; [`NO_REGION`] where there is no feature.
+pub type RegionMap = Grid<u16>;
+
+/// A pixel without a feature.
+pub const NO_REGION: u16 = u16::MAX;
+
+/// An opened prepared folder.
+#[derive(Clone, Debug)]
+pub struct Prepared {
+    /// The recording.
+    pub sequence: Sequence,
+    /// Whether test frames are held out of everything.
+    pub eval: bool,
+    /// What made the embeddings.
+    pub encoder: EncoderIdentity,
+    /// Class names with their unit embeddings, where features come from labels: row k of the feature table is
+    /// class k. Only classes that occur in training frames.
+    pub classes: Vec<(Class, Vec<f32>)>,
+    /// The trained codec.
+    pub codec: Codec,
+    /// Latents of the feature table, [rows][D] flat, unit rows.
+    pub latents: Vec<f32>,
+    /// The prepared folder.
+    pub folder: PathBuf,
+    /// Frames that have a region file, ascending.
+    region_frames: Vec<usize>,
+}
+
+impl Prepared {
+    /// Whether `path` is a prepared folder.
+    pub fn is_prepared(path: &Path) -> bool {
+        path.join(MANIFEST).is_file()
+    }
+
+    /// Opens a prepared folder and the recording it points to. Fails if either is incomplete, was changed, or
+    /// no longer fits the other.
+    pub fn open(path: &Path) -> Result<Self> {
+        let manifest = Manifest::read(path)?;
+        let (codec, rows, latents) = manifest.read_tensors(path)?;
+        let sequence = manifest.open_recording(path)?;
+        let found = [sequence.num_frames(), sequence.width(), sequence.height()];
+        let expected = [manifest.frames, manifest.width, manifest.height];
+        if found != expected {
+            return Err(Error::input_at(
+                sequence.path(),
+                format!(
+                    "the recording has {} frames of {}×{}, but {} frames of {}×{} were prepared",
+                    found[0], found[1], found[2], expected[0], expected[1], expected[2]
+                ),
+                "Prepare the recording again.",
+            ));
+        }
+        let classes = manifest.classes.into_iter().zip(rows.outer_iter().map(|row| row.to_vec())).collect();
+        Ok(Self {
+            sequence,
+            eval: manifest.eval,
+            encoder: manifest.encoder,
+            classes,
+            codec,
+            latents,
+            folder: path.to_owned(),
+            region_frames: manifest.region_frames,
+        })
+    }
+
+    /// Rows of the feature table.
+    pub fn num_rows(&self) -> usize {
+        self.latents.len() / self.codec.latent_dim().max(1)
+    }
+
+    /// Feature-table rows per pixel of frame `i`; `None` where that frame has none (or is held out).
+    pub fn regions(&self, i: usize) -> Result<Option<RegionMap>> {
+        if self.region_frames.binary_search(&i).is_err() {
+            return Ok(None);
+        }
+        let path = self.folder.join(REGIONS).join(region_file(i));
+        let map = files::read_region_map(&path)?;
+        let expected = (self.sequence.width(), self.sequence.height());
+        let rows = self.num_rows();
+        if (map.width, map.height) != expected {
+            return Err(Error::input_at(
+                &path,
+                format!(
+                    "the region map is {}×{}, the frames {}×{}",
+                    map.width, map.height, expected.0, expected.1
+                ),
+                "Prepare the recording again.",
+            ));
+        }
+        match map.data.iter().find(|&&row| row != NO_REGION && usize::from(row) >= rows) {
+            Some(row) => Err(Error::input_at(
+                &path,
+                format!("the region map points to row {row} of a feature table with {rows} rows"),
+                "Prepare the recording again.",
+            )),
+            None => Ok(Some(map)),
+        }
+    }
+}

@@ -1,0 +1,272 @@
+//! Preparing tiny CholecSeg8K folders, and opening what time and mishap have done to them.
+
+use super::*;
+use crate::codec::CodecSettings;
+use image::{GrayImage, Luma, Rgb, RgbImage};
+use std::fs;
+
+const WIDTH: u32 = 32;
+const HEIGHT: u32 = 24;
+const FRAMES: usize = 10;
+const DIM: usize = 12;
+const QUICK: CodecSettings = CodecSettings { latent_dim: 3, steps: 40, seed: 0 };
+// Watershed codes.
+const LIVER: u8 = 21;
+const GRASPER: u8 = 31;
+const GALLBLADDER: u8 = 22;
+const BLACK: u8 = 50;
+const IGNORE: u8 = 255;
+
+/// Liver left, grasper right; the gallbladder only in the test frame 1; a black column and an unknown row.
+fn write_clip(folder: &Path) {
+    fs::create_dir_all(folder).unwrap();
+    for i in 0..FRAMES {
+        let shade = |x: u32, y: u32| Rgb([120 + 4 * x as u8, 90 + 5 * y as u8, 100 + i as u8]);
+        let stem = folder.join(format!("frame_{i}_endo"));
+        RgbImage::from_fn(WIDTH, HEIGHT, shade).save(stem.with_extension("png")).unwrap();
+        let code = |x: u32, y: u32| match (x, y) {
+            (_, 0) => IGNORE,
+            (0, _) => BLACK,
+            (1..16, _) => LIVER,
+            _ if i == 1 => GALLBLADDER,
+            _ => GRASPER,
+        };
+        let labels = GrayImage::from_fn(WIDTH, HEIGHT, |x, y| Luma([code(x, y)]));
+        labels.save(folder.join(format!("frame_{i}_endo_watershed_mask.png"))).unwrap();
+    }
+}
+
+fn encoder() -> EncoderIdentity {
+    EncoderIdentity {
+        name: "made up".into(),
+        sha256: "00".into(),
+        dim: DIM,
+        template: "a photo of a {} in the scene".into(),
+        folder: None,
+    }
+}
+
+/// One embedding per class, all different.
+fn embeddings(sequence: &Sequence) -> Vec<Vec<f32>> {
+    let row = |k: usize| (0..DIM).map(|j| 1.0 + ((k * 7 + j * 3) % 11) as f32).collect();
+    (0..sequence.classes().len()).map(row).collect()
+}
+
+fn prepare(clip: &Path, folder: &Path, eval: bool) -> Result<Prepared> {
+    let sequence = Sequence::open(clip)?;
+    let embeddings = embeddings(&sequence);
+    prepare_from_labels(sequence, encoder(), &embeddings, eval, &QUICK, folder, &mut |_, _, _| {})
+}
+
+/// A temporary place with a clip and its prepared folder.
+fn prepared(eval: bool) -> (tempfile::TempDir, Prepared) {
+    let place = tempfile::tempdir().unwrap();
+    write_clip(&place.path().join("clip"));
+    let prepared = prepare(&place.path().join("clip"), &place.path().join("out/prep"), eval).unwrap();
+    (place, prepared)
+}
+
+fn names(prepared: &Prepared) -> Vec<&str> {
+    prepared.classes.iter().map(|(c, _)| c.name.as_str()).collect()
+}
+
+#[test]
+fn regions_follow_labels_inside_the_supervision_mask() {
+    let (_place, prepared) = prepared(false);
+    assert_eq!(names(&prepared), ["liver", "grasper", "gallbladder"]);
+    let map = prepared.regions(0).unwrap().unwrap();
+    let keep = prepared.sequence.mask(0).unwrap();
+    let labels = prepared.sequence.labels(0).unwrap().unwrap();
+    for i in 0..map.data.len() {
+        let name = prepared.classes.get(usize::from(map.data[i])).map(|(c, _)| c.id);
+        let expected =
+            (keep.data[i] && labels.data[i] != crate::sequence::NO_LABEL).then_some(labels.data[i]);
+        assert_eq!(name, expected, "pixel {i}");
+    }
+    assert!(map.data.contains(&NO_REGION) && map.data.contains(&0) && map.data.contains(&1));
+    assert_eq!(prepared.regions(FRAMES).unwrap(), None);
+    assert_eq!(prepared.latents.len(), 9);
+    assert!(prepared.latents.chunks(3).all(|l| (crate::num::norm(l) - 1.0).abs() < 1e-4));
+    assert!(prepared.classes.iter().all(|(_, e)| (crate::num::norm(e) - 1.0).abs() < 1e-6));
+    assert_eq!(prepared.encoder, encoder());
+}
+
+#[test]
+fn held_out_frames_leave_no_trace() {
+    let (place, prepared) = prepared(true);
+    assert!(prepared.eval);
+    assert_eq!(names(&prepared), ["liver", "grasper"], "the gallbladder is only in frame 1");
+    assert_eq!(prepared.num_rows(), 2);
+    for i in 0..FRAMES {
+        let file = place.path().join("out/prep/regions").join(region_file(i));
+        assert_eq!(prepared.regions(i).unwrap().is_none(), Sequence::is_test_frame(i), "frame {i}");
+        assert_eq!(file.exists(), !Sequence::is_test_frame(i), "frame {i}");
+    }
+    // What the held-out frames show makes no difference to a single byte.
+    for i in [1, 9] {
+        let file = place.path().join(format!("clip/frame_{i}_endo_watershed_mask.png"));
+        GrayImage::from_pixel(WIDTH, HEIGHT, Luma([LIVER])).save(file).unwrap();
+    }
+    prepare(&place.path().join("clip"), &place.path().join("out/again"), true).unwrap();
+    for name in ["codec.safetensors", "features.safetensors", "regions/frame_000002.png"] {
+        let read = |folder: &str| fs::read(place.path().join(folder).join(name)).unwrap();
+        assert!(read("out/prep") == read("out/again"), "{name}");
+    }
+}
+
+#[test]
+fn preparing_again_removes_what_was_there() {
+    let (place, before) = prepared(false);
+    assert!(before.regions(1).unwrap().is_some());
+    let after = prepare(&place.path().join("clip"), &before.folder, true).unwrap();
+    assert!(after.regions(1).unwrap().is_none());
+    assert!(!before.folder.join("regions/frame_000001.png").exists());
+}
+
+#[test]
+fn the_recording_is_found_after_both_moved_together() {
+    let (place, _) = prepared(false);
+    let moved = tempfile::tempdir().unwrap();
+    fs::rename(place.path().join("clip"), moved.path().join("clip")).unwrap();
+    fs::rename(place.path().join("out"), moved.path().join("out")).unwrap();
+    let prepared = Prepared::open(&moved.path().join("out/prep")).unwrap();
+    assert!(prepared.sequence.path().ends_with("clip") && prepared.regions(3).unwrap().is_some());
+}
+
+#[test]
+fn folders_that_are_not_ours_are_left_alone() {
+    let (place, before) = prepared(false);
+    let clip = place.path().join("clip");
+    let fail = |folder: &Path| prepare(&clip, folder, false).unwrap_err().to_string();
+    assert!(fail(&clip).contains("recording itself"));
+    let other = place.path().join("photos");
+    fs::create_dir_all(other.join("regions")).unwrap();
+    fs::write(other.join("regions/a.txt"), "mine").unwrap();
+    assert!(fail(&other).contains("not empty"));
+    assert_eq!(fs::read_to_string(other.join("regions/a.txt")).unwrap(), "mine");
+    // An interrupted preparation may be started again.
+    fs::remove_file(before.folder.join("prepared.json")).unwrap();
+    assert!(Prepared::open(&before.folder).unwrap_err().to_string().contains("not a prepared folder"));
+    prepare(&clip, &before.folder, false).unwrap();
+}
+
+#[test]
+fn wrong_embeddings_are_named() {
+    let (place, before) = prepared(false);
+    let sequence = Sequence::open(&place.path().join("clip")).unwrap();
+    let fail = |embeddings: &[Vec<f32>]| {
+        let folder = place.path().join("new");
+        let result = prepare_from_labels(
+            sequence.clone(),
+            encoder(),
+            embeddings,
+            false,
+            &QUICK,
+            &folder,
+            &mut |_, _, _| {},
+        );
+        assert!(!folder.exists());
+        result.unwrap_err().to_string()
+    };
+    let good = embeddings(&sequence);
+    assert!(fail(&good[1..]).contains("found 12"));
+    let mut short = good.clone();
+    short[2].pop();
+    assert!(fail(&short).contains("\"liver\" has 11 numbers"));
+    let mut broken = good;
+    broken[2][3] = f32::NAN;
+    assert!(fail(&broken).contains("liver"));
+    drop(before);
+}
+
+#[test]
+fn a_recording_without_labels_is_refused() {
+    let place = tempfile::tempdir().unwrap();
+    let clip = place.path().join("clip");
+    write_clip(&clip);
+    let fail = |clip: &Path| prepare(clip, &place.path().join("prep"), true).unwrap_err().to_string();
+    for i in (0..FRAMES).filter(|&i| !Sequence::is_test_frame(i)) {
+        GrayImage::from_pixel(WIDTH, HEIGHT, Luma([IGNORE]))
+            .save(clip.join(format!("frame_{i}_endo_watershed_mask.png")))
+            .unwrap();
+    }
+    assert!(fail(&clip).contains("no pixel of the training frames has a label"));
+    for i in 0..FRAMES {
+        fs::remove_file(clip.join(format!("frame_{i}_endo_watershed_mask.png"))).unwrap();
+    }
+    assert!(fail(&clip).contains("no label masks"));
+    assert!(!place.path().join("prep").exists());
+}
+
+#[test]
+fn damaged_folders_are_refused_with_the_file_named() {
+    let damage = |name: &str, change: &dyn Fn(Vec<u8>) -> Vec<u8>| {
+        let (place, prepared) = prepared(false);
+        let file = place.path().join("out/prep").join(name);
+        fs::write(&file, change(fs::read(&file).unwrap())).unwrap();
+        let opened = Prepared::open(&prepared.folder).and_then(|p| p.regions(2));
+        opened.unwrap_err().to_string()
+    };
+    let cut = |mut bytes: Vec<u8>| {
+        bytes.truncate(bytes.len() / 2);
+        bytes
+    };
+    let replace = |from: &'static str, to: &'static str| {
+        move |bytes: Vec<u8>| String::from_utf8(bytes).unwrap().replacen(from, to, 1).into_bytes()
+    };
+    assert!(damage("codec.safetensors", &cut).contains("damaged"));
+    assert!(damage("features.safetensors", &|_| Vec::new()).contains("features.safetensors"));
+    assert!(damage("prepared.json", &cut).contains("cannot be understood"));
+    assert!(damage("prepared.json", &replace("\"version\": 1", "\"version\": 7")).contains("version 7"));
+    assert!(damage("prepared.json", &replace("\"frames\": 10", "\"frames\": 11")).contains("11 frames"));
+    assert!(
+        damage("prepared.json", &replace("\"name\": \"grasper\"", "\"nom\": \"x\""))
+            .contains("cannot be understood")
+    );
+    assert!(damage("regions/frame_000002.png", &cut).contains("frame_000002.png"));
+    let small = |value: u16, width| {
+        move |_| {
+            let place = tempfile::tempdir().unwrap();
+            let file = place.path().join("a.png");
+            files::write_region_map(&file, RegionMap::filled(width, HEIGHT as usize, value)).unwrap();
+            fs::read(file).unwrap()
+        }
+    };
+    assert!(damage("regions/frame_000002.png", &small(0, 7)).contains("7×24"));
+    assert!(damage("regions/frame_000002.png", &small(3, 32)).contains("row 3"));
+    let (place, prepared) = prepared(false);
+    fs::remove_dir_all(place.path().join("clip")).unwrap();
+    assert!(Prepared::open(&prepared.folder).unwrap_err().to_string().contains("not there any more"));
+}
+
+#[test]
+fn region_maps_come_back_to_the_bit() {
+    let place = tempfile::tempdir().unwrap();
+    let map = RegionMap::from_vec(3, 2, vec![0, 1, 255, 256, 65_534, NO_REGION]);
+    let file = place.path().join("a/map.png");
+    files::write_region_map(&file, map.clone()).unwrap();
+    assert_eq!(files::read_region_map(&file).unwrap(), map);
+    RgbImage::new(3, 2).save(&file).unwrap();
+    assert!(files::read_region_map(&file).unwrap_err().to_string().contains("16-bit grey"));
+}
+
+/// The real clip, where it is present: classes, coverage, and that prompts for classes can be told apart.
+#[test]
+fn a_real_clip_is_prepared_in_full() {
+    let root = std::env::var_os("SURGTPGS_DATA").map(PathBuf::from);
+    let root = root.unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"));
+    let clip = root.join("cholecseg8k_raw");
+    if !clip.exists() {
+        eprintln!("skipped: no {} here (set SURGTPGS_DATA)", clip.display());
+        return;
+    }
+    let place = tempfile::tempdir().unwrap();
+    let prepared = prepare(&clip, &place.path().join("prep"), true).unwrap();
+    eprintln!("{:?}", names(&prepared));
+    assert!(prepared.classes.len() >= 5);
+    let map = prepared.regions(0).unwrap().unwrap();
+    let covered = map.data.iter().filter(|&&r| r != NO_REGION).count() as f64 / map.data.len() as f64;
+    assert!((0.4..1.0).contains(&covered), "{covered}");
+    let first = fs::read(place.path().join("prep/regions/frame_000000.png")).unwrap();
+    eprintln!("{covered:.2} of frame 0 has features; its map is {} kB", first.len() / 1000);
+}
