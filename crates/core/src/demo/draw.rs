@@ -67,7 +67,8 @@ impl<'a> View<'a> {
         }
     }
 
-    /// Calls `use_row`(row, its hits) for every `step` rows together, in parallel, and gathers the results in order.
+    /// Calls `use_rows`(first row, hits) for every `step` rows of samples, in parallel, and gathers the
+    /// results in order.
     /// `BAND` must be a multiple of `step`.
     pub(super) fn map_rows<T: Send>(
         &self,

@@ -43,7 +43,7 @@ pub struct DemoSettings {
 
 impl Default for DemoSettings {
     fn default() -> Self {
-        Self { width: 320, height: 240, frames: 48, moving_camera: false, seed: 7 }
+        Self { width: 320, height: 240, frames: 48, moving_camera: false, seed: 11 }
     }
 }
 

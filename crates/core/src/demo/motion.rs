@@ -13,7 +13,7 @@ const BREATH: f32 = 24.0;
 /// Where the grasper takes hold, at rest, in millimetres.
 const GRIP: Vec3 = Vec3::new(10.0, 10.6, 88.6);
 /// How far the fold is pulled, in millimetres.
-const PULL: Vec3 = Vec3::new(4.5, -6.5, -4.5);
+const PULL: Vec3 = Vec3::new(6.0, -4.5, -4.5);
 /// Where the instrument passes through the abdominal wall, in millimetres.
 const TROCAR: Vec3 = Vec3::new(88.0, -8.0, 46.0);
 
@@ -90,7 +90,8 @@ impl Moment {
 fn give(part: Part) -> f32 {
     match part {
         Part::Gallbladder => 1.0,
-        Part::Liver | Part::Omentum => 0.4,
+        Part::Liver => 0.65,
+        Part::Omentum => 0.4,
         _ => 0.0,
     }
 }
@@ -101,7 +102,7 @@ fn hold(rest: Vec3) -> f32 {
         let k = (1.0 - rest.distance_squared(GRIP) / (radius * radius)).max(0.0);
         k * k * k
     };
-    0.75 * kernel(30.0) + 0.25 * kernel(10.0)
+    0.75 * kernel(27.0) + 0.25 * kernel(10.0)
 }
 
 /// The camera of frame `frame`: still, or on a gentle loop around the middle of the scene that starts at rest.

@@ -23,35 +23,64 @@ pub(super) struct Noise {
     pub(super) gradient: Vec3,
 }
 
-/// Gradient noise of feature size `size` at `p` (Perlin 2002, with its analytic derivative).
+/// The directions from a cube's centre to its edges, of unit length, four of them twice (Perlin 2002).
+const DIRECTIONS: [Vec3; 16] = {
+    const D: f32 = std::f32::consts::FRAC_1_SQRT_2;
+    [
+        Vec3::new(D, D, 0.0),
+        Vec3::new(-D, D, 0.0),
+        Vec3::new(D, -D, 0.0),
+        Vec3::new(-D, -D, 0.0),
+        Vec3::new(D, 0.0, D),
+        Vec3::new(-D, 0.0, D),
+        Vec3::new(D, 0.0, -D),
+        Vec3::new(-D, 0.0, -D),
+        Vec3::new(0.0, D, D),
+        Vec3::new(0.0, -D, D),
+        Vec3::new(0.0, D, -D),
+        Vec3::new(0.0, -D, -D),
+        Vec3::new(D, D, 0.0),
+        Vec3::new(0.0, -D, D),
+        Vec3::new(-D, D, 0.0),
+        Vec3::new(0.0, -D, -D),
+    ]
+};
+
+/// Gradient noise of feature size `size` at `p` (Perlin 2002), with its analytic derivative.
 pub(super) fn noise(p: Vec3, size: f32, seed: u32) -> Noise {
     let p = p / size;
-    let cell = p.floor();
-    let f = p - cell;
+    let [x, y, z] = p.to_array().map(floor);
+    let f = p - Vec3::new(x as f32, y as f32, z as f32);
     let fade = f * f * f * (f * (f * 6.0 - 15.0) + 10.0);
     let slope = 30.0 * f * f * (f * (f - 2.0) + 1.0);
-    let (x, y, z) = (cell.x as i32, cell.y as i32, cell.z as i32);
-    let (mut value, mut gradient) = (0.0, Vec3::ZERO);
-    for corner in 0..8 {
-        let (i, j, k) = (corner & 1, corner >> 1 & 1, corner >> 2);
-        let bits = hash(x + i, y + j, z + k, seed);
-        let direction = Vec3::new(unit(bits), unit(bits >> 10), unit(bits >> 20)) * 2.0 - 1.0;
-        let offset = Vec3::new(i as f32, j as f32, k as f32);
-        let height = direction.dot(f - offset);
-        // Weight of this corner along each axis and its derivative.
-        let weight = Vec3::ONE - offset + (2.0 * offset - 1.0) * fade;
-        let change = (2.0 * offset - 1.0) * slope;
-        let product = weight.x * weight.y * weight.z;
-        value += product * height;
-        gradient += product * direction
-            + height
-                * Vec3::new(
-                    change.x * weight.y * weight.z,
-                    weight.x * change.y * weight.z,
-                    weight.x * weight.y * change.z,
-                );
-    }
-    Noise { value, gradient: gradient / size }
+    // Gradient and height of the plane that each corner lays through itself.
+    let corner = |i: i32, j: i32, k: i32| {
+        let direction = DIRECTIONS[(hash(x + i, y + j, z + k, seed) >> 28) as usize];
+        direction.extend(direction.dot(f - Vec3::new(i as f32, j as f32, k as f32)))
+    };
+    let [a, b, c, d] = [corner(0, 0, 0), corner(1, 0, 0), corner(0, 1, 0), corner(1, 1, 0)];
+    let [e, g, h, i] = [corner(0, 0, 1), corner(1, 0, 1), corner(0, 1, 1), corner(1, 1, 1)];
+    let (front, back) = (a + fade.x * (b - a), e + fade.x * (g - e));
+    let (front_rise, back_rise) = (c + fade.x * (d - c) - front, h + fade.x * (i - h) - back);
+    let (near, far) = (front + fade.y * front_rise, back + fade.y * back_rise);
+    let all = near + fade.z * (far - near);
+    // The planes' gradients blend like their heights; the blending itself adds its own slope.
+    let along_x = |from: f32, to: f32, from_below: f32, to_below: f32| {
+        to - from + fade.y * ((to_below - from_below) - (to - from))
+    };
+    let (x_near, x_far) = (along_x(a.w, b.w, c.w, d.w), along_x(e.w, g.w, h.w, i.w));
+    let blending = Vec3::new(
+        x_near + fade.z * (x_far - x_near),
+        front_rise.w + fade.z * (back_rise.w - front_rise.w),
+        far.w - near.w,
+    );
+    Noise { value: all.w, gradient: (all.truncate() + slope * blending) / size }
+}
+
+/// The whole number at or below `x`.
+fn floor(x: f32) -> i32 {
+    let towards_zero = x as i32;
+    towards_zero - i32::from(x < towards_zero as f32)
 }
 
 /// The low ten bits as a number in [0, 1).

@@ -131,15 +131,15 @@ impl Anatomy {
 
     /// A pear-shaped sac half under the liver's edge.
     fn add_gallbladder(&mut self, seed: u32) {
-        let along = Vec3::new(22.0, 5.0, -10.0).normalize();
+        let along = Vec3::new(22.0, 5.5, -13.0).normalize();
         let across = along.cross(Vec3::Z).normalize();
         let front = along.cross(across);
         self.add(Part::Gallbladder, (110, 80), |u, v| {
             let (x, r) = (-cosine(0.5 * v), sine(0.5 * v));
-            let r = 13.5 * r * (1.0 + 0.2 * x);
-            let spine = Vec3::new(0.5, 9.0, 101.0) + along * (20.5 * x) - across * (2.5 * x * x);
+            let r = 14.0 * r * (1.0 + 0.2 * x);
+            let spine = Vec3::new(1.0, 10.0, 103.0) + along * (20.5 * x) - across * (2.5 * x * x);
             let p = spine + across * (r * cosine(u)) + front * (r * sine(u));
-            let swell = 2.6 * noise(p, 13.0, seed + 6).value;
+            let swell = 2.2 * noise(p, 13.0, seed + 6).value;
             (p + swell * (p - spine).normalize_or_zero(), 0.35 + 0.65 * smoothstep(-5.0, 5.0, p.y))
         });
     }

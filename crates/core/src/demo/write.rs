@@ -19,12 +19,12 @@ pub fn write(settings: &DemoSettings, folder: &Path, progress: &mut dyn FnMut(us
     let readme = readme(settings);
     claim(folder, &readme)?;
     write_whole(&folder.join("README.txt"), readme.as_bytes())?;
-    write_whole(&folder.join("labels.json"), &to_json(&json!(classes()))?)?;
+    write_whole(&folder.join("labels.json"), &to_json(&json!(classes()), folder)?)?;
     write_whole(&folder.join("sequence.toml"), sequence_toml(&demo).as_bytes())?;
     if settings.moving_camera {
-        write_whole(&folder.join("transforms.json"), &to_json(&transforms(&demo))?)?;
+        write_whole(&folder.join("transforms.json"), &to_json(&transforms(&demo), folder)?)?;
     }
-    let mask = gray_png(&demo.field_of_view(), &folder.join("masks"))?;
+    let mask = white_where(&demo.field_of_view(), &folder.join("masks"))?;
     progress(0, settings.frames);
     for i in 0..settings.frames {
         write_frame(&demo.frame(i), &mask, folder, &format!("frame_{i:06}"))?;
@@ -84,17 +84,16 @@ fn png(picture: &DynamicImage, path: &Path) -> Result<Vec<u8>> {
     Ok(bytes.into_inner())
 }
 
-/// White where `mask` is true.
-fn gray_png(mask: &Mask, path: &Path) -> Result<Vec<u8>> {
+/// A picture, white where `mask` is true.
+fn white_where(mask: &Mask, path: &Path) -> Result<Vec<u8>> {
     let picture = GrayImage::from_fn(mask.width as u32, mask.height as u32, |x, y| {
         Luma([if mask.at(x as usize, y as usize) { 255 } else { 0 }])
     });
     png(&picture.into(), path)
 }
 
-fn to_json(value: &serde_json::Value) -> Result<Vec<u8>> {
-    serde_json::to_vec_pretty(value)
-        .map_err(|e| Error::io("encode JSON", "labels.json", std::io::Error::other(e)))
+fn to_json(value: &serde_json::Value, folder: &Path) -> Result<Vec<u8>> {
+    serde_json::to_vec_pretty(value).map_err(|e| Error::io("encode JSON", folder, std::io::Error::other(e)))
 }
 
 /// What pictures alone do not say: units, speed, polarity and, for a still endoscope, the camera.
