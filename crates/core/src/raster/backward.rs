@@ -34,7 +34,7 @@ pub fn raster_backward(
     let packed = Packed::new(splats, features, latent_dim, channels);
     let slot = MOMENTS + channels;
     let mut slots = vec![0.0; bins.splat.len() * slot];
-    let job = Job { packed: &packed, splats, bins, images, g_planes };
+    let job = Job { packed: &packed, bins, images, g_planes };
     tile_row_slots(&mut slots, bins, slot).into_par_iter().enumerate().for_each_init(
         Scratch::default,
         |scratch, (tile_y, slots)| {
@@ -58,7 +58,6 @@ fn tile_row_slots<'a>(mut slots: &'a mut [f32], bins: &Bins, slot: usize) -> Vec
 
 struct Job<'a> {
     packed: &'a Packed,
-    splats: &'a [Splat<f32>],
     bins: &'a Bins,
     images: &'a Images,
     g_planes: &'a [f32],
@@ -138,14 +137,9 @@ fn replay_tile<S: Simd, const CHANNELS: usize>(
 ) {
     let centres = pixel_centres(simd, tile_x);
     let stride = job.packed.stride;
-    let pairs = job.bins.tile(tile_x, tile_y);
     let mut live_rows = u32::MAX;
-    for ((&i, s), out) in job.bins.splat[pairs]
-        .iter()
-        .zip(scratch.local.chunks_exact(stride))
-        .zip(slots.chunks_exact_mut(MOMENTS + CHANNELS))
-    {
-        let rows = rows_of(&job.splats[i as usize], tile_y);
+    for (s, out) in scratch.local.chunks_exact(stride).zip(slots.chunks_exact_mut(MOMENTS + CHANNELS)) {
+        let rows = rows_of(s, tile_y);
         let dx = centres - s[0];
         let sums = replay_splat::<S, CHANNELS>(
             simd,
@@ -205,7 +199,7 @@ fn replay_splat<S: Simd, const CHANNELS: usize>(
         let weight = goes_on.select(weight, zero);
         let next = goes_on.select(next, zero);
         next.store_slice(&mut transmittances[y * TILE..y * TILE + TILE]);
-        if next.reduce_max() == 0.0 {
+        if !goes_on.any_true() {
             *live_rows &= !(1 << y);
         }
         let row =

@@ -28,7 +28,7 @@ pub fn raster(
     let mut planes = vec![0.0; num_planes * width * height];
     let mut strips = tile_strips(&mut planes, num_planes, width, height);
     strips.par_iter_mut().enumerate().for_each_init(Scratch::default, |scratch, (tile_y, strip)| {
-        let row = StripRow { packed: &packed, splats, bins, tile_y, width };
+        let row = StripRow { packed: &packed, bins, tile_y, width };
         dispatch_channels!(channels, raster_strip(&row, scratch, strip.as_mut_slice()));
     });
     Images { width, height, planes }
@@ -49,7 +49,6 @@ fn tile_strips(planes: &mut [f32], num_planes: usize, width: usize, height: usiz
 /// One row of tiles.
 struct StripRow<'a> {
     packed: &'a Packed,
-    splats: &'a [Splat<f32>],
     bins: &'a Bins,
     tile_y: usize,
     width: usize,
@@ -76,10 +75,10 @@ fn raster_strip<S: Simd, const CHANNELS: usize>(
         if pairs.is_empty() {
             continue;
         }
-        gather_tile(row.packed, row.bins, pairs.clone(), &mut scratch.local);
+        gather_tile(row.packed, row.bins, pairs, &mut scratch.local);
         scratch.reaching.iter_mut().for_each(Vec::clear);
-        for (k, &i) in row.bins.splat[pairs].iter().enumerate() {
-            for y in rows_of(&row.splats[i as usize], row.tile_y) {
+        for (k, s) in scratch.local.chunks_exact(row.packed.stride).enumerate() {
+            for y in rows_of(s, row.tile_y) {
                 scratch.reaching[y].push((k * row.packed.stride) as u32);
             }
         }
@@ -130,7 +129,7 @@ fn blend_row<S: Simd, const CHANNELS: usize>(
         for c in 0..CHANNELS {
             sums[c] = weight.mul_add(f32x16::splat(simd, s[GEOMETRY + c]), sums[c]);
         }
-        if k % 8 == 7 && transmittance.reduce_max() == 0.0 {
+        if k % 8 == 7 && !transmittance.simd_gt(0.0).any_true() {
             break;
         }
     }

@@ -6,8 +6,8 @@ use fearless_simd_macros::simd;
 
 /// Blended channels before features: r, g, b, depth.
 pub(super) const BASE_CHANNELS: usize = 4;
-/// Floats of a packed splat before its channels: centre x, y, then the exponent's A, B, C and log₂ opacity.
-pub(super) const GEOMETRY: usize = 6;
+/// Floats of a packed splat before its channels: centre x, y, the exponent's A, B, C and log₂ opacity, half height.
+pub(super) const GEOMETRY: usize = 7;
 /// log₂ of [`MIN_ALPHA`].
 pub(super) const MIN_LOG2_ALPHA: f32 = -7.994_353_4;
 
@@ -38,6 +38,7 @@ impl Packed {
                 -2.0 * half_log2_e * b,
                 -half_log2_e * c,
                 s.opacity.log2(),
+                s.extent[1],
             ];
             out[..GEOMETRY].copy_from_slice(&geometry);
             out[GEOMETRY..GEOMETRY + 3].copy_from_slice(&s.colour);
@@ -82,11 +83,11 @@ pub(super) const fn plane_of(channel: usize) -> usize {
     if channel < BASE_CHANNELS { channel } else { channel + 1 }
 }
 
-/// Rows of a tile (0..16) that a splat reaches, from its packed centre and its extent.
-pub(super) fn rows_of(splat: &Splat<f32>, tile_y: usize) -> std::ops::Range<usize> {
-    let top = (tile_y * TILE) as f32 + 0.5;
-    let first = (splat.centre[1] - splat.extent[1] - top).ceil().clamp(0.0, TILE as f32);
-    let end = ((splat.centre[1] + splat.extent[1] - top).floor() + 1.0).clamp(0.0, TILE as f32);
+/// Rows of a tile (0..16) that a packed splat reaches.
+pub(super) fn rows_of(s: &[f32], tile_y: usize) -> std::ops::Range<usize> {
+    let (centre, half_height) = (s[1] - ((tile_y * TILE) as f32 + 0.5), s[6]);
+    let first = (centre - half_height).ceil().clamp(0.0, TILE as f32);
+    let end = ((centre + half_height).floor() + 1.0).clamp(0.0, TILE as f32);
     first as usize..end as usize
 }
 
