@@ -312,3 +312,6 @@ fn initial_gaussians(
     }
     Ok((gaussians, typical_depth))
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,244 @@
+//! The gradients of a whole step against finite differences of its f64 twin, and the trainer's promises.
+
+use super::{
+    LossWeights, Truth,
+    chain::{self, FrameState, Gradients},
+    loss,
+};
+use crate::{
+    camera::Camera,
+    deform::{
+        COLOUR_CHANNEL, Deformation, FeatureNet, GATE_CHANNEL, basis, deform_by, gate_feature, move_geometry,
+        num_channels,
+    },
+    gaussian::Gaussians,
+    raster::{
+        backward::raster_backward,
+        bin::bin,
+        forward::raster,
+        project::{View, project, project_all, view_colour},
+        reference::ReferenceInput,
+    },
+    real::Real,
+};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+const WIDTH: usize = 24;
+const HEIGHT: usize = 18;
+const DIM: usize = 3;
+const BASES: usize = 4;
+const TIME: f32 = 0.4;
+
+struct Fixture {
+    camera: Camera,
+    gaussians: Gaussians,
+    deformation: Deformation,
+    colour: Vec<u8>,
+    mask: Vec<bool>,
+    depth: Vec<f32>,
+    regions: Vec<u16>,
+    latents: Vec<f32>,
+}
+
+/// Broad, faint Gaussians: every pixel lies inside every ellipse, so that no cut-off is near.
+fn fixture() -> Fixture {
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let mut camera = Camera::with_field_of_view(WIDTH as u32, HEIGHT as u32, 60.0);
+    camera.camera_from_world = glam::Affine3A::from_rotation_y(0.1);
+    let n = 7;
+    let mut near = |scale: f32| rng.random_range(-scale..scale);
+    let gaussians = Gaussians {
+        means: (0..n).map(|i| [near(1.0), near(0.8), 9.0 + 0.4 * i as f32]).collect(),
+        rotations: (0..n).map(|_| [1.0, near(0.5), near(0.5), near(0.5)]).collect(),
+        log_scales: (0..n).map(|_| [1.9 + near(0.2), 1.8 + near(0.2), 1.7 + near(0.2)]).collect(),
+        opacity_logits: (0..n).map(|_| -0.8 + near(0.3)).collect(),
+        colours: (0..n).map(|_| [near(0.6), near(0.6), near(0.6)]).collect(),
+        sh_rest: (0..n * 9).map(|_| near(0.2)).collect(),
+        sh_degree: 1,
+        features: (0..n * DIM).map(|_| near(1.0)).collect(),
+        latent_dim: DIM,
+    };
+    let mut deformation = Deformation::at_rest(n, DIM, BASES, 0.3, 2.5);
+    deformation.weights.iter_mut().for_each(|w| *w = near(0.1));
+    deformation.feature_weight.iter_mut().for_each(|w| *w = near(0.5));
+    deformation.feature_bias.iter_mut().for_each(|w| *w = near(0.5));
+    let pixels = WIDTH * HEIGHT;
+    Fixture {
+        camera,
+        gaussians,
+        deformation,
+        colour: (0..3 * pixels).map(|_| rng.random()).collect(),
+        mask: (0..pixels).map(|i| i % 7 != 3).collect(),
+        depth: (0..pixels).map(|i| if i % 5 == 0 { 0.0 } else { rng.random_range(8.0..14.0) }).collect(),
+        regions: (0..pixels).map(|i| (i % 3) as u16).collect(),
+        latents: (0..3 * DIM).map(|_| rng.random_range(-1.0..1.0)).collect(),
+    }
+}
+
+impl Fixture {
+    fn truth(&self) -> Truth<'_> {
+        Truth {
+            width: WIDTH,
+            height: HEIGHT,
+            colour: &self.colour,
+            mask: &self.mask,
+            depth: &self.depth,
+            regions: &self.regions,
+            latents: &self.latents,
+            typical_depth: 10.0,
+        }
+    }
+
+    fn weights() -> LossWeights {
+        LossWeights {
+            min_region_px: 5,
+            region_smoothness: 0.3,
+            total_variation: 0.2,
+            ..LossWeights::default()
+        }
+    }
+
+    /// All parameters in one list, group after group.
+    fn parameters(&self) -> Vec<(&'static str, Vec<f64>)> {
+        let wide = |v: &[f32]| v.iter().map(|x| f64::from(*x)).collect::<Vec<_>>();
+        let (g, d) = (&self.gaussians, &self.deformation);
+        vec![
+            ("means", wide(g.means.as_flattened())),
+            ("rotations", wide(g.rotations.as_flattened())),
+            ("log-scales", wide(g.log_scales.as_flattened())),
+            ("opacity", wide(&g.opacity_logits)),
+            ("colours", wide(g.colours.as_flattened())),
+            ("colour bands", wide(&g.sh_rest)),
+            ("features", wide(&g.features)),
+            ("basis weights", wide(&d.weights)),
+            ("network", wide(&[d.feature_weight.clone(), d.feature_bias.clone()].concat())),
+        ]
+    }
+
+    /// The loss of a step in f64, as a function of all parameters.
+    fn twin(&self, p: &[(&'static str, Vec<f64>)]) -> f64 {
+        let [means, rotations, log_scales, opacity, colours, bands, features, weights, net] =
+            std::array::from_fn(|k| p[k].1.as_slice());
+        let (n, stride, time) = (self.gaussians.len(), self.deformation.stride, f64::from(TIME));
+        let view = View::<f64>::new(&self.camera);
+        let (net_weight, net_bias) = net.split_at(DIM * (DIM + 1));
+        let net =
+            FeatureNet { weight: net_weight, bias: net_bias, slope: f64::from(self.deformation.gate_slope) };
+        let value = |b: usize| {
+            let (centre, width) = (self.deformation.centres[b], self.deformation.widths[b]);
+            basis(self.deformation.shape, time, f64::from(centre), f64::from(width))
+        };
+        let mut deformed_features = vec![0.0; n * DIM];
+        let mut splats = Vec::new();
+        for i in 0..n {
+            let psi: Vec<f64> = (0..stride)
+                .map(|c| (0..BASES).map(|b| value(b) * weights[(b * n + i) * stride + c]).sum())
+                .collect();
+            let three = |v: &[f64]| [v[3 * i], v[3 * i + 1], v[3 * i + 2]];
+            let rotation = std::array::from_fn(|k| rotations[4 * i + k]);
+            let moved = move_geometry(three(means), rotation, three(log_scales), &psi);
+            let band0 = std::array::from_fn(|c| colours[3 * i + c] + psi[COLOUR_CHANNEL + c]);
+            let colour = view_colour(&view, moved.geometry.mean, band0, 1, &bands[9 * i..9 * i + 9]);
+            splats.push(project(&view, &moved.geometry, opacity[i].sigmoid(), colour));
+            let gate = &psi[GATE_CHANNEL..GATE_CHANNEL + DIM];
+            let out = &mut deformed_features[i * DIM..(i + 1) * DIM];
+            gate_feature(&net, &features[i * DIM..(i + 1) * DIM], gate, time, out);
+        }
+        let input = ReferenceInput {
+            splats: &splats,
+            features: &deformed_features,
+            latent_dim: DIM,
+            width: WIDTH,
+            height: HEIGHT,
+        };
+        loss(&input.forward(), &self.truth(), &Self::weights()).0.total()
+    }
+
+    /// The gradients that training uses.
+    fn gradients(&self) -> Gradients {
+        let (gaussians, deformation) = (&self.gaussians, &self.deformation);
+        let psi = deformation.psi(gaussians.len(), TIME);
+        let deformed = deform_by(gaussians, deformation, &psi, TIME, true);
+        let splats = project_all(gaussians, &deformed, &self.camera);
+        let bins = bin(&splats, WIDTH, HEIGHT);
+        let images = raster(&splats, &deformed.features, DIM, &bins, WIDTH, HEIGHT);
+        let (_, g_planes) = loss(&images.planes, &self.truth(), &Self::weights());
+        let (g_splats, g_features) = raster_backward(&splats, &deformed.features, &bins, &images, &g_planes);
+        let state = FrameState {
+            gaussians,
+            deformation,
+            psi: &psi,
+            deformed: &deformed,
+            splats: &splats,
+            camera: &self.camera,
+            time: TIME,
+        };
+        chain::backward(&state, &g_splats, &g_features)
+    }
+
+    /// The same in the order of [`Fixture::parameters`].
+    fn flat_gradients(&self) -> Vec<Vec<f32>> {
+        let g = self.gradients();
+        let (values, _) = self.deformation.basis_values(TIME);
+        vec![
+            g.means.as_flattened().to_vec(),
+            g.rotations.as_flattened().to_vec(),
+            g.log_scales.as_flattened().to_vec(),
+            g.opacity_logits.clone(),
+            g.colours.as_flattened().to_vec(),
+            g.sh_rest.clone(),
+            g.features.clone(),
+            values.iter().flat_map(|v| g.psi.iter().map(move |p| v * p)).collect(),
+            g.net,
+        ]
+    }
+}
+
+/// 1e-3 of the value, or of the group's root mean square where the value itself is near zero.
+const TOLERANCE: f64 = 1e-3;
+
+#[test]
+fn every_parameter_matches_finite_differences_of_the_f64_twin() {
+    let fixture = fixture();
+    let analytic = fixture.flat_gradients();
+    let mut parameters = fixture.parameters();
+    let stride = fixture.deformation.stride;
+    for (group, analytic) in analytic.iter().enumerate() {
+        let is_padding = |k: usize| parameters[group].0 == "basis weights" && k % stride >= num_channels(DIM);
+        let checked: Vec<usize> = (0..analytic.len()).filter(|k| !is_padding(*k)).collect();
+        let mut numeric = vec![0.0; analytic.len()];
+        for &k in &checked {
+            let h = 1e-6;
+            let at = |parameters: &mut Vec<(&'static str, Vec<f64>)>, h: f64| {
+                parameters[group].1[k] += h;
+                let value = fixture.twin(parameters);
+                parameters[group].1[k] -= h;
+                value
+            };
+            numeric[k] = (at(&mut parameters, h) - at(&mut parameters, -h)) / (2.0 * h);
+        }
+        let rms = (numeric.iter().map(|v| v * v).sum::<f64>() / checked.len() as f64).sqrt();
+        assert!(rms > 0.0, "{} have no gradient to test", parameters[group].0);
+        for &k in &checked {
+            let error = (f64::from(analytic[k]) - numeric[k]).abs();
+            assert!(
+                error <= TOLERANCE * numeric[k].abs().max(rms),
+                "{} {k}: {} against {}, root mean square {rms}",
+                parameters[group].0,
+                analytic[k],
+                numeric[k]
+            );
+        }
+    }
+}
+
+#[test]
+fn gradients_do_not_depend_on_the_number_of_threads() {
+    let fixture = fixture();
+    let on = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| fixture.gradients())
+    };
+    assert_eq!(on(1), on(3));
+}
