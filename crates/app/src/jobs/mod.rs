@@ -128,6 +128,16 @@ pub struct Trained {
 
 /// Trains until all steps are done or the observer asks to stop.
 pub fn train(material: &Material, settings: TrainSettings, observer: &mut Observer<'_>) -> Result<Trained> {
+    train_watched(material, settings, observer, &mut |_| {})
+}
+
+/// As [`train`]; `watch` sees the trainer after every step, to show how far it is.
+pub fn train_watched(
+    material: &Material,
+    settings: TrainSettings,
+    observer: &mut Observer<'_>,
+    watch: &mut dyn FnMut(&Trainer),
+) -> Result<Trained> {
     let started = std::time::Instant::now();
     let total = settings.iterations;
     let psnr_every = (total / 6).max(250);
@@ -140,6 +150,7 @@ pub fn train(material: &Material, settings: TrainSettings, observer: &mut Observ
         if report.step.is_multiple_of(psnr_every) && report.step < total {
             psnr = format!(", {:.2} dB", trainer.psnr_db()?);
         }
+        watch(&trainer);
         let per_second = report.step as f64 / training_started.elapsed().as_secs_f64().max(1e-9);
         let detail =
             format!("loss {:.4}, {} Gaussians, {per_second:.0} steps/s{psnr}", report.loss, report.gaussians);

@@ -1,7 +1,49 @@
 //! The window.
+//!
+//! ```text
+//! keys, mouse ─▶ command ─▶ app (document, playback, orbit) ─▶ request ─▶ worker ─▶ pipeline ─▶ source (engine)
+//!                              ▲        panels draw it                        │
+//!                              └──────────────── picture, newest only ◀───────┘
+//! ```
+//!
+//! The window's thread asks and never waits: pictures come from [`worker`], opening, training and exporting from
+//! [`jobs`]. A picture carries the request it answers, and all its parts are of one frame, so that nothing found on
+//! another frame is ever drawn. When nothing changes, nothing is requested and nothing is painted.
 
-use std::path::PathBuf;
-use surgtpgs_core::Result;
+mod app;
+mod command;
+mod document;
+mod engine_source;
+mod export_dialog;
+mod help;
+mod histogram;
+mod jobs;
+mod key_router;
+mod layout;
+mod legend;
+mod orbit;
+mod pipeline;
+mod playback;
+mod preferences;
+mod prompts;
+mod shown;
+mod source;
+mod start;
+mod status;
+#[cfg(test)]
+mod tests;
+mod theme;
+mod timeline;
+mod training;
+mod viewport;
+mod widgets;
+mod worker;
+
+use app::ViewerApp;
+use engine_source::EngineBackend;
+use preferences::Preferences;
+use std::{path::PathBuf, sync::Arc};
+use surgtpgs_core::{Error, Result};
 
 /// What the window shows first.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -18,7 +60,27 @@ pub enum ViewerInput {
 }
 
 /// Opens the window and returns when it is closed.
-pub fn run(open: ViewerInput) -> Result<()> {
-    let _ = open;
-    todo!()
+pub fn run(input: ViewerInput) -> Result<()> {
+    let viewport = egui::ViewportBuilder::default()
+        .with_title("SurgTPGS")
+        .with_app_id("surgtpgs")
+        .with_inner_size([1360.0, 860.0])
+        .with_min_inner_size([900.0, 600.0])
+        .with_drag_and_drop(true);
+    let options = eframe::NativeOptions { viewport, ..Default::default() };
+    let start = move |cc: &eframe::CreationContext<'_>| {
+        let preferences = Preferences::load(Preferences::user_file());
+        let mut app = ViewerApp::new(&cc.egui_ctx, Arc::new(EngineBackend), preferences);
+        match &input {
+            ViewerInput::Scene(path) | ViewerInput::Sequence(path) => app.open_path(path, &cc.egui_ctx),
+            ViewerInput::Demo { work_dir } => app.open_demo(work_dir, &cc.egui_ctx),
+        }
+        Ok(Box::new(app) as Box<dyn eframe::App>)
+    };
+    eframe::run_native("surgtpgs", options, Box::new(start)).map_err(|e| Error::Missing {
+        what: format!("the window could not be opened: {e}"),
+        hint: "A display and a graphics driver are needed (a software driver will do); \
+               `surgtpgs --help` lists what works without."
+            .into(),
+    })
 }

@@ -55,7 +55,8 @@ impl Format {
         }
     }
 
-    fn is_per_prompt(self) -> bool {
+    /// Whether there is one file per prompt, not one per frame.
+    pub fn is_per_prompt(self) -> bool {
         matches!(self, Self::Cutout | Self::Binary)
     }
 }

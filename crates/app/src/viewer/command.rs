@@ -1,0 +1,347 @@
+//! The only list of what the window can be told to do. Menus, tooltips, keys and the shortcut sheet all read it.
+
+use egui::{Key, KeyboardShortcut, Modifiers};
+
+/// Something the user can ask for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Command {
+    OpenFile,
+    OpenFolder,
+    Reconstruct,
+    Export,
+    Quit,
+    Undo,
+    Redo,
+    PlayPause,
+    StepBack,
+    StepForward,
+    HopBack,
+    HopForward,
+    First,
+    Last,
+    GoToFrame,
+    PlayBackwards,
+    Stop,
+    PlayForwards,
+    Slower,
+    Faster,
+    NormalSpeed,
+    Loop,
+    RangeStart,
+    RangeEnd,
+    RangeClear,
+    FocusPrompt,
+    TogglePrompt,
+    SoloPrompt,
+    HideOverlays,
+    Peek,
+    CycleStyle,
+    MoreOpacity,
+    ThresholdDown,
+    ThresholdUp,
+    SwapOriginal,
+    SideBySide,
+    Wipe,
+    Depth,
+    ResetView,
+    FullScreen,
+    Shortcuts,
+    About,
+}
+
+/// Where a command belongs; headings of the shortcut sheet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Group {
+    File,
+    Edit,
+    Time,
+    Prompts,
+    View,
+    Help,
+}
+
+impl Group {
+    pub(crate) const ALL: [Self; 6] =
+        [Self::File, Self::Edit, Self::Time, Self::Prompts, Self::View, Self::Help];
+
+    pub(crate) fn title(self) -> &'static str {
+        match self {
+            Self::File => "File",
+            Self::Edit => "Edit",
+            Self::Time => "Time",
+            Self::Prompts => "Prompts",
+            Self::View => "View",
+            Self::Help => "Help",
+        }
+    }
+}
+
+/// Who owns the keys of a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Scope {
+    /// Works while text is typed as well, as far as its key is a Ctrl chord or a function key.
+    Always,
+    /// Belongs to a focused text field if there is one.
+    Viewport,
+    /// Read as long as it is held down; see [`is_held`].
+    Hold,
+}
+
+/// One row of the table.
+#[derive(Debug)]
+pub(crate) struct Entry {
+    pub(crate) command: Command,
+    pub(crate) label: &'static str,
+    pub(crate) tooltip: &'static str,
+    pub(crate) group: Group,
+    pub(crate) scope: Scope,
+    /// Any of these; for the commands of numbered prompts, key n acts on prompt n.
+    pub(crate) keys: &'static [KeyboardShortcut],
+}
+
+/// A command as it was asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Invocation {
+    pub(crate) command: Command,
+    /// Which of the command's keys was pressed.
+    pub(crate) index: usize,
+}
+
+impl From<Command> for Invocation {
+    fn from(command: Command) -> Self {
+        Self { command, index: 0 }
+    }
+}
+
+/// Frames of the long step.
+pub(crate) const HOP: isize = 10;
+/// How much a threshold key moves the threshold.
+pub(crate) const THRESHOLD_STEP: f32 = 0.01;
+/// How much the opacity key adds.
+pub(crate) const OPACITY_STEP: f32 = 0.2;
+
+const fn key(key: Key) -> KeyboardShortcut {
+    KeyboardShortcut::new(Modifiers::NONE, key)
+}
+const fn shift(key: Key) -> KeyboardShortcut {
+    KeyboardShortcut::new(Modifiers::SHIFT, key)
+}
+const fn ctrl(key: Key) -> KeyboardShortcut {
+    KeyboardShortcut::new(Modifiers::COMMAND, key)
+}
+const fn ctrl_shift(key: Key) -> KeyboardShortcut {
+    KeyboardShortcut::new(Modifiers::COMMAND.plus(Modifiers::SHIFT), key)
+}
+const fn alt(key: Key) -> KeyboardShortcut {
+    KeyboardShortcut::new(Modifiers::ALT, key)
+}
+
+const DIGITS: [Key; 9] =
+    [Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::Num5, Key::Num6, Key::Num7, Key::Num8, Key::Num9];
+
+const fn digits(modifiers: Modifiers) -> [KeyboardShortcut; 9] {
+    let mut keys = [KeyboardShortcut::new(modifiers, Key::Num1); 9];
+    let mut i = 0;
+    while i < 9 {
+        keys[i] = KeyboardShortcut::new(modifiers, DIGITS[i]);
+        i += 1;
+    }
+    keys
+}
+
+const PLAIN_DIGITS: [KeyboardShortcut; 9] = digits(Modifiers::NONE);
+const ALT_DIGITS: [KeyboardShortcut; 9] = digits(Modifiers::ALT);
+
+macro_rules! table {
+    ($($command:ident $group:ident $scope:ident [$($key:expr),*] $label:literal $tooltip:literal)*) => {
+        /// Every command, grouped as in the menus.
+        pub(crate) const COMMANDS: &[Entry] = &[$(Entry {
+            command: Command::$command,
+            label: $label,
+            tooltip: $tooltip,
+            group: Group::$group,
+            scope: Scope::$scope,
+            keys: &[$($key),*],
+        },)*
+            Entry {
+                command: Command::TogglePrompt,
+                label: "Show or hide prompt 1–9",
+                tooltip: "Show or hide what this prompt found",
+                group: Group::Prompts,
+                scope: Scope::Viewport,
+                keys: &PLAIN_DIGITS,
+            },
+            Entry {
+                command: Command::SoloPrompt,
+                label: "Show only prompt 1–9",
+                tooltip: "Show only what this prompt found; again shows all",
+                group: Group::Prompts,
+                scope: Scope::Viewport,
+                keys: &ALT_DIGITS,
+            },
+        ];
+    };
+}
+
+table! {
+    OpenFile      File Always [ctrl(Key::O)] "Open file…" "Open a reconstruction (.safetensors) or a video"
+    OpenFolder    File Always [ctrl_shift(Key::O)] "Open folder…" "Open a recording: a folder of frames"
+    Reconstruct   File Always [ctrl(Key::R)] "Reconstruct…" "Make a reconstruction of the open recording"
+    Export        File Always [ctrl(Key::E)] "Export…" "Write masked frames as files"
+    Quit          File Always [ctrl(Key::Q)] "Quit" "Close the window"
+    Undo          Edit Viewport [ctrl(Key::Z)] "Undo" "Undo the last change of the prompts"
+    Redo          Edit Viewport [ctrl_shift(Key::Z), ctrl(Key::Y)] "Redo" "Do again what was undone"
+    PlayPause     Time Viewport [key(Key::Space)] "Play or pause" "Play or pause at the recording's own speed"
+    StepBack      Time Viewport [key(Key::ArrowLeft)] "Back 1 frame" "Back 1 frame"
+    StepForward   Time Viewport [key(Key::ArrowRight)] "Forward 1 frame" "Forward 1 frame"
+    HopBack       Time Viewport [shift(Key::ArrowLeft)] "Back 10 frames" "Back 10 frames"
+    HopForward    Time Viewport [shift(Key::ArrowRight)] "Forward 10 frames" "Forward 10 frames"
+    First         Time Viewport [key(Key::Home)] "First frame" "Go to the first frame"
+    Last          Time Viewport [key(Key::End)] "Last frame" "Go to the last frame"
+    GoToFrame     Time Viewport [key(Key::G)] "Go to frame…" "Type the number of a frame"
+    PlayBackwards Time Viewport [key(Key::J)] "Play backwards" "Play backwards; again for twice the speed"
+    Stop          Time Viewport [key(Key::K)] "Stop" "Stop playing"
+    PlayForwards  Time Viewport [key(Key::L)] "Play forwards" "Play forwards; again for twice the speed"
+    Slower        Time Viewport [key(Key::OpenBracket)] "Slower" "Play slower"
+    Faster        Time Viewport [key(Key::CloseBracket)] "Faster" "Play faster"
+    NormalSpeed   Time Viewport [key(Key::Backslash)] "Normal speed" "Play at the recording's own speed"
+    Loop          Time Viewport [shift(Key::L)] "Repeat" "Start again at the end"
+    RangeStart    Time Viewport [key(Key::I)] "Range starts here" "Play and repeat from this frame on"
+    RangeEnd      Time Viewport [shift(Key::I)] "Range ends here" "Play and repeat up to this frame"
+    RangeClear    Time Viewport [alt(Key::I)] "Whole recording" "Play the whole recording again"
+    FocusPrompt   Prompts Always [key(Key::Slash), ctrl(Key::L)] "Type a prompt" "Go to the prompt box"
+    HideOverlays  Prompts Viewport [key(Key::V)] "Hide all overlays" "Show or hide everything drawn over the picture"
+    Peek          Prompts Hold [key(Key::X)] "Peek at the recorded frame (hold)" "The recorded frame without anything drawn over it, as long as the key is held"
+    CycleStyle    Prompts Viewport [key(Key::O)] "Next overlay style" "Outline, fill or heatmap"
+    MoreOpacity   Prompts Viewport [shift(Key::O)] "More opaque overlay" "Make the overlay more opaque by 0.2; starts again at 0.2"
+    ThresholdDown Prompts Viewport [key(Key::T)] "Lower threshold" "Lower the threshold of the selected prompt by 0.01: more is found"
+    ThresholdUp   Prompts Viewport [shift(Key::T)] "Raise threshold" "Raise the threshold of the selected prompt by 0.01: less is found"
+    SwapOriginal  View Viewport [key(Key::B)] "Original or reconstruction" "Switch between the recorded frame and the reconstruction"
+    SideBySide    View Viewport [shift(Key::W)] "Side by side" "The recorded frame beside the reconstruction"
+    Wipe          View Viewport [key(Key::W)] "Wipe" "Drag a line between the recorded frame and the reconstruction"
+    Depth         View Viewport [key(Key::D)] "Depth" "How far each point is from the endoscope"
+    ResetView     View Viewport [key(Key::R)] "Back to the endoscope" "Back to the endoscope's own view, without zoom"
+    FullScreen    View Always [key(Key::F11)] "Full screen" "Fill the screen, or back to a window"
+    Shortcuts     Help Always [key(Key::F1)] "Keyboard shortcuts" "All keys on one sheet"
+    About         Help Always [] "About SurgTPGS" "Version, intended use and privacy"
+}
+
+/// The row of a command.
+pub(crate) fn entry(command: Command) -> &'static Entry {
+    COMMANDS.iter().find(|e| e.command == command).unwrap_or(&COMMANDS[0])
+}
+
+/// The command whose key this is. Modifiers must be exactly those of the key: Shift+Left is not Left.
+pub(crate) fn find(pressed: Key, modifiers: Modifiers) -> Option<(&'static Entry, usize)> {
+    COMMANDS.iter().filter(|e| e.scope != Scope::Hold).find_map(|entry| {
+        let matches = |k: &KeyboardShortcut| k.logical_key == pressed && is_exactly(modifiers, k.modifiers);
+        entry.keys.iter().position(matches).map(|index| (entry, index))
+    })
+}
+
+/// Whether the key of a [`Scope::Hold`] command is down. A text field in focus owns it.
+pub(crate) fn is_held(ctx: &egui::Context, command: Command) -> bool {
+    !ctx.text_edit_focused()
+        && ctx
+            .input(|i| i.modifiers.is_none() && entry(command).keys.iter().any(|k| i.key_down(k.logical_key)))
+}
+
+/// The keys of a command as text, e.g. "Shift+W"; empty if it has none.
+pub(crate) fn keys_text(entry: &Entry) -> String {
+    let one = |k: &KeyboardShortcut| {
+        let mut text = String::new();
+        for (held, name) in [
+            (k.modifiers.command, if cfg!(target_os = "macos") { "Cmd+" } else { "Ctrl+" }),
+            (k.modifiers.alt, "Alt+"),
+            (k.modifiers.shift, "Shift+"),
+        ] {
+            text += if held { name } else { "" };
+        }
+        text + key_name(k.logical_key)
+    };
+    match entry.keys {
+        [first, .., last] if entry.keys.len() == DIGITS.len() => {
+            format!("{}–{}", one(first), key_name(last.logical_key))
+        }
+        keys => keys.iter().map(one).collect::<Vec<_>>().join(", "),
+    }
+}
+
+/// Tooltip with the key.
+pub(crate) fn tooltip(command: Command) -> String {
+    let entry = entry(command);
+    match keys_text(entry) {
+        keys if keys.is_empty() => entry.tooltip.to_owned(),
+        keys => format!("{} ({keys})", entry.tooltip),
+    }
+}
+
+/// Words for keys: their symbols are not in every font.
+fn key_name(key: Key) -> &'static str {
+    match key {
+        Key::ArrowLeft => "Left",
+        Key::ArrowRight => "Right",
+        Key::OpenBracket => "[",
+        Key::CloseBracket => "]",
+        Key::Backslash => "\\",
+        Key::Slash => "/",
+        other => other.name(),
+    }
+}
+
+fn is_exactly(pressed: Modifiers, wanted: Modifiers) -> bool {
+    pressed.alt == wanted.alt && pressed.shift == wanted.shift && pressed.command == wanted.command
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chord(k: &KeyboardShortcut) -> (Key, bool, bool, bool) {
+        (k.logical_key, k.modifiers.command, k.modifiers.shift, k.modifiers.alt)
+    }
+
+    #[test]
+    fn no_two_commands_share_a_key() {
+        let mut seen = Vec::new();
+        for entry in COMMANDS {
+            for k in entry.keys {
+                assert!(!seen.contains(&chord(k)), "{:?} of {:?} is taken", k, entry.command);
+                seen.push(chord(k));
+            }
+        }
+    }
+
+    #[test]
+    fn every_command_is_listed_once() {
+        for (i, a) in COMMANDS.iter().enumerate() {
+            assert!(COMMANDS[i + 1..].iter().all(|b| a.command != b.command), "{:?}", a.command);
+            assert!(!a.label.is_empty() && !a.tooltip.is_empty() && !a.tooltip.ends_with('.'));
+        }
+    }
+
+    #[test]
+    fn modifiers_must_match_exactly() {
+        assert_eq!(find(Key::ArrowLeft, Modifiers::NONE).unwrap().0.command, Command::StepBack);
+        assert_eq!(find(Key::ArrowLeft, Modifiers::SHIFT).unwrap().0.command, Command::HopBack);
+        assert!(find(Key::ArrowLeft, Modifiers::ALT).is_none());
+        assert_eq!(
+            find(Key::Num3, Modifiers::ALT).map(|(e, i)| (e.command, i)),
+            Some((Command::SoloPrompt, 2))
+        );
+        assert!(find(Key::X, Modifiers::NONE).is_none(), "held keys are not commands of one press");
+    }
+
+    #[test]
+    fn numbers_in_words_are_the_numbers_that_act() {
+        for command in [Command::HopBack, Command::HopForward] {
+            assert!(entry(command).tooltip.contains(&format!("{HOP} frames")));
+        }
+        for command in [Command::ThresholdDown, Command::ThresholdUp] {
+            assert!(entry(command).tooltip.contains(&format!("by {THRESHOLD_STEP}:")));
+        }
+        assert!(entry(Command::MoreOpacity).tooltip.contains(&format!("by {OPACITY_STEP};")));
+        assert_eq!(tooltip(Command::HopBack), "Back 10 frames (Shift+Left)");
+        assert_eq!(keys_text(entry(Command::SoloPrompt)), "Alt+1–9");
+    }
+}

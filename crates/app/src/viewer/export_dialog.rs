@@ -1,0 +1,225 @@
+//! Masked frames as files: what, which frames, where; how many files first, then progress.
+
+use super::{
+    app::ViewerApp,
+    document::ViewMode,
+    jobs::{Job, JobEvent},
+    source::{Backend, ExportPrompt, ExportRequest, ExportSummary},
+    theme,
+    widgets::{self, caption, main_button, thousands},
+};
+use egui::{Context, DragValue, ProgressBar, RichText, Ui};
+use std::{path::PathBuf, sync::Arc};
+use surgtpgs_core::export::Format;
+
+/// Formats with what they are called and what they are.
+const FORMATS: [(Format, &str, &str); 4] = [
+    (
+        Format::Overlay,
+        "Overlay pictures",
+        "the frame with what was found drawn over it, marked for research use",
+    ),
+    (Format::Cutout, "Cut-outs", "only what was found, the rest transparent"),
+    (Format::Binary, "Masks", "one per prompt, white where found"),
+    (Format::Index, "Label pictures", "one number per prompt, named in labels.json"),
+];
+
+/// The dialog, from the question to the result.
+pub(crate) struct ExportDialog {
+    request: ExportRequest,
+    last_frame: usize,
+    has_original: bool,
+    picking: Option<Job<Option<PathBuf>>>,
+    state: State,
+}
+
+enum State {
+    Asking,
+    Running(Job<ExportSummary>),
+    Finished(ExportSummary),
+}
+
+impl ExportDialog {
+    /// For the visible prompts of what is open.
+    pub(crate) fn new(app: &ViewerApp) -> Option<Self> {
+        let info = app.info()?;
+        let prompt = |p: &super::document::Prompt| ExportPrompt {
+            text: p.text.clone(),
+            threshold: p.threshold,
+            colour: p.colour,
+        };
+        let shows_original = app.document.mode == ViewMode::Original;
+        let request = ExportRequest {
+            scene: info.path.clone(),
+            folder: free_folder(&info.path),
+            formats: vec![Format::Overlay, Format::Binary],
+            frames: app.playback.bounds(),
+            from_original: shows_original && info.has_original,
+            prompts: app.document.prompts().iter().filter(|p| p.is_visible).map(prompt).collect(),
+            is_exclusive: false,
+            style: app.document.style,
+            opacity: app.document.opacity,
+        };
+        Some(Self {
+            request,
+            last_frame: info.num_frames.saturating_sub(1),
+            has_original: info.has_original,
+            picking: None,
+            state: State::Asking,
+        })
+    }
+
+    /// Takes what the threads said; returns a problem to show.
+    pub(crate) fn poll(&mut self) -> Option<String> {
+        if let Some(JobEvent::Done(result)) = self.picking.as_mut().and_then(Job::poll) {
+            self.picking = None;
+            if let Ok(Some(folder)) = result {
+                self.request.folder = folder;
+            }
+        }
+        let State::Running(job) = &mut self.state else { return None };
+        let Some(JobEvent::Done(result)) = job.poll() else { return None };
+        match result {
+            Ok(summary) => self.state = State::Finished(summary),
+            Err(e) => {
+                self.state = State::Asking;
+                return Some(e.to_string());
+            }
+        }
+        None
+    }
+
+    fn start(&mut self, backend: Arc<dyn Backend>, ctx: &Context) {
+        let request = self.request.clone();
+        self.state = State::Running(Job::start("export", ctx, move |job| backend.export(&request, job)));
+    }
+
+    fn pick_folder(&mut self, ctx: &Context) {
+        self.picking = Some(Job::start("file dialog", ctx, |_| {
+            Ok(rfd::FileDialog::new().set_title("Export into this folder").pick_folder())
+        }));
+    }
+}
+
+/// A folder beside the scene that is not there yet.
+fn free_folder(scene: &std::path::Path) -> PathBuf {
+    let name = scene.file_stem().map_or("scene".into(), |n| n.to_string_lossy().into_owned());
+    let path = |i: usize| {
+        let number = if i == 1 { String::new() } else { format!("-{i}") };
+        scene.with_file_name(format!("{name}-export{number}"))
+    };
+    (1..1000).map(path).find(|p| !p.exists()).unwrap_or_else(|| path(1000))
+}
+
+/// The dialog, if it is open.
+pub(crate) fn export_dialog_ui(ctx: &Context, app: &mut ViewerApp) {
+    let Some(mut dialog) = app.export.take() else { return };
+    let backend = app.backend.clone();
+    let (is_done, is_closed) = widgets::dialog(ctx, "export", 560.0, |ui| {
+        ui.heading("Export masked frames");
+        match &dialog.state {
+            State::Asking => asking_ui(ui, &mut dialog, backend),
+            State::Running(job) => running_ui(ui, job),
+            State::Finished(summary) => finished_ui(ui, summary),
+        }
+    });
+    let is_running = matches!(dialog.state, State::Running(_));
+    if !is_done && (is_running || !is_closed) {
+        app.export = Some(dialog);
+    }
+}
+
+/// Returns whether the dialog is to be closed.
+fn asking_ui(ui: &mut Ui, dialog: &mut ExportDialog, backend: Arc<dyn Backend>) -> bool {
+    let names: Vec<_> = dialog.request.prompts.iter().map(|p| format!("\"{}\"", p.text)).collect();
+    let what = if names.is_empty() { "No visible prompt".to_owned() } else { names.join(", ") };
+    ui.label(RichText::new(what).color(if names.is_empty() { theme::AMBER } else { theme::TEXT_WEAK }));
+    ui.add_space(6.0);
+    formats_ui(ui, &mut dialog.request);
+    ui.separator();
+    frames_ui(ui, dialog);
+    ui.horizontal(|ui| {
+        let folder = dialog.request.folder.display().to_string();
+        if ui.add_enabled(dialog.picking.is_none(), egui::Button::new("Folder…")).clicked() {
+            dialog.pick_folder(&ui.ctx().clone());
+        }
+        ui.add(egui::Label::new(caption(folder)).truncate());
+    });
+    ui.add_space(10.0);
+    let is_ready = !dialog.request.formats.is_empty() && !dialog.request.prompts.is_empty();
+    let count = if is_ready { dialog.request.num_files() } else { 0 };
+    ui.label(RichText::new(format!("{} pictures will be written", thousands(count))).strong());
+    ui.label(caption("PNG files. A provenance.json beside them says how they were made."));
+    ui.horizontal(|ui| {
+        if ui.add_enabled(is_ready, main_button("Start export")).clicked() {
+            dialog.start(backend, &ui.ctx().clone());
+        }
+        ui.button("Cancel").clicked()
+    })
+    .inner
+}
+
+fn formats_ui(ui: &mut Ui, request: &mut ExportRequest) {
+    for (format, label, explanation) in FORMATS {
+        let mut is_on = request.formats.contains(&format);
+        ui.horizontal(|ui| {
+            if ui.checkbox(&mut is_on, label).changed() {
+                request.formats.retain(|f| *f != format);
+                if is_on {
+                    request.formats.push(format);
+                }
+            }
+            ui.label(caption(explanation));
+        });
+    }
+}
+
+fn frames_ui(ui: &mut Ui, dialog: &mut ExportDialog) {
+    let request = &mut dialog.request;
+    ui.horizontal(|ui| {
+        ui.label("Frames");
+        // Shown from 1, kept from 0.
+        let (mut from, mut to) = (request.frames.0 + 1, request.frames.1 + 1);
+        let last = dialog.last_frame + 1;
+        ui.add(DragValue::new(&mut from).range(1..=last)).on_hover_text("First frame");
+        ui.label("to");
+        ui.add(DragValue::new(&mut to).range(1..=last)).on_hover_text("Last frame");
+        request.frames = (from.min(to) - 1, to.max(from) - 1);
+        if ui.button("All").clicked() {
+            request.frames = (0, dialog.last_frame);
+        }
+    });
+    ui.horizontal(|ui| {
+        ui.label("Pictures from");
+        ui.add_enabled_ui(dialog.has_original, |ui| {
+            ui.radio_value(&mut request.from_original, true, "the recording");
+        });
+        ui.radio_value(&mut request.from_original, false, "the reconstruction");
+    });
+    if request.prompts.len() > 1 {
+        ui.checkbox(&mut request.is_exclusive, "Each pixel belongs to one prompt only (the highest score)");
+    }
+}
+
+fn running_ui(ui: &mut Ui, job: &Job<ExportSummary>) -> bool {
+    let progress = &job.progress;
+    ui.label(format!("{} of {} frames", thousands(progress.done), thousands(progress.total)));
+    ui.add(ProgressBar::new(progress.fraction()).desired_height(10.0).fill(theme::ACCENT));
+    let label = if job.is_cancelling() { "Stopping…" } else { "Stop" };
+    if ui.add_enabled(!job.is_cancelling(), egui::Button::new(label)).clicked() {
+        job.cancel();
+    }
+    false
+}
+
+fn finished_ui(ui: &mut Ui, summary: &ExportSummary) -> bool {
+    let files = thousands(summary.num_files);
+    if summary.is_complete {
+        ui.label(format!("{files} pictures are in"));
+    } else {
+        let text = format!("Stopped. The {files} pictures that were finished are complete, in");
+        ui.label(RichText::new(text).color(theme::AMBER));
+    }
+    ui.label(RichText::new(summary.folder.display().to_string()).color(theme::TEXT_WEAK));
+    ui.add(main_button("Close")).clicked()
+}

@@ -1,0 +1,222 @@
+//! Long work on named threads, with progress and cancel. The window asks and never waits.
+
+use super::source::FrameSource;
+use std::sync::{
+    Arc,
+    atomic::{AtomicBool, Ordering},
+    mpsc::{Receiver, Sender, channel},
+};
+use surgtpgs_core::{Error, Result};
+
+/// How far a job is.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Progress {
+    /// What is being done, e.g. "Learning".
+    pub(crate) stage: String,
+    pub(crate) done: usize,
+    pub(crate) total: usize,
+    /// Further figures in words, e.g. "12 000 Gaussians"; may be empty.
+    pub(crate) detail: String,
+    /// Since this stage began.
+    pub(crate) seconds: f64,
+}
+
+impl Progress {
+    /// 0–1.
+    pub(crate) fn fraction(&self) -> f32 {
+        if self.total == 0 { 0.0 } else { self.done as f32 / self.total as f32 }
+    }
+
+    /// Seconds that this stage will still take at the pace so far; `None` before there is a pace.
+    pub(crate) fn seconds_left(&self) -> Option<f64> {
+        let has_pace = self.done > 0 && self.seconds >= 2.0;
+        has_pace.then(|| self.seconds / self.done as f64 * self.total.saturating_sub(self.done) as f64)
+    }
+}
+
+/// What a job says.
+pub(crate) enum JobEvent<T> {
+    Progress(Progress),
+    /// An intermediate state that can be looked at.
+    Preview(Box<dyn FrameSource>),
+    /// The end; nothing follows.
+    Done(Result<T>),
+}
+
+/// What a job tells while it runs, independent of what it returns.
+enum Report {
+    Progress(Progress),
+    Preview(Box<dyn FrameSource>),
+}
+
+/// A job's own side.
+pub(crate) struct JobContext {
+    report: Box<dyn Fn(Report) + Send + Sync>,
+    cancel: Arc<AtomicBool>,
+    stage_began: std::sync::Mutex<(String, std::time::Instant)>,
+}
+
+impl JobContext {
+    /// Tells how far the job is.
+    pub(crate) fn progress(&self, stage: &str, done: usize, total: usize, detail: String) {
+        let seconds = {
+            let mut began = self.stage_began.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            if began.0 != stage {
+                *began = (stage.to_owned(), std::time::Instant::now());
+            }
+            began.1.elapsed().as_secs_f64()
+        };
+        (self.report)(Report::Progress(Progress { stage: stage.to_owned(), done, total, detail, seconds }));
+    }
+
+    /// Shows an intermediate state.
+    pub(crate) fn preview(&self, source: Box<dyn FrameSource>) {
+        (self.report)(Report::Preview(source));
+    }
+
+    /// Whether the user asked to stop.
+    pub(crate) fn is_cancelled(&self) -> bool {
+        self.cancel.load(Ordering::Relaxed)
+    }
+
+    /// [`Error::Cancelled`] once the user asked to stop.
+    pub(crate) fn check(&self) -> Result<()> {
+        if self.is_cancelled() { Err(Error::Cancelled) } else { Ok(()) }
+    }
+}
+
+/// The window's side of a job. Dropping it asks the job to stop.
+pub(crate) struct Job<T> {
+    events: Receiver<JobEvent<T>>,
+    cancel: Arc<AtomicBool>,
+    /// The latest progress.
+    pub(crate) progress: Progress,
+}
+
+impl<T: Send + 'static> Job<T> {
+    /// Starts `work` on a thread of its own; `ctx` is repainted whenever it says something.
+    pub(crate) fn start(
+        name: &str,
+        ctx: &egui::Context,
+        work: impl FnOnce(&JobContext) -> Result<T> + Send + 'static,
+    ) -> Self {
+        let (sender, events) = channel();
+        let cancel = Arc::new(AtomicBool::new(false));
+        let context = context(sender.clone(), ctx.clone(), cancel.clone());
+        let (at_end, repaint) = (sender.clone(), ctx.clone());
+        let body = move || {
+            let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| work(&context)));
+            // The receiver is gone when the window lost interest.
+            let _ = at_end.send(JobEvent::Done(result.unwrap_or_else(|_| Err(broken()))));
+            repaint.request_repaint();
+        };
+        if let Err(e) = std::thread::Builder::new().name(name.to_owned()).spawn(body) {
+            let _ = sender.send(JobEvent::Done(Err(Error::Missing {
+                what: format!("no thread could be started: {e}"),
+                hint: "Close other programs and try again.".into(),
+            })));
+        }
+        Self { events, cancel, progress: Progress::default() }
+    }
+
+    /// Asks the job to stop at the next opportunity.
+    pub(crate) fn cancel(&self) {
+        self.cancel.store(true, Ordering::Relaxed);
+    }
+
+    pub(crate) fn is_cancelling(&self) -> bool {
+        self.cancel.load(Ordering::Relaxed)
+    }
+
+    /// The next preview or the end, if there is one; progress is kept in [`Job::progress`].
+    pub(crate) fn poll(&mut self) -> Option<JobEvent<T>> {
+        while let Ok(event) = self.events.try_recv() {
+            match event {
+                JobEvent::Progress(progress) => self.progress = progress,
+                other => return Some(other),
+            }
+        }
+        None
+    }
+}
+
+impl<T> Drop for Job<T> {
+    fn drop(&mut self) {
+        self.cancel.store(true, Ordering::Relaxed);
+    }
+}
+
+fn context<T: Send + 'static>(
+    sender: Sender<JobEvent<T>>,
+    repaint: egui::Context,
+    cancel: Arc<AtomicBool>,
+) -> JobContext {
+    let report = move |report: Report| {
+        let event = match report {
+            Report::Progress(p) => JobEvent::Progress(p),
+            Report::Preview(p) => JobEvent::Preview(p),
+        };
+        if sender.send(event).is_ok() {
+            repaint.request_repaint();
+        }
+    };
+    let stage_began = std::sync::Mutex::new((String::new(), std::time::Instant::now()));
+    JobContext { report: Box::new(report), cancel, stage_began }
+}
+
+fn broken() -> Error {
+    Error::input(
+        "the program made a mistake and stopped this work",
+        "What was finished is kept; please report what you did.",
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn wait<T: Send + 'static>(job: &mut Job<T>) -> JobEvent<T> {
+        loop {
+            match job.poll() {
+                Some(event) => return event,
+                None => std::thread::yield_now(),
+            }
+        }
+    }
+
+    #[test]
+    fn a_job_reports_and_ends() {
+        let mut job = Job::start("test", &egui::Context::default(), |job| {
+            job.progress("counting", 3, 4, "three".into());
+            Ok(7)
+        });
+        assert!(matches!(wait(&mut job), JobEvent::Done(Ok(7))));
+        assert_eq!((job.progress.done, job.progress.fraction()), (3, 0.75));
+    }
+
+    #[test]
+    fn a_cancelled_job_stops() {
+        let mut job: Job<()> = Job::start("test", &egui::Context::default(), |job| {
+            loop {
+                job.check()?;
+                std::thread::yield_now();
+            }
+        });
+        job.cancel();
+        assert!(matches!(wait(&mut job), JobEvent::Done(Err(Error::Cancelled))));
+    }
+
+    #[test]
+    fn a_job_that_breaks_says_so_instead_of_hanging() {
+        let mut job: Job<()> = Job::start("test", &egui::Context::default(), |_| panic!("on purpose"));
+        assert!(matches!(wait(&mut job), JobEvent::Done(Err(Error::Input { .. }))));
+    }
+
+    #[test]
+    fn time_left_follows_the_pace() {
+        let progress = Progress { done: 100, total: 400, seconds: 10.0, ..Default::default() };
+        assert_eq!(progress.seconds_left(), Some(30.0));
+        assert_eq!(Progress { done: 0, ..progress.clone() }.seconds_left(), None);
+        assert_eq!(Progress::default().fraction(), 0.0);
+    }
+}

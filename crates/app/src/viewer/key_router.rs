@@ -1,0 +1,102 @@
+//! Takes the keys that are commands out of the input before egui sees them.
+//!
+//! Who owns a key: a modal dialog all of them; a focused text field all but Esc, Ctrl chords and function keys; another
+//! focused widget arrows, Home, End, Enter and Space; else the viewport. egui itself would use the arrows to move the
+//! focus, therefore this happens before the pass begins.
+
+use super::command::{self, Entry, Invocation, Scope};
+use egui::{Context, Event, Key, Modifiers, Plugin, RawInput};
+
+/// Collects commands given by key.
+#[derive(Debug, Default)]
+pub(crate) struct KeyRouter {
+    pressed: Vec<Invocation>,
+}
+
+impl KeyRouter {
+    /// The commands since the last call, in order.
+    pub(crate) fn take(ctx: &Context) -> Vec<Invocation> {
+        ctx.with_plugin(|router: &mut Self| std::mem::take(&mut router.pressed)).unwrap_or_default()
+    }
+}
+
+/// What has the keyboard.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Owner {
+    Modal,
+    Text,
+    Widget,
+    Viewport,
+}
+
+impl Plugin for KeyRouter {
+    fn debug_name(&self) -> &'static str {
+        "keys of commands"
+    }
+
+    fn input_hook(&mut self, ctx: &Context, input: &mut RawInput) {
+        let owner = if ctx.memory(|m| m.top_modal_layer().is_some()) {
+            Owner::Modal
+        } else if ctx.text_edit_focused() {
+            Owner::Text
+        } else if ctx.egui_wants_keyboard_input() {
+            Owner::Widget
+        } else {
+            Owner::Viewport
+        };
+        let before = self.pressed.len();
+        input.events.retain(|event| {
+            let Event::Key { key, pressed: true, modifiers, .. } = event else { return true };
+            let found = command::find(*key, *modifiers);
+            let Some((entry, index)) = found.filter(|(e, _)| is_command(owner, e, *key, *modifiers)) else {
+                return true;
+            };
+            self.pressed.push(Invocation { command: entry.command, index });
+            false
+        });
+        // The letter of a command that opens a text field must not be typed into it.
+        if self.pressed.len() > before && owner != Owner::Text {
+            input.events.retain(|event| !matches!(event, Event::Text(_)));
+        }
+    }
+}
+
+fn is_command(owner: Owner, entry: &Entry, key: Key, modifiers: Modifiers) -> bool {
+    let is_function_key = key.name().len() > 1 && key.name().starts_with('F');
+    match owner {
+        Owner::Modal => false,
+        Owner::Text => entry.scope == Scope::Always && (modifiers.command || is_function_key),
+        Owner::Widget => {
+            !matches!(key, Key::ArrowLeft | Key::ArrowRight | Key::Home | Key::End | Key::Enter | Key::Space)
+        }
+        Owner::Viewport => true,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn acts(owner: Owner, key: Key, modifiers: Modifiers) -> bool {
+        command::find(key, modifiers).is_some_and(|(entry, _)| is_command(owner, entry, key, modifiers))
+    }
+
+    #[test]
+    fn a_text_field_owns_letters_arrows_and_its_own_undo() {
+        for key in [Key::Space, Key::ArrowLeft, Key::V, Key::Slash, Key::Num1, Key::Home] {
+            assert!(acts(Owner::Viewport, key, Modifiers::NONE), "{key:?}");
+            assert!(!acts(Owner::Text, key, Modifiers::NONE), "{key:?}");
+        }
+        assert!(!acts(Owner::Text, Key::Z, Modifiers::COMMAND));
+        assert!(acts(Owner::Text, Key::E, Modifiers::COMMAND));
+        assert!(acts(Owner::Text, Key::F1, Modifiers::NONE));
+    }
+
+    #[test]
+    fn a_slider_owns_arrows_but_no_letters() {
+        assert!(!acts(Owner::Widget, Key::ArrowRight, Modifiers::NONE));
+        assert!(!acts(Owner::Widget, Key::Space, Modifiers::NONE));
+        assert!(acts(Owner::Widget, Key::V, Modifiers::NONE));
+        assert!(!acts(Owner::Modal, Key::V, Modifiers::NONE));
+    }
+}

@@ -1,0 +1,87 @@
+//! Looking a little around what the endoscope saw.
+
+use glam::{Affine3A, Vec3};
+use surgtpgs_core::camera::Camera;
+
+/// How far the view is turned from the endoscope's, radians; (0, 0) is the endoscope's own view.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Orbit {
+    /// To the side; positive moves the eye to the right.
+    pub(crate) yaw: f32,
+    /// Up and down; positive moves the eye down.
+    pub(crate) pitch: f32,
+}
+
+/// How far the eye may go where the camera never moved: beyond, surfaces would show that nobody ever saw.
+pub(crate) const MAX_STILL_DEGREES: f32 = 15.0;
+/// How far the eye may go where the camera moved.
+pub(crate) const MAX_MOVING_DEGREES: f32 = 40.0;
+
+impl Orbit {
+    /// Whether this is the endoscope's own view.
+    pub(crate) fn is_home(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Turned by a drag of the mouse, kept within `max_degrees` of the endoscope's view.
+    pub(crate) fn dragged(self, delta_points: [f32; 2], max_degrees: f32) -> Self {
+        const DEGREES_PER_POINT: f32 = 0.12;
+        let by = |v: f32| -v * DEGREES_PER_POINT.to_radians();
+        let turned = Self { yaw: self.yaw + by(delta_points[0]), pitch: self.pitch + by(delta_points[1]) };
+        let angle = turned.angle();
+        let share = (max_degrees.to_radians() / angle.max(f32::MIN_POSITIVE)).min(1.0);
+        Self { yaw: turned.yaw * share, pitch: turned.pitch * share }
+    }
+
+    /// How far it is turned in all, radians.
+    pub(crate) fn angle(&self) -> f32 {
+        self.yaw.hypot(self.pitch)
+    }
+
+    /// The camera moved around the point that it looks at, at distance `pivot_depth` (scene units).
+    pub(crate) fn apply(&self, camera: &Camera, pivot_depth: f32) -> Camera {
+        let pivot = Affine3A::from_translation(Vec3::new(0.0, 0.0, pivot_depth));
+        let turn = Affine3A::from_rotation_x(-self.pitch) * Affine3A::from_rotation_y(self.yaw);
+        let camera_from_world = pivot * turn * pivot.inverse() * camera.camera_from_world;
+        Camera { camera_from_world, ..*camera }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_pivot_stays_where_it_is_and_the_distance_is_kept() {
+        let camera = Camera::with_field_of_view(320, 240, 60.0);
+        let turned = Orbit { yaw: 0.2, pitch: -0.1 }.apply(&camera, 50.0);
+        let pivot = Vec3::new(0.0, 0.0, 50.0);
+        let (u, v, z) = turned.project(pivot).unwrap();
+        assert!((u - 160.0).abs() < 1e-3 && (v - 120.0).abs() < 1e-3 && (z - 50.0).abs() < 1e-3);
+        assert!((turned.position_in_world().distance(pivot) - 50.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn positive_yaw_moves_the_eye_right_and_positive_pitch_moves_it_down() {
+        let camera = Camera::with_field_of_view(320, 240, 60.0);
+        assert!(Orbit { yaw: 0.2, pitch: 0.0 }.apply(&camera, 50.0).position_in_world().x > 1.0);
+        assert!(Orbit { yaw: 0.0, pitch: 0.2 }.apply(&camera, 50.0).position_in_world().y > 1.0);
+    }
+
+    #[test]
+    fn home_is_the_recorded_camera_exactly() {
+        let mut camera = Camera::with_field_of_view(320, 240, 60.0);
+        camera.camera_from_world = Affine3A::from_translation(Vec3::new(1.0, 2.0, 3.0));
+        assert_eq!(Orbit::default().apply(&camera, 50.0), camera);
+    }
+
+    #[test]
+    fn no_drag_leads_beyond_the_limit() {
+        let mut orbit = Orbit::default();
+        for _ in 0..1000 {
+            orbit = orbit.dragged([30.0, -50.0], MAX_STILL_DEGREES);
+        }
+        assert!(orbit.angle().to_degrees() <= MAX_STILL_DEGREES + 1e-3);
+        assert!(!orbit.is_home());
+    }
+}

@@ -1,0 +1,383 @@
+//! From a request to a picture: decode or render, score, draw. Keeps what the next request may need again, so that a
+//! moved threshold costs a redraw of the overlay and nothing else. Runs on the worker thread.
+
+use super::{
+    document::PromptId,
+    source::{FrameSource, Rendering, View},
+};
+use egui::ColorImage;
+use image::RgbImage;
+use std::{sync::Arc, time::Instant};
+use surgtpgs_core::{
+    Result,
+    grid::Grid,
+    overlay::{OverlayPrompt, OverlayStyle, overlay},
+};
+
+/// A prompt that is to be looked for.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct AskedPrompt {
+    pub(crate) id: PromptId,
+    pub(crate) text: String,
+    pub(crate) threshold: f32,
+    pub(crate) colour: [u8; 3],
+}
+
+/// What the window wants to show.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Request {
+    pub(crate) view: View,
+    pub(crate) needs_original: bool,
+    pub(crate) needs_reconstruction: bool,
+    pub(crate) needs_depth: bool,
+    pub(crate) prompts: Vec<AskedPrompt>,
+    pub(crate) style: OverlayStyle,
+    pub(crate) opacity: f32,
+}
+
+/// One picture, without and with what was found drawn over it. All of one frame: nothing of another frame is ever mixed in.
+#[derive(Clone, Debug)]
+pub(crate) struct Pane {
+    pub(crate) bare: Arc<ColorImage>,
+    /// `None` without prompts.
+    pub(crate) marked: Option<Arc<ColorImage>>,
+}
+
+/// The depth picture with what its colours mean.
+#[derive(Clone, Debug)]
+pub(crate) struct DepthPane {
+    pub(crate) image: Arc<ColorImage>,
+    /// Depth at the near and the far end of the colour scale, scene units.
+    pub(crate) range: (f32, f32),
+}
+
+/// The answer to a [`Request`].
+#[derive(Clone, Debug)]
+pub(crate) struct Picture {
+    pub(crate) request: Request,
+    pub(crate) original: Option<Pane>,
+    pub(crate) reconstruction: Option<Pane>,
+    pub(crate) depth: Option<DepthPane>,
+    /// Depth of every pixel, scene units, 0 where unknown.
+    pub(crate) depth_values: Option<Arc<Grid<f32>>>,
+    pub(crate) findings: Vec<Finding>,
+    /// What went wrong, for the user.
+    pub(crate) problem: Option<String>,
+    /// How long it took, milliseconds.
+    pub(crate) took_ms: f64,
+}
+
+/// What a prompt found in this view.
+#[derive(Clone, Debug)]
+pub(crate) struct Finding {
+    pub(crate) id: PromptId,
+    pub(crate) text: String,
+    /// What was found, or why the question could not be asked.
+    pub(crate) outcome: Result<Found, String>,
+}
+
+/// Scores of one prompt in one view, in short.
+#[derive(Clone, Debug)]
+pub(crate) struct Found {
+    /// Pixels above the threshold.
+    pub(crate) area_px: usize,
+    /// Share of the picture, 0–1.
+    pub(crate) area_fraction: f32,
+    /// The highest similarity score.
+    pub(crate) max_score: f32,
+    /// How many pixels of the reconstruction have which score, in equal steps from 0 to 1.
+    pub(crate) histogram: [u32; BINS],
+    /// A found pixel near the middle of what was found, as share of width and height.
+    pub(crate) anchor: Option<[f32; 2]>,
+    pub(crate) scores: Arc<Grid<f32>>,
+}
+
+/// Steps of a histogram.
+pub(crate) const BINS: usize = 50;
+
+/// Makes pictures from a source, with a memory of the last ones.
+pub(crate) struct Pipeline {
+    source: Box<dyn FrameSource>,
+    original: Option<(usize, Arc<RgbImage>, Arc<ColorImage>)>,
+    rendered: Option<Rendered>,
+    depth_range: Option<(f32, f32)>,
+}
+
+struct Rendered {
+    view: View,
+    has_features: bool,
+    colour: RgbImage,
+    bare: Arc<ColorImage>,
+    depth: Arc<Grid<f32>>,
+    scores: Vec<(String, Result<Arc<Grid<f32>>, String>)>,
+}
+
+impl Pipeline {
+    pub(crate) fn new(source: Box<dyn FrameSource>) -> Self {
+        Self { source, original: None, rendered: None, depth_range: None }
+    }
+
+    /// Shows another state of the same recording from now on; decoded frames are kept.
+    pub(crate) fn replace(&mut self, source: Box<dyn FrameSource>) {
+        self.source = source;
+        self.rendered = None;
+    }
+
+    /// Makes the picture. What fails becomes [`Picture::problem`].
+    pub(crate) fn produce(&mut self, request: Request) -> Picture {
+        let began = Instant::now();
+        let mut picture = Picture {
+            original: None,
+            reconstruction: None,
+            depth: None,
+            depth_values: None,
+            findings: Vec::new(),
+            problem: None,
+            took_ms: 0.0,
+            request,
+        };
+        if let Err(e) = self.fill(&mut picture) {
+            picture.problem = Some(e.to_string());
+        }
+        picture.took_ms = began.elapsed().as_secs_f64() * 1000.0;
+        picture
+    }
+
+    fn fill(&mut self, picture: &mut Picture) -> Result<()> {
+        let request = picture.request.clone();
+        let info = self.source.info();
+        let asks = info.has_features && !request.prompts.is_empty();
+        let renders =
+            info.has_reconstruction && (request.needs_reconstruction || request.needs_depth || asks);
+        let decodes = info.has_original && request.needs_original;
+        // The recorded frame first: where rendering fails, it can be shown all the same.
+        let original = if decodes { Some(self.original(request.view.frame)?) } else { None };
+        if let Some((_, bare)) = &original {
+            picture.original = Some(Pane { bare: bare.clone(), marked: None });
+        }
+        if !renders {
+            return Ok(());
+        }
+        self.render(&request.view, asks)?;
+        if asks {
+            self.score(&request);
+        }
+        let range = if request.needs_depth { Some(self.depth_range()) } else { None };
+        let Some(rendered) = &self.rendered else { return Ok(()) };
+        picture.findings = findings(rendered, &request.prompts);
+        picture.depth_values = Some(rendered.depth.clone());
+        picture.depth =
+            range.map(|range| DepthPane { image: Arc::new(colour_depth(&rendered.depth, range)), range });
+        if request.needs_reconstruction {
+            let marked = mark(&rendered.colour, &picture.findings, &request);
+            picture.reconstruction = Some(Pane { bare: rendered.bare.clone(), marked });
+        }
+        if let (Some((frame, _)), Some(pane)) = (&original, &mut picture.original) {
+            pane.marked = mark(frame, &picture.findings, &request);
+        }
+        Ok(())
+    }
+
+    fn original(&mut self, frame: usize) -> Result<(Arc<RgbImage>, Arc<ColorImage>)> {
+        if let Some((i, image, bare)) = &self.original
+            && *i == frame
+        {
+            return Ok((image.clone(), bare.clone()));
+        }
+        let image = self.source.original(frame)?;
+        let bare = Arc::new(color_image(&image));
+        let image = Arc::new(image);
+        self.original = Some((frame, image.clone(), bare.clone()));
+        Ok((image, bare))
+    }
+
+    fn render(&mut self, view: &View, with_features: bool) -> Result<()> {
+        if self.rendered.as_ref().is_some_and(|r| r.view == *view && (r.has_features || !with_features)) {
+            return Ok(());
+        }
+        self.rendered = None;
+        let Rendering { colour, depth } = self.source.render(view, with_features)?;
+        self.rendered = Some(Rendered {
+            view: *view,
+            has_features: with_features,
+            bare: Arc::new(color_image(&colour)),
+            colour,
+            depth: Arc::new(depth),
+            scores: Vec::new(),
+        });
+        Ok(())
+    }
+
+    /// Scores those prompts that this view was not asked for yet.
+    fn score(&mut self, request: &Request) {
+        let Some(rendered) = &mut self.rendered else { return };
+        let is_known = |text: &str| rendered.scores.iter().any(|(t, _)| t == text);
+        let mut new: Vec<&str> = request.prompts.iter().map(|p| p.text.as_str()).collect();
+        new.retain(|t| !is_known(t));
+        new.sort_unstable();
+        new.dedup();
+        if new.is_empty() {
+            return;
+        }
+        let scores = self.source.scores(&request.view, &new);
+        rendered.scores.extend(new.iter().map(|t| (*t).to_owned()).zip(scores.into_iter().map(
+            |s| match s {
+                Ok(scores) => Ok(Arc::new(scores)),
+                Err(e) => Err(e.to_string()),
+            },
+        )));
+    }
+
+    /// The depth scale: taken from the first depth picture and then kept, so that colours mean the same on all frames.
+    fn depth_range(&mut self) -> (f32, f32) {
+        let measured = || {
+            let rendered = self.rendered.as_ref()?;
+            let mut depths: Vec<f32> =
+                rendered.depth.data.iter().copied().filter(|d| d.is_finite() && *d > 0.0).collect();
+            depths.sort_unstable_by(f32::total_cmp);
+            let at = |share: f32| depths.get(((depths.len() as f32 - 1.0) * share) as usize).copied();
+            Some((at(0.02)?, at(0.98)?))
+        };
+        if self.depth_range.is_none() {
+            self.depth_range = measured();
+        }
+        self.depth_range.unwrap_or((0.0, 1.0))
+    }
+}
+
+fn findings(rendered: &Rendered, prompts: &[AskedPrompt]) -> Vec<Finding> {
+    prompts
+        .iter()
+        .filter_map(|prompt| {
+            let (_, scores) = rendered.scores.iter().find(|(text, _)| *text == prompt.text)?;
+            let outcome = scores.clone().map(|scores| summarise(scores, prompt.threshold));
+            Some(Finding { id: prompt.id, text: prompt.text.clone(), outcome })
+        })
+        .collect()
+}
+
+fn summarise(scores: Arc<Grid<f32>>, threshold: f32) -> Found {
+    let mut histogram = [0; BINS];
+    let (mut area_px, mut sum, mut max_score) = (0_usize, [0_f64; 2], 0_f32);
+    for (y, row) in scores.data.chunks_exact(scores.width.max(1)).enumerate() {
+        for (x, &score) in row.iter().enumerate() {
+            // Exactly 0 is a hole or outside the field of view: a score is never 0.
+            if score > 0.0 {
+                histogram[((score * BINS as f32) as usize).min(BINS - 1)] += 1;
+                max_score = max_score.max(score);
+            }
+            if score > threshold {
+                area_px += 1;
+                sum = [sum[0] + x as f64, sum[1] + y as f64];
+            }
+        }
+    }
+    let centre = (area_px > 0).then(|| sum.map(|s| s / area_px as f64));
+    Found {
+        area_px,
+        area_fraction: area_px as f32 / scores.data.len().max(1) as f32,
+        max_score,
+        histogram,
+        anchor: centre.and_then(|c| nearest_found(&scores, threshold, c)),
+        scores,
+    }
+}
+
+/// The found pixel nearest to `centre`, as share of width and height.
+fn nearest_found(scores: &Grid<f32>, threshold: f32, centre: [f64; 2]) -> Option<[f32; 2]> {
+    let found = (0..scores.data.len()).filter(|&i| scores.data[i] > threshold);
+    let distance = |i: &usize| {
+        let (dx, dy) = ((i % scores.width) as f64 - centre[0], (i / scores.width) as f64 - centre[1]);
+        dx * dx + dy * dy
+    };
+    let i = found.min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
+    let share = |v: usize, n: usize| (v as f32 + 0.5) / n as f32;
+    Some([share(i % scores.width, scores.width), share(i / scores.width, scores.height)])
+}
+
+/// The frame with everything found drawn over it; `None` if there is nothing to draw.
+fn mark(frame: &RgbImage, findings: &[Finding], request: &Request) -> Option<Arc<ColorImage>> {
+    let drawn = |finding: &Finding| -> Option<(Arc<Grid<f32>>, f32, [u8; 3])> {
+        let prompt = request.prompts.iter().find(|p| p.id == finding.id)?;
+        let found = finding.outcome.as_ref().ok()?;
+        Some((found.scores.clone(), prompt.threshold, prompt.colour))
+    };
+    let layers: Vec<_> = findings.iter().filter_map(drawn).collect();
+    let (first, ..) = layers.first()?;
+    let (width, height) = (first.width as u32, first.height as u32);
+    let resized;
+    let frame = if frame.dimensions() == (width, height) {
+        frame
+    } else {
+        resized = image::imageops::thumbnail(frame, width, height);
+        &resized
+    };
+    let prompts: Vec<OverlayPrompt<'_>> = layers
+        .iter()
+        .map(|(scores, threshold, colour)| OverlayPrompt { scores, threshold: *threshold, colour: *colour })
+        .collect();
+    Some(Arc::new(color_image(&overlay(frame, &prompts, request.style, request.opacity))))
+}
+
+pub(crate) fn color_image(image: &RgbImage) -> ColorImage {
+    ColorImage::from_rgb([image.width() as usize, image.height() as usize], image.as_raw())
+}
+
+/// Colours of depth from near to far: cividis, readable with any colour vision.
+const DEPTH_COLOURS: [[u8; 3]; 6] =
+    [[255, 234, 70], [203, 186, 105], [149, 143, 120], [102, 105, 112], [49, 68, 107], [0, 32, 77]];
+
+/// The colour of a depth; `share` is 0 at the near and 1 at the far end of the scale.
+pub(crate) fn depth_colour(share: f32) -> egui::Color32 {
+    let at = if share.is_finite() { share.clamp(0.0, 1.0) } else { 1.0 } * (DEPTH_COLOURS.len() - 1) as f32;
+    let k = (at as usize).min(DEPTH_COLOURS.len() - 2);
+    let mix = |c: usize| {
+        let (a, b) = (f32::from(DEPTH_COLOURS[k][c]), f32::from(DEPTH_COLOURS[k + 1][c]));
+        (a + (b - a) * (at - k as f32)).round() as u8
+    };
+    egui::Color32::from_rgb(mix(0), mix(1), mix(2))
+}
+
+/// Pixels without depth are hatched, so that they are not taken for near or far ones.
+fn colour_depth(depth: &Grid<f32>, (near, far): (f32, f32)) -> ColorImage {
+    let span = (far - near).max(f32::MIN_POSITIVE);
+    let pixel = |(i, &d): (usize, &f32)| {
+        if d > 0.0 {
+            return depth_colour((d - near) / span);
+        }
+        let is_line = (i % depth.width + i / depth.width) % 8 < 2;
+        egui::Color32::from_gray(if is_line { 70 } else { 30 })
+    };
+    ColorImage::new([depth.width, depth.height], depth.data.iter().enumerate().map(pixel).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_histogram_counts_every_seen_pixel_and_no_hole() {
+        let scores = Grid::from_vec(4, 1, vec![0.0, 0.1, 0.5, 1.0]);
+        let found = summarise(Arc::new(scores), 0.4);
+        assert_eq!(found.histogram.iter().sum::<u32>(), 3);
+        assert_eq!((found.histogram[5], found.histogram[25], found.histogram[49]), (1, 1, 1));
+        assert_eq!((found.area_px, found.area_fraction, found.max_score), (2, 0.5, 1.0));
+    }
+
+    #[test]
+    fn the_anchor_is_a_found_pixel_even_where_the_middle_is_not_found() {
+        let scores = Grid::from_vec(5, 1, vec![0.9, 0.9, 0.1, 0.1, 0.9]);
+        assert_eq!(summarise(Arc::new(scores), 0.4).anchor, Some([0.3, 0.5]));
+        assert_eq!(summarise(Arc::new(Grid::filled(3, 3, f32::NAN)), 0.4).anchor, None);
+    }
+
+    #[test]
+    fn depth_colours_run_from_the_first_to_the_last_and_holes_are_grey() {
+        assert_eq!(depth_colour(0.0), egui::Color32::from_rgb(255, 234, 70));
+        assert_eq!(depth_colour(1.0), egui::Color32::from_rgb(0, 32, 77));
+        assert_eq!(depth_colour(f32::NAN), depth_colour(1.0));
+        let image = colour_depth(&Grid::from_vec(2, 1, vec![0.0, 10.0]), (10.0, 20.0));
+        assert_eq!(image.pixels[0], egui::Color32::from_gray(70));
+        assert_eq!(image.pixels[1], depth_colour(0.0));
+    }
+}

@@ -1,0 +1,259 @@
+//! What to look for: the prompt box, one row per prompt, and how what was found is drawn.
+
+use super::{
+    app::ViewerApp,
+    command::{Command, tooltip},
+    document::{PREVIEW, Prompt},
+    histogram::{TIE, threshold_ui},
+    pipeline::{Finding, Found},
+    theme,
+    widgets::{Icon, caption, choice, command_button, icon_button, swatch},
+};
+use egui::{Frame, Key, Margin, RichText, ScrollArea, Sense, Stroke, TextEdit, Ui, vec2};
+use surgtpgs_core::overlay::OverlayStyle;
+
+/// What is said where a prompt is found nowhere on the frame.
+pub(crate) const NOTHING: &str = "Nothing above the threshold on this frame";
+/// What is said as long as a prompt has no answer.
+pub(crate) const ENCODING: &str = "Encoding…";
+/// What is said where prompts cannot be asked.
+pub(crate) const NO_FEATURES: &str = "This recording has no text features";
+
+/// The right-hand panel.
+pub(crate) fn prompts_ui(ui: &mut Ui, app: &mut ViewerApp) {
+    ui.heading("Find");
+    box_ui(ui, app);
+    if app.info().is_some_and(|i| !i.has_features) {
+        no_features_ui(ui, app);
+        return;
+    }
+    preview_ui(ui, app);
+    ui.add_space(4.0);
+    let below = 132.0;
+    ScrollArea::vertical().max_height((ui.available_height() - below).max(120.0)).show(ui, |ui| {
+        rows_ui(ui, app);
+    });
+    ui.with_layout(egui::Layout::bottom_up(egui::Align::Min), |ui| {
+        ui.with_layout(egui::Layout::top_down(egui::Align::Min), |ui| overlay_ui(ui, app));
+    });
+}
+
+fn box_ui(ui: &mut Ui, app: &mut ViewerApp) {
+    let prompt_box = &mut app.prompt_box;
+    let field = TextEdit::singleline(&mut prompt_box.text)
+        .id_salt("prompt box")
+        .hint_text("Type what to find, e.g. gallbladder")
+        .char_limit(200)
+        .margin(Margin::symmetric(10, 8))
+        .desired_width(f32::INFINITY);
+    let response = ui.add(field).on_hover_text(tooltip(Command::FocusPrompt));
+    response.ctx.accesskit_node_builder(response.id, |node| node.set_label("Prompt"));
+    if std::mem::take(&mut prompt_box.wants_focus) {
+        response.request_focus();
+    }
+    if response.changed() {
+        prompt_box.edited_at = Some(ui.input(|i| i.time));
+    }
+    if response.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter)) {
+        let text = std::mem::take(&mut prompt_box.text);
+        prompt_box.live.clear();
+        prompt_box.edited_at = None;
+        app.document.add(&text);
+    }
+}
+
+/// What is being typed, before Enter adds it.
+fn preview_ui(ui: &mut Ui, app: &ViewerApp) {
+    let live = &app.prompt_box.live;
+    let is_added = app.document.prompts().iter().any(|p| p.text.eq_ignore_ascii_case(live));
+    if live.is_empty() || is_added {
+        return;
+    }
+    let state = state_text(app.finding(PREVIEW, live), app.document.default_threshold());
+    ui.horizontal(|ui| {
+        let (rect, _) = ui.allocate_exact_size(vec2(14.0, 14.0), Sense::hover());
+        swatch(ui.painter(), rect, app.document.next_colour(), "");
+        let text = format!("{} – Enter keeps it", state.0);
+        ui.label(RichText::new(text).font(theme::small()).color(state.1));
+    });
+}
+
+fn no_features_ui(ui: &mut Ui, app: &ViewerApp) {
+    ui.add_space(6.0);
+    ui.label(RichText::new(NO_FEATURES).color(theme::AMBER));
+    let info = app.info();
+    let advice = if info.is_some_and(|i| !i.has_reconstruction) {
+        "It has to be reconstructed before words can be found in it."
+    } else {
+        "It was reconstructed without class labels or an image model, so words cannot be found in it. \
+         Everything else works."
+    };
+    ui.label(caption(advice));
+}
+
+fn rows_ui(ui: &mut Ui, app: &mut ViewerApp) {
+    if app.document.prompts().is_empty() {
+        examples_ui(ui, app);
+    }
+    for (index, prompt) in app.document.prompts().to_vec().iter().enumerate() {
+        row_ui(ui, app, index, prompt);
+        ui.add_space(2.0);
+    }
+}
+
+/// With no prompt yet: a few words that this recording knows.
+fn examples_ui(ui: &mut Ui, app: &mut ViewerApp) {
+    let examples: Vec<String> =
+        app.info().map(|i| i.example_prompts.iter().take(6).cloned().collect()).unwrap_or_default();
+    if examples.is_empty() {
+        return;
+    }
+    ui.label(caption("For example"));
+    ui.horizontal_wrapped(|ui| {
+        for example in &examples {
+            if ui.button(example).clicked() {
+                app.document.add(example);
+            }
+        }
+    });
+}
+
+fn row_ui(ui: &mut Ui, app: &mut ViewerApp, index: usize, prompt: &Prompt) {
+    let is_selected = app.document.selected == Some(prompt.id);
+    let line = if is_selected { theme::ACCENT } else { theme::LINE };
+    let frame = Frame::new().fill(theme::RAISED).corner_radius(8).inner_margin(Margin::symmetric(10, 6));
+    frame.stroke(Stroke::new(1.0, line)).show(ui, |ui| {
+        ui.set_width(ui.available_width());
+        head_ui(ui, app, index, prompt);
+        let finding = app.finding(prompt.id, &prompt.text).cloned();
+        let (text, colour) = if prompt.is_visible {
+            state_text(finding.as_ref(), prompt.threshold)
+        } else {
+            ("Hidden".to_owned(), theme::TEXT_WEAK)
+        };
+        ui.label(RichText::new(text).font(theme::small()).color(colour));
+        if is_selected && prompt.is_visible {
+            let found = finding.as_ref().and_then(|f| f.outcome.as_ref().ok());
+            threshold_row_ui(ui, app, prompt, found);
+        }
+    });
+}
+
+/// Number, words, eye and delete.
+fn head_ui(ui: &mut Ui, app: &mut ViewerApp, index: usize, prompt: &Prompt) {
+    ui.horizontal(|ui| {
+        let (rect, _) = ui.allocate_exact_size(vec2(22.0, 22.0), Sense::hover());
+        swatch(ui.painter(), rect, prompt.colour, &(index + 1).to_string());
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            ui.spacing_mut().item_spacing.x = 2.0;
+            let name = format!("Delete {}", prompt.text);
+            let tip = "Delete this prompt (undo brings it back)";
+            if icon_button(ui, Icon::Cross, &name, tip, false, true).clicked() {
+                app.document.remove(prompt.id);
+            }
+            let (icon, word) =
+                if prompt.is_visible { (Icon::Eye, "Hide") } else { (Icon::EyeClosed, "Show") };
+            let name = format!("{word} {}", prompt.text);
+            if icon_button(ui, icon, &name, &tooltip(Command::TogglePrompt), false, true).clicked() {
+                app.document.toggle_visible(index);
+            }
+            ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
+                let words = egui::Label::new(RichText::new(&prompt.text).color(theme::TEXT));
+                let words = ui.add(words.truncate().selectable(false).sense(Sense::click()));
+                let tip = "Select: its threshold is shown, and the keys T and Shift+T change it";
+                if words.on_hover_text(tip).clicked() {
+                    app.document.selected = Some(prompt.id);
+                }
+            });
+        });
+    });
+}
+
+fn threshold_row_ui(ui: &mut Ui, app: &mut ViewerApp, prompt: &Prompt, found: Option<&Found>) {
+    let mut threshold = prompt.threshold;
+    let is_over = threshold_ui(ui, &prompt.text, &mut threshold, prompt.colour, found);
+    app.document.set_threshold(prompt.id, threshold);
+    if is_over {
+        app.document.end_gesture();
+    }
+    let text = format!("Similarity score above {threshold:.2} counts as found");
+    ui.label(caption(text));
+    if found.is_some_and(|f| f.max_score < TIE) {
+        let text = "No pixel here is closer to these words than to a generic phrase.";
+        ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
+    }
+}
+
+/// What a prompt found, in words, and how loud to say it.
+fn state_text(finding: Option<&Finding>, threshold: f32) -> (String, egui::Color32) {
+    match finding.map(|f| &f.outcome) {
+        None => (ENCODING.into(), theme::TEXT_WEAK),
+        Some(Err(problem)) => (problem.clone(), theme::ERROR),
+        Some(Ok(found)) if found.area_px == 0 && threshold >= found.max_score => {
+            (NOTHING.into(), theme::AMBER)
+        }
+        Some(Ok(found)) => (format!("{} of the frame", percent(found.area_fraction)), theme::TEXT_WEAK),
+    }
+}
+
+/// A share of the frame; small ones keep their digits.
+pub(crate) fn percent(share: f32) -> String {
+    match share * 100.0 {
+        p if p <= 0.0 => "0 %".into(),
+        p if p < 0.1 => "< 0.1 %".into(),
+        p if p < 10.0 => format!("{p:.1} %"),
+        p => format!("{p:.0} %"),
+    }
+}
+
+fn overlay_ui(ui: &mut Ui, app: &mut ViewerApp) {
+    ui.separator();
+    ui.horizontal(|ui| {
+        ui.label(RichText::new("Overlay").strong());
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            let icon = if app.document.is_hidden { Icon::EyeClosed } else { Icon::Eye };
+            if command_button(ui, icon, Command::HideOverlays, app.document.is_hidden, true) {
+                app.document.is_hidden ^= true;
+            }
+            if app.document.is_hidden {
+                ui.label(RichText::new("hidden").font(theme::small()).color(theme::AMBER));
+            }
+        });
+    });
+    let tip = |what: &str| {
+        format!(
+            "{what} ({} for the next)",
+            super::command::keys_text(super::command::entry(Command::CycleStyle))
+        )
+    };
+    choice(
+        ui,
+        &mut app.document.style,
+        &[
+            (OverlayStyle::Outline, "Outline", tip("A line around what was found"), true),
+            (OverlayStyle::Fill, "Fill", tip("What was found in a translucent colour"), true),
+            (
+                OverlayStyle::Heatmap,
+                "Heatmap",
+                tip("The similarity score itself, on a fixed scale from 0 to 1"),
+                true,
+            ),
+        ],
+    );
+    if app.document.style != OverlayStyle::Outline {
+        ui.add(egui::Slider::new(&mut app.document.opacity, 0.05..=1.0).fixed_decimals(2).text("opacity"));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_shares_are_not_shown_as_nothing() {
+        assert_eq!(percent(0.0), "0 %");
+        assert_eq!(percent(0.0002), "< 0.1 %");
+        assert_eq!(percent(0.034), "3.4 %");
+        assert_eq!(percent(0.456), "46 %");
+    }
+}

@@ -1,0 +1,139 @@
+//! The seam between the window and everything that computes: what the window asks for, as traits.
+//!
+//! [`super::engine_source`] answers with the real engine; tests answer with a small fake.
+
+use super::{jobs::JobContext, orbit::Orbit};
+use image::RgbImage;
+use std::path::{Path, PathBuf};
+use surgtpgs_core::{Result, export::Format, grid::Grid, overlay::OverlayStyle};
+
+/// What is known about a scene or a recording as soon as it is open.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Info {
+    /// For titles.
+    pub(crate) name: String,
+    /// What was opened.
+    pub(crate) path: PathBuf,
+    pub(crate) num_frames: usize,
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    pub(crate) frames_per_second: Option<f32>,
+    pub(crate) camera_moves: bool,
+    /// Recorded frames can be shown.
+    pub(crate) has_original: bool,
+    /// Why not, in a sentence.
+    pub(crate) original_missing: Option<String>,
+    /// There is a reconstruction to render.
+    pub(crate) has_reconstruction: bool,
+    /// Prompts can be asked.
+    pub(crate) has_features: bool,
+    /// The recording has class labels, from which features can be made.
+    pub(crate) has_labels: bool,
+    /// What could be asked, e.g. the class names.
+    pub(crate) example_prompts: Vec<String>,
+    /// What renders, e.g. "CPU, 2 threads".
+    pub(crate) renderer: String,
+    /// Things about this scene that the user should know, one sentence each.
+    pub(crate) notes: Vec<String>,
+}
+
+/// What to render.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct View {
+    pub(crate) frame: usize,
+    pub(crate) orbit: Orbit,
+    /// Half the width and height, while something moves.
+    pub(crate) is_preview: bool,
+}
+
+/// A rendered view.
+#[derive(Clone, Debug)]
+pub(crate) struct Rendering {
+    pub(crate) colour: RgbImage,
+    /// Scene units; 0 where there is nothing.
+    pub(crate) depth: Grid<f32>,
+}
+
+/// An open scene or recording. A worker thread owns it.
+pub(crate) trait FrameSource: Send {
+    fn info(&self) -> &Info;
+    /// The frame as it was recorded.
+    fn original(&mut self, frame: usize) -> Result<RgbImage>;
+    /// Renders; `with_features` promises that [`FrameSource::scores`] of the same view will be asked for.
+    fn render(&mut self, view: &View, with_features: bool) -> Result<Rendering>;
+    /// Score images of prompts in the view that was rendered last, of its size; an error concerns its prompt alone.
+    fn scores(&mut self, view: &View, prompts: &[&str]) -> Vec<Result<Grid<f32>>>;
+}
+
+/// Opens, exports and trains. All methods run on worker threads and take as long as they need.
+pub(crate) trait Backend: Send + Sync {
+    fn open(&self, path: &Path) -> Result<Box<dyn FrameSource>>;
+    /// Makes sure that the built-in demo is under `folder`: its scene, or at least its recording.
+    fn demo(&self, folder: &Path, job: &JobContext) -> Result<Demo>;
+    /// Writes files. When cancelled, finished files stay and the same request goes on from there.
+    fn export(&self, request: &ExportRequest, job: &JobContext) -> Result<ExportSummary>;
+    /// Trains and saves a scene. When cancelled, what was learned so far is saved and returned all the same.
+    fn reconstruct(&self, request: &TrainRequest, job: &JobContext) -> Result<PathBuf>;
+}
+
+/// One prompt of an export.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct ExportPrompt {
+    pub(crate) text: String,
+    pub(crate) threshold: f32,
+    pub(crate) colour: [u8; 3],
+}
+
+/// Everything that an export depends on.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct ExportRequest {
+    pub(crate) scene: PathBuf,
+    pub(crate) folder: PathBuf,
+    pub(crate) formats: Vec<Format>,
+    /// First and last frame.
+    pub(crate) frames: (usize, usize),
+    /// Draw on recorded frames, not on rendered ones.
+    pub(crate) from_original: bool,
+    pub(crate) prompts: Vec<ExportPrompt>,
+    /// Every pixel belongs to at most one prompt.
+    pub(crate) is_exclusive: bool,
+    /// How overlays are drawn.
+    pub(crate) style: OverlayStyle,
+    pub(crate) opacity: f32,
+}
+
+impl ExportRequest {
+    /// How many pictures it will write; a record and the names of labels come on top.
+    pub(crate) fn num_files(&self) -> usize {
+        let frames = (self.frames.1 + 1).saturating_sub(self.frames.0);
+        let per_frame = |f: &Format| if f.is_per_prompt() { self.prompts.len() } else { 1 };
+        frames * self.formats.iter().map(per_frame).sum::<usize>()
+    }
+}
+
+/// Where the demo is.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Demo {
+    /// What to open.
+    pub(crate) path: PathBuf,
+    /// The scene to make of it, if there is none yet.
+    pub(crate) train: Option<TrainRequest>,
+}
+
+/// What an export did.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct ExportSummary {
+    /// All frames that were asked for are there.
+    pub(crate) is_complete: bool,
+    pub(crate) num_files: usize,
+    pub(crate) folder: PathBuf,
+}
+
+/// Everything that training depends on.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct TrainRequest {
+    pub(crate) recording: PathBuf,
+    /// The scene file to write.
+    pub(crate) scene: PathBuf,
+    pub(crate) iterations: usize,
+}

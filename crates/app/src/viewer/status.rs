@@ -1,0 +1,47 @@
+//! The bottom line: what is under the pointer, what renders, and what this program is not for.
+
+use super::{app::ViewerApp, theme, widgets::caption};
+use egui::{RichText, Ui};
+use surgtpgs_core::export::intended_use;
+
+/// The bottom line of the window.
+pub(crate) fn status_ui(ui: &mut Ui, app: &mut ViewerApp) {
+    ui.horizontal(|ui| {
+        ui.label(RichText::new(intended_use()).font(theme::small()).color(theme::AMBER));
+        ui.separator();
+        if let Some(text) = under_pointer(app, ui.ctx()) {
+            ui.label(caption(text));
+        }
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            let (Some(picture), Some(info)) = (app.picture(), app.info()) else { return };
+            if info.has_reconstruction {
+                let text = format!("{:.0} ms  ·  {}", picture.took_ms, info.renderer);
+                ui.label(caption(text)).on_hover_text("Time for the last picture, and what made it");
+            }
+        });
+    });
+}
+
+/// Pixel, depth and scores at the pointer.
+fn under_pointer(app: &ViewerApp, ctx: &egui::Context) -> Option<String> {
+    let pointer = ctx.input(|i| i.pointer.hover_pos())?;
+    let [u, v] = app.zoom.picture_position(pointer)?;
+    let (info, picture) = (app.info()?, app.picture()?);
+    let at = |share: f32, n: usize| ((share * n as f32) as usize).min(n.saturating_sub(1));
+    let mut text = format!("x {}  y {}", at(u, info.width), at(v, info.height));
+    if let Some(depth) = picture.depth_values.as_ref().filter(|d| !d.data.is_empty()) {
+        match depth.at(at(u, depth.width), at(v, depth.height)) {
+            d if d > 0.0 => text += &format!("   depth {d:.1} (scene units)"),
+            _ => text += "   no depth",
+        }
+    }
+    for finding in &picture.findings {
+        if let Ok(found) = &finding.outcome
+            && !found.scores.data.is_empty()
+        {
+            let score = found.scores.at(at(u, found.scores.width), at(v, found.scores.height));
+            text += &format!("   {} {score:.2}", finding.text);
+        }
+    }
+    Some(text)
+}

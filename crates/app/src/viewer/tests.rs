@@ -1,0 +1,553 @@
+//! The window driven as a user drives it, without a display. A small fake answers instead of the engine: its frame i is
+//! a grey of level i, and "gallbladder" is the left part of every picture, "nothing" nowhere.
+
+use super::{
+    app::ViewerApp,
+    document::ViewMode,
+    jobs::JobContext,
+    pipeline::Picture,
+    preferences::Preferences,
+    prompts::{ENCODING, NO_FEATURES, NOTHING},
+    source::{Backend, Demo, ExportRequest, ExportSummary, FrameSource, Info, Rendering, TrainRequest, View},
+};
+use egui::{Key, Modifiers, Role, accesskit::Toggled};
+use egui_kittest::{
+    Harness,
+    kittest::{NodeT, Queryable},
+};
+use image::{Rgb, RgbImage};
+use std::{
+    path::{Path, PathBuf},
+    sync::{Arc, Mutex, mpsc},
+};
+use surgtpgs_core::{Error, Result, export::intended_use, grid::Grid};
+
+const SIZE: (u32, u32) = (32, 24);
+const FRAMES: usize = 48;
+
+struct Fake {
+    info: Info,
+    /// Scores are given out one permission at a time, if there is a gate.
+    gate: Option<mpsc::Receiver<()>>,
+}
+
+impl FrameSource for Fake {
+    fn info(&self) -> &Info {
+        &self.info
+    }
+    fn original(&mut self, frame: usize) -> Result<RgbImage> {
+        Ok(RgbImage::from_pixel(SIZE.0, SIZE.1, Rgb([frame as u8, 0, 0])))
+    }
+    fn render(&mut self, view: &View, _: bool) -> Result<Rendering> {
+        Ok(Rendering {
+            colour: RgbImage::from_pixel(SIZE.0, SIZE.1, Rgb([view.frame as u8; 3])),
+            depth: Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 50.0),
+        })
+    }
+    fn scores(&mut self, _: &View, prompts: &[&str]) -> Vec<Result<Grid<f32>>> {
+        if let Some(gate) = &self.gate {
+            let _ = gate.recv();
+        }
+        let score = |prompt: &&str| match *prompt {
+            "broken" => Err(Error::input("the encoder cannot read this", "Use other words.")),
+            "nothing" => Ok(Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 0.2)),
+            _ => {
+                let left = |i| if i % SIZE.0 < SIZE.0 / 4 { 0.8 } else { 0.3 };
+                let data = (0..SIZE.0 * SIZE.1).map(left).collect();
+                Ok(Grid::from_vec(SIZE.0 as usize, SIZE.1 as usize, data))
+            }
+        };
+        prompts.iter().map(score).collect()
+    }
+}
+
+#[derive(Default)]
+struct FakeBackend {
+    info: Info,
+    gate: Mutex<Option<mpsc::Receiver<()>>>,
+    exported: Mutex<Vec<ExportRequest>>,
+    trained: Mutex<Vec<TrainRequest>>,
+}
+
+impl Backend for FakeBackend {
+    fn open(&self, path: &Path) -> Result<Box<dyn FrameSource>> {
+        if path == Path::new("/no/such") {
+            return Err(Error::input_at(path, "there is no such file", "Choose another one."));
+        }
+        let trained = !self.trained.lock().unwrap().is_empty();
+        let info = Info {
+            path: path.to_owned(),
+            has_reconstruction: self.info.has_reconstruction || trained,
+            has_features: self.info.has_features || trained,
+            ..self.info.clone()
+        };
+        Ok(Box::new(Fake { info, gate: self.gate.lock().unwrap().take() }))
+    }
+    fn demo(&self, folder: &Path, _: &JobContext) -> Result<Demo> {
+        let request =
+            TrainRequest { recording: folder.to_owned(), scene: folder.join("scene"), iterations: 100 };
+        Ok(Demo { path: folder.to_owned(), train: Some(request) })
+    }
+    fn export(&self, request: &ExportRequest, job: &JobContext) -> Result<ExportSummary> {
+        job.progress("Exporting", 1, 1, String::new());
+        self.exported.lock().unwrap().push(request.clone());
+        let folder = request.folder.clone();
+        Ok(ExportSummary { is_complete: true, num_files: request.num_files(), folder })
+    }
+    fn reconstruct(&self, request: &TrainRequest, job: &JobContext) -> Result<PathBuf> {
+        job.progress("Learning", 10, request.iterations, "100 Gaussians".into());
+        let info = Info { has_reconstruction: true, ..self.info.clone() };
+        job.preview(Box::new(Fake { info, gate: None }));
+        while !job.is_cancelled() {
+            std::thread::yield_now();
+        }
+        self.trained.lock().unwrap().push(request.clone());
+        Ok(request.scene.clone())
+    }
+}
+
+fn scene() -> Info {
+    Info {
+        name: "clip".into(),
+        num_frames: FRAMES,
+        width: SIZE.0 as usize,
+        height: SIZE.1 as usize,
+        frames_per_second: Some(25.0),
+        has_original: true,
+        has_reconstruction: true,
+        has_features: true,
+        example_prompts: vec!["liver".into(), "fat".into()],
+        renderer: "fake".into(),
+        ..Info::default()
+    }
+}
+
+struct Window {
+    harness: Harness<'static, ViewerApp>,
+    backend: Arc<FakeBackend>,
+}
+
+impl Window {
+    /// A window on a scene, its first picture shown and the notice read.
+    fn on(info: Info) -> Self {
+        let mut window = Self::gated(info, None);
+        window.until(|app| app.picture().is_some());
+        window
+    }
+
+    fn gated(info: Info, gate: Option<mpsc::Receiver<()>>) -> Self {
+        let backend = Arc::new(FakeBackend { info, gate: Mutex::new(gate), ..Default::default() });
+        let mut window = Self::with(backend);
+        window.harness.state_mut().preferences.is_acknowledged = true;
+        let ctx = window.harness.ctx.clone();
+        window.harness.state_mut().open_path(Path::new("/data/clip.safetensors"), &ctx);
+        window.until(|app| app.open.is_some());
+        window
+    }
+
+    fn with(backend: Arc<FakeBackend>) -> Self {
+        let theirs = backend.clone();
+        let harness = Harness::builder()
+            .with_size(egui::vec2(1280.0, 800.0))
+            .with_step_dt(1.0 / 60.0)
+            .build_eframe(|cc| ViewerApp::new(&cc.egui_ctx, theirs, Preferences::load(None)));
+        Self { harness, backend }
+    }
+
+    /// Goes on until `is_so`, as long as it takes the threads; gives up after far too long.
+    fn until(&mut self, is_so: impl Fn(&ViewerApp) -> bool) {
+        for _ in 0..20_000 {
+            self.harness.step();
+            if is_so(self.harness.state()) {
+                // Once more, so that what is on the screen is what was waited for.
+                self.harness.step();
+                return;
+            }
+            std::thread::sleep(std::time::Duration::from_micros(500));
+        }
+        panic!("it never happened: {:?}", self.harness.state().problem);
+    }
+
+    fn until_picture(&mut self, is_so: impl Fn(&Picture) -> bool) {
+        self.until(|app| app.picture().is_some_and(&is_so));
+    }
+
+    fn press(&mut self, key: Key) {
+        self.harness.key_press(key);
+        self.harness.step();
+    }
+
+    fn press_with(&mut self, modifiers: Modifiers, key: Key) {
+        self.harness.key_press_modifiers(modifiers, key);
+        self.harness.step();
+    }
+
+    fn frame(&self) -> usize {
+        self.harness.state().playback.frame()
+    }
+
+    fn type_prompt(&mut self, text: &str) {
+        self.harness.get_by_label("Prompt").focus();
+        self.harness.step();
+        self.harness.get_by_label("Prompt").type_text(text);
+        self.harness.step();
+    }
+
+    fn add_prompt(&mut self, text: &str) {
+        self.type_prompt(text);
+        self.press(Key::Enter);
+    }
+
+    fn click(&mut self, label: &str) {
+        self.harness.get_by_label(label).click();
+        self.harness.step();
+        self.harness.step();
+    }
+
+    fn shows(&self, text: &str) -> bool {
+        self.harness.query_all_by_label_contains(text).next().is_some()
+    }
+}
+
+#[test]
+fn a_typed_prompt_becomes_a_row_with_its_area_on_the_picture() {
+    let mut window = Window::on(scene());
+    window.add_prompt("gallbladder");
+    assert_eq!(window.harness.state().document.prompts().len(), 1);
+    window.until_picture(|p| !p.findings.is_empty());
+    let picture = window.harness.state().picture().unwrap();
+    let found = picture.findings[0].outcome.as_ref().unwrap();
+    assert_eq!(found.area_fraction, 0.25);
+    assert_eq!(found.histogram.iter().sum::<u32>(), SIZE.0 * SIZE.1);
+    assert!(picture.reconstruction.as_ref().unwrap().marked.is_some());
+    assert!(window.shows("25 % of the frame"));
+    window.harness.get_by_label("Threshold of gallbladder");
+}
+
+#[test]
+fn typing_is_looked_for_after_a_pause_and_kept_by_enter() {
+    let mut window = Window::on(scene());
+    window.type_prompt("gall");
+    assert_eq!(window.harness.state().prompt_box.live, "", "not before the typing rests");
+    window.until_picture(|p| p.findings.iter().any(|f| f.text == "gall"));
+    assert!(window.shows("Enter keeps it"));
+    assert!(window.harness.state().document.prompts().is_empty());
+    window.press(Key::Enter);
+    assert_eq!(window.harness.state().document.prompts()[0].text, "gall");
+    assert_eq!(window.harness.state().prompt_box.text, "");
+}
+
+#[test]
+fn scrubbing_keys_move_exactly_and_the_picture_follows() {
+    let mut window = Window::on(scene());
+    window.press(Key::ArrowRight);
+    assert_eq!(window.frame(), 1);
+    window.press_with(Modifiers::SHIFT, Key::ArrowRight);
+    assert_eq!(window.frame(), 11);
+    window.press(Key::ArrowLeft);
+    assert_eq!(window.frame(), 10);
+    window.until_picture(|p| p.request.view.frame == 10);
+    window.press(Key::End);
+    assert_eq!(window.frame(), FRAMES - 1);
+    window.press(Key::Home);
+    assert_eq!(window.frame(), 0);
+}
+
+#[test]
+fn space_plays_at_the_recordings_speed() {
+    let mut window = Window::on(scene());
+    window.press(Key::Space);
+    assert!(window.harness.state().playback.is_playing());
+    let began = window.harness.ctx.input(|i| i.time);
+    for _ in 0..30 {
+        window.harness.step();
+    }
+    let elapsed = window.harness.ctx.input(|i| i.time) - began;
+    let due = (elapsed * 25.0) as isize;
+    assert!((window.frame() as isize - due % FRAMES as isize).abs() <= 1, "{} of {due}", window.frame());
+    window.press(Key::Space);
+    assert!(!window.harness.state().playback.is_playing());
+}
+
+#[test]
+fn a_frame_number_can_be_typed_and_the_keys_return_to_the_picture() {
+    let mut window = Window::on(scene());
+    window.press(Key::G);
+    window.harness.step();
+    window.harness.get_by_label("Frame number").type_text("13");
+    window.harness.step();
+    window.press(Key::Enter);
+    window.harness.step();
+    assert_eq!(window.frame(), 12);
+    window.press(Key::ArrowRight);
+    assert_eq!(window.frame(), 13);
+}
+
+#[test]
+fn a_focused_text_field_owns_letters_digits_arrows_and_space() {
+    let mut window = Window::on(scene());
+    window.type_prompt("v");
+    for key in [Key::V, Key::Space, Key::ArrowRight, Key::End, Key::Num1, Key::O, Key::D] {
+        window.press(key);
+    }
+    let app = window.harness.state();
+    assert!(!app.document.is_hidden && !app.playback.is_playing());
+    assert_eq!((app.playback.frame(), app.document.mode), (0, ViewMode::Reconstruction));
+    window.press(Key::Escape);
+    window.harness.step();
+    assert_eq!(window.harness.state().prompt_box.text, "v", "Esc leaves the field and nothing else");
+    window.press(Key::V);
+    assert!(window.harness.state().document.is_hidden);
+}
+
+#[test]
+fn the_slash_that_opens_the_prompt_box_is_not_typed_into_it() {
+    let mut window = Window::on(scene());
+    window.harness.event(egui::Event::Text("/".into()));
+    window.press(Key::Slash);
+    window.harness.step();
+    assert!(window.harness.get_by_label("Prompt").is_focused());
+    assert_eq!(window.harness.state().prompt_box.text, "");
+}
+
+#[test]
+fn one_key_hides_and_shows_everything_drawn() {
+    let mut window = Window::on(scene());
+    window.add_prompt("gallbladder");
+    window.until_picture(|p| !p.findings.is_empty());
+    assert!(!window.shows("overlays hidden"));
+    window.press(Key::V);
+    window.harness.step();
+    assert!(window.shows("overlays hidden"));
+    window.press(Key::V);
+    window.harness.step();
+    assert!(!window.shows("overlays hidden"));
+}
+
+#[test]
+fn holding_x_shows_the_recorded_frame_until_it_is_let_go() {
+    let mut window = Window::on(scene());
+    window.harness.key_down(Key::X);
+    window.until_picture(|p| p.original.is_some());
+    window.harness.key_up(Key::X);
+    window.until_picture(|p| p.original.is_none());
+}
+
+#[test]
+fn what_is_nowhere_is_said_to_be_nowhere() {
+    let mut window = Window::on(scene());
+    window.add_prompt("nothing");
+    window.until_picture(|p| !p.findings.is_empty());
+    assert!(window.harness.query_all_by_label(NOTHING).count() >= 2, "in the row and on the picture");
+    assert!(window.shows("closer to these words than to a generic phrase"));
+}
+
+#[test]
+fn a_prompt_that_fails_says_why_and_leaves_the_others_alone() {
+    let mut window = Window::on(scene());
+    window.add_prompt("broken");
+    window.add_prompt("gallbladder");
+    window.until_picture(|p| p.findings.len() == 2);
+    assert!(window.shows("the encoder cannot read this"));
+    assert!(window.shows("25 % of the frame"));
+}
+
+#[test]
+fn a_slow_answer_is_waited_for_in_words_and_never_drawn_on_another_frame() {
+    let (permit, gate) = mpsc::channel();
+    let mut window = Window::gated(scene(), Some(gate));
+    window.until(|app| app.picture().is_some());
+    window.add_prompt("gallbladder");
+    assert!(window.shows(ENCODING));
+    window.press(Key::ArrowRight);
+    window.press(Key::ArrowRight);
+    permit.send(()).unwrap();
+    permit.send(()).unwrap();
+    window.until_picture(|p| p.request.view.frame == 2 && !p.findings.is_empty());
+    let picture = window.harness.state().picture().unwrap();
+    let bare = &picture.reconstruction.as_ref().unwrap().bare;
+    assert_eq!(bare.pixels[0], egui::Color32::from_gray(2), "frame, picture and overlay are of one frame");
+}
+
+#[test]
+fn a_scene_without_features_says_so() {
+    let window = Window::on(Info { has_features: false, ..scene() });
+    assert!(window.shows(NO_FEATURES));
+}
+
+#[test]
+fn views_are_switched_by_key_and_only_where_they_exist() {
+    let mut window = Window::on(scene());
+    for (modifiers, key, mode) in [
+        (Modifiers::NONE, Key::W, ViewMode::Wipe),
+        (Modifiers::SHIFT, Key::W, ViewMode::SideBySide),
+        (Modifiers::NONE, Key::D, ViewMode::Depth),
+        (Modifiers::NONE, Key::B, ViewMode::Original),
+        (Modifiers::NONE, Key::B, ViewMode::Reconstruction),
+    ] {
+        window.press_with(modifiers, key);
+        assert_eq!(window.harness.state().document.mode, mode);
+    }
+    let mut window = Window::on(Info { has_original: false, ..scene() });
+    window.press(Key::B);
+    assert_eq!(window.harness.state().document.mode, ViewMode::Reconstruction);
+}
+
+#[test]
+fn looking_around_is_marked_and_r_returns() {
+    let mut window = Window::on(scene());
+    let at = egui::pos2(400.0, 300.0);
+    let button = |pressed, pos| egui::Event::PointerButton {
+        pos,
+        button: egui::PointerButton::Secondary,
+        pressed,
+        modifiers: Modifiers::NONE,
+    };
+    window.harness.hover_at(at);
+    window.harness.step();
+    window.harness.event(button(true, at));
+    window.harness.step();
+    for i in 1..=10 {
+        window.harness.hover_at(at + egui::vec2(100.0 * i as f32, 0.0));
+        window.harness.step();
+    }
+    let orbit = window.harness.state().orbit;
+    assert!(!orbit.is_home() && orbit.angle().to_degrees() <= 15.001);
+    window.harness.event(button(false, at));
+    window.until_picture(|p| !p.request.view.orbit.is_home());
+    window.press(Key::R);
+    window.until_picture(|p| p.request.view.orbit.is_home());
+}
+
+#[test]
+fn prompts_can_be_hidden_deleted_and_brought_back() {
+    let mut window = Window::on(scene());
+    window.add_prompt("gallbladder");
+    window.click("Hide gallbladder");
+    assert!(!window.harness.state().document.prompts()[0].is_visible);
+    window.press(Key::Num1);
+    assert!(window.harness.state().document.prompts()[0].is_visible);
+    window.click("Delete gallbladder");
+    assert!(window.harness.state().document.prompts().is_empty());
+    window.press_with(Modifiers::COMMAND, Key::Z);
+    assert_eq!(window.harness.state().document.prompts().len(), 1);
+}
+
+#[test]
+fn examples_of_the_recording_are_one_click_away() {
+    let mut window = Window::on(scene());
+    window.click("liver");
+    assert_eq!(window.harness.state().document.prompts()[0].text, "liver");
+}
+
+#[test]
+fn the_export_says_how_many_files_before_it_starts() {
+    let mut window = Window::on(scene());
+    window.add_prompt("gallbladder");
+    window.add_prompt("liver");
+    window.press_with(Modifiers::COMMAND, Key::E);
+    window.harness.step();
+    // 48 overlays, 48 masks for each of 2 prompts
+    assert!(window.shows("144 pictures will be written"));
+    assert!(window.backend.exported.lock().unwrap().is_empty());
+    window.click("Start export");
+    window.until(|app| app.export.is_some());
+    for _ in 0..20_000 {
+        if window.shows("144 pictures are in") {
+            break;
+        }
+        window.harness.step();
+    }
+    assert!(window.shows("144 pictures are in"));
+    assert_eq!(window.backend.exported.lock().unwrap()[0].prompts.len(), 2);
+}
+
+#[test]
+fn a_recording_is_reconstructed_in_the_window_and_stopping_keeps_what_was_learned() {
+    let recording = Info { has_reconstruction: false, has_features: false, has_labels: true, ..scene() };
+    let mut window = Window::on(recording);
+    assert_eq!(window.harness.state().document.mode, ViewMode::Original);
+    window.click("Reconstruct…");
+    window.click("Start");
+    window.until(|app| app.document.mode == ViewMode::SideBySide);
+    assert!(window.shows("Reconstructing: Learning"));
+    window.press(Key::ArrowRight);
+    window.until_picture(|p| p.request.view.frame == 1 && p.reconstruction.is_some());
+    window.click("Stop and keep what was learned");
+    window.until(|app| app.training.is_none() && app.document.mode == ViewMode::Reconstruction);
+    assert_eq!(window.frame(), 1, "the frame is kept");
+}
+
+#[test]
+fn the_demo_is_opened_and_reconstructed_without_being_asked() {
+    let recording = Info { has_reconstruction: false, has_features: false, ..scene() };
+    let mut window = Window::with(Arc::new(FakeBackend { info: recording, ..Default::default() }));
+    let ctx = window.harness.ctx.clone();
+    window.harness.state_mut().open_demo(Path::new("/data/demo"), &ctx);
+    window.until(|app| app.training.is_some() && app.document.mode == ViewMode::SideBySide);
+}
+
+#[test]
+fn what_cannot_be_opened_says_why() {
+    let mut window = Window::on(scene());
+    let ctx = window.harness.ctx.clone();
+    window.harness.state_mut().open_path(Path::new("/no/such"), &ctx);
+    window.until(|app| app.problem.is_some());
+    assert!(window.shows("there is no such file"));
+    assert!(window.harness.state().open.is_some(), "what was open stays");
+}
+
+#[test]
+fn the_notice_comes_first_and_the_small_one_stays() {
+    let mut window = Window::with(Arc::default());
+    window.harness.step();
+    assert!(window.shows("For research use only"));
+    window.click("I understand");
+    assert!(!window.shows("For research use only"));
+    assert!(window.shows(intended_use()));
+    assert!(window.shows("Open file…"));
+}
+
+#[test]
+fn the_shortcut_sheet_lists_the_command_table() {
+    let mut window = Window::on(scene());
+    window.press(Key::F1);
+    window.harness.step();
+    for entry in super::command::COMMANDS.iter().filter(|e| !e.keys.is_empty()) {
+        assert!(window.shows(entry.label.trim_end_matches('…')), "{}", entry.label);
+    }
+    window.press(Key::Escape);
+    window.harness.step();
+    assert!(window.harness.state().sheet.is_none());
+}
+
+#[test]
+fn nothing_changes_nothing_is_painted() {
+    let mut window = Window::on(scene());
+    window.add_prompt("gallbladder");
+    window.until_picture(|p| !p.findings.is_empty());
+    for _ in 0..120 {
+        window.harness.step();
+    }
+    let delay = window.harness.output().viewport_output[&egui::ViewportId::ROOT].repaint_delay;
+    assert_eq!(delay, std::time::Duration::MAX);
+}
+
+#[test]
+fn the_words_similarity_score_are_never_probability_or_confidence() {
+    let mut window = Window::on(scene());
+    window.add_prompt("gallbladder");
+    window.until_picture(|p| !p.findings.is_empty());
+    assert!(window.shows("Similarity score"));
+    for word in ["onfidence", "robability"] {
+        assert!(!window.shows(word));
+    }
+}
+
+#[test]
+fn buttons_tell_their_state_without_being_seen() {
+    let window = Window::on(scene());
+    let looping = window.harness.get_by_role_and_label(Role::Button, "Repeat");
+    assert_eq!(looping.accesskit_node().toggled(), Some(Toggled::True));
+    window.harness.get_by_role_and_label(Role::Slider, "Frame");
+}

@@ -1,0 +1,145 @@
+//! Time: the bar to scrub on, and the buttons beside it.
+
+use super::{
+    app::ViewerApp,
+    command::{Command, entry, tooltip},
+    theme,
+    widgets::{Icon, caption, command_button, dialog, main_button, timecode},
+};
+use egui::{Context, Rect, RichText, Sense, Stroke, Ui, WidgetInfo, pos2, vec2};
+
+/// Buttons, clock and bar.
+pub(crate) fn timeline_ui(ui: &mut Ui, app: &mut ViewerApp) {
+    bar_ui(ui, app);
+    ui.add_space(2.0);
+    ui.horizontal(|ui| {
+        let play = if app.playback.is_playing() { Icon::Pause } else { Icon::Play };
+        let is_looping = app.playback.is_looping();
+        for (icon, command, is_on) in [
+            (Icon::First, Command::First, false),
+            (Icon::HopBack, Command::HopBack, false),
+            (Icon::StepBack, Command::StepBack, false),
+            (play, Command::PlayPause, app.playback.is_playing()),
+            (Icon::StepForward, Command::StepForward, false),
+            (Icon::HopForward, Command::HopForward, false),
+            (Icon::Last, Command::Last, false),
+            (Icon::Loop, Command::Loop, is_looping),
+        ] {
+            if command_button(ui, icon, command, is_on, true) {
+                app.run(command.into(), &ui.ctx().clone());
+            }
+        }
+        ui.add_space(8.0);
+        clock_ui(ui, app);
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| speed_ui(ui, app));
+    });
+}
+
+/// Frame number (click to type one) and time.
+fn clock_ui(ui: &mut Ui, app: &mut ViewerApp) {
+    let playback = &app.playback;
+    let (frame, last) = (playback.frame(), playback.num_frames() - 1);
+    let text = format!("Frame {} of {}", frame + 1, last + 1);
+    let tip = format!(
+        "{}\nIn files this frame has the index {frame}: they count from 0",
+        tooltip(Command::GoToFrame)
+    );
+    if ui.button(text).on_hover_text(tip).clicked() {
+        app.run(Command::GoToFrame.into(), &ui.ctx().clone());
+    }
+    let playback = &app.playback;
+    let time = format!("{} / {}", timecode(playback.seconds(frame)), timecode(playback.seconds(last)));
+    ui.label(RichText::new(time).monospace().color(theme::TEXT_WEAK));
+}
+
+fn speed_ui(ui: &mut Ui, app: &mut ViewerApp) {
+    let is_assumed = app.info().is_some_and(|i| i.frames_per_second.is_none());
+    let note = if is_assumed { " (assumed)" } else { "" };
+    let fps = format!("{:.0} frames per second{note}", app.playback.fps());
+    ui.label(caption(fps));
+    let speed = app.playback.speed();
+    if speed != 1.0 {
+        let text = RichText::new(format!("speed {speed}×")).font(theme::small()).color(theme::AMBER);
+        if ui.button(text).on_hover_text(tooltip(Command::NormalSpeed)).clicked() {
+            app.run(Command::NormalSpeed.into(), &ui.ctx().clone());
+        }
+    }
+}
+
+/// The bar: one place per frame, the part that plays, and where we are.
+fn bar_ui(ui: &mut Ui, app: &mut ViewerApp) {
+    let (rect, response) = ui.allocate_exact_size(vec2(ui.available_width(), 30.0), Sense::click_and_drag());
+    let last = app.playback.num_frames() - 1;
+    let line = Rect::from_min_max(rect.min + vec2(8.0, 11.0), rect.max - vec2(8.0, 11.0));
+    if let Some(pointer) = response.interact_pointer_pos() {
+        let share = ((pointer.x - line.left()) / line.width().max(1.0)).clamp(0.0, 1.0);
+        app.playback.pause();
+        let now = ui.input(|i| i.time);
+        app.playback.seek((share * last as f32).round() as usize, now);
+        app.is_moving = response.dragged();
+    }
+    let frame = app.playback.frame();
+    response.widget_info(|| WidgetInfo::slider(true, frame as f64 + 1.0, "Frame"));
+    paint_bar(ui, app, line, response.hovered() || response.dragged());
+    if let Some(pointer) = response.hover_pos() {
+        let share = ((pointer.x - line.left()) / line.width().max(1.0)).clamp(0.0, 1.0);
+        let under = (share * last as f32).round() as usize;
+        response.on_hover_text_at_pointer(format!(
+            "Frame {}  ·  {}",
+            under + 1,
+            timecode(app.playback.seconds(under))
+        ));
+    }
+}
+
+fn paint_bar(ui: &Ui, app: &ViewerApp, line: Rect, is_hot: bool) {
+    let painter = ui.painter();
+    let last = (app.playback.num_frames() - 1).max(1) as f32;
+    let x = |frame: usize| line.left() + line.width() * frame as f32 / last;
+    painter.rect_filled(line, 4.0, theme::CONTROL);
+    if let Some((start, end)) = app.playback.range() {
+        let part = Rect::from_min_max(pos2(x(start), line.top()), pos2(x(end), line.bottom()));
+        painter.rect_filled(part.expand2(vec2(1.0, 0.0)), 4.0, theme::SELECTION);
+    }
+    let done = Rect::from_min_max(line.min, pos2(x(app.playback.frame()), line.bottom()));
+    painter.rect_filled(done, 4.0, theme::ACCENT.gamma_multiply(0.55));
+    // A tick per ten frames, as long as they can be told apart.
+    let every =
+        [10, 50, 100, 500, 1000].into_iter().find(|n| line.width() * *n as f32 / last > 14.0).unwrap_or(5000);
+    for frame in (every..app.playback.num_frames()).step_by(every) {
+        let stroke = Stroke::new(1.0, theme::TEXT_WEAK.gamma_multiply(0.6));
+        painter.vline(x(frame), line.bottom() + 2.0..=line.bottom() + 6.0, stroke);
+    }
+    let head = pos2(x(app.playback.frame()), line.center().y);
+    painter.circle(head, if is_hot { 9.0 } else { 7.5 }, theme::TEXT, Stroke::new(2.0, theme::PANEL));
+}
+
+/// The small dialog to type a frame number. Afterwards the keys belong to the picture again.
+pub(crate) fn go_to_ui(ctx: &Context, app: &mut ViewerApp) {
+    let Some(mut text) = app.go_to.take() else { return };
+    let last = app.playback.num_frames();
+    let (chosen, is_closed) = dialog(ctx, "go to frame", 280.0, |ui| {
+        ui.heading(entry(Command::GoToFrame).label.trim_end_matches('…'));
+        let field = ui.add(egui::TextEdit::singleline(&mut text).hint_text(format!("1 to {last}")));
+        field.request_focus();
+        field.ctx.accesskit_node_builder(field.id, |node| node.set_label("Frame number"));
+        let typed = text.trim().parse::<usize>().ok().filter(|n| (1..=last).contains(n));
+        if typed.is_none() && !text.trim().is_empty() {
+            ui.colored_label(theme::ERROR, format!("There are frames 1 to {last}."));
+        }
+        let go = ui.add_enabled(typed.is_some(), main_button("Go"));
+        typed.filter(|_| go.clicked() || ui.input(|i| i.key_pressed(egui::Key::Enter)))
+    });
+    match chosen {
+        Some(frame) => {
+            let now = ctx.input(|i| i.time);
+            app.playback.pause();
+            app.playback.seek(frame - 1, now);
+        }
+        None if is_closed => {}
+        None => app.go_to = Some(text),
+    }
+    if app.go_to.is_none() {
+        ctx.memory_mut(|m| m.stop_text_input());
+    }
+}

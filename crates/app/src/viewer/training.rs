@@ -1,0 +1,156 @@
+//! From a recording to a reconstruction, in the window: a question first, then progress beside the picture.
+
+use super::{
+    app::ViewerApp,
+    command::{Command, entry, tooltip},
+    jobs::Job,
+    source::{Backend, Info, TrainRequest},
+    theme,
+    widgets::{caption, dialog, duration, main_button, thousands},
+};
+use egui::{Context, Frame, Margin, ProgressBar, RichText, Ui, vec2};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+/// Optimiser steps unless chosen otherwise.
+pub(crate) const DEFAULT_STEPS: usize = 3000;
+
+/// Qualities to choose from: steps and words.
+const QUALITIES: [(usize, &str); 3] = [(600, "Quick look"), (DEFAULT_STEPS, "Standard"), (9000, "Best")];
+
+/// The question before training.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct TrainDialog {
+    request: TrainRequest,
+    has_labels: bool,
+}
+
+impl TrainDialog {
+    pub(crate) fn new(info: &Info) -> Self {
+        let request = TrainRequest {
+            recording: info.path.clone(),
+            scene: beside(&info.path),
+            iterations: DEFAULT_STEPS,
+        };
+        Self { request, has_labels: info.has_labels }
+    }
+}
+
+/// A scene file beside the recording that is not there yet: nothing is ever written over.
+fn beside(recording: &Path) -> PathBuf {
+    let name = recording.file_stem().map_or("reconstruction".into(), |n| n.to_string_lossy().into_owned());
+    let numbered = |i: usize| if i == 1 { name.clone() } else { format!("{name}-{i}") };
+    let path = |i| recording.with_file_name(format!("{}.safetensors", numbered(i)));
+    (1..1000).map(path).find(|p| !p.exists()).unwrap_or_else(|| path(1000))
+}
+
+/// Training in the background.
+pub(crate) struct Training {
+    pub(super) job: Job<PathBuf>,
+}
+
+impl Training {
+    pub(crate) fn start(backend: Arc<dyn Backend>, request: TrainRequest, ctx: &Context) -> Self {
+        Self { job: Job::start("training", ctx, move |job| backend.reconstruct(&request, job)) }
+    }
+}
+
+/// The section of the right panel: an offer to reconstruct, or how far it is.
+pub(crate) fn training_ui(ui: &mut Ui, app: &mut ViewerApp) {
+    let is_offered = app.info().is_some_and(|i| !i.has_reconstruction && i.has_original);
+    if app.training.is_none() && !is_offered {
+        return;
+    }
+    let frame = Frame::new().fill(theme::RAISED).corner_radius(8).inner_margin(Margin::same(12));
+    frame.show(ui, |ui| {
+        ui.set_width(ui.available_width());
+        match &app.training {
+            Some(training) => progress_ui(ui, training),
+            None => offer_ui(ui, app),
+        }
+    });
+    ui.add_space(10.0);
+}
+
+fn offer_ui(ui: &mut Ui, app: &mut ViewerApp) {
+    ui.label("This recording has not been reconstructed yet.");
+    ui.add_space(4.0);
+    let button = egui::Button::new(RichText::new(entry(Command::Reconstruct).label).size(17.0));
+    let button = button.fill(theme::SELECTION).min_size(vec2(ui.available_width(), 40.0));
+    if ui.add(button).on_hover_text(tooltip(Command::Reconstruct)).clicked() {
+        app.run(Command::Reconstruct.into(), &ui.ctx().clone());
+    }
+}
+
+fn progress_ui(ui: &mut Ui, training: &Training) {
+    let progress = &training.job.progress;
+    let stage = if progress.stage.is_empty() { "Starting" } else { &progress.stage };
+    ui.label(RichText::new(format!("Reconstructing: {stage}")).strong());
+    ui.add(ProgressBar::new(progress.fraction()).desired_height(10.0).fill(theme::ACCENT));
+    let left = match progress.seconds_left() {
+        Some(seconds) => format!("about {} left", duration(seconds)),
+        None => "estimating the time…".into(),
+    };
+    let steps = format!("{} of {}", thousands(progress.done), thousands(progress.total));
+    ui.label(caption(format!("{steps}  ·  {left}")));
+    if !progress.detail.is_empty() {
+        ui.label(caption(&progress.detail));
+    }
+    let is_cancelling = training.job.is_cancelling();
+    let label = if is_cancelling { "Stopping…" } else { "Stop and keep what was learned" };
+    if ui.add_enabled(!is_cancelling, egui::Button::new(label)).clicked() {
+        training.job.cancel();
+    }
+}
+
+/// The question before training: how good, and where the file goes.
+pub(crate) fn train_dialog_ui(ctx: &Context, app: &mut ViewerApp) {
+    let Some(mut asked) = app.train_dialog.take() else { return };
+    let ((starts, is_cancelled), is_closed) = dialog(ctx, "reconstruct", 460.0, |ui| {
+        ui.heading("Reconstruct this recording");
+        ui.label(RichText::new("You can go on watching the recording meanwhile.").color(theme::TEXT_WEAK));
+        ui.add_space(8.0);
+        for (steps, label) in QUALITIES {
+            ui.radio_value(
+                &mut asked.request.iterations,
+                steps,
+                format!("{label}  ({} steps)", thousands(steps)),
+            );
+        }
+        ui.add_space(8.0);
+        let note = if asked.has_labels {
+            "Its class labels are used, so that words can be found in it."
+        } else {
+            "It has no class labels: pictures and depth will work, finding words will not."
+        };
+        ui.label(RichText::new(note).color(if asked.has_labels { theme::TEXT } else { theme::AMBER }));
+        ui.label(caption(format!("Saved as {}", asked.request.scene.display())));
+        ui.add_space(10.0);
+        ui.horizontal(|ui| {
+            let start = ui.add(main_button("Start")).clicked();
+            (start, ui.button("Cancel").clicked())
+        })
+        .inner
+    });
+    if starts {
+        app.start_training(asked.request, ctx);
+    } else if !is_cancelled && !is_closed {
+        app.train_dialog = Some(asked);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_scene_is_written_over() {
+        let folder = tempfile::tempdir().unwrap();
+        let recording = folder.path().join("clip");
+        assert_eq!(beside(&recording), folder.path().join("clip.safetensors"));
+        std::fs::write(folder.path().join("clip.safetensors"), "").unwrap();
+        assert_eq!(beside(&recording), folder.path().join("clip-2.safetensors"));
+    }
+}

@@ -1,0 +1,109 @@
+//! The thread that makes pictures. The newest request wins; an older one that was not begun is dropped.
+
+use super::{
+    pipeline::{Picture, Pipeline, Request},
+    source::FrameSource,
+};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use surgtpgs_core::{Error, Result};
+
+/// The window's side of the thread. Dropping it ends the thread after the picture in progress.
+pub(crate) struct Worker {
+    shared: Arc<Shared>,
+}
+
+#[derive(Default)]
+struct Shared {
+    inbox: Mutex<Inbox>,
+    wake: Condvar,
+    outbox: Mutex<Option<Picture>>,
+}
+
+#[derive(Default)]
+struct Inbox {
+    request: Option<Request>,
+    source: Option<Box<dyn FrameSource>>,
+    is_closed: bool,
+}
+
+impl Worker {
+    /// Starts the thread; `ctx` is repainted whenever a picture is ready.
+    pub(crate) fn start(source: Box<dyn FrameSource>, ctx: &egui::Context) -> Result<Self> {
+        let shared = Arc::new(Shared::default());
+        let (theirs, repaint) = (shared.clone(), ctx.clone());
+        std::thread::Builder::new()
+            .name("pictures".into())
+            .spawn(move || work(&theirs, Pipeline::new(source), &repaint))
+            .map_err(|e| Error::Missing {
+                what: format!("no thread could be started: {e}"),
+                hint: "Close other programs and try again.".into(),
+            })?;
+        Ok(Self { shared })
+    }
+
+    /// Asks for a picture; replaces a request that was not begun.
+    pub(crate) fn submit(&self, request: Request) {
+        lock(&self.shared.inbox).request = Some(request);
+        self.shared.wake.notify_one();
+    }
+
+    /// Makes pictures from another state of the same recording from now on.
+    pub(crate) fn replace(&self, source: Box<dyn FrameSource>) {
+        lock(&self.shared.inbox).source = Some(source);
+        self.shared.wake.notify_one();
+    }
+
+    /// The newest picture that was not taken yet.
+    pub(crate) fn take(&self) -> Option<Picture> {
+        lock(&self.shared.outbox).take()
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        lock(&self.shared.inbox).is_closed = true;
+        self.shared.wake.notify_one();
+    }
+}
+
+fn work(shared: &Shared, mut pipeline: Pipeline, ctx: &egui::Context) {
+    loop {
+        let (source, request) = {
+            let is_idle =
+                |inbox: &mut Inbox| inbox.request.is_none() && inbox.source.is_none() && !inbox.is_closed;
+            let waited = shared.wake.wait_while(lock(&shared.inbox), is_idle);
+            let mut inbox = waited.unwrap_or_else(PoisonError::into_inner);
+            if inbox.is_closed {
+                return;
+            }
+            (inbox.source.take(), inbox.request.take())
+        };
+        if let Some(source) = source {
+            pipeline.replace(source);
+        }
+        if let Some(request) = request {
+            let asked = request.clone();
+            let made = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| pipeline.produce(request)));
+            *lock(&shared.outbox) = Some(made.unwrap_or_else(|_| broken(asked)));
+            ctx.request_repaint();
+        }
+    }
+}
+
+/// What is shown where the program itself is at fault; the next request is tried as usual.
+fn broken(request: Request) -> Picture {
+    Picture {
+        request,
+        original: None,
+        reconstruction: None,
+        depth: None,
+        depth_values: None,
+        findings: Vec::new(),
+        problem: Some("The program made a mistake with this picture; please report what you did.".into()),
+        took_ms: 0.0,
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
