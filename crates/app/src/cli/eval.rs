@@ -3,6 +3,7 @@
 use super::{
     Exit,
     console::{ProgressView, print, print_json, say},
+    open_engine,
 };
 use crate::{
     args::EvalArgs,
@@ -61,7 +62,7 @@ pub(super) struct Milliseconds {
 
 pub(super) fn run(args: &EvalArgs) -> Result<Exit> {
     let options = args.relevancy.engine_options(&args.scene, Some(args.sequence.clone()));
-    let mut engine = Engine::open(&args.scene.scene, options)?;
+    let mut engine = open_engine(&args.scene, options)?;
     let report = evaluate(&mut engine)?;
     if !report.held_out {
         say("no frame was held out of training: these figures are of frames that the scene was trained on");

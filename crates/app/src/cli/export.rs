@@ -3,6 +3,7 @@
 use super::{
     Exit,
     console::{self, ProgressView, print, print_json, say},
+    open_engine,
 };
 use crate::{
     args::{ExportArgs, FrameRange},
@@ -16,7 +17,7 @@ use surgtpgs_core::{
 
 pub(super) fn run(args: &ExportArgs) -> Result<Exit> {
     let options = args.relevancy.engine_options(&args.scene, args.sequence.clone());
-    let mut engine = Engine::open(&args.scene.scene, options)?;
+    let mut engine = open_engine(&args.scene, options)?;
     engine.set_prompts(&args.prompt)?;
     let frames = FrameRange::frames(args.frames, engine.scene().num_frames())?;
     let request = ExportRequest {

@@ -12,7 +12,10 @@ mod render;
 mod train;
 mod view;
 
-use crate::args::{Cli, Verb};
+use crate::{
+    args::{Cli, SceneArgs, Verb},
+    engine::{Engine, EngineOptions},
+};
 use clap::Parser;
 use std::ffi::OsString;
 use surgtpgs_core::{Error, Result};
@@ -68,6 +71,13 @@ fn run_verb(verb: Option<Verb>) -> Result<Exit> {
         Some(Verb::Export(args)) => export::run(&args),
         Some(Verb::Eval(args)) => eval::run(&args),
     }
+}
+
+/// Opens a scene and says what renders it.
+fn open_engine(scene: &SceneArgs, options: EngineOptions) -> Result<Engine> {
+    let engine = Engine::open(&scene.scene, options)?;
+    console::say(&format!("rendering on {}", engine.renderer_name()));
+    Ok(engine)
 }
 
 /// Messages from libraries may have several lines; ours have one.

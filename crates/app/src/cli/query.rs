@@ -3,6 +3,7 @@
 use super::{
     Exit,
     console::{ProgressView, print, print_json},
+    open_engine,
 };
 use crate::{
     args::{FrameRange, QueryVerbArgs},
@@ -52,7 +53,7 @@ impl PromptReport {
 }
 
 pub(super) fn run(args: &QueryVerbArgs) -> Result<Exit> {
-    let mut engine = Engine::open(&args.scene.scene, args.relevancy.engine_options(&args.scene, None))?;
+    let mut engine = open_engine(&args.scene, args.relevancy.engine_options(&args.scene, None))?;
     engine.set_prompts(&args.prompt)?;
     let frames = FrameRange::frames(args.frames, engine.scene().num_frames())?;
     let report = query(&mut engine, &frames)?;
@@ -111,7 +112,12 @@ fn as_text(report: &Report, num_frames: usize) -> String {
                 100.0 * largest.area_fraction
             ),
         };
-        format!("{}: {found}; best score {:.3}\n", prompt.text, prompt.max_score())
+        // 0.5 is a tie with the best of what the prompt is compared to.
+        let caution = match prompt.max_score() {
+            score if score < 0.5 && prompt.frames_found() > 0 => "; no pixel prefers this phrase to the others",
+            _ => "",
+        };
+        format!("{}: {found}; best score {:.3}{caution}\n", prompt.text, prompt.max_score())
     };
     report.prompts.iter().map(line).collect()
 }

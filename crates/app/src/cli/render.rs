@@ -3,6 +3,7 @@
 use super::{
     Exit,
     console::{ProgressView, print},
+    open_engine,
 };
 use crate::{
     args::{FrameRange, ImageKind, RenderArgs},
@@ -26,7 +27,7 @@ const MIN_ALPHA: f32 = 0.5;
 
 pub(super) fn run(args: &RenderArgs) -> Result<Exit> {
     let options = EngineOptions { backend: args.scene.backend, ..Default::default() };
-    let mut engine = Engine::open(&args.scene.scene, options)?;
+    let mut engine = open_engine(&args.scene, options)?;
     let frames = FrameRange::frames(args.frames, engine.scene().num_frames())?;
     let kinds = kinds(args, &engine)?;
     let mut view = ProgressView::default();

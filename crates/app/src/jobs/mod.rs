@@ -202,21 +202,31 @@ impl Default for DemoOptions {
 }
 
 /// Builds the demo under `folder`: records it, prepares it (test frames held out), trains it and saves the scene.
-/// Earlier files of the demo are replaced.
+/// Earlier files of the demo are replaced. A demo that is stopped half-way has no scene.
 pub fn build_demo(folder: &Path, options: &DemoOptions, observer: &mut Observer<'_>) -> Result<Trained> {
     let paths = DemoPaths::under(folder);
     remove_folder(&paths.recording)?;
     remove_folder(&paths.prepared)?;
+    remove_file(&paths.scene)?;
+    let mut stopped = false;
+    let mut observe = |progress: &Progress<'_>| {
+        let flow = observer(progress);
+        stopped |= flow.is_break();
+        flow
+    };
     demo::write(&options.recording, &paths.recording, &mut |done, total| {
-        let _ = observer(&Progress { stage: "recording the demo", done, total, detail: "" });
+        let _ = observe(&Progress { stage: "recording the demo", done, total, detail: "" });
     })?;
     let sequence = Sequence::open(&paths.recording)?;
     let how = PrepareOptions { eval: true, ..Default::default() };
-    let prepared = prepare(sequence, &paths.prepared, &how, observer)?;
+    let prepared = prepare(sequence, &paths.prepared, &how, &mut observe)?;
     let settings = TrainSettings { iterations: options.iterations, eval: true, ..Default::default() };
-    let trained = train(&Material::Prepared(prepared), settings, observer)?;
+    let trained = train(&Material::Prepared(prepared), settings, &mut observe)?;
+    if stopped {
+        return Err(Error::Cancelled);
+    }
     trained.scene.save(&paths.scene)?;
-    if trained.steps < options.iterations { Err(Error::Cancelled) } else { Ok(trained) }
+    Ok(trained)
 }
 
 /// Removes a folder that this program made; a missing one is fine.
@@ -225,6 +235,13 @@ pub fn remove_folder(folder: &Path) -> Result<()> {
         Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
             Err(Error::io("remove the old folder", folder, e))
         }
+        _ => Ok(()),
+    }
+}
+
+fn remove_file(path: &Path) -> Result<()> {
+    match std::fs::remove_file(path) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(Error::io("remove the old file", path, e)),
         _ => Ok(()),
     }
 }

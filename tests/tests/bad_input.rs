@@ -1,0 +1,200 @@
+use std::{fs, path::Path};
+use surgtpgs_tests::{Run, flow, run_in};
+
+fn picture(path: &Path, width: u32, height: u32) {
+    let image = image::RgbImage::from_fn(width, height, |x, y| image::Rgb([100 + x as u8, 60 + y as u8, 50]));
+    image.save(path).unwrap();
+}
+
+/// A folder of `n` pictures in which one thing is then broken.
+fn pictures(n: usize) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for i in 0..n {
+        picture(&folder.path().join(format!("frame_{i:03}.png")), 64, 48);
+    }
+    folder
+}
+
+fn train(folder: &Path) -> Run {
+    let out = tempfile::tempdir().unwrap();
+    let scene = out.path().join("scene.safetensors").display().to_string();
+    run_in(folder, &["train", ".", "-o", &scene, "--iterations", "10"])
+}
+
+#[test]
+fn a_missing_path_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    for args in [
+        &["check", "gone"][..],
+        &["train", "gone", "-o", "s.safetensors"],
+        &["prepare", "gone", "-o", "p", "--labels"],
+        &["query", "gone", "--prompt", "liver"],
+        &["render", "gone", "-o", "r"],
+        &["export", "gone", "--prompt", "liver", "-o", "e"],
+        &["eval", "gone", "gone"],
+        &["view", "gone"],
+    ] {
+        assert!(run_in(folder.path(), args).refused(1).contains("gone"), "{args:?}");
+    }
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "nothing is left behind");
+}
+
+#[test]
+fn an_empty_folder_is_no_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    run_in(folder.path(), &["check", "."]).refused(1);
+    train(folder.path()).refused(1);
+    let json = run_in(folder.path(), &["check", ".", "--json"]);
+    assert_eq!((json.code, json.json()["ok"].clone()), (1, false.into()));
+    assert_eq!(json.json()["errors"].as_array().unwrap().len(), 1);
+}
+
+#[test]
+fn frames_of_mixed_sizes_are_refused_by_name() {
+    let folder = pictures(5);
+    picture(&folder.path().join("frame_003.png"), 32, 48);
+    assert!(train(folder.path()).refused(1).contains("32"));
+    assert_eq!(run_in(folder.path(), &["check", "."]).code, 1);
+}
+
+#[test]
+fn an_unreadable_picture_is_refused_by_name() {
+    let folder = pictures(5);
+    fs::write(folder.path().join("frame_003.png"), b"not a picture").unwrap();
+    assert!(train(folder.path()).refused(1).contains("frame_003"));
+    let report = run_in(folder.path(), &["check", ".", "--json"]);
+    assert_eq!(report.code, 1);
+    assert!(report.stdout.contains("frame_003"), "{report:#?}");
+}
+
+#[test]
+fn a_truncated_picture_is_refused_by_name() {
+    let folder = pictures(5);
+    let path = folder.path().join("frame_003.png");
+    let bytes = fs::read(&path).unwrap();
+    fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
+    assert!(train(folder.path()).refused(1).contains("frame_003"));
+}
+
+#[test]
+fn a_scene_cut_short_is_refused_at_any_length() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = fs::read(flow().at("scene.safetensors")).unwrap();
+    for length in [0, 1, 7, 8, 9, 100, whole.len() / 2, whole.len() - 1] {
+        fs::write(folder.path().join("cut.safetensors"), &whole[..length]).unwrap();
+        let run = run_in(folder.path(), &["query", "cut.safetensors", "--prompt", "liver"]);
+        assert!(run.refused(1).contains("cut.safetensors"), "{length} bytes");
+    }
+    fs::write(folder.path().join("text.safetensors"), b"{\"hello\": 1}").unwrap();
+    run_in(folder.path(), &["render", "text.safetensors", "-o", "r"]).refused(1);
+}
+
+#[test]
+fn bad_text_encoders_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = flow().at("scene.safetensors");
+    let encoder = folder.path().join("encoder");
+    let query =
+        || run_in(folder.path(), &["query", &scene, "--prompt", "liver", "--text-encoder", "encoder"]);
+    query().refused(1);
+    fs::create_dir(&encoder).unwrap();
+    query().refused(1);
+    fs::write(encoder.join("model.onnx"), b"\x08\x08\x12\x07pytorch\x1a").unwrap();
+    query().refused(1);
+    fs::write(encoder.join("tokenizer.json"), b"{\"version\": \"1.0\", \"model\": 7}").unwrap();
+    query().refused(1);
+    let prepare = ["prepare", &flow().at("recording"), "-o", "p", "--labels", "--text-encoder", "encoder"];
+    run_in(folder.path(), &prepare).refused(1);
+    assert!(!folder.path().join("p").exists(), "nothing half-made is left");
+}
+
+#[test]
+fn prompts_must_have_words() {
+    flow().run(&["query", "scene.safetensors", "--prompt", "  "]).refused(1);
+}
+
+#[test]
+fn another_recording_is_not_the_scenes() {
+    let folder = pictures(5);
+    let run = run_in(folder.path(), &["eval", &flow().at("scene.safetensors"), "."]);
+    assert!(run.refused(1).contains("not the scene's recording"));
+}
+
+#[test]
+fn a_recording_without_labels_cannot_be_prepared_from_labels() {
+    let folder = pictures(5);
+    let run = run_in(folder.path(), &["prepare", ".", "-o", "../never-written", "--labels"]);
+    assert!(run.refused(1).contains("label"));
+}
+
+#[test]
+fn folders_with_other_content_are_not_written_into() {
+    let flow = flow();
+    assert!(flow.run(&["demo", "-o", "recording"]).refused(1).contains("not empty"));
+    assert!(
+        flow.run(&["prepare", "recording", "-o", "recording", "--labels"]).refused(1).contains("not empty")
+    );
+    assert!(flow.run(&["prepare", "recording", "-o", "prepared", "--labels"]).refused(1).contains("--force"));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_place_that_cannot_be_written_is_refused_before_the_work() {
+    // A file where a folder is needed: unlike permissions, this stops the superuser too.
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("file"), b"").unwrap();
+    let at = |name: &str| folder.path().join("file").join(name).display().to_string();
+    let flow = flow();
+    let (scene, output) = (flow.at("scene.safetensors"), at("x"));
+    let run = flow.run(&["train", "prepared", "-o", &output]);
+    assert!(!run.stderr.contains("training"), "{run:#?}");
+    run.refused(1);
+    flow.run(&["render", &scene, "-o", &output]).refused(1);
+    flow.run(&["export", &scene, "--prompt", "liver", "-o", &output]).refused(1);
+    flow.run(&["demo", "-o", &output]).refused(1);
+    flow.run(&["prepare", "recording", "-o", &output, "--labels"]).refused(1);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_is_one_plain_message() {
+    let flow = flow();
+    // A limit on the size of files stands in for a disk that fills up.
+    let script = "ulimit -f 4; trap '' XFSZ; exec \"$0\" \"$@\"";
+    let output = std::process::Command::new("bash")
+        .args(["-c", script])
+        .arg(surgtpgs_tests::binary())
+        .args(["render", "scene.safetensors", "-o", "full", "--kind", "depth"])
+        .current_dir(flow.path())
+        .output()
+        .unwrap();
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    assert!(stderr.contains("could not write the file") && !stderr.contains("panicked"), "{stderr}");
+}
+
+#[test]
+fn usage_errors_are_code_2_and_help_is_not_an_error() {
+    let here = tempfile::tempdir().unwrap();
+    for args in [
+        &["fly"][..],
+        &["query", "s"],
+        &["train", "s"],
+        &["export", "s", "--prompt", "x", "-o", "o", "--format", "gif"],
+        &["query", "s", "--prompt", "x", "--threshold", "7"],
+        &["render", "s", "-o", "o", "--frames", "a..b"],
+    ] {
+        assert_eq!(run_in(here.path(), args).code, 2, "{args:?}");
+    }
+    for args in [&["--help"][..], &["--version"], &["export", "--help"]] {
+        let run = run_in(here.path(), args).ok();
+        assert!(!run.stdout.is_empty() && run.stderr.is_empty(), "{args:?}");
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_window_without_a_display_is_code_3() {
+    let run = flow().run(&["view", "scene.safetensors"]);
+    assert!(run.refused(3).contains("display"));
+}

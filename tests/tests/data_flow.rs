@@ -1,0 +1,213 @@
+use serde_json::Value;
+use surgtpgs_tests::{Flow, flow, run_in};
+
+fn keys(value: &Value) -> Vec<&str> {
+    value.as_object().unwrap().keys().map(String::as_str).collect()
+}
+
+fn has_keys(value: &Value, expected: &[&str]) {
+    let found = keys(value);
+    for key in expected {
+        assert!(found.contains(key), "{key} is missing in {found:?}");
+    }
+}
+
+#[test]
+fn check_reports_what_the_demo_holds() {
+    let report = flow().run(&["check", "recording", "--json"]).ok().json();
+    has_keys(
+        &report,
+        &["ok", "frames", "width", "height", "camera", "depth", "masks", "labels", "warnings", "errors"],
+    );
+    assert_eq!(report["ok"], true);
+    assert_eq!(report["frames"], Flow::FRAMES);
+    assert_eq!((report["width"].clone(), report["height"].clone()), (64.into(), 48.into()));
+    assert_eq!(report["errors"], Value::Array(vec![]));
+}
+
+#[test]
+fn the_recording_is_never_modified() {
+    let other = tempfile::tempdir().unwrap();
+    let demo = ["demo", "-o", "recording", "--width", "64", "--height", "48", "--frames", "10"];
+    run_in(other.path(), &demo).ok();
+    let listing = |root: &std::path::Path| {
+        let mut files = Vec::new();
+        let mut folders = vec![root.to_owned()];
+        while let Some(folder) = folders.pop() {
+            for entry in std::fs::read_dir(folder).unwrap() {
+                let path = entry.unwrap().path();
+                if path.is_dir() {
+                    folders.push(path);
+                } else {
+                    let name = path.strip_prefix(root).unwrap().to_owned();
+                    files.push((name, std::fs::read(path).unwrap()));
+                }
+            }
+        }
+        files.sort();
+        files
+    };
+    // Written anew, the demo is the same bytes; the flow's copy has been prepared and trained from.
+    assert!(listing(&other.path().join("recording")) == listing(&flow().path().join("recording")));
+}
+
+#[test]
+fn train_reports_its_contract_and_learns() {
+    let report = &flow().trained;
+    has_keys(report, &["seconds", "steps", "steps_per_second", "gaussians", "peak_rss_bytes", "psnr_db"]);
+    assert_eq!(report["steps"], 400);
+    assert_eq!(report["held_out"], true, "a folder prepared with --eval remembers it");
+    assert!(report["gaussians"].as_u64().unwrap() > 50);
+    assert!(report["psnr_db"].as_f64().unwrap() > 18.0, "{report}");
+    if cfg!(target_os = "linux") {
+        assert!(report["peak_rss_bytes"].as_u64().unwrap() > 1_000_000);
+    }
+}
+
+#[test]
+fn training_again_writes_the_same_scene() {
+    let train = |output| {
+        flow().run(&["train", "prepared", "-o", output, "--iterations", "20", "--backend", "cpu"]).ok();
+        let report = flow().run(&["eval", output, "recording", "--json"]).ok().json();
+        (report["psnr_db"].clone(), report["iou"].clone(), report["gaussians"].clone())
+    };
+    assert_eq!(train("again-1.safetensors"), train("again-2.safetensors"));
+}
+
+#[test]
+fn a_bare_recording_trains_without_features_and_says_so() {
+    let flow = flow();
+    let run =
+        flow.run(&["train", "recording", "-o", "bare.safetensors", "--iterations", "20", "--json"]).ok();
+    assert!(run.stderr.contains("without features"));
+    assert_eq!(run.json()["held_out"], false);
+    let message = flow.run(&["query", "bare.safetensors", "--prompt", "liver"]);
+    assert!(message.refused(1).contains("without features"));
+    let report = flow.run(&["eval", "bare.safetensors", "recording", "--json"]).ok();
+    assert_eq!(report.json()["held_out"], false);
+    assert_eq!(report.json()["frames"], Flow::FRAMES);
+    assert_eq!(report.json()["iou"], Value::Null);
+    assert!(report.stderr.contains("held out"));
+}
+
+#[test]
+fn query_answers_per_prompt_and_frame() {
+    let report = flow()
+        .run(&["query", "scene.safetensors", "--prompt", "liver", "--prompt", "spaceship", "--json"])
+        .ok()
+        .json();
+    let prompts = report["prompts"].as_array().unwrap();
+    assert_eq!(
+        prompts.iter().map(|p| p["text"].as_str().unwrap()).collect::<Vec<_>>(),
+        ["liver", "spaceship"]
+    );
+    for prompt in prompts {
+        let frames = prompt["frames"].as_array().unwrap();
+        assert_eq!(frames.len(), Flow::FRAMES);
+        for (i, frame) in frames.iter().enumerate() {
+            has_keys(frame, &["frame", "found", "area_px", "area_fraction", "max_score"]);
+            assert_eq!(frame["frame"], i);
+            let area = frame["area_px"].as_u64().unwrap();
+            assert_eq!(frame["found"], area > 0);
+            let fraction = area as f64 / f64::from(Flow::SIZE.0 * Flow::SIZE.1);
+            assert!((frame["area_fraction"].as_f64().unwrap() - fraction).abs() < 1e-9);
+            assert!((0.0..=1.0).contains(&frame["max_score"].as_f64().unwrap()));
+        }
+    }
+    let found = |p: &Value| p["frames"].as_array().unwrap().iter().filter(|f| f["found"] == true).count();
+    assert_eq!(found(&prompts[0]), Flow::FRAMES, "the liver is on every frame: {report}");
+    assert_eq!(found(&prompts[1]), 0, "there is no spaceship: {report}");
+}
+
+#[test]
+fn query_speaks_csv_and_plain_words() {
+    let csv =
+        flow().run(&["query", "scene.safetensors", "--prompt", "liver", "--frames", "2..4", "--csv"]).ok();
+    let lines: Vec<&str> = csv.stdout.lines().collect();
+    assert_eq!(lines[0], "prompt,frame,found,area_px,area_fraction,max_score");
+    assert!(lines.len() == 3 && lines[1].starts_with("\"liver\",2,"), "{lines:?}");
+    let text = flow().run(&["query", "scene.safetensors", "--prompt", "spaceship"]).ok();
+    assert!(text.stdout.contains("nothing above the threshold"), "{}", text.stdout);
+}
+
+#[test]
+fn eval_reports_its_contract_on_held_out_frames() {
+    let report = flow().run(&["eval", "scene.safetensors", "recording", "--json"]).ok().json();
+    has_keys(
+        &report,
+        &["psnr_db", "psnr_masked_db", "ssim", "depth_rmse", "frames", "gaussians", "iou", "ms", "held_out"],
+    );
+    has_keys(&report["ms"], &["deform", "raster", "relevancy", "frame"]);
+    assert_eq!(report["frames"], 2, "frames 1 and 9 of 10 are held out");
+    assert_eq!(report["held_out"], true);
+    for protocol in ["paper", "strict"] {
+        let iou = &report["iou"][protocol];
+        has_keys(iou, &["mean", "classes"]);
+        assert!((0.0..=1.0).contains(&iou["mean"].as_f64().unwrap()));
+        assert!(iou["classes"].as_object().unwrap().contains_key("liver"));
+        assert!(iou["classes"].as_object().unwrap().keys().all(|k| !k.contains("background")));
+    }
+    let mean = |p: &str| report["iou"][p]["mean"].as_f64().unwrap();
+    assert!(mean("strict") <= mean("paper") + 1e-12);
+}
+
+#[test]
+fn render_writes_every_kind() {
+    let flow = flow();
+    let kinds = "colour,depth,alpha,feature";
+    flow.run(&["render", "scene.safetensors", "-o", "rendered", "--frames", "3", "--kind", kinds]).ok();
+    let picture = image::open(flow.path().join("rendered/colour/frame_000003.png")).unwrap();
+    assert_eq!((picture.width(), picture.height()), Flow::SIZE);
+    let depth = image::open(flow.path().join("rendered/depth/frame_000003.png")).unwrap();
+    assert_eq!(depth.color(), image::ColorType::L16);
+    assert!(flow.path().join("rendered/depth/frame_000003.npy").exists());
+    assert!(flow.path().join("rendered/feature/frame_000003.npy").exists());
+    assert!(flow.path().join("rendered/alpha/frame_000003.png").exists());
+    assert!(!flow.path().join("rendered/colour/frame_000004.png").exists());
+    let notes = std::fs::read_to_string(flow.path().join("rendered/render.json")).unwrap();
+    assert!(notes.contains("Research use only"));
+}
+
+#[test]
+fn export_masks_frames_resumes_and_never_overwrites_silently() {
+    let flow = flow();
+    let export = |extra: &[&str]| {
+        let base = ["export", "scene.safetensors", "--prompt", "liver", "-o", "masked", "--json"];
+        flow.run(&[&base[..], extra].concat())
+    };
+    let formats = ["--format", "cutout,overlay,binary,index"];
+    let first = export(&[&formats[..], &["--frames", "0..4"]].concat()).ok().json();
+    assert_eq!((first["complete"].clone(), first["files"].clone()), (true.into(), 16.into()));
+
+    let mask = image::open(flow.path().join("masked/binary/frame_000002_liver.png")).unwrap().to_luma8();
+    assert!(mask.pixels().all(|p| p.0[0] == 0 || p.0[0] == 255));
+    assert!(mask.pixels().any(|p| p.0[0] == 255));
+    let cut = image::open(flow.path().join("masked/cutout/frame_000002_liver.png")).unwrap().to_rgba8();
+    let names: Vec<_> = std::fs::read_dir(flow.path().join("recording/images")).unwrap().collect();
+    assert_eq!(names.len(), Flow::FRAMES);
+    assert!(cut.pixels().zip(mask.pixels()).all(|(c, m)| c.0[3] == m.0[0]));
+
+    let more = export(&formats).ok().json();
+    assert_eq!((more["skipped_frames"].clone(), more["frames"].clone()), (4.into(), Flow::FRAMES.into()));
+
+    let record: Value =
+        serde_json::from_slice(&std::fs::read(flow.path().join("masked/provenance.json")).unwrap()).unwrap();
+    assert_eq!(record["complete"], true);
+    assert_eq!(record["files"].as_array().unwrap().len(), 4 * Flow::FRAMES);
+    assert!(!record.to_string().contains(&flow.at("")), "no path of this machine is in the record");
+
+    let other = export(&["--format", "binary", "--threshold", "0.6"]);
+    assert!(other.refused(1).contains("another export"));
+    export(&["--format", "binary", "--threshold", "0.6", "--force"]).ok();
+}
+
+#[test]
+fn reconstruction_stands_in_where_the_recording_is_gone() {
+    let elsewhere = tempfile::tempdir().unwrap();
+    let scene = flow().at("scene.safetensors");
+    let export = |extra: &[&str]| {
+        run_in(elsewhere.path(), &[&["export", &scene, "--prompt", "liver", "-o", "out"][..], extra].concat())
+    };
+    export(&["--source", "reconstruction", "--frames", "0"]).ok();
+    assert!(export(&["--sequence", "nowhere"]).refused(1).contains("nowhere"));
+}

@@ -1,0 +1,29 @@
+use surgtpgs_tests::run_in;
+
+#[test]
+#[ignore = "takes minutes; check.sh runs it last"]
+fn without_a_display_the_demo_runs_into_a_folder_with_a_report() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = run_in::<&str>(folder.path(), &[]).ok();
+    let out = folder.path().join("surgtpgs-demo");
+    for file in
+        ["scene.safetensors", "report.md", "report.json", "figures/reconstruction.png", "figures/answers.png"]
+    {
+        assert!(out.join(file).exists(), "{file} is missing");
+    }
+    let masked = std::fs::read_to_string(out.join("masked-frames/provenance.json")).unwrap();
+    assert!(masked.contains("\"complete\": true"));
+
+    let report: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap();
+    assert!(report["eval"]["psnr_masked_db"].as_f64().unwrap() > 25.0, "{}", run.stdout);
+    assert!(report["eval"]["iou"]["strict"]["mean"].as_f64().unwrap() > 0.5, "{}", run.stdout);
+    let found = |text: &str| {
+        let prompts = report["query"]["prompts"].as_array().unwrap();
+        let prompt = prompts.iter().find(|p| p["text"] == text).unwrap();
+        prompt["frames"].as_array().unwrap().iter().filter(|f| f["found"] == true).count()
+    };
+    assert!(found("gallbladder") > 40 && found("liver") > 40, "{}", run.stdout);
+    assert_eq!(found("spaceship"), 0, "{}", run.stdout);
+    assert!(run.stdout.contains("spaceship") && run.stdout.contains("not found"));
+}

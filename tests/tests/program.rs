@@ -1,0 +1,10 @@
+//! The program as its users meet it.
+
+/// Bad input ends in one plain line and a code, never in a panic.
+mod bad_input;
+/// From a recording to masked frames, and what each verb reports.
+mod data_flow;
+/// The headless job of a bare `surgtpgs`.
+mod default_job;
+/// Nothing that speaks to a network is built in.
+mod privacy;
