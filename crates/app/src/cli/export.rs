@@ -7,7 +7,6 @@ use super::{
 };
 use crate::{
     args::{ExportArgs, FrameRange},
-    engine::Engine,
     jobs::{self, ExportRequest},
 };
 use surgtpgs_core::{

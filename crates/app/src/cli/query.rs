@@ -114,7 +114,9 @@ fn as_text(report: &Report, num_frames: usize) -> String {
         };
         // 0.5 is a tie with the best of what the prompt is compared to.
         let caution = match prompt.max_score() {
-            score if score < 0.5 && prompt.frames_found() > 0 => "; no pixel prefers this phrase to the others",
+            score if score < 0.5 && prompt.frames_found() > 0 => {
+                "; no pixel prefers this phrase to the others"
+            }
             _ => "",
         };
         format!("{}: {found}; best score {:.3}{caution}\n", prompt.text, prompt.max_score())
