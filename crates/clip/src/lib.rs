@@ -1,33 +1,19 @@
 //! Text encoders: from words to unit embeddings, through ONNX.
+//!
+//! A folder with `model.onnx` and `tokenizer.json` (or the small encoder inside the program) becomes a
+//! [`TextEncoder`]. On the way the model and the tokenizer are checked against each other ([`contract`]), so that a
+//! mix-up ends in a sentence that says what to do, not in wrong masks. Models run on ONNX Runtime where its shared
+//! library is found and on tract, which is always there, where it is not ([`runtime`]).
 
-use std::path::Path;
-use surgtpgs_core::{Result, prepare::EncoderIdentity};
+mod builtin;
+pub mod contract;
+pub mod onnx;
+pub mod runtime;
+mod session;
+mod settings;
+mod text_encoder;
+mod tokenizer;
 
-/// A loaded text encoder (model, tokenizer and their contract).
-pub struct TextEncoder {}
-
-impl TextEncoder {
-    /// The small surgical encoder inside the program.
-    pub fn builtin() -> Result<Self> {
-        todo!()
-    }
-    /// A folder with `model.onnx`, `tokenizer.json` and optionally `encoder.toml`.
-    pub fn open(folder: &Path) -> Result<Self> {
-        let _ = folder;
-        todo!()
-    }
-    /// Which encoder this is; goes into every result.
-    pub fn identity(&self) -> &EncoderIdentity {
-        todo!()
-    }
-    /// Unit embeddings of prompts, each put into the template first.
-    pub fn encode_prompts(&mut self, prompts: &[&str]) -> Result<Vec<Vec<f32>>> {
-        let _ = prompts;
-        todo!()
-    }
-    /// Unit embeddings of phrases as they stand (canonical phrases).
-    pub fn encode_bare(&mut self, phrases: &[&str]) -> Result<Vec<Vec<f32>>> {
-        let _ = phrases;
-        todo!()
-    }
-}
+pub use runtime::{backend_name, backend_notes};
+pub use settings::{DEFAULT_TEMPLATE, EncoderSettings, Pooling};
+pub use text_encoder::TextEncoder;

@@ -1,0 +1,158 @@
+//! What runs the models: ONNX Runtime's shared library where one is found, else tract (pure Rust, always there).
+//! There is one environment per process; which one is decided once, at the first model.
+
+use ort::environment::Environment;
+use std::{
+    path::{Path, PathBuf},
+    sync::OnceLock,
+};
+use surgtpgs_core::{Error, Result};
+
+/// File names of ONNX Runtime's shared library on this system.
+#[cfg(target_os = "windows")]
+const LIBRARY_NAMES: &[&str] = &["onnxruntime.dll"];
+#[cfg(target_os = "macos")]
+const LIBRARY_NAMES: &[&str] = &["libonnxruntime.dylib", "libonnxruntime.1.dylib"];
+#[cfg(not(any(target_os = "windows", target_os = "macos")))]
+const LIBRARY_NAMES: &[&str] = &["libonnxruntime.so", "libonnxruntime.so.1"];
+
+struct Runtime {
+    environment: Environment,
+    name: String,
+    notes: Vec<String>,
+}
+
+/// What runs the models, in words, e.g. "ONNX Runtime 1.31 (/usr/lib/libonnxruntime.so)".
+pub fn backend_name() -> &'static str {
+    match runtime() {
+        Ok(runtime) => &runtime.name,
+        Err(_) => "none",
+    }
+}
+
+/// Libraries that were found but not used, and why.
+pub fn backend_notes() -> &'static [String] {
+    match runtime() {
+        Ok(runtime) => &runtime.notes,
+        Err(_) => &[],
+    }
+}
+
+/// The environment every session is made in.
+pub(crate) fn environment() -> Result<&'static Environment> {
+    Ok(&runtime()?.environment)
+}
+
+fn runtime() -> Result<&'static Runtime> {
+    static RUNTIME: OnceLock<Result<Runtime, String>> = OnceLock::new();
+    RUNTIME.get_or_init(start).as_ref().map_err(|cause| Error::Missing {
+        what: format!("Text prompts are off: no ONNX backend could be started ({cause})"),
+        hint: "Viewing and exports still work. Unset ORT_DYLIB_PATH to use the built-in backend".into(),
+    })
+}
+
+fn start() -> Result<Runtime, String> {
+    let (found, mut notes) = choose(&candidates(), |path| ort::util::probe(path));
+    if let Some((path, minor)) = found {
+        match start_library(&path) {
+            Ok(environment) => {
+                let name = format!("ONNX Runtime 1.{minor} ({})", path.display());
+                return Ok(Runtime { environment, name, notes });
+            }
+            // Once a library is bound to the process, ort can no longer be given another backend.
+            Err(Started::AfterBinding(cause)) => return Err(format!("{}: {cause}", path.display())),
+            Err(Started::BeforeBinding(cause)) => {
+                notes.push(format!("{} could not be started ({cause}) and was not used", path.display()))
+            }
+        }
+    }
+    if !ort::set_api(ort_tract::api()) {
+        return Err("another ONNX backend is already in this process".into());
+    }
+    let environment = ort::init().with_name("surgtpgs").build().map_err(|e| e.to_string())?;
+    Ok(Runtime { environment, name: "tract (built in)".into(), notes })
+}
+
+enum Started {
+    BeforeBinding(String),
+    AfterBinding(String),
+}
+
+fn start_library(path: &Path) -> Result<Environment, Started> {
+    let builder = ort::init_from(path).map_err(|e| Started::BeforeBinding(e.to_string()))?;
+    builder.with_name("surgtpgs").build().map_err(|e| Started::AfterBinding(e.to_string()))
+}
+
+/// Where the library may be, in order of preference: where the user says, beside the program, the system.
+fn candidates() -> Vec<PathBuf> {
+    let named = std::env::var_os("ORT_DYLIB_PATH").filter(|p| !p.is_empty()).map(PathBuf::from);
+    let program_folder = std::env::current_exe().ok().and_then(|exe| Some(exe.parent()?.to_owned()));
+    let mut candidates = Vec::new();
+    match named {
+        Some(folder) if folder.is_dir() => {
+            candidates.extend(LIBRARY_NAMES.iter().map(|name| folder.join(name)))
+        }
+        Some(file) => candidates.push(file),
+        None => {}
+    }
+    if let Some(folder) = program_folder {
+        candidates.extend(LIBRARY_NAMES.iter().map(|name| folder.join(name)).filter(|path| path.exists()));
+    }
+    candidates.extend(LIBRARY_NAMES.iter().map(PathBuf::from));
+    candidates
+}
+
+/// The first library that is new enough, with its minor version, and notes on those that were passed over.
+/// Libraries are probed first because ort 2.0.0-rc.14 must not be asked to load twice: after a failure the second
+/// attempt "succeeds" with an uninitialised handle.
+fn choose(
+    candidates: &[PathBuf],
+    probe: impl Fn(&Path) -> Option<u32>,
+) -> (Option<(PathBuf, u32)>, Vec<String>) {
+    let mut notes = Vec::new();
+    for path in candidates {
+        match probe(path) {
+            Some(minor) if minor >= ort::MINOR_VERSION => return (Some((path.clone(), minor)), notes),
+            Some(minor) => notes.push(format!(
+                "{} is ONNX Runtime 1.{minor}, too old (1.{} or newer is needed), and was not used",
+                path.display(),
+                ort::MINOR_VERSION
+            )),
+            // A bare name that the system does not know is the ordinary case, not worth a note.
+            None if path.components().count() > 1 => {
+                notes.push(format!("{} is not a loadable ONNX Runtime and was not used", path.display()))
+            }
+            None => {}
+        }
+    }
+    (None, notes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn old_and_broken_libraries_are_passed_over_with_a_note() {
+        let paths = ["/opt/broken.so", "/opt/old.so", "libonnxruntime.so", "/opt/new.so"].map(PathBuf::from);
+        let (found, notes) = choose(&paths, |path| match path.to_str() {
+            Some("/opt/old.so") => Some(20),
+            Some("/opt/new.so") => Some(ort::MINOR_VERSION),
+            _ => None,
+        });
+        assert_eq!(found, Some((PathBuf::from("/opt/new.so"), ort::MINOR_VERSION)));
+        assert_eq!(notes.len(), 2, "{notes:?}");
+        assert!(notes[0].contains("broken.so is not a loadable ONNX Runtime"), "{notes:?}");
+        assert!(notes[1].contains("1.20, too old"), "{notes:?}");
+    }
+
+    #[test]
+    fn no_library_gives_nothing_to_say() {
+        assert_eq!(choose(&["libonnxruntime.so".into()], |_| None), (None, vec![]));
+    }
+
+    #[test]
+    fn there_is_always_a_backend() {
+        assert_ne!(backend_name(), "none");
+    }
+}

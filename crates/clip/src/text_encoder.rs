@@ -1,0 +1,217 @@
+//! The encoder that the rest of the program sees.
+
+use crate::{
+    builtin,
+    contract::Contract,
+    session::{Model, Source},
+    settings::{DEFAULT_TEMPLATE, EncoderSettings, TEMPLATE_HINT, check_template},
+    tokenizer::PromptTokenizer,
+};
+use sha2::{Digest, Sha256};
+use std::{
+    collections::HashMap,
+    io::ErrorKind,
+    path::{Component, Path},
+};
+use surgtpgs_core::{Error, Result, prepare::EncoderIdentity};
+
+/// Embeddings kept in memory; a session of typing stays far below it.
+const MAX_CACHED: usize = 4096;
+
+/// A loaded text encoder (model, tokenizer and their contract).
+pub struct TextEncoder {
+    identity: EncoderIdentity,
+    tokenizer: PromptTokenizer,
+    model: Model,
+    /// Unit embeddings by the text as it reached the tokenizer.
+    cache: HashMap<String, Vec<f32>>,
+}
+
+/// The files of an encoder.
+struct Files<'a> {
+    model: Vec<u8>,
+    tokenizer: Vec<u8>,
+    settings: Option<String>,
+    source: Source<'a>,
+}
+
+impl TextEncoder {
+    /// The small surgical encoder inside the program: it knows the words of `assets/text_encoder/lexicon.toml`, and
+    /// keeps other words away from all of them.
+    pub fn builtin() -> Result<Self> {
+        let files = Files {
+            model: builtin::MODEL.to_vec(),
+            tokenizer: builtin::TOKENIZER.to_vec(),
+            settings: Some(builtin::SETTINGS.to_owned()),
+            source: Source::Memory(builtin::MODEL),
+        };
+        Self::assemble("builtin", None, files)
+    }
+
+    /// A folder with `model.onnx`, `tokenizer.json` and optionally `encoder.toml` ([`EncoderSettings`]).
+    /// Everything is checked here, with a trial run: errors say what is wrong with which file.
+    pub fn open(folder: &Path) -> Result<Self> {
+        if !folder.is_dir() {
+            let hint = "Choose a folder with model.onnx and tokenizer.json.";
+            return Err(Error::input_at(folder, "There is no such folder with a text encoder", hint));
+        }
+        let model_path = folder.join("model.onnx");
+        let files = Files {
+            model: read(&model_path)?,
+            tokenizer: read(&folder.join("tokenizer.json"))?,
+            settings: read_settings(&folder.join("encoder.toml"))?,
+            source: Source::File(&model_path),
+        };
+        let absolute = folder.canonicalize().map_err(|e| Error::io("find the folder", folder, e))?;
+        let name =
+            absolute.file_name().map_or_else(|| "encoder".into(), |name| name.to_string_lossy().into_owned());
+        Self::assemble(&name, Some(&absolute), files)
+    }
+
+    fn assemble(name: &str, folder: Option<&Path>, files: Files<'_>) -> Result<Self> {
+        let at = |file: &str| folder.map_or_else(|| Path::new(file).to_owned(), |folder| folder.join(file));
+        let (model_path, tokenizer_path) = (at("model.onnx"), at("tokenizer.json"));
+        let settings = EncoderSettings::parse(files.settings.as_deref().unwrap_or(""), &at("encoder.toml"))?;
+        let tokenizer = PromptTokenizer::parse(&files.tokenizer, &settings, &tokenizer_path)?;
+
+        let mut hash = Sha256::new();
+        hash.update(&files.model);
+        let contract = Contract::read(files.model.into(), &settings, tokenizer.is_clip(), &model_path)?;
+        contract.check_vocabulary(tokenizer.largest_id(), &model_path)?;
+        for file in &contract.external_files {
+            hash.update(read_beside(file, folder, &model_path)?);
+        }
+        hash.update(&files.tokenizer);
+        hash.update(files.settings.as_deref().unwrap_or(""));
+
+        let context = context_length(&settings, &contract, &tokenizer, &model_path)?;
+        let model = Model::load(files.source, contract, tokenizer.pad_id(), context, &model_path)?;
+        let identity = EncoderIdentity {
+            name: name.to_owned(),
+            sha256: hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect(),
+            dim: 0,
+            template: settings.template.unwrap_or_else(|| DEFAULT_TEMPLATE.to_owned()),
+            folder: folder.map(Path::to_owned),
+        };
+        let mut encoder = Self { identity, tokenizer, model, cache: HashMap::new() };
+        encoder.identity.dim = encoder.try_out(&model_path)?;
+        Ok(encoder)
+    }
+
+    /// Encodes two words of different meaning; gives the length of an embedding.
+    fn try_out(&mut self, model_path: &Path) -> Result<usize> {
+        let pair = self.encode_bare(&["liver", "needle"])?;
+        let cosine: f32 = pair[0].iter().zip(&pair[1]).map(|(a, b)| a * b).sum();
+        if cosine > 0.99999 {
+            let what = "The encoder gives \"liver\" and \"needle\" the same embedding";
+            let hint = "Its tokenizer.json or the pooling in encoder.toml does not belong to the model.";
+            return Err(Error::input_at(model_path, what, hint));
+        }
+        Ok(pair[0].len())
+    }
+
+    /// Which encoder this is; goes into every result.
+    pub fn identity(&self) -> &EncoderIdentity {
+        &self.identity
+    }
+
+    /// Longest prompt in tokens, template and start and end tokens included.
+    pub fn context_length(&self) -> usize {
+        self.model.context()
+    }
+
+    /// Uses another prompt template from now on; `{}` in it stands for the words.
+    pub fn set_template(&mut self, template: &str) -> Result<()> {
+        check_template(template).map_err(|what| Error::input(what, TEMPLATE_HINT))?;
+        self.identity.template = template.to_owned();
+        Ok(())
+    }
+
+    /// Unit embeddings of prompts, each put into the template first. Spaces around and doubled spaces do not count;
+    /// an empty prompt, or one longer than the model reads, is an error.
+    pub fn encode_prompts(&mut self, prompts: &[&str]) -> Result<Vec<Vec<f32>>> {
+        let fill = |prompt: &&str| Ok(self.identity.template.replace("{}", &tidy(prompt)?));
+        let texts = prompts.iter().map(fill).collect::<Result<Vec<String>>>()?;
+        texts.into_iter().map(|text| self.embedding(text)).collect()
+    }
+
+    /// Unit embeddings of phrases as they stand (canonical phrases), otherwise as [`Self::encode_prompts`].
+    pub fn encode_bare(&mut self, phrases: &[&str]) -> Result<Vec<Vec<f32>>> {
+        phrases.iter().map(|phrase| self.embedding(tidy(phrase)?)).collect()
+    }
+
+    fn embedding(&mut self, text: String) -> Result<Vec<f32>> {
+        if let Some(known) = self.cache.get(&text) {
+            return Ok(known.clone());
+        }
+        let ids = self.tokenizer.encode(&text, self.model.context())?;
+        let embedding = self.model.embed(&ids, &text)?;
+        if self.cache.len() >= MAX_CACHED {
+            self.cache.clear();
+        }
+        self.cache.insert(text, embedding.clone());
+        Ok(embedding)
+    }
+}
+
+/// Trims and collapses white space.
+fn tidy(prompt: &str) -> Result<String> {
+    let words: Vec<&str> = prompt.split_whitespace().collect();
+    match words.is_empty() {
+        true => {
+            Err(Error::input("The prompt is empty", "Type what to look for, for example \"gallbladder\"."))
+        }
+        false => Ok(words.join(" ")),
+    }
+}
+
+/// Longest text in tokens: what `encoder.toml` says, else the model's fixed length, else what fits the tokenizer.
+fn context_length(
+    settings: &EncoderSettings,
+    contract: &Contract,
+    tokenizer: &PromptTokenizer,
+    model_path: &Path,
+) -> Result<usize> {
+    match (settings.context_length, contract.fixed_length) {
+        (Some(stated), Some(fixed)) if stated > fixed => {
+            let what = format!("encoder.toml says context_length {stated}; the model reads {fixed} tokens");
+            Err(Error::input_at(model_path, what, "Correct or remove context_length in encoder.toml."))
+        }
+        (stated, fixed) => Ok(stated.or(fixed).unwrap_or_else(|| tokenizer.default_context())),
+    }
+}
+
+fn read(path: &Path) -> Result<Vec<u8>> {
+    std::fs::read(path).map_err(|e| match e.kind() {
+        ErrorKind::NotFound => {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            let hint = "A text encoder is a folder with model.onnx and tokenizer.json.";
+            Error::input_at(path, format!("The text encoder has no {name}"), hint)
+        }
+        _ => Error::io("read the text encoder", path, e),
+    })
+}
+
+fn read_settings(path: &Path) -> Result<Option<String>> {
+    match std::fs::read_to_string(path) {
+        Ok(text) => Ok(Some(text)),
+        Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
+        Err(e) => Err(Error::io("read the encoder's settings", path, e)),
+    }
+}
+
+/// A weight file that the model names; only files in the same folder are opened.
+fn read_beside(file: &str, folder: Option<&Path>, model_path: &Path) -> Result<Vec<u8>> {
+    let relative = Path::new(file);
+    match folder {
+        Some(folder)
+            if relative.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir)) =>
+        {
+            read(&folder.join(relative))
+        }
+        _ => {
+            let what = format!("The model keeps its weights in \"{file}\", outside of its folder");
+            Err(Error::input_at(model_path, what, "Put the weights beside the model and export it again."))
+        }
+    }
+}
