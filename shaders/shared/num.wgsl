@@ -5,6 +5,10 @@ fn is_finite(x: f32) -> bool {
     return (bitcast<u32>(x) & 0x7f800000u) != 0x7f800000u;
 }
 
+fn is_nan(x: f32) -> bool {
+    return (bitcast<u32>(x) & 0x7fffffffu) > 0x7f800000u;
+}
+
 // 1 / (1 + e^-x) without overflow.
 fn sigmoid(x: f32) -> f32 {
     let e = exp(-abs(x));

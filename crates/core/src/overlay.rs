@@ -1,7 +1,8 @@
 //! Drawing what was found on top of a frame; the CPU twin of `shaders/overlay.wgsl`.
 
-use crate::grid::Grid;
+use crate::{grid::Grid, mask};
 use image::RgbImage;
+use rayon::prelude::*;
 
 /// How a found region is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -26,13 +27,201 @@ pub struct OverlayPrompt<'a> {
     pub colour: [u8; 3],
 }
 
-/// Draws `prompts` over `frame`. `opacity` (0–1) scales fills and heatmaps; contours are 2 px at the frame's size.
+/// Width of a contour, px; it lies inside the found region.
+pub const CONTOUR_WIDTH: u32 = 2;
+/// How much the halo, 1 px on either side of a contour, darkens: contours stay visible on any tissue.
+pub const HALO_DARKNESS: f32 = 0.6;
+/// How far a full score's colour is mixed towards white.
+pub const HEAT_WHITENING: f32 = 0.6;
+
+/// Draws `prompts` over `frame`, later ones over earlier ones. `opacity` (0–1) scales fills and heatmaps; contours
+/// are [`CONTOUR_WIDTH`] px at the frame's size. A prompt whose scores have another size is not drawn; NaN is not
+/// found.
 pub fn overlay(
     frame: &RgbImage,
     prompts: &[OverlayPrompt<'_>],
     style: OverlayStyle,
     opacity: f32,
 ) -> RgbImage {
-    let _ = (frame, prompts, style, opacity);
-    todo!()
+    let (width, height) = (frame.width() as usize, frame.height() as usize);
+    let fits = |p: &&OverlayPrompt<'_>| (p.scores.width, p.scores.height) == (width, height);
+    let prompts: Vec<&OverlayPrompt<'_>> = prompts.iter().filter(fits).collect();
+    let mut out = frame.clone();
+    if width * height == 0 || prompts.is_empty() {
+        return out;
+    }
+    let zones: Vec<Grid<Zone>> = match style {
+        OverlayStyle::Heatmap => Vec::new(),
+        OverlayStyle::Outline | OverlayStyle::Fill => prompts.par_iter().map(|p| zones(p)).collect(),
+    };
+    let fill = if style == OverlayStyle::Fill { opacity } else { 0.0 };
+    out.par_chunks_mut(3).with_min_len(4096).enumerate().for_each(|(i, pixel)| {
+        let mut colour = [pixel[0], pixel[1], pixel[2]].map(f32::from);
+        if style == OverlayStyle::Heatmap {
+            colour = heat(colour, &prompts, i, opacity);
+        }
+        for (prompt, zones) in prompts.iter().zip(&zones) {
+            let own = prompt.colour.map(f32::from);
+            colour = match zones.data[i] {
+                Zone::Outside => colour,
+                Zone::Inside => mix(colour, own, fill),
+                Zone::Contour => own,
+                Zone::Halo => mix(colour, [0.0; 3], HALO_DARKNESS),
+            };
+        }
+        pixel.copy_from_slice(&colour.map(|v| (v + 0.5) as u8));
+    });
+    out
+}
+
+/// What a pixel is to the region a prompt found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Zone {
+    Outside,
+    Inside,
+    Contour,
+    Halo,
+}
+
+/// By city-block distance: up to [`CONTOUR_WIDTH`] inside the border is contour, the next pixel on either side halo.
+/// The image's edge is no border.
+fn zones(prompt: &OverlayPrompt<'_>) -> Grid<Zone> {
+    let found = mask::threshold(prompt.scores, prompt.threshold);
+    let depth = mask::distance_to_false(&found);
+    let (w, h) = (found.width, found.height);
+    let touches_found = |i: usize| {
+        let (x, y) = (i % w, i / w);
+        (x > 0 && found.data[i - 1])
+            || (x + 1 < w && found.data[i + 1])
+            || (y > 0 && found.data[i - w])
+            || (y + 1 < h && found.data[i + w])
+    };
+    let zone = |(i, &depth): (usize, &u32)| match depth {
+        0 if touches_found(i) => Zone::Halo,
+        0 => Zone::Outside,
+        1..=CONTOUR_WIDTH => Zone::Contour,
+        d if d == CONTOUR_WIDTH + 1 => Zone::Halo,
+        _ => Zone::Inside,
+    };
+    Grid::from_vec(w, h, depth.iter().enumerate().map(zone).collect())
+}
+
+/// The highest score of a pixel as colour: black over the prompt's colour to white, so that it reads without hue, and
+/// the more opaque the higher. Several prompts stay apart by their hues.
+fn heat(base: [f32; 3], prompts: &[&OverlayPrompt<'_>], i: usize, opacity: f32) -> [f32; 3] {
+    let mut best: Option<(f32, [u8; 3])> = None;
+    for prompt in prompts {
+        let score = prompt.scores.data[i];
+        // Also false for NaN.
+        if score > best.map_or(0.0, |b| b.0) {
+            best = Some((score, prompt.colour));
+        }
+    }
+    let Some((score, colour)) = best else { return base };
+    let score = score.min(1.0);
+    let colour = colour.map(f32::from);
+    let ramp = if score < 0.5 {
+        mix([0.0; 3], colour, 2.0 * score)
+    } else {
+        mix(colour, [255.0; 3], HEAT_WHITENING * (2.0 * score - 1.0))
+    };
+    mix(base, ramp, opacity * score)
+}
+
+/// `a` where `share` is 0, `b` where it is 1.
+fn mix(a: [f32; 3], b: [f32; 3], share: f32) -> [f32; 3] {
+    std::array::from_fn(|c| a[c] + (b[c] - a[c]) * share.clamp(0.0, 1.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::Rgb;
+
+    const GREY: [u8; 3] = [100; 3];
+    const GREEN: [u8; 3] = [0, 200, 80];
+
+    /// A disc of score 0.9 in a field of 0.1.
+    fn disc(size: usize) -> Grid<f32> {
+        let centre = size as f32 / 2.0;
+        let score = |i: usize| {
+            let (x, y) = ((i % size) as f32 + 0.5 - centre, (i / size) as f32 + 0.5 - centre);
+            if x * x + y * y < 0.1 * (size * size) as f32 { 0.9 } else { 0.1 }
+        };
+        Grid::from_vec(size, size, (0..size * size).map(score).collect())
+    }
+
+    fn draw(scores: &Grid<f32>, style: OverlayStyle, opacity: f32) -> RgbImage {
+        let frame = RgbImage::from_pixel(scores.width as u32, scores.height as u32, Rgb(GREY));
+        overlay(&frame, &[OverlayPrompt { scores, threshold: 0.4, colour: GREEN }], style, opacity)
+    }
+
+    #[test]
+    fn an_outline_is_contour_between_halos_and_leaves_the_rest_alone() {
+        let picture = draw(&disc(40), OverlayStyle::Outline, 1.0);
+        let dark = Rgb([40; 3]);
+        // Along the middle row: outside, halo, two of contour, halo, inside.
+        let row: Vec<Rgb<u8>> = (5..13).map(|x| *picture.get_pixel(x, 20)).collect();
+        assert_eq!(row, [Rgb(GREY), dark, Rgb(GREEN), Rgb(GREEN), dark, Rgb(GREY), Rgb(GREY), Rgb(GREY)]);
+        assert_eq!(*picture.get_pixel(20, 20), Rgb(GREY));
+    }
+
+    #[test]
+    fn a_fill_mixes_by_opacity_and_keeps_the_contour() {
+        let at = |opacity| *draw(&disc(40), OverlayStyle::Fill, opacity).get_pixel(20, 20);
+        assert_eq!(at(0.0), Rgb(GREY));
+        assert_eq!(at(0.5), Rgb([50, 150, 90]));
+        assert_eq!(at(1.0), Rgb(GREEN));
+        assert_eq!(*draw(&disc(40), OverlayStyle::Fill, 0.5).get_pixel(8, 20), Rgb(GREEN));
+    }
+
+    #[test]
+    fn heat_is_of_fixed_range_and_grows_with_the_score() {
+        let ramp = Grid::from_vec(5, 1, vec![0.0, 0.25, 0.5, 0.75, 1.0]);
+        let black = RgbImage::new(5, 1);
+        let prompt = OverlayPrompt { scores: &ramp, threshold: 0.4, colour: GREEN };
+        let picture = overlay(&black, &[prompt], OverlayStyle::Heatmap, 1.0);
+        let light: Vec<u32> = picture.pixels().map(|p| p.0.iter().map(|&v| u32::from(v)).sum()).collect();
+        assert!(light.windows(2).all(|pair| pair[0] < pair[1]), "{light:?}");
+        assert_eq!(light[0], 0);
+        assert_eq!(*picture.get_pixel(2, 0), Rgb([0, 100, 40]));
+        // The same score looks the same whatever else is in the picture.
+        let alone = Grid::from_vec(1, 1, vec![0.25]);
+        let prompt = OverlayPrompt { scores: &alone, ..prompt };
+        let small = overlay(&RgbImage::new(1, 1), &[prompt], OverlayStyle::Heatmap, 1.0);
+        assert_eq!(small.get_pixel(0, 0), picture.get_pixel(1, 0));
+    }
+
+    #[test]
+    fn the_hotter_of_two_prompts_shows() {
+        let (low, high) = (Grid::filled(1, 1, 0.3), Grid::filled(1, 1, 0.5));
+        let prompt = |scores, colour| OverlayPrompt { scores, threshold: 0.4, colour };
+        let picture = overlay(
+            &RgbImage::new(1, 1),
+            &[prompt(&high, [200, 0, 0]), prompt(&low, [0, 0, 200])],
+            OverlayStyle::Heatmap,
+            1.0,
+        );
+        assert_eq!(*picture.get_pixel(0, 0), Rgb([100, 0, 0]));
+    }
+
+    #[test]
+    fn nothing_found_nan_and_misfits_leave_the_frame_as_it_is() {
+        let frame = RgbImage::from_pixel(4, 3, Rgb(GREY));
+        let (low, nan, misfit) =
+            (Grid::filled(4, 3, 0.4), Grid::filled(4, 3, f32::NAN), Grid::filled(3, 4, 0.9));
+        for scores in [&low, &nan, &misfit] {
+            let prompt = OverlayPrompt { scores, threshold: 0.4, colour: GREEN };
+            assert_eq!(overlay(&frame, &[prompt], OverlayStyle::Fill, 1.0), frame);
+        }
+        assert_eq!(overlay(&frame, &[], OverlayStyle::Heatmap, 1.0), frame);
+        let nothing = RgbImage::new(0, 0);
+        assert_eq!(overlay(&nothing, &[], OverlayStyle::Fill, 1.0), nothing);
+    }
+
+    #[test]
+    fn a_region_that_fills_the_frame_has_no_contour() {
+        let picture = draw(&Grid::filled(8, 8, 0.9), OverlayStyle::Outline, 1.0);
+        assert!(picture.pixels().all(|p| *p == Rgb(GREY)));
+    }
 }

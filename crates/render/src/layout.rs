@@ -5,6 +5,7 @@ use surgtpgs_core::{
     camera::Camera,
     deform::{BasisShape, Deformation, Deformed},
     gaussian::Gaussians,
+    overlay::{OverlayPrompt, OverlayStyle},
     raster::{FRUSTUM_GUARD, TILE, project::Splat},
 };
 
@@ -149,6 +150,34 @@ shader_struct! {
 }
 
 shader_struct! {
+    /// How a frame is drawn over (`overlay.wgsl`).
+    pub struct Overlay {
+        /// Columns and rows.
+        size: [u32; 2],
+        /// Prompts to draw.
+        num_prompts: u32,
+        /// [`OverlayStyle`] as a number.
+        style: u32,
+        /// Of fills and heatmaps, 0–1.
+        opacity: f32,
+        /// To a multiple of 16 bytes.
+        padding: u32,
+        /// To a multiple of 16 bytes.
+        padding_2: [u32; 2],
+    }
+}
+
+shader_struct! {
+    /// One prompt to draw (`overlay.wgsl`).
+    pub struct PromptRow {
+        /// 0–255.
+        colour: [f32; 3],
+        /// Score above which a pixel is found.
+        threshold: f32,
+    }
+}
+
+shader_struct! {
     /// A Gaussian at rest: raw parameters (`shared/gaussian.wgsl`).
     pub struct RestRow {
         /// Centre in the world.
@@ -257,6 +286,19 @@ impl Deform {
             gate_slope: deformation.gate_slope,
             padding: [0; 2],
         }
+    }
+}
+
+impl Overlay {
+    /// For a frame of `size` with so many prompts.
+    pub fn new(size: [u32; 2], num_prompts: usize, style: OverlayStyle, opacity: f32) -> Self {
+        Self { size, num_prompts: num_prompts as u32, style: style as u32, opacity, ..Default::default() }
+    }
+}
+
+impl From<&OverlayPrompt<'_>> for PromptRow {
+    fn from(prompt: &OverlayPrompt<'_>) -> Self {
+        Self { colour: prompt.colour.map(f32::from), threshold: prompt.threshold }
     }
 }
 

@@ -4,6 +4,7 @@
 use std::fmt::Write;
 use surgtpgs_core::{
     Error, Result, deform, gaussian,
+    overlay::{self, OverlayStyle},
     raster::{self, sh},
 };
 
@@ -32,6 +33,7 @@ pub const FILES: &[(&str, &str)] = shaders![
     "bin.wgsl",
     "deform.wgsl",
     "dense.wgsl",
+    "overlay.wgsl",
     "project.wgsl",
     "raster.wgsl",
     "relevancy.wgsl",
@@ -85,6 +87,10 @@ fn constants(latent_dim: usize) -> String {
         ("SORT_BLOCK", SORT_BLOCK),
         ("RASTER_BATCH", RASTER_BATCH),
         ("DENSE_TILE", DENSE_TILE),
+        ("CONTOUR_WIDTH", overlay::CONTOUR_WIDTH),
+        ("STYLE_OUTLINE", OverlayStyle::Outline as u32),
+        ("STYLE_FILL", OverlayStyle::Fill as u32),
+        ("STYLE_HEATMAP", OverlayStyle::Heatmap as u32),
         ("LATENT_DIM", latent_dim as u32),
         ("TILE", raster::TILE as u32),
         ("DEPTH_PLANE", raster::DEPTH_PLANE as u32),
@@ -105,6 +111,8 @@ fn constants(latent_dim: usize) -> String {
         ("MIN_EXTENT", raster::MIN_EXTENT),
         ("SH_C0", gaussian::SH_C0),
         ("SH_C1", sh::C1 as f32),
+        ("HALO_DARKNESS", overlay::HALO_DARKNESS),
+        ("HEAT_WHITENING", overlay::HEAT_WHITENING),
         ("LIVE_BASIS", deform::LIVE_BASIS),
         ("MIN_WIDTH", deform::MIN_WIDTH as f32),
         ("QUARTIC_EPSILON", deform::QUARTIC_EPSILON as f32),

@@ -36,7 +36,7 @@ pub fn outline(mask: &Mask, width_px: usize) -> Mask {
 }
 
 /// City-block distance of each pixel to the nearest `false` one: 0 on it, `u32::MAX` where there is none.
-fn distance_to_false(mask: &Mask) -> Vec<u32> {
+pub(crate) fn distance_to_false(mask: &Mask) -> Vec<u32> {
     let (w, h) = (mask.width, mask.height);
     let mut distance: Vec<u32> = mask.data.iter().map(|&v| if v { u32::MAX } else { 0 }).collect();
     for i in 0..w * h {

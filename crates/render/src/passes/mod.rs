@@ -4,6 +4,7 @@
 
 mod bin;
 mod deform;
+mod overlay;
 mod project;
 mod raster;
 mod scan;
@@ -11,6 +12,7 @@ mod sort;
 
 pub(crate) use bin::BinPass;
 pub(crate) use deform::DeformPass;
+use overlay::OverlayPass;
 pub(crate) use project::ProjectPass;
 pub(crate) use raster::{Input, RasterPass};
 
@@ -20,11 +22,13 @@ use crate::{
     layout::{DeformedRow, SplatRow, View},
     scene_buffers::SceneBuffers,
 };
+use image::RgbImage;
 use surgtpgs_core::{
     Result,
     camera::Camera,
     deform::{Deformation, Deformed},
     gaussian::Gaussians,
+    overlay::{OverlayPrompt, OverlayStyle},
     raster::{Images, bin::Bins, project::Splat},
 };
 
@@ -36,6 +40,7 @@ pub struct Passes {
     pub(crate) project: ProjectPass,
     pub(crate) bin: BinPass,
     pub(crate) raster: RasterPass,
+    overlay: OverlayPass,
 }
 
 impl Passes {
@@ -48,6 +53,7 @@ impl Passes {
                 project: ProjectPass::new(gpu)?,
                 bin: BinPass::new(gpu)?,
                 raster: RasterPass::new(gpu),
+                overlay: OverlayPass::new(gpu)?,
             })
         })
     }
@@ -138,6 +144,17 @@ impl Passes {
             let planes = self.raster.planes.read(&gpu, usize::MAX)?;
             Ok(Images { width: camera.width as usize, height: camera.height as usize, planes })
         })
+    }
+
+    /// Twin of [`surgtpgs_core::overlay::overlay`].
+    pub fn overlay(
+        &self,
+        frame: &RgbImage,
+        prompts: &[OverlayPrompt<'_>],
+        style: OverlayStyle,
+        opacity: f32,
+    ) -> Result<RgbImage> {
+        self.gpu.guarded(|| self.overlay.draw(&self.gpu, frame, prompts, style, opacity))
     }
 }
 

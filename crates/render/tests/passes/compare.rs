@@ -172,3 +172,19 @@ fn name(k: usize) -> String {
         _ => format!("feature {}", k - ALPHA_PLANE - 1),
     }
 }
+
+/// Pictures of 8 bits: a rounding may fall to either side of a half, one level apart, in few channels.
+pub(crate) fn pictures(found: &image::RgbImage, expected: &image::RgbImage) -> Verdict {
+    if found.dimensions() != expected.dimensions() {
+        return Err(format!("{:?}, expected {:?}", found.dimensions(), expected.dimensions()));
+    }
+    let mut off = 0;
+    for (i, (f, e)) in found.as_raw().iter().zip(expected.as_raw()).enumerate() {
+        if f.abs_diff(*e) > 1 {
+            return Err(format!("channel {i}: found {f}, expected {e}"));
+        }
+        off += usize::from(f != e);
+    }
+    let allowed = found.as_raw().len() / 200;
+    if off > allowed { Err(format!("{off} channels differ by a level, {allowed} may")) } else { Ok(()) }
+}

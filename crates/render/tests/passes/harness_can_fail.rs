@@ -125,3 +125,17 @@ fn an_image_of_another_size_is_refused() {
     let images = |width, height| Images { width, height, planes: vec![0.0; 5 * 12] };
     assert!(compare::images(&images(4, 3), &images(3, 4), SAME_SPLATS).is_err());
 }
+
+#[test]
+fn pictures_with_one_pixel_two_levels_off_or_many_one_level_off_are_refused() {
+    let good = image::RgbImage::from_pixel(20, 20, image::Rgb([100, 50, 0]));
+    let edit = |every: usize, by: u8| {
+        let mut bad = good.clone();
+        bad.iter_mut().step_by(every).for_each(|v| *v += by);
+        compare::pictures(&bad, &good)
+    };
+    assert!(edit(1200, 1).is_ok());
+    assert!(edit(1200, 2).is_err());
+    assert!(edit(100, 1).is_err());
+    assert!(compare::pictures(&image::RgbImage::new(19, 20), &good).is_err());
+}

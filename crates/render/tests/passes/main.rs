@@ -15,6 +15,8 @@ mod compare;
 mod fixture;
 /// Each comparer refuses what is just over its tolerance.
 mod harness_can_fail;
+/// Pictures drawn over.
+mod overlay;
 /// Scores of prompts.
 mod relevancy;
 /// The renderer as a whole: twin, growth of buffers, scene changes, bad scenes.

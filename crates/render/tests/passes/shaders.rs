@@ -6,7 +6,9 @@ use naga::{
 };
 use std::{collections::BTreeSet, path::Path};
 use surgtpgs_render::{
-    layout::{Deform, DeformedRow, Dense, Digit, RestRow, Scoring, ShaderStruct, SplatRow, View},
+    layout::{
+        Deform, DeformedRow, Dense, Digit, Overlay, PromptRow, RestRow, Scoring, ShaderStruct, SplatRow, View,
+    },
     shader_source::{FILES, assemble},
 };
 
@@ -94,6 +96,8 @@ fn structs_have_the_same_layout_in_rust_and_in_wgsl() {
     check_struct::<Digit>("sort.wgsl");
     check_struct::<Dense>("dense.wgsl");
     check_struct::<Scoring>("relevancy.wgsl");
+    check_struct::<Overlay>("overlay.wgsl");
+    check_struct::<PromptRow>("overlay.wgsl");
 }
 
 #[test]

@@ -1,0 +1,140 @@
+// What was found, drawn over a frame; twin: core::overlay. One invocation per pixel.
+//
+// Outline and fill: by city-block distance to the border of the found region, up to CONTOUR_WIDTH inside is contour,
+// the next pixel on either side halo. Heatmap: the highest score as colour, fixed range 0-1.
+
+#import constants
+#import shared/num.wgsl
+#import shared/dispatch.wgsl
+
+struct Overlay {
+    size: vec2u,
+    num_prompts: u32,
+    // STYLE_OUTLINE, STYLE_FILL or STYLE_HEATMAP.
+    style: u32,
+    opacity: f32,
+    padding: u32,
+    padding_2: vec2u,
+}
+
+struct PromptRow {
+    // 0-255
+    colour: vec3f,
+    threshold: f32,
+}
+
+@group(0) @binding(0) var<uniform> params: Overlay;
+@group(0) @binding(1) var<storage, read> prompts: array<PromptRow>;
+// [prompts][rows][columns]
+@group(0) @binding(2) var<storage, read> scores: array<f32>;
+// One number per pixel: red in the lowest byte, then green, blue and 255; drawn over in place.
+@group(0) @binding(3) var<storage, read_write> pixels: array<u32>;
+
+fn score_at(prompt: u32, pixel: vec2i) -> f32 {
+    let size = vec2i(params.size);
+    return scores[(i32(prompt) * size.y + pixel.y) * size.x + pixel.x];
+}
+
+fn is_inside_frame(pixel: vec2i) -> bool {
+    return all(pixel >= vec2i(0)) && all(pixel < vec2i(params.size));
+}
+
+// A score of NaN is not found; where the compiler ignores NaN the test of its bits does not.
+fn is_found(prompt: u32, pixel: vec2i) -> bool {
+    let score = score_at(prompt, pixel);
+    return !is_nan(score) && score > prompts[prompt].threshold;
+}
+
+// City-block distance to the nearest pixel of the frame that is not found, up to `limit`, else `limit` + 1.
+fn depth_inside(prompt: u32, pixel: vec2i, limit: i32) -> i32 {
+    var depth = limit + 1;
+    for (var dy = -limit; dy <= limit; dy++) {
+        let reach = limit - abs(dy);
+        for (var dx = -reach; dx <= reach; dx++) {
+            let other = pixel + vec2i(dx, dy);
+            if is_inside_frame(other) && !is_found(prompt, other) {
+                depth = min(depth, abs(dx) + abs(dy));
+            }
+        }
+    }
+    return depth;
+}
+
+fn touches_found(prompt: u32, pixel: vec2i) -> bool {
+    var steps = array(vec2i(-1, 0), vec2i(1, 0), vec2i(0, -1), vec2i(0, 1));
+    for (var i = 0; i < 4; i++) {
+        let other = pixel + steps[i];
+        if is_inside_frame(other) && is_found(prompt, other) {
+            return true;
+        }
+    }
+    return false;
+}
+
+fn mix_by(a: vec3f, b: vec3f, share: f32) -> vec3f {
+    return a + (b - a) * clamp(share, 0.0, 1.0);
+}
+
+fn draw_region(base: vec3f, prompt: u32, pixel: vec2i) -> vec3f {
+    let halo = mix_by(base, vec3f(0.0), HALO_DARKNESS);
+    let width = i32(CONTOUR_WIDTH);
+    let depth = depth_inside(prompt, pixel, width + 1);
+    if depth == 0 {
+        if touches_found(prompt, pixel) {
+            return halo;
+        }
+        return base;
+    }
+    if depth <= width {
+        return prompts[prompt].colour;
+    }
+    if depth == width + 1 {
+        return halo;
+    }
+    if params.style == STYLE_FILL {
+        return mix_by(base, prompts[prompt].colour, params.opacity);
+    }
+    return base;
+}
+
+fn heat(base: vec3f, pixel: vec2i) -> vec3f {
+    var best = 0.0;
+    var colour = vec3f(0.0);
+    for (var prompt = 0u; prompt < params.num_prompts; prompt++) {
+        let score = score_at(prompt, pixel);
+        if !is_nan(score) && score > best {
+            best = score;
+            colour = prompts[prompt].colour;
+        }
+    }
+    best = min(best, 1.0);
+    var ramp = mix_by(vec3f(0.0), colour, 2.0 * best);
+    if best >= 0.5 {
+        ramp = mix_by(colour, vec3f(255.0), HEAT_WHITENING * (2.0 * best - 1.0));
+    }
+    return mix_by(base, ramp, params.opacity * best);
+}
+
+@compute @workgroup_size(GROUP)
+fn overlay(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) num_groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let at = flat_group(group, num_groups) * GROUP + lane;
+    if at >= params.size.x * params.size.y {
+        return;
+    }
+    let pixel = vec2i(vec2u(at % params.size.x, at / params.size.x));
+    let packed = pixels[at];
+    var colour = vec3f(vec3u(packed & 255u, (packed >> 8u) & 255u, (packed >> 16u) & 255u));
+    if params.style == STYLE_HEATMAP {
+        colour = heat(colour, pixel);
+    } else {
+        for (var prompt = 0u; prompt < params.num_prompts; prompt++) {
+            colour = draw_region(colour, prompt, pixel);
+        }
+    }
+    let bytes = vec3u(colour + 0.5);
+    pixels[at] = bytes.x | (bytes.y << 8u) | (bytes.z << 16u) | 0xff000000u;
+}
