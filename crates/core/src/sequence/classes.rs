@@ -73,7 +73,8 @@ pub(super) fn read_json(path: &Path) -> Result<Vec<Class>> {
     from_entries(&entries, path)
 }
 
-/// "Kidney_Parenchyma", "kidney-parenchyma" and "KidneyParenchyma" all become "kidney parenchyma".
+/// "Kidney_Parenchyma", "kidney-parenchyma" and "KidneyParenchyma" all become "kidney parenchyma"; a hyphen
+/// stays after a single letter ("l-hook").
 pub(super) fn plain_words(name: &str) -> String {
     let mut words = String::with_capacity(name.len());
     let mut after_lower_case = false;
@@ -82,7 +83,9 @@ pub(super) fn plain_words(name: &str) -> String {
             words.push(' ');
         }
         after_lower_case = c.is_lowercase();
+        let after_single_letter = words.rsplit(' ').next().is_some_and(|word| word.chars().count() == 1);
         match c {
+            '-' if after_single_letter => words.push('-'),
             '_' | '-' => words.push(' '),
             _ => words.extend(c.to_lowercase()),
         }
@@ -170,4 +173,23 @@ fn decode_colours(picture: DynamicImage, classes: &[Class]) -> LabelMap {
         last.1
     });
     Grid::from_vec(picture.width() as usize, picture.height() as usize, data.collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::plain_words;
+
+    #[test]
+    fn class_names_become_plain_words() {
+        for (name, words) in [
+            ("Kidney_Parenchyma", "kidney parenchyma"),
+            ("suction-instrument", "suction instrument"),
+            ("AbdominalWall", "abdominal wall"),
+            ("L-hook Electrocautery", "l-hook electrocautery"),
+            ("US probe", "us probe"),
+            ("  fat ", "fat"),
+        ] {
+            assert_eq!(plain_words(name), words);
+        }
+    }
 }

@@ -4,8 +4,9 @@ use super::{
     CameraSource, Class, Layout, cholecseg8k,
     classes::{self, LabelCoding, LabelFiles},
     depth::DepthRule,
-    endonerf, images, read,
-    settings::{SETTINGS_FILE, Selection},
+    endonerf, endovis18, images, read, reference,
+    settings::Selection,
+    transforms, video,
 };
 use crate::{
     Error, Result,
@@ -16,7 +17,9 @@ use image::RgbImage;
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
+    sync::Arc,
 };
+use tempfile::TempDir;
 
 /// Horizontal field of view that is assumed where nothing is known, in degrees.
 pub(super) const ASSUMED_FOV_DEGREES: f32 = 60.0;
@@ -40,6 +43,8 @@ pub(super) struct Recording {
     pub frames_per_second: Option<f32>,
     /// What the user should know about how the files were understood.
     pub notes: Vec<String>,
+    /// Holds unpacked frames of a video; removed with the recording.
+    pub scratch: Option<TempDir>,
 }
 
 /// The files of one frame.
@@ -56,6 +61,7 @@ pub(super) struct Frame {
 #[derive(Debug)]
 pub(super) enum Picture {
     File(PathBuf),
+    Video { video: Arc<video::H264>, index: usize },
 }
 
 /// Which pixels a mask file keeps.
@@ -99,6 +105,7 @@ impl Recording {
             classes: Vec::new(),
             frames_per_second: None,
             notes: Vec::new(),
+            scratch: None,
         }
     }
 
@@ -171,18 +178,14 @@ impl Recording {
     }
 
     /// Keeps only the frames that `selection` names.
-    pub(super) fn select(&mut self, selection: &Selection) -> Result<()> {
+    fn select(mut self, selection: &Selection) -> Result<Self> {
         let keep = selection.indices(self.frames.len()).map_err(|what| {
-            Error::input_at(
-                self.path.join(SETTINGS_FILE),
-                what,
-                "Check [frames] and [time] in sequence.toml.",
-            )
+            Error::input_at(&self.path, what, "Look at [frames] and [time] in sequence.toml.")
         })?;
-        let mut frames: Vec<_> = std::mem::take(&mut self.frames).into_iter().map(Some).collect();
+        let mut frames: Vec<_> = self.frames.into_iter().map(Some).collect();
         self.frames = keep.iter().filter_map(|&i| frames[i].take()).collect();
         self.cameras = keep.iter().map(|&i| self.cameras[i]).collect();
-        Ok(())
+        Ok(self)
     }
 
     /// Errs where a recording cannot be used at all, whatever its pixels hold.
@@ -212,6 +215,7 @@ impl Recording {
     pub(super) fn frame(&self, i: usize) -> Result<RgbImage> {
         match &self.frames[i].picture {
             Picture::File(path) => read::frame(path, self.width, self.height),
+            Picture::Video { video, index } => video.frame(*index),
         }
     }
 
@@ -240,18 +244,30 @@ impl Frame {
     }
 }
 
-/// Recognises the layout of `folder` by what it holds and opens it.
-pub(super) fn open_folder(folder: &Path) -> Result<Recording> {
-    let images = read::holds(&folder.join("images"), read::PICTURES);
-    if images && folder.join("poses_bounds.npy").is_file() {
-        endonerf::open(folder)
-    } else if !cholecseg8k::frames(folder)?.is_empty() {
-        cholecseg8k::open(folder)
-    } else if images || read::holds(folder, read::PICTURES) {
-        images::open(folder)
-    } else {
-        Err(not_a_recording(folder))
+/// Recognises the layout of `path` by what it holds and opens the selected frames.
+pub(super) fn open(path: &Path, selection: &Selection) -> Result<Recording> {
+    if path.is_file() {
+        return video::open(path, selection);
     }
+    let images = read::holds(&path.join("images"), read::PICTURES);
+    let recording = if path.join(transforms::TRANSFORMS_FILE).is_file() {
+        transforms::open(path)
+    } else if images && path.join("poses_bounds.npy").is_file() {
+        endonerf::open(path)
+    } else if images && reference::matches(path) {
+        reference::open(path)
+    } else if endovis18::matches(path) {
+        endovis18::open(path)
+    } else if !cholecseg8k::frames(path)?.is_empty() {
+        cholecseg8k::open(path)
+    } else if images || read::holds(path, read::PICTURES) {
+        images::open(path)
+    } else if let [only] = read::list(path, video::VIDEOS)?.as_slice() {
+        return Ok(Recording { path: path.to_owned(), ..video::open(only, selection)? });
+    } else {
+        Err(not_a_recording(path))
+    }?;
+    recording.select(selection)
 }
 
 fn not_a_recording(folder: &Path) -> Error {

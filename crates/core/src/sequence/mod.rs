@@ -13,18 +13,24 @@ use std::{
     sync::{Arc, OnceLock},
 };
 
+mod check;
 mod cholecseg8k;
 mod classes;
 mod depth;
 mod endonerf;
+mod endovis18;
 mod field_of_view;
 mod images;
 mod layout;
 mod read;
+mod reference;
 mod settings;
 #[cfg(test)]
 mod tests;
+mod transforms;
+mod video;
 
+pub use check::check;
 pub use classes::ClassEntry;
 pub use depth::DepthKind;
 pub use settings::{
@@ -99,10 +105,13 @@ impl Sequence {
     /// Opens a folder or a video file; the layout is recognised by content. Only file names, picture
     /// headers and small tables are read here.
     pub fn open(path: &Path) -> Result<Self> {
-        let settings_file = path.join(SETTINGS_FILE);
+        let settings_file = if path.is_file() {
+            path.with_file_name(format!("{}.toml", read::file_name(path)))
+        } else {
+            path.join(SETTINGS_FILE)
+        };
         let settings = Settings::read(&settings_file)?;
-        let mut recording = layout::open_folder(path)?;
-        recording.select(&settings.selection())?;
+        let mut recording = layout::open(path, &settings.selection())?;
         settings.apply(&mut recording, &settings_file)?;
         Ok(Self::from_recording(recording.validate()?))
     }
@@ -248,10 +257,4 @@ pub struct Report {
     pub warnings: Vec<String>,
     /// What would make training wrong.
     pub errors: Vec<String>,
-}
-
-/// Reads every frame once and reports; wrong files become entries of `errors`, not an `Err`.
-pub fn check(sequence: &Sequence, progress: &mut dyn FnMut(usize, usize)) -> Report {
-    let _ = (sequence, progress);
-    todo!()
 }

@@ -1,63 +1,7 @@
-//! Tiny folders of every layout, and the real recordings where they are to be had.
+//! Every layout, in tiny folders.
 
 use super::*;
 use glam::Vec3;
-use image::{GrayImage, Luma, Rgb};
-use std::path::PathBuf;
-
-/// A folder of real recordings; `None` (said aloud) where it is absent.
-fn real(name: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("SURGTPGS_DATA").map(PathBuf::from);
-    let root = root.unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"));
-    let path = root.join(name);
-    if !path.exists() {
-        eprintln!("skipped: no {} here (set SURGTPGS_DATA)", path.display());
-        return None;
-    }
-    Some(path)
-}
-
-/// A bright asymmetric picture that tells frames, axes and channels apart.
-fn picture(width: u32, height: u32, frame: u8) -> RgbImage {
-    RgbImage::from_fn(width, height, |x, y| Rgb([100 + 10 * frame, 50 + 2 * x as u8, 60 + 5 * y as u8]))
-}
-
-/// Writes `pictures` of 8×6 with the given names below `folder`.
-fn write_pictures(folder: &Path, names: &[&str]) {
-    std::fs::create_dir_all(folder).unwrap();
-    for (i, name) in names.iter().enumerate() {
-        picture(8, 6, i as u8).save(folder.join(name)).unwrap();
-    }
-}
-
-/// Writes an 8×6 grey picture whose left `columns` columns are `value`, the rest 0.
-fn write_grey(path: &Path, columns: u32, value: u8) {
-    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-    GrayImage::from_fn(8, 6, |x, _| Luma([if x < columns { value } else { 0 }])).save(path).unwrap();
-}
-
-fn message(result: Result<Sequence>) -> String {
-    result.unwrap_err().to_string()
-}
-
-/// Writes rows of `poses_bounds.npy` from camera-to-world columns and (s0, s1, focal).
-fn write_poses(folder: &Path, rows: &[[[f64; 3]; 5]], bounds: bool) {
-    let columns = if bounds { 17 } else { 15 };
-    let mut values = ndarray::Array2::<f64>::zeros((rows.len(), columns));
-    for (i, row) in rows.iter().enumerate() {
-        for (c, column) in row.iter().enumerate() {
-            for (r, v) in column.iter().enumerate() {
-                values[(i, 5 * r + c)] = *v;
-            }
-        }
-    }
-    ndarray_npy::write_npy(folder.join("poses_bounds.npy"), &values).unwrap();
-}
-
-const X: [f64; 3] = [1.0, 0.0, 0.0];
-const Y: [f64; 3] = [0.0, 1.0, 0.0];
-const Z: [f64; 3] = [0.0, 0.0, 1.0];
-const O: [f64; 3] = [0.0, 0.0, 0.0];
 
 #[test]
 fn images_sort_by_number_and_time_runs_from_zero() {
@@ -266,35 +210,116 @@ fn labels_without_a_class_list_are_refused() {
 }
 
 #[test]
-fn real_cholecseg8k_has_its_round_field_of_view() {
-    let Some(path) = real("cholecseg8k_raw") else { return };
-    let sequence = Sequence::open(&path).unwrap();
-    assert_eq!((sequence.num_frames(), sequence.width(), sequence.height()), (48, 854, 480));
-    let mut inside_by_label = 0;
-    let mut both = 0;
-    let mut union = 0;
-    for i in (0..48).step_by(6) {
-        let labels = sequence.labels(i).unwrap().unwrap();
-        for (&label, &inside) in labels.data.iter().zip(&sequence.field_of_view().data) {
-            if label != NO_LABEL {
-                inside_by_label += usize::from(label != 0);
-                both += usize::from(label != 0 && inside);
-                union += usize::from(label != 0 || inside);
-            }
-        }
+fn the_references_layout_reads_disparities_and_test_masks() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let names: Vec<_> = (0..10).map(|i| format!("{i}.png")).collect();
+    write_pictures(&at("images"), &names.iter().map(String::as_str).collect::<Vec<_>>());
+    std::fs::create_dir_all(at("disps")).unwrap();
+    for i in 0..10 {
+        write_grey(&at(&format!("masks/{i}.png")), 5, 1);
+        let disparity = ndarray::Array4::from_elem((1, 1, 3, 4), 2.0 + i as f32);
+        ndarray_npy::write_npy(at(&format!("disps/{i}.npy")), &disparity).unwrap();
     }
-    let iou = both as f64 / union as f64;
-    eprintln!("field of view against labels: IoU {iou:.4}, {inside_by_label} pixels");
-    assert!(iou > 0.97, "{iou}");
+    // The second held-out frame is frame 9.
+    write_grey(&at("test_seg/00001/Liver.png"), 4, 255);
+    write_grey(&at("test_seg/00001/L-hook Electrocautery.png"), 1, 255);
+    let sequence = Sequence::open(folder.path()).unwrap();
+    assert_eq!((sequence.layout(), sequence.camera_source()), (Layout::Reference, CameraSource::Given));
+    let camera = sequence.camera(3);
+    assert_eq!((camera.fx, camera.cx, camera.cy), (1087.4128, 4.0, 3.0));
+    assert!(!sequence.camera_moves());
+    assert_eq!(sequence.mask(0).unwrap().row(0), [true, true, true, true, true, false, false, false]);
+    let depth = sequence.depth(1).unwrap().unwrap();
+    assert_eq!((depth.width, depth.height), (8, 6));
+    assert!((depth.at(7, 5) - 1_182.783 / 3.0).abs() < 1e-2, "{}", depth.at(7, 5));
+    let names: Vec<_> = sequence.classes().iter().map(|c| c.name.as_str()).collect();
+    assert_eq!(names, ["l-hook electrocautery", "liver"]);
+    let labels = sequence.labels(9).unwrap().unwrap();
+    assert!(labels.row(2)[1..6] == [1, 1, 1, NO_LABEL, NO_LABEL]);
+    assert!(sequence.labels(1).unwrap().is_none());
 }
 
 #[test]
-fn real_endonerf_opens_whole() {
-    let Some(path) = real("endonerf_pulling") else { return };
-    let sequence = Sequence::open(&path).unwrap();
-    assert_eq!((sequence.layout(), sequence.num_frames()), (Layout::EndoNerf, 63));
-    assert!((sequence.camera(0).fx - 569.468).abs() < 1e-2 && !sequence.camera_moves());
-    assert_eq!(sequence.field_of_view().count(), 640 * 512);
-    let kept = sequence.mask(0).unwrap().count() as f64 / (640.0 * 512.0);
-    assert!((0.5..0.99).contains(&kept), "{kept}");
+fn raw_endovis18_has_coloured_labels_and_a_calibration() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join("seq_1").join(name);
+    write_pictures(&at("left_frames"), &["frame000.png", "frame001.png"]);
+    std::fs::create_dir_all(at("labels")).unwrap();
+    RgbImage::from_fn(8, 6, |x, _| Rgb([[0, 0, 0], [255, 55, 0], [9, 9, 9]][x as usize % 3]))
+        .save(at("labels/frame001.png"))
+        .unwrap();
+    std::fs::write(
+        folder.path().join("labels.json"),
+        r#"[{"name":"background-tissue","color":[0,0,0],"classid":0},
+            {"name":"kidney-parenchyma","color":[255,55,0],"classid":4}]"#,
+    )
+    .unwrap();
+    let calibration =
+        "Camera-0-F: 1084.2 1084.1   // left camera x,y focal dist in pixels\nCamera-0-C: 5.5 2.5 // c\n";
+    std::fs::write(at("camera_calibration.txt"), calibration).unwrap();
+    let sequence = Sequence::open(&folder.path().join("seq_1")).unwrap();
+    assert_eq!((sequence.layout(), sequence.name()), (Layout::EndoVis18, "seq_1".to_owned()));
+    let camera = sequence.camera(1);
+    assert_eq!((camera.fx, camera.fy, camera.cx, camera.cy), (1084.2, 1084.1, 5.5, 2.5));
+    assert_eq!(sequence.classes()[1].name, "kidney parenchyma");
+    assert!(sequence.labels(0).unwrap().is_none());
+    assert_eq!(sequence.labels(1).unwrap().unwrap().row(3)[..3], [0, 4, NO_LABEL]);
+
+    std::fs::write(at("camera_calibration.txt"), "Camera-0-F: 1084.2\n").unwrap();
+    assert!(message(Sequence::open(&at(""))).contains("camera_calibration.txt"));
+}
+
+/// Two frames out of order; the second camera looks right of the first, from x = 1.
+const TRANSFORMS: &str = r#"{"w":16,"h":12,"fl_x":20,"fl_y":22,"cx":7,"cy":5,"k1":0.0,
+  "classes":[{"id":1,"name":"liver"}],
+  "frames":[
+    {"file_path":"images/f10","transform_matrix":[[0,0,-1,1],[0,1,0,0],[1,0,0,0],[0,0,0,1]],"fl_x":40,
+     "mask_path":"m.png","depth_file_path":"d.png","label_path":"m.png"},
+    {"file_path":"images/f9.png","transform_matrix":[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}"#;
+
+#[test]
+fn transforms_have_opengl_axes_and_intrinsics_per_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    write_pictures(&at("images"), &["f9.png", "f10.png"]);
+    write_grey(&at("m.png"), 2, 1);
+    image::ImageBuffer::<Luma<u16>, _>::from_pixel(8, 6, Luma([2500_u16])).save(at("d.png")).unwrap();
+    std::fs::write(at("transforms.json"), TRANSFORMS).unwrap();
+    let sequence = Sequence::open(folder.path()).unwrap();
+    assert_eq!((sequence.layout(), sequence.camera_source()), (Layout::Transforms, CameraSource::Given));
+    assert!(sequence.camera_moves());
+    assert_eq!((sequence.frame_name(0), sequence.frame_name(1)), ("f9".to_owned(), "f10".to_owned()));
+
+    // The file is for 16×12 pixels, the frames have 8×6.
+    let (first, second) = (sequence.camera(0), sequence.camera(1));
+    assert_eq!((first.fx, first.fy, first.cx, first.cy), (10.0, 11.0, 3.5, 2.5));
+    assert_eq!(second.fx, 20.0);
+
+    // OpenGL looks along −z with y up: a point up and ahead is above the image's centre.
+    let up_ahead = first.camera_from_world.transform_point3(Vec3::new(0.5, 1.0, -4.0));
+    assert!(up_ahead.abs_diff_eq(Vec3::new(0.5, -1.0, 4.0), 1e-6), "{up_ahead}");
+    // The second camera's axes are right = +z, up = +y, backwards = −x: it looks along +x.
+    let to_the_right = second.camera_from_world.transform_point3(Vec3::new(4.0, 0.0, 0.5));
+    assert!(to_the_right.abs_diff_eq(Vec3::new(0.5, 0.0, 3.0), 1e-6), "{to_the_right}");
+
+    assert_eq!(sequence.mask(1).unwrap().row(0)[..3], [true, true, false]);
+    assert_eq!(sequence.mask(0).unwrap().count(), 48);
+    assert_eq!(sequence.depth(1).unwrap().unwrap().at(3, 3), 2.5);
+    assert!(sequence.depth(0).unwrap().is_none());
+    assert_eq!(sequence.labels(1).unwrap().unwrap().row(0)[..3], [1, 1, NO_LABEL]);
+}
+
+#[test]
+fn broken_transforms_name_the_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    write_pictures(&at("images"), &["f9.png"]);
+    std::fs::write(at("transforms.json"), TRANSFORMS).unwrap();
+    assert!(message(Sequence::open(folder.path())).contains("f10"));
+    write_pictures(&at("images"), &["f9.png", "f10.png"]);
+    std::fs::write(at("transforms.json"), TRANSFORMS.replace("[[1,0,0,0]", "[[0,0,0,0]")).unwrap();
+    assert!(message(Sequence::open(folder.path())).contains("images/f9.png"));
+    std::fs::write(at("transforms.json"), "{}").unwrap();
+    assert!(message(Sequence::open(folder.path())).contains("frames"));
 }

@@ -1,0 +1,332 @@
+//! The import report: every file is read once, and what was found is put into words.
+
+use super::{NO_LABEL, Report, Sequence, layout::MaskRule};
+use crate::{
+    camera::Camera,
+    grid::{Grid, Mask},
+};
+use rayon::prelude::*;
+use std::{
+    collections::BTreeMap,
+    hash::{DefaultHasher, Hasher},
+};
+
+/// Mask files that hide more than this on average are probably inverted.
+const INVERTED_MASKS: f64 = 0.8;
+/// Depth maps that lack more than this are named.
+const DEPTH_GAPS: f64 = 0.25;
+/// How far columns of a rotation may be from unit length and right angles.
+const ROTATION_TOLERANCE: f32 = 1e-3;
+/// Frames read side by side between two calls of `progress`.
+const BATCH: usize = 8;
+
+/// Reads every frame once and reports; wrong files become entries of `errors`, not an `Err`.
+/// `progress` is told how many of how many frames are done.
+pub fn check(sequence: &Sequence, progress: &mut dyn FnMut(usize, usize)) -> Report {
+    let n = sequence.num_frames();
+    let mut facts = Vec::with_capacity(n);
+    progress(0, n);
+    for start in (0..n).step_by(BATCH) {
+        let batch = start..(start + BATCH).min(n);
+        facts.par_extend(batch.into_par_iter().map(|i| Facts::of(sequence, i)));
+        progress(facts.len(), n);
+    }
+    let recording = sequence.recording();
+    let mut says = Findings { warnings: recording.notes.clone(), errors: Vec::new() };
+    says.errors.extend(facts.iter().flat_map(|f| f.errors.iter().cloned()));
+    let report = Report {
+        ok: false,
+        frames: n,
+        width: sequence.width(),
+        height: sequence.height(),
+        camera: camera(sequence, &mut says),
+        depth: depth(sequence, &facts, &mut says),
+        masks: masks(sequence, &facts, &mut says),
+        labels: labels(sequence, &facts, &mut says),
+        warnings: Vec::new(),
+        errors: Vec::new(),
+    };
+    repeated_frames(&facts, &mut says);
+    Report { ok: says.errors.is_empty(), warnings: says.warnings, errors: says.errors, ..report }
+}
+
+#[derive(Default)]
+struct Findings {
+    warnings: Vec<String>,
+    errors: Vec<String>,
+}
+
+/// What one frame's files hold; `None` where there is no such file or it cannot be read.
+#[derive(Default)]
+struct Facts {
+    errors: Vec<String>,
+    fingerprint: Option<u64>,
+    /// Share of the frame that the mask file hides.
+    hidden_by_file: Option<f64>,
+    /// Share of the frame that is supervised.
+    kept: Option<f64>,
+    depth: Option<DepthFacts>,
+    labels: Option<LabelFacts>,
+}
+
+struct DepthFacts {
+    size: (usize, usize),
+    unknown: f64,
+    bad_values: usize,
+    nearest: f32,
+    farthest: f32,
+}
+
+struct LabelFacts {
+    present: [bool; 256],
+    unknown: f64,
+}
+
+impl Facts {
+    fn of(sequence: &Sequence, i: usize) -> Self {
+        let mut facts = Self::default();
+        let recording = sequence.recording();
+        facts.fingerprint = facts.note(sequence.frame(i)).map(|frame| {
+            let mut hasher = DefaultHasher::new();
+            hasher.write(frame.as_raw());
+            hasher.finish()
+        });
+        let inside = sequence.field_of_view();
+        match facts.note(recording.file_mask(i)) {
+            Some(Some(mask)) => {
+                facts.hidden_by_file = Some(1.0 - share(&mask));
+                let kept = mask.data.iter().zip(&inside.data).filter(|(m, i)| **m && **i).count();
+                facts.kept = Some(kept as f64 / mask.data.len() as f64);
+            }
+            Some(None) => facts.kept = Some(share(inside)),
+            None => {}
+        }
+        let map =
+            recording.frames[i].depth.as_ref().and_then(|path| facts.note(recording.depth_rule.read(path)));
+        facts.depth = map.map(|map| DepthFacts::of(&map.depth, map.bad_values));
+        facts.labels = facts.note(sequence.labels(i)).flatten().map(|labels| {
+            let mut present = [false; 256];
+            labels.data.iter().for_each(|&id| present[usize::from(id)] = true);
+            let unknown = labels.data.iter().filter(|&&id| id == NO_LABEL).count();
+            LabelFacts { present, unknown: unknown as f64 / labels.data.len() as f64 }
+        });
+        facts
+    }
+
+    fn note<T>(&mut self, result: crate::Result<T>) -> Option<T> {
+        result.map_err(|e| self.errors.push(e.to_string())).ok()
+    }
+}
+
+impl DepthFacts {
+    fn of(depth: &Grid<f32>, bad_values: usize) -> Self {
+        let known = || depth.data.iter().copied().filter(|&z| z > 0.0);
+        Self {
+            size: (depth.width, depth.height),
+            unknown: 1.0 - known().count() as f64 / depth.data.len() as f64,
+            bad_values,
+            nearest: known().fold(f32::INFINITY, f32::min),
+            farthest: known().fold(0.0, f32::max),
+        }
+    }
+}
+
+fn share(mask: &Mask) -> f64 {
+    mask.count() as f64 / mask.data.len() as f64
+}
+
+fn camera(sequence: &Sequence, says: &mut Findings) -> String {
+    let first = sequence.camera(0);
+    let source = match sequence.camera_source() {
+        super::CameraSource::Given => "given",
+        super::CameraSource::Assumed(degrees) => {
+            says.warnings.push(format!(
+                "The camera is unknown: a horizontal field of view of {degrees:.0}° is assumed. Give the true \
+                 one under [camera] in sequence.toml."
+            ));
+            "assumed"
+        }
+    };
+    for i in 0..sequence.num_frames() {
+        let determinant = sequence.camera(i).camera_from_world.matrix3.determinant();
+        if !is_rotation(&sequence.camera(i)) {
+            let hint = if determinant < 0.0 { ": mirrored axes?" } else { "" };
+            says.errors.push(format!("Pose {i} is not a rotation (determinant {determinant:.3}){hint}"));
+            // Poses of one file share their mistake.
+            break;
+        }
+    }
+    let motion = if sequence.camera_moves() { "moving" } else { "still" };
+    format!(
+        "{source}, {motion}, focal length {:.1} × {:.1} pixels, field of view {:.0}° × {:.0}°",
+        first.fx,
+        first.fy,
+        degrees(first.width, first.fx),
+        degrees(first.height, first.fy)
+    )
+}
+
+fn degrees(size: u32, focal: f32) -> f32 {
+    2.0 * (0.5 * size as f32 / focal).atan().to_degrees()
+}
+
+fn is_rotation(camera: &Camera) -> bool {
+    let m = camera.camera_from_world.matrix3;
+    let identity = m.transpose() * m;
+    identity.abs_diff_eq(glam::Mat3A::IDENTITY, ROTATION_TOLERANCE) && m.determinant() > 0.0
+}
+
+fn depth(sequence: &Sequence, facts: &[Facts], says: &mut Findings) -> String {
+    if !sequence.has_depth() {
+        says.warnings.push(
+            "There is no depth: the shape of the surface can only be guessed. Put depth maps into depth/, or \
+             have them computed with prepare --depth-model."
+                .to_owned(),
+        );
+        return "none".to_owned();
+    }
+    let maps: Vec<_> =
+        facts.iter().enumerate().filter_map(|(i, f)| f.depth.as_ref().map(|d| (i, d))).collect();
+    let frames_where = |test: &dyn Fn(&DepthFacts) -> bool| -> Vec<usize> {
+        maps.iter().filter(|(_, d)| test(d)).map(|(i, _)| *i).collect()
+    };
+    for i in frames_where(&|d| d.unknown >= 1.0) {
+        says.errors.push(format!("Depth map {i} has no valid value"));
+    }
+    let gaps = frames_where(&|d| d.unknown > DEPTH_GAPS && d.unknown < 1.0);
+    if let [i] = gaps[..] {
+        let share = 100.0 * facts[i].depth.as_ref().map_or(0.0, |d| d.unknown);
+        says.warnings.push(format!("Depth map {i} has {share:.0} % zeros; training will ignore them"));
+    } else if !gaps.is_empty() {
+        let limit = 100.0 * DEPTH_GAPS;
+        says.warnings.push(format!(
+            "The depth maps of {} have more than {limit:.0} % zeros; training will ignore them",
+            name_frames(&gaps)
+        ));
+    }
+    let bad = frames_where(&|d| d.bad_values > 0);
+    if !bad.is_empty() {
+        let count: usize = maps.iter().map(|(_, d)| d.bad_values).sum();
+        says.warnings.push(format!(
+            "The depth maps of {} hold {count} values that are not a number, infinite or negative; they count as unknown",
+            name_frames(&bad)
+        ));
+    }
+    let other_size = frames_where(&|d| d.size != (sequence.width(), sequence.height()));
+    if let Some(&i) = other_size.first() {
+        let size = facts[i].depth.as_ref().map_or((0, 0), |d| d.size);
+        says.warnings.push(format!(
+            "The depth maps of {} are not of the frames' size ({}×{}); they are resized",
+            name_frames(&other_size),
+            size.0,
+            size.1
+        ));
+    }
+    let without: Vec<_> =
+        (0..sequence.num_frames()).filter(|&i| sequence.recording().frames[i].depth.is_none()).collect();
+    if !without.is_empty() {
+        says.warnings.push(format!("There is no depth for {}", name_frames(&without)));
+    }
+    let nearest = maps.iter().map(|(_, d)| d.nearest).fold(f32::INFINITY, f32::min);
+    let farthest = maps.iter().map(|(_, d)| d.farthest).fold(0.0, f32::max);
+    let known = 100.0 * mean(maps.iter().map(|(_, d)| 1.0 - d.unknown));
+    let rule = &sequence.recording().depth_rule;
+    let kind = match rule.kind {
+        super::DepthKind::Depth => format!("depth, {} units per count", rule.scale),
+        super::DepthKind::Disparity => format!("disparity, depth = {} / value", rule.scale),
+    };
+    format!("{kind}; {nearest:.4} to {farthest:.4} scene units, {known:.1} % of the pixels known")
+}
+
+fn masks(sequence: &Sequence, facts: &[Facts], says: &mut Findings) -> String {
+    let hidden = mean(facts.iter().filter_map(|f| f.hidden_by_file));
+    let (side, flipped) = match sequence.recording().mask_rule {
+        MaskRule::KeepWhite => ("white is kept", "black"),
+        MaskRule::KeepBlack => ("black is kept", "white"),
+        MaskRule::DropCode(_) => ("the labelled background is left out", ""),
+    };
+    if hidden > INVERTED_MASKS && !flipped.is_empty() {
+        says.warnings.push(format!(
+            "Masks hide {:.0} % of the frames on average; they are probably inverted. If so, write keep = \
+             \"{flipped}\" under [masks] in sequence.toml.",
+            100.0 * hidden
+        ));
+    }
+    let empty: Vec<_> = (0..facts.len()).filter(|&i| facts[i].kept == Some(0.0)).collect();
+    if !empty.is_empty() {
+        says.errors.push(format!(
+            "Nothing of {} is left to learn from: masks and field of view together hide every pixel",
+            name_frames(&empty)
+        ));
+    }
+    let files = match facts.iter().filter(|f| f.hidden_by_file.is_some()).count() {
+        0 => "none".to_owned(),
+        count if count == facts.len() => format!("{side}, {:.1} % hidden", 100.0 * hidden),
+        count => format!("{side}, {:.1} % hidden, in {count} of {} frames", 100.0 * hidden, facts.len()),
+    };
+    let kept = 100.0 * mean(facts.iter().filter_map(|f| f.kept));
+    let inside = sequence.found_field_of_view().describe();
+    format!("{files}; field of view: {inside}; {kept:.1} % of the pixels are used")
+}
+
+fn labels(sequence: &Sequence, facts: &[Facts], says: &mut Findings) -> String {
+    if !sequence.has_labels() {
+        return "none".to_owned();
+    }
+    let labelled: Vec<_> = facts.iter().filter_map(|f| f.labels.as_ref()).collect();
+    let unknown = mean(labelled.iter().map(|l| l.unknown));
+    if unknown > 0.5 {
+        says.warnings.push(format!(
+            "{:.0} % of the labelled frames' pixels have a value or colour that names no class",
+            100.0 * unknown
+        ));
+    }
+    let occurrences = sequence.classes().iter().filter_map(|class| {
+        let frames = labelled.iter().filter(|l| l.present[usize::from(class.id)]).count();
+        (frames > 0).then(|| format!("{} ({frames})", class.name))
+    });
+    let occurrences: Vec<_> = occurrences.collect();
+    format!(
+        "{} of {} classes occur (in how many of {} labelled frames): {}; {:.1} % of their pixels unknown",
+        occurrences.len(),
+        sequence.classes().len(),
+        labelled.len(),
+        occurrences.join(", "),
+        100.0 * unknown
+    )
+}
+
+fn repeated_frames(facts: &[Facts], says: &mut Findings) {
+    let mut first = BTreeMap::new();
+    let mut repeated = Vec::new();
+    for (i, fingerprint) in facts.iter().enumerate().filter_map(|(i, f)| f.fingerprint.map(|p| (i, p))) {
+        let original = *first.entry(fingerprint).or_insert(i);
+        if original != i {
+            repeated.push((i, original));
+        }
+    }
+    match repeated[..] {
+        [] => {}
+        [(i, original)] => says.warnings.push(format!("Frame {i} is the same picture as frame {original}")),
+        _ => {
+            let frames: Vec<_> = repeated.iter().map(|(i, _)| *i).collect();
+            says.warnings.push(format!("The pictures of {} repeat earlier ones", name_frames(&frames)));
+        }
+    }
+}
+
+/// 0 for no values.
+fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0_usize), |(sum, count), v| (sum + v, count + 1));
+    if count == 0 { 0.0 } else { sum / count as f64 }
+}
+
+/// "frame 3", "frames 3, 4, 5", "frames 3, 4, 5, 6, 7 and 12 more".
+fn name_frames(frames: &[usize]) -> String {
+    const NAMED: usize = 5;
+    let named: Vec<_> = frames.iter().take(NAMED).map(ToString::to_string).collect();
+    let more = frames.len().saturating_sub(NAMED);
+    let word = if frames.len() == 1 { "frame" } else { "frames" };
+    let tail = if more > 0 { format!(" and {more} more") } else { String::new() };
+    format!("{word} {}{tail}", named.join(", "))
+}

@@ -1,0 +1,47 @@
+//! Raw sequences of the 2018 Robotic Scene Segmentation Challenge: `left_frames/`, coloured `labels/`,
+//! `labels.json` (here or one folder up), and `camera_calibration.txt`. (Allan et al. 2020, arXiv 2001.11190.)
+
+use super::{CameraSource, Layout, layout::Recording, read};
+use crate::{Error, Result};
+use std::path::Path;
+
+/// Whether `folder` has the marks of this layout.
+pub(super) fn matches(folder: &Path) -> bool {
+    read::holds(&folder.join("left_frames"), read::PICTURES)
+}
+
+pub(super) fn open(folder: &Path) -> Result<Recording> {
+    let images = read::list(&folder.join("left_frames"), read::PICTURES)?;
+    let mut recording = Recording::of_pictures(folder, Layout::EndoVis18, &images)?;
+    let here = folder.join("labels.json");
+    let above = folder.join("../labels.json");
+    recording.add_labels(&folder.join("labels"), if here.is_file() { &here } else { &above })?;
+    let calibration = folder.join("camera_calibration.txt");
+    if calibration.is_file() {
+        let [fx, fy, cx, cy] = read_calibration(&calibration)?;
+        for camera in &mut recording.cameras {
+            (camera.fx, camera.fy, camera.cx, camera.cy) = (fx, fy, cx, cy);
+        }
+        recording.camera_source = CameraSource::Given;
+    }
+    Ok(recording)
+}
+
+/// Focal lengths and principal point of the left camera, from lines such as
+/// `Camera-0-F: 1084.21 1084.05 // left camera x,y focal dist in pixels`.
+fn read_calibration(path: &Path) -> Result<[f32; 4]> {
+    let text = std::fs::read_to_string(path).map_err(|e| Error::io("read the calibration", path, e))?;
+    let pair = |key: &str| -> Option<[f32; 2]> {
+        let line = text.lines().find_map(|line| line.trim().strip_prefix(key))?;
+        let mut numbers = line.trim_start_matches([':', ' ']).split_whitespace().map(str::parse);
+        Some([numbers.next()?.ok()?, numbers.next()?.ok()?])
+    };
+    match (pair("Camera-0-F"), pair("Camera-0-C")) {
+        (Some([fx, fy]), Some([cx, cy])) => Ok([fx, fy, cx, cy]),
+        _ => Err(Error::input_at(
+            path,
+            "the calibration lacks the left camera's lines Camera-0-F and Camera-0-C with two numbers each",
+            "Remove the file to go on with an assumed camera.",
+        )),
+    }
+}

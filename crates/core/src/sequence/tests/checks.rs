@@ -1,0 +1,106 @@
+//! The import report.
+
+use super::*;
+
+fn report(folder: &Path) -> Report {
+    let mut seen = Vec::new();
+    let report = check(&Sequence::open(folder).unwrap(), &mut |done, of| seen.push((done, of)));
+    assert_eq!(seen.first(), Some(&(0, report.frames)));
+    assert_eq!(seen.last(), Some(&(report.frames, report.frames)));
+    report
+}
+
+fn any(messages: &[String], part: &str) -> bool {
+    messages.iter().any(|m| m.contains(part))
+}
+
+#[test]
+fn a_sound_recording_passes() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    write_pictures(&at("images"), &["0.png", "1.png"]);
+    for i in 0..2 {
+        write_grey(&at(&format!("masks/{i}.png")), 2, 255);
+        write_grey(&at(&format!("depth/{i}.png")), 7, 100);
+        write_grey(&at(&format!("labels/{i}.png")), 4, 1 - i);
+    }
+    std::fs::write(at("labels.json"), r#"[{"id":0,"name":"liver"},{"id":1,"name":"fat"}]"#).unwrap();
+    write_poses(folder.path(), &[[X, Y, Z, O, [6.0, 8.0, 20.0]]; 2], true);
+    let report = report(folder.path());
+    assert!(report.ok && report.errors.is_empty() && report.warnings.is_empty(), "{report:?}");
+    assert!(report.camera.starts_with("given, still"), "{}", report.camera);
+    assert!(
+        report.depth.contains("100.0000 to 100.0000") && report.depth.contains("87.5 %"),
+        "{}",
+        report.depth
+    );
+    assert!(report.masks.contains("black is kept, 25.0 % hidden"), "{}", report.masks);
+    assert!(report.masks.contains("75.0 % of the pixels are used"), "{}", report.masks);
+    assert!(report.labels.contains("liver (2), fat (1)"), "{}", report.labels);
+}
+
+#[test]
+fn masks_that_hide_nearly_everything_are_called_inverted() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    write_pictures(&at("images"), &["0.png", "1.png"]);
+    write_grey(&at("masks/0.png"), 7, 255);
+    write_grey(&at("masks/1.png"), 8, 255);
+    let found = report(folder.path());
+    assert!(any(&found.warnings, "Masks hide 94 %") && any(&found.warnings, "keep = \"white\""), "{found:?}");
+    assert!(!found.ok && any(&found.errors, "Nothing of frame 1 is left"), "{found:?}");
+    // Advice followed, the warning is gone.
+    std::fs::write(at("sequence.toml"), "[masks]\nkeep = \"white\"\n").unwrap();
+    let found = report(folder.path());
+    assert!(found.ok && !any(&found.warnings, "inverted"), "{found:?}");
+}
+
+#[test]
+fn damaged_files_become_errors_and_the_rest_is_still_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    write_pictures(&at("images"), &["0.png", "1.png", "2.png"]);
+    for i in 0..3 {
+        write_grey(&at(&format!("masks/{i}.png")), 2, 255);
+    }
+    let whole = std::fs::read(at("images/1.png")).unwrap();
+    std::fs::write(at("images/1.png"), &whole[..80]).unwrap();
+    picture(4, 6, 0).save(at("masks/2.png")).unwrap();
+    let found = report(folder.path());
+    assert!(!found.ok && found.errors.len() == 2, "{found:?}");
+    assert!(any(&found.errors, "images/1.png") && any(&found.errors, "masks/2.png"), "{found:?}");
+    assert!(any(&found.errors, "4×6"), "{found:?}");
+    assert!(found.masks.contains("in 2 of 3 frames"), "{}", found.masks);
+}
+
+#[test]
+fn depth_gaps_and_values_that_are_no_numbers_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    write_pictures(&at("images"), &["0.png", "1.png", "2.png"]);
+    write_grey(&at("depth/0.png"), 4, 9);
+    write_grey(&at("depth/1.png"), 0, 9);
+    let mut values = ndarray::Array2::from_elem((3, 4), 7.0_f32);
+    values[(0, 1)] = f32::NAN;
+    ndarray_npy::write_npy(at("depth/2.npy"), &values).unwrap();
+    let found = report(folder.path());
+    assert!(any(&found.warnings, "Depth map 0 has 50 % zeros; training will ignore them"), "{found:?}");
+    assert!(any(&found.errors, "Depth map 1 has no valid value"), "{found:?}");
+    assert!(any(&found.warnings, "The depth maps of frame 2 hold 1 values"), "{found:?}");
+    assert!(any(&found.warnings, "frame 2 are not of the frames' size (4×3)"), "{found:?}");
+    assert!(any(&found.warnings, "field of view of 60°"), "{found:?}");
+}
+
+#[test]
+fn mirrored_poses_and_repeated_frames_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    write_pictures(&at("images"), &["0.png", "1.png"]);
+    std::fs::copy(at("images/0.png"), at("images/1.png")).unwrap();
+    let mirrored = [X, Y, [0.0, 0.0, -1.0], O, [6.0, 8.0, 20.0]];
+    write_poses(folder.path(), &[[X, Y, Z, O, [6.0, 8.0, 20.0]], mirrored], true);
+    let found = report(folder.path());
+    assert!(any(&found.errors, "Pose 1 is not a rotation (determinant -1.000): mirrored axes?"), "{found:?}");
+    assert!(any(&found.warnings, "Frame 1 is the same picture as frame 0"), "{found:?}");
+    assert!(any(&found.warnings, "There is no depth"), "{found:?}");
+}

@@ -1,0 +1,98 @@
+//! Videos: made here with the encoder and a small muxer.
+
+use super::*;
+use openh264::{
+    OpenH264API,
+    encoder::{BitRate, Encoder, EncoderConfig, FrameType, IntraFramePeriod, RateControlMode},
+    formats::{RgbSliceU8, YUVBuffer},
+};
+
+const SIZE: (usize, usize) = (64, 48);
+const FRAMES: usize = 25;
+
+/// A soft blob that wanders, so that every frame is told from its neighbours.
+fn blob(frame: usize) -> RgbImage {
+    RgbImage::from_fn(SIZE.0 as u32, SIZE.1 as u32, |x, y| {
+        let (dx, dy) = (x as f32 - 2.5 * frame as f32, y as f32 - 20.0);
+        let glow = (180.0 * (-(dx * dx + dy * dy) / 200.0).exp()) as u8;
+        Rgb([60 + glow, 40 + glow / 2, 50 + y as u8])
+    })
+}
+
+/// An H.264 mp4 at 10 frames per second that can be entered at every tenth frame.
+fn write_video(path: &Path) {
+    let config = EncoderConfig::new()
+        .bitrate(BitRate::from_bps(4_000_000))
+        .rate_control_mode(RateControlMode::Quality)
+        .intra_frame_period(IntraFramePeriod::from_num_frames(10));
+    let mut encoder = Encoder::with_api_config(OpenH264API::from_source(), config).unwrap();
+    let file = std::fs::File::create(path).unwrap();
+    let mut muxer = muxide::api::MuxerBuilder::new(file)
+        .video(muxide::api::VideoCodec::H264, SIZE.0 as u32, SIZE.1 as u32, 10.0)
+        .build()
+        .unwrap();
+    for i in 0..FRAMES {
+        let yuv = YUVBuffer::from_rgb8_source(RgbSliceU8::new(blob(i).as_raw(), SIZE));
+        let stream = encoder.encode(&yuv).unwrap();
+        let key = matches!(stream.frame_type(), FrameType::IDR | FrameType::I);
+        muxer.write_video(i as f64 / 10.0, &stream.to_vec(), key).unwrap();
+    }
+    muxer.finish().unwrap();
+}
+
+pub(super) fn psnr(a: &RgbImage, b: &RgbImage) -> f64 {
+    let square = |(&x, &y): (&u8, &u8)| (f64::from(x) - f64::from(y)).powi(2);
+    let error = a.as_raw().iter().zip(b.as_raw()).map(square).sum::<f64>() / a.as_raw().len() as f64;
+    10.0 * (255.0 * 255.0 / error.max(1e-9)).log10()
+}
+
+#[test]
+fn any_order_gives_the_same_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("anything.bin");
+    write_video(&path);
+    let sequence = Sequence::open(&path).unwrap();
+    assert_eq!((sequence.layout(), sequence.num_frames()), (Layout::Video, FRAMES));
+    assert_eq!((sequence.width(), sequence.height()), SIZE);
+    assert!((sequence.frames_per_second().unwrap() - 10.0).abs() < 0.5, "{:?}", sequence.frames_per_second());
+    let forward: Vec<_> = (0..FRAMES).map(|i| sequence.frame(i).unwrap()).collect();
+    for (i, frame) in forward.iter().enumerate() {
+        let own = psnr(frame, &blob(i));
+        assert!(own > 30.0 && own > psnr(frame, &blob(i + 1)) + 3.0, "frame {i}: {own} dB");
+    }
+    let other = Sequence::open(&path).unwrap();
+    for i in [24, 3, 11, 10, 19, 0, 20] {
+        assert_eq!(other.frame(i).unwrap(), forward[i], "frame {i}");
+    }
+}
+
+#[test]
+fn settings_beside_a_video_choose_its_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("clip.mp4");
+    write_video(&path);
+    let toml = "[frames]\nfirst = 4\nlast = 20\n[time]\nevery = 5\n";
+    std::fs::write(folder.path().join("clip.mp4.toml"), toml).unwrap();
+    let sequence = Sequence::open(&path).unwrap();
+    let names: Vec<_> = (0..sequence.num_frames()).map(|i| sequence.frame_name(i)).collect();
+    assert_eq!(names, ["000004", "000009", "000014", "000019"]);
+    assert!(psnr(&sequence.frame(1).unwrap(), &blob(9)) > 30.0);
+    // A folder with nothing but one video is that video, with the folder's own settings.
+    let sequence = Sequence::open(folder.path()).unwrap();
+    assert_eq!((sequence.num_frames(), sequence.path()), (FRAMES, folder.path()));
+}
+
+#[test]
+fn damaged_and_foreign_files_are_refused_in_words() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("clip.mp4");
+    write_video(&path);
+    let whole = std::fs::read(&path).unwrap();
+    // Either ffmpeg is there and refuses it too, or it is named as missing.
+    std::fs::write(&path, &whole[..whole.len() / 8]).unwrap();
+    assert!(message(Sequence::open(&path)).contains("ffmpeg"));
+    std::fs::write(&path, "some text").unwrap();
+    assert!(message(Sequence::open(&path)).contains("not a video"));
+    picture(8, 6, 0).save(folder.path().join("a.png")).unwrap();
+    assert!(message(Sequence::open(&folder.path().join("a.png"))).contains("not a video"));
+}

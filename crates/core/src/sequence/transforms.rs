@@ -1,0 +1,177 @@
+//! nerfstudio's `transforms.json`: one pose per frame, so the camera may move.
+//!
+//! `transform_matrix` is camera-to-world with OpenGL axes (right, up, backwards). Intrinsics stand once or per
+//! frame, in pixels of the `w × h` they name. `mask_path` is white where kept; `depth_file_path` counts
+//! `depth_unit_scale_factor` scene units (0.001 unless given). Our own additions, which other programs
+//! ignore: `label_path` per frame and the top-level list `classes` (as in `labels.json`).
+
+use super::{
+    CameraSource, Layout,
+    classes::{self, ClassEntry, LabelFiles},
+    layout::{MaskRule, Recording},
+    read,
+};
+use crate::{Error, Result, camera::Camera};
+use glam::{DAffine3, DMat3, DVec3};
+use serde::Deserialize;
+use std::path::{Path, PathBuf};
+
+/// Name of the file that marks this layout.
+pub(super) const TRANSFORMS_FILE: &str = "transforms.json";
+
+#[derive(Deserialize)]
+struct Transforms {
+    frames: Vec<FrameEntry>,
+    #[serde(flatten)]
+    shared: Intrinsics,
+    depth_unit_scale_factor: Option<f64>,
+    #[serde(default)]
+    classes: Vec<ClassEntry>,
+    #[serde(default)]
+    camera_model: String,
+}
+
+#[derive(Deserialize)]
+struct FrameEntry {
+    file_path: String,
+    transform_matrix: Vec<Vec<f64>>,
+    mask_path: Option<String>,
+    depth_file_path: Option<String>,
+    label_path: Option<String>,
+    #[serde(flatten)]
+    intrinsics: Intrinsics,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+struct Intrinsics {
+    w: Option<f64>,
+    h: Option<f64>,
+    fl_x: Option<f64>,
+    fl_y: Option<f64>,
+    cx: Option<f64>,
+    cy: Option<f64>,
+    camera_angle_x: Option<f64>,
+    k1: Option<f64>,
+    k2: Option<f64>,
+    k3: Option<f64>,
+    p1: Option<f64>,
+    p2: Option<f64>,
+}
+
+pub(super) fn open(folder: &Path) -> Result<Recording> {
+    let path = folder.join(TRANSFORMS_FILE);
+    let text = std::fs::read_to_string(&path).map_err(|e| Error::io("read the cameras", &path, e))?;
+    let mut transforms: Transforms = serde_json::from_str(&text).map_err(|e| {
+        Error::input_at(
+            &path,
+            format!("the cameras cannot be read: {e}"),
+            "The file should be as nerfstudio writes it.",
+        )
+    })?;
+    transforms.frames.sort_by(|a, b| read::natural_order(&a.file_path, &b.file_path));
+    let images: Vec<_> = transforms.frames.iter().map(|f| picture_path(folder, &f.file_path)).collect();
+    let mut recording = Recording::of_pictures(folder, Layout::Transforms, &images)?;
+    let size = (recording.width as f64, recording.height as f64);
+    let mut known = true;
+    for (i, entry) in transforms.frames.iter().enumerate() {
+        let intrinsics = entry.intrinsics.or(transforms.shared);
+        known &= intrinsics.focal(size.0).is_some();
+        let camera = intrinsics.camera(size, recording.cameras[i]);
+        let pose = world_from_camera(&entry.transform_matrix).ok_or_else(|| {
+            Error::input_at(
+                &path,
+                format!("the transform_matrix of {} is not an invertible 4×4 matrix", entry.file_path),
+                "",
+            )
+        })?;
+        recording.cameras[i] = Camera { camera_from_world: pose.inverse().as_affine3a(), ..camera };
+        let frame = &mut recording.frames[i];
+        let beside = |file: &Option<String>| file.as_ref().map(|f| folder.join(f));
+        frame.mask = beside(&entry.mask_path);
+        frame.depth = beside(&entry.depth_file_path);
+        frame.labels = beside(&entry.label_path).map(LabelFiles::Picture);
+    }
+    if known {
+        recording.camera_source = CameraSource::Given;
+    }
+    recording.mask_rule = MaskRule::KeepWhite;
+    recording.depth_rule.scale = transforms.depth_unit_scale_factor.unwrap_or(1e-3);
+    recording.classes = classes::from_entries(&transforms.classes, &path)?;
+    if recording.classes.is_empty() && folder.join("labels.json").is_file() {
+        recording.classes = classes::read_json(&folder.join("labels.json"))?;
+    }
+    if transforms.frames.iter().any(|f| f.intrinsics.or(transforms.shared).distorted())
+        || transforms.camera_model.contains("FISHEYE")
+    {
+        recording.notes.push(
+            "the camera in transforms.json has lens distortion, which is not corrected: undistort the frames first"
+                .to_owned(),
+        );
+    }
+    Ok(recording)
+}
+
+/// Names may lack their ending, as instant-ngp writes them.
+fn picture_path(folder: &Path, name: &str) -> PathBuf {
+    let plain = folder.join(name);
+    if plain.is_file() {
+        return plain;
+    }
+    let with_ending = read::PICTURES.iter().map(|ending| folder.join(format!("{name}.{ending}")));
+    with_ending.into_iter().find(|p| p.is_file()).unwrap_or(plain)
+}
+
+/// With OpenCV axes; `None` where the matrix has another shape, is not finite or is singular.
+fn world_from_camera(rows: &[Vec<f64>]) -> Option<DAffine3> {
+    if !(3..=4).contains(&rows.len()) || rows.iter().any(|row| row.len() != 4) {
+        return None;
+    }
+    let column = |c: usize| DVec3::new(rows[0][c], rows[1][c], rows[2][c]);
+    let axes = DMat3::from_cols(column(0), -column(1), -column(2));
+    let pose = DAffine3 { matrix3: axes, translation: column(3) };
+    (pose.is_finite() && axes.determinant().abs() > 1e-9).then_some(pose)
+}
+
+impl Intrinsics {
+    /// What the frame says, else what all share.
+    fn or(self, shared: Self) -> Self {
+        Self {
+            w: self.w.or(shared.w),
+            h: self.h.or(shared.h),
+            fl_x: self.fl_x.or(shared.fl_x),
+            fl_y: self.fl_y.or(shared.fl_y),
+            cx: self.cx.or(shared.cx),
+            cy: self.cy.or(shared.cy),
+            camera_angle_x: self.camera_angle_x.or(shared.camera_angle_x),
+            k1: self.k1.or(shared.k1),
+            k2: self.k2.or(shared.k2),
+            k3: self.k3.or(shared.k3),
+            p1: self.p1.or(shared.p1),
+            p2: self.p2.or(shared.p2),
+        }
+    }
+
+    /// Focal length along x for pictures `width` columns wide, if it is known.
+    fn focal(&self, width: f64) -> Option<f64> {
+        let from_angle = self.camera_angle_x.map(|angle| 0.5 * self.w.unwrap_or(width) / (0.5 * angle).tan());
+        self.fl_x.or(from_angle)
+    }
+
+    /// Intrinsics for pictures of `size`; what is unknown stays as `assumed`.
+    fn camera(&self, size: (f64, f64), assumed: Camera) -> Camera {
+        let (w, h) = (self.w.unwrap_or(size.0), self.h.unwrap_or(size.1));
+        let (sx, sy) = (size.0 / w, size.1 / h);
+        let Some(fx) = self.focal(size.0) else { return assumed };
+        Camera {
+            fx: (fx * sx) as f32,
+            fy: (self.fl_y.unwrap_or(fx) * sy) as f32,
+            cx: (self.cx.unwrap_or(0.5 * w) * sx) as f32,
+            cy: (self.cy.unwrap_or(0.5 * h) * sy) as f32,
+            ..assumed
+        }
+    }
+
+    fn distorted(&self) -> bool {
+        [self.k1, self.k2, self.k3, self.p1, self.p2].into_iter().flatten().any(|k| k != 0.0)
+    }
+}
