@@ -351,11 +351,18 @@ fn open_renderer(backend: Backend) -> Result<(Box<dyn Renderer>, bool)> {
         Backend::Cpu => Ok((Box::new(CpuRenderer), false)),
         Backend::Gpu => Ok((Box::new(gpu(AdapterChoice::Any)?), true)),
         // Whatever a GPU lacks, the CPU makes the same pictures.
-        Backend::Auto => match gpu(AdapterChoice::RealGpu) {
-            Ok(renderer) => Ok((Box::new(renderer), true)),
-            Err(_) => Ok((Box::new(CpuRenderer), false)),
+        Backend::Auto => match may_have_gpu().then(|| gpu(AdapterChoice::RealGpu)) {
+            Some(Ok(renderer)) => Ok((Box::new(renderer), true)),
+            Some(Err(_)) | None => Ok((Box::new(CpuRenderer), false)),
         },
     }
+}
+
+/// Whether it is worth loading the graphics drivers, which takes time and may print warnings of its own: Linux shows
+/// every real GPU as one of these devices.
+fn may_have_gpu() -> bool {
+    let devices = ["/dev/dri", "/dev/nvidiactl", "/dev/dxg"];
+    !cfg!(target_os = "linux") || devices.iter().any(|d| Path::new(d).exists())
 }
 
 fn open_relevancy(scene: &Scene) -> Option<Box<dyn Relevancy>> {
