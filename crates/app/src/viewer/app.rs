@@ -167,6 +167,7 @@ impl ViewerApp {
             Command::Redo => self.document.redo_name().is_some(),
             Command::Reconstruct => has(|i| i.has_original) && self.training.is_none(),
             Command::Export => has(|i| i.has_features) && self.training.is_none(),
+            Command::FocusPrompt => has(|i| i.has_features),
             Command::Depth => has(|i| i.has_reconstruction),
             Command::SwapOriginal | Command::SideBySide | Command::Wipe => {
                 has(|i| i.has_reconstruction && i.has_original)

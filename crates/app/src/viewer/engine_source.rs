@@ -100,6 +100,7 @@ impl Backend for EngineBackend {
     }
 
     fn reconstruct(&self, request: &TrainRequest, job: &JobContext) -> Result<PathBuf> {
+        require_writable(&request.scene)?;
         let material = match Material::open(&request.recording)? {
             Material::Bare(sequence) if !sequence.classes().is_empty() => {
                 let folder = request.scene.with_extension("prepared");
@@ -127,6 +128,15 @@ impl Backend for EngineBackend {
         }
         trained.scene.save(&request.scene)?;
         Ok(request.scene.clone())
+    }
+}
+
+/// Nobody shall wait for a training whose result cannot be saved.
+fn require_writable(file: &Path) -> Result<()> {
+    let folder = file.parent().unwrap_or(Path::new("."));
+    match tempfile::tempfile_in(folder) {
+        Ok(_) => Ok(()),
+        Err(_) => Err(Error::input_at(folder, "this folder cannot be written to", "Save it in another one.")),
     }
 }
 
@@ -160,10 +170,12 @@ impl SceneSource {
             |c: &surgtpgs_core::camera::Camera| c.camera_from_world != scene.cameras[0].camera_from_world;
         let mut notes = Vec::new();
         if !scene.provenance.held_out {
-            notes.push("All frames were used for training: none is left to test on.".to_owned());
+            let why = "No frame was held out, so none is left to test the reconstruction on.";
+            notes.push(("trained on all frames".to_owned(), why.to_owned()));
         }
         let info = Info {
             name: scene.provenance.sequence_name.clone(),
+            output_folder: output_folder(&path),
             path,
             num_frames: scene.num_frames(),
             width: size.0,
@@ -251,6 +263,13 @@ impl FrameSource for SceneSource {
     }
 }
 
+/// The folder that holds `path`, or the user's own one where that cannot be written to.
+fn output_folder(path: &Path) -> PathBuf {
+    let beside = path.parent().filter(|p| tempfile::tempfile_in(p).is_ok());
+    let own = || dirs::document_dir().or_else(dirs::home_dir).unwrap_or_else(std::env::temp_dir);
+    beside.map_or_else(own, Path::to_owned)
+}
+
 /// The median depth of the middle of the picture.
 fn middle_depth(depth: &Grid<f32>) -> Option<f32> {
     let rows = depth.height / 3..(2 * depth.height).div_ceil(3);
@@ -277,6 +296,7 @@ impl RecordingSource {
         let sequence = material.sequence().clone();
         let info = Info {
             name: sequence.name(),
+            output_folder: output_folder(&path),
             path,
             num_frames: sequence.num_frames(),
             width: sequence.width(),

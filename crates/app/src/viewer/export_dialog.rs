@@ -51,7 +51,7 @@ impl ExportDialog {
         let shows_original = app.document.mode == ViewMode::Original;
         let request = ExportRequest {
             scene: info.path.clone(),
-            folder: free_folder(&info.path),
+            folder: free_folder(&info.output_folder, &info.name),
             formats: vec![Format::Overlay, Format::Binary],
             frames: app.playback.bounds(),
             from_original: shows_original && info.has_original,
@@ -101,12 +101,11 @@ impl ExportDialog {
     }
 }
 
-/// A folder beside the scene that is not there yet.
-fn free_folder(scene: &std::path::Path) -> PathBuf {
-    let name = scene.file_stem().map_or("scene".into(), |n| n.to_string_lossy().into_owned());
+/// A folder that is not there yet.
+fn free_folder(parent: &std::path::Path, name: &str) -> PathBuf {
     let path = |i: usize| {
         let number = if i == 1 { String::new() } else { format!("-{i}") };
-        scene.with_file_name(format!("{name}-export{number}"))
+        parent.join(format!("{name}-export{number}"))
     };
     (1..1000).map(path).find(|p| !p.exists()).unwrap_or_else(|| path(1000))
 }

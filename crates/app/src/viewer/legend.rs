@@ -28,7 +28,7 @@ pub(crate) fn legend_ui(ui: &mut Ui, app: &ViewerApp, area: Rect, panes: &[(Rect
     }
     let top = paint_lines(ui.painter(), &lines, area);
     if app.document.style == OverlayStyle::Heatmap && !lines.is_empty() {
-        heat_scale(ui, &lines, area.left() + 12.0, top - 8.0);
+        heat_scale(ui, &lines, area.left() + 8.0, top - 8.0);
     }
 }
 
@@ -80,7 +80,7 @@ fn tag(painter: &Painter, line: &Line, picture: Rect) {
 fn paint_lines(painter: &Painter, lines: &[Line], area: Rect) -> f32 {
     const HEIGHT: f32 = 24.0;
     let font = egui::FontId::proportional(14.5);
-    let left_bottom = area.left_bottom() + vec2(12.0, -14.0);
+    let left_bottom = area.left_bottom() + vec2(8.0, -8.0);
     if lines.is_empty() {
         return left_bottom.y;
     }
@@ -145,7 +145,7 @@ fn heat_scale(ui: &Ui, lines: &[Line], left: f32, bottom: f32) {
 fn depth_scale(ui: &Ui, app: &ViewerApp, area: Rect) {
     let Some(depth) = app.picture().and_then(|p| p.depth.as_ref()) else { return };
     let (near, far) = depth.range;
-    let left_bottom = area.left_bottom() + vec2(12.0, -14.0);
+    let left_bottom = area.left_bottom() + vec2(8.0, -8.0);
     let rect = Rect::from_min_max(left_bottom - vec2(0.0, 42.0), left_bottom + vec2(260.0, 0.0));
     let ends = [(&*format!("near {near:.1}"), 0.0), (&*format!("far {far:.1}"), 1.0)];
     scale(ui.painter(), rect, &ends, "depth, scene units (not mm)", |bar| {

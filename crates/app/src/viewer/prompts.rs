@@ -39,6 +39,7 @@ pub(crate) fn prompts_ui(ui: &mut Ui, app: &mut ViewerApp) {
 }
 
 fn box_ui(ui: &mut Ui, app: &mut ViewerApp) {
+    let can_ask = app.info().is_some_and(|i| i.has_features);
     let prompt_box = &mut app.prompt_box;
     let field = TextEdit::singleline(&mut prompt_box.text)
         .id_salt("prompt box")
@@ -46,7 +47,7 @@ fn box_ui(ui: &mut Ui, app: &mut ViewerApp) {
         .char_limit(200)
         .margin(Margin::symmetric(10, 8))
         .desired_width(f32::INFINITY);
-    let response = ui.add(field).on_hover_text(tooltip(Command::FocusPrompt));
+    let response = ui.add_enabled(can_ask, field).on_hover_text(tooltip(Command::FocusPrompt));
     response.ctx.accesskit_node_builder(response.id, |node| node.set_label("Prompt"));
     if std::mem::take(&mut prompt_box.wants_focus) {
         response.request_focus();
@@ -81,12 +82,18 @@ fn preview_ui(ui: &mut Ui, app: &ViewerApp) {
 fn no_features_ui(ui: &mut Ui, app: &ViewerApp) {
     ui.add_space(6.0);
     ui.label(RichText::new(NO_FEATURES).color(theme::AMBER));
-    let info = app.info();
-    let advice = if info.is_some_and(|i| !i.has_reconstruction) {
-        "It has to be reconstructed before words can be found in it."
-    } else {
-        "It was reconstructed without class labels or an image model, so words cannot be found in it. \
-         Everything else works."
+    let advice = match app.info() {
+        Some(info) if !info.has_reconstruction && app.training.is_some() && info.has_labels => {
+            "Words can be found in it as soon as the first preview is there."
+        }
+        Some(info) if !info.has_reconstruction && info.has_labels => {
+            "Once it is reconstructed, words can be found in it."
+        }
+        Some(info) if !info.has_labels => {
+            "It has neither class labels nor features of an image model, so words cannot be found in it. \
+             Everything else works."
+        }
+        _ => "It was reconstructed without its class labels. Reconstruct it again to find words in it.",
     };
     ui.label(caption(advice));
 }

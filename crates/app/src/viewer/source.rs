@@ -33,8 +33,10 @@ pub(crate) struct Info {
     pub(crate) example_prompts: Vec<String>,
     /// What renders, e.g. "CPU, 2 threads".
     pub(crate) renderer: String,
-    /// Things about this scene that the user should know, one sentence each.
-    pub(crate) notes: Vec<String>,
+    /// Things about this scene that the user should know, a few words and a sentence each.
+    pub(crate) notes: Vec<(String, String)>,
+    /// A folder that can be written to, for what is made of it.
+    pub(crate) output_folder: PathBuf,
 }
 
 /// What to render.

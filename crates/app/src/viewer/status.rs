@@ -14,6 +14,10 @@ pub(crate) fn status_ui(ui: &mut Ui, app: &mut ViewerApp) {
         }
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
             let (Some(picture), Some(info)) = (app.picture(), app.info()) else { return };
+            for (words, why) in &info.notes {
+                ui.label(caption(words)).on_hover_text(why);
+                ui.separator();
+            }
             if info.has_reconstruction {
                 let text = format!("{:.0} ms  ·  {}", picture.took_ms, info.renderer);
                 ui.label(caption(text)).on_hover_text("Time for the last picture, and what made it");

@@ -118,6 +118,7 @@ fn scene() -> Info {
         has_features: true,
         example_prompts: vec!["liver".into(), "fat".into()],
         renderer: "fake".into(),
+        output_folder: "/data".into(),
         ..Info::default()
     }
 }
@@ -371,8 +372,12 @@ fn a_slow_answer_is_waited_for_in_words_and_never_drawn_on_another_frame() {
 
 #[test]
 fn a_scene_without_features_says_so() {
-    let window = Window::on(Info { has_features: false, ..scene() });
+    let mut window = Window::on(Info { has_features: false, ..scene() });
     assert!(window.shows(NO_FEATURES));
+    window.press(Key::Slash);
+    window.harness.step();
+    window.press(Key::V);
+    assert!(window.harness.state().document.is_hidden, "a prompt box that cannot be used takes no keys");
 }
 
 #[test]

@@ -3,12 +3,12 @@
 use super::{
     app::ViewerApp,
     command::{Command, entry, tooltip},
-    jobs::Job,
+    jobs::{Job, JobEvent},
     source::{Backend, Info, TrainRequest},
     theme,
     widgets::{caption, dialog, duration, main_button, thousands},
 };
-use egui::{Context, Frame, Margin, ProgressBar, RichText, Ui, vec2};
+use egui::{Context, Frame, Margin, ProgressBar, RichText, Ui};
 use std::{
     path::{Path, PathBuf},
     sync::Arc,
@@ -21,28 +21,44 @@ pub(crate) const DEFAULT_STEPS: usize = 3000;
 const QUALITIES: [(usize, &str); 3] = [(600, "Quick look"), (DEFAULT_STEPS, "Standard"), (9000, "Best")];
 
 /// The question before training.
-#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct TrainDialog {
     request: TrainRequest,
     has_labels: bool,
+    picking: Option<Job<Option<PathBuf>>>,
 }
 
 impl TrainDialog {
     pub(crate) fn new(info: &Info) -> Self {
-        let request = TrainRequest {
-            recording: info.path.clone(),
-            scene: beside(&info.path),
-            iterations: DEFAULT_STEPS,
-        };
-        Self { request, has_labels: info.has_labels }
+        let scene = free_file(&info.output_folder, &info.name);
+        let request = TrainRequest { recording: info.path.clone(), scene, iterations: DEFAULT_STEPS };
+        Self { request, has_labels: info.has_labels, picking: None }
+    }
+
+    /// Takes the path that was picked.
+    fn poll(&mut self) {
+        if let Some(JobEvent::Done(result)) = self.picking.as_mut().and_then(Job::poll) {
+            self.picking = None;
+            if let Ok(Some(path)) = result {
+                self.request.scene = path.with_extension("safetensors");
+            }
+        }
+    }
+
+    fn pick(&mut self, ctx: &Context) {
+        let at = self.request.scene.clone();
+        self.picking = Some(Job::start("file dialog", ctx, move |_| {
+            let dialog = rfd::FileDialog::new().set_title("Save the reconstruction as");
+            let dialog = dialog.set_directory(at.parent().unwrap_or(Path::new("")));
+            let name = at.file_name().unwrap_or_default().to_string_lossy();
+            Ok(dialog.set_file_name(name).add_filter("Reconstructions", &["safetensors"]).save_file())
+        }));
     }
 }
 
-/// A scene file beside the recording that is not there yet: nothing is ever written over.
-fn beside(recording: &Path) -> PathBuf {
-    let name = recording.file_stem().map_or("reconstruction".into(), |n| n.to_string_lossy().into_owned());
-    let numbered = |i: usize| if i == 1 { name.clone() } else { format!("{name}-{i}") };
-    let path = |i| recording.with_file_name(format!("{}.safetensors", numbered(i)));
+/// A scene file that is not there yet: nothing is ever written over.
+fn free_file(folder: &Path, name: &str) -> PathBuf {
+    let numbered = |i: usize| if i == 1 { name.to_owned() } else { format!("{name}-{i}") };
+    let path = |i| folder.join(format!("{}.safetensors", numbered(i)));
     (1..1000).map(path).find(|p| !p.exists()).unwrap_or_else(|| path(1000))
 }
 
@@ -78,8 +94,9 @@ fn offer_ui(ui: &mut Ui, app: &mut ViewerApp) {
     ui.label("This recording has not been reconstructed yet.");
     ui.add_space(4.0);
     let button = egui::Button::new(RichText::new(entry(Command::Reconstruct).label).size(17.0));
-    let button = button.fill(theme::SELECTION).min_size(vec2(ui.available_width(), 40.0));
-    if ui.add(button).on_hover_text(tooltip(Command::Reconstruct)).clicked() {
+    let size = [ui.available_width(), 40.0];
+    let response = ui.add_sized(size, button.fill(theme::SELECTION));
+    if response.on_hover_text(tooltip(Command::Reconstruct)).clicked() {
         app.run(Command::Reconstruct.into(), &ui.ctx().clone());
     }
 }
@@ -108,6 +125,7 @@ fn progress_ui(ui: &mut Ui, training: &Training) {
 /// The question before training: how good, and where the file goes.
 pub(crate) fn train_dialog_ui(ctx: &Context, app: &mut ViewerApp) {
     let Some(mut asked) = app.train_dialog.take() else { return };
+    asked.poll();
     let ((starts, is_cancelled), is_closed) = dialog(ctx, "reconstruct", 460.0, |ui| {
         ui.heading("Reconstruct this recording");
         ui.label(RichText::new("You can go on watching the recording meanwhile.").color(theme::TEXT_WEAK));
@@ -126,7 +144,13 @@ pub(crate) fn train_dialog_ui(ctx: &Context, app: &mut ViewerApp) {
             "It has no class labels: pictures and depth will work, finding words will not."
         };
         ui.label(RichText::new(note).color(if asked.has_labels { theme::TEXT } else { theme::AMBER }));
-        ui.label(caption(format!("Saved as {}", asked.request.scene.display())));
+        ui.add_space(4.0);
+        ui.horizontal(|ui| {
+            if ui.add_enabled(asked.picking.is_none(), egui::Button::new("Save as…")).clicked() {
+                asked.pick(ctx);
+            }
+            ui.add(egui::Label::new(caption(asked.request.scene.display().to_string())).truncate());
+        });
         ui.add_space(10.0);
         ui.horizontal(|ui| {
             let start = ui.add(main_button("Start")).clicked();
@@ -148,9 +172,8 @@ mod tests {
     #[test]
     fn no_scene_is_written_over() {
         let folder = tempfile::tempdir().unwrap();
-        let recording = folder.path().join("clip");
-        assert_eq!(beside(&recording), folder.path().join("clip.safetensors"));
+        assert_eq!(free_file(folder.path(), "clip"), folder.path().join("clip.safetensors"));
         std::fs::write(folder.path().join("clip.safetensors"), "").unwrap();
-        assert_eq!(beside(&recording), folder.path().join("clip-2.safetensors"));
+        assert_eq!(free_file(folder.path(), "clip"), folder.path().join("clip-2.safetensors"));
     }
 }

@@ -98,12 +98,13 @@ pub(crate) fn viewport_ui(ui: &mut Ui, app: &mut ViewerApp) {
     if app.document.mode == ViewMode::Wipe {
         wipe_ui(ui, app, area);
     }
-    if let Some(frame) = panes.iter().find(|p| p.is_synthesised) {
-        paint_synthesised(ui, frame.rect);
+    if let Some(pane) = panes.iter().find(|p| p.is_synthesised) {
+        paint_synthesised(ui, pane.visible());
     }
     let with_marks = !app.document.is_hidden && !app.is_peeking(ui.ctx());
     if with_marks {
-        legend::legend_ui(ui, app, area, &panes.iter().map(|p| (p.rect, p.picture)).collect::<Vec<_>>());
+        let corner = panes.first().map_or(area, PaneView::visible);
+        legend::legend_ui(ui, app, corner, &panes.iter().map(|p| (p.rect, p.picture)).collect::<Vec<_>>());
     }
     notices_ui(ui, app, area, with_marks);
     let description = describe(app);
@@ -164,6 +165,13 @@ struct PaneView {
     is_synthesised: bool,
 }
 
+impl PaneView {
+    /// The part of the pane that the picture covers: labels belong into it.
+    fn visible(&self) -> Rect {
+        self.rect.intersect(self.picture)
+    }
+}
+
 fn panes(app: &ViewerApp, area: Rect, ui: &Ui) -> Vec<PaneView> {
     let (Some(info), Some(shown)) = (app.info(), app.open.as_ref().and_then(|o| o.shown.as_ref())) else {
         return Vec::new();
@@ -217,13 +225,8 @@ fn paint_pane(ui: &Ui, app: &ViewerApp, pane: &PaneView) {
         paint_wiped(ui, app, pane);
         return;
     }
-    plate(
-        &painter,
-        pane.rect.left_top() + vec2(12.0, 12.0),
-        Align2::LEFT_TOP,
-        &frame_label(app, pane.label),
-        theme::TEXT,
-    );
+    let corner = pane.visible().left_top() + vec2(8.0, 8.0);
+    plate(&painter, corner, Align2::LEFT_TOP, &frame_label(app, pane.label), theme::TEXT);
 }
 
 /// The number of the frame that is on the screen, which may still be the one before while the next is made.
@@ -243,9 +246,9 @@ fn paint_wiped(ui: &Ui, app: &ViewerApp, pane: &PaneView) {
         painter.image(texture, pane.picture, whole, Color32::WHITE);
     }
     let all = ui.painter().with_clip_rect(pane.rect);
-    let corner = pane.rect.left_top() + vec2(12.0, 12.0);
+    let corner = pane.visible().left_top() + vec2(8.0, 8.0);
     plate(&all, corner, Align2::LEFT_TOP, &frame_label(app, "Recorded"), theme::TEXT);
-    let corner = pane.rect.right_top() + vec2(-12.0, 12.0);
+    let corner = pane.visible().right_top() + vec2(-8.0, 8.0);
     plate(&all, corner, Align2::RIGHT_TOP, "Reconstruction", theme::TEXT);
 }
 
@@ -303,8 +306,10 @@ fn steer(ui: &Ui, app: &mut ViewerApp, response: &Response) {
 /// A view that nobody recorded says so with frame and words.
 fn paint_synthesised(ui: &Ui, rect: Rect) {
     let painter = ui.painter();
-    painter.rect_stroke(rect.shrink(2.0), 2.0, Stroke::new(3.0, theme::AMBER), egui::StrokeKind::Inside);
-    let at = rect.right_top() + vec2(-12.0, 12.0);
+    painter.rect_stroke(rect, 0.0, Stroke::new(3.0, theme::AMBER), egui::StrokeKind::Inside);
+    // Below the frame's label where both do not fit side by side.
+    let down = if rect.width() < 660.0 { 42.0 } else { 8.0 };
+    let at = rect.right_top() + vec2(-8.0, down);
     let text = "Synthesised view – not what the endoscope saw  ·  R returns";
     plate(painter, at, Align2::RIGHT_TOP, text, theme::AMBER);
 }

@@ -99,13 +99,14 @@ fn paint_icon(painter: &Painter, icon: Icon, r: Rect, colour: Color32) {
             triangle(0.9, 0.25);
         }
         Icon::Loop => {
-            painter.add(Shape::line(arc(r.center(), r.width() * 0.4, 0.12, 0.88), stroke));
-            let tip = at(0.78, 0.12);
-            painter.add(Shape::convex_polygon(
-                vec![tip, tip + vec2(0.5, 6.5), tip + vec2(-6.5, 4.5)],
-                colour,
-                Stroke::NONE,
-            ));
+            // Two half turns, each ending in an arrow head.
+            for (from, side) in [(0.55, 1.0), (0.05, -1.0)] {
+                let points = arc(r.center(), r.width() * 0.4, from, from + 0.36);
+                let end = points[points.len() - 1];
+                painter.add(Shape::line(points, stroke));
+                let head = [vec2(0.0, -4.5), vec2(4.5, 0.5), vec2(0.0, 4.0)].map(|d| end + side * d);
+                painter.add(Shape::convex_polygon(head.to_vec(), colour, Stroke::NONE));
+            }
         }
         Icon::Eye | Icon::EyeClosed => {
             let lid = |bend: f32| -> Vec<Pos2> {
