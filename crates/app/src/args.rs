@@ -7,7 +7,6 @@ use surgtpgs_core::{
     export::{Format, Source},
     overlay::OverlayStyle,
     relevancy::RelevancySettings,
-    train::Profile,
 };
 
 /// See a deforming reconstruction of a recorded endoscopic clip, ask it for structures by name, export masked frames.
@@ -125,9 +124,6 @@ pub struct TrainArgs {
     /// Hold every eighth frame out (a folder prepared with --eval does so anyway)
     #[arg(long)]
     pub eval: bool,
-    /// Set of training choices
-    #[arg(long, value_enum, default_value_t = ProfileArg::Default)]
-    pub profile: ProfileArg,
     /// Optimiser steps
     #[arg(long, default_value_t = 3000, value_parser = clap::value_parser!(u32).range(1..))]
     pub iterations: u32,
@@ -140,24 +136,6 @@ pub struct TrainArgs {
     /// Report as JSON
     #[arg(long)]
     pub json: bool,
-}
-
-/// Sets of training choices.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum ProfileArg {
-    /// What the paper's released code does, quirks included
-    Paper,
-    /// The paper's formulas done right
-    Default,
-}
-
-impl From<ProfileArg> for Profile {
-    fn from(arg: ProfileArg) -> Self {
-        match arg {
-            ProfileArg::Paper => Self::Paper,
-            ProfileArg::Default => Self::Default,
-        }
-    }
 }
 
 /// What trains.

@@ -21,7 +21,7 @@ use surgtpgs_core::{
     deform::deform,
     grid::{Grid, Mask},
     mask::threshold,
-    prepare::EncoderIdentity,
+    prepare::{EncoderIdentity, Prepared},
     raster::{CpuRenderer, Images, Renderer, render_deformed},
     relevancy::{self, Query, Relevancy, RelevancySettings},
     scene::Scene,
@@ -198,10 +198,22 @@ impl Engine {
         Ok(View { time: self.scene.time(i), camera: self.scene.cameras[i], recorded: true })
     }
 
-    /// Renders a view; the features are needed for [`Engine::scores`] only.
+    /// Renders a view; the features are needed for [`Engine::scores`] only. A recorded view is empty outside the field
+    /// of view, where nothing was ever seen.
     pub fn render(&mut self, view: &View, features: bool) -> Result<Images> {
         let features = features && self.relevancy.is_some();
-        self.renderer.render(&self.scene, &view.camera, view.time, features)
+        let images = self.renderer.render(&self.scene, &view.camera, view.time, features)?;
+        Ok(self.within_field_of_view(images, view))
+    }
+
+    fn within_field_of_view(&self, mut images: Images, view: &View) -> Images {
+        let (width, height) = (images.width, images.height);
+        if view.recorded {
+            for plane in images.planes.chunks_exact_mut((width * height).max(1)) {
+                blank_outside(plane, width, height, &self.scene.field_of_view);
+            }
+        }
+        images
     }
 
     /// Renders a view with features and says how long it took, in milliseconds: deformation (`None` where the renderer
@@ -218,7 +230,7 @@ impl Engine {
         let deform_ms = ms(started);
         let started = Instant::now();
         let images = render_deformed(&self.scene.gaussians, &deformed, &view.camera);
-        Ok((images, Some(deform_ms), ms(started)))
+        Ok((self.within_field_of_view(images, view), Some(deform_ms), ms(started)))
     }
 
     /// The prompts being asked, in order, with what each is compared to.
@@ -272,7 +284,9 @@ impl Engine {
         let relevancy = self.relevancy.as_mut().ok_or_else(no_features)?;
         let mut scores = relevancy.score(images, &self.queries, &self.settings);
         if view.recorded {
-            scores.iter_mut().for_each(|s| blank_outside(s, &self.scene.field_of_view));
+            for s in &mut scores {
+                blank_outside(&mut s.data, s.width, s.height, &self.scene.field_of_view);
+            }
         }
         Ok(scores)
     }
@@ -329,16 +343,15 @@ fn no_features() -> Error {
 }
 
 /// Sets scores outside the field of view to 0; the mask is sampled at the scores' size.
-fn blank_outside(scores: &mut Grid<f32>, field_of_view: &Mask) {
-    if field_of_view.width == 0 || field_of_view.height == 0 {
+fn blank_outside(values: &mut [f32], width: usize, height: usize, field_of_view: &Mask) {
+    if field_of_view.width == 0 || field_of_view.height == 0 || width == 0 {
         return;
     }
-    let (width, height) = (scores.width, scores.height);
-    for y in 0..height {
+    for (y, values) in values.chunks_exact_mut(width).enumerate() {
         let row = field_of_view.row((2 * y + 1) * field_of_view.height / (2 * height));
-        for x in 0..width {
+        for (x, value) in values.iter_mut().enumerate() {
             if !row[(2 * x + 1) * field_of_view.width / (2 * width)] {
-                scores.set(x, y, 0.0);
+                *value = 0.0;
             }
         }
     }
@@ -409,7 +422,8 @@ fn open_encoder(scene: &Scene, choice: &EncoderChoice) -> Result<TextEncoder> {
 
 /// Opens a recording and makes sure that it fits the scene.
 fn open_recording(scene: &Scene, path: &Path) -> Result<Sequence> {
-    let sequence = Sequence::open(path)?;
+    let sequence =
+        if Prepared::is_prepared(path) { Prepared::open(path)?.sequence } else { Sequence::open(path)? };
     let found = (sequence.num_frames(), sequence.width(), sequence.height());
     let size = scene.cameras.first().map_or((0, 0), |c| (c.width as usize, c.height as usize));
     let expected = (scene.num_frames(), size.0, size.1);
@@ -453,10 +467,10 @@ mod tests {
     fn nothing_is_found_outside_the_field_of_view_at_any_size() {
         let left = Grid::from_vec(2, 1, vec![true, false]);
         let mut scores = Grid::filled(4, 3, 0.9);
-        blank_outside(&mut scores, &left);
+        blank_outside(&mut scores.data, scores.width, scores.height, &left);
         assert!((0..3).all(|y| scores.row(y) == [0.9, 0.9, 0.0, 0.0]));
         let mut one = Grid::filled(1, 1, 0.9);
-        blank_outside(&mut one, &Grid::filled(3, 3, true));
+        blank_outside(&mut one.data, one.width, one.height, &Grid::filled(3, 3, true));
         assert_eq!(one.data, [0.9]);
     }
 }

@@ -80,6 +80,7 @@ mod tests {
             Affine3A::from_rotation_y(0.3) * Affine3A::from_translation(Vec3::new(1.0, -2.0, 0.5));
         let (u, v, z) = camera.project(camera.unproject(12.5, 400.5, 7.0)).unwrap();
         assert!((u - 12.5).abs() < 1e-3 && (v - 400.5).abs() < 1e-3 && (z - 7.0).abs() < 1e-5);
-        assert!(camera.project(camera.position_in_world()).is_none());
+        let behind = camera.unproject(320.0, 256.0, -1.0);
+        assert!(camera.project(behind).is_none());
     }
 }

@@ -8,10 +8,7 @@ use crate::{
     args::TrainArgs,
     jobs::{self, Material, Trained},
 };
-use surgtpgs_core::{
-    Error, Result,
-    train::{Profile, TrainSettings},
-};
+use surgtpgs_core::{Result, train::TrainSettings};
 
 /// The JSON report; its keys are a contract.
 #[derive(serde::Serialize)]
@@ -33,7 +30,7 @@ pub(super) fn run(args: &TrainArgs) -> Result<Exit> {
     if material.prepared().is_none() {
         say("training without features: prompts will find nothing in this scene (see `surgtpgs prepare`)");
     }
-    let settings = settings(args)?;
+    let settings = settings(args);
     console::watch_interrupts();
     let mut view = ProgressView::default();
     let trained = jobs::train(&material, settings, &mut |p| view.show(p))?;
@@ -54,21 +51,13 @@ pub(super) fn run(args: &TrainArgs) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-fn settings(args: &TrainArgs) -> Result<TrainSettings> {
-    let profile = Profile::from(args.profile);
-    if profile == Profile::Paper {
-        return Err(Error::input(
-            "the profile `paper` cannot be trained yet",
-            "Use `--profile default`, which follows the paper's formulas.",
-        ));
-    }
-    Ok(TrainSettings {
-        profile,
+fn settings(args: &TrainArgs) -> TrainSettings {
+    TrainSettings {
         iterations: args.iterations as usize,
         seed: args.seed,
         eval: args.eval,
         ..Default::default()
-    })
+    }
 }
 
 fn report(trained: &Trained, asked: usize) -> Report {

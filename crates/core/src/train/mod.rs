@@ -9,7 +9,7 @@ mod optimiser;
 mod settings;
 
 pub use loss::{LossTerms, LossWeights, Truth, loss};
-pub use settings::{DensifySettings, LearningRates, Profile, TrainSettings};
+pub use settings::{DensifySettings, LearningRates, TrainSettings};
 
 use crate::{
     Error, Result,

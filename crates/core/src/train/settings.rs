@@ -2,17 +2,6 @@
 
 use super::loss::LossWeights;
 
-/// Which set of choices: the paper's released behaviour, or the formulas done right.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Profile {
-    /// What the released code does, quirks included.
-    Paper,
-    /// The paper's formulas done right, and better where measured.
-    #[default]
-    Default,
-}
-
 /// Learning rates; those of lengths are in pixels of the full-size image at the typical depth.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct LearningRates {
@@ -60,8 +49,6 @@ pub struct DensifySettings {
 /// Training settings.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct TrainSettings {
-    /// The profile these settings started from.
-    pub profile: Profile,
     /// Optimiser steps.
     pub iterations: usize,
     /// Seed of everything random.
@@ -95,7 +82,6 @@ pub struct TrainSettings {
 impl Default for TrainSettings {
     fn default() -> Self {
         Self {
-            profile: Profile::Default,
             iterations: 3000,
             seed: 0,
             eval: false,
