@@ -1,5 +1,7 @@
 //! The program as its users meet it.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up should stop")]
+
 /// Bad input ends in one plain line and a code, never in a panic.
 mod bad_input;
 /// From a recording to masked frames, and what each verb reports.

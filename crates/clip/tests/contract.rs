@@ -1,5 +1,7 @@
 //! Encoder folders of every kind, good and broken: small ONNX files made here.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up should stop")]
+
 #[path = "../examples/train_builtin/graph.rs"]
 #[allow(dead_code, reason = "shared with the trainer, which uses all of it")]
 mod graph;

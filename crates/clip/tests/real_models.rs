@@ -1,5 +1,7 @@
 //! Real models, where the research data is at hand.
 
+#![expect(clippy::print_stderr, reason = "a test says so when it has nothing to test on")]
+
 #[path = "../examples/train_builtin/graph.rs"]
 #[allow(dead_code, reason = "shared with the trainer, which uses all of it")]
 mod graph;

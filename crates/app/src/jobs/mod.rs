@@ -80,7 +80,7 @@ pub fn prepare(
 /// What there is to train on.
 pub enum Material {
     /// With features.
-    Prepared(Prepared),
+    Prepared(Box<Prepared>),
     /// Without.
     Bare(Sequence),
 }
@@ -89,7 +89,7 @@ impl Material {
     /// Opens a prepared folder or a recording.
     pub fn open(path: &Path) -> Result<Self> {
         if Prepared::is_prepared(path) {
-            Prepared::open(path).map(Self::Prepared)
+            Prepared::open(path).map(|p| Self::Prepared(Box::new(p)))
         } else {
             Sequence::open(path).map(Self::Bare)
         }
@@ -221,7 +221,7 @@ pub fn build_demo(folder: &Path, options: &DemoOptions, observer: &mut Observer<
     let how = PrepareOptions { eval: true, ..Default::default() };
     let prepared = prepare(sequence, &paths.prepared, &how, &mut observe)?;
     let settings = TrainSettings { iterations: options.iterations, eval: true, ..Default::default() };
-    let trained = train(&Material::Prepared(prepared), settings, &mut observe)?;
+    let trained = train(&Material::Prepared(Box::new(prepared)), settings, &mut observe)?;
     if stopped {
         return Err(Error::Cancelled);
     }

@@ -106,7 +106,9 @@ impl Backend for EngineBackend {
                 let folder = request.scene.with_extension("prepared");
                 jobs::remove_folder(&folder)?;
                 let options = PrepareOptions::default();
-                Material::Prepared(jobs::prepare(sequence, &folder, &options, &mut |p| watch(job, p))?)
+                Material::Prepared(Box::new(jobs::prepare(sequence, &folder, &options, &mut |p| {
+                    watch(job, p)
+                })?))
             }
             other => other,
         };

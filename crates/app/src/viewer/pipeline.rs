@@ -103,13 +103,16 @@ pub(crate) struct Pipeline {
     depth_range: Option<(f32, f32)>,
 }
 
+/// A prompt's score image, or why there is none.
+type PromptScores = (String, Result<Arc<Grid<f32>>, String>);
+
 struct Rendered {
     view: View,
     has_features: bool,
     colour: RgbImage,
     bare: Arc<ColorImage>,
     depth: Arc<Grid<f32>>,
-    scores: Vec<(String, Result<Arc<Grid<f32>>, String>)>,
+    scores: Vec<PromptScores>,
 }
 
 impl Pipeline {

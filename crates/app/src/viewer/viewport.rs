@@ -395,8 +395,8 @@ mod tests {
 
     #[test]
     fn no_zoom_loses_the_picture() {
-        let mut zoom = Zoom::default();
-        zoom.panes = vec![(Rect::EVERYTHING, Rect::from_min_size(Pos2::ZERO, vec2(640.0, 512.0)))];
+        let pane = (Rect::EVERYTHING, Rect::from_min_size(Pos2::ZERO, vec2(640.0, 512.0)));
+        let mut zoom = Zoom { panes: vec![pane], ..Zoom::default() };
         zoom.pan(vec2(1e6, -1e6));
         assert_eq!(zoom.centre, vec2(0.5, 0.5));
         zoom.magnify(1e9, pos2(1.0, 1.0));

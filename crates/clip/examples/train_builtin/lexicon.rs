@@ -166,7 +166,8 @@ impl Examples {
                     true,
                 ),
             };
-            if !self.is_known(&text) && !(is_made_up && self.is_like_known(&text)) {
+            let is_taken = self.is_known(&text) || is_made_up && self.is_like_known(&text);
+            if !is_taken {
                 return text;
             }
         }

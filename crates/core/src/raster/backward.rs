@@ -216,7 +216,7 @@ fn replay_splat<S: Simd, const CHANNELS: usize>(
         // No gradient through a clamped alpha, nor where the pixel had stopped.
         let counts = goes_on & raw.simd_le(MAX_ALPHA);
         let g_power = counts.select(g_alpha * alpha, zero);
-        sums.power[0] = sums.power[0] + g_power;
+        sums.power[0] += g_power;
         sums.power[1] = g_power.mul_add(f32x16::splat(simd, dy), sums.power[1]);
         sums.power[2] = g_power.mul_add(f32x16::splat(simd, dy * dy), sums.power[2]);
     }

@@ -125,7 +125,7 @@ fn blend_row<S: Simd, const CHANNELS: usize>(
         let goes_on = next.simd_ge(MIN_TRANSMITTANCE);
         let weight = goes_on.select(weight, zero);
         transmittance = goes_on.select(next, zero);
-        alpha_sum = alpha_sum + weight;
+        alpha_sum += weight;
         for c in 0..CHANNELS {
             sums[c] = weight.mul_add(f32x16::splat(simd, s[GEOMETRY + c]), sums[c]);
         }

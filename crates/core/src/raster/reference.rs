@@ -126,8 +126,8 @@ impl<T: Real> ReferenceInput<'_, T> {
         g_features: &mut [T],
     ) {
         let s = &self.splats[c.splat];
-        for k in 0..3 {
-            out.colour[k] += c.weight * g[k];
+        for (out, g) in out.colour.iter_mut().zip(g) {
+            *out += c.weight * *g;
         }
         out.depth += c.weight * g[3];
         for d in 0..self.latent_dim {

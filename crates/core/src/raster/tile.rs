@@ -98,8 +98,9 @@ pub(super) fn exp2<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
     let splat = |v: f32| f32x16::splat(simd, v);
     let shifted = x + MAGIC;
     let r = x - (shifted - MAGIC);
+    // ln(2)^k / k! from k = 6 down to 0.
     let mut p = splat(1.540_353e-4);
-    for c in [1.333_355_8e-3, 9.618_129e-3, 5.550_410_9e-2, 2.402_265_1e-1, 6.931_471_8e-1, 1.0] {
+    for c in [1.333_356e-3, 9.618_129e-3, 5.550_411e-2, 2.402_265e-1, std::f32::consts::LN_2, 1.0] {
         p = p.mul_add(r, splat(c));
     }
     let exponent: fearless_simd::u32x16<S> = shifted.bitcast();

@@ -16,7 +16,7 @@ use std::{
 };
 
 /// Focal length of every such recording, in pixels (whatever its size).
-const FOCAL: f32 = 1087.412_8;
+const FOCAL: f32 = 1_087.412_8;
 /// Depth = focal length · baseline / disparity, in the scene's units.
 const BASELINE: f64 = 1.087_703_9;
 

@@ -110,9 +110,9 @@ fn part(gaussians: &mut Gaussians, parent: usize, child: usize, split_size: f32,
     let mut local = [0.0; 3];
     local[longest] = distance;
     let offset = transform(&rotation_matrix(unit), local);
-    for axis in 0..3 {
-        gaussians.means[child][axis] += offset[axis];
-        gaussians.means[parent][axis] -= offset[axis];
+    for (axis, offset) in offset.into_iter().enumerate() {
+        gaussians.means[child][axis] += offset;
+        gaussians.means[parent][axis] -= offset;
     }
     if is_large {
         for i in [parent, child] {
