@@ -167,13 +167,11 @@ impl H264 {
         }
         let samples: Vec<_> =
             track.samples.iter().map(|s| Sample { offset: s.offset, size: s.size }).collect();
-        let seconds = track.duration as f64 / (track.timescale as f64);
-        let frames_per_second = (samples.len() as f64 / seconds) as f32;
         Ok(Self {
             path: path.to_owned(),
             width: usize::from(avc1.width),
             height: usize::from(avc1.height),
-            frames_per_second: Some(frames_per_second).filter(|fps| fps.is_finite() && *fps > 0.0),
+            frames_per_second: mean_speed(track),
             length_bytes: usize::from(avc1.avcc.length_size_minus_one & 3) + 1,
             parameter_sets,
             starts: candidates(track),
@@ -228,31 +226,43 @@ impl H264 {
     /// Feeds one sample; what comes out goes into the cache.
     fn advance(&self, running: &mut Running, cache: &mut Cache, wanted: usize) -> Result<()> {
         let next = running.next_sample;
-        let fail = |e: openh264::Error| self.damaged(wanted, &e.to_string());
-        let mut frame_number = running.next_frame;
-        let mut keep = |picture: &DecodedYUV<'_>| -> Result<()> {
-            cache.insert(frame_number, self.to_rgb(picture, frame_number)?, wanted);
-            frame_number += 1;
-            Ok(())
-        };
+        let start = self.starts.iter().find(|s| s.sample == next && next > 0);
         // Before a new start, and at the end, everything that waits for its turn comes out.
-        if next == self.samples.len() || (next > 0 && self.starts.iter().any(|s| s.sample == next)) {
-            for picture in running.decoder.flush_remaining().map_err(fail)? {
-                keep(&picture)?;
-            }
+        if start.is_some() || next == self.samples.len() {
+            self.flush(running, cache, wanted)?;
         }
-        if next < self.samples.len() {
-            let sample = self.read_sample(&mut running.file, next)?;
-            let mut stream = Vec::with_capacity(sample.len() + 64);
-            units(&sample, self.length_bytes).for_each(|unit| push_unit(&mut stream, unit));
-            if let Some(picture) = running.decoder.decode(&stream).map_err(fail)? {
-                keep(&picture)?;
+        if let Some(start) = start {
+            if running.next_frame != start.frame {
+                return Err(self.damaged(running.next_frame, "the decoder left it out"));
             }
-        } else if frame_number <= wanted {
-            return Err(self.damaged(wanted, &format!("the video ends after frame {frame_number}")));
+            // A fresh decoder: the emptied one runs out of picture buffers.
+            *running = self.start_at(*start)?;
         }
-        running.next_sample = next + 1;
-        running.next_frame = frame_number;
+        if next == self.samples.len() {
+            return match running.next_frame {
+                frame if frame > wanted => Ok(()),
+                frame => Err(self.damaged(wanted, &format!("the video ends after {frame} frames"))),
+            };
+        }
+        let sample = self.read_sample(&mut running.file, next)?;
+        let mut stream = Vec::with_capacity(sample.len() + 64);
+        units(&sample, self.length_bytes).for_each(|unit| push_unit(&mut stream, unit));
+        let picture = running.decoder.decode(&stream).map_err(|e| self.damaged(wanted, &e.to_string()))?;
+        if let Some(picture) = picture {
+            cache.insert(running.next_frame, self.to_rgb(&picture, running.next_frame)?, wanted);
+            running.next_frame += 1;
+        }
+        running.next_sample += 1;
+        Ok(())
+    }
+
+    /// Fetches the pictures that the decoder still holds back to show them in order.
+    fn flush(&self, running: &mut Running, cache: &mut Cache, wanted: usize) -> Result<()> {
+        let pictures = running.decoder.flush_remaining().map_err(|e| self.damaged(wanted, &e.to_string()))?;
+        for picture in &pictures {
+            cache.insert(running.next_frame, self.to_rgb(picture, running.next_frame)?, wanted);
+            running.next_frame += 1;
+        }
         Ok(())
     }
 
@@ -295,6 +305,14 @@ fn read_mp4(path: &Path) -> Result<Mp4, String> {
         Ok(Err(e)) => Err(format!("it is not a readable mp4 file: {e}")),
         Err(_) => Err("its tables are damaged".to_owned()),
     }
+}
+
+/// Frames per second from the first to the last time of showing.
+fn mean_speed(track: &Track) -> Option<f32> {
+    let times = || track.samples.iter().map(|s| s.composition_timestamp);
+    let ticks = times().max()? - times().min()?;
+    let speed = (track.samples.len() - 1) as f64 * track.timescale as f64 / ticks as f64;
+    (speed.is_finite() && speed > 0.0).then_some(speed as f32)
 }
 
 /// Sync samples with their place in the order of showing, where nothing earlier is shown after them.
