@@ -138,7 +138,7 @@ fn heat_scale(ui: &Ui, lines: &[Line], left: f32, bottom: f32) {
                 ui.painter().image(texture.id(), bar, whole, Color32::WHITE);
             },
         );
-        top -= 48.0;
+        top -= 66.0;
     }
 }
 
