@@ -179,8 +179,8 @@ fn is_rotation(camera: &Camera) -> bool {
 fn depth(sequence: &Sequence, facts: &[Facts], says: &mut Findings) -> String {
     if !sequence.has_depth() {
         says.warnings.push(
-            "There is no depth: the shape of the surface can only be guessed. Put depth maps into depth/, or \
-             have them computed with prepare --depth-model."
+            "There is no depth: the shape of the surface can only be guessed. Put depth maps into depth/ if \
+             there are some."
                 .to_owned(),
         );
         return "none".to_owned();
