@@ -47,7 +47,7 @@ pub const FILES: &[(&str, &str)] = shaders![
 ];
 
 /// The whole source of `file` for latent dimension D: every `#import path` line replaced once by that file,
-/// `#import constants` by [`constants`].
+/// `#import constants` by `constants`.
 pub fn assemble(file: &str, latent_dim: usize) -> Result<String> {
     let mut out = String::new();
     append(file, latent_dim, &mut Vec::new(), &mut out)?;
