@@ -2,7 +2,7 @@
 //
 //   psi_c(t) = sum over live bases b of G_b(t) * weight[b][n][c]
 //   mean += psi[0..3], q = unit(q + psi[3..7]), scale = exp(log_scale + psi[7..10]), colour += psi[10..13],
-//   f' = f + (W [f; t] + bias) * sigmoid(slope * psi[13..13 + D])
+//   f' = f + (W [f; t] + bias) * sigmoid(slope * psi[gate_channel..][..D])
 //
 // One thread per Gaussian of one part: the weights of all Gaussians may exceed what one binding may hold, so
 // they are cut into ranges of Gaussians, each with its own [bases][rows][stride] block.
@@ -23,11 +23,13 @@ struct Deform {
     num_bases: u32,
     // 1 where all Gaussians share centres and widths: then `tables` starts with the basis values.
     is_shared: u32,
-    // 1 for the quartic shape of the released code.
-    is_quartic: u32,
+    // SHAPE_GAUSSIAN, SHAPE_QUARTIC (of the released code) or SHAPE_SPLINE.
+    shape: u32,
     time: f32,
     gate_slope: f32,
-    padding: vec2u,
+    // First channel of the features' gate.
+    gate_channel: u32,
+    padding: u32,
 }
 
 @group(0) @binding(0) var<uniform> params: Deform;
@@ -47,12 +49,17 @@ fn basis_value(b: u32, at: u32) -> f32 {
     }
     let offset = params.time - centres[at];
     let width = widths[at];
+    let w = max(abs(width), MIN_WIDTH);
     var value: f32;
-    if params.is_quartic == 1u {
+    if params.shape == SHAPE_QUARTIC {
         let e = offset * offset / (width * width + QUARTIC_EPSILON);
         value = exp(-e * e);
+    } else if params.shape == SHAPE_SPLINE {
+        let u = abs(offset / w);
+        let outer = max(2.0 - u, 0.0);
+        let inner = max(1.0 - u, 0.0);
+        value = (outer * outer * outer - 4.0 * inner * inner * inner) / 6.0;
     } else {
-        let w = max(abs(width), MIN_WIDTH);
         value = exp(-(offset * offset) / (2.0 * w * w));
     }
     return select(0.0, value, value > LIVE_BASIS);
@@ -88,7 +95,7 @@ fn deform_features(row: u32, n: u32) {
         for (var j = 0u; j < LATENT_DIM; j++) {
             change += tables[line + j] * features_at_rest[n * LATENT_DIM + j];
         }
-        let gate = sigmoid(params.gate_slope * psi(row, GATE_CHANNEL + i));
+        let gate = sigmoid(params.gate_slope * psi(row, params.gate_channel + i));
         features[n * LATENT_DIM + i] = features_at_rest[n * LATENT_DIM + i] + change * gate;
     }
 }

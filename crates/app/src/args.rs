@@ -7,6 +7,7 @@ use surgtpgs_core::{
     export::{Format, Source},
     overlay::OverlayStyle,
     relevancy::RelevancySettings,
+    train::{FeatureMode, Profile, TrainSettings},
 };
 
 /// See a deforming reconstruction of a recorded endoscopic clip, ask it for structures by name, export masked frames.
@@ -43,6 +44,8 @@ pub enum Verb {
     Export(ExportArgs),
     /// Compare a scene with its recording: PSNR, SSIM, depth, IoU, times
     Eval(EvalArgs),
+    /// Measure run time beside quality for every setting; writes CSV and SVG
+    Bench(BenchArgs),
 }
 
 /// `surgtpgs view`
@@ -133,9 +136,45 @@ pub struct TrainArgs {
     /// What trains
     #[arg(long, value_enum, default_value_t = TrainBackend::Auto)]
     pub backend: TrainBackend,
+    /// What to start from: our own way, or what the paper's authors released, for comparison
+    #[arg(long, value_enum, default_value_t = TrainProfile::Default)]
+    pub profile: TrainProfile,
+    /// Compute features in closed form after training instead of learning them: faster, still over time
+    #[arg(long)]
+    pub fast_features: bool,
+    /// Go on with the unfinished training beside the scene file
+    #[arg(long, conflicts_with_all = ["eval", "iterations", "seed", "profile", "fast_features"])]
+    pub resume: bool,
     /// Report as JSON
     #[arg(long)]
     pub json: bool,
+}
+
+impl TrainArgs {
+    /// The settings of a training from the beginning.
+    pub fn settings(&self) -> TrainSettings {
+        let mut settings = TrainSettings::of(match self.profile {
+            TrainProfile::Default => Profile::Default,
+            TrainProfile::Paper => Profile::Paper,
+        });
+        settings.iterations = self.iterations as usize;
+        settings.seed = self.seed;
+        settings.eval = self.eval;
+        if self.fast_features {
+            settings.feature_mode = FeatureMode::Lifted;
+            settings.feature_motion = false;
+        }
+        settings
+    }
+}
+
+/// What training starts from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum TrainProfile {
+    /// The paper's formulas, and better where measured
+    Default,
+    /// The released code with its quirks
+    Paper,
 }
 
 /// What trains.
@@ -195,6 +234,43 @@ impl RelevancyArgs {
 /// `builtin` or a folder.
 pub fn encoder_choice(arg: &str) -> EncoderChoice {
     if arg == "builtin" { EncoderChoice::Builtin } else { EncoderChoice::Folder(arg.into()) }
+}
+
+/// `surgtpgs bench`
+#[derive(Debug, Args)]
+pub struct BenchArgs {
+    /// What to measure
+    #[command(subcommand)]
+    pub verb: BenchVerb,
+}
+
+/// What to measure.
+#[derive(Debug, Subcommand)]
+pub enum BenchVerb {
+    /// Train once for every setting: train.csv, train_psnr.svg, train_miou.svg
+    Train(BenchTrainArgs),
+}
+
+/// `surgtpgs bench train`
+#[derive(Debug, Args)]
+pub struct BenchTrainArgs {
+    /// A folder prepared with --eval, or a recording (then without features)
+    pub sequence: PathBuf,
+    /// Folder to write
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
+    /// Optimiser steps of every row
+    #[arg(long, default_value_t = 3000, value_parser = clap::value_parser!(u32).range(1..))]
+    pub iterations: u32,
+    /// Seed of everything random
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Only these rows, e.g. default,paper
+    #[arg(long, value_delimiter = ',')]
+    pub rows: Vec<String>,
+    /// Report as JSON, too
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `surgtpgs render`

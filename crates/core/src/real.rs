@@ -42,12 +42,24 @@ pub type Vector<T, const N: usize> = [T; N];
 /// `R` rows of `C` columns.
 pub type Matrix<T, const R: usize, const C: usize> = [[T; C]; R];
 
+/// f(0) + … + f(N − 1). Unlike `Iterator::sum` it is always inlined, on which the speed of every projection depends.
+#[inline(always)]
+pub fn sum<T: Real, const N: usize>(f: impl Fn(usize) -> T) -> T {
+    let mut total = T::zero();
+    for i in 0..N {
+        total += f(i);
+    }
+    total
+}
+
 /// a · b.
+#[inline]
 pub fn dot<T: Real, const N: usize>(a: Vector<T, N>, b: Vector<T, N>) -> T {
-    (0..N).map(|i| a[i] * b[i]).sum()
+    sum::<T, N>(|i| a[i] * b[i])
 }
 
 /// A v.
+#[inline]
 pub fn transform<T: Real, const R: usize, const C: usize>(
     a: &Matrix<T, R, C>,
     v: Vector<T, C>,
@@ -56,27 +68,31 @@ pub fn transform<T: Real, const R: usize, const C: usize>(
 }
 
 /// Aᵀ v.
+#[inline]
 pub fn transform_transposed<T: Real, const R: usize, const C: usize>(
     a: &Matrix<T, R, C>,
     v: Vector<T, R>,
 ) -> Vector<T, C> {
-    std::array::from_fn(|j| (0..R).map(|i| a[i][j] * v[i]).sum())
+    std::array::from_fn(|j| sum::<T, R>(|i| a[i][j] * v[i]))
 }
 
 /// A B.
+#[inline]
 pub fn multiply<T: Real, const R: usize, const K: usize, const C: usize>(
     a: &Matrix<T, R, K>,
     b: &Matrix<T, K, C>,
 ) -> Matrix<T, R, C> {
-    std::array::from_fn(|i| std::array::from_fn(|j| (0..K).map(|k| a[i][k] * b[k][j]).sum()))
+    std::array::from_fn(|i| std::array::from_fn(|j| sum::<T, K>(|k| a[i][k] * b[k][j])))
 }
 
 /// Aᵀ.
+#[inline]
 pub fn transpose<T: Real, const R: usize, const C: usize>(a: &Matrix<T, R, C>) -> Matrix<T, C, R> {
     std::array::from_fn(|i| std::array::from_fn(|j| a[j][i]))
 }
 
 /// The rotation matrix of a unit quaternion (w, x, y, z).
+#[inline]
 pub fn rotation_matrix<T: Real>([w, x, y, z]: Vector<T, 4>) -> Matrix<T, 3, 3> {
     let (one, two) = (T::one(), T::of(2.0));
     [
@@ -87,6 +103,7 @@ pub fn rotation_matrix<T: Real>([w, x, y, z]: Vector<T, 4>) -> Matrix<T, 3, 3> {
 }
 
 /// Gradient with respect to the unit quaternion, given the gradient with respect to its matrix.
+#[inline]
 pub fn rotation_matrix_backward<T: Real>([w, x, y, z]: Vector<T, 4>, g: &Matrix<T, 3, 3>) -> Vector<T, 4> {
     let (two, four) = (T::of(2.0), T::of(4.0));
     let (a, b, c) = (g[2][1] - g[1][2], g[0][2] - g[2][0], g[1][0] - g[0][1]);
@@ -100,6 +117,7 @@ pub fn rotation_matrix_backward<T: Real>([w, x, y, z]: Vector<T, 4>, g: &Matrix<
 }
 
 /// q / ‖q‖ and ‖q‖; the identity rotation where the length is zero or not finite.
+#[inline]
 pub fn unit_quaternion<T: Real>(q: Vector<T, 4>) -> (Vector<T, 4>, T) {
     let length = dot(q, q).sqrt();
     if length > T::of(1e-12) && length.is_finite() {
@@ -110,6 +128,7 @@ pub fn unit_quaternion<T: Real>(q: Vector<T, 4>) -> (Vector<T, 4>, T) {
 }
 
 /// Gradient with respect to q, given the gradient with respect to q / ‖q‖; zero where q has no direction.
+#[inline]
 pub fn unit_quaternion_backward<T: Real>(unit: Vector<T, 4>, length: T, g: Vector<T, 4>) -> Vector<T, 4> {
     if length == T::zero() {
         return [T::zero(); 4];

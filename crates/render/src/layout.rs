@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use surgtpgs_core::{
     camera::Camera,
-    deform::{BasisShape, Deformation, Deformed},
+    deform::{Deformation, Deformed},
     gaussian::Gaussians,
     overlay::{OverlayPrompt, OverlayStyle},
     raster::{FRUSTUM_GUARD, TILE, project::Splat},
@@ -82,14 +82,16 @@ shader_struct! {
         num_bases: u32,
         /// 1 where all Gaussians share centres and widths.
         is_shared: u32,
-        /// 1 for [`BasisShape::Quartic`].
-        is_quartic: u32,
+        /// [`surgtpgs_core::deform::BasisShape`] as a number.
+        shape: u32,
         /// t.
         time: f32,
         /// δ.
         gate_slope: f32,
+        /// First channel of the gate.
+        gate_channel: u32,
         /// To a multiple of 16 bytes.
-        padding: [u32; 2],
+        padding: u32,
     }
 }
 
@@ -281,10 +283,11 @@ impl Deform {
             last_basis: live.end as u32,
             num_bases: deformation.num_bases as u32,
             is_shared: u32::from(deformation.is_shared()),
-            is_quartic: u32::from(deformation.shape == BasisShape::Quartic),
+            shape: deformation.shape as u32,
             time,
             gate_slope: deformation.gate_slope,
-            padding: [0; 2],
+            gate_channel: deformation.gate_channel as u32,
+            padding: 0,
         }
     }
 }

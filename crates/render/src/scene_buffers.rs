@@ -128,7 +128,7 @@ fn check_lengths(gaussians: &Gaussians, deformation: &Deformation) -> Result<()>
 pub(crate) fn fingerprint(gaussians: &Gaussians, deformation: &Deformation) -> u64 {
     let mut hasher = DefaultHasher::new();
     (gaussians.sh_degree, gaussians.latent_dim, deformation.num_bases, deformation.stride).hash(&mut hasher);
-    (deformation.shape as u8, deformation.gate_slope.to_bits()).hash(&mut hasher);
+    (deformation.shape as u8, deformation.gate_slope.to_bits(), deformation.gate_channel).hash(&mut hasher);
     let arrays: [&[f32]; 12] = [
         gaussians.means.as_flattened(),
         gaussians.rotations.as_flattened(),

@@ -100,7 +100,8 @@ fn constants(latent_dim: usize) -> String {
         ("ROTATION_CHANNEL", deform::ROTATION_CHANNEL as u32),
         ("SCALE_CHANNEL", deform::SCALE_CHANNEL as u32),
         ("COLOUR_CHANNEL", deform::COLOUR_CHANNEL as u32),
-        ("GATE_CHANNEL", deform::GATE_CHANNEL as u32),
+        ("SHAPE_QUARTIC", deform::BasisShape::Quartic as u32),
+        ("SHAPE_SPLINE", deform::BasisShape::Spline as u32),
     ];
     let numbers = [
         ("NEAR", raster::NEAR),

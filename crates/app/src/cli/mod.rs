@@ -1,5 +1,6 @@
 //! The verbs, one file each, and what they share: exit codes and the console.
 
+mod bench;
 mod check;
 mod console;
 mod default_job;
@@ -70,6 +71,7 @@ fn run_verb(verb: Option<Verb>) -> Result<Exit> {
         Some(Verb::Query(args)) => query::run(&args),
         Some(Verb::Export(args)) => export::run(&args),
         Some(Verb::Eval(args)) => eval::run(&args),
+        Some(Verb::Bench(args)) => bench::run(&args),
     }
 }
 

@@ -8,7 +8,7 @@ use crate::{
     args::TrainArgs,
     jobs::{self, Material, Trained},
 };
-use surgtpgs_core::{Result, train::TrainSettings};
+use surgtpgs_core::{Error, Result, train::Trainer};
 
 /// The JSON report; its keys are a contract.
 #[derive(serde::Serialize)]
@@ -30,15 +30,22 @@ pub(super) fn run(args: &TrainArgs) -> Result<Exit> {
     if material.prepared().is_none() {
         say("training without features: prompts will find nothing in this scene (see `surgtpgs prepare`)");
     }
-    let settings = settings(args);
+    let mut trainer = begin(args, &material)?;
+    let asked = trainer.settings().iterations;
     console::watch_interrupts();
     let mut view = ProgressView::default();
-    let trained = jobs::train(&material, settings, &mut |p| view.show(p))?;
+    let checkpoint = jobs::checkpoint_path(&args.output);
+    let trained = jobs::go_on(&mut trainer, Some(&checkpoint), &mut |p| view.show(p), &mut |_| {})?;
     drop(view);
     trained.scene.save(&args.output)?;
-    let report = report(&trained, args.iterations as usize);
-    if !report.finished {
-        say(&format!("stopped after {} of {} steps; the scene is saved", report.steps, args.iterations));
+    let report = report(&trained, asked);
+    if report.finished {
+        jobs::remove_file(&checkpoint)?;
+    } else {
+        say(&format!(
+            "stopped after {} of {asked} steps; the scene is saved, and --resume goes on from here",
+            report.steps
+        ));
     }
     if report.dropped_steps > 0 {
         say(&format!("{} steps were dropped because they were not finite", report.dropped_steps));
@@ -51,12 +58,23 @@ pub(super) fn run(args: &TrainArgs) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-fn settings(args: &TrainArgs) -> TrainSettings {
-    TrainSettings {
-        iterations: args.iterations as usize,
-        seed: args.seed,
-        eval: args.eval,
-        ..Default::default()
+/// A new training, or the unfinished one; an unfinished one is never lost by accident.
+fn begin(args: &TrainArgs, material: &Material) -> Result<Trainer> {
+    let checkpoint = jobs::checkpoint_path(&args.output);
+    let (sequence, prepared) = (material.sequence(), material.prepared());
+    match (args.resume, checkpoint.exists()) {
+        (true, true) => Trainer::resume(sequence, prepared, &checkpoint),
+        (true, false) => Err(Error::input_at(
+            &checkpoint,
+            "there is no unfinished training to go on with",
+            "Train without --resume.",
+        )),
+        (false, true) => Err(Error::input_at(
+            &checkpoint,
+            "an earlier training of this scene is unfinished",
+            "Go on with --resume, or remove its file to begin again.",
+        )),
+        (false, false) => Trainer::new(sequence, prepared, args.settings()),
     }
 }
 

@@ -138,28 +138,55 @@ pub fn train_watched(
     observer: &mut Observer<'_>,
     watch: &mut dyn FnMut(&Trainer),
 ) -> Result<Trained> {
-    let started = std::time::Instant::now();
-    let total = settings.iterations;
-    let psnr_every = (total / 6).max(250);
     let mut trainer = Trainer::new(material.sequence(), material.prepared(), settings)?;
-    let training_started = std::time::Instant::now();
+    go_on(&mut trainer, None, observer, watch)
+}
+
+/// Where the unfinished training of a scene file is kept.
+pub fn checkpoint_path(scene: &Path) -> PathBuf {
+    scene.with_extension("unfinished")
+}
+
+/// Seconds between two checkpoints.
+const CHECKPOINT_SECONDS: f64 = 120.0;
+
+/// Trains on until all steps are done or the observer asks to stop. With a `checkpoint`, what is done is written there
+/// now and then, and when stopped.
+pub fn go_on(
+    trainer: &mut Trainer,
+    checkpoint: Option<&Path>,
+    observer: &mut Observer<'_>,
+    watch: &mut dyn FnMut(&Trainer),
+) -> Result<Trained> {
+    let total = trainer.settings().iterations;
+    let psnr_every = (total / 6).max(250);
+    let (first_step, training_started) = (trainer.steps_done(), std::time::Instant::now());
     let (mut psnr, mut dropped) = (String::new(), 0);
+    let mut kept_at = trainer.seconds();
     while trainer.steps_done() < total {
         let report = trainer.step()?;
         dropped = report.dropped;
         if report.step.is_multiple_of(psnr_every) && report.step < total {
             psnr = format!(", {:.2} dB", trainer.psnr_db()?);
         }
-        watch(&trainer);
-        let per_second = report.step as f64 / training_started.elapsed().as_secs_f64().max(1e-9);
+        watch(trainer);
+        let done_here = (report.step - first_step) as f64;
+        let per_second = done_here / training_started.elapsed().as_secs_f64().max(1e-9);
         let detail =
             format!("loss {:.4}, {} Gaussians, {per_second:.0} steps/s{psnr}", report.loss, report.gaussians);
         let progress = Progress { stage: "training", done: report.step, total, detail: &detail };
-        if observer(&progress).is_break() {
+        let stop = observer(&progress).is_break() && report.step < total;
+        if let Some(path) = checkpoint
+            && (stop || trainer.seconds() > kept_at + CHECKPOINT_SECONDS)
+        {
+            trainer.save_checkpoint(path)?;
+            kept_at = trainer.seconds();
+        }
+        if stop {
             break;
         }
     }
-    let seconds = started.elapsed().as_secs_f64();
+    let seconds = trainer.seconds();
     let psnr_db = trainer.psnr_db()?;
     Ok(Trained { scene: trainer.scene(), steps: trainer.steps_done(), seconds, psnr_db, dropped })
 }
@@ -239,7 +266,8 @@ pub fn remove_folder(folder: &Path) -> Result<()> {
     }
 }
 
-fn remove_file(path: &Path) -> Result<()> {
+/// Removes a file that this program made; a missing one is fine.
+pub fn remove_file(path: &Path) -> Result<()> {
     match std::fs::remove_file(path) {
         Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(Error::io("remove the old file", path, e)),
         _ => Ok(()),

@@ -12,6 +12,8 @@ pub use apply::{
 pub use basis::{BasisShape, LIVE_BASIS, MIN_WIDTH, QUARTIC_EPSILON, basis, basis_backward};
 
 use crate::{gaussian::Gaussians, num::sigmoid};
+use fearless_simd::{Level, Simd, dispatch};
+use fearless_simd_macros::simd;
 use rayon::prelude::*;
 
 /// First channel of each deformed quantity; gate channels follow [`COLOUR_CHANNEL`] + 3.
@@ -25,6 +27,9 @@ pub const COLOUR_CHANNEL: usize = 10;
 /// ψ(t; Θ^f), one per latent feature: the gate of the feature network.
 pub const GATE_CHANNEL: usize = 13;
 
+/// Most latent numbers per Gaussian.
+pub const MAX_LATENT_DIM: usize = 16;
+
 /// Number of channels for latent dimension D.
 pub const fn num_channels(latent_dim: usize) -> usize {
     GATE_CHANNEL + latent_dim
@@ -36,7 +41,7 @@ pub const fn stride_for(latent_dim: usize) -> usize {
 }
 
 /// Basis weights of all Gaussians, and the basis functions they weigh.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Deformation {
     /// Shape of every basis function.
     pub shape: BasisShape,
@@ -52,6 +57,8 @@ pub struct Deformation {
     pub widths: Vec<f32>,
     /// Slope δ of the gate σ(δψ^f).
     pub gate_slope: f32,
+    /// First channel of ψ^f: [`GATE_CHANNEL`]; the released code takes those of scale.
+    pub gate_channel: usize,
     /// The feature network g([f, t]) = W [f; t] + b: W as [D][D + 1] flat.
     pub feature_weight: Vec<f32>,
     /// b, [D].
@@ -88,9 +95,18 @@ impl Deformation {
             centres: (0..num_bases).map(|b| b as f32 * spacing).collect(),
             widths: vec![width; num_bases],
             gate_slope,
+            gate_channel: GATE_CHANNEL,
             feature_weight: vec![0.0; latent_dim * (latent_dim + 1)],
             feature_bias: vec![0.0; latent_dim],
         }
+    }
+
+    /// The same, every Gaussian and channel with centres and widths of its own.
+    pub fn with_own_bases(mut self) -> Self {
+        let block = self.weights.len() / self.num_bases.max(1);
+        let spread = |shared: &[f32]| shared.iter().flat_map(|v| std::iter::repeat_n(*v, block)).collect();
+        (self.centres, self.widths) = (spread(&self.centres), spread(&self.widths));
+        self
     }
 
     /// Whether all Gaussians share centres and widths.
@@ -110,21 +126,24 @@ impl Deformation {
 
     /// ψ(t) of all `n` Gaussians, [N][stride].
     pub fn psi(&self, n: usize, time: f32) -> Vec<f32> {
-        let mut psi = vec![0.0; n * self.stride];
-        if n == 0 || self.num_bases == 0 {
-            return psi;
-        }
+        let mut psi = Vec::new();
+        self.psi_into(n, time, &mut psi);
+        psi
+    }
+
+    /// As [`Deformation::psi`], with the memory from outside.
+    pub fn psi_into(&self, n: usize, time: f32, psi: &mut Vec<f32>) {
+        psi.resize(n * self.stride, 0.0);
         let plane = n * self.stride;
         let chunk = 1024 * self.stride;
         let shared = self.is_shared().then(|| self.basis_values(time));
         psi.par_chunks_mut(chunk).enumerate().for_each(|(k, psi)| {
+            psi.fill(0.0);
             let len = psi.len();
             let at = |b: usize| b * plane + k * chunk..b * plane + k * chunk + len;
             if let Some((values, live)) = &shared {
                 for b in live.clone() {
-                    for (sum, weight) in psi.iter_mut().zip(&self.weights[at(b)]) {
-                        *sum += values[b] * weight;
-                    }
+                    add_scaled(psi, values[b], &self.weights[at(b)]);
                 }
             } else {
                 for b in 0..self.num_bases {
@@ -137,7 +156,6 @@ impl Deformation {
                 }
             }
         });
-        psi
     }
 
     /// The feature network.
@@ -149,46 +167,68 @@ impl Deformation {
 /// Deforms and activates all Gaussians at time `t`; the CPU twin of `shaders/deform.wgsl`.
 pub fn deform(gaussians: &Gaussians, deformation: &Deformation, time: f32, features: bool) -> Deformed {
     let psi = deformation.psi(gaussians.len(), time);
-    deform_by(gaussians, deformation, &psi, time, features)
+    let mut deformed = Deformed::default();
+    deform_by(gaussians, deformation, &psi, time, features, &mut deformed);
+    deformed
 }
 
-/// As [`deform`], with ψ(t) already at hand.
+/// As [`deform`], with ψ(t) already at hand and the memory from outside.
 pub fn deform_by(
     gaussians: &Gaussians,
     deformation: &Deformation,
     psi: &[f32],
     time: f32,
     features: bool,
-) -> Deformed {
+    out: &mut Deformed,
+) {
     let n = gaussians.len();
     let stride = deformation.stride;
-    let moved: Vec<Moved<f32>> = (0..n)
-        .into_par_iter()
-        .with_min_len(1024)
-        .map(|i| {
-            let psi = &psi[i * stride..(i + 1) * stride];
-            move_geometry(gaussians.means[i], gaussians.rotations[i], gaussians.log_scales[i], psi)
-        })
-        .collect();
-    let colour = |i: usize, c: usize| gaussians.colours[i][c] + psi[i * stride + COLOUR_CHANNEL + c];
-    let mut deformed = Deformed {
-        means: moved.iter().map(|m| m.geometry.mean).collect(),
-        rotations: moved.iter().map(|m| m.geometry.rotation).collect(),
-        scales: moved.iter().map(|m| m.geometry.scale).collect(),
-        opacities: gaussians.opacity_logits.iter().map(|&o| sigmoid(o)).collect(),
-        colours: (0..n).map(|i| [colour(i, 0), colour(i, 1), colour(i, 2)]).collect(),
-        features: Vec::new(),
-    };
-    let dim = gaussians.latent_dim;
-    if features && dim > 0 {
-        deformed.features = vec![0.0; n * dim];
+    out.resize(n);
+    let outputs = (&mut out.means, &mut out.rotations, &mut out.scales, &mut out.opacities, &mut out.colours);
+    outputs.into_par_iter().zip(psi.par_chunks(stride)).with_min_len(1024).enumerate().for_each(
+        |(i, ((mean, rotation, scale, opacity, colour), psi))| {
+            let moved =
+                move_geometry(gaussians.means[i], gaussians.rotations[i], gaussians.log_scales[i], psi);
+            *mean = moved.geometry.mean;
+            *rotation = moved.geometry.rotation;
+            *scale = moved.geometry.scale;
+            *opacity = sigmoid(gaussians.opacity_logits[i]);
+            *colour = std::array::from_fn(|c| gaussians.colours[i][c] + psi[COLOUR_CHANNEL + c]);
+        },
+    );
+    let dim = if features { gaussians.latent_dim } else { 0 };
+    out.features.resize(n * dim, 0.0);
+    if dim > 0 {
         let net = deformation.feature_net();
-        deformed.features.par_chunks_mut(dim).with_min_len(1024).enumerate().for_each(|(i, out)| {
-            let gate = &psi[i * stride + GATE_CHANNEL..i * stride + GATE_CHANNEL + dim];
-            gate_feature(&net, &gaussians.features[i * dim..(i + 1) * dim], gate, time, out);
-        });
+        out.features.par_chunks_mut(dim).zip(psi.par_chunks(stride)).with_min_len(1024).enumerate().for_each(
+            |(i, (out, psi))| {
+                let gate = &psi[deformation.gate_channel..deformation.gate_channel + dim];
+                gate_feature(&net, &gaussians.features[i * dim..(i + 1) * dim], gate, time, out);
+            },
+        );
     }
-    deformed
+}
+
+impl Deformed {
+    /// Makes room for `n` Gaussians; what is in it means nothing.
+    fn resize(&mut self, n: usize) {
+        self.means.resize(n, [0.0; 3]);
+        self.rotations.resize(n, [0.0; 4]);
+        self.scales.resize(n, [0.0; 3]);
+        self.opacities.resize(n, 0.0);
+        self.colours.resize(n, [0.0; 3]);
+    }
+}
+
+/// sum += factor · values.
+fn add_scaled(sum: &mut [f32], factor: f32, values: &[f32]) {
+    #[simd]
+    fn kernel<S: Simd>(_: S, sum: &mut [f32], factor: f32, values: &[f32]) {
+        for (sum, value) in sum.iter_mut().zip(values) {
+            *sum += factor * value;
+        }
+    }
+    dispatch!(Level::new(), simd => kernel(simd, sum, factor, values));
 }
 
 #[cfg(test)]
@@ -223,10 +263,8 @@ mod tests {
         for (i, w) in shared.weights.iter_mut().enumerate() {
             *w = ((i * 37 % 101) as f32 / 101.0) - 0.5;
         }
-        let mut own = shared.clone();
-        let block = n * shared.stride;
-        own.centres = (0..7 * block).map(|i| shared.centres[i / block]).collect();
-        own.widths = (0..7 * block).map(|i| shared.widths[i / block]).collect();
+        let own = shared.clone().with_own_bases();
+        assert!(shared.is_shared() && !own.is_shared());
         for time in [0.0, 0.31, 0.98] {
             for (a, b) in shared.psi(n, time).iter().zip(own.psi(n, time)) {
                 assert!((a - b).abs() < 1e-6);

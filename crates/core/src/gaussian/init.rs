@@ -3,11 +3,10 @@
 use super::{Gaussians, SH_C0};
 use crate::{camera::Camera, grid::Grid, num::logit};
 use image::RgbImage;
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-
-/// Opacity of a new Gaussian.
-const INITIAL_OPACITY: f32 = 0.6;
+use std::num::NonZeroUsize;
 
 /// A frame to seed from.
 #[derive(Debug)]
@@ -22,34 +21,72 @@ pub struct SeedFrame {
     pub depth: Option<Grid<f32>>,
 }
 
+/// How to place the first Gaussians.
+#[derive(Clone, Copy, Debug)]
+pub struct SeedSettings {
+    /// Pixels between neighbours.
+    pub spacing_px: f32,
+    /// Depth where it is unknown, scene units.
+    pub default_depth: f32,
+    /// Opacity of all.
+    pub opacity: f32,
+    /// Sizes from the distances to the three nearest neighbours (method §2.2) instead of from the spacing.
+    pub neighbour_sizes: bool,
+    /// D.
+    pub latent_dim: usize,
+    /// Spherical-harmonic degree.
+    pub sh_degree: usize,
+    /// Of the places within the cells.
+    pub seed: u64,
+}
+
 /// Places one Gaussian in every cell of `spacing_px`² pixels that is supervised and not yet covered by a Gaussian
-/// from an earlier frame. Pixels of unknown depth lie on the fronto-parallel plane at `default_depth`.
-pub fn seed(
-    frames: &[SeedFrame],
-    spacing_px: f32,
-    default_depth: f32,
-    latent_dim: usize,
-    sh_degree: usize,
-    seed: u64,
-) -> Gaussians {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let mut gaussians = Gaussians { latent_dim, sh_degree, ..Gaussians::default() };
+/// from an earlier frame. Pixels of unknown depth lie on the fronto-parallel plane at the default depth.
+pub fn seed(frames: &[SeedFrame], settings: &SeedSettings) -> Gaussians {
+    let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
+    let mut gaussians = Gaussians {
+        latent_dim: settings.latent_dim,
+        sh_degree: settings.sh_degree,
+        ..Gaussians::default()
+    };
     for frame in frames {
-        seed_frame(frame, spacing_px.max(1.0), default_depth, &mut gaussians, &mut rng);
+        seed_frame(frame, settings, &mut gaussians, &mut rng);
     }
     let n = gaussians.len();
-    gaussians.features = vec![0.0; n * latent_dim];
+    gaussians.opacity_logits = vec![logit(settings.opacity); n];
+    gaussians.features = vec![0.0; n * settings.latent_dim];
     gaussians.sh_rest = vec![0.0; n * gaussians.sh_bands() * 3];
+    if settings.neighbour_sizes {
+        gaussians.log_scales = neighbour_log_scales(&gaussians.means);
+    }
     gaussians
+}
+
+/// ½ ln of the mean squared distance to the three nearest neighbours, at least 1e-7.
+fn neighbour_log_scales(means: &[[f32; 3]]) -> Vec<[f32; 3]> {
+    const SMALLEST: f32 = 1e-7;
+    let Ok(tree) = ImmutableKdTree::<f32, 3>::new_from_slice(means) else {
+        // Nothing to build from.
+        return vec![[0.5 * SMALLEST.ln(); 3]; means.len()];
+    };
+    let count = NonZeroUsize::new(4).unwrap_or(NonZeroUsize::MIN);
+    let log_scale = |mean: &[f32; 3]| {
+        // The nearest is the point itself.
+        let near = tree.query(mean).nearest_n::<SquaredEuclidean<f32>>(count).execute();
+        let others = near.iter().skip(1).map(|n| n.distance);
+        let mean = others.clone().sum::<f32>() / (others.count().max(1) as f32);
+        0.5 * mean.max(SMALLEST).ln()
+    };
+    means.iter().map(|mean| [log_scale(mean); 3]).collect()
 }
 
 fn seed_frame(
     frame: &SeedFrame,
-    spacing_px: f32,
-    default_depth: f32,
+    settings: &SeedSettings,
     gaussians: &mut Gaussians,
     rng: &mut ChaCha8Rng,
 ) {
+    let spacing_px = settings.spacing_px.max(1.0);
     let (width, height) = (frame.mask.width, frame.mask.height);
     let columns = (width as f32 / spacing_px).ceil() as usize;
     let rows = (height as f32 / spacing_px).ceil() as usize;
@@ -70,7 +107,7 @@ fn seed_frame(
         let x = at(cell % columns, rng.random_range(0.2..0.8), width);
         let y = at(cell / columns, rng.random_range(0.2..0.8), height);
         if frame.mask.at(x, y) {
-            push(frame, x, y, spacing_px, default_depth, gaussians);
+            push(frame, x, y, spacing_px, settings.default_depth, gaussians);
         }
     }
 }
@@ -100,13 +137,24 @@ fn push(
     gaussians.means.push(frame.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, depth).into());
     gaussians.rotations.push([1.0, 0.0, 0.0, 0.0]);
     gaussians.log_scales.push([radius.max(1e-6).ln(); 3]);
-    gaussians.opacity_logits.push(logit(INITIAL_OPACITY));
     gaussians.colours.push(colour.map(|c| (f32::from(c) / 255.0 - 0.5) / SH_C0));
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn settings(latent_dim: usize) -> SeedSettings {
+        SeedSettings {
+            spacing_px: 4.0,
+            default_depth: 1.0,
+            opacity: 0.6,
+            neighbour_sizes: false,
+            latent_dim,
+            sh_degree: 0,
+            seed: 1,
+        }
+    }
 
     fn frame(depth: Option<f32>, mask: impl Fn(usize, usize) -> bool) -> SeedFrame {
         let data = (0..48).flat_map(|y| (0..64).map(move |x| (x, y))).map(|(x, y)| mask(x, y)).collect();
@@ -120,7 +168,7 @@ mod tests {
 
     #[test]
     fn every_gaussian_shows_the_pixel_it_came_from() {
-        let g = seed(&[frame(Some(5.0), |_, _| true)], 4.0, 1.0, 3, 0, 1);
+        let g = seed(&[frame(Some(5.0), |_, _| true)], &settings(3));
         assert_eq!(g.len(), 16 * 12);
         for (mean, colour) in g.means.iter().zip(&g.colours) {
             let (u, v, z) = Camera::with_field_of_view(64, 48, 60.0).project((*mean).into()).unwrap();
@@ -135,9 +183,18 @@ mod tests {
     fn later_frames_only_fill_what_earlier_ones_left() {
         let left = frame(None, |x, _| x < 32);
         let all = frame(None, |_, _| true);
-        let once = seed(std::slice::from_ref(&left), 4.0, 1.0, 0, 0, 1).len();
-        let both = seed(&[left, all], 4.0, 1.0, 0, 0, 1).len();
+        let once = seed(std::slice::from_ref(&left), &settings(0)).len();
+        let both = seed(&[left, all], &settings(0)).len();
         assert_eq!(once, 8 * 12);
         assert_eq!(both, 8 * 12 + 7 * 12);
+    }
+
+    #[test]
+    fn sizes_follow_from_neighbours() {
+        let means: Vec<[f32; 3]> = (0..9).map(|i| [(i % 3) as f32, (i / 3) as f32, 7.0]).collect();
+        let sizes = neighbour_log_scales(&means);
+        // The middle has four neighbours at distance 1; a corner has two, and one at √2.
+        assert!(sizes[4][0].abs() < 1e-6 && (sizes[0][0] - 0.5 * (4.0f32 / 3.0).ln()).abs() < 1e-6);
+        assert!((neighbour_log_scales(&[[1.0; 3]; 5])[0][0] - 0.5 * 1e-7f32.ln()).abs() < 1e-4);
     }
 }

@@ -3,7 +3,7 @@
 pub mod init;
 
 /// Raw (unactivated) parameters of N Gaussians at rest; every array has N rows.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Gaussians {
     /// Centres in the world, scene units.
     pub means: Vec<[f32; 3]>,

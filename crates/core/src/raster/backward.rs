@@ -10,38 +10,53 @@ use super::{
     bin::Bins,
     project::{Splat, SplatGradient},
     tile::{
-        BASE_CHANNELS, GEOMETRY, MIN_LOG2_ALPHA, Packed, columns_inside, dispatch_channels, exp2,
-        gather_tile, log2_alpha, padded_channels, pixel_centres, rows_of,
+        BASE_CHANNELS, BLOCKS, GEOMETRY, HALVES, LANES, MIN_LOG2_ALPHA, Packed, blocks_of, columns_inside,
+        dispatch_channels, exp2, gather_tile, load_block, log2_alpha, pixel_centres,
     },
 };
-use fearless_simd::{f32x16, prelude::*};
+use fearless_simd::{f32x8, prelude::*};
 use fearless_simd_macros::simd;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Floats of a slot before its channels: moments 1, x, y, xx, xy, yy of ∂L/∂(exponent) about the splat's centre.
 const MOMENTS: usize = 6;
 
+/// Floats of a slot.
+fn slot_width(channels: usize) -> usize {
+    (MOMENTS + channels).next_multiple_of(LANES)
+}
+
 /// Gradients of every splat (and of its features, [N][D]) given `g_planes`, shaped as `images.planes`.
 pub fn raster_backward(
     splats: &[Splat<f32>],
-    features: &[f32],
+    packed: &Packed,
     bins: &Bins,
     images: &Images,
     g_planes: &[f32],
 ) -> (Vec<SplatGradient<f32>>, Vec<f32>) {
-    let latent_dim = images.latent_dim();
-    let channels = padded_channels(latent_dim);
-    let packed = Packed::new(splats, features, latent_dim, channels);
-    let slot = MOMENTS + channels;
-    let mut slots = vec![0.0; bins.splat.len() * slot];
-    let job = Job { packed: &packed, bins, images, g_planes };
-    tile_row_slots(&mut slots, bins, slot).into_par_iter().enumerate().for_each_init(
+    raster_backward_with(splats, packed, bins, images, g_planes, &mut Vec::new())
+}
+
+/// As [`raster_backward`], with the memory for the slots from outside.
+pub fn raster_backward_with(
+    splats: &[Splat<f32>],
+    packed: &Packed,
+    bins: &Bins,
+    images: &Images,
+    g_planes: &[f32],
+    slots: &mut Vec<f32>,
+) -> (Vec<SplatGradient<f32>>, Vec<f32>) {
+    let slot = slot_width(packed.channels);
+    slots.resize(bins.splat.len() * slot, 0.0);
+    let job = Job { packed, bins, images, g_planes };
+    tile_row_slots(slots, bins, slot).into_par_iter().enumerate().for_each_init(
         Scratch::default,
         |scratch, (tile_y, slots)| {
-            dispatch_channels!(channels, replay_strip(&job, scratch, tile_y, slots));
+            dispatch_channels!(packed.channels, replay_strip(&job, scratch, tile_y, slots));
         },
     );
-    gather(splats, bins, &slots, slot, latent_dim)
+    gather(splats, bins, slots, slot, packed.latent_dim)
 }
 
 /// Splits the slots (sorted by tile) into one piece per tile row.
@@ -68,9 +83,7 @@ struct Job<'a> {
 struct Scratch {
     /// Packed splats of the tile.
     local: Vec<f32>,
-    /// Gradient of each blended channel, then of alpha: [channels + 1][16 rows][16].
-    g: Vec<f32>,
-    /// T, then `rest`: [2][16 rows][16].
+    /// Per block: gradient of each blended channel, then of alpha; then T and `rest`. [BLOCKS][channels + 3][LANES].
     state: Vec<f32>,
 }
 
@@ -82,176 +95,210 @@ fn replay_strip<S: Simd, const CHANNELS: usize>(
     tile_y: usize,
     slots: &mut [f32],
 ) {
-    let slot = MOMENTS + CHANNELS;
+    let slot = slot_width(CHANNELS);
     let first_pair = job.bins.first[tile_y * job.bins.columns] as usize;
     for tile_x in 0..job.bins.columns {
         let pairs = job.bins.tile(tile_x, tile_y);
         if pairs.is_empty() {
             continue;
         }
-        gather_tile(job.packed, job.bins, pairs.clone(), &mut scratch.local);
-        load_tile::<CHANNELS>(job, scratch, tile_x, tile_y);
         let slots = &mut slots[(pairs.start - first_pair) * slot..(pairs.end - first_pair) * slot];
-        replay_tile::<S, CHANNELS>(simd, job, scratch, (tile_x, tile_y), slots);
+        let live = load_tile::<CHANNELS>(job, scratch, tile_x, tile_y);
+        gather_tile(job.packed, job.bins, pairs, &mut scratch.local);
+        replay_tile::<S, CHANNELS>(simd, job.packed.stride, scratch, (tile_x, tile_y), live, slots);
     }
 }
 
-/// Loads the gradients of a tile and starts its state; pixels outside the image have no gradient.
-fn load_tile<const CHANNELS: usize>(job: &Job<'_>, scratch: &mut Scratch, tile_x: usize, tile_y: usize) {
-    const PIXELS: usize = TILE * TILE;
+/// Loads the gradients of a tile and starts its state; returns the blocks that have any, as bits.
+fn load_tile<const CHANNELS: usize>(
+    job: &Job<'_>,
+    scratch: &mut Scratch,
+    tile_x: usize,
+    tile_y: usize,
+) -> u32 {
     let (width, height) = (job.images.width, job.images.height);
     let n = width * height;
-    scratch.g.clear();
-    scratch.g.resize((CHANNELS + 1) * PIXELS, 0.0);
     scratch.state.clear();
-    scratch.state.resize(2 * PIXELS, 1.0);
-    let (transmittance, rest) = scratch.state.split_at_mut(PIXELS);
-    rest.fill(0.0);
-    transmittance.fill(1.0);
-    let inside = columns_inside(tile_x, width);
-    for plane in 0..FEATURE_PLANE + job.images.latent_dim() {
-        let channel = match plane {
-            ALPHA_PLANE => CHANNELS,
-            p if p < BASE_CHANNELS => p,
-            p => p - 1,
-        };
-        for y in 0..TILE.min(height - tile_y * TILE) {
-            let from = plane * n + (tile_y * TILE + y) * width + tile_x * TILE;
-            let g = &job.g_planes[from..from + inside];
-            scratch.g[channel * PIXELS + y * TILE..][..inside].copy_from_slice(g);
-            let image = &job.images.planes[from..from + inside];
-            for ((rest, g), value) in rest[y * TILE..].iter_mut().zip(g).zip(image) {
-                *rest += g * value;
-            }
+    scratch.state.resize(BLOCKS * (CHANNELS + 3) * LANES, 0.0);
+    let mut live = 0;
+    for (block, state) in scratch.state.chunks_exact_mut((CHANNELS + 3) * LANES).enumerate() {
+        let (y, half) = (tile_y * TILE + block / HALVES, block % HALVES);
+        let inside = columns_inside(tile_x, half, width);
+        if y >= height || inside == 0 {
+            continue;
         }
+        let mut rest = [0.0f32; LANES];
+        let mut largest = [0.0f32; LANES];
+        for plane in 0..FEATURE_PLANE + job.packed.latent_dim {
+            let channel = match plane {
+                ALPHA_PLANE => CHANNELS,
+                p if p < BASE_CHANNELS => p,
+                p => p - 1,
+            };
+            let from = plane * n + y * width + tile_x * TILE + half * LANES;
+            let g = load_block(&job.g_planes[from..], inside);
+            let value = load_block(&job.images.planes[from..], inside);
+            for i in 0..LANES {
+                rest[i] += g[i] * value[i];
+                largest[i] = g[i].abs().max(largest[i]);
+            }
+            state[channel * LANES..(channel + 1) * LANES].copy_from_slice(&g);
+        }
+        state[(CHANNELS + 1) * LANES..(CHANNELS + 2) * LANES].fill(1.0);
+        state[(CHANNELS + 2) * LANES..].copy_from_slice(&rest);
+        // Not `largest > 0`: NaN must reach the gradients, where it is found.
+        live |= u32::from(largest.iter().zip(&rest).any(|(g, r)| *g != 0.0 || r.is_nan())) << block;
     }
+    live
 }
 
 #[simd]
 fn replay_tile<S: Simd, const CHANNELS: usize>(
     simd: S,
-    job: &Job<'_>,
+    stride: usize,
     scratch: &mut Scratch,
     (tile_x, tile_y): (usize, usize),
+    mut live: u32,
     slots: &mut [f32],
 ) {
-    let centres = pixel_centres(simd, tile_x);
-    let stride = job.packed.stride;
-    let mut live_rows = u32::MAX;
-    for (s, out) in scratch.local.chunks_exact(stride).zip(slots.chunks_exact_mut(MOMENTS + CHANNELS)) {
-        let rows = rows_of(s, tile_y);
-        let dx = centres - s[0];
-        let sums = replay_splat::<S, CHANNELS>(
-            simd,
-            s,
-            dx,
-            rows,
-            tile_y,
-            &scratch.g,
-            &mut scratch.state,
-            &mut live_rows,
-        );
-        reduce_into::<S, CHANNELS>(simd, sums, dx, out);
-        if live_rows & 0xFFFF == 0 {
+    let centres: [f32x8<S>; HALVES] = [pixel_centres(simd, tile_x, 0), pixel_centres(simd, tile_x, 1)];
+    let mut out = slots.chunks_exact_mut(slot_width(CHANNELS));
+    for s in scratch.local.chunks_exact(stride) {
+        // Nothing supervised, or nothing seen through what is in front.
+        if live == 0 {
             break;
         }
+        let Some(out) = out.next() else { break };
+        let (rows, halves) = blocks_of(s, tile_x, tile_y);
+        let mut sums = Sums::<S, CHANNELS>::zero(simd);
+        for half in halves {
+            let dx = centres[half] - s[0];
+            replay_half(simd, s, dx, (rows.clone(), half), tile_y, &mut scratch.state, &mut live, &mut sums);
+        }
+        reduce_into::<S, CHANNELS>(simd, sums, out);
+    }
+    out.for_each(|slot| slot.fill(0.0));
+}
+
+/// Lane-wise sums of one splat over a tile: [`MOMENTS`] of ∂L/∂(exponent), then the channels.
+struct Sums<S: Simd, const CHANNELS: usize> {
+    moments: [f32x8<S>; MOMENTS],
+    channels: [f32x8<S>; CHANNELS],
+}
+
+impl<S: Simd, const CHANNELS: usize> Sums<S, CHANNELS> {
+    #[inline(always)]
+    fn zero(simd: S) -> Self {
+        let zero = f32x8::splat(simd, 0.0);
+        Self { moments: [zero; MOMENTS], channels: [zero; CHANNELS] }
     }
 }
 
-/// Lane-wise sums of one splat over the rows of a tile: ∂L/∂(exponent) times 1, dy, dy², then the channels.
-struct Sums<S: Simd, const CHANNELS: usize> {
-    power: [f32x16<S>; 3],
-    channels: [f32x16<S>; CHANNELS],
-}
-
+/// Adds one splat's sums over the rows of one half of a tile; `dx` from its centre. Two loops, so that neither runs
+/// out of registers: weights and ∂L/∂(exponent) of each row first, then the sums.
 #[simd]
-#[expect(
-    clippy::too_many_arguments,
-    reason = "the state of one tile, kept in separate slices for the registers' sake"
-)]
-fn replay_splat<S: Simd, const CHANNELS: usize>(
+#[expect(clippy::too_many_arguments, reason = "one tile's state in separate pieces, for the registers' sake")]
+fn replay_half<S: Simd, const CHANNELS: usize>(
     simd: S,
     s: &[f32],
-    dx: f32x16<S>,
-    rows: std::ops::Range<usize>,
+    dx: f32x8<S>,
+    (rows, half): (Range<usize>, usize),
     tile_y: usize,
-    g: &[f32],
     state: &mut [f32],
-    live_rows: &mut u32,
-) -> Sums<S, CHANNELS> {
-    const PIXELS: usize = TILE * TILE;
-    let zero = f32x16::splat(simd, 0.0);
-    let mut sums = Sums { power: [zero; 3], channels: [zero; CHANNELS] };
-    let (transmittances, rests) = state.split_at_mut(PIXELS);
+    live: &mut u32,
+    sums: &mut Sums<S, CHANNELS>,
+) {
+    let zero = f32x8::splat(simd, 0.0);
+    let size = (CHANNELS + 3) * LANES;
+    let s = &s[..GEOMETRY + CHANNELS];
+    let mut replayed = [(0, 0.0, zero, zero); TILE];
+    let mut count = 0;
     for y in rows {
-        if *live_rows & (1 << y) == 0 {
-            continue;
+        let block = y * HALVES + half;
+        if *live & (1 << block) != 0 {
+            let dy = ((tile_y * TILE + y) as i32 as f32 + 0.5) - s[1];
+            let state = &mut state[block * size..(block + 1) * size];
+            let (weight, g_power, goes_on) = replay_row::<S, CHANNELS>(simd, s, dx, dy, state);
+            *live &= !(u32::from(!goes_on) << block);
+            replayed[count] = (block * size, dy, weight, g_power);
+            count += 1;
         }
-        let dy = (tile_y * TILE + y) as f32 + 0.5 - s[1];
-        let transmittance = f32x16::from_slice(simd, &transmittances[y * TILE..y * TILE + TILE]);
-        let log2 = log2_alpha(simd, s, dx, dy);
-        let raw = exp2(simd, log2.max(-126.0));
-        let reached = log2.simd_ge(MIN_LOG2_ALPHA);
-        let alpha = reached.select(raw.min(MAX_ALPHA), zero);
-        let weight = alpha * transmittance;
-        let next = transmittance - weight;
-        let goes_on = next.simd_ge(MIN_TRANSMITTANCE);
-        let weight = goes_on.select(weight, zero);
-        let next = goes_on.select(next, zero);
-        next.store_slice(&mut transmittances[y * TILE..y * TILE + TILE]);
-        if !goes_on.any_true() {
-            *live_rows &= !(1 << y);
-        }
-        let row =
-            |c: usize| f32x16::from_slice(simd, &g[c * PIXELS + y * TILE..c * PIXELS + y * TILE + TILE]);
-        let mut value = row(CHANNELS);
-        for c in 0..CHANNELS {
-            let g = row(c);
-            value = g.mul_add(f32x16::splat(simd, s[GEOMETRY + c]), value);
-            sums.channels[c] = weight.mul_add(g, sums.channels[c]);
-        }
-        let rest = f32x16::from_slice(simd, &rests[y * TILE..y * TILE + TILE]) - weight * value;
-        rest.store_slice(&mut rests[y * TILE..y * TILE + TILE]);
-        let g_alpha = transmittance * value - rest / (1.0 - alpha);
-        // No gradient through a clamped alpha, nor where the pixel had stopped.
-        let counts = goes_on & raw.simd_le(MAX_ALPHA);
-        let g_power = counts.select(g_alpha * alpha, zero);
-        sums.power[0] += g_power;
-        sums.power[1] = g_power.mul_add(f32x16::splat(simd, dy), sums.power[1]);
-        sums.power[2] = g_power.mul_add(f32x16::splat(simd, dy * dy), sums.power[2]);
     }
-    sums
+    let (mut power, mut power_y, mut power_yy) = (zero, zero, zero);
+    let mut channels = sums.channels;
+    for &(at, dy, weight, g_power) in &replayed[..count] {
+        let g = &state[at..at + CHANNELS * LANES];
+        for c in 0..CHANNELS {
+            let g = f32x8::from_slice(simd, &g[c * LANES..(c + 1) * LANES]);
+            channels[c] = weight.mul_add(g, channels[c]);
+        }
+        let moment = g_power * dy;
+        power += g_power;
+        power_y += moment;
+        power_yy = moment.mul_add(f32x8::splat(simd, dy), power_yy);
+    }
+    sums.channels = channels;
+    // dx is the same on every row of the half.
+    let power_x = power * dx;
+    let added = [power, power_x, power_y, power_x * dx, power_y * dx, power_yy];
+    for (moment, added) in sums.moments.iter_mut().zip(added) {
+        *moment += added;
+    }
 }
 
-/// dx is the same on every row, so the moments in x follow from the lane-wise sums.
+/// Replays one splat on one block: its weights, ∂L/∂(exponent), and whether a pixel of the block goes on.
 #[simd]
-fn reduce_into<S: Simd, const CHANNELS: usize>(
+fn replay_row<S: Simd, const CHANNELS: usize>(
     simd: S,
-    sums: Sums<S, CHANNELS>,
-    dx: f32x16<S>,
-    out: &mut [f32],
-) {
-    let [p, py, pyy] = sums.power;
-    let px = p * dx;
-    let moments = [p, px, py, px * dx, py * dx, pyy];
-    let zero = f32x16::splat(simd, 0.0);
-    let mut block = [zero; 16];
-    for start in (0..MOMENTS + CHANNELS).step_by(16) {
-        let end = (start + 16).min(MOMENTS + CHANNELS);
-        for k in start..end {
-            block[k - start] = if k < MOMENTS { moments[k] } else { sums.channels[k - MOMENTS] };
+    s: &[f32],
+    dx: f32x8<S>,
+    dy: f32,
+    state: &mut [f32],
+) -> (f32x8<S>, f32x8<S>, bool) {
+    let zero = f32x8::splat(simd, 0.0);
+    let (g, pixel) = state.split_at_mut((CHANNELS + 1) * LANES);
+    let (transmittances, rests) = pixel.split_at_mut(LANES);
+    let transmittance = f32x8::from_slice(simd, transmittances);
+    let log2 = log2_alpha(simd, s, dx, dy);
+    let raw = exp2(simd, log2);
+    let reached = log2.simd_ge(MIN_LOG2_ALPHA);
+    let alpha = reached.select(raw.min(MAX_ALPHA), zero);
+    let weight = alpha * transmittance;
+    let next = transmittance - weight;
+    let goes_on = next.simd_ge(MIN_TRANSMITTANCE);
+    let weight = goes_on.select(weight, zero);
+    goes_on.select(next, zero).store_slice(transmittances);
+    let row = |c: usize| f32x8::from_slice(simd, &g[c * LANES..(c + 1) * LANES]);
+    let mut value = row(CHANNELS);
+    for c in 0..CHANNELS {
+        value = row(c).mul_add(f32x8::splat(simd, s[GEOMETRY + c]), value);
+    }
+    let rest = f32x8::from_slice(simd, rests) - weight * value;
+    rest.store_slice(rests);
+    let g_alpha = transmittance * value - rest / (1.0 - alpha);
+    // No gradient through a clamped alpha, nor where the pixel had stopped.
+    let counts = goes_on & raw.simd_le(MAX_ALPHA);
+    (weight, counts.select(g_alpha * alpha, zero), goes_on.any_true())
+}
+
+#[simd]
+fn reduce_into<S: Simd, const CHANNELS: usize>(simd: S, sums: Sums<S, CHANNELS>, out: &mut [f32]) {
+    let zero = f32x8::splat(simd, 0.0);
+    for start in (0..MOMENTS + CHANNELS).step_by(LANES) {
+        let mut block = [zero; LANES];
+        for k in start..(start + LANES).min(MOMENTS + CHANNELS) {
+            block[k - start] = if k < MOMENTS { sums.moments[k] } else { sums.channels[k - MOMENTS] };
         }
-        let total = transpose_sum(simd, block).to_array();
-        out[start..end].copy_from_slice(&total[..end - start]);
+        transpose_sum(simd, block).store_slice(&mut out[start..start + LANES]);
     }
 }
 
 /// Lane k of the result is the sum over the lanes of `v[k]`.
 #[simd]
-fn transpose_sum<S: Simd>(simd: S, v: [f32x16<S>; 16]) -> f32x16<S> {
+fn transpose_sum<S: Simd>(simd: S, v: [f32x8<S>; LANES]) -> f32x8<S> {
     // Interleaving a and b halves what is left to add; pairing k with k + half keeps the order.
     let mut level = v;
-    let mut half = 8;
+    let mut half = LANES / 2;
     while half > 0 {
         for k in 0..half {
             let (low, high) = level[k].interleave(level[k + half]);
@@ -263,7 +310,8 @@ fn transpose_sum<S: Simd>(simd: S, v: [f32x16<S>; 16]) -> f32x16<S> {
     level[0]
 }
 
-/// Sums the slots of each splat, in the order of its tiles, into gradients.
+/// Sums the slots of each splat, in the order of its tiles, into gradients. Every thread walks all pairs and takes
+/// those of its own splats: cheaper than an index from splats to pairs, and the order of the sums is the same.
 fn gather(
     splats: &[Splat<f32>],
     bins: &Bins,
@@ -271,27 +319,30 @@ fn gather(
     slot: usize,
     latent_dim: usize,
 ) -> (Vec<SplatGradient<f32>>, Vec<f32>) {
-    let (first, pair) = pairs_by_splat(splats.len(), bins);
-    let mut g_features = vec![0.0; splats.len() * latent_dim];
-    let mut g_splats = vec![SplatGradient::default(); splats.len()];
-    let unit = latent_dim.max(1);
-    // A scene without features still needs one chunk per splat.
-    let mut no_features = vec![0.0; if latent_dim == 0 { splats.len() } else { 0 }];
-    let feature_rows = if latent_dim == 0 { &mut no_features } else { &mut g_features };
-    g_splats.par_iter_mut().zip(feature_rows.par_chunks_mut(unit)).with_min_len(1024).enumerate().for_each(
-        |(i, (g, g_feature))| {
-            let mut sum = [0.0f32; MOMENTS + 20];
-            for &p in &pair[first[i] as usize..first[i + 1] as usize] {
-                for (total, v) in sum.iter_mut().zip(&slots[p as usize * slot..(p as usize + 1) * slot]) {
-                    *total += v;
+    let n = splats.len();
+    let share = n.div_ceil(rayon::current_num_threads()).max(1);
+    let features = MOMENTS + BASE_CHANNELS..MOMENTS + BASE_CHANNELS + latent_dim;
+    let pieces: Vec<(Vec<SplatGradient<f32>>, Vec<f32>)> = splats
+        .par_chunks(share)
+        .enumerate()
+        .map(|(piece, splats)| {
+            let mut sums = vec![0.0; splats.len() * slot];
+            for (&i, from) in bins.splat.iter().zip(slots.chunks_exact(slot)) {
+                let k = (i as usize).wrapping_sub(piece * share);
+                if k < splats.len() {
+                    let sum = &mut sums[k * slot..(k + 1) * slot];
+                    sum.iter_mut().zip(from).for_each(|(total, v)| *total += v);
                 }
             }
-            *g = splat_gradient(&splats[i], &sum);
-            g_feature[..latent_dim]
-                .copy_from_slice(&sum[MOMENTS + BASE_CHANNELS..MOMENTS + BASE_CHANNELS + latent_dim]);
-        },
-    );
-    (g_splats, g_features)
+            let gradients = splats.iter().zip(sums.chunks_exact(slot));
+            (
+                gradients.map(|(splat, sum)| splat_gradient(splat, sum)).collect(),
+                sums.chunks_exact(slot).flat_map(|sum| sum[features.clone()].iter().copied()).collect(),
+            )
+        })
+        .collect();
+    let (g_splats, g_features): (Vec<_>, Vec<_>) = pieces.into_iter().unzip();
+    (g_splats.concat(), g_features.concat())
 }
 
 /// The moments are linear in what they came from.
@@ -307,24 +358,6 @@ fn splat_gradient(splat: &Splat<f32>, sum: &[f32]) -> SplatGradient<f32> {
     }
 }
 
-/// Pairs grouped by splat, each group in tile order: counting sort.
-fn pairs_by_splat(n: usize, bins: &Bins) -> (Vec<u32>, Vec<u32>) {
-    let mut first = vec![0u32; n + 1];
-    for &i in &bins.splat {
-        first[i as usize + 1] += 1;
-    }
-    for i in 1..=n {
-        first[i] += first[i - 1];
-    }
-    let mut next = first.clone();
-    let mut pair = vec![0u32; bins.splat.len()];
-    for (p, &i) in bins.splat.iter().enumerate() {
-        pair[next[i as usize] as usize] = p as u32;
-        next[i as usize] += 1;
-    }
-    (first, pair)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -333,11 +366,11 @@ mod tests {
     fn transposed_sums_keep_their_lanes() {
         let level = fearless_simd::Level::new();
         let sums = fearless_simd::dispatch!(level, simd => {
-            let v: [f32x16<_>; 16] = std::array::from_fn(|k| f32x16::from_fn(simd, |lane| (k * 100 + lane) as f32));
+            let v: [f32x8<_>; LANES] = std::array::from_fn(|k| f32x8::from_fn(simd, |lane| (k * 100 + lane) as f32));
             transpose_sum(simd, v).to_array()
         });
         for (k, sum) in sums.iter().enumerate() {
-            assert_eq!(*sum, (k * 1600 + 120) as f32);
+            assert_eq!(*sum, (k * 800 + 28) as f32);
         }
     }
 }

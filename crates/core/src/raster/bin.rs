@@ -1,6 +1,7 @@
 //! Which splats touch which tiles, front to back; twin of `shaders/bin.wgsl` and the sort.
 
 use super::{MIN_ALPHA, TILE, project::Splat};
+use rayon::prelude::*;
 
 /// Splat–tile pairs sorted by tile, then depth (ties by index).
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -69,29 +70,72 @@ fn tile_range(low: f32, high: f32, tiles: usize) -> std::ops::Range<usize> {
 pub fn bin(splats: &[Splat<f32>], width: usize, height: usize) -> Bins {
     let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
     let order = depth_order(splats);
-    let mut first = vec![0u32; columns * rows + 1];
-    for &i in &order {
-        for (row, span) in tile_spans(&splats[i as usize], columns, rows) {
-            for column in span {
-                first[row * columns + column + 1] += 1;
+    // Each piece of the depth order is spread over tile rows, then each tile row over its columns.
+    let pieces: Vec<Vec<Vec<RowEntry>>> = order
+        .par_chunks(ORDER_PIECE)
+        .map(|piece| {
+            let mut by_row = vec![Vec::new(); rows];
+            for &splat in piece {
+                for (row, span) in tile_spans(&splats[splat as usize], columns, rows) {
+                    by_row[row].push(RowEntry { splat, first: span.start as u16, end: span.end as u16 });
+                }
             }
+            by_row
+        })
+        .collect();
+    let binned: Vec<(Vec<u32>, Vec<u32>)> = (0..rows)
+        .into_par_iter()
+        .map(|row| bin_row(columns, || pieces.iter().flat_map(move |piece| &piece[row])))
+        .collect();
+    let mut first = Vec::with_capacity(columns * rows + 1);
+    let mut total = 0;
+    for (counts, _) in &binned {
+        for count in counts {
+            first.push(total);
+            total += count;
         }
     }
-    for k in 1..first.len() {
-        first[k] += first[k - 1];
-    }
-    let mut next = first.clone();
-    let mut splat = vec![0u32; first[columns * rows] as usize];
-    for &i in &order {
-        for (row, span) in tile_spans(&splats[i as usize], columns, rows) {
-            for column in span {
-                let slot = &mut next[row * columns + column];
-                splat[*slot as usize] = i;
-                *slot += 1;
-            }
-        }
-    }
+    first.push(total);
+    let splat = binned.into_iter().map(|(_, splat)| splat).collect::<Vec<_>>().concat();
     Bins { columns, rows, first, splat }
+}
+
+/// Splats of the depth order that one task spreads over tile rows.
+const ORDER_PIECE: usize = 4096;
+
+/// The tile columns of one row that a splat touches.
+#[derive(Clone, Copy)]
+struct RowEntry {
+    splat: u32,
+    first: u16,
+    end: u16,
+}
+
+/// Pairs in each tile of a row, and the pairs, tile by tile in the order of the entries.
+fn bin_row<'a, I: Iterator<Item = &'a RowEntry>>(
+    columns: usize,
+    entries: impl Fn() -> I,
+) -> (Vec<u32>, Vec<u32>) {
+    let mut counts = vec![0u32; columns];
+    for entry in entries() {
+        counts[usize::from(entry.first)..usize::from(entry.end)].iter_mut().for_each(|c| *c += 1);
+    }
+    let mut total = 0;
+    let mut next: Vec<u32> = counts
+        .iter()
+        .map(|count| {
+            total += count;
+            total - count
+        })
+        .collect();
+    let mut splat = vec![0; total as usize];
+    for entry in entries() {
+        for slot in &mut next[usize::from(entry.first)..usize::from(entry.end)] {
+            splat[*slot as usize] = entry.splat;
+            *slot += 1;
+        }
+    }
+    (counts, splat)
 }
 
 /// Visible splats front to back, ties by index. Depths are positive, so their bits sort like the numbers.
@@ -102,7 +146,7 @@ fn depth_order(splats: &[Splat<f32>]) -> Vec<u32> {
         .filter(|(_, s)| s.is_visible())
         .map(|(i, s)| u64::from(s.depth.to_bits()) << 32 | i as u64)
         .collect();
-    keys.sort_unstable();
+    keys.par_sort_unstable();
     keys.into_iter().map(|k| k as u32).collect()
 }
 

@@ -8,6 +8,8 @@ pub mod reference;
 pub mod sh;
 mod tile;
 
+pub use tile::Packed;
+
 use crate::{
     Result,
     camera::Camera,
@@ -43,7 +45,7 @@ pub const ALPHA_PLANE: usize = 4;
 pub const FEATURE_PLANE: usize = 5;
 
 /// Rendered images of one view, plane after plane: r, g, b (0–1, may overshoot), Σ w z, alpha, features.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Images {
     /// Columns.
     pub width: usize,
@@ -112,7 +114,7 @@ pub fn render_deformed(gaussians: &Gaussians, deformed: &Deformed, camera: &Came
     let bins = bin::bin(&splats, width, height);
     let with_features = deformed.features.len() == gaussians.features.len();
     let latent_dim = if with_features { gaussians.latent_dim } else { 0 };
-    forward::raster(&splats, &deformed.features, latent_dim, &bins, width, height)
+    forward::raster(&Packed::new(&splats, &deformed.features, latent_dim), &bins, width, height)
 }
 
 /// The instruction set that the kernels run on here.

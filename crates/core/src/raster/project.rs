@@ -6,7 +6,7 @@ use crate::{
     deform::Deformed,
     gaussian::{Gaussians, SH_C0},
     real::{
-        Matrix, Real, Vector, dot, multiply, rotation_matrix, rotation_matrix_backward, transform,
+        Matrix, Real, Vector, dot, multiply, rotation_matrix, rotation_matrix_backward, sum, transform,
         transform_transposed,
     },
 };
@@ -81,6 +81,45 @@ pub struct SplatGradient<T> {
     pub opacity: T,
     /// ∂L/∂colour.
     pub colour: Vector<T, 3>,
+}
+
+/// Which pixels of an image are rendered: every `step`-th along both axes, from `first` on. The pixels themselves
+/// stay what they are, so that a few of them teach what all would.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sampling {
+    /// ≥ 1.
+    pub step: usize,
+    /// Column and row of the first, < step.
+    pub first: [usize; 2],
+}
+
+impl Sampling {
+    /// Every pixel.
+    pub const ALL: Self = Self { step: 1, first: [0, 0] };
+
+    /// Columns and rows rendered of an image of `width × height`.
+    pub fn size(&self, width: usize, height: usize) -> (usize, usize) {
+        let count = |size: usize, first: usize| size.saturating_sub(first).div_ceil(self.step);
+        (count(width, self.first[0]), count(height, self.first[1]))
+    }
+
+    /// The splat on the grid of the rendered pixels.
+    pub fn apply<T: Real>(&self, splat: &mut Splat<T>) {
+        let step = T::of(self.step as f64);
+        for (axis, first) in self.first.into_iter().enumerate() {
+            let half = T::of(0.5);
+            splat.centre[axis] = (splat.centre[axis] - T::of(first as f64) - half) / step + half;
+            splat.extent[axis] = splat.extent[axis] / step;
+        }
+        splat.conic = splat.conic.map(|c| c * step * step);
+    }
+
+    /// The gradient with respect to the splat, given that with respect to the splat on the grid.
+    pub fn apply_backward<T: Real>(&self, g: &mut SplatGradient<T>) {
+        let step = T::of(self.step as f64);
+        g.centre = g.centre.map(|v| v / step);
+        g.conic = g.conic.map(|v| v * step * step);
+    }
 }
 
 /// The geometry of one Gaussian before projection.
@@ -174,11 +213,11 @@ pub fn project_backward<T: Real>(
     let zero = Geometry { mean: [T::zero(); 3], rotation: [T::zero(); 4], scale: [T::zero(); 3] };
     let Some(footprint) = Footprint::new(view, geometry) else { return zero };
     let g_root = covariance_root_backward(&footprint, g.conic);
-    let scale = std::array::from_fn(|j| (0..2).map(|i| g_root[i][j] * footprint.oriented[i][j]).sum());
+    let scale = std::array::from_fn(|j| sum::<T, 2>(|i| g_root[i][j] * footprint.oriented[i][j]));
     let g_oriented: Matrix<T, 2, 3> = g_root.map(|row| std::array::from_fn(|j| row[j] * geometry.scale[j]));
     let matrix = rotation_matrix(geometry.rotation);
     let g_matrix: Matrix<T, 3, 3> = std::array::from_fn(|i| {
-        std::array::from_fn(|j| (0..2).map(|k| footprint.jacobian_world[k][i] * g_oriented[k][j]).sum())
+        std::array::from_fn(|j| sum::<T, 2>(|k| footprint.jacobian_world[k][i] * g_oriented[k][j]))
     });
     let g_jacobian_world: Matrix<T, 2, 3> = std::array::from_fn(|i| transform(&matrix, g_oriented[i]));
     let g_jacobian: Matrix<T, 2, 3> = std::array::from_fn(|i| transform(&view.rotation, g_jacobian_world[i]));
@@ -271,7 +310,7 @@ pub fn view_colour_backward<T: Real>(
     let bands = sh::bands(degree, direction);
     let mut g_bands = [T::zero(); sh::MAX_BANDS];
     for (k, coefficients) in rest.chunks_exact(3).enumerate() {
-        g_bands[k] = (0..3).map(|c| g[c] * coefficients[c]).sum();
+        g_bands[k] = sum::<T, 3>(|c| g[c] * coefficients[c]);
         for c in 0..3 {
             g_rest[k * 3 + c] += g[c] * bands[k];
         }
@@ -286,20 +325,31 @@ pub fn view_colour_backward<T: Real>(
 
 /// Projects all Gaussians of a scene at one time.
 pub fn project_all(gaussians: &Gaussians, deformed: &Deformed, camera: &Camera) -> Vec<Splat<f32>> {
+    let mut splats = Vec::new();
+    project_into(gaussians, deformed, camera, Sampling::ALL, &mut splats);
+    splats
+}
+
+/// As [`project_all`], on the grid of the pixels that are rendered, with the memory from outside.
+pub fn project_into(
+    gaussians: &Gaussians,
+    deformed: &Deformed,
+    camera: &Camera,
+    sampling: Sampling,
+    splats: &mut Vec<Splat<f32>>,
+) {
     use rayon::prelude::*;
     let view = View::new(camera);
     let bands = gaussians.sh_bands() * 3;
-    (0..gaussians.len())
-        .into_par_iter()
-        .with_min_len(1024)
-        .map(|n| {
-            let mean = deformed.means[n];
-            let geometry = Geometry { mean, rotation: deformed.rotations[n], scale: deformed.scales[n] };
-            let rest = &gaussians.sh_rest[n * bands..(n + 1) * bands];
-            let colour = view_colour(&view, mean, deformed.colours[n], gaussians.sh_degree, rest);
-            project(&view, &geometry, deformed.opacities[n], colour)
-        })
-        .collect()
+    splats.resize(gaussians.len(), Splat::default());
+    splats.par_iter_mut().with_min_len(1024).enumerate().for_each(|(n, splat)| {
+        let mean = deformed.means[n];
+        let geometry = Geometry { mean, rotation: deformed.rotations[n], scale: deformed.scales[n] };
+        let rest = &gaussians.sh_rest[n * bands..(n + 1) * bands];
+        let colour = view_colour(&view, mean, deformed.colours[n], gaussians.sh_degree, rest);
+        *splat = project(&view, &geometry, deformed.opacities[n], colour);
+        sampling.apply(splat);
+    });
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The kernels against the plain f64 reference, and the reference's gradient against finite differences.
 
 use super::{
-    MIN_ALPHA,
+    MIN_ALPHA, Packed,
     backward::raster_backward,
     bin::bin,
     forward::raster,
@@ -77,7 +77,7 @@ fn the_kernel_agrees_with_the_reference() {
     ] {
         let splats = random_splats(n, width, height, 1);
         let features = random_values(n * dim, 2);
-        let images = raster(&splats, &features, dim, &bin(&splats, width, height), width, height);
+        let images = raster(&Packed::new(&splats, &features, dim), &bin(&splats, width, height), width, height);
         let wide: Vec<_> = splats.iter().map(to_f64).collect();
         let features: Vec<f64> = features.iter().map(|&v| f64::from(v)).collect();
         let reference = ReferenceInput { splats: &wide, features: &features, latent_dim: dim, width, height };
@@ -91,7 +91,7 @@ fn the_comparison_can_fail() {
     let splats = random_splats(50, 32, 32, 1);
     let mut moved = splats.clone();
     moved[7].opacity *= 0.9;
-    let images = raster(&moved, &[], 0, &bin(&moved, 32, 32), 32, 32);
+    let images = raster(&Packed::new(&moved, &[], 0), &bin(&moved, 32, 32), 32, 32);
     let wide: Vec<_> = splats.iter().map(to_f64).collect();
     let reference = ReferenceInput { splats: &wide, features: &[], latent_dim: 0, width: 32, height: 32 };
     let (_, beyond) = compare(&images.planes, &reference.forward(), 2e-5);
@@ -118,9 +118,10 @@ fn the_backward_kernel_agrees_with_the_reference() {
         let splats = random_splats(n, width, height, 5);
         let features = random_values(n * dim, 6);
         let bins = bin(&splats, width, height);
-        let images = raster(&splats, &features, dim, &bins, width, height);
+        let packed = Packed::new(&splats, &features, dim);
+        let images = raster(&packed, &bins, width, height);
         let g_planes = random_values(images.planes.len(), 7);
-        let (g_splats, g_features) = raster_backward(&splats, &features, &bins, &images, &g_planes);
+        let (g_splats, g_features) = raster_backward(&splats, &packed, &bins, &images, &g_planes);
         let wide: Vec<_> = splats.iter().map(to_f64).collect();
         let features: Vec<f64> = features.iter().map(|&v| f64::from(v)).collect();
         let reference = ReferenceInput { splats: &wide, features: &features, latent_dim: dim, width, height };
@@ -210,9 +211,10 @@ fn poisoned_and_extreme_splats_leave_images_finite() {
     splats[3].extent = [0.0, 0.0];
     splats[3].centre = [f32::NAN, f32::NAN];
     let bins = bin(&splats, 32, 32);
-    let images = raster(&splats, &[], 0, &bins, 32, 32);
+    let packed = Packed::new(&splats, &[], 0);
+    let images = raster(&packed, &bins, 32, 32);
     assert!(images.planes.iter().all(|v| v.is_finite()));
     let g = vec![1.0; images.planes.len()];
-    let (g_splats, _) = raster_backward(&splats, &[], &bins, &images, &g);
+    let (g_splats, _) = raster_backward(&splats, &packed, &bins, &images, &g);
     assert!(flatten(&g_splats).iter().all(|v| v.is_finite()));
 }

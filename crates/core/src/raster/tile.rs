@@ -1,31 +1,60 @@
 //! What the forward and the backward kernel share: packed splats of a tile, and alpha in base 2.
 
 use super::{MIN_ALPHA, TILE, bin::Bins, project::Splat};
-use fearless_simd::{f32x16, prelude::*};
+use fearless_simd::{f32x8, prelude::*, u32x8};
 use fearless_simd_macros::simd;
+use std::ops::Range;
+
+/// Pixels that a kernel works on at once: half a row of a tile. Wider vectors run out of registers with AVX2, and
+/// waste more lanes beside the edges of small splats.
+pub(super) const LANES: usize = 8;
+/// Blocks of [`LANES`] pixels in a row of a tile.
+pub(super) const HALVES: usize = TILE / LANES;
+/// Blocks in a tile; block `y * HALVES + half`.
+pub(super) const BLOCKS: usize = TILE * HALVES;
 
 /// Blended channels before features: r, g, b, depth.
 pub(super) const BASE_CHANNELS: usize = 4;
-/// Floats of a packed splat before its channels: centre x, y, the exponent's A, B, C and log₂ opacity, half height.
-pub(super) const GEOMETRY: usize = 7;
+/// Floats of a packed splat before its channels: centre x, y, the exponent's A, B, C, log₂ opacity, half width and
+/// height.
+pub(super) const GEOMETRY: usize = 8;
 /// log₂ of [`MIN_ALPHA`].
 pub(super) const MIN_LOG2_ALPHA: f32 = -7.994_353_4;
 
-/// All splats, packed for the kernels: [N][GEOMETRY + channels].
+/// All splats, packed for the kernels: [N][GEOMETRY + channels, in whole vectors].
 ///
 /// log₂ alpha = A dx² + B dx dy + C dy² + log₂ opacity, so one base-2 exponential gives alpha.
-pub(super) struct Packed {
-    pub data: Vec<f32>,
-    pub stride: usize,
+#[derive(Clone, Debug, Default)]
+pub struct Packed {
+    data: Vec<f32>,
+    pub(super) stride: usize,
+    pub(super) latent_dim: usize,
+    /// Blended channels, padded to a compiled count.
+    pub(super) channels: usize,
 }
 
 impl Packed {
-    pub(super) fn new(splats: &[Splat<f32>], features: &[f32], latent_dim: usize, channels: usize) -> Self {
+    /// Packs splats and their `features`, [N][D]; D may be 0.
+    pub fn new(splats: &[Splat<f32>], features: &[f32], latent_dim: usize) -> Self {
+        let mut packed = Self::default();
+        packed.fill(splats, features, latent_dim);
+        packed
+    }
+
+    /// As [`Packed::new`], in the memory it has.
+    pub fn fill(&mut self, splats: &[Splat<f32>], features: &[f32], latent_dim: usize) {
         use rayon::prelude::*;
-        let stride = GEOMETRY + channels;
-        let mut data = vec![0.0; splats.len() * stride];
+        self.latent_dim = latent_dim;
+        self.channels = padded_channels(latent_dim);
+        let stride = (GEOMETRY + self.channels).next_multiple_of(LANES);
+        if self.stride != stride {
+            // What is left of another layout would become padding.
+            self.data.clear();
+            self.stride = stride;
+        }
+        self.data.resize(splats.len() * stride, 0.0);
         let half_log2_e = 0.5 * std::f32::consts::LOG2_E;
-        data.par_chunks_mut(stride).with_min_len(2048).enumerate().for_each(|(i, out)| {
+        self.data.par_chunks_mut(stride).with_min_len(2048).enumerate().for_each(|(i, out)| {
             let s = &splats[i];
             if !s.is_visible() {
                 return;
@@ -38,6 +67,7 @@ impl Packed {
                 -2.0 * half_log2_e * b,
                 -half_log2_e * c,
                 s.opacity.log2(),
+                s.extent[0],
                 s.extent[1],
             ];
             out[..GEOMETRY].copy_from_slice(&geometry);
@@ -46,21 +76,16 @@ impl Packed {
             let features = &features[i * latent_dim..(i + 1) * latent_dim];
             out[GEOMETRY + BASE_CHANNELS..][..latent_dim].copy_from_slice(features);
         });
-        Self { data, stride }
-    }
-
-    pub(super) fn splat(&self, i: u32) -> &[f32] {
-        &self.data[i as usize * self.stride..(i as usize + 1) * self.stride]
     }
 }
 
 /// Channel counts that kernels are compiled for; the blended channels are padded up to one of them.
-pub(super) const KERNEL_CHANNELS: [usize; 5] = [4, 7, 8, 12, 20];
+const KERNEL_CHANNELS: [usize; 4] = [4, 7, 12, 20];
 
 /// The smallest compiled channel count for a latent dimension (at most 16).
-pub(super) fn padded_channels(latent_dim: usize) -> usize {
+fn padded_channels(latent_dim: usize) -> usize {
     let needed = BASE_CHANNELS + latent_dim;
-    KERNEL_CHANNELS.into_iter().find(|&c| c >= needed).unwrap_or(KERNEL_CHANNELS[4])
+    KERNEL_CHANNELS.into_iter().find(|&c| c >= needed).unwrap_or(KERNEL_CHANNELS[3])
 }
 
 /// Runs `$kernel::<_, CHANNELS>(simd, …)` for the padded channel count on the best instruction set.
@@ -70,7 +95,6 @@ macro_rules! dispatch_channels {
         match $channels {
             4 => fearless_simd::dispatch!(level, simd => $kernel::<_, 4>(simd, $($argument),*)),
             7 => fearless_simd::dispatch!(level, simd => $kernel::<_, 7>(simd, $($argument),*)),
-            8 => fearless_simd::dispatch!(level, simd => $kernel::<_, 8>(simd, $($argument),*)),
             12 => fearless_simd::dispatch!(level, simd => $kernel::<_, 12>(simd, $($argument),*)),
             _ => fearless_simd::dispatch!(level, simd => $kernel::<_, 20>(simd, $($argument),*)),
         }
@@ -83,54 +107,73 @@ pub(super) const fn plane_of(channel: usize) -> usize {
     if channel < BASE_CHANNELS { channel } else { channel + 1 }
 }
 
-/// Rows of a tile (0..16) that a packed splat reaches.
-pub(super) fn rows_of(s: &[f32], tile_y: usize) -> std::ops::Range<usize> {
-    let (centre, half_height) = (s[1] - ((tile_y * TILE) as f32 + 0.5), s[6]);
-    let first = (centre - half_height).ceil().clamp(0.0, TILE as f32);
-    let end = ((centre + half_height).floor() + 1.0).clamp(0.0, TILE as f32);
-    first as usize..end as usize
+/// Rows of a tile (0..16) that a packed splat reaches, and halves of the rows.
+pub(super) fn blocks_of(s: &[f32], tile_x: usize, tile_y: usize) -> (Range<usize>, Range<usize>) {
+    let reach = |centre: f32, half: f32, tile: usize| {
+        let centre = centre - ((tile * TILE) as f32 + 0.5);
+        // Rounding without `ceil` and `floor`, which are calls where SSE4.1 is not taken for granted.
+        let low = (centre - half).clamp(0.0, TILE as f32);
+        let first = low as usize + usize::from((low as usize as f32) < low);
+        let high = (centre + half + 1.0).clamp(0.0, TILE as f32);
+        first..high as usize
+    };
+    let columns = reach(s[0], s[6], tile_x);
+    (reach(s[1], s[7], tile_y), columns.start / LANES..columns.end.div_ceil(LANES))
 }
 
-/// 2^x for x in [-126, 1], relative error below 3e-7: nearest integer by the magic number, then a polynomial.
+/// 2^x for x in [-126, 1], relative error below 2e-7: nearest integer by the magic number, then the minimax
+/// polynomial of degree 5. Any number at all below.
 #[simd]
-pub(super) fn exp2<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
+pub(super) fn exp2<S: Simd>(simd: S, x: f32x8<S>) -> f32x8<S> {
     const MAGIC: f32 = 12_582_912.0;
-    let splat = |v: f32| f32x16::splat(simd, v);
+    let splat = |v: f32| f32x8::splat(simd, v);
     let shifted = x + MAGIC;
     let r = x - (shifted - MAGIC);
-    // ln(2)^k / k! from k = 6 down to 0.
-    let mut p = splat(1.540_353e-4);
-    for c in [1.333_356e-3, 9.618_129e-3, 5.550_411e-2, 2.402_265e-1, std::f32::consts::LN_2, 1.0] {
+    let mut p = splat(1.327_65e-3);
+    for c in [9.675_54e-3, 5.550_713e-2, 2.402_212e-1, 6.931_47e-1, 1.000_000_1] {
         p = p.mul_add(r, splat(c));
     }
-    let exponent: fearless_simd::u32x16<S> = shifted.bitcast();
-    let mantissa: fearless_simd::u32x16<S> = p.bitcast();
+    let exponent: u32x8<S> = shifted.bitcast();
+    let mantissa: u32x8<S> = p.bitcast();
     (mantissa + (exponent << 23)).bitcast()
 }
 
 /// log₂ alpha of one packed splat along a row: `dx` from its centre, `dy` at the row.
 #[simd]
-pub(super) fn log2_alpha<S: Simd>(simd: S, s: &[f32], dx: f32x16<S>, dy: f32) -> f32x16<S> {
-    let along = dx.mul_add(f32x16::splat(simd, s[2]), f32x16::splat(simd, s[3] * dy));
-    dx.mul_add(along, f32x16::splat(simd, s[4] * dy * dy + s[5]))
+pub(super) fn log2_alpha<S: Simd>(simd: S, s: &[f32], dx: f32x8<S>, dy: f32) -> f32x8<S> {
+    let along = dx.mul_add(f32x8::splat(simd, s[2]), f32x8::splat(simd, s[3] * dy));
+    dx.mul_add(along, f32x8::splat(simd, s[4] * dy * dy + s[5]))
 }
 
-/// x of the 16 pixel centres of a tile row.
+/// x of the pixel centres of one half of a tile row.
 #[simd]
-pub(super) fn pixel_centres<S: Simd>(simd: S, tile_x: usize) -> f32x16<S> {
-    f32x16::from_fn(simd, |i| (tile_x * TILE + i) as f32 + 0.5)
+pub(super) fn pixel_centres<S: Simd>(simd: S, tile_x: usize, half: usize) -> f32x8<S> {
+    f32x8::from_fn(simd, |i| (tile_x * TILE + half * LANES + i) as f32 + 0.5)
 }
 
-/// Pixels of a tile's columns that lie inside the image (16 but at the right edge).
-pub(super) fn columns_inside(tile_x: usize, width: usize) -> usize {
-    TILE.min(width - tile_x * TILE)
+/// Pixels of a block that lie inside the image: all but at the right edge.
+pub(super) fn columns_inside(tile_x: usize, half: usize, width: usize) -> usize {
+    LANES.min(width.saturating_sub(tile_x * TILE + half * LANES))
+}
+
+/// The `inside` first of [`LANES`] values, 0 for the others.
+#[inline(always)]
+pub(super) fn load_block(values: &[f32], inside: usize) -> [f32; LANES] {
+    match values.first_chunk() {
+        Some(block) if inside == LANES => *block,
+        _ => std::array::from_fn(|i| if i < inside { values[i] } else { 0.0 }),
+    }
 }
 
 /// Copies the packed splats of a tile next to each other.
-pub(super) fn gather_tile(packed: &Packed, bins: &Bins, pairs: std::ops::Range<usize>, local: &mut Vec<f32>) {
-    local.clear();
-    for &i in &bins.splat[pairs] {
-        local.extend_from_slice(packed.splat(i));
+pub(super) fn gather_tile(packed: &Packed, bins: &Bins, pairs: Range<usize>, local: &mut Vec<f32>) {
+    let pairs = &bins.splat[pairs];
+    local.resize(pairs.len() * packed.stride, 0.0);
+    let vectors = packed.stride / LANES;
+    let (from, to) = (packed.data.as_chunks::<LANES>().0, local.as_chunks_mut::<LANES>().0);
+    // Vector by vector: a copy of a length not known here would be a call per splat.
+    for (&i, to) in pairs.iter().zip(to.chunks_exact_mut(vectors)) {
+        to.iter_mut().zip(&from[i as usize * vectors..]).for_each(|(to, from)| *to = *from);
     }
 }
 

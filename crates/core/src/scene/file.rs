@@ -19,7 +19,7 @@ use crate::{
     Error, Result,
     camera::Camera,
     codec::{Codec, Linear},
-    deform::{BasisShape, Deformation, num_channels, stride_for},
+    deform::{BasisShape, Deformation, GATE_CHANNEL, num_channels, stride_for},
     gaussian::Gaussians,
     grid::Mask,
     prepare::EncoderIdentity,
@@ -45,10 +45,17 @@ struct Header {
     sh_degree: usize,
     basis_shape: BasisShape,
     gate_slope: f32,
+    /// Absent in scenes older than the choice.
+    #[serde(default = "own_gate")]
+    gate_channel: usize,
     width: usize,
     classes: Vec<Class>,
     encoder: Option<EncoderIdentity>,
     provenance: Provenance,
+}
+
+fn own_gate() -> usize {
+    GATE_CHANNEL
 }
 
 /// Tensors being collected for writing.
@@ -96,6 +103,7 @@ pub(super) fn to_bytes(scene: &Scene) -> Result<Vec<u8>> {
         sh_degree: g.sh_degree,
         basis_shape: scene.deformation.shape,
         gate_slope: scene.deformation.gate_slope,
+        gate_channel: scene.deformation.gate_channel,
         width: fov.width,
         classes: scene.classes.iter().map(|c| c.0.clone()).collect(),
         encoder: scene.encoder.clone(),
@@ -294,6 +302,9 @@ fn read_deformation(reader: &Reader<'_>, header: &Header) -> Result<Deformation,
     if let Some(bad) = moving.iter().find(|i| **i >= n) {
         return Err(format!("tensor `moving` names Gaussian {bad} of {n}"));
     }
+    if header.gate_channel + dim > channels {
+        return Err(format!("the features' gate is said to be at channel {}", header.gate_channel));
+    }
     let (shape, weights) = reader.f32("basis_weights", 3)?;
     let num_bases = shape[0];
     if shape[1..] != [moving.len(), channels] || num_bases > MAX_BASES {
@@ -326,6 +337,7 @@ fn read_deformation(reader: &Reader<'_>, header: &Header) -> Result<Deformation,
         centres: bases("basis_centres")?,
         widths: bases("basis_widths")?,
         gate_slope: header.gate_slope,
+        gate_channel: header.gate_channel,
         feature_weight: reader.shaped("feature_net_weight", &[dim, dim + 1])?,
         feature_bias: reader.shaped("feature_net_bias", &[dim])?,
     })

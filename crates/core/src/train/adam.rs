@@ -1,5 +1,7 @@
 //! Adam with the reference's constants (method §6.2).
 
+use fearless_simd::{Level, Simd, dispatch};
+use fearless_simd_macros::simd;
 use rayon::prelude::*;
 
 const BETA1: f32 = 0.9;
@@ -8,7 +10,7 @@ const BETA2: f32 = 0.999;
 const EPSILON: f32 = 1e-15;
 
 /// Moments of one tensor.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Adam {
     /// First moments, as long as the tensor.
     pub first: Vec<f32>,
@@ -18,18 +20,37 @@ pub struct Adam {
     pub steps: i32,
 }
 
-/// Learning rate and bias corrections of one update.
+/// Learning rate and bias correction of one update.
 #[derive(Clone, Copy, Debug)]
-struct Update {
+pub(super) struct Update {
     rate: f32,
     second_correction: f32,
+    /// What gradients are multiplied by.
+    gain: f32,
 }
 
+/// Numbers updated at once.
+pub(super) const WIDTH: usize = 16;
+/// Numbers per parallel piece.
+const CHUNK: usize = 1024 * WIDTH;
+
 impl Update {
-    fn apply(self, parameter: &mut f32, first: &mut f32, second: &mut f32, gradient: f32, scale: f32) {
-        *first = BETA1 * *first + (1.0 - BETA1) * gradient;
-        *second = BETA2 * *second + (1.0 - BETA2) * gradient * gradient;
-        *parameter -= self.rate * scale * *first / ((*second * self.second_correction).sqrt() + EPSILON);
+    /// Updates [`WIDTH`] parameters; parameter k's learning rate is `rate · scales[k]`.
+    #[inline(always)]
+    pub(super) fn apply(
+        self,
+        parameters: &mut [f32; WIDTH],
+        (first, second): (&mut [f32; WIDTH], &mut [f32; WIDTH]),
+        gradients: &[f32; WIDTH],
+        scales: &[f32; WIDTH],
+    ) {
+        for k in 0..WIDTH {
+            let gradient = self.gain * gradients[k];
+            first[k] = BETA1 * first[k] + (1.0 - BETA1) * gradient;
+            second[k] = BETA2 * second[k] + (1.0 - BETA2) * gradient * gradient;
+            let spread = (second[k] * self.second_correction).sqrt() + EPSILON;
+            parameters[k] -= self.rate * scales[k] * first[k] / spread;
+        }
     }
 }
 
@@ -39,21 +60,23 @@ impl Adam {
         Self { first: vec![0.0; len], second: vec![0.0; len], steps: 0 }
     }
 
-    fn next_update(&mut self, rate: f32) -> Update {
+    /// Counts an update.
+    pub(super) fn next_update(&mut self, rate: f32, gain: f32) -> Update {
         self.steps += 1;
         Update {
             rate: rate / (1.0 - BETA1.powi(self.steps)),
             second_correction: 1.0 / (1.0 - BETA2.powi(self.steps)),
+            gain,
         }
     }
 
     /// One update of `parameters` at learning rate `rate`.
     pub fn step(&mut self, parameters: &mut [f32], gradients: &[f32], rate: f32) {
-        self.step_rows(parameters, gradients, rate, 1.0, &[1.0]);
+        self.step_rows(parameters, gradients, rate, 1.0, &[1.0; WIDTH]);
     }
 
     /// One update where the gradient is `gain · gradients` and parameter k's learning rate is
-    /// `rate · scales[k mod scales.len()]`.
+    /// `rate · scales[k mod scales.len()]`; there are [`WIDTH`] scales or a multiple, at most [`CHUNK`].
     pub fn step_rows(
         &mut self,
         parameters: &mut [f32],
@@ -62,19 +85,11 @@ impl Adam {
         gain: f32,
         scales: &[f32],
     ) {
-        let update = self.next_update(rate);
-        let chunk = scales.len() * (16384 / scales.len()).max(1);
-        let moments = self.first.par_chunks_mut(chunk).zip(self.second.par_chunks_mut(chunk));
-        parameters.par_chunks_mut(chunk).zip(gradients.par_chunks(chunk)).zip(moments).for_each(
-            |((p, g), (m, v))| {
-                let rows = p.chunks_mut(scales.len()).zip(g.chunks(scales.len()));
-                let moments = m.chunks_mut(scales.len()).zip(v.chunks_mut(scales.len()));
-                for ((p, g), (m, v)) in rows.zip(moments) {
-                    for ((((p, g), m), v), scale) in p.iter_mut().zip(g).zip(m).zip(v).zip(scales) {
-                        update.apply(p, m, v, gain * g, *scale);
-                    }
-                }
-            },
+        let update = self.next_update(rate, gain);
+        let level = Level::new();
+        let moments = self.first.par_chunks_mut(CHUNK).zip(self.second.par_chunks_mut(CHUNK));
+        parameters.par_chunks_mut(CHUNK).zip(gradients.par_chunks(CHUNK)).zip(moments).for_each(
+            |((p, g), (m, v))| dispatch!(level, simd => update_chunk(simd, update, p, (m, v), g, scales)),
         );
     }
 
@@ -90,6 +105,36 @@ impl Adam {
                 .collect();
         }
     }
+}
+
+#[simd]
+fn update_chunk<S: Simd>(
+    _: S,
+    update: Update,
+    parameters: &mut [f32],
+    (first, second): (&mut [f32], &mut [f32]),
+    gradients: &[f32],
+    scales: &[f32],
+) {
+    let mut scales = scales.as_chunks().0.iter().cycle();
+    let mut next_scales = || scales.next().unwrap_or(&[1.0; WIDTH]);
+    let (p_rows, p_rest) = parameters.as_chunks_mut::<WIDTH>();
+    let (m_rows, m_rest) = first.as_chunks_mut::<WIDTH>();
+    let (v_rows, v_rest) = second.as_chunks_mut::<WIDTH>();
+    let (g_rows, g_rest) = gradients.as_chunks::<WIDTH>();
+    for (((p, m), v), g) in p_rows.iter_mut().zip(m_rows).zip(v_rows).zip(g_rows) {
+        update.apply(p, (m, v), g, next_scales());
+    }
+    let padded = |values: &[f32]| {
+        let mut row = [0.0; WIDTH];
+        row[..values.len()].copy_from_slice(values);
+        row
+    };
+    let (mut p, mut m, mut v) = (padded(p_rest), padded(m_rest), padded(v_rest));
+    update.apply(&mut p, (&mut m, &mut v), &padded(g_rest), next_scales());
+    p_rest.copy_from_slice(&p[..p_rest.len()]);
+    m_rest.copy_from_slice(&m[..m_rest.len()]);
+    v_rest.copy_from_slice(&v[..v_rest.len()]);
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use crate::{
     camera::Camera,
     deform::{
-        COLOUR_CHANNEL, Deformation, Deformed, GATE_CHANNEL, MEAN_CHANNEL, ROTATION_CHANNEL, SCALE_CHANNEL,
+        COLOUR_CHANNEL, Deformation, Deformed, MAX_LATENT_DIM, MEAN_CHANNEL, ROTATION_CHANNEL, SCALE_CHANNEL,
         gate_feature_backward, move_geometry, move_geometry_backward,
     },
     gaussian::Gaussians,
@@ -11,36 +11,20 @@ use crate::{
 };
 use rayon::prelude::*;
 
-/// ∂L/∂ every parameter at rest, and ∂L/∂ψ from which those of the basis weights follow.
+/// ∂L/∂ the parameters at rest. Those of centres, rotations, log-scales and colours are the first channels of `psi`:
+/// ψ is added to them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gradients {
-    /// As [`Gaussians::means`].
-    pub means: Vec<[f32; 3]>,
-    /// As [`Gaussians::rotations`].
-    pub rotations: Vec<[f32; 4]>,
-    /// As [`Gaussians::log_scales`].
-    pub log_scales: Vec<[f32; 3]>,
+    /// ∂L/∂ψ, [N][stride].
+    pub psi: Vec<f32>,
     /// As [`Gaussians::opacity_logits`].
     pub opacity_logits: Vec<f32>,
-    /// As [`Gaussians::colours`].
-    pub colours: Vec<[f32; 3]>,
     /// As [`Gaussians::sh_rest`].
     pub sh_rest: Vec<f32>,
     /// As [`Gaussians::features`].
     pub features: Vec<f32>,
-    /// ∂L/∂ψ, [N][stride].
-    pub psi: Vec<f32>,
     /// Feature network: W flat, then b.
     pub net: Vec<f32>,
-}
-
-/// One Gaussian's share of [`Gradients`]; what has a width of its own is written in place.
-struct Row {
-    mean: [f32; 3],
-    rotation: [f32; 4],
-    log_scale: [f32; 3],
-    opacity_logit: f32,
-    colour: [f32; 3],
 }
 
 /// Gaussians per chunk: partial sums of the network's gradient are added chunk by chunk, in order.
@@ -64,53 +48,57 @@ pub struct FrameState<'a> {
     pub time: f32,
 }
 
-/// Applies the chain rule to all Gaussians.
-pub fn backward(state: &FrameState<'_>, g_splats: &[SplatGradient<f32>], g_features: &[f32]) -> Gradients {
+/// Applies the chain rule to all Gaussians; `false` if a gradient is not finite.
+pub fn backward(
+    state: &FrameState<'_>,
+    g_splats: &[SplatGradient<f32>],
+    g_features: &[f32],
+    out: &mut Gradients,
+) -> bool {
     let (n, stride) = (state.gaussians.len(), state.deformation.stride);
     let (bands, dim) = (state.gaussians.sh_bands() * 3, state.gaussians.latent_dim);
-    let mut out = Gradients {
-        sh_rest: vec![0.0; n * bands],
-        features: vec![0.0; n * dim],
-        psi: vec![0.0; n * stride],
-        net: vec![0.0; state.deformation.feature_weight.len() + state.deformation.feature_bias.len()],
-        ..Gradients::default()
-    };
-    let net_len = out.net.len();
+    let net_len = state.deformation.feature_weight.len() + state.deformation.feature_bias.len();
+    out.psi.resize(n * stride, 0.0);
+    out.opacity_logits.resize(n, 0.0);
+    out.sh_rest.resize(n * bands, 0.0);
+    out.features.resize(n * dim, 0.0);
     let view = View::new(state.camera);
-    let mut rest_chunks = chunks_or_empty(&mut out.sh_rest, CHUNK * bands, n);
-    let mut feature_chunks = chunks_or_empty(&mut out.features, CHUNK * dim, n);
-    let results: Vec<(Vec<Row>, Vec<f32>)> = out
-        .psi
-        .par_chunks_mut(CHUNK * stride)
-        .zip(rest_chunks.par_iter_mut())
-        .zip(feature_chunks.par_iter_mut())
+    let learns_features = dim > 0 && !g_features.is_empty();
+    if !learns_features {
+        out.features.fill(0.0);
+    }
+    let chunks = (
+        out.psi.par_chunks_mut(CHUNK * stride),
+        out.opacity_logits.par_chunks_mut(CHUNK),
+        chunks_or_empty(&mut out.sh_rest, CHUNK * bands, n),
+        chunks_or_empty(&mut out.features, CHUNK * dim, n),
+    );
+    let results: Vec<(Vec<f32>, bool)> = chunks
+        .into_par_iter()
         .enumerate()
-        .map(|(k, ((g_psi, g_rest), g_feature))| {
+        .map(|(k, (psi, opacity, rest, features))| {
+            psi.fill(0.0);
+            rest.fill(0.0);
             let mut net = vec![0.0; net_len];
-            let rows = g_psi.chunks_mut(stride).enumerate().map(|(j, g_psi)| {
+            for (j, (g_psi, g_opacity)) in psi.chunks_exact_mut(stride).zip(opacity.iter_mut()).enumerate() {
                 let i = k * CHUNK + j;
-                let g_rest = &mut g_rest[j * bands..(j + 1) * bands];
-                let row = geometry_and_colour(state, &view, i, &g_splats[i], g_rest, g_psi);
-                if dim > 0 && !g_features.is_empty() {
+                let g_rest = &mut rest[j * bands..(j + 1) * bands];
+                *g_opacity = geometry_and_colour(state, &view, i, &g_splats[i], g_rest, g_psi);
+                if learns_features {
                     let g_out = &g_features[i * dim..(i + 1) * dim];
-                    feature(state, i, g_out, &mut g_feature[j * dim..(j + 1) * dim], g_psi, &mut net);
+                    feature(state, i, g_out, &mut features[j * dim..(j + 1) * dim], g_psi, &mut net);
                 }
-                row
-            });
-            (rows.collect(), net)
+            }
+            let finite = [&*psi, opacity, rest, features, &net].into_iter().all(are_finite);
+            (net, finite)
         })
         .collect();
-    for (rows, net) in results {
-        for row in rows {
-            out.means.push(row.mean);
-            out.rotations.push(row.rotation);
-            out.log_scales.push(row.log_scale);
-            out.opacity_logits.push(row.opacity_logit);
-            out.colours.push(row.colour);
-        }
+    out.net.clear();
+    out.net.resize(net_len, 0.0);
+    for (net, _) in &results {
         out.net.iter_mut().zip(net).for_each(|(a, b)| *a += b);
     }
-    out
+    results.iter().all(|(_, finite)| *finite)
 }
 
 /// Chunks of `size`; as many empty ones as there are chunks of Gaussians where the array is empty.
@@ -122,6 +110,17 @@ fn chunks_or_empty(values: &mut [f32], size: usize, n: usize) -> Vec<&mut [f32]>
     }
 }
 
+/// Whether all are finite: 0 · v is 0 for those, NaN for others.
+fn are_finite(values: &[f32]) -> bool {
+    let (chunks, rest) = values.as_chunks::<16>();
+    let mut lanes = [0.0f32; 16];
+    for chunk in chunks {
+        lanes.iter_mut().zip(chunk).for_each(|(lane, v)| *lane += v * 0.0);
+    }
+    lanes.iter().chain(rest).all(|v| v.is_finite())
+}
+
+/// Writes one Gaussian's gradients but those of its features; returns that of its opacity logit.
 fn geometry_and_colour(
     state: &FrameState<'_>,
     view: &View<f32>,
@@ -129,16 +128,10 @@ fn geometry_and_colour(
     g: &SplatGradient<f32>,
     g_rest: &mut [f32],
     g_psi: &mut [f32],
-) -> Row {
+) -> f32 {
     let (gaussians, deformed, splat) = (state.gaussians, state.deformed, &state.splats[i]);
     if !splat.is_visible() {
-        return Row {
-            mean: [0.0; 3],
-            rotation: [0.0; 4],
-            log_scale: [0.0; 3],
-            opacity_logit: 0.0,
-            colour: [0.0; 3],
-        };
+        return 0.0;
     }
     let psi = &state.psi[i * state.deformation.stride..(i + 1) * state.deformation.stride];
     let mean = deformed.means[i];
@@ -156,13 +149,7 @@ fn geometry_and_colour(
     g_psi[SCALE_CHANNEL..SCALE_CHANNEL + 3].copy_from_slice(&raw.scale);
     g_psi[COLOUR_CHANNEL..COLOUR_CHANNEL + 3].copy_from_slice(&g_colour);
     let opacity = splat.opacity;
-    Row {
-        mean: raw.mean,
-        rotation: raw.rotation,
-        log_scale: raw.scale,
-        opacity_logit: g.opacity * opacity * (1.0 - opacity),
-        colour: g_colour,
-    }
+    g.opacity * opacity * (1.0 - opacity)
 }
 
 fn feature(
@@ -174,32 +161,19 @@ fn feature(
     g_net: &mut [f32],
 ) {
     let dim = g_out.len();
-    let at = i * state.deformation.stride + GATE_CHANNEL;
+    let channel = state.deformation.gate_channel;
+    let at = i * state.deformation.stride + channel;
+    let mut g_gate = [0.0; MAX_LATENT_DIM];
+    let g_gate = &mut g_gate[..dim];
     gate_feature_backward(
         &state.deformation.feature_net(),
         &state.gaussians.features[i * dim..(i + 1) * dim],
         &state.psi[at..at + dim],
         state.time,
         g_out,
-        (g_feature, &mut g_psi[GATE_CHANNEL..GATE_CHANNEL + dim]),
+        (g_feature, &mut *g_gate),
         g_net,
     );
-}
-
-impl Gradients {
-    /// Whether every gradient is a finite number.
-    pub fn are_finite(&self) -> bool {
-        let flat = [
-            self.means.as_flattened(),
-            self.rotations.as_flattened(),
-            self.log_scales.as_flattened(),
-            &self.opacity_logits,
-            self.colours.as_flattened(),
-            &self.sh_rest,
-            &self.features,
-            &self.psi,
-            &self.net,
-        ];
-        flat.iter().all(|values| values.par_chunks(16384).all(|c| c.iter().all(|v| v.is_finite())))
-    }
+    // Added: the channels may be another quantity's, too.
+    g_psi[channel..channel + dim].iter_mut().zip(g_gate).for_each(|(sum, g)| *sum += *g);
 }

@@ -15,7 +15,7 @@ use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
 /// Per Gaussian, since the last densification.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Statistics {
     /// Σ ‖∂L/∂centre‖, per px of the full-size image.
     pub pull: Vec<f32>,
@@ -29,11 +29,11 @@ impl Statistics {
         Self { pull: vec![0.0; n], seen: vec![0; n] }
     }
 
-    /// Adds one frame rendered at `scale` times the full size.
-    pub fn add(&mut self, splats: &[Splat<f32>], g: &[SplatGradient<f32>], scale: f32) {
+    /// Adds one frame; `scale` makes its pixels the unit wanted.
+    pub fn add(&mut self, splats: &[Splat<f32>], g: &[SplatGradient<f32>], scale: [f32; 2]) {
         for (i, (splat, g)) in splats.iter().zip(g).enumerate() {
             if splat.is_visible() {
-                self.pull[i] += g.centre[0].hypot(g.centre[1]) * scale;
+                self.pull[i] += (g.centre[0] * scale[0]).hypot(g.centre[1] * scale[1]);
                 self.seen[i] += 1;
             }
         }
@@ -74,8 +74,12 @@ pub fn densify(
         (0..n as u32).filter(|&i| is_worth_keeping(gaussians, i as usize, settings)).collect();
     let room = settings.max_gaussians.saturating_sub(keep.len());
     let wanted = ((settings.growth * keep.len() as f32) as usize).min(room);
-    let mut pulled: Vec<u32> =
-        keep.iter().copied().filter(|&i| statistics.mean_pull(i as usize) > 0.0).collect();
+    let is_pulled = |i: &u32| {
+        let pull = statistics.mean_pull(*i as usize);
+        if settings.threshold > 0.0 { pull >= settings.threshold } else { pull > 0.0 }
+    };
+    let wanted = if settings.threshold > 0.0 { room } else { wanted };
+    let mut pulled: Vec<u32> = keep.iter().copied().filter(is_pulled).collect();
     pulled.sort_by(|&a, &b| {
         statistics.mean_pull(b as usize).total_cmp(&statistics.mean_pull(a as usize)).then(a.cmp(&b))
     });
@@ -87,7 +91,11 @@ pub fn densify(
     rearrange(gaussians, deformation, &change.parents, n);
     for (k, parent) in pulled.iter().enumerate() {
         let child = keep.len() + k;
-        if let Ok(parent) = keep.binary_search(parent) {
+        let Ok(parent) = keep.binary_search(parent) else { continue };
+        if settings.split_only {
+            change.fresh[parent] = true;
+            scatter(gaussians, [parent, child], rng);
+        } else {
             part(gaussians, parent, child, settings.split_px * world_per_px, rng);
         }
     }
@@ -125,6 +133,23 @@ fn part(gaussians: &mut Gaussians, parent: usize, child: usize, split_size: f32,
     gaussians.opacity_logits[child] = logit(opacity);
 }
 
+/// Puts two smaller Gaussians at random where one was, as the released code does (method §6.4).
+fn scatter(gaussians: &mut Gaussians, pair: [usize; 2], rng: &mut ChaCha8Rng) {
+    let (mean, scale) = (gaussians.means[pair[0]], gaussians.log_scales[pair[0]].map(f32::exp));
+    let turn = rotation_matrix(unit_quaternion(gaussians.rotations[pair[0]]).0);
+    for i in pair {
+        let offset = transform(&turn, scale.map(|s| s * standard_normal(rng)));
+        gaussians.means[i] = std::array::from_fn(|axis| mean[axis] + offset[axis]);
+        gaussians.log_scales[i] = scale.map(|s| s.ln() - 1.6f32.ln());
+    }
+}
+
+/// Box and Muller.
+fn standard_normal(rng: &mut ChaCha8Rng) -> f32 {
+    let (u, angle): (f32, f32) = (rng.random_range(f32::MIN_POSITIVE..1.0), rng.random_range(0.0..1.0));
+    (-2.0 * u.ln()).sqrt() * (std::f32::consts::TAU * angle).cos()
+}
+
 /// Rows of every array become copies of the rows listed in `parents`.
 fn rearrange(gaussians: &mut Gaussians, deformation: &mut Deformation, parents: &[u32], old_len: usize) {
     fn rows<T: Copy>(values: &[T], parents: &[u32], width: usize) -> Vec<T> {
@@ -138,8 +163,14 @@ fn rearrange(gaussians: &mut Gaussians, deformation: &mut Deformation, parents: 
     gaussians.colours = rows(&gaussians.colours, parents, 1);
     gaussians.sh_rest = rows(&gaussians.sh_rest, parents, bands);
     gaussians.features = rows(&gaussians.features, parents, dim);
-    let planes = deformation.weights.chunks(old_len * stride);
-    deformation.weights = planes.flat_map(|plane| rows(plane, parents, stride)).collect();
+    let by_plane = |values: &[f32]| -> Vec<f32> {
+        values.chunks(old_len * stride).flat_map(|plane| rows(plane, parents, stride)).collect()
+    };
+    deformation.weights = by_plane(&deformation.weights);
+    if !deformation.is_shared() {
+        (deformation.centres, deformation.widths) =
+            (by_plane(&deformation.centres), by_plane(&deformation.widths));
+    }
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use super::loss::Truth;
 use crate::{
     Result,
     prepare::{NO_REGION, Prepared},
+    raster::project::Sampling,
     sequence::Sequence,
 };
 use std::{collections::BTreeMap, sync::Arc};
@@ -82,6 +83,31 @@ impl Frame {
             pixels().map(|(x, y)| agreeing_region(four(x, y))).collect()
         };
         Self { width, height, colour, mask, depth, regions }
+    }
+
+    /// The pixels that `sampling` names.
+    pub fn sampled(&self, sampling: Sampling) -> Self {
+        let (width, height) = sampling.size(self.width, self.height);
+        fn pick<T: Copy>(plane: &[T], width: usize, sampling: Sampling, out: &mut Vec<T>) {
+            for row in plane.chunks_exact(width).skip(sampling.first[1]).step_by(sampling.step) {
+                out.extend(row[sampling.first[0]..].iter().step_by(sampling.step));
+            }
+        }
+        fn picked<T: Copy>(planes: &[T], frame: &Frame, sampling: Sampling) -> Vec<T> {
+            let mut out = Vec::new();
+            for plane in planes.chunks_exact((frame.width * frame.height).max(1)) {
+                pick(plane, frame.width, sampling, &mut out);
+            }
+            out
+        }
+        Self {
+            width,
+            height,
+            colour: picked(&self.colour, self, sampling),
+            mask: picked(&self.mask, self, sampling),
+            depth: picked(&self.depth, self, sampling),
+            regions: picked(&self.regions, self, sampling),
+        }
     }
 
     fn bytes(&self) -> usize {

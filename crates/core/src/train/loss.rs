@@ -3,13 +3,13 @@
 //! L = L_C + λ_D L_D + λ_TV (TV_C + TV_D) + λ_F (L_F + λ_TV TV_F + λ_RS RS), all terms inside the supervision mask.
 
 use crate::{
-    prepare::NO_REGION,
     raster::{ALPHA_PLANE, DEPTH_PLANE, FEATURE_PLANE},
     real::Real,
 };
 use fearless_simd::{Simd, dispatch};
 use fearless_simd_macros::simd;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Weights of the loss terms.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -24,6 +24,12 @@ pub struct LossWeights {
     pub region_smoothness: f32,
     /// Regions with fewer pixels are not smoothed.
     pub min_region_px: usize,
+    /// Depth as the released code has it: not divided by the accumulated opacity, inverted in scene units.
+    pub raw_depth: bool,
+    /// One mean over all channels of a region, as in the released code, instead of one for each.
+    pub pooled_regions: bool,
+    /// Total variation outside the mask too, as in the released code.
+    pub unmasked_variation: bool,
 }
 
 impl Default for LossWeights {
@@ -34,6 +40,20 @@ impl Default for LossWeights {
             features: 1.0,
             region_smoothness: 0.01,
             min_region_px: 1000,
+            raw_depth: false,
+            pooled_regions: false,
+            unmasked_variation: false,
+        }
+    }
+}
+
+impl LossWeights {
+    /// For an image of which every `step`-th pixel is there: neighbours differ the more, regions have fewer pixels.
+    pub fn sampled(&self, step: usize) -> Self {
+        Self {
+            total_variation: self.total_variation / step as f32,
+            min_region_px: self.min_region_px.div_ceil(step * step),
+            ..self.clone()
         }
     }
 }
@@ -51,7 +71,7 @@ pub struct Truth<'a> {
     pub mask: &'a [bool],
     /// z in scene units, 0 where unknown; empty if there is no depth.
     pub depth: &'a [f32],
-    /// Latent table row per pixel, [`NO_REGION`] where none; empty if there are no features.
+    /// Latent table row per pixel, [`crate::prepare::NO_REGION`] where none; empty if there are no features.
     pub regions: &'a [u16],
     /// [rows][D].
     pub latents: &'a [f32],
@@ -83,44 +103,173 @@ impl<T: Real> LossTerms<T> {
 
 /// Accumulated opacity below which a pixel has no depth worth comparing.
 const MIN_DEPTH_ALPHA: f64 = 0.5;
+/// Rendered depth (scene units) below which there is none: its inverse squared must stay in f32.
+const MIN_DEPTH: f64 = 1e-6;
 
 /// The loss of `planes` (as [`crate::raster::Images`]) and ∂L/∂planes. A frame without supervised pixels has loss 0.
 pub fn loss<T: Real>(planes: &[T], truth: &Truth<'_>, weights: &LossWeights) -> (LossTerms<T>, Vec<T>) {
+    let mut g = Vec::new();
+    (loss_into(planes, truth, weights, &mut g), g)
+}
+
+/// As [`loss`], with the memory for the gradient from outside.
+pub fn loss_into<T: Real>(
+    planes: &[T],
+    truth: &Truth<'_>,
+    weights: &LossWeights,
+    g: &mut Vec<T>,
+) -> LossTerms<T> {
     let n = truth.width * truth.height;
-    let mut g = vec![T::zero(); planes.len()];
+    g.resize(planes.len(), T::zero());
     let mut terms = LossTerms::default();
     let supervised = truth.mask.iter().filter(|m| **m).count();
     if n == 0 || supervised == 0 {
-        return (terms, g);
+        g.fill(T::zero());
+        return terms;
     }
     let per_pixel = T::one() / T::of(supervised as f64);
-    let variation = T::from_f32(weights.total_variation) * per_pixel;
-    for channel in 0..3 {
-        let at = channel * n..(channel + 1) * n;
-        let (plane, g, colour) = (&planes[at.clone()], &mut g[at.clone()], &truth.colour[at]);
-        let (third, byte) = (T::of(1.0 / 3.0), T::of(1.0 / 255.0));
-        let target = |start: usize, row: &mut [T]| {
-            row.iter_mut().zip(&colour[start..]).for_each(|(to, c)| *to = T::from_f32(f32::from(*c)) * byte);
-        };
-        terms.colour += l1(plane, g, truth.width, truth.mask, per_pixel * third, target);
-        terms.total_variation += total_variation(plane, g, truth.width, truth.mask, variation * third);
+    let (g_colour, g_rest) = g.split_at_mut(DEPTH_PLANE * n);
+    let (g_depth, g_features) = g_rest.split_at_mut((FEATURE_PLANE - DEPTH_PLANE) * n);
+    let everywhere = if weights.unmasked_variation { vec![true; n] } else { Vec::new() };
+    let variation_mask = if weights.unmasked_variation { &everywhere } else { truth.mask };
+    let per_neighbour = if weights.unmasked_variation { T::one() / T::of(n as f64) } else { per_pixel };
+    let scales = Scales {
+        difference: per_pixel * T::of(1.0 / 3.0),
+        variation: T::from_f32(weights.total_variation) * per_neighbour * T::of(1.0 / 3.0),
+    };
+    for (channel, g) in g_colour.chunks_exact_mut(n).enumerate() {
+        let plane = Plane::new(&planes[channel * n..(channel + 1) * n], variation_mask, truth.width);
+        let bytes = &truth.colour[channel * n..(channel + 1) * n];
+        let (difference, variation) = plane_terms(&plane, scales, g, |y, out| {
+            let (level, span) = (fearless_simd::Level::new(), plane.span(y));
+            let row = (&plane.values[span.clone()], &truth.mask[span.clone()]);
+            dispatch!(level, simd => byte_difference(simd, row, &bytes[span], out));
+        });
+        terms.colour += difference;
+        terms.total_variation += variation;
     }
-    depth_terms(planes, &mut g, truth, weights, per_pixel, &mut terms);
-    let latent_dim = (planes.len() / n).saturating_sub(FEATURE_PLANE);
-    if latent_dim > 0 && !truth.regions.is_empty() {
-        feature_terms(planes, &mut g, truth, weights, latent_dim, &mut terms);
+    depth_terms(planes, g_depth, truth, weights, per_pixel, &mut terms);
+    if !truth.regions.is_empty() && !g_features.is_empty() {
+        feature_terms(planes, g_features, truth, variation_mask, weights, &mut terms);
+    } else {
+        g_features.fill(T::zero());
     }
-    (terms, g)
+    terms
+}
+
+/// Weights per pixel of the two terms that every plane has.
+#[derive(Clone, Copy)]
+struct Scales<T> {
+    difference: T,
+    variation: T,
+}
+
+/// A plane and where it counts.
+#[derive(Clone, Copy)]
+struct Plane<'a, T> {
+    values: &'a [T],
+    mask: &'a [bool],
+    width: usize,
+}
+
+/// Values and mask of a row.
+type Row<'a, T> = (&'a [T], &'a [bool]);
+
+impl<'a, T: Real> Plane<'a, T> {
+    fn new(values: &'a [T], mask: &'a [bool], width: usize) -> Self {
+        Self { values, mask, width }
+    }
+
+    fn height(&self) -> usize {
+        self.values.len() / self.width
+    }
+
+    fn span(&self, y: usize) -> Range<usize> {
+        y * self.width..(y + 1) * self.width
+    }
+
+    fn row(&self, y: usize) -> Row<'a, T> {
+        (&self.values[self.span(y)], &self.mask[self.span(y)])
+    }
 }
 
 /// Rows per parallel piece; partial sums are added piece by piece, so that the thread count does not matter.
 const STRIP_ROWS: usize = 16;
 
-/// Runs `f(first row, its rows of g)` over strips of a plane and adds what it returns, in order.
-fn sum_over_strips<T: Real>(g: &mut [T], width: usize, f: impl Fn(usize, &mut [T]) -> T + Sync) -> T {
+/// Σ scale·|plane − target| and Σ scale·|x_i − x_j| over horizontal and vertical neighbours that both count; `g` becomes
+/// the gradient. `difference(y, out)` writes plane − target of row y, 0 where that is not compared.
+fn plane_terms<T: Real>(
+    plane: &Plane<'_, T>,
+    scales: Scales<T>,
+    g: &mut [T],
+    difference: impl Fn(usize, &mut [T]) + Sync,
+) -> (T, T) {
+    let level = fearless_simd::Level::new();
+    let width = plane.width;
     let strips = g.par_chunks_mut(width * STRIP_ROWS).enumerate();
-    let sums: Vec<T> = strips.map(|(k, g)| f(k * STRIP_ROWS, g)).collect();
-    sums.into_iter().sum()
+    let sums = strips.map(|(strip, g)| {
+        let first = strip * STRIP_ROWS;
+        let mut buffers = RowBuffers::new(width);
+        if first > 0 {
+            let above = &mut buffers.above;
+            dispatch!(level, simd => masked_difference(simd, plane.row(first - 1), plane.row(first), above));
+        }
+        let mut sums = (T::zero(), T::zero());
+        for (k, g) in g.chunks_exact_mut(width).enumerate() {
+            difference(first + k, &mut buffers.difference);
+            let next = (first + k + 1 < plane.height()).then(|| plane.row(first + k + 1));
+            let (d, v) =
+                dispatch!(level, simd => row_terms(simd, plane.row(first + k), next, &mut buffers, scales, g));
+            sums = (sums.0 + d, sums.1 + v);
+        }
+        sums
+    });
+    let sums: Vec<(T, T)> = sums.collect();
+    let total = sums.into_iter().fold((T::zero(), T::zero()), |a, b| (a.0 + b.0, a.1 + b.1));
+    (total.0 * scales.difference, total.1 * scales.variation)
+}
+
+/// Differences of one row: to the target, to the right neighbour (with a leading 0), to the rows above and below.
+struct RowBuffers<T> {
+    difference: Vec<T>,
+    across: Vec<T>,
+    above: Vec<T>,
+    below: Vec<T>,
+}
+
+impl<T: Real> RowBuffers<T> {
+    fn new(width: usize) -> Self {
+        let zeros = || vec![T::zero(); width];
+        Self { difference: zeros(), across: vec![T::zero(); width + 1], above: zeros(), below: zeros() }
+    }
+}
+
+/// Sums of one row, and its gradient; a pair of neighbours is counted by its left or upper pixel.
+#[simd]
+fn row_terms<S: Simd, T: Real>(
+    simd: S,
+    here: Row<'_, T>,
+    next: Option<Row<'_, T>>,
+    buffers: &mut RowBuffers<T>,
+    scales: Scales<T>,
+    g: &mut [T],
+) -> (T, T) {
+    let width = g.len();
+    let RowBuffers { difference, across, above, below } = buffers;
+    let left = (&here.0[..width - 1], &here.1[..width - 1]);
+    masked_difference(simd, left, (&here.0[1..], &here.1[1..]), &mut across[1..width]);
+    match next {
+        Some(next) => masked_difference(simd, here, next, below),
+        None => below.fill(T::zero()),
+    }
+    let neighbours = across[..width].iter().zip(&across[1..]).zip(above.iter().zip(below.iter()));
+    for ((g, d), ((left, right), (above, below))) in g.iter_mut().zip(difference.iter()).zip(neighbours) {
+        let pull = sign(*right) - sign(*left) + (sign(*below) - sign(*above));
+        *g = sign(*d) * scales.difference + pull * scales.variation;
+    }
+    let sums = (abs_sum(simd, difference), abs_sum(simd, &across[1..]) + abs_sum(simd, below));
+    std::mem::swap(above, below);
+    sums
 }
 
 /// 0 at 0, unlike `signum`; written so that it vectorises.
@@ -129,21 +278,23 @@ fn sign<T: Real>(v: T) -> T {
     one(v > T::zero()) - one(v < T::zero())
 }
 
-/// Σ |v|, in 16 lanes so that it vectorises.
+/// Σ f(v), in 16 lanes so that it vectorises.
 #[simd]
-fn abs_sum<S: Simd, T: Real>(_: S, values: &[T]) -> T {
+fn lane_sum<S: Simd, T: Real, F: Fn(T) -> T>(_: S, values: &[T], f: F) -> T {
     let (chunks, rest) = values.as_chunks::<16>();
     let mut lanes = [T::zero(); 16];
     for chunk in chunks {
         for (lane, v) in lanes.iter_mut().zip(chunk) {
-            *lane += v.abs();
+            *lane += f(*v);
         }
     }
-    lanes.into_iter().chain(rest.iter().map(|v| v.abs())).sum()
+    lanes.into_iter().chain(rest.iter().map(|v| f(*v))).sum()
 }
 
-/// Values and mask of a row.
-type Row<'a, T> = (&'a [T], &'a [bool]);
+#[simd]
+fn abs_sum<S: Simd, T: Real>(simd: S, values: &[T]) -> T {
+    lane_sum(simd, values, |v| v.abs())
+}
 
 /// `difference` becomes a − b where both masks are true, else 0.
 #[simd]
@@ -153,79 +304,17 @@ fn masked_difference<S: Simd, T: Real>(_: S, a: Row<'_, T>, b: Row<'_, T>, diffe
     }
 }
 
-/// to += sign(difference) · factor.
+/// `difference` becomes a − b / 255 where the mask is true, else 0.
 #[simd]
-fn add_signs<S: Simd, T: Real>(_: S, to: &mut [T], difference: &[T], factor: T) {
-    for (to, d) in to.iter_mut().zip(difference) {
-        *to += sign(*d) * factor;
+fn byte_difference<S: Simd, T: Real>(_: S, a: Row<'_, T>, bytes: &[u8], difference: &mut [T]) {
+    let byte = T::of(1.0 / 255.0);
+    for ((d, (a, mask)), b) in difference.iter_mut().zip(a.0.iter().zip(a.1)).zip(bytes) {
+        *d = if *mask { *a - T::from_f32(f32::from(*b)) * byte } else { T::zero() };
     }
 }
 
-/// Σ scale·|plane − target| where `mask`; adds the gradient. `target(start, row)` fills in a row of targets.
-fn l1<T: Real>(
-    plane: &[T],
-    g: &mut [T],
-    width: usize,
-    mask: &[bool],
-    scale: T,
-    target: impl Fn(usize, &mut [T]) + Sync,
-) -> T {
-    let level = fearless_simd::Level::new();
-    sum_over_strips(g, width, |row, g| {
-        let (mut wanted, mut difference) = (vec![T::zero(); width], vec![T::zero(); width]);
-        let mut sum = T::zero();
-        for (k, g) in g.chunks_exact_mut(width).enumerate() {
-            let at = (row + k) * width..(row + k + 1) * width;
-            target(at.start, &mut wanted);
-            let (plane, mask) = (&plane[at.clone()], &mask[at]);
-            sum += dispatch!(level, simd => {
-                masked_difference(simd, (plane, mask), (&wanted, mask), &mut difference);
-                add_signs(simd, g, &difference, scale);
-                abs_sum(simd, &difference)
-            });
-        }
-        sum * scale
-    })
-}
-
-/// Σ scale·|x_i − x_j| over horizontal and vertical neighbours, both in `mask`; adds the gradient.
-fn total_variation<T: Real>(plane: &[T], g: &mut [T], width: usize, mask: &[bool], scale: T) -> T {
-    if scale == T::zero() || width < 2 {
-        return T::zero();
-    }
-    let level = fearless_simd::Level::new();
-    let height = plane.len() / width;
-    let row_of = |y: usize| (&plane[y * width..(y + 1) * width], &mask[y * width..(y + 1) * width]);
-    sum_over_strips(g, width, |first, g| {
-        let (mut across, mut above, mut below) =
-            (vec![T::zero(); width - 1], vec![T::zero(); width], vec![T::zero(); width]);
-        if first > 0 {
-            dispatch!(level, simd => masked_difference(simd, row_of(first - 1), row_of(first), &mut above));
-        }
-        let mut sum = T::zero();
-        for (k, g) in g.chunks_exact_mut(width).enumerate() {
-            let here = row_of(first + k);
-            let next = (first + k + 1 < height).then(|| row_of(first + k + 1));
-            // A pair is counted by its left or upper pixel; its gradient goes to both.
-            sum += dispatch!(level, simd => {
-                masked_difference(simd, (&here.0[..width - 1], &here.1[..width - 1]), (&here.0[1..], &here.1[1..]), &mut across);
-                add_signs(simd, &mut g[..width - 1], &across, scale);
-                add_signs(simd, &mut g[1..], &across, -scale);
-                add_signs(simd, g, &above, -scale);
-                match next {
-                    Some(next) => masked_difference(simd, here, next, &mut below),
-                    None => below.fill(T::zero()),
-                }
-                add_signs(simd, g, &below, scale);
-                abs_sum(simd, &across) + abs_sum(simd, &below)
-            });
-            std::mem::swap(&mut above, &mut below);
-        }
-        sum * scale
-    })
-}
-
-/// Inverse depth r = z̃ A / D (alpha-normalised, in units of the typical depth): |r − r̂| and its variation.
+/// Inverse depth r = z̃ A / D (alpha-normalised, in units of the typical depth; or 1 / D): |r − r̂| and its variation.
+/// `g` holds the planes of depth and alpha.
 fn depth_terms<T: Real>(
     planes: &[T],
     g: &mut [T],
@@ -235,127 +324,227 @@ fn depth_terms<T: Real>(
     terms: &mut LossTerms<T>,
 ) {
     if truth.depth.is_empty() || weights.depth == 0.0 {
+        g.fill(T::zero());
         return;
     }
     let n = truth.width * truth.height;
-    let typical = T::from_f32(truth.typical_depth);
+    let typical = if weights.raw_depth { T::one() } else { T::from_f32(truth.typical_depth) };
     let (depth, alpha) = (&planes[DEPTH_PLANE * n..][..n], &planes[ALPHA_PLANE * n..][..n]);
-    let rendered: Vec<bool> = (0..n)
-        .into_par_iter()
-        .with_min_len(1 << 14)
-        .map(|i| truth.mask[i] && alpha[i] > T::of(MIN_DEPTH_ALPHA) && depth[i] > T::zero())
-        .collect();
-    let compared: Vec<bool> = rendered.iter().zip(truth.depth).map(|(r, d)| *r && *d > 0.0).collect();
-    let safe = |i: usize| if rendered[i] { typical * alpha[i] / depth[i] } else { T::zero() };
-    let inverse: Vec<T> = (0..n).into_par_iter().with_min_len(1 << 14).map(safe).collect();
-    let mut g_inverse = vec![T::zero(); n];
-    let target = |start: usize, row: &mut [T]| {
-        let inverse = |d: f32| if d > 0.0 { typical / T::from_f32(d) } else { T::zero() };
-        row.iter_mut().zip(&truth.depth[start..]).for_each(|(to, d)| *to = inverse(*d));
+    let (mut rendered, mut inverse) = (vec![false; n], vec![T::zero(); n]);
+    let piece = truth.width * STRIP_ROWS;
+    rendered.par_chunks_mut(piece).zip(inverse.par_chunks_mut(piece)).enumerate().for_each(
+        |(k, (rendered, inverse))| {
+            for (j, (rendered, inverse)) in rendered.iter_mut().zip(inverse).enumerate() {
+                let i = k * piece + j;
+                let opaque = weights.raw_depth || alpha[i] > T::of(MIN_DEPTH_ALPHA);
+                *rendered = truth.mask[i] && opaque && depth[i] > T::of(MIN_DEPTH);
+                let alpha = if weights.raw_depth { T::one() } else { alpha[i] };
+                *inverse = if *rendered { typical * alpha / depth[i] } else { T::zero() };
+            }
+        },
+    );
+    let scales = Scales {
+        difference: T::from_f32(weights.depth) * per_pixel,
+        variation: T::from_f32(weights.total_variation) * per_pixel,
     };
-    let scale = T::from_f32(weights.depth) * per_pixel;
-    terms.depth += l1(&inverse, &mut g_inverse, truth.width, &compared, scale, target);
-    let variation = T::from_f32(weights.total_variation) * per_pixel;
-    terms.total_variation += total_variation(&inverse, &mut g_inverse, truth.width, &rendered, variation);
-    let (g_depth, g_alpha) = g[DEPTH_PLANE * n..].split_at_mut(n);
-    for i in (0..n).filter(|&i| rendered[i]) {
-        g_depth[i] -= g_inverse[i] * inverse[i] / depth[i];
-        g_alpha[i] += g_inverse[i] * typical / depth[i];
-    }
+    let plane = Plane::new(&inverse, &rendered, truth.width);
+    let (g_depth, g_alpha) = g.split_at_mut(n);
+    // The gradient of the inverse, until it is taken apart.
+    let (difference, variation) = plane_terms(&plane, scales, g_alpha, |y, out| {
+        let (values, mask) = plane.row(y);
+        let wanted = &truth.depth[plane.span(y)];
+        for (((out, value), mask), z) in out.iter_mut().zip(values).zip(mask).zip(wanted) {
+            *out = if *mask && *z > 0.0 { *value - typical / T::from_f32(*z) } else { T::zero() };
+        }
+    });
+    terms.depth += difference;
+    terms.total_variation += variation;
+    g_depth.par_chunks_mut(piece).zip(g_alpha.par_chunks_mut(piece)).enumerate().for_each(
+        |(k, (g_depth, g_alpha))| {
+            for (j, (g_depth, g_alpha)) in g_depth.iter_mut().zip(g_alpha).enumerate() {
+                let i = k * piece + j;
+                let g_inverse = if rendered[i] { *g_alpha } else { T::zero() };
+                let depth = if rendered[i] { depth[i] } else { T::one() };
+                *g_depth = -g_inverse * inverse[i] / depth;
+                *g_alpha = if weights.raw_depth { T::zero() } else { g_inverse * typical / depth };
+            }
+        },
+    );
 }
 
 fn feature_terms<T: Real>(
     planes: &[T],
     g: &mut [T],
     truth: &Truth<'_>,
+    variation_mask: &[bool],
     weights: &LossWeights,
-    latent_dim: usize,
     terms: &mut LossTerms<T>,
 ) {
     let n = truth.width * truth.height;
+    let latent_dim = g.len() / n;
     let all = T::of((n * latent_dim) as f64);
     let weight = T::from_f32(weights.features);
-    let mask: Vec<bool> = truth.mask.iter().zip(truth.regions).map(|(m, r)| *m && *r != NO_REGION).collect();
-    let rows = truth.latents.len() / latent_dim;
-    let regions = Regions::new(truth, &mask, rows, weights.min_region_px);
-    for d in 0..latent_dim {
-        let at = (FEATURE_PLANE + d) * n;
-        let (plane, g) = (&planes[at..at + n], &mut g[at..at + n]);
-        // One more row, so that NO_REGION (masked anyway) reads something.
-        let table: Vec<T> =
-            (0..rows).map(|r| T::from_f32(truth.latents[r * latent_dim + d])).chain([T::zero()]).collect();
-        let target = |start: usize, row: &mut [T]| {
-            row.iter_mut()
-                .zip(&truth.regions[start..])
-                .for_each(|(to, r)| *to = table[usize::from(*r).min(rows)]);
-        };
-        terms.features += l1(plane, g, truth.width, &mask, weight / all, target);
-        let variation = weight * T::from_f32(weights.total_variation) / all;
-        terms.total_variation += total_variation(plane, g, truth.width, truth.mask, variation);
-        let smoothness = weight * T::from_f32(weights.region_smoothness) / T::of(latent_dim as f64);
-        terms.region += regions.smoothness(plane, g, smoothness);
+    let rows = truth.latents.len() / latent_dim.max(1);
+    let regions = Regions::new(truth, rows, weights.min_region_px);
+    let scales = Scales {
+        difference: weight / all,
+        variation: weight * T::from_f32(weights.total_variation) / all,
+    };
+    let smoothness = weight * T::from_f32(weights.region_smoothness) / T::of(latent_dim as f64);
+    for (d, g) in g.chunks_exact_mut(n).enumerate() {
+        let plane = Plane::new(&planes[(FEATURE_PLANE + d) * n..][..n], variation_mask, truth.width);
+        let wanted: Vec<T> = (0..rows).map(|r| T::from_f32(truth.latents[r * latent_dim + d])).collect();
+        let (difference, variation) = plane_terms(&plane, scales, g, |y, out| {
+            let (values, mask) = (plane.row(y).0, &truth.mask[plane.span(y)]);
+            for (((out, value), mask), id) in
+                out.iter_mut().zip(values).zip(mask).zip(&truth.regions[plane.span(y)])
+            {
+                // `NO_REGION` is beyond the table.
+                let wanted = wanted.get(usize::from(*id)).filter(|_| *mask);
+                *out = wanted.map_or(T::zero(), |wanted| *value - *wanted);
+            }
+        });
+        terms.features += difference;
+        terms.total_variation += variation;
     }
+    let values = &planes[FEATURE_PLANE * n..];
+    terms.region += regions.smoothness(values, g, n, smoothness, weights.pooled_regions);
+}
+
+/// Neighbouring pixels of a row that belong to the same region.
+struct Run {
+    start: usize,
+    len: usize,
+    region: usize,
 }
 
 /// The pixels of the regions that are large enough to be smoothed.
-struct Regions<'a, T> {
-    width: usize,
-    ids: &'a [u16],
-    /// 1 / pixels of each region; 0 for regions that are left alone, and for [`NO_REGION`] at the end.
+struct Regions<T> {
+    /// Pixels per strip.
+    strip: usize,
+    /// 1 / pixels of each region; 0 for regions that are left alone.
     share: Vec<T>,
-    mask: &'a [bool],
+    /// Supervised runs, strip by strip; starts count from the strip's first pixel.
+    runs: Vec<Vec<Run>>,
 }
 
-impl<'a, T: Real> Regions<'a, T> {
-    fn new(truth: &Truth<'a>, mask: &'a [bool], rows: usize, min_px: usize) -> Self {
-        let mut counts = vec![0usize; rows + 1];
-        for (&r, _) in truth.regions.iter().zip(mask).filter(|(_, m)| **m) {
-            counts[usize::from(r).min(rows)] += 1;
-        }
-        let share = counts.iter().enumerate().map(|(r, &count)| {
-            if r < rows && count >= min_px.max(1) { T::of(1.0 / count as f64) } else { T::zero() }
-        });
-        Self { width: truth.width, ids: truth.regions, share: share.collect(), mask }
+impl<T: Real> Regions<T> {
+    fn new(truth: &Truth<'_>, rows: usize, min_px: usize) -> Self {
+        let strip = truth.width * STRIP_ROWS;
+        let strips = truth.regions.par_chunks(strip).zip(truth.mask.par_chunks(strip));
+        let mut runs: Vec<Vec<Run>> = strips.map(|(ids, mask)| runs_of(ids, mask, rows)).collect();
+        let mut counts = vec![0; rows];
+        runs.iter().flatten().for_each(|run| counts[run.region] += run.len);
+        let is_large = |region: usize| counts[region] >= min_px.max(1);
+        runs.iter_mut().for_each(|strip| strip.retain(|run| is_large(run.region)));
+        let share = (0..rows).map(|r| if is_large(r) { T::of(1.0 / counts[r] as f64) } else { T::zero() });
+        Self { strip, share: share.collect(), runs }
     }
 
-    /// Σ over regions of the mean of `value(pixel, region)`, summed strip by strip.
-    fn means(&self, value: impl Fn(usize, usize) -> T + Sync) -> Vec<T> {
-        let last = self.share.len() - 1;
-        let strips = self.ids.par_chunks(self.width * STRIP_ROWS).enumerate();
-        let partial: Vec<Vec<T>> = strips
-            .map(|(k, ids)| {
-                let mut sums = vec![T::zero(); last + 1];
-                for (j, id) in ids.iter().enumerate() {
-                    let i = k * self.width * STRIP_ROWS + j;
-                    if self.mask[i] {
-                        let r = usize::from(*id).min(last);
-                        sums[r] += value(i, r);
-                    }
+    /// Means over each region of what `sum` adds up over a run, summed strip by strip.
+    fn means<const K: usize>(
+        &self,
+        values: &[T],
+        sum: impl Fn(&[T], usize) -> [T; K] + Sync,
+    ) -> Vec<[T; K]> {
+        let strips = values.par_chunks(self.strip).zip(&self.runs);
+        let partial: Vec<Vec<[T; K]>> = strips
+            .map(|(values, runs)| {
+                let mut sums = vec![[T::zero(); K]; self.share.len()];
+                for run in runs {
+                    let added = sum(&values[run.start..run.start + run.len], run.region);
+                    sums[run.region].iter_mut().zip(added).for_each(|(total, v)| *total += v);
                 }
                 sums
             })
             .collect();
-        let sum = |r: usize| partial.iter().map(|p| p[r]).sum::<T>() * self.share[r];
-        (0..=last).map(sum).collect()
+        let mean = |r: usize, k: usize| partial.iter().map(|p| p[r][k]).sum::<T>() * self.share[r];
+        (0..self.share.len()).map(|r| std::array::from_fn(|k| mean(r, k))).collect()
     }
 
-    /// RS of one feature plane: Σ over large regions of the mean |F − region mean|, the gradient also through the mean.
-    fn smoothness(&self, plane: &[T], g: &mut [T], scale: T) -> T {
-        let last = self.share.len() - 1;
-        let means = self.means(|i, _| plane[i]);
-        let deviations = self.means(|i, r| (plane[i] - means[r]).abs());
-        let mean_signs = self.means(|i, r| sign(plane[i] - means[r]));
-        sum_over_strips(g, self.width, |row, g| {
-            for (k, g) in g.iter_mut().enumerate() {
-                let i = row * self.width + k;
-                if self.mask[i] {
-                    let r = usize::from(self.ids[i]).min(last);
-                    *g += (sign(plane[i] - means[r]) - mean_signs[r]) * scale * self.share[r];
+    /// RS of the feature planes: Σ over large regions of the mean |F − region mean|, the gradient also through the mean.
+    fn smoothness(&self, planes: &[T], g: &mut [T], n: usize, scale: T, pooled: bool) -> T {
+        let level = fearless_simd::Level::new();
+        let of_plane = |plane: &[T]| {
+            let means = self.means(plane, |run, _| [dispatch!(level, simd => lane_sum(simd, run, |v| v))]);
+            means.into_iter().map(|[mean]| mean).collect::<Vec<T>>()
+        };
+        let mut means: Vec<Vec<T>> = planes.chunks_exact(n).map(of_plane).collect();
+        if pooled {
+            pool(&mut means);
+        }
+        let of_plane = |(plane, means): (&[T], &Vec<T>)| {
+            self.means(plane, |run, r| dispatch!(level, simd => deviation_sums(simd, run, means[r])))
+        };
+        // Means of |F − mean| and of its sign, which is how the loss pulls at the mean.
+        let spreads: Vec<Vec<[T; 2]>> = planes.chunks_exact(n).zip(&means).map(of_plane).collect();
+        let mut pulls: Vec<Vec<T>> = spreads.iter().map(|s| s.iter().map(|[_, sign]| *sign).collect()).collect();
+        if pooled {
+            pool(&mut pulls);
+        }
+        for (((plane, g), means), pulls) in
+            planes.chunks_exact(n).zip(g.chunks_exact_mut(n)).zip(&means).zip(&pulls)
+        {
+            let strips = g.par_chunks_mut(self.strip).zip(plane.par_chunks(self.strip)).zip(&self.runs);
+            strips.for_each(|((g, values), runs)| {
+                for run in runs {
+                    let (at, r) = (run.start..run.start + run.len, run.region);
+                    let (values, g) = (&values[at.clone()], &mut g[at]);
+                    let factor = scale * self.share[r];
+                    dispatch!(level, simd => add_deviation_signs(simd, values, means[r], pulls[r], factor, g));
                 }
-            }
-            T::zero()
-        });
-        deviations.into_iter().sum::<T>() * scale
+            });
+        }
+        spreads.into_iter().flatten().map(|[spread, _]| spread).sum::<T>() * scale
+    }
+}
+
+/// Replaces each region's value by its mean over the planes.
+fn pool<T: Real>(planes: &mut [Vec<T>]) {
+    let count = T::of(planes.len() as f64);
+    for region in 0..planes.first().map_or(0, Vec::len) {
+        let mean = planes.iter().map(|p| p[region]).sum::<T>() / count;
+        planes.iter_mut().for_each(|p| p[region] = mean);
+    }
+}
+
+/// Supervised runs of regions below `rows`.
+fn runs_of(ids: &[u16], mask: &[bool], rows: usize) -> Vec<Run> {
+    let mut runs = Vec::new();
+    let mut start = 0;
+    while start < ids.len() {
+        let (id, supervised) = (ids[start], mask[start]);
+        let same = |i: &usize| ids[*i] == id && mask[*i] == supervised;
+        let end = (start + 1..ids.len()).find(|i| !same(i)).unwrap_or(ids.len());
+        if supervised && usize::from(id) < rows {
+            runs.push(Run { start, len: end - start, region: usize::from(id) });
+        }
+        start = end;
+    }
+    runs
+}
+
+/// Σ |v − mean| and Σ sign(v − mean).
+#[simd]
+fn deviation_sums<S: Simd, T: Real>(simd: S, values: &[T], mean: T) -> [T; 2] {
+    [
+        lane_sum(simd, values, |v| (v - mean).abs()),
+        lane_sum(simd, values, |v| sign(v - mean)),
+    ]
+}
+
+/// g += (sign(v − mean) − mean_sign) · factor.
+#[simd]
+fn add_deviation_signs<S: Simd, T: Real>(
+    _: S,
+    values: &[T],
+    mean: T,
+    mean_sign: T,
+    factor: T,
+    g: &mut [T],
+) {
+    for (g, v) in g.iter_mut().zip(values) {
+        *g += (sign(*v - mean) - mean_sign) * factor;
     }
 }
 

@@ -2,39 +2,44 @@
 
 mod adam;
 mod chain;
+mod checkpoint;
+mod clock;
 mod densify;
 mod frames;
+mod lift;
 mod loss;
 mod optimiser;
 mod settings;
+mod state;
 
+pub use clock::{Pass, PassClock};
 pub use loss::{LossTerms, LossWeights, Truth, loss};
-pub use settings::{DensifySettings, LearningRates, TrainSettings};
+pub use settings::{DensifySettings, FeatureMode, FrameOrder, LearningRates, LengthUnit, Profile, TrainSettings};
 
 use crate::{
     Error, Result,
-    deform::{Deformation, deform_by},
-    gaussian::{Gaussians, init},
+    deform::{Deformed, deform, deform_by},
     metrics,
-    num::percentile,
     prepare::Prepared,
     raster::{
-        Images, backward::raster_backward, bin::bin, forward::raster, project::project_all, render_deformed,
+        Images, Packed,
+        backward::raster_backward_with,
+        bin::bin,
+        forward::raster_into,
+        project::{Sampling, Splat, project_into},
+        render_deformed,
     },
     scene::{Provenance, Scene},
     sequence::Sequence,
 };
-use chain::FrameState;
+use chain::{FrameState, Gradients};
 use densify::Statistics;
 use frames::{Frame, FrameCache};
-use optimiser::Optimiser;
-use rand::{Rng, SeedableRng};
-use rand_chacha::ChaCha8Rng;
+use loss::loss_into;
+use rand::Rng;
+use state::{State, spread, train_frames};
+use std::path::Path;
 
-/// Depth of the start surface where a recording has none, in its own arbitrary units.
-const DEFAULT_DEPTH: f32 = 100.0;
-/// Frames that the first Gaussians are taken from.
-const SEED_FRAMES: usize = 8;
 /// Frames that [`Trainer::psnr_db`] looks at where none is held out.
 const PSNR_FRAMES: usize = 8;
 
@@ -53,23 +58,29 @@ pub struct StepReport {
     pub dropped: usize,
 }
 
+/// What the passes of a step write, kept from step to step: fresh memory costs more than the arithmetic on it.
+#[derive(Debug, Default)]
+struct Passes {
+    psi: Vec<f32>,
+    deformed: Deformed,
+    splats: Vec<Splat<f32>>,
+    packed: Packed,
+    images: Images,
+    g_planes: Vec<f32>,
+    slots: Vec<f32>,
+    gradients: Gradients,
+}
+
 /// Training in progress; holds parameters, moments and the decoded frames.
 pub struct Trainer {
     settings: TrainSettings,
     sequence: Sequence,
     prepared: Option<Prepared>,
     cache: FrameCache,
-    gaussians: Gaussians,
-    deformation: Deformation,
-    optimiser: Optimiser,
-    statistics: Statistics,
-    rng: ChaCha8Rng,
-    /// Frames still to be visited in this round, in random order.
-    queue: Vec<usize>,
-    typical_depth: f32,
-    step: usize,
-    dropped: usize,
+    state: State,
     started: std::time::Instant,
+    passes: Passes,
+    clock: PassClock,
 }
 
 impl Trainer {
@@ -78,142 +89,224 @@ impl Trainer {
     pub fn new(sequence: &Sequence, prepared: Option<&Prepared>, settings: TrainSettings) -> Result<Self> {
         let mut settings = settings;
         settings.eval |= prepared.is_some_and(|p| p.eval);
-        settings.sh_degree = if sequence.camera_moves() { settings.sh_degree.min(3) } else { 0 };
-        let train_frames = train_frames(sequence.num_frames(), settings.eval);
-        let latent_dim = prepared.map_or(0, |p| p.codec.latent_dim());
-        let (gaussians, typical_depth) = initial_gaussians(sequence, &train_frames, latent_dim, &settings)?;
-        let num_bases = settings.num_bases.max(2);
-        let width = settings.basis_width / (num_bases - 1) as f32;
-        let mut deformation =
-            Deformation::at_rest(gaussians.len(), latent_dim, num_bases, width, settings.gate_slope);
-        let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
-        // PyTorch's initial range for a layer of D + 1 inputs.
-        let bound = 1.0 / ((latent_dim + 1) as f32).sqrt();
-        let net = deformation.feature_weight.iter_mut().chain(&mut deformation.feature_bias);
-        net.for_each(|v| *v = rng.random_range(-bound..bound));
-        Ok(Self {
+        let sees_around = sequence.camera_moves() || settings.sh_when_still;
+        settings.sh_degree = if sees_around { settings.sh_degree.min(3) } else { 0 };
+        let state = State::new(sequence, prepared, &settings)?;
+        Ok(Self::with_state(sequence, prepared, settings, state))
+    }
+
+    /// Goes on from a file that [`Trainer::save_checkpoint`] wrote, with its settings, to the same bytes as if there had
+    /// been no stop.
+    pub fn resume(sequence: &Sequence, prepared: Option<&Prepared>, path: &Path) -> Result<Self> {
+        let (settings, state) = checkpoint::read(path, sequence, prepared)?;
+        Ok(Self::with_state(sequence, prepared, settings, state))
+    }
+
+    /// Writes all that is needed to go on.
+    pub fn save_checkpoint(&self, path: &Path) -> Result<()> {
+        let mut state = self.state.clone();
+        state.seconds = self.seconds();
+        checkpoint::write(path, &self.sequence, self.prepared.as_ref(), &self.settings, state)
+    }
+
+    fn with_state(
+        sequence: &Sequence,
+        prepared: Option<&Prepared>,
+        settings: TrainSettings,
+        state: State,
+    ) -> Self {
+        Self {
             cache: FrameCache::new(sequence, settings.frame_cache_bytes),
-            optimiser: Optimiser::new(&gaussians, &deformation),
-            statistics: Statistics::new(gaussians.len()),
             sequence: sequence.clone(),
             prepared: prepared.cloned(),
             settings,
-            gaussians,
-            deformation,
-            rng,
-            queue: Vec::new(),
-            typical_depth,
-            step: 0,
-            dropped: 0,
+            state,
             started: std::time::Instant::now(),
-        })
+            passes: Passes::default(),
+            clock: PassClock::default(),
+        }
+    }
+
+    /// The settings, as far as the recording allows them.
+    pub fn settings(&self) -> &TrainSettings {
+        &self.settings
+    }
+
+    /// Seconds since training began, stops left out.
+    pub fn seconds(&self) -> f64 {
+        self.state.seconds + self.started.elapsed().as_secs_f64()
     }
 
     /// One optimiser step.
     pub fn step(&mut self) -> Result<StepReport> {
+        if self.state.step == 0 && self.settings.feature_mode == FeatureMode::LiftedFirst {
+            self.lift_features()?;
+        }
         let i = self.next_frame();
-        let progress = self.step as f32 / self.settings.iterations.max(1) as f32;
+        let progress = self.state.step as f32 / self.settings.iterations.max(1) as f32;
         let half = progress < self.settings.half_size_share;
         let frame = self.cache.get(self.prepared.as_ref(), i, half)?;
-        let (terms, report) = self.learn(&frame, i, half, progress);
-        self.step += 1;
+        let sampling = if half { Sampling::ALL } else { self.next_sampling() };
+        let (terms, report) = if sampling == Sampling::ALL {
+            self.learn(&frame, i, half, sampling, progress)
+        } else {
+            self.learn(&frame.sampled(sampling), i, half, sampling, progress)
+        };
+        self.state.step += 1;
         if !report {
-            self.dropped += 1;
+            self.state.dropped += 1;
         }
         self.densify_if_due();
+        if self.state.step == self.settings.iterations && self.settings.feature_mode == FeatureMode::Lifted {
+            self.lift_features()?;
+        }
         Ok(StepReport {
-            step: self.step,
+            step: self.state.step,
             loss: terms.total(),
             terms,
-            gaussians: self.gaussians.len(),
-            dropped: self.dropped,
+            gaussians: self.state.gaussians.len(),
+            dropped: self.state.dropped,
         })
     }
 
     /// Forward, backward and update on one frame; `false` if it was dropped because something was not finite.
-    fn learn(&mut self, frame: &Frame, i: usize, half: bool, progress: f32) -> (LossTerms<f32>, bool) {
+    fn learn(
+        &mut self,
+        frame: &Frame,
+        i: usize,
+        half: bool,
+        sampling: Sampling,
+        progress: f32,
+    ) -> (LossTerms<f32>, bool) {
         let latents = self.prepared.as_ref().map_or(&[][..], |p| &p.latents);
-        let truth = frame.truth(latents, self.typical_depth);
-        let camera = self.sequence.camera(i).resized(truth.width as u32, truth.height as u32);
+        let truth = frame.truth(latents, self.state.typical_depth);
+        let mut camera = self.sequence.camera(i);
+        if half {
+            camera = camera.resized(camera.width / 2, camera.height / 2);
+        }
         let time = self.sequence.time(i);
-        let psi = self.deformation.psi(self.gaussians.len(), time);
-        let deformed = deform_by(&self.gaussians, &self.deformation, &psi, time, true);
-        let splats = project_all(&self.gaussians, &deformed, &camera);
-        let bins = bin(&splats, truth.width, truth.height);
-        let dim = self.gaussians.latent_dim;
-        let images = raster(&splats, &deformed.features, dim, &bins, truth.width, truth.height);
-        let (terms, g_planes) = loss(&images.planes, &truth, &self.settings.loss);
+        let Passes { psi, deformed, splats, packed, images, g_planes, slots, gradients } = &mut self.passes;
+        let clock = &mut self.clock;
+        clock.start();
+        self.state.deformation.psi_into(self.state.gaussians.len(), time, psi);
+        let learns_features = self.settings.feature_mode != FeatureMode::Lifted;
+        deform_by(&self.state.gaussians, &self.state.deformation, psi, time, learns_features, deformed);
+        clock.lap(Pass::Deform);
+        project_into(&self.state.gaussians, deformed, &camera, sampling, splats);
+        let latent_dim = if learns_features { self.state.gaussians.latent_dim } else { 0 };
+        packed.fill(splats, &deformed.features, latent_dim);
+        clock.lap(Pass::Project);
+        let bins = bin(splats, truth.width, truth.height);
+        clock.lap(Pass::Bin);
+        (images.width, images.height) = (truth.width, truth.height);
+        raster_into(packed, &bins, images);
+        clock.lap(Pass::Raster);
+        let weights = self.settings.loss.sampled(sampling.step);
+        let terms = loss_into(&images.planes, &truth, &weights, g_planes);
+        clock.lap(Pass::Loss);
         if !terms.total().is_finite() {
             return (terms, false);
         }
-        let (g_splats, g_features) = raster_backward(&splats, &deformed.features, &bins, &images, &g_planes);
+        let (mut g_splats, g_features) = raster_backward_with(splats, packed, &bins, images, g_planes, slots);
+        g_splats.iter_mut().for_each(|g| sampling.apply_backward(g));
+        clock.lap(Pass::Backward);
+        if !self.settings.depth_moves_centres {
+            g_splats.iter_mut().for_each(|g| g.depth = 0.0);
+        }
         let state = FrameState {
-            gaussians: &self.gaussians,
-            deformation: &self.deformation,
-            psi: &psi,
-            deformed: &deformed,
-            splats: &splats,
+            gaussians: &self.state.gaussians,
+            deformation: &self.state.deformation,
+            psi,
+            deformed,
+            splats,
             camera: &camera,
             time,
         };
-        let gradients = chain::backward(&state, &g_splats, &g_features);
-        if !gradients.are_finite() {
+        let finite = chain::backward(&state, &g_splats, &g_features, gradients);
+        clock.lap(Pass::Chain);
+        if !finite {
             return (terms, false);
         }
-        self.statistics.add(&splats, &g_splats, if half { 0.5 } else { 1.0 });
-        let rates = (time, progress, self.world_per_px());
-        self.optimiser.step(&mut self.gaussians, &mut self.deformation, &gradients, &self.settings, rates);
+        let pull_scale = if self.settings.densify.threshold > 0.0 {
+            [0.5 * camera.width as f32, 0.5 * camera.height as f32]
+        } else if half {
+            [0.5; 2]
+        } else {
+            [1.0; 2]
+        };
+        self.state.statistics.add(splats, &g_splats, pull_scale);
+        if !(self.settings.densify.loses_step && self.settings.densifies_at(self.state.step + 1)) {
+            hold_bands(gradients, &self.settings, self.state.gaussians.sh_bands(), self.state.step);
+            let rates = (time, progress, self.state.typical_depth / self.sequence.camera(0).fx);
+            let State { gaussians, deformation, optimiser, .. } = &mut self.state;
+            optimiser.step(gaussians, deformation, gradients, &self.settings, rates);
+        }
+        clock.lap(Pass::Adam);
         (terms, true)
     }
 
-    /// Random order, every frame once a round.
+    /// Which pixels the next step looks at: one of each square of `pixel_step`², at random.
+    fn next_sampling(&mut self) -> Sampling {
+        let step = self.settings.pixel_step.max(1);
+        let mut first = || if step == 1 { 0 } else { self.state.rng.random_range(0..step) };
+        Sampling { step, first: [first(), first()] }
+    }
+
+    /// Every frame once a round.
     fn next_frame(&mut self) -> usize {
-        if self.queue.is_empty() {
-            self.queue = train_frames(self.sequence.num_frames(), self.settings.eval);
-            for k in (1..self.queue.len()).rev() {
-                let j = self.rng.random_range(0..=k);
-                self.queue.swap(k, j);
+        if self.state.queue.is_empty() {
+            self.state.queue = train_frames(self.sequence.num_frames(), self.settings.eval);
+            if self.settings.frame_order == FrameOrder::Cyclic {
+                self.state.queue.reverse();
+                return self.state.queue.pop().unwrap_or(0);
+            }
+            for k in (1..self.state.queue.len()).rev() {
+                let j = self.state.rng.random_range(0..=k);
+                self.state.queue.swap(k, j);
             }
         }
-        self.queue.pop().unwrap_or(0)
+        self.state.queue.pop().unwrap_or(0)
     }
 
     fn densify_if_due(&mut self) {
-        let d = &self.settings.densify;
-        let at = |share: f32| (share * self.settings.iterations as f32) as usize;
-        if self.step < at(d.from) || self.step > at(d.until) || !self.step.is_multiple_of(d.every.max(1)) {
+        if !self.settings.densifies_at(self.state.step) {
             return;
         }
         let world_per_px = self.world_per_px();
         let change = densify::densify(
-            &mut self.gaussians,
-            &mut self.deformation,
-            &self.statistics,
+            &mut self.state.gaussians,
+            &mut self.state.deformation,
+            &self.state.statistics,
             &self.settings.densify,
             world_per_px,
-            &mut self.rng,
+            &mut self.state.rng,
         );
-        let (bands, dim) = (self.gaussians.sh_bands() * 3, self.gaussians.latent_dim);
-        self.optimiser.rearrange(&change.moment_rows(), bands, dim, self.deformation.stride);
-        self.statistics = Statistics::new(self.gaussians.len());
+        let (bands, dim) = (self.state.gaussians.sh_bands() * 3, self.state.gaussians.latent_dim);
+        self.state.optimiser.rearrange(&change.moment_rows(), bands, dim, self.state.deformation.stride);
+        self.state.statistics = Statistics::new(self.state.gaussians.len());
     }
 
     /// Length of a full-size pixel at the typical depth, scene units.
     fn world_per_px(&self) -> f32 {
-        self.typical_depth / self.sequence.camera(0).fx
+        self.state.typical_depth / self.sequence.camera(0).fx
+    }
+
+    /// Where the time of the steps went.
+    pub fn clock(&self) -> &PassClock {
+        &self.clock
     }
 
     /// Steps done.
     pub fn steps_done(&self) -> usize {
-        self.step
+        self.state.step
     }
 
     /// The scene as it stands, ready to be saved or shown.
     pub fn scene(&self) -> Scene {
         let prepared = self.prepared.as_ref();
         Scene {
-            gaussians: self.gaussians.clone(),
-            deformation: self.deformation.clone(),
+            gaussians: self.state.gaussians.clone(),
+            deformation: self.state.deformation.clone(),
             cameras: (0..self.sequence.num_frames()).map(|i| self.sequence.camera(i)).collect(),
             field_of_view: self.sequence.field_of_view().clone(),
             codec: prepared.map(|p| p.codec.clone()),
@@ -225,8 +318,8 @@ impl Trainer {
                 sequence_path: self.sequence.path().to_owned(),
                 held_out: self.settings.eval,
                 frames_per_second: self.sequence.frames_per_second(),
-                steps: self.step,
-                seconds: self.started.elapsed().as_secs_f64(),
+                steps: self.state.step,
+                seconds: self.seconds(),
                 settings: serde_json::to_value(&self.settings).unwrap_or_default(),
             },
         }
@@ -235,9 +328,8 @@ impl Trainer {
     /// Renders frame `i` as the scene stands.
     pub fn render(&self, i: usize) -> Images {
         let time = self.sequence.time(i);
-        let psi = self.deformation.psi(self.gaussians.len(), time);
-        let deformed = deform_by(&self.gaussians, &self.deformation, &psi, time, true);
-        render_deformed(&self.gaussians, &deformed, &self.sequence.camera(i))
+        let deformed = deform(&self.state.gaussians, &self.state.deformation, time, true);
+        render_deformed(&self.state.gaussians, &deformed, &self.sequence.camera(i))
     }
 
     /// Mean PSNR in dB inside the supervision mask over the held-out frames, or over a few frames if none is held out.
@@ -262,55 +354,16 @@ impl Trainer {
     }
 }
 
-/// Frames that training may see.
-fn train_frames(num_frames: usize, eval: bool) -> Vec<usize> {
-    (0..num_frames).filter(|&i| !(eval && Sequence::is_test_frame(i))).collect()
-}
-
-/// At most `count` of `frames`, evenly spread, the middle one first.
-fn spread(frames: &[usize], count: usize) -> Vec<usize> {
-    let n = frames.len();
-    let count = count.min(n);
-    let mut picked: Vec<usize> = (0..count).map(|k| frames[(2 * k + 1) * n / (2 * count)]).collect();
-    let middle = picked.len() / 2;
-    if !picked.is_empty() {
-        picked.swap(0, middle);
+/// Clears the gradients of colour bands that are not learned yet at `step`.
+fn hold_bands(gradients: &mut Gradients, settings: &TrainSettings, bands: usize, step: usize) {
+    if settings.sh_every == 0 || bands == 0 {
+        return;
     }
-    picked
-}
-
-/// Seeds Gaussians from a few training frames, the middle one first; also the typical depth.
-fn initial_gaussians(
-    sequence: &Sequence,
-    frames: &[usize],
-    latent_dim: usize,
-    settings: &TrainSettings,
-) -> Result<(Gaussians, f32)> {
-    let mut seeds = Vec::new();
-    for i in spread(frames, SEED_FRAMES) {
-        seeds.push(init::SeedFrame {
-            camera: sequence.camera(i),
-            colour: sequence.frame(i)?,
-            mask: sequence.mask(i)?,
-            depth: sequence.depth(i)?,
-        });
+    let degree = step / settings.sh_every;
+    let learned = ((degree + 1) * (degree + 1) - 1).min(bands) * 3;
+    for row in gradients.sh_rest.chunks_exact_mut(bands * 3) {
+        row[learned..].fill(0.0);
     }
-    let mut known: Vec<f32> = seeds
-        .iter()
-        .filter_map(|s| s.depth.as_ref())
-        .flat_map(|d| d.data.iter().copied().filter(|z| *z > 0.0 && z.is_finite()))
-        .collect();
-    let typical_depth = percentile(&mut known, 50.0).unwrap_or(DEFAULT_DEPTH);
-    let spacing = settings.px_per_gaussian.max(1.0).sqrt();
-    let gaussians = init::seed(&seeds, spacing, typical_depth, latent_dim, settings.sh_degree, settings.seed);
-    if gaussians.is_empty() {
-        return Err(Error::input_at(
-            sequence.path(),
-            "no pixel of the recording is to be supervised",
-            "Its masks are probably inverted: run `surgtpgs check`, and set `[masks] keep` in sequence.toml.",
-        ));
-    }
-    Ok((gaussians, typical_depth))
 }
 
 #[cfg(test)]

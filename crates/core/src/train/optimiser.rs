@@ -1,25 +1,37 @@
 //! Adam for every parameter group, at the learning rates of the settings.
 
-use super::{adam::Adam, chain::Gradients, settings::TrainSettings};
+use super::{
+    adam::{Adam, Update, WIDTH},
+    chain::Gradients,
+    settings::{LengthUnit, TrainSettings},
+};
 use crate::{
-    deform::{COLOUR_CHANNEL, Deformation, GATE_CHANNEL, ROTATION_CHANNEL, SCALE_CHANNEL},
+    deform::{
+        COLOUR_CHANNEL, Deformation, GATE_CHANNEL, MEAN_CHANNEL, ROTATION_CHANNEL, SCALE_CHANNEL, basis,
+        basis_backward,
+    },
     gaussian::Gaussians,
 };
+use fearless_simd::{Level, Simd, dispatch};
+use fearless_simd_macros::simd;
+use rayon::prelude::*;
+
+/// Where a row of the parameters at rest keeps the opacity logit; before it come the channels of ψ.
+const OPACITY_CHANNEL: usize = GATE_CHANNEL;
 
 /// Moments of all groups.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Optimiser {
-    means: Adam,
-    rotations: Adam,
-    log_scales: Adam,
-    opacity_logits: Adam,
-    colours: Adam,
+    /// Centre, rotation, log-scale, colour and opacity: [N][[`WIDTH`]], in the order of ψ's channels.
+    rest: Adam,
     sh_rest: Adam,
     features: Adam,
     net_weight: Adam,
     net_bias: Adam,
     /// One per basis: each counts only the steps at which it was live.
     bases: Vec<Adam>,
+    /// Centres and widths of every basis function; empty where they are shared, and fixed.
+    own_bases: Vec<[Adam; 2]>,
 }
 
 impl Optimiser {
@@ -27,17 +39,29 @@ impl Optimiser {
     pub fn new(gaussians: &Gaussians, deformation: &Deformation) -> Self {
         let n = gaussians.len();
         Self {
-            means: Adam::new(3 * n),
-            rotations: Adam::new(4 * n),
-            log_scales: Adam::new(3 * n),
-            opacity_logits: Adam::new(n),
-            colours: Adam::new(3 * n),
+            rest: Adam::new(n * WIDTH),
             sh_rest: Adam::new(gaussians.sh_rest.len()),
             features: Adam::new(gaussians.features.len()),
             net_weight: Adam::new(deformation.feature_weight.len()),
             net_bias: Adam::new(deformation.feature_bias.len()),
             bases: (0..deformation.num_bases).map(|_| Adam::new(n * deformation.stride)).collect(),
+            own_bases: if deformation.is_shared() {
+                Vec::new()
+            } else {
+                let adam = || Adam::new(n * deformation.stride);
+                (0..deformation.num_bases).map(|_| [adam(), adam()]).collect()
+            },
         }
+    }
+
+    /// Whether the moments are as many as the parameters.
+    pub fn fits(&self, gaussians: &Gaussians, deformation: &Deformation) -> bool {
+        let fresh = Self::new(gaussians, deformation);
+        let sizes = |o: &Self| -> Vec<[usize; 2]> {
+            let single = [&o.rest, &o.sh_rest, &o.features, &o.net_weight, &o.net_bias];
+            single.into_iter().chain(&o.bases).chain(o.own_bases.iter().flatten()).map(|a| [a.first.len(), a.second.len()]).collect()
+        };
+        sizes(self) == sizes(&fresh)
     }
 
     /// One update of everything; `progress` is the share of training done, `world_per_px` the length of a pixel
@@ -52,22 +76,25 @@ impl Optimiser {
     ) {
         let r = &settings.rates;
         let decay = r.final_share.powf(progress);
-        let mean_rate = r.mean_px * world_per_px * decay;
-        self.means.step(gaussians.means.as_flattened_mut(), g.means.as_flattened(), mean_rate);
-        self.rotations.step(gaussians.rotations.as_flattened_mut(), g.rotations.as_flattened(), r.rotation);
-        self.log_scales.step(
-            gaussians.log_scales.as_flattened_mut(),
-            g.log_scales.as_flattened(),
-            r.log_scale,
-        );
-        self.opacity_logits.step(&mut gaussians.opacity_logits, &g.opacity_logits, r.opacity);
-        self.colours.step(gaussians.colours.as_flattened_mut(), g.colours.as_flattened(), r.colour);
+        let length = match r.unit {
+            LengthUnit::Pixel => world_per_px,
+            LengthUnit::Scene => 1.0,
+        };
+        let rest_rates = rest_rates(settings, length * decay);
+        let update = self.rest.next_update(1.0, 1.0);
+        step_rest(update, &mut self.rest, gaussians, g, deformation.stride, &rest_rates);
         self.sh_rest.step(&mut gaussians.sh_rest, &g.sh_rest, r.sh_rest);
         self.features.step(&mut gaussians.features, &g.features, r.feature);
         let (g_weight, g_bias) = g.net.split_at(deformation.feature_weight.len());
-        self.net_weight.step(&mut deformation.feature_weight, g_weight, r.feature);
-        self.net_bias.step(&mut deformation.feature_bias, g_bias, r.feature);
-        let scales = channel_rates(settings, deformation.stride, gaussians.latent_dim, world_per_px);
+        if settings.feature_motion {
+            self.net_weight.step(&mut deformation.feature_weight, g_weight, r.feature);
+            self.net_bias.step(&mut deformation.feature_bias, g_bias, r.feature);
+        }
+        let scales = channel_rates(settings, deformation.stride, gaussians.latent_dim, length);
+        if !deformation.is_shared() {
+            self.step_own_bases(deformation, g, time, decay, &scales);
+            return;
+        }
         let (values, live) = deformation.basis_values(time);
         let plane = gaussians.len() * deformation.stride;
         for b in live {
@@ -76,28 +103,138 @@ impl Optimiser {
         }
     }
 
+    /// One update of all basis functions where every Gaussian has its own, live or not, as the released code does.
+    fn step_own_bases(
+        &mut self,
+        deformation: &mut Deformation,
+        g: &Gradients,
+        time: f32,
+        rate: f32,
+        scales: &[f32],
+    ) {
+        let plane = g.psi.len();
+        let shape = deformation.shape;
+        let mut gradients = vec![[0.0; 3]; plane];
+        for b in 0..deformation.num_bases {
+            let at = b * plane..(b + 1) * plane;
+            let (weights, centres, widths) =
+                (&deformation.weights[at.clone()], &deformation.centres[at.clone()], &deformation.widths[at.clone()]);
+            let parameters = weights.par_iter().zip(centres).zip(widths);
+            gradients.par_iter_mut().zip(&g.psi).zip(parameters).with_min_len(1 << 14).for_each(
+                |((out, g_psi), ((weight, centre), width))| {
+                    // Most channels of most Gaussians are padding or at rest.
+                    *out = if *g_psi == 0.0 {
+                        [0.0; 3]
+                    } else {
+                        let (by_centre, by_width) = basis_backward(shape, time, *centre, *width);
+                        let value = basis(shape, time, *centre, *width);
+                        [value, weight * by_centre, weight * by_width].map(|v| v * g_psi)
+                    };
+                },
+            );
+            let column = |k: usize| gradients.par_iter().map(|g| g[k]).collect::<Vec<f32>>();
+            let [centre_adam, width_adam] = &mut self.own_bases[b];
+            self.bases[b].step_rows(&mut deformation.weights[at.clone()], &column(0), rate, 1.0, scales);
+            centre_adam.step_rows(&mut deformation.centres[at.clone()], &column(1), rate, 1.0, scales);
+            width_adam.step_rows(&mut deformation.widths[at], &column(2), rate, 1.0, scales);
+        }
+    }
+
     /// Follows a change of the set of Gaussians: row i of the new set keeps the moments of `rows[i]`, or starts afresh.
     pub fn rearrange(&mut self, rows: &[Option<u32>], sh_width: usize, latent_dim: usize, stride: usize) {
-        self.means.rearrange(rows, 3);
-        self.rotations.rearrange(rows, 4);
-        self.log_scales.rearrange(rows, 3);
-        self.opacity_logits.rearrange(rows, 1);
-        self.colours.rearrange(rows, 3);
+        self.rest.rearrange(rows, WIDTH);
         self.sh_rest.rearrange(rows, sh_width);
         self.features.rearrange(rows, latent_dim);
-        self.bases.iter_mut().for_each(|b| b.rearrange(rows, stride));
+        let own = self.own_bases.iter_mut().flatten();
+        self.bases.iter_mut().chain(own).for_each(|b| b.rearrange(rows, stride));
     }
 }
 
-/// Learning rate of each deformation channel before decay; 0 for channels that the settings keep still.
-fn channel_rates(settings: &TrainSettings, stride: usize, latent_dim: usize, world_per_px: f32) -> Vec<f32> {
+/// Gaussians per parallel piece.
+const CHUNK: usize = 1024;
+
+/// Updates what every Gaussian has at rest, one row of [`WIDTH`] numbers each.
+fn step_rest(
+    update: Update,
+    adam: &mut Adam,
+    gaussians: &mut Gaussians,
+    g: &Gradients,
+    stride: usize,
+    rates: &[f32; WIDTH],
+) {
+    let level = Level::new();
+    let parameters = (
+        gaussians.means.par_chunks_mut(CHUNK),
+        gaussians.rotations.par_chunks_mut(CHUNK),
+        gaussians.log_scales.par_chunks_mut(CHUNK),
+        gaussians.colours.par_chunks_mut(CHUNK),
+        gaussians.opacity_logits.par_chunks_mut(CHUNK),
+    );
+    let moments = (adam.first.par_chunks_mut(CHUNK * WIDTH), adam.second.par_chunks_mut(CHUNK * WIDTH));
+    let gradients = (g.psi.par_chunks(CHUNK * stride), g.opacity_logits.par_chunks(CHUNK));
+    (parameters, moments, gradients).into_par_iter().for_each(
+        |((means, rotations, log_scales, colours, opacities), (first, second), (psi, g_opacity))| {
+            let (first, second) = (first.as_chunks_mut().0, second.as_chunks_mut().0);
+            for i in 0..means.len() {
+                let mut g_row = [0.0; WIDTH];
+                g_row[..OPACITY_CHANNEL].copy_from_slice(&psi[i * stride..i * stride + OPACITY_CHANNEL]);
+                g_row[OPACITY_CHANNEL] = g_opacity[i];
+                let mut row = [0.0; WIDTH];
+                row[MEAN_CHANNEL..ROTATION_CHANNEL].copy_from_slice(&means[i]);
+                row[ROTATION_CHANNEL..SCALE_CHANNEL].copy_from_slice(&rotations[i]);
+                row[SCALE_CHANNEL..COLOUR_CHANNEL].copy_from_slice(&log_scales[i]);
+                row[COLOUR_CHANNEL..OPACITY_CHANNEL].copy_from_slice(&colours[i]);
+                row[OPACITY_CHANNEL] = opacities[i];
+                dispatch!(level, simd =>
+                    update_row(simd, update, &mut row, (&mut first[i], &mut second[i]), &g_row, rates));
+                means[i].copy_from_slice(&row[MEAN_CHANNEL..ROTATION_CHANNEL]);
+                rotations[i].copy_from_slice(&row[ROTATION_CHANNEL..SCALE_CHANNEL]);
+                log_scales[i].copy_from_slice(&row[SCALE_CHANNEL..COLOUR_CHANNEL]);
+                colours[i].copy_from_slice(&row[COLOUR_CHANNEL..OPACITY_CHANNEL]);
+                opacities[i] = row[OPACITY_CHANNEL];
+            }
+        },
+    );
+}
+
+#[simd]
+fn update_row<S: Simd>(
+    _: S,
+    update: Update,
+    row: &mut [f32; WIDTH],
+    moments: (&mut [f32; WIDTH], &mut [f32; WIDTH]),
+    g: &[f32; WIDTH],
+    rates: &[f32; WIDTH],
+) {
+    update.apply(row, moments, g, rates);
+}
+
+/// Learning rates of the parameters at rest; `length` is the unit of lengths, after decay.
+fn rest_rates(settings: &TrainSettings, length: f32) -> [f32; WIDTH] {
     let r = &settings.rates;
+    let mut rates = [0.0; WIDTH];
+    rates[MEAN_CHANNEL..ROTATION_CHANNEL].fill(r.mean * length);
+    rates[ROTATION_CHANNEL..SCALE_CHANNEL].fill(r.rotation);
+    rates[SCALE_CHANNEL..COLOUR_CHANNEL].fill(r.log_scale);
+    rates[COLOUR_CHANNEL..OPACITY_CHANNEL].fill(r.colour);
+    rates[OPACITY_CHANNEL] = r.opacity;
+    rates
+}
+
+/// Learning rate of each deformation channel before decay; 0 for channels that the settings keep still.
+fn channel_rates(settings: &TrainSettings, stride: usize, latent_dim: usize, length: f32) -> Vec<f32> {
+    let r = &settings.rates;
+    let motion = r.motion * length;
+    let relative = |rate: f32| if r.uniform_motion { motion } else { rate * r.motion_relative };
     let mut rates = vec![0.0; stride];
-    rates[..ROTATION_CHANNEL].fill(r.motion_px * world_per_px);
-    rates[ROTATION_CHANNEL..SCALE_CHANNEL].fill(r.rotation * r.motion_relative);
-    rates[SCALE_CHANNEL..COLOUR_CHANNEL].fill(r.log_scale * r.motion_relative);
-    let colour = if settings.colour_over_time { r.colour * r.motion_relative } else { 0.0 };
-    rates[COLOUR_CHANNEL..GATE_CHANNEL].fill(colour);
-    rates[GATE_CHANNEL..GATE_CHANNEL + latent_dim].fill(r.feature * r.motion_relative);
+    rates[..ROTATION_CHANNEL].fill(motion);
+    rates[ROTATION_CHANNEL..SCALE_CHANNEL].fill(relative(r.rotation));
+    rates[SCALE_CHANNEL..COLOUR_CHANNEL].fill(relative(r.log_scale));
+    if settings.colour_over_time {
+        rates[COLOUR_CHANNEL..GATE_CHANNEL].fill(relative(r.colour));
+    }
+    if settings.feature_motion {
+        rates[GATE_CHANNEL..GATE_CHANNEL + latent_dim].fill(relative(r.feature));
+    }
     rates
 }

@@ -8,11 +8,12 @@ use super::{
 use crate::{
     camera::Camera,
     deform::{
-        COLOUR_CHANNEL, Deformation, FeatureNet, GATE_CHANNEL, basis, deform_by, gate_feature, move_geometry,
-        num_channels,
+        COLOUR_CHANNEL, Deformation, Deformed, FeatureNet, GATE_CHANNEL, MEAN_CHANNEL, ROTATION_CHANNEL,
+        SCALE_CHANNEL, basis, deform_by, gate_feature, move_geometry, num_channels,
     },
     gaussian::Gaussians,
     raster::{
+        Packed,
         backward::raster_backward,
         bin::bin,
         forward::raster,
@@ -23,6 +24,7 @@ use crate::{
 };
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use std::ops::Range;
 
 const WIDTH: usize = 24;
 const HEIGHT: usize = 18;
@@ -159,12 +161,14 @@ impl Fixture {
     fn gradients(&self) -> Gradients {
         let (gaussians, deformation) = (&self.gaussians, &self.deformation);
         let psi = deformation.psi(gaussians.len(), TIME);
-        let deformed = deform_by(gaussians, deformation, &psi, TIME, true);
+        let mut deformed = Deformed::default();
+        deform_by(gaussians, deformation, &psi, TIME, true, &mut deformed);
         let splats = project_all(gaussians, &deformed, &self.camera);
         let bins = bin(&splats, WIDTH, HEIGHT);
-        let images = raster(&splats, &deformed.features, DIM, &bins, WIDTH, HEIGHT);
+        let packed = Packed::new(&splats, &deformed.features, DIM);
+        let images = raster(&packed, &bins, WIDTH, HEIGHT);
         let (_, g_planes) = loss(&images.planes, &self.truth(), &Self::weights());
-        let (g_splats, g_features) = raster_backward(&splats, &deformed.features, &bins, &images, &g_planes);
+        let (g_splats, g_features) = raster_backward(&splats, &packed, &bins, &images, &g_planes);
         let state = FrameState {
             gaussians,
             deformation,
@@ -174,19 +178,23 @@ impl Fixture {
             camera: &self.camera,
             time: TIME,
         };
-        chain::backward(&state, &g_splats, &g_features)
+        let mut gradients = Gradients::default();
+        assert!(chain::backward(&state, &g_splats, &g_features, &mut gradients));
+        gradients
     }
 
     /// The same in the order of [`Fixture::parameters`].
     fn flat_gradients(&self) -> Vec<Vec<f32>> {
         let g = self.gradients();
         let (values, _) = self.deformation.basis_values(TIME);
+        let rows = || g.psi.chunks_exact(self.deformation.stride);
+        let channels = |range: Range<usize>| rows().flat_map(|row| row[range.clone()].to_vec()).collect();
         vec![
-            g.means.as_flattened().to_vec(),
-            g.rotations.as_flattened().to_vec(),
-            g.log_scales.as_flattened().to_vec(),
+            channels(MEAN_CHANNEL..ROTATION_CHANNEL),
+            channels(ROTATION_CHANNEL..SCALE_CHANNEL),
+            channels(SCALE_CHANNEL..COLOUR_CHANNEL),
             g.opacity_logits.clone(),
-            g.colours.as_flattened().to_vec(),
+            channels(COLOUR_CHANNEL..GATE_CHANNEL),
             g.sh_rest.clone(),
             g.features.clone(),
             values.iter().flat_map(|v| g.psi.iter().map(move |p| v * p)).collect(),

@@ -7,7 +7,7 @@ use crate::{
 use surgtpgs_core::{
     camera::Camera,
     deform::{BasisShape, deform},
-    raster::{Images, bin::bin, forward::raster, project::project_all, reference::ReferenceInput},
+    raster::{Images, Packed, bin::bin, forward::raster, project::project_all, reference::ReferenceInput},
     scene::Scene,
 };
 use surgtpgs_render::passes::Passes;
@@ -135,7 +135,7 @@ fn rastered(passes: &mut Passes, scene: &Scene, camera: &Camera, features: bool)
     let (width, height) = (camera.width as usize, camera.height as usize);
     let bins = bin(&splats, width, height);
     let dim = if features { scene.gaussians.latent_dim } else { 0 };
-    let expected = raster(&splats, &deformed.features, dim, &bins, width, height);
+    let expected = raster(&Packed::new(&splats, &deformed.features, dim), &bins, width, height);
     (passes.raster(&splats, &deformed.features, dim, &bins, camera).unwrap(), expected)
 }
 

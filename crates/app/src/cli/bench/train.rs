@@ -1,0 +1,175 @@
+//! `bench train`: every setting of training on one recording, quality beside time.
+
+use super::{
+    plot::{self, Point},
+    rows::{Row, rows},
+};
+use crate::{
+    args::BenchTrainArgs,
+    cli::{
+        Exit,
+        console::{self, ProgressView, print, print_json, say},
+        eval,
+    },
+    engine::{Backend, Engine, EngineOptions},
+    jobs::{self, Material},
+};
+use std::{fmt::Write, sync::Arc};
+use surgtpgs_core::{Error, Result, files::write_whole, train::Pass};
+
+/// What one row came to.
+#[derive(serde::Serialize)]
+struct Outcome {
+    name: &'static str,
+    what: &'static str,
+    seconds: f64,
+    steps_per_second: f64,
+    gaussians: usize,
+    dropped_steps: usize,
+    psnr_masked_db: Option<f64>,
+    ssim: Option<f64>,
+    miou_paper: Option<f64>,
+    miou_strict: Option<f64>,
+    /// Lowest IoU of a class: small, fast things are where methods fail.
+    worst_iou: Option<f64>,
+    /// Milliseconds of each pass per step, in the order of [`Pass::ALL`].
+    pass_ms: Vec<f64>,
+}
+
+pub(super) fn run(args: &BenchTrainArgs) -> Result<Exit> {
+    let material = Material::open(&args.sequence)?;
+    let wanted = wanted_rows(args)?;
+    console::watch_interrupts();
+    let mut outcomes = Vec::new();
+    for (k, row) in wanted.iter().enumerate() {
+        say(&format!("{} of {}: {} ({})", k + 1, wanted.len(), row.name, row.what));
+        let outcome = measure(&material, row, args)?;
+        say(&line(&outcome));
+        outcomes.push(outcome);
+        // Written after every row: an interrupted benchmark keeps what it has.
+        write(&outcomes, args)?;
+    }
+    if args.json {
+        print_json(&outcomes);
+    } else {
+        print(&outcomes.iter().map(|o| line(o) + "\n").collect::<String>());
+    }
+    Ok(Exit::Done)
+}
+
+fn wanted_rows(args: &BenchTrainArgs) -> Result<Vec<Row>> {
+    let all = rows(args.iterations as usize, args.seed);
+    let names = || all.iter().map(|r| r.name).collect::<Vec<_>>().join("\", \"");
+    if let Some(unknown) = args.rows.iter().find(|name| !all.iter().any(|r| r.name == *name)) {
+        return Err(Error::input(
+            format!("there is no row \"{unknown}\""),
+            format!("The rows are \"{}\".", names()),
+        ));
+    }
+    let is_wanted = |row: &Row| args.rows.is_empty() || args.rows.iter().any(|name| name == row.name);
+    Ok(all.into_iter().filter(is_wanted).collect())
+}
+
+fn measure(material: &Material, row: &Row, args: &BenchTrainArgs) -> Result<Outcome> {
+    let mut view = ProgressView::default();
+    let mut pass_ms = Vec::new();
+    let trained = jobs::train_watched(material, row.settings.clone(), &mut |p| view.show(p), &mut |trainer| {
+        let per_step = 1e3 / trainer.steps_done().max(1) as f64;
+        pass_ms = Pass::ALL.iter().map(|p| trainer.clock().seconds(*p) * per_step).collect();
+    })?;
+    drop(view);
+    if trained.steps < row.settings.iterations {
+        return Err(Error::Cancelled);
+    }
+    let (seconds, steps, dropped_steps) = (trained.seconds, trained.steps, trained.dropped);
+    let options = EngineOptions {
+        backend: Backend::Cpu,
+        sequence: Some(args.sequence.clone()),
+        ..Default::default()
+    };
+    let mut engine = Engine::new(Arc::new(trained.scene), None, options)?;
+    let report = eval::evaluate(&mut engine)?;
+    let iou = report.iou.as_ref();
+    Ok(Outcome {
+        name: row.name,
+        what: row.what,
+        seconds,
+        steps_per_second: steps as f64 / seconds.max(1e-9),
+        gaussians: report.gaussians,
+        dropped_steps,
+        psnr_masked_db: report.psnr_masked_db,
+        ssim: report.ssim,
+        miou_paper: iou.and_then(|iou| iou.paper.mean),
+        miou_strict: iou.and_then(|iou| iou.strict.mean),
+        worst_iou: iou.and_then(|iou| iou.paper.classes.values().copied().reduce(f64::min)),
+        pass_ms,
+    })
+}
+
+fn number(value: Option<f64>) -> String {
+    value.map_or(String::new(), |v| format!("{v:.4}"))
+}
+
+fn line(o: &Outcome) -> String {
+    format!(
+        "{:<30} {:>7.1} s {:>6.1} steps/s {:>7} Gaussians  PSNR {:>7} dB  mIoU {:>6} (worst {:>6}, strict {:>6})",
+        o.name,
+        o.seconds,
+        o.steps_per_second,
+        o.gaussians,
+        number(o.psnr_masked_db),
+        number(o.miou_paper),
+        number(o.worst_iou),
+        number(o.miou_strict)
+    )
+}
+
+fn csv(outcomes: &[Outcome]) -> String {
+    let mut text = String::from(
+        "row,differs_in,seconds,steps_per_second,gaussians,dropped_steps,psnr_masked_db,ssim,miou_paper,miou_strict,worst_iou",
+    );
+    for pass in Pass::ALL {
+        let _ = write!(text, ",{}_ms", format!("{pass:?}").to_lowercase());
+    }
+    text.push('\n');
+    for o in outcomes {
+        let _ = write!(
+            text,
+            "{},\"{}\",{:.2},{:.2},{},{},{},{},{},{},{}",
+            o.name.replace(',', ""),
+            o.what,
+            o.seconds,
+            o.steps_per_second,
+            o.gaussians,
+            o.dropped_steps,
+            number(o.psnr_masked_db),
+            number(o.ssim),
+            number(o.miou_paper),
+            number(o.miou_strict),
+            number(o.worst_iou)
+        );
+        o.pass_ms.iter().for_each(|ms| {
+            let _ = write!(text, ",{ms:.3}");
+        });
+        text.push('\n');
+    }
+    text
+}
+
+fn write(outcomes: &[Outcome], args: &BenchTrainArgs) -> Result<()> {
+    write_whole(&args.output.join("train.csv"), csv(outcomes).as_bytes())?;
+    let points = |value: fn(&Outcome) -> Option<f64>| -> Vec<Point<'_>> {
+        let point = |o: &Outcome| value(o).map(|y| Point { name: o.name, x: o.seconds, y });
+        outcomes.iter().filter_map(point).collect()
+    };
+    for (file, label, values) in [
+        ("train_psnr.svg", "PSNR inside the masks, dB", points(|o| o.psnr_masked_db)),
+        ("train_miou.svg", "mIoU (paper's protocol)", points(|o| o.miou_paper)),
+    ] {
+        if !values.is_empty() {
+            let svg = plot::scatter("Quality against training time", "training, s", label, &values)?;
+            write_whole(&args.output.join(file), svg.as_bytes())?;
+        }
+    }
+    Ok(())
+}

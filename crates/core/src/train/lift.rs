@@ -1,0 +1,67 @@
+//! Features in closed form: each Gaussian gets the mean of the features that it shows (peers.md §2).
+//!
+//! fᵢ = Σ w f̂ / Σ w over the supervised pixels of all training frames, w the Gaussian's weight in the pixel. Both sums
+//! are what the raster pass backwards gives for gradients f̂ and 1.
+
+use super::{Trainer, state::train_frames};
+use crate::{
+    Result,
+    deform::deform,
+    prepare::NO_REGION,
+    raster::{
+        FEATURE_PLANE, Images, Packed, backward::raster_backward, bin::bin, project::project_all,
+    },
+};
+
+/// A Gaussian that weighs less than this in all pixels together keeps its features.
+const MIN_WEIGHT: f32 = 1e-3;
+
+impl Trainer {
+    /// Replaces the features of all Gaussians by the mean of what they show.
+    pub fn lift_features(&mut self) -> Result<()> {
+        let Some(prepared) = self.prepared.clone() else { return Ok(()) };
+        let (n, dim) = (self.state.gaussians.len(), self.state.gaussians.latent_dim);
+        let mut sums = vec![0.0f32; n * dim];
+        let mut weights = vec![0.0f32; n];
+        for i in train_frames(self.sequence.num_frames(), self.settings.eval) {
+            let frame = self.cache.get(Some(&prepared), i, false)?;
+            let truth = frame.truth(&prepared.latents, self.state.typical_depth);
+            if truth.regions.is_empty() {
+                continue;
+            }
+            let (width, height) = (truth.width, truth.height);
+            let time = self.sequence.time(i);
+            let deformed = deform(&self.state.gaussians, &self.state.deformation, time, false);
+            let splats = project_all(&self.state.gaussians, &deformed, &self.sequence.camera(i));
+            let packed = Packed::new(&splats, &vec![0.0; n * dim], dim);
+            let planes = vec![0.0; (FEATURE_PLANE + dim) * width * height];
+            let wanted = wanted_planes(&truth, dim);
+            let images = Images { width, height, planes };
+            let bins = bin(&splats, width, height);
+            let (shown, features) = raster_backward(&splats, &packed, &bins, &images, &wanted);
+            sums.iter_mut().zip(features).for_each(|(sum, f)| *sum += f);
+            // The first colour's gradient was 1.
+            weights.iter_mut().zip(shown).for_each(|(sum, g)| *sum += g.colour[0]);
+        }
+        let rows = self.state.gaussians.features.chunks_exact_mut(dim.max(1)).zip(sums.chunks_exact(dim.max(1)));
+        for ((row, sum), weight) in rows.zip(weights).filter(|(_, w)| *w > MIN_WEIGHT) {
+            row.iter_mut().zip(sum).for_each(|(f, s)| *f = s / weight);
+        }
+        Ok(())
+    }
+}
+
+/// Planes with 1 in the first and the wanted features in the feature planes, where there are any; 0 elsewhere.
+fn wanted_planes(truth: &super::Truth<'_>, dim: usize) -> Vec<f32> {
+    let n = truth.width * truth.height;
+    let mut planes = vec![0.0; (FEATURE_PLANE + dim) * n];
+    let seen = |i: &usize| truth.mask[*i] && truth.regions[*i] != NO_REGION;
+    for i in (0..n).filter(seen) {
+        let row = usize::from(truth.regions[i]) * dim;
+        planes[i] = 1.0;
+        for (d, f) in truth.latents[row..row + dim].iter().enumerate() {
+            planes[(FEATURE_PLANE + d) * n + i] = *f;
+        }
+    }
+    planes
+}

@@ -1,0 +1,165 @@
+//! What training changes, and how it begins.
+
+use super::{densify::Statistics, optimiser::Optimiser, settings::{FeatureMode, TrainSettings}};
+use crate::{
+    Error, Result,
+    deform::{Deformation, SCALE_CHANNEL, stride_for},
+    gaussian::{
+        Gaussians,
+        init::{self, SeedSettings},
+    },
+    num::percentile,
+    prepare::Prepared,
+    sequence::Sequence,
+};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// Depth of the start surface where a recording has none, in its own arbitrary units.
+const DEFAULT_DEPTH: f32 = 100.0;
+/// Frames that the first Gaussians are taken from.
+const SEED_FRAMES: usize = 8;
+
+/// Everything that training changes: with the settings and the recording it determines all that follows.
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
+pub(super) struct State {
+    pub gaussians: Gaussians,
+    pub deformation: Deformation,
+    pub optimiser: Optimiser,
+    pub statistics: Statistics,
+    pub rng: ChaCha8Rng,
+    /// Frames still to be visited in this round, in random order.
+    pub queue: Vec<usize>,
+    pub typical_depth: f32,
+    pub step: usize,
+    pub dropped: usize,
+    /// Spent before this run.
+    pub seconds: f64,
+}
+
+impl State {
+    pub(super) fn new(
+        sequence: &Sequence,
+        prepared: Option<&Prepared>,
+        settings: &TrainSettings,
+    ) -> Result<Self> {
+        let seen = train_frames(sequence.num_frames(), settings.eval && !settings.seed_test_frames);
+        let latent_dim = prepared.map_or(0, |p| p.codec.latent_dim());
+        let (gaussians, typical_depth) = initial_gaussians(sequence, &seen, latent_dim, settings)?;
+        let num_bases = settings.num_bases(sequence.num_frames());
+        let width = settings.basis_width / (num_bases - 1) as f32;
+        let mut deformation =
+            Deformation::at_rest(gaussians.len(), latent_dim, num_bases, width, settings.gate_slope);
+        deformation.shape = settings.basis_shape;
+        if settings.own_bases {
+            deformation = deformation.with_own_bases();
+        }
+        if settings.gate_on_scale && latent_dim <= 3 {
+            deformation.gate_channel = SCALE_CHANNEL;
+        }
+        let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
+        // PyTorch's initial range for a layer of D + 1 inputs.
+        let bound = 1.0 / ((latent_dim + 1) as f32).sqrt();
+        // With lifted features the network starts from nothing: it would disturb them.
+        if settings.feature_motion && settings.feature_mode == FeatureMode::Learned {
+            let net = deformation.feature_weight.iter_mut().chain(&mut deformation.feature_bias);
+            net.for_each(|v| *v = rng.random_range(-bound..bound));
+        }
+        Ok(Self {
+            optimiser: Optimiser::new(&gaussians, &deformation),
+            statistics: Statistics::new(gaussians.len()),
+            gaussians,
+            deformation,
+            rng,
+            queue: Vec::new(),
+            typical_depth,
+            step: 0,
+            dropped: 0,
+            seconds: 0.0,
+        })
+    }
+
+    /// Whether all arrays have the sizes that the number of Gaussians asks for.
+    pub(super) fn is_consistent(&self) -> bool {
+        let (g, d) = (&self.gaussians, &self.deformation);
+        let n = g.len();
+        let rows = [g.rotations.len(), g.log_scales.len(), g.opacity_logits.len(), g.colours.len()];
+        let block = d.num_bases * n * d.stride;
+        let basis = if d.is_shared() { d.num_bases } else { block };
+        rows.iter().all(|len| *len == n)
+            && g.sh_degree <= 3
+            && g.sh_rest.len() == n * g.sh_bands() * 3
+            && g.features.len() == n * g.latent_dim
+            && d.stride == stride_for(g.latent_dim)
+            && d.gate_channel + g.latent_dim <= d.stride
+            && d.weights.len() == block
+            && [d.centres.len(), d.widths.len()] == [basis; 2]
+            && d.feature_weight.len() == g.latent_dim * (g.latent_dim + 1)
+            && d.feature_bias.len() == g.latent_dim
+            && self.optimiser.fits(g, d)
+            && [self.statistics.pull.len(), self.statistics.seen.len()] == [n; 2]
+    }
+}
+
+/// Frames that training may see.
+pub(super) fn train_frames(num_frames: usize, eval: bool) -> Vec<usize> {
+    (0..num_frames).filter(|&i| !(eval && Sequence::is_test_frame(i))).collect()
+}
+
+/// At most `count` of `frames`, evenly spread, the middle one first.
+pub(super) fn spread(frames: &[usize], count: usize) -> Vec<usize> {
+    let n = frames.len();
+    let count = count.min(n);
+    let mut picked: Vec<usize> = (0..count).map(|k| frames[(2 * k + 1) * n / (2 * count)]).collect();
+    let middle = picked.len() / 2;
+    if !picked.is_empty() {
+        picked.swap(0, middle);
+    }
+    picked
+}
+
+/// Seeds Gaussians from a few training frames, the middle one first; also the typical depth.
+fn initial_gaussians(
+    sequence: &Sequence,
+    frames: &[usize],
+    latent_dim: usize,
+    settings: &TrainSettings,
+) -> Result<(Gaussians, f32)> {
+    let mut seeds = Vec::new();
+    for i in spread(frames, SEED_FRAMES) {
+        seeds.push(init::SeedFrame {
+            camera: sequence.camera(i),
+            colour: sequence.frame(i)?,
+            mask: sequence.mask(i)?,
+            depth: sequence.depth(i)?,
+        });
+    }
+    let mut known: Vec<f32> = seeds
+        .iter()
+        .filter_map(|s| s.depth.as_ref())
+        .flat_map(|d| d.data.iter().copied().filter(|z| *z > 0.0 && z.is_finite()))
+        .collect();
+    let typical_depth = percentile(&mut known, 50.0).unwrap_or(DEFAULT_DEPTH);
+    let spacing = settings.px_per_gaussian.max(1.0).sqrt();
+    let gaussians = init::seed(
+        &seeds,
+        &SeedSettings {
+            spacing_px: spacing,
+            default_depth: typical_depth,
+            opacity: settings.initial_opacity,
+            neighbour_sizes: settings.neighbour_sizes,
+            latent_dim,
+            sh_degree: settings.sh_degree,
+            seed: settings.seed,
+        },
+    );
+    if gaussians.is_empty() {
+        return Err(Error::input_at(
+            sequence.path(),
+            "no pixel of the recording is to be supervised",
+            "Its masks are probably inverted: run `surgtpgs check`, and set `[masks] keep` in sequence.toml.",
+        ));
+    }
+    Ok((gaussians, typical_depth))
+}
+
