@@ -76,14 +76,16 @@ impl Run {
     }
 }
 
+/// The program, to be run without a display in `folder`.
+pub fn command_in(folder: &Path) -> Command {
+    let mut command = Command::new(binary());
+    command.current_dir(folder).env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY");
+    command
+}
+
 /// Runs the program without a display in `folder`.
 pub fn run_in<S: AsRef<OsStr>>(folder: &Path, args: &[S]) -> Run {
-    let output = Command::new(binary())
-        .args(args)
-        .current_dir(folder)
-        .env_remove("DISPLAY")
-        .env_remove("WAYLAND_DISPLAY")
-        .output();
+    let output = command_in(folder).args(args).output();
     let Output { status, stdout, stderr } = match output {
         Ok(output) => output,
         Err(e) => panic!("{} does not start: {e}", binary().display()),

@@ -211,3 +211,60 @@ fn reconstruction_stands_in_where_the_recording_is_gone() {
     export(&["--source", "reconstruction", "--frames", "0"]).ok();
     assert!(export(&["--sequence", "nowhere"]).refused(1).contains("nowhere"));
 }
+
+#[test]
+#[cfg(unix)]
+fn an_interrupted_training_goes_on_where_it_stopped() {
+    let flow = flow();
+    let steps = ["--iterations", "4000"];
+    let mut child = surgtpgs_tests::command_in(flow.path())
+        .args(["train", "prepared", "-o", "interrupted.safetensors", "--json"])
+        .args(steps)
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    std::thread::sleep(std::time::Duration::from_secs(1));
+    let interrupt = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status();
+    assert!(interrupt.unwrap().success() && child.wait().unwrap().success());
+    assert!(flow.path().join("interrupted.safetensors").exists(), "what is done is a scene");
+    let again = flow.run(&["train", "prepared", "-o", "interrupted.safetensors"]);
+    assert!(again.refused(1).contains("--resume"));
+    let resumed = flow.run(&["train", "prepared", "-o", "interrupted.safetensors", "--resume", "--json"]).ok();
+    assert_eq!(resumed.json()["finished"], true);
+    assert!(!flow.path().join("interrupted.unfinished").exists());
+    let whole = ["train", "prepared", "-o", "whole.safetensors", "--json", steps[0], steps[1]];
+    let whole = flow.run(&whole).ok().json();
+    assert_eq!(whole["psnr_db"], resumed.json()["psnr_db"], "the stop left no trace");
+    let message = flow.run(&["train", "prepared", "-o", "whole.safetensors", "--resume"]);
+    assert!(message.refused(1).contains("no unfinished training"));
+}
+
+#[test]
+fn fast_features_answer_prompts() {
+    let flow = flow();
+    flow.run(&["train", "prepared", "-o", "fast.safetensors", "--iterations", "400", "--fast-features"]).ok();
+    let report = flow.run(&["eval", "fast.safetensors", "recording", "--json"]).ok().json();
+    assert!(report["iou"]["paper"]["classes"]["liver"].as_f64().unwrap() > 0.7, "{report}");
+}
+
+#[test]
+fn the_benchmark_writes_what_every_row_came_to() {
+    let flow = flow();
+    let rows = ["--rows", "default,colour still,paper", "--iterations", "60"];
+    let bench = [&["bench", "train", "prepared", "-o", "bench", "--json"][..], &rows].concat();
+    let report = flow.run(&bench).ok().json();
+    assert_eq!(report.as_array().unwrap().len(), 3);
+    let csv = std::fs::read_to_string(flow.path().join("bench/train.csv")).unwrap();
+    let columns = csv.lines().next().unwrap().split(',').count();
+    assert_eq!(csv.lines().count(), 4);
+    for (line, row) in csv.lines().skip(1).zip(["default", "colour still", "paper"]) {
+        assert!(line.starts_with(row) && line.split(',').count() >= columns, "{line}");
+    }
+    for plot in ["train_psnr.svg", "train_miou.svg"] {
+        let svg = std::fs::read_to_string(flow.path().join("bench").join(plot)).unwrap();
+        assert!(svg.contains("paper"), "{plot}");
+    }
+    let unknown = flow.run(&["bench", "train", "prepared", "-o", "bench", "--rows", "magic"]);
+    assert!(unknown.refused(1).contains("no row \"magic\""));
+}

@@ -249,6 +249,22 @@ pub struct BenchArgs {
 pub enum BenchVerb {
     /// Train once for every setting: train.csv, train_psnr.svg, train_miou.svg
     Train(BenchTrainArgs),
+    /// Time every pass of a training step on the demo, with its error against f64
+    Step(BenchStepArgs),
+}
+
+/// `surgtpgs bench step`
+#[derive(Debug, Args)]
+pub struct BenchStepArgs {
+    /// Folder for step.csv
+    #[arg(short, long, value_name = "DIR")]
+    pub output: Option<PathBuf>,
+    /// Steps to average over
+    #[arg(long, default_value_t = 40, value_parser = clap::value_parser!(u32).range(1..))]
+    pub steps: u32,
+    /// Report as JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `surgtpgs bench train`

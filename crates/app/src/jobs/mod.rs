@@ -183,6 +183,7 @@ pub fn go_on(
             kept_at = trainer.seconds();
         }
         if stop {
+            trainer.complete_features()?;
             break;
         }
     }

@@ -27,9 +27,6 @@ pub const COLOUR_CHANNEL: usize = 10;
 /// ψ(t; Θ^f), one per latent feature: the gate of the feature network.
 pub const GATE_CHANNEL: usize = 13;
 
-/// Most latent numbers per Gaussian.
-pub const MAX_LATENT_DIM: usize = 16;
-
 /// Number of channels for latent dimension D.
 pub const fn num_channels(latent_dim: usize) -> usize {
     GATE_CHANNEL + latent_dim

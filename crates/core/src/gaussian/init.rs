@@ -102,8 +102,12 @@ fn seed_frame(
     }
     let covered = grown(&covered, columns, rows);
     for cell in (0..columns * rows).filter(|&c| !covered[c]) {
-        let at =
-            |k: usize, jitter: f32, end: usize| (((k as f32 + jitter) * spacing_px) as usize).min(end - 1);
+        // Within the part of the cell that lies in the image.
+        let at = |k: usize, jitter: f32, size: usize| {
+            let start = k as f32 * spacing_px;
+            let end = (start + spacing_px).min(size as f32);
+            ((start + jitter * (end - start)) as usize).min(size - 1)
+        };
         let x = at(cell % columns, rng.random_range(0.2..0.8), width);
         let y = at(cell / columns, rng.random_range(0.2..0.8), height);
         if frame.mask.at(x, y) {

@@ -22,14 +22,51 @@ pub struct ReferenceInput<'a, T> {
     pub height: usize,
 }
 
+/// How contributions end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cut {
+    /// As rendered: at [`MIN_ALPHA`], [`MAX_ALPHA`] and [`MIN_TRANSMITTANCE`].
+    Hard,
+    /// Smoothly, so that the image has a continuous gradient everywhere; for tests of the formulas across the cuts.
+    Smooth,
+}
+
+/// Half the range in which a smooth cut reaches [`MAX_ALPHA`].
+const SMOOTH_RANGE: f64 = 0.02;
+
+impl Cut {
+    /// Alpha and its derivative with respect to opacity · exp(−q/2); `None` where nothing is left.
+    fn alpha<T: Real>(self, raw: T) -> Option<(T, T)> {
+        let (low, high) = (T::from_f32(MIN_ALPHA), T::from_f32(MAX_ALPHA));
+        if raw < low {
+            return None;
+        }
+        match self {
+            Self::Hard => Some(if raw > high { (high, T::zero()) } else { (raw, T::one()) }),
+            Self::Smooth => {
+                let (one, two, range) = (T::one(), T::of(2.0), T::of(SMOOTH_RANGE));
+                // From nothing at MIN_ALPHA to everything at twice that.
+                let s = ((raw - low) / low).min(one);
+                let (share, slope) =
+                    (s * s * (T::of(3.0) - two * s), T::of(6.0) * s * (one - s) / low);
+                let (alpha, slope) = (raw * share, share + raw * slope);
+                let t = ((alpha - high + range) / (two * range)).max(T::zero()).min(one);
+                let bent = alpha.min(high - range) + two * range * (t - t * t / two);
+                Some((bent, slope * (one - t)))
+            }
+        }
+    }
+}
+
 /// One splat's part in one pixel.
 struct Contribution<T> {
     splat: usize,
     alpha: T,
+    /// ∂alpha/∂raw · raw: how alpha follows the exponent.
+    follows: T,
     weight: T,
     transmittance: T,
     offset: [T; 2],
-    clamped: bool,
 }
 
 impl<T: Real> ReferenceInput<'_, T> {
@@ -43,7 +80,7 @@ impl<T: Real> ReferenceInput<'_, T> {
         order
     }
 
-    fn contributions(&self, order: &[usize], x: usize, y: usize) -> Vec<Contribution<T>> {
+    fn contributions(&self, cut: Cut, order: &[usize], x: usize, y: usize) -> Vec<Contribution<T>> {
         let mut transmittance = T::one();
         let mut all = Vec::new();
         for &i in order {
@@ -52,23 +89,13 @@ impl<T: Real> ReferenceInput<'_, T> {
             let q =
                 s.conic[0] * d[0] * d[0] + T::of(2.0) * s.conic[1] * d[0] * d[1] + s.conic[2] * d[1] * d[1];
             let raw = s.opacity * (T::of(-0.5) * q).exp();
-            if raw < T::from_f32(MIN_ALPHA) {
-                continue;
-            }
-            let clamped = raw > T::from_f32(MAX_ALPHA);
-            let alpha = raw.min(T::from_f32(MAX_ALPHA));
+            let Some((alpha, slope)) = cut.alpha(raw) else { continue };
             let next = transmittance * (T::one() - alpha);
-            if next < T::from_f32(MIN_TRANSMITTANCE) {
+            if cut == Cut::Hard && next < T::from_f32(MIN_TRANSMITTANCE) {
                 break;
             }
-            all.push(Contribution {
-                splat: i,
-                alpha,
-                weight: alpha * transmittance,
-                transmittance,
-                offset: d,
-                clamped,
-            });
+            let (follows, weight) = (slope * raw, alpha * transmittance);
+            all.push(Contribution { splat: i, alpha, follows, weight, transmittance, offset: d });
             transmittance = next;
         }
         all
@@ -84,10 +111,15 @@ impl<T: Real> ReferenceInput<'_, T> {
 
     /// Planes as in [`super::Images`].
     pub fn forward(&self) -> Vec<T> {
+        self.forward_with(Cut::Hard)
+    }
+
+    /// As [`ReferenceInput::forward`], with another cut.
+    pub fn forward_with(&self, cut: Cut) -> Vec<T> {
         let (n, order) = (self.width * self.height, self.order());
         let mut planes = vec![T::zero(); (FEATURE_PLANE + self.latent_dim) * n];
         for pixel in 0..n {
-            for c in self.contributions(&order, pixel % self.width, pixel / self.width) {
+            for c in self.contributions(cut, &order, pixel % self.width, pixel / self.width) {
                 for (k, value) in self.channels(c.splat).into_iter().enumerate() {
                     planes[k * n + pixel] += c.weight * value;
                 }
@@ -98,11 +130,16 @@ impl<T: Real> ReferenceInput<'_, T> {
 
     /// Gradients of splats and features, given one per plane value.
     pub fn backward(&self, g_planes: &[T]) -> (Vec<SplatGradient<T>>, Vec<T>) {
+        self.backward_with(Cut::Hard, g_planes)
+    }
+
+    /// As [`ReferenceInput::backward`], with another cut.
+    pub fn backward_with(&self, cut: Cut, g_planes: &[T]) -> (Vec<SplatGradient<T>>, Vec<T>) {
         let (n, order) = (self.width * self.height, self.order());
         let mut g_splats = vec![SplatGradient::default(); self.splats.len()];
         let mut g_features = vec![T::zero(); self.features.len()];
         for pixel in 0..n {
-            let contributions = self.contributions(&order, pixel % self.width, pixel / self.width);
+            let contributions = self.contributions(cut, &order, pixel % self.width, pixel / self.width);
             // Σ over the splats behind of weight · (channels · gradient).
             let mut behind = T::zero();
             for c in contributions.iter().rev() {
@@ -133,10 +170,7 @@ impl<T: Real> ReferenceInput<'_, T> {
         for d in 0..self.latent_dim {
             g_features[c.splat * self.latent_dim + d] += c.weight * g[FEATURE_PLANE + d];
         }
-        if c.clamped {
-            return;
-        }
-        let g_power = g_alpha * c.alpha;
+        let g_power = g_alpha * c.follows;
         let [dx, dy] = c.offset;
         out.opacity += g_power / s.opacity;
         out.conic[0] -= T::of(0.5) * g_power * dx * dx;

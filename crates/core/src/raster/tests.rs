@@ -5,8 +5,8 @@ use super::{
     backward::raster_backward,
     bin::bin,
     forward::raster,
-    project::{Splat, SplatGradient},
-    reference::ReferenceInput,
+    project::{Sampling, Splat, SplatGradient},
+    reference::{Cut, ReferenceInput},
 };
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -217,4 +217,71 @@ fn poisoned_and_extreme_splats_leave_images_finite() {
     let g = vec![1.0; images.planes.len()];
     let (g_splats, _) = raster_backward(&splats, &packed, &bins, &images, &g);
     assert!(flatten(&g_splats).iter().all(|v| v.is_finite()));
+}
+
+/// With smooth cuts the gradient is right everywhere: splats that fade out, saturate and hide others included.
+#[test]
+fn the_reference_gradient_is_right_across_the_cuts() {
+    let (width, height, dim) = (9, 7, 2);
+    let splats: Vec<Splat<f64>> = random_splats(14, width, height, 21).iter().map(to_f64).collect();
+    let splats: Vec<Splat<f64>> =
+        splats.into_iter().enumerate().map(|(i, s)| Splat { opacity: [0.006, 0.995, 0.5][i % 3], ..s }).collect();
+    let features: Vec<f64> = random_values(14 * dim, 22).iter().map(|v| f64::from(*v)).collect();
+    let pull: Vec<f64> =
+        random_values((5 + dim) * width * height, 23).iter().map(|v| f64::from(*v)).collect();
+    let value = |splats: &[Splat<f64>]| {
+        let input = ReferenceInput { splats, features: &features, latent_dim: dim, width, height };
+        input.forward_with(Cut::Smooth).iter().zip(&pull).map(|(a, b)| a * b).sum::<f64>()
+    };
+    let input = ReferenceInput { splats: &splats, features: &features, latent_dim: dim, width, height };
+    let (analytic, _) = input.backward_with(Cut::Smooth, &pull);
+    let mut compared = 0;
+    for (i, g) in analytic.iter().enumerate() {
+        let mut check = |name: &str, analytic: f64, edit: &dyn Fn(&mut Splat<f64>, f64)| {
+            let at = |h: f64| {
+                let mut moved = splats.clone();
+                edit(&mut moved[i], h);
+                value(&moved)
+            };
+            let numeric = (at(1e-6) - at(-1e-6)) / 2e-6;
+            assert!(
+                (analytic - numeric).abs() <= 1e-4 * numeric.abs().max(0.1),
+                "{name} of {i}: {analytic} against {numeric}"
+            );
+            compared += usize::from(numeric.abs() > 1e-3);
+        };
+        for k in 0..2 {
+            check("centre", g.centre[k], &|s, h| s.centre[k] += h);
+        }
+        for k in 0..3 {
+            check("conic", g.conic[k], &|s, h| s.conic[k] += h);
+        }
+        check("opacity", g.opacity, &|s, h| s.opacity += h);
+    }
+    assert!(compared > 40, "only {compared} gradients to compare");
+}
+
+#[test]
+fn every_second_pixel_is_what_the_whole_image_has_there() {
+    let (width, height) = (45, 34);
+    let splats = random_splats(120, width, height, 31);
+    let features = random_values(120 * 3, 32);
+    let whole = raster(&Packed::new(&splats, &features, 3), &bin(&splats, width, height), width, height);
+    for first in [[0, 0], [1, 0], [0, 1], [1, 1]] {
+        let sampling = Sampling { step: 2, first };
+        let (w, h) = sampling.size(width, height);
+        let mut moved = splats.clone();
+        moved.iter_mut().for_each(|s| sampling.apply(s));
+        let part = raster(&Packed::new(&moved, &features, 3), &bin(&moved, w, h), w, h);
+        let mut beyond = 0;
+        for k in 0..8 {
+            for y in 0..h {
+                for x in 0..w {
+                    let at = (first[1] + 2 * y) * width + first[0] + 2 * x;
+                    beyond += usize::from((part.plane(k)[y * w + x] - whole.plane(k)[at]).abs() > 2e-4);
+                }
+            }
+        }
+        assert!(beyond <= 8, "{beyond} values differ");
+    }
 }

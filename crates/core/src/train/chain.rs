@@ -3,7 +3,7 @@
 use crate::{
     camera::Camera,
     deform::{
-        COLOUR_CHANNEL, Deformation, Deformed, MAX_LATENT_DIM, MEAN_CHANNEL, ROTATION_CHANNEL, SCALE_CHANNEL,
+        COLOUR_CHANNEL, Deformation, Deformed, GATE_CHANNEL, MEAN_CHANNEL, ROTATION_CHANNEL, SCALE_CHANNEL,
         gate_feature_backward, move_geometry, move_geometry_backward,
     },
     gaussian::Gaussians,
@@ -15,7 +15,7 @@ use rayon::prelude::*;
 /// ψ is added to them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gradients {
-    /// ∂L/∂ψ, [N][stride].
+    /// ∂L/∂ψ, [N][stride]. That of the gate is in the gate's own channels until [`Gradients::fold_gate`].
     pub psi: Vec<f32>,
     /// As [`Gaussians::opacity_logits`].
     pub opacity_logits: Vec<f32>,
@@ -161,19 +161,30 @@ fn feature(
     g_net: &mut [f32],
 ) {
     let dim = g_out.len();
-    let channel = state.deformation.gate_channel;
-    let at = i * state.deformation.stride + channel;
-    let mut g_gate = [0.0; MAX_LATENT_DIM];
-    let g_gate = &mut g_gate[..dim];
+    let stride = state.deformation.stride;
+    let gate = i * stride + state.deformation.gate_channel;
     gate_feature_backward(
         &state.deformation.feature_net(),
         &state.gaussians.features[i * dim..(i + 1) * dim],
-        &state.psi[at..at + dim],
+        &state.psi[gate..gate + dim],
         state.time,
         g_out,
-        (g_feature, &mut *g_gate),
+        (g_feature, &mut g_psi[GATE_CHANNEL..GATE_CHANNEL + dim]),
         g_net,
     );
-    // Added: the channels may be another quantity's, too.
-    g_psi[channel..channel + dim].iter_mut().zip(g_gate).for_each(|(sum, g)| *sum += *g);
+}
+
+impl Gradients {
+    /// Adds the gate's gradient to the channels that it reads. What is at rest has no part in it, so this comes after
+    /// its update.
+    pub fn fold_gate(&mut self, deformation: &Deformation, latent_dim: usize) {
+        if deformation.gate_channel == GATE_CHANNEL {
+            return;
+        }
+        for row in self.psi.chunks_exact_mut(deformation.stride) {
+            for d in 0..latent_dim {
+                row[deformation.gate_channel + d] += std::mem::take(&mut row[GATE_CHANNEL + d]);
+            }
+        }
+    }
 }

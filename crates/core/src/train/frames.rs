@@ -135,6 +135,18 @@ impl FrameCache {
         Self { sequence: sequence.clone(), frames: BTreeMap::new(), used_bytes: 0, budget_bytes }
     }
 
+    /// Memory in use.
+    #[cfg(test)]
+    pub fn used_bytes(&self) -> usize {
+        self.used_bytes
+    }
+
+    /// Whether frame `i` has been decoded.
+    #[cfg(test)]
+    pub fn holds(&self, i: usize) -> bool {
+        [false, true].iter().any(|half| self.frames.contains_key(&(i, *half)))
+    }
+
     /// Frame `i`, halved if asked for.
     pub fn get(&mut self, prepared: Option<&Prepared>, i: usize, half: bool) -> Result<Arc<Frame>> {
         if let Some(frame) = self.frames.get(&(i, half)) {

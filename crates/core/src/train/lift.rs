@@ -3,7 +3,7 @@
 //! fᵢ = Σ w f̂ / Σ w over the supervised pixels of all training frames, w the Gaussian's weight in the pixel. Both sums
 //! are what the raster pass backwards gives for gradients f̂ and 1.
 
-use super::{Trainer, state::train_frames};
+use super::{FeatureMode, Trainer, state::train_frames};
 use crate::{
     Result,
     deform::deform,
@@ -17,8 +17,13 @@ use crate::{
 const MIN_WEIGHT: f32 = 1e-3;
 
 impl Trainer {
+    /// Gives the Gaussians their features where training leaves them out; for a scene that is to be saved as it stands.
+    pub fn complete_features(&mut self) -> Result<()> {
+        if self.settings.feature_mode == FeatureMode::Lifted { self.lift_features() } else { Ok(()) }
+    }
+
     /// Replaces the features of all Gaussians by the mean of what they show.
-    pub fn lift_features(&mut self) -> Result<()> {
+    pub(super) fn lift_features(&mut self) -> Result<()> {
         let Some(prepared) = self.prepared.clone() else { return Ok(()) };
         let (n, dim) = (self.state.gaussians.len(), self.state.gaussians.latent_dim);
         let mut sums = vec![0.0f32; n * dim];

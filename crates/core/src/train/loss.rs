@@ -551,6 +551,7 @@ fn add_deviation_signs<S: Simd, T: Real>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::prepare::NO_REGION;
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
@@ -608,6 +609,7 @@ mod tests {
             features: 0.0,
             region_smoothness: 0.0,
             min_region_px: 5,
+            ..LossWeights::default()
         };
         let all = LossWeights {
             depth: 1.0,
@@ -615,13 +617,17 @@ mod tests {
             features: 1.0,
             region_smoothness: 0.5,
             min_region_px: 5,
+            ..LossWeights::default()
         };
         for weights in [
             none.clone(),
             LossWeights { depth: 1.0, ..none.clone() },
             LossWeights { total_variation: 0.3, ..none.clone() },
             LossWeights { features: 1.0, ..none.clone() },
-            LossWeights { features: 1.0, region_smoothness: 1.0, ..none },
+            LossWeights { features: 1.0, region_smoothness: 1.0, ..none.clone() },
+            LossWeights { depth: 1.0, total_variation: 0.3, raw_depth: true, ..none.clone() },
+            LossWeights { features: 1.0, region_smoothness: 1.0, pooled_regions: true, ..none.clone() },
+            LossWeights { features: 1.0, total_variation: 0.3, unmasked_variation: true, ..none },
             all,
         ] {
             let (_, g) = loss(&f.planes, &f.truth(), &weights);
@@ -678,5 +684,43 @@ mod tests {
         };
         assert!(at(2) > 0.0);
         assert_eq!(at(1000), 0.0);
+    }
+
+    /// 4×4 pixels, one region: the first feature alternates between 0 and 2, the second is 3 everywhere.
+    #[test]
+    fn variation_and_smoothness_as_computed_by_hand() {
+        const PIXELS: usize = 16;
+        let mut planes = vec![0.0f64; (FEATURE_PLANE + 2) * PIXELS];
+        for i in 0..PIXELS {
+            // Red: a step between the second and the third column.
+            planes[i] = f64::from(u8::from(i % 4 >= 2));
+            planes[FEATURE_PLANE * PIXELS + i] = 2.0 * (i % 2) as f64;
+            planes[(FEATURE_PLANE + 1) * PIXELS + i] = 3.0;
+        }
+        let (colour, mask, regions) = (vec![0; 3 * PIXELS], vec![true; PIXELS], vec![0; PIXELS]);
+        let truth = Truth {
+            width: 4,
+            height: 4,
+            colour: &colour,
+            mask: &mask,
+            depth: &[],
+            regions: &regions,
+            latents: &[0.0, 3.0],
+            typical_depth: 1.0,
+        };
+        let weights = LossWeights { min_region_px: 16, ..LossWeights::default() };
+        let (terms, _) = loss(&planes, &truth, &weights);
+        assert!((terms.colour - 0.5 / 3.0).abs() < 1e-8);
+        assert!((terms.features - 8.0 * 2.0 / 32.0).abs() < 1e-8);
+        // Four steps of 1 in red; three steps of 2 in each row of the first feature.
+        let variation = 0.01 * (4.0 / 48.0 + 24.0 / 32.0);
+        assert!((terms.total_variation - variation).abs() < 1e-8);
+        // Each channel's own mean: deviations 1 and 0, averaged over two channels.
+        assert!((terms.region - 0.01 * 0.5).abs() < 1e-8);
+        // Their common mean 2: deviations 2 or 0, and 1.
+        let (pooled, _) = loss(&planes, &truth, &LossWeights { pooled_regions: true, ..weights.clone() });
+        assert!((pooled.region - 0.01).abs() < 1e-8);
+        let (small, _) = loss(&planes, &truth, &LossWeights { min_region_px: 17, ..weights });
+        assert_eq!(small.region, 0.0);
     }
 }

@@ -157,8 +157,8 @@ impl Trainer {
             self.state.dropped += 1;
         }
         self.densify_if_due();
-        if self.state.step == self.settings.iterations && self.settings.feature_mode == FeatureMode::Lifted {
-            self.lift_features()?;
+        if self.state.step == self.settings.iterations {
+            self.complete_features()?;
         }
         Ok(StepReport {
             step: self.state.step,
@@ -366,5 +366,7 @@ fn hold_bands(gradients: &mut Gradients, settings: &TrainSettings, bands: usize,
     }
 }
 
+#[cfg(test)]
+mod behaviour_tests;
 #[cfg(test)]
 mod tests;

@@ -70,7 +70,7 @@ impl Optimiser {
         &mut self,
         gaussians: &mut Gaussians,
         deformation: &mut Deformation,
-        g: &Gradients,
+        g: &mut Gradients,
         settings: &TrainSettings,
         (time, progress, world_per_px): (f32, f32, f32),
     ) {
@@ -83,6 +83,7 @@ impl Optimiser {
         let rest_rates = rest_rates(settings, length * decay);
         let update = self.rest.next_update(1.0, 1.0);
         step_rest(update, &mut self.rest, gaussians, g, deformation.stride, &rest_rates);
+        g.fold_gate(deformation, gaussians.latent_dim);
         self.sh_rest.step(&mut gaussians.sh_rest, &g.sh_rest, r.sh_rest);
         self.features.step(&mut gaussians.features, &g.features, r.feature);
         let (g_weight, g_bias) = g.net.split_at(deformation.feature_weight.len());
@@ -113,25 +114,9 @@ impl Optimiser {
         scales: &[f32],
     ) {
         let plane = g.psi.len();
-        let shape = deformation.shape;
-        let mut gradients = vec![[0.0; 3]; plane];
         for b in 0..deformation.num_bases {
+            let gradients = own_basis_gradients(deformation, b, &g.psi, time);
             let at = b * plane..(b + 1) * plane;
-            let (weights, centres, widths) =
-                (&deformation.weights[at.clone()], &deformation.centres[at.clone()], &deformation.widths[at.clone()]);
-            let parameters = weights.par_iter().zip(centres).zip(widths);
-            gradients.par_iter_mut().zip(&g.psi).zip(parameters).with_min_len(1 << 14).for_each(
-                |((out, g_psi), ((weight, centre), width))| {
-                    // Most channels of most Gaussians are padding or at rest.
-                    *out = if *g_psi == 0.0 {
-                        [0.0; 3]
-                    } else {
-                        let (by_centre, by_width) = basis_backward(shape, time, *centre, *width);
-                        let value = basis(shape, time, *centre, *width);
-                        [value, weight * by_centre, weight * by_width].map(|v| v * g_psi)
-                    };
-                },
-            );
             let column = |k: usize| gradients.par_iter().map(|g| g[k]).collect::<Vec<f32>>();
             let [centre_adam, width_adam] = &mut self.own_bases[b];
             self.bases[b].step_rows(&mut deformation.weights[at.clone()], &column(0), rate, 1.0, scales);
@@ -148,6 +133,32 @@ impl Optimiser {
         let own = self.own_bases.iter_mut().flatten();
         self.bases.iter_mut().chain(own).for_each(|b| b.rearrange(rows, stride));
     }
+}
+
+/// ∂L/∂(weight, centre, width) of basis `b` for every Gaussian and channel, given ∂L/∂ψ.
+pub(super) fn own_basis_gradients(
+    deformation: &Deformation,
+    b: usize,
+    g_psi: &[f32],
+    time: f32,
+) -> Vec<[f32; 3]> {
+    let at = b * g_psi.len()..(b + 1) * g_psi.len();
+    let own = deformation.centres[at.clone()].par_iter().zip(&deformation.widths[at.clone()]);
+    let parameters = deformation.weights[at].par_iter().zip(own);
+    g_psi
+        .par_iter()
+        .zip(parameters)
+        .with_min_len(1 << 14)
+        .map(|(g_psi, (weight, (centre, width)))| {
+            // Most channels of most Gaussians are padding or at rest.
+            if *g_psi == 0.0 {
+                return [0.0; 3];
+            }
+            let value = basis(deformation.shape, time, *centre, *width);
+            let (by_centre, by_width) = basis_backward(deformation.shape, time, *centre, *width);
+            [value, weight * by_centre, weight * by_width].map(|v| v * g_psi)
+        })
+        .collect()
 }
 
 /// Gaussians per parallel piece.

@@ -10,6 +10,7 @@ use crate::{
     },
     num::percentile,
     prepare::Prepared,
+    raster::NEAR,
     sequence::Sequence,
 };
 use rand::{Rng, SeedableRng};
@@ -140,6 +141,16 @@ fn initial_gaussians(
         .flat_map(|d| d.data.iter().copied().filter(|z| *z > 0.0 && z.is_finite()))
         .collect();
     let typical_depth = percentile(&mut known, 50.0).unwrap_or(DEFAULT_DEPTH);
+    if typical_depth < 2.0 * NEAR {
+        return Err(Error::input_at(
+            sequence.path(),
+            format!(
+                "the recording's typical depth is {typical_depth}, and what is nearer than the near plane at {NEAR} is \
+                 not seen"
+            ),
+            "Give its depth in millimetres: set a larger `[depth] scale` in sequence.toml.",
+        ));
+    }
     let spacing = settings.px_per_gaussian.max(1.0).sqrt();
     let gaussians = init::seed(
         &seeds,

@@ -4,10 +4,13 @@ use super::{
     LossWeights, Truth,
     chain::{self, FrameState, Gradients},
     loss,
+    optimiser::own_basis_gradients,
+    settings::{Profile, TrainSettings},
 };
 use crate::{
     camera::Camera,
     deform::{
+        BasisShape,
         COLOUR_CHANNEL, Deformation, Deformed, FeatureNet, GATE_CHANNEL, MEAN_CHANNEL, ROTATION_CHANNEL,
         SCALE_CHANNEL, basis, deform_by, gate_feature, move_geometry, num_channels,
     },
@@ -32,7 +35,19 @@ const DIM: usize = 3;
 const BASES: usize = 4;
 const TIME: f32 = 0.4;
 
+/// What is tested.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Variant {
+    /// Gaussian bases as in the paper's formulas.
+    Formulas,
+    /// As trained by default.
+    Splines,
+    /// The released code's: own quartic bases, gate on the scale channels, its loss.
+    Released,
+}
+
 struct Fixture {
+    variant: Variant,
     camera: Camera,
     gaussians: Gaussians,
     deformation: Deformation,
@@ -44,7 +59,7 @@ struct Fixture {
 }
 
 /// Broad, faint Gaussians: every pixel lies inside every ellipse, so that no cut-off is near.
-fn fixture() -> Fixture {
+fn fixture(variant: Variant) -> Fixture {
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     let mut camera = Camera::with_field_of_view(WIDTH as u32, HEIGHT as u32, 60.0);
     camera.camera_from_world = glam::Affine3A::from_rotation_y(0.1);
@@ -63,10 +78,21 @@ fn fixture() -> Fixture {
     };
     let mut deformation = Deformation::at_rest(n, DIM, BASES, 0.3, 2.5);
     deformation.weights.iter_mut().for_each(|w| *w = near(0.1));
+    if variant == Variant::Splines {
+        deformation.shape = BasisShape::Spline;
+    }
+    if variant == Variant::Released {
+        deformation.shape = BasisShape::Quartic;
+        deformation.gate_channel = SCALE_CHANNEL;
+        deformation = deformation.with_own_bases();
+        deformation.centres.iter_mut().for_each(|c| *c += near(0.05));
+        deformation.widths.iter_mut().for_each(|w| *w += near(0.05));
+    }
     deformation.feature_weight.iter_mut().for_each(|w| *w = near(0.5));
     deformation.feature_bias.iter_mut().for_each(|w| *w = near(0.5));
     let pixels = WIDTH * HEIGHT;
     Fixture {
+        variant,
         camera,
         gaussians,
         deformation,
@@ -92,8 +118,12 @@ impl Fixture {
         }
     }
 
-    fn weights() -> LossWeights {
+    fn weights(&self) -> LossWeights {
+        let released = self.variant == Variant::Released;
         LossWeights {
+            raw_depth: released,
+            pooled_regions: released,
+            unmasked_variation: released,
             min_region_px: 5,
             region_smoothness: 0.3,
             total_variation: 0.2,
@@ -115,27 +145,33 @@ impl Fixture {
             ("features", wide(&g.features)),
             ("basis weights", wide(&d.weights)),
             ("network", wide(&[d.feature_weight.clone(), d.feature_bias.clone()].concat())),
+            ("basis centres", wide(&d.centres)),
+            ("basis widths", wide(&d.widths)),
         ]
     }
 
     /// The loss of a step in f64, as a function of all parameters.
     fn twin(&self, p: &[(&'static str, Vec<f64>)]) -> f64 {
-        let [means, rotations, log_scales, opacity, colours, bands, features, weights, net] =
+        let [means, rotations, log_scales, opacity, colours, bands, features, weights, net, centres, widths] =
             std::array::from_fn(|k| p[k].1.as_slice());
         let (n, stride, time) = (self.gaussians.len(), self.deformation.stride, f64::from(TIME));
         let view = View::<f64>::new(&self.camera);
         let (net_weight, net_bias) = net.split_at(DIM * (DIM + 1));
         let net =
             FeatureNet { weight: net_weight, bias: net_bias, slope: f64::from(self.deformation.gate_slope) };
-        let value = |b: usize| {
-            let (centre, width) = (self.deformation.centres[b], self.deformation.widths[b]);
-            basis(self.deformation.shape, time, f64::from(centre), f64::from(width))
+        let block = n * stride;
+        let value = |at: usize| {
+            let own = if self.deformation.is_shared() { at / block } else { at };
+            basis(self.deformation.shape, time, centres[own], widths[own])
         };
         let mut deformed_features = vec![0.0; n * DIM];
         let mut splats = Vec::new();
         for i in 0..n {
             let psi: Vec<f64> = (0..stride)
-                .map(|c| (0..BASES).map(|b| value(b) * weights[(b * n + i) * stride + c]).sum())
+                .map(|c| {
+                    let at = |b: usize| b * block + i * stride + c;
+                    (0..BASES).map(|b| value(at(b)) * weights[at(b)]).sum()
+                })
                 .collect();
             let three = |v: &[f64]| [v[3 * i], v[3 * i + 1], v[3 * i + 2]];
             let rotation = std::array::from_fn(|k| rotations[4 * i + k]);
@@ -143,7 +179,7 @@ impl Fixture {
             let band0 = std::array::from_fn(|c| colours[3 * i + c] + psi[COLOUR_CHANNEL + c]);
             let colour = view_colour(&view, moved.geometry.mean, band0, 1, &bands[9 * i..9 * i + 9]);
             splats.push(project(&view, &moved.geometry, opacity[i].sigmoid(), colour));
-            let gate = &psi[GATE_CHANNEL..GATE_CHANNEL + DIM];
+            let gate = &psi[self.deformation.gate_channel..self.deformation.gate_channel + DIM];
             let out = &mut deformed_features[i * DIM..(i + 1) * DIM];
             gate_feature(&net, &features[i * DIM..(i + 1) * DIM], gate, time, out);
         }
@@ -154,7 +190,7 @@ impl Fixture {
             width: WIDTH,
             height: HEIGHT,
         };
-        loss(&input.forward(), &self.truth(), &Self::weights()).0.total()
+        loss(&input.forward(), &self.truth(), &self.weights()).0.total()
     }
 
     /// The gradients that training uses.
@@ -167,7 +203,7 @@ impl Fixture {
         let bins = bin(&splats, WIDTH, HEIGHT);
         let packed = Packed::new(&splats, &deformed.features, DIM);
         let images = raster(&packed, &bins, WIDTH, HEIGHT);
-        let (_, g_planes) = loss(&images.planes, &self.truth(), &Self::weights());
+        let (_, g_planes) = loss(&images.planes, &self.truth(), &self.weights());
         let (g_splats, g_features) = raster_backward(&splats, &packed, &bins, &images, &g_planes);
         let state = FrameState {
             gaussians,
@@ -185,9 +221,20 @@ impl Fixture {
 
     /// The same in the order of [`Fixture::parameters`].
     fn flat_gradients(&self) -> Vec<Vec<f32>> {
-        let g = self.gradients();
-        let (values, _) = self.deformation.basis_values(TIME);
-        let rows = || g.psi.chunks_exact(self.deformation.stride);
+        let mut g = self.gradients();
+        let at_rest = g.psi.clone();
+        g.fold_gate(&self.deformation, DIM);
+        let own = |k: usize| -> Vec<f32> {
+            let of_basis = |b| own_basis_gradients(&self.deformation, b, &g.psi, TIME);
+            (0..BASES).flat_map(|b| of_basis(b).into_iter().map(move |g| g[k])).collect()
+        };
+        let of_weights = if self.deformation.is_shared() {
+            let (values, _) = self.deformation.basis_values(TIME);
+            values.iter().flat_map(|v| g.psi.iter().map(move |p| v * p)).collect()
+        } else {
+            own(0)
+        };
+        let rows = || at_rest.chunks_exact(self.deformation.stride);
         let channels = |range: Range<usize>| rows().flat_map(|row| row[range.clone()].to_vec()).collect();
         vec![
             channels(MEAN_CHANNEL..ROTATION_CHANNEL),
@@ -197,8 +244,11 @@ impl Fixture {
             channels(COLOUR_CHANNEL..GATE_CHANNEL),
             g.sh_rest.clone(),
             g.features.clone(),
-            values.iter().flat_map(|v| g.psi.iter().map(move |p| v * p)).collect(),
-            g.net,
+            of_weights,
+            g.net.clone(),
+            // Shared ones are fixed.
+            if self.deformation.is_shared() { Vec::new() } else { own(1) },
+            if self.deformation.is_shared() { Vec::new() } else { own(2) },
         ]
     }
 }
@@ -208,42 +258,66 @@ const TOLERANCE: f64 = 1e-3;
 
 #[test]
 fn every_parameter_matches_finite_differences_of_the_f64_twin() {
-    let fixture = fixture();
-    let analytic = fixture.flat_gradients();
-    let mut parameters = fixture.parameters();
-    let stride = fixture.deformation.stride;
-    for (group, analytic) in analytic.iter().enumerate() {
-        let is_padding = |k: usize| parameters[group].0 == "basis weights" && k % stride >= num_channels(DIM);
-        let checked: Vec<usize> = (0..analytic.len()).filter(|k| !is_padding(*k)).collect();
-        let mut numeric = vec![0.0; analytic.len()];
-        for &k in &checked {
-            let h = 1e-6;
-            let at = |parameters: &mut Vec<(&'static str, Vec<f64>)>, h: f64| {
-                parameters[group].1[k] += h;
-                let value = fixture.twin(parameters);
-                parameters[group].1[k] -= h;
-                value
-            };
-            numeric[k] = (at(&mut parameters, h) - at(&mut parameters, -h)) / (2.0 * h);
-        }
-        let rms = (numeric.iter().map(|v| v * v).sum::<f64>() / checked.len() as f64).sqrt();
-        assert!(rms > 0.0, "{} have no gradient to test", parameters[group].0);
-        for &k in &checked {
-            let error = (f64::from(analytic[k]) - numeric[k]).abs();
-            assert!(
-                error <= TOLERANCE * numeric[k].abs().max(rms),
-                "{} {k}: {} against {}, root mean square {rms}",
-                parameters[group].0,
-                analytic[k],
-                numeric[k]
-            );
+    for variant in [Variant::Formulas, Variant::Splines, Variant::Released] {
+        let fixture = fixture(variant);
+        let mut parameters = fixture.parameters();
+        for (group, analytic) in fixture.flat_gradients().iter().enumerate() {
+            if !analytic.is_empty() {
+                compare_group(&fixture, &mut parameters, group, analytic);
+            }
         }
     }
 }
 
+fn compare_group(
+    fixture: &Fixture,
+    parameters: &mut [(&'static str, Vec<f64>)],
+    group: usize,
+    analytic: &[f32],
+) {
+    let name = parameters[group].0;
+    let stride = fixture.deformation.stride;
+    let is_padding = |k: usize| name.starts_with("basis") && k % stride >= num_channels(DIM);
+    let checked: Vec<usize> = (0..analytic.len()).filter(|k| !is_padding(*k)).collect();
+    let mut numeric = vec![0.0; analytic.len()];
+    for &k in &checked {
+        let mut at = |h: f64| {
+            let before = parameters[group].1[k];
+            parameters[group].1[k] = before + h;
+            let value = fixture.twin(&*parameters);
+            parameters[group].1[k] = before;
+            value
+        };
+        numeric[k] = (at(1e-6) - at(-1e-6)) / 2e-6;
+    }
+    let rms = (numeric.iter().map(|v| v * v).sum::<f64>() / checked.len() as f64).sqrt();
+    assert!(rms > 0.0, "{:?}: {name} have no gradient to test", fixture.variant);
+    for &k in &checked {
+        let error = (f64::from(analytic[k]) - numeric[k]).abs();
+        assert!(
+            error <= TOLERANCE * numeric[k].abs().max(rms),
+            "{:?}: {name} {k}: {} against {}, root mean square {rms}",
+            fixture.variant,
+            analytic[k],
+            numeric[k]
+        );
+    }
+}
+
+#[test]
+fn the_released_schedule_has_the_published_values() {
+    let paper = TrainSettings::of(Profile::Paper);
+    let rate = |step: f64| f64::from(paper.rates.mean) * f64::from(paper.rates.final_share).powf(step / 3000.0);
+    assert!((rate(0.0) - 1.6e-3).abs() < 1e-9 && (rate(3000.0) - 5.06e-5).abs() < 1e-7);
+    let sum: f64 = (0..3000).map(|step| rate(f64::from(step))).sum();
+    assert!((sum - 1.345).abs() < 2e-3, "{sum}");
+    let densified: Vec<usize> = (1..=3000).filter(|step| paper.densifies_at(*step)).collect();
+    assert_eq!((densified[0], densified[1], densified.len()), (600, 700, 25));
+}
+
 #[test]
 fn gradients_do_not_depend_on_the_number_of_threads() {
-    let fixture = fixture();
+    let fixture = fixture(Variant::Splines);
     let on = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| fixture.gradients())

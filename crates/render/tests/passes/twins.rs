@@ -6,7 +6,7 @@ use crate::{
 };
 use surgtpgs_core::{
     camera::Camera,
-    deform::{BasisShape, deform},
+    deform::{BasisShape, SCALE_CHANNEL, deform},
     raster::{Images, Packed, bin::bin, forward::raster, project::project_all, reference::ReferenceInput},
     scene::Scene,
 };
@@ -20,11 +20,15 @@ fn passes() -> Option<Passes> {
 fn deform_equals_its_twin() {
     let Some(mut passes) = passes() else { return };
     for latent_dim in [0, 3, 8] {
-        for shape in [BasisShape::Gaussian, BasisShape::Quartic] {
+        for shape in [BasisShape::Gaussian, BasisShape::Quartic, BasisShape::Spline] {
             for is_shared in [true, false] {
                 let recipe =
                     Recipe { num_gaussians: 300, latent_dim, shape, is_shared, ..Default::default() };
-                let scene = scene(recipe);
+                let mut scene = scene(recipe);
+                if shape == BasisShape::Quartic && latent_dim == 3 {
+                    // As the released code has it.
+                    scene.deformation.gate_channel = SCALE_CHANNEL;
+                }
                 for (time, features) in [(0.0, true), (0.37, true), (0.37, false), (79.0 / 80.0, true)] {
                     let expected = deform(&scene.gaussians, &scene.deformation, time, features);
                     let found = passes

@@ -1,7 +1,8 @@
-//! `surgtpgs bench`: run time beside quality, as CSV and SVG.
+//! `surgtpgs bench`: run time beside quality or error, as CSV and SVG.
 
 mod plot;
 mod rows;
+mod step;
 mod train;
 
 use super::Exit;
@@ -11,5 +12,6 @@ use surgtpgs_core::Result;
 pub(super) fn run(args: &BenchArgs) -> Result<Exit> {
     match &args.verb {
         BenchVerb::Train(args) => train::run(args),
+        BenchVerb::Step(args) => step::run(args),
     }
 }

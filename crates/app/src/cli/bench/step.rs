@@ -1,0 +1,220 @@
+//! `bench step`: how long each pass of a training step takes, and how far its results are from f64.
+
+use crate::{
+    args::BenchStepArgs,
+    cli::{
+        Exit,
+        console::{print, print_json, say},
+    },
+    jobs::{self, PrepareOptions},
+};
+use std::fmt::Write;
+use surgtpgs_core::{
+    Error, Result,
+    deform::deform,
+    demo::{self, DemoSettings},
+    files::write_whole,
+    prepare::Prepared,
+    raster::{
+        Images, Packed,
+        backward::raster_backward,
+        bin::bin,
+        forward::raster,
+        project::{Splat, project_all},
+        reference::ReferenceInput,
+    },
+    scene::Scene,
+    sequence::Sequence,
+    train::{Pass, TrainSettings, Trainer},
+};
+
+/// Image sizes and Gaussians that are measured.
+const SIZES: [(usize, usize, usize); 2] = [(320, 256, 10_000), (640, 512, 40_000)];
+/// Frames of the clip.
+const FRAMES: usize = 4;
+/// Steps before the measurement: every frame is decoded then.
+const WARM_UP: usize = 8;
+/// The f64 twin is compared on an image this much smaller.
+const REDUCTION: u32 = 8;
+
+/// One way to do a step at one size.
+#[derive(serde::Serialize)]
+struct Outcome {
+    width: usize,
+    height: usize,
+    gaussians: usize,
+    pixels: &'static str,
+    steps_per_second: f64,
+    /// Milliseconds of each pass per step, in the order of [`Pass::ALL`].
+    pass_ms: Vec<f64>,
+    /// Largest difference of a colour, opacity or feature from the f64 twin.
+    image_error: f64,
+    /// Root mean square difference of all gradients from the f64 twin's, relative to theirs.
+    gradient_error: f64,
+}
+
+pub(super) fn run(args: &BenchStepArgs) -> Result<Exit> {
+    let mut outcomes = Vec::new();
+    for (width, height, gaussians) in SIZES {
+        let folder =
+            tempfile::tempdir().map_err(|e| Error::io("make a folder", std::env::temp_dir(), e))?;
+        let settings = DemoSettings { width, height, frames: FRAMES, ..Default::default() };
+        let recording = folder.path().join("recording");
+        demo::write(&settings, &recording, &mut |_, _| {})?;
+        let (sequence, to) = (Sequence::open(&recording)?, folder.path().join("prepared"));
+        let go = std::ops::ControlFlow::Continue(());
+        let prepared = jobs::prepare(sequence, &to, &PrepareOptions::default(), &mut |_| go)?;
+        for (pixels, pixel_step, half_size_share) in
+            [("all", 1, 0.0), ("a quarter, sampled", 2, 0.0), ("half size", 1, 1.0)]
+        {
+            let settings = TrainSettings { pixel_step, half_size_share, ..base(&prepared, gaussians)? };
+            let outcome = measure(&prepared, settings, pixels, args.steps as usize)?;
+            say(&line(&outcome));
+            outcomes.push(outcome);
+        }
+    }
+    if let Some(folder) = &args.output {
+        write_whole(&folder.join("step.csv"), csv(&outcomes).as_bytes())?;
+    }
+    if args.json {
+        print_json(&outcomes);
+    } else {
+        print(&csv(&outcomes));
+    }
+    Ok(Exit::Done)
+}
+
+/// As many Gaussians as wanted, and no more later.
+fn base(prepared: &Prepared, gaussians: usize) -> Result<TrainSettings> {
+    let supervised = prepared.sequence.mask(0)?.data.iter().filter(|m| **m).count();
+    let mut settings = TrainSettings {
+        iterations: 1_000_000,
+        px_per_gaussian: supervised as f32 / gaussians as f32,
+        ..Default::default()
+    };
+    settings.densify.growth = 0.0;
+    Ok(settings)
+}
+
+fn measure(
+    prepared: &Prepared,
+    settings: TrainSettings,
+    pixels: &'static str,
+    steps: usize,
+) -> Result<Outcome> {
+    let mut trainer = Trainer::new(&prepared.sequence, Some(prepared), settings)?;
+    for _ in 0..WARM_UP {
+        trainer.step()?;
+    }
+    let before: Vec<f64> = Pass::ALL.iter().map(|p| trainer.clock().seconds(*p)).collect();
+    let started = std::time::Instant::now();
+    for _ in 0..steps {
+        trainer.step()?;
+    }
+    let seconds = started.elapsed().as_secs_f64();
+    let spent = Pass::ALL.iter().zip(before).map(|(p, before)| trainer.clock().seconds(*p) - before);
+    let (image_error, gradient_error) = errors(&trainer.scene());
+    Ok(Outcome {
+        width: prepared.sequence.width(),
+        height: prepared.sequence.height(),
+        gaussians: trainer.scene().gaussians.len(),
+        pixels,
+        steps_per_second: steps as f64 / seconds.max(1e-9),
+        pass_ms: spent.map(|s| s * 1e3 / steps as f64).collect(),
+        image_error,
+        gradient_error,
+    })
+}
+
+/// Largest error of the image, and relative error of the gradients, against f64.
+fn errors(scene: &Scene) -> (f64, f64) {
+    let camera = scene.cameras[0];
+    let camera = camera.resized(camera.width / REDUCTION, camera.height / REDUCTION);
+    let (width, height) = (camera.width as usize, camera.height as usize);
+    let deformed = deform(&scene.gaussians, &scene.deformation, 0.5, true);
+    let splats = project_all(&scene.gaussians, &deformed, &camera);
+    let latent_dim = scene.gaussians.latent_dim;
+    let packed = Packed::new(&splats, &deformed.features, latent_dim);
+    let bins = bin(&splats, width, height);
+    let images = raster(&packed, &bins, width, height);
+    let wide: Vec<Splat<f64>> = splats.iter().map(widened).collect();
+    let features: Vec<f64> = deformed.features.iter().map(|v| f64::from(*v)).collect();
+    let twin = ReferenceInput { splats: &wide, features: &features, latent_dim, width, height };
+    let depth = width * height * 3..width * height * 4;
+    let expected = twin.forward();
+    let differences = images.planes.iter().zip(&expected).enumerate();
+    let image_error = differences
+        .filter(|(i, _)| !depth.contains(i))
+        .map(|(_, (a, b))| (f64::from(*a) - b).abs())
+        .fold(0.0, f64::max);
+    (image_error, gradient_error(&splats, &packed, &images, &twin))
+}
+
+fn gradient_error(
+    splats: &[Splat<f32>],
+    packed: &Packed,
+    images: &Images,
+    twin: &ReferenceInput<'_, f64>,
+) -> f64 {
+    // Any gradient of the image will do; this one has both signs.
+    let pull: Vec<f32> = (0..images.planes.len()).map(|i| (i as f32 * 0.37).sin() * 1e-3).collect();
+    let wide: Vec<f64> = pull.iter().map(|v| f64::from(*v)).collect();
+    let bins = bin(splats, images.width, images.height);
+    let (found, found_features) = raster_backward(splats, packed, &bins, images, &pull);
+    let (expected, expected_features) = twin.backward(&wide);
+    let found = found.iter().flat_map(|g| {
+        let centre_and_conic = g.centre.into_iter().chain(g.conic);
+        centre_and_conic.chain([g.depth, g.opacity]).chain(g.colour)
+    });
+    let expected = expected.iter().flat_map(|g| {
+        let centre_and_conic = g.centre.into_iter().chain(g.conic);
+        centre_and_conic.chain([g.depth, g.opacity]).chain(g.colour)
+    });
+    let pairs = found.chain(found_features).zip(expected.chain(expected_features));
+    let (error, size) = pairs.fold((0.0, 0.0), |(error, size), (a, b)| {
+        (error + (f64::from(a) - b).powi(2), size + b * b)
+    });
+    (error / f64::max(size, 1e-300)).sqrt()
+}
+
+fn widened(s: &Splat<f32>) -> Splat<f64> {
+    Splat {
+        centre: s.centre.map(f64::from),
+        conic: s.conic.map(f64::from),
+        depth: f64::from(s.depth),
+        opacity: f64::from(s.opacity),
+        colour: s.colour.map(f64::from),
+        extent: s.extent.map(f64::from),
+    }
+}
+
+fn line(o: &Outcome) -> String {
+    format!(
+        "{}×{}, {} Gaussians, pixels: {:<18} {:>6.1} steps/s, errors: image {:.1e}, gradients {:.1e}",
+        o.width, o.height, o.gaussians, o.pixels, o.steps_per_second, o.image_error, o.gradient_error
+    )
+}
+
+fn csv(outcomes: &[Outcome]) -> String {
+    let passes: Vec<String> = Pass::ALL.iter().map(|p| format!("{p:?}_ms").to_lowercase()).collect();
+    let mut text = format!(
+        "width,height,gaussians,pixels,steps_per_second,{},image_error,gradient_error\n",
+        passes.join(",")
+    );
+    for o in outcomes {
+        let ms: Vec<String> = o.pass_ms.iter().map(|ms| format!("{ms:.3}")).collect();
+        let _ = writeln!(
+            text,
+            "{},{},{},\"{}\",{:.2},{},{:.3e},{:.3e}",
+            o.width,
+            o.height,
+            o.gaussians,
+            o.pixels,
+            o.steps_per_second,
+            ms.join(","),
+            o.image_error,
+            o.gradient_error
+        );
+    }
+    text
+}

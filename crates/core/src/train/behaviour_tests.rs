@@ -1,0 +1,323 @@
+//! What the trainer promises, on the synthetic clip at a small size.
+
+use super::*;
+use crate::{
+    codec::CodecSettings,
+    demo::{self, DemoSettings},
+    prepare::{EncoderIdentity, prepare_from_labels},
+};
+use tempfile::TempDir;
+
+const DIM: usize = 8;
+
+fn demo_settings(frames: usize) -> DemoSettings {
+    DemoSettings { width: 64, height: 48, frames, ..DemoSettings::default() }
+}
+
+/// A recording with made-up embeddings of its classes.
+struct Clip {
+    _folder: TempDir,
+    prepared: Prepared,
+}
+
+impl Clip {
+    fn new(frames: usize) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let recording = folder.path().join("recording");
+        demo::write(&demo_settings(frames), &recording, &mut |_, _| {}).unwrap();
+        let sequence = Sequence::open(&recording).unwrap();
+        let embeddings: Vec<Vec<f32>> = (0..sequence.classes().len())
+            .map(|k| (0..DIM).map(|j| ((k * 5 + j * 3) as f32).sin()).collect())
+            .collect();
+        let encoder = EncoderIdentity {
+            name: "made up".into(),
+            sha256: "00".into(),
+            dim: DIM,
+            template: "{}".into(),
+            folder: None,
+        };
+        let codec = CodecSettings { latent_dim: 3, steps: 60, seed: 0 };
+        let to = folder.path().join("prepared");
+        let prepared =
+            prepare_from_labels(sequence, encoder, &embeddings, frames > 2, &codec, &to, &mut |_, _, _| {});
+        Self { _folder: folder, prepared: prepared.unwrap() }
+    }
+
+    fn trainer(&self, settings: TrainSettings) -> Trainer {
+        Trainer::new(&self.prepared.sequence, Some(&self.prepared), settings).unwrap()
+    }
+}
+
+fn short(iterations: usize) -> TrainSettings {
+    TrainSettings { iterations, ..TrainSettings::default() }
+}
+
+fn run(trainer: &mut Trainer, steps: usize) -> StepReport {
+    (0..steps).map(|_| trainer.step().unwrap()).last().unwrap()
+}
+
+/// The scene's bytes, but for the seconds it took.
+fn scene_bytes(trainer: &Trainer) -> Vec<u8> {
+    let mut scene = trainer.scene();
+    scene.provenance.seconds = 0.0;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.safetensors");
+    scene.save(&path).unwrap();
+    std::fs::read(path).unwrap()
+}
+
+fn is_finite(trainer: &Trainer) -> bool {
+    let (g, d) = (&trainer.state.gaussians, &trainer.state.deformation);
+    let all = [
+        g.means.as_flattened(),
+        g.rotations.as_flattened(),
+        g.log_scales.as_flattened(),
+        &g.opacity_logits,
+        g.colours.as_flattened(),
+        &g.features,
+        &d.weights,
+    ];
+    all.into_iter().flatten().all(|v| v.is_finite())
+}
+
+#[test]
+fn the_number_of_threads_changes_no_byte() {
+    let clip = Clip::new(10);
+    let on = |threads| {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
+            let mut trainer = clip.trainer(TrainSettings {
+                densify: DensifySettings { every: 10, ..TrainSettings::default().densify },
+                ..short(60)
+            });
+            run(&mut trainer, 60);
+            scene_bytes(&trainer)
+        })
+    };
+    let one = on(1);
+    assert!(one == on(2) && one == on(5));
+}
+
+#[test]
+fn a_seed_decides_everything() {
+    let clip = Clip::new(10);
+    let of = |seed| {
+        let mut trainer = clip.trainer(TrainSettings { seed, ..short(20) });
+        run(&mut trainer, 20);
+        scene_bytes(&trainer)
+    };
+    assert!(of(1) == of(1));
+    assert!(of(1) != of(2));
+}
+
+#[test]
+fn going_on_gives_the_same_bytes_as_never_stopping() {
+    let clip = Clip::new(10);
+    for profile in [Profile::Default, Profile::Paper] {
+        let settings = TrainSettings {
+            iterations: 60,
+            densify: DensifySettings { every: 10, ..TrainSettings::of(profile).densify },
+            ..TrainSettings::of(profile)
+        };
+        let mut whole = clip.trainer(settings.clone());
+        run(&mut whole, 60);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("x.unfinished");
+        let mut first = clip.trainer(settings);
+        run(&mut first, 37);
+        first.save_checkpoint(&path).unwrap();
+        let mut second =
+            Trainer::resume(&clip.prepared.sequence, Some(&clip.prepared), &path).unwrap();
+        assert_eq!(second.steps_done(), 37);
+        run(&mut second, 23);
+        assert!(scene_bytes(&whole) == scene_bytes(&second), "{profile:?}");
+    }
+}
+
+#[test]
+fn a_checkpoint_of_something_else_is_refused() {
+    let (clip, other) = (Clip::new(10), Clip::new(3));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.unfinished");
+    clip.trainer(short(5)).save_checkpoint(&path).unwrap();
+    let resume = |clip: &Clip| Trainer::resume(&clip.prepared.sequence, Some(&clip.prepared), &path).err();
+    assert!(resume(&clip).is_none());
+    assert!(resume(&other).unwrap().to_string().contains("another recording"));
+    let bytes = std::fs::read(&path).unwrap();
+    std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
+    assert!(resume(&clip).unwrap().to_string().contains("damaged"));
+    std::fs::write(&path, b"something else entirely").unwrap();
+    assert!(resume(&clip).unwrap().to_string().contains("no unfinished training"));
+}
+
+#[test]
+fn training_learns_the_clip_without_its_test_frames() {
+    let clip = Clip::new(10);
+    let mut trainer = clip.trainer(short(300));
+    let before = trainer.psnr_db().unwrap();
+    run(&mut trainer, 300);
+    let after = trainer.psnr_db().unwrap();
+    assert!(trainer.settings().eval && after > before + 4.0 && after > 22.0, "{before} dB to {after} dB");
+    // Frames 1 and 9 are held out: nothing ever decoded them.
+    assert!(!trainer.cache.holds(1) && !trainer.cache.holds(9) && trainer.cache.holds(0));
+}
+
+#[test]
+fn the_paper_profile_learns_too() {
+    let clip = Clip::new(10);
+    let mut trainer = clip.trainer(TrainSettings { iterations: 200, ..TrainSettings::of(Profile::Paper) });
+    let before = trainer.psnr_db().unwrap();
+    let report = run(&mut trainer, 200);
+    let after = trainer.psnr_db().unwrap();
+    assert!(after > before + 2.0 && report.dropped == 0 && is_finite(&trainer), "{before} dB to {after} dB");
+    assert!(!trainer.state.deformation.is_shared() && trainer.state.gaussians.sh_degree == 3);
+}
+
+#[test]
+fn lifted_features_are_what_the_pixels_show() {
+    let clip = Clip::new(10);
+    let settings =
+        TrainSettings { feature_mode: FeatureMode::Lifted, feature_motion: false, ..short(200) };
+    let mut trainer = clip.trainer(settings);
+    run(&mut trainer, 200);
+    let frame = trainer.cache.get(Some(&clip.prepared), 0, false).unwrap();
+    let truth = frame.truth(&clip.prepared.latents, 1.0);
+    let images = trainer.render(0);
+    let rows = truth.latents.len() / 3;
+    let nearest = |i: usize| {
+        let distance = |r: &usize| -> f32 {
+            let feature = |d| images.plane(crate::raster::FEATURE_PLANE + d)[i];
+            (0..3).map(|d| (feature(d) - truth.latents[3 * r + d]).powi(2)).sum()
+        };
+        (0..rows).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap()
+    };
+    let seen: Vec<usize> = (0..truth.width * truth.height)
+        .filter(|&i| truth.mask[i] && usize::from(truth.regions[i]) < rows)
+        .collect();
+    let right = seen.iter().filter(|&&i| nearest(i) == usize::from(truth.regions[i])).count();
+    // Pixels across a border are mixed.
+    assert!(right as f32 > 0.85 * seen.len() as f32, "{right} of {} pixels are right", seen.len());
+}
+
+#[test]
+fn one_frame_and_one_gaussian_train() {
+    let clip = Clip::new(1);
+    let mut trainer = clip.trainer(short(40));
+    let report = run(&mut trainer, 40);
+    assert!(report.dropped == 0 && is_finite(&trainer));
+    let mut trainer = clip.trainer(TrainSettings { px_per_gaussian: 1e6, ..short(40) });
+    assert!(trainer.state.gaussians.len() <= 2);
+    let report = run(&mut trainer, 40);
+    assert!(report.dropped == 0 && is_finite(&trainer));
+}
+
+#[test]
+fn extreme_gaussians_do_no_harm() {
+    let clip = Clip::new(4);
+    let mut trainer = clip.trainer(short(60));
+    let g = &mut trainer.state.gaussians;
+    // Duplicates, opacity at both ends, a needle, a pancake, a speck, a giant, no direction, behind the camera, far away.
+    g.means[1] = g.means[0];
+    (g.opacity_logits[2], g.opacity_logits[3]) = (80.0, -80.0);
+    g.log_scales[4] = [5.0, -14.0, -14.0];
+    g.log_scales[5] = [3.0, 3.0, -14.0];
+    g.log_scales[6] = [-80.0; 3];
+    g.log_scales[7] = [80.0; 3];
+    g.rotations[8] = [0.0; 4];
+    g.means[9][2] = -5.0;
+    g.means[10][2] = 1e9;
+    g.means[11][2] = 0.2 + 1e-6;
+    let report = run(&mut trainer, 60);
+    assert_eq!(report.dropped, 0);
+    assert!(is_finite(&trainer) && trainer.psnr_db().unwrap() > 14.0);
+}
+
+#[test]
+fn the_size_of_the_scene_does_not_matter() {
+    let clip = Clip::new(6);
+    let psnr_at = |scale: f32| {
+        let mut trainer = clip.trainer(TrainSettings {
+            // The recorded depth is not scaled.
+            loss: LossWeights { depth: 0.0, ..LossWeights::default() },
+            ..short(80)
+        });
+        let g = &mut trainer.state.gaussians;
+        g.means.as_flattened_mut().iter_mut().for_each(|v| *v *= scale);
+        g.log_scales.as_flattened_mut().iter_mut().for_each(|v| *v += scale.ln());
+        trainer.state.typical_depth *= scale;
+        let report = run(&mut trainer, 80);
+        assert!(report.dropped == 0 && is_finite(&trainer));
+        trainer.psnr_db().unwrap()
+    };
+    let usual = psnr_at(1.0);
+    for scale in [0.05, 100.0, 1e4] {
+        let other = psnr_at(scale);
+        assert!((other - usual).abs() < 0.7, "{other} dB at scale {scale}, {usual} dB as recorded");
+    }
+}
+
+#[test]
+fn a_step_that_is_not_finite_is_dropped_and_counted() {
+    let clip = Clip::new(4);
+    let mut trainer = clip.trainer(short(10));
+    run(&mut trainer, 2);
+    let before = trainer.state.gaussians.clone();
+    trainer.state.gaussians.colours[0] = [f32::INFINITY; 3];
+    let report = run(&mut trainer, 1);
+    assert_eq!(report.dropped, 1);
+    assert_eq!(trainer.state.gaussians.means, before.means);
+    trainer.state.gaussians.colours[0] = before.colours[0];
+    assert_eq!(run(&mut trainer, 1).dropped, 1);
+}
+
+#[test]
+fn depth_nearer_than_the_near_plane_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    demo::write(&demo_settings(2), folder.path(), &mut |_, _| {}).unwrap();
+    let toml = folder.path().join("sequence.toml");
+    let text = std::fs::read_to_string(&toml).unwrap().replace("scale = 0.005", "scale = 0.00000001");
+    std::fs::write(&toml, text).unwrap();
+    let sequence = Sequence::open(folder.path()).unwrap();
+    let error = Trainer::new(&sequence, None, short(2)).err().unwrap().to_string();
+    assert!(error.contains("near plane") && error.contains("scale"), "{error}");
+}
+
+#[test]
+fn changing_light_is_followed_where_colour_may_change() {
+    let folder = tempfile::tempdir().unwrap();
+    demo::write(&demo_settings(9), folder.path(), &mut |_, _| {}).unwrap();
+    for i in 0..9u32 {
+        let path = folder.path().join(format!("images/frame_{i:06}.png"));
+        let mut picture = image::open(&path).unwrap().to_rgb8();
+        let gain = 0.6 + 0.1 * i as f32;
+        picture.pixels_mut().for_each(|p| p.0 = p.0.map(|v| (f32::from(v) * gain).min(255.0) as u8));
+        picture.save(&path).unwrap();
+    }
+    let sequence = Sequence::open(folder.path()).unwrap();
+    let psnr = |colour_over_time| {
+        let mut trainer =
+            Trainer::new(&sequence, None, TrainSettings { colour_over_time, ..short(300) }).unwrap();
+        run(&mut trainer, 300);
+        trainer.psnr_db().unwrap()
+    };
+    let (still, changing) = (psnr(false), psnr(true));
+    assert!(changing > still + 0.4, "{changing} dB against {still} dB");
+}
+
+#[test]
+fn long_recordings_cost_no_more_per_step_and_keep_to_their_memory() {
+    let bases = |frames| short(1).num_bases(frames);
+    assert_eq!((bases(1), bases(48), bases(80), bases(10_000)), (5, 17, 27, 64));
+    // Live bases, the only ones touched in a step.
+    for frames in [80, 10_000] {
+        let b = bases(frames);
+        let d = crate::deform::Deformation {
+            shape: crate::deform::BasisShape::Spline,
+            ..crate::deform::Deformation::at_rest(1, 0, b, 1.0 / (b - 1) as f32, 1.0)
+        };
+        assert!((0..100).all(|t| d.basis_values(t as f32 / 100.0).1.len() <= 5));
+    }
+    let clip = Clip::new(10);
+    let mut trainer = clip.trainer(TrainSettings { frame_cache_bytes: 100_000, ..short(40) });
+    run(&mut trainer, 40);
+    assert!(trainer.cache.used_bytes() <= 100_000);
+}
