@@ -230,7 +230,8 @@ fn an_interrupted_training_goes_on_where_it_stopped() {
     assert!(flow.path().join("interrupted.safetensors").exists(), "what is done is a scene");
     let again = flow.run(&["train", "prepared", "-o", "interrupted.safetensors"]);
     assert!(again.refused(1).contains("--resume"));
-    let resumed = flow.run(&["train", "prepared", "-o", "interrupted.safetensors", "--resume", "--json"]).ok();
+    let resumed =
+        flow.run(&["train", "prepared", "-o", "interrupted.safetensors", "--resume", "--json"]).ok();
     assert_eq!(resumed.json()["finished"], true);
     assert!(!flow.path().join("interrupted.unfinished").exists());
     let whole = ["train", "prepared", "-o", "whole.safetensors", "--json", steps[0], steps[1]];

@@ -44,11 +44,8 @@ pub struct SeedSettings {
 /// from an earlier frame. Pixels of unknown depth lie on the fronto-parallel plane at the default depth.
 pub fn seed(frames: &[SeedFrame], settings: &SeedSettings) -> Gaussians {
     let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
-    let mut gaussians = Gaussians {
-        latent_dim: settings.latent_dim,
-        sh_degree: settings.sh_degree,
-        ..Gaussians::default()
-    };
+    let mut gaussians =
+        Gaussians { latent_dim: settings.latent_dim, sh_degree: settings.sh_degree, ..Gaussians::default() };
     for frame in frames {
         seed_frame(frame, settings, &mut gaussians, &mut rng);
     }
@@ -80,12 +77,7 @@ fn neighbour_log_scales(means: &[[f32; 3]]) -> Vec<[f32; 3]> {
     means.iter().map(|mean| [log_scale(mean); 3]).collect()
 }
 
-fn seed_frame(
-    frame: &SeedFrame,
-    settings: &SeedSettings,
-    gaussians: &mut Gaussians,
-    rng: &mut ChaCha8Rng,
-) {
+fn seed_frame(frame: &SeedFrame, settings: &SeedSettings, gaussians: &mut Gaussians, rng: &mut ChaCha8Rng) {
     let spacing_px = settings.spacing_px.max(1.0);
     let (width, height) = (frame.mask.width, frame.mask.height);
     let columns = (width as f32 / spacing_px).ceil() as usize;

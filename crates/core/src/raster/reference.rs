@@ -47,8 +47,7 @@ impl Cut {
                 let (one, two, range) = (T::one(), T::of(2.0), T::of(SMOOTH_RANGE));
                 // From nothing at MIN_ALPHA to everything at twice that.
                 let s = ((raw - low) / low).min(one);
-                let (share, slope) =
-                    (s * s * (T::of(3.0) - two * s), T::of(6.0) * s * (one - s) / low);
+                let (share, slope) = (s * s * (T::of(3.0) - two * s), T::of(6.0) * s * (one - s) / low);
                 let (alpha, slope) = (raw * share, share + raw * slope);
                 let t = ((alpha - high + range) / (two * range)).max(T::zero()).min(one);
                 let bent = alpha.min(high - range) + two * range * (t - t * t / two);

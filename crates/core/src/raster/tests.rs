@@ -77,7 +77,8 @@ fn the_kernel_agrees_with_the_reference() {
     ] {
         let splats = random_splats(n, width, height, 1);
         let features = random_values(n * dim, 2);
-        let images = raster(&Packed::new(&splats, &features, dim), &bin(&splats, width, height), width, height);
+        let images =
+            raster(&Packed::new(&splats, &features, dim), &bin(&splats, width, height), width, height);
         let wide: Vec<_> = splats.iter().map(to_f64).collect();
         let features: Vec<f64> = features.iter().map(|&v| f64::from(v)).collect();
         let reference = ReferenceInput { splats: &wide, features: &features, latent_dim: dim, width, height };
@@ -224,8 +225,11 @@ fn poisoned_and_extreme_splats_leave_images_finite() {
 fn the_reference_gradient_is_right_across_the_cuts() {
     let (width, height, dim) = (9, 7, 2);
     let splats: Vec<Splat<f64>> = random_splats(14, width, height, 21).iter().map(to_f64).collect();
-    let splats: Vec<Splat<f64>> =
-        splats.into_iter().enumerate().map(|(i, s)| Splat { opacity: [0.006, 0.995, 0.5][i % 3], ..s }).collect();
+    let splats: Vec<Splat<f64>> = splats
+        .into_iter()
+        .enumerate()
+        .map(|(i, s)| Splat { opacity: [0.006, 0.995, 0.5][i % 3], ..s })
+        .collect();
     let features: Vec<f64> = random_values(14 * dim, 22).iter().map(|v| f64::from(*v)).collect();
     let pull: Vec<f64> =
         random_values((5 + dim) * width * height, 23).iter().map(|v| f64::from(*v)).collect();

@@ -130,7 +130,7 @@ pub(super) fn exp2<S: Simd>(simd: S, x: f32x8<S>) -> f32x8<S> {
     let shifted = x + MAGIC;
     let r = x - (shifted - MAGIC);
     let mut p = splat(1.327_65e-3);
-    for c in [9.675_54e-3, 5.550_713e-2, 2.402_212e-1, 6.931_47e-1, 1.000_000_1] {
+    for c in [9.675_54e-3, 5.550_713e-2, 2.402_212e-1, std::f32::consts::LN_2, 1.0] {
         p = p.mul_add(r, splat(c));
     }
     let exponent: u32x8<S> = shifted.bitcast();

@@ -125,8 +125,7 @@ fn going_on_gives_the_same_bytes_as_never_stopping() {
         let mut first = clip.trainer(settings);
         run(&mut first, 37);
         first.save_checkpoint(&path).unwrap();
-        let mut second =
-            Trainer::resume(&clip.prepared.sequence, Some(&clip.prepared), &path).unwrap();
+        let mut second = Trainer::resume(&clip.prepared.sequence, Some(&clip.prepared), &path).unwrap();
         assert_eq!(second.steps_done(), 37);
         run(&mut second, 23);
         assert!(scene_bytes(&whole) == scene_bytes(&second), "{profile:?}");
@@ -175,8 +174,7 @@ fn the_paper_profile_learns_too() {
 #[test]
 fn lifted_features_are_what_the_pixels_show() {
     let clip = Clip::new(10);
-    let settings =
-        TrainSettings { feature_mode: FeatureMode::Lifted, feature_motion: false, ..short(200) };
+    let settings = TrainSettings { feature_mode: FeatureMode::Lifted, feature_motion: false, ..short(200) };
     let mut trainer = clip.trainer(settings);
     run(&mut trainer, 200);
     let frame = trainer.cache.get(Some(&clip.prepared), 0, false).unwrap();

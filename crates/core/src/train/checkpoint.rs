@@ -43,8 +43,7 @@ pub(super) fn write(
     settings: &TrainSettings,
     state: State,
 ) -> Result<()> {
-    let checkpoint =
-        Checkpoint { source: Source::of(sequence, prepared), settings: settings.clone(), state };
+    let checkpoint = Checkpoint { source: Source::of(sequence, prepared), settings: settings.clone(), state };
     write_whole_with(path, |file| {
         let mut file = std::io::BufWriter::new(file);
         std::io::Write::write_all(&mut file, MAGIC)?;

@@ -8,9 +8,7 @@ use crate::{
     Result,
     deform::deform,
     prepare::NO_REGION,
-    raster::{
-        FEATURE_PLANE, Images, Packed, backward::raster_backward, bin::bin, project::project_all,
-    },
+    raster::{FEATURE_PLANE, Images, Packed, backward::raster_backward, bin::bin, project::project_all},
 };
 
 /// A Gaussian that weighs less than this in all pixels together keeps its features.
@@ -48,7 +46,8 @@ impl Trainer {
             // The first colour's gradient was 1.
             weights.iter_mut().zip(shown).for_each(|(sum, g)| *sum += g.colour[0]);
         }
-        let rows = self.state.gaussians.features.chunks_exact_mut(dim.max(1)).zip(sums.chunks_exact(dim.max(1)));
+        let rows =
+            self.state.gaussians.features.chunks_exact_mut(dim.max(1)).zip(sums.chunks_exact(dim.max(1)));
         for ((row, sum), weight) in rows.zip(weights).filter(|(_, w)| *w > MIN_WEIGHT) {
             row.iter_mut().zip(sum).for_each(|(f, s)| *f = s / weight);
         }

@@ -386,10 +386,8 @@ fn feature_terms<T: Real>(
     let weight = T::from_f32(weights.features);
     let rows = truth.latents.len() / latent_dim.max(1);
     let regions = Regions::new(truth, rows, weights.min_region_px);
-    let scales = Scales {
-        difference: weight / all,
-        variation: weight * T::from_f32(weights.total_variation) / all,
-    };
+    let scales =
+        Scales { difference: weight / all, variation: weight * T::from_f32(weights.total_variation) / all };
     let smoothness = weight * T::from_f32(weights.region_smoothness) / T::of(latent_dim as f64);
     for (d, g) in g.chunks_exact_mut(n).enumerate() {
         let plane = Plane::new(&planes[(FEATURE_PLANE + d) * n..][..n], variation_mask, truth.width);
@@ -442,11 +440,7 @@ impl<T: Real> Regions<T> {
     }
 
     /// Means over each region of what `sum` adds up over a run, summed strip by strip.
-    fn means<const K: usize>(
-        &self,
-        values: &[T],
-        sum: impl Fn(&[T], usize) -> [T; K] + Sync,
-    ) -> Vec<[T; K]> {
+    fn means<const K: usize>(&self, values: &[T], sum: impl Fn(&[T], usize) -> [T; K] + Sync) -> Vec<[T; K]> {
         let strips = values.par_chunks(self.strip).zip(&self.runs);
         let partial: Vec<Vec<[T; K]>> = strips
             .map(|(values, runs)| {
@@ -478,7 +472,8 @@ impl<T: Real> Regions<T> {
         };
         // Means of |F − mean| and of its sign, which is how the loss pulls at the mean.
         let spreads: Vec<Vec<[T; 2]>> = planes.chunks_exact(n).zip(&means).map(of_plane).collect();
-        let mut pulls: Vec<Vec<T>> = spreads.iter().map(|s| s.iter().map(|[_, sign]| *sign).collect()).collect();
+        let mut pulls: Vec<Vec<T>> =
+            spreads.iter().map(|s| s.iter().map(|[_, sign]| *sign).collect()).collect();
         if pooled {
             pool(&mut pulls);
         }
@@ -527,22 +522,12 @@ fn runs_of(ids: &[u16], mask: &[bool], rows: usize) -> Vec<Run> {
 /// Σ |v − mean| and Σ sign(v − mean).
 #[simd]
 fn deviation_sums<S: Simd, T: Real>(simd: S, values: &[T], mean: T) -> [T; 2] {
-    [
-        lane_sum(simd, values, |v| (v - mean).abs()),
-        lane_sum(simd, values, |v| sign(v - mean)),
-    ]
+    [lane_sum(simd, values, |v| (v - mean).abs()), lane_sum(simd, values, |v| sign(v - mean))]
 }
 
 /// g += (sign(v − mean) − mean_sign) · factor.
 #[simd]
-fn add_deviation_signs<S: Simd, T: Real>(
-    _: S,
-    values: &[T],
-    mean: T,
-    mean_sign: T,
-    factor: T,
-    g: &mut [T],
-) {
+fn add_deviation_signs<S: Simd, T: Real>(_: S, values: &[T], mean: T, mean_sign: T, factor: T, g: &mut [T]) {
     for (g, v) in g.iter_mut().zip(values) {
         *g += (sign(*v - mean) - mean_sign) * factor;
     }

@@ -14,7 +14,9 @@ mod state;
 
 pub use clock::{Pass, PassClock};
 pub use loss::{LossTerms, LossWeights, Truth, loss};
-pub use settings::{DensifySettings, FeatureMode, FrameOrder, LearningRates, LengthUnit, Profile, TrainSettings};
+pub use settings::{
+    DensifySettings, FeatureMode, FrameOrder, LearningRates, LengthUnit, Profile, TrainSettings,
+};
 
 use crate::{
     Error, Result,

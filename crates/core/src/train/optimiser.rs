@@ -59,7 +59,12 @@ impl Optimiser {
         let fresh = Self::new(gaussians, deformation);
         let sizes = |o: &Self| -> Vec<[usize; 2]> {
             let single = [&o.rest, &o.sh_rest, &o.features, &o.net_weight, &o.net_bias];
-            single.into_iter().chain(&o.bases).chain(o.own_bases.iter().flatten()).map(|a| [a.first.len(), a.second.len()]).collect()
+            single
+                .into_iter()
+                .chain(&o.bases)
+                .chain(o.own_bases.iter().flatten())
+                .map(|a| [a.first.len(), a.second.len()])
+                .collect()
         };
         sizes(self) == sizes(&fresh)
     }

@@ -232,7 +232,11 @@ impl TrainSettings {
     /// Basis functions for a recording of so many frames.
     pub(super) fn num_bases(&self, num_frames: usize) -> usize {
         const FRAMES_PER_BASIS: usize = 3;
-        if self.num_bases > 0 { self.num_bases.max(2) } else { (num_frames / FRAMES_PER_BASIS + 1).clamp(5, 64) }
+        if self.num_bases > 0 {
+            self.num_bases.max(2)
+        } else {
+            (num_frames / FRAMES_PER_BASIS + 1).clamp(5, 64)
+        }
     }
 
     /// Whether step `step` (counted from 1) is followed by a densification.
@@ -269,7 +273,7 @@ impl TrainSettings {
                 motion: 1.6e-3,
                 uniform_motion: true,
                 // To 1 % at step 4000, of which 3000 are done.
-                final_share: 0.031_622_777,
+                final_share: 0.031_622_78,
                 rotation: 1e-3,
                 ..Self::default().rates
             },

@@ -1,6 +1,10 @@
 //! What training changes, and how it begins.
 
-use super::{densify::Statistics, optimiser::Optimiser, settings::{FeatureMode, TrainSettings}};
+use super::{
+    densify::Statistics,
+    optimiser::Optimiser,
+    settings::{FeatureMode, TrainSettings},
+};
 use crate::{
     Error, Result,
     deform::{Deformation, SCALE_CHANNEL, stride_for},
@@ -173,4 +177,3 @@ fn initial_gaussians(
     }
     Ok((gaussians, typical_depth))
 }
-

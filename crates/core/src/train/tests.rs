@@ -10,9 +10,8 @@ use super::{
 use crate::{
     camera::Camera,
     deform::{
-        BasisShape,
-        COLOUR_CHANNEL, Deformation, Deformed, FeatureNet, GATE_CHANNEL, MEAN_CHANNEL, ROTATION_CHANNEL,
-        SCALE_CHANNEL, basis, deform_by, gate_feature, move_geometry, num_channels,
+        BasisShape, COLOUR_CHANNEL, Deformation, Deformed, FeatureNet, GATE_CHANNEL, MEAN_CHANNEL,
+        ROTATION_CHANNEL, SCALE_CHANNEL, basis, deform_by, gate_feature, move_geometry, num_channels,
     },
     gaussian::Gaussians,
     raster::{
@@ -307,7 +306,8 @@ fn compare_group(
 #[test]
 fn the_released_schedule_has_the_published_values() {
     let paper = TrainSettings::of(Profile::Paper);
-    let rate = |step: f64| f64::from(paper.rates.mean) * f64::from(paper.rates.final_share).powf(step / 3000.0);
+    let rate =
+        |step: f64| f64::from(paper.rates.mean) * f64::from(paper.rates.final_share).powf(step / 3000.0);
     assert!((rate(0.0) - 1.6e-3).abs() < 1e-9 && (rate(3000.0) - 5.06e-5).abs() < 1e-7);
     let sum: f64 = (0..3000).map(|step| rate(f64::from(step))).sum();
     assert!((sum - 1.345).abs() < 2e-3, "{sum}");

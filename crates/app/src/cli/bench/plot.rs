@@ -31,7 +31,8 @@ fn draw(
     let root = SVGBackend::with_string(svg, SIZE).into_drawing_area();
     root.fill(&WHITE)?;
     let span = |value: fn(&Point<'_>) -> f64| {
-        let (low, high) = points.iter().map(value).fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
+        let (low, high) =
+            points.iter().map(value).fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
         let margin = 0.08 * (high - low).max(1e-3 * high.abs()).max(1e-9);
         (low - margin, high + margin)
     };

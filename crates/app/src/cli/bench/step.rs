@@ -56,8 +56,7 @@ struct Outcome {
 pub(super) fn run(args: &BenchStepArgs) -> Result<Exit> {
     let mut outcomes = Vec::new();
     for (width, height, gaussians) in SIZES {
-        let folder =
-            tempfile::tempdir().map_err(|e| Error::io("make a folder", std::env::temp_dir(), e))?;
+        let folder = tempfile::tempdir().map_err(|e| Error::io("make a folder", std::env::temp_dir(), e))?;
         let settings = DemoSettings { width, height, frames: FRAMES, ..Default::default() };
         let recording = folder.path().join("recording");
         demo::write(&settings, &recording, &mut |_, _| {})?;
@@ -171,9 +170,8 @@ fn gradient_error(
         centre_and_conic.chain([g.depth, g.opacity]).chain(g.colour)
     });
     let pairs = found.chain(found_features).zip(expected.chain(expected_features));
-    let (error, size) = pairs.fold((0.0, 0.0), |(error, size), (a, b)| {
-        (error + (f64::from(a) - b).powi(2), size + b * b)
-    });
+    let (error, size) =
+        pairs.fold((0.0, 0.0), |(error, size), (a, b)| (error + (f64::from(a) - b).powi(2), size + b * b));
     (error / f64::max(size, 1e-300)).sqrt()
 }
 
