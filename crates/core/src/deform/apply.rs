@@ -9,6 +9,9 @@ use crate::{
 /// Log-scales are kept within ± this, so that neither a scale nor its square leaves f32.
 pub const MAX_LOG_SCALE: f64 = 15.0;
 
+/// e to the [`MAX_LOG_SCALE`].
+const MAX_SCALE: f64 = 3_269_017.372_472_11;
+
 /// A deformed, activated geometry with what its backward pass needs.
 #[derive(Clone, Copy, Debug)]
 pub struct Moved<T> {
@@ -42,8 +45,7 @@ pub fn move_geometry<T: Real>(
 
 /// Gradients with respect to mean, raw quaternion and log-scale; those of ψ's channels are the same numbers.
 pub fn move_geometry_backward<T: Real>(moved: &Moved<T>, g: &Geometry<T>) -> Geometry<T> {
-    let limit = T::of(MAX_LOG_SCALE).exp();
-    let inside = |s: T| s < limit && s > limit.recip();
+    let inside = |s: T| s < T::of(MAX_SCALE) && s > T::of(1.0 / MAX_SCALE);
     Geometry {
         mean: g.mean,
         rotation: unit_quaternion_backward(moved.geometry.rotation, moved.quaternion_length, g.rotation),
@@ -176,6 +178,7 @@ mod tests {
 
     #[test]
     fn extreme_parameters_stay_finite() {
+        assert!((MAX_SCALE.ln() - MAX_LOG_SCALE).abs() < 1e-12);
         let psi = [0.0_f32; 16];
         let m = move_geometry([0.0; 3], [0.0; 4], [1e30, -1e30, 0.0], &psi);
         assert_eq!(m.geometry.rotation, [1.0, 0.0, 0.0, 0.0]);

@@ -48,8 +48,9 @@ impl Clip {
     }
 }
 
+/// Sampled pixels and all, as for a large recording.
 fn short(iterations: usize) -> TrainSettings {
-    TrainSettings { iterations, ..TrainSettings::default() }
+    TrainSettings { iterations, min_pixels: 100, ..TrainSettings::default() }
 }
 
 fn run(trainer: &mut Trainer, steps: usize) -> StepReport {

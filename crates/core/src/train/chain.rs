@@ -3,11 +3,12 @@
 use crate::{
     camera::Camera,
     deform::{
-        COLOUR_CHANNEL, Deformation, Deformed, GATE_CHANNEL, MEAN_CHANNEL, ROTATION_CHANNEL, SCALE_CHANNEL,
-        gate_feature_backward, move_geometry, move_geometry_backward,
+        COLOUR_CHANNEL, Deformation, Deformed, GATE_CHANNEL, MEAN_CHANNEL, Moved, ROTATION_CHANNEL,
+        SCALE_CHANNEL, gate_feature_backward, move_geometry_backward,
     },
     gaussian::Gaussians,
     raster::project::{Geometry, Splat, SplatGradient, View, project_backward, view_colour_backward},
+    real::unit_quaternion,
 };
 use rayon::prelude::*;
 
@@ -135,7 +136,9 @@ fn geometry_and_colour(
     }
     let psi = &state.psi[i * state.deformation.stride..(i + 1) * state.deformation.stride];
     let mean = deformed.means[i];
-    let moved = move_geometry(gaussians.means[i], gaussians.rotations[i], gaussians.log_scales[i], psi);
+    let geometry = Geometry { mean, rotation: deformed.rotations[i], scale: deformed.scales[i] };
+    let turned = std::array::from_fn(|k| gaussians.rotations[i][k] + psi[ROTATION_CHANNEL + k]);
+    let moved = Moved { geometry, quaternion_length: unit_quaternion(turned).1 };
     let mut g_geometry: Geometry<f32> = project_backward(view, &moved.geometry, g);
     let rest = &gaussians.sh_rest[i * g_rest.len()..(i + 1) * g_rest.len()];
     let (g_mean, g_colour) =

@@ -34,6 +34,11 @@ impl Frame {
         })
     }
 
+    /// Columns and rows.
+    pub fn size(&self) -> (usize, usize) {
+        (self.width, self.height)
+    }
+
     /// As the loss reads it.
     pub fn truth<'a>(&'a self, latents: &'a [f32], typical_depth: f32) -> Truth<'a> {
         Truth {
@@ -88,26 +93,24 @@ impl Frame {
     /// The pixels that `sampling` names.
     pub fn sampled(&self, sampling: Sampling) -> Self {
         let (width, height) = sampling.size(self.width, self.height);
-        fn pick<T: Copy>(plane: &[T], width: usize, sampling: Sampling, out: &mut Vec<T>) {
-            for row in plane.chunks_exact(width).skip(sampling.first[1]).step_by(sampling.step) {
-                out.extend(row[sampling.first[0]..].iter().step_by(sampling.step));
-            }
-        }
-        fn picked<T: Copy>(planes: &[T], frame: &Frame, sampling: Sampling) -> Vec<T> {
-            let mut out = Vec::new();
-            for plane in planes.chunks_exact((frame.width * frame.height).max(1)) {
-                pick(plane, frame.width, sampling, &mut out);
-            }
-            out
-        }
-        Self {
-            width,
-            height,
-            colour: picked(&self.colour, self, sampling),
-            mask: picked(&self.mask, self, sampling),
-            depth: picked(&self.depth, self, sampling),
-            regions: picked(&self.regions, self, sampling),
-        }
+        let (colour, (mask, (depth, regions))) = rayon::join(
+            || self.picked(&self.colour, sampling),
+            || {
+                let small = || (self.picked(&self.depth, sampling), self.picked(&self.regions, sampling));
+                rayon::join(|| self.picked(&self.mask, sampling), small)
+            },
+        );
+        Self { width, height, colour, mask, depth, regions }
+    }
+
+    /// The sampled pixels of one or more planes; none of an absent one.
+    fn picked<T: Copy>(&self, planes: &[T], sampling: Sampling) -> Vec<T> {
+        let [x, y] = sampling.first;
+        let of_plane = |plane| {
+            let rows = <[T]>::chunks_exact(plane, self.width).skip(y).step_by(sampling.step);
+            rows.flat_map(move |row| row[x..].iter().step_by(sampling.step).copied())
+        };
+        planes.chunks_exact(self.width * self.height).flat_map(of_plane).collect()
     }
 
     fn bytes(&self) -> usize {

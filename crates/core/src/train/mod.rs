@@ -20,15 +20,16 @@ pub use settings::{
 
 use crate::{
     Error, Result,
+    camera::Camera,
     deform::{Deformed, deform, deform_by},
     metrics,
     prepare::Prepared,
     raster::{
         Images, Packed,
         backward::raster_backward_with,
-        bin::bin,
+        bin::{Bins, bin},
         forward::raster_into,
-        project::{Sampling, Splat, project_into},
+        project::{Sampling, Splat, SplatGradient, project_into},
         render_deformed,
     },
     scene::{Provenance, Scene},
@@ -40,7 +41,7 @@ use frames::{Frame, FrameCache};
 use loss::loss_into;
 use rand::Rng;
 use state::{State, spread, train_frames};
-use std::path::Path;
+use std::{path::Path, sync::Arc};
 
 /// Frames that [`Trainer::psnr_db`] looks at where none is held out.
 const PSNR_FRAMES: usize = 8;
@@ -70,7 +71,20 @@ struct Passes {
     images: Images,
     g_planes: Vec<f32>,
     slots: Vec<f32>,
+    g_splats: Vec<SplatGradient<f32>>,
+    g_features: Vec<f32>,
     gradients: Gradients,
+}
+
+/// How a step looks at the scene.
+struct Look {
+    camera: Camera,
+    time: f32,
+    /// Whether the camera is one of half the size.
+    half: bool,
+    sampling: Sampling,
+    /// Share of all steps done.
+    progress: f32,
 }
 
 /// Training in progress; holds parameters, moments and the decoded frames.
@@ -145,15 +159,12 @@ impl Trainer {
             self.lift_features()?;
         }
         let i = self.next_frame();
-        let progress = self.state.step as f32 / self.settings.iterations.max(1) as f32;
-        let half = progress < self.settings.half_size_share;
-        let frame = self.cache.get(self.prepared.as_ref(), i, half)?;
-        let sampling = if half { Sampling::ALL } else { self.next_sampling() };
-        let (terms, report) = if sampling == Sampling::ALL {
-            self.learn(&frame, i, half, sampling, progress)
-        } else {
-            self.learn(&frame.sampled(sampling), i, half, sampling, progress)
-        };
+        let look = self.next_look(i);
+        let mut frame = self.cache.get(self.prepared.as_ref(), i, look.half)?;
+        if look.sampling != Sampling::ALL {
+            frame = Arc::new(frame.sampled(look.sampling));
+        }
+        let (terms, report) = self.learn(&frame, &look);
         self.state.step += 1;
         if !report {
             self.state.dropped += 1;
@@ -171,87 +182,123 @@ impl Trainer {
         })
     }
 
-    /// Forward, backward and update on one frame; `false` if it was dropped because something was not finite.
-    fn learn(
-        &mut self,
-        frame: &Frame,
-        i: usize,
-        half: bool,
-        sampling: Sampling,
-        progress: f32,
-    ) -> (LossTerms<f32>, bool) {
-        let latents = self.prepared.as_ref().map_or(&[][..], |p| &p.latents);
-        let truth = frame.truth(latents, self.state.typical_depth);
+    /// The next look at frame `i`: of half size first, and at one pixel of each square of `pixel_step`², at random.
+    fn next_look(&mut self, i: usize) -> Look {
         let mut camera = self.sequence.camera(i);
+        let progress = self.state.step as f32 / self.settings.iterations.max(1) as f32;
+        let half = progress < self.settings.half_size_share && camera.width > 1 && camera.height > 1;
+        let mut sampling = Sampling { step: self.settings.pixel_step.max(1), ..Sampling::ALL };
         if half {
             camera = camera.resized(camera.width / 2, camera.height / 2);
+            sampling.step = self.settings.half_size_pixel_step.max(1);
         }
-        let time = self.sequence.time(i);
-        let Passes { psi, deformed, splats, packed, images, g_planes, slots, gradients } = &mut self.passes;
-        let clock = &mut self.clock;
-        clock.start();
-        self.state.deformation.psi_into(self.state.gaussians.len(), time, psi);
+        let pixels = (camera.width * camera.height) as usize;
+        while sampling.step > 1 && pixels < self.settings.min_pixels * sampling.step.pow(2) {
+            sampling.step -= 1;
+        }
+        if sampling.step > 1 {
+            sampling.first = [0; 2].map(|_| self.state.rng.random_range(0..sampling.step));
+        }
+        Look { camera, time: self.sequence.time(i), half, sampling, progress }
+    }
+
+    /// Forward, backward and update on one frame; `false` if it was dropped because something was not finite.
+    fn learn(&mut self, frame: &Frame, look: &Look) -> (LossTerms<f32>, bool) {
+        self.clock.start();
+        let bins = self.render_step(frame, look);
+        let terms = self.compare(frame, look);
+        let finite = terms.total().is_finite() && self.differentiate(&bins, look);
+        if finite {
+            self.update(look);
+        }
+        (terms, finite)
+    }
+
+    /// Deform, project, bin, raster.
+    fn render_step(&mut self, frame: &Frame, look: &Look) -> Bins {
+        let Passes { psi, deformed, splats, packed, images, .. } = &mut self.passes;
+        let State { gaussians, deformation, .. } = &self.state;
+        deformation.psi_into(gaussians.len(), look.time, psi);
         let learns_features = self.settings.feature_mode != FeatureMode::Lifted;
-        deform_by(&self.state.gaussians, &self.state.deformation, psi, time, learns_features, deformed);
-        clock.lap(Pass::Deform);
-        project_into(&self.state.gaussians, deformed, &camera, sampling, splats);
-        let latent_dim = if learns_features { self.state.gaussians.latent_dim } else { 0 };
+        deform_by(gaussians, deformation, psi, look.time, learns_features, deformed);
+        self.clock.lap(Pass::Deform);
+        project_into(gaussians, deformed, &look.camera, look.sampling, splats);
+        let latent_dim = if learns_features { gaussians.latent_dim } else { 0 };
         packed.fill(splats, &deformed.features, latent_dim);
-        clock.lap(Pass::Project);
-        let bins = bin(splats, truth.width, truth.height);
-        clock.lap(Pass::Bin);
-        (images.width, images.height) = (truth.width, truth.height);
+        self.clock.lap(Pass::Project);
+        (images.width, images.height) = frame.size();
+        let bins = bin(splats, images.width, images.height);
+        self.clock.lap(Pass::Bin);
         raster_into(packed, &bins, images);
-        clock.lap(Pass::Raster);
-        let weights = self.settings.loss.sampled(sampling.step);
+        self.clock.lap(Pass::Raster);
+        bins
+    }
+
+    /// The loss, and its gradient with respect to the images.
+    fn compare(&mut self, frame: &Frame, look: &Look) -> LossTerms<f32> {
+        let latents = self.prepared.as_ref().map_or(&[][..], |p| &p.latents);
+        let truth = frame.truth(latents, self.state.typical_depth);
+        let weights = self.settings.loss.sampled(look.sampling.step);
+        let Passes { images, g_planes, .. } = &mut self.passes;
         let terms = loss_into(&images.planes, &truth, &weights, g_planes);
-        clock.lap(Pass::Loss);
-        if !terms.total().is_finite() {
-            return (terms, false);
+        self.clock.lap(Pass::Loss);
+        terms
+    }
+
+    /// From the images' gradient to that of all parameters; `false` if it is not finite.
+    fn differentiate(&mut self, bins: &Bins, look: &Look) -> bool {
+        let Passes {
+            psi,
+            deformed,
+            splats,
+            packed,
+            images,
+            g_planes,
+            slots,
+            g_splats,
+            g_features,
+            gradients,
+        } = &mut self.passes;
+        (*g_splats, *g_features) = raster_backward_with(splats, packed, bins, images, g_planes, slots);
+        for g in g_splats.iter_mut() {
+            look.sampling.apply_backward(g);
+            if !self.settings.depth_moves_centres {
+                g.depth = 0.0;
+            }
         }
-        let (mut g_splats, g_features) = raster_backward_with(splats, packed, &bins, images, g_planes, slots);
-        g_splats.iter_mut().for_each(|g| sampling.apply_backward(g));
-        clock.lap(Pass::Backward);
-        if !self.settings.depth_moves_centres {
-            g_splats.iter_mut().for_each(|g| g.depth = 0.0);
-        }
+        self.clock.lap(Pass::Backward);
         let state = FrameState {
             gaussians: &self.state.gaussians,
             deformation: &self.state.deformation,
             psi,
             deformed,
             splats,
-            camera: &camera,
-            time,
+            camera: &look.camera,
+            time: look.time,
         };
-        let finite = chain::backward(&state, &g_splats, &g_features, gradients);
-        clock.lap(Pass::Chain);
-        if !finite {
-            return (terms, false);
-        }
+        let finite = chain::backward(&state, g_splats, g_features, gradients);
+        self.clock.lap(Pass::Chain);
+        finite
+    }
+
+    fn update(&mut self, look: &Look) {
+        let Passes { splats, g_splats, gradients, .. } = &mut self.passes;
         let pull_scale = if self.settings.densify.threshold > 0.0 {
-            [0.5 * camera.width as f32, 0.5 * camera.height as f32]
-        } else if half {
+            [0.5 * look.camera.width as f32, 0.5 * look.camera.height as f32]
+        } else if look.half {
             [0.5; 2]
         } else {
             [1.0; 2]
         };
-        self.state.statistics.add(splats, &g_splats, pull_scale);
+        self.state.statistics.add(splats, g_splats, pull_scale);
         if !(self.settings.densify.loses_step && self.settings.densifies_at(self.state.step + 1)) {
-            hold_bands(gradients, &self.settings, self.state.gaussians.sh_bands(), self.state.step);
-            let rates = (time, progress, self.state.typical_depth / self.sequence.camera(0).fx);
-            let State { gaussians, deformation, optimiser, .. } = &mut self.state;
+            let world_per_px = self.state.typical_depth / self.sequence.camera(0).fx;
+            let State { gaussians, deformation, optimiser, step, .. } = &mut self.state;
+            hold_bands(gradients, &self.settings, gaussians.sh_bands(), *step);
+            let rates = (look.time, look.progress, world_per_px);
             optimiser.step(gaussians, deformation, gradients, &self.settings, rates);
         }
-        clock.lap(Pass::Adam);
-        (terms, true)
-    }
-
-    /// Which pixels the next step looks at: one of each square of `pixel_step`², at random.
-    fn next_sampling(&mut self) -> Sampling {
-        let step = self.settings.pixel_step.max(1);
-        let mut first = || if step == 1 { 0 } else { self.state.rng.random_range(0..step) };
-        Sampling { step, first: [first(), first()] }
+        self.clock.lap(Pass::Adam);
     }
 
     /// Every frame once a round.

@@ -150,8 +150,12 @@ pub struct TrainSettings {
     pub depth_moves_centres: bool,
     /// Share of the steps done at half size, first.
     pub half_size_share: f32,
-    /// At full size, each step looks at one pixel of every square of this many columns and rows, another one each time.
+    /// A step of full size looks at one pixel of every square of this many columns and rows, another one each time.
     pub pixel_step: usize,
+    /// The same for a step of half size.
+    pub half_size_pixel_step: usize,
+    /// Never fewer pixels than these for being looked at one of so many: a small image is looked at whole.
+    pub min_pixels: usize,
     /// Learning rates.
     pub rates: LearningRates,
     /// Adding and removing Gaussians.
@@ -188,6 +192,8 @@ impl Default for TrainSettings {
             depth_moves_centres: true,
             half_size_share: 0.5,
             pixel_step: 2,
+            half_size_pixel_step: 2,
+            min_pixels: 20_000,
             rates: LearningRates {
                 unit: LengthUnit::Pixel,
                 mean: 0.02,
@@ -267,6 +273,7 @@ impl TrainSettings {
             depth_moves_centres: false,
             half_size_share: 0.0,
             pixel_step: 1,
+            half_size_pixel_step: 1,
             rates: LearningRates {
                 unit: LengthUnit::Scene,
                 mean: 1.6e-3,

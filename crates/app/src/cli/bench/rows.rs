@@ -33,7 +33,10 @@ pub(super) fn rows(iterations: usize, seed: u64) -> Vec<Row> {
         row("tracking alone", "no region smoothness", &|s| s.loss.region_smoothness = 0.0),
         row("smoothing alone", "features still over time", &|s| s.feature_motion = false),
         // What is skipped for speed.
-        row("all pixels", "every pixel at every step of full size", &|s| s.pixel_step = 1),
+        row("all pixels", "every pixel at every step", &|s| {
+            s.pixel_step = 1;
+            s.half_size_pixel_step = 1;
+        }),
         row("full size", "no steps at half size", &|s| s.half_size_share = 0.0),
         row("Gaussian bases", "Gaussian basis functions instead of splines", &|s| {
             s.basis_shape = BasisShape::Gaussian;

@@ -64,9 +64,14 @@ pub(super) fn run(args: &BenchStepArgs) -> Result<Exit> {
         let go = std::ops::ControlFlow::Continue(());
         let prepared = jobs::prepare(sequence, &to, &PrepareOptions::default(), &mut |_| go)?;
         for (pixels, pixel_step, half_size_share) in
-            [("all", 1, 0.0), ("a quarter, sampled", 2, 0.0), ("half size", 1, 1.0)]
+            [("all", 1, 0.0), ("a quarter, sampled", 2, 0.0), ("half size, sampled", 2, 1.0)]
         {
-            let settings = TrainSettings { pixel_step, half_size_share, ..base(&prepared, gaussians)? };
+            let settings = TrainSettings {
+                pixel_step,
+                half_size_pixel_step: pixel_step,
+                half_size_share,
+                ..base(&prepared, gaussians)?
+            };
             let outcome = measure(&prepared, settings, pixels, args.steps as usize)?;
             say(&line(&outcome));
             outcomes.push(outcome);
@@ -88,6 +93,7 @@ fn base(prepared: &Prepared, gaussians: usize) -> Result<TrainSettings> {
     let supervised = prepared.sequence.mask(0)?.data.iter().filter(|m| **m).count();
     let mut settings = TrainSettings {
         iterations: 1_000_000,
+        min_pixels: 0,
         px_per_gaussian: supervised as f32 / gaussians as f32,
         ..Default::default()
     };
