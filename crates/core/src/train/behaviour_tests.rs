@@ -231,6 +231,23 @@ fn extreme_gaussians_do_no_harm() {
 }
 
 #[test]
+fn a_long_run_stays_within_its_budget() {
+    let clip = Clip::new(3);
+    let mut trainer = clip.trainer(TrainSettings {
+        densify: DensifySettings { every: 1, until: 1.0, ..TrainSettings::default().densify },
+        ..short(150)
+    });
+    let first = trainer.state.gaussians.len();
+    let report = run(&mut trainer, 150);
+    assert!(
+        report.gaussians > first && report.gaussians <= first * 10 / 4,
+        "{first} to {}",
+        report.gaussians
+    );
+    assert!(report.dropped == 0 && is_finite(&trainer));
+}
+
+#[test]
 fn the_size_of_the_scene_does_not_matter() {
     let clip = Clip::new(6);
     let psnr_at = |scale: f32| {

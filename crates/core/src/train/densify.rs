@@ -60,19 +60,20 @@ impl Change {
     }
 }
 
-/// Decides and carries out one densify-and-prune; `world_per_px` is the length of a pixel at the typical depth.
+/// Decides and carries out one densify-and-prune, to at most `budget` Gaussians; `world_per_px` is the length of a pixel at the typical depth.
 pub fn densify(
     gaussians: &mut Gaussians,
     deformation: &mut Deformation,
     statistics: &Statistics,
     settings: &DensifySettings,
+    budget: usize,
     world_per_px: f32,
     rng: &mut ChaCha8Rng,
 ) -> Change {
     let n = gaussians.len();
     let keep: Vec<u32> =
         (0..n as u32).filter(|&i| is_worth_keeping(gaussians, i as usize, settings)).collect();
-    let room = settings.max_gaussians.saturating_sub(keep.len());
+    let room = budget.saturating_sub(keep.len());
     let wanted = ((settings.growth * keep.len() as f32) as usize).min(room);
     let is_pulled = |i: &u32| {
         let pull = statistics.mean_pull(*i as usize);
@@ -201,12 +202,9 @@ mod tests {
         let (mut g, mut d) = scene(6);
         let before = d.clone();
         let statistics = Statistics { pull: vec![9.0, 0.1, 5.0, 8.0, 0.0, 0.2], seen: vec![1; 6] };
-        let settings = DensifySettings {
-            growth: 0.4,
-            max_gaussians: 100,
-            ..crate::train::TrainSettings::default().densify
-        };
-        let change = densify(&mut g, &mut d, &statistics, &settings, 0.1, &mut ChaCha8Rng::seed_from_u64(1));
+        let settings = DensifySettings { growth: 0.4, ..crate::train::TrainSettings::default().densify };
+        let change =
+            densify(&mut g, &mut d, &statistics, &settings, 100, 0.1, &mut ChaCha8Rng::seed_from_u64(1));
         assert_eq!(change.parents, vec![1, 2, 3, 4, 5, 2, 3]);
         assert_eq!(change.fresh, vec![false, false, false, false, false, true, true]);
         assert_eq!(g.len(), 7);
@@ -224,12 +222,8 @@ mod tests {
     fn the_budget_holds() {
         let (mut g, mut d) = scene(6);
         let statistics = Statistics { pull: vec![1.0; 6], seen: vec![1; 6] };
-        let settings = DensifySettings {
-            growth: 1.0,
-            max_gaussians: 6,
-            ..crate::train::TrainSettings::default().densify
-        };
-        densify(&mut g, &mut d, &statistics, &settings, 0.1, &mut ChaCha8Rng::seed_from_u64(1));
+        let settings = DensifySettings { growth: 1.0, ..crate::train::TrainSettings::default().densify };
+        densify(&mut g, &mut d, &statistics, &settings, 6, 0.1, &mut ChaCha8Rng::seed_from_u64(1));
         assert_eq!(g.len(), 6);
     }
 }

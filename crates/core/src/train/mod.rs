@@ -327,6 +327,7 @@ impl Trainer {
             &mut self.state.deformation,
             &self.state.statistics,
             &self.settings.densify,
+            self.state.budget,
             world_per_px,
             &mut self.state.rng,
         );

@@ -83,6 +83,8 @@ pub struct DensifySettings {
     pub loses_step: bool,
     /// Never more than this many Gaussians.
     pub max_gaussians: usize,
+    /// Never more than one for so many supervised pixels: long runs on small images end somewhere, too.
+    pub min_px_per_gaussian: f32,
     /// Gaussians whose opacity falls below are removed.
     pub min_opacity: f32,
     /// Gaussians larger than this (standard deviation, px) are split, smaller ones are cloned.
@@ -217,6 +219,7 @@ impl Default for TrainSettings {
                 split_only: false,
                 loses_step: false,
                 max_gaussians: 32_000,
+                min_px_per_gaussian: 4.0,
                 min_opacity: 0.005,
                 split_px: 1.5,
             },
@@ -291,6 +294,7 @@ impl TrainSettings {
                 split_only: true,
                 loses_step: true,
                 max_gaussians: 500_000,
+                min_px_per_gaussian: 0.0,
                 ..Self::default().densify
             },
             loss: LossWeights {

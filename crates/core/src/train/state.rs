@@ -36,6 +36,8 @@ pub(super) struct State {
     /// Frames still to be visited in this round, in random order.
     pub queue: Vec<usize>,
     pub typical_depth: f32,
+    /// Most Gaussians there may be.
+    pub budget: usize,
     pub step: usize,
     pub dropped: usize,
     /// Spent before this run.
@@ -73,6 +75,7 @@ impl State {
         Ok(Self {
             optimiser: Optimiser::new(&gaussians, &deformation),
             statistics: Statistics::new(gaussians.len()),
+            budget: budget(gaussians.len(), settings),
             gaussians,
             deformation,
             rng,
@@ -104,6 +107,14 @@ impl State {
             && self.optimiser.fits(g, d)
             && [self.statistics.pull.len(), self.statistics.seen.len()] == [n; 2]
     }
+}
+
+/// Most Gaussians there may be, given how many there are first: one for `px_per_gaussian` supervised pixels.
+fn budget(first: usize, settings: &TrainSettings) -> usize {
+    let d = &settings.densify;
+    // A share beyond all bounds becomes the largest number.
+    let by_pixels = first as f32 * settings.px_per_gaussian.max(1.0) / d.min_px_per_gaussian.max(0.0);
+    d.max_gaussians.min((by_pixels as usize).max(first))
 }
 
 /// Frames that training may see.
