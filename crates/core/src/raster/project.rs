@@ -68,6 +68,20 @@ impl<T: Real> Splat<T> {
     }
 }
 
+impl Splat<f32> {
+    /// The same in f64, for the twins.
+    pub fn widened(&self) -> Splat<f64> {
+        Splat {
+            centre: self.centre.map(f64::from),
+            conic: self.conic.map(f64::from),
+            depth: f64::from(self.depth),
+            opacity: f64::from(self.opacity),
+            colour: self.colour.map(f64::from),
+            extent: self.extent.map(f64::from),
+        }
+    }
+}
+
 /// Gradients with respect to what the raster pass reads of a splat.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SplatGradient<T> {
@@ -119,6 +133,14 @@ impl Sampling {
         let step = T::of(self.step as f64);
         g.centre = g.centre.map(|v| v / step);
         g.conic = g.conic.map(|v| v * step * step);
+    }
+}
+
+impl<T: Real> SplatGradient<T> {
+    /// Centre, conic, depth, opacity, colour.
+    pub fn to_array(&self) -> [T; 10] {
+        let ([x, y], [xx, xy, yy], [r, g, b]) = (self.centre, self.conic, self.colour);
+        [x, y, xx, xy, yy, self.depth, self.opacity, r, g, b]
     }
 }
 

@@ -8,19 +8,9 @@ use super::{
     project::{Sampling, Splat, SplatGradient},
     reference::{Cut, ReferenceInput},
 };
+use crate::real::Real;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-
-fn to_f64(s: &Splat<f32>) -> Splat<f64> {
-    Splat {
-        centre: s.centre.map(f64::from),
-        conic: s.conic.map(f64::from),
-        depth: f64::from(s.depth),
-        opacity: f64::from(s.opacity),
-        colour: s.colour.map(f64::from),
-        extent: s.extent.map(f64::from),
-    }
-}
 
 fn random_splats(n: usize, width: usize, height: usize, seed: u64) -> Vec<Splat<f32>> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -79,7 +69,7 @@ fn the_kernel_agrees_with_the_reference() {
         let features = random_values(n * dim, 2);
         let images =
             raster(&Packed::new(&splats, &features, dim), &bin(&splats, width, height), width, height);
-        let wide: Vec<_> = splats.iter().map(to_f64).collect();
+        let wide: Vec<_> = splats.iter().map(Splat::widened).collect();
         let features: Vec<f64> = features.iter().map(|&v| f64::from(v)).collect();
         let reference = ReferenceInput { splats: &wide, features: &features, latent_dim: dim, width, height };
         let (worst, beyond) = compare(&images.planes, &reference.forward(), 2e-5);
@@ -93,22 +83,14 @@ fn the_comparison_can_fail() {
     let mut moved = splats.clone();
     moved[7].opacity *= 0.9;
     let images = raster(&Packed::new(&moved, &[], 0), &bin(&moved, 32, 32), 32, 32);
-    let wide: Vec<_> = splats.iter().map(to_f64).collect();
+    let wide: Vec<_> = splats.iter().map(Splat::widened).collect();
     let reference = ReferenceInput { splats: &wide, features: &[], latent_dim: 0, width: 32, height: 32 };
     let (_, beyond) = compare(&images.planes, &reference.forward(), 2e-5);
     assert!(beyond > BOUNDARY_SHARE);
 }
 
-fn flatten<T: Copy + Into<f64>>(gradients: &[SplatGradient<T>]) -> Vec<f64> {
-    gradients
-        .iter()
-        .flat_map(|g| {
-            let [cx, cy] = g.centre;
-            let [a, b, c] = g.conic;
-            let [r, gr, bl] = g.colour;
-            [cx, cy, a, b, c, g.depth, g.opacity, r, gr, bl].map(Into::into)
-        })
-        .collect()
+fn flatten<T: Real + Into<f64>>(gradients: &[SplatGradient<T>]) -> Vec<f64> {
+    gradients.iter().flat_map(|g| g.to_array().map(Into::into)).collect()
 }
 
 #[test]
@@ -123,7 +105,7 @@ fn the_backward_kernel_agrees_with_the_reference() {
         let images = raster(&packed, &bins, width, height);
         let g_planes = random_values(images.planes.len(), 7);
         let (g_splats, g_features) = raster_backward(&splats, &packed, &bins, &images, &g_planes);
-        let wide: Vec<_> = splats.iter().map(to_f64).collect();
+        let wide: Vec<_> = splats.iter().map(Splat::widened).collect();
         let features: Vec<f64> = features.iter().map(|&v| f64::from(v)).collect();
         let reference = ReferenceInput { splats: &wide, features: &features, latent_dim: dim, width, height };
         let g_planes: Vec<f64> = g_planes.iter().map(|&v| f64::from(v)).collect();
@@ -148,7 +130,7 @@ fn assert_close(a: &[f64], b: &[f64], what: &str) {
 #[test]
 fn the_reference_gradient_matches_finite_differences() {
     // Large, faint splats: every pixel lies inside every ellipse, far from all cut-offs.
-    let mut splats: Vec<Splat<f64>> = random_splats(6, 10, 8, 3).iter().map(to_f64).collect();
+    let mut splats: Vec<Splat<f64>> = random_splats(6, 10, 8, 3).iter().map(Splat::widened).collect();
     for (i, s) in splats.iter_mut().enumerate() {
         s.conic = [0.01 + 0.002 * i as f64, 0.003, 0.012];
         s.opacity = 0.2 + 0.1 * i as f64;
@@ -224,7 +206,7 @@ fn poisoned_and_extreme_splats_leave_images_finite() {
 #[test]
 fn the_reference_gradient_is_right_across_the_cuts() {
     let (width, height, dim) = (9, 7, 2);
-    let splats: Vec<Splat<f64>> = random_splats(14, width, height, 21).iter().map(to_f64).collect();
+    let splats: Vec<Splat<f64>> = random_splats(14, width, height, 21).iter().map(Splat::widened).collect();
     let splats: Vec<Splat<f64>> = splats
         .into_iter()
         .enumerate()

@@ -20,7 +20,7 @@ use surgtpgs_core::{
         backward::raster_backward,
         bin::bin,
         forward::raster,
-        project::{Splat, project_all},
+        project::{Splat, SplatGradient, project_all},
         reference::ReferenceInput,
     },
     scene::Scene,
@@ -142,7 +142,7 @@ fn errors(scene: &Scene) -> (f64, f64) {
     let packed = Packed::new(&splats, &deformed.features, latent_dim);
     let bins = bin(&splats, width, height);
     let images = raster(&packed, &bins, width, height);
-    let wide: Vec<Splat<f64>> = splats.iter().map(widened).collect();
+    let wide: Vec<Splat<f64>> = splats.iter().map(Splat::widened).collect();
     let features: Vec<f64> = deformed.features.iter().map(|v| f64::from(*v)).collect();
     let twin = ReferenceInput { splats: &wide, features: &features, latent_dim, width, height };
     let depth = width * height * 3..width * height * 4;
@@ -167,29 +167,12 @@ fn gradient_error(
     let bins = bin(splats, images.width, images.height);
     let (found, found_features) = raster_backward(splats, packed, &bins, images, &pull);
     let (expected, expected_features) = twin.backward(&wide);
-    let found = found.iter().flat_map(|g| {
-        let centre_and_conic = g.centre.into_iter().chain(g.conic);
-        centre_and_conic.chain([g.depth, g.opacity]).chain(g.colour)
-    });
-    let expected = expected.iter().flat_map(|g| {
-        let centre_and_conic = g.centre.into_iter().chain(g.conic);
-        centre_and_conic.chain([g.depth, g.opacity]).chain(g.colour)
-    });
-    let pairs = found.chain(found_features).zip(expected.chain(expected_features));
+    let found = found.iter().flat_map(SplatGradient::to_array).chain(found_features);
+    let expected = expected.iter().flat_map(SplatGradient::to_array).chain(expected_features);
+    let pairs = found.zip(expected);
     let (error, size) =
         pairs.fold((0.0, 0.0), |(error, size), (a, b)| (error + (f64::from(a) - b).powi(2), size + b * b));
     (error / f64::max(size, 1e-300)).sqrt()
-}
-
-fn widened(s: &Splat<f32>) -> Splat<f64> {
-    Splat {
-        centre: s.centre.map(f64::from),
-        conic: s.conic.map(f64::from),
-        depth: f64::from(s.depth),
-        opacity: f64::from(s.opacity),
-        colour: s.colour.map(f64::from),
-        extent: s.extent.map(f64::from),
-    }
 }
 
 fn line(o: &Outcome) -> String {
