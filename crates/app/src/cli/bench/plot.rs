@@ -11,9 +11,11 @@ pub(super) struct Point<'a> {
 }
 
 /// Width and height of a plot, px.
-const SIZE: (u32, u32) = (1000, 700);
+const SIZE: (u32, u32) = (1100, 700);
+/// Width of the list of names, px.
+const LEGEND_WIDTH: u32 = 280;
 
-/// A scatter plot with a name beside each point; the first point stands out.
+/// A scatter plot of numbered points with their names at the side, x logarithmic; the first point stands out.
 pub(super) fn scatter(title: &str, x_label: &str, y_label: &str, points: &[Point<'_>]) -> Result<String> {
     let mut svg = String::new();
     draw(&mut svg, title, x_label, y_label, points)
@@ -30,29 +32,37 @@ fn draw(
 ) -> std::result::Result<(), Box<dyn std::error::Error>> {
     let root = SVGBackend::with_string(svg, SIZE).into_drawing_area();
     root.fill(&WHITE)?;
-    let span = |value: fn(&Point<'_>) -> f64| {
-        let (low, high) =
-            points.iter().map(value).fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
-        let margin = 0.08 * (high - low).max(1e-3 * high.abs()).max(1e-9);
-        (low - margin, high + margin)
-    };
-    let ((x0, x1), (y0, y1)) = (span(|p| p.x), span(|p| p.y));
-    let mut chart = ChartBuilder::on(&root)
+    let (left, right) = root.split_horizontally(SIZE.0 - LEGEND_WIDTH);
+    let colour = |k: usize| if k == 0 { RGBColor(200, 30, 30) } else { RGBColor(40, 90, 160) };
+    let font = |size: u32, k: usize| ("sans-serif", size).into_font().color(&colour(k));
+    let (x0, x1) = span(points.iter().map(|p| p.x.max(1e-9).ln()));
+    let (y0, y1) = span(points.iter().map(|p| p.y));
+    let mut chart = ChartBuilder::on(&left)
         .caption(title, ("sans-serif", 22))
         .margin(14)
         .x_label_area_size(44)
         .y_label_area_size(64)
-        // Room for the names of the rightmost points.
-        .build_cartesian_2d(x0..x1 + 0.25 * (x1 - x0), y0..y1)?;
+        .build_cartesian_2d((x0.exp()..x1.exp()).log_scale(), y0..y1)?;
     chart.configure_mesh().x_desc(x_label).y_desc(y_label).light_line_style(WHITE).draw()?;
-    chart.draw_series(points.iter().enumerate().map(|(k, p)| {
-        let colour = if k == 0 { RGBColor(200, 30, 30) } else { RGBColor(40, 90, 160) };
-        EmptyElement::at((p.x, p.y))
-            + Circle::new((0, 0), 4, colour.filled())
-            + Text::new(p.name.to_owned(), (8, -6), ("sans-serif", 13).into_font().color(&colour))
+    // The first is drawn last, on top.
+    chart.draw_series(points.iter().enumerate().rev().map(|(k, p)| {
+        EmptyElement::at((p.x.max(1e-9), p.y))
+            + Circle::new((0, 0), 4, colour(k).filled())
+            + Text::new((k + 1).to_string(), (6, -6), font(12, k))
     }))?;
+    for (k, p) in points.iter().enumerate() {
+        let at = (8, 50 + 22 * k as i32);
+        right.draw(&Text::new(format!("{}  {}", k + 1, p.name), at, font(14, k)))?;
+    }
     root.present()?;
     Ok(())
+}
+
+/// Smallest and largest value, with a margin.
+fn span(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    let (low, high) = values.fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
+    let margin = 0.08 * (high - low).max(1e-3 * high.abs()).max(1e-6);
+    (low - margin, high + margin)
 }
 
 #[cfg(test)]
