@@ -43,7 +43,10 @@ fn draw(
         .x_label_area_size(44)
         .y_label_area_size(64)
         .build_cartesian_2d((x0.exp()..x1.exp()).log_scale(), y0..y1)?;
-    chart.configure_mesh().x_desc(x_label).y_desc(y_label).light_line_style(WHITE).draw()?;
+    // The positions of a logarithmic axis carry rounding errors.
+    let seconds = |x: &f64| ((x * 1e3).round() / 1e3).to_string();
+    let mut mesh = chart.configure_mesh();
+    mesh.x_desc(x_label).y_desc(y_label).light_line_style(WHITE).x_label_formatter(&seconds).draw()?;
     // The first is drawn last, on top.
     chart.draw_series(points.iter().enumerate().rev().map(|(k, p)| {
         EmptyElement::at((p.x.max(1e-9), p.y))
