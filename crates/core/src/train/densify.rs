@@ -74,12 +74,12 @@ pub fn densify(
     let keep: Vec<u32> =
         (0..n as u32).filter(|&i| is_worth_keeping(gaussians, i as usize, settings)).collect();
     let room = budget.saturating_sub(keep.len());
-    let wanted = ((settings.growth * keep.len() as f32) as usize).min(room);
+    let by_threshold = settings.threshold > 0.0;
+    let wanted = if by_threshold { room } else { room.min((settings.growth * keep.len() as f32) as usize) };
     let is_pulled = |i: &u32| {
         let pull = statistics.mean_pull(*i as usize);
-        if settings.threshold > 0.0 { pull >= settings.threshold } else { pull > 0.0 }
+        if by_threshold { pull >= settings.threshold } else { pull > 0.0 }
     };
-    let wanted = if settings.threshold > 0.0 { room } else { wanted };
     let mut pulled: Vec<u32> = keep.iter().copied().filter(is_pulled).collect();
     pulled.sort_by(|&a, &b| {
         statistics.mean_pull(b as usize).total_cmp(&statistics.mean_pull(a as usize)).then(a.cmp(&b))

@@ -12,12 +12,12 @@ use std::{collections::BTreeMap, sync::Arc};
 /// One frame's ground truth at one size; owned form of [`Truth`].
 #[derive(Debug)]
 pub struct Frame {
-    width: usize,
-    height: usize,
-    colour: Vec<u8>,
-    mask: Vec<bool>,
-    depth: Vec<f32>,
-    regions: Vec<u16>,
+    pub(super) width: usize,
+    pub(super) height: usize,
+    pub(super) colour: Vec<u8>,
+    pub(super) mask: Vec<bool>,
+    pub(super) depth: Vec<f32>,
+    pub(super) regions: Vec<u16>,
 }
 
 impl Frame {

@@ -282,6 +282,7 @@ impl Trainer {
     }
 
     fn update(&mut self, look: &Look) {
+        let world_per_px = self.world_per_px();
         let Passes { splats, g_splats, gradients, .. } = &mut self.passes;
         let pull_scale = if self.settings.densify.threshold > 0.0 {
             [0.5 * look.camera.width as f32, 0.5 * look.camera.height as f32]
@@ -292,7 +293,6 @@ impl Trainer {
         };
         self.state.statistics.add(splats, g_splats, pull_scale);
         if !(self.settings.densify.loses_step && self.settings.densifies_at(self.state.step + 1)) {
-            let world_per_px = self.state.typical_depth / self.sequence.camera(0).fx;
             let State { gaussians, deformation, optimiser, step, .. } = &mut self.state;
             hold_bands(gradients, &self.settings, gaussians.sh_bands(), *step);
             let rates = (look.time, look.progress, world_per_px);

@@ -3,6 +3,7 @@
 use super::{
     LossWeights, Truth,
     chain::{self, FrameState, Gradients},
+    frames::Frame,
     loss,
     optimiser::own_basis_gradients,
     settings::{Profile, TrainSettings},
@@ -50,10 +51,7 @@ struct Fixture {
     camera: Camera,
     gaussians: Gaussians,
     deformation: Deformation,
-    colour: Vec<u8>,
-    mask: Vec<bool>,
-    depth: Vec<f32>,
-    regions: Vec<u16>,
+    frame: Frame,
     latents: Vec<f32>,
 }
 
@@ -90,31 +88,21 @@ fn fixture(variant: Variant) -> Fixture {
     deformation.feature_weight.iter_mut().for_each(|w| *w = near(0.5));
     deformation.feature_bias.iter_mut().for_each(|w| *w = near(0.5));
     let pixels = WIDTH * HEIGHT;
-    Fixture {
-        variant,
-        camera,
-        gaussians,
-        deformation,
+    let frame = Frame {
+        width: WIDTH,
+        height: HEIGHT,
         colour: (0..3 * pixels).map(|_| rng.random()).collect(),
         mask: (0..pixels).map(|i| i % 7 != 3).collect(),
         depth: (0..pixels).map(|i| if i % 5 == 0 { 0.0 } else { rng.random_range(8.0..14.0) }).collect(),
         regions: (0..pixels).map(|i| (i % 3) as u16).collect(),
-        latents: (0..3 * DIM).map(|_| rng.random_range(-1.0..1.0)).collect(),
-    }
+    };
+    let latents = (0..3 * DIM).map(|_| rng.random_range(-1.0..1.0)).collect();
+    Fixture { variant, camera, gaussians, deformation, frame, latents }
 }
 
 impl Fixture {
     fn truth(&self) -> Truth<'_> {
-        Truth {
-            width: WIDTH,
-            height: HEIGHT,
-            colour: &self.colour,
-            mask: &self.mask,
-            depth: &self.depth,
-            regions: &self.regions,
-            latents: &self.latents,
-            typical_depth: 10.0,
-        }
+        self.frame.truth(&self.latents, 10.0)
     }
 
     fn weights(&self) -> LossWeights {

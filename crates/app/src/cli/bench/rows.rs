@@ -48,9 +48,6 @@ pub(super) fn rows(iterations: usize, seed: u64) -> Vec<Row> {
             s.feature_mode = FeatureMode::Lifted;
             s.feature_motion = false;
         }),
-        row("features learned from nothing", "no closed form to begin with", &|s| {
-            s.feature_mode = FeatureMode::Learned;
-        }),
         row("features lifted first", "learned from the closed form on", &|s| {
             s.feature_mode = FeatureMode::LiftedFirst;
         }),
@@ -96,9 +93,6 @@ pub(super) fn rows(iterations: usize, seed: u64) -> Vec<Row> {
         }),
     ];
     rows.push(Row { name: "paper", what: "all that the released code does", settings: paper });
-    // What the default already does needs no row of its own.
-    let (first, others) = (rows[0].settings.clone(), rows.split_off(1));
-    rows.extend(others.into_iter().filter(|row| row.settings != first));
     rows
 }
 

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::prepare::NO_REGION;
+use crate::train::frames::Frame;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -10,10 +11,7 @@ const HEIGHT: usize = 6;
 const N: usize = WIDTH * HEIGHT;
 
 struct Fixture {
-    colour: Vec<u8>,
-    mask: Vec<bool>,
-    depth: Vec<f32>,
-    regions: Vec<u16>,
+    frame: Frame,
     latents: Vec<f32>,
     planes: Vec<f64>,
 }
@@ -25,28 +23,20 @@ fn fixture() -> Fixture {
         planes[ALPHA_PLANE * N + i] = rng.random_range(0.6..1.0);
         planes[DEPTH_PLANE * N + i] = rng.random_range(20.0..60.0);
     }
-    Fixture {
+    let frame = Frame {
+        width: WIDTH,
+        height: HEIGHT,
         colour: (0..3 * N).map(|_| rng.random_range(0..255)).collect(),
         mask: (0..N).map(|i| i % 5 != 2).collect(),
         depth: (0..N).map(|i| if i % 4 == 0 { 0.0 } else { rng.random_range(20.0..60.0) }).collect(),
         regions: (0..N).map(|i| if i % 9 == 0 { NO_REGION } else { (i % 3) as u16 }).collect(),
-        latents: (0..9).map(|_| rng.random_range(-1.0..1.0)).collect(),
-        planes,
-    }
+    };
+    Fixture { frame, latents: (0..9).map(|_| rng.random_range(-1.0..1.0)).collect(), planes }
 }
 
 impl Fixture {
     fn truth(&self) -> Truth<'_> {
-        Truth {
-            width: WIDTH,
-            height: HEIGHT,
-            colour: &self.colour,
-            mask: &self.mask,
-            depth: &self.depth,
-            regions: &self.regions,
-            latents: &self.latents,
-            typical_depth: 40.0,
-        }
+        self.frame.truth(&self.latents, 40.0)
     }
 }
 
@@ -97,14 +87,14 @@ fn every_term_matches_finite_differences() {
 #[test]
 fn a_perfect_picture_of_flat_regions_costs_nothing() {
     let mut f = fixture();
-    f.colour = vec![51; 3 * N];
+    f.frame.colour = vec![51; 3 * N];
     for c in 0..3 {
         f.planes[c * N..(c + 1) * N].fill(0.2);
     }
-    f.depth = vec![40.0; N];
+    f.frame.depth = vec![40.0; N];
     f.planes[DEPTH_PLANE * N..(DEPTH_PLANE + 1) * N].fill(40.0);
     f.planes[ALPHA_PLANE * N..(ALPHA_PLANE + 1) * N].fill(1.0);
-    f.regions = vec![1; N];
+    f.frame.regions = vec![1; N];
     for d in 0..3 {
         f.planes[(FEATURE_PLANE + d) * N..][..N].fill(f64::from(f.latents[3 + d]));
     }
@@ -118,7 +108,7 @@ fn what_is_masked_out_has_no_gradient() {
     let f = fixture();
     let (_, g) = loss(&f.planes, &f.truth(), &LossWeights::default());
     for (k, v) in g.iter().enumerate() {
-        assert!(f.mask[k % N] || *v == 0.0, "plane {} pixel {}", k / N, k % N);
+        assert!(f.frame.mask[k % N] || *v == 0.0, "plane {} pixel {}", k / N, k % N);
     }
     let empty = vec![false; N];
     let (terms, g) = loss(&f.planes, &Truth { mask: &empty, ..f.truth() }, &LossWeights::default());
