@@ -534,7 +534,10 @@ mod tests {
     #[test]
     fn verbs_are_listed_in_the_order_of_the_data_flow() {
         let verbs: Vec<String> = Cli::command().get_subcommands().map(|c| c.get_name().to_owned()).collect();
-        assert_eq!(verbs, ["view", "demo", "check", "prepare", "train", "render", "query", "export", "eval"]);
+        assert_eq!(
+            verbs,
+            ["view", "demo", "check", "prepare", "train", "render", "query", "export", "eval", "bench"]
+        );
     }
 
     #[test]
