@@ -11,6 +11,7 @@
 pub mod error;
 pub mod files;
 pub mod grid;
+mod lanes;
 pub mod num;
 pub mod real;
 

@@ -10,10 +10,11 @@ use super::{
     bin::Bins,
     project::{Splat, SplatGradient},
     tile::{
-        BASE_CHANNELS, BLOCKS, GEOMETRY, HALVES, LANES, MIN_LOG2_ALPHA, Packed, blocks_of, columns_inside,
-        dispatch_channels, exp2, gather_tile, load_block, log2_alpha, pixel_centres,
+        BASE_CHANNELS, BLOCKS, GEOMETRY, HALVES, MIN_LOG2_ALPHA, Packed, blocks_of, columns_inside,
+        dispatch_channels, gather_tile, log2_alpha, pixel_centres,
     },
 };
+use crate::lanes::{LANES, exp2, load_block};
 use fearless_simd::{f32x8, prelude::*};
 use fearless_simd_macros::simd;
 use rayon::prelude::*;

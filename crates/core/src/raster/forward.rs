@@ -4,10 +4,11 @@ use super::{
     ALPHA_PLANE, FEATURE_PLANE, Images, MAX_ALPHA, MIN_TRANSMITTANCE, TILE,
     bin::Bins,
     tile::{
-        BASE_CHANNELS, BLOCKS, GEOMETRY, HALVES, LANES, MIN_LOG2_ALPHA, Packed, blocks_of, columns_inside,
-        dispatch_channels, exp2, gather_tile, log2_alpha, pixel_centres, plane_of,
+        BASE_CHANNELS, BLOCKS, GEOMETRY, HALVES, MIN_LOG2_ALPHA, Packed, blocks_of, columns_inside,
+        dispatch_channels, gather_tile, log2_alpha, pixel_centres, plane_of,
     },
 };
+use crate::lanes::{LANES, exp2};
 use fearless_simd::{f32x8, prelude::*};
 use fearless_simd_macros::simd;
 use rayon::prelude::*;

@@ -1,13 +1,11 @@
 //! What the forward and the backward kernel share: packed splats of a tile, and alpha in base 2.
 
 use super::{MIN_ALPHA, TILE, bin::Bins, project::Splat};
-use fearless_simd::{f32x8, prelude::*, u32x8};
+use crate::lanes::LANES;
+use fearless_simd::{f32x8, prelude::*};
 use fearless_simd_macros::simd;
 use std::ops::Range;
 
-/// Pixels that a kernel works on at once: half a row of a tile. Wider vectors run out of registers with AVX2, and
-/// waste more lanes beside the edges of small splats.
-pub(super) const LANES: usize = 8;
 /// Blocks of [`LANES`] pixels in a row of a tile.
 pub(super) const HALVES: usize = TILE / LANES;
 /// Blocks in a tile; block `y * HALVES + half`.
@@ -121,23 +119,6 @@ pub(super) fn blocks_of(s: &[f32], tile_x: usize, tile_y: usize) -> (Range<usize
     (reach(s[1], s[7], tile_y), columns.start / LANES..columns.end.div_ceil(LANES))
 }
 
-/// 2^x for x in [-126, 1], relative error below 2e-7: nearest integer by the magic number, then the minimax
-/// polynomial of degree 5. Any number at all below.
-#[simd]
-pub(super) fn exp2<S: Simd>(simd: S, x: f32x8<S>) -> f32x8<S> {
-    const MAGIC: f32 = 12_582_912.0;
-    let splat = |v: f32| f32x8::splat(simd, v);
-    let shifted = x + MAGIC;
-    let r = x - (shifted - MAGIC);
-    let mut p = splat(1.327_65e-3);
-    for c in [9.675_54e-3, 5.550_713e-2, 2.402_212e-1, std::f32::consts::LN_2, 1.0] {
-        p = p.mul_add(r, splat(c));
-    }
-    let exponent: u32x8<S> = shifted.bitcast();
-    let mantissa: u32x8<S> = p.bitcast();
-    (mantissa + (exponent << 23)).bitcast()
-}
-
 /// log₂ alpha of one packed splat along a row: `dx` from its centre, `dy` at the row.
 #[simd]
 pub(super) fn log2_alpha<S: Simd>(simd: S, s: &[f32], dx: f32x8<S>, dy: f32) -> f32x8<S> {
@@ -154,15 +135,6 @@ pub(super) fn pixel_centres<S: Simd>(simd: S, tile_x: usize, half: usize) -> f32
 /// Pixels of a block that lie inside the image: all but at the right edge.
 pub(super) fn columns_inside(tile_x: usize, half: usize, width: usize) -> usize {
     LANES.min(width.saturating_sub(tile_x * TILE + half * LANES))
-}
-
-/// The `inside` first of [`LANES`] values, 0 for the others.
-#[inline(always)]
-pub(super) fn load_block(values: &[f32], inside: usize) -> [f32; LANES] {
-    match values.first_chunk() {
-        Some(block) if inside == LANES => *block,
-        _ => std::array::from_fn(|i| if i < inside { values[i] } else { 0.0 }),
-    }
 }
 
 /// Copies the packed splats of a tile next to each other.

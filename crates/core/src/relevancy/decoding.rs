@@ -36,17 +36,15 @@ impl Relevancy for Exact {
         settings: &RelevancySettings,
     ) -> Vec<Vec<f32>> {
         let texts: Vec<_> = queries.iter().map(|q| q.text_rows(&self.codec)).collect();
-        let all: Vec<usize> = (0..points.len()).collect();
-        score_by_decoding(&self.codec.decoder, points, &all, &texts, settings.temperature)
+        score_by_decoding(&self.codec.decoder, points, &texts, settings.temperature)
     }
 }
 
 /// Scores of every point for each query's texts (rows; `None` scores 0): `layers` turn latents into vectors
-/// whose cosines with the texts count. Only the points in `chosen` are computed, the others score 0.
+/// whose cosines with the texts count.
 pub(super) fn score_by_decoding(
     layers: &[Linear],
     points: &Points<'_>,
-    chosen: &[usize],
     texts: &[Option<Array2<f32>>],
     temperature: f32,
 ) -> Vec<Vec<f32>> {
@@ -57,12 +55,13 @@ pub(super) fn score_by_decoding(
     if points.latent_dim() != latent_dim {
         return scores;
     }
-    let chunks: Vec<(Vec<usize>, Array2<f32>)> = chosen
-        .par_chunks(POINTS_AT_ONCE)
+    let chunks: Vec<(Vec<usize>, Array2<f32>)> = (0..points.len().div_ceil(POINTS_AT_ONCE))
+        .into_par_iter()
         .map(|chunk| {
-            let mut latents = Vec::with_capacity(chunk.len() * latent_dim);
-            let live: Vec<usize> =
-                chunk.iter().copied().filter(|&i| points.push_latent(i, &mut latents)).collect();
+            let first = chunk * POINTS_AT_ONCE;
+            let numbers = first..(first + POINTS_AT_ONCE).min(points.len());
+            let mut latents = Vec::with_capacity(numbers.len() * latent_dim);
+            let live: Vec<usize> = numbers.filter(|&i| points.push_latent(i, &mut latents)).collect();
             let latents = Array2::from_shape_vec((live.len(), latent_dim), latents).unwrap_or_default();
             let cosines = normalise_rows(apply(layers, latents.view())).dot(&rows.t());
             (live, cosines)

@@ -33,6 +33,11 @@ impl Folded {
         Self { codec, layers, basis }
     }
 
+    /// The scene's codec.
+    pub(super) fn codec(&self) -> &Codec {
+        &self.codec
+    }
+
     /// Numbers per folded embedding.
     pub fn rank(&self) -> usize {
         self.basis.ncols()
@@ -56,8 +61,7 @@ impl Relevancy for Folded {
         settings: &RelevancySettings,
     ) -> Vec<Vec<f32>> {
         let texts: Vec<_> = queries.iter().map(|q| self.text_rows(q)).collect();
-        let all: Vec<usize> = (0..points.len()).collect();
-        score_by_decoding(&self.layers, points, &all, &texts, settings.temperature)
+        score_by_decoding(&self.layers, points, &texts, settings.temperature)
     }
 }
 

@@ -33,6 +33,16 @@ impl<'a> Points<'a> {
         }
     }
 
+    /// The points with these numbers, in this order.
+    pub(super) fn chosen(&self, numbers: &[usize]) -> Points<'static> {
+        let pick = |values: &[f32]| Cow::Owned(numbers.iter().map(|&i| values[i]).collect());
+        Points {
+            planes: self.planes.iter().map(|p| pick(p)).collect(),
+            alpha: pick(&self.alpha),
+            min_alpha: self.min_alpha,
+        }
+    }
+
     /// How many points.
     pub fn len(&self) -> usize {
         self.alpha.len()
@@ -48,24 +58,31 @@ impl<'a> Points<'a> {
         self.planes.len()
     }
 
-    /// 1 / alpha of point `i`; `None` in a hole.
-    pub(super) fn scale(&self, i: usize) -> Option<f32> {
-        let alpha = self.alpha[i];
-        (alpha >= self.min_alpha && alpha > 1e-6).then(|| 1.0 / alpha)
+    /// Plane `k`: Σ w f.
+    pub(super) fn plane(&self, k: usize) -> &[f32] {
+        &self.planes[k]
     }
 
-    /// The latent of point `i` in three numbers; `None` in a hole. Only for D = 3.
-    #[inline]
-    pub(super) fn latent3(&self, i: usize) -> Option<[f32; 3]> {
-        let scale = self.scale(i)?;
-        Some([self.planes[0][i] * scale, self.planes[1][i] * scale, self.planes[2][i] * scale])
+    /// Σ w of each point.
+    pub(super) fn alpha(&self) -> &[f32] {
+        &self.alpha
+    }
+
+    /// Points with less alpha than this are holes.
+    pub(super) fn min_alpha(&self) -> f32 {
+        // What is next to nothing cannot be divided by.
+        self.min_alpha.max(1e-6)
     }
 
     /// Appends the latent of point `i` to `out` and says so, unless it is in a hole or not finite.
     pub fn push_latent(&self, i: usize, out: &mut Vec<f32>) -> bool {
-        let Some(scale) = self.scale(i) else { return false };
+        let alpha = self.alpha[i];
+        // Also where it is not a number.
+        if !(alpha >= self.min_alpha()) {
+            return false;
+        }
         let start = out.len();
-        out.extend(self.planes.iter().map(|p| p[i] * scale));
+        out.extend(self.planes.iter().map(|p| p[i] / alpha));
         let finite = out[start..].iter().all(|v| v.is_finite());
         if !finite {
             out.truncate(start);

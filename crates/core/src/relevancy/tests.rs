@@ -209,7 +209,7 @@ fn holes_and_broken_features_are_never_found() {
 
 #[test]
 fn latents_outside_the_cube_are_decoded_exactly() {
-    let latents: Vec<f32> = [[1.5, 0.2, 0.1], [-3.0, 2.0, 1.0], [0.3, 0.4, -1.9]].concat();
+    let latents: Vec<f32> = [[2.7, 0.2, 0.1], [-3.0, 2.0, 1.0], [0.3, 0.4, -2.9]].concat();
     let points = Points::of_latents(&latents, 3);
     let settings = RelevancySettings::default();
     let queries = [query_for(4)];

@@ -10,23 +10,21 @@
 //! What cannot be tabulated (latents outside the cube, cells still too wrong at the finest level, a full
 //! table) is decoded exactly, point by point.
 
+mod look_up;
 mod table;
 mod tree;
 
 use super::{Folded, Points, Query, Relevancy, RelevancySettings, decoding::score_by_decoding};
 use crate::codec::Codec;
-use crate::num;
-use rayon::prelude::*;
+use look_up::{Open, look_up};
 use table::Table;
-use tree::{Spot, Tree};
+use tree::Tree;
 
 /// Interpolation may be this wrong at a cell's midpoints before it is cut. The promise is nearly three times that
 /// (1/255) anywhere in the cell; measured, it holds with room to spare.
 const TOLERANCE: f32 = 0.35 / 255.0;
 /// Prompts whose tables are kept.
 const MAX_TABLES: usize = 16;
-/// Points per task.
-const POINTS_AT_ONCE: usize = 8192;
 
 /// Scores tabulated over the latent space where the scene has features, interpolated.
 pub struct Lattice {
@@ -82,9 +80,8 @@ impl Lattice {
         }
     }
 
-    /// Moves the tables of `queries` to the end of the list (making new ones), in their order, up to date with
-    /// the tree. Returns the index of each query's table.
-    fn update_tables(&mut self, queries: &[&Query], temperature: f32) -> Vec<usize> {
+    /// Moves the tables of `queries` to the end of the list, in their order, making new ones; returns the first's place.
+    fn choose_tables(&mut self, queries: &[&Query], temperature: f32) -> usize {
         for &query in queries {
             let known = self.tables.iter().position(|t| t.is_for(query, temperature));
             let table = match known {
@@ -95,11 +92,46 @@ impl Lattice {
         }
         let kept = MAX_TABLES.max(queries.len());
         self.tables.drain(..self.tables.len().saturating_sub(kept));
-        let first = self.tables.len() - queries.len();
-        for table in &mut self.tables[first..] {
-            table.update(&mut self.tree, TOLERANCE);
+        self.tables.len() - queries.len()
+    }
+
+    /// Looks points up in the tables from `first` on, after bringing them up to date with the tree.
+    fn look_up(&mut self, first: usize, points: &Points<'_>, scores: &mut [Vec<f32>]) -> Open {
+        let tables = &mut self.tables[first..];
+        tables.iter_mut().for_each(|table| table.update(&mut self.tree, TOLERANCE));
+        look_up(&self.tree, tables, points, scores)
+    }
+
+    /// Writes the scores of `points`, tabulating the cells that are needed; returns the points that no cell decides.
+    fn look_up_growing(
+        &mut self,
+        points: &Points<'_>,
+        asked: &[&Query],
+        temperature: f32,
+        scores: &mut [Vec<f32>],
+    ) -> Vec<usize> {
+        let first = self.choose_tables(asked, temperature);
+        let Open { mut missing, mut waiting, mut undecided } = self.look_up(first, points, scores);
+        while !waiting.is_empty() {
+            if !self.tree.grow(missing, &self.folded.layers) {
+                self.tree.freeze();
+            }
+            let few = points.chosen(&waiting);
+            let mut found: Vec<Vec<f32>> = asked.iter().map(|_| vec![0.0; few.len()]).collect();
+            let open = self.look_up(first, &few, &mut found);
+            scatter(&waiting, &found, scores);
+            undecided.extend(open.undecided.iter().map(|&i| waiting[i]));
+            waiting = open.waiting.iter().map(|&i| waiting[i]).collect();
+            missing = open.missing;
         }
-        (first..self.tables.len()).collect()
+        undecided
+    }
+}
+
+/// Writes the scores of a few points where they belong.
+fn scatter(numbers: &[usize], few: &[Vec<f32>], scores: &mut [Vec<f32>]) {
+    for (out, few) in scores.iter_mut().zip(few) {
+        numbers.iter().zip(few).for_each(|(&i, score)| out[i] = *score);
     }
 }
 
@@ -114,116 +146,38 @@ impl Relevancy for Lattice {
         queries: &[Query],
         settings: &RelevancySettings,
     ) -> Vec<Vec<f32>> {
-        let mut scores = vec![vec![0.0; points.len()]; queries.len()];
         // A repeated prompt is looked up once; one that does not fit scores zero.
         let mut asked: Vec<&Query> = Vec::new();
-        let fits = |q: &&Query| self.folded.text_rows(q).is_some();
-        for query in queries.iter().filter(fits) {
+        let codec = self.folded.codec();
+        for query in queries.iter().filter(|q| q.check(codec).is_ok()) {
             if !asked.contains(&query) {
                 asked.push(query);
             }
         }
+        let nothing = || vec![0.0; points.len()];
         if points.latent_dim() != 3 || asked.is_empty() {
-            return scores;
+            return queries.iter().map(|_| nothing()).collect();
         }
-        let found = loop {
-            let tables = self.update_tables(&asked, settings.temperature);
-            let tables: Vec<&Table> = tables.iter().map(|&i| &self.tables[i]).collect();
-            let looked_up = look_up(&self.tree, &tables, points);
-            if looked_up.missing.is_empty() {
-                break looked_up;
-            }
-            let layers = &self.folded.layers;
-            if !self.tree.grow(looked_up.missing, layers) {
-                self.tree.freeze();
-            }
-        };
-        let mut found_scores = found.scores;
-        self.decoded_points = found.undecided.len();
-        if !found.undecided.is_empty() {
+        let mut found: Vec<Vec<f32>> = asked.iter().map(|_| nothing()).collect();
+        let undecided = self.look_up_growing(points, &asked, settings.temperature, &mut found);
+        self.decoded_points = undecided.len();
+        if !undecided.is_empty() {
             let texts: Vec<_> = asked.iter().map(|q| self.folded.text_rows(q)).collect();
-            let exact = score_by_decoding(
-                &self.folded.layers,
-                points,
-                &found.undecided,
-                &texts,
-                settings.temperature,
-            );
-            for (out, exact) in found_scores.iter_mut().zip(&exact) {
-                found.undecided.iter().for_each(|&i| out[i] = exact[i]);
-            }
+            let layers = &self.folded.layers;
+            let few = points.chosen(&undecided);
+            let decoded = score_by_decoding(layers, &few, &texts, settings.temperature);
+            scatter(&undecided, &decoded, &mut found);
         }
-        for (query, out) in queries.iter().zip(&mut scores) {
-            if let Some(k) = asked.iter().position(|a| *a == query) {
-                out.clone_from(&found_scores[k]);
-            }
+        let mut scores = Vec::with_capacity(queries.len());
+        for (i, query) in queries.iter().enumerate() {
+            let known = asked.iter().position(|a| *a == query);
+            let is_last = !queries[i + 1..].contains(query);
+            scores.push(match known {
+                Some(k) if is_last => std::mem::take(&mut found[k]),
+                Some(k) => found[k].clone(),
+                None => nothing(),
+            });
         }
         scores
     }
-}
-
-/// What one pass over the points found.
-struct LookedUp {
-    scores: Vec<Vec<f32>>,
-    /// Cells that were needed but are not tabulated; sorted, each once.
-    missing: Vec<tree::Missing>,
-    /// Points that no cell decides.
-    undecided: Vec<usize>,
-}
-
-fn look_up(tree: &Tree, tables: &[&Table], points: &Points<'_>) -> LookedUp {
-    let starts: Vec<usize> = (0..points.len()).step_by(POINTS_AT_ONCE).collect();
-    let parts: Vec<LookedUp> = starts
-        .into_par_iter()
-        .map(|start| look_up_part(tree, tables, points, start..(start + POINTS_AT_ONCE).min(points.len())))
-        .collect();
-    let mut all = LookedUp {
-        scores: vec![Vec::with_capacity(points.len()); tables.len()],
-        missing: Vec::new(),
-        undecided: Vec::new(),
-    };
-    for part in parts {
-        all.scores.iter_mut().zip(&part.scores).for_each(|(a, b)| a.extend_from_slice(b));
-        all.missing.extend(part.missing);
-        all.undecided.extend(part.undecided);
-    }
-    all.missing.sort_unstable();
-    all.missing.dedup();
-    all
-}
-
-fn look_up_part(
-    tree: &Tree,
-    tables: &[&Table],
-    points: &Points<'_>,
-    range: std::ops::Range<usize>,
-) -> LookedUp {
-    let mut part = LookedUp {
-        scores: vec![vec![0.0; range.len()]; tables.len()],
-        missing: Vec::new(),
-        undecided: Vec::new(),
-    };
-    for (out, i) in range.enumerate() {
-        let Some(latent) = points.latent3(i) else { continue };
-        match tree.locate(latent) {
-            Spot::Leaf { leaf, at } => {
-                let mut decided = true;
-                for (table, scores) in tables.iter().zip(&mut part.scores) {
-                    let margin = table.interpolate(leaf, at);
-                    decided &= !margin.is_nan();
-                    scores[out] = num::sigmoid(table.temperature * margin);
-                }
-                if !decided {
-                    part.undecided.push(i);
-                }
-            }
-            Spot::Missing(missing) => {
-                if part.missing.last() != Some(&missing) {
-                    part.missing.push(missing);
-                }
-            }
-            Spot::Outside => part.undecided.push(i),
-        }
-    }
-    part
 }

@@ -2,7 +2,7 @@
 
 use super::{
     super::{Query, margin},
-    tree::{Tree, midpoint_error, trilinear},
+    tree::{Tree, midpoint_error, polynomial},
 };
 use half::{f16, slice::HalfFloatSliceExt};
 use ndarray::{Array2, ArrayView2};
@@ -19,8 +19,8 @@ pub(super) struct Table {
     pub(super) temperature: f32,
     /// Margin at each vertex.
     margins: Vec<f32>,
-    /// Margins at the corners of each leaf; NaN in a leaf that must not be interpolated.
-    corners: Vec<[f32; 8]>,
+    /// The margin within each leaf, see [`polynomial`]; NaN in a leaf that must not be interpolated.
+    pub(super) polynomials: Vec<[f32; 8]>,
     /// Largest score error at midpoints of leaves that are interpolated.
     pub(super) max_error: f32,
 }
@@ -28,7 +28,7 @@ pub(super) struct Table {
 impl Table {
     pub(super) fn new(query: &Query, texts: Array2<f32>, temperature: f32) -> Self {
         let query = query.clone();
-        Self { query, texts, temperature, margins: Vec::new(), corners: Vec::new(), max_error: 0.0 }
+        Self { query, texts, temperature, margins: Vec::new(), polynomials: Vec::new(), max_error: 0.0 }
     }
 
     pub(super) fn is_for(&self, query: &Query, temperature: f32) -> bool {
@@ -45,22 +45,22 @@ impl Table {
             .collect();
         self.margins.extend(parts.into_iter().flatten());
 
-        let first = self.corners.len();
+        let first = self.polynomials.len();
         let margins = &self.margins;
         let fresh: Vec<([f32; 8], f32)> = tree.leaves()[first..]
             .par_iter()
             .map(|leaf| {
                 let corners = leaf.corners.map(|v| margins[v as usize]);
                 let midpoints = leaf.midpoints.map(|v| margins[v as usize]);
-                (corners, midpoint_error(&corners, &midpoints, self.temperature))
+                (polynomial(&corners), midpoint_error(&corners, &midpoints, self.temperature, tolerance))
             })
             .collect();
-        for (i, (corners, error)) in fresh.into_iter().enumerate() {
+        for (i, (polynomial, error)) in fresh.into_iter().enumerate() {
             if error <= tolerance {
-                self.corners.push(corners);
+                self.polynomials.push(polynomial);
                 self.max_error = if error > self.max_error { error } else { self.max_error };
             } else {
-                self.corners.push([f32::NAN; 8]);
+                self.polynomials.push([f32::NAN; 8]);
                 tree.split(first + i);
             }
         }
@@ -72,11 +72,5 @@ impl Table {
         let Ok(rows) = ArrayView2::from_shape((wide.len() / rank, rank), &wide) else { return Vec::new() };
         let cosines = rows.dot(&self.texts.t());
         cosines.outer_iter().map(|row| row.as_slice().map_or(f32::NAN, margin)).collect()
-    }
-
-    /// The margin at a fraction of a leaf's edges; NaN where it must be decoded instead.
-    #[inline]
-    pub(super) fn interpolate(&self, leaf: u32, at: [f32; 3]) -> f32 {
-        trilinear(&self.corners[leaf as usize], at)
     }
 }

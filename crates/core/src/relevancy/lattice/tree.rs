@@ -9,28 +9,41 @@ use ndarray::Array2;
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// The lattice covers [-EXTENT, EXTENT]³: rendered latents are near the unit sphere.
-const EXTENT: f32 = 1.3;
-/// Cells along an edge of the cube at the coarsest level.
-const COARSE: usize = 64;
-/// Times that a cell can be halved.
-const MAX_LEVEL: u8 = 3;
+/// The lattice covers [-EXTENT, EXTENT]³: rendered latents are near the unit sphere, but where few Gaussians are.
+pub(super) const EXTENT: f32 = 2.6;
+/// Cells along an edge of the cube at the coarsest level. In larger ones, what is not smooth hides between the midpoints.
+const COARSE: usize = 128;
+/// Times that a cell can be halved: a whole number of [`BRICK_LEVELS`].
+pub(super) const MAX_LEVEL: u8 = 6;
+/// Halvings that one brick holds.
+const BRICK_LEVELS: u8 = 3;
 /// Steps of the vertex grid along an edge of a coarsest cell: twice as fine as the finest cells, for midpoints.
 const STEPS: u32 = 2 << MAX_LEVEL;
-/// Decoded points are kept up to this much memory.
-const MAX_BYTES: usize = 256 << 20;
+/// No more cells are added beyond this much memory.
+const MAX_BYTES: usize = 192 << 20;
 /// Points decoded at once by one thread.
 const POINTS_AT_ONCE: usize = 256;
 
-/// Node values: a leaf number, [`EMPTY`], or [`INNER`] + the index of the first of eight children.
-const EMPTY: u32 = u32::MAX;
-const INNER: u32 = 1 << 31;
+/// Numbers along an edge of a brick.
+const BRICK_EDGE: usize = 1 << BRICK_LEVELS;
+/// Numbers in a brick.
+const BRICK_SIZE: usize = BRICK_EDGE.pow(3);
+/// Finest cells along an edge of the cube.
+pub(super) const FINE: usize = COARSE << MAX_LEVEL;
+/// Finest cells per latent unit.
+pub(super) const FINE_PER_UNIT: f32 = FINE as f32 / (2.0 * EXTENT);
+
+/// What is at a place is one number: 8 · a leaf's number + its level, or [`BRICK`] + where the brick begins that cuts
+/// it in 8³, or [`EMPTY`] + the level of the cell to tabulate there.
+const BRICK: u32 = 2 << 30;
+/// See [`BRICK`].
+const EMPTY: u32 = 3 << 30;
 
 /// Corner offsets of a cell in units of its edge; bit 2 is x, bit 1 y, bit 0 z.
 const CORNERS: [[u32; 3]; 8] =
     [[0, 0, 0], [0, 0, 1], [0, 1, 0], [0, 1, 1], [1, 0, 0], [1, 0, 1], [1, 1, 0], [1, 1, 1]];
 /// Midpoint offsets in units of half an edge: of the cell, then of its faces.
-pub(super) const MIDPOINTS: [[u32; 3]; 7] =
+const MIDPOINTS: [[u32; 3]; 7] =
     [[1, 1, 1], [0, 1, 1], [2, 1, 1], [1, 0, 1], [1, 2, 1], [1, 1, 0], [1, 1, 2]];
 
 /// A tabulated cell: its vertices.
@@ -38,36 +51,56 @@ pub(super) const MIDPOINTS: [[u32; 3]; 7] =
 pub(super) struct Leaf {
     pub(super) corners: [u32; 8],
     pub(super) midpoints: [u32; 7],
-    place: Missing,
+    place: Place,
 }
 
 /// A cell by its place; also one that is asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Missing {
-    /// Where its node is.
-    node: u32,
+pub(super) struct Place {
     level: u8,
     /// Its number along each axis at its level.
     cell: [u16; 3],
 }
 
-/// Where a latent falls.
+/// What is at a place.
 pub(super) enum Spot {
-    /// In a tabulated cell, at this fraction of its edges.
-    Leaf {
-        /// Number of the leaf.
-        leaf: u32,
-        /// 0–1 along each axis.
-        at: [f32; 3],
-    },
-    /// In a cell that is not tabulated yet.
-    Missing(Missing),
-    /// Outside the cube, or nowhere (not finite).
-    Outside,
+    /// A tabulated cell's number and its level.
+    Leaf(u32, u32),
+    /// Nothing yet; the level of the cell to tabulate.
+    Empty(u32),
 }
 
+fn is_brick(value: u32) -> bool {
+    value & EMPTY == BRICK
+}
+
+fn coarse_number(fine: [u32; 3]) -> usize {
+    let [x, y, z] = fine.map(|c| (c >> MAX_LEVEL) as usize);
+    (x * COARSE + y) * COARSE + z
+}
+
+/// Where in its brick the number of a cell of `level` around a finest cell is.
+fn number_in_brick(fine: [u32; 3], level: u8) -> usize {
+    let [x, y, z] = fine.map(|c| (c >> (MAX_LEVEL - level)) as usize % BRICK_EDGE);
+    (x * BRICK_EDGE + y) * BRICK_EDGE + z
+}
+
+impl Place {
+    /// The cell of a level that the finest cell `fine` is in.
+    pub(super) fn of(fine: [u32; 3], level: u32) -> Self {
+        Self { level: level as u8, cell: fine.map(|f| (f >> (u32::from(MAX_LEVEL) - level)) as u16) }
+    }
+
+    /// Its first finest cell.
+    fn fine(self) -> [u32; 3] {
+        self.cell.map(|c| u32::from(c) << (MAX_LEVEL - self.level))
+    }
+}
+
+/// Cells over the latent cube, as fine as prompts have asked for, where features have been seen.
 pub(super) struct Tree {
-    nodes: Vec<u32>,
+    /// What is at each coarsest cell, then brick by brick what is within those that were cut.
+    cells: Vec<u32>,
     leaves: Vec<Leaf>,
     /// Vertex numbers by place on the vertex grid. Only asked, never iterated.
     places: HashMap<[u16; 3], u32>,
@@ -81,7 +114,7 @@ pub(super) struct Tree {
 impl Tree {
     pub(super) fn new(rank: usize) -> Self {
         Self {
-            nodes: vec![EMPTY; COARSE * COARSE * COARSE],
+            cells: vec![EMPTY; COARSE.pow(3)],
             leaves: Vec::new(),
             places: HashMap::new(),
             embeddings: Vec::new(),
@@ -90,46 +123,51 @@ impl Tree {
         }
     }
 
-    #[inline]
-    pub(super) fn locate(&self, latent: [f32; 3]) -> Spot {
-        let grid = latent.map(|v| (v + EXTENT) * (COARSE as f32 / (2.0 * EXTENT)));
-        // Written so that NaN is outside.
-        if !grid.iter().all(|&g| g >= 0.0 && g < COARSE as f32) {
-            return Spot::Outside;
-        }
-        let mut cell = grid.map(|g| g as u16);
-        let mut at = [0, 1, 2].map(|k| grid[k] - f32::from(cell[k]));
-        let mut node = (usize::from(cell[0]) * COARSE + usize::from(cell[1])) * COARSE + usize::from(cell[2]);
+    /// What is at the finest cell with these numbers along the axes, each below [`FINE`].
+    #[inline(always)]
+    pub(super) fn at(&self, fine: [u32; 3]) -> Spot {
+        let value = self.value(fine);
+        if value < BRICK { Spot::Leaf(value >> 3, value & 7) } else { Spot::Empty(value & 7) }
+    }
+
+    #[inline(always)]
+    fn value(&self, fine: [u32; 3]) -> u32 {
+        let mut value = self.cells[coarse_number(fine)];
         let mut level = 0;
-        loop {
-            let value = self.nodes[node];
-            if value < INNER {
-                return Spot::Leaf { leaf: value, at };
-            }
-            if value == EMPTY {
-                return if self.frozen {
-                    Spot::Outside
-                } else {
-                    Spot::Missing(Missing { node: node as u32, level, cell })
-                };
-            }
-            let mut child = 0;
-            for k in 0..3 {
-                let upper = at[k] >= 0.5;
-                at[k] = 2.0 * at[k] - f32::from(u8::from(upper));
-                cell[k] = 2 * cell[k] + u16::from(upper);
-                child = 2 * child + usize::from(upper);
-            }
-            node = (value - INNER) as usize + child;
-            level += 1;
+        while is_brick(value) {
+            level += BRICK_LEVELS;
+            value = self.cells[(value - BRICK) as usize + number_in_brick(fine, level)];
         }
+        value
+    }
+
+    fn set(&mut self, place: Place, value: u32) {
+        let fine = place.fine();
+        let (mut slot, mut level) = (coarse_number(fine), 0);
+        while place.level > level {
+            if !is_brick(self.cells[slot]) {
+                self.cells[slot] = BRICK + self.cells.len() as u32;
+                self.cells.resize(self.cells.len() + BRICK_SIZE, EMPTY + u32::from(level) + 1);
+            }
+            let first = (self.cells[slot] - BRICK) as usize + number_in_brick(fine, level + BRICK_LEVELS);
+            if place.level < level + BRICK_LEVELS {
+                let edge = BRICK_EDGE >> (place.level - level);
+                for row in 0..edge * edge {
+                    let start = first + (row / edge * BRICK_EDGE + row % edge) * BRICK_EDGE;
+                    self.cells[start..start + edge].fill(value);
+                }
+                return;
+            }
+            (slot, level) = (first, level + BRICK_LEVELS);
+        }
+        self.cells[slot] = value;
     }
 
     /// Tabulates cells; returns false when there is no memory left for more.
-    pub(super) fn grow(&mut self, missing: Vec<Missing>, layers: &[Linear]) -> bool {
+    pub(super) fn grow(&mut self, missing: Vec<Place>, layers: &[Linear]) -> bool {
         let mut fresh: Vec<[u16; 3]> = Vec::new();
         for place in missing {
-            if (self.places.len() + 15) * self.rank * 2 > MAX_BYTES {
+            if self.bytes() > MAX_BYTES {
                 self.decode(&fresh, layers);
                 return false;
             }
@@ -145,16 +183,20 @@ impl Tree {
             };
             let corners = CORNERS.map(|offset| vertex(offset, edge));
             let midpoints = MIDPOINTS.map(|offset| vertex(offset, edge / 2));
-            self.nodes[place.node as usize] = self.leaves.len() as u32;
+            self.set(place, (self.leaves.len() as u32) << 3 | u32::from(place.level));
             self.leaves.push(Leaf { corners, midpoints, place });
         }
         self.decode(&fresh, layers);
         true
     }
 
-    /// From now on, cells that are not tabulated count as outside.
+    /// From now on, cells that are not tabulated stay so.
     pub(super) fn freeze(&mut self) {
         self.frozen = true;
+    }
+
+    pub(super) fn is_frozen(&self) -> bool {
+        self.frozen
     }
 
     /// Appends the embeddings of vertices at `places`.
@@ -179,9 +221,13 @@ impl Tree {
             return false;
         }
         // Another prompt may have cut it before.
-        if self.nodes[place.node as usize] == leaf as u32 {
-            self.nodes[place.node as usize] = INNER + self.nodes.len() as u32;
-            self.nodes.extend([EMPTY; 8]);
+        if self.value(place.fine()) == (leaf as u32) << 3 | u32::from(place.level) {
+            let level = place.level + 1;
+            let cell = place.cell.map(|c| 2 * c);
+            for offset in CORNERS {
+                let child = Place { level, cell: [0, 1, 2].map(|k| cell[k] + offset[k] as u16) };
+                self.set(child, EMPTY + u32::from(level));
+            }
         }
         true
     }
@@ -218,29 +264,48 @@ impl Tree {
     }
 
     pub(super) fn bytes(&self) -> usize {
-        size_of_val(&self.nodes[..]) + size_of_val(&self.leaves[..]) + size_of_val(&self.embeddings[..])
+        let vertex = self.rank * size_of::<f16>() + size_of::<([u16; 3], u32)>();
+        size_of_val(&self.cells[..]) + size_of_val(&self.leaves[..]) + self.places.len() * vertex
     }
 }
 
-/// The score error of interpolating `corners` at each midpoint, largest of all.
-pub(super) fn midpoint_error(corners: &[f32; 8], midpoints: &[f32; 7], temperature: f32) -> f32 {
-    let mut worst = 0.0;
-    for (offset, &truth) in MIDPOINTS.iter().zip(midpoints) {
-        let between = trilinear(corners, offset.map(|o| o as f32 * 0.5));
-        let error = (num::sigmoid(temperature * between) - num::sigmoid(temperature * truth)).abs();
-        if error > worst || error.is_nan() {
-            worst = error;
+/// The largest score error of interpolating `corners` at the midpoints; where it is certainly below `enough`, a bound of
+/// it.
+pub(super) fn midpoint_error(corners: &[f32; 8], midpoints: &[f32; 7], temperature: f32, enough: f32) -> f32 {
+    let c = corners;
+    // At a midpoint, interpolation is the mean of the corners around.
+    let mean = |a: usize, b: usize, d: usize, e: usize| 0.25 * (c[a] + c[b] + c[d] + c[e]);
+    let (low, high) = (mean(0, 1, 2, 3), mean(4, 5, 6, 7));
+    let between = [
+        0.5 * (low + high),
+        low,
+        high,
+        mean(0, 1, 4, 5),
+        mean(2, 3, 6, 7),
+        mean(0, 2, 4, 6),
+        mean(1, 3, 5, 7),
+    ];
+    let worst = |error: &dyn Fn(f32, f32) -> f32| {
+        let errors = between.iter().zip(midpoints).map(|(&a, &b)| error(a, b));
+        errors.fold(0.0, |worst, e| if e > worst || e.is_nan() { e } else { worst })
+    };
+    // The sigmoid is nowhere steeper than 1/4.
+    let bound = 0.25 * temperature * worst(&|a, b| (a - b).abs());
+    if bound <= enough {
+        return bound;
+    }
+    worst(&|a, b| (num::sigmoid(temperature * a) - num::sigmoid(temperature * b)).abs())
+}
+
+/// Corner values, in the order of [`CORNERS`], interpolated: factors of 1, z, y, yz, x, xz, xy, xyz.
+pub(super) fn polynomial(corners: &[f32; 8]) -> [f32; 8] {
+    let mut c = *corners;
+    for bit in [1, 2, 4] {
+        for i in (0..8).filter(|i| i & bit != 0) {
+            c[i] -= c[i ^ bit];
         }
     }
-    worst
-}
-
-/// Interpolates corner values in the order of [`CORNERS`].
-#[inline]
-pub(super) fn trilinear(corners: &[f32; 8], [x, y, z]: [f32; 3]) -> f32 {
-    let mix = |a: f32, b: f32, t: f32| a + (b - a) * t;
-    let along_z = [0, 2, 4, 6].map(|i| mix(corners[i], corners[i + 1], z));
-    mix(mix(along_z[0], along_z[1], y), mix(along_z[2], along_z[3], y), x)
+    c
 }
 
 #[cfg(test)]
@@ -258,19 +323,36 @@ mod tests {
         [1, 2, 3].map(|k| e[k].to_f32() / e[0].to_f32())
     }
 
+    /// Interpolates corner values in the order of [`CORNERS`].
+    fn trilinear(corners: &[f32; 8], [x, y, z]: [f32; 3]) -> f32 {
+        let mix = |a: f32, b: f32, t: f32| a + (b - a) * t;
+        let along_z = [0, 2, 4, 6].map(|i| mix(corners[i], corners[i + 1], z));
+        mix(mix(along_z[0], along_z[1], y), mix(along_z[2], along_z[3], y), x)
+    }
+
+    /// The numbers of the finest cell around a latent, and where in it, 0-1.
+    fn fine(latent: [f32; 3]) -> ([u32; 3], [f32; 3]) {
+        let at = latent.map(|v| (v + EXTENT) * FINE_PER_UNIT);
+        (at.map(|v| v as u32), at.map(f32::fract))
+    }
+
     #[test]
     fn interpolated_corner_positions_are_the_latent_at_every_level() {
         let mut tree = Tree::new(4);
         let latent = [0.313, -1.177, 0.99];
-        for _ in 0..=MAX_LEVEL {
-            let Spot::Missing(missing) = tree.locate(latent) else { panic!("not missing") };
-            assert!(tree.grow(vec![missing], &layers()));
-            let Spot::Leaf { leaf, at } = tree.locate(latent) else { panic!("no leaf") };
-            let cell = tree.leaves()[leaf as usize].clone();
+        let (cell, within) = fine(latent);
+        for expected_level in 0..=u32::from(MAX_LEVEL) {
+            let Spot::Empty(level) = tree.at(cell) else { panic!("not empty") };
+            assert_eq!(level, expected_level);
+            assert!(tree.grow(vec![Place::of(cell, level)], &layers()));
+            let Spot::Leaf(leaf, level) = tree.at(cell) else { panic!("no leaf") };
+            let edge = 1 << (u32::from(MAX_LEVEL) - level);
+            let at = [0, 1, 2].map(|k| ((cell[k] % edge) as f32 + within[k]) / edge as f32);
+            let found = tree.leaves()[leaf as usize].clone();
             for (k, expected) in latent.into_iter().enumerate() {
-                let corners = cell.corners.map(|v| position(&tree, v)[k]);
+                let corners = found.corners.map(|v| position(&tree, v)[k]);
                 assert!((trilinear(&corners, at) - expected).abs() < 5e-3, "{k}: {corners:?}");
-                let centre = position(&tree, cell.midpoints[0])[k];
+                let centre = position(&tree, found.midpoints[0])[k];
                 assert!((centre - corners.iter().sum::<f32>() / 8.0).abs() < 5e-3);
             }
             tree.split(leaf as usize);
@@ -280,38 +362,66 @@ mod tests {
     }
 
     #[test]
+    fn a_cut_cell_is_empty_at_the_next_level_and_its_neighbours_stay() {
+        let mut tree = Tree::new(4);
+        let edge = 1 << MAX_LEVEL;
+        tree.grow(vec![Place::of([0; 3], 0), Place::of([edge, 0, 0], 0)], &layers());
+        assert!(tree.split(0) && tree.split(0));
+        assert!(matches!(tree.at([edge - 1; 3]), Spot::Empty(1)));
+        tree.grow(vec![Place::of([0; 3], 1), Place::of([edge - 1; 3], 1)], &layers());
+        assert!(matches!(tree.at([edge / 2 - 1; 3]), Spot::Leaf(2, 1)));
+        assert!(matches!(tree.at([edge / 2; 3]), Spot::Leaf(3, 1)));
+        assert!(matches!(tree.at([edge / 2, 0, 0]), Spot::Empty(1)));
+        assert!(matches!(tree.at([edge, 0, 0]), Spot::Leaf(1, 0)));
+        // Down to the finest, through both bricks, the neighbour stays as it is.
+        for level in 2..=u32::from(MAX_LEVEL) {
+            tree.split(tree.num_leaves() - if level == 2 { 2 } else { 1 });
+            assert!(matches!(tree.at([0; 3]), Spot::Empty(l) if l == level));
+            tree.grow(vec![Place::of([0; 3], level)], &layers());
+        }
+        assert!(matches!(tree.at([0; 3]), Spot::Leaf(_, 6)));
+        assert!(matches!(tree.at([1, 0, 0]), Spot::Empty(6)));
+        assert!(matches!(tree.at([edge / 2; 3]), Spot::Leaf(3, 1)));
+    }
+
+    #[test]
     fn neighbours_share_vertices() {
         let mut tree = Tree::new(4);
-        let edge = 2.0 * EXTENT / COARSE as f32;
-        let missing: Vec<Missing> = [0.5, 1.5]
-            .iter()
-            .map(|x| match tree.locate([x * edge, 0.5 * edge, 0.5 * edge]) {
-                Spot::Missing(m) => m,
-                _ => panic!("not missing"),
-            })
-            .collect();
-        tree.grow(missing, &layers());
+        let edge = 1 << MAX_LEVEL;
+        tree.grow(vec![Place::of([0; 3], 0), Place::of([edge, 0, 0], 0)], &layers());
         // Two cells of 15 vertices share a face: 4 corners and its midpoint.
         assert_eq!(tree.num_vertices(), 25);
     }
 
     #[test]
-    fn what_is_not_in_the_cube_is_outside() {
-        let tree = Tree::new(4);
-        for bad in [f32::NAN, f32::INFINITY, -1.31, 1.31, 1e30] {
-            assert!(matches!(tree.locate([0.0, bad, 0.0]), Spot::Outside), "{bad}");
+    fn the_polynomial_is_the_interpolation() {
+        let corners = [0.3, -0.1, 0.7, 0.2, -0.4, 0.9, 0.05, 0.6];
+        let c = polynomial(&corners);
+        for at @ [x, y, z] in [[0.0; 3], [1.0; 3], [0.2, 0.7, 0.4], [1.0, 0.0, 0.5]] {
+            let terms = [1.0, z, y, y * z, x, x * z, x * y, x * y * z];
+            let value: f32 = c.iter().zip(terms).map(|(c, t)| c * t).sum();
+            assert!((value - trilinear(&corners, at)).abs() < 1e-6);
         }
-        assert!(matches!(tree.locate([-1.3, 1.299, 0.0]), Spot::Missing(_)));
     }
 
     #[test]
     fn midpoint_error_sees_a_bump_in_the_middle() {
         let flat = [0.1; 8];
-        assert_eq!(midpoint_error(&flat, &[0.1; 7], 10.0), 0.0);
+        assert_eq!(midpoint_error(&flat, &[0.1; 7], 10.0, 0.0), 0.0);
         let mut bump = [0.1; 7];
         bump[3] = 0.2;
-        assert!((midpoint_error(&flat, &bump, 10.0) - (num::sigmoid(2.0) - num::sigmoid(1.0))).abs() < 1e-6);
+        let error = num::sigmoid(2.0) - num::sigmoid(1.0);
+        assert!((midpoint_error(&flat, &bump, 10.0, 0.0) - error).abs() < 1e-6);
+        let bound = midpoint_error(&flat, &bump, 10.0, 0.3);
+        assert!(bound >= error && bound <= 0.3);
         bump[5] = f32::NAN;
-        assert!(midpoint_error(&flat, &bump, 10.0).is_nan());
+        assert!(midpoint_error(&flat, &bump, 10.0, 1.0).is_nan());
+    }
+
+    #[test]
+    fn what_lies_between_corners_is_no_error() {
+        let corners = [0.3, -0.1, 0.7, 0.2, -0.4, 0.9, 0.05, 0.6];
+        let midpoints = MIDPOINTS.map(|offset| trilinear(&corners, offset.map(|o| o as f32 * 0.5)));
+        assert!(midpoint_error(&corners, &midpoints, 10.0, 0.0) < 1e-6);
     }
 }

@@ -1,0 +1,196 @@
+//! From latents to scores, eight points at a time.
+
+use super::{
+    Points,
+    table::Table,
+    tree::{EXTENT, FINE, FINE_PER_UNIT, MAX_LEVEL, Place, Spot, Tree},
+};
+use crate::lanes::{LANES, exp2, load_block};
+use fearless_simd::{Level, dispatch, f32x8, i32x8, prelude::*};
+use fearless_simd_macros::simd;
+use rayon::prelude::*;
+
+/// Points looked up at once by one thread.
+const POINTS_AT_ONCE: usize = 8192;
+
+/// What a pass over the points left open.
+#[derive(Default)]
+pub(super) struct Open {
+    /// Cells that were needed but are not tabulated; sorted, each once.
+    pub(super) missing: Vec<Place>,
+    /// Points in those cells.
+    pub(super) waiting: Vec<usize>,
+    /// Points that no cell decides.
+    pub(super) undecided: Vec<usize>,
+}
+
+/// Writes the scores of `points` for each table; 0 in holes, and anything where it is left open.
+pub(super) fn look_up(tree: &Tree, tables: &[Table], points: &Points<'_>, scores: &mut [Vec<f32>]) -> Open {
+    let level = Level::new();
+    let mut strips: Vec<Vec<&mut [f32]>> = Vec::new();
+    strips.resize_with(points.len().div_ceil(POINTS_AT_ONCE), || Vec::with_capacity(tables.len()));
+    for scores in scores {
+        let parts = scores.chunks_mut(POINTS_AT_ONCE);
+        strips.iter_mut().zip(parts).for_each(|(strip, part)| strip.push(part));
+    }
+    let parts: Vec<Open> = strips
+        .into_par_iter()
+        .enumerate()
+        .map(|(i, mut strip)| {
+            let mut open = Open::default();
+            let first = i * POINTS_AT_ONCE;
+            dispatch!(level, simd => look_up_strip(simd, tree, tables, points, first, &mut strip, &mut open));
+            open
+        })
+        .collect();
+    let mut all = Open::default();
+    for part in parts {
+        all.missing.extend(part.missing);
+        all.waiting.extend(part.waiting);
+        all.undecided.extend(part.undecided);
+    }
+    all.missing.sort_unstable();
+    all.missing.dedup();
+    all
+}
+
+#[simd]
+fn look_up_strip<S: Simd>(
+    simd: S,
+    tree: &Tree,
+    tables: &[Table],
+    points: &Points<'_>,
+    first: usize,
+    strip: &mut [&mut [f32]],
+    open: &mut Open,
+) {
+    let len = strip.first().map_or(0, |s| s.len());
+    for start in (0..len).step_by(LANES) {
+        let (at, inside) = (first + start, LANES.min(len - start));
+        let alpha = load(simd, points.alpha(), at, inside);
+        let is_live = alpha.simd_ge(points.min_alpha());
+        if !is_live.any_true() {
+            strip.iter_mut().for_each(|scores| scores[start..start + inside].fill(0.0));
+            continue;
+        }
+        let scale = f32x8::splat(simd, FINE_PER_UNIT) / alpha;
+        let middle = f32x8::splat(simd, EXTENT * FINE_PER_UNIT);
+        let fine = [
+            load(simd, points.plane(0), at, inside).mul_add(scale, middle),
+            load(simd, points.plane(1), at, inside).mul_add(scale, middle),
+            load(simd, points.plane(2), at, inside).mul_add(scale, middle),
+        ];
+        // Written so that NaN is outside.
+        let is_inside = |v: f32x8<S>| v.simd_ge(0.0) & v.simd_lt(FINE as f32);
+        let in_cube = is_inside(fine[0]) & is_inside(fine[1]) & is_inside(fine[2]);
+        let found = locate(simd, tree, fine, (is_live & in_cube).to_bitmask(), open);
+        let mut undecided = is_live & !in_cube;
+        for (table, scores) in tables.iter().zip(strip.iter_mut()) {
+            let margin = interpolate(simd, &table.polynomials, &found);
+            let is_known = margin.simd_eq(margin);
+            undecided |= is_live & !is_known;
+            let score = sigmoid(simd, margin * table.temperature);
+            let score = is_live.select(score, f32x8::splat(simd, 0.0)).to_array();
+            scores[start..start + inside].copy_from_slice(&score[..inside]);
+        }
+        let undecided = undecided.to_bitmask() & !found.missing;
+        if undecided | found.missing != 0 {
+            open.waiting.extend(set_bits(found.missing).map(|lane| at + lane));
+            open.undecided.extend(set_bits(undecided).map(|lane| at + lane));
+        }
+    }
+}
+
+/// Eight values from number `at` on, or as many as are `inside` and 0.
+#[inline(always)]
+fn load<S: Simd>(simd: S, values: &[f32], at: usize, inside: usize) -> f32x8<S> {
+    match values[at..].first_chunk() {
+        Some(block) if inside == LANES => f32x8::load_array_ref(simd, block),
+        _ => f32x8::load_array(simd, load_block(&values[at..], inside)),
+    }
+}
+
+/// The numbers of the bits that are set.
+fn set_bits(bits: u64) -> impl Iterator<Item = usize> {
+    (0..LANES).filter(move |lane| bits >> lane & 1 == 1)
+}
+
+/// The cells of eight points.
+struct Found<S: Simd> {
+    /// Their leaves; `u32::MAX` where there is none.
+    leaves: [u32; LANES],
+    /// Where in them, 0–1.
+    within: [f32x8<S>; 3],
+    /// Points whose cells are to be tabulated, bit by bit.
+    missing: u64,
+}
+
+/// Finds the cells of those points whose bit is set, given their places in finest cells.
+#[simd]
+fn locate<S: Simd>(simd: S, tree: &Tree, fine: [f32x8<S>; 3], wanted: u64, open: &mut Open) -> Found<S> {
+    let whole = fine.map(|v| {
+        let whole: i32x8<S> = i32x8::truncate_from(v.max(0.0).min(FINE as f32 - 1.0));
+        whole
+    });
+    let cells = whole.map(|v| v.to_array());
+    let mut leaves = [u32::MAX; LANES];
+    // How often a finest cell would have to be doubled to be the cell.
+    let mut doublings = [0; LANES];
+    let mut missing = 0;
+    for lane in 0..LANES {
+        if wanted >> lane & 1 == 0 {
+            continue;
+        }
+        let cell = cells.map(|c| c[lane] as u32);
+        match tree.at(cell) {
+            Spot::Leaf(leaf, level) => {
+                leaves[lane] = leaf;
+                doublings[lane] = i32::from(MAX_LEVEL) - level as i32;
+            }
+            Spot::Empty(_) if tree.is_frozen() => {}
+            Spot::Empty(level) => {
+                missing |= 1 << lane;
+                let place = Place::of(cell, level);
+                if open.missing.last() != Some(&place) {
+                    open.missing.push(place);
+                }
+            }
+        }
+    }
+    let doublings = i32x8::load_array(simd, doublings);
+    let corner_mask = i32x8::splat(simd, -1) << doublings;
+    // 2 to the power of -doublings, by its bits.
+    let shrink: f32x8<S> = ((127 - doublings) << 23).bitcast();
+    let within = [0, 1, 2].map(|k| {
+        let corner: f32x8<S> = f32x8::float_from(whole[k] & corner_mask);
+        (fine[k] - corner) * shrink
+    });
+    Found { leaves, within, missing }
+}
+
+/// The margins at eight places; NaN where they must be decoded instead.
+#[simd]
+fn interpolate<S: Simd>(simd: S, polynomials: &[[f32; 8]], found: &Found<S>) -> f32x8<S> {
+    const UNKNOWN: [f32; 8] = [f32::NAN; 8];
+    let of = |leaf: u32| polynomials.get(leaf as usize).unwrap_or(&UNKNOWN);
+    let one = found.leaves[0];
+    let c: [f32x8<S>; 8] = if found.leaves.iter().all(|&leaf| leaf == one) {
+        let c = of(one);
+        std::array::from_fn(|k| f32x8::splat(simd, c[k]))
+    } else {
+        let rows: [&[f32; 8]; LANES] = found.leaves.map(of);
+        std::array::from_fn(|k| f32x8::from_fn(simd, |lane| rows[lane][k]))
+    };
+    let [x, y, z] = found.within;
+    let low = z.mul_add(c[3], c[2]).mul_add(y, z.mul_add(c[1], c[0]));
+    let high = z.mul_add(c[7], c[6]).mul_add(y, z.mul_add(c[5], c[4]));
+    high.mul_add(x, low)
+}
+
+/// 1 / (1 + e^-x), never 0; any number where x is NaN.
+#[simd]
+fn sigmoid<S: Simd>(simd: S, x: f32x8<S>) -> f32x8<S> {
+    let one = f32x8::splat(simd, 1.0);
+    let power = (x * -std::f32::consts::LOG2_E).max(-126.0).min(126.0);
+    one / (one + exp2(simd, power))
+}
