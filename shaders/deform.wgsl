@@ -96,7 +96,8 @@ fn deform_features(row: u32, n: u32) {
             change += tables[line + j] * features_at_rest[n * LATENT_DIM + j];
         }
         let gate = sigmoid(params.gate_slope * psi(row, params.gate_channel + i));
-        features[n * LATENT_DIM + i] = features_at_rest[n * LATENT_DIM + i] + change * gate;
+        let value = features_at_rest[n * LATENT_DIM + i] + change * gate;
+        features[n * LATENT_DIM + i] = select(0.0, value, is_finite(value));
     }
 }
 

@@ -27,6 +27,10 @@ fn rotation_matrix(q: vec4f) -> mat3x3f {
     );
 }
 
+fn positive(x: f32) -> f32 {
+    return select(0.0, max(x, 0.0), is_finite(x));
+}
+
 // max(0, 0.5 + C0 c0 + sum of the higher bands).
 fn view_colour(n: u32, mean: vec3f, band0: vec3f) -> vec3f {
     var colour = 0.5 + SH_C0 * band0;
@@ -44,7 +48,8 @@ fn view_colour(n: u32, mean: vec3f, band0: vec3f) -> vec3f {
             colour += bands[k] * vec3f(sh_rest[at], sh_rest[at + 1u], sh_rest[at + 2u]);
         }
     }
-    return max(colour, vec3f(0.0));
+    // What is not a number is black.
+    return vec3f(positive(colour.x), positive(colour.y), positive(colour.z));
 }
 
 fn project_one(n: u32) -> SplatRow {
@@ -68,7 +73,9 @@ fn project_one(n: u32) -> SplatRow {
     let xx = dot(u, u) + DILATION;
     let xy = dot(u, v);
     let yy = dot(v, v) + DILATION;
-    let determinant = xx * yy - xy * xy;
+    // xx yy - xy^2 as a sum of positive numbers: the difference would cancel for needles.
+    let across = cross(u, v);
+    let determinant = dot(across, across) + DILATION * (dot(u, u) + dot(v, v)) + DILATION * DILATION;
     if !(determinant > 0.0) || !is_finite(determinant) {
         return splat;
     }

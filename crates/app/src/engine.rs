@@ -5,24 +5,23 @@
 //! view(i) or View::free ─▶ render ─▶ images ─▶ scores ◀┘ ─▶ masks
 //! ```
 //!
-//! An engine is `Send`: a worker thread can own it. It keeps no state of the last render, so what `scores` returns
-//! belongs to the images it was given.
+//! An engine is `Send`: a worker thread can own it. What `scores` returns belongs to the images it was given. A view
+//! that was just rendered is not rendered again.
 
 use std::{
     collections::BTreeMap,
+    ops::Range,
     path::{Path, PathBuf},
     sync::Arc,
-    time::Instant,
 };
 use surgtpgs_clip::TextEncoder;
 use surgtpgs_core::{
     Error, Result,
     camera::Camera,
-    deform::deform,
     grid::{Grid, Mask},
     mask::threshold,
     prepare::{EncoderIdentity, Prepared},
-    raster::{CpuRenderer, Images, Renderer, render_deformed},
+    raster::{CpuRenderer, FrameClock, FramePass, Images, Renderer},
     relevancy::{self, Query, Relevancy, RelevancySettings},
     scene::Scene,
     sequence::Sequence,
@@ -97,7 +96,9 @@ pub struct Engine {
     scene: Arc<Scene>,
     recording: Recording,
     renderer: Box<dyn Renderer>,
-    on_gpu: bool,
+    clock: FrameClock,
+    last: Option<Rendered>,
+    outside: Outside,
     relevancy: Option<Box<dyn Relevancy>>,
     settings: RelevancySettings,
     encoder_choice: EncoderChoice,
@@ -106,6 +107,13 @@ pub struct Engine {
     prompt_embeddings: BTreeMap<String, Vec<f32>>,
     phrase_embeddings: BTreeMap<String, Vec<f32>>,
     queries: Vec<Query>,
+}
+
+/// The images of a view, with or without features.
+struct Rendered {
+    view: View,
+    has_features: bool,
+    images: Arc<Images>,
 }
 
 /// The recording a scene was made from, or why it is not there.
@@ -125,7 +133,7 @@ impl Engine {
 
     /// Wraps a scene in memory; `beside` is a second place to look for its recording.
     pub fn new(scene: Arc<Scene>, beside: Option<&Path>, options: EngineOptions) -> Result<Self> {
-        let (renderer, on_gpu) = open_renderer(options.backend)?;
+        let renderer = open_renderer(options.backend)?;
         let recording = match &options.sequence {
             Some(path) => Recording::Found(open_recording(&scene, path)?),
             None => find_recording(&scene, beside),
@@ -135,7 +143,9 @@ impl Engine {
             scene,
             recording,
             renderer,
-            on_gpu,
+            clock: FrameClock::default(),
+            last: None,
+            outside: Outside::default(),
             settings: options.relevancy,
             encoder_choice: options.encoder,
             encoder: None,
@@ -154,6 +164,8 @@ impl Engine {
     /// preparation, because the embeddings of the prompts are kept.
     pub fn replace_scene(&mut self, scene: Arc<Scene>) {
         self.relevancy = open_relevancy(&scene);
+        self.last = None;
+        self.outside = Outside::default();
         self.scene = scene;
     }
 
@@ -200,37 +212,37 @@ impl Engine {
 
     /// Renders a view; the features are needed for [`Engine::scores`] only. A recorded view is empty outside the field
     /// of view, where nothing was ever seen.
-    pub fn render(&mut self, view: &View, features: bool) -> Result<Images> {
+    pub fn render(&mut self, view: &View, features: bool) -> Result<Arc<Images>> {
         let features = features && self.relevancy.is_some();
-        let images = self.renderer.render(&self.scene, &view.camera, view.time, features)?;
-        Ok(self.within_field_of_view(images, view))
-    }
-
-    fn within_field_of_view(&self, mut images: Images, view: &View) -> Images {
-        let (width, height) = (images.width, images.height);
+        if let Some(last) = &self.last
+            && last.view == *view
+            && (last.has_features || !features)
+        {
+            return Ok(last.images.clone());
+        }
+        let used = self.last.take().and_then(|last| Arc::try_unwrap(last.images).ok());
+        let mut images = used.unwrap_or_default();
+        let Self { scene, renderer, clock, .. } = self;
+        renderer.render_into(scene, &view.camera, view.time, features, &mut images, clock)?;
         if view.recorded {
-            for plane in images.planes.chunks_exact_mut((width * height).max(1)) {
-                blank_outside(plane, width, height, &self.scene.field_of_view);
+            let outside = self.outside.ranges(&images, &self.scene.field_of_view);
+            for plane in images.planes.chunks_exact_mut((images.width * images.height).max(1)) {
+                blank(plane, outside);
             }
         }
-        images
+        let images = Arc::new(images);
+        self.last = Some(Rendered { view: *view, has_features: features, images: images.clone() });
+        Ok(images)
     }
 
-    /// Renders a view with features and says how long it took, in milliseconds: deformation (`None` where the renderer
-    /// does not do it by itself) and the rest.
-    pub fn render_timed(&mut self, view: &View) -> Result<(Images, Option<f64>, f64)> {
-        let ms = |from: Instant| from.elapsed().as_secs_f64() * 1e3;
-        let started = Instant::now();
-        if self.on_gpu {
-            let images = self.render(view, true)?;
-            return Ok((images, None, ms(started)));
-        }
-        let with_features = self.relevancy.is_some();
-        let deformed = deform(&self.scene.gaussians, &self.scene.deformation, view.time, with_features);
-        let deform_ms = ms(started);
-        let started = Instant::now();
-        let images = render_deformed(&self.scene.gaussians, &deformed, &view.camera);
-        Ok((self.within_field_of_view(images, view), Some(deform_ms), ms(started)))
+    /// How often each pass of a frame ran, and how long.
+    pub fn clock(&self) -> &FrameClock {
+        &self.clock
+    }
+
+    /// Renders the next view whatever it is.
+    pub fn forget_last(&mut self) {
+        self.last = None;
     }
 
     /// The prompts being asked, in order, with what each is compared to.
@@ -282,12 +294,13 @@ impl Engine {
             return Ok(Vec::new());
         }
         let relevancy = self.relevancy.as_mut().ok_or_else(no_features)?;
+        self.clock.start();
         let mut scores = relevancy.score(images, &self.queries, &self.settings);
         if view.recorded {
-            for s in &mut scores {
-                blank_outside(&mut s.data, s.width, s.height, &self.scene.field_of_view);
-            }
+            let outside = self.outside.ranges(images, &self.scene.field_of_view);
+            scores.iter_mut().for_each(|s| blank(&mut s.data, outside));
         }
+        self.clock.lap(FramePass::Relevancy);
         Ok(scores)
     }
 
@@ -342,31 +355,58 @@ fn no_features() -> Error {
     )
 }
 
-/// Sets scores outside the field of view to 0; the mask is sampled at the scores' size.
-fn blank_outside(values: &mut [f32], width: usize, height: usize, field_of_view: &Mask) {
-    if field_of_view.width == 0 || field_of_view.height == 0 || width == 0 {
-        return;
-    }
-    for (y, values) in values.chunks_exact_mut(width).enumerate() {
-        let row = field_of_view.row((2 * y + 1) * field_of_view.height / (2 * height));
-        for (x, value) in values.iter_mut().enumerate() {
-            if !row[(2 * x + 1) * field_of_view.width / (2 * width)] {
-                *value = 0.0;
-            }
+/// Which pixels of an image of a certain size are outside the field of view.
+#[derive(Default)]
+struct Outside {
+    size: (usize, usize),
+    ranges: Vec<Range<usize>>,
+}
+
+impl Outside {
+    /// Runs of pixels; none without a mask. The mask is sampled at the images' size.
+    fn ranges(&mut self, images: &Images, field_of_view: &Mask) -> &[Range<usize>] {
+        let size = (images.width, images.height);
+        if self.size != size {
+            self.size = size;
+            self.ranges = outside(size, field_of_view);
         }
+        &self.ranges
     }
 }
 
-/// Opens the renderer of choice; also whether it is a GPU.
-fn open_renderer(backend: Backend) -> Result<(Box<dyn Renderer>, bool)> {
+fn outside((width, height): (usize, usize), field_of_view: &Mask) -> Vec<Range<usize>> {
+    let mut ranges: Vec<Range<usize>> = Vec::new();
+    if field_of_view.width == 0 || field_of_view.height == 0 {
+        return ranges;
+    }
+    for i in 0..width * height {
+        let (x, y) = (i % width, i / width);
+        let row = field_of_view.row((2 * y + 1) * field_of_view.height / (2 * height));
+        if row[(2 * x + 1) * field_of_view.width / (2 * width)] {
+            continue;
+        }
+        match ranges.last_mut() {
+            Some(last) if last.end == i => last.end = i + 1,
+            _ => ranges.push(i..i + 1),
+        }
+    }
+    ranges
+}
+
+fn blank(values: &mut [f32], ranges: &[Range<usize>]) {
+    ranges.iter().for_each(|range| values[range.clone()].fill(0.0));
+}
+
+/// Opens the renderer of choice.
+pub(crate) fn open_renderer(backend: Backend) -> Result<Box<dyn Renderer>> {
     let gpu = |adapters| -> Result<GpuRenderer> { GpuRenderer::new(Gpu::open(adapters)?) };
     match backend {
-        Backend::Cpu => Ok((Box::new(CpuRenderer), false)),
-        Backend::Gpu => Ok((Box::new(gpu(AdapterChoice::Any)?), true)),
+        Backend::Cpu => Ok(Box::new(CpuRenderer::default())),
+        Backend::Gpu => Ok(Box::new(gpu(AdapterChoice::Any)?)),
         // Whatever a GPU lacks, the CPU makes the same pictures.
         Backend::Auto => match may_have_gpu().then(|| gpu(AdapterChoice::RealGpu)) {
-            Some(Ok(renderer)) => Ok((Box::new(renderer), true)),
-            Some(Err(_)) | None => Ok((Box::new(CpuRenderer), false)),
+            Some(Ok(renderer)) => Ok(Box::new(renderer)),
+            Some(Err(_)) | None => Ok(Box::new(CpuRenderer::default())),
         },
     }
 }
@@ -467,10 +507,11 @@ mod tests {
     fn nothing_is_found_outside_the_field_of_view_at_any_size() {
         let left = Grid::from_vec(2, 1, vec![true, false]);
         let mut scores = Grid::filled(4, 3, 0.9);
-        blank_outside(&mut scores.data, scores.width, scores.height, &left);
+        blank(&mut scores.data, &outside((4, 3), &left));
         assert!((0..3).all(|y| scores.row(y) == [0.9, 0.9, 0.0, 0.0]));
-        let mut one = Grid::filled(1, 1, 0.9);
-        blank_outside(&mut one.data, one.width, one.height, &Grid::filled(3, 3, true));
-        assert_eq!(one.data, [0.9]);
+        assert_eq!(outside((1, 1), &Grid::filled(3, 3, true)), []);
+        assert_eq!(outside((4, 3), &Grid::filled(0, 0, true)), []);
+        // Runs do not end at a row's end.
+        assert_eq!(outside((2, 2), &Grid::from_vec(2, 2, vec![true, false, false, true])), [1..3]);
     }
 }

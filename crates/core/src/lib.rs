@@ -8,6 +8,7 @@
 //!
 //! No GPU, window, ONNX, printing or network here: those live in the crates that depend on this one.
 
+pub mod clock;
 pub mod error;
 pub mod files;
 pub mod grid;
@@ -28,6 +29,7 @@ pub mod gaussian;
 pub mod raster;
 
 pub mod scene;
+pub mod stress;
 
 pub mod train;
 

@@ -1,6 +1,9 @@
 //! Drawing what was found on top of a frame; the CPU twin of `shaders/overlay.wgsl`.
 
-use crate::{grid::Grid, mask};
+use crate::{
+    grid::Grid,
+    mask::{Bits, set_bits},
+};
 use image::RgbImage;
 use rayon::prelude::*;
 
@@ -50,60 +53,74 @@ pub fn overlay(
     if width * height == 0 || prompts.is_empty() {
         return out;
     }
-    let zones: Vec<Grid<Zone>> = match style {
-        OverlayStyle::Heatmap => Vec::new(),
-        OverlayStyle::Outline | OverlayStyle::Fill => prompts.par_iter().map(|p| zones(p)).collect(),
-    };
+    if style == OverlayStyle::Heatmap {
+        out.par_chunks_mut(3).with_min_len(4096).enumerate().for_each(|(i, pixel)| {
+            let colour = [pixel[0], pixel[1], pixel[2]].map(f32::from);
+            pixel.copy_from_slice(&to_bytes(heat(colour, &prompts, i, opacity)));
+        });
+        return out;
+    }
     let fill = if style == OverlayStyle::Fill { opacity } else { 0.0 };
-    out.par_chunks_mut(3).with_min_len(4096).enumerate().for_each(|(i, pixel)| {
-        let mut colour = [pixel[0], pixel[1], pixel[2]].map(f32::from);
-        if style == OverlayStyle::Heatmap {
-            colour = heat(colour, &prompts, i, opacity);
+    let zones: Vec<Zones> = prompts.iter().map(|p| Zones::of(p)).collect();
+    out.par_chunks_mut(3 * width).with_min_len(8).enumerate().for_each(|(y, row)| {
+        let mut touched = vec![0; width.div_ceil(u64::BITS as usize)];
+        for zones in &zones {
+            zones.mark(y, fill > 0.0, &mut touched);
         }
-        for (prompt, zones) in prompts.iter().zip(&zones) {
-            let own = prompt.colour.map(f32::from);
-            colour = match zones.data[i] {
-                Zone::Outside => colour,
-                Zone::Inside => mix(colour, own, fill),
-                Zone::Contour => own,
-                Zone::Halo => mix(colour, [0.0; 3], HALO_DARKNESS),
-            };
+        for x in set_bits(&touched) {
+            let pixel = &mut row[3 * x..3 * x + 3];
+            let mut colour = [pixel[0], pixel[1], pixel[2]].map(f32::from);
+            for (prompt, zones) in prompts.iter().zip(&zones) {
+                colour = zones.draw(x, y, colour, prompt.colour.map(f32::from), fill);
+            }
+            pixel.copy_from_slice(&to_bytes(colour));
         }
-        pixel.copy_from_slice(&colour.map(|v| (v + 0.5) as u8));
     });
     out
 }
 
-/// What a pixel is to the region a prompt found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Zone {
-    Outside,
-    Inside,
-    Contour,
-    Halo,
+fn to_bytes(colour: [f32; 3]) -> [u8; 3] {
+    colour.map(|v| (v + 0.5) as u8)
 }
 
-/// By city-block distance: up to [`CONTOUR_WIDTH`] inside the border is contour, the next pixel on either side halo.
-/// The image's edge is no border.
-fn zones(prompt: &OverlayPrompt<'_>) -> Grid<Zone> {
-    let found = mask::threshold(prompt.scores, prompt.threshold);
-    let depth = mask::distance_to_false(&found);
-    let (w, h) = (found.width, found.height);
-    let touches_found = |i: usize| {
-        let (x, y) = (i % w, i / w);
-        (x > 0 && found.data[i - 1])
-            || (x + 1 < w && found.data[i + 1])
-            || (y > 0 && found.data[i - w])
-            || (y + 1 < h && found.data[i + w])
-    };
-    let zone = |(i, &depth): (usize, &u32)| match depth {
-        0 if touches_found(i) => Zone::Halo,
-        0 => Zone::Outside,
-        1..=CONTOUR_WIDTH => Zone::Contour,
-        d if d == CONTOUR_WIDTH + 1 => Zone::Halo,
-        _ => Zone::Inside,
-    };
-    Grid::from_vec(w, h, depth.iter().enumerate().map(zone).collect())
+/// What the pixels are to the region a prompt found, by city-block distance: up to [`CONTOUR_WIDTH`] inside the border is
+/// contour, the next pixel on either side halo. The image's edge is no border.
+struct Zones {
+    inside: Bits,
+    contour: Bits,
+    halo: Bits,
+}
+
+impl Zones {
+    fn of(prompt: &OverlayPrompt<'_>) -> Self {
+        let scores = prompt.scores;
+        // Also false for NaN.
+        let found = Bits::of(scores.width, scores.height, |i| scores.data[i] > prompt.threshold);
+        let within = (0..CONTOUR_WIDTH).fold(found.clone(), |bits, _| bits.eroded());
+        let inside = within.eroded();
+        let halo = within.without(&inside).or(&found.dilated().without(&found));
+        Self { contour: found.without(&within), inside, halo }
+    }
+
+    /// Adds the pixels of row `y` that are drawn.
+    fn mark(&self, y: usize, with_inside: bool, touched: &mut [u64]) {
+        let inside = if with_inside { self.inside.row(y) } else { &[] };
+        for row in [inside, self.contour.row(y), self.halo.row(y)] {
+            touched.iter_mut().zip(row).for_each(|(touched, word)| *touched |= word);
+        }
+    }
+
+    fn draw(&self, x: usize, y: usize, colour: [f32; 3], own: [f32; 3], fill: f32) -> [f32; 3] {
+        if self.contour.has(x, y) {
+            own
+        } else if self.halo.has(x, y) {
+            mix(colour, [0.0; 3], HALO_DARKNESS)
+        } else if self.inside.has(x, y) {
+            mix(colour, own, fill)
+        } else {
+            colour
+        }
+    }
 }
 
 /// The highest score of a pixel as colour: black over the prompt's colour to white, so that it reads without hue, and

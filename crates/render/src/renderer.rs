@@ -5,12 +5,12 @@ use crate::{
     buffers::uniform,
     layout::View,
     passes::{Input, Passes},
-    scene_buffers::{SceneBuffers, fingerprint},
+    scene_buffers::SceneBuffers,
 };
 use surgtpgs_core::{
     Result,
     camera::Camera,
-    raster::{FEATURE_PLANE, Images, Renderer},
+    raster::{FEATURE_PLANE, FrameClock, FramePass, Images, Renderer},
     scene::Scene,
 };
 
@@ -52,7 +52,7 @@ impl GpuRenderer {
     }
 
     fn upload(&mut self, scene: &Scene) -> Result<()> {
-        let fingerprint = fingerprint(&scene.gaussians, &scene.deformation);
+        let fingerprint = scene.fingerprint();
         if self.scene.as_ref().is_none_or(|(known, _)| *known != fingerprint) {
             self.forget_scene();
             let buffers = SceneBuffers::new(&self.gpu, &scene.gaussians, &scene.deformation)?;
@@ -62,8 +62,20 @@ impl GpuRenderer {
     }
 
     /// Runs the passes until all pairs fit; returns the planes.
-    fn draw(&mut self, scene: &Scene, camera: &Camera, time: f32, latent_dim: usize) -> Result<Vec<f32>> {
+    fn draw(
+        &mut self,
+        scene: &Scene,
+        camera: &Camera,
+        time: f32,
+        latent_dim: usize,
+        clock: &mut FrameClock,
+    ) -> Result<Vec<f32>> {
         self.upload(scene)?;
+        if self.deformed_at != Some((time, latent_dim)) {
+            clock.lap(FramePass::Deform);
+        }
+        clock.lap(FramePass::Project);
+        clock.lap(FramePass::Bin);
         loop {
             let (wanted, planes) = self.draw_once(scene, camera, time, latent_dim)?;
             if !self.passes.bin.grow_if_full(&self.gpu, wanted)? {
@@ -141,20 +153,32 @@ impl Renderer for GpuRenderer {
         self.gpu.name()
     }
 
-    fn render(&mut self, scene: &Scene, camera: &Camera, time: f32, features: bool) -> Result<Images> {
-        let (width, height) = (camera.width as usize, camera.height as usize);
+    /// All passes go to the device at once: [`FramePass::Raster`] stands for the time of those that ran.
+    fn render_into(
+        &mut self,
+        scene: &Scene,
+        camera: &Camera,
+        time: f32,
+        features: bool,
+        images: &mut Images,
+        clock: &mut FrameClock,
+    ) -> Result<()> {
+        (images.width, images.height) = (camera.width as usize, camera.height as usize);
+        images.planes.clear();
         let latent_dim = if features { scene.gaussians.latent_dim } else { 0 };
-        if width * height == 0 {
-            return Ok(Images { width, height, planes: Vec::new() });
+        if images.width * images.height == 0 {
+            return Ok(());
         }
+        clock.start();
         let gpu = self.gpu.clone();
-        let result = gpu.guarded(|| self.draw(scene, camera, time, latent_dim));
+        let result = gpu.guarded(|| self.draw(scene, camera, time, latent_dim, clock));
         if result.is_err() {
             // What is on the device is unknown now.
             self.forget_scene();
         }
-        let planes = result?;
-        debug_assert_eq!(planes.len(), width * height * (FEATURE_PLANE + latent_dim));
-        Ok(Images { width, height, planes })
+        images.planes = result?;
+        clock.lap(FramePass::Raster);
+        debug_assert_eq!(images.planes.len(), images.width * images.height * (FEATURE_PLANE + latent_dim));
+        Ok(())
     }
 }

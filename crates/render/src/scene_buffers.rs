@@ -5,10 +5,7 @@ use crate::{
     buffers::{DeviceVec, max_bytes},
     layout::RestRow,
 };
-use std::{
-    hash::{DefaultHasher, Hash, Hasher},
-    ops::Range,
-};
+use std::ops::Range;
 use surgtpgs_core::{
     Error, Result,
     deform::{Deformation, num_channels},
@@ -122,33 +119,4 @@ fn check_lengths(gaussians: &Gaussians, deformation: &Deformation) -> Result<()>
         }
     }
     Ok(())
-}
-
-/// Tells scenes apart without reading them whole: where their arrays lie, how long they are, and samples.
-pub(crate) fn fingerprint(gaussians: &Gaussians, deformation: &Deformation) -> u64 {
-    let mut hasher = DefaultHasher::new();
-    (gaussians.sh_degree, gaussians.latent_dim, deformation.num_bases, deformation.stride).hash(&mut hasher);
-    (deformation.shape as u8, deformation.gate_slope.to_bits(), deformation.gate_channel).hash(&mut hasher);
-    let arrays: [&[f32]; 12] = [
-        gaussians.means.as_flattened(),
-        gaussians.rotations.as_flattened(),
-        gaussians.log_scales.as_flattened(),
-        &gaussians.opacity_logits,
-        gaussians.colours.as_flattened(),
-        &gaussians.sh_rest,
-        &gaussians.features,
-        &deformation.weights,
-        &deformation.centres,
-        &deformation.widths,
-        &deformation.feature_weight,
-        &deformation.feature_bias,
-    ];
-    const SAMPLES: usize = 512;
-    for array in arrays {
-        (array.as_ptr() as usize, array.len()).hash(&mut hasher);
-        for value in array.iter().step_by((array.len() / SAMPLES).max(1)) {
-            value.to_bits().hash(&mut hasher);
-        }
-    }
-    hasher.finish()
 }

@@ -21,7 +21,7 @@ use surgtpgs_core::{
     demo::{self, DemoSettings},
     export::{ExportOptions, ExportPrompt, Source},
     grid::Grid,
-    raster::Images,
+    raster::FrameClock,
     scene::Scene,
     sequence::Sequence,
     train::{TrainSettings, Trainer},
@@ -158,8 +158,6 @@ fn preview(scene: Scene, recording: &Path) -> Result<SceneSource> {
 struct SceneSource {
     engine: Engine,
     info: Info,
-    /// What was rendered last.
-    last: Option<(View, engine::View, Images)>,
     /// Distance to what the endoscope looks at, scene units; the point to turn around.
     pivot_depth: f32,
 }
@@ -193,7 +191,7 @@ impl SceneSource {
             renderer: engine.renderer_name(),
             notes,
         };
-        Self { engine, info, last: None, pivot_depth: 1.0 }
+        Self { engine, info, pivot_depth: 1.0 }
     }
 
     fn engine_view(&mut self, view: &View) -> Result<engine::View> {
@@ -212,13 +210,11 @@ impl SceneSource {
     }
 
     /// Scores of prompts that can all be asked together.
-    fn ask(&mut self, prompts: &[&str]) -> Result<Vec<Grid<f32>>> {
+    fn ask(&mut self, view: &engine::View, prompts: &[&str]) -> Result<Vec<Grid<f32>>> {
         let words: Vec<String> = prompts.iter().map(|p| (*p).to_owned()).collect();
         self.engine.set_prompts(&words)?;
-        match &self.last {
-            Some((_, view, images)) => self.engine.scores(images, view),
-            None => Err(Error::input("nothing was rendered yet", "")),
-        }
+        let images = self.engine.render(view, true)?;
+        self.engine.scores(&images, view)
     }
 }
 
@@ -240,28 +236,30 @@ impl FrameSource for SceneSource {
         if view.orbit.is_home() {
             self.pivot_depth = middle_depth(&depth).unwrap_or(self.pivot_depth);
         }
-        let colour = images.to_rgb();
-        self.last = Some((*view, engine_view, images));
-        Ok(Rendering { colour, depth })
+        Ok(Rendering { colour: images.to_rgb(), depth })
     }
 
     fn scores(&mut self, view: &View, prompts: &[&str]) -> Vec<Result<Grid<f32>>> {
-        let is_rendered = self.last.as_ref().is_some_and(|(last, ..)| last == view);
-        if !is_rendered && let Err(e) = self.render(view, true) {
-            let failed = e.to_string();
-            return prompts.iter().map(|_| Err(Error::input(failed.clone(), ""))).collect();
-        }
-        match self.ask(prompts) {
-            Ok(scores) => scores.into_iter().map(Ok).collect(),
+        let asked = self.engine_view(view).and_then(|view| {
+            let together = self.ask(&view, prompts);
+            Ok((view, together))
+        });
+        match asked {
+            Ok((_, Ok(scores))) => scores.into_iter().map(Ok).collect(),
             // One by one, so that the words that cannot be read do not silence the others.
-            Err(_) => prompts
+            Ok((view, Err(_))) => prompts
                 .iter()
                 .map(|prompt| {
                     let missing = || Error::input("there is no score for these words", "");
-                    self.ask(&[prompt]).and_then(|mut s| s.pop().ok_or_else(missing))
+                    self.ask(&view, &[prompt]).and_then(|mut s| s.pop().ok_or_else(missing))
                 })
                 .collect(),
+            Err(e) => prompts.iter().map(|_| Err(Error::input(e.to_string(), ""))).collect(),
         }
+    }
+
+    fn clock(&self) -> FrameClock {
+        self.engine.clock().clone()
     }
 }
 

@@ -1,5 +1,6 @@
-//! From a request to a picture: decode or render, score, draw. Keeps what the next request may need again, so that a
-//! moved threshold costs a redraw of the overlay and nothing else. Runs on the worker thread.
+//! From a request to a picture: decode or render, score, draw. Keeps what the next requests may need again, so that a
+//! moved threshold costs a redraw of the overlay and nothing else, and prepares the frames ahead while nothing is asked
+//! for. Runs on the worker thread.
 
 use super::{
     document::PromptId,
@@ -7,9 +8,9 @@ use super::{
 };
 use egui::ColorImage;
 use image::RgbImage;
-use std::{sync::Arc, time::Instant};
+use std::{collections::VecDeque, sync::Arc, time::Instant};
 use surgtpgs_core::{
-    Result,
+    Error, Result,
     grid::Grid,
     overlay::{OverlayPrompt, OverlayStyle, overlay},
 };
@@ -65,6 +66,8 @@ pub(crate) struct Picture {
     pub(crate) problem: Option<String>,
     /// How long it took, milliseconds.
     pub(crate) took_ms: f64,
+    /// How many of the passes of a frame had to run for it.
+    pub(crate) passes_run: usize,
 }
 
 /// What a prompt found in this view.
@@ -95,12 +98,21 @@ pub(crate) struct Found {
 /// Steps of a histogram.
 pub(crate) const BINS: usize = 50;
 
-/// Makes pictures from a source, with a memory of the last ones.
+/// Frames that are prepared ahead of the one that is shown.
+const FRAMES_AHEAD: usize = 12;
+/// Memory for pictures that may be needed again, bytes.
+const KEPT_BYTES: usize = 128 << 20;
+
+/// Makes pictures from a source, with a memory of the last ones and of those to come.
 pub(crate) struct Pipeline {
     source: Box<dyn FrameSource>,
-    original: Option<(usize, Arc<RgbImage>, Arc<ColorImage>)>,
-    rendered: Option<Rendered>,
+    /// Recorded frames, the one used last at the end.
+    originals: VecDeque<(usize, Arc<RgbImage>, Arc<ColorImage>)>,
+    /// Rendered views, the one used last at the end.
+    rendered: VecDeque<Rendered>,
     depth_range: Option<(f32, f32)>,
+    /// What was asked for last.
+    last: Option<Request>,
 }
 
 /// A prompt's score image, or why there is none.
@@ -117,18 +129,20 @@ struct Rendered {
 
 impl Pipeline {
     pub(crate) fn new(source: Box<dyn FrameSource>) -> Self {
-        Self { source, original: None, rendered: None, depth_range: None }
+        Self { source, originals: VecDeque::new(), rendered: VecDeque::new(), depth_range: None, last: None }
     }
 
     /// Shows another state of the same recording from now on; decoded frames are kept.
     pub(crate) fn replace(&mut self, source: Box<dyn FrameSource>) {
         self.source = source;
-        self.rendered = None;
+        self.rendered.clear();
     }
 
     /// Makes the picture. What fails becomes [`Picture::problem`].
     pub(crate) fn produce(&mut self, request: Request) -> Picture {
+        self.last = Some(request.clone());
         let began = Instant::now();
+        let passes_before = self.source.clock();
         let mut picture = Picture {
             original: None,
             reconstruction: None,
@@ -137,22 +151,21 @@ impl Pipeline {
             findings: Vec::new(),
             problem: None,
             took_ms: 0.0,
+            passes_run: 0,
             request,
         };
         if let Err(e) = self.fill(&mut picture) {
             picture.problem = Some(e.to_string());
         }
+        let is_drawn = !picture.findings.is_empty();
+        picture.passes_run = self.source.clock().ran_since(&passes_before) + usize::from(is_drawn);
         picture.took_ms = began.elapsed().as_secs_f64() * 1000.0;
         picture
     }
 
     fn fill(&mut self, picture: &mut Picture) -> Result<()> {
         let request = picture.request.clone();
-        let info = self.source.info();
-        let asks = info.has_features && !request.prompts.is_empty();
-        let renders =
-            info.has_reconstruction && (request.needs_reconstruction || request.needs_depth || asks);
-        let decodes = info.has_original && request.needs_original;
+        let Needs { decodes, renders, asks } = self.needs(&request);
         // The recorded frame first: where rendering fails, it can be shown all the same.
         let original = if decodes { Some(self.original(request.view.frame)?) } else { None };
         if let Some((_, bare)) = &original {
@@ -166,7 +179,7 @@ impl Pipeline {
             self.score(&request);
         }
         let range = if request.needs_depth { Some(self.depth_range()) } else { None };
-        let Some(rendered) = &self.rendered else { return Ok(()) };
+        let Some(rendered) = self.rendered.back() else { return Ok(()) };
         picture.findings = findings(rendered, &request.prompts);
         picture.depth_values = Some(rendered.depth.clone());
         picture.depth =
@@ -181,26 +194,72 @@ impl Pipeline {
         Ok(())
     }
 
-    fn original(&mut self, frame: usize) -> Result<(Arc<RgbImage>, Arc<ColorImage>)> {
-        if let Some((i, image, bare)) = &self.original
-            && *i == frame
-        {
-            return Ok((image.clone(), bare.clone()));
+    fn needs(&self, request: &Request) -> Needs {
+        let info = self.source.info();
+        let asks = info.has_features && !request.prompts.is_empty();
+        let renders = request.needs_reconstruction || request.needs_depth || asks;
+        Needs {
+            decodes: info.has_original && request.needs_original,
+            renders: info.has_reconstruction && renders,
+            asks,
         }
-        let image = self.source.original(frame)?;
-        let bare = Arc::new(color_image(&image));
-        let image = Arc::new(image);
-        self.original = Some((frame, image.clone(), bare.clone()));
-        Ok((image, bare))
     }
 
+    /// Prepares the next frame that is likely to be asked for; `false` if there is none. What fails will fail again, and
+    /// be said, when it is asked for.
+    pub(crate) fn prepare_ahead(&mut self) -> bool {
+        let Some(last) = self.last.clone().filter(|l| !l.view.is_preview && self.source.prepares_ahead())
+        else {
+            return false;
+        };
+        let end = self.source.info().num_frames.min(last.view.frame + 1 + FRAMES_AHEAD);
+        for frame in last.view.frame + 1..end {
+            let view = View { frame, ..last.view };
+            let request = Request { view, ..last.clone() };
+            let Needs { decodes, renders, asks } = self.needs(&request);
+            let decodes = decodes && !self.originals.iter().any(|(i, ..)| *i == frame);
+            let known = self.rendered.iter().find(|r| r.is_of(&view, asks));
+            let renders = renders && known.is_none_or(|r| asks && !r.new_prompts(&request).is_empty());
+            if !decodes && !renders {
+                continue;
+            }
+            // Never at the cost of what is shown now.
+            let is_full = self.kept_bytes() >= KEPT_BYTES;
+            let done =
+                (!decodes || self.original(frame).is_ok()) && (!renders || self.render(&view, asks).is_ok());
+            if done && renders && asks {
+                self.score(&request);
+            }
+            return done && !is_full;
+        }
+        false
+    }
+
+    fn original(&mut self, frame: usize) -> Result<(Arc<RgbImage>, Arc<ColorImage>)> {
+        if let Some(k) = self.originals.iter().position(|(i, ..)| *i == frame) {
+            let known = self.originals.remove(k);
+            self.originals.extend(known);
+        } else {
+            let image = Arc::new(self.source.original(frame)?);
+            let bare = Arc::new(color_image(&image));
+            self.make_room();
+            self.originals.push_back((frame, image, bare));
+        }
+        let newest = self.originals.back().map(|(_, image, bare)| (image.clone(), bare.clone()));
+        newest.ok_or_else(|| Error::input("the recorded frame is not at hand", ""))
+    }
+
+    /// Makes sure that the view is the last of those rendered.
     fn render(&mut self, view: &View, with_features: bool) -> Result<()> {
-        if self.rendered.as_ref().is_some_and(|r| r.view == *view && (r.has_features || !with_features)) {
+        if let Some(k) = self.rendered.iter().position(|r| r.is_of(view, with_features)) {
+            let known = self.rendered.remove(k);
+            self.rendered.extend(known);
             return Ok(());
         }
-        self.rendered = None;
+        self.rendered.retain(|r| r.view != *view);
         let Rendering { colour, depth } = self.source.render(view, with_features)?;
-        self.rendered = Some(Rendered {
+        self.make_room();
+        self.rendered.push_back(Rendered {
             view: *view,
             has_features: with_features,
             bare: Arc::new(color_image(&colour)),
@@ -211,14 +270,10 @@ impl Pipeline {
         Ok(())
     }
 
-    /// Scores those prompts that this view was not asked for yet.
+    /// Scores those prompts that the view rendered last was not asked for yet.
     fn score(&mut self, request: &Request) {
-        let Some(rendered) = &mut self.rendered else { return };
-        let is_known = |text: &str| rendered.scores.iter().any(|(t, _)| t == text);
-        let mut new: Vec<&str> = request.prompts.iter().map(|p| p.text.as_str()).collect();
-        new.retain(|t| !is_known(t));
-        new.sort_unstable();
-        new.dedup();
+        let Some(rendered) = self.rendered.back_mut() else { return };
+        let new = rendered.new_prompts(request);
         if new.is_empty() {
             return;
         }
@@ -231,10 +286,26 @@ impl Pipeline {
         )));
     }
 
+    fn kept_bytes(&self) -> usize {
+        let originals: usize = self.originals.iter().map(|(_, image, _)| 7 * image.as_raw().len() / 3).sum();
+        originals + self.rendered.iter().map(Rendered::bytes).sum::<usize>()
+    }
+
+    /// Forgets the pictures used longest ago until there is room for another one.
+    fn make_room(&mut self) {
+        while self.kept_bytes() > KEPT_BYTES && self.originals.len() + self.rendered.len() > 2 {
+            if self.originals.len() > self.rendered.len() {
+                self.originals.pop_front();
+            } else {
+                self.rendered.pop_front();
+            }
+        }
+    }
+
     /// The depth scale: taken from the first depth picture and then kept, so that colours mean the same on all frames.
     fn depth_range(&mut self) -> (f32, f32) {
         let measured = || {
-            let rendered = self.rendered.as_ref()?;
+            let rendered = self.rendered.back()?;
             let mut depths: Vec<f32> =
                 rendered.depth.data.iter().copied().filter(|d| d.is_finite() && *d > 0.0).collect();
             depths.sort_unstable_by(f32::total_cmp);
@@ -245,6 +316,35 @@ impl Pipeline {
             self.depth_range = measured();
         }
         self.depth_range.unwrap_or((0.0, 1.0))
+    }
+}
+
+/// What a request takes.
+struct Needs {
+    decodes: bool,
+    renders: bool,
+    asks: bool,
+}
+
+impl Rendered {
+    /// Whether it is what was asked for, or has more.
+    fn is_of(&self, view: &View, with_features: bool) -> bool {
+        self.view == *view && (self.has_features || !with_features)
+    }
+
+    /// Prompts of a request that it was not asked for yet.
+    fn new_prompts<'a>(&self, request: &'a Request) -> Vec<&'a str> {
+        let is_known = |text: &str| self.scores.iter().any(|(t, _)| t == text);
+        let mut new: Vec<&str> = request.prompts.iter().map(|p| p.text.as_str()).collect();
+        new.retain(|t| !is_known(t));
+        new.sort_unstable();
+        new.dedup();
+        new
+    }
+
+    fn bytes(&self) -> usize {
+        // Colour twice, depth, scores.
+        self.depth.data.len() * (3 + 4 + 4 + 4 * self.scores.len())
     }
 }
 

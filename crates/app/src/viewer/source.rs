@@ -5,7 +5,7 @@
 use super::{jobs::JobContext, orbit::Orbit};
 use image::RgbImage;
 use std::path::{Path, PathBuf};
-use surgtpgs_core::{Result, export::Format, grid::Grid, overlay::OverlayStyle};
+use surgtpgs_core::{Result, export::Format, grid::Grid, overlay::OverlayStyle, raster::FrameClock};
 
 /// What is known about a scene or a recording as soon as it is open.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -65,6 +65,14 @@ pub(crate) trait FrameSource: Send {
     fn render(&mut self, view: &View, with_features: bool) -> Result<Rendering>;
     /// Score images of prompts in the view that was rendered last, of its size; an error concerns its prompt alone.
     fn scores(&mut self, view: &View, prompts: &[&str]) -> Vec<Result<Grid<f32>>>;
+    /// Whether views may be asked for before anybody wants to see them.
+    fn prepares_ahead(&self) -> bool {
+        true
+    }
+    /// How often each pass of a frame ran so far.
+    fn clock(&self) -> FrameClock {
+        FrameClock::default()
+    }
 }
 
 /// Opens, exports and trains. All methods run on worker threads and take as long as they need.

@@ -2,7 +2,7 @@
 
 use super::{app::ViewerApp, theme, widgets::caption};
 use egui::{RichText, Ui};
-use surgtpgs_core::export::intended_use;
+use surgtpgs_core::{clock::PassName, export::intended_use, raster::FramePass};
 
 /// The bottom line of the window.
 pub(crate) fn status_ui(ui: &mut Ui, app: &mut ViewerApp) {
@@ -19,8 +19,10 @@ pub(crate) fn status_ui(ui: &mut Ui, app: &mut ViewerApp) {
                 ui.separator();
             }
             if info.has_reconstruction {
-                let text = format!("{:.0} ms  ·  {}", picture.took_ms, info.renderer);
-                ui.label(caption(text)).on_hover_text("Time for the last picture, and what made it");
+                let passes = format!("{} of {} passes", picture.passes_run, FramePass::ALL.len());
+                let text = format!("{passes}  ·  {:.0} ms  ·  {}", picture.took_ms, info.renderer);
+                let why = "Passes that had to run for the last picture, its time, and what made it";
+                ui.label(caption(text)).on_hover_text(why);
             }
         });
     });

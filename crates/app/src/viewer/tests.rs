@@ -44,6 +44,9 @@ impl FrameSource for Fake {
             depth: Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 50.0),
         })
     }
+    fn prepares_ahead(&self) -> bool {
+        self.gate.is_none()
+    }
     fn scores(&mut self, _: &View, prompts: &[&str]) -> Vec<Result<Grid<f32>>> {
         if let Some(gate) = &self.gate {
             let _ = gate.recv();

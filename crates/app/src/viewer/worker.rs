@@ -4,7 +4,10 @@ use super::{
     pipeline::{Picture, Pipeline, Request},
     source::FrameSource,
 };
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::{
+    panic::AssertUnwindSafe,
+    sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError},
+};
 use surgtpgs_core::{Error, Result};
 
 /// The window's side of the thread. Dropping it ends the thread after the picture in progress.
@@ -67,10 +70,13 @@ impl Drop for Worker {
 }
 
 fn work(shared: &Shared, mut pipeline: Pipeline, ctx: &egui::Context) {
+    // While there may be something to prepare, the thread looks for requests without waiting for them.
+    let mut is_preparing = false;
     loop {
         let (source, request) = {
-            let is_idle =
-                |inbox: &mut Inbox| inbox.request.is_none() && inbox.source.is_none() && !inbox.is_closed;
+            let is_idle = |inbox: &mut Inbox| {
+                inbox.request.is_none() && inbox.source.is_none() && !inbox.is_closed && !is_preparing
+            };
             let waited = shared.wake.wait_while(lock(&shared.inbox), is_idle);
             let mut inbox = waited.unwrap_or_else(PoisonError::into_inner);
             if inbox.is_closed {
@@ -83,9 +89,13 @@ fn work(shared: &Shared, mut pipeline: Pipeline, ctx: &egui::Context) {
         }
         if let Some(request) = request {
             let asked = request.clone();
-            let made = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| pipeline.produce(request)));
+            let made = std::panic::catch_unwind(AssertUnwindSafe(|| pipeline.produce(request)));
             *lock(&shared.outbox) = Some(made.unwrap_or_else(|_| broken(asked)));
             ctx.request_repaint();
+            is_preparing = true;
+        } else {
+            let prepared = std::panic::catch_unwind(AssertUnwindSafe(|| pipeline.prepare_ahead()));
+            is_preparing = prepared.unwrap_or(false);
         }
     }
 }
@@ -101,6 +111,7 @@ fn broken(request: Request) -> Picture {
         findings: Vec::new(),
         problem: Some("The program made a mistake with this picture; please report what you did.".into()),
         took_ms: 0.0,
+        passes_run: 0,
     }
 }
 

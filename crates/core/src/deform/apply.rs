@@ -75,10 +75,12 @@ impl<T: Real> FeatureNet<'_, T> {
     }
 }
 
-/// Eq. 3: f' = f + g([f, t]) ⊙ σ(δ ψ^f); `gate` is ψ^f.
+/// Eq. 3: f' = f + g([f, t]) ⊙ σ(δ ψ^f); `gate` is ψ^f. 0 where that is not finite: one bad number shall not blot out
+/// every pixel that it touches.
 pub fn gate_feature<T: Real>(net: &FeatureNet<'_, T>, feature: &[T], gate: &[T], time: T, out: &mut [T]) {
     for (i, o) in out.iter_mut().enumerate() {
-        *o = feature[i] + net.output(i, feature, time) * (net.slope * gate[i]).sigmoid();
+        let value = feature[i] + net.output(i, feature, time) * (net.slope * gate[i]).sigmoid();
+        *o = if value.is_finite() { value } else { T::zero() };
     }
 }
 

@@ -15,6 +15,7 @@ use crate::{gaussian::Gaussians, num::sigmoid};
 use fearless_simd::{Level, Simd, dispatch};
 use fearless_simd_macros::simd;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// First channel of each deformed quantity; gate channels follow [`COLOUR_CHANNEL`] + 3.
 pub const MEAN_CHANNEL: usize = 0;
@@ -112,7 +113,7 @@ impl Deformation {
     }
 
     /// Values of shared bases at `time`, and the range outside which they are below [`LIVE_BASIS`].
-    pub fn basis_values(&self, time: f32) -> (Vec<f32>, std::ops::Range<usize>) {
+    pub fn basis_values(&self, time: f32) -> (Vec<f32>, Range<usize>) {
         let values: Vec<f32> =
             (0..self.num_bases).map(|b| basis(self.shape, time, self.centres[b], self.widths[b])).collect();
         let is_live = |v: &f32| *v > LIVE_BASIS;
@@ -130,29 +131,37 @@ impl Deformation {
 
     /// As [`Deformation::psi`], with the memory from outside.
     pub fn psi_into(&self, n: usize, time: f32, psi: &mut Vec<f32>) {
+        let (values, live) =
+            if self.is_shared() { self.basis_values(time) } else { (Vec::new(), 0..self.num_bases) };
+        self.psi_of(live, &values, n, time, psi);
+    }
+
+    /// ψ(t) from some of the bases alone; `values` are all bases' at `time` where they are shared.
+    pub fn psi_of(&self, bases: Range<usize>, values: &[f32], n: usize, time: f32, psi: &mut Vec<f32>) {
         psi.resize(n * self.stride, 0.0);
         let plane = n * self.stride;
         let chunk = 1024 * self.stride;
-        let shared = self.is_shared().then(|| self.basis_values(time));
         psi.par_chunks_mut(chunk).enumerate().for_each(|(k, psi)| {
             psi.fill(0.0);
             let len = psi.len();
-            let at = |b: usize| b * plane + k * chunk..b * plane + k * chunk + len;
-            if let Some((values, live)) = &shared {
-                for b in live.clone() {
-                    add_scaled(psi, values[b], &self.weights[at(b)]);
-                }
-            } else {
-                for b in 0..self.num_bases {
-                    let own = self.centres[at(b)].iter().zip(&self.widths[at(b)]);
-                    for ((sum, weight), (centre, width)) in psi.iter_mut().zip(&self.weights[at(b)]).zip(own)
-                    {
-                        let value = basis(self.shape, time, *centre, *width);
-                        *sum += if value > LIVE_BASIS { value * weight } else { 0.0 };
-                    }
+            for b in bases.clone() {
+                let at = b * plane + k * chunk..b * plane + k * chunk + len;
+                if let Some(value) = values.get(b) {
+                    add_scaled(psi, *value, &self.weights[at]);
+                } else {
+                    self.add_own_basis(psi, at, time);
                 }
             }
         });
+    }
+
+    /// Adds a basis function that every Gaussian and channel has its own of, for those at `at`.
+    fn add_own_basis(&self, psi: &mut [f32], at: Range<usize>, time: f32) {
+        let own = self.centres[at.clone()].iter().zip(&self.widths[at.clone()]);
+        for ((sum, weight), (centre, width)) in psi.iter_mut().zip(&self.weights[at]).zip(own) {
+            let value = basis(self.shape, time, *centre, *width);
+            *sum += if value > LIVE_BASIS { value * weight } else { 0.0 };
+        }
     }
 
     /// The feature network.

@@ -1,5 +1,9 @@
 //! Masks from scores: threshold, outline, overlap, and the clean-up that a person asks for.
 
+mod bits;
+
+pub(crate) use bits::{Bits, set_bits};
+
 use crate::grid::{Grid, Mask};
 
 /// Pixels whose score is above `threshold` (strictly); NaN never is.
@@ -30,28 +34,11 @@ pub fn exclusive(scores: &[&Grid<f32>], thresholds: &[f32]) -> Vec<Mask> {
 /// `true` within `width_px` inside the border of the mask (4-neighbourhood, image border excluded):
 /// the pixels that `width_px` erosions would take away.
 pub fn outline(mask: &Mask, width_px: usize) -> Mask {
-    let distance = distance_to_false(mask);
-    let near = |(&inside, &d): (&bool, &u32)| inside && d as usize <= width_px;
-    Grid::from_vec(mask.width, mask.height, mask.data.iter().zip(&distance).map(near).collect())
-}
-
-/// City-block distance of each pixel to the nearest `false` one: 0 on it, `u32::MAX` where there is none.
-pub(crate) fn distance_to_false(mask: &Mask) -> Vec<u32> {
-    let (w, h) = (mask.width, mask.height);
-    let mut distance: Vec<u32> = mask.data.iter().map(|&v| if v { u32::MAX } else { 0 }).collect();
-    for i in 0..w * h {
-        let (x, y) = (i % w, i / w);
-        let left = if x > 0 { distance[i - 1] } else { u32::MAX };
-        let above = if y > 0 { distance[i - w] } else { u32::MAX };
-        distance[i] = distance[i].min(left.min(above).saturating_add(1));
-    }
-    for i in (0..w * h).rev() {
-        let (x, y) = (i % w, i / w);
-        let right = if x + 1 < w { distance[i + 1] } else { u32::MAX };
-        let below = if y + 1 < h { distance[i + w] } else { u32::MAX };
-        distance[i] = distance[i].min(right.min(below).saturating_add(1));
-    }
-    distance
+    let bits = Bits::of(mask.width, mask.height, |i| mask.data[i]);
+    // No pixel is further from the border than that.
+    let erosions = width_px.min(mask.width + mask.height);
+    let inside = (0..erosions).fold(bits.clone(), |bits, _| bits.eroded());
+    bits.without(&inside).to_mask()
 }
 
 /// |a ∩ b| / |a ∪ b|; `None` when both are empty or their sizes differ.

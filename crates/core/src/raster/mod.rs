@@ -5,19 +5,15 @@ pub mod bin;
 pub mod forward;
 pub mod project;
 pub mod reference;
+mod renderer;
 pub mod sh;
 mod tile;
 
+pub use renderer::{CpuRenderer, FrameClock, FramePass, Renderer};
 pub use tile::Packed;
 
-use crate::{
-    Result,
-    camera::Camera,
-    deform::{Deformed, deform},
-    gaussian::Gaussians,
-    grid::Grid,
-    scene::Scene,
-};
+use crate::{camera::Camera, deform::Deformed, gaussian::Gaussians, grid::Grid};
+use rayon::prelude::*;
 
 /// Tile edge in pixels.
 pub const TILE: usize = 16;
@@ -67,12 +63,15 @@ impl Images {
     }
     /// 8-bit sRGB picture.
     pub fn to_rgb(&self) -> image::RgbImage {
-        let (r, g, b) = (self.plane(0), self.plane(1), self.plane(2));
         let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
-        image::RgbImage::from_fn(self.width as u32, self.height as u32, |x, y| {
-            let i = y as usize * self.width + x as usize;
-            image::Rgb([byte(r[i]), byte(g[i]), byte(b[i])])
-        })
+        let mut picture = image::RgbImage::new(self.width as u32, self.height as u32);
+        if !self.planes.is_empty() {
+            let (r, g, b) = (self.plane(0), self.plane(1), self.plane(2));
+            picture.par_chunks_mut(3).with_min_len(4096).enumerate().for_each(|(i, pixel)| {
+                pixel.copy_from_slice(&[byte(r[i]), byte(g[i]), byte(b[i])]);
+            });
+        }
+        picture
     }
     /// Depth divided by accumulated opacity; 0 where alpha is below `min_alpha`.
     pub fn normalised_depth(&self, min_alpha: f32) -> Grid<f32> {
@@ -85,28 +84,6 @@ impl Images {
     }
 }
 
-/// Renders a scene at a time from a camera; the GPU and the CPU do it alike.
-pub trait Renderer: Send {
-    /// Which machine part renders, for reports and provenance, e.g. "CPU (AVX-512)".
-    fn name(&self) -> String;
-    /// Renders; features only if asked for.
-    fn render(&mut self, scene: &Scene, camera: &Camera, time: f32, features: bool) -> Result<Images>;
-}
-
-/// The passes on the CPU, threaded and vectorised; also the specification of the shaders.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct CpuRenderer;
-
-impl Renderer for CpuRenderer {
-    fn name(&self) -> String {
-        format!("CPU, {} threads, {}", rayon::current_num_threads(), instruction_set())
-    }
-    fn render(&mut self, scene: &Scene, camera: &Camera, time: f32, features: bool) -> Result<Images> {
-        let deformed = deform(&scene.gaussians, &scene.deformation, time, features);
-        Ok(render_deformed(&scene.gaussians, &deformed, camera))
-    }
-}
-
 /// Project → bin → raster of Gaussians already at time t; features if `deformed` has them.
 pub fn render_deformed(gaussians: &Gaussians, deformed: &Deformed, camera: &Camera) -> Images {
     let (width, height) = (camera.width as usize, camera.height as usize);
@@ -115,12 +92,6 @@ pub fn render_deformed(gaussians: &Gaussians, deformed: &Deformed, camera: &Came
     let with_features = deformed.features.len() == gaussians.features.len();
     let latent_dim = if with_features { gaussians.latent_dim } else { 0 };
     forward::raster(&Packed::new(&splats, &deformed.features, latent_dim), &bins, width, height)
-}
-
-/// The instruction set that the kernels run on here.
-fn instruction_set() -> String {
-    let level = format!("{:?}", fearless_simd::Level::new());
-    level.split(['(', ' ']).next().unwrap_or_default().to_owned()
 }
 
 #[cfg(test)]

@@ -194,6 +194,16 @@ impl<T: Real> Footprint<T> {
         let [u, v] = self.root;
         [dot(u, u) + T::from_f32(DILATION), dot(u, v), dot(v, v) + T::from_f32(DILATION)]
     }
+
+    /// Its determinant, as a sum of positive numbers: xx yy − xy² would cancel for needles.
+    fn determinant(&self) -> T {
+        let ([u, v], blur) = (self.root, T::from_f32(DILATION));
+        let across: Vector<T, 3> = std::array::from_fn(|i| {
+            let (j, k) = ((i + 1) % 3, (i + 2) % 3);
+            u[j] * v[k] - u[k] * v[j]
+        });
+        dot(across, across) + blur * (dot(u, u) + dot(v, v)) + blur * blur
+    }
 }
 
 /// Projects one Gaussian; a culled one has extent 0. `colour` is the activated colour.
@@ -208,8 +218,7 @@ pub fn project<T: Real>(
         return culled;
     }
     let Some(footprint) = Footprint::new(view, geometry) else { return culled };
-    let [xx, xy, yy] = footprint.covariance();
-    let determinant = xx * yy - xy * xy;
+    let ([xx, xy, yy], determinant) = (footprint.covariance(), footprint.determinant());
     if !(determinant > T::zero()) || !determinant.is_finite() {
         return culled;
     }
@@ -253,8 +262,7 @@ pub fn project_backward<T: Real>(
 
 /// From the conic to U: C = Σ⁻¹ gives ∂L/∂Σ = −C G C, and Σ = U Uᵀ + blur gives ∂L/∂U = 2 (∂L/∂Σ) U.
 fn covariance_root_backward<T: Real>(footprint: &Footprint<T>, g_conic: Vector<T, 3>) -> Matrix<T, 2, 3> {
-    let [xx, xy, yy] = footprint.covariance();
-    let determinant = xx * yy - xy * xy;
+    let ([xx, xy, yy], determinant) = (footprint.covariance(), footprint.determinant());
     if !(determinant > T::zero()) {
         return [[T::zero(); 3]; 2];
     }
@@ -290,7 +298,7 @@ fn point_backward<T: Real>(
     g_point
 }
 
-/// The colour of one Gaussian seen from the camera: max(0, 0.5 + C₀ c₀ + Σ higher bands).
+/// The colour of one Gaussian seen from the camera: max(0, 0.5 + C₀ c₀ + Σ higher bands); 0 where that is not finite.
 /// `rest` is [bands][3] flat.
 pub fn view_colour<T: Real>(
     view: &View<T>,
@@ -309,7 +317,8 @@ pub fn view_colour<T: Real>(
             }
         }
     }
-    colour.map(|c| c.max(T::zero()))
+    // What is not a number is black.
+    colour.map(|c| if c.is_finite() { c.max(T::zero()) } else { T::zero() })
 }
 
 /// Gradients of [`view_colour`]: adds to `g_rest`, returns those of the mean and of band 0.

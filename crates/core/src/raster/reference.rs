@@ -3,9 +3,14 @@
 
 use super::{
     FEATURE_PLANE, MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE,
-    project::{Splat, SplatGradient},
+    project::{Splat, SplatGradient, View, project, view_colour},
 };
-use crate::real::Real;
+use crate::{
+    camera::Camera,
+    deform::{COLOUR_CHANNEL, Deformation, FeatureNet, LIVE_BASIS, basis, gate_feature, move_geometry},
+    real::Real,
+    scene::Scene,
+};
 
 /// Splats in depth order with their features, as the reference reads them.
 #[derive(Clone, Debug)]
@@ -20,6 +25,52 @@ pub struct ReferenceInput<'a, T> {
     pub width: usize,
     /// Rows.
     pub height: usize,
+}
+
+/// The planes of a whole frame, features included, in f64 from the first number on: deform, project, blend. Twin of
+/// [`super::Renderer::render`]; as slow as it is plain.
+pub fn reference_frame(scene: &Scene, camera: &Camera, time: f32) -> Vec<f64> {
+    let (gaussians, deformation) = (&scene.gaussians, &scene.deformation);
+    let wide = |v: &[f32]| v.iter().map(|x| f64::from(*x)).collect::<Vec<f64>>();
+    let (n, dim, stride) = (gaussians.len(), gaussians.latent_dim, deformation.stride);
+    let (view, bands, time) = (View::new(camera), gaussians.sh_bands() * 3, f64::from(time));
+    let (weight, bias) = (wide(&deformation.feature_weight), wide(&deformation.feature_bias));
+    let net = FeatureNet { weight: &weight, bias: &bias, slope: f64::from(deformation.gate_slope) };
+    let mut features = vec![0.0; n * dim];
+    let mut splats = Vec::with_capacity(n);
+    for i in 0..n {
+        let psi: Vec<f64> =
+            (0..stride).map(|c| reference_psi(deformation, n, i * stride + c, time)).collect();
+        let moved = move_geometry(
+            gaussians.means[i].map(f64::from),
+            gaussians.rotations[i].map(f64::from),
+            gaussians.log_scales[i].map(f64::from),
+            &psi,
+        );
+        let band0 = std::array::from_fn(|c| f64::from(gaussians.colours[i][c]) + psi[COLOUR_CHANNEL + c]);
+        let rest = wide(&gaussians.sh_rest[i * bands..(i + 1) * bands]);
+        let colour = view_colour(&view, moved.geometry.mean, band0, gaussians.sh_degree, &rest);
+        let opacity = f64::from(gaussians.opacity_logits[i]).sigmoid();
+        splats.push(project(&view, &moved.geometry, opacity, colour));
+        let gate = &psi[deformation.gate_channel..deformation.gate_channel + dim];
+        let feature = wide(&gaussians.features[i * dim..(i + 1) * dim]);
+        gate_feature(&net, &feature, gate, time, &mut features[i * dim..(i + 1) * dim]);
+    }
+    let (width, height) = (camera.width as usize, camera.height as usize);
+    ReferenceInput { splats: &splats, features: &features, latent_dim: dim, width, height }.forward()
+}
+
+/// ψ(t) at one place of [N][stride].
+fn reference_psi(deformation: &Deformation, n: usize, place: usize, time: f64) -> f64 {
+    let of = |b: usize| {
+        let at = b * n * deformation.stride + place;
+        let own = if deformation.is_shared() { b } else { at };
+        let (centre, width) = (f64::from(deformation.centres[own]), f64::from(deformation.widths[own]));
+        let value = basis(deformation.shape, time, centre, width);
+        // Where a basis is not live its weight may be anything.
+        if value > f64::from(LIVE_BASIS) { value * f64::from(deformation.weights[at]) } else { 0.0 }
+    };
+    (0..deformation.num_bases).map(of).sum()
 }
 
 /// How contributions end.

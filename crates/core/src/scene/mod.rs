@@ -6,7 +6,10 @@ use crate::{
     Error, Result, camera::Camera, codec::Codec, deform::Deformation, gaussian::Gaussians, grid::Mask,
     prepare::EncoderIdentity, sequence::Class,
 };
-use std::path::{Path, PathBuf};
+use std::{
+    hash::{DefaultHasher, Hash, Hasher},
+    path::{Path, PathBuf},
+};
 
 /// A trained reconstruction.
 #[derive(Clone, Debug)]
@@ -58,6 +61,38 @@ impl Scene {
     /// Time of frame `i`.
     pub fn time(&self, i: usize) -> f32 {
         i as f32 / self.num_frames().max(1) as f32
+    }
+    /// Tells scenes in memory apart without reading them whole: where the Gaussians' arrays lie, how long they are, and
+    /// samples of their values. Call it again after editing; a few values edited in place may go unnoticed.
+    pub fn fingerprint(&self) -> u64 {
+        let (gaussians, deformation) = (&self.gaussians, &self.deformation);
+        let mut hasher = DefaultHasher::new();
+        (gaussians.sh_degree, gaussians.latent_dim, deformation.num_bases, deformation.stride)
+            .hash(&mut hasher);
+        (deformation.shape as u8, deformation.gate_slope.to_bits(), deformation.gate_channel)
+            .hash(&mut hasher);
+        let arrays: [&[f32]; 12] = [
+            gaussians.means.as_flattened(),
+            gaussians.rotations.as_flattened(),
+            gaussians.log_scales.as_flattened(),
+            &gaussians.opacity_logits,
+            gaussians.colours.as_flattened(),
+            &gaussians.sh_rest,
+            &gaussians.features,
+            &deformation.weights,
+            &deformation.centres,
+            &deformation.widths,
+            &deformation.feature_weight,
+            &deformation.feature_bias,
+        ];
+        const SAMPLES: usize = 128;
+        for array in arrays {
+            (array.as_ptr() as usize, array.len()).hash(&mut hasher);
+            for value in array.iter().step_by((array.len() / SAMPLES).max(1)) {
+                value.to_bits().hash(&mut hasher);
+            }
+        }
+        hasher.finish()
     }
     /// Writes the file whole.
     pub fn save(&self, path: &Path) -> Result<()> {

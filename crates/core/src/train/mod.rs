@@ -3,17 +3,17 @@
 mod adam;
 mod chain;
 mod checkpoint;
-mod clock;
 mod densify;
 mod frames;
 mod lift;
 mod loss;
 mod optimiser;
+mod pass;
 mod settings;
 mod state;
 
-pub use clock::{Pass, PassClock};
 pub use loss::{LossTerms, LossWeights, Truth, loss};
+pub use pass::Pass;
 pub use settings::{
     DensifySettings, FeatureMode, FrameOrder, LearningRates, LengthUnit, Profile, TrainSettings,
 };
@@ -21,6 +21,7 @@ pub use settings::{
 use crate::{
     Error, Result,
     camera::Camera,
+    clock::PassClock,
     deform::{Deformed, deform, deform_by},
     metrics,
     prepare::Prepared,
@@ -96,7 +97,7 @@ pub struct Trainer {
     state: State,
     started: std::time::Instant,
     passes: Passes,
-    clock: PassClock,
+    clock: PassClock<Pass>,
 }
 
 impl Trainer {
@@ -342,7 +343,7 @@ impl Trainer {
     }
 
     /// Where the time of the steps went.
-    pub fn clock(&self) -> &PassClock {
+    pub fn clock(&self) -> &PassClock<Pass> {
         &self.clock
     }
 

@@ -115,7 +115,7 @@ fn one_plane(expected: &Images, tolerance: ImageTolerance) {
 #[test]
 fn images_with_a_wild_pixel_many_off_pixels_or_a_shift_are_refused() {
     let scene = scene(Recipe::default());
-    let images = CpuRenderer.render(&scene, &camera(64, 48), 0.3, true).unwrap();
+    let images = CpuRenderer::default().render(&scene, &camera(64, 48), 0.3, true).unwrap();
     one_plane(&images, SAME_SPLATS);
     one_plane(&images, WHOLE_CHAIN);
 }

@@ -48,7 +48,7 @@ fn query(prompt: &str, num_negatives: usize) -> Query {
 
 fn images(latent_dim: usize) -> Images {
     let scene = scene(Recipe { latent_dim, ..Default::default() });
-    let mut images = CpuRenderer.render(&scene, &camera(120, 90), 0.3, true).unwrap();
+    let mut images = CpuRenderer::default().render(&scene, &camera(120, 90), 0.3, true).unwrap();
     // One pixel whose feature is not a number.
     let last = images.planes.len() - 45;
     images.planes[last] = f32::NAN;

@@ -4,7 +4,10 @@ use crate::{
     compare::{self, WHOLE_CHAIN},
     fixture::{Recipe, camera, gpu, moved_camera, scene},
 };
-use surgtpgs_core::raster::{CpuRenderer, Renderer};
+use surgtpgs_core::{
+    raster::{CpuRenderer, Renderer},
+    stress,
+};
 use surgtpgs_render::{AdapterChoice, Gpu, GpuRenderer};
 
 fn renderer() -> Option<GpuRenderer> {
@@ -18,12 +21,26 @@ fn pictures_equal_those_of_the_cpu() {
         let scene = scene(Recipe { latent_dim, sh_degree, is_shared, ..Default::default() });
         for camera in [camera(160, 128), moved_camera(121, 77)] {
             for (time, features) in [(0.0, false), (0.61, true)] {
-                let expected = CpuRenderer.render(&scene, &camera, time, features).unwrap();
+                let expected = CpuRenderer::default().render(&scene, &camera, time, features).unwrap();
                 let found = renderer.render(&scene, &camera, time, features).unwrap();
                 compare::images(&found, &expected, WHOLE_CHAIN).unwrap();
             }
         }
     }
+}
+
+#[test]
+fn what_breaks_renderers_renders_like_the_f64_twin() {
+    let Some(mut renderer) = renderer() else { return };
+    let mut wrong = Vec::new();
+    for (k, case) in stress::cases().iter().enumerate() {
+        let images = renderer.render(&case.scene, &case.camera, case.time, true).unwrap();
+        let found = stress::compare(&images, case);
+        if found.not_finite > 0 || found.beyond > stress::MAX_BEYOND {
+            wrong.push(format!("case {k}, {}: {found:?}", case.family));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
 #[test]
@@ -35,7 +52,7 @@ fn few_gaussians_render_like_on_the_cpu() {
         if num_gaussians == 1 {
             (scene.gaussians.means[0], scene.gaussians.log_scales[0]) = ([0.1, -0.1, 2.0], [-1.5; 3]);
         }
-        let expected = CpuRenderer.render(&scene, &camera(100, 60), 0.2, true).unwrap();
+        let expected = CpuRenderer::default().render(&scene, &camera(100, 60), 0.2, true).unwrap();
         let found = renderer.render(&scene, &camera(100, 60), 0.2, true).unwrap();
         compare::images(&found, &expected, WHOLE_CHAIN).unwrap();
         assert_eq!(found.planes.iter().any(|v| *v != 0.0), num_gaussians > 0);
@@ -63,7 +80,12 @@ fn a_changed_scene_is_noticed() {
     scene.gaussians.colours.iter_mut().for_each(|c| c[0] += 0.5);
     let after = renderer.render(&scene, &camera, 0.4, false).unwrap();
     assert_ne!(before, after);
-    compare::images(&after, &CpuRenderer.render(&scene, &camera, 0.4, false).unwrap(), WHOLE_CHAIN).unwrap();
+    compare::images(
+        &after,
+        &CpuRenderer::default().render(&scene, &camera, 0.4, false).unwrap(),
+        WHOLE_CHAIN,
+    )
+    .unwrap();
 }
 
 #[test]

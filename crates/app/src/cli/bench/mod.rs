@@ -1,17 +1,83 @@
 //! `surgtpgs bench`: run time beside quality or error, as CSV and SVG.
 
+mod frame;
 mod plot;
 mod rows;
 mod step;
+mod stress;
 mod train;
 
 use super::Exit;
 use crate::args::{BenchArgs, BenchVerb};
-use surgtpgs_core::Result;
+use surgtpgs_core::{
+    Result,
+    camera::Camera,
+    deform::deform,
+    raster::{
+        Images, Packed,
+        bin::bin,
+        forward::raster,
+        project::{Splat, project_all},
+        reference::ReferenceInput,
+    },
+    scene::Scene,
+};
 
 pub(super) fn run(args: &BenchArgs) -> Result<Exit> {
     match &args.verb {
         BenchVerb::Train(args) => train::run(args),
         BenchVerb::Step(args) => step::run(args),
+        BenchVerb::Frame(args) => frame::run(args),
+        BenchVerb::Stress(args) => stress::run(args),
     }
+}
+
+/// The f64 twin is compared on an image this much smaller.
+const REDUCTION: u32 = 8;
+
+/// A frame small enough for the f64 twin.
+struct Reduced {
+    splats: Vec<Splat<f32>>,
+    features: Vec<f32>,
+    latent_dim: usize,
+    packed: Packed,
+    images: Images,
+}
+
+fn reduced(scene: &Scene, camera: &Camera, time: f32) -> Reduced {
+    let camera = camera.resized((camera.width / REDUCTION).max(1), (camera.height / REDUCTION).max(1));
+    let (width, height) = (camera.width as usize, camera.height as usize);
+    let deformed = deform(&scene.gaussians, &scene.deformation, time, true);
+    let splats = project_all(&scene.gaussians, &deformed, &camera);
+    let latent_dim = scene.gaussians.latent_dim;
+    let packed = Packed::new(&splats, &deformed.features, latent_dim);
+    let images = raster(&packed, &bin(&splats, width, height), width, height);
+    Reduced { splats, features: deformed.features, latent_dim, packed, images }
+}
+
+impl Reduced {
+    /// Hands the same splats to the twin.
+    fn with_twin<T>(&self, ask: impl FnOnce(&ReferenceInput<'_, f64>) -> T) -> T {
+        let wide: Vec<Splat<f64>> = self.splats.iter().map(Splat::widened).collect();
+        let features: Vec<f64> = self.features.iter().map(|v| f64::from(*v)).collect();
+        let Images { width, height, .. } = self.images;
+        let (latent_dim, splats) = (self.latent_dim, &wide[..]);
+        ask(&ReferenceInput { splats, features: &features, latent_dim, width, height })
+    }
+
+    /// Largest difference of a colour, opacity or feature; depth has another scale.
+    fn image_error(&self) -> f64 {
+        let pixels = self.images.width * self.images.height;
+        let expected = self.with_twin(|twin| twin.forward());
+        let differences = self.images.planes.iter().zip(&expected).enumerate();
+        differences
+            .filter(|(i, _)| !(3 * pixels..4 * pixels).contains(i))
+            .map(|(_, (a, b))| (f64::from(*a) - b).abs())
+            .fold(0.0, f64::max)
+    }
+}
+
+/// Largest error of a frame's images against f64.
+fn reference_error(scene: &Scene, camera: &Camera, time: f32) -> f64 {
+    reduced(scene, camera, time).image_error()
 }

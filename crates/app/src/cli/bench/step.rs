@@ -1,5 +1,6 @@
 //! `bench step`: how long each pass of a training step takes, and how far its results are from f64.
 
+use super::{Reduced, reduced};
 use crate::{
     args::BenchStepArgs,
     cli::{
@@ -11,18 +12,11 @@ use crate::{
 use std::fmt::Write;
 use surgtpgs_core::{
     Error, Result,
-    deform::deform,
+    clock::PassName,
     demo::{self, DemoSettings},
     files::write_whole,
     prepare::Prepared,
-    raster::{
-        Images, Packed,
-        backward::raster_backward,
-        bin::bin,
-        forward::raster,
-        project::{Splat, SplatGradient, project_all},
-        reference::ReferenceInput,
-    },
+    raster::{backward::raster_backward, bin::bin, project::SplatGradient},
     scene::Scene,
     sequence::Sequence,
     train::{Pass, TrainSettings, Trainer},
@@ -34,9 +28,6 @@ const SIZES: [(usize, usize, usize); 2] = [(320, 256, 10_000), (640, 512, 40_000
 const FRAMES: usize = 4;
 /// Steps before the measurement: every frame is decoded then.
 const WARM_UP: usize = 8;
-/// The f64 twin is compared on an image this much smaller.
-const REDUCTION: u32 = 8;
-
 /// One way to do a step at one size.
 #[derive(serde::Serialize)]
 struct Outcome {
@@ -133,40 +124,18 @@ fn measure(
 
 /// Largest error of the image, and relative error of the gradients, against f64.
 fn errors(scene: &Scene) -> (f64, f64) {
-    let camera = scene.cameras[0];
-    let camera = camera.resized(camera.width / REDUCTION, camera.height / REDUCTION);
-    let (width, height) = (camera.width as usize, camera.height as usize);
-    let deformed = deform(&scene.gaussians, &scene.deformation, 0.5, true);
-    let splats = project_all(&scene.gaussians, &deformed, &camera);
-    let latent_dim = scene.gaussians.latent_dim;
-    let packed = Packed::new(&splats, &deformed.features, latent_dim);
-    let bins = bin(&splats, width, height);
-    let images = raster(&packed, &bins, width, height);
-    let wide: Vec<Splat<f64>> = splats.iter().map(Splat::widened).collect();
-    let features: Vec<f64> = deformed.features.iter().map(|v| f64::from(*v)).collect();
-    let twin = ReferenceInput { splats: &wide, features: &features, latent_dim, width, height };
-    let depth = width * height * 3..width * height * 4;
-    let expected = twin.forward();
-    let differences = images.planes.iter().zip(&expected).enumerate();
-    let image_error = differences
-        .filter(|(i, _)| !depth.contains(i))
-        .map(|(_, (a, b))| (f64::from(*a) - b).abs())
-        .fold(0.0, f64::max);
-    (image_error, gradient_error(&splats, &packed, &images, &twin))
+    let raster = reduced(scene, &scene.cameras[0], 0.5);
+    (raster.image_error(), gradient_error(&raster))
 }
 
-fn gradient_error(
-    splats: &[Splat<f32>],
-    packed: &Packed,
-    images: &Images,
-    twin: &ReferenceInput<'_, f64>,
-) -> f64 {
+fn gradient_error(raster: &Reduced) -> f64 {
+    let Reduced { splats, packed, images, .. } = raster;
     // Any gradient of the image will do; this one has both signs.
     let pull: Vec<f32> = (0..images.planes.len()).map(|i| (i as f32 * 0.37).sin() * 1e-3).collect();
     let wide: Vec<f64> = pull.iter().map(|v| f64::from(*v)).collect();
     let bins = bin(splats, images.width, images.height);
     let (found, found_features) = raster_backward(splats, packed, &bins, images, &pull);
-    let (expected, expected_features) = twin.backward(&wide);
+    let (expected, expected_features) = raster.with_twin(|twin| twin.backward(&wide));
     let found = found.iter().flat_map(SplatGradient::to_array).chain(found_features);
     let expected = expected.iter().flat_map(SplatGradient::to_array).chain(expected_features);
     let pairs = found.zip(expected);

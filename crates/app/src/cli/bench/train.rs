@@ -15,7 +15,7 @@ use crate::{
     jobs::{self, Material},
 };
 use std::{fmt::Write, sync::Arc};
-use surgtpgs_core::{Error, Result, files::write_whole, train::Pass};
+use surgtpgs_core::{Error, Result, clock::PassName, files::write_whole, train::Pass};
 
 /// What one row came to.
 #[derive(serde::Serialize)]

@@ -32,6 +32,7 @@ pub struct Lattice {
     tree: Tree,
     /// Most recently used last.
     tables: Vec<Table>,
+    tolerance: f32,
     decoded_points: usize,
 }
 
@@ -57,9 +58,15 @@ pub struct LatticeReport {
 impl Lattice {
     /// For a codec with three latent numbers; `None` for any other.
     pub fn new(codec: &Codec) -> Option<Self> {
+        Self::with_tolerance(codec, TOLERANCE)
+    }
+
+    /// As [`Lattice::new`], with another score error allowed at a cell's midpoints than the one that keeps the promise
+    /// of 1/255.
+    pub fn with_tolerance(codec: &Codec, tolerance: f32) -> Option<Self> {
         (codec.latent_dim() == 3).then(|| {
             let folded = Folded::new(codec.clone());
-            Self { tree: Tree::new(folded.rank()), folded, tables: Vec::new(), decoded_points: 0 }
+            Self { tree: Tree::new(folded.rank()), folded, tables: Vec::new(), tolerance, decoded_points: 0 }
         })
     }
 
@@ -98,7 +105,7 @@ impl Lattice {
     /// Looks points up in the tables from `first` on, after bringing them up to date with the tree.
     fn look_up(&mut self, first: usize, points: &Points<'_>, scores: &mut [Vec<f32>]) -> Open {
         let tables = &mut self.tables[first..];
-        tables.iter_mut().for_each(|table| table.update(&mut self.tree, TOLERANCE));
+        tables.iter_mut().for_each(|table| table.update(&mut self.tree, self.tolerance));
         look_up(&self.tree, tables, points, scores)
     }
 

@@ -1,0 +1,475 @@
+//! `bench frame`: what a shown frame costs, pass by pass, with every shortcut beside the exact way and its error.
+
+use super::{
+    plot::{self, Point},
+    reference_error,
+};
+use crate::{
+    args::BenchFrameArgs,
+    cli::{
+        Exit,
+        console::{print, print_json, say},
+        open_engine,
+    },
+    engine::Engine,
+};
+use half::f16;
+use std::{fmt::Write, sync::Arc, time::Instant};
+use surgtpgs_core::{
+    Error, Result,
+    camera::Camera,
+    clock::PassName,
+    deform::{Deformed, deform, deform_by},
+    files::write_whole,
+    grid::Grid,
+    overlay::{OverlayPrompt, OverlayStyle, overlay},
+    raster::{
+        CpuRenderer, FEATURE_PLANE, FrameClock, FramePass, Images, Renderer,
+        bin::{bin, bin_from},
+        project::project_all,
+    },
+    relevancy::{Exact, Folded, Lattice, Query, Relevancy, RelevancySettings},
+    scene::Scene,
+};
+
+/// What one way of doing something came to.
+#[derive(serde::Serialize)]
+struct Outcome {
+    pass: &'static str,
+    way: String,
+    /// Median and 95th percentile, milliseconds.
+    median_ms: f64,
+    p95_ms: f64,
+    /// Largest and mean difference of a score (or of a colour, opacity or feature) from the exact way.
+    max_error: Option<f64>,
+    mean_error: Option<f64>,
+    /// Overlap with what the exact way finds above 0.4 and 0.5.
+    iou_40: Option<f64>,
+    iou_50: Option<f64>,
+    /// Of colours against the exact way, dB.
+    psnr_db: Option<f64>,
+}
+
+/// The whole report.
+#[derive(serde::Serialize)]
+struct Report {
+    renderer: String,
+    width: usize,
+    height: usize,
+    gaussians: usize,
+    frames: usize,
+    prompts: Vec<String>,
+    rows: Vec<Outcome>,
+}
+
+pub(super) fn run(args: &BenchFrameArgs) -> Result<Exit> {
+    let mut engine = open_engine(&args.scene, args.relevancy.engine_options(&args.scene, None))?;
+    let scene = engine.scene().clone();
+    let cameras: Vec<(f32, Camera)> = frames(&scene, args);
+    if cameras.is_empty() {
+        return Err(Error::input("the scene has no frames", "Train it again from its recording."));
+    }
+    let prompts = wanted_prompts(&scene, args);
+    let mut rows = rendering_rows(&mut engine, &scene, &cameras)?;
+    rows.iter().for_each(|row| say(&line(row)));
+    if scene.codec.is_some() && !prompts.is_empty() {
+        engine.set_prompts(&prompts)?;
+        let found = relevancy_rows(&engine, &scene, &cameras)?;
+        found.iter().for_each(|row| say(&line(row)));
+        rows.extend(found);
+    }
+    let (_, camera) = cameras[0];
+    let report = Report {
+        renderer: engine.renderer_name(),
+        width: camera.width as usize,
+        height: camera.height as usize,
+        gaussians: scene.gaussians.len(),
+        frames: cameras.len(),
+        prompts,
+        rows,
+    };
+    if let Some(folder) = &args.output {
+        write(&report, folder)?;
+    }
+    if args.json {
+        print_json(&report);
+    } else {
+        print(&csv(&report));
+    }
+    Ok(Exit::Done)
+}
+
+/// Times and cameras of the frames that are measured, evenly spread.
+fn frames(scene: &Scene, args: &BenchFrameArgs) -> Vec<(f32, Camera)> {
+    let (n, wanted) = (scene.num_frames(), (args.frames as usize).min(scene.num_frames()));
+    let camera = |i: usize| {
+        let camera = scene.cameras[i];
+        args.size.map_or(camera, |(width, height)| camera.resized(width, height))
+    };
+    (0..wanted).map(|k| k * n / wanted).map(|i| (scene.time(i), camera(i))).collect()
+}
+
+/// As asked, or the classes of the scene.
+fn wanted_prompts(scene: &Scene, args: &BenchFrameArgs) -> Vec<String> {
+    if args.prompt.is_empty() {
+        scene.classes.iter().map(|(class, _)| class.name.clone()).collect()
+    } else {
+        args.prompt.clone()
+    }
+}
+
+/// Milliseconds that `work` takes for each item, after one round to warm up if `rounds` > 1.
+fn time<T>(items: &[T], rounds: usize, mut work: impl FnMut(&T) -> Result<()>) -> Result<Vec<f64>> {
+    let mut ms = Vec::new();
+    for round in 0..rounds {
+        for item in items {
+            let started = Instant::now();
+            work(item)?;
+            if round > 0 || rounds == 1 {
+                ms.push(started.elapsed().as_secs_f64() * 1e3);
+            }
+        }
+    }
+    Ok(ms)
+}
+
+fn outcome(pass: &'static str, way: impl Into<String>, mut ms: Vec<f64>) -> Outcome {
+    ms.sort_by(f64::total_cmp);
+    let at = |share: f64| ms.get(((ms.len().max(1) - 1) as f64 * share).round() as usize).copied();
+    Outcome {
+        pass,
+        way: way.into(),
+        median_ms: at(0.5).unwrap_or(0.0),
+        p95_ms: at(0.95).unwrap_or(0.0),
+        max_error: None,
+        mean_error: None,
+        iou_40: None,
+        iou_50: None,
+        psnr_db: None,
+    }
+}
+
+/// Rounds over the frames: the first warms up.
+const ROUNDS: usize = 3;
+
+fn rendering_rows(
+    engine: &mut Engine,
+    scene: &Arc<Scene>,
+    cameras: &[(f32, Camera)],
+) -> Result<Vec<Outcome>> {
+    let mut rows = vec![through_engine(engine, cameras)?];
+    rows.extend(passes(scene, cameras)?);
+    let mut kept = CpuRenderer::default();
+    let mut images = Images::default();
+    let mut clock = FrameClock::default();
+    let ms = time(cameras, ROUNDS, |(t, camera)| {
+        kept.render_into(scene, camera, *t, true, &mut images, &mut clock)
+    })?;
+    let (t, camera) = cameras[cameras.len() / 2];
+    let error = reference_error(scene, &camera, t);
+    rows.push(Outcome { max_error: Some(error), ..outcome("frame", "CPU, colour, depth, features", ms) });
+    let ms = time(cameras, ROUNDS, |(t, camera)| {
+        CpuRenderer::default().render(scene, camera, *t, true).map(|_| ())
+    })?;
+    rows.push(outcome("frame", "CPU, nothing kept from the last frame", ms));
+    let ms = time(cameras, ROUNDS, |(t, camera)| {
+        kept.render_into(scene, camera, *t, false, &mut images, &mut clock)
+    })?;
+    rows.push(outcome("frame", "CPU, no prompt: no features", ms));
+    let (t, _) = cameras[0];
+    let zooms: Vec<Camera> = (0..cameras.len() as u32)
+        .map(|k| camera.resized(camera.width.saturating_sub(k).max(1), camera.height))
+        .collect();
+    let ms =
+        time(&zooms, ROUNDS, |camera| kept.render_into(scene, camera, t, true, &mut images, &mut clock))?;
+    rows.push(outcome("frame", "CPU, only the camera moves: not deformed anew", ms));
+    rows.push(half_size(scene, cameras)?);
+    Ok(rows)
+}
+
+/// What the viewer waits for: whatever renders here, and a view that is asked for twice.
+fn through_engine(engine: &mut Engine, cameras: &[(f32, Camera)]) -> Result<Outcome> {
+    let name = format!("{}, through the engine", engine.renderer_name());
+    let ms = time(cameras, ROUNDS, |(t, camera)| {
+        let view = crate::engine::View { time: *t, camera: *camera, recorded: true };
+        engine.render(&view, true)?;
+        let before = engine.clock().clone();
+        engine.render(&view, true)?;
+        let again = engine.clock().ran_since(&before);
+        if again > 0 {
+            return Err(Error::input(format!("{again} passes ran for a view that was there"), ""));
+        }
+        Ok(())
+    })?;
+    Ok(outcome("frame", name, ms))
+}
+
+/// Each pass by itself, and the shortcuts within passes.
+fn passes(scene: &Scene, cameras: &[(f32, Camera)]) -> Result<Vec<Outcome>> {
+    let (gaussians, deformation) = (&scene.gaussians, &scene.deformation);
+    let n = gaussians.len();
+    let mut rows = Vec::new();
+    let mut clock = FrameClock::default();
+    let (mut renderer, mut images) = (CpuRenderer::default(), Images::default());
+    let mut ms = vec![Vec::new(); FramePass::ALL.len()];
+    time(cameras, ROUNDS, |(t, camera)| {
+        let before = clock.clone();
+        renderer.render_into(scene, camera, *t, true, &mut images, &mut clock)?;
+        for (pass, ms) in FramePass::ALL.iter().zip(&mut ms) {
+            ms.push((clock.seconds(*pass) - before.seconds(*pass)) * 1e3);
+        }
+        Ok(())
+    })?;
+    let names = ["deform", "project", "bin", "raster"];
+    for (name, ms) in names.into_iter().zip(ms) {
+        // The first round warmed up.
+        rows.push(outcome(name, "as in a frame", ms[cameras.len()..].to_vec()));
+    }
+
+    let (mut psi, mut deformed) = (Vec::new(), Deformed::default());
+    let mut largest = 0.0_f64;
+    let all = time(cameras, ROUNDS, |(t, _)| {
+        let values = if deformation.is_shared() { deformation.basis_values(*t).0 } else { Vec::new() };
+        deformation.psi_of(0..deformation.num_bases, &values, n, *t, &mut psi);
+        deform_by(gaussians, deformation, &psi, *t, true, &mut deformed);
+        let live = deformation.psi(n, *t);
+        let differences = psi.iter().zip(&live).map(|(a, b)| f64::from((a - b).abs()));
+        largest = differences.fold(largest, f64::max);
+        Ok(())
+    })?;
+    let live = time(cameras, ROUNDS, |(t, _)| {
+        deformation.psi_into(n, *t, &mut psi);
+        deform_by(gaussians, deformation, &psi, *t, true, &mut deformed);
+        // As much work as above, so that only the bases differ.
+        std::hint::black_box(deformation.psi(n, *t));
+        Ok(())
+    })?;
+    rows.push(outcome("deform", format!("all {} bases, and ψ once more", deformation.num_bases), all));
+    let live = outcome("deform", "live bases alone, and ψ once more", live);
+    rows.push(Outcome { max_error: Some(largest), ..live });
+
+    let (mut order, mut from_scratch, mut reused) = (Vec::new(), Vec::new(), Vec::new());
+    for (t, camera) in cameras.iter().chain(cameras) {
+        let splats = project_all(gaussians, &deform(gaussians, deformation, *t, false), camera);
+        let size = (camera.width as usize, camera.height as usize);
+        let started = Instant::now();
+        let fresh = bin(&splats, size.0, size.1);
+        from_scratch.push(started.elapsed().as_secs_f64() * 1e3);
+        let started = Instant::now();
+        let again = bin_from(&splats, size.0, size.1, &mut order);
+        reused.push(started.elapsed().as_secs_f64() * 1e3);
+        if fresh != again {
+            return Err(Error::input("an earlier depth order changed the result", ""));
+        }
+    }
+    rows.push(outcome("bin", "depth sorted from scratch", from_scratch));
+    rows.push(Outcome { max_error: Some(0.0), ..outcome("bin", "depth sorted from the last order", reused) });
+    Ok(rows)
+}
+
+/// Half the width and height, as while scrubbing, against the full picture.
+fn half_size(scene: &Scene, cameras: &[(f32, Camera)]) -> Result<Outcome> {
+    let (mut renderer, mut images) = (CpuRenderer::default(), Images::default());
+    let half = |c: &Camera| c.resized((c.width / 2).max(1), (c.height / 2).max(1));
+    let mut clock = FrameClock::default();
+    let ms = time(cameras, ROUNDS, |(t, camera)| {
+        renderer.render_into(scene, &half(camera), *t, true, &mut images, &mut clock)
+    })?;
+    let (t, camera) = &cameras[cameras.len() / 2];
+    let full = renderer.render(scene, camera, *t, false)?.to_rgb();
+    let small = renderer.render(scene, &half(camera), *t, false)?.to_rgb();
+    let filter = image::imageops::FilterType::Triangle;
+    let enlarged = image::imageops::resize(&small, full.width(), full.height(), filter);
+    let psnr = surgtpgs_core::metrics::psnr_db(&enlarged, &full, None);
+    Ok(Outcome { psnr_db: psnr, ..outcome("frame", "CPU, half width and height, as while scrubbing", ms) })
+}
+
+/// Scores of the engine's prompts, every way there is, against decoding every pixel.
+fn relevancy_rows(engine: &Engine, scene: &Scene, cameras: &[(f32, Camera)]) -> Result<Vec<Outcome>> {
+    let Some(codec) = scene.codec.clone() else { return Ok(Vec::new()) };
+    let (queries, settings) = (engine.queries().to_vec(), engine.settings().clone());
+    let mut renderer = CpuRenderer::default();
+    let images: Vec<Images> =
+        cameras.iter().map(|(t, camera)| renderer.render(scene, camera, *t, true)).collect::<Result<_>>()?;
+    let ask = Asked { images: &images, queries: &queries, settings: &settings };
+    let (truth, ms) = ask.of(&mut Exact::new(codec.clone()));
+    let mut rows = vec![outcome("relevancy", "exact: every pixel decoded", ms)];
+    let (scores, ms) = ask.of(&mut Folded::new(codec.clone()));
+    rows.push(with_errors(outcome("relevancy", "folded", ms), &scores, &truth));
+    for (way, tolerance) in [("", 0.35), (", 4 × the error bound", 1.4), (", 16 × the error bound", 5.6)] {
+        let Some(mut lattice) = Lattice::with_tolerance(&codec, tolerance / 255.0) else { break };
+        let (_, first) = ask.of(&mut lattice);
+        let (scores, known) = ask.of(&mut lattice);
+        let report = lattice.report();
+        rows.push(outcome("relevancy", format!("lattice{way}: cells made"), first));
+        let way =
+            format!("lattice{way}: cells known ({} of {:.0} MB)", report.cells, report.bytes as f64 / 1e6);
+        rows.push(with_errors(outcome("relevancy", way, known), &scores, &truth));
+    }
+    if let Some(mut lattice) = Lattice::new(&codec) {
+        rows.extend(prompt_rows(&ask, &mut lattice));
+        let rounded: Vec<Images> = images.iter().map(in_half_precision).collect();
+        let ask = Asked { images: &rounded, ..ask };
+        ask.of(&mut lattice);
+        let (scores, ms) = ask.of(&mut lattice);
+        rows.push(with_errors(outcome("relevancy", "lattice, features in f16", ms), &scores, &truth));
+    }
+    rows.push(drawing(&images, &truth));
+    Ok(rows)
+}
+
+/// Prompts in frames.
+#[derive(Clone, Copy)]
+struct Asked<'a> {
+    images: &'a [Images],
+    queries: &'a [Query],
+    settings: &'a RelevancySettings,
+}
+
+impl Asked<'_> {
+    /// Scores of each frame and prompt, and the time for each of them.
+    fn of(&self, rung: &mut dyn Relevancy) -> (Vec<Grid<f32>>, Vec<f64>) {
+        let (mut scores, mut ms) = (Vec::new(), Vec::new());
+        // Prompt after prompt, as a user asks.
+        for query in self.queries.chunks(1) {
+            for images in self.images {
+                let started = Instant::now();
+                let mut found = rung.score(images, query, self.settings);
+                ms.push(started.elapsed().as_secs_f64() * 1e3);
+                scores.append(&mut found);
+            }
+        }
+        (scores, ms)
+    }
+}
+
+/// A prompt that was never asked, and all prompts at once.
+fn prompt_rows(ask: &Asked<'_>, lattice: &mut Lattice) -> Vec<Outcome> {
+    // The cells are there, made for the other prompts.
+    let mut fresh = Vec::new();
+    for query in ask.queries.chunks(1) {
+        let started = Instant::now();
+        lattice.score(&ask.images[0], query, ask.settings);
+        fresh.push(started.elapsed().as_secs_f64() * 1e3);
+        ask.images.iter().for_each(|images| drop(lattice.score(images, query, ask.settings)));
+    }
+    let fresh = if fresh.len() > 1 { fresh[1..].to_vec() } else { fresh };
+    let mut rows = vec![outcome("relevancy", "lattice, the first frame of another prompt", fresh)];
+    let together: Vec<f64> = ask
+        .images
+        .iter()
+        .map(|images| {
+            let started = Instant::now();
+            lattice.score(images, ask.queries, ask.settings);
+            started.elapsed().as_secs_f64() * 1e3
+        })
+        .collect();
+    let way = format!("lattice, {} prompts at once", ask.queries.len());
+    rows.push(outcome("relevancy", way, together));
+    rows
+}
+
+/// Features as a half-precision target would hold them.
+fn in_half_precision(images: &Images) -> Images {
+    let mut images = images.clone();
+    let first = images.width * images.height * FEATURE_PLANE;
+    images.planes[first..].iter_mut().for_each(|v| *v = f16::from_f32(*v).to_f32());
+    images
+}
+
+/// Outlines of the first prompt drawn over every frame.
+fn drawing(images: &[Images], scores: &[Grid<f32>]) -> Outcome {
+    let pairs: Vec<_> = images.iter().map(Images::to_rgb).zip(scores).collect();
+    let ms = pairs
+        .iter()
+        .map(|(frame, scores)| {
+            let started = Instant::now();
+            let prompt = OverlayPrompt { scores, threshold: 0.4, colour: [0, 200, 80] };
+            std::hint::black_box(overlay(frame, &[prompt], OverlayStyle::Outline, 1.0));
+            started.elapsed().as_secs_f64() * 1e3
+        })
+        .collect();
+    outcome("overlay", "outline of one prompt", ms)
+}
+
+fn with_errors(row: Outcome, found: &[Grid<f32>], truth: &[Grid<f32>]) -> Outcome {
+    let pairs = || found.iter().zip(truth).flat_map(|(a, b)| a.data.iter().zip(&b.data));
+    let error = |(a, b): (&f32, &f32)| f64::from((a - b).abs());
+    let count = pairs().count().max(1) as f64;
+    let iou = |threshold: f32| {
+        let both = pairs().filter(|(a, b)| **a > threshold && **b > threshold).count() as f64;
+        let either = pairs().filter(|(a, b)| **a > threshold || **b > threshold).count() as f64;
+        if either > 0.0 { both / either } else { 1.0 }
+    };
+    Outcome {
+        max_error: Some(pairs().map(error).fold(0.0, f64::max)),
+        mean_error: Some(pairs().map(error).sum::<f64>() / count),
+        iou_40: Some(iou(0.4)),
+        iou_50: Some(iou(0.5)),
+        ..row
+    }
+}
+
+fn line(o: &Outcome) -> String {
+    let number = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.2e}"));
+    format!(
+        "{:<10} {:<52} {:>9.2} ms (95 %: {:>8.2})  largest error {}",
+        o.pass,
+        o.way,
+        o.median_ms,
+        o.p95_ms,
+        number(o.max_error)
+    )
+}
+
+fn csv(report: &Report) -> String {
+    let mut text = format!(
+        "# {}; {}×{}, {} Gaussians, {} frames, prompts: {}\n\
+         pass,way,median_ms,p95_ms,max_error,mean_error,iou_40,iou_50,psnr_db\n",
+        report.renderer,
+        report.width,
+        report.height,
+        report.gaussians,
+        report.frames,
+        report.prompts.join("; ")
+    );
+    let number = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:.6}"));
+    for o in &report.rows {
+        let values = [o.max_error, o.mean_error, o.iou_40, o.iou_50, o.psnr_db].map(number).join(",");
+        let _ = writeln!(text, "{},\"{}\",{:.3},{:.3},{values}", o.pass, o.way, o.median_ms, o.p95_ms);
+    }
+    text
+}
+
+fn write(report: &Report, folder: &std::path::Path) -> Result<()> {
+    write_whole(&folder.join("frame.csv"), csv(report).as_bytes())?;
+    let scored = report.rows.iter().filter(|o| o.pass == "relevancy");
+    let points: Vec<Point<'_>> = scored
+        .filter_map(|o| o.max_error.map(|e| Point { name: &o.way, x: o.median_ms, y: 255.0 * e }))
+        .collect();
+    if points.is_empty() {
+        return Ok(());
+    }
+    let svg = plot::scatter(
+        "Scores of one prompt in a frame: error against time",
+        "milliseconds",
+        "largest error of a score, 1/255",
+        &points,
+    )?;
+    write_whole(&folder.join("frame.svg"), svg.as_bytes())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_and_overlaps_are_of_all_frames_together() {
+        let truth = [Grid::from_vec(2, 1, vec![0.9, 0.1]), Grid::from_vec(2, 1, vec![0.45, 0.0])];
+        let found = [Grid::from_vec(2, 1, vec![0.8, 0.1]), Grid::from_vec(2, 1, vec![0.35, 0.0])];
+        let row = with_errors(outcome("relevancy", "x", vec![3.0, 1.0, 2.0]), &found, &truth);
+        assert_eq!((row.median_ms, row.p95_ms), (2.0, 3.0));
+        assert!((row.max_error.unwrap() - 0.1).abs() < 1e-6 && (row.mean_error.unwrap() - 0.05).abs() < 1e-6);
+        assert_eq!((row.iou_40, row.iou_50), (Some(0.5), Some(1.0)));
+    }
+}

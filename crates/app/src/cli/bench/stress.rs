@@ -1,0 +1,74 @@
+//! `bench stress`: what breaks renderers, and how far each picture is from the f64 twin's.
+
+use crate::{
+    args::BenchStressArgs,
+    cli::{
+        Exit,
+        console::{print, print_json, say},
+    },
+    engine::open_renderer,
+};
+use std::fmt::Write;
+use surgtpgs_core::{
+    Result,
+    files::write_whole,
+    stress::{CUT_OFF, Case, cases, compare},
+};
+
+/// All cases of one family together.
+#[derive(serde::Serialize)]
+struct Family {
+    name: &'static str,
+    cases: usize,
+    /// Numbers of the pictures that are not finite.
+    not_finite: usize,
+    /// Largest relative difference from f64, those of [`Family::beyond`] left out.
+    largest_error: f64,
+    /// Largest share of a picture that fell on another side of a cut-off in f32.
+    beyond: f64,
+}
+
+pub(super) fn run(args: &BenchStressArgs) -> Result<Exit> {
+    let mut renderer = open_renderer(args.backend)?;
+    say(&format!("rendering on {}", renderer.name()));
+    let mut families: Vec<Family> = Vec::new();
+    for case in cases() {
+        let Case { family: name, scene, camera, time } = &case;
+        let found = compare(&renderer.render(scene, camera, *time, true)?, &case);
+        let family = match families.iter_mut().position(|f| f.name == *name) {
+            Some(i) => &mut families[i],
+            None => {
+                let (cases, not_finite) = (0, 0);
+                families.push(Family { name, cases, not_finite, largest_error: 0.0, beyond: 0.0 });
+                let last = families.len() - 1;
+                &mut families[last]
+            }
+        };
+        family.cases += 1;
+        family.not_finite += found.not_finite;
+        family.largest_error = family.largest_error.max(found.largest);
+        family.beyond = family.beyond.max(found.beyond);
+    }
+    let text = csv(&families);
+    if let Some(folder) = &args.output {
+        write_whole(&folder.join("stress.csv"), text.as_bytes())?;
+    }
+    if args.json {
+        print_json(&families);
+    } else {
+        print(&text);
+    }
+    Ok(Exit::Done)
+}
+
+fn csv(families: &[Family]) -> String {
+    let mut text = format!("family,cases,not_finite,largest_error,share_beyond_{CUT_OFF}\n");
+    for f in families {
+        let _ = writeln!(
+            text,
+            "{},{},{},{:.2e},{:.2e}",
+            f.name, f.cases, f.not_finite, f.largest_error, f.beyond
+        );
+    }
+    text
+}

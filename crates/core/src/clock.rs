@@ -1,0 +1,92 @@
+//! Where time goes, pass by pass.
+
+use std::{
+    marker::PhantomData,
+    time::{Duration, Instant},
+};
+
+/// The passes of a chain, as a fieldless enum whose numbers count from 0.
+pub trait PassName: Copy + 'static {
+    /// All of them, in order.
+    const ALL: &'static [Self];
+    /// Its place in [`PassName::ALL`].
+    fn number(self) -> usize;
+}
+
+/// Adds up how often each pass ran, and how long.
+#[derive(Clone, Debug)]
+pub struct PassClock<P> {
+    spent: Vec<Duration>,
+    runs: Vec<usize>,
+    lap: Option<Instant>,
+    passes: PhantomData<P>,
+}
+
+impl<P: PassName> Default for PassClock<P> {
+    fn default() -> Self {
+        let n = P::ALL.len();
+        Self { spent: vec![Duration::ZERO; n], runs: vec![0; n], lap: None, passes: PhantomData }
+    }
+}
+
+impl<P: PassName> PassClock<P> {
+    /// The first pass begins.
+    pub fn start(&mut self) {
+        self.lap = Some(Instant::now());
+    }
+
+    /// `pass` is done; the next one begins.
+    pub fn lap(&mut self, pass: P) {
+        let now = Instant::now();
+        self.runs[pass.number()] += 1;
+        if let Some(before) = self.lap.replace(now) {
+            self.spent[pass.number()] += now - before;
+        }
+    }
+
+    /// Seconds spent in a pass.
+    pub fn seconds(&self, pass: P) -> f64 {
+        self.spent[pass.number()].as_secs_f64()
+    }
+
+    /// How often a pass ran.
+    pub fn runs(&self, pass: P) -> usize {
+        self.runs[pass.number()]
+    }
+
+    /// How many of the passes have run since `earlier`.
+    pub fn ran_since(&self, earlier: &Self) -> usize {
+        self.runs.iter().zip(&earlier.runs).filter(|(now, before)| now > before).count()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Clone, Copy)]
+    enum Step {
+        First,
+        Second,
+    }
+
+    impl PassName for Step {
+        const ALL: &'static [Self] = &[Self::First, Self::Second];
+        fn number(self) -> usize {
+            self as usize
+        }
+    }
+
+    #[test]
+    fn runs_are_counted_and_time_belongs_to_the_pass_that_ended() {
+        let mut clock = PassClock::default();
+        clock.start();
+        clock.lap(Step::First);
+        let earlier = clock.clone();
+        std::thread::sleep(Duration::from_millis(2));
+        clock.lap(Step::Second);
+        assert_eq!((clock.runs(Step::First), clock.runs(Step::Second)), (1, 1));
+        assert!(clock.seconds(Step::Second) >= 2e-3 && clock.seconds(Step::First) < 2e-3);
+        assert_eq!((clock.ran_since(&earlier), clock.ran_since(&clock)), (1, 0));
+    }
+}

@@ -1,0 +1,221 @@
+//! A scene at a time from a camera, with no more work than what has changed asks for.
+
+use super::{
+    Images, Packed,
+    bin::{Bins, bin},
+    forward::raster_into,
+    project::{Sampling, Splat, project_into},
+};
+use crate::{
+    Result,
+    camera::Camera,
+    clock::{PassClock, PassName},
+    deform::{Deformed, deform_by},
+    scene::Scene,
+};
+
+/// The passes of a frame, from Gaussians to what is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FramePass {
+    /// ψ(t) and the Gaussians at time t.
+    Deform,
+    /// Onto the image plane.
+    Project,
+    /// Depth order and tiles.
+    Bin,
+    /// Blending.
+    Raster,
+    /// Scores of prompts.
+    Relevancy,
+    /// What was found, in numbers and drawn over the frame.
+    Overlay,
+}
+
+impl PassName for FramePass {
+    const ALL: &'static [Self] =
+        &[Self::Deform, Self::Project, Self::Bin, Self::Raster, Self::Relevancy, Self::Overlay];
+    fn number(self) -> usize {
+        self as usize
+    }
+}
+
+/// Counts and times the passes of frames.
+pub type FrameClock = PassClock<FramePass>;
+
+/// Renders a scene at a time from a camera; the GPU and the CPU do it alike.
+pub trait Renderer: Send {
+    /// Which machine part renders, for reports and provenance, e.g. "CPU (AVX-512)".
+    fn name(&self) -> String;
+
+    /// Renders into `images`, whose memory is used again; features only if asked for. What is still valid of the last
+    /// frame is not computed again; `clock` says what was.
+    fn render_into(
+        &mut self,
+        scene: &Scene,
+        camera: &Camera,
+        time: f32,
+        features: bool,
+        images: &mut Images,
+        clock: &mut FrameClock,
+    ) -> Result<()>;
+
+    /// As [`Renderer::render_into`], into images of its own.
+    fn render(&mut self, scene: &Scene, camera: &Camera, time: f32, features: bool) -> Result<Images> {
+        let mut images = Images::default();
+        self.render_into(scene, camera, time, features, &mut images, &mut FrameClock::default())?;
+        Ok(images)
+    }
+}
+
+/// The passes on the CPU, threaded and vectorised; also the specification of the shaders.
+#[derive(Debug, Default)]
+pub struct CpuRenderer {
+    psi: Vec<f32>,
+    deformed: Deformed,
+    splats: Vec<Splat<f32>>,
+    bins: Bins,
+    packed: Packed,
+    /// What `deformed` stands for: the scene, the time and whether with features.
+    deformed_at: Option<(u64, f32, bool)>,
+    /// What `splats` and `bins` stand for, besides `deformed`.
+    seen_by: Option<Camera>,
+}
+
+impl CpuRenderer {
+    /// Deforms, unless that was done last.
+    fn deform(&mut self, scene: &Scene, time: f32, features: bool, clock: &mut FrameClock) {
+        let scene_id = scene.fingerprint();
+        let same_time = self.deformed_at.filter(|(id, t, _)| *id == scene_id && *t == time);
+        if same_time.is_some_and(|(.., with_features)| with_features || !features) {
+            return;
+        }
+        scene.deformation.psi_into(scene.gaussians.len(), time, &mut self.psi);
+        deform_by(&scene.gaussians, &scene.deformation, &self.psi, time, features, &mut self.deformed);
+        self.deformed_at = Some((scene_id, time, features));
+        if same_time.is_none() {
+            self.seen_by = None;
+        }
+        clock.lap(FramePass::Deform);
+    }
+
+    /// Projects and bins, unless that was done last.
+    fn project(&mut self, scene: &Scene, camera: &Camera, clock: &mut FrameClock) {
+        if self.seen_by.as_ref() == Some(camera) {
+            return;
+        }
+        project_into(&scene.gaussians, &self.deformed, camera, Sampling::ALL, &mut self.splats);
+        clock.lap(FramePass::Project);
+        self.bins = bin(&self.splats, camera.width as usize, camera.height as usize);
+        self.seen_by = Some(*camera);
+        clock.lap(FramePass::Bin);
+    }
+}
+
+impl Renderer for CpuRenderer {
+    fn name(&self) -> String {
+        format!("CPU, {} threads, {}", rayon::current_num_threads(), instruction_set())
+    }
+
+    fn render_into(
+        &mut self,
+        scene: &Scene,
+        camera: &Camera,
+        time: f32,
+        features: bool,
+        images: &mut Images,
+        clock: &mut FrameClock,
+    ) -> Result<()> {
+        clock.start();
+        self.deform(scene, time, features, clock);
+        self.project(scene, camera, clock);
+        let latent_dim = if features { scene.gaussians.latent_dim } else { 0 };
+        self.packed.fill(&self.splats, &self.deformed.features, latent_dim);
+        (images.width, images.height) = (camera.width as usize, camera.height as usize);
+        raster_into(&self.packed, &self.bins, images);
+        clock.lap(FramePass::Raster);
+        Ok(())
+    }
+}
+
+/// The instruction set that the kernels run on here.
+fn instruction_set() -> String {
+    let level = format!("{:?}", fearless_simd::Level::new());
+    level.split(['(', ' ']).next().unwrap_or_default().to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{deform::Deformation, gaussian::Gaussians, grid::Grid, scene::Provenance};
+
+    /// A few Gaussians that move, and a camera.
+    fn small_scene() -> (Scene, Camera) {
+        let n = 12;
+        let wave = |i: usize, k: usize| (i as f32 * 1.7 + k as f32 * 0.9).sin();
+        let gaussians = Gaussians {
+            means: (0..n).map(|i| [wave(i, 0), wave(i, 1), 3.0 + wave(i, 2)]).collect(),
+            rotations: (0..n).map(|i| [1.0, wave(i, 3), wave(i, 4), 0.0]).collect(),
+            log_scales: (0..n).map(|i| [-1.5, -1.0 + 0.3 * wave(i, 5), -1.2]).collect(),
+            opacity_logits: vec![1.0; n],
+            colours: (0..n).map(|i| [wave(i, 6), wave(i, 7), wave(i, 8)]).collect(),
+            features: (0..n * 3).map(|i| wave(i, 9)).collect(),
+            latent_dim: 3,
+            ..Default::default()
+        };
+        let mut deformation = Deformation::at_rest(n, 3, 5, 0.2, 2.5);
+        let count = deformation.weights.len();
+        deformation.weights = (0..count).map(|i| 0.2 * wave(i, 10)).collect();
+        let camera = Camera::with_field_of_view(40, 32, 60.0);
+        let scene = Scene {
+            gaussians,
+            deformation,
+            cameras: vec![camera],
+            field_of_view: Grid::filled(40, 32, true),
+            codec: None,
+            classes: Vec::new(),
+            encoder: None,
+            provenance: Provenance::default(),
+        };
+        (scene, camera)
+    }
+
+    /// How often each pass ran for a frame.
+    fn passes(clock: &FrameClock, before: &FrameClock) -> Vec<usize> {
+        FramePass::ALL.iter().map(|p| clock.runs(*p) - before.runs(*p)).collect()
+    }
+
+    #[test]
+    fn only_what_has_changed_is_computed_and_the_pictures_are_the_same() {
+        let (scene, camera) = small_scene();
+        let mut kept = CpuRenderer::default();
+        let mut clock = FrameClock::default();
+        let mut images = Images::default();
+        let mut frame = |camera: &Camera, time, features| {
+            let before = clock.clone();
+            kept.render_into(&scene, camera, time, features, &mut images, &mut clock).unwrap();
+            let fresh = CpuRenderer::default().render(&scene, camera, time, features).unwrap();
+            assert_eq!(images, fresh);
+            passes(&clock, &before)[..4].to_vec()
+        };
+        let nearer = camera.resized(24, 20);
+        assert_eq!(frame(&camera, 0.2, false), [1, 1, 1, 1]);
+        assert_eq!(frame(&camera, 0.2, false), [0, 0, 0, 1]);
+        assert_eq!(frame(&nearer, 0.2, false), [0, 1, 1, 1]);
+        // Features are added; they move nothing.
+        assert_eq!(frame(&nearer, 0.2, true), [1, 0, 0, 1]);
+        assert_eq!(frame(&nearer, 0.2, false), [0, 0, 0, 1]);
+        assert_eq!(frame(&nearer, 0.7, true), [1, 1, 1, 1]);
+    }
+
+    #[test]
+    fn another_scene_is_noticed() {
+        let (scene, camera) = small_scene();
+        let mut other = scene.clone();
+        other.gaussians.colours.iter_mut().for_each(|c| c[0] += 0.3);
+        let mut renderer = CpuRenderer::default();
+        let first = renderer.render(&scene, &camera, 0.2, true).unwrap();
+        assert_ne!(first, renderer.render(&other, &camera, 0.2, true).unwrap());
+        assert_eq!(first, renderer.render(&scene, &camera, 0.2, true).unwrap());
+    }
+}
