@@ -120,6 +120,47 @@ fn query_answers_per_prompt_and_frame() {
 }
 
 #[test]
+fn query_writes_the_gaussians_that_it_found() {
+    let asked = ["query", "scene.safetensors", "--prompt", "liver", "--prompt", "spaceship"];
+    let flow = flow();
+    let report = flow.run(&[&asked[..], &["--gaussians", "objects", "--json"]].concat()).ok().json();
+    let found = &report["prompts"][0]["gaussians"];
+    let count = found["count"].as_u64().unwrap();
+    assert!(count > 10, "{report}");
+    let ply = std::fs::read(flow.path().join("objects/liver.ply")).unwrap();
+    let header = String::from_utf8_lossy(&ply[..60]).into_owned();
+    assert!(header.contains(&format!("element vertex {count}\n")), "{header}");
+    assert_eq!(report["prompts"][1]["gaussians"], Value::Null, "nothing was found, so nothing is written");
+    assert!(!flow.path().join("objects/spaceship.ply").exists());
+}
+
+#[test]
+fn a_frame_is_measured_every_way_there_is() {
+    let flow = flow();
+    let asked = ["bench", "frame", "scene.safetensors", "--backend", "cpu", "--frames", "2", "-o", "bench"];
+    let report =
+        flow.run(&[&asked[..], &["--size", "64x48", "--prompt", "liver", "--json"]].concat()).ok().json();
+    let rows = report["rows"].as_array().unwrap();
+    let lattice =
+        rows.iter().find(|r| r["way"].as_str().unwrap().starts_with("lattice: cells known")).unwrap();
+    assert!(lattice["max_error"].as_f64().unwrap() <= 1.0 / 255.0, "{lattice}");
+    for pass in ["frame", "deform", "project", "bin", "raster", "relevancy", "overlay"] {
+        assert!(rows.iter().any(|r| r["pass"] == pass), "{pass}");
+    }
+    let csv = std::fs::read_to_string(flow.path().join("bench/frame.csv")).unwrap();
+    assert_eq!(csv.lines().count(), rows.len() + 2);
+    assert!(std::fs::read_to_string(flow.path().join("bench/frame.svg")).unwrap().contains("folded"));
+}
+
+#[test]
+fn what_breaks_renderers_is_measured() {
+    let families = flow().run(&["bench", "stress", "--backend", "cpu", "--json"]).ok().json();
+    let families = families.as_array().unwrap();
+    assert!(families.len() > 10);
+    assert!(families.iter().all(|f| f["not_finite"] == 0), "{families:?}");
+}
+
+#[test]
 fn query_speaks_csv_and_plain_words() {
     let csv =
         flow().run(&["query", "scene.safetensors", "--prompt", "liver", "--frames", "2..4", "--csv"]).ok();

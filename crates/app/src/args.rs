@@ -388,6 +388,9 @@ pub struct QueryVerbArgs {
     /// Frames, e.g. 12 or 10..20 (the end is not included)
     #[arg(long, value_name = "A..B", value_parser = frame_range)]
     pub frames: Option<FrameRange>,
+    /// Also write the Gaussians found by each prompt, on the frame where it covers most, as a .ply for splat viewers
+    #[arg(long, value_name = "DIR")]
+    pub gaussians: Option<PathBuf>,
     /// How prompts are answered
     #[command(flatten)]
     pub relevancy: RelevancyArgs,

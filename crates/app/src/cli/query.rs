@@ -9,7 +9,8 @@ use crate::{
     args::{FrameRange, QueryVerbArgs},
     engine::Engine,
 };
-use surgtpgs_core::Result;
+use std::path::{Path, PathBuf};
+use surgtpgs_core::{Result, export::slugs, files::write_whole};
 
 /// The JSON report; its keys are a contract.
 #[derive(serde::Serialize)]
@@ -25,6 +26,18 @@ pub(super) struct Report {
 pub(super) struct PromptReport {
     pub(super) text: String,
     pub(super) frames: Vec<FrameReport>,
+    /// The Gaussians found, if asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) gaussians: Option<GaussiansReport>,
+}
+
+/// The object a prompt found, in three dimensions.
+#[derive(serde::Serialize)]
+pub(super) struct GaussiansReport {
+    /// The frame at whose time they are.
+    pub(super) frame: usize,
+    pub(super) count: usize,
+    pub(super) file: PathBuf,
 }
 
 /// Whether a prompt was found on a frame, and how much of it.
@@ -56,7 +69,10 @@ pub(super) fn run(args: &QueryVerbArgs) -> Result<Exit> {
     let mut engine = open_engine(&args.scene, args.relevancy.engine_options(&args.scene, None))?;
     engine.set_prompts(&args.prompt)?;
     let frames = FrameRange::frames(args.frames, engine.scene().num_frames())?;
-    let report = query(&mut engine, &frames)?;
+    let mut report = query(&mut engine, &frames)?;
+    if let Some(folder) = &args.gaussians {
+        write_gaussians(&mut engine, &mut report, folder)?;
+    }
     if args.json {
         print_json(&report);
     } else if args.csv {
@@ -72,7 +88,11 @@ pub(super) fn query(engine: &mut Engine, frames: &[usize]) -> Result<Report> {
     let mut prompts: Vec<PromptReport> = engine
         .queries()
         .iter()
-        .map(|q| PromptReport { text: q.prompt.clone(), frames: Vec::with_capacity(frames.len()) })
+        .map(|q| PromptReport {
+            text: q.prompt.clone(),
+            frames: Vec::with_capacity(frames.len()),
+            gaussians: None,
+        })
         .collect();
     let mut view = ProgressView::default();
     for (done, &frame) in frames.iter().enumerate() {
@@ -100,6 +120,20 @@ pub(super) fn query(engine: &mut Engine, frames: &[usize]) -> Result<Report> {
     })
 }
 
+/// Writes what each prompt found on the frame where it covers most; nothing for a prompt that found nothing.
+fn write_gaussians(engine: &mut Engine, report: &mut Report, folder: &Path) -> Result<()> {
+    let names = slugs(report.prompts.iter().map(|p| p.text.as_str()));
+    for (k, name) in names.iter().enumerate() {
+        let Some(frame) = report.prompts[k].largest().map(|f| f.frame) else { continue };
+        let time = engine.scene().time(frame);
+        let found = engine.gaussians_found(time)?.swap_remove(k);
+        let file = folder.join(format!("{name}.ply"));
+        write_whole(&file, &engine.scene().to_ply(time, &found))?;
+        report.prompts[k].gaussians = Some(GaussiansReport { frame, count: found.len(), file });
+    }
+    Ok(())
+}
+
 fn as_text(report: &Report, num_frames: usize) -> String {
     let line = |prompt: &PromptReport| {
         let found = match prompt.largest() {
@@ -119,7 +153,10 @@ fn as_text(report: &Report, num_frames: usize) -> String {
             }
             _ => "",
         };
-        format!("{}: {found}; best score {:.3}{caution}\n", prompt.text, prompt.max_score())
+        let written = prompt.gaussians.as_ref().map_or(String::new(), |g| {
+            format!("  {} Gaussians of frame {}: {}\n", g.count, g.frame, g.file.display())
+        });
+        format!("{}: {found}; best score {:.3}{caution}\n{written}", prompt.text, prompt.max_score())
     };
     report.prompts.iter().map(line).collect()
 }

@@ -240,22 +240,19 @@ impl FrameSource for SceneSource {
     }
 
     fn scores(&mut self, view: &View, prompts: &[&str]) -> Vec<Result<Grid<f32>>> {
-        let asked = self.engine_view(view).and_then(|view| {
-            let together = self.ask(&view, prompts);
-            Ok((view, together))
-        });
-        match asked {
-            Ok((_, Ok(scores))) => scores.into_iter().map(Ok).collect(),
-            // One by one, so that the words that cannot be read do not silence the others.
-            Ok((view, Err(_))) => prompts
-                .iter()
-                .map(|prompt| {
-                    let missing = || Error::input("there is no score for these words", "");
-                    self.ask(&view, &[prompt]).and_then(|mut s| s.pop().ok_or_else(missing))
-                })
-                .collect(),
-            Err(e) => prompts.iter().map(|_| Err(Error::input(e.to_string(), ""))).collect(),
+        let view = match self.engine_view(view) {
+            Ok(view) => view,
+            Err(e) => return prompts.iter().map(|_| Err(Error::input(e.to_string(), ""))).collect(),
+        };
+        if let Ok(scores) = self.ask(&view, prompts) {
+            return scores.into_iter().map(Ok).collect();
         }
+        // One by one, so that the words that cannot be read do not silence the others.
+        let one = |prompt: &&str| {
+            let missing = || Error::input("there is no score for these words", "");
+            self.ask(&view, &[prompt]).and_then(|mut s| s.pop().ok_or_else(missing))
+        };
+        prompts.iter().map(one).collect()
     }
 
     fn clock(&self) -> FrameClock {

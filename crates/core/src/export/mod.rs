@@ -289,8 +289,8 @@ impl Export {
 
 /// The part of a file name that stands for a prompt: lower-case ASCII letters, digits and hyphens; `_` and the prompt's
 /// number are added where several prompts would give the same.
-pub fn slugs(prompts: &[ExportPrompt]) -> Vec<String> {
-    let plain: Vec<String> = prompts.iter().map(|p| slug(&p.text)).collect();
+pub fn slugs<'a>(prompts: impl IntoIterator<Item = &'a str>) -> Vec<String> {
+    let plain: Vec<String> = prompts.into_iter().map(slug).collect();
     let is_unique = |s: &str| !s.is_empty() && plain.iter().filter(|o| o.as_str() == s).count() == 1;
     let name = |(i, s): (usize, &String)| match (is_unique(s), s.is_empty()) {
         (true, _) => s.clone(),

@@ -37,7 +37,7 @@ fn parts(provenance: &Provenance) -> Vec<Part> {
 
 /// Paths of the files of a frame inside the export.
 pub(super) fn names(provenance: &Provenance, frame: usize) -> Vec<String> {
-    let slugs = slugs(&provenance.prompts);
+    let slugs = slugs(provenance.prompts.iter().map(|p| p.text.as_str()));
     parts(provenance).into_iter().map(|part| name(part, frame, &slugs)).collect()
 }
 
@@ -55,7 +55,7 @@ pub(super) fn draw(
     picture: &RgbImage,
     scores: &[Grid<f32>],
 ) -> Result<Vec<File>> {
-    let slugs = slugs(&provenance.prompts);
+    let slugs = slugs(provenance.prompts.iter().map(|p| p.text.as_str()));
     let masks = masks(scores, &provenance.prompts, provenance.options.exclusive);
     let draw_one = |part: Part| -> Result<File> {
         let drawn: DynamicImage = match part {

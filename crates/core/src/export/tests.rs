@@ -169,8 +169,8 @@ fn empty_requests_and_wrong_sizes_are_refused() {
 
 #[test]
 fn slugs_are_plain_and_distinct() {
-    let prompt =
-        |text: &str| ExportPrompt { text: text.into(), threshold: 0.4, colour: [0; 3], negatives: vec![] };
-    let prompts = ["Bile sac!", "bile  SAC", "胆囊", "../x"].map(prompt);
-    assert_eq!(slugs(&prompts), ["bile-sac_1", "bile-sac_2", "prompt_3", "x"]);
+    assert_eq!(
+        slugs(["Bile sac!", "bile  SAC", "胆囊", "../x"]),
+        ["bile-sac_1", "bile-sac_2", "prompt_3", "x"]
+    );
 }

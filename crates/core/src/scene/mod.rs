@@ -1,6 +1,7 @@
 //! The scene file: one safetensors file with everything the viewer needs.
 
 mod file;
+mod ply;
 
 use crate::{
     Error, Result, camera::Camera, codec::Codec, deform::Deformation, gaussian::Gaussians, grid::Mask,

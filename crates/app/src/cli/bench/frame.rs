@@ -296,7 +296,7 @@ fn relevancy_rows(engine: &Engine, scene: &Scene, cameras: &[(f32, Camera)]) -> 
     let mut rows = vec![outcome("relevancy", "exact: every pixel decoded", ms)];
     let (scores, ms) = ask.of(&mut Folded::new(codec.clone()));
     rows.push(with_errors(outcome("relevancy", "folded", ms), &scores, &truth));
-    for (way, tolerance) in [("", 0.35), (", 4 × the error bound", 1.4), (", 16 × the error bound", 5.6)] {
+    for (way, tolerance) in [("", 0.3), (", 4 × the error bound", 1.2), (", 16 × the error bound", 4.8)] {
         let Some(mut lattice) = Lattice::with_tolerance(&codec, tolerance / 255.0) else { break };
         let (_, first) = ask.of(&mut lattice);
         let (scores, known) = ask.of(&mut lattice);

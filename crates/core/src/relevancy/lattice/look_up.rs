@@ -3,10 +3,10 @@
 use super::{
     Points,
     table::Table,
-    tree::{EXTENT, FINE, FINE_PER_UNIT, MAX_LEVEL, Place, Spot, Tree},
+    tree::{EXTENT, FINE, FINE_PER_UNIT, MAX_LEVEL, Place, Spot, Tree, numbers},
 };
 use crate::lanes::{LANES, exp2, load_block};
-use fearless_simd::{Level, dispatch, f32x8, i32x8, prelude::*};
+use fearless_simd::{Level, dispatch, f32x8, i32x8, prelude::*, u32x8};
 use fearless_simd_macros::simd;
 use rayon::prelude::*;
 
@@ -132,7 +132,11 @@ fn locate<S: Simd>(simd: S, tree: &Tree, fine: [f32x8<S>; 3], wanted: u64, open:
         let whole: i32x8<S> = i32x8::truncate_from(v.max(0.0).min(FINE as f32 - 1.0));
         whole
     });
-    let cells = whole.map(|v| v.to_array());
+    let cells = whole.map(|v| {
+        let cell: u32x8<S> = v.bitcast();
+        cell
+    });
+    let numbers = numbers(cells).map(|v| v.to_array());
     let mut leaves = [u32::MAX; LANES];
     // How often a finest cell would have to be doubled to be the cell.
     let mut doublings = [0; LANES];
@@ -141,8 +145,7 @@ fn locate<S: Simd>(simd: S, tree: &Tree, fine: [f32x8<S>; 3], wanted: u64, open:
         if wanted >> lane & 1 == 0 {
             continue;
         }
-        let cell = cells.map(|c| c[lane] as u32);
-        match tree.at(cell) {
+        match tree.at(numbers.map(|n| n[lane])) {
             Spot::Leaf(leaf, level) => {
                 leaves[lane] = leaf;
                 doublings[lane] = i32::from(MAX_LEVEL) - level as i32;
@@ -150,7 +153,7 @@ fn locate<S: Simd>(simd: S, tree: &Tree, fine: [f32x8<S>; 3], wanted: u64, open:
             Spot::Empty(_) if tree.is_frozen() => {}
             Spot::Empty(level) => {
                 missing |= 1 << lane;
-                let place = Place::of(cell, level);
+                let place = Place::of(cells.map(|c| c.to_array()[lane]), level);
                 if open.missing.last() != Some(&place) {
                     open.missing.push(place);
                 }

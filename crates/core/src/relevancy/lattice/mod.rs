@@ -20,9 +20,9 @@ use look_up::{Open, look_up};
 use table::Table;
 use tree::Tree;
 
-/// Interpolation may be this wrong at a cell's midpoints before it is cut. The promise is nearly three times that
+/// Interpolation may be this wrong at a cell's midpoints before it is cut. The promise is more than three times that
 /// (1/255) anywhere in the cell; measured, it holds with room to spare.
-const TOLERANCE: f32 = 0.35 / 255.0;
+const TOLERANCE: f32 = 0.3 / 255.0;
 /// Prompts whose tables are kept.
 const MAX_TABLES: usize = 16;
 

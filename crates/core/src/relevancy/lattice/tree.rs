@@ -7,7 +7,10 @@ use crate::{
 use half::f16;
 use ndarray::Array2;
 use rayon::prelude::*;
-use std::collections::HashMap;
+use std::{
+    collections::HashMap,
+    ops::{BitAnd, BitOr, Shl, Shr},
+};
 
 /// The lattice covers [-EXTENT, EXTENT]³: rendered latents are near the unit sphere, but where few Gaussians are.
 pub(super) const EXTENT: f32 = 2.6;
@@ -74,16 +77,21 @@ fn is_brick(value: u32) -> bool {
     value & EMPTY == BRICK
 }
 
-fn coarse_number(fine: [u32; 3]) -> usize {
-    let [x, y, z] = fine.map(|c| (c >> MAX_LEVEL) as usize);
-    (x * COARSE + y) * COARSE + z
+/// The numbers of the finest cell `fine` (its number along each axis, below [`FINE`]): of its coarsest cell, and within
+/// the bricks of the first and the second [`BRICK_LEVELS`].
+pub(super) fn numbers<T>(fine: [T; 3]) -> [T; 3]
+where
+    T: Copy + Shr<u32, Output = T> + Shl<u32, Output = T> + BitAnd<u32, Output = T> + BitOr<Output = T>,
+{
+    let joined = |shift: u8, bits: u32| {
+        let [x, y, z] = fine.map(|c| (c >> u32::from(shift)) & ((1 << bits) - 1));
+        (x << (2 * bits)) | (y << bits) | z
+    };
+    let brick = u32::from(BRICK_LEVELS);
+    [joined(MAX_LEVEL, COARSE.trailing_zeros()), joined(BRICK_LEVELS, brick), joined(0, brick)]
 }
 
-/// Where in its brick the number of a cell of `level` around a finest cell is.
-fn number_in_brick(fine: [u32; 3], level: u8) -> usize {
-    let [x, y, z] = fine.map(|c| (c >> (MAX_LEVEL - level)) as usize % BRICK_EDGE);
-    (x * BRICK_EDGE + y) * BRICK_EDGE + z
-}
+const _: () = assert!(MAX_LEVEL == 2 * BRICK_LEVELS && COARSE.is_power_of_two());
 
 impl Place {
     /// The cell of a level that the finest cell `fine` is in.
@@ -123,33 +131,33 @@ impl Tree {
         }
     }
 
-    /// What is at the finest cell with these numbers along the axes, each below [`FINE`].
+    /// What is at a finest cell, given its numbers in the coarsest cells and in the bricks, see [`numbers`].
     #[inline(always)]
-    pub(super) fn at(&self, fine: [u32; 3]) -> Spot {
-        let value = self.value(fine);
+    pub(super) fn at(&self, numbers: [u32; 3]) -> Spot {
+        let value = self.value(numbers);
         if value < BRICK { Spot::Leaf(value >> 3, value & 7) } else { Spot::Empty(value & 7) }
     }
 
     #[inline(always)]
-    fn value(&self, fine: [u32; 3]) -> u32 {
-        let mut value = self.cells[coarse_number(fine)];
-        let mut level = 0;
-        while is_brick(value) {
-            level += BRICK_LEVELS;
-            value = self.cells[(value - BRICK) as usize + number_in_brick(fine, level)];
+    fn value(&self, [coarse, first, second]: [u32; 3]) -> u32 {
+        let value = self.cells[coarse as usize];
+        if !is_brick(value) {
+            return value;
         }
-        value
+        let value = self.cells[(value - BRICK + first) as usize];
+        if is_brick(value) { self.cells[(value - BRICK + second) as usize] } else { value }
     }
 
     fn set(&mut self, place: Place, value: u32) {
-        let fine = place.fine();
-        let (mut slot, mut level) = (coarse_number(fine), 0);
+        let [coarse, in_bricks @ ..] = numbers(place.fine());
+        let (mut slot, mut level) = (coarse as usize, 0);
         while place.level > level {
             if !is_brick(self.cells[slot]) {
                 self.cells[slot] = BRICK + self.cells.len() as u32;
                 self.cells.resize(self.cells.len() + BRICK_SIZE, EMPTY + u32::from(level) + 1);
             }
-            let first = (self.cells[slot] - BRICK) as usize + number_in_brick(fine, level + BRICK_LEVELS);
+            let number = in_bricks[usize::from(level / BRICK_LEVELS)];
+            let first = (self.cells[slot] - BRICK + number) as usize;
             if place.level < level + BRICK_LEVELS {
                 let edge = BRICK_EDGE >> (place.level - level);
                 for row in 0..edge * edge {
@@ -221,7 +229,7 @@ impl Tree {
             return false;
         }
         // Another prompt may have cut it before.
-        if self.value(place.fine()) == (leaf as u32) << 3 | u32::from(place.level) {
+        if self.value(numbers(place.fine())) == (leaf as u32) << 3 | u32::from(place.level) {
             let level = place.level + 1;
             let cell = place.cell.map(|c| 2 * c);
             for offset in CORNERS {
@@ -342,10 +350,10 @@ mod tests {
         let latent = [0.313, -1.177, 0.99];
         let (cell, within) = fine(latent);
         for expected_level in 0..=u32::from(MAX_LEVEL) {
-            let Spot::Empty(level) = tree.at(cell) else { panic!("not empty") };
+            let Spot::Empty(level) = tree.at(numbers(cell)) else { panic!("not empty") };
             assert_eq!(level, expected_level);
             assert!(tree.grow(vec![Place::of(cell, level)], &layers()));
-            let Spot::Leaf(leaf, level) = tree.at(cell) else { panic!("no leaf") };
+            let Spot::Leaf(leaf, level) = tree.at(numbers(cell)) else { panic!("no leaf") };
             let edge = 1 << (u32::from(MAX_LEVEL) - level);
             let at = [0, 1, 2].map(|k| ((cell[k] % edge) as f32 + within[k]) / edge as f32);
             let found = tree.leaves()[leaf as usize].clone();
@@ -367,21 +375,21 @@ mod tests {
         let edge = 1 << MAX_LEVEL;
         tree.grow(vec![Place::of([0; 3], 0), Place::of([edge, 0, 0], 0)], &layers());
         assert!(tree.split(0) && tree.split(0));
-        assert!(matches!(tree.at([edge - 1; 3]), Spot::Empty(1)));
+        assert!(matches!(tree.at(numbers([edge - 1; 3])), Spot::Empty(1)));
         tree.grow(vec![Place::of([0; 3], 1), Place::of([edge - 1; 3], 1)], &layers());
-        assert!(matches!(tree.at([edge / 2 - 1; 3]), Spot::Leaf(2, 1)));
-        assert!(matches!(tree.at([edge / 2; 3]), Spot::Leaf(3, 1)));
-        assert!(matches!(tree.at([edge / 2, 0, 0]), Spot::Empty(1)));
-        assert!(matches!(tree.at([edge, 0, 0]), Spot::Leaf(1, 0)));
+        assert!(matches!(tree.at(numbers([edge / 2 - 1; 3])), Spot::Leaf(2, 1)));
+        assert!(matches!(tree.at(numbers([edge / 2; 3])), Spot::Leaf(3, 1)));
+        assert!(matches!(tree.at(numbers([edge / 2, 0, 0])), Spot::Empty(1)));
+        assert!(matches!(tree.at(numbers([edge, 0, 0])), Spot::Leaf(1, 0)));
         // Down to the finest, through both bricks, the neighbour stays as it is.
         for level in 2..=u32::from(MAX_LEVEL) {
             tree.split(tree.num_leaves() - if level == 2 { 2 } else { 1 });
-            assert!(matches!(tree.at([0; 3]), Spot::Empty(l) if l == level));
+            assert!(matches!(tree.at(numbers([0; 3])), Spot::Empty(l) if l == level));
             tree.grow(vec![Place::of([0; 3], level)], &layers());
         }
-        assert!(matches!(tree.at([0; 3]), Spot::Leaf(_, 6)));
-        assert!(matches!(tree.at([1, 0, 0]), Spot::Empty(6)));
-        assert!(matches!(tree.at([edge / 2; 3]), Spot::Leaf(3, 1)));
+        assert!(matches!(tree.at(numbers([0; 3])), Spot::Leaf(_, 6)));
+        assert!(matches!(tree.at(numbers([1, 0, 0])), Spot::Empty(6)));
+        assert!(matches!(tree.at(numbers([edge / 2; 3])), Spot::Leaf(3, 1)));
     }
 
     #[test]
