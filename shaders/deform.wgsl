@@ -101,6 +101,11 @@ fn deform_features(row: u32, n: u32) {
     }
 }
 
+// A log-scale within its bounds; the lowest where it is not a number.
+fn bounded(x: f32) -> f32 {
+    return select(clamp(x, -MAX_LOG_SCALE, MAX_LOG_SCALE), -MAX_LOG_SCALE, is_nan(x));
+}
+
 @compute @workgroup_size(GROUP)
 fn deform(
     @builtin(workgroup_id) group: vec3u,
@@ -119,7 +124,7 @@ fn deform(
     let turn = vec4f(psi(row, ROTATION_CHANNEL), psi3(row, ROTATION_CHANNEL + 1u));
     out.rotation = unit_quaternion(r.rotation + turn);
     let exponent = r.log_scale + psi3(row, SCALE_CHANNEL);
-    out.scale = exp(clamp(exponent, vec3f(-MAX_LOG_SCALE), vec3f(MAX_LOG_SCALE)));
+    out.scale = exp(vec3f(bounded(exponent.x), bounded(exponent.y), bounded(exponent.z)));
     out.colour = r.colour + psi3(row, COLOUR_CHANNEL);
     deformed[n] = out;
     if LATENT_DIM > 0u {

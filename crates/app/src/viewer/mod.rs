@@ -23,6 +23,8 @@ mod layout;
 mod legend;
 mod orbit;
 mod pipeline;
+#[cfg(test)]
+mod pipeline_tests;
 mod playback;
 mod preferences;
 mod prompts;

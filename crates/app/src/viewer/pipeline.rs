@@ -223,14 +223,16 @@ impl Pipeline {
             if !decodes && !renders {
                 continue;
             }
-            // Never at the cost of what is shown now.
-            let is_full = self.kept_bytes() >= KEPT_BYTES;
-            let done =
-                (!decodes || self.original(frame).is_ok()) && (!renders || self.render(&view, asks).is_ok());
-            if done && renders && asks {
+            // Never at the cost of what will be needed sooner.
+            if !self.has_room_for(frame - last.view.frame) {
+                return false;
+            }
+            let is_decoded = !decodes || self.original(frame).is_ok();
+            let is_rendered = !renders || self.render(&view, asks).is_ok();
+            if is_rendered && renders && asks {
                 self.score(&request);
             }
-            return done && !is_full;
+            return is_decoded && is_rendered;
         }
         false
     }
@@ -291,13 +293,36 @@ impl Pipeline {
         originals + self.rendered.iter().map(Rendered::bytes).sum::<usize>()
     }
 
-    /// Forgets the pictures used longest ago until there is room for another one.
+    /// How many frames ahead of the one shown a kept picture is; the largest number for what is behind or seen otherwise.
+    fn distance(&self, frame: usize, view: Option<&View>) -> usize {
+        let Some(shown) = self.last.as_ref().map(|last| last.view) else { return 0 };
+        let is_alike = view.is_none_or(|view| View { frame: shown.frame, ..*view } == shown);
+        if is_alike { frame.checked_sub(shown.frame).unwrap_or(usize::MAX) } else { usize::MAX }
+    }
+
+    /// The place and the distance of the rendered view and of the recorded frame that will be needed last.
+    fn farthest(&self) -> [Option<(usize, usize)>; 2] {
+        let rendered = self.rendered.iter().map(|r| self.distance(r.view.frame, Some(&r.view)));
+        let originals = self.originals.iter().map(|(frame, ..)| self.distance(*frame, None));
+        [rendered.enumerate().max_by_key(|(_, d)| *d), originals.enumerate().max_by_key(|(_, d)| *d)]
+    }
+
+    fn has_room_for(&self, distance: usize) -> bool {
+        let is_farther = |farthest: &(usize, usize)| farthest.1 > distance;
+        self.kept_bytes() < KEPT_BYTES || self.farthest().iter().flatten().any(is_farther)
+    }
+
+    /// Forgets what will be needed last until there is room for another picture.
     fn make_room(&mut self) {
-        while self.kept_bytes() > KEPT_BYTES && self.originals.len() + self.rendered.len() > 2 {
-            if self.originals.len() > self.rendered.len() {
-                self.originals.pop_front();
-            } else {
-                self.rendered.pop_front();
+        while self.kept_bytes() >= KEPT_BYTES {
+            match self.farthest() {
+                [Some((k, d)), original] if d > 0 && original.is_none_or(|(_, other)| d >= other) => {
+                    self.rendered.remove(k);
+                }
+                [_, Some((k, d))] if d > 0 => {
+                    self.originals.remove(k);
+                }
+                _ => return,
             }
         }
     }

@@ -1,0 +1,129 @@
+//! What the pipeline keeps, what it prepares, and that frames never mix.
+
+use super::{
+    pipeline::{AskedPrompt, Picture, Pipeline, Request},
+    source::{FrameSource, Info, Rendering, View},
+};
+use image::{Rgb, RgbImage};
+use std::sync::{Arc, Mutex};
+use surgtpgs_core::{Result, grid::Grid, overlay::OverlayStyle};
+
+const FRAMES: usize = 40;
+
+/// Every picture and score tells its frame; what was asked for is written down.
+struct Telling {
+    info: Info,
+    side: u32,
+    rendered: Arc<Mutex<Vec<usize>>>,
+}
+
+impl FrameSource for Telling {
+    fn info(&self) -> &Info {
+        &self.info
+    }
+    fn original(&mut self, frame: usize) -> Result<RgbImage> {
+        Ok(RgbImage::from_pixel(self.side, self.side, Rgb([frame as u8, 1, 1])))
+    }
+    fn render(&mut self, view: &View, _: bool) -> Result<Rendering> {
+        self.rendered.lock().unwrap().push(view.frame);
+        let side = self.side as usize;
+        Ok(Rendering {
+            colour: RgbImage::from_pixel(self.side, self.side, Rgb([view.frame as u8; 3])),
+            depth: Grid::filled(side, side, view.frame as f32 + 1.0),
+        })
+    }
+    fn scores(&mut self, view: &View, prompts: &[&str]) -> Vec<Result<Grid<f32>>> {
+        let side = self.side as usize;
+        prompts.iter().map(|_| Ok(Grid::filled(side, side, score_of(view.frame)))).collect()
+    }
+}
+
+fn score_of(frame: usize) -> f32 {
+    (frame + 1) as f32 / 100.0
+}
+
+fn pipeline(side: u32) -> (Pipeline, Arc<Mutex<Vec<usize>>>) {
+    let rendered = Arc::new(Mutex::new(Vec::new()));
+    let info = Info {
+        num_frames: FRAMES,
+        has_original: true,
+        has_reconstruction: true,
+        has_features: true,
+        ..Info::default()
+    };
+    (Pipeline::new(Box::new(Telling { info, side, rendered: rendered.clone() })), rendered)
+}
+
+fn request(frame: usize) -> Request {
+    Request {
+        view: View { frame, ..View::default() },
+        needs_original: true,
+        needs_reconstruction: true,
+        needs_depth: false,
+        prompts: vec![AskedPrompt { id: 1, text: "liver".into(), threshold: 0.0, colour: [0, 200, 80] }],
+        style: OverlayStyle::Outline,
+        opacity: 1.0,
+    }
+}
+
+fn is_all_of(picture: &Picture, frame: usize) {
+    let red = |pane: &Option<super::pipeline::Pane>| pane.as_ref().unwrap().bare.pixels[0].r();
+    assert_eq!(picture.request.view.frame, frame);
+    assert_eq!(usize::from(red(&picture.original)), frame);
+    assert_eq!(usize::from(red(&picture.reconstruction)), frame);
+    assert_eq!(picture.depth_values.as_ref().unwrap().data[0], frame as f32 + 1.0);
+    assert_eq!(picture.findings[0].outcome.as_ref().unwrap().max_score, score_of(frame));
+}
+
+#[test]
+fn frames_ahead_are_prepared_once_and_then_nothing_runs() {
+    let (mut pipeline, rendered) = pipeline(8);
+    is_all_of(&pipeline.produce(request(3)), 3);
+    while pipeline.prepare_ahead() {}
+    assert_eq!(*rendered.lock().unwrap(), (3..=15).collect::<Vec<_>>());
+    assert!((0..100).all(|_| !pipeline.prepare_ahead()));
+    assert_eq!(rendered.lock().unwrap().len(), 13, "an idle window renders nothing");
+    is_all_of(&pipeline.produce(request(9)), 9);
+    is_all_of(&pipeline.produce(request(4)), 4);
+    assert_eq!(rendered.lock().unwrap().len(), 13, "what was prepared is not rendered again");
+    is_all_of(&pipeline.produce(request(FRAMES - 1)), FRAMES - 1);
+    assert!(!pipeline.prepare_ahead(), "nothing comes after the last frame");
+}
+
+#[test]
+fn scrubbed_frames_never_mix() {
+    let (mut pipeline, _) = pipeline(8);
+    let mut frame = 7;
+    for step in 0..300 {
+        frame = (frame * 31 + step * 7 + 11) % FRAMES;
+        is_all_of(&pipeline.produce(request(frame)), frame);
+        for _ in 0..step % 4 {
+            pipeline.prepare_ahead();
+        }
+    }
+}
+
+#[test]
+fn memory_is_bounded_and_what_is_shown_stays() {
+    // 11 + 4 + 7 bytes a pixel: about 23 MB a frame.
+    let (mut pipeline, rendered) = pipeline(1024);
+    pipeline.produce(request(0));
+    while pipeline.prepare_ahead() {}
+    let prepared = rendered.lock().unwrap().len();
+    assert!((4..9).contains(&prepared), "{prepared} frames of 23 MB within 128 MB");
+    pipeline.produce(request(0));
+    assert_eq!(rendered.lock().unwrap().len(), prepared, "the frame shown was not forgotten");
+    // Frames behind make room for those ahead.
+    is_all_of(&pipeline.produce(request(3)), 3);
+    while pipeline.prepare_ahead() {}
+    assert!(*rendered.lock().unwrap().iter().max().unwrap() > prepared);
+}
+
+#[test]
+fn a_half_size_preview_prepares_nothing() {
+    let (mut pipeline, rendered) = pipeline(8);
+    let view = View { is_preview: true, ..View::default() };
+    pipeline.produce(Request { view, ..request(0) });
+    assert!(!pipeline.prepare_ahead());
+    assert_eq!(*rendered.lock().unwrap(), [0]);
+}
