@@ -68,14 +68,8 @@ fn tile_range(low: f32, high: f32, tiles: usize) -> std::ops::Range<usize> {
 
 /// Bins all visible splats of an image of `width × height` pixels.
 pub fn bin(splats: &[Splat<f32>], width: usize, height: usize) -> Bins {
-    bin_from(splats, width, height, &mut Vec::new())
-}
-
-/// As [`bin`]; `order` is the depth order of an earlier time, or empty, and becomes the present one. What is nearly in
-/// order is sorted sooner; the result is the same.
-pub fn bin_from(splats: &[Splat<f32>], width: usize, height: usize, order: &mut Vec<u32>) -> Bins {
     let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
-    *order = depth_order(splats, order);
+    let order = depth_order(splats);
     // Each piece of the depth order is spread over tile rows, then each tile row over its columns.
     let pieces: Vec<Vec<Vec<RowEntry>>> = order
         .par_chunks(ORDER_PIECE)
@@ -144,24 +138,15 @@ fn bin_row<'a, I: Iterator<Item = &'a RowEntry>>(
     (counts, splat)
 }
 
-/// Visible splats front to back, ties by index, given an earlier order. Depths are positive, so their bits sort like
-/// the numbers.
-fn depth_order(splats: &[Splat<f32>], earlier: &[u32]) -> Vec<u32> {
-    let key = |i: usize| u64::from(splats[i].depth.to_bits()) << 32 | i as u64;
-    let mut keys: Vec<u64> = Vec::with_capacity(splats.len());
-    if earlier.is_empty() {
-        keys.extend((0..splats.len()).filter(|&i| splats[i].is_visible()).map(key));
-        keys.par_sort_unstable();
-    } else {
-        let mut waiting: Vec<bool> = splats.iter().map(Splat::is_visible).collect();
-        for i in earlier.iter().map(|&i| i as usize).chain(0..splats.len()) {
-            if waiting.get_mut(i).is_some_and(std::mem::take) {
-                keys.push(key(i));
-            }
-        }
-        // Merges the runs that it finds.
-        keys.par_sort();
-    }
+/// Visible splats front to back, ties by index. Depths are positive, so their bits sort like the numbers.
+fn depth_order(splats: &[Splat<f32>]) -> Vec<u32> {
+    let mut keys: Vec<u64> = splats
+        .iter()
+        .enumerate()
+        .filter(|(_, s)| s.is_visible())
+        .map(|(i, s)| u64::from(s.depth.to_bits()) << 32 | i as u64)
+        .collect();
+    keys.par_sort_unstable();
     keys.into_iter().map(|k| k as u32).collect()
 }
 
@@ -214,22 +199,6 @@ mod tests {
         let bins = bin(&[s(3.0), s(1.0), s(2.0), s(1.0)], 16, 16);
         assert_eq!(bins.splat, vec![1, 3, 2, 0]);
         assert_eq!(bins.first, vec![0, 4]);
-    }
-
-    #[test]
-    fn an_earlier_order_changes_nothing() {
-        let s = |depth: f32, opacity| splat([8.0, 8.0], [4.0, 0.0, 4.0], opacity, depth);
-        let mut splats: Vec<_> = (0..50).map(|i| s(1.0 + (i * 37 % 50) as f32, 0.5)).collect();
-        let mut order = Vec::new();
-        bin_from(&splats, 16, 16, &mut order);
-        // Some move, one goes, two come.
-        splats[3].depth = 20.5;
-        splats[7].extent = [0.0; 2];
-        splats.extend([s(0.5, 0.5), s(30.0, 0.5)]);
-        assert_eq!(bin_from(&splats, 16, 16, &mut order), bin(&splats, 16, 16));
-        splats.truncate(10);
-        assert_eq!(bin_from(&splats, 16, 16, &mut order), bin(&splats, 16, 16));
-        assert_eq!(order.len(), 9);
     }
 
     #[test]

@@ -19,15 +19,11 @@ use surgtpgs_core::{
     Error, Result,
     camera::Camera,
     clock::PassName,
-    deform::{Deformed, deform, deform_by},
+    deform::{Deformed, deform_by},
     files::write_whole,
     grid::Grid,
     overlay::{OverlayPrompt, OverlayStyle, overlay},
-    raster::{
-        CpuRenderer, FEATURE_PLANE, FrameClock, FramePass, Images, Renderer,
-        bin::{bin, bin_from},
-        project::project_all,
-    },
+    raster::{CpuRenderer, FEATURE_PLANE, FrameClock, FramePass, Images, Renderer},
     relevancy::{Exact, Folded, Lattice, Query, Relevancy, RelevancySettings},
     scene::Scene,
 };
@@ -247,23 +243,6 @@ fn passes(scene: &Scene, cameras: &[(f32, Camera)]) -> Result<Vec<Outcome>> {
     rows.push(outcome("deform", format!("all {} bases, and ψ once more", deformation.num_bases), all));
     let live = outcome("deform", "live bases alone, and ψ once more", live);
     rows.push(Outcome { max_error: Some(largest), ..live });
-
-    let (mut order, mut from_scratch, mut reused) = (Vec::new(), Vec::new(), Vec::new());
-    for (t, camera) in cameras.iter().chain(cameras) {
-        let splats = project_all(gaussians, &deform(gaussians, deformation, *t, false), camera);
-        let size = (camera.width as usize, camera.height as usize);
-        let started = Instant::now();
-        let fresh = bin(&splats, size.0, size.1);
-        from_scratch.push(started.elapsed().as_secs_f64() * 1e3);
-        let started = Instant::now();
-        let again = bin_from(&splats, size.0, size.1, &mut order);
-        reused.push(started.elapsed().as_secs_f64() * 1e3);
-        if fresh != again {
-            return Err(Error::input("an earlier depth order changed the result", ""));
-        }
-    }
-    rows.push(outcome("bin", "depth sorted from scratch", from_scratch));
-    rows.push(Outcome { max_error: Some(0.0), ..outcome("bin", "depth sorted from the last order", reused) });
     Ok(rows)
 }
 
@@ -299,6 +278,8 @@ fn relevancy_rows(engine: &Engine, scene: &Scene, cameras: &[(f32, Camera)]) -> 
     for (way, tolerance) in [("", 0.3), (", 4 × the error bound", 1.2), (", 16 × the error bound", 4.8)] {
         let Some(mut lattice) = Lattice::with_tolerance(&codec, tolerance / 255.0) else { break };
         let (_, first) = ask.of(&mut lattice);
+        // What one prompt has cut the others tabulate in their next round.
+        ask.of(&mut lattice);
         let (scores, known) = ask.of(&mut lattice);
         let report = lattice.report();
         rows.push(outcome("relevancy", format!("lattice{way}: cells made"), first));

@@ -78,17 +78,34 @@ fn is_brick(value: u32) -> bool {
 }
 
 /// The numbers of the finest cell `fine` (its number along each axis, below [`FINE`]): of its coarsest cell, and within
-/// the bricks of the first and the second [`BRICK_LEVELS`].
-pub(super) fn numbers<T>(fine: [T; 3]) -> [T; 3]
-where
-    T: Copy + Shr<u32, Output = T> + Shl<u32, Output = T> + BitAnd<u32, Output = T> + BitOr<Output = T>,
-{
-    let joined = |shift: u8, bits: u32| {
-        let [x, y, z] = fine.map(|c| (c >> u32::from(shift)) & ((1 << bits) - 1));
-        (x << (2 * bits)) | (y << bits) | z
-    };
+/// the bricks of the first and the second [`BRICK_LEVELS`]. For one cell or several at once; inlined, so that these stay
+/// in their registers.
+#[inline(always)]
+pub(super) fn numbers<T: Bits>([x, y, z]: [T; 3]) -> [T; 3] {
     let brick = u32::from(BRICK_LEVELS);
-    [joined(MAX_LEVEL, COARSE.trailing_zeros()), joined(BRICK_LEVELS, brick), joined(0, brick)]
+    let (coarse, all) = (COARSE.trailing_zeros(), u32::from(MAX_LEVEL));
+    let inside = BRICK_EDGE as u32 - 1;
+    [
+        joined(x >> all, y >> all, z >> all, coarse),
+        joined((x >> brick) & inside, (y >> brick) & inside, (z >> brick) & inside, brick),
+        joined(x & inside, y & inside, z & inside, brick),
+    ]
+}
+
+#[inline(always)]
+fn joined<T: Bits>(x: T, y: T, z: T, bits: u32) -> T {
+    (x << (2 * bits)) | (y << bits) | z
+}
+
+/// A number, or several at once.
+pub(super) trait Bits:
+    Copy + Shr<u32, Output = Self> + Shl<u32, Output = Self> + BitAnd<u32, Output = Self> + BitOr<Output = Self>
+{
+}
+
+impl<T> Bits for T where
+    T: Copy + Shr<u32, Output = T> + Shl<u32, Output = T> + BitAnd<u32, Output = T> + BitOr<Output = T>
+{
 }
 
 const _: () = assert!(MAX_LEVEL == 2 * BRICK_LEVELS && COARSE.is_power_of_two());
