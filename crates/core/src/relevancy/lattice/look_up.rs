@@ -5,7 +5,10 @@ use super::{
     table::Table,
     tree::{EXTENT, FINE, FINE_PER_UNIT, MAX_LEVEL, Place, Spot, Tree, numbers},
 };
-use crate::lanes::{LANES, exp2, load_block};
+use crate::{
+    lanes::{LANES, exp2, load_block},
+    mask::set_bits,
+};
 use fearless_simd::{Level, dispatch, f32x8, i32x8, prelude::*, u32x8};
 use fearless_simd_macros::simd;
 use rayon::prelude::*;
@@ -95,8 +98,8 @@ fn look_up_strip<S: Simd>(
         }
         let undecided = undecided.to_bitmask() & !found.missing;
         if undecided | found.missing != 0 {
-            open.waiting.extend(set_bits(found.missing).map(|lane| at + lane));
-            open.undecided.extend(set_bits(undecided).map(|lane| at + lane));
+            open.waiting.extend(set_bits(&[found.missing]).map(|lane| at + lane));
+            open.undecided.extend(set_bits(&[undecided]).map(|lane| at + lane));
         }
     }
 }
@@ -108,11 +111,6 @@ fn load<S: Simd>(simd: S, values: &[f32], at: usize, inside: usize) -> f32x8<S> 
         Some(block) if inside == LANES => f32x8::load_array_ref(simd, block),
         _ => f32x8::load_array(simd, load_block(&values[at..], inside)),
     }
-}
-
-/// The numbers of the bits that are set.
-fn set_bits(bits: u64) -> impl Iterator<Item = usize> {
-    (0..LANES).filter(move |lane| bits >> lane & 1 == 1)
 }
 
 /// The cells of eight points.

@@ -1,0 +1,126 @@
+//! `surgtpgs bench` and what it measures.
+
+use super::{RelevancyArgs, SceneArgs};
+use crate::engine::Backend;
+use clap::{Args, Subcommand};
+use std::path::PathBuf;
+
+/// `surgtpgs bench`
+#[derive(Debug, Args)]
+pub struct BenchArgs {
+    /// What to measure
+    #[command(subcommand)]
+    pub verb: BenchVerb,
+}
+
+/// What to measure.
+#[derive(Debug, Subcommand)]
+pub enum BenchVerb {
+    /// Train once for every setting: train.csv, train_psnr.svg, train_miou.svg
+    Train(BenchTrainArgs),
+    /// Time every pass of a training step on the demo, with its error against f64
+    Step(BenchStepArgs),
+    /// Time every pass of a shown frame and every way to score it, with its error: frame.csv, frame.svg
+    Frame(BenchFrameArgs),
+    /// Render what breaks renderers, and compare with f64: stress.csv
+    Stress(BenchStressArgs),
+}
+
+/// `surgtpgs bench stress`
+#[derive(Debug, Args)]
+pub struct BenchStressArgs {
+    /// What renders
+    #[arg(long, value_enum, default_value_t = Backend::Auto)]
+    pub backend: Backend,
+    /// Folder for stress.csv
+    #[arg(short, long, value_name = "DIR")]
+    pub output: Option<PathBuf>,
+    /// Report as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `surgtpgs bench frame`
+#[derive(Debug, Args)]
+pub struct BenchFrameArgs {
+    /// The scene
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Folder to write
+    #[arg(short, long, value_name = "DIR")]
+    pub output: Option<PathBuf>,
+    /// Frames to measure, evenly spread
+    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..))]
+    pub frames: u32,
+    /// Image size, if not that of the recording
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = image_size)]
+    pub size: Option<(u32, u32)>,
+    /// What to look for, if not the scene's classes; may be repeated
+    #[arg(long, value_name = "TEXT")]
+    pub prompt: Vec<String>,
+    /// How prompts are answered
+    #[command(flatten)]
+    pub relevancy: RelevancyArgs,
+    /// Report as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `640x512`.
+fn image_size(text: &str) -> Result<(u32, u32), String> {
+    let number = |part: &str| part.trim().parse().ok().filter(|n| (1..=8192).contains(n));
+    let sides = text.split_once(['x', '×']).map(|(w, h)| (number(w), number(h)));
+    match sides {
+        Some((Some(width), Some(height))) => Ok((width, height)),
+        _ => Err("give width and height in pixels, such as 640x512".to_owned()),
+    }
+}
+
+/// `surgtpgs bench step`
+#[derive(Debug, Args)]
+pub struct BenchStepArgs {
+    /// Folder for step.csv
+    #[arg(short, long, value_name = "DIR")]
+    pub output: Option<PathBuf>,
+    /// Steps to average over
+    #[arg(long, default_value_t = 40, value_parser = clap::value_parser!(u32).range(1..))]
+    pub steps: u32,
+    /// Report as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `surgtpgs bench train`
+#[derive(Debug, Args)]
+pub struct BenchTrainArgs {
+    /// A folder prepared with --eval, or a recording (then without features)
+    pub sequence: PathBuf,
+    /// Folder to write
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
+    /// Optimiser steps of every row
+    #[arg(long, default_value_t = 3000, value_parser = clap::value_parser!(u32).range(1..))]
+    pub iterations: u32,
+    /// Seed of everything random
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Only these rows, e.g. default,paper
+    #[arg(long, value_delimiter = ',')]
+    pub rows: Vec<String>,
+    /// Report as JSON, too
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn image_sizes_are_two_numbers() {
+        assert_eq!(image_size("640x512"), Ok((640, 512)));
+        for wrong in ["640", "x512", "0x5", "640x9999", "axb", "-1x4"] {
+            assert!(image_size(wrong).is_err(), "{wrong}");
+        }
+    }
+}
