@@ -147,38 +147,7 @@ fn instruction_set() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{deform::Deformation, gaussian::Gaussians, grid::Grid, scene::Provenance};
-
-    /// A few Gaussians that move, and a camera.
-    fn small_scene() -> (Scene, Camera) {
-        let n = 12;
-        let wave = |i: usize, k: usize| (i as f32 * 1.7 + k as f32 * 0.9).sin();
-        let gaussians = Gaussians {
-            means: (0..n).map(|i| [wave(i, 0), wave(i, 1), 3.0 + wave(i, 2)]).collect(),
-            rotations: (0..n).map(|i| [1.0, wave(i, 3), wave(i, 4), 0.0]).collect(),
-            log_scales: (0..n).map(|i| [-1.5, -1.0 + 0.3 * wave(i, 5), -1.2]).collect(),
-            opacity_logits: vec![1.0; n],
-            colours: (0..n).map(|i| [wave(i, 6), wave(i, 7), wave(i, 8)]).collect(),
-            features: (0..n * 3).map(|i| wave(i, 9)).collect(),
-            latent_dim: 3,
-            ..Default::default()
-        };
-        let mut deformation = Deformation::at_rest(n, 3, 5, 0.2, 2.5);
-        let count = deformation.weights.len();
-        deformation.weights = (0..count).map(|i| 0.2 * wave(i, 10)).collect();
-        let camera = Camera::with_field_of_view(40, 32, 60.0);
-        let scene = Scene {
-            gaussians,
-            deformation,
-            cameras: vec![camera],
-            field_of_view: Grid::filled(40, 32, true),
-            codec: None,
-            classes: Vec::new(),
-            encoder: None,
-            provenance: Provenance::default(),
-        };
-        (scene, camera)
-    }
+    use crate::stress;
 
     /// How often each pass ran for a frame.
     fn passes(clock: &FrameClock, before: &FrameClock) -> Vec<usize> {
@@ -187,7 +156,8 @@ mod tests {
 
     #[test]
     fn only_what_has_changed_is_computed_and_the_pictures_are_the_same() {
-        let (scene, camera) = small_scene();
+        let scene = stress::ordinary(12);
+        let camera = scene.cameras[0];
         let mut kept = CpuRenderer::default();
         let mut clock = FrameClock::default();
         let mut images = Images::default();
@@ -210,7 +180,8 @@ mod tests {
 
     #[test]
     fn another_scene_is_noticed() {
-        let (scene, camera) = small_scene();
+        let scene = stress::ordinary(12);
+        let camera = scene.cameras[0];
         let mut other = scene.clone();
         other.gaussians.colours.iter_mut().for_each(|c| c[0] += 0.3);
         let mut renderer = CpuRenderer::default();
