@@ -272,7 +272,7 @@ fn relevancy_rows(engine: &Engine, scene: &Scene, cameras: &[(f32, Camera)]) -> 
         cameras.iter().map(|(t, camera)| renderer.render(scene, camera, *t, true)).collect::<Result<_>>()?;
     let ask = Asked { images: &images, queries: &queries, settings: &settings };
     let (truth, ms) = ask.of(&mut Exact::new(codec.clone()));
-    let mut rows = vec![outcome("relevancy", "exact: every pixel decoded", ms)];
+    let mut rows = vec![with_errors(outcome("relevancy", "exact: every pixel decoded", ms), &truth, &truth)];
     let (scores, ms) = ask.of(&mut Folded::new(codec.clone()));
     rows.push(with_errors(outcome("relevancy", "folded", ms), &scores, &truth));
     for (way, tolerance) in [("", 0.3), (", 4 × the error bound", 1.2), (", 16 × the error bound", 4.8)] {
@@ -426,7 +426,11 @@ fn write(report: &Report, folder: &std::path::Path) -> Result<()> {
     write_whole(&folder.join("frame.csv"), csv(report).as_bytes())?;
     let scored = report.rows.iter().filter(|o| o.pass == "relevancy");
     let points: Vec<Point<'_>> = scored
-        .filter_map(|o| o.max_error.map(|e| Point { name: &o.way, x: o.median_ms, y: 255.0 * e }))
+        .filter_map(|o| {
+            // How many cells there are is for the table.
+            let name = o.way.split(" (").next().unwrap_or_default();
+            o.max_error.map(|e| Point { name, x: o.median_ms, y: 255.0 * e })
+        })
         .collect();
     if points.is_empty() {
         return Ok(());
