@@ -390,13 +390,8 @@ impl Outside {
 
 fn outside((width, height): (usize, usize), field_of_view: &Mask) -> Vec<Range<usize>> {
     let mut ranges: Vec<Range<usize>> = Vec::new();
-    if field_of_view.width == 0 || field_of_view.height == 0 {
-        return ranges;
-    }
-    for i in 0..width * height {
-        let (x, y) = (i % width, i / width);
-        let row = field_of_view.row((2 * y + 1) * field_of_view.height / (2 * height));
-        if row[(2 * x + 1) * field_of_view.width / (2 * width)] {
+    for (i, is_inside) in field_of_view.sampled(width, height).data.into_iter().enumerate() {
+        if is_inside {
             continue;
         }
         match ranges.last_mut() {

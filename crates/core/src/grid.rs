@@ -38,6 +38,18 @@ impl<T: Copy> Grid<T> {
         Self { width, height, data: vec![value; width * height] }
     }
 
+    /// The same picture in another size, each value that of the nearest; empty stays empty.
+    pub fn sampled(&self, width: usize, height: usize) -> Self {
+        if self.data.is_empty() {
+            return Self { width: 0, height: 0, data: Vec::new() };
+        }
+        let at = |i: usize| {
+            let (x, y) = (i % width, i / width);
+            self.at((2 * x + 1) * self.width / (2 * width), (2 * y + 1) * self.height / (2 * height))
+        };
+        Self { width, height, data: (0..width * height).map(at).collect() }
+    }
+
     /// The value at (x, y).
     pub fn at(&self, x: usize, y: usize) -> T {
         self.data[y * self.width + x]

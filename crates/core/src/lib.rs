@@ -37,6 +37,7 @@ pub mod mask;
 pub mod metrics;
 pub mod overlay;
 pub mod relevancy;
+pub mod summary;
 
 pub mod export;
 

@@ -87,6 +87,13 @@ pub fn cases() -> Vec<Case> {
     cases
 }
 
+/// A million Gaussians, in a picture small enough for the f64 twin.
+pub fn a_million() -> Case {
+    let mut scene = ordinary(1_000_000);
+    scene.gaussians.log_scales.iter_mut().for_each(|s| *s = s.map(|v| v - 3.0));
+    Case { family: "a million Gaussians", scene, camera: camera(24, 16), time: 0.3 }
+}
+
 type Add<'a> = dyn FnMut(&'static str, &dyn Fn(&mut Gaussians, &mut Deformation)) + 'a;
 
 fn shapes(add: &mut Add<'_>) {
@@ -215,6 +222,24 @@ mod tests {
             }
         }
         assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    }
+
+    /// Speed must not change a bit of what is drawn. Only where exp and sin, too, are the same everywhere.
+    #[test]
+    #[cfg(all(target_arch = "x86_64", target_os = "linux", target_env = "gnu"))]
+    fn frames_are_the_same_bytes_as_ever() {
+        use sha2::{Digest, Sha256};
+        if !(is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma")) {
+            return;
+        }
+        let mut hash = Sha256::new();
+        for (n, size, time) in [(400, (96, 64), 0.0), (900, (61, 47), 0.37), (30, (16, 16), 1.0)] {
+            let mut renderer = CpuRenderer::default();
+            let images = renderer.render(&ordinary(n), &camera(size.0, size.1), time, true).unwrap();
+            images.planes.iter().for_each(|v| hash.update(v.to_le_bytes()));
+        }
+        let found: String = hash.finalize()[..8].iter().map(|b| format!("{b:02x}")).collect();
+        assert_eq!(found, "39864ee561b946f7");
     }
 
     #[test]

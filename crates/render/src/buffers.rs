@@ -13,6 +13,9 @@ pub(crate) struct DeviceVec<T> {
     marker: std::marker::PhantomData<T>,
 }
 
+/// A buffer and how many of its bytes are meant.
+pub(crate) type Part = (wgpu::Buffer, u64);
+
 const USAGES: wgpu::BufferUsages =
     wgpu::BufferUsages::STORAGE.union(wgpu::BufferUsages::COPY_SRC).union(wgpu::BufferUsages::COPY_DST);
 
@@ -67,6 +70,11 @@ impl<T: Pod> DeviceVec<T> {
     /// The array in bytes.
     pub(crate) fn num_bytes(&self) -> u64 {
         (self.len * size_of::<T>()) as u64
+    }
+
+    /// All of it, to be read back.
+    pub(crate) fn part(&self) -> Part {
+        (self.buffer.clone(), self.num_bytes())
     }
 
     /// Binds the whole array and no more, so that a shader's `arrayLength` is its length.

@@ -65,6 +65,8 @@ impl Gpu {
         }
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("surgtpgs"),
+            // To time passes, where it can; nothing else is needed.
+            required_features: adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
             // The defaults lie below what every adapter offers.
             required_limits: adapter.limits(),
             ..Default::default()

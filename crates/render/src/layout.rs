@@ -170,6 +170,78 @@ shader_struct! {
 }
 
 shader_struct! {
+    /// Planes to what is shown (`compose.wgsl`).
+    pub struct Compose {
+        /// Columns times rows.
+        num_pixels: u32,
+        /// Pixels with less accumulated opacity have no depth.
+        min_alpha: f32,
+        /// To a multiple of 16 bytes.
+        padding: [u32; 2],
+    }
+}
+
+shader_struct! {
+    /// One look-up of all prompts (`lattice.wgsl`).
+    pub struct LookUp {
+        /// Columns times rows.
+        num_pixels: u32,
+        /// Prompts to score.
+        num_prompts: u32,
+        /// Cells tabulated for each prompt.
+        num_leaves: u32,
+        /// Pixels with less accumulated opacity are holes.
+        min_alpha: f32,
+        /// Sharpness.
+        temperature: f32,
+        /// To a multiple of 16 bytes.
+        padding: u32,
+        /// To a multiple of 16 bytes.
+        padding_2: [u32; 2],
+    }
+}
+
+shader_struct! {
+    /// A pixel that no table decides (`lattice.wgsl`).
+    pub struct OpenPixel {
+        /// Its feature.
+        latent: [f32; 3],
+        /// Row-major.
+        number: u32,
+    }
+}
+
+shader_struct! {
+    /// Scores in short (`summary.wgsl`).
+    pub struct Summarise {
+        /// Columns and rows.
+        size: [u32; 2],
+        /// Prompts.
+        num_prompts: u32,
+        /// To a multiple of 16 bytes.
+        padding: u32,
+    }
+}
+
+shader_struct! {
+    /// What is at a pixel (`pick.wgsl`).
+    pub struct Picked {
+        /// Column and row that were asked for.
+        pixel: [u32; 2],
+        /// The Gaussian that adds most.
+        gaussian: u32,
+        /// Its share; 0 where nothing adds anything.
+        weight: f32,
+        /// Of its centre.
+        depth: f32,
+        /// To a multiple of 16 bytes.
+        padding: u32,
+        /// To a multiple of 16 bytes.
+        padding_2: [u32; 2],
+    }
+}
+
+shader_struct! {
     /// One prompt to draw (`overlay.wgsl`).
     pub struct PromptRow {
         /// 0–255.

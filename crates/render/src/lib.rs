@@ -20,7 +20,10 @@ mod relevancy;
 mod renderer;
 mod scene_buffers;
 pub mod shader_source;
+mod shown;
+mod timer;
 
 pub use device::{AdapterChoice, Gpu, Unavailable};
 pub use relevancy::GpuExact;
-pub use renderer::GpuRenderer;
+pub use renderer::{Frame, GpuRenderer};
+pub use shown::{Asked, MIN_DEPTH_ALPHA, Shown, Wanted};

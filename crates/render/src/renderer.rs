@@ -2,17 +2,38 @@
 
 use crate::{
     Gpu,
-    buffers::uniform,
+    buffers::{Part, uniform},
     layout::View,
-    passes::{Input, Passes},
+    passes::{Passes, run},
     scene_buffers::SceneBuffers,
+    shown::ShownBuffers,
+    timer::Timer,
 };
 use surgtpgs_core::{
     Result,
     camera::Camera,
-    raster::{FEATURE_PLANE, FrameClock, FramePass, Images, Renderer},
+    raster::{FEATURE_PLANE, FrameClock, FramePass, Images, Pick, Renderer},
     scene::Scene,
 };
+
+/// What to render.
+#[derive(Clone, Copy)]
+pub struct Frame<'a> {
+    /// The Gaussians.
+    pub scene: &'a Scene,
+    /// From where; its size is that of the picture.
+    pub camera: &'a Camera,
+    /// When, 0–1.
+    pub time: f32,
+    /// Whether with features.
+    pub features: bool,
+}
+
+impl Frame<'_> {
+    fn latent_dim(&self) -> usize {
+        if self.features { self.scene.gaussians.latent_dim } else { 0 }
+    }
+}
 
 /// Renders scenes on a GPU; twin of [`surgtpgs_core::raster::CpuRenderer`].
 ///
@@ -20,19 +41,25 @@ use surgtpgs_core::{
 /// after editing a few values in place call [`GpuRenderer::forget_scene`].
 #[derive(Debug)]
 pub struct GpuRenderer {
-    gpu: Gpu,
-    passes: Passes,
+    pub(crate) gpu: Gpu,
+    pub(crate) passes: Passes,
     scene: Option<(u64, SceneBuffers)>,
     /// Time and latent dimension that the deformed Gaussians on the device stand for.
     deformed_at: Option<(f32, usize)>,
+    /// The view that the splats and bins on the device stand for.
+    view: Option<View>,
     staging: Option<wgpu::Buffer>,
+    pub(crate) timer: Timer,
+    pub(crate) shown: ShownBuffers,
 }
 
 impl GpuRenderer {
     /// Compiles the passes.
     pub fn new(gpu: Gpu) -> Result<Self> {
         let passes = Passes::new(&gpu)?;
-        Ok(Self { gpu, passes, scene: None, deformed_at: None, staging: None })
+        let shown = ShownBuffers::new(&gpu);
+        let (scene, deformed_at, view, staging) = (None, None, None, None);
+        Ok(Self { gpu, passes, scene, deformed_at, view, staging, timer: Timer::default(), shown })
     }
 
     /// The device it renders on.
@@ -44,6 +71,7 @@ impl GpuRenderer {
     pub fn forget_scene(&mut self) {
         self.scene = None;
         self.deformed_at = None;
+        self.view = None;
     }
 
     /// Starts with room for `capacity` splat-tile pairs; it grows as needed, at the cost of a repeated frame.
@@ -61,73 +89,73 @@ impl GpuRenderer {
         Ok(())
     }
 
-    /// Runs the passes until all pairs fit; returns the planes.
-    fn draw(
+    /// Adds the passes up to the image planes, uploading the scene where it is another one.
+    pub(crate) fn encode_frame(
         &mut self,
-        scene: &Scene,
-        camera: &Camera,
-        time: f32,
-        latent_dim: usize,
+        frame: &Frame<'_>,
         clock: &mut FrameClock,
-    ) -> Result<Vec<f32>> {
-        self.upload(scene)?;
-        if self.deformed_at != Some((time, latent_dim)) {
-            clock.lap(FramePass::Deform);
-        }
-        clock.lap(FramePass::Project);
-        clock.lap(FramePass::Bin);
-        loop {
-            let (wanted, planes) = self.draw_once(scene, camera, time, latent_dim)?;
-            if !self.passes.bin.grow_if_full(&self.gpu, wanted)? {
-                return Ok(planes);
-            }
-        }
-    }
-
-    /// One submission, one wait. Also returns how many pairs were wanted: beyond the capacity the planes are wrong.
-    fn draw_once(
-        &mut self,
-        scene: &Scene,
-        camera: &Camera,
-        time: f32,
-        latent_dim: usize,
-    ) -> Result<(u32, Vec<f32>)> {
-        let Self { gpu, passes, scene: Some((_, buffers)), .. } = self else { return Ok((0, Vec::new())) };
-        let n = scene.gaussians.len();
-        let view = View::new(camera, &scene.gaussians, passes.bin.capacity());
+    ) -> Result<wgpu::CommandEncoder> {
+        self.upload(frame.scene)?;
+        let Self { gpu, passes, scene, timer, .. } = self;
+        let mut encoder = gpu.device().create_command_encoder(&Default::default());
+        let Some((_, buffers)) = scene else { return Ok(encoder) };
+        let Frame { scene: Scene { gaussians, deformation, .. }, camera, time, .. } = *frame;
+        let (n, latent_dim) = (gaussians.len(), frame.latent_dim());
+        let view = View::new(camera, gaussians, passes.bin.capacity());
         let must_deform = self.deformed_at != Some((time, latent_dim));
-        if must_deform {
-            passes.deform.prepare(gpu, &scene.deformation, n, time, latent_dim)?;
-        }
         passes.project.prepare(gpu, n)?;
         passes.bin.prepare(gpu, &view)?;
         passes.raster.prepare(gpu, &view, latent_dim)?;
         let view_buffer = uniform(gpu, &view);
-        let mut encoder = gpu.device().create_command_encoder(&Default::default());
+        timer.start();
+        if must_deform {
+            passes.deform.prepare(gpu, deformation, n, time, latent_dim)?;
+            let pass = &mut timer.begin(&mut encoder, "deform");
+            passes.deform.encode(gpu, pass, buffers, deformation, time, latent_dim);
+            clock.lap(FramePass::Deform);
+        }
         {
-            let pass = &mut encoder.begin_compute_pass(&Default::default());
-            if must_deform {
-                passes.deform.encode(gpu, pass, buffers, &scene.deformation, time, latent_dim);
-            }
+            let pass = &mut timer.begin(&mut encoder, "project");
             passes.project.encode(gpu, pass, &view_buffer, &passes.deform.rows, &buffers.sh_rest, n);
+            clock.lap(FramePass::Project);
+        }
+        {
+            let pass = &mut timer.begin(&mut encoder, "bin");
             passes.bin.encode(gpu, pass, &view_buffer, &view, &passes.project.splats);
-            let input = Input {
-                splats: &passes.project.splats,
-                features: &passes.deform.features,
-                pairs: passes.bin.pairs(),
-                ranges: &passes.bin.ranges,
-            };
+            clock.lap(FramePass::Bin);
+        }
+        {
+            let pass = &mut timer.begin(&mut encoder, "raster");
+            let input = passes.raster_input();
             passes.raster.encode(gpu, pass, &view_buffer, &view, &input, latent_dim);
         }
         self.deformed_at = Some((time, latent_dim));
-        self.read_back(encoder)
+        self.view = Some(view);
+        Ok(encoder)
     }
 
-    /// Submits, waits, and copies out the number of pairs and the planes.
-    fn read_back(&mut self, mut encoder: wgpu::CommandEncoder) -> Result<(u32, Vec<f32>)> {
-        let planes = &self.passes.raster.planes;
-        let count = size_of::<u32>() as u64;
-        let size = planes.num_bytes() + count;
+    /// Renders until all pairs fit; returns the planes.
+    fn draw(&mut self, frame: &Frame<'_>, clock: &mut FrameClock) -> Result<Vec<f32>> {
+        loop {
+            let encoder = self.encode_frame(frame, clock)?;
+            let planes = self.passes.raster.planes.part();
+            let bytes = self.submit(encoder, &[self.num_wanted(), planes])?;
+            let (wanted, planes) = bytes.split_at(size_of::<u32>());
+            if !self.passes.bin.grow_if_full(&self.gpu, bytemuck::pod_read_unaligned(wanted))? {
+                return Ok(bytemuck::pod_collect_to_vec(planes));
+            }
+        }
+    }
+
+    /// Where the number of pairs wanted is: with more than the capacity the frame is wrong.
+    pub(crate) fn num_wanted(&self) -> Part {
+        (self.passes.bin.num_wanted().buffer().clone(), size_of::<u32>() as u64)
+    }
+
+    /// Submits, waits, and copies out the first bytes of each buffer, one after the other.
+    pub(crate) fn submit(&mut self, mut encoder: wgpu::CommandEncoder, parts: &[Part]) -> Result<Vec<u8>> {
+        self.timer.finish(&mut encoder);
+        let size = parts.iter().map(|(_, size)| size).sum();
         if self.staging.as_ref().is_none_or(|s| s.size() < size) {
             self.staging = None;
         }
@@ -139,12 +167,37 @@ impl GpuRenderer {
                 mapped_at_creation: false,
             })
         });
-        encoder.copy_buffer_to_buffer(self.passes.bin.num_wanted().buffer(), 0, staging, 0, count);
-        encoder.copy_buffer_to_buffer(planes.buffer(), 0, staging, count, planes.num_bytes());
+        let mut at = 0;
+        for (buffer, size) in parts {
+            encoder.copy_buffer_to_buffer(buffer, 0, staging, at, *size);
+            at += size;
+        }
         self.gpu.queue().submit([encoder.finish()]);
-        let bytes = self.gpu.read_staging(staging, size)?;
-        let (wanted, planes) = bytes.split_at(count as usize);
-        Ok((bytemuck::pod_read_unaligned(wanted), bytemuck::pod_collect_to_vec(planes)))
+        self.gpu.read_staging(staging, size)
+    }
+
+    /// What is at a pixel of the frame rendered last; `None` outside of it and where there is nothing.
+    pub fn pick(&mut self, [x, y]: [usize; 2]) -> Result<Option<Pick>> {
+        let Self { gpu, passes, view: Some(view), .. } = self else { return Ok(None) };
+        if x >= view.size[0] as usize || y >= view.size[1] as usize {
+            return Ok(None);
+        }
+        gpu.guarded(|| {
+            passes.pick.prepare(gpu, [x as u32, y as u32])?;
+            let view = uniform(gpu, view);
+            run(gpu, |pass| passes.pick.encode(gpu, pass, &view, &passes.raster_input()));
+            passes.pick.read(gpu)
+        })
+    }
+
+    /// Times every pass of [`GpuRenderer::show`] from now on; `false` where the adapter cannot.
+    pub fn time_passes(&mut self) -> bool {
+        self.timer.switch_on(&self.gpu)
+    }
+
+    /// Milliseconds of each pass of the frame shown last; empty unless they are timed.
+    pub fn pass_times_ms(&self) -> Result<Vec<(&'static str, f64)>> {
+        self.timer.read(&self.gpu)
     }
 }
 
@@ -165,20 +218,23 @@ impl Renderer for GpuRenderer {
     ) -> Result<()> {
         (images.width, images.height) = (camera.width as usize, camera.height as usize);
         images.planes.clear();
-        let latent_dim = if features { scene.gaussians.latent_dim } else { 0 };
+        let frame = Frame { scene, camera, time, features };
         if images.width * images.height == 0 {
             return Ok(());
         }
         clock.start();
         let gpu = self.gpu.clone();
-        let result = gpu.guarded(|| self.draw(scene, camera, time, latent_dim, clock));
+        let result = gpu.guarded(|| self.draw(&frame, clock));
         if result.is_err() {
             // What is on the device is unknown now.
             self.forget_scene();
         }
         images.planes = result?;
         clock.lap(FramePass::Raster);
-        debug_assert_eq!(images.planes.len(), images.width * images.height * (FEATURE_PLANE + latent_dim));
+        debug_assert_eq!(
+            images.planes.len(),
+            images.width * images.height * (FEATURE_PLANE + frame.latent_dim())
+        );
         Ok(())
     }
 }

@@ -6,6 +6,8 @@ use surgtpgs_core::{
     Error, Result, deform, gaussian,
     overlay::{self, OverlayStyle},
     raster::{self, sh},
+    relevancy::Lattice,
+    summary::SCORE_BINS,
 };
 
 /// Invocations of a workgroup of the passes that run over rows.
@@ -31,14 +33,18 @@ macro_rules! shaders {
 /// Every shader file by its path in `/shaders`.
 pub const FILES: &[(&str, &str)] = shaders![
     "bin.wgsl",
+    "compose.wgsl",
     "deform.wgsl",
     "dense.wgsl",
+    "lattice.wgsl",
     "overlay.wgsl",
+    "pick.wgsl",
     "project.wgsl",
     "raster.wgsl",
     "relevancy.wgsl",
     "scan.wgsl",
     "sort.wgsl",
+    "summary.wgsl",
     "shared/dispatch.wgsl",
     "shared/gaussian.wgsl",
     "shared/num.wgsl",
@@ -87,6 +93,11 @@ fn constants(latent_dim: usize) -> String {
         ("SORT_BLOCK", SORT_BLOCK),
         ("RASTER_BATCH", RASTER_BATCH),
         ("DENSE_TILE", DENSE_TILE),
+        ("LATTICE_COARSE_BITS", Lattice::COARSE_BITS),
+        ("LATTICE_BRICK_LEVELS", Lattice::BRICK_LEVELS),
+        ("LATTICE_BRICK", Lattice::BRICK),
+        ("LATTICE_EMPTY", Lattice::EMPTY),
+        ("SCORE_BINS", SCORE_BINS as u32),
         ("CONTOUR_WIDTH", overlay::CONTOUR_WIDTH),
         ("STYLE_OUTLINE", OverlayStyle::Outline as u32),
         ("STYLE_FILL", OverlayStyle::Fill as u32),
@@ -104,6 +115,9 @@ fn constants(latent_dim: usize) -> String {
         ("SHAPE_SPLINE", deform::BasisShape::Spline as u32),
     ];
     let numbers = [
+        ("LATTICE_EXTENT", Lattice::EXTENT),
+        ("LATTICE_FINE", Lattice::FINE as f32),
+        ("LATTICE_FINE_PER_UNIT", Lattice::FINE_PER_UNIT),
         ("NEAR", raster::NEAR),
         ("DILATION", raster::DILATION),
         ("MIN_ALPHA", raster::MIN_ALPHA),

@@ -3,12 +3,14 @@
 pub mod backward;
 pub mod bin;
 pub mod forward;
+mod pick;
 pub mod project;
 pub mod reference;
 mod renderer;
 pub mod sh;
 mod tile;
 
+pub use pick::{Pick, pick};
 pub use renderer::{CpuRenderer, FrameClock, FramePass, Renderer};
 pub use tile::Packed;
 

@@ -93,6 +93,11 @@ fn orthogonalise(layer: &Linear) -> (Array2<f32>, Linear) {
         basis.push(direction);
         rows.push(row);
     }
+    if basis.is_empty() {
+        // A layer of zeros: texts and points are still compared, in one number that says nothing.
+        basis.push(Array1::zeros(dim));
+        rows.push(vec![0.0; hidden + 1]);
+    }
     let rank = basis.len();
     let q = Array2::from_shape_fn((dim, rank), |(i, k)| basis[k][i] as f32);
     let weight = Array2::from_shape_fn((rank, hidden), |(k, j)| rows[k][j] as f32);

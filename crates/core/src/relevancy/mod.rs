@@ -11,7 +11,7 @@ mod points;
 
 pub use decoding::Exact;
 pub use folded::Folded;
-pub use lattice::{Lattice, LatticeReport};
+pub use lattice::{Lattice, LatticeReport, LatticeTables};
 pub use points::Points;
 
 use crate::{Error, Result, codec::Codec, grid::Grid, num, raster::Images, sequence::Class};

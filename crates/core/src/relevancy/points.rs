@@ -15,6 +15,9 @@ pub struct Points<'a> {
 }
 
 impl<'a> Points<'a> {
+    /// With less alpha a point is a hole, whatever the settings: what is next to nothing cannot be divided by.
+    pub const MIN_ALPHA: f32 = 1e-6;
+
     /// The pixels of rendered images: their latent is features / alpha.
     pub fn of_images(images: &'a Images, min_alpha: f32) -> Self {
         let planes = (0..images.latent_dim()).map(|k| Cow::from(images.plane(FEATURE_PLANE + k))).collect();
@@ -70,8 +73,7 @@ impl<'a> Points<'a> {
 
     /// Points with less alpha than this are holes.
     pub(super) fn min_alpha(&self) -> f32 {
-        // What is next to nothing cannot be divided by.
-        self.min_alpha.max(1e-6)
+        self.min_alpha.max(Self::MIN_ALPHA)
     }
 
     /// Appends the latent of point `i` to `out` and says so, unless it is in a hole or not finite.

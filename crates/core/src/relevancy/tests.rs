@@ -177,11 +177,14 @@ fn the_comparison_of_rungs_can_fail() {
 }
 
 fn every_rung() -> Vec<Box<dyn Relevancy>> {
-    let codec = WORLD.0.clone();
+    rungs(&WORLD.0)
+}
+
+fn rungs(codec: &Codec) -> Vec<Box<dyn Relevancy>> {
     vec![
         Box::new(Exact::new(codec.clone())),
         Box::new(Folded::new(codec.clone())),
-        Box::new(Lattice::new(&codec).unwrap()),
+        Box::new(Lattice::new(codec).unwrap()),
     ]
 }
 
@@ -362,4 +365,63 @@ fn measure_rungs_on_a_full_frame() {
         timed(&mut lattice, &frame, &next).0,
         timed(&mut lattice, &frame, &next).0
     );
+}
+
+/// Every rung on the same picture and question.
+fn of_every_rung(codec: &Codec, images: &Images, query: &Query) -> Vec<Vec<f32>> {
+    let settings = RelevancySettings::default();
+    let one = |mut rung: Box<dyn Relevancy>| {
+        rung.score(images, std::slice::from_ref(query), &settings).remove(0).data
+    };
+    rungs(codec).into_iter().map(one).collect()
+}
+
+#[test]
+fn prompts_along_and_against_a_phrase_or_without_direction_score_what_the_formula_says() {
+    let (codec, _, phrases) = &*WORLD;
+    let images = rendered(codec, 40, 30, 0.05, 9);
+    let phrase = &phrases[0].1;
+    let against: Vec<f32> = phrase.iter().map(|v| -v).collect();
+    let ask = |embedding: Vec<f32>, negative: Vec<f32>| {
+        let negatives = vec![("phrase".to_owned(), negative)];
+        of_every_rung(codec, &images, &Query { prompt: "odd".into(), embedding, negatives })
+    };
+    let zero = vec![0.0; DIM];
+    let cases = [
+        ("along", ask(phrase.clone(), phrase.clone())),
+        ("against", ask(against, phrase.clone())),
+        ("a zero prompt", ask(zero.clone(), phrase.clone())),
+        ("a zero phrase", ask(phrase.clone(), zero.clone())),
+        ("both zero", ask(zero.clone(), zero)),
+    ];
+    let exact_of = |k: usize, i: usize| cases[k].1[0][i];
+    for (name, scores) in &cases {
+        let [exact, folded, lattice] = &scores[..] else { panic!("three rungs") };
+        for i in 0..exact.len() {
+            assert!((0.0..=1.0).contains(&exact[i]), "{name}: {}", exact[i]);
+            assert!((exact[i] - folded[i]).abs() < 1e-4, "{name}, folded: {} {}", exact[i], folded[i]);
+            assert!((exact[i] - lattice[i]).abs() < 1.0 / 255.0, "{name}: {} {}", exact[i], lattice[i]);
+        }
+    }
+    let seen = (0..images.width * images.height).filter(|&i| images.plane(ALPHA_PLANE)[i] >= 0.5);
+    for i in seen {
+        assert!((exact_of(0, i) - 0.5).abs() < 1e-5 && (exact_of(4, i) - 0.5).abs() < 1e-6);
+        // sigmoid(-10 n) for no prompt, sigmoid(-20 n) for the opposite of the phrase, sigmoid(10 n) for no phrase.
+        let margin = num::logit(exact_of(2, i));
+        assert!((num::sigmoid(2.0 * margin) - exact_of(1, i)).abs() < 1e-3);
+        assert!((1.0 - exact_of(2, i) - exact_of(3, i)).abs() < 1e-4);
+    }
+}
+
+#[test]
+fn a_feature_that_decodes_to_nothing_prefers_nothing() {
+    let (mut codec, ..) = WORLD.clone();
+    let last = codec.decoder.last_mut().unwrap();
+    last.weight.fill(0.0);
+    last.bias.fill(0.0);
+    let images = rendered(&WORLD.0, 20, 12, 0.0, 10);
+    for (k, scores) in of_every_rung(&codec, &images, &query_for(1)).iter().enumerate() {
+        let right = scores.iter().all(|s| *s == 0.0 || (s - 0.5).abs() < 1e-6);
+        assert!(right && scores.contains(&0.0), "rung {k}: {scores:?}");
+    }
 }

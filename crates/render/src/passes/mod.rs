@@ -3,18 +3,26 @@
 //! the device.
 
 mod bin;
+mod compose;
 mod deform;
+mod lattice;
 mod overlay;
+mod pick;
 mod project;
 mod raster;
 mod scan;
 mod sort;
+mod summary;
 
 pub(crate) use bin::BinPass;
+pub(crate) use compose::ComposePass;
 pub(crate) use deform::DeformPass;
-use overlay::OverlayPass;
+pub(crate) use lattice::LatticePass;
+pub(crate) use overlay::{OverlayPass, from_pixels, to_pixels};
+pub(crate) use pick::PickPass;
 pub(crate) use project::ProjectPass;
 pub(crate) use raster::{Input, RasterPass};
+pub(crate) use summary::SummaryPass;
 
 use crate::{
     Gpu,
@@ -40,7 +48,11 @@ pub struct Passes {
     pub(crate) project: ProjectPass,
     pub(crate) bin: BinPass,
     pub(crate) raster: RasterPass,
-    overlay: OverlayPass,
+    pub(crate) compose: ComposePass,
+    pub(crate) lattice: LatticePass,
+    pub(crate) overlay: OverlayPass,
+    pub(crate) summary: SummaryPass,
+    pub(crate) pick: PickPass,
 }
 
 impl Passes {
@@ -53,9 +65,23 @@ impl Passes {
                 project: ProjectPass::new(gpu)?,
                 bin: BinPass::new(gpu)?,
                 raster: RasterPass::new(gpu),
+                compose: ComposePass::new(gpu)?,
+                lattice: LatticePass::new(gpu)?,
                 overlay: OverlayPass::new(gpu)?,
+                summary: SummaryPass::new(gpu)?,
+                pick: PickPass::new(gpu)?,
             })
         })
+    }
+
+    /// What raster and pick read of the frame under way.
+    pub(crate) fn raster_input(&self) -> Input<'_> {
+        Input {
+            splats: &self.project.splats,
+            features: &self.deform.features,
+            pairs: self.bin.pairs(),
+            ranges: &self.bin.ranges,
+        }
     }
 
     /// Twin of [`surgtpgs_core::deform::deform`]. `rows_at_once` cuts the scene into parts of at most that many
@@ -164,7 +190,7 @@ fn view_of_splats(camera: &Camera, num_splats: usize, capacity: usize) -> View {
 }
 
 /// Submits one compute pass.
-fn run(gpu: &Gpu, encode: impl FnOnce(&mut wgpu::ComputePass<'_>)) {
+pub(crate) fn run(gpu: &Gpu, encode: impl FnOnce(&mut wgpu::ComputePass<'_>)) {
     let mut encoder = gpu.device().create_command_encoder(&Default::default());
     encode(&mut encoder.begin_compute_pass(&Default::default()));
     gpu.queue().submit([encoder.finish()]);

@@ -15,13 +15,27 @@ use surgtpgs_core::{
 };
 
 #[derive(Debug)]
-pub(super) struct OverlayPass {
+pub(crate) struct OverlayPass {
     kernel: Kernel,
 }
 
 impl OverlayPass {
     pub(super) fn new(gpu: &Gpu) -> Result<Self> {
         Ok(Self { kernel: Kernel::new(gpu, "overlay.wgsl", "overlay", 0)? })
+    }
+
+    /// Adds the pass, which draws over `pixels` in place.
+    pub(crate) fn encode(
+        &self,
+        gpu: &Gpu,
+        pass: &mut wgpu::ComputePass<'_>,
+        params: &Overlay,
+        [prompts, scores, pixels]: [wgpu::BindingResource<'_>; 3],
+    ) {
+        let uniform = uniform(gpu, params);
+        let bindings = [(0, uniform.as_entire_binding()), (1, prompts), (2, scores), (3, pixels)];
+        let num_pixels = params.size[0] * params.size[1];
+        self.kernel.dispatch(gpu, pass, &bindings, num_pixels.div_ceil(GROUP));
     }
 
     /// Uploads, draws, and waits for the picture.
@@ -42,24 +56,27 @@ impl OverlayPass {
         }
         let rows: Vec<PromptRow> = prompts.iter().map(|p| PromptRow::from(*p)).collect();
         let scores: Vec<f32> = prompts.iter().flat_map(|p| p.scores.data.iter().copied()).collect();
-        let pixels: Vec<u32> =
-            frame.pixels().map(|p| u32::from_le_bytes([p.0[0], p.0[1], p.0[2], 255])).collect();
-        let params = uniform(gpu, &Overlay::new(size, prompts.len(), style, opacity));
+        let params = Overlay::new(size, prompts.len(), style, opacity);
         let rows = DeviceVec::from_slice(gpu, "prompts", &rows)?;
         let scores = DeviceVec::from_slice(gpu, "scores", &scores)?;
-        let pixels = DeviceVec::from_slice(gpu, "pixels", &pixels)?;
-        let bindings = [
-            (0, params.as_entire_binding()),
-            (1, rows.binding()),
-            (2, scores.binding()),
-            (3, pixels.binding()),
-        ];
-        run(gpu, |pass| self.kernel.dispatch(gpu, pass, &bindings, num_pixels.div_ceil(GROUP)));
-        let drawn = pixels.read(gpu, num_pixels as usize)?;
-        let pixel = |x: u32, y: u32| {
-            let [r, g, b, _] = drawn[(y * size[0] + x) as usize].to_le_bytes();
-            image::Rgb([r, g, b])
-        };
-        Ok(RgbImage::from_fn(size[0], size[1], pixel))
+        let pixels = DeviceVec::from_slice(gpu, "pixels", &to_pixels(frame))?;
+        let bindings = [rows.binding(), scores.binding(), pixels.binding()];
+        run(gpu, |pass| self.encode(gpu, pass, &params, bindings));
+        Ok(from_pixels(size, &pixels.read(gpu, num_pixels as usize)?))
     }
+}
+
+/// One number per pixel, red in the lowest byte, then green, blue and 255.
+pub(crate) fn to_pixels(picture: &RgbImage) -> Vec<u32> {
+    picture.pixels().map(|p| u32::from_le_bytes([p.0[0], p.0[1], p.0[2], 255])).collect()
+}
+
+/// The picture of columns × rows that [`to_pixels`] made numbers of.
+pub(crate) fn from_pixels([width, height]: [u32; 2], pixels: &[u32]) -> RgbImage {
+    let mut picture = RgbImage::new(width, height);
+    for (pixel, number) in picture.pixels_mut().zip(pixels) {
+        let [r, g, b, _] = number.to_le_bytes();
+        pixel.0 = [r, g, b];
+    }
+    picture
 }

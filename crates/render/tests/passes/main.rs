@@ -23,5 +23,7 @@ mod relevancy;
 mod renderer;
 /// Every .wgsl file compiles; Rust and WGSL agree on every struct.
 mod shaders;
+/// From Gaussians to what is drawn over the picture.
+mod shown;
 /// Each pass against its twin.
 mod twins;

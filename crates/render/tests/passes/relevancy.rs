@@ -20,7 +20,7 @@ const SCORES: Tolerance = Tolerance { absolute: 2e-5, relative: 0.0 };
 const DIM: usize = 70;
 
 /// A decoder of odd widths, so that no tile of a layer is full.
-fn codec(latent_dim: usize) -> Codec {
+pub(crate) fn codec(latent_dim: usize) -> Codec {
     let rng = &mut ChaCha8Rng::seed_from_u64(3);
     let mut layers = |widths: &[usize]| -> Vec<Linear> {
         let layer = |pair: &[usize]| {
@@ -36,7 +36,7 @@ fn codec(latent_dim: usize) -> Codec {
     Codec { encoder: layers(&[DIM, 20, latent_dim]), decoder: layers(&[latent_dim, 17, 130, 64, DIM]) }
 }
 
-fn query(prompt: &str, num_negatives: usize) -> Query {
+pub(crate) fn query(prompt: &str, num_negatives: usize) -> Query {
     let rng = &mut ChaCha8Rng::seed_from_u64(prompt.len() as u64);
     let mut text = || surgtpgs_core::num::normalised(&numbers(rng, DIM, 1.0)).unwrap();
     Query {

@@ -7,7 +7,8 @@ use naga::{
 use std::{collections::BTreeSet, path::Path};
 use surgtpgs_render::{
     layout::{
-        Deform, DeformedRow, Dense, Digit, Overlay, PromptRow, RestRow, Scoring, ShaderStruct, SplatRow, View,
+        Compose, Deform, DeformedRow, Dense, Digit, LookUp, OpenPixel, Overlay, Picked, PromptRow, RestRow,
+        Scoring, ShaderStruct, SplatRow, Summarise, View,
     },
     shader_source::{FILES, assemble},
 };
@@ -98,6 +99,12 @@ fn structs_have_the_same_layout_in_rust_and_in_wgsl() {
     check_struct::<Scoring>("relevancy.wgsl");
     check_struct::<Overlay>("overlay.wgsl");
     check_struct::<PromptRow>("overlay.wgsl");
+    check_struct::<PromptRow>("summary.wgsl");
+    check_struct::<Compose>("compose.wgsl");
+    check_struct::<LookUp>("lattice.wgsl");
+    check_struct::<OpenPixel>("lattice.wgsl");
+    check_struct::<Summarise>("summary.wgsl");
+    check_struct::<Picked>("pick.wgsl");
 }
 
 #[test]

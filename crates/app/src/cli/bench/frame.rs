@@ -1,6 +1,7 @@
 //! `bench frame`: what a shown frame costs, pass by pass, with every shortcut beside the exact way and its error.
 
 use super::{
+    half_features::HalfFeatures,
     plot::{self, Point},
     reference_error,
 };
@@ -296,7 +297,29 @@ fn relevancy_rows(engine: &Engine, scene: &Scene, cameras: &[(f32, Camera)]) -> 
         rows.push(with_errors(outcome("relevancy", "lattice, features in f16", ms), &scores, &truth));
     }
     rows.push(drawing(&images, &truth));
+    rows.push(half_features(scene, cameras, &ask, &truth)?);
     Ok(rows)
+}
+
+/// The whole frame with features at half size; errors are those of the scores that come of it.
+fn half_features(
+    scene: &Scene,
+    cameras: &[(f32, Camera)],
+    ask: &Asked<'_>,
+    truth: &[Grid<f32>],
+) -> Result<Outcome> {
+    let (mut renderer, mut images) = (HalfFeatures::default(), Images::default());
+    let ms = time(cameras, ROUNDS, |(t, camera)| renderer.render_into(scene, camera, *t, &mut images))?;
+    let mut rendered = Vec::new();
+    for (t, camera) in cameras {
+        let mut images = Images::default();
+        renderer.render_into(scene, camera, *t, &mut images)?;
+        rendered.push(images);
+    }
+    let Some(codec) = scene.codec.clone() else { return Ok(outcome("frame", "no features", ms)) };
+    let (scores, _) = Asked { images: &rendered, ..*ask }.of(&mut Folded::new(codec));
+    let row = outcome("frame", "CPU, features at half size, enlarged along edges", ms);
+    Ok(with_errors(row, &scores, truth))
 }
 
 /// Prompts in frames.

@@ -1,6 +1,7 @@
 //! `surgtpgs bench`: run time beside quality or error, as CSV and SVG.
 
 mod frame;
+mod half_features;
 mod plot;
 mod rows;
 mod step;

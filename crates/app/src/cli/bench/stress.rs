@@ -12,7 +12,7 @@ use std::fmt::Write;
 use surgtpgs_core::{
     Result,
     files::write_whole,
-    stress::{CUT_OFF, Case, cases, compare},
+    stress::{CUT_OFF, Case, a_million, cases, compare},
 };
 
 /// All cases of one family together.
@@ -32,7 +32,7 @@ pub(super) fn run(args: &BenchStressArgs) -> Result<Exit> {
     let mut renderer = open_renderer(args.backend)?;
     say(&format!("rendering on {}", renderer.name()));
     let mut families: Vec<Family> = Vec::new();
-    for case in cases() {
+    for case in cases().into_iter().chain([a_million()]) {
         let Case { family: name, scene, camera, time } = &case;
         let found = compare(&renderer.render(scene, camera, *time, true)?, &case);
         let family = match families.iter_mut().position(|f| f.name == *name) {

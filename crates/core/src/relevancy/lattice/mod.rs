@@ -18,7 +18,7 @@ use super::{Folded, Points, Query, Relevancy, RelevancySettings, decoding::score
 use crate::codec::Codec;
 use look_up::{Open, look_up};
 use table::Table;
-use tree::Tree;
+use tree::{BRICK, BRICK_LEVELS, COARSE, EMPTY, EXTENT, FINE, FINE_PER_UNIT, Tree};
 
 /// Interpolation may be this wrong at a cell's midpoints before it is cut. The promise is more than three times that
 /// (1/255) anywhere in the cell; measured, it holds with room to spare.
@@ -34,6 +34,17 @@ pub struct Lattice {
     tables: Vec<Table>,
     tolerance: f32,
     decoded_points: usize,
+}
+
+/// A lattice's tables as a device looks scores up in them, see `shaders/lattice.wgsl`.
+#[derive(Debug)]
+pub struct LatticeTables<'a> {
+    /// What is at each coarsest cell, then brick by brick what is within those that were cut.
+    pub cells: &'a [u32],
+    /// Another one whenever `cells` are others, of this or of another lattice.
+    pub version: [u64; 2],
+    /// Prompt by prompt, in every leaf: factors of 1, z, y, yz, x, xz, xy and xyz; NaN where points must be decoded.
+    pub polynomials: Vec<&'a [[f32; 8]]>,
 }
 
 /// How large a lattice is and how well it does.
@@ -70,6 +81,32 @@ impl Lattice {
         })
     }
 
+    /// Places in [`LatticeTables::cells`] along an edge of the latent cube, as a power of two.
+    pub const COARSE_BITS: u32 = COARSE.trailing_zeros();
+    /// Halvings that a brick of cells holds.
+    pub const BRICK_LEVELS: u32 = BRICK_LEVELS as u32;
+    /// A cell's number, from which on a brick begins.
+    pub const BRICK: u32 = BRICK;
+    /// A cell's number, from which on nothing is tabulated.
+    pub const EMPTY: u32 = EMPTY;
+    /// The latent cube is ± this.
+    pub const EXTENT: f32 = EXTENT;
+    /// Finest cells along an edge of the cube.
+    pub const FINE: usize = FINE;
+    /// Finest cells per latent unit.
+    pub const FINE_PER_UNIT: f32 = FINE_PER_UNIT;
+
+    /// The tables of `queries` (which must fit the codec) as they are after whatever was asked so far.
+    pub fn tables(&mut self, queries: &[&Query], temperature: f32) -> LatticeTables<'_> {
+        let first = self.choose_tables(queries, temperature);
+        self.bring_up_to_date(first);
+        LatticeTables {
+            cells: self.tree.cells(),
+            version: self.tree.version(),
+            polynomials: self.tables[first..].iter().map(|t| &t.polynomials[..]).collect(),
+        }
+    }
+
     /// Size and error so far.
     pub fn report(&self) -> LatticeReport {
         LatticeReport {
@@ -102,11 +139,15 @@ impl Lattice {
         self.tables.len() - queries.len()
     }
 
-    /// Looks points up in the tables from `first` on, after bringing them up to date with the tree.
+    /// Looks points up in the tables from `first` on.
     fn look_up(&mut self, first: usize, points: &Points<'_>, scores: &mut [Vec<f32>]) -> Open {
-        let tables = &mut self.tables[first..];
-        tables.iter_mut().for_each(|table| table.update(&mut self.tree, self.tolerance));
-        look_up(&self.tree, tables, points, scores)
+        self.bring_up_to_date(first);
+        look_up(&self.tree, &self.tables[first..], points, scores)
+    }
+
+    /// Tabulates for the prompts from table `first` on what the tree has.
+    fn bring_up_to_date(&mut self, first: usize) {
+        self.tables[first..].iter_mut().for_each(|table| table.update(&mut self.tree, self.tolerance));
     }
 
     /// Writes the scores of `points`, tabulating the cells that are needed; returns the points that no cell decides.

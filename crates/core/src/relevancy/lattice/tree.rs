@@ -10,16 +10,17 @@ use rayon::prelude::*;
 use std::{
     collections::HashMap,
     ops::{BitAnd, BitOr, Shl, Shr},
+    sync::atomic::{AtomicU64, Ordering},
 };
 
 /// The lattice covers [-EXTENT, EXTENT]³: rendered latents are near the unit sphere, but where few Gaussians are.
 pub(super) const EXTENT: f32 = 2.6;
 /// Cells along an edge of the cube at the coarsest level. In larger ones, what is not smooth hides between the midpoints.
-const COARSE: usize = 128;
+pub(super) const COARSE: usize = 128;
 /// Times that a cell can be halved: a whole number of [`BRICK_LEVELS`].
 pub(super) const MAX_LEVEL: u8 = 6;
 /// Halvings that one brick holds.
-const BRICK_LEVELS: u8 = 3;
+pub(super) const BRICK_LEVELS: u8 = 3;
 /// Steps of the vertex grid along an edge of a coarsest cell: twice as fine as the finest cells, for midpoints.
 const STEPS: u32 = 2 << MAX_LEVEL;
 /// No more cells are added beyond this much memory.
@@ -38,9 +39,12 @@ pub(super) const FINE_PER_UNIT: f32 = FINE as f32 / (2.0 * EXTENT);
 
 /// What is at a place is one number: 8 · a leaf's number + its level, or [`BRICK`] + where the brick begins that cuts
 /// it in 8³, or [`EMPTY`] + the level of the cell to tabulate there.
-const BRICK: u32 = 2 << 30;
+pub(super) const BRICK: u32 = 2 << 30;
 /// See [`BRICK`].
-const EMPTY: u32 = 3 << 30;
+pub(super) const EMPTY: u32 = 3 << 30;
+
+/// The number of the next tree.
+static NEXT_TREE: AtomicU64 = AtomicU64::new(0);
 
 /// Corner offsets of a cell in units of its edge; bit 2 is x, bit 1 y, bit 0 z.
 const CORNERS: [[u32; 3]; 8] =
@@ -134,6 +138,8 @@ pub(super) struct Tree {
     rank: usize,
     /// No more cells are added: the memory is used up.
     frozen: bool,
+    /// A number that no other tree has, and how often cells changed.
+    version: [u64; 2],
 }
 
 impl Tree {
@@ -145,6 +151,7 @@ impl Tree {
             embeddings: Vec::new(),
             rank,
             frozen: false,
+            version: [NEXT_TREE.fetch_add(1, Ordering::Relaxed), 0],
         }
     }
 
@@ -166,6 +173,7 @@ impl Tree {
     }
 
     fn set(&mut self, place: Place, value: u32) {
+        self.version[1] += 1;
         let [coarse, in_bricks @ ..] = numbers(place.fine());
         let (mut slot, mut level) = (coarse as usize, 0);
         while place.level > level {
@@ -255,6 +263,16 @@ impl Tree {
             }
         }
         true
+    }
+
+    /// What is at each place, see [`BRICK`].
+    pub(super) fn cells(&self) -> &[u32] {
+        &self.cells
+    }
+
+    /// Another one whenever [`Tree::cells`] are others, of this or of another tree.
+    pub(super) fn version(&self) -> [u64; 2] {
+        self.version
     }
 
     pub(super) fn leaves(&self) -> &[Leaf] {

@@ -1,0 +1,142 @@
+//! Rendered features → scores, looked up in the tables of a lattice (`shaders/lattice.wgsl`).
+
+use crate::{
+    Gpu,
+    buffers::{DeviceVec, uniform},
+    kernel::Kernel,
+    layout::{LookUp, OpenPixel},
+    shader_source::GROUP,
+};
+use surgtpgs_core::{
+    Result,
+    relevancy::{Lattice, Points, Query, Relevancy, RelevancySettings},
+};
+
+/// Latent numbers that a lattice is over.
+const DIM: usize = 3;
+
+#[derive(Debug)]
+pub(crate) struct LatticePass {
+    look_up: Kernel,
+    patch: Kernel,
+    cells: DeviceVec<u32>,
+    polynomials: DeviceVec<[f32; 4]>,
+    /// Which tables these are: the lattice with the changes of its cells, leaves, and what was asked.
+    known: Option<([u64; 2], usize, Asked)>,
+    shape: [u32; 3],
+    /// Output, [prompts][pixels].
+    pub scores: DeviceVec<f32>,
+    /// Output: pixels that no table decides.
+    pub num_open: DeviceVec<u32>,
+    open: DeviceVec<OpenPixel>,
+    patches: DeviceVec<u32>,
+}
+
+/// Prompts, and how sharply they are told apart.
+type Asked = (Vec<Query>, f32);
+
+impl LatticePass {
+    pub(crate) fn new(gpu: &Gpu) -> Result<Self> {
+        Ok(Self {
+            look_up: Kernel::new(gpu, "lattice.wgsl", "look_up", DIM)?,
+            patch: Kernel::new(gpu, "lattice.wgsl", "write_open", DIM)?,
+            cells: DeviceVec::new(gpu, "lattice cells"),
+            polynomials: DeviceVec::new(gpu, "lattice tables"),
+            known: None,
+            shape: [0; 3],
+            scores: DeviceVec::new(gpu, "scores"),
+            num_open: DeviceVec::new(gpu, "open pixels"),
+            open: DeviceVec::new(gpu, "open pixels"),
+            patches: DeviceVec::new(gpu, "scores"),
+        })
+    }
+
+    /// Makes room, and uploads the tables where they changed. `queries` fit the lattice's codec.
+    pub(crate) fn prepare(
+        &mut self,
+        gpu: &Gpu,
+        lattice: &mut Lattice,
+        queries: &[Query],
+        temperature: f32,
+        num_pixels: usize,
+    ) -> Result<()> {
+        let asked: Vec<&Query> = queries.iter().collect();
+        let tables = lattice.tables(&asked, temperature);
+        let num_leaves = tables.polynomials.first().map_or(0, |p| p.len());
+        let known = (tables.version, num_leaves, (queries.to_vec(), temperature));
+        if self.known.as_ref().is_none_or(|k| k.0 != known.0) {
+            self.cells.write(gpu, tables.cells)?;
+        }
+        if self.known.as_ref() != Some(&known) {
+            self.polynomials.write(gpu, bytemuck::cast_slice(&tables.polynomials.concat()))?;
+        }
+        self.known = Some(known);
+        self.shape = [num_pixels, queries.len(), num_leaves].map(|n| n as u32);
+        self.scores.resize(gpu, num_pixels * queries.len())?;
+        self.open.resize(gpu, num_pixels)?;
+        self.num_open.write(gpu, &[0])
+    }
+
+    /// Adds the look-up; `inside` has one bit per pixel.
+    pub(crate) fn encode(
+        &self,
+        gpu: &Gpu,
+        pass: &mut wgpu::ComputePass<'_>,
+        planes: &DeviceVec<f32>,
+        inside: &DeviceVec<u32>,
+        settings: &RelevancySettings,
+    ) {
+        let [num_pixels, num_prompts, num_leaves] = self.shape;
+        let params = LookUp {
+            num_pixels,
+            num_prompts,
+            num_leaves,
+            min_alpha: settings.min_alpha.max(Points::MIN_ALPHA),
+            temperature: settings.temperature,
+            ..Default::default()
+        };
+        let params = uniform(gpu, &params);
+        let bindings = [
+            (0, params.as_entire_binding()),
+            (1, planes.binding()),
+            (2, inside.binding()),
+            (3, self.cells.binding()),
+            (4, self.polynomials.binding()),
+            (5, self.scores.binding()),
+            (6, self.num_open.binding()),
+            (7, self.open.binding()),
+        ];
+        self.look_up.dispatch(gpu, pass, &bindings, num_pixels.div_ceil(GROUP));
+    }
+
+    /// Scores on the CPU what was left open, makes the cells that were missing, and brings the scores here:
+    /// [`Self::encode_patch`] writes them.
+    pub(crate) fn repair(
+        &mut self,
+        gpu: &Gpu,
+        lattice: &mut Lattice,
+        queries: &[Query],
+        settings: &RelevancySettings,
+        num_open: usize,
+    ) -> Result<()> {
+        let open = self.open.read(gpu, num_open)?;
+        let latents: Vec<f32> = open.iter().flat_map(|p| p.latent).collect();
+        let scores = lattice.score_points(&Points::of_latents(&latents, DIM), queries, settings);
+        let mut patches = Vec::with_capacity(open.len() * (1 + queries.len()));
+        for (i, pixel) in open.iter().enumerate() {
+            patches.push(pixel.number);
+            patches.extend(scores.iter().map(|s| s[i].to_bits()));
+        }
+        self.patches.write(gpu, &patches)
+    }
+
+    /// Adds the writing of repaired scores.
+    pub(crate) fn encode_patch(&self, gpu: &Gpu, pass: &mut wgpu::ComputePass<'_>) {
+        let [num_pixels, num_prompts, _] = self.shape;
+        let params = uniform(gpu, &LookUp { num_pixels, num_prompts, ..Default::default() });
+        let bindings =
+            [(0, params.as_entire_binding()), (5, self.scores.binding()), (8, self.patches.binding())];
+        let num_patches = self.patches.len() as u32 / (1 + num_prompts);
+        self.patch.dispatch(gpu, pass, &bindings, num_patches.div_ceil(GROUP));
+    }
+}

@@ -1,0 +1,75 @@
+//! Scores → histogram, largest score, and what is found by column and row (`shaders/summary.wgsl`).
+
+use crate::{
+    Gpu,
+    buffers::{DeviceVec, uniform},
+    kernel::Kernel,
+    layout::{PromptRow, Summarise},
+    shader_source::GROUP,
+};
+use surgtpgs_core::{
+    Result,
+    summary::{SCORE_BINS, Summary},
+};
+
+#[derive(Debug)]
+pub(crate) struct SummaryPass {
+    kernel: Kernel,
+    size: [u32; 2],
+    /// Output, [prompts][bins, largest score, columns, rows].
+    pub summaries: DeviceVec<u32>,
+}
+
+impl SummaryPass {
+    pub(crate) fn new(gpu: &Gpu) -> Result<Self> {
+        Ok(Self {
+            kernel: Kernel::new(gpu, "summary.wgsl", "summarise", 0)?,
+            size: [0; 2],
+            summaries: DeviceVec::new(gpu, "summaries"),
+        })
+    }
+
+    /// Makes room for pictures of columns × rows.
+    pub(crate) fn prepare(&mut self, gpu: &Gpu, size: [u32; 2], num_prompts: usize) -> Result<()> {
+        self.size = size;
+        self.summaries.resize(gpu, num_prompts * length(size))
+    }
+
+    /// Adds the pass; the summaries are zeros before it.
+    pub(crate) fn encode(
+        &self,
+        gpu: &Gpu,
+        pass: &mut wgpu::ComputePass<'_>,
+        prompts: &DeviceVec<PromptRow>,
+        scores: &DeviceVec<f32>,
+    ) {
+        let num_prompts = prompts.len() as u32;
+        let params = uniform(gpu, &Summarise { size: self.size, num_prompts, padding: 0 });
+        let bindings = [
+            (0, params.as_entire_binding()),
+            (1, prompts.binding()),
+            (2, scores.binding()),
+            (3, self.summaries.binding()),
+        ];
+        self.kernel.dispatch(gpu, pass, &bindings, (self.size[0] * self.size[1]).div_ceil(GROUP));
+    }
+
+    /// The numbers as core has them.
+    pub(crate) fn parse(&self, numbers: &[u32]) -> Vec<Summary> {
+        let columns = self.size[0] as usize;
+        let one = |numbers: &[u32]| {
+            let (histogram, rest) = numbers.split_at(SCORE_BINS);
+            Summary {
+                histogram: std::array::from_fn(|i| histogram[i]),
+                max_score: f32::from_bits(rest[0]),
+                columns: rest[1..=columns].to_vec(),
+                rows: rest[1 + columns..].to_vec(),
+            }
+        };
+        numbers.chunks_exact(length(self.size)).map(one).collect()
+    }
+}
+
+fn length([columns, rows]: [u32; 2]) -> usize {
+    SCORE_BINS + 1 + (columns + rows) as usize
+}

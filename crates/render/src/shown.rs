@@ -1,0 +1,269 @@
+//! A frame as it is shown, from Gaussians to what is drawn over the picture, in one submission: nothing but what is
+//! shown comes back.
+//!
+//! ```text
+//! deform ─▶ project ─▶ bin ─▶ raster ─▶ compose ──▶ picture, depth
+//!                               │          └─(or a recorded frame)─▶ overlay ─▶ marked picture
+//!                               └────▶ lattice ─▶ scores ─────────────┘ └─▶ summary
+//! ```
+
+use crate::{
+    Gpu, GpuRenderer,
+    buffers::DeviceVec,
+    layout::{Overlay, PromptRow},
+    passes::{from_pixels, to_pixels},
+    renderer::Frame,
+};
+use image::RgbImage;
+use surgtpgs_core::{
+    Result,
+    grid::{Grid, Mask},
+    overlay::OverlayStyle,
+    raster::{FrameClock, FramePass},
+    relevancy::{Lattice, Query, RelevancySettings},
+    summary::Summary,
+};
+
+/// Prompts to look for.
+pub struct Asked<'a> {
+    /// Of the scene's codec.
+    pub lattice: &'a mut Lattice,
+    /// All of them fit the lattice's codec.
+    pub queries: &'a [Query],
+    /// How they are scored.
+    pub settings: &'a RelevancySettings,
+    /// Score above which each is found, and its colour.
+    pub marks: &'a [PromptRow],
+    /// How what is found is drawn.
+    pub style: OverlayStyle,
+    /// Of fills and heatmaps, 0–1.
+    pub opacity: f32,
+    /// What to draw on instead of the rendered picture; of the frame's size.
+    pub base: Option<&'a RgbImage>,
+}
+
+/// What is wanted back.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Wanted {
+    /// The rendered picture and the one that is drawn over.
+    pub pictures: bool,
+    /// Depth and scores of every pixel.
+    pub values: bool,
+}
+
+/// What came back.
+#[derive(Clone, Debug, Default)]
+pub struct Shown {
+    /// As rendered; black outside the field of view.
+    pub picture: Option<RgbImage>,
+    /// With what was found drawn over it, if something was asked.
+    pub marked: Option<RgbImage>,
+    /// Scene units, 0 where there is nothing.
+    pub depth: Option<Grid<f32>>,
+    /// One image per prompt.
+    pub scores: Vec<Grid<f32>>,
+    /// One per prompt.
+    pub summaries: Vec<Summary>,
+}
+
+/// Pixels with less accumulated opacity have no depth.
+pub const MIN_DEPTH_ALPHA: f32 = 0.5;
+
+/// What [`GpuRenderer::show`] keeps on the device besides the passes' own.
+#[derive(Debug)]
+pub(crate) struct ShownBuffers {
+    /// One bit per pixel.
+    inside: DeviceVec<u32>,
+    /// What `inside` stands for.
+    inside_of: Option<([u32; 2], Option<Mask>)>,
+    marks: DeviceVec<PromptRow>,
+    marked: DeviceVec<u32>,
+}
+
+impl ShownBuffers {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        Self {
+            inside: DeviceVec::new(gpu, "field of view"),
+            inside_of: None,
+            marks: DeviceVec::new(gpu, "prompts"),
+            marked: DeviceVec::new(gpu, "pixels"),
+        }
+    }
+
+    /// Uploads which pixels are inside, unless that was done last.
+    fn set_inside(&mut self, gpu: &Gpu, size: [u32; 2], field_of_view: Option<&Mask>) -> Result<()> {
+        if self.inside_of.as_ref().is_some_and(|(s, f)| *s == size && f.as_ref() == field_of_view) {
+            return Ok(());
+        }
+        let [width, height] = size.map(|n| n as usize);
+        let mut words = vec![u32::MAX; (width * height).div_ceil(32)];
+        if let Some(mask) = field_of_view {
+            for (i, is_inside) in mask.sampled(width, height).data.into_iter().enumerate() {
+                words[i / 32] &= !(u32::from(!is_inside) << (i % 32));
+            }
+        }
+        self.inside.write(gpu, &words)?;
+        self.inside_of = Some((size, field_of_view.cloned()));
+        Ok(())
+    }
+}
+
+impl GpuRenderer {
+    /// Renders, asks, draws. What is outside `field_of_view` (sampled at the frame's size; `None`: everything is inside) is
+    /// black and never found.
+    pub fn show(
+        &mut self,
+        frame: &Frame<'_>,
+        field_of_view: Option<&Mask>,
+        mut asked: Option<Asked<'_>>,
+        wanted: Wanted,
+        clock: &mut FrameClock,
+    ) -> Result<Shown> {
+        let size = [frame.camera.width, frame.camera.height];
+        if size.contains(&0) {
+            return Ok(Shown::default());
+        }
+        clock.start();
+        // Nothing but what can be answered is asked.
+        asked = asked.filter(|a| !a.queries.is_empty() && a.queries.len() == a.marks.len());
+        let gpu = self.gpu().clone();
+        let shown =
+            gpu.guarded(|| self.show_until_right(frame, field_of_view, asked.as_mut(), wanted, clock));
+        if shown.is_err() {
+            // What is on the device is unknown now.
+            self.forget_scene();
+        }
+        clock.lap(FramePass::Raster);
+        shown
+    }
+
+    /// Repeats the frame until all pairs fit, and what is drawn where the tables left something open.
+    fn show_until_right(
+        &mut self,
+        frame: &Frame<'_>,
+        field_of_view: Option<&Mask>,
+        mut asked: Option<&mut Asked<'_>>,
+        wanted: Wanted,
+        clock: &mut FrameClock,
+    ) -> Result<Shown> {
+        let gpu = self.gpu().clone();
+        let size = [frame.camera.width, frame.camera.height];
+        let num_pixels = (size[0] * size[1]) as usize;
+        self.shown.set_inside(&gpu, size, field_of_view)?;
+        loop {
+            let mut encoder = self.encode_frame(frame, clock)?;
+            if let Some(Asked { lattice, queries, settings, .. }) = asked.as_deref_mut() {
+                let Self { passes, timer, shown, .. } = self;
+                let temperature = settings.temperature;
+                passes.lattice.prepare(&gpu, lattice, queries, temperature, num_pixels)?;
+                let pass = &mut timer.begin(&mut encoder, "lattice");
+                let planes = &passes.raster.planes;
+                passes.lattice.encode(&gpu, pass, planes, &shown.inside, settings);
+                clock.lap(FramePass::Relevancy);
+            }
+            self.encode_shown(&mut encoder, asked.as_deref(), size)?;
+            let Read { num_pairs, num_open, mut shown } =
+                self.read_shown(encoder, asked.as_deref(), size, wanted)?;
+            if self.passes.bin.grow_if_full(&gpu, num_pairs)? {
+                continue;
+            }
+            if let Some(asked) = asked.filter(|_| num_open > 0) {
+                let Asked { lattice, queries, settings, .. } = asked;
+                self.passes.lattice.repair(&gpu, lattice, queries, settings, num_open as usize)?;
+                let mut encoder = gpu.device().create_command_encoder(&Default::default());
+                self.passes.lattice.encode_patch(&gpu, &mut encoder.begin_compute_pass(&Default::default()));
+                self.encode_shown(&mut encoder, Some(asked), size)?;
+                shown = self.read_shown(encoder, Some(asked), size, wanted)?.shown;
+            }
+            return Ok(shown);
+        }
+    }
+
+    /// Adds what follows the scores.
+    fn encode_shown(
+        &mut self,
+        encoder: &mut wgpu::CommandEncoder,
+        asked: Option<&Asked<'_>>,
+        size: [u32; 2],
+    ) -> Result<()> {
+        let Self { gpu, passes, timer, shown, .. } = self;
+        passes.compose.prepare(gpu, (size[0] * size[1]) as usize)?;
+        {
+            let pass = &mut timer.begin(encoder, "compose");
+            passes.compose.encode(gpu, pass, &passes.raster.planes, &shown.inside, MIN_DEPTH_ALPHA);
+        }
+        let Some(asked) = asked else { return Ok(()) };
+        shown.marks.write(gpu, asked.marks)?;
+        shown.marked.resize(gpu, passes.compose.pixels.len())?;
+        match asked.base {
+            Some(base) => shown.marked.write(gpu, &to_pixels(base))?,
+            None => {
+                let (pixels, num_bytes) = passes.compose.pixels.part();
+                encoder.copy_buffer_to_buffer(&pixels, 0, shown.marked.buffer(), 0, num_bytes);
+            }
+        }
+        let scores = &passes.lattice.scores;
+        {
+            let params = Overlay::new(size, asked.marks.len(), asked.style, asked.opacity);
+            let bindings = [shown.marks.binding(), scores.binding(), shown.marked.binding()];
+            passes.overlay.encode(gpu, &mut timer.begin(encoder, "overlay"), &params, bindings);
+        }
+        passes.summary.prepare(gpu, size, asked.marks.len())?;
+        encoder.clear_buffer(passes.summary.summaries.buffer(), 0, None);
+        passes.summary.encode(gpu, &mut timer.begin(encoder, "summary"), &shown.marks, scores);
+        Ok(())
+    }
+
+    /// Submits, waits for what is wanted, and takes it apart.
+    fn read_shown(
+        &mut self,
+        encoder: wgpu::CommandEncoder,
+        asked: Option<&Asked<'_>>,
+        size: [u32; 2],
+        wanted: Wanted,
+    ) -> Result<Read> {
+        let Self { passes, shown, .. } = &*self;
+        let is_asked = asked.is_some();
+        let parts = [
+            (true, self.num_wanted()),
+            (is_asked, passes.lattice.num_open.part()),
+            (is_asked, passes.summary.summaries.part()),
+            (wanted.pictures, passes.compose.pixels.part()),
+            (wanted.pictures && is_asked, shown.marked.part()),
+            (wanted.values, passes.compose.depths.part()),
+            (wanted.values && is_asked, passes.lattice.scores.part()),
+        ];
+        let chosen = parts.map(|(is_wanted, part)| if is_wanted { part } else { (part.0, 0) });
+        let bytes = self.submit(encoder, &chosen)?;
+        let mut rest = &bytes[..];
+        let mut next = chosen.iter().map(|(_, size)| {
+            let (part, others) = rest.split_at(*size as usize);
+            rest = others;
+            part
+        });
+        let mut numbers = || bytemuck::pod_collect_to_vec::<u8, u32>(next.next().unwrap_or_default());
+        let first = |numbers: Vec<u32>| numbers.first().copied().unwrap_or(0);
+        let (num_pairs, num_open) = (first(numbers()), first(numbers()));
+        let summaries = self.passes.summary.parse(&numbers());
+        let mut picture = || {
+            let pixels = numbers();
+            (!pixels.is_empty()).then(|| from_pixels(size, &pixels))
+        };
+        let (picture, marked) = (picture(), picture());
+        let [width, height] = size.map(|n| n as usize);
+        let mut grids = || {
+            let values: Vec<f32> = numbers().into_iter().map(f32::from_bits).collect();
+            let grid = |v: &[f32]| Grid::from_vec(width, height, v.to_vec());
+            values.chunks_exact(width * height).map(grid).collect::<Vec<_>>()
+        };
+        let (depth, scores) = (grids().pop(), grids());
+        Ok(Read { num_pairs, num_open, shown: Shown { picture, marked, depth, scores, summaries } })
+    }
+}
+
+/// What came back, with what tells whether it is right.
+struct Read {
+    num_pairs: u32,
+    num_open: u32,
+    shown: Shown,
+}

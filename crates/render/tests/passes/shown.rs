@@ -1,0 +1,219 @@
+//! The chain from Gaussians to what is drawn over the picture, against core on the same image planes.
+
+use crate::{
+    compare::{self, SMOOTH, Tolerance},
+    fixture::{Recipe, camera, gpu, moved_camera, scene},
+    relevancy::{codec, query},
+};
+use image::{Rgb, RgbImage};
+use surgtpgs_core::{
+    camera::Camera,
+    grid::{Grid, Mask},
+    overlay::{OverlayPrompt, OverlayStyle, overlay},
+    raster::{CpuRenderer, FrameClock, Images, Renderer},
+    relevancy::{Exact, Lattice, Query, Relevancy, RelevancySettings},
+    scene::Scene,
+    summary::Summary,
+};
+use surgtpgs_render::{Asked, Frame, GpuRenderer, MIN_DEPTH_ALPHA, Shown, Wanted, layout::PromptRow};
+
+const ALL: Wanted = Wanted { pictures: true, values: true };
+
+const MARKS: [PromptRow; 2] = [
+    PromptRow { colour: [0.0, 114.0, 178.0], threshold: 0.5 },
+    PromptRow { colour: [204.0, 121.0, 167.0], threshold: 0.45 },
+];
+
+/// A renderer, a scene, and what is asked of it.
+struct Stage {
+    renderer: GpuRenderer,
+    scene: Scene,
+    camera: Camera,
+    lattice: Lattice,
+    queries: Vec<Query>,
+    settings: RelevancySettings,
+}
+
+impl Stage {
+    fn new() -> Option<Self> {
+        Some(Self {
+            renderer: GpuRenderer::new(gpu()?).unwrap(),
+            scene: scene(Recipe::default()),
+            camera: moved_camera(121, 77),
+            lattice: Lattice::new(&codec(3)).unwrap(),
+            queries: vec![query("liver", 4), query("fat", 1)],
+            settings: RelevancySettings::default(),
+        })
+    }
+
+    fn show(&mut self, time: f32, field_of_view: Option<&Mask>, base: Option<&RgbImage>) -> Shown {
+        self.show_as(time, field_of_view, base, OverlayStyle::Fill, ALL)
+    }
+
+    fn show_as(
+        &mut self,
+        time: f32,
+        field_of_view: Option<&Mask>,
+        base: Option<&RgbImage>,
+        style: OverlayStyle,
+        wanted: Wanted,
+    ) -> Shown {
+        let frame = Frame { scene: &self.scene, camera: &self.camera, time, features: true };
+        let asked = Asked {
+            lattice: &mut self.lattice,
+            queries: &self.queries,
+            settings: &self.settings,
+            marks: &MARKS,
+            style,
+            opacity: 0.35,
+            base,
+        };
+        self.renderer.show(&frame, field_of_view, Some(asked), wanted, &mut FrameClock::default()).unwrap()
+    }
+
+    /// The device's own planes, so that each later pass is compared by itself.
+    fn planes(&mut self, time: f32, field_of_view: Option<&Mask>) -> Images {
+        let mut images = self.renderer.render(&self.scene, &self.camera, time, true).unwrap();
+        let Some(mask) = field_of_view else { return images };
+        let inside = mask.sampled(images.width, images.height);
+        for plane in images.planes.chunks_exact_mut(inside.data.len()) {
+            plane.iter_mut().zip(&inside.data).for_each(|(v, inside)| *v = if *inside { *v } else { 0.0 });
+        }
+        images
+    }
+}
+
+/// A disc, at another size than the frame.
+fn disc() -> Mask {
+    let is_inside = |i: usize| (i % 40).abs_diff(20).pow(2) + (i / 40).abs_diff(15).pow(2) < 160;
+    Grid::from_vec(40, 30, (0..1200).map(is_inside).collect())
+}
+
+fn drawn(frame: &RgbImage, scores: &[Grid<f32>], style: OverlayStyle) -> RgbImage {
+    let prompt = |(scores, mark): (_, &PromptRow)| OverlayPrompt {
+        scores,
+        threshold: mark.threshold,
+        colour: mark.colour.map(|v| v as u8),
+    };
+    let prompts: Vec<OverlayPrompt<'_>> = scores.iter().zip(&MARKS).map(prompt).collect();
+    overlay(frame, &prompts, style, 0.35)
+}
+
+#[test]
+fn every_pass_after_the_raster_equals_its_twin() {
+    let Some(mut stage) = Stage::new() else { return };
+    let (mask, recorded) = (disc(), RgbImage::from_pixel(121, 77, Rgb([90, 40, 30])));
+    let views = [
+        (0.2, None, None, OverlayStyle::Outline),
+        (0.7, Some(&mask), None, OverlayStyle::Fill),
+        (0.7, Some(&mask), Some(&recorded), OverlayStyle::Heatmap),
+    ];
+    for (time, field_of_view, base, style) in views {
+        let shown = stage.show_as(time, field_of_view, base, style, ALL);
+        let planes = stage.planes(time, field_of_view);
+        let picture = planes.to_rgb();
+        compare::pictures(shown.picture.as_ref().unwrap(), &picture).unwrap();
+        let depth = planes.normalised_depth(MIN_DEPTH_ALPHA);
+        compare::close("depth", &shown.depth.unwrap().data, &depth.data, SMOOTH).unwrap();
+
+        let scores = stage.lattice.score(&planes, &stage.queries, &stage.settings);
+        assert_eq!(shown.scores.len(), 2);
+        for (found, expected) in shown.scores.iter().zip(&scores) {
+            // A point on the border of two cells may be looked up in either.
+            let differ = found.data.iter().zip(&expected.data).filter(|(f, e)| (**f - **e).abs() > 1e-5);
+            assert!(differ.count() <= found.data.len() / 500);
+            let tolerance = Tolerance { absolute: 1.0 / 255.0, relative: 0.0 };
+            compare::close("scores", &found.data, &expected.data, tolerance).unwrap();
+        }
+        let marked = drawn(base.unwrap_or(&picture), &shown.scores, style);
+        compare::pictures(shown.marked.as_ref().unwrap(), &marked).unwrap();
+        let summaries: Vec<Summary> =
+            shown.scores.iter().zip(&MARKS).map(|(s, m)| Summary::new(s, m.threshold)).collect();
+        assert_eq!(shown.summaries, summaries);
+        assert!(summaries.iter().any(|s| s.area_px() > 50 && s.area_px() < 121 * 77), "{summaries:?}");
+    }
+}
+
+#[test]
+fn scores_keep_the_promise_against_decoding_every_pixel() {
+    let Some(mut stage) = Stage::new() else { return };
+    let shown = stage.show(0.4, None, None);
+    let planes = stage.planes(0.4, None);
+    let exact = Exact::new(codec(3)).score(&planes, &stage.queries, &stage.settings);
+    for (found, exact) in shown.scores.iter().zip(&exact) {
+        let promise = Tolerance { absolute: 1.0 / 255.0, relative: 0.0 };
+        compare::close("scores", &found.data, &exact.data, promise).unwrap();
+    }
+    assert!(exact[0].data.contains(&0.0) && exact[0].data.iter().any(|s| *s > 0.0));
+}
+
+#[test]
+fn what_the_tables_left_open_is_repaired_in_the_same_frame() {
+    let Some(mut stage) = Stage::new() else { return };
+    // No cell is there: all of the first frame is open; then none is, but for what no cell decides.
+    let first = stage.show(0.4, None, None);
+    let cells = stage.lattice.report().cells;
+    let second = stage.show(0.4, None, None);
+    assert!(cells > 100 && stage.lattice.report().cells == cells);
+    for (first, second) in first.scores.iter().zip(&second.scores) {
+        let rounding = Tolerance { absolute: 1e-5, relative: 0.0 };
+        compare::close("scores", &first.data, &second.data, rounding).unwrap();
+    }
+    assert_eq!(second.marked, stage.show(0.4, None, None).marked);
+    // A new prompt cuts cells that the device still has whole.
+    stage.queries[1] = query("grasper of steel", 3);
+    let third = stage.show(0.4, None, None);
+    let planes = stage.planes(0.4, None);
+    let exact = Exact::new(codec(3)).score(&planes, &stage.queries, &stage.settings);
+    let promise = Tolerance { absolute: 1.0 / 255.0, relative: 0.0 };
+    compare::close("scores", &third.scores[1].data, &exact[1].data, promise).unwrap();
+}
+
+#[test]
+fn only_what_is_wanted_comes_back() {
+    let Some(mut stage) = Stage::new() else { return };
+    let nothing = stage.show_as(0.4, None, None, OverlayStyle::Outline, Wanted::default());
+    assert!(nothing.picture.is_none() && nothing.marked.is_none() && nothing.depth.is_none());
+    assert!(nothing.scores.is_empty() && nothing.summaries.len() == 2);
+    let frame = Frame { scene: &stage.scene, camera: &stage.camera, time: 0.4, features: false };
+    let bare = stage.renderer.show(&frame, None, None, ALL, &mut FrameClock::default()).unwrap();
+    assert!(bare.marked.is_none() && bare.scores.is_empty() && bare.summaries.is_empty());
+    let planes = stage.renderer.render(&stage.scene, &stage.camera, 0.4, false).unwrap();
+    compare::pictures(&bare.picture.unwrap(), &planes.to_rgb()).unwrap();
+}
+
+#[test]
+fn a_pixel_is_of_the_same_gaussian_on_both() {
+    let Some(mut stage) = Stage::new() else { return };
+    let mut cpu = CpuRenderer::default();
+    assert_eq!(stage.renderer.pick([1, 1]).unwrap(), None);
+    let camera = camera(90, 70);
+    cpu.render(&stage.scene, &camera, 0.4, false).unwrap();
+    stage.renderer.render(&stage.scene, &camera, 0.4, false).unwrap();
+    let (mut same, mut seen) = (0, 0);
+    for pixel in (0..90 * 70).step_by(97).map(|i| [i % 90, i / 90]) {
+        let (found, expected) = (stage.renderer.pick(pixel).unwrap(), cpu.pick(pixel));
+        assert_eq!(found.is_some(), expected.is_some(), "{pixel:?}");
+        let (Some(found), Some(expected)) = (found, expected) else { continue };
+        seen += 1;
+        // Two that share a pixel evenly may change places.
+        same += usize::from(found.gaussian == expected.gaussian);
+        assert!((found.weight - expected.weight).abs() < 1e-3, "{found:?} {expected:?}");
+    }
+    assert!(seen > 30 && same * 50 >= seen * 49, "{same} of {seen}");
+    assert_eq!(stage.renderer.pick([90, 5]).unwrap(), None);
+}
+
+#[test]
+fn passes_are_timed_where_the_adapter_can() {
+    let Some(mut stage) = Stage::new() else { return };
+    if !stage.renderer.time_passes() {
+        return;
+    }
+    stage.show(0.4, None, None);
+    stage.show(0.5, None, None);
+    let times = stage.renderer.pass_times_ms().unwrap();
+    let names: Vec<&str> = times.iter().map(|(name, _)| *name).collect();
+    assert!(names.starts_with(&["deform", "project", "bin", "raster", "lattice", "compose", "overlay"]));
+    assert!(times.iter().all(|(_, ms)| (0.0..10_000.0).contains(ms)), "{times:?}");
+}

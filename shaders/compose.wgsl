@@ -1,0 +1,52 @@
+// Image planes -> what is shown: colours of 8 bits, and depth per opacity; twin: core::raster::Images (to_rgb,
+// normalised_depth) with what lies outside the field of view blanked. One invocation per pixel.
+
+#import constants
+#import shared/dispatch.wgsl
+
+struct Compose {
+    num_pixels: u32,
+    // Pixels with less accumulated opacity have no depth.
+    min_alpha: f32,
+    padding: vec2u,
+}
+
+@group(0) @binding(0) var<uniform> params: Compose;
+// As the raster pass leaves them.
+@group(0) @binding(1) var<storage, read> planes: array<f32>;
+// One bit per pixel, from the lowest of each word on: inside the field of view.
+@group(0) @binding(2) var<storage, read> inside: array<u32>;
+// One number per pixel: red in the lowest byte, then green, blue and 255.
+@group(0) @binding(3) var<storage, read_write> pixels: array<u32>;
+@group(0) @binding(4) var<storage, read_write> depths: array<f32>;
+
+fn to_byte(value: f32) -> u32 {
+    return u32(clamp(value, 0.0, 1.0) * 255.0 + 0.5);
+}
+
+@compute @workgroup_size(GROUP)
+fn compose(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) num_groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let at = flat_group(group, num_groups) * GROUP + lane;
+    if at >= params.num_pixels {
+        return;
+    }
+    if (inside[at / 32u] >> (at % 32u) & 1u) == 0u {
+        pixels[at] = 0xff000000u;
+        depths[at] = 0.0;
+        return;
+    }
+    let red = to_byte(planes[at]);
+    let green = to_byte(planes[params.num_pixels + at]);
+    let blue = to_byte(planes[2u * params.num_pixels + at]);
+    pixels[at] = red | (green << 8u) | (blue << 16u) | 0xff000000u;
+    let alpha = planes[ALPHA_PLANE * params.num_pixels + at];
+    var depth = 0.0;
+    if alpha >= params.min_alpha {
+        depth = planes[DEPTH_PLANE * params.num_pixels + at] / alpha;
+    }
+    depths[at] = depth;
+}

@@ -1,0 +1,151 @@
+// Rendered features -> scores, looked up in the tables of core::relevancy::Lattice (lattice/look_up.rs is the twin). One
+// invocation per pixel.
+//
+// What no table decides is left open: its number and its latent are appended to a list, and the CPU, which owns the
+// tables, scores it and makes the cells that were missing.
+
+#import constants
+#import shared/num.wgsl
+#import shared/dispatch.wgsl
+
+struct LookUp {
+    num_pixels: u32,
+    num_prompts: u32,
+    // Polynomials of one prompt.
+    num_leaves: u32,
+    // Pixels with less accumulated opacity are holes.
+    min_alpha: f32,
+    temperature: f32,
+    padding: u32,
+    padding_2: vec2u,
+}
+
+// A pixel that no table decides.
+struct OpenPixel {
+    latent: vec3f,
+    number: u32,
+}
+
+@group(0) @binding(0) var<uniform> params: LookUp;
+// As the raster pass leaves them, with three features.
+@group(0) @binding(1) var<storage, read> planes: array<f32>;
+// One bit per pixel, from the lowest of each word on: inside the field of view.
+@group(0) @binding(2) var<storage, read> inside: array<u32>;
+// What is at each coarsest cell, then brick by brick what is within those that were cut.
+@group(0) @binding(3) var<storage, read> cells: array<u32>;
+// [prompts][leaves][2]: factors of 1, z, y, yz and of x, xz, xy, xyz; NaN where points must be decoded.
+@group(0) @binding(4) var<storage, read> polynomials: array<vec4f>;
+// [prompts][pixels]
+@group(0) @binding(5) var<storage, read_write> scores: array<f32>;
+@group(0) @binding(6) var<storage, read_write> num_open: atomic<u32>;
+@group(0) @binding(7) var<storage, read_write> open: array<OpenPixel>;
+
+const BRICK_MASK: u32 = (1u << LATTICE_BRICK_LEVELS) - 1u;
+
+fn joined(at: vec3u, bits: u32) -> u32 {
+    return (at.x << (2u * bits)) | (at.y << bits) | at.z;
+}
+
+// What is at a finest cell.
+fn cell_at(fine: vec3u) -> u32 {
+    let coarse = fine >> vec3u(2u * LATTICE_BRICK_LEVELS);
+    var value = cells[joined(coarse, LATTICE_COARSE_BITS)];
+    for (var level = 1u; level <= 2u && (value & LATTICE_EMPTY) == LATTICE_BRICK; level++) {
+        let shift = (2u - level) * LATTICE_BRICK_LEVELS;
+        let number = joined((fine >> vec3u(shift)) & vec3u(BRICK_MASK), LATTICE_BRICK_LEVELS);
+        value = cells[value - LATTICE_BRICK + number];
+    }
+    return value;
+}
+
+fn interpolated(near: vec4f, far: vec4f, at: vec3f) -> f32 {
+    let low = fma(fma(at.z, near.w, near.z), at.y, fma(at.z, near.y, near.x));
+    let high = fma(fma(at.z, far.w, far.z), at.y, fma(at.z, far.y, far.x));
+    return fma(high, at.x, low);
+}
+
+fn set_all(pixel: u32, score: f32) {
+    for (var prompt = 0u; prompt < params.num_prompts; prompt++) {
+        scores[prompt * params.num_pixels + pixel] = score;
+    }
+}
+
+fn leave_open(pixel: u32, latent: vec3f) {
+    open[atomicAdd(&num_open, 1u)] = OpenPixel(latent, pixel);
+}
+
+@compute @workgroup_size(GROUP)
+fn look_up(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) num_groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let pixel = flat_group(group, num_groups) * GROUP + lane;
+    if pixel >= params.num_pixels {
+        return;
+    }
+    set_all(pixel, 0.0);
+    let alpha = planes[ALPHA_PLANE * params.num_pixels + pixel];
+    let is_inside = (inside[pixel / 32u] >> (pixel % 32u) & 1u) == 1u;
+    if !is_inside || is_nan(alpha) || alpha < params.min_alpha {
+        return;
+    }
+    let feature = vec3f(
+        planes[FEATURE_PLANE * params.num_pixels + pixel],
+        planes[(FEATURE_PLANE + 1u) * params.num_pixels + pixel],
+        planes[(FEATURE_PLANE + 2u) * params.num_pixels + pixel],
+    );
+    let latent = feature / alpha;
+    if !(is_finite(latent.x) && is_finite(latent.y) && is_finite(latent.z)) {
+        return;
+    }
+    let at = (latent + LATTICE_EXTENT) * LATTICE_FINE_PER_UNIT;
+    if any(at < vec3f(0.0)) || any(at >= vec3f(LATTICE_FINE)) {
+        leave_open(pixel, latent);
+        return;
+    }
+    let fine = vec3u(at);
+    let value = cell_at(fine);
+    if value >= LATTICE_BRICK {
+        leave_open(pixel, latent);
+        return;
+    }
+    let leaf = value >> 3u;
+    // How often a finest cell would have to be doubled to be the cell.
+    let doublings = 2u * LATTICE_BRICK_LEVELS - (value & 7u);
+    let corner = (fine >> vec3u(doublings)) << vec3u(doublings);
+    let within = (at - vec3f(corner)) / f32(1u << doublings);
+    var is_open = false;
+    for (var prompt = 0u; prompt < params.num_prompts; prompt++) {
+        let row = 2u * (prompt * params.num_leaves + leaf);
+        let margin = interpolated(polynomials[row], polynomials[row + 1u], within);
+        if is_nan(margin) {
+            is_open = true;
+        } else {
+            scores[prompt * params.num_pixels + pixel] = sigmoid(params.temperature * margin);
+        }
+    }
+    if is_open {
+        leave_open(pixel, latent);
+    }
+}
+
+// [pixels][1 + prompts]: a pixel's number, then its scores, bit by bit.
+@group(0) @binding(8) var<storage, read> patches: array<u32>;
+
+// Writes scores that were computed elsewhere.
+@compute @workgroup_size(GROUP)
+fn write_open(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) num_groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let row = (flat_group(group, num_groups) * GROUP + lane) * (1u + params.num_prompts);
+    if row + params.num_prompts >= arrayLength(&patches) {
+        return;
+    }
+    let pixel = patches[row];
+    for (var prompt = 0u; prompt < params.num_prompts; prompt++) {
+        scores[prompt * params.num_pixels + pixel] = bitcast<f32>(patches[row + 1u + prompt]);
+    }
+}
