@@ -204,9 +204,9 @@ impl Default for TrainSettings {
                 uniform_motion: false,
                 final_share: 0.05,
                 rotation: 2e-3,
-                log_scale: 5e-3,
+                log_scale: 1e-2,
                 opacity: 0.05,
-                colour: 2.5e-3,
+                colour: 5e-3,
                 sh_rest: 1.25e-4,
                 feature: 2.5e-3,
             },
@@ -285,6 +285,8 @@ impl TrainSettings {
                 // To 1 % at step 4000, of which 3000 are done.
                 final_share: 0.031_622_78,
                 rotation: 1e-3,
+                log_scale: 5e-3,
+                colour: 2.5e-3,
                 ..Self::default().rates
             },
             densify: DensifySettings {
