@@ -21,13 +21,15 @@ use surgtpgs_core::{
     deform::deform,
     grid::{Grid, Mask},
     mask::threshold,
+    overlay::{OverlayPrompt, overlay},
     prepare::{EncoderIdentity, Prepared},
-    raster::{CpuRenderer, FrameClock, FramePass, Images, Renderer},
+    raster::{CpuRenderer, FrameClock, FramePass, Images, MIN_DEPTH_ALPHA, Pick, Renderer},
     relevancy::{self, Points, Query, Relevancy, RelevancySettings},
     scene::Scene,
     sequence::Sequence,
+    summary::Summary,
 };
-use surgtpgs_render::{AdapterChoice, Gpu, GpuRenderer};
+use surgtpgs_render::{AdapterChoice, Asked, Frame, Gpu, GpuRenderer, Mark, Marking, Shown, Wanted};
 
 /// What renders.
 #[derive(
@@ -92,11 +94,23 @@ impl View {
     }
 }
 
+/// What a view is asked.
+#[derive(Clone, Copy, Debug)]
+pub enum Ask<'a> {
+    /// Nothing, and nothing will be: no features are rendered.
+    Nothing,
+    /// Nothing yet: the features are rendered, so that asking later costs no rendering.
+    Later,
+    /// What the prompts score, and with a marking, what is found drawn over the picture.
+    Now(Option<Marking<'a>>),
+}
+
 /// A scene that can be rendered and asked.
 pub struct Engine {
     scene: Arc<Scene>,
     recording: Recording,
-    renderer: Box<dyn Renderer>,
+    machine: Machine,
+    backend: Backend,
     clock: FrameClock,
     last: Option<Rendered>,
     outside: Outside,
@@ -134,7 +148,7 @@ impl Engine {
 
     /// Wraps a scene in memory; `beside` is a second place to look for its recording.
     pub fn new(scene: Arc<Scene>, beside: Option<&Path>, options: EngineOptions) -> Result<Self> {
-        let renderer = open_renderer(options.backend)?;
+        let machine = Machine::open(options.backend)?;
         let recording = match &options.sequence {
             Some(path) => Recording::Found(open_recording(&scene, path)?),
             None => find_recording(&scene, beside),
@@ -143,7 +157,8 @@ impl Engine {
             relevancy: open_relevancy(&scene),
             scene,
             recording,
-            renderer,
+            machine,
+            backend: options.backend,
             clock: FrameClock::default(),
             last: None,
             outside: Outside::default(),
@@ -188,7 +203,7 @@ impl Engine {
 
     /// What renders, e.g. "CPU, 2 threads, Avx512".
     pub fn renderer_name(&self) -> String {
-        self.renderer.name()
+        self.machine.name()
     }
 
     /// How scores are computed, e.g. "lattice"; "none" for a scene without features.
@@ -223,8 +238,9 @@ impl Engine {
         }
         let used = self.last.take().and_then(|last| Arc::try_unwrap(last.images).ok());
         let mut images = used.unwrap_or_default();
-        let Self { scene, renderer, clock, .. } = self;
-        renderer.render_into(scene, &view.camera, view.time, features, &mut images, clock)?;
+        self.on_a_working_machine(|Self { scene, machine, clock, .. }| {
+            machine.render_into(scene, &view.camera, view.time, features, &mut images, clock)
+        })?;
         if view.recorded {
             let outside = self.outside.ranges(&images, &self.scene.field_of_view);
             for plane in images.planes.chunks_exact_mut((images.width * images.height).max(1)) {
@@ -234,6 +250,85 @@ impl Engine {
         let images = Arc::new(images);
         self.last = Some(Rendered { view: *view, has_features: features, images: images.clone() });
         Ok(images)
+    }
+
+    /// A view as it is shown: the picture and, as `ask` says, what the prompts score in it and what is found drawn over it.
+    /// On a GPU nothing but what is `wanted` leaves the device.
+    pub fn show(&mut self, view: &View, ask: Ask<'_>, wanted: Wanted) -> Result<Shown> {
+        let has_lattice = self.relevancy.as_mut().is_some_and(|r| r.as_lattice().is_some());
+        let asks = matches!(ask, Ask::Now(_));
+        if !self.machine.is_gpu() || (asks && !has_lattice) {
+            return self.show_by_cpu(view, ask, wanted);
+        }
+        let features = has_lattice && !matches!(ask, Ask::Nothing);
+        self.on_a_working_machine(|engine| {
+            let Self { scene, machine: Machine::Gpu(gpu), relevancy, queries, settings, clock, .. } = engine
+            else {
+                return engine.show_by_cpu(view, ask, wanted);
+            };
+            let frame = Frame { scene, camera: &view.camera, time: view.time, features };
+            let field_of_view = view.recorded.then_some(&scene.field_of_view);
+            let lattice = relevancy.as_mut().and_then(|r| r.as_lattice());
+            let asked = match (ask, lattice) {
+                (Ask::Now(marking), Some(lattice)) => Some(Asked { lattice, queries, settings, marking }),
+                _ => None,
+            };
+            gpu.show(&frame, field_of_view, asked, wanted, clock)
+        })
+    }
+
+    /// [`Engine::show`] pass by pass, with the images in memory.
+    fn show_by_cpu(&mut self, view: &View, ask: Ask<'_>, wanted: Wanted) -> Result<Shown> {
+        let images = self.render(view, !matches!(ask, Ask::Nothing))?;
+        let (scores, marking) = match ask {
+            Ask::Now(marking) => (self.scores(&images, view)?, marking),
+            Ask::Nothing | Ask::Later => (Vec::new(), None),
+        };
+        self.clock.start();
+        let picture = wanted.pictures.then(|| images.to_rgb());
+        let depth = wanted.values.then(|| images.normalised_depth(MIN_DEPTH_ALPHA));
+        let mut shown = Shown { depth, ..Shown::default() };
+        if let Some(Marking { marks, style, opacity, base }) = marking {
+            let marked = || scores.iter().zip(marks);
+            shown.summaries = marked().map(|(s, mark)| Summary::new(s, mark.threshold)).collect();
+            let prompt = |(scores, mark): (_, &Mark)| OverlayPrompt {
+                scores,
+                threshold: mark.threshold,
+                colour: mark.colour,
+            };
+            let prompts: Vec<OverlayPrompt<'_>> = marked().map(prompt).collect();
+            let base = base.or(picture.as_ref());
+            shown.marked = base.map(|base| overlay(base, &prompts, style, opacity));
+            self.clock.lap(FramePass::Overlay);
+        }
+        Ok(Shown { picture, scores: if wanted.values { scores } else { Vec::new() }, ..shown })
+    }
+
+    /// What is at a pixel of the view rendered or shown last: the Gaussian that adds most to it.
+    pub fn pick(&mut self, pixel: [usize; 2]) -> Result<Option<Pick>> {
+        match &mut self.machine {
+            Machine::Cpu(cpu) => Ok(cpu.pick(pixel)),
+            Machine::Gpu(gpu) => gpu.pick(pixel),
+        }
+    }
+
+    /// Does `work`, and once more on a machine opened anew where the graphics device was lost meanwhile.
+    fn on_a_working_machine<T>(&mut self, mut work: impl FnMut(&mut Self) -> Result<T>) -> Result<T> {
+        let result = work(self);
+        if result.is_ok() || !self.machine.is_lost() {
+            return result;
+        }
+        self.machine = Machine::open(self.backend)?;
+        self.last = None;
+        work(self)
+    }
+
+    /// The GPU, if that is what renders.
+    pub(crate) fn gpu(&mut self) -> Option<&mut GpuRenderer> {
+        match &mut self.machine {
+            Machine::Cpu(_) => None,
+            Machine::Gpu(gpu) => Some(gpu),
+        }
     }
 
     /// How often each pass of a frame ran, and how long.
@@ -406,17 +501,65 @@ fn blank(values: &mut [f32], ranges: &[Range<usize>]) {
     ranges.iter().for_each(|range| values[range.clone()].fill(0.0));
 }
 
-/// Opens the renderer of choice.
-pub(crate) fn open_renderer(backend: Backend) -> Result<Box<dyn Renderer>> {
-    let gpu = |adapters| -> Result<GpuRenderer> { GpuRenderer::new(Gpu::open(adapters)?) };
-    match backend {
-        Backend::Cpu => Ok(Box::new(CpuRenderer::default())),
-        Backend::Gpu => Ok(Box::new(gpu(AdapterChoice::Any)?)),
-        // Whatever a GPU lacks, the CPU makes the same pictures.
-        Backend::Auto => match may_have_gpu().then(|| gpu(AdapterChoice::RealGpu)) {
-            Some(Ok(renderer)) => Ok(Box::new(renderer)),
-            Some(Err(_)) | None => Ok(Box::new(CpuRenderer::default())),
-        },
+/// What renders.
+pub(crate) enum Machine {
+    Cpu(Box<CpuRenderer>),
+    Gpu(Box<GpuRenderer>),
+}
+
+impl Machine {
+    /// Opens the one of choice.
+    pub(crate) fn open(backend: Backend) -> Result<Self> {
+        let cpu = || Self::Cpu(Box::default());
+        let gpu = |adapters| Ok(Self::Gpu(Box::new(GpuRenderer::new(Gpu::open(adapters)?)?)));
+        match backend {
+            Backend::Cpu => Ok(cpu()),
+            Backend::Gpu => gpu(AdapterChoice::Any),
+            // Whatever a GPU lacks, the CPU makes the same pictures.
+            Backend::Auto => {
+                let found: Option<Result<Self>> = may_have_gpu().then(|| gpu(AdapterChoice::RealGpu));
+                Ok(found.and_then(Result::ok).unwrap_or_else(cpu))
+            }
+        }
+    }
+
+    fn is_gpu(&self) -> bool {
+        matches!(self, Self::Gpu(_))
+    }
+
+    fn is_lost(&self) -> bool {
+        match self {
+            Self::Cpu(_) => false,
+            Self::Gpu(gpu) => gpu.is_lost(),
+        }
+    }
+
+    fn renderer(&self) -> &dyn Renderer {
+        match self {
+            Self::Cpu(cpu) => &**cpu,
+            Self::Gpu(gpu) => &**gpu,
+        }
+    }
+}
+
+impl Renderer for Machine {
+    fn name(&self) -> String {
+        self.renderer().name()
+    }
+
+    fn render_into(
+        &mut self,
+        scene: &Scene,
+        camera: &Camera,
+        time: f32,
+        features: bool,
+        images: &mut Images,
+        clock: &mut FrameClock,
+    ) -> Result<()> {
+        match self {
+            Self::Cpu(cpu) => cpu.render_into(scene, camera, time, features, images, clock),
+            Self::Gpu(gpu) => gpu.render_into(scene, camera, time, features, images, clock),
+        }
     }
 }
 
@@ -510,6 +653,107 @@ mod tests {
     fn an_engine_can_move_to_a_worker_thread() {
         fn is_send<T: Send>() {}
         is_send::<Engine>();
+    }
+
+    /// An ordinary scene with a codec, an engine on each machine, and a prompt set past the text encoder.
+    fn asked_engine(backend: Backend) -> Engine {
+        use surgtpgs_core::codec::{Codec, Linear};
+        let layer = |rows: usize, columns: usize| Linear {
+            weight: ndarray::Array2::from_shape_fn((rows, columns), |(i, k)| ((3 * i + 5 * k) as f32).sin()),
+            bias: ndarray::Array1::from_shape_fn(rows, |i| (i as f32).cos()),
+        };
+        let codec = Codec { encoder: vec![layer(3, 8)], decoder: vec![layer(12, 3), layer(8, 12)] };
+        let mut scene = surgtpgs_core::stress::ordinary(300);
+        scene.codec = Some(codec);
+        scene.gaussians.opacity_logits.fill(3.0);
+        scene.field_of_view = Grid::from_vec(2, 1, vec![true, false]);
+        let mut engine =
+            Engine::new(Arc::new(scene), None, EngineOptions { backend, ..Default::default() }).unwrap();
+        let text = |phase: f32| -> Vec<f32> {
+            surgtpgs_core::num::normalised(&(0..8).map(|i| (phase + i as f32).sin()).collect::<Vec<_>>())
+                .unwrap()
+        };
+        engine.queries = vec![Query {
+            prompt: "liver".into(),
+            embedding: text(0.0),
+            negatives: vec![("object".into(), text(1.3))],
+        }];
+        engine
+    }
+
+    const MARKS: [Mark; 1] = [Mark { threshold: 0.25, colour: [0, 200, 80] }];
+
+    fn shown(engine: &mut Engine, time: f32) -> Shown {
+        use surgtpgs_core::overlay::OverlayStyle;
+        let camera = engine.scene().cameras[0];
+        let marking = Marking { marks: &MARKS, style: OverlayStyle::Fill, opacity: 0.5, base: None };
+        let view = View { time, camera, recorded: true };
+        engine.show(&view, Ask::Now(Some(marking)), Wanted { pictures: true, values: true }).unwrap()
+    }
+
+    /// Where there is no adapter nothing is compared; under `CI=true` that is a failure.
+    fn gpu_engine() -> Option<Engine> {
+        let is_there = Gpu::open(AdapterChoice::Any).is_ok();
+        assert!(is_there || std::env::var("CI").as_deref() != Ok("true"), "CI needs a graphics adapter");
+        is_there.then(|| asked_engine(Backend::Gpu))
+    }
+
+    #[test]
+    fn both_machines_show_the_same() {
+        let Some(mut gpu) = gpu_engine() else { return };
+        let (found, expected) = (shown(&mut gpu, 0.3), shown(&mut asked_engine(Backend::Cpu), 0.3));
+        let close = |a: &[f32], b: &[f32], by: f32| {
+            let far = a.iter().zip(b).filter(|(a, b)| (**a - **b).abs() > by).count();
+            assert!(a.len() == b.len() && far * 100 <= a.len(), "{far} of {}", a.len());
+        };
+        let bytes = |picture: &Option<image::RgbImage>| -> Vec<f32> {
+            picture.as_ref().unwrap().as_raw().iter().map(|v| f32::from(*v)).collect()
+        };
+        close(&bytes(&found.picture), &bytes(&expected.picture), 1.0);
+        close(&bytes(&found.marked), &bytes(&expected.marked), 1.0);
+        close(&found.depth.unwrap().data, &expected.depth.unwrap().data, 1e-3);
+        close(&found.scores[0].data, &expected.scores[0].data, 1e-3);
+        let (found, expected) = (&found.summaries[0], &expected.summaries[0]);
+        let areas = [found.area_px(), expected.area_px()];
+        assert!(areas[0].abs_diff(areas[1]) <= 5 && areas[1] > 100, "{areas:?}");
+        // The right half is outside the field of view.
+        assert!(found.columns[32..].iter().all(|n| *n == 0));
+    }
+
+    #[test]
+    fn a_view_asked_again_runs_no_pass_before_the_scores() {
+        for backend in [Some(Backend::Cpu), gpu_engine().map(|_| Backend::Gpu)].into_iter().flatten() {
+            let mut engine = asked_engine(backend);
+            shown(&mut engine, 0.3);
+            let before = engine.clock().clone();
+            shown(&mut engine, 0.3);
+            let ran = |pass| engine.clock().runs(pass) - before.runs(pass);
+            assert_eq!((ran(FramePass::Raster), ran(FramePass::Relevancy)), (0, 1), "{backend:?}");
+        }
+    }
+
+    #[test]
+    fn a_lost_device_is_replaced_without_a_word() {
+        let Some(mut engine) = gpu_engine() else { return };
+        let before = shown(&mut engine, 0.3);
+        engine.gpu().unwrap().gpu().device().destroy();
+        let after = shown(&mut engine, 0.3);
+        assert!(before.picture == after.picture, "another picture");
+        // The first time points were scored one by one, then in the tables.
+        let pairs = before.scores[0].data.iter().zip(&after.scores[0].data);
+        assert!(pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-4));
+        engine.gpu().unwrap().gpu().device().destroy();
+        let view = View::free(0.5, engine.scene().cameras[0]);
+        assert!(engine.render(&view, true).is_ok());
+    }
+
+    #[test]
+    fn what_is_picked_is_in_the_view_shown_last() {
+        let mut engine = asked_engine(Backend::Cpu);
+        assert_eq!(engine.pick([1, 1]).unwrap(), None);
+        shown(&mut engine, 0.3);
+        let picked = engine.pick([20, 24]).unwrap().unwrap();
+        assert!(picked.gaussian < 300 && picked.weight > 0.0 && picked.depth > 1.0);
     }
 
     #[test]

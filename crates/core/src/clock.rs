@@ -37,8 +37,13 @@ impl<P: PassName> PassClock<P> {
 
     /// `pass` is done; the next one begins.
     pub fn lap(&mut self, pass: P) {
-        let now = Instant::now();
         self.runs[pass.number()] += 1;
+        self.waited(pass);
+    }
+
+    /// What went by since the last lap belongs to `pass` too, which was counted before.
+    pub fn waited(&mut self, pass: P) {
+        let now = Instant::now();
         if let Some(before) = self.lap.replace(now) {
             self.spent[pass.number()] += now - before;
         }
@@ -87,6 +92,8 @@ mod tests {
         clock.lap(Step::Second);
         assert_eq!((clock.runs(Step::First), clock.runs(Step::Second)), (1, 1));
         assert!(clock.seconds(Step::Second) >= 2e-3 && clock.seconds(Step::First) < 2e-3);
+        clock.waited(Step::First);
+        assert_eq!(clock.runs(Step::First), 1);
         assert_eq!((clock.ran_since(&earlier), clock.ran_since(&clock)), (1, 0));
     }
 }

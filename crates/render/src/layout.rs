@@ -1,11 +1,12 @@
 //! Mirrors of the structs in `shaders/`; a test compares them field by field with what the shader compiler says.
 
+use crate::Mark;
 use bytemuck::{Pod, Zeroable};
 use surgtpgs_core::{
     camera::Camera,
     deform::{Deformation, Deformed},
     gaussian::Gaussians,
-    overlay::{OverlayPrompt, OverlayStyle},
+    overlay::OverlayStyle,
     raster::{FRUSTUM_GUARD, TILE, project::Splat},
 };
 
@@ -371,9 +372,9 @@ impl Overlay {
     }
 }
 
-impl From<&OverlayPrompt<'_>> for PromptRow {
-    fn from(prompt: &OverlayPrompt<'_>) -> Self {
-        Self { colour: prompt.colour.map(f32::from), threshold: prompt.threshold }
+impl From<&Mark> for PromptRow {
+    fn from(mark: &Mark) -> Self {
+        Self { colour: mark.colour.map(f32::from), threshold: mark.threshold }
     }
 }
 

@@ -26,4 +26,4 @@ mod timer;
 pub use device::{AdapterChoice, Gpu, Unavailable};
 pub use relevancy::GpuExact;
 pub use renderer::{Frame, GpuRenderer};
-pub use shown::{Asked, MIN_DEPTH_ALPHA, Shown, Wanted};
+pub use shown::{Asked, Mark, Marking, Shown, Wanted};

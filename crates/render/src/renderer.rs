@@ -46,8 +46,8 @@ pub struct GpuRenderer {
     scene: Option<(u64, SceneBuffers)>,
     /// Time and latent dimension that the deformed Gaussians on the device stand for.
     deformed_at: Option<(f32, usize)>,
-    /// The view that the splats and bins on the device stand for.
-    view: Option<View>,
+    /// What the splats, bins and image planes on the device stand for: view, time, latent dimension.
+    drawn: Option<(View, f32, usize)>,
     staging: Option<wgpu::Buffer>,
     pub(crate) timer: Timer,
     pub(crate) shown: ShownBuffers,
@@ -58,8 +58,8 @@ impl GpuRenderer {
     pub fn new(gpu: Gpu) -> Result<Self> {
         let passes = Passes::new(&gpu)?;
         let shown = ShownBuffers::new(&gpu);
-        let (scene, deformed_at, view, staging) = (None, None, None, None);
-        Ok(Self { gpu, passes, scene, deformed_at, view, staging, timer: Timer::default(), shown })
+        let (scene, deformed_at, drawn, staging) = (None, None, None, None);
+        Ok(Self { gpu, passes, scene, deformed_at, drawn, staging, timer: Timer::default(), shown })
     }
 
     /// The device it renders on.
@@ -71,7 +71,7 @@ impl GpuRenderer {
     pub fn forget_scene(&mut self) {
         self.scene = None;
         self.deformed_at = None;
-        self.view = None;
+        self.drawn = None;
     }
 
     /// Starts with room for `capacity` splat-tile pairs; it grows as needed, at the cost of a repeated frame.
@@ -89,7 +89,13 @@ impl GpuRenderer {
         Ok(())
     }
 
-    /// Adds the passes up to the image planes, uploading the scene where it is another one.
+    /// Whether the device was lost: then a new renderer is needed.
+    pub fn is_lost(&self) -> bool {
+        self.gpu.check_alive().is_err()
+    }
+
+    /// Adds the passes up to the image planes, those that are not valid any more; uploads the scene where it is another
+    /// one.
     pub(crate) fn encode_frame(
         &mut self,
         frame: &Frame<'_>,
@@ -103,11 +109,14 @@ impl GpuRenderer {
         let (n, latent_dim) = (gaussians.len(), frame.latent_dim());
         let view = View::new(camera, gaussians, passes.bin.capacity());
         let must_deform = self.deformed_at != Some((time, latent_dim));
+        timer.start();
+        if self.drawn == Some((view, time, latent_dim)) {
+            return Ok(encoder);
+        }
         passes.project.prepare(gpu, n)?;
         passes.bin.prepare(gpu, &view)?;
         passes.raster.prepare(gpu, &view, latent_dim)?;
         let view_buffer = uniform(gpu, &view);
-        timer.start();
         if must_deform {
             passes.deform.prepare(gpu, deformation, n, time, latent_dim)?;
             let pass = &mut timer.begin(&mut encoder, "deform");
@@ -128,9 +137,10 @@ impl GpuRenderer {
             let pass = &mut timer.begin(&mut encoder, "raster");
             let input = passes.raster_input();
             passes.raster.encode(gpu, pass, &view_buffer, &view, &input, latent_dim);
+            clock.lap(FramePass::Raster);
         }
         self.deformed_at = Some((time, latent_dim));
-        self.view = Some(view);
+        self.drawn = Some((view, time, latent_dim));
         Ok(encoder)
     }
 
@@ -178,7 +188,7 @@ impl GpuRenderer {
 
     /// What is at a pixel of the frame rendered last; `None` outside of it and where there is nothing.
     pub fn pick(&mut self, [x, y]: [usize; 2]) -> Result<Option<Pick>> {
-        let Self { gpu, passes, view: Some(view), .. } = self else { return Ok(None) };
+        let Self { gpu, passes, drawn: Some((view, ..)), .. } = self else { return Ok(None) };
         if x >= view.size[0] as usize || y >= view.size[1] as usize {
             return Ok(None);
         }
@@ -230,7 +240,7 @@ impl Renderer for GpuRenderer {
             self.forget_scene();
         }
         images.planes = result?;
-        clock.lap(FramePass::Raster);
+        clock.waited(FramePass::Raster);
         debug_assert_eq!(
             images.planes.len(),
             images.width * images.height * (FEATURE_PLANE + frame.latent_dim())

@@ -19,7 +19,7 @@ use surgtpgs_core::{
     Result,
     grid::{Grid, Mask},
     overlay::OverlayStyle,
-    raster::{FrameClock, FramePass},
+    raster::{FrameClock, FramePass, MIN_DEPTH_ALPHA},
     relevancy::{Lattice, Query, RelevancySettings},
     summary::Summary,
 };
@@ -32,14 +32,30 @@ pub struct Asked<'a> {
     pub queries: &'a [Query],
     /// How they are scored.
     pub settings: &'a RelevancySettings,
-    /// Score above which each is found, and its colour.
-    pub marks: &'a [PromptRow],
-    /// How what is found is drawn.
+    /// How what is found is drawn; `None`: only the scores are wanted.
+    pub marking: Option<Marking<'a>>,
+}
+
+/// How what is found is drawn.
+#[derive(Clone, Copy, Debug)]
+pub struct Marking<'a> {
+    /// One per prompt.
+    pub marks: &'a [Mark],
+    /// How each is drawn.
     pub style: OverlayStyle,
     /// Of fills and heatmaps, 0–1.
     pub opacity: f32,
     /// What to draw on instead of the rendered picture; of the frame's size.
     pub base: Option<&'a RgbImage>,
+}
+
+/// How one prompt is drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mark {
+    /// Score above which a pixel is found.
+    pub threshold: f32,
+    /// The prompt's own colour.
+    pub colour: [u8; 3],
 }
 
 /// What is wanted back.
@@ -65,9 +81,6 @@ pub struct Shown {
     /// One per prompt.
     pub summaries: Vec<Summary>,
 }
-
-/// Pixels with less accumulated opacity have no depth.
-pub const MIN_DEPTH_ALPHA: f32 = 0.5;
 
 /// What [`GpuRenderer::show`] keeps on the device besides the passes' own.
 #[derive(Debug)]
@@ -125,7 +138,9 @@ impl GpuRenderer {
         }
         clock.start();
         // Nothing but what can be answered is asked.
-        asked = asked.filter(|a| !a.queries.is_empty() && a.queries.len() == a.marks.len());
+        asked = asked
+            .filter(|a| !a.queries.is_empty() && a.marking.is_none_or(|m| m.marks.len() == a.queries.len()));
+        let is_asked = asked.is_some();
         let gpu = self.gpu().clone();
         let shown =
             gpu.guarded(|| self.show_until_right(frame, field_of_view, asked.as_mut(), wanted, clock));
@@ -133,7 +148,7 @@ impl GpuRenderer {
             // What is on the device is unknown now.
             self.forget_scene();
         }
-        clock.lap(FramePass::Raster);
+        clock.waited(if is_asked { FramePass::Relevancy } else { FramePass::Raster });
         shown
     }
 
@@ -192,10 +207,10 @@ impl GpuRenderer {
             let pass = &mut timer.begin(encoder, "compose");
             passes.compose.encode(gpu, pass, &passes.raster.planes, &shown.inside, MIN_DEPTH_ALPHA);
         }
-        let Some(asked) = asked else { return Ok(()) };
-        shown.marks.write(gpu, asked.marks)?;
+        let Some(marking) = asked.and_then(|a| a.marking) else { return Ok(()) };
+        shown.marks.write(gpu, &marking.marks.iter().map(PromptRow::from).collect::<Vec<_>>())?;
         shown.marked.resize(gpu, passes.compose.pixels.len())?;
-        match asked.base {
+        match marking.base {
             Some(base) => shown.marked.write(gpu, &to_pixels(base))?,
             None => {
                 let (pixels, num_bytes) = passes.compose.pixels.part();
@@ -204,11 +219,11 @@ impl GpuRenderer {
         }
         let scores = &passes.lattice.scores;
         {
-            let params = Overlay::new(size, asked.marks.len(), asked.style, asked.opacity);
+            let params = Overlay::new(size, marking.marks.len(), marking.style, marking.opacity);
             let bindings = [shown.marks.binding(), scores.binding(), shown.marked.binding()];
             passes.overlay.encode(gpu, &mut timer.begin(encoder, "overlay"), &params, bindings);
         }
-        passes.summary.prepare(gpu, size, asked.marks.len())?;
+        passes.summary.prepare(gpu, size, marking.marks.len())?;
         encoder.clear_buffer(passes.summary.summaries.buffer(), 0, None);
         passes.summary.encode(gpu, &mut timer.begin(encoder, "summary"), &shown.marks, scores);
         Ok(())
@@ -223,13 +238,13 @@ impl GpuRenderer {
         wanted: Wanted,
     ) -> Result<Read> {
         let Self { passes, shown, .. } = &*self;
-        let is_asked = asked.is_some();
+        let (is_asked, is_marked) = (asked.is_some(), asked.is_some_and(|a| a.marking.is_some()));
         let parts = [
             (true, self.num_wanted()),
             (is_asked, passes.lattice.num_open.part()),
-            (is_asked, passes.summary.summaries.part()),
+            (is_marked, passes.summary.summaries.part()),
             (wanted.pictures, passes.compose.pixels.part()),
-            (wanted.pictures && is_asked, shown.marked.part()),
+            (wanted.pictures && is_marked, shown.marked.part()),
             (wanted.values, passes.compose.depths.part()),
             (wanted.values && is_asked, passes.lattice.scores.part()),
         ];

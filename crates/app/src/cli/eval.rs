@@ -15,12 +15,9 @@ use surgtpgs_core::{
     clock::PassName,
     grid::Grid,
     metrics::{IouReport, MiouAccumulator, depth_rmse, psnr_db, psnr_per_channel_db, ssim},
-    raster::{FramePass, Images},
+    raster::{FramePass, Images, MIN_DEPTH_ALPHA},
     sequence::{Class, Sequence},
 };
-
-/// Depth counts where the accumulated opacity is at least this.
-const MIN_ALPHA: f32 = 0.5;
 
 /// The JSON report; its keys are a contract.
 #[derive(serde::Serialize)]
@@ -151,7 +148,11 @@ impl Sums {
         self.psnr_per_channel.extend(psnr_per_channel_db(&picture, &truth, None));
         self.ssim.extend(Some(ssim(&picture, &truth)).filter(|v| v.is_finite()));
         if let Some(truth) = sequence.depth(frame)? {
-            self.depth_rmse.extend(depth_rmse(&images.normalised_depth(MIN_ALPHA), &truth, Some(&mask)));
+            self.depth_rmse.extend(depth_rmse(
+                &images.normalised_depth(MIN_DEPTH_ALPHA),
+                &truth,
+                Some(&mask),
+            ));
         }
         Ok(())
     }

@@ -19,11 +19,8 @@ use surgtpgs_core::{
     files::write_whole,
     grid::Grid,
     num::percentile,
-    raster::{ALPHA_PLANE, FEATURE_PLANE, Images},
+    raster::{ALPHA_PLANE, FEATURE_PLANE, Images, MIN_DEPTH_ALPHA},
 };
-
-/// Pixels with less accumulated opacity have no depth.
-const MIN_ALPHA: f32 = 0.5;
 
 pub(super) fn run(args: &RenderArgs) -> Result<Exit> {
     let options = EngineOptions { backend: args.scene.backend, ..Default::default() };
@@ -35,7 +32,8 @@ pub(super) fn run(args: &RenderArgs) -> Result<Exit> {
     for (done, &frame) in frames.iter().enumerate() {
         let images =
             engine.render(&sized(engine.view(frame)?, args.width), kinds.contains(&ImageKind::Feature))?;
-        let range = *depth_range.get_or_insert_with(|| typical_range(&images.normalised_depth(MIN_ALPHA)));
+        let range =
+            *depth_range.get_or_insert_with(|| typical_range(&images.normalised_depth(MIN_DEPTH_ALPHA)));
         kinds.par_iter().try_for_each(|&kind| write(&args.output, kind, frame, &images, range))?;
         view.count("rendering", done + 1, frames.len());
     }
@@ -72,7 +70,7 @@ fn write(folder: &Path, kind: ImageKind, frame: usize, images: &Images, range: (
         ImageKind::Colour => save("colour", "png", png(images.to_rgb().into())?),
         ImageKind::Alpha => save("alpha", "png", png(alpha(images).into())?),
         ImageKind::Depth => {
-            let depth = images.normalised_depth(MIN_ALPHA);
+            let depth = images.normalised_depth(MIN_DEPTH_ALPHA);
             save("depth", "npy", npy(&[images.height, images.width], &depth.data)?)?;
             save("depth", "png", png(depth_picture(&depth, range).into())?)
         }

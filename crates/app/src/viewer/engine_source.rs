@@ -6,7 +6,7 @@ use super::{
     training::DEFAULT_STEPS,
 };
 use crate::{
-    engine::{self, Engine, EngineOptions},
+    engine::{self, Ask, Engine, EngineOptions},
     jobs::{self, DemoPaths, Material, PrepareOptions, Progress},
 };
 use image::RgbImage;
@@ -26,13 +26,12 @@ use surgtpgs_core::{
     sequence::Sequence,
     train::{TrainSettings, Trainer},
 };
+use surgtpgs_render::Wanted;
 
 /// Time between two states of a training that are shown.
 const PREVIEW_EVERY: Duration = Duration::from_secs(4);
 /// Steps before the first state is worth showing.
 const FIRST_PREVIEW: usize = 60;
-/// Pixels with less accumulated opacity have no depth.
-const MIN_ALPHA: f32 = 0.5;
 
 /// Opens, exports and trains with the program's own engine.
 pub(crate) struct EngineBackend;
@@ -213,8 +212,8 @@ impl SceneSource {
     fn ask(&mut self, view: &engine::View, prompts: &[&str]) -> Result<Vec<Grid<f32>>> {
         let words: Vec<String> = prompts.iter().map(|p| (*p).to_owned()).collect();
         self.engine.set_prompts(&words)?;
-        let images = self.engine.render(view, true)?;
-        self.engine.scores(&images, view)
+        let wanted = Wanted { pictures: false, values: true };
+        Ok(self.engine.show(view, Ask::Now(None), wanted)?.scores)
     }
 }
 
@@ -231,12 +230,15 @@ impl FrameSource for SceneSource {
 
     fn render(&mut self, view: &View, with_features: bool) -> Result<Rendering> {
         let engine_view = self.engine_view(view)?;
-        let images = self.engine.render(&engine_view, with_features)?;
-        let depth = images.normalised_depth(MIN_ALPHA);
+        let ask = if with_features { Ask::Later } else { Ask::Nothing };
+        let shown = self.engine.show(&engine_view, ask, Wanted { pictures: true, values: true })?;
+        let missing = || Error::input("the picture did not come back", "");
+        let colour = shown.picture.ok_or_else(missing)?;
+        let depth = shown.depth.ok_or_else(missing)?;
         if view.orbit.is_home() {
             self.pivot_depth = middle_depth(&depth).unwrap_or(self.pivot_depth);
         }
-        Ok(Rendering { colour: images.to_rgb(), depth })
+        Ok(Rendering { colour, depth })
     }
 
     fn scores(&mut self, view: &View, prompts: &[&str]) -> Vec<Result<Grid<f32>>> {

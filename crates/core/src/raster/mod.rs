@@ -32,6 +32,9 @@ pub const MIN_TRANSMITTANCE: f32 = 1e-4;
 /// The EWA Jacobian is evaluated within this multiple of the image's half-extent.
 pub const FRUSTUM_GUARD: f32 = 1.3;
 
+/// Pixels with less accumulated opacity have no depth to show.
+pub const MIN_DEPTH_ALPHA: f32 = 0.5;
+
 /// A visible splat's half extents are at least this (px): 0 means culled.
 pub const MIN_EXTENT: f32 = 1e-6;
 

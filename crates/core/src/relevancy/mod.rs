@@ -140,6 +140,11 @@ pub trait Relevancy: Send {
     /// Name for reports: "exact", "folded", "lattice".
     fn name(&self) -> &'static str;
 
+    /// The lattice, if it is one: a device can look scores up in its tables.
+    fn as_lattice(&mut self) -> Option<&mut Lattice> {
+        None
+    }
+
     /// One score per point (0–1) for each query.
     fn score_points(
         &mut self,

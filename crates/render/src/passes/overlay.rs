@@ -2,7 +2,7 @@
 
 use super::run;
 use crate::{
-    Gpu,
+    Gpu, Mark,
     buffers::{DeviceVec, uniform},
     kernel::Kernel,
     layout::{Overlay, PromptRow},
@@ -54,7 +54,10 @@ impl OverlayPass {
         if num_pixels == 0 || prompts.is_empty() {
             return Ok(frame.clone());
         }
-        let rows: Vec<PromptRow> = prompts.iter().map(|p| PromptRow::from(*p)).collect();
+        let rows: Vec<PromptRow> = prompts
+            .iter()
+            .map(|p| PromptRow::from(&Mark { threshold: p.threshold, colour: p.colour }))
+            .collect();
         let scores: Vec<f32> = prompts.iter().flat_map(|p| p.scores.data.iter().copied()).collect();
         let params = Overlay::new(size, prompts.len(), style, opacity);
         let rows = DeviceVec::from_slice(gpu, "prompts", &rows)?;

@@ -10,19 +10,17 @@ use surgtpgs_core::{
     camera::Camera,
     grid::{Grid, Mask},
     overlay::{OverlayPrompt, OverlayStyle, overlay},
-    raster::{CpuRenderer, FrameClock, Images, Renderer},
+    raster::{CpuRenderer, FrameClock, FramePass, Images, MIN_DEPTH_ALPHA, Renderer},
     relevancy::{Exact, Lattice, Query, Relevancy, RelevancySettings},
     scene::Scene,
     summary::Summary,
 };
-use surgtpgs_render::{Asked, Frame, GpuRenderer, MIN_DEPTH_ALPHA, Shown, Wanted, layout::PromptRow};
+use surgtpgs_render::{Asked, Frame, GpuRenderer, Mark, Marking, Shown, Wanted};
 
 const ALL: Wanted = Wanted { pictures: true, values: true };
 
-const MARKS: [PromptRow; 2] = [
-    PromptRow { colour: [0.0, 114.0, 178.0], threshold: 0.5 },
-    PromptRow { colour: [204.0, 121.0, 167.0], threshold: 0.45 },
-];
+const MARKS: [Mark; 2] =
+    [Mark { colour: [0, 114, 178], threshold: 0.5 }, Mark { colour: [204, 121, 167], threshold: 0.45 }];
 
 /// A renderer, a scene, and what is asked of it.
 struct Stage {
@@ -63,10 +61,7 @@ impl Stage {
             lattice: &mut self.lattice,
             queries: &self.queries,
             settings: &self.settings,
-            marks: &MARKS,
-            style,
-            opacity: 0.35,
-            base,
+            marking: Some(Marking { marks: &MARKS, style, opacity: 0.35, base }),
         };
         self.renderer.show(&frame, field_of_view, Some(asked), wanted, &mut FrameClock::default()).unwrap()
     }
@@ -90,11 +85,8 @@ fn disc() -> Mask {
 }
 
 fn drawn(frame: &RgbImage, scores: &[Grid<f32>], style: OverlayStyle) -> RgbImage {
-    let prompt = |(scores, mark): (_, &PromptRow)| OverlayPrompt {
-        scores,
-        threshold: mark.threshold,
-        colour: mark.colour.map(|v| v as u8),
-    };
+    let prompt =
+        |(scores, mark): (_, &Mark)| OverlayPrompt { scores, threshold: mark.threshold, colour: mark.colour };
     let prompts: Vec<OverlayPrompt<'_>> = scores.iter().zip(&MARKS).map(prompt).collect();
     overlay(frame, &prompts, style, 0.35)
 }
@@ -175,6 +167,19 @@ fn only_what_is_wanted_comes_back() {
     let nothing = stage.show_as(0.4, None, None, OverlayStyle::Outline, Wanted::default());
     assert!(nothing.picture.is_none() && nothing.marked.is_none() && nothing.depth.is_none());
     assert!(nothing.scores.is_empty() && nothing.summaries.len() == 2);
+    let frame = Frame { scene: &stage.scene, camera: &stage.camera, time: 0.4, features: true };
+    let asked = Asked {
+        lattice: &mut stage.lattice,
+        queries: &stage.queries,
+        settings: &stage.settings,
+        marking: None,
+    };
+    let clock = &mut FrameClock::default();
+    let values = Wanted { pictures: false, values: true };
+    let scored = stage.renderer.show(&frame, None, Some(asked), values, clock).unwrap();
+    assert!(scored.scores.len() == 2 && scored.marked.is_none() && scored.summaries.is_empty());
+    // The image planes were there.
+    assert_eq!((clock.runs(FramePass::Raster), clock.runs(FramePass::Relevancy)), (0, 1));
     let frame = Frame { scene: &stage.scene, camera: &stage.camera, time: 0.4, features: false };
     let bare = stage.renderer.show(&frame, None, None, ALL, &mut FrameClock::default()).unwrap();
     assert!(bare.marked.is_none() && bare.scores.is_empty() && bare.summaries.is_empty());

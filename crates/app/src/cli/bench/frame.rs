@@ -3,7 +3,7 @@
 use super::{
     half_features::HalfFeatures,
     plot::{self, Point},
-    reference_error,
+    reference_error, shown,
 };
 use crate::{
     args::BenchFrameArgs,
@@ -31,7 +31,7 @@ use surgtpgs_core::{
 
 /// What one way of doing something came to.
 #[derive(serde::Serialize)]
-struct Outcome {
+pub(super) struct Outcome {
     pass: &'static str,
     way: String,
     /// Median and 95th percentile, milliseconds.
@@ -71,7 +71,8 @@ pub(super) fn run(args: &BenchFrameArgs) -> Result<Exit> {
     rows.iter().for_each(|row| say(&line(row)));
     if scene.codec.is_some() && !prompts.is_empty() {
         engine.set_prompts(&prompts)?;
-        let found = relevancy_rows(&engine, &scene, &cameras)?;
+        let mut found = relevancy_rows(&engine, &scene, &cameras)?;
+        found.extend(shown::rows(&mut engine, &cameras)?);
         found.iter().for_each(|row| say(&line(row)));
         rows.extend(found);
     }
@@ -116,7 +117,11 @@ fn wanted_prompts(scene: &Scene, args: &BenchFrameArgs) -> Vec<String> {
 }
 
 /// Milliseconds that `work` takes for each item, after one round to warm up if `rounds` > 1.
-fn time<T>(items: &[T], rounds: usize, mut work: impl FnMut(&T) -> Result<()>) -> Result<Vec<f64>> {
+pub(super) fn time<T>(
+    items: &[T],
+    rounds: usize,
+    mut work: impl FnMut(&T) -> Result<()>,
+) -> Result<Vec<f64>> {
     let mut ms = Vec::new();
     for round in 0..rounds {
         for item in items {
@@ -130,7 +135,7 @@ fn time<T>(items: &[T], rounds: usize, mut work: impl FnMut(&T) -> Result<()>) -
     Ok(ms)
 }
 
-fn outcome(pass: &'static str, way: impl Into<String>, mut ms: Vec<f64>) -> Outcome {
+pub(super) fn outcome(pass: &'static str, way: impl Into<String>, mut ms: Vec<f64>) -> Outcome {
     ms.sort_by(f64::total_cmp);
     let at = |share: f64| ms.get(((ms.len().max(1) - 1) as f64 * share).round() as usize).copied();
     Outcome {
@@ -147,7 +152,7 @@ fn outcome(pass: &'static str, way: impl Into<String>, mut ms: Vec<f64>) -> Outc
 }
 
 /// Rounds over the frames: the first warms up.
-const ROUNDS: usize = 3;
+pub(super) const ROUNDS: usize = 3;
 
 fn rendering_rows(
     engine: &mut Engine,

@@ -108,7 +108,7 @@ mod tests {
 
     #[test]
     fn features_stay_on_their_side_of_an_edge() {
-        for (width, height) in [(16, 6), (15, 5), (2, 1)] {
+        for (width, height) in [(16, 6), (15, 5), (4, 1)] {
             let mut full = halves(width, height, false);
             add_features(&mut full, &halves(width.div_ceil(2), height.div_ceil(2), true));
             let expected = halves(width, height, true);

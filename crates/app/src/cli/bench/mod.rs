@@ -4,6 +4,7 @@ mod frame;
 mod half_features;
 mod plot;
 mod rows;
+mod shown;
 mod step;
 mod stress;
 mod train;

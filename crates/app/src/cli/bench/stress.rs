@@ -6,12 +6,13 @@ use crate::{
         Exit,
         console::{print, print_json, say},
     },
-    engine::open_renderer,
+    engine::Machine,
 };
 use std::fmt::Write;
 use surgtpgs_core::{
     Result,
     files::write_whole,
+    raster::Renderer,
     stress::{CUT_OFF, Case, a_million, cases, compare},
 };
 
@@ -29,7 +30,7 @@ struct Family {
 }
 
 pub(super) fn run(args: &BenchStressArgs) -> Result<Exit> {
-    let mut renderer = open_renderer(args.backend)?;
+    let mut renderer = Machine::open(args.backend)?;
     say(&format!("rendering on {}", renderer.name()));
     let mut families: Vec<Family> = Vec::new();
     for case in cases().into_iter().chain([a_million()]) {

@@ -1,0 +1,50 @@
+//! From Gaussians to what is drawn over the picture, as a window shows it.
+
+use super::frame::{Outcome, ROUNDS, outcome, time};
+use crate::engine::{Ask, Engine, View};
+use std::collections::BTreeMap;
+use surgtpgs_core::{Result, camera::Camera, overlay::OverlayStyle};
+use surgtpgs_render::{Mark, Marking, Wanted};
+
+/// The engine's prompts over every frame, with what comes back; on a GPU each pass by itself, too.
+pub(super) fn rows(engine: &mut Engine, cameras: &[(f32, Camera)]) -> Result<Vec<Outcome>> {
+    // One prompt, as a user asks.
+    let words: Vec<String> = engine.queries().iter().take(1).map(|q| q.prompt.clone()).collect();
+    engine.set_prompts(&words)?;
+    let marks = [Mark { threshold: engine.settings().threshold, colour: [0, 200, 80] }];
+    let marking = Marking { marks: &marks, style: OverlayStyle::Outline, opacity: 1.0, base: None };
+    let views: Vec<View> =
+        cameras.iter().map(|&(time, camera)| View { time, camera, recorded: true }).collect();
+    let ask = Ask::Now(Some(marking));
+    let ways = [
+        ("as a window shows it: pictures, depth, scores", Wanted { pictures: true, values: true }),
+        ("the marked picture alone", Wanted { pictures: true, values: false }),
+        ("what was found alone, in numbers", Wanted::default()),
+    ];
+    let mut rows = Vec::new();
+    for (way, wanted) in ways {
+        let ms = time(&views, ROUNDS, |view| engine.show(view, ask, wanted).map(drop))?;
+        rows.push(outcome("shown", format!("from Gaussians to {way}"), ms));
+    }
+    let still = &views[..1];
+    let ms = time(still, 20, |view| engine.show(view, ask, Wanted::default()).map(drop))?;
+    rows.push(outcome("shown", "a view that was there, asked again", ms));
+    rows.extend(pass_rows(engine, &views, ask)?);
+    Ok(rows)
+}
+
+/// Time of each pass on the device.
+fn pass_rows(engine: &mut Engine, views: &[View], ask: Ask<'_>) -> Result<Vec<Outcome>> {
+    if !engine.gpu().is_some_and(|gpu| gpu.time_passes()) {
+        return Ok(Vec::new());
+    }
+    let mut ms: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
+    for view in views {
+        engine.show(view, ask, Wanted::default())?;
+        let times = engine.gpu().map(|gpu| gpu.pass_times_ms()).transpose()?;
+        for (pass, time) in times.into_iter().flatten() {
+            ms.entry(pass).or_default().push(time);
+        }
+    }
+    Ok(ms.into_iter().map(|(pass, ms)| outcome(pass, "by the device's own clock", ms)).collect())
+}
