@@ -274,19 +274,21 @@ fn relevancy_rows(engine: &Engine, scene: &Scene, cameras: &[(f32, Camera)]) -> 
     let Some(codec) = scene.codec.clone() else { return Ok(Vec::new()) };
     let (queries, settings) = (engine.queries().to_vec(), engine.settings().clone());
     let mut renderer = CpuRenderer::default();
-    let images: Vec<Images> =
+    let mut images: Vec<Images> =
         cameras.iter().map(|(t, camera)| renderer.render(scene, camera, *t, true)).collect::<Result<_>>()?;
+    images.iter_mut().for_each(|images| blank_outside(images, scene));
     let ask = Asked { images: &images, queries: &queries, settings: &settings };
     let (truth, ms) = ask.of(&mut Exact::new(codec.clone()));
     let mut rows = vec![with_errors(outcome("relevancy", "exact: every pixel decoded", ms), &truth, &truth)];
     let (scores, ms) = ask.of(&mut Folded::new(codec.clone()));
     rows.push(with_errors(outcome("relevancy", "folded", ms), &scores, &truth));
-    for (way, tolerance) in [("", 0.3), (", 4 × the error bound", 1.2), (", 16 × the error bound", 4.8)] {
-        let Some(mut lattice) = Lattice::with_tolerance(&codec, tolerance / 255.0) else { break };
+    for (way, factor) in [("", 1.0), (", 4 × the error bound", 4.0), (", 16 × the error bound", 16.0)] {
+        let tolerance = factor * Lattice::TOLERANCE;
+        let Some(mut lattice) = Lattice::with_tolerance(&codec, tolerance) else { break };
         let (_, first) = ask.of(&mut lattice);
         // What one prompt has cut the others tabulate in their next round.
-        ask.of(&mut lattice);
-        let (scores, known) = ask.of(&mut lattice);
+        let (scores, _) = ask.of(&mut lattice);
+        let known = ask.timed(&mut lattice);
         let report = lattice.report();
         rows.push(outcome("relevancy", format!("lattice{way}: cells made"), first));
         let way =
@@ -297,8 +299,8 @@ fn relevancy_rows(engine: &Engine, scene: &Scene, cameras: &[(f32, Camera)]) -> 
         rows.extend(prompt_rows(&ask, &mut lattice));
         let rounded: Vec<Images> = images.iter().map(in_half_precision).collect();
         let ask = Asked { images: &rounded, ..ask };
-        ask.of(&mut lattice);
-        let (scores, ms) = ask.of(&mut lattice);
+        let (scores, _) = ask.of(&mut lattice);
+        let ms = ask.timed(&mut lattice);
         rows.push(with_errors(outcome("relevancy", "lattice, features in f16", ms), &scores, &truth));
     }
     rows.push(drawing(&images, &truth));
@@ -319,6 +321,7 @@ fn half_features(
     for (t, camera) in cameras {
         let mut images = Images::default();
         renderer.render_into(scene, camera, *t, &mut images)?;
+        blank_outside(&mut images, scene);
         rendered.push(images);
     }
     let Some(codec) = scene.codec.clone() else { return Ok(outcome("frame", "no features", ms)) };
@@ -350,6 +353,27 @@ impl Asked<'_> {
         }
         (scores, ms)
     }
+
+    /// The time for each frame and prompt where scores are let go again, so that their memory is used again.
+    fn timed(&self, rung: &mut dyn Relevancy) -> Vec<f64> {
+        let mut ms = Vec::new();
+        for query in self.queries.chunks(1) {
+            for images in self.images {
+                let started = Instant::now();
+                drop(rung.score(images, query, self.settings));
+                ms.push(started.elapsed().as_secs_f64() * 1e3);
+            }
+        }
+        ms
+    }
+}
+
+/// Empties what is outside the field of view, as in every recorded view.
+fn blank_outside(images: &mut Images, scene: &Scene) {
+    let inside = scene.field_of_view.sampled(images.width, images.height).data;
+    for plane in images.planes.chunks_exact_mut(inside.len().max(1)) {
+        plane.iter_mut().zip(&inside).filter(|(_, inside)| !**inside).for_each(|(v, _)| *v = 0.0);
+    }
 }
 
 /// A prompt that was never asked, and all prompts at once.
@@ -362,8 +386,12 @@ fn prompt_rows(ask: &Asked<'_>, lattice: &mut Lattice) -> Vec<Outcome> {
         fresh.push(started.elapsed().as_secs_f64() * 1e3);
         ask.images.iter().for_each(|images| drop(lattice.score(images, query, ask.settings)));
     }
-    let fresh = if fresh.len() > 1 { fresh[1..].to_vec() } else { fresh };
-    let mut rows = vec![outcome("relevancy", "lattice, the first frame of another prompt", fresh)];
+    let mut rows = Vec::new();
+    if let [_, others @ ..] = &fresh[..]
+        && !others.is_empty()
+    {
+        rows.push(outcome("relevancy", "lattice, the first frame of another prompt", others.to_vec()));
+    }
     let together: Vec<f64> = ask
         .images
         .iter()

@@ -17,14 +17,14 @@ pub(super) fn rows(engine: &mut Engine, cameras: &[(f32, Camera)]) -> Result<Vec
         cameras.iter().map(|&(time, camera)| View { time, camera, recorded: true }).collect();
     let ask = Ask::Now(Some(marking));
     let ways = [
-        ("as a window shows it: pictures, depth, scores", Wanted { pictures: true, values: true }),
-        ("the marked picture alone", Wanted { pictures: true, values: false }),
-        ("what was found alone, in numbers", Wanted::default()),
+        ("Gaussians to pictures, depth and scores", Wanted { pictures: true, values: true }),
+        ("Gaussians to the picture with its outline", Wanted { pictures: true, values: false }),
+        ("Gaussians to what was found, in numbers", Wanted::default()),
     ];
     let mut rows = Vec::new();
     for (way, wanted) in ways {
         let ms = time(&views, ROUNDS, |view| engine.show(view, ask, wanted).map(drop))?;
-        rows.push(outcome("shown", format!("from Gaussians to {way}"), ms));
+        rows.push(outcome("shown", format!("from {way}"), ms));
     }
     let still = &views[..1];
     let ms = time(still, 20, |view| engine.show(view, ask, Wanted::default()).map(drop))?;
