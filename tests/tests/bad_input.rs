@@ -180,7 +180,7 @@ fn usage_errors_are_code_2_and_help_is_not_an_error() {
         &["fly"][..],
         &["query", "s"],
         &["train", "s"],
-        &["export", "s", "--prompt", "x", "-o", "o", "--format", "gif"],
+        &["export", "s", "--prompt", "x", "-o", "o", "--format", "mpeg"],
         &["query", "s", "--prompt", "x", "--threshold", "7"],
         &["render", "s", "-o", "o", "--frames", "a..b"],
     ] {

@@ -243,6 +243,32 @@ fn export_masks_frames_resumes_and_never_overwrites_silently() {
 }
 
 #[test]
+fn one_export_writes_every_format_and_they_agree() {
+    let flow = flow();
+    let formats = "cutout,overlay,binary,index,outline,score,npy,video,gif,sheet,csv,json,coco,nrrd";
+    let prompts = ["--prompt", "liver", "spaceship", "--json"];
+    let export = ["export", "scene.safetensors", "-o", "everything", "--format", formats];
+    let report = flow.run(&[&export[..], &prompts].concat()).ok().json();
+    // Seven formats of a frame, four of them for each of two prompts, and seven of all frames.
+    assert_eq!(report["files"], (4 * 2 + 3) * Flow::FRAMES + 7);
+    let series = |name: &str| flow.path().join("everything").join(name);
+    let csv = std::fs::read_to_string(series("csv/frames_000000-000009.csv")).unwrap();
+    let coco = std::fs::read(series("coco/frames_000000-000009.json")).unwrap();
+    let coco: Value = serde_json::from_slice(&coco).unwrap();
+    let asked = flow.run(&[&["query", "scene.safetensors"][..], &prompts].concat()).ok().json();
+    for frame in 0..Flow::FRAMES {
+        let area = asked["prompts"][0]["frames"][frame]["area_px"].as_u64().unwrap();
+        let row = csv.lines().nth(1 + 2 * frame).unwrap();
+        assert!(row.starts_with(&format!("{frame},")) && row.contains(&format!(",liver,{area},")), "{row}");
+        // Nothing is annotated where nothing was found.
+        assert_eq!(coco["annotations"][frame]["area"], area);
+    }
+    assert_eq!(coco["annotations"].as_array().unwrap().len(), Flow::FRAMES);
+    let video = series("video/frames_000000-000009.mp4").display().to_string();
+    assert_eq!(flow.run(&["check", &video, "--json"]).json()["frames"], Flow::FRAMES);
+}
+
+#[test]
 fn reconstruction_stands_in_where_the_recording_is_gone() {
     let elsewhere = tempfile::tempdir().unwrap();
     let scene = flow().at("scene.safetensors");

@@ -5,7 +5,10 @@ mod bench;
 pub use bench::{BenchArgs, BenchFrameArgs, BenchStepArgs, BenchStressArgs, BenchTrainArgs, BenchVerb};
 
 use crate::engine::{Backend, EncoderChoice, EngineOptions};
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{
+    Args, Parser, Subcommand, ValueEnum,
+    builder::{PossibleValue, PossibleValuesParser, TypedValueParser},
+};
 use std::path::PathBuf;
 use surgtpgs_core::{
     export::{Format, Source},
@@ -311,9 +314,9 @@ pub struct ExportArgs {
     /// Folder to write
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
-    /// Files to write per frame
-    #[arg(long, value_enum, value_delimiter = ',', default_value = "cutout,overlay")]
-    pub format: Vec<FormatArg>,
+    /// Files to write
+    #[arg(long, value_parser = format_parser(), value_delimiter = ',', default_value = "cutout,overlay")]
+    pub format: Vec<Format>,
     /// Frames, e.g. 12 or 10..20 (the end is not included)
     #[arg(long, value_name = "A..B", value_parser = frame_range)]
     pub frames: Option<FrameRange>,
@@ -329,13 +332,13 @@ pub struct ExportArgs {
     /// Let prompts share pixels (the default)
     #[arg(long)]
     pub overlapping: bool,
-    /// How overlays are drawn
+    /// How overlays, videos and sheets are drawn
     #[arg(long, value_enum, default_value_t = StyleArg::Outline)]
     pub style: StyleArg,
     /// Opacity of fills and heatmaps in overlays
     #[arg(long, default_value_t = 0.35, value_parser = unit_number)]
     pub opacity: f32,
-    /// Leave the research-use stamp out of overlays; the record says so
+    /// Leave the research-use stamp out of overlays, outlines and videos; the record says so
     #[arg(long)]
     pub no_stamp: bool,
     /// Overwrite what is there
@@ -349,28 +352,12 @@ pub struct ExportArgs {
     pub json: bool,
 }
 
-/// Files of an export.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum FormatArg {
-    /// RGBA per prompt, what is not found cut away
-    Cutout,
-    /// The frame with all prompts drawn over it
-    Overlay,
-    /// 0/255 per prompt
-    Binary,
-    /// Label ids, named in labels.json
-    Index,
-}
-
-impl From<FormatArg> for Format {
-    fn from(arg: FormatArg) -> Self {
-        match arg {
-            FormatArg::Cutout => Self::Cutout,
-            FormatArg::Overlay => Self::Overlay,
-            FormatArg::Binary => Self::Binary,
-            FormatArg::Index => Self::Index,
-        }
-    }
+/// Reads the name of a format; the names and their explanations are the formats' own.
+fn format_parser() -> impl TypedValueParser<Value = Format> {
+    let value = |format: Format| PossibleValue::new(format.name()).help(format.about());
+    PossibleValuesParser::new(Format::ALL.map(value)).try_map(|name| {
+        Format::ALL.into_iter().find(|f| f.name() == name).ok_or_else(|| format!("there is no format {name}"))
+    })
 }
 
 /// Pictures that an export masks.
@@ -504,6 +491,18 @@ mod tests {
         assert_eq!(frames("..99").unwrap().len(), 5);
         assert!(frames("5..9").unwrap_err().contains("counted from 0"));
         assert!(frame_range("a..b").is_err() && frame_range("").is_err() && frame_range("-1").is_err());
+    }
+
+    #[test]
+    fn every_format_has_a_name_on_the_command_line() {
+        for format in Format::ALL {
+            let line =
+                ["surgtpgs", "export", "s", "--prompt", "liver", "-o", "out", "--format", format.name()];
+            let Some(Verb::Export(args)) = Cli::parse_from(line).verb else { panic!("not an export") };
+            assert_eq!(args.format, [format]);
+        }
+        let wrong = ["surgtpgs", "export", "s", "--prompt", "liver", "-o", "out", "--format", "mpeg"];
+        assert!(Cli::try_parse_from(wrong).unwrap_err().to_string().contains("sheet"));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use crate::{Error, Result};
 use std::{
-    io::Write,
+    io::{Seek, SeekFrom, Write},
     path::{Path, PathBuf},
 };
 
@@ -17,18 +17,66 @@ pub fn write_whole_with(
     path: &Path,
     write: impl FnOnce(&mut std::fs::File) -> std::io::Result<()>,
 ) -> Result<()> {
-    let fail = |e| Error::io("write the file", path, e);
-    let folder: PathBuf = match path.parent() {
-        Some(p) if !p.as_os_str().is_empty() => p.to_owned(),
-        _ => PathBuf::from("."),
-    };
-    std::fs::create_dir_all(&folder).map_err(fail)?;
-    let mut temporary = tempfile::Builder::new().prefix(".part-").tempfile_in(&folder).map_err(fail)?;
-    write(temporary.as_file_mut()).map_err(fail)?;
-    temporary.as_file().sync_all().map_err(fail)?;
-    set_default_permissions(&temporary).map_err(fail)?;
-    temporary.persist(path).map_err(|e| fail(e.error))?;
-    Ok(())
+    let mut file = WholeFile::create(path)?;
+    write(file.temporary.as_file_mut()).map_err(|e| Error::io("write the file", path, e))?;
+    file.commit()
+}
+
+/// A file that is written bit by bit and appears whole at [`WholeFile::commit`]; dropped before, it leaves no trace.
+#[derive(Debug)]
+pub struct WholeFile {
+    temporary: tempfile::NamedTempFile,
+    path: PathBuf,
+}
+
+impl WholeFile {
+    /// Begins the file at `path`; missing parent folders are created.
+    pub fn create(path: &Path) -> Result<Self> {
+        let fail = |e| Error::io("write the file", path, e);
+        let folder: PathBuf = match path.parent() {
+            Some(p) if !p.as_os_str().is_empty() => p.to_owned(),
+            _ => PathBuf::from("."),
+        };
+        std::fs::create_dir_all(&folder).map_err(fail)?;
+        let temporary = tempfile::Builder::new().prefix(".part-").tempfile_in(&folder).map_err(fail)?;
+        Ok(Self { temporary, path: path.to_owned() })
+    }
+
+    /// Where the file will be.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Where what was written so far is.
+    pub fn temporary_path(&self) -> &Path {
+        self.temporary.path()
+    }
+
+    /// Puts the file in its place, over what is there.
+    pub fn commit(self) -> Result<()> {
+        let Self { temporary, path } = self;
+        let fail = |e| Error::io("write the file", &path, e);
+        temporary.as_file().sync_all().map_err(fail)?;
+        set_default_permissions(&temporary).map_err(fail)?;
+        temporary.persist(&path).map_err(|e| fail(e.error))?;
+        Ok(())
+    }
+}
+
+impl Write for WholeFile {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.temporary.write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.temporary.flush()
+    }
+}
+
+impl Seek for WholeFile {
+    fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
+        self.temporary.seek(to)
+    }
 }
 
 /// Temporary files are private to their owner; results get the usual permissions.

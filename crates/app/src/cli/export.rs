@@ -11,7 +11,7 @@ use crate::{
 };
 use surgtpgs_core::{
     Error, Result,
-    export::{ExportOptions, Format},
+    export::{ExportOptions, num_files},
 };
 
 pub(super) fn run(args: &ExportArgs) -> Result<Exit> {
@@ -28,9 +28,10 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit> {
         frames,
     };
     say(&format!(
-        "exporting {} frames, {} prompts to {}",
+        "exporting {} frames, {} prompts, {} files to {}",
         request.frames.len(),
         request.prompts.len(),
+        num_files(&request.options.formats, request.frames.len(), request.prompts.len()),
         args.output.display()
     ));
     console::watch_interrupts();
@@ -57,11 +58,8 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit> {
 }
 
 fn export_options(args: &ExportArgs) -> ExportOptions {
-    let mut formats: Vec<Format> = args.format.iter().map(|&f| f.into()).collect();
-    formats.sort_unstable();
-    formats.dedup();
     ExportOptions {
-        formats,
+        formats: args.format.clone(),
         source: args.source.into(),
         exclusive: args.exclusive,
         stamp: !args.no_stamp,

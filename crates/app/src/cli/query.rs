@@ -10,7 +10,7 @@ use crate::{
     engine::Engine,
 };
 use std::path::{Path, PathBuf};
-use surgtpgs_core::{Result, export::slugs, files::write_whole};
+use surgtpgs_core::{Result, export::slugs, files::write_whole, mask::Region};
 
 /// The JSON report; its keys are a contract.
 #[derive(serde::Serialize)]
@@ -101,13 +101,13 @@ pub(super) fn query(engine: &mut Engine, frames: &[usize]) -> Result<Report> {
         let scores = engine.scores(&images, &at)?;
         let masks = engine.masks(&scores);
         for ((prompt, scores), mask) in prompts.iter_mut().zip(&scores).zip(&masks) {
-            let area_px = mask.count();
+            let region = Region::of(scores, mask);
             prompt.frames.push(FrameReport {
                 frame,
-                found: area_px > 0,
-                area_px,
-                area_fraction: area_px as f64 / mask.data.len().max(1) as f64,
-                max_score: scores.data.iter().copied().fold(0.0, f32::max),
+                found: region.area_px > 0,
+                area_px: region.area_px,
+                area_fraction: region.area_fraction,
+                max_score: region.max_score,
             });
         }
         view.count("asking", done + 1, frames.len());

@@ -12,16 +12,56 @@ use egui::{Context, DragValue, ProgressBar, RichText, Ui};
 use std::{path::PathBuf, sync::Arc};
 use surgtpgs_core::export::Format;
 
-/// Formats with what they are called and what they are.
-const FORMATS: [(Format, &str, &str); 4] = [
+/// What a format is called and what it is.
+type Choice = (Format, &'static str, &'static str);
+
+/// The formats in groups, as they are offered.
+const GROUPS: [(&str, &[Choice]); 3] = [
     (
-        Format::Overlay,
-        "Overlay pictures",
-        "the frame with what was found drawn over it, marked for research use",
+        "A picture of every frame",
+        &[
+            (
+                Format::Overlay,
+                "Overlay pictures",
+                "The frame with what was found drawn over it, marked for research use",
+            ),
+            (Format::Cutout, "Cut-outs", "Only what was found, the rest transparent"),
+            (Format::Binary, "Masks", "One per prompt, white where found"),
+            (Format::Index, "Label pictures", "One number per prompt, named in labels.json"),
+            (Format::Outline, "Outlines", "The borders as lines that can be scaled and recoloured (SVG)"),
+        ],
     ),
-    (Format::Cutout, "Cut-outs", "only what was found, the rest transparent"),
-    (Format::Binary, "Masks", "one per prompt, white where found"),
-    (Format::Index, "Label pictures", "one number per prompt, named in labels.json"),
+    (
+        "To show",
+        &[
+            (Format::Video, "Video", "The overlay pictures as a film that plays everywhere (mp4)"),
+            (Format::Gif, "Moving picture", "A small film for slides (GIF)"),
+            (Format::Sheet, "Contact sheet", "Up to 24 frames side by side on one picture"),
+        ],
+    ),
+    (
+        "To measure and to compute with",
+        &[
+            (
+                Format::Csv,
+                "Table",
+                "How much of each frame every prompt covers, where, and how far it moved, for a spreadsheet (CSV)",
+            ),
+            (Format::Json, "Table (JSON)", "The same for programs"),
+            (
+                Format::Nrrd,
+                "3D Slicer segmentation",
+                "One volume of all frames with names and colours (.seg.nrrd)",
+            ),
+            (
+                Format::Coco,
+                "COCO annotations",
+                "Masks as most programs that learn from pictures read them (JSON)",
+            ),
+            (Format::Score, "Score pictures", "The similarity score as grey, 16 bits"),
+            (Format::Npy, "Score arrays", "The similarity score as numbers (NumPy)"),
+        ],
+    ),
 ];
 
 /// The dialog, from the question to the result.
@@ -147,8 +187,8 @@ fn asking_ui(ui: &mut Ui, dialog: &mut ExportDialog, backend: Arc<dyn Backend>) 
     ui.add_space(10.0);
     let is_ready = !dialog.request.formats.is_empty() && !dialog.request.prompts.is_empty();
     let count = if is_ready { dialog.request.num_files() } else { 0 };
-    ui.label(RichText::new(format!("{} pictures will be written", thousands(count))).strong());
-    ui.label(caption("PNG files. A provenance.json beside them says how they were made."));
+    ui.label(RichText::new(format!("{} files will be written", thousands(count))).strong());
+    ui.label(caption("A provenance.json beside them says how they were made."));
     ui.horizontal(|ui| {
         if ui.add_enabled(is_ready, main_button("Start export")).clicked() {
             dialog.start(backend, &ui.ctx().clone());
@@ -159,17 +199,20 @@ fn asking_ui(ui: &mut Ui, dialog: &mut ExportDialog, backend: Arc<dyn Backend>) 
 }
 
 fn formats_ui(ui: &mut Ui, request: &mut ExportRequest) {
-    for (format, label, explanation) in FORMATS {
-        let mut is_on = request.formats.contains(&format);
-        ui.horizontal(|ui| {
-            if ui.checkbox(&mut is_on, label).changed() {
-                request.formats.retain(|f| *f != format);
-                if is_on {
-                    request.formats.push(format);
+    for (group, choices) in GROUPS {
+        ui.label(caption(group));
+        ui.horizontal_wrapped(|ui| {
+            for &(format, label, explanation) in choices {
+                let mut is_on = request.formats.contains(&format);
+                if ui.checkbox(&mut is_on, label).on_hover_text(explanation).changed() {
+                    request.formats.retain(|f| *f != format);
+                    if is_on {
+                        request.formats.push(format);
+                    }
                 }
             }
-            ui.label(caption(explanation));
         });
+        ui.add_space(4.0);
     }
 }
 
@@ -214,9 +257,9 @@ fn running_ui(ui: &mut Ui, job: &Job<ExportSummary>) -> bool {
 fn finished_ui(ui: &mut Ui, summary: &ExportSummary) -> bool {
     let files = thousands(summary.num_files);
     if summary.is_complete {
-        ui.label(format!("{files} pictures are in"));
+        ui.label(format!("{files} files are in"));
     } else {
-        let text = format!("Stopped. The {files} pictures that were finished are complete, in");
+        let text = format!("Stopped. The {files} files that were finished are complete, in");
         ui.label(RichText::new(text).color(theme::AMBER));
     }
     ui.label(RichText::new(summary.folder.display().to_string()).color(theme::TEXT_WEAK));

@@ -15,6 +15,8 @@ mod command;
 mod document;
 mod engine_source;
 mod export_dialog;
+#[cfg(test)]
+mod export_tests;
 mod help;
 mod histogram;
 mod jobs;

@@ -5,7 +5,13 @@
 use super::{jobs::JobContext, orbit::Orbit};
 use image::RgbImage;
 use std::path::{Path, PathBuf};
-use surgtpgs_core::{Result, export::Format, grid::Grid, overlay::OverlayStyle, raster::FrameClock};
+use surgtpgs_core::{
+    Result,
+    export::{Format, num_files},
+    grid::Grid,
+    overlay::OverlayStyle,
+    raster::FrameClock,
+};
 
 /// What is known about a scene or a recording as soon as it is open.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -113,11 +119,10 @@ pub(crate) struct ExportRequest {
 }
 
 impl ExportRequest {
-    /// How many pictures it will write; a record and the names of labels come on top.
+    /// How many files it will write; a record and the names of labels come on top.
     pub(crate) fn num_files(&self) -> usize {
         let frames = (self.frames.1 + 1).saturating_sub(self.frames.0);
-        let per_frame = |f: &Format| if f.is_per_prompt() { self.prompts.len() } else { 1 };
-        frames * self.formats.iter().map(per_frame).sum::<usize>()
+        num_files(&self.formats, frames, self.prompts.len())
     }
 }
 

@@ -456,17 +456,17 @@ fn the_export_says_how_many_files_before_it_starts() {
     window.press_with(Modifiers::COMMAND, Key::E);
     window.harness.step();
     // 48 overlays, 48 masks for each of 2 prompts
-    assert!(window.shows("144 pictures will be written"));
+    assert!(window.shows("144 files will be written"));
     assert!(window.backend.exported.lock().unwrap().is_empty());
     window.click("Start export");
     window.until(|app| app.export.is_some());
     for _ in 0..20_000 {
-        if window.shows("144 pictures are in") {
+        if window.shows("144 files are in") {
             break;
         }
         window.harness.step();
     }
-    assert!(window.shows("144 pictures are in"));
+    assert!(window.shows("144 files are in"));
     assert_eq!(window.backend.exported.lock().unwrap()[0].prompts.len(), 2);
 }
 

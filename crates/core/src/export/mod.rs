@@ -1,4 +1,4 @@
-//! Masked frames on disk: cut-outs, overlays, binary masks and label images, with a record of how they were made.
+//! Masked frames on disk, as pictures, data and video, with a record of how they were made.
 //!
 //! An export is driven frame by frame, so that a window or a command line can show progress and stop at any point:
 //!
@@ -6,22 +6,27 @@
 //! Export::begin ─▶ next_frame ─▶ (the caller renders and scores it) ─▶ write ─▶ … ─▶ finish ─▶ provenance.json
 //! ```
 //!
-//! Files are written whole. Beginning again in the same folder with the same request goes on where it stopped;
-//! a file that is not this export's own is never overwritten unless that is asked for.
+//! Files are written whole. Beginning again in the same folder with the same request goes on where it stopped: files of
+//! single frames that are there stay, those about all frames are made anew unless they are finished. A file that is not
+//! this export's own is never overwritten unless that is asked for.
 
+mod frame;
+mod options;
+mod outline;
 mod pictures;
 mod provenance;
+mod series;
 mod stamp;
 
+pub use options::{ExportOptions, ExportPrompt, Format, Source, num_files};
 pub use provenance::{ExportedFile, FILE_NAME as PROVENANCE_FILE, Provenance, file_sha256, intended_use};
 
 use crate::{
     Error, Result,
-    files::write_whole,
-    grid::{Grid, Mask},
-    mask,
-    overlay::OverlayStyle,
+    files::{WholeFile, write_whole},
+    grid::Grid,
 };
+use frame::FrameContent;
 use image::RgbImage;
 use provenance::Record;
 use rayon::prelude::*;
@@ -30,93 +35,7 @@ use std::path::{Path, PathBuf};
 /// Finished frames between two updates of the record; one more is written at the end and after a failure.
 const RECORD_EVERY: usize = 32;
 
-/// What is written per frame; each format has its own folder.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Format {
-    /// RGBA PNG per prompt, straight alpha 0 or 255; what is cut away is black.
-    Cutout,
-    /// RGB PNG of the frame with all prompts drawn over it, and the research-use stamp.
-    Overlay,
-    /// 8-bit grey PNG per prompt: 255 where found, else 0.
-    Binary,
-    /// 8-bit grey PNG of label ids, 0 = nothing; `labels.json` names them. A pixel has the best prompt's id.
-    Index,
-}
-
-impl Format {
-    /// The format's folder inside the export.
-    pub fn folder(self) -> &'static str {
-        match self {
-            Self::Cutout => "cutout",
-            Self::Overlay => "overlay",
-            Self::Binary => "binary",
-            Self::Index => "index",
-        }
-    }
-
-    /// Whether there is one file per prompt, not one per frame.
-    pub fn is_per_prompt(self) -> bool {
-        matches!(self, Self::Cutout | Self::Binary)
-    }
-}
-
-/// Which pictures the masks are applied to.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Source {
-    /// The recorded frames.
-    #[default]
-    Original,
-    /// The frames as the scene renders them.
-    Reconstruction,
-}
-
-/// What to write.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct ExportOptions {
-    /// What is written per frame.
-    pub formats: Vec<Format>,
-    /// Which pictures the masks are applied to; for the record, the caller hands them over.
-    pub source: Source,
-    /// Whether a pixel belongs to at most one prompt (the one with the best score).
-    pub exclusive: bool,
-    /// Whether overlays say "research use only".
-    pub stamp: bool,
-    /// How overlays are drawn.
-    pub style: OverlayStyle,
-    /// Opacity of fills and heatmaps in overlays, 0–1.
-    pub opacity: f32,
-}
-
-impl Default for ExportOptions {
-    fn default() -> Self {
-        Self {
-            formats: vec![Format::Cutout, Format::Overlay],
-            source: Source::Original,
-            exclusive: false,
-            stamp: true,
-            style: OverlayStyle::Outline,
-            opacity: 0.35,
-        }
-    }
-}
-
-/// One prompt of an export.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct ExportPrompt {
-    /// The words as typed.
-    pub text: String,
-    /// Score above which a pixel is found.
-    pub threshold: f32,
-    /// Colour in overlays and `labels.json` (sRGB).
-    pub colour: [u8; 3],
-    /// What the prompt was compared to.
-    pub negatives: Vec<String>,
-}
-
 /// An export under way; see the module's page.
-#[derive(Debug)]
 pub struct Export {
     folder: PathBuf,
     frames: Vec<usize>,
@@ -125,6 +44,18 @@ pub struct Export {
     record: Record,
     unsaved: usize,
     skipped: usize,
+    /// Formats of one file about all frames that are to be made; they want every frame.
+    due: Vec<Format>,
+    /// Their files, from the first frame on.
+    series: Vec<OpenSeries>,
+    /// Columns and rows, from the first frame on.
+    size: Option<(usize, usize)>,
+}
+
+/// A file about all frames in the making.
+struct OpenSeries {
+    name: String,
+    writer: Box<dyn series::Series>,
 }
 
 /// What an export left behind.
@@ -143,9 +74,18 @@ pub struct ExportSummary {
 impl Export {
     /// Starts, or goes on with, the export of `frames` into `folder`.
     ///
-    /// Fails if there are no frames, prompts or formats, more than 255 prompts for label images, or if the folder holds
-    /// files of another export and `overwrite` is false.
-    pub fn begin(folder: &Path, frames: Vec<usize>, provenance: Provenance, overwrite: bool) -> Result<Self> {
+    /// Fails if there are no frames, prompts or formats, if frames are left out in between where a format has one file
+    /// about all of them, if there are more prompts than labels, or if the folder holds files of another export and
+    /// `overwrite` is false.
+    pub fn begin(
+        folder: &Path,
+        frames: Vec<usize>,
+        mut provenance: Provenance,
+        overwrite: bool,
+    ) -> Result<Self> {
+        // However they were asked for, the same formats are the same export.
+        provenance.options.formats.sort_unstable();
+        provenance.options.formats.dedup();
         validate(&frames, &provenance)?;
         let record = match Record::read(folder)? {
             Some(found) if found.provenance == provenance => found,
@@ -162,8 +102,19 @@ impl Export {
                 Record::new(provenance)
             }
         };
-        let mut export =
-            Self { folder: folder.to_owned(), frames, next: 0, overwrite, record, unsaved: 0, skipped: 0 };
+        let mut export = Self {
+            folder: folder.to_owned(),
+            frames,
+            next: 0,
+            overwrite,
+            record,
+            unsaved: 0,
+            skipped: 0,
+            due: Vec::new(),
+            series: Vec::new(),
+            size: None,
+        };
+        export.due = export.unfinished_series()?;
         export.write_labels()?;
         export.save(false)?;
         Ok(export)
@@ -179,10 +130,11 @@ impl Export {
         self.next
     }
 
-    /// The next frame to render and [`Export::write`]; frames whose files are all there are skipped. `None` at the end.
+    /// The next frame to render and [`Export::write`]; frames that nothing more is wanted of are skipped. `None` at the
+    /// end.
     pub fn next_frame(&mut self) -> Option<usize> {
         while let Some(&frame) = self.frames.get(self.next) {
-            if self.overwrite || !self.is_finished(frame) {
+            if self.overwrite || !self.due.is_empty() || !self.is_finished(frame) {
                 return Some(frame);
             }
             self.next += 1;
@@ -192,30 +144,30 @@ impl Export {
     }
 
     /// Writes the files of the frame that [`Export::next_frame`] gave: `picture` and one score image per prompt, all of
-    /// one size. Where it fails, finished files are complete and recorded.
+    /// one size, the same for every frame. Where it fails, finished files are complete and recorded, and the export is
+    /// to be begun again.
     pub fn write(&mut self, picture: &RgbImage, scores: &[Grid<f32>]) -> Result<()> {
         let Some(&frame) = self.frames.get(self.next) else { return Ok(()) };
         self.check_sizes(picture, scores)?;
-        let files = pictures::draw(&self.record.provenance, frame, picture, scores)?;
-        let written: Result<Vec<ExportedFile>> =
-            files.into_par_iter().map(|file| self.write_file(frame, file)).collect();
-        match written {
-            Ok(files) => self.record.add(frame, files),
-            Err(e) => {
-                // The disk may be full: what stopped the export is the error to report, not this one.
-                let _ = self.save(false);
-                return Err(e);
-            }
+        let written = self.write_frame(frame, picture, scores);
+        if let Err(e) = written {
+            self.series.clear();
+            // The disk may be full: what stopped the export is the error to report, not this one.
+            let _ = self.save(false);
+            return Err(e);
         }
         self.next += 1;
         self.unsaved += 1;
         if self.unsaved >= RECORD_EVERY { self.save(false) } else { Ok(()) }
     }
 
-    /// Writes the record; to be called after the last frame and after stopping early.
+    /// Puts the files about all frames in their places if every frame was written, and writes the record; to be called
+    /// after the last frame and after stopping early.
     pub fn finish(mut self) -> Result<ExportSummary> {
         let complete = self.next >= self.frames.len();
-        self.save(complete)?;
+        let closed = if complete { self.close_series() } else { Ok(()) };
+        self.save(complete && closed.is_ok())?;
+        closed?;
         Ok(ExportSummary {
             complete,
             frames: self.frames.len(),
@@ -224,48 +176,103 @@ impl Export {
         })
     }
 
-    fn is_finished(&self, frame: usize) -> bool {
-        let provenance = &self.record.provenance;
-        let expected = pictures::names(provenance, frame);
-        expected.iter().all(|name| {
-            let recorded = self.record.files.iter().find(|f| f.frame == frame && f.name == *name);
-            recorded.is_some_and(|file| {
-                std::fs::read(self.folder.join(name)).is_ok_and(|b| provenance::sha256(&b) == file.sha256)
-            })
-        })
+    fn write_frame(&mut self, frame: usize, picture: &RgbImage, scores: &[Grid<f32>]) -> Result<()> {
+        self.open_series((picture.width() as usize, picture.height() as usize))?;
+        let is_drawn = !self.overwrite && self.is_finished(frame);
+        let content = FrameContent::new(&self.record.provenance, frame, picture, scores);
+        let files = if is_drawn { Vec::new() } else { pictures::draw(&content)? };
+        let (folder, overwrite) = (self.folder.as_path(), self.overwrite);
+        let written: Result<Vec<ExportedFile>> =
+            files.into_par_iter().map(|file| write_file(folder, frame, file, overwrite)).collect();
+        for OpenSeries { name, writer } in &mut self.series {
+            writer.add(&content).map_err(|e| Error::io("write the file", folder.join(name), e))?;
+        }
+        if !is_drawn {
+            self.record.add(frame, written?);
+        }
+        Ok(())
     }
 
-    fn write_file(&self, frame: usize, file: pictures::File) -> Result<ExportedFile> {
-        let path = self.folder.join(&file.name);
-        let sha256 = provenance::sha256(&file.bytes);
-        match std::fs::read(&path) {
-            Ok(there) if there == file.bytes => {}
-            Ok(_) if !self.overwrite => {
-                return Err(Error::input_at(
-                    path,
-                    "a file of the export is there already, with other content",
-                    "It was changed since. Choose an empty folder, or overwrite with `--force`.",
-                ));
-            }
-            _ => write_whole(&path, &file.bytes)?,
+    /// Begins the files that are due, at the first frame.
+    fn open_series(&mut self, size: (usize, usize)) -> Result<()> {
+        if self.size.replace(size).is_some() {
+            return Ok(());
         }
-        Ok(ExportedFile { name: file.name, sha256, frame, prompt: file.prompt })
+        let plan = series::Plan { provenance: &self.record.provenance, frames: &self.frames, size };
+        for &format in &self.due {
+            let name = series::name(format, &self.frames);
+            let path = self.folder.join(&name);
+            let file = WholeFile::create(&path)?;
+            let writer =
+                series::begin(format, file, plan).map_err(|e| Error::io("write the file", path, e))?;
+            self.series.push(OpenSeries { name, writer });
+        }
+        Ok(())
+    }
+
+    fn close_series(&mut self) -> Result<()> {
+        for OpenSeries { name, writer } in std::mem::take(&mut self.series) {
+            let path = self.folder.join(&name);
+            let file = writer.finish().map_err(|e| Error::io("write the file", &path, e))?;
+            let sha256 = file_sha256(file.temporary_path())?;
+            if is_to_be_written(&path, &sha256, self.overwrite)? {
+                file.commit()?;
+            }
+            self.record.add_series(ExportedFile { name, sha256, frame: None, prompt: None });
+        }
+        Ok(())
+    }
+
+    /// Formats of one file about all frames whose file is not there yet.
+    fn unfinished_series(&self) -> Result<Vec<Format>> {
+        let mut due = Vec::new();
+        for &format in self.record.provenance.options.formats.iter().filter(|f| f.is_series()) {
+            let name = series::name(format, &self.frames);
+            let recorded = self.record.files.iter().find(|f| f.name == name);
+            let path = self.folder.join(name);
+            let is_due = match recorded {
+                Some(file) => is_to_be_written(&path, &file.sha256, self.overwrite)?,
+                None => true,
+            };
+            if is_due || self.overwrite {
+                due.push(format);
+            }
+        }
+        Ok(due)
+    }
+
+    fn is_finished(&self, frame: usize) -> bool {
+        let expected = pictures::names(&self.record.provenance, frame);
+        expected.iter().all(|name| {
+            let recorded = self.record.files.iter().find(|f| f.frame == Some(frame) && f.name == *name);
+            recorded.is_some_and(|file| {
+                file_sha256(&self.folder.join(name)).is_ok_and(|there| there == file.sha256)
+            })
+        })
     }
 
     fn check_sizes(&self, picture: &RgbImage, scores: &[Grid<f32>]) -> Result<()> {
         let size = (picture.width() as usize, picture.height() as usize);
         let prompts = self.record.provenance.prompts.len();
+        let fault = |what: String| Err(Error::input(what, "Export at the recording's size."));
         if scores.len() != prompts {
             return Err(Error::input(
                 format!("{} score images for {prompts} prompts", scores.len()),
                 "Ask the scene for the prompts of the export.",
             ));
         }
+        if size.0 * size.1 == 0 {
+            return fault("the picture is empty".into());
+        }
+        if let Some(before) = self.size.filter(|before| *before != size) {
+            let (w, h) = before;
+            return fault(format!("the picture is {}×{}, those before it were {w}×{h}", size.0, size.1));
+        }
         match scores.iter().find(|s| (s.width, s.height) != size) {
             None => Ok(()),
-            Some(s) => Err(Error::input(
-                format!("the picture is {}×{}, its scores are {}×{}", size.0, size.1, s.width, s.height),
-                "Export at the recording's size.",
+            Some(s) => fault(format!(
+                "the picture is {}×{}, its scores are {}×{}",
+                size.0, size.1, s.width, s.height
             )),
         }
     }
@@ -277,7 +284,7 @@ impl Export {
         let label = |(i, p): (usize, &ExportPrompt)| serde_json::json!({ "id": i + 1, "prompt": p.text, "colour": p.colour });
         let labels: Vec<_> = self.record.provenance.prompts.iter().enumerate().map(label).collect();
         let text = provenance::pretty(&serde_json::json!({ "background": 0, "labels": labels }));
-        write_whole(&self.folder.join(Format::Index.folder()).join("labels.json"), text.as_bytes())
+        write_whole(&self.folder.join(Format::Index.name()).join("labels.json"), text.as_bytes())
     }
 
     fn save(&mut self, complete: bool) -> Result<()> {
@@ -306,26 +313,43 @@ fn slug(text: &str) -> String {
     joined.chars().take(40).collect::<String>().trim_end_matches('-').to_owned()
 }
 
-/// One mask per prompt, from its scores and threshold; disjoint if `exclusive`.
-pub fn masks(scores: &[Grid<f32>], prompts: &[ExportPrompt], exclusive: bool) -> Vec<Mask> {
-    if exclusive {
-        let thresholds: Vec<f32> = prompts.iter().map(|p| p.threshold).collect();
-        mask::exclusive(&scores.iter().collect::<Vec<_>>(), &thresholds)
-    } else {
-        scores.iter().zip(prompts).map(|(s, p)| mask::threshold(s, p.threshold)).collect()
+fn write_file(folder: &Path, frame: usize, file: pictures::File, overwrite: bool) -> Result<ExportedFile> {
+    let path = folder.join(&file.name);
+    let sha256 = provenance::sha256(&file.bytes);
+    if is_to_be_written(&path, &sha256, overwrite)? {
+        write_whole(&path, &file.bytes)?;
+    }
+    Ok(ExportedFile { name: file.name, sha256, frame: Some(frame), prompt: file.prompt })
+}
+
+/// Whether a file of the export with this hash is not there yet; an error if another one is in its place and must stay.
+fn is_to_be_written(path: &Path, sha256: &str, overwrite: bool) -> Result<bool> {
+    match file_sha256(path) {
+        Ok(there) if there == sha256 => Ok(false),
+        Ok(_) if !overwrite => Err(Error::input_at(
+            path,
+            "a file of the export is there already, with other content",
+            "It was changed since. Choose an empty folder, or overwrite with `--force`.",
+        )),
+        _ => Ok(true),
     }
 }
 
 fn validate(frames: &[usize], provenance: &Provenance) -> Result<()> {
     let prompts = provenance.prompts.len();
+    let formats = &provenance.options.formats;
+    let has_labels = formats.iter().any(|f| matches!(f, Format::Index | Format::Nrrd));
+    let has_gaps = frames.windows(2).any(|pair| pair[0] + 1 != pair[1]);
     let fault = if frames.is_empty() {
         Some(("there is no frame to export", "Give a range inside the recording."))
     } else if prompts == 0 {
         Some(("there is no prompt to export", "Give at least one."))
-    } else if provenance.options.formats.is_empty() {
-        Some(("no format was chosen", "Choose cutout, overlay, binary or index."))
-    } else if prompts > 255 && provenance.options.formats.contains(&Format::Index) {
-        Some(("label images can name at most 255 prompts", "Export fewer at a time."))
+    } else if formats.is_empty() {
+        Some(("no format was chosen", "Choose cutout, overlay, binary, index or another one."))
+    } else if prompts > 255 && has_labels {
+        Some(("label images and volumes can name at most 255 prompts", "Export fewer at a time."))
+    } else if has_gaps && formats.iter().any(|f| f.is_series()) {
+        Some(("a file about all frames needs them in one piece", "Give a range without gaps."))
     } else {
         None
     };
@@ -339,7 +363,10 @@ fn refuse_foreign_files(
     frames: &[usize],
     overwrite: bool,
 ) -> Result<()> {
-    let mut planned = frames.iter().flat_map(|&f| pictures::names(provenance, f));
+    let of_all = provenance.options.formats.iter().filter(|f| f.is_series());
+    let mut planned = of_all
+        .map(|&format| series::name(format, frames))
+        .chain(frames.iter().flat_map(|&f| pictures::names(provenance, f)));
     match planned.find(|name| !overwrite && folder.join(name).exists()) {
         None => Ok(()),
         Some(name) => Err(Error::input_at(

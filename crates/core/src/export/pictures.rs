@@ -1,12 +1,12 @@
-//! The pixels of each format.
+//! The files of a single frame.
 
-use super::{Format, Provenance, masks, slugs, stamp};
+use super::{Format, Provenance, frame::FrameContent, outline, slugs};
 use crate::{
     Error, Result,
     grid::{Grid, Mask},
-    overlay::{OverlayPrompt, overlay},
 };
-use image::{DynamicImage, GrayImage, ImageFormat, Luma, RgbImage, Rgba, RgbaImage};
+use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, Luma, RgbImage, Rgba, RgbaImage};
+use ndarray_npy::WriteNpyExt;
 use rayon::prelude::*;
 
 /// A file before it is written.
@@ -15,7 +15,6 @@ pub(super) struct File {
     pub(super) name: String,
     /// The prompt it is about; `None` where it shows all of them.
     pub(super) prompt: Option<String>,
-    /// A PNG.
     pub(super) bytes: Vec<u8>,
 }
 
@@ -32,7 +31,7 @@ fn parts(provenance: &Provenance) -> Vec<Part> {
             vec![(format, None)]
         }
     };
-    provenance.options.formats.iter().flat_map(of_format).collect()
+    provenance.options.formats.iter().filter(|f| !f.is_series()).flat_map(of_format).collect()
 }
 
 /// Paths of the files of a frame inside the export.
@@ -42,32 +41,28 @@ pub(super) fn names(provenance: &Provenance, frame: usize) -> Vec<String> {
 }
 
 fn name((format, prompt): Part, frame: usize, slugs: &[String]) -> String {
-    match prompt {
-        Some(p) => format!("{}/frame_{frame:06}_{}.png", format.folder(), slugs[p]),
-        None => format!("{}/frame_{frame:06}.png", format.folder()),
-    }
+    let prompt = prompt.map_or(String::new(), |p| format!("_{}", slugs[p]));
+    format!("{}/frame_{frame:06}{prompt}.{}", format.name(), format.extension())
 }
 
-/// Draws and encodes every file of a frame; `picture` and `scores` (one per prompt) have one size.
-pub(super) fn draw(
-    provenance: &Provenance,
-    frame: usize,
-    picture: &RgbImage,
-    scores: &[Grid<f32>],
-) -> Result<Vec<File>> {
+/// Draws and encodes every file of a frame.
+pub(super) fn draw(frame: &FrameContent<'_>) -> Result<Vec<File>> {
+    let provenance = frame.provenance;
     let slugs = slugs(provenance.prompts.iter().map(|p| p.text.as_str()));
-    let masks = masks(scores, &provenance.prompts, provenance.options.exclusive);
     let draw_one = |part: Part| -> Result<File> {
-        let drawn: DynamicImage = match part {
-            (Format::Cutout, Some(p)) => cutout(picture, &masks[p]).into(),
-            (Format::Binary, Some(p)) => binary(&masks[p]).into(),
-            (Format::Index, _) => index(provenance, scores).into(),
-            _ => draw_overlay(provenance, picture, scores, &masks).into(),
+        let bytes = match part {
+            (Format::Cutout, Some(p)) => png(&cutout(frame.picture, &frame.masks[p]).into())?,
+            (Format::Binary, Some(p)) => png(&binary(&frame.masks[p]).into())?,
+            (Format::Score, Some(p)) => png(&score(&frame.scores[p]).into())?,
+            (Format::Npy, Some(p)) => npy(&frame.scores[p])?,
+            (Format::Index, _) => png(&index(frame).into())?,
+            (Format::Outline, _) => outline::svg(frame).into_bytes(),
+            _ => png(&frame.overlay().clone().into())?,
         };
         Ok(File {
-            name: name(part, frame, &slugs),
+            name: name(part, frame.frame, &slugs),
             prompt: part.1.map(|p| provenance.prompts[p].text.clone()),
-            bytes: png(&drawn)?,
+            bytes,
         })
     };
     parts(provenance).into_par_iter().map(draw_one).collect()
@@ -87,47 +82,33 @@ fn binary(mask: &Mask) -> GrayImage {
     })
 }
 
-/// A pixel can carry one id only: prompts are exclusive here whatever the options say.
-fn index(provenance: &Provenance, scores: &[Grid<f32>]) -> GrayImage {
-    let masks = masks(scores, &provenance.prompts, true);
-    let (width, height) = masks.first().map_or((0, 0), |m| (m.width as u32, m.height as u32));
-    GrayImage::from_fn(width, height, |x, y| {
-        let owner = masks.iter().position(|m| m.at(x as usize, y as usize));
-        Luma([owner.map_or(0, |p| (p + 1) as u8)])
+fn index(frame: &FrameContent<'_>) -> GrayImage {
+    let (width, height) = frame.size();
+    GrayImage::from_fn(width as u32, height as u32, |x, y| {
+        Luma([frame.label(y as usize * width + x as usize)])
     })
 }
 
-fn draw_overlay(
-    provenance: &Provenance,
-    picture: &RgbImage,
-    scores: &[Grid<f32>],
-    masks: &[Mask],
-) -> RgbImage {
-    let options = &provenance.options;
-    let owned: Vec<Grid<f32>> =
-        scores.iter().zip(masks).map(|(s, m)| where_not_lost(s, m, options.exclusive)).collect();
-    let prompts: Vec<OverlayPrompt<'_>> = owned
-        .iter()
-        .zip(&provenance.prompts)
-        .map(|(scores, p)| OverlayPrompt { scores, threshold: p.threshold, colour: p.colour })
-        .collect();
-    let mut drawn = overlay(picture, &prompts, options.style, options.opacity);
-    if options.stamp {
-        stamp::stamp(&mut drawn);
-    }
-    drawn
+fn score(scores: &Grid<f32>) -> ImageBuffer<Luma<u16>, Vec<u16>> {
+    ImageBuffer::from_fn(scores.width as u32, scores.height as u32, |x, y| {
+        // NaN becomes 0 by the cast.
+        let steps = f64::from(scores.at(x as usize, y as usize)) * f64::from(u16::MAX);
+        Luma([steps.round() as u16])
+    })
 }
 
-/// The scores to draw: where prompts exclude each other, those of pixels that another prompt has won are dropped.
-fn where_not_lost(scores: &Grid<f32>, mask: &Mask, exclusive: bool) -> Grid<f32> {
-    let mut kept = scores.clone();
-    if exclusive {
-        kept.data.iter_mut().zip(&mask.data).filter(|(_, won)| !**won).for_each(|(s, _)| *s = 0.0);
-    }
-    kept
+fn npy(scores: &Grid<f32>) -> Result<Vec<u8>> {
+    let fail = |e: &dyn std::fmt::Display| {
+        Error::input(format!("scores could not be written as a NumPy array: {e}"), "Export another format.")
+    };
+    let shape = (scores.height, scores.width);
+    let array = ndarray::ArrayView2::from_shape(shape, &scores.data).map_err(|e| fail(&e))?;
+    let mut bytes = Vec::new();
+    array.write_npy(&mut bytes).map_err(|e| fail(&e))?;
+    Ok(bytes)
 }
 
-fn png(image: &DynamicImage) -> Result<Vec<u8>> {
+pub(super) fn png(image: &DynamicImage) -> Result<Vec<u8>> {
     let mut bytes = std::io::Cursor::new(Vec::new());
     image.write_to(&mut bytes, ImageFormat::Png).map_err(|e| {
         Error::input(format!("a picture could not be encoded as PNG: {e}"), "Export at the recording's size.")

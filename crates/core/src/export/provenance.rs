@@ -11,7 +11,10 @@ use std::path::Path;
 pub const FILE_NAME: &str = "provenance.json";
 
 /// Version of the record's layout.
-const SCHEMA: u32 = 1;
+const SCHEMA: u32 = 2;
+
+/// Frames per second of moving pictures where the recording's own speed is not known.
+const USUAL_SPEED: f32 = 25.0;
 
 /// What the program is for, and what not; the only copy of that text is in `assets/text`.
 pub fn intended_use() -> &'static str {
@@ -33,6 +36,8 @@ pub struct Provenance {
     pub sequence_name: String,
     /// Frames of the recording.
     pub sequence_frames: usize,
+    /// Its speed, where known; finite and above 0.
+    pub frames_per_second: Option<f32>,
     /// Whether test frames were held out of training.
     pub held_out: bool,
     /// Program, steps and settings that the scene was trained with.
@@ -74,6 +79,7 @@ impl Provenance {
             scene_sha256,
             sequence_name: made.sequence_name.clone(),
             sequence_frames: scene.num_frames(),
+            frames_per_second: made.frames_per_second.filter(|speed| speed.is_finite() && *speed > 0.0),
             held_out: made.held_out,
             training: serde_json::json!({
                 "made_by": made.made_by, "steps": made.steps, "settings": made.settings,
@@ -88,6 +94,16 @@ impl Provenance {
             options,
         }
     }
+
+    /// Seconds from the recording's beginning to `frame`; `None` where its speed is not known.
+    pub fn seconds(&self, frame: usize) -> Option<f64> {
+        self.frames_per_second.map(|speed| frame as f64 / f64::from(speed))
+    }
+
+    /// Frames per second at which moving pictures of the export play.
+    pub fn playing_speed(&self) -> f32 {
+        self.frames_per_second.unwrap_or(USUAL_SPEED)
+    }
 }
 
 /// One file of an export.
@@ -97,8 +113,8 @@ pub struct ExportedFile {
     pub name: String,
     /// SHA-256 of its bytes, hexadecimal.
     pub sha256: String,
-    /// Frame, counted from 0.
-    pub frame: usize,
+    /// Frame, counted from 0; `None` where it is about all frames of its name.
+    pub frame: Option<usize>,
     /// The prompt it is about; `None` where it shows all of them.
     pub prompt: Option<String>,
 }
@@ -134,10 +150,16 @@ impl Record {
         })
     }
 
-    /// Adds the files of a frame in place of what was recorded under their names.
+    /// Adds the files of a frame in place of what was recorded of it.
     pub(super) fn add(&mut self, frame: usize, files: Vec<ExportedFile>) {
-        self.files.retain(|f| f.frame != frame);
+        self.files.retain(|f| f.frame != Some(frame));
         self.files.extend(files);
+    }
+
+    /// Adds a file about all frames in place of what was recorded under its name.
+    pub(super) fn add_series(&mut self, file: ExportedFile) {
+        self.files.retain(|f| f.name != file.name);
+        self.files.push(file);
     }
 
     pub(super) fn write(&mut self, folder: &Path) -> Result<()> {

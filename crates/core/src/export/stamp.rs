@@ -3,8 +3,9 @@
 use font8x8::UnicodeFonts;
 use image::{Rgb, RgbImage};
 
-const WORDS: &str = "research use only";
-const LETTER: u32 = 8;
+pub(super) const WORDS: &str = "research use only";
+/// Side of a letter at size 1, px.
+pub(super) const LETTER: u32 = 8;
 const INK: Rgb<u8> = Rgb([255, 255, 255]);
 const PAPER: Rgb<u8> = Rgb([0, 0, 0]);
 
@@ -16,9 +17,14 @@ pub(super) fn stamp(image: &mut RgbImage) {
     for (k, line) in lines.iter().rev().enumerate() {
         let top = image.height().checked_sub((k as u32 + 1) * LETTER * size);
         let Some(top) = top else { break };
-        for (column, letter) in line.chars().enumerate() {
-            draw_letter(image, letter, column as u32 * LETTER * size, top, size);
-        }
+        write(image, line, (0, top), size);
+    }
+}
+
+/// Writes a line of ASCII letters, white on black, its upper left corner at `(left, top)`.
+pub(super) fn write(image: &mut RgbImage, line: &str, (left, top): (u32, u32), size: u32) {
+    for (column, letter) in line.chars().enumerate() {
+        draw_letter(image, letter, left + column as u32 * LETTER * size, top, size);
     }
 }
 

@@ -7,11 +7,11 @@ fn scores() -> Vec<Grid<f32>> {
     vec![image(&|x| if x < 20 { 0.9 } else { 0.1 }), image(&|x| if x >= 10 { 0.6 } else { 0.2 })]
 }
 
-fn picture() -> RgbImage {
+pub(super) fn picture() -> RgbImage {
     RgbImage::from_fn(40, 24, |x, y| image::Rgb([x as u8 + 1, y as u8 + 1, 200]))
 }
 
-fn provenance(formats: &[Format], exclusive: bool) -> Provenance {
+pub(super) fn provenance(formats: &[Format], exclusive: bool) -> Provenance {
     let prompt = |text: &str, colour| ExportPrompt {
         text: text.into(),
         threshold: 0.5,
@@ -19,12 +19,13 @@ fn provenance(formats: &[Format], exclusive: bool) -> Provenance {
         negatives: vec!["object".into()],
     };
     Provenance {
-        schema: 1,
+        schema: 2,
         tool: "SurgTPGS test".into(),
         intended_use: intended_use().into(),
         scene_sha256: "00".into(),
         sequence_name: "demo".into(),
         sequence_frames: 4,
+        frames_per_second: Some(25.0),
         held_out: false,
         training: serde_json::json!({ "steps": 3 }),
         encoder: "builtin".into(),
@@ -165,6 +166,44 @@ fn empty_requests_and_wrong_sizes_are_refused() {
     let mut export = Export::begin(folder.path(), vec![0], how, false).unwrap();
     assert!(export.write(&RgbImage::new(3, 3), &scores()).is_err());
     assert!(export.write(&picture(), &scores()[..1]).is_err());
+}
+
+#[test]
+fn scores_are_kept_to_half_a_step_as_pictures_and_exactly_as_arrays() {
+    let folder = tempfile::tempdir().unwrap();
+    let how = provenance(&[Format::Score, Format::Npy], false);
+    let values = [0.0, 1e-6, 0.333_333_3, 0.5, 0.999_99, 1.0, f32::NAN];
+    let ramp = Grid::from_vec(40, 24, (0..40 * 24).map(|i| values[i % 7]).collect());
+    let mut export = Export::begin(folder.path(), vec![0], how, false).unwrap();
+    export.write(&picture(), &[ramp.clone(), scores().remove(1)]).unwrap();
+    export.finish().unwrap();
+    let seen = image::open(folder.path().join("score/frame_000000_bile-sac.png")).unwrap();
+    assert_eq!(seen.color(), image::ColorType::L16);
+    let array: ndarray::Array2<f32> =
+        ndarray_npy::read_npy(folder.path().join("npy/frame_000000_bile-sac.npy")).unwrap();
+    assert_eq!(array.dim(), (24, 40));
+    for ((step, score), same) in seen.to_luma16().pixels().zip(&ramp.data).zip(&array) {
+        assert_eq!(score.to_bits(), same.to_bits());
+        let wanted = if score.is_nan() { 0.0 } else { f64::from(*score) };
+        assert!((f64::from(step.0[0]) / 65535.0 - wanted).abs() <= 0.5001 / 65535.0);
+    }
+}
+
+#[test]
+fn outlines_are_lines_along_the_edges_of_pixels() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut how = provenance(&[Format::Outline], false);
+    how.prompts[0].text = "bile & <sac>".into();
+    run(folder.path(), &[3], &how, false).unwrap();
+    let svg = std::fs::read_to_string(folder.path().join("outline/frame_000003.svg")).unwrap();
+    assert!(svg.contains("viewBox=\"0 0 40 24\""));
+    assert!(svg.contains("d=\"M0 0H20V24H0Z\"><title>bile &amp; &lt;sac&gt;</title>"), "{svg}");
+    assert!(svg.contains("stroke=\"#e650e6\""));
+    assert!(svg.contains("research use only"));
+    how.options.stamp = false;
+    run(folder.path(), &[3], &how, true).unwrap();
+    let svg = std::fs::read_to_string(folder.path().join("outline/frame_000003.svg")).unwrap();
+    assert!(!svg.contains("research use only"));
 }
 
 #[test]

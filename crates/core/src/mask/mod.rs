@@ -1,6 +1,13 @@
-//! Masks from scores: threshold, outline, overlap, and the clean-up that a person asks for.
+//! Masks from scores: threshold, outline, overlap, measures, and the clean-up that a person asks for.
 
 mod bits;
+mod contour;
+mod region;
+mod rle;
+
+pub use contour::{Corner, contours};
+pub use region::Region;
+pub use rle::{column_runs, compressed};
 
 pub(crate) use bits::{Bits, set_bits};
 

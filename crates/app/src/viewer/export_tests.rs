@@ -1,0 +1,86 @@
+//! The window's exports and those of the command line are the same files.
+
+use super::{
+    engine_source::EngineBackend,
+    jobs::{Job, JobEvent},
+    source::{Backend, ExportPrompt, ExportRequest, ExportSummary},
+};
+use crate::{cli, settings::PROMPT_COLOURS};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+use surgtpgs_core::{export::Format, overlay::OverlayStyle, relevancy::RelevancySettings};
+
+fn program(folder: &Path, line: &[&str]) {
+    let at = |word: &&str| match word.strip_prefix('@') {
+        Some(name) => folder.join(name).display().to_string(),
+        None => (*word).to_owned(),
+    };
+    let words = ["surgtpgs"].iter().chain(line).map(at);
+    assert_eq!(cli::run(words), cli::Exit::Done, "{line:?}");
+}
+
+fn through_the_window(request: ExportRequest) -> ExportSummary {
+    let ctx = egui::Context::default();
+    let mut job = Job::start("export", &ctx, move |job| EngineBackend.export(&request, job));
+    loop {
+        match job.poll() {
+            Some(JobEvent::Done(result)) => return result.unwrap(),
+            _ => std::thread::yield_now(),
+        }
+    }
+}
+
+/// Names and bytes of everything in a folder.
+fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut open = vec![folder.to_owned()];
+    while let Some(next) = open.pop() {
+        for path in std::fs::read_dir(next).unwrap().map(|e| e.unwrap().path()) {
+            if path.is_dir() {
+                open.push(path);
+            } else {
+                found.insert(path.strip_prefix(folder).unwrap().to_owned(), std::fs::read(path).unwrap());
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn the_window_and_the_command_line_write_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    program(folder, &["demo", "-o", "@recording", "--width", "64", "--height", "48", "--frames", "4"]);
+    program(folder, &["prepare", "@recording", "-o", "@prepared", "--labels"]);
+    program(folder, &["train", "@prepared", "-o", "@scene.safetensors", "--iterations", "20"]);
+    let names = Format::ALL.map(Format::name).join(",");
+    let prompts = ["--prompt", "liver", "bile sac", "--style", "fill", "--opacity", "0.5"];
+    let export = ["export", "@scene.safetensors", "-o", "@line", "--frames", "1..4", "--format", &names];
+    program(folder, &[&export[..], &prompts].concat());
+
+    let prompt = |(text, colour): (&str, &[u8; 3])| ExportPrompt {
+        text: text.into(),
+        threshold: RelevancySettings::default().threshold,
+        colour: *colour,
+    };
+    let done = through_the_window(ExportRequest {
+        scene: folder.join("scene.safetensors"),
+        folder: folder.join("window"),
+        formats: Format::ALL.into_iter().rev().collect(),
+        frames: (1, 3),
+        from_original: true,
+        prompts: ["liver", "bile sac"].into_iter().zip(&PROMPT_COLOURS).map(prompt).collect(),
+        is_exclusive: false,
+        style: OverlayStyle::Fill,
+        opacity: 0.5,
+    });
+    let (line, window) = (contents(&folder.join("line")), contents(&folder.join("window")));
+    // The record and the names of labels come on top.
+    assert_eq!(line.len(), done.num_files + 2);
+    assert!(line.keys().eq(window.keys()));
+    for (name, bytes) in &line {
+        assert!(window[name] == *bytes, "{} differs", name.display());
+    }
+}

@@ -1,0 +1,68 @@
+//! Border lines of what was found, as SVG.
+
+use super::{frame::FrameContent, stamp};
+use crate::mask::{Corner, contours};
+use std::fmt::Write;
+
+/// One path per prompt that was found, titled with its words, on the frame's pixel grid and without the frame itself.
+/// The lines run along the edges of pixels: filled, they are the mask.
+pub(super) fn svg(frame: &FrameContent<'_>) -> String {
+    let (width, height) = frame.size();
+    let mut text = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
+         viewBox=\"0 0 {width} {height}\">\n<title>frame {}</title>\n",
+        frame.frame
+    );
+    for (prompt, mask) in frame.found() {
+        let lines = contours(mask);
+        if lines.is_empty() {
+            continue;
+        }
+        let [r, g, b] = prompt.colour;
+        let data: String = lines.iter().map(|line| path(line)).collect();
+        // Writing into a text never fails.
+        let _ = writeln!(
+            text,
+            "<path fill=\"none\" stroke=\"#{r:02x}{g:02x}{b:02x}\" stroke-width=\"2\" \
+             vector-effect=\"non-scaling-stroke\" fill-rule=\"evenodd\" d=\"{data}\"><title>{}</title></path>",
+            escaped(&prompt.text)
+        );
+    }
+    if frame.provenance.options.stamp {
+        let size = (height / 30).max(6);
+        let _ = writeln!(
+            text,
+            "<text x=\"2\" y=\"{}\" font-family=\"sans-serif\" font-size=\"{size}\" fill=\"white\" stroke=\"black\" \
+             stroke-width=\"{:.1}\" paint-order=\"stroke\">{}</text>",
+            height.saturating_sub(2),
+            size as f32 / 6.0,
+            stamp::WORDS
+        );
+    }
+    text + "</svg>\n"
+}
+
+/// A closed line of horizontal and vertical steps.
+fn path(line: &[Corner]) -> String {
+    let Some(&(x, y)) = line.first() else { return String::new() };
+    let mut data = format!("M{x} {y}");
+    for (from, to) in line.iter().zip(&line[1..]) {
+        data += &if from.1 == to.1 { format!("H{}", to.0) } else { format!("V{}", to.1) };
+    }
+    data + "Z"
+}
+
+/// Text inside XML; what XML cannot hold becomes a question mark.
+fn escaped(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for letter in text.chars() {
+        match letter {
+            '&' => out.push_str("&amp;"),
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            c if c.is_control() => out.push('?'),
+            c => out.push(c),
+        }
+    }
+    out
+}

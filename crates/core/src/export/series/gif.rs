@@ -1,0 +1,76 @@
+//! A small animated GIF of the overlays, for slides.
+
+use super::{Plan, Series};
+use crate::{
+    export::{
+        frame::{FrameContent, small_size},
+        stamp,
+    },
+    files::WholeFile,
+};
+use std::io::{self, BufWriter};
+
+/// Columns at most.
+const MAX_WIDTH: u32 = 480;
+/// Pictures at most; of longer exports every second, third, ... frame is shown.
+const MAX_PICTURES: usize = 250;
+/// Pictures per second at most: viewers slow down GIFs that are faster.
+const MAX_SPEED: f64 = 50.0;
+/// From 1, the best and slowest choice of colours, to 30.
+const COLOUR_SPEED: i32 = 10;
+
+pub(super) struct Gif {
+    encoder: gif::Encoder<BufWriter<WholeFile>>,
+    /// Every so many frames one is shown.
+    step: usize,
+    speed: f64,
+    added: usize,
+    frames: usize,
+}
+
+impl Gif {
+    pub(super) fn begin(file: WholeFile, plan: Plan<'_>) -> io::Result<Self> {
+        let size = small_size((plan.size.0 as u32, plan.size.1 as u32), MAX_WIDTH);
+        let speed = f64::from(plan.provenance.playing_speed());
+        let step = plan.frames.len().div_ceil(MAX_PICTURES).max((speed / MAX_SPEED).ceil() as usize);
+        let too_large = |_| io::Error::other("the frames are too large for a GIF");
+        let (width, height) =
+            (u16::try_from(size.0).map_err(too_large)?, u16::try_from(size.1).map_err(too_large)?);
+        let mut encoder =
+            gif::Encoder::new(BufWriter::new(file), width, height, &[]).map_err(io::Error::other)?;
+        encoder.set_repeat(gif::Repeat::Infinite).map_err(io::Error::other)?;
+        Ok(Self { encoder, step, speed, added: 0, frames: plan.frames.len() })
+    }
+
+    /// When frame `i` of the export appears, hundredths of a second; rounding does not add up.
+    fn start(&self, i: usize) -> f64 {
+        (100.0 * i as f64 / self.speed).round()
+    }
+}
+
+impl Series for Gif {
+    fn add(&mut self, frame: &FrameContent<'_>) -> io::Result<()> {
+        let i = self.added;
+        self.added += 1;
+        if !i.is_multiple_of(self.step) {
+            return Ok(());
+        }
+        let mut small = frame.small_overlay(MAX_WIDTH);
+        if frame.provenance.options.stamp {
+            stamp::stamp(&mut small);
+        }
+        let mut picture = gif::Frame::from_rgb_speed(
+            small.width() as u16,
+            small.height() as u16,
+            small.as_raw(),
+            COLOUR_SPEED,
+        );
+        let duration = self.start((i + self.step).min(self.frames)) - self.start(i);
+        picture.delay = duration.max(100.0 / MAX_SPEED) as u16;
+        self.encoder.write_frame(&picture).map_err(io::Error::other)
+    }
+
+    fn finish(self: Box<Self>) -> io::Result<WholeFile> {
+        Ok(self.encoder.into_inner().map_err(io::Error::other)?.into_inner()?)
+    }
+}

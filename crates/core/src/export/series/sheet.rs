@@ -1,0 +1,74 @@
+//! One picture with small overlays of frames evenly spread over the export.
+
+use super::{Plan, Series};
+use crate::{
+    export::{
+        frame::{FrameContent, small_size},
+        pictures, stamp,
+    },
+    files::WholeFile,
+};
+use image::{RgbImage, imageops};
+use std::io::{self, Write};
+
+/// Tiles at most, and how many in a row.
+const MAX_TILES: usize = 24;
+const IN_A_ROW: usize = 6;
+/// Columns of a tile at most, px.
+const TILE_WIDTH: u32 = 320;
+/// Space between tiles, px.
+const GAP: u32 = 4;
+/// Height of the line below a tile, px.
+const LINE: u32 = 2 * stamp::LETTER + GAP;
+
+pub(super) struct Sheet {
+    file: WholeFile,
+    picture: RgbImage,
+    tile: (u32, u32),
+    columns: usize,
+    /// Frames that are shown, in order.
+    shown: Vec<usize>,
+}
+
+impl Sheet {
+    pub(super) fn begin(file: WholeFile, plan: Plan<'_>) -> Self {
+        let count = plan.frames.len();
+        let tiles = count.min(MAX_TILES);
+        // From the first frame to the last.
+        let shown = (0..tiles).map(|k| plan.frames[k * (count - 1) / (tiles - 1).max(1)]).collect();
+        let tile = small_size((plan.size.0 as u32, plan.size.1 as u32), TILE_WIDTH);
+        let columns = tiles.min(IN_A_ROW);
+        let rows = tiles.div_ceil(columns) as u32;
+        let footer = if plan.provenance.options.stamp { LINE } else { 0 };
+        let width = columns as u32 * (tile.0 + GAP) + GAP;
+        let height = rows * (tile.1 + LINE) + GAP + footer;
+        let mut picture = RgbImage::new(width, height);
+        if footer > 0 {
+            stamp::stamp(&mut picture);
+        }
+        Self { file, picture, tile, columns, shown }
+    }
+}
+
+impl Series for Sheet {
+    fn add(&mut self, frame: &FrameContent<'_>) -> io::Result<()> {
+        let Some(k) = self.shown.iter().position(|&shown| shown == frame.frame) else { return Ok(()) };
+        let (column, row) = ((k % self.columns) as u32, (k / self.columns) as u32);
+        let left = GAP + column * (self.tile.0 + GAP);
+        let top = GAP + row * (self.tile.1 + LINE);
+        imageops::replace(&mut self.picture, &frame.small_overlay(TILE_WIDTH), left.into(), top.into());
+        let words = match frame.provenance.seconds(frame.frame) {
+            Some(seconds) => format!("{}  {seconds:.1} s", frame.frame),
+            None => frame.frame.to_string(),
+        };
+        stamp::write(&mut self.picture, &words, (left, top + self.tile.1 + GAP), 1);
+        Ok(())
+    }
+
+    fn finish(self: Box<Self>) -> io::Result<WholeFile> {
+        let mut file = self.file;
+        let bytes = pictures::png(&self.picture.into()).map_err(io::Error::other)?;
+        file.write_all(&bytes)?;
+        Ok(file)
+    }
+}

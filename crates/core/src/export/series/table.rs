@@ -1,0 +1,114 @@
+//! Area, scores, place and motion of what was found, a row per frame and prompt, as CSV or JSON.
+
+use super::{Plan, Series, list::JsonList};
+use crate::{export::frame::FrameContent, files::WholeFile, mask::Region};
+use serde_json::json;
+use std::io;
+
+/// The columns; both forms take their names from here. Numbers that do not exist are empty or null.
+#[derive(serde::Serialize)]
+pub(super) struct Row<'a> {
+    frame: usize,
+    time_s: Option<f64>,
+    prompt: &'a str,
+    area_px: usize,
+    area_fraction: f64,
+    mean_score: Option<f64>,
+    max_score: f32,
+    centroid_x_px: Option<f64>,
+    centroid_y_px: Option<f64>,
+    /// Distance of the centroid from that of the last frame before on which the prompt was found.
+    moved_px: Option<f64>,
+}
+
+/// A form that rows are written in.
+pub(super) trait Rows {
+    fn push(&mut self, row: &Row<'_>) -> io::Result<()>;
+    fn finish(self) -> io::Result<WholeFile>;
+}
+
+pub(super) struct Table<R> {
+    rows: R,
+    /// Where each prompt was found last.
+    last: Vec<Option<[f64; 2]>>,
+}
+
+impl<R: Rows> Table<R> {
+    pub(super) fn begin(rows: R) -> Self {
+        Self { rows, last: Vec::new() }
+    }
+}
+
+impl<R: Rows> Series for Table<R> {
+    fn add(&mut self, frame: &FrameContent<'_>) -> io::Result<()> {
+        self.last.resize(frame.masks.len(), None);
+        for (((prompt, mask), scores), last) in frame.found().zip(frame.scores).zip(&mut self.last) {
+            let region = Region::of(scores, mask);
+            let here = region.centroid_px;
+            let moved = last.zip(here).map(|([x0, y0], [x, y])| (x - x0).hypot(y - y0));
+            *last = here.or(*last);
+            self.rows.push(&Row {
+                frame: frame.frame,
+                time_s: frame.provenance.seconds(frame.frame),
+                prompt: &prompt.text,
+                area_px: region.area_px,
+                area_fraction: region.area_fraction,
+                mean_score: region.mean_score,
+                max_score: region.max_score,
+                centroid_x_px: here.map(|[x, _]| x),
+                centroid_y_px: here.map(|[_, y]| y),
+                moved_px: moved,
+            })?;
+        }
+        Ok(())
+    }
+
+    fn finish(self: Box<Self>) -> io::Result<WholeFile> {
+        self.rows.finish()
+    }
+}
+
+pub(super) struct Csv(csv::Writer<WholeFile>);
+
+impl Csv {
+    pub(super) fn begin(file: WholeFile) -> Self {
+        Self(csv::Writer::from_writer(file))
+    }
+}
+
+impl Rows for Csv {
+    fn push(&mut self, row: &Row<'_>) -> io::Result<()> {
+        Ok(self.0.serialize(row)?)
+    }
+
+    fn finish(self) -> io::Result<WholeFile> {
+        self.0.into_inner().map_err(|e| e.into_error())
+    }
+}
+
+pub(super) struct Json(JsonList);
+
+impl Json {
+    pub(super) fn begin(file: WholeFile, plan: Plan<'_>) -> io::Result<Self> {
+        let Plan { provenance, frames, size: (width, height) } = plan;
+        let head = json!({
+            "sequence": provenance.sequence_name,
+            "frames_per_second": provenance.frames_per_second,
+            "frames": frames.len(),
+            "width_px": width,
+            "height_px": height,
+            "prompts": provenance.prompts.iter().map(|p| &p.text).collect::<Vec<_>>(),
+        });
+        Ok(Self(JsonList::begin(file, &head, "measurements")?))
+    }
+}
+
+impl Rows for Json {
+    fn push(&mut self, row: &Row<'_>) -> io::Result<()> {
+        self.0.push(row)
+    }
+
+    fn finish(self) -> io::Result<WholeFile> {
+        self.0.finish()
+    }
+}

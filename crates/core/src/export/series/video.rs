@@ -1,0 +1,144 @@
+//! The overlays as H.264 in an mp4 file.
+
+use super::{Plan, Series};
+use crate::{export::frame::FrameContent, files::WholeFile};
+use image::RgbImage;
+use openh264::{
+    OpenH264API, Timestamp,
+    encoder::{
+        BitRate, Encoder, EncoderConfig, FrameRate, FrameType, IntraFramePeriod, QpRange, RateControlMode,
+        VuiConfig,
+    },
+    formats::{RgbSliceU8, YUVBuffer},
+};
+use shiguredo_mp4::{
+    TrackKind,
+    bitstream::h264::{self, H264NalUnitType, H264SampleEntryConfig, LengthSize},
+    boxes::SampleEntry,
+    mux::{Mp4FileMuxer, Mp4FileMuxerOptions, Sample, estimate_maximum_moov_box_size},
+};
+use std::{
+    borrow::Cow,
+    io::{self, BufWriter, Seek, SeekFrom, Write},
+    num::NonZeroU32,
+};
+
+/// Units of time per second; the usual speeds of recordings are whole numbers of it.
+const TIMESCALE: NonZeroU32 = NonZeroU32::new(90_000).unwrap();
+/// Frames between two that can be jumped to.
+const JUMP_EVERY: u32 = 25;
+/// Bits per pixel and frame that come of it, about; players are told to expect so much.
+const BITS: f64 = 0.5;
+/// Range of H.264's quantiser: lines stay sharp, tissue shows no blocks.
+const QUANTISER: QpRange = QpRange::new(20, 22);
+
+pub(super) struct Video {
+    file: BufWriter<WholeFile>,
+    encoder: Encoder,
+    muxer: Mp4FileMuxer,
+    /// Bytes written.
+    position: u64,
+    /// Time of a frame.
+    duration: u32,
+    added: u64,
+}
+
+impl Video {
+    pub(super) fn begin(file: WholeFile, plan: Plan<'_>) -> io::Result<Self> {
+        let speed = plan.provenance.playing_speed();
+        let bits = BITS * (plan.size.0 * plan.size.1) as f64 * f64::from(speed);
+        // One thread: the bytes must not depend on the machine. Quality is kept, whatever the rate, and no frame skipped:
+        // the video has the frames that the other files have.
+        let config = EncoderConfig::new()
+            .rate_control_mode(RateControlMode::Bufferbased)
+            .max_frame_rate(FrameRate::from_hz(speed))
+            .bitrate(BitRate::from_bps(bits.min(2e9) as u32))
+            .qp(QUANTISER)
+            .skip_frames(false)
+            .intra_frame_period(IntraFramePeriod::from_num_frames(JUMP_EVERY))
+            .vui(VuiConfig::bt601())
+            .num_threads(1);
+        let encoder =
+            Encoder::with_api_config(OpenH264API::from_source(), config).map_err(io::Error::other)?;
+        // With its table of contents first a video starts at once wherever it is played.
+        let reserved_moov_box_size = estimate_maximum_moov_box_size(&[plan.frames.len()]);
+        let options = Mp4FileMuxerOptions { reserved_moov_box_size, ..Default::default() };
+        let muxer = Mp4FileMuxer::with_options(options).map_err(other)?;
+        let mut file = BufWriter::new(file);
+        file.write_all(muxer.initial_boxes_bytes())?;
+        let position = muxer.initial_boxes_bytes().len() as u64;
+        let duration = (f64::from(TIMESCALE.get()) / f64::from(speed)).round().max(1.0) as u32;
+        Ok(Self { file, encoder, muxer, position, duration, added: 0 })
+    }
+}
+
+impl Series for Video {
+    fn add(&mut self, frame: &FrameContent<'_>) -> io::Result<()> {
+        let picture = even(frame.overlay());
+        let size = (picture.width() as usize, picture.height() as usize);
+        let yuv = YUVBuffer::from_rgb8_source(RgbSliceU8::new(picture.as_raw(), size));
+        let milliseconds = 1000 * self.added * u64::from(self.duration) / u64::from(TIMESCALE.get());
+        let coded =
+            self.encoder.encode_at(&yuv, Timestamp::from_millis(milliseconds)).map_err(io::Error::other)?;
+        let keyframe = matches!(coded.frame_type(), FrameType::IDR);
+        let stream = coded.to_vec();
+        let sample_entry = (self.added == 0).then(|| sample_entry(&stream)).transpose()?;
+        let data = length_prefixed(&stream)?;
+        self.file.write_all(&data)?;
+        let sample = Sample {
+            track_kind: TrackKind::Video,
+            sample_entry,
+            keyframe,
+            timescale: TIMESCALE,
+            duration: self.duration,
+            composition_time_offset: None,
+            data_offset: self.position,
+            data_size: data.len(),
+        };
+        self.muxer.append_sample(&sample).map_err(other)?;
+        self.position += data.len() as u64;
+        self.added += 1;
+        Ok(())
+    }
+
+    fn finish(mut self: Box<Self>) -> io::Result<WholeFile> {
+        let boxes = self.muxer.finalize().map_err(other)?;
+        for (offset, bytes) in boxes.offset_and_bytes_pairs() {
+            self.file.seek(SeekFrom::Start(offset))?;
+            self.file.write_all(bytes)?;
+        }
+        Ok(self.file.into_inner()?)
+    }
+}
+
+/// How the stream is to be decoded.
+fn sample_entry(stream: &[u8]) -> io::Result<SampleEntry> {
+    let config = H264SampleEntryConfig { length_size: LengthSize::FourBytes };
+    h264::build_avc1_box_from_annexb(stream, &config).map(SampleEntry::Avc1).map_err(other)
+}
+
+/// The units of a coded picture as mp4 has them; parameter sets are in the sample entry and nowhere else.
+fn length_prefixed(stream: &[u8]) -> io::Result<Vec<u8>> {
+    let mut data = Vec::with_capacity(stream.len());
+    for unit in h264::parse_annexb_nal_units(stream).map_err(other)? {
+        if !matches!(unit.nal_unit_type, H264NalUnitType::Sps | H264NalUnitType::Pps) {
+            data.extend((unit.data.len() as u32).to_be_bytes());
+            data.extend(unit.data);
+        }
+    }
+    Ok(data)
+}
+
+/// H.264 as everybody plays it has one colour for two by two pixels: an odd last column or row is repeated.
+fn even(picture: &RgbImage) -> Cow<'_, RgbImage> {
+    let (width, height) = picture.dimensions();
+    if width.is_multiple_of(2) && height.is_multiple_of(2) {
+        return Cow::Borrowed(picture);
+    }
+    let at = |x: u32, y: u32| *picture.get_pixel(x.min(width - 1), y.min(height - 1));
+    Cow::Owned(RgbImage::from_fn(width + width % 2, height + height % 2, at))
+}
+
+fn other(e: impl std::fmt::Display) -> io::Error {
+    io::Error::other(e.to_string())
+}

@@ -1,0 +1,138 @@
+//! The border of a mask as closed lines along the edges of its pixels.
+
+use super::Mask;
+
+/// A corner between pixels: (0, 0) is the image's upper left corner, (width, height) its lower right one.
+pub type Corner = (usize, usize);
+
+/// Steps along pixel edges, clockwise: right, down, left, up.
+const STEPS: [(isize, isize); 4] = [(1, 0), (0, 1), (-1, 0), (0, -1)];
+
+/// The closed lines around the `true` pixels, each with its corners only, the first not repeated at the end. The mask
+/// lies to the right of the way, so outer borders run clockwise as seen, those of holes the other way round: filled by
+/// either rule they give the mask back. Pixels that touch at a corner alone have lines of their own.
+pub fn contours(mask: &Mask) -> Vec<Vec<Corner>> {
+    let mut edges = Edges::of(mask);
+    let mut lines = Vec::new();
+    for start in 0..edges.leaving.len() {
+        while edges.leaving[start] != 0 {
+            lines.push(edges.follow(start));
+        }
+    }
+    lines
+}
+
+/// For each corner the steps that leave it, a bit each; those taken are cleared.
+struct Edges {
+    columns: usize,
+    leaving: Vec<u8>,
+}
+
+impl Edges {
+    fn of(mask: &Mask) -> Self {
+        let columns = mask.width + 1;
+        let mut leaving = vec![0; columns * (mask.height + 1)];
+        let is_set = |x: Option<usize>, y: Option<usize>| match (x, y) {
+            (Some(x), Some(y)) if x < mask.width && y < mask.height => mask.at(x, y),
+            _ => false,
+        };
+        for (i, _) in mask.data.iter().enumerate().filter(|(_, set)| **set) {
+            let (x, y) = (i % mask.width, i / mask.width);
+            let around = [(0, -1), (1, 0), (0, 1), (-1, 0)];
+            let corners = [(x, y), (x + 1, y), (x + 1, y + 1), (x, y + 1)];
+            for (step, ((dx, dy), (cx, cy))) in around.into_iter().zip(corners).enumerate() {
+                if !is_set(x.checked_add_signed(dx), y.checked_add_signed(dy)) {
+                    leaving[cy * columns + cx] |= 1 << step;
+                }
+            }
+        }
+        Self { columns, leaving }
+    }
+
+    /// The line through the corner numbered `start`, its edges taken away.
+    fn follow(&mut self, start: usize) -> Vec<Corner> {
+        let mut line = Vec::new();
+        let (mut at, mut last) = (start, None);
+        loop {
+            let step = self.turn(at, last);
+            if last != Some(step) {
+                line.push((at % self.columns, at / self.columns));
+            }
+            self.leaving[at] &= !(1 << step);
+            let (dx, dy) = STEPS[step];
+            at = at.wrapping_add_signed(dx + dy * self.columns as isize);
+            last = Some(step);
+            if at == start {
+                return line;
+            }
+        }
+    }
+
+    /// Which way to go on; where two lines meet, the sharper right turn, which stays at the same pixel.
+    fn turn(&self, at: usize, last: Option<usize>) -> usize {
+        let first = last.map_or(0, |step| step + 1);
+        let ways = (0..4).map(|k| (first + 4 - k) % 4);
+        ways.into_iter().find(|step| self.leaving[at] >> step & 1 == 1).unwrap_or(0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::Grid;
+    use proptest::prelude::*;
+
+    /// Twice the area to the right of the way.
+    fn doubled_area(line: &[Corner]) -> i64 {
+        let next = line.iter().cycle().skip(1);
+        let part = |(a, b): (&Corner, &Corner)| a.0 as i64 * b.1 as i64 - b.0 as i64 * a.1 as i64;
+        line.iter().zip(next).map(part).sum()
+    }
+
+    /// Pixels with an odd number of vertical edges to their left.
+    fn filled(lines: &[Vec<Corner>], width: usize, height: usize) -> Mask {
+        let mut mask = Grid::filled(width, height, false);
+        for line in lines {
+            for (a, b) in line.iter().zip(line.iter().cycle().skip(1)).filter(|(a, b)| a.0 == b.0) {
+                for y in a.1.min(b.1)..a.1.max(b.1) {
+                    (a.0..width).for_each(|x| mask.set(x, y, !mask.at(x, y)));
+                }
+            }
+        }
+        mask
+    }
+
+    #[test]
+    fn a_rectangle_is_four_corners_clockwise() {
+        let mask = Grid::from_vec(4, 3, (0..12).map(|i| (1..3).contains(&(i % 4)) && i < 8).collect());
+        assert_eq!(contours(&mask), [[(1, 0), (3, 0), (3, 2), (1, 2)]]);
+    }
+
+    #[test]
+    fn holes_run_the_other_way_and_corners_do_not_join() {
+        let ring = Grid::from_vec(3, 3, (0..9).map(|i| i != 4).collect());
+        let lines = contours(&ring);
+        assert_eq!(lines.iter().map(|l| doubled_area(l)).collect::<Vec<_>>(), [18, -2]);
+        let diagonal = Grid::from_vec(2, 2, vec![true, false, false, true]);
+        assert_eq!(contours(&diagonal).len(), 2);
+    }
+
+    #[test]
+    fn nothing_has_no_border() {
+        assert!(contours(&Grid::filled(5, 4, false)).is_empty());
+        assert!(contours(&Grid::filled(0, 0, true)).is_empty());
+    }
+
+    proptest! {
+        #[test]
+        fn the_lines_filled_are_the_mask(width in 1_usize..12, height in 1_usize..9, seed in any::<u64>()) {
+            let mixed = |i: usize| (i as u64 + 1).wrapping_mul(seed | 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            let is_set = |i: usize| mixed(i) >> 63 == 1;
+            let mask = Grid::from_vec(width, height, (0..width * height).map(is_set).collect());
+            let lines = contours(&mask);
+            prop_assert_eq!(filled(&lines, width, height), mask.clone());
+            let area: i64 = lines.iter().map(|l| doubled_area(l)).sum();
+            prop_assert_eq!(area, 2 * mask.count() as i64);
+        }
+    }
+}
