@@ -137,3 +137,12 @@ fn a_lost_device_is_reported_again_and_again() {
         assert!(message.contains("lost") && message.contains("--backend cpu"), "{message}");
     }
 }
+
+#[test]
+fn a_million_gaussians_render_like_the_f64_twin() {
+    let Some(mut renderer) = renderer() else { return };
+    let case = stress::a_million();
+    let images = renderer.render(&case.scene, &case.camera, case.time, true).unwrap();
+    let found = stress::compare(&images, &case);
+    assert!(found.not_finite == 0 && found.beyond <= stress::MAX_BEYOND, "{found:?}");
+}

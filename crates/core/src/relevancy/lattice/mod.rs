@@ -2,7 +2,7 @@
 //!
 //! The decoder turns three numbers into a direction, so what a prompt scores is a function on a cube. It is
 //! tabulated on the cells of an octree, but only where features have been seen: a cell holds decoded unit
-//! embeddings at its corners and at the midpoints of itself and its faces. Corners are interpolated; the
+//! embeddings at its corners and at the midpoints of itself, its faces and its edges. Corners are interpolated; the
 //! midpoints tell how wrong that is, and a cell that is too wrong for a prompt is cut in eight. Decoded
 //! points are shared by neighbours and kept for later frames and prompts, so a new prompt costs one matrix
 //! product over them, and a known one a table look-up per pixel.
@@ -78,9 +78,9 @@ impl Lattice {
         })
     }
 
-    /// Interpolation may be this wrong at a cell's midpoints before it is cut. The promise is four times that, 1/255,
-    /// anywhere in the cell: on every frame of three scenes, 3.5 times were the most.
-    pub const TOLERANCE: f32 = 0.25 / 255.0;
+    /// Interpolation may be this wrong at a cell's midpoints before it is cut. The promise is twice that, 1/255, anywhere in
+    /// the cell: on every frame of three scenes, 1.5 times were the most.
+    pub const TOLERANCE: f32 = 0.5 / 255.0;
     /// Places in [`LatticeTables::cells`] along an edge of the latent cube, as a power of two.
     pub const COARSE_BITS: u32 = COARSE.trailing_zeros();
     /// Halvings that a brick of cells holds.

@@ -49,15 +49,23 @@ static NEXT_TREE: AtomicU64 = AtomicU64::new(0);
 /// Corner offsets of a cell in units of its edge; bit 2 is x, bit 1 y, bit 0 z.
 const CORNERS: [[u32; 3]; 8] =
     [[0, 0, 0], [0, 0, 1], [0, 1, 0], [0, 1, 1], [1, 0, 0], [1, 0, 1], [1, 1, 0], [1, 1, 1]];
-/// Midpoint offsets in units of half an edge: of the cell, then of its faces.
-const MIDPOINTS: [[u32; 3]; 7] =
-    [[1, 1, 1], [0, 1, 1], [2, 1, 1], [1, 0, 1], [1, 2, 1], [1, 1, 0], [1, 1, 2]];
+/// How many points between the corners tell how wrong interpolation is.
+pub(super) const NUM_MIDPOINTS: usize = 19;
+/// Midpoint offsets in units of half an edge: of the cell, then of its faces, then of its edges.
+#[rustfmt::skip]
+const MIDPOINTS: [[u32; 3]; NUM_MIDPOINTS] = [
+    [1, 1, 1],
+    [0, 1, 1], [2, 1, 1], [1, 0, 1], [1, 2, 1], [1, 1, 0], [1, 1, 2],
+    [0, 0, 1], [0, 2, 1], [2, 0, 1], [2, 2, 1],
+    [0, 1, 0], [0, 1, 2], [2, 1, 0], [2, 1, 2],
+    [1, 0, 0], [1, 0, 2], [1, 2, 0], [1, 2, 2],
+];
 
 /// A tabulated cell: its vertices.
 #[derive(Clone, Debug)]
 pub(super) struct Leaf {
     pub(super) corners: [u32; 8],
-    pub(super) midpoints: [u32; 7],
+    pub(super) midpoints: [u32; NUM_MIDPOINTS],
     place: Place,
 }
 
@@ -314,22 +322,29 @@ impl Tree {
 
 /// The largest score error of interpolating `corners` at the midpoints; where it is certainly below `enough`, a bound of
 /// it.
-pub(super) fn midpoint_error(corners: &[f32; 8], midpoints: &[f32; 7], temperature: f32, enough: f32) -> f32 {
-    let c = corners;
+pub(super) fn midpoint_error(
+    corners: &[f32; 8],
+    midpoints: &[f32; NUM_MIDPOINTS],
+    temperature: f32,
+    enough: f32,
+) -> f32 {
     // At a midpoint, interpolation is the mean of the corners around.
-    let mean = |a: usize, b: usize, d: usize, e: usize| 0.25 * (c[a] + c[b] + c[d] + c[e]);
-    let (low, high) = (mean(0, 1, 2, 3), mean(4, 5, 6, 7));
-    let between = [
-        0.5 * (low + high),
-        low,
-        high,
-        mean(0, 1, 4, 5),
-        mean(2, 3, 6, 7),
-        mean(0, 2, 4, 6),
-        mean(1, 3, 5, 7),
+    let mean = |a: usize, b: usize| 0.5 * (corners[a] + corners[b]);
+    let along_z = [mean(0, 1), mean(2, 3), mean(4, 5), mean(6, 7)];
+    let along_y = [mean(0, 2), mean(1, 3), mean(4, 6), mean(5, 7)];
+    let along_x = [mean(0, 4), mean(1, 5), mean(2, 6), mean(3, 7)];
+    let faces = [
+        0.5 * (along_z[0] + along_z[1]),
+        0.5 * (along_z[2] + along_z[3]),
+        0.5 * (along_z[0] + along_z[2]),
+        0.5 * (along_z[1] + along_z[3]),
+        0.5 * (along_y[0] + along_y[2]),
+        0.5 * (along_y[1] + along_y[3]),
     ];
+    let centre = [0.5 * (faces[0] + faces[1])];
+    let between = || centre.iter().chain(&faces).chain(&along_z).chain(&along_y).chain(&along_x);
     let worst = |error: &dyn Fn(f32, f32) -> f32| {
-        let errors = between.iter().zip(midpoints).map(|(&a, &b)| error(a, b));
+        let errors = between().zip(midpoints).map(|(&a, &b)| error(a, b));
         errors.fold(0.0, |worst, e| if e > worst || e.is_nan() { e } else { worst })
     };
     // The sigmoid is nowhere steeper than 1/4.
@@ -432,8 +447,8 @@ mod tests {
         let mut tree = Tree::new(4);
         let edge = 1 << MAX_LEVEL;
         tree.grow(vec![Place::of([0; 3], 0), Place::of([edge, 0, 0], 0)], &layers());
-        // Two cells of 15 vertices share a face: 4 corners and its midpoint.
-        assert_eq!(tree.num_vertices(), 25);
+        // Two cells of 27 vertices share a face of 9.
+        assert_eq!(tree.num_vertices(), 45);
     }
 
     #[test]
@@ -450,8 +465,8 @@ mod tests {
     #[test]
     fn midpoint_error_sees_a_bump_in_the_middle() {
         let flat = [0.1; 8];
-        assert_eq!(midpoint_error(&flat, &[0.1; 7], 10.0, 0.0), 0.0);
-        let mut bump = [0.1; 7];
+        assert_eq!(midpoint_error(&flat, &[0.1; NUM_MIDPOINTS], 10.0, 0.0), 0.0);
+        let mut bump = [0.1; NUM_MIDPOINTS];
         bump[3] = 0.2;
         let error = num::sigmoid(2.0) - num::sigmoid(1.0);
         assert!((midpoint_error(&flat, &bump, 10.0, 0.0) - error).abs() < 1e-6);
