@@ -29,13 +29,12 @@ pub(super) fn svg(frame: &FrameContent<'_>) -> String {
         );
     }
     if frame.provenance.options.stamp {
-        let size = (height / 30).max(6);
+        // Grey reads on white and on black.
         let _ = writeln!(
             text,
-            "<text x=\"2\" y=\"{}\" font-family=\"sans-serif\" font-size=\"{size}\" fill=\"white\" stroke=\"black\" \
-             stroke-width=\"{:.1}\" paint-order=\"stroke\">{}</text>",
+            "<text x=\"2\" y=\"{}\" font-family=\"sans-serif\" font-size=\"{}\" fill=\"#808080\">{}</text>",
             height.saturating_sub(2),
-            size as f32 / 6.0,
+            (height / 30).max(6),
             stamp::WORDS
         );
     }

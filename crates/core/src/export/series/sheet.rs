@@ -26,6 +26,8 @@ pub(super) struct Sheet {
     picture: RgbImage,
     tile: (u32, u32),
     columns: usize,
+    /// Pixels per dot of a letter.
+    letters: u32,
     /// Frames that are shown, in order.
     shown: Vec<usize>,
 }
@@ -42,11 +44,12 @@ impl Sheet {
         let footer = if plan.provenance.options.stamp { LINE } else { 0 };
         let width = columns as u32 * (tile.0 + GAP) + GAP;
         let height = rows * (tile.1 + LINE) + GAP + footer;
+        let letters = if tile.0 < TILE_WIDTH / 2 { 1 } else { 2 };
         let mut picture = RgbImage::new(width, height);
         if footer > 0 {
-            stamp::stamp(&mut picture);
+            stamp::write(&mut picture, stamp::WORDS, (GAP, height - LINE), letters);
         }
-        Self { file, picture, tile, columns, shown }
+        Self { file, picture, tile, columns, letters, shown }
     }
 }
 
@@ -58,10 +61,10 @@ impl Series for Sheet {
         let top = GAP + row * (self.tile.1 + LINE);
         imageops::replace(&mut self.picture, &frame.small_overlay(TILE_WIDTH), left.into(), top.into());
         let words = match frame.provenance.seconds(frame.frame) {
-            Some(seconds) => format!("{}  {seconds:.1} s", frame.frame),
+            Some(seconds) => format!("{}  {seconds:.2} s", frame.frame),
             None => frame.frame.to_string(),
         };
-        stamp::write(&mut self.picture, &words, (left, top + self.tile.1 + GAP), 1);
+        stamp::write(&mut self.picture, &words, (left, top + self.tile.1 + GAP), self.letters);
         Ok(())
     }
 

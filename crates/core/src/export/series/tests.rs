@@ -245,7 +245,7 @@ fn sheets_show_frames_side_by_side() {
             .count()
     };
     assert!(ink(28..48) > 50, "frame numbers stand below the tiles");
-    assert!(ink(sheet.height() - 8..sheet.height()) > 50, "the stamp stands at the bottom");
+    assert!(ink(sheet.height() - line..sheet.height()) > 50, "the stamp stands at the bottom");
 }
 
 /// Names and bytes of everything in a folder, the record apart.

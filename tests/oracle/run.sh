@@ -1,0 +1,20 @@
+#!/usr/bin/env bash
+# Exports the tiny demo in every format and reads it back with other programs; the argument is a Python that has them.
+set -euo pipefail
+python=$(realpath -s "$1")
+cd "$(dirname "$0")/../.."
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+program() { cargo run --quiet --package surgtpgs -- "$@" > /dev/null 2>> "$folder/log" || { cat "$folder/log"; exit 1; }; }
+
+program demo -o "$folder/recording" --width 64 --height 48 --frames 10
+program prepare "$folder/recording" -o "$folder/prepared" --labels
+program train "$folder/prepared" -o "$folder/scene.safetensors" --iterations 400
+formats=cutout,overlay,binary,index,outline,score,npy,video,gif,sheet,csv,json,coco,nrrd
+# The third prompt finds nothing.
+prompts=(--prompt liver "grasping tool" spaceship)
+program export "$folder/scene.safetensors" -o "$folder/overlapping" --format $formats "${prompts[@]}" --threshold 0.3
+program export "$folder/scene.safetensors" -o "$folder/exclusive" --format $formats "${prompts[@]}" --exclusive
+
+"$python" tests/oracle/read_exports.py "$folder/overlapping" "$folder/exclusive" > "$folder/output.txt"
+diff tests/oracle/output.txt "$folder/output.txt" && echo "the output is as stored"
