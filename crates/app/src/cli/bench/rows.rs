@@ -79,6 +79,10 @@ pub(super) fn rows(iterations: usize, seed: u64) -> Vec<Row> {
             s.rates.motion = paper.rates.motion;
             s.rates.uniform_motion = true;
         }),
+        row("slow shapes and colours", "scales and colours learn half as fast, as released", &|s| {
+            s.rates.log_scale = paper.rates.log_scale;
+            s.rates.colour = paper.rates.colour;
+        }),
         row("split only", "split above a threshold, never clone, lose the step", &|s| {
             s.densify = paper.densify.clone();
         }),
