@@ -42,10 +42,8 @@ fn pick() {
     for (var i = span.x; i < span.y; i++) {
         let gaussian = pair_gaussians[i];
         let splat = splats[gaussian];
-        let d = position - splat.centre;
-        let q = splat.conic.x * d.x * d.x + 2.0 * splat.conic.y * d.x * d.y + splat.conic.z * d.y * d.y;
-        let alpha = min(MAX_ALPHA, splat.opacity * exp(-0.5 * q));
-        if q < 0.0 || alpha < MIN_ALPHA {
+        let alpha = alpha_at(splat, position);
+        if alpha < MIN_ALPHA {
             continue;
         }
         let weight = alpha * transmittance;

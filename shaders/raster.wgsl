@@ -72,10 +72,8 @@ fn raster(
         }
         for (var k = 0u; k < count && !is_done; k++) {
             let splat = batch[k];
-            let d = position - splat.centre;
-            let q = splat.conic.x * d.x * d.x + 2.0 * splat.conic.y * d.x * d.y + splat.conic.z * d.y * d.y;
-            let alpha = min(MAX_ALPHA, splat.opacity * exp(-0.5 * q));
-            if q < 0.0 || alpha < MIN_ALPHA {
+            let alpha = alpha_at(splat, position);
+            if alpha < MIN_ALPHA {
                 continue;
             }
             let weight = alpha * transmittance;

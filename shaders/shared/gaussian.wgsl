@@ -1,5 +1,7 @@
 // What the passes hand to each other; mirrors of layout::{RestRow, DeformedRow, SplatRow}.
 
+#import constants
+
 // A Gaussian at rest: raw parameters.
 struct RestRow {
     mean: vec3f,
@@ -38,4 +40,11 @@ struct SplatRow {
     colour: vec3f,
     // Its half height.
     extent_y: f32,
+}
+
+// What a splat adds to the pixel at `position` before anything in front of it; below MIN_ALPHA it counts as nothing.
+fn alpha_at(splat: SplatRow, position: vec2f) -> f32 {
+    let d = position - splat.centre;
+    let q = splat.conic.x * d.x * d.x + 2.0 * splat.conic.y * d.x * d.y + splat.conic.z * d.y * d.y;
+    return select(min(MAX_ALPHA, splat.opacity * exp(-0.5 * q)), 0.0, q < 0.0);
 }

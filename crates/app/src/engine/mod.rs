@@ -8,6 +8,13 @@
 //! An engine is `Send`: a worker thread can own it. What `scores` returns belongs to the images it was given. A view
 //! that was just rendered is not rendered again.
 
+mod machine;
+mod opening;
+
+pub use machine::Backend;
+pub(crate) use machine::Machine;
+
+use opening::{find_recording, open_encoder, open_recording, open_relevancy};
 use std::{
     collections::BTreeMap,
     ops::Range,
@@ -22,29 +29,14 @@ use surgtpgs_core::{
     grid::{Grid, Mask},
     mask::threshold,
     overlay::{OverlayPrompt, overlay},
-    prepare::{EncoderIdentity, Prepared},
-    raster::{CpuRenderer, FrameClock, FramePass, Images, MIN_DEPTH_ALPHA, Pick, Renderer},
-    relevancy::{self, Points, Query, Relevancy, RelevancySettings},
+    prepare::EncoderIdentity,
+    raster::{FrameClock, FramePass, Images, MIN_DEPTH_ALPHA, Pick, Renderer},
+    relevancy::{Points, Query, Relevancy, RelevancySettings},
     scene::Scene,
     sequence::Sequence,
     summary::Summary,
 };
-use surgtpgs_render::{AdapterChoice, Asked, Frame, Gpu, GpuRenderer, Mark, Marking, Shown, Wanted};
-
-/// What renders.
-#[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize,
-)]
-#[serde(rename_all = "snake_case")]
-pub enum Backend {
-    /// The GPU if there is a real one, otherwise the CPU
-    #[default]
-    Auto,
-    /// The CPU
-    Cpu,
-    /// Any graphics adapter, a software one included
-    Gpu,
-}
+use surgtpgs_render::{Asked, Frame, GpuRenderer, Mark, Marking, Shown, Wanted};
 
 /// Which text encoder to use.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -501,270 +493,5 @@ fn blank(values: &mut [f32], ranges: &[Range<usize>]) {
     ranges.iter().for_each(|range| values[range.clone()].fill(0.0));
 }
 
-/// What renders.
-pub(crate) enum Machine {
-    Cpu(Box<CpuRenderer>),
-    Gpu(Box<GpuRenderer>),
-}
-
-impl Machine {
-    /// Opens the one of choice.
-    pub(crate) fn open(backend: Backend) -> Result<Self> {
-        let cpu = || Self::Cpu(Box::default());
-        let gpu = |adapters| Ok(Self::Gpu(Box::new(GpuRenderer::new(Gpu::open(adapters)?)?)));
-        match backend {
-            Backend::Cpu => Ok(cpu()),
-            Backend::Gpu => gpu(AdapterChoice::Any),
-            // Whatever a GPU lacks, the CPU makes the same pictures.
-            Backend::Auto => {
-                let found: Option<Result<Self>> = may_have_gpu().then(|| gpu(AdapterChoice::RealGpu));
-                Ok(found.and_then(Result::ok).unwrap_or_else(cpu))
-            }
-        }
-    }
-
-    fn is_gpu(&self) -> bool {
-        matches!(self, Self::Gpu(_))
-    }
-
-    fn is_lost(&self) -> bool {
-        match self {
-            Self::Cpu(_) => false,
-            Self::Gpu(gpu) => gpu.is_lost(),
-        }
-    }
-
-    fn renderer(&self) -> &dyn Renderer {
-        match self {
-            Self::Cpu(cpu) => &**cpu,
-            Self::Gpu(gpu) => &**gpu,
-        }
-    }
-}
-
-impl Renderer for Machine {
-    fn name(&self) -> String {
-        self.renderer().name()
-    }
-
-    fn render_into(
-        &mut self,
-        scene: &Scene,
-        camera: &Camera,
-        time: f32,
-        features: bool,
-        images: &mut Images,
-        clock: &mut FrameClock,
-    ) -> Result<()> {
-        match self {
-            Self::Cpu(cpu) => cpu.render_into(scene, camera, time, features, images, clock),
-            Self::Gpu(gpu) => gpu.render_into(scene, camera, time, features, images, clock),
-        }
-    }
-}
-
-/// Whether it is worth loading the graphics drivers, which takes time and may print warnings of its own: Linux shows
-/// every real GPU as one of these devices.
-fn may_have_gpu() -> bool {
-    let devices = ["/dev/dri", "/dev/nvidiactl", "/dev/dxg"];
-    !cfg!(target_os = "linux") || devices.iter().any(|d| Path::new(d).exists())
-}
-
-fn open_relevancy(scene: &Scene) -> Option<Box<dyn Relevancy>> {
-    scene.codec.clone().map(relevancy::best)
-}
-
-/// Opens the text encoder and makes sure that it is the one the scene's features belong to.
-fn open_encoder(scene: &Scene, choice: &EncoderChoice) -> Result<TextEncoder> {
-    let expected = scene.encoder.as_ref();
-    let encoder = match (choice, expected.and_then(|e| e.folder.as_deref())) {
-        (EncoderChoice::Folder(folder), _) => TextEncoder::open(folder)?,
-        (EncoderChoice::OfScene, Some(folder)) if !folder.is_dir() => {
-            return Err(Error::input_at(
-                folder,
-                "the text encoder that this scene was prepared with is not there any more",
-                "Give its folder with `--text-encoder`.",
-            ));
-        }
-        (EncoderChoice::OfScene, Some(folder)) => TextEncoder::open(folder)?,
-        (EncoderChoice::OfScene | EncoderChoice::Builtin, _) => TextEncoder::builtin()?,
-    };
-    let found = encoder.identity();
-    let wanted_dim = scene.codec.as_ref().map_or(found.dim, |c| c.embedding_dim());
-    if found.dim != wanted_dim {
-        return Err(Error::input(
-            format!(
-                "the text encoder \"{}\" makes {} values; this scene's decoder makes {wanted_dim}",
-                found.name, found.dim
-            ),
-            "They come from different models: use the encoder the scene was prepared with.",
-        ));
-    }
-    match expected {
-        Some(e) if e.sha256 != found.sha256 => Err(Error::input(
-            format!(
-                "this scene was prepared with the text encoder \"{}\", not with \"{}\"",
-                e.name, found.name
-            ),
-            "Answers would be wrong without notice: use the same encoder files, or prepare and train again.",
-        )),
-        _ => Ok(encoder),
-    }
-}
-
-/// Opens a recording and makes sure that it fits the scene.
-fn open_recording(scene: &Scene, path: &Path) -> Result<Sequence> {
-    let sequence =
-        if Prepared::is_prepared(path) { Prepared::open(path)?.sequence } else { Sequence::open(path)? };
-    let found = (sequence.num_frames(), sequence.width(), sequence.height());
-    let size = scene.cameras.first().map_or((0, 0), |c| (c.width as usize, c.height as usize));
-    let expected = (scene.num_frames(), size.0, size.1);
-    if found != expected {
-        return Err(Error::input_at(
-            path,
-            format!(
-                "this is not the scene's recording: {} frames of {}×{} instead of {} of {}×{}",
-                found.0, found.1, found.2, expected.0, expected.1, expected.2
-            ),
-            "Give the recording that the scene was trained on.",
-        ));
-    }
-    Ok(sequence)
-}
-
-/// Looks for the recording where it was, then at `beside`.
-fn find_recording(scene: &Scene, beside: Option<&Path>) -> Recording {
-    let places = [Some(scene.provenance.sequence_path.as_path()), beside];
-    let mut why = "the recording is not where it was when the scene was trained".to_owned();
-    for place in places.into_iter().flatten().filter(|p| !p.as_os_str().is_empty() && p.exists()) {
-        match open_recording(scene, place) {
-            Ok(sequence) => return Recording::Found(sequence),
-            Err(e) => why = e.to_string(),
-        }
-    }
-    Recording::Missing(why)
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_engine_can_move_to_a_worker_thread() {
-        fn is_send<T: Send>() {}
-        is_send::<Engine>();
-    }
-
-    /// An ordinary scene with a codec, an engine on each machine, and a prompt set past the text encoder.
-    fn asked_engine(backend: Backend) -> Engine {
-        use surgtpgs_core::codec::{Codec, Linear};
-        let layer = |rows: usize, columns: usize| Linear {
-            weight: ndarray::Array2::from_shape_fn((rows, columns), |(i, k)| ((3 * i + 5 * k) as f32).sin()),
-            bias: ndarray::Array1::from_shape_fn(rows, |i| (i as f32).cos()),
-        };
-        let codec = Codec { encoder: vec![layer(3, 8)], decoder: vec![layer(12, 3), layer(8, 12)] };
-        let mut scene = surgtpgs_core::stress::ordinary(300);
-        scene.codec = Some(codec);
-        scene.gaussians.opacity_logits.fill(3.0);
-        scene.field_of_view = Grid::from_vec(2, 1, vec![true, false]);
-        let mut engine =
-            Engine::new(Arc::new(scene), None, EngineOptions { backend, ..Default::default() }).unwrap();
-        let text = |phase: f32| -> Vec<f32> {
-            surgtpgs_core::num::normalised(&(0..8).map(|i| (phase + i as f32).sin()).collect::<Vec<_>>())
-                .unwrap()
-        };
-        engine.queries = vec![Query {
-            prompt: "liver".into(),
-            embedding: text(0.0),
-            negatives: vec![("object".into(), text(1.3))],
-        }];
-        engine
-    }
-
-    const MARKS: [Mark; 1] = [Mark { threshold: 0.25, colour: [0, 200, 80] }];
-
-    fn shown(engine: &mut Engine, time: f32) -> Shown {
-        use surgtpgs_core::overlay::OverlayStyle;
-        let camera = engine.scene().cameras[0];
-        let marking = Marking { marks: &MARKS, style: OverlayStyle::Fill, opacity: 0.5, base: None };
-        let view = View { time, camera, recorded: true };
-        engine.show(&view, Ask::Now(Some(marking)), Wanted { pictures: true, values: true }).unwrap()
-    }
-
-    /// Where there is no adapter nothing is compared; under `CI=true` that is a failure.
-    fn gpu_engine() -> Option<Engine> {
-        let is_there = Gpu::open(AdapterChoice::Any).is_ok();
-        assert!(is_there || std::env::var("CI").as_deref() != Ok("true"), "CI needs a graphics adapter");
-        is_there.then(|| asked_engine(Backend::Gpu))
-    }
-
-    #[test]
-    fn both_machines_show_the_same() {
-        let Some(mut gpu) = gpu_engine() else { return };
-        let (found, expected) = (shown(&mut gpu, 0.3), shown(&mut asked_engine(Backend::Cpu), 0.3));
-        let close = |a: &[f32], b: &[f32], by: f32| {
-            let far = a.iter().zip(b).filter(|(a, b)| (**a - **b).abs() > by).count();
-            assert!(a.len() == b.len() && far * 100 <= a.len(), "{far} of {}", a.len());
-        };
-        let bytes = |picture: &Option<image::RgbImage>| -> Vec<f32> {
-            picture.as_ref().unwrap().as_raw().iter().map(|v| f32::from(*v)).collect()
-        };
-        close(&bytes(&found.picture), &bytes(&expected.picture), 1.0);
-        close(&bytes(&found.marked), &bytes(&expected.marked), 1.0);
-        close(&found.depth.unwrap().data, &expected.depth.unwrap().data, 1e-3);
-        close(&found.scores[0].data, &expected.scores[0].data, 1e-3);
-        let (found, expected) = (&found.summaries[0], &expected.summaries[0]);
-        let areas = [found.area_px(), expected.area_px()];
-        assert!(areas[0].abs_diff(areas[1]) <= 5 && areas[1] > 50, "{areas:?}");
-        // The right half is outside the field of view.
-        assert!(found.columns[32..].iter().all(|n| *n == 0));
-    }
-
-    #[test]
-    fn a_view_asked_again_runs_no_pass_before_the_scores() {
-        for backend in [Some(Backend::Cpu), gpu_engine().map(|_| Backend::Gpu)].into_iter().flatten() {
-            let mut engine = asked_engine(backend);
-            shown(&mut engine, 0.3);
-            let before = engine.clock().clone();
-            shown(&mut engine, 0.3);
-            let ran = |pass| engine.clock().runs(pass) - before.runs(pass);
-            assert_eq!((ran(FramePass::Raster), ran(FramePass::Relevancy)), (0, 1), "{backend:?}");
-        }
-    }
-
-    #[test]
-    fn a_lost_device_is_replaced_without_a_word() {
-        let Some(mut engine) = gpu_engine() else { return };
-        let before = shown(&mut engine, 0.3);
-        engine.gpu().unwrap().gpu().device().destroy();
-        let after = shown(&mut engine, 0.3);
-        assert!(before.picture == after.picture, "another picture");
-        // The first time points were scored one by one, then in the tables.
-        let pairs = before.scores[0].data.iter().zip(&after.scores[0].data);
-        assert!(pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-4));
-        engine.gpu().unwrap().gpu().device().destroy();
-        let view = View::free(0.5, engine.scene().cameras[0]);
-        assert!(engine.render(&view, true).is_ok());
-    }
-
-    #[test]
-    fn what_is_picked_is_in_the_view_shown_last() {
-        let mut engine = asked_engine(Backend::Cpu);
-        assert_eq!(engine.pick([1, 1]).unwrap(), None);
-        shown(&mut engine, 0.3);
-        let picked = engine.pick([20, 24]).unwrap().unwrap();
-        assert!(picked.gaussian < 300 && picked.weight > 0.0 && picked.depth > 1.0);
-    }
-
-    #[test]
-    fn nothing_is_found_outside_the_field_of_view_at_any_size() {
-        let left = Grid::from_vec(2, 1, vec![true, false]);
-        let mut scores = Grid::filled(4, 3, 0.9);
-        blank(&mut scores.data, &outside((4, 3), &left));
-        assert!((0..3).all(|y| scores.row(y) == [0.9, 0.9, 0.0, 0.0]));
-        assert!(outside((1, 1), &Grid::filled(3, 3, true)).is_empty());
-        assert!(outside((4, 3), &Grid::filled(0, 0, true)).is_empty());
-        // Runs do not end at a row's end.
-        assert_eq!(outside((2, 2), &Grid::from_vec(2, 2, vec![true, false, false, true])), vec![1..3]);
-    }
-}
+mod tests;

@@ -1,0 +1,94 @@
+//! What renders: a GPU, or the CPU with the same pictures.
+
+use std::path::Path;
+use surgtpgs_core::{
+    Result,
+    camera::Camera,
+    raster::{CpuRenderer, FrameClock, Images, Renderer},
+    scene::Scene,
+};
+use surgtpgs_render::{AdapterChoice, Gpu, GpuRenderer};
+
+/// What renders.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize,
+)]
+#[serde(rename_all = "snake_case")]
+pub enum Backend {
+    /// The GPU if there is a real one, otherwise the CPU
+    #[default]
+    Auto,
+    /// The CPU
+    Cpu,
+    /// Any graphics adapter, a software one included
+    Gpu,
+}
+
+/// What renders.
+pub(crate) enum Machine {
+    Cpu(Box<CpuRenderer>),
+    Gpu(Box<GpuRenderer>),
+}
+
+impl Machine {
+    /// Opens the one of choice.
+    pub(crate) fn open(backend: Backend) -> Result<Self> {
+        let cpu = || Self::Cpu(Box::default());
+        let gpu = |adapters| Ok(Self::Gpu(Box::new(GpuRenderer::new(Gpu::open(adapters)?)?)));
+        match backend {
+            Backend::Cpu => Ok(cpu()),
+            Backend::Gpu => gpu(AdapterChoice::Any),
+            // Whatever a GPU lacks, the CPU makes the same pictures.
+            Backend::Auto => {
+                let found: Option<Result<Self>> = may_have_gpu().then(|| gpu(AdapterChoice::RealGpu));
+                Ok(found.and_then(Result::ok).unwrap_or_else(cpu))
+            }
+        }
+    }
+
+    pub(super) fn is_gpu(&self) -> bool {
+        matches!(self, Self::Gpu(_))
+    }
+
+    pub(super) fn is_lost(&self) -> bool {
+        match self {
+            Self::Cpu(_) => false,
+            Self::Gpu(gpu) => gpu.is_lost(),
+        }
+    }
+
+    fn renderer(&self) -> &dyn Renderer {
+        match self {
+            Self::Cpu(cpu) => &**cpu,
+            Self::Gpu(gpu) => &**gpu,
+        }
+    }
+}
+
+impl Renderer for Machine {
+    fn name(&self) -> String {
+        self.renderer().name()
+    }
+
+    fn render_into(
+        &mut self,
+        scene: &Scene,
+        camera: &Camera,
+        time: f32,
+        features: bool,
+        images: &mut Images,
+        clock: &mut FrameClock,
+    ) -> Result<()> {
+        match self {
+            Self::Cpu(cpu) => cpu.render_into(scene, camera, time, features, images, clock),
+            Self::Gpu(gpu) => gpu.render_into(scene, camera, time, features, images, clock),
+        }
+    }
+}
+
+/// Whether it is worth loading the graphics drivers, which takes time and may print warnings of its own: Linux shows
+/// every real GPU as one of these devices.
+fn may_have_gpu() -> bool {
+    let devices = ["/dev/dri", "/dev/nvidiactl", "/dev/dxg"];
+    !cfg!(target_os = "linux") || devices.iter().any(|d| Path::new(d).exists())
+}

@@ -1,0 +1,122 @@
+//! Both machines behind one engine.
+
+use super::*;
+use surgtpgs_render::{AdapterChoice, Gpu};
+
+#[test]
+fn an_engine_can_move_to_a_worker_thread() {
+    fn is_send<T: Send>() {}
+    is_send::<Engine>();
+}
+
+/// An ordinary scene with a codec, an engine on each machine, and a prompt set past the text encoder.
+fn asked_engine(backend: Backend) -> Engine {
+    use surgtpgs_core::codec::{Codec, Linear};
+    let layer = |rows: usize, columns: usize| Linear {
+        weight: ndarray::Array2::from_shape_fn((rows, columns), |(i, k)| ((3 * i + 5 * k) as f32).sin()),
+        bias: ndarray::Array1::from_shape_fn(rows, |i| (i as f32).cos()),
+    };
+    let codec = Codec { encoder: vec![layer(3, 8)], decoder: vec![layer(12, 3), layer(8, 12)] };
+    let mut scene = surgtpgs_core::stress::ordinary(300);
+    scene.codec = Some(codec);
+    scene.gaussians.opacity_logits.fill(3.0);
+    scene.field_of_view = Grid::from_vec(2, 1, vec![true, false]);
+    let mut engine =
+        Engine::new(Arc::new(scene), None, EngineOptions { backend, ..Default::default() }).unwrap();
+    let text = |phase: f32| -> Vec<f32> {
+        surgtpgs_core::num::normalised(&(0..8).map(|i| (phase + i as f32).sin()).collect::<Vec<_>>()).unwrap()
+    };
+    engine.queries = vec![Query {
+        prompt: "liver".into(),
+        embedding: text(0.0),
+        negatives: vec![("object".into(), text(1.3))],
+    }];
+    engine
+}
+
+const MARKS: [Mark; 1] = [Mark { threshold: 0.25, colour: [0, 200, 80] }];
+
+fn shown(engine: &mut Engine, time: f32) -> Shown {
+    use surgtpgs_core::overlay::OverlayStyle;
+    let camera = engine.scene().cameras[0];
+    let marking = Marking { marks: &MARKS, style: OverlayStyle::Fill, opacity: 0.5, base: None };
+    let view = View { time, camera, recorded: true };
+    engine.show(&view, Ask::Now(Some(marking)), Wanted { pictures: true, values: true }).unwrap()
+}
+
+/// Where there is no adapter nothing is compared; under `CI=true` that is a failure.
+fn gpu_engine() -> Option<Engine> {
+    let is_there = Gpu::open(AdapterChoice::Any).is_ok();
+    assert!(is_there || std::env::var("CI").as_deref() != Ok("true"), "CI needs a graphics adapter");
+    is_there.then(|| asked_engine(Backend::Gpu))
+}
+
+#[test]
+fn both_machines_show_the_same() {
+    let Some(mut gpu) = gpu_engine() else { return };
+    let (found, expected) = (shown(&mut gpu, 0.3), shown(&mut asked_engine(Backend::Cpu), 0.3));
+    let close = |a: &[f32], b: &[f32], by: f32| {
+        let far = a.iter().zip(b).filter(|(a, b)| (**a - **b).abs() > by).count();
+        assert!(a.len() == b.len() && far * 100 <= a.len(), "{far} of {}", a.len());
+    };
+    let bytes = |picture: &Option<image::RgbImage>| -> Vec<f32> {
+        picture.as_ref().unwrap().as_raw().iter().map(|v| f32::from(*v)).collect()
+    };
+    close(&bytes(&found.picture), &bytes(&expected.picture), 1.0);
+    close(&bytes(&found.marked), &bytes(&expected.marked), 1.0);
+    close(&found.depth.unwrap().data, &expected.depth.unwrap().data, 1e-3);
+    close(&found.scores[0].data, &expected.scores[0].data, 1e-3);
+    let (found, expected) = (&found.summaries[0], &expected.summaries[0]);
+    let areas = [found.area_px(), expected.area_px()];
+    assert!(areas[0].abs_diff(areas[1]) <= 5 && areas[1] > 50, "{areas:?}");
+    // The right half is outside the field of view.
+    assert!(found.columns[32..].iter().all(|n| *n == 0));
+}
+
+#[test]
+fn a_view_asked_again_runs_no_pass_before_the_scores() {
+    for backend in [Some(Backend::Cpu), gpu_engine().map(|_| Backend::Gpu)].into_iter().flatten() {
+        let mut engine = asked_engine(backend);
+        shown(&mut engine, 0.3);
+        let before = engine.clock().clone();
+        shown(&mut engine, 0.3);
+        let ran = |pass| engine.clock().runs(pass) - before.runs(pass);
+        assert_eq!((ran(FramePass::Raster), ran(FramePass::Relevancy)), (0, 1), "{backend:?}");
+    }
+}
+
+#[test]
+fn a_lost_device_is_replaced_without_a_word() {
+    let Some(mut engine) = gpu_engine() else { return };
+    let before = shown(&mut engine, 0.3);
+    engine.gpu().unwrap().gpu().device().destroy();
+    let after = shown(&mut engine, 0.3);
+    assert!(before.picture == after.picture, "another picture");
+    // The first time points were scored one by one, then in the tables.
+    let pairs = before.scores[0].data.iter().zip(&after.scores[0].data);
+    assert!(pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-4));
+    engine.gpu().unwrap().gpu().device().destroy();
+    let view = View::free(0.5, engine.scene().cameras[0]);
+    assert!(engine.render(&view, true).is_ok());
+}
+
+#[test]
+fn what_is_picked_is_in_the_view_shown_last() {
+    let mut engine = asked_engine(Backend::Cpu);
+    assert_eq!(engine.pick([1, 1]).unwrap(), None);
+    shown(&mut engine, 0.3);
+    let picked = engine.pick([20, 24]).unwrap().unwrap();
+    assert!(picked.gaussian < 300 && picked.weight > 0.0 && picked.depth > 1.0);
+}
+
+#[test]
+fn nothing_is_found_outside_the_field_of_view_at_any_size() {
+    let left = Grid::from_vec(2, 1, vec![true, false]);
+    let mut scores = Grid::filled(4, 3, 0.9);
+    blank(&mut scores.data, &outside((4, 3), &left));
+    assert!((0..3).all(|y| scores.row(y) == [0.9, 0.9, 0.0, 0.0]));
+    assert!(outside((1, 1), &Grid::filled(3, 3, true)).is_empty());
+    assert!(outside((4, 3), &Grid::filled(0, 0, true)).is_empty());
+    // Runs do not end at a row's end.
+    assert_eq!(outside((2, 2), &Grid::from_vec(2, 2, vec![true, false, false, true])), vec![1..3]);
+}
