@@ -1,22 +1,27 @@
 //! The window's state and its heartbeat: take what threads made, obey commands, show panels, ask for the next picture.
 
 use super::{
-    command::{self, Command, Invocation},
-    document::{Document, PREVIEW, ViewMode},
+    areas::{Areas, Curve},
+    autosave::Autosave,
+    command::{self, Command},
+    document::{Document, Look, PREVIEW, ViewMode},
     export_dialog::ExportDialog,
     help::Sheet,
     jobs::{Job, JobEvent},
+    keep::Saved,
     key_router::KeyRouter,
     orbit::Orbit,
     pipeline::{AskedPrompt, Finding, Picture, Request},
     playback::Playback,
     preferences::Preferences,
+    ruler::Ruler,
+    session::Session,
     shown::Shown,
     source::{Backend, Demo, FrameSource, Info, TrainRequest, View},
     theme,
     training::{TrainDialog, Training},
-    viewport::Zoom,
     worker::Worker,
+    zoom::Panes,
 };
 use egui::{Context, Ui};
 use std::{
@@ -35,19 +40,32 @@ pub(crate) struct ViewerApp {
     pub(super) preferences: Preferences,
     pub(super) document: Document,
     pub(super) playback: Playback,
-    pub(super) orbit: Orbit,
-    pub(super) zoom: Zoom,
+    pub(super) panes: Panes,
     /// Where the line of the wipe is, as share of the width.
     pub(super) wipe: f32,
     pub(super) prompt_box: PromptBox,
     pub(super) open: Option<Open>,
     pub(super) opening: Option<Opening>,
-    picking: Option<Job<Option<PathBuf>>>,
+    pub(super) picking: Option<Job<Option<PathBuf>>>,
     demo: Option<Job<Demo>>,
     pub(super) train_dialog: Option<TrainDialog>,
     pub(super) training: Option<Training>,
     pub(super) export: Option<ExportDialog>,
     pub(super) sheet: Option<Sheet>,
+    pub(super) ruler: Option<Ruler>,
+    /// The phrase being typed under "what prompts are compared with".
+    pub(super) comparison_sheet: Option<String>,
+    /// The point of the picture that is looked at, as share of its width and height.
+    pub(super) probe: Option<[f32; 2]>,
+    /// The list of bookmarks is open.
+    pub(super) shows_bookmarks: bool,
+    pub(super) saved: Saved,
+    pub(super) saving: Option<Job<Option<PathBuf>>>,
+    /// A session whose scene or recording is being opened, and its file.
+    pub(super) session_to_apply: Option<(Session, Option<PathBuf>)>,
+    pub(super) autosave: Autosave,
+    /// The offer to go on with unsaved work was put off until the next start.
+    pub(super) is_recovery_put_off: bool,
     /// The number being typed under "go to frame".
     pub(super) go_to: Option<String>,
     /// What went wrong last, until it is dismissed.
@@ -67,6 +85,8 @@ pub(crate) struct PromptBox {
     /// The words that are looked for before they are added.
     pub(super) live: String,
     pub(super) wants_focus: bool,
+    /// Words that were looked for before, newest first.
+    pub(super) earlier: Vec<String>,
 }
 
 /// What is open.
@@ -74,6 +94,8 @@ pub(crate) struct Open {
     pub(super) info: Info,
     worker: Worker,
     asked: Option<Request>,
+    /// `None` while it is a passing state.
+    areas: Option<Areas>,
     pub(super) shown: Option<Shown>,
     /// What the last picture at full size took, milliseconds.
     full_ms: f64,
@@ -87,8 +109,15 @@ pub(crate) struct Opening {
 }
 
 impl ViewerApp {
-    pub(crate) fn new(ctx: &Context, backend: Arc<dyn Backend>, preferences: Preferences) -> Self {
+    pub(crate) fn new(
+        ctx: &Context,
+        backend: Arc<dyn Backend>,
+        preferences: Preferences,
+        autosave: Autosave,
+    ) -> Self {
         theme::apply(ctx);
+        // Its keys are commands of the table.
+        ctx.options_mut(|o| o.zoom_with_keyboard = false);
         ctx.add_plugin(KeyRouter::default());
         let threshold = surgtpgs_core::relevancy::RelevancySettings::default().threshold;
         Self {
@@ -96,8 +125,7 @@ impl ViewerApp {
             document: Document::new(preferences.style, preferences.opacity, threshold),
             preferences,
             playback: Playback::new(1, None),
-            orbit: Orbit::default(),
-            zoom: Zoom::default(),
+            panes: Panes::default(),
             wipe: 0.5,
             prompt_box: PromptBox::default(),
             open: None,
@@ -108,6 +136,15 @@ impl ViewerApp {
             training: None,
             export: None,
             sheet: None,
+            ruler: None,
+            comparison_sheet: None,
+            probe: None,
+            shows_bookmarks: false,
+            saved: Saved::default(),
+            saving: None,
+            session_to_apply: None,
+            autosave,
+            is_recovery_put_off: false,
             go_to: None,
             problem: None,
             is_moving: false,
@@ -115,8 +152,16 @@ impl ViewerApp {
         }
     }
 
-    /// Opens a scene or a recording in the background.
+    /// Opens a scene, a recording or a session in the background.
     pub(crate) fn open_path(&mut self, path: &Path, ctx: &Context) {
+        self.session_to_apply = None;
+        if Session::is_file(path) {
+            let session = Session::load(path);
+            if let Some(session) = self.settle(session) {
+                self.open_session(session, Some(path.to_owned()), ctx);
+            }
+            return;
+        }
         let (backend, at) = (self.backend.clone(), path.to_owned());
         let job = Job::start("open", ctx, move |_| backend.open(&at));
         let name =
@@ -152,110 +197,24 @@ impl ViewerApp {
         self.picture()?.findings.iter().find(|f| f.id == id && f.text == text)
     }
 
+    /// How large what was found is on every frame, as far as it has been counted.
+    pub(super) fn areas(&self) -> Option<&Areas> {
+        self.open.as_ref()?.areas.as_ref()
+    }
+
+    /// The area over time of the selected prompt.
+    pub(super) fn selected_curve(&self) -> Option<Curve> {
+        let prompt = self.document.prompt(self.document.selected?)?;
+        self.areas()?.curve(&self.document.question(prompt), prompt.threshold)
+    }
+
     pub(super) fn info(&self) -> Option<&Info> {
         self.open.as_ref().map(|o| &o.info)
-    }
-
-    /// Whether a command can be given now.
-    pub(super) fn is_enabled(&self, command: Command) -> bool {
-        let info = self.info();
-        let has = |f: fn(&Info) -> bool| info.is_some_and(f);
-        match command {
-            Command::OpenFile | Command::OpenFolder => self.picking.is_none(),
-            Command::Quit | Command::FullScreen | Command::Shortcuts | Command::About => true,
-            Command::Undo => self.document.undo_name().is_some(),
-            Command::Redo => self.document.redo_name().is_some(),
-            Command::Reconstruct => has(|i| i.has_original) && self.training.is_none(),
-            Command::Export => has(|i| i.has_features) && self.training.is_none(),
-            Command::FocusPrompt => has(|i| i.has_features),
-            Command::Depth => has(|i| i.has_reconstruction),
-            Command::SwapOriginal | Command::SideBySide | Command::Wipe => {
-                has(|i| i.has_reconstruction && i.has_original)
-            }
-            _ => info.is_some(),
-        }
-    }
-
-    /// Obeys a command, unless it cannot be given now.
-    pub(super) fn run(&mut self, invocation: Invocation, ctx: &Context) {
-        if !self.is_enabled(invocation.command) {
-            return;
-        }
-        let now = ctx.input(|i| i.time);
-        let swap = |a: ViewMode, b: ViewMode, now: ViewMode| if now == a { b } else { a };
-        let mode = self.document.mode;
-        match invocation.command {
-            Command::OpenFile => self.pick(false, ctx),
-            Command::OpenFolder => self.pick(true, ctx),
-            Command::Reconstruct => self.train_dialog = self.info().map(TrainDialog::new),
-            Command::Export => self.export = ExportDialog::new(self),
-            Command::Quit => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
-            Command::Undo => self.document.undo(),
-            Command::Redo => self.document.redo(),
-            Command::PlayPause => self.playback.toggle(now),
-            Command::StepBack => self.playback.step(-1),
-            Command::StepForward => self.playback.step(1),
-            Command::HopBack => self.playback.step(-command::HOP),
-            Command::HopForward => self.playback.step(command::HOP),
-            Command::First => self.playback.seek(0, now),
-            Command::Last => self.playback.seek(usize::MAX, now),
-            Command::GoToFrame => self.go_to = Some(String::new()),
-            Command::PlayBackwards => self.playback.shuttle(-1.0, now),
-            Command::Stop => self.playback.pause(),
-            Command::PlayForwards => self.playback.shuttle(1.0, now),
-            Command::Slower => self.playback.change_speed(-1, now),
-            Command::Faster => self.playback.change_speed(1, now),
-            Command::NormalSpeed => self.playback.normal_speed(now),
-            Command::Loop => self.playback.toggle_looping(),
-            Command::RangeStart => self.playback.set_range_start(),
-            Command::RangeEnd => self.playback.set_range_end(),
-            Command::RangeClear => self.playback.clear_range(),
-            Command::FocusPrompt => self.prompt_box.wants_focus = true,
-            Command::TogglePrompt => self.document.toggle_visible(invocation.index),
-            Command::SoloPrompt => self.document.solo(invocation.index),
-            Command::HideOverlays => self.document.is_hidden ^= true,
-            Command::Peek => {}
-            Command::CycleStyle => self.document.next_style(),
-            Command::MoreOpacity => self.document.next_opacity(),
-            Command::ThresholdDown => self.document.nudge_threshold(-command::THRESHOLD_STEP),
-            Command::ThresholdUp => self.document.nudge_threshold(command::THRESHOLD_STEP),
-            Command::SwapOriginal => {
-                self.document.mode = swap(ViewMode::Original, ViewMode::Reconstruction, mode)
-            }
-            Command::SideBySide => {
-                self.document.mode = swap(ViewMode::SideBySide, ViewMode::Reconstruction, mode)
-            }
-            Command::Wipe => self.document.mode = swap(ViewMode::Wipe, ViewMode::Reconstruction, mode),
-            Command::Depth => self.document.mode = swap(ViewMode::Depth, ViewMode::Reconstruction, mode),
-            Command::ResetView => (self.orbit, self.zoom) = Default::default(),
-            Command::FullScreen => {
-                let is_full = ctx.input(|i| i.viewport().fullscreen.unwrap_or(false));
-                ctx.send_viewport_cmd(egui::ViewportCommand::Fullscreen(!is_full));
-            }
-            Command::Shortcuts => self.sheet = Some(Sheet::Shortcuts),
-            Command::About => self.sheet = Some(Sheet::About),
-        }
     }
 
     /// Starts training in the background.
     pub(super) fn start_training(&mut self, request: TrainRequest, ctx: &Context) {
         self.training = Some(Training::start(self.backend.clone(), request, ctx));
-    }
-
-    /// Asks for a path on a thread of its own: a native dialog may block for as long as it is open.
-    fn pick(&mut self, folder: bool, ctx: &Context) {
-        self.picking = Some(Job::start("file dialog", ctx, move |_| {
-            let dialog = rfd::FileDialog::new();
-            Ok(if folder {
-                dialog.set_title("Open a recording: a folder of frames").pick_folder()
-            } else {
-                dialog
-                    .set_title("Open a reconstruction or a video")
-                    .add_filter("Reconstructions and videos", &["safetensors", "mp4", "mov", "mkv", "avi"])
-                    .add_filter("All files", &["*"])
-                    .pick_file()
-            })
-        }));
     }
 
     /// One heartbeat.
@@ -271,14 +230,17 @@ impl ViewerApp {
         if let Some(path) = ctx.input(|i| i.raw.dropped_files.first().map(|f| f.path().to_owned())) {
             self.open_path(&path, &ctx);
         }
+        self.playback.set_range(self.document.content().range);
         self.playback.advance(now);
         self.watch_typing(now, &ctx);
+        ctx.set_zoom_factor(self.preferences.scale_percent as f32 / 100.0);
         super::layout::window_ui(ui, self);
         self.ask(&ctx);
         if let Some(wait) = self.playback.seconds_to_next(now) {
             ctx.request_repaint_after_secs(wait as f32);
         }
         self.keep_preferences(&ctx);
+        self.keep_unsaved(now, &ctx);
     }
 
     /// Looks for what is being typed once the typing rests.
@@ -309,11 +271,14 @@ impl ViewerApp {
         }
         if let Some(JobEvent::Done(result)) = self.opening.as_mut().and_then(|o| o.job.poll())
             && let Some(opening) = self.opening.take()
-            && let Some(source) = self.settle(result)
         {
-            self.show_source(source, &opening.path, ctx);
+            match self.settle(result) {
+                Some(source) => self.show_source(source, &opening.path, ctx),
+                None => self.session_to_apply = None,
+            }
         }
         self.poll_training(ctx);
+        self.poll_saving();
         if let Some(problem) = self.export.as_mut().and_then(ExportDialog::poll) {
             self.problem = Some(problem);
         }
@@ -343,10 +308,11 @@ impl ViewerApp {
         open.info = source.info().clone();
         open.worker.replace(source);
         open.asked = None;
+        open.areas = None;
     }
 
     /// The value, or its error as the problem to show.
-    fn settle<T>(&mut self, result: surgtpgs_core::Result<T>) -> Option<T> {
+    pub(super) fn settle<T>(&mut self, result: surgtpgs_core::Result<T>) -> Option<T> {
         result.map_err(|e| self.problem = Some(e.to_string())).ok()
     }
 
@@ -358,13 +324,21 @@ impl ViewerApp {
         let frame = if is_same_recording { self.playback.frame() } else { 0 };
         self.playback = Playback::new(info.num_frames, info.frames_per_second);
         self.playback.seek(frame, 0.0);
-        (self.orbit, self.zoom) = Default::default();
+        if !is_same_recording {
+            self.document.start_recording();
+            self.saved = Saved::default();
+        }
+        self.document.look = Look::default();
         self.document.mode =
             if info.has_reconstruction { ViewMode::Reconstruction } else { ViewMode::Original };
         self.export = None;
+        (self.ruler, self.probe) = (None, None);
         ctx.send_viewport_cmd(egui::ViewportCommand::Title(format!("{} – SurgTPGS", info.name)));
-        self.open = Some(Open { info, worker, asked: None, shown: None, full_ms: 0.0 });
-        self.preferences.remember(path);
+        let areas = Some(Areas::new(info.num_frames));
+        self.open = Some(Open { info, worker, asked: None, areas, shown: None, full_ms: 0.0 });
+        let session_file = self.session_to_apply.as_ref().and_then(|(_, file)| file.clone());
+        self.preferences.remember(session_file.as_deref().unwrap_or(path));
+        self.apply_session(0.0);
         if let Some(request) = self.train_when_open.take().filter(|r| r.recording == *path) {
             self.start_training(request, ctx);
         }
@@ -372,6 +346,11 @@ impl ViewerApp {
 
     fn take_picture(&mut self, ctx: &Context) {
         let Some(open) = &mut self.open else { return };
+        for measured in open.worker.take_measured() {
+            if let Some(areas) = &mut open.areas {
+                areas.take(measured);
+            }
+        }
         let Some(picture) = open.worker.take() else { return };
         if !picture.request.view.is_preview {
             open.full_ms = picture.took_ms;
@@ -400,14 +379,15 @@ impl ViewerApp {
 
     /// Whether a turned view makes sense: where a recorded frame is compared, both must look from the same place.
     pub(super) fn may_orbit(&self) -> bool {
-        matches!(self.document.mode, ViewMode::Reconstruction | ViewMode::Depth)
+        matches!(self.document.mode, ViewMode::Reconstruction | ViewMode::Depth | ViewMode::DepthBeside)
             && self.info().is_some_and(|i| i.has_reconstruction)
     }
 
     fn request(&self, is_peeking: bool) -> Option<Request> {
         let open = self.open.as_ref()?;
         let mode = self.document.mode;
-        let orbit = if self.may_orbit() { self.orbit } else { Orbit::default() };
+        let turned = self.document.look.orbit;
+        let orbit = if self.may_orbit() && !turned.is_home() { turned } else { Orbit::default() };
         let is_moving = self.is_moving || self.playback.is_playing();
         Some(Request {
             view: View {
@@ -416,9 +396,11 @@ impl ViewerApp {
                 is_preview: is_moving && open.full_ms > SLOW_MS,
             },
             needs_original: mode.needs_original() || is_peeking,
-            needs_reconstruction: mode.needs_reconstruction() && mode != ViewMode::Depth,
-            needs_depth: mode == ViewMode::Depth,
+            needs_reconstruction: mode.needs_reconstruction(),
+            needs_depth: mode.needs_depth(),
+            needs_difference: mode == ViewMode::Difference,
             prompts: if open.info.has_features { self.asked_prompts() } else { Vec::new() },
+            candidates: self.candidates().iter().map(|text| self.document.bare_question(text)).collect(),
             style: self.document.style,
             opacity: self.document.opacity,
         })
@@ -428,17 +410,17 @@ impl ViewerApp {
     fn asked_prompts(&self) -> Vec<AskedPrompt> {
         let asked = |p: &super::document::Prompt| AskedPrompt {
             id: p.id,
-            text: p.text.clone(),
+            question: self.document.question(p),
             threshold: p.threshold,
             colour: p.colour,
         };
         let mut prompts: Vec<AskedPrompt> =
             self.document.prompts().iter().filter(|p| p.is_visible).map(asked).collect();
         let live = &self.prompt_box.live;
-        if !live.is_empty() && !prompts.iter().any(|p| p.text.eq_ignore_ascii_case(live)) {
+        if !live.is_empty() && !prompts.iter().any(|p| p.question.text.eq_ignore_ascii_case(live)) {
             prompts.push(AskedPrompt {
                 id: PREVIEW,
-                text: live.clone(),
+                question: self.document.bare_question(live),
                 threshold: self.document.default_threshold(),
                 colour: self.document.next_colour(),
             });
@@ -460,5 +442,9 @@ impl ViewerApp {
 impl eframe::App for ViewerApp {
     fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
         self.show(ui);
+    }
+
+    fn on_exit(&mut self) {
+        self.keep_at_exit();
     }
 }

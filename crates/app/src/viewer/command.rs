@@ -7,11 +7,14 @@ use egui::{Key, KeyboardShortcut, Modifiers};
 pub(crate) enum Command {
     OpenFile,
     OpenFolder,
+    SaveSession,
+    SaveSessionAs,
     Reconstruct,
     Export,
     Quit,
     Undo,
     Redo,
+    CopyAreas,
     PlayPause,
     StepBack,
     StepForward,
@@ -30,9 +33,17 @@ pub(crate) enum Command {
     RangeStart,
     RangeEnd,
     RangeClear,
+    FirstFound,
+    LargestFound,
+    LastFound,
+    Bookmark,
+    Bookmarks,
+    PreviousBookmark,
+    NextBookmark,
     FocusPrompt,
     TogglePrompt,
     SoloPrompt,
+    Negatives,
     HideOverlays,
     Peek,
     CycleStyle,
@@ -42,9 +53,18 @@ pub(crate) enum Command {
     SwapOriginal,
     SideBySide,
     Wipe,
+    Blink,
+    Difference,
     Depth,
+    DepthBeside,
+    CentreOrbit,
+    Measure,
+    Dismiss,
     ResetView,
     FullScreen,
+    Larger,
+    Smaller,
+    NormalSize,
     Shortcuts,
     About,
 }
@@ -184,13 +204,16 @@ macro_rules! table {
 }
 
 table! {
-    OpenFile      File Always [ctrl(Key::O)] "Open file…" "Open a reconstruction (.safetensors) or a video"
+    OpenFile      File Always [ctrl(Key::O)] "Open file…" "Open a reconstruction (.safetensors), a session (.surgtpgs) or a video"
     OpenFolder    File Always [ctrl_shift(Key::O)] "Open folder…" "Open a recording: a folder of frames"
+    SaveSession   File Always [ctrl(Key::S)] "Save session" "Save prompts, bookmarks and view in a small file; pictures stay where they are"
+    SaveSessionAs File Always [ctrl_shift(Key::S)] "Save session as…" "Save the session in another file"
     Reconstruct   File Always [ctrl(Key::R)] "Reconstruct…" "Make a reconstruction of the open recording"
     Export        File Always [ctrl(Key::E)] "Export…" "Write masked frames as files"
     Quit          File Always [ctrl(Key::Q)] "Quit" "Close the window"
-    Undo          Edit Viewport [ctrl(Key::Z)] "Undo" "Undo the last change of the prompts"
+    Undo          Edit Viewport [ctrl(Key::Z)] "Undo" "Undo the last change; written files stay"
     Redo          Edit Viewport [ctrl_shift(Key::Z), ctrl(Key::Y)] "Redo" "Do again what was undone"
+    CopyAreas     Edit Viewport [] "Copy areas as a table" "Frame, time and area of every visible prompt as CSV, for a spreadsheet"
     PlayPause     Time Viewport [key(Key::Space)] "Play or pause" "Play or pause at the recording's own speed"
     StepBack      Time Viewport [key(Key::ArrowLeft)] "Back 1 frame" "Back 1 frame"
     StepForward   Time Viewport [key(Key::ArrowRight)] "Forward 1 frame" "Forward 1 frame"
@@ -209,19 +232,36 @@ table! {
     RangeStart    Time Viewport [key(Key::I)] "Range starts here" "Play and repeat from this frame on"
     RangeEnd      Time Viewport [shift(Key::I)] "Range ends here" "Play and repeat up to this frame"
     RangeClear    Time Viewport [alt(Key::I)] "Whole recording" "Play the whole recording again"
+    FirstFound    Time Viewport [shift(Key::Home)] "First frame with it" "Go to the first frame on which the selected prompt is found"
+    LargestFound  Time Viewport [key(Key::P)] "Frame with most of it" "Go to the frame on which the selected prompt is largest"
+    LastFound     Time Viewport [shift(Key::End)] "Last frame with it" "Go to the last frame on which the selected prompt is found"
+    Bookmark      Time Viewport [key(Key::M)] "Bookmark" "Mark this frame, or take its mark away"
+    Bookmarks     Time Viewport [shift(Key::M)] "Bookmarks and notes…" "The list of bookmarks, with notes and flags"
+    PreviousBookmark Time Viewport [ctrl(Key::ArrowLeft)] "Previous bookmark" "Go to the bookmark before this frame"
+    NextBookmark  Time Viewport [ctrl(Key::ArrowRight)] "Next bookmark" "Go to the bookmark after this frame"
     FocusPrompt   Prompts Always [key(Key::Slash), ctrl(Key::L)] "Type a prompt" "Go to the prompt box"
+    Negatives     Prompts Viewport [key(Key::N)] "What prompts are compared with…" "The generic phrases that a prompt has to beat"
     HideOverlays  Prompts Viewport [key(Key::V)] "Hide all overlays" "Show or hide everything drawn over the picture"
     Peek          Prompts Hold [key(Key::X)] "Peek at the recorded frame (hold)" "The recorded frame without anything drawn over it, as long as the key is held"
     CycleStyle    Prompts Viewport [key(Key::O)] "Next overlay style" "Outline, fill or heatmap"
     MoreOpacity   Prompts Viewport [shift(Key::O)] "More opaque overlay" "Make the overlay more opaque by 0.2; starts again at 0.2"
     ThresholdDown Prompts Viewport [key(Key::T)] "Lower threshold" "Lower the threshold of the selected prompt by 0.01: more is found"
     ThresholdUp   Prompts Viewport [shift(Key::T)] "Raise threshold" "Raise the threshold of the selected prompt by 0.01: less is found"
-    SwapOriginal  View Viewport [key(Key::B)] "Original or reconstruction" "Switch between the recorded frame and the reconstruction"
+    SwapOriginal  View Viewport [shift(Key::B)] "Original or reconstruction" "Switch between the recorded frame and the reconstruction"
     SideBySide    View Viewport [shift(Key::W)] "Side by side" "The recorded frame beside the reconstruction"
     Wipe          View Viewport [key(Key::W)] "Wipe" "Drag a line between the recorded frame and the reconstruction"
+    Blink         View Viewport [key(Key::B)] "Blink" "The recorded frame and the reconstruction in turns"
+    Difference    View Viewport [key(Key::F)] "Difference" "How much the reconstruction differs from the recorded frame"
     Depth         View Viewport [key(Key::D)] "Depth" "How far each point is from the endoscope"
+    DepthBeside   View Viewport [shift(Key::D)] "Beside its depth" "The reconstruction beside its depth"
+    CentreOrbit   View Viewport [key(Key::C)] "Turn around this point" "Look around the point under the pointer from now on"
+    Measure       View Viewport [key(Key::U)] "Ruler" "Measure on the picture: drag from one point to another"
+    Dismiss       View Viewport [key(Key::Escape)] "Close what is open" "Close the message, the point's scores or the ruler"
     ResetView     View Viewport [key(Key::R)] "Back to the endoscope" "Back to the endoscope's own view, without zoom"
     FullScreen    View Always [key(Key::F11)] "Full screen" "Fill the screen, or back to a window"
+    Larger        View Always [ctrl(Key::Plus), ctrl(Key::Equals)] "Larger text and buttons" "Make text and buttons larger, for a screen that is far away"
+    Smaller       View Always [ctrl(Key::Minus)] "Smaller text and buttons" "Make text and buttons smaller"
+    NormalSize    View Always [ctrl(Key::Num0)] "Normal text and buttons" "Text and buttons at their normal size"
     Shortcuts     Help Always [key(Key::F1)] "Keyboard shortcuts" "All keys on one sheet"
     About         Help Always [] "About SurgTPGS" "Version, intended use and privacy"
 }
@@ -244,6 +284,11 @@ pub(crate) fn is_held(ctx: &egui::Context, command: Command) -> bool {
     !ctx.text_edit_focused()
         && ctx
             .input(|i| i.modifiers.is_none() && entry(command).keys.iter().any(|k| i.key_down(k.logical_key)))
+}
+
+/// Whether one of a command's plain keys is down.
+pub(crate) fn is_down(ctx: &egui::Context, command: Command) -> bool {
+    ctx.input(|i| entry(command).keys.iter().any(|k| i.key_down(k.logical_key)))
 }
 
 /// The keys of a command as text, e.g. "Shift+W"; empty if it has none.
@@ -281,10 +326,14 @@ fn key_name(key: Key) -> &'static str {
     match key {
         Key::ArrowLeft => "Left",
         Key::ArrowRight => "Right",
+        Key::Escape => "Esc",
         Key::OpenBracket => "[",
         Key::CloseBracket => "]",
         Key::Backslash => "\\",
         Key::Slash => "/",
+        Key::Plus => "+",
+        Key::Equals => "=",
+        Key::Minus => "-",
         other => other.name(),
     }
 }

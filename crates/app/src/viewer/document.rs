@@ -1,7 +1,12 @@
-//! What the user decided: prompts and how they are drawn. Prompt edits can be undone by name.
+//! What the user decided. Every change of the [`Content`], and every return to the endoscope's view, can be undone by name.
 
-use super::command::OPACITY_STEP;
+pub(crate) use super::view_mode::ViewMode;
+use super::{
+    bookmarks::Bookmark, command::OPACITY_STEP, history::History, measure::Scale, negatives::Comparison,
+    orbit::Orbit, zoom::Zoom,
+};
 use crate::settings::PROMPT_COLOURS;
+use serde_json::{Map, Value};
 use surgtpgs_core::overlay::OverlayStyle;
 
 /// Names a prompt for its lifetime.
@@ -11,60 +16,68 @@ pub(crate) type PromptId = u64;
 pub(crate) const PREVIEW: PromptId = 0;
 
 /// Something to look for.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Prompt {
+    #[serde(skip)]
     pub(crate) id: PromptId,
     pub(crate) text: String,
     /// Kept for the prompt's lifetime: deleting another one does not recolour it.
     pub(crate) colour: [u8; 3],
     pub(crate) is_visible: bool,
-    /// Score above which a pixel is found.
+    /// Score above which a pixel is found; a whole number of hundredths.
     pub(crate) threshold: f32,
+    /// What it is compared with besides what all are.
+    #[serde(default)]
+    pub(crate) but_not: Vec<String>,
+    /// What a newer program wrote.
+    #[serde(flatten)]
+    pub(crate) unknown: Map<String, Value>,
 }
 
-/// What the viewport shows.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) enum ViewMode {
-    /// The frame as it was recorded.
-    Original,
-    /// The frame as it was reconstructed.
-    #[default]
-    Reconstruction,
-    /// Both beside each other.
-    SideBySide,
-    /// Both with a line between them.
-    Wipe,
-    /// Distance from the endoscope.
-    Depth,
+/// Everything that can be undone.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default)]
+pub(crate) struct Content {
+    pub(crate) prompts: Vec<Prompt>,
+    /// In order of their frames, at most one a frame.
+    pub(crate) bookmarks: Vec<Bookmark>,
+    /// First and last frame of the part that plays.
+    pub(crate) range: Option<(usize, usize)>,
+    /// What all prompts are compared with.
+    pub(crate) comparison: Comparison,
+    /// What makes millimetres of scene units.
+    pub(crate) scale: Option<Scale>,
+    /// What a newer program wrote.
+    #[serde(flatten)]
+    pub(crate) unknown: Map<String, Value>,
 }
 
-impl ViewMode {
-    pub(crate) const ALL: [Self; 5] =
-        [Self::Original, Self::Reconstruction, Self::SideBySide, Self::Wipe, Self::Depth];
-
-    pub(crate) fn label(self) -> &'static str {
-        match self {
-            Self::Original => "Recorded",
-            Self::Reconstruction => "Reconstruction",
-            Self::SideBySide => "Side by side",
-            Self::Wipe => "Wipe",
-            Self::Depth => "Depth",
-        }
-    }
-
-    pub(crate) fn needs_original(self) -> bool {
-        matches!(self, Self::Original | Self::SideBySide | Self::Wipe)
-    }
-
-    pub(crate) fn needs_reconstruction(self) -> bool {
-        self != Self::Original
-    }
+/// From where the picture is seen, and how large.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default)]
+pub(crate) struct Look {
+    pub(crate) orbit: Orbit,
+    pub(crate) zoom: Zoom,
 }
 
-/// Prompts and overlay, with the history of the prompts.
+/// Which changes in a row are one edit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Joint {
+    Threshold(PromptId),
+    Note(usize),
+}
+
+/// The content before an edit; the look as well if the edit changed it.
+#[derive(Clone, Debug)]
+struct Snapshot {
+    content: Content,
+    look: Option<Look>,
+}
+
+/// The user's decisions with their history.
 #[derive(Clone, Debug)]
 pub(crate) struct Document {
-    prompts: Vec<Prompt>,
+    content: Content,
     next_id: PromptId,
     /// The prompt that the threshold keys act on.
     pub(crate) selected: Option<PromptId>,
@@ -74,45 +87,69 @@ pub(crate) struct Document {
     /// Everything drawn over the picture is off.
     pub(crate) is_hidden: bool,
     pub(crate) mode: ViewMode,
+    pub(crate) look: Look,
     default_threshold: f32,
-    past: Vec<Edit>,
-    future: Vec<Edit>,
+    history: History<Snapshot, Joint>,
+    /// Grows with every change of the content.
+    revision: u64,
 }
-
-/// The prompts before a named change.
-#[derive(Clone, Debug)]
-struct Edit {
-    name: String,
-    prompts: Vec<Prompt>,
-    /// Changes of the same thing in a row (a slider being dragged) are one edit.
-    joins: Option<PromptId>,
-}
-
-/// Edits that are kept.
-const MAX_EDITS: usize = 200;
 
 impl Document {
     pub(crate) fn new(style: OverlayStyle, opacity: f32, default_threshold: f32) -> Self {
         Self {
-            prompts: Vec::new(),
+            content: Content::default(),
             next_id: PREVIEW + 1,
             selected: None,
             style,
             opacity,
             is_hidden: false,
             mode: ViewMode::default(),
+            look: Look::default(),
             default_threshold,
-            past: Vec::new(),
-            future: Vec::new(),
+            history: History::default(),
+            revision: 0,
         }
     }
 
+    pub(crate) fn content(&self) -> &Content {
+        &self.content
+    }
+
     pub(crate) fn prompts(&self) -> &[Prompt] {
-        &self.prompts
+        &self.content.prompts
+    }
+
+    pub(crate) fn prompt(&self, id: PromptId) -> Option<&Prompt> {
+        self.prompts().iter().find(|p| p.id == id)
     }
 
     pub(crate) fn default_threshold(&self) -> f32 {
         self.default_threshold
+    }
+
+    pub(crate) fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    /// Takes over what was saved. There is nothing to undo afterwards.
+    pub(crate) fn load(&mut self, content: Content, num_frames: usize) {
+        self.content = content.mended(num_frames);
+        for prompt in &mut self.content.prompts {
+            prompt.id = self.next_id;
+            self.next_id += 1;
+        }
+        self.selected = self.content.prompts.first().map(|p| p.id);
+        self.history = History::default();
+        self.revision += 1;
+    }
+
+    /// Another recording: prompts stay, what belongs to frames goes.
+    pub(crate) fn start_recording(&mut self) {
+        self.content.bookmarks.clear();
+        self.content.range = None;
+        self.content.scale = None;
+        self.history = History::default();
+        self.revision += 1;
     }
 
     /// Adds a prompt and selects it; words that are there already are selected and shown instead. Empty words do nothing.
@@ -121,9 +158,9 @@ impl Document {
         if text.is_empty() {
             return;
         }
-        if let Some(index) = self.prompts.iter().position(|p| p.text.eq_ignore_ascii_case(text)) {
-            self.selected = Some(self.prompts[index].id);
-            if !self.prompts[index].is_visible {
+        if let Some(index) = self.index_of(text) {
+            self.selected = Some(self.prompts()[index].id);
+            if !self.prompts()[index].is_visible {
                 self.toggle_visible(index);
             }
             return;
@@ -134,49 +171,114 @@ impl Document {
             colour: self.next_colour(),
             is_visible: true,
             threshold: self.default_threshold,
+            but_not: Vec::new(),
+            unknown: Map::new(),
         };
         self.next_id += 1;
         self.selected = Some(prompt.id);
-        self.edit(format!("adding \"{text}\""), None, |prompts| prompts.push(prompt));
+        self.edit(format!("adding \"{text}\""), None, |content| content.prompts.push(prompt));
     }
 
     pub(crate) fn remove(&mut self, id: PromptId) {
-        let Some(prompt) = self.prompts.iter().find(|p| p.id == id) else { return };
-        self.edit(format!("deleting \"{}\"", prompt.text), None, |prompts| prompts.retain(|p| p.id != id));
+        let Some(prompt) = self.prompt(id) else { return };
+        let name = format!("deleting \"{}\"", prompt.text);
+        self.edit(name, None, |content| content.prompts.retain(|p| p.id != id));
         self.mend_selection();
+    }
+
+    /// Gives a prompt other words; refuses empty ones and those of another prompt.
+    pub(crate) fn rename(&mut self, id: PromptId, text: &str) {
+        let text = text.trim();
+        let Some(prompt) = self.prompt(id).filter(|p| p.text != text && !text.is_empty()) else { return };
+        if self.index_of(text).is_some_and(|index| self.prompts()[index].id != id) {
+            return;
+        }
+        let name = format!("changing \"{}\" to \"{text}\"", prompt.text);
+        self.edit_prompt(name, None, id, |p| p.text = text.to_owned());
+    }
+
+    /// Moves a prompt up (−1) or down (+1) in the list, which is also the order of drawing.
+    pub(crate) fn reorder(&mut self, id: PromptId, by: isize) {
+        let Some(from) = self.prompts().iter().position(|p| p.id == id) else { return };
+        let to = from.saturating_add_signed(by).min(self.prompts().len() - 1);
+        if from != to {
+            let name = format!("moving \"{}\"", self.prompts()[from].text);
+            self.edit(name, None, |content| {
+                let prompt = content.prompts.remove(from);
+                content.prompts.insert(to, prompt);
+            });
+        }
+    }
+
+    pub(crate) fn set_colour(&mut self, id: PromptId, colour: [u8; 3]) {
+        let Some(prompt) = self.prompt(id).filter(|p| p.colour != colour) else { return };
+        let name = format!("colour of \"{}\"", prompt.text);
+        self.edit_prompt(name, None, id, |p| p.colour = colour);
+    }
+
+    /// What a prompt is compared with besides what all are.
+    pub(crate) fn set_but_not(&mut self, id: PromptId, but_not: &[String]) {
+        let Some(prompt) = self.prompt(id).filter(|p| p.but_not != but_not) else { return };
+        let name = format!("what \"{}\" is not", prompt.text);
+        self.edit_prompt(name, None, id, |p| p.but_not = but_not.to_vec());
     }
 
     /// Shows or hides prompt number `index` (from 0).
     pub(crate) fn toggle_visible(&mut self, index: usize) {
-        let Some(prompt) = self.prompts.get(index) else { return };
+        let Some(prompt) = self.prompts().get(index) else { return };
         let name = format!("{} \"{}\"", if prompt.is_visible { "hiding" } else { "showing" }, prompt.text);
-        self.edit(name, None, |prompts| prompts[index].is_visible ^= true);
+        self.edit(name, None, |content| content.prompts[index].is_visible ^= true);
     }
 
     /// Shows prompt number `index` alone; if it is alone already, shows all.
     pub(crate) fn solo(&mut self, index: usize) {
-        let Some(prompt) = self.prompts.get(index) else { return };
-        let is_alone = self.prompts.iter().enumerate().all(|(i, p)| p.is_visible == (i == index));
+        let Some(prompt) = self.prompts().get(index) else { return };
+        let is_alone = self.prompts().iter().enumerate().all(|(i, p)| p.is_visible == (i == index));
         let name = if is_alone { "showing all".to_owned() } else { format!("only \"{}\"", prompt.text) };
-        self.edit(name, None, |prompts| {
-            prompts.iter_mut().enumerate().for_each(|(i, p)| p.is_visible = is_alone || i == index);
+        self.edit(name, None, |content| {
+            content.prompts.iter_mut().enumerate().for_each(|(i, p)| p.is_visible = is_alone || i == index);
         });
     }
 
+    /// Sets a threshold, in whole hundredths.
     pub(crate) fn set_threshold(&mut self, id: PromptId, threshold: f32) {
-        let threshold = threshold.clamp(0.0, 1.0);
-        let Some(prompt) = self.prompts.iter().find(|p| p.id == id && p.threshold != threshold) else {
-            return;
-        };
-        self.edit(format!("threshold of \"{}\"", prompt.text), Some(id), |prompts| {
-            prompts.iter_mut().filter(|p| p.id == id).for_each(|p| p.threshold = threshold);
-        });
+        let threshold = hundredths(threshold);
+        let Some(prompt) = self.prompt(id).filter(|p| p.threshold != threshold) else { return };
+        let name = format!("threshold of \"{}\"", prompt.text);
+        self.edit_prompt(name, Some(Joint::Threshold(id)), id, |p| p.threshold = threshold);
     }
 
-    /// Moves the threshold of the selected prompt, in whole hundredths.
+    /// Moves the threshold of the selected prompt.
     pub(crate) fn nudge_threshold(&mut self, by: f32) {
-        let Some(prompt) = self.prompts.iter().find(|p| Some(p.id) == self.selected) else { return };
-        self.set_threshold(prompt.id, ((prompt.threshold + by) * 100.0).round() / 100.0);
+        if let Some(prompt) = self.selected.and_then(|id| self.prompt(id)) {
+            self.set_threshold(prompt.id, prompt.threshold + by);
+        }
+    }
+
+    /// Sets the part that plays; `None` is the whole recording.
+    pub(crate) fn set_range(&mut self, range: Option<(usize, usize)>) {
+        if self.content.range != range {
+            let name = match range {
+                Some((from, to)) => format!("playing frames {} to {}", from + 1, to + 1),
+                None => "playing the whole recording".into(),
+            };
+            self.edit(name, None, |content| content.range = range);
+        }
+    }
+
+    pub(crate) fn set_scale(&mut self, scale: Option<Scale>) {
+        let name = if scale.is_some() { "setting the scale" } else { "removing the scale" };
+        self.edit(name.into(), None, |content| content.scale = scale);
+    }
+
+    /// Back to the endoscope's own view, without zoom.
+    pub(crate) fn reset_look(&mut self) {
+        if self.look != Look::default() {
+            let (content, look) = (&self.content, self.look);
+            let before = || Snapshot { content: content.clone(), look: Some(look) };
+            self.history.record("returning to the endoscope".into(), None, before);
+            self.look = Look::default();
+        }
     }
 
     pub(crate) fn next_style(&mut self) {
@@ -195,130 +297,117 @@ impl Document {
 
     /// The colour that the next prompt will get: the first of the palette that is not in use.
     pub(crate) fn next_colour(&self) -> [u8; 3] {
-        let uses = |c: &[u8; 3]| self.prompts.iter().filter(|p| p.colour == *c).count();
+        let uses = |c: &[u8; 3]| self.prompts().iter().filter(|p| p.colour == *c).count();
         PROMPT_COLOURS.into_iter().min_by_key(uses).unwrap_or([255; 3])
     }
 
     /// What undo would undo.
     pub(crate) fn undo_name(&self) -> Option<&str> {
-        self.past.last().map(|e| e.name.as_str())
+        self.history.undo_name()
     }
 
     /// What redo would do again.
     pub(crate) fn redo_name(&self) -> Option<&str> {
-        self.future.last().map(|e| e.name.as_str())
+        self.history.redo_name()
     }
 
     pub(crate) fn undo(&mut self) {
-        if let Some(edit) = self.past.pop() {
-            let prompts = std::mem::replace(&mut self.prompts, edit.prompts);
-            self.future.push(Edit { prompts, joins: None, ..edit });
-            self.mend_selection();
-        }
+        let (content, look) = (&mut self.content, &mut self.look);
+        self.history.undo(|there| there.exchange(content, look));
+        self.after_exchange();
     }
 
     pub(crate) fn redo(&mut self) {
-        if let Some(edit) = self.future.pop() {
-            let prompts = std::mem::replace(&mut self.prompts, edit.prompts);
-            self.past.push(Edit { prompts, joins: None, ..edit });
-            self.mend_selection();
-        }
+        let (content, look) = (&mut self.content, &mut self.look);
+        self.history.redo(|there| there.exchange(content, look));
+        self.after_exchange();
     }
 
     /// Ends a series of joined changes: the next one is an edit of its own.
     pub(crate) fn end_gesture(&mut self) {
-        if let Some(edit) = self.past.last_mut() {
-            edit.joins = None;
-        }
+        self.history.end_gesture();
     }
 
-    fn edit(&mut self, name: String, joins: Option<PromptId>, change: impl FnOnce(&mut Vec<Prompt>)) {
-        let is_joined = joins.is_some() && self.past.last().is_some_and(|e| e.joins == joins);
-        if !is_joined {
-            self.past.push(Edit { name, prompts: self.prompts.clone(), joins });
-            let excess = self.past.len().saturating_sub(MAX_EDITS);
-            self.past.drain(..excess);
-        }
-        self.future.clear();
-        change(&mut self.prompts);
+    /// Changes the content by a named edit.
+    pub(crate) fn edit(&mut self, name: String, joins: Option<Joint>, change: impl FnOnce(&mut Content)) {
+        let content = &self.content;
+        self.history.record(name, joins, || Snapshot { content: content.clone(), look: None });
+        change(&mut self.content);
+        self.revision += 1;
+    }
+
+    fn edit_prompt(
+        &mut self,
+        name: String,
+        joins: Option<Joint>,
+        id: PromptId,
+        change: impl FnOnce(&mut Prompt),
+    ) {
+        self.edit(name, joins, |content| {
+            if let Some(prompt) = content.prompts.iter_mut().find(|p| p.id == id) {
+                change(prompt);
+            }
+        });
+    }
+
+    fn index_of(&self, text: &str) -> Option<usize> {
+        self.prompts().iter().position(|p| p.text.eq_ignore_ascii_case(text))
+    }
+
+    fn after_exchange(&mut self) {
+        self.revision += 1;
+        self.mend_selection();
     }
 
     fn mend_selection(&mut self) {
-        if !self.prompts.iter().any(|p| Some(p.id) == self.selected) {
-            self.selected = self.prompts.last().map(|p| p.id);
+        if self.selected.and_then(|id| self.prompt(id)).is_none() {
+            self.selected = self.prompts().last().map(|p| p.id);
         }
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn document(prompts: &[&str]) -> Document {
-        let mut document = Document::new(OverlayStyle::Outline, 0.5, 0.4);
-        prompts.iter().for_each(|p| document.add(p));
-        document
-    }
-
-    #[test]
-    fn the_same_words_are_added_once_and_empty_ones_never() {
-        let mut document = document(&["gallbladder", "  ", " Gallbladder "]);
-        assert_eq!(document.prompts().len(), 1);
-        document.toggle_visible(0);
-        document.add("gallbladder");
-        assert!(document.prompts()[0].is_visible);
-    }
-
-    #[test]
-    fn deleting_recolours_nobody_and_frees_the_colour() {
-        let mut document = document(&["liver", "fat", "grasper"]);
-        let colours: Vec<_> = document.prompts().iter().map(|p| p.colour).collect();
-        assert!(colours[0] != colours[1] && colours[1] != colours[2] && colours[0] != colours[2]);
-        document.remove(document.prompts()[1].id);
-        assert_eq!([document.prompts()[0].colour, document.prompts()[1].colour], [colours[0], colours[2]]);
-        assert_eq!(document.next_colour(), colours[1]);
-    }
-
-    #[test]
-    fn undo_of_everything_and_redo_of_everything_are_identities() {
-        let mut document = document(&["liver", "fat"]);
-        document.solo(0);
-        document.nudge_threshold(0.01);
-        document.remove(document.prompts()[0].id);
-        let end = document.prompts().to_vec();
-        let mut steps = 0;
-        while document.undo_name().is_some() {
-            document.undo();
-            steps += 1;
+impl Snapshot {
+    /// Changes places with the present state.
+    fn exchange(&mut self, content: &mut Content, look: &mut Look) {
+        std::mem::swap(&mut self.content, content);
+        if let Some(own) = &mut self.look {
+            std::mem::swap(own, look);
         }
-        assert_eq!((steps, document.prompts().len()), (5, 0));
-        assert_eq!(document.redo_name(), Some("adding \"liver\""));
-        (0..steps).for_each(|_| document.redo());
-        assert_eq!(document.prompts(), end);
-        assert_eq!(document.redo_name(), None);
+    }
+}
+
+impl Look {
+    /// The same within what is possible, whatever a file says.
+    pub(crate) fn mended(self, max_degrees: f32) -> Self {
+        Self { orbit: self.orbit.mended(max_degrees), zoom: self.zoom.mended() }
+    }
+}
+
+impl Content {
+    /// Whether the same was decided; prompts have other ids in every window.
+    pub(crate) fn is_alike(&self, other: &Self) -> bool {
+        let anonymous = |content: &Self| {
+            let mut content = content.clone();
+            content.prompts.iter_mut().for_each(|p| p.id = PREVIEW);
+            content
+        };
+        anonymous(self) == anonymous(other)
     }
 
-    #[test]
-    fn dragging_a_threshold_is_one_edit_until_the_mouse_is_let_go() {
-        let mut document = document(&["liver"]);
-        let id = document.prompts()[0].id;
-        document.set_threshold(id, 0.5);
-        document.set_threshold(id, 0.6);
-        document.end_gesture();
-        document.set_threshold(id, 7.0);
-        assert_eq!(document.prompts()[0].threshold, 1.0);
-        document.undo();
-        assert_eq!(document.prompts()[0].threshold, 0.6);
-        document.undo();
-        assert_eq!(document.prompts()[0].threshold, 0.4);
+    /// The same within what is possible for a recording of so many frames, whatever a file says.
+    fn mended(mut self, num_frames: usize) -> Self {
+        self.prompts.retain(|p| !p.text.trim().is_empty());
+        self.prompts.iter_mut().for_each(|p| p.threshold = hundredths(p.threshold));
+        self.bookmarks.retain(|b| b.frame < num_frames);
+        self.bookmarks.sort_by_key(|b| b.frame);
+        self.bookmarks.dedup_by_key(|b| b.frame);
+        self.scale = self.scale.filter(Scale::is_possible);
+        self.range = self.range.filter(|(from, to)| from <= to && *to < num_frames);
+        self
     }
+}
 
-    #[test]
-    fn solo_again_shows_all() {
-        let mut document = document(&["liver", "fat", "grasper"]);
-        document.solo(1);
-        assert_eq!(document.prompts().iter().map(|p| p.is_visible).collect::<Vec<_>>(), [false, true, false]);
-        document.solo(1);
-        assert!(document.prompts().iter().all(|p| p.is_visible));
-    }
+/// The nearest whole hundredth of 0–1; not a number becomes 1: nothing is found rather than everything.
+fn hundredths(threshold: f32) -> f32 {
+    if threshold.is_nan() { 1.0 } else { (threshold.clamp(0.0, 1.0) * 100.0).round() / 100.0 }
 }

@@ -2,8 +2,11 @@
 
 use super::{
     jobs::JobContext,
+    measure::Lens,
+    negatives::Negatives,
     source::{Backend, Demo, ExportRequest, ExportSummary, FrameSource, Info, Rendering, TrainRequest, View},
     training::DEFAULT_STEPS,
+    widgets::thousands,
 };
 use crate::{
     engine::{self, Ask, Engine, EngineOptions},
@@ -22,6 +25,7 @@ use surgtpgs_core::{
     export::{ExportOptions, ExportPrompt, Source},
     grid::Grid,
     raster::FrameClock,
+    relevancy::RelevancySettings,
     scene::Scene,
     sequence::Sequence,
     train::{TrainSettings, Trainer},
@@ -144,6 +148,7 @@ fn require_writable(file: &Path) -> Result<()> {
 /// Passes on how far a job is, and whether it is to stop.
 fn watch(job: &JobContext, progress: &Progress<'_>) -> ControlFlow<()> {
     job.progress(progress.stage, progress.done, progress.total, progress.detail.to_owned());
+    job.rest_while_paused();
     if job.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
 }
 
@@ -167,7 +172,8 @@ impl SceneSource {
         let size = scene.cameras.first().map_or((0, 0), |c| (c.width as usize, c.height as usize));
         let moves =
             |c: &surgtpgs_core::camera::Camera| c.camera_from_world != scene.cameras[0].camera_from_world;
-        let mut notes = Vec::new();
+        let count = format!("{} Gaussians", thousands(scene.gaussians.len()));
+        let mut notes = vec![(count, "What the reconstruction is made of.".to_owned())];
         if !scene.provenance.held_out {
             let why = "No frame was held out, so none is left to test the reconstruction on.";
             notes.push(("trained on all frames".to_owned(), why.to_owned()));
@@ -181,6 +187,7 @@ impl SceneSource {
             height: size.1,
             frames_per_second: scene.provenance.frames_per_second,
             camera_moves: scene.cameras.iter().any(moves),
+            lens: scene.cameras.first().map(|c| Lens { fx: c.fx, fy: c.fy, cx: c.cx, cy: c.cy }),
             has_original: engine.sequence().is_some(),
             original_missing: engine.recording_missing().map(str::to_owned),
             has_reconstruction: true,
@@ -239,6 +246,19 @@ impl FrameSource for SceneSource {
             self.pivot_depth = middle_depth(&depth).unwrap_or(self.pivot_depth);
         }
         Ok(Rendering { colour, depth })
+    }
+
+    fn set_negatives(&mut self, negatives: &Negatives) -> Result<()> {
+        let present = self.engine.settings();
+        if (&present.phrases, present.class_negatives) == (&negatives.phrases, negatives.uses_classes) {
+            return Ok(());
+        }
+        let settings = RelevancySettings {
+            phrases: negatives.phrases.clone(),
+            class_negatives: negatives.uses_classes,
+            ..present.clone()
+        };
+        self.engine.set_settings(settings)
     }
 
     fn scores(&mut self, view: &View, prompts: &[&str]) -> Vec<Result<Grid<f32>>> {

@@ -22,7 +22,8 @@ highlights may be wrong or incomplete: a similarity score says how close a pixel
 is to be right. The user is responsible for how it is used.";
 
 const PRIVACY: &str = "Everything happens on this computer. The program has no network access, sends nothing anywhere \
-and keeps no statistics. It remembers which files were opened last (File, Recently opened, Forget these).";
+and keeps no statistics. It remembers which files were opened last (File, Recently opened: there it can be told \
+to forget them) and work that was not saved.";
 
 /// The sheet that is open; before anything else the notice, once.
 pub(crate) fn sheets_ui(ctx: &Context, app: &mut ViewerApp) {
@@ -92,6 +93,7 @@ fn mouse_ui(ui: &mut Ui) {
     ui.label(RichText::new("Mouse on the picture").strong().color(theme::ACCENT));
     Grid::new("mouse").num_columns(2).spacing([14.0, 3.0]).min_col_width(96.0).show(ui, |ui| {
         for (what, does) in [
+            ("Click", "What this point is most like"),
             ("Wheel", "Zoom"),
             ("Drag", "Move the enlarged picture"),
             ("Double-click", "Whole picture"),

@@ -2,7 +2,7 @@
 
 use super::source::FrameSource;
 use std::sync::{
-    Arc,
+    Arc, Condvar, Mutex, MutexGuard, PoisonError,
     atomic::{AtomicBool, Ordering},
     mpsc::{Receiver, Sender, channel},
 };
@@ -53,14 +53,15 @@ enum Report {
 pub(crate) struct JobContext {
     report: Box<dyn Fn(Report) + Send + Sync>,
     cancel: Arc<AtomicBool>,
-    stage_began: std::sync::Mutex<(String, std::time::Instant)>,
+    pause: Arc<Pause>,
+    stage_began: Mutex<(String, std::time::Instant)>,
 }
 
 impl JobContext {
     /// Tells how far the job is.
     pub(crate) fn progress(&self, stage: &str, done: usize, total: usize, detail: String) {
         let seconds = {
-            let mut began = self.stage_began.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            let mut began = lock(&self.stage_began);
             if began.0 != stage {
                 *began = (stage.to_owned(), std::time::Instant::now());
             }
@@ -79,16 +80,46 @@ impl JobContext {
         self.cancel.load(Ordering::Relaxed)
     }
 
+    /// Returns when the user does not want the job to rest (any more), or wants it to stop.
+    pub(crate) fn rest_while_paused(&self) {
+        let is_resting = |is_paused: &mut bool| *is_paused && !self.is_cancelled();
+        let began = std::time::Instant::now();
+        drop(self.pause.changed.wait_while(lock(&self.pause.is_paused), is_resting));
+        // Rest is no work: the pace of the stage does not change by it.
+        lock(&self.stage_began).1 += began.elapsed();
+    }
+
     /// [`Error::Cancelled`] once the user asked to stop.
     pub(crate) fn check(&self) -> Result<()> {
         if self.is_cancelled() { Err(Error::Cancelled) } else { Ok(()) }
     }
 }
 
+/// Whether a job rests.
+#[derive(Default)]
+struct Pause {
+    is_paused: Mutex<bool>,
+    changed: Condvar,
+}
+
+impl Pause {
+    /// Makes a resting job look whether it is to go on.
+    fn wake(&self) {
+        // With the lock, so that no job misses it between looking and resting.
+        drop(lock(&self.is_paused));
+        self.changed.notify_all();
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// The window's side of a job. Dropping it asks the job to stop.
 pub(crate) struct Job<T> {
     events: Receiver<JobEvent<T>>,
     cancel: Arc<AtomicBool>,
+    pause: Arc<Pause>,
     /// The latest progress.
     pub(crate) progress: Progress,
 }
@@ -102,7 +133,8 @@ impl<T: Send + 'static> Job<T> {
     ) -> Self {
         let (sender, events) = channel();
         let cancel = Arc::new(AtomicBool::new(false));
-        let context = context(sender.clone(), ctx.clone(), cancel.clone());
+        let pause = Arc::new(Pause::default());
+        let context = context(sender.clone(), ctx.clone(), cancel.clone(), pause.clone());
         let (at_end, repaint) = (sender.clone(), ctx.clone());
         let body = move || {
             let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| work(&context)));
@@ -116,12 +148,23 @@ impl<T: Send + 'static> Job<T> {
                 hint: "Close other programs and try again.".into(),
             })));
         }
-        Self { events, cancel, progress: Progress::default() }
+        Self { events, cancel, pause, progress: Progress::default() }
     }
 
     /// Asks the job to stop at the next opportunity.
     pub(crate) fn cancel(&self) {
         self.cancel.store(true, Ordering::Relaxed);
+        self.pause.wake();
+    }
+
+    /// Lets the job rest, or go on.
+    pub(crate) fn set_paused(&self, is_paused: bool) {
+        *lock(&self.pause.is_paused) = is_paused;
+        self.pause.wake();
+    }
+
+    pub(crate) fn is_paused(&self) -> bool {
+        *lock(&self.pause.is_paused)
     }
 
     pub(crate) fn is_cancelling(&self) -> bool {
@@ -143,6 +186,7 @@ impl<T: Send + 'static> Job<T> {
 impl<T> Drop for Job<T> {
     fn drop(&mut self) {
         self.cancel.store(true, Ordering::Relaxed);
+        self.pause.wake();
     }
 }
 
@@ -150,6 +194,7 @@ fn context<T: Send + 'static>(
     sender: Sender<JobEvent<T>>,
     repaint: egui::Context,
     cancel: Arc<AtomicBool>,
+    pause: Arc<Pause>,
 ) -> JobContext {
     let report = move |report: Report| {
         let event = match report {
@@ -160,8 +205,8 @@ fn context<T: Send + 'static>(
             repaint.request_repaint();
         }
     };
-    let stage_began = std::sync::Mutex::new((String::new(), std::time::Instant::now()));
-    JobContext { report: Box::new(report), cancel, stage_began }
+    let stage_began = Mutex::new((String::new(), std::time::Instant::now()));
+    JobContext { report: Box::new(report), cancel, pause, stage_began }
 }
 
 fn broken() -> Error {
@@ -202,6 +247,29 @@ mod tests {
                 std::thread::yield_now();
             }
         });
+        job.cancel();
+        assert!(matches!(wait(&mut job), JobEvent::Done(Err(Error::Cancelled))));
+    }
+
+    #[test]
+    fn a_paused_job_rests_until_it_goes_on_or_is_cancelled() {
+        let (passed, counter) = channel();
+        let mut job: Job<()> = Job::start("test", &egui::Context::default(), move |job| {
+            loop {
+                job.rest_while_paused();
+                job.check()?;
+                let _ = passed.send(());
+                std::thread::yield_now();
+            }
+        });
+        counter.recv().unwrap();
+        job.set_paused(true);
+        // What it was doing may still be finished once.
+        while counter.recv_timeout(std::time::Duration::from_millis(50)).is_ok() {}
+        assert!(job.is_paused() && job.poll().is_none());
+        job.set_paused(false);
+        counter.recv().unwrap();
+        job.set_paused(true);
         job.cancel();
         assert!(matches!(wait(&mut job), JobEvent::Done(Err(Error::Cancelled))));
     }

@@ -4,7 +4,7 @@
 //! focused widget arrows, Home, End, Enter and Space; else the viewport. egui itself would use the arrows to move the
 //! focus, therefore this happens before the pass begins.
 
-use super::command::{self, Entry, Invocation, Scope};
+use super::command::{self, Command, Entry, Invocation, Scope};
 use egui::{Context, Event, Key, Modifiers, Plugin, RawInput};
 
 /// Collects commands given by key.
@@ -52,7 +52,8 @@ impl Plugin for KeyRouter {
                 return true;
             };
             self.pressed.push(Invocation { command: entry.command, index });
-            false
+            // Menus close by Esc as well, and with the stop key held other keys mean something else.
+            *key == Key::Escape || entry.command == Command::Stop
         });
         // The letter of a command that opens a text field must not be typed into it.
         if self.pressed.len() > before && owner != Owner::Text {
@@ -66,9 +67,10 @@ fn is_command(owner: Owner, entry: &Entry, key: Key, modifiers: Modifiers) -> bo
     match owner {
         Owner::Modal => false,
         Owner::Text => entry.scope == Scope::Always && (modifiers.command || is_function_key),
-        Owner::Widget => {
-            !matches!(key, Key::ArrowLeft | Key::ArrowRight | Key::Home | Key::End | Key::Enter | Key::Space)
-        }
+        Owner::Widget => !matches!(
+            key,
+            Key::ArrowLeft | Key::ArrowRight | Key::Home | Key::End | Key::Enter | Key::Space | Key::Escape
+        ),
         Owner::Viewport => true,
     }
 }

@@ -2,8 +2,9 @@
 
 use super::{
     app::ViewerApp,
+    bookmarks_ui,
     command::{self, Command},
-    help, prompts, status, theme, timeline, training, viewport,
+    help, keep, negatives, prompts, status, theme, timeline, training, viewport,
 };
 use egui::{CentralPanel, Frame, Margin, Panel, Ui};
 
@@ -29,6 +30,9 @@ pub(crate) fn window_ui(ui: &mut Ui, app: &mut ViewerApp) {
     training::train_dialog_ui(&ctx, app);
     super::export_dialog::export_dialog_ui(&ctx, app);
     timeline::go_to_ui(&ctx, app);
+    bookmarks_ui::bookmarks_ui(&ctx, app);
+    negatives::comparison_ui(&ctx, app);
+    keep::recovery_ui(&ctx, app);
     help::sheets_ui(&ctx, app);
 }
 
@@ -39,15 +43,21 @@ fn menus_ui(ui: &mut Ui, app: &mut ViewerApp) {
             [C::OpenFile, C::OpenFolder].into_iter().for_each(|c| item(ui, app, c));
             recent_ui(ui, app);
             ui.separator();
+            [C::SaveSession, C::SaveSessionAs].into_iter().for_each(|c| item(ui, app, c));
+            ui.separator();
             [C::Reconstruct, C::Export].into_iter().for_each(|c| item(ui, app, c));
             ui.separator();
             item(ui, app, C::Quit);
         });
-        menu(ui, app, "Edit", &[&[C::Undo, C::Redo]]);
+        menu(ui, app, "Edit", &[&[C::Undo, C::Redo], &[C::CopyAreas]]);
         let views: &[&[C]] = &[
-            &[C::SwapOriginal, C::SideBySide, C::Wipe, C::Depth],
+            &[C::SwapOriginal, C::SideBySide, C::Wipe, C::Blink, C::Difference],
+            &[C::Depth, C::DepthBeside],
+            &[C::Negatives],
             &[C::HideOverlays, C::CycleStyle, C::MoreOpacity],
+            &[C::CentreOrbit, C::Measure],
             &[C::ResetView, C::FullScreen],
+            &[C::Larger, C::Smaller, C::NormalSize],
         ];
         menu(ui, app, "View", views);
         let times: &[&[C]] = &[
@@ -55,6 +65,8 @@ fn menus_ui(ui: &mut Ui, app: &mut ViewerApp) {
             &[C::First, C::Last, C::GoToFrame],
             &[C::Slower, C::Faster, C::NormalSpeed],
             &[C::Loop, C::RangeStart, C::RangeEnd, C::RangeClear],
+            &[C::FirstFound, C::LargestFound, C::LastFound],
+            &[C::Bookmark, C::PreviousBookmark, C::NextBookmark, C::Bookmarks],
         ];
         menu(ui, app, "Time", times);
         menu(ui, app, "Help", &[&[C::Shortcuts, C::About]]);
@@ -101,8 +113,7 @@ fn named(verb: &str, what: Option<&str>) -> String {
 
 fn recent_ui(ui: &mut Ui, app: &mut ViewerApp) {
     let recent = app.preferences.recent.clone();
-    ui.add_enabled_ui(!recent.is_empty(), |ui| {
-        ui.menu_button("Recently opened", |ui| {
+    ui.menu_button("Recently opened", |ui| {
             for path in &recent {
                 let name = path
                     .file_name()
@@ -113,12 +124,17 @@ fn recent_ui(ui: &mut Ui, app: &mut ViewerApp) {
                     ui.close();
                 }
             }
-            ui.separator();
-            if ui.button("Forget these").clicked() {
-                app.preferences.recent.clear();
-                app.preferences.save();
+            if !recent.is_empty() {
+                ui.separator();
+            }
+            if ui.add_enabled(!recent.is_empty(), egui::Button::new("Forget these")).clicked() {
+                app.preferences.forget_files(app.preferences.remembers_files);
                 ui.close();
             }
-        });
+            let mut forgets = !app.preferences.remembers_files;
+            let tip = "Paths may hold names: with this on, none is kept, and unsaved work is dropped when the window is closed";
+            if ui.checkbox(&mut forgets, "Do not remember what is opened").on_hover_text(tip).changed() {
+                app.preferences.forget_files(!forgets);
+            }
     });
 }

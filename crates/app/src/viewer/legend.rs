@@ -2,6 +2,7 @@
 
 use super::{
     app::ViewerApp,
+    compare::{FULL_SCALE, difference_colour},
     document::{PREVIEW, ViewMode},
     pipeline::{color_image, depth_colour},
     prompts::percent,
@@ -17,9 +18,15 @@ use surgtpgs_core::{
 
 /// Legend in the lower left corner, tags on the pictures.
 pub(crate) fn legend_ui(ui: &mut Ui, app: &ViewerApp, area: Rect, panes: &[(Rect, Rect)]) {
-    if app.document.mode == ViewMode::Depth {
-        depth_scale(ui, app, area);
-        return;
+    match app.document.mode {
+        ViewMode::Depth => return depth_scale(ui, app, area),
+        ViewMode::DepthBeside => {
+            if let Some((pane, picture)) = panes.last() {
+                depth_scale(ui, app, pane.intersect(*picture));
+            }
+        }
+        ViewMode::Difference => return difference_scale(ui, area),
+        _ => {}
     }
     let lines = lines(app);
     for (pane, picture) in panes {
@@ -58,7 +65,7 @@ fn lines(app: &ViewerApp) -> Vec<Line> {
             } else {
                 number.map_or(String::new(), |n| (n + 1).to_string())
             },
-            text: prompt.text.clone(),
+            text: prompt.question.text.clone(),
             value,
             colour: prompt.colour,
             anchor: found.and_then(|f| f.anchor),
@@ -142,17 +149,31 @@ fn heat_scale(ui: &Ui, lines: &[Line], left: f32, bottom: f32) {
     }
 }
 
+fn difference_scale(ui: &Ui, area: Rect) {
+    let left_bottom = area.left_bottom() + vec2(8.0, -8.0);
+    let rect = Rect::from_min_max(left_bottom - vec2(0.0, 42.0), left_bottom + vec2(260.0, 0.0));
+    let most = format!("{FULL_SCALE:.0} or more");
+    let ends = [("0", 0.0), (&*most, 1.0)];
+    scale(ui.painter(), rect, &ends, "difference, levels of 255", |bar| {
+        paint_ramp(ui.painter(), bar, difference_colour);
+    });
+}
+
+fn paint_ramp(painter: &Painter, bar: Rect, colour: impl Fn(f32) -> Color32) {
+    for x in 0..bar.width() as usize {
+        let at = bar.left() + x as f32 + 0.5;
+        painter.vline(at, bar.y_range(), (1.5, colour(x as f32 / bar.width())));
+    }
+}
+
 fn depth_scale(ui: &Ui, app: &ViewerApp, area: Rect) {
     let Some(depth) = app.picture().and_then(|p| p.depth.as_ref()) else { return };
     let (near, far) = depth.range;
     let left_bottom = area.left_bottom() + vec2(8.0, -8.0);
     let rect = Rect::from_min_max(left_bottom - vec2(0.0, 42.0), left_bottom + vec2(260.0, 0.0));
     let ends = [(&*format!("near {near:.1}"), 0.0), (&*format!("far {far:.1}"), 1.0)];
-    scale(ui.painter(), rect, &ends, "depth, scene units (not mm)", |bar| {
-        for x in 0..bar.width() as usize {
-            let at = bar.left() + x as f32 + 0.5;
-            ui.painter().vline(at, bar.y_range(), (1.5, depth_colour(x as f32 / bar.width())));
-        }
+    scale(ui.painter(), rect, &ends, "depth, scene units", |bar| {
+        paint_ramp(ui.painter(), bar, depth_colour);
     });
 }
 

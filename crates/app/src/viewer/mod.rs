@@ -1,9 +1,10 @@
 //! The window.
 //!
 //! ```text
-//! keys, mouse ─▶ command ─▶ app (document, playback, orbit) ─▶ request ─▶ worker ─▶ pipeline ─▶ source (engine)
-//!                              ▲        panels draw it                        │
-//!                              └──────────────── picture, newest only ◀───────┘
+//! keys, mouse ─▶ command ─▶ app (document, playback) ─▶ request ─▶ worker ─▶ pipeline ─▶ source (engine)
+//!                    │            ▲   panels draw it                  │
+//!         undo ◀─ document        └──────── picture, newest only ◀────┘
+//!                    └─▶ session file, autosave
 //! ```
 //!
 //! The window's thread asks and never waits: pictures come from [`worker`], opening, training and exporting from
@@ -11,39 +12,60 @@
 //! another frame is ever drawn. When nothing changes, nothing is requested and nothing is painted.
 
 mod app;
+mod areas;
+mod autosave;
+mod bookmarks;
+mod bookmarks_ui;
 mod command;
+mod compare;
+mod curves;
 mod document;
+#[cfg(test)]
+mod document_tests;
 mod engine_source;
 mod export_dialog;
 #[cfg(test)]
 mod export_tests;
 mod help;
 mod histogram;
+mod history;
 mod jobs;
+mod keep;
 mod key_router;
 mod layout;
 mod legend;
+mod measure;
+mod negatives;
+mod obey;
 mod orbit;
 mod pipeline;
 #[cfg(test)]
 mod pipeline_tests;
 mod playback;
 mod preferences;
+mod probe;
+mod prompt_menu;
 mod prompts;
+mod ruler;
+mod session;
 mod shown;
 mod source;
 mod start;
 mod status;
+mod suggestions;
 #[cfg(test)]
 mod tests;
 mod theme;
 mod timeline;
 mod training;
+mod view_mode;
 mod viewport;
 mod widgets;
 mod worker;
+mod zoom;
 
 use app::ViewerApp;
+use autosave::Autosave;
 use engine_source::EngineBackend;
 use preferences::Preferences;
 use std::{path::PathBuf, sync::Arc};
@@ -74,7 +96,8 @@ pub fn run(input: ViewerInput) -> Result<()> {
     let options = eframe::NativeOptions { viewport, ..Default::default() };
     let start = move |cc: &eframe::CreationContext<'_>| {
         let preferences = Preferences::load(Preferences::user_file());
-        let mut app = ViewerApp::new(&cc.egui_ctx, Arc::new(EngineBackend), preferences);
+        let autosave = Autosave::open(Autosave::user_folder());
+        let mut app = ViewerApp::new(&cc.egui_ctx, Arc::new(EngineBackend), preferences, autosave);
         match &input {
             ViewerInput::Scene(path) | ViewerInput::Sequence(path) => app.open_path(path, &cc.egui_ctx),
             ViewerInput::Demo { work_dir } => app.open_demo(work_dir, &cc.egui_ctx),

@@ -3,7 +3,10 @@
 //! for. Runs on the worker thread.
 
 use super::{
-    document::PromptId,
+    areas::{Counted, Levels, Measured},
+    compare::Difference,
+    document::{PREVIEW, PromptId},
+    negatives::Question,
     source::{FrameSource, Rendering, View},
 };
 use egui::ColorImage;
@@ -19,7 +22,7 @@ use surgtpgs_core::{
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct AskedPrompt {
     pub(crate) id: PromptId,
-    pub(crate) text: String,
+    pub(crate) question: Question,
     pub(crate) threshold: f32,
     pub(crate) colour: [u8; 3],
 }
@@ -31,7 +34,10 @@ pub(crate) struct Request {
     pub(crate) needs_original: bool,
     pub(crate) needs_reconstruction: bool,
     pub(crate) needs_depth: bool,
+    pub(crate) needs_difference: bool,
     pub(crate) prompts: Vec<AskedPrompt>,
+    /// Words whose scores are wanted without being drawn.
+    pub(crate) candidates: Vec<Question>,
     pub(crate) style: OverlayStyle,
     pub(crate) opacity: f32,
 }
@@ -59,9 +65,12 @@ pub(crate) struct Picture {
     pub(crate) original: Option<Pane>,
     pub(crate) reconstruction: Option<Pane>,
     pub(crate) depth: Option<DepthPane>,
+    pub(crate) difference: Option<Difference>,
     /// Depth of every pixel, scene units, 0 where unknown.
     pub(crate) depth_values: Option<Arc<Grid<f32>>>,
     pub(crate) findings: Vec<Finding>,
+    /// Scores of [`Request::candidates`], of those that have any.
+    pub(crate) candidates: Vec<(String, Arc<Grid<f32>>)>,
     /// What went wrong, for the user.
     pub(crate) problem: Option<String>,
     /// How long it took, milliseconds.
@@ -113,10 +122,12 @@ pub(crate) struct Pipeline {
     depth_range: Option<(f32, f32)>,
     /// What was asked for last.
     last: Option<Request>,
+    /// `None` for a passing state of a scene, such as one that is being trained.
+    counted: Option<Counted>,
 }
 
 /// A prompt's score image, or why there is none.
-type PromptScores = (String, Result<Arc<Grid<f32>>, String>);
+type PromptScores = (Question, Result<Arc<Grid<f32>>, String>);
 
 struct Rendered {
     view: View,
@@ -129,13 +140,21 @@ struct Rendered {
 
 impl Pipeline {
     pub(crate) fn new(source: Box<dyn FrameSource>) -> Self {
-        Self { source, originals: VecDeque::new(), rendered: VecDeque::new(), depth_range: None, last: None }
+        Self {
+            source,
+            originals: VecDeque::new(),
+            rendered: VecDeque::new(),
+            depth_range: None,
+            last: None,
+            counted: Some(Counted::default()),
+        }
     }
 
     /// Shows another state of the same recording from now on; decoded frames are kept.
     pub(crate) fn replace(&mut self, source: Box<dyn FrameSource>) {
         self.source = source;
         self.rendered.clear();
+        self.counted = None;
     }
 
     /// Makes the picture. What fails becomes [`Picture::problem`].
@@ -147,8 +166,10 @@ impl Pipeline {
             original: None,
             reconstruction: None,
             depth: None,
+            difference: None,
             depth_values: None,
             findings: Vec::new(),
+            candidates: Vec::new(),
             problem: None,
             took_ms: 0.0,
             passes_run: 0,
@@ -181,6 +202,7 @@ impl Pipeline {
         let range = if request.needs_depth { Some(self.depth_range()) } else { None };
         let Some(rendered) = self.rendered.back() else { return Ok(()) };
         picture.findings = findings(rendered, &request.prompts);
+        picture.candidates = rendered.candidates(&request.candidates);
         picture.depth_values = Some(rendered.depth.clone());
         picture.depth =
             range.map(|range| DepthPane { image: Arc::new(colour_depth(&rendered.depth, range)), range });
@@ -190,13 +212,14 @@ impl Pipeline {
         }
         if let (Some((frame, _)), Some(pane)) = (&original, &mut picture.original) {
             pane.marked = mark(frame, &picture.findings, &request);
+            picture.difference = request.needs_difference.then(|| Difference::of(frame, &rendered.colour));
         }
         Ok(())
     }
 
     fn needs(&self, request: &Request) -> Needs {
         let info = self.source.info();
-        let asks = info.has_features && !request.prompts.is_empty();
+        let asks = info.has_features && !(request.prompts.is_empty() && request.candidates.is_empty());
         let renders = request.needs_reconstruction || request.needs_depth || asks;
         Needs {
             decodes: info.has_original && request.needs_original,
@@ -215,11 +238,11 @@ impl Pipeline {
         let end = self.source.info().num_frames.min(last.view.frame + 1 + FRAMES_AHEAD);
         for frame in last.view.frame + 1..end {
             let view = View { frame, ..last.view };
-            let request = Request { view, ..last.clone() };
+            let request = Request { view, candidates: Vec::new(), ..last.clone() };
             let Needs { decodes, renders, asks } = self.needs(&request);
             let decodes = decodes && !self.originals.iter().any(|(i, ..)| *i == frame);
             let known = self.rendered.iter().find(|r| r.is_of(&view, asks));
-            let renders = renders && known.is_none_or(|r| asks && !r.new_prompts(&request).is_empty());
+            let renders = renders && known.is_none_or(|r| asks && !r.new_questions(&request).is_empty());
             if !decodes && !renders {
                 continue;
             }
@@ -235,6 +258,35 @@ impl Pipeline {
             return is_decoded && is_rendered;
         }
         false
+    }
+
+    /// Counts what the prompts asked for last found on the next frame that was not counted; `None` if there is none.
+    pub(crate) fn count_next(&mut self) -> Option<Measured> {
+        let last = self.last.as_ref().filter(|l| !l.view.is_preview)?;
+        let info = self.source.info();
+        if !info.has_features || !self.source.prepares_ahead() {
+            return None;
+        }
+        let num_frames = info.num_frames;
+        let prompts: Vec<Question> =
+            last.prompts.iter().filter(|p| p.id != PREVIEW).map(|p| p.question.clone()).collect();
+        let (frame, new) = self.counted.as_ref()?.next(&prompts, num_frames)?;
+        let view = View { frame, ..View::default() };
+        let kept = self.rendered.iter().find(|r| r.view == view).and_then(|r| r.levels(&new));
+        let levels = match kept {
+            Some(levels) => levels,
+            None => match self.source.render(&view, true) {
+                Ok(_) => ask(&mut *self.source, &view, &new)
+                    .iter()
+                    .map(|scores| scores.as_ref().ok().map(Levels::of))
+                    .collect(),
+                Err(_) => vec![None; new.len()],
+            },
+        };
+        let prompts = new.into_iter().zip(levels).collect();
+        let measured = Measured { frame, prompts };
+        self.counted.as_mut()?.note(&measured, num_frames);
+        Some(measured)
     }
 
     fn original(&mut self, frame: usize) -> Result<(Arc<RgbImage>, Arc<ColorImage>)> {
@@ -275,17 +327,13 @@ impl Pipeline {
     /// Scores those prompts that the view rendered last was not asked for yet.
     fn score(&mut self, request: &Request) {
         let Some(rendered) = self.rendered.back_mut() else { return };
-        let new = rendered.new_prompts(request);
+        let new = rendered.new_questions(request);
         if new.is_empty() {
             return;
         }
-        let scores = self.source.scores(&request.view, &new);
-        rendered.scores.extend(new.iter().map(|t| (*t).to_owned()).zip(scores.into_iter().map(
-            |s| match s {
-                Ok(scores) => Ok(Arc::new(scores)),
-                Err(e) => Err(e.to_string()),
-            },
-        )));
+        let answers = ask(&mut *self.source, &request.view, &new);
+        let answers = answers.into_iter().map(|scores| scores.map(Arc::new).map_err(|e| e.to_string()));
+        rendered.scores.extend(new.into_iter().zip(answers));
     }
 
     fn kept_bytes(&self) -> usize {
@@ -357,14 +405,31 @@ impl Rendered {
         self.view == *view && (self.has_features || !with_features)
     }
 
-    /// Prompts of a request that it was not asked for yet.
-    fn new_prompts<'a>(&self, request: &'a Request) -> Vec<&'a str> {
-        let is_known = |text: &str| self.scores.iter().any(|(t, _)| t == text);
-        let mut new: Vec<&str> = request.prompts.iter().map(|p| p.text.as_str()).collect();
-        new.retain(|t| !is_known(t));
-        new.sort_unstable();
-        new.dedup();
+    /// Questions of a request that it was not asked yet.
+    fn new_questions(&self, request: &Request) -> Vec<Question> {
+        let asked = request.prompts.iter().map(|p| &p.question).chain(&request.candidates);
+        let mut new: Vec<Question> = Vec::new();
+        for question in asked {
+            if !new.contains(question) && !self.scores.iter().any(|(q, _)| q == question) {
+                new.push(question.clone());
+            }
+        }
         new
+    }
+
+    /// The scores of those of `wanted` that have any.
+    fn candidates(&self, wanted: &[Question]) -> Vec<(String, Arc<Grid<f32>>)> {
+        let known = self.scores.iter().filter(|(question, _)| wanted.contains(question));
+        known.filter_map(|(q, scores)| Some((q.text.clone(), scores.as_ref().ok()?.clone()))).collect()
+    }
+
+    /// What the prompts found in it, if all of them were asked.
+    fn levels(&self, prompts: &[Question]) -> Option<Vec<Option<Levels>>> {
+        let of = |question: &Question| {
+            let (_, scores) = self.scores.iter().find(|(q, _)| q == question)?;
+            Some(scores.as_ref().ok().map(|s| Levels::of(s)))
+        };
+        prompts.iter().map(of).collect()
     }
 
     fn bytes(&self) -> usize {
@@ -373,13 +438,34 @@ impl Rendered {
     }
 }
 
+/// Asks questions, those that are compared with the same together; the answers are in the order of the questions.
+fn ask(source: &mut dyn FrameSource, view: &View, questions: &[Question]) -> Vec<Result<Grid<f32>>> {
+    let mut answers: Vec<Option<Result<Grid<f32>>>> = questions.iter().map(|_| None).collect();
+    while let Some(first) = answers.iter().position(Option::is_none) {
+        let negatives = &questions[first].negatives;
+        let alike: Vec<usize> =
+            (first..questions.len()).filter(|k| questions[*k].negatives == *negatives).collect();
+        let words: Vec<&str> = alike.iter().map(|k| questions[*k].text.as_str()).collect();
+        let mut scores = match source.set_negatives(negatives) {
+            Ok(()) => source.scores(view, &words).into_iter(),
+            Err(e) => {
+                let failed = words.iter().map(|_| Err(Error::input(e.to_string(), "")));
+                failed.collect::<Vec<_>>().into_iter()
+            }
+        };
+        let missing = || Err(Error::input("there is no score for these words", ""));
+        alike.into_iter().for_each(|k| answers[k] = Some(scores.next().unwrap_or_else(missing)));
+    }
+    answers.into_iter().flatten().collect()
+}
+
 fn findings(rendered: &Rendered, prompts: &[AskedPrompt]) -> Vec<Finding> {
     prompts
         .iter()
         .filter_map(|prompt| {
-            let (_, scores) = rendered.scores.iter().find(|(text, _)| *text == prompt.text)?;
+            let (_, scores) = rendered.scores.iter().find(|(question, _)| *question == prompt.question)?;
             let outcome = scores.clone().map(|scores| summarise(scores, prompt.threshold));
-            Some(Finding { id: prompt.id, text: prompt.text.clone(), outcome })
+            Some(Finding { id: prompt.id, text: prompt.question.text.clone(), outcome })
         })
         .collect()
 }

@@ -1,6 +1,7 @@
 //! What the pipeline keeps, what it prepares, and that frames never mix.
 
 use super::{
+    negatives::{Negatives, Question},
     pipeline::{AskedPrompt, Picture, Pipeline, Request},
     source::{FrameSource, Info, Rendering, View},
 };
@@ -54,13 +55,25 @@ fn pipeline(side: u32) -> (Pipeline, Arc<Mutex<Vec<usize>>>) {
     (Pipeline::new(Box::new(Telling { info, side, rendered: rendered.clone() })), rendered)
 }
 
+fn question(text: &str) -> Question {
+    let negatives = Negatives { phrases: vec!["object".into()], uses_classes: true };
+    Question { text: text.into(), negatives }
+}
+
 fn request(frame: usize) -> Request {
     Request {
         view: View { frame, ..View::default() },
         needs_original: true,
         needs_reconstruction: true,
         needs_depth: false,
-        prompts: vec![AskedPrompt { id: 1, text: "liver".into(), threshold: 0.0, colour: [0, 200, 80] }],
+        needs_difference: false,
+        prompts: vec![AskedPrompt {
+            id: 1,
+            question: question("liver"),
+            threshold: 0.0,
+            colour: [0, 200, 80],
+        }],
+        candidates: Vec::new(),
         style: OverlayStyle::Outline,
         opacity: 1.0,
     }
@@ -126,4 +139,34 @@ fn a_half_size_preview_prepares_nothing() {
     pipeline.produce(Request { view, ..request(0) });
     assert!(!pipeline.prepare_ahead());
     assert_eq!(*rendered.lock().unwrap(), [0]);
+}
+
+#[test]
+fn areas_are_counted_once_on_every_frame_and_what_is_kept_is_not_rendered_again() {
+    let (mut pipeline, rendered) = pipeline(8);
+    pipeline.produce(request(0));
+    while pipeline.prepare_ahead() {}
+    let mut frames = Vec::new();
+    while let Some(measured) = pipeline.count_next() {
+        let (asked, levels) = &measured.prompts[0];
+        let levels = levels.as_ref().unwrap();
+        assert_eq!((asked, measured.prompts.len()), (&question("liver"), 1));
+        let is_above = score_of(measured.frame) > 0.2;
+        assert_eq!(levels.area_px(0.2), if is_above { 64 } else { 0 }, "frame {}", measured.frame);
+        frames.push(measured.frame);
+    }
+    assert_eq!(frames, (0..FRAMES).collect::<Vec<_>>());
+    assert_eq!(rendered.lock().unwrap().len(), FRAMES, "each frame once in all");
+    let picture = pipeline.produce(request(20));
+    is_all_of(&picture, 20);
+}
+
+#[test]
+fn other_negatives_are_another_question() {
+    let (mut pipeline, rendered) = pipeline(8);
+    pipeline.produce(request(3));
+    let mut asked = request(3);
+    asked.prompts[0].question.negatives.phrases.push("smoke".into());
+    is_all_of(&pipeline.produce(asked), 3);
+    assert_eq!(*rendered.lock().unwrap(), [3], "asked anew, not rendered anew");
 }

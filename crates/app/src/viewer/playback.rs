@@ -150,20 +150,30 @@ impl Playback {
         self.looping = !self.looping;
     }
 
-    /// Makes the part that plays start at the present frame.
-    pub(crate) fn set_range_start(&mut self) {
+    /// The part that plays, if it started at the present frame.
+    pub(crate) fn range_from_here(&self) -> (usize, usize) {
         let end = self.range.map_or(self.num_frames - 1, |(_, end)| end);
-        self.range = Some((self.frame, end.max(self.frame)));
+        (self.frame, end.max(self.frame))
     }
 
-    /// Makes the part that plays end at the present frame.
-    pub(crate) fn set_range_end(&mut self) {
+    /// The part that plays, if it ended at the present frame.
+    pub(crate) fn range_to_here(&self) -> (usize, usize) {
         let start = self.range.map_or(0, |(start, _)| start);
-        self.range = Some((start.min(self.frame), self.frame));
+        (start.min(self.frame), self.frame)
     }
 
-    pub(crate) fn clear_range(&mut self) {
-        self.range = None;
+    /// Plays a part alone; `None` plays all.
+    pub(crate) fn set_range(&mut self, range: Option<(usize, usize)>) {
+        let last = self.num_frames - 1;
+        self.range = range.map(|(from, to)| (from.min(last), to.clamp(from.min(last), last)));
+    }
+
+    /// Takes over speed and repetition of an earlier time.
+    pub(crate) fn restore(&mut self, speed: f64, looping: bool, now: f64) {
+        self.looping = looping;
+        if speed.is_finite() && speed != 0.0 {
+            self.set_speed(speed.clamp(-8.0, 8.0), now);
+        }
     }
 
     /// First and last frame that play.
@@ -224,9 +234,9 @@ mod tests {
     fn looping_stays_inside_the_range_in_both_directions() {
         let mut clock = Playback::new(100, Some(10.0));
         clock.seek(20, 0.0);
-        clock.set_range_start();
+        clock.set_range(Some(clock.range_from_here()));
         clock.seek(24, 0.0);
-        clock.set_range_end();
+        clock.set_range(Some(clock.range_to_here()));
         clock.seek(20, 0.0);
         clock.play(0.0);
         let mut shown = Vec::new();

@@ -11,8 +11,12 @@ pub(crate) struct Preferences {
     pub(crate) is_acknowledged: bool,
     pub(crate) style: OverlayStyle,
     pub(crate) opacity: f32,
+    /// Size of text and buttons, percent.
+    pub(crate) scale_percent: u32,
     /// What was opened last, newest first.
     pub(crate) recent: Vec<PathBuf>,
+    /// Whether [`Preferences::recent`] is kept: paths may hold names of patients.
+    pub(crate) remembers_files: bool,
     /// Where they are kept; `None` for nowhere.
     #[serde(skip)]
     file: Option<PathBuf>,
@@ -20,6 +24,8 @@ pub(crate) struct Preferences {
 
 /// Paths that are remembered.
 const MAX_RECENT: usize = 10;
+/// Sizes of text and buttons, percent.
+const SCALES: [u32; 7] = [75, 90, 100, 120, 140, 170, 200];
 
 impl Default for Preferences {
     fn default() -> Self {
@@ -27,7 +33,9 @@ impl Default for Preferences {
             is_acknowledged: false,
             style: OverlayStyle::Outline,
             opacity: 0.5,
+            scale_percent: 100,
             recent: Vec::new(),
+            remembers_files: true,
             file: None,
         }
     }
@@ -44,6 +52,7 @@ impl Preferences {
         let text = file.as_ref().and_then(|f| std::fs::read_to_string(f).ok());
         let mut read: Self = text.and_then(|t| serde_json::from_str(&t).ok()).unwrap_or_default();
         read.opacity = if read.opacity.is_finite() { read.opacity.clamp(0.05, 1.0) } else { 0.5 };
+        read.scale_percent = read.scale_percent.clamp(SCALES[0], SCALES[SCALES.len() - 1]);
         Self { file, ..read }
     }
 
@@ -59,8 +68,26 @@ impl Preferences {
         }
     }
 
-    /// Puts a path first in the list.
+    /// The next larger (`1`) or smaller (`-1`) text and buttons, or the normal ones (`0`).
+    pub(crate) fn scale_by(&mut self, step: isize) {
+        let now = SCALES.partition_point(|s| *s < self.scale_percent);
+        let next = now.saturating_add_signed(step).min(SCALES.len() - 1);
+        self.scale_percent = if step == 0 { 100 } else { SCALES[next] };
+        self.save();
+    }
+
+    /// Forgets what was opened, and from now on remembers it or does not.
+    pub(crate) fn forget_files(&mut self, remembers_files: bool) {
+        self.recent.clear();
+        self.remembers_files = remembers_files;
+        self.save();
+    }
+
+    /// Puts a path first in the list, if paths are remembered.
     pub(crate) fn remember(&mut self, path: &Path) {
+        if !self.remembers_files {
+            return;
+        }
         self.recent.retain(|p| p != path);
         self.recent.insert(0, path.to_owned());
         self.recent.truncate(MAX_RECENT);
@@ -71,6 +98,19 @@ impl Preferences {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn text_grows_and_shrinks_between_75_and_200_percent() {
+        let mut preferences = Preferences::load(None);
+        (0..20).for_each(|_| preferences.scale_by(1));
+        assert_eq!(preferences.scale_percent, 200);
+        (0..20).for_each(|_| preferences.scale_by(-1));
+        assert_eq!(preferences.scale_percent, 75);
+        preferences.scale_by(1);
+        assert_eq!(preferences.scale_percent, 90);
+        preferences.scale_by(0);
+        assert_eq!(preferences.scale_percent, 100);
+    }
 
     #[test]
     fn they_come_back_and_damage_is_like_a_first_start() {
@@ -86,6 +126,9 @@ mod tests {
         assert_eq!(preferences.recent.len(), MAX_RECENT);
         assert_eq!(preferences.recent[..2], [PathBuf::from("/scene5"), PathBuf::from("/scene11")]);
         assert_eq!(Preferences::load(file.clone()), preferences);
+        preferences.forget_files(false);
+        preferences.remember(Path::new("/secret"));
+        assert!(!std::fs::read_to_string(file.as_ref().unwrap()).unwrap().contains("/s"));
         std::fs::write(file.as_ref().unwrap(), "{\"opacity\": 1e99").unwrap();
         assert!(!Preferences::load(file).is_acknowledged);
     }

@@ -6,6 +6,8 @@ use super::{
     document::{PREVIEW, Prompt},
     histogram::{TIE, threshold_ui},
     pipeline::{Finding, Found},
+    prompt_menu::prompt_menu_ui,
+    suggestions::suggestions_ui,
     theme,
     widgets::{Icon, caption, choice, command_button, icon_button, swatch},
 };
@@ -21,7 +23,18 @@ pub(crate) const NO_FEATURES: &str = "This recording has no text features";
 
 /// The right-hand panel.
 pub(crate) fn prompts_ui(ui: &mut Ui, app: &mut ViewerApp) {
-    ui.heading("Find");
+    ui.horizontal(|ui| {
+        ui.heading("Find");
+        if app.info().is_some_and(|i| i.has_features) {
+            ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+                suggestions_ui(ui, app);
+                let button = ui.button(RichText::new("Compared with…").font(theme::small()));
+                if button.on_hover_text(tooltip(Command::Negatives)).clicked() {
+                    app.run(Command::Negatives.into(), &ui.ctx().clone());
+                }
+            });
+        }
+    });
     box_ui(ui, app);
     if app.info().is_some_and(|i| !i.has_features) {
         no_features_ui(ui, app);
@@ -59,7 +72,7 @@ fn box_ui(ui: &mut Ui, app: &mut ViewerApp) {
         let text = std::mem::take(&mut prompt_box.text);
         prompt_box.live.clear();
         prompt_box.edited_at = None;
-        app.document.add(&text);
+        app.add_prompt(&text);
     }
 }
 
@@ -103,7 +116,9 @@ fn rows_ui(ui: &mut Ui, app: &mut ViewerApp) {
         examples_ui(ui, app);
     }
     for (index, prompt) in app.document.prompts().to_vec().iter().enumerate() {
-        row_ui(ui, app, index, prompt);
+        // Rows that change places take their menus with them.
+        let own = egui::UiBuilder::new().scope_id(egui::Id::unique(("prompt row", prompt.id)));
+        ui.scope_builder(own, |ui| row_ui(ui, app, index, prompt));
         ui.add_space(2.0);
     }
 }
@@ -119,7 +134,7 @@ fn examples_ui(ui: &mut Ui, app: &mut ViewerApp) {
     ui.horizontal_wrapped(|ui| {
         for example in &examples {
             if ui.button(example).clicked() {
-                app.document.add(example);
+                app.add_prompt(example);
             }
         }
     });
@@ -158,6 +173,9 @@ fn head_ui(ui: &mut Ui, app: &mut ViewerApp, index: usize, prompt: &Prompt) {
             if icon_button(ui, Icon::Cross, &name, tip, false, true).clicked() {
                 app.document.remove(prompt.id);
             }
+            let name = format!("More about {}", prompt.text);
+            let more = icon_button(ui, Icon::More, &name, "Other words, colour, order", false, true);
+            prompt_menu_ui(&more, app, prompt);
             let (icon, word) =
                 if prompt.is_visible { (Icon::Eye, "Hide") } else { (Icon::EyeClosed, "Show") };
             let name = format!("{word} {}", prompt.text);
@@ -183,12 +201,33 @@ fn threshold_row_ui(ui: &mut Ui, app: &mut ViewerApp, prompt: &Prompt, found: Op
     if is_over {
         app.document.end_gesture();
     }
+    jumps_ui(ui, app);
     let text = format!("Similarity score above {threshold:.2} counts as found");
     ui.label(caption(text));
     if found.is_some_and(|f| f.max_score < TIE) {
         let text = "No pixel here is closer to these words than to a generic phrase.";
         ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
     }
+}
+
+/// To the first, largest and last appearance.
+fn jumps_ui(ui: &mut Ui, app: &mut ViewerApp) {
+    ui.horizontal(|ui| {
+        ui.spacing_mut().item_spacing.x = 3.0;
+        for (label, command) in
+            [("First", Command::FirstFound), ("Largest", Command::LargestFound), ("Last", Command::LastFound)]
+        {
+            let button = egui::Button::new(RichText::new(label).font(theme::small()));
+            if ui.add_enabled(app.is_enabled(command), button).on_hover_text(tooltip(command)).clicked() {
+                app.run(command.into(), &ui.ctx().clone());
+            }
+        }
+        if let Some(curve) = app.selected_curve() {
+            let found = curve.points.iter().flatten().filter(|p| p.area_px > 0).count();
+            let text = format!("on {found} of {} frames", curve.points.len());
+            ui.label(caption(if curve.is_complete() { text } else { "counting…".into() }));
+        }
+    });
 }
 
 /// What a prompt found, in words, and how loud to say it.

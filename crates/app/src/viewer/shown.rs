@@ -10,6 +10,7 @@ pub(crate) struct Shown {
     pub(crate) original: PaneTextures,
     pub(crate) reconstruction: PaneTextures,
     depth: Option<Texture>,
+    difference: Option<Texture>,
 }
 
 /// A picture without and with what was found.
@@ -26,8 +27,13 @@ struct Texture {
 
 impl Shown {
     pub(crate) fn new(picture: Picture, ctx: &Context) -> Self {
-        let mut shown =
-            Self { picture, original: Default::default(), reconstruction: Default::default(), depth: None };
+        let mut shown = Self {
+            picture,
+            original: Default::default(),
+            reconstruction: Default::default(),
+            depth: None,
+            difference: None,
+        };
         shown.upload(ctx);
         shown
     }
@@ -42,7 +48,12 @@ impl Shown {
         self.depth.as_ref().map(|t| t.handle.id())
     }
 
+    pub(crate) fn difference(&self) -> Option<TextureId> {
+        self.difference.as_ref().map(|t| t.handle.id())
+    }
+
     fn upload(&mut self, ctx: &Context) {
+        upload(&mut self.difference, self.picture.difference.as_ref().map(|d| &d.image), ctx);
         self.original.upload(self.picture.original.as_ref(), ctx);
         self.reconstruction.upload(self.picture.reconstruction.as_ref(), ctx);
         upload(&mut self.depth, self.picture.depth.as_ref().map(|d| &d.image), ctx);

@@ -2,7 +2,7 @@
 //!
 //! [`super::engine_source`] answers with the real engine; tests answer with a small fake.
 
-use super::{jobs::JobContext, orbit::Orbit};
+use super::{jobs::JobContext, measure::Lens, negatives::Negatives, orbit::Orbit};
 use image::RgbImage;
 use std::path::{Path, PathBuf};
 use surgtpgs_core::{
@@ -25,6 +25,8 @@ pub(crate) struct Info {
     pub(crate) height: usize,
     pub(crate) frames_per_second: Option<f32>,
     pub(crate) camera_moves: bool,
+    /// The camera's optics, for lengths in space.
+    pub(crate) lens: Option<Lens>,
     /// Recorded frames can be shown.
     pub(crate) has_original: bool,
     /// Why not, in a sentence.
@@ -69,6 +71,10 @@ pub(crate) trait FrameSource: Send {
     fn original(&mut self, frame: usize) -> Result<RgbImage>;
     /// Renders; `with_features` promises that [`FrameSource::scores`] of the same view will be asked for.
     fn render(&mut self, view: &View, with_features: bool) -> Result<Rendering>;
+    /// What prompts are compared with from now on.
+    fn set_negatives(&mut self, _: &Negatives) -> Result<()> {
+        Ok(())
+    }
     /// Score images of prompts in the view that was rendered last, of its size; an error concerns its prompt alone.
     fn scores(&mut self, view: &View, prompts: &[&str]) -> Vec<Result<Grid<f32>>>;
     /// Whether views may be asked for before anybody wants to see them.

@@ -31,13 +31,13 @@ pub(crate) fn status_ui(ui: &mut Ui, app: &mut ViewerApp) {
 /// Pixel, depth and scores at the pointer.
 fn under_pointer(app: &ViewerApp, ctx: &egui::Context) -> Option<String> {
     let pointer = ctx.input(|i| i.pointer.hover_pos())?;
-    let [u, v] = app.zoom.picture_position(pointer)?;
+    let [u, v] = app.panes.picture_position(pointer)?;
     let (info, picture) = (app.info()?, app.picture()?);
     let at = |share: f32, n: usize| ((share * n as f32) as usize).min(n.saturating_sub(1));
     let mut text = format!("x {}  y {}", at(u, info.width), at(v, info.height));
     if let Some(depth) = picture.depth_values.as_ref().filter(|d| !d.data.is_empty()) {
         match depth.at(at(u, depth.width), at(v, depth.height)) {
-            d if d > 0.0 => text += &format!("   depth {d:.1} (scene units)"),
+            d if d > 0.0 => text += &format!("   depth {d:.1} scene units"),
             _ => text += "   no depth",
         }
     }

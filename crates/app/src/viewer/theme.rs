@@ -134,4 +134,45 @@ mod tests {
             assert!(contrast(colour32(colour), RAISED) >= 4.5, "{colour:?}");
         }
     }
+
+    /// How colours look without one of the three kinds of cones (Machado et al. 2009), linear RGB; last: with all.
+    const VISIONS: [[[f32; 3]; 3]; 4] = [
+        [[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]],
+        [[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]],
+        [[1.256, -0.077, -0.179], [-0.078, 0.931, 0.148], [0.005, 0.691, 0.304]],
+        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+    ];
+
+    /// CIE Lab of a colour as it looks to somebody.
+    fn seen(colour: [u8; 3], vision: &[[f32; 3]; 3]) -> [f32; 3] {
+        let c = egui::Rgba::from(colour32(colour));
+        let [r, g, b] = vision.map(|row| (row[0] * c.r() + row[1] * c.g() + row[2] * c.b()).clamp(0.0, 1.0));
+        let xyz = [
+            (0.4124 * r + 0.3576 * g + 0.1805 * b) / 0.9505,
+            0.2126 * r + 0.7152 * g + 0.0722 * b,
+            (0.0193 * r + 0.1192 * g + 0.9505 * b) / 1.0888,
+        ];
+        let [x, y, z] = xyz.map(|t| if t > 0.008_856 { t.cbrt() } else { 7.787 * t + 16.0 / 116.0 });
+        [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
+    }
+
+    /// The smallest difference between two of `colours`, ΔE.
+    fn nearest(colours: &[[u8; 3]], vision: &[[f32; 3]; 3]) -> f32 {
+        let lab: Vec<_> = colours.iter().map(|c| seen(*c, vision)).collect();
+        let pairs = (0..lab.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
+        let distance =
+            |(i, j): (usize, usize)| (0..3).map(|k| (lab[i][k] - lab[j][k]).powi(2)).sum::<f32>().sqrt();
+        pairs.map(distance).fold(f32::INFINITY, f32::min)
+    }
+
+    #[test]
+    fn the_first_four_prompts_can_be_told_apart_with_any_colour_vision() {
+        use crate::settings::PROMPT_COLOURS;
+        for vision in &VISIONS {
+            assert!(nearest(&PROMPT_COLOURS[..4], vision) > 10.0);
+        }
+        assert!(nearest(&PROMPT_COLOURS, &VISIONS[3]) > 20.0, "all eight with three kinds of cones");
+        let red_and_green = [[0xc8, 0x60, 0x40], [0x80, 0x80, 0x3a]];
+        assert!(nearest(&red_and_green, &VISIONS[0]) < 20.0 && nearest(&red_and_green, &VISIONS[3]) > 40.0);
+    }
 }

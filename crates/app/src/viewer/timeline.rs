@@ -2,11 +2,14 @@
 
 use super::{
     app::ViewerApp,
+    areas::Curve,
     command::{Command, entry, tooltip},
+    curves,
+    document::Prompt,
     theme,
     widgets::{Icon, caption, command_button, dialog, main_button, timecode},
 };
-use egui::{Context, Rect, RichText, Sense, Stroke, Ui, WidgetInfo, pos2, vec2};
+use egui::{Context, Rect, Response, RichText, Sense, Stroke, Ui, WidgetInfo, pos2, vec2};
 
 /// Buttons, clock and bar.
 pub(crate) fn timeline_ui(ui: &mut Ui, app: &mut ViewerApp) {
@@ -14,6 +17,8 @@ pub(crate) fn timeline_ui(ui: &mut Ui, app: &mut ViewerApp) {
     ui.add_space(2.0);
     ui.horizontal(|ui| {
         let play = if app.playback.is_playing() { Icon::Pause } else { Icon::Play };
+        let frame = app.playback.frame();
+        let is_marked = app.document.bookmarks().iter().any(|b| b.frame == frame);
         let is_looping = app.playback.is_looping();
         for (icon, command, is_on) in [
             (Icon::First, Command::First, false),
@@ -24,6 +29,7 @@ pub(crate) fn timeline_ui(ui: &mut Ui, app: &mut ViewerApp) {
             (Icon::HopForward, Command::HopForward, false),
             (Icon::Last, Command::Last, false),
             (Icon::Loop, Command::Loop, is_looping),
+            (Icon::Pin, Command::Bookmark, is_marked),
         ] {
             if command_button(ui, icon, command, is_on, true) {
                 app.run(command.into(), &ui.ctx().clone());
@@ -66,36 +72,71 @@ fn speed_ui(ui: &mut Ui, app: &mut ViewerApp) {
     }
 }
 
-/// The bar: one place per frame, the part that plays, and where we are.
+/// The bar: one place per frame, the part that plays, and where we are; below it the areas over time.
 fn bar_ui(ui: &mut Ui, app: &mut ViewerApp) {
-    let (rect, response) = ui.allocate_exact_size(vec2(ui.available_width(), 30.0), Sense::click_and_drag());
-    let last = app.playback.num_frames() - 1;
+    let width = ui.available_width();
+    let (rect, response) = ui.allocate_exact_size(vec2(width, 30.0), Sense::click_and_drag());
     let line = Rect::from_min_max(rect.min + vec2(8.0, 11.0), rect.max - vec2(8.0, 11.0));
-    if let Some(pointer) = response.interact_pointer_pos() {
-        let share = ((pointer.x - line.left()) / line.width().max(1.0)).clamp(0.0, 1.0);
-        app.playback.pause();
-        let now = ui.input(|i| i.time);
-        app.playback.seek((share * last as f32).round() as usize, now);
-        app.is_moving = response.dragged();
-    }
+    scrub(ui, app, &response, line);
     let frame = app.playback.frame();
     response.widget_info(|| WidgetInfo::slider(true, frame as f64 + 1.0, "Frame"));
     paint_bar(ui, app, line, response.hovered() || response.dragged());
-    if let Some(pointer) = response.hover_pos() {
-        let share = ((pointer.x - line.left()) / line.width().max(1.0)).clamp(0.0, 1.0);
-        let under = (share * last as f32).round() as usize;
-        response.on_hover_text_at_pointer(format!(
-            "Frame {}  ·  {}",
-            under + 1,
-            timecode(app.playback.seconds(under))
-        ));
+    hover_ui(app, response, line);
+    let curves = curves::curves(app);
+    if !curves.is_empty() {
+        curves_ui(ui, app, &curves, line);
     }
+}
+
+fn curves_ui(ui: &mut Ui, app: &mut ViewerApp, curves: &[(usize, Prompt, Curve)], line: Rect) {
+    let size = vec2(ui.available_width(), curves::HEIGHT);
+    let (rect, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
+    scrub(ui, app, &response, line);
+    let last = app.playback.num_frames() - 1;
+    let x = |frame: usize| frame_x(line, frame, last);
+    let plot = Rect::from_min_max(pos2(line.left(), rect.top()), pos2(line.right(), rect.bottom()));
+    curves::paint(ui, app, curves, plot, &x);
+    ui.painter().vline(x(app.playback.frame()), plot.y_range(), Stroke::new(1.5, theme::TEXT));
+    response
+        .widget_info(|| WidgetInfo::labeled(egui::Role::GraphicsDocument, true, curves::describe(curves)));
+    hover_ui(app, response, line);
+}
+
+/// Goes to the frame under the pointer while it is pressed.
+fn scrub(ui: &Ui, app: &mut ViewerApp, response: &Response, line: Rect) {
+    if let Some(pointer) = response.interact_pointer_pos() {
+        app.playback.pause();
+        let now = ui.input(|i| i.time);
+        app.playback.seek(frame_at(line, pointer.x, app.playback.num_frames() - 1), now);
+        app.is_moving |= response.dragged();
+    }
+}
+
+/// Number, time and note of the frame under the pointer.
+fn hover_ui(app: &ViewerApp, response: Response, line: Rect) {
+    let Some(pointer) = response.hover_pos() else { return };
+    let under = frame_at(line, pointer.x, app.playback.num_frames() - 1);
+    let mut text = format!("Frame {}  ·  {}", under + 1, timecode(app.playback.seconds(under)));
+    if let Some(bookmark) = app.document.bookmarks().iter().find(|b| b.frame == under) {
+        text += if bookmark.is_flagged { "\nBookmark, flagged" } else { "\nBookmark" };
+        text += &format!("  {}", bookmark.note);
+    }
+    response.on_hover_text_at_pointer(text);
+}
+
+fn frame_at(line: Rect, x: f32, last: usize) -> usize {
+    let share = ((x - line.left()) / line.width().max(1.0)).clamp(0.0, 1.0);
+    (share * last as f32).round() as usize
+}
+
+fn frame_x(line: Rect, frame: usize, last: usize) -> f32 {
+    line.left() + line.width() * frame as f32 / last.max(1) as f32
 }
 
 fn paint_bar(ui: &Ui, app: &ViewerApp, line: Rect, is_hot: bool) {
     let painter = ui.painter();
-    let last = (app.playback.num_frames() - 1).max(1) as f32;
-    let x = |frame: usize| line.left() + line.width() * frame as f32 / last;
+    let last = app.playback.num_frames() - 1;
+    let x = |frame: usize| frame_x(line, frame, last);
     painter.rect_filled(line, 4.0, theme::CONTROL);
     if let Some((start, end)) = app.playback.range() {
         let part = Rect::from_min_max(pos2(x(start), line.top()), pos2(x(end), line.bottom()));
@@ -105,13 +146,27 @@ fn paint_bar(ui: &Ui, app: &ViewerApp, line: Rect, is_hot: bool) {
     painter.rect_filled(done, 4.0, theme::ACCENT.gamma_multiply(0.55));
     // A tick per ten frames, as long as they can be told apart.
     let every =
-        [10, 50, 100, 500, 1000].into_iter().find(|n| line.width() * *n as f32 / last > 14.0).unwrap_or(5000);
+        [10_usize, 50, 100, 500, 1000].into_iter().find(|n| x(*n) - line.left() > 14.0).unwrap_or(5000);
     for frame in (every..app.playback.num_frames()).step_by(every) {
         let stroke = Stroke::new(1.0, theme::TEXT_WEAK.gamma_multiply(0.6));
         painter.vline(x(frame), line.bottom() + 2.0..=line.bottom() + 6.0, stroke);
     }
+    for bookmark in app.document.bookmarks() {
+        paint_bookmark(painter, pos2(x(bookmark.frame), line.top() - 2.0), bookmark.is_flagged);
+    }
     let head = pos2(x(app.playback.frame()), line.center().y);
     painter.circle(head, if is_hot { 9.0 } else { 7.5 }, theme::TEXT, Stroke::new(2.0, theme::PANEL));
+}
+
+/// A pin above the bar; a flagged one has another shape as well as another colour.
+fn paint_bookmark(painter: &egui::Painter, tip: egui::Pos2, is_flagged: bool) {
+    let at = |dx: f32, dy: f32| tip + vec2(dx, dy);
+    let (points, colour) = if is_flagged {
+        (vec![at(0.0, 0.0), at(0.0, -9.0), at(8.0, -6.5), at(0.0, -4.0)], theme::AMBER)
+    } else {
+        (vec![at(0.0, 0.0), at(-4.5, -8.0), at(4.5, -8.0)], theme::TEXT)
+    };
+    painter.add(egui::Shape::convex_polygon(points, colour, Stroke::new(1.0, theme::PANEL)));
 }
 
 /// The small dialog to type a frame number. Afterwards the keys belong to the picture again.

@@ -107,19 +107,29 @@ fn progress_ui(ui: &mut Ui, training: &Training) {
     ui.label(RichText::new(format!("Reconstructing: {stage}")).strong());
     ui.add(ProgressBar::new(progress.fraction()).desired_height(10.0).fill(theme::ACCENT));
     let left = match progress.seconds_left() {
+        _ if training.job.is_paused() => "paused".into(),
         Some(seconds) => format!("about {} left", duration(seconds)),
         None => "estimating the time…".into(),
     };
     let steps = format!("{} of {}", thousands(progress.done), thousands(progress.total));
-    ui.label(caption(format!("{steps}  ·  {left}")));
+    let elapsed = format!("{} so far", duration(progress.seconds));
+    ui.label(caption(format!("{steps}  ·  {elapsed}  ·  {left}")));
     if !progress.detail.is_empty() {
         ui.label(caption(&progress.detail));
     }
-    let is_cancelling = training.job.is_cancelling();
-    let label = if is_cancelling { "Stopping…" } else { "Stop and keep what was learned" };
-    if ui.add_enabled(!is_cancelling, egui::Button::new(label)).clicked() {
-        training.job.cancel();
-    }
+    ui.horizontal(|ui| {
+        let is_cancelling = training.job.is_cancelling();
+        let is_paused = training.job.is_paused();
+        let tip = "Rests, so that the computer is free for something else";
+        let pause = egui::Button::new(if is_paused { "Go on" } else { "Pause" });
+        if ui.add_enabled(!is_cancelling, pause).on_hover_text(tip).clicked() {
+            training.job.set_paused(!is_paused);
+        }
+        let label = if is_cancelling { "Stopping…" } else { "Stop and keep what was learned" };
+        if ui.add_enabled(!is_cancelling, egui::Button::new(label)).clicked() {
+            training.job.cancel();
+        }
+    });
 }
 
 /// The question before training: how good, and where the file goes.

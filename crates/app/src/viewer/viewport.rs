@@ -3,79 +3,20 @@
 use super::{
     app::ViewerApp,
     command::{Command, tooltip},
+    compare::{self, Difference},
     document::ViewMode,
     legend,
     orbit::{MAX_MOVING_DEGREES, MAX_STILL_DEGREES},
+    probe, ruler,
+    source::Info,
     start, theme,
     widgets::{choice, plate},
+    zoom::{Panes, Zoom},
 };
 use egui::{
-    Align2, Color32, CursorIcon, Frame, Key, Margin, PointerButton, Pos2, Rect, Response, Role, Sense,
-    Stroke, TextureId, Ui, Vec2, WidgetInfo, pos2, vec2,
+    Align2, Color32, CursorIcon, Frame, Margin, PointerButton, Pos2, Rect, Response, Role, Sense, Stroke,
+    TextureId, Ui, WidgetInfo, pos2, vec2,
 };
-
-/// Magnification of the picture; the panes of a comparison share it.
-#[derive(Clone, Debug)]
-pub(crate) struct Zoom {
-    factor: f32,
-    /// The point of the picture that is in the middle, as share of its width and height.
-    centre: Vec2,
-    /// Pane and picture rectangles as last painted.
-    panes: Vec<(Rect, Rect)>,
-}
-
-impl Default for Zoom {
-    fn default() -> Self {
-        Self { factor: 1.0, centre: vec2(0.5, 0.5), panes: Vec::new() }
-    }
-}
-
-const MAX_ZOOM: f32 = 12.0;
-
-impl Zoom {
-    fn is_home(&self) -> bool {
-        self.factor == 1.0
-    }
-
-    /// Where the picture goes: as large as fits the pane, then magnified. Proportions are kept.
-    fn picture_rect(&self, pane: Rect, size: Vec2) -> Rect {
-        let fit = (pane.width() / size.x.max(1.0)).min(pane.height() / size.y.max(1.0));
-        let shown = size * fit * self.factor;
-        Rect::from_min_size(pane.center() - self.centre * shown, shown)
-    }
-
-    /// The point of the picture under a screen position, as share of width and height; `None` outside of it.
-    pub(crate) fn picture_position(&self, at: Pos2) -> Option<[f32; 2]> {
-        let (_, picture) =
-            self.panes.iter().find(|(pane, picture)| pane.contains(at) && picture.contains(at))?;
-        let share = (at - picture.min) / picture.size();
-        Some([share.x, share.y])
-    }
-
-    /// Magnifies around a screen position, whose point of the picture stays where it is.
-    fn magnify(&mut self, by: f32, at: Pos2) {
-        let Some((pane, picture)) = self.panes.iter().find(|(pane, _)| pane.contains(at)).copied() else {
-            return;
-        };
-        let factor = (self.factor * by).clamp(1.0, MAX_ZOOM);
-        let share = (at - picture.min) / picture.size();
-        let size = picture.size() * factor / self.factor;
-        self.factor = factor;
-        self.centre = share - (at - pane.center()) / size;
-        self.keep_inside();
-    }
-
-    fn pan(&mut self, delta: Vec2) {
-        let Some((_, picture)) = self.panes.first().copied() else { return };
-        self.centre -= delta / picture.size();
-        self.keep_inside();
-    }
-
-    fn keep_inside(&mut self) {
-        let margin = 0.5 / self.factor;
-        self.centre = self.centre.clamp(Vec2::splat(margin), Vec2::splat(1.0 - margin));
-    }
-}
 
 /// Toolbar and picture.
 pub(crate) fn viewport_ui(ui: &mut Ui, app: &mut ViewerApp) {
@@ -90,7 +31,7 @@ pub(crate) fn viewport_ui(ui: &mut Ui, app: &mut ViewerApp) {
     let area = ui.available_rect_before_wrap();
     let response = ui.allocate_rect(area, Sense::click_and_drag());
     let panes = panes(app, area, ui);
-    app.zoom.panes = panes.iter().map(|p| (p.rect, p.picture)).collect();
+    app.panes = Panes(panes.iter().map(|p| (p.rect, p.picture)).collect());
     steer(ui, app, &response);
     for pane in &panes {
         paint_pane(ui, app, pane);
@@ -107,7 +48,9 @@ pub(crate) fn viewport_ui(ui: &mut Ui, app: &mut ViewerApp) {
         legend::legend_ui(ui, app, corner, &panes.iter().map(|p| (p.rect, p.picture)).collect::<Vec<_>>());
     }
     notices_ui(ui, app, area, with_marks);
-    let description = describe(app);
+    probe::probe_ui(ui, app, area);
+    ruler::ruler_ui(ui, app, area);
+    let description = describe(app, &panes);
     response.widget_info(|| WidgetInfo::labeled(Role::Image, true, &description));
 }
 
@@ -133,21 +76,21 @@ fn toolbar_ui(ui: &mut Ui, app: &mut ViewerApp) {
             ViewMode::Original | ViewMode::Reconstruction => Command::SwapOriginal,
             ViewMode::SideBySide => Command::SideBySide,
             ViewMode::Wipe => Command::Wipe,
+            ViewMode::Blink => Command::Blink,
+            ViewMode::Difference => Command::Difference,
             ViewMode::Depth => Command::Depth,
+            ViewMode::DepthBeside => Command::DepthBeside,
         };
         let info = app.info();
-        let is_possible = |mode: ViewMode| {
-            info.is_some_and(|i| {
-                (i.has_original || !mode.needs_original())
-                    && (i.has_reconstruction || !mode.needs_reconstruction())
-            })
-        };
-        let options: Vec<_> =
-            ViewMode::ALL.iter().map(|m| (*m, m.label(), tooltip(command(*m)), is_possible(*m))).collect();
+        let options: Vec<_> = ViewMode::ALL
+            .iter()
+            .map(|m| (*m, m.label(), tooltip(command(*m)), info.is_some_and(|i| m.is_possible(i))))
+            .collect();
         choice(ui, &mut app.document.mode, &options);
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            if !app.orbit.is_home() || !app.zoom.is_home() {
-                let text = if app.orbit.is_home() { "Whole picture" } else { "Back to the endoscope" };
+            if !app.document.look.orbit.is_home() || !app.document.look.zoom.is_home() {
+                let text =
+                    if app.document.look.orbit.is_home() { "Whole picture" } else { "Back to the endoscope" };
                 if ui.button(text).on_hover_text(tooltip(Command::ResetView)).clicked() {
                     app.run(Command::ResetView.into(), &ui.ctx().clone());
                 }
@@ -157,6 +100,7 @@ fn toolbar_ui(ui: &mut Ui, app: &mut ViewerApp) {
 }
 
 /// A rectangle of the viewport and what is painted in it.
+#[derive(Clone)]
 struct PaneView {
     rect: Rect,
     picture: Rect,
@@ -181,38 +125,44 @@ fn panes(app: &ViewerApp, area: Rect, ui: &Ui) -> Vec<PaneView> {
     let is_synthesised = !shown.picture.request.view.orbit.is_home();
     let pane = |rect: Rect, texture, label, is_synthesised| PaneView {
         rect,
-        picture: app.zoom.picture_rect(rect.shrink(6.0), size),
+        picture: app.document.look.zoom.picture_rect(rect.shrink(6.0), size),
         texture,
         label,
         is_synthesised,
     };
-    let original = |marks| (shown.original.id(marks), "Recorded");
-    let reconstruction = |marks| (shown.reconstruction.id(marks), "Reconstruction");
-    let depth = (shown.depth(), "Depth");
+    let (reconstruction, depth) =
+        ((shown.reconstruction.id(with_marks), "Reconstruction"), (shown.depth(), "Depth"));
+    let original = (shown.original.id(with_marks), "Recorded");
     // While the picture of another mode is being made, the last one stays, under its own name.
-    let first_of = |options: [(Option<TextureId>, &'static str); 3]| {
-        options.into_iter().find(|(texture, _)| texture.is_some()).unwrap_or((None, ""))
+    let first = |options: [(Option<TextureId>, &'static str); 3]| {
+        let mut options = options.into_iter().chain([original, reconstruction, depth]);
+        options.find(|(texture, _)| texture.is_some()).unwrap_or((None, ""))
     };
     let single = |options| {
-        let (texture, label) = first_of(options);
+        let (texture, label) = first(options);
         vec![pane(area, texture, label, is_synthesised && label != "Recorded")]
+    };
+    let beside = |a: (Option<TextureId>, &'static str), b: (Option<TextureId>, &'static str)| {
+        let (left, right) = area.split_left_right_at_fraction(0.5);
+        [(left, a), (right, b)].map(|(r, (t, label))| pane(r, t, label, is_synthesised)).to_vec()
     };
     if app.is_peeking(ui.ctx()) && shown.original.id(false).is_some() {
         return vec![pane(area, shown.original.id(false), "Recorded, nothing drawn over it", false)];
     }
     match app.document.mode {
-        ViewMode::Original => single([original(with_marks), reconstruction(with_marks), depth]),
-        ViewMode::Reconstruction => single([reconstruction(with_marks), original(with_marks), depth]),
-        ViewMode::Depth => single([depth, reconstruction(with_marks), original(with_marks)]),
-        ViewMode::Wipe => {
-            let (texture, label) = first_of([reconstruction(with_marks), original(with_marks), depth]);
-            vec![pane(area, texture, label, false)]
+        ViewMode::Original => single([original, reconstruction, depth]),
+        ViewMode::Reconstruction | ViewMode::Wipe => single([reconstruction, original, depth]),
+        ViewMode::Depth => single([depth, reconstruction, original]),
+        ViewMode::Difference => single([(shown.difference(), "Difference"), reconstruction, original]),
+        ViewMode::Blink => {
+            let now = ui.input(|i| i.time);
+            ui.ctx().request_repaint_after_secs(compare::seconds_to_turn(now) as f32);
+            let is_recorded = compare::is_recorded_turn(now);
+            let turns = if is_recorded { [original, reconstruction] } else { [reconstruction, original] };
+            single([turns[0], turns[1], depth])
         }
-        ViewMode::SideBySide => {
-            let (left, right) = area.split_left_right_at_fraction(0.5);
-            let side = |rect, (texture, label)| pane(rect, texture, label, false);
-            vec![side(left, original(with_marks)), side(right, reconstruction(with_marks))]
-        }
+        ViewMode::SideBySide => beside(original, reconstruction),
+        ViewMode::DepthBeside => beside(reconstruction, depth),
     }
 }
 
@@ -232,7 +182,14 @@ fn paint_pane(ui: &Ui, app: &ViewerApp, pane: &PaneView) {
 /// The number of the frame that is on the screen, which may still be the one before while the next is made.
 fn frame_label(app: &ViewerApp, what: &str) -> String {
     let shown = app.picture().map_or(0, |p| p.request.view.frame);
-    format!("{what}  ·  frame {}", shown + 1)
+    let text = format!("{what}  ·  frame {}", shown + 1);
+    match app.picture().and_then(|p| p.difference.as_ref()).filter(|_| what == "Difference") {
+        Some(Difference { psnr_db: Some(psnr), .. }) => {
+            format!("{text}  ·  PSNR {psnr:.1} dB (whole picture)")
+        }
+        Some(_) => text + "  ·  no difference",
+        None => text,
+    }
 }
 
 /// The recorded frame to the left of the line, over the reconstruction.
@@ -273,24 +230,29 @@ fn wipe_ui(ui: &mut Ui, app: &mut ViewerApp, area: Rect) {
     }
 }
 
+/// How far the eye may go from the endoscope, degrees.
+pub(crate) fn orbit_limit(info: &Info) -> f32 {
+    if info.camera_moves { MAX_MOVING_DEGREES } else { MAX_STILL_DEGREES }
+}
+
 /// Mouse and wheel: look around with the right button or Alt, pan with the left, zoom with the wheel.
 fn steer(ui: &Ui, app: &mut ViewerApp, response: &Response) {
-    let (alt, escape) = ui.input(|i| (i.modifiers.alt, i.key_pressed(Key::Escape)));
+    let alt = ui.input(|i| i.modifiers.alt);
     let turns =
         response.dragged_by(PointerButton::Secondary) || (alt && response.dragged_by(PointerButton::Primary));
     if turns && app.may_orbit() {
-        let moves = app.info().is_some_and(|i| i.camera_moves);
-        let limit = if moves { MAX_MOVING_DEGREES } else { MAX_STILL_DEGREES };
-        app.orbit = app.orbit.dragged(response.drag_delta().into(), limit);
+        let limit = app.info().map_or(MAX_STILL_DEGREES, orbit_limit);
+        app.document.look.orbit = app.document.look.orbit.dragged(response.drag_delta().into(), limit);
         app.is_moving = true;
-    } else if !turns && response.dragged() && !app.zoom.is_home() {
-        app.zoom.pan(response.drag_delta());
+    } else if !turns && ruler::drag(app, response) {
+        // The mouse is the ruler's.
+    } else if response.clicked() && app.info().is_some_and(|i| i.has_features) {
+        app.probe = response.interact_pointer_pos().and_then(|p| app.panes.picture_position(p));
+    } else if !turns && response.dragged() && !app.document.look.zoom.is_home() {
+        app.document.look.zoom.pan(response.drag_delta(), &app.panes);
     }
     if response.double_clicked() {
-        app.zoom = Zoom { panes: std::mem::take(&mut app.zoom.panes), ..Zoom::default() };
-    }
-    if escape && app.problem.is_some() {
-        app.problem = None;
+        app.document.look.zoom = Zoom::default();
     }
     if response.hovered()
         && let Some(at) = response.hover_pos()
@@ -298,7 +260,7 @@ fn steer(ui: &Ui, app: &mut ViewerApp, response: &Response) {
         let (scroll, pinch) = ui.input(|i| (i.smooth_scroll_delta().y, i.zoom_delta()));
         let by = pinch * (scroll / 300.0).exp();
         if by != 1.0 {
-            app.zoom.magnify(by, at);
+            app.document.look.zoom.magnify(by, at, &app.panes);
         }
     }
 }
@@ -346,14 +308,19 @@ fn notice(app: &ViewerApp, with_marks: bool) -> Option<(String, Color32)> {
 }
 
 /// The picture in words, for those who cannot see it.
-fn describe(app: &ViewerApp) -> String {
+fn describe(app: &ViewerApp, panes: &[PaneView]) -> String {
     let Some(picture) = app.picture() else { return "No picture yet".into() };
+    let mode = app.document.mode.label();
+    let shown = panes.iter().map(|p| p.label).collect::<Vec<_>>().join(" and ");
     let mut text = format!(
         "{}, frame {} of {}",
-        app.document.mode.label(),
+        if shown == mode { shown } else { format!("{mode}: {shown}") },
         picture.request.view.frame + 1,
         app.playback.num_frames()
     );
+    if !picture.request.view.orbit.is_home() {
+        text += ", synthesised view";
+    }
     if app.document.is_hidden {
         return text + ", overlays hidden";
     }
@@ -363,43 +330,4 @@ fn describe(app: &ViewerApp) -> String {
         }
     }
     text
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn zooming_keeps_the_point_under_the_pointer() {
-        let pane = Rect::from_min_size(pos2(10.0, 20.0), vec2(800.0, 600.0));
-        let size = vec2(640.0, 512.0);
-        let mut zoom = Zoom::default();
-        let at = pos2(500.0, 300.0);
-        for by in [1.5, 2.0, 0.7] {
-            zoom.panes = vec![(pane, zoom.picture_rect(pane, size))];
-            let before = zoom.picture_position(at).unwrap();
-            zoom.magnify(by, at);
-            zoom.panes = vec![(pane, zoom.picture_rect(pane, size))];
-            let after = zoom.picture_position(at).unwrap();
-            assert!((before[0] - after[0]).abs() < 1e-4 && (before[1] - after[1]).abs() < 1e-4);
-        }
-    }
-
-    #[test]
-    fn proportions_are_kept_and_the_whole_picture_fits() {
-        let pane = Rect::from_min_size(Pos2::ZERO, vec2(1000.0, 300.0));
-        let picture = Zoom::default().picture_rect(pane, vec2(640.0, 512.0));
-        assert!((picture.aspect_ratio() - 1.25).abs() < 1e-4);
-        assert!(pane.expand(0.01).contains_rect(picture));
-    }
-
-    #[test]
-    fn no_zoom_loses_the_picture() {
-        let pane = (Rect::EVERYTHING, Rect::from_min_size(Pos2::ZERO, vec2(640.0, 512.0)));
-        let mut zoom = Zoom { panes: vec![pane], ..Zoom::default() };
-        zoom.pan(vec2(1e6, -1e6));
-        assert_eq!(zoom.centre, vec2(0.5, 0.5));
-        zoom.magnify(1e9, pos2(1.0, 1.0));
-        assert_eq!(zoom.factor, MAX_ZOOM);
-    }
 }

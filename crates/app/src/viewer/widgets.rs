@@ -24,6 +24,9 @@ pub(crate) enum Icon {
     Eye,
     EyeClosed,
     Cross,
+    Flag,
+    Pin,
+    More,
 }
 
 /// A square button that gives a command; tooltip and key come from the command table.
@@ -119,6 +122,25 @@ fn paint_icon(painter: &Painter, icon: Icon, r: Rect, colour: Color32) {
                 painter.line_segment([at(0.06, 0.98), at(0.94, 0.02)], Stroke::new(2.2, colour));
             }
         }
+        Icon::More => [0.14, 0.5, 0.86].into_iter().for_each(|x| {
+            painter.circle_filled(at(x, 0.5), 2.0, colour);
+        }),
+        Icon::Pin => {
+            let mark = vec![
+                at(0.2, 0.05),
+                at(0.8, 0.05),
+                at(0.8, 0.95),
+                at(0.5, 0.68),
+                at(0.2, 0.95),
+                at(0.2, 0.05),
+            ];
+            painter.add(Shape::line(mark, stroke));
+        }
+        Icon::Flag => {
+            painter.line_segment([at(0.22, 0.05), at(0.22, 0.98)], stroke);
+            let cloth = vec![at(0.28, 0.08), at(0.92, 0.3), at(0.28, 0.55)];
+            painter.add(Shape::convex_polygon(cloth, colour, Stroke::NONE));
+        }
         Icon::Cross => {
             painter.line_segment([at(0.2, 0.2), at(0.8, 0.8)], stroke);
             painter.line_segment([at(0.8, 0.2), at(0.2, 0.8)], stroke);
@@ -169,6 +191,28 @@ pub(crate) fn dialog<T>(
     });
     let is_closed = modal.should_close();
     (modal.inner, is_closed)
+}
+
+/// A small panel over the picture.
+pub(crate) fn card(
+    ctx: &egui::Context,
+    name: &'static str,
+    at: Pos2,
+    anchor: Align2,
+    width: f32,
+    content: impl FnOnce(&mut Ui),
+) {
+    let frame = egui::Frame::new()
+        .fill(theme::RAISED)
+        .stroke(Stroke::new(1.0, theme::LINE))
+        .corner_radius(8)
+        .inner_margin(12);
+    egui::Area::new(egui::Id::unique(name)).pivot(anchor).fixed_pos(at).show(ctx, |ui| {
+        frame.show(ui, |ui| {
+            ui.set_width(width);
+            content(ui);
+        });
+    });
 }
 
 /// A dialog's main button.

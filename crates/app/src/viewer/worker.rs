@@ -1,6 +1,7 @@
 //! The thread that makes pictures. The newest request wins; an older one that was not begun is dropped.
 
 use super::{
+    areas::Measured,
     pipeline::{Picture, Pipeline, Request},
     source::FrameSource,
 };
@@ -20,6 +21,7 @@ struct Shared {
     inbox: Mutex<Inbox>,
     wake: Condvar,
     outbox: Mutex<Option<Picture>>,
+    measured: Mutex<Vec<Measured>>,
 }
 
 #[derive(Default)]
@@ -54,6 +56,11 @@ impl Worker {
     pub(crate) fn replace(&self, source: Box<dyn FrameSource>) {
         lock(&self.shared.inbox).source = Some(source);
         self.shared.wake.notify_one();
+    }
+
+    /// What was counted in idle time and not taken yet.
+    pub(crate) fn take_measured(&self) -> Vec<Measured> {
+        std::mem::take(&mut *lock(&self.shared.measured))
     }
 
     /// The newest picture that was not taken yet.
@@ -94,10 +101,18 @@ fn work(shared: &Shared, mut pipeline: Pipeline, ctx: &egui::Context) {
             ctx.request_repaint();
             is_preparing = true;
         } else {
-            let prepared = std::panic::catch_unwind(AssertUnwindSafe(|| pipeline.prepare_ahead()));
-            is_preparing = prepared.unwrap_or(false);
+            let idle_work = || pipeline.prepare_ahead() || count_next(shared, &mut pipeline, ctx);
+            is_preparing = std::panic::catch_unwind(AssertUnwindSafe(idle_work)).unwrap_or(false);
         }
     }
+}
+
+/// Counts what was found on another frame; `false` if there is none left.
+fn count_next(shared: &Shared, pipeline: &mut Pipeline, ctx: &egui::Context) -> bool {
+    let Some(measured) = pipeline.count_next() else { return false };
+    lock(&shared.measured).push(measured);
+    ctx.request_repaint();
+    true
 }
 
 /// What is shown where the program itself is at fault; the next request is tried as usual.
@@ -107,8 +122,10 @@ fn broken(request: Request) -> Picture {
         original: None,
         reconstruction: None,
         depth: None,
+        difference: None,
         depth_values: None,
         findings: Vec::new(),
+        candidates: Vec::new(),
         problem: Some("The program made a mistake with this picture; please report what you did.".into()),
         took_ms: 0.0,
         passes_run: 0,

@@ -1,8 +1,14 @@
 //! The window driven as a user drives it, without a display. A small fake answers instead of the engine: its frame i is
 //! a grey of level i, and "gallbladder" is the left part of every picture, "nothing" nowhere.
 
+mod hazards;
+mod over_time;
+mod pointing;
+mod sessions;
+
 use super::{
     app::ViewerApp,
+    autosave::Autosave,
     document::ViewMode,
     jobs::JobContext,
     pipeline::Picture,
@@ -47,13 +53,19 @@ impl FrameSource for Fake {
     fn prepares_ahead(&self) -> bool {
         self.gate.is_none()
     }
-    fn scores(&mut self, _: &View, prompts: &[&str]) -> Vec<Result<Grid<f32>>> {
+    fn scores(&mut self, view: &View, prompts: &[&str]) -> Vec<Result<Grid<f32>>> {
         if let Some(gate) = &self.gate {
             let _ = gate.recv();
         }
         let score = |prompt: &&str| match *prompt {
             "broken" => Err(Error::input("the encoder cannot read this", "Use other words.")),
             "nothing" => Ok(Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 0.2)),
+            "polyp" => {
+                let width = 2 * (6 - view.frame.abs_diff(15).min(6) as u32);
+                let left = |i| if i % SIZE.0 < width { 0.8 } else { 0.3 };
+                let data = (0..SIZE.0 * SIZE.1).map(left).collect();
+                Ok(Grid::from_vec(SIZE.0 as usize, SIZE.1 as usize, data))
+            }
             _ => {
                 let left = |i| if i % SIZE.0 < SIZE.0 / 4 { 0.8 } else { 0.3 };
                 let data = (0..SIZE.0 * SIZE.1).map(left).collect();
@@ -101,8 +113,12 @@ impl Backend for FakeBackend {
         job.progress("Learning", 10, request.iterations, "100 Gaussians".into());
         let info = Info { has_reconstruction: true, ..self.info.clone() };
         job.preview(Box::new(Fake { info, gate: None }));
+        let mut step = 10;
         while !job.is_cancelled() {
-            std::thread::yield_now();
+            job.rest_while_paused();
+            step += 1;
+            job.progress("Learning", step.min(request.iterations - 1), request.iterations, String::new());
+            std::thread::sleep(std::time::Duration::from_millis(1));
         }
         self.trained.lock().unwrap().push(request.clone());
         Ok(request.scene.clone())
@@ -151,10 +167,10 @@ impl Window {
 
     fn with(backend: Arc<FakeBackend>) -> Self {
         let theirs = backend.clone();
-        let harness = Harness::builder()
-            .with_size(egui::vec2(1280.0, 800.0))
-            .with_step_dt(1.0 / 60.0)
-            .build_eframe(|cc| ViewerApp::new(&cc.egui_ctx, theirs, Preferences::load(None)));
+        let harness =
+            Harness::builder().with_size(egui::vec2(1280.0, 800.0)).with_step_dt(1.0 / 60.0).build_eframe(
+                |cc| ViewerApp::new(&cc.egui_ctx, theirs, Preferences::load(None), Autosave::default()),
+            );
         Self { harness, backend }
     }
 
@@ -390,14 +406,14 @@ fn views_are_switched_by_key_and_only_where_they_exist() {
         (Modifiers::NONE, Key::W, ViewMode::Wipe),
         (Modifiers::SHIFT, Key::W, ViewMode::SideBySide),
         (Modifiers::NONE, Key::D, ViewMode::Depth),
-        (Modifiers::NONE, Key::B, ViewMode::Original),
-        (Modifiers::NONE, Key::B, ViewMode::Reconstruction),
+        (Modifiers::SHIFT, Key::B, ViewMode::Original),
+        (Modifiers::SHIFT, Key::B, ViewMode::Reconstruction),
     ] {
         window.press_with(modifiers, key);
         assert_eq!(window.harness.state().document.mode, mode);
     }
     let mut window = Window::on(Info { has_original: false, ..scene() });
-    window.press(Key::B);
+    window.press_with(Modifiers::SHIFT, Key::B);
     assert_eq!(window.harness.state().document.mode, ViewMode::Reconstruction);
 }
 
@@ -419,7 +435,7 @@ fn looking_around_is_marked_and_r_returns() {
         window.harness.hover_at(at + egui::vec2(100.0 * i as f32, 0.0));
         window.harness.step();
     }
-    let orbit = window.harness.state().orbit;
+    let orbit = window.harness.state().document.look.orbit;
     assert!(!orbit.is_home() && orbit.angle().to_degrees() <= 15.001);
     window.harness.event(button(false, at));
     window.until_picture(|p| !p.request.view.orbit.is_home());
@@ -481,6 +497,12 @@ fn a_recording_is_reconstructed_in_the_window_and_stopping_keeps_what_was_learne
     assert!(window.shows("Reconstructing: Learning"));
     window.press(Key::ArrowRight);
     window.until_picture(|p| p.request.view.frame == 1 && p.reconstruction.is_some());
+    window.click("Pause");
+    window.until(|app| app.training.as_ref().is_some_and(|t| t.job.is_paused()));
+    assert!(window.shows("paused"));
+    window.click("Go on");
+    assert!(!window.shows("paused"));
+    window.click("Pause");
     window.click("Stop and keep what was learned");
     window.until(|app| app.training.is_none() && app.document.mode == ViewMode::Reconstruction);
     assert_eq!(window.frame(), 1, "the frame is kept");
@@ -533,7 +555,7 @@ fn the_shortcut_sheet_lists_the_command_table() {
 fn nothing_changes_nothing_is_painted() {
     let mut window = Window::on(scene());
     window.add_prompt("gallbladder");
-    window.until_picture(|p| !p.findings.is_empty());
+    window.until(|app| app.selected_curve().is_some_and(|curve| curve.is_complete()));
     for _ in 0..120 {
         window.harness.step();
     }

@@ -1,0 +1,274 @@
+//! How large what a prompt found is on every frame, from the same scores as the pictures.
+//!
+//! Kept for every threshold at once, so that moving one redraws the curve and computes nothing.
+
+use super::negatives::Question;
+use std::collections::HashMap;
+use surgtpgs_core::grid::Grid;
+
+/// Thresholds are whole hundredths.
+const STEPS: usize = 101;
+
+/// How many pixels of a frame are above every possible threshold.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Levels {
+    above: Box<[u32; STEPS]>,
+    num_px: usize,
+}
+
+impl Levels {
+    /// Counts; not a number is above nothing.
+    pub(crate) fn of(scores: &Grid<f32>) -> Self {
+        let thresholds: [f32; STEPS] = std::array::from_fn(|j| j as f32 / 100.0);
+        // How many thresholds a score is above: the estimate is off by one at most, by rounding.
+        let exceeded = |score: f32| {
+            let mut k = ((score * 100.0) as usize).min(STEPS);
+            while k < STEPS && score > thresholds[k] {
+                k += 1;
+            }
+            while k > 0
+                && (k > STEPS || score.partial_cmp(&thresholds[k - 1]) != Some(std::cmp::Ordering::Greater))
+            {
+                k -= 1;
+            }
+            k
+        };
+        let mut counts = [0_u32; STEPS + 1];
+        scores.data.iter().for_each(|score| counts[exceeded(*score)] += 1);
+        let mut above = Box::new([0; STEPS]);
+        let mut sum = 0;
+        for j in (0..STEPS).rev() {
+            sum += counts[j + 1];
+            above[j] = sum;
+        }
+        Self { above, num_px: scores.data.len() }
+    }
+
+    /// Pixels above a threshold, which is a whole number of hundredths.
+    pub(crate) fn area_px(&self, threshold: f32) -> usize {
+        self.above[((threshold * 100.0).round() as usize).min(STEPS - 1)] as usize
+    }
+}
+
+/// What was counted on a frame, for those prompts that were not counted before.
+#[derive(Clone, Debug)]
+pub(crate) struct Measured {
+    pub(crate) frame: usize,
+    /// `None` where the prompt has no answer.
+    pub(crate) prompts: Vec<(Question, Option<Levels>)>,
+}
+
+/// Which frames of which prompts were counted, on the side that counts.
+#[derive(Debug, Default)]
+pub(crate) struct Counted {
+    frames: HashMap<Question, Vec<bool>>,
+}
+
+impl Counted {
+    /// The first frame that has not been counted for all of `prompts`, and for which it has not.
+    pub(crate) fn next(&self, prompts: &[Question], num_frames: usize) -> Option<(usize, Vec<Question>)> {
+        (0..num_frames).find_map(|frame| {
+            let is_counted = |q| self.frames.get(q).and_then(|f| f.get(frame)).is_some_and(|done| *done);
+            let new: Vec<Question> = prompts.iter().filter(|q| !is_counted(*q)).cloned().collect();
+            (!new.is_empty()).then_some((frame, new))
+        })
+    }
+
+    pub(crate) fn note(&mut self, measured: &Measured, num_frames: usize) {
+        for (question, _) in &measured.prompts {
+            let frames = self.frames.entry(question.clone()).or_insert_with(|| vec![false; num_frames]);
+            if let Some(done) = frames.get_mut(measured.frame) {
+                *done = true;
+            }
+        }
+    }
+}
+
+/// The counts of all frames, on the side that draws them.
+#[derive(Debug, Default)]
+pub(crate) struct Areas {
+    num_frames: usize,
+    prompts: HashMap<Question, Vec<Option<Levels>>>,
+}
+
+impl Areas {
+    pub(crate) fn new(num_frames: usize) -> Self {
+        Self { num_frames, prompts: HashMap::new() }
+    }
+
+    pub(crate) fn take(&mut self, measured: Measured) {
+        for (question, levels) in measured.prompts {
+            let frames = self.prompts.entry(question).or_insert_with(|| vec![None; self.num_frames]);
+            if let Some(place) = frames.get_mut(measured.frame) {
+                *place = levels;
+            }
+        }
+    }
+
+    /// The area of a prompt over time; `None` before the first frame was counted.
+    pub(crate) fn curve(&self, question: &Question, threshold: f32) -> Option<Curve> {
+        let frames = self.prompts.get(question)?;
+        let point = |levels: &Option<Levels>| {
+            levels.as_ref().map(|l| Point { area_px: l.area_px(threshold), num_px: l.num_px })
+        };
+        Some(Curve { points: frames.iter().map(point).collect() })
+    }
+}
+
+/// A frame of a [`Curve`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Point {
+    pub(crate) area_px: usize,
+    num_px: usize,
+}
+
+impl Point {
+    /// 0–1.
+    pub(crate) fn share(&self) -> f32 {
+        self.area_px as f32 / self.num_px.max(1) as f32
+    }
+}
+
+/// An area over time.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Curve {
+    /// By frame; `None` where it is not known yet.
+    pub(crate) points: Vec<Option<Point>>,
+}
+
+impl Curve {
+    /// Whether all frames are known.
+    pub(crate) fn is_complete(&self) -> bool {
+        self.points.iter().all(Option::is_some)
+    }
+
+    /// The first frame on which something is found.
+    pub(crate) fn first(&self) -> Option<usize> {
+        self.found().next().map(|(frame, _)| frame)
+    }
+
+    /// The last frame on which something is found.
+    pub(crate) fn last(&self) -> Option<usize> {
+        self.found().last().map(|(frame, _)| frame)
+    }
+
+    /// The frame on which most is found, the first of several.
+    pub(crate) fn largest(&self) -> Option<usize> {
+        let best = self.found().max_by_key(|(frame, p)| (p.area_px, std::cmp::Reverse(*frame)));
+        best.map(|(frame, _)| frame)
+    }
+
+    /// The largest share of the picture, 0–1.
+    pub(crate) fn top(&self) -> f32 {
+        self.found().map(|(_, p)| p.share()).fold(0.0, f32::max)
+    }
+
+    fn found(&self) -> impl DoubleEndedIterator<Item = (usize, &Point)> {
+        let points = self.points.iter().enumerate().filter_map(|(frame, p)| Some((frame, p.as_ref()?)));
+        points.filter(|(_, p)| p.area_px > 0)
+    }
+}
+
+/// The curves as a table with a header; numbers with a point, whatever the language of the system.
+pub(crate) fn csv<'a>(
+    curves: impl Iterator<Item = (&'a str, f32, Curve)>,
+    seconds: impl Fn(usize) -> f64,
+) -> String {
+    let mut text = String::from("frame,time_s,prompt,threshold,area_px,area_fraction\n");
+    for (prompt, threshold, curve) in curves {
+        let prompt = prompt.replace('"', "\"\"");
+        for (frame, point) in curve.points.iter().enumerate() {
+            if let Some(point) = point {
+                let (time, area, share) = (seconds(frame), point.area_px, point.share());
+                text += &format!("{frame},{time:.3},\"{prompt}\",{threshold:.2},{area},{share:.6}\n");
+            }
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{super::negatives::Negatives, *};
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn counts_are_those_of_the_mask_at_every_threshold(
+            scores in proptest::collection::vec(prop_oneof![
+                0.0_f32..1.0,
+                (0_u8..=100).prop_map(|j| f32::from(j) / 100.0),
+                Just(f32::NAN), Just(0.0), Just(1.0), Just(-1.0), Just(7.0), Just(f32::INFINITY),
+            ], 0..200)
+        ) {
+            let levels = Levels::of(&Grid::from_vec(scores.len(), 1, scores.clone()));
+            for j in 0..STEPS {
+                let threshold = j as f32 / 100.0;
+                let mask = scores.iter().filter(|s| **s > threshold).count();
+                prop_assert_eq!(levels.area_px(threshold), mask, "above {}", threshold);
+            }
+        }
+    }
+
+    fn question(text: &str) -> Question {
+        let negatives = Negatives { phrases: vec!["object".into()], uses_classes: true };
+        Question { text: text.into(), negatives }
+    }
+
+    fn measured(frame: usize, area: usize) -> Measured {
+        let scores = (0..10).map(|i| if i < area { 0.9 } else { 0.1 }).collect();
+        let levels = Levels::of(&Grid::from_vec(10, 1, scores));
+        Measured { frame, prompts: vec![(question("liver"), Some(levels))] }
+    }
+
+    #[test]
+    fn first_largest_and_last_appearance() {
+        let mut areas = Areas::new(7);
+        assert_eq!(areas.curve(&question("liver"), 0.4), None);
+        for (frame, area) in [0, 0, 3, 6, 6, 1, 0].into_iter().enumerate() {
+            assert!(!areas.curve(&question("liver"), 0.4).is_some_and(|c| c.is_complete()));
+            areas.take(measured(frame, area));
+        }
+        areas.take(measured(99, 1));
+        let curve = areas.curve(&question("liver"), 0.4).unwrap();
+        assert!(curve.is_complete());
+        assert_eq!(
+            (curve.first(), curve.largest(), curve.last(), curve.top()),
+            (Some(2), Some(3), Some(5), 0.6)
+        );
+        let nowhere = areas.curve(&question("liver"), 0.95).unwrap();
+        assert_eq!((nowhere.first(), nowhere.largest(), nowhere.last()), (None, None, None));
+    }
+
+    #[test]
+    fn every_frame_is_counted_once_for_every_prompt() {
+        let mut counted = Counted::default();
+        let liver = [question("liver")];
+        for frame in 0..3 {
+            assert_eq!(counted.next(&liver, 3), Some((frame, liver.to_vec())));
+            counted.note(&measured(frame, 1), 3);
+        }
+        assert_eq!(counted.next(&liver, 3), None);
+        assert_eq!(counted.next(&[question("liver"), question("fat")], 3), Some((0, vec![question("fat")])));
+        let other = Question {
+            negatives: Negatives { phrases: Vec::new(), uses_classes: true },
+            ..question("liver")
+        };
+        assert_eq!(
+            counted.next(std::slice::from_ref(&other), 3),
+            Some((0, vec![other])),
+            "compared with something else"
+        );
+    }
+
+    #[test]
+    fn the_table_is_the_curve() {
+        let mut areas = Areas::new(2);
+        areas.take(measured(1, 3));
+        let curve = areas.curve(&question("liver"), 0.4).unwrap();
+        let table = csv([("a \"quoted\" liver", 0.4, curve)].into_iter(), |f| f as f64 / 25.0);
+        let expected = "frame,time_s,prompt,threshold,area_px,area_fraction\n\
+                        1,0.040,\"a \"\"quoted\"\" liver\",0.40,3,0.300000\n";
+        assert_eq!(table, expected);
+    }
+}

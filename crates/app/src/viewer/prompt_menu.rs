@@ -1,0 +1,85 @@
+//! What else can be done with a prompt: other words, another colour, another place in the list.
+
+use super::{
+    app::ViewerApp,
+    document::{Prompt, PromptId},
+    negatives::split,
+    theme,
+    widgets::caption,
+};
+use crate::settings::PROMPT_COLOURS;
+use egui::{Key, Popup, PopupCloseBehavior, Response, Sense, Stroke, TextEdit, Ui, WidgetInfo, vec2};
+
+/// The menu that a button of the prompt's row opens.
+pub(crate) fn prompt_menu_ui(button: &Response, app: &mut ViewerApp, prompt: &Prompt) {
+    let menu = Popup::from_toggle_button_response(button);
+    menu.close_behavior(PopupCloseBehavior::CloseOnClickOutside).width(250.0).show(|ui| {
+        words_ui(ui, app, prompt);
+        but_not_ui(ui, app, prompt);
+        ui.add_space(4.0);
+        colours_ui(ui, app, prompt);
+        ui.separator();
+        let (first, last) = (app.document.prompts().first(), app.document.prompts().last());
+        let [is_first, is_last] = [first, last].map(|p| p.is_some_and(|p| p.id == prompt.id));
+        for (label, by, is_end) in [("Move up", -1, is_first), ("Move down", 1, is_last)] {
+            let tip = "Prompts further down are drawn over those above";
+            let item = egui::Button::new(label).frame(false).min_size(vec2(ui.available_width(), 0.0));
+            if ui.add_enabled(!is_end, item).on_hover_text(tip).clicked() {
+                app.document.reorder(prompt.id, by);
+            }
+        }
+    });
+}
+
+fn words_ui(ui: &mut Ui, app: &mut ViewerApp, prompt: &Prompt) {
+    ui.label(caption("Words"));
+    let label = format!("Words of {}", prompt.text);
+    if let Some(words) = field_ui(ui, &label, &prompt.text, ("words", prompt.id)) {
+        app.document.rename(prompt.id, &words);
+    }
+}
+
+fn but_not_ui(ui: &mut Ui, app: &mut ViewerApp, prompt: &Prompt) {
+    ui.label(caption("But not (words between commas)"));
+    let label = format!("{} but not", prompt.text);
+    if let Some(words) = field_ui(ui, &label, &prompt.but_not.join(", "), ("but not", prompt.id)) {
+        app.document.set_but_not(prompt.id, &split(&words));
+    }
+}
+
+/// A text field whose text is returned on Enter and on leaving it, but not on Esc.
+fn field_ui(ui: &mut Ui, label: &str, text: &str, salt: (&'static str, PromptId)) -> Option<String> {
+    let id = ui.scope_id().with(salt);
+    let mut typed = ui.data(|d| d.get_temp::<String>(id)).unwrap_or_else(|| text.to_owned());
+    let field = ui.add(TextEdit::singleline(&mut typed).char_limit(200).desired_width(f32::INFINITY));
+    field.ctx.accesskit_node_builder(field.id, |node| node.set_label(label));
+    if field.lost_focus() {
+        ui.data_mut(|d| d.remove::<String>(id));
+        return (!ui.input(|i| i.key_pressed(Key::Escape))).then_some(typed);
+    }
+    if field.changed() {
+        ui.data_mut(|d| d.insert_temp(id, typed));
+    }
+    None
+}
+
+fn colours_ui(ui: &mut Ui, app: &mut ViewerApp, prompt: &Prompt) {
+    ui.label(caption("Colour"));
+    ui.horizontal(|ui| {
+        ui.spacing_mut().item_spacing.x = 4.0;
+        for (number, colour) in PROMPT_COLOURS.into_iter().enumerate() {
+            let (rect, response) = ui.allocate_exact_size(vec2(26.0, 26.0), Sense::click());
+            let is_own = prompt.colour == colour;
+            let name = format!("Colour {} for {}", number + 1, prompt.text);
+            response.widget_info(|| WidgetInfo::selected(egui::Role::RadioButton, true, is_own, &name));
+            ui.painter().rect_filled(rect.shrink(3.0), 4.0, theme::colour32(colour));
+            if is_own || response.has_focus() || response.hovered() {
+                let stroke = Stroke::new(2.0, if is_own { theme::TEXT } else { theme::ACCENT });
+                ui.painter().rect_stroke(rect, 5.0, stroke, egui::StrokeKind::Inside);
+            }
+            if response.clicked() {
+                app.document.set_colour(prompt.id, colour);
+            }
+        }
+    });
+}

@@ -1,0 +1,140 @@
+//! The ruler: a line drawn over the picture, its length, and the scale that makes millimetres of it.
+
+use super::{
+    app::ViewerApp,
+    command::{Command, tooltip},
+    measure::{Measurement, NoLength, Scale, measure},
+    theme,
+    widgets::{caption, card, plate},
+};
+use egui::{Align2, Painter, Response, RichText, Stroke, TextEdit, Ui, pos2, vec2};
+
+/// The ruler is in hand.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Ruler {
+    /// Both ends, as shares of the picture's width and height.
+    pub(crate) line: Option<[[f32; 2]; 2]>,
+    /// The known length being typed.
+    known: String,
+}
+
+/// Draws the line while the mouse is dragged; returns whether the mouse is the ruler's.
+pub(crate) fn drag(app: &mut ViewerApp, response: &Response) -> bool {
+    let Some(ruler) = &mut app.ruler else { return false };
+    let position = |at: Option<egui::Pos2>| at.and_then(|at| app.panes.picture_position(at));
+    let to = position(response.interact_pointer_pos()).filter(|_| response.dragged());
+    let from = position(response.ctx.input(|i| i.pointer.press_origin()));
+    if let (Some(from), Some(to)) = (from, to) {
+        ruler.line = Some([from, to]);
+    }
+    true
+}
+
+/// The length of the line on the frame that is shown.
+fn measured(app: &ViewerApp) -> Option<Measurement> {
+    let line = app.ruler.as_ref()?.line?;
+    let (info, picture) = (app.info()?, app.picture()?);
+    // What is seen from elsewhere was never recorded: there lengths are in pixels only.
+    let is_recorded = picture.request.view.orbit.is_home();
+    let depth = picture.depth_values.as_deref().filter(|_| is_recorded);
+    Some(measure(line, (info.width, info.height), depth, info.lens))
+}
+
+/// The line on every pane, and the card with its length.
+pub(crate) fn ruler_ui(ui: &mut Ui, app: &mut ViewerApp, area: egui::Rect) {
+    let Some(ruler) = app.ruler.clone() else { return };
+    let measured = measured(app);
+    if let (Some([a, b]), Some(measured)) = (ruler.line, &measured) {
+        let ends: Vec<_> = app.panes.screen_positions(a).zip(app.panes.screen_positions(b)).collect();
+        for ((pane, a), (_, b)) in ends {
+            let painter = ui.painter().with_clip_rect(pane);
+            paint_line(&painter, a, b);
+            let text = measured.text(app.document.content().scale.as_ref());
+            // Below the line, so that it hides no end.
+            let at = pos2(a.x.midpoint(b.x), a.y.max(b.y) + 12.0);
+            plate(&painter, at, Align2::CENTER_TOP, &text, theme::TEXT);
+        }
+    }
+    let at = area.right_bottom() + vec2(-12.0, -12.0);
+    card(ui.ctx(), "ruler", at, Align2::RIGHT_BOTTOM, 300.0, |ui| card_ui(ui, app, measured));
+}
+
+fn paint_line(painter: &Painter, a: egui::Pos2, b: egui::Pos2) {
+    for stroke in [Stroke::new(5.0, theme::PLATE), Stroke::new(2.0, theme::TEXT)] {
+        painter.line_segment([a, b], stroke);
+        for end in [a, b] {
+            painter.circle_stroke(end, 5.0, stroke);
+        }
+    }
+}
+
+fn card_ui(ui: &mut Ui, app: &mut ViewerApp, measured: Option<Measurement>) {
+    ui.horizontal(|ui| {
+        ui.label(RichText::new("Ruler").strong());
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            if ui.button("Put away").on_hover_text(tooltip(Command::Measure)).clicked() {
+                app.ruler = None;
+            }
+        });
+    });
+    let Some(measured) = measured else {
+        ui.label(caption("Drag on the picture from one point to another."));
+        return;
+    };
+    let frame = app.picture().map_or(0, |p| p.request.view.frame);
+    let text = measured.text(app.document.content().scale.as_ref());
+    ui.label(format!("{text}  ·  frame {}", frame + 1));
+    let warning = match measured.in_space {
+        Err(NoLength::NoSurface) => Some("Nothing was reconstructed at one end."),
+        Err(NoLength::NoDepth) => Some("Pixels only: this view has no recorded depth."),
+        Ok(length) if length.is_at_edge => Some("Depth jumps at one end: it may belong to what lies behind."),
+        Ok(_) => None,
+    };
+    if let Some(warning) = warning {
+        ui.label(RichText::new(warning).font(theme::small()).color(theme::AMBER));
+    }
+    match app.document.content().scale.clone() {
+        Some(scale) => scale_ui(ui, app, &scale),
+        None => calibrate_ui(ui, app, measured, frame),
+    }
+}
+
+fn scale_ui(ui: &mut Ui, app: &mut ViewerApp, scale: &Scale) {
+    ui.label(caption(format!("Scale from {}", scale.source)));
+    if ui.button("Remove the scale").clicked() {
+        app.document.set_scale(None);
+    }
+}
+
+/// Millimetres begin with a length that somebody knows.
+fn calibrate_ui(ui: &mut Ui, app: &mut ViewerApp, measured: Measurement, frame: usize) {
+    let Ok(length) = measured.in_space else { return };
+    ui.label(caption(
+        "Without a scale there are no real lengths. If you know how long this line is, enter it:",
+    ));
+    let Some(ruler) = &mut app.ruler else { return };
+    let mut scale = None;
+    ui.horizontal(|ui| {
+        let field = ui.add(TextEdit::singleline(&mut ruler.known).hint_text("length").desired_width(80.0));
+        field.ctx.accesskit_node_builder(field.id, |node| node.set_label("Known length in millimetres"));
+        ui.label("millimetres");
+        let typed = ruler.known.trim().replace(',', ".").parse().ok();
+        let wanted = typed.and_then(|mm| Scale::from_known(length, mm, frame));
+        if ui.add_enabled(wanted.is_some(), egui::Button::new("Set the scale")).clicked() {
+            scale = wanted;
+        }
+    });
+    if scale.is_some() {
+        app.document.set_scale(scale);
+    }
+}
+
+/// Where the pointer's cross is drawn for a point of the picture.
+pub(crate) fn paint_cross(painter: &Painter, at: egui::Pos2) {
+    for stroke in [Stroke::new(4.0, theme::PLATE), Stroke::new(1.6, theme::TEXT)] {
+        for (dx, dy) in [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)] {
+            let from = pos2(at.x + 5.0 * dx, at.y + 5.0 * dy);
+            painter.line_segment([from, from + 9.0 * vec2(dx, dy)], stroke);
+        }
+    }
+}

@@ -1,0 +1,156 @@
+//! What could mislead somebody, and that it does not. (Nothing found, frames that do not match, lengths and scores have
+//! tests of their own beside their parts.)
+
+use super::*;
+use crate::viewer::obey::EXPORT_NEEDS_STANDARD;
+
+#[test]
+fn left_is_left_and_up_is_up() {
+    let mut window = Window::on(scene());
+    window.add_prompt("gallbladder");
+    window.press(Key::O);
+    window.until_picture(|p| p.reconstruction.as_ref().is_some_and(|r| r.marked.is_some()));
+    let (width, height) = (SIZE.0 as usize, SIZE.1 as usize);
+    let picture = window.harness.state().picture().unwrap();
+    let pane = picture.reconstruction.as_ref().unwrap();
+    assert_eq!(pane.bare.size, [width, height]);
+    let marked = pane.marked.as_ref().unwrap();
+    let is_marked = |x: usize, y: usize| marked.pixels[y * width + x] != pane.bare.pixels[y * width + x];
+    assert!(is_marked(1, height / 2) && !is_marked(width - 2, height / 2), "the left part is found");
+    // On the screen, too, the picture's origin is its upper left corner.
+    let at = |point| window.harness.state().panes.screen_positions(point).next().unwrap().1;
+    let (origin, end) = (at([0.0, 0.0]), at([1.0, 1.0]));
+    assert!(origin.x < end.x && origin.y < end.y);
+}
+
+#[test]
+fn a_view_that_nobody_recorded_says_so() {
+    let mut window = Window::on(scene());
+    assert!(!window.shows("synthesised view"));
+    let look = &mut window.harness.state_mut().document.look;
+    look.orbit = look.orbit.dragged([80.0, 0.0], 15.0);
+    window.until_picture(|p| !p.request.view.orbit.is_home());
+    assert!(window.shows("synthesised view"));
+    window.press(Key::R);
+    window.until_picture(|p| p.request.view.orbit.is_home());
+    assert!(!window.shows("synthesised view"));
+    window.press_with(Modifiers::COMMAND, Key::Z);
+    window.until_picture(|p| !p.request.view.orbit.is_home());
+}
+
+#[test]
+fn the_picture_names_what_was_applied_not_what_is_being_typed() {
+    let mut window = Window::on(scene());
+    window.add_prompt("gallbladder");
+    window.until_picture(|p| !p.findings.is_empty());
+    window.type_prompt("liv");
+    let label = window.harness.get_by_role(Role::Image).accesskit_node().label().unwrap();
+    assert!(label.contains("gallbladder 25 %") && !label.contains("liv"), "{label}");
+}
+
+#[test]
+fn a_prompt_says_what_it_is_compared_with_and_exports_what_is_seen() {
+    let mut window = Window::on(scene());
+    window.add_prompt("gallbladder");
+    window.press(Key::N);
+    window.harness.step();
+    window.click("texture");
+    window.harness.get_by_label("Another phrase").focus();
+    window.harness.step();
+    window.harness.get_by_label("Another phrase").type_text("smoke");
+    window.harness.step();
+    window.press(Key::Enter);
+    // The dialog grows by a row.
+    window.harness.step();
+    window.harness.step();
+    window.click("Close");
+    let phrases = ["object", "things", "stuff", "smoke"];
+    window.until_picture(|p| {
+        !p.findings.is_empty() && p.request.prompts[0].question.negatives.phrases == phrases
+    });
+    window.press_with(Modifiers::COMMAND, Key::E);
+    window.harness.step();
+    assert!(window.harness.state().export.is_none());
+    assert_eq!(window.harness.state().problem.as_deref(), Some(EXPORT_NEEDS_STANDARD));
+    assert!(window.shows("the files would differ from what you see"));
+    window.press(Key::Escape);
+    window.press(Key::N);
+    window.harness.step();
+    window.click("Standard phrases");
+    window.harness.step();
+    window.harness.step();
+    window.click("Close");
+    window.press_with(Modifiers::COMMAND, Key::E);
+    assert!(window.harness.state().export.is_some());
+}
+
+#[test]
+fn a_prompt_has_exceptions_of_its_own() {
+    let mut window = Window::on(scene());
+    window.add_prompt("gallbladder");
+    window.add_prompt("liver");
+    window.click("More about liver");
+    window.harness.get_by_label("liver but not").focus();
+    window.harness.step();
+    window.harness.get_by_label("liver but not").type_text("fat, bile");
+    window.harness.step();
+    window.press(Key::Enter);
+    window.until_picture(|p| p.findings.len() == 2);
+    window.until_picture(|p| {
+        let negatives = |k: usize| &p.request.prompts[k].question.negatives.phrases;
+        negatives(0).len() == 4 && negatives(1)[4..] == ["fat", "bile"]
+    });
+}
+
+#[test]
+fn words_used_before_and_those_of_an_operation_are_suggested() {
+    let mut window = Window::on(scene());
+    window.add_prompt("polyp");
+    window.click("Delete polyp");
+    window.click("Suggestions");
+    assert!(window.shows("Looked for before"));
+    window.click("polyp");
+    window.click("cystic duct");
+    let words: Vec<_> = window.harness.state().document.prompts().iter().map(|p| p.text.clone()).collect();
+    assert_eq!(words, ["polyp", "cystic duct"]);
+}
+
+#[test]
+fn text_can_be_made_larger_by_key_and_stays_so() {
+    let mut window = Window::on(scene());
+    window.press_with(Modifiers::COMMAND, Key::Plus);
+    window.harness.step();
+    window.harness.step();
+    assert!((window.harness.ctx.zoom_factor() - 1.2).abs() < 1e-6);
+    window.press_with(Modifiers::COMMAND, Key::Num0);
+    window.harness.step();
+    window.harness.step();
+    assert!((window.harness.ctx.zoom_factor() - 1.0).abs() < 1e-6);
+}
+
+#[test]
+fn everything_that_is_pressed_has_a_name() {
+    let mut window = Window::on(scene());
+    window.add_prompt("gallbladder");
+    window.press(Key::M);
+    window.until(|app| app.selected_curve().is_some_and(|curve| curve.is_complete()));
+    let mut num_named = 0;
+    for role in [Role::Button, Role::Slider, Role::CheckBox, Role::RadioButton, Role::TextInput] {
+        for node in window.harness.query_all_by_role(role) {
+            let node = node.accesskit_node();
+            let name = node.label().or_else(|| node.value()).unwrap_or_default();
+            assert!(!name.trim().is_empty(), "a {role:?} without a name");
+            num_named += 1;
+        }
+    }
+    assert!(num_named > 20, "{num_named}");
+}
+
+#[test]
+fn what_is_pressed_is_large_enough_for_a_hurried_hand() {
+    let window = Window::on(scene());
+    for label in ["Play or pause", "Bookmark", "Hide all overlays", "Repeat"] {
+        let size = window.harness.get_by_role_and_label(Role::Button, label).rect().size();
+        assert!(size.x >= 32.0 && size.y >= 32.0, "{label}: {size:?}");
+    }
+}

@@ -1,0 +1,128 @@
+//! Areas over time, and the ways through it.
+
+use super::*;
+use crate::viewer::command::Command;
+
+/// A window with one prompt that is found on frames 10 to 20, most of it on frame 15.
+fn counted() -> Window {
+    let mut window = Window::on(scene());
+    window.add_prompt("polyp");
+    window.until(|app| app.selected_curve().is_some_and(|curve| curve.is_complete()));
+    window
+}
+
+#[test]
+fn the_curve_is_counted_while_idle_and_leads_to_first_largest_and_last() {
+    let mut window = counted();
+    assert!(window.shows("Area over time. polyp: largest 38 % at frame 16"));
+    assert!(window.shows("on 11 of 48 frames"));
+    window.press_with(Modifiers::SHIFT, Key::Home);
+    assert_eq!(window.frame(), 10);
+    window.press_with(Modifiers::SHIFT, Key::End);
+    assert_eq!(window.frame(), 20);
+    window.press(Key::P);
+    assert_eq!(window.frame(), 15);
+    window.click("First");
+    assert_eq!(window.frame(), 10);
+}
+
+#[test]
+fn the_curve_is_that_of_the_picture_on_every_frame_and_follows_the_threshold() {
+    let mut window = counted();
+    for threshold in [0.4, 0.9] {
+        let id = window.harness.state().document.selected.unwrap();
+        window.harness.state_mut().document.set_threshold(id, threshold);
+        for frame in [9, 10, 15, 21] {
+            window.harness.state_mut().playback.seek(frame, 0.0);
+            window.until_picture(|p| {
+                p.request.view.frame == frame && p.request.prompts[0].threshold == threshold
+            });
+            let app = window.harness.state();
+            let on_picture = app.picture().unwrap().findings[0].outcome.as_ref().unwrap().area_px;
+            let on_curve = app.selected_curve().unwrap().points[frame].unwrap().area_px;
+            assert_eq!(on_curve, on_picture, "frame {frame} above {threshold}");
+        }
+    }
+}
+
+#[test]
+fn a_click_on_the_curve_goes_there() {
+    let mut window = counted();
+    window.harness.get_by_label_contains("Area over time").click();
+    window.harness.step();
+    window.harness.step();
+    assert!((22..=25).contains(&window.frame()), "the middle of {FRAMES} frames, not {}", window.frame());
+}
+
+#[test]
+fn a_prompt_that_is_nowhere_leads_nowhere() {
+    let mut window = Window::on(scene());
+    window.add_prompt("nothing");
+    window.until(|app| app.selected_curve().is_some_and(|curve| curve.is_complete()));
+    assert!(window.shows("nothing: found on no frame"));
+    window.press(Key::ArrowRight);
+    window.press(Key::P);
+    assert_eq!(window.frame(), 1);
+}
+
+#[test]
+fn areas_can_be_copied_as_a_table() {
+    let mut window = counted();
+    let ctx = window.harness.ctx.clone();
+    window.harness.state_mut().run(Command::CopyAreas.into(), &ctx);
+    let copied = ctx.output(|o| o.commands.clone()).into_iter().find_map(|c| match c {
+        egui::OutputCommand::CopyText(text) => Some(text),
+        _ => None,
+    });
+    let table = copied.unwrap();
+    assert_eq!(table.lines().count(), FRAMES + 1);
+    assert!(table.contains("15,0.600,\"polyp\",0.40,288,0.375000"), "{table}");
+}
+
+#[test]
+fn a_scene_in_training_is_not_counted() {
+    let recording = Info { has_reconstruction: false, has_features: false, has_labels: true, ..scene() };
+    let mut window = Window::on(recording);
+    window.click("Reconstruct…");
+    window.click("Start");
+    window.until(|app| app.document.mode == ViewMode::SideBySide);
+    assert!(window.harness.state().areas().is_none());
+}
+
+#[test]
+fn with_the_stop_key_held_j_and_l_are_single_steps() {
+    let mut window = Window::on(scene());
+    window.harness.key_down(Key::K);
+    window.harness.step();
+    for expected in [1, 2] {
+        window.press(Key::L);
+        assert_eq!(window.frame(), expected);
+    }
+    window.press(Key::J);
+    assert_eq!(window.frame(), 1);
+    window.harness.key_up(Key::K);
+    window.harness.step();
+    assert!(!window.harness.state().playback.is_playing());
+    window.press(Key::L);
+    assert!(window.harness.state().playback.is_playing());
+}
+
+#[test]
+fn every_key_of_the_map_is_a_command() {
+    use crate::viewer::command::find;
+    let (none, shift, alt) = (Modifiers::NONE, Modifiers::SHIFT, Modifiers::ALT);
+    let ctrl = Modifiers::COMMAND;
+    for (modifiers, keys) in [
+        (none, "Space Left Right Home End J K L [ ] \\ I M G / 1 9 V O T W B D R C F1 F11"),
+        (shift, "Left Right I O T"),
+        (ctrl, "Left Right Z Y O S E L"),
+        (alt, "I 1 9"),
+        (ctrl | shift, "Z"),
+    ] {
+        for name in keys.split(' ') {
+            let key = Key::from_name(name).unwrap();
+            assert!(find(key, modifiers).is_some(), "{modifiers:?} {name}");
+        }
+    }
+    assert!(find(Key::Tab, none).is_none(), "Tab moves the focus");
+}

@@ -1,0 +1,152 @@
+//! What the mouse does on the picture: asking a point what it is, measuring, zooming.
+
+use super::*;
+use crate::viewer::measure::Lens;
+use egui::Pos2;
+
+/// Where a point of the picture is on the screen.
+fn on_screen(window: &Window, point: [f32; 2]) -> Pos2 {
+    window.harness.state().panes.screen_positions(point).next().unwrap().1
+}
+
+fn button(pos: Pos2, pressed: bool) -> egui::Event {
+    let button = egui::PointerButton::Primary;
+    egui::Event::PointerButton { pos, button, pressed, modifiers: Modifiers::NONE }
+}
+
+fn click_at(window: &mut Window, point: [f32; 2]) {
+    let at = on_screen(window, point);
+    window.harness.hover_at(at);
+    window.harness.step();
+    window.harness.event(button(at, true));
+    window.harness.step();
+    window.harness.event(button(at, false));
+    window.harness.step();
+    window.harness.step();
+}
+
+fn drag(window: &mut Window, from: [f32; 2], to: [f32; 2]) {
+    let (from, to) = (on_screen(window, from), on_screen(window, to));
+    window.harness.hover_at(from);
+    window.harness.step();
+    window.harness.event(button(from, true));
+    window.harness.step();
+    for i in 1..=10 {
+        window.harness.hover_at(from.lerp(to, i as f32 / 10.0));
+        window.harness.step();
+    }
+    window.harness.event(button(to, false));
+    window.harness.step();
+    window.harness.step();
+}
+
+fn measurable() -> Info {
+    Info { lens: Some(Lens { fx: 32.0, fy: 32.0, cx: 16.0, cy: 12.0 }), ..scene() }
+}
+
+#[test]
+fn a_click_says_what_a_point_is_most_like_and_offers_to_look_for_it() {
+    let mut window = Window::on(scene());
+    window.add_prompt("nothing");
+    window.until_picture(|p| !p.findings.is_empty());
+    click_at(&mut window, [0.1, 0.5]);
+    window.until_picture(|p| p.candidates.len() == 2);
+    assert!(window.shows("This point"));
+    // The classes of the recording are in its left part, the prompt nowhere.
+    assert!(window.shows("liver 0.80 at this point") && window.shows("nothing 0.20 at this point"));
+    assert!(!window.shows("Closer to a generic phrase than to any of these"));
+    window.click("liver 0.80 at this point");
+    assert!(window.harness.state().document.prompts().iter().any(|p| p.text == "liver"));
+    click_at(&mut window, [0.5, 0.9]);
+    window.until_picture(|p| p.candidates.len() == 1);
+    assert!(window.shows("liver 0.30 at this point"));
+    assert!(window.shows("Closer to a generic phrase than to any of these"));
+    window.press(Key::Escape);
+    window.harness.step();
+    assert!(!window.shows("This point"));
+    window.until_picture(|p| p.candidates.is_empty());
+}
+
+#[test]
+fn asking_a_point_draws_nothing_over_the_picture() {
+    let mut window = Window::on(scene());
+    click_at(&mut window, [0.1, 0.5]);
+    window.until_picture(|p| p.candidates.len() == 2);
+    let picture = window.harness.state().picture().unwrap();
+    assert!(picture.findings.is_empty() && picture.reconstruction.as_ref().unwrap().marked.is_none());
+}
+
+#[test]
+fn a_length_has_no_millimetres_before_somebody_gives_a_scale() {
+    let mut window = Window::on(measurable());
+    window.press(Key::U);
+    window.harness.step();
+    assert!(window.shows("Drag on the picture"));
+    drag(&mut window, [0.25, 0.5], [0.75, 0.5]);
+    // 16 px at 50 units with a focal length of 32 px are 25 units.
+    assert!(window.shows("16.0 px  ·  25 ± 1 scene units"), "{:?}", window.harness.state().ruler);
+    assert!(window.shows("scene units  ·  frame 1"));
+    assert!(!window.shows(" mm"));
+    window.harness.get_by_label("Known length in millimetres").focus();
+    window.harness.step();
+    window.harness.get_by_label("Known length in millimetres").type_text("50");
+    window.harness.step();
+    window.click("Set the scale");
+    assert!(window.shows("50 ± 3 mm"), "{:?}", window.harness.state().document.content().scale);
+    assert!(window.shows("Scale from a known length of 50 mm on frame 1"));
+    assert_eq!(window.harness.state().document.undo_name(), Some("setting the scale"));
+    window.press_with(Modifiers::COMMAND, Key::Z);
+    window.harness.step();
+    assert!(!window.shows(" mm"));
+}
+
+#[test]
+fn where_there_is_no_depth_a_length_is_in_pixels() {
+    let mut window = Window::on(Info { has_reconstruction: false, has_features: false, ..measurable() });
+    window.press(Key::U);
+    window.harness.step();
+    drag(&mut window, [0.25, 0.5], [0.75, 0.5]);
+    assert!(window.shows("16.0 px  ·  frame 1"));
+    assert!(window.shows("Pixels only"));
+    window.click("Put away");
+    assert!(window.harness.state().ruler.is_none());
+}
+
+#[test]
+fn a_turned_view_gives_pixels_only() {
+    let mut window = Window::on(measurable());
+    window.press(Key::U);
+    window.harness.step();
+    drag(&mut window, [0.25, 0.5], [0.75, 0.5]);
+    assert!(window.shows("scene units"));
+    let look = &mut window.harness.state_mut().document.look;
+    look.orbit = look.orbit.dragged([80.0, 0.0], 15.0);
+    window.until_picture(|p| !p.request.view.orbit.is_home());
+    assert!(window.shows("Pixels only: this view has no recorded depth"));
+}
+
+#[test]
+fn the_point_under_the_pointer_becomes_what_the_view_turns_around() {
+    let mut window = Window::on(measurable());
+    window.press(Key::C);
+    assert_eq!(window.harness.state().document.look.orbit.pivot, None, "the pointer is nowhere");
+    let at = on_screen(&window, [0.75, 0.5]);
+    window.harness.hover_at(at);
+    window.harness.step();
+    window.press(Key::C);
+    let [x, y, z] = window.harness.state().document.look.orbit.pivot.unwrap();
+    // 8 px from the middle at 50 units with a focal length of 32 px
+    assert!((x - 12.5).abs() < 0.01 && y.abs() < 0.01 && z == 50.0);
+    assert!(window.harness.state().document.look.orbit.is_home(), "nothing has turned yet");
+}
+
+#[test]
+fn the_status_line_has_no_millimetres() {
+    let mut window = Window::on(measurable());
+    let at = on_screen(&window, [0.5, 0.5]);
+    window.harness.hover_at(at);
+    window.harness.step();
+    window.harness.step();
+    assert!(window.shows("depth 50.0 scene units"));
+    assert!(!window.shows(" mm"));
+}

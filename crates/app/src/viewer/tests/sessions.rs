@@ -1,0 +1,242 @@
+//! Sessions, undo, recovery and bookmarks.
+
+use super::*;
+use crate::viewer::session::Session;
+
+/// A window on the scene of the tests that keeps its work in `folder`.
+fn keeping(folder: &Path) -> Window {
+    let backend = Arc::new(FakeBackend { info: scene(), ..Default::default() });
+    let theirs = backend.clone();
+    let autosave = Autosave::open(Some(folder.to_owned()));
+    let harness = Harness::builder()
+        .with_size(egui::vec2(1280.0, 800.0))
+        .with_step_dt(1.0 / 60.0)
+        .build_eframe(|cc| ViewerApp::new(&cc.egui_ctx, theirs, Preferences::load(None), autosave));
+    let mut window = Window { harness, backend };
+    window.harness.state_mut().preferences.is_acknowledged = true;
+    // A dialog is measured before it is shown.
+    window.harness.step();
+    window
+}
+
+fn open(window: &mut Window, path: &Path) {
+    let ctx = window.harness.ctx.clone();
+    window.harness.state_mut().open_path(path, &ctx);
+    window.until(|app| app.picture().is_some() && app.session_to_apply.is_none());
+}
+
+/// A short review: two prompts, one hidden, a threshold, a bookmark with a note, a range, a frame and a view.
+fn review(window: &mut Window) {
+    window.press(Key::W);
+    window.press(Key::O);
+    window.add_prompt("gallbladder");
+    window.add_prompt("liver");
+    window.press(Key::Num2);
+    window.press_with(Modifiers::SHIFT, Key::T);
+    window.press(Key::End);
+    window.press_with(Modifiers::SHIFT, Key::I);
+    window.press_with(Modifiers::SHIFT, Key::ArrowLeft);
+    window.press(Key::I);
+    window.press(Key::M);
+    let frame = window.frame();
+    window.harness.state_mut().document.set_note(frame, "bleeding?");
+}
+
+#[test]
+fn after_a_kill_everything_is_offered_again_and_comes_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = keeping(folder.path());
+    open(&mut window, Path::new("/data/clip.safetensors"));
+    review(&mut window);
+    let kept = folder.path().join("0.surgtpgs");
+    window.until(|app| Session::load(&kept).is_ok_and(|kept| kept.content.is_alike(app.document.content())));
+    let before = window.harness.state().session().unwrap();
+    // Without the program's own ending, as when it is killed: the system frees what the process held.
+    drop(window);
+
+    let mut window = keeping(folder.path());
+    window.harness.step();
+    assert!(window.shows("Your last work was not saved"));
+    assert!(window.shows("clip: 2 prompts, 1 bookmark"));
+    window.click("Restore");
+    window.until(|app| app.picture().is_some() && app.session_to_apply.is_none());
+    let after = window.harness.state().session().unwrap();
+    assert!(after.content.is_alike(&before.content));
+    assert_eq!(after.content.bookmarks[0].note, "bleeding?");
+    assert_eq!(after.display, before.display);
+    assert_eq!(after.time.frame, FRAMES - 11);
+    assert!(window.harness.state().is_unsaved(), "a restored session is still in no file");
+    let mut files = std::fs::read_dir(folder.path()).unwrap().map(|f| f.unwrap().path());
+    assert!(files.any(|f| Session::load(&f).is_ok()), "and stays kept");
+}
+
+#[test]
+fn what_was_left_can_be_discarded_or_put_off() {
+    let folder = tempfile::tempdir().unwrap();
+    Session::new("/data/clip.safetensors".into()).save(&folder.path().join("0.surgtpgs")).unwrap();
+    let mut window = keeping(folder.path());
+    window.harness.step();
+    window.click("Ask again next time");
+    assert!(!window.shows("Your last work was not saved"));
+    drop(window);
+    let mut window = keeping(folder.path());
+    window.harness.step();
+    window.click("Discard");
+    assert!(!window.shows("Your last work was not saved"));
+    assert!(!folder.path().join("0.surgtpgs").exists());
+}
+
+#[test]
+fn a_saved_session_opens_as_it_was_and_needs_no_recovery() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("review.surgtpgs");
+    let mut window = keeping(&folder.path().join("unsaved"));
+    open(&mut window, Path::new("/data/clip.safetensors"));
+    review(&mut window);
+    window.harness.state_mut().write_session(&file);
+    let before = window.harness.state().session().unwrap();
+    assert!(!window.harness.state().is_unsaved());
+    window.until(|_| !folder.path().join("unsaved/0.surgtpgs").exists());
+    window.press(Key::M);
+    assert!(window.harness.state().is_unsaved());
+    // With a file chosen, saving asks nothing.
+    window.press_with(Modifiers::COMMAND, Key::S);
+    window.press_with(Modifiers::COMMAND, Key::Z);
+    window.press_with(Modifiers::COMMAND, Key::S);
+    assert!(!window.harness.state().is_unsaved());
+    drop(window);
+
+    let mut window = keeping(&folder.path().join("unsaved"));
+    window.harness.step();
+    assert!(!window.shows("Your last work was not saved"));
+    open(&mut window, &file);
+    let after = window.harness.state().session().unwrap();
+    assert!(after.content.is_alike(&before.content));
+    assert_eq!(after.display, before.display);
+    assert_eq!(window.harness.state().playback.range(), before.content.range);
+    assert!(!window.harness.state().is_unsaved());
+    assert_eq!(window.harness.state().preferences.recent, [file]);
+}
+
+#[test]
+fn closing_the_window_keeps_the_work_unless_nothing_shall_be_remembered() {
+    for (remembers, is_kept) in [(true, true), (false, false)] {
+        let folder = tempfile::tempdir().unwrap();
+        let mut window = keeping(folder.path());
+        open(&mut window, Path::new("/data/clip.safetensors"));
+        window.harness.state_mut().preferences.forget_files(remembers);
+        review(&mut window);
+        window.harness.state_mut().keep_at_exit();
+        assert_eq!(folder.path().join("0.surgtpgs").exists(), is_kept);
+    }
+}
+
+#[test]
+fn a_session_whose_recording_is_gone_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("review.surgtpgs");
+    Session::new("/no/such".into()).save(&file).unwrap();
+    let mut window = keeping(&folder.path().join("unsaved"));
+    let ctx = window.harness.ctx.clone();
+    window.harness.state_mut().open_path(&file, &ctx);
+    window.until(|app| app.problem.is_some());
+    assert!(window.shows("there is no such file"));
+}
+
+#[test]
+fn menus_name_what_undo_would_undo() {
+    let mut window = Window::on(scene());
+    window.add_prompt("gallbladder");
+    window.click("Edit");
+    assert!(window.shows("Undo adding \"gallbladder\""));
+    window.press(Key::Escape);
+    window.press(Key::M);
+    window.press_with(Modifiers::COMMAND, Key::Z);
+    assert!(window.harness.state().document.bookmarks().is_empty());
+    window.click("Edit");
+    assert!(window.shows("Redo a bookmark at frame 1"));
+}
+
+#[test]
+fn a_range_set_by_keys_is_played_and_undone() {
+    let mut window = Window::on(scene());
+    window.press_with(Modifiers::SHIFT, Key::ArrowRight);
+    window.press(Key::I);
+    window.press_with(Modifiers::SHIFT, Key::ArrowRight);
+    window.press_with(Modifiers::SHIFT, Key::I);
+    window.harness.step();
+    assert_eq!(window.harness.state().playback.bounds(), (10, 20));
+    window.press_with(Modifiers::ALT, Key::I);
+    window.harness.step();
+    assert_eq!(window.harness.state().playback.bounds(), (0, FRAMES - 1));
+    window.press_with(Modifiers::COMMAND, Key::Z);
+    window.harness.step();
+    assert_eq!(window.harness.state().playback.bounds(), (10, 20));
+}
+
+#[test]
+fn bookmarks_are_set_walked_and_described() {
+    let mut window = Window::on(scene());
+    for _ in 0..3 {
+        window.press_with(Modifiers::SHIFT, Key::ArrowRight);
+        window.press(Key::M);
+    }
+    window.press_with(Modifiers::COMMAND, Key::ArrowLeft);
+    assert_eq!(window.frame(), 20);
+    window.press_with(Modifiers::COMMAND, Key::ArrowLeft);
+    window.press_with(Modifiers::COMMAND, Key::ArrowLeft);
+    assert_eq!(window.frame(), 10, "before the first there is none");
+    window.press_with(Modifiers::COMMAND, Key::ArrowRight);
+    assert_eq!(window.frame(), 20);
+    window.press_with(Modifiers::SHIFT, Key::M);
+    window.harness.step();
+    window.harness.get_by_label("Note on frame 21").focus();
+    window.harness.step();
+    window.harness.get_by_label("Note on frame 21").type_text("clip applied");
+    window.harness.step();
+    window.click("Flag frame 21");
+    let bookmark = window.harness.state().document.bookmarks()[1].clone();
+    assert_eq!((bookmark.note.as_str(), bookmark.is_flagged), ("clip applied", true));
+    window.click("Delete the bookmark at frame 31");
+    assert_eq!(window.harness.state().document.bookmarks().len(), 2);
+}
+
+#[test]
+fn a_prompt_gets_other_words_another_colour_and_another_place() {
+    let mut window = Window::on(scene());
+    window.add_prompt("gallbladder");
+    window.add_prompt("liver");
+    window.click("More about liver");
+    window.click("Move up");
+    window.click("Colour 5 for liver");
+    window.harness.get_by_label("Words of liver").focus();
+    window.harness.step();
+    window.harness.get_by_label("Words of liver").type_text(" lobe");
+    window.harness.step();
+    window.press(Key::Enter);
+    let first = window.harness.state().document.prompts()[0].clone();
+    assert!(first.text.contains("lobe") && first.text.contains("liver"), "{}", first.text);
+    assert_eq!(first.colour, crate::settings::PROMPT_COLOURS[4]);
+}
+
+#[test]
+fn comparing_in_turns_and_by_difference() {
+    let mut window = Window::on(scene());
+    window.press(Key::B);
+    window.until_picture(|p| p.original.is_some() && p.reconstruction.is_some());
+    let mut seen = [false; 2];
+    for _ in 0..90 {
+        window.harness.step();
+        seen[0] |= window.shows("Blink: Recorded");
+        seen[1] |= window.shows("Blink: Reconstruction");
+    }
+    assert_eq!(seen, [true; 2]);
+    window.press_with(Modifiers::NONE, Key::F);
+    window.until_picture(|p| p.difference.is_some());
+    let picture = window.harness.state().picture().unwrap();
+    assert_eq!(picture.difference.as_ref().unwrap().psnr_db, None, "the fake's frame 0 is black in both");
+    window.press(Key::ArrowRight);
+    window.until_picture(|p| p.difference.as_ref().is_some_and(|d| d.psnr_db.is_some()));
+    window.press_with(Modifiers::SHIFT, Key::D);
+    window.until_picture(|p| p.depth.is_some() && p.reconstruction.is_some());
+}
