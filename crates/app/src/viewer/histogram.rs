@@ -1,10 +1,8 @@
 //! The threshold of a prompt: a slider under the distribution of its scores.
 
-use super::{
-    pipeline::{BINS, Found},
-    theme,
-};
+use super::{found::Found, theme};
 use egui::{Align2, Color32, Key, Rect, Role, Sense, Stroke, Ui, WidgetInfo, pos2, vec2};
+use surgtpgs_core::summary::SCORE_BINS;
 
 /// Score at which a pixel is as close to the prompt as to the best generic phrase.
 pub(crate) const TIE: f32 = 0.5;
@@ -65,7 +63,7 @@ fn paint(ui: &Ui, plot: Rect, threshold: f32, colour: [u8; 3], found: Option<&Fo
         let log = |n: u32| (n as f32).ln_1p();
         let top = found.histogram.iter().copied().map(log).fold(1.0, f32::max);
         for (i, &n) in found.histogram.iter().enumerate().filter(|(_, n)| **n > 0) {
-            let (from, to) = (i as f32 / BINS as f32, (i + 1) as f32 / BINS as f32);
+            let (from, to) = (i as f32 / SCORE_BINS as f32, (i + 1) as f32 / SCORE_BINS as f32);
             let height = (log(n) / top * (plot.height() - 4.0)).max(1.5);
             let bar = Rect::from_min_max(
                 pos2(x(from) + 0.5, plot.bottom() - height),

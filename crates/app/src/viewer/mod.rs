@@ -26,6 +26,7 @@ mod engine_source;
 mod export_dialog;
 #[cfg(test)]
 mod export_tests;
+mod found;
 mod help;
 mod histogram;
 mod history;

@@ -6,6 +6,7 @@ use super::{
     areas::{Counted, Levels, Measured},
     compare::Difference,
     document::{PREVIEW, PromptId},
+    found::Found,
     negatives::Question,
     source::{FrameSource, Rendering, View},
 };
@@ -87,25 +88,6 @@ pub(crate) struct Finding {
     /// What was found, or why the question could not be asked.
     pub(crate) outcome: Result<Found, String>,
 }
-
-/// Scores of one prompt in one view, in short.
-#[derive(Clone, Debug)]
-pub(crate) struct Found {
-    /// Pixels above the threshold.
-    pub(crate) area_px: usize,
-    /// Share of the picture, 0–1.
-    pub(crate) area_fraction: f32,
-    /// The highest similarity score.
-    pub(crate) max_score: f32,
-    /// How many pixels of the reconstruction have which score, in equal steps from 0 to 1.
-    pub(crate) histogram: [u32; BINS],
-    /// A found pixel near the middle of what was found, as share of width and height.
-    pub(crate) anchor: Option<[f32; 2]>,
-    pub(crate) scores: Arc<Grid<f32>>,
-}
-
-/// Steps of a histogram.
-pub(crate) const BINS: usize = 50;
 
 /// Frames that are prepared ahead of the one that is shown.
 const FRAMES_AHEAD: usize = 12;
@@ -464,49 +446,10 @@ fn findings(rendered: &Rendered, prompts: &[AskedPrompt]) -> Vec<Finding> {
         .iter()
         .filter_map(|prompt| {
             let (_, scores) = rendered.scores.iter().find(|(question, _)| *question == prompt.question)?;
-            let outcome = scores.clone().map(|scores| summarise(scores, prompt.threshold));
+            let outcome = scores.clone().map(|scores| Found::new(scores, prompt.threshold));
             Some(Finding { id: prompt.id, text: prompt.question.text.clone(), outcome })
         })
         .collect()
-}
-
-fn summarise(scores: Arc<Grid<f32>>, threshold: f32) -> Found {
-    let mut histogram = [0; BINS];
-    let (mut area_px, mut sum, mut max_score) = (0_usize, [0_f64; 2], 0_f32);
-    for (y, row) in scores.data.chunks_exact(scores.width.max(1)).enumerate() {
-        for (x, &score) in row.iter().enumerate() {
-            // Exactly 0 is a hole or outside the field of view: a score is never 0.
-            if score > 0.0 {
-                histogram[((score * BINS as f32) as usize).min(BINS - 1)] += 1;
-                max_score = max_score.max(score);
-            }
-            if score > threshold {
-                area_px += 1;
-                sum = [sum[0] + x as f64, sum[1] + y as f64];
-            }
-        }
-    }
-    let centre = (area_px > 0).then(|| sum.map(|s| s / area_px as f64));
-    Found {
-        area_px,
-        area_fraction: area_px as f32 / scores.data.len().max(1) as f32,
-        max_score,
-        histogram,
-        anchor: centre.and_then(|c| nearest_found(&scores, threshold, c)),
-        scores,
-    }
-}
-
-/// The found pixel nearest to `centre`, as share of width and height.
-fn nearest_found(scores: &Grid<f32>, threshold: f32, centre: [f64; 2]) -> Option<[f32; 2]> {
-    let found = (0..scores.data.len()).filter(|&i| scores.data[i] > threshold);
-    let distance = |i: &usize| {
-        let (dx, dy) = ((i % scores.width) as f64 - centre[0], (i / scores.width) as f64 - centre[1]);
-        dx * dx + dy * dy
-    };
-    let i = found.min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
-    let share = |v: usize, n: usize| (v as f32 + 0.5) / n as f32;
-    Some([share(i % scores.width, scores.width), share(i / scores.width, scores.height)])
 }
 
 /// The frame with everything found drawn over it; `None` if there is nothing to draw.
@@ -568,22 +511,6 @@ fn colour_depth(depth: &Grid<f32>, (near, far): (f32, f32)) -> ColorImage {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_histogram_counts_every_seen_pixel_and_no_hole() {
-        let scores = Grid::from_vec(4, 1, vec![0.0, 0.1, 0.5, 1.0]);
-        let found = summarise(Arc::new(scores), 0.4);
-        assert_eq!(found.histogram.iter().sum::<u32>(), 3);
-        assert_eq!((found.histogram[5], found.histogram[25], found.histogram[49]), (1, 1, 1));
-        assert_eq!((found.area_px, found.area_fraction, found.max_score), (2, 0.5, 1.0));
-    }
-
-    #[test]
-    fn the_anchor_is_a_found_pixel_even_where_the_middle_is_not_found() {
-        let scores = Grid::from_vec(5, 1, vec![0.9, 0.9, 0.1, 0.1, 0.9]);
-        assert_eq!(summarise(Arc::new(scores), 0.4).anchor, Some([0.3, 0.5]));
-        assert_eq!(summarise(Arc::new(Grid::filled(3, 3, f32::NAN)), 0.4).anchor, None);
-    }
 
     #[test]
     fn depth_colours_run_from_the_first_to_the_last_and_holes_are_grey() {

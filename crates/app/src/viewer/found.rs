@@ -1,0 +1,68 @@
+//! What a prompt found in one view, in short.
+
+use std::sync::Arc;
+use surgtpgs_core::{
+    grid::Grid,
+    summary::{SCORE_BINS, Summary},
+};
+
+/// Scores of one prompt in one view, in short.
+#[derive(Clone, Debug)]
+pub(crate) struct Found {
+    /// Pixels above the threshold.
+    pub(crate) area_px: usize,
+    /// Share of the picture, 0–1.
+    pub(crate) area_fraction: f32,
+    /// The highest similarity score.
+    pub(crate) max_score: f32,
+    /// How many pixels of the reconstruction have which score, in equal steps from 0 to 1.
+    pub(crate) histogram: [u32; SCORE_BINS],
+    /// A found pixel near the middle of what was found, as share of width and height.
+    pub(crate) anchor: Option<[f32; 2]>,
+    pub(crate) scores: Arc<Grid<f32>>,
+}
+
+impl Found {
+    pub(crate) fn new(scores: Arc<Grid<f32>>, threshold: f32) -> Self {
+        let summary = Summary::new(&scores, threshold);
+        let area_px = summary.area_px();
+        Self {
+            area_px,
+            area_fraction: area_px as f32 / scores.data.len().max(1) as f32,
+            max_score: summary.max_score,
+            histogram: summary.histogram,
+            anchor: summary.centre().and_then(|c| nearest_found(&scores, threshold, c)),
+            scores,
+        }
+    }
+}
+
+/// The found pixel nearest to `centre`, as share of width and height.
+fn nearest_found(scores: &Grid<f32>, threshold: f32, centre: [f64; 2]) -> Option<[f32; 2]> {
+    let found = (0..scores.data.len()).filter(|&i| scores.data[i] > threshold);
+    let distance = |i: &usize| {
+        let (dx, dy) = ((i % scores.width) as f64 - centre[0], (i / scores.width) as f64 - centre[1]);
+        dx * dx + dy * dy
+    };
+    let i = found.min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
+    let share = |v: usize, n: usize| (v as f32 + 0.5) / n as f32;
+    Some([share(i % scores.width, scores.width), share(i / scores.width, scores.height)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_area_is_that_of_the_whole_picture() {
+        let found = Found::new(Arc::new(Grid::from_vec(4, 1, vec![0.0, 0.1, 0.5, 1.0])), 0.4);
+        assert_eq!((found.area_px, found.area_fraction, found.max_score), (2, 0.5, 1.0));
+    }
+
+    #[test]
+    fn the_anchor_is_a_found_pixel_even_where_the_middle_is_not_found() {
+        let scores = Grid::from_vec(5, 1, vec![0.9, 0.9, 0.1, 0.1, 0.9]);
+        assert_eq!(Found::new(Arc::new(scores), 0.4).anchor, Some([0.3, 0.5]));
+        assert_eq!(Found::new(Arc::new(Grid::filled(3, 3, f32::NAN)), 0.4).anchor, None);
+    }
+}
