@@ -6,6 +6,11 @@ use std::{
     path::{Path, PathBuf},
 };
 
+/// `path` from the root on, so that it means the same wherever a program is started; as it is where nothing is found.
+pub fn full_path(path: &Path) -> PathBuf {
+    std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned())
+}
+
 /// Writes `bytes` to `path` so that a reader sees the old file or the new one, never a part.
 /// Missing parent folders are created.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
@@ -94,6 +99,14 @@ fn set_default_permissions(_: &tempfile::NamedTempFile) -> std::io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_full_path_means_the_same_everywhere() {
+        let here = std::env::current_dir().unwrap();
+        assert_eq!(full_path(Path::new("src/../src/files.rs")), full_path(&here.join("src/files.rs")));
+        assert!(full_path(Path::new("src")).is_absolute());
+        assert_eq!(full_path(Path::new("not/there")), Path::new("not/there"));
+    }
 
     #[test]
     fn a_failed_write_leaves_the_old_file() {

@@ -23,7 +23,7 @@ use crate::{
     camera::Camera,
     clock::PassClock,
     deform::{Deformed, deform, deform_by},
-    metrics,
+    files, metrics,
     prepare::Prepared,
     raster::{
         Images, Packed,
@@ -366,7 +366,7 @@ impl Trainer {
             provenance: Provenance {
                 made_by: format!("SurgTPGS {}", env!("CARGO_PKG_VERSION")),
                 sequence_name: self.sequence.name(),
-                sequence_path: self.sequence.path().to_owned(),
+                sequence_path: files::full_path(self.sequence.path()),
                 held_out: self.settings.eval,
                 frames_per_second: self.sequence.frames_per_second(),
                 steps: self.state.step,
