@@ -2,6 +2,9 @@
 //
 //   depth_keys  (sort by depth)  count_tiles  (scan)  emit_pairs  (stable sort by tile)  tile_ranges
 //
+// For training each pair also has a slot, its place before the sort by tile: number_pairs replaces the Gaussians by
+// slots before that sort, resolve_pairs looks them up after it.
+//
 // Sorting the splats by depth once and the pairs by tile alone keeps the keys short; the sort is stable, so the
 // pairs of a tile stay front to back, ties by index. The count of pairs stays on the device: pairs beyond the
 // capacity are not written, and the host, which sees the count with the picture, grows the buffers and repeats.
@@ -23,6 +26,10 @@
 @group(0) @binding(7) var<storage, read_write> pair_gaussians: array<u32>;
 // [first, end) of each tile; cleared before.
 @group(0) @binding(8) var<storage, read_write> tile_ranges: array<vec2u>;
+// Gaussian of each slot.
+@group(0) @binding(9) var<storage, read_write> slot_owners: array<u32>;
+// Gaussian of each pair whose slot is in pair_gaussians.
+@group(0) @binding(10) var<storage, read_write> pair_owners: array<u32>;
 
 const NO_DEPTH: u32 = 0xffffffffu;
 
@@ -160,5 +167,30 @@ fn find_ranges(
     }
     if at + 1u == num_pairs || pair_tiles[at + 1u] != tile {
         tile_ranges[tile].y = at + 1u;
+    }
+}
+
+@compute @workgroup_size(GROUP)
+fn number_pairs(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) num_groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let at = flat_group(group, num_groups) * GROUP + lane;
+    if at < min(num_wanted[0], view.pair_capacity) {
+        slot_owners[at] = pair_gaussians[at];
+        pair_gaussians[at] = at;
+    }
+}
+
+@compute @workgroup_size(GROUP)
+fn resolve_pairs(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) num_groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let at = flat_group(group, num_groups) * GROUP + lane;
+    if at < min(num_wanted[0], view.pair_capacity) {
+        pair_owners[at] = slot_owners[pair_gaussians[at]];
     }
 }

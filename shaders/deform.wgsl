@@ -11,26 +11,7 @@
 #import shared/num.wgsl
 #import shared/dispatch.wgsl
 #import shared/gaussian.wgsl
-
-struct Deform {
-    // Rows [first_row, first_row + num_rows) of the scene are this part.
-    first_row: u32,
-    num_rows: u32,
-    stride: u32,
-    // Live bases [first_basis, last_basis).
-    first_basis: u32,
-    last_basis: u32,
-    num_bases: u32,
-    // 1 where all Gaussians share centres and widths: then `tables` starts with the basis values.
-    is_shared: u32,
-    // SHAPE_GAUSSIAN, SHAPE_QUARTIC (of the released code) or SHAPE_SPLINE.
-    shape: u32,
-    time: f32,
-    gate_slope: f32,
-    // First channel of the features' gate.
-    gate_channel: u32,
-    padding: u32,
-}
+#import shared/deform.wgsl
 
 @group(0) @binding(0) var<uniform> params: Deform;
 @group(0) @binding(1) var<storage, read> rest: array<RestRow>;
@@ -78,12 +59,10 @@ fn psi3(row: u32, channel: u32) -> vec3f {
     return vec3f(psi(row, channel), psi(row, channel + 1u), psi(row, channel + 2u));
 }
 
-fn unit_quaternion(q: vec4f) -> vec4f {
+// Length of a quaternion; 0 where it has no direction.
+fn quaternion_length(q: vec4f) -> f32 {
     let length = sqrt(dot(q, q));
-    if length > 1e-12 && is_finite(length) {
-        return q / length;
-    }
-    return vec4f(1.0, 0.0, 0.0, 0.0);
+    return select(0.0, length, length > 1e-12 && is_finite(length));
 }
 
 fn deform_features(row: u32, n: u32) {
@@ -122,7 +101,12 @@ fn deform(
     out.mean = r.mean + psi3(row, MEAN_CHANNEL);
     out.opacity = sigmoid(r.opacity_logit);
     let turn = vec4f(psi(row, ROTATION_CHANNEL), psi3(row, ROTATION_CHANNEL + 1u));
-    out.rotation = unit_quaternion(r.rotation + turn);
+    let turned = r.rotation + turn;
+    out.quaternion_length = quaternion_length(turned);
+    out.rotation = vec4f(1.0, 0.0, 0.0, 0.0);
+    if out.quaternion_length > 0.0 {
+        out.rotation = turned / out.quaternion_length;
+    }
     let exponent = r.log_scale + psi3(row, SCALE_CHANNEL);
     out.scale = exp(vec3f(bounded(exponent.x), bounded(exponent.y), bounded(exponent.z)));
     out.colour = r.colour + psi3(row, COLOUR_CHANNEL);

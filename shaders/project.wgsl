@@ -9,23 +9,13 @@
 #import shared/gaussian.wgsl
 #import shared/view.wgsl
 #import shared/sh.wgsl
+#import shared/rotation.wgsl
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> deformed: array<DeformedRow>;
 // [N][bands][3]; one unread number where the degree is 0.
 @group(0) @binding(2) var<storage, read> sh_rest: array<f32>;
 @group(0) @binding(3) var<storage, read_write> splats: array<SplatRow>;
-
-// Columns are the rotated axes.
-fn rotation_matrix(q: vec4f) -> mat3x3f {
-    let w = q.x;
-    let v = q.yzw;
-    return mat3x3f(
-        vec3f(1.0 - 2.0 * (v.y * v.y + v.z * v.z), 2.0 * (v.x * v.y + w * v.z), 2.0 * (v.x * v.z - w * v.y)),
-        vec3f(2.0 * (v.x * v.y - w * v.z), 1.0 - 2.0 * (v.x * v.x + v.z * v.z), 2.0 * (v.y * v.z + w * v.x)),
-        vec3f(2.0 * (v.x * v.z + w * v.y), 2.0 * (v.y * v.z - w * v.x), 1.0 - 2.0 * (v.x * v.x + v.y * v.y)),
-    );
-}
 
 fn positive(x: f32) -> f32 {
     return select(0.0, max(x, 0.0), is_finite(x));
@@ -88,6 +78,14 @@ fn project_one(n: u32) -> SplatRow {
     splat.extent_x = max(sqrt(max(cut * xx, 0.0)), MIN_EXTENT);
     splat.extent_y = max(sqrt(max(cut * yy, 0.0)), MIN_EXTENT);
     splat.colour = view_colour(n, g.mean, g.colour);
+    if view.sampling_step > 1u {
+        // On the grid of the pixels that are rendered.
+        let step = f32(view.sampling_step);
+        splat.centre = (splat.centre - vec2f(view.sampling_first) - 0.5) / step + 0.5;
+        splat.conic *= step * step;
+        splat.extent_x /= step;
+        splat.extent_y /= step;
+    }
     return splat;
 }
 

@@ -21,7 +21,8 @@ struct DeformedRow {
     // Unit, (w, x, y, z).
     rotation: vec4f,
     scale: vec3f,
-    padding: f32,
+    // Of the quaternion before it was normalised; 0 where it had no direction.
+    quaternion_length: f32,
     // Band-0 coefficients.
     colour: vec3f,
     padding_2: f32,
@@ -42,9 +43,26 @@ struct SplatRow {
     extent_y: f32,
 }
 
-// What a splat adds to the pixel at `position` before anything in front of it; below MIN_ALPHA it counts as nothing.
-fn alpha_at(splat: SplatRow, position: vec2f) -> f32 {
+// Gradients of what the raster pass reads of a splat.
+struct SplatGradientRow {
+    centre: vec2f,
+    depth: f32,
+    opacity: f32,
+    conic: vec3f,
+    // Length of the centre's gradient, for the statistics; -1 where the splat is culled.
+    pull: f32,
+    colour: vec3f,
+    padding: f32,
+}
+
+// What a splat would add to the pixel at `position` before anything in front of it, without bounds.
+fn unclamped_alpha_at(splat: SplatRow, position: vec2f) -> f32 {
     let d = position - splat.centre;
     let q = splat.conic.x * d.x * d.x + 2.0 * splat.conic.y * d.x * d.y + splat.conic.z * d.y * d.y;
-    return select(min(MAX_ALPHA, splat.opacity * exp(-0.5 * q)), 0.0, q < 0.0);
+    return select(splat.opacity * exp(-0.5 * q), 0.0, q < 0.0);
+}
+
+// What it adds; below MIN_ALPHA it counts as nothing.
+fn alpha_at(splat: SplatRow, position: vec2f) -> f32 {
+    return min(MAX_ALPHA, unclamped_alpha_at(splat, position));
 }

@@ -30,3 +30,30 @@ fn sh_bands(degree: u32, d: vec3f) -> array<f32, MAX_SH_BANDS> {
     }
     return b;
 }
+
+// Gradient of the (unnormalised) direction, given one per band.
+fn sh_bands_backward(degree: u32, d: vec3f, given: array<f32, MAX_SH_BANDS>) -> vec3f {
+    var g = given;
+    var out = vec3f(0.0);
+    if degree >= 1u {
+        out += SH_C1 * vec3f(-g[2], -g[0], g[1]);
+    }
+    if degree >= 2u {
+        out += g[3] * SH_C2[0] * vec3f(d.y, d.x, 0.0);
+        out += g[4] * SH_C2[1] * vec3f(0.0, d.z, d.y);
+        out += g[5] * SH_C2[2] * vec3f(-2.0 * d.x, -2.0 * d.y, 4.0 * d.z);
+        out += g[6] * SH_C2[3] * vec3f(d.z, 0.0, d.x);
+        out += g[7] * SH_C2[4] * vec3f(2.0 * d.x, -2.0 * d.y, 0.0);
+    }
+    if degree >= 3u {
+        let s = d * d;
+        out += g[8] * SH_C3[0] * vec3f(6.0 * d.x * d.y, 3.0 * (s.x - s.y), 0.0);
+        out += g[9] * SH_C3[1] * vec3f(d.y * d.z, d.x * d.z, d.x * d.y);
+        out += g[10] * SH_C3[2] * vec3f(-2.0 * d.x * d.y, 4.0 * s.z - s.x - 3.0 * s.y, 8.0 * d.y * d.z);
+        out += g[11] * SH_C3[3] * vec3f(-6.0 * d.x * d.z, -6.0 * d.y * d.z, 6.0 * s.z - 3.0 * s.x - 3.0 * s.y);
+        out += g[12] * SH_C3[4] * vec3f(4.0 * s.z - 3.0 * s.x - s.y, -2.0 * d.x * d.y, 8.0 * d.x * d.z);
+        out += g[13] * SH_C3[5] * vec3f(2.0 * d.x * d.z, -2.0 * d.y * d.z, s.x - s.y);
+        out += g[14] * SH_C3[6] * vec3f(3.0 * (s.x - s.y), -6.0 * d.x * d.y, 0.0);
+    }
+    return out;
+}

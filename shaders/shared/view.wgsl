@@ -16,5 +16,9 @@ struct View {
     num_gaussians: u32,
     // How many pairs the pair buffers hold.
     pair_capacity: u32,
-    padding: vec2u,
+    // Every how many pixels are rendered, along both axes, and the first; `size` counts those rendered.
+    sampling_step: u32,
+    padding: u32,
+    sampling_first: vec2u,
+    padding_2: vec2u,
 }

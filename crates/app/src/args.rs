@@ -141,8 +141,8 @@ pub struct TrainArgs {
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
     /// What trains
-    #[arg(long, value_enum, default_value_t = TrainBackend::Auto)]
-    pub backend: TrainBackend,
+    #[arg(long, value_enum, default_value_t = Backend::Auto)]
+    pub backend: Backend,
     /// What to start from: our own way, or what the paper's authors released, for comparison
     #[arg(long, value_enum, default_value_t = TrainProfile::Default)]
     pub profile: TrainProfile,
@@ -182,15 +182,6 @@ pub enum TrainProfile {
     Default,
     /// The released code with its quirks
     Paper,
-}
-
-/// What trains.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum TrainBackend {
-    /// The fastest there is
-    Auto,
-    /// The CPU
-    Cpu,
 }
 
 /// How to open a scene; shared by the verbs that render.

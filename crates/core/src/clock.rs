@@ -49,6 +49,12 @@ impl<P: PassName> PassClock<P> {
         }
     }
 
+    /// `pass` ran for so long, by another clock.
+    pub fn add(&mut self, pass: P, spent: Duration) {
+        self.runs[pass.number()] += 1;
+        self.spent[pass.number()] += spent;
+    }
+
     /// Seconds spent in a pass.
     pub fn seconds(&self, pass: P) -> f64 {
         self.spent[pass.number()].as_secs_f64()

@@ -8,7 +8,8 @@
 //! ```
 //!
 //! [`Gpu`] opens a graphics adapter or says why it cannot; [`GpuRenderer`] is the whole chain behind
-//! [`surgtpgs_core::raster::Renderer`]; [`passes::Passes`] runs the passes one by one. Only core WGSL is used: no
+//! [`surgtpgs_core::raster::Renderer`]; [`passes::Passes`] runs the passes one by one;
+//! [`GpuBackend`] carries out training steps. Only core WGSL is used: no
 //! subgroups, no float atomics. Integer sums and stable sorts make two runs give the same bytes.
 
 mod buffers;
@@ -22,8 +23,10 @@ mod scene_buffers;
 pub mod shader_source;
 mod shown;
 mod timer;
+mod train;
 
 pub use device::{AdapterChoice, Gpu, Unavailable};
 pub use relevancy::GpuExact;
 pub use renderer::{Frame, GpuRenderer};
 pub use shown::{Asked, Mark, Marking, Shown, Wanted};
+pub use train::{GpuBackend, StepTrace};

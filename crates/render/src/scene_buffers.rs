@@ -62,15 +62,10 @@ impl SceneBuffers {
 
 impl Part {
     fn new(gpu: &Gpu, deformation: &Deformation, n: usize, rows: Range<usize>) -> Result<Self> {
-        let upload = |name, values: &[f32]| -> Result<DeviceVec<f32>> {
-            let stride = deformation.stride;
-            let mut part = DeviceVec::new(gpu, name);
-            part.resize(gpu, deformation.num_bases * rows.len() * stride)?;
-            for b in 0..deformation.num_bases {
-                let block = &values[(b * n + rows.start) * stride..(b * n + rows.end) * stride];
-                part.write_at(gpu, b * rows.len() * stride, block);
-            }
-            Ok(part)
+        let (stride, bases) = (deformation.stride, deformation.num_bases);
+        let plane = n * stride;
+        let upload = |name, values: &[f32]| {
+            Self::upload(gpu, name, &rows, stride, |b| &values[b * plane..(b + 1) * plane], bases)
         };
         let own = |name, values: &[f32]| {
             if deformation.is_shared() { Ok(DeviceVec::new(gpu, name)) } else { upload(name, values) }
@@ -81,6 +76,23 @@ impl Part {
             widths: own("basis widths", &deformation.widths)?,
             rows,
         })
+    }
+
+    /// The part's rows of `bases` planes, [B][rows][stride]; `plane(b)` is that of all Gaussians, [N][stride].
+    pub(crate) fn upload<'a>(
+        gpu: &Gpu,
+        name: &'static str,
+        rows: &Range<usize>,
+        stride: usize,
+        plane: impl Fn(usize) -> &'a [f32],
+        bases: usize,
+    ) -> Result<DeviceVec<f32>> {
+        let mut part = DeviceVec::new(gpu, name);
+        part.resize(gpu, bases * rows.len() * stride)?;
+        for b in 0..bases {
+            part.write_at(gpu, b * rows.len() * stride, &plane(b)[rows.start * stride..rows.end * stride]);
+        }
+        Ok(part)
     }
 }
 

@@ -8,6 +8,7 @@ use surgtpgs_core::{
     raster::{self, sh},
     relevancy::Lattice,
     summary::SCORE_BINS,
+    train,
 };
 
 /// Invocations of a workgroup of the passes that run over rows.
@@ -20,8 +21,36 @@ pub const SORT_GROUP: u32 = 128;
 pub const SORT_BLOCK: u32 = 2048;
 /// Splats that a tile's workgroup holds at once.
 pub const RASTER_BATCH: u32 = 64;
+/// Splats that a tile's workgroup replays at once; the least memory of a workgroup, 16 KiB, allows 4.
+pub const BACKWARD_BATCH: u32 = 4;
+/// Gaussians whose part of the network's gradient one workgroup sums up.
+pub const NETWORK_BLOCK: u32 = 1024;
 /// Edge of the output block of a layer that one workgroup computes.
 pub const DENSE_TILE: u32 = 64;
+
+/// What a number of the trainer's status on the device says.
+pub mod status {
+    /// Not 0 where a gradient of the step under way is not finite.
+    pub const BAD: u32 = 0;
+    /// 1 after a step whose gradients may be used.
+    pub const OK: u32 = 1;
+    /// 1 once pairs had no room: nothing is changed any more.
+    pub const OVERFLOWN: u32 = 2;
+    /// Steps in the history.
+    pub const DONE: u32 = 3;
+    /// Most pairs that a step wanted.
+    pub const WANTED: u32 = 4;
+    /// Updates so far of what is at rest.
+    pub const COUNT_REST: u32 = 5;
+    /// Of colour bands above 0.
+    pub const COUNT_SH_REST: u32 = 6;
+    /// Of features.
+    pub const COUNT_FEATURES: u32 = 7;
+    /// Of the feature network.
+    pub const COUNT_NETWORK: u32 = 8;
+    /// Of basis 0; the others follow.
+    pub const COUNT_BASES: u32 = 9;
+}
 
 macro_rules! shaders {
     ($($name:literal),* $(,)?) => {
@@ -32,23 +61,36 @@ macro_rules! shaders {
 
 /// Every shader file by its path in `/shaders`.
 pub const FILES: &[(&str, &str)] = shaders![
+    "backward.wgsl",
     "bin.wgsl",
+    "chain.wgsl",
     "compose.wgsl",
     "deform.wgsl",
     "dense.wgsl",
+    "features_backward.wgsl",
+    "gather.wgsl",
     "lattice.wgsl",
+    "loss.wgsl",
+    "network.wgsl",
     "overlay.wgsl",
     "pick.wgsl",
     "project.wgsl",
     "raster.wgsl",
+    "regions.wgsl",
     "relevancy.wgsl",
     "scan.wgsl",
+    "settle.wgsl",
     "sort.wgsl",
     "summary.wgsl",
+    "update.wgsl",
+    "shared/deform.wgsl",
     "shared/dispatch.wgsl",
     "shared/gaussian.wgsl",
     "shared/num.wgsl",
+    "shared/rotation.wgsl",
     "shared/sh.wgsl",
+    "shared/slot.wgsl",
+    "shared/sum.wgsl",
     "shared/view.wgsl",
 ];
 
@@ -93,6 +135,18 @@ fn constants(latent_dim: usize) -> String {
         ("SORT_BLOCK", SORT_BLOCK),
         ("RASTER_BATCH", RASTER_BATCH),
         ("DENSE_TILE", DENSE_TILE),
+        ("BACKWARD_BATCH", BACKWARD_BATCH),
+        ("NETWORK_BLOCK", NETWORK_BLOCK),
+        ("STATUS_BAD", status::BAD),
+        ("STATUS_OK", status::OK),
+        ("STATUS_OVERFLOWN", status::OVERFLOWN),
+        ("STATUS_DONE", status::DONE),
+        ("STATUS_WANTED", status::WANTED),
+        ("COUNT_REST", status::COUNT_REST),
+        ("COUNT_SH_REST", status::COUNT_SH_REST),
+        ("COUNT_FEATURES", status::COUNT_FEATURES),
+        ("COUNT_NETWORK", status::COUNT_NETWORK),
+        ("COUNT_BASES", status::COUNT_BASES),
         ("LATTICE_COARSE_BITS", Lattice::COARSE_BITS),
         ("LATTICE_BRICK_LEVELS", Lattice::BRICK_LEVELS),
         ("LATTICE_BRICK", Lattice::BRICK),
@@ -111,6 +165,7 @@ fn constants(latent_dim: usize) -> String {
         ("ROTATION_CHANNEL", deform::ROTATION_CHANNEL as u32),
         ("SCALE_CHANNEL", deform::SCALE_CHANNEL as u32),
         ("COLOUR_CHANNEL", deform::COLOUR_CHANNEL as u32),
+        ("GATE_CHANNEL", deform::GATE_CHANNEL as u32),
         ("SHAPE_QUARTIC", deform::BasisShape::Quartic as u32),
         ("SHAPE_SPLINE", deform::BasisShape::Spline as u32),
     ];
@@ -132,6 +187,12 @@ fn constants(latent_dim: usize) -> String {
         ("MIN_WIDTH", deform::MIN_WIDTH as f32),
         ("QUARTIC_EPSILON", deform::QUARTIC_EPSILON as f32),
         ("MAX_LOG_SCALE", deform::MAX_LOG_SCALE as f32),
+        ("MAX_SCALE", deform::MAX_SCALE as f32),
+        ("MIN_LOSS_ALPHA", train::MIN_DEPTH_ALPHA as f32),
+        ("MIN_LOSS_DEPTH", train::MIN_DEPTH as f32),
+        ("BETA1", train::BETA1),
+        ("BETA2", train::BETA2),
+        ("ADAM_EPSILON", train::EPSILON),
     ];
     let mut out = String::new();
     for (name, value) in integers {

@@ -35,6 +35,11 @@ impl Timer {
         true
     }
 
+    /// Whether passes are timed.
+    pub(crate) fn is_on(&self) -> bool {
+        self.queries.is_some()
+    }
+
     /// A new frame.
     pub(crate) fn start(&mut self) {
         self.names.clear();

@@ -85,6 +85,9 @@ pub struct BenchStepArgs {
     /// Steps to average over
     #[arg(long, default_value_t = 40, value_parser = clap::value_parser!(u32).range(1..))]
     pub steps: u32,
+    /// What trains
+    #[arg(long, value_enum, default_value_t = Backend::Cpu)]
+    pub backend: Backend,
     /// Report as JSON
     #[arg(long)]
     pub json: bool,

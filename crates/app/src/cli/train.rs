@@ -13,6 +13,7 @@ use surgtpgs_core::{Error, Result, train::Trainer};
 /// The JSON report; its keys are a contract.
 #[derive(serde::Serialize)]
 struct Report {
+    backend: String,
     seconds: f64,
     steps: usize,
     steps_per_second: f64,
@@ -31,6 +32,8 @@ pub(super) fn run(args: &TrainArgs) -> Result<Exit> {
         say("training without features: prompts will find nothing in this scene (see `surgtpgs prepare`)");
     }
     let mut trainer = begin(args, &material)?;
+    let backend = jobs::backend::choose(&mut trainer, args.backend)?;
+    say(&format!("training on {backend}"));
     let asked = trainer.settings().iterations;
     console::watch_interrupts();
     let mut view = ProgressView::default();
@@ -38,7 +41,7 @@ pub(super) fn run(args: &TrainArgs) -> Result<Exit> {
     let trained = jobs::go_on(&mut trainer, Some(&checkpoint), &mut |p| view.show(p), &mut |_| {})?;
     drop(view);
     trained.scene.save(&args.output)?;
-    let report = report(&trained, asked);
+    let report = report(&trained, asked, trainer.backend_name());
     if report.finished {
         jobs::remove_file(&checkpoint)?;
     } else {
@@ -78,8 +81,9 @@ fn begin(args: &TrainArgs, material: &Material) -> Result<Trainer> {
     }
 }
 
-fn report(trained: &Trained, asked: usize) -> Report {
+fn report(trained: &Trained, asked: usize, backend: String) -> Report {
     Report {
+        backend,
         seconds: trained.seconds,
         steps: trained.steps,
         steps_per_second: trained.steps as f64 / trained.seconds.max(1e-9),

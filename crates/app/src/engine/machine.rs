@@ -15,7 +15,7 @@ use surgtpgs_render::{AdapterChoice, Gpu, GpuRenderer};
 )]
 #[serde(rename_all = "snake_case")]
 pub enum Backend {
-    /// The GPU if there is a real one, otherwise the CPU
+    /// The GPU if there is a real one and it is worth it, otherwise the CPU
     #[default]
     Auto,
     /// The CPU
@@ -88,7 +88,7 @@ impl Renderer for Machine {
 
 /// Whether it is worth loading the graphics drivers, which takes time and may print warnings of its own: Linux shows
 /// every real GPU as one of these devices.
-fn may_have_gpu() -> bool {
+pub(crate) fn may_have_gpu() -> bool {
     let devices = ["/dev/dri", "/dev/nvidiactl", "/dev/dxg"];
     !cfg!(target_os = "linux") || devices.iter().any(|d| Path::new(d).exists())
 }

@@ -13,6 +13,7 @@ mod opening;
 
 pub use machine::Backend;
 pub(crate) use machine::Machine;
+pub(crate) use machine::may_have_gpu;
 
 use opening::{find_recording, open_encoder, open_recording, open_relevancy};
 use std::{

@@ -2,11 +2,12 @@
 //!
 //! A job reports through a callback and stops when the callback says so; what is finished is kept.
 
+pub mod backend;
 mod export;
 
 pub use export::{ExportRequest, export, export_prompts};
 
-use crate::engine::EncoderChoice;
+use crate::engine::{Backend, EncoderChoice};
 use std::{
     ops::ControlFlow,
     path::{Path, PathBuf},
@@ -127,18 +128,25 @@ pub struct Trained {
 }
 
 /// Trains until all steps are done or the observer asks to stop.
-pub fn train(material: &Material, settings: TrainSettings, observer: &mut Observer<'_>) -> Result<Trained> {
-    train_watched(material, settings, observer, &mut |_| {})
+pub fn train(
+    material: &Material,
+    settings: TrainSettings,
+    backend: Backend,
+    observer: &mut Observer<'_>,
+) -> Result<Trained> {
+    train_watched(material, settings, backend, observer, &mut |_| {})
 }
 
 /// As [`train`]; `watch` sees the trainer after every step, to show how far it is.
 pub fn train_watched(
     material: &Material,
     settings: TrainSettings,
+    backend: Backend,
     observer: &mut Observer<'_>,
-    watch: &mut dyn FnMut(&Trainer),
+    watch: &mut dyn FnMut(&mut Trainer),
 ) -> Result<Trained> {
     let mut trainer = Trainer::new(material.sequence(), material.prepared(), settings)?;
+    backend::choose(&mut trainer, backend)?;
     go_on(&mut trainer, None, observer, watch)
 }
 
@@ -156,7 +164,7 @@ pub fn go_on(
     trainer: &mut Trainer,
     checkpoint: Option<&Path>,
     observer: &mut Observer<'_>,
-    watch: &mut dyn FnMut(&Trainer),
+    watch: &mut dyn FnMut(&mut Trainer),
 ) -> Result<Trained> {
     let total = trainer.settings().iterations;
     let psnr_every = (total / 6).max(250);
@@ -189,7 +197,7 @@ pub fn go_on(
     }
     let seconds = trainer.seconds();
     let psnr_db = trainer.psnr_db()?;
-    Ok(Trained { scene: trainer.scene(), steps: trainer.steps_done(), seconds, psnr_db, dropped })
+    Ok(Trained { scene: trainer.scene()?, steps: trainer.steps_done(), seconds, psnr_db, dropped })
 }
 
 /// Where the demo's files are, under one folder.
@@ -249,7 +257,8 @@ pub fn build_demo(folder: &Path, options: &DemoOptions, observer: &mut Observer<
     let how = PrepareOptions { eval: true, ..Default::default() };
     let prepared = prepare(sequence, &paths.prepared, &how, &mut observe)?;
     let settings = TrainSettings { iterations: options.iterations, eval: true, ..Default::default() };
-    let trained = train(&Material::Prepared(Box::new(prepared)), settings, &mut observe)?;
+    let material = Material::Prepared(Box::new(prepared));
+    let trained = train(&material, settings, Backend::Auto, &mut observe)?;
     if stopped {
         return Err(Error::Cancelled);
     }

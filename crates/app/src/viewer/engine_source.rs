@@ -118,16 +118,22 @@ impl Backend for EngineBackend {
         job.check()?;
         let settings = TrainSettings { iterations: request.iterations, ..Default::default() };
         let mut last_shown = Instant::now();
-        let mut show = |trainer: &Trainer| {
+        let mut show = |trainer: &mut Trainer| {
             let is_first = trainer.steps_done() == FIRST_PREVIEW;
             if is_first || (trainer.steps_done() > FIRST_PREVIEW && last_shown.elapsed() >= PREVIEW_EVERY) {
                 last_shown = Instant::now();
-                if let Ok(source) = preview(trainer.scene(), &request.recording) {
+                if let Ok(source) = trainer.scene().and_then(|scene| preview(scene, &request.recording)) {
                     job.preview(Box::new(source));
                 }
             }
         };
-        let trained = jobs::train_watched(&material, settings, &mut |p| watch(job, p), &mut show)?;
+        let trained = jobs::train_watched(
+            &material,
+            settings,
+            engine::Backend::Auto,
+            &mut |p| watch(job, p),
+            &mut show,
+        )?;
         if trained.steps == 0 {
             return Err(Error::Cancelled);
         }

@@ -10,7 +10,7 @@ use crate::{
 pub const MAX_LOG_SCALE: f64 = 15.0;
 
 /// e to the [`MAX_LOG_SCALE`].
-const MAX_SCALE: f64 = 3_269_017.372_472_11;
+pub const MAX_SCALE: f64 = 3_269_017.372_472_11;
 
 /// A deformed, activated geometry with what its backward pass needs.
 #[derive(Clone, Copy, Debug)]

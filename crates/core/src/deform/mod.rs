@@ -6,7 +6,7 @@ mod apply;
 mod basis;
 
 pub use apply::{
-    FeatureNet, MAX_LOG_SCALE, Moved, gate_feature, gate_feature_backward, move_geometry,
+    FeatureNet, MAX_LOG_SCALE, MAX_SCALE, Moved, gate_feature, gate_feature_backward, move_geometry,
     move_geometry_backward,
 };
 pub use basis::{BasisShape, LIVE_BASIS, MIN_WIDTH, QUARTIC_EPSILON, basis, basis_backward};

@@ -4,10 +4,12 @@ use fearless_simd::{Level, Simd, dispatch};
 use fearless_simd_macros::simd;
 use rayon::prelude::*;
 
-const BETA1: f32 = 0.9;
-const BETA2: f32 = 0.999;
+/// Decay of the first moments.
+pub const BETA1: f32 = 0.9;
+/// Decay of the second moments.
+pub const BETA2: f32 = 0.999;
 /// As small as in the reference: parameters with tiny gradients still move at the learning rate.
-const EPSILON: f32 = 1e-15;
+pub const EPSILON: f32 = 1e-15;
 
 /// Moments of one tensor.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -30,9 +32,14 @@ pub(super) struct Update {
 }
 
 /// Numbers updated at once.
-pub(super) const WIDTH: usize = 16;
+pub const WIDTH: usize = 16;
 /// Numbers per parallel piece.
 const CHUNK: usize = 1024 * WIDTH;
+
+/// What the moments of the `steps`-th update are multiplied by, first and second.
+pub fn bias_corrections(steps: i32) -> [f32; 2] {
+    [BETA1, BETA2].map(|beta| 1.0 / (1.0 - beta.powi(steps)))
+}
 
 impl Update {
     /// Updates [`WIDTH`] parameters; parameter k's learning rate is `rate · scales[k]`.
@@ -63,11 +70,8 @@ impl Adam {
     /// Counts an update.
     pub(super) fn next_update(&mut self, rate: f32, gain: f32) -> Update {
         self.steps += 1;
-        Update {
-            rate: rate / (1.0 - BETA1.powi(self.steps)),
-            second_correction: 1.0 / (1.0 - BETA2.powi(self.steps)),
-            gain,
-        }
+        let [first_correction, second_correction] = bias_corrections(self.steps);
+        Update { rate: rate * first_correction, second_correction, gain }
     }
 
     /// One update of `parameters` at learning rate `rate`.

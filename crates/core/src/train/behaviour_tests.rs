@@ -58,8 +58,8 @@ fn run(trainer: &mut Trainer, steps: usize) -> StepReport {
 }
 
 /// The scene's bytes, but for the seconds it took.
-fn scene_bytes(trainer: &Trainer) -> Vec<u8> {
-    let mut scene = trainer.scene();
+fn scene_bytes(trainer: &mut Trainer) -> Vec<u8> {
+    let mut scene = trainer.scene().unwrap();
     scene.provenance.seconds = 0.0;
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.safetensors");
@@ -68,7 +68,7 @@ fn scene_bytes(trainer: &Trainer) -> Vec<u8> {
 }
 
 fn is_finite(trainer: &Trainer) -> bool {
-    let (g, d) = (&trainer.state.gaussians, &trainer.state.deformation);
+    let (g, d) = (&trainer.state.model.gaussians, &trainer.state.model.deformation);
     let all = [
         g.means.as_flattened(),
         g.rotations.as_flattened(),
@@ -91,7 +91,7 @@ fn the_number_of_threads_changes_no_byte() {
                 ..short(60)
             });
             run(&mut trainer, 60);
-            scene_bytes(&trainer)
+            scene_bytes(&mut trainer)
         })
     };
     let one = on(1);
@@ -104,7 +104,7 @@ fn a_seed_decides_everything() {
     let of = |seed| {
         let mut trainer = clip.trainer(TrainSettings { seed, ..short(20) });
         run(&mut trainer, 20);
-        scene_bytes(&trainer)
+        scene_bytes(&mut trainer)
     };
     assert!(of(1) == of(1));
     assert!(of(1) != of(2));
@@ -129,7 +129,7 @@ fn going_on_gives_the_same_bytes_as_never_stopping() {
         let mut second = Trainer::resume(&clip.prepared.sequence, Some(&clip.prepared), &path).unwrap();
         assert_eq!(second.steps_done(), 37);
         run(&mut second, 23);
-        assert!(scene_bytes(&whole) == scene_bytes(&second), "{profile:?}");
+        assert!(scene_bytes(&mut whole) == scene_bytes(&mut second), "{profile:?}");
     }
 }
 
@@ -169,7 +169,7 @@ fn the_paper_profile_learns_too() {
     let report = run(&mut trainer, 200);
     let after = trainer.psnr_db().unwrap();
     assert!(after > before + 2.0 && report.dropped == 0 && is_finite(&trainer), "{before} dB to {after} dB");
-    assert!(!trainer.state.deformation.is_shared() && trainer.state.gaussians.sh_degree == 3);
+    assert!(!trainer.state.model.deformation.is_shared() && trainer.state.model.gaussians.sh_degree == 3);
 }
 
 #[test]
@@ -180,7 +180,7 @@ fn lifted_features_are_what_the_pixels_show() {
     run(&mut trainer, 200);
     let frame = trainer.cache.get(Some(&clip.prepared), 0, false).unwrap();
     let truth = frame.truth(&clip.prepared.latents, 1.0);
-    let images = trainer.render(0);
+    let images = trainer.render(0).unwrap();
     let rows = truth.latents.len() / 3;
     let nearest = |i: usize| {
         let distance = |r: &usize| -> f32 {
@@ -204,7 +204,7 @@ fn one_frame_and_one_gaussian_train() {
     let report = run(&mut trainer, 40);
     assert!(report.dropped == 0 && is_finite(&trainer));
     let mut trainer = clip.trainer(TrainSettings { px_per_gaussian: 1e6, ..short(40) });
-    assert!(trainer.state.gaussians.len() <= 2);
+    assert!(trainer.state.model.gaussians.len() <= 2);
     let report = run(&mut trainer, 40);
     assert!(report.dropped == 0 && is_finite(&trainer));
 }
@@ -213,7 +213,7 @@ fn one_frame_and_one_gaussian_train() {
 fn extreme_gaussians_do_no_harm() {
     let clip = Clip::new(4);
     let mut trainer = clip.trainer(short(60));
-    let g = &mut trainer.state.gaussians;
+    let g = &mut trainer.state.model.gaussians;
     // Duplicates, opacity at both ends, a needle, a pancake, a speck, a giant, no direction, behind the camera, far away.
     g.means[1] = g.means[0];
     (g.opacity_logits[2], g.opacity_logits[3]) = (80.0, -80.0);
@@ -237,7 +237,7 @@ fn a_long_run_stays_within_its_budget() {
         densify: DensifySettings { every: 1, until: 1.0, ..TrainSettings::default().densify },
         ..short(150)
     });
-    let first = trainer.state.gaussians.len();
+    let first = trainer.state.model.gaussians.len();
     let report = run(&mut trainer, 150);
     assert!(
         report.gaussians > first && report.gaussians <= first * 10 / 4,
@@ -256,7 +256,7 @@ fn the_size_of_the_scene_does_not_matter() {
             loss: LossWeights { depth: 0.0, ..LossWeights::default() },
             ..short(80)
         });
-        let g = &mut trainer.state.gaussians;
+        let g = &mut trainer.state.model.gaussians;
         g.means.as_flattened_mut().iter_mut().for_each(|v| *v *= scale);
         g.log_scales.as_flattened_mut().iter_mut().for_each(|v| *v += scale.ln());
         trainer.state.typical_depth *= scale;
@@ -276,11 +276,11 @@ fn a_step_that_is_not_finite_is_dropped_and_counted() {
     let clip = Clip::new(4);
     let mut trainer = clip.trainer(short(10));
     run(&mut trainer, 2);
-    let before = trainer.state.gaussians.clone();
+    let before = trainer.state.model.gaussians.clone();
     let depth = std::mem::replace(&mut trainer.state.typical_depth, f32::NAN);
     let report = run(&mut trainer, 1);
     assert_eq!(report.dropped, 1);
-    assert_eq!(trainer.state.gaussians, before);
+    assert_eq!(trainer.state.model.gaussians, before);
     trainer.state.typical_depth = depth;
     assert_eq!(run(&mut trainer, 1).dropped, 1);
 }

@@ -12,12 +12,18 @@ use std::{collections::BTreeMap, sync::Arc};
 /// One frame's ground truth at one size; owned form of [`Truth`].
 #[derive(Debug)]
 pub struct Frame {
-    pub(super) width: usize,
-    pub(super) height: usize,
-    pub(super) colour: Vec<u8>,
-    pub(super) mask: Vec<bool>,
-    pub(super) depth: Vec<f32>,
-    pub(super) regions: Vec<u16>,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// r, g, b, plane after plane, 0–255.
+    pub colour: Vec<u8>,
+    /// `true` = supervise.
+    pub mask: Vec<bool>,
+    /// z in scene units, 0 where unknown; empty if there is no depth.
+    pub depth: Vec<f32>,
+    /// Latent table row per pixel, [`NO_REGION`] where none; empty if there are no features.
+    pub regions: Vec<u16>,
 }
 
 impl Frame {

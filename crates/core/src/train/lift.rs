@@ -3,7 +3,7 @@
 //! fᵢ = Σ w f̂ / Σ w over the supervised pixels of all training frames, w the Gaussian's weight in the pixel. Both sums
 //! are what the raster pass backwards gives for gradients f̂ and 1.
 
-use super::{FeatureMode, Trainer, state::train_frames};
+use super::{FeatureMode, Model, Trainer, state::train_frames};
 use crate::{
     Result,
     deform::deform,
@@ -23,7 +23,9 @@ impl Trainer {
     /// Replaces the features of all Gaussians by the mean of what they show.
     pub(super) fn lift_features(&mut self) -> Result<()> {
         let Some(prepared) = self.prepared.clone() else { return Ok(()) };
-        let (n, dim) = (self.state.gaussians.len(), self.state.gaussians.latent_dim);
+        self.finish()?;
+        let Model { gaussians, deformation, .. } = &mut self.state.model;
+        let (n, dim) = (gaussians.len(), gaussians.latent_dim);
         let mut sums = vec![0.0f32; n * dim];
         let mut weights = vec![0.0f32; n];
         for i in train_frames(self.sequence.num_frames(), self.settings.eval) {
@@ -34,8 +36,8 @@ impl Trainer {
             }
             let (width, height) = (truth.width, truth.height);
             let time = self.sequence.time(i);
-            let deformed = deform(&self.state.gaussians, &self.state.deformation, time, false);
-            let splats = project_all(&self.state.gaussians, &deformed, &self.sequence.camera(i));
+            let deformed = deform(gaussians, deformation, time, false);
+            let splats = project_all(gaussians, &deformed, &self.sequence.camera(i));
             let packed = Packed::new(&splats, &vec![0.0; n * dim], dim);
             let planes = vec![0.0; (FEATURE_PLANE + dim) * width * height];
             let wanted = wanted_planes(&truth, dim);
@@ -46,11 +48,11 @@ impl Trainer {
             // The first colour's gradient was 1.
             weights.iter_mut().zip(shown).for_each(|(sum, g)| *sum += g.colour[0]);
         }
-        let rows =
-            self.state.gaussians.features.chunks_exact_mut(dim.max(1)).zip(sums.chunks_exact(dim.max(1)));
+        let rows = gaussians.features.chunks_exact_mut(dim.max(1)).zip(sums.chunks_exact(dim.max(1)));
         for ((row, sum), weight) in rows.zip(weights).filter(|(_, w)| *w > MIN_WEIGHT) {
             row.iter_mut().zip(sum).for_each(|(f, s)| *f = s / weight);
         }
+        self.backend.forget();
         Ok(())
     }
 }

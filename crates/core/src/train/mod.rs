@@ -1,8 +1,10 @@
 //! From a recording to a scene: initial Gaussians, losses, gradients, Adam, densify and prune.
 
 mod adam;
+mod backend;
 mod chain;
 mod checkpoint;
+mod cpu;
 mod densify;
 mod frames;
 mod lift;
@@ -12,7 +14,14 @@ mod pass;
 mod settings;
 mod state;
 
-pub use loss::{LossTerms, LossWeights, Truth, loss};
+pub use adam::{Adam, BETA1, BETA2, EPSILON, WIDTH, bias_corrections};
+pub use backend::{Backend, Context, Look, Model, Outcome, Plan};
+pub use chain::{FrameState, Gradients, backward as chain_backward};
+pub use cpu::CpuBackend;
+pub use densify::Statistics;
+pub use frames::Frame;
+pub use loss::{LossTerms, LossWeights, MIN_DEPTH, MIN_DEPTH_ALPHA, Scales, TermScales, Truth, loss};
+pub use optimiser::{OPACITY_CHANNEL, Optimiser, Rates};
 pub use pass::Pass;
 pub use settings::{
     DensifySettings, FeatureMode, FrameOrder, LearningRates, LengthUnit, Profile, TrainSettings,
@@ -20,29 +29,18 @@ pub use settings::{
 
 use crate::{
     Error, Result,
-    camera::Camera,
     clock::PassClock,
-    deform::{Deformed, deform, deform_by},
+    deform::deform,
     files, metrics,
     prepare::Prepared,
-    raster::{
-        Images, Packed,
-        backward::raster_backward_with,
-        bin::{Bins, bin},
-        forward::raster_into,
-        project::{Sampling, Splat, SplatGradient, project_into},
-        render_deformed,
-    },
+    raster::{Images, project::Sampling, render_deformed},
     scene::{Provenance, Scene},
     sequence::Sequence,
 };
-use chain::{FrameState, Gradients};
-use densify::Statistics;
-use frames::{Frame, FrameCache};
-use loss::loss_into;
+use frames::FrameCache;
 use rand::Rng;
 use state::{State, spread, train_frames};
-use std::{path::Path, sync::Arc};
+use std::path::Path;
 
 /// Frames that [`Trainer::psnr_db`] looks at where none is held out.
 const PSNR_FRAMES: usize = 8;
@@ -62,32 +60,6 @@ pub struct StepReport {
     pub dropped: usize,
 }
 
-/// What the passes of a step write, kept from step to step: fresh memory costs more than the arithmetic on it.
-#[derive(Debug, Default)]
-struct Passes {
-    psi: Vec<f32>,
-    deformed: Deformed,
-    splats: Vec<Splat<f32>>,
-    packed: Packed,
-    images: Images,
-    g_planes: Vec<f32>,
-    slots: Vec<f32>,
-    g_splats: Vec<SplatGradient<f32>>,
-    g_features: Vec<f32>,
-    gradients: Gradients,
-}
-
-/// How a step looks at the scene.
-struct Look {
-    camera: Camera,
-    time: f32,
-    /// Whether the camera is one of half the size.
-    half: bool,
-    sampling: Sampling,
-    /// Share of all steps done.
-    progress: f32,
-}
-
 /// Training in progress; holds parameters, moments and the decoded frames.
 pub struct Trainer {
     settings: TrainSettings,
@@ -96,7 +68,8 @@ pub struct Trainer {
     cache: FrameCache,
     state: State,
     started: std::time::Instant,
-    passes: Passes,
+    backend: Box<dyn Backend>,
+    terms: LossTerms<f32>,
     clock: PassClock<Pass>,
 }
 
@@ -120,7 +93,8 @@ impl Trainer {
     }
 
     /// Writes all that is needed to go on.
-    pub fn save_checkpoint(&self, path: &Path) -> Result<()> {
+    pub fn save_checkpoint(&mut self, path: &Path) -> Result<()> {
+        self.finish()?;
         let mut state = self.state.clone();
         state.seconds = self.seconds();
         checkpoint::write(path, &self.sequence, self.prepared.as_ref(), &self.settings, state)
@@ -139,7 +113,8 @@ impl Trainer {
             settings,
             state,
             started: std::time::Instant::now(),
-            passes: Passes::default(),
+            backend: Box::new(CpuBackend::default()),
+            terms: LossTerms::default(),
             clock: PassClock::default(),
         }
     }
@@ -154,33 +129,83 @@ impl Trainer {
         self.state.seconds + self.started.elapsed().as_secs_f64()
     }
 
+    /// Trains on another backend from the next step on; the first one is the CPU.
+    pub fn set_backend(&mut self, backend: Box<dyn Backend>) -> Result<()> {
+        self.finish()?;
+        self.backend = backend;
+        Ok(())
+    }
+
+    /// What trains.
+    pub fn backend_name(&self) -> String {
+        self.backend.name()
+    }
+
     /// One optimiser step.
     pub fn step(&mut self) -> Result<StepReport> {
         if self.state.step == 0 && self.settings.feature_mode == FeatureMode::LiftedFirst {
             self.lift_features()?;
         }
-        let i = self.next_frame();
-        let look = self.next_look(i);
-        let mut frame = self.cache.get(self.prepared.as_ref(), i, look.half)?;
-        if look.sampling != Sampling::ALL {
-            frame = Arc::new(frame.sampled(look.sampling));
-        }
-        let (terms, report) = self.learn(&frame, &look);
+        let plan = self.next_plan()?;
+        let context = context(&self.settings, self.prepared.as_ref(), &self.sequence, &self.state);
+        let outcome = self.backend.step(&mut self.state.model, plan, &context, &mut self.clock)?;
         self.state.step += 1;
-        if !report {
-            self.state.dropped += 1;
-        }
-        self.densify_if_due();
+        self.take_in(outcome);
+        self.densify_if_due()?;
         if self.state.step == self.settings.iterations {
             self.complete_features()?;
         }
         Ok(StepReport {
             step: self.state.step,
-            loss: terms.total(),
-            terms,
-            gaussians: self.state.gaussians.len(),
+            loss: self.terms.total(),
+            terms: self.terms,
+            gaussians: self.state.model.gaussians.len(),
             dropped: self.state.dropped,
         })
+    }
+
+    /// The next step: which frame, which of its pixels.
+    fn next_plan(&mut self) -> Result<Plan> {
+        let index = self.next_frame();
+        let look = self.next_look(index);
+        let frame = self.cache.get(self.prepared.as_ref(), index, look.half)?;
+        let loses_step = self.settings.densify.loses_step;
+        let updates = !(loses_step && self.settings.densifies_at(self.state.step + 1));
+        Ok(Plan { index, frame, look, step: self.state.step, updates })
+    }
+
+    /// Waits for the backend, and brings the model up to date with what it has learned.
+    pub fn finish(&mut self) -> Result<()> {
+        let context = context(&self.settings, self.prepared.as_ref(), &self.sequence, &self.state);
+        let outcome = self.backend.finish(&mut self.state.model, &context)?;
+        self.take_in(outcome);
+        Ok(())
+    }
+
+    fn take_in(&mut self, outcome: Outcome) {
+        self.state.dropped += outcome.dropped;
+        self.terms = outcome.terms.unwrap_or(self.terms);
+    }
+
+    /// Does `steps` steps on `backend` and takes them back; returns the time that they took after the first ones, in
+    /// seconds, and the loss of the last.
+    pub fn try_out(&mut self, backend: Box<dyn Backend>, steps: usize) -> Result<(f64, LossTerms<f32>)> {
+        const WARM_UP: usize = 3;
+        self.finish()?;
+        let (before, terms) = (self.state.clone(), self.terms);
+        let own = std::mem::replace(&mut self.backend, backend);
+        let tried = (|| {
+            (0..WARM_UP).try_for_each(|_| self.step().map(drop))?;
+            self.finish()?;
+            let started = std::time::Instant::now();
+            (0..steps).try_for_each(|_| self.step().map(drop))?;
+            self.finish()?;
+            Ok((started.elapsed().as_secs_f64(), self.terms))
+        })();
+        self.backend = own;
+        (self.state, self.terms) = (before, terms);
+        self.backend.forget();
+        tried
     }
 
     /// The next look at frame `i`: of half size first, and at one pixel of each square of `pixel_step`², at random.
@@ -203,105 +228,6 @@ impl Trainer {
         Look { camera, time: self.sequence.time(i), half, sampling, progress }
     }
 
-    /// Forward, backward and update on one frame; `false` if it was dropped because something was not finite.
-    fn learn(&mut self, frame: &Frame, look: &Look) -> (LossTerms<f32>, bool) {
-        self.clock.start();
-        let bins = self.render_step(frame, look);
-        let terms = self.compare(frame, look);
-        let finite = terms.total().is_finite() && self.differentiate(&bins, look);
-        if finite {
-            self.update(look);
-        }
-        (terms, finite)
-    }
-
-    /// Deform, project, bin, raster.
-    fn render_step(&mut self, frame: &Frame, look: &Look) -> Bins {
-        let Passes { psi, deformed, splats, packed, images, .. } = &mut self.passes;
-        let State { gaussians, deformation, .. } = &self.state;
-        deformation.psi_into(gaussians.len(), look.time, psi);
-        let learns_features = self.settings.feature_mode != FeatureMode::Lifted;
-        deform_by(gaussians, deformation, psi, look.time, learns_features, deformed);
-        self.clock.lap(Pass::Deform);
-        project_into(gaussians, deformed, &look.camera, look.sampling, splats);
-        let latent_dim = if learns_features { gaussians.latent_dim } else { 0 };
-        packed.fill(splats, &deformed.features, latent_dim);
-        self.clock.lap(Pass::Project);
-        (images.width, images.height) = frame.size();
-        let bins = bin(splats, images.width, images.height);
-        self.clock.lap(Pass::Bin);
-        raster_into(packed, &bins, images);
-        self.clock.lap(Pass::Raster);
-        bins
-    }
-
-    /// The loss, and its gradient with respect to the images.
-    fn compare(&mut self, frame: &Frame, look: &Look) -> LossTerms<f32> {
-        let latents = self.prepared.as_ref().map_or(&[][..], |p| &p.latents);
-        let truth = frame.truth(latents, self.state.typical_depth);
-        let weights = self.settings.loss.sampled(look.sampling.step);
-        let Passes { images, g_planes, .. } = &mut self.passes;
-        let terms = loss_into(&images.planes, &truth, &weights, g_planes);
-        self.clock.lap(Pass::Loss);
-        terms
-    }
-
-    /// From the images' gradient to that of all parameters; `false` if it is not finite.
-    fn differentiate(&mut self, bins: &Bins, look: &Look) -> bool {
-        let Passes {
-            psi,
-            deformed,
-            splats,
-            packed,
-            images,
-            g_planes,
-            slots,
-            g_splats,
-            g_features,
-            gradients,
-        } = &mut self.passes;
-        (*g_splats, *g_features) = raster_backward_with(splats, packed, bins, images, g_planes, slots);
-        for g in g_splats.iter_mut() {
-            look.sampling.apply_backward(g);
-            if !self.settings.depth_moves_centres {
-                g.depth = 0.0;
-            }
-        }
-        self.clock.lap(Pass::Backward);
-        let state = FrameState {
-            gaussians: &self.state.gaussians,
-            deformation: &self.state.deformation,
-            psi,
-            deformed,
-            splats,
-            camera: &look.camera,
-            time: look.time,
-        };
-        let finite = chain::backward(&state, g_splats, g_features, gradients);
-        self.clock.lap(Pass::Chain);
-        finite
-    }
-
-    fn update(&mut self, look: &Look) {
-        let world_per_px = self.world_per_px();
-        let Passes { splats, g_splats, gradients, .. } = &mut self.passes;
-        let pull_scale = if self.settings.densify.threshold > 0.0 {
-            [0.5 * look.camera.width as f32, 0.5 * look.camera.height as f32]
-        } else if look.half {
-            [0.5; 2]
-        } else {
-            [1.0; 2]
-        };
-        self.state.statistics.add(splats, g_splats, pull_scale);
-        if !(self.settings.densify.loses_step && self.settings.densifies_at(self.state.step + 1)) {
-            let State { gaussians, deformation, optimiser, step, .. } = &mut self.state;
-            hold_bands(gradients, &self.settings, gaussians.sh_bands(), *step);
-            let rates = (look.time, look.progress, world_per_px);
-            optimiser.step(gaussians, deformation, gradients, &self.settings, rates);
-        }
-        self.clock.lap(Pass::Adam);
-    }
-
     /// Every frame once a round.
     fn next_frame(&mut self) -> usize {
         if self.state.queue.is_empty() {
@@ -318,28 +244,27 @@ impl Trainer {
         self.state.queue.pop().unwrap_or(0)
     }
 
-    fn densify_if_due(&mut self) {
+    fn densify_if_due(&mut self) -> Result<()> {
         if !self.settings.densifies_at(self.state.step) {
-            return;
+            return Ok(());
         }
-        let world_per_px = self.world_per_px();
-        let change = densify::densify(
-            &mut self.state.gaussians,
-            &mut self.state.deformation,
-            &self.state.statistics,
-            &self.settings.densify,
-            self.state.budget,
-            world_per_px,
-            &mut self.state.rng,
-        );
-        let (bands, dim) = (self.state.gaussians.sh_bands() * 3, self.state.gaussians.latent_dim);
-        self.state.optimiser.rearrange(&change.moment_rows(), bands, dim, self.state.deformation.stride);
-        self.state.statistics = Statistics::new(self.state.gaussians.len());
+        self.finish()?;
+        let world_per_px = world_per_px(&self.sequence, &self.state);
+        let State { model, rng, budget, .. } = &mut self.state;
+        let Model { gaussians, deformation, optimiser, statistics } = model;
+        let settings = &self.settings.densify;
+        let change =
+            densify::densify(gaussians, deformation, statistics, settings, *budget, world_per_px, rng);
+        let (bands, dim) = (gaussians.sh_bands() * 3, gaussians.latent_dim);
+        optimiser.rearrange(&change.moment_rows(), bands, dim, deformation.stride);
+        *statistics = Statistics::new(gaussians.len());
+        self.backend.forget();
+        Ok(())
     }
 
-    /// Length of a full-size pixel at the typical depth, scene units.
-    fn world_per_px(&self) -> f32 {
-        self.state.typical_depth / self.sequence.camera(0).fx
+    /// Loss of the last step that is known.
+    pub fn last_loss(&self) -> f32 {
+        self.terms.total()
     }
 
     /// Where the time of the steps went.
@@ -353,11 +278,12 @@ impl Trainer {
     }
 
     /// The scene as it stands, ready to be saved or shown.
-    pub fn scene(&self) -> Scene {
+    pub fn scene(&mut self) -> Result<Scene> {
+        self.finish()?;
         let prepared = self.prepared.as_ref();
-        Scene {
-            gaussians: self.state.gaussians.clone(),
-            deformation: self.state.deformation.clone(),
+        Ok(Scene {
+            gaussians: self.state.model.gaussians.clone(),
+            deformation: self.state.model.deformation.clone(),
             cameras: (0..self.sequence.num_frames()).map(|i| self.sequence.camera(i)).collect(),
             field_of_view: self.sequence.field_of_view().clone(),
             codec: prepared.map(|p| p.codec.clone()),
@@ -373,14 +299,15 @@ impl Trainer {
                 seconds: self.seconds(),
                 settings: serde_json::to_value(&self.settings).unwrap_or_default(),
             },
-        }
+        })
     }
 
     /// Renders frame `i` as the scene stands.
-    pub fn render(&self, i: usize) -> Images {
-        let time = self.sequence.time(i);
-        let deformed = deform(&self.state.gaussians, &self.state.deformation, time, true);
-        render_deformed(&self.state.gaussians, &deformed, &self.sequence.camera(i))
+    pub fn render(&mut self, i: usize) -> Result<Images> {
+        self.finish()?;
+        let (time, camera) = (self.sequence.time(i), self.sequence.camera(i));
+        let Model { gaussians, deformation, .. } = &self.state.model;
+        Ok(render_deformed(gaussians, &deform(gaussians, deformation, time, true), &camera))
     }
 
     /// Mean PSNR in dB inside the supervision mask over the held-out frames, or over a few frames if none is held out.
@@ -393,7 +320,7 @@ impl Trainer {
         let mut values = Vec::new();
         for i in frames {
             let mask = self.sequence.mask(i)?;
-            values.extend(metrics::psnr_db(&self.render(i).to_rgb(), &self.sequence.frame(i)?, Some(&mask)));
+            values.extend(metrics::psnr_db(&self.render(i)?.to_rgb(), &self.sequence.frame(i)?, Some(&mask)));
         }
         if values.is_empty() {
             return Err(Error::input(
@@ -405,16 +332,23 @@ impl Trainer {
     }
 }
 
-/// Clears the gradients of colour bands that are not learned yet at `step`.
-fn hold_bands(gradients: &mut Gradients, settings: &TrainSettings, bands: usize, step: usize) {
-    if settings.sh_every == 0 || bands == 0 {
-        return;
+fn context<'a>(
+    settings: &'a TrainSettings,
+    prepared: Option<&'a Prepared>,
+    sequence: &Sequence,
+    state: &State,
+) -> Context<'a> {
+    Context {
+        settings,
+        latents: prepared.map_or(&[], |p| &p.latents),
+        typical_depth: state.typical_depth,
+        world_per_px: world_per_px(sequence, state),
     }
-    let degree = step / settings.sh_every;
-    let learned = ((degree + 1) * (degree + 1) - 1).min(bands) * 3;
-    for row in gradients.sh_rest.chunks_exact_mut(bands * 3) {
-        row[learned..].fill(0.0);
-    }
+}
+
+/// Length of a full-size pixel at the typical depth, scene units.
+fn world_per_px(sequence: &Sequence, state: &State) -> f32 {
+    state.typical_depth / sequence.camera(0).fx
 }
 
 #[cfg(test)]

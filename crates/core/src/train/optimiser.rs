@@ -17,21 +17,25 @@ use fearless_simd_macros::simd;
 use rayon::prelude::*;
 
 /// Where a row of the parameters at rest keeps the opacity logit; before it come the channels of ψ.
-const OPACITY_CHANNEL: usize = GATE_CHANNEL;
+pub const OPACITY_CHANNEL: usize = GATE_CHANNEL;
 
 /// Moments of all groups.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Optimiser {
     /// Centre, rotation, log-scale, colour and opacity: [N][[`WIDTH`]], in the order of ψ's channels.
-    rest: Adam,
-    sh_rest: Adam,
-    features: Adam,
-    net_weight: Adam,
-    net_bias: Adam,
+    pub rest: Adam,
+    /// As [`Gaussians::sh_rest`].
+    pub sh_rest: Adam,
+    /// As [`Gaussians::features`].
+    pub features: Adam,
+    /// As [`Deformation::feature_weight`].
+    pub net_weight: Adam,
+    /// As [`Deformation::feature_bias`].
+    pub net_bias: Adam,
     /// One per basis: each counts only the steps at which it was live.
-    bases: Vec<Adam>,
+    pub bases: Vec<Adam>,
     /// Centres and widths of every basis function; empty where they are shared, and fixed.
-    own_bases: Vec<[Adam; 2]>,
+    pub own_bases: Vec<[Adam; 2]>,
 }
 
 impl Optimiser {
@@ -80,14 +84,9 @@ impl Optimiser {
         (time, progress, world_per_px): (f32, f32, f32),
     ) {
         let r = &settings.rates;
-        let decay = r.final_share.powf(progress);
-        let length = match r.unit {
-            LengthUnit::Pixel => world_per_px,
-            LengthUnit::Scene => 1.0,
-        };
-        let rest_rates = rest_rates(settings, length * decay);
+        let rates = Rates::new(settings, deformation.stride, gaussians.latent_dim, progress, world_per_px);
         let update = self.rest.next_update(1.0, 1.0);
-        step_rest(update, &mut self.rest, gaussians, g, deformation.stride, &rest_rates);
+        step_rest(update, &mut self.rest, gaussians, g, deformation.stride, &rates.rest);
         g.fold_gate(deformation, gaussians.latent_dim);
         self.sh_rest.step(&mut gaussians.sh_rest, &g.sh_rest, r.sh_rest);
         self.features.step(&mut gaussians.features, &g.features, r.feature);
@@ -96,7 +95,7 @@ impl Optimiser {
             self.net_weight.step(&mut deformation.feature_weight, g_weight, r.feature);
             self.net_bias.step(&mut deformation.feature_bias, g_bias, r.feature);
         }
-        let scales = channel_rates(settings, deformation.stride, gaussians.latent_dim, length);
+        let Rates { decay, channels: scales, .. } = rates;
         if !deformation.is_shared() {
             self.step_own_bases(deformation, g, time, decay, &scales);
             return;
@@ -223,6 +222,39 @@ fn update_row<S: Simd>(
     rates: &[f32; WIDTH],
 ) {
     update.apply(row, moments, g, rates);
+}
+
+/// Learning rates of one step.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rates {
+    /// What the rates of centres and basis weights have fallen to, as a share.
+    pub decay: f32,
+    /// Of the parameters at rest, in the order of ψ's channels, then opacity.
+    pub rest: [f32; WIDTH],
+    /// Of the deformation channels before decay, [stride]; 0 for those that the settings keep still.
+    pub channels: Vec<f32>,
+}
+
+impl Rates {
+    /// The rates when the share `progress` of training is done.
+    pub fn new(
+        settings: &TrainSettings,
+        stride: usize,
+        latent_dim: usize,
+        progress: f32,
+        world_per_px: f32,
+    ) -> Self {
+        let decay = settings.rates.final_share.powf(progress);
+        let length = match settings.rates.unit {
+            LengthUnit::Pixel => world_per_px,
+            LengthUnit::Scene => 1.0,
+        };
+        Self {
+            decay,
+            rest: rest_rates(settings, length * decay),
+            channels: channel_rates(settings, stride, latent_dim, length),
+        }
+    }
 }
 
 /// Learning rates of the parameters at rest; `length` is the unit of lengths, after decay.

@@ -255,6 +255,15 @@ impl TrainSettings {
         step >= at(d.from) && step <= at(d.until) && step.is_multiple_of(d.every.max(1))
     }
 
+    /// How many of the colour's `bands` above 0 are learned at `step`.
+    pub fn learned_bands(&self, bands: usize, step: usize) -> usize {
+        if self.sh_every == 0 {
+            return bands;
+        }
+        let degree = step / self.sh_every;
+        ((degree + 1) * (degree + 1) - 1).min(bands)
+    }
+
     /// The released code's constants (method §2, §3, §5, §6), as shares of its 3000 steps.
     fn paper() -> Self {
         Self {

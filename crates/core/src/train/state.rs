@@ -1,8 +1,7 @@
 //! What training changes, and how it begins.
 
 use super::{
-    densify::Statistics,
-    optimiser::Optimiser,
+    backend::Model,
     settings::{FeatureMode, TrainSettings},
 };
 use crate::{
@@ -28,10 +27,7 @@ const SEED_FRAMES: usize = 8;
 /// Everything that training changes: with the settings and the recording it determines all that follows.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub(super) struct State {
-    pub gaussians: Gaussians,
-    pub deformation: Deformation,
-    pub optimiser: Optimiser,
-    pub statistics: Statistics,
+    pub model: Model,
     pub rng: ChaCha8Rng,
     /// Frames still to be visited in this round, in random order.
     pub queue: Vec<usize>,
@@ -73,11 +69,8 @@ impl State {
             net.for_each(|v| *v = rng.random_range(-bound..bound));
         }
         Ok(Self {
-            optimiser: Optimiser::new(&gaussians, &deformation),
-            statistics: Statistics::new(gaussians.len()),
             budget: budget(gaussians.len(), settings),
-            gaussians,
-            deformation,
+            model: Model::new(gaussians, deformation),
             rng,
             queue: Vec::new(),
             typical_depth,
@@ -89,7 +82,7 @@ impl State {
 
     /// Whether all arrays have the sizes that the number of Gaussians asks for.
     pub(super) fn is_consistent(&self) -> bool {
-        let (g, d) = (&self.gaussians, &self.deformation);
+        let Model { gaussians: g, deformation: d, optimiser, statistics } = &self.model;
         let n = g.len();
         let rows = [g.rotations.len(), g.log_scales.len(), g.opacity_logits.len(), g.colours.len()];
         let block = d.num_bases * n * d.stride;
@@ -104,8 +97,8 @@ impl State {
             && [d.centres.len(), d.widths.len()] == [basis; 2]
             && d.feature_weight.len() == g.latent_dim * (g.latent_dim + 1)
             && d.feature_bias.len() == g.latent_dim
-            && self.optimiser.fits(g, d)
-            && [self.statistics.pull.len(), self.statistics.seen.len()] == [n; 2]
+            && optimiser.fits(g, d)
+            && [statistics.pull.len(), statistics.seen.len()] == [n; 2]
     }
 }
 

@@ -19,6 +19,8 @@ pub(crate) struct BinPass {
     count_tiles: Kernel,
     emit_pairs: Kernel,
     find_ranges: Kernel,
+    number_pairs: Kernel,
+    resolve_pairs: Kernel,
     scan: Scan,
     sort: Sort,
     /// How many splats there are, for the sort by depth.
@@ -28,6 +30,9 @@ pub(crate) struct BinPass {
     levels: Levels,
     pairs: SortBuffers,
     capacity: usize,
+    slot_owners: DeviceVec<u32>,
+    /// Output where pairs have slots: Gaussian of each pair, tile by tile and front to back.
+    pub pair_owners: DeviceVec<u32>,
     /// Output: [first, end) of each tile in the pairs.
     pub ranges: DeviceVec<[u32; 2]>,
 }
@@ -43,6 +48,8 @@ impl BinPass {
             count_tiles: kernel("count_tiles")?,
             emit_pairs: kernel("emit_pairs")?,
             find_ranges: kernel("find_ranges")?,
+            number_pairs: kernel("number_pairs")?,
+            resolve_pairs: kernel("resolve_pairs")?,
             scan: Scan::new(gpu)?,
             sort: Sort::new(gpu)?,
             num_splats: DeviceVec::new(gpu, "counts"),
@@ -51,6 +58,8 @@ impl BinPass {
             levels: Levels::default(),
             pairs: SortBuffers::new(gpu),
             capacity: FIRST_CAPACITY,
+            slot_owners: DeviceVec::new(gpu, "splat-tile pairs"),
+            pair_owners: DeviceVec::new(gpu, "splat-tile pairs"),
             ranges: DeviceVec::new(gpu, "tiles"),
         })
     }
@@ -101,13 +110,56 @@ impl BinPass {
         self.levels.total().unwrap_or(&self.num_splats)
     }
 
-    /// Output: Gaussian indices, tile by tile and front to back.
+    /// Output: Gaussian indices front to back, and the first slot of each.
+    pub(crate) fn slots(&self) -> [&DeviceVec<u32>; 2] {
+        [self.by_depth.values(), &self.first_pair]
+    }
+
+    /// Output: Gaussian indices, or slots, tile by tile and front to back.
     pub(crate) fn pairs(&self) -> &DeviceVec<u32> {
         self.pairs.values()
     }
 
     /// Adds the pass; [`Self::prepare`] went before.
     pub(crate) fn encode(
+        &mut self,
+        gpu: &Gpu,
+        pass: &mut wgpu::ComputePass<'_>,
+        view_buffer: &wgpu::Buffer,
+        view: &View,
+        splats: &DeviceVec<SplatRow>,
+    ) {
+        self.emit(gpu, pass, view_buffer, view, splats);
+        self.sort_by_tile(gpu, pass, view_buffer, view);
+    }
+
+    /// As [`Self::encode`], with a slot for every pair: those of a Gaussian lie together, in the order of its tiles.
+    pub(crate) fn encode_with_slots(
+        &mut self,
+        gpu: &Gpu,
+        pass: &mut wgpu::ComputePass<'_>,
+        view_buffer: &wgpu::Buffer,
+        view: &View,
+        splats: &DeviceVec<SplatRow>,
+    ) -> Result<()> {
+        self.slot_owners.resize(gpu, self.capacity)?;
+        self.pair_owners.resize(gpu, self.capacity)?;
+        let per_pair = (self.capacity as u32).div_ceil(GROUP);
+        self.emit(gpu, pass, view_buffer, view, splats);
+        let common = [(0, view_buffer.as_entire_binding()), (5, self.num_wanted().binding())];
+        let owners = (9, self.slot_owners.binding());
+        let emitted = [(7, self.pairs.values().binding()), owners.clone()];
+        self.number_pairs.dispatch(gpu, pass, &[&common[..], &emitted].concat(), per_pair);
+        self.sort_by_tile(gpu, pass, view_buffer, view);
+        let common = [(0, view_buffer.as_entire_binding()), (5, self.num_wanted().binding())];
+        let owners = (9, self.slot_owners.binding());
+        let sorted = [(7, self.pairs.values().binding()), owners, (10, self.pair_owners.binding())];
+        self.resolve_pairs.dispatch(gpu, pass, &[&common[..], &sorted].concat(), per_pair);
+        Ok(())
+    }
+
+    /// Adds the pairs of all splats, front to back.
+    fn emit(
         &mut self,
         gpu: &Gpu,
         pass: &mut wgpu::ComputePass<'_>,
@@ -133,10 +185,20 @@ impl BinPass {
         let num_wanted = self.levels.total().unwrap_or(&self.num_splats);
         let bind_wanted = (5, num_wanted.binding());
         let pairs = [(6, self.pairs.keys().binding()), (7, self.pairs.values().binding())];
-        let bindings =
-            [&[bind_view.clone(), bind_splats, bind_order, bind_first, bind_wanted.clone()], &pairs[..]]
-                .concat();
+        let bindings = [&[bind_view, bind_splats, bind_order, bind_first, bind_wanted], &pairs[..]].concat();
         self.emit_pairs.dispatch(gpu, pass, &bindings, per_splat);
+    }
+
+    fn sort_by_tile(
+        &mut self,
+        gpu: &Gpu,
+        pass: &mut wgpu::ComputePass<'_>,
+        view_buffer: &wgpu::Buffer,
+        view: &View,
+    ) {
+        let bind_view = (0, view_buffer.as_entire_binding());
+        let num_wanted = self.levels.total().unwrap_or(&self.num_splats);
+        let bind_wanted = (5, num_wanted.binding());
         // One tile more than there are: see the end of emit_pairs.
         let tile_bits = u32::BITS - (view.tiles[0] * view.tiles[1]).leading_zeros();
         self.sort.encode(gpu, pass, &self.scan, &mut self.pairs, num_wanted, tile_bits);

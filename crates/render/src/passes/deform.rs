@@ -15,8 +15,9 @@ use surgtpgs_core::{Result, deform::Deformation};
 pub(crate) struct DeformPass {
     /// By latent dimension.
     kernels: BTreeMap<usize, Kernel>,
-    tables: DeviceVec<f32>,
-    live: Range<usize>,
+    /// Basis values [B], then the feature network: its weight [D][D + 1], its bias [D].
+    pub tables: DeviceVec<f32>,
+    pub live: Range<usize>,
     /// Output, [N].
     pub rows: DeviceVec<DeformedRow>,
     /// Output, [N][D].
@@ -46,17 +47,23 @@ impl DeformPass {
         if let std::collections::btree_map::Entry::Vacant(entry) = self.kernels.entry(latent_dim) {
             entry.insert(Kernel::new(gpu, "deform.wgsl", "deform", latent_dim)?);
         }
-        let (mut tables, live) = if deformation.is_shared() {
+        let network = [&*deformation.feature_weight, &deformation.feature_bias].concat();
+        self.tables.resize(gpu, deformation.num_bases + network.len())?;
+        self.tables.write_at(gpu, deformation.num_bases, &network);
+        self.set_time(gpu, deformation, time);
+        self.rows.resize(gpu, n)?;
+        self.features.resize(gpu, n * latent_dim)
+    }
+
+    /// Uploads the basis values at `time`; [`Self::prepare`] went before.
+    pub(crate) fn set_time(&mut self, gpu: &Gpu, deformation: &Deformation, time: f32) {
+        let (values, live) = if deformation.is_shared() {
             deformation.basis_values(time)
         } else {
             (vec![0.0; deformation.num_bases], 0..deformation.num_bases)
         };
-        tables.extend_from_slice(&deformation.feature_weight);
-        tables.extend_from_slice(&deformation.feature_bias);
         self.live = live;
-        self.tables.write(gpu, &tables)?;
-        self.rows.resize(gpu, n)?;
-        self.features.resize(gpu, n * latent_dim)
+        self.tables.write_at(gpu, 0, &values);
     }
 
     /// Adds the pass; [`Self::prepare`] went before with the same arguments.

@@ -25,5 +25,9 @@ mod renderer;
 mod shaders;
 /// From Gaussians to what is drawn over the picture.
 mod shown;
+/// Each pass of a training step against its twin.
+mod train;
+/// Training as a whole on both backends.
+mod training;
 /// Each pass against its twin.
 mod twins;

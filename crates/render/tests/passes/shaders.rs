@@ -7,8 +7,9 @@ use naga::{
 use std::{collections::BTreeSet, path::Path};
 use surgtpgs_render::{
     layout::{
-        Compose, Deform, DeformedRow, Dense, Digit, LookUp, OpenPixel, Overlay, Picked, PromptRow, RestRow,
-        Scoring, ShaderStruct, SplatRow, Summarise, View,
+        Chain, Compose, Deform, DeformedRow, Dense, Digit, Gather, LookUp, Loss, Network, OpenPixel, Overlay,
+        Picked, PromptRow, Region, RegionBlock, Regions, RestRow, Scoring, Settle, Settled, ShaderStruct,
+        SplatGradientRow, SplatRow, Summarise, Update, View,
     },
     shader_source::{FILES, assemble},
 };
@@ -93,7 +94,8 @@ fn structs_have_the_same_layout_in_rust_and_in_wgsl() {
     check_struct::<RestRow>("shared/gaussian.wgsl");
     check_struct::<DeformedRow>("shared/gaussian.wgsl");
     check_struct::<SplatRow>("shared/gaussian.wgsl");
-    check_struct::<Deform>("deform.wgsl");
+    check_struct::<SplatGradientRow>("shared/gaussian.wgsl");
+    check_struct::<Deform>("shared/deform.wgsl");
     check_struct::<Digit>("sort.wgsl");
     check_struct::<Dense>("dense.wgsl");
     check_struct::<Scoring>("relevancy.wgsl");
@@ -105,6 +107,16 @@ fn structs_have_the_same_layout_in_rust_and_in_wgsl() {
     check_struct::<OpenPixel>("lattice.wgsl");
     check_struct::<Summarise>("summary.wgsl");
     check_struct::<Picked>("pick.wgsl");
+    check_struct::<Loss>("loss.wgsl");
+    check_struct::<Regions>("regions.wgsl");
+    check_struct::<RegionBlock>("regions.wgsl");
+    check_struct::<Region>("regions.wgsl");
+    check_struct::<Gather>("gather.wgsl");
+    check_struct::<Chain>("chain.wgsl");
+    check_struct::<Network>("network.wgsl");
+    check_struct::<Settle>("settle.wgsl");
+    check_struct::<Settled>("settle.wgsl");
+    check_struct::<Update>("update.wgsl");
 }
 
 #[test]

@@ -73,11 +73,16 @@ fn wanted_rows(args: &BenchTrainArgs) -> Result<Vec<Row>> {
 fn measure(material: &Material, row: &Row, args: &BenchTrainArgs) -> Result<Outcome> {
     let mut view = ProgressView::default();
     let mut pass_ms = Vec::new();
-    let trained =
-        jobs::train_watched(material, row.settings.clone(), &mut |p| view.show(p), &mut |trainer| {
+    let trained = jobs::train_watched(
+        material,
+        row.settings.clone(),
+        Backend::Cpu,
+        &mut |p| view.show(p),
+        &mut |trainer| {
             let per_step = 1e3 / trainer.steps_done().max(1) as f64;
             pass_ms = Pass::ALL.iter().map(|p| trainer.clock().seconds(*p) * per_step).collect();
-        })?;
+        },
+    )?;
     drop(view);
     if trained.steps < row.settings.iterations {
         return Err(Error::Cancelled);

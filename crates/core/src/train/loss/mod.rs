@@ -105,9 +105,9 @@ impl<T: Real> LossTerms<T> {
 }
 
 /// Accumulated opacity below which a pixel has no depth worth comparing.
-const MIN_DEPTH_ALPHA: f64 = 0.5;
+pub const MIN_DEPTH_ALPHA: f64 = 0.5;
 /// Rendered depth (scene units) below which there is none: its inverse squared must stay in f32.
-const MIN_DEPTH: f64 = 1e-6;
+pub const MIN_DEPTH: f64 = 1e-6;
 
 /// The loss of `planes` (as [`crate::raster::Images`]) and ∂L/∂planes. A frame without supervised pixels has loss 0.
 pub fn loss<T: Real>(planes: &[T], truth: &Truth<'_>, weights: &LossWeights) -> (LossTerms<T>, Vec<T>) {
@@ -130,20 +130,16 @@ pub fn loss_into<T: Real>(
         g.fill(T::zero());
         return terms;
     }
-    let per_pixel = T::one() / T::of(supervised as f64);
+    let latent_dim = (planes.len() / n).saturating_sub(FEATURE_PLANE);
+    let scales = TermScales::new(weights, supervised, n, latent_dim);
     let (g_colour, g_rest) = g.split_at_mut(DEPTH_PLANE * n);
     let (g_depth, g_features) = g_rest.split_at_mut((FEATURE_PLANE - DEPTH_PLANE) * n);
     let everywhere = if weights.unmasked_variation { vec![true; n] } else { Vec::new() };
     let variation_mask = if weights.unmasked_variation { &everywhere } else { truth.mask };
-    let per_neighbour = if weights.unmasked_variation { T::one() / T::of(n as f64) } else { per_pixel };
-    let scales = Scales {
-        difference: per_pixel * T::of(1.0 / 3.0),
-        variation: T::from_f32(weights.total_variation) * per_neighbour * T::of(1.0 / 3.0),
-    };
     for (channel, g) in g_colour.chunks_exact_mut(n).enumerate() {
         let plane = Plane::new(&planes[channel * n..(channel + 1) * n], variation_mask, truth.width);
         let bytes = &truth.colour[channel * n..(channel + 1) * n];
-        let (difference, variation) = plane_terms(&plane, scales, g, |y, out| {
+        let (difference, variation) = plane_terms(&plane, scales.colour, g, |y, out| {
             let (level, span) = (fearless_simd::Level::new(), plane.span(y));
             let row = (&plane.values[span.clone()], &truth.mask[span.clone()]);
             dispatch!(level, simd => byte_difference(simd, row, &bytes[span], out));
@@ -151,9 +147,9 @@ pub fn loss_into<T: Real>(
         terms.colour += difference;
         terms.total_variation += variation;
     }
-    depth_terms(planes, g_depth, truth, weights, per_pixel, &mut terms);
+    depth_terms(planes, g_depth, truth, weights, scales.depth, &mut terms);
     if !truth.regions.is_empty() && !g_features.is_empty() {
-        feature_terms(planes, g_features, truth, variation_mask, weights, &mut terms);
+        feature_terms(planes, g_features, truth, variation_mask, weights, &scales, &mut terms);
     } else {
         g_features.fill(T::zero());
     }
@@ -161,10 +157,48 @@ pub fn loss_into<T: Real>(
 }
 
 /// Weights per pixel of the two terms that every plane has.
-#[derive(Clone, Copy)]
-struct Scales<T> {
-    difference: T,
-    variation: T,
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scales<T> {
+    /// Of |here − wanted|.
+    pub difference: T,
+    /// Of |here − neighbour|.
+    pub variation: T,
+}
+
+/// What everything summed over a frame is multiplied by.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TermScales<T> {
+    /// Of each plane of colour.
+    pub colour: Scales<T>,
+    /// Of inverse depth.
+    pub depth: Scales<T>,
+    /// Of each plane of features.
+    pub features: Scales<T>,
+    /// Of a region's mean deviation in one plane.
+    pub smoothness: T,
+}
+
+impl<T: Real> TermScales<T> {
+    /// For a frame of so many pixels, some of them `supervised`, > 0.
+    pub fn new(weights: &LossWeights, supervised: usize, pixels: usize, latent_dim: usize) -> Self {
+        let over = |count: usize| T::one() / T::of(count.max(1) as f64);
+        let per_neighbour = over(if weights.unmasked_variation { pixels } else { supervised });
+        let (variation, third) = (T::from_f32(weights.total_variation), T::of(1.0 / 3.0));
+        let features = T::from_f32(weights.features);
+        let per_number = features * over(pixels * latent_dim);
+        Self {
+            colour: Scales {
+                difference: over(supervised) * third,
+                variation: variation * per_neighbour * third,
+            },
+            depth: Scales {
+                difference: T::from_f32(weights.depth) * over(supervised),
+                variation: variation * over(supervised),
+            },
+            features: Scales { difference: per_number, variation: variation * per_number },
+            smoothness: features * T::from_f32(weights.region_smoothness) * over(latent_dim),
+        }
+    }
 }
 
 /// A plane and where it counts.
@@ -323,7 +357,7 @@ fn depth_terms<T: Real>(
     g: &mut [T],
     truth: &Truth<'_>,
     weights: &LossWeights,
-    per_pixel: T,
+    scales: Scales<T>,
     terms: &mut LossTerms<T>,
 ) {
     if truth.depth.is_empty() || weights.depth == 0.0 {
@@ -346,10 +380,6 @@ fn depth_terms<T: Real>(
             }
         },
     );
-    let scales = Scales {
-        difference: T::from_f32(weights.depth) * per_pixel,
-        variation: T::from_f32(weights.total_variation) * per_pixel,
-    };
     let plane = Plane::new(&inverse, &rendered, truth.width);
     let (g_depth, g_alpha) = g.split_at_mut(n);
     // The gradient of the inverse, until it is taken apart.
@@ -381,21 +411,17 @@ fn feature_terms<T: Real>(
     truth: &Truth<'_>,
     variation_mask: &[bool],
     weights: &LossWeights,
+    scales: &TermScales<T>,
     terms: &mut LossTerms<T>,
 ) {
     let n = truth.width * truth.height;
     let latent_dim = g.len() / n;
-    let all = T::of((n * latent_dim) as f64);
-    let weight = T::from_f32(weights.features);
     let rows = truth.latents.len() / latent_dim.max(1);
     let regions = Regions::new(truth, rows, weights.min_region_px);
-    let scales =
-        Scales { difference: weight / all, variation: weight * T::from_f32(weights.total_variation) / all };
-    let smoothness = weight * T::from_f32(weights.region_smoothness) / T::of(latent_dim as f64);
     for (d, g) in g.chunks_exact_mut(n).enumerate() {
         let plane = Plane::new(&planes[(FEATURE_PLANE + d) * n..][..n], variation_mask, truth.width);
         let wanted: Vec<T> = (0..rows).map(|r| T::from_f32(truth.latents[r * latent_dim + d])).collect();
-        let (difference, variation) = plane_terms(&plane, scales, g, |y, out| {
+        let (difference, variation) = plane_terms(&plane, scales.features, g, |y, out| {
             let (values, mask) = (plane.row(y).0, &truth.mask[plane.span(y)]);
             for (((out, value), mask), id) in
                 out.iter_mut().zip(values).zip(mask).zip(&truth.regions[plane.span(y)])
@@ -409,7 +435,7 @@ fn feature_terms<T: Real>(
         terms.total_variation += variation;
     }
     let values = &planes[FEATURE_PLANE * n..];
-    terms.region += regions.smoothness(values, g, n, smoothness, weights.pooled_regions);
+    terms.region += regions.smoothness(values, g, n, scales.smoothness, weights.pooled_regions);
 }
 
 #[cfg(test)]

@@ -7,7 +7,10 @@ use surgtpgs_core::{
     deform::{Deformation, Deformed},
     gaussian::Gaussians,
     overlay::OverlayStyle,
-    raster::{FRUSTUM_GUARD, TILE, project::Splat},
+    raster::{
+        FRUSTUM_GUARD, TILE,
+        project::{Sampling, Splat},
+    },
 };
 
 /// A struct that exists in Rust and in WGSL under the same name.
@@ -36,6 +39,12 @@ macro_rules! shader_struct {
     };
 }
 
+mod train;
+
+pub use train::{
+    Chain, Gather, Loss, Network, Region, RegionBlock, Regions, Settle, Settled, SplatGradientRow, Update,
+};
+
 shader_struct! {
     /// The camera and the sizes of the frame (`shared/view.wgsl`).
     pub struct View {
@@ -61,13 +70,19 @@ shader_struct! {
         num_gaussians: u32,
         /// How many pairs the pair buffers hold.
         pair_capacity: u32,
+        /// Every how many pixels are rendered; `size` counts those rendered.
+        sampling_step: u32,
+        /// To a multiple of 8 bytes.
+        padding: u32,
+        /// Column and row of the first.
+        sampling_first: [u32; 2],
         /// To a multiple of 16 bytes.
-        padding: [u32; 2],
+        padding_2: [u32; 2],
     }
 }
 
 shader_struct! {
-    /// One part's deformation at one time (`deform.wgsl`).
+    /// One part's deformation at one time (`shared/deform.wgsl`).
     pub struct Deform {
         /// The part is the rows `first_row..first_row + num_rows` of the scene.
         first_row: u32,
@@ -283,8 +298,8 @@ shader_struct! {
         rotation: [f32; 4],
         /// Standard deviations.
         scale: [f32; 3],
-        /// To a multiple of 16 bytes.
-        padding: f32,
+        /// Of the quaternion before it was normalised; 0 where it had no direction.
+        quaternion_length: f32,
         /// Band-0 colour coefficients.
         colour: [f32; 3],
         /// To a multiple of 16 bytes.
@@ -332,12 +347,27 @@ impl View {
             guard_low: [x.0, y.0],
             guard_high: [x.1, y.1],
             size: [camera.width, camera.height],
-            tiles: [camera.width.div_ceil(TILE as u32), camera.height.div_ceil(TILE as u32)],
+            tiles: tiles([camera.width, camera.height]),
             num_gaussians: gaussians.len() as u32,
             pair_capacity: pair_capacity as u32,
-            padding: [0; 2],
+            sampling_step: 1,
+            padding: 0,
+            sampling_first: [0; 2],
+            padding_2: [0; 2],
         }
     }
+
+    /// The same, with some of the pixels alone.
+    pub fn sampled(self, sampling: Sampling) -> Self {
+        let (width, height) = sampling.size(self.size[0] as usize, self.size[1] as usize);
+        let size = [width as u32, height as u32];
+        let sampling_first = sampling.first.map(|v| v as u32);
+        Self { size, tiles: tiles(size), sampling_step: sampling.step as u32, sampling_first, ..self }
+    }
+}
+
+fn tiles(size: [u32; 2]) -> [u32; 2] {
+    size.map(|pixels| pixels.div_ceil(TILE as u32))
 }
 
 impl Deform {
@@ -391,6 +421,19 @@ impl RestRow {
                 ..Default::default()
             })
             .collect()
+    }
+}
+
+impl RestRow {
+    /// Replaces the parameters of a scene of as many Gaussians.
+    pub fn write_into(rows: &[Self], gaussians: &mut Gaussians) {
+        for (i, row) in rows.iter().enumerate() {
+            gaussians.means[i] = row.mean;
+            gaussians.opacity_logits[i] = row.opacity_logit;
+            gaussians.rotations[i] = row.rotation;
+            gaussians.log_scales[i] = row.log_scale;
+            gaussians.colours[i] = row.colour;
+        }
     }
 }
 

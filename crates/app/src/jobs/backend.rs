@@ -1,0 +1,92 @@
+//! What trains: the CPU, or a GPU where one is faster and comes to the same.
+
+use crate::engine::{Backend, may_have_gpu};
+use surgtpgs_core::{
+    Result,
+    train::{CpuBackend, LossTerms, Trainer},
+};
+use surgtpgs_render::{AdapterChoice, Gpu, GpuBackend};
+
+/// Steps that each backend is tried for.
+const TRIED_STEPS: usize = 8;
+
+/// Relative difference between the losses of both backends after the tried steps, beyond which the GPU is not trusted:
+/// a hundred times what correct adapters were seen to differ by.
+const MAX_DIFFERENCE: f32 = 0.02;
+
+/// Gives the trainer what was chosen, and says what that is and why. [`Backend::Auto`] measures a few steps of each and takes
+/// them back, so that the training does not depend on the measurement.
+pub fn choose(trainer: &mut Trainer, backend: Backend) -> Result<String> {
+    match backend {
+        Backend::Cpu => {}
+        Backend::Gpu => trainer.set_backend(Box::new(GpuBackend::new(Gpu::open(AdapterChoice::Any)?)?))?,
+        Backend::Auto => return automatic(trainer),
+    }
+    Ok(trainer.backend_name())
+}
+
+/// Gives the trainer any GPU with its passes timed, one step at a time.
+pub fn time_passes(trainer: &mut Trainer) -> Result<()> {
+    let mut backend = GpuBackend::new(Gpu::open(AdapterChoice::Any)?)?;
+    backend.time_passes();
+    trainer.set_backend(Box::new(backend))
+}
+
+fn automatic(trainer: &mut Trainer) -> Result<String> {
+    let cpu = trainer.backend_name();
+    if !may_have_gpu() || !GpuBackend::supports(trainer.settings()) {
+        return Ok(cpu);
+    }
+    let Ok(gpu) = Gpu::open(AdapterChoice::RealGpu) else { return Ok(cpu) };
+    let tried = GpuBackend::new(gpu.clone()).and_then(|b| trainer.try_out(Box::new(b), TRIED_STEPS));
+    let on_gpu = match tried {
+        Ok(on_gpu) => on_gpu,
+        // Whatever a GPU lacks, the CPU learns the same.
+        Err(error) => return Ok(format!("{cpu}; the GPU failed: {error}")),
+    };
+    let on_cpu = trainer.try_out(Box::new(CpuBackend::default()), TRIED_STEPS)?;
+    let verdict = judge(on_gpu, on_cpu);
+    let ms = |seconds: f64| seconds * 1e3 / TRIED_STEPS as f64;
+    let times = format!("{:.1} ms a step on the GPU, {:.1} on the CPU", ms(on_gpu.0), ms(on_cpu.0));
+    if verdict == Verdict::Gpu {
+        trainer.set_backend(Box::new(GpuBackend::new(gpu)?))?;
+    }
+    let why = if verdict == Verdict::Wrong { ", whose losses differ" } else { "" };
+    Ok(format!("{}: {times}{why}", trainer.backend_name()))
+}
+
+/// What trying both out came to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Verdict {
+    Gpu,
+    Cpu,
+    /// The GPU came to another loss.
+    Wrong,
+}
+
+/// Given seconds and the last loss of each.
+fn judge(gpu: (f64, LossTerms<f32>), cpu: (f64, LossTerms<f32>)) -> Verdict {
+    let (found, expected) = (gpu.1.total(), cpu.1.total());
+    // Written so that NaN fails.
+    if !((found - expected).abs() <= MAX_DIFFERENCE * expected.abs()) {
+        Verdict::Wrong
+    } else if gpu.0 < cpu.0 {
+        Verdict::Gpu
+    } else {
+        Verdict::Cpu
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_faster_one_trains_unless_it_is_wrong() {
+        let of = |seconds, colour| (seconds, LossTerms { colour, ..LossTerms::default() });
+        assert_eq!(judge(of(1.0, 0.500), of(2.0, 0.501)), Verdict::Gpu);
+        assert_eq!(judge(of(3.0, 0.500), of(2.0, 0.501)), Verdict::Cpu);
+        assert_eq!(judge(of(1.0, 0.520), of(2.0, 0.500)), Verdict::Wrong);
+        assert_eq!(judge(of(1.0, f32::NAN), of(2.0, 0.500)), Verdict::Wrong);
+    }
+}

@@ -1,0 +1,321 @@
+//! Training steps on the GPU; twin of [`surgtpgs_core::train::CpuBackend`]. From the Gaussians at rest to their update
+//! everything stays on the device, one submission a step:
+//!
+//! ```text
+//! deform ─▶ project ─▶ bin, a slot for each pair ─▶ raster ─▶ loss, regions
+//!                                                                 │
+//! update ◀─ settle ◀─ chain, features, network ◀─ gather ◀─ backward into the slots
+//! ```
+//!
+//! The host looks at what the steps came to now and then. Pairs that found no room are noticed then: the device has
+//! changed nothing since, the buffers grow and the steps are repeated. No float atomics and fixed orders of every sum:
+//! two runs give the same bytes, whatever the room for pairs was.
+
+mod frame;
+mod passes;
+mod resident;
+
+use crate::{
+    Gpu,
+    buffers::uniform,
+    layout::View,
+    passes::{BinPass, DeformPass, Input, ProjectPass, RasterPass},
+    shader_source::status,
+    timer::Timer,
+};
+use frame::FrameStore;
+use passes::{Job, StepPasses};
+use resident::{READ_EVERY, Resident};
+use std::time::Duration;
+use surgtpgs_core::{
+    Error, Result,
+    clock::{PassClock, PassName},
+    deform::GATE_CHANNEL,
+    raster::{
+        Images,
+        project::{Splat, SplatGradient},
+    },
+    train::{Backend, Context, Gradients, LossTerms, Model, Outcome, Pass, Plan, TrainSettings},
+};
+
+/// Carries out training steps on a GPU.
+#[derive(Debug)]
+pub struct GpuBackend {
+    gpu: Gpu,
+    deform: DeformPass,
+    project: ProjectPass,
+    bin: BinPass,
+    raster: RasterPass,
+    step: Option<StepPasses>,
+    frames: FrameStore,
+    resident: Option<Resident>,
+    /// Steps submitted since the last look at the history.
+    pending: Vec<Plan>,
+    timer: Timer,
+}
+
+/// What the passes of one step wrote, in the shape of their twins.
+#[derive(Debug)]
+pub struct StepTrace {
+    /// On the grid of the rendered pixels.
+    pub splats: Vec<Splat<f32>>,
+    /// At the time of the step, [N][D].
+    pub features: Vec<f32>,
+    /// The picture.
+    pub images: Images,
+    /// Its loss.
+    pub terms: LossTerms<f32>,
+    /// ∂L/∂planes.
+    pub g_planes: Vec<f32>,
+    /// ∂L/∂splats, of the pixels as they are.
+    pub g_splats: Vec<SplatGradient<f32>>,
+    /// ∂L/∂features at the time of the step.
+    pub g_features: Vec<f32>,
+    /// ∂L/∂parameters.
+    pub gradients: Gradients,
+}
+
+impl GpuBackend {
+    /// Compiles the passes that do not depend on the scene.
+    pub fn new(gpu: Gpu) -> Result<Self> {
+        gpu.guarded(|| {
+            Ok(Self {
+                deform: DeformPass::new(&gpu),
+                project: ProjectPass::new(&gpu)?,
+                bin: BinPass::new(&gpu)?,
+                raster: RasterPass::new(&gpu),
+                step: None,
+                frames: FrameStore::default(),
+                resident: None,
+                pending: Vec::new(),
+                timer: Timer::default(),
+                gpu: gpu.clone(),
+            })
+        })
+    }
+
+    /// Whether it can train with these settings.
+    pub fn supports(settings: &TrainSettings) -> bool {
+        !settings.own_bases && !settings.gate_on_scale
+    }
+
+    /// Starts with room for `capacity` splat-tile pairs; it grows as needed, at the cost of repeated steps.
+    pub fn set_pair_capacity(&mut self, capacity: usize) -> Result<()> {
+        self.bin.set_capacity(&self.gpu, capacity)
+    }
+
+    /// Times every pass by the device's own clock from now on, waiting for each step; `false` where the adapter cannot.
+    pub fn time_passes(&mut self) -> bool {
+        self.timer.switch_on(&self.gpu)
+    }
+
+    fn add_pass_times(&self, clock: &mut PassClock<Pass>) -> Result<()> {
+        for (pass, (_, ms)) in Pass::ALL.iter().zip(self.timer.read(&self.gpu)?) {
+            clock.add(*pass, Duration::from_secs_f64(ms * 1e-3));
+        }
+        Ok(())
+    }
+
+    /// Does one step and reads back what each pass wrote.
+    pub fn trace(&mut self, model: &mut Model, plan: Plan, context: &Context<'_>) -> Result<StepTrace> {
+        let size = plan.look.sampling.size(plan.frame.size().0, plan.frame.size().1);
+        let now = self.step(model, plan, context, &mut PassClock::default())?;
+        let gpu = self.gpu.clone();
+        let later = gpu.guarded(|| self.settle(model, context))?;
+        let Some(step) = &self.step else {
+            return Err(Error::input("no step was done", "Do one first."));
+        };
+        gpu.guarded(|| {
+            let n = model.gaussians.len();
+            let (dim, stride) = (step.latent_dim, model.deformation.stride);
+            let rest = step.g_rest.read(&gpu, n)?;
+            let gate = step.g_gate.read(&gpu, n * dim)?;
+            let mut psi = vec![0.0; n * stride];
+            for (i, (row, psi)) in rest.iter().zip(psi.chunks_exact_mut(stride)).enumerate() {
+                let at_rest = [&row.mean[..], &row.rotation, &row.log_scale, &row.colour].concat();
+                psi[..GATE_CHANNEL].copy_from_slice(&at_rest);
+                psi[GATE_CHANNEL..GATE_CHANNEL + dim].copy_from_slice(&gate[i * dim..(i + 1) * dim]);
+            }
+            let rows = step.g_splats.read(&gpu, n)?;
+            Ok(StepTrace {
+                splats: self.project.splats.read(&gpu, n)?.into_iter().map(Splat::from).collect(),
+                features: self.deform.features.read(&gpu, n * dim)?,
+                images: Images {
+                    width: size.0,
+                    height: size.1,
+                    planes: self.raster.planes.read(&gpu, usize::MAX)?,
+                },
+                terms: later.terms.or(now.terms).unwrap_or_default(),
+                g_planes: step.g_planes.read(&gpu, usize::MAX)?,
+                g_splats: rows.iter().map(SplatGradient::from).collect(),
+                g_features: step.g_features_now.read(&gpu, n * dim)?,
+                gradients: Gradients {
+                    psi,
+                    opacity_logits: rest.iter().map(|r| r.opacity_logit).collect(),
+                    sh_rest: step.g_sh_rest.read(&gpu, model.gaussians.sh_rest.len())?,
+                    features: step.g_features.read(&gpu, n * dim)?,
+                    net: step.g_network.read(&gpu, dim * (dim + 1) + dim)?,
+                },
+            })
+        })
+    }
+
+    /// Uploads the model if the device does not have it.
+    fn load(&mut self, model: &Model, context: &Context<'_>) -> Result<()> {
+        let Self { gpu, deform, project, step, resident, .. } = self;
+        let latent_dim = context.learned_latents(&model.gaussians);
+        if step.as_ref().is_none_or(|s| s.latent_dim != latent_dim) {
+            *step = Some(StepPasses::new(gpu, latent_dim, context.latents)?);
+        }
+        if resident.is_none() {
+            let n = model.gaussians.len();
+            deform.prepare(gpu, &model.deformation, n, 0.0, latent_dim)?;
+            project.prepare(gpu, n)?;
+            *resident = Some(Resident::new(gpu, model, context.settings.iterations)?);
+        }
+        Ok(())
+    }
+
+    /// Submits one step.
+    fn submit(&mut self, model: &Model, plan: &Plan, context: &Context<'_>) -> Result<()> {
+        self.load(model, context)?;
+        let Self { gpu, deform, project, bin, raster, step, frames, resident, timer, .. } = self;
+        let (Some(step), Some(resident)) = (step, resident) else { return Ok(()) };
+        let Model { gaussians, deformation, .. } = model;
+        let (n, dim, time) = (gaussians.len(), step.latent_dim, plan.look.time);
+        let view = View::new(&plan.look.camera, gaussians, bin.capacity()).sampled(plan.look.sampling);
+        let view_buffer = &uniform(gpu, &view);
+        let frame = frames.get(gpu, plan, context, dim)?;
+        deform.set_time(gpu, deformation, time);
+        bin.prepare(gpu, &view)?;
+        raster.prepare(gpu, &view, dim)?;
+        resident.is_known = false;
+
+        let mut commands = gpu.device().create_command_encoder(&Default::default());
+        let encoder = &mut commands;
+        timer.start();
+        deform.encode(gpu, &mut timer.begin(encoder, "deform"), &resident.scene, deformation, time, dim);
+        let sh_rest = &resident.scene.sh_rest;
+        project.encode(gpu, &mut timer.begin(encoder, "project"), view_buffer, &deform.rows, sh_rest, n);
+        bin.encode_with_slots(gpu, &mut timer.begin(encoder, "bin"), view_buffer, &view, &project.splats)?;
+        let input = Input {
+            splats: &project.splats,
+            features: &deform.features,
+            pairs: &bin.pair_owners,
+            ranges: &bin.ranges,
+        };
+        raster.encode(gpu, &mut timer.begin(encoder, "raster"), view_buffer, &view, &input, dim);
+        let job = Job {
+            gpu,
+            view: &view,
+            view_buffer,
+            plan,
+            context,
+            deformation,
+            deform,
+            splats: &project.splats,
+            bin,
+            raster,
+            frame,
+            resident,
+        };
+        step.prepare(&job)?;
+        encoder.clear_buffer(step.slots.buffer(), 0, Some(step.slots.num_bytes()));
+        step.encode_loss(&job, &mut timer.begin(encoder, "loss"));
+        step.encode_backward(&job, &mut timer.begin(encoder, "backward"));
+        step.encode_chain(&job, &mut timer.begin(encoder, "chain"));
+        step.encode_update(&job, &mut timer.begin(encoder, "adam"));
+        timer.finish(encoder);
+        gpu.queue().submit([commands.finish()]);
+        Ok(())
+    }
+
+    /// Looks at what the submitted steps came to; repeats those that found no room.
+    fn settle(&mut self, model: &Model, context: &Context<'_>) -> Result<Outcome> {
+        let mut outcome = Outcome::default();
+        while let Some(resident) = self.resident.as_ref().filter(|_| !self.pending.is_empty()) {
+            let mut state = resident.status.read(&self.gpu, status::COUNT_REST as usize)?;
+            let done = state[status::DONE as usize] as usize;
+            if done < self.pending.len() && state[status::OVERFLOWN as usize] == 0 {
+                // What the driver reported meanwhile says more.
+                return Err(Error::input(
+                    "the GPU left out steps of the training",
+                    "Choose the CPU (`--backend cpu`)",
+                ));
+            }
+            let history = resident.history.read(&self.gpu, done)?;
+            outcome.dropped += history.iter().filter(|s| s.is_dropped != 0).count();
+            outcome.terms = history.last().map(LossTerms::from).or(outcome.terms);
+            let wanted = std::mem::take(&mut state[status::WANTED as usize]);
+            state[status::DONE as usize] = 0;
+            state[status::OVERFLOWN as usize] = 0;
+            resident.status.write_at(&self.gpu, 0, &state);
+            // Room before it is needed: a scene grows slowly.
+            self.bin.grow_if_full(&self.gpu, wanted.saturating_add(wanted / 8))?;
+            let left = self.pending.split_off(done);
+            self.pending = left.clone();
+            for plan in &left {
+                self.submit(model, plan, context)?;
+            }
+        }
+        Ok(outcome)
+    }
+}
+
+impl Backend for GpuBackend {
+    fn name(&self) -> String {
+        self.gpu.name()
+    }
+
+    /// Passes are timed only where that was asked for.
+    fn step(
+        &mut self,
+        model: &mut Model,
+        plan: Plan,
+        context: &Context<'_>,
+        clock: &mut PassClock<Pass>,
+    ) -> Result<Outcome> {
+        check(model)?;
+        let gpu = self.gpu.clone();
+        let is_first = self.resident.is_none();
+        gpu.guarded(|| {
+            self.submit(model, &plan, context)?;
+            self.pending.push(plan);
+            if self.timer.is_on() {
+                self.add_pass_times(clock)?;
+            }
+            // The first step says how much room is needed.
+            let looks = is_first || self.pending.len() >= READ_EVERY;
+            if looks { self.settle(model, context) } else { Ok(Outcome::default()) }
+        })
+    }
+
+    fn finish(&mut self, model: &mut Model, context: &Context<'_>) -> Result<Outcome> {
+        let gpu = self.gpu.clone();
+        gpu.guarded(|| {
+            let outcome = self.settle(model, context)?;
+            if let Some(resident) = self.resident.as_mut().filter(|r| !r.is_known) {
+                let tables = self.deform.tables.read(&gpu, usize::MAX)?;
+                resident.read_into(&gpu, model, &tables[model.deformation.num_bases..])?;
+                resident.is_known = true;
+            }
+            Ok(outcome)
+        })
+    }
+
+    fn forget(&mut self) {
+        self.resident = None;
+        self.pending.clear();
+    }
+}
+
+/// Refuses what only the CPU does.
+fn check(model: &Model) -> Result<()> {
+    if model.deformation.is_shared() && model.deformation.gate_channel == GATE_CHANNEL {
+        return Ok(());
+    }
+    Err(Error::input(
+        "basis functions of each Gaussian's own, and gates on the channels of scale, are trained by the CPU alone",
+        "Choose the CPU (`--backend cpu`)",
+    ))
+}

@@ -1,0 +1,123 @@
+//! Training as a whole, on the synthetic clip at a small size.
+
+use crate::fixture::gpu;
+use surgtpgs_core::{
+    codec::CodecSettings,
+    demo::{self, DemoSettings},
+    prepare::{EncoderIdentity, Prepared, prepare_from_labels},
+    scene::Scene,
+    sequence::Sequence,
+    train::{DensifySettings, TrainSettings, Trainer},
+};
+use surgtpgs_render::GpuBackend;
+use tempfile::TempDir;
+
+const STEPS: usize = 200;
+
+/// A recording with made-up embeddings of its classes.
+struct Clip {
+    _folder: TempDir,
+    prepared: Prepared,
+}
+
+impl Clip {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let recording = folder.path().join("recording");
+        let settings = DemoSettings { width: 64, height: 48, frames: 10, ..DemoSettings::default() };
+        demo::write(&settings, &recording, &mut |_, _| {}).unwrap();
+        let sequence = Sequence::open(&recording).unwrap();
+        const DIM: usize = 8;
+        let embeddings: Vec<Vec<f32>> = (0..sequence.classes().len())
+            .map(|k| (0..DIM).map(|j| ((k * 5 + j * 3) as f32).sin()).collect())
+            .collect();
+        let encoder = EncoderIdentity {
+            name: "made up".into(),
+            sha256: "00".into(),
+            dim: DIM,
+            template: "{}".into(),
+            folder: None,
+        };
+        let codec = CodecSettings { latent_dim: 3, steps: 60, seed: 0 };
+        let to = folder.path().join("prepared");
+        let prepared =
+            prepare_from_labels(sequence, encoder, &embeddings, true, &codec, &to, &mut |_, _, _| {});
+        Self { _folder: folder, prepared: prepared.unwrap() }
+    }
+
+    /// Sampled pixels, half size, densification and all, as for a large recording.
+    fn trainer(&self) -> Trainer {
+        let settings = TrainSettings {
+            iterations: STEPS,
+            min_pixels: 100,
+            densify: DensifySettings { every: 40, ..TrainSettings::default().densify },
+            ..TrainSettings::default()
+        };
+        Trainer::new(&self.prepared.sequence, Some(&self.prepared), settings).unwrap()
+    }
+}
+
+/// Trains; the scene but for the seconds it took, PSNR, last loss.
+fn train(mut trainer: Trainer, backend: Option<GpuBackend>) -> (Scene, f64, f32) {
+    if let Some(backend) = backend {
+        trainer.set_backend(Box::new(backend)).unwrap();
+    }
+    let mut dropped = 0;
+    for _ in 0..STEPS {
+        dropped = trainer.step().unwrap().dropped;
+    }
+    assert_eq!(dropped, 0);
+    let psnr = trainer.psnr_db().unwrap();
+    let mut scene = trainer.scene().unwrap();
+    scene.provenance.seconds = 0.0;
+    let loss = trainer.last_loss();
+    (scene, psnr, loss)
+}
+
+#[test]
+fn both_backends_end_alike_and_the_gpu_always_with_the_same_bytes() {
+    let Some(gpu) = gpu() else { return };
+    let clip = Clip::new();
+    let (_, on_cpu, cpu_loss) = train(clip.trainer(), None);
+    let roomy = GpuBackend::new(gpu.clone()).unwrap();
+    let (first, on_gpu, gpu_loss) = train(clip.trainer(), Some(roomy));
+    eprintln!("CPU {on_cpu:.3} dB, loss {cpu_loss:.5}; GPU {on_gpu:.3} dB, loss {gpu_loss:.5}");
+    assert!((on_cpu - on_gpu).abs() <= 0.05, "{on_cpu} dB on the CPU, {on_gpu} dB on the GPU");
+    // From far too little room on: steps are repeated, and nothing else changes.
+    let mut cramped = GpuBackend::new(gpu).unwrap();
+    cramped.set_pair_capacity(7).unwrap();
+    let (second, ..) = train(clip.trainer(), Some(cramped));
+    assert!(first.gaussians == second.gaussians && first.deformation == second.deformation);
+}
+
+#[test]
+fn a_training_goes_on_on_another_backend() {
+    let Some(gpu) = gpu() else { return };
+    let clip = Clip::new();
+    let mut trainer = clip.trainer();
+    let before = trainer.psnr_db().unwrap();
+    for k in 0..60 {
+        if k == 20 {
+            trainer.set_backend(Box::new(GpuBackend::new(gpu.clone()).unwrap())).unwrap();
+        }
+        if k == 40 {
+            trainer.set_backend(Box::new(surgtpgs_core::train::CpuBackend::default())).unwrap();
+        }
+        trainer.step().unwrap();
+    }
+    let after = trainer.psnr_db().unwrap();
+    assert!(after > before + 1.0, "{before} dB, then {after} dB");
+}
+
+#[test]
+fn trying_a_backend_out_changes_nothing() {
+    let Some(gpu) = gpu() else { return };
+    let clip = Clip::new();
+    let plain = train(clip.trainer(), None);
+    let mut tried = clip.trainer();
+    let (seconds, terms) = tried.try_out(Box::new(GpuBackend::new(gpu).unwrap()), 5).unwrap();
+    let (_, expected) = tried.try_out(Box::new(surgtpgs_core::train::CpuBackend::default()), 5).unwrap();
+    assert!(seconds > 0.0);
+    assert!((terms.total() - expected.total()).abs() < 1e-3 * expected.total(), "{terms:?} {expected:?}");
+    assert!(train(tried, None).0.gaussians == plain.0.gaussians);
+}

@@ -1,0 +1,194 @@
+// Gradients of the splats -> gradients of the parameters at rest, per Gaussian; twin: core::train::chain (geometry and
+// colour), core::raster::project (project_backward, view_colour_backward) and core::deform::move_geometry_backward.
+//
+// What is at rest and psi are added, so their gradients are the same numbers.
+
+#import constants
+#import shared/num.wgsl
+#import shared/dispatch.wgsl
+#import shared/gaussian.wgsl
+#import shared/view.wgsl
+#import shared/sh.wgsl
+#import shared/rotation.wgsl
+
+struct Chain {
+    // Colour bands above 0 that are learned already.
+    learned_bands: u32,
+    padding: u32,
+    padding_2: vec2u,
+}
+
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<uniform> params: Chain;
+@group(0) @binding(2) var<storage, read> deformed: array<DeformedRow>;
+@group(0) @binding(3) var<storage, read> splats: array<SplatRow>;
+@group(0) @binding(4) var<storage, read> g_splats: array<SplatGradientRow>;
+// [N][bands][3]
+@group(0) @binding(5) var<storage, read> sh_rest: array<f32>;
+@group(0) @binding(6) var<storage, read_write> g_rest: array<RestRow>;
+@group(0) @binding(7) var<storage, read_write> g_sh_rest: array<f32>;
+@group(0) @binding(8) var<storage, read_write> status: array<atomic<u32>>;
+
+struct Geometry {
+    mean: vec3f,
+    rotation: vec4f,
+    scale: vec3f,
+}
+
+// Conic = covariance^-1 gives dL/dcovariance = -C G C, and covariance = U U^T + DILATION gives dL/dU = 2 (dL/dcov) U.
+// Rows of U: u and v.
+struct Root {
+    u: vec3f,
+    v: vec3f,
+}
+
+fn root_backward(root: Root, g_conic: vec3f) -> Root {
+    let xx = dot(root.u, root.u) + DILATION;
+    let xy = dot(root.u, root.v);
+    let yy = dot(root.v, root.v) + DILATION;
+    let across = cross(root.u, root.v);
+    let determinant =
+        dot(across, across) + DILATION * (dot(root.u, root.u) + dot(root.v, root.v)) + DILATION * DILATION;
+    if !(determinant > 0.0) {
+        return Root(vec3f(0.0), vec3f(0.0));
+    }
+    let conic = mat2x2f(vec2f(yy, -xy) / determinant, vec2f(-xy, xx) / determinant);
+    let g = mat2x2f(vec2f(g_conic.x, 0.5 * g_conic.y), vec2f(0.5 * g_conic.y, g_conic.z));
+    let g_covariance = -2.0 * (conic * g * conic);
+    return Root(
+        g_covariance[0].x * root.u + g_covariance[1].x * root.v,
+        g_covariance[0].y * root.u + g_covariance[1].y * root.v,
+    );
+}
+
+// Gradients of one axis of the picture with respect to the point in the camera: through the centre, and through its
+// row of the Jacobian (f/z, -f slope/z), slope = x/z unless held by the guard. Along that axis, then along z.
+fn axis_backward(axis: u32, point: vec3f, slope: f32, is_inside: bool, g_centre: f32, g_row: vec2f) -> vec2f {
+    let per_depth = view.focal[axis] / point.z;
+    var out = vec2f(g_centre * per_depth, -g_centre * per_depth * point[axis] / point.z);
+    out.y += (g_row.y * slope - g_row.x) * per_depth / point.z;
+    if is_inside {
+        out += vec2f(-g_row.y * per_depth / point.z, g_row.y * per_depth * slope / point.z);
+    }
+    return out;
+}
+
+fn project_backward(geometry: DeformedRow, g: SplatGradientRow) -> Geometry {
+    let rows = view.camera_from_world;
+    let mean = vec4f(geometry.mean, 1.0);
+    let point = vec3f(dot(rows[0], mean), dot(rows[1], mean), dot(rows[2], mean));
+    let free = point.xy / point.z;
+    let slope = clamp(free, view.guard_low, view.guard_high);
+    let is_inside = (free >= view.guard_low) & (free <= view.guard_high);
+    let per_depth = view.focal / point.z;
+    let jw_x = per_depth.x * (rows[0].xyz - slope.x * rows[2].xyz);
+    let jw_y = per_depth.y * (rows[1].xyz - slope.y * rows[2].xyz);
+    let rotation = rotation_matrix(geometry.rotation);
+    let oriented_x = jw_x * rotation;
+    let oriented_y = jw_y * rotation;
+    let g_root = root_backward(Root(oriented_x * geometry.scale, oriented_y * geometry.scale), g.conic);
+    let g_oriented_x = g_root.u * geometry.scale;
+    let g_oriented_y = g_root.v * geometry.scale;
+    var out: Geometry;
+    out.scale = g_root.u * oriented_x + g_root.v * oriented_y;
+    // dL/dR = (J W)^T dL/d(J W R), by columns.
+    let g_matrix = mat3x3f(
+        jw_x * g_oriented_x.x + jw_y * g_oriented_y.x,
+        jw_x * g_oriented_x.y + jw_y * g_oriented_y.y,
+        jw_x * g_oriented_x.z + jw_y * g_oriented_y.z,
+    );
+    out.rotation = rotation_matrix_backward(geometry.rotation, g_matrix);
+    let g_jw_x = rotation * g_oriented_x;
+    let g_jw_y = rotation * g_oriented_y;
+    let row_x = vec2f(dot(rows[0].xyz, g_jw_x), dot(rows[2].xyz, g_jw_x));
+    let row_y = vec2f(dot(rows[1].xyz, g_jw_y), dot(rows[2].xyz, g_jw_y));
+    let x = axis_backward(0u, point, slope.x, is_inside.x, g.centre.x, row_x);
+    let y = axis_backward(1u, point, slope.y, is_inside.y, g.centre.y, row_y);
+    let g_point = vec3f(x.x, y.x, g.depth + x.y + y.y);
+    out.mean = rows[0].xyz * g_point.x + rows[1].xyz * g_point.y + rows[2].xyz * g_point.z;
+    return out;
+}
+
+// Gradient of the mean through the direction that it is seen from; writes those of the colour bands.
+fn bands_backward(n: u32, mean: vec3f, g: vec3f) -> vec3f {
+    let num_bands = (view.sh_degree + 1u) * (view.sh_degree + 1u) - 1u;
+    let along = mean - view.position;
+    let length = sqrt(dot(along, along));
+    var direction = vec3f(0.0, 0.0, 1.0);
+    if length > 1e-12 {
+        direction = along / length;
+    }
+    var bands = sh_bands(view.sh_degree, direction);
+    var g_bands = array<f32, MAX_SH_BANDS>();
+    for (var k = 0u; k < num_bands; k++) {
+        let at = (n * num_bands + k) * 3u;
+        g_bands[k] = dot(g, vec3f(sh_rest[at], sh_rest[at + 1u], sh_rest[at + 2u]));
+        let g_band = select(vec3f(0.0), g * bands[k], k < params.learned_bands);
+        g_sh_rest[at] = g_band.x;
+        g_sh_rest[at + 1u] = g_band.y;
+        g_sh_rest[at + 2u] = g_band.z;
+    }
+    if length <= 1e-12 {
+        return vec3f(0.0);
+    }
+    let g_direction = sh_bands_backward(view.sh_degree, direction, g_bands);
+    return (g_direction - direction * dot(direction, g_direction)) / length;
+}
+
+// Where a scale was held by its bounds it has no gradient.
+fn is_free(scale: vec3f) -> vec3<bool> {
+    return (scale < vec3f(MAX_SCALE)) & (scale > vec3f(1.0 / MAX_SCALE));
+}
+
+fn one_backward(n: u32) -> RestRow {
+    let geometry = deformed[n];
+    let splat = splats[n];
+    var g_splat = g_splats[n];
+    let is_visible = splat.extent_x > 0.0;
+    if !is_visible {
+        g_splat = SplatGradientRow();
+    }
+    var out = RestRow();
+    let g_colour = select(vec3f(0.0), g_splat.colour, splat.colour > vec3f(0.0));
+    var g_seen = vec3f(0.0);
+    if view.sh_degree > 0u {
+        g_seen = bands_backward(n, geometry.mean, g_colour);
+    }
+    if !is_visible {
+        return out;
+    }
+    let g = project_backward(geometry, g_splat);
+    out.mean = g.mean + g_seen;
+    if geometry.quaternion_length > 0.0 {
+        let along = dot(geometry.rotation, g.rotation);
+        out.rotation = (g.rotation - geometry.rotation * along) / geometry.quaternion_length;
+    }
+    out.log_scale = select(vec3f(0.0), g.scale * geometry.scale, is_free(geometry.scale));
+    out.colour = g_colour * SH_C0;
+    out.opacity_logit = g_splat.opacity * splat.opacity * (1.0 - splat.opacity);
+    return out;
+}
+
+fn are_finite(v: vec3f) -> bool {
+    return is_finite(v.x) && is_finite(v.y) && is_finite(v.z);
+}
+
+@compute @workgroup_size(GROUP)
+fn chain(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) num_groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let n = flat_group(group, num_groups) * GROUP + lane;
+    if n >= view.num_gaussians {
+        return;
+    }
+    let g = one_backward(n);
+    g_rest[n] = g;
+    let is_good = are_finite(g.mean) && are_finite(g.rotation.xyz) && is_finite(g.rotation.w)
+        && are_finite(g.log_scale) && are_finite(g.colour) && is_finite(g.opacity_logit)
+        && are_finite(g_splats[n].colour);
+    if !is_good {
+        atomicOr(&status[STATUS_BAD], 1u);
+    }
+}

@@ -1,0 +1,68 @@
+// Gradients of the features at time t -> of those at rest and of their gate, per Gaussian; twin:
+// core::deform::gate_feature_backward. f' = f + (W [f; t] + bias) * open, open = sigmoid(slope * psi_gate).
+
+#import constants
+#import shared/num.wgsl
+#import shared/dispatch.wgsl
+#import shared/deform.wgsl
+
+@group(0) @binding(0) var<uniform> params: Deform;
+@group(0) @binding(1) var<storage, read> features_at_rest: array<f32>;
+@group(0) @binding(2) var<storage, read> weights: array<f32>;
+// Basis values [B], feature weight [D][D + 1], feature bias [D].
+@group(0) @binding(3) var<storage, read> tables: array<f32>;
+@group(0) @binding(4) var<storage, read> g_out: array<f32>;
+@group(0) @binding(5) var<storage, read_write> g_features: array<f32>;
+@group(0) @binding(6) var<storage, read_write> g_gate: array<f32>;
+// dL/df' * open: what reaches the network.
+@group(0) @binding(7) var<storage, read_write> g_opened: array<f32>;
+@group(0) @binding(8) var<storage, read_write> status: array<atomic<u32>>;
+
+fn gate(row: u32, channel: u32) -> f32 {
+    var sum = 0.0;
+    for (var b = params.first_basis; b < params.last_basis; b++) {
+        sum += tables[b] * weights[(b * params.num_rows + row) * params.stride + channel];
+    }
+    return sum;
+}
+
+@compute @workgroup_size(GROUP)
+fn features_backward(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) num_groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let row = flat_group(group, num_groups) * GROUP + lane;
+    if row >= params.num_rows {
+        return;
+    }
+    let n = params.first_row + row;
+    let network = params.num_bases;
+    let bias = network + LATENT_DIM * (LATENT_DIM + 1u);
+    var sums = array<f32, max(LATENT_DIM, 1u)>();
+    var is_good = true;
+    for (var i = 0u; i < LATENT_DIM; i++) {
+        let line = network + i * (LATENT_DIM + 1u);
+        var change = tables[bias + i] + tables[line + LATENT_DIM] * params.time;
+        for (var j = 0u; j < LATENT_DIM; j++) {
+            change += tables[line + j] * features_at_rest[n * LATENT_DIM + j];
+        }
+        let g = g_out[n * LATENT_DIM + i];
+        let open = sigmoid(params.gate_slope * gate(row, params.gate_channel + i));
+        let of_gate = g * change * open * (1.0 - open) * params.gate_slope;
+        g_gate[n * LATENT_DIM + i] = of_gate;
+        g_opened[n * LATENT_DIM + i] = g * open;
+        for (var j = 0u; j < LATENT_DIM; j++) {
+            sums[j] += g * open * tables[line + j];
+        }
+        is_good = is_good && is_finite(of_gate);
+    }
+    for (var j = 0u; j < LATENT_DIM; j++) {
+        let of_feature = g_out[n * LATENT_DIM + j] + sums[j];
+        g_features[n * LATENT_DIM + j] = of_feature;
+        is_good = is_good && is_finite(of_feature);
+    }
+    if !is_good {
+        atomicOr(&status[STATUS_BAD], 1u);
+    }
+}

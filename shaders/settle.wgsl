@@ -1,0 +1,92 @@
+// What a step came to: the loss terms, whether all gradients were finite and all pairs had room; twin: the decisions of
+// core::train::CpuBackend::step. One workgroup. Everything stays on the device; the host reads the history now and then.
+//
+// A step whose pairs had no room changes nothing, nor do those after it, until the host has made room and repeats them.
+
+#import constants
+#import shared/num.wgsl
+#import shared/sum.wgsl
+
+struct Settle {
+    num_sums: u32,
+    num_regions: u32,
+    smoothness: f32,
+    // Pairs that there is room for.
+    capacity: u32,
+    // Live bases.
+    first_basis: u32,
+    last_basis: u32,
+    // 1 where the network and the features learn.
+    updates_network: u32,
+    // 1 where parameters are updated at all.
+    updates: u32,
+}
+
+struct Settled {
+    colour: f32,
+    depth: f32,
+    variation: f32,
+    features: f32,
+    region: f32,
+    // 1 where the step was dropped because something was not finite.
+    is_dropped: u32,
+    padding: vec2u,
+}
+
+@group(0) @binding(0) var<uniform> params: Settle;
+@group(0) @binding(1) var<storage, read> partial_sums: array<vec4f>;
+// [regions][QUADS][2]
+@group(0) @binding(2) var<storage, read> spreads: array<vec4f>;
+@group(0) @binding(3) var<storage, read> num_wanted: array<u32>;
+@group(0) @binding(4) var<storage, read_write> status: array<u32>;
+@group(0) @binding(5) var<storage, read_write> history: array<Settled>;
+
+const QUADS: u32 = max((LATENT_DIM + 3u) / 4u, 1u);
+
+fn decide(sums: vec4f, region: f32) {
+    let is_bad = status[STATUS_BAD] != 0u;
+    status[STATUS_BAD] = 0u;
+    status[STATUS_OK] = 0u;
+    status[STATUS_WANTED] = max(status[STATUS_WANTED], num_wanted[0]);
+    if num_wanted[0] > params.capacity {
+        status[STATUS_OVERFLOWN] = 1u;
+    }
+    if status[STATUS_OVERFLOWN] != 0u {
+        return;
+    }
+    let total = sums.x + sums.y + sums.z + sums.w + region;
+    let is_dropped = is_bad || !is_finite(total);
+    let at = status[STATUS_DONE];
+    history[at] = Settled(sums.x, sums.y, sums.z, sums.w, region, select(0u, 1u, is_dropped), vec2u(0u));
+    status[STATUS_DONE] = at + 1u;
+    if is_dropped {
+        return;
+    }
+    status[STATUS_OK] = 1u;
+    if params.updates == 1u {
+        status[COUNT_REST] += 1u;
+        status[COUNT_SH_REST] += 1u;
+        status[COUNT_FEATURES] += 1u;
+        status[COUNT_NETWORK] += params.updates_network;
+        for (var b = params.first_basis; b < params.last_basis; b++) {
+            status[COUNT_BASES + b] += 1u;
+        }
+    }
+}
+
+@compute @workgroup_size(GROUP)
+fn settle(@builtin(local_invocation_index) lane: u32) {
+    var sum = vec4f(0.0);
+    for (var i = lane; i < params.num_sums; i += GROUP) {
+        sum += partial_sums[i];
+    }
+    let total = workgroup_sum(sum, lane);
+    var spread = vec4f(0.0);
+    for (var i = lane; i < params.num_regions * QUADS; i += GROUP) {
+        spread += spreads[2u * i];
+    }
+    let region = dot(workgroup_sum(spread, lane), vec4f(params.smoothness));
+    if lane == 0u {
+        decide(total, region);
+    }
+}

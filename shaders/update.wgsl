@@ -1,0 +1,112 @@
+// Adam for every group of parameters, and the statistics; twin: core::train::{Adam, Optimiser, Statistics}.
+// Nothing happens after a step that was not good.
+
+#import constants
+#import shared/dispatch.wgsl
+#import shared/gaussian.wgsl
+
+struct Update {
+    // Numbers to update.
+    len: u32,
+    // Where they are among the parameters.
+    first: u32,
+    // Number k has learning rate rate * rates[k % width].
+    width: u32,
+    // Where the group's updates are counted in the status.
+    count: u32,
+    rate: f32,
+    // What gradients are multiplied by.
+    gain: f32,
+    // First Gaussian of a part, for the bases.
+    first_row: u32,
+    padding: u32,
+}
+
+@group(0) @binding(0) var<uniform> params: Update;
+@group(0) @binding(1) var<storage, read> status: array<u32>;
+// Of the first and second moments, by number of the update.
+@group(0) @binding(2) var<storage, read> corrections: array<vec2f>;
+@group(0) @binding(3) var<storage, read> rates: array<f32>;
+@group(0) @binding(4) var<storage, read_write> parameters: array<f32>;
+@group(0) @binding(5) var<storage, read_write> first_moments: array<f32>;
+@group(0) @binding(6) var<storage, read_write> second_moments: array<f32>;
+// As the parameters; for the bases those of what is at rest, [N][REST].
+@group(0) @binding(7) var<storage, read> gradients: array<f32>;
+// [N][LATENT_DIM]; for the bases.
+@group(0) @binding(8) var<storage, read> g_gate: array<f32>;
+@group(0) @binding(9) var<storage, read> g_splats: array<SplatGradientRow>;
+@group(0) @binding(10) var<storage, read_write> pull_sums: array<f32>;
+@group(0) @binding(11) var<storage, read_write> times_seen: array<u32>;
+
+// Numbers of a row at rest.
+const REST: u32 = 16u;
+
+// `moment` and `at`: where the number's moments and the number itself are.
+fn adam_step(at: u32, moment: u32, raw_gradient: f32, rate: f32) {
+    let count = min(status[params.count], arrayLength(&corrections));
+    let correction = corrections[max(count, 1u) - 1u];
+    let gradient = params.gain * raw_gradient;
+    let first = BETA1 * first_moments[moment] + (1.0 - BETA1) * gradient;
+    let second = BETA2 * second_moments[moment] + (1.0 - BETA2) * gradient * gradient;
+    first_moments[moment] = first;
+    second_moments[moment] = second;
+    let spread = sqrt(second * correction.y) + ADAM_EPSILON;
+    parameters[at] -= params.rate * correction.x * rate * first / spread;
+}
+
+@compute @workgroup_size(GROUP)
+fn adam(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) num_groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = flat_group(group, num_groups) * GROUP + lane;
+    if i < params.len && status[STATUS_OK] == 1u {
+        adam_step(params.first + i, i, gradients[i], rates[i % params.width]);
+    }
+}
+
+// Gradient of a channel of psi; padding has none.
+fn channel_gradient(n: u32, channel: u32) -> f32 {
+    if channel < ROTATION_CHANNEL {
+        return gradients[n * REST + channel];
+    }
+    // After the mean comes the opacity, after the scale a padding.
+    if channel < COLOUR_CHANNEL {
+        return gradients[n * REST + channel + 1u];
+    }
+    if channel < GATE_CHANNEL {
+        return gradients[n * REST + channel + 2u];
+    }
+    if LATENT_DIM > 0u && channel < GATE_CHANNEL + LATENT_DIM {
+        return g_gate[n * LATENT_DIM + channel - GATE_CHANNEL];
+    }
+    return 0.0;
+}
+
+@compute @workgroup_size(GROUP)
+fn adam_basis(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) num_groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = flat_group(group, num_groups) * GROUP + lane;
+    if i < params.len && status[STATUS_OK] == 1u {
+        let channel = i % params.width;
+        let gradient = channel_gradient(params.first_row + i / params.width, channel);
+        adam_step(params.first + i, params.first + i, gradient, rates[channel]);
+    }
+}
+
+@compute @workgroup_size(GROUP)
+fn add_statistics(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) num_groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let n = flat_group(group, num_groups) * GROUP + lane;
+    if n < params.len && status[STATUS_OK] == 1u && g_splats[n].pull >= 0.0 {
+        pull_sums[n] += g_splats[n].pull;
+        times_seen[n] += 1u;
+    }
+}
