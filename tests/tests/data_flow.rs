@@ -54,7 +54,7 @@ fn the_recording_is_never_modified() {
 #[test]
 fn train_reports_its_contract_and_learns() {
     let report = &flow().trained;
-    has_keys(report, &["seconds", "steps", "steps_per_second", "gaussians", "peak_rss_bytes", "psnr_db"]);
+    has_keys(report, &["backend", "seconds", "steps", "steps_per_second", "gaussians", "peak_rss_bytes", "psnr_db"]);
     assert_eq!(report["steps"], 400);
     assert_eq!(report["held_out"], true, "a folder prepared with --eval remembers it");
     assert!(report["gaussians"].as_u64().unwrap() > 50);
@@ -65,13 +65,22 @@ fn train_reports_its_contract_and_learns() {
 }
 
 #[test]
-fn training_again_writes_the_same_scene() {
-    let train = |output| {
-        flow().run(&["train", "prepared", "-o", output, "--iterations", "20", "--backend", "cpu"]).ok();
+fn training_again_writes_the_same_scene_on_the_cpu_and_on_a_gpu() {
+    let train = |backend: &str, output: &str| {
+        let steps = ["--iterations", "20", "--backend", backend, "--json"];
+        let report = flow().run(&[&["train", "prepared", "-o", output][..], &steps].concat()).ok().json();
+        assert_eq!(report["backend"].as_str().unwrap().starts_with("CPU"), backend == "cpu", "{report}");
         let report = flow().run(&["eval", output, "recording", "--json"]).ok().json();
-        (report["psnr_db"].clone(), report["iou"].clone(), report["gaussians"].clone())
+        (report["psnr_masked_db"].clone(), report["iou"].clone(), report["gaussians"].clone())
     };
-    assert_eq!(train("again-1.safetensors"), train("again-2.safetensors"));
+    let backends = ["cpu", "gpu"].map(|backend| {
+        let first = train(backend, "again-1.safetensors");
+        assert!(first.0.is_number(), "{first:?}");
+        assert_eq!(first, train(backend, "again-2.safetensors"));
+        first
+    });
+    let psnr = backends.map(|(psnr, ..)| psnr.as_f64().unwrap());
+    assert!((psnr[0] - psnr[1]).abs() < 0.05, "{psnr:?}");
 }
 
 #[test]

@@ -169,11 +169,10 @@ pub fn go_on(
     let total = trainer.settings().iterations;
     let psnr_every = (total / 6).max(250);
     let (first_step, training_started) = (trainer.steps_done(), std::time::Instant::now());
-    let (mut psnr, mut dropped) = (String::new(), 0);
+    let mut psnr = String::new();
     let mut kept_at = trainer.seconds();
     while trainer.steps_done() < total {
         let report = trainer.step()?;
-        dropped = report.dropped;
         if report.step.is_multiple_of(psnr_every) && report.step < total {
             psnr = format!(", {:.2} dB", trainer.psnr_db()?);
         }
@@ -195,7 +194,8 @@ pub fn go_on(
             break;
         }
     }
-    let seconds = trainer.seconds();
+    trainer.finish()?;
+    let (seconds, dropped) = (trainer.seconds(), trainer.dropped());
     let psnr_db = trainer.psnr_db()?;
     Ok(Trained { scene: trainer.scene()?, steps: trainer.steps_done(), seconds, psnr_db, dropped })
 }

@@ -272,6 +272,11 @@ impl Trainer {
         &self.clock
     }
 
+    /// Steps dropped so far because something was not finite, as far as is known.
+    pub fn dropped(&self) -> usize {
+        self.state.dropped
+    }
+
     /// Steps done.
     pub fn steps_done(&self) -> usize {
         self.state.step

@@ -179,13 +179,27 @@ fn interpolate<S: Simd>(simd: S, polynomials: &[[f32; 8]], found: &Found<S>) -> 
         let c = of(one);
         std::array::from_fn(|k| f32x8::splat(simd, c[k]))
     } else {
-        let rows: [&[f32; 8]; LANES] = found.leaves.map(of);
-        std::array::from_fn(|k| f32x8::from_fn(simd, |lane| rows[lane][k]))
+        transpose(simd, found.leaves.map(|leaf| f32x8::load_array_ref(simd, of(leaf))))
     };
     let [x, y, z] = found.within;
     let low = z.mul_add(c[3], c[2]).mul_add(y, z.mul_add(c[1], c[0]));
     let high = z.mul_add(c[7], c[6]).mul_add(y, z.mul_add(c[5], c[4]));
     high.mul_add(x, low)
+}
+
+/// Lane k of vector j of the result is lane j of `rows[k]`.
+#[simd]
+fn transpose<S: Simd>(simd: S, rows: [f32x8<S>; LANES]) -> [f32x8<S>; LANES] {
+    let _ = simd;
+    let mut vectors = rows;
+    // Interleaving k with k + 4 moves one bit of the row's number into the lane's; three of them move all.
+    for _ in 0..LANES.ilog2() {
+        let before = vectors;
+        for k in 0..LANES / 2 {
+            (vectors[2 * k], vectors[2 * k + 1]) = before[k].interleave(before[k + LANES / 2]);
+        }
+    }
+    vectors
 }
 
 /// 1 / (1 + e^-x), never 0; any number where x is NaN.
@@ -194,4 +208,21 @@ fn sigmoid<S: Simd>(simd: S, x: f32x8<S>) -> f32x8<S> {
     let one = f32x8::splat(simd, 1.0);
     let power = (x * -std::f32::consts::LOG2_E).max(-126.0).min(126.0);
     one / (one + exp2(simd, power))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn transposed_vectors_swap_rows_and_lanes() {
+        let level = Level::new();
+        let columns = dispatch!(level, simd => {
+            let rows = std::array::from_fn(|row| f32x8::from_fn(simd, |lane| (row * 10 + lane) as f32));
+            transpose(simd, rows).map(|v| v.to_array())
+        });
+        for (j, column) in columns.iter().enumerate() {
+            assert_eq!(*column, std::array::from_fn(|k| (k * 10 + j) as f32));
+        }
+    }
 }
