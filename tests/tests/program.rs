@@ -2,6 +2,13 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up should stop")]
 
+/// Small models of every contract.
+#[path = "../../crates/clip/tests/models/mod.rs"]
+#[allow(dead_code, reason = "shared with the tests of the encoder crate, which use all of it")]
+mod models;
+
+/// A recording without labels.
+mod any_recording;
 /// Bad input ends in one plain line and a code, never in a panic.
 mod bad_input;
 /// From a recording to masked frames, and what each verb reports.

@@ -1,8 +1,12 @@
 //! The command line: verbs in the order of the data flow.
 
 mod bench;
+mod prepare;
 
-pub use bench::{BenchArgs, BenchFrameArgs, BenchStepArgs, BenchStressArgs, BenchTrainArgs, BenchVerb};
+pub use bench::{
+    BenchArgs, BenchFrameArgs, BenchMasksArgs, BenchStepArgs, BenchStressArgs, BenchTrainArgs, BenchVerb,
+};
+pub use prepare::{LevelArg, MaskDensity, PrepareArgs};
 
 use crate::engine::{Backend, EncoderChoice, EngineOptions};
 use clap::{
@@ -93,34 +97,6 @@ pub struct CheckArgs {
     /// Report as JSON
     #[arg(long)]
     pub json: bool,
-}
-
-/// `surgtpgs prepare`
-#[derive(Debug, Args)]
-pub struct PrepareArgs {
-    /// A recording (folder or video file)
-    pub sequence: PathBuf,
-    /// Folder to write
-    #[arg(short, long, value_name = "PREP")]
-    pub output: PathBuf,
-    /// Take features from the recording's label masks: each pixel gets the embedding of its class name
-    #[arg(long, required = true)]
-    pub labels: bool,
-    /// `builtin`, or a folder with model.onnx and tokenizer.json
-    #[arg(long, value_name = "DIR|builtin", default_value = "builtin")]
-    pub text_encoder: String,
-    /// Hold every eighth frame out of everything, for evaluation
-    #[arg(long)]
-    pub eval: bool,
-    /// Latent numbers per pixel
-    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=16))]
-    pub latent_dim: u32,
-    /// Seed of the codec's weights and batches
-    #[arg(long, default_value_t = 0)]
-    pub seed: u64,
-    /// Replace an earlier prepared folder
-    #[arg(long)]
-    pub force: bool,
 }
 
 /// `surgtpgs train`

@@ -4,10 +4,11 @@
 //! and tract ends the program where a damaged file makes it panic.
 
 use crate::{
-    onnx::{GraphProto, ModelProto, ValueInfoProto, data_type},
+    model_file::{decode, external_files},
+    onnx::{GraphProto, ValueInfoProto, data_type},
     settings::{EncoderSettings, Pooling},
 };
-use prost::{Message, bytes::Bytes};
+use prost::bytes::Bytes;
 use std::{collections::BTreeSet, path::Path};
 use surgtpgs_core::{Error, Result};
 
@@ -92,29 +93,6 @@ impl Contract {
             }
             _ => Ok(()),
         }
-    }
-}
-
-fn decode(model: Bytes, path: &Path) -> Result<GraphProto> {
-    let start: Vec<String> = model.iter().take(8).map(|b| format!("{b:02x}")).collect();
-    let unreadable = |cause: &str, hint: &str| {
-        let what =
-            format!("This file is not a readable ONNX model: {cause} (first bytes {})", start.join(" "));
-        Err(Error::input_at(path, what, hint))
-    };
-    let whole = "Download or export it again, and compare its size with the original's.";
-    if model.is_empty() {
-        return unreadable("it is empty", whole);
-    }
-    if model.starts_with(b"version https://git-lfs") {
-        return unreadable("it is a Git LFS pointer", "Fetch the real file with `git lfs pull`.");
-    }
-    let Ok(model) = ModelProto::decode(model) else {
-        return unreadable("it is of another kind or was cut short", whole);
-    };
-    match model.graph {
-        Some(graph) if model.ir_version > 0 && !graph.node.is_empty() => Ok(graph),
-        _ => unreadable("it holds no graph", whole),
     }
 }
 
@@ -245,12 +223,6 @@ fn table_rows(graph: &GraphProto, ids: &str) -> Option<usize> {
         return usize::try_from(table.dims[0]).ok();
     }
     None
-}
-
-fn external_files(graph: &GraphProto) -> Vec<String> {
-    let entries = graph.initializer.iter().flat_map(|tensor| &tensor.external_data);
-    let files: BTreeSet<_> = entries.filter(|e| e.key == "location").map(|e| e.value.clone()).collect();
-    files.into_iter().collect()
 }
 
 fn elem_type(info: &ValueInfoProto) -> i32 {

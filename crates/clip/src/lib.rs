@@ -1,4 +1,5 @@
-//! Text encoders: from words to unit embeddings, through ONNX.
+//! Everything that runs through ONNX: text encoders, from words to unit embeddings; Segment Anything, from points to
+//! masks ([`SegmentAnything`]); image encoders, from what a mask shows to embeddings ([`ImageEncoder`]).
 //!
 //! A folder with `model.onnx` and `tokenizer.json` (or the small encoder inside the program) becomes a
 //! [`TextEncoder`]. On the way the model and the tokenizer are checked against each other ([`contract`]), so that a
@@ -7,13 +8,19 @@
 
 mod builtin;
 pub mod contract;
+pub mod graph;
+mod image_encoder;
+mod model_file;
 pub mod onnx;
 pub mod runtime;
+mod segment_anything;
 mod session;
 mod settings;
 mod text_encoder;
 mod tokenizer;
 
+pub use image_encoder::ImageEncoder;
 pub use runtime::{backend_name, backend_notes};
+pub use segment_anything::SegmentAnything;
 pub use settings::{DEFAULT_TEMPLATE, EncoderSettings, Pooling};
 pub use text_encoder::TextEncoder;

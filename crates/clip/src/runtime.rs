@@ -1,7 +1,10 @@
 //! What runs the models: ONNX Runtime's shared library where one is found, else tract (pure Rust, always there).
 //! There is one environment per process; which one is decided once, at the first model.
 
-use ort::environment::Environment;
+use ort::{
+    environment::Environment,
+    session::{Session, builder::GraphOptimizationLevel},
+};
 use std::{
     path::{Path, PathBuf},
     sync::OnceLock,
@@ -19,6 +22,7 @@ const LIBRARY_NAMES: &[&str] = &["libonnxruntime.so", "libonnxruntime.so.1"];
 struct Runtime {
     environment: Environment,
     name: String,
+    is_library: bool,
     notes: Vec<String>,
 }
 
@@ -38,15 +42,52 @@ pub fn backend_notes() -> &'static [String] {
     }
 }
 
-/// The environment every session is made in.
-pub(crate) fn environment() -> Result<&'static Environment> {
-    Ok(&runtime()?.environment)
+/// Whether models run on ONNX Runtime's own library: only that reads its `.ort` format.
+pub(crate) fn is_onnx_runtime() -> bool {
+    runtime().is_ok_and(|runtime| runtime.is_library)
+}
+
+/// Where a model comes from.
+pub(crate) enum Source<'a> {
+    File(&'a Path),
+    Memory(&'a [u8]),
+}
+
+/// Number of cores.
+pub(crate) fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, |n| n.get())
+}
+
+/// Loads a model to run on `threads` threads. `path` is only named in errors.
+pub(crate) fn open_session(source: Source<'_>, threads: usize, path: &Path) -> Result<Session> {
+    let environment = &runtime()?.environment;
+    let load = || -> Result<Session, ort::Error> {
+        let mut builder = Session::builder(environment)?
+            // tract leaves the graph as it is without this, three times slower.
+            .with_optimization_level(GraphOptimizationLevel::Level3)?;
+        builder = builder.with_intra_threads(threads).unwrap_or_else(|e| e.recover());
+        match source {
+            Source::File(file) => builder.commit_from_file(file),
+            Source::Memory(bytes) => builder.commit_from_memory(bytes),
+        }
+    };
+    load().map_err(|e| {
+        let what = format!("{} could not load the model ({})", backend_name(), short(e.message()));
+        let hint = "Export it with ordinary ONNX operators, or set ORT_DYLIB_PATH to a newer ONNX Runtime.";
+        Error::input_at(path, what, hint)
+    })
+}
+
+/// The first line of a backend's message, which can run over pages.
+pub(crate) fn short(message: &str) -> String {
+    let line = message.lines().next().unwrap_or_default().trim_end_matches('.');
+    line.chars().take(200).collect()
 }
 
 fn runtime() -> Result<&'static Runtime> {
     static RUNTIME: OnceLock<Result<Runtime, String>> = OnceLock::new();
     RUNTIME.get_or_init(start).as_ref().map_err(|cause| Error::Missing {
-        what: format!("Text prompts are off: no ONNX backend could be started ({cause})"),
+        what: format!("Text prompts and models are off: no ONNX backend could be started ({cause})"),
         hint: "Viewing and exports still work. Unset ORT_DYLIB_PATH to use the built-in backend".into(),
     })
 }
@@ -57,7 +98,7 @@ fn start() -> Result<Runtime, String> {
         match start_library(&path) {
             Ok(environment) => {
                 let name = format!("ONNX Runtime 1.{minor} ({})", path.display());
-                return Ok(Runtime { environment, name, notes });
+                return Ok(Runtime { environment, name, is_library: true, notes });
             }
             // Once a library is bound to the process, ort can no longer be given another backend.
             Err(Started::AfterBinding(cause)) => return Err(format!("{}: {cause}", path.display())),
@@ -70,7 +111,7 @@ fn start() -> Result<Runtime, String> {
         return Err("another ONNX backend is already in this process".into());
     }
     let environment = ort::init().with_name("surgtpgs").build().map_err(|e| e.to_string())?;
-    Ok(Runtime { environment, name: "tract (built in)".into(), notes })
+    Ok(Runtime { environment, name: "tract (built in)".into(), is_library: false, notes })
 }
 
 enum Started {

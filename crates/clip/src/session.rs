@@ -2,11 +2,11 @@
 
 use crate::{
     contract::{Contract, Role},
-    runtime,
+    runtime::{self, Source, short},
     settings::Pooling,
 };
 use ort::{
-    session::{Session, SessionInputValue, builder::GraphOptimizationLevel},
+    session::{Session, SessionInputValue},
     value::Tensor,
 };
 use std::path::Path;
@@ -14,12 +14,6 @@ use surgtpgs_core::{Error, Result};
 
 /// Prompts are short: more threads gain little and would take cores from the renderer.
 const MAX_THREADS: usize = 2;
-
-/// Where a model comes from.
-pub(crate) enum Source<'a> {
-    File(&'a Path),
-    Memory(&'a [u8]),
-}
 
 /// A session and how to call it.
 pub(crate) struct Model {
@@ -39,25 +33,8 @@ impl Model {
         context: usize,
         path: &Path,
     ) -> Result<Self> {
-        let environment = runtime::environment()?;
-        let threads = std::thread::available_parallelism().map_or(1, |n| n.get().min(MAX_THREADS));
-        let load = || -> Result<Session, ort::Error> {
-            let mut builder = Session::builder(environment)?
-                // tract leaves the graph as it is without this, three times slower.
-                .with_optimization_level(GraphOptimizationLevel::Level3)?;
-            builder = builder.with_intra_threads(threads).unwrap_or_else(|e| e.recover());
-            match source {
-                Source::File(file) => builder.commit_from_file(file),
-                Source::Memory(bytes) => builder.commit_from_memory(bytes),
-            }
-        };
-        let session = load().map_err(|e| {
-            let what =
-                format!("{} could not load the model ({})", runtime::backend_name(), short(e.message()));
-            let hint =
-                "Export it with ordinary ONNX operators, or set ORT_DYLIB_PATH to a newer ONNX Runtime.";
-            Error::input_at(path, what, hint)
-        })?;
+        let threads = runtime::cores().min(MAX_THREADS);
+        let session = runtime::open_session(source, threads, path)?;
         Ok(Self { session, contract, pad_id, context })
     }
 
@@ -141,12 +118,6 @@ fn unit(values: Vec<f32>, text: &str) -> Result<Vec<f32>> {
         return Err(Error::input(what, "The model file may be damaged; export it again."));
     }
     Ok(values.into_iter().map(|v| (f64::from(v) / norm) as f32).collect())
-}
-
-/// The first line of a backend's message, which can run over pages.
-fn short(message: &str) -> String {
-    let line = message.lines().next().unwrap_or_default().trim_end_matches('.');
-    line.chars().take(200).collect()
 }
 
 #[cfg(test)]

@@ -3,16 +3,14 @@
 use crate::{
     builtin,
     contract::Contract,
-    session::{Model, Source},
+    model_file::{hex, read, read_beside},
+    runtime::Source,
+    session::Model,
     settings::{DEFAULT_TEMPLATE, EncoderSettings, TEMPLATE_HINT, check_template},
     tokenizer::PromptTokenizer,
 };
 use sha2::{Digest, Sha256};
-use std::{
-    collections::HashMap,
-    io::ErrorKind,
-    path::{Component, Path},
-};
+use std::{collections::HashMap, io::ErrorKind, path::Path};
 use surgtpgs_core::{Error, Result, prepare::EncoderIdentity};
 
 /// Embeddings kept in memory; a session of typing stays far below it.
@@ -57,8 +55,8 @@ impl TextEncoder {
         }
         let model_path = folder.join("model.onnx");
         let files = Files {
-            model: read(&model_path)?,
-            tokenizer: read(&folder.join("tokenizer.json"))?,
+            model: read_part(&model_path)?,
+            tokenizer: read_part(&folder.join("tokenizer.json"))?,
             settings: read_settings(&folder.join("encoder.toml"))?,
             source: Source::File(&model_path),
         };
@@ -88,7 +86,7 @@ impl TextEncoder {
         let model = Model::load(files.source, contract, tokenizer.pad_id(), context, &model_path)?;
         let identity = EncoderIdentity {
             name: name.to_owned(),
-            sha256: hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect(),
+            sha256: hex(hash),
             dim: 0,
             template: settings.template.unwrap_or_else(|| DEFAULT_TEMPLATE.to_owned()),
             folder: folder.map(Path::to_owned),
@@ -181,37 +179,20 @@ fn context_length(
     }
 }
 
-fn read(path: &Path) -> Result<Vec<u8>> {
-    std::fs::read(path).map_err(|e| match e.kind() {
-        ErrorKind::NotFound => {
-            let name = path.file_name().unwrap_or_default().to_string_lossy();
-            let hint = "A text encoder is a folder with model.onnx and tokenizer.json.";
-            Error::input_at(path, format!("The text encoder has no {name}"), hint)
-        }
-        _ => Error::io("read the text encoder", path, e),
-    })
+/// A file without which there is no text encoder.
+fn read_part(path: &Path) -> Result<Vec<u8>> {
+    if !path.exists() {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let hint = "A text encoder is a folder with model.onnx and tokenizer.json.";
+        return Err(Error::input_at(path, format!("The text encoder has no {name}"), hint));
+    }
+    read(path)
 }
 
-fn read_settings(path: &Path) -> Result<Option<String>> {
+pub(crate) fn read_settings(path: &Path) -> Result<Option<String>> {
     match std::fs::read_to_string(path) {
         Ok(text) => Ok(Some(text)),
         Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
         Err(e) => Err(Error::io("read the encoder's settings", path, e)),
-    }
-}
-
-/// A weight file that the model names; only files in the same folder are opened.
-fn read_beside(file: &str, folder: Option<&Path>, model_path: &Path) -> Result<Vec<u8>> {
-    let relative = Path::new(file);
-    match folder {
-        Some(folder)
-            if relative.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir)) =>
-        {
-            read(&folder.join(relative))
-        }
-        _ => {
-            let what = format!("The model keeps its weights in \"{file}\", outside of its folder");
-            Err(Error::input_at(model_path, what, "Put the weights beside the model and export it again."))
-        }
     }
 }

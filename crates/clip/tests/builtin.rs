@@ -4,8 +4,6 @@
 
 #[path = "../examples/train_builtin/export.rs"]
 mod export;
-#[path = "../examples/train_builtin/graph.rs"]
-mod graph;
 #[path = "../examples/train_builtin/lexicon.rs"]
 mod lexicon;
 #[path = "../examples/train_builtin/model.rs"]

@@ -2,14 +2,10 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up should stop")]
 
-#[path = "../examples/train_builtin/graph.rs"]
-#[allow(dead_code, reason = "shared with the trainer, which uses all of it")]
-mod graph;
-
-use graph::Graph;
 use std::{fs, path::Path};
 use surgtpgs_clip::{
     TextEncoder,
+    graph::Graph,
     onnx::data_type::{FLOAT, INT32, INT64},
 };
 use tempfile::TempDir;

@@ -2,13 +2,10 @@
 
 #![expect(clippy::print_stderr, reason = "a test says so when it has nothing to test on")]
 
-#[path = "../examples/train_builtin/graph.rs"]
-#[allow(dead_code, reason = "shared with the trainer, which uses all of it")]
-mod graph;
-
 use std::path::PathBuf;
 use surgtpgs_clip::{
     TextEncoder,
+    graph::Graph,
     onnx::data_type::{FLOAT, INT64},
 };
 
@@ -45,7 +42,7 @@ fn minilm_gives_its_published_cosines() {
 fn clip_tokenizer_gives_clip_ids() {
     let Some(data) = data() else { return };
     for file in ["clip_tokenizer.json", "clip_tokenizer_pad77.json"] {
-        let model = graph::Graph::default()
+        let model = Graph::default()
             .input("input_ids", INT64, &[None, Some(77)])
             .output("text_embeds", FLOAT, &[None, Some(77)])
             .node_with("text_embeds", "Cast", &["input_ids"], &[("to", &[FLOAT as i64])]);

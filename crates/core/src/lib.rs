@@ -1,7 +1,7 @@
 //! Everything SurgTPGS computes, in the order the data flows:
 //!
 //! ```text
-//! folder on disk ─▶ sequence ─▶ needs ─▶ prepare (codec) ─▶ train (gaussian · deform · raster) ─▶ scene
+//! folder on disk ─▶ sequence ─▶ needs ─▶ prepare (segment · codec) ─▶ train (gaussian · deform · raster) ─▶ scene
 //!                                                                     │
 //!          text embedding ─▶ relevancy ─▶ mask ─▶ overlay ─▶ export ◀─┘ raster at time t
 //! ```
@@ -23,6 +23,7 @@ pub mod demo;
 
 pub mod codec;
 pub mod prepare;
+pub mod segment;
 
 pub mod deform;
 pub mod gaussian;

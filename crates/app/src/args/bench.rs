@@ -1,6 +1,6 @@
 //! `surgtpgs bench` and what it measures.
 
-use super::{RelevancyArgs, SceneArgs};
+use super::{MaskDensity, RelevancyArgs, SceneArgs};
 use crate::engine::Backend;
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
@@ -24,6 +24,30 @@ pub enum BenchVerb {
     Frame(BenchFrameArgs),
     /// Render what breaks renderers, and compare with f64: stress.csv
     Stress(BenchStressArgs),
+    /// Compare automatic masks with label masks, for every density: masks.csv, and pictures of them
+    Masks(BenchMasksArgs),
+}
+
+/// `surgtpgs bench masks`
+#[derive(Debug, Args)]
+pub struct BenchMasksArgs {
+    /// A recording with label masks
+    pub sequence: PathBuf,
+    /// A folder with encoder and decoder of a Segment Anything (.onnx, .ort)
+    #[arg(long, value_name = "DIR")]
+    pub masks_model: PathBuf,
+    /// Frames to measure, evenly spread
+    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..))]
+    pub frames: u32,
+    /// How many points pictures are asked at
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "coarse,medium,fine")]
+    pub density: Vec<MaskDensity>,
+    /// Folder for masks.csv and pictures
+    #[arg(short, long, value_name = "DIR")]
+    pub output: Option<PathBuf>,
+    /// Report as JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `surgtpgs bench stress`

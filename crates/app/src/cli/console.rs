@@ -9,6 +9,7 @@ use std::{
         OnceLock,
         atomic::{AtomicBool, Ordering},
     },
+    time::{Duration, Instant},
 };
 use surgtpgs_core::{Error, Result, files::write_whole};
 
@@ -31,15 +32,20 @@ pub fn say(line: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
 
-/// Shows the progress of a job on standard error: a bar on a terminal, a line per stage elsewhere.
+/// Between two lines about one stage, where there is no terminal.
+const LINE_EVERY: Duration = Duration::from_secs(60);
+
+/// Shows the progress of a job on standard error: a bar on a terminal, a line per stage and minute elsewhere.
 pub struct ProgressView {
     bar: ProgressBar,
     stage: String,
+    /// When a line about this stage was last written, where there is no terminal.
+    said: Instant,
 }
 
 impl Default for ProgressView {
     fn default() -> Self {
-        Self { bar: ProgressBar::hidden(), stage: String::new() }
+        Self { bar: ProgressBar::hidden(), stage: String::new(), said: Instant::now() }
     }
 }
 
@@ -51,6 +57,14 @@ impl ProgressView {
         }
         self.bar.set_position(progress.done as u64);
         self.bar.set_message(progress.detail.to_owned());
+        if self.bar.is_hidden() && self.said.elapsed() > LINE_EVERY {
+            self.said = Instant::now();
+            let left = self.bar.eta().as_secs().div_ceil(60);
+            let left = if left > 0 { format!(", about {left} min left") } else { String::new() };
+            let detail = if progress.detail.is_empty() { "" } else { ", " };
+            let Progress { stage, done, total, .. } = progress;
+            say(&format!("{stage}: {done} of {total}{detail}{}{left}", progress.detail));
+        }
         if interrupted() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 
@@ -71,6 +85,10 @@ impl ProgressView {
             self.bar.set_style(style);
         }
         self.bar.set_prefix(self.stage.clone());
+        // Work that was done earlier says nothing about how long the rest takes.
+        self.bar.set_position(progress.done as u64);
+        self.bar.reset_eta();
+        self.said = Instant::now();
     }
 }
 

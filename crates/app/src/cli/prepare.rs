@@ -2,19 +2,23 @@
 
 use super::{
     Exit,
-    console::{ProgressView, say},
+    console::{self, ProgressView, say},
 };
 use crate::{
     args::{PrepareArgs, encoder_choice},
-    jobs::{self, PrepareOptions},
+    jobs::{self, FeatureSource, PrepareOptions},
 };
 use std::path::Path;
 use surgtpgs_core::{Error, Result, codec::CodecSettings, prepare::Prepared, sequence::Sequence};
 
 pub(super) fn run(args: &PrepareArgs) -> Result<Exit> {
     let sequence = Sequence::open(&args.sequence)?;
-    refuse_occupied(&args.output, args.force)?;
+    let source = source(args);
+    let reuses = matches!(source, FeatureSource::Masks { .. });
+    refuse_occupied(&args.output, args.force, reuses)?;
+    console::watch_interrupts();
     let options = PrepareOptions {
+        source,
         eval: args.eval,
         encoder: encoder_choice(&args.text_encoder),
         codec: CodecSettings {
@@ -26,9 +30,12 @@ pub(super) fn run(args: &PrepareArgs) -> Result<Exit> {
     let mut view = ProgressView::default();
     let prepared = jobs::prepare(sequence, &args.output, &options, &mut |p| view.show(p))?;
     drop(view);
+    let what = match prepared.classes.len() {
+        0 => format!("{} regions", prepared.num_rows()),
+        classes => format!("{classes} classes"),
+    };
     say(&format!(
-        "prepared {} classes of {} frames with the text encoder \"{}\"{} in {}",
-        prepared.classes.len(),
+        "prepared {what} of {} frames with the text encoder \"{}\"{} in {}",
         prepared.sequence.num_frames(),
         prepared.encoder.name,
         if prepared.eval { ", test frames held out," } else { "" },
@@ -37,15 +44,34 @@ pub(super) fn run(args: &PrepareArgs) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-/// A folder with other content, the recording above all, is never written into.
-fn refuse_occupied(folder: &Path, force: bool) -> Result<()> {
+/// Where features come from; the command line allows no other combination.
+fn source(args: &PrepareArgs) -> FeatureSource {
+    match (&args.masks_model, &args.image_encoder) {
+        (Some(model), Some(image_encoder)) => FeatureSource::Masks {
+            model: model.clone(),
+            image_encoder: image_encoder.clone(),
+            settings: args.mask_density.into(),
+            level: args.mask_level.into(),
+        },
+        _ => FeatureSource::Labels,
+    }
+}
+
+/// A folder with other content, the recording above all, is never written into. One whose preparation was not finished
+/// is gone on with; an earlier one is replaced if the user says so, all but its masks where they can be used again.
+fn refuse_occupied(folder: &Path, force: bool, reuses: bool) -> Result<()> {
     let is_empty = match std::fs::read_dir(folder) {
         Ok(mut entries) => entries.next().is_none(),
         Err(_) => true,
     };
     match (is_empty, Prepared::is_prepared(folder)) {
         (true, _) => Ok(()),
+        (false, true) if force && reuses => Ok(()),
         (false, true) if force => jobs::remove_folder(folder),
+        (false, false) if Prepared::is_unfinished(folder) => {
+            say("going on with an unfinished preparation");
+            Ok(())
+        }
         (false, true) => Err(Error::input_at(
             folder,
             "the folder holds an earlier preparation",

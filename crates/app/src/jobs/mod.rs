@@ -4,20 +4,20 @@
 
 pub mod backend;
 mod export;
+mod prepare;
 
 pub use export::{ExportRequest, export, export_prompts};
+pub use prepare::{FeatureSource, PrepareOptions, prepare};
 
-use crate::engine::{Backend, EncoderChoice};
+use crate::engine::Backend;
 use std::{
     ops::ControlFlow,
     path::{Path, PathBuf},
 };
-use surgtpgs_clip::TextEncoder;
 use surgtpgs_core::{
     Error, Result,
-    codec::CodecSettings,
     demo::{self, DemoSettings},
-    prepare::{Prepared, prepare_from_labels},
+    prepare::Prepared,
     scene::Scene,
     sequence::Sequence,
     train::{TrainSettings, Trainer},
@@ -38,45 +38,6 @@ pub struct Progress<'a> {
 
 /// Called often; [`ControlFlow::Break`] asks the job to stop.
 pub type Observer<'a> = dyn FnMut(&Progress<'_>) -> ControlFlow<()> + 'a;
-
-/// How to prepare a recording.
-#[derive(Clone, Debug, Default)]
-pub struct PrepareOptions {
-    /// Hold test frames out.
-    pub eval: bool,
-    /// Text encoder that embeds the class names.
-    pub encoder: EncoderChoice,
-    /// The codec.
-    pub codec: CodecSettings,
-}
-
-/// Makes a prepared folder from a recording's label masks.
-pub fn prepare(
-    sequence: Sequence,
-    folder: &Path,
-    options: &PrepareOptions,
-    observer: &mut Observer<'_>,
-) -> Result<Prepared> {
-    if sequence.classes().is_empty() {
-        return Err(Error::input_at(
-            sequence.path(),
-            "the recording has no label masks to take features from",
-            "Run `surgtpgs check` on it to see what it holds, or train on it without features.",
-        ));
-    }
-    let mut encoder = match &options.encoder {
-        EncoderChoice::Folder(folder) => TextEncoder::open(folder)?,
-        EncoderChoice::Builtin | EncoderChoice::OfScene => TextEncoder::builtin()?,
-    };
-    let names: Vec<&str> = sequence.classes().iter().map(|c| c.name.as_str()).collect();
-    let embeddings = encoder.encode_prompts(&names)?;
-    let identity = encoder.identity().clone();
-    let mut report = |stage: &str, done, total| {
-        // Preparing is short; it is not interrupted half-way.
-        let _ = observer(&Progress { stage, done, total, detail: "" });
-    };
-    prepare_from_labels(sequence, identity, &embeddings, options.eval, &options.codec, folder, &mut report)
-}
 
 /// What there is to train on.
 pub enum Material {

@@ -1,13 +1,15 @@
 //! The trained network as an ONNX file.
 
 use crate::{
-    graph::Graph,
     model::{DIM, HIDDEN_1, HIDDEN_2},
     text::{NUM_CHARS, NUM_CODES},
     train::Trained,
 };
 use half::f16;
-use surgtpgs_clip::onnx::data_type::{FLOAT, FLOAT16, INT8, INT16, INT64};
+use surgtpgs_clip::{
+    graph::Graph,
+    onnx::data_type::{FLOAT, FLOAT16, INT8, INT16, INT64},
+};
 
 /// The file: `input_ids` and `attention_mask` [batch, letters] to `embedding` [batch, DIM]. The table is stored in
 /// 8 bits, the layers in 16, and both are widened in the graph.

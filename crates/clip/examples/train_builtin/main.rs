@@ -7,7 +7,6 @@
 //! The same lexicon and seed give the same files.
 
 mod export;
-mod graph;
 mod lexicon;
 mod model;
 mod targets;

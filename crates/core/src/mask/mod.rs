@@ -7,7 +7,7 @@ mod rle;
 
 pub use contour::{Corner, contours};
 pub use region::Region;
-pub use rle::{column_runs, compressed};
+pub use rle::{column_runs, compressed, decompressed, from_column_runs};
 
 pub(crate) use bits::{Bits, set_bits};
 

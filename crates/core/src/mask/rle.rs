@@ -41,6 +41,49 @@ pub fn compressed(runs: &[u32]) -> String {
     text
 }
 
+/// The inverse of [`compressed`]; `None` for a text that it does not make.
+pub fn decompressed(text: &str) -> Option<Vec<u32>> {
+    let mut runs: Vec<i64> = Vec::new();
+    let (mut value, mut shift) = (0_i64, 0);
+    for letter in text.bytes() {
+        let letter = i64::from(letter.checked_sub(b'0').filter(|l| *l < 64)?);
+        if shift > 30 {
+            return None;
+        }
+        value |= (letter & 31) << shift;
+        shift += 5;
+        if letter & 32 != 0 {
+            continue;
+        }
+        if letter & 16 != 0 {
+            value |= -1 << shift;
+        }
+        let before = if runs.len() > 2 { runs[runs.len() - 2] } else { 0 };
+        runs.push(value + before);
+        (value, shift) = (0, 0);
+    }
+    let runs = runs.into_iter().map(|run| u32::try_from(run).ok()).collect();
+    if shift == 0 { runs } else { None }
+}
+
+/// The inverse of [`column_runs`]; `None` where the runs are not as long as an image of that size.
+pub fn from_column_runs(width: usize, height: usize, runs: &[u32]) -> Option<Mask> {
+    let total: u64 = runs.iter().map(|run| u64::from(*run)).sum();
+    if total != (width * height) as u64 {
+        return None;
+    }
+    let mut mask = Mask::filled(width, height, false);
+    let mut at = 0;
+    for (i, &run) in runs.iter().enumerate() {
+        let next = at + run as usize;
+        if i % 2 == 1 {
+            (at..next).for_each(|k| mask.set(k / height, k % height, true));
+        }
+        at = next;
+    }
+    Some(mask)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -81,29 +124,26 @@ mod tests {
         assert_eq!(column_runs(&of(0, 3, |_, _| true)), [0]);
     }
 
-    fn read_back(text: &str) -> Vec<u32> {
-        let mut runs: Vec<i64> = Vec::new();
-        let (mut value, mut shift) = (0_i64, 0);
-        for letter in text.bytes().map(|b| i64::from(b - b'0')) {
-            value |= (letter & 31) << shift;
-            shift += 5;
-            if letter & 32 != 0 {
-                continue;
-            }
-            if letter & 16 != 0 {
-                value |= -1 << shift;
-            }
-            let before = if runs.len() > 2 { runs[runs.len() - 2] } else { 0 };
-            runs.push(value + before);
-            (value, shift) = (0, 0);
+    #[test]
+    fn texts_that_are_none_are_refused() {
+        for text in ["h", "é", "~~", "PPPPPPPPPPPPP0"] {
+            assert_eq!(decompressed(text), None, "{text}");
         }
-        runs.into_iter().map(|run| run as u32).collect()
+        assert_eq!(decompressed(""), Some(vec![]));
+        assert_eq!(from_column_runs(2, 2, &[1, 2]), None);
+        assert_eq!(from_column_runs(2, 2, &[u32::MAX, 2]), None);
     }
 
     proptest! {
         #[test]
         fn the_compressed_form_reads_back(runs in prop::collection::vec(0_u32..2_000_000, 0..40)) {
-            prop_assert_eq!(read_back(&compressed(&runs)), runs);
+            prop_assert_eq!(decompressed(&compressed(&runs)), Some(runs));
+        }
+
+        #[test]
+        fn runs_read_back(width in 0_usize..9, height in 0_usize..9, seed in any::<u64>()) {
+            let mask = of(width, height, |x, y| seed.rotate_left((7 * x + 13 * y) as u32) & 5 == 1);
+            prop_assert_eq!(from_column_runs(width, height, &column_runs(&mask)), Some(mask));
         }
     }
 }

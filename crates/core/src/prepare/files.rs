@@ -1,6 +1,6 @@
 //! Reading and writing the files of a prepared folder.
 
-use super::{EncoderIdentity, RegionMap};
+use super::{EncoderIdentity, Origin, RegionMap};
 use crate::{
     Error, Result,
     codec::{Codec, CodecSettings},
@@ -38,6 +38,8 @@ pub(super) struct Manifest {
     pub(super) width: usize,
     pub(super) height: usize,
     pub(super) encoder: EncoderIdentity,
+    #[serde(default)]
+    pub(super) origin: Origin,
     /// Row k of the feature table is class k.
     pub(super) classes: Vec<Class>,
     /// Pixels of each row over all training frames.
@@ -69,6 +71,7 @@ impl Manifest {
             width: sequence.width(),
             height: sequence.height(),
             encoder,
+            origin: Origin::Labels,
             classes: Vec::new(),
             row_pixels: Vec::new(),
             region_frames: Vec::new(),
@@ -138,7 +141,7 @@ impl Manifest {
             vec![("table".to_owned(), table.into_dyn()), ("latents".to_owned(), latents.into_dyn())];
         for (name, tensors) in [(CODEC, codec.tensors()), (FEATURES, features)] {
             let path = folder.join(name);
-            let bytes = to_safetensors(&tensors)
+            let bytes = to_safetensors(&tensors, None)
                 .map_err(|e| Error::input_at(&path, format!("the tensors cannot be written: {e}"), ""))?;
             write_whole(&path, &bytes)?;
             self.sha256.insert(name.to_owned(), checksum(&bytes));
@@ -224,8 +227,10 @@ pub(super) fn read_region_map(path: &Path) -> Result<RegionMap> {
     }
 }
 
-fn to_safetensors(
+/// Writes tensors as a safetensors file; `key` is kept with them.
+pub(super) fn to_safetensors(
     tensors: &[(String, ArrayViewD<'_, f32>)],
+    key: Option<&str>,
 ) -> Result<Vec<u8>, safetensors::SafeTensorError> {
     let bytes: Vec<Vec<u8>> =
         tensors.iter().map(|(_, t)| t.iter().flat_map(|v| v.to_le_bytes()).collect()).collect();
@@ -233,10 +238,17 @@ fn to_safetensors(
         Ok((name.as_str(), TensorView::new(Dtype::F32, t.shape().to_vec(), bytes)?))
     });
     let views: Vec<_> = views.collect::<Result<_, safetensors::SafeTensorError>>()?;
-    safetensors::serialize(views, None)
+    let metadata = key.map(|key| [("key".to_owned(), key.to_owned())].into());
+    safetensors::serialize(views, metadata)
 }
 
-fn from_safetensors(bytes: &[u8]) -> Result<BTreeMap<String, ArrayD<f32>>, String> {
+/// The key a safetensors file was written with.
+pub(super) fn key_of(bytes: &[u8]) -> Option<String> {
+    let (_, metadata) = SafeTensors::read_metadata(bytes).ok()?;
+    metadata.metadata().as_ref()?.get("key").cloned()
+}
+
+pub(super) fn from_safetensors(bytes: &[u8]) -> Result<BTreeMap<String, ArrayD<f32>>, String> {
     let file = SafeTensors::deserialize(bytes).map_err(|e| format!("the tensors cannot be read: {e}"))?;
     let tensor = |(name, view): (String, TensorView<'_>)| {
         let floats =
@@ -249,7 +261,7 @@ fn from_safetensors(bytes: &[u8]) -> Result<BTreeMap<String, ArrayD<f32>>, Strin
     file.tensors().into_iter().map(tensor).collect()
 }
 
-fn checksum(bytes: &[u8]) -> String {
+pub(super) fn checksum(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|b| format!("{b:02x}")).collect()
 }
 

@@ -2,15 +2,15 @@
 
 use super::{
     EncoderIdentity, NO_REGION, Prepared, RegionMap,
-    files::{MANIFEST, Manifest, REGIONS, absolute, region_file, write_region_map},
+    files::{Manifest, REGIONS, region_file, write_region_map},
+    finish::{clear_folder, finish},
 };
 use crate::{
     Error, Result,
-    codec::{Codec, CodecSettings},
+    codec::CodecSettings,
     num,
     sequence::{NO_LABEL, Sequence},
 };
-use ndarray::Array2;
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -61,16 +61,8 @@ pub fn prepare_from_labels(
         progress("writing features", (done * FRAMES_AT_ONCE + part.len()).min(frames.len()), frames.len());
     }
 
-    let table: Vec<f32> = present.iter().flat_map(|&k| embeddings[k].iter().copied()).collect();
-    let table = Array2::from_shape_vec((present.len(), manifest.encoder.dim), table)
-        .map_err(|e| Error::input(format!("the class embeddings cannot be tabulated: {e}"), ""))?;
-    let weights: Vec<f32> = manifest.row_pixels.iter().map(|&p| p as f32).collect();
-    let mut tell = |done, all| progress("training the codec", done, all);
-    let codec = Codec::train(table.view(), &weights, settings, &mut tell)?;
-    let latents = codec.encode(table.view());
-    manifest.write_tensors(folder, &codec, table.view(), latents.view())?;
-    manifest.write(folder)?;
-    Prepared::open(folder)
+    let rows = present.iter().flat_map(|&k| embeddings[k].iter().copied()).collect();
+    finish(manifest, rows, settings, folder, progress)
 }
 
 /// One unit row per class of the sequence, as long as the encoder says.
@@ -157,38 +149,3 @@ fn region_map(sequence: &Sequence, i: usize, rows: &[u16; 256]) -> Result<Option
     let data = labels.data.iter().zip(&keep.data).map(row).collect();
     Ok(Some(RegionMap::from_vec(labels.width, labels.height, data)))
 }
-
-/// Makes `folder`, or empties a prepared one: nothing of an earlier preparation may stay behind.
-fn clear_folder(folder: &Path, sequence: &Sequence) -> Result<()> {
-    let fail = |e| Error::io("prepare the folder", folder, e);
-    if folder.exists() && absolute(folder) == absolute(sequence.path()) {
-        return Err(Error::input_at(
-            folder,
-            "features cannot be written into the recording itself",
-            "Choose another folder.",
-        ));
-    }
-    let is_empty = |f: &Path| std::fs::read_dir(f).map(|mut entries| entries.next().is_none());
-    // A folder whose preparation was interrupted has regions but no manifest yet.
-    let ours = Prepared::is_prepared(folder) || folder.join(REGIONS).join(MARKER).is_file();
-    if folder.exists() && !ours && !is_empty(folder).map_err(fail)? {
-        return Err(Error::input_at(
-            folder,
-            "the folder is not empty and was not made by preparing a recording",
-            "Choose a new or empty folder.",
-        ));
-    }
-    let manifest = folder.join(MANIFEST);
-    if manifest.exists() {
-        std::fs::remove_file(&manifest).map_err(fail)?;
-    }
-    let regions = folder.join(REGIONS);
-    if regions.exists() {
-        std::fs::remove_dir_all(&regions).map_err(fail)?;
-    }
-    std::fs::create_dir_all(&regions).map_err(fail)?;
-    std::fs::write(regions.join(MARKER), "Region maps, written by surgtpgs prepare.\n").map_err(fail)
-}
-
-/// A file that tells our regions folder from anybody else's.
-const MARKER: &str = "README.txt";

@@ -7,15 +7,23 @@
 //! | `codec.safetensors` | `encoder.K.weight` [out, in], `encoder.K.bias` [out], `decoder.K.…` |
 //! | `features.safetensors` | `table` [rows, dim] (unit rows) and `latents` [rows, D] (unit rows), f32 |
 //! | `regions/frame_000000.png` | 16-bit row of the table per pixel, 65535 where there is no feature |
+//! | `masks/frame_000000.json` | where features come from automatic masks: these, as pycocotools reads them |
+//! | `embeddings/frame_000000.safetensors` | `embeddings` [masks, dim]: one per mask of the level in use |
 //!
+//! Masks and embeddings take minutes a frame; they stay, and are used again where nothing they depend on has changed.
 //! With `eval`, held-out frames leave no trace: no region file, no row, no share in the codec.
 
 mod files;
+mod finish;
 mod labels;
+#[cfg(test)]
+mod mask_tests;
+mod masks;
 #[cfg(test)]
 mod tests;
 
 pub use labels::prepare_from_labels;
+pub use masks::{FrameFeatures, MaskStore, Origin, prepare_from_features};
 
 use crate::{
     Error, Result,
@@ -56,6 +64,8 @@ pub struct Prepared {
     pub eval: bool,
     /// What made the embeddings.
     pub encoder: EncoderIdentity,
+    /// Where the features come from.
+    pub origin: Origin,
     /// Class names with their unit embeddings, where features come from labels: row k of the feature table is
     /// class k. Only classes that occur in training frames.
     pub classes: Vec<(Class, Vec<f32>)>,
@@ -73,6 +83,11 @@ impl Prepared {
     /// Whether `path` is a prepared folder.
     pub fn is_prepared(path: &Path) -> bool {
         path.join(MANIFEST).is_file()
+    }
+
+    /// Whether a preparation into `path` was begun and not finished.
+    pub fn is_unfinished(path: &Path) -> bool {
+        finish::is_unfinished(path)
     }
 
     /// Opens a prepared folder and the recording it points to. Fails if either is incomplete, was changed, or
@@ -98,6 +113,7 @@ impl Prepared {
             sequence,
             eval: manifest.eval,
             encoder: manifest.encoder,
+            origin: manifest.origin,
             classes,
             codec,
             latents,

@@ -2,6 +2,7 @@
 
 mod frame;
 mod half_features;
+mod masks;
 mod plot;
 mod rows;
 mod shown;
@@ -31,6 +32,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<Exit> {
         BenchVerb::Step(args) => step::run(args),
         BenchVerb::Frame(args) => frame::run(args),
         BenchVerb::Stress(args) => stress::run(args),
+        BenchVerb::Masks(args) => masks::run(args),
     }
 }
 

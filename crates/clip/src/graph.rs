@@ -1,6 +1,6 @@
-//! Small ONNX files, node by node.
+//! Small ONNX files, node by node: the built-in encoder, and models of every contract for tests.
 
-use surgtpgs_clip::onnx::{
+use crate::onnx::{
     AttributeProto, Dim, GraphProto, ModelProto, NodeProto, OperatorSetId, ShapeProto, TensorProto,
     TensorType, TypeProto, ValueInfoProto, data_type,
 };

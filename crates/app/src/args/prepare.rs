@@ -1,0 +1,110 @@
+//! The command line of `prepare`.
+
+use clap::{Args, ValueEnum};
+use std::path::PathBuf;
+use surgtpgs_core::segment::{Level, MaskSettings};
+
+/// `surgtpgs prepare`
+#[derive(Debug, Args)]
+pub struct PrepareArgs {
+    /// A recording (folder or video file)
+    pub sequence: PathBuf,
+    /// Folder to write
+    #[arg(short, long, value_name = "PREP")]
+    pub output: PathBuf,
+    /// Take features from the recording's label masks: each pixel gets the embedding of its class name
+    #[arg(long, required_unless_present = "masks_model", conflicts_with = "masks_model")]
+    pub labels: bool,
+    /// Take features from automatic masks: a folder with encoder and decoder of a Segment Anything (.onnx, .ort)
+    #[arg(long, value_name = "DIR", requires = "image_encoder")]
+    pub masks_model: Option<PathBuf>,
+    /// A folder with model.onnx that embeds what masks show: the other half of the text encoder
+    #[arg(long, value_name = "DIR", requires = "masks_model")]
+    pub image_encoder: Option<PathBuf>,
+    /// How many points pictures are asked at for masks
+    #[arg(long, value_enum, default_value_t = MaskDensity::Medium)]
+    pub mask_density: MaskDensity,
+    /// Which masks become regions
+    #[arg(long, value_enum, default_value_t = LevelArg::Default)]
+    pub mask_level: LevelArg,
+    /// `builtin`, or a folder with model.onnx and tokenizer.json
+    #[arg(long, value_name = "DIR|builtin", default_value = "builtin")]
+    pub text_encoder: String,
+    /// Hold every eighth frame out of everything, for evaluation
+    #[arg(long)]
+    pub eval: bool,
+    /// Latent numbers per pixel
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=16))]
+    pub latent_dim: u32,
+    /// Seed of the codec's weights and batches
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Replace an earlier prepared folder; its masks are used again where nothing they depend on has changed
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// How many points pictures are asked at for masks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum MaskDensity {
+    /// 8×8 points
+    Coarse,
+    /// 16×16 points
+    Medium,
+    /// 32×32 points
+    Fine,
+    /// 32×32 points on the picture and on each of four crops, as the paper's authors: many minutes a frame on a CPU
+    Paper,
+}
+
+impl From<MaskDensity> for MaskSettings {
+    fn from(density: MaskDensity) -> Self {
+        match density {
+            MaskDensity::Coarse => Self::of_grid(8),
+            MaskDensity::Medium => Self::of_grid(16),
+            MaskDensity::Fine => Self::of_grid(32),
+            MaskDensity::Paper => Self::paper(),
+        }
+    }
+}
+
+/// Which of a point's masks are used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum LevelArg {
+    /// All of them
+    Default,
+    /// Parts
+    S,
+    /// Larger parts
+    M,
+    /// Wholes
+    L,
+}
+
+impl From<LevelArg> for Level {
+    fn from(level: LevelArg) -> Self {
+        match level {
+            LevelArg::Default => Self::Default,
+            LevelArg::S => Self::Small,
+            LevelArg::M => Self::Medium,
+            LevelArg::L => Self::Large,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::args::Cli;
+    use clap::Parser;
+
+    #[test]
+    fn features_come_from_labels_or_from_masks_with_an_image_encoder() {
+        let parses = |args: &str| {
+            let line = format!("surgtpgs prepare rec -o prep {args}");
+            Cli::try_parse_from(line.split_whitespace()).is_ok()
+        };
+        assert!(parses("--labels") && parses("--masks-model sam --image-encoder clip --mask-level l"));
+        assert!(!parses("") && !parses("--masks-model sam") && !parses("--image-encoder clip"));
+        assert!(!parses("--labels --masks-model sam --image-encoder clip"));
+    }
+}

@@ -1,0 +1,231 @@
+//! `bench masks`: how well automatic masks fit label masks, and how long they take, for every density.
+
+use crate::{
+    args::{BenchMasksArgs, MaskDensity},
+    cli::{
+        Exit,
+        console::{ProgressView, print, print_json, say},
+    },
+};
+use image::{Rgb, RgbImage};
+use std::{fmt::Write, io::Cursor, path::Path, time::Instant};
+use surgtpgs_clip::SegmentAnything;
+use surgtpgs_core::{
+    Error, Result,
+    files::write_whole,
+    grid::{Grid, Mask},
+    mask,
+    segment::{FrameMasks, Level, MaskSettings, automatic_masks},
+    sequence::{Class, NO_LABEL, Sequence},
+};
+
+/// One density on one recording.
+#[derive(serde::Serialize)]
+struct Outcome {
+    density: &'static str,
+    frames: usize,
+    /// Masks of the default level per frame.
+    masks: f64,
+    /// Share of the supervised pixels that a mask of the default level covers.
+    covered: f64,
+    /// Seconds per frame: encoder, decoder, everything else.
+    encoder_s: f64,
+    decoder_s: f64,
+    rest_s: f64,
+    classes: Vec<Fit>,
+}
+
+/// How well masks fit one class, means over the frames that show it.
+#[derive(serde::Serialize)]
+struct Fit {
+    class: String,
+    /// IoU of the one mask, of any level, that fits best.
+    best_iou: f64,
+    /// IoU of all regions of the default level that show mostly this class, taken together: what perfect embeddings
+    /// could reach.
+    joint_iou: f64,
+}
+
+pub(super) fn run(args: &BenchMasksArgs) -> Result<Exit> {
+    let sequence = Sequence::open(&args.sequence)?;
+    if sequence.classes().is_empty() {
+        return Err(Error::input_at(
+            sequence.path(),
+            "the recording has no label masks to compare with",
+            "Give one that has.",
+        ));
+    }
+    let mut model = SegmentAnything::open(&args.masks_model)?;
+    say(&format!("{} on {}", model.generation(), surgtpgs_clip::backend_name()));
+    let n = sequence.num_frames();
+    let some = n.min(args.frames as usize);
+    let frames: Vec<usize> = (0..some).map(|k| (2 * k + 1) * n / (2 * some)).collect();
+    let mut outcomes = Vec::new();
+    for &density in &args.density {
+        let outcome = measure(&mut model, &sequence, &frames, density, args.output.as_deref())?;
+        say(&line(&outcome));
+        outcomes.push(outcome);
+    }
+    if let Some(folder) = &args.output {
+        write_whole(&folder.join("masks.csv"), csv(&outcomes).as_bytes())?;
+    }
+    if args.json {
+        print_json(&outcomes);
+    } else {
+        print(&csv(&outcomes));
+    }
+    Ok(Exit::Done)
+}
+
+fn measure(
+    model: &mut SegmentAnything,
+    sequence: &Sequence,
+    frames: &[usize],
+    density: MaskDensity,
+    pictures: Option<&Path>,
+) -> Result<Outcome> {
+    let settings = MaskSettings::from(density);
+    let name = density_name(density);
+    let classes = sequence.classes();
+    let mut fits = vec![(0.0, 0.0, 0_usize); classes.len()];
+    let (mut masks, mut covered, mut seconds) = (0, 0.0, 0.0);
+    let network_before = model.network_time();
+    let mut view = ProgressView::default();
+    for (done, &i) in frames.iter().enumerate() {
+        let (image, keep) = (sequence.frame(i)?, sequence.mask(i)?);
+        let started = Instant::now();
+        let mut tell = |asked: usize, all: usize| {
+            let detail = format!("point {asked} of {all}");
+            view.show(&crate::jobs::Progress { stage: name, done, total: frames.len(), detail: &detail })
+        };
+        let found = automatic_masks(model, &image, &keep, &settings, &mut tell)?;
+        seconds += started.elapsed().as_secs_f64();
+        masks += found.level(Level::Default).len();
+        let painted = found.painted(Level::Default);
+        let inside = painted.data.iter().zip(&keep.data).filter(|(m, k)| **k && m.is_some()).count();
+        covered += inside as f64 / keep.count().max(1) as f64;
+        if let Some(folder) = pictures {
+            write_picture(&folder.join(format!("{name}_{i:06}.png")), &image, &found)?;
+        }
+        let Some(labels) = sequence.labels(i)? else { continue };
+        let shown = shown_classes(&painted, &labels, &keep);
+        for (class, fit) in classes.iter().zip(&mut fits) {
+            let truth = within(&labels.map(|l| *l == class.id), &keep);
+            if truth.count() > 0 {
+                let joint = mask::iou(&shown.map(|l| *l == class.id), &truth).unwrap_or(0.0);
+                *fit = (fit.0 + best_iou(&found, &truth, &keep), fit.1 + joint, fit.2 + 1);
+            }
+        }
+    }
+    drop(view);
+    let [encoder_s, decoder_s] =
+        [0, 1].map(|k| (model.network_time()[k] - network_before[k]).as_secs_f64() / frames.len() as f64);
+    Ok(Outcome {
+        density: name,
+        frames: frames.len(),
+        masks: masks as f64 / frames.len() as f64,
+        covered: covered / frames.len() as f64,
+        encoder_s,
+        decoder_s,
+        rest_s: seconds / frames.len() as f64 - encoder_s - decoder_s,
+        classes: classes.iter().zip(fits).filter_map(fit).collect(),
+    })
+}
+
+fn fit((class, (best, joint, n)): (&Class, (f64, f64, usize))) -> Option<Fit> {
+    (n > 0).then(|| Fit { class: class.name.clone(), best_iou: best / n as f64, joint_iou: joint / n as f64 })
+}
+
+fn density_name(density: MaskDensity) -> &'static str {
+    match density {
+        MaskDensity::Coarse => "coarse",
+        MaskDensity::Medium => "medium",
+        MaskDensity::Fine => "fine",
+        MaskDensity::Paper => "paper",
+    }
+}
+
+fn within(mask: &Mask, keep: &Mask) -> Mask {
+    Grid::from_vec(mask.width, mask.height, mask.data.iter().zip(&keep.data).map(|(m, k)| *m && *k).collect())
+}
+
+fn best_iou(found: &FrameMasks, truth: &Mask, keep: &Mask) -> f64 {
+    let all = Level::ALL.iter().flat_map(|level| found.level(*level));
+    all.filter_map(|f| mask::iou(&within(&f.mask.to_mask(), keep), truth)).fold(0.0, f64::max)
+}
+
+/// For each pixel the class that its region shows most of.
+fn shown_classes(painted: &Grid<Option<u16>>, labels: &Grid<u8>, keep: &Mask) -> Grid<u8> {
+    let regions = painted.data.iter().flatten().max().map_or(0, |n| usize::from(*n) + 1);
+    let mut counts = vec![[0_u32; 256]; regions];
+    let pixels = || painted.data.iter().zip(&labels.data).zip(&keep.data);
+    for ((region, label), _) in pixels().filter(|(_, keep)| **keep) {
+        if let (Some(region), true) = (region, *label != NO_LABEL) {
+            counts[usize::from(*region)][usize::from(*label)] += 1;
+        }
+    }
+    let most = |counts: &[u32; 256]| {
+        let shown = (0..=255_u8).filter(|l| counts[usize::from(*l)] > 0);
+        shown.max_by_key(|l| counts[usize::from(*l)]).unwrap_or(NO_LABEL)
+    };
+    let classes: Vec<u8> = counts.iter().map(most).collect();
+    let data = pixels().map(|((region, _), keep)| match region {
+        Some(region) if *keep => classes[usize::from(*region)],
+        _ => NO_LABEL,
+    });
+    Grid::from_vec(painted.width, painted.height, data.collect())
+}
+
+/// The picture with every region in a colour of its own.
+fn write_picture(path: &Path, image: &RgbImage, found: &FrameMasks) -> Result<()> {
+    let painted = found.painted(Level::Default);
+    let mut picture = image.clone();
+    for ((_, _, pixel), region) in picture.enumerate_pixels_mut().zip(&painted.data) {
+        if let Some(region) = region {
+            // Steps of the golden ratio keep neighbouring numbers apart.
+            let hue = (f32::from(*region) * 0.618_034).fract() * std::f32::consts::TAU;
+            let colour = [0.0, 2.1, 4.2].map(|shift| 127.5 + 127.5 * (hue + shift).sin());
+            *pixel = Rgb([0, 1, 2].map(|c| (0.45 * f32::from(pixel[c]) + 0.55 * colour[c]) as u8));
+        }
+    }
+    let mut bytes = Cursor::new(Vec::new());
+    picture
+        .write_to(&mut bytes, image::ImageFormat::Png)
+        .map_err(|e| Error::io("write the picture", path, std::io::Error::other(e)))?;
+    write_whole(path, bytes.get_ref())
+}
+
+fn line(outcome: &Outcome) -> String {
+    format!(
+        "{}: {:.1} masks a frame cover {:.0} %, {:.1} s encoder, {:.1} s decoder, {:.2} s the rest",
+        outcome.density,
+        outcome.masks,
+        100.0 * outcome.covered,
+        outcome.encoder_s,
+        outcome.decoder_s,
+        outcome.rest_s
+    )
+}
+
+fn csv(outcomes: &[Outcome]) -> String {
+    let mut text = "density,class,best_iou,joint_iou,masks,covered,encoder_s,decoder_s,rest_s\n".to_owned();
+    for o in outcomes {
+        for fit in &o.classes {
+            // Writing into a string cannot fail.
+            let _ = writeln!(
+                text,
+                "{},{},{:.3},{:.3},{:.1},{:.3},{:.2},{:.2},{:.3}",
+                o.density,
+                fit.class,
+                fit.best_iou,
+                fit.joint_iou,
+                o.masks,
+                o.covered,
+                o.encoder_s,
+                o.decoder_s,
+                o.rest_s
+            );
+        }
+    }
+    text
+}

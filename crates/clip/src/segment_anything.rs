@@ -1,0 +1,413 @@
+//! Segment Anything: an image encoder and a decoder that answers points, in one folder.
+//!
+//! Which file is which, and which generation they are of, shows in their inputs and outputs. Understood are the decoders
+//! of `segment_anything`'s own export (SAM 1), of SAM 2 with its fine features, and of Hugging Face's exports, which
+//! call the points `input_points` and give `pred_masks`.
+
+use crate::{
+    model_file::{ModelFile, described, shape},
+    runtime::short,
+};
+use image::{RgbImage, imageops::FilterType};
+use ort::{
+    session::{Session, SessionInputValue},
+    value::{DynValue, Outlet, Tensor, TensorElementType},
+};
+use sha2::{Digest, Sha256};
+use std::{
+    path::Path,
+    time::{Duration, Instant},
+};
+use surgtpgs_core::{
+    Error, Result,
+    segment::{PointSegmenter, Prediction},
+};
+
+/// Mean and standard deviation of ImageNet's colours, 0–1; every Segment Anything uses them.
+const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
+const STD: [f32; 3] = [0.229, 0.224, 0.225];
+/// Prompts decoded at once: more is no faster on a CPU and takes more memory (about 40 MB each).
+const BATCH: usize = 8;
+const HINT: &str =
+    "A folder for masks holds the encoder and the decoder of one Segment Anything, as .onnx or .ort.";
+
+/// What goes into an input of the decoder.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Feed {
+    /// The encoder's output of this number.
+    Feature(usize),
+    Points,
+    Labels,
+    EarlierMask,
+    HasEarlierMask,
+    ImageSize,
+}
+
+/// How a decoder is called, read from its inputs and outputs.
+struct Contract {
+    /// One per input.
+    feeds: Vec<Feed>,
+    /// Points are `[1, prompts, points, 2]`, not `[prompts, points, 2]`.
+    has_outer_axis: bool,
+    /// Takes several prompts at once.
+    is_batched: bool,
+    /// SAM 1: images keep their shape and are padded, and prompts end with a padding point.
+    is_padded: bool,
+    masks: String,
+    ratings: String,
+}
+
+/// A loaded Segment Anything.
+pub struct SegmentAnything {
+    encoder: Session,
+    decoder: Session,
+    contract: Contract,
+    /// Pixels along each side of what the encoder reads.
+    side: usize,
+    sha256: String,
+    image: Option<Encoded>,
+    encoding: Duration,
+    decoding: Duration,
+}
+
+/// What the encoder made of an image.
+struct Encoded {
+    features: Vec<DynValue>,
+    size: [u32; 2],
+}
+
+impl SegmentAnything {
+    /// Opens a folder with an encoder and a decoder; their names do not matter.
+    pub fn open(folder: &Path) -> Result<Self> {
+        let files = ModelFile::list(folder, "models for masks", HINT)?;
+        let [a, b] = files.as_slice() else {
+            let what = format!("The folder holds {} model files, not an encoder and a decoder", files.len());
+            return Err(Error::input_at(folder, what, HINT));
+        };
+        let (a, b) = (ModelFile::open(a)?, ModelFile::open(b)?);
+        let (encoder, decoder) = match (encoder_side(a.session.inputs()), encoder_side(b.session.inputs())) {
+            (Some(_), None) => (a, b),
+            (None, Some(_)) => (b, a),
+            (first, _) => {
+                let which =
+                    if first.is_some() { "Both models read images" } else { "Neither model reads images" };
+                let what = format!(
+                    "{which}: the one wants {}, the other {}; an encoder takes a float image [1,3,1024,1024]",
+                    described(a.session.inputs()),
+                    described(b.session.inputs())
+                );
+                return Err(Error::input_at(folder, what, HINT));
+            }
+        };
+        let side = encoder_side(encoder.session.inputs()).unwrap_or_default();
+        let contract = Contract::read(&encoder, &decoder)?;
+        let mut hash = Sha256::new();
+        hash.update(&encoder.sha256);
+        hash.update(&decoder.sha256);
+        Ok(Self {
+            encoder: encoder.session,
+            decoder: decoder.session,
+            contract,
+            side,
+            sha256: crate::model_file::hex(hash),
+            image: None,
+            encoding: Duration::ZERO,
+            decoding: Duration::ZERO,
+        })
+    }
+
+    /// SHA-256 over both models, hexadecimal.
+    pub fn sha256(&self) -> &str {
+        &self.sha256
+    }
+
+    /// "SAM 1" or "SAM 2".
+    pub fn generation(&self) -> &'static str {
+        if self.contract.is_padded { "SAM 1" } else { "SAM 2" }
+    }
+
+    /// Time spent in the encoder and in the decoder so far.
+    pub fn network_time(&self) -> [Duration; 2] {
+        [self.encoding, self.decoding]
+    }
+
+    /// Pixels of the encoder's square per pixel of an image.
+    fn scale(&self, [width, height]: [u32; 2]) -> [f32; 2] {
+        let side = self.side as f32;
+        match self.contract.is_padded {
+            true => [side / width.max(height) as f32; 2],
+            false => [side / width as f32, side / height as f32],
+        }
+    }
+
+    /// The image as the encoder reads it, [1, 3, side, side].
+    fn tensor(&self, image: &RgbImage) -> Vec<f32> {
+        let size = [image.width(), image.height()];
+        let scale = self.scale(size);
+        let scaled = |i: usize| ((size[i] as f32 * scale[i]).round() as usize).clamp(1, self.side);
+        let (width, height) = (scaled(0), scaled(1));
+        let resized = image::imageops::resize(image, width as u32, height as u32, FilterType::Triangle);
+        let plane = self.side * self.side;
+        // Padding is 0 after normalising.
+        let mut values = vec![0.0; 3 * plane];
+        for (x, y, pixel) in resized.enumerate_pixels() {
+            let at = y as usize * self.side + x as usize;
+            for c in 0..3 {
+                values[c * plane + at] = (f32::from(pixel[c]) / 255.0 - MEAN[c]) / STD[c];
+            }
+        }
+        values
+    }
+}
+
+impl PointSegmenter for SegmentAnything {
+    fn set_image(&mut self, image: &RgbImage) -> Result<()> {
+        let started = Instant::now();
+        let values = self.tensor(image);
+        let side = self.side;
+        let run = || -> Result<Vec<DynValue>, ort::Error> {
+            let input = self.encoder.inputs()[0].name().to_owned();
+            let names: Vec<String> = self.encoder.outputs().iter().map(|o| o.name().to_owned()).collect();
+            let tensor = Tensor::from_array(([1, 3, side, side], values))?;
+            let mut outputs = self.encoder.run(vec![(input, SessionInputValue::from(tensor))])?;
+            let missing = || ort::Error::new("an output is missing");
+            names.into_iter().map(|name| outputs.remove(name).ok_or_else(missing)).collect()
+        };
+        let features = run().map_err(|e| failed("encoder", &e))?;
+        self.image = Some(Encoded { features, size: [image.width(), image.height()] });
+        self.encoding += started.elapsed();
+        Ok(())
+    }
+
+    fn predict(&mut self, prompts: &[Vec<[f32; 2]>]) -> Result<Prediction> {
+        let started = Instant::now();
+        let Some(image) = &self.image else {
+            return Err(Error::input("the mask decoder was asked before it had an image", ""));
+        };
+        let size = image.size;
+        let scale = self.scale(size);
+        let inputs = self.contract.inputs(self.decoder.inputs(), prompts, image, scale);
+        let inputs = inputs.map_err(|e| failed("decoder", &e))?;
+        let outputs = self.decoder.run(inputs).map_err(|e| failed("decoder", &e))?;
+        let values = |name: &str| -> Result<(Vec<i64>, Vec<f32>)> {
+            let output = outputs.get(name).ok_or_else(|| failed("decoder", &ort::Error::new("no output")))?;
+            let (shape, values) = output.try_extract_tensor::<f32>().map_err(|e| failed("decoder", &e))?;
+            Ok((shape.to_vec(), values.to_vec()))
+        };
+        let (shape, logits) = values(&self.contract.masks)?;
+        let (_, ratings) = values(&self.contract.ratings)?;
+        let used = [0, 1].map(|i| (size[i] as f32 * scale[i] / self.side as f32).min(1.0));
+        let prediction = prediction(&shape, logits, ratings, prompts.len(), size, used);
+        self.decoding += started.elapsed();
+        prediction
+    }
+
+    fn batch(&self) -> usize {
+        if self.contract.is_batched { BATCH } else { 1 }
+    }
+}
+
+/// Puts the decoder's answers into order. `used` is the share of the encoder's square that the image covers.
+fn prediction(
+    shape: &[i64],
+    logits: Vec<f32>,
+    ratings: Vec<f32>,
+    num_prompts: usize,
+    size: [u32; 2],
+    used: [f32; 2],
+) -> Result<Prediction> {
+    let wrong = || {
+        let what = format!("the mask decoder gave masks {shape:?} with {} ratings", ratings.len());
+        Error::input(what, "Encoder and decoder may not belong together.")
+    };
+    let [.., height, width] = *shape else { return Err(wrong()) };
+    let size_of_map = [width, height].map(|n| usize::try_from(n).unwrap_or(0));
+    let len = size_of_map[0] * size_of_map[1];
+    let answers = ratings.len() / num_prompts.max(1);
+    if len == 0
+        || answers == 0
+        || logits.len() != ratings.len() * len
+        || ratings.len() != num_prompts * answers
+    {
+        return Err(wrong());
+    }
+    // Masks of the image's own size have no padding.
+    let is_whole = size_of_map == size.map(|n| n as usize);
+    let extent = if is_whole { [1.0; 2] } else { used };
+    // The first of four answers is for prompts of many points; the others are part, more, and whole.
+    let skipped = usize::from(answers == 4);
+    let kept = |i: usize| i % answers >= skipped;
+    let keep = |values: &[f32], len: usize| -> Vec<f32> {
+        let items = values.chunks_exact(len).enumerate().filter(|(i, _)| kept(*i));
+        items.flat_map(|(_, item)| item.iter().copied()).collect()
+    };
+    Ok(Prediction {
+        masks_per_prompt: answers - skipped,
+        size: size_of_map,
+        extent,
+        logits: if skipped == 0 { logits } else { keep(&logits, len) },
+        predicted_iou: if skipped == 0 { ratings } else { keep(&ratings, 1) },
+    })
+}
+
+/// Pixels along a side if the inputs are those of an image encoder.
+fn encoder_side(inputs: &[Outlet]) -> Option<usize> {
+    let [image] = inputs else { return None };
+    match shape(image)[..] {
+        [1 | -1, 3, h, w] if h == w || h < 0 || w < 0 => {
+            // Where the file leaves the size open it is the one all checkpoints were trained with.
+            let side = h.max(w);
+            Some(if side > 0 { side as usize } else { 1024 })
+        }
+        _ => None,
+    }
+}
+
+impl Contract {
+    fn read(encoder: &ModelFile, decoder: &ModelFile) -> Result<Self> {
+        let (features, inputs) = (encoder.session.outputs(), decoder.session.inputs());
+        let mut feeds = Vec::new();
+        for input in inputs {
+            let feed = named_feed(input.name()).or_else(|| matching_feature(input, features, &feeds));
+            let Some(feed) = feed else {
+                let what = format!(
+                    "The mask decoder wants {}, and nothing the encoder makes ({}) fits `{}`",
+                    described(inputs),
+                    described(features),
+                    input.name()
+                );
+                return Err(Error::input_at(&decoder.path, what, HINT));
+            };
+            feeds.push(feed);
+        }
+        let outputs = decoder.session.outputs();
+        let named = |words: &[&str]| {
+            let fits = |word: &&str| outputs.iter().find(|o| o.name().to_lowercase().contains(*word));
+            words.iter().find_map(fits).map(|o| o.name().to_owned())
+        };
+        let points = feeds.iter().position(|f| *f == Feed::Points).map(|i| shape(&inputs[i]));
+        let (Some(points), Some(masks), Some(ratings)) =
+            (points, named(&["low_res", "mask"]), named(&["iou", "score"]))
+        else {
+            let what = format!(
+                "The mask decoder takes {} and gives {}; expected are points in, masks and iou_predictions out",
+                described(inputs),
+                described(outputs)
+            );
+            return Err(Error::input_at(&decoder.path, what, HINT));
+        };
+        let num_features = feeds.iter().filter(|f| matches!(f, Feed::Feature(_))).count();
+        let has_positions = inputs.iter().any(|i| i.name().contains("positional"));
+        let has_outer_axis = points.len() == 4;
+        Ok(Self {
+            is_batched: if has_outer_axis { points[1] < 0 } else { points.first() == Some(&-1) },
+            has_outer_axis,
+            // SAM 2 has fine features beside the embedding; SAM 1 at most the constant positions.
+            is_padded: num_features == 1 || has_positions,
+            feeds,
+            masks,
+            ratings,
+        })
+    }
+
+    /// The decoder's inputs for `prompts`, whose points are multiplied by `scale`.
+    fn inputs<'a>(
+        &self,
+        outlets: &[Outlet],
+        prompts: &[Vec<[f32; 2]>],
+        image: &'a Encoded,
+        scale: [f32; 2],
+    ) -> Result<Vec<(String, SessionInputValue<'a>)>, ort::Error> {
+        let n = prompts.len();
+        // SAM 1 was trained with a last point that says "no box".
+        let padding = usize::from(self.is_padded && !self.has_outer_axis);
+        let num_points = prompts.first().map_or(0, Vec::len) + padding;
+        let outer =
+            |axes: &[usize]| if self.has_outer_axis { [&[1][..], axes].concat() } else { axes.to_vec() };
+        let mut named = Vec::new();
+        for (outlet, feed) in outlets.iter().zip(&self.feeds) {
+            let value: SessionInputValue<'a> = match feed {
+                Feed::Feature(k) => SessionInputValue::from(&image.features[*k]),
+                Feed::Points => {
+                    let with_padding = |p: &Vec<[f32; 2]>| {
+                        let scaled: Vec<f32> =
+                            p.iter().flat_map(|p| [p[0] * scale[0], p[1] * scale[1]]).collect();
+                        [scaled, vec![0.0; 2 * padding]].concat()
+                    };
+                    let values = prompts.iter().flat_map(with_padding).collect();
+                    tensor(outlet, outer(&[n, num_points, 2]), values)?
+                }
+                Feed::Labels => {
+                    let one = |i: usize| if i % num_points < num_points - padding { 1.0 } else { -1.0 };
+                    tensor(outlet, outer(&[n, num_points]), (0..n * num_points).map(one).collect())?
+                }
+                Feed::EarlierMask => {
+                    let fixed = |i: usize, other: usize| {
+                        shape(outlet).get(i).and_then(|n| usize::try_from(*n).ok()).unwrap_or(other)
+                    };
+                    let axes = vec![n, 1, fixed(2, 256), fixed(3, 256)];
+                    let len = axes.iter().product();
+                    tensor(outlet, axes, vec![0.0; len])?
+                }
+                Feed::HasEarlierMask => {
+                    let fixed = shape(outlet).first().copied().filter(|len| *len > 0);
+                    let len = fixed.map_or(n, |len| len as usize);
+                    tensor(outlet, vec![len], vec![0.0; len])?
+                }
+                Feed::ImageSize => {
+                    let [width, height] = image.size.map(|v| v as f32);
+                    tensor(outlet, vec![2], vec![height, width])?
+                }
+            };
+            named.push((outlet.name().to_owned(), value));
+        }
+        Ok(named)
+    }
+}
+
+/// What an input takes, by its name.
+fn named_feed(name: &str) -> Option<Feed> {
+    let name = name.to_lowercase();
+    let has = |word: &str| name.contains(word);
+    match () {
+        () if has("has_mask") => Some(Feed::HasEarlierMask),
+        () if has("mask") => Some(Feed::EarlierMask),
+        () if has("label") => Some(Feed::Labels),
+        () if has("point") || has("coord") => Some(Feed::Points),
+        () if has("orig") || has("im_size") => Some(Feed::ImageSize),
+        () => None,
+    }
+}
+
+/// The encoder's output of the same name, else the only one of the same shape that is not used yet.
+fn matching_feature(input: &Outlet, features: &[Outlet], used: &[Feed]) -> Option<Feed> {
+    let by_name = features.iter().position(|f| f.name() == input.name());
+    let is_free = |k: &usize| !used.contains(&Feed::Feature(*k));
+    let mut by_shape = (0..features.len()).filter(is_free).filter(|k| shape(&features[*k]) == shape(input));
+    let only = by_shape.next().filter(|_| by_shape.next().is_none());
+    by_name.or(only).map(Feed::Feature)
+}
+
+/// Values in the number type that the input takes.
+fn tensor(
+    outlet: &Outlet,
+    axes: Vec<usize>,
+    values: Vec<f32>,
+) -> Result<SessionInputValue<'static>, ort::Error> {
+    Ok(match outlet.dtype().tensor_type() {
+        Some(TensorElementType::Int64) => {
+            Tensor::from_array((axes, values.iter().map(|v| *v as i64).collect::<Vec<_>>()))?.into()
+        }
+        Some(TensorElementType::Int32) => {
+            Tensor::from_array((axes, values.iter().map(|v| *v as i32).collect::<Vec<_>>()))?.into()
+        }
+        _ => Tensor::from_array((axes, values))?.into(),
+    })
+}
+
+fn failed(part: &str, error: &ort::Error) -> Error {
+    Error::input(
+        format!("the mask {part} failed ({})", short(error.message())),
+        "Encoder and decoder may not belong together, or be damaged.",
+    )
+}

@@ -1,0 +1,111 @@
+//! Small models of the contracts of Segment Anything and CLIP's image half: masks are pixels of like colour, embeddings
+//! are mean colours times a matrix.
+
+use surgtpgs_clip::{
+    graph::Graph,
+    onnx::data_type::{FLOAT, INT64},
+};
+
+/// Pixels along each side of what the mask models read.
+pub const SIDE: usize = 64;
+
+/// An image encoder whose features, under the names `outputs`, are the picture itself.
+pub fn encoder(outputs: &[&str]) -> Graph {
+    let side = Some(SIDE as i64);
+    let axes = [Some(1), Some(3), side, side];
+    let graph = Graph::default().input("image", FLOAT, &axes);
+    outputs
+        .iter()
+        .fold(graph, |graph, name| graph.output(name, FLOAT, &axes).node(name, "Identity", &["image"]))
+}
+
+/// From `point_xy` [n,2] in pixels of the encoder's square: the colours there [n,3,1], and those of all pixels.
+fn colours_at_points(graph: Graph, embedding: &str) -> Graph {
+    graph
+        .ints("zero", &[], &[0])
+        .ints("one", &[], &[1])
+        .ints("side", &[], &[SIDE as i64])
+        .ints("planes", &[2], &[3, (SIDE * SIDE) as i64])
+        .ints("column", &[3], &[-1, 3, 1])
+        .ints("channels", &[1], &[1])
+        .node("floored", "Floor", &["point_xy"])
+        .node_with("cells", "Cast", &["floored"], &[("to", &[INT64 as i64])])
+        .node_with("x", "Gather", &["cells", "zero"], &[("axis", &[1])])
+        .node_with("y", "Gather", &["cells", "one"], &[("axis", &[1])])
+        .node("rows", "Mul", &["y", "side"])
+        .node("at", "Add", &["rows", "x"])
+        .node("pixels", "Reshape", &[embedding, "planes"])
+        .node_with("found", "Gather", &["pixels", "at"], &[("axis", &[1])])
+        .node_with("found_rows", "Transpose", &["found"], &[("perm", &[1, 0])])
+        .node("asked", "Reshape", &["found_rows", "column"])
+        .node("apart", "Sub", &["pixels", "asked"])
+        .node("distance", "Abs", &["apart"])
+        .node_with("far", "ReduceSum", &["distance", "channels"], &[("keepdims", &[1])])
+}
+
+/// Logits that are positive where the colour is like that at the point, and ratings; `answers` per point.
+fn rated(graph: Graph, answers: usize, masks: &str, ratings: &str) -> Graph {
+    let reach: Vec<f32> = (0..answers).map(|i| 2.0 + 0.5 * i as f32).collect();
+    let rating: Vec<f32> = (0..answers).map(|i| 0.9 + 0.01 * i as f32).collect();
+    graph
+        .floats("reach", &[1, answers, 1], &reach)
+        .floats("rating", &[1, answers], &rating)
+        .floats("none", &[1], &[0.0])
+        .floats("sharpness", &[1], &[20.0])
+        .ints("maps", &[4], &[-1, answers as i64, SIDE as i64, SIDE as i64])
+        .node("near", "Sub", &["reach", "far"])
+        .node("logits", "Mul", &["near", "sharpness"])
+        .node(masks, "Reshape", &["logits", "maps"])
+        .node("nothing", "Mul", &["point_xy", "none"])
+        .node_with("zeros", "ReduceSum", &["nothing", "channels"], &[("keepdims", &[1])])
+        .node(ratings, "Add", &["zeros", "rating"])
+}
+
+/// SAM 2 as exported with fine features: any number of prompts.
+pub fn sam2_decoder() -> Graph {
+    let side = Some(SIDE as i64);
+    let map = [Some(1), Some(3), side, side];
+    let graph = Graph::default()
+        .input("image_embed", FLOAT, &map)
+        .input("high_res_feats_0", FLOAT, &map)
+        .input("point_coords", FLOAT, &[None, None, Some(2)])
+        .input("point_labels", FLOAT, &[None, None])
+        .input("mask_input", FLOAT, &[None, Some(1), Some(16), Some(16)])
+        .input("has_mask_input", FLOAT, &[Some(1)])
+        .output("masks", FLOAT, &[None, Some(3), side, side])
+        .output("iou_predictions", FLOAT, &[None, Some(3)])
+        .ints("first", &[], &[0])
+        .node_with("point_xy", "Gather", &["point_coords", "first"], &[("axis", &[1])]);
+    rated(colours_at_points(graph, "image_embed"), 3, "masks", "iou_predictions")
+}
+
+/// SAM 1 as `segment_anything` exports it: one prompt, a padding point, the size of the image, four answers of which the
+/// first is for many points.
+pub fn sam1_decoder() -> Graph {
+    let side = Some(SIDE as i64);
+    let graph = Graph::default()
+        .input("image_embeddings", FLOAT, &[Some(1), Some(3), side, side])
+        .input("point_coords", FLOAT, &[Some(1), None, Some(2)])
+        .input("point_labels", FLOAT, &[Some(1), None])
+        .input("mask_input", FLOAT, &[Some(1), Some(1), Some(16), Some(16)])
+        .input("has_mask_input", FLOAT, &[Some(1)])
+        .input("orig_im_size", FLOAT, &[Some(2)])
+        .output("iou_predictions", FLOAT, &[None, Some(4)])
+        .output("low_res_masks", FLOAT, &[None, Some(4), side, side])
+        .ints("first", &[], &[0])
+        .node_with("point_xy", "Gather", &["point_coords", "first"], &[("axis", &[1])]);
+    rated(colours_at_points(graph, "image_embeddings"), 4, "low_res_masks", "iou_predictions")
+}
+
+/// An image encoder of CLIP's contract: the mean colour times `matrix` [3, dim].
+pub fn image_encoder(matrix: &[f32], batch: Option<i64>, outputs: &[&str]) -> Graph {
+    let dim = matrix.len() / 3;
+    let graph = Graph::default()
+        .input("pixel_values", FLOAT, &[batch, Some(3), Some(32), Some(32)])
+        .floats("matrix", &[3, dim], matrix)
+        .node("mean", "GlobalAveragePool", &["pixel_values"])
+        .node_with("flat", "Flatten", &["mean"], &[("axis", &[1])]);
+    outputs.iter().fold(graph, |graph, name| {
+        graph.output(name, FLOAT, &[batch, Some(dim as i64)]).node(name, "MatMul", &["flat", "matrix"])
+    })
+}

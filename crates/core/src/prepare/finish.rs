@@ -1,0 +1,72 @@
+//! What every way of preparing begins and ends with: an empty folder, and a trained codec.
+
+use super::{
+    Prepared,
+    files::{MANIFEST, Manifest, REGIONS, absolute},
+};
+use crate::{
+    Error, Result,
+    codec::{Codec, CodecSettings},
+    sequence::Sequence,
+};
+use ndarray::Array2;
+use std::path::Path;
+
+/// Trains the codec on the feature table (`rows`, flat, one of the encoder's length per entry of the manifest's
+/// `row_pixels`), writes both and opens the finished folder.
+pub(super) fn finish(
+    mut manifest: Manifest,
+    rows: Vec<f32>,
+    settings: &CodecSettings,
+    folder: &Path,
+    progress: &mut dyn FnMut(&str, usize, usize),
+) -> Result<Prepared> {
+    let table = Array2::from_shape_vec((manifest.row_pixels.len(), manifest.encoder.dim), rows)
+        .map_err(|e| Error::input(format!("the embeddings cannot be tabulated: {e}"), ""))?;
+    let weights: Vec<f32> = manifest.row_pixels.iter().map(|&p| p as f32).collect();
+    let mut tell = |done, all| progress("training the codec", done, all);
+    let codec = Codec::train(table.view(), &weights, settings, &mut tell)?;
+    let latents = codec.encode(table.view());
+    manifest.write_tensors(folder, &codec, table.view(), latents.view())?;
+    manifest.write(folder)?;
+    Prepared::open(folder)
+}
+
+/// Makes `folder`, or empties a prepared one: nothing of an earlier preparation may stay behind.
+pub(super) fn clear_folder(folder: &Path, sequence: &Sequence) -> Result<()> {
+    let fail = |e| Error::io("prepare the folder", folder, e);
+    if folder.exists() && absolute(folder) == absolute(sequence.path()) {
+        return Err(Error::input_at(
+            folder,
+            "features cannot be written into the recording itself",
+            "Choose another folder.",
+        ));
+    }
+    let is_empty = |f: &Path| std::fs::read_dir(f).map(|mut entries| entries.next().is_none());
+    let ours = Prepared::is_prepared(folder) || is_unfinished(folder);
+    if folder.exists() && !ours && !is_empty(folder).map_err(fail)? {
+        return Err(Error::input_at(
+            folder,
+            "the folder is not empty and was not made by preparing a recording",
+            "Choose a new or empty folder.",
+        ));
+    }
+    let manifest = folder.join(MANIFEST);
+    if manifest.exists() {
+        std::fs::remove_file(&manifest).map_err(fail)?;
+    }
+    let regions = folder.join(REGIONS);
+    if regions.exists() {
+        std::fs::remove_dir_all(&regions).map_err(fail)?;
+    }
+    std::fs::create_dir_all(&regions).map_err(fail)?;
+    std::fs::write(regions.join(MARKER), "Region maps, written by surgtpgs prepare.\n").map_err(fail)
+}
+
+/// Whether a preparation into `folder` was begun and not finished: it has regions but no manifest yet.
+pub(super) fn is_unfinished(folder: &Path) -> bool {
+    !Prepared::is_prepared(folder) && folder.join(REGIONS).join(MARKER).is_file()
+}
+
+/// A file that tells our regions folder from anybody else's.
+const MARKER: &str = "README.txt";

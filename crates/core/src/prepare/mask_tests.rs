@@ -1,0 +1,209 @@
+//! Preparing from regions with embeddings, and keeping masks and embeddings that took long to make.
+
+use super::*;
+use crate::{
+    codec::CodecSettings,
+    grid::Grid,
+    segment::{BitMask, Level, MaskSettings, tests::ByColour},
+};
+use image::{Rgb, RgbImage};
+use std::{fs, ops::ControlFlow};
+
+const FRAMES: usize = 10;
+const QUICK: CodecSettings = CodecSettings { latent_dim: 3, steps: 40, seed: 0 };
+
+/// Two halves of different colours; frame 4 is all of one.
+fn write_clip(folder: &Path) -> Sequence {
+    fs::create_dir_all(folder).unwrap();
+    for i in 0..FRAMES {
+        let shade =
+            |x: u32, _| if x < 16 || i == 4 { Rgb([200, 60, 60]) } else { Rgb([60, 60, 200 + i as u8]) };
+        RgbImage::from_fn(32, 24, shade).save(folder.join(format!("frame_{i}.png"))).unwrap();
+    }
+    fs::write(folder.join("sequence.toml"), "[masks]\nfield_of_view = \"whole\"\n").unwrap();
+    Sequence::open(folder).unwrap()
+}
+
+fn encoder(dim: usize) -> EncoderIdentity {
+    EncoderIdentity { name: "made up".into(), sha256: "00".into(), dim, template: "{}".into(), folder: None }
+}
+
+/// Mean colour of what a mask shows.
+fn embed(image: &RgbImage, masks: &[&BitMask]) -> Result<Vec<Vec<f32>>> {
+    let mean = |mask: &&BitMask| {
+        let mut sum = vec![0.0; 3];
+        for (x, y) in mask.pixels() {
+            let pixel = image.get_pixel(x as u32, y as u32);
+            (0..3).for_each(|c| sum[c] += f32::from(pixel[c]));
+        }
+        sum
+    };
+    Ok(masks.iter().map(mean).collect())
+}
+
+fn settings() -> MaskSettings {
+    MaskSettings { min_region_px: 4, ..MaskSettings::of_grid(4) }
+}
+
+struct Place {
+    folder: tempfile::TempDir,
+    sequence: Sequence,
+}
+
+impl Place {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let sequence = write_clip(&folder.path().join("clip"));
+        Self { folder, sequence }
+    }
+
+    fn prep(&self) -> PathBuf {
+        self.folder.path().join("prep")
+    }
+
+    fn store<'a>(&'a self, prep: &'a Path, settings: &'a MaskSettings, model: &'a str) -> MaskStore<'a> {
+        MaskStore { sequence: &self.sequence, folder: prep, settings, model }
+    }
+
+    /// Makes masks; gives the number of pictures the network had to look at.
+    fn make(&self, model: &str, settings: &MaskSettings, eval: bool) -> usize {
+        let mut segmenter = ByColour::new(|_, _| 0.95);
+        let prep = self.prep();
+        let mut go_on = |_: usize, _: usize, _: &str| ControlFlow::Continue(());
+        self.store(&prep, settings, model).make_masks(&mut segmenter, eval, &mut go_on).unwrap();
+        segmenter.images_seen
+    }
+
+    fn prepare(&self, eval: bool, dim: usize) -> Result<Prepared> {
+        let (prep, settings) = (self.prep(), settings());
+        let store = self.store(&prep, &settings, "model");
+        let mut features = |i: usize| store.features(i, Level::Default, "encoder", &mut embed);
+        let origin = Origin::Masks {
+            mask_model: "model".into(),
+            settings: settings.clone(),
+            level: Level::Default,
+            image_encoder: "encoder".into(),
+        };
+        let sequence = self.sequence.clone();
+        prepare_from_features(
+            sequence,
+            encoder(dim),
+            origin,
+            &mut features,
+            eval,
+            &QUICK,
+            &prep,
+            &mut |_, _, _| {},
+        )
+    }
+}
+
+#[test]
+fn every_mask_becomes_a_region_with_its_embedding() {
+    let place = Place::new();
+    place.make("model", &settings(), true);
+    let prepared = place.prepare(true, 3).unwrap();
+    assert!(prepared.classes.is_empty() && prepared.eval);
+    assert!(matches!(&prepared.origin, Origin::Masks { level: Level::Default, .. }));
+    assert_eq!(
+        prepared.num_rows(),
+        2 * 8 - 1,
+        "two regions on each of the eight training frames, one on frame 4"
+    );
+    for i in 0..FRAMES {
+        let regions = prepared.regions(i).unwrap();
+        assert_eq!(regions.is_none(), Sequence::is_test_frame(i), "frame {i}");
+        let Some(regions) = regions else { continue };
+        assert_eq!(regions.at(3, 3) == regions.at(28, 20), i == 4, "frame {i}");
+    }
+    let first = prepared.regions(0).unwrap().unwrap();
+    let later = prepared.regions(2).unwrap().unwrap();
+    assert!(later.data.iter().min() > first.data.iter().max(), "rows are numbered through the recording");
+    assert_eq!(Prepared::open(&place.prep()).unwrap().origin, prepared.origin);
+}
+
+#[test]
+fn masks_are_made_once() {
+    let place = Place::new();
+    assert_eq!(place.make("model", &settings(), true), 8);
+    assert_eq!(place.make("model", &settings(), true), 0);
+    assert_eq!(place.make("model", &settings(), false), 2, "only the frames that were held out");
+    assert_eq!(place.make("other model", &settings(), false), FRAMES);
+    assert_eq!(place.make("other model", &MaskSettings { gap_prompts: 0, ..settings() }, false), FRAMES);
+    RgbImage::from_pixel(32, 24, Rgb([9, 9, 9])).save(place.folder.path().join("clip/frame_3.png")).unwrap();
+    assert_eq!(place.make("other model", &MaskSettings { gap_prompts: 0, ..settings() }, false), 1);
+    place.prepare(false, 3).unwrap_err();
+    place.make("model", &settings(), false);
+    place.prepare(false, 3).unwrap();
+    assert_eq!(place.make("model", &settings(), false), 0, "a finished folder keeps its masks");
+}
+
+#[test]
+fn an_interrupted_preparation_goes_on_where_it_was() {
+    let place = Place::new();
+    let (prep, settings) = (place.prep(), settings());
+    let mut segmenter = ByColour::new(|_, _| 0.95);
+    let mut stop_at_third = |done: usize, _: usize, _: &str| {
+        if done == 2 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    };
+    let stopped =
+        place.store(&prep, &settings, "model").make_masks(&mut segmenter, false, &mut stop_at_third);
+    assert!(matches!(stopped, Err(Error::Cancelled)));
+    assert!(Prepared::is_unfinished(&prep));
+    assert_eq!(place.make("model", &settings, false), FRAMES - 2);
+}
+
+#[test]
+fn embeddings_are_made_once() {
+    let place = Place::new();
+    place.make("model", &settings(), false);
+    let (prep, settings) = (place.prep(), settings());
+    let store = place.store(&prep, &settings, "model");
+    let mut asked = 0;
+    let mut count = |encoder: &str| {
+        let embed = &mut |image: &RgbImage, masks: &[&BitMask]| {
+            asked += 1;
+            embed(image, masks)
+        };
+        let features = store.features(0, Level::Default, encoder, embed).unwrap();
+        (asked, features)
+    };
+    let (first, features) = count("encoder");
+    assert_eq!((first, count("encoder")), (1, (1, features)), "the same from the file");
+    assert_eq!(count("another").0, 2);
+    fs::write(prep.join("embeddings/frame_000000.safetensors"), "rubbish").unwrap();
+    assert_eq!(count("another").0, 3);
+}
+
+#[test]
+fn features_that_do_not_fit_are_named() {
+    let place = Place::new();
+    place.make("model", &settings(), false);
+    let error = place.prepare(false, 4).unwrap_err().to_string();
+    assert!(
+        error.contains("embedding 0 has 3 numbers or no direction; the text encoder's have 4"),
+        "{error}"
+    );
+    let fail = |features: FrameFeatures| {
+        let sequence = place.sequence.clone();
+        let prep = place.prep();
+        let mut give = |_: usize| Ok(Some(features.clone()));
+        let done = prepare_from_features(
+            sequence,
+            encoder(2),
+            Origin::Labels,
+            &mut give,
+            false,
+            &QUICK,
+            &prep,
+            &mut |_, _, _| {},
+        );
+        done.unwrap_err().to_string()
+    };
+    let all = |region: u16| Grid::filled(32, 24, region);
+    let small = FrameFeatures { regions: Grid::filled(16, 12, 0), rows: vec![vec![1.0, 0.0]] };
+    assert!(fail(small).contains("frame frame_0: its regions are 16×12, the picture is 32×24"));
+    assert!(fail(FrameFeatures { regions: all(1), rows: vec![vec![1.0, 0.0]] }).contains("embedding 1 of 1"));
+    assert!(fail(FrameFeatures { regions: all(0), rows: vec![vec![0.0, 0.0]] }).contains("no direction"));
+    assert!(fail(FrameFeatures { regions: all(NO_REGION), rows: vec![] }).contains("no region"));
+}

@@ -1,0 +1,279 @@
+//! Features of image regions: automatic masks with an image encoder, or what other programs made.
+
+use super::{
+    EncoderIdentity, NO_REGION, Prepared, RegionMap,
+    files::{
+        Manifest, REGIONS, checksum, from_safetensors, key_of, region_file, to_safetensors, write_region_map,
+    },
+    finish::{clear_folder, finish},
+};
+use crate::{
+    Error, Result,
+    codec::CodecSettings,
+    files::write_whole,
+    num,
+    segment::{BitMask, FrameMasks, Level, MaskSettings, PointSegmenter, automatic_masks},
+    sequence::Sequence,
+};
+use image::RgbImage;
+use ndarray::{Array2, Ix2};
+use std::{
+    ops::ControlFlow,
+    path::{Path, PathBuf},
+};
+
+/// Where the features of a prepared folder come from.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Origin {
+    /// Label masks and the embeddings of their classes' names.
+    #[default]
+    Labels,
+    /// Automatic masks and the embeddings of what they show.
+    Masks {
+        /// SHA-256 of the models that made the masks.
+        mask_model: String,
+        /// How they were made.
+        settings: MaskSettings,
+        /// Which of them are used.
+        level: Level,
+        /// SHA-256 of the image encoder.
+        image_encoder: String,
+    },
+}
+
+/// The features of one frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameFeatures {
+    /// Number of the embedding per pixel; [`NO_REGION`] where there is none.
+    pub regions: RegionMap,
+    /// Embeddings; made unit length here.
+    pub rows: Vec<Vec<f32>>,
+}
+
+/// Turns regions with embeddings into a prepared folder. `features` is asked for every frame that is not held out, in
+/// order; `None` is a frame without features. `encoder` is the text encoder whose embeddings the rows are compared with.
+///
+/// Pixels outside the supervision mask get no feature, and embeddings that no pixel shows no row. Fails where a frame's
+/// regions have another size or point beyond their rows, where rows are not finite or have another length than the
+/// text encoder's, and where there are more rows than 16 bits can number. `folder` is treated as by
+/// [`super::prepare_from_labels`].
+#[expect(clippy::too_many_arguments, reason = "each is another thing, and there is one caller a kind")]
+pub fn prepare_from_features(
+    sequence: Sequence,
+    encoder: EncoderIdentity,
+    origin: Origin,
+    features: &mut dyn FnMut(usize) -> Result<Option<FrameFeatures>>,
+    eval: bool,
+    settings: &CodecSettings,
+    folder: &Path,
+    progress: &mut dyn FnMut(&str, usize, usize),
+) -> Result<Prepared> {
+    clear_folder(folder, &sequence)?;
+    let mut manifest = Manifest::of(&sequence, folder, eval, encoder, settings);
+    manifest.origin = origin;
+    let mut table = Vec::new();
+    let frames = used_frames(&sequence, eval);
+    for (done, &i) in frames.iter().enumerate() {
+        progress("writing features", done, frames.len());
+        let Some(found) = features(i)? else { continue };
+        let (map, rows, pixels) =
+            numbered(&sequence, i, found, manifest.row_pixels.len(), manifest.encoder.dim)?;
+        table.extend(rows);
+        manifest.row_pixels.extend(pixels);
+        write_region_map(&folder.join(REGIONS).join(region_file(i)), map)?;
+        manifest.region_frames.push(i);
+    }
+    if manifest.row_pixels.is_empty() {
+        return Err(Error::input_at(
+            sequence.path(),
+            "no region of the training frames lies inside the supervision mask",
+            "Check the polarity of the masks with `surgtpgs check`.",
+        ));
+    }
+    finish(manifest, table, settings, folder, progress)
+}
+
+/// The frames that training may see.
+fn used_frames(sequence: &Sequence, eval: bool) -> Vec<usize> {
+    (0..sequence.num_frames()).filter(|&i| !(eval && Sequence::is_test_frame(i))).collect()
+}
+
+/// The region map of frame `i` with rows numbered from `first` on, those rows (flat, unit) and the pixels of each.
+fn numbered(
+    sequence: &Sequence,
+    i: usize,
+    features: FrameFeatures,
+    first: usize,
+    dim: usize,
+) -> Result<(RegionMap, Vec<f32>, Vec<u64>)> {
+    let FrameFeatures { mut regions, rows } = features;
+    let wrong = |what: String, hint: &str| {
+        Error::input_at(sequence.path(), format!("frame {}: {what}", sequence.frame_name(i)), hint)
+    };
+    let keep = sequence.mask(i)?;
+    if (regions.width, regions.height) != (keep.width, keep.height) {
+        let what = format!(
+            "its regions are {}×{}, the picture is {}×{}",
+            regions.width, regions.height, keep.width, keep.height
+        );
+        return Err(wrong(what, "Make the regions from these very pictures."));
+    }
+    let mut pixels = vec![0_u64; rows.len()];
+    for (region, keep) in regions.data.iter_mut().zip(&keep.data) {
+        match pixels.get_mut(usize::from(*region)) {
+            _ if !keep || *region == NO_REGION => *region = NO_REGION,
+            Some(pixels) => *pixels += 1,
+            None => {
+                return Err(wrong(format!("a pixel points to embedding {region} of {}", rows.len()), ""));
+            }
+        }
+    }
+    let mut numbers = vec![NO_REGION; rows.len()];
+    let (mut table, mut counts) = (Vec::new(), Vec::new());
+    for (k, row) in rows.iter().enumerate().filter(|(k, _)| pixels[*k] > 0) {
+        let unit = num::normalised(row).filter(|row| row.len() == dim).ok_or_else(|| {
+            let what = format!(
+                "embedding {k} has {} numbers or no direction; the text encoder's have {dim}",
+                row.len()
+            );
+            wrong(what, "Image and text encoder must be halves of the same model.")
+        })?;
+        numbers[k] =
+            u16::try_from(first + counts.len()).ok().filter(|n| *n != NO_REGION).ok_or_else(|| {
+                let what = format!("the recording has more than {} regions", NO_REGION - 1);
+                wrong(what, "Prepare a part of it (`[frames]` in sequence.toml), or coarser masks.")
+            })?;
+        table.extend(unit);
+        counts.push(pixels[k]);
+    }
+    for region in regions.data.iter_mut().filter(|region| **region != NO_REGION) {
+        *region = numbers[usize::from(*region)];
+    }
+    Ok((regions, table, counts))
+}
+
+/// Masks and embeddings of frames, made where they are not on disk already.
+pub struct MaskStore<'a> {
+    /// The recording.
+    pub sequence: &'a Sequence,
+    /// The prepared folder they are kept in.
+    pub folder: &'a Path,
+    /// How masks are made.
+    pub settings: &'a MaskSettings,
+    /// SHA-256 of the models that make them.
+    pub model: &'a str,
+}
+
+/// Makes embeddings of what masks show on an image.
+pub type Embed<'a> = dyn FnMut(&RgbImage, &[&BitMask]) -> Result<Vec<Vec<f32>>> + 'a;
+
+impl MaskStore<'_> {
+    /// Makes the masks of all frames that have none yet; `eval` leaves out those held out. `progress` gets (frames done,
+    /// frames, share of the current one in words) and may ask to stop: the error is then [`Error::Cancelled`], and what
+    /// is finished is used the next time.
+    pub fn make_masks(
+        &self,
+        segmenter: &mut dyn PointSegmenter,
+        eval: bool,
+        progress: &mut dyn FnMut(usize, usize, &str) -> ControlFlow<()>,
+    ) -> Result<()> {
+        // The folder is marked as ours before hours of work go into it.
+        clear_folder(self.folder, self.sequence)?;
+        let frames = used_frames(self.sequence, eval);
+        for (done, &i) in frames.iter().enumerate() {
+            let image = self.sequence.frame(i)?;
+            let key = self.key(i, &image)?;
+            if FrameMasks::load(&self.mask_file(i), &key)?.is_some() {
+                continue;
+            }
+            let keep = self.sequence.mask(i)?;
+            let mut within =
+                |asked: usize, all: usize| progress(done, frames.len(), &format!("point {asked} of {all}"));
+            automatic_masks(segmenter, &image, &keep, self.settings, &mut within)?
+                .save(&self.mask_file(i), &key)?;
+        }
+        progress(frames.len(), frames.len(), "").is_continue().then_some(()).ok_or(Error::Cancelled)
+    }
+
+    /// The features of frame `i` from its masks of `level`, which must have been made. `encoder` is the SHA-256 of what
+    /// makes embeddings.
+    pub fn features(
+        &self,
+        i: usize,
+        level: Level,
+        encoder: &str,
+        embed: &mut Embed<'_>,
+    ) -> Result<Option<FrameFeatures>> {
+        let image = self.sequence.frame(i)?;
+        let key = self.key(i, &image)?;
+        let Some(masks) = FrameMasks::load(&self.mask_file(i), &key)? else {
+            let what = "the masks of a frame were removed while they were in use";
+            return Err(Error::input_at(self.mask_file(i), what, "Prepare the recording again."));
+        };
+        let found = masks.level(level);
+        if found.is_empty() {
+            return Ok(None);
+        }
+        let path = self.folder.join("embeddings").join(format!("frame_{i:06}.safetensors"));
+        let key =
+            digest(&[b"embeddings 1", key.as_bytes(), format!("{level:?}").as_bytes(), encoder.as_bytes()]);
+        let rows = match load_embeddings(&path, &key)? {
+            Some(rows) if rows.len() == found.len() => rows,
+            _ => {
+                let rows = embed(&image, &found.iter().map(|f| &f.mask).collect::<Vec<_>>())?;
+                save_embeddings(&path, &key, &rows)?;
+                rows
+            }
+        };
+        let regions = masks.painted(level).map(|number| number.unwrap_or(NO_REGION));
+        Ok(Some(FrameFeatures { regions, rows }))
+    }
+
+    /// The masks of frame `i`, if they were made.
+    pub fn masks(&self, i: usize) -> Result<Option<FrameMasks>> {
+        FrameMasks::load(&self.mask_file(i), &self.key(i, &self.sequence.frame(i)?)?)
+    }
+
+    fn mask_file(&self, i: usize) -> PathBuf {
+        self.folder.join("masks").join(format!("frame_{i:06}.json"))
+    }
+
+    /// Everything that the masks of frame `i` depend on.
+    fn key(&self, i: usize, image: &RgbImage) -> Result<String> {
+        let settings = serde_json::to_vec(self.settings).unwrap_or_default();
+        let keep: Vec<u8> = self.sequence.mask(i)?.data.iter().map(|keep| u8::from(*keep)).collect();
+        let size = format!("{}×{}", image.width(), image.height());
+        Ok(digest(&[b"masks 1", self.model.as_bytes(), &settings, size.as_bytes(), image.as_raw(), &keep]))
+    }
+}
+
+/// One hash over several parts.
+fn digest(parts: &[&[u8]]) -> String {
+    let hashes: Vec<String> = parts.iter().map(|part| checksum(part)).collect();
+    checksum(hashes.join("\n").as_bytes())
+}
+
+fn save_embeddings(path: &Path, key: &str, rows: &[Vec<f32>]) -> Result<()> {
+    let dim = rows.first().map_or(0, Vec::len);
+    let failed = |e: String| Error::input_at(path, format!("the embeddings cannot be written: {e}"), "");
+    let table =
+        Array2::from_shape_vec((rows.len(), dim), rows.concat()).map_err(|e| failed(e.to_string()))?;
+    let tensors = [("embeddings".to_owned(), table.view().into_dyn())];
+    write_whole(path, &to_safetensors(&tensors, Some(key)).map_err(|e| failed(e.to_string()))?)
+}
+
+/// The embeddings saved under `key`; `None` where there are none or the file is damaged.
+fn load_embeddings(path: &Path, key: &str) -> Result<Option<Vec<Vec<f32>>>> {
+    let bytes = match std::fs::read(path) {
+        Ok(bytes) => bytes,
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        Err(e) => return Err(Error::io("read the embeddings", path, e)),
+    };
+    if key_of(&bytes).as_deref() != Some(key) {
+        return Ok(None);
+    }
+    let table = from_safetensors(&bytes).ok().and_then(|mut tensors| tensors.remove("embeddings"));
+    let table = table.and_then(|t| t.into_dimensionality::<Ix2>().ok());
+    Ok(table.map(|t| t.outer_iter().map(|row| row.to_vec()).collect()))
+}
