@@ -1,8 +1,10 @@
 //! The command line: verbs in the order of the data flow.
 
 mod bench;
+mod convert;
 
 pub use bench::{BenchArgs, BenchFrameArgs, BenchStepArgs, BenchStressArgs, BenchTrainArgs, BenchVerb};
+pub use convert::{ConvertArgs, StillFormat};
 
 use crate::engine::{Backend, EncoderChoice, EngineOptions};
 use clap::{
@@ -53,6 +55,8 @@ pub enum Verb {
     Eval(EvalArgs),
     /// Measure run time beside quality for every setting; writes CSV and SVG
     Bench(BenchArgs),
+    /// Turn scenes into files of other programs, and back
+    Convert(ConvertArgs),
 }
 
 /// `surgtpgs view`
@@ -477,7 +481,10 @@ mod tests {
         let verbs: Vec<String> = Cli::command().get_subcommands().map(|c| c.get_name().to_owned()).collect();
         assert_eq!(
             verbs,
-            ["view", "demo", "check", "prepare", "train", "render", "query", "export", "eval", "bench"]
+            [
+                "view", "demo", "check", "prepare", "train", "render", "query", "export", "eval", "bench",
+                "convert"
+            ]
         );
     }
 
