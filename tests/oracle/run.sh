@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Exports the tiny demo in every format and reads it back with other programs; the argument is a Python that has them.
+# Exports the tiny demo in every format, converts its scene, and reads all back with other programs; the argument is a
+# Python that has them.
 set -euo pipefail
 python=$(realpath -s "$1")
 cd "$(dirname "$0")/../.."
@@ -16,5 +17,11 @@ prompts=(--prompt liver "grasping tool" spaceship)
 program export "$folder/scene.safetensors" -o "$folder/overlapping" --format $formats "${prompts[@]}" --threshold 0.3
 program export "$folder/scene.safetensors" -o "$folder/exclusive" --format $formats "${prompts[@]}" --exclusive
 
+program convert "$folder/scene.safetensors" "$folder/frame.ply" --frame 4
+program convert "$folder/scene.safetensors" "$folder/frame.glb" --frame 4
+program convert "$folder/scene.safetensors" "$folder/point_cloud.ply" --reference
+program convert "$folder/scene.safetensors" "$folder/small.safetensors" --quantize
+
 "$python" tests/oracle/read_exports.py "$folder/overlapping" "$folder/exclusive" > "$folder/output.txt"
+"$python" tests/oracle/read_scenes.py "$folder" 0.4 >> "$folder/output.txt"
 diff tests/oracle/output.txt "$folder/output.txt" && echo "the output is as stored"

@@ -15,5 +15,7 @@ mod bad_input;
 mod data_flow;
 /// The headless job of a bare `surgtpgs`.
 mod default_job;
+/// Scenes to and from what other programs read.
+mod formats;
 /// Nothing that speaks to a network is built in.
 mod privacy;

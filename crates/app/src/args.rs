@@ -1,11 +1,13 @@
 //! The command line: verbs in the order of the data flow.
 
 mod bench;
+mod convert;
 mod prepare;
 
 pub use bench::{
     BenchArgs, BenchFrameArgs, BenchMasksArgs, BenchStepArgs, BenchStressArgs, BenchTrainArgs, BenchVerb,
 };
+pub use convert::{ConvertArgs, StillFormat};
 pub use prepare::{LevelArg, MaskDensity, PrepareArgs};
 
 use crate::engine::{Backend, EncoderChoice, EngineOptions};
@@ -57,6 +59,8 @@ pub enum Verb {
     Eval(EvalArgs),
     /// Measure run time beside quality for every setting; writes CSV and SVG
     Bench(BenchArgs),
+    /// Turn scenes into files of other programs, and back
+    Convert(ConvertArgs),
 }
 
 /// `surgtpgs view`
@@ -444,7 +448,10 @@ mod tests {
         let verbs: Vec<String> = Cli::command().get_subcommands().map(|c| c.get_name().to_owned()).collect();
         assert_eq!(
             verbs,
-            ["view", "demo", "check", "prepare", "train", "render", "query", "export", "eval", "bench"]
+            [
+                "view", "demo", "check", "prepare", "train", "render", "query", "export", "eval", "bench",
+                "convert"
+            ]
         );
     }
 

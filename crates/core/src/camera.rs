@@ -2,6 +2,9 @@
 
 use glam::{Affine3A, Vec3};
 
+/// Longest side of an image, in pixels.
+const MAX_IMAGE_SIDE: u32 = 16384;
+
 /// A pinhole camera of known size and pose.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Camera {
@@ -34,6 +37,17 @@ impl Camera {
             cy: 0.5 * height as f32,
             camera_from_world: Affine3A::IDENTITY,
         }
+    }
+
+    /// Whether an image can have this size and lens, and the pose is made of numbers.
+    pub fn is_usable(&self) -> bool {
+        let is_size = |n: u32| (1..=MAX_IMAGE_SIDE).contains(&n);
+        let lens = [self.fx, self.fy, self.cx, self.cy];
+        is_size(self.width)
+            && is_size(self.height)
+            && (self.fx > 0.0 && self.fy > 0.0)
+            && lens.iter().all(|v| v.is_finite())
+            && self.camera_from_world.is_finite()
     }
 
     /// The same view at another resolution (pixel grid scaled, field of view kept).

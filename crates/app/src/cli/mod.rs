@@ -3,6 +3,7 @@
 mod bench;
 mod check;
 mod console;
+mod convert;
 mod default_job;
 mod demo;
 mod eval;
@@ -72,6 +73,7 @@ fn run_verb(verb: Option<Verb>) -> Result<Exit> {
         Some(Verb::Export(args)) => export::run(&args),
         Some(Verb::Eval(args)) => eval::run(&args),
         Some(Verb::Bench(args)) => bench::run(&args),
+        Some(Verb::Convert(args)) => convert::run(&args),
     }
 }
 

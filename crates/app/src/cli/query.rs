@@ -128,7 +128,8 @@ fn write_gaussians(engine: &mut Engine, report: &mut Report, folder: &Path) -> R
         let time = engine.scene().time(frame);
         let found = engine.gaussians_found(time)?.swap_remove(k);
         let file = folder.join(format!("{name}.ply"));
-        write_whole(&file, &engine.scene().to_ply(time, &found))?;
+        let object = engine.scene().still(time, &found);
+        write_whole(&file, &object.to_ply(engine.scene().cameras.get(frame)))?;
         report.prompts[k].gaussians = Some(GaussiansReport { frame, count: found.len(), file });
     }
     Ok(())

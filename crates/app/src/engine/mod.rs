@@ -222,7 +222,7 @@ impl Engine {
     /// Renders a view; the features are needed for [`Engine::scores`] only. A recorded view is empty outside the field
     /// of view, where nothing was ever seen.
     pub fn render(&mut self, view: &View, features: bool) -> Result<Arc<Images>> {
-        let features = features && self.relevancy.is_some();
+        let features = features && self.scene.gaussians.latent_dim > 0;
         if let Some(last) = &self.last
             && last.view == *view
             && (last.has_features || !features)

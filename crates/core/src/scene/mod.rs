@@ -1,16 +1,24 @@
-//! The scene file: one safetensors file with everything the viewer needs.
+//! The scene: one safetensors file with everything the viewer needs, and the forms that other programs read.
 
 mod file;
+mod gltf;
 mod ply;
+mod still;
+
+pub use ply::{LANG_DEFORMATION_FILE, ReferencePly, ReferenceWeights};
 
 use crate::{
     Error, Result, camera::Camera, codec::Codec, deform::Deformation, gaussian::Gaussians, grid::Mask,
     prepare::EncoderIdentity, sequence::Class,
 };
+use glam::{Affine3A, Mat3, Vec3};
 use std::{
     hash::{DefaultHasher, Hash, Hasher},
     path::{Path, PathBuf},
 };
+
+/// What is wrong with a file, without a full stop.
+type Problem = String;
 
 /// A trained reconstruction.
 #[derive(Clone, Debug)]
@@ -95,15 +103,74 @@ impl Scene {
         }
         hasher.finish()
     }
+    /// The scene file.
+    pub fn to_bytes(&self) -> Result<Vec<u8>> {
+        file::to_bytes(self, false)
+    }
+    /// The scene file in few bits: pictures change by less than 0.1 dB, and it reads back like any other.
+    pub fn to_quantized_bytes(&self) -> Result<Vec<u8>> {
+        file::to_bytes(self, true)
+    }
     /// Writes the file whole.
     pub fn save(&self, path: &Path) -> Result<()> {
-        crate::files::write_whole(path, &file::to_bytes(self)?)
+        crate::files::write_whole(path, &self.to_bytes()?)
     }
-    /// Reads and validates a file.
+    /// Reads and validates a file: a scene, or a `.ply` of Gaussians, which is recognised by its content. The feature
+    /// network of a deforming `.ply` is taken from [`LANG_DEFORMATION_FILE`] beside it.
     pub fn load(path: &Path) -> Result<Self> {
         let bytes = std::fs::read(path).map_err(|e| Error::io("read the scene file", path, e))?;
-        file::from_bytes(&bytes).map_err(|what| {
-            Error::input_at(path, what, "Choose another scene file, or train the recording again.")
-        })
+        let hint = "Choose another scene file, or train the recording again.";
+        let wrong = |what| Error::input_at(path, what, hint);
+        if !bytes.starts_with(ply::MAGIC) {
+            return file::from_bytes(&bytes).map_err(wrong);
+        }
+        let mut scene = ply::from_bytes(&bytes, || ReferenceWeights::beside(path)).map_err(wrong)?;
+        scene.provenance.made_by = format!("imported by SurgTPGS {}", env!("CARGO_PKG_VERSION"));
+        scene.provenance.sequence_name =
+            path.file_stem().map_or(String::new(), |name| name.to_string_lossy().into_owned());
+        Ok(scene)
+    }
+    /// Takes from another scene of the same recording what a `.ply` does not hold: cameras, field of view, class names,
+    /// text encoder and provenance, and the codec if it fits.
+    pub fn complete_from(&mut self, other: &Self) {
+        self.cameras.clone_from(&other.cameras);
+        self.field_of_view.clone_from(&other.field_of_view);
+        self.provenance.clone_from(&other.provenance);
+        if other.gaussians.latent_dim == self.gaussians.latent_dim {
+            self.codec.clone_from(&other.codec);
+            self.classes.clone_from(&other.classes);
+            self.encoder.clone_from(&other.encoder);
+        }
+    }
+}
+
+/// Numbers of a camera in a file.
+const CAMERA_WIDTH: usize = 18;
+
+/// Width, height, fx, fy, cx, cy and the rows of camera_from_world, 3×4.
+fn camera_row(camera: &Camera) -> Vec<f32> {
+    let mut row = vec![camera.width as f32, camera.height as f32, camera.fx, camera.fy, camera.cx, camera.cy];
+    let (m, t) = (camera.camera_from_world.matrix3, camera.camera_from_world.translation);
+    for i in 0..3 {
+        row.extend([m.x_axis[i], m.y_axis[i], m.z_axis[i], t[i]]);
+    }
+    row
+}
+
+/// The camera that [`camera_row`] gave.
+fn read_camera(row: &[f32]) -> Camera {
+    let at = |r: usize, c: usize| row[6 + 4 * r + c];
+    let column = |c: usize| Vec3::new(at(0, c), at(1, c), at(2, c));
+    Camera {
+        width: row[0] as u32,
+        height: row[1] as u32,
+        fx: row[2],
+        fy: row[3],
+        cx: row[4],
+        cy: row[5],
+        camera_from_world: Affine3A::from_mat3_translation(
+            Mat3::from_cols(column(0), column(1), column(2)),
+            column(3),
+        ),
     }
 }

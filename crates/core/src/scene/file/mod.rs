@@ -1,4 +1,6 @@
-//! The scene as safetensors: plain tensors, and one JSON text under the metadata key `surgtpgs`.
+//! The scene as safetensors: plain tensors, and one JSON text under the metadata key `surgtpgs`. In the compact form some
+//! tensors are whole numbers of small steps (see [`compact`]); `NAME.shape`, `NAME.step` and
+//! `NAME.offset` go with them.
 //!
 //! | tensor | shape | |
 //! |---|---|---|
@@ -14,7 +16,10 @@
 //! | `class_embeddings` | [classes, dim] | |
 //! | `encoder.K.weight` `encoder.K.bias` `decoder.K.…` | | the codec's layers |
 
-use super::{Provenance, Scene};
+mod compact;
+mod tensors;
+
+use super::{CAMERA_WIDTH, Problem, Provenance, Scene, camera_row, read_camera};
 use crate::{
     Error, Result,
     camera::Camera,
@@ -25,15 +30,14 @@ use crate::{
     prepare::EncoderIdentity,
     sequence::Class,
 };
-use glam::{Affine3A, Mat3, Vec3};
+use compact::Steps;
 use ndarray::{Array1, Array2};
-use safetensors::{Dtype, SafeTensors, tensor::TensorView};
-use std::collections::HashMap;
+use safetensors::{Dtype, SafeTensors};
+use tensors::{Reader, Writer};
 
 /// Version of the layout above; a reader refuses a newer one.
 const VERSION: u32 = 1;
 const METADATA_KEY: &str = "surgtpgs";
-const CAMERA_WIDTH: usize = 18;
 /// More basis functions than this are taken for damage.
 const MAX_BASES: usize = 1024;
 
@@ -58,25 +62,11 @@ fn own_gate() -> usize {
     GATE_CHANNEL
 }
 
-/// Tensors being collected for writing.
-#[derive(Default)]
-struct Writer(Vec<(String, Dtype, Vec<usize>, Vec<u8>)>);
-
-impl Writer {
-    fn f32(&mut self, name: &str, shape: &[usize], values: &[f32]) {
-        let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
-        self.0.push((name.to_owned(), Dtype::F32, shape.to_vec(), bytes));
-    }
-    fn u32(&mut self, name: &str, values: &[u32]) {
-        let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
-        self.0.push((name.to_owned(), Dtype::U32, vec![values.len()], bytes));
-    }
-}
-
-pub(super) fn to_bytes(scene: &Scene) -> Result<Vec<u8>> {
+/// The file; `compact` trades exactness for a sixth of the size.
+pub(super) fn to_bytes(scene: &Scene, compact: bool) -> Result<Vec<u8>> {
     let g = &scene.gaussians;
     let n = g.len();
-    let mut w = Writer::default();
+    let mut w = Writer::new(compact.then(|| Steps::for_scene(scene)));
     w.f32("means", &[n, 3], g.means.as_flattened());
     w.f32("rotations", &[n, 4], g.rotations.as_flattened());
     w.f32("log_scales", &[n, 3], g.log_scales.as_flattened());
@@ -88,7 +78,7 @@ pub(super) fn to_bytes(scene: &Scene) -> Result<Vec<u8>> {
     let cameras: Vec<f32> = scene.cameras.iter().flat_map(camera_row).collect();
     w.f32("cameras", &[scene.cameras.len(), CAMERA_WIDTH], &cameras);
     let fov = &scene.field_of_view;
-    w.0.push(("field_of_view".into(), Dtype::U8, vec![fov.height, fov.width.div_ceil(8)], pack_bits(fov)));
+    w.bytes("field_of_view", &[fov.height, fov.width.div_ceil(8)], pack_bits(fov));
     let dim = scene.classes.first().map_or(0, |c| c.1.len());
     let embeddings: Vec<f32> = scene.classes.iter().flat_map(|c| c.1.iter().copied()).collect();
     w.f32("class_embeddings", &[scene.classes.len(), dim], &embeddings);
@@ -109,14 +99,9 @@ pub(super) fn to_bytes(scene: &Scene) -> Result<Vec<u8>> {
         encoder: scene.encoder.clone(),
         provenance: scene.provenance.clone(),
     };
-    let failed = |e: &dyn std::fmt::Display| Error::input(format!("the scene could not be written: {e}"), "");
-    let json = serde_json::to_string(&header).map_err(|e| failed(&e))?;
-    let views = w.0.iter().map(|(name, dtype, shape, bytes)| {
-        TensorView::new(*dtype, shape.clone(), bytes).map(|view| (name.as_str(), view))
-    });
-    let views: Vec<_> = views.collect::<Result<_, _>>().map_err(|e| failed(&e))?;
-    safetensors::serialize(views, Some(HashMap::from([(METADATA_KEY.to_owned(), json)])))
-        .map_err(|e| failed(&e))
+    let json = serde_json::to_string(&header)
+        .map_err(|e| Error::input(format!("the scene could not be written: {e}"), ""))?;
+    w.finish(METADATA_KEY, json)
 }
 
 /// Only Gaussians with a weight that is not zero carry their bases.
@@ -149,34 +134,8 @@ fn write_deformation(w: &mut Writer, scene: &Scene) {
 fn write_layers(w: &mut Writer, name: &str, layers: &[Linear]) {
     for (k, layer) in layers.iter().enumerate() {
         let weight: Vec<f32> = layer.weight.iter().copied().collect();
-        w.f32(&format!("{name}.{k}.weight"), layer.weight.shape(), &weight);
-        w.f32(&format!("{name}.{k}.bias"), &[layer.bias.len()], &layer.bias.to_vec());
-    }
-}
-
-fn camera_row(camera: &Camera) -> Vec<f32> {
-    let mut row = vec![camera.width as f32, camera.height as f32, camera.fx, camera.fy, camera.cx, camera.cy];
-    let (m, t) = (camera.camera_from_world.matrix3, camera.camera_from_world.translation);
-    for i in 0..3 {
-        row.extend([m.x_axis[i], m.y_axis[i], m.z_axis[i], t[i]]);
-    }
-    row
-}
-
-fn read_camera(row: &[f32]) -> Camera {
-    let at = |r: usize, c: usize| row[6 + 4 * r + c];
-    let column = |c: usize| Vec3::new(at(0, c), at(1, c), at(2, c));
-    Camera {
-        width: row[0] as u32,
-        height: row[1] as u32,
-        fx: row[2],
-        fy: row[3],
-        cx: row[4],
-        cy: row[5],
-        camera_from_world: Affine3A::from_mat3_translation(
-            Mat3::from_cols(column(0), column(1), column(2)),
-            column(3),
-        ),
+        w.network(&format!("{name}.{k}.weight"), layer.weight.shape(), &weight);
+        w.network(&format!("{name}.{k}.bias"), &[layer.bias.len()], &layer.bias.to_vec());
     }
 }
 
@@ -184,44 +143,6 @@ fn pack_bits(mask: &Mask) -> Vec<u8> {
     let pack =
         |bits: &[bool]| bits.iter().enumerate().fold(0u8, |byte, (i, b)| byte | u8::from(*b) << (7 - i));
     (0..mask.height).flat_map(|y| mask.row(y).chunks(8).map(pack).collect::<Vec<_>>()).collect()
-}
-
-/// What is wrong with a file, without a full stop.
-type Problem = String;
-
-struct Reader<'a>(SafeTensors<'a>);
-
-impl Reader<'_> {
-    /// The values and shape of a tensor of finite numbers with as many dimensions as `rank`.
-    fn f32(&self, name: &str, rank: usize) -> Result<(Vec<usize>, Vec<f32>), Problem> {
-        let view = self.0.tensor(name).map_err(|_| format!("the scene file lacks the tensor `{name}`"))?;
-        if view.dtype() != Dtype::F32 || view.shape().len() != rank {
-            let (dtype, shape) = (view.dtype(), view.shape());
-            return Err(format!(
-                "tensor `{name}` should be {rank}-dimensional F32, but is {dtype:?} {shape:?}"
-            ));
-        }
-        let values: Vec<f32> =
-            view.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
-        if let Some(bad) = values.iter().position(|v| !v.is_finite()) {
-            return Err(format!("tensor `{name}` has a value that is not a number at position {bad}"));
-        }
-        Ok((view.shape().to_vec(), values))
-    }
-
-    fn shaped(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, Problem> {
-        let (found, values) = self.f32(name, shape.len())?;
-        if found == shape {
-            Ok(values)
-        } else {
-            Err(format!("tensor `{name}` should be {shape:?}, but is {found:?}"))
-        }
-    }
-
-    fn rows<const C: usize>(&self, name: &str, n: usize) -> Result<Vec<[f32; C]>, Problem> {
-        let values = self.shaped(name, &[n, C])?;
-        Ok(values.as_chunks::<C>().0.to_vec())
-    }
 }
 
 pub(super) fn from_bytes(bytes: &[u8]) -> Result<Scene, Problem> {
@@ -289,16 +210,7 @@ fn read_gaussians(reader: &Reader<'_>, header: &Header) -> Result<Gaussians, Pro
 fn read_deformation(reader: &Reader<'_>, header: &Header) -> Result<Deformation, Problem> {
     let (n, dim) = (header.gaussians, header.latent_dim);
     let (channels, stride) = (num_channels(dim), stride_for(dim));
-    let moving =
-        reader.0.tensor("moving").map_err(|_| "the scene file lacks the tensor `moving`".to_owned())?;
-    if moving.dtype() != Dtype::U32 || moving.shape().len() != 1 {
-        return Err("tensor `moving` should be one-dimensional U32".into());
-    }
-    let moving: Vec<usize> = moving
-        .data()
-        .chunks_exact(4)
-        .map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize)
-        .collect();
+    let moving: Vec<usize> = reader.u32("moving")?.into_iter().map(|i| i as usize).collect();
     if let Some(bad) = moving.iter().find(|i| **i >= n) {
         return Err(format!("tensor `moving` names Gaussian {bad} of {n}"));
     }
@@ -321,7 +233,7 @@ fn read_deformation(reader: &Reader<'_>, header: &Header) -> Result<Deformation,
         }
         all
     };
-    let own_bases = reader.0.tensor("basis_centres").is_ok_and(|t| t.shape().len() == 3);
+    let own_bases = reader.f32("basis_centres", 3).is_ok();
     let bases = |name: &str| {
         if own_bases {
             reader.shaped(name, &shape).map(|v| spread(&v))
@@ -346,8 +258,8 @@ fn read_deformation(reader: &Reader<'_>, header: &Header) -> Result<Deformation,
 /// All cameras have one size, within what an image can be.
 fn check_cameras(cameras: &[Camera]) -> Result<(), Problem> {
     let (w, h) = (cameras[0].width, cameras[0].height);
-    let is_good = |c: &Camera| (c.width, c.height) == (w, h) && c.fx > 0.0 && c.fy > 0.0;
-    if !(1..=16384).contains(&w) || !(1..=16384).contains(&h) || !cameras.iter().all(is_good) {
+    let is_good = |c: &Camera| (c.width, c.height) == (w, h) && c.is_usable();
+    if !cameras.iter().all(is_good) {
         return Err(format!("the cameras are damaged (first: {w}×{h}, focal length {})", cameras[0].fx));
     }
     Ok(())
@@ -355,10 +267,7 @@ fn check_cameras(cameras: &[Camera]) -> Result<(), Problem> {
 
 fn read_field_of_view(reader: &Reader<'_>, header: &Header, camera: &Camera) -> Result<Mask, Problem> {
     let (width, height) = (camera.width as usize, camera.height as usize);
-    let view = reader
-        .0
-        .tensor("field_of_view")
-        .map_err(|_| "the scene file lacks the tensor `field_of_view`".to_owned())?;
+    let view = reader.view("field_of_view")?;
     let stride = width.div_ceil(8);
     if header.width != width || view.dtype() != Dtype::U8 || view.shape() != [height, stride] {
         return Err(format!("tensor `field_of_view` does not fit the cameras' {width}×{height}"));
@@ -373,6 +282,10 @@ fn read_codec(reader: &Reader<'_>, latent_dim: usize) -> Result<Option<Codec>, P
         return Ok(None);
     }
     let (encoder, decoder) = (read_layers(reader, "encoder")?, read_layers(reader, "decoder")?);
+    // Features that came without their codec can be looked at, not asked.
+    if encoder.is_empty() && decoder.is_empty() {
+        return Ok(None);
+    }
     let codec = Codec { encoder, decoder };
     if codec.latent_dim() != latent_dim || codec.encoder.last().is_none_or(|l| l.weight.nrows() != latent_dim)
     {
@@ -402,6 +315,8 @@ fn read_layers(reader: &Reader<'_>, name: &str) -> Result<Vec<Linear>, Problem> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::deform::deform;
+    use glam::{Affine3A, Vec3};
 
     fn scene() -> Scene {
         let n = 4;
@@ -441,8 +356,8 @@ mod tests {
     #[test]
     fn a_scene_survives_the_round_trip() {
         let before = scene();
-        let bytes = to_bytes(&before).unwrap();
-        assert_eq!(bytes, to_bytes(&before).unwrap(), "the same scene gives the same bytes");
+        let bytes = to_bytes(&before, false).unwrap();
+        assert_eq!(bytes, to_bytes(&before, false).unwrap(), "the same scene gives the same bytes");
         let after = from_bytes(&bytes).unwrap();
         assert_eq!(after.gaussians, before.gaussians);
         assert_eq!(after.deformation, before.deformation);
@@ -454,8 +369,41 @@ mod tests {
     }
 
     #[test]
+    fn the_compact_form_is_nearly_the_same() {
+        let before = crate::stress::ordinary(500);
+        let bytes = to_bytes(&before, true).unwrap();
+        assert_eq!(bytes, to_bytes(&before, true).unwrap(), "the same scene gives the same bytes");
+        assert!(bytes.len() * 3 < to_bytes(&before, false).unwrap().len());
+        let after = from_bytes(&bytes).unwrap();
+        let [a, b] = [&before, &after].map(|s| deform(&s.gaussians, &s.deformation, 0.3, true));
+        let close = |a: &[f32], b: &[f32], by: f32| a.iter().zip(b).all(|(a, b)| (a - b).abs() < by);
+        assert!(close(a.means.as_flattened(), b.means.as_flattened(), 0.01));
+        assert!(close(a.rotations.as_flattened(), b.rotations.as_flattened(), 0.1));
+        assert!(close(a.colours.as_flattened(), b.colours.as_flattened(), 0.03));
+        assert!(close(&a.opacities, &b.opacities, 0.01) && close(&a.features, &b.features, 0.2));
+        // Written again, nothing more is lost.
+        assert_eq!(
+            from_bytes(&to_bytes(&after, true).unwrap()).unwrap().gaussians.colours,
+            after.gaussians.colours
+        );
+        let mut whole = scene();
+        whole.deformation = whole.deformation.with_own_bases();
+        let read = from_bytes(&to_bytes(&whole, true).unwrap()).unwrap();
+        assert!(!read.deformation.is_shared() && read.codec.is_some());
+        assert_eq!((read.cameras, read.classes), (whole.cameras, whole.classes));
+    }
+
+    #[test]
+    fn features_may_come_without_their_codec() {
+        let mut before = scene();
+        before.codec = None;
+        let after = from_bytes(&to_bytes(&before, false).unwrap()).unwrap();
+        assert_eq!((after.codec, after.gaussians.features), (None, before.gaussians.features));
+    }
+
+    #[test]
     fn a_file_cut_short_anywhere_is_refused_in_words() {
-        let bytes = to_bytes(&scene()).unwrap();
+        let bytes = to_bytes(&scene(), false).unwrap();
         for len in (0..bytes.len()).step_by(97) {
             assert!(!from_bytes(&bytes[..len]).unwrap_err().is_empty());
         }
@@ -466,9 +414,9 @@ mod tests {
     fn poisoned_and_mismatched_tensors_are_refused() {
         let mut s = scene();
         s.gaussians.means[2][1] = f32::NAN;
-        assert!(from_bytes(&to_bytes(&s).unwrap()).unwrap_err().contains("`means`"));
+        assert!(from_bytes(&to_bytes(&s, false).unwrap()).unwrap_err().contains("`means`"));
         let mut s = scene();
         s.gaussians.features.pop();
-        assert!(to_bytes(&s).is_err());
+        assert!(to_bytes(&s, false).is_err());
     }
 }

@@ -1,0 +1,181 @@
+//! Scenes in few bits: numbers become whole numbers of small steps, and these are deflated.
+//!
+//! value = offset + step · n, with a step and an offset for each column (the last axis). The whole numbers are stored
+//! column by column, each as 2 |n| (− 1 if n < 0) of 32 bits, all lowest bytes first, all highest bytes last, in a zlib
+//! stream.
+
+use super::{Problem, Scene};
+use crate::{
+    deform::{COLOUR_CHANNEL, GATE_CHANNEL, MEAN_CHANNEL, ROTATION_CHANNEL, SCALE_CHANNEL, num_channels},
+    num::percentile,
+};
+use flate2::{Compression, read::ZlibDecoder, write::ZlibEncoder};
+use glam::Vec3;
+use std::{
+    collections::BTreeMap,
+    io::{Read, Write},
+};
+
+/// Steps at rest: centres in pixels, others in their own units.
+const CENTRE_PX: f32 = 0.02;
+const ROTATION: f32 = 0.01;
+const LOG_SCALE: f32 = 0.02;
+const OPACITY_LOGIT: f32 = 0.03;
+const COLOUR: f32 = 0.01;
+const FEATURE: f32 = 0.005;
+/// Steps of the weights over time.
+const MOTION_PX: f32 = 0.3;
+const ROTATION_OVER_TIME: f32 = 0.02;
+const LOG_SCALE_OVER_TIME: f32 = 0.06;
+const COLOUR_OVER_TIME: f32 = 0.04;
+const GATE_OVER_TIME: f32 = 0.4;
+/// Steps of bases that every Gaussian has of its own, of a recording's length.
+const BASIS_TIME: f32 = 2e-4;
+/// The largest n.
+const MAX_COUNT: f32 = (1_u32 << 29) as f32;
+/// Bytes of a whole number.
+const PLANES: usize = 4;
+
+/// How finely the columns of each tensor are kept.
+pub(super) struct Steps(BTreeMap<&'static str, Vec<f32>>);
+
+impl Steps {
+    /// Such that the pictures of `scene` change by less than what they are wrong by anyway.
+    pub(super) fn for_scene(scene: &Scene) -> Self {
+        let (pixel, dim) = (pixel_size(scene), scene.gaussians.latent_dim);
+        let mut over_time = vec![GATE_OVER_TIME; num_channels(dim)];
+        for (channels, step) in [
+            (MEAN_CHANNEL..ROTATION_CHANNEL, MOTION_PX * pixel),
+            (ROTATION_CHANNEL..SCALE_CHANNEL, ROTATION_OVER_TIME),
+            (SCALE_CHANNEL..COLOUR_CHANNEL, LOG_SCALE_OVER_TIME),
+            (COLOUR_CHANNEL..GATE_CHANNEL, COLOUR_OVER_TIME),
+        ] {
+            over_time[channels].fill(step);
+        }
+        let mut steps = BTreeMap::from([
+            ("means", vec![CENTRE_PX * pixel; 3]),
+            ("rotations", vec![ROTATION; 4]),
+            ("log_scales", vec![LOG_SCALE; 3]),
+            ("opacity_logits", vec![OPACITY_LOGIT]),
+            ("colours", vec![COLOUR; 3]),
+            ("sh_rest", vec![COLOUR; 3]),
+            ("features", vec![FEATURE; dim]),
+            ("basis_weights", over_time),
+        ]);
+        if !scene.deformation.is_shared() {
+            steps.insert("basis_centres", vec![BASIS_TIME; num_channels(dim)]);
+            steps.insert("basis_widths", vec![BASIS_TIME; num_channels(dim)]);
+        }
+        Self(steps)
+    }
+
+    /// Of the columns of a tensor; `None` if it is kept as it is.
+    pub(super) fn of(&self, name: &str) -> Option<&[f32]> {
+        self.0.get(name).map(Vec::as_slice)
+    }
+}
+
+/// A pixel in scene units, for Gaussians that are nearer than most.
+fn pixel_size(scene: &Scene) -> f32 {
+    let Some(camera) = scene.cameras.first() else { return 1.0 };
+    let depth = |m: &[f32; 3]| camera.camera_from_world.transform_point3(Vec3::from(*m)).z;
+    let mut depths: Vec<f32> =
+        scene.gaussians.means.iter().map(depth).filter(|z| *z > 0.0 && z.is_finite()).collect();
+    percentile(&mut depths, 25.0).unwrap_or(1.0) / camera.fx.max(camera.fy)
+}
+
+/// Whole numbers, deflated.
+pub(super) struct Packed {
+    pub(super) bytes: Vec<u8>,
+    /// Of the columns.
+    pub(super) offsets: Vec<f32>,
+}
+
+/// Rounds rows of `steps.len()` columns. Numbers that are 2²⁹ steps away are cut.
+pub(super) fn pack(values: &[f32], steps: &[f32]) -> Packed {
+    let columns = steps.len();
+    let mut offsets = Vec::with_capacity(columns);
+    let mut counts = Vec::with_capacity(values.len());
+    for (c, step) in steps.iter().enumerate() {
+        let column = || values.iter().skip(c).step_by(columns);
+        let (low, high) = column().fold((f32::MAX, f32::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
+        // Zero stays zero where numbers are on both sides of it.
+        let offset = if low <= 0.0 && high >= 0.0 { 0.0 } else { 0.5 * (low + high) };
+        offsets.push(offset);
+        counts.extend(column().map(|v| {
+            let n = ((v - offset) / step).round().clamp(-MAX_COUNT, MAX_COUNT) as i32;
+            (if n < 0 { -2 * n - 1 } else { 2 * n }) as u32
+        }));
+    }
+    let plane = |k: usize| counts.iter().map(move |n: &u32| (n >> (8 * k)) as u8);
+    Packed { bytes: deflated(&(0..PLANES).flat_map(plane).collect::<Vec<u8>>()), offsets }
+}
+
+fn deflated(bytes: &[u8]) -> Vec<u8> {
+    let mut encoder = ZlibEncoder::new(Vec::new(), Compression::best());
+    let written = encoder.write_all(bytes).and_then(|()| encoder.finish());
+    debug_assert!(written.is_ok(), "writing to memory does not fail");
+    written.unwrap_or_default()
+}
+
+/// The inverse of [`pack`], up to rounding: `len` values.
+pub(super) fn unpack(bytes: &[u8], len: usize, steps: &[f32], offsets: &[f32]) -> Result<Vec<f32>, Problem> {
+    let columns = steps.len();
+    if columns == 0 || offsets.len() != columns || !len.is_multiple_of(columns) {
+        return Err(format!("{len} values do not make {columns} columns"));
+    }
+    // One byte more, to see where there is too much; a small stream cannot make us keep a large one.
+    let mut counts = Vec::new();
+    let limit = (len as u64).saturating_mul(PLANES as u64).saturating_add(1);
+    ZlibDecoder::new(bytes).take(limit).read_to_end(&mut counts).map_err(|e| e.to_string())?;
+    if counts.len() as u64 != limit - 1 {
+        return Err(format!("it does not hold {len} values"));
+    }
+    let rows = len / columns;
+    let value = |i: usize| {
+        let (row, c) = (i / columns, i % columns);
+        let byte = |k: usize| u32::from(counts[k * len + c * rows + row]) << (8 * k);
+        let n: u32 = (0..PLANES).map(byte).sum();
+        let (half, is_negative) = ((n >> 1) as f32, n & 1 == 1);
+        offsets[c] + steps[c] * if is_negative { -half - 1.0 } else { half }
+    };
+    Ok((0..len).map(value).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn every_number_is_right_to_half_a_step(values in prop::collection::vec(-90.0_f32..90.0, 0..60)) {
+            let steps = [0.01, 0.5, 3.0];
+            let values = &values[..values.len() / 3 * 3];
+            let packed = pack(values, &steps);
+            let read = unpack(&packed.bytes, values.len(), &steps, &packed.offsets).unwrap();
+            for (i, (a, b)) in values.iter().zip(&read).enumerate() {
+                prop_assert!((a - b).abs() <= 0.501 * steps[i % 3], "{a} became {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn zero_stays_zero_and_outliers_are_cut() {
+        let packed = pack(&[0.0, 0.3, -1e9, 1e9], &[0.1]);
+        assert_eq!(packed.offsets, [0.0]);
+        let read = unpack(&packed.bytes, 4, &[0.1], &[0.0]).unwrap();
+        assert_eq!(read[0], 0.0);
+        assert_eq!(read[2..], [-0.1 * MAX_COUNT, 0.1 * MAX_COUNT]);
+    }
+
+    #[test]
+    fn damage_is_refused() {
+        let packed = pack(&[1.0; 12], &[0.1, 0.1]);
+        for len in [0, 11, 13, 24, usize::MAX] {
+            assert!(unpack(&packed.bytes, len, &[0.1, 0.1], &packed.offsets).is_err(), "{len}");
+        }
+        assert!(unpack(&packed.bytes[..5], 12, &[0.1, 0.1], &packed.offsets).is_err());
+        assert!(unpack(&packed.bytes, 12, &[], &[]).is_err());
+    }
+}

@@ -1,0 +1,31 @@
+//! `.ply` files of Gaussians: those of 3-D Gaussian splatting, and the deforming ones of the released code.
+
+mod reference;
+mod splats;
+mod table;
+
+pub use reference::{LANG_DEFORMATION_FILE, ReferencePly, ReferenceWeights};
+
+use super::{Problem, Scene};
+use table::Table;
+
+/// How every `.ply` begins.
+pub(super) const MAGIC: &[u8] = b"ply";
+
+/// Reads either kind. `weights` finds those of the released code's feature network, which is not in its `.ply`.
+pub(super) fn from_bytes(
+    bytes: &[u8],
+    weights: impl FnOnce() -> Result<Option<ReferenceWeights>, Problem>,
+) -> Result<Scene, Problem> {
+    let table = Table::from_bytes(bytes)?;
+    if table.has_column("coefs_0") {
+        reference::from_table(&table, weights()?)
+    } else {
+        splats::from_table(&table)
+    }
+}
+
+/// `name_0`, `name_1` and so on.
+fn numbered(name: &str, n: usize) -> Vec<String> {
+    (0..n).map(|i| format!("{name}_{i}")).collect()
+}

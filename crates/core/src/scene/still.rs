@@ -1,0 +1,126 @@
+//! Gaussians that do not move: a scene at one time, and a scene made of them.
+
+use super::{Provenance, Scene};
+use crate::{
+    camera::Camera,
+    deform::{Deformation, deform},
+    gaussian::Gaussians,
+    grid::Grid,
+    num::percentile,
+};
+use glam::{Affine3A, Vec3};
+
+/// Size and horizontal field of view of the picture of a scene that comes without a camera.
+const PICTURE: (u32, u32) = (960, 720);
+const FIELD_OF_VIEW_DEGREES: f32 = 50.0;
+/// Share of the Gaussians, in percent, that such a camera has in view.
+const IN_VIEW: f64 = 95.0;
+const GATE_SLOPE: f32 = 2.5;
+
+impl Scene {
+    /// The Gaussians `chosen` as they are at `time`, without features.
+    pub fn still(&self, time: f32, chosen: &[usize]) -> Gaussians {
+        let (rest, row) = (&self.gaussians, self.gaussians.sh_bands() * 3);
+        let now = deform(rest, &self.deformation, time, false);
+        let pick = |i: &usize| rest.sh_rest[i * row..(i + 1) * row].to_vec();
+        Gaussians {
+            means: chosen.iter().map(|&i| now.means[i]).collect(),
+            rotations: chosen.iter().map(|&i| now.rotations[i]).collect(),
+            log_scales: chosen.iter().map(|&i| now.scales[i].map(f32::ln)).collect(),
+            opacity_logits: chosen.iter().map(|&i| rest.opacity_logits[i]).collect(),
+            colours: chosen.iter().map(|&i| now.colours[i]).collect(),
+            sh_rest: chosen.iter().flat_map(pick).collect(),
+            sh_degree: rest.sh_degree,
+            ..Gaussians::default()
+        }
+    }
+
+    /// All Gaussians as they are at `time`, without features.
+    pub fn all_still(&self, time: f32) -> Gaussians {
+        self.still(time, &Vec::from_iter(0..self.gaussians.len()))
+    }
+
+    /// A scene of Gaussians that do not move, seen by `camera`.
+    pub fn of_still(gaussians: Gaussians, camera: Camera) -> Self {
+        Self {
+            deformation: Deformation::at_rest(gaussians.len(), gaussians.latent_dim, 1, 1.0, GATE_SLOPE),
+            gaussians,
+            cameras: vec![camera],
+            field_of_view: Grid::filled(camera.width as usize, camera.height as usize, true),
+            codec: None,
+            classes: Vec::new(),
+            encoder: None,
+            provenance: Provenance::default(),
+        }
+    }
+}
+
+/// A camera before the Gaussians (y points down, z away from it) that has most of them in view.
+pub(super) fn camera_before(means: &[[f32; 3]]) -> Camera {
+    let mut camera = Camera::with_field_of_view(PICTURE.0, PICTURE.1, FIELD_OF_VIEW_DEGREES);
+    let middle =
+        Vec3::from([0, 1, 2].map(|axis| typical(means.iter().map(|m| m[axis]), 50.0).unwrap_or(0.0)));
+    let radius = typical(means.iter().map(|m| Vec3::from(*m).distance(middle)), IN_VIEW).unwrap_or(1.0);
+    // Of a ball, so that it fits the shorter side.
+    let half_angle = (0.5 * camera.height as f32 / camera.fy).atan();
+    let distance = radius.max(1e-3) / half_angle.sin();
+    camera.camera_from_world = Affine3A::from_translation(Vec3::new(0.0, 0.0, distance) - middle);
+    camera
+}
+
+/// A camera at the origin looking along +z that has most of what is before it in view: that of the first frame of a
+/// recording, where the world is this camera's.
+pub(super) fn camera_at_origin(means: &[[f32; 3]]) -> Camera {
+    let camera = Camera::with_field_of_view(PICTURE.0, PICTURE.1, FIELD_OF_VIEW_DEGREES);
+    let aspect = camera.width as f32 / camera.height as f32;
+    let slopes =
+        means.iter().filter(|m| m[2] > 0.0).map(|[x, y, z]| (x / z).abs().max(aspect * (y / z).abs()));
+    match typical(slopes, IN_VIEW) {
+        Some(slope) if slope > 1e-3 => {
+            let fov = 2.0 * slope.min(10.0).atan().to_degrees();
+            Camera::with_field_of_view(PICTURE.0, PICTURE.1, fov)
+        }
+        _ => camera_before(means),
+    }
+}
+
+fn typical(values: impl Iterator<Item = f32>, percent: f64) -> Option<f32> {
+    percentile(&mut values.filter(|v| v.is_finite()).collect::<Vec<_>>(), percent)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stress;
+
+    #[test]
+    fn a_still_scene_looks_as_the_moving_one_does_at_that_time() {
+        let scene = stress::ordinary(60);
+        let still = Scene::of_still(scene.all_still(0.4), scene.cameras[0]);
+        let (now, then) = [(&scene, 0.4), (&still, 0.9)]
+            .map(|(s, t)| deform(&s.gaussians, &s.deformation, t, false))
+            .into();
+        let close = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5);
+        assert!(close(now.means.as_flattened(), then.means.as_flattened()));
+        assert!(close(now.rotations.as_flattened(), then.rotations.as_flattened()));
+        assert!(close(now.scales.as_flattened(), then.scales.as_flattened()));
+        assert!(close(now.colours.as_flattened(), then.colours.as_flattened()));
+        assert_eq!(now.opacities, then.opacities);
+    }
+
+    #[test]
+    fn a_camera_that_is_made_up_has_the_gaussians_in_view() {
+        let means = stress::ordinary(200).gaussians.means;
+        for camera in [camera_before(&means), camera_at_origin(&means)] {
+            let is_in_view = |m: &&[f32; 3]| {
+                camera.project(Vec3::from(**m)).is_some_and(|(u, v, _)| {
+                    (0.0..camera.width as f32).contains(&u) && (0.0..camera.height as f32).contains(&v)
+                })
+            };
+            let seen = means.iter().filter(is_in_view).count();
+            assert!(seen >= 180, "{seen} of 200");
+        }
+        assert!(camera_before(&[]).camera_from_world.is_finite());
+        assert!(camera_at_origin(&[[0.0, 0.0, -1.0]]).camera_from_world.is_finite());
+    }
+}
