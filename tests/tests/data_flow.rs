@@ -54,7 +54,10 @@ fn the_recording_is_never_modified() {
 #[test]
 fn train_reports_its_contract_and_learns() {
     let report = &flow().trained;
-    has_keys(report, &["backend", "seconds", "steps", "steps_per_second", "gaussians", "peak_rss_bytes", "psnr_db"]);
+    has_keys(
+        report,
+        &["backend", "seconds", "steps", "steps_per_second", "gaussians", "peak_rss_bytes", "psnr_db"],
+    );
     assert_eq!(report["steps"], 400);
     assert_eq!(report["held_out"], true, "a folder prepared with --eval remembers it");
     assert!(report["gaussians"].as_u64().unwrap() > 50);

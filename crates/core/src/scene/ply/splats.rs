@@ -112,7 +112,7 @@ pub(super) fn gaussians(table: &Table, also: &[usize]) -> Result<(Gaussians, Vec
 }
 
 fn degree_of(bands: usize) -> usize {
-    (0..=3).find(|d| (d + 1) * (d + 1) - 1 >= bands).unwrap_or(3)
+    (0..=3).find(|d| (d + 1) * (d + 1) > bands).unwrap_or(3)
 }
 
 /// Files often hold degree 3 where only 0 is used.
