@@ -19,7 +19,7 @@ use surgtpgs_core::{
     prepare::{Prepared, prepare_from_labels},
     scene::Scene,
     sequence::Sequence,
-    train::{TrainSettings, Trainer},
+    train::{StepReport, TrainSettings, Trainer},
 };
 
 /// Where a job is.
@@ -128,15 +128,15 @@ pub struct Trained {
 
 /// Trains until all steps are done or the observer asks to stop.
 pub fn train(material: &Material, settings: TrainSettings, observer: &mut Observer<'_>) -> Result<Trained> {
-    train_watched(material, settings, observer, &mut |_| {})
+    train_watched(material, settings, observer, &mut |_, _| {})
 }
 
-/// As [`train`]; `watch` sees the trainer after every step, to show how far it is.
+/// As [`train`]; `watch` sees the trainer after every step and what the step did, to show how far it is.
 pub fn train_watched(
     material: &Material,
     settings: TrainSettings,
     observer: &mut Observer<'_>,
-    watch: &mut dyn FnMut(&Trainer),
+    watch: &mut dyn FnMut(&Trainer, &StepReport),
 ) -> Result<Trained> {
     let mut trainer = Trainer::new(material.sequence(), material.prepared(), settings)?;
     go_on(&mut trainer, None, observer, watch)
@@ -156,7 +156,7 @@ pub fn go_on(
     trainer: &mut Trainer,
     checkpoint: Option<&Path>,
     observer: &mut Observer<'_>,
-    watch: &mut dyn FnMut(&Trainer),
+    watch: &mut dyn FnMut(&Trainer, &StepReport),
 ) -> Result<Trained> {
     let total = trainer.settings().iterations;
     let psnr_every = (total / 6).max(250);
@@ -169,7 +169,7 @@ pub fn go_on(
         if report.step.is_multiple_of(psnr_every) && report.step < total {
             psnr = format!(", {:.2} dB", trainer.psnr_db()?);
         }
-        watch(trainer);
+        watch(trainer, &report);
         let done_here = (report.step - first_step) as f64;
         let per_second = done_here / training_started.elapsed().as_secs_f64().max(1e-9);
         let detail =

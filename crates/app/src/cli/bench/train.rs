@@ -74,7 +74,7 @@ fn measure(material: &Material, row: &Row, args: &BenchTrainArgs) -> Result<Outc
     let mut view = ProgressView::default();
     let mut pass_ms = Vec::new();
     let trained =
-        jobs::train_watched(material, row.settings.clone(), &mut |p| view.show(p), &mut |trainer| {
+        jobs::train_watched(material, row.settings.clone(), &mut |p| view.show(p), &mut |trainer, _| {
             let per_step = 1e3 / trainer.steps_done().max(1) as f64;
             pass_ms = Pass::ALL.iter().map(|p| trainer.clock().seconds(*p) * per_step).collect();
         })?;
