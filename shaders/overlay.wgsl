@@ -13,8 +13,8 @@ struct Overlay {
     // STYLE_OUTLINE, STYLE_FILL or STYLE_HEATMAP.
     style: u32,
     opacity: f32,
-    padding: u32,
-    padding_2: vec2u,
+    outline_opacity: f32,
+    padding: vec2u,
 }
 
 struct PromptRow {
@@ -76,7 +76,7 @@ fn mix_by(a: vec3f, b: vec3f, share: f32) -> vec3f {
 }
 
 fn draw_region(base: vec3f, prompt: u32, pixel: vec2i) -> vec3f {
-    let halo = mix_by(base, vec3f(0.0), HALO_DARKNESS);
+    let halo = mix_by(base, vec3f(0.0), HALO_DARKNESS * params.outline_opacity);
     let width = i32(CONTOUR_WIDTH);
     let depth = depth_inside(prompt, pixel, width + 1);
     if depth == 0 {
@@ -86,7 +86,7 @@ fn draw_region(base: vec3f, prompt: u32, pixel: vec2i) -> vec3f {
         return base;
     }
     if depth <= width {
-        return prompts[prompt].colour;
+        return mix_by(base, prompts[prompt].colour, params.outline_opacity);
     }
     if depth == width + 1 {
         return halo;

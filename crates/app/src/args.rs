@@ -2,23 +2,20 @@
 
 mod bench;
 mod convert;
+mod export;
 mod prepare;
 
 pub use bench::{
     BenchArgs, BenchFrameArgs, BenchMasksArgs, BenchStepArgs, BenchStressArgs, BenchTrainArgs, BenchVerb,
 };
 pub use convert::{ConvertArgs, StillFormat};
+pub use export::{CleanUpArgs, ExportArgs, SourceArg, StyleArg};
 pub use prepare::{LevelArg, MaskDensity, PrepareArgs};
 
-use crate::engine::{Backend, EncoderChoice, EngineOptions};
-use clap::{
-    Args, Parser, Subcommand, ValueEnum,
-    builder::{PossibleValue, PossibleValuesParser, TypedValueParser},
-};
+use crate::engine::{Backend, EncoderChoice, EngineOptions, Negatives, Question};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use surgtpgs_core::{
-    export::{Format, Source},
-    overlay::OverlayStyle,
     relevancy::RelevancySettings,
     train::{FeatureMode, Profile, TrainSettings},
 };
@@ -186,7 +183,13 @@ pub struct RelevancyArgs {
     /// Sharpness of scores
     #[arg(long, default_value_t = RelevancySettings::default().temperature, value_parser = positive_number)]
     pub temperature: f32,
-    /// Compare prompts with the canonical phrases alone, as the paper does
+    /// Compare prompts with these words as well; may be given several times
+    #[arg(long, value_name = "TEXT", num_args = 1.., value_parser = words)]
+    pub negative: Vec<String>,
+    /// Leave out the canonical phrases (object, things, stuff, texture) that prompts are compared with
+    #[arg(long)]
+    pub no_canonical: bool,
+    /// Leave out the scene's other classes, as the paper does
     #[arg(long)]
     pub no_class_negatives: bool,
 }
@@ -194,11 +197,16 @@ pub struct RelevancyArgs {
 impl RelevancyArgs {
     /// The settings of queries.
     pub fn settings(&self) -> RelevancySettings {
+        let standard = RelevancySettings::default();
+        let phrases = if self.no_canonical { Vec::new() } else { standard.phrases };
+        let uses_classes = !self.no_class_negatives;
+        let negatives = Negatives { phrases, samples: Vec::new(), uses_classes }.with(&self.negative);
         RelevancySettings {
             threshold: self.threshold,
             temperature: self.temperature,
-            class_negatives: !self.no_class_negatives,
-            ..Default::default()
+            phrases: negatives.phrases,
+            class_negatives: negatives.uses_classes,
+            min_alpha: standard.min_alpha,
         }
     }
 
@@ -206,6 +214,36 @@ impl RelevancyArgs {
     pub fn engine_options(&self, scene: &SceneArgs, sequence: Option<PathBuf>) -> EngineOptions {
         let encoder = self.text_encoder.as_deref().map_or(EncoderChoice::OfScene, encoder_choice);
         EngineOptions { backend: scene.backend, encoder, sequence, relevancy: self.settings() }
+    }
+}
+
+/// What to look for; shared by the verbs that take prompts.
+#[derive(Debug, Args)]
+pub struct PromptArgs {
+    /// Words to look for; may be given several times
+    #[arg(long, value_name = "TEXT", required = true, num_args = 1..)]
+    pub prompt: Vec<String>,
+    /// What one of the prompts is not, such as "liver=fat, bile": it alone is compared with these words as well
+    #[arg(long, value_name = "PROMPT=TEXT,…", value_parser = but_not)]
+    pub but_not: Vec<(String, Vec<String>)>,
+}
+
+impl PromptArgs {
+    /// The prompts, each compared with what `settings` say and what it is not.
+    pub fn questions(&self, settings: &RelevancySettings) -> surgtpgs_core::Result<Vec<Question>> {
+        let is_asked = |name: &String| self.prompt.iter().any(|p| p.eq_ignore_ascii_case(name));
+        if let Some((name, _)) = self.but_not.iter().find(|(name, _)| !is_asked(name)) {
+            return Err(surgtpgs_core::Error::input(
+                format!("--but-not is about \"{name}\", which is no prompt"),
+                "Write one of the prompts before the equals sign.",
+            ));
+        }
+        let question = |text: &String| {
+            let own = self.but_not.iter().filter(|(name, _)| name.eq_ignore_ascii_case(text));
+            let negatives = Negatives::of(settings).with(own.flat_map(|(_, words)| words));
+            Question::words(text, negatives)
+        };
+        Ok(self.prompt.iter().map(question).collect())
     }
 }
 
@@ -253,9 +291,9 @@ pub struct QueryVerbArgs {
     /// The scene
     #[command(flatten)]
     pub scene: SceneArgs,
-    /// Words to look for; may be given several times
-    #[arg(long, value_name = "TEXT", required = true, num_args = 1..)]
-    pub prompt: Vec<String>,
+    /// What to look for
+    #[command(flatten)]
+    pub prompts: PromptArgs,
     /// Frames, e.g. 12 or 10..20 (the end is not included)
     #[arg(long, value_name = "A..B", value_parser = frame_range)]
     pub frames: Option<FrameRange>,
@@ -271,103 +309,6 @@ pub struct QueryVerbArgs {
     /// Report as CSV, a line per prompt and frame
     #[arg(long)]
     pub csv: bool,
-}
-
-/// `surgtpgs export`
-#[derive(Debug, Args)]
-pub struct ExportArgs {
-    /// The scene
-    #[command(flatten)]
-    pub scene: SceneArgs,
-    /// Words to look for; may be given several times
-    #[arg(long, value_name = "TEXT", required = true, num_args = 1..)]
-    pub prompt: Vec<String>,
-    /// Folder to write
-    #[arg(short, long, value_name = "DIR")]
-    pub output: PathBuf,
-    /// Files to write
-    #[arg(long, value_parser = format_parser(), value_delimiter = ',', default_value = "cutout,overlay")]
-    pub format: Vec<Format>,
-    /// Frames, e.g. 12 or 10..20 (the end is not included)
-    #[arg(long, value_name = "A..B", value_parser = frame_range)]
-    pub frames: Option<FrameRange>,
-    /// Pictures to mask
-    #[arg(long, value_enum, default_value_t = SourceArg::Original)]
-    pub source: SourceArg,
-    /// Where the recording is, if it is not where it was when training
-    #[arg(long, value_name = "SEQ")]
-    pub sequence: Option<PathBuf>,
-    /// Give a pixel to the best prompt only
-    #[arg(long, conflicts_with = "overlapping")]
-    pub exclusive: bool,
-    /// Let prompts share pixels (the default)
-    #[arg(long)]
-    pub overlapping: bool,
-    /// How overlays, videos and sheets are drawn
-    #[arg(long, value_enum, default_value_t = StyleArg::Outline)]
-    pub style: StyleArg,
-    /// Opacity of fills and heatmaps in overlays
-    #[arg(long, default_value_t = 0.35, value_parser = unit_number)]
-    pub opacity: f32,
-    /// Leave the research-use stamp out of overlays, outlines and videos; the record says so
-    #[arg(long)]
-    pub no_stamp: bool,
-    /// Overwrite what is there
-    #[arg(long)]
-    pub force: bool,
-    /// How prompts are answered
-    #[command(flatten)]
-    pub relevancy: RelevancyArgs,
-    /// Report as JSON
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// Reads the name of a format; the names and their explanations are the formats' own.
-fn format_parser() -> impl TypedValueParser<Value = Format> {
-    let value = |format: Format| PossibleValue::new(format.name()).help(format.about());
-    PossibleValuesParser::new(Format::ALL.map(value)).try_map(|name| {
-        Format::ALL.into_iter().find(|f| f.name() == name).ok_or_else(|| format!("there is no format {name}"))
-    })
-}
-
-/// Pictures that an export masks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum SourceArg {
-    /// The recorded frames
-    Original,
-    /// The frames as the scene renders them
-    Reconstruction,
-}
-
-impl From<SourceArg> for Source {
-    fn from(arg: SourceArg) -> Self {
-        match arg {
-            SourceArg::Original => Self::Original,
-            SourceArg::Reconstruction => Self::Reconstruction,
-        }
-    }
-}
-
-/// How overlays are drawn.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum StyleArg {
-    /// A contour
-    Outline,
-    /// A translucent fill with contour
-    Fill,
-    /// The score as colour, fixed range 0 to 1
-    Heatmap,
-}
-
-impl From<StyleArg> for OverlayStyle {
-    fn from(arg: StyleArg) -> Self {
-        match arg {
-            StyleArg::Outline => Self::Outline,
-            StyleArg::Fill => Self::Fill,
-            StyleArg::Heatmap => Self::Heatmap,
-        }
-    }
 }
 
 /// `surgtpgs eval`
@@ -422,6 +363,24 @@ fn frame_range(text: &str) -> Result<FrameRange, String> {
     }
 }
 
+/// Words between commas, without those that are empty.
+pub fn split_words(text: &str) -> Vec<String> {
+    text.split(',').map(str::trim).filter(|w| !w.is_empty()).map(str::to_owned).collect()
+}
+
+fn but_not(text: &str) -> Result<(String, Vec<String>), String> {
+    let parts = text.split_once('=').map(|(prompt, more)| (prompt.trim().to_owned(), split_words(more)));
+    let is_whole = |(prompt, more): &(String, Vec<String>)| !prompt.is_empty() && !more.is_empty();
+    parts
+        .filter(is_whole)
+        .ok_or_else(|| "give a prompt and what it is not, such as \"liver=fat, bile\"".into())
+}
+
+fn words(text: &str) -> Result<String, String> {
+    let text = text.trim();
+    if text.is_empty() { Err("give a few words".into()) } else { Ok(text.to_owned()) }
+}
+
 fn unit_number(text: &str) -> Result<f32, String> {
     text.parse().ok().filter(|v| (0.0..=1.0).contains(v)).ok_or_else(|| "give a number from 0 to 1".into())
 }
@@ -437,6 +396,7 @@ fn positive_number(text: &str) -> Result<f32, String> {
 mod tests {
     use super::*;
     use clap::CommandFactory;
+    use surgtpgs_core::export::Format;
 
     #[test]
     fn the_command_line_is_consistent() {
@@ -484,6 +444,29 @@ mod tests {
         let cli =
             Cli::parse_from(["surgtpgs", "query", "s", "--prompt", "liver", "fat", "--prompt", "bile sac"]);
         let Some(Verb::Query(args)) = cli.verb else { panic!("not a query") };
-        assert_eq!(args.prompt, ["liver", "fat", "bile sac"]);
+        assert_eq!(args.prompts.prompt, ["liver", "fat", "bile sac"]);
+    }
+
+    #[test]
+    fn a_prompt_is_compared_with_what_is_said_once() {
+        let line = |more: &[&str]| {
+            let words = ["surgtpgs", "query", "s", "--prompt", "liver", "fat"];
+            let Some(Verb::Query(args)) = Cli::parse_from(words.iter().chain(more)).verb else {
+                panic!("not a query")
+            };
+            args.prompts.questions(&args.relevancy.settings())
+        };
+        let phrases = |more: &[&str], k: usize| line(more).unwrap().swap_remove(k).negatives.phrases;
+        assert_eq!(phrases(&[], 0), RelevancySettings::default().phrases);
+        assert_eq!(phrases(&["--negative", "smoke", "Stuff"], 1)[4..], ["smoke"]);
+        assert_eq!(phrases(&["--no-canonical", "--negative", "smoke"], 0), ["smoke"]);
+        let exception = ["--but-not", "Liver=bile, smoke", "--negative", "smoke"];
+        assert_eq!(phrases(&exception, 0)[4..], ["smoke", "bile"]);
+        assert_eq!(phrases(&exception, 1)[4..], ["smoke"]);
+        assert!(line(&["--but-not", "spleen=fat"]).unwrap_err().to_string().contains("\"spleen\""));
+        for wrong in ["liver", "=fat", "liver= ,"] {
+            let words = ["surgtpgs", "query", "s", "--prompt", "liver", "--but-not", wrong];
+            assert!(Cli::try_parse_from(words).is_err(), "{wrong}");
+        }
     }
 }

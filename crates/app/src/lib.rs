@@ -9,5 +9,6 @@ pub mod args;
 pub mod cli;
 pub mod engine;
 pub mod jobs;
+mod memory;
 pub mod settings;
 pub mod viewer;

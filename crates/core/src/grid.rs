@@ -1,7 +1,7 @@
 //! A row-major image of anything: labels, depth, masks, scores.
 
 /// `width × height` values, row by row from the top left.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Grid<T> {
     /// Columns.
     pub width: usize,

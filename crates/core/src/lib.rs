@@ -33,6 +33,7 @@ pub mod scene;
 pub mod stress;
 
 pub mod train;
+pub mod unseen;
 
 pub mod mask;
 pub mod metrics;

@@ -1,8 +1,8 @@
 //! Drawing what was found on top of a frame; the CPU twin of `shaders/overlay.wgsl`.
 
 use crate::{
-    grid::Grid,
-    mask::{Bits, set_bits},
+    grid::{Grid, Mask},
+    mask::{self, Bits, set_bits},
 };
 use image::RgbImage;
 use rayon::prelude::*;
@@ -17,6 +17,34 @@ pub enum OverlayStyle {
     Fill,
     /// The score itself as colour, fixed range 0–1, never normalised per frame.
     Heatmap,
+}
+
+/// How what was found is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default)]
+pub struct OverlayLook {
+    /// Contours, fills or heatmap.
+    pub style: OverlayStyle,
+    /// Of fills and heatmaps, 0–1.
+    pub opacity: f32,
+    /// Of contours and their halos, 0–1.
+    pub outline_opacity: f32,
+    /// Whether instruments lie over what was found; see [`overlay_layers`].
+    pub below_instruments: bool,
+}
+
+impl Default for OverlayLook {
+    fn default() -> Self {
+        Self { style: OverlayStyle::Outline, opacity: 0.35, outline_opacity: 1.0, below_instruments: true }
+    }
+}
+
+impl OverlayLook {
+    /// The same within what is possible and can be seen, whatever a file says.
+    pub fn mended(self) -> Self {
+        let share = |v: f32, least: f32| if v.is_finite() { v.clamp(least, 1.0) } else { 1.0 };
+        Self { opacity: share(self.opacity, 0.05), outline_opacity: share(self.outline_opacity, 0.1), ..self }
+    }
 }
 
 /// One prompt to draw.
@@ -37,15 +65,10 @@ pub const HALO_DARKNESS: f32 = 0.6;
 /// How far a full score's colour is mixed towards white.
 pub const HEAT_WHITENING: f32 = 0.6;
 
-/// Draws `prompts` over `frame`, later ones over earlier ones. `opacity` (0–1) scales fills and heatmaps; contours
-/// are [`CONTOUR_WIDTH`] px at the frame's size. A prompt whose scores have another size is not drawn; NaN is not
-/// found.
-pub fn overlay(
-    frame: &RgbImage,
-    prompts: &[OverlayPrompt<'_>],
-    style: OverlayStyle,
-    opacity: f32,
-) -> RgbImage {
+/// Draws `prompts` over `frame`, later ones over earlier ones. Contours are [`CONTOUR_WIDTH`] px at the frame's size. A
+/// prompt whose scores have another size is not drawn; NaN is not found.
+pub fn overlay(frame: &RgbImage, prompts: &[OverlayPrompt<'_>], look: OverlayLook) -> RgbImage {
+    let OverlayLook { style, opacity, outline_opacity, .. } = look;
     let (width, height) = (frame.width() as usize, frame.height() as usize);
     let fits = |p: &&OverlayPrompt<'_>| (p.scores.width, p.scores.height) == (width, height);
     let prompts: Vec<&OverlayPrompt<'_>> = prompts.iter().filter(fits).collect();
@@ -71,12 +94,40 @@ pub fn overlay(
             let pixel = &mut row[3 * x..3 * x + 3];
             let mut colour = [pixel[0], pixel[1], pixel[2]].map(f32::from);
             for (prompt, zones) in prompts.iter().zip(&zones) {
-                colour = zones.draw(x, y, colour, prompt.colour.map(f32::from), fill);
+                colour = zones.draw(x, y, colour, prompt.colour.map(f32::from), (outline_opacity, fill));
             }
             pixel.copy_from_slice(&to_bytes(colour));
         }
     });
     out
+}
+
+/// As [`overlay`], and if the look says so under the instruments: their pixels stay as they are in the frame. Instruments are
+/// the pixels of `tools` (sampled at the frame's size) and what the prompts marked as instruments (`true`) found; those prompts
+/// are drawn on top.
+pub fn overlay_layers(
+    frame: &RgbImage,
+    prompts: &[(OverlayPrompt<'_>, bool)],
+    tools: Option<&Mask>,
+    look: OverlayLook,
+) -> RgbImage {
+    if !look.below_instruments {
+        let prompts: Vec<OverlayPrompt<'_>> = prompts.iter().map(|(p, _)| *p).collect();
+        return overlay(frame, &prompts, look);
+    }
+    let of = |wanted: bool| -> Vec<OverlayPrompt<'_>> {
+        prompts.iter().filter(|(_, is_instrument)| *is_instrument == wanted).map(|(p, _)| *p).collect()
+    };
+    let (tissue, instruments) = (of(false), of(true));
+    let mut drawn = overlay(frame, &tissue, look);
+    let found = instruments.iter().map(|p| mask::threshold(p.scores, p.threshold));
+    let size = (frame.width() as usize, frame.height() as usize);
+    let tools = tools.map(|t| t.sampled(size.0, size.1));
+    for mask in tools.into_iter().chain(found).filter(|m| (m.width, m.height) == size) {
+        let pixels = drawn.pixels_mut().zip(frame.pixels()).zip(&mask.data);
+        pixels.filter(|(_, is_instrument)| **is_instrument).for_each(|((drawn, own), _)| *drawn = *own);
+    }
+    overlay(&drawn, &instruments, look)
 }
 
 fn to_bytes(colour: [f32; 3]) -> [u8; 3] {
@@ -110,11 +161,18 @@ impl Zones {
         }
     }
 
-    fn draw(&self, x: usize, y: usize, colour: [f32; 3], own: [f32; 3], fill: f32) -> [f32; 3] {
+    fn draw(
+        &self,
+        x: usize,
+        y: usize,
+        colour: [f32; 3],
+        own: [f32; 3],
+        (outline, fill): (f32, f32),
+    ) -> [f32; 3] {
         if self.contour.has(x, y) {
-            own
+            mix(colour, own, outline)
         } else if self.halo.has(x, y) {
-            mix(colour, [0.0; 3], HALO_DARKNESS)
+            mix(colour, [0.0; 3], HALO_DARKNESS * outline)
         } else if self.inside.has(x, y) {
             mix(colour, own, fill)
         } else {
@@ -170,8 +228,17 @@ mod tests {
 
     fn draw(scores: &Grid<f32>, style: OverlayStyle, opacity: f32) -> RgbImage {
         let frame = RgbImage::from_pixel(scores.width as u32, scores.height as u32, Rgb(GREY));
-        overlay(&frame, &[OverlayPrompt { scores, threshold: 0.4, colour: GREEN }], style, opacity)
+        let look = OverlayLook { style, opacity, ..Default::default() };
+        overlay(&frame, &[OverlayPrompt { scores, threshold: 0.4, colour: GREEN }], look)
     }
+
+    const HEAT: OverlayLook = OverlayLook {
+        style: OverlayStyle::Heatmap,
+        opacity: 1.0,
+        outline_opacity: 1.0,
+        below_instruments: true,
+    };
+    const FILL: OverlayLook = OverlayLook { style: OverlayStyle::Fill, ..HEAT };
 
     #[test]
     fn an_outline_is_contour_between_halos_and_leaves_the_rest_alone() {
@@ -193,11 +260,51 @@ mod tests {
     }
 
     #[test]
+    fn a_faint_outline_lets_the_tissue_through() {
+        let scores = disc(40);
+        let frame = RgbImage::from_pixel(40, 40, Rgb(GREY));
+        let prompt = OverlayPrompt { scores: &scores, threshold: 0.4, colour: GREEN };
+        let at = |outline_opacity| {
+            let picture = overlay(&frame, &[prompt], OverlayLook { outline_opacity, ..Default::default() });
+            [6, 8].map(|x| picture.get_pixel(x, 20).0)
+        };
+        assert_eq!(at(0.0), [GREY; 2]);
+        assert_eq!(at(0.5), [[70; 3], [50, 150, 90]]);
+        assert_eq!(at(1.0), [[40; 3], GREEN]);
+    }
+
+    #[test]
+    fn under_instruments_the_frame_stays_and_instruments_are_outlined_on_top() {
+        let (tissue, tool) = (
+            Grid::filled(8, 8, 0.9),
+            Grid::from_vec(8, 8, (0..64).map(|i| if i % 8 < 4 { 0.9 } else { 0.1 }).collect()),
+        );
+        let frame = RgbImage::from_pixel(8, 8, Rgb(GREY));
+        let prompt = |scores, colour| OverlayPrompt { scores, threshold: 0.4, colour };
+        let prompts = [(prompt(&tool, [0, 0, 200]), true), (prompt(&tissue, GREEN), false)];
+        let picture = overlay_layers(&frame, &prompts, None, FILL);
+        assert_eq!(*picture.get_pixel(7, 0), Rgb(GREEN));
+        assert_eq!(
+            *picture.get_pixel(0, 0),
+            Rgb([0, 0, 200]),
+            "the instrument's own colour, nothing of the tissue's"
+        );
+        let lower = Grid::from_vec(1, 2, vec![false, true]);
+        let picture = overlay_layers(&frame, &prompts[1..], Some(&lower), FILL);
+        assert_eq!((*picture.get_pixel(0, 3), *picture.get_pixel(0, 4)), (Rgb(GREEN), Rgb(GREY)));
+        let all = overlay_layers(&frame, &prompts[1..], None, FILL);
+        assert_eq!(all, overlay(&frame, &[prompts[1].0], FILL));
+        let above = OverlayLook { below_instruments: false, ..FILL };
+        let both = [prompts[0].0, prompts[1].0];
+        assert_eq!(overlay_layers(&frame, &prompts, Some(&lower), above), overlay(&frame, &both, FILL));
+    }
+
+    #[test]
     fn heat_is_of_fixed_range_and_grows_with_the_score() {
         let ramp = Grid::from_vec(5, 1, vec![0.0, 0.25, 0.5, 0.75, 1.0]);
         let black = RgbImage::new(5, 1);
         let prompt = OverlayPrompt { scores: &ramp, threshold: 0.4, colour: GREEN };
-        let picture = overlay(&black, &[prompt], OverlayStyle::Heatmap, 1.0);
+        let picture = overlay(&black, &[prompt], HEAT);
         let light: Vec<u32> = picture.pixels().map(|p| p.0.iter().map(|&v| u32::from(v)).sum()).collect();
         assert!(light.windows(2).all(|pair| pair[0] < pair[1]), "{light:?}");
         assert_eq!(light[0], 0);
@@ -205,7 +312,7 @@ mod tests {
         // The same score looks the same whatever else is in the picture.
         let alone = Grid::from_vec(1, 1, vec![0.25]);
         let prompt = OverlayPrompt { scores: &alone, ..prompt };
-        let small = overlay(&RgbImage::new(1, 1), &[prompt], OverlayStyle::Heatmap, 1.0);
+        let small = overlay(&RgbImage::new(1, 1), &[prompt], HEAT);
         assert_eq!(small.get_pixel(0, 0), picture.get_pixel(1, 0));
     }
 
@@ -213,12 +320,8 @@ mod tests {
     fn the_hotter_of_two_prompts_shows() {
         let (low, high) = (Grid::filled(1, 1, 0.3), Grid::filled(1, 1, 0.5));
         let prompt = |scores, colour| OverlayPrompt { scores, threshold: 0.4, colour };
-        let picture = overlay(
-            &RgbImage::new(1, 1),
-            &[prompt(&high, [200, 0, 0]), prompt(&low, [0, 0, 200])],
-            OverlayStyle::Heatmap,
-            1.0,
-        );
+        let picture =
+            overlay(&RgbImage::new(1, 1), &[prompt(&high, [200, 0, 0]), prompt(&low, [0, 0, 200])], HEAT);
         assert_eq!(*picture.get_pixel(0, 0), Rgb([100, 0, 0]));
     }
 
@@ -229,11 +332,11 @@ mod tests {
             (Grid::filled(4, 3, 0.4), Grid::filled(4, 3, f32::NAN), Grid::filled(3, 4, 0.9));
         for scores in [&low, &nan, &misfit] {
             let prompt = OverlayPrompt { scores, threshold: 0.4, colour: GREEN };
-            assert_eq!(overlay(&frame, &[prompt], OverlayStyle::Fill, 1.0), frame);
+            assert_eq!(overlay(&frame, &[prompt], FILL), frame);
         }
-        assert_eq!(overlay(&frame, &[], OverlayStyle::Heatmap, 1.0), frame);
+        assert_eq!(overlay(&frame, &[], HEAT), frame);
         let nothing = RgbImage::new(0, 0);
-        assert_eq!(overlay(&nothing, &[], OverlayStyle::Fill, 1.0), nothing);
+        assert_eq!(overlay(&nothing, &[], FILL), nothing);
     }
 
     #[test]

@@ -18,7 +18,7 @@ use image::RgbImage;
 use surgtpgs_core::{
     Result,
     grid::{Grid, Mask},
-    overlay::OverlayStyle,
+    overlay::OverlayLook,
     raster::{FrameClock, FramePass, MIN_DEPTH_ALPHA},
     relevancy::{Lattice, Query, RelevancySettings},
     summary::Summary,
@@ -41,10 +41,8 @@ pub struct Asked<'a> {
 pub struct Marking<'a> {
     /// One per prompt.
     pub marks: &'a [Mark],
-    /// How each is drawn.
-    pub style: OverlayStyle,
-    /// Of fills and heatmaps, 0–1.
-    pub opacity: f32,
+    /// How each is drawn; what is found lies over instruments here.
+    pub look: OverlayLook,
     /// What to draw on instead of the rendered picture; of the frame's size.
     pub base: Option<&'a RgbImage>,
 }
@@ -219,7 +217,7 @@ impl GpuRenderer {
         }
         let scores = &passes.lattice.scores;
         {
-            let params = Overlay::new(size, marking.marks.len(), marking.style, marking.opacity);
+            let params = Overlay::new(size, marking.marks.len(), marking.look);
             let bindings = [shown.marks.binding(), scores.binding(), shown.marked.binding()];
             passes.overlay.encode(gpu, &mut timer.begin(encoder, "overlay"), &params, bindings);
         }

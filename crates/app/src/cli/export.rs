@@ -12,12 +12,13 @@ use crate::{
 use surgtpgs_core::{
     Error, Result,
     export::{ExportOptions, num_files},
+    overlay::OverlayLook,
 };
 
 pub(super) fn run(args: &ExportArgs) -> Result<Exit> {
     let options = args.relevancy.engine_options(&args.scene, args.sequence.clone());
     let mut engine = open_engine(&args.scene, options)?;
-    engine.set_prompts(&args.prompt)?;
+    engine.set_questions(&args.prompts.questions(engine.settings())?)?;
     let frames = FrameRange::frames(args.frames, engine.scene().num_frames())?;
     let request = ExportRequest {
         scene: &args.scene.scene,
@@ -63,7 +64,12 @@ fn export_options(args: &ExportArgs) -> ExportOptions {
         source: args.source.into(),
         exclusive: args.exclusive,
         stamp: !args.no_stamp,
-        style: args.style.into(),
-        opacity: args.opacity,
+        look: OverlayLook {
+            style: args.style.into(),
+            opacity: args.opacity,
+            outline_opacity: args.outline_opacity,
+            below_instruments: !args.above_instruments,
+        },
+        clean_up: args.clean_up.clean_up(),
     }
 }

@@ -67,7 +67,7 @@ impl PromptReport {
 
 pub(super) fn run(args: &QueryVerbArgs) -> Result<Exit> {
     let mut engine = open_engine(&args.scene, args.relevancy.engine_options(&args.scene, None))?;
-    engine.set_prompts(&args.prompt)?;
+    engine.set_questions(&args.prompts.questions(engine.settings())?)?;
     let frames = FrameRange::frames(args.frames, engine.scene().num_frames())?;
     let mut report = query(&mut engine, &frames)?;
     if let Some(folder) = &args.gaussians {

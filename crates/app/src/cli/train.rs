@@ -7,6 +7,7 @@ use super::{
 use crate::{
     args::TrainArgs,
     jobs::{self, Material, Trained},
+    memory::peak_rss_bytes,
 };
 use surgtpgs_core::{Error, Result, train::Trainer};
 
@@ -38,7 +39,7 @@ pub(super) fn run(args: &TrainArgs) -> Result<Exit> {
     console::watch_interrupts();
     let mut view = ProgressView::default();
     let checkpoint = jobs::checkpoint_path(&args.output);
-    let trained = jobs::go_on(&mut trainer, Some(&checkpoint), &mut |p| view.show(p), &mut |_| {})?;
+    let trained = jobs::go_on(&mut trainer, Some(&checkpoint), &mut |p| view.show(p), &mut |_, _| {})?;
     drop(view);
     trained.scene.save(&args.output)?;
     let report = report(&trained, asked, trainer.backend_name());
@@ -108,11 +109,4 @@ fn as_text(report: &Report, args: &TrainArgs) -> String {
         report.psnr_db,
         args.output.display()
     )
-}
-
-/// The most memory this process has had, where the system tells (Linux).
-fn peak_rss_bytes() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
-    line.split_whitespace().nth(1)?.parse::<u64>().ok().map(|kib| kib * 1024)
 }

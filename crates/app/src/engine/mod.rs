@@ -8,17 +8,22 @@
 //! An engine is `Send`: a worker thread can own it. What `scores` returns belongs to the images it was given. A view
 //! that was just rendered is not rendered again.
 
+mod layers;
 mod machine;
 mod opening;
+mod outside;
+mod question;
 
+pub use layers::Motion;
 pub use machine::Backend;
 pub(crate) use machine::Machine;
 pub(crate) use machine::may_have_gpu;
+pub use question::{Negatives, Question, Sample};
 
 use opening::{find_recording, open_encoder, open_recording, open_relevancy};
+use outside::{Outside, blank};
 use std::{
-    collections::BTreeMap,
-    ops::Range,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -107,6 +112,7 @@ pub struct Engine {
     clock: FrameClock,
     last: Option<Rendered>,
     outside: Outside,
+    travelling: Option<layers::Travelling>,
     relevancy: Option<Box<dyn Relevancy>>,
     settings: RelevancySettings,
     encoder_choice: EncoderChoice,
@@ -155,6 +161,7 @@ impl Engine {
             clock: FrameClock::default(),
             last: None,
             outside: Outside::default(),
+            travelling: None,
             settings: options.relevancy,
             encoder_choice: options.encoder,
             encoder: None,
@@ -281,7 +288,7 @@ impl Engine {
         let picture = wanted.pictures.then(|| images.to_rgb());
         let depth = wanted.values.then(|| images.normalised_depth(MIN_DEPTH_ALPHA));
         let mut shown = Shown { depth, ..Shown::default() };
-        if let Some(Marking { marks, style, opacity, base }) = marking {
+        if let Some(Marking { marks, look, base }) = marking {
             let marked = || scores.iter().zip(marks);
             shown.summaries = marked().map(|(s, mark)| Summary::new(s, mark.threshold)).collect();
             let prompt = |(scores, mark): (_, &Mark)| OverlayPrompt {
@@ -291,7 +298,7 @@ impl Engine {
             };
             let prompts: Vec<OverlayPrompt<'_>> = marked().map(prompt).collect();
             let base = base.or(picture.as_ref());
-            shown.marked = base.map(|base| overlay(base, &prompts, style, opacity));
+            shown.marked = base.map(|base| overlay(base, &prompts, look));
             self.clock.lap(FramePass::Overlay);
         }
         Ok(Shown { picture, scores: if wanted.values { scores } else { Vec::new() }, ..shown })
@@ -344,37 +351,80 @@ impl Engine {
         &self.settings
     }
 
-    /// Changes the settings; the prompts stay.
-    pub fn set_settings(&mut self, settings: RelevancySettings) -> Result<()> {
-        let prompts: Vec<String> = self.queries.iter().map(|q| q.prompt.clone()).collect();
-        self.settings = settings;
-        self.set_prompts(&prompts)
+    /// What to look for from now on, compared with what the settings say; see [`Engine::set_questions`].
+    pub fn set_prompts(&mut self, prompts: &[String]) -> Result<()> {
+        let negatives = Negatives::of(&self.settings);
+        let question = |text: &String| Question::words(text, negatives.clone());
+        self.set_questions(&prompts.iter().map(question).collect::<Vec<_>>())
     }
 
-    /// What to look for from now on. Words that were encoded before are not encoded again.
+    /// What to look for from now on, each compared with what it says. Words that were encoded before are not encoded again.
     ///
     /// Refuses empty words, a scene without features, and a text encoder other than the one the scene was prepared with.
-    pub fn set_prompts(&mut self, prompts: &[String]) -> Result<()> {
-        if prompts.is_empty() {
+    pub fn set_questions(&mut self, questions: &[Question]) -> Result<()> {
+        if questions.is_empty() {
             self.queries.clear();
             return Ok(());
         }
-        let prompts: Vec<&str> = prompts.iter().map(|p| p.trim()).collect();
-        if prompts.iter().any(|p| p.is_empty()) {
+        if questions.iter().any(|q| q.text.trim().is_empty()) {
             return Err(Error::input("a prompt is empty", "Give a few words, such as \"gallbladder\"."));
         }
-        self.encode(&prompts)?;
-        let phrases: Vec<(String, Vec<f32>)> =
-            self.settings.phrases.iter().map(|p| (p.clone(), self.phrase_embeddings[p].clone())).collect();
-        let (scene, settings) = (&self.scene, &self.settings);
-        let query =
-            |p: &&str| Query::new(p, self.prompt_embeddings[*p].clone(), &phrases, &scene.classes, settings);
-        let queries: Vec<Query> = prompts.iter().map(query).collect();
-        if let Some(codec) = &scene.codec {
+        self.encode(questions)?;
+        let queries = questions.iter().map(|q| self.query(q)).collect::<Result<Vec<Query>>>()?;
+        if let Some(codec) = &self.scene.codec {
             queries.iter().try_for_each(|q| q.check(codec))?;
         }
         self.queries = queries;
         Ok(())
+    }
+
+    /// The query of a question whose words are encoded.
+    fn query(&self, Question { text, like, negatives }: &Question) -> Result<Query> {
+        let text = text.trim();
+        let phrase = |p: &String| (p.clone(), self.phrase_embeddings[p].clone());
+        let mut compared: Vec<(String, Vec<f32>)> = negatives.phrases.iter().map(phrase).collect();
+        for (name, sample) in &negatives.samples {
+            compared.push((name.clone(), self.embedding_of(name, sample)?));
+        }
+        let embedding = match like {
+            Some(sample) => self.embedding_of(text, sample)?,
+            None => self.prompt_embeddings[text].clone(),
+        };
+        let settings = RelevancySettings { class_negatives: negatives.uses_classes, ..self.settings.clone() };
+        Ok(Query::new(text, embedding, &compared, &self.scene.classes, &settings))
+    }
+
+    /// The embedding of what a pixel shows, perhaps one of another scene: both must have been prepared with one encoder.
+    fn embedding_of(&self, name: &str, sample: &Sample) -> Result<Vec<f32>> {
+        if sample.encoder_sha256 == self.encoder_sha256() {
+            return Ok(sample.embedding.clone());
+        }
+        Err(Error::input(
+            format!("\"{name}\" is from a scene that was prepared with another text encoder"),
+            "Click on a point of this scene instead.",
+        ))
+    }
+
+    fn encoder_sha256(&self) -> &str {
+        self.scene.encoder.as_ref().map_or("", |e| &e.sha256)
+    }
+
+    /// What a pixel of a view shows; `None` where nothing was reconstructed.
+    pub fn sample(&mut self, view: &View, [x, y]: [usize; 2]) -> Result<Option<Sample>> {
+        let images = self.render(view, true)?;
+        let Some(codec) = &self.scene.codec else { return Err(no_features()) };
+        let dim = images.latent_dim();
+        if x >= images.width || y >= images.height || dim != codec.latent_dim() {
+            return Ok(None);
+        }
+        let mut latent = Vec::with_capacity(dim);
+        let is_seen = Points::of_images(&images, self.settings.min_alpha)
+            .push_latent(y * images.width + x, &mut latent);
+        let row = ndarray::Array2::from_shape_vec((1, dim), latent).ok().filter(|_| is_seen);
+        Ok(row.map(|row| Sample {
+            embedding: codec.decode(row.view()).into_raw_vec_and_offset().0,
+            encoder_sha256: self.encoder_sha256().to_owned(),
+        }))
     }
 
     /// One score image per prompt, from images of `view` with features: 0–1, and 0 in holes and outside the field of view.
@@ -416,20 +466,23 @@ impl Engine {
         self.sequence().map(|s| s.frame(i)).transpose()
     }
 
-    /// Makes sure that the prompts and the canonical phrases have embeddings.
-    fn encode(&mut self, prompts: &[&str]) -> Result<()> {
+    /// Where instruments are on the recorded picture of frame `i`; `None` where the recording does not say.
+    pub fn instruments(&self, i: usize) -> Result<Option<Mask>> {
+        self.sequence().map_or(Ok(None), |s| s.instruments(i))
+    }
+
+    /// Makes sure that the words of questions and what they are compared with have embeddings.
+    fn encode(&mut self, questions: &[Question]) -> Result<()> {
         if self.relevancy.is_none() {
             return Err(no_features());
         }
+        let words = questions.iter().filter(|q| q.like.is_none());
+        let new_prompts: BTreeSet<&str> = words.map(|q| q.text.trim()).collect();
         let new_prompts: Vec<&str> =
-            prompts.iter().copied().filter(|p| !self.prompt_embeddings.contains_key(*p)).collect();
-        let new_phrases: Vec<String> = self
-            .settings
-            .phrases
-            .iter()
-            .filter(|p| !self.phrase_embeddings.contains_key(*p))
-            .cloned()
-            .collect();
+            new_prompts.into_iter().filter(|p| !self.prompt_embeddings.contains_key(*p)).collect();
+        let new_phrases: BTreeSet<&String> = questions.iter().flat_map(|q| &q.negatives.phrases).collect();
+        let new_phrases: Vec<String> =
+            new_phrases.into_iter().filter(|p| !self.phrase_embeddings.contains_key(*p)).cloned().collect();
         if new_prompts.is_empty() && new_phrases.is_empty() {
             return Ok(());
         }
@@ -455,43 +508,6 @@ fn no_features() -> Error {
         "this scene was trained without features, so it cannot be asked for words",
         "Run `surgtpgs prepare` on the recording and train on the prepared folder.",
     )
-}
-
-/// Which pixels of an image of a certain size are outside the field of view.
-#[derive(Default)]
-struct Outside {
-    size: (usize, usize),
-    ranges: Vec<Range<usize>>,
-}
-
-impl Outside {
-    /// Runs of pixels; none without a mask. The mask is sampled at the images' size.
-    fn ranges(&mut self, images: &Images, field_of_view: &Mask) -> &[Range<usize>] {
-        let size = (images.width, images.height);
-        if self.size != size {
-            self.size = size;
-            self.ranges = outside(size, field_of_view);
-        }
-        &self.ranges
-    }
-}
-
-fn outside((width, height): (usize, usize), field_of_view: &Mask) -> Vec<Range<usize>> {
-    let mut ranges: Vec<Range<usize>> = Vec::new();
-    for (i, is_inside) in field_of_view.sampled(width, height).data.into_iter().enumerate() {
-        if is_inside {
-            continue;
-        }
-        match ranges.last_mut() {
-            Some(last) if last.end == i => last.end = i + 1,
-            _ => ranges.push(i..i + 1),
-        }
-    }
-    ranges
-}
-
-fn blank(values: &mut [f32], ranges: &[Range<usize>]) {
-    ranges.iter().for_each(|range| values[range.clone()].fill(0.0));
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Both machines behind one engine.
 
-use super::*;
+use super::{outside::outside, *};
 use surgtpgs_render::{AdapterChoice, Gpu};
 
 #[test]
@@ -37,9 +37,10 @@ fn asked_engine(backend: Backend) -> Engine {
 const MARKS: [Mark; 1] = [Mark { threshold: 0.25, colour: [0, 200, 80] }];
 
 fn shown(engine: &mut Engine, time: f32) -> Shown {
-    use surgtpgs_core::overlay::OverlayStyle;
+    use surgtpgs_core::overlay::{OverlayLook, OverlayStyle};
     let camera = engine.scene().cameras[0];
-    let marking = Marking { marks: &MARKS, style: OverlayStyle::Fill, opacity: 0.5, base: None };
+    let look = OverlayLook { style: OverlayStyle::Fill, opacity: 0.5, ..Default::default() };
+    let marking = Marking { marks: &MARKS, look, base: None };
     let view = View { time, camera, recorded: true };
     engine.show(&view, Ask::Now(Some(marking)), Wanted { pictures: true, values: true }).unwrap()
 }
@@ -107,6 +108,52 @@ fn what_is_picked_is_in_the_view_shown_last() {
     shown(&mut engine, 0.3);
     let picked = engine.pick([20, 24]).unwrap().unwrap();
     assert!(picked.gaussian < 300 && picked.weight > 0.0 && picked.depth > 1.0);
+}
+
+#[test]
+fn a_pixel_is_most_like_itself_and_not_like_what_it_is_not() {
+    for mut engine in [Some(asked_engine(Backend::Cpu)), gpu_engine()].into_iter().flatten() {
+        shown(&mut engine, 0.3);
+        let camera = engine.scene().cameras[0];
+        let view = View { time: 0.3, camera, recorded: true };
+        let sample = engine.sample(&view, [20, 24]).unwrap().unwrap();
+        let other = engine.sample(&view, [4, 40]).unwrap().unwrap();
+        assert_eq!(engine.sample(&view, [40, 24]).unwrap(), None, "outside the field of view");
+        assert_eq!(engine.sample(&view, [4000, 24]).unwrap(), None);
+        let negatives =
+            Negatives { phrases: Vec::new(), samples: vec![("there".into(), other)], uses_classes: false };
+        engine
+            .set_questions(&[Question { text: "here".into(), like: Some(sample.clone()), negatives }])
+            .unwrap();
+        let images = engine.render(&view, true).unwrap();
+        let scores = engine.scores(&images, &view).unwrap();
+        assert!(scores[0].at(20, 24) > 0.5 && scores[0].at(4, 40) < 0.5);
+        let strange = Sample { encoder_sha256: "of another".into(), ..sample };
+        let negatives = Negatives { phrases: Vec::new(), samples: Vec::new(), uses_classes: false };
+        let asked = engine.set_questions(&[Question { text: "x".into(), like: Some(strange), negatives }]);
+        assert!(asked.unwrap_err().to_string().contains("another text encoder"));
+    }
+}
+
+#[test]
+fn what_is_still_does_not_move_and_what_is_seen_is_opaque() {
+    for mut engine in [Some(asked_engine(Backend::Cpu)), gpu_engine()].into_iter().flatten() {
+        let view = View { time: 0.3, camera: engine.scene().cameras[0], recorded: true };
+        let opacity = engine.opacity(&view).unwrap();
+        assert!(opacity.data.iter().all(|a| (0.0..=1.0).contains(a)) && opacity.at(20, 24) > 0.5);
+        let mut moving = Scene::clone(engine.scene());
+        moving.cameras = vec![view.camera; 9];
+        moving.deformation.weights.iter_mut().for_each(|w| *w *= 4.0);
+        engine.replace_scene(Arc::new(moving));
+        let motion = engine.motion(&view);
+        assert_eq!(motion.num_gaussians, 300);
+        assert!(motion.num_moving > 0 && motion.travel_px.data.iter().any(|px| *px > 0.0));
+        let mut still = Scene::clone(engine.scene());
+        still.deformation.weights.fill(0.0);
+        engine.replace_scene(Arc::new(still));
+        let motion = engine.motion(&view);
+        assert!(motion.num_moving == 0 && motion.travel_px.data.iter().all(|px| !(*px > 0.0)));
+    }
 }
 
 #[test]

@@ -3,13 +3,20 @@
 use super::{Observer, Progress};
 use crate::{engine::Engine, settings::PROMPT_COLOURS};
 use image::RgbImage;
-use std::path::Path;
+use std::{
+    collections::{BTreeMap, btree_map::Entry},
+    path::Path,
+};
 use surgtpgs_core::{
     Error, Result,
     export::{Export, ExportOptions, ExportPrompt, ExportSummary, Provenance, Source, file_sha256},
+    grid::Grid,
+    mask::mean_scores,
+    sequence::names_instrument,
 };
 
-/// The engine's prompts as an export records them: threshold of the engine's settings, colours in order.
+/// The engine's prompts as an export records them: threshold of the engine's settings, colours in order, instruments by their
+/// names.
 pub fn export_prompts(engine: &Engine) -> Vec<ExportPrompt> {
     let colours = PROMPT_COLOURS.iter().cycle();
     let prompt = |(query, &colour): (&surgtpgs_core::relevancy::Query, &[u8; 3])| ExportPrompt {
@@ -17,6 +24,7 @@ pub fn export_prompts(engine: &Engine) -> Vec<ExportPrompt> {
         threshold: engine.settings().threshold,
         colour,
         negatives: query.negatives.iter().map(|(words, _)| words.clone()).collect(),
+        is_instrument: names_instrument(&query.prompt),
     };
     engine.queries().iter().zip(colours).map(prompt).collect()
 }
@@ -45,7 +53,8 @@ pub fn export(
     observer: &mut Observer<'_>,
 ) -> Result<ExportSummary> {
     let ExportRequest { scene, folder, frames, prompts, options, overwrite } = request;
-    let source = options.source;
+    let (source, reach) = (options.source, options.clean_up.smooth_frames);
+    let mut scorer = Scorer { reach, known: BTreeMap::new() };
     if let (Source::Original, Some(why)) = (source, engine.recording_missing()) {
         return Err(Error::input(
             format!("the recorded frames are not at hand: {}", why.trim_end_matches('.')),
@@ -66,14 +75,14 @@ pub fn export(
         if observer(&Progress { stage: "exporting", done, total, detail: "" }).is_break() {
             break;
         }
-        let view = engine.view(frame)?;
-        let images = engine.render(&view, true)?;
-        let scores = engine.scores(&images, &view)?;
+        let scores = scorer.scores(engine, frame)?;
+        let images = engine.render(&engine.view(frame)?, true)?;
+        let tools = engine.instruments(frame)?;
         let picture: RgbImage = match source {
             Source::Original => engine.original(frame)?.unwrap_or_else(|| images.to_rgb()),
             Source::Reconstruction => images.to_rgb(),
         };
-        export.write(&picture, &scores).map_err(|e| {
+        export.write(&picture, &scores, tools.as_ref()).map_err(|e| {
             let place = format!("the export stopped at frame {frame}, {done} of {total} are complete");
             match e {
                 Error::Io { doing, source, path } => {
@@ -84,4 +93,35 @@ pub fn export(
         })?;
     }
     export.finish()
+}
+
+/// Scores of recorded frames, smoothed over time if that is asked for; what frames share is computed once.
+struct Scorer {
+    /// Frames before and after that count.
+    reach: usize,
+    /// Scores by frame, one image per prompt.
+    known: BTreeMap<usize, Vec<Grid<f32>>>,
+}
+
+impl Scorer {
+    fn scores(&mut self, engine: &mut Engine, frame: usize) -> Result<Vec<Grid<f32>>> {
+        let last = engine.scene().num_frames().saturating_sub(1);
+        let around = frame.saturating_sub(self.reach)..=(frame + self.reach).min(last);
+        self.known.retain(|f, _| around.contains(f));
+        for other in around {
+            if let Entry::Vacant(place) = self.known.entry(other) {
+                let view = engine.view(other)?;
+                let images = engine.render(&view, true)?;
+                place.insert(engine.scores(&images, &view)?);
+            }
+        }
+        if self.reach == 0 {
+            return Ok(self.known.remove(&frame).unwrap_or_default());
+        }
+        let neighbours = |k: usize| -> Vec<&Grid<f32>> {
+            self.known.iter().filter(|(f, _)| **f != frame).map(|(_, scores)| &scores[k]).collect()
+        };
+        let own = self.known.get(&frame).into_iter().flatten().enumerate();
+        Ok(own.map(|(k, scores)| mean_scores(scores, &neighbours(k))).collect())
+    }
 }

@@ -20,7 +20,7 @@ use surgtpgs_core::{
     prepare::Prepared,
     scene::Scene,
     sequence::Sequence,
-    train::{TrainSettings, Trainer},
+    train::{StepReport, TrainSettings, Trainer},
 };
 
 /// Where a job is.
@@ -95,16 +95,16 @@ pub fn train(
     backend: Backend,
     observer: &mut Observer<'_>,
 ) -> Result<Trained> {
-    train_watched(material, settings, backend, observer, &mut |_| {})
+    train_watched(material, settings, backend, observer, &mut |_, _| {})
 }
 
-/// As [`train`]; `watch` sees the trainer after every step, to show how far it is.
+/// As [`train`]; `watch` sees the trainer after every step and what the step did, to show how far it is.
 pub fn train_watched(
     material: &Material,
     settings: TrainSettings,
     backend: Backend,
     observer: &mut Observer<'_>,
-    watch: &mut dyn FnMut(&mut Trainer),
+    watch: &mut dyn FnMut(&mut Trainer, &StepReport),
 ) -> Result<Trained> {
     let mut trainer = Trainer::new(material.sequence(), material.prepared(), settings)?;
     backend::choose(&mut trainer, backend)?;
@@ -125,7 +125,7 @@ pub fn go_on(
     trainer: &mut Trainer,
     checkpoint: Option<&Path>,
     observer: &mut Observer<'_>,
-    watch: &mut dyn FnMut(&mut Trainer),
+    watch: &mut dyn FnMut(&mut Trainer, &StepReport),
 ) -> Result<Trained> {
     let total = trainer.settings().iterations;
     let psnr_every = (total / 6).max(250);
@@ -137,7 +137,7 @@ pub fn go_on(
         if report.step.is_multiple_of(psnr_every) && report.step < total {
             psnr = format!(", {:.2} dB", trainer.psnr_db()?);
         }
-        watch(trainer);
+        watch(trainer, &report);
         let done_here = (report.step - first_step) as f64;
         let per_second = done_here / training_started.elapsed().as_secs_f64().max(1e-9);
         let detail =

@@ -1,15 +1,17 @@
 //! The window's state and its heartbeat: take what threads made, obey commands, show panels, ask for the next picture.
 
 use super::{
-    areas::{Areas, Curve},
+    areas::{Areas, Curve, Measure},
     autosave::Autosave,
     command::{self, Command},
-    document::{Document, Look, PREVIEW, ViewMode},
+    document::{Document, Look, PREVIEW, Prompt, ViewMode},
     export_dialog::ExportDialog,
     help::Sheet,
+    import_check::ImportCheck,
     jobs::{Job, JobEvent},
     keep::Saved,
     key_router::KeyRouter,
+    keymap,
     orbit::Orbit,
     pipeline::{AskedPrompt, Finding, Picture, Request},
     playback::Playback,
@@ -28,6 +30,7 @@ use std::{
     path::{Path, PathBuf},
     sync::Arc,
 };
+use surgtpgs_core::sequence::names_instrument;
 
 /// How long typing must rest before what was typed is looked for, seconds.
 const TYPING_PAUSE: f64 = 0.15;
@@ -50,8 +53,11 @@ pub(crate) struct ViewerApp {
     demo: Option<Job<Demo>>,
     pub(super) train_dialog: Option<TrainDialog>,
     pub(super) training: Option<Training>,
+    pub(super) import_check: Option<ImportCheck>,
     pub(super) export: Option<ExportDialog>,
     pub(super) sheet: Option<Sheet>,
+    /// The command whose key is being chosen on the sheet.
+    pub(super) choosing_key: Option<Command>,
     pub(super) ruler: Option<Ruler>,
     /// The phrase being typed under "what prompts are compared with".
     pub(super) comparison_sheet: Option<String>,
@@ -119,10 +125,11 @@ impl ViewerApp {
         // Its keys are commands of the table.
         ctx.options_mut(|o| o.zoom_with_keyboard = false);
         ctx.add_plugin(KeyRouter::default());
+        keymap::apply(&preferences.keys);
         let threshold = surgtpgs_core::relevancy::RelevancySettings::default().threshold;
         Self {
             backend,
-            document: Document::new(preferences.style, preferences.opacity, threshold),
+            document: Document::new(preferences.overlay, threshold),
             preferences,
             playback: Playback::new(1, None),
             panes: Panes::default(),
@@ -134,8 +141,10 @@ impl ViewerApp {
             demo: None,
             train_dialog: None,
             training: None,
+            import_check: None,
             export: None,
             sheet: None,
+            choosing_key: None,
             ruler: None,
             comparison_sheet: None,
             probe: None,
@@ -205,7 +214,13 @@ impl ViewerApp {
     /// The area over time of the selected prompt.
     pub(super) fn selected_curve(&self) -> Option<Curve> {
         let prompt = self.document.prompt(self.document.selected?)?;
-        self.areas()?.curve(&self.document.question(prompt), prompt.threshold)
+        self.areas()?.curve(&self.measure(prompt), prompt.threshold)
+    }
+
+    /// What is counted of a prompt on every frame.
+    pub(super) fn measure(&self, prompt: &Prompt) -> Measure {
+        let question = self.document.question(prompt);
+        Measure::new(question, self.document.content().clean_up, prompt.threshold)
     }
 
     pub(super) fn info(&self) -> Option<&Info> {
@@ -232,6 +247,7 @@ impl ViewerApp {
         }
         self.playback.set_range(self.document.content().range);
         self.playback.advance(now);
+        self.skip_excluded(now);
         self.watch_typing(now, &ctx);
         ctx.set_zoom_factor(self.preferences.scale_percent as f32 / 100.0);
         super::layout::window_ui(ui, self);
@@ -241,6 +257,17 @@ impl ViewerApp {
         }
         self.keep_preferences(&ctx);
         self.keep_unsaved(now, &ctx);
+    }
+
+    /// While playing, goes on behind what is left out.
+    fn skip_excluded(&mut self, now: f64) {
+        let (frame, num_frames) = (self.playback.frame(), self.playback.num_frames());
+        if self.playback.is_playing() && self.document.is_excluded(frame) {
+            match self.document.next_included(frame, self.playback.speed() > 0.0, num_frames) {
+                Some(next) => self.playback.seek(next, now),
+                None => self.playback.pause(),
+            }
+        }
     }
 
     /// Looks for what is being typed once the typing rests.
@@ -277,6 +304,9 @@ impl ViewerApp {
                 None => self.session_to_apply = None,
             }
         }
+        if let Some(check) = &mut self.import_check {
+            check.poll();
+        }
         self.poll_training(ctx);
         self.poll_saving();
         if let Some(problem) = self.export.as_mut().and_then(ExportDialog::poll) {
@@ -288,6 +318,11 @@ impl ViewerApp {
         while let Some(event) = self.training.as_mut().and_then(|t| t.job.poll()) {
             match event {
                 JobEvent::Progress(_) => {}
+                JobEvent::Step(step, terms) => {
+                    if let Some(training) = &mut self.training {
+                        training.curve.push(step, terms);
+                    }
+                }
                 JobEvent::Preview(source) => self.show_preview(source),
                 JobEvent::Done(result) => {
                     self.training = None;
@@ -342,6 +377,9 @@ impl ViewerApp {
         if let Some(request) = self.train_when_open.take().filter(|r| r.recording == *path) {
             self.start_training(request, ctx);
         }
+        let is_bare = self.training.is_none() && self.info().is_some_and(|i| !i.has_reconstruction);
+        let check = || ImportCheck::start(self.backend.clone(), path.to_owned(), ctx);
+        self.import_check = is_bare.then(check);
     }
 
     fn take_picture(&mut self, ctx: &Context) {
@@ -379,8 +417,8 @@ impl ViewerApp {
 
     /// Whether a turned view makes sense: where a recorded frame is compared, both must look from the same place.
     pub(super) fn may_orbit(&self) -> bool {
-        matches!(self.document.mode, ViewMode::Reconstruction | ViewMode::Depth | ViewMode::DepthBeside)
-            && self.info().is_some_and(|i| i.has_reconstruction)
+        let alone = self.document.mode.layer().is_some() || self.document.mode == ViewMode::Reconstruction;
+        alone && self.info().is_some_and(|i| i.has_reconstruction)
     }
 
     fn request(&self, is_peeking: bool) -> Option<Request> {
@@ -397,22 +435,24 @@ impl ViewerApp {
             },
             needs_original: mode.needs_original() || is_peeking,
             needs_reconstruction: mode.needs_reconstruction(),
-            needs_depth: mode.needs_depth(),
+            layer: mode.layer(),
             needs_difference: mode == ViewMode::Difference,
             prompts: if open.info.has_features { self.asked_prompts() } else { Vec::new() },
             candidates: self.candidates().iter().map(|text| self.document.bare_question(text)).collect(),
-            style: self.document.style,
-            opacity: self.document.opacity,
+            look: self.document.overlay,
+            clean_up: self.document.content().clean_up,
+            point: self.probe.filter(|_| open.info.has_features),
         })
     }
 
     /// The visible prompts, and the one being typed.
     fn asked_prompts(&self) -> Vec<AskedPrompt> {
-        let asked = |p: &super::document::Prompt| AskedPrompt {
+        let asked = |p: &Prompt| AskedPrompt {
             id: p.id,
             question: self.document.question(p),
             threshold: p.threshold,
             colour: p.colour,
+            is_instrument: p.is_instrument,
         };
         let mut prompts: Vec<AskedPrompt> =
             self.document.prompts().iter().filter(|p| p.is_visible).map(asked).collect();
@@ -423,6 +463,7 @@ impl ViewerApp {
                 question: self.document.bare_question(live),
                 threshold: self.document.default_threshold(),
                 colour: self.document.next_colour(),
+                is_instrument: names_instrument(live),
             });
         }
         prompts
@@ -430,10 +471,9 @@ impl ViewerApp {
 
     /// Remembers overlay choices once they rest.
     fn keep_preferences(&mut self, ctx: &Context) {
-        let (style, opacity) = (self.document.style, self.document.opacity);
-        let is_changed = (self.preferences.style, self.preferences.opacity) != (style, opacity);
-        if is_changed && !ctx.input(|i| i.pointer.any_down()) {
-            (self.preferences.style, self.preferences.opacity) = (style, opacity);
+        let overlay = self.document.overlay;
+        if self.preferences.overlay != overlay && !ctx.input(|i| i.pointer.any_down()) {
+            self.preferences.overlay = overlay;
             self.preferences.save();
         }
     }

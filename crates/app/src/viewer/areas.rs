@@ -2,9 +2,38 @@
 //!
 //! Kept for every threshold at once, so that moving one redraws the curve and computes nothing.
 
-use super::negatives::Question;
+use crate::engine::Question;
 use std::collections::HashMap;
-use surgtpgs_core::grid::Grid;
+use surgtpgs_core::{grid::Grid, mask::CleanUp};
+
+/// What is counted: a question, and where masks are cleaned up, how and above which threshold; then no other threshold is
+/// counted along.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct Measure {
+    pub(crate) question: Question,
+    /// With the threshold in hundredths.
+    pub(crate) cleaned: Option<(CleanUp, u8)>,
+}
+
+impl Measure {
+    pub(crate) fn new(question: Question, clean_up: CleanUp, threshold: f32) -> Self {
+        let cleaned = (!clean_up.is_off()).then(|| (clean_up, (threshold * 100.0).round() as u8));
+        Self { question, cleaned }
+    }
+
+    /// What is known of a frame from its scores, which are smoothed already where that is asked for.
+    pub(crate) fn levels(&self, scores: &Grid<f32>) -> Levels {
+        let Some((clean_up, hundredths)) = self.cleaned else { return Levels::of(scores) };
+        let threshold = f32::from(hundredths) / 100.0;
+        let all = Levels::of(&clean_up.scores(scores, threshold));
+        Levels { above: Box::new([all.area_px(threshold) as u32; STEPS]), ..all }
+    }
+
+    /// Frames before and after that count.
+    pub(crate) fn reach(&self) -> usize {
+        self.cleaned.map_or(0, |(clean_up, _)| clean_up.smooth_frames)
+    }
+}
 
 /// Thresholds are whole hundredths.
 const STEPS: usize = 101;
@@ -55,28 +84,28 @@ impl Levels {
 pub(crate) struct Measured {
     pub(crate) frame: usize,
     /// `None` where the prompt has no answer.
-    pub(crate) prompts: Vec<(Question, Option<Levels>)>,
+    pub(crate) prompts: Vec<(Measure, Option<Levels>)>,
 }
 
 /// Which frames of which prompts were counted, on the side that counts.
 #[derive(Debug, Default)]
 pub(crate) struct Counted {
-    frames: HashMap<Question, Vec<bool>>,
+    frames: HashMap<Measure, Vec<bool>>,
 }
 
 impl Counted {
     /// The first frame that has not been counted for all of `prompts`, and for which it has not.
-    pub(crate) fn next(&self, prompts: &[Question], num_frames: usize) -> Option<(usize, Vec<Question>)> {
+    pub(crate) fn next(&self, prompts: &[Measure], num_frames: usize) -> Option<(usize, Vec<Measure>)> {
         (0..num_frames).find_map(|frame| {
             let is_counted = |q| self.frames.get(q).and_then(|f| f.get(frame)).is_some_and(|done| *done);
-            let new: Vec<Question> = prompts.iter().filter(|q| !is_counted(*q)).cloned().collect();
+            let new: Vec<Measure> = prompts.iter().filter(|q| !is_counted(*q)).cloned().collect();
             (!new.is_empty()).then_some((frame, new))
         })
     }
 
     pub(crate) fn note(&mut self, measured: &Measured, num_frames: usize) {
-        for (question, _) in &measured.prompts {
-            let frames = self.frames.entry(question.clone()).or_insert_with(|| vec![false; num_frames]);
+        for (measure, _) in &measured.prompts {
+            let frames = self.frames.entry(measure.clone()).or_insert_with(|| vec![false; num_frames]);
             if let Some(done) = frames.get_mut(measured.frame) {
                 *done = true;
             }
@@ -88,7 +117,7 @@ impl Counted {
 #[derive(Debug, Default)]
 pub(crate) struct Areas {
     num_frames: usize,
-    prompts: HashMap<Question, Vec<Option<Levels>>>,
+    prompts: HashMap<Measure, Vec<Option<Levels>>>,
 }
 
 impl Areas {
@@ -97,8 +126,8 @@ impl Areas {
     }
 
     pub(crate) fn take(&mut self, measured: Measured) {
-        for (question, levels) in measured.prompts {
-            let frames = self.prompts.entry(question).or_insert_with(|| vec![None; self.num_frames]);
+        for (measure, levels) in measured.prompts {
+            let frames = self.prompts.entry(measure).or_insert_with(|| vec![None; self.num_frames]);
             if let Some(place) = frames.get_mut(measured.frame) {
                 *place = levels;
             }
@@ -106,8 +135,8 @@ impl Areas {
     }
 
     /// The area of a prompt over time; `None` before the first frame was counted.
-    pub(crate) fn curve(&self, question: &Question, threshold: f32) -> Option<Curve> {
-        let frames = self.prompts.get(question)?;
+    pub(crate) fn curve(&self, measure: &Measure, threshold: f32) -> Option<Curve> {
+        let frames = self.prompts.get(measure)?;
         let point = |levels: &Option<Levels>| {
             levels.as_ref().map(|l| Point { area_px: l.area_px(threshold), num_px: l.num_px })
         };
@@ -189,8 +218,10 @@ pub(crate) fn csv<'a>(
 
 #[cfg(test)]
 mod tests {
-    use super::{super::negatives::Negatives, *};
+    use super::*;
+    use crate::engine::Negatives;
     use proptest::prelude::*;
+    use surgtpgs_core::relevancy::RelevancySettings;
 
     proptest! {
         #[test]
@@ -210,9 +241,9 @@ mod tests {
         }
     }
 
-    fn question(text: &str) -> Question {
-        let negatives = Negatives { phrases: vec!["object".into()], uses_classes: true };
-        Question { text: text.into(), negatives }
+    fn question(text: &str) -> Measure {
+        let negatives = Negatives::of(&RelevancySettings::default());
+        Measure::new(Question::words(text, negatives), CleanUp::default(), 0.4)
     }
 
     fn measured(frame: usize, area: usize) -> Measured {
@@ -250,15 +281,22 @@ mod tests {
         }
         assert_eq!(counted.next(&liver, 3), None);
         assert_eq!(counted.next(&[question("liver"), question("fat")], 3), Some((0, vec![question("fat")])));
-        let other = Question {
-            negatives: Negatives { phrases: Vec::new(), uses_classes: true },
-            ..question("liver")
-        };
+        let mut other = question("liver");
+        other.question.negatives.phrases.clear();
         assert_eq!(
             counted.next(std::slice::from_ref(&other), 3),
             Some((0, vec![other])),
             "compared with something else"
         );
+    }
+
+    #[test]
+    fn a_cleaned_area_is_that_of_the_cleaned_mask() {
+        let clean_up = CleanUp { min_area_px: 2, ..Default::default() };
+        let measure = Measure::new(question("liver").question, clean_up, 0.4);
+        let scores = Grid::from_vec(5, 1, vec![0.9, 0.1, 0.9, 0.9, 0.1]);
+        assert_eq!(measure.levels(&scores).area_px(0.4), 2);
+        assert_eq!(question("liver").levels(&scores).area_px(0.4), 3);
     }
 
     #[test]

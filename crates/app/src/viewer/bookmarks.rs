@@ -69,11 +69,11 @@ impl Document {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use surgtpgs_core::overlay::OverlayStyle;
+    use surgtpgs_core::overlay::OverlayLook;
 
     #[test]
     fn bookmarks_are_in_order_and_the_next_one_is_never_the_present_one() {
-        let mut document = Document::new(OverlayStyle::Outline, 0.5, 0.4);
+        let mut document = Document::new(OverlayLook::default(), 0.4);
         [30, 10, 20].into_iter().for_each(|f| document.toggle_bookmark(f));
         assert_eq!(document.bookmarks().iter().map(|b| b.frame).collect::<Vec<_>>(), [10, 20, 30]);
         assert_eq!((document.bookmark_beside(20, -1), document.bookmark_beside(20, 1)), (Some(10), Some(30)));
@@ -85,7 +85,7 @@ mod tests {
 
     #[test]
     fn typing_a_note_is_one_edit() {
-        let mut document = Document::new(OverlayStyle::Outline, 0.5, 0.4);
+        let mut document = Document::new(OverlayLook::default(), 0.4);
         document.toggle_bookmark(4);
         ["b", "bl", "bleeding"].into_iter().for_each(|note| document.set_note(4, note));
         document.set_note(5, "no bookmark here");

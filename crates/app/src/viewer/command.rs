@@ -1,5 +1,7 @@
-//! The only list of what the window can be told to do. Menus, tooltips, keys and the shortcut sheet all read it.
+//! The only list of what the window can be told to do. Menus, tooltips, keys and the shortcut sheet all read it. The keys in it
+//! are the delivered ones; [`keymap`] has those that the user chose instead.
 
+use super::keymap;
 use egui::{Key, KeyboardShortcut, Modifiers};
 
 /// Something the user can ask for.
@@ -33,6 +35,7 @@ pub(crate) enum Command {
     RangeStart,
     RangeEnd,
     RangeClear,
+    Exclude,
     FirstFound,
     LargestFound,
     LastFound,
@@ -48,6 +51,7 @@ pub(crate) enum Command {
     Peek,
     CycleStyle,
     MoreOpacity,
+    BelowInstruments,
     ThresholdDown,
     ThresholdUp,
     SwapOriginal,
@@ -57,6 +61,8 @@ pub(crate) enum Command {
     Difference,
     Depth,
     DepthBeside,
+    Motion,
+    Opacity,
     CentreOrbit,
     Measure,
     Dismiss,
@@ -232,6 +238,7 @@ table! {
     RangeStart    Time Viewport [key(Key::I)] "Range starts here" "Play and repeat from this frame on"
     RangeEnd      Time Viewport [shift(Key::I)] "Range ends here" "Play and repeat up to this frame"
     RangeClear    Time Viewport [alt(Key::I)] "Whole recording" "Play the whole recording again"
+    Exclude       Time Viewport [key(Key::E)] "Leave out or take in" "Leave this frame, or the range that plays, out of everything; again takes it back in"
     FirstFound    Time Viewport [shift(Key::Home)] "First frame with it" "Go to the first frame on which the selected prompt is found"
     LargestFound  Time Viewport [key(Key::P)] "Frame with most of it" "Go to the frame on which the selected prompt is largest"
     LastFound     Time Viewport [shift(Key::End)] "Last frame with it" "Go to the last frame on which the selected prompt is found"
@@ -245,6 +252,7 @@ table! {
     Peek          Prompts Hold [key(Key::X)] "Peek at the recorded frame (hold)" "The recorded frame without anything drawn over it, as long as the key is held"
     CycleStyle    Prompts Viewport [key(Key::O)] "Next overlay style" "Outline, fill or heatmap"
     MoreOpacity   Prompts Viewport [shift(Key::O)] "More opaque overlay" "Make the overlay more opaque by 0.2; starts again at 0.2"
+    BelowInstruments Prompts Viewport [alt(Key::O)] "Below instruments" "Draw what is found below the instruments, or over them"
     ThresholdDown Prompts Viewport [key(Key::T)] "Lower threshold" "Lower the threshold of the selected prompt by 0.01: more is found"
     ThresholdUp   Prompts Viewport [shift(Key::T)] "Raise threshold" "Raise the threshold of the selected prompt by 0.01: less is found"
     SwapOriginal  View Viewport [shift(Key::B)] "Original or reconstruction" "Switch between the recorded frame and the reconstruction"
@@ -254,6 +262,8 @@ table! {
     Difference    View Viewport [key(Key::F)] "Difference" "How much the reconstruction differs from the recorded frame"
     Depth         View Viewport [key(Key::D)] "Depth" "How far each point is from the endoscope"
     DepthBeside   View Viewport [shift(Key::D)] "Beside its depth" "The reconstruction beside its depth"
+    Motion        View Viewport [shift(Key::F)] "Moving" "How far each point moves over the recording"
+    Opacity       View Viewport [key(Key::A)] "Opacity" "How opaque the reconstruction is: where it is not, nothing was reconstructed"
     CentreOrbit   View Viewport [key(Key::C)] "Turn around this point" "Look around the point under the pointer from now on"
     Measure       View Viewport [key(Key::U)] "Ruler" "Measure on the picture: drag from one point to another"
     Dismiss       View Viewport [key(Key::Escape)] "Close what is open" "Close the message, the point's scores or the ruler"
@@ -275,20 +285,21 @@ pub(crate) fn entry(command: Command) -> &'static Entry {
 pub(crate) fn find(pressed: Key, modifiers: Modifiers) -> Option<(&'static Entry, usize)> {
     COMMANDS.iter().filter(|e| e.scope != Scope::Hold).find_map(|entry| {
         let matches = |k: &KeyboardShortcut| k.logical_key == pressed && is_exactly(modifiers, k.modifiers);
-        entry.keys.iter().position(matches).map(|index| (entry, index))
+        keymap::keys(entry).iter().position(matches).map(|index| (entry, index))
     })
 }
 
 /// Whether the key of a [`Scope::Hold`] command is down. A text field in focus owns it.
 pub(crate) fn is_held(ctx: &egui::Context, command: Command) -> bool {
     !ctx.text_edit_focused()
-        && ctx
-            .input(|i| i.modifiers.is_none() && entry(command).keys.iter().any(|k| i.key_down(k.logical_key)))
+        && ctx.input(|i| {
+            i.modifiers.is_none() && keymap::keys(entry(command)).iter().any(|k| i.key_down(k.logical_key))
+        })
 }
 
 /// Whether one of a command's plain keys is down.
 pub(crate) fn is_down(ctx: &egui::Context, command: Command) -> bool {
-    ctx.input(|i| entry(command).keys.iter().any(|k| i.key_down(k.logical_key)))
+    ctx.input(|i| keymap::keys(entry(command)).iter().any(|k| i.key_down(k.logical_key)))
 }
 
 /// The keys of a command as text, e.g. "Shift+W"; empty if it has none.
@@ -304,8 +315,9 @@ pub(crate) fn keys_text(entry: &Entry) -> String {
         }
         text + key_name(k.logical_key)
     };
-    match entry.keys {
-        [first, .., last] if entry.keys.len() == DIGITS.len() => {
+    let keys = keymap::keys(entry);
+    match &keys[..] {
+        [first, .., last] if keys.len() == DIGITS.len() => {
             format!("{}–{}", one(first), key_name(last.logical_key))
         }
         keys => keys.iter().map(one).collect::<Vec<_>>().join(", "),

@@ -1,6 +1,6 @@
 //! The recorded frame against its reconstruction, pixel by pixel.
 
-use super::pipeline::depth_colour;
+use super::layer_colours::depth_colour;
 use egui::ColorImage;
 use image::RgbImage;
 use std::sync::Arc;

@@ -11,7 +11,7 @@ pub(crate) fn curves(app: &ViewerApp) -> Vec<(usize, Prompt, Curve)> {
     let Some(areas) = app.areas() else { return Vec::new() };
     let prompts = app.document.prompts().iter().enumerate().filter(|(_, p)| p.is_visible);
     let curve = |(index, p): (usize, &Prompt)| {
-        Some((index + 1, p.clone(), areas.curve(&app.document.question(p), p.threshold)?))
+        Some((index + 1, p.clone(), areas.curve(&app.measure(p), p.threshold)?))
     };
     prompts.filter_map(curve).collect()
 }

@@ -5,9 +5,13 @@ use super::{
     bookmarks::Bookmark, command::OPACITY_STEP, history::History, measure::Scale, negatives::Comparison,
     orbit::Orbit, zoom::Zoom,
 };
-use crate::settings::PROMPT_COLOURS;
+use crate::{engine::Sample, settings::PROMPT_COLOURS};
 use serde_json::{Map, Value};
-use surgtpgs_core::overlay::OverlayStyle;
+use surgtpgs_core::{
+    mask::CleanUp,
+    overlay::{OverlayLook, OverlayStyle},
+    sequence::names_instrument,
+};
 
 /// Names a prompt for its lifetime.
 pub(crate) type PromptId = u64;
@@ -24,14 +28,30 @@ pub(crate) struct Prompt {
     /// Kept for the prompt's lifetime: deleting another one does not recolour it.
     pub(crate) colour: [u8; 3],
     pub(crate) is_visible: bool,
+    /// What it finds lies over what the others find.
+    #[serde(default)]
+    pub(crate) is_instrument: bool,
     /// Score above which a pixel is found; a whole number of hundredths.
     pub(crate) threshold: f32,
     /// What it is compared with besides what all are.
     #[serde(default)]
     pub(crate) but_not: Vec<String>,
+    /// What a point of a picture shows, to look for instead of the words.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) like: Option<Sample>,
+    /// What points of pictures show that is not meant.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) not_like: Vec<NamedSample>,
     /// What a newer program wrote.
     #[serde(flatten)]
     pub(crate) unknown: Map<String, Value>,
+}
+
+/// What a point of a picture shows, with a name that says which point.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub(crate) struct NamedSample {
+    pub(crate) name: String,
+    pub(crate) sample: Sample,
 }
 
 /// Everything that can be undone.
@@ -47,6 +67,10 @@ pub(crate) struct Content {
     pub(crate) comparison: Comparison,
     /// What makes millimetres of scene units.
     pub(crate) scale: Option<Scale>,
+    /// What is done to masks.
+    pub(crate) clean_up: CleanUp,
+    /// First and last frames of what is left out of everything, in order.
+    pub(crate) excluded: Vec<(usize, usize)>,
     /// What a newer program wrote.
     #[serde(flatten)]
     pub(crate) unknown: Map<String, Value>,
@@ -65,6 +89,7 @@ pub(crate) struct Look {
 pub(crate) enum Joint {
     Threshold(PromptId),
     Note(usize),
+    CleanUp,
 }
 
 /// The content before an edit; the look as well if the edit changed it.
@@ -81,9 +106,8 @@ pub(crate) struct Document {
     next_id: PromptId,
     /// The prompt that the threshold keys act on.
     pub(crate) selected: Option<PromptId>,
-    pub(crate) style: OverlayStyle,
-    /// Of fills and heatmaps, 0–1.
-    pub(crate) opacity: f32,
+    /// How what is found is drawn.
+    pub(crate) overlay: OverlayLook,
     /// Everything drawn over the picture is off.
     pub(crate) is_hidden: bool,
     pub(crate) mode: ViewMode,
@@ -95,13 +119,12 @@ pub(crate) struct Document {
 }
 
 impl Document {
-    pub(crate) fn new(style: OverlayStyle, opacity: f32, default_threshold: f32) -> Self {
+    pub(crate) fn new(overlay: OverlayLook, default_threshold: f32) -> Self {
         Self {
             content: Content::default(),
             next_id: PREVIEW + 1,
             selected: None,
-            style,
-            opacity,
+            overlay,
             is_hidden: false,
             mode: ViewMode::default(),
             look: Look::default(),
@@ -147,6 +170,7 @@ impl Document {
     pub(crate) fn start_recording(&mut self) {
         self.content.bookmarks.clear();
         self.content.range = None;
+        self.content.excluded.clear();
         self.content.scale = None;
         self.history = History::default();
         self.revision += 1;
@@ -154,6 +178,28 @@ impl Document {
 
     /// Adds a prompt and selects it; words that are there already are selected and shown instead. Empty words do nothing.
     pub(crate) fn add(&mut self, text: &str) {
+        self.add_prompt(text, None);
+    }
+
+    /// Adds a prompt for what a point of a picture shows.
+    pub(crate) fn add_like(&mut self, NamedSample { name, sample }: NamedSample) {
+        self.add_prompt(&name, Some(sample));
+    }
+
+    /// What a point of a picture shows is not what a prompt means, from now on.
+    pub(crate) fn add_not_like(&mut self, id: PromptId, not_like: NamedSample) {
+        let Some(prompt) = self.prompt(id).filter(|p| !p.not_like.contains(&not_like)) else { return };
+        let name = format!("what \"{}\" is not", prompt.text);
+        self.edit_prompt(name, None, id, |p| p.not_like.push(not_like));
+    }
+
+    pub(crate) fn remove_not_like(&mut self, id: PromptId, index: usize) {
+        let Some(prompt) = self.prompt(id).filter(|p| index < p.not_like.len()) else { return };
+        let name = format!("what \"{}\" is not", prompt.text);
+        self.edit_prompt(name, None, id, |p| drop(p.not_like.remove(index)));
+    }
+
+    fn add_prompt(&mut self, text: &str, like: Option<Sample>) {
         let text = text.trim();
         if text.is_empty() {
             return;
@@ -170,8 +216,11 @@ impl Document {
             text: text.to_owned(),
             colour: self.next_colour(),
             is_visible: true,
+            is_instrument: names_instrument(text),
             threshold: self.default_threshold,
             but_not: Vec::new(),
+            like,
+            not_like: Vec::new(),
             unknown: Map::new(),
         };
         self.next_id += 1;
@@ -221,6 +270,22 @@ impl Document {
         let Some(prompt) = self.prompt(id).filter(|p| p.but_not != but_not) else { return };
         let name = format!("what \"{}\" is not", prompt.text);
         self.edit_prompt(name, None, id, |p| p.but_not = but_not.to_vec());
+    }
+
+    /// Says whether a prompt is about an instrument.
+    pub(crate) fn set_instrument(&mut self, id: PromptId, is_instrument: bool) {
+        let Some(prompt) = self.prompt(id).filter(|p| p.is_instrument != is_instrument) else { return };
+        let kind = if is_instrument { "an instrument" } else { "no instrument" };
+        let name = format!("\"{}\" is {kind}", prompt.text);
+        self.edit_prompt(name, None, id, |p| p.is_instrument = is_instrument);
+    }
+
+    /// What is done to masks.
+    pub(crate) fn set_clean_up(&mut self, clean_up: CleanUp) {
+        if self.content.clean_up != clean_up {
+            let name = if clean_up.is_off() { "masks as they are" } else { "cleaning up masks" };
+            self.edit(name.into(), Some(Joint::CleanUp), |content| content.clean_up = clean_up);
+        }
     }
 
     /// Shows or hides prompt number `index` (from 0).
@@ -282,7 +347,7 @@ impl Document {
     }
 
     pub(crate) fn next_style(&mut self) {
-        self.style = match self.style {
+        self.overlay.style = match self.overlay.style {
             OverlayStyle::Outline => OverlayStyle::Fill,
             OverlayStyle::Fill => OverlayStyle::Heatmap,
             OverlayStyle::Heatmap => OverlayStyle::Outline,
@@ -291,8 +356,10 @@ impl Document {
 
     /// More opaque by a step; after the most opaque comes the least.
     pub(crate) fn next_opacity(&mut self) {
-        let next = self.opacity + OPACITY_STEP;
-        self.opacity = if next > 1.01 { OPACITY_STEP } else { next.min(1.0) };
+        let OverlayLook { style, opacity, outline_opacity, .. } = &mut self.overlay;
+        let opacity = if *style == OverlayStyle::Outline { outline_opacity } else { opacity };
+        let next = *opacity + OPACITY_STEP;
+        *opacity = if next > 1.01 { OPACITY_STEP } else { next.min(1.0) };
     }
 
     /// The colour that the next prompt will get: the first of the palette that is not in use.
@@ -402,6 +469,8 @@ impl Content {
         self.bookmarks.sort_by_key(|b| b.frame);
         self.bookmarks.dedup_by_key(|b| b.frame);
         self.scale = self.scale.filter(Scale::is_possible);
+        self.clean_up = super::clean_up_ui::mended(self.clean_up);
+        self.excluded = super::excluded::mended(self.excluded, num_frames);
         self.range = self.range.filter(|(from, to)| from <= to && *to < num_frames);
         self
     }

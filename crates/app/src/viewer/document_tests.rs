@@ -2,10 +2,10 @@
 
 use super::document::{Content, Document};
 use proptest::prelude::*;
-use surgtpgs_core::overlay::OverlayStyle;
+use surgtpgs_core::overlay::OverlayLook;
 
 fn document(prompts: &[&str]) -> Document {
-    let mut document = Document::new(OverlayStyle::Outline, 0.5, 0.4);
+    let mut document = Document::new(OverlayLook::default(), 0.4);
     prompts.iter().for_each(|p| document.add(p));
     document
 }

@@ -3,13 +3,16 @@
 use super::{
     jobs::JobContext,
     measure::Lens,
-    negatives::Negatives,
-    source::{Backend, Demo, ExportRequest, ExportSummary, FrameSource, Info, Rendering, TrainRequest, View},
+    orbit::Orbit,
+    source::{
+        Backend, Checked, Demo, ExportRequest, ExportSummary, FrameSource, Info, Rendering, TrainRequest,
+        View,
+    },
     training::DEFAULT_STEPS,
     widgets::thousands,
 };
 use crate::{
-    engine::{self, Ask, Engine, EngineOptions},
+    engine::{self, Ask, Engine, EngineOptions, Motion, Question, Sample},
     jobs::{self, DemoPaths, Material, PrepareOptions, Progress},
 };
 use image::RgbImage;
@@ -17,23 +20,23 @@ use std::{
     ops::ControlFlow,
     path::{Path, PathBuf},
     sync::Arc,
-    time::{Duration, Instant},
+    time::Instant,
 };
 use surgtpgs_core::{
     Error, Result,
     demo::{self, DemoSettings},
     export::{ExportOptions, ExportPrompt, Source},
-    grid::Grid,
+    grid::{Grid, Mask},
     raster::FrameClock,
     relevancy::RelevancySettings,
     scene::Scene,
-    sequence::Sequence,
-    train::{TrainSettings, Trainer},
+    sequence::{self, Sequence},
+    train::{StepReport, TrainSettings, Trainer},
 };
 use surgtpgs_render::Wanted;
 
-/// Time between two states of a training that are shown.
-const PREVIEW_EVERY: Duration = Duration::from_secs(4);
+/// Depth and scores without pictures.
+const VALUES: Wanted = Wanted { pictures: false, values: true };
 /// Steps before the first state is worth showing.
 const FIRST_PREVIEW: usize = 60;
 
@@ -48,6 +51,19 @@ impl Backend for EngineBackend {
         } else {
             Ok(Box::new(RecordingSource::new(&Material::open(path)?, path.to_owned())))
         }
+    }
+
+    fn check(&self, path: &Path, job: &JobContext) -> Result<Checked> {
+        let material = Material::open(path)?;
+        let sequence = material.sequence();
+        let report = sequence::check(sequence, &mut |done, total| {
+            job.progress("checking", done, total, String::new())
+        });
+        Ok(Checked { report, can_flip: sequence.has_mask_files() })
+    }
+
+    fn flip_masks(&self, path: &Path) -> Result<PathBuf> {
+        Material::open(path)?.sequence().flip_masks()
     }
 
     fn demo(&self, folder: &Path, job: &JobContext) -> Result<Demo> {
@@ -65,16 +81,24 @@ impl Backend for EngineBackend {
             recording: paths.recording.clone(),
             scene: paths.scene,
             iterations: DEFAULT_STEPS,
+            excluded: Vec::new(),
         };
         Ok(Demo { path: paths.recording, train: Some(train) })
     }
 
     fn export(&self, request: &ExportRequest, job: &JobContext) -> Result<ExportSummary> {
-        let mut engine = Engine::open(&request.scene, EngineOptions::default())?;
-        let words: Vec<String> = request.prompts.iter().map(|p| p.text.clone()).collect();
-        engine.set_prompts(&words)?;
+        let relevancy = RelevancySettings {
+            phrases: request.negatives.phrases.clone(),
+            class_negatives: request.negatives.uses_classes,
+            ..Default::default()
+        };
+        let options = EngineOptions { relevancy, ..Default::default() };
+        let mut engine = Engine::open(&request.scene, options)?;
+        let questions: Vec<Question> = request.prompts.iter().map(|p| p.question.clone()).collect();
+        engine.set_questions(&questions)?;
         let chosen = |(mut prompt, wanted): (ExportPrompt, &super::source::ExportPrompt)| {
             (prompt.threshold, prompt.colour) = (wanted.threshold, wanted.colour);
+            prompt.is_instrument = wanted.is_instrument;
             prompt
         };
         let prompts = jobs::export_prompts(&engine).into_iter().zip(&request.prompts).map(chosen).collect();
@@ -82,14 +106,14 @@ impl Backend for EngineBackend {
             formats: request.formats.clone(),
             source: if request.from_original { Source::Original } else { Source::Reconstruction },
             exclusive: request.is_exclusive,
-            style: request.style,
-            opacity: request.opacity,
+            look: request.look,
+            clean_up: request.clean_up,
             ..Default::default()
         };
         let asked = jobs::ExportRequest {
             scene: &request.scene,
             folder: &request.folder,
-            frames: (request.frames.0..=request.frames.1).collect(),
+            frames: request.frames(),
             prompts,
             options,
             overwrite: false,
@@ -100,6 +124,10 @@ impl Backend for EngineBackend {
             num_files: done.files,
             folder: request.folder.clone(),
         })
+    }
+
+    fn available_bytes(&self) -> Option<u64> {
+        crate::memory::available_bytes()
     }
 
     fn reconstruct(&self, request: &TrainRequest, job: &JobContext) -> Result<PathBuf> {
@@ -116,11 +144,13 @@ impl Backend for EngineBackend {
             other => other,
         };
         job.check()?;
-        let settings = TrainSettings { iterations: request.iterations, ..Default::default() };
+        let (iterations, excluded) = (request.iterations, request.excluded.clone());
+        let settings = TrainSettings { iterations, excluded, ..Default::default() };
         let mut last_shown = Instant::now();
-        let mut show = |trainer: &mut Trainer| {
-            let is_first = trainer.steps_done() == FIRST_PREVIEW;
-            if is_first || (trainer.steps_done() > FIRST_PREVIEW && last_shown.elapsed() >= PREVIEW_EVERY) {
+        let mut show = |trainer: &mut Trainer, report: &StepReport| {
+            job.step(report.step, report.terms);
+            let is_due = |every| report.step > FIRST_PREVIEW && last_shown.elapsed() >= every;
+            if report.step == FIRST_PREVIEW || job.preview_every().is_some_and(is_due) {
                 last_shown = Instant::now();
                 if let Ok(source) = trainer.scene().and_then(|scene| preview(scene, &request.recording)) {
                     job.preview(Box::new(source));
@@ -170,6 +200,8 @@ struct SceneSource {
     info: Info,
     /// Distance to what the endoscope looks at, scene units; the point to turn around.
     pivot_depth: f32,
+    /// The depth of the endoscope's own view, of the view that was turned last.
+    home_depth: Option<(View, Arc<Grid<f32>>)>,
 }
 
 impl SceneSource {
@@ -203,7 +235,7 @@ impl SceneSource {
             renderer: engine.renderer_name(),
             notes,
         };
-        Self { engine, info, pivot_depth: 1.0 }
+        Self { engine, info, pivot_depth: 1.0, home_depth: None }
     }
 
     fn engine_view(&mut self, view: &View) -> Result<engine::View> {
@@ -221,12 +253,26 @@ impl SceneSource {
         })
     }
 
-    /// Scores of prompts that can all be asked together.
-    fn ask(&mut self, view: &engine::View, prompts: &[&str]) -> Result<Vec<Grid<f32>>> {
-        let words: Vec<String> = prompts.iter().map(|p| (*p).to_owned()).collect();
-        self.engine.set_prompts(&words)?;
-        let wanted = Wanted { pictures: false, values: true };
-        Ok(self.engine.show(view, Ask::Now(None), wanted)?.scores)
+    /// What the endoscope's own view of a turned view's frame shows, at the turned view's size; nothing for its own view.
+    fn recorded_depth(&mut self, view: &View) -> Result<Arc<Grid<f32>>> {
+        if view.orbit.is_home() {
+            return Ok(Arc::default());
+        }
+        let home = View { orbit: Orbit::default(), ..*view };
+        if let Some((_, depth)) = self.home_depth.as_ref().filter(|(of, _)| *of == home) {
+            return Ok(depth.clone());
+        }
+        let engine_view = self.engine_view(&home)?;
+        let shown = self.engine.show(&engine_view, Ask::Nothing, VALUES)?;
+        let depth = Arc::new(shown.depth.unwrap_or_default());
+        self.home_depth = Some((home, depth.clone()));
+        Ok(depth)
+    }
+
+    /// Scores of questions that can all be asked together.
+    fn ask(&mut self, view: &engine::View, questions: &[Question]) -> Result<Vec<Grid<f32>>> {
+        self.engine.set_questions(questions)?;
+        Ok(self.engine.show(view, Ask::Now(None), VALUES)?.scores)
     }
 }
 
@@ -241,46 +287,60 @@ impl FrameSource for SceneSource {
         self.engine.original(frame)?.ok_or_else(missing)
     }
 
+    fn instruments(&mut self, frame: usize) -> Result<Option<Mask>> {
+        self.engine.instruments(frame)
+    }
+
     fn render(&mut self, view: &View, with_features: bool) -> Result<Rendering> {
         let engine_view = self.engine_view(view)?;
+        let recorded_depth = self.recorded_depth(view)?;
         let ask = if with_features { Ask::Later } else { Ask::Nothing };
         let shown = self.engine.show(&engine_view, ask, Wanted { pictures: true, values: true })?;
         let missing = || Error::input("the picture did not come back", "");
         let colour = shown.picture.ok_or_else(missing)?;
         let depth = shown.depth.ok_or_else(missing)?;
-        if view.orbit.is_home() {
+        let unseen = if view.orbit.is_home() {
             self.pivot_depth = middle_depth(&depth).unwrap_or(self.pivot_depth);
-        }
-        Ok(Rendering { colour, depth })
-    }
-
-    fn set_negatives(&mut self, negatives: &Negatives) -> Result<()> {
-        let present = self.engine.settings();
-        if (&present.phrases, present.class_negatives) == (&negatives.phrases, negatives.uses_classes) {
-            return Ok(());
-        }
-        let settings = RelevancySettings {
-            phrases: negatives.phrases.clone(),
-            class_negatives: negatives.uses_classes,
-            ..present.clone()
+            None
+        } else {
+            Some(self.engine.unseen(&engine_view, &depth, view.frame, &recorded_depth)?)
         };
-        self.engine.set_settings(settings)
+        Ok(Rendering { colour, depth, unseen })
     }
 
-    fn scores(&mut self, view: &View, prompts: &[&str]) -> Vec<Result<Grid<f32>>> {
+    fn motion(&mut self, view: &View) -> Result<(Grid<f32>, String)> {
+        let view = self.engine_view(view)?;
+        let Motion { travel_px, num_moving, num_gaussians } = self.engine.motion(&view);
+        let [moving, all] = [num_moving, num_gaussians].map(thousands);
+        Ok((travel_px, format!("{moving} of {all} Gaussians move by a pixel or more")))
+    }
+
+    fn opacity(&mut self, view: &View) -> Result<Grid<f32>> {
+        let view = self.engine_view(view)?;
+        self.engine.opacity(&view)
+    }
+
+    fn scores(&mut self, view: &View, questions: &[Question]) -> Vec<Result<Grid<f32>>> {
         let view = match self.engine_view(view) {
             Ok(view) => view,
-            Err(e) => return prompts.iter().map(|_| Err(Error::input(e.to_string(), ""))).collect(),
+            Err(e) => return questions.iter().map(|_| Err(Error::input(e.to_string(), ""))).collect(),
         };
-        if let Ok(scores) = self.ask(&view, prompts) {
+        if let Ok(scores) = self.ask(&view, questions) {
             return scores.into_iter().map(Ok).collect();
         }
         // One by one, so that the words that cannot be read do not silence the others.
-        let one = |prompt: &&str| {
+        let one = |question: &Question| {
             let missing = || Error::input("there is no score for these words", "");
-            self.ask(&view, &[prompt]).and_then(|mut s| s.pop().ok_or_else(missing))
+            self.ask(&view, std::slice::from_ref(question)).and_then(|mut s| s.pop().ok_or_else(missing))
         };
-        prompts.iter().map(one).collect()
+        questions.iter().map(one).collect()
+    }
+
+    fn sample(&mut self, view: &View, point: [f32; 2]) -> Result<Option<Sample>> {
+        let view = self.engine_view(view)?;
+        let [x, y] = [(point[0], view.camera.width), (point[1], view.camera.height)]
+            .map(|(share, n)| ((share * n as f32) as usize).min(n.saturating_sub(1) as usize));
+        self.engine.sample(&view, [x, y])
     }
 
     fn clock(&self) -> FrameClock {
@@ -347,8 +407,14 @@ impl FrameSource for RecordingSource {
     fn render(&mut self, _: &View, _: bool) -> Result<Rendering> {
         Err(not_reconstructed())
     }
-    fn scores(&mut self, _: &View, prompts: &[&str]) -> Vec<Result<Grid<f32>>> {
-        prompts.iter().map(|_| Err(not_reconstructed())).collect()
+    fn motion(&mut self, _: &View) -> Result<(Grid<f32>, String)> {
+        Err(not_reconstructed())
+    }
+    fn opacity(&mut self, _: &View) -> Result<Grid<f32>> {
+        Err(not_reconstructed())
+    }
+    fn scores(&mut self, _: &View, questions: &[Question]) -> Vec<Result<Grid<f32>>> {
+        questions.iter().map(|_| Err(not_reconstructed())).collect()
     }
 }
 

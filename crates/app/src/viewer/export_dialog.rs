@@ -84,9 +84,10 @@ impl ExportDialog {
     pub(crate) fn new(app: &ViewerApp) -> Option<Self> {
         let info = app.info()?;
         let prompt = |p: &super::document::Prompt| ExportPrompt {
-            text: p.text.clone(),
+            question: app.document.question(p),
             threshold: p.threshold,
             colour: p.colour,
+            is_instrument: p.is_instrument,
         };
         let shows_original = app.document.mode == ViewMode::Original;
         let request = ExportRequest {
@@ -94,11 +95,13 @@ impl ExportDialog {
             folder: free_folder(&info.output_folder, &info.name),
             formats: vec![Format::Overlay, Format::Binary],
             frames: app.playback.bounds(),
+            excluded: app.document.excluded().to_vec(),
             from_original: shows_original && info.has_original,
             prompts: app.document.prompts().iter().filter(|p| p.is_visible).map(prompt).collect(),
+            negatives: app.document.comparison().common(),
             is_exclusive: false,
-            style: app.document.style,
-            opacity: app.document.opacity,
+            look: app.document.overlay,
+            clean_up: app.document.content().clean_up,
         };
         Some(Self {
             request,
@@ -170,7 +173,7 @@ pub(crate) fn export_dialog_ui(ctx: &Context, app: &mut ViewerApp) {
 
 /// Returns whether the dialog is to be closed.
 fn asking_ui(ui: &mut Ui, dialog: &mut ExportDialog, backend: Arc<dyn Backend>) -> bool {
-    let names: Vec<_> = dialog.request.prompts.iter().map(|p| format!("\"{}\"", p.text)).collect();
+    let names: Vec<_> = dialog.request.prompts.iter().map(|p| format!("\"{}\"", p.question.text)).collect();
     let what = if names.is_empty() { "No visible prompt".to_owned() } else { names.join(", ") };
     ui.label(RichText::new(what).color(if names.is_empty() { theme::AMBER } else { theme::TEXT_WEAK }));
     ui.add_space(6.0);
@@ -185,7 +188,13 @@ fn asking_ui(ui: &mut Ui, dialog: &mut ExportDialog, backend: Arc<dyn Backend>) 
         ui.add(egui::Label::new(caption(folder)).truncate());
     });
     ui.add_space(10.0);
-    let is_ready = !dialog.request.formats.is_empty() && !dialog.request.prompts.is_empty();
+    let has_gaps = dialog.request.has_gaps();
+    if has_gaps {
+        let text = "Frames are left out in between: videos, tables and volumes need them in one piece. Choose frames before or \
+                    behind what is left out.";
+        ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
+    }
+    let is_ready = !dialog.request.formats.is_empty() && !dialog.request.prompts.is_empty() && !has_gaps;
     let count = if is_ready { dialog.request.num_files() } else { 0 };
     ui.label(RichText::new(format!("{} files will be written", thousands(count))).strong());
     ui.label(caption("A provenance.json beside them says how they were made."));

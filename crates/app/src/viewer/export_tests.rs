@@ -5,12 +5,21 @@ use super::{
     jobs::{Job, JobEvent},
     source::{Backend, ExportPrompt, ExportRequest, ExportSummary},
 };
-use crate::{cli, settings::PROMPT_COLOURS};
+use crate::{
+    cli,
+    engine::{Negatives, Question},
+    settings::PROMPT_COLOURS,
+};
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
 };
-use surgtpgs_core::{export::Format, overlay::OverlayStyle, relevancy::RelevancySettings};
+use surgtpgs_core::{
+    export::Format,
+    mask::CleanUp,
+    overlay::{OverlayLook, OverlayStyle},
+    relevancy::RelevancySettings,
+};
 
 fn program(folder: &Path, line: &[&str]) {
     let at = |word: &&str| match word.strip_prefix('@') {
@@ -57,25 +66,47 @@ fn the_window_and_the_command_line_write_the_same_bytes() {
     program(folder, &["train", "@prepared", "-o", "@scene.safetensors", "--iterations", "20"]);
     let names = Format::ALL.map(Format::name).join(",");
     let prompts = ["--prompt", "liver", "bile sac", "--style", "fill", "--opacity", "0.5"];
+    let cleaned =
+        ["--smooth", "1", "--fill-holes", "9", "--min-area", "5", "--grow", "-1", "--outline-opacity", "0.6"];
+    let negatives = ["--negative", "smoke", "--but-not", "liver=fat", "--no-class-negatives"];
     let export = ["export", "@scene.safetensors", "-o", "@line", "--frames", "1..4", "--format", &names];
-    program(folder, &[&export[..], &prompts].concat());
+    program(folder, &[&export[..], &prompts, &cleaned, &["--above-instruments"], &negatives].concat());
 
-    let prompt = |(text, colour): (&str, &[u8; 3])| ExportPrompt {
-        text: text.into(),
+    let standard = RelevancySettings { class_negatives: false, ..Default::default() };
+    let negatives = Negatives::of(&standard).with([&"smoke".to_owned()]);
+    let own = |text: &str| if text == "liver" { vec!["fat".to_owned()] } else { Vec::new() };
+    let prompt = |(text, colour): (&'static str, &[u8; 3])| ExportPrompt {
+        question: Question::words(text, negatives.clone().with(&own(text))),
         threshold: RelevancySettings::default().threshold,
         colour: *colour,
+        is_instrument: false,
     };
     let done = through_the_window(ExportRequest {
         scene: folder.join("scene.safetensors"),
         folder: folder.join("window"),
         formats: Format::ALL.into_iter().rev().collect(),
         frames: (1, 3),
+        excluded: Vec::new(),
         from_original: true,
         prompts: ["liver", "bile sac"].into_iter().zip(&PROMPT_COLOURS).map(prompt).collect(),
+        negatives: negatives.clone(),
         is_exclusive: false,
-        style: OverlayStyle::Fill,
-        opacity: 0.5,
+        look: OverlayLook {
+            style: OverlayStyle::Fill,
+            opacity: 0.5,
+            outline_opacity: 0.6,
+            below_instruments: false,
+        },
+        clean_up: CleanUp { smooth_frames: 1, fill_holes_px: 9, min_area_px: 5, grow_px: -1 },
     });
+    let record = std::fs::read_to_string(folder.join("window/provenance.json")).unwrap();
+    let record: serde_json::Value = serde_json::from_str(&record).unwrap();
+    let compared = |k: usize| record["prompts"][k]["negatives"].as_array().unwrap()[3..].to_vec();
+    assert_eq!(
+        (compared(0), compared(1)),
+        (vec!["texture".into(), "smoke".into(), "fat".into()], vec!["texture".into(), "smoke".into()])
+    );
+    assert_eq!(record["relevancy"]["phrases"][4], "smoke");
     let (line, window) = (contents(&folder.join("line")), contents(&folder.join("window")));
     // The record and the names of labels come on top.
     assert_eq!(line.len(), done.num_files + 2);

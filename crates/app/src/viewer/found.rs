@@ -1,8 +1,9 @@
 //! What a prompt found in one view, in short.
 
-use std::sync::Arc;
+use std::{borrow::Cow, sync::Arc};
 use surgtpgs_core::{
     grid::Grid,
+    mask::CleanUp,
     summary::{SCORE_BINS, Summary},
 };
 
@@ -20,19 +21,30 @@ pub(crate) struct Found {
     /// A found pixel near the middle of what was found, as share of width and height.
     pub(crate) anchor: Option<[f32; 2]>,
     pub(crate) scores: Arc<Grid<f32>>,
+    /// The scores, those above the threshold being what is found once masks are cleaned up.
+    pub(crate) cleaned: Arc<Grid<f32>>,
 }
 
 impl Found {
-    pub(crate) fn new(scores: Arc<Grid<f32>>, threshold: f32) -> Self {
+    pub(crate) fn new(scores: Arc<Grid<f32>>, threshold: f32, clean_up: CleanUp) -> Self {
         let summary = Summary::new(&scores, threshold);
-        let area_px = summary.area_px();
+        let (cleaned, found) = match clean_up.scores(&scores, threshold) {
+            Cow::Borrowed(_) => (scores.clone(), None),
+            Cow::Owned(cleaned) => {
+                let found = Summary::new(&cleaned, threshold);
+                (Arc::new(cleaned), Some(found))
+            }
+        };
+        let found = found.as_ref().unwrap_or(&summary);
+        let area_px = found.area_px();
         Self {
             area_px,
             area_fraction: area_px as f32 / scores.data.len().max(1) as f32,
             max_score: summary.max_score,
             histogram: summary.histogram,
-            anchor: summary.centre().and_then(|c| nearest_found(&scores, threshold, c)),
+            anchor: found.centre().and_then(|c| nearest_found(&cleaned, threshold, c)),
             scores,
+            cleaned,
         }
     }
 }
@@ -55,14 +67,26 @@ mod tests {
 
     #[test]
     fn the_area_is_that_of_the_whole_picture() {
-        let found = Found::new(Arc::new(Grid::from_vec(4, 1, vec![0.0, 0.1, 0.5, 1.0])), 0.4);
+        let found =
+            Found::new(Arc::new(Grid::from_vec(4, 1, vec![0.0, 0.1, 0.5, 1.0])), 0.4, CleanUp::default());
         assert_eq!((found.area_px, found.area_fraction, found.max_score), (2, 0.5, 1.0));
+    }
+
+    #[test]
+    fn cleaning_up_changes_what_is_found_and_no_score() {
+        let scores = Arc::new(Grid::from_vec(5, 1, vec![0.9, 0.1, 0.8, 0.8, 0.1]));
+        let as_it_is = Found::new(scores.clone(), 0.4, CleanUp::default());
+        assert!(Arc::ptr_eq(&as_it_is.scores, &as_it_is.cleaned));
+        let cleaned = Found::new(scores, 0.4, CleanUp { min_area_px: 2, ..Default::default() });
+        assert_eq!((as_it_is.area_px, cleaned.area_px), (3, 2));
+        assert_eq!((cleaned.max_score, cleaned.histogram), (0.9, as_it_is.histogram));
+        assert_eq!(cleaned.anchor, Some([0.5, 0.5]));
     }
 
     #[test]
     fn the_anchor_is_a_found_pixel_even_where_the_middle_is_not_found() {
         let scores = Grid::from_vec(5, 1, vec![0.9, 0.9, 0.1, 0.1, 0.9]);
-        assert_eq!(Found::new(Arc::new(scores), 0.4).anchor, Some([0.3, 0.5]));
-        assert_eq!(Found::new(Arc::new(Grid::filled(3, 3, f32::NAN)), 0.4).anchor, None);
+        assert_eq!(Found::new(Arc::new(scores), 0.4, CleanUp::default()).anchor, Some([0.3, 0.5]));
+        assert_eq!(Found::new(Arc::new(Grid::filled(3, 3, f32::NAN)), 0.4, CleanUp::default()).anchor, None);
     }
 }

@@ -2,11 +2,11 @@
 
 use super::{
     app::ViewerApp,
-    command::{COMMANDS, Group, keys_text},
-    theme,
+    command::{COMMANDS, Command, Entry, Group, entry, keys_text},
+    keymap, theme,
     widgets::{dialog, main_button},
 };
-use egui::{Context, Grid, RichText, ScrollArea, Ui};
+use egui::{Context, Event, Grid, KeyboardShortcut, Modifiers, RichText, ScrollArea, Ui};
 use surgtpgs_core::export::intended_use;
 
 /// A sheet that covers the window until it is closed.
@@ -35,15 +35,40 @@ pub(crate) fn sheets_ui(ctx: &Context, app: &mut ViewerApp) {
     let width = if sheet == Sheet::Shortcuts { 800.0 } else { 500.0 };
     let (is_done, is_closed) = dialog(ctx, "sheet", width, |ui| {
         match sheet {
-            Sheet::Shortcuts => shortcuts_ui(ui),
+            Sheet::Shortcuts => shortcuts_ui(ui, app),
             Sheet::About => about_ui(ui),
         }
         ui.add_space(10.0);
         ui.add(main_button("Close")).clicked()
     });
-    if is_done || is_closed {
-        app.sheet = None;
+    let is_choosing = app.choosing_key.is_some();
+    take_chosen_key(ctx, app);
+    if is_closed {
+        app.choosing_key = None;
     }
+    if is_done || (is_closed && !is_choosing) {
+        app.sheet = None;
+        app.choosing_key = None;
+    }
+}
+
+/// The next key that is pressed becomes that of the command whose key is being chosen.
+fn take_chosen_key(ctx: &Context, app: &mut ViewerApp) {
+    let Some(command) = app.choosing_key else { return };
+    let pressed = ctx.input(|i| {
+        i.events.iter().find_map(|event| match event {
+            Event::Key { key, pressed: true, modifiers, .. } => Some((*key, *modifiers)),
+            _ => None,
+        })
+    });
+    let Some((key, Modifiers { command: ctrl, alt, shift, .. })) = pressed else { return };
+    let modifiers = Modifiers { alt, shift, command: ctrl, ..Modifiers::NONE };
+    let key = KeyboardShortcut::new(modifiers, key);
+    if keymap::can_be_chosen(key) {
+        keymap::choose(&mut app.preferences.keys, command, Some(key));
+        app.preferences.save();
+    }
+    app.choosing_key = None;
 }
 
 fn notice_ui(ctx: &Context, app: &mut ViewerApp) {
@@ -61,31 +86,89 @@ fn notice_ui(ctx: &Context, app: &mut ViewerApp) {
 }
 
 /// The sheet is the command table.
-fn shortcuts_ui(ui: &mut Ui) {
-    ui.heading("Keyboard shortcuts");
+fn shortcuts_ui(ui: &mut Ui, app: &mut ViewerApp) {
+    ui.horizontal(|ui| {
+        ui.heading("Keyboard shortcuts");
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            let has_own = !app.preferences.keys.is_empty();
+            if ui.add_enabled(has_own, egui::Button::new("All keys as delivered")).clicked() {
+                app.preferences.keys.clear();
+                app.preferences.save();
+                keymap::apply(&app.preferences.keys);
+            }
+        });
+    });
+    let text = match app.choosing_key {
+        Some(command) => format!("Press the new key for \"{}\". Esc leaves it as it is.", label(entry(command))),
+        None => "Click on a key to choose another one, for a foot pedal for example. A key that was another command's is taken \
+                 from it."
+            .into(),
+    };
+    let colour = if app.choosing_key.is_some() { theme::AMBER } else { theme::TEXT_WEAK };
+    ui.label(RichText::new(text).font(theme::small()).color(colour));
     let height = ui.ctx().content_rect().height() - 190.0;
-    ScrollArea::vertical().max_height(height.max(200.0)).show(ui, |ui| {
+    let height = height.max(200.0);
+    // At once, or the sheet would grow under the pointer.
+    let area = ScrollArea::vertical().max_height(height).min_scrolled_height(height);
+    area.show(ui, |ui| {
         ui.spacing_mut().interact_size.y = 18.0;
         ui.columns(2, |columns| {
             for group in Group::ALL {
                 let column = usize::from(!matches!(group, Group::File | Group::Edit | Group::Time));
-                group_ui(&mut columns[column], group);
+                group_ui(&mut columns[column], app, group);
             }
             mouse_ui(&mut columns[1]);
         });
     });
 }
 
-fn group_ui(ui: &mut Ui, group: Group) {
+fn label(entry: &Entry) -> &'static str {
+    entry.label.trim_end_matches('…')
+}
+
+fn group_ui(ui: &mut Ui, app: &mut ViewerApp, group: Group) {
     ui.add_space(6.0);
     ui.label(RichText::new(group.title()).strong().color(theme::ACCENT));
     Grid::new(group.title()).num_columns(2).spacing([14.0, 3.0]).min_col_width(96.0).show(ui, |ui| {
         for entry in COMMANDS.iter().filter(|e| e.group == group && !e.keys.is_empty()) {
-            ui.label(RichText::new(keys_text(entry)).monospace().color(theme::TEXT));
-            ui.label(entry.label.trim_end_matches('…')).on_hover_text(entry.tooltip);
+            key_ui(ui, app, entry);
+            ui.label(label(entry)).on_hover_text(entry.tooltip);
             ui.end_row();
         }
     });
+}
+
+/// The keys of a command, as a button that chooses another one.
+fn key_ui(ui: &mut Ui, app: &mut ViewerApp, entry: &'static Entry) {
+    let is_chosen = keymap::is_chosen(entry.command);
+    let keys = keys_text(entry);
+    let text = match (app.choosing_key == Some(entry.command), keys.is_empty()) {
+        (true, _) => "press a key".to_owned(),
+        (false, true) => "none".to_owned(),
+        (false, false) => keys,
+    };
+    let colour = if is_chosen { theme::ACCENT } else { theme::TEXT };
+    let text = RichText::new(text).monospace().color(colour);
+    if entry.keys.len() > 2 || entry.command == Command::Dismiss {
+        ui.label(text);
+        return;
+    }
+    let button = ui.add(egui::Button::new(text).frame(false));
+    let name = format!("Key of {}", label(entry));
+    button.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Button, true, &name));
+    let tip = if is_chosen {
+        "Choose another key; right-click for the delivered one"
+    } else {
+        "Choose another key"
+    };
+    let button = button.on_hover_text(tip);
+    if button.clicked() {
+        app.choosing_key = Some(entry.command);
+    }
+    if button.secondary_clicked() {
+        keymap::choose(&mut app.preferences.keys, entry.command, None);
+        app.preferences.save();
+    }
 }
 
 fn mouse_ui(ui: &mut Ui) {

@@ -3,10 +3,14 @@
 use super::source::FrameSource;
 use std::sync::{
     Arc, Condvar, Mutex, MutexGuard, PoisonError,
-    atomic::{AtomicBool, Ordering},
+    atomic::{AtomicBool, AtomicU32, Ordering},
     mpsc::{Receiver, Sender, channel},
 };
-use surgtpgs_core::{Error, Result};
+use std::time::Duration;
+use surgtpgs_core::{Error, Result, train::LossTerms};
+
+/// Seconds between two intermediate states unless somebody wants it otherwise.
+const USUAL_PREVIEW_SECONDS: u32 = 4;
 
 /// How far a job is.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -39,6 +43,8 @@ pub(crate) enum JobEvent<T> {
     Progress(Progress),
     /// An intermediate state that can be looked at.
     Preview(Box<dyn FrameSource>),
+    /// A step of training, and the loss on it.
+    Step(usize, LossTerms<f32>),
     /// The end; nothing follows.
     Done(Result<T>),
 }
@@ -47,6 +53,7 @@ pub(crate) enum JobEvent<T> {
 enum Report {
     Progress(Progress),
     Preview(Box<dyn FrameSource>),
+    Step(usize, LossTerms<f32>),
 }
 
 /// A job's own side.
@@ -54,6 +61,7 @@ pub(crate) struct JobContext {
     report: Box<dyn Fn(Report) + Send + Sync>,
     cancel: Arc<AtomicBool>,
     pause: Arc<Pause>,
+    preview_every: Arc<AtomicU32>,
     stage_began: Mutex<(String, std::time::Instant)>,
 }
 
@@ -73,6 +81,17 @@ impl JobContext {
     /// Shows an intermediate state.
     pub(crate) fn preview(&self, source: Box<dyn FrameSource>) {
         (self.report)(Report::Preview(source));
+    }
+
+    /// Tells the loss of a step of training.
+    pub(crate) fn step(&self, step: usize, terms: LossTerms<f32>) {
+        (self.report)(Report::Step(step, terms));
+    }
+
+    /// How long to wait between two intermediate states; `None`: nobody wants to see them.
+    pub(crate) fn preview_every(&self) -> Option<Duration> {
+        let seconds = self.preview_every.load(Ordering::Relaxed);
+        (seconds > 0).then(|| Duration::from_secs(seconds.into()))
     }
 
     /// Whether the user asked to stop.
@@ -120,6 +139,7 @@ pub(crate) struct Job<T> {
     events: Receiver<JobEvent<T>>,
     cancel: Arc<AtomicBool>,
     pause: Arc<Pause>,
+    preview_every: Arc<AtomicU32>,
     /// The latest progress.
     pub(crate) progress: Progress,
 }
@@ -134,7 +154,9 @@ impl<T: Send + 'static> Job<T> {
         let (sender, events) = channel();
         let cancel = Arc::new(AtomicBool::new(false));
         let pause = Arc::new(Pause::default());
-        let context = context(sender.clone(), ctx.clone(), cancel.clone(), pause.clone());
+        let preview_every = Arc::new(AtomicU32::new(USUAL_PREVIEW_SECONDS));
+        let context =
+            context(sender.clone(), ctx.clone(), cancel.clone(), pause.clone(), preview_every.clone());
         let (at_end, repaint) = (sender.clone(), ctx.clone());
         let body = move || {
             let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| work(&context)));
@@ -148,7 +170,7 @@ impl<T: Send + 'static> Job<T> {
                 hint: "Close other programs and try again.".into(),
             })));
         }
-        Self { events, cancel, pause, progress: Progress::default() }
+        Self { events, cancel, pause, preview_every, progress: Progress::default() }
     }
 
     /// Asks the job to stop at the next opportunity.
@@ -165,6 +187,15 @@ impl<T: Send + 'static> Job<T> {
 
     pub(crate) fn is_paused(&self) -> bool {
         *lock(&self.pause.is_paused)
+    }
+
+    /// How often intermediate states are wanted, seconds; 0: never.
+    pub(crate) fn set_preview_seconds(&self, seconds: u32) {
+        self.preview_every.store(seconds, Ordering::Relaxed);
+    }
+
+    pub(crate) fn preview_seconds(&self) -> u32 {
+        self.preview_every.load(Ordering::Relaxed)
     }
 
     pub(crate) fn is_cancelling(&self) -> bool {
@@ -195,18 +226,20 @@ fn context<T: Send + 'static>(
     repaint: egui::Context,
     cancel: Arc<AtomicBool>,
     pause: Arc<Pause>,
+    preview_every: Arc<AtomicU32>,
 ) -> JobContext {
     let report = move |report: Report| {
         let event = match report {
             Report::Progress(p) => JobEvent::Progress(p),
             Report::Preview(p) => JobEvent::Preview(p),
+            Report::Step(step, terms) => JobEvent::Step(step, terms),
         };
         if sender.send(event).is_ok() {
             repaint.request_repaint();
         }
     };
     let stage_began = Mutex::new((String::new(), std::time::Instant::now()));
-    JobContext { report: Box::new(report), cancel, pause, stage_began }
+    JobContext { report: Box::new(report), cancel, pause, preview_every, stage_began }
 }
 
 fn broken() -> Error {

@@ -32,8 +32,7 @@ impl ViewerApp {
             content: document.content().clone(),
             display: Display {
                 mode: document.mode,
-                style: document.style,
-                opacity: document.opacity,
+                overlay: document.overlay,
                 is_hidden: document.is_hidden,
                 wipe: self.wipe,
                 look: document.look,
@@ -66,9 +65,7 @@ impl ViewerApp {
         if display.mode.is_possible(&info) {
             self.document.mode = display.mode;
         }
-        self.document.style = display.style;
-        self.document.opacity =
-            if display.opacity.is_finite() { display.opacity.clamp(0.05, 1.0) } else { 0.5 };
+        self.document.overlay = display.overlay.mended();
         self.document.is_hidden = display.is_hidden;
         self.document.look = display.look.mended(super::viewport::orbit_limit(&info));
         self.wipe = if display.wipe.is_finite() { display.wipe.clamp(0.02, 0.98) } else { 0.5 };

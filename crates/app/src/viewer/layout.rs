@@ -4,7 +4,7 @@ use super::{
     app::ViewerApp,
     bookmarks_ui,
     command::{self, Command},
-    help, keep, negatives, prompts, status, theme, timeline, training, viewport,
+    help, import_check, keep, negatives, prompts, status, theme, timeline, training, viewport,
 };
 use egui::{CentralPanel, Frame, Margin, Panel, Ui};
 
@@ -20,6 +20,7 @@ pub(crate) fn window_ui(ui: &mut Ui, app: &mut ViewerApp) {
         let prompts = Panel::right("prompts").default_size(PROMPTS_WIDTH).size_range(300.0..=520.0);
         prompts.frame(frame(14, 12)).show(ui, |ui| {
             training::training_ui(ui, app);
+            import_check::import_check_ui(ui, app);
             prompts::prompts_ui(ui, app);
         });
     }
@@ -52,9 +53,9 @@ fn menus_ui(ui: &mut Ui, app: &mut ViewerApp) {
         menu(ui, app, "Edit", &[&[C::Undo, C::Redo], &[C::CopyAreas]]);
         let views: &[&[C]] = &[
             &[C::SwapOriginal, C::SideBySide, C::Wipe, C::Blink, C::Difference],
-            &[C::Depth, C::DepthBeside],
+            &[C::Depth, C::DepthBeside, C::Motion, C::Opacity],
             &[C::Negatives],
-            &[C::HideOverlays, C::CycleStyle, C::MoreOpacity],
+            &[C::HideOverlays, C::CycleStyle, C::MoreOpacity, C::BelowInstruments],
             &[C::CentreOrbit, C::Measure],
             &[C::ResetView, C::FullScreen],
             &[C::Larger, C::Smaller, C::NormalSize],
@@ -64,7 +65,7 @@ fn menus_ui(ui: &mut Ui, app: &mut ViewerApp) {
             &[C::PlayPause, C::StepBack, C::StepForward, C::HopBack, C::HopForward],
             &[C::First, C::Last, C::GoToFrame],
             &[C::Slower, C::Faster, C::NormalSpeed],
-            &[C::Loop, C::RangeStart, C::RangeEnd, C::RangeClear],
+            &[C::Loop, C::RangeStart, C::RangeEnd, C::RangeClear, C::Exclude],
             &[C::FirstFound, C::LargestFound, C::LastFound],
             &[C::Bookmark, C::PreviousBookmark, C::NextBookmark, C::Bookmarks],
         ];

@@ -2,27 +2,30 @@
 
 use super::{
     app::ViewerApp,
+    clean_up_ui,
     compare::{FULL_SCALE, difference_colour},
     document::{PREVIEW, ViewMode},
-    pipeline::{color_image, depth_colour},
+    drawing::color_image,
+    layer_colours::layer_colour,
     prompts::percent,
     theme,
-    widgets::swatch,
+    view_mode::Layer,
+    widgets::{plate, swatch},
 };
 use egui::{Align2, Color32, Painter, Rect, TextureOptions, Ui, pos2, vec2};
 use image::RgbImage;
 use surgtpgs_core::{
     grid::Grid,
-    overlay::{OverlayPrompt, OverlayStyle, overlay},
+    overlay::{OverlayLook, OverlayPrompt, OverlayStyle, overlay},
 };
 
 /// Legend in the lower left corner, tags on the pictures.
 pub(crate) fn legend_ui(ui: &mut Ui, app: &ViewerApp, area: Rect, panes: &[(Rect, Rect)]) {
     match app.document.mode {
-        ViewMode::Depth => return depth_scale(ui, app, area),
+        ViewMode::Depth | ViewMode::Motion | ViewMode::Opacity => return layer_scale(ui, app, area),
         ViewMode::DepthBeside => {
             if let Some((pane, picture)) = panes.last() {
-                depth_scale(ui, app, pane.intersect(*picture));
+                layer_scale(ui, app, pane.intersect(*picture));
             }
         }
         ViewMode::Difference => return difference_scale(ui, area),
@@ -33,8 +36,13 @@ pub(crate) fn legend_ui(ui: &mut Ui, app: &ViewerApp, area: Rect, panes: &[(Rect
         let painter = ui.painter().with_clip_rect(*pane);
         lines.iter().for_each(|line| tag(&painter, line, *picture));
     }
-    let top = paint_lines(ui.painter(), &lines, area);
-    if app.document.style == OverlayStyle::Heatmap && !lines.is_empty() {
+    let mut top = paint_lines(ui.painter(), &lines, area);
+    if let Some(words) = clean_up_ui::describe(app.document.content().clean_up).filter(|_| !lines.is_empty())
+    {
+        let at = pos2(area.left() + 8.0, top - 6.0);
+        top = plate(ui.painter(), at, Align2::LEFT_BOTTOM, &words, theme::AMBER).top();
+    }
+    if app.document.overlay.style == OverlayStyle::Heatmap && !lines.is_empty() {
         heat_scale(ui, &lines, area.left() + 8.0, top - 8.0);
     }
 }
@@ -110,7 +118,7 @@ fn paint_lines(painter: &Painter, lines: &[Line], area: Rect) -> f32 {
     plate.top()
 }
 
-fn shortened(text: &str) -> String {
+pub(crate) fn shortened(text: &str) -> String {
     const LONGEST: usize = 40;
     if text.chars().count() <= LONGEST {
         text.to_owned()
@@ -129,7 +137,8 @@ fn heat_scale(ui: &Ui, lines: &[Line], left: f32, bottom: f32) {
         let texture = ui.ctx().data(|d| d.get_temp::<egui::TextureHandle>(id)).unwrap_or_else(|| {
             let prompt = OverlayPrompt { scores: &scores, threshold: 2.0, colour: line.colour };
             let grey = RgbImage::from_pixel(STEPS as u32, 1, image::Rgb([60; 3]));
-            let ramp = overlay(&grey, &[prompt], OverlayStyle::Heatmap, 1.0);
+            let look = OverlayLook { style: OverlayStyle::Heatmap, opacity: 1.0, ..Default::default() };
+            let ramp = overlay(&grey, &[prompt], look);
             let texture = ui.ctx().load_texture("heat scale", color_image(&ramp), TextureOptions::LINEAR);
             ui.ctx().data_mut(|d| d.insert_temp(id, texture.clone()));
             texture
@@ -166,15 +175,24 @@ fn paint_ramp(painter: &Painter, bar: Rect, colour: impl Fn(f32) -> Color32) {
     }
 }
 
-fn depth_scale(ui: &Ui, app: &ViewerApp, area: Rect) {
-    let Some(depth) = app.picture().and_then(|p| p.depth.as_ref()) else { return };
-    let (near, far) = depth.range;
+fn layer_scale(ui: &Ui, app: &ViewerApp, area: Rect) {
+    let Some(pane) = app.picture().and_then(|p| p.layer.as_ref()) else { return };
+    let (low, high) = pane.range;
     let left_bottom = area.left_bottom() + vec2(8.0, -8.0);
-    let rect = Rect::from_min_max(left_bottom - vec2(0.0, 42.0), left_bottom + vec2(260.0, 0.0));
-    let ends = [(&*format!("near {near:.1}"), 0.0), (&*format!("far {far:.1}"), 1.0)];
-    scale(ui.painter(), rect, &ends, "depth, scene units", |bar| {
-        paint_ramp(ui.painter(), bar, depth_colour);
+    let rect = Rect::from_min_max(left_bottom - vec2(0.0, 42.0), left_bottom + vec2(280.0, 0.0));
+    let (title, ends) = match pane.layer {
+        Layer::Depth => ("depth, scene units", [format!("near {low:.1}"), format!("far {high:.1}")]),
+        Layer::Motion => ("way over the recording, px", ["still".into(), format!("{high:.0} or more")]),
+        Layer::Opacity => ("opacity of the reconstruction", ["0".into(), "1".into()]),
+    };
+    let [first, last] = &ends;
+    scale(ui.painter(), rect, &[(first, 0.0), (last, 1.0)], title, |bar| {
+        paint_ramp(ui.painter(), bar, |share| layer_colour(pane.layer, share));
     });
+    if !pane.note.is_empty() {
+        let at = rect.left_top() - vec2(0.0, 24.0);
+        plate(ui.painter(), at, Align2::LEFT_BOTTOM, &pane.note, theme::TEXT);
+    }
 }
 
 /// A bar with captions on a plate.

@@ -19,6 +19,10 @@ pub(crate) struct Scale {
     pub(crate) relative_uncertainty: f64,
     /// In words.
     pub(crate) source: String,
+    /// Pixels in a millimetre, where that is all that is known: lengths are then measured in the picture, as if everything lay
+    /// at one distance.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) px_per_mm: Option<f64>,
 }
 
 /// A length between two points of the picture.
@@ -128,13 +132,26 @@ impl Scale {
             mm_per_unit: mm / length.units,
             relative_uncertainty: length.uncertainty / length.units,
             source: format!("a known length of {mm} mm on frame {}", frame + 1),
+            px_per_mm: None,
         })
+    }
+
+    /// From so many pixels in a millimetre; `None` if that cannot be.
+    pub(crate) fn from_px_per_mm(px_per_mm: f64) -> Option<Self> {
+        let scale = Self {
+            mm_per_unit: 0.0,
+            relative_uncertainty: 0.0,
+            source: format!("{px_per_mm} pixels in a millimetre, as typed"),
+            px_per_mm: Some(px_per_mm),
+        };
+        scale.is_possible().then_some(scale)
     }
 
     /// Whether it can be used, whatever a file says.
     pub(crate) fn is_possible(&self) -> bool {
         let share = self.relative_uncertainty;
-        self.mm_per_unit.is_finite() && self.mm_per_unit > 0.0 && share.is_finite() && share >= 0.0
+        let scale = self.px_per_mm.unwrap_or(self.mm_per_unit);
+        scale.is_finite() && scale > 0.0 && share.is_finite() && share >= 0.0
     }
 }
 
@@ -142,6 +159,13 @@ impl Measurement {
     /// Pixels, then the length in space: in millimetres with a scale, else in the scene's own units.
     pub(crate) fn text(&self, scale: Option<&Scale>) -> String {
         let pixels = format!("{:.1} px", self.pixels);
+        if let Some(px_per_mm) = scale.and_then(|s| s.px_per_mm) {
+            let ends = std::f64::consts::SQRT_2 * POINTING_PX;
+            return format!(
+                "{pixels}  ·  {} mm",
+                with_uncertainty(self.pixels / px_per_mm, ends / px_per_mm)
+            );
+        }
         let Ok(length) = self.in_space else { return pixels };
         let (value, uncertainty, unit) = match scale {
             Some(scale) => {
@@ -211,6 +235,17 @@ mod tests {
         assert_eq!(found.text(Some(&scale)), "50.0 px  ·  8.0 ± 0.2 mm");
         for mm in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             assert_eq!(Scale::from_known(found.in_space.unwrap(), mm, 0), None);
+        }
+    }
+
+    #[test]
+    fn pixels_in_a_millimetre_measure_in_the_picture_alone() {
+        let scale = Scale::from_px_per_mm(10.0).unwrap();
+        let found = measure([[0.0, 0.0], [0.3, 0.4]], (100, 100), None, None);
+        assert_eq!(found.text(Some(&scale)), "50.0 px  ·  5.00 ± 0.07 mm");
+        assert!(scale.is_possible() && scale.source.contains("10 pixels"));
+        for wrong in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert_eq!(Scale::from_px_per_mm(wrong), None);
         }
     }
 

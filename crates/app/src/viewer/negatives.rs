@@ -6,23 +6,9 @@ use super::{
     theme,
     widgets::{Icon, caption, dialog, icon_button, main_button},
 };
+use crate::engine::{Negatives, Question};
 use egui::{Context, Key, RichText, TextEdit, Ui};
 use surgtpgs_core::relevancy::RelevancySettings;
-
-/// Words to look for, and what they are compared with: together they decide the scores.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub(crate) struct Question {
-    pub(crate) text: String,
-    pub(crate) negatives: Negatives,
-}
-
-/// What a prompt is compared with.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub(crate) struct Negatives {
-    pub(crate) phrases: Vec<String>,
-    /// Also the recording's other classes.
-    pub(crate) uses_classes: bool,
-}
 
 /// A generic phrase, which can be left out for a while to see what it does.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -51,16 +37,11 @@ impl Default for Comparison {
 }
 
 impl Comparison {
-    /// With a prompt's own negatives.
-    fn with(&self, own: &[String]) -> Negatives {
-        let common = self.phrases.iter().filter(|p| p.is_on).map(|p| &p.text);
-        let mut phrases: Vec<String> = Vec::new();
-        for text in common.chain(own) {
-            if !phrases.iter().any(|p| p.eq_ignore_ascii_case(text)) {
-                phrases.push(text.clone());
-            }
-        }
-        Negatives { phrases, uses_classes: self.uses_classes }
+    /// What a prompt without exceptions is compared with.
+    pub(crate) fn common(&self) -> Negatives {
+        let on = self.phrases.iter().filter(|p| p.is_on).map(|p| &p.text);
+        let none = Negatives { phrases: Vec::new(), samples: Vec::new(), uses_classes: self.uses_classes };
+        none.with(on)
     }
 }
 
@@ -71,17 +52,14 @@ impl Document {
 
     /// What is asked for a prompt.
     pub(crate) fn question(&self, prompt: &Prompt) -> Question {
-        Question { text: prompt.text.clone(), negatives: self.comparison().with(&prompt.but_not) }
+        let mut negatives = self.comparison().common().with(&prompt.but_not);
+        negatives.samples.extend(prompt.not_like.iter().map(|n| (n.name.clone(), n.sample.clone())));
+        Question { text: prompt.text.clone(), like: prompt.like.clone(), negatives }
     }
 
     /// What is asked for words that are no prompt (yet).
     pub(crate) fn bare_question(&self, text: &str) -> Question {
-        Question { text: text.to_owned(), negatives: self.comparison().with(&[]) }
-    }
-
-    /// Whether every prompt is compared with the standard phrases alone.
-    pub(crate) fn is_standard(&self) -> bool {
-        *self.comparison() == Comparison::default() && self.prompts().iter().all(|p| p.but_not.is_empty())
+        Question::words(text, self.comparison().common())
     }
 
     pub(crate) fn add_phrase(&mut self, text: &str) {
@@ -124,11 +102,6 @@ impl Document {
             });
         }
     }
-}
-
-/// The words between commas.
-pub(crate) fn split(words: &str) -> Vec<String> {
-    words.split(',').map(str::trim).filter(|w| !w.is_empty()).map(str::to_owned).collect()
 }
 
 /// The dialog with the generic phrases, if it is open.
@@ -191,27 +164,27 @@ fn phrases_ui(ui: &mut Ui, document: &mut Document) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use surgtpgs_core::overlay::OverlayStyle;
+    use crate::args::split_words;
+    use surgtpgs_core::overlay::OverlayLook;
 
     #[test]
     fn a_prompt_is_compared_with_the_common_phrases_that_are_on_and_its_own() {
-        let mut document = Document::new(OverlayStyle::Outline, 0.5, 0.4);
+        let mut document = Document::new(OverlayLook::default(), 0.4);
         document.add("liver");
         let id = document.prompts()[0].id;
-        assert!(document.is_standard());
         let standard = document.question(&document.prompts()[0]);
         assert_eq!(standard.negatives.phrases, RelevancySettings::default().phrases);
         document.toggle_phrase(0);
         document.add_phrase(" smoke ");
         document.add_phrase("Smoke");
-        document.set_but_not(id, &split("fat, , Things"));
+        document.set_but_not(id, &split_words("fat, , Things"));
         let question = document.question(&document.prompts()[0]);
         assert_eq!(question.negatives.phrases, ["things", "stuff", "texture", "smoke", "fat"]);
         assert_eq!(document.bare_question("x").negatives.phrases, ["things", "stuff", "texture", "smoke"]);
-        assert!(!document.is_standard());
         document.reset_comparison();
-        assert!(!document.is_standard(), "the prompt has an exception of its own");
+        let exception = document.question(&document.prompts()[0]).negatives.phrases;
+        assert_eq!(exception, ["object", "things", "stuff", "texture", "fat"], "the prompt's own stays");
         (0..4).for_each(|_| document.undo());
-        assert!(document.is_standard());
+        assert_eq!(document.question(&document.prompts()[0]), standard);
     }
 }

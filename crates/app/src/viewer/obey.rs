@@ -7,6 +7,7 @@ use super::{
     document::ViewMode,
     export_dialog::ExportDialog,
     help::Sheet,
+    import_check::ImportCheck,
     jobs::Job,
     ruler::Ruler,
     session,
@@ -14,11 +15,6 @@ use super::{
     training::TrainDialog,
 };
 use egui::Context;
-
-/// Why there is no export just now.
-pub(crate) const EXPORT_NEEDS_STANDARD: &str = "Exports compare prompts with the standard phrases alone, the picture does \
-not: the files would differ from what you see. Choose the standard phrases (View, What prompts are compared with) and empty \
-every \"But not\" first.";
 
 impl ViewerApp {
     /// Whether a command can be given now.
@@ -38,14 +34,19 @@ impl ViewerApp {
             Command::Undo => self.document.undo_name().is_some(),
             Command::Redo => self.document.redo_name().is_some(),
             Command::SaveSession | Command::SaveSessionAs => info.is_some() && self.saving.is_none(),
-            Command::Reconstruct => has(|i| i.has_original) && self.training.is_none(),
+            Command::Reconstruct => {
+                let is_wrong = self.import_check.as_ref().is_some_and(ImportCheck::has_errors);
+                has(|i| i.has_original) && self.training.is_none() && !is_wrong
+            }
             Command::Export => has(|i| i.has_features) && self.training.is_none(),
             Command::FocusPrompt => has(|i| i.has_features),
             Command::FirstFound | Command::LargestFound | Command::LastFound | Command::CopyAreas => {
                 self.selected_curve().is_some_and(|curve| curve.is_complete())
             }
             Command::PreviousBookmark | Command::NextBookmark => !self.document.bookmarks().is_empty(),
-            Command::Depth | Command::DepthBeside => has(|i| i.has_reconstruction),
+            Command::Depth | Command::DepthBeside | Command::Motion | Command::Opacity => {
+                has(|i| i.has_reconstruction)
+            }
             Command::SwapOriginal
             | Command::SideBySide
             | Command::Wipe
@@ -65,10 +66,9 @@ impl ViewerApp {
             Command::OpenFolder => self.pick(true, ctx),
             Command::SaveSession => self.save_session(false, ctx),
             Command::SaveSessionAs => self.save_session(true, ctx),
-            Command::Reconstruct => self.train_dialog = self.info().map(TrainDialog::new),
-            // What is exported must be what is shown.
-            Command::Export if !self.document.is_standard() => {
-                self.problem = Some(EXPORT_NEEDS_STANDARD.to_owned());
+            Command::Reconstruct => {
+                let excluded = self.document.excluded().to_vec();
+                self.train_dialog = self.info().map(|info| TrainDialog::new(info, excluded));
             }
             Command::Export => self.export = ExportDialog::new(self),
             Command::Quit => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
@@ -82,6 +82,7 @@ impl ViewerApp {
             Command::Peek => {}
             Command::CycleStyle => self.document.next_style(),
             Command::MoreOpacity => self.document.next_opacity(),
+            Command::BelowInstruments => self.document.overlay.below_instruments ^= true,
             Command::ThresholdDown => self.document.nudge_threshold(-command::THRESHOLD_STEP),
             Command::ThresholdUp => self.document.nudge_threshold(command::THRESHOLD_STEP),
             Command::Measure => {
@@ -116,6 +117,8 @@ impl ViewerApp {
             Command::Difference => self.switch(ViewMode::Difference),
             Command::Depth => self.switch(ViewMode::Depth),
             Command::DepthBeside => self.switch(ViewMode::DepthBeside),
+            Command::Motion => self.switch(ViewMode::Motion),
+            Command::Opacity => self.switch(ViewMode::Opacity),
             time => self.run_time(time, ctx),
         }
     }
@@ -146,6 +149,10 @@ impl ViewerApp {
             Command::RangeStart => self.document.set_range(Some(self.playback.range_from_here())),
             Command::RangeEnd => self.document.set_range(Some(self.playback.range_to_here())),
             Command::RangeClear => self.document.set_range(None),
+            Command::Exclude => {
+                let (from, to) = self.document.content().range.unwrap_or((frame, frame));
+                self.document.toggle_excluded(from, to);
+            }
             Command::FirstFound => self.go_to_found(Curve::first, now),
             Command::LargestFound => self.go_to_found(Curve::largest, now),
             Command::LastFound => self.go_to_found(Curve::last, now),

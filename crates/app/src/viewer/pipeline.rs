@@ -3,20 +3,24 @@
 //! for. Runs on the worker thread.
 
 use super::{
-    areas::{Counted, Levels, Measured},
+    areas::{Counted, Measure, Measured},
     compare::Difference,
     document::{PREVIEW, PromptId},
+    drawing::{color_image, fade, mark},
     found::Found,
-    negatives::Question,
+    layer_colours::colour_layer,
     source::{FrameSource, Rendering, View},
+    view_mode::Layer,
 };
+use crate::engine::{Question, Sample};
 use egui::ColorImage;
 use image::RgbImage;
 use std::{collections::VecDeque, sync::Arc, time::Instant};
 use surgtpgs_core::{
     Error, Result,
-    grid::Grid,
-    overlay::{OverlayPrompt, OverlayStyle, overlay},
+    grid::{Grid, Mask},
+    mask::{CleanUp, mean_scores},
+    overlay::OverlayLook,
 };
 
 /// A prompt that is to be looked for.
@@ -26,6 +30,8 @@ pub(crate) struct AskedPrompt {
     pub(crate) question: Question,
     pub(crate) threshold: f32,
     pub(crate) colour: [u8; 3],
+    /// What it finds lies over what the others find.
+    pub(crate) is_instrument: bool,
 }
 
 /// What the window wants to show.
@@ -34,13 +40,30 @@ pub(crate) struct Request {
     pub(crate) view: View,
     pub(crate) needs_original: bool,
     pub(crate) needs_reconstruction: bool,
-    pub(crate) needs_depth: bool,
+    /// Values to show as colours.
+    pub(crate) layer: Option<Layer>,
     pub(crate) needs_difference: bool,
     pub(crate) prompts: Vec<AskedPrompt>,
     /// Words whose scores are wanted without being drawn.
     pub(crate) candidates: Vec<Question>,
-    pub(crate) style: OverlayStyle,
-    pub(crate) opacity: f32,
+    /// How what is found is drawn.
+    pub(crate) look: OverlayLook,
+    /// What is done to masks.
+    pub(crate) clean_up: CleanUp,
+    /// The point that is looked at, as share of width and height.
+    pub(crate) point: Option<[f32; 2]>,
+}
+
+impl Request {
+    /// What is done to masks of this view's size.
+    fn clean_up(&self) -> CleanUp {
+        if self.view.is_preview { self.clean_up.at_size(0.5) } else { self.clean_up }
+    }
+
+    /// What is asked, prompts first.
+    fn questions(&self) -> Vec<Question> {
+        self.prompts.iter().map(|p| &p.question).chain(&self.candidates).cloned().collect()
+    }
 }
 
 /// One picture, without and with what was found drawn over it. All of one frame: nothing of another frame is ever mixed in.
@@ -51,12 +74,15 @@ pub(crate) struct Pane {
     pub(crate) marked: Option<Arc<ColorImage>>,
 }
 
-/// The depth picture with what its colours mean.
+/// Values as colours, with what they mean.
 #[derive(Clone, Debug)]
-pub(crate) struct DepthPane {
+pub(crate) struct LayerPane {
+    pub(crate) layer: Layer,
     pub(crate) image: Arc<ColorImage>,
-    /// Depth at the near and the far end of the colour scale, scene units.
+    /// Values at both ends of the colour scale, in the layer's unit.
     pub(crate) range: (f32, f32),
+    /// What is known about the whole, in words; may be empty.
+    pub(crate) note: String,
 }
 
 /// The answer to a [`Request`].
@@ -65,13 +91,17 @@ pub(crate) struct Picture {
     pub(crate) request: Request,
     pub(crate) original: Option<Pane>,
     pub(crate) reconstruction: Option<Pane>,
-    pub(crate) depth: Option<DepthPane>,
+    pub(crate) layer: Option<LayerPane>,
     pub(crate) difference: Option<Difference>,
     /// Depth of every pixel, scene units, 0 where unknown.
     pub(crate) depth_values: Option<Arc<Grid<f32>>>,
     pub(crate) findings: Vec<Finding>,
     /// Scores of [`Request::candidates`], of those that have any.
     pub(crate) candidates: Vec<(String, Arc<Grid<f32>>)>,
+    /// What [`Request::point`] shows; `None` where nothing was reconstructed.
+    pub(crate) sample: Option<Sample>,
+    /// Share of the picture that is faded because the endoscope did not see it, 0–1.
+    pub(crate) unseen_share: f32,
     /// What went wrong, for the user.
     pub(crate) problem: Option<String>,
     /// How long it took, milliseconds.
@@ -91,6 +121,8 @@ pub(crate) struct Finding {
 
 /// Frames that are prepared ahead of the one that is shown.
 const FRAMES_AHEAD: usize = 12;
+/// Masks of instruments that are kept.
+const KEPT_TOOLS: usize = 32;
 /// Memory for pictures that may be needed again, bytes.
 const KEPT_BYTES: usize = 128 << 20;
 
@@ -101,15 +133,21 @@ pub(crate) struct Pipeline {
     originals: VecDeque<(usize, Arc<RgbImage>, Arc<ColorImage>)>,
     /// Rendered views, the one used last at the end.
     rendered: VecDeque<Rendered>,
+    /// Where instruments are on recorded frames, if that is known; the one used last at the end.
+    tools: VecDeque<(usize, Option<Arc<Mask>>)>,
     depth_range: Option<(f32, f32)>,
+    /// The upper end of the scale of motion, px; kept like that of depth.
+    motion_top: Option<f32>,
     /// What was asked for last.
     last: Option<Request>,
     /// `None` for a passing state of a scene, such as one that is being trained.
     counted: Option<Counted>,
 }
 
-/// A prompt's score image, or why there is none.
-type PromptScores = (Question, Result<Arc<Grid<f32>>, String>);
+/// A score image, or why there is none.
+type Scores = Result<Arc<Grid<f32>>, String>;
+/// With the question that it answers.
+type PromptScores = (Question, Scores);
 
 struct Rendered {
     view: View,
@@ -117,6 +155,7 @@ struct Rendered {
     colour: RgbImage,
     bare: Arc<ColorImage>,
     depth: Arc<Grid<f32>>,
+    unseen_share: f32,
     scores: Vec<PromptScores>,
 }
 
@@ -126,7 +165,9 @@ impl Pipeline {
             source,
             originals: VecDeque::new(),
             rendered: VecDeque::new(),
+            tools: VecDeque::new(),
             depth_range: None,
+            motion_top: None,
             last: None,
             counted: Some(Counted::default()),
         }
@@ -136,6 +177,7 @@ impl Pipeline {
     pub(crate) fn replace(&mut self, source: Box<dyn FrameSource>) {
         self.source = source;
         self.rendered.clear();
+        self.motion_top = None;
         self.counted = None;
     }
 
@@ -147,11 +189,13 @@ impl Pipeline {
         let mut picture = Picture {
             original: None,
             reconstruction: None,
-            depth: None,
+            layer: None,
             difference: None,
             depth_values: None,
             findings: Vec::new(),
             candidates: Vec::new(),
+            sample: None,
+            unseen_share: 0.0,
             problem: None,
             took_ms: 0.0,
             passes_run: 0,
@@ -177,23 +221,26 @@ impl Pipeline {
         if !renders {
             return Ok(());
         }
-        self.render(&request.view, asks)?;
-        if asks {
-            self.score(&request);
-        }
-        let range = if request.needs_depth { Some(self.depth_range()) } else { None };
+        let questions = if asks { request.questions() } else { Vec::new() };
+        let answers = self.answers(&request.view, &questions, request.clean_up.smooth_frames)?;
+        let tools = self.tools_below(&request, asks);
+        let layer = request.layer.map(|layer| self.layer(layer, &request.view)).transpose()?;
         let Some(rendered) = self.rendered.back() else { return Ok(()) };
-        picture.findings = findings(rendered, &request.prompts);
-        picture.candidates = rendered.candidates(&request.candidates);
+        picture.findings = findings(&answers, &request);
+        picture.candidates = candidates(&answers, &request.candidates);
+        if let Some(point) = request.point.filter(|_| self.source.info().has_features) {
+            // Without it the point is still compared.
+            picture.sample = self.source.sample(&request.view, point).ok().flatten();
+        }
         picture.depth_values = Some(rendered.depth.clone());
-        picture.depth =
-            range.map(|range| DepthPane { image: Arc::new(colour_depth(&rendered.depth, range)), range });
+        picture.layer = layer;
+        picture.unseen_share = rendered.unseen_share;
         if request.needs_reconstruction {
-            let marked = mark(&rendered.colour, &picture.findings, &request);
+            let marked = mark(&rendered.colour, &picture.findings, tools.as_deref(), &request);
             picture.reconstruction = Some(Pane { bare: rendered.bare.clone(), marked });
         }
         if let (Some((frame, _)), Some(pane)) = (&original, &mut picture.original) {
-            pane.marked = mark(frame, &picture.findings, &request);
+            pane.marked = mark(frame, &picture.findings, tools.as_deref(), &request);
             picture.difference = request.needs_difference.then(|| Difference::of(frame, &rendered.colour));
         }
         Ok(())
@@ -202,7 +249,7 @@ impl Pipeline {
     fn needs(&self, request: &Request) -> Needs {
         let info = self.source.info();
         let asks = info.has_features && !(request.prompts.is_empty() && request.candidates.is_empty());
-        let renders = request.needs_reconstruction || request.needs_depth || asks;
+        let renders = request.needs_reconstruction || request.layer.is_some() || asks;
         Needs {
             decodes: info.has_original && request.needs_original,
             renders: info.has_reconstruction && renders,
@@ -224,7 +271,8 @@ impl Pipeline {
             let Needs { decodes, renders, asks } = self.needs(&request);
             let decodes = decodes && !self.originals.iter().any(|(i, ..)| *i == frame);
             let known = self.rendered.iter().find(|r| r.is_of(&view, asks));
-            let renders = renders && known.is_none_or(|r| asks && !r.new_questions(&request).is_empty());
+            let renders =
+                renders && known.is_none_or(|r| asks && !r.new_questions(&request.questions()).is_empty());
             if !decodes && !renders {
                 continue;
             }
@@ -235,7 +283,7 @@ impl Pipeline {
             let is_decoded = !decodes || self.original(frame).is_ok();
             let is_rendered = !renders || self.render(&view, asks).is_ok();
             if is_rendered && renders && asks {
-                self.score(&request);
+                self.score(&view, &request.questions());
             }
             return is_decoded && is_rendered;
         }
@@ -250,25 +298,77 @@ impl Pipeline {
             return None;
         }
         let num_frames = info.num_frames;
-        let prompts: Vec<Question> =
-            last.prompts.iter().filter(|p| p.id != PREVIEW).map(|p| p.question.clone()).collect();
+        let measure = |p: &AskedPrompt| Measure::new(p.question.clone(), last.clean_up, p.threshold);
+        let prompts: Vec<Measure> = last.prompts.iter().filter(|p| p.id != PREVIEW).map(measure).collect();
         let (frame, new) = self.counted.as_ref()?.next(&prompts, num_frames)?;
-        let view = View { frame, ..View::default() };
-        let kept = self.rendered.iter().find(|r| r.view == view).and_then(|r| r.levels(&new));
-        let levels = match kept {
-            Some(levels) => levels,
-            None => match self.source.render(&view, true) {
-                Ok(_) => ask(&mut *self.source, &view, &new)
-                    .iter()
-                    .map(|scores| scores.as_ref().ok().map(Levels::of))
-                    .collect(),
-                Err(_) => vec![None; new.len()],
-            },
-        };
-        let prompts = new.into_iter().zip(levels).collect();
-        let measured = Measured { frame, prompts };
+        let questions: Vec<Question> = new.iter().map(|m| m.question.clone()).collect();
+        let answers = self.answers_unkept(frame, &questions, new.iter().map(Measure::reach).max()?);
+        let levels = |(k, measure): (usize, &Measure)| Some(measure.levels(answers.get(k)?.as_ref().ok()?));
+        let levels: Vec<_> = new.iter().enumerate().map(levels).collect();
+        let measured = Measured { frame, prompts: new.into_iter().zip(levels).collect() };
         self.counted.as_mut()?.note(&measured, num_frames);
         Some(measured)
+    }
+
+    /// The scores on a recorded frame, without keeping what nobody asked to see, unless neighbours will need it; nothing where
+    /// they cannot be had.
+    fn answers_unkept(&mut self, frame: usize, questions: &[Question], reach: usize) -> Vec<Scores> {
+        let view = View { frame, ..View::default() };
+        if reach > 0 {
+            let answers = self.answers(&view, questions, reach).unwrap_or_default();
+            return answers.into_iter().map(|(_, scores)| scores).collect();
+        }
+        let kept = self.rendered.iter().find(|r| r.view == view).and_then(|r| r.known(questions));
+        kept.unwrap_or_else(|| match self.source.render(&view, true) {
+            Ok(_) => self.source.scores(&view, questions).into_iter().map(shared).collect(),
+            Err(_) => Vec::new(),
+        })
+    }
+
+    /// The scores of a view, which is the last of those rendered afterwards: the mean with `reach` frames before and after.
+    fn answers(&mut self, view: &View, questions: &[Question], reach: usize) -> Result<Vec<PromptScores>> {
+        let asks = !questions.is_empty();
+        let last = self.source.info().num_frames.saturating_sub(1);
+        let reach = if asks { reach } else { 0 };
+        let around = view.frame.saturating_sub(reach)..=(view.frame + reach).min(last.max(view.frame));
+        let mut neighbours: Vec<Vec<Scores>> = Vec::new();
+        for frame in around.filter(|frame| *frame != view.frame) {
+            let beside = View { frame, ..*view };
+            self.render(&beside, true)?;
+            self.score(&beside, questions);
+            neighbours.extend(self.rendered.back().and_then(|r| r.known(questions)));
+        }
+        self.render(view, asks)?;
+        self.score(view, questions);
+        let own = self.rendered.back().and_then(|r| r.known(questions)).unwrap_or_default();
+        let smoothed = |(k, scores): (usize, Scores)| match scores {
+            Ok(scores) if reach > 0 => {
+                let beside: Vec<&Grid<f32>> =
+                    neighbours.iter().filter_map(|n| n.get(k)?.as_deref().ok()).collect();
+                Ok(Arc::new(mean_scores(&scores, &beside)))
+            }
+            other => other,
+        };
+        Ok(questions.iter().cloned().zip(own.into_iter().enumerate().map(smoothed)).collect())
+    }
+
+    /// Where instruments lie over what is found in a view, as far as the recording says.
+    fn tools_below(&mut self, request: &Request, asks: bool) -> Option<Arc<Mask>> {
+        let is_wanted = asks && request.look.below_instruments && !request.prompts.is_empty();
+        if !is_wanted || !request.view.orbit.is_home() {
+            return None;
+        }
+        let frame = request.view.frame;
+        if let Some((_, tools)) = self.tools.iter().find(|(f, _)| *f == frame) {
+            return tools.clone();
+        }
+        // Without the mask of a frame the picture is still right: it is only drawn over the instruments, too.
+        let tools = self.source.instruments(frame).ok().flatten().map(Arc::new);
+        if self.tools.len() >= KEPT_TOOLS {
+            self.tools.pop_front();
+        }
+        self.tools.push_back((frame, tools.clone()));
+        tools
     }
 
     fn original(&mut self, frame: usize) -> Result<(Arc<RgbImage>, Arc<ColorImage>)> {
@@ -293,7 +393,8 @@ impl Pipeline {
             return Ok(());
         }
         self.rendered.retain(|r| r.view != *view);
-        let Rendering { colour, depth } = self.source.render(view, with_features)?;
+        let Rendering { mut colour, depth, unseen } = self.source.render(view, with_features)?;
+        let unseen_share = unseen.map_or(0.0, |unseen| fade(&mut colour, &depth, &unseen));
         self.make_room();
         self.rendered.push_back(Rendered {
             view: *view,
@@ -301,20 +402,20 @@ impl Pipeline {
             bare: Arc::new(color_image(&colour)),
             colour,
             depth: Arc::new(depth),
+            unseen_share,
             scores: Vec::new(),
         });
         Ok(())
     }
 
-    /// Scores those prompts that the view rendered last was not asked for yet.
-    fn score(&mut self, request: &Request) {
+    /// Scores those questions that the view, which was rendered last, was not asked yet.
+    fn score(&mut self, view: &View, questions: &[Question]) {
         let Some(rendered) = self.rendered.back_mut() else { return };
-        let new = rendered.new_questions(request);
+        let new = rendered.new_questions(questions);
         if new.is_empty() {
             return;
         }
-        let answers = ask(&mut *self.source, &request.view, &new);
-        let answers = answers.into_iter().map(|scores| scores.map(Arc::new).map_err(|e| e.to_string()));
+        let answers = self.source.scores(view, &new).into_iter().map(shared);
         rendered.scores.extend(new.into_iter().zip(answers));
     }
 
@@ -357,21 +458,40 @@ impl Pipeline {
         }
     }
 
+    /// Values of the view rendered last as colours.
+    fn layer(&mut self, layer: Layer, view: &View) -> Result<LayerPane> {
+        let (values, range, note) = match layer {
+            Layer::Depth => {
+                let range = self.depth_range();
+                let depth = self.rendered.back().map(|r| r.depth.clone()).unwrap_or_default();
+                (depth, range, String::new())
+            }
+            Layer::Motion => {
+                let (values, note) = self.source.motion(view)?;
+                let top = *self.motion_top.get_or_insert_with(|| percentile(&values, 0.98).max(1.0));
+                (Arc::new(values), (0.0, top), note)
+            }
+            Layer::Opacity => (Arc::new(self.source.opacity(view)?), (0.0, 1.0), String::new()),
+        };
+        let image = Arc::new(colour_layer(layer, &values, range));
+        Ok(LayerPane { layer, image, range, note })
+    }
+
     /// The depth scale: taken from the first depth picture and then kept, so that colours mean the same on all frames.
     fn depth_range(&mut self) -> (f32, f32) {
-        let measured = || {
-            let rendered = self.rendered.back()?;
-            let mut depths: Vec<f32> =
-                rendered.depth.data.iter().copied().filter(|d| d.is_finite() && *d > 0.0).collect();
-            depths.sort_unstable_by(f32::total_cmp);
-            let at = |share: f32| depths.get(((depths.len() as f32 - 1.0) * share) as usize).copied();
-            Some((at(0.02)?, at(0.98)?))
-        };
         if self.depth_range.is_none() {
-            self.depth_range = measured();
+            let depth = self.rendered.back().map(|r| &r.depth).filter(|d| d.data.iter().any(|z| *z > 0.0));
+            self.depth_range = depth.map(|d| (percentile(d, 0.02), percentile(d, 0.98)));
         }
         self.depth_range.unwrap_or((0.0, 1.0))
     }
+}
+
+/// The value that this share of the values above 0 do not exceed; 0 without any.
+fn percentile(values: &Grid<f32>, share: f32) -> f32 {
+    let mut known: Vec<f32> = values.data.iter().copied().filter(|v| v.is_finite() && *v > 0.0).collect();
+    let at = ((known.len() as f32 - 1.0) * share).max(0.0) as usize;
+    if known.is_empty() { 0.0 } else { *known.select_nth_unstable_by(at, f32::total_cmp).1 }
 }
 
 /// What a request takes.
@@ -387,11 +507,10 @@ impl Rendered {
         self.view == *view && (self.has_features || !with_features)
     }
 
-    /// Questions of a request that it was not asked yet.
-    fn new_questions(&self, request: &Request) -> Vec<Question> {
-        let asked = request.prompts.iter().map(|p| &p.question).chain(&request.candidates);
+    /// Those that it was not asked yet.
+    fn new_questions(&self, questions: &[Question]) -> Vec<Question> {
         let mut new: Vec<Question> = Vec::new();
-        for question in asked {
+        for question in questions {
             if !new.contains(question) && !self.scores.iter().any(|(q, _)| q == question) {
                 new.push(question.clone());
             }
@@ -399,19 +518,13 @@ impl Rendered {
         new
     }
 
-    /// The scores of those of `wanted` that have any.
-    fn candidates(&self, wanted: &[Question]) -> Vec<(String, Arc<Grid<f32>>)> {
-        let known = self.scores.iter().filter(|(question, _)| wanted.contains(question));
-        known.filter_map(|(q, scores)| Some((q.text.clone(), scores.as_ref().ok()?.clone()))).collect()
-    }
-
-    /// What the prompts found in it, if all of them were asked.
-    fn levels(&self, prompts: &[Question]) -> Option<Vec<Option<Levels>>> {
+    /// What it was answered, if it was asked all of them.
+    fn known(&self, questions: &[Question]) -> Option<Vec<Scores>> {
         let of = |question: &Question| {
-            let (_, scores) = self.scores.iter().find(|(q, _)| q == question)?;
-            Some(scores.as_ref().ok().map(|s| Levels::of(s)))
+            let known = self.scores.iter().find(|(q, _)| q == question);
+            known.map(|(_, scores)| scores.clone())
         };
-        prompts.iter().map(of).collect()
+        questions.iter().map(of).collect()
     }
 
     fn bytes(&self) -> usize {
@@ -420,105 +533,22 @@ impl Rendered {
     }
 }
 
-/// Asks questions, those that are compared with the same together; the answers are in the order of the questions.
-fn ask(source: &mut dyn FrameSource, view: &View, questions: &[Question]) -> Vec<Result<Grid<f32>>> {
-    let mut answers: Vec<Option<Result<Grid<f32>>>> = questions.iter().map(|_| None).collect();
-    while let Some(first) = answers.iter().position(Option::is_none) {
-        let negatives = &questions[first].negatives;
-        let alike: Vec<usize> =
-            (first..questions.len()).filter(|k| questions[*k].negatives == *negatives).collect();
-        let words: Vec<&str> = alike.iter().map(|k| questions[*k].text.as_str()).collect();
-        let mut scores = match source.set_negatives(negatives) {
-            Ok(()) => source.scores(view, &words).into_iter(),
-            Err(e) => {
-                let failed = words.iter().map(|_| Err(Error::input(e.to_string(), "")));
-                failed.collect::<Vec<_>>().into_iter()
-            }
-        };
-        let missing = || Err(Error::input("there is no score for these words", ""));
-        alike.into_iter().for_each(|k| answers[k] = Some(scores.next().unwrap_or_else(missing)));
-    }
-    answers.into_iter().flatten().collect()
+fn shared(scores: Result<Grid<f32>>) -> Scores {
+    scores.map(Arc::new).map_err(|e| e.to_string())
 }
 
-fn findings(rendered: &Rendered, prompts: &[AskedPrompt]) -> Vec<Finding> {
-    prompts
-        .iter()
-        .filter_map(|prompt| {
-            let (_, scores) = rendered.scores.iter().find(|(question, _)| *question == prompt.question)?;
-            let outcome = scores.clone().map(|scores| Found::new(scores, prompt.threshold));
-            Some(Finding { id: prompt.id, text: prompt.question.text.clone(), outcome })
-        })
-        .collect()
-}
-
-/// The frame with everything found drawn over it; `None` if there is nothing to draw.
-fn mark(frame: &RgbImage, findings: &[Finding], request: &Request) -> Option<Arc<ColorImage>> {
-    let drawn = |finding: &Finding| -> Option<(Arc<Grid<f32>>, f32, [u8; 3])> {
-        let prompt = request.prompts.iter().find(|p| p.id == finding.id)?;
-        let found = finding.outcome.as_ref().ok()?;
-        Some((found.scores.clone(), prompt.threshold, prompt.colour))
+fn findings(answers: &[PromptScores], request: &Request) -> Vec<Finding> {
+    let clean_up = request.clean_up();
+    let finding = |prompt: &AskedPrompt| {
+        let (_, scores) = answers.iter().find(|(question, _)| *question == prompt.question)?;
+        let outcome = scores.clone().map(|scores| Found::new(scores, prompt.threshold, clean_up));
+        Some(Finding { id: prompt.id, text: prompt.question.text.clone(), outcome })
     };
-    let layers: Vec<_> = findings.iter().filter_map(drawn).collect();
-    let (first, ..) = layers.first()?;
-    let (width, height) = (first.width as u32, first.height as u32);
-    let resized;
-    let frame = if frame.dimensions() == (width, height) {
-        frame
-    } else {
-        resized = image::imageops::thumbnail(frame, width, height);
-        &resized
-    };
-    let prompts: Vec<OverlayPrompt<'_>> = layers
-        .iter()
-        .map(|(scores, threshold, colour)| OverlayPrompt { scores, threshold: *threshold, colour: *colour })
-        .collect();
-    Some(Arc::new(color_image(&overlay(frame, &prompts, request.style, request.opacity))))
+    request.prompts.iter().filter_map(finding).collect()
 }
 
-pub(crate) fn color_image(image: &RgbImage) -> ColorImage {
-    ColorImage::from_rgb([image.width() as usize, image.height() as usize], image.as_raw())
-}
-
-/// Colours of depth from near to far: cividis, readable with any colour vision.
-const DEPTH_COLOURS: [[u8; 3]; 6] =
-    [[255, 234, 70], [203, 186, 105], [149, 143, 120], [102, 105, 112], [49, 68, 107], [0, 32, 77]];
-
-/// The colour of a depth; `share` is 0 at the near and 1 at the far end of the scale.
-pub(crate) fn depth_colour(share: f32) -> egui::Color32 {
-    let at = if share.is_finite() { share.clamp(0.0, 1.0) } else { 1.0 } * (DEPTH_COLOURS.len() - 1) as f32;
-    let k = (at as usize).min(DEPTH_COLOURS.len() - 2);
-    let mix = |c: usize| {
-        let (a, b) = (f32::from(DEPTH_COLOURS[k][c]), f32::from(DEPTH_COLOURS[k + 1][c]));
-        (a + (b - a) * (at - k as f32)).round() as u8
-    };
-    egui::Color32::from_rgb(mix(0), mix(1), mix(2))
-}
-
-/// Pixels without depth are hatched, so that they are not taken for near or far ones.
-fn colour_depth(depth: &Grid<f32>, (near, far): (f32, f32)) -> ColorImage {
-    let span = (far - near).max(f32::MIN_POSITIVE);
-    let pixel = |(i, &d): (usize, &f32)| {
-        if d > 0.0 {
-            return depth_colour((d - near) / span);
-        }
-        let is_line = (i % depth.width + i / depth.width) % 8 < 2;
-        egui::Color32::from_gray(if is_line { 70 } else { 30 })
-    };
-    ColorImage::new([depth.width, depth.height], depth.data.iter().enumerate().map(pixel).collect())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn depth_colours_run_from_the_first_to_the_last_and_holes_are_grey() {
-        assert_eq!(depth_colour(0.0), egui::Color32::from_rgb(255, 234, 70));
-        assert_eq!(depth_colour(1.0), egui::Color32::from_rgb(0, 32, 77));
-        assert_eq!(depth_colour(f32::NAN), depth_colour(1.0));
-        let image = colour_depth(&Grid::from_vec(2, 1, vec![0.0, 10.0]), (10.0, 20.0));
-        assert_eq!(image.pixels[0], egui::Color32::from_gray(70));
-        assert_eq!(image.pixels[1], depth_colour(0.0));
-    }
+/// The scores of those of `wanted` that have any.
+fn candidates(answers: &[PromptScores], wanted: &[Question]) -> Vec<(String, Arc<Grid<f32>>)> {
+    let known = answers.iter().filter(|(question, _)| wanted.contains(question));
+    known.filter_map(|(q, scores)| Some((q.text.clone(), scores.as_ref().ok()?.clone()))).collect()
 }

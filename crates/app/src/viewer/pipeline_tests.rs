@@ -1,13 +1,13 @@
 //! What the pipeline keeps, what it prepares, and that frames never mix.
 
 use super::{
-    negatives::{Negatives, Question},
     pipeline::{AskedPrompt, Picture, Pipeline, Request},
     source::{FrameSource, Info, Rendering, View},
 };
+use crate::engine::{Negatives, Question};
 use image::{Rgb, RgbImage};
 use std::sync::{Arc, Mutex};
-use surgtpgs_core::{Result, grid::Grid, overlay::OverlayStyle};
+use surgtpgs_core::{Result, grid::Grid, mask::CleanUp, overlay::OverlayLook, relevancy::RelevancySettings};
 
 const FRAMES: usize = 40;
 
@@ -31,11 +31,18 @@ impl FrameSource for Telling {
         Ok(Rendering {
             colour: RgbImage::from_pixel(self.side, self.side, Rgb([view.frame as u8; 3])),
             depth: Grid::filled(side, side, view.frame as f32 + 1.0),
+            unseen: None,
         })
     }
-    fn scores(&mut self, view: &View, prompts: &[&str]) -> Vec<Result<Grid<f32>>> {
+    fn motion(&mut self, _: &View) -> Result<(Grid<f32>, String)> {
+        Ok((Grid::filled(1, 1, 0.0), String::new()))
+    }
+    fn opacity(&mut self, _: &View) -> Result<Grid<f32>> {
+        Ok(Grid::filled(1, 1, 1.0))
+    }
+    fn scores(&mut self, view: &View, questions: &[Question]) -> Vec<Result<Grid<f32>>> {
         let side = self.side as usize;
-        prompts.iter().map(|_| Ok(Grid::filled(side, side, score_of(view.frame)))).collect()
+        questions.iter().map(|_| Ok(Grid::filled(side, side, score_of(view.frame)))).collect()
     }
 }
 
@@ -56,8 +63,7 @@ fn pipeline(side: u32) -> (Pipeline, Arc<Mutex<Vec<usize>>>) {
 }
 
 fn question(text: &str) -> Question {
-    let negatives = Negatives { phrases: vec!["object".into()], uses_classes: true };
-    Question { text: text.into(), negatives }
+    Question::words(text, Negatives::of(&RelevancySettings::default()))
 }
 
 fn request(frame: usize) -> Request {
@@ -65,17 +71,19 @@ fn request(frame: usize) -> Request {
         view: View { frame, ..View::default() },
         needs_original: true,
         needs_reconstruction: true,
-        needs_depth: false,
+        layer: None,
         needs_difference: false,
         prompts: vec![AskedPrompt {
             id: 1,
             question: question("liver"),
             threshold: 0.0,
             colour: [0, 200, 80],
+            is_instrument: false,
         }],
         candidates: Vec::new(),
-        style: OverlayStyle::Outline,
-        opacity: 1.0,
+        look: OverlayLook::default(),
+        clean_up: CleanUp::default(),
+        point: None,
     }
 }
 
@@ -142,6 +150,32 @@ fn a_half_size_preview_prepares_nothing() {
 }
 
 #[test]
+fn smoothing_over_time_is_the_mean_of_the_frames_around_on_the_picture_and_on_the_curve() {
+    let (mut pipeline, _) = pipeline(8);
+    let clean_up = CleanUp { smooth_frames: 2, ..CleanUp::default() };
+    let smooth = |frame: usize| {
+        let mut asked = Request { clean_up, ..request(frame) };
+        asked.prompts[0].threshold = 0.01;
+        asked
+    };
+    // Frames 0, 1 and 2 around the first one, five around the tenth.
+    for (frame, mean) in [(0, 0.02), (10, 0.11)] {
+        let picture = pipeline.produce(smooth(frame));
+        let found = picture.findings[0].outcome.clone().unwrap();
+        assert!((found.max_score - mean).abs() < 1e-6, "{}", found.max_score);
+        assert_eq!(picture.reconstruction.unwrap().bare.pixels[0], egui::Color32::from_gray(frame as u8));
+    }
+    // As it is, the first frame's 0.01 is not above the threshold.
+    let mut counted = 0;
+    while let Some(measured) = pipeline.count_next() {
+        let levels = measured.prompts[0].1.as_ref().unwrap();
+        assert_eq!(levels.area_px(0.01), 64, "frame {}", measured.frame);
+        counted += 1;
+    }
+    assert_eq!(counted, FRAMES);
+}
+
+#[test]
 fn areas_are_counted_once_on_every_frame_and_what_is_kept_is_not_rendered_again() {
     let (mut pipeline, rendered) = pipeline(8);
     pipeline.produce(request(0));
@@ -150,7 +184,7 @@ fn areas_are_counted_once_on_every_frame_and_what_is_kept_is_not_rendered_again(
     while let Some(measured) = pipeline.count_next() {
         let (asked, levels) = &measured.prompts[0];
         let levels = levels.as_ref().unwrap();
-        assert_eq!((asked, measured.prompts.len()), (&question("liver"), 1));
+        assert_eq!((&asked.question, measured.prompts.len()), (&question("liver"), 1));
         let is_above = score_of(measured.frame) > 0.2;
         assert_eq!(levels.area_px(0.2), if is_above { 64 } else { 0 }, "frame {}", measured.frame);
         frames.push(measured.frame);

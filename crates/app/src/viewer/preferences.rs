@@ -1,7 +1,8 @@
 //! What the window remembers from one start to the next, in one small file. Never pixels, never prompts.
 
+use super::keymap::Keymap;
 use std::path::{Path, PathBuf};
-use surgtpgs_core::overlay::OverlayStyle;
+use surgtpgs_core::overlay::OverlayLook;
 
 /// The remembered choices.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -9,14 +10,16 @@ use surgtpgs_core::overlay::OverlayStyle;
 pub(crate) struct Preferences {
     /// The research-use notice was read.
     pub(crate) is_acknowledged: bool,
-    pub(crate) style: OverlayStyle,
-    pub(crate) opacity: f32,
+    #[serde(flatten)]
+    pub(crate) overlay: OverlayLook,
     /// Size of text and buttons, percent.
     pub(crate) scale_percent: u32,
     /// What was opened last, newest first.
     pub(crate) recent: Vec<PathBuf>,
     /// Whether [`Preferences::recent`] is kept: paths may hold names of patients.
     pub(crate) remembers_files: bool,
+    /// Keys that were chosen instead of the delivered ones.
+    pub(crate) keys: Keymap,
     /// Where they are kept; `None` for nowhere.
     #[serde(skip)]
     file: Option<PathBuf>,
@@ -31,11 +34,11 @@ impl Default for Preferences {
     fn default() -> Self {
         Self {
             is_acknowledged: false,
-            style: OverlayStyle::Outline,
-            opacity: 0.5,
+            overlay: OverlayLook::default(),
             scale_percent: 100,
             recent: Vec::new(),
             remembers_files: true,
+            keys: Keymap::new(),
             file: None,
         }
     }
@@ -51,7 +54,7 @@ impl Preferences {
     pub(crate) fn load(file: Option<PathBuf>) -> Self {
         let text = file.as_ref().and_then(|f| std::fs::read_to_string(f).ok());
         let mut read: Self = text.and_then(|t| serde_json::from_str(&t).ok()).unwrap_or_default();
-        read.opacity = if read.opacity.is_finite() { read.opacity.clamp(0.05, 1.0) } else { 0.5 };
+        read.overlay = read.overlay.mended();
         read.scale_percent = read.scale_percent.clamp(SCALES[0], SCALES[SCALES.len() - 1]);
         Self { file, ..read }
     }

@@ -2,6 +2,7 @@
 
 use super::{
     app::ViewerApp,
+    document::NamedSample,
     histogram::TIE,
     ruler::paint_cross,
     theme,
@@ -102,10 +103,41 @@ fn card_ui(ui: &mut Ui, app: &mut ViewerApp, point: [f32; 2]) {
     for row in &rows {
         row_ui(ui, app, row);
     }
+    sample_ui(ui, app, point);
     if rows.iter().all(|r| r.score < TIE) {
         let text = "Closer to a generic phrase than to any of these.";
         ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
     }
+}
+
+/// What the point shows as a prompt of its own, or as what the selected prompt is not.
+fn sample_ui(ui: &mut Ui, app: &mut ViewerApp, [u, v]: [f32; 2]) {
+    let Some((picture, info)) = app.picture().zip(app.info()) else { return };
+    // Of another point, as long as the picture of this one is being made.
+    let Some(sample) = picture.sample.clone().filter(|_| picture.request.point == Some([u, v])) else {
+        return;
+    };
+    let frame = picture.request.view.frame + 1;
+    let [x, y] = [(u, info.width), (v, info.height)].map(|(share, n)| (share * n as f32) as usize);
+    let named = |verb: &str| NamedSample {
+        name: format!("{verb} frame {frame}, x {x}, y {y}"),
+        sample: sample.clone(),
+    };
+    let selected =
+        app.document.selected.and_then(|id| app.document.prompt(id)).map(|p| (p.id, p.text.clone()));
+    ui.horizontal_wrapped(|ui| {
+        let tip = "Look for what looks like this point, without words";
+        if ui.button("More like this").on_hover_text(tip).clicked() {
+            app.document.add_like(named("like"));
+        }
+        if let Some((id, text)) = selected {
+            let tip = "What looks like this point is not what this prompt means: it is compared with it from now on";
+            let label = format!("Not \"{}\"", super::legend::shortened(&text));
+            if ui.button(label).on_hover_text(tip).clicked() {
+                app.document.add_not_like(id, named("what is at"));
+            }
+        }
+    });
 }
 
 fn row_ui(ui: &mut Ui, app: &mut ViewerApp, row: &Row) {

@@ -3,11 +3,10 @@
 use super::{
     app::ViewerApp,
     document::{Prompt, PromptId},
-    negatives::split,
     theme,
-    widgets::caption,
+    widgets::{Icon, caption, icon_button},
 };
-use crate::settings::PROMPT_COLOURS;
+use crate::{args::split_words, settings::PROMPT_COLOURS};
 use egui::{Key, Popup, PopupCloseBehavior, Response, Sense, Stroke, TextEdit, Ui, WidgetInfo, vec2};
 
 /// The menu that a button of the prompt's row opens.
@@ -18,6 +17,11 @@ pub(crate) fn prompt_menu_ui(button: &Response, app: &mut ViewerApp, prompt: &Pr
         but_not_ui(ui, app, prompt);
         ui.add_space(4.0);
         colours_ui(ui, app, prompt);
+        let mut is_instrument = prompt.is_instrument;
+        let tip = "What it finds lies over what the other prompts find";
+        if ui.checkbox(&mut is_instrument, "This is an instrument").on_hover_text(tip).changed() {
+            app.document.set_instrument(prompt.id, is_instrument);
+        }
         ui.separator();
         let (first, last) = (app.document.prompts().first(), app.document.prompts().last());
         let [is_first, is_last] = [first, last].map(|p| p.is_some_and(|p| p.id == prompt.id));
@@ -43,7 +47,19 @@ fn but_not_ui(ui: &mut Ui, app: &mut ViewerApp, prompt: &Prompt) {
     ui.label(caption("But not (words between commas)"));
     let label = format!("{} but not", prompt.text);
     if let Some(words) = field_ui(ui, &label, &prompt.but_not.join(", "), ("but not", prompt.id)) {
-        app.document.set_but_not(prompt.id, &split(&words));
+        app.document.set_but_not(prompt.id, &split_words(&words));
+    }
+    for (index, not_like) in prompt.not_like.iter().enumerate() {
+        ui.horizontal(|ui| {
+            ui.label(caption(format!("nor {}", not_like.name)));
+            ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+                let name = format!("Remove {}", not_like.name);
+                let tip = "Remove this point (undo brings it back)";
+                if icon_button(ui, Icon::Cross, &name, tip, false, true).clicked() {
+                    app.document.remove_not_like(prompt.id, index);
+                }
+            });
+        });
     }
 }
 

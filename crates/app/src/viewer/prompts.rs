@@ -2,6 +2,7 @@
 
 use super::{
     app::ViewerApp,
+    clean_up_ui::clean_up_ui,
     command::{Command, tooltip},
     document::{PREVIEW, Prompt},
     found::Found,
@@ -43,7 +44,7 @@ pub(crate) fn prompts_ui(ui: &mut Ui, app: &mut ViewerApp) {
     }
     preview_ui(ui, app);
     ui.add_space(4.0);
-    let below = 132.0;
+    let below = 200.0;
     ScrollArea::vertical().max_height((ui.available_height() - below).max(120.0)).show(ui, |ui| {
         rows_ui(ui, app);
     });
@@ -275,7 +276,7 @@ fn overlay_ui(ui: &mut Ui, app: &mut ViewerApp) {
     };
     choice(
         ui,
-        &mut app.document.style,
+        &mut app.document.overlay.style,
         &[
             (OverlayStyle::Outline, "Outline", tip("A line around what was found"), true),
             (OverlayStyle::Fill, "Fill", tip("What was found in a translucent colour"), true),
@@ -287,9 +288,23 @@ fn overlay_ui(ui: &mut Ui, app: &mut ViewerApp) {
             ),
         ],
     );
-    if app.document.style != OverlayStyle::Outline {
-        ui.add(egui::Slider::new(&mut app.document.opacity, 0.05..=1.0).fixed_decimals(2).text("opacity"));
+    let mut look = app.document.overlay;
+    let share = |ui: &mut Ui, value, least, what| {
+        ui.add(egui::Slider::new(value, least..=1.0).fixed_decimals(2).text(what));
+    };
+    if look.style != OverlayStyle::Outline {
+        share(ui, &mut look.opacity, 0.05, "opacity");
     }
+    if look.style != OverlayStyle::Heatmap {
+        share(ui, &mut look.outline_opacity, 0.1, "outline");
+    }
+    ui.horizontal(|ui| {
+        let tip = "What is found lies under the instruments, as far as the recording's masks, its labels or prompts about \
+                   instruments say where they are";
+        ui.checkbox(&mut look.below_instruments, "Below instruments").on_hover_text(tip);
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| clean_up_ui(ui, app));
+    });
+    app.document.overlay = look;
 }
 
 #[cfg(test)]

@@ -16,6 +16,8 @@ pub(crate) struct Ruler {
     pub(crate) line: Option<[[f32; 2]; 2]>,
     /// The known length being typed.
     known: String,
+    /// The known scale being typed.
+    px_per_mm: String,
 }
 
 /// Draws the line while the mouse is dragged; returns whether the mouse is the ruler's.
@@ -101,32 +103,49 @@ fn card_ui(ui: &mut Ui, app: &mut ViewerApp, measured: Option<Measurement>) {
 
 fn scale_ui(ui: &mut Ui, app: &mut ViewerApp, scale: &Scale) {
     ui.label(caption(format!("Scale from {}", scale.source)));
+    if scale.px_per_mm.is_some() {
+        let text = "Measured in the picture, as if everything lay at one distance: what is nearer is shorter than it says.";
+        ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
+    }
     if ui.button("Remove the scale").clicked() {
         app.document.set_scale(None);
     }
 }
 
-/// Millimetres begin with a length that somebody knows.
+/// Millimetres begin with a length, or a scale, that somebody knows.
 fn calibrate_ui(ui: &mut Ui, app: &mut ViewerApp, measured: Measurement, frame: usize) {
-    let Ok(length) = measured.in_space else { return };
-    ui.label(caption(
-        "Without a scale there are no real lengths. If you know how long this line is, enter it:",
-    ));
+    ui.label(caption("Without a scale there are no real lengths. If you know one, enter it:"));
     let Some(ruler) = &mut app.ruler else { return };
     let mut scale = None;
-    ui.horizontal(|ui| {
-        let field = ui.add(TextEdit::singleline(&mut ruler.known).hint_text("length").desired_width(80.0));
-        field.ctx.accesskit_node_builder(field.id, |node| node.set_label("Known length in millimetres"));
-        ui.label("millimetres");
-        let typed = ruler.known.trim().replace(',', ".").parse().ok();
-        let wanted = typed.and_then(|mm| Scale::from_known(length, mm, frame));
-        if ui.add_enabled(wanted.is_some(), egui::Button::new("Set the scale")).clicked() {
-            scale = wanted;
-        }
-    });
+    if let Ok(length) = measured.in_space {
+        let wanted = |mm| Scale::from_known(length, mm, frame);
+        let texts = ["Known length in millimetres", "millimetres is this line", "Set the scale"];
+        scale = number_ui(ui, &mut ruler.known, texts, wanted);
+    }
+    let texts = ["Pixels in a millimetre", "pixels in a millimetre", "Set"];
+    scale = scale.or(number_ui(ui, &mut ruler.px_per_mm, texts, Scale::from_px_per_mm));
     if scale.is_some() {
         app.document.set_scale(scale);
     }
+}
+
+/// A field for a number, which makes a scale when the button is pressed.
+fn number_ui(
+    ui: &mut Ui,
+    typed: &mut String,
+    [name, unit, verb]: [&str; 3],
+    scale: impl Fn(f64) -> Option<Scale>,
+) -> Option<Scale> {
+    let row = ui.horizontal(|ui| {
+        let field = ui.add(TextEdit::singleline(typed).desired_width(60.0));
+        field.ctx.accesskit_node_builder(field.id, |node| node.set_label(name));
+        ui.label(caption(unit));
+        let number = typed.trim().replace(',', ".").parse().ok();
+        let wanted = number.and_then(scale);
+        let is_set = ui.add_enabled(wanted.is_some(), egui::Button::new(verb)).clicked();
+        wanted.filter(|_| is_set)
+    });
+    row.inner
 }
 
 /// Where the pointer's cross is drawn for a point of the picture.

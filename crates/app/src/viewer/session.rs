@@ -3,7 +3,7 @@
 use super::document::{Content, Look, ViewMode};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
-use surgtpgs_core::{Error, Result, files::write_whole, overlay::OverlayStyle};
+use surgtpgs_core::{Error, Result, files::write_whole, overlay::OverlayLook};
 
 /// The extension of session files.
 pub(crate) const EXTENSION: &str = "surgtpgs";
@@ -36,8 +36,8 @@ pub(crate) struct Session {
 #[serde(default)]
 pub(crate) struct Display {
     pub(crate) mode: ViewMode,
-    pub(crate) style: OverlayStyle,
-    pub(crate) opacity: f32,
+    #[serde(flatten)]
+    pub(crate) overlay: OverlayLook,
     pub(crate) is_hidden: bool,
     pub(crate) wipe: f32,
     pub(crate) look: Look,
@@ -56,8 +56,7 @@ impl Default for Display {
     fn default() -> Self {
         Self {
             mode: ViewMode::default(),
-            style: OverlayStyle::Outline,
-            opacity: 0.5,
+            overlay: OverlayLook::default(),
             is_hidden: false,
             wipe: 0.5,
             look: Look::default(),

@@ -1,6 +1,9 @@
 //! The picture on the screen, as textures. Only what changed is sent to the graphics card.
 
-use super::pipeline::{Pane, Picture};
+use super::{
+    pipeline::{Pane, Picture},
+    view_mode::Layer,
+};
 use egui::{ColorImage, Context, TextureHandle, TextureId, TextureOptions};
 use std::sync::Arc;
 
@@ -9,7 +12,7 @@ pub(crate) struct Shown {
     pub(crate) picture: Picture,
     pub(crate) original: PaneTextures,
     pub(crate) reconstruction: PaneTextures,
-    depth: Option<Texture>,
+    layer: Option<Texture>,
     difference: Option<Texture>,
 }
 
@@ -31,7 +34,7 @@ impl Shown {
             picture,
             original: Default::default(),
             reconstruction: Default::default(),
-            depth: None,
+            layer: None,
             difference: None,
         };
         shown.upload(ctx);
@@ -44,8 +47,10 @@ impl Shown {
         self.upload(ctx);
     }
 
-    pub(crate) fn depth(&self) -> Option<TextureId> {
-        self.depth.as_ref().map(|t| t.handle.id())
+    /// With which layer it is.
+    pub(crate) fn layer(&self) -> Option<(Layer, TextureId)> {
+        let layer = self.picture.layer.as_ref()?.layer;
+        self.layer.as_ref().map(|t| (layer, t.handle.id()))
     }
 
     pub(crate) fn difference(&self) -> Option<TextureId> {
@@ -56,7 +61,7 @@ impl Shown {
         upload(&mut self.difference, self.picture.difference.as_ref().map(|d| &d.image), ctx);
         self.original.upload(self.picture.original.as_ref(), ctx);
         self.reconstruction.upload(self.picture.reconstruction.as_ref(), ctx);
-        upload(&mut self.depth, self.picture.depth.as_ref().map(|d| &d.image), ctx);
+        upload(&mut self.layer, self.picture.layer.as_ref().map(|l| &l.image), ctx);
     }
 }
 

@@ -117,6 +117,9 @@ fn hover_ui(app: &ViewerApp, response: Response, line: Rect) {
     let Some(pointer) = response.hover_pos() else { return };
     let under = frame_at(line, pointer.x, app.playback.num_frames() - 1);
     let mut text = format!("Frame {}  ·  {}", under + 1, timecode(app.playback.seconds(under)));
+    if app.document.is_excluded(under) {
+        text += "\nLeft out of everything";
+    }
     if let Some(bookmark) = app.document.bookmarks().iter().find(|b| b.frame == under) {
         text += if bookmark.is_flagged { "\nBookmark, flagged" } else { "\nBookmark" };
         text += &format!("  {}", bookmark.note);
@@ -142,6 +145,10 @@ fn paint_bar(ui: &Ui, app: &ViewerApp, line: Rect, is_hot: bool) {
         let part = Rect::from_min_max(pos2(x(start), line.top()), pos2(x(end), line.bottom()));
         painter.rect_filled(part.expand2(vec2(1.0, 0.0)), 4.0, theme::SELECTION);
     }
+    for &(from, to) in app.document.excluded() {
+        let part = Rect::from_min_max(pos2(x(from), line.top()), pos2(x(to), line.bottom()));
+        paint_excluded(painter, part.expand2(vec2(2.0, 0.0)));
+    }
     let done = Rect::from_min_max(line.min, pos2(x(app.playback.frame()), line.bottom()));
     painter.rect_filled(done, 4.0, theme::ACCENT.gamma_multiply(0.55));
     // A tick per ten frames, as long as they can be told apart.
@@ -156,6 +163,18 @@ fn paint_bar(ui: &Ui, app: &ViewerApp, line: Rect, is_hot: bool) {
     }
     let head = pos2(x(app.playback.frame()), line.center().y);
     painter.circle(head, if is_hot { 9.0 } else { 7.5 }, theme::TEXT, Stroke::new(2.0, theme::PANEL));
+}
+
+/// Crossed out: hatched, and dark below the hatches.
+fn paint_excluded(painter: &egui::Painter, part: Rect) {
+    painter.rect_filled(part, 2.0, theme::BACKDROP);
+    let painter = painter.with_clip_rect(part);
+    let mut left = part.left() - part.height();
+    while left < part.right() {
+        let ends = [pos2(left, part.bottom()), pos2(left + part.height(), part.top())];
+        painter.line_segment(ends, Stroke::new(1.5, theme::AMBER));
+        left += 6.0;
+    }
 }
 
 /// A pin above the bar; a flagged one has another shape as well as another colour.

@@ -4,9 +4,10 @@ use super::{
     app::ViewerApp,
     command::{Command, entry, tooltip},
     jobs::{Job, JobEvent},
+    loss_curve::{LossCurve, loss_curve_ui},
     source::{Backend, Info, TrainRequest},
     theme,
-    widgets::{caption, dialog, duration, main_button, thousands},
+    widgets::{caption, choice, dialog, duration, main_button, thousands},
 };
 use egui::{Context, Frame, Margin, ProgressBar, RichText, Ui};
 use std::{
@@ -28,9 +29,10 @@ pub(crate) struct TrainDialog {
 }
 
 impl TrainDialog {
-    pub(crate) fn new(info: &Info) -> Self {
+    pub(crate) fn new(info: &Info, excluded: Vec<(usize, usize)>) -> Self {
         let scene = free_file(&info.output_folder, &info.name);
-        let request = TrainRequest { recording: info.path.clone(), scene, iterations: DEFAULT_STEPS };
+        let request =
+            TrainRequest { recording: info.path.clone(), scene, iterations: DEFAULT_STEPS, excluded };
         Self { request, has_labels: info.has_labels, picking: None }
     }
 
@@ -65,12 +67,38 @@ fn free_file(folder: &Path, name: &str) -> PathBuf {
 /// Training in the background.
 pub(crate) struct Training {
     pub(super) job: Job<PathBuf>,
+    pub(super) curve: LossCurve,
+    backend: Arc<dyn Backend>,
+    /// Memory that is left, bytes, and when that was so, seconds.
+    memory: Option<(u64, f64)>,
 }
 
 impl Training {
     pub(crate) fn start(backend: Arc<dyn Backend>, request: TrainRequest, ctx: &Context) -> Self {
-        Self { job: Job::start("training", ctx, move |job| backend.reconstruct(&request, job)) }
+        let theirs = backend.clone();
+        let job = Job::start("training", ctx, move |job| theirs.reconstruct(&request, job));
+        Self { job, curve: LossCurve::default(), backend, memory: None }
     }
+
+    /// Looks how much memory is left, now and then.
+    fn watch_memory(&mut self, now: f64) {
+        if self.memory.is_none_or(|(_, at)| now >= at + 1.0) {
+            self.memory = self.backend.available_bytes().map(|bytes| (bytes, now));
+        }
+    }
+}
+
+/// With less memory left than this, training may be ended by the system, bytes.
+const LOW_MEMORY: u64 = 600_000_000;
+
+/// A warning, if there is little memory left.
+fn memory_warning(available_bytes: u64) -> Option<String> {
+    (available_bytes < LOW_MEMORY).then(|| {
+        let megabytes = available_bytes / 1_000_000;
+        format!(
+            "Only {megabytes} MB of memory are left: close other programs, or stop and keep what was learned."
+        )
+    })
 }
 
 /// The section of the right panel: an offer to reconstruct, or how far it is.
@@ -82,8 +110,11 @@ pub(crate) fn training_ui(ui: &mut Ui, app: &mut ViewerApp) {
     let frame = Frame::new().fill(theme::RAISED).corner_radius(8).inner_margin(Margin::same(12));
     frame.show(ui, |ui| {
         ui.set_width(ui.available_width());
-        match &app.training {
-            Some(training) => progress_ui(ui, training),
+        match &mut app.training {
+            Some(training) => {
+                training.watch_memory(ui.input(|i| i.time));
+                progress_ui(ui, training);
+            }
             None => offer_ui(ui, app),
         }
     });
@@ -95,7 +126,8 @@ fn offer_ui(ui: &mut Ui, app: &mut ViewerApp) {
     ui.add_space(4.0);
     let button = egui::Button::new(RichText::new(entry(Command::Reconstruct).label).size(17.0));
     let size = [ui.available_width(), 40.0];
-    let response = ui.add_sized(size, button.fill(theme::SELECTION));
+    let can_start = app.is_enabled(Command::Reconstruct);
+    let response = ui.add_enabled_ui(can_start, |ui| ui.add_sized(size, button.fill(theme::SELECTION))).inner;
     if response.on_hover_text(tooltip(Command::Reconstruct)).clicked() {
         app.run(Command::Reconstruct.into(), &ui.ctx().clone());
     }
@@ -117,6 +149,11 @@ fn progress_ui(ui: &mut Ui, training: &Training) {
     if !progress.detail.is_empty() {
         ui.label(caption(&progress.detail));
     }
+    if let Some(warning) = training.memory.and_then(|(bytes, _)| memory_warning(bytes)) {
+        ui.label(RichText::new(warning).font(theme::small()).color(theme::AMBER));
+    }
+    loss_curve_ui(ui, &training.curve);
+    preview_ui(ui, training);
     ui.horizontal(|ui| {
         let is_cancelling = training.job.is_cancelling();
         let is_paused = training.job.is_paused();
@@ -129,6 +166,18 @@ fn progress_ui(ui: &mut Ui, training: &Training) {
         if ui.add_enabled(!is_cancelling, egui::Button::new(label)).clicked() {
             training.job.cancel();
         }
+    });
+}
+
+/// How often the picture shows how far it is: every preview takes time from training.
+fn preview_ui(ui: &mut Ui, training: &Training) {
+    ui.horizontal(|ui| {
+        ui.label(caption("Preview"));
+        let mut seconds = training.job.preview_seconds();
+        let tip = "How often the picture shows how far it is; each time costs training a moment".to_owned();
+        let paces = [(1, "1 s"), (4, "4 s"), (20, "20 s"), (0, "off")];
+        choice(ui, &mut seconds, &paces.map(|(pace, label)| (pace, label, tip.clone(), true)));
+        training.job.set_preview_seconds(seconds);
     });
 }
 
@@ -154,6 +203,9 @@ pub(crate) fn train_dialog_ui(ctx: &Context, app: &mut ViewerApp) {
             "It has no class labels: pictures and depth will work, finding words will not."
         };
         ui.label(RichText::new(note).color(if asked.has_labels { theme::TEXT } else { theme::AMBER }));
+        if let Some(warning) = app.backend.available_bytes().and_then(memory_warning) {
+            ui.label(RichText::new(warning).color(theme::AMBER));
+        }
         ui.add_space(4.0);
         ui.horizontal(|ui| {
             if ui.add_enabled(asked.picking.is_none(), egui::Button::new("Save as…")).clicked() {

@@ -21,10 +21,26 @@ pub(crate) enum ViewMode {
     Depth,
     /// The reconstruction beside its depth.
     DepthBeside,
+    /// How far things move.
+    Motion,
+    /// How opaque the reconstruction is.
+    Opacity,
+}
+
+/// Values of a view that are shown as colours.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Layer {
+    /// Scene units.
+    Depth,
+    /// Pixels over the whole recording.
+    Motion,
+    /// 0–1.
+    Opacity,
 }
 
 impl ViewMode {
-    pub(crate) const ALL: [Self; 8] = [
+    /// Those of the toolbar; the others are in the menu.
+    pub(crate) const MAIN: [Self; 8] = [
         Self::Original,
         Self::Reconstruction,
         Self::SideBySide,
@@ -45,6 +61,8 @@ impl ViewMode {
             Self::Difference => "Difference",
             Self::Depth => "Depth",
             Self::DepthBeside => "With depth",
+            Self::Motion => "Moving",
+            Self::Opacity => "Opacity",
         }
     }
 
@@ -54,16 +72,21 @@ impl ViewMode {
 
     /// The reconstruction's colours.
     pub(crate) fn needs_reconstruction(self) -> bool {
-        !matches!(self, Self::Original | Self::Depth)
+        !matches!(self, Self::Original | Self::Depth | Self::Motion | Self::Opacity)
     }
 
-    pub(crate) fn needs_depth(self) -> bool {
-        matches!(self, Self::Depth | Self::DepthBeside)
+    pub(crate) fn layer(self) -> Option<Layer> {
+        match self {
+            Self::Depth | Self::DepthBeside => Some(Layer::Depth),
+            Self::Motion => Some(Layer::Motion),
+            Self::Opacity => Some(Layer::Opacity),
+            _ => None,
+        }
     }
 
     /// Whether it can be shown of what is open.
     pub(crate) fn is_possible(self, info: &super::source::Info) -> bool {
         (info.has_original || !self.needs_original())
-            && (info.has_reconstruction || !(self.needs_reconstruction() || self.needs_depth()))
+            && (info.has_reconstruction || !(self.needs_reconstruction() || self.layer().is_some()))
     }
 }

@@ -2,6 +2,7 @@
 
 use super::{
     app::ViewerApp,
+    clean_up_ui,
     command::{Command, tooltip},
     compare::{self, Difference},
     document::ViewMode,
@@ -10,6 +11,7 @@ use super::{
     probe, ruler,
     source::Info,
     start, theme,
+    view_mode::Layer,
     widgets::{choice, plate},
     zoom::{Panes, Zoom},
 };
@@ -17,6 +19,11 @@ use egui::{
     Align2, Color32, CursorIcon, Frame, Margin, PointerButton, Pos2, Rect, Response, Role, Sense, Stroke,
     TextureId, Ui, WidgetInfo, pos2, vec2,
 };
+
+/// What is said in place of a frame that is left out.
+pub(crate) const EXCLUDED: &str = "This frame is left out of everything";
+/// What is said where a turned view shows more than was recorded.
+const FADED: &str = "Faded: not seen by the endoscope on this frame";
 
 /// Toolbar and picture.
 pub(crate) fn viewport_ui(ui: &mut Ui, app: &mut ViewerApp) {
@@ -40,10 +47,11 @@ pub(crate) fn viewport_ui(ui: &mut Ui, app: &mut ViewerApp) {
         wipe_ui(ui, app, area);
     }
     if let Some(pane) = panes.iter().find(|p| p.is_synthesised) {
-        paint_synthesised(ui, pane.visible());
+        let is_faded = app.picture().is_some_and(|p| p.unseen_share > 0.0) && pane.label == "Reconstruction";
+        paint_synthesised(ui, pane.visible(), is_faded);
     }
     let with_marks = !app.document.is_hidden && !app.is_peeking(ui.ctx());
-    if with_marks {
+    if with_marks && !panes.is_empty() {
         let corner = panes.first().map_or(area, PaneView::visible);
         legend::legend_ui(ui, app, corner, &panes.iter().map(|p| (p.rect, p.picture)).collect::<Vec<_>>());
     }
@@ -80,10 +88,15 @@ fn toolbar_ui(ui: &mut Ui, app: &mut ViewerApp) {
             ViewMode::Difference => Command::Difference,
             ViewMode::Depth => Command::Depth,
             ViewMode::DepthBeside => Command::DepthBeside,
+            ViewMode::Motion => Command::Motion,
+            ViewMode::Opacity => Command::Opacity,
         };
         let info = app.info();
-        let options: Vec<_> = ViewMode::ALL
+        let is_shown = |m: &&ViewMode| ViewMode::MAIN.contains(m) || app.document.mode == **m;
+        let options: Vec<_> = [&ViewMode::MAIN[..], &[ViewMode::Motion, ViewMode::Opacity]]
+            .concat()
             .iter()
+            .filter(is_shown)
             .map(|m| (*m, m.label(), tooltip(command(*m)), info.is_some_and(|i| m.is_possible(i))))
             .collect();
         choice(ui, &mut app.document.mode, &options);
@@ -120,6 +133,9 @@ fn panes(app: &ViewerApp, area: Rect, ui: &Ui) -> Vec<PaneView> {
     let (Some(info), Some(shown)) = (app.info(), app.open.as_ref().and_then(|o| o.shown.as_ref())) else {
         return Vec::new();
     };
+    if app.document.is_excluded(shown.picture.request.view.frame) {
+        return Vec::new();
+    }
     let size = vec2(info.width as f32, info.height as f32);
     let with_marks = !app.document.is_hidden;
     let is_synthesised = !shown.picture.request.view.orbit.is_home();
@@ -130,8 +146,13 @@ fn panes(app: &ViewerApp, area: Rect, ui: &Ui) -> Vec<PaneView> {
         label,
         is_synthesised,
     };
-    let (reconstruction, depth) =
-        ((shown.reconstruction.id(with_marks), "Reconstruction"), (shown.depth(), "Depth"));
+    let reconstruction = (shown.reconstruction.id(with_marks), "Reconstruction");
+    let depth = match shown.layer() {
+        Some((Layer::Depth, texture)) => (Some(texture), "Depth"),
+        Some((Layer::Motion, texture)) => (Some(texture), "Moving"),
+        Some((Layer::Opacity, texture)) => (Some(texture), "Opacity"),
+        None => (None, ""),
+    };
     let original = (shown.original.id(with_marks), "Recorded");
     // While the picture of another mode is being made, the last one stays, under its own name.
     let first = |options: [(Option<TextureId>, &'static str); 3]| {
@@ -152,7 +173,7 @@ fn panes(app: &ViewerApp, area: Rect, ui: &Ui) -> Vec<PaneView> {
     match app.document.mode {
         ViewMode::Original => single([original, reconstruction, depth]),
         ViewMode::Reconstruction | ViewMode::Wipe => single([reconstruction, original, depth]),
-        ViewMode::Depth => single([depth, reconstruction, original]),
+        ViewMode::Depth | ViewMode::Motion | ViewMode::Opacity => single([depth, reconstruction, original]),
         ViewMode::Difference => single([(shown.difference(), "Difference"), reconstruction, original]),
         ViewMode::Blink => {
             let now = ui.input(|i| i.time);
@@ -266,14 +287,17 @@ fn steer(ui: &Ui, app: &mut ViewerApp, response: &Response) {
 }
 
 /// A view that nobody recorded says so with frame and words.
-fn paint_synthesised(ui: &Ui, rect: Rect) {
+fn paint_synthesised(ui: &Ui, rect: Rect, is_faded: bool) {
     let painter = ui.painter();
     painter.rect_stroke(rect, 0.0, Stroke::new(3.0, theme::AMBER), egui::StrokeKind::Inside);
     // Below the frame's label where both do not fit side by side.
     let down = if rect.width() < 660.0 { 42.0 } else { 8.0 };
     let at = rect.right_top() + vec2(-8.0, down);
     let text = "Synthesised view – not what the endoscope saw  ·  R returns";
-    plate(painter, at, Align2::RIGHT_TOP, text, theme::AMBER);
+    let said = plate(painter, at, Align2::RIGHT_TOP, text, theme::AMBER);
+    if is_faded {
+        plate(painter, said.right_bottom() + vec2(0.0, 4.0), Align2::RIGHT_TOP, FADED, theme::AMBER);
+    }
 }
 
 /// What has to be said about the picture as a whole, in its lower middle.
@@ -292,6 +316,9 @@ fn notice(app: &ViewerApp, with_marks: bool) -> Option<(String, Color32)> {
     let Some(picture) = app.picture() else {
         return Some(("Making the first picture…".into(), theme::TEXT));
     };
+    if app.document.is_excluded(picture.request.view.frame) {
+        return Some((format!("{EXCLUDED} – {}", tooltip(Command::Exclude)), theme::AMBER));
+    }
     if let Some(problem) = &picture.problem {
         return Some((problem.clone(), theme::ERROR));
     }
@@ -310,6 +337,13 @@ fn notice(app: &ViewerApp, with_marks: bool) -> Option<(String, Color32)> {
 /// The picture in words, for those who cannot see it.
 fn describe(app: &ViewerApp, panes: &[PaneView]) -> String {
     let Some(picture) = app.picture() else { return "No picture yet".into() };
+    if app.document.is_excluded(picture.request.view.frame) {
+        return format!(
+            "Frame {} of {}, {EXCLUDED}",
+            picture.request.view.frame + 1,
+            app.playback.num_frames()
+        );
+    }
     let mode = app.document.mode.label();
     let shown = panes.iter().map(|p| p.label).collect::<Vec<_>>().join(" and ");
     let mut text = format!(
@@ -320,9 +354,17 @@ fn describe(app: &ViewerApp, panes: &[PaneView]) -> String {
     );
     if !picture.request.view.orbit.is_home() {
         text += ", synthesised view";
+        if picture.unseen_share > 0.0 {
+            text += &format!(", {FADED}");
+        }
     }
     if app.document.is_hidden {
         return text + ", overlays hidden";
+    }
+    if let Some(words) =
+        clean_up_ui::describe(picture.request.clean_up).filter(|_| !picture.findings.is_empty())
+    {
+        text += &format!(", {words}");
     }
     for finding in &picture.findings {
         if let Ok(found) = &finding.outcome {

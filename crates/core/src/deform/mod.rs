@@ -4,11 +4,14 @@
 
 mod apply;
 mod basis;
+mod travel;
 
 pub use apply::{
     FeatureNet, MAX_LOG_SCALE, MAX_SCALE, Moved, gate_feature, gate_feature_backward, move_geometry,
     move_geometry_backward,
 };
+pub use travel::travel_px;
+
 pub use basis::{BasisShape, LIVE_BASIS, MIN_WIDTH, QUARTIC_EPSILON, basis, basis_backward};
 
 use crate::{gaussian::Gaussians, num::sigmoid};

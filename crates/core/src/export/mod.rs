@@ -24,7 +24,7 @@ pub use provenance::{ExportedFile, FILE_NAME as PROVENANCE_FILE, Provenance, fil
 use crate::{
     Error, Result,
     files::{WholeFile, write_whole},
-    grid::Grid,
+    grid::{Grid, Mask},
 };
 use frame::FrameContent;
 use image::RgbImage;
@@ -144,12 +144,12 @@ impl Export {
     }
 
     /// Writes the files of the frame that [`Export::next_frame`] gave: `picture` and one score image per prompt, all of
-    /// one size, the same for every frame. Where it fails, finished files are complete and recorded, and the export is
+    /// one size, the same for every frame; `tools` is where instruments are, if that is known. Where it fails, finished files are complete and recorded, and the export is
     /// to be begun again.
-    pub fn write(&mut self, picture: &RgbImage, scores: &[Grid<f32>]) -> Result<()> {
+    pub fn write(&mut self, picture: &RgbImage, scores: &[Grid<f32>], tools: Option<&Mask>) -> Result<()> {
         let Some(&frame) = self.frames.get(self.next) else { return Ok(()) };
         self.check_sizes(picture, scores)?;
-        let written = self.write_frame(frame, picture, scores);
+        let written = self.write_frame(frame, picture, scores, tools);
         if let Err(e) = written {
             self.series.clear();
             // The disk may be full: what stopped the export is the error to report, not this one.
@@ -176,10 +176,16 @@ impl Export {
         })
     }
 
-    fn write_frame(&mut self, frame: usize, picture: &RgbImage, scores: &[Grid<f32>]) -> Result<()> {
+    fn write_frame(
+        &mut self,
+        frame: usize,
+        picture: &RgbImage,
+        scores: &[Grid<f32>],
+        tools: Option<&Mask>,
+    ) -> Result<()> {
         self.open_series((picture.width() as usize, picture.height() as usize))?;
         let is_drawn = !self.overwrite && self.is_finished(frame);
-        let content = FrameContent::new(&self.record.provenance, frame, picture, scores);
+        let content = FrameContent::new(&self.record.provenance, frame, picture, scores, tools);
         let files = if is_drawn { Vec::new() } else { pictures::draw(&content)? };
         let (folder, overwrite) = (self.folder.as_path(), self.overwrite);
         let written: Result<Vec<ExportedFile>> =

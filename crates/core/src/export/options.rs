@@ -1,6 +1,6 @@
 //! What an export writes.
 
-use crate::overlay::OverlayStyle;
+use crate::{mask::CleanUp, overlay::OverlayLook};
 
 /// What is written; each format has its own folder. Of some there is a file per frame (and prompt), of the others one
 /// about all frames of the export.
@@ -137,6 +137,7 @@ pub enum Source {
 
 /// What to write.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default)]
 pub struct ExportOptions {
     /// What is written.
     pub formats: Vec<Format>,
@@ -147,9 +148,10 @@ pub struct ExportOptions {
     /// Whether pictures with prompts drawn over them say "research use only".
     pub stamp: bool,
     /// How overlays are drawn.
-    pub style: OverlayStyle,
-    /// Opacity of fills and heatmaps in overlays, 0–1.
-    pub opacity: f32,
+    #[serde(flatten)]
+    pub look: OverlayLook,
+    /// What is done to masks before anything is written; scores are written as they are, apart from smoothing over time.
+    pub clean_up: CleanUp,
 }
 
 impl Default for ExportOptions {
@@ -159,8 +161,8 @@ impl Default for ExportOptions {
             source: Source::Original,
             exclusive: false,
             stamp: true,
-            style: OverlayStyle::Outline,
-            opacity: 0.35,
+            look: OverlayLook::default(),
+            clean_up: CleanUp::default(),
         }
     }
 }
@@ -186,4 +188,7 @@ pub struct ExportPrompt {
     pub colour: [u8; 3],
     /// What the prompt was compared to.
     pub negatives: Vec<String>,
+    /// Whether what it finds lies over what the others find.
+    #[serde(default)]
+    pub is_instrument: bool,
 }

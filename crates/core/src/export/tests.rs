@@ -1,5 +1,9 @@
 use super::*;
-use crate::relevancy::RelevancySettings;
+use crate::{
+    mask::CleanUp,
+    overlay::{OverlayLook, OverlayStyle},
+    relevancy::RelevancySettings,
+};
 
 /// Two prompts on a 40 × 24 picture: the left half scores for one, the right three quarters for the other.
 fn scores() -> Vec<Grid<f32>> {
@@ -17,6 +21,7 @@ pub(super) fn provenance(formats: &[Format], exclusive: bool) -> Provenance {
         threshold: 0.5,
         colour,
         negatives: vec!["object".into()],
+        is_instrument: false,
     };
     Provenance {
         schema: 2,
@@ -42,7 +47,7 @@ pub(super) fn provenance(formats: &[Format], exclusive: bool) -> Provenance {
 fn run(folder: &Path, frames: &[usize], provenance: &Provenance, force: bool) -> Result<ExportSummary> {
     let mut export = Export::begin(folder, frames.to_vec(), provenance.clone(), force)?;
     while export.next_frame().is_some() {
-        export.write(&picture(), &scores())?;
+        export.write(&picture(), &scores(), None)?;
     }
     export.finish()
 }
@@ -104,6 +109,38 @@ fn overlays_are_stamped_unless_switched_off_and_the_record_says_so() {
 }
 
 #[test]
+fn masks_are_cleaned_up_as_the_record_says_and_scores_stay() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut how = provenance(&[Format::Binary, Format::Npy], false);
+    how.options.clean_up = CleanUp { grow_px: 2, ..Default::default() };
+    run(folder.path(), &[0], &how, false).unwrap();
+    let mask = image::open(folder.path().join("binary/frame_000000_bile-sac.png")).unwrap().to_luma8();
+    assert_eq!([19, 21, 22].map(|x| mask.get_pixel(x, 5).0[0]), [255, 255, 0]);
+    let bytes = std::fs::read(folder.path().join("npy/frame_000000_bile-sac.npy")).unwrap();
+    assert_eq!(bytes[bytes.len() - 4 * 40 * 24..], *bytemuck::cast_slice::<f32, u8>(&scores()[0].data));
+    let record = std::fs::read_to_string(folder.path().join(PROVENANCE_FILE)).unwrap();
+    assert!(record.contains("\"grow_px\": 2"));
+}
+
+#[test]
+fn overlays_lie_below_instruments_unless_said_otherwise() {
+    let tools = Grid::from_vec(2, 1, vec![true, false]);
+    let drawn = |below_instruments: bool| {
+        let folder = tempfile::tempdir().unwrap();
+        let mut how = provenance(&[Format::Overlay], false);
+        how.options.stamp = false;
+        how.options.look = OverlayLook { style: OverlayStyle::Fill, below_instruments, ..Default::default() };
+        let mut export = Export::begin(folder.path(), vec![0], how, false).unwrap();
+        export.write(&picture(), &scores(), Some(&tools)).unwrap();
+        image::open(folder.path().join("overlay/frame_000000.png")).unwrap().to_rgb8()
+    };
+    let is_drawn = |image: &RgbImage, x| image.get_pixel(x, 5) != picture().get_pixel(x, 5);
+    let (below, above) = (drawn(true), drawn(false));
+    assert!(!is_drawn(&below, 5) && is_drawn(&above, 5), "the left half is instrument");
+    assert!(is_drawn(&below, 30) && is_drawn(&above, 30));
+}
+
+#[test]
 fn the_record_lists_every_file_with_its_hash() {
     let folder = tempfile::tempdir().unwrap();
     let how = provenance(&[Format::Cutout, Format::Binary, Format::Index], false);
@@ -123,14 +160,14 @@ fn an_export_goes_on_where_it_stopped() {
     let how = provenance(&[Format::Binary], false);
     let mut first = Export::begin(folder.path(), vec![0, 1, 2], how.clone(), false).unwrap();
     assert_eq!(first.next_frame(), Some(0));
-    first.write(&picture(), &scores()).unwrap();
+    first.write(&picture(), &scores(), None).unwrap();
     assert!(!first.finish().unwrap().complete);
 
     std::fs::remove_file(folder.path().join("binary/frame_000000_liver.png")).unwrap();
     let mut second = Export::begin(folder.path(), vec![0, 1, 2], how.clone(), false).unwrap();
     assert_eq!(second.next_frame(), Some(0), "a frame with a missing file is not finished");
     while second.next_frame().is_some() {
-        second.write(&picture(), &scores()).unwrap();
+        second.write(&picture(), &scores(), None).unwrap();
     }
     assert!(second.finish().unwrap().complete);
 
@@ -164,8 +201,8 @@ fn empty_requests_and_wrong_sizes_are_refused() {
     assert!(run(folder.path(), &[0], &provenance(&[], false), false).is_err());
     assert!(run(folder.path(), &[0], &Provenance { prompts: vec![], ..how.clone() }, false).is_err());
     let mut export = Export::begin(folder.path(), vec![0], how, false).unwrap();
-    assert!(export.write(&RgbImage::new(3, 3), &scores()).is_err());
-    assert!(export.write(&picture(), &scores()[..1]).is_err());
+    assert!(export.write(&RgbImage::new(3, 3), &scores(), None).is_err());
+    assert!(export.write(&picture(), &scores()[..1], None).is_err());
 }
 
 #[test]
@@ -175,7 +212,7 @@ fn scores_are_kept_to_half_a_step_as_pictures_and_exactly_as_arrays() {
     let values = [0.0, 1e-6, 0.333_333_3, 0.5, 0.999_99, 1.0, f32::NAN];
     let ramp = Grid::from_vec(40, 24, (0..40 * 24).map(|i| values[i % 7]).collect());
     let mut export = Export::begin(folder.path(), vec![0], how, false).unwrap();
-    export.write(&picture(), &[ramp.clone(), scores().remove(1)]).unwrap();
+    export.write(&picture(), &[ramp.clone(), scores().remove(1)], None).unwrap();
     export.finish().unwrap();
     let seen = image::open(folder.path().join("score/frame_000000_bile-sac.png")).unwrap();
     assert_eq!(seen.color(), image::ColorType::L16);

@@ -1,10 +1,12 @@
 //! Masks from scores: threshold, outline, overlap, measures, and the clean-up that a person asks for.
 
 mod bits;
+mod clean_up;
 mod contour;
 mod region;
 mod rle;
 
+pub use clean_up::{CleanUp, mean_scores};
 pub use contour::{Corner, contours};
 pub use region::Region;
 pub use rle::{column_runs, compressed, decompressed, from_column_runs};

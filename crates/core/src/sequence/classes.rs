@@ -93,6 +93,42 @@ pub(super) fn plain_words(name: &str) -> String {
     words.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
+/// Words that stand for something a surgeon holds, as singular and plain plural.
+const INSTRUMENTS: [&str; 26] = [
+    "instrument",
+    "tool",
+    "grasper",
+    "forceps",
+    "hook",
+    "cautery",
+    "electrocautery",
+    "scissors",
+    "clipper",
+    "clip",
+    "clamp",
+    "stapler",
+    "retractor",
+    "trocar",
+    "probe",
+    "suction",
+    "irrigator",
+    "needle",
+    "driver",
+    "shaft",
+    "wrist",
+    "clasper",
+    "sealer",
+    "bipolar",
+    "monopolar",
+    "scalpel",
+];
+
+/// Whether words name an instrument, such as "l-hook electrocautery"; used where nobody said so.
+pub fn names_instrument(words: &str) -> bool {
+    let words = words.split(|c: char| !c.is_alphanumeric()).map(str::to_lowercase);
+    words.into_iter().any(|w| INSTRUMENTS.iter().any(|i| w == *i || w.strip_suffix('s') == Some(i)))
+}
+
 /// Where the labels of one frame are.
 #[derive(Clone, Debug)]
 pub(super) enum LabelFiles {
@@ -177,7 +213,7 @@ fn decode_colours(picture: DynamicImage, classes: &[Class]) -> LabelMap {
 
 #[cfg(test)]
 mod tests {
-    use super::plain_words;
+    use super::{names_instrument, plain_words};
 
     #[test]
     fn class_names_become_plain_words() {
@@ -190,6 +226,18 @@ mod tests {
             ("  fat ", "fat"),
         ] {
             assert_eq!(plain_words(name), words);
+        }
+    }
+
+    #[test]
+    fn instruments_are_known_by_their_names() {
+        for name in
+            ["grasper", "L-hook Electrocautery", "instrument shaft", "clamps", "US probe", "suturing needle"]
+        {
+            assert!(names_instrument(name), "{name}");
+        }
+        for name in ["liver", "gallbladder", "hepatic vein", "black background", "clipped duct", ""] {
+            assert!(!names_instrument(name), "{name}");
         }
     }
 }

@@ -1,15 +1,15 @@
 //! A recorded operation on disk: frames, cameras, depth, masks, labels. Decoded lazily, never modified.
 
 use crate::{
-    Result,
+    Error, Result,
     camera::Camera,
     grid::{Grid, Mask},
 };
 use field_of_view::FieldOfView;
 use image::RgbImage;
-use layout::Recording;
+use layout::{MaskRule, Recording};
 use std::{
-    path::Path,
+    path::{Path, PathBuf},
     sync::{Arc, OnceLock},
 };
 
@@ -31,7 +31,7 @@ mod transforms;
 mod video;
 
 pub use check::check;
-pub use classes::ClassEntry;
+pub use classes::{ClassEntry, names_instrument};
 pub use depth::DepthKind;
 pub use settings::{
     CameraSettings, DepthSettings, FieldOfViewSetting, FrameSettings, Keep, MaskSettings, SETTINGS_FILE,
@@ -212,6 +212,49 @@ impl Sequence {
         let r = self.recording();
         r.frames[i].labels.as_ref().map(|l| l.read(&r.coding, &r.classes, (r.width, r.height))).transpose()
     }
+    /// Where instruments are on frame `i`: by its labels if a class names an instrument, else what its mask file hides inside
+    /// the field of view; `None` where the recording has neither.
+    pub fn instruments(&self, i: usize) -> Result<Option<Mask>> {
+        let ids: Vec<u8> =
+            self.classes().iter().filter(|c| names_instrument(&c.name)).map(|c| c.id).collect();
+        if let Some(labels) = self.labels(i)?.filter(|_| !ids.is_empty()) {
+            return Ok(Some(labels.map(|id| ids.contains(id))));
+        }
+        if matches!(self.recording().mask_rule, MaskRule::DropCode(_)) {
+            return Ok(None);
+        }
+        let Some(mut kept) = self.recording().file_mask(i)? else { return Ok(None) };
+        for (kept, inside) in kept.data.iter_mut().zip(&self.field_of_view().data) {
+            *kept = !*kept && *inside;
+        }
+        Ok(Some(kept))
+    }
+    /// Whether there are mask files whose meaning can be turned round; see [`Self::flip_masks`].
+    pub fn has_mask_files(&self) -> bool {
+        let recording = self.recording();
+        let can_flip = !matches!(recording.mask_rule, MaskRule::DropCode(_));
+        can_flip && recording.frames.iter().any(|f| f.mask.is_some())
+    }
+    /// Turns round which side of the mask files is kept, for whoever opens the recording from now on: writes it into its
+    /// [`SETTINGS_FILE`], which is all that is written. Returns that file.
+    pub fn flip_masks(&self) -> Result<PathBuf> {
+        let keep = match self.recording().mask_rule {
+            MaskRule::KeepWhite if self.has_mask_files() => Keep::Black,
+            MaskRule::KeepBlack if self.has_mask_files() => Keep::White,
+            _ => {
+                return Err(Error::input_at(
+                    self.path(),
+                    "this recording has no mask files to turn round",
+                    "",
+                ));
+            }
+        };
+        let file = self.path().join(SETTINGS_FILE);
+        let mut settings = Settings::read(&file)?;
+        settings.masks.keep = Some(keep);
+        settings.write(self.path())?;
+        Ok(file)
+    }
     /// Whether any frame has labels.
     pub fn has_labels(&self) -> bool {
         self.recording().frames.iter().any(|f| f.labels.is_some())
@@ -235,7 +278,7 @@ impl Sequence {
 }
 
 /// What `check` reports (design §9); the JSON keys are a contract.
-#[derive(Debug, serde::Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Report {
     /// No errors.
     pub ok: bool,

@@ -28,7 +28,7 @@ impl Trainer {
         let (n, dim) = (gaussians.len(), gaussians.latent_dim);
         let mut sums = vec![0.0f32; n * dim];
         let mut weights = vec![0.0f32; n];
-        for i in train_frames(self.sequence.num_frames(), self.settings.eval) {
+        for i in train_frames(self.sequence.num_frames(), self.settings.eval, &self.settings.excluded) {
             let frame = self.cache.get(Some(&prepared), i, false)?;
             let truth = frame.truth(&prepared.latents, self.state.typical_depth);
             if truth.regions.is_empty() {

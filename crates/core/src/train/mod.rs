@@ -231,7 +231,8 @@ impl Trainer {
     /// Every frame once a round.
     fn next_frame(&mut self) -> usize {
         if self.state.queue.is_empty() {
-            self.state.queue = train_frames(self.sequence.num_frames(), self.settings.eval);
+            self.state.queue =
+                train_frames(self.sequence.num_frames(), self.settings.eval, &self.settings.excluded);
             if self.settings.frame_order == FrameOrder::Cyclic {
                 self.state.queue.reverse();
                 return self.state.queue.pop().unwrap_or(0);

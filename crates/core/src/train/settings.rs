@@ -113,6 +113,8 @@ pub struct TrainSettings {
     pub seed: u64,
     /// Hold test frames out.
     pub eval: bool,
+    /// Nothing is learned from frames of these ranges, both ends included; e.g. what is seen outside of the body.
+    pub excluded: Vec<(usize, usize)>,
     /// The order of the frames.
     pub frame_order: FrameOrder,
     /// Supervised pixels per initial Gaussian.
@@ -174,6 +176,7 @@ impl Default for TrainSettings {
             iterations: 3000,
             seed: 0,
             eval: false,
+            excluded: Vec::new(),
             frame_order: FrameOrder::Random,
             px_per_gaussian: 10.0,
             initial_opacity: 0.6,

@@ -46,7 +46,14 @@ impl State {
         prepared: Option<&Prepared>,
         settings: &TrainSettings,
     ) -> Result<Self> {
-        let seen = train_frames(sequence.num_frames(), settings.eval && !settings.seed_test_frames);
+        let seen = train_frames(
+            sequence.num_frames(),
+            settings.eval && !settings.seed_test_frames,
+            &settings.excluded,
+        );
+        if seen.is_empty() {
+            return Err(Error::input("every frame is excluded", "Take some of them back in."));
+        }
         let latent_dim = prepared.map_or(0, |p| p.codec.latent_dim());
         let (gaussians, typical_depth) = initial_gaussians(sequence, &seen, latent_dim, settings)?;
         let num_bases = settings.num_bases(sequence.num_frames());
@@ -111,8 +118,9 @@ fn budget(first: usize, settings: &TrainSettings) -> usize {
 }
 
 /// Frames that training may see.
-pub(super) fn train_frames(num_frames: usize, eval: bool) -> Vec<usize> {
-    (0..num_frames).filter(|&i| !(eval && Sequence::is_test_frame(i))).collect()
+pub(super) fn train_frames(num_frames: usize, eval: bool, excluded: &[(usize, usize)]) -> Vec<usize> {
+    let is_excluded = |i: usize| excluded.iter().any(|(from, to)| (*from..=*to).contains(&i));
+    (0..num_frames).filter(|&i| !(is_excluded(i) || eval && Sequence::is_test_frame(i))).collect()
 }
 
 /// At most `count` of `frames`, evenly spread, the middle one first.

@@ -6,7 +6,7 @@ use surgtpgs_core::{
     camera::Camera,
     deform::{Deformation, Deformed},
     gaussian::Gaussians,
-    overlay::OverlayStyle,
+    overlay::OverlayLook,
     raster::{
         FRUSTUM_GUARD, TILE,
         project::{Sampling, Splat},
@@ -174,14 +174,14 @@ shader_struct! {
         size: [u32; 2],
         /// Prompts to draw.
         num_prompts: u32,
-        /// [`OverlayStyle`] as a number.
+        /// [`surgtpgs_core::overlay::OverlayStyle`] as a number.
         style: u32,
         /// Of fills and heatmaps, 0–1.
         opacity: f32,
+        /// Of contours and their halos, 0–1.
+        outline_opacity: f32,
         /// To a multiple of 16 bytes.
-        padding: u32,
-        /// To a multiple of 16 bytes.
-        padding_2: [u32; 2],
+        padding: [u32; 2],
     }
 }
 
@@ -397,8 +397,10 @@ impl Deform {
 
 impl Overlay {
     /// For a frame of `size` with so many prompts.
-    pub fn new(size: [u32; 2], num_prompts: usize, style: OverlayStyle, opacity: f32) -> Self {
-        Self { size, num_prompts: num_prompts as u32, style: style as u32, opacity, ..Default::default() }
+    pub fn new(size: [u32; 2], num_prompts: usize, look: OverlayLook) -> Self {
+        let OverlayLook { style, opacity, outline_opacity, .. } = look;
+        let num_prompts = num_prompts as u32;
+        Self { size, num_prompts, style: style as u32, opacity, outline_opacity, ..Default::default() }
     }
 }
 

@@ -36,7 +36,7 @@ use surgtpgs_core::{
     camera::Camera,
     deform::{Deformation, Deformed},
     gaussian::Gaussians,
-    overlay::{OverlayPrompt, OverlayStyle},
+    overlay::{OverlayLook, OverlayPrompt},
     raster::{Images, bin::Bins, project::Splat},
 };
 
@@ -177,10 +177,9 @@ impl Passes {
         &self,
         frame: &RgbImage,
         prompts: &[OverlayPrompt<'_>],
-        style: OverlayStyle,
-        opacity: f32,
+        look: OverlayLook,
     ) -> Result<RgbImage> {
-        self.gpu.guarded(|| self.overlay.draw(&self.gpu, frame, prompts, style, opacity))
+        self.gpu.guarded(|| self.overlay.draw(&self.gpu, frame, prompts, look))
     }
 }
 

@@ -11,7 +11,7 @@ use crate::{
 use image::RgbImage;
 use surgtpgs_core::{
     Result,
-    overlay::{OverlayPrompt, OverlayStyle},
+    overlay::{OverlayLook, OverlayPrompt},
 };
 
 #[derive(Debug)]
@@ -44,8 +44,7 @@ impl OverlayPass {
         gpu: &Gpu,
         frame: &RgbImage,
         prompts: &[OverlayPrompt<'_>],
-        style: OverlayStyle,
-        opacity: f32,
+        look: OverlayLook,
     ) -> Result<RgbImage> {
         let size = [frame.width(), frame.height()];
         let num_pixels = size[0] * size[1];
@@ -59,7 +58,7 @@ impl OverlayPass {
             .map(|p| PromptRow::from(&Mark { threshold: p.threshold, colour: p.colour }))
             .collect();
         let scores: Vec<f32> = prompts.iter().flat_map(|p| p.scores.data.iter().copied()).collect();
-        let params = Overlay::new(size, prompts.len(), style, opacity);
+        let params = Overlay::new(size, prompts.len(), look);
         let rows = DeviceVec::from_slice(gpu, "prompts", &rows)?;
         let scores = DeviceVec::from_slice(gpu, "scores", &scores)?;
         let pixels = DeviceVec::from_slice(gpu, "pixels", &to_pixels(frame))?;

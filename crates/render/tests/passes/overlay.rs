@@ -4,7 +4,7 @@ use crate::{compare, fixture::gpu};
 use image::{Rgb, RgbImage};
 use surgtpgs_core::{
     grid::Grid,
-    overlay::{OverlayPrompt, OverlayStyle, overlay},
+    overlay::{OverlayLook, OverlayPrompt, OverlayStyle, overlay},
 };
 use surgtpgs_render::passes::Passes;
 
@@ -40,8 +40,9 @@ fn overlays_equal_those_of_the_cpu() {
         ];
         for style in [OverlayStyle::Outline, OverlayStyle::Fill, OverlayStyle::Heatmap] {
             for drawn in [&prompts[..], &prompts[..1], &[]] {
-                let expected = overlay(&frame, drawn, style, 0.35);
-                compare::pictures(&passes.overlay(&frame, drawn, style, 0.35).unwrap(), &expected).unwrap();
+                let look = OverlayLook { style, outline_opacity: 0.7, ..Default::default() };
+                let expected = overlay(&frame, drawn, look);
+                compare::pictures(&passes.overlay(&frame, drawn, look).unwrap(), &expected).unwrap();
             }
         }
     }
@@ -52,5 +53,5 @@ fn an_empty_frame_stays_empty() {
     let Some(gpu) = gpu() else { return };
     let passes = Passes::new(&gpu).unwrap();
     let nothing = RgbImage::new(0, 7);
-    assert_eq!(passes.overlay(&nothing, &[], OverlayStyle::Fill, 1.0).unwrap(), nothing);
+    assert_eq!(passes.overlay(&nothing, &[], OverlayLook::default()).unwrap(), nothing);
 }

@@ -9,7 +9,7 @@ use image::{Rgb, RgbImage};
 use surgtpgs_core::{
     camera::Camera,
     grid::{Grid, Mask},
-    overlay::{OverlayPrompt, OverlayStyle, overlay},
+    overlay::{OverlayLook, OverlayPrompt, OverlayStyle, overlay},
     raster::{CpuRenderer, FrameClock, FramePass, Images, MIN_DEPTH_ALPHA, Renderer},
     relevancy::{Exact, Lattice, Query, Relevancy, RelevancySettings},
     scene::Scene,
@@ -61,7 +61,7 @@ impl Stage {
             lattice: &mut self.lattice,
             queries: &self.queries,
             settings: &self.settings,
-            marking: Some(Marking { marks: &MARKS, style, opacity: 0.35, base }),
+            marking: Some(Marking { marks: &MARKS, look: look(style), base }),
         };
         self.renderer.show(&frame, field_of_view, Some(asked), wanted, &mut FrameClock::default()).unwrap()
     }
@@ -84,11 +84,15 @@ fn disc() -> Mask {
     Grid::from_vec(40, 30, (0..1200).map(is_inside).collect())
 }
 
+fn look(style: OverlayStyle) -> OverlayLook {
+    OverlayLook { style, ..Default::default() }
+}
+
 fn drawn(frame: &RgbImage, scores: &[Grid<f32>], style: OverlayStyle) -> RgbImage {
     let prompt =
         |(scores, mark): (_, &Mark)| OverlayPrompt { scores, threshold: mark.threshold, colour: mark.colour };
     let prompts: Vec<OverlayPrompt<'_>> = scores.iter().zip(&MARKS).map(prompt).collect();
-    overlay(frame, &prompts, style, 0.35)
+    overlay(frame, &prompts, look(style))
 }
 
 #[test]

@@ -23,7 +23,7 @@ use surgtpgs_core::{
     deform::{Deformed, deform_by},
     files::write_whole,
     grid::Grid,
-    overlay::{OverlayPrompt, OverlayStyle, overlay},
+    overlay::{OverlayLook, OverlayPrompt, overlay},
     raster::{CpuRenderer, FEATURE_PLANE, FrameClock, FramePass, Images, Renderer},
     relevancy::{Exact, Folded, Lattice, Query, Relevancy, RelevancySettings},
     scene::Scene,
@@ -422,7 +422,7 @@ fn drawing(images: &[Images], scores: &[Grid<f32>]) -> Outcome {
         .map(|(frame, scores)| {
             let started = Instant::now();
             let prompt = OverlayPrompt { scores, threshold: 0.4, colour: [0, 200, 80] };
-            std::hint::black_box(overlay(frame, &[prompt], OverlayStyle::Outline, 1.0));
+            std::hint::black_box(overlay(frame, &[prompt], OverlayLook::default()));
             started.elapsed().as_secs_f64() * 1e3
         })
         .collect();

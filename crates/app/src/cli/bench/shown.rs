@@ -3,7 +3,7 @@
 use super::frame::{Outcome, ROUNDS, outcome, time};
 use crate::engine::{Ask, Engine, View};
 use std::collections::BTreeMap;
-use surgtpgs_core::{Result, camera::Camera, overlay::OverlayStyle};
+use surgtpgs_core::{Result, camera::Camera, overlay::OverlayLook};
 use surgtpgs_render::{Mark, Marking, Wanted};
 
 /// The engine's prompts over every frame, with what comes back; on a GPU each pass by itself, too.
@@ -12,7 +12,7 @@ pub(super) fn rows(engine: &mut Engine, cameras: &[(f32, Camera)]) -> Result<Vec
     let words: Vec<String> = engine.queries().iter().take(1).map(|q| q.prompt.clone()).collect();
     engine.set_prompts(&words)?;
     let marks = [Mark { threshold: engine.settings().threshold, colour: [0, 200, 80] }];
-    let marking = Marking { marks: &marks, style: OverlayStyle::Outline, opacity: 1.0, base: None };
+    let marking = Marking { marks: &marks, look: OverlayLook::default(), base: None };
     let views: Vec<View> =
         cameras.iter().map(|&(time, camera)| View { time, camera, recorded: true }).collect();
     let ask = Ask::Now(Some(marking));

@@ -78,7 +78,7 @@ fn measure(material: &Material, row: &Row, args: &BenchTrainArgs) -> Result<Outc
         row.settings.clone(),
         Backend::Cpu,
         &mut |p| view.show(p),
-        &mut |trainer| {
+        &mut |trainer, _| {
             let per_step = 1e3 / trainer.steps_done().max(1) as f64;
             pass_ms = Pass::ALL.iter().map(|p| trainer.clock().seconds(*p) * per_step).collect();
         },

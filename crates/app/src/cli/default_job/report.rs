@@ -12,7 +12,7 @@ use surgtpgs_core::{
     Error, Result,
     export::intended_use,
     files::write_whole,
-    overlay::{OverlayPrompt, OverlayStyle, overlay},
+    overlay::{OverlayLook, OverlayPrompt, OverlayStyle, overlay},
     sequence::Sequence,
 };
 
@@ -178,7 +178,8 @@ fn figure_of_answers(engine: &mut Engine, answers: &query::Report) -> Result<Opt
         let colour = PROMPT_COLOURS[k % PROMPT_COLOURS.len()];
         let drawn: Vec<OverlayPrompt<'_>> =
             scores.iter().map(|scores| OverlayPrompt { scores, threshold, colour }).collect();
-        pictures.push(overlay(&picture, &drawn, OverlayStyle::Fill, 0.45));
+        let look = OverlayLook { style: OverlayStyle::Fill, opacity: 0.45, ..Default::default() };
+        pictures.push(overlay(&picture, &drawn, look));
     }
     let rows: Vec<RgbImage> = pictures.chunks(3).map(side_by_side).collect();
     Ok((!rows.is_empty()).then(|| stacked(&rows)))

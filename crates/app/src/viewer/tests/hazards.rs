@@ -2,7 +2,6 @@
 //! tests of their own beside their parts.)
 
 use super::*;
-use crate::viewer::obey::EXPORT_NEEDS_STANDARD;
 
 #[test]
 fn left_is_left_and_up_is_up() {
@@ -49,7 +48,7 @@ fn the_picture_names_what_was_applied_not_what_is_being_typed() {
 }
 
 #[test]
-fn a_prompt_says_what_it_is_compared_with_and_exports_what_is_seen() {
+fn a_prompt_says_what_it_is_compared_with_and_is_exported_so() {
     let mut window = Window::on(scene());
     window.add_prompt("gallbladder");
     window.press(Key::N);
@@ -68,20 +67,19 @@ fn a_prompt_says_what_it_is_compared_with_and_exports_what_is_seen() {
     window.until_picture(|p| {
         !p.findings.is_empty() && p.request.prompts[0].question.negatives.phrases == phrases
     });
+    let id = window.harness.state().document.prompts()[0].id;
+    window.harness.state_mut().document.set_but_not(id, &["fat".to_owned()]);
     window.press_with(Modifiers::COMMAND, Key::E);
     window.harness.step();
-    assert!(window.harness.state().export.is_none());
-    assert_eq!(window.harness.state().problem.as_deref(), Some(EXPORT_NEEDS_STANDARD));
-    assert!(window.shows("the files would differ from what you see"));
-    window.press(Key::Escape);
-    window.press(Key::N);
-    window.harness.step();
-    window.click("Standard phrases");
-    window.harness.step();
-    window.harness.step();
-    window.click("Close");
-    window.press_with(Modifiers::COMMAND, Key::E);
-    assert!(window.harness.state().export.is_some());
+    window.click("Start export");
+    let backend = window.backend.clone();
+    window.until(|_| !backend.exported.lock().unwrap().is_empty());
+    let exported = backend.exported.lock().unwrap();
+    assert_eq!(exported[0].negatives.phrases, phrases);
+    assert_eq!(
+        exported[0].prompts[0].question.negatives.phrases,
+        ["object", "things", "stuff", "smoke", "fat"]
+    );
 }
 
 #[test]

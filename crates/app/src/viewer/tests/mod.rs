@@ -2,8 +2,10 @@
 //! a grey of level i, and "gallbladder" is the left part of every picture, "nothing" nowhere.
 
 mod hazards;
+mod looks;
 mod over_time;
 mod pointing;
+mod reconstructing;
 mod sessions;
 
 use super::{
@@ -14,8 +16,12 @@ use super::{
     pipeline::Picture,
     preferences::Preferences,
     prompts::{ENCODING, NO_FEATURES, NOTHING},
-    source::{Backend, Demo, ExportRequest, ExportSummary, FrameSource, Info, Rendering, TrainRequest, View},
+    source::{
+        Backend, Checked, Demo, ExportRequest, ExportSummary, FrameSource, Info, Rendering, TrainRequest,
+        View,
+    },
 };
+use crate::engine::{Question, Sample};
 use egui::{Key, Modifiers, Role, accesskit::Toggled};
 use egui_kittest::{
     Harness,
@@ -26,7 +32,13 @@ use std::{
     path::{Path, PathBuf},
     sync::{Arc, Mutex, mpsc},
 };
-use surgtpgs_core::{Error, Result, export::intended_use, grid::Grid};
+use surgtpgs_core::{
+    Error, Result,
+    export::intended_use,
+    grid::{Grid, Mask},
+    sequence::Report,
+    train::LossTerms,
+};
 
 const SIZE: (u32, u32) = (32, 24);
 const FRAMES: usize = 48;
@@ -44,20 +56,42 @@ impl FrameSource for Fake {
     fn original(&mut self, frame: usize) -> Result<RgbImage> {
         Ok(RgbImage::from_pixel(SIZE.0, SIZE.1, Rgb([frame as u8, 0, 0])))
     }
+    fn instruments(&mut self, _: usize) -> Result<Option<Mask>> {
+        let is_upper = |i: u32| i / SIZE.0 < SIZE.1 / 2;
+        let mask =
+            || Grid::from_vec(SIZE.0 as usize, SIZE.1 as usize, (0..SIZE.0 * SIZE.1).map(is_upper).collect());
+        Ok((self.info.name == "with tools").then(mask))
+    }
     fn render(&mut self, view: &View, _: bool) -> Result<Rendering> {
         Ok(Rendering {
             colour: RgbImage::from_pixel(SIZE.0, SIZE.1, Rgb([view.frame as u8; 3])),
             depth: Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 50.0),
+            // To the right of the middle, from elsewhere.
+            unseen: (!view.orbit.is_home()).then(|| {
+                let is_right = (0..SIZE.0 * SIZE.1).map(|i| i % SIZE.0 >= SIZE.0 / 2).collect();
+                Grid::from_vec(SIZE.0 as usize, SIZE.1 as usize, is_right)
+            }),
         })
+    }
+    fn sample(&mut self, view: &View, point: [f32; 2]) -> Result<Option<Sample>> {
+        let sample = serde_json::json!({ "embedding": [point[0], view.frame], "encoder_sha256": "" });
+        Ok(serde_json::from_value(sample).ok().filter(|_| point[1] < 0.9))
     }
     fn prepares_ahead(&self) -> bool {
         self.gate.is_none()
     }
-    fn scores(&mut self, view: &View, prompts: &[&str]) -> Vec<Result<Grid<f32>>> {
+    fn motion(&mut self, view: &View) -> Result<(Grid<f32>, String)> {
+        let travel = (0..SIZE.0 * SIZE.1).map(|i| (i % SIZE.0) as f32 + view.frame as f32).collect();
+        Ok((Grid::from_vec(SIZE.0 as usize, SIZE.1 as usize, travel), "3 of 5 Gaussians move".into()))
+    }
+    fn opacity(&mut self, _: &View) -> Result<Grid<f32>> {
+        Ok(Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 1.0))
+    }
+    fn scores(&mut self, view: &View, questions: &[Question]) -> Vec<Result<Grid<f32>>> {
         if let Some(gate) = &self.gate {
             let _ = gate.recv();
         }
-        let score = |prompt: &&str| match *prompt {
+        let score = |question: &Question| match question.text.as_str() {
             "broken" => Err(Error::input("the encoder cannot read this", "Use other words.")),
             "nothing" => Ok(Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 0.2)),
             "polyp" => {
@@ -72,7 +106,7 @@ impl FrameSource for Fake {
                 Ok(Grid::from_vec(SIZE.0 as usize, SIZE.1 as usize, data))
             }
         };
-        prompts.iter().map(score).collect()
+        questions.iter().map(score).collect()
     }
 }
 
@@ -82,6 +116,8 @@ struct FakeBackend {
     gate: Mutex<Option<mpsc::Receiver<()>>>,
     exported: Mutex<Vec<ExportRequest>>,
     trained: Mutex<Vec<TrainRequest>>,
+    available_bytes: Mutex<Option<u64>>,
+    checked: Mutex<Checked>,
 }
 
 impl Backend for FakeBackend {
@@ -98,9 +134,22 @@ impl Backend for FakeBackend {
         };
         Ok(Box::new(Fake { info, gate: self.gate.lock().unwrap().take() }))
     }
+    fn check(&self, _: &Path, job: &JobContext) -> Result<Checked> {
+        job.progress("checking", 48, 48, String::new());
+        Ok(self.checked.lock().unwrap().clone())
+    }
+    fn flip_masks(&self, path: &Path) -> Result<PathBuf> {
+        let mut checked = self.checked.lock().unwrap();
+        *checked = Checked { report: Report { ok: true, ..Report::default() }, can_flip: true };
+        Ok(path.join("sequence.toml"))
+    }
     fn demo(&self, folder: &Path, _: &JobContext) -> Result<Demo> {
-        let request =
-            TrainRequest { recording: folder.to_owned(), scene: folder.join("scene"), iterations: 100 };
+        let request = TrainRequest {
+            recording: folder.to_owned(),
+            scene: folder.join("scene"),
+            iterations: 100,
+            excluded: Vec::new(),
+        };
         Ok(Demo { path: folder.to_owned(), train: Some(request) })
     }
     fn export(&self, request: &ExportRequest, job: &JobContext) -> Result<ExportSummary> {
@@ -108,6 +157,9 @@ impl Backend for FakeBackend {
         self.exported.lock().unwrap().push(request.clone());
         let folder = request.folder.clone();
         Ok(ExportSummary { is_complete: true, num_files: request.num_files(), folder })
+    }
+    fn available_bytes(&self) -> Option<u64> {
+        *self.available_bytes.lock().unwrap()
     }
     fn reconstruct(&self, request: &TrainRequest, job: &JobContext) -> Result<PathBuf> {
         job.progress("Learning", 10, request.iterations, "100 Gaussians".into());
@@ -117,6 +169,7 @@ impl Backend for FakeBackend {
         while !job.is_cancelled() {
             job.rest_while_paused();
             step += 1;
+            job.step(step, LossTerms { colour: 1.0 / step as f32, depth: 0.01, ..Default::default() });
             job.progress("Learning", step.min(request.iterations - 1), request.iterations, String::new());
             std::thread::sleep(std::time::Duration::from_millis(1));
         }
@@ -156,7 +209,9 @@ impl Window {
     }
 
     fn gated(info: Info, gate: Option<mpsc::Receiver<()>>) -> Self {
-        let backend = Arc::new(FakeBackend { info, gate: Mutex::new(gate), ..Default::default() });
+        let sound = Checked { report: Report { ok: true, ..Report::default() }, can_flip: false };
+        let checked = Mutex::new(sound);
+        let backend = Arc::new(FakeBackend { info, gate: Mutex::new(gate), checked, ..Default::default() });
         let mut window = Self::with(backend);
         window.harness.state_mut().preferences.is_acknowledged = true;
         let ctx = window.harness.ctx.clone();
@@ -549,6 +604,38 @@ fn the_shortcut_sheet_lists_the_command_table() {
     window.press(Key::Escape);
     window.harness.step();
     assert!(window.harness.state().sheet.is_none());
+}
+
+#[test]
+fn keys_can_be_chosen_and_the_sheet_shows_them() {
+    let mut window = Window::on(scene());
+    window.press(Key::F1);
+    // The sheet finds its size.
+    (0..4).for_each(|_| window.harness.step());
+    window.click("Key of Play or pause");
+    assert!(window.shows("Press the new key for \"Play or pause\""));
+    window.press(Key::V);
+    window.harness.step();
+    assert!(window.harness.state().sheet.is_some() && !window.harness.state().document.is_hidden);
+    assert_eq!(window.harness.state().preferences.keys["PlayPause"], "V");
+    window.click("Key of Hide all overlays");
+    window.press(Key::Escape);
+    window.harness.step();
+    assert!(window.harness.state().sheet.is_some() && window.harness.state().choosing_key.is_none());
+    window.click("Close");
+    window.press(Key::V);
+    let app = window.harness.state();
+    assert!(app.playback.is_playing() && !app.document.is_hidden, "the key is the other command's now");
+    window.press(Key::Space);
+    assert!(window.harness.state().playback.is_playing());
+    window.press(Key::F1);
+    (0..4).for_each(|_| window.harness.step());
+    window.click("All keys as delivered");
+    window.click("Close");
+    window.press(Key::Space);
+    assert!(!window.harness.state().playback.is_playing());
+    window.press(Key::V);
+    assert!(window.harness.state().document.is_hidden);
 }
 
 #[test]

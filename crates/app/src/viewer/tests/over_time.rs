@@ -126,3 +126,49 @@ fn every_key_of_the_map_is_a_command() {
     }
     assert!(find(Key::Tab, none).is_none(), "Tab moves the focus");
 }
+
+#[test]
+fn excluded_frames_are_not_shown_not_exported_and_not_learned_from() {
+    let mut window = Window::on(scene());
+    window.add_prompt("gallbladder");
+    window.until_picture(|p| !p.findings.is_empty());
+    window.press(Key::I);
+    window.press(Key::ArrowRight);
+    window.press_with(Modifiers::SHIFT, Key::I);
+    window.press(Key::E);
+    window.until_picture(|p| p.request.view.frame == 1);
+    assert_eq!(window.harness.state().document.excluded(), [(0, 1)]);
+    assert!(window.shows("This frame is left out of everything"));
+    assert_eq!(window.harness.state().panes.0.len(), 0, "nothing of it is seen");
+    window.press_with(Modifiers::ALT, Key::I);
+    window.press(Key::Space);
+    window.harness.step();
+    assert!(window.frame() >= 2, "playing goes on behind it");
+    window.press(Key::Space);
+    window.until_picture(|p| p.request.view.frame >= 2);
+    assert!(!window.shows("This frame is left out of everything"));
+    window.press_with(Modifiers::COMMAND, Key::E);
+    window.harness.step();
+    // 46 overlays, 46 masks
+    assert!(window.shows("92 files will be written"));
+    window.click("Start export");
+    let backend = window.backend.clone();
+    window.until(|_| !backend.exported.lock().unwrap().is_empty());
+    assert_eq!(backend.exported.lock().unwrap()[0].frames(), (2..FRAMES).collect::<Vec<_>>());
+    let session = window.harness.state().session().unwrap();
+    assert!(serde_json::to_string(&session).unwrap().contains("\"excluded\":[[0,1]]"));
+}
+
+#[test]
+fn nothing_is_learned_from_excluded_frames() {
+    let recording = Info { has_reconstruction: false, has_features: false, has_labels: true, ..scene() };
+    let mut window = Window::on(recording);
+    window.press(Key::E);
+    window.click("Reconstruct…");
+    window.click("Start");
+    // The button moves while the panel grows.
+    window.until(|app| app.training.is_some());
+    window.harness.state().training.as_ref().unwrap().job.cancel();
+    window.until(|app| app.training.is_none());
+    assert_eq!(window.backend.trained.lock().unwrap()[0].excluded, [(0, 0)]);
+}

@@ -68,6 +68,41 @@ fn a_click_says_what_a_point_is_most_like_and_offers_to_look_for_it() {
 }
 
 #[test]
+fn a_point_becomes_a_prompt_without_words_and_what_a_prompt_is_not() {
+    let mut window = Window::on(scene());
+    window.add_prompt("gallbladder");
+    window.until_picture(|p| !p.findings.is_empty());
+    click_at(&mut window, [0.76, 0.52]);
+    window.until_picture(|p| p.sample.is_some());
+    window.click("Not \"gallbladder\"");
+    window.until_picture(|p| p.request.prompts[0].question.negatives.samples.len() == 1);
+    let prompt = window.harness.state().document.prompts()[0].clone();
+    assert_eq!(prompt.not_like[0].name, "what is at frame 1, x 24, y 12");
+    assert_eq!(window.harness.state().document.undo_name(), Some("what \"gallbladder\" is not"));
+    window.click("More like this");
+    window.until_picture(|p| p.findings.len() == 2);
+    let picture = window.harness.state().picture().unwrap();
+    let asked = &picture.request.prompts[1].question;
+    assert_eq!((asked.text.as_str(), &asked.like), ("like frame 1, x 24, y 12", &picture.sample));
+    // It is the user's work: it comes back with the session.
+    let session = window.harness.state().session().unwrap();
+    let told = serde_json::to_string(&session).unwrap();
+    let read: crate::viewer::session::Session = serde_json::from_str(&told).unwrap();
+    assert!(read.content.is_alike(&session.content) && told.contains("embedding"));
+    window.click("More about gallbladder");
+    window.click("Remove what is at frame 1, x 24, y 12");
+    assert!(window.harness.state().document.prompts()[0].not_like.is_empty());
+}
+
+#[test]
+fn where_nothing_was_reconstructed_there_is_nothing_to_look_for() {
+    let mut window = Window::on(scene());
+    click_at(&mut window, [0.5, 0.95]);
+    window.until_picture(|p| p.candidates.len() == 2);
+    assert!(window.shows("This point") && !window.shows("More like this"));
+}
+
+#[test]
 fn asking_a_point_draws_nothing_over_the_picture() {
     let mut window = Window::on(scene());
     click_at(&mut window, [0.1, 0.5]);
@@ -110,6 +145,28 @@ fn where_there_is_no_depth_a_length_is_in_pixels() {
     assert!(window.shows("Pixels only"));
     window.click("Put away");
     assert!(window.harness.state().ruler.is_none());
+}
+
+#[test]
+fn a_typed_scale_gives_millimetres_in_the_picture_and_says_so() {
+    let mut window = Window::on(Info { has_reconstruction: false, has_features: false, ..measurable() });
+    window.press(Key::U);
+    window.harness.step();
+    drag(&mut window, [0.25, 0.5], [0.75, 0.5]);
+    assert!(!window.shows(" mm"));
+    window.harness.get_by_label("Pixels in a millimetre").focus();
+    window.harness.step();
+    window.harness.get_by_label("Pixels in a millimetre").type_text("4");
+    window.harness.step();
+    window.click("Set");
+    assert!(window.shows("16.0 px  ·  4.0 ± 0.2 mm"));
+    assert!(
+        window.shows("4 pixels in a millimetre, as typed")
+            && window.shows("as if everything lay at one distance")
+    );
+    window.press_with(Modifiers::COMMAND, Key::Z);
+    window.harness.step();
+    assert!(!window.shows(" mm"));
 }
 
 #[test]

@@ -238,5 +238,5 @@ fn comparing_in_turns_and_by_difference() {
     window.press(Key::ArrowRight);
     window.until_picture(|p| p.difference.as_ref().is_some_and(|d| d.psnr_db.is_some()));
     window.press_with(Modifiers::SHIFT, Key::D);
-    window.until_picture(|p| p.depth.is_some() && p.reconstruction.is_some());
+    window.until_picture(|p| p.layer.is_some() && p.reconstruction.is_some());
 }

@@ -35,7 +35,7 @@ fn export(folder: &Path, how: &Provenance, stop_after: usize) -> ExportSummary {
     let mut export = Export::begin(folder, (0..FRAMES).collect(), how.clone(), false).unwrap();
     for _ in 0..stop_after {
         let Some(frame) = export.next_frame() else { break };
-        export.write(&picture(), &scores(frame)).unwrap();
+        export.write(&picture(), &scores(frame), None).unwrap();
     }
     export.finish().unwrap()
 }
@@ -189,7 +189,7 @@ fn odd_sizes_are_filled_up_in_videos() {
     let mut export = Export::begin(folder.path(), vec![0], how, false).unwrap();
     let odd = Grid::filled(33, 21, 0.2);
     let grey = image::RgbImage::from_pixel(33, 21, image::Rgb([120; 3]));
-    export.write(&grey, &[odd.clone(), odd]).unwrap();
+    export.write(&grey, &[odd.clone(), odd], None).unwrap();
     export.finish().unwrap();
     let video = Sequence::open(&folder.path().join("video/frames_000000-000000.mp4")).unwrap();
     assert_eq!((video.width(), video.height()), (34, 22));
@@ -216,7 +216,7 @@ fn fast_and_long_gifs_leave_frames_out_and_keep_the_time() {
     how.frames_per_second = Some(120.0);
     let mut export = Export::begin(folder.path(), (0..10).collect(), how, false).unwrap();
     while let Some(frame) = export.next_frame() {
-        export.write(&picture(), &scores(frame)).unwrap();
+        export.write(&picture(), &scores(frame), None).unwrap();
     }
     export.finish().unwrap();
     let file = std::fs::File::open(folder.path().join("gif/frames_000000-000009.gif")).unwrap();
@@ -313,9 +313,9 @@ fn gaps_and_changing_sizes_are_refused() {
     let how = provenance(&[Format::Csv], false);
     assert!(Export::begin(folder.path(), vec![0, 2], how.clone(), false).is_err());
     let mut export = Export::begin(folder.path(), vec![0, 1], how, false).unwrap();
-    export.write(&picture(), &scores(0)).unwrap();
+    export.write(&picture(), &scores(0), None).unwrap();
     let small = Grid::filled(4, 4, 0.2);
-    let error = export.write(&image::RgbImage::new(4, 4), &[small.clone(), small]).unwrap_err();
+    let error = export.write(&image::RgbImage::new(4, 4), &[small.clone(), small], None).unwrap_err();
     assert!(error.to_string().contains("those before it were 40×24"), "{error}");
     assert!(!export.finish().unwrap().complete);
 }

@@ -50,9 +50,28 @@ fn masks_that_hide_nearly_everything_are_called_inverted() {
     assert!(any(&found.warnings, "Masks hide 94 %") && any(&found.warnings, "keep = \"white\""), "{found:?}");
     assert!(!found.ok && any(&found.errors, "Nothing of frame 1 is left"), "{found:?}");
     // Advice followed, the warning is gone.
-    std::fs::write(at("sequence.toml"), "[masks]\nkeep = \"white\"\n").unwrap();
+    let sequence = Sequence::open(folder.path()).unwrap();
+    assert_eq!(sequence.flip_masks().unwrap(), at("sequence.toml"));
+    assert_eq!(std::fs::read_to_string(at("sequence.toml")).unwrap(), "[masks]\nkeep = \"white\"\n");
     let found = report(folder.path());
     assert!(found.ok && !any(&found.warnings, "inverted"), "{found:?}");
+}
+
+#[test]
+fn masks_are_flipped_back_and_other_settings_stay() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    write_pictures(&at("images"), &["0.png"]);
+    assert!(Sequence::open(folder.path()).unwrap().flip_masks().is_err(), "there are no masks");
+    write_grey(&at("masks/0.png"), 2, 255);
+    std::fs::write(at("sequence.toml"), "[time]\nframes_per_second = 25.0\n").unwrap();
+    let kept = || Sequence::open(folder.path()).unwrap().mask(0).unwrap().count();
+    let before = kept();
+    Sequence::open(folder.path()).unwrap().flip_masks().unwrap();
+    assert_eq!(kept(), 48 - before);
+    Sequence::open(folder.path()).unwrap().flip_masks().unwrap();
+    let sequence = Sequence::open(folder.path()).unwrap();
+    assert_eq!((kept(), sequence.frames_per_second()), (before, Some(25.0)));
 }
 
 #[test]

@@ -1,0 +1,144 @@
+//! `surgtpgs export`.
+
+use super::{FrameRange, PromptArgs, RelevancyArgs, SceneArgs, frame_range, unit_number};
+use clap::{
+    Args, ValueEnum,
+    builder::{PossibleValue, PossibleValuesParser, TypedValueParser},
+};
+use std::path::PathBuf;
+use surgtpgs_core::{
+    export::{Format, Source},
+    mask::CleanUp,
+    overlay::OverlayStyle,
+};
+
+/// `surgtpgs export`
+#[derive(Debug, Args)]
+pub struct ExportArgs {
+    /// The scene
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// What to look for
+    #[command(flatten)]
+    pub prompts: PromptArgs,
+    /// Folder to write
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
+    /// Files to write
+    #[arg(long, value_parser = format_parser(), value_delimiter = ',', default_value = "cutout,overlay")]
+    pub format: Vec<Format>,
+    /// Frames, e.g. 12 or 10..20 (the end is not included)
+    #[arg(long, value_name = "A..B", value_parser = frame_range)]
+    pub frames: Option<FrameRange>,
+    /// Pictures to mask
+    #[arg(long, value_enum, default_value_t = SourceArg::Original)]
+    pub source: SourceArg,
+    /// Where the recording is, if it is not where it was when training
+    #[arg(long, value_name = "SEQ")]
+    pub sequence: Option<PathBuf>,
+    /// Give a pixel to the best prompt only
+    #[arg(long, conflicts_with = "overlapping")]
+    pub exclusive: bool,
+    /// Let prompts share pixels (the default)
+    #[arg(long)]
+    pub overlapping: bool,
+    /// How overlays, videos and sheets are drawn
+    #[arg(long, value_enum, default_value_t = StyleArg::Outline)]
+    pub style: StyleArg,
+    /// Opacity of fills and heatmaps in overlays
+    #[arg(long, default_value_t = 0.35, value_parser = unit_number)]
+    pub opacity: f32,
+    /// Opacity of outlines
+    #[arg(long, default_value_t = 1.0, value_parser = unit_number)]
+    pub outline_opacity: f32,
+    /// Draw over instruments as well, not below them
+    #[arg(long)]
+    pub above_instruments: bool,
+    /// What is done to masks
+    #[command(flatten)]
+    pub clean_up: CleanUpArgs,
+    /// Leave the research-use stamp out of overlays, outlines and videos; the record says so
+    #[arg(long)]
+    pub no_stamp: bool,
+    /// Overwrite what is there
+    #[arg(long)]
+    pub force: bool,
+    /// How prompts are answered
+    #[command(flatten)]
+    pub relevancy: RelevancyArgs,
+    /// Report as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What is done to masks before they are written; nothing unless asked for.
+#[derive(Debug, Args)]
+pub struct CleanUpArgs {
+    /// Smooth scores over time: the mean of the frame with so many before and after
+    #[arg(long, default_value_t = 0, value_name = "FRAMES")]
+    pub smooth: usize,
+    /// Fill holes of masks up to this area
+    #[arg(long, default_value_t = 0, value_name = "PX")]
+    pub fill_holes: usize,
+    /// Leave out parts of masks of a smaller area
+    #[arg(long, default_value_t = 0, value_name = "PX")]
+    pub min_area: usize,
+    /// Move the border of masks outwards, or inwards where negative
+    #[arg(long, default_value_t = 0, value_name = "PX", allow_negative_numbers = true)]
+    pub grow: i32,
+}
+
+impl CleanUpArgs {
+    /// As the library has it.
+    pub fn clean_up(&self) -> CleanUp {
+        let &Self { smooth, fill_holes, min_area, grow } = self;
+        CleanUp { smooth_frames: smooth, fill_holes_px: fill_holes, min_area_px: min_area, grow_px: grow }
+    }
+}
+
+/// Reads the name of a format; the names and their explanations are the formats' own.
+fn format_parser() -> impl TypedValueParser<Value = Format> {
+    let value = |format: Format| PossibleValue::new(format.name()).help(format.about());
+    PossibleValuesParser::new(Format::ALL.map(value)).try_map(|name| {
+        Format::ALL.into_iter().find(|f| f.name() == name).ok_or_else(|| format!("there is no format {name}"))
+    })
+}
+
+/// Pictures that an export masks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum SourceArg {
+    /// The recorded frames
+    Original,
+    /// The frames as the scene renders them
+    Reconstruction,
+}
+
+impl From<SourceArg> for Source {
+    fn from(arg: SourceArg) -> Self {
+        match arg {
+            SourceArg::Original => Self::Original,
+            SourceArg::Reconstruction => Self::Reconstruction,
+        }
+    }
+}
+
+/// How overlays are drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum StyleArg {
+    /// A contour
+    Outline,
+    /// A translucent fill with contour
+    Fill,
+    /// The score as colour, fixed range 0 to 1
+    Heatmap,
+}
+
+impl From<StyleArg> for OverlayStyle {
+    fn from(arg: StyleArg) -> Self {
+        match arg {
+            StyleArg::Outline => Self::Outline,
+            StyleArg::Fill => Self::Fill,
+            StyleArg::Heatmap => Self::Heatmap,
+        }
+    }
+}

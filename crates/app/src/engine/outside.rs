@@ -1,0 +1,41 @@
+//! What the endoscope's field of view leaves out of images.
+
+use std::ops::Range;
+use surgtpgs_core::{grid::Mask, raster::Images};
+
+/// Which pixels of an image of a certain size are outside the field of view.
+#[derive(Default)]
+pub(super) struct Outside {
+    size: (usize, usize),
+    ranges: Vec<Range<usize>>,
+}
+
+impl Outside {
+    /// Runs of pixels; none without a mask. The mask is sampled at the images' size.
+    pub(super) fn ranges(&mut self, images: &Images, field_of_view: &Mask) -> &[Range<usize>] {
+        let size = (images.width, images.height);
+        if self.size != size {
+            self.size = size;
+            self.ranges = outside(size, field_of_view);
+        }
+        &self.ranges
+    }
+}
+
+pub(super) fn outside((width, height): (usize, usize), field_of_view: &Mask) -> Vec<Range<usize>> {
+    let mut ranges: Vec<Range<usize>> = Vec::new();
+    for (i, is_inside) in field_of_view.sampled(width, height).data.into_iter().enumerate() {
+        if is_inside {
+            continue;
+        }
+        match ranges.last_mut() {
+            Some(last) if last.end == i => last.end = i + 1,
+            _ => ranges.push(i..i + 1),
+        }
+    }
+    ranges
+}
+
+pub(super) fn blank(values: &mut [f32], ranges: &[Range<usize>]) {
+    ranges.iter().for_each(|range| values[range.clone()].fill(0.0));
+}

@@ -1,0 +1,104 @@
+//! What a recording holds, and what would make a reconstruction of it wrong: read in the background once it is open.
+
+use super::{
+    app::ViewerApp,
+    jobs::{Job, JobEvent},
+    source::{Backend, Checked},
+    theme,
+    widgets::caption,
+};
+use egui::{Context, Frame, Margin, RichText, ScrollArea, Ui};
+use std::{path::PathBuf, sync::Arc};
+
+/// Height that the report may take; the rest is scrolled to.
+const MAX_HEIGHT: f32 = 330.0;
+
+/// The check of the recording that is open.
+pub(crate) struct ImportCheck {
+    path: PathBuf,
+    job: Job<Checked>,
+    /// What came of it, or why nothing did.
+    outcome: Option<Result<Checked, String>>,
+}
+
+impl ImportCheck {
+    pub(crate) fn start(backend: Arc<dyn Backend>, path: PathBuf, ctx: &Context) -> Self {
+        let at = path.clone();
+        Self { path, job: Job::start("check", ctx, move |job| backend.check(&at, job)), outcome: None }
+    }
+
+    pub(crate) fn poll(&mut self) {
+        if let Some(JobEvent::Done(result)) = self.job.poll() {
+            self.outcome = Some(result.map_err(|e| e.to_string()));
+        }
+    }
+
+    /// Whether a reconstruction would be wrong.
+    pub(crate) fn has_errors(&self) -> bool {
+        matches!(&self.outcome, Some(Ok(checked)) if !checked.report.ok)
+    }
+}
+
+/// The report, for a recording that is not reconstructed.
+pub(crate) fn import_check_ui(ui: &mut Ui, app: &mut ViewerApp) {
+    let is_wanted = app.training.is_none() && app.info().is_some_and(|i| !i.has_reconstruction);
+    let Some(check) = app.import_check.as_ref().filter(|_| is_wanted) else { return };
+    let frame = Frame::new().fill(theme::RAISED).corner_radius(8).inner_margin(Margin::same(12));
+    let flips = frame.show(ui, |ui| {
+        ui.set_width(ui.available_width());
+        match &check.outcome {
+            None => {
+                let progress = &check.job.progress;
+                ui.label(caption(format!(
+                    "Checking the recording: {} of {} frames",
+                    progress.done, progress.total
+                )));
+                false
+            }
+            Some(Err(problem)) => {
+                ui.label(RichText::new(problem).font(theme::small()).color(theme::ERROR));
+                false
+            }
+            Some(Ok(checked)) => report_ui(ui, checked),
+        }
+    });
+    ui.add_space(10.0);
+    if flips.inner {
+        let flipped = app.backend.flip_masks(&check.path);
+        let path = check.path.clone();
+        if app.settle(flipped).is_some() {
+            app.open_path(&path, &ui.ctx().clone());
+        }
+    }
+}
+
+/// Returns whether the masks are to be turned round.
+fn report_ui(ui: &mut Ui, checked: &Checked) -> bool {
+    let report = &checked.report;
+    let (verdict, colour) = match (report.ok, report.warnings.len()) {
+        (false, _) => ("A reconstruction would be wrong", theme::ERROR),
+        (true, 0) => ("This recording can be reconstructed", theme::TEXT),
+        (true, _) => ("It can be reconstructed; please read", theme::AMBER),
+    };
+    ui.label(RichText::new(verdict).strong().color(colour));
+    ScrollArea::vertical().max_height(MAX_HEIGHT).show(ui, |ui| {
+        for (texts, colour) in [(&report.errors, theme::ERROR), (&report.warnings, theme::AMBER)] {
+            for text in texts {
+                ui.label(RichText::new(text).font(theme::small()).color(colour));
+            }
+        }
+        let size = format!("{} of {} × {} px", report.frames, report.width, report.height);
+        for (name, text) in [
+            ("Frames", &size),
+            ("Camera", &report.camera),
+            ("Depth", &report.depth),
+            ("Masks", &report.masks),
+            ("Labels", &report.labels),
+        ] {
+            ui.label(caption(format!("{name}: {text}")));
+        }
+    });
+    let tip = "What the masks hide is kept, and what they keep is hidden, from now on. This is written into sequence.toml in \
+               the recording's folder, which is all that is written; once more turns it back.";
+    checked.can_flip && ui.button("Flip the masks").on_hover_text(tip).clicked()
+}

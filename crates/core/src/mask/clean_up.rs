@@ -1,0 +1,169 @@
+//! The clean-up that a person asks for; the window and the exports do the same.
+
+use super::{Bits, Mask, fill_holes, remove_small, threshold};
+use crate::grid::Grid;
+use std::borrow::Cow;
+
+/// What is done to what a prompt found, in the order of the fields; the default does nothing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[serde(default)]
+pub struct CleanUp {
+    /// Scores are the mean over this many frames before, this many after, and the frame itself.
+    pub smooth_frames: usize,
+    /// Holes of at most this area are filled, px.
+    pub fill_holes_px: usize,
+    /// Connected parts of a smaller area go, px.
+    pub min_area_px: usize,
+    /// How far the border moves outwards, px by city-block distance; inwards where negative.
+    pub grow_px: i32,
+}
+
+impl CleanUp {
+    /// Whether masks stay as they are, to the bit.
+    pub fn is_off(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// For pictures whose width and height are `share` of those it was made for.
+    pub fn at_size(&self, share: f32) -> Self {
+        let length = |px: f32| (px * share).round();
+        let area = |px: usize| length(px as f32 * share) as usize;
+        Self {
+            fill_holes_px: area(self.fill_holes_px),
+            min_area_px: area(self.min_area_px),
+            grow_px: length(self.grow_px as f32) as i32,
+            ..*self
+        }
+    }
+
+    /// The mask without holes and specks, its border moved. The image's edge is no border.
+    pub fn mask(&self, mask: &Mask) -> Mask {
+        let mut mask = Cow::Borrowed(mask);
+        if self.fill_holes_px > 0 {
+            mask = Cow::Owned(fill_holes(&mask, self.fill_holes_px));
+        }
+        if self.min_area_px > 1 {
+            mask = Cow::Owned(remove_small(&mask, self.min_area_px));
+        }
+        if self.grow_px != 0 {
+            let bits = Bits::of(mask.width, mask.height, |i| mask.data[i]);
+            // Nothing is further away than that.
+            let steps = (self.grow_px.unsigned_abs() as usize).min(mask.width + mask.height);
+            let step = |bits: Bits, _| if self.grow_px > 0 { bits.dilated() } else { bits.eroded() };
+            mask = Cow::Owned((0..steps).fold(bits, step).to_mask());
+        }
+        mask.into_owned()
+    }
+
+    /// Scores whose pixels above `threshold` are the cleaned mask: those of pixels that were added are just above it, those of
+    /// pixels that were taken away are at it. Where nothing was seen (0 or not a number) nothing is found.
+    pub fn scores<'a>(&self, scores: &'a Grid<f32>, threshold_score: f32) -> Cow<'a, Grid<f32>> {
+        if (Self { smooth_frames: 0, ..*self }).is_off() {
+            return Cow::Borrowed(scores);
+        }
+        let found = self.mask(&threshold(scores, threshold_score));
+        let just_above = threshold_score.next_up();
+        let agreed = |(&score, &found): (&f32, &bool)| match (score > 0.0, found) {
+            (false, _) => score,
+            (true, true) => score.max(just_above),
+            (true, false) => score.min(threshold_score),
+        };
+        let data = scores.data.iter().zip(&found.data).map(agreed).collect();
+        Cow::Owned(Grid::from_vec(scores.width, scores.height, data))
+    }
+}
+
+/// The mean over time of the scores of a frame and of its neighbours, pixel by pixel. A pixel that was not seen (0 or not a
+/// number) on a neighbour does not count there; one that was not seen on the frame itself stays as it is. Neighbours of another
+/// size are left out.
+pub fn mean_scores(frame: &Grid<f32>, neighbours: &[&Grid<f32>]) -> Grid<f32> {
+    let size = (frame.width, frame.height);
+    let neighbours: Vec<_> = neighbours.iter().filter(|n| (n.width, n.height) == size).collect();
+    let mean = |(i, &own): (usize, &f32)| {
+        // Also true for not a number.
+        if !(own > 0.0) {
+            return own;
+        }
+        let seen = neighbours.iter().map(|n| n.data[i]).filter(|s| *s > 0.0);
+        let (sum, count) = seen.fold((own, 1.0), |(sum, count), s| (sum + s, count + 1.0));
+        sum / count
+    };
+    Grid::from_vec(frame.width, frame.height, frame.data.iter().enumerate().map(mean).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn mask(rows: &[&str]) -> Mask {
+        let data = rows.iter().flat_map(|r| r.chars().map(|c| c == '#')).collect();
+        Grid::from_vec(rows[0].len(), rows.len(), data)
+    }
+
+    #[test]
+    fn off_leaves_every_bit_alone() {
+        let scores = Grid::from_vec(3, 1, vec![0.4, f32::NAN, 0.9]);
+        assert!(
+            matches!(CleanUp::default().scores(&scores, 0.4), Cow::Borrowed(same) if std::ptr::eq(same, &scores))
+        );
+        let found = mask(&["#.#", ".#."]);
+        assert_eq!(CleanUp::default().mask(&found), found);
+    }
+
+    #[test]
+    fn holes_close_specks_go_and_the_border_moves() {
+        let found = mask(&["#......", "...###.", "...#.#.", "...###."]);
+        let clean = |c: CleanUp| c.mask(&found);
+        let filled = mask(&["#......", "...###.", "...###.", "...###."]);
+        let ring = mask(&[".......", "...###.", "...#.#.", "...###."]);
+        assert_eq!(clean(CleanUp { fill_holes_px: 1, ..Default::default() }), filled);
+        assert_eq!(clean(CleanUp { min_area_px: 2, ..Default::default() }), ring);
+        let all = CleanUp { fill_holes_px: 1, min_area_px: 9, grow_px: 1, ..Default::default() };
+        assert_eq!(clean(all), mask(&["...###.", "..#####", "..#####", "..#####"]));
+        let shrunk = CleanUp { fill_holes_px: 1, grow_px: -1, ..Default::default() };
+        assert_eq!(clean(shrunk), mask(&[".......", ".......", "....#..", "....#.."]));
+        let far = CleanUp { grow_px: i32::MIN, ..Default::default() };
+        assert_eq!(far.mask(&found).count(), 0);
+    }
+
+    #[test]
+    fn what_was_not_seen_is_not_found_by_growing() {
+        let scores = Grid::from_vec(4, 1, vec![0.9, 0.0, f32::NAN, 0.2]);
+        let grown = CleanUp { grow_px: 3, ..Default::default() };
+        assert_eq!(threshold(&grown.scores(&scores, 0.4), 0.4).data, [true, false, false, true]);
+    }
+
+    #[test]
+    fn at_half_size_lengths_are_half_and_areas_a_quarter() {
+        let clean = CleanUp { smooth_frames: 2, fill_holes_px: 40, min_area_px: 100, grow_px: -4 };
+        let half = CleanUp { smooth_frames: 2, fill_holes_px: 10, min_area_px: 25, grow_px: -2 };
+        assert_eq!(clean.at_size(0.5), half);
+        assert_eq!(clean.at_size(1.0), clean);
+    }
+
+    #[test]
+    fn the_mean_over_time_leaves_out_what_was_not_seen() {
+        let one = |v: Vec<f32>| Grid::from_vec(3, 1, v);
+        let (a, b) = (one(vec![0.9, 0.0, f32::NAN]), one(vec![0.0, 0.6, 0.4]));
+        let mean = mean_scores(&one(vec![0.3, 0.0, 0.2]), &[&a, &b, &Grid::filled(1, 1, 0.9)]);
+        assert!((mean.data[0] - 0.6).abs() < 1e-6 && mean.data[1] == 0.0);
+        assert!((mean.data[2] - 0.3).abs() < 1e-6);
+        assert_eq!(mean_scores(&a, &[]).data[..2], a.data[..2]);
+    }
+
+    proptest! {
+        #[test]
+        fn the_scores_say_what_the_mask_says(
+            scores in proptest::collection::vec(0.01_f32..1.0, 48),
+            clean in (0_usize..4, 0_usize..5, -2_i32..3),
+            limit in 0_u8..=100,
+        ) {
+            let (fill_holes_px, min_area_px, grow_px) = clean;
+            let clean = CleanUp { smooth_frames: 0, fill_holes_px, min_area_px, grow_px };
+            let (scores, limit) = (Grid::from_vec(8, 6, scores), f32::from(limit) / 100.0);
+            let expected = clean.mask(&threshold(&scores, limit));
+            prop_assert_eq!(threshold(&clean.scores(&scores, limit), limit), expected);
+        }
+    }
+}
