@@ -1,11 +1,12 @@
 //! The command line of `prepare`.
 
-use clap::{Args, ValueEnum};
+use clap::{ArgGroup, Args, ValueEnum};
 use std::path::PathBuf;
 use surgtpgs_core::segment::{Level, MaskSettings};
 
 /// `surgtpgs prepare`
 #[derive(Debug, Args)]
+#[command(group(ArgGroup::new("source").required(true).args(["labels", "masks_model", "features"])))]
 pub struct PrepareArgs {
     /// A recording (folder or video file)
     pub sequence: PathBuf,
@@ -13,7 +14,7 @@ pub struct PrepareArgs {
     #[arg(short, long, value_name = "PREP")]
     pub output: PathBuf,
     /// Take features from the recording's label masks: each pixel gets the embedding of its class name
-    #[arg(long, required_unless_present = "masks_model", conflicts_with = "masks_model")]
+    #[arg(long)]
     pub labels: bool,
     /// Take features from automatic masks: a folder with encoder and decoder of a Segment Anything (.onnx, .ort)
     #[arg(long, value_name = "DIR", requires = "image_encoder")]
@@ -21,6 +22,12 @@ pub struct PrepareArgs {
     /// A folder with model.onnx that embeds what masks show: the other half of the text encoder
     #[arg(long, value_name = "DIR", requires = "masks_model")]
     pub image_encoder: Option<PathBuf>,
+    /// Take features that another program made: a folder with LangSplat's NAME_f.npy and NAME_s.npy for each frame
+    #[arg(long, value_name = "DIR")]
+    pub features: Option<PathBuf>,
+    /// Also write the features as LangSplat's and the paper's scripts read them
+    #[arg(long, value_name = "DIR")]
+    pub langsplat: Option<PathBuf>,
     /// How many points pictures are asked at for masks
     #[arg(long, value_enum, default_value_t = MaskDensity::Medium)]
     pub mask_density: MaskDensity,
@@ -106,5 +113,8 @@ mod tests {
         assert!(parses("--labels") && parses("--masks-model sam --image-encoder clip --mask-level l"));
         assert!(!parses("") && !parses("--masks-model sam") && !parses("--image-encoder clip"));
         assert!(!parses("--labels --masks-model sam --image-encoder clip"));
+        assert!(
+            parses("--features dir --mask-level s --langsplat out") && !parses("--labels --features dir")
+        );
     }
 }

@@ -39,13 +39,16 @@ const LINE_EVERY: Duration = Duration::from_secs(60);
 pub struct ProgressView {
     bar: ProgressBar,
     stage: String,
+    /// When this stage began, and how much of it was done then.
+    started: (Instant, usize),
     /// When a line about this stage was last written, where there is no terminal.
     said: Instant,
 }
 
 impl Default for ProgressView {
     fn default() -> Self {
-        Self { bar: ProgressBar::hidden(), stage: String::new(), said: Instant::now() }
+        let now = Instant::now();
+        Self { bar: ProgressBar::hidden(), stage: String::new(), started: (now, 0), said: now }
     }
 }
 
@@ -56,16 +59,25 @@ impl ProgressView {
             self.start_stage(progress);
         }
         self.bar.set_position(progress.done as u64);
-        self.bar.set_message(progress.detail.to_owned());
+        let left = self.left(progress).unwrap_or_default();
+        self.bar.set_message(format!("{left} {}", progress.detail));
         if self.bar.is_hidden() && self.said.elapsed() > LINE_EVERY {
             self.said = Instant::now();
-            let left = self.bar.eta().as_secs().div_ceil(60);
-            let left = if left > 0 { format!(", about {left} min left") } else { String::new() };
+            let left = self.left(progress).map_or(String::new(), |left| format!(", {left} left"));
             let detail = if progress.detail.is_empty() { "" } else { ", " };
             let Progress { stage, done, total, .. } = progress;
             say(&format!("{stage}: {done} of {total}{detail}{}{left}", progress.detail));
         }
         if interrupted() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+
+    /// How long the rest takes at the pace so far, in words; nothing before the first step is done.
+    fn left(&self, progress: &Progress<'_>) -> Option<String> {
+        let (since, first) = self.started;
+        let done = progress.done.checked_sub(first).filter(|done| *done > 0)?;
+        let seconds =
+            since.elapsed().as_secs_f64() / done as f64 * progress.total.saturating_sub(progress.done) as f64;
+        Some(if seconds < 90.0 { format!("{seconds:.0} s") } else { format!("{:.0} min", seconds / 60.0) })
     }
 
     /// For the functions that count only.
@@ -81,13 +93,12 @@ impl ProgressView {
             say(&format!("{} …", self.stage));
         }
         // The template is constant; the default style stands in should it ever be wrong.
-        if let Ok(style) = ProgressStyle::with_template("{prefix} {bar:30} {pos}/{len} {eta} {msg}") {
+        if let Ok(style) = ProgressStyle::with_template("{prefix} {bar:30} {pos}/{len} {msg}") {
             self.bar.set_style(style);
         }
         self.bar.set_prefix(self.stage.clone());
         // Work that was done earlier says nothing about how long the rest takes.
-        self.bar.set_position(progress.done as u64);
-        self.bar.reset_eta();
+        self.started = (Instant::now(), progress.done);
         self.said = Instant::now();
     }
 }

@@ -9,7 +9,12 @@ use crate::{
     jobs::{self, FeatureSource, PrepareOptions},
 };
 use std::path::Path;
-use surgtpgs_core::{Error, Result, codec::CodecSettings, prepare::Prepared, sequence::Sequence};
+use surgtpgs_core::{
+    Error, Result,
+    codec::CodecSettings,
+    prepare::{Prepared, write_langsplat},
+    sequence::Sequence,
+};
 
 pub(super) fn run(args: &PrepareArgs) -> Result<Exit> {
     let sequence = Sequence::open(&args.sequence)?;
@@ -29,6 +34,9 @@ pub(super) fn run(args: &PrepareArgs) -> Result<Exit> {
     };
     let mut view = ProgressView::default();
     let prepared = jobs::prepare(sequence, &args.output, &options, &mut |p| view.show(p))?;
+    if let Some(folder) = &args.langsplat {
+        write_langsplat(&prepared, folder, &mut |done, all| view.count("writing .npy files", done, all))?;
+    }
     drop(view);
     let what = match prepared.classes.len() {
         0 => format!("{} regions", prepared.num_rows()),
@@ -46,12 +54,14 @@ pub(super) fn run(args: &PrepareArgs) -> Result<Exit> {
 
 /// Where features come from; the command line allows no other combination.
 fn source(args: &PrepareArgs) -> FeatureSource {
-    match (&args.masks_model, &args.image_encoder) {
-        (Some(model), Some(image_encoder)) => FeatureSource::Masks {
+    let level = args.mask_level.into();
+    match (&args.masks_model, &args.image_encoder, &args.features) {
+        (_, _, Some(folder)) => FeatureSource::LangSplat { folder: folder.clone(), level },
+        (Some(model), Some(image_encoder), _) => FeatureSource::Masks {
             model: model.clone(),
             image_encoder: image_encoder.clone(),
             settings: args.mask_density.into(),
-            level: args.mask_level.into(),
+            level,
         },
         _ => FeatureSource::Labels,
     }

@@ -10,7 +10,11 @@ use surgtpgs_clip::{ImageEncoder, SegmentAnything, TextEncoder};
 use surgtpgs_core::{
     Error, Result,
     codec::CodecSettings,
-    prepare::{MaskStore, Origin, Prepared, prepare_from_features, prepare_from_labels},
+    files::full_path,
+    prepare::{
+        MaskStore, Origin, Prepared, holds_langsplat, prepare_from_features, prepare_from_labels,
+        read_langsplat,
+    },
     segment::{Level, MaskSettings},
     sequence::Sequence,
 };
@@ -45,6 +49,13 @@ pub enum FeatureSource {
         /// Which masks become regions.
         level: Level,
     },
+    /// Files of LangSplat's kind, see [`read_langsplat`].
+    LangSplat {
+        /// Where they are.
+        folder: PathBuf,
+        /// Which of their maps is used.
+        level: Level,
+    },
 }
 
 /// Makes a prepared folder from a recording.
@@ -75,7 +86,36 @@ pub fn prepare(
             let masks = Masks { model, settings, level: *level };
             masks.prepare(sequence, folder, options, &text, image, observer)
         }
+        FeatureSource::LangSplat { folder: from, level } => {
+            from_langsplat(sequence, folder, options, &text, (from, *level), observer)
+        }
     }
+}
+
+fn from_langsplat(
+    sequence: Sequence,
+    folder: &Path,
+    options: &PrepareOptions,
+    text: &TextEncoder,
+    (from, level): (&Path, Level),
+    observer: &mut Observer<'_>,
+) -> Result<Prepared> {
+    if !holds_langsplat(from, &sequence) {
+        let what = format!(
+            "the folder has no features for this recording: {0}_f.npy and {0}_s.npy, for example",
+            sequence.frame_name(0)
+        );
+        return Err(Error::input_at(from, what, "Name the files like the pictures of the frames."));
+    }
+    let mut features = |i: usize| read_langsplat(from, &sequence, i, level);
+    let mut report = |stage: &str, done, total| {
+        // Reading takes seconds; it is not interrupted half-way.
+        let _ = observer(&Progress { stage, done, total, detail: "" });
+    };
+    let origin = Origin::LangSplat { folder: full_path(from), level };
+    let identity = text.identity().clone();
+    let (eval, codec) = (options.eval, &options.codec);
+    prepare_from_features(sequence.clone(), identity, origin, &mut features, eval, codec, folder, &mut report)
 }
 
 fn from_labels(

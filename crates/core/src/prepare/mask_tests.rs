@@ -171,7 +171,7 @@ fn embeddings_are_made_once() {
     let (first, features) = count("encoder");
     assert_eq!((first, count("encoder")), (1, (1, features)), "the same from the file");
     assert_eq!(count("another").0, 2);
-    fs::write(prep.join("embeddings/frame_000000.safetensors"), "rubbish").unwrap();
+    fs::write(prep.join("embeddings/frame_000000_default.safetensors"), "rubbish").unwrap();
     assert_eq!(count("another").0, 3);
 }
 
@@ -206,4 +206,62 @@ fn features_that_do_not_fit_are_named() {
     assert!(fail(FrameFeatures { regions: all(1), rows: vec![vec![1.0, 0.0]] }).contains("embedding 1 of 1"));
     assert!(fail(FrameFeatures { regions: all(0), rows: vec![vec![0.0, 0.0]] }).contains("no direction"));
     assert!(fail(FrameFeatures { regions: all(NO_REGION), rows: vec![] }).contains("no region"));
+}
+
+#[test]
+fn langsplat_files_are_written_and_read_back() {
+    let place = Place::new();
+    place.make("model", &settings(), false);
+    let prepared = place.prepare(false, 3).unwrap();
+    let out = place.folder.path().join("out");
+    write_langsplat(&prepared, &out, &mut |_, _| {}).unwrap();
+
+    // As the authors' loaders see them: float32, one plane a level, -1 where nothing is, unit rows.
+    let read = |name: &str| crate::sequence::npy(&out.join(name)).unwrap();
+    let (shape, maps) = read("language_features/frame_4_s.npy");
+    assert_eq!(shape, [4, 24, 32]);
+    assert!(maps.iter().all(|v| *v == 0.0), "frame 4 is one region");
+    assert_eq!(read("language_features/frame_0_f.npy").0, [2, 3]);
+    let (shape, latents) = read("language_features_dim3/frame_0_f.npy");
+    assert_eq!(shape, [2, 3]);
+    assert!((latents[..3].iter().map(|v| v * v).sum::<f64>() - 1.0).abs() < 1e-4);
+
+    let folder = out.join("language_features");
+    assert!(holds_langsplat(&folder, &place.sequence) && !holds_langsplat(&out, &place.sequence));
+    for level in Level::ALL {
+        let features = read_langsplat(&folder, &place.sequence, 0, level).unwrap().unwrap();
+        let map = prepared.regions(0).unwrap().unwrap();
+        for (region, row) in features.regions.data.iter().zip(&map.data) {
+            assert_eq!(*region == NO_REGION, *row == NO_REGION);
+        }
+        assert_ne!(features.regions.at(3, 3), features.regions.at(28, 20));
+        assert!(features.rows.iter().all(|row| (crate::num::norm(row) - 1.0).abs() < 1e-5));
+    }
+}
+
+#[test]
+fn langsplat_files_that_are_none_are_named() {
+    let place = Place::new();
+    let folder = place.folder.path().join("features");
+    fs::create_dir_all(&folder).unwrap();
+    let read = || read_langsplat(&folder, &place.sequence, 0, Level::Medium);
+    assert_eq!(read().unwrap(), None);
+    let write =
+        |name: &str, array: ndarray::ArrayD<f32>| ndarray_npy::write_npy(folder.join(name), &array).unwrap();
+    let array = |shape: &[usize], value: f32| ndarray::ArrayD::from_elem(shape.to_vec(), value);
+    write("frame_0_f.npy", array(&[2, 5], 0.5));
+    assert!(read().unwrap_err().to_string().contains("frame_0_s.npy"), "the other half is missing");
+    write("frame_0_s.npy", array(&[3, 24, 32], 0.0));
+    assert!(read().unwrap_err().to_string().contains("expected maps [4, h, w], found the shape [3, 24, 32]"));
+    for wrong in [2.0, 0.5, -2.0, f32::NAN] {
+        write("frame_0_s.npy", array(&[4, 24, 32], wrong));
+        assert!(read().unwrap_err().to_string().contains("one of the 2 embeddings"), "{wrong}");
+    }
+    // Half the size of the pictures, as the authors' scripts make them of large ones.
+    write("frame_0_s.npy", array(&[4, 12, 16], 1.0));
+    let features = read().unwrap().unwrap();
+    assert_eq!((features.regions.width, features.regions.height, features.regions.at(31, 23)), (32, 24, 1));
+    assert_eq!(features.rows, vec![vec![0.5; 5]; 2]);
+    write("frame_0_f.npy", array(&[5], 0.5));
+    assert!(read().unwrap_err().to_string().contains("expected embeddings [n, dim]"));
 }

@@ -40,6 +40,13 @@ pub enum Origin {
         /// SHA-256 of the image encoder.
         image_encoder: String,
     },
+    /// Files of LangSplat's kind.
+    LangSplat {
+        /// Where they were.
+        folder: PathBuf,
+        /// Which of their maps is used.
+        level: Level,
+    },
 }
 
 /// The features of one frame.
@@ -215,7 +222,7 @@ impl MaskStore<'_> {
         if found.is_empty() {
             return Ok(None);
         }
-        let path = self.folder.join("embeddings").join(format!("frame_{i:06}.safetensors"));
+        let path = self.embeddings_file(i, level);
         let key =
             digest(&[b"embeddings 1", key.as_bytes(), format!("{level:?}").as_bytes(), encoder.as_bytes()]);
         let rows = match load_embeddings(&path, &key)? {
@@ -237,6 +244,11 @@ impl MaskStore<'_> {
 
     fn mask_file(&self, i: usize) -> PathBuf {
         self.folder.join("masks").join(format!("frame_{i:06}.json"))
+    }
+
+    fn embeddings_file(&self, i: usize, level: Level) -> PathBuf {
+        let level = format!("{level:?}").to_lowercase();
+        self.folder.join("embeddings").join(format!("frame_{i:06}_{level}.safetensors"))
     }
 
     /// Everything that the masks of frame `i` depend on.

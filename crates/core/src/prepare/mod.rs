@@ -16,6 +16,7 @@
 mod files;
 mod finish;
 mod labels;
+mod langsplat;
 #[cfg(test)]
 mod mask_tests;
 mod masks;
@@ -23,6 +24,7 @@ mod masks;
 mod tests;
 
 pub use labels::prepare_from_labels;
+pub use langsplat::{holds_langsplat, read_langsplat, write_langsplat};
 pub use masks::{FrameFeatures, MaskStore, Origin, prepare_from_features};
 
 use crate::{

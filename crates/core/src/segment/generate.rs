@@ -174,7 +174,8 @@ fn finish(candidates: Vec<Candidate>, keep: &Mask, settings: &MaskSettings) -> V
     if settings.inside_only {
         let inside = BitMask::of(keep);
         let px = |f: &FoundMask| inside.as_ref().map_or(0, |inside| inside.intersection_px(&f.mask));
-        found.retain(|f| 2 * px(f) >= f.mask.area_px());
+        let most_px = settings.max_share * keep.count() as f32;
+        found.retain(|f| 2 * px(f) >= f.mask.area_px() && px(f) as f32 <= most_px);
     }
     let scores: Vec<f32> = found.iter().map(|f| f.stability * f.predicted_iou).collect();
     let masks: Vec<&BitMask> = found.iter().map(|f| &f.mask).collect();

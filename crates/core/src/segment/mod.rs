@@ -75,6 +75,8 @@ pub struct MaskSettings {
     pub mask_nms: MaskNms,
     /// Whether points outside the supervision mask, and masks that lie there mostly, are left out.
     pub inside_only: bool,
+    /// A mask that covers more than this share of the pixels that matter says nothing and goes.
+    pub max_share: f32,
     /// How often the largest part that no mask of the default level covers is asked about.
     pub gap_prompts: usize,
     /// Whether smaller masks are painted over larger ones, instead of in the order of the list.
@@ -108,20 +110,26 @@ impl MaskSettings {
             min_region_px: 100,
             mask_nms: MaskNms { iou: 0.8, score: 0.7, containment: 0.5 },
             inside_only: false,
+            max_share: 1.0,
             gap_prompts: 0,
             small_on_top: false,
         }
     }
 
     /// One grid of `points_per_side` points along a side, without crops; what stays uncovered is asked about.
+    ///
+    /// Masks inside larger ones stay: by the authors' rule one mask of the whole view takes everything else with it.
     pub fn of_grid(points_per_side: usize) -> Self {
+        let paper = Self::paper();
         Self {
             points_per_side,
             crop_layers: 0,
+            mask_nms: MaskNms { containment: 1.0, ..paper.mask_nms },
             inside_only: true,
+            max_share: 0.7,
             gap_prompts: 8,
             small_on_top: true,
-            ..Self::paper()
+            ..paper
         }
     }
 }

@@ -131,6 +131,39 @@ fn low_ratings_go_and_gaps_are_asked_about_again() {
 }
 
 #[test]
+fn a_mask_of_everything_takes_nothing_with_it() {
+    /// As [`ByColour`], but the last answer is always the whole picture.
+    struct WithWhole(ByColour);
+    impl PointSegmenter for WithWhole {
+        fn set_image(&mut self, image: &RgbImage) -> Result<()> {
+            self.0.set_image(image)
+        }
+        fn predict(&mut self, prompts: &[Vec<[f32; 2]>]) -> Result<Prediction> {
+            let mut prediction = self.0.predict(prompts)?;
+            for answers in prediction.logits.chunks_exact_mut(3 * MAP * MAP) {
+                answers[2 * MAP * MAP..].fill(8.0);
+            }
+            Ok(prediction)
+        }
+        fn batch(&self) -> usize {
+            self.0.batch()
+        }
+    }
+    let found = |settings: &MaskSettings| {
+        let mut segmenter = WithWhole(ByColour::new(|_, _| 0.95));
+        let mut go_on = |_: usize, _: usize| ControlFlow::Continue(());
+        automatic_masks(&mut segmenter, &picture(), &everything(), settings, &mut go_on).unwrap()
+    };
+    let masks = found(&MaskSettings::of_grid(8));
+    for colour in [WALL, LIVER, TOOL] {
+        assert!(best_iou(&masks, Level::Default, colour) > 0.85, "{colour:?}");
+    }
+    // The authors' rules keep the one mask alone.
+    let theirs = found(&MaskSettings { crop_layers: 0, points_per_side: 8, ..MaskSettings::paper() });
+    assert_eq!(theirs.level(Level::Default).len(), 1);
+}
+
+#[test]
 fn nothing_is_asked_outside_the_supervision_mask() {
     let left = Grid::from_vec(128, 96, (0..128 * 96).map(|i| i % 128 < 64).collect());
     let mut segmenter = ByColour::new(|_, _| 0.95);

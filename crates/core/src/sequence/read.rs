@@ -158,7 +158,7 @@ pub(super) fn first_channel_of(picture: DynamicImage) -> Grid<u16> {
 }
 
 /// A NumPy array of any real number type: its shape and its values in row-major order.
-pub(super) fn npy(path: &Path) -> Result<(Vec<usize>, Vec<f64>)> {
+pub(crate) fn npy(path: &Path) -> Result<(Vec<usize>, Vec<f64>)> {
     type Reader = fn(&Path) -> std::result::Result<(Vec<usize>, Vec<f64>), ReadNpyError>;
     let readers: [Reader; 7] = [
         |p| npy_of(p, |v: f32| f64::from(v)),

@@ -1,0 +1,109 @@
+//! Features as LangSplat and the authors' scripts keep them: `NAME_f.npy` [n, dim] with the embeddings of a frame's masks
+//! and `NAME_s.npy` [4, h, w] with the number of the mask at each pixel, one plane a level, -1 where there is none.
+
+use super::{FrameFeatures, NO_REGION, Prepared, RegionMap, files::Manifest};
+use crate::{
+    Error, Result,
+    files::write_whole_with,
+    segment::Level,
+    sequence::{Sequence, npy},
+};
+use ndarray::{Array2, Array3, ArrayView2, Axis};
+use ndarray_npy::WriteNpyExt;
+use std::path::{Path, PathBuf};
+
+const HINT: &str = "Features are pairs NAME_f.npy [n, dim] and NAME_s.npy [4, h, w], NAME being that of the frame's picture.";
+
+/// Whether a folder holds features of this kind for at least one frame.
+pub fn holds_langsplat(folder: &Path, sequence: &Sequence) -> bool {
+    (0..sequence.num_frames()).any(|i| files(folder, sequence, i).iter().all(|f| f.is_file()))
+}
+
+/// The features of frame `i` from `folder`; `None` if it has no files. Maps of another size than the frames are brought
+/// to it by the nearest value, as the authors do.
+///
+/// Fails where shapes are others or a pixel points beyond the embeddings.
+pub fn read_langsplat(
+    folder: &Path,
+    sequence: &Sequence,
+    i: usize,
+    level: Level,
+) -> Result<Option<FrameFeatures>> {
+    let [embeddings, maps] = files(folder, sequence, i);
+    if !embeddings.is_file() && !maps.is_file() {
+        return Ok(None);
+    }
+    let (shape, values) = npy(&embeddings)?;
+    let wrong = |path: &Path, what: String| Err(Error::input_at(path, what, HINT));
+    let [n, dim] = shape[..] else {
+        return wrong(&embeddings, format!("expected embeddings [n, dim], found the shape {shape:?}"));
+    };
+    let rows: Vec<Vec<f32>> =
+        values.chunks_exact(dim.max(1)).map(|row| row.iter().map(|v| *v as f32).collect()).collect();
+    let (shape, values) = npy(&maps)?;
+    let [4, height, width] = shape[..] else {
+        return wrong(&maps, format!("expected maps [4, h, w], found the shape {shape:?}"));
+    };
+    let plane = &values[level as usize * height * width..][..height * width];
+    let number = |&v: &f64| match v {
+        -1.0 => Some(NO_REGION),
+        _ if v >= 0.0 && v.fract() == 0.0 && v < n.min(usize::from(NO_REGION)) as f64 => Some(v as u16),
+        _ => None,
+    };
+    let Some(data) = plane.iter().map(number).collect::<Option<Vec<u16>>>() else {
+        return wrong(&maps, format!("a pixel does not point to one of the {n} embeddings of its frame"));
+    };
+    let regions = RegionMap::from_vec(width, height, data).sampled(sequence.width(), sequence.height());
+    Ok(Some(FrameFeatures { regions, rows }))
+}
+
+/// Writes the features of a prepared folder into `folder`: `language_features` with the embeddings and
+/// `language_features_dim3` with their latents (whatever their number D), all levels alike. Frames are named like their
+/// pictures. `progress` gets (frames done, frames).
+pub fn write_langsplat(
+    prepared: &Prepared,
+    folder: &Path,
+    progress: &mut dyn FnMut(usize, usize),
+) -> Result<()> {
+    let table = Manifest::read(&prepared.folder)?.read_tensors(&prepared.folder)?.1;
+    let latent_dim = prepared.codec.latent_dim();
+    let latents = ArrayView2::from_shape((prepared.num_rows(), latent_dim), &prepared.latents)
+        .map_err(|e| Error::input_at(&prepared.folder, e.to_string(), "Prepare the recording again."))?;
+    let n = prepared.sequence.num_frames();
+    for i in 0..n {
+        progress(i, n);
+        let Some(regions) = prepared.regions(i)? else { continue };
+        let mut rows: Vec<usize> =
+            regions.data.iter().filter(|r| **r != NO_REGION).map(|r| usize::from(*r)).collect();
+        rows.sort_unstable();
+        rows.dedup();
+        let number = |row: &u16| rows.binary_search(&usize::from(*row)).map_or(-1.0, |k| k as f32);
+        let plane: Vec<f32> = regions.data.iter().map(number).collect();
+        let maps = Array3::from_shape_fn((4, regions.height, regions.width), |(_, y, x)| {
+            plane[y * regions.width + x]
+        });
+        let wanted: [(&str, Array2<f32>); 2] = [
+            ("language_features", table.select(Axis(0), &rows)),
+            ("language_features_dim3", latents.select(Axis(0), &rows)),
+        ];
+        for (name, embeddings) in wanted {
+            let [to_embeddings, to_maps] = files(&folder.join(name), &prepared.sequence, i);
+            write(&to_embeddings, |file| embeddings.write_npy(file))?;
+            write(&to_maps, |file| maps.write_npy(file))?;
+        }
+    }
+    progress(n, n);
+    Ok(())
+}
+
+/// Embeddings and maps of frame `i`.
+fn files(folder: &Path, sequence: &Sequence, i: usize) -> [PathBuf; 2] {
+    ["f", "s"].map(|kind| folder.join(format!("{}_{kind}.npy", sequence.frame_name(i))))
+}
+
+fn write(
+    path: &Path,
+    array: impl FnOnce(&mut std::fs::File) -> std::result::Result<(), ndarray_npy::WriteNpyError>,
+) -> Result<()> {
+    write_whole_with(path, |file| array(file).map_err(std::io::Error::other))
+}
