@@ -22,6 +22,7 @@ program convert "$folder/scene.safetensors" "$folder/frame.glb" --frame 4
 program convert "$folder/scene.safetensors" "$folder/point_cloud.ply" --reference
 program convert "$folder/scene.safetensors" "$folder/small.safetensors" --quantize
 
+"$python" tests/oracle/metrics.py | diff tests/oracle/metrics.json -
 "$python" tests/oracle/read_exports.py "$folder/overlapping" "$folder/exclusive" > "$folder/output.txt"
 "$python" tests/oracle/read_scenes.py "$folder" 0.4 >> "$folder/output.txt"
 diff tests/oracle/output.txt "$folder/output.txt" && echo "the output is as stored"

@@ -2,6 +2,7 @@
 
 mod bench;
 mod convert;
+mod eval;
 mod export;
 mod prepare;
 
@@ -9,6 +10,7 @@ pub use bench::{
     BenchArgs, BenchFrameArgs, BenchMasksArgs, BenchStepArgs, BenchStressArgs, BenchTrainArgs, BenchVerb,
 };
 pub use convert::{ConvertArgs, StillFormat};
+pub use eval::EvalArgs;
 pub use export::{CleanUpArgs, ExportArgs, SourceArg, StyleArg};
 pub use prepare::{LevelArg, MaskDensity, PrepareArgs};
 
@@ -52,7 +54,7 @@ pub enum Verb {
     Query(QueryVerbArgs),
     /// Write masked frames with a record of how they were made
     Export(ExportArgs),
-    /// Compare a scene with its recording: PSNR, SSIM, depth, IoU, times
+    /// Compare a scene, or another program's masks, with the recording: PSNR, SSIM, depth, IoU, Dice, times
     Eval(EvalArgs),
     /// Measure run time beside quality for every setting; writes CSV and SVG
     Bench(BenchArgs),
@@ -63,7 +65,7 @@ pub enum Verb {
 /// `surgtpgs view`
 #[derive(Debug, Args)]
 pub struct ViewArgs {
-    /// A scene file, a recording or a prepared folder
+    /// A scene file, a .ply of Gaussian splats, a recording or a prepared folder
     pub path: PathBuf,
 }
 
@@ -297,7 +299,8 @@ pub struct QueryVerbArgs {
     /// Frames, e.g. 12 or 10..20 (the end is not included)
     #[arg(long, value_name = "A..B", value_parser = frame_range)]
     pub frames: Option<FrameRange>,
-    /// Also write the Gaussians found by each prompt, on the frame where it covers most, as a .ply for splat viewers
+    /// Also write the Gaussians found by each prompt, on the frame where it covers most, as a .ply for splat viewers, and
+    /// where they are, how large and how they move over time as objects.csv and objects.json
     #[arg(long, value_name = "DIR")]
     pub gaussians: Option<PathBuf>,
     /// How prompts are answered
@@ -309,22 +312,6 @@ pub struct QueryVerbArgs {
     /// Report as CSV, a line per prompt and frame
     #[arg(long)]
     pub csv: bool,
-}
-
-/// `surgtpgs eval`
-#[derive(Debug, Args)]
-pub struct EvalArgs {
-    /// The scene
-    #[command(flatten)]
-    pub scene: SceneArgs,
-    /// The recording it was trained on
-    pub sequence: PathBuf,
-    /// How class names are asked
-    #[command(flatten)]
-    pub relevancy: RelevancyArgs,
-    /// Report as JSON
-    #[arg(long)]
-    pub json: bool,
 }
 
 /// Frames from `start` up to, not including, `end`.

@@ -37,6 +37,7 @@ pub mod unseen;
 
 pub mod mask;
 pub mod metrics;
+pub mod object;
 pub mod overlay;
 pub mod relevancy;
 pub mod summary;

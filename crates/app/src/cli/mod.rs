@@ -8,6 +8,8 @@ mod default_job;
 mod demo;
 mod eval;
 mod export;
+mod objects;
+mod pictures;
 mod prepare;
 mod query;
 mod render;

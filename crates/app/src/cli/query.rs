@@ -3,14 +3,14 @@
 use super::{
     Exit,
     console::{ProgressView, print, print_json},
-    open_engine,
+    objects, open_engine,
 };
 use crate::{
     args::{FrameRange, QueryVerbArgs},
     engine::Engine,
 };
-use std::path::{Path, PathBuf};
-use surgtpgs_core::{Result, export::slugs, files::write_whole, mask::Region};
+use std::path::PathBuf;
+use surgtpgs_core::{Result, mask::Region, object::seen_area, raster::MIN_DEPTH_ALPHA};
 
 /// The JSON report; its keys are a contract.
 #[derive(serde::Serialize)]
@@ -48,6 +48,8 @@ pub(super) struct FrameReport {
     pub(super) area_px: usize,
     pub(super) area_fraction: f64,
     pub(super) max_score: f32,
+    /// Of the found pixels at their depth, facing the camera, in scene units².
+    pub(super) seen_area: f64,
 }
 
 impl PromptReport {
@@ -71,7 +73,7 @@ pub(super) fn run(args: &QueryVerbArgs) -> Result<Exit> {
     let frames = FrameRange::frames(args.frames, engine.scene().num_frames())?;
     let mut report = query(&mut engine, &frames)?;
     if let Some(folder) = &args.gaussians {
-        write_gaussians(&mut engine, &mut report, folder)?;
+        objects::write(&mut engine, &mut report, folder)?;
     }
     if args.json {
         print_json(&report);
@@ -100,6 +102,7 @@ pub(super) fn query(engine: &mut Engine, frames: &[usize]) -> Result<Report> {
         let images = engine.render(&at, true)?;
         let scores = engine.scores(&images, &at)?;
         let masks = engine.masks(&scores);
+        let depth = images.normalised_depth(MIN_DEPTH_ALPHA);
         for ((prompt, scores), mask) in prompts.iter_mut().zip(&scores).zip(&masks) {
             let region = Region::of(scores, mask);
             prompt.frames.push(FrameReport {
@@ -108,6 +111,7 @@ pub(super) fn query(engine: &mut Engine, frames: &[usize]) -> Result<Report> {
                 area_px: region.area_px,
                 area_fraction: region.area_fraction,
                 max_score: region.max_score,
+                seen_area: seen_area(mask, &depth, &at.camera),
             });
         }
         view.count("asking", done + 1, frames.len());
@@ -118,21 +122,6 @@ pub(super) fn query(engine: &mut Engine, frames: &[usize]) -> Result<Report> {
         relevancy: engine.relevancy_name(),
         renderer: engine.renderer_name(),
     })
-}
-
-/// Writes what each prompt found on the frame where it covers most; nothing for a prompt that found nothing.
-fn write_gaussians(engine: &mut Engine, report: &mut Report, folder: &Path) -> Result<()> {
-    let names = slugs(report.prompts.iter().map(|p| p.text.as_str()));
-    for (k, name) in names.iter().enumerate() {
-        let Some(frame) = report.prompts[k].largest().map(|f| f.frame) else { continue };
-        let time = engine.scene().time(frame);
-        let found = engine.gaussians_found(time)?.swap_remove(k);
-        let file = folder.join(format!("{name}.ply"));
-        let object = engine.scene().still(time, &found);
-        write_whole(&file, &object.to_ply(engine.scene().cameras.get(frame)))?;
-        report.prompts[k].gaussians = Some(GaussiansReport { frame, count: found.len(), file });
-    }
-    Ok(())
 }
 
 fn as_text(report: &Report, num_frames: usize) -> String {

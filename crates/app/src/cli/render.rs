@@ -4,16 +4,17 @@ use super::{
     Exit,
     console::{ProgressView, print},
     open_engine,
+    pictures::png,
 };
 use crate::{
     args::{FrameRange, ImageKind, RenderArgs},
     engine::{Engine, EngineOptions, View},
 };
-use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, Luma};
+use image::{GrayImage, ImageBuffer, Luma};
 use ndarray::ArrayView;
 use ndarray_npy::WriteNpyExt;
 use rayon::prelude::*;
-use std::{io::Cursor, path::Path};
+use std::path::Path;
 use surgtpgs_core::{
     Error, Result,
     files::write_whole,
@@ -67,12 +68,12 @@ fn write(folder: &Path, kind: ImageKind, frame: usize, images: &Images, range: (
         write_whole(&folder.join(kind).join(format!("frame_{frame:06}.{extension}")), &bytes)
     };
     match kind {
-        ImageKind::Colour => save("colour", "png", png(images.to_rgb().into())?),
-        ImageKind::Alpha => save("alpha", "png", png(alpha(images).into())?),
+        ImageKind::Colour => save("colour", "png", png(images.to_rgb())?),
+        ImageKind::Alpha => save("alpha", "png", png(alpha(images))?),
         ImageKind::Depth => {
             let depth = images.normalised_depth(MIN_DEPTH_ALPHA);
             save("depth", "npy", npy(&[images.height, images.width], &depth.data)?)?;
-            save("depth", "png", png(depth_picture(&depth, range).into())?)
+            save("depth", "png", png(depth_picture(&depth, range))?)
         }
         ImageKind::Feature => {
             let (dim, pixels) = (images.latent_dim(), images.width * images.height);
@@ -104,14 +105,6 @@ fn typical_range(depth: &Grid<f32>) -> (f32, f32) {
     let mut known: Vec<f32> = depth.data.iter().copied().filter(|z| *z > 0.0 && z.is_finite()).collect();
     let near = percentile(&mut known, 1.0).unwrap_or(0.0);
     (near, percentile(&mut known, 99.0).unwrap_or(near + 1.0))
-}
-
-fn png(image: DynamicImage) -> Result<Vec<u8>> {
-    let mut bytes = Cursor::new(Vec::new());
-    image.write_to(&mut bytes, ImageFormat::Png).map_err(|e| {
-        Error::input(format!("a picture could not be encoded as PNG: {e}"), "Choose another `--width`.")
-    })?;
-    Ok(bytes.into_inner())
 }
 
 fn npy(shape: &[usize], values: &[f32]) -> Result<Vec<u8>> {
@@ -152,7 +145,7 @@ mod tests {
     fn arrays_read_back_as_they_were() {
         use ndarray_npy::ReadNpyExt;
         let bytes = npy(&[2, 3], &[1.0, 2.0, 3.0, 4.0, 5.0, 6.5]).unwrap();
-        let array = ndarray::Array2::<f32>::read_npy(Cursor::new(bytes)).unwrap();
+        let array = ndarray::Array2::<f32>::read_npy(std::io::Cursor::new(bytes)).unwrap();
         assert_eq!((array.dim(), array[[1, 2]]), ((2, 3), 6.5));
     }
 }

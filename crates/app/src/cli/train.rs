@@ -39,7 +39,8 @@ pub(super) fn run(args: &TrainArgs) -> Result<Exit> {
     console::watch_interrupts();
     let mut view = ProgressView::default();
     let checkpoint = jobs::checkpoint_path(&args.output);
-    let trained = jobs::go_on(&mut trainer, Some(&checkpoint), &mut |p| view.show(p), &mut |_, _| {})?;
+    let mut trained = jobs::go_on(&mut trainer, Some(&checkpoint), &mut |p| view.show(p), &mut |_, _| {})?;
+    trained.scene.provenance.peak_rss_bytes = peak_rss_bytes();
     drop(view);
     trained.scene.save(&args.output)?;
     let report = report(&trained, asked, trainer.backend_name());

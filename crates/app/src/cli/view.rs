@@ -5,15 +5,14 @@ use crate::{
     args::ViewArgs,
     viewer::{self, ViewerInput},
 };
-use surgtpgs_core::{Error, Result};
+use surgtpgs_core::{Error, Result, scene::Scene};
 
 pub(super) fn run(args: &ViewArgs) -> Result<Exit> {
     if !args.path.exists() {
         return Err(Error::input_at(&args.path, "there is no such file or folder", "Check the path."));
     }
     require_display()?;
-    let is_scene = args.path.extension().is_some_and(|e| e.eq_ignore_ascii_case("safetensors"));
-    let input = if is_scene {
+    let input = if Scene::is_named_like_one(&args.path) {
         ViewerInput::Scene(args.path.clone())
     } else {
         ViewerInput::Sequence(args.path.clone())

@@ -45,7 +45,7 @@ pub(crate) struct EngineBackend;
 
 impl Backend for EngineBackend {
     fn open(&self, path: &Path) -> Result<Box<dyn FrameSource>> {
-        if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("safetensors")) {
+        if Scene::is_named_like_one(path) {
             let engine = Engine::open(path, EngineOptions::default())?;
             Ok(Box::new(SceneSource::new(engine, path.to_owned())))
         } else {

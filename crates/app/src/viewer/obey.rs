@@ -207,7 +207,8 @@ impl ViewerApp {
     fn pick(&mut self, folder: bool, ctx: &Context) {
         self.picking = Some(Job::start("file dialog", ctx, move |_| {
             let dialog = rfd::FileDialog::new();
-            let files = ["safetensors", session::EXTENSION, "mp4", "mov", "mkv", "avi"];
+            let [scene, splats] = surgtpgs_core::scene::EXTENSIONS;
+            let files = [scene, splats, session::EXTENSION, "mp4", "mov", "mkv", "avi"];
             Ok(if folder {
                 dialog.set_title("Open a recording: a folder of frames").pick_folder()
             } else {

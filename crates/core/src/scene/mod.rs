@@ -17,6 +17,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
+/// Extensions of files that [`Scene::load`] reads.
+pub const EXTENSIONS: [&str; 2] = ["safetensors", "ply"];
+
 /// What is wrong with a file, without a full stop.
 type Problem = String;
 
@@ -58,11 +61,18 @@ pub struct Provenance {
     pub steps: usize,
     /// Training wall time, seconds.
     pub seconds: f64,
+    /// The most memory the training process had, where the system tells.
+    #[serde(default)]
+    pub peak_rss_bytes: Option<u64>,
     /// Training settings.
     pub settings: serde_json::Value,
 }
 
 impl Scene {
+    /// Whether a path looks like one of a scene, and not of a recording.
+    pub fn is_named_like_one(path: &Path) -> bool {
+        path.extension().is_some_and(|e| EXTENSIONS.iter().any(|known| e.eq_ignore_ascii_case(known)))
+    }
     /// Number of frames.
     pub fn num_frames(&self) -> usize {
         self.cameras.len()

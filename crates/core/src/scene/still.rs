@@ -14,7 +14,7 @@ use glam::{Affine3A, Vec3};
 const PICTURE: (u32, u32) = (960, 720);
 const FIELD_OF_VIEW_DEGREES: f32 = 50.0;
 /// Share of the Gaussians, in percent, that such a camera has in view.
-const IN_VIEW: f64 = 95.0;
+const IN_VIEW: f64 = 98.0;
 const GATE_SLOPE: f32 = 2.5;
 
 impl Scene {
@@ -58,8 +58,8 @@ impl Scene {
 /// A camera before the Gaussians (y points down, z away from it) that has most of them in view.
 pub(super) fn camera_before(means: &[[f32; 3]]) -> Camera {
     let mut camera = Camera::with_field_of_view(PICTURE.0, PICTURE.1, FIELD_OF_VIEW_DEGREES);
-    let middle =
-        Vec3::from([0, 1, 2].map(|axis| typical(means.iter().map(|m| m[axis]), 50.0).unwrap_or(0.0)));
+    let end = |axis: usize, percent| typical(means.iter().map(|m| m[axis]), percent).unwrap_or(0.0);
+    let middle = Vec3::from([0, 1, 2].map(|axis| 0.5 * (end(axis, 100.0 - IN_VIEW) + end(axis, IN_VIEW))));
     let radius = typical(means.iter().map(|m| Vec3::from(*m).distance(middle)), IN_VIEW).unwrap_or(1.0);
     // Of a ball, so that it fits the shorter side.
     let half_angle = (0.5 * camera.height as f32 / camera.fy).atan();

@@ -126,7 +126,7 @@ impl MaskSettings {
             crop_layers: 0,
             mask_nms: MaskNms { containment: 1.0, ..paper.mask_nms },
             inside_only: true,
-            max_share: 0.7,
+            max_share: 0.95,
             gap_prompts: 8,
             small_on_top: true,
             ..paper

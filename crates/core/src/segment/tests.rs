@@ -99,16 +99,19 @@ fn every_thing_becomes_one_mask_of_each_level() {
     let areas: Vec<_> = masks.level(Level::Default).iter().map(|f| f.mask.area_px()).collect();
     assert!(areas.is_sorted_by(|a, b| a >= b), "small ones are painted last: {areas:?}");
     let painted = masks.painted(Level::Default);
-    assert!(painted.data.iter().all(Option::is_some));
+    // Along the borders a coarse map leaves a few pixels to nobody.
+    let bare = painted.data.iter().filter(|p| p.is_none()).count();
+    assert!(bare * 30 < painted.data.len(), "{bare} pixels");
     assert_ne!(painted.at(3, 3), painted.at(120, 90));
 }
 
 #[test]
 fn crops_are_asked_too_and_cut_masks_go() {
     let mut segmenter = ByColour::new(|_, _| 0.95);
-    let settings = MaskSettings { points_per_side: 4, ..MaskSettings::paper() };
+    let settings = MaskSettings { points_per_side: 5, ..MaskSettings::paper() };
     let masks = run(&mut segmenter, &everything(), &settings);
-    assert_eq!((segmenter.images_seen, segmenter.prompts_seen), (5, 5 * 16));
+    assert_eq!((segmenter.images_seen, segmenter.prompts_seen), (5, 5 * 25));
+    assert_eq!(masks.level(Level::Default).len(), 3, "every crop cuts the tool");
     for colour in [WALL, LIVER, TOOL] {
         assert!(best_iou(&masks, Level::Default, colour) > 0.85, "{colour:?}");
     }

@@ -75,7 +75,7 @@ pub(super) fn read_json(path: &Path) -> Result<Vec<Class>> {
 
 /// "Kidney_Parenchyma", "kidney-parenchyma" and "KidneyParenchyma" all become "kidney parenchyma"; a hyphen
 /// stays after a single letter ("l-hook").
-pub(super) fn plain_words(name: &str) -> String {
+pub fn plain_words(name: &str) -> String {
     let mut words = String::with_capacity(name.len());
     let mut after_lower_case = false;
     for c in name.chars() {

@@ -31,7 +31,7 @@ mod transforms;
 mod video;
 
 pub use check::check;
-pub use classes::{ClassEntry, names_instrument};
+pub use classes::{ClassEntry, names_instrument, plain_words};
 pub use depth::DepthKind;
 pub(crate) use read::npy;
 pub use settings::{

@@ -91,14 +91,14 @@ fn measure(material: &Material, row: &Row, args: &BenchTrainArgs) -> Result<Outc
     let options =
         EngineOptions { backend: Backend::Cpu, sequence: Some(args.sequence.clone()), ..Default::default() };
     let mut engine = Engine::new(Arc::new(trained.scene), None, options)?;
-    let report = eval::evaluate(&mut engine)?;
+    let report = eval::evaluate(&mut engine)?.report;
     let iou = report.iou.as_ref();
     Ok(Outcome {
         name: row.name,
         what: row.what,
         seconds,
         steps_per_second: steps as f64 / seconds.max(1e-9),
-        gaussians: report.gaussians,
+        gaussians: engine.scene().gaussians.len(),
         dropped_steps,
         psnr_masked_db: report.psnr_masked_db,
         ssim: report.ssim,

@@ -1,23 +1,24 @@
 //! `report.md` with its figures and `report.json`.
 
 use crate::{
-    cli::{eval, query},
+    cli::{
+        eval,
+        pictures::{png, side_by_side, stacked},
+        query,
+    },
     engine::Engine,
     jobs::Trained,
     settings::PROMPT_COLOURS,
 };
-use image::{RgbImage, imageops};
+use image::RgbImage;
 use std::path::Path;
 use surgtpgs_core::{
-    Error, Result,
+    Result,
     export::intended_use,
     files::write_whole,
     overlay::{OverlayLook, OverlayPrompt, OverlayStyle, overlay},
     sequence::Sequence,
 };
-
-/// Pixels between the pictures of a figure.
-const GAP: u32 = 4;
 
 /// Everything that the report tells.
 pub(super) struct Findings<'a> {
@@ -57,7 +58,7 @@ pub(super) fn summary(folder: &Path, findings: &Findings<'_>) -> String {
     });
     let mut text = format!(
         "\n{} Gaussians trained in {:.0} s. On {} frames that training never saw: PSNR {} dB, IoU {iou}.\n\n",
-        e.gaussians,
+        e.gaussians.unwrap_or(0),
         findings.trained.seconds,
         e.frames,
         number(e.psnr_masked_db),
@@ -88,14 +89,14 @@ fn markdown(findings: &Findings<'_>, has_answers: bool) -> String {
         e.frames,
         t.steps,
         t.seconds,
-        e.gaussians,
+        e.gaussians.unwrap_or(0),
         number(e.psnr_masked_db),
         number(e.psnr_db),
         number(e.ssim),
         number(e.depth_rmse),
-        e.ms.frame,
-        number(e.ms.relevancy),
-        e.renderer,
+        e.ms.as_ref().map_or(f64::NAN, |ms| ms.frame),
+        number(e.ms.as_ref().and_then(|ms| ms.relevancy)),
+        e.renderer.as_deref().unwrap_or("unknown"),
     );
     text += &classes_table(e);
     text += &answers_table(findings.answers);
@@ -185,34 +186,6 @@ fn figure_of_answers(engine: &mut Engine, answers: &query::Report) -> Result<Opt
     Ok((!rows.is_empty()).then(|| stacked(&rows)))
 }
 
-fn side_by_side(pictures: &[RgbImage]) -> RgbImage {
-    let width = pictures.iter().map(|p| p.width() + GAP).sum::<u32>().saturating_sub(GAP);
-    let height = pictures.iter().map(|p| p.height()).max().unwrap_or(0);
-    let mut row = RgbImage::new(width, height);
-    let mut x = 0;
-    for picture in pictures {
-        imageops::replace(&mut row, picture, i64::from(x), 0);
-        x += picture.width() + GAP;
-    }
-    row
-}
-
-fn stacked(rows: &[RgbImage]) -> RgbImage {
-    let width = rows.iter().map(|r| r.width()).max().unwrap_or(0);
-    let height = rows.iter().map(|r| r.height() + GAP).sum::<u32>().saturating_sub(GAP);
-    let mut all = RgbImage::new(width, height);
-    let mut y = 0;
-    for row in rows {
-        imageops::replace(&mut all, row, 0, i64::from(y));
-        y += row.height() + GAP;
-    }
-    all
-}
-
 fn save(picture: &RgbImage, path: &Path) -> Result<()> {
-    let mut bytes = std::io::Cursor::new(Vec::new());
-    picture
-        .write_to(&mut bytes, image::ImageFormat::Png)
-        .map_err(|e| Error::input(format!("a figure could not be encoded: {e}"), ""))?;
-    write_whole(path, &bytes.into_inner())
+    write_whole(path, &png(picture.clone())?)
 }

@@ -2,7 +2,8 @@
 //!
 //! value = offset + step · n, with a step and an offset for each column (the last axis). The whole numbers are stored
 //! column by column, each as 2 |n| (− 1 if n < 0) of 32 bits, all lowest bytes first, all highest bytes last, in a zlib
-//! stream.
+//! stream. Where NAME.mix is there, [A, A] for the first axis of A, the values are its product with what was stored: weights
+//! over time are stored as their cosine transform, most of which is small.
 
 use super::{Problem, Scene};
 use crate::{
@@ -24,11 +25,11 @@ const OPACITY_LOGIT: f32 = 0.03;
 const COLOUR: f32 = 0.01;
 const FEATURE: f32 = 0.005;
 /// Steps of the weights over time.
-const MOTION_PX: f32 = 0.3;
+const MOTION_PX: f32 = 0.2;
 const ROTATION_OVER_TIME: f32 = 0.02;
-const LOG_SCALE_OVER_TIME: f32 = 0.06;
-const COLOUR_OVER_TIME: f32 = 0.04;
-const GATE_OVER_TIME: f32 = 0.4;
+const LOG_SCALE_OVER_TIME: f32 = 0.05;
+const COLOUR_OVER_TIME: f32 = 0.03;
+const GATE_OVER_TIME: f32 = 0.3;
 /// Steps of bases that every Gaussian has of its own, of a recording's length.
 const BASIS_TIME: f32 = 2e-4;
 /// The largest n.
@@ -82,6 +83,33 @@ fn pixel_size(scene: &Scene) -> f32 {
     let mut depths: Vec<f32> =
         scene.gaussians.means.iter().map(depth).filter(|z| *z > 0.0 && z.is_finite()).collect();
     percentile(&mut depths, 25.0).unwrap_or(1.0) / camera.fx.max(camera.fy)
+}
+
+/// The cosine transform of `n` values as a matrix of rows, whose transpose undoes it (DCT-II, orthonormal).
+pub(super) fn cosines(n: usize) -> Vec<f32> {
+    let value = |i: usize| {
+        let (k, x) = ((i / n) as f64, (i % n) as f64 + 0.5);
+        let length = if k == 0.0 { 1.0 } else { 2.0 } / n as f64;
+        (length.sqrt() * (std::f64::consts::PI * k * x / n as f64).cos()) as f32
+    };
+    (0..n * n).map(value).collect()
+}
+
+/// `matrix` turned over.
+pub(super) fn transposed(matrix: &[f32], n: usize) -> Vec<f32> {
+    (0..n * n).map(|i| matrix[i % n * n + i / n]).collect()
+}
+
+/// The product of an n × n matrix with values of which it mixes the first axis, n.
+pub(super) fn mixed(matrix: &[f32], n: usize, values: &[f32]) -> Vec<f32> {
+    let len = values.len() / n.max(1);
+    let mut out = vec![0.0; values.len()];
+    for (k, out) in out.chunks_exact_mut(len.max(1)).enumerate() {
+        for (factor, values) in matrix[k * n..(k + 1) * n].iter().zip(values.chunks_exact(len.max(1))) {
+            out.iter_mut().zip(values).for_each(|(o, v)| *o += factor * v);
+        }
+    }
+    out
 }
 
 /// Whole numbers, deflated.
@@ -167,6 +195,17 @@ mod tests {
         let read = unpack(&packed.bytes, 4, &[0.1], &[0.0]).unwrap();
         assert_eq!(read[0], 0.0);
         assert_eq!(read[2..], [-0.1 * MAX_COUNT, 0.1 * MAX_COUNT]);
+    }
+
+    #[test]
+    fn the_cosine_transform_is_undone_by_its_transpose() {
+        let matrix = cosines(7);
+        let values: Vec<f32> = (0..21).map(|i| (i as f32).sin()).collect();
+        let there = mixed(&matrix, 7, &values);
+        assert!((there[0] - (0..7).map(|b| values[3 * b]).sum::<f32>() / 7.0_f32.sqrt()).abs() < 1e-5);
+        let back = mixed(&transposed(&matrix, 7), 7, &there);
+        assert!(values.iter().zip(&back).all(|(a, b)| (a - b).abs() < 1e-5));
+        assert!(mixed(&[], 0, &[]).is_empty());
     }
 
     #[test]

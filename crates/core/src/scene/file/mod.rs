@@ -1,6 +1,5 @@
 //! The scene as safetensors: plain tensors, and one JSON text under the metadata key `surgtpgs`. In the compact form some
-//! tensors are whole numbers of small steps (see [`compact`]); `NAME.shape`, `NAME.step` and
-//! `NAME.offset` go with them.
+//! tensors are whole numbers of small steps (see [`compact`]); `NAME.shape`, `NAME.step`, `NAME.offset` and, for weights over time, `NAME.mix` go with them.
 //!
 //! | tensor | shape | |
 //! |---|---|---|
@@ -62,7 +61,7 @@ fn own_gate() -> usize {
     GATE_CHANNEL
 }
 
-/// The file; `compact` trades exactness for a sixth of the size.
+/// The file; `compact` trades exactness for about a sixth of the size.
 pub(super) fn to_bytes(scene: &Scene, compact: bool) -> Result<Vec<u8>> {
     let g = &scene.gaussians;
     let n = g.len();
@@ -118,7 +117,7 @@ fn write_deformation(w: &mut Writer, scene: &Scene) {
     };
     let shape = [d.num_bases, moving.len(), channels];
     w.u32("moving", &moving);
-    w.f32("basis_weights", &shape, &rows(&d.weights));
+    w.over_time("basis_weights", &shape, &rows(&d.weights));
     if d.is_shared() {
         w.f32("basis_centres", &shape[..1], &d.centres);
         w.f32("basis_widths", &shape[..1], &d.widths);

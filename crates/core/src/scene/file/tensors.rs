@@ -34,6 +34,16 @@ impl Writer {
         }
     }
 
+    /// Values whose first axis is time: where rounding is allowed, by what they are made of over time.
+    pub(super) fn over_time(&mut self, name: &str, shape: &[usize], values: &[f32]) {
+        if self.steps.is_none() || values.is_empty() {
+            return self.f32(name, shape, values);
+        }
+        let matrix = compact::cosines(shape[0]);
+        self.raw_f32(&format!("{name}.mix"), &[shape[0]; 2], &compact::transposed(&matrix, shape[0]));
+        self.f32(name, shape, &compact::mixed(&matrix, shape[0], values));
+    }
+
     /// Weights of a network: in half precision where rounding is allowed.
     pub(super) fn network(&mut self, name: &str, shape: &[usize], values: &[f32]) {
         if self.steps.is_none() {
@@ -106,7 +116,17 @@ impl Reader<'_> {
         let len = len.ok_or_else(|| format!("tensor `{name}` is said to be {shape:?}"))?;
         let values = compact::unpack(self.view(name)?.data(), len, &step, &offset)
             .map_err(|what| format!("tensor `{name}` is damaged: {what}"))?;
-        Ok((shape, values))
+        let mix = format!("{name}.mix");
+        if self.0.tensor(&mix).is_err() {
+            return Ok((shape, values));
+        }
+        let (size, matrix) = self.plain(&mix)?;
+        match (&shape[..], &size[..]) {
+            ([n, ..], [a, b]) if a == n && b == n => {
+                Ok((shape.clone(), compact::mixed(&matrix, *n, &values)))
+            }
+            _ => Err(format!("tensor `{mix}` is {size:?} for values of {shape:?}")),
+        }
     }
 
     pub(super) fn view(&self, name: &str) -> Result<TensorView<'_>, Problem> {

@@ -1,0 +1,37 @@
+//! `surgtpgs eval`
+
+use super::{RelevancyArgs, SceneArgs};
+use crate::engine::Backend;
+use clap::Args;
+use std::path::{Path, PathBuf};
+
+/// `surgtpgs eval`
+#[derive(Debug, Args)]
+pub struct EvalArgs {
+    /// A scene and the recording it was trained on; with --masks the recording alone
+    #[arg(value_name = "[SCENE] SEQ", num_args = 1..=2, required = true)]
+    pub paths: Vec<PathBuf>,
+    /// Score the masks in this folder instead of a scene: FRAME_CLASS.png or CLASS/FRAME.png (white = found), FRAME.png
+    /// (class ids), or K/CLASS.png for the K-th held-out frame; a frame with no mask at all is not looked at
+    #[arg(long, value_name = "DIR")]
+    pub masks: Option<PathBuf>,
+    /// Also write tables, the report with every frame and class, and pictures of errors into this folder
+    #[arg(short, long, value_name = "DIR")]
+    pub output: Option<PathBuf>,
+    /// What renders
+    #[arg(long, value_enum, default_value_t = Backend::Auto)]
+    pub backend: Backend,
+    /// How class names are asked
+    #[command(flatten)]
+    pub relevancy: RelevancyArgs,
+    /// Report as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl EvalArgs {
+    /// How to open the scene.
+    pub fn scene(&self, path: &Path) -> SceneArgs {
+        SceneArgs { scene: path.to_owned(), backend: self.backend }
+    }
+}

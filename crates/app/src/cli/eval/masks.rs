@@ -1,0 +1,153 @@
+//! The classes of a recording, and how well their masks are met.
+
+use surgtpgs_core::{
+    Result,
+    grid::{Grid, Mask},
+    mask::exclusive,
+    metrics::{ClassOnFrame, Confusion, MaskScores},
+    sequence::{Class, LabelMap, NO_LABEL, Sequence},
+};
+
+/// Measures of all classes.
+pub(super) struct Classes {
+    all: Vec<Class>,
+    /// Each class by itself.
+    pub(super) threshold: MaskScores,
+    /// Each pixel by its best class, where there are scores.
+    pub(super) argmax: Option<Argmax>,
+    /// Predicted and labelled class of each pixel, of frames to look at.
+    pub(super) frames: Vec<Labelled>,
+}
+
+/// Each pixel by its best class.
+pub(super) struct Argmax {
+    pub(super) scores: MaskScores,
+    pub(super) confusion: Confusion,
+}
+
+/// Class indices of a frame's pixels; [`NO_LABEL`] for none.
+pub(super) struct Labelled {
+    pub(super) frame: usize,
+    pub(super) predicted: Grid<u8>,
+    pub(super) truth: LabelMap,
+    pub(super) picture: image::RgbImage,
+}
+
+/// Frames of which pictures are kept.
+const MOST_PICTURES: usize = 24;
+
+impl Classes {
+    pub(super) fn new(classes: &[Class]) -> Self {
+        Self { all: classes.to_vec(), threshold: MaskScores::default(), argmax: None, frames: Vec::new() }
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.asked().next().is_none()
+    }
+
+    pub(super) fn all(&self) -> &[Class] {
+        &self.all
+    }
+
+    /// Places and classes without the background.
+    fn asked(&self) -> impl Iterator<Item = (usize, &Class)> {
+        self.all.iter().enumerate().filter(|(_, c)| !is_background(&c.name))
+    }
+
+    /// Adds the scores of all classes on a frame; `found` makes a mask of scores. Nothing where the frame has no labels.
+    pub(super) fn add_scores(
+        &mut self,
+        scores: &[Grid<f32>],
+        found: impl Fn(&Grid<f32>) -> Mask,
+        sequence: &Sequence,
+        frame: usize,
+    ) -> Result<()> {
+        let Some(labels) = sequence.labels(frame)?.filter(|_| scores.len() == self.all.len()) else {
+            return Ok(());
+        };
+        let keep = sequence.mask(frame)?;
+        let each: Vec<Mask> = scores.iter().map(found).collect();
+        let best = exclusive(&scores.iter().collect::<Vec<_>>(), &vec![0.0; scores.len()]);
+        let names: Vec<String> = self.all.iter().map(|c| c.name.clone()).collect();
+        let mut argmax = self
+            .argmax
+            .take()
+            .unwrap_or_else(|| Argmax { scores: MaskScores::default(), confusion: Confusion::new(names) });
+        for (k, class) in self.asked().map(|(k, c)| (k, c.clone())).collect::<Vec<_>>() {
+            let truth = labels.map(|&id| id == class.id);
+            self.threshold.add(ClassOnFrame::measure(frame, &class.name, &each[k], &truth, &keep)?);
+            argmax.scores.add(ClassOnFrame::measure(frame, &class.name, &best[k], &truth, &keep)?);
+        }
+        let (predicted, truth) = (self.indices(&best), self.places(&labels));
+        argmax.confusion.add(&predicted, &truth, &keep);
+        self.argmax = Some(argmax);
+        self.keep_picture(predicted, truth, sequence, frame)
+    }
+
+    /// Adds masks of all classes on a frame.
+    pub(super) fn add_masks(&mut self, masks: Vec<Mask>, sequence: &Sequence, frame: usize) -> Result<()> {
+        let Some(labels) = sequence.labels(frame)? else { return Ok(()) };
+        let keep = sequence.mask(frame)?;
+        for (k, class) in self.asked().map(|(k, c)| (k, c.clone())).collect::<Vec<_>>() {
+            let truth = labels.map(|&id| id == class.id);
+            self.threshold.add(ClassOnFrame::measure(frame, &class.name, &masks[k], &truth, &keep)?);
+        }
+        let (predicted, truth) = (self.indices(&masks), self.places(&labels));
+        self.keep_picture(predicted, truth, sequence, frame)
+    }
+
+    fn keep_picture(
+        &mut self,
+        predicted: Grid<u8>,
+        truth: LabelMap,
+        sequence: &Sequence,
+        frame: usize,
+    ) -> Result<()> {
+        if self.frames.len() < MOST_PICTURES {
+            let picture = sequence.frame(frame)?;
+            self.frames.push(Labelled { frame, predicted, truth, picture });
+        }
+        Ok(())
+    }
+
+    /// The first class at each pixel.
+    fn indices(&self, masks: &[Mask]) -> Grid<u8> {
+        let Some(first) = masks.first() else { return Grid::filled(0, 0, NO_LABEL) };
+        let class = |i: usize| masks.iter().position(|m| m.data[i]).map_or(NO_LABEL, |k| k as u8);
+        Grid::from_vec(first.width, first.height, (0..first.data.len()).map(class).collect())
+    }
+
+    /// Places in the list of classes, of ids.
+    fn places(&self, labels: &LabelMap) -> LabelMap {
+        labels.map(|id| self.all.iter().position(|c| c.id == *id).map_or(NO_LABEL, |k| k as u8))
+    }
+}
+
+/// The paper asks for no background class, neither the black border nor "background tissue" (method §9.4).
+fn is_background(name: &str) -> bool {
+    name.split([' ', '-', '_']).any(|word| word == "background")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn backgrounds_are_not_asked_for() {
+        assert!(is_background("black background") && is_background("background-tissue"));
+        assert!(!is_background("abdominal wall"));
+        let class = |name: &str| Class { id: 3, name: name.into(), colour: [0; 3] };
+        assert!(Classes::new(&[class("black background")]).is_empty());
+        assert!(!Classes::new(&[class("black background"), class("liver")]).is_empty());
+    }
+
+    #[test]
+    fn labels_become_places_in_the_list() {
+        let class = |id: u8| Class { id, name: format!("class {id}"), colour: [0; 3] };
+        let classes = Classes::new(&[class(7), class(3)]);
+        let labels = Grid::from_vec(4, 1, vec![3, 7, 9, NO_LABEL]);
+        assert_eq!(classes.places(&labels).data, [1, 0, NO_LABEL, NO_LABEL]);
+        let masks = [Grid::from_vec(2, 1, vec![false, true]), Grid::from_vec(2, 1, vec![false, true])];
+        assert_eq!(classes.indices(&masks).data, [NO_LABEL, 0]);
+    }
+}

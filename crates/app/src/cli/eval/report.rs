@@ -1,0 +1,201 @@
+//! What an evaluation comes to, as JSON and as text.
+
+use super::{FrameRow, masks::Classes, times::Milliseconds};
+use surgtpgs_core::metrics::{DepthErrors, IouReport, MaskSummary};
+
+/// The JSON report; its keys are a contract.
+#[derive(serde::Serialize)]
+pub(crate) struct Report {
+    /// Over all pixels, all channels together.
+    pub(crate) psnr_db: Option<f64>,
+    /// Inside the supervision mask.
+    pub(crate) psnr_masked_db: Option<f64>,
+    /// As the paper's code has it: each channel by itself, then the mean.
+    pub(crate) psnr_per_channel_db: Option<f64>,
+    /// With zeros outside the picture, as the 3DGS code family.
+    pub(crate) ssim: Option<f64>,
+    /// Of the pixels whose window lies inside, as scikit-image.
+    pub(crate) ssim_inside: Option<f64>,
+    /// Scene units.
+    pub(crate) depth_rmse: Option<f64>,
+    pub(crate) depth: Option<DepthErrors>,
+    pub(crate) frames: usize,
+    /// Whether these frames were kept from training; of foreign masks, whether they are the test frames.
+    pub(crate) held_out: bool,
+    pub(crate) gaussians: Option<usize>,
+    /// `None` without labels or features.
+    pub(crate) iou: Option<Iou>,
+    pub(crate) masks: Option<Masks>,
+    pub(crate) ms: Option<Milliseconds>,
+    pub(crate) fps: Option<Fps>,
+    pub(crate) training: Option<Training>,
+    pub(crate) renderer: Option<String>,
+    pub(crate) relevancy: Option<&'static str>,
+}
+
+/// Mean IoU by two protocols, of the prompts' own thresholds.
+#[derive(serde::Serialize)]
+pub(crate) struct Iou {
+    pub(crate) paper: IouReport,
+    pub(crate) strict: IouReport,
+}
+
+/// All measures, by how masks come about.
+#[derive(serde::Serialize)]
+pub(crate) struct Masks {
+    /// Each class by itself: where its score is above the threshold. The paper's way; masks may overlap.
+    pub(crate) threshold: MaskSummary,
+    /// Each pixel has the class of the highest score, the background among them.
+    pub(crate) argmax: Option<MaskSummary>,
+}
+
+/// Frames a second of one after the other: rendering, one prompt on a rendered frame, both.
+#[derive(serde::Serialize)]
+pub(crate) struct Fps {
+    pub(crate) render: f64,
+    pub(crate) query: Option<f64>,
+    pub(crate) frame: f64,
+}
+
+impl Fps {
+    pub(super) fn of(ms: &Milliseconds) -> Self {
+        let fps = |ms: f64| 1e3 / ms.max(1e-6);
+        Self {
+            render: fps(ms.deform.unwrap_or(0.0) + ms.raster),
+            query: ms.relevancy.map(fps),
+            frame: fps(ms.frame),
+        }
+    }
+}
+
+/// What the training took, as the scene tells.
+#[derive(serde::Serialize)]
+pub(crate) struct Training {
+    pub(crate) seconds: f64,
+    pub(crate) steps: usize,
+    pub(crate) peak_rss_bytes: Option<u64>,
+}
+
+impl Report {
+    /// The means over frames and classes.
+    pub(super) fn of(rows: &[FrameRow], held_out: bool, classes: &Classes) -> Self {
+        let mean_of = |value: fn(&FrameRow) -> Option<f64>| mean(rows.iter().filter_map(value));
+        let depth_rmse = mean_of(|r| r.depth_rmse);
+        let depth = depth_rmse.map(|rmse| DepthErrors {
+            rmse,
+            abs_rel: mean_of(|r| r.depth_abs_rel).unwrap_or(f64::NAN),
+            rmse_log: mean_of(|r| r.depth_rmse_log).unwrap_or(f64::NAN),
+            within_1_25: mean_of(|r| r.depth_within_1_25).unwrap_or(f64::NAN),
+        });
+        let has_classes = !classes.is_empty();
+        Self {
+            psnr_db: mean_of(|r| r.psnr_db),
+            psnr_masked_db: mean_of(|r| r.psnr_masked_db),
+            psnr_per_channel_db: mean_of(|r| r.psnr_per_channel_db),
+            ssim: mean_of(|r| r.ssim),
+            ssim_inside: mean_of(|r| r.ssim_inside),
+            depth_rmse,
+            depth,
+            frames: rows.len(),
+            held_out,
+            gaussians: None,
+            iou: has_classes
+                .then(|| Iou { paper: classes.threshold.paper(), strict: classes.threshold.strict() }),
+            masks: has_classes.then(|| Masks {
+                threshold: classes.threshold.summary(),
+                argmax: classes.argmax.as_ref().map(|a| a.scores.summary()),
+            }),
+            ms: None,
+            fps: None,
+            training: None,
+            renderer: None,
+            relevancy: None,
+        }
+    }
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let values: Vec<f64> = values.collect();
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+pub(super) fn as_text(report: &Report) -> String {
+    let value = |v: Option<f64>, unit: &str| v.map_or("unknown".into(), |v| format!("{v:.3}{unit}"));
+    let kind = if report.held_out { "held-out" } else { "training (none was held out)" };
+    let mut text = match report.gaussians {
+        Some(gaussians) => format!(
+            "{} {kind} frames, {gaussians} Gaussians\n\
+             PSNR        {} (inside the masks {}, paper's way {})\n\
+             SSIM        {} (away from the border {})\n\
+             depth       RMSE {}, relative {}, within a factor of 1.25 {}\n",
+            report.frames,
+            value(report.psnr_db, " dB"),
+            value(report.psnr_masked_db, " dB"),
+            value(report.psnr_per_channel_db, " dB"),
+            value(report.ssim, ""),
+            value(report.ssim_inside, ""),
+            value(report.depth_rmse, " scene units"),
+            value(report.depth.map(|d| d.abs_rel), ""),
+            value(report.depth.map(|d| d.within_1_25), ""),
+        ),
+        None => format!("masks of {} frames\n", report.frames),
+    };
+    if let Some(iou) = &report.iou {
+        text += &format!(
+            "IoU         {} (paper), {} (strict)\n",
+            value(iou.paper.mean, ""),
+            value(iou.strict.mean, "")
+        );
+        for (name, strict) in &iou.strict.classes {
+            text += &format!(
+                "  {name}: {} (paper), {strict:.3} (strict)\n",
+                value(iou.paper.classes.get(name).copied(), "")
+            );
+        }
+    }
+    for (name, summary) in report.masks.iter().flat_map(|m| {
+        [Some(("threshold", &m.threshold)), m.argmax.as_ref().map(|a| ("argmax", a))].into_iter().flatten()
+    }) {
+        let all = &summary.all;
+        text += &format!(
+            "{name:<11} IoU {}, Dice {}, border F {}, precision {}, recall {}, absent classes found {}\n",
+            value(all.iou, ""),
+            value(all.dice, ""),
+            value(all.boundary_f, ""),
+            value(all.precision, ""),
+            value(all.recall, ""),
+            value(all.absent.false_positive_rate, "")
+        );
+    }
+    if let (Some(ms), Some(fps), Some(renderer)) = (&report.ms, &report.fps, &report.renderer) {
+        text += &format!(
+            "times       deform {}, raster {:.2} ms, one prompt {}, frame {:.2} ms: {:.0} frames/s ({renderer})\n",
+            value(ms.deform, " ms"),
+            ms.raster,
+            value(ms.relevancy, " ms"),
+            ms.frame,
+            fps.frame,
+        );
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_measured_is_unknown_not_zero() {
+        assert_eq!((mean([].into_iter()), mean([1.0, 3.0].into_iter())), (None, Some(2.0)));
+        let empty = Report::of(&[], true, &Classes::new(&[]));
+        assert!(empty.psnr_db.is_none() && empty.iou.is_none() && empty.depth.is_none());
+        assert!(as_text(&empty).contains("0 frames"));
+    }
+
+    #[test]
+    fn frames_a_second_are_of_one_thing_after_the_other() {
+        let ms = Milliseconds { deform: Some(1.0), raster: 9.0, relevancy: Some(2.0), frame: 12.0 };
+        let fps = Fps::of(&ms);
+        assert_eq!((fps.render, fps.query), (100.0, Some(500.0)));
+    }
+}

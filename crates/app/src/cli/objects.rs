@@ -1,0 +1,124 @@
+//! What prompts find, in space: the Gaussians as a `.ply`, and where they are over time as tables.
+
+use super::query::{GaussiansReport, PromptReport, Report};
+use crate::engine::Engine;
+use std::path::Path;
+use surgtpgs_core::{
+    Error, Result, deform::deform, export::slugs, files::write_whole, object::Body, scene::Scene,
+};
+
+/// A row of `objects.csv` and `objects.json`; lengths in scene units, `None` where there is nothing.
+#[derive(serde::Serialize)]
+struct Row<'a> {
+    prompt: &'a str,
+    frame: usize,
+    time_s: Option<f64>,
+    area_px: usize,
+    /// Of the found pixels at their depth, facing the camera.
+    seen_area: f64,
+    /// Of the ellipsoid that spreads as the object's Gaussians do.
+    volume_proxy: Option<f64>,
+    spread: Option<f64>,
+    x: Option<f64>,
+    y: Option<f64>,
+    z: Option<f64>,
+    /// Of the centroid since the frame before.
+    moved: Option<f64>,
+    /// Of the centroid since the first frame.
+    away: Option<f64>,
+}
+
+/// Writes what each prompt found on the frame where it covers most, and follows these Gaussians over all frames; nothing
+/// for a prompt that found nothing.
+pub(super) fn write(engine: &mut Engine, report: &mut Report, folder: &Path) -> Result<()> {
+    let scene = engine.scene().clone();
+    let names = slugs(report.prompts.iter().map(|p| p.text.as_str()));
+    let mut found = Vec::new();
+    for (k, name) in names.iter().enumerate() {
+        let Some(frame) = report.prompts[k].largest().map(|f| f.frame) else { continue };
+        let time = scene.time(frame);
+        let gaussians = engine.gaussians_found(time)?.swap_remove(k);
+        let file = folder.join(format!("{name}.ply"));
+        write_whole(&file, &scene.still(time, &gaussians).to_ply(scene.cameras.get(frame)))?;
+        report.prompts[k].gaussians = Some(GaussiansReport { frame, count: gaussians.len(), file });
+        found.push((k, gaussians));
+    }
+    let rows: Vec<Row<'_>> =
+        found.iter().flat_map(|(k, gaussians)| follow(&scene, &report.prompts[*k], gaussians)).collect();
+    write_tables(folder, &rows)
+}
+
+/// The object on every frame that was asked for.
+fn follow<'a>(scene: &Scene, prompt: &'a PromptReport, gaussians: &[usize]) -> Vec<Row<'a>> {
+    let (mut first, mut last) = (None, None);
+    let distance = |a: Option<[f64; 3]>, b: Option<[f64; 3]>| {
+        a.zip(b).map(|(a, b)| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt())
+    };
+    let fps = scene.provenance.frames_per_second.filter(|fps| *fps > 0.0);
+    let row = |f: &super::query::FrameReport| {
+        let now = deform(&scene.gaussians, &scene.deformation, scene.time(f.frame), false);
+        let body = Body::of(&now, gaussians);
+        let here = body.map(|b| b.centroid);
+        let (moved, away) = (distance(last, here), distance(first, here));
+        (first, last) = (first.or(here), here);
+        Row {
+            prompt: &prompt.text,
+            frame: f.frame,
+            time_s: fps.map(|fps| f.frame as f64 / f64::from(fps)),
+            area_px: f.area_px,
+            seen_area: f.seen_area,
+            volume_proxy: body.map(|b| b.volume),
+            spread: body.map(|b| b.spread),
+            x: here.map(|p| p[0]),
+            y: here.map(|p| p[1]),
+            z: here.map(|p| p[2]),
+            moved,
+            away,
+        }
+    };
+    prompt.frames.iter().map(row).collect()
+}
+
+fn write_tables(folder: &Path, rows: &[Row<'_>]) -> Result<()> {
+    let fail = |e: &dyn std::fmt::Display| Error::input(format!("the table could not be written: {e}"), "");
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    rows.iter().try_for_each(|row| writer.serialize(row)).map_err(|e| fail(&e))?;
+    write_whole(&folder.join("objects.csv"), &writer.into_inner().map_err(|e| fail(&e))?)?;
+    let json = serde_json::json!({ "length_unit": "scene units", "objects": rows });
+    let text = serde_json::to_string_pretty(&json).unwrap_or_default() + "\n";
+    write_whole(&folder.join("objects.json"), text.as_bytes())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::query::FrameReport;
+    use surgtpgs_core::stress;
+
+    #[test]
+    fn an_object_is_followed_from_frame_to_frame() {
+        let mut scene = stress::ordinary(40);
+        scene.cameras = vec![scene.cameras[0]; 4];
+        scene.provenance.frames_per_second = Some(25.0);
+        let frame = |frame| FrameReport {
+            frame,
+            found: true,
+            area_px: 7,
+            area_fraction: 0.1,
+            max_score: 0.9,
+            seen_area: 2.0,
+        };
+        let prompt =
+            PromptReport { text: "liver".into(), frames: (0..4).map(frame).collect(), gaussians: None };
+        let rows = follow(&scene, &prompt, &[1, 5, 9, 12, 20]);
+        assert_eq!((rows.len(), rows[3].time_s), (4, Some(0.12)));
+        assert_eq!((rows[0].moved, rows[0].away), (None, None));
+        assert_eq!(rows[1].moved, rows[1].away);
+        let centroid = |row: &Row<'_>| [row.x, row.y, row.z].map(Option::unwrap);
+        let [a, b] = [centroid(&rows[2]), centroid(&rows[3])];
+        let moved = (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt();
+        assert!((rows[3].moved.unwrap() - moved).abs() < 1e-12 && moved > 0.0);
+        assert!(rows[2].volume_proxy.unwrap() > 0.0);
+        assert!(follow(&scene, &prompt, &[]).iter().all(|row| row.x.is_none() && row.moved.is_none()));
+    }
+}

@@ -1,0 +1,42 @@
+//! Pictures made of pictures, for reports.
+
+use image::{DynamicImage, ImageFormat, RgbImage, imageops};
+use surgtpgs_core::{Error, Result};
+
+/// Pixels between the pictures of a figure.
+const GAP: u32 = 4;
+
+/// Encodes a picture.
+pub(super) fn png(picture: impl Into<DynamicImage>) -> Result<Vec<u8>> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    picture.into().write_to(&mut bytes, ImageFormat::Png).map_err(|e| {
+        Error::input(format!("a picture could not be encoded as PNG: {e}"), "Choose another size.")
+    })?;
+    Ok(bytes.into_inner())
+}
+
+/// One row of pictures.
+pub(super) fn side_by_side(pictures: &[RgbImage]) -> RgbImage {
+    let width = pictures.iter().map(|p| p.width() + GAP).sum::<u32>().saturating_sub(GAP);
+    let height = pictures.iter().map(|p| p.height()).max().unwrap_or(0);
+    let mut row = RgbImage::new(width, height);
+    let mut x = 0;
+    for picture in pictures {
+        imageops::replace(&mut row, picture, i64::from(x), 0);
+        x += picture.width() + GAP;
+    }
+    row
+}
+
+/// Rows one below the other.
+pub(super) fn stacked(rows: &[RgbImage]) -> RgbImage {
+    let width = rows.iter().map(|r| r.width()).max().unwrap_or(0);
+    let height = rows.iter().map(|r| r.height() + GAP).sum::<u32>().saturating_sub(GAP);
+    let mut all = RgbImage::new(width, height);
+    let mut y = 0;
+    for row in rows {
+        imageops::replace(&mut all, row, 0, i64::from(y));
+        y += row.height() + GAP;
+    }
+    all
+}

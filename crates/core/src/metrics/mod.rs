@@ -1,0 +1,15 @@
+//! Quality of pictures, depth and masks.
+
+mod boundary;
+mod depth;
+mod masks;
+#[cfg(test)]
+mod oracle_tests;
+mod pictures;
+mod predicted;
+
+pub use boundary::boundary_f;
+pub use depth::{DepthErrors, depth_errors};
+pub use masks::{Absent, ClassOnFrame, ClassSummary, Confusion, IouReport, MaskScores, MaskSummary};
+pub use pictures::{Ssim, psnr_db, psnr_per_channel_db, ssim};
+pub use predicted::PredictedMasks;
