@@ -4,6 +4,9 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
+# Tests of the whole program run what was built before them, wherever that is.
+export CARGO_TARGET_DIR=${CARGO_TARGET_DIR:-$PWD/target}
+
 step() { printf '\n== %s\n' "$*"; }
 
 step format
@@ -12,18 +15,18 @@ cargo fmt --all --check
 step lints
 cargo clippy --workspace --all-targets --quiet -- -D warnings
 
-step unit tests
-cargo test --workspace --exclude surgtpgs-tests --quiet
+# All packages at once, here and below: another selection has other features, and everything would be compiled again.
+step build
+cargo build --workspace --all-targets --quiet
 
-step the program on whole recordings
-cargo build --package surgtpgs --quiet
-cargo test --package surgtpgs-tests --quiet
+step "tests, of units and of the program on whole recordings"
+SURGTPGS_BIN=$CARGO_TARGET_DIR/debug/surgtpgs cargo test --workspace --quiet
 
 step documentation
 RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --quiet
 
-step the headless demo, as users get it
+step "the headless demo, as users get it"
 cargo build --release --quiet
-cargo test --release --package surgtpgs-tests --quiet -- --ignored
+SURGTPGS_BIN=$CARGO_TARGET_DIR/release/surgtpgs cargo test --workspace --quiet --test program -- --ignored
 
 printf '\nall checks passed\n'

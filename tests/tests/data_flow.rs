@@ -140,10 +140,17 @@ fn query_writes_the_gaussians_that_it_found() {
     let count = found["count"].as_u64().unwrap();
     assert!(count > 10, "{report}");
     let ply = std::fs::read(flow.path().join("objects/liver.ply")).unwrap();
-    let header = String::from_utf8_lossy(&ply[..60]).into_owned();
+    let end = ply.windows(10).position(|w| w == b"end_header").unwrap();
+    let header = String::from_utf8_lossy(&ply[..end]).into_owned();
     assert!(header.contains(&format!("element vertex {count}\n")), "{header}");
     assert_eq!(report["prompts"][1]["gaussians"], Value::Null, "nothing was found, so nothing is written");
     assert!(!flow.path().join("objects/spaceship.ply").exists());
+    let table = std::fs::read_to_string(flow.path().join("objects/objects.csv")).unwrap();
+    assert_eq!(
+        table.lines().count(),
+        1 + Flow::FRAMES,
+        "what was found is followed over all frames: {table}"
+    );
 }
 
 #[test]
