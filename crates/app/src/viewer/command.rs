@@ -326,10 +326,14 @@ pub(crate) fn keys_text(entry: &Entry) -> String {
 
 /// Tooltip with the key.
 pub(crate) fn tooltip(command: Command) -> String {
-    let entry = entry(command);
-    match keys_text(entry) {
-        keys if keys.is_empty() => entry.tooltip.to_owned(),
-        keys => format!("{} ({keys})", entry.tooltip),
+    with_keys(entry(command).tooltip, command)
+}
+
+/// A sentence with the command's keys behind it, if there are any.
+pub(crate) fn with_keys(sentence: &str, command: Command) -> String {
+    match keys_text(entry(command)) {
+        keys if keys.is_empty() => sentence.to_owned(),
+        keys => format!("{sentence} ({keys})"),
     }
 }
 

@@ -3,7 +3,7 @@
 use super::{
     app::ViewerApp,
     clean_up_ui,
-    command::{Command, tooltip},
+    command::{Command, tooltip, with_keys},
     compare::{self, Difference},
     document::ViewMode,
     legend,
@@ -317,7 +317,8 @@ fn notice(app: &ViewerApp, with_marks: bool) -> Option<(String, Color32)> {
         return Some(("Making the first picture…".into(), theme::TEXT));
     };
     if app.document.is_excluded(picture.request.view.frame) {
-        return Some((format!("{EXCLUDED} – {}", tooltip(Command::Exclude)), theme::AMBER));
+        let how = with_keys("the Time menu takes it back in", Command::Exclude);
+        return Some((format!("{EXCLUDED} – {how}"), theme::AMBER));
     }
     if let Some(problem) = &picture.problem {
         return Some((problem.clone(), theme::ERROR));
