@@ -13,6 +13,7 @@ mod pictures;
 mod prepare;
 mod query;
 mod render;
+mod tables;
 mod train;
 mod view;
 

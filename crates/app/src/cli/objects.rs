@@ -1,11 +1,12 @@
 //! What prompts find, in space: the Gaussians as a `.ply`, and where they are over time as tables.
 
-use super::query::{GaussiansReport, PromptReport, Report};
+use super::{
+    query::{GaussiansReport, PromptReport, Report},
+    tables::csv,
+};
 use crate::engine::Engine;
 use std::path::Path;
-use surgtpgs_core::{
-    Error, Result, deform::deform, export::slugs, files::write_whole, object::Body, scene::Scene,
-};
+use surgtpgs_core::{Result, deform::deform, export::slugs, files::write_whole, object::Body, scene::Scene};
 
 /// A row of `objects.csv` and `objects.json`; lengths in scene units, `None` where there is nothing.
 #[derive(serde::Serialize)]
@@ -80,10 +81,7 @@ fn follow<'a>(scene: &Scene, prompt: &'a PromptReport, gaussians: &[usize]) -> V
 }
 
 fn write_tables(folder: &Path, rows: &[Row<'_>]) -> Result<()> {
-    let fail = |e: &dyn std::fmt::Display| Error::input(format!("the table could not be written: {e}"), "");
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    rows.iter().try_for_each(|row| writer.serialize(row)).map_err(|e| fail(&e))?;
-    write_whole(&folder.join("objects.csv"), &writer.into_inner().map_err(|e| fail(&e))?)?;
+    write_whole(&folder.join("objects.csv"), &csv(rows)?)?;
     let json = serde_json::json!({ "length_unit": "scene units", "objects": rows });
     let text = serde_json::to_string_pretty(&json).unwrap_or_default() + "\n";
     write_whole(&folder.join("objects.json"), text.as_bytes())

@@ -1,7 +1,10 @@
 //! The files of an evaluation: tables, the report with every row, and pictures to look at.
 
 use super::{Evaluation, masks::Labelled, matrix};
-use crate::cli::pictures::{png, side_by_side};
+use crate::cli::{
+    pictures::{png, side_by_side},
+    tables::csv,
+};
 use image::{Rgb, RgbImage};
 use std::path::Path;
 use surgtpgs_core::{
@@ -57,13 +60,6 @@ pub(super) fn write(folder: &Path, evaluation: &Evaluation) -> Result<()> {
         write_whole(&folder.join(name), &png(errors(frame, classes.all()))?)?;
     }
     Ok(())
-}
-
-fn csv<T: serde::Serialize>(rows: &[T]) -> Result<Vec<u8>> {
-    let fail = |e: &dyn std::fmt::Display| Error::input(format!("the table could not be written: {e}"), "");
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    rows.iter().try_for_each(|row| writer.serialize(row)).map_err(|e| fail(&e))?;
-    writer.into_inner().map_err(|e| fail(&e))
 }
 
 /// The csv crate does not write flattened structs.
