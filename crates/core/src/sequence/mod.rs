@@ -22,6 +22,7 @@ mod endovis18;
 mod field_of_view;
 mod images;
 mod layout;
+mod mp4;
 mod read;
 mod reference;
 mod settings;

@@ -8,6 +8,7 @@
 use super::{
     Layout,
     layout::{Frame, Picture, Recording},
+    mp4::{CodedPicture, Mp4},
     read,
     settings::Selection,
 };
@@ -18,11 +19,10 @@ use openh264::{
     decoder::{DecodedYUV, Decoder, DecoderConfig, Flush},
     formats::YUVSource,
 };
-use re_mp4::{Mp4, StsdBoxContent, Track};
 use std::{
     collections::BTreeMap,
     fs::File,
-    io::{BufReader, Read, Seek, SeekFrom},
+    io::{Read, Seek, SeekFrom},
     path::{Path, PathBuf},
     process::Command,
     sync::{Arc, Mutex, PoisonError},
@@ -95,16 +95,10 @@ pub(super) struct H264 {
     /// Sequence and picture parameter sets with start codes.
     parameter_sets: Vec<u8>,
     /// In decoding order; as many as frames.
-    samples: Vec<Sample>,
+    samples: Vec<CodedPicture>,
     /// Where decoding can start; ascending, the first at sample 0.
     starts: Vec<Start>,
     state: Mutex<State>,
-}
-
-/// The bytes of one coded picture.
-struct Sample {
-    offset: u64,
-    size: u64,
 }
 
 /// An IDR picture: its place in decoding order and in the order of showing.
@@ -148,34 +142,18 @@ impl H264 {
     }
 
     fn read_tables(path: &Path) -> Result<Self, String> {
-        let mp4 = read_mp4(path)?;
-        let of_track = |track: &Track| match &track.trak(&mp4).mdia.minf.stbl.stsd.contents {
-            StsdBoxContent::Avc1(avc1) => Some(avc1.clone()),
-            _ => None,
-        };
-        let (track, avc1) = mp4
-            .tracks()
-            .values()
-            .find_map(|track| of_track(track).map(|avc1| (track, avc1)))
-            .ok_or("there is no H.264 video in it")?;
+        let mp4 = Mp4::read(path)?;
         let mut parameter_sets = Vec::new();
-        for unit in avc1.avcc.sequence_parameter_sets.iter().chain(&avc1.avcc.picture_parameter_sets) {
-            push_unit(&mut parameter_sets, &unit.bytes);
-        }
-        if track.samples.is_empty() {
-            return Err("it has no frames".to_owned());
-        }
-        let samples: Vec<_> =
-            track.samples.iter().map(|s| Sample { offset: s.offset, size: s.size }).collect();
+        mp4.parameter_sets.iter().for_each(|unit| push_unit(&mut parameter_sets, unit));
         Ok(Self {
             path: path.to_owned(),
-            width: usize::from(avc1.width),
-            height: usize::from(avc1.height),
-            frames_per_second: mean_speed(track),
-            length_bytes: usize::from(avc1.avcc.length_size_minus_one & 3) + 1,
+            width: mp4.width,
+            height: mp4.height,
+            frames_per_second: mean_speed(&mp4),
+            length_bytes: mp4.length_bytes,
             parameter_sets,
-            starts: candidates(track),
-            samples,
+            starts: candidates(&mp4.pictures),
+            samples: mp4.pictures,
             state: Mutex::default(),
         })
     }
@@ -286,7 +264,7 @@ impl H264 {
         let fail = |e| Error::io("read the video", &self.path, e);
         let mut bytes = Vec::new();
         file.seek(SeekFrom::Start(self.samples[i].offset)).map_err(fail)?;
-        file.take(self.samples[i].size).read_to_end(&mut bytes).map_err(fail)?;
+        file.take(self.samples[i].size as u64).read_to_end(&mut bytes).map_err(fail)?;
         Ok(bytes)
     }
 
@@ -295,37 +273,25 @@ impl H264 {
     }
 }
 
-fn read_mp4(path: &Path) -> Result<Mp4, String> {
-    let file = File::open(path).map_err(|e| e.to_string())?;
-    let size = file.metadata().map_err(|e| e.to_string())?.len();
-    // The parser indexes into tables of the file without looking at their length.
-    let read = std::panic::catch_unwind(|| Mp4::read(BufReader::new(file), size));
-    match read {
-        Ok(Ok(mp4)) => Ok(mp4),
-        Ok(Err(e)) => Err(format!("it is not a readable mp4 file: {e}")),
-        Err(_) => Err("its tables are damaged".to_owned()),
-    }
-}
-
 /// Frames per second from the first to the last time of showing.
-fn mean_speed(track: &Track) -> Option<f32> {
-    let times = || track.samples.iter().map(|s| s.composition_timestamp);
-    let ticks = times().max()? - times().min()?;
-    let speed = (track.samples.len() - 1) as f64 * track.timescale as f64 / ticks as f64;
+fn mean_speed(mp4: &Mp4) -> Option<f32> {
+    let times = || mp4.pictures.iter().map(|picture| picture.shown_at);
+    let ticks = times().max()?.checked_sub(times().min()?)?;
+    let speed = (mp4.pictures.len() - 1) as f64 * f64::from(mp4.timescale) / ticks as f64;
     (speed.is_finite() && speed > 0.0).then_some(speed as f32)
 }
 
 /// Sync samples with their place in the order of showing, where nothing earlier is shown after them.
-fn candidates(track: &Track) -> Vec<Start> {
-    let mut by_time: Vec<_> = (0..track.samples.len()).collect();
-    by_time.sort_by_key(|&i| (track.samples[i].composition_timestamp, i));
+fn candidates(pictures: &[CodedPicture]) -> Vec<Start> {
+    let mut by_time: Vec<_> = (0..pictures.len()).collect();
+    by_time.sort_by_key(|&i| (pictures[i].shown_at, i));
     let mut frame_of = vec![0; by_time.len()];
     by_time.iter().enumerate().for_each(|(frame, &sample)| frame_of[sample] = frame);
     let mut latest_before = None;
     let mut starts = Vec::new();
     for (sample, &frame) in frame_of.iter().enumerate() {
         let closed = frame == sample && latest_before.is_none_or(|latest| latest < frame);
-        if sample == 0 || (track.samples[sample].is_sync && closed) {
+        if sample == 0 || (pictures[sample].is_sync && closed) {
             starts.push(Start { sample, frame: sample });
         }
         latest_before = latest_before.max(Some(frame));

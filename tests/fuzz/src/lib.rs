@@ -1,0 +1,61 @@
+//! Everything that reads what somebody else wrote, as functions of arbitrary bytes. None of them may panic, hang or use
+//! memory out of proportion, whatever the bytes are; what they accept must hold together.
+//!
+//! `tests/short_run.rs` runs them in CI, on all regressions and on seeded mutations of the seeds; `libfuzzer` runs them
+//! guided by coverage (see README.md).
+
+mod mutate;
+#[cfg(feature = "program")]
+mod program;
+mod recordings;
+mod scenes;
+
+pub use mutate::Mutator;
+
+/// A reader to be tried.
+pub struct Target {
+    /// Name of the target and of its folder of regressions.
+    pub name: &'static str,
+    /// Reads the bytes and looks at what came of it.
+    pub run: fn(&[u8]),
+    /// Good input to start from.
+    pub seeds: fn() -> Vec<Vec<u8>>,
+}
+
+impl std::fmt::Debug for Target {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name)
+    }
+}
+
+/// All targets.
+pub fn targets() -> Vec<Target> {
+    let mut targets = Vec::from(scenes::TARGETS);
+    targets.extend(recordings::TARGETS);
+    #[cfg(feature = "program")]
+    targets.extend(program::TARGETS);
+    targets
+}
+
+/// The target of a name.
+///
+/// # Panics
+/// Where there is none.
+pub fn run(name: &str, bytes: &[u8]) {
+    match targets().into_iter().find(|t| t.name == name) {
+        Some(target) => (target.run)(bytes),
+        None => panic!("there is no target {name}"),
+    }
+}
+
+/// A refusal must say something, in printable words.
+fn expect_words<T>(result: surgtpgs_core::Result<T>) -> Option<T> {
+    match result {
+        Ok(value) => Some(value),
+        Err(error) => {
+            let text = error.to_string();
+            assert!(!text.trim().is_empty(), "an error without words: {error:?}");
+            None
+        }
+    }
+}

@@ -1,0 +1,89 @@
+//! What needs the whole program: the command line, prompts, and folders of encoders.
+
+use crate::{Target, expect_words};
+use clap::Parser;
+use std::{fs, path::Path};
+use surgtpgs::args::Cli;
+use surgtpgs_clip::TextEncoder;
+
+pub(crate) const TARGETS: [Target; 5] = [
+    Target { name: "arguments", run: arguments, seeds: command_lines },
+    Target { name: "prompt", run: prompt, seeds: prompts },
+    Target { name: "model", run: |bytes| encoder("model.onnx", bytes), seeds: models },
+    Target { name: "tokenizer", run: |bytes| encoder("tokenizer.json", bytes), seeds: tokenizers },
+    Target { name: "encoder_settings", run: |bytes| encoder("encoder.toml", bytes), seeds: encoder_settings },
+];
+
+const MODEL: &[u8] = include_bytes!("../../../assets/text_encoder/model.onnx");
+const TOKENIZER: &[u8] = include_bytes!("../../../assets/text_encoder/tokenizer.json");
+const SETTINGS: &[u8] = include_bytes!("../../../assets/text_encoder/encoder.toml");
+
+/// Arguments are separated by zero bytes.
+fn arguments(bytes: &[u8]) {
+    let text = String::from_utf8_lossy(bytes);
+    let _ = Cli::try_parse_from(std::iter::once("surgtpgs").chain(text.split('\0')));
+}
+
+fn command_lines() -> Vec<Vec<u8>> {
+    [
+        "train\0recording\0-o\0s.safetensors\0--iterations\0100\0--seed\07\0--backend\0cpu",
+        "prepare\0recording\0-o\0p\0--labels\0--text-encoder\0folder\0--eval",
+        "query\0s.safetensors\0--prompt\0liver\0--threshold\00.5\0--frame\03\0--json",
+        "export\0s.safetensors\0--prompt\0liver\0-o\0out\0--format\0coco",
+        "bench\0frame\0s.safetensors\0--frames\02",
+    ]
+    .map(|line| line.as_bytes().to_vec())
+    .to_vec()
+}
+
+/// A prompt is words; whatever it is, its embedding is of unit length.
+fn prompt(bytes: &[u8]) {
+    thread_local!(static ENCODER: std::cell::RefCell<Option<TextEncoder>> = std::cell::RefCell::new(TextEncoder::builtin().ok()));
+    let text = String::from_utf8_lossy(bytes);
+    ENCODER.with_borrow_mut(|encoder| {
+        let Some(encoder) = encoder else { panic!("the built-in text encoder does not load") };
+        if let Some(rows) = expect_words(encoder.encode_prompts(&[&text])) {
+            let length = rows[0].iter().map(|v| v * v).sum::<f32>();
+            assert!((length - 1.0).abs() < 1e-3, "an embedding of squared length {length}");
+        }
+    });
+}
+
+fn prompts() -> Vec<Vec<u8>> {
+    ["gallbladder", "a photo of the liver, please", "", "été 肝臓 🫀\u{202e}\u{0}\u{7f}", "({[<&\"'%s\\"]
+        .map(|text| text.as_bytes().to_vec())
+        .to_vec()
+}
+
+/// Opens the built-in encoder's folder with one of its files replaced, and asks it.
+fn encoder(file: &str, bytes: &[u8]) {
+    let folder = crate::recordings::scratch();
+    for (name, good) in [("model.onnx", MODEL), ("tokenizer.json", TOKENIZER), ("encoder.toml", SETTINGS)] {
+        write(&folder.path().join(name), if name == file { bytes } else { good });
+    }
+    if let Some(mut encoder) = expect_words(TextEncoder::open(folder.path())) {
+        if let Some(rows) = expect_words(encoder.encode_prompts(&["liver"])) {
+            assert!(rows[0].iter().all(|v| v.is_finite()), "an embedding that is not finite");
+        }
+    }
+}
+
+fn write(path: &Path, bytes: &[u8]) {
+    let written = fs::write(path, bytes);
+    assert!(written.is_ok(), "{}: {written:?}", path.display());
+}
+
+fn models() -> Vec<Vec<u8>> {
+    vec![MODEL.to_vec()]
+}
+
+fn tokenizers() -> Vec<Vec<u8>> {
+    vec![TOKENIZER.to_vec()]
+}
+
+fn encoder_settings() -> Vec<Vec<u8>> {
+    vec![
+        SETTINGS.to_vec(),
+        b"template = \"a photo of {}\"\ncontext_length = 16\npooling = \"mean\"\n".to_vec(),
+    ]
+}

@@ -1,0 +1,102 @@
+//! Scene files and files of Gaussians.
+
+use crate::{Target, expect_words};
+use surgtpgs_core::{
+    codec::{Codec, CodecSettings},
+    raster::{CpuRenderer, Renderer},
+    relevancy::{Query, RelevancySettings, best},
+    scene::Scene,
+    sequence::Class,
+    stress,
+};
+
+pub(crate) const TARGETS: [Target; 2] = [
+    Target { name: "scene", run: |bytes| load("scene.safetensors", bytes), seeds: scenes },
+    Target { name: "ply", run: |bytes| load("scene.ply", bytes), seeds: plys },
+];
+
+/// Scenes above this are not rendered here: that they load is enough.
+const SMALL: usize = 100_000;
+
+fn load(name: &str, bytes: &[u8]) {
+    let folder = crate::recordings::scratch();
+    let path = folder.path().join(name);
+    if std::fs::write(&path, bytes).is_ok() {
+        if let Some(scene) = expect_words(Scene::load(&path)) {
+            look_at(&scene);
+        }
+    }
+}
+
+/// A scene that was accepted can be written, read, rendered and asked.
+fn look_at(scene: &Scene) {
+    let bytes = scene.to_bytes();
+    assert!(bytes.is_ok(), "an accepted scene cannot be written: {bytes:?}");
+    let camera = scene.cameras[0];
+    if camera.width as usize * camera.height as usize * scene.gaussians.len().max(1) > SMALL {
+        return;
+    }
+    let Some(images) = expect_words(CpuRenderer::default().render(scene, &camera, 0.5, true)) else { return };
+    assert!(images.planes.iter().all(|v| v.is_finite()), "a scene renders to values that are not finite");
+    if let (Some(codec), Some((class, embedding))) = (&scene.codec, scene.classes.first()) {
+        let settings = RelevancySettings::default();
+        let query = Query::new(&class.name, embedding.clone(), &[], &scene.classes, &settings);
+        if query.check(codec).is_ok() {
+            let scores = best(codec.clone()).score(&images, &[query], &settings);
+            assert!(scores[0].data.iter().all(|s| (0.0..=1.0).contains(s)), "a score beyond 0 to 1");
+        }
+    }
+}
+
+/// A scene with a codec and classes.
+fn scene(n: usize) -> Scene {
+    const DIM: usize = 6;
+    let mut scene = stress::ordinary(n);
+    let embedding = |k: usize| (0..DIM).map(|j| 0.5 * ((k * 5 + j * 3) as f32).sin()).collect::<Vec<f32>>();
+    let names = ["liver", "grasper", "fat"].map(String::from);
+    scene.classes = (1..)
+        .zip(names)
+        .map(|(id, name)| (Class { id, name, colour: [1, 2, 3] }, embedding(usize::from(id))))
+        .collect();
+    let rows: Vec<f32> = scene.classes.iter().flat_map(|c| c.1.clone()).collect();
+    let settings = CodecSettings { steps: 5, ..CodecSettings::default() };
+    let rows = ndarray::Array2::from_shape_vec((3, DIM), rows);
+    scene.codec =
+        rows.ok().and_then(|rows| Codec::train(rows.view(), &[1.0; 3], &settings, &mut |_, _| {}).ok());
+    scene
+}
+
+fn scenes() -> Vec<Vec<u8>> {
+    let scene = scene(5);
+    [scene.to_bytes(), scene.to_quantized_bytes(), stress::ordinary(1).to_bytes()]
+        .into_iter()
+        .flatten()
+        .collect()
+}
+
+fn plys() -> Vec<Vec<u8>> {
+    let scene = scene(3);
+    let text = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
+                property float opacity\nend_header\n0 0 1 2\n";
+    vec![scene.all_still(0.5).to_ply(Some(&scene.cameras[0])), scene.to_reference_ply().ply, text.into()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    #[test]
+    fn the_seeds_are_good() {
+        for (target, seeds) in [("scene.safetensors", scenes()), ("scene.ply", plys())] {
+            assert_eq!(seeds.len(), 3);
+            let folder = tempfile::tempdir().unwrap();
+            let path: &Path = &folder.path().join(target);
+            for (i, seed) in seeds.iter().enumerate().take(2) {
+                std::fs::write(path, seed).unwrap();
+                let scene = Scene::load(path);
+                assert!(scene.is_ok(), "seed {i} of {target}: {:?}", scene.err());
+            }
+        }
+    }
+}

@@ -1,0 +1,66 @@
+//! The short run of CI: every seed, every regression, and seeded mutations of the seeds.
+
+use std::{fs, panic::catch_unwind, path::Path};
+use surgtpgs_fuzz::{Mutator, Target, targets};
+
+/// Mutations of each target; `FUZZ_EXECUTIONS` asks for another number.
+fn executions(target: &Target) -> usize {
+    let asked = std::env::var("FUZZ_EXECUTIONS").ok().and_then(|n| n.parse().ok());
+    asked.unwrap_or(match target.name {
+        // Loads a network or decodes video each time.
+        "model" | "tokenizer" | "encoder_settings" | "video" => 20,
+        _ => 300,
+    })
+}
+
+/// Runs a target; bytes that break it are kept for the report.
+fn run(target: &Target, what: &str, bytes: &[u8]) {
+    if catch_unwind(|| (target.run)(bytes)).is_err() {
+        let kept = std::env::temp_dir().join(format!("surgtpgs-fuzz-{}", target.name));
+        let written = fs::write(&kept, bytes);
+        panic!("{what} breaks {target:?}; its bytes are in {} ({written:?})", kept.display());
+    }
+}
+
+#[test]
+fn seeds_and_regressions_hold() {
+    let regressions = Path::new(env!("CARGO_MANIFEST_DIR")).join("regressions");
+    let targets = targets();
+    for entry in fs::read_dir(&regressions).into_iter().flatten() {
+        let name = entry.unwrap().file_name();
+        assert!(targets.iter().any(|t| name == t.name), "there is no target {name:?}");
+    }
+    for target in &targets {
+        let seeds = (target.seeds)();
+        assert!(!seeds.is_empty(), "{target:?} has no seeds");
+        seeds.iter().enumerate().for_each(|(i, seed)| run(target, &format!("seed {i}"), seed));
+        for entry in fs::read_dir(regressions.join(target.name)).into_iter().flatten() {
+            let path = entry.unwrap().path();
+            run(target, &path.display().to_string(), &fs::read(&path).unwrap());
+        }
+    }
+}
+
+#[test]
+fn damaged_seeds_are_refused_or_read() {
+    let only = std::env::var("FUZZ_TARGET").ok();
+    for target in targets().iter().filter(|t| only.as_ref().is_none_or(|name| t.name == name)) {
+        let seeds = (target.seeds)();
+        let mut mutator = Mutator::new(1);
+        for i in 0..executions(target) {
+            run(target, &format!("mutation {i}"), &mutator.mutate(&seeds[i % seeds.len()]));
+        }
+    }
+}
+
+#[test]
+fn mutations_are_many_and_repeatable() {
+    let series = || {
+        let mut mutator = Mutator::new(7);
+        (0..100).map(|_| mutator.mutate(b"P5 16 16 255 some bytes")).collect::<Vec<_>>()
+    };
+    let made = series();
+    assert_eq!(made, series());
+    let different: std::collections::BTreeSet<_> = made.iter().collect();
+    assert!(different.len() > 90, "{} of 100 differ", different.len());
+}
