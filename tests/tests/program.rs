@@ -15,6 +15,9 @@ mod bad_input;
 mod data_flow;
 /// The headless job of a bare `surgtpgs`.
 mod default_job;
+/// Full disks, kills and readers that go away.
+#[cfg(target_os = "linux")]
+mod faults;
 /// Scenes to and from what other programs read.
 mod formats;
 /// Nothing that speaks to a network is built in.

@@ -11,6 +11,22 @@ pub fn full_path(path: &Path) -> PathBuf {
     std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned())
 }
 
+/// Beginning of the names of files that are being written.
+const TEMPORARY: &str = ".part-";
+
+/// Whether a folder may be taken: it does not exist, or holds nothing but what a killed writer left.
+pub fn is_free_folder(path: &Path) -> Result<bool> {
+    let fail = |e| Error::io("list the folder", path, e);
+    let mut entries = match std::fs::read_dir(path) {
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(true),
+        entries => entries.map_err(fail)?,
+    };
+    entries.try_fold(true, |free, entry| {
+        let name = entry.map_err(fail)?.file_name();
+        Ok(free && name.to_string_lossy().starts_with(TEMPORARY))
+    })
+}
+
 /// Writes `bytes` to `path` so that a reader sees the old file or the new one, never a part.
 /// Missing parent folders are created.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
@@ -43,7 +59,12 @@ impl WholeFile {
             _ => PathBuf::from("."),
         };
         std::fs::create_dir_all(&folder).map_err(fail)?;
-        let temporary = tempfile::Builder::new().prefix(".part-").tempfile_in(&folder).map_err(fail)?;
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(TEMPORARY);
+        // Temporary files are private to their owner; results get the permissions that the user gives new files.
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let temporary = builder.tempfile_in(&folder).map_err(fail)?;
         Ok(Self { temporary, path: path.to_owned() })
     }
 
@@ -62,8 +83,12 @@ impl WholeFile {
         let Self { temporary, path } = self;
         let fail = |e| Error::io("write the file", &path, e);
         temporary.as_file().sync_all().map_err(fail)?;
-        set_default_permissions(&temporary).map_err(fail)?;
         temporary.persist(&path).map_err(|e| fail(e.error))?;
+        // Without it, a power cut may take the new name back.
+        #[cfg(unix)]
+        if let Some(folder) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
+            std::fs::File::open(folder).and_then(|folder| folder.sync_all()).map_err(fail)?;
+        }
         Ok(())
     }
 }
@@ -84,18 +109,6 @@ impl Seek for WholeFile {
     }
 }
 
-/// Temporary files are private to their owner; results get the usual permissions.
-#[cfg(unix)]
-fn set_default_permissions(file: &tempfile::NamedTempFile) -> std::io::Result<()> {
-    use std::os::unix::fs::PermissionsExt;
-    file.as_file().set_permissions(std::fs::Permissions::from_mode(0o644))
-}
-
-#[cfg(not(unix))]
-fn set_default_permissions(_: &tempfile::NamedTempFile) -> std::io::Result<()> {
-    Ok(())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -106,6 +119,31 @@ mod tests {
         assert_eq!(full_path(Path::new("src/../src/files.rs")), full_path(&here.join("src/files.rs")));
         assert!(full_path(Path::new("src")).is_absolute());
         assert_eq!(full_path(Path::new("not/there")), Path::new("not/there"));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn results_have_the_permissions_of_other_new_files() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let [ours, theirs] = ["ours", "theirs"].map(|name| folder.path().join(name));
+        write_whole(&ours, b"").unwrap();
+        std::fs::write(&theirs, b"").unwrap();
+        let [ours, theirs] = [ours, theirs].map(|path| path.metadata().unwrap().permissions().mode());
+        assert_eq!(ours, theirs);
+    }
+
+    #[test]
+    fn what_a_killed_writer_left_does_not_claim_a_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        assert!(
+            is_free_folder(&folder.path().join("none")).unwrap() && is_free_folder(folder.path()).unwrap()
+        );
+        std::fs::write(folder.path().join(".part-abc"), "half").unwrap();
+        assert!(is_free_folder(folder.path()).unwrap());
+        std::fs::write(folder.path().join("a"), "").unwrap();
+        assert!(!is_free_folder(folder.path()).unwrap());
+        assert!(is_free_folder(&folder.path().join("a")).is_err());
     }
 
     #[test]

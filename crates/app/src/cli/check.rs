@@ -20,9 +20,9 @@ pub(super) fn run(args: &CheckArgs) -> Result<Exit> {
         Err(error) => return Err(error),
     };
     if args.json {
-        print_json(&report);
+        print_json(&report)?;
     } else {
-        print(&as_text(&report));
+        print(&as_text(&report))?;
     }
     Ok(if report.ok { Exit::Done } else { Exit::WrongInput })
 }

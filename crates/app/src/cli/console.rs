@@ -15,16 +15,22 @@ use surgtpgs_core::{Error, Result, files::write_whole};
 
 use crate::jobs::Progress;
 
-/// Writes text to standard output. A reader that went away (`| head`) is not an error.
-pub fn print(text: &str) {
+/// Writes text to standard output. A reader that went away (`| head`) is not an error, a full disk is.
+pub fn print(text: &str) -> Result<()> {
     let mut out = std::io::stdout().lock();
-    let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
+            let what = format!("the result could not be written to standard output: {e}");
+            Err(Error::input(what, "Free some space, or send it elsewhere."))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Writes a value to standard output as indented JSON.
-pub fn print_json(value: &impl serde::Serialize) {
+pub fn print_json(value: &impl serde::Serialize) -> Result<()> {
     // Reports are plain structs of text and numbers: they always serialize.
-    print(&(serde_json::to_string_pretty(value).unwrap_or_default() + "\n"));
+    print(&(serde_json::to_string_pretty(value).unwrap_or_default() + "\n"))
 }
 
 /// Writes a line to standard error.

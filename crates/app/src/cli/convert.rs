@@ -80,9 +80,9 @@ pub(super) fn run(args: &ConvertArgs) -> Result<Exit> {
     }
     report.lost.iter().for_each(|what| say(&format!("not kept as it was: {what}")));
     if args.json {
-        print_json(&report);
+        print_json(&report)?;
     } else {
-        print(&as_text(&report));
+        print(&as_text(&report))?;
     }
     Ok(Exit::Done)
 }

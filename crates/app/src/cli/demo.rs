@@ -6,19 +6,11 @@ use super::{
 };
 use crate::args::DemoArgs;
 use surgtpgs_core::{
-    Error, Result,
+    Result,
     demo::{self, DemoSettings},
 };
 
 pub(super) fn run(args: &DemoArgs) -> Result<Exit> {
-    let is_empty = std::fs::read_dir(&args.output).map_or(true, |mut entries| entries.next().is_none());
-    if !is_empty {
-        return Err(Error::input_at(
-            &args.output,
-            "the folder is not empty",
-            "Choose a new or empty folder.",
-        ));
-    }
     let settings = DemoSettings {
         width: args.width as usize,
         height: args.height as usize,

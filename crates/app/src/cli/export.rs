@@ -40,7 +40,7 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit> {
     let summary = jobs::export(&mut engine, request, &mut |p| view.show(p))?;
     drop(view);
     if args.json {
-        print_json(&summary);
+        print_json(&summary)?;
     } else {
         print(&format!(
             "{} files in {} ({} frames, {} of them were there already)\n",
@@ -48,7 +48,7 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit> {
             args.output.display(),
             summary.frames,
             summary.skipped_frames
-        ));
+        ))?;
     }
     if summary.complete {
         Ok(Exit::Done)

@@ -50,8 +50,13 @@ pub fn run(args: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Exit 
         Ok(cli) => cli,
         Err(message) => {
             // Help and version are messages too, for standard output; clap knows which is which.
-            let _ = message.print();
-            return if message.use_stderr() { Exit::Usage } else { Exit::Done };
+            let printed = message.print();
+            return match (message.use_stderr(), printed) {
+                (true, _) => Exit::Usage,
+                (false, Ok(())) => Exit::Done,
+                (false, Err(e)) if e.kind() == std::io::ErrorKind::BrokenPipe => Exit::Done,
+                (false, Err(_)) => Exit::WrongInput,
+            };
         }
     };
     match run_verb(cli.verb) {
@@ -87,7 +92,19 @@ fn open_engine(scene: &SceneArgs, options: EngineOptions) -> Result<Engine> {
     Ok(engine)
 }
 
-/// Messages from libraries may have several lines; ours have one.
+/// Messages from libraries may have several lines; ours have one, and nothing in it that a terminal would obey: names of
+/// files and what stands in them may hold escape sequences.
 fn one_line(text: &str) -> String {
-    text.split_whitespace().collect::<Vec<_>>().join(" ")
+    let shown: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+    shown.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_is_one_line_that_no_terminal_obeys() {
+        assert_eq!(one_line("a\n  b\u{1b}[31mred\u{7} \u{9b}2J é"), "a b [31mred 2J é");
+    }
 }

@@ -12,6 +12,7 @@ use std::path::Path;
 use surgtpgs_core::{
     Error, Result,
     codec::CodecSettings,
+    files::is_free_folder,
     prepare::{Prepared, write_langsplat},
     sequence::Sequence,
 };
@@ -70,11 +71,7 @@ fn source(args: &PrepareArgs) -> FeatureSource {
 /// A folder with other content, the recording above all, is never written into. One whose preparation was not finished
 /// is gone on with; an earlier one is replaced if the user says so, all but its masks where they can be used again.
 fn refuse_occupied(folder: &Path, force: bool, reuses: bool) -> Result<()> {
-    let is_empty = match std::fs::read_dir(folder) {
-        Ok(mut entries) => entries.next().is_none(),
-        Err(_) => true,
-    };
-    match (is_empty, Prepared::is_prepared(folder)) {
+    match (is_free_folder(folder)?, Prepared::is_prepared(folder)) {
         (true, _) => Ok(()),
         (false, true) if force && reuses => Ok(()),
         (false, true) if force => jobs::remove_folder(folder),

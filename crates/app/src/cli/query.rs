@@ -76,11 +76,11 @@ pub(super) fn run(args: &QueryVerbArgs) -> Result<Exit> {
         objects::write(&mut engine, &mut report, folder)?;
     }
     if args.json {
-        print_json(&report);
+        print_json(&report)?;
     } else if args.csv {
-        print(&as_csv(&report));
+        print(&as_csv(&report))?;
     } else {
-        print(&as_text(&report, frames.len()));
+        print(&as_text(&report, frames.len()))?;
     }
     Ok(Exit::Done)
 }

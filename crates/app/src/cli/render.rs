@@ -40,7 +40,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<Exit> {
     }
     drop(view);
     write_notes(&args.output, &engine, &kinds, depth_range)?;
-    print(&format!("{} frames in {} ({})\n", frames.len(), args.output.display(), engine.renderer_name()));
+    print(&format!("{} frames in {} ({})\n", frames.len(), args.output.display(), engine.renderer_name()))?;
     Ok(Exit::Done)
 }
 

@@ -56,9 +56,9 @@ pub(super) fn run(args: &TrainArgs) -> Result<Exit> {
         say(&format!("{} steps were dropped because they were not finite", report.dropped_steps));
     }
     if args.json {
-        print_json(&report);
+        print_json(&report)?;
     } else {
-        print(&as_text(&report, args));
+        print(&as_text(&report, args))?;
     }
     Ok(Exit::Done)
 }

@@ -1,7 +1,12 @@
 //! Writes the clip as an ordinary sequence folder.
 
 use super::{Demo, DemoFrame, DemoSettings, FRAMES_PER_SECOND, classes};
-use crate::{Error, Result, camera::Camera, files::write_whole, grid::Mask};
+use crate::{
+    Error, Result,
+    camera::Camera,
+    files::{is_free_folder, write_whole},
+    grid::Mask,
+};
 use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, Luma};
 use ndarray::Array3;
 use ndarray_npy::WriteNpyExt;
@@ -35,12 +40,8 @@ pub fn write(settings: &DemoSettings, folder: &Path, progress: &mut dyn FnMut(us
 
 /// Refuses a folder that holds anything else than the clip of this very description.
 fn claim(folder: &Path, readme: &str) -> Result<()> {
-    let entries = match std::fs::read_dir(folder) {
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(()),
-        entries => entries.map_err(|e| Error::io("list the folder", folder, e))?,
-    };
     let same = std::fs::read(folder.join("README.txt")).is_ok_and(|found| found == readme.as_bytes());
-    if same || entries.count() == 0 {
+    if same || is_free_folder(folder)? {
         return Ok(());
     }
     Err(Error::input_at(

@@ -7,6 +7,7 @@ use super::{
 use crate::{
     Error, Result,
     codec::{Codec, CodecSettings},
+    files::is_free_folder,
     sequence::Sequence,
 };
 use ndarray::Array2;
@@ -42,9 +43,8 @@ pub(super) fn clear_folder(folder: &Path, sequence: &Sequence) -> Result<()> {
             "Choose another folder.",
         ));
     }
-    let is_empty = |f: &Path| std::fs::read_dir(f).map(|mut entries| entries.next().is_none());
     let ours = Prepared::is_prepared(folder) || is_unfinished(folder);
-    if folder.exists() && !ours && !is_empty(folder).map_err(fail)? {
+    if !ours && !is_free_folder(folder)? {
         return Err(Error::input_at(
             folder,
             "the folder is not empty and was not made by preparing a recording",

@@ -425,3 +425,19 @@ fn a_feature_that_decodes_to_nothing_prefers_nothing() {
         assert!(right && scores.contains(&0.0), "rung {k}: {scores:?}");
     }
 }
+
+#[test]
+fn scores_do_not_depend_on_the_order_of_the_prompts() {
+    let (codec, ..) = &*WORLD;
+    let images = rendered(codec, 24, 16, 0.05, 11);
+    let settings = RelevancySettings::default();
+    let queries = [0, 1, 2].map(query_for);
+    let turned = [2, 0, 1].map(query_for);
+    for (mut first, mut second) in rungs(codec).into_iter().zip(rungs(codec)) {
+        let scores = first.score(&images, &queries, &settings);
+        let again = second.score(&images, &turned, &settings);
+        for (k, from) in [2, 0, 1].into_iter().enumerate() {
+            assert!(again[k].data == scores[from].data, "{}: prompt {from}", first.name());
+        }
+    }
+}

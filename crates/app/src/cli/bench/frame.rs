@@ -90,9 +90,9 @@ pub(super) fn run(args: &BenchFrameArgs) -> Result<Exit> {
         write(&report, folder)?;
     }
     if args.json {
-        print_json(&report);
+        print_json(&report)?;
     } else {
-        print(&csv(&report));
+        print(&csv(&report))?;
     }
     Ok(Exit::Done)
 }

@@ -70,9 +70,9 @@ pub(super) fn run(args: &BenchMasksArgs) -> Result<Exit> {
         write_whole(&folder.join("masks.csv"), csv(&outcomes).as_bytes())?;
     }
     if args.json {
-        print_json(&outcomes);
+        print_json(&outcomes)?;
     } else {
-        print(&csv(&outcomes));
+        print(&csv(&outcomes))?;
     }
     Ok(Exit::Done)
 }

@@ -73,9 +73,9 @@ pub(super) fn run(args: &BenchStepArgs) -> Result<Exit> {
         write_whole(&folder.join("step.csv"), csv(&outcomes).as_bytes())?;
     }
     if args.json {
-        print_json(&outcomes);
+        print_json(&outcomes)?;
     } else {
-        print(&csv(&outcomes));
+        print(&csv(&outcomes))?;
     }
     Ok(Exit::Done)
 }

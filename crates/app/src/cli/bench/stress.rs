@@ -1,4 +1,5 @@
-//! `bench stress`: what breaks renderers, and how far each picture is from the f64 twin's.
+//! `bench stress`: what breaks renderers, and how far each picture is from the f64 twin's; then changes to a scene that must
+//! not change its picture, and how far the picture is from what it must be.
 
 use crate::{
     args::BenchStressArgs,
@@ -11,9 +12,11 @@ use crate::{
 use std::fmt::Write;
 use surgtpgs_core::{
     Result,
+    camera::Camera,
     files::write_whole,
     raster::Renderer,
-    stress::{CUT_OFF, Case, a_million, cases, compare},
+    scene::Scene,
+    stress::{CUT_OFF, Case, Difference, a_million, cases, compare, invariances},
 };
 
 /// All cases of one family together.
@@ -35,31 +38,36 @@ pub(super) fn run(args: &BenchStressArgs) -> Result<Exit> {
     let mut families: Vec<Family> = Vec::new();
     for case in cases().into_iter().chain([a_million()]) {
         let Case { family: name, scene, camera, time } = &case;
-        let found = compare(&renderer.render(scene, camera, *time, true)?, &case);
-        let family = match families.iter_mut().position(|f| f.name == *name) {
-            Some(i) => &mut families[i],
-            None => {
-                let (cases, not_finite) = (0, 0);
-                families.push(Family { name, cases, not_finite, largest_error: 0.0, beyond: 0.0 });
-                let last = families.len() - 1;
-                &mut families[last]
-            }
-        };
-        family.cases += 1;
-        family.not_finite += found.not_finite;
-        family.largest_error = family.largest_error.max(found.largest);
-        family.beyond = family.beyond.max(found.beyond);
+        add(&mut families, name, compare(&renderer.render(scene, camera, *time, true)?, &case));
+    }
+    for case in invariances() {
+        let mut render = |(scene, camera): &(Scene, Camera)| renderer.render(scene, camera, case.time, true);
+        let (before, after) = (render(&case.before)?, render(&case.after)?);
+        add(&mut families, case.family, case.difference(&before, &after));
     }
     let text = csv(&families);
     if let Some(folder) = &args.output {
         write_whole(&folder.join("stress.csv"), text.as_bytes())?;
     }
     if args.json {
-        print_json(&families);
+        print_json(&families)?;
     } else {
-        print(&text);
+        print(&text)?;
     }
     Ok(Exit::Done)
+}
+
+fn add(families: &mut Vec<Family>, name: &'static str, found: Difference) {
+    let known = families.iter().position(|f| f.name == name);
+    let i = known.unwrap_or_else(|| {
+        families.push(Family { name, cases: 0, not_finite: 0, largest_error: 0.0, beyond: 0.0 });
+        families.len() - 1
+    });
+    let family = &mut families[i];
+    family.cases += 1;
+    family.not_finite += found.not_finite;
+    family.largest_error = family.largest_error.max(found.largest);
+    family.beyond = family.beyond.max(found.beyond);
 }
 
 fn csv(families: &[Family]) -> String {

@@ -50,9 +50,9 @@ pub(super) fn run(args: &BenchTrainArgs) -> Result<Exit> {
         write(&outcomes, args)?;
     }
     if args.json {
-        print_json(&outcomes);
+        print_json(&outcomes)?;
     } else {
-        print(&outcomes.iter().map(|o| line(o) + "\n").collect::<String>());
+        print(&outcomes.iter().map(|o| line(o) + "\n").collect::<String>())?;
     }
     Ok(Exit::Done)
 }

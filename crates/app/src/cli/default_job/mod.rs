@@ -67,7 +67,7 @@ fn headless(folder: &Path, options: &DemoOptions) -> Result<()> {
     let findings =
         Findings { trained: &trained, evaluation: &evaluation, answers: &answers, exported: found };
     report::write(folder, &mut engine, &findings)?;
-    print(&report::summary(folder, &findings));
+    print(&report::summary(folder, &findings))?;
     Ok(())
 }
 

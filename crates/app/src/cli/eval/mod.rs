@@ -73,9 +73,9 @@ pub(super) fn run(args: &EvalArgs) -> Result<Exit> {
         files::write(folder, &evaluation)?;
     }
     if args.json {
-        print_json(report);
+        print_json(report)?;
     } else {
-        print(&report::as_text(report));
+        print(&report::as_text(report))?;
     }
     Ok(Exit::Done)
 }

@@ -174,8 +174,8 @@ pub(super) fn from_bytes(bytes: &[u8]) -> Result<Scene, Problem> {
     let field_of_view = read_field_of_view(&reader, &header, &cameras[0])?;
     let codec = read_codec(&reader, header.latent_dim)?;
     let (shape, embeddings) = reader.f32("class_embeddings", 2)?;
-    if shape[0] != header.classes.len() {
-        return Err(format!("{} classes, but {} class embeddings", header.classes.len(), shape[0]));
+    if shape[0] != header.classes.len() || (shape[0] > 0 && shape[1] == 0) {
+        return Err(format!("{} classes, but class embeddings of shape {shape:?}", header.classes.len()));
     }
     let embeddings = embeddings.chunks(shape[1].max(1)).map(<[f32]>::to_vec);
     let classes = header.classes.into_iter().zip(embeddings).collect();
@@ -213,7 +213,7 @@ fn read_deformation(reader: &Reader<'_>, header: &Header) -> Result<Deformation,
     if let Some(bad) = moving.iter().find(|i| **i >= n) {
         return Err(format!("tensor `moving` names Gaussian {bad} of {n}"));
     }
-    if header.gate_channel + dim > channels {
+    if header.gate_channel.checked_add(dim).is_none_or(|end| end > channels) {
         return Err(format!("the features' gate is said to be at channel {}", header.gate_channel));
     }
     let (shape, weights) = reader.f32("basis_weights", 3)?;

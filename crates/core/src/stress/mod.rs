@@ -1,5 +1,9 @@
 //! Scenes that break renderers, for the tests of every renderer and for `surgtpgs bench stress`.
 
+mod invariance;
+
+pub use invariance::{Invariance, invariances};
+
 use crate::{
     camera::Camera,
     deform::{BasisShape, Deformation},
@@ -183,11 +187,15 @@ pub const MAX_BEYOND: f64 = 2e-3;
 
 /// Compares rendered images with those of the f64 twin.
 pub fn compare(images: &Images, case: &Case) -> Difference {
-    let expected = reference_frame(&case.scene, &case.camera, case.time);
+    difference(images, &reference_frame(&case.scene, &case.camera, case.time))
+}
+
+/// Compares rendered images with what their planes should hold.
+fn difference(images: &Images, expected: &[f64]) -> Difference {
     let pixels = images.width * images.height;
     let mut found = Difference::default();
     let mut counted = 0;
-    for (i, (&value, expected)) in images.planes.iter().zip(expected).enumerate() {
+    for (i, (&value, &expected)) in images.planes.iter().zip(expected).enumerate() {
         found.not_finite += usize::from(!value.is_finite());
         // What is not a number in f64 has no right value.
         if !expected.is_finite() {

@@ -1,0 +1,212 @@
+//! Disks that are full, writers that are killed, readers that go away: a plain message, nothing lost, and the same command
+//! finishes the work afterwards. The limit on the size of written files stands for the full disk: the write that passes it
+//! fails, or, where the signal is left alone, kills the program in the middle of it.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
+use surgtpgs_tests::{Run, binary, flow};
+
+/// What happens at the limit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Fault {
+    /// The write fails, as on a full disk.
+    Full,
+    /// The program dies in the write, as by kill -9 or a power cut.
+    Killed,
+}
+
+/// A verb that writes; each gets the outputs of those before it.
+struct Writer {
+    name: &'static str,
+    args: &'static [&'static str],
+    /// What it makes, file or folder.
+    output: &'static str,
+}
+
+const WRITERS: [Writer; 8] = [
+    Writer {
+        name: "demo",
+        args: &["demo", "-o", "out", "--width", "64", "--height", "48", "--frames", "3"],
+        output: "out",
+    },
+    Writer { name: "prepare", args: &["prepare", "recording", "-o", "out", "--labels"], output: "out" },
+    Writer {
+        name: "train",
+        args: &["train", "prepared", "-o", "out.safetensors", "--iterations", "30", "--backend", "cpu"],
+        output: "out.safetensors",
+    },
+    Writer { name: "render", args: &["render", "scene.safetensors", "-o", "out"], output: "out" },
+    Writer {
+        name: "export",
+        args: &[
+            "export",
+            "scene.safetensors",
+            "--prompt",
+            "liver",
+            "-o",
+            "out",
+            "--format",
+            "cutout,coco,csv,nrrd",
+        ],
+        output: "out",
+    },
+    Writer { name: "convert", args: &["convert", "scene.safetensors", "out.ply"], output: "out.ply" },
+    Writer {
+        name: "quantize",
+        args: &["convert", "scene.safetensors", "out.safetensors", "--quantize"],
+        output: "out.safetensors",
+    },
+    Writer { name: "eval", args: &["eval", "scene.safetensors", "prepared", "-o", "out"], output: "out" },
+];
+
+/// Bytes that a file may have: nothing, within headers, within the bodies.
+const BUDGETS: [u64; 4] = [0, 100, 700, 3000];
+
+/// Runs the program where files may have `budget` bytes.
+fn limited(folder: &Path, args: &[&str], budget: u64, fault: Fault) -> Run {
+    let trap = if fault == Fault::Full { "trap '' XFSZ;" } else { "" };
+    let mut shell = Command::new("bash");
+    // prlimit counts bytes; the shell's own ulimit counts kilobytes.
+    shell.arg("-c").arg(format!("{trap} exec prlimit --fsize={budget} -- \"$@\"")).arg("bash").arg(binary());
+    let output = shell.args(args).current_dir(folder).env_remove("DISPLAY").output().unwrap();
+    Run {
+        code: output.status.code().unwrap_or(-1),
+        stdout: String::from_utf8_lossy(&output.stdout).into_owned(),
+        stderr: String::from_utf8_lossy(&output.stderr).into_owned(),
+    }
+}
+
+/// Whether it is what a killed writer leaves.
+fn is_temporary(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(".part-"))
+}
+
+/// All files of a folder, but for temporary ones.
+fn contents(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut files = BTreeMap::new();
+    let mut folders = vec![root.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if !is_temporary(&path) {
+                files.insert(path.strip_prefix(root).unwrap().to_owned(), fs::read(&path).unwrap());
+            }
+        }
+    }
+    files
+}
+
+/// A folder with everything that the writers read.
+fn workplace() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["recording", "prepared"] {
+        for (file, bytes) in contents(&flow().path().join(name)) {
+            let to = folder.path().join(name).join(file);
+            fs::create_dir_all(to.parent().unwrap()).unwrap();
+            fs::write(to, bytes).unwrap();
+        }
+    }
+    fs::copy(flow().at("scene.safetensors"), folder.path().join("scene.safetensors")).unwrap();
+    folder
+}
+
+fn run(folder: &Path, args: &[&str]) -> Run {
+    surgtpgs_tests::run_in(folder, args)
+}
+
+/// The files that `writer` makes when nothing goes wrong.
+fn whole(writer: &Writer) -> BTreeMap<PathBuf, Vec<u8>> {
+    let folder = workplace();
+    run(folder.path(), writer.args).ok();
+    contents(folder.path())
+}
+
+#[test]
+fn a_full_disk_or_a_kill_at_any_point_loses_nothing_and_the_work_can_be_finished() {
+    for writer in &WRITERS {
+        let expected = whole(writer);
+        for budget in BUDGETS {
+            for fault in [Fault::Full, Fault::Killed] {
+                let case = format!("{} with {budget} bytes, {fault:?}", writer.name);
+                let folder = workplace();
+                let before = contents(folder.path());
+                let broken = limited(folder.path(), writer.args, budget, fault);
+                if broken.code == 0 {
+                    // Nothing it writes is as large.
+                    assert!(folder.path().join(writer.output).exists(), "{case}");
+                } else if fault == Fault::Full {
+                    broken.refused(1);
+                }
+                assert!(!broken.stderr.contains("panicked"), "{case}: {broken:#?}");
+                let after = contents(folder.path());
+                for (file, bytes) in &before {
+                    assert!(after.get(file) == Some(bytes), "{case}: {} was changed", file.display());
+                }
+                for (file, bytes) in after.iter().filter(|(file, _)| !before.contains_key(*file)) {
+                    let is_whole = bytes.len() as u64 <= budget || !expected.contains_key(file);
+                    assert!(is_whole, "{case}: {} has {} bytes", file.display(), bytes.len());
+                }
+                let again = run(folder.path(), writer.args);
+                assert_eq!(again.code, 0, "{case}, then once more: {again:#?}");
+                let names = |files: &BTreeMap<PathBuf, Vec<u8>>| files.keys().cloned().collect::<Vec<_>>();
+                assert_eq!(names(&contents(folder.path())), names(&expected), "{case}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_result_is_never_replaced_by_half_of_another() {
+    for writer in WRITERS.iter().filter(|w| w.output.contains('.')) {
+        let folder = workplace();
+        let output = folder.path().join(writer.output);
+        run(folder.path(), writer.args).ok();
+        let good = fs::read(&output).unwrap();
+        for budget in BUDGETS {
+            for fault in [Fault::Full, Fault::Killed] {
+                limited(folder.path(), writer.args, budget, fault);
+                assert!(fs::read(&output).unwrap() == good, "{}, {budget}, {fault:?}", writer.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn answers_that_cannot_be_written_are_an_error_and_readers_may_go_away() {
+    let scene = flow().at("scene.safetensors");
+    let at = |to: &str, args: &str| {
+        let line = format!("\"$0\" {args} {to}; exit ${{PIPESTATUS[0]}}");
+        let mut shell = Command::new("bash");
+        shell.args(["-c", &line]).arg(binary()).arg(&scene).current_dir(flow().path());
+        let output = shell.output().unwrap();
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    for args in
+        ["query \"$1\" --prompt liver", "query \"$1\" --prompt liver --json", "check recording", "--help"]
+    {
+        let (code, stderr) = at("> /dev/full", args);
+        assert_eq!(code, Some(1), "{args}: {stderr}");
+        assert!(!stderr.contains("panicked"), "{args}: {stderr}");
+        let (code, stderr) = at("| true", args);
+        assert!(code == Some(0) && !stderr.contains("panicked"), "{args}: {code:?} {stderr}");
+    }
+}
+
+#[test]
+fn places_that_cannot_be_written_to_are_named() {
+    let folder = workplace();
+    fs::write(folder.path().join("file"), "no folder").unwrap();
+    for writer in &WRITERS {
+        let output = format!("file/{}", writer.output);
+        let args: Vec<&str> =
+            writer.args.iter().map(|a| if *a == writer.output { output.as_str() } else { a }).collect();
+        assert!(run(folder.path(), &args).refused(1).contains("file"), "{}", writer.name);
+        assert_eq!(fs::read(folder.path().join("file")).unwrap(), b"no folder");
+    }
+}
