@@ -22,12 +22,15 @@ use surgtpgs_core::{
     train::{FeatureMode, Profile, TrainSettings},
 };
 
+/// The release and, where it is one, the commit it was built from.
+pub const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("SURGTPGS_COMMIT"), ")");
+
 /// See a deforming reconstruction of a recorded endoscopic clip, ask it for structures by name, export masked frames.
 ///
 /// Without a verb: the viewer on the built-in demo; with no display, the same job into `surgtpgs-demo/`.
 /// Research use only. Not for diagnostic or intra-operative use.
 #[derive(Debug, Parser)]
-#[command(name = "surgtpgs", version, about, max_term_width = 110, disable_help_subcommand = true)]
+#[command(name = "surgtpgs", version = VERSION, about, max_term_width = 110, disable_help_subcommand = true)]
 #[command(after_help = "Exit codes: 0 done, 1 the input is wrong, 2 usage, 3 the machine lacks something.")]
 pub struct Cli {
     /// What to do

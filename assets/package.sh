@@ -1,0 +1,23 @@
+#!/usr/bin/env bash
+# Makes the release archive: program, README, licences of everything in it, text encoder's description, desktop entry.
+# `assets/package.sh [FOLDER]` writes surgtpgs-VERSION-TARGET.tar.gz into FOLDER (default: dist). The same commit and
+# compiler give the same bytes.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+out=$(realpath --canonicalize-missing "${1:-dist}")
+target_dir=${CARGO_TARGET_DIR:-target}
+# Paths of the building machine do not belong in the program.
+export RUSTFLAGS="${RUSTFLAGS:-} --remap-path-prefix=$PWD=. --remap-path-prefix=${CARGO_HOME:-$HOME/.cargo}=cargo"
+cargo build --release --locked
+version=$(cargo metadata --no-deps --format-version 1 | sed -E 's/.*"name":"surgtpgs","version":"([^"]+)".*/\1/')
+host=$(rustc -vV | sed -n 's/^host: //p')
+name=surgtpgs-$version-$host
+stage=$(mktemp -d)
+trap 'rm -rf "$stage"' EXIT
+mkdir "$stage/$name"
+cp "$target_dir/release/surgtpgs" README.md LICENSE assets/surgtpgs.desktop "$stage/$name/"
+python3 assets/licences.py > "$stage/$name/LICENCES.txt"
+mkdir -p "$out"
+tar --sort=name --owner=0 --group=0 --numeric-owner --mtime="@$(git log -1 --format=%ct)" -C "$stage" -cf - "$name" |
+  gzip --no-name --best > "$out/$name.tar.gz"
+sha256sum "$out/$name.tar.gz"
