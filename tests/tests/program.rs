@@ -11,6 +11,8 @@ mod models;
 mod any_recording;
 /// Bad input ends in one plain line and a code, never in a panic.
 mod bad_input;
+/// Many recordings, one report.
+mod batch;
 /// From a recording to masked frames, and what each verb reports.
 mod data_flow;
 /// The headless job of a bare `surgtpgs`.

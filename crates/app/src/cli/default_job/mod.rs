@@ -66,6 +66,8 @@ fn headless(folder: &Path, options: &DemoOptions) -> Result<()> {
 
     let findings =
         Findings { trained: &trained, evaluation: &evaluation, answers: &answers, exported: found };
+    // The export left only what was found.
+    engine.set_prompts(&PROMPTS.map(String::from))?;
     report::write(folder, &mut engine, &findings)?;
     print(&report::summary(folder, &findings));
     Ok(())

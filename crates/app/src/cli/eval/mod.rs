@@ -6,7 +6,8 @@ mod matrix;
 mod report;
 mod times;
 
-pub(super) use report::Report;
+pub(super) use files::write;
+pub(super) use report::{Iou, Report};
 
 use super::{
     Exit,
@@ -16,7 +17,7 @@ use super::{
 use crate::{args::EvalArgs, engine::Engine};
 use masks::Classes;
 use report::{Fps, Training};
-use std::time::Instant;
+use std::{path::Path, time::Instant};
 use surgtpgs_core::{
     Error, Result,
     mask::threshold,
@@ -51,11 +52,7 @@ pub(super) struct Evaluation {
 
 pub(super) fn run(args: &EvalArgs) -> Result<Exit> {
     let evaluation = match (&args.masks, &args.paths[..]) {
-        (None, [scene, sequence]) => {
-            let scene = args.scene(scene);
-            let options = args.relevancy.engine_options(&scene, Some(sequence.clone()));
-            evaluate(&mut open_engine(&scene, options)?)?
-        }
+        (None, [scene, sequence]) => evaluate(&mut open(args, scene, sequence)?)?,
         (Some(folder), [sequence]) => {
             let prepared = Prepared::is_prepared(sequence);
             let sequence =
@@ -70,7 +67,7 @@ pub(super) fn run(args: &EvalArgs) -> Result<Exit> {
         say("no frame was held out of training: these figures are of frames that the scene was trained on");
     }
     if let Some(folder) = &args.output {
-        files::write(folder, &evaluation)?;
+        write(folder, &evaluation)?;
     }
     if args.json {
         print_json(report);
@@ -78,6 +75,12 @@ pub(super) fn run(args: &EvalArgs) -> Result<Exit> {
         print(&report::as_text(report));
     }
     Ok(Exit::Done)
+}
+
+/// The engine of a scene with its recording.
+pub(super) fn open(args: &EvalArgs, scene: &Path, sequence: &Path) -> Result<Engine> {
+    let scene = args.scene(scene);
+    open_engine(&scene, args.relevancy.engine_options(&scene, Some(sequence.to_owned())))
 }
 
 fn usage(what: &str) -> Result<Exit> {

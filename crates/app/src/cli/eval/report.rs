@@ -34,7 +34,7 @@ pub(crate) struct Report {
 }
 
 /// Mean IoU by two protocols, of the prompts' own thresholds.
-#[derive(serde::Serialize)]
+#[derive(serde::Serialize, serde::Deserialize)]
 pub(crate) struct Iou {
     pub(crate) paper: IouReport,
     pub(crate) strict: IouReport,
