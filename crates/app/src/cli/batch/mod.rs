@@ -19,7 +19,10 @@ use crate::args::{BatchArgs, Step};
 use plan::{Job, Plan};
 use record::Status;
 use report::Troubles;
-use std::fs::{File, TryLockError};
+use std::{
+    fs::{File, TryLockError},
+    path::Path,
+};
 use step::Outcome;
 use surgtpgs_core::{Error, Result};
 
@@ -76,30 +79,34 @@ fn require_known(plan: &Plan, names: &[String]) -> Result<()> {
 fn run_job(job: &mut Job, steps: &[Step], label: &str) -> Result<()> {
     require_recording(job)?;
     let fingerprints = record::fingerprints(job);
-    let mut failed = Vec::new();
-    let mut tasks = std::mem::take(&mut job.tasks);
+    let Job { folder, tasks, .. } = job;
+    let mut failed: Vec<Step> = Vec::new();
     for (i, fingerprint) in fingerprints.iter().enumerate() {
         let (before, task) = tasks.split_at_mut(i);
         let task = &mut task[0];
-        let name = task.step.name();
-        if !steps.contains(&task.step) || task.step.needs().is_some_and(|n| failed.contains(&n)) {
+        let (name, needs) = (task.step.name(), task.step.needs());
+        if needs.is_some_and(|step| failed.contains(&step)) {
+            failed.push(task.step);
             continue;
         }
-        let _lock = lock(job, task.step)?;
-        let needed = before.iter().zip(&fingerprints).find(|(t, _)| Some(t.step) == task.step.needs());
-        if let Some((needed, fingerprint)) = needed
-            && !matches!(record::status(job, needed, fingerprint)?, Status::Done(_))
+        if !steps.contains(&task.step) {
+            continue;
+        }
+        let _lock = lock(folder, task.step)?;
+        if let Some((needed, fingerprint)) =
+            before.iter().zip(&fingerprints).find(|(t, _)| Some(t.step) == needs)
+            && !matches!(record::status(folder, needed, fingerprint)?, Status::Done(_))
         {
             let what = format!("{name} needs the result of {}, which is not there", needed.step.name());
             return Err(Error::input(what, "Run that step, too."));
         }
-        let status = record::status(job, task, fingerprint)?;
+        let status = record::status(folder, task, fingerprint)?;
         if matches!(status, Status::Done(_)) {
             say(&format!("{label}: {name} is done"));
             continue;
         }
         say(&format!("{label}: {name}"));
-        match step::run(job, task, &status, fingerprint)? {
+        match step::run(folder, task, &status, fingerprint)? {
             Outcome::Failed(error) => {
                 say(&format!("{label}: {name} failed: {error}"));
                 failed.push(task.step);
@@ -108,7 +115,6 @@ fn run_job(job: &mut Job, steps: &[Step], label: &str) -> Result<()> {
             Outcome::Done | Outcome::Stopped => break,
         }
     }
-    job.tasks = tasks;
     Ok(())
 }
 
@@ -121,15 +127,15 @@ fn require_recording(job: &Job) -> Result<()> {
 }
 
 /// Keeps other batches from a step of the recording until it is dropped.
-fn lock(job: &Job, step: Step) -> Result<File> {
-    let path = job.folder.join("steps").join(format!("{}.lock", step.name()));
+fn lock(folder: &Path, step: Step) -> Result<File> {
+    let path = folder.join("steps").join(format!("{}.lock", step.name()));
     let fail = |e| Error::io("reserve the folder", &path, e);
-    std::fs::create_dir_all(job.folder.join("steps")).map_err(fail)?;
+    std::fs::create_dir_all(folder.join("steps")).map_err(fail)?;
     let file = File::create(&path).map_err(fail)?;
     match file.try_lock() {
         Ok(()) => Ok(file),
         Err(TryLockError::WouldBlock) => Err(Error::input_at(
-            &job.folder,
+            folder,
             format!("another batch is at the same step ({}) of this recording", step.name()),
             "Wait for it, or choose another folder with `--output`.",
         )),
@@ -141,7 +147,7 @@ fn lock(job: &Job, step: Step) -> Result<File> {
 #[derive(serde::Serialize)]
 struct Listed<'a> {
     name: &'a str,
-    folder: &'a std::path::Path,
+    folder: &'a Path,
     step: Step,
     /// done, unfinished, outdated or new.
     state: &'static str,
@@ -153,7 +159,7 @@ fn list(args: &BatchArgs, plan: &Plan, steps: &[Step], is_chosen: impl Fn(&Job) 
     for job in plan.jobs.iter().filter(|j| is_chosen(j)) {
         for (task, fingerprint) in job.tasks.iter().zip(record::fingerprints(job)) {
             if steps.contains(&task.step) {
-                let state = match record::status(job, task, &fingerprint)? {
+                let state = match record::status(&job.folder, task, &fingerprint)? {
                     Status::Done(_) => "done",
                     Status::Unfinished(_) => "unfinished",
                     Status::Outdated => "outdated",

@@ -59,13 +59,13 @@ impl Record {
         Self { state: State::Done, files: files_made(output), seconds, report, ..self }
     }
 
-    pub(super) fn write(&self, job: &Job, step: Step) -> Result<()> {
+    pub(super) fn write(&self, folder: &Path, step: Step) -> Result<()> {
         let text = serde_json::to_string_pretty(self).unwrap_or_default() + "\n";
-        write_whole(&path(job, step), text.as_bytes())
+        write_whole(&path(folder, step), text.as_bytes())
     }
 
-    fn read(job: &Job, step: Step) -> Result<Option<Self>> {
-        let path = path(job, step);
+    fn read(folder: &Path, step: Step) -> Result<Option<Self>> {
+        let path = path(folder, step);
         let text = match std::fs::read_to_string(&path) {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             text => text.map_err(|e| Error::io("read what was done", &path, e))?,
@@ -77,13 +77,13 @@ impl Record {
     }
 }
 
-fn path(job: &Job, step: Step) -> PathBuf {
-    job.folder.join("steps").join(format!("{}.json", step.name()))
+fn path(folder: &Path, step: Step) -> PathBuf {
+    folder.join("steps").join(format!("{}.json", step.name()))
 }
 
-/// The state of a task whose fingerprint is given.
-pub(super) fn status(job: &Job, task: &Task, fingerprint: &str) -> Result<Status> {
-    let Some(record) = Record::read(job, task.step)? else { return Ok(Status::New) };
+/// The state of a task whose fingerprint is given, in the folder of its job.
+pub(super) fn status(folder: &Path, task: &Task, fingerprint: &str) -> Result<Status> {
+    let Some(record) = Record::read(folder, task.step)? else { return Ok(Status::New) };
     Ok(match record.state {
         _ if record.fingerprint != fingerprint => Status::Outdated,
         State::Done if record.files == files_made(&task.output) => Status::Done(record),

@@ -104,7 +104,7 @@ impl Entry {
     fn of(job: &Job, troubles: &Troubles) -> Result<Self> {
         let mut steps = Vec::new();
         for (task, fingerprint) in job.tasks.iter().zip(record::fingerprints(job)) {
-            let (state, record) = match record::status(job, task, &fingerprint) {
+            let (state, record) = match record::status(&job.folder, task, &fingerprint) {
                 Ok(Status::Done(record)) => ("done", Some(record)),
                 Ok(Status::Unfinished(record)) if record.state == State::Begun => ("unfinished", None),
                 Ok(Status::Unfinished(record)) => ("failed", Some(record)),
@@ -198,8 +198,8 @@ impl Entry {
         }
         if let Some(m) = self.reported::<Measured>(Step::Eval) {
             let kind =
-                if m.held_out { "that training never saw" } else { "of the training: none was held out" };
-            text += &format!("Measured on {} frames {kind}.\n\n", m.frames);
+                if m.held_out { "that training never saw" } else { "of the training, none was held out" };
+            text += &format!("Frames measured on, {kind}: {}.\n\n", m.frames);
             text += &self.picture(output, &["eval", RECONSTRUCTION], "Recorded, reconstructed, depth");
             text += &m.iou.as_ref().map(classes_table).unwrap_or_default();
         }

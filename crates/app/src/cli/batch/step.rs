@@ -1,7 +1,7 @@
 //! One step of one recording, by the code of its verb.
 
 use super::{
-    plan::{Job, Task},
+    plan::Task,
     record::{Record, Status},
 };
 use crate::{
@@ -11,6 +11,7 @@ use crate::{
 };
 use serde_json::{Value, json};
 use std::{
+    any::Any,
     panic::{AssertUnwindSafe, catch_unwind},
     path::Path,
     time::Instant,
@@ -34,16 +35,16 @@ pub(super) const ANSWERS: &str = "answers.jpg";
 const SHOWN_FRAMES: usize = 3;
 const PANEL_WIDTH: u32 = 400;
 
-/// Runs a step that is not done. Errors are of the step's record; what the step itself meets is its outcome.
-pub(super) fn run(job: &Job, task: &mut Task, status: &Status, fingerprint: &str) -> Result<Outcome> {
+/// Runs a step that is not done. Errors are of its record in `folder`; what the step itself meets is its outcome.
+pub(super) fn run(folder: &Path, task: &mut Task, status: &Status, fingerprint: &str) -> Result<Outcome> {
     let record = Record::begun(fingerprint);
     make_room(task, status)?;
-    record.write(job, task.step)?;
+    record.write(folder, task.step)?;
     memory::forget_peak();
     let started = Instant::now();
     // A mistake of ours in one recording is no reason to leave the others.
-    let result = catch_unwind(AssertUnwindSafe(|| work(&task.verb)))
-        .unwrap_or_else(|_| Err(Error::input("the program itself failed, see the message above", "")));
+    let result =
+        catch_unwind(AssertUnwindSafe(|| work(&task.verb))).unwrap_or_else(|cause| Err(of_panic(&*cause)));
     let (record, outcome) = match result {
         Ok(report) => (record.done(&task.output, started.elapsed().as_secs_f64(), report), Outcome::Done),
         Err(Error::Cancelled) => return Ok(Outcome::Stopped),
@@ -52,8 +53,14 @@ pub(super) fn run(job: &Job, task: &mut Task, status: &Status, fingerprint: &str
             (record.failed(error.clone()), Outcome::Failed(error))
         }
     };
-    record.write(job, task.step)?;
+    record.write(folder, task.step)?;
     Ok(outcome)
+}
+
+fn of_panic(cause: &(dyn Any + Send)) -> Error {
+    let text = cause.downcast_ref::<String>().map(String::as_str).or(cause.downcast_ref::<&str>().copied());
+    let what = format!("the program itself failed: {}", text.unwrap_or("it does not say how"));
+    Error::input(what, "This is a mistake in it, please report it.")
 }
 
 /// Clears away what an earlier run with other settings made, and goes on with what one with the same did not finish.
@@ -121,7 +128,7 @@ fn export_found(args: &ExportArgs) -> Result<Value> {
     let answers = query::query(&mut engine, &frames)?;
     let picture = figures::answers(&mut engine, &answers, PANEL_WIDTH)?;
     if let Some(picture) = &picture {
-        write_whole(&args.output.join(Path::new(ANSWERS)), &jpeg(picture)?)?;
+        write_whole(&args.output.join(ANSWERS), &jpeg(picture)?)?;
     }
     Ok(json!({ "export": summary, "query": answers }))
 }
