@@ -67,6 +67,7 @@ table { border-collapse: collapse; margin: 1rem 0; display: block; overflow-x: a
 th, td { border: 1px solid #c4c4c4; padding: 0.25rem 0.6rem; text-align: left; }
 th { background: #efefef; }
 img { max-width: 100%; }
+pre { white-space: pre-wrap; }
 code { background: #efefef; padding: 0 0.2rem; overflow-wrap: anywhere; }
 ";
 

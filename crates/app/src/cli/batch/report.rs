@@ -61,6 +61,7 @@ struct StepEntry {
 struct Measured {
     psnr_masked_db: Option<f64>,
     ssim: Option<f64>,
+    lpips: Option<f64>,
     frames: usize,
     held_out: bool,
     iou: Option<Iou>,
@@ -199,7 +200,9 @@ impl Entry {
         if let Some(m) = self.reported::<Measured>(Step::Eval) {
             let kind =
                 if m.held_out { "that training never saw" } else { "of the training, none was held out" };
-            text += &format!("Frames measured on, {kind}: {}.\n\n", m.frames);
+            text += &format!("Frames measured on, {kind}: {}.", m.frames);
+            text += &m.lpips.map(|v| format!(" LPIPS {v:.4}.")).unwrap_or_default();
+            text += "\n\n";
             text += &self.picture(output, &["eval", RECONSTRUCTION], "Recorded, reconstructed, depth");
             text += &m.iou.as_ref().map(classes_table).unwrap_or_default();
         }
@@ -208,7 +211,7 @@ impl Entry {
             text += &self.picture(
                 output,
                 &["masked-frames", ANSWERS],
-                "What was found, in the order of the prompts",
+                "What was found, in the order of the prompts, each where it covers most",
             );
         } else if self.step(Step::Export).is_none() {
             text += "Nothing to export: that needs features and prompts.\n\n";
@@ -267,7 +270,7 @@ impl Report {
             "export, s",
         ];
         let mut text = format!(
-            "# {}\n\n{}\n\n{}. PSNR is inside the supervision masks.\n\n{}",
+            "# {}\n\n{}\n\n{}. PSNR is inside the supervision masks, SSIM of whole pictures.\n\n{}",
             escaped(title),
             self.intended_use,
             self.counts(),

@@ -112,7 +112,7 @@ fn evaluate(args: &EvalArgs) -> Result<Value> {
         return Err(Error::input("an evaluation needs a scene, a recording and a folder", ""));
     };
     let mut engine = eval::open(args, scene, sequence)?;
-    let evaluation = eval::evaluate(&mut engine)?;
+    let evaluation = eval::evaluate(&mut engine, args.lpips.as_deref())?;
     eval::write(folder, &evaluation)?;
     let picture = figures::comparison(&mut engine, SHOWN_FRAMES, PANEL_WIDTH)?;
     write_whole(&folder.join(RECONSTRUCTION), &jpeg(&picture)?)?;
