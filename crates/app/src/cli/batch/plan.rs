@@ -315,6 +315,14 @@ mod tests {
     }
 
     #[test]
+    fn the_file_to_begin_with_is_right() {
+        let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/batch");
+        let plan = Plan::read(&assets.join("jobs.toml"), None).unwrap();
+        assert_eq!(plan.jobs.iter().map(|j| j.tasks.len()).collect::<Vec<_>>(), [4, 4, 4, 2]);
+        assert!(plan.output.ends_with("batch/jobs") && plan.jobs[3].recording.ends_with("batch/pulling"));
+    }
+
+    #[test]
     fn wrong_files_are_refused_with_what_is_wrong() {
         let a = "[[recording]]\npath = \"a\"\n";
         for (text, says) in [
