@@ -4,9 +4,11 @@
 set -euo pipefail
 python=$(realpath -s "$1")
 cd "$(dirname "$0")/../.."
+source tests/oracle/program.sh
+binary=$(program_path)
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
-program() { cargo run --quiet --package surgtpgs -- "$@" > /dev/null 2>> "$folder/log" || { cat "$folder/log"; exit 1; }; }
+program() { "$binary" "$@" > /dev/null 2>> "$folder/log" || { cat "$folder/log"; exit 1; }; }
 
 program demo -o "$folder/recording" --width 64 --height 48 --frames 10
 program prepare "$folder/recording" -o "$folder/prepared" --labels

@@ -212,6 +212,30 @@ fn eval_reports_its_contract_on_held_out_frames() {
 }
 
 #[test]
+fn a_model_measures_how_different_pictures_look() {
+    let flow = flow();
+    std::fs::write(flow.path().join("lpips.onnx"), crate::distance::lpips(None).into_bytes()).unwrap();
+    let eval = ["eval", "scene.safetensors", "recording", "--backend", "cpu", "--json", "--lpips"];
+    let with = |model: &str| flow.run(&[&eval[..], &[model]].concat());
+    let lpips = with("lpips.onnx").ok().json()["lpips"].as_f64().unwrap();
+    flow.run(&["render", "scene.safetensors", "-o", "seen", "--backend", "cpu"]).ok();
+    // The stand-in adds the channels' mean differences of colours from -1 to 1.
+    let distance = |frame: usize| {
+        let open = |path: String| image::open(flow.at(&path)).unwrap().to_rgb8().into_raw();
+        let (one, other) = (
+            open(format!("seen/colour/frame_{frame:06}.png")),
+            open(format!("recording/images/frame_{frame:06}.png")),
+        );
+        let apart: f64 = one.iter().zip(&other).map(|(a, b)| f64::from(a.abs_diff(*b)) / 127.5).sum();
+        apart / (one.len() as f64 / 3.0)
+    };
+    let expected = (distance(1) + distance(9)) / 2.0;
+    assert!((lpips - expected).abs() < 1e-4 && expected > 0.0, "{lpips} {expected}");
+    let other = with("prepared/prepared.json");
+    assert!(other.refused(1).contains("not a readable ONNX model"));
+}
+
+#[test]
 fn render_writes_every_kind() {
     let flow = flow();
     let kinds = "colour,depth,alpha,feature";

@@ -7,10 +7,16 @@
 #[allow(dead_code, reason = "shared with the tests of the encoder crate, which use all of it")]
 mod models;
 
+/// A model of LPIPS' contract.
+#[path = "../../crates/clip/tests/models/distance.rs"]
+mod distance;
+
 /// A recording without labels.
 mod any_recording;
 /// Bad input ends in one plain line and a code, never in a panic.
 mod bad_input;
+/// Many recordings, one report.
+mod batch;
 /// From a recording to masked frames, and what each verb reports.
 mod data_flow;
 /// The headless job of a bare `surgtpgs`.

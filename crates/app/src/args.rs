@@ -1,11 +1,13 @@
 //! The command line: verbs in the order of the data flow.
 
+mod batch;
 mod bench;
 mod convert;
 mod eval;
 mod export;
 mod prepare;
 
+pub use batch::{BatchArgs, Step};
 pub use bench::{
     BenchArgs, BenchFrameArgs, BenchMasksArgs, BenchStepArgs, BenchStressArgs, BenchTrainArgs, BenchVerb,
 };
@@ -15,7 +17,7 @@ pub use export::{CleanUpArgs, ExportArgs, SourceArg, StyleArg};
 pub use prepare::{LevelArg, MaskDensity, PrepareArgs};
 
 use crate::engine::{Backend, EncoderChoice, EngineOptions, Negatives, Question};
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{Args, Parser, Subcommand, ValueEnum, ValueHint};
 use std::path::PathBuf;
 use surgtpgs_core::{
     relevancy::RelevancySettings,
@@ -59,6 +61,8 @@ pub enum Verb {
     Export(ExportArgs),
     /// Compare a scene, or another program's masks, with the recording: PSNR, SSIM, depth, IoU, Dice, times
     Eval(EvalArgs),
+    /// Prepare, train, evaluate and export many recordings, with a report; done again, only what has changed is done
+    Batch(BatchArgs),
     /// Measure run time beside quality for every setting; writes CSV and SVG
     Bench(BenchArgs),
     /// Turn scenes into files of other programs, and back
@@ -180,7 +184,7 @@ pub struct SceneArgs {
 #[derive(Debug, Args)]
 pub struct RelevancyArgs {
     /// `builtin`, or the text encoder's folder; needed only if it is not where it was when preparing
-    #[arg(long, value_name = "DIR|builtin")]
+    #[arg(long, value_name = "DIR|builtin", value_hint = ValueHint::DirPath)]
     pub text_encoder: Option<String>,
     /// Score above which a pixel is found
     #[arg(long, default_value_t = RelevancySettings::default().threshold, value_parser = unit_number)]
@@ -226,7 +230,7 @@ impl RelevancyArgs {
 #[derive(Debug, Args)]
 pub struct PromptArgs {
     /// Words to look for; may be given several times
-    #[arg(long, value_name = "TEXT", required = true, num_args = 1..)]
+    #[arg(long, visible_alias = "prompts", value_name = "TEXT", required = true, num_args = 1..)]
     pub prompt: Vec<String>,
     /// What one of the prompts is not, such as "liver=fat, bile": it alone is compared with these words as well
     #[arg(long, value_name = "PROMPT=TEXT,…", value_parser = but_not)]
@@ -399,8 +403,8 @@ mod tests {
         assert_eq!(
             verbs,
             [
-                "view", "demo", "check", "prepare", "train", "render", "query", "export", "eval", "bench",
-                "convert"
+                "view", "demo", "check", "prepare", "train", "render", "query", "export", "eval", "batch",
+                "bench", "convert"
             ]
         );
     }

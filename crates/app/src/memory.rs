@@ -5,6 +5,11 @@ pub fn peak_rss_bytes() -> Option<u64> {
     field(&std::fs::read_to_string("/proc/self/status").ok()?, "VmHWM:")
 }
 
+/// From now on [`peak_rss_bytes`] is about what comes, where the system can do that.
+pub fn forget_peak() {
+    let _ = std::fs::write("/proc/self/clear_refs", "5");
+}
+
 /// Memory that is left for programs before the system has to write it to disk or to end one of them, bytes.
 pub fn available_bytes() -> Option<u64> {
     field(&std::fs::read_to_string("/proc/meminfo").ok()?, "MemAvailable:")

@@ -87,7 +87,7 @@ impl Graph {
 fn value_info(name: &str, elem_type: i32, axes: &[Option<i64>]) -> ValueInfoProto {
     let dim = |(i, axis): (usize, &Option<i64>)| Dim {
         value: *axis,
-        param: axis.is_none().then(|| ["batch", "sequence", "width"][i.min(2)].to_owned()),
+        param: axis.is_none().then(|| ["batch", "sequence", "width", "columns"][i.min(3)].to_owned()),
     };
     let shape = ShapeProto { dim: axes.iter().enumerate().map(dim).collect() };
     let ty = TypeProto { tensor: Some(TensorType { elem_type, shape: Some(shape) }) };

@@ -1,5 +1,6 @@
 //! Everything that runs through ONNX: text encoders, from words to unit embeddings; Segment Anything, from points to
-//! masks ([`SegmentAnything`]); image encoders, from what a mask shows to embeddings ([`ImageEncoder`]).
+//! masks ([`SegmentAnything`]); image encoders, from what a mask shows to embeddings ([`ImageEncoder`]); how different two
+//! pictures look ([`Lpips`]).
 //!
 //! A folder with `model.onnx` and `tokenizer.json` (or the small encoder inside the program) becomes a
 //! [`TextEncoder`]. On the way the model and the tokenizer are checked against each other ([`contract`]), so that a
@@ -10,6 +11,7 @@ mod builtin;
 pub mod contract;
 pub mod graph;
 mod image_encoder;
+mod lpips;
 mod model_file;
 pub mod onnx;
 pub mod runtime;
@@ -20,6 +22,7 @@ mod text_encoder;
 mod tokenizer;
 
 pub use image_encoder::ImageEncoder;
+pub use lpips::Lpips;
 pub use runtime::{backend_name, backend_notes};
 pub use segment_anything::SegmentAnything;
 pub use settings::{DEFAULT_TEMPLATE, EncoderSettings, Pooling};

@@ -25,7 +25,7 @@ pub struct ExportArgs {
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
     /// Files to write
-    #[arg(long, value_parser = format_parser(), value_delimiter = ',', default_value = "cutout,overlay")]
+    #[arg(long, visible_alias = "formats", value_parser = format_parser(), value_delimiter = ',', default_value = "cutout,overlay")]
     pub format: Vec<Format>,
     /// Frames, e.g. 12 or 10..20 (the end is not included)
     #[arg(long, value_name = "A..B", value_parser = frame_range)]

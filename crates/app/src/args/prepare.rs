@@ -1,6 +1,6 @@
 //! The command line of `prepare`.
 
-use clap::{ArgGroup, Args, ValueEnum};
+use clap::{ArgGroup, Args, ValueEnum, ValueHint};
 use std::path::PathBuf;
 use surgtpgs_core::segment::{Level, MaskSettings};
 
@@ -35,7 +35,7 @@ pub struct PrepareArgs {
     #[arg(long, value_enum, default_value_t = LevelArg::Default)]
     pub mask_level: LevelArg,
     /// `builtin`, or a folder with model.onnx and tokenizer.json
-    #[arg(long, value_name = "DIR|builtin", default_value = "builtin")]
+    #[arg(long, value_name = "DIR|builtin", value_hint = ValueHint::DirPath, default_value = "builtin")]
     pub text_encoder: String,
     /// Hold every eighth frame out of everything, for evaluation
     #[arg(long)]

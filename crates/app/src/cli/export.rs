@@ -7,15 +7,38 @@ use super::{
 };
 use crate::{
     args::{ExportArgs, FrameRange},
+    engine::Engine,
     jobs::{self, ExportRequest},
 };
 use surgtpgs_core::{
     Error, Result,
-    export::{ExportOptions, num_files},
+    export::{ExportOptions, ExportSummary, num_files},
     overlay::OverlayLook,
 };
 
 pub(super) fn run(args: &ExportArgs) -> Result<Exit> {
+    let (_, summary) = export(args)?;
+    if args.json {
+        print_json(&summary)?;
+    } else {
+        print(&format!(
+            "{} files in {} ({} frames, {} of them were there already)\n",
+            summary.files,
+            args.output.display(),
+            summary.frames,
+            summary.skipped_frames
+        ))?;
+    }
+    if summary.complete {
+        Ok(Exit::Done)
+    } else {
+        say("run the same command again to go on");
+        Err(Error::Cancelled)
+    }
+}
+
+/// Writes the files; an export that is not complete was stopped by the user. The engine still has the prompts.
+pub(super) fn export(args: &ExportArgs) -> Result<(Engine, ExportSummary)> {
     let options = args.relevancy.engine_options(&args.scene, args.sequence.clone());
     let mut engine = open_engine(&args.scene, options)?;
     engine.set_questions(&args.prompts.questions(engine.settings())?)?;
@@ -38,24 +61,7 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit> {
     console::watch_interrupts();
     let mut view = ProgressView::default();
     let summary = jobs::export(&mut engine, request, &mut |p| view.show(p))?;
-    drop(view);
-    if args.json {
-        print_json(&summary)?;
-    } else {
-        print(&format!(
-            "{} files in {} ({} frames, {} of them were there already)\n",
-            summary.files,
-            args.output.display(),
-            summary.frames,
-            summary.skipped_frames
-        ))?;
-    }
-    if summary.complete {
-        Ok(Exit::Done)
-    } else {
-        say("run the same command again to go on");
-        Err(Error::Cancelled)
-    }
+    Ok((engine, summary))
 }
 
 fn export_options(args: &ExportArgs) -> ExportOptions {

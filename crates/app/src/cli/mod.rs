@@ -1,13 +1,16 @@
 //! The verbs, one file each, and what they share: exit codes and the console.
 
+mod batch;
 mod bench;
 mod check;
 mod console;
 mod convert;
 mod default_job;
 mod demo;
+mod document;
 mod eval;
 mod export;
+mod figures;
 mod objects;
 mod pictures;
 mod prepare;
@@ -80,6 +83,7 @@ fn run_verb(verb: Option<Verb>) -> Result<Exit> {
         Some(Verb::Query(args)) => query::run(&args),
         Some(Verb::Export(args)) => export::run(&args),
         Some(Verb::Eval(args)) => eval::run(&args),
+        Some(Verb::Batch(args)) => batch::run(&args),
         Some(Verb::Bench(args)) => bench::run(&args),
         Some(Verb::Convert(args)) => convert::run(&args),
     }

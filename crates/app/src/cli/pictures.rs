@@ -15,6 +15,25 @@ pub(super) fn png(picture: impl Into<DynamicImage>) -> Result<Vec<u8>> {
     Ok(bytes.into_inner())
 }
 
+/// Encodes a photograph in a fraction of the bytes.
+pub(super) fn jpeg(picture: &RgbImage) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 90);
+    picture.write_with_encoder(encoder).map_err(|e| {
+        Error::input(format!("a picture could not be encoded as JPEG: {e}"), "Choose another size.")
+    })?;
+    Ok(bytes)
+}
+
+/// The picture, made smaller if it is wider than `width`.
+pub(super) fn narrowed(picture: RgbImage, width: u32) -> RgbImage {
+    if picture.width() <= width {
+        return picture;
+    }
+    let height = (u64::from(picture.height()) * u64::from(width) / u64::from(picture.width())).max(1) as u32;
+    imageops::thumbnail(&picture, width, height)
+}
+
 /// One row of pictures.
 pub(super) fn side_by_side(pictures: &[RgbImage]) -> RgbImage {
     let width = pictures.iter().map(|p| p.width() + GAP).sum::<u32>().saturating_sub(GAP);

@@ -13,16 +13,16 @@ use std::path::PathBuf;
 use surgtpgs_core::{Result, mask::Region, object::seen_area, raster::MIN_DEPTH_ALPHA};
 
 /// The JSON report; its keys are a contract.
-#[derive(serde::Serialize)]
+#[derive(serde::Serialize, serde::Deserialize)]
 pub(super) struct Report {
     pub(super) prompts: Vec<PromptReport>,
     pub(super) threshold: f32,
-    pub(super) relevancy: &'static str,
+    pub(super) relevancy: String,
     pub(super) renderer: String,
 }
 
 /// Where one prompt was found.
-#[derive(serde::Serialize)]
+#[derive(serde::Serialize, serde::Deserialize)]
 pub(super) struct PromptReport {
     pub(super) text: String,
     pub(super) frames: Vec<FrameReport>,
@@ -32,7 +32,7 @@ pub(super) struct PromptReport {
 }
 
 /// The object a prompt found, in three dimensions.
-#[derive(serde::Serialize)]
+#[derive(serde::Serialize, serde::Deserialize)]
 pub(super) struct GaussiansReport {
     /// The frame at whose time they are.
     pub(super) frame: usize,
@@ -41,7 +41,7 @@ pub(super) struct GaussiansReport {
 }
 
 /// Whether a prompt was found on a frame, and how much of it.
-#[derive(serde::Serialize)]
+#[derive(serde::Serialize, serde::Deserialize)]
 pub(super) struct FrameReport {
     pub(super) frame: usize,
     pub(super) found: bool,
@@ -119,7 +119,7 @@ pub(super) fn query(engine: &mut Engine, frames: &[usize]) -> Result<Report> {
     Ok(Report {
         prompts,
         threshold: engine.settings().threshold,
-        relevancy: engine.relevancy_name(),
+        relevancy: engine.relevancy_name().into(),
         renderer: engine.renderer_name(),
     })
 }

@@ -13,7 +13,7 @@ use surgtpgs_core::{Error, Result, train::Trainer};
 
 /// The JSON report; its keys are a contract.
 #[derive(serde::Serialize)]
-struct Report {
+pub(super) struct Report {
     backend: String,
     seconds: f64,
     steps: usize,
@@ -23,10 +23,21 @@ struct Report {
     psnr_db: f64,
     held_out: bool,
     dropped_steps: usize,
-    finished: bool,
+    pub(super) finished: bool,
 }
 
 pub(super) fn run(args: &TrainArgs) -> Result<Exit> {
+    let report = train(args)?;
+    if args.json {
+        print_json(&report)?;
+    } else {
+        print(&as_text(&report, args))?;
+    }
+    Ok(Exit::Done)
+}
+
+/// Trains and saves the scene; one that is not finished was stopped by the user.
+pub(super) fn train(args: &TrainArgs) -> Result<Report> {
     let material = Material::open(&args.sequence)?;
     console::require_writable(&args.output)?;
     if material.prepared().is_none() {
@@ -55,12 +66,7 @@ pub(super) fn run(args: &TrainArgs) -> Result<Exit> {
     if report.dropped_steps > 0 {
         say(&format!("{} steps were dropped because they were not finite", report.dropped_steps));
     }
-    if args.json {
-        print_json(&report)?;
-    } else {
-        print(&as_text(&report, args))?;
-    }
-    Ok(Exit::Done)
+    Ok(report)
 }
 
 /// A new training, or the unfinished one; an unfinished one is never lost by accident.

@@ -73,7 +73,7 @@ impl ClassOnFrame {
 }
 
 /// Mean IoU per class and over everything.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct IouReport {
     /// Mean over all counted (frame, class) pairs, 0–1; `None` if none was counted.
     pub mean: Option<f64>,

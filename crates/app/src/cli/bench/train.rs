@@ -91,7 +91,7 @@ fn measure(material: &Material, row: &Row, args: &BenchTrainArgs) -> Result<Outc
     let options =
         EngineOptions { backend: Backend::Cpu, sequence: Some(args.sequence.clone()), ..Default::default() };
     let mut engine = Engine::new(Arc::new(trained.scene), None, options)?;
-    let report = eval::evaluate(&mut engine)?.report;
+    let report = eval::evaluate(&mut engine, None)?.report;
     let iou = report.iou.as_ref();
     Ok(Outcome {
         name: row.name,

@@ -58,7 +58,7 @@ fn headless(folder: &Path, options: &DemoOptions) -> Result<()> {
 
     let scene = DemoPaths::under(folder).scene;
     let mut engine = Engine::open(&scene, EngineOptions::default())?;
-    let evaluation = eval::evaluate(&mut engine)?.report;
+    let evaluation = eval::evaluate(&mut engine, None)?.report;
     engine.set_prompts(&PROMPTS.map(String::from))?;
     let frames: Vec<usize> = (0..engine.scene().num_frames()).collect();
     let answers = query::query(&mut engine, &frames)?;
@@ -66,6 +66,8 @@ fn headless(folder: &Path, options: &DemoOptions) -> Result<()> {
 
     let findings =
         Findings { trained: &trained, evaluation: &evaluation, answers: &answers, exported: found };
+    // The export left only what was found.
+    engine.set_prompts(&PROMPTS.map(String::from))?;
     report::write(folder, &mut engine, &findings)?;
     print(&report::summary(folder, &findings))?;
     Ok(())

@@ -27,7 +27,7 @@ struct ClassRow<'a> {
 }
 
 /// Writes `eval.json`, `frames.csv`, `classes.csv`, `confusion.svg` and `errors/`, whichever there is something for.
-pub(super) fn write(folder: &Path, evaluation: &Evaluation) -> Result<()> {
+pub(crate) fn write(folder: &Path, evaluation: &Evaluation) -> Result<()> {
     let classes = &evaluation.classes;
     let protocols: Vec<(&'static str, &MaskScores)> =
         [Some(("threshold", &classes.threshold)), classes.argmax.as_ref().map(|a| ("argmax", &a.scores))]

@@ -62,9 +62,9 @@ impl Classes {
         sequence: &Sequence,
         frame: usize,
     ) -> Result<()> {
-        let Some(labels) = sequence.labels(frame)?.filter(|_| scores.len() == self.all.len()) else {
-            return Ok(());
-        };
+        // A scene without features has no scores, whatever the recording has.
+        let is_scored = !self.all.is_empty() && scores.len() == self.all.len();
+        let Some(labels) = sequence.labels(frame)?.filter(|_| is_scored) else { return Ok(()) };
         let keep = sequence.mask(frame)?;
         let each: Vec<Mask> = scores.iter().map(found).collect();
         let best = exclusive(&scores.iter().collect::<Vec<_>>(), &vec![0.0; scores.len()]);

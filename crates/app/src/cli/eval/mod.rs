@@ -6,7 +6,8 @@ mod matrix;
 mod report;
 mod times;
 
-pub(super) use report::Report;
+pub(super) use files::write;
+pub(super) use report::{Iou, Report};
 
 use super::{
     Exit,
@@ -16,7 +17,8 @@ use super::{
 use crate::{args::EvalArgs, engine::Engine};
 use masks::Classes;
 use report::{Fps, Training};
-use std::time::Instant;
+use std::{path::Path, time::Instant};
+use surgtpgs_clip::Lpips;
 use surgtpgs_core::{
     Error, Result,
     mask::threshold,
@@ -36,6 +38,7 @@ pub(super) struct FrameRow {
     psnr_per_channel_db: Option<f64>,
     ssim: Option<f64>,
     ssim_inside: Option<f64>,
+    lpips: Option<f64>,
     depth_rmse: Option<f64>,
     depth_abs_rel: Option<f64>,
     depth_rmse_log: Option<f64>,
@@ -51,11 +54,7 @@ pub(super) struct Evaluation {
 
 pub(super) fn run(args: &EvalArgs) -> Result<Exit> {
     let evaluation = match (&args.masks, &args.paths[..]) {
-        (None, [scene, sequence]) => {
-            let scene = args.scene(scene);
-            let options = args.relevancy.engine_options(&scene, Some(sequence.clone()));
-            evaluate(&mut open_engine(&scene, options)?)?
-        }
+        (None, [scene, sequence]) => evaluate(&mut open(args, scene, sequence)?, args.lpips.as_deref())?,
         (Some(folder), [sequence]) => {
             let prepared = Prepared::is_prepared(sequence);
             let sequence =
@@ -70,7 +69,7 @@ pub(super) fn run(args: &EvalArgs) -> Result<Exit> {
         say("no frame was held out of training: these figures are of frames that the scene was trained on");
     }
     if let Some(folder) = &args.output {
-        files::write(folder, &evaluation)?;
+        write(folder, &evaluation)?;
     }
     if args.json {
         print_json(report)?;
@@ -80,13 +79,21 @@ pub(super) fn run(args: &EvalArgs) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
+/// The engine of a scene with its recording.
+pub(super) fn open(args: &EvalArgs, scene: &Path, sequence: &Path) -> Result<Engine> {
+    let scene = args.scene(scene);
+    open_engine(&scene, args.relevancy.engine_options(&scene, Some(sequence.to_owned())))
+}
+
 fn usage(what: &str) -> Result<Exit> {
     say(&format!("error: {what} (see `surgtpgs eval --help`)"));
     Ok(Exit::Usage)
 }
 
-/// Evaluates the engine's scene on its recording: the held-out frames, or all if none was held out.
-pub(super) fn evaluate(engine: &mut Engine) -> Result<Evaluation> {
+/// Evaluates the engine's scene on its recording: the held-out frames, or all if none was held out. With a model of LPIPS
+/// that is measured, too.
+pub(super) fn evaluate(engine: &mut Engine, lpips: Option<&Path>) -> Result<Evaluation> {
+    let mut lpips = lpips.map(Lpips::open).transpose()?;
     let sequence = engine
         .sequence()
         .cloned()
@@ -99,7 +106,7 @@ pub(super) fn evaluate(engine: &mut Engine) -> Result<Evaluation> {
     for (done, &frame) in frames.iter().enumerate() {
         let at = engine.view(frame)?;
         let images = times.render(engine, &at)?;
-        rows.push(row(&images, &sequence, frame)?);
+        rows.push(row(&images, &sequence, frame, lpips.as_mut())?);
         let started = Instant::now();
         let scores = engine.scores(&images, &at)?;
         times.scored(started, scores.len());
@@ -158,7 +165,7 @@ fn asked_classes(engine: &mut Engine, sequence: &Sequence) -> Result<Classes> {
     Ok(classes)
 }
 
-fn row(images: &Images, sequence: &Sequence, frame: usize) -> Result<FrameRow> {
+fn row(images: &Images, sequence: &Sequence, frame: usize, lpips: Option<&mut Lpips>) -> Result<FrameRow> {
     let (picture, truth, mask) = (images.to_rgb(), sequence.frame(frame)?, sequence.mask(frame)?);
     let depth = sequence.depth(frame)?.and_then(|truth| -> Option<DepthErrors> {
         depth_errors(&images.normalised_depth(MIN_DEPTH_ALPHA), &truth, Some(&mask))
@@ -171,6 +178,7 @@ fn row(images: &Images, sequence: &Sequence, frame: usize) -> Result<FrameRow> {
         psnr_per_channel_db: psnr_per_channel_db(&picture, &truth, None),
         ssim: ssim.map(|s| s.padded),
         ssim_inside: ssim.map(|s| s.inside).filter(|s| s.is_finite()),
+        lpips: lpips.map(|lpips| lpips.distance(&picture, &truth)).transpose()?,
         depth_rmse: depth.map(|d| d.rmse),
         depth_abs_rel: depth.map(|d| d.abs_rel),
         depth_rmse_log: depth.map(|d| d.rmse_log),

@@ -16,6 +16,8 @@ pub(crate) struct Report {
     pub(crate) ssim: Option<f64>,
     /// Of the pixels whose window lies inside, as scikit-image.
     pub(crate) ssim_inside: Option<f64>,
+    /// Of the whole pictures; `None` without a model.
+    pub(crate) lpips: Option<f64>,
     /// Scene units.
     pub(crate) depth_rmse: Option<f64>,
     pub(crate) depth: Option<DepthErrors>,
@@ -34,7 +36,7 @@ pub(crate) struct Report {
 }
 
 /// Mean IoU by two protocols, of the prompts' own thresholds.
-#[derive(serde::Serialize)]
+#[derive(serde::Serialize, serde::Deserialize)]
 pub(crate) struct Iou {
     pub(crate) paper: IouReport,
     pub(crate) strict: IouReport,
@@ -94,6 +96,7 @@ impl Report {
             psnr_per_channel_db: mean_of(|r| r.psnr_per_channel_db),
             ssim: mean_of(|r| r.ssim),
             ssim_inside: mean_of(|r| r.ssim_inside),
+            lpips: mean_of(|r| r.lpips),
             depth_rmse,
             depth,
             frames: rows.len(),
@@ -140,6 +143,9 @@ pub(super) fn as_text(report: &Report) -> String {
         ),
         None => format!("masks of {} frames\n", report.frames),
     };
+    if report.lpips.is_some() {
+        text += &format!("LPIPS       {}\n", value(report.lpips, ""));
+    }
     if let Some(iou) = &report.iou {
         text += &format!(
             "IoU         {} (paper), {} (strict)\n",

@@ -1,0 +1,182 @@
+//! `surgtpgs batch`: many recordings, each from its folder to masked frames, with one report.
+//!
+//! ```text
+//! JOBS.toml ─▶ plan: command lines of prepare, train, eval, export ─▶ step: the code of these verbs
+//!                       record: what is done of what ─┴▶ report.md, report.html, report.json
+//! ```
+
+mod plan;
+mod record;
+mod report;
+mod step;
+
+use super::{
+    Exit,
+    console::{self, print, print_json, say},
+    one_line,
+};
+use crate::args::{BatchArgs, Step};
+use plan::{Job, Plan};
+use record::Status;
+use report::Troubles;
+use std::{
+    fs::{File, TryLockError},
+    path::Path,
+};
+use step::Outcome;
+use surgtpgs_core::{Error, Result};
+
+pub(super) fn run(args: &BatchArgs) -> Result<Exit> {
+    let mut plan = Plan::read(&args.jobs, args.output.as_deref())?;
+    require_known(&plan, &args.only)?;
+    let steps = if args.step.is_empty() { Step::ALL.to_vec() } else { args.step.clone() };
+    let is_chosen = |job: &Job| args.only.is_empty() || args.only.contains(&job.name);
+    if args.dry_run {
+        return list(args, &plan, &steps, is_chosen);
+    }
+    let mut troubles = Troubles::new();
+    if !args.report_only {
+        console::watch_interrupts();
+        let total = plan.jobs.iter().filter(|j| is_chosen(j)).count();
+        for at in 0..plan.jobs.len() {
+            if !is_chosen(&plan.jobs[at]) || console::interrupted() {
+                continue;
+            }
+            let number = 1 + plan.jobs[..at].iter().filter(|j| is_chosen(j)).count();
+            let job = &mut plan.jobs[at];
+            let label = format!("{number} of {total}, {}", one_line(&job.name));
+            if let Err(error) = run_job(job, &steps, &label) {
+                say(&format!("{label}: {}", one_line(&error.to_string())));
+                troubles.insert(job.name.clone(), one_line(&error.to_string()));
+            }
+            // Long batches are looked at while they run.
+            report::write(&plan, &args.jobs, &troubles)?;
+        }
+    }
+    let report = report::write(&plan, &args.jobs, &troubles)?;
+    if args.json {
+        print_json(&report)?;
+    } else {
+        print(&report.summary(&plan.output))?;
+    }
+    if console::interrupted() {
+        return Err(Error::Cancelled);
+    }
+    let failed = plan.jobs.iter().filter(|j| is_chosen(j)).any(|j| report.has_failed(&j.name));
+    Ok(if failed { Exit::WrongInput } else { Exit::Done })
+}
+
+fn require_known(plan: &Plan, names: &[String]) -> Result<()> {
+    let Some(unknown) = names.iter().find(|n| !plan.jobs.iter().any(|j| j.name == **n)) else {
+        return Ok(());
+    };
+    let known: Vec<&str> = plan.jobs.iter().map(|j| j.name.as_str()).collect();
+    let hint = format!("There are: {}.", known.join(", "));
+    Err(Error::input(format!("no recording has the name \"{unknown}\""), hint))
+}
+
+/// Runs those of a job's steps that are chosen and not done.
+fn run_job(job: &mut Job, steps: &[Step], label: &str) -> Result<()> {
+    require_recording(job)?;
+    let fingerprints = record::fingerprints(job);
+    let Job { folder, tasks, .. } = job;
+    let mut failed: Vec<Step> = Vec::new();
+    for (i, fingerprint) in fingerprints.iter().enumerate() {
+        let (before, task) = tasks.split_at_mut(i);
+        let task = &mut task[0];
+        let (name, needs) = (task.step.name(), task.step.needs());
+        if needs.is_some_and(|step| failed.contains(&step)) {
+            failed.push(task.step);
+            continue;
+        }
+        if !steps.contains(&task.step) {
+            continue;
+        }
+        let _lock = lock(folder, task.step)?;
+        if let Some((needed, fingerprint)) =
+            before.iter().zip(&fingerprints).find(|(t, _)| Some(t.step) == needs)
+            && !matches!(record::status(folder, needed, fingerprint)?, Status::Done(_))
+        {
+            let what = format!("{name} needs the result of {}, which is not there", needed.step.name());
+            return Err(Error::input(what, "Run that step, too."));
+        }
+        let status = record::status(folder, task, fingerprint)?;
+        if matches!(status, Status::Done(_)) {
+            say(&format!("{label}: {name} is done"));
+            continue;
+        }
+        say(&format!("{label}: {name}"));
+        match step::run(folder, task, &status, fingerprint)? {
+            Outcome::Failed(error) => {
+                say(&format!("{label}: {name} failed: {error}"));
+                failed.push(task.step);
+            }
+            Outcome::Done if !console::interrupted() => {}
+            Outcome::Done | Outcome::Stopped => break,
+        }
+    }
+    Ok(())
+}
+
+/// Results of a recording that is not at hand for the moment are not thrown away.
+fn require_recording(job: &Job) -> Result<()> {
+    if job.recording.exists() {
+        return Ok(());
+    }
+    Err(Error::input_at(&job.recording, "there is no recording here", "Correct its `path` in the jobs file."))
+}
+
+/// Keeps other batches from a step of the recording until it is dropped.
+fn lock(folder: &Path, step: Step) -> Result<File> {
+    let path = folder.join("steps").join(format!("{}.lock", step.name()));
+    let fail = |e| Error::io("reserve the folder", &path, e);
+    std::fs::create_dir_all(folder.join("steps")).map_err(fail)?;
+    let file = File::create(&path).map_err(fail)?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => Err(Error::input_at(
+            folder,
+            format!("another batch is at the same step ({}) of this recording", step.name()),
+            "Wait for it, or choose another folder with `--output`.",
+        )),
+        Err(TryLockError::Error(e)) => Err(fail(e)),
+    }
+}
+
+/// A step as `--dry-run --json` has it; the keys are a contract.
+#[derive(serde::Serialize)]
+struct Listed<'a> {
+    name: &'a str,
+    folder: &'a Path,
+    step: Step,
+    /// done, unfinished, outdated or new.
+    state: &'static str,
+    command: String,
+}
+
+fn list(args: &BatchArgs, plan: &Plan, steps: &[Step], is_chosen: impl Fn(&Job) -> bool) -> Result<Exit> {
+    let mut all = Vec::new();
+    for job in plan.jobs.iter().filter(|j| is_chosen(j)) {
+        for (task, fingerprint) in job.tasks.iter().zip(record::fingerprints(job)) {
+            if steps.contains(&task.step) {
+                let state = match record::status(&job.folder, task, &fingerprint)? {
+                    Status::Done(_) => "done",
+                    Status::Unfinished(_) => "unfinished",
+                    Status::Outdated => "outdated",
+                    Status::New => "new",
+                };
+                let command = report::command_line(task);
+                all.push(Listed { name: &job.name, folder: &job.folder, step: task.step, state, command });
+            }
+        }
+    }
+    if args.json {
+        print_json(&serde_json::json!({ "output": plan.output, "steps": all }))?;
+    } else {
+        let line = |l: &Listed<'_>| {
+            format!("{}, {} ({}): {}\n", one_line(l.name), l.step.name(), l.state, l.command)
+        };
+        print(&all.iter().map(line).collect::<String>())?;
+    }
+    Ok(Exit::Done)
+}

@@ -1,0 +1,351 @@
+//! The jobs file, turned into command lines: what each verb may be told is known to the command line alone.
+
+use crate::args::{Cli, Step, Verb};
+use clap::{Arg, CommandFactory, Parser, ValueHint};
+use std::{
+    collections::HashSet,
+    ffi::OsString,
+    path::{Path, PathBuf},
+};
+use surgtpgs_core::{Error, Result, export::slugs, files::full_path};
+use toml::{Table, Value};
+
+/// The file as it is written.
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct JobsFile {
+    output: Option<PathBuf>,
+    #[serde(default)]
+    defaults: Table,
+    #[serde(default)]
+    recording: Vec<Table>,
+}
+
+/// What is to be done.
+pub(super) struct Plan {
+    /// Where reports and folders are.
+    pub(super) output: PathBuf,
+    pub(super) jobs: Vec<Job>,
+}
+
+/// What is to be done with one recording.
+pub(super) struct Job {
+    pub(super) name: String,
+    pub(super) recording: PathBuf,
+    pub(super) folder: PathBuf,
+    /// In their order.
+    pub(super) tasks: Vec<Task>,
+}
+
+/// A step of a job.
+pub(super) struct Task {
+    pub(super) step: Step,
+    /// As a user would type it.
+    pub(super) command: Vec<OsString>,
+    pub(super) verb: Verb,
+    /// Files and folders beside the recording that the result depends on.
+    pub(super) inputs: Vec<PathBuf>,
+    /// File or folder that it makes.
+    pub(super) output: PathBuf,
+}
+
+impl Job {
+    pub(super) fn has(&self, step: Step) -> bool {
+        self.tasks.iter().any(|t| t.step == step)
+    }
+}
+
+/// Options that the batch gives itself, or that have no place in one.
+const OWN: [&str; 8] = ["output", "sequence", "force", "resume", "json", "masks", "langsplat", "help"];
+
+/// Keys of which one must be given for features, and so for prompts.
+const FEATURE_SOURCES: [&str; 3] = ["labels", "masks_model", "features"];
+
+impl Plan {
+    /// Reads a jobs file; `output` replaces the folder that it names.
+    pub(super) fn read(path: &Path, output: Option<&Path>) -> Result<Self> {
+        let text = std::fs::read_to_string(path).map_err(|e| Error::io("read the jobs file", path, e))?;
+        Self::of(&text, path, output)
+            .map_err(|what| Error::input_at(path, what, "Correct the jobs file; nothing was done."))
+    }
+
+    fn of(text: &str, path: &Path, output: Option<&Path>) -> Result<Self, String> {
+        let file: JobsFile = toml::from_str(text).map_err(|e| format!("this is no jobs file: {e}"))?;
+        // Paths mean the same wherever the program is started.
+        let path = full_path(path);
+        let beside = path.parent().unwrap_or(Path::new("."));
+        let output = match (output, &file.output) {
+            (Some(output), _) => std::path::absolute(output).unwrap_or_else(|_| output.to_owned()),
+            (None, Some(output)) => beside.join(output),
+            (None, None) => path.with_extension(""),
+        };
+        if output == path {
+            return Err("the results' folder would have the name of this file: give an `output`".into());
+        }
+        let verbs = Verbs::new();
+        verbs.require_known(&file.defaults, &[])?;
+        let mut named = Vec::new();
+        for (i, table) in file.recording.iter().enumerate() {
+            verbs.require_known(table, &["name", "path"])?;
+            named.push(identity(table, beside).map_err(|what| format!("recording {}: {what}", i + 1))?);
+        }
+        require_distinct(&named)?;
+        let folders = slugs(named.iter().map(|(name, _)| name.as_str()));
+        let mut jobs = Vec::new();
+        for ((own, (name, recording)), folder) in file.recording.into_iter().zip(named).zip(folders) {
+            let mut settings = file.defaults.clone();
+            settings.extend(own);
+            let mut job = Job { folder: output.join(folder), name, recording, tasks: Vec::new() };
+            job.add_tasks(&settings, beside, &verbs)
+                .map_err(|e| format!("recording \"{}\": {e}", job.name))?;
+            jobs.push(job);
+        }
+        Ok(Self { jobs, output })
+    }
+}
+
+/// There are recordings, and each has a name of its own.
+fn require_distinct(named: &[(String, PathBuf)]) -> Result<(), String> {
+    if named.is_empty() {
+        return Err("the file has no [[recording]]".into());
+    }
+    let mut names = HashSet::new();
+    match named.iter().find(|(name, _)| !names.insert(name)) {
+        Some((name, _)) => Err(format!("two recordings have the name \"{name}\"")),
+        None => Ok(()),
+    }
+}
+
+/// Name and path of a recording.
+fn identity(table: &Table, beside: &Path) -> Result<(String, PathBuf), String> {
+    let text = |key: &str| match table.get(key) {
+        None => Ok(None),
+        Some(Value::String(text)) if !text.trim().is_empty() => Ok(Some(text.as_str())),
+        Some(other) => Err(format!("{key} = {other} is not a text")),
+    };
+    let path = text("path")?.ok_or("it has no `path`")?;
+    let last = || Path::new(path).file_name().map(|n| n.to_string_lossy().into_owned());
+    let name = text("name")?
+        .map(str::to_owned)
+        .or_else(last)
+        .ok_or("its path has no last part: give it a `name`")?;
+    Ok((name, beside.join(path)))
+}
+
+impl Job {
+    fn add_tasks(&mut self, settings: &Table, beside: &Path, verbs: &Verbs) -> Result<(), String> {
+        let has_any = |keys: &[&str]| keys.iter().any(|key| settings.get(*key).is_some_and(is_given));
+        let has_features = has_any(&FEATURE_SOURCES);
+        let has_prompts = has_features && has_any(&["prompt", "prompts"]);
+        let (prepared, scene) = (self.folder.join("prepared"), self.folder.join("scene.safetensors"));
+        for step in Step::ALL {
+            let (subjects, output) = match step {
+                Step::Prepare if has_features => (vec![&self.recording], prepared.clone()),
+                Step::Train if has_features => (vec![&prepared], scene.clone()),
+                Step::Train => (vec![&self.recording], scene.clone()),
+                Step::Eval => (vec![&scene, &self.recording], self.folder.join("eval")),
+                Step::Export if has_prompts => (vec![&scene], self.folder.join("masked-frames")),
+                Step::Prepare | Step::Export => continue,
+            };
+            let mut command: Vec<OsString> = vec!["surgtpgs".into(), step.name().into()];
+            command.extend(subjects.into_iter().map(|p| p.clone().into_os_string()));
+            command.extend(["-o".into(), output.clone().into_os_string()]);
+            let mut inputs = Vec::new();
+            for arg in verbs.options(step) {
+                if let Some(value) = keys_of(arg).iter().find_map(|key| settings.get(key)) {
+                    command.extend(flags(arg, value, beside, &mut inputs)?);
+                }
+            }
+            let cli = Cli::try_parse_from(&command).map_err(|e| in_short(&e))?;
+            let verb = cli.verb.ok_or("no step")?;
+            self.tasks.push(Task { step, command, verb, inputs, output });
+        }
+        Ok(())
+    }
+}
+
+/// Whether a setting is there: `false` and an empty list take back what the defaults say.
+fn is_given(value: &Value) -> bool {
+    *value != Value::Boolean(false) && value.as_array().is_none_or(|values| !values.is_empty())
+}
+
+/// The first paragraph of clap's message, in one line.
+fn in_short(error: &clap::Error) -> String {
+    let text = error.render().to_string();
+    let first = text.trim_start_matches("error: ").split("\n\n").next().unwrap_or_default();
+    first.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// An option as it is typed, once for each value.
+fn flags(
+    arg: &Arg,
+    value: &Value,
+    beside: &Path,
+    inputs: &mut Vec<PathBuf>,
+) -> Result<Vec<OsString>, String> {
+    let name = arg.get_long().unwrap_or_default();
+    let wrong = |expected: &str| Err(format!("{} = {value} is not {expected}", name.replace('-', "_")));
+    if !arg.get_action().takes_values() {
+        return match value {
+            Value::Boolean(true) => Ok(vec![format!("--{name}").into()]),
+            Value::Boolean(false) => Ok(Vec::new()),
+            _ => wrong("true or false"),
+        };
+    }
+    let values = match value {
+        Value::Array(values) => values.as_slice(),
+        one => std::slice::from_ref(one),
+    };
+    let mut flags = Vec::new();
+    for value in values {
+        let text = match value {
+            Value::String(text) => text.clone(),
+            Value::Integer(_) | Value::Float(_) => value.to_string(),
+            _ => return wrong("a text, a number or a list of these"),
+        };
+        let mut flag = OsString::from(format!("--{name}="));
+        if is_path(arg) && text != "builtin" {
+            let path = beside.join(text);
+            flag.push(&path);
+            inputs.push(path);
+        } else {
+            flag.push(text);
+        }
+        flags.push(flag);
+    }
+    Ok(flags)
+}
+
+fn is_path(arg: &Arg) -> bool {
+    matches!(arg.get_value_hint(), ValueHint::AnyPath | ValueHint::DirPath)
+}
+
+/// The keys that stand for an option: its name, and its other names.
+fn keys_of(arg: &Arg) -> Vec<String> {
+    let names = arg.get_long().into_iter().chain(arg.get_all_aliases().unwrap_or_default());
+    names.map(|name| name.replace('-', "_")).collect()
+}
+
+/// What the steps' verbs may be told.
+struct Verbs(Vec<(Step, Vec<Arg>)>);
+
+impl Verbs {
+    fn new() -> Self {
+        let mut cli = Cli::command();
+        cli.build();
+        let is_free = |arg: &&Arg| arg.get_long().is_some_and(|name| !OWN.contains(&name));
+        let options = |step: Step| {
+            let verb = cli.find_subcommand(step.name());
+            (step, verb.into_iter().flat_map(|v| v.get_arguments()).filter(is_free).cloned().collect())
+        };
+        Self(Step::ALL.map(options).into())
+    }
+
+    fn options(&self, step: Step) -> impl Iterator<Item = &Arg> {
+        self.0.iter().filter(move |(s, _)| *s == step).flat_map(|(_, args)| args)
+    }
+
+    /// Errs where the table has a key that is neither an option nor one of `own`.
+    fn require_known(&self, table: &Table, own: &[&str]) -> Result<(), String> {
+        let is_option =
+            |key: &str| self.0.iter().flat_map(|(_, args)| args).any(|a| keys_of(a).iter().any(|k| k == key));
+        match table.keys().find(|key| !own.contains(&key.as_str()) && !is_option(key)) {
+            Some(key) => Err(format!("unknown key \"{key}\"; there are {}", self.keys().join(", "))),
+            None => Ok(()),
+        }
+    }
+
+    /// All keys, for people.
+    fn keys(&self) -> Vec<String> {
+        let mut keys: Vec<String> =
+            self.0.iter().flat_map(|(_, args)| args).filter_map(|a| keys_of(a).into_iter().next()).collect();
+        keys.sort_unstable();
+        keys.dedup();
+        ["name".into(), "path".into()].into_iter().chain(keys).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<Plan> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("jobs.toml");
+        std::fs::write(&path, text).unwrap();
+        Plan::read(&path, Some(Path::new("/out")))
+    }
+
+    fn lines(text: &str) -> Vec<String> {
+        let plan = read(text).unwrap();
+        let tasks = plan.jobs.iter().flat_map(|j| &j.tasks);
+        tasks.map(|t| t.command.iter().map(|c| c.to_string_lossy()).collect::<Vec<_>>().join(" ")).collect()
+    }
+
+    #[test]
+    fn a_recording_is_a_few_command_lines() {
+        let all = lines(
+            "[defaults]\nlabels = true\niterations = 7\nprompts = [\"liver\", \"-x\"]\nformats = [\"index\"]\n\
+             [[recording]]\npath = \"/data/a\"\neval = true\nthreshold = 0.5\n\
+             [[recording]]\npath = \"/data/a\"\nname = \"B c\"\nlabels = false\ntext_encoder = \"/minilm\"\n",
+        );
+        assert_eq!(
+            all,
+            [
+                "surgtpgs prepare /data/a -o /out/a/prepared --labels --eval",
+                "surgtpgs train /out/a/prepared -o /out/a/scene.safetensors --eval --iterations=7",
+                "surgtpgs eval /out/a/scene.safetensors /data/a -o /out/a/eval --threshold=0.5",
+                "surgtpgs export /out/a/scene.safetensors -o /out/a/masked-frames --prompt=liver --prompt=-x \
+                 --format=index --threshold=0.5",
+                "surgtpgs train /data/a -o /out/b-c/scene.safetensors --iterations=7",
+                "surgtpgs eval /out/b-c/scene.safetensors /data/a -o /out/b-c/eval --text-encoder=/minilm",
+            ]
+        );
+    }
+
+    #[test]
+    fn paths_begin_where_the_file_is() {
+        let plan = read("[[recording]]\npath = \"a\"\nmasks_model = \"sam\"\nimage_encoder = \"../clip\"\n")
+            .unwrap();
+        let job = &plan.jobs[0];
+        assert!(job.recording.is_absolute() && job.recording.ends_with("a"));
+        let inputs: Vec<_> = job.tasks[0].inputs.iter().map(|p| p.file_name().unwrap()).collect();
+        assert_eq!(inputs, ["sam", "clip"]);
+        assert!(job.tasks[0].inputs.iter().all(|p| p.is_absolute()));
+    }
+
+    #[test]
+    fn the_file_to_begin_with_is_right() {
+        let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/batch");
+        let plan = Plan::read(&assets.join("jobs.toml"), None).unwrap();
+        assert_eq!(plan.jobs.iter().map(|j| j.tasks.len()).collect::<Vec<_>>(), [4, 4, 4, 2]);
+        assert!(plan.output.ends_with("batch/jobs") && plan.jobs[3].recording.ends_with("batch/pulling"));
+    }
+
+    #[test]
+    fn wrong_files_are_refused_with_what_is_wrong() {
+        let a = "[[recording]]\npath = \"a\"\n";
+        for (text, says) in [
+            ("", "no [[recording]]"),
+            ("[[recordings]]\n", "unknown field `recordings`"),
+            ("[[recording]]\nname = \"x\"\n", "recording 1: it has no `path`"),
+            ("[[recording]]\npath = 3\n", "path = 3 is not a text"),
+            ("[[recording]]\npath = \"/\"\n", "give it a `name`"),
+            (
+                &format!("{a}iteration = 3\n"),
+                "unknown key \"iteration\"; there are name, path, above_instruments",
+            ),
+            (&format!("[defaults]\npath = \"a\"\n{a}"), "unknown key \"path\""),
+            (&format!("{a}force = true\n"), "unknown key \"force\""),
+            (&format!("{a}{a}"), "two recordings have the name \"a\""),
+            (&format!("{a}eval = 1\n"), "recording \"a\": eval = 1 is not true or false"),
+            (&format!("{a}profile = \"best\"\n"), "invalid value 'best' for '--profile"),
+            (&format!("{a}seed = [[1]]\n"), "is not a text, a number or a list"),
+            (&format!("{a}masks_model = \"sam\"\n"), "--image-encoder"),
+            ("path = [\n", "this is no jobs file"),
+        ] {
+            let message = read(text).err().map(|e| e.to_string()).unwrap_or_default();
+            assert!(message.contains(says) && message.contains("jobs.toml)"), "{text}: {message}");
+        }
+    }
+}

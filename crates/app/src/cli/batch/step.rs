@@ -1,0 +1,134 @@
+//! One step of one recording, by the code of its verb.
+
+use super::{
+    plan::Task,
+    record::{Record, Status},
+};
+use crate::{
+    args::{EvalArgs, ExportArgs, Verb},
+    cli::{eval, export, figures, one_line, pictures::jpeg, prepare, query, train},
+    jobs, memory,
+};
+use serde_json::{Value, json};
+use std::{
+    any::Any,
+    panic::{AssertUnwindSafe, catch_unwind},
+    path::Path,
+    time::Instant,
+};
+use surgtpgs_core::{Error, Result, files::write_whole, prepare::Prepared};
+
+/// How a step ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Outcome {
+    Done,
+    Failed(String),
+    /// By the user; the next run goes on.
+    Stopped,
+}
+
+/// Pictures of the report, beside the results they are of.
+pub(super) const RECONSTRUCTION: &str = "reconstruction.jpg";
+pub(super) const ANSWERS: &str = "answers.jpg";
+
+/// Frames of the reconstruction that are shown, and how wide pictures are in the report, px.
+const SHOWN_FRAMES: usize = 3;
+const PANEL_WIDTH: u32 = 400;
+
+/// Runs a step that is not done. Errors are of its record in `folder`; what the step itself meets is its outcome.
+pub(super) fn run(folder: &Path, task: &mut Task, status: &Status, fingerprint: &str) -> Result<Outcome> {
+    let record = Record::begun(fingerprint);
+    make_room(task, status)?;
+    record.write(folder, task.step)?;
+    memory::forget_peak();
+    let started = Instant::now();
+    // A mistake of ours in one recording is no reason to leave the others.
+    let result =
+        catch_unwind(AssertUnwindSafe(|| work(&task.verb))).unwrap_or_else(|cause| Err(of_panic(&*cause)));
+    let (record, outcome) = match result {
+        Ok(report) => (record.done(&task.output, started.elapsed().as_secs_f64(), report), Outcome::Done),
+        Err(Error::Cancelled) => return Ok(Outcome::Stopped),
+        Err(error) => {
+            let error = one_line(&error.to_string());
+            (record.failed(error.clone()), Outcome::Failed(error))
+        }
+    };
+    record.write(folder, task.step)?;
+    Ok(outcome)
+}
+
+fn of_panic(cause: &(dyn Any + Send)) -> Error {
+    let text = cause.downcast_ref::<String>().map(String::as_str).or(cause.downcast_ref::<&str>().copied());
+    let what = format!("the program itself failed: {}", text.unwrap_or("it does not say how"));
+    Error::input(what, "This is a mistake in it, please report it.")
+}
+
+/// Clears away what an earlier run with other settings made, and goes on with what one with the same did not finish.
+/// What no batch made is left alone.
+fn make_room(task: &mut Task, status: &Status) -> Result<()> {
+    if matches!(status, Status::New) && task.output.exists() {
+        let hint = "Move it away, or choose another folder with `--output`.";
+        return Err(Error::input_at(&task.output, "this is in the way and was not made by a batch", hint));
+    }
+    let goes_on = matches!(status, Status::Unfinished(_));
+    match &mut task.verb {
+        Verb::Prepare(args) => {
+            // The verb keeps what it can use again of automatic masks, hours of work.
+            args.force = true;
+            if !Prepared::is_prepared(&task.output) && !Prepared::is_unfinished(&task.output) {
+                jobs::remove_folder(&task.output)?;
+            }
+        }
+        Verb::Train(args) => {
+            let checkpoint = jobs::checkpoint_path(&task.output);
+            args.resume = goes_on && checkpoint.exists();
+            if !args.resume {
+                jobs::remove_file(&checkpoint)?;
+                jobs::remove_file(&task.output)?;
+            }
+        }
+        Verb::Export(_) if goes_on => {}
+        _ => jobs::remove_folder(&task.output)?,
+    }
+    Ok(())
+}
+
+/// Does the step; what it reports.
+fn work(verb: &Verb) -> Result<Value> {
+    match verb {
+        Verb::Prepare(args) => prepare::run(args).map(|_| Value::Null),
+        Verb::Train(args) => {
+            let report = train::train(args)?;
+            if report.finished { Ok(json!(report)) } else { Err(Error::Cancelled) }
+        }
+        Verb::Eval(args) => evaluate(args),
+        Verb::Export(args) => export_found(args),
+        other => Err(Error::input(format!("{other:?} is no step of a batch"), "")),
+    }
+}
+
+fn evaluate(args: &EvalArgs) -> Result<Value> {
+    let ([scene, sequence], Some(folder)) = (&args.paths[..], &args.output) else {
+        return Err(Error::input("an evaluation needs a scene, a recording and a folder", ""));
+    };
+    let mut engine = eval::open(args, scene, sequence)?;
+    let evaluation = eval::evaluate(&mut engine, args.lpips.as_deref())?;
+    eval::write(folder, &evaluation)?;
+    let picture = figures::comparison(&mut engine, SHOWN_FRAMES, PANEL_WIDTH)?;
+    write_whole(&folder.join(RECONSTRUCTION), &jpeg(&picture)?)?;
+    Ok(json!(evaluation.report))
+}
+
+fn export_found(args: &ExportArgs) -> Result<Value> {
+    let (mut engine, summary) = export::export(args)?;
+    if !summary.complete {
+        return Err(Error::Cancelled);
+    }
+    let frames: Vec<usize> = (0..engine.scene().num_frames()).collect();
+    let answers = query::query(&mut engine, &frames)?;
+    let picture = figures::answers(&mut engine, &answers, PANEL_WIDTH)?;
+    if let Some(picture) = &picture {
+        write_whole(&args.output.join(ANSWERS), &jpeg(picture)?)?;
+    }
+    Ok(json!({ "export": summary, "query": answers }))
+}

@@ -1,0 +1,93 @@
+//! What reports show of a scene: pictures and tables.
+
+use super::{
+    document::{escaped, number, table},
+    eval::Iou,
+    pictures::{narrowed, side_by_side, stacked},
+    query,
+};
+use crate::{engine::Engine, settings::PROMPT_COLOURS};
+use image::RgbImage;
+use surgtpgs_core::{
+    Result,
+    overlay::{OverlayLook, OverlayPrompt, OverlayStyle, overlay},
+    raster::{Images, MIN_DEPTH_ALPHA},
+    sequence::Sequence,
+};
+
+/// Frames evenly spread, of those that are evaluated, each as recorded, as reconstructed, and its depth (near is bright).
+pub(super) fn comparison(engine: &mut Engine, count: usize, panel_width: u32) -> Result<RgbImage> {
+    let held_out = engine.scene().provenance.held_out;
+    let n = engine.scene().num_frames();
+    let frames: Vec<usize> = (0..n).filter(|&i| !held_out || Sequence::is_test_frame(i)).collect();
+    let count = count.min(frames.len());
+    let mut rows = Vec::new();
+    for k in 0..count {
+        let frame = frames[(2 * k + 1) * frames.len() / (2 * count)];
+        let images = engine.render(&engine.view(frame)?, false)?;
+        let pictures = engine.original(frame)?.into_iter().chain([images.to_rgb(), depth(&images)]);
+        rows.push(side_by_side(&pictures.map(|p| narrowed(p, panel_width)).collect::<Vec<_>>()));
+    }
+    Ok(stacked(&rows))
+}
+
+fn depth(images: &Images) -> RgbImage {
+    let depth = images.normalised_depth(MIN_DEPTH_ALPHA);
+    let known = || depth.data.iter().copied().filter(|z| *z > 0.0);
+    let (near, far) = (known().fold(f32::INFINITY, f32::min), known().fold(0.0, f32::max));
+    RgbImage::from_fn(depth.width as u32, depth.height as u32, |x, y| {
+        let z = depth.at(x as usize, y as usize);
+        let bright = if z > 0.0 { 255.0 - 215.0 * (z - near) / (far - near).max(1e-6) } else { 0.0 };
+        image::Rgb([bright as u8; 3])
+    })
+}
+
+/// Each prompt that was found, on the frame where it covers most, three in a row; `None` if nothing was found. The
+/// engine has the prompts that were asked.
+pub(super) fn answers(
+    engine: &mut Engine,
+    answers: &query::Report,
+    panel_width: u32,
+) -> Result<Option<RgbImage>> {
+    let found = answers.prompts.iter().enumerate().filter_map(|(k, p)| p.largest().map(|f| (k, f.frame)));
+    let mut pictures = Vec::new();
+    for (k, frame) in found {
+        let view = engine.view(frame)?;
+        let images = engine.render(&view, true)?;
+        let scores = engine.scores(&images, &view)?;
+        let picture = engine.original(frame)?.unwrap_or_else(|| images.to_rgb());
+        let (threshold, colour) = (engine.settings().threshold, PROMPT_COLOURS[k % PROMPT_COLOURS.len()]);
+        let drawn: Vec<OverlayPrompt<'_>> =
+            scores.get(k).into_iter().map(|scores| OverlayPrompt { scores, threshold, colour }).collect();
+        let look = OverlayLook { style: OverlayStyle::Fill, opacity: 0.45, ..Default::default() };
+        pictures.push(narrowed(overlay(&picture, &drawn, look), panel_width));
+    }
+    let rows: Vec<RgbImage> = pictures.chunks(3).map(side_by_side).collect();
+    Ok((!rows.is_empty()).then(|| stacked(&rows)))
+}
+
+/// IoU of each class.
+pub(super) fn classes_table(iou: &Iou) -> String {
+    let all = vec!["all".into(), number(iou.paper.mean, 3), number(iou.strict.mean, 3)];
+    let each = iou.strict.classes.iter().map(|(name, strict)| {
+        let paper = iou.paper.classes.get(name).copied();
+        vec![escaped(name), number(paper, 3), number(Some(*strict), 3)]
+    });
+    table(&["class", "IoU, paper's protocol", "IoU, strict"], [all].into_iter().chain(each))
+}
+
+/// Where each prompt was found.
+pub(super) fn answers_table(answers: &query::Report) -> String {
+    let rows = answers.prompts.iter().map(|prompt| {
+        let largest = prompt
+            .largest()
+            .map_or("nothing".into(), |f| format!("{:.1} % of frame {}", 100.0 * f.area_fraction, f.frame));
+        let found = format!("{} of {} frames", prompt.frames_found(), prompt.frames.len());
+        vec![escaped(&prompt.text), found, largest, format!("{:.2}", prompt.max_score())]
+    });
+    format!(
+        "A pixel is found where its similarity score is above {}.\n\n{}",
+        answers.threshold,
+        table(&["prompt", "found on", "largest area", "best score"], rows)
+    )
+}

@@ -1,0 +1,114 @@
+//! How different two pictures look to a network.
+
+use crate::{
+    model_file::{ModelFile, described, shape},
+    runtime::short,
+};
+use image::RgbImage;
+use ort::{
+    session::{Session, SessionInputValue},
+    value::{Tensor, TensorElementType},
+};
+use std::path::Path;
+use surgtpgs_core::{Error, Result};
+
+const HINT: &str = "LPIPS takes two float images [1,3,height,width] of -1 to 1 and gives one number; export it with free height and width.";
+
+/// Side of the pictures that a model is tried out with where it takes any size: enough for five halvings.
+const TRIED_SIDE: u32 = 64;
+
+/// LPIPS (Zhang et al. 2018), or any other network that takes two pictures and gives their distance.
+pub struct Lpips {
+    session: Session,
+    inputs: [String; 2],
+    output: String,
+    /// Rows and columns, where the model takes no others.
+    size: [Option<u32>; 2],
+}
+
+impl Lpips {
+    /// Opens an `.onnx` or `.ort` file, and tries it out: a picture has no distance from itself.
+    pub fn open(path: &Path) -> Result<Self> {
+        let model = ModelFile::open(path)?;
+        let (inputs, outputs) = (model.session.inputs(), model.session.outputs());
+        let wrong = || {
+            let what = format!("The model takes {} and gives {}", described(inputs), described(outputs));
+            Error::input_at(path, what, HINT)
+        };
+        let ([one, other], [output]) = (inputs, outputs) else { return Err(wrong()) };
+        let is_float = |o: &ort::value::Outlet| o.dtype().tensor_type() == Some(TensorElementType::Float32);
+        let ([1 | -1, 3 | -1, height, width], true) = (&shape(one)[..], shape(one) == shape(other)) else {
+            return Err(wrong());
+        };
+        if ![one, other, output].into_iter().all(is_float) {
+            return Err(wrong());
+        }
+        let size = [height, width].map(|n| u32::try_from(*n).ok().filter(|n| *n > 0));
+        let inputs = [one.name().to_owned(), other.name().to_owned()];
+        let output = output.name().to_owned();
+        let mut lpips = Self { session: model.session, inputs, output, size };
+        lpips.try_out(path)?;
+        Ok(lpips)
+    }
+
+    /// The distance of two pictures of one size; 0 where they are equal.
+    pub fn distance(&mut self, one: &RgbImage, other: &RgbImage) -> Result<f64> {
+        let (width, height) = one.dimensions();
+        if other.dimensions() != (width, height) {
+            let what = format!(
+                "the pictures differ in size: {width}×{height} and {}×{}",
+                other.width(),
+                other.height()
+            );
+            return Err(Error::input(what, "Compare a scene with its own recording."));
+        }
+        if let [Some(rows), Some(columns)] = self.size
+            && (columns, rows) != (width, height)
+        {
+            let what = format!(
+                "The LPIPS model takes pictures of {columns}×{rows} alone, the frames are {width}×{height}"
+            );
+            return Err(Error::input(what, HINT));
+        }
+        let failed = |cause: String| {
+            Error::input(format!("The LPIPS model failed ({})", short(&cause)), "The model may be damaged.")
+        };
+        let mut inputs = Vec::new();
+        for (name, picture) in self.inputs.iter().zip([one, other]) {
+            let tensor = Tensor::from_array(([1, 3, height as usize, width as usize], planes(picture)));
+            inputs.push((name.clone(), SessionInputValue::from(tensor.map_err(|e| failed(e.to_string()))?)));
+        }
+        let outputs = self.session.run(inputs).map_err(|e| failed(e.to_string()))?;
+        let output = outputs.get(&self.output).ok_or_else(|| failed("the output is missing".into()))?;
+        let (shape, values) = output.try_extract_tensor::<f32>().map_err(|e| failed(e.to_string()))?;
+        match values {
+            [distance] if distance.is_finite() => Ok(f64::from(*distance)),
+            [_] => Err(failed("the distance is not a number".into())),
+            _ => Err(failed(format!("the output has the shape {shape:?}, not one number"))),
+        }
+    }
+
+    fn try_out(&mut self, path: &Path) -> Result<()> {
+        let [rows, columns] = self.size.map(|n| n.unwrap_or(TRIED_SIDE));
+        let picture = |phase: u32| {
+            RgbImage::from_fn(columns, rows, |x, y| {
+                image::Rgb([(x * 3 + phase) as u8, (y * 5) as u8, phase as u8])
+            })
+        };
+        let same = self.distance(&picture(0), &picture(0))?;
+        let apart = self.distance(&picture(0), &picture(90))?;
+        if same.abs() < 1e-4 && apart > same.abs() {
+            return Ok(());
+        }
+        let what = format!(
+            "The model gives a picture the distance {same:.4} from itself, and {apart:.4} from another"
+        );
+        Err(Error::input_at(path, what, "LPIPS gives 0 and more than that; this is another model."))
+    }
+}
+
+/// [3, height, width], colours from -1 to 1.
+fn planes(picture: &RgbImage) -> Vec<f32> {
+    let plane = |channel: usize| picture.pixels().map(move |p| f32::from(p.0[channel]) / 127.5 - 1.0);
+    (0..3).flat_map(plane).collect()
+}

@@ -1,0 +1,51 @@
+#!/usr/bin/env bash
+# Runs the workflow of assets/snakemake on this machine: a bad recording stops no other, what is done is not done again,
+# and `surgtpgs batch` knows what the workflow has done. The argument is a Python that has Snakemake.
+set -euo pipefail
+python=$(realpath -s "$1")
+cd "$(dirname "$0")/../.."
+source tests/oracle/program.sh
+program=$(program_path)
+workflow=$PWD/assets/snakemake
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+cd "$folder"
+
+"$program" demo -o recording --width 48 --height 32 --frames 9 2> log
+cat > jobs.toml << 'JOBS'
+[defaults]
+eval = true
+labels = true
+iterations = 40
+backend = "cpu"
+prompts = ["liver"]
+formats = ["index", "sheet"]
+[[recording]]
+path = "recording"
+name = "it's $(the) <first>"
+[[recording]]
+path = "bad"
+[[recording]]
+path = "recording"
+labels = false
+JOBS
+mkdir bad
+run() {
+    "$python" -m snakemake --snakefile "$workflow/Snakefile" --configfile "$workflow/config.yaml" \
+        --config program="$program" --cores 2 --keep-going "$@" > log 2>&1
+}
+expect() { "$@" || { cat "$folder/log"; echo "failed: $*"; exit 1; }; }
+recorded() { "$python" -c 'import json; print([r["state"] for r in json.load(open("jobs/report.json"))["recordings"]])'; }
+
+! run || { echo "a bad recording was not noticed"; exit 1; }
+expect test "$(recorded)" = "['done', 'failed', 'done']"
+expect grep -q "it's \$(the) &lt;first&gt;" jobs/report.html
+
+rmdir bad && cp -r recording bad
+expect run
+expect test "$(recorded)" = "['done', 'done', 'done']"
+expect run
+expect grep -q "Nothing to be done" log
+"$program" batch jobs.toml 2> log > /dev/null
+expect test "$(grep -c ' is done$' log)" = 10
+echo "the workflow did what the batch does"

@@ -1,0 +1,210 @@
+use serde_json::Value;
+use std::{
+    io::{BufRead, BufReader},
+    path::Path,
+    process::{Child, Stdio},
+    time::{Duration, SystemTime},
+};
+use surgtpgs_tests::{Run, command_in, run_in};
+use tempfile::TempDir;
+
+const HOSTILE: &str = "<script>alert(1)</script> | *x*";
+
+/// A folder with a tiny recording and a jobs file.
+struct Batch(TempDir);
+
+impl Batch {
+    fn new(jobs: &str) -> Self {
+        let batch = Self(tempfile::tempdir().unwrap());
+        let demo = ["demo", "-o", "good", "--width", "48", "--height", "32", "--frames", "9"];
+        run_in(batch.path(), &demo).ok();
+        batch.write(jobs);
+        batch
+    }
+
+    fn path(&self) -> &Path {
+        self.0.path()
+    }
+
+    fn write(&self, jobs: &str) {
+        let defaults = "[defaults]\neval = true\nbackend = \"cpu\"\n";
+        std::fs::write(self.path().join("jobs.toml"), format!("{defaults}{jobs}")).unwrap();
+    }
+
+    fn run(&self, args: &[&str]) -> Run {
+        run_in(self.path(), &[&["batch", "jobs.toml"][..], args].concat())
+    }
+
+    fn read(&self, name: &str) -> String {
+        std::fs::read_to_string(self.path().join("jobs").join(name)).unwrap()
+    }
+
+    fn made(&self, name: &str) -> SystemTime {
+        std::fs::metadata(self.path().join("jobs").join(name)).unwrap().modified().unwrap()
+    }
+
+    /// Starts a batch and waits until it trains for the n-th time.
+    fn start_until_training(&self, n: usize) -> Child {
+        let mut command = command_in(self.path());
+        command.args(["batch", "jobs.toml"]).stdout(Stdio::null()).stderr(Stdio::piped());
+        let mut child = command.spawn().unwrap();
+        let said = BufReader::new(child.stderr.as_mut().unwrap()).lines();
+        let trains = said.map_while(Result::ok).filter(|line| line.starts_with("training …"));
+        assert_eq!(trains.take(n).count(), n);
+        child
+    }
+}
+
+/// Steps of `batch --dry-run --json` as (recording, step, state).
+fn states(run: &Run) -> Vec<(String, String, String)> {
+    let text = |step: &Value, key: &str| step[key].as_str().unwrap().to_owned();
+    let json = run.json();
+    let steps = json["steps"].as_array().unwrap();
+    steps.iter().map(|s| (text(s, "name"), text(s, "step"), text(s, "state"))).collect()
+}
+
+#[test]
+fn a_bad_recording_stops_no_other_and_a_second_run_does_what_changed() {
+    let jobs = |iterations: u32| {
+        format!(
+            "iterations = 40\nlabels = true\nprompts = [\"liver\", \"spaceship\"]\nformats = [\"index\"]\n\
+             [[recording]]\npath = \"good\"\nname = '{HOSTILE}'\n\
+             [[recording]]\npath = \"bad\"\n[[recording]]\npath = \"missing\"\n\
+             [[recording]]\npath = \"good\"\nlabels = false\niterations = {iterations}\n"
+        )
+    };
+    let batch = Batch::new(&jobs(40));
+    std::fs::create_dir(batch.path().join("bad")).unwrap();
+    let listed = states(&batch.run(&["--dry-run", "--json"]).ok());
+    assert_eq!(listed.len(), 4 + 4 + 4 + 2);
+    assert!(listed.iter().all(|(_, _, state)| state == "new") && !batch.path().join("jobs").exists());
+
+    let first = batch.run(&["--json"]);
+    assert_eq!(first.code, 1, "{first:#?}");
+    let report = first.json();
+    let recordings = report["recordings"].as_array().unwrap();
+    let of = |key: &str| recordings.iter().map(|r| r[key].as_str().unwrap_or("")).collect::<Vec<_>>();
+    assert_eq!(of("state"), ["done", "failed", "failed", "done"]);
+    assert!(of("error")[1].starts_with("prepare failed: ") && of("error")[2].contains("no recording here"));
+    assert!(first.stderr.contains("2 of 4, bad: prepare failed: "), "{}", first.stderr);
+
+    // What the verbs say of the same scene.
+    let eval = &recordings[0]["steps"][2]["report"];
+    let folder = recordings[0]["folder"].as_str().unwrap();
+    let scene = format!("{folder}/scene.safetensors");
+    let alone = run_in(batch.path(), &["eval", &scene, "good", "--backend", "cpu", "--json"]).ok().json();
+    for key in ["psnr_masked_db", "ssim", "gaussians", "iou"] {
+        assert_eq!(eval[key], alone[key], "{key}");
+    }
+    let row = [
+        format!("{:.2}", alone["psnr_masked_db"].as_f64().unwrap()),
+        format!("{:.3}", alone["ssim"].as_f64().unwrap()),
+        format!("{:.3}", alone["iou"]["paper"]["mean"].as_f64().unwrap()),
+    ];
+    let (markdown, html) = (batch.read("report.md"), batch.read("report.html"));
+    assert!(markdown.contains(&format!("| done | {} |", row.join(" | "))), "{markdown}");
+    assert!(html.contains(&format!("<td>{}</td>", row.join("</td><td>"))), "{html}");
+    assert!(html.contains("&lt;script&gt;alert(1)&lt;/script&gt; | *x*") && !html.contains("<script"));
+    assert_eq!(
+        html.matches("<img src=\"data:image/jpeg;base64,").count(),
+        3,
+        "two reconstructions, one answer"
+    );
+    assert_eq!(html.matches("Failed.").count(), 2);
+    assert!(!html.contains("src=\"s"), "nothing is beside the page");
+    assert!(folder.ends_with("script-alert-1-script-x"));
+
+    let scenes = ["script-alert-1-script-x/scene.safetensors", "good/scene.safetensors"];
+    let before = scenes.map(|s| batch.made(s));
+    let second = batch.run(&[]);
+    assert_eq!(second.code, 1);
+    assert_eq!(second.stderr.matches(" is done\n").count(), 4 + 2, "{}", second.stderr);
+    assert_eq!(scenes.map(|s| batch.made(s)), before);
+
+    batch.write(&jobs(50));
+    batch.run(&["--only", "good"]).ok();
+    assert_eq!(batch.made(scenes[0]), before[0]);
+    assert_ne!(batch.made(scenes[1]), before[1], "another number of steps");
+    assert!(batch.read("good/steps/train.json").contains("\"steps\": 50"));
+
+    std::fs::remove_file(batch.path().join("jobs/good/eval/eval.json")).unwrap();
+    let again = batch.run(&["--only", "good", "--only", HOSTILE]).ok();
+    assert_eq!(
+        again.stderr.matches(" is done\n").count(),
+        5,
+        "only the evaluation is gone: {}",
+        again.stderr
+    );
+}
+
+#[test]
+#[cfg(unix)]
+fn a_training_that_was_stopped_or_killed_is_gone_on_with() {
+    let batch = Batch::new(
+        "[[recording]]\npath = \"good\"\nname = \"short\"\niterations = 10\n\
+         [[recording]]\npath = \"good\"\nname = \"long\"\niterations = 1500\n",
+    );
+    let mut child = batch.start_until_training(2);
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let state = |of: &str, step: &str| {
+        let listed = states(&batch.run(&["--dry-run", "--json"]).ok());
+        listed.into_iter().find(|(name, s, _)| name == of && s == step).unwrap().2
+    };
+    assert_eq!((state("short", "eval"), state("long", "train")), ("done".into(), "unfinished".into()));
+
+    let mut child = batch.start_until_training(1);
+    std::thread::sleep(Duration::from_millis(200));
+    let interrupt = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status();
+    assert!(interrupt.unwrap().success());
+    assert_eq!(child.wait().unwrap().code(), Some(1));
+    assert_eq!((state("short", "train"), state("long", "train")), ("done".into(), "unfinished".into()));
+    assert!(batch.path().join("jobs/long/scene.unfinished").exists());
+    assert!(batch.read("report.md").contains("| long | unfinished |"));
+
+    let last = batch.run(&[]).ok();
+    assert!(last.stdout.contains("2 recordings: 2 done"), "{last:#?}");
+    assert!(!batch.path().join("jobs/long/scene.unfinished").exists());
+    // The checkpoint was gone on with: together it is the same as in one go.
+    let whole =
+        ["train", "good", "-o", "whole", "--eval", "--backend", "cpu", "--iterations", "1500", "--json"];
+    let whole = run_in(batch.path(), &whole).ok().json();
+    let resumed: Value = serde_json::from_str(&batch.read("long/steps/train.json")).unwrap();
+    assert_eq!(resumed["report"]["psnr_db"], whole["psnr_db"]);
+}
+
+#[test]
+fn what_is_wrong_or_not_ours_is_refused_before_anything_is_done() {
+    let good = "[[recording]]\npath = \"good\"\niterations = 5\n";
+    let batch = Batch::new(&format!("{good}prompt_words = [\"liver\"]\n"));
+    let refused = batch.run(&[]);
+    let message = refused.refused(1);
+    assert!(message.contains("unknown key \"prompt_words\"") && message.contains("jobs.toml)"), "{message}");
+    assert!(!batch.path().join("jobs").exists());
+
+    batch.write(good);
+    assert!(batch.run(&["--only", "other"]).refused(1).contains("There are: good."));
+    let early = batch.run(&["--step", "eval"]);
+    assert_eq!(early.code, 1);
+    assert!(early.stdout.contains("eval needs the result of train"), "{early:#?}");
+
+    std::fs::write(batch.path().join("jobs/good/scene.safetensors"), b"precious").unwrap();
+    let kept = batch.run(&[]);
+    assert!(kept.code == 1 && kept.stdout.contains("was not made by a batch"), "{kept:#?}");
+    assert_eq!(batch.read("good/scene.safetensors"), "precious");
+}
+
+#[test]
+fn results_outlive_a_recording_that_is_away_for_a_while() {
+    let batch = Batch::new("[[recording]]\npath = \"good\"\niterations = 5\n");
+    batch.run(&[]).ok();
+    let made = batch.made("good/scene.safetensors");
+    let (here, away) = (batch.path().join("good"), batch.path().join("away"));
+    std::fs::rename(&here, &away).unwrap();
+    assert_eq!(batch.run(&[]).code, 1);
+    assert_eq!(batch.run(&["--report-only"]).code, 1);
+    assert!(batch.read("report.html").contains("no recording here"));
+    std::fs::rename(&away, &here).unwrap();
+    assert!(batch.run(&[]).ok().stderr.contains("eval is done"));
+    assert_eq!(batch.made("good/scene.safetensors"), made);
+}
