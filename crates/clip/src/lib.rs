@@ -7,11 +7,13 @@
 //! library is found and on tract, which is always there, where it is not ([`runtime`]).
 
 mod builtin;
+mod cache;
 pub mod contract;
 pub mod graph;
 mod image_encoder;
 mod model_file;
 pub mod onnx;
+mod provider;
 pub mod runtime;
 mod segment_anything;
 mod session;
@@ -20,6 +22,7 @@ mod text_encoder;
 mod tokenizer;
 
 pub use image_encoder::ImageEncoder;
+pub use provider::{Provider, choose_provider};
 pub use runtime::{backend_name, backend_notes};
 pub use segment_anything::SegmentAnything;
 pub use settings::{DEFAULT_TEMPLATE, EncoderSettings, Pooling};

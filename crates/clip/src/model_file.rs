@@ -46,7 +46,7 @@ impl ModelFile {
                 hash.update(read_beside(&file, path.parent(), path)?);
             }
         }
-        let session = runtime::open_session(Source::File(path), runtime::cores(), path)?;
+        let session = runtime::open_session(&Source::File(path.to_owned()), runtime::cores(), path)?;
         Ok(Self { path: path.to_owned(), session, sha256: hex(hash) })
     }
 

@@ -1,6 +1,7 @@
 //! What runs the models: ONNX Runtime's shared library where one is found, else tract (pure Rust, always there).
 //! There is one environment per process; which one is decided once, at the first model.
 
+use crate::provider;
 use ort::{
     environment::Environment,
     session::{Session, builder::GraphOptimizationLevel},
@@ -48,9 +49,10 @@ pub(crate) fn is_onnx_runtime() -> bool {
 }
 
 /// Where a model comes from.
-pub(crate) enum Source<'a> {
-    File(&'a Path),
-    Memory(&'a [u8]),
+#[derive(Clone, Debug)]
+pub(crate) enum Source {
+    File(PathBuf),
+    Memory(&'static [u8]),
 }
 
 /// Number of cores.
@@ -59,13 +61,17 @@ pub(crate) fn cores() -> usize {
 }
 
 /// Loads a model to run on `threads` threads. `path` is only named in errors.
-pub(crate) fn open_session(source: Source<'_>, threads: usize, path: &Path) -> Result<Session> {
+pub(crate) fn open_session(source: &Source, threads: usize, path: &Path) -> Result<Session> {
     let environment = &runtime()?.environment;
+    let provider = provider::chosen();
     let load = || -> Result<Session, ort::Error> {
         let mut builder = Session::builder(environment)?
             // tract leaves the graph as it is without this, three times slower.
             .with_optimization_level(GraphOptimizationLevel::Level3)?;
         builder = builder.with_intra_threads(threads).unwrap_or_else(|e| e.recover());
+        if let Some(provider) = provider.dispatch() {
+            builder = builder.with_execution_providers([provider])?;
+        }
         match source {
             Source::File(file) => builder.commit_from_file(file),
             Source::Memory(bytes) => builder.commit_from_memory(bytes),

@@ -1,7 +1,7 @@
 //! Features and codec of a recording.
 
 use super::{Observer, Progress};
-use crate::engine::EncoderChoice;
+use crate::engine::{EncoderChoice, open_text_encoder};
 use std::{
     cell::Cell,
     path::{Path, PathBuf},
@@ -74,7 +74,7 @@ pub fn prepare(
         ));
     }
     let text = match &options.encoder {
-        EncoderChoice::Folder(folder) => TextEncoder::open(folder)?,
+        EncoderChoice::Folder(folder) => open_text_encoder(folder)?,
         EncoderChoice::Builtin | EncoderChoice::OfScene => TextEncoder::builtin()?,
     };
     match &options.source {

@@ -33,7 +33,7 @@ mod video;
 pub use check::check;
 pub use classes::{ClassEntry, names_instrument, plain_words};
 pub use depth::DepthKind;
-pub(crate) use read::npy;
+pub use read::npy;
 pub use settings::{
     CameraSettings, DepthSettings, FieldOfViewSetting, FrameSettings, Keep, MaskSettings, SETTINGS_FILE,
     Settings, TimeSettings,

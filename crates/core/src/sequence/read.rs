@@ -1,14 +1,16 @@
 //! Reading single files: listings in natural order, pictures, one-channel maps, NumPy arrays.
 
 use crate::{Error, Result, grid::Grid};
+use half::f16;
 use image::{DynamicImage, ImageError, ImageReader, RgbImage};
 use ndarray::ArrayD;
-use ndarray_npy::{ReadNpyError, ReadNpyExt, ReadableElement};
+use ndarray_npy::{ReadDataError, ReadNpyError, ReadNpyExt, ReadableElement};
+use py_literal::Value;
 use rayon::prelude::*;
 use std::{
     cmp::Ordering,
     fs::File,
-    io::BufReader,
+    io::{BufReader, Read},
     path::{Path, PathBuf},
 };
 
@@ -158,11 +160,12 @@ pub(super) fn first_channel_of(picture: DynamicImage) -> Grid<u16> {
 }
 
 /// A NumPy array of any real number type: its shape and its values in row-major order.
-pub(crate) fn npy(path: &Path) -> Result<(Vec<usize>, Vec<f64>)> {
+pub fn npy(path: &Path) -> Result<(Vec<usize>, Vec<f64>)> {
     type Reader = fn(&Path) -> std::result::Result<(Vec<usize>, Vec<f64>), ReadNpyError>;
-    let readers: [Reader; 7] = [
+    let readers: [Reader; 8] = [
         |p| npy_of(p, |v: f32| f64::from(v)),
         |p| npy_of(p, |v: f64| v),
+        |p| npy_of(p, |v: Half| v.0.to_f64()),
         |p| npy_of(p, |v: u8| f64::from(v)),
         |p| npy_of(p, |v: u16| f64::from(v)),
         |p| npy_of(p, |v: i16| f64::from(v)),
@@ -186,6 +189,31 @@ pub(crate) fn npy(path: &Path) -> Result<(Vec<usize>, Vec<f64>)> {
         format!("the array cannot be read: {why}"),
         "Save it as float32 with numpy.save.",
     ))
+}
+
+/// A half-precision number, which ndarray-npy does not read by itself.
+#[derive(Clone, Copy)]
+struct Half(f16);
+
+impl ReadableElement for Half {
+    fn read_to_end_exact_vec<R: Read>(
+        mut reader: R,
+        type_desc: &Value,
+        len: usize,
+    ) -> std::result::Result<Vec<Self>, ReadDataError> {
+        if *type_desc != Value::String("<f2".to_owned()) {
+            return Err(ReadDataError::WrongDescriptor(type_desc.clone()));
+        }
+        let mut bytes = Vec::new();
+        reader.read_to_end(&mut bytes)?;
+        match bytes.len().cmp(&len.saturating_mul(2)) {
+            Ordering::Less => Err(ReadDataError::MissingData),
+            Ordering::Greater => Err(ReadDataError::ExtraBytes(bytes.len() - 2 * len)),
+            Ordering::Equal => {
+                Ok(bytes.chunks_exact(2).map(|b| Self(f16::from_le_bytes([b[0], b[1]]))).collect())
+            }
+        }
+    }
 }
 
 fn npy_of<T: ReadableElement + Copy>(
