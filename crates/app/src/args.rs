@@ -7,7 +7,8 @@ mod export;
 mod prepare;
 
 pub use bench::{
-    BenchArgs, BenchCodecArgs, BenchFrameArgs, BenchMasksArgs, BenchStepArgs, BenchStressArgs, BenchTrainArgs, BenchVerb,
+    BenchArgs, BenchCodecArgs, BenchFrameArgs, BenchMasksArgs, BenchStepArgs, BenchStressArgs,
+    BenchTrainArgs, BenchVerb,
 };
 pub use convert::{ConvertArgs, StillFormat};
 pub use eval::EvalArgs;

@@ -77,7 +77,9 @@ impl Provider {
         };
         Err(Error::Missing {
             what: format!("Models were to run on {}, which {backend} does not have", self.name()),
-            hint: format!("Set ORT_DYLIB_PATH to an ONNX Runtime library, {package}, or leave the choice out"),
+            hint: format!(
+                "Set ORT_DYLIB_PATH to an ONNX Runtime library, {package}, or leave the choice out"
+            ),
         })
     }
 }
@@ -97,7 +99,10 @@ mod tests {
             let error = provider.require(false, "tract (built in)").unwrap_err();
             assert!(matches!(error, Error::Missing { .. }));
             let error = error.to_string();
-            assert!(error.contains("which tract (built in) does not have") && error.contains(package), "{error}");
+            assert!(
+                error.contains("which tract (built in) does not have") && error.contains(package),
+                "{error}"
+            );
         }
     }
 

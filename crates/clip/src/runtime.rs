@@ -1,11 +1,12 @@
 //! What runs the models: ONNX Runtime's shared library where one is found, else tract (pure Rust, always there).
 //! There is one environment per process; which one is decided once, at the first model.
 
-use crate::provider;
+use crate::{onnx::ModelProto, operators, provider};
 use ort::{
     environment::Environment,
     session::{Session, builder::GraphOptimizationLevel},
 };
+use prost::Message;
 use std::{
     path::{Path, PathBuf},
     sync::OnceLock,
@@ -78,10 +79,22 @@ pub(crate) fn open_session(source: &Source, threads: usize, path: &Path) -> Resu
         }
     };
     load().map_err(|e| {
+        if let Some((what, hint)) = about_operators(source, e.message()) {
+            return Error::input_at(path, what, hint);
+        }
         let what = format!("{} could not load the model ({})", backend_name(), short(e.message()));
         let hint = "Export it with ordinary ONNX operators, or set ORT_DYLIB_PATH to a newer ONNX Runtime.";
         Error::input_at(path, what, hint)
     })
+}
+
+/// What a refusal means, where it is about the model's operators.
+fn about_operators(source: &Source, message: &str) -> Option<(String, &'static str)> {
+    let model = match source {
+        Source::File(file) => ModelProto::decode(&std::fs::read(file).ok()?[..]),
+        Source::Memory(bytes) => ModelProto::decode(*bytes),
+    };
+    operators::explain(&model.ok()?, message, backend_name())
 }
 
 /// The first line of a backend's message, which can run over pages.

@@ -69,12 +69,7 @@ impl TextEncoder {
         Self::assemble(&name, Some(&absolute), files, cache)
     }
 
-    fn assemble(
-        name: &str,
-        folder: Option<&Path>,
-        files: Files,
-        cache: Option<&Path>,
-    ) -> Result<Self> {
+    fn assemble(name: &str, folder: Option<&Path>, files: Files, cache: Option<&Path>) -> Result<Self> {
         let at = |file: &str| folder.map_or_else(|| Path::new(file).to_owned(), |folder| folder.join(file));
         let (model_path, tokenizer_path) = (at("model.onnx"), at("tokenizer.json"));
         let settings = EncoderSettings::parse(files.settings.as_deref().unwrap_or(""), &at("encoder.toml"))?;

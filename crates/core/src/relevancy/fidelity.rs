@@ -49,7 +49,8 @@ pub fn fidelity(
 ) -> Result<Fidelity> {
     let class = |k: usize| Class { id: 0, name: k.to_string(), colour: [0; 3] };
     let classes: Vec<_> = rows.outer_iter().enumerate().map(|(k, row)| (class(k), row.to_vec())).collect();
-    let ask = |(class, e): &(Class, Vec<f32>)| Query::new(&class.name, e.clone(), phrases, &classes, settings);
+    let ask =
+        |(class, e): &(Class, Vec<f32>)| Query::new(&class.name, e.clone(), phrases, &classes, settings);
     let queries: Vec<Query> = classes.iter().map(ask).collect();
     queries.iter().try_for_each(|query| query.check(codec))?;
 
@@ -147,9 +148,7 @@ mod tests {
     /// As text embeddings are: a large part shared by all, a smaller one by each of three groups.
     fn clustered(n: usize, dim: usize) -> Array2<f32> {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
-        let mut directions = |n| {
-            normalise_rows(Array2::from_shape_simple_fn((n, dim), || normal(&mut rng)))
-        };
+        let mut directions = |n| normalise_rows(Array2::from_shape_simple_fn((n, dim), || normal(&mut rng)));
         let (shared, groups, own) = (directions(1), directions(3), directions(n));
         let groups = groups.select(Axis(0), &(0..n).map(|i| i % 3).collect::<Vec<_>>());
         normalise_rows(own * 0.45 + groups * 0.4 + shared * 0.8)

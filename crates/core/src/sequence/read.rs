@@ -225,7 +225,7 @@ fn npy_of<T: ReadableElement + Copy>(
 }
 
 /// A NumPy array as a map: `[h, w]`, with any number of leading axes of length 1.
-pub(super) fn npy_map(path: &Path) -> Result<Grid<f32>> {
+pub(crate) fn npy_map(path: &Path) -> Result<Grid<f32>> {
     let (shape, values) = npy(path)?;
     let [leading @ .., height, width] = shape.as_slice() else {
         return Err(Error::input_at(path, format!("expected a map [h, w], found the shape {shape:?}"), ""));
@@ -234,4 +234,24 @@ pub(super) fn npy_map(path: &Path) -> Result<Grid<f32>> {
         return Err(Error::input_at(path, format!("expected a map [h, w], found the shape {shape:?}"), ""));
     }
     Ok(Grid::from_vec(*width, *height, values.into_iter().map(|v| v as f32).collect()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_precision_arrays_are_read_and_short_ones_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npy");
+        let header = "{'descr': '<f2', 'fortran_order': False, 'shape': (1, 2), }";
+        let padded = format!("{header:<117}\n");
+        let start = [&b"\x93NUMPY\x01\x00\x76\x00"[..], padded.as_bytes()].concat();
+        let values: Vec<u8> = [1.5, -2.0].iter().flat_map(|v| f16::from_f64(*v).to_le_bytes()).collect();
+        std::fs::write(&path, [&start[..], &values].concat()).unwrap();
+        assert_eq!(npy(&path).unwrap(), (vec![1, 2], vec![1.5, -2.0]));
+        assert_eq!(npy_map(&path).unwrap().data, [1.5, -2.0]);
+        std::fs::write(&path, [&start[..], &values[..3]].concat()).unwrap();
+        assert!(npy(&path).unwrap_err().to_string().contains("the array cannot be read"));
+    }
 }
