@@ -15,7 +15,8 @@ Text and image half must come from one checkpoint: what fine-tuning has moved fi
 tokenizer.json, the same for all of these, for example from openai/clip-vit-base-patch16 on Hugging Face.
 
 Written are encoders/text (model.onnx, tokenizer.json, encoder.toml) and encoders/image (model.onnx, encoder.toml), in f32
-and ONNX operator set 17. Checkpoints are pickles: use --trust only with files from a source you trust.
+and ONNX operator set 17; with --dense-side 384 also encoders/dense for --dense-encoder, which gives the embeddings of the
+picture's patches as CAT-Seg takes them: the last block without mixing, positions interpolated. Checkpoints are pickles: use --trust only with files from a source you trust.
 """
 
 import argparse
@@ -125,17 +126,21 @@ class Graph:
         inner = self.op("Erf", self.op("Mul", x, self.number(0.5**0.5)))
         return self.op("Mul", self.op("Mul", x, self.number(0.5)), self.op("Add", inner, self.number(1.0)))
 
-    def attention(self, x, name, heads, mask):
+    def projected(self, x, name, part, scale=1.0):
+        """The queries, keys or values (part: q, k, v) of all heads, side by side."""
         weight, bias = self.tensors[name + ".in_proj_weight"], self.tensors[name + ".in_proj_bias"]
         width = weight.shape[1]
+        at = slice("qkv".index(part) * width, ("qkv".index(part) + 1) * width)
+        w = self.constant(f"{name}.{part}.weight", (scale * weight[at]).T.astype(np.float32))
+        b = self.constant(f"{name}.{part}.bias", (scale * bias[at]).astype(np.float32))
+        return self.op("Add", self.op("MatMul", x, w), b)
+
+    def attention(self, x, name, heads, mask):
+        width = self.tensors[name + ".in_proj_weight"].shape[1]
 
         def projected(part, order):
-            at = slice("qkv".index(part) * width, ("qkv".index(part) + 1) * width)
             # Folding the scale into q's projection saves an operation on every pair of tokens.
-            scale = (width // heads) ** -0.5 if part == "q" else 1.0
-            w = self.constant(f"{name}.{part}.weight", (scale * weight[at]).T.astype(np.float32))
-            b = self.constant(f"{name}.{part}.bias", (scale * bias[at]).astype(np.float32))
-            y = self.op("Add", self.op("MatMul", x, w), b)
+            y = self.projected(x, name, part, (width // heads) ** -0.5 if part == "q" else 1.0)
             return self.op("Transpose", self.op("Reshape", y, self.shape(0, 0, heads, width // heads)), perm=order)
 
         scores = self.op("MatMul", projected("q", [0, 2, 1, 3]), projected("k", [0, 2, 3, 1]))
@@ -145,17 +150,20 @@ class Graph:
         mixed = self.op("Reshape", self.op("Transpose", mixed, perm=[0, 2, 1, 3]), self.shape(0, 0, width))
         return self.linear(mixed, name + ".out_proj.weight", name + ".out_proj.bias")
 
-    def transformer(self, x, name, options, mask=None):
-        blocks = {n.split("resblocks.")[1].split(".")[0] for n in self.tensors if n.startswith(name + ".resblocks.")}
-        width = self.tensors[f"{name}.resblocks.0.attn.in_proj_weight"].shape[1]
-        heads = width // options.head_width
-        for i in range(len(blocks)):
-            block = f"{name}.resblocks.{i}"
-            x = self.op("Add", x, self.attention(self.norm(x, block + ".ln_1"), block + ".attn", heads, mask))
-            hidden = self.linear(self.norm(x, block + ".ln_2"), block + ".mlp.c_fc.weight", block + ".mlp.c_fc.bias")
-            hidden = self.activation(hidden, options.activation)
-            x = self.op("Add", x, self.linear(hidden, block + ".mlp.c_proj.weight", block + ".mlp.c_proj.bias"))
-        return x
+    def blocks(self, name):
+        """Names of a transformer's blocks in order."""
+        found = {n.split("resblocks.")[1].split(".")[0] for n in self.tensors if n.startswith(name + ".resblocks.")}
+        return [f"{name}.resblocks.{i}" for i in range(len(found))]
+
+    def run_block(self, x, block, options, mask=None):
+        heads = self.tensors[block + ".attn.in_proj_weight"].shape[1] // options.head_width
+        x = self.op("Add", x, self.attention(self.norm(x, block + ".ln_1"), block + ".attn", heads, mask))
+        return self.run_mlp(x, block, options)
+
+    def run_mlp(self, x, block, options):
+        hidden = self.linear(self.norm(x, block + ".ln_2"), block + ".mlp.c_fc.weight", block + ".mlp.c_fc.bias")
+        hidden = self.activation(hidden, options.activation)
+        return self.op("Add", x, self.linear(hidden, block + ".mlp.c_proj.weight", block + ".mlp.c_proj.bias"))
 
     def save(self, path, source, result):
         """source and result are (name, type, axes) of the input, and (name, value, axes) of the output."""
@@ -178,7 +186,9 @@ def export_text(tensors, folder, options):
     mask = graph.constant("mask", np.triu(np.full((length, length), -np.inf, np.float32), 1))
     x = graph.op("Gather", graph.weight("token_embedding.weight"), "input_ids")
     x = graph.op("Add", x, graph.weight("positional_embedding"))
-    x = graph.norm(graph.transformer(x, "transformer", options, mask), "ln_final")
+    for block in graph.blocks("transformer"):
+        x = graph.run_block(x, block, options, mask)
+    x = graph.norm(x, "ln_final")
     # The end mark has the largest id; [batch, length] of one 1 a row picks its token.
     ends = graph.op("ArgMax", "input_ids", axis=1, keepdims=0)
     count = graph.constant("length", np.array(length, np.int64))
@@ -193,25 +203,67 @@ def export_text(tensors, folder, options):
     (folder / "encoder.toml").write_text('pooling = "output:text_embeds"\npad_id = 0\n')
 
 
-def export_image(tensors, folder, options):
-    graph = Graph(tensors)
-    width, _, patch, _ = tensors["visual.conv1.weight"].shape
-    places = tensors["visual.positional_embedding"].shape[0] - 1
-    side = round(places**0.5) * patch
+def picture_tokens(graph, positions):
+    """The class token and a token for every patch, [batch, 1 + patches, width]."""
+    width, _, patch, _ = graph.tensors["visual.conv1.weight"].shape
     x = graph.op("Conv", "pixel_values", graph.weight("visual.conv1.weight"), strides=[patch, patch])
-    x = graph.op("Transpose", graph.op("Reshape", x, graph.shape(0, 0, places)), perm=[0, 2, 1])
-    first = tensors["visual.class_embedding"].reshape(1, 1, width)
+    x = graph.op("Transpose", graph.op("Reshape", x, graph.shape(0, 0, len(positions) - 1)), perm=[0, 2, 1])
     # The class token for every picture of the batch: zeros of the batch's shape, and the token on them.
     zeros = graph.op("Mul", graph.op("Slice", x, graph.shape(0), graph.shape(1), graph.shape(1)), graph.number(0.0))
-    first = graph.op("Add", zeros, graph.constant("class_token", first))
-    x = graph.op("Add", graph.op("Concat", first, x, axis=1), graph.weight("visual.positional_embedding"))
-    x = graph.transformer(graph.norm(x, "visual.ln_pre"), "visual.transformer", options)
+    token = graph.constant("class_token", graph.tensors["visual.class_embedding"].reshape(1, 1, width))
+    x = graph.op("Concat", graph.op("Add", zeros, token), x, axis=1)
+    return graph.norm(graph.op("Add", x, graph.constant("positions", positions)), "visual.ln_pre")
+
+
+def write_settings(folder, side):
+    (folder / "encoder.toml").write_text(f"size = {side}\nmean = {MEAN}\nstd = {STD}\n")
+
+
+def export_image(tensors, folder, options):
+    graph = Graph(tensors)
+    positions = tensors["visual.positional_embedding"]
+    side = round((len(positions) - 1) ** 0.5) * tensors["visual.conv1.weight"].shape[2]
+    x = picture_tokens(graph, positions)
+    for block in graph.blocks("visual.transformer"):
+        x = graph.run_block(x, block, options)
     x = graph.op("Gather", x, graph.constant("first", np.array(0, np.int64)), axis=1)
     x = graph.op("MatMul", graph.norm(x, "visual.ln_post"), graph.weight("visual.proj"))
     dim = tensors["visual.proj"].shape[1]
     source = ("pixel_values", TensorProto.FLOAT, ["batch", 3, side, side])
     graph.save(folder / "model.onnx", source, ("image_embeds", x, ["batch", dim]))
-    (folder / "encoder.toml").write_text(f"size = {side}\nmean = {MEAN}\nstd = {STD}\n")
+    write_settings(folder, side)
+
+
+def resized_positions(positions, places):
+    """Positions of places x places patches, interpolated from those of training."""
+    import torch
+
+    trained = round((len(positions) - 1) ** 0.5)
+    grid = torch.from_numpy(positions[1:].T.reshape(1, -1, trained, trained).copy())
+    grid = torch.nn.functional.interpolate(grid, size=(places, places), mode="bicubic", align_corners=False)
+    return np.concatenate([positions[:1], grid.reshape(positions.shape[1], -1).T.numpy()])
+
+
+def export_maps(tensors, folder, options):
+    graph = Graph(tensors)
+    side, patch = options.dense_side, tensors["visual.conv1.weight"].shape[2]
+    places = side // patch
+    x = picture_tokens(graph, resized_positions(tensors["visual.positional_embedding"], places))
+    *blocks, last = graph.blocks("visual.transformer")
+    for block in blocks:
+        x = graph.run_block(x, block, options)
+    # CAT-Seg: each token keeps its own value, and the class token stands in for what it would have been added to.
+    values = graph.projected(graph.norm(x, last + ".ln_1"), last + ".attn", "v")
+    values = graph.linear(values, last + ".attn.out_proj.weight", last + ".attn.out_proj.bias")
+    token = graph.op("Slice", x, graph.shape(0), graph.shape(1), graph.shape(1))
+    x = graph.run_mlp(graph.op("Add", values, token), last, options)
+    x = graph.op("MatMul", graph.norm(x, "visual.ln_post"), graph.weight("visual.proj"))
+    x = graph.op("Slice", x, graph.shape(1), graph.shape(1 + places**2), graph.shape(1))
+    dim = tensors["visual.proj"].shape[1]
+    x = graph.op("Reshape", graph.op("Transpose", x, perm=[0, 2, 1]), graph.shape(0, dim, places, places))
+    source = ("pixel_values", TensorProto.FLOAT, ["batch", 3, side, side])
+    graph.save(folder / "model.onnx", source, ("features", x, ["batch", dim, places, places]))
+    write_settings(folder, side)
 
 
 def main():
@@ -221,6 +273,7 @@ def main():
     parser.add_argument("--tokenizer", type=pathlib.Path, required=True, help="CLIP's tokenizer.json")
     parser.add_argument("--activation", choices=["quick_gelu", "gelu"], default="quick_gelu")
     parser.add_argument("--head-width", type=int, default=64, help="numbers per attention head")
+    parser.add_argument("--dense-side", type=int, help="also write dense/: a multiple of the patches' side, such as 384")
     parser.add_argument("--trust", action="store_true", help="read pickles that may run code")
     options = parser.parse_args()
     for file in [options.checkpoint, options.tokenizer]:
@@ -229,7 +282,13 @@ def main():
     tensors = read_checkpoint(options.checkpoint, options.trust)
     export_text(tensors, options.output / "text", options)
     export_image(tensors, options.output / "image", options)
-    print(f"wrote {options.output / 'text'} and {options.output / 'image'}")
+    halves = ["text", "image"]
+    if options.dense_side:
+        if options.dense_side % tensors["visual.conv1.weight"].shape[2]:
+            fail(f"--dense-side {options.dense_side} is no multiple of the patches' side", "CAT-Seg has 384")
+        export_maps(tensors, options.output / "dense", options)
+        halves.append("dense")
+    print("wrote", ", ".join(str(options.output / half) for half in halves))
 
 
 if __name__ == "__main__":

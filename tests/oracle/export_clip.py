@@ -14,7 +14,7 @@ import onnxruntime
 import torch
 from torch import nn
 
-WIDTH, LAYERS, PATCH, SIDE, DIM = 768, 12, 16, 224, 512
+WIDTH, LAYERS, PATCH, SIDE, DIM, DENSE_SIDE = 768, 12, 16, 224, 512, 384
 TEXT_WIDTH, TEXT_LAYERS, LENGTH, VOCABULARY = 512, 12, 77, 49408
 SCRIPT = pathlib.Path(__file__).parents[2] / "assets" / "export_clip.py"
 
@@ -71,6 +71,23 @@ class Visual(nn.Module):
         x = self.ln_pre(torch.cat([first, x], 1) + self.positional_embedding)
         return self.ln_post(self.transformer(x)[:, 0]) @ self.proj
 
+    def dense(self, pictures):
+        """As CAT-Seg: the last block takes each token's own value and adds the class token."""
+        x = self.conv1(pictures)
+        places = x.shape[-1]
+        x = x.flatten(2).transpose(1, 2)
+        trained = self.positional_embedding[1:].T.reshape(1, WIDTH, SIDE // PATCH, SIDE // PATCH)
+        resized = nn.functional.interpolate(trained, (places, places), mode="bicubic", align_corners=False)
+        positions = torch.cat([self.positional_embedding[:1], resized.reshape(WIDTH, -1).T])
+        x = self.ln_pre(torch.cat([self.class_embedding.expand(len(x), 1, -1), x], 1) + positions)
+        *blocks, last = self.transformer.resblocks
+        for block in blocks:
+            x = block(x, None)
+        joined = nn.functional.linear(last.ln_1(x), last.attn.in_proj_weight, last.attn.in_proj_bias)
+        v = last.attn.out_proj(joined.chunk(3, dim=-1)[2]) + x[:, :1]
+        v = self.ln_post(v + last.mlp(last.ln_2(v))) @ self.proj
+        return v[:, 1:].transpose(1, 2).reshape(len(x), DIM, places, places)
+
 
 class Clip(nn.Module):
     def __init__(self, gelu):
@@ -120,18 +137,20 @@ def compare(kind, folder, tokenizer):
     model = Clip(gelu).eval()
     checkpoint(model, kind, folder / "checkpoint.pt")
     command = [sys.executable, SCRIPT, folder / "checkpoint.pt", "-o", folder, "--tokenizer", tokenizer]
+    command += ["--dense-side", str(DENSE_SIDE)]
     if kind == "open_clip":
         command += ["--activation", "gelu"]
     subprocess.run([command[0], "-W", "ignore", *command[1:]], check=True, stdout=subprocess.DEVNULL)
-    pictures = torch.randn(2, 3, SIDE, SIDE)
+    pictures, large = torch.randn(2, 3, SIDE, SIDE), torch.randn(1, 3, DENSE_SIDE, DENSE_SIDE)
     ids = torch.zeros(3, LENGTH, dtype=torch.int64)
     for row, length in enumerate([4, 9, 77]):
         ids[row, :length] = torch.randint(1, 49000, (length,))
         ids[row, 0], ids[row, length - 1] = 49406, 49407
     with torch.no_grad():
-        expected = {"image": model.visual(pictures), "text": model.text(ids)}
-    given = {"image": {"pixel_values": pictures.numpy()}, "text": {"input_ids": ids.numpy()}}
-    for half in ["image", "text"]:
+        expected = {"image": model.visual(pictures), "dense": model.visual.dense(large), "text": model.text(ids)}
+    given = {"image": {"pixel_values": pictures.numpy()}, "dense": {"pixel_values": large.numpy()}}
+    given["text"] = {"input_ids": ids.numpy()}
+    for half in expected:
         session = onnxruntime.InferenceSession(folder / half / "model.onnx", providers=["CPUExecutionProvider"])
         found = session.run(None, given[half])[0]
         unit = [e / np.linalg.norm(e, axis=1, keepdims=True) for e in (found, expected[half].numpy())]

@@ -93,12 +93,12 @@ pub fn prepare(
     };
     let job = Job { sequence, folder, options, text };
     match features {
-        Features::Labels => job.from_labels(observer),
+        Features::Labels => job.by_labels(observer),
         Features::Masks { model, image, settings, level } => {
-            job.from_masks(model, image, settings, level, observer)
+            job.by_masks(*model, image, settings, level, observer)
         }
-        Features::Dense(network) => job.from_maps(network, observer),
-        Features::LangSplat { folder, level } => job.from_langsplat(folder, level, observer),
+        Features::Dense(network) => job.by_maps(network, observer),
+        Features::LangSplat { folder, level } => job.by_langsplat(folder, level, observer),
     }
 }
 
@@ -120,7 +120,7 @@ fn with_depth(
 /// [`FeatureSource`], opened.
 enum Features<'a> {
     Labels,
-    Masks { model: SegmentAnything, image: ImageEncoder, settings: &'a MaskSettings, level: Level },
+    Masks { model: Box<SegmentAnything>, image: ImageEncoder, settings: &'a MaskSettings, level: Level },
     Dense(FeatureNetwork),
     LangSplat { folder: &'a Path, level: Level },
 }
@@ -133,7 +133,7 @@ impl<'a> Features<'a> {
             FeatureSource::Masks { model, image_encoder, settings, level } => {
                 let image = ImageEncoder::open(image_encoder)?;
                 check_halves(text, image.dim(), image_encoder)?;
-                Self::Masks { model: SegmentAnything::open(model)?, image, settings, level: *level }
+                Self::Masks { model: Box::new(SegmentAnything::open(model)?), image, settings, level: *level }
             }
             FeatureSource::Dense { network: folder } => {
                 let network = FeatureNetwork::open(folder)?;
@@ -166,7 +166,7 @@ struct Job<'a> {
 }
 
 impl Job<'_> {
-    fn from_labels(mut self, observer: &mut Observer<'_>) -> Result<Prepared> {
+    fn by_labels(mut self, observer: &mut Observer<'_>) -> Result<Prepared> {
         let names: Vec<&str> = self.sequence.classes().iter().map(|c| c.name.as_str()).collect();
         let embeddings = self.text.encode_prompts(&names)?;
         let identity = self.text.identity().clone();
@@ -178,7 +178,7 @@ impl Job<'_> {
         prepare_from_labels(self.sequence, identity, &embeddings, eval, codec, self.folder, &mut report)
     }
 
-    fn from_masks(
+    fn by_masks(
         self,
         mut segmenter: SegmentAnything,
         mut image: ImageEncoder,
@@ -203,17 +203,17 @@ impl Job<'_> {
             level,
             image_encoder: encoder.clone(),
         };
-        self.from_features(origin, &mut features, observer)
+        self.by_features(origin, &mut features, observer)
     }
 
-    fn from_maps(self, mut network: FeatureNetwork, observer: &mut Observer<'_>) -> Result<Prepared> {
+    fn by_maps(self, mut network: FeatureNetwork, observer: &mut Observer<'_>) -> Result<Prepared> {
         let sequence = self.sequence.clone();
         let origin = Origin::Dense { network: network.sha256().to_owned() };
         let mut features = |i: usize| Ok(Some(network.map(&sequence.frame(i)?)?.into_features(&sequence)));
-        self.from_features(origin, &mut features, observer)
+        self.by_features(origin, &mut features, observer)
     }
 
-    fn from_langsplat(self, from: &Path, level: Level, observer: &mut Observer<'_>) -> Result<Prepared> {
+    fn by_langsplat(self, from: &Path, level: Level, observer: &mut Observer<'_>) -> Result<Prepared> {
         let sequence = self.sequence.clone();
         if !holds_langsplat(from, &sequence) {
             let what = format!(
@@ -224,11 +224,11 @@ impl Job<'_> {
         }
         let origin = Origin::LangSplat { folder: full_path(from), level };
         let mut features = |i: usize| read_langsplat(from, &sequence, i, level);
-        self.from_features(origin, &mut features, observer)
+        self.by_features(origin, &mut features, observer)
     }
 
     /// Any source of regions with embeddings; the observer may stop it between two frames.
-    fn from_features(
+    fn by_features(
         self,
         origin: Origin,
         features: &mut dyn FnMut(usize) -> Result<Option<FrameFeatures>>,

@@ -1,7 +1,10 @@
 //! Estimated depth: from a made-up network to what training reads.
 
 use super::*;
-use crate::{codec::CodecSettings, sequence::DepthKind};
+use crate::{
+    codec::CodecSettings,
+    sequence::{DepthKind, MONOCULAR_BASELINE},
+};
 use image::{Rgb, RgbImage};
 use std::{fs, ops::ControlFlow};
 
@@ -42,7 +45,7 @@ fn depth_has_one_scale_over_time_and_the_authors_unit() {
     let place = tempfile::tempdir().unwrap();
     let sequence = write_clip(&place.path().join("clip"));
     let found = estimate(&sequence, &place.path().join("prep"), false, &mut disparity).unwrap();
-    let expected = found.camera(0).fx * 1.087_703_9 / 1.0;
+    let expected = found.camera(0).fx * MONOCULAR_BASELINE as f32;
     for i in 0..FRAMES {
         let depth = found.depth(i).unwrap().unwrap();
         assert_eq!((depth.width, depth.height), (40, 30));
