@@ -113,6 +113,9 @@ fn networks_that_make_no_sense_are_named() {
     let reversed = &mut |image: &RgbImage| Ok(disparity(image)?.map(|d| 1.0 / d));
     let about = estimate(&sequence, &prep, false, reversed).unwrap();
     assert!(about.estimated_depth().unwrap().notes[0].contains("may be disparity"));
+    let report = crate::sequence::check(&about, &mut |_, _| {});
+    assert!(report.ok && report.depth.starts_with("estimated by a network"), "{}", report.depth);
+    assert!(report.warnings.iter().any(|w| w.contains("may be disparity")), "{:?}", report.warnings);
     let again = estimate(&about, &prep, false, &mut disparity).unwrap_err().to_string();
     assert!(again.contains("has depth already"), "{again}");
 }
