@@ -60,6 +60,9 @@ fn write_models(folder: &Path) {
         models::image_encoder(&colours_to_names(), None, &["image_embeds"]).into_bytes(),
     );
     write("clip/encoder.toml", b"mean = [0.0, 0.0, 0.0]\nstd = [1.0, 1.0, 1.0]\n".to_vec());
+    write("maps/model.onnx", models::feature_network(&colours_to_names()).into_bytes());
+    write("maps/encoder.toml", b"mean = [0.0, 0.0, 0.0]\nstd = [1.0, 1.0, 1.0]\n".to_vec());
+    write("depth/model.onnx", models::depth_network("disp", true).into_bytes());
     write("other/model.onnx", models::image_encoder(&[0.5; 15], None, &["image_embeds"]).into_bytes());
 }
 
@@ -97,13 +100,33 @@ fn a_recording_without_labels_goes_the_whole_way() {
     assert!(again.stderr.contains("test frames held out"), "{}", again.stderr);
     assert_eq!(fs::read(place.path().join("prep/masks/frame_000003.json")).unwrap(), kept);
 
+    train_and_find(place.path());
+}
+
+/// Trains on `prep` and exports what the prompts find.
+fn train_and_find(place: &Path) {
+    let run = |args: &[&str]| -> Run { run_in(place, args) };
     run(&["train", "prep", "-o", "scene.safetensors", "--iterations", "300"]).ok();
     let names = CLASSES.map(|(name, _)| name);
     let prompts = names.iter().flat_map(|name| ["--prompt", name]);
     let export = ["export", "scene.safetensors", "-o", "out", "--format", "binary", "--exclusive"];
     run(&export.into_iter().chain(prompts).collect::<Vec<_>>()).ok();
     for (class, name) in names.iter().enumerate() {
-        let found = iou(&place.path().join(format!("out/binary/frame_000004_{name}.png")), 4, class);
+        let found = iou(&place.join(format!("out/binary/frame_000004_{name}.png")), 4, class);
         assert!(found > 0.75, "{name}: {found}");
     }
+}
+
+#[test]
+fn feature_maps_and_estimated_depth_go_the_whole_way() {
+    let place = tempfile::tempdir().unwrap();
+    write_recording(&place.path().join("recording"));
+    write_models(place.path());
+    let prepare = ["prepare", "recording", "-o", "prep", "--dense-encoder", "maps", "--depth-model", "depth"];
+    let prepared = run_in(place.path(), &prepare).ok();
+    assert!(prepared.stderr.contains("estimated depth; the scales of single frames"), "{}", prepared.stderr);
+    assert!(place.path().join("prep/depth/frame_000003.npy").is_file());
+    let refused = run_in(place.path(), &["prepare", "recording", "-o", "p2", "--dense-encoder", "clip"]);
+    assert!(refused.refused(1).contains("`image_embeds`"));
+    train_and_find(place.path());
 }

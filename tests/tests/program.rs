@@ -4,7 +4,6 @@
 
 /// Small models of every contract.
 #[path = "../../crates/clip/tests/models/mod.rs"]
-#[allow(dead_code, reason = "shared with the tests of the encoder crate, which use all of it")]
 mod models;
 
 /// A model of LPIPS' contract.

@@ -9,7 +9,8 @@ mod prepare;
 
 pub use batch::{BatchArgs, Step};
 pub use bench::{
-    BenchArgs, BenchFrameArgs, BenchMasksArgs, BenchStepArgs, BenchStressArgs, BenchTrainArgs, BenchVerb,
+    BenchArgs, BenchCodecArgs, BenchFrameArgs, BenchMasksArgs, BenchStepArgs, BenchStressArgs,
+    BenchTrainArgs, BenchVerb,
 };
 pub use convert::{ConvertArgs, StillFormat};
 pub use eval::EvalArgs;
@@ -19,6 +20,7 @@ pub use prepare::{LevelArg, MaskDensity, PrepareArgs};
 use crate::engine::{Backend, EncoderChoice, EngineOptions, Negatives, Question};
 use clap::{Args, Parser, Subcommand, ValueEnum, ValueHint};
 use std::path::PathBuf;
+use surgtpgs_clip::Provider;
 use surgtpgs_core::{
     relevancy::RelevancySettings,
     train::{FeatureMode, Profile, TrainSettings},
@@ -38,6 +40,33 @@ pub struct Cli {
     /// What to do
     #[command(subcommand)]
     pub verb: Option<Verb>,
+    /// What computes where ONNX Runtime runs the models; an accelerator needs a library that was built for it
+    #[arg(long, value_enum, global = true, default_value_t = ProviderArg::Cpu)]
+    pub execution_provider: ProviderArg,
+}
+
+/// What computes where ONNX Runtime runs the models.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ProviderArg {
+    /// The processor
+    Cpu,
+    /// NVIDIA's GPUs
+    Cuda,
+    /// GPUs on Windows
+    Directml,
+    /// Apple's accelerators
+    Coreml,
+}
+
+impl From<ProviderArg> for Provider {
+    fn from(arg: ProviderArg) -> Self {
+        match arg {
+            ProviderArg::Cpu => Self::Cpu,
+            ProviderArg::Cuda => Self::Cuda,
+            ProviderArg::Directml => Self::DirectMl,
+            ProviderArg::Coreml => Self::CoreMl,
+        }
+    }
 }
 
 /// What to do.

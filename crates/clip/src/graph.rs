@@ -67,6 +67,7 @@ impl Graph {
             name: output.into(),
             op_type: op.into(),
             attribute: settings.iter().map(attribute).collect(),
+            domain: String::new(),
         });
         self
     }

@@ -1,6 +1,6 @@
 //! Everything that runs through ONNX: text encoders, from words to unit embeddings; Segment Anything, from points to
-//! masks ([`SegmentAnything`]); image encoders, from what a mask shows to embeddings ([`ImageEncoder`]); how different two
-//! pictures look ([`Lpips`]).
+//! masks ([`SegmentAnything`]); image encoders, from what a mask shows to embeddings ([`ImageEncoder`]); feature maps
+//! ([`FeatureNetwork`]) and depth ([`DepthNetwork`]) of whole pictures; how different two pictures look ([`Lpips`]).
 //!
 //! A folder with `model.onnx` and `tokenizer.json` (or the small encoder inside the program) becomes a
 //! [`TextEncoder`]. On the way the model and the tokenizer are checked against each other ([`contract`]), so that a
@@ -8,12 +8,18 @@
 //! library is found and on tract, which is always there, where it is not ([`runtime`]).
 
 mod builtin;
+mod cache;
 pub mod contract;
+mod depth_network;
+mod feature_network;
 pub mod graph;
 mod image_encoder;
 mod lpips;
 mod model_file;
 pub mod onnx;
+mod operators;
+mod picture_model;
+mod provider;
 pub mod runtime;
 mod segment_anything;
 mod session;
@@ -21,8 +27,11 @@ mod settings;
 mod text_encoder;
 mod tokenizer;
 
+pub use depth_network::DepthNetwork;
+pub use feature_network::FeatureNetwork;
 pub use image_encoder::ImageEncoder;
 pub use lpips::Lpips;
+pub use provider::{Provider, choose_provider};
 pub use runtime::{backend_name, backend_notes};
 pub use segment_anything::SegmentAnything;
 pub use settings::{DEFAULT_TEMPLATE, EncoderSettings, Pooling};

@@ -2,6 +2,7 @@
 
 use crate::{
     onnx::{GraphProto, ModelProto},
+    operators::wrong_operator_set,
     runtime::{self, Source},
 };
 use ort::{session::Session, value::Outlet};
@@ -46,7 +47,7 @@ impl ModelFile {
                 hash.update(read_beside(&file, path.parent(), path)?);
             }
         }
-        let session = runtime::open_session(Source::File(path), runtime::cores(), path)?;
+        let session = runtime::open_session(&Source::File(path.to_owned()), runtime::cores(), path)?;
         Ok(Self { path: path.to_owned(), session, sha256: hex(hash) })
     }
 
@@ -98,9 +99,12 @@ pub(crate) fn decode(model: Bytes, path: &Path) -> Result<GraphProto> {
     let Ok(model) = ModelProto::decode(model) else {
         return unreadable("it is of another kind or was cut short", whole);
     };
-    match model.graph {
-        Some(graph) if model.ir_version > 0 && !graph.node.is_empty() => Ok(graph),
-        _ => unreadable("it holds no graph", whole),
+    if !model.graph.as_ref().is_some_and(|graph| model.ir_version > 0 && !graph.node.is_empty()) {
+        return unreadable("it holds no graph", whole);
+    }
+    match wrong_operator_set(&model, !runtime::is_onnx_runtime()) {
+        Some((what, hint)) => Err(Error::input_at(path, what, hint)),
+        None => Ok(model.graph.unwrap_or_default()),
     }
 }
 

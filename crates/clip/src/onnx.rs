@@ -80,6 +80,9 @@ pub struct NodeProto {
     /// Settings of the operator.
     #[prost(message, repeated, tag = "5")]
     pub attribute: Vec<AttributeProto>,
+    /// Who defines the operator; empty for ONNX itself.
+    #[prost(string, tag = "7")]
+    pub domain: String,
 }
 
 /// One setting of an operator.

@@ -1,10 +1,12 @@
 //! What runs the models: ONNX Runtime's shared library where one is found, else tract (pure Rust, always there).
 //! There is one environment per process; which one is decided once, at the first model.
 
+use crate::{onnx::ModelProto, operators, provider};
 use ort::{
     environment::Environment,
     session::{Session, builder::GraphOptimizationLevel},
 };
+use prost::Message;
 use std::{
     path::{Path, PathBuf},
     sync::OnceLock,
@@ -48,9 +50,10 @@ pub(crate) fn is_onnx_runtime() -> bool {
 }
 
 /// Where a model comes from.
-pub(crate) enum Source<'a> {
-    File(&'a Path),
-    Memory(&'a [u8]),
+#[derive(Clone, Debug)]
+pub(crate) enum Source {
+    File(PathBuf),
+    Memory(&'static [u8]),
 }
 
 /// Number of cores.
@@ -59,23 +62,39 @@ pub(crate) fn cores() -> usize {
 }
 
 /// Loads a model to run on `threads` threads. `path` is only named in errors.
-pub(crate) fn open_session(source: Source<'_>, threads: usize, path: &Path) -> Result<Session> {
+pub(crate) fn open_session(source: &Source, threads: usize, path: &Path) -> Result<Session> {
     let environment = &runtime()?.environment;
+    let provider = provider::chosen();
     let load = || -> Result<Session, ort::Error> {
         let mut builder = Session::builder(environment)?
             // tract leaves the graph as it is without this, three times slower.
             .with_optimization_level(GraphOptimizationLevel::Level3)?;
         builder = builder.with_intra_threads(threads).unwrap_or_else(|e| e.recover());
+        if let Some(provider) = provider.dispatch() {
+            builder = builder.with_execution_providers([provider])?;
+        }
         match source {
             Source::File(file) => builder.commit_from_file(file),
             Source::Memory(bytes) => builder.commit_from_memory(bytes),
         }
     };
     load().map_err(|e| {
+        if let Some((what, hint)) = about_operators(source, e.message()) {
+            return Error::input_at(path, what, hint);
+        }
         let what = format!("{} could not load the model ({})", backend_name(), short(e.message()));
         let hint = "Export it with ordinary ONNX operators, or set ORT_DYLIB_PATH to a newer ONNX Runtime.";
         Error::input_at(path, what, hint)
     })
+}
+
+/// What a refusal means, where it is about the model's operators.
+fn about_operators(source: &Source, message: &str) -> Option<(String, &'static str)> {
+    let model = match source {
+        Source::File(file) => ModelProto::decode(&std::fs::read(file).ok()?[..]),
+        Source::Memory(bytes) => ModelProto::decode(*bytes),
+    };
+    operators::explain(&model.ok()?, message, backend_name())
 }
 
 /// The first line of a backend's message, which can run over pages.

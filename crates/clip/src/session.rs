@@ -1,4 +1,4 @@
-//! A loaded model: token ids in, one unit embedding out.
+//! A model: token ids in, one unit embedding out.
 
 use crate::{
     contract::{Contract, Role},
@@ -9,7 +9,7 @@ use ort::{
     session::{Session, SessionInputValue},
     value::Tensor,
 };
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use surgtpgs_core::{Error, Result};
 
 /// Prompts are short: more threads gain little and would take cores from the renderer.
@@ -17,7 +17,11 @@ const MAX_THREADS: usize = 2;
 
 /// A session and how to call it.
 pub(crate) struct Model {
-    session: Session,
+    /// Loaded when it is first needed: texts that were embedded before need no model.
+    session: Option<Session>,
+    source: Source,
+    /// Only named in errors.
+    path: PathBuf,
     contract: Contract,
     pad_id: u32,
     /// Longest text in tokens.
@@ -25,17 +29,9 @@ pub(crate) struct Model {
 }
 
 impl Model {
-    /// Loads a model whose contract was read from the same bytes. `path` is only named in errors.
-    pub(crate) fn load(
-        source: Source<'_>,
-        contract: Contract,
-        pad_id: u32,
-        context: usize,
-        path: &Path,
-    ) -> Result<Self> {
-        let threads = runtime::cores().min(MAX_THREADS);
-        let session = runtime::open_session(source, threads, path)?;
-        Ok(Self { session, contract, pad_id, context })
+    /// A model whose contract was read from the same bytes. `path` is only named in errors.
+    pub(crate) fn new(source: Source, contract: Contract, pad_id: u32, context: usize, path: &Path) -> Self {
+        Self { session: None, source, path: path.to_owned(), contract, pad_id, context }
     }
 
     /// Longest text in tokens.
@@ -50,7 +46,14 @@ impl Model {
             Error::input(what, "Model and tokenizer.json may not belong together.")
         };
         let inputs = self.inputs(ids).map_err(|e| failed(e.to_string()))?;
-        let outputs = self.session.run(inputs).map_err(|e| failed(e.to_string()))?;
+        let session = match &mut self.session {
+            Some(session) => session,
+            None => {
+                let threads = runtime::cores().min(MAX_THREADS);
+                self.session.insert(runtime::open_session(&self.source, threads, &self.path)?)
+            }
+        };
+        let outputs = session.run(inputs).map_err(|e| failed(e.to_string()))?;
         let output =
             outputs.get(&self.contract.output).ok_or_else(|| failed("the output is missing".into()))?;
         let (shape, values) = output.try_extract_tensor::<f32>().map_err(|e| failed(e.to_string()))?;

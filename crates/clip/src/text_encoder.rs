@@ -2,6 +2,7 @@
 
 use crate::{
     builtin,
+    cache::EmbeddingCache,
     contract::Contract,
     model_file::{hex, read, read_beside},
     runtime::Source,
@@ -10,27 +11,23 @@ use crate::{
     tokenizer::PromptTokenizer,
 };
 use sha2::{Digest, Sha256};
-use std::{collections::HashMap, io::ErrorKind, path::Path};
+use std::{io::ErrorKind, path::Path};
 use surgtpgs_core::{Error, Result, prepare::EncoderIdentity};
-
-/// Embeddings kept in memory; a session of typing stays far below it.
-const MAX_CACHED: usize = 4096;
 
 /// A loaded text encoder (model, tokenizer and their contract).
 pub struct TextEncoder {
     identity: EncoderIdentity,
     tokenizer: PromptTokenizer,
     model: Model,
-    /// Unit embeddings by the text as it reached the tokenizer.
-    cache: HashMap<String, Vec<f32>>,
+    cache: EmbeddingCache,
 }
 
 /// The files of an encoder.
-struct Files<'a> {
+struct Files {
     model: Vec<u8>,
     tokenizer: Vec<u8>,
     settings: Option<String>,
-    source: Source<'a>,
+    source: Source,
 }
 
 impl TextEncoder {
@@ -43,12 +40,18 @@ impl TextEncoder {
             settings: Some(builtin::SETTINGS.to_owned()),
             source: Source::Memory(builtin::MODEL),
         };
-        Self::assemble("builtin", None, files)
+        Self::assemble("builtin", None, files, None)
     }
 
     /// A folder with `model.onnx`, `tokenizer.json` and optionally `encoder.toml` ([`EncoderSettings`]).
     /// Everything is checked here, with a trial run: errors say what is wrong with which file.
     pub fn open(folder: &Path) -> Result<Self> {
+        Self::open_with_cache(folder, None)
+    }
+
+    /// As [`Self::open`]; embeddings are kept under `cache` and read from there the next time, the trial run's too, so
+    /// that the model is only loaded for words it was never asked for.
+    pub fn open_with_cache(folder: &Path, cache: Option<&Path>) -> Result<Self> {
         if !folder.is_dir() {
             let hint = "Choose a folder with model.onnx and tokenizer.json.";
             return Err(Error::input_at(folder, "There is no such folder with a text encoder", hint));
@@ -58,15 +61,15 @@ impl TextEncoder {
             model: read_part(&model_path)?,
             tokenizer: read_part(&folder.join("tokenizer.json"))?,
             settings: read_settings(&folder.join("encoder.toml"))?,
-            source: Source::File(&model_path),
+            source: Source::File(model_path.clone()),
         };
         let absolute = folder.canonicalize().map_err(|e| Error::io("find the folder", folder, e))?;
         let name =
             absolute.file_name().map_or_else(|| "encoder".into(), |name| name.to_string_lossy().into_owned());
-        Self::assemble(&name, Some(&absolute), files)
+        Self::assemble(&name, Some(&absolute), files, cache)
     }
 
-    fn assemble(name: &str, folder: Option<&Path>, files: Files<'_>) -> Result<Self> {
+    fn assemble(name: &str, folder: Option<&Path>, files: Files, cache: Option<&Path>) -> Result<Self> {
         let at = |file: &str| folder.map_or_else(|| Path::new(file).to_owned(), |folder| folder.join(file));
         let (model_path, tokenizer_path) = (at("model.onnx"), at("tokenizer.json"));
         let settings = EncoderSettings::parse(files.settings.as_deref().unwrap_or(""), &at("encoder.toml"))?;
@@ -83,7 +86,7 @@ impl TextEncoder {
         hash.update(files.settings.as_deref().unwrap_or(""));
 
         let context = context_length(&settings, &contract, &tokenizer, &model_path)?;
-        let model = Model::load(files.source, contract, tokenizer.pad_id(), context, &model_path)?;
+        let model = Model::new(files.source, contract, tokenizer.pad_id(), context, &model_path);
         let identity = EncoderIdentity {
             name: name.to_owned(),
             sha256: hex(hash),
@@ -91,7 +94,9 @@ impl TextEncoder {
             template: settings.template.unwrap_or_else(|| DEFAULT_TEMPLATE.to_owned()),
             folder: folder.map(Path::to_owned),
         };
-        let mut encoder = Self { identity, tokenizer, model, cache: HashMap::new() };
+        let on_disk = |folder| EmbeddingCache::on_disk(folder, &identity.sha256);
+        let cache = cache.map_or_else(EmbeddingCache::default, on_disk);
+        let mut encoder = Self { identity, tokenizer, model, cache };
         encoder.identity.dim = encoder.try_out(&model_path)?;
         Ok(encoder)
     }
@@ -140,14 +145,11 @@ impl TextEncoder {
 
     fn embedding(&mut self, text: String) -> Result<Vec<f32>> {
         if let Some(known) = self.cache.get(&text) {
-            return Ok(known.clone());
+            return Ok(known);
         }
         let ids = self.tokenizer.encode(&text, self.model.context())?;
         let embedding = self.model.embed(&ids, &text)?;
-        if self.cache.len() >= MAX_CACHED {
-            self.cache.clear();
-        }
-        self.cache.insert(text, embedding.clone());
+        self.cache.put(&text, &embedding);
         Ok(embedding)
     }
 }

@@ -2,11 +2,15 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up should stop")]
 
+use prost::Message;
 use std::{fs, path::Path};
 use surgtpgs_clip::{
     TextEncoder,
     graph::Graph,
-    onnx::data_type::{FLOAT, INT32, INT64},
+    onnx::{
+        ModelProto,
+        data_type::{FLOAT, INT32, INT64},
+    },
 };
 use tempfile::TempDir;
 
@@ -308,4 +312,36 @@ fn embeddings_without_direction_are_errors() {
 #[test]
 fn unknown_settings_are_errors() {
     assert_error(open(clip_graph(10, 16), Some("poling = \"mean\"")), &["encoder.toml", "poling"]);
+}
+
+#[test]
+fn wrong_operator_sets_are_explained() {
+    let mut model = ModelProto::decode(&clip_graph(10, 512).into_bytes()[..]).unwrap();
+    model.opset_import[0].version = 99;
+    let opened = open_bytes(&model.encode_to_vec(), &tokenizer(), None);
+    assert_error(opened, &["ONNX operator set 99", "opset_version=17", "model.onnx"]);
+    model.opset_import.clear();
+    assert_error(
+        open_bytes(&model.encode_to_vec(), &tokenizer(), None),
+        &["does not say which ONNX operator set"],
+    );
+}
+
+#[test]
+fn embeddings_are_kept_for_the_next_time() {
+    let encoder = folder(&clip_graph(10, 512).into_bytes(), &tokenizer(), None);
+    let cache = tempfile::tempdir().unwrap();
+    let open = || TextEncoder::open_with_cache(encoder.path(), Some(cache.path())).unwrap();
+    let first = open().encode_bare(&["liver"]).unwrap();
+    assert_eq!(open().encode_bare(&["liver"]).unwrap(), first);
+    // Numbers that the model would never give show where they come from.
+    let kept = cache.path().join(&open().identity().sha256);
+    let files: Vec<_> = fs::read_dir(kept).unwrap().map(|file| file.unwrap().path()).collect();
+    assert_eq!(files.len(), 2, "the words of the trial run, liver among them");
+    for (axis, file) in files.iter().enumerate() {
+        let unit: Vec<u8> = (0..512).flat_map(|i| f32::from(i == axis).to_le_bytes()).collect();
+        fs::write(file, unit).unwrap();
+    }
+    let again = open().encode_bare(&["liver"]).unwrap().remove(0);
+    assert!(again[0] == 1.0 || again[1] == 1.0, "{:?}", &again[..4]);
 }

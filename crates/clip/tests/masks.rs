@@ -220,6 +220,15 @@ fn image_encoders_that_are_none_are_explained() {
     assert_error(open("std = [1.0, 0.0, 1.0]"), &["not a usable number"]);
     assert_error(open("sise = 3"), &["encoder.toml could not be read", "sise"]);
     assert_error(ImageEncoder::open(sam2().path()), &["holds 2 model files, an image encoder is one"]);
+    let unknown = Graph::default()
+        .input("pixel_values", FLOAT, &[None, Some(3), Some(32), Some(32)])
+        .output("image_embeds", FLOAT, &[None, Some(3)])
+        .node("mean", "FancyPool", &["pixel_values"])
+        .node_with("image_embeds", "Flatten", &["mean"], &[("axis", &[1])]);
+    assert_error(
+        open_image(unknown, ""),
+        &["uses the operator FancyPool (operator set 13), which", "model.onnx"],
+    );
     let blind = Graph::default()
         .input("pixel_values", FLOAT, &[None, Some(3), Some(32), Some(32)])
         .output("image_embeds", FLOAT, &[None, Some(3)])

@@ -26,6 +26,31 @@ pub enum BenchVerb {
     Stress(BenchStressArgs),
     /// Compare automatic masks with label masks, for every density: masks.csv, and pictures of them
     Masks(BenchMasksArgs),
+    /// Compress text embeddings and count which classes and prompts survive it: codec.csv
+    Codec(BenchCodecArgs),
+}
+
+/// `surgtpgs bench codec`
+#[derive(Debug, Args)]
+pub struct BenchCodecArgs {
+    /// A folder with one table of text embeddings, NAME.npy [texts, dim]
+    #[arg(long, value_name = "DIR")]
+    pub embeddings: PathBuf,
+    /// How many classes a scene has
+    #[arg(long, value_delimiter = ',', default_value = "7,13,50", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub classes: Vec<u32>,
+    /// Latent numbers per pixel
+    #[arg(long, value_delimiter = ',', default_value = "3,4,8,16", value_parser = clap::value_parser!(u32).range(1..=16))]
+    pub latent: Vec<u32>,
+    /// How often classes are drawn from the table; results are means
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
+    pub draws: u32,
+    /// Folder for codec.csv
+    #[arg(short, long, value_name = "DIR")]
+    pub output: Option<PathBuf>,
+    /// Report as JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `surgtpgs bench masks`

@@ -6,7 +6,7 @@ use surgtpgs_core::segment::{Level, MaskSettings};
 
 /// `surgtpgs prepare`
 #[derive(Debug, Args)]
-#[command(group(ArgGroup::new("source").required(true).args(["labels", "masks_model", "features"])))]
+#[command(group(ArgGroup::new("source").required(true).args(["labels", "masks_model", "dense_encoder", "features"])))]
 pub struct PrepareArgs {
     /// A recording (folder or video file)
     pub sequence: PathBuf,
@@ -22,7 +22,14 @@ pub struct PrepareArgs {
     /// A folder with model.onnx that embeds what masks show: the other half of the text encoder
     #[arg(long, value_name = "DIR", requires = "masks_model")]
     pub image_encoder: Option<PathBuf>,
-    /// Take features that another program made: a folder with LangSplat's NAME_f.npy and NAME_s.npy for each frame
+    /// Take features from maps of whole pictures: a folder with model.onnx, images [1,3,n,n] in, maps [1,dim,rows,columns] out
+    #[arg(long, value_name = "DIR")]
+    pub dense_encoder: Option<PathBuf>,
+    /// A network that estimates depth from single pictures, for a recording without depth: its .onnx file, or its folder
+    #[arg(long, value_name = "DIR|FILE")]
+    pub depth_model: Option<PathBuf>,
+    /// Take features that another program made: a folder with LangSplat's NAME_f.npy and NAME_s.npy, or with dense maps
+    /// NAME_agg.npy, for each frame
     #[arg(long, value_name = "DIR")]
     pub features: Option<PathBuf>,
     /// Also write the features as LangSplat's and the paper's scripts read them
@@ -113,6 +120,9 @@ mod tests {
         assert!(parses("--labels") && parses("--masks-model sam --image-encoder clip --mask-level l"));
         assert!(!parses("") && !parses("--masks-model sam") && !parses("--image-encoder clip"));
         assert!(!parses("--labels --masks-model sam --image-encoder clip"));
+        assert!(
+            parses("--dense-encoder net --depth-model depth.onnx") && !parses("--depth-model depth.onnx")
+        );
         assert!(
             parses("--features dir --mask-level s --langsplat out") && !parses("--labels --features dir")
         );

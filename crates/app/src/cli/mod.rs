@@ -62,7 +62,8 @@ pub fn run(args: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Exit 
             };
         }
     };
-    match run_verb(cli.verb) {
+    let chosen = surgtpgs_clip::choose_provider(cli.execution_provider.into());
+    match chosen.and_then(|()| run_verb(cli.verb)) {
         Ok(exit) => exit,
         Err(error) => {
             console::say(&format!("error: {}", one_line(&error.to_string())));

@@ -32,6 +32,7 @@ pub(super) fn run(args: &PrepareArgs) -> Result<Exit> {
             seed: args.seed,
             ..CodecSettings::default()
         },
+        depth_model: args.depth_model.clone(),
     };
     let mut view = ProgressView::default();
     let prepared = jobs::prepare(sequence, &args.output, &options, &mut |p| view.show(p))?;
@@ -39,6 +40,13 @@ pub(super) fn run(args: &PrepareArgs) -> Result<Exit> {
         write_langsplat(&prepared, folder, &mut |done, all| view.count("writing .npy files", done, all))?;
     }
     drop(view);
+    if let Some(depth) = prepared.sequence.estimated_depth() {
+        say(&format!(
+            "estimated depth; the scales of single frames differed by a factor of {:.2}",
+            depth.drift
+        ));
+        depth.notes.iter().for_each(|note| say(note));
+    }
     let what = match prepared.classes.len() {
         0 => format!("{} regions", prepared.num_rows()),
         classes => format!("{classes} classes"),
@@ -56,6 +64,9 @@ pub(super) fn run(args: &PrepareArgs) -> Result<Exit> {
 /// Where features come from; the command line allows no other combination.
 fn source(args: &PrepareArgs) -> FeatureSource {
     let level = args.mask_level.into();
+    if let Some(network) = &args.dense_encoder {
+        return FeatureSource::Dense { network: network.clone() };
+    }
     match (&args.masks_model, &args.image_encoder, &args.features) {
         (_, _, Some(folder)) => FeatureSource::LangSplat { folder: folder.clone(), level },
         (Some(model), Some(image_encoder), _) => FeatureSource::Masks {

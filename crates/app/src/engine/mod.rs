@@ -20,6 +20,7 @@ pub(crate) use machine::Machine;
 pub(crate) use machine::may_have_gpu;
 pub use question::{Negatives, Question, Sample};
 
+pub use opening::open_text_encoder;
 use opening::{find_recording, open_encoder, open_recording, open_relevancy};
 use outside::{Outside, blank};
 use std::{

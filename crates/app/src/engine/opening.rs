@@ -11,6 +11,12 @@ use surgtpgs_core::{
     sequence::Sequence,
 };
 
+/// Opens a text encoder's folder; embeddings are kept in the user's cache, by hashes of encoder and text.
+pub fn open_text_encoder(folder: &Path) -> Result<TextEncoder> {
+    let cache = dirs::cache_dir().map(|dir| dir.join("surgtpgs").join("embeddings"));
+    TextEncoder::open_with_cache(folder, cache.as_deref())
+}
+
 pub(super) fn open_relevancy(scene: &Scene) -> Option<Box<dyn Relevancy>> {
     scene.codec.clone().map(relevancy::best)
 }
@@ -19,7 +25,7 @@ pub(super) fn open_relevancy(scene: &Scene) -> Option<Box<dyn Relevancy>> {
 pub(super) fn open_encoder(scene: &Scene, choice: &EncoderChoice) -> Result<TextEncoder> {
     let expected = scene.encoder.as_ref();
     let encoder = match (choice, expected.and_then(|e| e.folder.as_deref())) {
-        (EncoderChoice::Folder(folder), _) => TextEncoder::open(folder)?,
+        (EncoderChoice::Folder(folder), _) => open_text_encoder(folder)?,
         (EncoderChoice::OfScene, Some(folder)) if !folder.is_dir() => {
             return Err(Error::input_at(
                 folder,
@@ -27,7 +33,7 @@ pub(super) fn open_encoder(scene: &Scene, choice: &EncoderChoice) -> Result<Text
                 "Give its folder with `--text-encoder`.",
             ));
         }
-        (EncoderChoice::OfScene, Some(folder)) => TextEncoder::open(folder)?,
+        (EncoderChoice::OfScene, Some(folder)) => open_text_encoder(folder)?,
         (EncoderChoice::OfScene | EncoderChoice::Builtin, _) => TextEncoder::builtin()?,
     };
     let found = encoder.identity();

@@ -1,21 +1,22 @@
 //! Features and codec of a recording.
 
 use super::{Observer, Progress};
-use crate::engine::EncoderChoice;
+use crate::engine::{EncoderChoice, open_text_encoder};
+use image::RgbImage;
 use std::{
     cell::Cell,
     path::{Path, PathBuf},
 };
-use surgtpgs_clip::{ImageEncoder, SegmentAnything, TextEncoder};
+use surgtpgs_clip::{DepthNetwork, FeatureNetwork, ImageEncoder, SegmentAnything, TextEncoder};
 use surgtpgs_core::{
     Error, Result,
     codec::CodecSettings,
     files::full_path,
     prepare::{
-        MaskStore, Origin, Prepared, holds_langsplat, prepare_from_features, prepare_from_labels,
-        read_langsplat,
+        Estimator, FrameFeatures, MaskStore, Origin, Prepared, estimate_depth, holds_langsplat,
+        prepare_from_features, prepare_from_labels, read_langsplat,
     },
-    segment::{Level, MaskSettings},
+    segment::{BitMask, Level, MaskSettings},
     sequence::Sequence,
 };
 
@@ -30,6 +31,8 @@ pub struct PrepareOptions {
     pub encoder: EncoderChoice,
     /// The codec.
     pub codec: CodecSettings,
+    /// A depth network, or a folder with one, for recordings without depth.
+    pub depth_model: Option<PathBuf>,
 }
 
 /// Where features come from.
@@ -48,6 +51,11 @@ pub enum FeatureSource {
         settings: MaskSettings,
         /// Which masks become regions.
         level: Level,
+    },
+    /// Maps that a network makes of whole pictures.
+    Dense {
+        /// Folder with the network.
+        network: PathBuf,
     },
     /// Files of LangSplat's kind, see [`read_langsplat`].
     LangSplat {
@@ -74,135 +82,174 @@ pub fn prepare(
         ));
     }
     let text = match &options.encoder {
-        EncoderChoice::Folder(folder) => TextEncoder::open(folder)?,
+        EncoderChoice::Folder(folder) => open_text_encoder(folder)?,
         EncoderChoice::Builtin | EncoderChoice::OfScene => TextEncoder::builtin()?,
     };
-    match &options.source {
-        FeatureSource::Labels => from_labels(sequence, folder, options, text, observer),
-        FeatureSource::Masks { model, image_encoder, settings, level } => {
-            // All models are opened before hours of work begin.
-            let image = ImageEncoder::open(image_encoder)?;
-            check_halves(&text, &image, image_encoder)?;
-            let masks = Masks { model, settings, level: *level };
-            masks.prepare(sequence, folder, options, &text, image, observer)
+    // All models are opened before hours of work begin.
+    let features = Features::open(&options.source, &text)?;
+    let sequence = match &options.depth_model {
+        Some(model) => with_depth(sequence, folder, model, options.eval, observer)?,
+        None => sequence,
+    };
+    let job = Job { sequence, folder, options, text };
+    match features {
+        Features::Labels => job.by_labels(observer),
+        Features::Masks { model, image, settings, level } => {
+            job.by_masks(*model, image, settings, level, observer)
         }
-        FeatureSource::LangSplat { folder: from, level } => {
-            from_langsplat(sequence, folder, options, &text, (from, *level), observer)
-        }
+        Features::Dense(network) => job.by_maps(network, observer),
+        Features::LangSplat { folder, level } => job.by_langsplat(folder, level, observer),
     }
 }
 
-fn from_langsplat(
+/// Estimates depth beside the features.
+fn with_depth(
     sequence: Sequence,
     folder: &Path,
-    options: &PrepareOptions,
-    text: &TextEncoder,
-    (from, level): (&Path, Level),
+    model: &Path,
+    eval: bool,
     observer: &mut Observer<'_>,
-) -> Result<Prepared> {
-    if !holds_langsplat(from, &sequence) {
-        let what = format!(
-            "the folder has no features for this recording: {0}_f.npy and {0}_s.npy, for example",
-            sequence.frame_name(0)
-        );
-        return Err(Error::input_at(from, what, "Name the files like the pictures of the frames."));
-    }
-    let mut features = |i: usize| read_langsplat(from, &sequence, i, level);
-    let mut report = |stage: &str, done, total| {
-        // Reading takes seconds; it is not interrupted half-way.
-        let _ = observer(&Progress { stage, done, total, detail: "" });
-    };
-    let origin = Origin::LangSplat { folder: full_path(from), level };
-    let identity = text.identity().clone();
-    let (eval, codec) = (options.eval, &options.codec);
-    prepare_from_features(sequence.clone(), identity, origin, &mut features, eval, codec, folder, &mut report)
+) -> Result<Sequence> {
+    let mut network = DepthNetwork::open(model)?;
+    let (sha256, kind) = (network.sha256().to_owned(), network.kind());
+    let estimator = Estimator { network: &sha256, kind, estimate: &mut |picture| network.estimate(picture) };
+    let mut tell = |done, total| observer(&Progress { stage: "estimating depth", done, total, detail: "" });
+    estimate_depth(&sequence, estimator, eval, folder, &mut tell)
 }
 
-fn from_labels(
-    sequence: Sequence,
-    folder: &Path,
-    options: &PrepareOptions,
-    mut encoder: TextEncoder,
-    observer: &mut Observer<'_>,
-) -> Result<Prepared> {
-    let names: Vec<&str> = sequence.classes().iter().map(|c| c.name.as_str()).collect();
-    let embeddings = encoder.encode_prompts(&names)?;
-    let identity = encoder.identity().clone();
-    let mut report = |stage: &str, done, total| {
-        // Labels are read in seconds; this is not interrupted half-way.
-        let _ = observer(&Progress { stage, done, total, detail: "" });
-    };
-    prepare_from_labels(sequence, identity, &embeddings, options.eval, &options.codec, folder, &mut report)
+/// [`FeatureSource`], opened.
+enum Features<'a> {
+    Labels,
+    Masks { model: Box<SegmentAnything>, image: ImageEncoder, settings: &'a MaskSettings, level: Level },
+    Dense(FeatureNetwork),
+    LangSplat { folder: &'a Path, level: Level },
+}
+
+impl<'a> Features<'a> {
+    /// Fails where embeddings of texts and images cannot be compared.
+    fn open(source: &'a FeatureSource, text: &TextEncoder) -> Result<Self> {
+        Ok(match source {
+            FeatureSource::Labels => Self::Labels,
+            FeatureSource::Masks { model, image_encoder, settings, level } => {
+                let image = ImageEncoder::open(image_encoder)?;
+                check_halves(text, image.dim(), image_encoder)?;
+                Self::Masks { model: Box::new(SegmentAnything::open(model)?), image, settings, level: *level }
+            }
+            FeatureSource::Dense { network: folder } => {
+                let network = FeatureNetwork::open(folder)?;
+                check_halves(text, network.dim(), folder)?;
+                Self::Dense(network)
+            }
+            FeatureSource::LangSplat { folder, level } => Self::LangSplat { folder, level: *level },
+        })
+    }
 }
 
 /// Errs where embeddings of texts and images cannot be compared.
-fn check_halves(text: &TextEncoder, image: &ImageEncoder, folder: &Path) -> Result<()> {
+fn check_halves(text: &TextEncoder, dim: usize, folder: &Path) -> Result<()> {
     let text = text.identity();
-    if image.dim() == text.dim {
+    if dim == text.dim {
         return Ok(());
     }
-    let what = format!(
-        "Image embeddings have {} values; the text encoder \"{}\" makes {}",
-        image.dim(),
-        text.name,
-        text.dim
-    );
+    let what =
+        format!("Image embeddings have {dim} values; the text encoder \"{}\" makes {}", text.name, text.dim);
     let hint = "They come from different models: give the text half of the same one with `--text-encoder`.";
     Err(Error::input_at(folder, what, hint))
 }
 
-/// How masks become regions.
-struct Masks<'a> {
-    model: &'a Path,
-    settings: &'a MaskSettings,
-    level: Level,
+/// What every way of preparing needs.
+struct Job<'a> {
+    sequence: Sequence,
+    folder: &'a Path,
+    options: &'a PrepareOptions,
+    text: TextEncoder,
 }
 
-impl Masks<'_> {
-    fn prepare(
-        &self,
-        sequence: Sequence,
-        folder: &Path,
-        options: &PrepareOptions,
-        text: &TextEncoder,
+impl Job<'_> {
+    fn by_labels(mut self, observer: &mut Observer<'_>) -> Result<Prepared> {
+        let names: Vec<&str> = self.sequence.classes().iter().map(|c| c.name.as_str()).collect();
+        let embeddings = self.text.encode_prompts(&names)?;
+        let identity = self.text.identity().clone();
+        let (eval, codec) = (self.options.eval, &self.options.codec);
+        let mut report = |stage: &str, done, total| {
+            // Labels are read in seconds; this is not interrupted half-way.
+            let _ = observer(&Progress { stage, done, total, detail: "" });
+        };
+        prepare_from_labels(self.sequence, identity, &embeddings, eval, codec, self.folder, &mut report)
+    }
+
+    fn by_masks(
+        self,
+        mut segmenter: SegmentAnything,
         mut image: ImageEncoder,
+        settings: &MaskSettings,
+        level: Level,
         observer: &mut Observer<'_>,
     ) -> Result<Prepared> {
-        let mut segmenter = SegmentAnything::open(self.model)?;
-        let model = segmenter.sha256().to_owned();
-        let store = MaskStore { sequence: &sequence, folder, settings: self.settings, model: &model };
+        let (sequence, folder) = (self.sequence.clone(), self.folder);
+        let (model, encoder) = (segmenter.sha256().to_owned(), image.sha256().to_owned());
+        let store = MaskStore { sequence: &sequence, folder, settings, model: &model };
         let mut tell = |done: usize, total: usize, detail: &str| {
             observer(&Progress { stage: "finding masks", done, total, detail })
         };
-        store.make_masks(&mut segmenter, options.eval, &mut tell)?;
+        store.make_masks(&mut segmenter, self.options.eval, &mut tell)?;
+        // Room for the next network.
         drop(segmenter);
-
-        let encoder = image.sha256().to_owned();
-        let stopped = Cell::new(false);
-        let mut features = |i: usize| match stopped.get() {
-            true => Err(Error::Cancelled),
-            false => {
-                store.features(i, self.level, &encoder, &mut |picture, masks| image.embed(picture, masks))
-            }
+        let mut embed = |picture: &RgbImage, masks: &[&BitMask]| image.embed(picture, masks);
+        let mut features = |i: usize| store.features(i, level, &encoder, &mut embed);
+        let origin = Origin::Masks {
+            mask_model: model.clone(),
+            settings: settings.clone(),
+            level,
+            image_encoder: encoder.clone(),
         };
+        self.by_features(origin, &mut features, observer)
+    }
+
+    fn by_maps(self, mut network: FeatureNetwork, observer: &mut Observer<'_>) -> Result<Prepared> {
+        let sequence = self.sequence.clone();
+        let origin = Origin::Dense { network: network.sha256().to_owned() };
+        let mut features = |i: usize| Ok(Some(network.map(&sequence.frame(i)?)?.into_features(&sequence)));
+        self.by_features(origin, &mut features, observer)
+    }
+
+    fn by_langsplat(self, from: &Path, level: Level, observer: &mut Observer<'_>) -> Result<Prepared> {
+        let sequence = self.sequence.clone();
+        if !holds_langsplat(from, &sequence) {
+            let what = format!(
+                "the folder has no features for this recording: {0}_f.npy and {0}_s.npy, or {0}_agg.npy, for example",
+                sequence.frame_name(0)
+            );
+            return Err(Error::input_at(from, what, "Name the files like the pictures of the frames."));
+        }
+        let origin = Origin::LangSplat { folder: full_path(from), level };
+        let mut features = |i: usize| read_langsplat(from, &sequence, i, level);
+        self.by_features(origin, &mut features, observer)
+    }
+
+    /// Any source of regions with embeddings; the observer may stop it between two frames.
+    fn by_features(
+        self,
+        origin: Origin,
+        features: &mut dyn FnMut(usize) -> Result<Option<FrameFeatures>>,
+        observer: &mut Observer<'_>,
+    ) -> Result<Prepared> {
+        let stopped = Cell::new(false);
+        let mut features = |i: usize| if stopped.get() { Err(Error::Cancelled) } else { features(i) };
         let mut report = |stage: &str, done, total| {
             let flow = observer(&Progress { stage, done, total, detail: "" });
             stopped.set(stopped.get() || flow.is_break());
         };
-        let origin = Origin::Masks {
-            mask_model: model.clone(),
-            settings: self.settings.clone(),
-            level: self.level,
-            image_encoder: encoder.clone(),
-        };
+        let identity = self.text.identity().clone();
+        let (eval, codec) = (self.options.eval, &self.options.codec);
         prepare_from_features(
-            sequence.clone(),
-            text.identity().clone(),
+            self.sequence,
+            identity,
             origin,
             &mut features,
-            options.eval,
-            &options.codec,
-            folder,
+            eval,
+            codec,
+            self.folder,
             &mut report,
         )
     }

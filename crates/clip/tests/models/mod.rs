@@ -1,5 +1,7 @@
-//! Small models of the contracts of Segment Anything and CLIP's image half: masks are pixels of like colour, embeddings
-//! are mean colours times a matrix.
+//! Small models of the contracts of Segment Anything, CLIP's image half, feature maps and depth: masks are pixels of like
+//! colour, embeddings are colours times a matrix, disparity is brightness.
+
+#![allow(dead_code, reason = "not every test needs all of them")]
 
 use surgtpgs_clip::{
     graph::Graph,
@@ -108,4 +110,27 @@ pub fn image_encoder(matrix: &[f32], batch: Option<i64>, outputs: &[&str]) -> Gr
     outputs.iter().fold(graph, |graph, name| {
         graph.output(name, FLOAT, &[batch, Some(dim as i64)]).node(name, "MatMul", &["flat", "matrix"])
     })
+}
+
+/// A network for feature maps: the colour at each of 32 × 32 places times `matrix` [3, dim].
+pub fn feature_network(matrix: &[f32]) -> Graph {
+    let dim = matrix.len() / 3;
+    let weights: Vec<f32> = (0..dim).flat_map(|j| (0..3).map(move |c| matrix[c * dim + j])).collect();
+    Graph::default()
+        .input("pixel_values", FLOAT, &[Some(1), Some(3), Some(32), Some(32)])
+        .output("features", FLOAT, &[Some(1), Some(dim as i64), Some(32), Some(32)])
+        .floats("weights", &[dim, 3, 1, 1], &weights)
+        .node("features", "Conv", &["pixel_values", "weights"])
+}
+
+/// A network whose `output`, a map of the picture's size, is brightness; between 0 and 1 if it ends in a `sigmoid`.
+pub fn depth_network(output: &str, sigmoid: bool) -> Graph {
+    let axes = |channels: i64| [Some(1), Some(channels), Some(24), Some(32)];
+    Graph::default()
+        .input("image", FLOAT, &axes(3))
+        .output(output, FLOAT, &axes(1))
+        .floats("four", &[1], &[4.0])
+        .node_with("grey", "ReduceMean", &["image"], &[("axes", &[1]), ("keepdims", &[1])])
+        .node("strong", "Mul", &["grey", "four"])
+        .node(output, if sigmoid { "Sigmoid" } else { "Identity" }, &["strong"])
 }

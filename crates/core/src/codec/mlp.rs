@@ -25,7 +25,7 @@ pub(super) fn init(widths: &[usize], rng: &mut ChaCha8Rng) -> Vec<Linear> {
 }
 
 /// A sample of the standard normal distribution (Box–Muller).
-pub(super) fn normal(rng: &mut ChaCha8Rng) -> f32 {
+pub(crate) fn normal(rng: &mut ChaCha8Rng) -> f32 {
     let (a, b): (f32, f32) = (rng.random(), rng.random());
     (-2.0 * (1.0 - a).ln()).sqrt() * (std::f32::consts::TAU * b).cos()
 }

@@ -16,7 +16,7 @@ use classes::train_classes;
 use ndarray::{Array1, Array2, ArrayD, ArrayView2, ArrayViewD, Axis, Ix1, Ix2};
 use rayon::prelude::*;
 
-pub(crate) use mlp::{apply, normalise_rows};
+pub(crate) use mlp::{apply, normal, normalise_rows};
 
 /// Widths of the encoder's hidden layers.
 const ENCODER_HIDDEN: [usize; 4] = [256, 128, 64, 32];

@@ -1,6 +1,6 @@
 //! Reading and writing the files of a prepared folder.
 
-use super::{EncoderIdentity, Origin, RegionMap};
+use super::{EncoderIdentity, EstimatedDepth, Origin, RegionMap};
 use crate::{
     Error, Result,
     codec::{Codec, CodecSettings},
@@ -40,6 +40,9 @@ pub(super) struct Manifest {
     pub(super) encoder: EncoderIdentity,
     #[serde(default)]
     pub(super) origin: Origin,
+    /// Depth that a network estimated, where the recording has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) depth: Option<EstimatedDepth>,
     /// Row k of the feature table is class k.
     pub(super) classes: Vec<Class>,
     /// Pixels of each row over all training frames.
@@ -72,6 +75,7 @@ impl Manifest {
             height: sequence.height(),
             encoder,
             origin: Origin::Labels,
+            depth: sequence.estimated_depth().cloned(),
             classes: Vec::new(),
             row_pixels: Vec::new(),
             region_frames: Vec::new(),

@@ -2,6 +2,7 @@
 
 use super::{
     Prepared,
+    depth::DEPTH,
     files::{MANIFEST, Manifest, REGIONS, absolute},
 };
 use crate::{
@@ -54,6 +55,10 @@ pub(super) fn clear_folder(folder: &Path, sequence: &Sequence) -> Result<()> {
     let manifest = folder.join(MANIFEST);
     if manifest.exists() {
         std::fs::remove_file(&manifest).map_err(fail)?;
+    }
+    let depth = folder.join(DEPTH);
+    if ours && sequence.estimated_depth().is_none() && depth.exists() {
+        std::fs::remove_dir_all(&depth).map_err(fail)?;
     }
     let regions = folder.join(REGIONS);
     if regions.exists() {

@@ -1,7 +1,8 @@
 //! Features as LangSplat and the authors' scripts keep them: `NAME_f.npy` [n, dim] with the embeddings of a frame's masks
-//! and `NAME_s.npy` [4, h, w] with the number of the mask at each pixel, one plane a level, -1 where there is none.
+//! and `NAME_s.npy` [4, h, w] with the number of the mask at each pixel, one plane a level, -1 where there is none. Or, as
+//! their newer scripts do, `NAME_agg.npy` [1, h, w, dim] with an embedding for every place.
 
-use super::{FrameFeatures, NO_REGION, Prepared, RegionMap, files::Manifest};
+use super::{DenseMap, FrameFeatures, NO_REGION, Prepared, RegionMap, files::Manifest};
 use crate::{
     Error, Result,
     files::write_whole_with,
@@ -12,15 +13,17 @@ use ndarray::{Array2, Array3, ArrayView2, Axis};
 use ndarray_npy::WriteNpyExt;
 use std::path::{Path, PathBuf};
 
-const HINT: &str = "Features are pairs NAME_f.npy [n, dim] and NAME_s.npy [4, h, w], NAME being that of the frame's picture.";
+const HINT: &str = "Features are pairs NAME_f.npy [n, dim] and NAME_s.npy [4, h, w], or maps NAME_agg.npy [1, h, w, dim], NAME being that of \
+                    the frame's picture.";
 
 /// Whether a folder holds features of this kind for at least one frame.
 pub fn holds_langsplat(folder: &Path, sequence: &Sequence) -> bool {
-    (0..sequence.num_frames()).any(|i| files(folder, sequence, i).iter().all(|f| f.is_file()))
+    let pair = |i: usize| files(folder, sequence, i).iter().all(|f| f.is_file());
+    (0..sequence.num_frames()).any(|i| pair(i) || dense_file(folder, sequence, i).is_file())
 }
 
 /// The features of frame `i` from `folder`; `None` if it has no files. Maps of another size than the frames are brought
-/// to it by the nearest value, as the authors do.
+/// to it by the nearest value, as the authors do; `level` means nothing for dense maps.
 ///
 /// Fails where shapes are others or a pixel points beyond the embeddings.
 pub fn read_langsplat(
@@ -31,7 +34,9 @@ pub fn read_langsplat(
 ) -> Result<Option<FrameFeatures>> {
     let [embeddings, maps] = files(folder, sequence, i);
     if !embeddings.is_file() && !maps.is_file() {
-        return Ok(None);
+        let dense = dense_file(folder, sequence, i);
+        let map = dense.is_file().then(|| read_dense(&dense)).transpose()?;
+        return Ok(map.map(|map| map.into_features(sequence)));
     }
     let (shape, values) = npy(&embeddings)?;
     let wrong = |path: &Path, what: String| Err(Error::input_at(path, what, HINT));
@@ -94,6 +99,29 @@ pub fn write_langsplat(
     }
     progress(n, n);
     Ok(())
+}
+
+/// Numbers a place of maps that an autoencoder of the authors' has compressed, at most.
+const COMPRESSED: usize = 16;
+
+fn read_dense(file: &Path) -> Result<DenseMap> {
+    let (shape, values) = npy(file)?;
+    let wrong = |what: String, hint: &str| Err(Error::input_at(file, what, hint));
+    let (height, width, dim) = match shape[..] {
+        [height, width, dim] | [1, height, width, dim] if !values.is_empty() => (height, width, dim),
+        _ => return wrong(format!("expected a dense map [1, h, w, dim], found the shape {shape:?}"), HINT),
+    };
+    if dim <= COMPRESSED {
+        let what = format!(
+            "the map has {dim} numbers a place: it was compressed, and what would undo that is not here"
+        );
+        return wrong(what, "Give the maps from before the authors' autoencoder.");
+    }
+    Ok(DenseMap { width, height, dim, values: values.into_iter().map(|v| v as f32).collect() })
+}
+
+fn dense_file(folder: &Path, sequence: &Sequence, i: usize) -> PathBuf {
+    folder.join(format!("{}_agg.npy", sequence.frame_name(i)))
 }
 
 /// Embeddings and maps of frame `i`.

@@ -265,3 +265,30 @@ fn langsplat_files_that_are_none_are_named() {
     write("frame_0_f.npy", array(&[5], 0.5));
     assert!(read().unwrap_err().to_string().contains("expected embeddings [n, dim]"));
 }
+
+#[test]
+fn dense_maps_of_the_authors_are_read() {
+    let place = Place::new();
+    let folder = place.folder.path().join("features");
+    fs::create_dir_all(&folder).unwrap();
+    let write = |array: ndarray::ArrayD<f32>| {
+        ndarray_npy::write_npy(folder.join("frame_0_agg.npy"), &array).unwrap();
+    };
+    let map = |dim: usize| {
+        ndarray::Array4::from_shape_fn((1, 3, 4, dim), |(_, _, x, c)| f32::from(c == usize::from(x >= 2)))
+            .into_dyn()
+    };
+    write(map(20));
+    assert!(holds_langsplat(&folder, &place.sequence));
+    let features = read_langsplat(&folder, &place.sequence, 0, Level::Default).unwrap().unwrap();
+    assert_eq!((features.regions.width, features.regions.height), (32, 24));
+    let row = |x, y| &features.rows[usize::from(features.regions.at(x, y))];
+    assert_eq!((row(15, 20)[..2].to_vec(), row(16, 20)[..2].to_vec()), (vec![1.0, 0.0], vec![0.0, 1.0]));
+    assert_eq!(read_langsplat(&folder, &place.sequence, 1, Level::Default).unwrap(), None);
+
+    let fail = || read_langsplat(&folder, &place.sequence, 0, Level::Default).unwrap_err().to_string();
+    write(map(3));
+    assert!(fail().contains("the map has 3 numbers a place: it was compressed"));
+    write(ndarray::ArrayD::from_elem(vec![2, 3, 4, 20], 1.0));
+    assert!(fail().contains("expected a dense map [1, h, w, dim], found the shape [2, 3, 4, 20]"));
+}

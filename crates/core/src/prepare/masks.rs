@@ -6,6 +6,7 @@ use super::{
         Manifest, REGIONS, checksum, from_safetensors, key_of, region_file, to_safetensors, write_region_map,
     },
     finish::{clear_folder, finish},
+    used_frames,
 };
 use crate::{
     Error, Result,
@@ -39,6 +40,11 @@ pub enum Origin {
         level: Level,
         /// SHA-256 of the image encoder.
         image_encoder: String,
+    },
+    /// Feature maps of whole pictures.
+    Dense {
+        /// SHA-256 of the network that made them.
+        network: String,
     },
     /// Files of LangSplat's kind.
     LangSplat {
@@ -99,11 +105,6 @@ pub fn prepare_from_features(
         ));
     }
     finish(manifest, table, settings, folder, progress)
-}
-
-/// The frames that training may see.
-fn used_frames(sequence: &Sequence, eval: bool) -> Vec<usize> {
-    (0..sequence.num_frames()).filter(|&i| !(eval && Sequence::is_test_frame(i))).collect()
 }
 
 /// The region map of frame `i` with rows numbered from `first` on, those rows (flat, unit) and the pixels of each.

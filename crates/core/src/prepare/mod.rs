@@ -8,11 +8,17 @@
 //! | `features.safetensors` | `table` [rows, dim] (unit rows) and `latents` [rows, D] (unit rows), f32 |
 //! | `regions/frame_000000.png` | 16-bit row of the table per pixel, 65535 where there is no feature |
 //! | `masks/frame_000000.json` | where features come from automatic masks: these, as pycocotools reads them |
+//! | `depth/frame_000000.npy` | where a network estimated depth: z in scene units, [h, w] of any size |
 //! | `embeddings/frame_000000.safetensors` | `embeddings` [masks, dim]: one per mask of the level in use |
 //!
 //! Masks and embeddings take minutes a frame; they stay, and are used again where nothing they depend on has changed.
 //! With `eval`, held-out frames leave no trace: no region file, no row, no share in the codec.
 
+mod dense;
+mod depth;
+#[cfg(test)]
+mod depth_tests;
+mod drift;
 mod files;
 mod finish;
 mod labels;
@@ -23,6 +29,9 @@ mod masks;
 #[cfg(test)]
 mod tests;
 
+pub use dense::DenseMap;
+pub(crate) use depth::depth_file;
+pub use depth::{EstimatedDepth, Estimator, estimate_depth};
 pub use labels::prepare_from_labels;
 pub use langsplat::{holds_langsplat, read_langsplat, write_langsplat};
 pub use masks::{FrameFeatures, MaskStore, Origin, prepare_from_features};
@@ -56,6 +65,11 @@ pub type RegionMap = Grid<u16>;
 
 /// A pixel without a feature.
 pub const NO_REGION: u16 = u16::MAX;
+
+/// The frames that training may see.
+fn used_frames(sequence: &Sequence, eval: bool) -> Vec<usize> {
+    (0..sequence.num_frames()).filter(|&i| !(eval && Sequence::is_test_frame(i))).collect()
+}
 
 /// An opened prepared folder.
 #[derive(Clone, Debug)]
@@ -97,7 +111,10 @@ impl Prepared {
     pub fn open(path: &Path) -> Result<Self> {
         let manifest = Manifest::read(path)?;
         let (codec, rows, latents) = manifest.read_tensors(path)?;
-        let sequence = manifest.open_recording(path)?;
+        let mut sequence = manifest.open_recording(path)?;
+        if let Some(depth) = &manifest.depth {
+            sequence = sequence.with_estimated_depth(path, depth.clone());
+        }
         let found = [sequence.num_frames(), sequence.width(), sequence.height()];
         let expected = [manifest.frames, manifest.width, manifest.height];
         if found != expected {

@@ -5,11 +5,13 @@
 //! every pixel, [`Folded`] gets the same value with fewer operations, [`Lattice`] looks it up.
 
 mod decoding;
+mod fidelity;
 mod folded;
 mod lattice;
 mod points;
 
 pub use decoding::Exact;
+pub use fidelity::{Fidelity, fidelity};
 pub use folded::Folded;
 pub use lattice::{Lattice, LatticeReport, LatticeTables};
 pub use points::Points;

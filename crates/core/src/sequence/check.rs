@@ -180,10 +180,17 @@ fn depth(sequence: &Sequence, facts: &[Facts], says: &mut Findings) -> String {
     if !sequence.has_depth() {
         says.warnings.push(
             "There is no depth: the shape of the surface can only be guessed. Put depth maps into depth/ if \
-             there are some."
+             there are some, or have them estimated (`surgtpgs prepare --depth-model`)."
                 .to_owned(),
         );
         return "none".to_owned();
+    }
+    if let Some(about) = sequence.estimated_depth() {
+        says.warnings.extend(about.notes.iter().cloned());
+        return format!(
+            "estimated by a network; the scales of frames differed by a factor of {:.2}",
+            about.drift
+        );
     }
     let maps: Vec<_> =
         facts.iter().enumerate().filter_map(|(i, f)| f.depth.as_ref().map(|d| (i, d))).collect();

@@ -4,7 +4,9 @@ use crate::{
     Error, Result,
     camera::Camera,
     grid::{Grid, Mask},
+    prepare::{EstimatedDepth, depth_file},
 };
+use depth::DepthRule;
 use field_of_view::FieldOfView;
 use image::RgbImage;
 use layout::{MaskRule, Recording};
@@ -34,7 +36,9 @@ mod video;
 pub use check::check;
 pub use classes::{ClassEntry, names_instrument, plain_words};
 pub use depth::DepthKind;
-pub(crate) use read::npy;
+pub use read::npy;
+pub(crate) use read::npy_map;
+pub(crate) use reference::BASELINE as MONOCULAR_BASELINE;
 pub use settings::{
     CameraSettings, DepthSettings, FieldOfViewSetting, FrameSettings, Keep, MaskSettings, SETTINGS_FILE,
     Settings, TimeSettings,
@@ -91,6 +95,16 @@ pub const NO_LABEL: u8 = 255;
 #[derive(Clone, Debug)]
 pub struct Sequence {
     inner: Arc<Inner>,
+    /// Depth from elsewhere than the recording.
+    estimated: Option<Arc<Estimated>>,
+}
+
+/// Depth that a network estimated, see [`EstimatedDepth`].
+#[derive(Debug)]
+struct Estimated {
+    /// The prepared folder that holds it.
+    folder: PathBuf,
+    about: EstimatedDepth,
 }
 
 #[derive(Debug)]
@@ -121,7 +135,8 @@ impl Sequence {
     fn from_recording(recording: Recording) -> Self {
         let first = recording.cameras[0].camera_from_world;
         let camera_moves = recording.cameras.iter().any(|c| !c.camera_from_world.abs_diff_eq(first, 1e-6));
-        Self { inner: Arc::new(Inner { recording, camera_moves, field_of_view: OnceLock::new() }) }
+        let inner = Inner { recording, camera_moves, field_of_view: OnceLock::new() };
+        Self { inner: Arc::new(inner), estimated: None }
     }
 
     fn recording(&self) -> &Recording {
@@ -186,14 +201,28 @@ impl Sequence {
     pub fn frame(&self, i: usize) -> Result<RgbImage> {
         self.recording().frame(i)
     }
+    /// Takes depth from the prepared folder `folder` from now on.
+    pub(crate) fn with_estimated_depth(self, folder: &Path, about: EstimatedDepth) -> Self {
+        let estimated = Estimated { folder: folder.to_owned(), about };
+        Self { estimated: Some(Arc::new(estimated)), ..self }
+    }
+    /// Where depth comes from if it is not the recording's.
+    pub fn estimated_depth(&self) -> Option<&EstimatedDepth> {
+        self.estimated.as_ref().map(|e| &e.about)
+    }
     /// Whether any frame has depth.
     pub fn has_depth(&self) -> bool {
-        self.recording().frames.iter().any(|f| f.depth.is_some())
+        self.estimated.is_some() || self.recording().frames.iter().any(|f| f.depth.is_some())
     }
     /// Depth (z) of frame `i` in scene units at the frames' size, 0 where unknown (bilinear where the file
     /// has another size); `None` if the frame has no depth.
     pub fn depth(&self, i: usize) -> Result<Option<Grid<f32>>> {
-        self.recording().depth(i)
+        let Some(estimated) = &self.estimated else { return self.recording().depth(i) };
+        let file = depth_file(&estimated.folder, i);
+        if !file.is_file() {
+            return Ok(None);
+        }
+        Ok(Some(DepthRule::default().read(&file)?.resized(self.width(), self.height())))
     }
     /// Supervision mask of frame `i`: `true` = keep; the recording's masks (polarity resolved)
     /// and the field of view together.

@@ -1,14 +1,16 @@
 //! Reading single files: listings in natural order, pictures, one-channel maps, NumPy arrays.
 
 use crate::{Error, Result, grid::Grid};
+use half::f16;
 use image::{DynamicImage, ImageError, ImageReader, RgbImage};
 use ndarray::ArrayD;
-use ndarray_npy::{ReadNpyError, ReadNpyExt, ReadableElement};
+use ndarray_npy::{ReadDataError, ReadNpyError, ReadNpyExt, ReadableElement};
+use py_literal::Value;
 use rayon::prelude::*;
 use std::{
     cmp::Ordering,
     fs::File,
-    io::BufReader,
+    io::{BufReader, Read},
     path::{Path, PathBuf},
 };
 
@@ -158,11 +160,12 @@ pub(super) fn first_channel_of(picture: DynamicImage) -> Grid<u16> {
 }
 
 /// A NumPy array of any real number type: its shape and its values in row-major order.
-pub(crate) fn npy(path: &Path) -> Result<(Vec<usize>, Vec<f64>)> {
+pub fn npy(path: &Path) -> Result<(Vec<usize>, Vec<f64>)> {
     type Reader = fn(&Path) -> std::result::Result<(Vec<usize>, Vec<f64>), ReadNpyError>;
-    let readers: [Reader; 7] = [
+    let readers: [Reader; 8] = [
         |p| npy_of(p, |v: f32| f64::from(v)),
         |p| npy_of(p, |v: f64| v),
+        |p| npy_of(p, |v: Half| v.0.to_f64()),
         |p| npy_of(p, |v: u8| f64::from(v)),
         |p| npy_of(p, |v: u16| f64::from(v)),
         |p| npy_of(p, |v: i16| f64::from(v)),
@@ -188,6 +191,31 @@ pub(crate) fn npy(path: &Path) -> Result<(Vec<usize>, Vec<f64>)> {
     ))
 }
 
+/// A half-precision number, which ndarray-npy does not read by itself.
+#[derive(Clone, Copy)]
+struct Half(f16);
+
+impl ReadableElement for Half {
+    fn read_to_end_exact_vec<R: Read>(
+        mut reader: R,
+        type_desc: &Value,
+        len: usize,
+    ) -> std::result::Result<Vec<Self>, ReadDataError> {
+        if *type_desc != Value::String("<f2".to_owned()) {
+            return Err(ReadDataError::WrongDescriptor(type_desc.clone()));
+        }
+        let mut bytes = Vec::new();
+        reader.read_to_end(&mut bytes)?;
+        match bytes.len().cmp(&len.saturating_mul(2)) {
+            Ordering::Less => Err(ReadDataError::MissingData),
+            Ordering::Greater => Err(ReadDataError::ExtraBytes(bytes.len() - 2 * len)),
+            Ordering::Equal => {
+                Ok(bytes.chunks_exact(2).map(|b| Self(f16::from_le_bytes([b[0], b[1]]))).collect())
+            }
+        }
+    }
+}
+
 fn npy_of<T: ReadableElement + Copy>(
     path: &Path,
     to_f64: fn(T) -> f64,
@@ -197,7 +225,7 @@ fn npy_of<T: ReadableElement + Copy>(
 }
 
 /// A NumPy array as a map: `[h, w]`, with any number of leading axes of length 1.
-pub(super) fn npy_map(path: &Path) -> Result<Grid<f32>> {
+pub(crate) fn npy_map(path: &Path) -> Result<Grid<f32>> {
     let (shape, values) = npy(path)?;
     let [leading @ .., height, width] = shape.as_slice() else {
         return Err(Error::input_at(path, format!("expected a map [h, w], found the shape {shape:?}"), ""));
@@ -206,4 +234,24 @@ pub(super) fn npy_map(path: &Path) -> Result<Grid<f32>> {
         return Err(Error::input_at(path, format!("expected a map [h, w], found the shape {shape:?}"), ""));
     }
     Ok(Grid::from_vec(*width, *height, values.into_iter().map(|v| v as f32).collect()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_precision_arrays_are_read_and_short_ones_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npy");
+        let header = "{'descr': '<f2', 'fortran_order': False, 'shape': (1, 2), }";
+        let padded = format!("{header:<117}\n");
+        let start = [&b"\x93NUMPY\x01\x00\x76\x00"[..], padded.as_bytes()].concat();
+        let values: Vec<u8> = [1.5, -2.0].iter().flat_map(|v| f16::from_f64(*v).to_le_bytes()).collect();
+        std::fs::write(&path, [&start[..], &values].concat()).unwrap();
+        assert_eq!(npy(&path).unwrap(), (vec![1, 2], vec![1.5, -2.0]));
+        assert_eq!(npy_map(&path).unwrap().data, [1.5, -2.0]);
+        std::fs::write(&path, [&start[..], &values[..3]].concat()).unwrap();
+        assert!(npy(&path).unwrap_err().to_string().contains("the array cannot be read"));
+    }
 }

@@ -18,7 +18,7 @@ use std::{
 /// Focal length of every such recording, in pixels (whatever its size).
 const FOCAL: f32 = 1_087.412_8;
 /// Depth = focal length · baseline / disparity, in the scene's units.
-const BASELINE: f64 = 1.087_703_9;
+pub(crate) const BASELINE: f64 = 1.087_703_9;
 
 /// Whether `folder`, which has `images/`, has the marks of this layout.
 pub(super) fn matches(folder: &Path) -> bool {

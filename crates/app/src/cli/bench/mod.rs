@@ -1,5 +1,6 @@
 //! `surgtpgs bench`: run time beside quality or error, as CSV and SVG.
 
+mod codec;
 mod frame;
 mod half_features;
 mod masks;
@@ -33,6 +34,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<Exit> {
         BenchVerb::Frame(args) => frame::run(args),
         BenchVerb::Stress(args) => stress::run(args),
         BenchVerb::Masks(args) => masks::run(args),
+        BenchVerb::Codec(args) => codec::run(args),
     }
 }
 

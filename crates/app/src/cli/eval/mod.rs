@@ -167,7 +167,9 @@ fn asked_classes(engine: &mut Engine, sequence: &Sequence) -> Result<Classes> {
 
 fn row(images: &Images, sequence: &Sequence, frame: usize, lpips: Option<&mut Lpips>) -> Result<FrameRow> {
     let (picture, truth, mask) = (images.to_rgb(), sequence.frame(frame)?, sequence.mask(frame)?);
-    let depth = sequence.depth(frame)?.and_then(|truth| -> Option<DepthErrors> {
+    // What a network estimated is no truth to compare with.
+    let is_measured = sequence.estimated_depth().is_none();
+    let depth = sequence.depth(frame)?.filter(|_| is_measured).and_then(|truth| -> Option<DepthErrors> {
         depth_errors(&images.normalised_depth(MIN_DEPTH_ALPHA), &truth, Some(&mask))
     });
     let ssim = ssim(&picture, &truth);

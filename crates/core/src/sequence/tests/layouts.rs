@@ -323,3 +323,19 @@ fn broken_transforms_name_the_frame() {
     std::fs::write(at("transforms.json"), "{}").unwrap();
     assert!(message(Sequence::open(folder.path())).contains("frames"));
 }
+
+#[test]
+fn the_references_newer_layout_reads_depth_pictures() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    write_pictures(&at("images"), &["0.png", "1.png"]);
+    std::fs::create_dir_all(at("depth_mu")).unwrap();
+    for i in 0..2_u16 {
+        let depth = image::ImageBuffer::<image::Luma<u16>, _>::from_pixel(4, 3, image::Luma([1000 + i]));
+        depth.save(at(&format!("depth_mu/{i}.png"))).unwrap();
+    }
+    let sequence = Sequence::open(folder.path()).unwrap();
+    assert_eq!(sequence.layout(), Layout::Reference);
+    let depth = sequence.depth(1).unwrap().unwrap();
+    assert_eq!((depth.width, depth.height, depth.at(7, 5)), (8, 6, 1001.0));
+}

@@ -1,0 +1,261 @@
+//! What all models that read one picture share: their settings, the checks of their inputs and outputs, one run.
+
+use crate::{
+    model_file::{ModelFile, described, hex, shape},
+    runtime::short,
+    text_encoder::read_settings,
+};
+use image::{RgbImage, imageops};
+use ort::{
+    session::{Session, SessionInputValue},
+    value::{Outlet, Tensor, TensorElementType},
+};
+use sha2::{Digest, Sha256};
+use std::path::{Path, PathBuf};
+use surgtpgs_core::{Error, Result, sequence::DepthKind};
+
+/// A kind of model that reads one picture.
+pub(crate) struct Role {
+    /// With its article.
+    pub what: &'static str,
+    /// What it takes and gives, as a sentence.
+    pub hint: &'static str,
+    /// Its settings' file, beside the model, and the keys in it.
+    pub settings_file: &'static str,
+    pub keys: &'static str,
+    /// Names under which exporters give its output, in order of preference, and the axes it may have.
+    pub outputs: &'static [&'static str],
+    pub ranks: &'static [usize],
+    /// Rows and columns where neither the file nor the settings say.
+    pub size: [usize; 2],
+    /// Mean and standard deviation of colours 0–1 unless the settings say.
+    pub colours: [[f32; 3]; 2],
+}
+
+/// The settings of a model that reads one picture; everything is optional.
+#[derive(Clone, Debug, Default, PartialEq, serde::Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct PictureSettings {
+    /// Pixels along each side of what the model reads, or rows and columns, where the file leaves it open.
+    size: Option<Size>,
+    /// Mean and standard deviation of the colours it was trained on, 0–1.
+    mean: Option<[f32; 3]>,
+    std: Option<[f32; 3]>,
+    /// The output that is read, where there are several.
+    output: Option<String>,
+    /// What a depth network's values mean.
+    pub kind: Option<DepthKind>,
+    /// Nearest and farthest depth of a network whose values are 0–1.
+    pub range: Option<[f32; 2]>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, serde::Deserialize)]
+#[serde(untagged)]
+enum Size {
+    Side(usize),
+    RowsColumns([usize; 2]),
+}
+
+impl PictureSettings {
+    fn parse(text: &str, role: &Role, path: &Path) -> Result<Self> {
+        let file = role.settings_file;
+        let wrong = |what: String| Error::input_at(path, what, format!("Its keys are {}.", role.keys));
+        let settings: Self = toml::from_str(text).map_err(|e| {
+            let cause = e.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
+            wrong(format!("{file} could not be read: {}", cause.trim_end_matches('.')))
+        })?;
+        let numbers = settings.mean.iter().chain(&settings.std).flatten();
+        let spread = settings.std.iter().flatten().all(|v| *v > 0.0);
+        let range = settings.range.is_none_or(|[near, far]| near > 0.0 && far > near && far.is_finite());
+        let sides = settings.size.map_or([1; 2], Size::rows_columns);
+        if !sides.iter().all(|n| (1..=4096).contains(n)) || !spread || !numbers.clone().all(|v| v.is_finite())
+        {
+            let what = "has a size outside 1 to 4096, or a mean or std that is not a usable number";
+            return Err(wrong(format!("{file} {what}")));
+        }
+        if !range {
+            return Err(wrong(format!(
+                "{file} has a range that is not [nearest, farthest] with 0 < nearest"
+            )));
+        }
+        Ok(settings)
+    }
+}
+
+impl Size {
+    fn rows_columns(self) -> [usize; 2] {
+        match self {
+            Self::Side(side) => [side; 2],
+            Self::RowsColumns(both) => both,
+        }
+    }
+}
+
+/// A loaded model with one picture in.
+pub(crate) struct PictureModel {
+    session: Session,
+    input: String,
+    output: String,
+    what: &'static str,
+    pub settings: PictureSettings,
+    pub path: PathBuf,
+    /// Rows and columns.
+    pub size: [usize; 2],
+    /// Pictures at once, where that is fixed.
+    pub batch: Option<usize>,
+    colours: [[f32; 3]; 2],
+    /// SHA-256 over model and settings, hexadecimal.
+    pub sha256: String,
+}
+
+impl PictureModel {
+    /// A folder with one model, `.onnx` or `.ort`, and perhaps its settings; or the model itself.
+    pub(crate) fn open(path: &Path, role: &Role) -> Result<Self> {
+        let file = match path.is_file() {
+            true => path.to_owned(),
+            false => the_model(path, role)?,
+        };
+        let settings_path = file.with_file_name(role.settings_file);
+        let text = read_settings(&settings_path)?.unwrap_or_default();
+        let settings = PictureSettings::parse(&text, role, &settings_path)?;
+        let model = ModelFile::open(&file)?;
+        let (input, batch, size) = check_input(&model, &settings, role)?;
+        let output = choose_output(&model, &settings, role)?;
+        let mut hash = Sha256::new();
+        hash.update(&model.sha256);
+        hash.update(&text);
+        let colours = [settings.mean.unwrap_or(role.colours[0]), settings.std.unwrap_or(role.colours[1])];
+        let (session, path, what) = (model.session, model.path, role.what);
+        Ok(Self { session, input, output, what, settings, path, size, batch, colours, sha256: hex(hash) })
+    }
+
+    /// Name of the output that is read.
+    pub(crate) fn output(&self) -> &str {
+        &self.output
+    }
+
+    /// A colour value 0–255 of a channel as the model reads it.
+    pub(crate) fn scaled(&self, value: f32, channel: usize) -> f32 {
+        (value / 255.0 - self.colours[0][channel]) / self.colours[1][channel]
+    }
+
+    /// A whole picture as the model reads it, [3, rows, columns].
+    pub(crate) fn whole(&self, image: &RgbImage) -> Vec<f32> {
+        let [rows, columns] = self.size.map(|n| n as u32);
+        // Triangle averages over what shrinks, so that nothing flickers.
+        let small = imageops::resize(image, columns, rows, imageops::FilterType::Triangle);
+        let plane =
+            |c: usize| small.pixels().map(move |p| self.scaled(f32::from(p[c]), c)).collect::<Vec<_>>();
+        (0..3).flat_map(plane).collect()
+    }
+
+    /// The output for `pictures`, [n, …], all of its axes and its values.
+    pub(crate) fn run(&mut self, pictures: &[Vec<f32>]) -> Result<(Vec<usize>, Vec<f32>)> {
+        let what = self.what.trim_start_matches("an ").trim_start_matches("a ");
+        let failed = |cause: String| {
+            Error::input(format!("The {what} failed ({})", short(&cause)), "The model may be damaged.")
+        };
+        let [rows, columns] = self.size;
+        let num = self.batch.unwrap_or(pictures.len());
+        let mut values = pictures.concat();
+        values.resize(num * 3 * rows * columns, 0.0);
+        let tensor =
+            Tensor::from_array(([num, 3, rows, columns], values)).map_err(|e| failed(e.to_string()))?;
+        let inputs = vec![(self.input.clone(), SessionInputValue::from(tensor))];
+        let outputs = self.session.run(inputs).map_err(|e| failed(e.to_string()))?;
+        let output = outputs.get(&self.output).ok_or_else(|| failed("the output is missing".into()))?;
+        let (shape, values) = output.try_extract_tensor::<f32>().map_err(|e| failed(e.to_string()))?;
+        let axes: Vec<usize> = shape.iter().map(|n| usize::try_from(*n).unwrap_or(0)).collect();
+        match axes[..] {
+            [n, ..] if n == num && !values.is_empty() => Ok((axes, values.to_vec())),
+            _ => Err(failed(format!("output `{}` has the shape {axes:?} for {num} pictures", self.output))),
+        }
+    }
+}
+
+fn the_model(folder: &Path, role: &Role) -> Result<PathBuf> {
+    let files = ModelFile::list(folder, role.what, role.hint)?;
+    match files.as_slice() {
+        [file] => Ok(file.clone()),
+        _ => {
+            let what = format!("The folder holds {} model files, {} is one", files.len(), role.what);
+            Err(Error::input_at(folder, what, role.hint))
+        }
+    }
+}
+
+/// The name of the input, the number of pictures it takes at once where that is fixed, and its rows and columns.
+fn check_input(
+    model: &ModelFile,
+    settings: &PictureSettings,
+    role: &Role,
+) -> Result<(String, Option<usize>, [usize; 2])> {
+    let inputs = model.session.inputs();
+    let wrong = |hint: &str| {
+        let what = format!("The model wants {}; {} takes one batch of images", described(inputs), role.what);
+        Err(Error::input_at(&model.path, what, hint))
+    };
+    let is_text = |input: &Outlet| {
+        matches!(input.dtype().tensor_type(), Some(TensorElementType::Int64 | TensorElementType::Int32))
+    };
+    let pictures = inputs.iter().filter(|i| shape(i).len() == 4).count();
+    let [input] = inputs else {
+        return wrong(match (pictures, inputs.iter().any(is_text)) {
+            (1.., true) => "Export the image half alone.",
+            (_, true) => "You may have picked the text encoder.",
+            (2, _) => STEREO,
+            _ => role.hint,
+        });
+    };
+    if is_text(input) {
+        return wrong("You may have picked the text encoder.");
+    }
+    let (batch, height, width) = match shape(input)[..] {
+        [batch, 3 | -1, height, width] => (batch, height, width),
+        [_, 6, _, _] => return wrong(STEREO),
+        _ => return wrong(role.hint),
+    };
+    let is_square = role.size[0] == role.size[1];
+    if input.dtype().tensor_type() != Some(TensorElementType::Float32)
+        || (is_square && height > 0 && width > 0 && height != width)
+    {
+        return wrong(role.hint);
+    }
+    let [rows, columns] = settings.size.map_or(role.size, Size::rows_columns);
+    let fixed = |n: i64| usize::try_from(n).ok().filter(|n| *n > 0);
+    let size = match is_square {
+        true => [fixed(height.max(width)).unwrap_or(rows); 2],
+        false => [fixed(height).unwrap_or(rows), fixed(width).unwrap_or(columns)],
+    };
+    Ok((input.name().to_owned(), fixed(batch), size))
+}
+
+/// What to do with two views of a scene.
+const STEREO: &str = "Networks for stereo pairs are unsupported: make depth with the program the network belongs to, and put \
+                      it beside the frames (`depth/`, named like them), or give a network for single pictures.";
+
+fn choose_output(model: &ModelFile, settings: &PictureSettings, role: &Role) -> Result<String> {
+    let outputs = model.session.outputs();
+    let wrong = |what: String, hint: &str| Err(Error::input_at(&model.path, what, hint));
+    if let Some(name) = &settings.output {
+        return match outputs.iter().any(|o| o.name() == name) {
+            true => Ok(name.clone()),
+            false => {
+                let file = role.settings_file;
+                let what =
+                    format!("{file} asks for the output `{name}`; the model has {}", described(outputs));
+                wrong(what, &format!("Correct output in {file}."))
+            }
+        };
+    }
+    let fits = |o: &&Outlet| {
+        let axes = shape(o).len();
+        o.dtype().tensor_type() == Some(TensorElementType::Float32)
+            && (axes == 0 || role.ranks.contains(&axes))
+    };
+    let named = role.outputs.iter().find_map(|name| outputs.iter().find(|o| o.name() == *name));
+    match named.filter(fits).or_else(|| outputs.iter().find(fits)) {
+        Some(output) => Ok(output.name().to_owned()),
+        None => wrong(format!("The model gives {}", described(outputs)), role.hint),
+    }
+}

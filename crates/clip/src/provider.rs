@@ -1,0 +1,115 @@
+//! What of ONNX Runtime computes: the processor, or an accelerator that the loaded library was built for.
+
+use ort::ep::{CUDA, CoreML, DirectML, ExecutionProvider, ExecutionProviderDispatch};
+use std::sync::OnceLock;
+use surgtpgs_core::{Error, Result};
+
+/// An execution provider of ONNX Runtime.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Provider {
+    /// The processor.
+    #[default]
+    Cpu,
+    /// NVIDIA's.
+    Cuda,
+    /// Windows'.
+    DirectMl,
+    /// Apple's.
+    CoreMl,
+}
+
+static CHOSEN: OnceLock<Provider> = OnceLock::new();
+
+/// Uses `provider` for every model of this process from now on; the first choice holds.
+///
+/// Fails where the library that runs models does not have it.
+pub fn choose_provider(provider: Provider) -> Result<()> {
+    if provider != Provider::Cpu {
+        let has_it = crate::runtime::is_onnx_runtime() && provider.is_in_library();
+        provider.require(has_it, crate::runtime::backend_name())?;
+    }
+    CHOSEN.get_or_init(|| provider);
+    Ok(())
+}
+
+/// The provider in use.
+pub(crate) fn chosen() -> Provider {
+    CHOSEN.get().copied().unwrap_or_default()
+}
+
+impl Provider {
+    /// As people write it.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Cpu => "the processor",
+            Self::Cuda => "CUDA",
+            Self::DirectMl => "DirectML",
+            Self::CoreMl => "CoreML",
+        }
+    }
+
+    /// For the session; operations it does not know are left to the processor.
+    pub(crate) fn dispatch(self) -> Option<ExecutionProviderDispatch> {
+        let provider = match self {
+            Self::Cpu => return None,
+            Self::Cuda => CUDA::default().build(),
+            Self::DirectMl => DirectML::default().build(),
+            Self::CoreMl => CoreML::default().build(),
+        };
+        Some(provider.error_on_failure())
+    }
+
+    fn is_in_library(self) -> bool {
+        match self {
+            Self::Cpu => true,
+            Self::Cuda => CUDA::is_available().unwrap_or(false),
+            Self::DirectMl => DirectML::is_available().unwrap_or(false),
+            Self::CoreMl => CoreML::is_available().unwrap_or(false),
+        }
+    }
+
+    fn require(self, has_it: bool, backend: &str) -> Result<()> {
+        let package = match self {
+            _ if has_it => return Ok(()),
+            Self::Cpu | Self::Cuda => "one built for CUDA (the Python package onnxruntime-gpu holds it)",
+            Self::DirectMl => "one built for DirectML (the Python package onnxruntime-directml holds it)",
+            Self::CoreMl => "Apple's (the Python package onnxruntime for macOS holds it)",
+        };
+        Err(Error::Missing {
+            what: format!("Models were to run on {}, which {backend} does not have", self.name()),
+            hint: format!(
+                "Set ORT_DYLIB_PATH to an ONNX Runtime library, {package}, or leave the choice out"
+            ),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_missing_provider_is_named_with_what_would_have_it() {
+        assert!(Provider::Cuda.require(true, "ONNX Runtime 1.31").is_ok());
+        for (provider, package) in [
+            (Provider::Cuda, "onnxruntime-gpu"),
+            (Provider::DirectMl, "onnxruntime-directml"),
+            (Provider::CoreMl, "onnxruntime for macOS"),
+        ] {
+            let error = provider.require(false, "tract (built in)").unwrap_err();
+            assert!(matches!(error, Error::Missing { .. }));
+            let error = error.to_string();
+            assert!(
+                error.contains("which tract (built in) does not have") && error.contains(package),
+                "{error}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_processor_is_always_there() {
+        choose_provider(Provider::Cpu).unwrap();
+        assert_eq!(chosen(), Provider::Cpu);
+        assert!(chosen().dispatch().is_none());
+    }
+}

@@ -1,0 +1,217 @@
+//! Depth that a network estimated from single pictures: checked, brought to one scale over time, and kept in the
+//! prepared folder as `depth/frame_000000.npy`, z in scene units at the network's size.
+
+use super::{drift::log_scales, finish::clear_folder, used_frames};
+use crate::{
+    Error, Result,
+    files::write_whole_with,
+    grid::Grid,
+    num::percentile,
+    sequence::{DepthKind, MONOCULAR_BASELINE, Sequence, npy_map},
+};
+use image::RgbImage;
+use ndarray::ArrayView2;
+use ndarray_npy::WriteNpyExt;
+use std::{
+    ops::ControlFlow,
+    path::{Path, PathBuf},
+};
+
+/// The folder of estimated depth.
+pub(super) const DEPTH: &str = "depth";
+/// Share of a frame's values that must be usable.
+const MIN_USABLE: f64 = 0.5;
+/// Depth of a frame spans at least and at most this factor, the extremes left out.
+const SPAN: [f32; 2] = [1.001, 1e4];
+/// Places along each side that are compared over time.
+const SAMPLES: usize = 48;
+/// Correlation of brightness with depth above which something is wrong: endoscopes light what is near.
+const MAX_CORRELATION: f64 = 0.3;
+
+/// Where estimated depth comes from, and what was found out about it.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct EstimatedDepth {
+    /// SHA-256 of the network.
+    pub network: String,
+    /// What it gives.
+    pub kind: DepthKind,
+    /// How far the scales of single frames were apart: largest by smallest; 1 where they were left as they are.
+    pub drift: f32,
+    /// What the user should know.
+    pub notes: Vec<String>,
+}
+
+/// What estimates depth: `estimate` gives depth or disparity (`kind`) of a picture, at any size.
+pub struct Estimator<'a> {
+    /// SHA-256 of the network.
+    pub network: &'a str,
+    /// What `estimate` gives.
+    pub kind: DepthKind,
+    /// Depth or disparity of a picture.
+    pub estimate: &'a mut dyn FnMut(&RgbImage) -> Result<Grid<f32>>,
+}
+
+/// Estimates the depth of all frames (`eval` leaves out those held out) into the prepared folder `folder`, to be prepared
+/// from now on with the sequence that this returns. Disparity becomes z = focal length · 1.0877 / disparity, as the
+/// paper's authors have it; the frames' scales are fitted to one another, unless the camera moves by known poses.
+///
+/// `progress` gets (frames done, frames) and may ask to stop. Fails where the recording has depth, where most of a frame's
+/// values are unusable, or where they are all the same or span more than any scene.
+pub fn estimate_depth(
+    sequence: &Sequence,
+    estimator: Estimator<'_>,
+    eval: bool,
+    folder: &Path,
+    progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
+) -> Result<Sequence> {
+    if sequence.has_depth() {
+        let what = "the recording has depth already";
+        return Err(Error::input_at(sequence.path(), what, "Leave `--depth-model` out."));
+    }
+    clear_folder(folder, sequence)?;
+    let frames = used_frames(sequence, eval);
+    let Estimator { network, kind, estimate } = estimator;
+    let mut samples = Vec::new();
+    let mut light = Correlation::default();
+    for (done, &i) in frames.iter().enumerate() {
+        if progress(done, frames.len()).is_break() {
+            return Err(Error::Cancelled);
+        }
+        let image = sequence.frame(i)?;
+        let focal = f64::from(sequence.camera(i).fx);
+        let depth = as_depth(&estimate(&image)?, kind, focal);
+        check(sequence, i, &depth)?;
+        samples.push(sampled(sequence, i, &depth, &image, &mut light)?);
+        write(&depth_file(folder, i), &depth)?;
+    }
+    let mut notes = Vec::new();
+    if light.value() > MAX_CORRELATION {
+        notes.push(
+            "What is far is brighter than what is near, though an endoscope lights what is near: the network's depth may be \
+             disparity, or the reverse (kind in depth.toml)"
+                .to_owned(),
+        );
+    }
+    let drift = if sequence.camera_moves() {
+        notes.push("The camera moves: the scale of estimated depth was left as it is".to_owned());
+        1.0
+    } else {
+        equalise(folder, &frames, &log_scales(&samples))?
+    };
+    progress(frames.len(), frames.len()).is_continue().then_some(()).ok_or(Error::Cancelled)?;
+    Ok(sequence
+        .clone()
+        .with_estimated_depth(folder, EstimatedDepth { network: network.to_owned(), kind, drift, notes }))
+}
+
+/// The file of frame `i` in a prepared folder.
+pub(crate) fn depth_file(folder: &Path, i: usize) -> PathBuf {
+    folder.join(DEPTH).join(format!("frame_{i:06}.npy"))
+}
+
+/// z in scene units, 0 where the network gave nothing usable.
+fn as_depth(map: &Grid<f32>, kind: DepthKind, focal: f64) -> Grid<f32> {
+    map.map(|&v| {
+        let z = match kind {
+            DepthKind::Depth => v,
+            DepthKind::Disparity => (focal * MONOCULAR_BASELINE / f64::from(v)) as f32,
+        };
+        if v > 0.0 && z.is_finite() && z > 0.0 { z } else { 0.0 }
+    })
+}
+
+fn check(sequence: &Sequence, i: usize, depth: &Grid<f32>) -> Result<()> {
+    let name = sequence.frame_name(i);
+    let wrong = |what: String, hint: &str| Err(Error::input_at(sequence.path(), what, hint));
+    let mut known: Vec<f32> = depth.data.iter().copied().filter(|z| *z > 0.0).collect();
+    let usable = known.len() as f64 / depth.data.len().max(1) as f64;
+    if usable < MIN_USABLE {
+        let what = format!(
+            "The depth network gives {:.0} % of frame {name} no usable value (not a number, zero or negative)",
+            100.0 * (1.0 - usable)
+        );
+        return wrong(what, "Check kind, mean and std in depth.toml beside the model.");
+    }
+    let edges = [1.0, 99.0].map(|q| percentile(&mut known, q).unwrap_or(1.0));
+    let span = edges[1] / edges[0];
+    if span < SPAN[0] {
+        let what = format!("The depth network gives all of frame {name} the same depth");
+        return wrong(what, "Check mean, std and output in depth.toml beside the model.");
+    }
+    if span > SPAN[1] {
+        let what = format!("The depth network's values on frame {name} span a factor of {span:.0}");
+        return wrong(
+            what,
+            "Give range = [nearest, farthest] in depth.toml beside the model, or correct kind there.",
+        );
+    }
+    Ok(())
+}
+
+/// The logarithms of depth at a grid of places, NaN where unknown or outside the supervision mask.
+fn sampled(
+    sequence: &Sequence,
+    i: usize,
+    depth: &Grid<f32>,
+    image: &RgbImage,
+    light: &mut Correlation,
+) -> Result<Vec<f32>> {
+    let keep = sequence.mask(i)?;
+    let mut values = Vec::with_capacity(SAMPLES * SAMPLES);
+    for k in 0..SAMPLES * SAMPLES {
+        let at = |width: usize, height: usize| {
+            let inside = |place: usize, n: usize| (2 * place + 1) * n / (2 * SAMPLES);
+            (inside(k % SAMPLES, width), inside(k / SAMPLES, height))
+        };
+        let ((x, y), (column, row)) = (at(keep.width, keep.height), at(depth.width, depth.height));
+        let z = depth.at(column, row);
+        let is_known = keep.at(x, y) && z > 0.0;
+        values.push(if is_known { z.ln() } else { f32::NAN });
+        if is_known {
+            let [r, g, b] = image.get_pixel(x as u32, y as u32).0.map(f64::from);
+            light.add(f64::from(z.ln()), (1.0 + r + g + b).ln());
+        }
+    }
+    Ok(values)
+}
+
+/// Divides each frame's depth by its scale; gives the largest scale by the smallest.
+fn equalise(folder: &Path, frames: &[usize], log_scales: &[f32]) -> Result<f32> {
+    for (&i, log_scale) in frames.iter().zip(log_scales) {
+        let file = depth_file(folder, i);
+        let factor = (-log_scale).exp();
+        write(&file, &npy_map(&file)?.map(|z| z * factor))?;
+    }
+    let edge = |pick: fn(f32, f32) -> f32| log_scales.iter().copied().fold(0.0, pick);
+    Ok((edge(f32::max) - edge(f32::min)).exp())
+}
+
+fn write(file: &Path, depth: &Grid<f32>) -> Result<()> {
+    let view = ArrayView2::from_shape((depth.height, depth.width), &depth.data)
+        .map_err(|e| Error::input_at(file, e.to_string(), ""))?;
+    write_whole_with(file, |out| view.write_npy(out).map_err(std::io::Error::other))
+}
+
+/// Pearson's correlation, bit by bit.
+#[derive(Default)]
+struct Correlation {
+    n: f64,
+    sums: [f64; 2],
+    products: [f64; 3],
+}
+
+impl Correlation {
+    fn add(&mut self, a: f64, b: f64) {
+        self.n += 1.0;
+        self.sums = [self.sums[0] + a, self.sums[1] + b];
+        self.products = [self.products[0] + a * a, self.products[1] + b * b, self.products[2] + a * b];
+    }
+
+    /// 0 where one of the two does not vary.
+    fn value(&self) -> f64 {
+        let [a, b] = self.sums.map(|s| s / self.n);
+        let [aa, bb, ab] = self.products.map(|p| p / self.n);
+        let r = (ab - a * b) / ((aa - a * a) * (bb - b * b)).sqrt();
+        if r.is_finite() { r } else { 0.0 }
+    }
+}

@@ -1,0 +1,132 @@
+//! Estimated depth: from a made-up network to what training reads.
+
+use super::*;
+use crate::{
+    codec::CodecSettings,
+    sequence::{DepthKind, MONOCULAR_BASELINE},
+};
+use image::{Rgb, RgbImage};
+use std::{fs, ops::ControlFlow};
+
+const FRAMES: usize = 10;
+/// Scale of each frame's estimate.
+const SCALES: [f32; FRAMES] = [1.0, 1.0, 1.3, 0.8, 1.0, 1.1, 0.9, 1.0, 1.0, 1.2];
+
+/// A wall that comes nearer to the right, and a labelled square; the red value tells the frame.
+fn write_clip(folder: &Path) -> Sequence {
+    fs::create_dir_all(folder).unwrap();
+    for i in 0..FRAMES as u8 {
+        RgbImage::from_fn(40, 30, |x, _| Rgb([i, 40 + 3 * x as u8, 90]))
+            .save(folder.join(format!("f_{i}.png")))
+            .unwrap();
+    }
+    fs::write(folder.join("sequence.toml"), "[masks]\nfield_of_view = \"whole\"\n").unwrap();
+    Sequence::open(folder).unwrap()
+}
+
+/// Disparity at a quarter of the size, with a scale of its own for each frame.
+fn disparity(image: &RgbImage) -> Result<Grid<f32>> {
+    let scale = SCALES[usize::from(image.get_pixel(0, 0)[0])];
+    Ok(Grid::from_vec(10, 8, (0..80).map(|i| (1.0 + 0.1 * (i % 10) as f32) / scale).collect()))
+}
+
+fn estimate(
+    sequence: &Sequence,
+    folder: &Path,
+    eval: bool,
+    network: &mut dyn FnMut(&RgbImage) -> Result<Grid<f32>>,
+) -> Result<Sequence> {
+    let estimator = Estimator { network: "00", kind: DepthKind::Disparity, estimate: network };
+    estimate_depth(sequence, estimator, eval, folder, &mut |_, _| ControlFlow::Continue(()))
+}
+
+#[test]
+fn depth_has_one_scale_over_time_and_the_authors_unit() {
+    let place = tempfile::tempdir().unwrap();
+    let sequence = write_clip(&place.path().join("clip"));
+    let found = estimate(&sequence, &place.path().join("prep"), false, &mut disparity).unwrap();
+    let expected = found.camera(0).fx * MONOCULAR_BASELINE as f32;
+    for i in 0..FRAMES {
+        let depth = found.depth(i).unwrap().unwrap();
+        assert_eq!((depth.width, depth.height), (40, 30));
+        let (left, right) = (depth.at(0, 15), depth.at(39, 15));
+        assert!((left / expected - 1.0).abs() < 0.01, "frame {i}: {left}, expected {expected}");
+        assert!((left / right - 1.9).abs() < 0.02, "frame {i}");
+    }
+    let about = found.estimated_depth().unwrap();
+    assert!((about.drift - 1.3 / 0.8).abs() < 0.02 && about.notes.is_empty(), "{about:?}");
+    assert!(!sequence.has_depth(), "the recording itself stays as it was");
+}
+
+#[test]
+fn prepared_folders_keep_it_and_held_out_frames_have_none() {
+    let place = tempfile::tempdir().unwrap();
+    let sequence = write_clip(&place.path().join("clip"));
+    let folder = place.path().join("prep");
+    let prepare = |sequence: &Sequence| {
+        let map = RegionMap::filled(40, 30, 0);
+        let mut features = |_| Ok(Some(FrameFeatures { regions: map.clone(), rows: vec![vec![1.0, 0.0]] }));
+        let encoder = EncoderIdentity {
+            name: "made up".into(),
+            sha256: "00".into(),
+            dim: 2,
+            template: "{}".into(),
+            folder: None,
+        };
+        let quick = CodecSettings { latent_dim: 3, steps: 5, seed: 0 };
+        let origin = Origin::Dense { network: "00".into() };
+        let sequence = sequence.clone();
+        prepare_from_features(
+            sequence,
+            encoder,
+            origin,
+            &mut features,
+            true,
+            &quick,
+            &folder,
+            &mut |_, _, _| {},
+        )
+    };
+    let with_depth = estimate(&sequence, &folder, true, &mut disparity).unwrap();
+    prepare(&with_depth).unwrap();
+    let opened = Prepared::open(&folder).unwrap();
+    assert_eq!(opened.sequence.estimated_depth(), with_depth.estimated_depth());
+    for i in 0..FRAMES {
+        assert_eq!(opened.sequence.depth(i).unwrap().is_none(), Sequence::is_test_frame(i), "frame {i}");
+    }
+    prepare(&sequence).unwrap();
+    assert!(!folder.join("depth").exists() && !Prepared::open(&folder).unwrap().sequence.has_depth());
+}
+
+#[test]
+fn networks_that_make_no_sense_are_named() {
+    let place = tempfile::tempdir().unwrap();
+    let sequence = write_clip(&place.path().join("clip"));
+    let prep = place.path().join("prep");
+    let fail = |value: fn(usize) -> f32| {
+        let mut network = |_: &RgbImage| Ok(Grid::from_vec(10, 8, (0..80).map(value).collect()));
+        estimate(&sequence, &prep, false, &mut network).unwrap_err().to_string()
+    };
+    assert!(fail(|_| 0.5).contains("all of frame f_0 the same depth"));
+    assert!(fail(|i| if i < 60 { f32::NAN } else { i as f32 }).contains("75 % of frame f_0 no usable value"));
+    assert!(fail(|i| 10.0_f32.powi(i as i32 / 8)).contains("span a factor of"));
+    let reversed = &mut |image: &RgbImage| Ok(disparity(image)?.map(|d| 1.0 / d));
+    let about = estimate(&sequence, &prep, false, reversed).unwrap();
+    assert!(about.estimated_depth().unwrap().notes[0].contains("may be disparity"));
+    let report = crate::sequence::check(&about, &mut |_, _| {});
+    assert!(report.ok && report.depth.starts_with("estimated by a network"), "{}", report.depth);
+    assert!(report.warnings.iter().any(|w| w.contains("may be disparity")), "{:?}", report.warnings);
+    let again = estimate(&about, &prep, false, &mut disparity).unwrap_err().to_string();
+    assert!(again.contains("has depth already"), "{again}");
+}
+
+#[test]
+fn it_stops_when_asked_to() {
+    let place = tempfile::tempdir().unwrap();
+    let sequence = write_clip(&place.path().join("clip"));
+    let estimator = Estimator { network: "00", kind: DepthKind::Disparity, estimate: &mut disparity };
+    let mut stop =
+        |done: usize, _: usize| if done == 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+    let stopped = estimate_depth(&sequence, estimator, false, &place.path().join("prep"), &mut stop);
+    assert!(matches!(stopped, Err(Error::Cancelled)));
+}

@@ -1,0 +1,191 @@
+//! What is left of classes after the codec: whether a feature is still nearest to its own class, whether the others
+//! keep their order, and whether prompts decide as they would without compression.
+
+use super::{Exact, Points, Query, Relevancy, RelevancySettings, margin};
+use crate::{
+    Result,
+    codec::{Codec, normal},
+    num,
+    sequence::Class,
+};
+use ndarray::{Array2, ArrayView1, ArrayView2};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+/// Standard deviation of the noise on each latent number that stands for what rendering does to features.
+const LATENT_NOISE: f32 = 0.1;
+/// Noisy copies of every class.
+const COPIES: usize = 100;
+
+/// How well classes survive a codec; everything but `order` and `score_error` is a share of the classes or of the
+/// pairs of (prompt, feature).
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Fidelity {
+    /// Classes whose decoded feature is nearest to their own embedding.
+    pub top: f64,
+    /// The same of latents with noise of 0.1.
+    pub top_noisy: f64,
+    /// Rank correlation (Spearman) of a decoded feature's cosines with all classes, mean.
+    pub order: f64,
+    /// Classes whose prompt finds their own feature.
+    pub found: f64,
+    /// Classes whose prompt finds no other class's feature.
+    pub alone: f64,
+    /// Pairs that are decided as without compression.
+    pub same: f64,
+    /// Largest change of a score.
+    pub score_error: f64,
+}
+
+/// Sends the classes' embeddings (`rows` [n, dim], unit) through `codec`, and asks for each of them by its embedding, with
+/// the negatives that `phrases` and `settings` say.
+///
+/// Fails where the embeddings do not fit the codec.
+pub fn fidelity(
+    codec: &Codec,
+    rows: ArrayView2<'_, f32>,
+    phrases: &[(String, Vec<f32>)],
+    settings: &RelevancySettings,
+) -> Result<Fidelity> {
+    let class = |k: usize| Class { id: 0, name: k.to_string(), colour: [0; 3] };
+    let classes: Vec<_> = rows.outer_iter().enumerate().map(|(k, row)| (class(k), row.to_vec())).collect();
+    let ask =
+        |(class, e): &(Class, Vec<f32>)| Query::new(&class.name, e.clone(), phrases, &classes, settings);
+    let queries: Vec<Query> = classes.iter().map(ask).collect();
+    queries.iter().try_for_each(|query| query.check(codec))?;
+
+    let latents = codec.encode(rows);
+    let decoded = codec.decode(latents.view());
+    let flat: Vec<f32> = latents.iter().copied().collect();
+    let points = Points::of_latents(&flat, codec.latent_dim());
+    let after = Exact::new(codec.clone()).score_points(&points, &queries, settings);
+    let before: Vec<Vec<f32>> = queries.iter().map(|query| scores_of(rows, query, settings)).collect();
+    let (found, alone) = decisions(&after, settings.threshold);
+    let pairs = || after.iter().flatten().zip(before.iter().flatten());
+    let same = pairs().filter(|(a, b)| (**a > settings.threshold) == (**b > settings.threshold));
+    Ok(Fidelity {
+        top: nearest_to_own(decoded.view(), rows, 1),
+        top_noisy: nearest_to_own(codec.decode(noisy(&latents).view()).view(), rows, COPIES),
+        order: mean_order(decoded.view(), rows),
+        found,
+        alone,
+        same: same.count() as f64 / pairs().count().max(1) as f64,
+        score_error: pairs().map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max),
+    })
+}
+
+/// Scores of uncompressed features.
+fn scores_of(rows: ArrayView2<'_, f32>, query: &Query, settings: &RelevancySettings) -> Vec<f32> {
+    let score = |row: ArrayView1<'_, f32>| {
+        let row = row.to_vec();
+        let cosines: Vec<f32> = query.texts().map(|text| num::dot(text, &row)).collect();
+        num::sigmoid(settings.temperature * margin(&cosines))
+    };
+    rows.outer_iter().map(score).collect()
+}
+
+/// From `scores[prompt][feature]`: shares of the prompts that find their own feature, and that find no other.
+fn decisions(scores: &[Vec<f32>], threshold: f32) -> (f64, f64) {
+    let n = scores.len().max(1) as f64;
+    let found = scores.iter().enumerate().filter(|(k, row)| row[*k] > threshold).count();
+    let finds_another = |k: usize, row: &[f32]| row.iter().enumerate().any(|(j, s)| j != k && *s > threshold);
+    let alone = scores.iter().enumerate().filter(|(k, row)| !finds_another(*k, row)).count();
+    (found as f64 / n, alone as f64 / n)
+}
+
+/// Every class [`COPIES`] times with noise.
+fn noisy(latents: &Array2<f32>) -> Array2<f32> {
+    let mut rng = ChaCha8Rng::seed_from_u64(9);
+    let (n, dim) = latents.dim();
+    Array2::from_shape_fn((n * COPIES, dim), |(i, c)| {
+        latents[[i / COPIES, c]] + LATENT_NOISE * normal(&mut rng)
+    })
+}
+
+/// Share of features, `copies` of each class in a row, whose largest cosine is that with their own class.
+fn nearest_to_own(features: ArrayView2<'_, f32>, rows: ArrayView2<'_, f32>, copies: usize) -> f64 {
+    let cosines = features.dot(&rows.t());
+    let is_nearest = |i: usize, cosines: ArrayView1<'_, f32>| {
+        let own = i / copies;
+        cosines.iter().enumerate().all(|(j, c)| j == own || *c < cosines[own])
+    };
+    let right = cosines.outer_iter().enumerate().filter(|(i, row)| is_nearest(*i, row.view())).count();
+    right as f64 / features.nrows().max(1) as f64
+}
+
+/// Mean rank correlation of cosines after and before.
+fn mean_order(decoded: ArrayView2<'_, f32>, rows: ArrayView2<'_, f32>) -> f64 {
+    let (after, before) = (decoded.dot(&rows.t()), rows.dot(&rows.t()));
+    let sum: f64 = after.outer_iter().zip(before.outer_iter()).map(|(a, b)| rank_correlation(a, b)).sum();
+    sum / rows.nrows().max(1) as f64
+}
+
+/// Spearman's ρ; 1 for fewer than two values.
+fn rank_correlation(a: ArrayView1<'_, f32>, b: ArrayView1<'_, f32>) -> f64 {
+    let n = a.len() as f64;
+    if n < 2.0 {
+        return 1.0;
+    }
+    let squares: f64 = ranks(a).iter().zip(ranks(b)).map(|(a, b)| (*a as f64 - b as f64).powi(2)).sum();
+    1.0 - 6.0 * squares / (n * (n * n - 1.0))
+}
+
+/// Place of each value in ascending order.
+fn ranks(values: ArrayView1<'_, f32>) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..values.len()).collect();
+    order.sort_by(|&i, &j| values[i].total_cmp(&values[j]));
+    let mut ranks = vec![0; order.len()];
+    order.iter().enumerate().for_each(|(rank, &i)| ranks[i] = rank);
+    ranks
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::codec::{CodecSettings, normalise_rows};
+    use ndarray::{Axis, arr1};
+
+    /// As text embeddings are: a large part shared by all, a smaller one by each of three groups.
+    fn clustered(n: usize, dim: usize) -> Array2<f32> {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let mut directions = |n| normalise_rows(Array2::from_shape_simple_fn((n, dim), || normal(&mut rng)));
+        let (shared, groups, own) = (directions(1), directions(3), directions(n));
+        let groups = groups.select(Axis(0), &(0..n).map(|i| i % 3).collect::<Vec<_>>());
+        normalise_rows(own * 0.45 + groups * 0.4 + shared * 0.8)
+    }
+
+    fn trained(rows: &Array2<f32>, latent_dim: usize) -> Codec {
+        let settings = CodecSettings { latent_dim, steps: 800, seed: 0 };
+        Codec::train(rows.view(), &vec![1.0; rows.nrows()], &settings, &mut |_, _| {}).unwrap()
+    }
+
+    #[test]
+    fn classes_in_clusters_survive_compression_to_three_numbers() {
+        let rows = clustered(12, 64);
+        let settings = RelevancySettings::default();
+        for latent_dim in [3, 8] {
+            let kept = fidelity(&trained(&rows, latent_dim), rows.view(), &[], &settings).unwrap();
+            assert_eq!((kept.top, kept.found, kept.alone, kept.same), (1.0, 1.0, 1.0, 1.0), "{kept:?}");
+            assert!(kept.top_noisy > 0.98 && kept.order > 0.95 && kept.score_error < 0.1, "{kept:?}");
+        }
+    }
+
+    #[test]
+    fn a_codec_for_other_classes_is_told_apart() {
+        let rows = clustered(12, 64);
+        let half = rows.select(Axis(0), &[0, 1, 2, 3, 4, 5]);
+        let kept = fidelity(&trained(&half, 3), rows.view(), &[], &RelevancySettings::default()).unwrap();
+        assert!(kept.top <= 0.75 && kept.same < 1.0, "{kept:?}");
+        let short = clustered(4, 32);
+        assert!(fidelity(&trained(&short, 3), rows.view(), &[], &RelevancySettings::default()).is_err());
+    }
+
+    #[test]
+    fn decisions_and_ranks_are_counted_by_hand() {
+        let scores = [vec![0.9, 0.1, 0.1], vec![0.5, 0.3, 0.1], vec![0.1, 0.7, 0.8]];
+        assert_eq!(decisions(&scores, 0.4), (2.0 / 3.0, 1.0 / 3.0));
+        let correlation = |a: [f32; 4], b: [f32; 4]| rank_correlation(arr1(&a).view(), arr1(&b).view());
+        assert_eq!(correlation([0.1, 0.2, 0.3, 0.4], [1.0, 2.0, 3.0, 9.0]), 1.0);
+        assert_eq!(correlation([0.1, 0.2, 0.3, 0.4], [9.0, 3.0, 2.0, 1.0]), -1.0);
+    }
+}
