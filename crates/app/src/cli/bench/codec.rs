@@ -85,9 +85,9 @@ pub(super) fn run(args: &BenchCodecArgs) -> Result<Exit> {
         write_whole(&folder.join("codec.csv"), &csv)?;
     }
     if args.json {
-        print_json(&rows);
+        print_json(&rows)?;
     } else {
-        print(&String::from_utf8_lossy(&csv));
+        print(&String::from_utf8_lossy(&csv))?;
     }
     Ok(Exit::Done)
 }
