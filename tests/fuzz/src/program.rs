@@ -18,19 +18,19 @@ const MODEL: &[u8] = include_bytes!("../../../assets/text_encoder/model.onnx");
 const TOKENIZER: &[u8] = include_bytes!("../../../assets/text_encoder/tokenizer.json");
 const SETTINGS: &[u8] = include_bytes!("../../../assets/text_encoder/encoder.toml");
 
-/// Arguments are separated by zero bytes.
+/// One argument a line.
 fn arguments(bytes: &[u8]) {
     let text = String::from_utf8_lossy(bytes);
-    let _ = Cli::try_parse_from(std::iter::once("surgtpgs").chain(text.split('\0')));
+    let _ = Cli::try_parse_from(std::iter::once("surgtpgs").chain(text.split('\n')));
 }
 
 fn command_lines() -> Vec<Vec<u8>> {
     [
-        "train\0recording\0-o\0s.safetensors\0--iterations\0100\0--seed\07\0--backend\0cpu",
-        "prepare\0recording\0-o\0p\0--labels\0--text-encoder\0folder\0--eval",
-        "query\0s.safetensors\0--prompt\0liver\0--threshold\00.5\0--frame\03\0--json",
-        "export\0s.safetensors\0--prompt\0liver\0-o\0out\0--format\0coco",
-        "bench\0frame\0s.safetensors\0--frames\02",
+        "train\nrecording\n-o\ns.safetensors\n--iterations\n100\n--seed\n7\n--backend\ncpu",
+        "prepare\nrecording\n-o\np\n--labels\n--text-encoder\nfolder\n--eval",
+        "query\ns.safetensors\n--prompt\nliver\n--threshold\n0.5\n--frame\n3\n--json",
+        "export\ns.safetensors\n--prompt\nliver\n-o\nout\n--format\ncoco",
+        "bench\nframe\ns.safetensors\n--frames\n2",
     ]
     .map(|line| line.as_bytes().to_vec())
     .to_vec()
@@ -61,10 +61,9 @@ fn encoder(file: &str, bytes: &[u8]) {
     for (name, good) in [("model.onnx", MODEL), ("tokenizer.json", TOKENIZER), ("encoder.toml", SETTINGS)] {
         write(&folder.path().join(name), if name == file { bytes } else { good });
     }
-    if let Some(mut encoder) = expect_words(TextEncoder::open(folder.path())) {
-        if let Some(rows) = expect_words(encoder.encode_prompts(&["liver"])) {
-            assert!(rows[0].iter().all(|v| v.is_finite()), "an embedding that is not finite");
-        }
+    let Some(mut encoder) = expect_words(TextEncoder::open(folder.path())) else { return };
+    if let Some(rows) = expect_words(encoder.encode_prompts(&["liver"])) {
+        assert!(rows[0].iter().all(|v| v.is_finite()), "an embedding that is not finite");
     }
 }
 

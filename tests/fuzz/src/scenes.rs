@@ -21,10 +21,9 @@ const SMALL: usize = 100_000;
 fn load(name: &str, bytes: &[u8]) {
     let folder = crate::recordings::scratch();
     let path = folder.path().join(name);
-    if std::fs::write(&path, bytes).is_ok() {
-        if let Some(scene) = expect_words(Scene::load(&path)) {
-            look_at(&scene);
-        }
+    assert!(std::fs::write(&path, bytes).is_ok());
+    if let Some(scene) = expect_words(Scene::load(&path)) {
+        look_at(&scene);
     }
 }
 

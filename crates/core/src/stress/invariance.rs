@@ -107,7 +107,7 @@ fn reorder(scene: &mut Scene) {
 fn shift(scene: &mut Scene, view: &mut Camera) {
     let by = Vec3::new(10.0, -20.0, 30.0);
     scene.gaussians.means.iter_mut().for_each(|m| *m = (Vec3::from(*m) + by).into());
-    view.camera_from_world = view.camera_from_world * Affine3A::from_translation(-by);
+    view.camera_from_world *= Affine3A::from_translation(-by);
 }
 
 fn enlarge(scene: &mut Scene, view: &mut Camera) {
