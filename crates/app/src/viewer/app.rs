@@ -164,6 +164,8 @@ impl ViewerApp {
     /// Opens a scene, a recording or a session in the background.
     pub(crate) fn open_path(&mut self, path: &Path, ctx: &Context) {
         self.session_to_apply = None;
+        // Whoever opens something does not want the demo any more, which may still be in the making.
+        self.demo = None;
         if Session::is_file(path) {
             let session = Session::load(path);
             if let Some(session) = self.settle(session) {
@@ -183,6 +185,11 @@ impl ViewerApp {
     pub(crate) fn open_demo(&mut self, work_dir: &Path, ctx: &Context) {
         let (backend, folder) = (self.backend.clone(), work_dir.to_owned());
         self.demo = Some(Job::start("demo", ctx, move |job| backend.demo(&folder, job)));
+    }
+
+    /// Whether the demo is still in the making.
+    pub(super) fn is_making_demo(&self) -> bool {
+        self.demo.is_some()
     }
 
     /// What is being made ready, in words.
@@ -289,18 +296,15 @@ impl ViewerApp {
                 self.open_path(&path, ctx);
             }
         }
-        if let Some(JobEvent::Done(result)) = self.demo.as_mut().and_then(Job::poll) {
-            self.demo = None;
-            if let Some(demo) = self.settle(result) {
-                self.train_when_open = demo.train;
-                self.open_path(&demo.path, ctx);
-            }
-        }
+        self.poll_demo(ctx);
         if let Some(JobEvent::Done(result)) = self.opening.as_mut().and_then(|o| o.job.poll())
             && let Some(opening) = self.opening.take()
         {
             match self.settle(result) {
-                Some(source) => self.show_source(source, &opening.path, ctx),
+                Some(source) => {
+                    self.show_source(source, ctx);
+                    self.begin_with(&opening.path, ctx);
+                }
                 None => self.session_to_apply = None,
             }
         }
@@ -311,6 +315,21 @@ impl ViewerApp {
         self.poll_saving();
         if let Some(problem) = self.export.as_mut().and_then(ExportDialog::poll) {
             self.problem = Some(problem);
+        }
+    }
+
+    /// The demo can be looked at while it is being made.
+    fn poll_demo(&mut self, ctx: &Context) {
+        match self.demo.as_mut().and_then(Job::poll) {
+            Some(JobEvent::Preview(source)) => self.show_source(source, ctx),
+            Some(JobEvent::Done(result)) => {
+                self.demo = None;
+                if let Some(demo) = self.settle(result) {
+                    self.train_when_open = demo.train;
+                    self.open_path(&demo.path, ctx);
+                }
+            }
+            _ => {}
         }
     }
 
@@ -351,7 +370,7 @@ impl ViewerApp {
         result.map_err(|e| self.problem = Some(e.to_string())).ok()
     }
 
-    fn show_source(&mut self, source: Box<dyn FrameSource>, path: &Path, ctx: &Context) {
+    fn show_source(&mut self, source: Box<dyn FrameSource>, ctx: &Context) {
         let info = source.info().clone();
         let Some(worker) = self.settle(Worker::start(source, ctx)) else { return };
         let is_same_recording =
@@ -371,6 +390,10 @@ impl ViewerApp {
         ctx.send_viewport_cmd(egui::ViewportCommand::Title(format!("{} – SurgTPGS", info.name)));
         let areas = Some(Areas::new(info.num_frames));
         self.open = Some(Open { info, worker, asked: None, areas, shown: None, full_ms: 0.0 });
+    }
+
+    /// What follows once `path` is shown.
+    fn begin_with(&mut self, path: &Path, ctx: &Context) {
         let session_file = self.session_to_apply.as_ref().and_then(|(_, file)| file.clone());
         self.preferences.remember(session_file.as_deref().unwrap_or(path));
         self.apply_session(0.0);

@@ -73,7 +73,9 @@ impl Backend for EngineBackend {
         }
         if Sequence::open(&paths.recording).is_err() {
             jobs::remove_folder(&paths.recording)?;
-            demo::write(&DemoSettings::default(), &paths.recording, &mut |done, total| {
+            let settings = DemoSettings::default();
+            job.preview(Box::new(RecordingSource::of_demo(demo::Demo::new(&settings)?, &paths.recording)));
+            demo::write(&settings, &paths.recording, &mut |done, total| {
                 job.progress("recording the demo", done, total, String::new());
             })?;
         }
@@ -372,7 +374,7 @@ fn examples<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
 
 /// A recording that is not reconstructed yet.
 struct RecordingSource {
-    sequence: Sequence,
+    frame: Box<dyn Fn(usize) -> Result<RgbImage> + Send>,
     info: Info,
 }
 
@@ -393,7 +395,26 @@ impl RecordingSource {
             example_prompts: examples(sequence.classes().iter().map(|c| c.name.as_str())),
             ..Info::default()
         };
-        Self { sequence, info }
+        Self { frame: Box::new(move |i| sequence.frame(i)), info }
+    }
+
+    /// The demo that is being written to `path`.
+    fn of_demo(demo: demo::Demo, path: &Path) -> Self {
+        let DemoSettings { width, height, frames, moving_camera, .. } = *demo.settings();
+        let info = Info {
+            name: path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
+            output_folder: output_folder(path),
+            path: path.to_owned(),
+            num_frames: frames,
+            width,
+            height,
+            frames_per_second: Some(demo::FRAMES_PER_SECOND),
+            camera_moves: moving_camera,
+            has_original: true,
+            has_labels: true,
+            ..Info::default()
+        };
+        Self { frame: Box::new(move |i| Ok(demo.frame(i).colour)), info }
     }
 }
 
@@ -402,7 +423,7 @@ impl FrameSource for RecordingSource {
         &self.info
     }
     fn original(&mut self, frame: usize) -> Result<RgbImage> {
-        self.sequence.frame(frame)
+        (self.frame)(frame)
     }
     fn render(&mut self, _: &View, _: bool) -> Result<Rendering> {
         Err(not_reconstructed())

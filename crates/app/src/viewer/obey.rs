@@ -36,7 +36,7 @@ impl ViewerApp {
             Command::SaveSession | Command::SaveSessionAs => info.is_some() && self.saving.is_none(),
             Command::Reconstruct => {
                 let is_wrong = self.import_check.as_ref().is_some_and(ImportCheck::has_errors);
-                has(|i| i.has_original) && self.training.is_none() && !is_wrong
+                has(|i| i.has_original) && self.training.is_none() && !self.is_making_demo() && !is_wrong
             }
             Command::Export => has(|i| i.has_features) && self.training.is_none(),
             Command::FocusPrompt => has(|i| i.has_features),

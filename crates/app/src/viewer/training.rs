@@ -122,6 +122,11 @@ pub(crate) fn training_ui(ui: &mut Ui, app: &mut ViewerApp) {
 }
 
 fn offer_ui(ui: &mut Ui, app: &mut ViewerApp) {
+    if let Some(making) = app.waiting_for().filter(|_| app.is_making_demo()) {
+        ui.label(making);
+        ui.label(caption("It is reconstructed as soon as it is there."));
+        return;
+    }
     ui.label("This recording has not been reconstructed yet.");
     ui.add_space(4.0);
     let button = egui::Button::new(RichText::new(entry(Command::Reconstruct).label).size(17.0));

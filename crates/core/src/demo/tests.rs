@@ -193,7 +193,7 @@ fn a_clip_is_written_again_but_over_nothing_else() {
     write(&one, folder.path(), &mut |_, _| {}).unwrap();
     write(&one, folder.path(), &mut |_, _| {}).unwrap();
     let refused = write(&settings(false), folder.path(), &mut |_, _| {}).unwrap_err();
-    assert!(refused.to_string().contains("holds other files"), "{refused}");
+    assert!(refused.to_string().contains("does not hold this demo"), "{refused}");
     assert_eq!(files_in(&folder.path().join("images")), 1);
 }
 

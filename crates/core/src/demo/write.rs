@@ -46,7 +46,7 @@ fn claim(folder: &Path, readme: &str) -> Result<()> {
     }
     Err(Error::input_at(
         folder,
-        "the folder for the demo holds other files",
+        "the folder is not empty and does not hold this demo",
         "Name a folder that is new or empty.",
     ))
 }

@@ -573,6 +573,20 @@ fn the_demo_is_opened_and_reconstructed_without_being_asked() {
 }
 
 #[test]
+fn whoever_opens_something_while_the_demo_is_made_keeps_it() {
+    let mut window = Window::with(Arc::new(FakeBackend { info: scene(), ..Default::default() }));
+    let ctx = window.harness.ctx.clone();
+    let app = window.harness.state_mut();
+    app.open_demo(Path::new("/data/demo"), &ctx);
+    app.open_path(Path::new("/data/own.safetensors"), &ctx);
+    window.until(|app| app.open.is_some());
+    (0..20).for_each(|_| window.harness.step());
+    let app = window.harness.state();
+    assert!(app.training.is_none() && !app.is_making_demo());
+    assert_eq!(app.preferences.recent, [Path::new("/data/own.safetensors")]);
+}
+
+#[test]
 fn what_cannot_be_opened_says_why() {
     let mut window = Window::on(scene());
     let ctx = window.harness.ctx.clone();
