@@ -6,14 +6,16 @@ use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Shape, Stroke, Ui, pos2
 /// Height of the curves.
 pub(crate) const HEIGHT: f32 = 46.0;
 
-/// The visible prompts that have a curve, with their numbers.
+/// The visible prompts with their numbers and curves. A curve is there before anything of it is counted: if it came later,
+/// the picture would move while somebody points at it.
 pub(crate) fn curves(app: &ViewerApp) -> Vec<(usize, Prompt, Curve)> {
-    let Some(areas) = app.areas() else { return Vec::new() };
-    let prompts = app.document.prompts().iter().enumerate().filter(|(_, p)| p.is_visible);
-    let curve = |(index, p): (usize, &Prompt)| {
-        Some((index + 1, p.clone(), areas.curve(&app.measure(p), p.threshold)?))
+    let Some((areas, info)) = app.areas().zip(app.info()).filter(|(_, info)| info.has_features) else {
+        return Vec::new();
     };
-    prompts.filter_map(curve).collect()
+    let prompts = app.document.prompts().iter().enumerate().filter(|(_, p)| p.is_visible);
+    let unknown = || Curve { points: vec![None; info.num_frames] };
+    let curve = |p: &Prompt| areas.curve(&app.measure(p), p.threshold).unwrap_or_else(unknown);
+    prompts.map(|(index, p)| (index + 1, p.clone(), curve(p))).collect()
 }
 
 /// Paints the curves; `x` is where a frame is. The scale is one for all, from nothing to the largest.
@@ -42,7 +44,11 @@ pub(crate) fn paint(
             number_at(painter, pos2(x(frame), y(curve.top())), rect, *number, prompt.colour);
         }
     }
-    let text = if top > 0.0 { percent(top) } else { "nothing found".into() };
+    let text = match curves.iter().all(|(.., c)| c.is_complete()) {
+        _ if top > 0.0 => percent(top),
+        true => "nothing found".into(),
+        false => "counting…".into(),
+    };
     let galley = painter.layout_no_wrap(text, FontId::proportional(12.0), theme::TEXT_WEAK);
     let plate = Align2::RIGHT_TOP.anchor_size(rect.right_top() + egui::vec2(-5.0, 2.0), galley.size());
     painter.rect_filled(plate.expand(2.0), 3.0, theme::PLATE);
