@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Makes the release archive: program, README, licences of everything in it, text encoder's description, desktop entry.
-# `assets/package.sh [FOLDER]` writes surgtpgs-VERSION-TARGET.tar.gz into FOLDER (default: dist). The same commit and
-# compiler give the same bytes.
+# Makes the release archive: program, README, licences of everything in it, desktop entry.
+# `assets/package.sh [FOLDER]` writes surgtpgs-VERSION-TARGET.tar.gz into FOLDER (default: dist). Nothing
+# in it depends on the time or on who makes it.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 out=$(realpath --canonicalize-missing "${1:-dist}")
@@ -15,7 +15,8 @@ name=surgtpgs-$version-$host
 stage=$(mktemp -d)
 trap 'rm -rf "$stage"' EXIT
 mkdir "$stage/$name"
-cp "$target_dir/release/surgtpgs" README.md LICENSE assets/surgtpgs.desktop "$stage/$name/"
+strip -o "$stage/$name/surgtpgs" "$target_dir/release/surgtpgs" # line tables make it six times as large
+cp README.md LICENSE assets/surgtpgs.desktop "$stage/$name/"
 python3 assets/licences.py > "$stage/$name/LICENCES.txt"
 mkdir -p "$out"
 tar --sort=name --owner=0 --group=0 --numeric-owner --mtime="@$(git log -1 --format=%ct)" -C "$stage" -cf - "$name" |
