@@ -1,4 +1,5 @@
-//! One program for all targets: `SURGTPGS_FUZZ_TARGET` names the one to run.
+//! One program for all targets: `SURGTPGS_FUZZ_TARGET` names the one to run, `SURGTPGS_FUZZ_SEEDS` the folder that its seeds
+//! are written to first.
 
 #![no_main]
 
@@ -14,4 +15,12 @@ static TARGET: LazyLock<surgtpgs_fuzz::Target> = LazyLock::new(|| {
     surgtpgs_fuzz::targets().swap_remove(at)
 });
 
-fuzz_target!(|bytes: &[u8]| (TARGET.run)(bytes));
+fn write_seeds() {
+    let Some(folder) = std::env::var_os("SURGTPGS_FUZZ_SEEDS") else { return };
+    for (i, seed) in (TARGET.seeds)().into_iter().enumerate() {
+        let path = std::path::Path::new(&folder).join(format!("seed-{i}"));
+        std::fs::write(&path, seed).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    }
+}
+
+fuzz_target!(init: write_seeds(), |bytes: &[u8]| (TARGET.run)(bytes));

@@ -13,9 +13,9 @@ program=$(find . "${CARGO_TARGET_DIR:-target}" -path '*release/any' -type f | he
 without_ffmpeg=$(mktemp -d)
 for target in $targets; do
   mkdir -p "corpus/$target" "artifacts/$target"
-  [[ -n $(ls "corpus/$target") ]] || cp -r ../regressions/"$target"/. "corpus/$target" 2>/dev/null || true
+  [[ ! -d ../regressions/$target ]] || cp ../regressions/"$target"/* "corpus/$target"
   echo "== $target"
-  SURGTPGS_FUZZ_TARGET=$target PATH=$without_ffmpeg TMPDIR=${FUZZ_TMPDIR:-/dev/shm} "$program" "corpus/$target" \
+  SURGTPGS_FUZZ_TARGET=$target SURGTPGS_FUZZ_SEEDS=corpus/$target PATH=$without_ffmpeg TMPDIR=${FUZZ_TMPDIR:-/dev/shm} "$program" "corpus/$target" \
     -runs="$runs" -timeout=20 -rss_limit_mb=2048 -max_len=16384 -artifact_prefix="artifacts/$target/" -print_final_stats=1 2>&1 |
     grep -E 'stat::|ERROR|panicked|SUMMARY'
 done
