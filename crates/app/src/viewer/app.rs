@@ -33,7 +33,7 @@ use std::{
 use surgtpgs_core::sequence::names_instrument;
 
 /// How long typing must rest before what was typed is looked for, seconds.
-const TYPING_PAUSE: f64 = 0.15;
+const TYPING_PAUSE: f64 = 0.04;
 /// Pictures that take longer than this are made at half size while something moves, milliseconds.
 const SLOW_MS: f64 = 60.0;
 
