@@ -1,13 +1,11 @@
 #!/usr/bin/env bash
 # Makes the release archive: program, README, licences of everything in it, desktop entry.
-# `assets/package.sh [FOLDER]` writes surgtpgs-VERSION-TARGET.tar.gz into FOLDER (default: dist). Nothing
-# in it depends on the time or on who makes it.
+# `assets/package.sh [FOLDER]` writes surgtpgs-VERSION-TARGET.tar.gz into FOLDER (default: dist). One
+# build packed twice gives the same bytes.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 out=$(realpath --canonicalize-missing "${1:-dist}")
 target_dir=${CARGO_TARGET_DIR:-target}
-# Paths of the building machine do not belong in the program.
-export RUSTFLAGS="${RUSTFLAGS:-} --remap-path-prefix=$PWD=. --remap-path-prefix=${CARGO_HOME:-$HOME/.cargo}=cargo"
 cargo build --release --locked
 version=$(cargo metadata --no-deps --format-version 1 | sed -E 's/.*"name":"surgtpgs","version":"([^"]+)".*/\1/')
 host=$(rustc -vV | sed -n 's/^host: //p')
