@@ -11,11 +11,10 @@ use std::{
     path::{Path, PathBuf},
 };
 use surgtpgs_core::{
-    codec::CodecSettings,
-    demo::{self, DemoSettings},
-    prepare::{EncoderIdentity, Prepared, prepare_from_labels, read_langsplat},
+    prepare::{Prepared, read_langsplat},
     segment::{FrameMasks, Level},
     sequence::{self, Sequence},
+    stress::small_clip,
     train::{TrainSettings, Trainer},
 };
 use tempfile::TempDir;
@@ -211,32 +210,15 @@ impl Trained {
     }
 
     fn try_new() -> surgtpgs_core::Result<Self> {
-        const DIM: usize = 8;
         let folder = scratch();
-        let recording = folder.path().join("recording");
-        let small = DemoSettings { width: 64, height: 48, frames: 2, ..DemoSettings::default() };
-        demo::write(&small, &recording, &mut |_, _| {})?;
-        let sequence = Sequence::open(&recording)?;
-        let embedding = |k: usize| (0..DIM).map(|j| ((k * 5 + j * 3) as f32).sin()).collect();
-        let embeddings: Vec<Vec<f32>> = (0..sequence.classes().len()).map(embedding).collect();
-        let encoder = EncoderIdentity {
-            name: "made up".into(),
-            sha256: "00".into(),
-            dim: DIM,
-            template: "{}".into(),
-            folder: None,
-        };
-        let codec = CodecSettings { steps: 5, ..CodecSettings::default() };
-        let to = folder.path().join("prepared");
-        let prepared =
-            prepare_from_labels(sequence, encoder, &embeddings, false, &codec, &to, &mut |_, _, _| {})?;
+        let prepared = small_clip(folder.path(), 2)?;
         let train = TrainSettings { iterations: 3, ..TrainSettings::default() };
         let mut trainer = Trainer::new(&prepared.sequence, Some(&prepared), train)?;
         trainer.step()?;
         let path = folder.path().join("unfinished");
         trainer.save_checkpoint(&path)?;
         let read = |path: PathBuf| fs::read(&path).map_err(|e| surgtpgs_core::Error::io("read", &path, e));
-        Ok(Self { manifest: read(to.join("prepared.json"))?, checkpoint: read(path)?, folder })
+        Ok(Self { manifest: read(prepared.folder.join("prepared.json"))?, checkpoint: read(path)?, folder })
     }
 
     fn prepared(&self) -> PathBuf {

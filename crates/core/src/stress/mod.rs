@@ -1,7 +1,9 @@
 //! Scenes that break renderers, for the tests of every renderer and for `surgtpgs bench stress`.
 
+mod clip;
 mod invariance;
 
+pub use clip::small_clip;
 pub use invariance::{Invariance, invariances};
 
 use crate::{

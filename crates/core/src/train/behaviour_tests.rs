@@ -2,13 +2,10 @@
 
 use super::*;
 use crate::{
-    codec::CodecSettings,
     demo::{self, DemoSettings},
-    prepare::{EncoderIdentity, prepare_from_labels},
+    stress::small_clip,
 };
 use tempfile::TempDir;
-
-const DIM: usize = 8;
 
 fn demo_settings(frames: usize) -> DemoSettings {
     DemoSettings { width: 64, height: 48, frames, ..DemoSettings::default() }
@@ -23,24 +20,8 @@ struct Clip {
 impl Clip {
     fn new(frames: usize) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let recording = folder.path().join("recording");
-        demo::write(&demo_settings(frames), &recording, &mut |_, _| {}).unwrap();
-        let sequence = Sequence::open(&recording).unwrap();
-        let embeddings: Vec<Vec<f32>> = (0..sequence.classes().len())
-            .map(|k| (0..DIM).map(|j| ((k * 5 + j * 3) as f32).sin()).collect())
-            .collect();
-        let encoder = EncoderIdentity {
-            name: "made up".into(),
-            sha256: "00".into(),
-            dim: DIM,
-            template: "{}".into(),
-            folder: None,
-        };
-        let codec = CodecSettings { latent_dim: 3, steps: 60, seed: 0 };
-        let to = folder.path().join("prepared");
-        let prepared =
-            prepare_from_labels(sequence, encoder, &embeddings, frames > 2, &codec, &to, &mut |_, _, _| {});
-        Self { _folder: folder, prepared: prepared.unwrap() }
+        let prepared = small_clip(folder.path(), frames).unwrap();
+        Self { _folder: folder, prepared }
     }
 
     fn trainer(&self, settings: TrainSettings) -> Trainer {

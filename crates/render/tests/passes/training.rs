@@ -2,11 +2,9 @@
 
 use crate::fixture::gpu;
 use surgtpgs_core::{
-    codec::CodecSettings,
-    demo::{self, DemoSettings},
-    prepare::{EncoderIdentity, Prepared, prepare_from_labels},
+    prepare::Prepared,
     scene::Scene,
-    sequence::Sequence,
+    stress::small_clip,
     train::{DensifySettings, TrainSettings, Trainer},
 };
 use surgtpgs_render::GpuBackend;
@@ -23,26 +21,8 @@ struct Clip {
 impl Clip {
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let recording = folder.path().join("recording");
-        let settings = DemoSettings { width: 64, height: 48, frames: 10, ..DemoSettings::default() };
-        demo::write(&settings, &recording, &mut |_, _| {}).unwrap();
-        let sequence = Sequence::open(&recording).unwrap();
-        const DIM: usize = 8;
-        let embeddings: Vec<Vec<f32>> = (0..sequence.classes().len())
-            .map(|k| (0..DIM).map(|j| ((k * 5 + j * 3) as f32).sin()).collect())
-            .collect();
-        let encoder = EncoderIdentity {
-            name: "made up".into(),
-            sha256: "00".into(),
-            dim: DIM,
-            template: "{}".into(),
-            folder: None,
-        };
-        let codec = CodecSettings { latent_dim: 3, steps: 60, seed: 0 };
-        let to = folder.path().join("prepared");
-        let prepared =
-            prepare_from_labels(sequence, encoder, &embeddings, true, &codec, &to, &mut |_, _, _| {});
-        Self { _folder: folder, prepared: prepared.unwrap() }
+        let prepared = small_clip(folder.path(), 10).unwrap();
+        Self { _folder: folder, prepared }
     }
 
     /// Sampled pixels, half size, densification and all, as for a large recording.

@@ -1,0 +1,34 @@
+//! A small recording to train on.
+
+use crate::{
+    Result,
+    codec::CodecSettings,
+    demo::{self, DemoSettings},
+    prepare::{EncoderIdentity, Prepared, prepare_from_labels},
+    sequence::Sequence,
+};
+use std::path::Path;
+
+/// Length of the made-up embeddings.
+const DIM: usize = 8;
+
+/// The demo's clip at 64×48 in `folder/recording`, prepared with made-up embeddings of its classes in `folder/prepared`;
+/// test frames are held out of more than two.
+pub fn small_clip(folder: &Path, frames: usize) -> Result<Prepared> {
+    let recording = folder.join("recording");
+    let settings = DemoSettings { width: 64, height: 48, frames, ..DemoSettings::default() };
+    demo::write(&settings, &recording, &mut |_, _| {})?;
+    let sequence = Sequence::open(&recording)?;
+    let embedding = |k: usize| (0..DIM).map(|j| ((k * 5 + j * 3) as f32).sin()).collect();
+    let embeddings: Vec<Vec<f32>> = (0..sequence.classes().len()).map(embedding).collect();
+    let encoder = EncoderIdentity {
+        name: "made up".into(),
+        sha256: "00".into(),
+        dim: DIM,
+        template: "{}".into(),
+        folder: None,
+    };
+    let codec = CodecSettings { latent_dim: 3, steps: 60, seed: 0 };
+    let to = folder.join("prepared");
+    prepare_from_labels(sequence, encoder, &embeddings, frames > 2, &codec, &to, &mut |_, _, _| {})
+}
