@@ -117,7 +117,7 @@ impl Scene {
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
         file::to_bytes(self, false)
     }
-    /// The scene file in few bits: pictures change by less than 0.1 dB, and it reads back like any other.
+    /// The scene file in few bits: pictures change by about 0.1 dB or less, and it reads back like any other.
     pub fn to_quantized_bytes(&self) -> Result<Vec<u8>> {
         file::to_bytes(self, true)
     }

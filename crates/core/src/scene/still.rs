@@ -42,9 +42,15 @@ impl Scene {
 
     /// A scene of Gaussians that do not move, seen by `camera`.
     pub fn of_still(gaussians: Gaussians, camera: Camera) -> Self {
+        let at_rest = Deformation::at_rest(gaussians.len(), gaussians.latent_dim, 1, 1.0, GATE_SLOPE);
+        Self::seen_by(camera, gaussians, at_rest)
+    }
+
+    /// A scene of one frame, seen by `camera`, that knows no words and does not say where it comes from.
+    pub fn seen_by(camera: Camera, gaussians: Gaussians, deformation: Deformation) -> Self {
         Self {
-            deformation: Deformation::at_rest(gaussians.len(), gaussians.latent_dim, 1, 1.0, GATE_SLOPE),
             gaussians,
+            deformation,
             cameras: vec![camera],
             field_of_view: Grid::filled(camera.width as usize, camera.height as usize, true),
             codec: None,

@@ -10,9 +10,8 @@ use crate::{
     camera::Camera,
     deform::{BasisShape, Deformation},
     gaussian::Gaussians,
-    grid::Grid,
     raster::{ALPHA_PLANE, DEPTH_PLANE, Images, reference::reference_frame},
-    scene::{Provenance, Scene},
+    scene::Scene,
 };
 
 /// One way to be difficult.
@@ -48,16 +47,7 @@ pub fn ordinary(n: usize) -> Scene {
     deformation.shape = BasisShape::Spline;
     deformation.weights.iter_mut().enumerate().for_each(|(i, w)| *w = 0.05 * wave(i, 14));
     deformation.feature_weight.iter_mut().enumerate().for_each(|(i, w)| *w = 0.3 * wave(i, 15));
-    Scene {
-        gaussians,
-        deformation,
-        cameras: vec![camera(64, 48)],
-        field_of_view: Grid::filled(64, 48, true),
-        codec: None,
-        classes: Vec::new(),
-        encoder: None,
-        provenance: Provenance::default(),
-    }
+    Scene::seen_by(camera(64, 48), gaussians, deformation)
 }
 
 fn camera(width: u32, height: u32) -> Camera {

@@ -8,8 +8,7 @@ use surgtpgs_core::{
     camera::Camera,
     deform::{BasisShape, Deformation},
     gaussian::Gaussians,
-    grid::Grid,
-    scene::{Provenance, Scene},
+    scene::Scene,
 };
 use surgtpgs_render::{AdapterChoice, Gpu, Unavailable};
 
@@ -90,16 +89,7 @@ pub(crate) fn scene(recipe: Recipe) -> Scene {
     gaussians.sh_rest = numbers(rng, n * gaussians.sh_bands() * 3, 0.4);
     gaussians.features = numbers(rng, n * latent_dim, 1.0);
     let deformation = deformation(rng, recipe);
-    Scene {
-        cameras: vec![camera(64, 48)],
-        field_of_view: Grid::filled(64, 48, true),
-        codec: None,
-        classes: Vec::new(),
-        encoder: None,
-        provenance: Provenance::default(),
-        gaussians,
-        deformation,
-    }
+    Scene::seen_by(camera(64, 48), gaussians, deformation)
 }
 
 fn deformation(rng: &mut ChaCha8Rng, recipe: Recipe) -> Deformation {

@@ -22,13 +22,13 @@ const CENTRE_PX: f32 = 0.02;
 const ROTATION: f32 = 0.01;
 const LOG_SCALE: f32 = 0.02;
 const OPACITY_LOGIT: f32 = 0.03;
-const COLOUR: f32 = 0.01;
+const COLOUR: f32 = 0.007;
 const FEATURE: f32 = 0.005;
 /// Steps of the weights over time.
 const MOTION_PX: f32 = 0.2;
-const ROTATION_OVER_TIME: f32 = 0.02;
-const LOG_SCALE_OVER_TIME: f32 = 0.05;
-const COLOUR_OVER_TIME: f32 = 0.03;
+const ROTATION_OVER_TIME: f32 = 0.035;
+const LOG_SCALE_OVER_TIME: f32 = 0.09;
+const COLOUR_OVER_TIME: f32 = 0.025;
 const GATE_OVER_TIME: f32 = 0.3;
 /// Steps of bases that every Gaussian has of its own, of a recording's length.
 const BASIS_TIME: f32 = 2e-4;
