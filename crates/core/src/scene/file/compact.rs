@@ -17,6 +17,8 @@ use std::{
     io::{Read, Write},
 };
 
+/// Scenes of fewer Gaussians are kept more finely: each covers more of the picture, and there are bytes to spare.
+const MANY_GAUSSIANS: f32 = 30_000.0;
 /// Steps at rest: centres in pixels, others in their own units.
 const CENTRE_PX: f32 = 0.02;
 const ROTATION: f32 = 0.01;
@@ -67,6 +69,8 @@ impl Steps {
             steps.insert("basis_centres", vec![BASIS_TIME; num_channels(dim)]);
             steps.insert("basis_widths", vec![BASIS_TIME; num_channels(dim)]);
         }
+        let fineness = (scene.gaussians.len() as f32 / MANY_GAUSSIANS).sqrt().clamp(0.25, 1.0);
+        steps.values_mut().flatten().for_each(|step| *step *= fineness);
         Self(steps)
     }
 
