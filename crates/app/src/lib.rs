@@ -1,14 +1,17 @@
 //! The program: one binary with verbs on the command line and a viewer, over one engine.
 //!
 //! ```text
-//! args ─▶ cli/<verb> ─▶ jobs (prepare, train, demo)  and  engine (render, ask) ─▶ standard output, files
+//! args ─▶ cli/<verb> ─▶ jobs (prepare, train, demo)  and  engine (render, ask), evaluation ─▶ standard output, files
 //!      └▶ viewer ─────▶ the same jobs and engine ─▶ window
 //! ```
 
 pub mod args;
 pub mod cli;
 pub mod engine;
+mod evaluation;
 pub mod jobs;
 mod memory;
+mod pictures;
 pub mod settings;
+mod tables;
 pub mod viewer;

@@ -2,11 +2,14 @@
 
 use super::{
     document::{escaped, number, table},
-    eval::Iou,
-    pictures::{narrowed, side_by_side, stacked},
     query,
 };
-use crate::{engine::Engine, settings::PROMPT_COLOURS};
+use crate::{
+    engine::Engine,
+    evaluation::Iou,
+    pictures::{narrowed, side_by_side, stacked},
+    settings::PROMPT_COLOURS,
+};
 use image::RgbImage;
 use surgtpgs_core::{
     Result,

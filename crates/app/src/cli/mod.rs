@@ -12,11 +12,9 @@ mod eval;
 mod export;
 mod figures;
 mod objects;
-mod pictures;
 mod prepare;
 mod query;
 mod render;
-mod tables;
 mod train;
 mod view;
 

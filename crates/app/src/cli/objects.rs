@@ -1,10 +1,7 @@
 //! What prompts find, in space: the Gaussians as a `.ply`, and where they are over time as tables.
 
-use super::{
-    query::{GaussiansReport, PromptReport, Report},
-    tables::csv,
-};
-use crate::engine::Engine;
+use super::query::{GaussiansReport, PromptReport, Report};
+use crate::{engine::Engine, tables::csv};
 use std::path::Path;
 use surgtpgs_core::{Result, deform::deform, export::slugs, files::write_whole, object::Body, scene::Scene};
 

@@ -4,11 +4,11 @@ use super::{
     Exit,
     console::{ProgressView, print},
     open_engine,
-    pictures::png,
 };
 use crate::{
     args::{FrameRange, ImageKind, RenderArgs},
     engine::{Engine, EngineOptions, View},
+    pictures::png,
 };
 use image::{GrayImage, ImageBuffer, Luma};
 use ndarray::ArrayView;

@@ -16,6 +16,7 @@ use super::{
     pipeline::{AskedPrompt, Finding, Picture, Request},
     playback::Playback,
     preferences::Preferences,
+    quality::Quality,
     ruler::Ruler,
     session::Session,
     shown::Shown,
@@ -55,6 +56,7 @@ pub(crate) struct ViewerApp {
     pub(super) training: Option<Training>,
     pub(super) import_check: Option<ImportCheck>,
     pub(super) export: Option<ExportDialog>,
+    pub(super) quality: Option<Quality>,
     pub(super) sheet: Option<Sheet>,
     /// The command whose key is being chosen on the sheet.
     pub(super) choosing_key: Option<Command>,
@@ -143,6 +145,7 @@ impl ViewerApp {
             training: None,
             import_check: None,
             export: None,
+            quality: None,
             sheet: None,
             choosing_key: None,
             ruler: None,
@@ -313,6 +316,10 @@ impl ViewerApp {
         }
         self.poll_training(ctx);
         self.poll_saving();
+        if let Some(problem) = self.quality.as_mut().and_then(Quality::poll) {
+            self.quality = None;
+            self.problem = Some(problem);
+        }
         if let Some(problem) = self.export.as_mut().and_then(ExportDialog::poll) {
             self.problem = Some(problem);
         }
@@ -385,7 +392,7 @@ impl ViewerApp {
         self.document.look = Look::default();
         self.document.mode =
             if info.has_reconstruction { ViewMode::Reconstruction } else { ViewMode::Original };
-        self.export = None;
+        (self.export, self.quality) = (None, None);
         (self.ruler, self.probe) = (None, None);
         ctx.send_viewport_cmd(egui::ViewportCommand::Title(format!("{} – SurgTPGS", info.name)));
         let areas = Some(Areas::new(info.num_frames));

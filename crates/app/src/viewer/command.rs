@@ -13,6 +13,7 @@ pub(crate) enum Command {
     SaveSessionAs,
     Reconstruct,
     Export,
+    Quality,
     Quit,
     Undo,
     Redo,
@@ -216,6 +217,7 @@ table! {
     SaveSessionAs File Always [ctrl_shift(Key::S)] "Save session as…" "Save the session in another file"
     Reconstruct   File Always [ctrl(Key::R)] "Reconstruct…" "Make a reconstruction of the open recording"
     Export        File Always [ctrl(Key::E)] "Export…" "Write masked frames as files"
+    Quality       File Always [ctrl(Key::M)] "Measure quality…" "How well the reconstruction and what its class names find match the recording and its labels"
     Quit          File Always [ctrl(Key::Q)] "Quit" "Close the window"
     Undo          Edit Viewport [ctrl(Key::Z)] "Undo" "Undo the last change; written files stay"
     Redo          Edit Viewport [ctrl_shift(Key::Z), ctrl(Key::Y)] "Redo" "Do again what was undone"

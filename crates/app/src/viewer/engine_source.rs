@@ -13,6 +13,7 @@ use super::{
 };
 use crate::{
     engine::{self, Ask, Engine, EngineOptions, Motion, Question, Sample},
+    evaluation::{self, Evaluation},
     jobs::{self, DemoPaths, Material, PrepareOptions, Progress},
 };
 use image::RgbImage;
@@ -126,6 +127,11 @@ impl Backend for EngineBackend {
             num_files: done.files,
             folder: request.folder.clone(),
         })
+    }
+
+    fn evaluate(&self, scene: &Path, job: &JobContext) -> Result<Evaluation> {
+        let mut engine = Engine::open(scene, EngineOptions::default())?;
+        evaluation::evaluate(&mut engine, None, &mut |p| watch(job, p))
     }
 
     fn available_bytes(&self) -> Option<u64> {

@@ -9,7 +9,10 @@ use super::{
     widgets::{self, caption, main_button, thousands},
 };
 use egui::{Context, DragValue, ProgressBar, RichText, Ui};
-use std::{path::PathBuf, sync::Arc};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 use surgtpgs_core::export::Format;
 
 /// What a format is called and what it is.
@@ -92,7 +95,7 @@ impl ExportDialog {
         let shows_original = app.document.mode == ViewMode::Original;
         let request = ExportRequest {
             scene: info.path.clone(),
-            folder: free_folder(&info.output_folder, &info.name),
+            folder: free_folder(&info.output_folder, &info.name, "export"),
             formats: vec![Format::Overlay, Format::Binary],
             frames: app.playback.bounds(),
             excluded: app.document.excluded().to_vec(),
@@ -145,10 +148,10 @@ impl ExportDialog {
 }
 
 /// A folder that is not there yet.
-fn free_folder(parent: &std::path::Path, name: &str) -> PathBuf {
+pub(super) fn free_folder(parent: &Path, name: &str, what: &str) -> PathBuf {
     let path = |i: usize| {
         let number = if i == 1 { String::new() } else { format!("-{i}") };
-        parent.join(format!("{name}-export{number}"))
+        parent.join(format!("{name}-{what}{number}"))
     };
     (1..1000).map(path).find(|p| !p.exists()).unwrap_or_else(|| path(1000))
 }

@@ -30,6 +30,7 @@ pub(crate) fn window_ui(ui: &mut Ui, app: &mut ViewerApp) {
     let ctx = ui.ctx().clone();
     training::train_dialog_ui(&ctx, app);
     super::export_dialog::export_dialog_ui(&ctx, app);
+    super::quality::quality_ui(&ctx, app);
     timeline::go_to_ui(&ctx, app);
     bookmarks_ui::bookmarks_ui(&ctx, app);
     negatives::comparison_ui(&ctx, app);
@@ -46,7 +47,7 @@ fn menus_ui(ui: &mut Ui, app: &mut ViewerApp) {
             ui.separator();
             [C::SaveSession, C::SaveSessionAs].into_iter().for_each(|c| item(ui, app, c));
             ui.separator();
-            [C::Reconstruct, C::Export].into_iter().for_each(|c| item(ui, app, c));
+            [C::Reconstruct, C::Export, C::Quality].into_iter().for_each(|c| item(ui, app, c));
             ui.separator();
             item(ui, app, C::Quit);
         });

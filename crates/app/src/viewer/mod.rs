@@ -54,6 +54,7 @@ mod preferences;
 mod probe;
 mod prompt_menu;
 mod prompts;
+mod quality;
 mod ruler;
 mod session;
 mod shown;

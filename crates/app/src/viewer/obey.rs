@@ -9,6 +9,7 @@ use super::{
     help::Sheet,
     import_check::ImportCheck,
     jobs::Job,
+    quality::Quality,
     ruler::Ruler,
     session,
     source::Info,
@@ -39,6 +40,7 @@ impl ViewerApp {
                 has(|i| i.has_original) && self.training.is_none() && !self.is_making_demo() && !is_wrong
             }
             Command::Export => has(|i| i.has_features) && self.training.is_none(),
+            Command::Quality => has(|i| i.has_reconstruction && i.has_original) && self.training.is_none(),
             Command::FocusPrompt => has(|i| i.has_features),
             Command::FirstFound | Command::LargestFound | Command::LastFound | Command::CopyAreas => {
                 self.selected_curve().is_some_and(|curve| curve.is_complete())
@@ -71,6 +73,7 @@ impl ViewerApp {
                 self.train_dialog = self.info().map(|info| TrainDialog::new(info, excluded));
             }
             Command::Export => self.export = ExportDialog::new(self),
+            Command::Quality => self.quality = Quality::start(self, ctx),
             Command::Quit => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
             Command::Undo => self.document.undo(),
             Command::Redo => self.document.redo(),

@@ -3,7 +3,10 @@
 //! [`super::engine_source`] answers with the real engine; tests answer with a small fake.
 
 use super::{excluded::included, jobs::JobContext, measure::Lens, orbit::Orbit};
-use crate::engine::{Negatives, Question, Sample};
+use crate::{
+    engine::{Negatives, Question, Sample},
+    evaluation::Evaluation,
+};
 use image::RgbImage;
 use std::path::{Path, PathBuf};
 use surgtpgs_core::{
@@ -111,6 +114,8 @@ pub(crate) trait Backend: Send + Sync {
     fn demo(&self, folder: &Path, job: &JobContext) -> Result<Demo>;
     /// Writes files. When cancelled, finished files stay and the same request goes on from there.
     fn export(&self, request: &ExportRequest, job: &JobContext) -> Result<ExportSummary>;
+    /// Compares a scene with its recording: pictures, depth and the masks of its classes.
+    fn evaluate(&self, scene: &Path, job: &JobContext) -> Result<Evaluation>;
     /// Memory that is left, bytes; `None` where the system does not tell.
     fn available_bytes(&self) -> Option<u64> {
         None

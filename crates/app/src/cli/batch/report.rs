@@ -10,10 +10,10 @@ use crate::{
     args::Step,
     cli::{
         document::{escaped, number, table, write_report},
-        eval::Iou,
         figures::{answers_table, classes_table},
         one_line, query,
     },
+    evaluation::Iou,
 };
 use serde::Deserialize;
 use serde_json::Value;

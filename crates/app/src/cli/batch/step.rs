@@ -6,8 +6,9 @@ use super::{
 };
 use crate::{
     args::{EvalArgs, ExportArgs, Verb},
-    cli::{eval, export, figures, one_line, pictures::jpeg, prepare, query, train},
-    jobs, memory,
+    cli::{console::ProgressView, eval, export, figures, one_line, prepare, query, train},
+    evaluation, jobs, memory,
+    pictures::jpeg,
 };
 use serde_json::{Value, json};
 use std::{
@@ -112,8 +113,9 @@ fn evaluate(args: &EvalArgs) -> Result<Value> {
         return Err(Error::input("an evaluation needs a scene, a recording and a folder", ""));
     };
     let mut engine = eval::open(args, scene, sequence)?;
-    let evaluation = eval::evaluate(&mut engine, args.lpips.as_deref())?;
-    eval::write(folder, &evaluation)?;
+    let mut view = ProgressView::default();
+    let evaluation = evaluation::evaluate(&mut engine, args.lpips.as_deref(), &mut |p| view.show(p))?;
+    evaluation::write(folder, &evaluation)?;
     let picture = figures::comparison(&mut engine, SHOWN_FRAMES, PANEL_WIDTH)?;
     write_whole(&folder.join(RECONSTRUCTION), &jpeg(&picture)?)?;
     Ok(json!(evaluation.report))

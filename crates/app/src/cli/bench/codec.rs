@@ -5,8 +5,8 @@ use crate::{
     cli::{
         Exit,
         console::{ProgressView, print, print_json, say},
-        tables,
     },
+    tables,
 };
 use ndarray::{Array2, Axis};
 use rand::{SeedableRng, seq::index::sample};

@@ -9,9 +9,9 @@ use crate::{
     cli::{
         Exit,
         console::{self, ProgressView, print, print_json, say},
-        eval,
     },
     engine::{Backend, Engine, EngineOptions},
+    evaluation::evaluate,
     jobs::{self, Material},
 };
 use std::{fmt::Write, sync::Arc};
@@ -83,7 +83,6 @@ fn measure(material: &Material, row: &Row, args: &BenchTrainArgs) -> Result<Outc
             pass_ms = Pass::ALL.iter().map(|p| trainer.clock().seconds(*p) * per_step).collect();
         },
     )?;
-    drop(view);
     if trained.steps < row.settings.iterations {
         return Err(Error::Cancelled);
     }
@@ -91,7 +90,7 @@ fn measure(material: &Material, row: &Row, args: &BenchTrainArgs) -> Result<Outc
     let options =
         EngineOptions { backend: Backend::Cpu, sequence: Some(args.sequence.clone()), ..Default::default() };
     let mut engine = Engine::new(Arc::new(trained.scene), None, options)?;
-    let report = eval::evaluate(&mut engine, None)?.report;
+    let report = evaluate(&mut engine, None, &mut |p| view.show(p))?.report;
     let iou = report.iou.as_ref();
     Ok(Outcome {
         name: row.name,

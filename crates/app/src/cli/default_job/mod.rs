@@ -5,10 +5,11 @@ mod report;
 use super::{
     Exit,
     console::{self, ProgressView, print, say},
-    eval, query, view,
+    query, view,
 };
 use crate::{
     engine::{Engine, EngineOptions},
+    evaluation::evaluate,
     jobs::{self, DemoOptions, DemoPaths, ExportRequest},
     viewer::{self, ViewerInput},
 };
@@ -54,11 +55,11 @@ fn headless(folder: &Path, options: &DemoOptions) -> Result<()> {
     console::watch_interrupts();
     let mut view = ProgressView::default();
     let trained = jobs::build_demo(folder, options, &mut |p| view.show(p))?;
-    drop(view);
 
     let scene = DemoPaths::under(folder).scene;
     let mut engine = Engine::open(&scene, EngineOptions::default())?;
-    let evaluation = eval::evaluate(&mut engine, None)?.report;
+    let evaluation = evaluate(&mut engine, None, &mut |p| view.show(p))?.report;
+    drop(view);
     engine.set_prompts(&PROMPTS.map(String::from))?;
     let frames: Vec<usize> = (0..engine.scene().num_frames()).collect();
     let answers = query::query(&mut engine, &frames)?;

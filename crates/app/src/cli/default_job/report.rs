@@ -3,13 +3,13 @@
 use crate::{
     cli::{
         document::{escaped, number, table, write_report},
-        eval,
         figures::{answers, answers_table, classes_table, comparison},
-        pictures::png,
         query,
     },
     engine::Engine,
+    evaluation,
     jobs::Trained,
+    pictures::png,
 };
 use image::RgbImage;
 use std::path::Path;
@@ -18,7 +18,7 @@ use surgtpgs_core::{Result, export::intended_use, files::write_whole};
 /// Everything that the report tells.
 pub(super) struct Findings<'a> {
     pub(super) trained: &'a Trained,
-    pub(super) evaluation: &'a eval::Report,
+    pub(super) evaluation: &'a evaluation::Report,
     pub(super) answers: &'a query::Report,
     /// Files of masked frames.
     pub(super) exported: usize,

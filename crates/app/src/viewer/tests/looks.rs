@@ -81,12 +81,7 @@ fn masks_are_cleaned_up_in_the_window_as_in_exports_and_off_is_the_raw_mask() {
     let backend = window.backend.clone();
     window.until(|_| !backend.exported.lock().unwrap().is_empty());
     assert_eq!(backend.exported.lock().unwrap()[0].clean_up, grown);
-    for _ in 0..20_000 {
-        if window.shows("files are in") {
-            break;
-        }
-        window.harness.step();
-    }
+    window.until_shown("files are in");
     window.click("Close");
     window.press_with(Modifiers::COMMAND, Key::Z);
     window.until_picture(|p| p.request.clean_up.is_off());

@@ -5,6 +5,7 @@ mod hazards;
 mod looks;
 mod over_time;
 mod pointing;
+mod quality;
 mod reconstructing;
 mod sessions;
 
@@ -21,7 +22,10 @@ use super::{
         View,
     },
 };
-use crate::engine::{Question, Sample};
+use crate::{
+    engine::{Question, Sample},
+    evaluation::Evaluation,
+};
 use egui::{Key, Modifiers, Role, accesskit::Toggled};
 use egui_kittest::{
     Harness,
@@ -158,6 +162,13 @@ impl Backend for FakeBackend {
         let folder = request.folder.clone();
         Ok(ExportSummary { is_complete: true, num_files: request.num_files(), folder })
     }
+    fn evaluate(&self, scene: &Path, job: &JobContext) -> Result<Evaluation> {
+        job.progress("evaluating", 2, 2, String::new());
+        if scene.ends_with("gone") {
+            return Err(Error::input("the recording is not at hand", "Put it back."));
+        }
+        Ok(Evaluation::example())
+    }
     fn available_bytes(&self) -> Option<u64> {
         *self.available_bytes.lock().unwrap()
     }
@@ -241,6 +252,17 @@ impl Window {
             std::thread::sleep(std::time::Duration::from_micros(500));
         }
         panic!("it never happened: {:?}", self.harness.state().problem);
+    }
+
+    fn until_shown(&mut self, text: &str) {
+        for _ in 0..20_000 {
+            self.harness.step();
+            if self.shows(text) {
+                return;
+            }
+            std::thread::sleep(std::time::Duration::from_micros(500));
+        }
+        panic!("\"{text}\" is never shown: {:?}", self.harness.state().problem);
     }
 
     fn until_picture(&mut self, is_so: impl Fn(&Picture) -> bool) {

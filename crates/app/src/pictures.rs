@@ -7,7 +7,7 @@ use surgtpgs_core::{Error, Result};
 const GAP: u32 = 4;
 
 /// Encodes a picture.
-pub(super) fn png(picture: impl Into<DynamicImage>) -> Result<Vec<u8>> {
+pub(crate) fn png(picture: impl Into<DynamicImage>) -> Result<Vec<u8>> {
     let mut bytes = std::io::Cursor::new(Vec::new());
     picture.into().write_to(&mut bytes, ImageFormat::Png).map_err(|e| {
         Error::input(format!("a picture could not be encoded as PNG: {e}"), "Choose another size.")
@@ -16,7 +16,7 @@ pub(super) fn png(picture: impl Into<DynamicImage>) -> Result<Vec<u8>> {
 }
 
 /// Encodes a photograph in a fraction of the bytes.
-pub(super) fn jpeg(picture: &RgbImage) -> Result<Vec<u8>> {
+pub(crate) fn jpeg(picture: &RgbImage) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
     let encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 90);
     picture.write_with_encoder(encoder).map_err(|e| {
@@ -26,7 +26,7 @@ pub(super) fn jpeg(picture: &RgbImage) -> Result<Vec<u8>> {
 }
 
 /// The picture, made smaller if it is wider than `width`.
-pub(super) fn narrowed(picture: RgbImage, width: u32) -> RgbImage {
+pub(crate) fn narrowed(picture: RgbImage, width: u32) -> RgbImage {
     if picture.width() <= width {
         return picture;
     }
@@ -35,7 +35,7 @@ pub(super) fn narrowed(picture: RgbImage, width: u32) -> RgbImage {
 }
 
 /// One row of pictures.
-pub(super) fn side_by_side(pictures: &[RgbImage]) -> RgbImage {
+pub(crate) fn side_by_side(pictures: &[RgbImage]) -> RgbImage {
     let width = pictures.iter().map(|p| p.width() + GAP).sum::<u32>().saturating_sub(GAP);
     let height = pictures.iter().map(|p| p.height()).max().unwrap_or(0);
     let mut row = RgbImage::new(width, height);
@@ -48,7 +48,7 @@ pub(super) fn side_by_side(pictures: &[RgbImage]) -> RgbImage {
 }
 
 /// Rows one below the other.
-pub(super) fn stacked(rows: &[RgbImage]) -> RgbImage {
+pub(crate) fn stacked(rows: &[RgbImage]) -> RgbImage {
     let width = rows.iter().map(|r| r.width()).max().unwrap_or(0);
     let height = rows.iter().map(|r| r.height() + GAP).sum::<u32>().saturating_sub(GAP);
     let mut all = RgbImage::new(width, height);

@@ -1,4 +1,4 @@
-//! `surgtpgs eval`: a scene against its recording, or masks that another program made.
+//! A scene against its recording, or masks that another program made: measures of every frame and class.
 
 mod files;
 mod masks;
@@ -6,37 +6,34 @@ mod matrix;
 mod report;
 mod times;
 
-pub(super) use files::write;
-pub(super) use report::{Iou, Report};
+pub(crate) use files::write;
+pub(crate) use report::{Iou, Report, as_text};
 
-use super::{
-    Exit,
-    console::{ProgressView, print, print_json, say},
-    open_engine,
+use crate::{
+    engine::Engine,
+    jobs::{Observer, Progress},
 };
-use crate::{args::EvalArgs, engine::Engine};
 use masks::Classes;
 use report::{Fps, Training};
-use std::{path::Path, time::Instant};
+use std::{ops::ControlFlow, path::Path, time::Instant};
 use surgtpgs_clip::Lpips;
 use surgtpgs_core::{
     Error, Result,
     mask::threshold,
-    metrics::{DepthErrors, PredictedMasks, depth_errors, psnr_db, psnr_per_channel_db, ssim},
-    prepare::Prepared,
+    metrics::{ClassOnFrame, DepthErrors, PredictedMasks, depth_errors, psnr_db, psnr_per_channel_db, ssim},
     raster::{Images, MIN_DEPTH_ALPHA},
     sequence::Sequence,
 };
 use times::Times;
 
 /// Pictures and depth of one frame; a row of `frames.csv`.
-#[derive(Clone, Debug, serde::Serialize)]
-pub(super) struct FrameRow {
-    frame: usize,
+#[derive(Clone, Debug, Default, serde::Serialize)]
+pub(crate) struct FrameRow {
+    pub(crate) frame: usize,
     psnr_db: Option<f64>,
-    psnr_masked_db: Option<f64>,
+    pub(crate) psnr_masked_db: Option<f64>,
     psnr_per_channel_db: Option<f64>,
-    ssim: Option<f64>,
+    pub(crate) ssim: Option<f64>,
     ssim_inside: Option<f64>,
     lpips: Option<f64>,
     depth_rmse: Option<f64>,
@@ -46,53 +43,29 @@ pub(super) struct FrameRow {
 }
 
 /// Everything measured.
-pub(super) struct Evaluation {
-    pub(super) report: Report,
-    frames: Vec<FrameRow>,
+pub(crate) struct Evaluation {
+    pub(crate) report: Report,
+    pub(crate) frames: Vec<FrameRow>,
     classes: Classes,
 }
 
-pub(super) fn run(args: &EvalArgs) -> Result<Exit> {
-    let evaluation = match (&args.masks, &args.paths[..]) {
-        (None, [scene, sequence]) => evaluate(&mut open(args, scene, sequence)?, args.lpips.as_deref())?,
-        (Some(folder), [sequence]) => {
-            let prepared = Prepared::is_prepared(sequence);
-            let sequence =
-                if prepared { Prepared::open(sequence)?.sequence } else { Sequence::open(sequence)? };
-            evaluate_masks(&PredictedMasks::open(folder, &sequence)?, &sequence)?
-        }
-        (None, _) => return usage("give a scene and its recording"),
-        (Some(_), _) => return usage("with --masks, give the recording alone"),
-    };
-    let report = &evaluation.report;
-    if !report.held_out && args.masks.is_none() {
-        say("no frame was held out of training: these figures are of frames that the scene was trained on");
+impl Evaluation {
+    /// Every class on every frame, each by its own threshold.
+    pub(crate) fn class_rows(&self) -> &[ClassOnFrame] {
+        self.classes.threshold.rows()
     }
-    if let Some(folder) = &args.output {
-        write(folder, &evaluation)?;
-    }
-    if args.json {
-        print_json(report)?;
-    } else {
-        print(&report::as_text(report))?;
-    }
-    Ok(Exit::Done)
-}
-
-/// The engine of a scene with its recording.
-pub(super) fn open(args: &EvalArgs, scene: &Path, sequence: &Path) -> Result<Engine> {
-    let scene = args.scene(scene);
-    open_engine(&scene, args.relevancy.engine_options(&scene, Some(sequence.to_owned())))
-}
-
-fn usage(what: &str) -> Result<Exit> {
-    say(&format!("error: {what} (see `surgtpgs eval --help`)"));
-    Ok(Exit::Usage)
 }
 
 /// Evaluates the engine's scene on its recording: the held-out frames, or all if none was held out. With a model of LPIPS
-/// that is measured, too.
-pub(super) fn evaluate(engine: &mut Engine, lpips: Option<&Path>) -> Result<Evaluation> {
+/// that is measured, too. Without features or labels there are no masks to measure.
+///
+/// # Errors
+/// No recording, frames that cannot be read, or [`Error::Cancelled`].
+pub(crate) fn evaluate(
+    engine: &mut Engine,
+    lpips: Option<&Path>,
+    observer: &mut Observer<'_>,
+) -> Result<Evaluation> {
     let mut lpips = lpips.map(Lpips::open).transpose()?;
     let sequence = engine
         .sequence()
@@ -102,7 +75,7 @@ pub(super) fn evaluate(engine: &mut Engine, lpips: Option<&Path>) -> Result<Eval
     let frames: Vec<usize> =
         (0..sequence.num_frames()).filter(|&i| !held_out || Sequence::is_test_frame(i)).collect();
     let mut classes = asked_classes(engine, &sequence)?;
-    let (mut rows, mut times, mut view) = (Vec::new(), Times::default(), ProgressView::default());
+    let (mut rows, mut times) = (Vec::new(), Times::default());
     for (done, &frame) in frames.iter().enumerate() {
         let at = engine.view(frame)?;
         let images = times.render(engine, &at)?;
@@ -112,7 +85,7 @@ pub(super) fn evaluate(engine: &mut Engine, lpips: Option<&Path>) -> Result<Eval
         times.scored(started, scores.len());
         let limit = engine.settings().threshold;
         classes.add_scores(&scores, |s| threshold(s, limit), &sequence, frame)?;
-        view.count("evaluating", done + 1, frames.len());
+        observe(observer, done + 1, frames.len())?;
     }
     let ms = times.medians();
     let scene = engine.scene();
@@ -133,7 +106,11 @@ pub(super) fn evaluate(engine: &mut Engine, lpips: Option<&Path>) -> Result<Eval
 }
 
 /// Scores masks that another program made, on the frames that it made some for.
-fn evaluate_masks(masks: &PredictedMasks, sequence: &Sequence) -> Result<Evaluation> {
+pub(crate) fn evaluate_masks(
+    masks: &PredictedMasks,
+    sequence: &Sequence,
+    observer: &mut Observer<'_>,
+) -> Result<Evaluation> {
     let mut classes = Classes::new(sequence.classes());
     if classes.is_empty() {
         return Err(Error::input_at(
@@ -143,21 +120,27 @@ fn evaluate_masks(masks: &PredictedMasks, sequence: &Sequence) -> Result<Evaluat
         ));
     }
     let size = (sequence.width(), sequence.height());
-    let (frames, mut view) = (masks.frames(), ProgressView::default());
+    let frames = masks.frames();
     for (done, &frame) in frames.iter().enumerate() {
         classes.add_masks(masks.masks(frame, sequence.classes(), size)?, sequence, frame)?;
-        view.count("evaluating", done + 1, frames.len());
+        observe(observer, done + 1, frames.len())?;
     }
     let held_out = frames.iter().all(|&i| Sequence::is_test_frame(i));
     let report = Report { frames: frames.len(), ..Report::of(&[], held_out, &classes) };
     Ok(Evaluation { report, frames: Vec::new(), classes })
 }
 
+fn observe(observer: &mut Observer<'_>, done: usize, total: usize) -> Result<()> {
+    match observer(&Progress { stage: "evaluating", done, total, detail: "" }) {
+        ControlFlow::Break(()) if done < total => Err(Error::Cancelled),
+        _ => Ok(()),
+    }
+}
+
 /// The classes of the recording, asked of the engine by name; none where scene or recording cannot tell.
 fn asked_classes(engine: &mut Engine, sequence: &Sequence) -> Result<Classes> {
     let classes = Classes::new(sequence.classes());
     if engine.scene().codec.is_none() || classes.is_empty() {
-        say("no IoU: it needs a scene with features and a recording with label masks");
         return Ok(Classes::new(&[]));
     }
     let names: Vec<String> = sequence.classes().iter().map(|c| c.name.clone()).collect();
@@ -186,4 +169,28 @@ fn row(images: &Images, sequence: &Sequence, frame: usize, lpips: Option<&mut Lp
         depth_rmse_log: depth.map(|d| d.rmse_log),
         depth_within_1_25: depth.map(|d| d.within_1_25),
     })
+}
+
+#[cfg(test)]
+impl Evaluation {
+    /// Two held-out frames of 4 pixels; liver is found on half of its pixels on one of them, and without labels on the other.
+    pub(crate) fn example() -> Self {
+        use surgtpgs_core::{grid::Mask, sequence::Class};
+        let row = |frame, db| FrameRow {
+            frame,
+            psnr_db: Some(db - 5.0),
+            psnr_masked_db: Some(db),
+            ssim: Some(0.875),
+            ..Default::default()
+        };
+        let mut classes = Classes::new(&[Class { id: 1, name: "liver".into(), colour: [0; 3] }]);
+        let mask = |pixels: [bool; 4]| Mask::from_vec(4, 1, pixels.to_vec());
+        for (frame, truth) in [(0, [true, true, false, false]), (8, [false; 4])] {
+            let found = mask([true, false, false, false]);
+            let measured = ClassOnFrame::measure(frame, "liver", &found, &mask(truth), &mask([true; 4]));
+            classes.threshold.add(measured.expect("masks of one size"));
+        }
+        let frames = vec![row(0, 30.0), row(8, 40.0)];
+        Self { report: Report::of(&frames, true, &classes), frames, classes }
+    }
 }

@@ -1,7 +1,7 @@
 //! The files of an evaluation: tables, the report with every row, and pictures to look at.
 
 use super::{Evaluation, masks::Labelled, matrix};
-use crate::cli::{
+use crate::{
     pictures::{png, side_by_side},
     tables::csv,
 };

@@ -122,7 +122,7 @@ fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
-pub(super) fn as_text(report: &Report) -> String {
+pub(crate) fn as_text(report: &Report) -> String {
     let value = |v: Option<f64>, unit: &str| v.map_or("unknown".into(), |v| format!("{v:.3}{unit}"));
     let kind = if report.held_out { "held-out" } else { "training (none was held out)" };
     let mut text = match report.gaussians {
