@@ -33,8 +33,6 @@ use std::{
 };
 use surgtpgs_core::sequence::names_instrument;
 
-/// How long typing must rest before what was typed is looked for, seconds.
-const TYPING_PAUSE: f64 = 0.04;
 /// Pictures that take longer than this are made at half size while something moves, milliseconds.
 const SLOW_MS: f64 = 60.0;
 
@@ -88,13 +86,17 @@ pub(crate) struct ViewerApp {
 #[derive(Debug, Default)]
 pub(crate) struct PromptBox {
     pub(super) text: String,
-    /// When it was last typed in; `None` once the typing has been looked for.
-    pub(super) edited_at: Option<f64>,
-    /// The words that are looked for before they are added.
-    pub(super) live: String,
     pub(super) wants_focus: bool,
+    pub(super) is_focused: bool,
     /// Words that were looked for before, newest first.
     pub(super) earlier: Vec<String>,
+}
+
+impl PromptBox {
+    /// The words that are looked for before they are added.
+    pub(super) fn live(&self) -> &str {
+        self.text.trim()
+    }
 }
 
 /// What is open.
@@ -258,7 +260,6 @@ impl ViewerApp {
         self.playback.set_range(self.document.content().range);
         self.playback.advance(now);
         self.skip_excluded(now);
-        self.watch_typing(now, &ctx);
         ctx.set_zoom_factor(self.preferences.scale_percent as f32 / 100.0);
         super::layout::window_ui(ui, self);
         self.ask(&ctx);
@@ -277,18 +278,6 @@ impl ViewerApp {
                 Some(next) => self.playback.seek(next, now),
                 None => self.playback.pause(),
             }
-        }
-    }
-
-    /// Looks for what is being typed once the typing rests.
-    fn watch_typing(&mut self, now: f64, ctx: &Context) {
-        let Some(edited_at) = self.prompt_box.edited_at else { return };
-        let left = edited_at + TYPING_PAUSE - now;
-        if left <= 0.0 {
-            self.prompt_box.live = self.prompt_box.text.trim().to_owned();
-            self.prompt_box.edited_at = None;
-        } else {
-            ctx.request_repaint_after_secs(left as f32);
         }
     }
 
@@ -468,11 +457,20 @@ impl ViewerApp {
             layer: mode.layer(),
             needs_difference: mode == ViewMode::Difference,
             prompts: if open.info.has_features { self.asked_prompts() } else { Vec::new() },
-            candidates: self.candidates().iter().map(|text| self.document.bare_question(text)).collect(),
+            candidates: self.unmarked_words().iter().map(|text| self.document.bare_question(text)).collect(),
             look: self.document.overlay,
             clean_up: self.document.content().clean_up,
             point: self.probe.filter(|_| open.info.has_features),
         })
+    }
+
+    /// Words whose scores are wanted without being drawn. Once somebody is about to type, one word at least, so that the
+    /// first letter finds the text encoder and the features ready.
+    fn unmarked_words(&self) -> Vec<String> {
+        let words = self.candidates();
+        let rehearses = words.is_empty() && self.prompt_box.is_focused;
+        let info = self.info().filter(|i| rehearses && i.has_features);
+        info.map_or(words, |info| info.example_prompts.first().cloned().into_iter().collect())
     }
 
     /// The visible prompts, and the one being typed.
@@ -486,7 +484,7 @@ impl ViewerApp {
         };
         let mut prompts: Vec<AskedPrompt> =
             self.document.prompts().iter().filter(|p| p.is_visible).map(asked).collect();
-        let live = &self.prompt_box.live;
+        let live = self.prompt_box.live();
         if !live.is_empty() && !prompts.iter().any(|p| p.question.text.eq_ignore_ascii_case(live)) {
             prompts.push(AskedPrompt {
                 id: PREVIEW,

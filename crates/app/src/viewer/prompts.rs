@@ -67,20 +67,16 @@ fn box_ui(ui: &mut Ui, app: &mut ViewerApp) {
     if std::mem::take(&mut prompt_box.wants_focus) {
         response.request_focus();
     }
-    if response.changed() {
-        prompt_box.edited_at = Some(ui.input(|i| i.time));
-    }
+    prompt_box.is_focused = response.has_focus();
     if response.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter)) {
         let text = std::mem::take(&mut prompt_box.text);
-        prompt_box.live.clear();
-        prompt_box.edited_at = None;
         app.add_prompt(&text);
     }
 }
 
 /// What is being typed, before Enter adds it.
 fn preview_ui(ui: &mut Ui, app: &ViewerApp) {
-    let live = &app.prompt_box.live;
+    let live = app.prompt_box.live();
     let is_added = app.document.prompts().iter().any(|p| p.text.eq_ignore_ascii_case(live));
     if live.is_empty() || is_added {
         return;

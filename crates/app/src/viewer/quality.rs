@@ -11,8 +11,9 @@ use crate::evaluation::{self, Evaluation, FrameRow, Report};
 use egui::{Context, Grid, ProgressBar, RichText, ScrollArea, Ui};
 use std::{collections::BTreeMap, path::PathBuf, sync::Arc};
 
-/// Height that the table of frames may take; the rest is scrolled to.
-const FRAMES_HEIGHT: f32 = 220.0;
+/// Height of the window that the tables leave free; what does not fit is scrolled to.
+const REST_HEIGHT: f32 = 230.0;
+const ROW_HEIGHT: f32 = 20.0;
 
 /// The sheet, from measuring to saving.
 pub(crate) struct Quality {
@@ -145,9 +146,15 @@ fn evaluation_ui(ui: &mut Ui, evaluation: &Evaluation) -> Click {
         ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
     }
     ui.add_space(6.0);
-    pictures_ui(ui, report);
-    classes_ui(ui, report);
-    frames_ui(ui, evaluation)
+    let height = (ui.ctx().content_rect().height() - REST_HEIGHT).max(120.0);
+    let area = ScrollArea::both().max_height(height).min_scrolled_height(height);
+    area.show(ui, |ui| {
+        ui.spacing_mut().interact_size.y = ROW_HEIGHT;
+        pictures_ui(ui, report);
+        classes_ui(ui, report);
+        frames_ui(ui, evaluation)
+    })
+    .inner
 }
 
 fn pictures_ui(ui: &mut Ui, report: &Report) {
@@ -210,25 +217,26 @@ fn frames_ui(ui: &mut Ui, evaluation: &Evaluation) -> Click {
     }
     iou.retain(|_, frames| !frames.is_empty());
     let mut click = Click::Nothing;
-    ScrollArea::both().max_height(FRAMES_HEIGHT).auto_shrink([false, true]).show(ui, |ui| {
-        Grid::new("frames").num_columns(3 + iou.len()).spacing([18.0, 4.0]).striped(true).show(ui, |ui| {
-            for head in ["Frame", "PSNR", "SSIM"].into_iter().chain(iou.keys().copied()) {
-                ui.label(RichText::new(head).strong());
+    if !iou.is_empty() {
+        ui.label(caption("Frame by frame, with the IoU of each class"));
+    }
+    Grid::new("frames").num_columns(3 + iou.len()).spacing([18.0, 4.0]).striped(true).show(ui, |ui| {
+        for head in ["Frame", "PSNR", "SSIM"].into_iter().chain(iou.keys().copied()) {
+            ui.label(RichText::new(head).strong());
+        }
+        ui.end_row();
+        for FrameRow { frame, psnr_masked_db, ssim, .. } in &evaluation.frames {
+            let go = ui.button(format!("Frame {}", frame + 1)).on_hover_text("Go to this frame");
+            if go.clicked() {
+                click = Click::Frame(*frame);
+            }
+            ui.label(text(psnr_masked_db.map(|v| format!("{v:.2} dB"))));
+            ui.label(text(share(*ssim)));
+            for frames in iou.values() {
+                ui.label(text(share(frames.get(frame).copied())));
             }
             ui.end_row();
-            for FrameRow { frame, psnr_masked_db, ssim, .. } in &evaluation.frames {
-                let go = ui.button(format!("Frame {}", frame + 1)).on_hover_text("Go to this frame");
-                if go.clicked() {
-                    click = Click::Frame(*frame);
-                }
-                ui.label(text(psnr_masked_db.map(|v| format!("{v:.2} dB"))));
-                ui.label(text(share(*ssim)));
-                for frames in iou.values() {
-                    ui.label(text(share(frames.get(frame).copied())));
-                }
-                ui.end_row();
-            }
-        });
+        }
     });
     click
 }
