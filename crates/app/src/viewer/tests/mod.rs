@@ -3,6 +3,7 @@
 
 mod hazards;
 mod looks;
+mod monkey;
 mod over_time;
 mod pointing;
 mod quality;
