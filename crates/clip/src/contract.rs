@@ -1,7 +1,6 @@
 //! What a text encoder takes and gives, read from the model file and checked before anything runs.
 //!
-//! The file is decoded here, not only by the backend, for two reasons: a mix-up can be named in the user's words,
-//! and tract ends the program where a damaged file makes it panic.
+//! The file is decoded here, not only by the backend, so that a mix-up can be named in the user's words.
 
 use crate::{
     model_file::{decode, external_files},
@@ -32,8 +31,6 @@ pub struct Input {
     pub name: String,
     /// What it takes.
     pub role: Role,
-    /// 32-bit instead of 64-bit integers.
-    pub is_i32: bool,
 }
 
 /// How to call a model.
@@ -134,7 +131,7 @@ fn input_roles(inputs: &[&ValueInfoProto], path: &Path) -> Result<Vec<Input>> {
             );
             return Err(Error::input_at(path, what, "Export the text half of the model with these inputs."));
         };
-        roles.push(Input { name: info.name.clone(), role, is_i32: elem_type(info) == data_type::INT32 });
+        roles.push(Input { name: info.name.clone(), role });
     }
     if roles.iter().all(|input| input.role != Role::Ids) {
         let what = "The model has no input for token ids; a text encoder takes token ids [1,77]";

@@ -9,13 +9,16 @@
 
 mod builtin;
 mod cache;
+mod caught;
 pub mod contract;
 mod depth_network;
 mod feature_network;
 pub mod graph;
 mod image_encoder;
+mod library;
 mod lpips;
 mod model_file;
+mod network;
 pub mod onnx;
 mod operators;
 mod picture_model;
@@ -26,6 +29,7 @@ mod session;
 mod settings;
 mod text_encoder;
 mod tokenizer;
+mod tract;
 
 pub use depth_network::DepthNetwork;
 pub use feature_network::FeatureNetwork;

@@ -1,15 +1,11 @@
 //! How different two pictures look to a network.
 
 use crate::{
-    model_file::{ModelFile, described, shape},
-    runtime::short,
+    model_file::{ModelFile, described},
+    network::{Element, Input, NOT_FINITE, Network, floats},
 };
 use image::RgbImage;
-use ort::{
-    session::{Session, SessionInputValue},
-    value::{Tensor, TensorElementType},
-};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use surgtpgs_core::{Error, Result};
 
 const HINT: &str = "LPIPS takes two float images [1,3,height,width] of -1 to 1 and gives one number; export it with free height and width.";
@@ -19,7 +15,8 @@ const TRIED_SIDE: u32 = 64;
 
 /// LPIPS (Zhang et al. 2018), or any other network that takes two pictures and gives their distance.
 pub struct Lpips {
-    session: Session,
+    network: Network,
+    path: PathBuf,
     inputs: [String; 2],
     output: String,
     /// Rows and columns, where the model takes no others.
@@ -30,24 +27,22 @@ impl Lpips {
     /// Opens an `.onnx` or `.ort` file, and tries it out: a picture has no distance from itself.
     pub fn open(path: &Path) -> Result<Self> {
         let model = ModelFile::open(path)?;
-        let (inputs, outputs) = (model.session.inputs(), model.session.outputs());
+        let (inputs, outputs) = (model.network.inputs(), model.network.outputs());
         let wrong = || {
             let what = format!("The model takes {} and gives {}", described(inputs), described(outputs));
             Error::input_at(path, what, HINT)
         };
         let ([one, other], [output]) = (inputs, outputs) else { return Err(wrong()) };
-        let is_float = |o: &ort::value::Outlet| o.dtype().tensor_type() == Some(TensorElementType::Float32);
-        let ([1 | -1, 3 | -1, height, width], true) = (&shape(one)[..], shape(one) == shape(other)) else {
+        let ([1 | -1, 3 | -1, height, width], true) = (&one.shape[..], one.shape == other.shape) else {
             return Err(wrong());
         };
-        if ![one, other, output].into_iter().all(is_float) {
+        if ![one, other, output].iter().all(|o| o.element == Element::F32) {
             return Err(wrong());
         }
         let size = [height, width].map(|n| u32::try_from(*n).ok().filter(|n| *n > 0));
-        let inputs = [one.name().to_owned(), other.name().to_owned()];
-        let output = output.name().to_owned();
-        let mut lpips = Self { session: model.session, inputs, output, size };
-        lpips.try_out(path)?;
+        let (inputs, output) = ([one.name.clone(), other.name.clone()], output.name.clone());
+        let mut lpips = Self { network: model.network, path: model.path, inputs, output, size };
+        lpips.try_out()?;
         Ok(lpips)
     }
 
@@ -71,24 +66,24 @@ impl Lpips {
             return Err(Error::input(what, HINT));
         }
         let failed = |cause: String| {
-            Error::input(format!("The LPIPS model failed ({})", short(&cause)), "The model may be damaged.")
+            Error::input_at(
+                &self.path,
+                format!("The LPIPS model failed ({cause})"),
+                "The model may be damaged.",
+            )
         };
-        let mut inputs = Vec::new();
-        for (name, picture) in self.inputs.iter().zip([one, other]) {
-            let tensor = Tensor::from_array(([1, 3, height as usize, width as usize], planes(picture)));
-            inputs.push((name.clone(), SessionInputValue::from(tensor.map_err(|e| failed(e.to_string()))?)));
-        }
-        let outputs = self.session.run(inputs).map_err(|e| failed(e.to_string()))?;
-        let output = outputs.get(&self.output).ok_or_else(|| failed("the output is missing".into()))?;
-        let (shape, values) = output.try_extract_tensor::<f32>().map_err(|e| failed(e.to_string()))?;
-        match values {
-            [distance] if distance.is_finite() => Ok(f64::from(*distance)),
-            [_] => Err(failed("the distance is not a number".into())),
-            _ => Err(failed(format!("the output has the shape {shape:?}, not one number"))),
+        let input = |picture| Input::F32(vec![1, 3, height as usize, width as usize], planes(picture));
+        let [first, second] = &self.inputs;
+        let inputs = vec![(first.as_str(), input(one)), (second.as_str(), input(other))];
+        let outputs = self.network.run(inputs).map_err(failed)?;
+        match floats(&outputs, &self.output).map_err(failed)? {
+            (_, [distance]) if distance.is_finite() => Ok(f64::from(*distance)),
+            (_, [_]) => Err(Error::input_at(&self.path, "The LPIPS model returned not-a-number", NOT_FINITE)),
+            (axes, _) => Err(failed(format!("the output has the shape {axes:?}, not one number"))),
         }
     }
 
-    fn try_out(&mut self, path: &Path) -> Result<()> {
+    fn try_out(&mut self) -> Result<()> {
         let [rows, columns] = self.size.map(|n| n.unwrap_or(TRIED_SIDE));
         let picture = |phase: u32| {
             RgbImage::from_fn(columns, rows, |x, y| {
@@ -103,7 +98,7 @@ impl Lpips {
         let what = format!(
             "The model gives a picture the distance {same:.4} from itself, and {apart:.4} from another"
         );
-        Err(Error::input_at(path, what, "LPIPS gives 0 and more than that; this is another model."))
+        Err(Error::input_at(&self.path, what, "LPIPS gives 0 and more than that; this is another model."))
     }
 }
 

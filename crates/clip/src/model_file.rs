@@ -1,11 +1,11 @@
 //! Models as they lie on disk: read whole, checked as far as that goes without running them, and told apart by content.
 
 use crate::{
+    network::{Network, Outlet},
     onnx::{GraphProto, ModelProto},
     operators::wrong_operator_set,
     runtime::{self, Source},
 };
-use ort::{session::Session, value::Outlet};
 use prost::{Message, bytes::Bytes};
 use sha2::{Digest, Sha256};
 use std::{
@@ -21,7 +21,7 @@ const ENDINGS: [&str; 2] = ["onnx", "ort"];
 /// A model, loaded.
 pub(crate) struct ModelFile {
     pub path: PathBuf,
-    pub session: Session,
+    pub network: Network,
     /// SHA-256 over the file and the weights beside it, hexadecimal.
     pub sha256: String,
 }
@@ -47,8 +47,8 @@ impl ModelFile {
                 hash.update(read_beside(&file, path.parent(), path)?);
             }
         }
-        let session = runtime::open_session(&Source::File(path.to_owned()), runtime::cores(), path)?;
-        Ok(Self { path: path.to_owned(), session, sha256: hex(hash) })
+        let network = runtime::open(&Source::File(path.to_owned()), runtime::cores(), path)?;
+        Ok(Self { path: path.to_owned(), network, sha256: hex(hash) })
     }
 
     /// The models of a folder by name.
@@ -142,17 +142,12 @@ pub(crate) fn read_beside(file: &str, folder: Option<&Path>, model_path: &Path) 
     }
 }
 
-/// Shape of an input or output, -1 where it varies; empty where it is no tensor.
-pub(crate) fn shape(outlet: &Outlet) -> Vec<i64> {
-    outlet.dtype().tensor_shape().map(|shape| shape.to_vec()).unwrap_or_default()
-}
-
 /// Inputs or outputs as in `image` [1,3,1024,1024], `points` [?,?,2].
 pub(crate) fn described(outlets: &[Outlet]) -> String {
     let axis = |n: i64| if n < 0 { "?".to_owned() } else { n.to_string() };
     let one = |o: &Outlet| {
-        let axes: Vec<String> = shape(o).into_iter().map(axis).collect();
-        format!("`{}` [{}]", o.name(), axes.join(","))
+        let axes: Vec<String> = o.shape.iter().copied().map(axis).collect();
+        format!("`{}` [{}]", o.name, axes.join(","))
     };
     outlets.iter().map(one).collect::<Vec<_>>().join(", ")
 }

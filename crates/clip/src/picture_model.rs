@@ -1,15 +1,11 @@
 //! What all models that read one picture share: their settings, the checks of their inputs and outputs, one run.
 
 use crate::{
-    model_file::{ModelFile, described, hex, shape},
-    runtime::short,
+    model_file::{ModelFile, described, hex},
+    network::{Element, Input, NOT_FINITE, Network, Outlet, floats},
     text_encoder::read_settings,
 };
 use image::{RgbImage, imageops};
-use ort::{
-    session::{Session, SessionInputValue},
-    value::{Outlet, Tensor, TensorElementType},
-};
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 use surgtpgs_core::{Error, Result, sequence::DepthKind};
@@ -93,7 +89,7 @@ impl Size {
 
 /// A loaded model with one picture in.
 pub(crate) struct PictureModel {
-    session: Session,
+    network: Network,
     input: String,
     output: String,
     what: &'static str,
@@ -125,8 +121,8 @@ impl PictureModel {
         hash.update(&model.sha256);
         hash.update(&text);
         let colours = [settings.mean.unwrap_or(role.colours[0]), settings.std.unwrap_or(role.colours[1])];
-        let (session, path, what) = (model.session, model.path, role.what);
-        Ok(Self { session, input, output, what, settings, path, size, batch, colours, sha256: hex(hash) })
+        let (network, path, what) = (model.network, model.path, role.what);
+        Ok(Self { network, input, output, what, settings, path, size, batch, colours, sha256: hex(hash) })
     }
 
     /// Name of the output that is read.
@@ -149,27 +145,27 @@ impl PictureModel {
         (0..3).flat_map(plane).collect()
     }
 
-    /// The output for `pictures`, [n, …], all of its axes and its values.
+    /// The output for `pictures`, [n, …], all of its axes and its values, which are finite.
     pub(crate) fn run(&mut self, pictures: &[Vec<f32>]) -> Result<(Vec<usize>, Vec<f32>)> {
         let what = self.what.trim_start_matches("an ").trim_start_matches("a ");
         let failed = |cause: String| {
-            Error::input(format!("The {what} failed ({})", short(&cause)), "The model may be damaged.")
+            Error::input_at(&self.path, format!("The {what} failed ({cause})"), "The model may be damaged.")
         };
         let [rows, columns] = self.size;
         let num = self.batch.unwrap_or(pictures.len());
         let mut values = pictures.concat();
         values.resize(num * 3 * rows * columns, 0.0);
-        let tensor =
-            Tensor::from_array(([num, 3, rows, columns], values)).map_err(|e| failed(e.to_string()))?;
-        let inputs = vec![(self.input.clone(), SessionInputValue::from(tensor))];
-        let outputs = self.session.run(inputs).map_err(|e| failed(e.to_string()))?;
-        let output = outputs.get(&self.output).ok_or_else(|| failed("the output is missing".into()))?;
-        let (shape, values) = output.try_extract_tensor::<f32>().map_err(|e| failed(e.to_string()))?;
-        let axes: Vec<usize> = shape.iter().map(|n| usize::try_from(*n).unwrap_or(0)).collect();
-        match axes[..] {
-            [n, ..] if n == num && !values.is_empty() => Ok((axes, values.to_vec())),
-            _ => Err(failed(format!("output `{}` has the shape {axes:?} for {num} pictures", self.output))),
+        let input = Input::F32(vec![num, 3, rows, columns], values);
+        let outputs = self.network.run(vec![(&self.input, input)]).map_err(failed)?;
+        let (axes, values) = floats(&outputs, &self.output).map_err(failed)?;
+        if values.is_empty() || axes.first() != Some(&num) {
+            let cause = format!("output `{}` has the shape {axes:?} for {num} pictures", self.output);
+            return Err(failed(cause));
         }
+        if !values.iter().all(|v| v.is_finite()) {
+            return Err(Error::input_at(&self.path, format!("The {what} returned not-a-number"), NOT_FINITE));
+        }
+        Ok((axes, values.to_vec()))
     }
 }
 
@@ -190,35 +186,30 @@ fn check_input(
     settings: &PictureSettings,
     role: &Role,
 ) -> Result<(String, Option<usize>, [usize; 2])> {
-    let inputs = model.session.inputs();
+    let inputs = model.network.inputs();
     let wrong = |hint: &str| {
         let what = format!("The model wants {}; {} takes one batch of images", described(inputs), role.what);
         Err(Error::input_at(&model.path, what, hint))
     };
-    let is_text = |input: &Outlet| {
-        matches!(input.dtype().tensor_type(), Some(TensorElementType::Int64 | TensorElementType::Int32))
-    };
-    let pictures = inputs.iter().filter(|i| shape(i).len() == 4).count();
+    let pictures = inputs.iter().filter(|i| i.shape.len() == 4).count();
     let [input] = inputs else {
-        return wrong(match (pictures, inputs.iter().any(is_text)) {
+        return wrong(match (pictures, inputs.iter().any(Outlet::is_integer)) {
             (1.., true) => "Export the image half alone.",
             (_, true) => "You may have picked the text encoder.",
             (2, _) => STEREO,
             _ => role.hint,
         });
     };
-    if is_text(input) {
+    if input.is_integer() {
         return wrong("You may have picked the text encoder.");
     }
-    let (batch, height, width) = match shape(input)[..] {
+    let (batch, height, width) = match input.shape[..] {
         [batch, 3 | -1, height, width] => (batch, height, width),
         [_, 6, _, _] => return wrong(STEREO),
         _ => return wrong(role.hint),
     };
     let is_square = role.size[0] == role.size[1];
-    if input.dtype().tensor_type() != Some(TensorElementType::Float32)
-        || (is_square && height > 0 && width > 0 && height != width)
-    {
+    if input.element != Element::F32 || (is_square && height > 0 && width > 0 && height != width) {
         return wrong(role.hint);
     }
     let [rows, columns] = settings.size.map_or(role.size, Size::rows_columns);
@@ -227,7 +218,7 @@ fn check_input(
         true => [fixed(height.max(width)).unwrap_or(rows); 2],
         false => [fixed(height).unwrap_or(rows), fixed(width).unwrap_or(columns)],
     };
-    Ok((input.name().to_owned(), fixed(batch), size))
+    Ok((input.name.clone(), fixed(batch), size))
 }
 
 /// What to do with two views of a scene.
@@ -235,10 +226,10 @@ const STEREO: &str = "Networks for stereo pairs are unsupported: make depth with
                       it beside the frames (`depth/`, named like them), or give a network for single pictures.";
 
 fn choose_output(model: &ModelFile, settings: &PictureSettings, role: &Role) -> Result<String> {
-    let outputs = model.session.outputs();
+    let outputs = model.network.outputs();
     let wrong = |what: String, hint: &str| Err(Error::input_at(&model.path, what, hint));
     if let Some(name) = &settings.output {
-        return match outputs.iter().any(|o| o.name() == name) {
+        return match outputs.iter().any(|o| o.name == *name) {
             true => Ok(name.clone()),
             false => {
                 let file = role.settings_file;
@@ -249,13 +240,12 @@ fn choose_output(model: &ModelFile, settings: &PictureSettings, role: &Role) -> 
         };
     }
     let fits = |o: &&Outlet| {
-        let axes = shape(o).len();
-        o.dtype().tensor_type() == Some(TensorElementType::Float32)
-            && (axes == 0 || role.ranks.contains(&axes))
+        let axes = o.shape.len();
+        o.element == Element::F32 && (axes == 0 || role.ranks.contains(&axes))
     };
-    let named = role.outputs.iter().find_map(|name| outputs.iter().find(|o| o.name() == *name));
+    let named = role.outputs.iter().find_map(|name| outputs.iter().find(|o| o.name == *name));
     match named.filter(fits).or_else(|| outputs.iter().find(fits)) {
-        Some(output) => Ok(output.name().to_owned()),
+        Some(output) => Ok(output.name.clone()),
         None => wrong(format!("The model gives {}", described(outputs)), role.hint),
     }
 }

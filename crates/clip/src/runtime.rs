@@ -1,11 +1,14 @@
 //! What runs the models: ONNX Runtime's shared library where one is found, else tract (pure Rust, always there).
 //! There is one environment per process; which one is decided once, at the first model.
 
-use crate::{onnx::ModelProto, operators, provider};
-use ort::{
-    environment::Environment,
-    session::{Session, builder::GraphOptimizationLevel},
+use crate::{
+    library,
+    network::{Network, short},
+    onnx::ModelProto,
+    operators,
+    tract::Tract,
 };
+use ort::environment::Environment;
 use prost::Message;
 use std::{
     path::{Path, PathBuf},
@@ -22,9 +25,9 @@ const LIBRARY_NAMES: &[&str] = &["libonnxruntime.dylib", "libonnxruntime.1.dylib
 const LIBRARY_NAMES: &[&str] = &["libonnxruntime.so", "libonnxruntime.so.1"];
 
 struct Runtime {
-    environment: Environment,
+    /// ONNX Runtime's, where its library is used.
+    library: Option<Environment>,
     name: String,
-    is_library: bool,
     notes: Vec<String>,
 }
 
@@ -46,7 +49,7 @@ pub fn backend_notes() -> &'static [String] {
 
 /// Whether models run on ONNX Runtime's own library: only that reads its `.ort` format.
 pub(crate) fn is_onnx_runtime() -> bool {
-    runtime().is_ok_and(|runtime| runtime.is_library)
+    runtime().is_ok_and(|runtime| runtime.library.is_some())
 }
 
 /// Where a model comes from.
@@ -61,28 +64,17 @@ pub(crate) fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, |n| n.get())
 }
 
-/// Loads a model to run on `threads` threads. `path` is only named in errors.
-pub(crate) fn open_session(source: &Source, threads: usize, path: &Path) -> Result<Session> {
-    let environment = &runtime()?.environment;
-    let provider = provider::chosen();
-    let load = || -> Result<Session, ort::Error> {
-        let mut builder = Session::builder(environment)?
-            // tract leaves the graph as it is without this, three times slower.
-            .with_optimization_level(GraphOptimizationLevel::Level3)?;
-        builder = builder.with_intra_threads(threads).unwrap_or_else(|e| e.recover());
-        if let Some(provider) = provider.dispatch() {
-            builder = builder.with_execution_providers([provider])?;
-        }
-        match source {
-            Source::File(file) => builder.commit_from_file(file),
-            Source::Memory(bytes) => builder.commit_from_memory(bytes),
-        }
+/// Loads a model to run on `threads` threads (the built-in backend has one). `path` is only named in errors.
+pub(crate) fn open(source: &Source, threads: usize, path: &Path) -> Result<Network> {
+    let loaded = match &runtime()?.library {
+        Some(environment) => library::open(source, threads, environment).map_err(|e| e.message().to_owned()),
+        None => Tract::open(source).map(Network::Tract),
     };
-    load().map_err(|e| {
-        if let Some((what, hint)) = about_operators(source, e.message()) {
+    loaded.map_err(|cause| {
+        if let Some((what, hint)) = about_operators(source, &cause) {
             return Error::input_at(path, what, hint);
         }
-        let what = format!("{} could not load the model ({})", backend_name(), short(e.message()));
+        let what = format!("{} could not load the model ({})", backend_name(), short(&cause));
         let hint = "Export it with ordinary ONNX operators, or set ORT_DYLIB_PATH to a newer ONNX Runtime.";
         Error::input_at(path, what, hint)
     })
@@ -95,12 +87,6 @@ fn about_operators(source: &Source, message: &str) -> Option<(String, &'static s
         Source::Memory(bytes) => ModelProto::decode(*bytes),
     };
     operators::explain(&model.ok()?, message, backend_name())
-}
-
-/// The first line of a backend's message, which can run over pages.
-pub(crate) fn short(message: &str) -> String {
-    let line = message.lines().next().unwrap_or_default().trim_end_matches('.');
-    line.chars().take(200).collect()
 }
 
 fn runtime() -> Result<&'static Runtime> {
@@ -117,7 +103,7 @@ fn start() -> Result<Runtime, String> {
         match start_library(&path) {
             Ok(environment) => {
                 let name = format!("ONNX Runtime 1.{minor} ({})", path.display());
-                return Ok(Runtime { environment, name, is_library: true, notes });
+                return Ok(Runtime { library: Some(environment), name, notes });
             }
             // Once a library is bound to the process, ort can no longer be given another backend.
             Err(Started::AfterBinding(cause)) => return Err(format!("{}: {cause}", path.display())),
@@ -126,11 +112,7 @@ fn start() -> Result<Runtime, String> {
             }
         }
     }
-    if !ort::set_api(ort_tract::api()) {
-        return Err("another ONNX backend is already in this process".into());
-    }
-    let environment = ort::init().with_name("surgtpgs").build().map_err(|e| e.to_string())?;
-    Ok(Runtime { environment, name: "tract (built in)".into(), is_library: false, notes })
+    Ok(Runtime { library: None, name: "tract (built in)".into(), notes })
 }
 
 enum Started {

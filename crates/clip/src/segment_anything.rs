@@ -5,17 +5,13 @@
 //! call the points `input_points` and give `pred_masks`.
 
 use crate::{
-    model_file::{ModelFile, described, shape},
-    runtime::short,
+    model_file::{ModelFile, described},
+    network::{Input, NOT_FINITE, Network, Outlet, Value, floats},
 };
 use image::{RgbImage, imageops::FilterType};
-use ort::{
-    session::{Session, SessionInputValue},
-    value::{DynValue, Outlet, Tensor, TensorElementType},
-};
 use sha2::{Digest, Sha256};
 use std::{
-    path::Path,
+    path::{Path, PathBuf},
     time::{Duration, Instant},
 };
 use surgtpgs_core::{
@@ -59,8 +55,9 @@ struct Contract {
 
 /// A loaded Segment Anything.
 pub struct SegmentAnything {
-    encoder: Session,
-    decoder: Session,
+    encoder: Network,
+    decoder: Network,
+    folder: PathBuf,
     contract: Contract,
     /// Pixels along each side of what the encoder reads.
     side: usize,
@@ -72,7 +69,7 @@ pub struct SegmentAnything {
 
 /// What the encoder made of an image.
 struct Encoded {
-    features: Vec<DynValue>,
+    features: Vec<Value>,
     size: [u32; 2],
 }
 
@@ -85,7 +82,7 @@ impl SegmentAnything {
             return Err(Error::input_at(folder, what, HINT));
         };
         let (a, b) = (ModelFile::open(a)?, ModelFile::open(b)?);
-        let (encoder, decoder) = match (encoder_side(a.session.inputs()), encoder_side(b.session.inputs())) {
+        let (encoder, decoder) = match (encoder_side(a.network.inputs()), encoder_side(b.network.inputs())) {
             (Some(_), None) => (a, b),
             (None, Some(_)) => (b, a),
             (first, _) => {
@@ -93,20 +90,21 @@ impl SegmentAnything {
                     if first.is_some() { "Both models read images" } else { "Neither model reads images" };
                 let what = format!(
                     "{which}: the one wants {}, the other {}; an encoder takes a float image [1,3,1024,1024]",
-                    described(a.session.inputs()),
-                    described(b.session.inputs())
+                    described(a.network.inputs()),
+                    described(b.network.inputs())
                 );
                 return Err(Error::input_at(folder, what, HINT));
             }
         };
-        let side = encoder_side(encoder.session.inputs()).unwrap_or_default();
+        let side = encoder_side(encoder.network.inputs()).unwrap_or_default();
         let contract = Contract::read(&encoder, &decoder)?;
         let mut hash = Sha256::new();
         hash.update(&encoder.sha256);
         hash.update(&decoder.sha256);
         Ok(Self {
-            encoder: encoder.session,
-            decoder: decoder.session,
+            encoder: encoder.network,
+            decoder: decoder.network,
+            folder: folder.to_owned(),
             contract,
             side,
             sha256: crate::model_file::hex(hash),
@@ -165,15 +163,14 @@ impl PointSegmenter for SegmentAnything {
         let started = Instant::now();
         let values = self.tensor(image);
         let side = self.side;
-        let run = || -> Result<Vec<DynValue>, ort::Error> {
-            let input = self.encoder.inputs()[0].name().to_owned();
-            let names: Vec<String> = self.encoder.outputs().iter().map(|o| o.name().to_owned()).collect();
-            let tensor = Tensor::from_array(([1, 3, side, side], values))?;
-            let mut outputs = self.encoder.run(vec![(input, SessionInputValue::from(tensor))])?;
-            let missing = || ort::Error::new("an output is missing");
-            names.into_iter().map(|name| outputs.remove(name).ok_or_else(missing)).collect()
-        };
-        let features = run().map_err(|e| failed("encoder", &e))?;
+        let failed = |cause| failed("encoder", cause, &self.folder);
+        let input = self.encoder.inputs()[0].name.clone();
+        let names: Vec<String> = self.encoder.outputs().iter().map(|o| o.name.clone()).collect();
+        let values = Input::F32(vec![1, 3, side, side], values);
+        let mut outputs = self.encoder.run(vec![(&input, values)]).map_err(failed)?;
+        let take =
+            |name: &String| outputs.remove(name).ok_or_else(|| format!("the output `{name}` is missing"));
+        let features = names.iter().map(take).collect::<Result<_, _>>().map_err(failed)?;
         self.image = Some(Encoded { features, size: [image.width(), image.height()] });
         self.encoding += started.elapsed();
         Ok(())
@@ -186,18 +183,17 @@ impl PointSegmenter for SegmentAnything {
         };
         let size = image.size;
         let scale = self.scale(size);
-        let inputs = self.contract.inputs(self.decoder.inputs(), prompts, image, scale);
-        let inputs = inputs.map_err(|e| failed("decoder", &e))?;
-        let outputs = self.decoder.run(inputs).map_err(|e| failed("decoder", &e))?;
-        let values = |name: &str| -> Result<(Vec<i64>, Vec<f32>)> {
-            let output = outputs.get(name).ok_or_else(|| failed("decoder", &ort::Error::new("no output")))?;
-            let (shape, values) = output.try_extract_tensor::<f32>().map_err(|e| failed("decoder", &e))?;
-            Ok((shape.to_vec(), values.to_vec()))
-        };
-        let (shape, logits) = values(&self.contract.masks)?;
-        let (_, ratings) = values(&self.contract.ratings)?;
+        let failed = |cause| failed("decoder", cause, &self.folder);
+        let outlets = self.decoder.inputs().to_vec();
+        let inputs = self.contract.inputs(&outlets, prompts, image, scale);
+        let outputs = self.decoder.run(inputs).map_err(failed)?;
+        let (shape, logits) = floats(&outputs, &self.contract.masks).map_err(failed)?;
+        let (_, ratings) = floats(&outputs, &self.contract.ratings).map_err(failed)?;
+        if !logits.iter().chain(ratings).all(|v| v.is_finite()) {
+            return Err(Error::input_at(&self.folder, "The mask decoder returned not-a-number", NOT_FINITE));
+        }
         let used = [0, 1].map(|i| (size[i] as f32 * scale[i] / self.side as f32).min(1.0));
-        let prediction = prediction(&shape, logits, ratings, prompts.len(), size, used);
+        let prediction = prediction(&shape, logits.to_vec(), ratings.to_vec(), prompts.len(), size, used);
         self.decoding += started.elapsed();
         prediction
     }
@@ -209,7 +205,7 @@ impl PointSegmenter for SegmentAnything {
 
 /// Puts the decoder's answers into order. `used` is the share of the encoder's square that the image covers.
 fn prediction(
-    shape: &[i64],
+    shape: &[usize],
     logits: Vec<f32>,
     ratings: Vec<f32>,
     num_prompts: usize,
@@ -221,8 +217,7 @@ fn prediction(
         Error::input(what, "Encoder and decoder may not belong together.")
     };
     let [.., height, width] = *shape else { return Err(wrong()) };
-    let size_of_map = [width, height].map(|n| usize::try_from(n).unwrap_or(0));
-    let len = size_of_map[0] * size_of_map[1];
+    let (size_of_map, len) = ([width, height], width * height);
     let answers = ratings.len() / num_prompts.max(1);
     if len == 0
         || answers == 0
@@ -253,7 +248,7 @@ fn prediction(
 /// Pixels along a side if the inputs are those of an image encoder.
 fn encoder_side(inputs: &[Outlet]) -> Option<usize> {
     let [image] = inputs else { return None };
-    match shape(image)[..] {
+    match image.shape[..] {
         [1 | -1, 3, h, w] if h == w || h < 0 || w < 0 => {
             // Where the file leaves the size open it is the one all checkpoints were trained with.
             let side = h.max(w);
@@ -265,27 +260,27 @@ fn encoder_side(inputs: &[Outlet]) -> Option<usize> {
 
 impl Contract {
     fn read(encoder: &ModelFile, decoder: &ModelFile) -> Result<Self> {
-        let (features, inputs) = (encoder.session.outputs(), decoder.session.inputs());
+        let (features, inputs) = (encoder.network.outputs(), decoder.network.inputs());
         let mut feeds = Vec::new();
         for input in inputs {
-            let feed = named_feed(input.name()).or_else(|| matching_feature(input, features, &feeds));
+            let feed = named_feed(&input.name).or_else(|| matching_feature(input, features, &feeds));
             let Some(feed) = feed else {
                 let what = format!(
                     "The mask decoder wants {}, and nothing the encoder makes ({}) fits `{}`",
                     described(inputs),
                     described(features),
-                    input.name()
+                    input.name
                 );
                 return Err(Error::input_at(&decoder.path, what, HINT));
             };
             feeds.push(feed);
         }
-        let outputs = decoder.session.outputs();
+        let outputs = decoder.network.outputs();
         let named = |words: &[&str]| {
-            let fits = |word: &&str| outputs.iter().find(|o| o.name().to_lowercase().contains(*word));
-            words.iter().find_map(fits).map(|o| o.name().to_owned())
+            let fits = |word: &&str| outputs.iter().find(|o| o.name.to_lowercase().contains(*word));
+            words.iter().find_map(fits).map(|o| o.name.clone())
         };
-        let points = feeds.iter().position(|f| *f == Feed::Points).map(|i| shape(&inputs[i]));
+        let points = feeds.iter().position(|f| *f == Feed::Points).map(|i| inputs[i].shape.clone());
         let (Some(points), Some(masks), Some(ratings)) =
             (points, named(&["low_res", "mask"]), named(&["iou", "score"]))
         else {
@@ -297,7 +292,7 @@ impl Contract {
             return Err(Error::input_at(&decoder.path, what, HINT));
         };
         let num_features = feeds.iter().filter(|f| matches!(f, Feed::Feature(_))).count();
-        let has_positions = inputs.iter().any(|i| i.name().contains("positional"));
+        let has_positions = inputs.iter().any(|i| i.name.contains("positional"));
         let has_outer_axis = points.len() == 4;
         Ok(Self {
             is_batched: if has_outer_axis { points[1] < 0 } else { points.first() == Some(&-1) },
@@ -313,56 +308,49 @@ impl Contract {
     /// The decoder's inputs for `prompts`, whose points are multiplied by `scale`.
     fn inputs<'a>(
         &self,
-        outlets: &[Outlet],
+        outlets: &'a [Outlet],
         prompts: &[Vec<[f32; 2]>],
         image: &'a Encoded,
         scale: [f32; 2],
-    ) -> Result<Vec<(String, SessionInputValue<'a>)>, ort::Error> {
+    ) -> Vec<(&'a str, Input<'a>)> {
         let n = prompts.len();
         // SAM 1 was trained with a last point that says "no box".
         let padding = usize::from(self.is_padded && !self.has_outer_axis);
         let num_points = prompts.first().map_or(0, Vec::len) + padding;
         let outer =
             |axes: &[usize]| if self.has_outer_axis { [&[1][..], axes].concat() } else { axes.to_vec() };
-        let mut named = Vec::new();
-        for (outlet, feed) in outlets.iter().zip(&self.feeds) {
-            let value: SessionInputValue<'a> = match feed {
-                Feed::Feature(k) => SessionInputValue::from(&image.features[*k]),
+        let input = |(outlet, feed): (&'a Outlet, &Feed)| {
+            let fixed = |axis: usize| outlet.shape.get(axis).and_then(|n| usize::try_from(*n).ok());
+            let input = match feed {
+                Feed::Feature(k) => Input::Given(&image.features[*k]),
                 Feed::Points => {
                     let with_padding = |p: &Vec<[f32; 2]>| {
                         let scaled: Vec<f32> =
                             p.iter().flat_map(|p| [p[0] * scale[0], p[1] * scale[1]]).collect();
                         [scaled, vec![0.0; 2 * padding]].concat()
                     };
-                    let values = prompts.iter().flat_map(with_padding).collect();
-                    tensor(outlet, outer(&[n, num_points, 2]), values)?
+                    Input::F32(outer(&[n, num_points, 2]), prompts.iter().flat_map(with_padding).collect())
                 }
                 Feed::Labels => {
                     let one = |i: usize| if i % num_points < num_points - padding { 1.0 } else { -1.0 };
-                    tensor(outlet, outer(&[n, num_points]), (0..n * num_points).map(one).collect())?
+                    Input::F32(outer(&[n, num_points]), (0..n * num_points).map(one).collect())
                 }
-                Feed::EarlierMask => {
-                    let fixed = |i: usize, other: usize| {
-                        shape(outlet).get(i).and_then(|n| usize::try_from(*n).ok()).unwrap_or(other)
-                    };
-                    let axes = vec![n, 1, fixed(2, 256), fixed(3, 256)];
-                    let len = axes.iter().product();
-                    tensor(outlet, axes, vec![0.0; len])?
-                }
-                Feed::HasEarlierMask => {
-                    let fixed = shape(outlet).first().copied().filter(|len| *len > 0);
-                    let len = fixed.map_or(n, |len| len as usize);
-                    tensor(outlet, vec![len], vec![0.0; len])?
-                }
+                Feed::EarlierMask => zeros(vec![n, 1, fixed(2).unwrap_or(256), fixed(3).unwrap_or(256)]),
+                Feed::HasEarlierMask => zeros(vec![fixed(0).filter(|len| *len > 0).unwrap_or(n)]),
                 Feed::ImageSize => {
                     let [width, height] = image.size.map(|v| v as f32);
-                    tensor(outlet, vec![2], vec![height, width])?
+                    Input::F32(vec![2], vec![height, width])
                 }
             };
-            named.push((outlet.name().to_owned(), value));
-        }
-        Ok(named)
+            (outlet.name.as_str(), input)
+        };
+        outlets.iter().zip(&self.feeds).map(input).collect()
     }
+}
+
+fn zeros(axes: Vec<usize>) -> Input<'static> {
+    let len = axes.iter().product();
+    Input::F32(axes, vec![0.0; len])
 }
 
 /// What an input takes, by its name.
@@ -381,33 +369,14 @@ fn named_feed(name: &str) -> Option<Feed> {
 
 /// The encoder's output of the same name, else the only one of the same shape that is not used yet.
 fn matching_feature(input: &Outlet, features: &[Outlet], used: &[Feed]) -> Option<Feed> {
-    let by_name = features.iter().position(|f| f.name() == input.name());
+    let by_name = features.iter().position(|f| f.name == input.name);
     let is_free = |k: &usize| !used.contains(&Feed::Feature(*k));
-    let mut by_shape = (0..features.len()).filter(is_free).filter(|k| shape(&features[*k]) == shape(input));
+    let mut by_shape = (0..features.len()).filter(is_free).filter(|k| features[*k].shape == input.shape);
     let only = by_shape.next().filter(|_| by_shape.next().is_none());
     by_name.or(only).map(Feed::Feature)
 }
 
-/// Values in the number type that the input takes.
-fn tensor(
-    outlet: &Outlet,
-    axes: Vec<usize>,
-    values: Vec<f32>,
-) -> Result<SessionInputValue<'static>, ort::Error> {
-    Ok(match outlet.dtype().tensor_type() {
-        Some(TensorElementType::Int64) => {
-            Tensor::from_array((axes, values.iter().map(|v| *v as i64).collect::<Vec<_>>()))?.into()
-        }
-        Some(TensorElementType::Int32) => {
-            Tensor::from_array((axes, values.iter().map(|v| *v as i32).collect::<Vec<_>>()))?.into()
-        }
-        _ => Tensor::from_array((axes, values))?.into(),
-    })
-}
-
-fn failed(part: &str, error: &ort::Error) -> Error {
-    Error::input(
-        format!("the mask {part} failed ({})", short(error.message())),
-        "Encoder and decoder may not belong together, or be damaged.",
-    )
+fn failed(part: &str, cause: String, folder: &Path) -> Error {
+    let what = format!("The mask {part} failed ({cause})");
+    Error::input_at(folder, what, "Encoder and decoder may not belong together, or be damaged.")
 }

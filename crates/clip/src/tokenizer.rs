@@ -1,10 +1,7 @@
 //! Words to token ids, with every way a tokenizer file can be wrong turned into a sentence.
 
-use crate::settings::EncoderSettings;
-use std::{
-    panic::{AssertUnwindSafe, catch_unwind},
-    path::Path,
-};
+use crate::{caught::caught, settings::EncoderSettings};
+use std::path::Path;
 use surgtpgs_core::{Error, Result};
 use tokenizers::Tokenizer;
 
@@ -63,7 +60,7 @@ impl PromptTokenizer {
         let input = lowered.as_deref().unwrap_or(text);
         let unreadable =
             || Error::input(format!("The tokenizer could not read \"{text}\""), "Use other words.");
-        let encoding = catch_unwind(AssertUnwindSafe(|| self.tokenizer.encode(input, true)));
+        let encoding = caught(|| self.tokenizer.encode(input, true));
         let ids = encoding.map_err(|_| unreadable())?.map_err(|_| unreadable())?.get_ids().to_vec();
         if ids.is_empty() {
             return Err(unreadable());
@@ -90,7 +87,7 @@ fn load(bytes: &[u8], path: &Path) -> Result<Tokenizer> {
         let what = format!("tokenizer.json is not a tokenizer file: it has no field \"{missing}\"");
         return Err(Error::input_at(path, what, SAME_EXPORT));
     }
-    let parsed = catch_unwind(|| Tokenizer::from_bytes(bytes));
+    let parsed = caught(|| Tokenizer::from_bytes(bytes));
     match parsed {
         Ok(Ok(tokenizer)) => Ok(tokenizer),
         Ok(Err(_)) | Err(_) => {
@@ -107,8 +104,7 @@ fn load(bytes: &[u8], path: &Path) -> Result<Tokenizer> {
 fn suspect(json: &serde_json::Value) -> Option<&'static str> {
     fn reads<T: serde::de::DeserializeOwned>(json: &serde_json::Value, field: &str) -> bool {
         let part = json.get(field).cloned().unwrap_or_default();
-        part.is_null()
-            || matches!(catch_unwind(AssertUnwindSafe(|| serde_json::from_value::<T>(part))), Ok(Ok(_)))
+        part.is_null() || matches!(caught(|| serde_json::from_value::<T>(part)), Ok(Ok(_)))
     }
     let checks = [
         ("model", reads::<tokenizers::ModelWrapper>(json, "model")),

@@ -310,6 +310,27 @@ fn embeddings_without_direction_are_errors() {
 }
 
 #[test]
+fn panics_inside_of_a_backend_are_errors() {
+    // The table is made by an operation, so that only the look-up shows how few rows it has.
+    let short = |rows: usize| {
+        Graph::default()
+            .input("input_ids", INT64, &[None, None])
+            .output("text_embeds", FLOAT, &[None, None, Some(16)])
+            .floats("half", &[rows, 16], &table(rows, 16))
+            .node("table", "Add", &["half", "half"])
+            .node("text_embeds", "Gather", &["table", "input_ids"])
+    };
+    let settings = Some("pooling = \"mean\"");
+    assert!(open(short(10), settings).is_ok());
+    for rows in [1, 9] {
+        assert_error(
+            open(short(rows), settings),
+            &["The encoder failed on \"liver\"", "may not belong together", "model.onnx"],
+        );
+    }
+}
+
+#[test]
 fn unknown_settings_are_errors() {
     assert_error(open(clip_graph(10, 16), Some("poling = \"mean\"")), &["encoder.toml", "poling"]);
 }

@@ -37,22 +37,27 @@ fn other_models_are_refused() {
     };
     let one = refused(one_picture());
     assert!(one.contains("LPIPS takes two float images"), "{one}");
-    let same = refused(constant_distance());
+    let same = refused(constant_distance(1.0));
     assert!(same.contains("distance 3.0000 from itself"), "{same}");
+    let nothing = refused(constant_distance(f32::NAN));
+    assert!(
+        nothing.contains("LPIPS model returned not-a-number") && nothing.contains("other.onnx"),
+        "{nothing}"
+    );
     let (_folder, path) = file("fixed.onnx", distance::lpips(Some(32)));
     let fixed = Lpips::open(&path).unwrap().distance(&RgbImage::new(20, 10), &RgbImage::new(20, 10));
     assert!(fixed.unwrap_err().to_string().contains("32×32 alone, the frames are 20×10"));
 }
 
-/// Takes two pictures as LPIPS does and finds any two equally far apart.
-fn constant_distance() -> Graph {
+/// Takes two pictures as LPIPS does and finds any two equally far apart: three times `one`.
+fn constant_distance(one: f32) -> Graph {
     let axes = [Some(1), Some(3), None, None];
     Graph::default()
         .input("img1", FLOAT, &axes)
         .input("img2", FLOAT, &axes)
         .output("distance", FLOAT, &[Some(1), Some(1), Some(1), Some(1)])
         .ints("channels", &[1], &[1])
-        .floats("one", &[1], &[1.0])
+        .floats("one", &[1], &[one])
         .floats("none", &[1], &[0.0])
         .node("both", "Add", &["img1", "img2"])
         .node("means", "GlobalAveragePool", &["both"])

@@ -2,8 +2,11 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up should stop")]
 
+#[path = "models/damaged.rs"]
+mod damaged;
 mod models;
 
+use damaged::with_constant;
 use image::{Rgb, RgbImage};
 use models::{depth_network, feature_network};
 use std::fs;
@@ -12,8 +15,12 @@ use surgtpgs_core::{Result, sequence::DepthKind};
 use tempfile::TempDir;
 
 fn folder(model: Graph, settings: &str) -> TempDir {
+    folder_of(&model.into_bytes(), settings)
+}
+
+fn folder_of(model: &[u8], settings: &str) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("model.onnx"), model.into_bytes()).unwrap();
+    fs::write(folder.path().join("model.onnx"), model).unwrap();
     for name in ["depth.toml", "encoder.toml"] {
         fs::write(folder.path().join(name), settings).unwrap();
     }
@@ -112,4 +119,20 @@ fn every_place_of_a_picture_gets_its_features() {
     let flat = models::image_encoder(&matrix, Some(1), &["image_embeds"]);
     let error = FeatureNetwork::open(folder(flat, "").path());
     assert_error(error, &["The model gives `image_embeds` [1,4]", "[1,dim,rows,columns]"]);
+}
+
+#[test]
+fn numbers_that_are_not_finite_are_errors() {
+    for value in [f32::NAN, f32::INFINITY] {
+        let depth = folder_of(&with_constant(depth_network("disp", false), "four", value), "");
+        assert_error(
+            DepthNetwork::open(depth.path()),
+            &["The depth network returned not-a-number", "float32 export", "model.onnx"],
+        );
+        let features = folder_of(&with_constant(feature_network(&[1.0; 12]), "weights", value), "");
+        assert_error(
+            FeatureNetwork::open(features.path()),
+            &["The network for feature maps returned not-a-number", "model.onnx"],
+        );
+    }
 }

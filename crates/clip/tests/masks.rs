@@ -2,8 +2,11 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up should stop")]
 
+#[path = "models/damaged.rs"]
+mod damaged;
 mod models;
 
+use damaged::with_constant;
 use image::{Rgb, RgbImage};
 use models::{SIDE, encoder, image_encoder, sam1_decoder, sam2_decoder};
 use std::{fs, ops::ControlFlow, path::Path};
@@ -99,6 +102,26 @@ fn questions_need_an_image() {
     let folder = sam2();
     let mut model = SegmentAnything::open(folder.path()).unwrap();
     assert!(model.predict(&[vec![[1.0, 1.0]]]).unwrap_err().to_string().contains("before it had an image"));
+}
+
+#[test]
+fn numbers_that_are_not_finite_are_errors() {
+    for constant in ["reach", "rating"] {
+        let encoder = encoder(&["image_embed", "high_res_feats_0"]).into_bytes();
+        let folder =
+            folder(&[("a.onnx", encoder), ("b.onnx", with_constant(sam2_decoder(), constant, f32::NAN))]);
+        let mut model = SegmentAnything::open(folder.path()).unwrap();
+        model.set_image(&picture()).unwrap();
+        let expected =
+            ["The mask decoder returned not-a-number", folder.path().file_name().unwrap().to_str().unwrap()];
+        assert_error(model.predict(&[vec![[1.0, 1.0]]]), &expected);
+    }
+    let image = with_constant(image_encoder(&MATRIX, None, &["image_embeds"]), "matrix", f32::NAN);
+    let image = folder(&[("model.onnx", image)]);
+    assert_error(
+        ImageEncoder::open(image.path()),
+        &["The image encoder returned not-a-number", "model.onnx"],
+    );
 }
 
 #[track_caller]

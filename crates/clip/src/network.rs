@@ -1,0 +1,135 @@
+//! A loaded model, whatever runs it: what it takes, what it gives, and one run.
+
+use crate::{library, tract::Tract};
+use ort::{session::Session, value::DynValue};
+use std::collections::BTreeMap;
+
+/// What to do about a model that gives numbers that are not finite.
+pub(crate) const NOT_FINITE: &str =
+    "The model file may be damaged, or its precision too low; try a float32 export.";
+
+/// What a tensor is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Element {
+    F32,
+    I32,
+    I64,
+    /// Anything else, or no tensor at all.
+    Other,
+}
+
+/// An input or output.
+#[derive(Clone, Debug)]
+pub(crate) struct Outlet {
+    pub name: String,
+    pub element: Element,
+    /// -1 where an axis has any length; empty where nothing is known.
+    pub shape: Vec<i64>,
+}
+
+impl Outlet {
+    /// Whether it holds whole numbers.
+    pub(crate) fn is_integer(&self) -> bool {
+        matches!(self.element, Element::I32 | Element::I64)
+    }
+}
+
+/// What goes into an input: axes and numbers, or what another model gave.
+pub(crate) enum Input<'a> {
+    F32(Vec<usize>, Vec<f32>),
+    I32(Vec<usize>, Vec<i32>),
+    I64(Vec<usize>, Vec<i64>),
+    Given(&'a Value),
+}
+
+impl Input<'_> {
+    /// With numbers of the type that the input takes; another type than those above is left to the backend to refuse.
+    fn fitted(self, element: Element) -> Self {
+        match (self, element) {
+            (Self::F32(axes, values), Element::I32) => {
+                Self::I32(axes, values.iter().map(|v| *v as i32).collect())
+            }
+            (Self::F32(axes, values), Element::I64) => {
+                Self::I64(axes, values.iter().map(|v| *v as i64).collect())
+            }
+            (Self::I64(axes, values), Element::I32) => {
+                Self::I32(axes, values.iter().map(|v| *v as i32).collect())
+            }
+            (other, _) => other,
+        }
+    }
+}
+
+/// What came out of a model, as its backend keeps it.
+pub(crate) enum Value {
+    Library(DynValue),
+    Tract(tract_onnx::prelude::Tensor),
+}
+
+/// All outputs of a run by name.
+pub(crate) type Outputs = BTreeMap<String, Value>;
+
+impl Value {
+    /// Axes and values; the error says why they cannot be had.
+    pub(crate) fn floats(&self) -> Result<(Vec<usize>, &[f32]), String> {
+        match self {
+            Self::Library(value) => {
+                let (shape, values) = value.try_extract_tensor::<f32>().map_err(|e| short(e.message()))?;
+                Ok((shape.iter().map(|n| usize::try_from(*n).unwrap_or(0)).collect(), values))
+            }
+            Self::Tract(tensor) => {
+                let values = tensor.try_as_plain_ram().and_then(|plain| plain.as_slice());
+                Ok((tensor.shape().to_vec(), values.map_err(|e| short(&e.to_string()))?))
+            }
+        }
+    }
+}
+
+/// Axes and values of one output of a run.
+pub(crate) fn floats<'a>(outputs: &'a Outputs, name: &str) -> Result<(Vec<usize>, &'a [f32]), String> {
+    outputs.get(name).ok_or_else(|| format!("the output `{name}` is missing"))?.floats()
+}
+
+/// A model that can be run.
+pub(crate) enum Network {
+    /// By ONNX Runtime.
+    Library { session: Session, inputs: Vec<Outlet>, outputs: Vec<Outlet> },
+    /// By the backend inside the program.
+    Tract(Tract),
+}
+
+impl Network {
+    pub(crate) fn inputs(&self) -> &[Outlet] {
+        match self {
+            Self::Library { inputs, .. } => inputs,
+            Self::Tract(tract) => &tract.inputs,
+        }
+    }
+
+    pub(crate) fn outputs(&self) -> &[Outlet] {
+        match self {
+            Self::Library { outputs, .. } => outputs,
+            Self::Tract(tract) => &tract.outputs,
+        }
+    }
+
+    /// What comes out for `inputs` by name; numbers are brought to the type that an input takes. The error is the first
+    /// words of the backend's own.
+    pub(crate) fn run(&mut self, inputs: Vec<(&str, Input<'_>)>) -> Result<Outputs, String> {
+        let element = |name: &str| {
+            let outlet = self.inputs().iter().find(|outlet| outlet.name == name);
+            outlet.map_or(Element::Other, |outlet| outlet.element)
+        };
+        let fitted = inputs.into_iter().map(|(name, input)| (name, input.fitted(element(name)))).collect();
+        match self {
+            Self::Library { session, .. } => library::run(session, fitted).map_err(|e| short(e.message())),
+            Self::Tract(tract) => tract.run(fitted).map_err(|e| short(&e)),
+        }
+    }
+}
+
+/// The first line of a backend's message, which can run over pages.
+pub(crate) fn short(message: &str) -> String {
+    let line = message.lines().next().unwrap_or_default().trim_end_matches('.');
+    line.chars().take(200).collect()
+}

@@ -1,0 +1,13 @@
+//! Models with a number that they should not have.
+
+use prost::Message;
+use surgtpgs_clip::{graph::Graph, onnx::ModelProto};
+
+/// The file of a model in which the first number of a constant is `value`.
+pub fn with_constant(model: Graph, name: &str, value: f32) -> Vec<u8> {
+    let mut model = ModelProto::decode(&model.into_bytes()[..]).unwrap();
+    let constants = &mut model.graph.as_mut().unwrap().initializer;
+    let constant = constants.iter_mut().find(|c| c.name == name).unwrap();
+    constant.raw_data = [&value.to_le_bytes(), &constant.raw_data[4..]].concat().into();
+    model.encode_to_vec()
+}
