@@ -1,7 +1,14 @@
 //! Opening a graphics adapter, and saying plainly why there is none.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::{
+    sync::{Arc, Mutex, PoisonError},
+    time::Duration,
+};
 use surgtpgs_core::{Error, Result};
+
+/// How long a GPU may take for what it was given, a hundred times what the largest frames were seen to take; a software
+/// adapter may take ten times as long.
+const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Which adapters may be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,7 +52,17 @@ impl From<Unavailable> for Error {
 pub struct Gpu {
     device: wgpu::Device,
     queue: wgpu::Queue,
-    lost: Arc<Mutex<Option<String>>>,
+    lost: Arc<Mutex<Option<Loss>>>,
+    patience: Duration,
+}
+
+/// Why a device is of no use any more.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Loss {
+    /// What the driver said, or how long it said nothing.
+    pub reason: String,
+    /// Whether it never answered, so that the same adapter would not do so either.
+    pub hangs: bool,
 }
 
 impl Gpu {
@@ -76,14 +93,22 @@ impl Gpu {
         let gpu = Self::from_device(device, queue);
         let lost = gpu.lost.clone();
         gpu.device.set_device_lost_callback(move |_, message| {
-            *lost.lock().unwrap_or_else(PoisonError::into_inner) = Some(message);
+            let loss = Loss { reason: message, hangs: false };
+            lost.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(loss);
         });
         Ok(gpu)
     }
 
     /// Uses a device opened elsewhere, e.g. the window's; who opened it hears of its loss.
     pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Self {
-        Self { device, queue, lost: Arc::default() }
+        let is_software = device.adapter_info().device_type == wgpu::DeviceType::Cpu;
+        let patience = if is_software { 10 * PATIENCE } else { PATIENCE };
+        Self { device, queue, lost: Arc::default(), patience }
+    }
+
+    /// Counts the device as lost when it takes longer than this for what it was given.
+    pub fn set_patience(&mut self, patience: Duration) {
+        self.patience = patience;
     }
 
     /// The device.
@@ -114,12 +139,34 @@ impl Gpu {
         self.device.adapter_info().device_type == wgpu::DeviceType::Cpu
     }
 
-    /// An error if the device was lost (driver reset, GPU unplugged): open a new [`Gpu`] then.
+    /// Why a new [`Gpu`] is needed, if the device was lost (driver reset, GPU unplugged) or hangs.
+    pub fn loss(&self) -> Option<Loss> {
+        self.lost.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// An error if the device was lost.
     pub fn check_alive(&self) -> Result<()> {
-        match &*self.lost.lock().unwrap_or_else(PoisonError::into_inner) {
+        match self.loss() {
             None => Ok(()),
-            Some(reason) => Err(self.failure("the graphics device was lost", reason)),
+            Some(loss) => Err(self.failure("the graphics device was lost", &loss.reason)),
         }
+    }
+
+    /// Waits for all submitted work; for a device that hangs, not for ever.
+    fn wait(&self) -> Result<()> {
+        match self.device.poll(wgpu::PollType::Wait { submission_index: None, timeout: Some(self.patience) })
+        {
+            Ok(_) => {}
+            Err(wgpu::PollError::Timeout) => {
+                let reason = format!("it did not answer for {} s", self.patience.as_secs());
+                *self.lost.lock().unwrap_or_else(PoisonError::into_inner) =
+                    Some(Loss { reason, hangs: true });
+                // Dropping the last handle of the queue would wait for it after all.
+                std::mem::forget(self.clone());
+            }
+            Err(e) => return Err(self.failure("waiting for the GPU failed", &e)),
+        }
+        self.check_alive()
     }
 
     /// Runs `work`, turning every error the device reports meanwhile into one of ours.
@@ -177,10 +224,7 @@ impl Gpu {
             // The receiver outlives the wait below.
             let _ = sender.send(result);
         });
-        self.device
-            .poll(wgpu::PollType::wait_indefinitely())
-            .map_err(|e| self.failure("waiting for the GPU failed", &e))?;
-        self.check_alive()?;
+        self.wait()?;
         let mapped = receiver.recv().map_err(|e| self.failure("reading from the GPU failed", &e))?;
         mapped.map_err(|e| self.failure("reading from the GPU failed", &e))?;
         let bytes = staging

@@ -25,7 +25,7 @@ mod shown;
 mod timer;
 mod train;
 
-pub use device::{AdapterChoice, Gpu, Unavailable};
+pub use device::{AdapterChoice, Gpu, Loss, Unavailable};
 pub use relevancy::GpuExact;
 pub use renderer::{Frame, GpuRenderer};
 pub use shown::{Asked, Mark, Marking, Shown, Wanted};

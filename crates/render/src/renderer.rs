@@ -89,11 +89,6 @@ impl GpuRenderer {
         Ok(())
     }
 
-    /// Whether the device was lost: then a new renderer is needed.
-    pub fn is_lost(&self) -> bool {
-        self.gpu.check_alive().is_err()
-    }
-
     /// Adds the passes up to the image planes, those that are not valid any more; uploads the scene where it is another
     /// one.
     pub(crate) fn encode_frame(

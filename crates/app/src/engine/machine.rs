@@ -7,7 +7,7 @@ use surgtpgs_core::{
     raster::{CpuRenderer, FrameClock, Images, Renderer},
     scene::Scene,
 };
-use surgtpgs_render::{AdapterChoice, Gpu, GpuRenderer};
+use surgtpgs_render::{AdapterChoice, Gpu, GpuRenderer, Loss};
 
 /// What renders.
 #[derive(
@@ -50,10 +50,11 @@ impl Machine {
         matches!(self, Self::Gpu(_))
     }
 
-    pub(super) fn is_lost(&self) -> bool {
+    /// Why another machine is needed.
+    pub(super) fn loss(&self) -> Option<Loss> {
         match self {
-            Self::Cpu(_) => false,
-            Self::Gpu(gpu) => gpu.is_lost(),
+            Self::Cpu(_) => None,
+            Self::Gpu(gpu) => gpu.gpu().loss(),
         }
     }
 

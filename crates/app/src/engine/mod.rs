@@ -313,13 +313,19 @@ impl Engine {
         }
     }
 
-    /// Does `work`, and once more on a machine opened anew where the graphics device was lost meanwhile.
+    /// Does `work`, and once more on a machine opened anew where the graphics device was lost meanwhile: on the CPU, unless
+    /// a GPU was asked for, where it hangs.
     fn on_a_working_machine<T>(&mut self, mut work: impl FnMut(&mut Self) -> Result<T>) -> Result<T> {
         let result = work(self);
-        if result.is_ok() || !self.machine.is_lost() {
+        let backend = match (self.machine.loss(), self.backend) {
+            (Some(loss), Backend::Auto) if loss.hangs => Backend::Cpu,
+            (Some(loss), backend) if !loss.hangs => backend,
+            _ => return result,
+        };
+        if result.is_ok() {
             return result;
         }
-        self.machine = Machine::open(self.backend)?;
+        self.machine = Machine::open(backend)?;
         self.last = None;
         work(self)
     }

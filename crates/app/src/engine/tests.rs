@@ -102,6 +102,22 @@ fn a_lost_device_is_replaced_without_a_word() {
 }
 
 #[test]
+fn where_the_device_hangs_the_cpu_takes_over_unless_a_gpu_was_asked_for() {
+    let Some(mut engine) = gpu_engine() else { return };
+    let view = View::free(0.5, engine.scene().cameras[0]).resized(1600, 1200);
+    for backend in [Backend::Gpu, Backend::Auto] {
+        let mut gpu = Gpu::open(AdapterChoice::Any).unwrap();
+        // No device answers at once.
+        gpu.set_patience(std::time::Duration::ZERO);
+        engine.machine = Machine::Gpu(Box::new(GpuRenderer::new(gpu).unwrap()));
+        engine.backend = backend;
+        let rendered = engine.render(&view, true);
+        assert_eq!(rendered.is_ok(), backend == Backend::Auto, "{:?}", rendered.err());
+        assert_eq!(engine.renderer_name().starts_with("CPU"), backend == Backend::Auto);
+    }
+}
+
+#[test]
 fn what_is_picked_is_in_the_view_shown_last() {
     let mut engine = asked_engine(Backend::Cpu);
     assert_eq!(engine.pick([1, 1]).unwrap(), None);

@@ -4,6 +4,7 @@ use crate::{
     compare::{self, WHOLE_CHAIN},
     fixture::{Recipe, camera, gpu, moved_camera, scene},
 };
+use std::time::Duration;
 use surgtpgs_core::{
     raster::{CpuRenderer, Renderer},
     stress,
@@ -136,6 +137,23 @@ fn a_lost_device_is_reported_again_and_again() {
         let message = renderer.render(&scene, &camera(32, 32), 0.4, false).unwrap_err().to_string();
         assert!(message.contains("lost") && message.contains("--backend cpu"), "{message}");
     }
+}
+
+#[test]
+fn a_device_that_does_not_answer_is_lost() {
+    if gpu().is_none() {
+        return;
+    }
+    let mut own = Gpu::open(AdapterChoice::Any).unwrap();
+    let scene = scene(Recipe::default());
+    // No device answers at once.
+    own.set_patience(Duration::ZERO);
+    let mut renderer = GpuRenderer::new(own.clone()).unwrap();
+    for _ in 0..2 {
+        let message = renderer.render(&scene, &camera(1600, 1200), 0.4, true).unwrap_err().to_string();
+        assert!(message.contains("did not answer") && message.contains("--backend cpu"), "{message}");
+    }
+    assert!(own.loss().unwrap().hangs);
 }
 
 #[test]
