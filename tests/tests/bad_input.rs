@@ -77,6 +77,50 @@ fn a_truncated_picture_is_refused_by_name() {
 }
 
 #[test]
+fn a_picture_that_says_it_is_huge_is_refused_before_anything_is_made_for_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("frame_000.jpg");
+    picture(&path, 64, 48);
+    let mut bytes = fs::read(&path).unwrap();
+    // Start of frame: marker, length, precision, then rows and columns.
+    let frame = bytes.windows(2).position(|marker| marker == [0xff, 0xc0]).unwrap();
+    bytes[frame + 5..frame + 9].fill(0xff);
+    fs::write(&path, bytes).unwrap();
+    assert!(train(folder.path()).refused(1).contains("65535×65535"));
+    assert_eq!(run_in(folder.path(), &["check", "."]).code, 1);
+}
+
+/// Runs the program where it may have this much memory.
+#[cfg(target_os = "linux")]
+fn within(bytes: u64, folder: &Path, args: &[&str]) -> Run {
+    let mut limited = std::process::Command::new("prlimit");
+    limited.arg(format!("--as={bytes}")).arg("--").arg(surgtpgs_tests::binary()).args(args);
+    let output = limited.current_dir(folder).env_remove("DISPLAY").output().unwrap();
+    Run {
+        code: output.status.code().unwrap_or(-1),
+        stdout: String::from_utf8_lossy(&output.stdout).into_owned(),
+        stderr: String::from_utf8_lossy(&output.stderr).into_owned(),
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn what_does_not_fit_into_memory_is_refused_before_the_work() {
+    let folder = tempfile::tempdir().unwrap();
+    let recording = folder.path().join("large");
+    fs::create_dir(&recording).unwrap();
+    image::RgbImage::new(4096, 4096).save(recording.join("frame_000.png")).unwrap();
+    let two_gb = 2_000_000_000;
+    let train = ["train", "large", "-o", "s.safetensors", "--iterations", "1"];
+    assert!(within(two_gb, folder.path(), &train).refused(3).contains("training on 4096×4096 pixels takes"));
+    let scene = flow().at("scene.safetensors");
+    let render = |width| within(two_gb, folder.path(), &["render", &scene, "-o", "r", "--width", width]);
+    assert!(render("8192").refused(3).contains("MB of memory"));
+    assert!(!folder.path().join("r").exists());
+    render("128").ok();
+}
+
+#[test]
 fn a_scene_cut_short_is_refused_at_any_length() {
     let folder = tempfile::tempdir().unwrap();
     let whole = fs::read(flow().at("scene.safetensors")).unwrap();

@@ -1,5 +1,5 @@
-//! Disks that are full, writers that are killed, readers that go away: a plain message, nothing lost, and the same command
-//! finishes the work afterwards. The limit on the size of written files stands for the full disk: the write that passes it
+//! Disks that are full, writers that are killed, readers that go away, recordings that are cut off: a plain message, nothing
+//! lost, and the same command finishes the work afterwards (tests/README.md has the matrix). The limit on the size of written files stands for the full disk: the write that passes it
 //! fails, or, where the signal is left alone, kills the program in the middle of it.
 
 use std::{
@@ -209,4 +209,89 @@ fn places_that_cannot_be_written_to_are_named() {
         assert!(run(folder.path(), &args).refused(1).contains("file"), "{}", writer.name);
         assert_eq!(fs::read(folder.path().join("file")).unwrap(), b"no folder");
     }
+}
+
+/// Halves the file of every picture under `folder` but its head, so that it is found out when the picture is needed.
+fn cut_off(folder: &Path) {
+    for entry in fs::read_dir(folder).unwrap() {
+        let file = fs::OpenOptions::new().write(true).open(entry.unwrap().path()).unwrap();
+        file.set_len(file.metadata().unwrap().len() / 2).unwrap();
+    }
+}
+
+#[test]
+fn recordings_that_are_cut_off_lose_nothing_and_the_work_can_be_finished() {
+    for writer in WRITERS.iter().filter(|w| ["prepare", "train", "eval"].contains(&w.name)) {
+        let folder = workplace();
+        let kinds = ["images", "labels"].map(|kind| folder.path().join("recording").join(kind));
+        let whole = kinds.each_ref().map(|kind| contents(kind));
+        run(folder.path(), writer.args).ok();
+        let good = contents(folder.path());
+        let output = folder.path().join(writer.output);
+        if output.is_dir() {
+            fs::remove_dir_all(&output).unwrap();
+        }
+        kinds.iter().for_each(|kind| cut_off(kind));
+        let message = run(folder.path(), writer.args).refused(1).to_owned();
+        assert!(message.contains("recording/") && message.contains(".png"), "{}: {message}", writer.name);
+        if output.is_file() {
+            assert!(fs::read(&output).unwrap() == good[Path::new(writer.output)], "{}", writer.name);
+        }
+        for (kind, files) in kinds.iter().zip(&whole) {
+            files.iter().for_each(|(name, bytes)| fs::write(kind.join(name), bytes).unwrap());
+        }
+        run(folder.path(), writer.args).ok();
+        let names = |files: &BTreeMap<PathBuf, Vec<u8>>| files.keys().cloned().collect::<Vec<_>>();
+        assert_eq!(names(&contents(folder.path())), names(&good), "{}", writer.name);
+    }
+}
+
+/// A recording that only ffmpeg could read, with an `ffmpeg` that does what `script` says; its last argument is where
+/// pictures go.
+#[cfg(unix)]
+fn check_with_ffmpeg(script: Option<&str>) -> Run {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("clip.avi"), b"RIFF and so on").unwrap();
+    let programs = folder.path().join("programs");
+    fs::create_dir(&programs).unwrap();
+    image::RgbImage::new(32, 24).save(folder.path().join("frame.png")).unwrap();
+    if let Some(script) = script {
+        let program = programs.join("ffmpeg");
+        let text = format!("#!/bin/bash\nout=$(/usr/bin/dirname \"${{@: -1}}\")\n{script}\n");
+        fs::write(&program, text).unwrap();
+        fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    }
+    let mut command = surgtpgs_tests::command_in(folder.path());
+    // Its temporary folder is ours, to see what it leaves.
+    let scratch = folder.path().join("scratch");
+    fs::create_dir(&scratch).unwrap();
+    let output = command
+        .args(["train", "clip.avi", "-o", "scene.safetensors", "--iterations", "2", "--backend", "cpu"])
+        .env("PATH", &programs)
+        .env("TMPDIR", &scratch)
+        .output()
+        .unwrap();
+    assert_eq!(fs::read_dir(&scratch).unwrap().count(), 0, "pictures of the video are left behind");
+    Run {
+        code: output.status.code().unwrap_or(-1),
+        stdout: String::from_utf8_lossy(&output.stdout).into_owned(),
+        stderr: String::from_utf8_lossy(&output.stderr).into_owned(),
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn an_ffmpeg_that_is_missing_or_dies_is_one_plain_message() {
+    let copy = |to: &str| format!("/bin/cp frame.png $out/{to}.png");
+    let two = format!("{}; {}", copy("00000000"), copy("00000001"));
+    let works = check_with_ffmpeg(Some(&two));
+    assert_eq!(works.code, 0, "{works:#?}");
+    assert!(check_with_ffmpeg(None).refused(3).contains("Install ffmpeg"));
+    for dies in ["echo 'No space left on device' >&2; exit 1", "kill -9 $$"] {
+        let run = check_with_ffmpeg(Some(&format!("{two}; {dies}")));
+        assert!(run.refused(1).contains("nor by ffmpeg"), "{run:#?}");
+    }
+    let half = format!("{two}; /usr/bin/truncate -s 40 $out/00000001.png");
+    assert!(check_with_ffmpeg(Some(&half)).refused(1).contains("cannot be read"));
 }

@@ -1,31 +1,15 @@
-use std::process::Command;
-use surgtpgs_tests::{cargo, workspace};
+//! Nothing leaves the machine: no crate that could, and no socket while the program runs.
+
+use std::{fs, path::Path, process::Command};
+use surgtpgs_tests::{binary, cargo, flow, workspace};
 
 /// Crates that open connections, or make them secure.
-const NETWORK: [&str; 22] = [
-    "reqwest",
-    "hyper",
-    "ureq",
-    "curl",
-    "curl-sys",
-    "isahc",
-    "attohttpc",
-    "minreq",
-    "surf",
-    "h2",
-    "quinn",
-    "tokio",
-    "async-std",
-    "socket2",
-    "mio",
-    "rustls",
-    "native-tls",
-    "openssl",
-    "openssl-sys",
-    "hf-hub",
-    "tungstenite",
-    "trust-dns-resolver",
-];
+fn banned() -> Vec<String> {
+    let text = fs::read_to_string(workspace().join(".deny.toml")).unwrap();
+    let rules: toml::Table = text.parse().unwrap();
+    let banned = rules["bans"]["deny"].as_array().unwrap();
+    banned.iter().map(|rule| rule["crate"].as_str().unwrap().to_owned()).collect()
+}
 
 #[test]
 fn no_network_crate_is_in_the_shipped_tree() {
@@ -37,6 +21,100 @@ fn no_network_crate_is_in_the_shipped_tree() {
     let tree = String::from_utf8_lossy(&tree.stdout).into_owned();
     let names: Vec<&str> = tree.lines().filter_map(|l| l.split_whitespace().next()).collect();
     assert!(names.contains(&"surgtpgs-core"), "cargo tree said nothing useful:\n{tree}");
-    let found: Vec<_> = names.iter().filter(|n| NETWORK.contains(n)).collect();
+    let banned = banned();
+    assert!(banned.len() > 10, "{banned:?}");
+    let found: Vec<_> = names.iter().filter(|n| banned.iter().any(|b| b == *n)).collect();
     assert!(found.is_empty(), "network crates in the tree: {found:?}");
+}
+
+/// The calls that make or connect sockets of families other than this machine's own, in a run of `command` and all that
+/// it starts; `around` starts that, unseen. The second is how many calls were seen in all.
+#[cfg(target_os = "linux")]
+fn sockets(folder: &Path, around: &[&str], command: &[&str]) -> (Vec<String>, usize) {
+    let log = folder.join("sockets.log");
+    let strace = ["strace", "-f", "-qq", "-e", "trace=network", "-o", log.to_str().unwrap()];
+    let all = [around, &strace, command].concat();
+    let output = Command::new(all[0]).args(&all[1..]).current_dir(folder).output().unwrap();
+    let text = fs::read_to_string(&log).unwrap();
+    let makes = |line: &&str| ["socket(", "socketpair(", "connect("].iter().any(|call| line.contains(call));
+    let calls: Vec<&str> = text.lines().filter(makes).collect();
+    let local = |line: &&&str| line.contains("(AF_UNIX") || line.contains("sa_family=AF_UNIX");
+    let others = calls.iter().filter(|line| !local(line)).map(|line| (*line).to_owned()).collect();
+    println!("{command:?}: {}", output.status);
+    (others, calls.len())
+}
+
+/// Whether processes can be traced here; if not, it is said why.
+#[cfg(target_os = "linux")]
+fn can_trace() -> bool {
+    let tried = Command::new("strace").args(["-qq", "-o", "/dev/null", "true"]).output();
+    let works = tried.as_ref().is_ok_and(|output| output.status.success());
+    if !works {
+        println!("SKIPPED, no socket was looked for: strace cannot be had ({tried:?})");
+    }
+    works
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn no_verb_opens_a_socket_to_another_machine() {
+    if !can_trace() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let program = binary().to_str().unwrap();
+    for line in [
+        "demo -o recording --width 64 --height 48 --frames 4",
+        "check recording",
+        "prepare recording -o prepared --labels",
+        "train prepared -o scene.safetensors --iterations 20",
+        "render scene.safetensors -o rendered",
+        "query scene.safetensors --prompt liver",
+        "export scene.safetensors --prompt liver -o exported",
+        "eval scene.safetensors prepared",
+        "convert scene.safetensors scene.ply",
+    ] {
+        let command: Vec<&str> = ["env", "-u", "DISPLAY", "-u", "WAYLAND_DISPLAY", program]
+            .into_iter()
+            .chain(line.split(' '))
+            .collect();
+        let (others, _) = sockets(folder.path(), &[], &command);
+        assert!(others.is_empty(), "{line}: {others:#?}");
+    }
+    for made in ["exported", "scene.ply"] {
+        assert!(folder.path().join(made).exists(), "the verbs did not do their work: no {made}");
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn the_window_opens_no_socket_to_another_machine() {
+    if !can_trace() {
+        return;
+    }
+    let has_display = Command::new("xvfb-run").arg("--help").output().is_ok_and(|o| o.status.success());
+    if !has_display {
+        println!("SKIPPED, no window was looked at: xvfb-run cannot be had");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let scene = flow().at("scene.safetensors");
+    let program = binary().to_str().unwrap();
+    // Closed after a while: nobody is there to do it.
+    let command = ["timeout", "20", program, "view", &scene];
+    let (others, calls) = sockets(folder.path(), &["xvfb-run", "-a"], &command);
+    assert!(others.is_empty(), "{others:#?}");
+    assert!(calls > 0, "the window was never connected to its display");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_socket_to_another_machine_is_seen() {
+    if !can_trace() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    // A datagram socket is made, and nothing is sent.
+    let (others, _) = sockets(folder.path(), &[], &["bash", "-c", "exec 3<>/dev/udp/127.0.0.1/9"]);
+    assert!(others.iter().any(|line| line.contains("AF_INET")), "{others:?}");
 }

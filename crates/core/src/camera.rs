@@ -3,7 +3,22 @@
 use glam::{Affine3A, Vec3};
 
 /// Longest side of an image, in pixels.
-const MAX_IMAGE_SIDE: u32 = 16384;
+pub const MAX_IMAGE_SIDE: usize = 16384;
+
+/// Most pixels of an image: those of eight 4K frames.
+pub const MAX_IMAGE_PIXELS: usize = 1 << 26;
+
+/// Errs where an image of this size is none, or one too large; the text says what it is.
+pub fn check_image_size(width: usize, height: usize) -> Result<(), String> {
+    let is_side = |n: usize| (1..=MAX_IMAGE_SIDE).contains(&n);
+    if is_side(width) && is_side(height) && width * height <= MAX_IMAGE_PIXELS {
+        return Ok(());
+    }
+    let millions = MAX_IMAGE_PIXELS / 1_000_000;
+    Err(format!(
+        "a picture of {width}×{height} is beyond {MAX_IMAGE_SIDE} pixels along a side, or {millions} million in all"
+    ))
+}
 
 /// A pinhole camera of known size and pose.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -41,10 +56,8 @@ impl Camera {
 
     /// Whether an image can have this size and lens, and the pose is made of numbers.
     pub fn is_usable(&self) -> bool {
-        let is_size = |n: u32| (1..=MAX_IMAGE_SIDE).contains(&n);
         let lens = [self.fx, self.fy, self.cx, self.cy];
-        is_size(self.width)
-            && is_size(self.height)
+        check_image_size(self.width as usize, self.height as usize).is_ok()
             && (self.fx > 0.0 && self.fy > 0.0)
             && lens.iter().all(|v| v.is_finite())
             && self.camera_from_world.is_finite()
@@ -86,6 +99,17 @@ impl Camera {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn images_have_a_largest_size() {
+        for (width, height) in [(1, 1), (8192, 8192), (16384, 4096)] {
+            assert_eq!(check_image_size(width, height), Ok(()));
+        }
+        for (width, height) in [(0, 5), (16385, 1), (8192, 8193), (65535, 65535), (usize::MAX, usize::MAX)] {
+            let what = check_image_size(width, height).unwrap_err();
+            assert!(what.contains(&format!("{width}×{height}")), "{what}");
+        }
+    }
 
     #[test]
     fn project_inverts_unproject_for_a_moved_camera() {

@@ -1,17 +1,24 @@
-//! What needs the whole program: the command line, prompts, and folders of encoders.
+//! What needs the whole program: the command line, prompts, folders of encoders, jobs of a batch, and the window's files.
 
 use crate::{Target, expect_words};
 use clap::Parser;
 use std::{fs, path::Path};
-use surgtpgs::args::Cli;
+use surgtpgs::{args::Cli, cli, viewer::readers};
 use surgtpgs_clip::TextEncoder;
 
-pub(crate) const TARGETS: [Target; 5] = [
+pub(crate) const TARGETS: [Target; 8] = [
     Target { name: "arguments", run: arguments, seeds: command_lines },
     Target { name: "prompt", run: prompt, seeds: prompts },
     Target { name: "model", run: |bytes| encoder("model.onnx", bytes), seeds: models },
     Target { name: "tokenizer", run: |bytes| encoder("tokenizer.json", bytes), seeds: tokenizers },
     Target { name: "encoder_settings", run: |bytes| encoder("encoder.toml", bytes), seeds: encoder_settings },
+    Target { name: "jobs_file", run: |bytes| in_file(bytes, cli::check_jobs_file), seeds: jobs_files },
+    Target { name: "session", run: |bytes| in_file(bytes, readers::session), seeds: sessions },
+    Target {
+        name: "preferences",
+        run: |bytes| in_file(bytes, |f| Ok(readers::preferences(f))),
+        seeds: preferences,
+    },
 ];
 
 const MODEL: &[u8] = include_bytes!("../../../assets/text_encoder/model.onnx");
@@ -85,4 +92,36 @@ fn encoder_settings() -> Vec<Vec<u8>> {
         SETTINGS.to_vec(),
         b"template = \"a photo of {}\"\ncontext_length = 16\npooling = \"mean\"\n".to_vec(),
     ]
+}
+
+/// Reads a file of these bytes.
+fn in_file(bytes: &[u8], read: fn(&Path) -> surgtpgs_core::Result<()>) {
+    let folder = crate::recordings::scratch();
+    let file = folder.path().join("file");
+    write(&file, bytes);
+    expect_words(read(&file));
+}
+
+fn jobs_files() -> Vec<Vec<u8>> {
+    vec![
+        include_bytes!("../../../assets/batch/jobs.toml").to_vec(),
+        b"output = \"out\"\n[defaults]\nlabels = true\nprompt = [\"liver\"]\n[[recording]]\npath = \"a\"\n\
+          iterations = 100\n[[recording]]\nname = \"b\"\npath = \"../b\"\n"
+            .to_vec(),
+    ]
+}
+
+fn sessions() -> Vec<Vec<u8>> {
+    let small = r#"{"version": 1, "opened": "scene.safetensors"}"#;
+    let large = r#"{"version": 1, "opened": "/a/scene.safetensors", "content": {"prompts": [{"text": "liver",
+        "colour": [1, 2, 3], "is_visible": false, "threshold": 0.45, "synonyms": ["hepar"]}], "bookmarks":
+        [{"frame": 7, "note": "clip"}], "range": [2, 9]}, "display": {"opacity": 0.5, "wipe": 0.25, "look": {}},
+        "time": {"frame": 3, "speed": -2.0, "repeats": false}, "earlier_prompts": ["fat"], "reviewed_by": "two"}"#;
+    [small, large].map(|text| text.as_bytes().to_vec()).to_vec()
+}
+
+fn preferences() -> Vec<Vec<u8>> {
+    let text = r#"{"is_acknowledged": true, "opacity": 0.5, "scale_percent": 120, "recent": ["/a/b"],
+        "remembers_files": true, "keys": {"PlayPause": "Ctrl+Shift+V", "Bookmark": "F1"}}"#;
+    vec![text.as_bytes().to_vec(), b"{}".to_vec()]
 }

@@ -22,6 +22,7 @@ use crate::{
     args::{Cli, SceneArgs, Verb},
     engine::{Engine, EngineOptions},
 };
+pub use batch::check_jobs_file;
 use clap::Parser;
 use std::ffi::OsString;
 use surgtpgs_core::{Error, Result};

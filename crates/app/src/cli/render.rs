@@ -8,6 +8,7 @@ use super::{
 use crate::{
     args::{FrameRange, ImageKind, RenderArgs},
     engine::{Engine, EngineOptions, View},
+    memory::require_for_pictures,
     pictures::png,
 };
 use image::{GrayImage, ImageBuffer, Luma};
@@ -17,6 +18,7 @@ use rayon::prelude::*;
 use std::path::Path;
 use surgtpgs_core::{
     Error, Result,
+    camera::check_image_size,
     files::write_whole,
     grid::Grid,
     num::percentile,
@@ -28,6 +30,10 @@ pub(super) fn run(args: &RenderArgs) -> Result<Exit> {
     let mut engine = open_engine(&args.scene, options)?;
     let frames = FrameRange::frames(args.frames, engine.scene().num_frames())?;
     let kinds = kinds(args, &engine)?;
+    let camera = sized(engine.view(frames[0])?, args.width).camera;
+    check_image_size(camera.width as usize, camera.height as usize)
+        .map_err(|what| Error::input(what, "Choose a smaller `--width`."))?;
+    require_for_pictures(camera.width, camera.height)?;
     let mut view = ProgressView::default();
     let mut depth_range = None;
     for (done, &frame) in frames.iter().enumerate() {

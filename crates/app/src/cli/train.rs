@@ -7,7 +7,7 @@ use super::{
 use crate::{
     args::TrainArgs,
     jobs::{self, Material, Trained},
-    memory::peak_rss_bytes,
+    memory::{peak_rss_bytes, require_for_training},
 };
 use surgtpgs_core::{Error, Result, train::Trainer};
 
@@ -43,6 +43,7 @@ pub(super) fn train(args: &TrainArgs) -> Result<Report> {
     if material.prepared().is_none() {
         say("training without features: prompts will find nothing in this scene (see `surgtpgs prepare`)");
     }
+    require_for_training(material.sequence(), &args.settings())?;
     let mut trainer = begin(args, &material)?;
     let backend = jobs::backend::choose(&mut trainer, args.backend)?;
     say(&format!("training on {backend}"));
@@ -50,9 +51,14 @@ pub(super) fn train(args: &TrainArgs) -> Result<Report> {
     console::watch_interrupts();
     let mut view = ProgressView::default();
     let checkpoint = jobs::checkpoint_path(&args.output);
-    let mut trained = jobs::go_on(&mut trainer, Some(&checkpoint), &mut |p| view.show(p), &mut |_, _| {})?;
-    trained.scene.provenance.peak_rss_bytes = peak_rss_bytes();
+    let trained = jobs::go_on(&mut trainer, Some(&checkpoint), &mut |p| view.show(p), &mut |_, _| {});
     drop(view);
+    let mut trained = trained.inspect_err(|_| {
+        if checkpoint.exists() {
+            say("what was learned so far is kept, and --resume goes on from there");
+        }
+    })?;
+    trained.scene.provenance.peak_rss_bytes = peak_rss_bytes();
     trained.scene.save(&args.output)?;
     let report = report(&trained, asked, trainer.backend_name());
     if report.finished {

@@ -20,6 +20,7 @@ pub(crate) use machine::Machine;
 pub(crate) use machine::may_have_gpu;
 pub use question::{Negatives, Question, Sample};
 
+use crate::memory::require_for_pictures;
 pub use opening::open_text_encoder;
 use opening::{find_recording, open_encoder, open_recording, open_relevancy};
 use outside::{Outside, blank};
@@ -148,6 +149,9 @@ impl Engine {
 
     /// Wraps a scene in memory; `beside` is a second place to look for its recording.
     pub fn new(scene: Arc<Scene>, beside: Option<&Path>, options: EngineOptions) -> Result<Self> {
+        if let Some(camera) = scene.cameras.first() {
+            require_for_pictures(camera.width, camera.height)?;
+        }
         let machine = Machine::open(options.backend)?;
         let recording = match &options.sequence {
             Some(path) => Recording::Found(open_recording(&scene, path)?),

@@ -5,11 +5,13 @@
 pub mod backend;
 mod export;
 mod prepare;
+#[cfg(test)]
+mod vanishing_tests;
 
 pub use export::{ExportRequest, export, export_prompts};
 pub use prepare::{FeatureSource, PrepareOptions, prepare};
 
-use crate::engine::Backend;
+use crate::{engine::Backend, memory::require_for_training};
 use std::{
     ops::ControlFlow,
     path::{Path, PathBuf},
@@ -106,6 +108,7 @@ pub fn train_watched(
     observer: &mut Observer<'_>,
     watch: &mut dyn FnMut(&mut Trainer, &StepReport),
 ) -> Result<Trained> {
+    require_for_training(material.sequence(), &settings)?;
     let mut trainer = Trainer::new(material.sequence(), material.prepared(), settings)?;
     backend::choose(&mut trainer, backend)?;
     go_on(&mut trainer, None, observer, watch)
@@ -120,8 +123,25 @@ pub fn checkpoint_path(scene: &Path) -> PathBuf {
 const CHECKPOINT_SECONDS: f64 = 120.0;
 
 /// Trains on until all steps are done or the observer asks to stop. With a `checkpoint`, what is done is written there
-/// now and then, and when stopped.
+/// now and then, when stopped, and where something fails.
 pub fn go_on(
+    trainer: &mut Trainer,
+    checkpoint: Option<&Path>,
+    observer: &mut Observer<'_>,
+    watch: &mut dyn FnMut(&mut Trainer, &StepReport),
+) -> Result<Trained> {
+    let first_step = trainer.steps_done();
+    let trained = steps(trainer, checkpoint, observer, watch);
+    if let (Err(_), Some(path)) = (&trained, checkpoint)
+        && trainer.steps_done() > first_step
+    {
+        // Where this fails too, the older one stays; what failed first is what is told.
+        let _ = trainer.save_checkpoint(path);
+    }
+    trained
+}
+
+fn steps(
     trainer: &mut Trainer,
     checkpoint: Option<&Path>,
     observer: &mut Observer<'_>,
@@ -132,6 +152,10 @@ pub fn go_on(
     let (first_step, training_started) = (trainer.steps_done(), std::time::Instant::now());
     let mut psnr = String::new();
     let mut kept_at = trainer.seconds();
+    if first_step == total {
+        // What failed was what comes after the last step.
+        trainer.complete_features()?;
+    }
     while trainer.steps_done() < total {
         let report = trainer.step()?;
         if report.step.is_multiple_of(psnr_every) && report.step < total {

@@ -55,6 +55,7 @@ mod probe;
 mod prompt_menu;
 mod prompts;
 mod quality;
+pub mod readers;
 mod ruler;
 mod session;
 mod shown;

@@ -1,6 +1,6 @@
 //! Reading single files: listings in natural order, pictures, one-channel maps, NumPy arrays.
 
-use crate::{Error, Result, grid::Grid};
+use crate::{Error, Result, camera::check_image_size, grid::Grid};
 use half::f16;
 use image::{DynamicImage, ImageError, ImageReader, RgbImage};
 use ndarray::ArrayD;
@@ -99,7 +99,10 @@ fn size(path: &Path) -> Result<(usize, usize)> {
     if width == 0 || height == 0 {
         return Err(Error::input_at(path, "the picture is empty", ""));
     }
-    Ok((width as usize, height as usize))
+    let (width, height) = (width as usize, height as usize);
+    check_image_size(width, height)
+        .map_err(|what| Error::input_at(path, what, "Scale the recording down."))?;
+    Ok((width, height))
 }
 
 fn reader(path: &Path) -> Result<ImageReader<BufReader<File>>> {

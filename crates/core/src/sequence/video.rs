@@ -12,7 +12,7 @@ use super::{
     read,
     settings::Selection,
 };
-use crate::{Error, Result};
+use crate::{Error, Result, camera::check_image_size};
 use image::RgbImage;
 use openh264::{
     OpenH264API,
@@ -143,6 +143,7 @@ impl H264 {
 
     fn read_tables(path: &Path) -> Result<Self, String> {
         let mp4 = Mp4::read(path)?;
+        check_image_size(mp4.width, mp4.height)?;
         let mut parameter_sets = Vec::new();
         mp4.parameter_sets.iter().for_each(|unit| push_unit(&mut parameter_sets, unit));
         Ok(Self {

@@ -166,9 +166,13 @@ impl Trainer {
 
     /// The next step: which frame, which of its pixels.
     fn next_plan(&mut self) -> Result<Plan> {
+        let before = (self.state.queue.clone(), self.state.rng.clone());
         let index = self.next_frame();
         let look = self.next_look(index);
-        let frame = self.cache.get(self.prepared.as_ref(), index, look.half)?;
+        let frame = self.cache.get(self.prepared.as_ref(), index, look.half).inspect_err(|_| {
+            // The step was not begun, and can be done once the frame can be read.
+            (self.state.queue, self.state.rng) = before;
+        })?;
         let loses_step = self.settings.densify.loses_step;
         let updates = !(loses_step && self.settings.densifies_at(self.state.step + 1));
         Ok(Plan { index, frame, look, step: self.state.step, updates })

@@ -26,6 +26,11 @@ use std::{
 use step::Outcome;
 use surgtpgs_core::{Error, Result};
 
+/// Errs where a jobs file cannot be carried out as it is written.
+pub fn check_jobs_file(path: &Path) -> Result<()> {
+    Plan::read(path, None).map(drop)
+}
+
 pub(super) fn run(args: &BatchArgs) -> Result<Exit> {
     let mut plan = Plan::read(&args.jobs, args.output.as_deref())?;
     require_known(&plan, &args.only)?;

@@ -5,7 +5,7 @@
 //! stream. Where NAME.mix is there, [A, A] for the first axis of A, the values are its product with what was stored: weights
 //! over time are stored as their cosine transform, most of which is small.
 
-use super::{Problem, Scene};
+use super::{MAX_VALUES, Problem, Scene};
 use crate::{
     deform::{COLOUR_CHANNEL, GATE_CHANNEL, MEAN_CHANNEL, ROTATION_CHANNEL, SCALE_CHANNEL, num_channels},
     num::percentile,
@@ -156,9 +156,12 @@ pub(super) fn unpack(bytes: &[u8], len: usize, steps: &[f32], offsets: &[f32]) -
     if columns == 0 || offsets.len() != columns || !len.is_multiple_of(columns) {
         return Err(format!("{len} values do not make {columns} columns"));
     }
+    if len > MAX_VALUES {
+        return Err(format!("it is said to hold {len} values, more than {MAX_VALUES}"));
+    }
     // One byte more, to see where there is too much; a small stream cannot make us keep a large one.
     let mut counts = Vec::new();
-    let limit = (len as u64).saturating_mul(PLANES as u64).saturating_add(1);
+    let limit = (len * PLANES) as u64 + 1;
     ZlibDecoder::new(bytes).take(limit).read_to_end(&mut counts).map_err(|e| e.to_string())?;
     if counts.len() as u64 != limit - 1 {
         return Err(format!("it does not hold {len} values"));

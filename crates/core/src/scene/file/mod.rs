@@ -39,6 +39,9 @@ const VERSION: u32 = 1;
 const METADATA_KEY: &str = "surgtpgs";
 /// More basis functions than this are taken for damage.
 const MAX_BASES: usize = 1024;
+/// Most values of an array in memory, 4 GB: what lies deflated, or only where Gaussians move, could be any number in a small
+/// file.
+const MAX_VALUES: usize = 1 << 30;
 
 #[derive(serde::Serialize, serde::Deserialize)]
 struct Header {
@@ -223,6 +226,9 @@ fn read_deformation(reader: &Reader<'_>, header: &Header) -> Result<Deformation,
             "tensor `basis_weights` should be [bases, {}, {channels}], but is {shape:?}",
             moving.len()
         ));
+    }
+    if num_bases * stride * n > MAX_VALUES {
+        return Err(format!("{num_bases} bases of {n} Gaussians are more than {MAX_VALUES} values"));
     }
     let spread = |rows: &[f32]| {
         let mut all = vec![0.0; num_bases * n * stride];

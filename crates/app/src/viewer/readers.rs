@@ -1,0 +1,28 @@
+//! Files of the window, read as it does: to be tried on arbitrary bytes.
+
+use super::{keymap, preferences::Preferences, session::Session};
+use std::path::Path;
+use surgtpgs_core::Result;
+
+/// Reads a session and writes it beside itself.
+///
+/// # Panics
+/// Where what was written is not what was read.
+pub fn session(file: &Path) -> Result<()> {
+    let read = Session::load(file)?;
+    let copy = file.with_extension("copy");
+    read.save(&copy)?;
+    assert_eq!(Session::load(&copy).ok().as_ref(), Some(&read), "a session does not come back");
+    Ok(())
+}
+
+/// Reads preferences, which damage makes those of a first start, and uses their keys.
+///
+/// # Panics
+/// Where they are beyond their ranges.
+pub fn preferences(file: &Path) {
+    let read = Preferences::load(Some(file.to_owned()));
+    assert!((75..=200).contains(&read.scale_percent), "text of {} percent", read.scale_percent);
+    assert_eq!(read.overlay, read.overlay.mended(), "an overlay beyond its ranges");
+    keymap::apply(&read.keys);
+}
