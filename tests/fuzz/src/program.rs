@@ -14,11 +14,7 @@ pub(crate) const TARGETS: [Target; 8] = [
     Target { name: "encoder_settings", run: |bytes| encoder("encoder.toml", bytes), seeds: encoder_settings },
     Target { name: "jobs_file", run: |bytes| in_file(bytes, cli::check_jobs_file), seeds: jobs_files },
     Target { name: "session", run: |bytes| in_file(bytes, readers::session), seeds: sessions },
-    Target {
-        name: "preferences",
-        run: |bytes| in_file(bytes, |f| Ok(readers::preferences(f))),
-        seeds: preferences,
-    },
+    Target { name: "preferences", run: |bytes| in_file(bytes, read_preferences), seeds: preferences },
 ];
 
 const MODEL: &[u8] = include_bytes!("../../../assets/text_encoder/model.onnx");
@@ -100,6 +96,11 @@ fn in_file(bytes: &[u8], read: fn(&Path) -> surgtpgs_core::Result<()>) {
     let file = folder.path().join("file");
     write(&file, bytes);
     expect_words(read(&file));
+}
+
+fn read_preferences(file: &Path) -> surgtpgs_core::Result<()> {
+    readers::preferences(file);
+    Ok(())
 }
 
 fn jobs_files() -> Vec<Vec<u8>> {

@@ -12,7 +12,9 @@ pub fn session(file: &Path) -> Result<()> {
     let read = Session::load(file)?;
     let copy = file.with_extension("copy");
     read.save(&copy)?;
-    assert_eq!(Session::load(&copy).ok().as_ref(), Some(&read), "a session does not come back");
+    // An older version is written as the newest.
+    let again = Session::load(&copy).map(|again| Session { version: read.version, ..again });
+    assert!(again.as_ref().is_ok_and(|again| *again == read), "{read:?} became {again:?}");
     Ok(())
 }
 

@@ -91,10 +91,15 @@ impl Session {
     /// Reads a session file; the path in it becomes absolute.
     pub(crate) fn load(file: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(file).map_err(|e| Error::io("read the session", file, e))?;
-        let mut session: Self = serde_json::from_str(&text).map_err(|e| {
-            let what = format!("this is not a session file: {e}");
+        let not_a_session = |why: String| {
+            let what = format!("this is not a session file: {why}");
             Error::input_at(file, what, "Open the recording or reconstruction itself.")
-        })?;
+        };
+        let json: Value = serde_json::from_str(&text).map_err(|e| not_a_session(e.to_string()))?;
+        if !is_bounded(&json) {
+            return Err(not_a_session("a number in it is too large".into()));
+        }
+        let mut session: Self = serde_json::from_value(json).map_err(|e| not_a_session(e.to_string()))?;
         if session.version > VERSION {
             let what = format!(
                 "this session has the format {}, this program reads formats up to {VERSION}",
@@ -123,6 +128,16 @@ impl Session {
     pub(crate) fn name(&self) -> String {
         let name = self.opened.file_stem().map(|n| n.to_string_lossy().into_owned());
         name.unwrap_or_else(|| self.opened.display().to_string())
+    }
+}
+
+/// Whether all numbers are finite in single precision too: others could be read, but not written again.
+fn is_bounded(json: &Value) -> bool {
+    match json {
+        Value::Number(number) => number.as_f64().is_some_and(|v| (v as f32).is_finite()),
+        Value::Array(values) => values.iter().all(is_bounded),
+        Value::Object(fields) => fields.values().all(is_bounded),
+        Value::Null | Value::Bool(_) | Value::String(_) => true,
     }
 }
 
@@ -178,6 +193,10 @@ mod tests {
         for (text, expected) in [
             ("not json", "this is not a session file"),
             ("{\"version\": 1}", "missing field `opened`"),
+            (
+                "{\"version\": 1, \"opened\": \"a\", \"display\": {\"wipe\": 1e39}}",
+                "a number in it is too large",
+            ),
             ("{\"version\": 9, \"opened\": \"a\"}", "format 9, this program reads formats up to 1"),
         ] {
             std::fs::write(&file, text).unwrap();
