@@ -82,11 +82,7 @@ impl DepthNetwork {
 
     /// Looks at a made-up picture: its values show whether the network ends in a sigmoid.
     fn try_out(&mut self) -> Result<()> {
-        let [rows, columns] = self.model.size;
-        let shade = |i: usize| {
-            ((i % columns) as f32 / columns as f32 + (i / columns % rows) as f32 / rows as f32) / 2.0
-        };
-        let map = self.run((0..3 * rows * columns).map(shade).collect())?;
+        let map = self.run(self.model.trial())?;
         let is_sigmoid = map.data.iter().all(|v| (0.0..=1.0).contains(v));
         if self.kind == DepthKind::Disparity && is_sigmoid && self.range.is_none() {
             self.range = Some(SIGMOID_RANGE);

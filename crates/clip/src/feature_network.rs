@@ -28,8 +28,7 @@ impl FeatureNetwork {
     /// with a trial run.
     pub fn open(folder: &Path) -> Result<Self> {
         let mut network = Self { model: PictureModel::open(folder, &ROLE)?, dim: 0 };
-        let [rows, columns] = network.model.size;
-        network.dim = network.run(vec![0.0; 3 * rows * columns])?.dim;
+        network.dim = network.run(network.model.trial())?.dim;
         Ok(network)
     }
 
