@@ -51,6 +51,16 @@ pub struct Run {
     pub stderr: String,
 }
 
+impl From<Output> for Run {
+    fn from(Output { status, stdout, stderr }: Output) -> Self {
+        Self {
+            code: status.code().unwrap_or(-1),
+            stdout: String::from_utf8_lossy(&stdout).into_owned(),
+            stderr: String::from_utf8_lossy(&stderr).into_owned(),
+        }
+    }
+}
+
 impl Run {
     /// Fails the test unless the program ended well.
     pub fn ok(self) -> Self {
@@ -85,15 +95,9 @@ pub fn command_in(folder: &Path) -> Command {
 
 /// Runs the program without a display in `folder`.
 pub fn run_in<S: AsRef<OsStr>>(folder: &Path, args: &[S]) -> Run {
-    let output = command_in(folder).args(args).output();
-    let Output { status, stdout, stderr } = match output {
-        Ok(output) => output,
+    match command_in(folder).args(args).output() {
+        Ok(output) => output.into(),
         Err(e) => panic!("{} does not start: {e}", binary().display()),
-    };
-    Run {
-        code: status.code().unwrap_or(-1),
-        stdout: String::from_utf8_lossy(&stdout).into_owned(),
-        stderr: String::from_utf8_lossy(&stderr).into_owned(),
     }
 }
 

@@ -96,11 +96,7 @@ fn within(bytes: u64, folder: &Path, args: &[&str]) -> Run {
     let mut limited = std::process::Command::new("prlimit");
     limited.arg(format!("--as={bytes}")).arg("--").arg(surgtpgs_tests::binary()).args(args);
     let output = limited.current_dir(folder).env_remove("DISPLAY").output().unwrap();
-    Run {
-        code: output.status.code().unwrap_or(-1),
-        stdout: String::from_utf8_lossy(&output.stdout).into_owned(),
-        stderr: String::from_utf8_lossy(&output.stderr).into_owned(),
-    }
+    output.into()
 }
 
 #[cfg(target_os = "linux")]

@@ -73,11 +73,7 @@ fn limited(folder: &Path, args: &[&str], budget: u64, fault: Fault) -> Run {
     // prlimit counts bytes; the shell's own ulimit counts kilobytes.
     shell.arg("-c").arg(format!("{trap} exec prlimit --fsize={budget} -- \"$@\"")).arg("bash").arg(binary());
     let output = shell.args(args).current_dir(folder).env_remove("DISPLAY").output().unwrap();
-    Run {
-        code: output.status.code().unwrap_or(-1),
-        stdout: String::from_utf8_lossy(&output.stdout).into_owned(),
-        stderr: String::from_utf8_lossy(&output.stderr).into_owned(),
-    }
+    output.into()
 }
 
 /// Whether it is what a killed writer leaves.
@@ -249,7 +245,7 @@ fn recordings_that_are_cut_off_lose_nothing_and_the_work_can_be_finished() {
 /// A recording that only ffmpeg could read, with an `ffmpeg` that does what `script` says; its last argument is where
 /// pictures go.
 #[cfg(unix)]
-fn check_with_ffmpeg(script: Option<&str>) -> Run {
+fn train_with_ffmpeg(script: Option<&str>) -> Run {
     use std::os::unix::fs::PermissionsExt;
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("clip.avi"), b"RIFF and so on").unwrap();
@@ -273,11 +269,7 @@ fn check_with_ffmpeg(script: Option<&str>) -> Run {
         .output()
         .unwrap();
     assert_eq!(fs::read_dir(&scratch).unwrap().count(), 0, "pictures of the video are left behind");
-    Run {
-        code: output.status.code().unwrap_or(-1),
-        stdout: String::from_utf8_lossy(&output.stdout).into_owned(),
-        stderr: String::from_utf8_lossy(&output.stderr).into_owned(),
-    }
+    output.into()
 }
 
 #[cfg(unix)]
@@ -285,13 +277,13 @@ fn check_with_ffmpeg(script: Option<&str>) -> Run {
 fn an_ffmpeg_that_is_missing_or_dies_is_one_plain_message() {
     let copy = |to: &str| format!("/bin/cp frame.png $out/{to}.png");
     let two = format!("{}; {}", copy("00000000"), copy("00000001"));
-    let works = check_with_ffmpeg(Some(&two));
+    let works = train_with_ffmpeg(Some(&two));
     assert_eq!(works.code, 0, "{works:#?}");
-    assert!(check_with_ffmpeg(None).refused(3).contains("Install ffmpeg"));
+    assert!(train_with_ffmpeg(None).refused(3).contains("Install ffmpeg"));
     for dies in ["echo 'No space left on device' >&2; exit 1", "kill -9 $$"] {
-        let run = check_with_ffmpeg(Some(&format!("{two}; {dies}")));
+        let run = train_with_ffmpeg(Some(&format!("{two}; {dies}")));
         assert!(run.refused(1).contains("nor by ffmpeg"), "{run:#?}");
     }
     let half = format!("{two}; /usr/bin/truncate -s 40 $out/00000001.png");
-    assert!(check_with_ffmpeg(Some(&half)).refused(1).contains("cannot be read"));
+    assert!(train_with_ffmpeg(Some(&half)).refused(1).contains("cannot be read"));
 }

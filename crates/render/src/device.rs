@@ -6,8 +6,8 @@ use std::{
 };
 use surgtpgs_core::{Error, Result};
 
-/// How long a GPU may take for what it was given, a hundred times what the largest frames were seen to take; a software
-/// adapter may take ten times as long.
+/// How long a GPU may take for what it was given before it counts as hung: systems with a display give it a few seconds. A
+/// software adapter may take ten times as long.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Which adapters may be used.
@@ -154,13 +154,13 @@ impl Gpu {
 
     /// Waits for all submitted work; for a device that hangs, not for ever.
     fn wait(&self) -> Result<()> {
-        match self.device.poll(wgpu::PollType::Wait { submission_index: None, timeout: Some(self.patience) })
-        {
+        let wait = wgpu::PollType::Wait { submission_index: None, timeout: Some(self.patience) };
+        match self.device.poll(wait) {
             Ok(_) => {}
             Err(wgpu::PollError::Timeout) => {
                 let reason = format!("it did not answer for {} s", self.patience.as_secs());
-                *self.lost.lock().unwrap_or_else(PoisonError::into_inner) =
-                    Some(Loss { reason, hangs: true });
+                let loss = Loss { reason, hangs: true };
+                self.lost.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(loss);
                 // Dropping the last handle of the queue would wait for it after all.
                 std::mem::forget(self.clone());
             }

@@ -321,14 +321,12 @@ impl Engine {
     /// a GPU was asked for, where it hangs.
     fn on_a_working_machine<T>(&mut self, mut work: impl FnMut(&mut Self) -> Result<T>) -> Result<T> {
         let result = work(self);
-        let backend = match (self.machine.loss(), self.backend) {
-            (Some(loss), Backend::Auto) if loss.hangs => Backend::Cpu,
-            (Some(loss), backend) if !loss.hangs => backend,
-            _ => return result,
+        let Some(loss) = self.machine.loss().filter(|_| result.is_err()) else { return result };
+        let backend = match self.backend {
+            Backend::Auto if loss.hangs => Backend::Cpu,
+            Backend::Gpu if loss.hangs => return result,
+            backend => backend,
         };
-        if result.is_ok() {
-            return result;
-        }
         self.machine = Machine::open(backend)?;
         self.last = None;
         work(self)
