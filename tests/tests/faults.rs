@@ -242,16 +242,17 @@ fn recordings_that_are_cut_off_lose_nothing_and_the_work_can_be_finished() {
     }
 }
 
-/// A recording that only ffmpeg could read, with an `ffmpeg` that does what `script` says; its last argument is where
+/// A training on a recording that only ffmpeg could read, with an `ffmpeg` that does what `script` says; `$out` is where
 /// pictures go.
 #[cfg(unix)]
-fn train_with_ffmpeg(script: Option<&str>) -> Run {
+fn training_with_ffmpeg(script: Option<&str>) -> (tempfile::TempDir, Command) {
     use std::os::unix::fs::PermissionsExt;
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("clip.avi"), b"RIFF and so on").unwrap();
-    let programs = folder.path().join("programs");
-    fs::create_dir(&programs).unwrap();
     image::RgbImage::new(32, 24).save(folder.path().join("frame.png")).unwrap();
+    let [programs, scratch] = ["programs", "scratch"].map(|name| folder.path().join(name));
+    fs::create_dir(&programs).unwrap();
+    fs::create_dir(&scratch).unwrap();
     if let Some(script) = script {
         let program = programs.join("ffmpeg");
         let text = format!("#!/bin/bash\nout=$(/usr/bin/dirname \"${{@: -1}}\")\n{script}\n");
@@ -259,16 +260,18 @@ fn train_with_ffmpeg(script: Option<&str>) -> Run {
         fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
     }
     let mut command = surgtpgs_tests::command_in(folder.path());
+    command.args(["train", "clip.avi", "-o", "scene.safetensors", "--iterations", "2", "--backend", "cpu"]);
     // Its temporary folder is ours, to see what it leaves.
-    let scratch = folder.path().join("scratch");
-    fs::create_dir(&scratch).unwrap();
-    let output = command
-        .args(["train", "clip.avi", "-o", "scene.safetensors", "--iterations", "2", "--backend", "cpu"])
-        .env("PATH", &programs)
-        .env("TMPDIR", &scratch)
-        .output()
-        .unwrap();
-    assert_eq!(fs::read_dir(&scratch).unwrap().count(), 0, "pictures of the video are left behind");
+    command.env("PATH", programs).env("TMPDIR", scratch);
+    (folder, command)
+}
+
+#[cfg(unix)]
+fn train_with_ffmpeg(script: Option<&str>) -> Run {
+    let (folder, mut command) = training_with_ffmpeg(script);
+    let output = command.output().unwrap();
+    let left = fs::read_dir(folder.path().join("scratch")).unwrap().count();
+    assert_eq!(left, 0, "pictures of the video are left behind");
     output.into()
 }
 
@@ -286,4 +289,21 @@ fn an_ffmpeg_that_is_missing_or_dies_is_one_plain_message() {
     }
     let half = format!("{two}; /usr/bin/truncate -s 40 $out/00000001.png");
     assert!(train_with_ffmpeg(Some(&half)).refused(1).contains("cannot be read"));
+}
+
+#[cfg(unix)]
+#[test]
+fn an_ffmpeg_that_hangs_can_be_interrupted() {
+    use std::os::unix::process::CommandExt;
+    let (folder, mut command) = training_with_ffmpeg(Some("echo > started; exec /bin/sleep 600"));
+    let mut child = command.process_group(0).spawn().unwrap();
+    while !folder.path().join("started").exists() {
+        assert!(child.try_wait().unwrap().is_none(), "it ended before ffmpeg was asked");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    // As a terminal does it, to the program and all that it started; a shell may have told this test to ignore Ctrl-C itself.
+    let interrupt = Command::new("kill").args(["-TERM", "--", &format!("-{}", child.id())]).status();
+    assert!(interrupt.unwrap().success());
+    assert!(!child.wait().unwrap().success());
+    assert!(!folder.path().join("scene.safetensors").exists());
 }
