@@ -1,6 +1,8 @@
 //! How each overlay style looks, against stored pictures. `UPDATE_GOLDEN=1` writes them anew; look at them before they
 //! are kept.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up should stop")]
+
 use image::RgbImage;
 use std::path::{Path, PathBuf};
 use surgtpgs_core::{
