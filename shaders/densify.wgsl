@@ -1,8 +1,8 @@
 // Adding Gaussians where the picture pulls at them, removing those that have faded; twin: core::train::densify.
 //
-//   mark  (scan, stable sort by key)  list  copy_rows (for every array)  part
+//   mark  (scan, stable sort by key)  choose  (scan)  list  copy_rows (for every array)  part
 //
-// Between the sort and `list` the host reads how many are kept and how many are pulled, and decides how many of these
+// Between the sort and `choose` the host reads how many are kept and how many are pulled, and decides how many of these
 // are parted: it has to make room for the new rows anyway.
 
 #import constants
@@ -58,6 +58,8 @@ struct CopyRows {
 @group(0) @binding(10) var<storage, read> source: array<f32>;
 @group(0) @binding(11) var<storage, read_write> rows: array<f32>;
 @group(0) @binding(12) var<storage, read_write> new_rest: array<RestRow>;
+// [N + 1], the last 0: 1 where the Gaussian is parted, then (scanned) the child's number.
+@group(0) @binding(13) var<storage, read_write> children: array<u32>;
 
 const FRESH: u32 = 0x80000000u;
 const NOT_PULLED: u32 = 0xffffffffu;
@@ -66,8 +68,8 @@ fn are_finite(v: vec3f) -> bool {
     return is_finite(v.x) && is_finite(v.y) && is_finite(v.z);
 }
 
-fn is_kept(n: u32) -> bool {
-    return places[n + 1u] > places[n];
+fn is_parted(n: u32) -> bool {
+    return children[n + 1u] > children[n];
 }
 
 @compute @workgroup_size(GROUP)
@@ -102,22 +104,34 @@ fn mark(
 }
 
 @compute @workgroup_size(GROUP)
-fn list(
+fn choose(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) num_groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
     let rank = flat_group(group, num_groups) * GROUP + lane;
-    if rank >= params.num_gaussians {
+    if rank < params.num_gaussians {
+        children[ranked[rank]] = select(0u, 1u, rank < params.num_children);
+    } else if rank == params.num_gaussians {
+        children[rank] = 0u;
+    }
+}
+
+@compute @workgroup_size(GROUP)
+fn list(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) num_groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let n = flat_group(group, num_groups) * GROUP + lane;
+    if n >= params.num_gaussians {
         return;
     }
-    let n = ranked[rank];
-    let is_parted = rank < params.num_children;
-    if is_kept(n) {
-        parents[places[n]] = n | select(0u, FRESH, is_parted && params.split_only == 1u);
+    if places[n + 1u] > places[n] {
+        parents[places[n]] = n | select(0u, FRESH, is_parted(n) && params.split_only == 1u);
     }
-    if is_parted {
-        parents[params.num_kept + rank] = n | FRESH;
+    if is_parted(n) {
+        parents[params.num_kept + children[n]] = n | FRESH;
     }
 }
 
@@ -146,7 +160,7 @@ fn copy_rows(
 
 // Two of one: a large Gaussian becomes two smaller ones along its longest axis, a small one two side by side that
 // together cover what it did.
-fn split_or_clone(parent: u32, child: u32, seed: u32) {
+fn split_or_clone(parent: u32, child: u32) {
     let one = new_rest[parent];
     var longest = 0u;
     for (var axis = 1u; axis < 3u; axis++) {
@@ -156,9 +170,8 @@ fn split_or_clone(parent: u32, child: u32, seed: u32) {
         }
     }
     let is_large = one.log_scale[longest] > params.split_log_scale;
-    let random = uniform4(vec4u(params.seed, seed, 0u)).x;
     var along = vec3f(0.0);
-    along[longest] = select(CLONE_DISTANCE, SPLIT_DISTANCE, is_large) * exp(one.log_scale[longest]) * (0.8 + 0.4 * random);
+    along[longest] = select(CLONE_DISTANCE, SPLIT_DISTANCE, is_large) * exp(one.log_scale[longest]);
     let offset = rotation_matrix(unit(one.rotation)) * along;
     var halves = one;
     if is_large {
@@ -197,14 +210,13 @@ fn part(
     @builtin(num_workgroups) num_groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let rank = flat_group(group, num_groups) * GROUP + lane;
-    if rank >= params.num_children {
+    let n = flat_group(group, num_groups) * GROUP + lane;
+    if n >= params.num_gaussians || !is_parted(n) {
         return;
     }
-    let n = ranked[rank];
     if params.split_only == 1u {
-        scatter(places[n], params.num_kept + rank, n);
+        scatter(places[n], params.num_kept + children[n], n);
     } else {
-        split_or_clone(places[n], params.num_kept + rank, n);
+        split_or_clone(places[n], params.num_kept + children[n]);
     }
 }

@@ -1,13 +1,10 @@
 //! Adding Gaussians where the picture pulls at them, removing those that have faded (method §6.3–6.4).
 //!
 //! Unlike the released code, whose scene extent of 0 makes every densification a split, size is judged in pixels,
-//! so it works with a still camera.
+//! so it works with a still camera. [`Densify`] is the policy, the same for all backends; each pass that follows it
+//! has a twin of its name in `shaders/densify.wgsl`.
 
-use super::{
-    backend::Model,
-    random::{normal4, uniform4},
-    settings::TrainSettings,
-};
+use super::{backend::Model, random::normal4, settings::TrainSettings};
 use crate::{
     deform::Deformation,
     gaussian::Gaussians,
@@ -42,8 +39,7 @@ impl Statistics {
     }
 }
 
-/// One densification in numbers: the policy, the same for all backends. Each pass that follows it has a twin of its
-/// name in `shaders/densify.wgsl`.
+/// One densification in numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Densify {
     /// Gaussians with a lower logit of opacity are removed.
@@ -58,7 +54,7 @@ pub struct Densify {
     pub split_log_scale: f32,
     /// Both halves are placed at random and start afresh.
     pub split_only: bool,
-    /// What random numbers follow from, beside the parent.
+    /// What random numbers follow from, beside the parent's row.
     pub seed: [u32; 2],
 }
 
@@ -96,24 +92,26 @@ impl Densify {
     }
 }
 
-/// Decides and carries out one densify-and-prune. Those kept stay in their order; after them come the children, that of
-/// the most pulled first. The statistics start again.
+/// Decides and carries out one densify-and-prune. Those kept stay in their order; after them come the children, in that
+/// of their parents. The statistics start again.
 pub fn densify(model: &mut Model, how: &Densify) {
     let Model { gaussians, deformation, optimiser, statistics } = model;
     let marks = mark(gaussians, statistics, how);
-    let ranked = rank(&marks);
     let num_kept = marks.iter().filter(|m| m.is_kept).count();
-    let parted = &ranked[..how.num_children(num_kept, ranked.len())];
-    let (rows, pairs) = list(&marks, parted, how.split_only);
+    let mut parted = rank(&marks);
+    parted.truncate(how.num_children(num_kept, parted.len()));
+    // In their own order: pulls that differ in the last digit then change at most which of two are parted.
+    parted.sort_unstable();
+    let (rows, pairs) = list(&marks, &parted, how.split_only);
     let (bands, dim, stride) = (gaussians.sh_bands() * 3, gaussians.latent_dim, deformation.stride);
     copy_rows(gaussians, deformation, &rows);
     let moments: Vec<Option<u32>> = rows.iter().map(|r| (!r.is_fresh).then_some(r.parent)).collect();
     optimiser.rearrange(&moments, bands, dim, stride);
-    for (pair, parent) in pairs.into_iter().zip(parted) {
+    for (pair, parent) in pairs.into_iter().zip(&parted) {
         if how.split_only {
             scatter(gaussians, pair, how.seed, *parent);
         } else {
-            split_or_clone(gaussians, pair, how, *parent);
+            split_or_clone(gaussians, pair, how.split_log_scale);
         }
     }
     *statistics = Statistics::new(gaussians.len());
@@ -177,23 +175,21 @@ fn list(marks: &[Mark], parted: &[u32], split_only: bool) -> (Vec<Row>, Vec<[usi
 
 /// Two of one: a large Gaussian becomes two smaller ones along its longest axis, a small one two side by side that
 /// together cover what it did. Both rows are copies of it so far.
-fn split_or_clone(gaussians: &mut Gaussians, pair: [usize; 2], how: &Densify, seed: u32) {
-    let [parent, child] = pair;
+fn split_or_clone(gaussians: &mut Gaussians, [parent, child]: [usize; 2], split_log_scale: f32) {
     let log_scale = gaussians.log_scales[parent];
     // The last one of equals.
     let longest = (1..3).fold(0, |best, axis| if log_scale[axis] >= log_scale[best] { axis } else { best });
-    let is_large = log_scale[longest] > how.split_log_scale;
-    let [random, ..] = uniform4([how.seed[0], how.seed[1], seed, 0]);
+    let is_large = log_scale[longest] > split_log_scale;
     let distance = if is_large { SPLIT_DISTANCE } else { CLONE_DISTANCE };
     let mut along = [0.0; 3];
-    along[longest] = distance * log_scale[longest].exp() * (0.8 + 0.4 * random);
+    along[longest] = distance * log_scale[longest].exp();
     let (unit, _) = unit_quaternion(gaussians.rotations[parent]);
     let offset = transform(&rotation_matrix(unit), along);
     for (axis, offset) in offset.into_iter().enumerate() {
         gaussians.means[parent][axis] -= offset;
         gaussians.means[child][axis] += offset;
     }
-    for i in pair {
+    for i in [parent, child] {
         if is_large {
             gaussians.log_scales[i][longest] -= LN_SPLIT;
         } else {
@@ -277,12 +273,12 @@ mod tests {
         densify(&mut m, &how(0.4, 100));
         let g = &m.gaussians;
         let parents: Vec<f32> = g.features.iter().step_by(3).map(|f| f / 3.0).collect();
-        assert_eq!(parents, [1.0, 2.0, 3.0, 4.0, 5.0, 3.0, 2.0]);
+        assert_eq!(parents, [1.0, 2.0, 3.0, 4.0, 5.0, 2.0, 3.0]);
         let fresh = |i: usize| m.optimiser.features.first[3 * i..3 * i + 3] == [0.0; 3];
         assert_eq!((0..7).map(fresh).collect::<Vec<_>>(), [false, false, false, false, false, true, true]);
         let stride = m.deformation.stride;
         for b in 0..2 {
-            let child = m.deformation.weights[(b * 7 + 5) * stride];
+            let child = m.deformation.weights[(b * 7 + 6) * stride];
             assert_eq!(child, before.deformation.weights[(b * 6 + 3) * stride]);
         }
         // Gaussian 2 is large and split; Gaussian 3 is small and cloned with shared opacity.

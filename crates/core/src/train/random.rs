@@ -14,7 +14,7 @@ fn pcg4d(counter: [u32; 4]) -> [u32; 4] {
 }
 
 /// Four numbers, evenly spread over [0, 1).
-pub(super) fn uniform4(counter: [u32; 4]) -> [f32; 4] {
+fn uniform4(counter: [u32; 4]) -> [f32; 4] {
     pcg4d(counter).map(|v| (v >> 8) as f32 / (1 << 24) as f32)
 }
 

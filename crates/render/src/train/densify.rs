@@ -21,12 +21,14 @@ use surgtpgs_core::{
 #[derive(Debug)]
 pub(super) struct DensifyPass {
     mark: Kernel,
+    choose: Kernel,
     list: Kernel,
     copy_rows: Kernel,
     part: Kernel,
     scan: Scan,
     sort: Sort,
     places: DeviceVec<u32>,
+    children: DeviceVec<u32>,
     levels: Levels,
     ranked: SortBuffers,
     num_gaussians: DeviceVec<u32>,
@@ -40,12 +42,14 @@ impl DensifyPass {
         let numbers = || DeviceVec::new(gpu, "Gaussians");
         Ok(Self {
             mark: kernel("mark")?,
+            choose: kernel("choose")?,
             list: kernel("list")?,
             copy_rows: kernel("copy_rows")?,
             part: kernel("part")?,
             scan: Scan::new(gpu)?,
             sort: Sort::new(gpu)?,
             places: numbers(),
+            children: numbers(),
             levels: Levels::default(),
             ranked: SortBuffers::new(gpu),
             num_gaussians: numbers(),
@@ -111,28 +115,30 @@ impl DensifyPass {
 
     /// The parents of the `new` rows.
     fn list(&mut self, gpu: &Gpu, params: &layout::Densify, new: usize) -> Result<()> {
+        self.children.resize(gpu, params.num_gaussians as usize + 1)?;
         self.parents.resize(gpu, new)?;
-        let groups = params.num_gaussians.div_ceil(GROUP);
+        let groups = (params.num_gaussians + 1).div_ceil(GROUP);
         let params = uniform(gpu, params);
-        let bindings = [
-            (0, params.as_entire_binding()),
-            (4, self.places.binding()),
-            (6, self.ranked.values().binding()),
-            (8, self.parents.binding()),
-        ];
-        run(gpu, |pass| self.list.dispatch(gpu, pass, &bindings, groups));
+        let (params, children) = ((0, params.as_entire_binding()), (13, self.children.binding()));
+        run(gpu, |pass| {
+            let bindings = [params.clone(), (6, self.ranked.values().binding()), children.clone()];
+            self.choose.dispatch(gpu, pass, &bindings, groups);
+            self.scan.encode(gpu, pass, &self.children, &self.levels);
+            let bindings = [params, (4, self.places.binding()), (8, self.parents.binding()), children];
+            self.list.dispatch(gpu, pass, &bindings, groups);
+        });
         Ok(())
     }
 
     /// Moves the two of each pair apart.
     fn part(&self, gpu: &Gpu, resident: &Resident, params: &layout::Densify) {
-        let groups = params.num_children.div_ceil(GROUP);
+        let groups = params.num_gaussians.div_ceil(GROUP);
         let params = uniform(gpu, params);
         let bindings = [
             (0, params.as_entire_binding()),
             (4, self.places.binding()),
-            (6, self.ranked.values().binding()),
             (12, resident.scene.rest.binding()),
+            (13, self.children.binding()),
         ];
         run(gpu, |pass| self.part.dispatch(gpu, pass, &bindings, groups));
     }

@@ -23,7 +23,7 @@ pub(crate) fn trained(recipe: Recipe) -> Model {
     let all = single.into_iter().chain(&mut o.bases).chain(o.own_bases.iter_mut().flatten());
     for Adam { first, second, .. } in all {
         *first = numbers(rng, first.len(), 0.1);
-        *second = numbers(rng, second.len(), 0.1);
+        *second = (0..second.len()).map(|_| rng.random_range(0.0..0.1)).collect();
     }
     // The last number of a row at rest is padding, on the device as well.
     o.rest.first.chunks_exact_mut(16).for_each(|row| row[14..].fill(0.0));
