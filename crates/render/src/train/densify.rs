@@ -11,7 +11,7 @@ use crate::{
     shader_source::GROUP,
 };
 use bytemuck::Pod;
-use std::ops::Range;
+use std::{ops::Range, slice::from_ref};
 use surgtpgs_core::{
     Result,
     train::{Densify, Model},
@@ -192,7 +192,8 @@ impl Follow<'_> {
 
     /// [N][width].
     fn array<T: Pod>(&self, array: &mut DeviceVec<T>, width: usize, clears_fresh: bool) -> Result<()> {
-        let cut = Cut { old: &[0..self.old], new: &[0..self.new], num_planes: 1, width };
+        let (old, new) = (0..self.old, 0..self.new);
+        let cut = Cut { old: from_ref(&old), new: from_ref(&new), num_planes: 1, width };
         let len = self.new * width * size_of::<f32>() / size_of::<T>();
         *array = self.part(&[&*array], 0..self.new, len, &cut, clears_fresh)?;
         Ok(())
