@@ -12,6 +12,7 @@
 #import shared/dispatch.wgsl
 #import shared/gaussian.wgsl
 #import shared/deform.wgsl
+#import shared/basis.wgsl
 
 @group(0) @binding(0) var<uniform> params: Deform;
 @group(0) @binding(1) var<storage, read> rest: array<RestRow>;
@@ -22,27 +23,14 @@
 // Basis values [B] (of shared bases), feature weight [D][D + 1], feature bias [D].
 @group(0) @binding(6) var<storage, read> tables: array<f32>;
 @group(0) @binding(7) var<storage, read_write> deformed: array<DeformedRow>;
+// [N][LATENT_DIM], then how far each one's gate is open, [N][LATENT_DIM].
 @group(0) @binding(8) var<storage, read_write> features: array<f32>;
 
 fn basis_value(b: u32, at: u32) -> f32 {
     if params.is_shared == 1u {
         return tables[b];
     }
-    let offset = params.time - centres[at];
-    let width = widths[at];
-    let w = max(abs(width), MIN_WIDTH);
-    var value: f32;
-    if params.shape == SHAPE_QUARTIC {
-        let e = offset * offset / (width * width + QUARTIC_EPSILON);
-        value = exp(-e * e);
-    } else if params.shape == SHAPE_SPLINE {
-        let u = abs(offset / w);
-        let outer = max(2.0 - u, 0.0);
-        let inner = max(1.0 - u, 0.0);
-        value = (outer * outer * outer - 4.0 * inner * inner * inner) / 6.0;
-    } else {
-        value = exp(-(offset * offset) / (2.0 * w * w));
-    }
+    let value = basis(params.shape, params.time, centres[at], widths[at]);
     return select(0.0, value, value > LIVE_BASIS);
 }
 
@@ -74,9 +62,10 @@ fn deform_features(row: u32, n: u32) {
         for (var j = 0u; j < LATENT_DIM; j++) {
             change += tables[line + j] * features_at_rest[n * LATENT_DIM + j];
         }
-        let gate = sigmoid(params.gate_slope * psi(row, params.gate_channel + i));
-        let value = features_at_rest[n * LATENT_DIM + i] + change * gate;
+        let open = sigmoid(params.gate_slope * psi(row, params.gate_channel + i));
+        let value = features_at_rest[n * LATENT_DIM + i] + change * open;
         features[n * LATENT_DIM + i] = select(0.0, value, is_finite(value));
+        features[arrayLength(&features) / 2u + n * LATENT_DIM + i] = open;
     }
 }
 

@@ -8,7 +8,8 @@
 
 @group(0) @binding(0) var<uniform> params: Deform;
 @group(0) @binding(1) var<storage, read> features_at_rest: array<f32>;
-@group(0) @binding(2) var<storage, read> weights: array<f32>;
+// At time t, [N][LATENT_DIM], then how far each one's gate was open, [N][LATENT_DIM].
+@group(0) @binding(2) var<storage, read> features: array<f32>;
 // Basis values [B], feature weight [D][D + 1], feature bias [D].
 @group(0) @binding(3) var<storage, read> tables: array<f32>;
 @group(0) @binding(4) var<storage, read> g_out: array<f32>;
@@ -18,25 +19,16 @@
 @group(0) @binding(7) var<storage, read_write> g_opened: array<f32>;
 @group(0) @binding(8) var<storage, read_write> status: array<atomic<u32>>;
 
-fn gate(row: u32, channel: u32) -> f32 {
-    var sum = 0.0;
-    for (var b = params.first_basis; b < params.last_basis; b++) {
-        sum += tables[b] * weights[(b * params.num_rows + row) * params.stride + channel];
-    }
-    return sum;
-}
-
 @compute @workgroup_size(GROUP)
 fn features_backward(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) num_groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let row = flat_group(group, num_groups) * GROUP + lane;
-    if row >= params.num_rows {
+    let n = flat_group(group, num_groups) * GROUP + lane;
+    if n >= params.num_rows {
         return;
     }
-    let n = params.first_row + row;
     let network = params.num_bases;
     let bias = network + LATENT_DIM * (LATENT_DIM + 1u);
     var sums = array<f32, max(LATENT_DIM, 1u)>();
@@ -48,7 +40,7 @@ fn features_backward(
             change += tables[line + j] * features_at_rest[n * LATENT_DIM + j];
         }
         let g = g_out[n * LATENT_DIM + i];
-        let open = sigmoid(params.gate_slope * gate(row, params.gate_channel + i));
+        let open = features[arrayLength(&features) / 2u + n * LATENT_DIM + i];
         let of_gate = g * change * open * (1.0 - open) * params.gate_slope;
         g_gate[n * LATENT_DIM + i] = of_gate;
         g_opened[n * LATENT_DIM + i] = g * open;

@@ -4,6 +4,7 @@
 #import constants
 #import shared/dispatch.wgsl
 #import shared/gaussian.wgsl
+#import shared/basis.wgsl
 
 struct Update {
     // Numbers to update.
@@ -17,8 +18,15 @@ struct Update {
     rate: f32,
     // What gradients are multiplied by.
     gain: f32,
-    // First Gaussian of a part, for the bases.
+    // Where their moments are.
+    first_moment: u32,
+    // For the bases: first Gaussian of the part.
     first_row: u32,
+    // First channel of the features' gate.
+    gate_channel: u32,
+    // Of basis functions of each Gaussian's own.
+    shape: u32,
+    time: f32,
     padding: u32,
 }
 
@@ -37,6 +45,13 @@ struct Update {
 @group(0) @binding(9) var<storage, read> g_splats: array<SplatGradientRow>;
 @group(0) @binding(10) var<storage, read_write> pull_sums: array<f32>;
 @group(0) @binding(11) var<storage, read_write> times_seen: array<u32>;
+// Of basis functions of each Gaussian's own, as the weights.
+@group(0) @binding(12) var<storage, read> centres: array<f32>;
+@group(0) @binding(13) var<storage, read> widths: array<f32>;
+// dL/d(weight, centre, width) of one basis function, [rows][stride].
+@group(0) @binding(14) var<storage, read_write> g_weights: array<f32>;
+@group(0) @binding(15) var<storage, read_write> g_centres: array<f32>;
+@group(0) @binding(16) var<storage, read_write> g_widths: array<f32>;
 
 // Numbers of a row at rest.
 const REST: u32 = 16u;
@@ -62,26 +77,25 @@ fn adam(
 ) {
     let i = flat_group(group, num_groups) * GROUP + lane;
     if i < params.len && status[STATUS_OK] == 1u {
-        adam_step(params.first + i, i, gradients[i], rates[i % params.width]);
+        adam_step(params.first + i, params.first_moment + i, gradients[i], rates[i % params.width]);
     }
 }
 
 // Gradient of a channel of psi; padding has none.
-fn channel_gradient(n: u32, channel: u32) -> f32 {
+fn psi_gradient(n: u32, channel: u32) -> f32 {
+    var g = 0.0;
     if channel < ROTATION_CHANNEL {
-        return gradients[n * REST + channel];
+        g = gradients[n * REST + channel];
+    } else if channel < COLOUR_CHANNEL {
+        // After the mean comes the opacity, after the scale a padding.
+        g = gradients[n * REST + channel + 1u];
+    } else if channel < GATE_CHANNEL {
+        g = gradients[n * REST + channel + 2u];
     }
-    // After the mean comes the opacity, after the scale a padding.
-    if channel < COLOUR_CHANNEL {
-        return gradients[n * REST + channel + 1u];
+    if channel >= params.gate_channel && channel < params.gate_channel + LATENT_DIM {
+        g += g_gate[n * LATENT_DIM + channel - params.gate_channel];
     }
-    if channel < GATE_CHANNEL {
-        return gradients[n * REST + channel + 2u];
-    }
-    if LATENT_DIM > 0u && channel < GATE_CHANNEL + LATENT_DIM {
-        return g_gate[n * LATENT_DIM + channel - GATE_CHANNEL];
-    }
-    return 0.0;
+    return g;
 }
 
 @compute @workgroup_size(GROUP)
@@ -93,9 +107,27 @@ fn adam_basis(
     let i = flat_group(group, num_groups) * GROUP + lane;
     if i < params.len && status[STATUS_OK] == 1u {
         let channel = i % params.width;
-        let gradient = channel_gradient(params.first_row + i / params.width, channel);
-        adam_step(params.first + i, params.first + i, gradient, rates[channel]);
+        let gradient = psi_gradient(params.first_row + i / params.width, channel);
+        adam_step(params.first + i, params.first_moment + i, gradient, rates[channel]);
     }
+}
+
+@compute @workgroup_size(GROUP)
+fn own_basis_gradients(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) num_groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = flat_group(group, num_groups) * GROUP + lane;
+    if i >= params.len {
+        return;
+    }
+    let at = params.first + i;
+    let g = psi_gradient(params.first_row + i / params.width, i % params.width);
+    let along = basis_backward(params.shape, params.time, centres[at], widths[at]);
+    g_weights[i] = basis(params.shape, params.time, centres[at], widths[at]) * g;
+    g_centres[i] = parameters[at] * along.x * g;
+    g_widths[i] = parameters[at] * along.y * g;
 }
 
 @compute @workgroup_size(GROUP)

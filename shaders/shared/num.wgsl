@@ -9,6 +9,12 @@ fn is_nan(x: f32) -> bool {
     return (bitcast<u32>(x) & 0x7fffffffu) > 0x7f800000u;
 }
 
+// The inverse of sigmoid; p is first kept 1e-6 away from 0 and 1.
+fn logit(p: f32) -> f32 {
+    let inside = clamp(p, 1e-6, 1.0 - 1e-6);
+    return log(inside / (1.0 - inside));
+}
+
 // 1 / (1 + e^-x) without overflow.
 fn sigmoid(x: f32) -> f32 {
     let e = exp(-abs(x));

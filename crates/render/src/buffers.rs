@@ -57,6 +57,11 @@ impl<T: Pod> DeviceVec<T> {
         gpu.queue().write_buffer(&self.buffer, (at * size_of::<T>()) as u64, bytemuck::cast_slice(values));
     }
 
+    /// Another of the same name, one zero.
+    pub(crate) fn same_kind(&self, gpu: &Gpu) -> Self {
+        Self::new(gpu, self.name)
+    }
+
     /// How many values.
     pub(crate) fn len(&self) -> usize {
         self.len

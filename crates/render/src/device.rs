@@ -184,10 +184,7 @@ impl Gpu {
         self.check_alive()?;
         match errors.into_iter().flatten().next() {
             None => result,
-            Some(wgpu::Error::OutOfMemory { source }) => {
-                Err(self.failure("the GPU's memory is full", &source))
-            }
-            Some(error) => Err(self.failure("the GPU driver reported an error", &error)),
+            Some(error) => Err(reported(&self.device.adapter_info().name, error)),
         }
     }
 
@@ -236,6 +233,22 @@ impl Gpu {
     }
 }
 
+/// What the driver reported, and what to do about it.
+fn reported(adapter: &str, error: wgpu::Error) -> Error {
+    match error {
+        wgpu::Error::OutOfMemory { source } => Error::Missing {
+            what: format!("the GPU's memory is full ({adapter}): {source}"),
+            hint: "Close other programs that use the GPU, take smaller pictures or fewer Gaussians, \
+                   or choose the CPU (`--backend cpu`)"
+                .into(),
+        },
+        error => Error::Missing {
+            what: format!("the GPU driver reported an error ({adapter}): {error}"),
+            hint: "Update the driver, or choose the CPU (`--backend cpu`)".into(),
+        },
+    }
+}
+
 fn rank(kind: wgpu::DeviceType) -> u8 {
     match kind {
         wgpu::DeviceType::DiscreteGpu => 0,
@@ -249,6 +262,15 @@ fn rank(kind: wgpu::DeviceType) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn full_memory_is_said_plainly_and_what_to_lower() {
+        let error = wgpu::Error::OutOfMemory { source: "16 GiB were asked for".into() };
+        let message = reported("NVIDIA H200", error).to_string();
+        for part in ["memory is full (NVIDIA H200)", "16 GiB", "fewer Gaussians", "--backend cpu"] {
+            assert!(message.contains(part), "{message}");
+        }
+    }
 
     #[test]
     fn what_is_missing_says_how_to_get_it() {

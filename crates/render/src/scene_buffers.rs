@@ -18,87 +18,103 @@ pub(crate) struct SceneBuffers {
     pub rest: DeviceVec<RestRow>,
     pub features: DeviceVec<f32>,
     pub sh_rest: DeviceVec<f32>,
-    pub parts: Vec<Part>,
+    /// The basis functions of all Gaussians may exceed what one binding may hold: those of each part.
+    pub parts: Vec<Range<usize>>,
+    pub weights: Planes,
+    /// As `weights` where each Gaussian has its own; else one unread number a part.
+    pub centres: Planes,
+    pub widths: Planes,
 }
 
-/// The basis functions of a range of Gaussians: those of all may exceed what one binding may hold.
-#[derive(Debug)]
-pub(crate) struct Part {
-    pub rows: Range<usize>,
-    /// [B][rows][stride].
-    pub weights: DeviceVec<f32>,
-    /// As `weights` where each Gaussian has its own; else one unread number.
-    pub centres: DeviceVec<f32>,
-    pub widths: DeviceVec<f32>,
-}
+/// An array [B][N][stride], cut into the parts of a scene: [B][rows][stride] each.
+pub(crate) type Planes = Vec<DeviceVec<f32>>;
 
 impl SceneBuffers {
     pub(crate) fn new(gpu: &Gpu, gaussians: &Gaussians, deformation: &Deformation) -> Result<Self> {
-        let rows_at_once = rows_per_part(gpu, deformation);
-        Self::in_parts(gpu, gaussians, deformation, rows_at_once)
+        Self::in_parts(gpu, gaussians, deformation, parts(gpu, gaussians.len(), deformation))
     }
 
-    /// As [`Self::new`], with at most `rows_at_once` Gaussians in a part.
+    /// As [`Self::new`], cut as wished.
     pub(crate) fn in_parts(
         gpu: &Gpu,
         gaussians: &Gaussians,
         deformation: &Deformation,
-        rows_at_once: usize,
+        parts: Vec<Range<usize>>,
     ) -> Result<Self> {
         check_lengths(gaussians, deformation)?;
-        let n = gaussians.len();
-        let parts = (0..n)
-            .step_by(rows_at_once)
-            .map(|first| Part::new(gpu, deformation, n, first..n.min(first + rows_at_once)))
-            .collect::<Result<_>>()?;
+        let plane = gaussians.len() * deformation.stride;
+        let upload = |name, values: &[f32]| {
+            upload_planes(gpu, name, &parts, deformation.stride, values.chunks(plane.max(1)))
+        };
+        let own = |name, values: &[f32]| {
+            if deformation.is_shared() { Ok(unread(gpu, name, parts.len())) } else { upload(name, values) }
+        };
         Ok(Self {
             rest: DeviceVec::from_slice(gpu, "Gaussians", &RestRow::rows(gaussians))?,
             features: DeviceVec::from_slice(gpu, "features", &gaussians.features)?,
             sh_rest: DeviceVec::from_slice(gpu, "spherical harmonics", &gaussians.sh_rest)?,
+            weights: upload("deformation weights", &deformation.weights)?,
+            centres: own("basis centres", &deformation.centres)?,
+            widths: own("basis widths", &deformation.widths)?,
             parts,
         })
     }
 }
 
-impl Part {
-    fn new(gpu: &Gpu, deformation: &Deformation, n: usize, rows: Range<usize>) -> Result<Self> {
-        let (stride, bases) = (deformation.stride, deformation.num_bases);
-        let plane = n * stride;
-        let upload = |name, values: &[f32]| {
-            Self::upload(gpu, name, &rows, stride, |b| &values[b * plane..(b + 1) * plane], bases)
-        };
-        let own = |name, values: &[f32]| {
-            if deformation.is_shared() { Ok(DeviceVec::new(gpu, name)) } else { upload(name, values) }
-        };
-        Ok(Self {
-            weights: upload("deformation weights", &deformation.weights)?,
-            centres: own("basis centres", &deformation.centres)?,
-            widths: own("basis widths", &deformation.widths)?,
-            rows,
-        })
-    }
-
-    /// The part's rows of `bases` planes, [B][rows][stride]; `plane(b)` is that of all Gaussians, [N][stride].
-    pub(crate) fn upload<'a>(
-        gpu: &Gpu,
-        name: &'static str,
-        rows: &Range<usize>,
-        stride: usize,
-        plane: impl Fn(usize) -> &'a [f32],
-        bases: usize,
-    ) -> Result<DeviceVec<f32>> {
+/// Uploads an array plane by plane, [N][stride] each.
+pub(crate) fn upload_planes<'a>(
+    gpu: &Gpu,
+    name: &'static str,
+    parts: &[Range<usize>],
+    stride: usize,
+    planes: impl Iterator<Item = &'a [f32]> + Clone,
+) -> Result<Planes> {
+    let upload = |rows: &Range<usize>| {
+        let (block, at) = (rows.len() * stride, rows.start * stride..rows.end * stride);
         let mut part = DeviceVec::new(gpu, name);
-        part.resize(gpu, bases * rows.len() * stride)?;
-        for b in 0..bases {
-            part.write_at(gpu, b * rows.len() * stride, &plane(b)[rows.start * stride..rows.end * stride]);
+        part.resize(gpu, planes.clone().count() * block)?;
+        for (b, plane) in planes.clone().enumerate() {
+            part.write_at(gpu, b * block, &plane[at.clone()]);
         }
         Ok(part)
-    }
+    };
+    parts.iter().map(upload).collect()
 }
 
-fn rows_per_part(gpu: &Gpu, deformation: &Deformation) -> usize {
+/// Reads an array back, plane by plane.
+pub(crate) fn read_planes<'a>(
+    gpu: &Gpu,
+    array: &Planes,
+    parts: &[Range<usize>],
+    stride: usize,
+    planes: impl Iterator<Item = &'a mut [f32]>,
+) -> Result<()> {
+    let values: Vec<Vec<f32>> = array.iter().map(|part| part.read(gpu, usize::MAX)).collect::<Result<_>>()?;
+    for (b, plane) in planes.enumerate() {
+        for (rows, values) in parts.iter().zip(&values) {
+            let block = rows.len() * stride;
+            plane[rows.start * stride..rows.end * stride]
+                .copy_from_slice(&values[b * block..(b + 1) * block]);
+        }
+    }
+    Ok(())
+}
+
+/// In place of an array that is not there: a binding cannot be empty.
+pub(crate) fn unread(gpu: &Gpu, name: &'static str, num_parts: usize) -> Planes {
+    (0..num_parts).map(|_| DeviceVec::new(gpu, name)).collect()
+}
+
+/// Ranges of `n` Gaussians whose basis functions can be bound at once.
+pub(crate) fn parts(gpu: &Gpu, n: usize, deformation: &Deformation) -> Vec<Range<usize>> {
     let bytes_per_row = deformation.num_bases * deformation.stride * size_of::<f32>();
-    (max_bytes(gpu) as usize / bytes_per_row.max(1)).max(1)
+    cut(n, max_bytes(gpu) as usize / bytes_per_row.max(1))
+}
+
+/// Ranges of `n` rows, of `at_once` each but the last.
+pub(crate) fn cut(n: usize, at_once: usize) -> Vec<Range<usize>> {
+    let at_once = at_once.max(1);
+    (0..n).step_by(at_once).map(|first| first..n.min(first + at_once)).collect()
 }
 
 /// Refuses arrays that the passes would read beyond.

@@ -67,6 +67,7 @@ pub const FILES: &[(&str, &str)] = shaders![
     "compose.wgsl",
     "deform.wgsl",
     "dense.wgsl",
+    "densify.wgsl",
     "features_backward.wgsl",
     "gather.wgsl",
     "lattice.wgsl",
@@ -83,10 +84,12 @@ pub const FILES: &[(&str, &str)] = shaders![
     "sort.wgsl",
     "summary.wgsl",
     "update.wgsl",
+    "shared/basis.wgsl",
     "shared/deform.wgsl",
     "shared/dispatch.wgsl",
     "shared/gaussian.wgsl",
     "shared/num.wgsl",
+    "shared/random.wgsl",
     "shared/rotation.wgsl",
     "shared/sh.wgsl",
     "shared/slot.wgsl",
@@ -193,6 +196,9 @@ fn constants(latent_dim: usize) -> String {
         ("BETA1", train::BETA1),
         ("BETA2", train::BETA2),
         ("ADAM_EPSILON", train::EPSILON),
+        ("LN_SPLIT", train::LN_SPLIT),
+        ("SPLIT_DISTANCE", train::SPLIT_DISTANCE),
+        ("CLONE_DISTANCE", train::CLONE_DISTANCE),
     ];
     let mut out = String::new();
     for (name, value) in integers {

@@ -156,6 +156,9 @@ pub struct BenchTrainArgs {
     /// Seed of everything random
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
+    /// What trains
+    #[arg(long, value_enum, default_value_t = Backend::Cpu)]
+    pub backend: Backend,
     /// Only these rows, e.g. default,paper
     #[arg(long, value_delimiter = ',')]
     pub rows: Vec<String>,

@@ -34,7 +34,7 @@ pub fn time_passes(trainer: &mut Trainer) -> Result<()> {
 
 fn automatic(trainer: &mut Trainer) -> Result<String> {
     let cpu = trainer.backend_name();
-    if !may_have_gpu() || !GpuBackend::supports(trainer.settings()) {
+    if !may_have_gpu() {
         return Ok(cpu);
     }
     let Ok(gpu) = Gpu::open(AdapterChoice::RealGpu) else { return Ok(cpu) };

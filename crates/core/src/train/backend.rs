@@ -1,7 +1,13 @@
 //! What carries out a step: the passes of this crate, or their twins on a GPU. Schedule, policy and random numbers are
 //! the trainer's, so that both walk through the same decisions.
 
-use super::{LossTerms, TrainSettings, densify::Statistics, frames::Frame, optimiser::Optimiser, pass::Pass};
+use super::{
+    LossTerms, TrainSettings,
+    densify::{Densify, Statistics},
+    frames::Frame,
+    optimiser::Optimiser,
+    pass::Pass,
+};
 use crate::{
     Result, camera::Camera, clock::PassClock, deform::Deformation, gaussian::Gaussians,
     raster::project::Sampling,
@@ -116,6 +122,12 @@ pub trait Backend: Send {
         context: &Context<'_>,
         clock: &mut PassClock<Pass>,
     ) -> Result<Outcome>;
+
+    /// Adds and removes Gaussians, as [`super::densify`] does.
+    fn densify(&mut self, model: &mut Model, how: &Densify, context: &Context<'_>) -> Result<Outcome>;
+
+    /// Gaussians that there are now.
+    fn num_gaussians(&self, model: &Model) -> usize;
 
     /// Brings the model up to date.
     fn finish(&mut self, model: &mut Model, context: &Context<'_>) -> Result<Outcome>;

@@ -3,6 +3,7 @@
 use super::{
     Backend, Context, Look, LossTerms, Model, Outcome, Plan,
     chain::{self, FrameState, Gradients},
+    densify::{Densify, densify},
     frames::Frame,
     loss::loss_into,
     pass::Pass,
@@ -69,6 +70,15 @@ impl Backend for CpuBackend {
             clock.lap(Pass::Adam);
         }
         Ok(Outcome { terms: Some(terms), dropped: usize::from(!finite) })
+    }
+
+    fn densify(&mut self, model: &mut Model, how: &Densify, _: &Context<'_>) -> Result<Outcome> {
+        densify(model, how);
+        Ok(Outcome::default())
+    }
+
+    fn num_gaussians(&self, model: &Model) -> usize {
+        model.gaussians.len()
     }
 
     fn finish(&mut self, _: &mut Model, _: &Context<'_>) -> Result<Outcome> {

@@ -1,9 +1,10 @@
 //! Adding Gaussians where the picture pulls at them, removing those that have faded (method §6.3–6.4).
 //!
 //! Unlike the released code, whose scene extent of 0 makes every densification a split, size is judged in pixels,
-//! so it works with a still camera.
+//! so it works with a still camera. [`Densify`] is the policy, the same for all backends; each pass that follows it
+//! has a twin of its name in `shaders/densify.wgsl`.
 
-use super::settings::DensifySettings;
+use super::{backend::Model, random::normal4, settings::TrainSettings};
 use crate::{
     deform::Deformation,
     gaussian::Gaussians,
@@ -11,8 +12,6 @@ use crate::{
     raster::project::{Splat, SplatGradient},
     real::{rotation_matrix, transform, unit_quaternion},
 };
-use rand::Rng;
-use rand_chacha::ChaCha8Rng;
 
 /// Per Gaussian, since the last densification.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -38,134 +37,197 @@ impl Statistics {
             }
         }
     }
+}
 
-    fn mean_pull(&self, i: usize) -> f32 {
-        if self.seen[i] == 0 { 0.0 } else { self.pull[i] / self.seen[i] as f32 }
+/// One densification in numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Densify {
+    /// Gaussians with a lower logit of opacity are removed.
+    pub min_opacity_logit: f32,
+    /// Gaussians are parted only where the mean pull is at least this.
+    pub min_pull: f32,
+    /// Share of the kept ones that may be added.
+    pub growth: f32,
+    /// Most Gaussians there may be.
+    pub budget: usize,
+    /// Log-scale above which a Gaussian is split; others are cloned.
+    pub split_log_scale: f32,
+    /// Both halves are placed at random and start afresh.
+    pub split_only: bool,
+    /// What random numbers follow from, beside the parent's row.
+    pub seed: [u32; 2],
+}
+
+/// Shorter by this the axis along which a Gaussian was split: ln 1.6, as in the released code.
+pub const LN_SPLIT: f32 = 0.470_003_63;
+/// Distance of the two halves of a split Gaussian from its centre, in its standard deviations.
+pub const SPLIT_DISTANCE: f32 = 0.8;
+/// The same for the two of a clone.
+pub const CLONE_DISTANCE: f32 = 0.4;
+
+/// Key of a Gaussian that is not to be parted; the others' are lower.
+const NOT_PULLED: u32 = u32::MAX;
+
+impl Densify {
+    /// After step `step`, to at most `budget` Gaussians; `world_per_px` is the length of a pixel at the typical depth.
+    pub fn new(settings: &TrainSettings, budget: usize, world_per_px: f32, step: usize) -> Self {
+        let d = &settings.densify;
+        let by_threshold = d.threshold > 0.0;
+        Self {
+            min_opacity_logit: logit(d.min_opacity),
+            min_pull: if by_threshold { d.threshold } else { f32::MIN_POSITIVE },
+            growth: if by_threshold { f32::INFINITY } else { d.growth },
+            budget,
+            split_log_scale: (d.split_px * world_per_px).ln(),
+            split_only: d.split_only,
+            seed: [settings.seed as u32 ^ (settings.seed >> 32) as u32, step as u32],
+        }
+    }
+
+    /// How many are parted, the most pulled first, if so many are kept and so many of these are pulled.
+    pub fn num_children(&self, num_kept: usize, num_pulled: usize) -> usize {
+        let room = self.budget.saturating_sub(num_kept);
+        // Beyond all bounds becomes the largest number.
+        num_pulled.min(room).min((self.growth * num_kept as f32) as usize)
     }
 }
 
-/// What becomes of the set of Gaussians.
-#[derive(Clone, Debug, Default)]
-pub struct Change {
-    /// Row of the old set that each row of the new set copies.
-    pub parents: Vec<u32>,
-    /// Whether the row's moments start afresh.
-    pub fresh: Vec<bool>,
-}
-
-impl Change {
-    /// The moments' rows, for [`super::optimiser::Optimiser::rearrange`].
-    pub fn moment_rows(&self) -> Vec<Option<u32>> {
-        self.parents.iter().zip(&self.fresh).map(|(p, fresh)| (!fresh).then_some(*p)).collect()
-    }
-}
-
-/// Decides and carries out one densify-and-prune, to at most `budget` Gaussians; `world_per_px` is the length of a pixel at the typical depth.
-pub fn densify(
-    gaussians: &mut Gaussians,
-    deformation: &mut Deformation,
-    statistics: &Statistics,
-    settings: &DensifySettings,
-    budget: usize,
-    world_per_px: f32,
-    rng: &mut ChaCha8Rng,
-) -> Change {
-    let n = gaussians.len();
-    let keep: Vec<u32> =
-        (0..n as u32).filter(|&i| is_worth_keeping(gaussians, i as usize, settings)).collect();
-    let room = budget.saturating_sub(keep.len());
-    let by_threshold = settings.threshold > 0.0;
-    let wanted = if by_threshold { room } else { room.min((settings.growth * keep.len() as f32) as usize) };
-    let is_pulled = |i: &u32| {
-        let pull = statistics.mean_pull(*i as usize);
-        if by_threshold { pull >= settings.threshold } else { pull > 0.0 }
-    };
-    let mut pulled: Vec<u32> = keep.iter().copied().filter(is_pulled).collect();
-    pulled.sort_by(|&a, &b| {
-        statistics.mean_pull(b as usize).total_cmp(&statistics.mean_pull(a as usize)).then(a.cmp(&b))
-    });
-    pulled.truncate(wanted);
-    pulled.sort_unstable();
-    let mut change = Change { parents: keep.clone(), fresh: vec![false; keep.len()] };
-    change.parents.extend(&pulled);
-    change.fresh.resize(change.parents.len(), true);
-    rearrange(gaussians, deformation, &change.parents, n);
-    for (k, parent) in pulled.iter().enumerate() {
-        let child = keep.len() + k;
-        let Ok(parent) = keep.binary_search(parent) else { continue };
-        if settings.split_only {
-            change.fresh[parent] = true;
-            scatter(gaussians, [parent, child], rng);
+/// Decides and carries out one densify-and-prune. Those kept stay in their order; after them come the children, in that
+/// of their parents. The statistics start again.
+pub fn densify(model: &mut Model, how: &Densify) {
+    let Model { gaussians, deformation, optimiser, statistics } = model;
+    let marks = mark(gaussians, statistics, how);
+    let num_kept = marks.iter().filter(|m| m.is_kept).count();
+    let mut parted = rank(&marks);
+    parted.truncate(how.num_children(num_kept, parted.len()));
+    // In their own order: pulls that differ in the last digit then change at most which of two are parted.
+    parted.sort_unstable();
+    let (rows, pairs) = list(&marks, &parted, how.split_only);
+    let (bands, dim, stride) = (gaussians.sh_bands() * 3, gaussians.latent_dim, deformation.stride);
+    copy_rows(gaussians, deformation, &rows);
+    let moments: Vec<Option<u32>> = rows.iter().map(|r| (!r.is_fresh).then_some(r.parent)).collect();
+    optimiser.rearrange(&moments, bands, dim, stride);
+    for (pair, parent) in pairs.into_iter().zip(&parted) {
+        if how.split_only {
+            scatter(gaussians, pair, how.seed, *parent);
         } else {
-            part(gaussians, parent, child, settings.split_px * world_per_px, rng);
+            split_or_clone(gaussians, pair, how.split_log_scale);
         }
     }
-    change
+    *statistics = Statistics::new(gaussians.len());
 }
 
-fn is_worth_keeping(gaussians: &Gaussians, i: usize, settings: &DensifySettings) -> bool {
-    let finite = gaussians.means[i].iter().chain(&gaussians.log_scales[i]).all(|v| v.is_finite());
-    finite && sigmoid(gaussians.opacity_logits[i]) >= settings.min_opacity
+/// What one Gaussian is to become.
+#[derive(Clone, Copy)]
+struct Mark {
+    is_kept: bool,
+    /// The lower, the more it is pulled.
+    pull_key: u32,
 }
 
-/// Makes two of one: a large Gaussian is split along its longest axis into two smaller ones, a small one is cloned
-/// side by side; opacities are chosen so that both together cover what the one did.
-fn part(gaussians: &mut Gaussians, parent: usize, child: usize, split_size: f32, rng: &mut ChaCha8Rng) {
-    let scale = gaussians.log_scales[parent].map(f32::exp);
-    let longest = (0..3).max_by(|&a, &b| scale[a].total_cmp(&scale[b])).unwrap_or(0);
+fn mark(gaussians: &Gaussians, statistics: &Statistics, how: &Densify) -> Vec<Mark> {
+    let mark_one = |i: usize| {
+        let numbers = gaussians.means[i].iter().chain(&gaussians.log_scales[i]);
+        let is_kept = numbers.into_iter().all(|v| v.is_finite())
+            && gaussians.opacity_logits[i] >= how.min_opacity_logit;
+        let mean_pull = statistics.pull[i] / statistics.seen[i].max(1) as f32;
+        let is_pulled = is_kept && mean_pull >= how.min_pull;
+        // Pulls are positive, so their bits sort like the numbers.
+        Mark { is_kept, pull_key: if is_pulled { !mean_pull.to_bits() } else { NOT_PULLED } }
+    };
+    (0..gaussians.len()).map(mark_one).collect()
+}
+
+/// Those to be parted if there is room, the most pulled first, ties by index.
+fn rank(marks: &[Mark]) -> Vec<u32> {
+    let key = |i: &u32| marks[*i as usize].pull_key;
+    let mut ranked: Vec<u32> = (0..marks.len() as u32).filter(|i| key(i) != NOT_PULLED).collect();
+    ranked.sort_by_key(key);
+    ranked
+}
+
+/// A row of the new set.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Row {
+    /// Row of the old set that it copies.
+    parent: u32,
+    /// Whether its moments start afresh.
+    is_fresh: bool,
+}
+
+/// The new rows, and which of them are the two of each of the `parted`.
+fn list(marks: &[Mark], parted: &[u32], split_only: bool) -> (Vec<Row>, Vec<[usize; 2]>) {
+    let mut places = vec![0; marks.len()];
+    let mut rows = Vec::new();
+    for (parent, _) in marks.iter().enumerate().filter(|(_, mark)| mark.is_kept) {
+        places[parent] = rows.len();
+        rows.push(Row { parent: parent as u32, is_fresh: false });
+    }
+    let mut pairs = Vec::new();
+    for parent in parted {
+        let place = places[*parent as usize];
+        rows[place].is_fresh = split_only;
+        pairs.push([place, rows.len()]);
+        rows.push(Row { parent: *parent, is_fresh: true });
+    }
+    (rows, pairs)
+}
+
+/// Two of one: a large Gaussian becomes two smaller ones along its longest axis, a small one two side by side that
+/// together cover what it did. Both rows are copies of it so far.
+fn split_or_clone(gaussians: &mut Gaussians, [parent, child]: [usize; 2], split_log_scale: f32) {
+    let log_scale = gaussians.log_scales[parent];
+    // The last one of equals.
+    let longest = (1..3).fold(0, |best, axis| if log_scale[axis] >= log_scale[best] { axis } else { best });
+    let is_large = log_scale[longest] > split_log_scale;
+    let distance = if is_large { SPLIT_DISTANCE } else { CLONE_DISTANCE };
+    let mut along = [0.0; 3];
+    along[longest] = distance * log_scale[longest].exp();
     let (unit, _) = unit_quaternion(gaussians.rotations[parent]);
-    let is_large = scale[longest] > split_size;
-    let distance = if is_large { 0.8 } else { 0.4 } * scale[longest] * rng.random_range(0.8..1.2);
-    let mut local = [0.0; 3];
-    local[longest] = distance;
-    let offset = transform(&rotation_matrix(unit), local);
+    let offset = transform(&rotation_matrix(unit), along);
     for (axis, offset) in offset.into_iter().enumerate() {
-        gaussians.means[child][axis] += offset;
         gaussians.means[parent][axis] -= offset;
+        gaussians.means[child][axis] += offset;
     }
-    if is_large {
-        for i in [parent, child] {
-            gaussians.log_scales[i][longest] -= 1.6f32.ln();
+    for i in [parent, child] {
+        if is_large {
+            gaussians.log_scales[i][longest] -= LN_SPLIT;
+        } else {
+            let rest = 1.0 - sigmoid(gaussians.opacity_logits[i]);
+            gaussians.opacity_logits[i] = logit(1.0 - rest.sqrt());
         }
     }
-    let shared = 1.0 - (1.0 - sigmoid(gaussians.opacity_logits[parent])).sqrt();
-    let opacity = if is_large { sigmoid(gaussians.opacity_logits[parent]) } else { shared };
-    gaussians.opacity_logits[parent] = logit(opacity);
-    gaussians.opacity_logits[child] = logit(opacity);
 }
 
 /// Puts two smaller Gaussians at random where one was, as the released code does (method §6.4).
-fn scatter(gaussians: &mut Gaussians, pair: [usize; 2], rng: &mut ChaCha8Rng) {
-    let (mean, scale) = (gaussians.means[pair[0]], gaussians.log_scales[pair[0]].map(f32::exp));
+fn scatter(gaussians: &mut Gaussians, pair: [usize; 2], [first, second]: [u32; 2], seed: u32) {
+    let (mean, log_scale) = (gaussians.means[pair[0]], gaussians.log_scales[pair[0]]);
     let turn = rotation_matrix(unit_quaternion(gaussians.rotations[pair[0]]).0);
-    for i in pair {
-        let offset = transform(&turn, scale.map(|s| s * standard_normal(rng)));
+    for (half, i) in pair.into_iter().enumerate() {
+        let random = normal4([first, second, seed, half as u32]);
+        let offset = transform(&turn, std::array::from_fn(|axis| log_scale[axis].exp() * random[axis]));
         gaussians.means[i] = std::array::from_fn(|axis| mean[axis] + offset[axis]);
-        gaussians.log_scales[i] = scale.map(|s| s.ln() - 1.6f32.ln());
+        gaussians.log_scales[i] = log_scale.map(|s| s - LN_SPLIT);
     }
 }
 
-/// Box and Muller.
-fn standard_normal(rng: &mut ChaCha8Rng) -> f32 {
-    let (u, angle): (f32, f32) = (rng.random_range(f32::MIN_POSITIVE..1.0), rng.random_range(0.0..1.0));
-    (-2.0 * u.ln()).sqrt() * (std::f32::consts::TAU * angle).cos()
-}
-
-/// Rows of every array become copies of the rows listed in `parents`.
-fn rearrange(gaussians: &mut Gaussians, deformation: &mut Deformation, parents: &[u32], old_len: usize) {
-    fn rows<T: Copy>(values: &[T], parents: &[u32], width: usize) -> Vec<T> {
-        parents.iter().flat_map(|&p| &values[p as usize * width..(p as usize + 1) * width]).copied().collect()
+/// Every array follows the change of the set.
+fn copy_rows(gaussians: &mut Gaussians, deformation: &mut Deformation, rows: &[Row]) {
+    fn copy<T: Copy>(values: &[T], rows: &[Row], width: usize) -> Vec<T> {
+        let row = |r: &Row| &values[r.parent as usize * width..(r.parent as usize + 1) * width];
+        rows.iter().flat_map(row).copied().collect()
     }
+    let plane = gaussians.len() * deformation.stride;
     let (bands, dim, stride) = (gaussians.sh_bands() * 3, gaussians.latent_dim, deformation.stride);
-    gaussians.means = rows(&gaussians.means, parents, 1);
-    gaussians.rotations = rows(&gaussians.rotations, parents, 1);
-    gaussians.log_scales = rows(&gaussians.log_scales, parents, 1);
-    gaussians.opacity_logits = rows(&gaussians.opacity_logits, parents, 1);
-    gaussians.colours = rows(&gaussians.colours, parents, 1);
-    gaussians.sh_rest = rows(&gaussians.sh_rest, parents, bands);
-    gaussians.features = rows(&gaussians.features, parents, dim);
+    gaussians.means = copy(&gaussians.means, rows, 1);
+    gaussians.rotations = copy(&gaussians.rotations, rows, 1);
+    gaussians.log_scales = copy(&gaussians.log_scales, rows, 1);
+    gaussians.opacity_logits = copy(&gaussians.opacity_logits, rows, 1);
+    gaussians.colours = copy(&gaussians.colours, rows, 1);
+    gaussians.sh_rest = copy(&gaussians.sh_rest, rows, bands);
+    gaussians.features = copy(&gaussians.features, rows, dim);
     let by_plane = |values: &[f32]| -> Vec<f32> {
-        values.chunks(old_len * stride).flat_map(|plane| rows(plane, parents, stride)).collect()
+        values.chunks(plane.max(1)).flat_map(|plane| copy(plane, rows, stride)).collect()
     };
     deformation.weights = by_plane(&deformation.weights);
     if !deformation.is_shared() {
@@ -177,9 +239,9 @@ fn rearrange(gaussians: &mut Gaussians, deformation: &mut Deformation, parents: 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::SeedableRng;
 
-    fn scene(n: usize) -> (Gaussians, Deformation) {
+    fn model(pull: &[f32]) -> Model {
+        let n = pull.len();
         let gaussians = Gaussians {
             means: (0..n).map(|i| [i as f32, 0.0, 10.0]).collect(),
             rotations: vec![[1.0, 0.0, 0.0, 0.0]; n],
@@ -191,39 +253,57 @@ mod tests {
             ..Gaussians::default()
         };
         let mut deformation = Deformation::at_rest(n, 3, 2, 0.1, 2.5);
-        for (i, w) in deformation.weights.iter_mut().enumerate() {
-            *w = i as f32;
-        }
-        (gaussians, deformation)
+        deformation.weights.iter_mut().enumerate().for_each(|(i, w)| *w = i as f32);
+        let mut model = Model::new(gaussians, deformation);
+        model.statistics = Statistics { pull: pull.to_vec(), seen: vec![1; n] };
+        model.optimiser.features.first = model.gaussians.features.clone();
+        model
+    }
+
+    fn how(growth: f32, budget: usize) -> Densify {
+        let mut settings = TrainSettings::default();
+        settings.densify.growth = growth;
+        Densify::new(&settings, budget, 0.1, 100)
     }
 
     #[test]
     fn the_most_pulled_are_parted_and_the_faded_removed() {
-        let (mut g, mut d) = scene(6);
-        let before = d.clone();
-        let statistics = Statistics { pull: vec![9.0, 0.1, 5.0, 8.0, 0.0, 0.2], seen: vec![1; 6] };
-        let settings = DensifySettings { growth: 0.4, ..crate::train::TrainSettings::default().densify };
-        let change =
-            densify(&mut g, &mut d, &statistics, &settings, 100, 0.1, &mut ChaCha8Rng::seed_from_u64(1));
-        assert_eq!(change.parents, vec![1, 2, 3, 4, 5, 2, 3]);
-        assert_eq!(change.fresh, vec![false, false, false, false, false, true, true]);
-        assert_eq!(g.len(), 7);
-        assert_eq!(g.features[15..18], [6.0, 7.0, 8.0]);
-        let stride = d.stride;
+        let mut m = model(&[9.0, 0.1, 5.0, 8.0, 0.0, 0.2]);
+        let before = m.clone();
+        densify(&mut m, &how(0.4, 100));
+        let g = &m.gaussians;
+        let parents: Vec<f32> = g.features.iter().step_by(3).map(|f| f / 3.0).collect();
+        assert_eq!(parents, [1.0, 2.0, 3.0, 4.0, 5.0, 2.0, 3.0]);
+        let fresh = |i: usize| m.optimiser.features.first[3 * i..3 * i + 3] == [0.0; 3];
+        assert_eq!((0..7).map(fresh).collect::<Vec<_>>(), [false, false, false, false, false, true, true]);
+        let stride = m.deformation.stride;
         for b in 0..2 {
-            assert_eq!(d.weights[(b * 7 + 6) * stride], before.weights[(b * 6 + 3) * stride]);
+            let child = m.deformation.weights[(b * 7 + 6) * stride];
+            assert_eq!(child, before.deformation.weights[(b * 6 + 3) * stride]);
         }
         // Gaussian 2 is large and split; Gaussian 3 is small and cloned with shared opacity.
         assert!(g.log_scales[1].iter().any(|s| *s < 0.0) && (g.log_scales[2][0] + 3.0).abs() < 1e-6);
         assert!((sigmoid(g.opacity_logits[2]) - (1.0 - 0.5f32.sqrt())).abs() < 1e-5);
+        assert_eq!(m.statistics, Statistics::new(7));
+    }
+
+    #[test]
+    fn halves_placed_at_random_both_start_afresh() {
+        let mut m = model(&[0.0, 0.0, 5.0, 0.0]);
+        densify(&mut m, &Densify { split_only: true, ..how(1.0, 100) });
+        let (g, moments) = (&m.gaussians, &m.optimiser.features.first);
+        assert_eq!(g.len(), 4);
+        assert!(g.means[1] != g.means[3] && g.means[1] != [2.0, 0.0, 10.0]);
+        assert!(g.log_scales[1] == [-LN_SPLIT; 3] && g.log_scales[3] == [-LN_SPLIT; 3]);
+        assert!(moments[3..6] == [0.0; 3] && moments[9..12] == [0.0; 3]);
     }
 
     #[test]
     fn the_budget_holds() {
-        let (mut g, mut d) = scene(6);
-        let statistics = Statistics { pull: vec![1.0; 6], seen: vec![1; 6] };
-        let settings = DensifySettings { growth: 1.0, ..crate::train::TrainSettings::default().densify };
-        densify(&mut g, &mut d, &statistics, &settings, 6, 0.1, &mut ChaCha8Rng::seed_from_u64(1));
-        assert_eq!(g.len(), 6);
+        let mut m = model(&[1.0; 6]);
+        densify(&mut m, &how(1.0, 6));
+        assert_eq!(m.gaussians.len(), 6);
+        assert_eq!(how(f32::INFINITY, 9).num_children(5, 100), 4);
+        assert_eq!(how(0.5, 9).num_children(0, 0), 0);
     }
 }

@@ -11,6 +11,7 @@ mod lift;
 mod loss;
 mod optimiser;
 mod pass;
+mod random;
 mod settings;
 mod state;
 
@@ -18,7 +19,7 @@ pub use adam::{Adam, BETA1, BETA2, EPSILON, WIDTH, bias_corrections};
 pub use backend::{Backend, Context, Look, Model, Outcome, Plan};
 pub use chain::{FrameState, Gradients, backward as chain_backward};
 pub use cpu::CpuBackend;
-pub use densify::Statistics;
+pub use densify::{CLONE_DISTANCE, Densify, LN_SPLIT, SPLIT_DISTANCE, Statistics, densify};
 pub use frames::Frame;
 pub use loss::{LossTerms, LossWeights, MIN_DEPTH, MIN_DEPTH_ALPHA, Scales, TermScales, Truth, loss};
 pub use optimiser::{OPACITY_CHANNEL, Optimiser, Rates};
@@ -159,7 +160,7 @@ impl Trainer {
             step: self.state.step,
             loss: self.terms.total(),
             terms: self.terms,
-            gaussians: self.state.model.gaussians.len(),
+            gaussians: self.backend.num_gaussians(&self.state.model),
             dropped: self.state.dropped,
         })
     }
@@ -253,17 +254,10 @@ impl Trainer {
         if !self.settings.densifies_at(self.state.step) {
             return Ok(());
         }
-        self.finish()?;
-        let world_per_px = world_per_px(&self.sequence, &self.state);
-        let State { model, rng, budget, .. } = &mut self.state;
-        let Model { gaussians, deformation, optimiser, statistics } = model;
-        let settings = &self.settings.densify;
-        let change =
-            densify::densify(gaussians, deformation, statistics, settings, *budget, world_per_px, rng);
-        let (bands, dim) = (gaussians.sh_bands() * 3, gaussians.latent_dim);
-        optimiser.rearrange(&change.moment_rows(), bands, dim, deformation.stride);
-        *statistics = Statistics::new(gaussians.len());
-        self.backend.forget();
+        let context = context(&self.settings, self.prepared.as_ref(), &self.sequence, &self.state);
+        let how = Densify::new(&self.settings, self.state.budget, context.world_per_px, self.state.step);
+        let outcome = self.backend.densify(&mut self.state.model, &how, &context)?;
+        self.take_in(outcome);
         Ok(())
     }
 

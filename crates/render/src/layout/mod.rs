@@ -42,7 +42,8 @@ macro_rules! shader_struct {
 mod train;
 
 pub use train::{
-    Chain, Gather, Loss, Network, Region, RegionBlock, Regions, Settle, Settled, SplatGradientRow, Update,
+    Chain, CopyRows, Densify, Gather, Loss, Network, Region, RegionBlock, Regions, Settle, Settled,
+    SplatGradientRow, Update,
 };
 
 shader_struct! {
@@ -427,15 +428,13 @@ impl RestRow {
 }
 
 impl RestRow {
-    /// Replaces the parameters of a scene of as many Gaussians.
+    /// Replaces the parameters of all Gaussians.
     pub fn write_into(rows: &[Self], gaussians: &mut Gaussians) {
-        for (i, row) in rows.iter().enumerate() {
-            gaussians.means[i] = row.mean;
-            gaussians.opacity_logits[i] = row.opacity_logit;
-            gaussians.rotations[i] = row.rotation;
-            gaussians.log_scales[i] = row.log_scale;
-            gaussians.colours[i] = row.colour;
-        }
+        gaussians.means = rows.iter().map(|r| r.mean).collect();
+        gaussians.opacity_logits = rows.iter().map(|r| r.opacity_logit).collect();
+        gaussians.rotations = rows.iter().map(|r| r.rotation).collect();
+        gaussians.log_scales = rows.iter().map(|r| r.log_scale).collect();
+        gaussians.colours = rows.iter().map(|r| r.colour).collect();
     }
 }
 

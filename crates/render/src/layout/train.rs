@@ -201,8 +201,64 @@ shader_struct! {
         rate: f32,
         /// What gradients are multiplied by.
         gain: f32,
+        /// Where their moments are.
+        first_moment: u32,
         /// First Gaussian of a part.
         first_row: u32,
+        /// First channel of the features' gate.
+        gate_channel: u32,
+        /// [`surgtpgs_core::deform::BasisShape`] of each Gaussian's own as a number.
+        shape: u32,
+        /// t.
+        time: f32,
+        /// To a multiple of 16 bytes.
+        padding: u32,
+    }
+}
+
+shader_struct! {
+    /// One densification (`densify.wgsl`).
+    pub struct Densify {
+        /// N.
+        num_gaussians: u32,
+        /// Of these.
+        num_kept: u32,
+        /// Of these are parted.
+        num_children: u32,
+        /// 1 where both halves are placed at random and start afresh.
+        split_only: u32,
+        /// Lower ones are removed.
+        min_opacity_logit: f32,
+        /// Those less pulled are not parted.
+        min_pull: f32,
+        /// Larger ones are split.
+        split_log_scale: f32,
+        /// To a multiple of 8 bytes.
+        padding: u32,
+        /// What random numbers follow from.
+        seed: [u32; 2],
+        /// To a multiple of 8 bytes.
+        padding_2: [u32; 2],
+    }
+}
+
+shader_struct! {
+    /// An array that follows the change of the set (`densify.wgsl`).
+    pub struct CopyRows {
+        /// Planes of so many rows each.
+        num_planes: u32,
+        /// Here.
+        num_rows: u32,
+        /// Numbers of a row.
+        width: u32,
+        /// First row that is here.
+        first_row: u32,
+        /// Rows of the old array that are here.
+        old_num_rows: u32,
+        /// First of them.
+        old_first_row: u32,
+        /// 1 for moments.
+        clears_fresh: u32,
         /// To a multiple of 16 bytes.
         padding: u32,
     }

@@ -20,7 +20,7 @@ pub(crate) struct DeformPass {
     pub live: Range<usize>,
     /// Output, [N].
     pub rows: DeviceVec<DeformedRow>,
-    /// Output, [N][D].
+    /// Output, [N][D]; then how far each one's gate is open, [N][D].
     pub features: DeviceVec<f32>,
 }
 
@@ -51,8 +51,13 @@ impl DeformPass {
         self.tables.resize(gpu, deformation.num_bases + network.len())?;
         self.tables.write_at(gpu, deformation.num_bases, &network);
         self.set_time(gpu, deformation, time);
+        self.make_room(gpu, n, latent_dim)
+    }
+
+    /// Room for `n` Gaussians; the feature network stays as it is.
+    pub(crate) fn make_room(&mut self, gpu: &Gpu, n: usize, latent_dim: usize) -> Result<()> {
         self.rows.resize(gpu, n)?;
-        self.features.resize(gpu, n * latent_dim)
+        self.features.resize(gpu, 2 * n * latent_dim)
     }
 
     /// Uploads the basis values at `time`; [`Self::prepare`] went before.
@@ -77,20 +82,20 @@ impl DeformPass {
         latent_dim: usize,
     ) {
         let kernel = &self.kernels[&latent_dim];
-        for part in &scene.parts {
-            let params = uniform(gpu, &Deform::new(deformation, time, &part.rows, &self.live));
+        for (k, rows) in scene.parts.iter().enumerate() {
+            let params = uniform(gpu, &Deform::new(deformation, time, rows, &self.live));
             let bindings = [
                 (0, params.as_entire_binding()),
                 (1, scene.rest.binding()),
                 (2, scene.features.binding()),
-                (3, part.weights.binding()),
-                (4, part.centres.binding()),
-                (5, part.widths.binding()),
+                (3, scene.weights[k].binding()),
+                (4, scene.centres[k].binding()),
+                (5, scene.widths[k].binding()),
                 (6, self.tables.binding()),
                 (7, self.rows.binding()),
                 (8, self.features.binding()),
             ];
-            kernel.dispatch(gpu, pass, &bindings, (part.rows.len() as u32).div_ceil(GROUP));
+            kernel.dispatch(gpu, pass, &bindings, (rows.len() as u32).div_ceil(GROUP));
         }
     }
 }

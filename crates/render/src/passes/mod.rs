@@ -22,13 +22,15 @@ pub(crate) use overlay::{OverlayPass, from_pixels, to_pixels};
 pub(crate) use pick::PickPass;
 pub(crate) use project::ProjectPass;
 pub(crate) use raster::{Input, RasterPass};
+pub(crate) use scan::{Levels, Scan};
+pub(crate) use sort::{Sort, SortBuffers};
 pub(crate) use summary::SummaryPass;
 
 use crate::{
     Gpu,
     buffers::{DeviceVec, uniform},
     layout::{DeformedRow, SplatRow, View},
-    scene_buffers::SceneBuffers,
+    scene_buffers::{SceneBuffers, cut},
 };
 use image::RgbImage;
 use surgtpgs_core::{
@@ -96,7 +98,8 @@ impl Passes {
     ) -> Result<Deformed> {
         let gpu = self.gpu.clone();
         gpu.guarded(|| {
-            let scene = SceneBuffers::in_parts(&gpu, gaussians, deformation, rows_at_once.max(1))?;
+            let scene =
+                SceneBuffers::in_parts(&gpu, gaussians, deformation, cut(gaussians.len(), rows_at_once))?;
             let dim = if features { gaussians.latent_dim } else { 0 };
             self.deform.prepare(&gpu, deformation, gaussians.len(), time, dim)?;
             run(&gpu, |pass| self.deform.encode(&gpu, pass, &scene, deformation, time, dim));

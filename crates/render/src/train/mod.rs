@@ -11,6 +11,7 @@
 //! changed nothing since, the buffers grow and the steps are repeated. No float atomics and fixed orders of every sum:
 //! two runs give the same bytes, whatever the room for pairs was.
 
+mod densify;
 mod frame;
 mod passes;
 mod resident;
@@ -23,6 +24,7 @@ use crate::{
     shader_source::status,
     timer::Timer,
 };
+use densify::DensifyPass;
 use frame::FrameStore;
 use passes::{Job, StepPasses};
 use resident::{READ_EVERY, Resident};
@@ -35,7 +37,7 @@ use surgtpgs_core::{
         Images,
         project::{Splat, SplatGradient},
     },
-    train::{Backend, Context, Gradients, LossTerms, Model, Outcome, Pass, Plan, TrainSettings},
+    train::{Backend, Context, Densify, Gradients, LossTerms, Model, Outcome, Pass, Plan},
 };
 
 /// Carries out training steps on a GPU.
@@ -47,6 +49,7 @@ pub struct GpuBackend {
     bin: BinPass,
     raster: RasterPass,
     step: Option<StepPasses>,
+    densify: Option<DensifyPass>,
     frames: FrameStore,
     resident: Option<Resident>,
     /// Steps submitted since the last look at the history.
@@ -85,6 +88,7 @@ impl GpuBackend {
                 bin: BinPass::new(&gpu)?,
                 raster: RasterPass::new(&gpu),
                 step: None,
+                densify: None,
                 frames: FrameStore::default(),
                 resident: None,
                 pending: Vec::new(),
@@ -92,11 +96,6 @@ impl GpuBackend {
                 gpu: gpu.clone(),
             })
         })
-    }
-
-    /// Whether it can train with these settings.
-    pub fn supports(settings: &TrainSettings) -> bool {
-        !settings.own_bases && !settings.gate_on_scale
     }
 
     /// Starts with room for `capacity` splat-tile pairs; it grows as needed, at the cost of repeated steps.
@@ -126,7 +125,7 @@ impl GpuBackend {
             return Err(Error::input("no step was done", "Do one first."));
         };
         gpu.guarded(|| {
-            let n = model.gaussians.len();
+            let n = self.num_gaussians(model);
             let (dim, stride) = (step.latent_dim, model.deformation.stride);
             let rest = step.g_rest.read(&gpu, n)?;
             let gate = step.g_gate.read(&gpu, n * dim)?;
@@ -182,8 +181,9 @@ impl GpuBackend {
         let Self { gpu, deform, project, bin, raster, step, frames, resident, timer, .. } = self;
         let (Some(step), Some(resident)) = (step, resident) else { return Ok(()) };
         let Model { gaussians, deformation, .. } = model;
-        let (n, dim, time) = (gaussians.len(), step.latent_dim, plan.look.time);
+        let (n, dim, time) = (resident.num_gaussians, step.latent_dim, plan.look.time);
         let view = View::new(&plan.look.camera, gaussians, bin.capacity()).sampled(plan.look.sampling);
+        let view = View { num_gaussians: n as u32, ..view };
         let view_buffer = &uniform(gpu, &view);
         let frame = frames.get(gpu, plan, context, dim)?;
         deform.set_time(gpu, deformation, time);
@@ -275,7 +275,6 @@ impl Backend for GpuBackend {
         context: &Context<'_>,
         clock: &mut PassClock<Pass>,
     ) -> Result<Outcome> {
-        check(model)?;
         let gpu = self.gpu.clone();
         let is_first = self.resident.is_none();
         gpu.guarded(|| {
@@ -288,6 +287,28 @@ impl Backend for GpuBackend {
             let looks = is_first || self.pending.len() >= READ_EVERY;
             if looks { self.settle(model, context) } else { Ok(Outcome::default()) }
         })
+    }
+
+    fn densify(&mut self, model: &mut Model, how: &Densify, context: &Context<'_>) -> Result<Outcome> {
+        let gpu = self.gpu.clone();
+        gpu.guarded(|| {
+            let outcome = self.settle(model, context)?;
+            self.load(model, context)?;
+            if self.densify.is_none() {
+                self.densify = Some(DensifyPass::new(&gpu)?);
+            }
+            let Self { densify: Some(pass), resident: Some(resident), deform, project, .. } = self else {
+                return Ok(outcome);
+            };
+            pass.run(&gpu, resident, model, how)?;
+            deform.make_room(&gpu, resident.num_gaussians, context.learned_latents(&model.gaussians))?;
+            project.prepare(&gpu, resident.num_gaussians)?;
+            Ok(outcome)
+        })
+    }
+
+    fn num_gaussians(&self, model: &Model) -> usize {
+        self.resident.as_ref().map_or(model.gaussians.len(), |resident| resident.num_gaussians)
     }
 
     fn finish(&mut self, model: &mut Model, context: &Context<'_>) -> Result<Outcome> {
@@ -307,15 +328,4 @@ impl Backend for GpuBackend {
         self.resident = None;
         self.pending.clear();
     }
-}
-
-/// Refuses what only the CPU does.
-fn check(model: &Model) -> Result<()> {
-    if model.deformation.is_shared() && model.deformation.gate_channel == GATE_CHANNEL {
-        return Ok(());
-    }
-    Err(Error::input(
-        "basis functions of each Gaussian's own, and gates on the channels of scale, are trained by the CPU alone",
-        "Choose the CPU (`--backend cpu`)",
-    ))
 }

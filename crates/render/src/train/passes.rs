@@ -10,6 +10,7 @@ use crate::{
     kernel::Kernel,
     layout::{self, RestRow, Settle, SplatGradientRow, SplatRow, Update, View},
     passes::{BinPass, DeformPass, RasterPass},
+    scene_buffers::Planes,
     shader_source::{GROUP, NETWORK_BLOCK, status},
 };
 use surgtpgs_core::{
@@ -43,6 +44,7 @@ pub(super) struct StepPasses {
     settle: Kernel,
     adam: Kernel,
     adam_basis: Kernel,
+    own_basis_gradients: Kernel,
     add_statistics: Kernel,
     pub g_planes: DeviceVec<f32>,
     loss_sums: DeviceVec<[f32; 4]>,
@@ -57,6 +59,8 @@ pub(super) struct StepPasses {
     pub g_features: DeviceVec<f32>,
     pub g_gate: DeviceVec<f32>,
     g_opened: DeviceVec<f32>,
+    /// Of weights, centres and widths of one basis function.
+    g_own: [DeviceVec<f32>; 3],
     network_sums: DeviceVec<f32>,
     pub g_network: DeviceVec<f32>,
     latents: DeviceVec<f32>,
@@ -122,6 +126,7 @@ impl StepPasses {
             settle: kernel("settle.wgsl", "settle")?,
             adam: kernel("update.wgsl", "adam")?,
             adam_basis: kernel("update.wgsl", "adam_basis")?,
+            own_basis_gradients: kernel("update.wgsl", "own_basis_gradients")?,
             add_statistics: kernel("update.wgsl", "add_statistics")?,
             g_planes: floats("gradients of the picture"),
             loss_sums: quads("loss terms"),
@@ -136,6 +141,7 @@ impl StepPasses {
             g_features: floats("gradients of features"),
             g_gate: floats("gradients of features"),
             g_opened: floats("gradients of features"),
+            g_own: [(); 3].map(|()| floats("gradients of basis functions")),
             network_sums: floats("gradients of the feature network"),
             g_network: floats("gradients of the feature network"),
             latents: DeviceVec::from_slice(gpu, "latent features", latents)?,
@@ -163,6 +169,12 @@ impl StepPasses {
         self.g_features.resize(gpu, n * dim)?;
         self.g_gate.resize(gpu, n * dim)?;
         self.g_opened.resize(gpu, n * dim)?;
+        if job.resident.own_bases.is_some() {
+            let rows = job.resident.scene.parts.iter().map(|rows| rows.len()).max().unwrap_or(0);
+            for g in &mut self.g_own {
+                g.resize(gpu, rows * job.deformation.stride)?;
+            }
+        }
         let numbers = dim * (dim + 1) + dim;
         self.network_sums.resize(gpu, n.div_ceil(NETWORK_BLOCK as usize) * numbers)?;
         self.g_network.resize(gpu, numbers)?;
@@ -322,22 +334,20 @@ impl StepPasses {
 
     fn encode_features(&self, job: &Job<'_>, pass: &mut wgpu::ComputePass<'_>) {
         let (gpu, resident, time) = (job.gpu, job.resident, job.plan.look.time);
-        for part in &resident.scene.parts {
-            let params =
-                uniform(gpu, &layout::Deform::new(job.deformation, time, &part.rows, &job.deform.live));
-            let bindings = [
-                (0, params.as_entire_binding()),
-                (1, resident.scene.features.binding()),
-                (2, part.weights.binding()),
-                (3, job.deform.tables.binding()),
-                (4, self.g_features_now.binding()),
-                (5, self.g_features.binding()),
-                (6, self.g_gate.binding()),
-                (7, self.g_opened.binding()),
-                (8, resident.status.binding()),
-            ];
-            self.features_backward.dispatch(gpu, pass, &bindings, (part.rows.len() as u32).div_ceil(GROUP));
-        }
+        let all = 0..job.num_gaussians();
+        let params = uniform(gpu, &layout::Deform::new(job.deformation, time, &all, &job.deform.live));
+        let bindings = [
+            (0, params.as_entire_binding()),
+            (1, resident.scene.features.binding()),
+            (2, job.deform.features.binding()),
+            (3, job.deform.tables.binding()),
+            (4, self.g_features_now.binding()),
+            (5, self.g_features.binding()),
+            (6, self.g_gate.binding()),
+            (7, self.g_opened.binding()),
+            (8, resident.status.binding()),
+        ];
+        self.features_backward.dispatch(gpu, pass, &bindings, job.view.num_gaussians.div_ceil(GROUP));
         let num_blocks = job.view.num_gaussians.div_ceil(NETWORK_BLOCK);
         let num_gaussians = job.view.num_gaussians;
         let params = uniform(gpu, &layout::Network { num_gaussians, num_blocks, time, padding: 0 });
@@ -409,28 +419,35 @@ impl StepPasses {
             width: self.rest_rates.len() as u32,
             count: status::COUNT_REST,
             rate: 1.0,
+            gain: 1.0,
             ..Default::default()
         };
         let arrays = [scene.rest.binding(), self.g_rest.binding(), self.rest_rates.binding()];
-        self.encode_group(job, pass, rest, arrays, &r.rest);
-        let plain =
-            |len: usize, count, rate| Update { len: len as u32, width: 1, count, rate, ..Default::default() };
+        self.encode_group(job, pass, rest, arrays, r.rest.both());
+        let plain = |len: usize, count, rate| Update {
+            len: len as u32,
+            width: 1,
+            count,
+            rate,
+            gain: 1.0,
+            ..Default::default()
+        };
         if job.view.sh_degree > 0 {
             let group = plain(scene.sh_rest.len(), status::COUNT_SH_REST, rates.sh_rest);
             let arrays = [scene.sh_rest.binding(), self.g_sh_rest.binding(), self.one.binding()];
-            self.encode_group(job, pass, group, arrays, &r.sh_rest);
+            self.encode_group(job, pass, group, arrays, r.sh_rest.both());
         }
         if self.latent_dim == 0 {
             return;
         }
         let group = plain(scene.features.len(), status::COUNT_FEATURES, rates.feature);
         let arrays = [scene.features.binding(), self.g_features.binding(), self.one.binding()];
-        self.encode_group(job, pass, group, arrays, &r.features);
+        self.encode_group(job, pass, group, arrays, r.features.both());
         if settings.feature_motion {
             let first = job.deformation.num_bases as u32;
             let group = plain(self.g_network.len(), status::COUNT_NETWORK, rates.feature);
             let arrays = [job.deform.tables.binding(), self.g_network.binding(), self.one.binding()];
-            self.encode_group(job, pass, Update { first, ..group }, arrays, &r.network);
+            self.encode_group(job, pass, Update { first, ..group }, arrays, r.network.both());
         }
     }
 
@@ -441,55 +458,108 @@ impl StepPasses {
         pass: &mut wgpu::ComputePass<'_>,
         group: Update,
         [parameters, gradients, rates]: [wgpu::BindingResource<'_>; 3],
-        moments: &Moments,
+        [first, second]: [&DeviceVec<f32>; 2],
     ) {
-        let params = uniform(job.gpu, &Update { gain: 1.0, ..group });
+        let params = uniform(job.gpu, &group);
         let bindings = [
             (0, params.as_entire_binding()),
             (1, job.resident.status.binding()),
             (2, job.resident.corrections.binding()),
             (3, rates),
             (4, parameters),
-            (5, moments.first.binding()),
-            (6, moments.second.binding()),
+            (5, first.binding()),
+            (6, second.binding()),
             (7, gradients),
         ];
         self.adam.dispatch(job.gpu, pass, &bindings, group.len.div_ceil(GROUP));
     }
 
-    /// Adam for the weights of the live bases.
+    /// Adam for the basis functions: the weights of the live ones, or all of each Gaussian's own.
     fn encode_bases(&self, job: &Job<'_>, pass: &mut wgpu::ComputePass<'_>) {
+        let (scene, deformation, time) = (&job.resident.scene, job.deformation, job.plan.look.time);
         let decay = rates(job, self.latent_dim).decay;
-        let (values, live) = job.deformation.basis_values(job.plan.look.time);
-        for (part, moments) in job.resident.scene.parts.iter().zip(&job.resident.bases) {
-            let block = (part.rows.len() * job.deformation.stride) as u32;
-            for b in live.clone() {
-                let params = uniform(
-                    job.gpu,
-                    &Update {
-                        len: block,
-                        first: b as u32 * block,
-                        width: job.deformation.stride as u32,
-                        count: status::COUNT_BASES + b as u32,
-                        rate: decay,
-                        gain: values[b],
-                        first_row: part.rows.start as u32,
-                        padding: 0,
-                    },
-                );
-                let bindings = [
-                    (0, params.as_entire_binding()),
-                    (1, job.resident.status.binding()),
-                    (2, job.resident.corrections.binding()),
-                    (3, self.channel_rates.binding()),
-                    (4, part.weights.binding()),
-                    (5, moments.first.binding()),
-                    (6, moments.second.binding()),
-                    (7, self.g_rest.binding()),
-                    (8, self.g_gate.binding()),
-                ];
-                self.adam_basis.dispatch(job.gpu, pass, &bindings, block.div_ceil(GROUP));
+        let values = deformation.is_shared().then(|| deformation.basis_values(time).0);
+        for (part, rows) in scene.parts.iter().enumerate() {
+            let block = (rows.len() * deformation.stride) as u32;
+            for b in job.deform.live.clone() {
+                let group = Update {
+                    len: block,
+                    first: b as u32 * block,
+                    width: deformation.stride as u32,
+                    count: status::COUNT_BASES + b as u32,
+                    rate: decay,
+                    gain: values.as_ref().map_or(1.0, |values| values[b]),
+                    first_moment: b as u32 * block,
+                    first_row: rows.start as u32,
+                    gate_channel: deformation.gate_channel as u32,
+                    shape: deformation.shape as u32,
+                    time,
+                    padding: 0,
+                };
+                if let Some(own) = &job.resident.own_bases {
+                    self.encode_own_basis(job, pass, group, part, own);
+                } else {
+                    self.encode_shared_basis(job, pass, group, part);
+                }
             }
+        }
+    }
+
+    fn encode_shared_basis(
+        &self,
+        job: &Job<'_>,
+        pass: &mut wgpu::ComputePass<'_>,
+        group: Update,
+        part: usize,
+    ) {
+        let resident = job.resident;
+        let params = uniform(job.gpu, &group);
+        let bindings = [
+            (0, params.as_entire_binding()),
+            (1, resident.status.binding()),
+            (2, resident.corrections.binding()),
+            (3, self.channel_rates.binding()),
+            (4, resident.scene.weights[part].binding()),
+            (5, resident.weights.first[part].binding()),
+            (6, resident.weights.second[part].binding()),
+            (7, self.g_rest.binding()),
+            (8, self.g_gate.binding()),
+        ];
+        self.adam_basis.dispatch(job.gpu, pass, &bindings, group.len.div_ceil(GROUP));
+    }
+
+    /// Gradients of one basis function's weights, centres and widths, and Adam for each.
+    fn encode_own_basis(
+        &self,
+        job: &Job<'_>,
+        pass: &mut wgpu::ComputePass<'_>,
+        group: Update,
+        part: usize,
+        [centres, widths]: &[Moments<Planes>; 2],
+    ) {
+        let resident = job.resident;
+        let scene = &resident.scene;
+        let params = uniform(job.gpu, &group);
+        let [g_weights, g_centres, g_widths] = &self.g_own;
+        let bindings = [
+            (0, params.as_entire_binding()),
+            (4, scene.weights[part].binding()),
+            (7, self.g_rest.binding()),
+            (8, self.g_gate.binding()),
+            (12, scene.centres[part].binding()),
+            (13, scene.widths[part].binding()),
+            (14, g_weights.binding()),
+            (15, g_centres.binding()),
+            (16, g_widths.binding()),
+        ];
+        self.own_basis_gradients.dispatch(job.gpu, pass, &bindings, group.len.div_ceil(GROUP));
+        for (parameters, gradients, moments) in [
+            (&scene.weights, g_weights, &resident.weights),
+            (&scene.centres, g_centres, centres),
+            (&scene.widths, g_widths, widths),
+        ] {
+            let arrays = [parameters[part].binding(), gradients.binding(), self.channel_rates.binding()];
+            self.encode_group(job, pass, group, arrays, [&moments.first[part], &moments.second[part]]);
         }
     }
 }

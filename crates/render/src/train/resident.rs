@@ -4,13 +4,14 @@ use crate::{
     Gpu,
     buffers::DeviceVec,
     layout::{RestRow, Settled},
-    scene_buffers::{Part, SceneBuffers},
+    scene_buffers::{Planes, SceneBuffers, read_planes, upload_planes},
     shader_source::status,
 };
+use std::ops::Range;
 use surgtpgs_core::{
     Result,
-    deform::{COLOUR_CHANNEL, MEAN_CHANNEL, ROTATION_CHANNEL, SCALE_CHANNEL},
-    train::{Adam, Model, OPACITY_CHANNEL, Statistics, WIDTH, bias_corrections},
+    deform::{COLOUR_CHANNEL, Deformation, MEAN_CHANNEL, ROTATION_CHANNEL, SCALE_CHANNEL},
+    train::{Adam, Model, OPACITY_CHANNEL, Optimiser, Statistics, WIDTH, bias_corrections},
 };
 
 /// Steps between two looks at the history.
@@ -18,9 +19,9 @@ pub(super) const READ_EVERY: usize = 16;
 
 /// Moments of one group of parameters, in the order of the parameters on the device.
 #[derive(Debug)]
-pub(super) struct Moments {
-    pub first: DeviceVec<f32>,
-    pub second: DeviceVec<f32>,
+pub(super) struct Moments<T = DeviceVec<f32>> {
+    pub first: T,
+    pub second: T,
 }
 
 impl Moments {
@@ -31,23 +32,67 @@ impl Moments {
         })
     }
 
-    fn read_into(&self, gpu: &Gpu, adam: &mut Adam) -> Result<()> {
-        adam.first = self.first.read(gpu, adam.first.len())?;
-        adam.second = self.second.read(gpu, adam.second.len())?;
+    /// First and second.
+    pub(super) fn both(&self) -> [&DeviceVec<f32>; 2] {
+        [&self.first, &self.second]
+    }
+
+    fn read_into(&self, gpu: &Gpu, adam: &mut Adam, len: usize) -> Result<()> {
+        adam.first = self.first.read(gpu, len)?;
+        adam.second = self.second.read(gpu, len)?;
         Ok(())
+    }
+}
+
+impl Moments<Planes> {
+    /// Of one group for each basis.
+    fn of_bases<'a>(
+        gpu: &Gpu,
+        parts: &[Range<usize>],
+        stride: usize,
+        adams: impl Iterator<Item = &'a Adam> + Clone,
+    ) -> Result<Self> {
+        let first = adams.clone().map(|a| &*a.first);
+        let second = adams.map(|a| &*a.second);
+        Ok(Self {
+            first: upload_planes(gpu, "moments", parts, stride, first)?,
+            second: upload_planes(gpu, "moments", parts, stride, second)?,
+        })
+    }
+
+    fn read_bases<'a>(
+        &self,
+        gpu: &Gpu,
+        parts: &[Range<usize>],
+        stride: usize,
+        adams: impl Iterator<Item = &'a mut Adam>,
+    ) -> Result<()> {
+        let len = parts.last().map_or(0, |rows| rows.end) * stride;
+        let (mut first, mut second) = (Vec::new(), Vec::new());
+        for adam in adams {
+            adam.first.resize(len, 0.0);
+            adam.second.resize(len, 0.0);
+            first.push(&mut *adam.first);
+            second.push(&mut *adam.second);
+        }
+        read_planes(gpu, &self.first, parts, stride, first.into_iter())?;
+        read_planes(gpu, &self.second, parts, stride, second.into_iter())
     }
 }
 
 /// Parameters, moments and statistics of a model.
 #[derive(Debug)]
 pub(super) struct Resident {
+    pub num_gaussians: usize,
     pub scene: SceneBuffers,
     pub rest: Moments,
     pub sh_rest: Moments,
     pub features: Moments,
     pub network: Moments,
-    /// Those of the basis weights of each part.
-    pub bases: Vec<Moments>,
+    /// Those of the basis weights.
+    pub weights: Moments<Planes>,
+    /// Those of centres and widths, where each Gaussian has its own.
+    pub own_bases: Option<[Moments<Planes>; 2]>,
     pub pull_sums: DeviceVec<f32>,
     pub times_seen: DeviceVec<u32>,
     /// See [`status`].
@@ -97,26 +142,20 @@ impl Resident {
     pub(super) fn new(gpu: &Gpu, model: &Model, iterations: usize) -> Result<Self> {
         let Model { gaussians, deformation, optimiser, statistics } = model;
         let scene = SceneBuffers::new(gpu, gaussians, deformation)?;
-        let bases = scene.parts.iter().map(|part| {
-            let upload = |which: fn(&Adam) -> &[f32]| {
-                Part::upload(
-                    gpu,
-                    "moments",
-                    &part.rows,
-                    deformation.stride,
-                    |b| which(&optimiser.bases[b]),
-                    optimiser.bases.len(),
-                )
-            };
-            Ok(Moments { first: upload(|a| &a.first)?, second: upload(|a| &a.second)? })
-        });
+        let of_own = |which: usize| {
+            let adams = optimiser.own_bases.iter().map(move |own| &own[which]);
+            Moments::of_bases(gpu, &scene.parts, deformation.stride, adams)
+        };
+        let own_bases = if deformation.is_shared() { None } else { Some([of_own(0)?, of_own(1)?]) };
         let network = [&optimiser.net_weight, &optimiser.net_bias];
         let network = [network.map(|a| &*a.first).concat(), network.map(|a| &*a.second).concat()];
         let of = |adam: &Adam| Moments::new(gpu, [&adam.first, &adam.second]);
         let rest = [to_device(&optimiser.rest.first), to_device(&optimiser.rest.second)];
         let corrections: Vec<[f32; 2]> = (1..=iterations.max(1) as i32).map(bias_corrections).collect();
         Ok(Self {
-            bases: bases.collect::<Result<_>>()?,
+            num_gaussians: gaussians.len(),
+            weights: Moments::of_bases(gpu, &scene.parts, deformation.stride, optimiser.bases.iter())?,
+            own_bases,
             scene,
             rest: Moments::new(gpu, [&rest[0], &rest[1]])?,
             sh_rest: of(&optimiser.sh_rest)?,
@@ -134,44 +173,60 @@ impl Resident {
     /// Brings the model up to date; `network` holds the feature network's weight and bias.
     pub(super) fn read_into(&self, gpu: &Gpu, model: &mut Model, network: &[f32]) -> Result<()> {
         let Model { gaussians, deformation, optimiser, statistics } = model;
-        let n = gaussians.len();
-        let rows = self.scene.rest.read(gpu, n)?;
-        RestRow::write_into(&rows, gaussians);
-        gaussians.sh_rest = self.scene.sh_rest.read(gpu, gaussians.sh_rest.len())?;
-        gaussians.features = self.scene.features.read(gpu, gaussians.features.len())?;
-        let (weight, bias) = network.split_at(deformation.feature_weight.len());
-        deformation.feature_weight.copy_from_slice(weight);
-        deformation.feature_bias.copy_from_slice(bias);
-        let stride = deformation.stride;
-        for (part, moments) in self.scene.parts.iter().zip(&self.bases) {
-            let block = part.rows.len() * stride;
-            let at = part.rows.start * stride..part.rows.end * stride;
-            let weights = part.weights.read(gpu, usize::MAX)?;
-            let first = moments.first.read(gpu, usize::MAX)?;
-            let second = moments.second.read(gpu, usize::MAX)?;
-            for (b, adam) in optimiser.bases.iter_mut().enumerate() {
-                let here = b * block..(b + 1) * block;
-                deformation.weights[b * n * stride..(b + 1) * n * stride][at.clone()]
-                    .copy_from_slice(&weights[here.clone()]);
-                adam.first[at.clone()].copy_from_slice(&first[here.clone()]);
-                adam.second[at.clone()].copy_from_slice(&second[here]);
-            }
-        }
-        self.rest.read_into(gpu, &mut optimiser.rest)?;
+        let n = self.num_gaussians;
+        RestRow::write_into(&self.scene.rest.read(gpu, n)?, gaussians);
+        let (bands, dim) = (gaussians.sh_bands() * 3, gaussians.latent_dim);
+        gaussians.sh_rest = self.scene.sh_rest.read(gpu, n * bands)?;
+        gaussians.features = self.scene.features.read(gpu, n * dim)?;
+        self.rest.read_into(gpu, &mut optimiser.rest, n * WIDTH)?;
         optimiser.rest.first = from_device(&optimiser.rest.first);
         optimiser.rest.second = from_device(&optimiser.rest.second);
-        self.sh_rest.read_into(gpu, &mut optimiser.sh_rest)?;
-        self.features.read_into(gpu, &mut optimiser.features)?;
+        self.sh_rest.read_into(gpu, &mut optimiser.sh_rest, n * bands)?;
+        self.features.read_into(gpu, &mut optimiser.features, n * dim)?;
+        self.read_bases(gpu, deformation, optimiser)?;
+        self.read_network(gpu, deformation, optimiser, network)?;
+        *statistics = Statistics { pull: self.pull_sums.read(gpu, n)?, seen: self.times_seen.read(gpu, n)? };
+        set_counts(optimiser, &self.status.read(gpu, usize::MAX)?);
+        Ok(())
+    }
+
+    fn read_bases(&self, gpu: &Gpu, deformation: &mut Deformation, optimiser: &mut Optimiser) -> Result<()> {
+        let (parts, stride) = (&self.scene.parts, deformation.stride);
+        let plane = self.num_gaussians * stride;
+        let len = deformation.num_bases * plane;
+        let read = |from: &Planes, to: &mut Vec<f32>| {
+            to.resize(len, 0.0);
+            read_planes(gpu, from, parts, stride, to.chunks_mut(plane.max(1)))
+        };
+        read(&self.scene.weights, &mut deformation.weights)?;
+        self.weights.read_bases(gpu, parts, stride, optimiser.bases.iter_mut())?;
+        if let Some(own) = &self.own_bases {
+            read(&self.scene.centres, &mut deformation.centres)?;
+            read(&self.scene.widths, &mut deformation.widths)?;
+            for (which, moments) in own.iter().enumerate() {
+                let adams = optimiser.own_bases.iter_mut().map(|own| &mut own[which]);
+                moments.read_bases(gpu, parts, stride, adams)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn read_network(
+        &self,
+        gpu: &Gpu,
+        deformation: &mut Deformation,
+        optimiser: &mut Optimiser,
+        network: &[f32],
+    ) -> Result<()> {
+        let first = self.network.first.read(gpu, network.len())?;
+        let second = self.network.second.read(gpu, network.len())?;
         let split = deformation.feature_weight.len();
-        let moments = [&self.network.first, &self.network.second].map(|m| m.read(gpu, network.len()));
-        let [first, second] = moments;
-        let (first, second) = (first?, second?);
+        deformation.feature_weight.copy_from_slice(&network[..split]);
+        deformation.feature_bias.copy_from_slice(&network[split..]);
         (optimiser.net_weight.first, optimiser.net_bias.first) =
             (first[..split].into(), first[split..].into());
         (optimiser.net_weight.second, optimiser.net_bias.second) =
             (second[..split].into(), second[split..].into());
-        *statistics = Statistics { pull: self.pull_sums.read(gpu, n)?, seen: self.times_seen.read(gpu, n)? };
-        set_counts(model, &self.status.read(gpu, usize::MAX)?);
         Ok(())
     }
 }
@@ -189,17 +244,16 @@ fn first_status(model: &Model) -> Vec<u32> {
     status
 }
 
-fn set_counts(model: &mut Model, status: &[u32]) {
-    let o = &mut model.optimiser;
+fn set_counts(o: &mut Optimiser, status: &[u32]) {
     let count = |at: u32| status[at as usize] as i32;
     o.rest.steps = count(status::COUNT_REST);
     o.sh_rest.steps = count(status::COUNT_SH_REST);
     o.features.steps = count(status::COUNT_FEATURES);
     o.net_weight.steps = count(status::COUNT_NETWORK);
     o.net_bias.steps = count(status::COUNT_NETWORK);
-    for (b, adam) in o.bases.iter_mut().enumerate() {
-        adam.steps = count(status::COUNT_BASES + b as u32);
-    }
+    let bases = |b: usize| count(status::COUNT_BASES + b as u32);
+    o.bases.iter_mut().enumerate().for_each(|(b, adam)| adam.steps = bases(b));
+    o.own_bases.iter_mut().enumerate().for_each(|(b, own)| own.iter_mut().for_each(|a| a.steps = bases(b)));
 }
 
 #[cfg(test)]

@@ -11,10 +11,14 @@
 
 /// Comparers, with the reasons for their tolerances.
 mod compare;
+/// Adding and removing Gaussians against its twin.
+mod densify;
 /// Scenes, cameras and the adapter.
 mod fixture;
 /// Each comparer refuses what is just over its tolerance.
 mod harness_can_fail;
+/// Adapters that offer little.
+mod limits;
 /// Pictures drawn over.
 mod overlay;
 /// Scores of prompts.

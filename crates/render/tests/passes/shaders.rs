@@ -7,9 +7,9 @@ use naga::{
 use std::{collections::BTreeSet, path::Path};
 use surgtpgs_render::{
     layout::{
-        Chain, Compose, Deform, DeformedRow, Dense, Digit, Gather, LookUp, Loss, Network, OpenPixel, Overlay,
-        Picked, PromptRow, Region, RegionBlock, Regions, RestRow, Scoring, Settle, Settled, ShaderStruct,
-        SplatGradientRow, SplatRow, Summarise, Update, View,
+        Chain, Compose, CopyRows, Deform, DeformedRow, Dense, Densify, Digit, Gather, LookUp, Loss, Network,
+        OpenPixel, Overlay, Picked, PromptRow, Region, RegionBlock, Regions, RestRow, Scoring, Settle,
+        Settled, ShaderStruct, SplatGradientRow, SplatRow, Summarise, Update, View,
     },
     shader_source::{FILES, assemble},
 };
@@ -74,6 +74,21 @@ fn workgroup_memory_fits_the_smallest_adapters() {
     }
 }
 
+#[test]
+fn an_entry_point_binds_no_more_storage_buffers_than_the_smallest_adapters_have() {
+    for (file, _) in FILES {
+        let module = parse(file, 16);
+        let info = Validator::new(ValidationFlags::all(), Capabilities::empty()).validate(&module).unwrap();
+        for (k, entry) in module.entry_points.iter().enumerate() {
+            let used = info.get_entry_point(k);
+            let is_storage = |v: &naga::GlobalVariable| matches!(v.space, naga::AddressSpace::Storage { .. });
+            let variables = module.global_variables.iter();
+            let bound = variables.filter(|(handle, v)| is_storage(v) && !used[*handle].is_empty()).count();
+            assert!(bound <= 8, "{file}, {}: {bound} storage buffers", entry.name);
+        }
+    }
+}
+
 fn check_struct<T: ShaderStruct>(file: &str) {
     let module = parse(file, 3);
     let (_, ty) = module
@@ -117,6 +132,8 @@ fn structs_have_the_same_layout_in_rust_and_in_wgsl() {
     check_struct::<Settle>("settle.wgsl");
     check_struct::<Settled>("settle.wgsl");
     check_struct::<Update>("update.wgsl");
+    check_struct::<Densify>("densify.wgsl");
+    check_struct::<CopyRows>("densify.wgsl");
 }
 
 #[test]

@@ -5,9 +5,9 @@ use surgtpgs_core::{
     prepare::Prepared,
     scene::Scene,
     stress::small_clip,
-    train::{DensifySettings, TrainSettings, Trainer},
+    train::{DensifySettings, Profile, TrainSettings, Trainer},
 };
-use surgtpgs_render::GpuBackend;
+use surgtpgs_render::{Gpu, GpuBackend};
 use tempfile::TempDir;
 
 const STEPS: usize = 200;
@@ -27,11 +27,15 @@ impl Clip {
 
     /// Sampled pixels, half size, densification and all, as for a large recording.
     fn trainer(&self) -> Trainer {
+        self.trainer_of(Profile::Default, 40)
+    }
+
+    fn trainer_of(&self, profile: Profile, densify_every: usize) -> Trainer {
         let settings = TrainSettings {
             iterations: STEPS,
             min_pixels: 100,
-            densify: DensifySettings { every: 40, ..TrainSettings::default().densify },
-            ..TrainSettings::default()
+            densify: DensifySettings { every: densify_every, ..TrainSettings::of(profile).densify },
+            ..TrainSettings::of(profile)
         };
         Trainer::new(&self.prepared.sequence, Some(&self.prepared), settings).unwrap()
     }
@@ -54,20 +58,38 @@ fn train(mut trainer: Trainer, backend: Option<GpuBackend>) -> (Scene, f64, f32)
     (scene, psnr, loss)
 }
 
+/// Trains on both, and on the device once more from far too little room on: steps are repeated, and nothing else
+/// changes. How far apart they end, dB.
+fn difference(gpu: &Gpu, clip: &Clip, profile: Profile, densify_every: usize) -> f64 {
+    let trainer = || clip.trainer_of(profile, densify_every);
+    let (_, on_cpu, cpu_loss) = train(trainer(), None);
+    let roomy = GpuBackend::new(gpu.clone()).unwrap();
+    let (first, on_gpu, gpu_loss) = train(trainer(), Some(roomy));
+    eprintln!("{profile:?}: CPU {on_cpu:.3} dB, loss {cpu_loss:.5}; GPU {on_gpu:.3} dB, loss {gpu_loss:.5}");
+    let mut cramped = GpuBackend::new(gpu.clone()).unwrap();
+    cramped.set_pair_capacity(7).unwrap();
+    let (second, ..) = train(trainer(), Some(cramped));
+    assert!(first.gaussians == second.gaussians && first.deformation == second.deformation);
+    (on_cpu - on_gpu).abs()
+}
+
 #[test]
 fn both_backends_end_alike_and_the_gpu_always_with_the_same_bytes() {
     let Some(gpu) = gpu() else { return };
     let clip = Clip::new();
-    let (_, on_cpu, cpu_loss) = train(clip.trainer(), None);
-    let roomy = GpuBackend::new(gpu.clone()).unwrap();
-    let (first, on_gpu, gpu_loss) = train(clip.trainer(), Some(roomy));
-    eprintln!("CPU {on_cpu:.3} dB, loss {cpu_loss:.5}; GPU {on_gpu:.3} dB, loss {gpu_loss:.5}");
-    assert!((on_cpu - on_gpu).abs() <= 0.05, "{on_cpu} dB on the CPU, {on_gpu} dB on the GPU");
-    // From far too little room on: steps are repeated, and nothing else changes.
-    let mut cramped = GpuBackend::new(gpu).unwrap();
-    cramped.set_pair_capacity(7).unwrap();
-    let (second, ..) = train(clip.trainer(), Some(cramped));
-    assert!(first.gaussians == second.gaussians && first.deformation == second.deformation);
+    for profile in [Profile::Default, Profile::Paper] {
+        let apart = difference(&gpu, &clip, profile, STEPS + 1);
+        assert!(apart <= 0.05, "{profile:?}: {apart} dB");
+    }
+}
+
+/// Among pulls that are nearly equal the last digit decides sooner or later, and from then on these are two trainings:
+/// as far apart as those of two seeds, 0.4 dB on this clip.
+#[test]
+fn both_backends_end_nearly_alike_where_gaussians_come_and_go() {
+    let Some(gpu) = gpu() else { return };
+    let apart = difference(&gpu, &Clip::new(), Profile::Default, 40);
+    assert!(apart <= 0.3, "{apart} dB");
 }
 
 #[test]

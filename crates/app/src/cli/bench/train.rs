@@ -76,7 +76,7 @@ fn measure(material: &Material, row: &Row, args: &BenchTrainArgs) -> Result<Outc
     let trained = jobs::train_watched(
         material,
         row.settings.clone(),
-        Backend::Cpu,
+        args.backend,
         &mut |p| view.show(p),
         &mut |trainer, _| {
             let per_step = 1e3 / trainer.steps_done().max(1) as f64;

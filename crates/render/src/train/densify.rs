@@ -1,0 +1,261 @@
+//! Adding and removing Gaussians on the device (`shaders/densify.wgsl`); twin: [`surgtpgs_core::train::densify`].
+
+use super::resident::{Moments, Resident};
+use crate::{
+    Gpu,
+    buffers::{DeviceVec, uniform},
+    kernel::Kernel,
+    layout::{self, CopyRows, RestRow},
+    passes::{Levels, Scan, Sort, SortBuffers, run},
+    scene_buffers::{Planes, parts, unread},
+    shader_source::GROUP,
+};
+use bytemuck::Pod;
+use std::{ops::Range, slice::from_ref};
+use surgtpgs_core::{
+    Result,
+    train::{Densify, Model},
+};
+
+/// The kernels, and what they hand to each other.
+#[derive(Debug)]
+pub(super) struct DensifyPass {
+    mark: Kernel,
+    choose: Kernel,
+    list: Kernel,
+    copy_rows: Kernel,
+    part: Kernel,
+    scan: Scan,
+    sort: Sort,
+    places: DeviceVec<u32>,
+    children: DeviceVec<u32>,
+    levels: Levels,
+    ranked: SortBuffers,
+    num_gaussians: DeviceVec<u32>,
+    counts: DeviceVec<u32>,
+    parents: DeviceVec<u32>,
+}
+
+impl DensifyPass {
+    pub(super) fn new(gpu: &Gpu) -> Result<Self> {
+        let kernel = |entry| Kernel::new(gpu, "densify.wgsl", entry, 0);
+        let numbers = || DeviceVec::new(gpu, "Gaussians");
+        Ok(Self {
+            mark: kernel("mark")?,
+            choose: kernel("choose")?,
+            list: kernel("list")?,
+            copy_rows: kernel("copy_rows")?,
+            part: kernel("part")?,
+            scan: Scan::new(gpu)?,
+            sort: Sort::new(gpu)?,
+            places: numbers(),
+            children: numbers(),
+            levels: Levels::default(),
+            ranked: SortBuffers::new(gpu),
+            num_gaussians: numbers(),
+            counts: numbers(),
+            parents: numbers(),
+        })
+    }
+
+    /// Decides and carries out one densification; all steps before it are settled. Of `model` only the sizes are read.
+    pub(super) fn run(
+        &mut self,
+        gpu: &Gpu,
+        resident: &mut Resident,
+        model: &Model,
+        how: &Densify,
+    ) -> Result<()> {
+        let n = resident.num_gaussians;
+        let mut params = layout::Densify {
+            num_gaussians: n as u32,
+            split_only: u32::from(how.split_only),
+            min_opacity_logit: how.min_opacity_logit,
+            min_pull: how.min_pull,
+            split_log_scale: how.split_log_scale,
+            seed: how.seed,
+            ..Default::default()
+        };
+        let [num_kept, num_pulled] = self.rank(gpu, resident, &params)?;
+        let num_children = how.num_children(num_kept, num_pulled);
+        (params.num_kept, params.num_children) = (num_kept as u32, num_children as u32);
+        self.list(gpu, &params, num_kept + num_children)?;
+        Follow { gpu, pass: self, old: n, new: num_kept + num_children }.model(resident, model)?;
+        self.part(gpu, resident, &params);
+        Ok(())
+    }
+
+    /// Which are kept, and in which order they would be parted; how many are kept and how many pulled.
+    fn rank(&mut self, gpu: &Gpu, resident: &Resident, params: &layout::Densify) -> Result<[usize; 2]> {
+        let n = params.num_gaussians as usize;
+        self.places.resize(gpu, n + 1)?;
+        self.levels.prepare(gpu, n + 1)?;
+        self.ranked.prepare(gpu, n)?;
+        self.num_gaussians.write(gpu, &[params.num_gaussians])?;
+        self.counts.write(gpu, &[0; 2])?;
+        let params = uniform(gpu, params);
+        run(gpu, |pass| {
+            let bindings = [
+                (0, params.as_entire_binding()),
+                (1, resident.scene.rest.binding()),
+                (2, resident.pull_sums.binding()),
+                (3, resident.times_seen.binding()),
+                (4, self.places.binding()),
+                (5, self.ranked.keys().binding()),
+                (6, self.ranked.values().binding()),
+                (7, self.counts.binding()),
+            ];
+            self.mark.dispatch(gpu, pass, &bindings, (n as u32 + 1).div_ceil(GROUP));
+            self.scan.encode(gpu, pass, &self.places, &self.levels);
+            self.sort.encode(gpu, pass, &self.scan, &mut self.ranked, &self.num_gaussians, u32::BITS);
+        });
+        let counts = self.counts.read(gpu, 2)?;
+        Ok([counts[0] as usize, counts[1] as usize])
+    }
+
+    /// The parents of the `new` rows.
+    fn list(&mut self, gpu: &Gpu, params: &layout::Densify, new: usize) -> Result<()> {
+        self.children.resize(gpu, params.num_gaussians as usize + 1)?;
+        self.parents.resize(gpu, new)?;
+        let groups = (params.num_gaussians + 1).div_ceil(GROUP);
+        let params = uniform(gpu, params);
+        let (params, children) = ((0, params.as_entire_binding()), (13, self.children.binding()));
+        run(gpu, |pass| {
+            let bindings = [params.clone(), (6, self.ranked.values().binding()), children.clone()];
+            self.choose.dispatch(gpu, pass, &bindings, groups);
+            self.scan.encode(gpu, pass, &self.children, &self.levels);
+            let bindings = [params, (4, self.places.binding()), (8, self.parents.binding()), children];
+            self.list.dispatch(gpu, pass, &bindings, groups);
+        });
+        Ok(())
+    }
+
+    /// Moves the two of each pair apart.
+    fn part(&self, gpu: &Gpu, resident: &Resident, params: &layout::Densify) {
+        let groups = params.num_gaussians.div_ceil(GROUP);
+        let params = uniform(gpu, params);
+        let bindings = [
+            (0, params.as_entire_binding()),
+            (4, self.places.binding()),
+            (12, resident.scene.rest.binding()),
+            (13, self.children.binding()),
+        ];
+        run(gpu, |pass| self.part.dispatch(gpu, pass, &bindings, groups));
+    }
+}
+
+/// How arrays follow the change from `old` rows to `new` ones. One after the other: the memory of the old ones is free
+/// again for the next.
+struct Follow<'a> {
+    gpu: &'a Gpu,
+    pass: &'a DensifyPass,
+    old: usize,
+    new: usize,
+}
+
+impl Follow<'_> {
+    fn model(&self, resident: &mut Resident, model: &Model) -> Result<()> {
+        let Model { gaussians, deformation, .. } = model;
+        let (bands, dim, stride) = (gaussians.sh_bands() * 3, gaussians.latent_dim, deformation.stride);
+        let scene = &mut resident.scene;
+        self.array(&mut scene.rest, size_of::<RestRow>() / size_of::<f32>(), false)?;
+        self.array(&mut scene.sh_rest, bands, false)?;
+        self.array(&mut scene.features, dim, false)?;
+        self.moments(&mut resident.rest, size_of::<RestRow>() / size_of::<f32>())?;
+        self.moments(&mut resident.sh_rest, bands)?;
+        self.moments(&mut resident.features, dim)?;
+
+        let old_parts = std::mem::replace(&mut scene.parts, parts(self.gpu, self.new, deformation));
+        let cut =
+            Cut { old: &old_parts, new: &scene.parts, num_planes: deformation.num_bases, width: stride };
+        let planes = |array: &mut Planes, clears_fresh| self.planes(array, &cut, clears_fresh);
+        let both = |moments: &mut Moments<Planes>| {
+            planes(&mut moments.first, true)?;
+            planes(&mut moments.second, true)
+        };
+        planes(&mut scene.weights, false)?;
+        both(&mut resident.weights)?;
+        if let Some(own) = &mut resident.own_bases {
+            planes(&mut scene.centres, false)?;
+            planes(&mut scene.widths, false)?;
+            own.iter_mut().try_for_each(both)?;
+        } else {
+            scene.centres = unread(self.gpu, "basis centres", cut.new.len());
+            scene.widths = unread(self.gpu, "basis widths", cut.new.len());
+        }
+        resident.pull_sums.write(self.gpu, &vec![0.0; self.new])?;
+        resident.times_seen.write(self.gpu, &vec![0; self.new])?;
+        resident.num_gaussians = self.new;
+        resident.is_known = false;
+        Ok(())
+    }
+
+    /// [N][width].
+    fn array<T: Pod>(&self, array: &mut DeviceVec<T>, width: usize, clears_fresh: bool) -> Result<()> {
+        let (old, new) = (0..self.old, 0..self.new);
+        let cut = Cut { old: from_ref(&old), new: from_ref(&new), num_planes: 1, width };
+        let len = self.new * width * size_of::<f32>() / size_of::<T>();
+        *array = self.part(&[&*array], 0..self.new, len, &cut, clears_fresh)?;
+        Ok(())
+    }
+
+    fn moments(&self, moments: &mut Moments, width: usize) -> Result<()> {
+        self.array(&mut moments.first, width, true)?;
+        self.array(&mut moments.second, width, true)
+    }
+
+    /// [B][N][stride] in parts.
+    fn planes(&self, array: &mut Planes, cut: &Cut<'_>, clears_fresh: bool) -> Result<()> {
+        let old: Vec<&DeviceVec<f32>> = array.iter().collect();
+        let part = |rows: &Range<usize>| {
+            let len = cut.num_planes * rows.len() * cut.width;
+            self.part(&old, rows.clone(), len, cut, clears_fresh)
+        };
+        *array = cut.new.iter().map(part).collect::<Result<_>>()?;
+        Ok(())
+    }
+
+    /// One new part of `len` values, from all old ones.
+    fn part<T: Pod>(
+        &self,
+        old: &[&DeviceVec<T>],
+        rows: Range<usize>,
+        len: usize,
+        cut: &Cut<'_>,
+        clears_fresh: bool,
+    ) -> Result<DeviceVec<T>> {
+        let Self { gpu, pass, .. } = self;
+        let mut part = old.first().map_or_else(|| DeviceVec::new(gpu, "Gaussians"), |p| p.same_kind(gpu));
+        part.resize(gpu, len)?;
+        let numbers = (cut.num_planes * rows.len() * cut.width) as u32;
+        for (source, old_rows) in old.iter().zip(cut.old).filter(|_| numbers > 0) {
+            let params = CopyRows {
+                num_planes: cut.num_planes as u32,
+                num_rows: rows.len() as u32,
+                width: cut.width as u32,
+                first_row: rows.start as u32,
+                old_num_rows: old_rows.len() as u32,
+                old_first_row: old_rows.start as u32,
+                clears_fresh: u32::from(clears_fresh),
+                padding: 0,
+            };
+            let params = uniform(gpu, &params);
+            let bindings = [
+                (8, pass.parents.binding()),
+                (9, params.as_entire_binding()),
+                (10, source.binding()),
+                (11, part.binding()),
+            ];
+            run(gpu, |commands| pass.copy_rows.dispatch(gpu, commands, &bindings, numbers.div_ceil(GROUP)));
+        }
+        Ok(part)
+    }
+}
+
+/// How an array [planes][N][width] is cut into parts, before and after.
+struct Cut<'a> {
+    old: &'a [Range<usize>],
+    new: &'a [Range<usize>],
+    num_planes: usize,
+    width: usize,
+}

@@ -1,0 +1,222 @@
+// Adding Gaussians where the picture pulls at them, removing those that have faded; twin: core::train::densify.
+//
+//   mark  (scan, stable sort by key)  choose  (scan)  list  copy_rows (for every array)  part
+//
+// Between the sort and `choose` the host reads how many are kept and how many are pulled, and decides how many of these
+// are parted: it has to make room for the new rows anyway.
+
+#import constants
+#import shared/num.wgsl
+#import shared/dispatch.wgsl
+#import shared/gaussian.wgsl
+#import shared/rotation.wgsl
+#import shared/random.wgsl
+
+struct Densify {
+    num_gaussians: u32,
+    num_kept: u32,
+    num_children: u32,
+    // 1 where both halves of a pair are placed at random and start afresh.
+    split_only: u32,
+    min_opacity_logit: f32,
+    min_pull: f32,
+    split_log_scale: f32,
+    padding: u32,
+    // What random numbers follow from, beside the parent.
+    seed: vec2u,
+    padding_2: vec2u,
+}
+
+// An array of [planes][rows][width] numbers, of which the rows from `first_row` on are here.
+struct CopyRows {
+    num_planes: u32,
+    num_rows: u32,
+    width: u32,
+    first_row: u32,
+    // The same array before; further rows are elsewhere.
+    old_num_rows: u32,
+    old_first_row: u32,
+    // 1 for moments: those of fresh rows are 0.
+    clears_fresh: u32,
+    padding: u32,
+}
+
+@group(0) @binding(0) var<uniform> params: Densify;
+@group(0) @binding(1) var<storage, read> rest: array<RestRow>;
+@group(0) @binding(2) var<storage, read> pull_sums: array<f32>;
+@group(0) @binding(3) var<storage, read> times_seen: array<u32>;
+// [N + 1], the last 0: 1 where the Gaussian is kept, then (scanned) its row in the new set.
+@group(0) @binding(4) var<storage, read_write> places: array<u32>;
+// Most pulled first once sorted.
+@group(0) @binding(5) var<storage, read_write> pull_keys: array<u32>;
+@group(0) @binding(6) var<storage, read_write> ranked: array<u32>;
+// Kept, pulled.
+@group(0) @binding(7) var<storage, read_write> counts: array<atomic<u32>>;
+// Row of the old set that each row of the new set copies, with FRESH where its moments start afresh.
+@group(0) @binding(8) var<storage, read_write> parents: array<u32>;
+@group(0) @binding(9) var<uniform> copied: CopyRows;
+@group(0) @binding(10) var<storage, read> source: array<f32>;
+@group(0) @binding(11) var<storage, read_write> rows: array<f32>;
+@group(0) @binding(12) var<storage, read_write> new_rest: array<RestRow>;
+// [N + 1], the last 0: 1 where the Gaussian is parted, then (scanned) the child's number.
+@group(0) @binding(13) var<storage, read_write> children: array<u32>;
+
+const FRESH: u32 = 0x80000000u;
+const NOT_PULLED: u32 = 0xffffffffu;
+
+fn are_finite(v: vec3f) -> bool {
+    return is_finite(v.x) && is_finite(v.y) && is_finite(v.z);
+}
+
+fn is_parted(n: u32) -> bool {
+    return children[n + 1u] > children[n];
+}
+
+@compute @workgroup_size(GROUP)
+fn mark(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) num_groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let n = flat_group(group, num_groups) * GROUP + lane;
+    if n > params.num_gaussians {
+        return;
+    }
+    if n == params.num_gaussians {
+        places[n] = 0u;
+        return;
+    }
+    let gaussian = rest[n];
+    let keeps = are_finite(gaussian.mean) && are_finite(gaussian.log_scale)
+        && !is_nan(gaussian.opacity_logit) && gaussian.opacity_logit >= params.min_opacity_logit;
+    let mean_pull = pull_sums[n] / f32(max(times_seen[n], 1u));
+    let is_pulled = keeps && mean_pull >= params.min_pull;
+    places[n] = select(0u, 1u, keeps);
+    // Pulls are positive, so their bits sort like the numbers.
+    pull_keys[n] = select(NOT_PULLED, ~bitcast<u32>(mean_pull), is_pulled);
+    ranked[n] = n;
+    if keeps {
+        atomicAdd(&counts[0], 1u);
+    }
+    if is_pulled {
+        atomicAdd(&counts[1], 1u);
+    }
+}
+
+@compute @workgroup_size(GROUP)
+fn choose(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) num_groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let rank = flat_group(group, num_groups) * GROUP + lane;
+    if rank < params.num_gaussians {
+        children[ranked[rank]] = select(0u, 1u, rank < params.num_children);
+    } else if rank == params.num_gaussians {
+        children[rank] = 0u;
+    }
+}
+
+@compute @workgroup_size(GROUP)
+fn list(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) num_groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let n = flat_group(group, num_groups) * GROUP + lane;
+    if n >= params.num_gaussians {
+        return;
+    }
+    if places[n + 1u] > places[n] {
+        parents[places[n]] = n | select(0u, FRESH, is_parted(n) && params.split_only == 1u);
+    }
+    if is_parted(n) {
+        parents[params.num_kept + children[n]] = n | FRESH;
+    }
+}
+
+@compute @workgroup_size(GROUP)
+fn copy_rows(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) num_groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = flat_group(group, num_groups) * GROUP + lane;
+    if i >= copied.num_planes * copied.num_rows * copied.width {
+        return;
+    }
+    let line = i / copied.width;
+    let plane = line / copied.num_rows;
+    let entry = parents[copied.first_row + line % copied.num_rows];
+    // Wraps around where it is below, and is too large then.
+    let row = (entry & ~FRESH) - copied.old_first_row;
+    if row >= copied.old_num_rows {
+        return;
+    }
+    let is_cleared = copied.clears_fresh == 1u && (entry & FRESH) != 0u;
+    let at = (plane * copied.old_num_rows + row) * copied.width + i % copied.width;
+    rows[i] = select(source[at], 0.0, is_cleared);
+}
+
+// Two of one: a large Gaussian becomes two smaller ones along its longest axis, a small one two side by side that
+// together cover what it did.
+fn split_or_clone(parent: u32, child: u32) {
+    let one = new_rest[parent];
+    var longest = 0u;
+    for (var axis = 1u; axis < 3u; axis++) {
+        // The last one of equals, as in the twin.
+        if one.log_scale[axis] >= one.log_scale[longest] {
+            longest = axis;
+        }
+    }
+    let is_large = one.log_scale[longest] > params.split_log_scale;
+    var along = vec3f(0.0);
+    along[longest] = select(CLONE_DISTANCE, SPLIT_DISTANCE, is_large) * exp(one.log_scale[longest]);
+    let offset = rotation_matrix(unit(one.rotation)) * along;
+    var halves = one;
+    if is_large {
+        halves.log_scale[longest] -= LN_SPLIT;
+    } else {
+        halves.opacity_logit = logit(1.0 - sqrt(1.0 - sigmoid(one.opacity_logit)));
+    }
+    new_rest[parent] = halves;
+    new_rest[parent].mean = one.mean - offset;
+    new_rest[child] = halves;
+    new_rest[child].mean = one.mean + offset;
+}
+
+// Two smaller ones at random where one was, as the released code does.
+fn scatter(parent: u32, child: u32, seed: u32) {
+    let one = new_rest[parent];
+    let turn = rotation_matrix(unit(one.rotation));
+    for (var half = 0u; half < 2u; half++) {
+        let at = select(parent, child, half == 1u);
+        let along = exp(one.log_scale) * normal4(vec4u(params.seed, seed, half)).xyz;
+        new_rest[at] = one;
+        new_rest[at].mean = one.mean + turn * along;
+        new_rest[at].log_scale = one.log_scale - LN_SPLIT;
+    }
+}
+
+// The unit quaternion; that of no turn where there is no direction.
+fn unit(q: vec4f) -> vec4f {
+    let length = sqrt(dot(q, q));
+    return select(vec4f(1.0, 0.0, 0.0, 0.0), q / length, length > 1e-12 && is_finite(length));
+}
+
+@compute @workgroup_size(GROUP)
+fn part(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) num_groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let n = flat_group(group, num_groups) * GROUP + lane;
+    if n >= params.num_gaussians || !is_parted(n) {
+        return;
+    }
+    if params.split_only == 1u {
+        scatter(places[n], params.num_kept + children[n], n);
+    } else {
+        split_or_clone(places[n], params.num_kept + children[n]);
+    }
+}
