@@ -41,7 +41,7 @@ fn a_view_that_nobody_recorded_says_so() {
 fn the_picture_names_what_was_applied_not_what_is_being_typed() {
     let mut window = Window::on(scene());
     window.add_prompt("gallbladder");
-    window.until_picture(|p| !p.findings.is_empty());
+    window.until_found();
     window.type_prompt("liv");
     let label = window.harness.get_by_role(Role::Image).accesskit_node().label().unwrap();
     assert!(label.contains("gallbladder 25 %") && !label.contains("liv"), "{label}");

@@ -19,7 +19,7 @@ fn is_drawn(window: &Window, x: usize, y: usize) -> bool {
 fn with_prompt(info: Info, prompt: &str) -> Window {
     let mut window = Window::on(info);
     window.add_prompt(prompt);
-    window.until_picture(|p| !p.findings.is_empty());
+    window.until_found();
     window
 }
 

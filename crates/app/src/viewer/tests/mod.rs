@@ -13,7 +13,7 @@ mod sessions;
 use super::{
     app::ViewerApp,
     autosave::Autosave,
-    document::ViewMode,
+    document::{PREVIEW, ViewMode},
     jobs::JobContext,
     pipeline::Picture,
     preferences::Preferences,
@@ -270,6 +270,11 @@ impl Window {
         self.until(|app| app.picture().is_some_and(&is_so));
     }
 
+    /// Until the prompts that were added have their answers: before, words half typed may have one.
+    fn until_found(&mut self) {
+        self.until_picture(|p| !p.findings.is_empty() && p.findings.iter().all(|f| f.id != PREVIEW));
+    }
+
     fn press(&mut self, key: Key) {
         self.harness.key_press(key);
         self.harness.step();
@@ -312,7 +317,7 @@ fn a_typed_prompt_becomes_a_row_with_its_area_on_the_picture() {
     let mut window = Window::on(scene());
     window.add_prompt("gallbladder");
     assert_eq!(window.harness.state().document.prompts().len(), 1);
-    window.until_picture(|p| !p.findings.is_empty());
+    window.until_found();
     let picture = window.harness.state().picture().unwrap();
     let found = picture.findings[0].outcome.as_ref().unwrap();
     assert_eq!(found.area_fraction, 0.25);
@@ -414,7 +419,7 @@ fn the_slash_that_opens_the_prompt_box_is_not_typed_into_it() {
 fn one_key_hides_and_shows_everything_drawn() {
     let mut window = Window::on(scene());
     window.add_prompt("gallbladder");
-    window.until_picture(|p| !p.findings.is_empty());
+    window.until_found();
     assert!(!window.shows("overlays hidden"));
     window.press(Key::V);
     window.harness.step();
@@ -437,7 +442,7 @@ fn holding_x_shows_the_recorded_frame_until_it_is_let_go() {
 fn what_is_nowhere_is_said_to_be_nowhere() {
     let mut window = Window::on(scene());
     window.add_prompt("nothing");
-    window.until_picture(|p| !p.findings.is_empty());
+    window.until_found();
     assert!(window.harness.query_all_by_label(NOTHING).count() >= 2, "in the row and on the picture");
     assert!(window.shows("closer to these words than to a generic phrase"));
 }
@@ -463,6 +468,7 @@ fn a_slow_answer_is_waited_for_in_words_and_never_drawn_on_another_frame() {
     window.press(Key::ArrowRight);
     permit.send(()).unwrap();
     permit.send(()).unwrap();
+    window.until_found();
     window.until_picture(|p| p.request.view.frame == 2 && !p.findings.is_empty());
     let picture = window.harness.state().picture().unwrap();
     let bare = &picture.reconstruction.as_ref().unwrap().bare;
@@ -693,7 +699,7 @@ fn nothing_changes_nothing_is_painted() {
 fn the_words_similarity_score_are_never_probability_or_confidence() {
     let mut window = Window::on(scene());
     window.add_prompt("gallbladder");
-    window.until_picture(|p| !p.findings.is_empty());
+    window.until_found();
     assert!(window.shows("Similarity score"));
     for word in ["onfidence", "robability"] {
         assert!(!window.shows(word));

@@ -131,7 +131,7 @@ fn every_key_of_the_map_is_a_command() {
 fn excluded_frames_are_not_shown_not_exported_and_not_learned_from() {
     let mut window = Window::on(scene());
     window.add_prompt("gallbladder");
-    window.until_picture(|p| !p.findings.is_empty());
+    window.until_found();
     window.press(Key::I);
     window.press(Key::ArrowRight);
     window.press_with(Modifiers::SHIFT, Key::I);

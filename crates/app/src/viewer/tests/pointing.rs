@@ -48,7 +48,7 @@ fn measurable() -> Info {
 fn a_click_says_what_a_point_is_most_like_and_offers_to_look_for_it() {
     let mut window = Window::on(scene());
     window.add_prompt("nothing");
-    window.until_picture(|p| !p.findings.is_empty());
+    window.until_found();
     click_at(&mut window, [0.1, 0.5]);
     window.until_picture(|p| p.candidates.len() == 2);
     assert!(window.shows("This point"));
@@ -71,7 +71,7 @@ fn a_click_says_what_a_point_is_most_like_and_offers_to_look_for_it() {
 fn a_point_becomes_a_prompt_without_words_and_what_a_prompt_is_not() {
     let mut window = Window::on(scene());
     window.add_prompt("gallbladder");
-    window.until_picture(|p| !p.findings.is_empty());
+    window.until_found();
     click_at(&mut window, [0.76, 0.52]);
     window.until_picture(|p| p.sample.is_some());
     window.click("Not \"gallbladder\"");
