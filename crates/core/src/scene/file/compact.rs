@@ -69,7 +69,7 @@ impl Steps {
             steps.insert("basis_centres", vec![BASIS_TIME; num_channels(dim)]);
             steps.insert("basis_widths", vec![BASIS_TIME; num_channels(dim)]);
         }
-        let fineness = (scene.gaussians.len() as f32 / MANY_GAUSSIANS).sqrt().clamp(0.25, 1.0);
+        let fineness = (scene.gaussians.len() as f32 / MANY_GAUSSIANS).sqrt().clamp(0.25, 1.5);
         steps.values_mut().flatten().for_each(|step| *step *= fineness);
         Self(steps)
     }
