@@ -40,8 +40,9 @@ class Scene:
     def __init__(self, path):
         names = snippet(path)
         with safe_open(path, "np") as f:
-            wanted = ["means", "rotations", "log_scales", "opacity_logits", "colours", "moving", "basis_weights"]
+            wanted = ["means", "rotations", "log_scales", "opacity_logits", "colours", "basis_weights"]
             self.tensors = {n: names["read"](f, n).astype(np.float64) for n in wanted + ["basis_centres", "basis_widths"]}
+        self.tensors["moving"] = names["moving"]
         check(names["header"]["basis_shape"] == "spline", "the demo's bases are splines")
         check(len(self.tensors["means"]) == names["header"]["gaussians"], "the number of Gaussians")
         check((names["means"] == self.tensors["means"].astype(names["means"].dtype)).all(), "means")

@@ -17,8 +17,10 @@ use std::{
     io::{Read, Write},
 };
 
-/// Scenes of fewer Gaussians are kept more finely: each covers more of the picture, and there are bytes to spare.
-const MANY_GAUSSIANS: f32 = 30_000.0;
+/// Scenes of fewer Gaussians are kept more finely, those of more less so: the fewer, the more of the picture each covers,
+/// and the more bytes there are to spare.
+const USUAL_GAUSSIANS: f32 = 30_000.0;
+const FINENESS_EXPONENT: f32 = 0.667;
 /// Steps at rest: centres in pixels, others in their own units.
 const CENTRE_PX: f32 = 0.02;
 const ROTATION: f32 = 0.01;
@@ -69,7 +71,8 @@ impl Steps {
             steps.insert("basis_centres", vec![BASIS_TIME; num_channels(dim)]);
             steps.insert("basis_widths", vec![BASIS_TIME; num_channels(dim)]);
         }
-        let fineness = (scene.gaussians.len() as f32 / MANY_GAUSSIANS).sqrt().clamp(0.25, 1.5);
+        let fineness =
+            (scene.gaussians.len() as f32 / USUAL_GAUSSIANS).powf(FINENESS_EXPONENT).clamp(0.25, 1.6);
         steps.values_mut().flatten().for_each(|step| *step *= fineness);
         Self(steps)
     }

@@ -6,7 +6,7 @@
 //! | `means` `rotations` `log_scales` `opacity_logits` `colours` | [N, 3 / 4 / 3 / – / 3] | at rest, raw |
 //! | `sh_rest` | [N, bands, 3] | only where the camera moves |
 //! | `features` | [N, D] | |
-//! | `moving` | [M] u32 | Gaussians that have basis weights |
+//! | `moving` | [M] u32 | Gaussians that have basis weights; all if it is not there |
 //! | `basis_weights` | [B, M, channels] | |
 //! | `basis_centres` `basis_widths` | [B], or [B, M, channels] | |
 //! | `feature_net_weight` `feature_net_bias` | [D, D + 1], [D] | |
@@ -119,7 +119,9 @@ fn write_deformation(w: &mut Writer, scene: &Scene) {
             .collect()
     };
     let shape = [d.num_bases, moving.len(), channels];
-    w.u32("moving", &moving);
+    if moving.len() < n {
+        w.u32("moving", &moving);
+    }
     w.over_time("basis_weights", &shape, &rows(&d.weights));
     if d.is_shared() {
         w.f32("basis_centres", &shape[..1], &d.centres);
@@ -212,7 +214,10 @@ fn read_gaussians(reader: &Reader<'_>, header: &Header) -> Result<Gaussians, Pro
 fn read_deformation(reader: &Reader<'_>, header: &Header) -> Result<Deformation, Problem> {
     let (n, dim) = (header.gaussians, header.latent_dim);
     let (channels, stride) = (num_channels(dim), stride_for(dim));
-    let moving: Vec<usize> = reader.u32("moving")?.into_iter().map(|i| i as usize).collect();
+    let moving: Vec<usize> = match reader.view("moving") {
+        Ok(_) => reader.u32("moving")?.into_iter().map(|i| i as usize).collect(),
+        Err(_) => (0..n).collect(),
+    };
     if let Some(bad) = moving.iter().find(|i| **i >= n) {
         return Err(format!("tensor `moving` names Gaussian {bad} of {n}"));
     }
