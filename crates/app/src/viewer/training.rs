@@ -158,20 +158,25 @@ fn progress_ui(ui: &mut Ui, training: &Training) {
         ui.label(RichText::new(warning).font(theme::small()).color(theme::AMBER));
     }
     loss_curve_ui(ui, &training.curve);
-    preview_ui(ui, training);
-    ui.horizontal(|ui| {
-        let is_cancelling = training.job.is_cancelling();
-        let is_paused = training.job.is_paused();
-        let tip = "Rests, so that the computer is free for something else";
-        let pause = egui::Button::new(if is_paused { "Go on" } else { "Pause" });
-        if ui.add_enabled(!is_cancelling, pause).on_hover_text(tip).clicked() {
-            training.job.set_paused(!is_paused);
-        }
-        let label = if is_cancelling { "Stopping…" } else { "Stop and keep what was learned" };
-        if ui.add_enabled(!is_cancelling, egui::Button::new(label)).clicked() {
-            training.job.cancel();
-        }
+    // What is above comes and goes; a button must stay the same one between press and release.
+    ui.push_id("controls", |ui| {
+        preview_ui(ui, training);
+        ui.horizontal(|ui| stop_ui(ui, training));
     });
+}
+
+fn stop_ui(ui: &mut Ui, training: &Training) {
+    let is_cancelling = training.job.is_cancelling();
+    let is_paused = training.job.is_paused();
+    let tip = "Rests, so that the computer is free for something else";
+    let pause = egui::Button::new(if is_paused { "Go on" } else { "Pause" });
+    if ui.add_enabled(!is_cancelling, pause).on_hover_text(tip).clicked() {
+        training.job.set_paused(!is_paused);
+    }
+    let label = if is_cancelling { "Stopping…" } else { "Stop and keep what was learned" };
+    if ui.add_enabled(!is_cancelling, egui::Button::new(label)).clicked() {
+        training.job.cancel();
+    }
 }
 
 /// How often the picture shows how far it is: every preview takes time from training.

@@ -2,13 +2,15 @@
 //! tests of their own beside their parts.)
 
 use super::*;
+use surgtpgs_core::overlay::OverlayStyle;
 
 #[test]
 fn left_is_left_and_up_is_up() {
     let mut window = Window::on(scene());
     window.add_prompt("gallbladder");
     window.press(Key::O);
-    window.until_picture(|p| p.reconstruction.as_ref().is_some_and(|r| r.marked.is_some()));
+    window.until_found();
+    window.until_picture(|p| p.request.look.style == OverlayStyle::Fill);
     let (width, height) = (SIZE.0 as usize, SIZE.1 as usize);
     let picture = window.harness.state().picture().unwrap();
     let pane = picture.reconstruction.as_ref().unwrap();

@@ -13,7 +13,7 @@ mod sessions;
 use super::{
     app::ViewerApp,
     autosave::Autosave,
-    document::{PREVIEW, ViewMode},
+    document::ViewMode,
     jobs::JobContext,
     pipeline::Picture,
     preferences::Preferences,
@@ -272,7 +272,10 @@ impl Window {
 
     /// Until the prompts that were added have their answers: before, words half typed may have one.
     fn until_found(&mut self) {
-        self.until_picture(|p| !p.findings.is_empty() && p.findings.iter().all(|f| f.id != PREVIEW));
+        self.until(|app| {
+            let visible = app.document.prompts().iter().filter(|p| p.is_visible).map(|p| p.id);
+            app.picture().is_some_and(|p| p.findings.iter().map(|f| f.id).eq(visible))
+        });
     }
 
     fn press(&mut self, key: Key) {
@@ -452,7 +455,7 @@ fn a_prompt_that_fails_says_why_and_leaves_the_others_alone() {
     let mut window = Window::on(scene());
     window.add_prompt("broken");
     window.add_prompt("gallbladder");
-    window.until_picture(|p| p.findings.len() == 2);
+    window.until_found();
     assert!(window.shows("the encoder cannot read this"));
     assert!(window.shows("25 % of the frame"));
 }
