@@ -14,13 +14,7 @@ fn training() -> Window {
 #[test]
 fn the_loss_and_its_terms_are_a_curve_while_it_learns() {
     let mut window = training();
-    for _ in 0..20_000 {
-        if window.shows("Loss over the steps, now total") {
-            break;
-        }
-        window.harness.step();
-    }
-    assert!(window.shows("Loss over the steps, now total"));
+    window.until_shown("Loss over the steps, now total");
     // Terms that this training does not have are not shown.
     assert!(window.shows("colour") && window.shows("depth") && !window.shows("words 0"));
 }
@@ -72,12 +66,7 @@ fn a_recording_is_checked_when_it_is_opened_and_its_masks_can_be_flipped() {
     assert!(window.harness.state().train_dialog.is_none(), "nobody is led into it");
     window.click("Flip the masks");
     window.until(|app| app.open.is_some() && app.is_enabled(crate::viewer::command::Command::Reconstruct));
-    for _ in 0..20_000 {
-        if window.shows("This recording can be reconstructed") {
-            break;
-        }
-        window.harness.step();
-    }
+    window.until_shown("This recording can be reconstructed");
     assert!(window.shows("This recording can be reconstructed") && !window.shows("probably inverted"));
     window.click("Reconstruct…");
     assert!(window.harness.state().train_dialog.is_some());

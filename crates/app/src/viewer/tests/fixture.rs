@@ -1,0 +1,273 @@
+//! The fake that answers instead of the engine, and the window on it.
+
+use super::*;
+
+pub(super) const SIZE: (u32, u32) = (32, 24);
+pub(super) const FRAMES: usize = 48;
+
+pub(super) struct Fake {
+    pub(super) info: Info,
+    /// Scores are given out one permission at a time, if there is a gate.
+    pub(super) gate: Option<mpsc::Receiver<()>>,
+}
+
+impl FrameSource for Fake {
+    fn info(&self) -> &Info {
+        &self.info
+    }
+    fn original(&mut self, frame: usize) -> Result<RgbImage> {
+        Ok(RgbImage::from_pixel(SIZE.0, SIZE.1, Rgb([frame as u8, 0, 0])))
+    }
+    fn instruments(&mut self, _: usize) -> Result<Option<Mask>> {
+        let is_upper = |i: u32| i / SIZE.0 < SIZE.1 / 2;
+        let mask =
+            || Grid::from_vec(SIZE.0 as usize, SIZE.1 as usize, (0..SIZE.0 * SIZE.1).map(is_upper).collect());
+        Ok((self.info.name == "with tools").then(mask))
+    }
+    fn render(&mut self, view: &View, _: bool) -> Result<Rendering> {
+        Ok(Rendering {
+            colour: RgbImage::from_pixel(SIZE.0, SIZE.1, Rgb([view.frame as u8; 3])),
+            depth: Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 50.0),
+            // To the right of the middle, from elsewhere.
+            unseen: (!view.orbit.is_home()).then(|| {
+                let is_right = (0..SIZE.0 * SIZE.1).map(|i| i % SIZE.0 >= SIZE.0 / 2).collect();
+                Grid::from_vec(SIZE.0 as usize, SIZE.1 as usize, is_right)
+            }),
+        })
+    }
+    fn sample(&mut self, view: &View, point: [f32; 2]) -> Result<Option<Sample>> {
+        let sample = serde_json::json!({ "embedding": [point[0], view.frame], "encoder_sha256": "" });
+        Ok(serde_json::from_value(sample).ok().filter(|_| point[1] < 0.9))
+    }
+    fn prepares_ahead(&self) -> bool {
+        self.gate.is_none()
+    }
+    fn motion(&mut self, view: &View) -> Result<(Grid<f32>, String)> {
+        let travel = (0..SIZE.0 * SIZE.1).map(|i| (i % SIZE.0) as f32 + view.frame as f32).collect();
+        Ok((Grid::from_vec(SIZE.0 as usize, SIZE.1 as usize, travel), "3 of 5 Gaussians move".into()))
+    }
+    fn opacity(&mut self, _: &View) -> Result<Grid<f32>> {
+        Ok(Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 1.0))
+    }
+    fn scores(&mut self, view: &View, questions: &[Question]) -> Vec<Result<Grid<f32>>> {
+        if let Some(gate) = &self.gate {
+            let _ = gate.recv();
+        }
+        let score = |question: &Question| match question.text.as_str() {
+            "broken" => Err(Error::input("the encoder cannot read this", "Use other words.")),
+            "nothing" => Ok(Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 0.2)),
+            "polyp" => {
+                let width = 2 * (6 - view.frame.abs_diff(15).min(6) as u32);
+                let left = |i| if i % SIZE.0 < width { 0.8 } else { 0.3 };
+                let data = (0..SIZE.0 * SIZE.1).map(left).collect();
+                Ok(Grid::from_vec(SIZE.0 as usize, SIZE.1 as usize, data))
+            }
+            _ => {
+                let left = |i| if i % SIZE.0 < SIZE.0 / 4 { 0.8 } else { 0.3 };
+                let data = (0..SIZE.0 * SIZE.1).map(left).collect();
+                Ok(Grid::from_vec(SIZE.0 as usize, SIZE.1 as usize, data))
+            }
+        };
+        questions.iter().map(score).collect()
+    }
+}
+
+#[derive(Default)]
+pub(super) struct FakeBackend {
+    pub(super) info: Info,
+    pub(super) gate: Mutex<Option<mpsc::Receiver<()>>>,
+    pub(super) exported: Mutex<Vec<ExportRequest>>,
+    pub(super) trained: Mutex<Vec<TrainRequest>>,
+    pub(super) available_bytes: Mutex<Option<u64>>,
+    pub(super) checked: Mutex<Checked>,
+}
+
+impl Backend for FakeBackend {
+    fn open(&self, path: &Path) -> Result<Box<dyn FrameSource>> {
+        if path == Path::new("/no/such") {
+            return Err(Error::input_at(path, "there is no such file", "Choose another one."));
+        }
+        let trained = !self.trained.lock().unwrap().is_empty();
+        let info = Info {
+            path: path.to_owned(),
+            has_reconstruction: self.info.has_reconstruction || trained,
+            has_features: self.info.has_features || trained,
+            ..self.info.clone()
+        };
+        Ok(Box::new(Fake { info, gate: self.gate.lock().unwrap().take() }))
+    }
+    fn check(&self, _: &Path, job: &JobContext) -> Result<Checked> {
+        job.progress("checking", 48, 48, String::new());
+        Ok(self.checked.lock().unwrap().clone())
+    }
+    fn flip_masks(&self, path: &Path) -> Result<PathBuf> {
+        let mut checked = self.checked.lock().unwrap();
+        *checked = Checked { report: Report { ok: true, ..Report::default() }, can_flip: true };
+        Ok(path.join("sequence.toml"))
+    }
+    fn demo(&self, folder: &Path, _: &JobContext) -> Result<Demo> {
+        let request = TrainRequest {
+            recording: folder.to_owned(),
+            scene: folder.join("scene"),
+            iterations: 100,
+            excluded: Vec::new(),
+        };
+        Ok(Demo { path: folder.to_owned(), train: Some(request) })
+    }
+    fn export(&self, request: &ExportRequest, job: &JobContext) -> Result<ExportSummary> {
+        job.progress("Exporting", 1, 1, String::new());
+        self.exported.lock().unwrap().push(request.clone());
+        let folder = request.folder.clone();
+        Ok(ExportSummary { is_complete: true, num_files: request.num_files(), folder })
+    }
+    fn evaluate(&self, scene: &Path, job: &JobContext) -> Result<Evaluation> {
+        job.progress("evaluating", 2, 2, String::new());
+        if scene.ends_with("gone") {
+            return Err(Error::input("the recording is not at hand", "Put it back."));
+        }
+        Ok(Evaluation::example())
+    }
+    fn available_bytes(&self) -> Option<u64> {
+        *self.available_bytes.lock().unwrap()
+    }
+    fn reconstruct(&self, request: &TrainRequest, job: &JobContext) -> Result<PathBuf> {
+        job.progress("Learning", 10, request.iterations, "100 Gaussians".into());
+        let info = Info { has_reconstruction: true, ..self.info.clone() };
+        job.preview(Box::new(Fake { info, gate: None }));
+        let mut step = 10;
+        while !job.is_cancelled() {
+            job.rest_while_paused();
+            step += 1;
+            job.step(step, LossTerms { colour: 1.0 / step as f32, depth: 0.01, ..Default::default() });
+            job.progress("Learning", step.min(request.iterations - 1), request.iterations, String::new());
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        self.trained.lock().unwrap().push(request.clone());
+        Ok(request.scene.clone())
+    }
+}
+
+pub(super) fn scene() -> Info {
+    Info {
+        name: "clip".into(),
+        num_frames: FRAMES,
+        width: SIZE.0 as usize,
+        height: SIZE.1 as usize,
+        frames_per_second: Some(25.0),
+        has_original: true,
+        has_reconstruction: true,
+        has_features: true,
+        example_prompts: vec!["liver".into(), "fat".into()],
+        renderer: "fake".into(),
+        output_folder: "/data".into(),
+        ..Info::default()
+    }
+}
+
+pub(super) struct Window {
+    pub(super) harness: Harness<'static, ViewerApp>,
+    pub(super) backend: Arc<FakeBackend>,
+}
+
+impl Window {
+    /// A window on a scene, its first picture shown and the notice read.
+    pub(super) fn on(info: Info) -> Self {
+        let mut window = Self::gated(info, None);
+        window.until(|app| app.picture().is_some());
+        window
+    }
+
+    pub(super) fn gated(info: Info, gate: Option<mpsc::Receiver<()>>) -> Self {
+        let sound = Checked { report: Report { ok: true, ..Report::default() }, can_flip: false };
+        let checked = Mutex::new(sound);
+        let backend = Arc::new(FakeBackend { info, gate: Mutex::new(gate), checked, ..Default::default() });
+        let mut window = Self::with(backend);
+        window.harness.state_mut().preferences.is_acknowledged = true;
+        let ctx = window.harness.ctx.clone();
+        window.harness.state_mut().open_path(Path::new("/data/clip.safetensors"), &ctx);
+        window.until(|app| app.open.is_some());
+        window
+    }
+
+    pub(super) fn with(backend: Arc<FakeBackend>) -> Self {
+        let theirs = backend.clone();
+        let harness =
+            Harness::builder().with_size(egui::vec2(1280.0, 800.0)).with_step_dt(1.0 / 60.0).build_eframe(
+                |cc| ViewerApp::new(&cc.egui_ctx, theirs, Preferences::load(None), Autosave::default()),
+            );
+        Self { harness, backend }
+    }
+
+    /// Goes on until `is_so`, as long as it takes the threads; gives up after far too long.
+    pub(super) fn until(&mut self, is_so: impl Fn(&ViewerApp) -> bool) {
+        for _ in 0..20_000 {
+            self.harness.step();
+            if is_so(self.harness.state()) {
+                // Once more, so that what is on the screen is what was waited for.
+                self.harness.step();
+                return;
+            }
+            std::thread::sleep(std::time::Duration::from_micros(500));
+        }
+        panic!("it never happened: {:?}", self.harness.state().problem);
+    }
+
+    pub(super) fn until_shown(&mut self, text: &str) {
+        for _ in 0..20_000 {
+            self.harness.step();
+            if self.shows(text) {
+                return;
+            }
+            std::thread::sleep(std::time::Duration::from_micros(500));
+        }
+        panic!("\"{text}\" is never shown: {:?}", self.harness.state().problem);
+    }
+
+    pub(super) fn until_picture(&mut self, is_so: impl Fn(&Picture) -> bool) {
+        self.until(|app| app.picture().is_some_and(&is_so));
+    }
+
+    /// Until the prompts that were added have their answers: before, words half typed may have one.
+    pub(super) fn until_found(&mut self) {
+        self.until(|app| {
+            let visible = app.document.prompts().iter().filter(|p| p.is_visible).map(|p| p.id);
+            app.picture().is_some_and(|p| p.findings.iter().map(|f| f.id).eq(visible))
+        });
+    }
+
+    pub(super) fn press(&mut self, key: Key) {
+        self.harness.key_press(key);
+        self.harness.step();
+    }
+
+    pub(super) fn press_with(&mut self, modifiers: Modifiers, key: Key) {
+        self.harness.key_press_modifiers(modifiers, key);
+        self.harness.step();
+    }
+
+    pub(super) fn frame(&self) -> usize {
+        self.harness.state().playback.frame()
+    }
+
+    pub(super) fn type_prompt(&mut self, text: &str) {
+        self.harness.get_by_label("Prompt").focus();
+        self.harness.step();
+        self.harness.get_by_label("Prompt").type_text(text);
+        self.harness.step();
+    }
+
+    pub(super) fn add_prompt(&mut self, text: &str) {
+        self.type_prompt(text);
+        self.press(Key::Enter);
+    }
+
+    pub(super) fn click(&mut self, label: &str) {
+        self.harness.get_by_label(label).click();
+        self.harness.step();
+        self.harness.step();
+    }
+
+    pub(super) fn shows(&self, text: &str) -> bool {
+        self.harness.query_all_by_label_contains(text).next().is_some()
+    }
+}
