@@ -15,3 +15,7 @@ mod pictures;
 pub mod settings;
 mod tables;
 pub mod viewer;
+
+/// A window open for hours starts many short-lived threads; the C library's allocator keeps what each of them left behind.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;

@@ -16,6 +16,7 @@ use std::{
 };
 use surgtpgs_core::{
     Error, Result,
+    prepare::DenseMap,
     segment::{PointSegmenter, Prediction},
 };
 
@@ -176,7 +177,7 @@ impl PointSegmenter for SegmentAnything {
         Ok(())
     }
 
-    fn predict(&mut self, prompts: &[Vec<[f32; 2]>]) -> Result<Prediction> {
+    fn predict(&mut self, prompts: &[Vec<[f32; 2]>], earlier: Option<&[f32]>) -> Result<Prediction> {
         let started = Instant::now();
         let Some(image) = &self.image else {
             return Err(Error::input("the mask decoder was asked before it had an image", ""));
@@ -185,7 +186,7 @@ impl PointSegmenter for SegmentAnything {
         let scale = self.scale(size);
         let failed = |cause| failed("decoder", cause, &self.folder);
         let outlets = self.decoder.inputs().to_vec();
-        let inputs = self.contract.inputs(&outlets, prompts, image, scale);
+        let inputs = self.contract.inputs(&outlets, prompts, earlier, image, scale);
         let outputs = self.decoder.run(inputs).map_err(failed)?;
         let (shape, logits) = floats(&outputs, &self.contract.masks).map_err(failed)?;
         let (_, ratings) = floats(&outputs, &self.contract.ratings).map_err(failed)?;
@@ -196,6 +197,30 @@ impl PointSegmenter for SegmentAnything {
         let prediction = prediction(&shape, logits.to_vec(), ratings.to_vec(), prompts.len(), size, used);
         self.decoding += started.elapsed();
         prediction
+    }
+
+    fn earlier_size(&self) -> Option<[usize; 2]> {
+        let at = self.contract.feeds.iter().position(|feed| *feed == Feed::EarlierMask)?;
+        let [.., rows, columns] = self.decoder.inputs()[at].shape[..] else { return None };
+        Some([usize::try_from(columns).ok()?, usize::try_from(rows).ok()?])
+    }
+
+    /// The encoder's output of most channels: the others are finer, but know less.
+    fn features(&self) -> Option<DenseMap> {
+        let image = self.image.as_ref()?;
+        let scale = self.scale(image.size);
+        let maps = self.encoder.outputs().iter().zip(&image.features).filter_map(|(outlet, value)| {
+            let (shape, values) = value.floats().ok()?;
+            let [1, dim, height, width] = shape[..] else { return None };
+            let is_map = dim * height * width > 0 && !outlet.name.contains("positional");
+            is_map.then_some((dim, height, width, values))
+        });
+        let (dim, height, width, values) = maps.max_by_key(|(dim, ..)| *dim)?;
+        let covered = |i: usize, places: usize| {
+            let share = image.size[i] as f32 * scale[i] / self.side as f32;
+            ((share * places as f32).round() as usize).clamp(1, places)
+        };
+        Some(DenseMap::of_planes(width, height, dim, values).cropped(covered(0, width), covered(1, height)))
     }
 
     fn batch(&self) -> usize {
@@ -305,11 +330,12 @@ impl Contract {
         })
     }
 
-    /// The decoder's inputs for `prompts`, whose points are multiplied by `scale`.
+    /// The decoder's inputs for `prompts`, whose points are multiplied by `scale`, and `earlier` answers to better.
     fn inputs<'a>(
         &self,
         outlets: &'a [Outlet],
         prompts: &[Vec<[f32; 2]>],
+        earlier: Option<&[f32]>,
         image: &'a Encoded,
         scale: [f32; 2],
     ) -> Vec<(&'a str, Input<'a>)> {
@@ -335,8 +361,16 @@ impl Contract {
                     let one = |i: usize| if i % num_points < num_points - padding { 1.0 } else { -1.0 };
                     Input::F32(outer(&[n, num_points]), (0..n * num_points).map(one).collect())
                 }
-                Feed::EarlierMask => zeros(vec![n, 1, fixed(2).unwrap_or(256), fixed(3).unwrap_or(256)]),
-                Feed::HasEarlierMask => zeros(vec![fixed(0).filter(|len| *len > 0).unwrap_or(n)]),
+                Feed::EarlierMask => {
+                    let axes = vec![n, 1, fixed(2).unwrap_or(256), fixed(3).unwrap_or(256)];
+                    let values = earlier.map(<[f32]>::to_vec);
+                    let none = || vec![0.0; axes.iter().product()];
+                    Input::F32(axes.clone(), values.unwrap_or_else(none))
+                }
+                Feed::HasEarlierMask => {
+                    let len = fixed(0).filter(|len| *len > 0).unwrap_or(n);
+                    Input::F32(vec![len], vec![f32::from(u8::from(earlier.is_some())); len])
+                }
                 Feed::ImageSize => {
                     let [width, height] = image.size.map(|v| v as f32);
                     Input::F32(vec![2], vec![height, width])
@@ -346,11 +380,6 @@ impl Contract {
         };
         outlets.iter().zip(&self.feeds).map(input).collect()
     }
-}
-
-fn zeros(axes: Vec<usize>) -> Input<'static> {
-    let len = axes.iter().product();
-    Input::F32(axes, vec![0.0; len])
 }
 
 /// What an input takes, by its name.

@@ -71,6 +71,8 @@ fn sam2_is_recognised_and_finds_what_is_there() {
     let folder = sam2();
     let mut model = SegmentAnything::open(folder.path()).unwrap();
     assert_eq!((model.generation(), model.batch() > 1), ("SAM 2", true));
+    assert_eq!(model.earlier_size(), Some([SIDE; 2]));
+    assert_eq!(model.features(), None, "there is no picture yet");
     let masks = masks_of(&mut model, &MaskSettings { min_region_px: 10, ..MaskSettings::of_grid(8) });
     assert_everything_is_found(&masks);
     assert!(model.network_time().iter().all(|t| !t.is_zero()));
@@ -86,11 +88,17 @@ fn sam1_is_recognised_and_finds_what_is_there() {
     assert_eq!((model.generation(), model.batch()), ("SAM 1", 1));
     let prediction = {
         model.set_image(&picture()).unwrap();
-        model.predict(&[vec![[45.0, 25.0]]]).unwrap()
+        model.predict(&[vec![[45.0, 25.0]]], None).unwrap()
     };
     assert_eq!((prediction.masks_per_prompt, prediction.size), (3, [SIDE; 2]));
     assert!(prediction.extent[0] == 1.0 && (prediction.extent[1] - 64.0 / 96.0).abs() < 1e-6, "padded below");
     assert!((prediction.predicted_iou[0] - 0.91).abs() < 1e-5, "the answer for many points is left out");
+    let earlier = vec![1.0; SIDE * SIDE];
+    let again = model.predict(&[vec![[45.0, 25.0]]], Some(&earlier)).unwrap();
+    assert_eq!(again.logits, prediction.logits, "this one makes nothing of it");
+    let features = model.features().unwrap();
+    let rows = (SIDE * 64).div_ceil(96);
+    assert_eq!((features.width, features.height, features.dim), (SIDE, rows, 3), "without the padding");
     assert_everything_is_found(&masks_of(
         &mut model,
         &MaskSettings { min_region_px: 10, ..MaskSettings::of_grid(8) },
@@ -101,7 +109,9 @@ fn sam1_is_recognised_and_finds_what_is_there() {
 fn questions_need_an_image() {
     let folder = sam2();
     let mut model = SegmentAnything::open(folder.path()).unwrap();
-    assert!(model.predict(&[vec![[1.0, 1.0]]]).unwrap_err().to_string().contains("before it had an image"));
+    assert!(
+        model.predict(&[vec![[1.0, 1.0]]], None).unwrap_err().to_string().contains("before it had an image")
+    );
 }
 
 #[test]
@@ -114,7 +124,7 @@ fn numbers_that_are_not_finite_are_errors() {
         model.set_image(&picture()).unwrap();
         let expected =
             ["The mask decoder returned not-a-number", folder.path().file_name().unwrap().to_str().unwrap()];
-        assert_error(model.predict(&[vec![[1.0, 1.0]]]), &expected);
+        assert_error(model.predict(&[vec![[1.0, 1.0]]], None), &expected);
     }
     let image = with_constant(image_encoder(&MATRIX, None, &["image_embeds"]), "matrix", f32::NAN);
     let image = folder(&[("model.onnx", image)]);

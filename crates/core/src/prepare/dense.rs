@@ -36,6 +36,14 @@ impl DenseMap {
         Self { width, height, dim, values: (0..places).flat_map(place).collect() }
     }
 
+    /// The first `width` columns and `height` rows.
+    pub fn cropped(self, width: usize, height: usize) -> Self {
+        let (width, height) = (width.min(self.width), height.min(self.height));
+        let rows = self.values.chunks_exact((self.width * self.dim).max(1)).take(height);
+        let values = rows.flat_map(|row| &row[..width * self.dim]).copied().collect();
+        Self { width, height, dim: self.dim, values }
+    }
+
     /// Regions of places with nearly the same direction, at the size of the frames, with the mean direction of each.
     /// Places without a direction (zero, not finite) belong to none.
     pub fn into_features(self, sequence: &Sequence) -> FrameFeatures {

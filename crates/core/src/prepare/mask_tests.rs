@@ -129,9 +129,9 @@ fn masks_are_made_once() {
     assert_eq!(place.make("model", &settings(), true), 0);
     assert_eq!(place.make("model", &settings(), false), 2, "only the frames that were held out");
     assert_eq!(place.make("other model", &settings(), false), FRAMES);
-    assert_eq!(place.make("other model", &MaskSettings { gap_prompts: 0, ..settings() }, false), FRAMES);
+    assert_eq!(place.make("other model", &MaskSettings { alike_prompts: 0, ..settings() }, false), FRAMES);
     RgbImage::from_pixel(32, 24, Rgb([9, 9, 9])).save(place.folder.path().join("clip/frame_3.png")).unwrap();
-    assert_eq!(place.make("other model", &MaskSettings { gap_prompts: 0, ..settings() }, false), 1);
+    assert_eq!(place.make("other model", &MaskSettings { alike_prompts: 0, ..settings() }, false), 1);
     place.prepare(false, 3).unwrap_err();
     place.make("model", &settings(), false);
     place.prepare(false, 3).unwrap();

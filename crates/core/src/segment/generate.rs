@@ -1,7 +1,7 @@
 //! From the grid of points to the lists of masks.
 
 use super::{
-    BitMask, FoundMask, FrameMasks, Level, MaskSettings, PointSegmenter, gaps,
+    BitMask, FoundMask, FrameMasks, MaskSettings, PointSegmenter, Prediction, alike,
     grid::{self, Crop},
     nms::{box_nms, mask_nms},
     regions::without_small_regions,
@@ -43,26 +43,28 @@ pub fn automatic_masks(
         crop.points().into_iter().filter(is_wanted).collect()
     };
     let points: Vec<_> = crops.iter().map(asked_at).collect();
-    let total = points.iter().map(Vec::len).sum::<usize>() + settings.gap_prompts;
+    let total = points.iter().map(Vec::len).sum::<usize>() + settings.alike_prompts;
     let mut done = 0;
-    // The image itself is the first crop, asked last: the network then still knows it when gaps are looked at.
     let mut pools: [Vec<Vec<Candidate>>; 4] = Default::default();
-    for (crop, points) in crops.iter().zip(&points).rev() {
+    for (crop, points) in crops.iter().zip(points) {
         let mut told = |n: usize| {
             done += n;
             progress(done, total)
         };
-        let found = ask_crop(segmenter, image, area, crop, points, settings, &mut told)?;
+        let w = crop.window;
+        let [x, y, columns, rows] = [w.x, w.y, w.width, w.height].map(|v| v as u32);
+        segmenter.set_image(&image::imageops::crop_imm(image, x, y, columns, rows).to_image())?;
+        let mut prompts: Vec<_> = points.into_iter().map(|point| vec![point]).collect();
+        let mut found = ask(segmenter, &prompts, area, crop, settings, &mut told)?;
+        if w == area {
+            prompts = alike::prompts(image, segmenter.features().as_ref(), keep, settings.alike_prompts);
+            found.extend(ask(segmenter, &prompts, area, crop, settings, &mut told)?);
+        }
         for (pool, list) in pools.iter_mut().zip(lists_of_crop(found, settings)) {
             pool.push(list);
         }
     }
-    let mut levels = pools.map(|mut pool| {
-        pool.reverse();
-        finish(pool.into_iter().flatten().collect(), keep, settings)
-    });
-    let default = &mut levels[Level::Default as usize];
-    default.extend(gaps::fill(segmenter, default, keep, settings)?);
+    let mut levels = pools.map(|pool| finish(pool.into_iter().flatten().collect(), keep, settings));
     if progress(total, total).is_break() {
         return Err(Error::Cancelled);
     }
@@ -72,29 +74,26 @@ pub fn automatic_masks(
     Ok(FrameMasks { width, height, levels })
 }
 
-/// Asks at every point of a crop; only good answers are kept.
-fn ask_crop(
+/// Asks about a crop; only good answers are kept. Where a prompt is of several points, its best answer is given back to
+/// the network to be bettered.
+fn ask(
     segmenter: &mut dyn PointSegmenter,
-    image: &RgbImage,
+    prompts: &[Vec<[f32; 2]>],
     area: PixelRect,
     crop: &Crop,
-    points: &[[f32; 2]],
     settings: &MaskSettings,
     progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
 ) -> Result<Vec<Candidate>> {
-    let w = crop.window;
-    let [x, y, width, height] = [w.x, w.y, w.width, w.height].map(|v| v as u32);
-    segmenter.set_image(&image::imageops::crop_imm(image, x, y, width, height).to_image())?;
     let mut found = Vec::new();
-    for batch in points.chunks(segmenter.batch().max(1)) {
-        let prompts: Vec<_> = batch.iter().map(|point| vec![*point]).collect();
-        for (answer, mask) in answers(segmenter, &prompts, [area.width, area.height], w, settings)? {
-            let is_cut = crop.cuts(mask.mask.bounds(), area);
-            let is_good =
-                mask.predicted_iou > settings.min_predicted_iou && mask.stability >= settings.min_stability;
-            if is_good && !is_cut {
-                found.push(Candidate { found: mask, answer, crop_px: w.width * w.height });
-            }
+    for batch in prompts.chunks(segmenter.batch().max(1)) {
+        let first = checked(segmenter.predict(batch, None)?, batch.len())?;
+        let betters = batch.iter().all(|p| p.len() > 1) && segmenter.earlier_size() == Some(first.size);
+        let second = match betters.then(|| best_answers(&first)) {
+            Some(earlier) => Some(checked(segmenter.predict(batch, Some(&earlier))?, batch.len())?),
+            None => None,
+        };
+        for prediction in [Some(first), second].into_iter().flatten() {
+            found.extend(candidates(&prediction, area, crop, settings));
         }
         if progress(batch.len()).is_break() {
             return Err(Error::Cancelled);
@@ -103,44 +102,64 @@ fn ask_crop(
     Ok(found)
 }
 
-/// Every answer to `prompts` that is worth a look, with its number among the answers to its prompt. Those that the
-/// network rates too low for the grid are not brought to the image's size when there are points of a grid only.
-pub(super) fn answers(
-    segmenter: &mut dyn PointSegmenter,
-    prompts: &[Vec<[f32; 2]>],
-    image: [usize; 2],
-    window: PixelRect,
-    settings: &MaskSettings,
-) -> Result<Vec<(usize, FoundMask)>> {
-    let prediction = segmenter.predict(prompts)?;
-    let [map_width, map_height] = prediction.size;
-    let num = prompts.len() * prediction.masks_per_prompt;
-    let map_len = map_width * map_height;
-    if map_len == 0 || prediction.logits.len() != num * map_len || prediction.predicted_iou.len() != num {
+/// An answer whose lengths do not fit is an error.
+fn checked(prediction: Prediction, num_prompts: usize) -> Result<Prediction> {
+    let [width, height] = prediction.size;
+    let (answers, len) = (prediction.masks_per_prompt, width * height);
+    let num = num_prompts * answers;
+    if num == 0 || len == 0 || prediction.logits.len() != num * len || prediction.predicted_iou.len() != num {
         return Err(Error::input(
             format!(
-                "the mask decoder gave {} logits and {} ratings for {} prompts with {} masks of {map_width}×{map_height}",
+                "the mask decoder gave {} logits and {} ratings for {num_prompts} prompts with {answers} masks of {width}×{height}",
                 prediction.logits.len(),
                 prediction.predicted_iou.len(),
-                prompts.len(),
-                prediction.masks_per_prompt
             ),
             "Encoder and decoder may not belong together.",
         ));
     }
-    let upsampler = Upsampler::new(image, window, prediction.size, prediction.extent);
-    let is_single = prompts.first().is_none_or(|prompt| prompt.len() == 1);
-    let least = if is_single { settings.min_predicted_iou } else { 0.0 };
+    Ok(prediction)
+}
+
+/// The logits of each prompt's answer that the network rates best, within what Segment Anything reads.
+fn best_answers(prediction: &Prediction) -> Vec<f32> {
+    /// Segment Anything's own interactive prediction gives no larger logits back.
+    const LARGEST: f32 = 32.0;
+    let len = prediction.size[0] * prediction.size[1];
+    let answers = prediction.masks_per_prompt;
+    let best = |(prompt, ratings): (usize, &[f32])| {
+        let best = (0..answers).max_by(|&a, &b| ratings[a].total_cmp(&ratings[b])).unwrap_or(0);
+        prompt * answers + best
+    };
+    let numbers = prediction.predicted_iou.chunks_exact(answers).enumerate().map(best);
+    let logits = numbers.flat_map(|number| &prediction.logits[number * len..][..len]);
+    logits.map(|v| v.clamp(-LARGEST, LARGEST)).collect()
+}
+
+/// The good answers among `prediction`, at the size of the image.
+fn candidates(
+    prediction: &Prediction,
+    area: PixelRect,
+    crop: &Crop,
+    settings: &MaskSettings,
+) -> Vec<Candidate> {
+    let w = crop.window;
+    let upsampler = Upsampler::new([area.width, area.height], w, prediction.size, prediction.extent);
     let look = |(i, logits): (usize, &[f32])| {
         let predicted_iou = prediction.predicted_iou[i];
-        if !(predicted_iou > least) {
+        if !(predicted_iou > settings.min_predicted_iou) {
             return None;
         }
         let measured = upsampler.measure(logits, settings.stability_offset)?;
+        let is_good = measured.stability >= settings.min_stability;
         let found = FoundMask { mask: measured.mask, predicted_iou, stability: measured.stability };
-        Some((i % prediction.masks_per_prompt, found))
+        (is_good && !crop.cuts(found.mask.bounds(), area)).then(|| Candidate {
+            found,
+            answer: i % prediction.masks_per_prompt,
+            crop_px: w.width * w.height,
+        })
     };
-    Ok(prediction.logits.par_chunks_exact(map_len).enumerate().filter_map(look).collect())
+    let maps = prediction.logits.par_chunks_exact(prediction.size[0] * prediction.size[1]);
+    maps.enumerate().filter_map(look).collect()
 }
 
 /// The candidates of a crop, all and by answer, without those that repeat another one's box.
@@ -175,7 +194,11 @@ fn finish(candidates: Vec<Candidate>, keep: &Mask, settings: &MaskSettings) -> V
         let inside = BitMask::of(keep);
         let px = |f: &FoundMask| inside.as_ref().map_or(0, |inside| inside.intersection_px(&f.mask));
         let most_px = settings.max_share * keep.count() as f32;
-        found.retain(|f| 2 * px(f) >= f.mask.area_px() && px(f) as f32 <= most_px);
+        let says_something = |f: &FoundMask| px(f) as f32 <= most_px;
+        found.retain(|f| 2 * px(f) >= f.mask.area_px());
+        if found.iter().any(says_something) {
+            found.retain(says_something);
+        }
     }
     let scores: Vec<f32> = found.iter().map(|f| f.stability * f.predicted_iou).collect();
     let masks: Vec<&BitMask> = found.iter().map(|f| &f.mask).collect();

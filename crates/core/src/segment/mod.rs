@@ -2,11 +2,11 @@
 //! Segment Anything's mask generator and LangSplat's four levels).
 //!
 //! Points on the image and on crops of it are put to a [`PointSegmenter`]; its coarse logits become [`BitMask`]s
-//! (`upsample`), poor and repeated ones go (`nms`), small holes and islands are mended (`regions`). What no mask covers
-//! is asked about once more, with several points inside it (`gaps`).
+//! (`upsample`), poor and repeated ones go (`nms`), small holes and islands are mended (`regions`). Points that look alike
+//! are asked together as well (`alike`).
 
+mod alike;
 mod bit_mask;
-mod gaps;
 mod generate;
 mod grid;
 mod nms;
@@ -17,7 +17,7 @@ mod upsample;
 pub use bit_mask::BitMask;
 pub use generate::automatic_masks;
 
-use crate::{Result, grid::Grid};
+use crate::{Result, grid::Grid, prepare::DenseMap};
 use image::RgbImage;
 
 /// A network that finds what lies at a point of a picture.
@@ -26,8 +26,15 @@ pub trait PointSegmenter {
     fn set_image(&mut self, image: &RgbImage) -> Result<()>;
 
     /// Asks once per item of `prompts`, each some points (x, y) in pixels of the picture that one thing covers. All
-    /// prompts have the same number of points.
-    fn predict(&mut self, prompts: &[Vec<[f32; 2]>]) -> Result<Prediction>;
+    /// prompts have the same number of points. `earlier` are answers to the same prompts that should be bettered,
+    /// [prompts][rows × columns] logits of the size that [`Self::earlier_size`] says.
+    fn predict(&mut self, prompts: &[Vec<[f32; 2]>], earlier: Option<&[f32]>) -> Result<Prediction>;
+
+    /// Columns and rows of the earlier answers it can better; `None` if it cannot.
+    fn earlier_size(&self) -> Option<[usize; 2]>;
+
+    /// What its encoder made of the picture, place by place; `None` if that is not to be had.
+    fn features(&self) -> Option<DenseMap>;
 
     /// How many prompts are best asked at once.
     fn batch(&self) -> usize;
@@ -75,10 +82,10 @@ pub struct MaskSettings {
     pub mask_nms: MaskNms,
     /// Whether points outside the supervision mask, and masks that lie there mostly, are left out.
     pub inside_only: bool,
-    /// A mask that covers more than this share of the pixels that matter says nothing and goes.
+    /// A mask that covers more than this share of the pixels that matter says nothing and goes, unless all do.
     pub max_share: f32,
-    /// How often the largest part that no mask of the default level covers is asked about.
-    pub gap_prompts: usize,
+    /// At most so many groups of points that look alike are asked about, too; each answer is then bettered once.
+    pub alike_prompts: usize,
     /// Whether smaller masks are painted over larger ones, instead of in the order of the list.
     pub small_on_top: bool,
 }
@@ -111,25 +118,29 @@ impl MaskSettings {
             mask_nms: MaskNms { iou: 0.8, score: 0.7, containment: 0.5 },
             inside_only: false,
             max_share: 1.0,
-            gap_prompts: 0,
+            alike_prompts: 0,
             small_on_top: false,
         }
     }
 
-    /// One grid of `points_per_side` points along a side, without crops; what stays uncovered is asked about.
+    /// One grid of `points_per_side` points along a side, without crops, and groups of points that look alike.
     ///
-    /// Masks inside larger ones stay: by the authors' rule one mask of the whole view takes everything else with it.
+    /// The rules are looser than the authors': by theirs one mask of the whole view takes everything else with it, and
+    /// dim surfaces, of whose borders a network is never sure, are left out. Smaller masks lie on larger ones in the end,
+    /// so that a poor large one shows only where nothing better is.
     pub fn of_grid(points_per_side: usize) -> Self {
-        let paper = Self::paper();
         Self {
             points_per_side,
             crop_layers: 0,
-            mask_nms: MaskNms { containment: 1.0, ..paper.mask_nms },
+            min_predicted_iou: 0.35,
+            min_stability: 0.2,
+            box_nms_iou: 1.0,
+            mask_nms: MaskNms { iou: 0.9, score: 0.0, containment: 1.0 },
             inside_only: true,
             max_share: 0.95,
-            gap_prompts: 8,
+            alike_prompts: 60,
             small_on_top: true,
-            ..paper
+            ..Self::paper()
         }
     }
 }

@@ -30,16 +30,6 @@ pub(super) fn without_small_regions(mask: &BitMask, min_px: usize) -> Option<Bit
     (!small.is_empty() || !dropped.is_empty()).then(|| BitMask::from_rows(width, &rows)).flatten()
 }
 
-/// The largest part that hangs together, over corners too; of equal ones the first.
-pub(super) fn largest_island(mask: &BitMask) -> BitMask {
-    let rows = rows_of(mask);
-    let islands = parts(&rows, mask.width(), true);
-    let largest = islands.into_iter().rev().max_by_key(|island| area(island)).unwrap_or_default();
-    let mut only = vec![0; rows.len()];
-    largest.iter().for_each(|run| flip(&mut only, mask.width().div_ceil(WORD), run));
-    BitMask::from_rows(mask.width(), &only).unwrap_or_else(|| mask.clone())
-}
-
 /// The words of every row of the image.
 fn rows_of(mask: &BitMask) -> Vec<u64> {
     let columns = mask.width().div_ceil(WORD);
@@ -169,12 +159,6 @@ mod tests {
         );
         let equal = mask(&["#...#"]);
         assert_eq!(without_small_regions(&equal, 2), Some(mask(&["#...."])));
-    }
-
-    #[test]
-    fn the_largest_island_is_found() {
-        assert_eq!(largest_island(&mask(&["##..#", "....#", "...#."])), mask(&["....#", "....#", "...#."]));
-        assert_eq!(largest_island(&mask(&["##.##"])), mask(&["##..."]));
     }
 
     #[test]
