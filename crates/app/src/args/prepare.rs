@@ -61,11 +61,11 @@ pub struct PrepareArgs {
 /// How many points pictures are asked at for masks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum MaskDensity {
-    /// 8×8 points
+    /// 8×8 points, and groups of points that look alike
     Coarse,
-    /// 16×16 points
+    /// 16×16 points, and the same groups
     Medium,
-    /// 32×32 points
+    /// 32×32 points, and the same groups
     Fine,
     /// 32×32 points on the picture and on each of four crops, as the paper's authors: many minutes a frame on a CPU
     Paper,

@@ -2,6 +2,7 @@
 //!
 //! `cargo test` lets it act a few hundred times. For long:
 //! `MONKEY_MINUTES=30 MONKEY_SEED=1 cargo test --release -p surgtpgs monkey_for_long -- --ignored --nocapture`
+//! (with `--release`: otherwise egui keeps the names of all ids for its messages, and memory grows with them).
 
 use super::*;
 use crate::{
