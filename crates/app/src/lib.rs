@@ -17,5 +17,10 @@ mod tables;
 pub mod viewer;
 
 /// A window open for hours starts many short-lived threads; the C library's allocator keeps what each of them left behind.
+#[cfg(not(test))]
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+/// The same, counting what is in use.
+#[cfg(test)]
+#[global_allocator]
+static ALLOCATOR: cap::Cap<mimalloc::MiMalloc> = cap::Cap::new(mimalloc::MiMalloc, usize::MAX);

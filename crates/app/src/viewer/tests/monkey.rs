@@ -335,41 +335,48 @@ fn a_monkey_does_no_harm() {
     monkey.round();
 }
 
-/// Memory of this process, MB; `None` where the system does not tell.
-fn resident_mb() -> Option<f64> {
+/// What Linux says of this process.
+fn status(name: &str) -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find(|l| l.starts_with("VmRSS:"))?;
-    line.split_whitespace().nth(1)?.parse::<f64>().ok().map(|kib| kib / 1024.0)
+    let line = status.lines().find(|l| l.starts_with(name))?;
+    line.split_whitespace().nth(1)?.parse().ok()
 }
 
-/// Memory must not grow: the middle of the last third of the rounds is at most 5 % above that of the second.
+/// Waits until all jobs that were stopped have ended: there are no more threads than `usual`.
+fn wait_for_threads(usual: Option<f64>) {
+    let began = Instant::now();
+    while usual.zip(status("Threads:")).is_some_and(|(usual, now)| now > usual) {
+        assert!(began.elapsed() < Duration::from_secs(60), "a job that was stopped does not end");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// Memory in use must not grow: the middle of the last third of the rounds is at most 5 % above that of the second.
 #[test]
 #[ignore = "takes as long as MONKEY_MINUTES says"]
 fn a_monkey_for_long() {
+    const MB: f64 = (1 << 20) as f64;
     let number = |name: &str| std::env::var(name).ok().and_then(|v| v.parse::<u64>().ok());
     let (minutes, seed) = (number("MONKEY_MINUTES").unwrap_or(30), number("MONKEY_SEED").unwrap_or(1));
     let (mut monkey, began) = (Monkey::new(seed), Instant::now());
-    let mut memory = Vec::new();
+    monkey.tidy_up();
+    let usual = status("Threads:");
+    let mut in_use = Vec::new();
     while began.elapsed() < Duration::from_secs(60 * minutes) {
         monkey.round();
-        memory.extend(resident_mb());
-        eprintln!(
-            "{:5.0} s, {} rounds, {:.0} MB",
-            began.elapsed().as_secs_f64(),
-            memory.len(),
-            memory[memory.len() - 1]
-        );
+        wait_for_threads(usual);
+        in_use.push(crate::ALLOCATOR.allocated() as f64 / MB);
+        let resident = status("VmRSS:").unwrap_or(0.0) / 1024.0;
+        let [seconds, used] = [began.elapsed().as_secs_f64(), in_use[in_use.len() - 1]];
+        eprintln!("{seconds:5.0} s, {} rounds, {used:.1} MB in use, {resident:.0} MB resident", in_use.len());
     }
-    let third = memory.len() / 3;
+    let third = in_use.len() / 3;
     let middle = |part: &[f64]| {
         let mut sorted = part.to_vec();
         sorted.sort_by(f64::total_cmp);
-        sorted.get(sorted.len() / 2).copied()
+        sorted[sorted.len() / 2]
     };
-    let (before, after) = (middle(&memory[third..2 * third]), middle(&memory[2 * third..]));
-    eprintln!("{} acts; memory {before:?}, then {after:?} MB", memory.len() * ACTS_PER_ROUND);
-    assert!(
-        before.zip(after).is_none_or(|(a, b)| b < 1.05 * a),
-        "memory grows from {before:?} to {after:?} MB"
-    );
+    let (before, after) = (middle(&in_use[third..2 * third]), middle(&in_use[2 * third..]));
+    eprintln!("{} acts; {before:.1}, then {after:.1} MB in use", in_use.len() * ACTS_PER_ROUND);
+    assert!(after < 1.05 * before, "memory grows from {before} to {after} MB");
 }
