@@ -9,6 +9,7 @@ use crate::{
     jobs::{self, DemoOptions},
     viewer::{
         command::{COMMANDS, Command, Entry, Scope, entry},
+        document::Content,
         engine_source::EngineBackend,
         keymap,
     },
@@ -293,13 +294,15 @@ impl Monkey {
         }
     }
 
-    /// Ends what is going on, opens the scene again and waits for its picture; removes what was written.
+    /// Ends what is going on, forgets what was asked, opens the scene again and waits for its picture; removes what was
+    /// written.
     fn tidy_up(&mut self) {
         self.size = vec2(1280.0, 800.0);
         self.harness.set_size(self.size);
         let state = self.harness.state_mut();
         (state.training, state.export, state.quality, state.train_dialog) = (None, None, None, None);
         (state.sheet, state.problem, state.go_to) = (None, None, None);
+        state.document.load(Content::default(), 0);
         self.open("scene.safetensors");
         let began = Instant::now();
         let is_there = |app: &ViewerApp| {
