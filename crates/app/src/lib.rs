@@ -16,11 +16,7 @@ pub mod settings;
 mod tables;
 pub mod viewer;
 
-/// A window open for hours starts many short-lived threads; the C library's allocator keeps what each of them left behind.
-#[cfg(not(test))]
-#[global_allocator]
-static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
-/// The same, counting what is in use.
+/// The system's, counting what is in use: what grows with time would show (`viewer::tests::monkey`).
 #[cfg(test)]
 #[global_allocator]
-static ALLOCATOR: cap::Cap<mimalloc::MiMalloc> = cap::Cap::new(mimalloc::MiMalloc, usize::MAX);
+static ALLOCATOR: cap::Cap<std::alloc::System> = cap::Cap::new(std::alloc::System, usize::MAX);
