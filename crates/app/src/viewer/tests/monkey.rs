@@ -368,7 +368,8 @@ fn wait_for_threads(usual: Option<f64>) {
     }
 }
 
-/// Memory in use must not grow: the middle of the last third of the rounds is at most 5 % above that of the second.
+/// Memory in use must not grow: the lower quartile of the last third of the rounds is at most 5 % above that of the second.
+/// (Lower, because what a round leaves behind is there after every one; what it left open, large letters say, is not.)
 #[test]
 #[ignore = "takes as long as MONKEY_MINUTES says"]
 fn a_monkey_for_long() {
@@ -388,12 +389,12 @@ fn a_monkey_for_long() {
         eprintln!("{seconds:5.0} s, {} rounds, {used:.1} MB in use, {resident:.0} MB resident", in_use.len());
     }
     let third = in_use.len() / 3;
-    let middle = |part: &[f64]| {
+    let quartile = |part: &[f64]| {
         let mut sorted = part.to_vec();
         sorted.sort_by(f64::total_cmp);
-        sorted[sorted.len() / 2]
+        sorted[sorted.len() / 4]
     };
-    let (before, after) = (middle(&in_use[third..2 * third]), middle(&in_use[2 * third..]));
+    let (before, after) = (quartile(&in_use[third..2 * third]), quartile(&in_use[2 * third..]));
     eprintln!("{} acts; {before:.1}, then {after:.1} MB in use", in_use.len() * ACTS_PER_ROUND);
     assert!(after < 1.05 * before, "memory grows from {before} to {after} MB");
 }
