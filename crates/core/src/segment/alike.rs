@@ -5,11 +5,13 @@
 //! joined one by one (Ward's hierarchical clustering), and every group that arises is a question.
 
 use crate::{
+    codec::normalise_rows,
     grid::{Grid, Mask},
     prepare::DenseMap,
 };
 use image::{RgbImage, imageops::FilterType};
 use kodama::{Method, linkage};
+use ndarray::Array2;
 use rayon::prelude::*;
 
 /// Points per prompt.
@@ -62,10 +64,9 @@ fn kept_cells(keep: &Mask, columns: usize, rows: usize) -> Vec<usize> {
 /// What each cell looks like, [rows × columns][dim + 3]: its mean feature at length 1, and its weighted colour.
 fn looks(image: &RgbImage, features: Option<&DenseMap>, columns: usize, rows: usize) -> Vec<Vec<f32>> {
     let small = image::imageops::resize(image, columns as u32, rows as u32, FilterType::Triangle);
-    let mut looks = vec![Vec::new(); columns * rows];
-    if let Some(map) = features.filter(|map| map.width * map.height > 0) {
-        looks = mean_features(map, columns, rows);
-    }
+    let map = features.filter(|map| map.width * map.height > 0);
+    let mut looks =
+        map.map_or_else(|| vec![Vec::new(); columns * rows], |map| mean_features(map, columns, rows));
     for (look, pixel) in looks.iter_mut().zip(small.pixels()) {
         let [r, g, b] = pixel.0.map(|v| f32::from(v) / 255.0);
         let colour = [(r + g + b) / 3.0, r - g, (r + g) / 2.0 - b];
@@ -88,12 +89,11 @@ fn mean_features(map: &DenseMap, columns: usize, rows: usize) -> Vec<Vec<f32>> {
                 mean.iter_mut().zip(place).for_each(|(mean, v)| *mean += v);
             }
         }
-        let length = mean.iter().map(|v| v * v).sum::<f32>().sqrt();
-        // Too short, or not finite: no feature.
-        let scale = if length > f32::MIN_POSITIVE && length.is_finite() { 1.0 / length } else { 0.0 };
-        mean.iter().map(|v| if scale == 0.0 { 0.0 } else { v * scale }).collect()
+        mean
     };
-    (0..columns * rows).map(cell).collect()
+    let means: Vec<f32> = (0..columns * rows).flat_map(cell).collect();
+    let table = Array2::from_shape_vec((columns * rows, map.dim), means).unwrap_or_default();
+    normalise_rows(table).outer_iter().map(|row| row.to_vec()).collect()
 }
 
 /// Every group that arises when rows are joined two by two, the last and largest first; each with the numbers of its rows.

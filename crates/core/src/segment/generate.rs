@@ -54,11 +54,12 @@ pub fn automatic_masks(
         let w = crop.window;
         let [x, y, columns, rows] = [w.x, w.y, w.width, w.height].map(|v| v as u32);
         segmenter.set_image(&image::imageops::crop_imm(image, x, y, columns, rows).to_image())?;
-        let mut prompts: Vec<_> = points.into_iter().map(|point| vec![point]).collect();
-        let mut found = ask(segmenter, &prompts, area, crop, settings, &mut told)?;
+        let single: Vec<_> = points.into_iter().map(|point| vec![point]).collect();
+        let mut found = ask(segmenter, &single, area, crop, settings, &mut told)?;
         if w == area {
-            prompts = alike::prompts(image, segmenter.features().as_ref(), keep, settings.alike_prompts);
-            found.extend(ask(segmenter, &prompts, area, crop, settings, &mut told)?);
+            let features = segmenter.features();
+            let groups = alike::prompts(image, features.as_ref(), keep, settings.alike_prompts);
+            found.extend(ask(segmenter, &groups, area, crop, settings, &mut told)?);
         }
         for (pool, list) in pools.iter_mut().zip(lists_of_crop(found, settings)) {
             pool.push(list);
