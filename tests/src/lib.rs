@@ -2,8 +2,9 @@
 
 use std::{
     ffi::OsStr,
+    io::{BufRead, BufReader},
     path::{Path, PathBuf},
-    process::{Command, Output},
+    process::{Child, Command, Output, Stdio},
     sync::OnceLock,
 };
 
@@ -99,6 +100,27 @@ pub fn run_in<S: AsRef<OsStr>>(folder: &Path, args: &[S]) -> Run {
         Ok(output) => output.into(),
         Err(e) => panic!("{} does not start: {e}", binary().display()),
     }
+}
+
+/// Starts the program in `folder` and waits until it trains for the n-th time.
+pub fn start_until_training(folder: &Path, args: &[&str], n: usize) -> Child {
+    let mut command = command_in(folder);
+    command.args(args).stdout(Stdio::null()).stderr(Stdio::piped());
+    let mut child = match command.spawn() {
+        Ok(child) => child,
+        Err(e) => panic!("{} does not start: {e}", binary().display()),
+    };
+    let said = child.stderr.as_mut().map(|said| BufReader::new(said).lines());
+    let trains = said.into_iter().flatten().map_while(Result::ok).filter(|line| line.starts_with("training …"));
+    assert_eq!(trains.take(n).count(), n, "{args:?} ended before it trained");
+    child
+}
+
+/// Sends a signal, `-TERM` for instance.
+#[cfg(unix)]
+pub fn signal(child: &Child, signal: &str) {
+    let sent = Command::new("kill").args([signal, &child.id().to_string()]).status();
+    assert!(sent.is_ok_and(|status| status.success()), "{signal} cannot be sent");
 }
 
 /// A tiny demo taken through the whole flow once, for all tests to look at.

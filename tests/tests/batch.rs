@@ -1,11 +1,10 @@
 use serde_json::Value;
 use std::{
-    io::{BufRead, BufReader},
     path::Path,
-    process::{Child, Stdio},
+    process::Child,
     time::{Duration, SystemTime},
 };
-use surgtpgs_tests::{Run, command_in, run_in};
+use surgtpgs_tests::{Run, run_in, signal, start_until_training};
 use tempfile::TempDir;
 
 const HOSTILE: &str = "<script>alert(1)</script> | *x*";
@@ -45,13 +44,7 @@ impl Batch {
 
     /// Starts a batch and waits until it trains for the n-th time.
     fn start_until_training(&self, n: usize) -> Child {
-        let mut command = command_in(self.path());
-        command.args(["batch", "jobs.toml"]).stdout(Stdio::null()).stderr(Stdio::piped());
-        let mut child = command.spawn().unwrap();
-        let said = BufReader::new(child.stderr.as_mut().unwrap()).lines();
-        let trains = said.map_while(Result::ok).filter(|line| line.starts_with("training …"));
-        assert_eq!(trains.take(n).count(), n);
-        child
+        start_until_training(self.path(), &["batch", "jobs.toml"], n)
     }
 }
 
@@ -155,8 +148,7 @@ fn a_training_that_was_stopped_or_killed_is_gone_on_with() {
 
     let mut child = batch.start_until_training(1);
     std::thread::sleep(Duration::from_millis(200));
-    let interrupt = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status();
-    assert!(interrupt.unwrap().success());
+    signal(&child, "-INT");
     assert_eq!(child.wait().unwrap().code(), Some(1));
     assert_eq!((state("short", "train"), state("long", "train")), ("done".into(), "unfinished".into()));
     assert!(batch.path().join("jobs/long/scene.unfinished").exists());

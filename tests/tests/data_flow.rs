@@ -326,22 +326,18 @@ fn reconstruction_stands_in_where_the_recording_is_gone() {
 #[cfg(unix)]
 fn an_interrupted_training_goes_on_where_it_stopped() {
     let flow = flow();
+    let train = ["train", "prepared", "-o", "interrupted.safetensors"];
     let steps = ["--iterations", "4000"];
-    let mut child = surgtpgs_tests::command_in(flow.path())
-        .args(["train", "prepared", "-o", "interrupted.safetensors", "--json"])
-        .args(steps)
-        .stdout(std::process::Stdio::piped())
-        .stderr(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
-    std::thread::sleep(std::time::Duration::from_secs(1));
-    let interrupt = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status();
-    assert!(interrupt.unwrap().success() && child.wait().unwrap().success());
-    assert!(flow.path().join("interrupted.safetensors").exists(), "what is done is a scene");
-    let again = flow.run(&["train", "prepared", "-o", "interrupted.safetensors"]);
-    assert!(again.refused(1).contains("--resume"));
-    let resumed =
-        flow.run(&["train", "prepared", "-o", "interrupted.safetensors", "--resume", "--json"]).ok();
+    // By hand, then by a scheduler.
+    for (how, sent) in [(&steps[..], "-INT"), (&["--resume"][..], "-TERM")] {
+        let mut child = surgtpgs_tests::start_until_training(flow.path(), &[&train, how].concat(), 1);
+        std::thread::sleep(std::time::Duration::from_millis(300));
+        surgtpgs_tests::signal(&child, sent);
+        assert!(child.wait().unwrap().success(), "{sent}");
+        assert!(flow.path().join("interrupted.safetensors").exists(), "what is done is a scene");
+        assert!(flow.run(&train).refused(1).contains("--resume"));
+    }
+    let resumed = flow.run(&[&train[..], &["--resume", "--json"]].concat()).ok();
     assert_eq!(resumed.json()["finished"], true);
     assert!(!flow.path().join("interrupted.unfinished").exists());
     let whole = ["train", "prepared", "-o", "whole.safetensors", "--json", steps[0], steps[1]];

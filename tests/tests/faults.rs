@@ -27,7 +27,7 @@ struct Writer {
     output: &'static str,
 }
 
-const WRITERS: [Writer; 8] = [
+const WRITERS: [Writer; 9] = [
     Writer {
         name: "demo",
         args: &["demo", "-o", "out", "--width", "64", "--height", "48", "--frames", "3"],
@@ -61,7 +61,12 @@ const WRITERS: [Writer; 8] = [
         output: "out.safetensors",
     },
     Writer { name: "eval", args: &["eval", "scene.safetensors", "prepared", "-o", "out"], output: "out" },
+    Writer { name: "batch", args: &["batch", "jobs.toml", "-o", "out"], output: "out" },
 ];
+
+/// What the batch does.
+const JOBS: &str = "[defaults]\nlabels = true\niterations = 2\nbackend = \"cpu\"\nprompts = [\"liver\"]\n\
+    formats = [\"csv\"]\n[[recording]]\npath = \"recording\"\n";
 
 /// Bytes that a file may have: nothing, within headers, within the bodies.
 const BUDGETS: [u64; 4] = [0, 100, 700, 3000];
@@ -109,6 +114,7 @@ fn workplace() -> tempfile::TempDir {
         }
     }
     fs::copy(flow().at("scene.safetensors"), folder.path().join("scene.safetensors")).unwrap();
+    fs::write(folder.path().join("jobs.toml"), JOBS).unwrap();
     folder
 }
 
@@ -136,6 +142,9 @@ fn a_full_disk_or_a_kill_at_any_point_loses_nothing_and_the_work_can_be_finished
                 if broken.code == 0 {
                     // Nothing it writes is as large.
                     assert!(folder.path().join(writer.output).exists(), "{case}");
+                } else if fault == Fault::Full && writer.name == "batch" {
+                    // It goes on with other recordings and lists what failed.
+                    assert!(broken.code == 1 && broken.stderr.contains("could not write"), "{case}: {broken:#?}");
                 } else if fault == Fault::Full {
                     broken.refused(1);
                 }

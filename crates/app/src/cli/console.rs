@@ -6,7 +6,7 @@ use std::{
     ops::ControlFlow,
     path::Path,
     sync::{
-        OnceLock,
+        Once,
         atomic::{AtomicBool, Ordering},
     },
     time::{Duration, Instant},
@@ -59,7 +59,7 @@ impl Default for ProgressView {
 }
 
 impl ProgressView {
-    /// Shows where the job is; a break if the user has pressed Ctrl-C (see [`watch_interrupts`]).
+    /// Shows where the job is; a break if it shall stop (see [`watch_interrupts`]).
     pub fn show(&mut self, progress: &Progress<'_>) -> ControlFlow<()> {
         if self.stage != progress.stage {
             self.start_stage(progress);
@@ -117,21 +117,28 @@ impl Drop for ProgressView {
 
 static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 
-/// From now on Ctrl-C asks the job to stop and keep its work; a second one ends the program at once.
+/// From now on Ctrl-C, or what schedulers and systems that shut down send, asks the job to stop and keep its work; a
+/// second one ends the program at once.
 pub fn watch_interrupts() {
-    static INSTALLED: OnceLock<bool> = OnceLock::new();
-    INSTALLED.get_or_init(|| {
-        ctrlc::set_handler(|| {
-            if INTERRUPTED.swap(true, Ordering::SeqCst) {
-                std::process::exit(130);
-            }
-            say("stopping, the work so far is kept (press Ctrl-C again to end at once)");
-        })
-        .is_ok()
+    static INSTALLED: Once = Once::new();
+    INSTALLED.call_once(|| {
+        // Unwatched, a signal ends the program as it would any other.
+        let _ = ctrlc::set_handler(interrupt);
+        #[cfg(unix)]
+        if let Ok(mut signals) = signal_hook::iterator::Signals::new([signal_hook::consts::SIGTERM]) {
+            std::thread::spawn(move || signals.forever().for_each(|_| interrupt()));
+        }
     });
 }
 
-/// Whether the user has pressed Ctrl-C.
+fn interrupt() {
+    if INTERRUPTED.swap(true, Ordering::SeqCst) {
+        std::process::exit(130);
+    }
+    say("stopping, the work so far is kept (press Ctrl-C again to end at once)");
+}
+
+/// Whether the user, or the system, wants the program to stop.
 pub fn interrupted() -> bool {
     INTERRUPTED.load(Ordering::SeqCst)
 }

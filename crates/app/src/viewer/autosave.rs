@@ -27,8 +27,10 @@ pub(crate) struct Autosave {
     /// What was left behind, newest first.
     pub(crate) left: Vec<Left>,
     writing: Option<Job<()>>,
-    /// What is on disk.
+    /// What is on disk, or on its way.
     written: Option<Session>,
+    /// Whether the last write failed.
+    is_failing: bool,
     /// When something other than an edit is to be written, by the window's clock.
     due: Option<f64>,
     revision: u64,
@@ -78,29 +80,34 @@ impl Autosave {
         autosave
     }
 
-    /// Writes what is not saved: edits at once, anything else after [`EVERY_SECS`]. Returns in how many seconds to call
-    /// again, if nothing happens before.
+    /// Writes what is not saved: edits at once, anything else, and what could not be written, after [`EVERY_SECS`]. Returns
+    /// in how many seconds to call again, if nothing happens before. That it cannot be written is an error once, until it
+    /// can.
     pub(crate) fn keep(
         &mut self,
         now: f64,
         revision: u64,
         session: &Session,
         ctx: &egui::Context,
-    ) -> Option<f64> {
-        let place = self.place.as_ref()?;
-        if let Some(JobEvent::Done(result)) = self.writing.as_mut().and_then(Job::poll) {
-            self.writing = None;
-            if let Err(e) = result {
-                tracing::warn!("the work could not be kept: {e}");
+    ) -> Result<Option<f64>> {
+        match self.poll_writing() {
+            Some(Err(e)) => {
+                self.due = Some(now + EVERY_SECS);
+                if !std::mem::replace(&mut self.is_failing, true) {
+                    return Err(e);
+                }
             }
+            Some(Ok(())) => self.is_failing = false,
+            None => {}
         }
+        let Some(place) = &self.place else { return Ok(None) };
         if self.written.as_ref() == Some(session) {
             (self.due, self.revision) = (None, revision);
-            return None;
+            return Ok(None);
         }
         let due = *self.due.get_or_insert(now + EVERY_SECS);
         if revision == self.revision && now < due {
-            return Some(due - now);
+            return Ok(Some(due - now));
         }
         if self.writing.is_none() {
             let (file, theirs) = (place.file.clone(), session.clone());
@@ -108,16 +115,16 @@ impl Autosave {
             self.written = Some(session.clone());
             (self.due, self.revision) = (None, revision);
         }
-        None
+        Ok(None)
     }
 
     /// Nothing needs to be kept: it was saved elsewhere, or there is nothing.
     pub(crate) fn clear(&mut self, revision: u64) {
         (self.due, self.revision) = (None, revision);
         self.finish_writing();
-        if self.written.take().is_some()
-            && let Some(place) = &self.place
-        {
+        // A write that failed leaves the file of the one before.
+        let may_exist = self.written.take().is_some() | std::mem::take(&mut self.is_failing);
+        if may_exist && let Some(place) = &self.place {
             remove(&place.file);
         }
     }
@@ -150,11 +157,21 @@ impl Autosave {
         self.left.drain(..).for_each(|left| remove(&left.file));
     }
 
+    /// How the write ended, if it just did.
+    fn poll_writing(&mut self) -> Option<Result<()>> {
+        let Some(JobEvent::Done(result)) = self.writing.as_mut()?.poll() else { return None };
+        self.writing = None;
+        if result.is_err() {
+            self.written = None;
+        }
+        Some(result)
+    }
+
     fn finish_writing(&mut self) {
-        while let Some(job) = &mut self.writing {
-            match job.poll() {
-                Some(JobEvent::Done(_)) => self.writing = None,
-                _ => std::thread::yield_now(),
+        while self.writing.is_some() {
+            match self.poll_writing() {
+                Some(result) => self.is_failing = result.is_err(),
+                None => std::thread::yield_now(),
             }
         }
     }
@@ -167,7 +184,9 @@ fn lock(file: &Path) -> Option<File> {
 }
 
 fn remove(file: &Path) {
-    if let Err(e) = std::fs::remove_file(file) {
+    if let Err(e) = std::fs::remove_file(file)
+        && e.kind() != std::io::ErrorKind::NotFound
+    {
         tracing::warn!("what was kept could not be removed: {e} ({})", file.display());
     }
 }
@@ -191,7 +210,7 @@ mod tests {
         let (_held, folder) = folder();
         let ctx = egui::Context::default();
         let mut first = Autosave::open(folder.clone());
-        first.keep(0.0, 1, &session("a.safetensors"), &ctx);
+        first.keep(0.0, 1, &session("a.safetensors"), &ctx).unwrap();
         first.finish_writing();
         assert!(Autosave::open(folder.clone()).left.is_empty(), "the window is still open");
         drop(first);
@@ -212,24 +231,53 @@ mod tests {
         let ctx = egui::Context::default();
         let mut autosave = Autosave::open(folder.clone());
         let file = autosave.place.as_ref().unwrap().file.clone();
-        assert_eq!(autosave.keep(10.0, 0, &session("a"), &ctx), Some(EVERY_SECS));
-        assert_eq!(autosave.keep(20.0, 0, &session("b"), &ctx), Some(EVERY_SECS - 10.0));
+        assert_eq!(autosave.keep(10.0, 0, &session("a"), &ctx).unwrap(), Some(EVERY_SECS));
+        assert_eq!(autosave.keep(20.0, 0, &session("b"), &ctx).unwrap(), Some(EVERY_SECS - 10.0));
         assert!(!file.exists());
-        autosave.keep(10.0 + EVERY_SECS, 0, &session("c"), &ctx);
+        autosave.keep(10.0 + EVERY_SECS, 0, &session("c"), &ctx).unwrap();
         autosave.finish_writing();
         assert_eq!(Session::load(&file).unwrap(), session("c"));
-        autosave.keep(41.0, 1, &session("d"), &ctx);
+        autosave.keep(41.0, 1, &session("d"), &ctx).unwrap();
         autosave.finish_writing();
         assert_eq!(Session::load(&file).unwrap(), session("d"));
-        assert_eq!(autosave.keep(42.0, 1, &session("d"), &ctx), None, "nothing to do");
+        assert_eq!(autosave.keep(42.0, 1, &session("d"), &ctx).unwrap(), None, "nothing to do");
         autosave.clear(1);
+        assert!(!file.exists());
+    }
+
+    #[test]
+    fn what_cannot_be_written_is_said_once_and_tried_again() {
+        let (_held, folder) = folder();
+        let folder = folder.unwrap();
+        let ctx = egui::Context::default();
+        let mut autosave = Autosave::open(Some(folder.clone()));
+        let file = autosave.place.as_ref().unwrap().file.clone();
+        let settle = |autosave: &mut Autosave, now: f64, revision: u64, name: &str| loop {
+            match autosave.keep(now, revision, &session(name), &ctx) {
+                Ok(_) if autosave.writing.is_some() => std::thread::yield_now(),
+                told => return told,
+            }
+        };
+        assert_eq!(settle(&mut autosave, 0.0, 1, "a").unwrap(), None);
+        std::fs::rename(&folder, folder.with_extension("aside")).unwrap();
+        std::fs::write(&folder, "no folder").unwrap();
+        assert!(settle(&mut autosave, 1.0, 2, "b").is_err());
+        assert_eq!(settle(&mut autosave, 2.0, 2, "b").unwrap(), Some(EVERY_SECS - 1.0));
+        assert_eq!(settle(&mut autosave, 1.0 + EVERY_SECS, 2, "b").unwrap(), Some(EVERY_SECS), "said before");
+        assert!(autosave.keep_now(&session("b")).is_err());
+        std::fs::remove_file(&folder).unwrap();
+        std::fs::rename(folder.with_extension("aside"), &folder).unwrap();
+        assert_eq!(Session::load(&file).unwrap(), session("a"), "what was kept before is still there");
+        assert_eq!(settle(&mut autosave, 99.0, 2, "b").unwrap(), None);
+        assert_eq!(Session::load(&file).unwrap(), session("b"));
+        autosave.clear(2);
         assert!(!file.exists());
     }
 
     #[test]
     fn without_a_folder_and_with_damaged_files_it_goes_on() {
         let ctx = egui::Context::default();
-        assert_eq!(Autosave::open(None).keep(0.0, 1, &session("a"), &ctx), None);
+        assert_eq!(Autosave::open(None).keep(0.0, 1, &session("a"), &ctx).unwrap(), None);
         let (_held, folder) = folder();
         std::fs::create_dir_all(folder.as_ref().unwrap()).unwrap();
         std::fs::write(folder.as_ref().unwrap().join("0.surgtpgs"), "damaged").unwrap();

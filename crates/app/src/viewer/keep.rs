@@ -2,7 +2,7 @@
 
 use super::{
     app::ViewerApp,
-    command::{Command, tooltip},
+    command::{Command, tooltip, with_keys},
     document::Content,
     jobs::{Job, JobEvent},
     session::{self, Display, Session, Time},
@@ -127,8 +127,13 @@ impl ViewerApp {
             }
             return;
         };
-        if let Some(wait) = self.autosave.keep(now, revision, &session, ctx) {
-            ctx.request_repaint_after_secs(wait as f32);
+        match self.autosave.keep(now, revision, &session, ctx) {
+            Ok(Some(wait)) => ctx.request_repaint_after_secs(wait as f32),
+            Ok(None) => {}
+            Err(e) => {
+                let hint = with_keys("Save the session elsewhere", Command::SaveSessionAs);
+                self.problem.get_or_insert(format!("What is not saved yet cannot be kept safe: {e} {hint}."));
+            }
         }
     }
 

@@ -2,7 +2,7 @@
 
 use super::keymap::Keymap;
 use std::path::{Path, PathBuf};
-use surgtpgs_core::overlay::OverlayLook;
+use surgtpgs_core::{files::write_whole, overlay::OverlayLook};
 
 /// The remembered choices.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -62,12 +62,10 @@ impl Preferences {
     /// Writes them. Not being able to is no reason to bother anyone: they are only lost.
     pub(crate) fn save(&self) {
         let Some(file) = &self.file else { return };
-        let written = || -> Option<()> {
-            std::fs::create_dir_all(file.parent()?).ok()?;
-            std::fs::write(file, serde_json::to_string_pretty(self).ok()?).ok()
-        };
-        if written().is_none() {
-            tracing::warn!("the preferences could not be saved");
+        let text = serde_json::to_string_pretty(self).map_err(|e| e.to_string());
+        let written = text.and_then(|text| write_whole(file, text.as_bytes()).map_err(|e| e.to_string()));
+        if let Err(e) = written {
+            tracing::warn!("the preferences could not be saved: {e}");
         }
     }
 
@@ -128,6 +126,9 @@ mod tests {
         preferences.remember(Path::new("/scene5"));
         assert_eq!(preferences.recent.len(), MAX_RECENT);
         assert_eq!(preferences.recent[..2], [PathBuf::from("/scene5"), PathBuf::from("/scene11")]);
+        assert_eq!(Preferences::load(file.clone()), preferences);
+        // What cannot be written harms nothing.
+        Preferences { file: Some(file.as_ref().unwrap().join("no folder")), ..preferences.clone() }.save();
         assert_eq!(Preferences::load(file.clone()), preferences);
         preferences.forget_files(false);
         preferences.remember(Path::new("/secret"));

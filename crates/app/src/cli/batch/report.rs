@@ -244,7 +244,8 @@ impl Report {
     fn counts(&self) -> String {
         let states = ["done", "failed", "unfinished", "new"].map(|state| (self.count(state), state));
         let said = states.into_iter().filter(|(n, _)| *n > 0).map(|(n, state)| format!("{n} {state}"));
-        format!("{} recordings: {}", self.recordings.len(), said.collect::<Vec<_>>().join(", "))
+        let (n, s) = (self.recordings.len(), if self.recordings.len() == 1 { "" } else { "s" });
+        format!("{n} recording{s}: {}", said.collect::<Vec<_>>().join(", "))
     }
 
     /// What a person wants to know at the end of the run.

@@ -71,6 +71,21 @@ fn after_a_kill_everything_is_offered_again_and_comes_back() {
 }
 
 #[test]
+fn work_that_cannot_be_kept_is_said_with_what_to_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("unsaved");
+    let mut window = keeping(&place);
+    open(&mut window, Path::new("/data/clip.safetensors"));
+    std::fs::remove_dir_all(&place).unwrap();
+    std::fs::write(&place, "no folder").unwrap();
+    window.press(Key::M);
+    window.until(|app| app.problem.is_some());
+    window.harness.step();
+    assert!(window.shows("cannot be kept safe") && window.shows("Save the session elsewhere"));
+    assert!(window.harness.state().is_unsaved());
+}
+
+#[test]
 fn what_was_left_can_be_discarded_or_put_off() {
     let folder = tempfile::tempdir().unwrap();
     Session::new("/data/clip.safetensors".into()).save(&folder.path().join("0.surgtpgs")).unwrap();
