@@ -111,7 +111,8 @@ pub fn start_until_training(folder: &Path, args: &[&str], n: usize) -> Child {
         Err(e) => panic!("{} does not start: {e}", binary().display()),
     };
     let said = child.stderr.as_mut().map(|said| BufReader::new(said).lines());
-    let trains = said.into_iter().flatten().map_while(Result::ok).filter(|line| line.starts_with("training …"));
+    let trains =
+        said.into_iter().flatten().map_while(Result::ok).filter(|line| line.starts_with("training …"));
     assert_eq!(trains.take(n).count(), n, "{args:?} ended before it trained");
     child
 }

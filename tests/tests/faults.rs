@@ -144,7 +144,10 @@ fn a_full_disk_or_a_kill_at_any_point_loses_nothing_and_the_work_can_be_finished
                     assert!(folder.path().join(writer.output).exists(), "{case}");
                 } else if fault == Fault::Full && writer.name == "batch" {
                     // It goes on with other recordings and lists what failed.
-                    assert!(broken.code == 1 && broken.stderr.contains("could not write"), "{case}: {broken:#?}");
+                    assert!(
+                        broken.code == 1 && broken.stderr.contains("could not write"),
+                        "{case}: {broken:#?}"
+                    );
                 } else if fault == Fault::Full {
                     broken.refused(1);
                 }
