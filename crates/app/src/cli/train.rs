@@ -64,10 +64,8 @@ pub(super) fn train(args: &TrainArgs) -> Result<Report> {
     if report.finished {
         jobs::remove_file(&checkpoint)?;
     } else {
-        say(&format!(
-            "stopped after {} of {asked} steps; the scene is saved, and --resume goes on from here",
-            report.steps
-        ));
+        let then = if checkpoint.exists() { ", and --resume goes on from here" } else { "" };
+        say(&format!("stopped after {} of {asked} steps; the scene is saved{then}", report.steps));
     }
     if report.dropped_steps > 0 {
         say(&format!("{} steps were dropped because they were not finite", report.dropped_steps));

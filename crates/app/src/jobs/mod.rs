@@ -123,7 +123,7 @@ pub fn checkpoint_path(scene: &Path) -> PathBuf {
 const CHECKPOINT_SECONDS: f64 = 120.0;
 
 /// Trains on until all steps are done or the observer asks to stop. With a `checkpoint`, what is done is written there
-/// now and then, when stopped, and where something fails.
+/// now and then, when stopped, and where something fails; that it cannot be is logged.
 pub fn go_on(
     trainer: &mut Trainer,
     checkpoint: Option<&Path>,
@@ -171,7 +171,10 @@ fn steps(
         if let Some(path) = checkpoint
             && (stop || trainer.seconds() > kept_at + CHECKPOINT_SECONDS)
         {
-            trainer.save_checkpoint(path)?;
+            // No reason to end a training: its scene is smaller, and there may be room the next time.
+            if let Err(e) = trainer.save_checkpoint(path) {
+                tracing::warn!("step {} could not be kept to go on from: {e}", report.step);
+            }
             kept_at = trainer.seconds();
         }
         if stop {

@@ -1,4 +1,4 @@
-//! Recordings whose files vanish while they are trained on.
+//! Recordings whose files vanish while they are trained on, and disks that cannot keep what is done.
 
 use super::*;
 use std::fs;
@@ -58,4 +58,16 @@ fn training_whose_recording_vanishes_is_kept_and_goes_on_as_if_nothing_had_happe
         assert!(resumed.scene.gaussians == whole.scene.gaussians, "{iterations} steps");
         assert!(resumed.scene.deformation == whole.scene.deformation, "{iterations} steps");
     }
+}
+
+#[test]
+fn what_cannot_be_kept_to_go_on_from_ends_no_training() {
+    let here = Vanishing::new();
+    let nowhere = here.folder.path().join("recording/sequence.toml/scene.unfinished");
+    let mut stop = |p: &Progress<'_>| match p.done {
+        3 => ControlFlow::Break(()),
+        _ => ControlFlow::Continue(()),
+    };
+    let trained = go_on(&mut here.trainer(12), Some(&nowhere), &mut stop, &mut |_, _| {}).unwrap();
+    assert!(trained.steps == 3 && !trained.scene.gaussians.is_empty() && !nowhere.exists());
 }
