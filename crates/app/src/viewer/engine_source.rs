@@ -14,14 +14,14 @@ use super::{
 use crate::{
     engine::{self, Ask, Engine, EngineOptions, Motion, Question, Sample},
     evaluation::{self, Evaluation},
-    jobs::{self, DemoPaths, Material, PrepareOptions, Progress},
+    jobs::{self, DemoPaths, Material, PrepareOptions, Progress, Trained},
 };
 use image::RgbImage;
 use std::{
     ops::ControlFlow,
     path::{Path, PathBuf},
     sync::Arc,
-    time::Instant,
+    time::{Duration, Instant},
 };
 use surgtpgs_core::{
     Error, Result,
@@ -175,8 +175,28 @@ impl Backend for EngineBackend {
         if trained.steps == 0 {
             return Err(Error::Cancelled);
         }
-        trained.scene.save(&request.scene)?;
+        save_with_patience(&trained, &request.scene, job)?;
         Ok(request.scene.clone())
+    }
+}
+
+/// Seconds between two tries to save what was learned.
+const SAVE_EVERY: Duration = Duration::from_secs(1);
+/// What is said meanwhile.
+const NOT_SAVED: &str = "not saved yet";
+
+/// Saves what was learned. Where that fails, it says why and tries again until it works or the user stops it: minutes of
+/// work are not to be lost to a full disk.
+fn save_with_patience(trained: &Trained, file: &Path, job: &JobContext) -> Result<()> {
+    loop {
+        match trained.scene.save(file) {
+            Err(e) if !job.is_cancelled() => {
+                let detail = format!("{e} It is tried again until it works, or you stop.");
+                job.progress(NOT_SAVED, trained.steps, trained.steps, detail);
+                std::thread::sleep(SAVE_EVERY);
+            }
+            saved => return saved,
+        }
     }
 }
 
@@ -452,6 +472,45 @@ fn not_reconstructed() -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::viewer::jobs::{Job, JobEvent};
+
+    /// How a job ended, or `None` once it says that something is not saved yet.
+    fn wait(job: &mut Job<()>, until_told: bool) -> Option<Result<()>> {
+        loop {
+            match job.poll() {
+                Some(JobEvent::Done(result)) => return Some(result),
+                _ if until_told && job.progress.stage == NOT_SAVED => return None,
+                _ => std::thread::yield_now(),
+            }
+        }
+    }
+
+    #[test]
+    fn what_was_learned_is_saved_as_soon_as_there_is_room_or_given_up() {
+        let folder = tempfile::tempdir().unwrap();
+        let blocked = folder.path().join("results");
+        let file = blocked.join("clip.safetensors");
+        let scene = surgtpgs_core::stress::ordinary(5);
+        let start = || {
+            std::fs::write(&blocked, "no folder").unwrap();
+            let to = file.clone();
+            let trained = Trained { scene: scene.clone(), steps: 7, seconds: 1.0, psnr_db: 30.0, dropped: 0 };
+            Job::start("saving", &egui::Context::default(), move |job| save_with_patience(&trained, &to, job))
+        };
+        let mut waiting = start();
+        assert!(wait(&mut waiting, true).is_none());
+        assert!(waiting.progress.detail.contains("results"), "{}", waiting.progress.detail);
+        std::fs::remove_file(&blocked).unwrap();
+        assert!(wait(&mut waiting, false).unwrap().is_ok());
+        assert_eq!(Scene::load(&file).unwrap().gaussians, scene.gaussians);
+
+        std::fs::remove_dir_all(&blocked).unwrap();
+        let mut given_up = start();
+        assert!(wait(&mut given_up, true).is_none());
+        given_up.cancel();
+        let error = wait(&mut given_up, false).unwrap().unwrap_err();
+        assert!(error.to_string().contains("results"), "{error}");
+    }
 
     #[test]
     fn the_pivot_is_what_the_middle_of_the_picture_shows() {

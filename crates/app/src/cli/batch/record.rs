@@ -135,6 +135,7 @@ fn listing(path: &Path, except: &Path, with_times: bool) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::time::Duration;
 
     #[test]
     fn a_listing_sees_names_sizes_and_times() {
@@ -150,9 +151,13 @@ mod tests {
         assert_eq!(list().0, first.0, "results are no input");
         std::fs::remove_file(at("in/out/b")).unwrap();
         let file = std::fs::File::options().write(true).open(at("in/a")).unwrap();
-        file.set_modified(UNIX_EPOCH).unwrap();
-        assert_ne!(list().0, first.0);
-        assert_eq!(list().1, first.1);
+        // A clock that was put right, or never was.
+        let years = Duration::from_secs(60 * 365 * 86_400);
+        for time in [UNIX_EPOCH, UNIX_EPOCH - years, UNIX_EPOCH + 3 * years] {
+            file.set_modified(time).unwrap();
+            assert_ne!(list().0, first.0);
+            assert_eq!(list().1, first.1);
+        }
         std::fs::write(at("in/a"), b"12").unwrap();
         assert_ne!(list().1, first.1);
         std::fs::rename(at("in/a"), at("in/b")).unwrap();
