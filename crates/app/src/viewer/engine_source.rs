@@ -191,7 +191,8 @@ fn save_with_patience(trained: &Trained, file: &Path, job: &JobContext) -> Resul
     loop {
         match trained.scene.save(file) {
             Err(e) if !job.is_cancelled() => {
-                let detail = format!("{e} It is tried again until it works, or you stop.");
+                let detail =
+                    format!("{e} Free some space: it is tried again every second. Stopping gives it up.");
                 job.progress(NOT_SAVED, trained.steps, trained.steps, detail);
                 std::thread::sleep(SAVE_EVERY);
             }
