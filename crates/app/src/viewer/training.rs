@@ -143,6 +143,9 @@ fn progress_ui(ui: &mut Ui, training: &Training) {
     let stage = if progress.stage.is_empty() { "Starting" } else { &progress.stage };
     ui.label(RichText::new(format!("Reconstructing: {stage}")).strong());
     ui.add(ProgressBar::new(progress.fraction()).desired_height(10.0).fill(theme::ACCENT));
+    // What is below comes, goes and wraps; buttons must not move under the hand.
+    ui.horizontal(|ui| stop_ui(ui, training));
+    preview_ui(ui, training);
     let left = match progress.seconds_left() {
         _ if training.job.is_paused() => "paused".into(),
         Some(seconds) => format!("about {} left", duration(seconds)),
@@ -158,11 +161,6 @@ fn progress_ui(ui: &mut Ui, training: &Training) {
         ui.label(RichText::new(warning).font(theme::small()).color(theme::AMBER));
     }
     loss_curve_ui(ui, &training.curve);
-    // What is above comes and goes; a button must stay the same one between press and release.
-    ui.push_id("controls", |ui| {
-        preview_ui(ui, training);
-        ui.horizontal(|ui| stop_ui(ui, training));
-    });
 }
 
 fn stop_ui(ui: &mut Ui, training: &Training) {
