@@ -117,8 +117,7 @@ pub fn start_until_training(folder: &Path, args: &[&str], n: usize) -> Child {
     child
 }
 
-/// Sends a signal, `-TERM` for instance.
-#[cfg(unix)]
+/// Sends a signal, `-TERM` for instance, where systems know them.
 pub fn signal(child: &Child, signal: &str) {
     let sent = Command::new("kill").args([signal, &child.id().to_string()]).status();
     assert!(sent.is_ok_and(|status| status.success()), "{signal} cannot be sent");
