@@ -52,6 +52,8 @@ pub(crate) struct ViewerApp {
     demo: Option<Job<Demo>>,
     pub(super) train_dialog: Option<TrainDialog>,
     pub(super) training: Option<Training>,
+    /// What was reconstructed while something else was looked at.
+    pub(super) reconstructed: Option<PathBuf>,
     pub(super) import_check: Option<ImportCheck>,
     pub(super) export: Option<ExportDialog>,
     pub(super) quality: Option<Quality>,
@@ -145,6 +147,7 @@ impl ViewerApp {
             demo: None,
             train_dialog: None,
             training: None,
+            reconstructed: None,
             import_check: None,
             export: None,
             quality: None,
@@ -171,6 +174,7 @@ impl ViewerApp {
         self.session_to_apply = None;
         // Whoever opens something does not want the demo any more, which may still be in the making.
         self.demo = None;
+        self.reconstructed.take_if(|scene| scene == path);
         if Session::is_file(path) {
             let session = Session::load(path);
             if let Some(session) = self.settle(session) {
@@ -239,17 +243,13 @@ impl ViewerApp {
         self.open.as_ref().map(|o| &o.info)
     }
 
-    /// Starts training in the background.
-    pub(super) fn start_training(&mut self, request: TrainRequest, ctx: &Context) {
-        self.training = Some(Training::start(self.backend.clone(), request, ctx));
-    }
-
     /// One heartbeat.
     pub(crate) fn show(&mut self, ui: &mut Ui) {
         let ctx = ui.ctx().clone();
         let now = ctx.input(|i| i.time);
         self.is_moving = false;
         self.poll_jobs(&ctx);
+        self.hold_close(now, &ctx);
         self.take_picture(&ctx);
         for invocation in KeyRouter::take(&ctx) {
             self.run(invocation, &ctx);
@@ -329,28 +329,8 @@ impl ViewerApp {
         }
     }
 
-    fn poll_training(&mut self, ctx: &Context) {
-        while let Some(event) = self.training.as_mut().and_then(|t| t.job.poll()) {
-            match event {
-                JobEvent::Progress(_) => {}
-                JobEvent::Step(step, terms) => {
-                    if let Some(training) = &mut self.training {
-                        training.curve.push(step, terms);
-                    }
-                }
-                JobEvent::Preview(source) => self.show_preview(source),
-                JobEvent::Done(result) => {
-                    self.training = None;
-                    if let Some(scene) = self.settle(result) {
-                        self.open_path(&scene, ctx);
-                    }
-                }
-            }
-        }
-    }
-
     /// Shows how far the training is: beside the recorded frame, unless another view was chosen meanwhile.
-    fn show_preview(&mut self, source: Box<dyn FrameSource>) {
+    pub(super) fn show_preview(&mut self, source: Box<dyn FrameSource>) {
         let Some(open) = &mut self.open else { return };
         if !open.info.has_reconstruction && self.document.mode == ViewMode::Original {
             self.document.mode = ViewMode::SideBySide;
@@ -381,7 +361,9 @@ impl ViewerApp {
         self.document.look = Look::default();
         self.document.mode =
             if info.has_reconstruction { ViewMode::Reconstruction } else { ViewMode::Original };
-        (self.export, self.quality) = (None, None);
+        // A running export knows what it is about.
+        self.export.take_if(|export| !export.is_running());
+        self.quality = None;
         (self.ruler, self.probe) = (None, None);
         ctx.send_viewport_cmd(egui::ViewportCommand::Title(format!("{} – SurgTPGS", info.name)));
         let areas = Some(Areas::new(info.num_frames));
@@ -393,10 +375,11 @@ impl ViewerApp {
         let session_file = self.session_to_apply.as_ref().and_then(|(_, file)| file.clone());
         self.preferences.remember(session_file.as_deref().unwrap_or(path));
         self.apply_session(0.0);
-        if let Some(request) = self.train_when_open.take().filter(|r| r.recording == *path) {
+        let request = self.train_when_open.take().filter(|r| r.recording == *path);
+        if let Some(request) = request.filter(|_| self.training.is_none()) {
             self.start_training(request, ctx);
         }
-        let is_bare = self.training.is_none() && self.info().is_some_and(|i| !i.has_reconstruction);
+        let is_bare = !self.is_reconstructing() && self.info().is_some_and(|i| !i.has_reconstruction);
         let check = || ImportCheck::start(self.backend.clone(), path.to_owned(), ctx);
         self.import_check = is_bare.then(check);
     }

@@ -1,7 +1,7 @@
 //! The real engine behind the window's seam.
 
 use super::{
-    jobs::JobContext,
+    jobs::{JobContext, NOT_SAVED},
     measure::Lens,
     orbit::Orbit,
     source::{
@@ -48,7 +48,8 @@ impl Backend for EngineBackend {
     fn open(&self, path: &Path) -> Result<Box<dyn FrameSource>> {
         if Scene::is_named_like_one(path) {
             let engine = Engine::open(path, EngineOptions::default())?;
-            Ok(Box::new(SceneSource::new(engine, path.to_owned())))
+            let recording = engine.sequence().map(|s| s.path().to_owned());
+            Ok(Box::new(SceneSource::new(engine, path.to_owned(), recording)))
         } else {
             Ok(Box::new(RecordingSource::new(&Material::open(path)?, path.to_owned())))
         }
@@ -182,17 +183,15 @@ impl Backend for EngineBackend {
 
 /// Seconds between two tries to save what was learned.
 const SAVE_EVERY: Duration = Duration::from_secs(1);
-/// What is said meanwhile.
-const NOT_SAVED: &str = "not saved yet";
 
-/// Saves what was learned. Where that fails, it says why and tries again until it works or the user stops it: minutes of
-/// work are not to be lost to a full disk.
+/// Saves what was learned. Where that fails, it says why and tries again until it works or the user gives it up: minutes
+/// of work are not to be lost to a full disk, whether all steps were done or somebody stopped to keep what there was.
 fn save_with_patience(trained: &Trained, file: &Path, job: &JobContext) -> Result<()> {
+    let stops = job.num_stops();
     loop {
         match trained.scene.save(file) {
-            Err(e) if !job.is_cancelled() => {
-                let detail =
-                    format!("{e} Free some space: it is tried again every second. Stopping gives it up.");
+            Err(e) if job.num_stops() == stops => {
+                let detail = format!("{e} Free some space: it is tried again every second.");
                 job.progress(NOT_SAVED, trained.steps, trained.steps, detail);
                 std::thread::sleep(SAVE_EVERY);
             }
@@ -220,7 +219,7 @@ fn watch(job: &JobContext, progress: &Progress<'_>) -> ControlFlow<()> {
 /// A scene in the making.
 fn preview(scene: Scene, recording: &Path) -> Result<SceneSource> {
     let engine = Engine::new(Arc::new(scene), None, EngineOptions::default())?;
-    Ok(SceneSource::new(engine, recording.to_owned()))
+    Ok(SceneSource::new(engine, recording.to_owned(), Some(recording.to_owned())))
 }
 
 /// A scene, with its recording if that is still there.
@@ -234,7 +233,7 @@ struct SceneSource {
 }
 
 impl SceneSource {
-    fn new(engine: Engine, path: PathBuf) -> Self {
+    fn new(engine: Engine, path: PathBuf, recording: Option<PathBuf>) -> Self {
         let scene = engine.scene();
         let size = scene.cameras.first().map_or((0, 0), |c| (c.width as usize, c.height as usize));
         let moves =
@@ -249,6 +248,7 @@ impl SceneSource {
             name: scene.provenance.sequence_name.clone(),
             output_folder: output_folder(&path),
             path,
+            recording,
             num_frames: scene.num_frames(),
             width: size.0,
             height: size.1,
@@ -411,6 +411,7 @@ impl RecordingSource {
         let info = Info {
             name: sequence.name(),
             output_folder: output_folder(&path),
+            recording: Some(path.clone()),
             path,
             num_frames: sequence.num_frames(),
             width: sequence.width(),
@@ -432,6 +433,7 @@ impl RecordingSource {
             name: path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
             output_folder: output_folder(path),
             path: path.to_owned(),
+            recording: Some(path.to_owned()),
             num_frames: frames,
             width,
             height,

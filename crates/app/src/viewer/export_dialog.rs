@@ -115,6 +115,10 @@ impl ExportDialog {
         })
     }
 
+    pub(crate) fn is_running(&self) -> bool {
+        matches!(self.state, State::Running(_))
+    }
+
     /// Takes what the threads said; returns a problem to show.
     pub(crate) fn poll(&mut self) -> Option<String> {
         if let Some(JobEvent::Done(result)) = self.picking.as_mut().and_then(Job::poll) {

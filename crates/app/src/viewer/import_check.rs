@@ -41,7 +41,7 @@ impl ImportCheck {
 
 /// The report, for a recording that is not reconstructed.
 pub(crate) fn import_check_ui(ui: &mut Ui, app: &mut ViewerApp) {
-    let is_wanted = app.training.is_none() && app.info().is_some_and(|i| !i.has_reconstruction);
+    let is_wanted = !app.is_reconstructing() && app.info().is_some_and(|i| !i.has_reconstruction);
     let Some(check) = app.import_check.as_ref().filter(|_| is_wanted) else { return };
     let frame = Frame::new().fill(theme::RAISED).corner_radius(8).inner_margin(Margin::same(12));
     let flips = frame.show(ui, |ui| {

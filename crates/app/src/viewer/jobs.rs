@@ -3,7 +3,7 @@
 use super::source::FrameSource;
 use std::sync::{
     Arc, Condvar, Mutex, MutexGuard, PoisonError,
-    atomic::{AtomicBool, AtomicU32, Ordering},
+    atomic::{AtomicU32, Ordering},
     mpsc::{Receiver, Sender, channel},
 };
 use std::time::Duration;
@@ -11,6 +11,9 @@ use surgtpgs_core::{Error, Result, train::LossTerms};
 
 /// Seconds between two intermediate states unless somebody wants it otherwise.
 const USUAL_PREVIEW_SECONDS: u32 = 4;
+
+/// The stage of a job whose work is done and cannot be saved yet; to stop it then gives up the work.
+pub(crate) const NOT_SAVED: &str = "not saved yet";
 
 /// How far a job is.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -29,6 +32,11 @@ impl Progress {
     /// 0–1.
     pub(crate) fn fraction(&self) -> f32 {
         if self.total == 0 { 0.0 } else { self.done as f32 / self.total as f32 }
+    }
+
+    /// Whether the work is done and cannot be saved yet.
+    pub(crate) fn is_unsaved(&self) -> bool {
+        self.stage == NOT_SAVED
     }
 
     /// Seconds that this stage will still take at the pace so far; `None` before there is a pace.
@@ -59,7 +67,7 @@ enum Report {
 /// A job's own side.
 pub(crate) struct JobContext {
     report: Box<dyn Fn(Report) + Send + Sync>,
-    cancel: Arc<AtomicBool>,
+    stops: Arc<AtomicU32>,
     pause: Arc<Pause>,
     preview_every: Arc<AtomicU32>,
     stage_began: Mutex<(String, std::time::Instant)>,
@@ -96,7 +104,12 @@ impl JobContext {
 
     /// Whether the user asked to stop.
     pub(crate) fn is_cancelled(&self) -> bool {
-        self.cancel.load(Ordering::Relaxed)
+        self.num_stops() > 0
+    }
+
+    /// How often the user asked to stop: whoever asks again while work waits to be saved means something else.
+    pub(crate) fn num_stops(&self) -> u32 {
+        self.stops.load(Ordering::Relaxed)
     }
 
     /// Returns when the user does not want the job to rest (any more), or wants it to stop.
@@ -137,7 +150,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 /// The window's side of a job. Dropping it asks the job to stop.
 pub(crate) struct Job<T> {
     events: Receiver<JobEvent<T>>,
-    cancel: Arc<AtomicBool>,
+    stops: Arc<AtomicU32>,
     pause: Arc<Pause>,
     preview_every: Arc<AtomicU32>,
     /// The latest progress.
@@ -152,11 +165,11 @@ impl<T: Send + 'static> Job<T> {
         work: impl FnOnce(&JobContext) -> Result<T> + Send + 'static,
     ) -> Self {
         let (sender, events) = channel();
-        let cancel = Arc::new(AtomicBool::new(false));
+        let stops = Arc::new(AtomicU32::new(0));
         let pause = Arc::new(Pause::default());
         let preview_every = Arc::new(AtomicU32::new(USUAL_PREVIEW_SECONDS));
         let context =
-            context(sender.clone(), ctx.clone(), cancel.clone(), pause.clone(), preview_every.clone());
+            context(sender.clone(), ctx.clone(), stops.clone(), pause.clone(), preview_every.clone());
         let (at_end, repaint) = (sender.clone(), ctx.clone());
         let body = move || {
             let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| work(&context)));
@@ -170,12 +183,12 @@ impl<T: Send + 'static> Job<T> {
                 hint: "Close other programs and try again.".into(),
             })));
         }
-        Self { events, cancel, pause, preview_every, progress: Progress::default() }
+        Self { events, stops, pause, preview_every, progress: Progress::default() }
     }
 
     /// Asks the job to stop at the next opportunity.
     pub(crate) fn cancel(&self) {
-        self.cancel.store(true, Ordering::Relaxed);
+        self.stops.fetch_add(1, Ordering::Relaxed);
         self.pause.wake();
     }
 
@@ -199,7 +212,7 @@ impl<T: Send + 'static> Job<T> {
     }
 
     pub(crate) fn is_cancelling(&self) -> bool {
-        self.cancel.load(Ordering::Relaxed)
+        self.stops.load(Ordering::Relaxed) > 0
     }
 
     /// The next preview or the end, if there is one; progress is kept in [`Job::progress`].
@@ -216,7 +229,7 @@ impl<T: Send + 'static> Job<T> {
 
 impl<T> Drop for Job<T> {
     fn drop(&mut self) {
-        self.cancel.store(true, Ordering::Relaxed);
+        self.stops.fetch_add(1, Ordering::Relaxed);
         self.pause.wake();
     }
 }
@@ -224,7 +237,7 @@ impl<T> Drop for Job<T> {
 fn context<T: Send + 'static>(
     sender: Sender<JobEvent<T>>,
     repaint: egui::Context,
-    cancel: Arc<AtomicBool>,
+    stops: Arc<AtomicU32>,
     pause: Arc<Pause>,
     preview_every: Arc<AtomicU32>,
 ) -> JobContext {
@@ -239,7 +252,7 @@ fn context<T: Send + 'static>(
         }
     };
     let stage_began = Mutex::new((String::new(), std::time::Instant::now()));
-    JobContext { report: Box::new(report), cancel, pause, preview_every, stage_began }
+    JobContext { report: Box::new(report), stops, pause, preview_every, stage_began }
 }
 
 fn broken() -> Error {

@@ -37,10 +37,11 @@ impl ViewerApp {
             Command::SaveSession | Command::SaveSessionAs => info.is_some() && self.saving.is_none(),
             Command::Reconstruct => {
                 let is_wrong = self.import_check.as_ref().is_some_and(ImportCheck::has_errors);
-                has(|i| i.has_original) && self.training.is_none() && !self.is_making_demo() && !is_wrong
+                let is_busy = self.training.is_some() || self.is_making_demo();
+                has(|i| i.recording.is_some()) && !is_busy && !is_wrong
             }
-            Command::Export => has(|i| i.has_features) && self.training.is_none(),
-            Command::Quality => has(|i| i.has_reconstruction && i.has_original) && self.training.is_none(),
+            Command::Export => has(|i| i.has_features) && !self.is_reconstructing(),
+            Command::Quality => has(|i| i.has_reconstruction && i.has_original) && !self.is_reconstructing(),
             Command::FocusPrompt => has(|i| i.has_features),
             Command::FirstFound | Command::LargestFound | Command::LastFound | Command::CopyAreas => {
                 self.selected_curve().is_some_and(|curve| curve.is_complete())
@@ -70,7 +71,7 @@ impl ViewerApp {
             Command::SaveSessionAs => self.save_session(true, ctx),
             Command::Reconstruct => {
                 let excluded = self.document.excluded().to_vec();
-                self.train_dialog = self.info().map(|info| TrainDialog::new(info, excluded));
+                self.train_dialog = self.info().and_then(|info| TrainDialog::new(info, excluded));
             }
             Command::Export => self.export = ExportDialog::new(self),
             Command::Quality => self.quality = Quality::start(self, ctx),

@@ -94,7 +94,7 @@ fn no_features_ui(ui: &mut Ui, app: &ViewerApp) {
     ui.add_space(6.0);
     ui.label(RichText::new(NO_FEATURES).color(theme::AMBER));
     let advice = match app.info() {
-        Some(info) if !info.has_reconstruction && app.training.is_some() && info.has_labels => {
+        Some(info) if !info.has_reconstruction && app.is_reconstructing() && info.has_labels => {
             "Words can be found in it as soon as the first preview is there."
         }
         Some(info) if !info.has_reconstruction && info.has_labels => {

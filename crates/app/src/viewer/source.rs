@@ -26,6 +26,8 @@ pub(crate) struct Info {
     pub(crate) name: String,
     /// What was opened.
     pub(crate) path: PathBuf,
+    /// What a reconstruction of it is made from: a recording or a prepared folder; `None` where it is not at hand.
+    pub(crate) recording: Option<PathBuf>,
     pub(crate) num_frames: usize,
     pub(crate) width: usize,
     pub(crate) height: usize,

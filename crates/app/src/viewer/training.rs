@@ -14,6 +14,7 @@ use std::{
     path::{Path, PathBuf},
     sync::Arc,
 };
+use surgtpgs_core::{Error, Result};
 
 /// Optimiser steps unless chosen otherwise.
 pub(crate) const DEFAULT_STEPS: usize = 3000;
@@ -29,11 +30,11 @@ pub(crate) struct TrainDialog {
 }
 
 impl TrainDialog {
-    pub(crate) fn new(info: &Info, excluded: Vec<(usize, usize)>) -> Self {
-        let scene = free_file(&info.output_folder, &info.name);
-        let request =
-            TrainRequest { recording: info.path.clone(), scene, iterations: DEFAULT_STEPS, excluded };
-        Self { request, has_labels: info.has_labels, picking: None }
+    /// `None` where the recording is not at hand.
+    pub(crate) fn new(info: &Info, excluded: Vec<(usize, usize)>) -> Option<Self> {
+        let (recording, scene) = (info.recording.clone()?, free_file(&info.output_folder, &info.name));
+        let request = TrainRequest { recording, scene, iterations: DEFAULT_STEPS, excluded };
+        Some(Self { request, has_labels: info.has_labels, picking: None })
     }
 
     /// Takes the path that was picked.
@@ -67,23 +68,102 @@ fn free_file(folder: &Path, name: &str) -> PathBuf {
 /// Training in the background.
 pub(crate) struct Training {
     pub(super) job: Job<PathBuf>,
+    recording: PathBuf,
     pub(super) curve: LossCurve,
     backend: Arc<dyn Backend>,
     /// Memory that is left, bytes, and when that was so, seconds.
     memory: Option<(u64, f64)>,
+    /// When the window was asked to close, which waits for what was learned, seconds.
+    closing_since: Option<f64>,
 }
 
 impl Training {
-    pub(crate) fn start(backend: Arc<dyn Backend>, request: TrainRequest, ctx: &Context) -> Self {
-        let theirs = backend.clone();
+    fn start(backend: Arc<dyn Backend>, request: TrainRequest, ctx: &Context) -> Self {
+        let (theirs, recording) = (backend.clone(), request.recording.clone());
         let job = Job::start("training", ctx, move |job| theirs.reconstruct(&request, job));
-        Self { job, curve: LossCurve::default(), backend, memory: None }
+        Self { job, recording, curve: LossCurve::default(), backend, memory: None, closing_since: None }
+    }
+
+    /// Whether it is about the recording of what is open.
+    fn is_about(&self, info: &Info) -> bool {
+        info.recording.as_ref() == Some(&self.recording)
     }
 
     /// Looks how much memory is left, now and then.
     fn watch_memory(&mut self, now: f64) {
         if self.memory.is_none_or(|(_, at)| now >= at + 1.0) {
             self.memory = self.backend.available_bytes().map(|bytes| (bytes, now));
+        }
+    }
+}
+
+/// The window closes without what was learned if it is asked again after this, seconds.
+const CLOSES_AFTER: f64 = 5.0;
+
+impl ViewerApp {
+    /// Starts training in the background.
+    pub(super) fn start_training(&mut self, request: TrainRequest, ctx: &Context) {
+        self.training = Some(Training::start(self.backend.clone(), request, ctx));
+    }
+
+    /// Whether what is shown is being reconstructed: a recording, or its latest preview, but no finished scene.
+    pub(super) fn is_reconstructing(&self) -> bool {
+        let shown = self.info().map(|i| &i.path);
+        self.training.as_ref().is_some_and(|t| Some(&t.recording) == shown)
+    }
+
+    pub(super) fn poll_training(&mut self, ctx: &Context) {
+        while let Some(event) = self.training.as_mut().and_then(|t| t.job.poll()) {
+            match event {
+                JobEvent::Progress(_) => {}
+                JobEvent::Step(step, terms) => {
+                    if let Some(training) = &mut self.training {
+                        training.curve.push(step, terms);
+                    }
+                }
+                JobEvent::Preview(source) if self.is_reconstructing() => self.show_preview(source),
+                JobEvent::Preview(_) => {}
+                JobEvent::Done(result) => self.end_training(result, ctx),
+            }
+        }
+    }
+
+    /// Opens what was reconstructed, unless somebody looks at something else or is busy with it by now.
+    fn end_training(&mut self, result: Result<PathBuf>, ctx: &Context) {
+        let shows_preview = self.is_reconstructing() && self.info().is_some_and(|i| i.has_reconstruction);
+        let Some(training) = self.training.take() else { return };
+        let is_lost = !matches!(result, Ok(_) | Err(Error::Cancelled));
+        if training.closing_since.is_some() && !is_lost {
+            ctx.send_viewport_cmd(egui::ViewportCommand::Close);
+        }
+        if let Ok(scene) = &result {
+            self.preferences.remember(scene);
+        }
+        let is_busy = self.opening.is_some() || self.export.is_some() || self.quality.is_some();
+        match self.settle(result) {
+            Some(scene) if !is_busy && self.info().is_some_and(|i| training.is_about(i)) => {
+                self.open_path(&scene, ctx)
+            }
+            Some(scene) => self.reconstructed = Some(scene),
+            // There is no file of what the last preview shows.
+            None if shows_preview => {
+                let problem = self.problem.take();
+                self.open_path(&training.recording, ctx);
+                self.problem = problem;
+            }
+            None => {}
+        }
+    }
+
+    /// A window that is asked to close keeps what was learned first.
+    pub(super) fn hold_close(&mut self, now: f64, ctx: &Context) {
+        let is_asked = ctx.input(|i| i.viewport().close_requested());
+        let Some(training) = self.training.as_mut().filter(|_| is_asked) else { return };
+        if !training.job.is_cancelling() {
+            training.job.cancel();
+        }
+        if now < *training.closing_since.get_or_insert(now) + CLOSES_AFTER {
+            ctx.send_viewport_cmd(egui::ViewportCommand::CancelClose);
         }
     }
 }
@@ -103,17 +183,19 @@ fn memory_warning(available_bytes: u64) -> Option<String> {
 
 /// The section of the right panel: an offer to reconstruct, or how far it is.
 pub(crate) fn training_ui(ui: &mut Ui, app: &mut ViewerApp) {
+    reconstructed_ui(ui, app);
     let is_offered = app.info().is_some_and(|i| !i.has_reconstruction && i.has_original);
     if app.training.is_none() && !is_offered {
         return;
     }
+    let is_about_shown = app.training.as_ref().zip(app.info()).is_some_and(|(t, info)| t.is_about(info));
     let frame = Frame::new().fill(theme::RAISED).corner_radius(8).inner_margin(Margin::same(12));
     frame.show(ui, |ui| {
         ui.set_width(ui.available_width());
         match &mut app.training {
             Some(training) => {
                 training.watch_memory(ui.input(|i| i.time));
-                progress_ui(ui, training);
+                progress_ui(ui, training, is_about_shown);
             }
             None => offer_ui(ui, app),
         }
@@ -138,15 +220,36 @@ fn offer_ui(ui: &mut Ui, app: &mut ViewerApp) {
     }
 }
 
-fn progress_ui(ui: &mut Ui, training: &Training) {
+/// What is ready although something else is looked at.
+fn reconstructed_ui(ui: &mut Ui, app: &mut ViewerApp) {
+    let Some(scene) = app.reconstructed.clone() else { return };
+    let name = scene.file_name().unwrap_or_default().to_string_lossy();
+    ui.label(format!("{name} is reconstructed."));
+    ui.horizontal(|ui| {
+        if ui.add(main_button("Open it")).clicked() {
+            app.open_path(&scene, &ui.ctx().clone());
+        }
+        if ui.button("Not now").clicked() {
+            app.reconstructed = None;
+        }
+    });
+    ui.add_space(10.0);
+}
+
+fn progress_ui(ui: &mut Ui, training: &Training, is_about_shown: bool) {
     let progress = &training.job.progress;
+    let what = match training.recording.file_name() {
+        Some(name) if !is_about_shown => format!("Reconstructing {}", name.to_string_lossy()),
+        _ => "Reconstructing".into(),
+    };
     let stage = if progress.stage.is_empty() { "Starting" } else { &progress.stage };
-    ui.label(RichText::new(format!("Reconstructing: {stage}")).strong());
+    ui.label(RichText::new(format!("{what}: {stage}")).strong());
     ui.add(ProgressBar::new(progress.fraction()).desired_height(10.0).fill(theme::ACCENT));
     // What is below comes, goes and wraps; buttons must not move under the hand.
     ui.horizontal(|ui| stop_ui(ui, training));
     preview_ui(ui, training);
     let left = match progress.seconds_left() {
+        _ if progress.is_unsaved() => "tried every second".into(),
         _ if training.job.is_paused() => "paused".into(),
         Some(seconds) => format!("about {} left", duration(seconds)),
         None => "estimating the time…".into(),
@@ -157,6 +260,10 @@ fn progress_ui(ui: &mut Ui, training: &Training) {
     if !progress.detail.is_empty() {
         ui.label(caption(&progress.detail));
     }
+    if training.closing_since.is_some() {
+        let what = "The window closes once what was learned is saved. Close it again to give that up.";
+        ui.label(RichText::new(what).font(theme::small()).color(theme::AMBER));
+    }
     if let Some(warning) = training.memory.and_then(|(bytes, _)| memory_warning(bytes)) {
         ui.label(RichText::new(warning).font(theme::small()).color(theme::AMBER));
     }
@@ -164,16 +271,22 @@ fn progress_ui(ui: &mut Ui, training: &Training) {
 }
 
 fn stop_ui(ui: &mut Ui, training: &Training) {
-    let is_cancelling = training.job.is_cancelling();
-    let is_paused = training.job.is_paused();
+    let job = &training.job;
+    let is_unsaved = job.progress.is_unsaved();
+    let is_stopping = job.is_cancelling() && !is_unsaved;
+    let is_paused = job.is_paused();
     let tip = "Rests, so that the computer is free for something else";
     let pause = egui::Button::new(if is_paused { "Go on" } else { "Pause" });
-    if ui.add_enabled(!is_cancelling, pause).on_hover_text(tip).clicked() {
-        training.job.set_paused(!is_paused);
+    if ui.add_enabled(!is_stopping && !is_unsaved, pause).on_hover_text(tip).clicked() {
+        job.set_paused(!is_paused);
     }
-    let label = if is_cancelling { "Stopping…" } else { "Stop and keep what was learned" };
-    if ui.add_enabled(!is_cancelling, egui::Button::new(label)).clicked() {
-        training.job.cancel();
+    let label = match (is_unsaved, is_stopping) {
+        (true, _) => "Give up what was learned",
+        (_, true) => "Stopping…",
+        _ => "Stop and keep what was learned",
+    };
+    if ui.add_enabled(!is_stopping, egui::Button::new(label)).clicked() {
+        job.cancel();
     }
 }
 

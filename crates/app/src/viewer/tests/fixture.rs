@@ -80,6 +80,7 @@ pub(super) struct FakeBackend {
     pub(super) trained: Mutex<Vec<TrainRequest>>,
     pub(super) available_bytes: Mutex<Option<u64>>,
     pub(super) checked: Mutex<Checked>,
+    pub(super) is_disk_full: AtomicBool,
 }
 
 impl Backend for FakeBackend {
@@ -90,6 +91,7 @@ impl Backend for FakeBackend {
         let trained = !self.trained.lock().unwrap().is_empty();
         let info = Info {
             path: path.to_owned(),
+            recording: self.info.recording.clone().or(self.info.has_original.then(|| path.to_owned())),
             has_reconstruction: self.info.has_reconstruction || trained,
             has_features: self.info.has_features || trained,
             ..self.info.clone()
@@ -132,7 +134,8 @@ impl Backend for FakeBackend {
     }
     fn reconstruct(&self, request: &TrainRequest, job: &JobContext) -> Result<PathBuf> {
         job.progress("Learning", 10, request.iterations, "100 Gaussians".into());
-        let info = Info { has_reconstruction: true, ..self.info.clone() };
+        let (path, recording) = (request.recording.clone(), Some(request.recording.clone()));
+        let info = Info { path, recording, has_reconstruction: true, ..self.info.clone() };
         job.preview(Box::new(Fake { info, gate: None }));
         let mut step = 10;
         while !job.is_cancelled() {
@@ -140,6 +143,14 @@ impl Backend for FakeBackend {
             step += 1;
             job.step(step, LossTerms { colour: 1.0 / step as f32, depth: 0.01, ..Default::default() });
             job.progress("Learning", step.min(request.iterations - 1), request.iterations, String::new());
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        let stops = job.num_stops();
+        while self.is_disk_full.load(Ordering::Relaxed) {
+            if job.num_stops() > stops {
+                return Err(Error::input("the disk is full", "Make room."));
+            }
+            job.progress(NOT_SAVED, step, step, "The disk is full.".into());
             std::thread::sleep(std::time::Duration::from_millis(1));
         }
         self.trained.lock().unwrap().push(request.clone());

@@ -15,7 +15,7 @@ use super::{
     app::ViewerApp,
     autosave::Autosave,
     document::ViewMode,
-    jobs::JobContext,
+    jobs::{JobContext, NOT_SAVED},
     pipeline::Picture,
     preferences::Preferences,
     prompts::{ENCODING, NO_FEATURES, NOTHING},
@@ -36,7 +36,11 @@ use egui_kittest::{
 use image::{Rgb, RgbImage};
 use std::{
     path::{Path, PathBuf},
-    sync::{Arc, Mutex, mpsc},
+    sync::{
+        Arc, Mutex,
+        atomic::{AtomicBool, Ordering},
+        mpsc,
+    },
 };
 use surgtpgs_core::{
     Error, Result,

@@ -77,3 +77,105 @@ fn a_reconstruction_is_not_checked_again() {
     let window = Window::on(scene());
     assert!(window.harness.state().import_check.is_none());
 }
+
+#[test]
+fn what_was_learned_waits_for_room_also_after_stopping_until_it_is_given_up() {
+    let mut window = training();
+    window.backend.is_disk_full.store(true, Ordering::Relaxed);
+    window.click("Stop and keep what was learned");
+    window.until_shown("Reconstructing: not saved yet");
+    assert!(window.shows("tried every second") && !window.shows("left"));
+    window.click("Give up what was learned");
+    window.until(|app| app.training.is_none() && app.opening.is_none());
+    let app = window.harness.state();
+    assert!(app.problem.as_ref().is_some_and(|p| p.contains("the disk is full")), "{:?}", app.problem);
+    assert!(!app.info().unwrap().has_reconstruction, "no file holds what the preview showed");
+
+    window.press(Key::Escape);
+    window.click("Reconstruct…");
+    window.click("Start");
+    window.until_shown("Reconstructing: Learning");
+    window.click("Stop and keep what was learned");
+    window.until_shown("Reconstructing: not saved yet");
+    window.backend.is_disk_full.store(false, Ordering::Relaxed);
+    window.until(|app| app.training.is_none() && app.document.mode == ViewMode::Reconstruction);
+}
+
+#[test]
+fn whatever_else_is_opened_stays_and_the_reconstruction_is_offered() {
+    let mut window = training();
+    let ctx = window.harness.ctx.clone();
+    window.harness.state_mut().open_path(Path::new("/data/other.safetensors"), &ctx);
+    window.until_shown("Reconstructing clip.safetensors: Learning");
+    let is_other =
+        |app: &ViewerApp| app.info().is_some_and(|i| i.path == Path::new("/data/other.safetensors"));
+    assert!(is_other(window.harness.state()));
+    window.click("Stop and keep what was learned");
+    window.until_shown("clip.safetensors is reconstructed");
+    assert!(is_other(window.harness.state()));
+    window.click("Open it");
+    window.until(|app| app.info().is_some_and(|i| i.path == Path::new("/data/clip.safetensors")));
+    assert!(!window.shows("is reconstructed."));
+}
+
+#[test]
+fn a_scene_is_reconstructed_again_from_its_recording_and_shown_meanwhile() {
+    let mut window = Window::on(Info { recording: Some("/data/recording".into()), ..scene() });
+    window.press_with(Modifiers::COMMAND, Key::R);
+    window.harness.step();
+    window.click("Start");
+    window.until_shown("Reconstructing: Learning");
+    let app = window.harness.state();
+    assert_eq!(app.info().unwrap().path, Path::new("/data/clip.safetensors"));
+    assert!(app.is_enabled(crate::viewer::command::Command::Export));
+    window.press_with(Modifiers::COMMAND, Key::E);
+    window.harness.state().training.as_ref().unwrap().job.cancel();
+    window.until(|app| app.training.is_none() && app.opening.is_none());
+    let app = window.harness.state();
+    assert!(app.export.is_some() && app.reconstructed.is_some(), "nobody is interrupted");
+    assert_eq!(window.backend.trained.lock().unwrap()[0].recording, Path::new("/data/recording"));
+
+    let window = Window::on(Info { has_original: false, ..scene() });
+    assert!(!window.harness.state().is_enabled(crate::viewer::command::Command::Reconstruct));
+}
+
+/// Asks the window to close, and returns whether it would.
+fn closes(window: &mut Window) -> bool {
+    let input = window.harness.input_mut();
+    let viewport = input.viewports.entry(egui::ViewportId::ROOT).or_default();
+    viewport.events.push(egui::ViewportEvent::Close);
+    window.harness.step();
+    let output = &window.harness.output().viewport_output[&egui::ViewportId::ROOT];
+    !output.commands.contains(&egui::ViewportCommand::CancelClose)
+}
+
+#[test]
+fn a_window_that_is_closed_keeps_what_was_learned_first() {
+    let mut window = Window::on(scene());
+    assert!(closes(&mut window), "nothing holds it");
+
+    let mut window = training();
+    window.backend.is_disk_full.store(true, Ordering::Relaxed);
+    assert!(!closes(&mut window) && !closes(&mut window), "twice, by mistake");
+    window.until_shown("The window closes once what was learned is saved");
+    window.until_shown("not saved yet");
+    window.backend.is_disk_full.store(false, Ordering::Relaxed);
+    let is_closing = |window: &Window| {
+        let output = &window.harness.output().viewport_output[&egui::ViewportId::ROOT];
+        output.commands.contains(&egui::ViewportCommand::Close)
+    };
+    while window.harness.state().training.is_some() {
+        window.harness.step();
+    }
+    assert!(is_closing(&window));
+    assert_eq!(window.backend.trained.lock().unwrap().len(), 1);
+
+    // Whoever insists goes without it.
+    let mut window = training();
+    window.backend.is_disk_full.store(true, Ordering::Relaxed);
+    assert!(!closes(&mut window));
+    for _ in 0..400 {
+        window.harness.step();
+    }
+    assert!(closes(&mut window));
+}
