@@ -351,6 +351,7 @@ impl ViewerApp {
         let Some(worker) = self.settle(Worker::start(source, ctx)) else { return };
         let is_same_recording =
             self.info().is_some_and(|i| (&i.name, i.num_frames) == (&info.name, info.num_frames));
+        self.put_unsaved_aside(is_same_recording);
         let frame = if is_same_recording { self.playback.frame() } else { 0 };
         self.playback = Playback::new(info.num_frames, info.frames_per_second);
         self.playback.seek(frame, 0.0);
@@ -374,6 +375,9 @@ impl ViewerApp {
     fn begin_with(&mut self, path: &Path, ctx: &Context) {
         let session_file = self.session_to_apply.as_ref().and_then(|(_, file)| file.clone());
         self.preferences.remember(session_file.as_deref().unwrap_or(path));
+        if self.session_to_apply.is_none() && self.autosave.recall(path) {
+            self.is_recovery_put_off = false;
+        }
         self.apply_session(0.0);
         let request = self.train_when_open.take().filter(|r| r.recording == *path);
         if let Some(request) = request.filter(|_| self.training.is_none()) {

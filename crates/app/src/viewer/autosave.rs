@@ -23,8 +23,9 @@ const MAX_WINDOWS: usize = 32;
 /// This window's place, and what other windows left behind.
 #[derive(Default)]
 pub(crate) struct Autosave {
+    folder: Option<PathBuf>,
     place: Option<Place>,
-    /// What was left behind, newest first.
+    /// What was left behind or put aside, newest first.
     pub(crate) left: Vec<Left>,
     writing: Option<Job<()>>,
     /// What is on disk, or on its way.
@@ -42,11 +43,26 @@ struct Place {
     _lock: File,
 }
 
-/// What another window left.
+impl Place {
+    /// The place with a number, if something lies there or if not, and no other window has it.
+    fn lock(folder: &Path, number: usize, is_used: bool) -> Option<Self> {
+        let file = folder.join(format!("{number}.{}", super::session::EXTENSION));
+        if file.is_file() != is_used {
+            return None;
+        }
+        lock(&file.with_extension("lock")).map(|lock| Self { file, _lock: lock })
+    }
+
+    /// A place where nothing lies.
+    fn free(folder: &Path) -> Option<Self> {
+        (0..MAX_WINDOWS).find_map(|number| Self::lock(folder, number, false))
+    }
+}
+
+/// What another window left, or this one put aside.
 pub(crate) struct Left {
     pub(crate) session: Session,
-    file: PathBuf,
-    _lock: File,
+    place: Place,
 }
 
 impl Autosave {
@@ -57,27 +73,19 @@ impl Autosave {
 
     /// Takes a free place in `folder`, and what was left in the others. Without a folder nothing is kept.
     pub(crate) fn open(folder: Option<PathBuf>) -> Self {
-        let mut autosave = Self::default();
-        let Some(folder) = folder else { return autosave };
-        for number in 0..MAX_WINDOWS {
-            let file = folder.join(format!("{number}.{}", super::session::EXTENSION));
-            let is_left = file.is_file();
-            // A free place is enough; further ones matter only for what was left there.
-            if autosave.place.is_some() && !is_left {
-                continue;
-            }
-            let Some(lock) = lock(&file.with_extension("lock")) else { continue };
-            if !is_left {
-                autosave.place = Some(Place { file, _lock: lock });
-            } else if let Ok(session) = Session::load(&file) {
-                autosave.left.push(Left { session, file, _lock: lock });
-            } else {
-                tracing::warn!("what was left unsaved cannot be read ({})", file.display());
+        let Some(at) = &folder else { return Self::default() };
+        let mut left = Vec::new();
+        for place in (0..MAX_WINDOWS).filter_map(|number| Place::lock(at, number, true)) {
+            match Session::load(&place.file) {
+                Ok(session) => left.push(Left { session, place }),
+                Err(_) => {
+                    tracing::warn!("what was left unsaved cannot be read ({})", place.file.display());
+                }
             }
         }
-        let time = |left: &Left| std::fs::metadata(&left.file).and_then(|m| m.modified()).ok();
-        autosave.left.sort_by_key(|left| std::cmp::Reverse(time(left)));
-        autosave
+        let time = |left: &Left| std::fs::metadata(&left.place.file).and_then(|m| m.modified()).ok();
+        left.sort_by_key(|left| std::cmp::Reverse(time(left)));
+        Self { place: Place::free(at), left, folder, ..Self::default() }
     }
 
     /// Writes what is not saved: edits at once, anything else, and what could not be written, after [`EVERY_SECS`]. Returns
@@ -138,6 +146,27 @@ impl Autosave {
         }
     }
 
+    /// Leaves `session` in its place, as if this window had ended, and goes on in another. Where it cannot be written, it can
+    /// be restored as long as this window is open.
+    pub(crate) fn put_aside(&mut self, session: Session) -> Result<()> {
+        let kept = self.keep_now(&session);
+        if let Some(place) = self.place.take() {
+            self.left.insert(0, Left { session, place });
+        }
+        self.place = self.folder.as_deref().and_then(Place::free);
+        (self.written, self.due, self.is_failing) = (None, None, false);
+        kept
+    }
+
+    /// Puts what was left behind or aside of `opened` first; `false` if there is nothing.
+    pub(crate) fn recall(&mut self, opened: &Path) -> bool {
+        let found = self.left.iter().position(|left| left.session.opened == opened);
+        if let Some(at) = found {
+            self.left[..=at].rotate_right(1);
+        }
+        found.is_some()
+    }
+
     /// Takes what was left behind newest; its file remains until it is kept in this window's place.
     pub(crate) fn restore(&mut self) -> Option<Session> {
         if self.left.is_empty() {
@@ -145,16 +174,16 @@ impl Autosave {
         }
         let left = self.left.remove(0);
         if let Some(place) = &self.place
-            && std::fs::rename(&left.file, &place.file).is_ok()
+            && std::fs::rename(&left.place.file, &place.file).is_ok()
         {
             self.written = Some(left.session.clone());
         }
         Some(left.session)
     }
 
-    /// Forgets what was left behind.
+    /// Forgets what was left behind newest.
     pub(crate) fn discard(&mut self) {
-        self.left.drain(..).for_each(|left| remove(&left.file));
+        self.left.drain(..1.min(self.left.len())).for_each(|left| remove(&left.place.file));
     }
 
     /// How the write ended, if it just did.
@@ -223,6 +252,34 @@ mod tests {
         last.discard();
         drop(last);
         assert!(Autosave::open(folder).left.is_empty());
+    }
+
+    #[test]
+    fn what_is_put_aside_is_recalled_by_what_it_is_about_and_offered_to_the_next_window() {
+        let (_held, folder) = folder();
+        let ctx = egui::Context::default();
+        let mut autosave = Autosave::open(folder.clone());
+        autosave.keep(0.0, 1, &session("a"), &ctx).unwrap();
+        autosave.put_aside(session("a2")).unwrap();
+        autosave.put_aside(session("b")).unwrap();
+        autosave.keep(0.0, 1, &session("c"), &ctx).unwrap();
+        assert!(!autosave.recall(Path::new("/data/c")));
+        assert!(autosave.recall(Path::new("/data/a2")));
+        assert_eq!(autosave.restore(), Some(session("a2")));
+        autosave.discard();
+        assert!(autosave.left.is_empty());
+        autosave.put_aside(session("d")).unwrap();
+        drop(autosave);
+        let left = Autosave::open(folder.clone()).left;
+        assert_eq!(left.iter().map(|l| &l.session).collect::<Vec<_>>(), [&session("d")]);
+        drop(left);
+
+        let mut autosave = Autosave::open(folder.clone());
+        let folder = folder.unwrap();
+        std::fs::remove_dir_all(&folder).unwrap();
+        std::fs::write(&folder, "no folder").unwrap();
+        assert!(autosave.put_aside(session("e")).is_err());
+        assert_eq!(autosave.restore(), Some(session("e")), "in memory");
     }
 
     #[test]

@@ -461,6 +461,12 @@ impl Content {
         anonymous(self) == anonymous(other)
     }
 
+    /// Whether something was decided about single frames, which means nothing in another recording.
+    pub(crate) fn has_marks(&self) -> bool {
+        let Self { bookmarks, range, excluded, scale, .. } = self;
+        !bookmarks.is_empty() || range.is_some() || !excluded.is_empty() || scale.is_some()
+    }
+
     /// The same within what is possible for a recording of so many frames, whatever a file says.
     fn mended(mut self, num_frames: usize) -> Self {
         self.prompts.retain(|p| !p.text.trim().is_empty());

@@ -137,6 +137,20 @@ impl ViewerApp {
         }
     }
 
+    /// Before something else is shown: puts aside what is not saved and would not stay.
+    pub(super) fn put_unsaved_aside(&mut self, is_same_recording: bool) {
+        let is_replaced =
+            self.session_to_apply.is_some() || (!is_same_recording && self.document.content().has_marks());
+        let is_kept = is_replaced && self.is_unsaved() && self.preferences.remembers_files;
+        let Some(session) = self.session().filter(|_| is_kept) else { return };
+        if let Err(e) = self.autosave.put_aside(session) {
+            let hint = "Open it again to restore it, before this window is closed.";
+            self.problem = Some(format!("The work on what was open could not be kept safe: {e} {hint}"));
+        }
+        // It is offered when its recording is opened again, at the next start at the latest.
+        self.is_recovery_put_off = true;
+    }
+
     /// At the end of the program.
     pub(super) fn keep_at_exit(&mut self) {
         match self.session().filter(|_| self.is_unsaved()) {

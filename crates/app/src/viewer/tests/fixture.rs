@@ -89,7 +89,9 @@ impl Backend for FakeBackend {
             return Err(Error::input_at(path, "there is no such file", "Choose another one."));
         }
         let trained = !self.trained.lock().unwrap().is_empty();
+        let is_other = path.starts_with("/elsewhere");
         let info = Info {
+            name: if is_other { "other".into() } else { self.info.name.clone() },
             path: path.to_owned(),
             recording: self.info.recording.clone().or(self.info.has_original.then(|| path.to_owned())),
             has_reconstruction: self.info.has_reconstruction || trained,

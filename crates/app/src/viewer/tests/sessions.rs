@@ -71,6 +71,37 @@ fn after_a_kill_everything_is_offered_again_and_comes_back() {
 }
 
 #[test]
+fn unsaved_work_waits_until_its_recording_is_opened_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = keeping(folder.path());
+    let (clip, other) = (Path::new("/data/clip.safetensors"), Path::new("/elsewhere/other.safetensors"));
+    open(&mut window, clip);
+    review(&mut window);
+    let before = window.harness.state().session().unwrap();
+    open(&mut window, other);
+    let app = window.harness.state();
+    assert!(!window.shows("Your last work was not saved"), "not now");
+    assert!(app.document.bookmarks().is_empty() && app.document.prompts().len() == 2);
+    // Nothing here is of one frame: the words come along.
+    open(&mut window, clip);
+    window.until_shown("Your last work was not saved");
+    window.click("Restore");
+    window.until(|app| app.session_to_apply.is_none() && app.document.bookmarks().len() == 1);
+    let after = window.harness.state().session().unwrap();
+    assert!(after.content.is_alike(&before.content));
+
+    // A session replaces all of it.
+    let file = folder.path().join("empty.surgtpgs");
+    Session::new(clip.into()).save(&file).unwrap();
+    open(&mut window, &file);
+    assert!(window.harness.state().document.prompts().is_empty());
+    drop(window);
+    let mut window = keeping(folder.path());
+    window.harness.step();
+    assert!(window.shows("clip: 2 prompts, 1 bookmark"));
+}
+
+#[test]
 fn work_that_cannot_be_kept_is_said_with_what_to_do() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("unsaved");
