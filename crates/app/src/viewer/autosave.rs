@@ -63,6 +63,7 @@ impl Place {
 pub(crate) struct Left {
     pub(crate) session: Session,
     place: Place,
+    is_own: bool,
 }
 
 impl Autosave {
@@ -77,7 +78,7 @@ impl Autosave {
         let mut left = Vec::new();
         for place in (0..MAX_WINDOWS).filter_map(|number| Place::lock(at, number, true)) {
             match Session::load(&place.file) {
-                Ok(session) => left.push(Left { session, place }),
+                Ok(session) => left.push(Left { session, place, is_own: false }),
                 Err(_) => {
                     tracing::warn!("what was left unsaved cannot be read ({})", place.file.display());
                 }
@@ -151,11 +152,17 @@ impl Autosave {
     pub(crate) fn put_aside(&mut self, session: Session) -> Result<()> {
         let kept = self.keep_now(&session);
         if let Some(place) = self.place.take() {
-            self.left.insert(0, Left { session, place });
+            self.left.insert(0, Left { session, place, is_own: true });
         }
         self.place = self.folder.as_deref().and_then(Place::free);
         (self.written, self.due, self.is_failing) = (None, None, false);
         kept
+    }
+
+    /// Removes everything of this window's, at the end of the program.
+    pub(crate) fn forget(&mut self) {
+        self.clear(self.revision);
+        self.left.extract_if(.., |left| left.is_own).for_each(|left| remove(&left.place.file));
     }
 
     /// Puts what was left behind or aside of `opened` first; `false` if there is nothing.

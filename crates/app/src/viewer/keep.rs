@@ -141,8 +141,7 @@ impl ViewerApp {
     pub(super) fn put_unsaved_aside(&mut self, is_same_recording: bool) {
         let is_replaced =
             self.session_to_apply.is_some() || (!is_same_recording && self.document.content().has_marks());
-        let is_kept = is_replaced && self.is_unsaved() && self.preferences.remembers_files;
-        let Some(session) = self.session().filter(|_| is_kept) else { return };
+        let Some(session) = self.session().filter(|_| is_replaced && self.is_unsaved()) else { return };
         if let Err(e) = self.autosave.put_aside(session) {
             let hint = "Open it again to restore it, before this window is closed.";
             self.problem = Some(format!("The work on what was open could not be kept safe: {e} {hint}"));
@@ -153,15 +152,12 @@ impl ViewerApp {
 
     /// At the end of the program.
     pub(super) fn keep_at_exit(&mut self) {
-        match self.session().filter(|_| self.is_unsaved()) {
-            Some(_) if !self.preferences.remembers_files => self.autosave.clear(self.document.revision()),
-            Some(session) => {
-                let kept = self.autosave.keep_now(&session);
-                if let Err(e) = kept {
-                    tracing::warn!("the work could not be kept: {e}");
-                }
-            }
-            None => {}
+        if !self.preferences.remembers_files {
+            self.autosave.forget();
+        } else if let Some(session) = self.session().filter(|_| self.is_unsaved())
+            && let Err(e) = self.autosave.keep_now(&session)
+        {
+            tracing::warn!("the work could not be kept: {e}");
         }
     }
 }

@@ -172,8 +172,12 @@ fn closing_the_window_keeps_the_work_unless_nothing_shall_be_remembered() {
         open(&mut window, Path::new("/data/clip.safetensors"));
         window.harness.state_mut().preferences.forget_files(remembers);
         review(&mut window);
+        open(&mut window, Path::new("/elsewhere/other.safetensors"));
+        window.until(|_| folder.path().join("1.surgtpgs").exists());
         window.harness.state_mut().keep_at_exit();
-        assert_eq!(folder.path().join("0.surgtpgs").exists(), is_kept);
+        for put_aside_or_open in ["0.surgtpgs", "1.surgtpgs"] {
+            assert_eq!(folder.path().join(put_aside_or_open).exists(), is_kept);
+        }
     }
 }
 
