@@ -141,12 +141,12 @@ impl Backend for EngineBackend {
 
     fn reconstruct(&self, request: &TrainRequest, job: &JobContext) -> Result<PathBuf> {
         require_writable(&request.scene)?;
+        let mut features = None;
         let material = match Material::open(&request.recording)? {
             Material::Bare(sequence) if !sequence.classes().is_empty() => {
-                let folder = request.scene.with_extension("prepared");
-                jobs::remove_folder(&folder)?;
+                let folder = features.insert(folder_beside(&request.scene)?);
                 let options = PrepareOptions::default();
-                Material::Prepared(Box::new(jobs::prepare(sequence, &folder, &options, &mut |p| {
+                Material::Prepared(Box::new(jobs::prepare(sequence, folder.path(), &options, &mut |p| {
                     watch(job, p)
                 })?))
             }
@@ -207,6 +207,13 @@ fn require_writable(file: &Path) -> Result<()> {
         Ok(_) => Ok(()),
         Err(_) => Err(Error::input_at(folder, "this folder cannot be written to", "Save it in another one.")),
     }
+}
+
+/// A folder for what nobody asked for, removed when it is dropped.
+fn folder_beside(file: &Path) -> Result<tempfile::TempDir> {
+    let parent = file.parent().unwrap_or(Path::new("."));
+    let folder = tempfile::Builder::new().prefix(".surgtpgs-").tempdir_in(parent);
+    folder.map_err(|e| Error::io("make a folder", parent, e))
 }
 
 /// Passes on how far a job is, and whether it is to stop.
@@ -513,6 +520,24 @@ mod tests {
         given_up.cancel();
         let error = wait(&mut given_up, false).unwrap().unwrap_err();
         assert!(error.to_string().contains("results"), "{error}");
+    }
+
+    #[test]
+    fn a_reconstruction_leaves_its_scene_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let [recording, scene, prepared] =
+            ["clip", "clip.safetensors", "clip.prepared"].map(|name| folder.path().join(name));
+        let tiny = DemoSettings { width: 32, height: 24, frames: 4, ..DemoSettings::default() };
+        demo::write(&tiny, &recording, &mut |_, _| {}).unwrap();
+        std::fs::create_dir(&prepared).unwrap();
+        std::fs::write(prepared.join("mine"), "hours of work").unwrap();
+        let request = TrainRequest { recording, scene: scene.clone(), iterations: 3, excluded: Vec::new() };
+        let train = move |job: &JobContext| EngineBackend.reconstruct(&request, job).map(drop);
+        let mut job = Job::start("training", &egui::Context::default(), train);
+        wait(&mut job, false).unwrap().unwrap();
+        assert!(Scene::load(&scene).unwrap().codec.is_some());
+        assert_eq!(std::fs::read_to_string(prepared.join("mine")).unwrap(), "hours of work");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 3, "and no other");
     }
 
     #[test]
