@@ -6,9 +6,14 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// `path` from the root on, so that it means the same wherever a program is started; as it is where nothing is found.
+/// `path` from the root on, so that it means the same wherever a program is started; links stay.
+pub fn absolute_path(path: &Path) -> PathBuf {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
+}
+
+/// As [`absolute_path`], and without links where there is something.
 pub fn full_path(path: &Path) -> PathBuf {
-    std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned())
+    path.canonicalize().unwrap_or_else(|_| absolute_path(path))
 }
 
 /// Beginning of the names of files that are being written.

@@ -31,7 +31,7 @@ use std::{
     path::{Path, PathBuf},
     sync::Arc,
 };
-use surgtpgs_core::sequence::names_instrument;
+use surgtpgs_core::{files::absolute_path, sequence::names_instrument};
 
 /// Pictures that take longer than this are made at half size while something moves, milliseconds.
 const SLOW_MS: f64 = 60.0;
@@ -171,6 +171,8 @@ impl ViewerApp {
 
     /// Opens a scene, a recording or a session in the background.
     pub(crate) fn open_path(&mut self, path: &Path, ctx: &Context) {
+        // What is remembered must mean the same wherever the program is started next.
+        let path = &absolute_path(path);
         self.session_to_apply = None;
         // Whoever opens something does not want the demo any more, which may still be in the making.
         self.demo = None;
@@ -192,7 +194,7 @@ impl ViewerApp {
 
     /// Opens the built-in demo, which is made and reconstructed in `work_dir` first if it is not there.
     pub(crate) fn open_demo(&mut self, work_dir: &Path, ctx: &Context) {
-        let (backend, folder) = (self.backend.clone(), work_dir.to_owned());
+        let (backend, folder) = (self.backend.clone(), absolute_path(work_dir));
         self.demo = Some(Job::start("demo", ctx, move |job| backend.demo(&folder, job)));
     }
 

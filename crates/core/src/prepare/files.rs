@@ -4,7 +4,7 @@ use super::{EncoderIdentity, EstimatedDepth, Origin, RegionMap};
 use crate::{
     Error, Result,
     codec::{Codec, CodecSettings},
-    files::write_whole,
+    files::{full_path, write_whole},
     sequence::{Class, Sequence},
 };
 use image::{DynamicImage, ImageBuffer, Luma};
@@ -63,11 +63,11 @@ impl Manifest {
         encoder: EncoderIdentity,
         settings: &CodecSettings,
     ) -> Self {
-        let recording = absolute(sequence.path());
+        let recording = full_path(sequence.path());
         Self {
             version: VERSION,
             made_by: concat!("surgtpgs ", env!("CARGO_PKG_VERSION")).to_owned(),
-            recording_relative: relative_path(&absolute(folder), &recording),
+            recording_relative: relative_path(&full_path(folder), &recording),
             recording,
             eval,
             frames: sequence.num_frames(),
@@ -267,11 +267,6 @@ pub(super) fn from_safetensors(bytes: &[u8]) -> Result<BTreeMap<String, ArrayD<f
 
 pub(super) fn checksum(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|b| format!("{b:02x}")).collect()
-}
-
-/// Absolute and without links where the file system says how, else as given.
-pub(super) fn absolute(path: &Path) -> PathBuf {
-    path.canonicalize().or_else(|_| std::path::absolute(path)).unwrap_or_else(|_| path.to_owned())
 }
 
 /// The way from one absolute folder to another absolute path; `None` if they share no root.

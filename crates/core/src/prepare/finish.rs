@@ -3,12 +3,12 @@
 use super::{
     Prepared,
     depth::DEPTH,
-    files::{MANIFEST, Manifest, REGIONS, absolute},
+    files::{MANIFEST, Manifest, REGIONS},
 };
 use crate::{
     Error, Result,
     codec::{Codec, CodecSettings},
-    files::is_free_folder,
+    files::{full_path, is_free_folder},
     sequence::Sequence,
 };
 use ndarray::Array2;
@@ -37,7 +37,7 @@ pub(super) fn finish(
 /// Makes `folder`, or empties a prepared one: nothing of an earlier preparation may stay behind.
 pub(super) fn clear_folder(folder: &Path, sequence: &Sequence) -> Result<()> {
     let fail = |e| Error::io("prepare the folder", folder, e);
-    if folder.exists() && absolute(folder) == absolute(sequence.path()) {
+    if folder.exists() && full_path(folder) == full_path(sequence.path()) {
         return Err(Error::input_at(
             folder,
             "features cannot be written into the recording itself",

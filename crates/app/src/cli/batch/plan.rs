@@ -7,7 +7,11 @@ use std::{
     ffi::OsString,
     path::{Path, PathBuf},
 };
-use surgtpgs_core::{Error, Result, export::slugs, files::full_path};
+use surgtpgs_core::{
+    Error, Result,
+    export::slugs,
+    files::{absolute_path, full_path},
+};
 use toml::{Table, Value};
 
 /// The file as it is written.
@@ -75,7 +79,7 @@ impl Plan {
         let path = full_path(path);
         let beside = path.parent().unwrap_or(Path::new("."));
         let output = match (output, &file.output) {
-            (Some(output), _) => std::path::absolute(output).unwrap_or_else(|_| output.to_owned()),
+            (Some(output), _) => absolute_path(output),
             (None, Some(output)) => beside.join(output),
             (None, None) => path.with_extension(""),
         };

@@ -182,6 +182,17 @@ fn closing_the_window_keeps_the_work_unless_nothing_shall_be_remembered() {
 }
 
 #[test]
+fn what_was_opened_from_a_folder_is_found_from_any_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = keeping(folder.path());
+    open(&mut window, Path::new("clip.safetensors"));
+    let here = std::env::current_dir().unwrap().join("clip.safetensors");
+    let app = window.harness.state();
+    assert_eq!(app.session().unwrap().opened, here);
+    assert_eq!(app.preferences.recent, [here]);
+}
+
+#[test]
 fn a_session_whose_recording_is_gone_says_so() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("review.surgtpgs");
