@@ -351,8 +351,7 @@ impl ViewerApp {
     fn show_source(&mut self, source: Box<dyn FrameSource>, ctx: &Context) {
         let info = source.info().clone();
         let Some(worker) = self.settle(Worker::start(source, ctx)) else { return };
-        let is_same_recording =
-            self.info().is_some_and(|i| (&i.name, i.num_frames) == (&info.name, info.num_frames));
+        let is_same_recording = self.info().is_some_and(|i| i.is_same_recording(&info));
         self.put_unsaved_aside(is_same_recording);
         let frame = if is_same_recording { self.playback.frame() } else { 0 };
         self.playback = Playback::new(info.num_frames, info.frames_per_second);

@@ -27,6 +27,7 @@ use surgtpgs_core::{
     Error, Result,
     demo::{self, DemoSettings},
     export::{ExportOptions, ExportPrompt, Source},
+    files::full_path,
     grid::{Grid, Mask},
     raster::FrameClock,
     relevancy::RelevancySettings,
@@ -251,11 +252,14 @@ impl SceneSource {
             let why = "No frame was held out, so none is left to test the reconstruction on.";
             notes.push(("trained on all frames".to_owned(), why.to_owned()));
         }
+        let sequence = engine.sequence().map_or(&*scene.provenance.sequence_path, Sequence::path);
+        let sequence = full_path(sequence);
         let info = Info {
             name: scene.provenance.sequence_name.clone(),
             output_folder: output_folder(&path),
             path,
             recording,
+            sequence: Some(sequence).filter(|p| !p.as_os_str().is_empty()),
             num_frames: scene.num_frames(),
             width: size.0,
             height: size.1,
@@ -420,6 +424,7 @@ impl RecordingSource {
             output_folder: output_folder(&path),
             recording: Some(path.clone()),
             path,
+            sequence: Some(full_path(sequence.path())),
             num_frames: sequence.num_frames(),
             width: sequence.width(),
             height: sequence.height(),
@@ -441,6 +446,7 @@ impl RecordingSource {
             output_folder: output_folder(path),
             path: path.to_owned(),
             recording: Some(path.to_owned()),
+            sequence: Some(full_path(path)),
             num_frames: frames,
             width,
             height,

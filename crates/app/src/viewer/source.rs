@@ -28,6 +28,8 @@ pub(crate) struct Info {
     pub(crate) path: PathBuf,
     /// What a reconstruction of it is made from: a recording or a prepared folder; `None` where it is not at hand.
     pub(crate) recording: Option<PathBuf>,
+    /// Where the recorded frames are or were, without links: the same for everything made of one recording.
+    pub(crate) sequence: Option<PathBuf>,
     pub(crate) num_frames: usize,
     pub(crate) width: usize,
     pub(crate) height: usize,
@@ -53,6 +55,16 @@ pub(crate) struct Info {
     pub(crate) notes: Vec<(String, String)>,
     /// A folder that can be written to, for what is made of it.
     pub(crate) output_folder: PathBuf,
+}
+
+impl Info {
+    /// Whether both are of one recording; where it is not known, by name and length.
+    pub(crate) fn is_same_recording(&self, other: &Self) -> bool {
+        match (&self.sequence, &other.sequence) {
+            (Some(mine), Some(theirs)) => mine == theirs,
+            _ => (&self.name, self.num_frames) == (&other.name, other.num_frames),
+        }
+    }
 }
 
 /// What to render.

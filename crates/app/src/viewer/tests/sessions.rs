@@ -182,6 +182,17 @@ fn closing_the_window_keeps_the_work_unless_nothing_shall_be_remembered() {
 }
 
 #[test]
+fn recordings_of_one_name_and_length_in_two_places_are_two() {
+    let at = |place: &str| Info { sequence: Some(place.into()), ..scene() };
+    assert!(!at("/patient-1/video.mp4").is_same_recording(&at("/patient-2/video.mp4")));
+    assert!(
+        at("/patient-1/video.mp4")
+            .is_same_recording(&Info { name: "scene".into(), ..at("/patient-1/video.mp4") })
+    );
+    assert!(at("/patient-1/video.mp4").is_same_recording(&scene()), "nobody knows where this one was");
+}
+
+#[test]
 fn what_was_opened_from_a_folder_is_found_from_any_other() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = keeping(folder.path());
