@@ -142,6 +142,7 @@ impl Backend for EngineBackend {
 
     fn reconstruct(&self, request: &TrainRequest, job: &JobContext) -> Result<PathBuf> {
         require_writable(&request.scene)?;
+        // Training reads in it until its end.
         let mut features = None;
         let material = match Material::open(&request.recording)? {
             Material::Bare(sequence) if !sequence.classes().is_empty() => {
