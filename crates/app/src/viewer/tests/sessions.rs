@@ -22,7 +22,7 @@ fn keeping(folder: &Path) -> Window {
 fn open(window: &mut Window, path: &Path) {
     let ctx = window.harness.ctx.clone();
     window.harness.state_mut().open_path(path, &ctx);
-    window.until(|app| app.picture().is_some() && app.session_to_apply.is_none());
+    window.until(|app| app.opening.is_none() && app.picture().is_some() && app.session_to_apply.is_none());
 }
 
 /// A short review: two prompts, one hidden, a threshold, a bookmark with a note, a range, a frame and a view.
