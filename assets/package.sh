@@ -13,7 +13,7 @@ name=surgtpgs-$version-$host
 stage=$(mktemp -d)
 trap 'rm -rf "$stage"' EXIT
 mkdir "$stage/$name"
-strip -o "$stage/$name/surgtpgs" "$target_dir/release/surgtpgs" # line tables make it six times as large
+assets/strip.sh "$target_dir/release/surgtpgs" "$stage/$name/surgtpgs"
 cp README.md LICENSE assets/surgtpgs.desktop "$stage/$name/"
 python3 assets/licences.py > "$stage/$name/LICENCES.txt"
 mkdir -p "$out"

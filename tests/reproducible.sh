@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Builds the committed source twice, in two places, and compares every byte of what comes out.
-# `tests/reproducible.sh [CARGO ARGUMENTS]`; without arguments the program as it is released (many minutes), with
+# `tests/reproducible.sh [CARGO ARGUMENTS]`; without arguments the program, compared as it is released (many minutes), with
 # `--package surgtpgs-core --lib`, for example, one library.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -20,6 +20,8 @@ build() { # PLACE ARGUMENTS…
   done
   (cd "$place" && CARGO_TARGET_DIR=$place/target CARGO_INCREMENTAL=0 RUSTFLAGS=$rust CFLAGS=$c CXXFLAGS=$c \
     cargo build --release --locked --quiet "$@")
+  local program=$place/target/release/surgtpgs
+  if [[ -f $program ]]; then assets/strip.sh "$program" "$program"; fi
   (cd "$place/target/release" && find . -maxdepth 1 -type f ! -name '*.d' ! -name '.*' -exec sha256sum {} + | sort -k 2) \
     > "$place.sums"
   git worktree remove --force "$place"
