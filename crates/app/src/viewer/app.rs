@@ -4,7 +4,7 @@ use super::{
     areas::{Areas, Curve, Measure},
     autosave::Autosave,
     command::{self, Command},
-    document::{Document, Look, PREVIEW, Prompt, ViewMode},
+    document::{Document, Look, PREVIEW, Prompt, PromptId, ViewMode},
     export_dialog::ExportDialog,
     help::Sheet,
     import_check::ImportCheck,
@@ -46,6 +46,8 @@ pub(crate) struct ViewerApp {
     /// Where the line of the wipe is, as share of the width.
     pub(super) wipe: f32,
     pub(super) prompt_box: PromptBox,
+    /// The prompt whose menu is open.
+    pub(super) prompt_menu: Option<PromptId>,
     pub(super) open: Option<Open>,
     pub(super) opening: Option<Opening>,
     pub(super) picking: Option<Job<Option<PathBuf>>>,
@@ -141,6 +143,7 @@ impl ViewerApp {
             panes: Panes::default(),
             wipe: 0.5,
             prompt_box: PromptBox::default(),
+            prompt_menu: None,
             open: None,
             opening: None,
             picking: None,

@@ -7,32 +7,49 @@ use super::{
     widgets::{Icon, caption, icon_button},
 };
 use crate::{args::split_words, settings::PROMPT_COLOURS};
-use egui::{Key, Popup, PopupCloseBehavior, Response, Sense, Stroke, TextEdit, Ui, WidgetInfo, vec2};
+use egui::{Id, Key, Popup, PopupCloseBehavior, Response, Sense, Stroke, TextEdit, Ui, WidgetInfo, vec2};
 
-/// The menu that a button of the prompt's row opens.
-pub(crate) fn prompt_menu_ui(button: &Response, app: &mut ViewerApp, prompt: &Prompt) {
-    let menu = Popup::from_toggle_button_response(button);
-    menu.close_behavior(PopupCloseBehavior::CloseOnClickOutside).width(250.0).show(|ui| {
-        words_ui(ui, app, prompt);
-        but_not_ui(ui, app, prompt);
-        ui.add_space(4.0);
-        colours_ui(ui, app, prompt);
-        let mut is_instrument = prompt.is_instrument;
-        let tip = "What it finds lies over what the other prompts find";
-        if ui.checkbox(&mut is_instrument, "This is an instrument").on_hover_text(tip).changed() {
-            app.document.set_instrument(prompt.id, is_instrument);
+/// The menu of one prompt at a time, opened and closed by the buttons of the prompts' rows. All have one id: egui never
+/// forgets what it has laid out under an id, and the menu stays open when rows change places.
+pub(crate) fn prompt_menu_ui(app: &mut ViewerApp, prompts: &[Prompt], buttons: &[Response]) {
+    let rows = || prompts.iter().zip(buttons);
+    let pressed = rows().find(|(_, button)| button.clicked()).map(|(prompt, _)| prompt.id);
+    let before = app.prompt_menu;
+    let shown = before.or(pressed).and_then(|id| rows().find(|(prompt, _)| prompt.id == id));
+    let mut is_open = shown.is_some();
+    if let Some((prompt, button)) = shown {
+        let menu = Popup::from_response(button).id(Id::unique("prompt menu")).open_bool(&mut is_open);
+        menu.close_behavior(PopupCloseBehavior::CloseOnClickOutside)
+            .width(250.0)
+            .show(|ui| contents_ui(ui, app, prompt));
+    }
+    // Another prompt's menu follows in the next frame: words typed in this one are taken over when their field is left.
+    app.prompt_menu = match pressed {
+        Some(id) => (before != Some(id)).then_some(id),
+        None => before.filter(|_| is_open),
+    };
+}
+
+fn contents_ui(ui: &mut Ui, app: &mut ViewerApp, prompt: &Prompt) {
+    words_ui(ui, app, prompt);
+    but_not_ui(ui, app, prompt);
+    ui.add_space(4.0);
+    colours_ui(ui, app, prompt);
+    let mut is_instrument = prompt.is_instrument;
+    let tip = "What it finds lies over what the other prompts find";
+    if ui.checkbox(&mut is_instrument, "This is an instrument").on_hover_text(tip).changed() {
+        app.document.set_instrument(prompt.id, is_instrument);
+    }
+    ui.separator();
+    let (first, last) = (app.document.prompts().first(), app.document.prompts().last());
+    let [is_first, is_last] = [first, last].map(|p| p.is_some_and(|p| p.id == prompt.id));
+    for (label, by, is_end) in [("Move up", -1, is_first), ("Move down", 1, is_last)] {
+        let tip = "Prompts further down are drawn over those above";
+        let item = egui::Button::new(label).frame(false).min_size(vec2(ui.available_width(), 0.0));
+        if ui.add_enabled(!is_end, item).on_hover_text(tip).clicked() {
+            app.document.reorder(prompt.id, by);
         }
-        ui.separator();
-        let (first, last) = (app.document.prompts().first(), app.document.prompts().last());
-        let [is_first, is_last] = [first, last].map(|p| p.is_some_and(|p| p.id == prompt.id));
-        for (label, by, is_end) in [("Move up", -1, is_first), ("Move down", 1, is_last)] {
-            let tip = "Prompts further down are drawn over those above";
-            let item = egui::Button::new(label).frame(false).min_size(vec2(ui.available_width(), 0.0));
-            if ui.add_enabled(!is_end, item).on_hover_text(tip).clicked() {
-                app.document.reorder(prompt.id, by);
-            }
-        }
-    });
+    }
 }
 
 fn words_ui(ui: &mut Ui, app: &mut ViewerApp, prompt: &Prompt) {

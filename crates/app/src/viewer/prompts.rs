@@ -13,7 +13,7 @@ use super::{
     theme,
     widgets::{Icon, caption, choice, command_button, icon_button, swatch},
 };
-use egui::{Frame, Key, Margin, RichText, ScrollArea, Sense, Stroke, TextEdit, Ui, vec2};
+use egui::{Frame, Key, Margin, Response, RichText, ScrollArea, Sense, Stroke, TextEdit, Ui, vec2};
 use surgtpgs_core::overlay::OverlayStyle;
 
 /// What is said where a prompt is found nowhere on the frame.
@@ -113,12 +113,13 @@ fn rows_ui(ui: &mut Ui, app: &mut ViewerApp) {
     if app.document.prompts().is_empty() {
         examples_ui(ui, app);
     }
-    for (index, prompt) in app.document.prompts().to_vec().iter().enumerate() {
-        // Rows that change places take their menus with them.
-        let own = egui::UiBuilder::new().scope_id(egui::Id::unique(("prompt row", prompt.id)));
-        ui.scope_builder(own, |ui| row_ui(ui, app, index, prompt));
+    let prompts = app.document.prompts().to_vec();
+    let mut menu_buttons = Vec::with_capacity(prompts.len());
+    for (index, prompt) in prompts.iter().enumerate() {
+        menu_buttons.push(row_ui(ui, app, index, prompt));
         ui.add_space(2.0);
     }
+    prompt_menu_ui(app, &prompts, &menu_buttons);
 }
 
 /// With no prompt yet: a few words that this recording knows.
@@ -138,13 +139,14 @@ fn examples_ui(ui: &mut Ui, app: &mut ViewerApp) {
     });
 }
 
-fn row_ui(ui: &mut Ui, app: &mut ViewerApp, index: usize, prompt: &Prompt) {
+/// What was found of a prompt, and what can be done with it. Returns the button that opens its menu.
+fn row_ui(ui: &mut Ui, app: &mut ViewerApp, index: usize, prompt: &Prompt) -> Response {
     let is_selected = app.document.selected == Some(prompt.id);
     let line = if is_selected { theme::ACCENT } else { theme::LINE };
     let frame = Frame::new().fill(theme::RAISED).corner_radius(8).inner_margin(Margin::symmetric(10, 6));
-    frame.stroke(Stroke::new(1.0, line)).show(ui, |ui| {
+    let row = frame.stroke(Stroke::new(1.0, line)).show(ui, |ui| {
         ui.set_width(ui.available_width());
-        head_ui(ui, app, index, prompt);
+        let menu_button = head_ui(ui, app, index, prompt);
         let finding = app.finding(prompt.id, &prompt.text).cloned();
         let (text, colour) = if prompt.is_visible {
             state_text(finding.as_ref(), prompt.threshold)
@@ -156,15 +158,17 @@ fn row_ui(ui: &mut Ui, app: &mut ViewerApp, index: usize, prompt: &Prompt) {
             let found = finding.as_ref().and_then(|f| f.outcome.as_ref().ok());
             threshold_row_ui(ui, app, prompt, found);
         }
+        menu_button
     });
+    row.inner
 }
 
-/// Number, words, eye and delete.
-fn head_ui(ui: &mut Ui, app: &mut ViewerApp, index: usize, prompt: &Prompt) {
-    ui.horizontal(|ui| {
+/// Number, words, eye, menu and delete.
+fn head_ui(ui: &mut Ui, app: &mut ViewerApp, index: usize, prompt: &Prompt) -> Response {
+    let head = ui.horizontal(|ui| {
         let (rect, _) = ui.allocate_exact_size(vec2(22.0, 22.0), Sense::hover());
         swatch(ui.painter(), rect, prompt.colour, &(index + 1).to_string());
-        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+        let right = ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
             ui.spacing_mut().item_spacing.x = 2.0;
             let name = format!("Delete {}", prompt.text);
             let tip = "Delete this prompt (undo brings it back)";
@@ -172,8 +176,7 @@ fn head_ui(ui: &mut Ui, app: &mut ViewerApp, index: usize, prompt: &Prompt) {
                 app.document.remove(prompt.id);
             }
             let name = format!("More about {}", prompt.text);
-            let more = icon_button(ui, Icon::More, &name, "Other words, colour, order", false, true);
-            prompt_menu_ui(&more, app, prompt);
+            let menu_button = icon_button(ui, Icon::More, &name, "Other words, colour, order", false, true);
             let (icon, word) =
                 if prompt.is_visible { (Icon::Eye, "Hide") } else { (Icon::EyeClosed, "Show") };
             let name = format!("{word} {}", prompt.text);
@@ -188,8 +191,11 @@ fn head_ui(ui: &mut Ui, app: &mut ViewerApp, index: usize, prompt: &Prompt) {
                     app.document.selected = Some(prompt.id);
                 }
             });
+            menu_button
         });
+        right.inner
     });
+    head.inner
 }
 
 fn threshold_row_ui(ui: &mut Ui, app: &mut ViewerApp, prompt: &Prompt, found: Option<&Found>) {

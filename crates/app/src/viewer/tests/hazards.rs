@@ -103,6 +103,43 @@ fn a_prompt_has_exceptions_of_its_own() {
 }
 
 #[test]
+fn one_menu_serves_all_prompts_and_loses_no_words() {
+    let mut window = Window::on(scene());
+    ["polyp", "liver", "fat"].into_iter().for_each(|words| window.add_prompt(words));
+    let words = |window: &Window| -> Vec<String> {
+        window.harness.state().document.prompts().iter().map(|p| p.text.clone()).collect()
+    };
+    let layers = |window: &Window| window.harness.ctx.memory(|m| m.layer_ids().len());
+
+    window.click("More about fat");
+    let with_one_menu = layers(&window);
+    for (words_before, typed, other) in [("fat", " tissue", "liver"), ("liver", " lobe", "polyp")] {
+        let field = format!("Words of {words_before}");
+        window.harness.get_by_label(&field).focus();
+        window.harness.step();
+        window.harness.get_by_label(&field).type_text(typed);
+        window.harness.step();
+        window.click(&format!("More about {other}"));
+        assert!(words(&window).iter().any(|w| w.contains(typed)), "leaving a field keeps what was typed");
+        assert!(window.harness.query_by_label(&format!("Words of {other}")).is_some());
+        assert_eq!(window.harness.query_all_by_label_contains("Words of").count(), 1);
+    }
+    let before = words(&window);
+    window.click("Move down");
+    assert_eq!(words(&window), [before[1].as_str(), "polyp", &before[2]]);
+    assert!(window.harness.query_by_label("Words of polyp").is_some(), "the menu goes with its prompt");
+    assert_eq!(layers(&window), with_one_menu, "egui keeps every layer it ever had");
+
+    window.click("More about polyp");
+    assert!(window.harness.query_by_label("Words of polyp").is_none(), "its button closes it");
+    window.click("More about polyp");
+    window.click("Delete polyp");
+    window.press_with(Modifiers::COMMAND, Key::Z);
+    assert_eq!(words(&window)[1], "polyp");
+    assert!(window.harness.query_by_label("Words of polyp").is_none(), "it closed with its prompt");
+}
+
+#[test]
 fn words_used_before_and_those_of_an_operation_are_suggested() {
     let mut window = Window::on(scene());
     window.add_prompt("polyp");

@@ -294,11 +294,18 @@ impl Monkey {
         }
     }
 
+    /// Has egui draw its picture of letters anew, which otherwise grows to 17 MB before it does, size of letters by size.
+    fn forget_letters(&mut self) {
+        let side = self.harness.ctx.input(|i| i.max_texture_side);
+        self.harness.input_mut().max_texture_side = Some(if side == 2048 { 2047 } else { 2048 });
+    }
+
     /// Ends what is going on, forgets what was asked, opens the scene again and waits for its picture; removes what was
     /// written.
     fn tidy_up(&mut self) {
         self.size = vec2(1280.0, 800.0);
         self.harness.set_size(self.size);
+        self.forget_letters();
         let state = self.harness.state_mut();
         (state.training, state.export, state.quality, state.train_dialog) = (None, None, None, None);
         (state.sheet, state.problem, state.go_to) = (None, None, None);
