@@ -310,6 +310,7 @@ impl Monkey {
         (state.training, state.export, state.quality, state.train_dialog) = (None, None, None, None);
         (state.sheet, state.problem, state.go_to) = (None, None, None);
         state.document.load(Content::default(), 0);
+        state.prompt_box.text.clear();
         self.open("scene.safetensors");
         let began = Instant::now();
         let is_there = |app: &ViewerApp| {
@@ -376,7 +377,7 @@ fn wait_for_threads(usual: Option<f64>) {
 }
 
 /// Memory in use must not grow: the lower quartile of the last third of the rounds is at most 5 % above that of the second.
-/// (Lower, because what a round leaves behind is there after every one; what it left open, large letters say, is not.)
+/// (Lower, because what a round leaves behind is there after every one; what was going on when it ended is not.)
 #[test]
 #[ignore = "takes as long as MONKEY_MINUTES says"]
 fn a_monkey_for_long() {
