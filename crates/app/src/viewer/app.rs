@@ -46,7 +46,7 @@ pub(crate) struct ViewerApp {
     /// Where the line of the wipe is, as share of the width.
     pub(super) wipe: f32,
     pub(super) prompt_box: PromptBox,
-    /// The prompt whose menu is open.
+    /// The prompt whose menu is open, or was last.
     pub(super) prompt_menu: Option<PromptId>,
     pub(super) open: Option<Open>,
     pub(super) opening: Option<Opening>,

@@ -11,23 +11,31 @@ use egui::{Id, Key, Popup, PopupCloseBehavior, Response, Sense, Stroke, TextEdit
 
 /// The menu of one prompt at a time, opened and closed by the buttons of the prompts' rows. All have one id: egui never
 /// forgets what it has laid out under an id, and the menu stays open when rows change places.
-pub(crate) fn prompt_menu_ui(app: &mut ViewerApp, prompts: &[Prompt], buttons: &[Response]) {
+pub(crate) fn prompt_menu_ui(ui: &Ui, app: &mut ViewerApp, prompts: &[Prompt], buttons: &[Response]) {
+    let (ctx, id) = (ui.ctx(), Id::unique("prompt menu"));
     let rows = || prompts.iter().zip(buttons);
     let pressed = rows().find(|(_, button)| button.clicked()).map(|(prompt, _)| prompt.id);
-    let before = app.prompt_menu;
-    let shown = before.or(pressed).and_then(|id| rows().find(|(prompt, _)| prompt.id == id));
-    let mut is_open = shown.is_some();
-    if let Some((prompt, button)) = shown {
-        let menu = Popup::from_response(button).id(Id::unique("prompt menu")).open_bool(&mut is_open);
+    // egui closes what is not shown, where there are no rows for example.
+    let before = app.prompt_menu.filter(|_| Popup::is_id_open(ctx, id));
+    if before.is_none() && pressed.is_some() {
+        Popup::open_id(ctx, id);
+    }
+    app.prompt_menu = before.or(pressed);
+    if let Some((prompt, button)) = rows().find(|(prompt, _)| app.prompt_menu == Some(prompt.id)) {
+        let menu = Popup::from_response(button).id(id).open_memory(None);
         menu.close_behavior(PopupCloseBehavior::CloseOnClickOutside)
             .width(250.0)
             .show(|ui| contents_ui(ui, app, prompt));
     }
     // Another prompt's menu follows in the next frame: words typed in this one are taken over when their field is left.
-    app.prompt_menu = match pressed {
-        Some(id) => (before != Some(id)).then_some(id),
-        None => before.filter(|_| is_open),
-    };
+    match pressed {
+        Some(_) if pressed == before => Popup::close_id(ctx, id),
+        Some(_) => {
+            app.prompt_menu = pressed;
+            Popup::open_id(ctx, id);
+        }
+        None => {}
+    }
 }
 
 fn contents_ui(ui: &mut Ui, app: &mut ViewerApp, prompt: &Prompt) {

@@ -119,7 +119,7 @@ fn rows_ui(ui: &mut Ui, app: &mut ViewerApp) {
         menu_buttons.push(row_ui(ui, app, index, prompt));
         ui.add_space(2.0);
     }
-    prompt_menu_ui(app, &prompts, &menu_buttons);
+    prompt_menu_ui(ui, app, &prompts, &menu_buttons);
 }
 
 /// With no prompt yet: a few words that this recording knows.

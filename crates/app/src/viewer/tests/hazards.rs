@@ -137,6 +137,14 @@ fn one_menu_serves_all_prompts_and_loses_no_words() {
     window.press_with(Modifiers::COMMAND, Key::Z);
     assert_eq!(words(&window)[1], "polyp");
     assert!(window.harness.query_by_label("Words of polyp").is_none(), "it closed with its prompt");
+
+    window.click("More about polyp");
+    let open = window.harness.state_mut().open.take();
+    window.harness.step();
+    window.harness.state_mut().open = open;
+    window.harness.step();
+    assert!(window.harness.query_by_label("More about polyp").is_some());
+    assert!(window.harness.query_by_label("Words of polyp").is_none(), "it closed with its recording");
 }
 
 #[test]

@@ -294,7 +294,7 @@ impl Monkey {
         }
     }
 
-    /// Has egui draw its picture of letters anew, which otherwise grows to 17 MB before it does, size of letters by size.
+    /// Has egui begin its picture of letters anew, which it does by itself only when 17 MB are four fifths full.
     fn forget_letters(&mut self) {
         let side = self.harness.ctx.input(|i| i.max_texture_side);
         self.harness.input_mut().max_texture_side = Some(if side == 2048 { 2047 } else { 2048 });
