@@ -126,6 +126,9 @@ pub struct DemoArgs {
     /// Seed of textures and noise
     #[arg(long, default_value_t = 7)]
     pub seed: u64,
+    /// Replace an earlier result of this kind, once the new one is whole
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// `surgtpgs check`
@@ -165,8 +168,11 @@ pub struct TrainArgs {
     #[arg(long)]
     pub fast_features: bool,
     /// Go on with the unfinished training beside the scene file
-    #[arg(long, conflicts_with_all = ["eval", "iterations", "seed", "profile", "fast_features"])]
+    #[arg(long, conflicts_with_all = ["eval", "iterations", "seed", "profile", "fast_features", "force"])]
     pub resume: bool,
+    /// Replace an earlier scene once the new one is whole, and begin again where one is unfinished
+    #[arg(long)]
+    pub force: bool,
     /// Report as JSON
     #[arg(long)]
     pub json: bool,
@@ -200,7 +206,7 @@ pub enum TrainProfile {
 }
 
 /// How to open a scene; shared by the verbs that render.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct SceneArgs {
     /// Scene file
     pub scene: PathBuf,
@@ -210,7 +216,7 @@ pub struct SceneArgs {
 }
 
 /// How prompts are answered; shared by the verbs that take or make prompts.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct RelevancyArgs {
     /// `builtin`, or the text encoder's folder; needed only if it is not where it was when preparing
     #[arg(long, value_name = "DIR|builtin", value_hint = ValueHint::DirPath)]
@@ -308,6 +314,9 @@ pub struct RenderArgs {
     /// Image columns, if not those of the recording (rows follow)
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=8192))]
     pub width: Option<u32>,
+    /// Replace an earlier result of this kind, once the new one is whole
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// Images that `render` writes.
@@ -339,6 +348,9 @@ pub struct QueryVerbArgs {
     /// where they are, how large and how they move over time as objects.csv and objects.json
     #[arg(long, value_name = "DIR")]
     pub gaussians: Option<PathBuf>,
+    /// Replace an earlier result in that folder, once the new one is whole
+    #[arg(long, requires = "gaussians")]
+    pub force: bool,
     /// How prompts are answered
     #[command(flatten)]
     pub relevancy: RelevancyArgs,

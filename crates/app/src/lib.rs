@@ -11,6 +11,7 @@ pub mod engine;
 mod evaluation;
 pub mod jobs;
 mod memory;
+mod outputs;
 mod pictures;
 pub mod settings;
 mod tables;

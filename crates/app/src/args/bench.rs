@@ -4,17 +4,21 @@ use super::{MaskDensity, RelevancyArgs, SceneArgs};
 use crate::engine::Backend;
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
+use surgtpgs_core::files::Inputs;
 
 /// `surgtpgs bench`
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct BenchArgs {
     /// What to measure
     #[command(subcommand)]
     pub verb: BenchVerb,
+    /// Replace an earlier benchmark in the folder, once the new one is whole
+    #[arg(long, global = true)]
+    pub force: bool,
 }
 
 /// What to measure.
-#[derive(Debug, Subcommand)]
+#[derive(Clone, Debug, Subcommand)]
 pub enum BenchVerb {
     /// Train once for every setting: train.csv, train_psnr.svg, train_miou.svg
     Train(BenchTrainArgs),
@@ -30,8 +34,35 @@ pub enum BenchVerb {
     Codec(BenchCodecArgs),
 }
 
+impl BenchVerb {
+    /// The folder to write, if there is one.
+    pub fn output_mut(&mut self) -> Option<&mut PathBuf> {
+        match self {
+            Self::Train(args) => Some(&mut args.output),
+            Self::Step(args) => args.output.as_mut(),
+            Self::Frame(args) => args.output.as_mut(),
+            Self::Stress(args) => args.output.as_mut(),
+            Self::Masks(args) => args.output.as_mut(),
+            Self::Codec(args) => args.output.as_mut(),
+        }
+    }
+
+    /// What is read.
+    pub fn inputs(&self) -> Inputs {
+        match self {
+            Self::Train(args) => Inputs::none().with("the recording", &args.sequence),
+            Self::Frame(args) => Inputs::none().with("the scene", &args.scene.scene),
+            Self::Masks(args) => {
+                Inputs::none().with("the recording", &args.sequence).with("the model", &args.masks_model)
+            }
+            Self::Codec(args) => Inputs::none().with("the embeddings", &args.embeddings),
+            Self::Step(_) | Self::Stress(_) => Inputs::none(),
+        }
+    }
+}
+
 /// `surgtpgs bench codec`
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct BenchCodecArgs {
     /// A folder with one table of text embeddings, NAME.npy [texts, dim]
     #[arg(long, value_name = "DIR")]
@@ -54,7 +85,7 @@ pub struct BenchCodecArgs {
 }
 
 /// `surgtpgs bench masks`
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct BenchMasksArgs {
     /// A recording with label masks
     pub sequence: PathBuf,
@@ -76,7 +107,7 @@ pub struct BenchMasksArgs {
 }
 
 /// `surgtpgs bench stress`
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct BenchStressArgs {
     /// What renders
     #[arg(long, value_enum, default_value_t = Backend::Auto)]
@@ -90,7 +121,7 @@ pub struct BenchStressArgs {
 }
 
 /// `surgtpgs bench frame`
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct BenchFrameArgs {
     /// The scene
     #[command(flatten)]
@@ -126,7 +157,7 @@ fn image_size(text: &str) -> Result<(u32, u32), String> {
 }
 
 /// `surgtpgs bench step`
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct BenchStepArgs {
     /// Folder for step.csv
     #[arg(short, long, value_name = "DIR")]
@@ -143,7 +174,7 @@ pub struct BenchStepArgs {
 }
 
 /// `surgtpgs bench train`
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct BenchTrainArgs {
     /// A folder prepared with --eval, or a recording (then without features)
     pub sequence: PathBuf,

@@ -18,6 +18,9 @@ pub struct EvalArgs {
     /// Also write tables, the report with every frame and class, and pictures of errors into this folder
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
+    /// Replace an earlier evaluation in that folder, once the new one is whole
+    #[arg(long, requires = "output")]
+    pub force: bool,
     /// Also measure LPIPS with this model: two float images [1,3,height,width] of -1 to 1 in, one number out
     #[arg(long, value_name = "MODEL.onnx", conflicts_with = "masks")]
     pub lpips: Option<PathBuf>,

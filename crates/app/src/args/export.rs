@@ -60,7 +60,7 @@ pub struct ExportArgs {
     /// Leave the research-use stamp out of overlays, outlines and videos; the record says so
     #[arg(long)]
     pub no_stamp: bool,
-    /// Overwrite what is there
+    /// Replace an earlier export, once the new one is whole
     #[arg(long)]
     pub force: bool,
     /// How prompts are answered

@@ -4,14 +4,13 @@ use indicatif::{ProgressBar, ProgressStyle};
 use std::{
     io::Write,
     ops::ControlFlow,
-    path::Path,
     sync::{
         Once,
         atomic::{AtomicBool, Ordering},
     },
     time::{Duration, Instant},
 };
-use surgtpgs_core::{Error, Result, files::write_whole};
+use surgtpgs_core::{Error, Result};
 
 use crate::jobs::Progress;
 
@@ -141,14 +140,4 @@ fn interrupt() {
 /// Whether the user, or the system, wants the program to stop.
 pub fn interrupted() -> bool {
     INTERRUPTED.load(Ordering::SeqCst)
-}
-
-/// Makes sure, before long work, that a file can be written at `path`.
-pub fn require_writable(path: &Path) -> Result<()> {
-    if path.is_dir() {
-        return Err(Error::input_at(path, "this is a folder, a file is needed", "Give a file name."));
-    }
-    let probe = path.with_file_name(format!(".surgtpgs-{}", std::process::id()));
-    write_whole(&probe, b"")?;
-    std::fs::remove_file(&probe).map_err(|e| Error::io("remove a temporary file", probe, e))
 }

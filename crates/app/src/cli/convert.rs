@@ -4,11 +4,14 @@ use super::{
     Exit,
     console::{ProgressView, print, print_json, say},
 };
-use crate::args::{ConvertArgs, FrameRange, StillFormat};
+use crate::{
+    args::{ConvertArgs, FrameRange, StillFormat},
+    outputs,
+};
 use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Error, Result,
-    files::write_whole,
+    files::{Inputs, write_whole},
     scene::{LANG_DEFORMATION_FILE, Scene},
 };
 
@@ -34,14 +37,12 @@ enum Target {
 
 pub(super) fn run(args: &ConvertArgs) -> Result<Exit> {
     let target = target(args)?;
-    if args.output.exists() && !args.force {
-        return Err(Error::input_at(
-            &args.output,
-            "there is something of this name already",
-            "Give another name, or --force to overwrite it.",
-        ));
-    }
     let scene = open(args)?;
+    let inputs = Inputs::none()
+        .with("the scene", &args.input)
+        .with_some("the other scene", args.like.as_deref())
+        .with("the scene's recording", &scene.provenance.sequence_path);
+    let file = |path: &Path| outputs::scene_file(path, &inputs, args.force);
     let mut report = Report {
         files: Vec::new(),
         bytes: 0,
@@ -50,13 +51,22 @@ pub(super) fn run(args: &ConvertArgs) -> Result<Exit> {
         lost: Vec::new(),
     };
     match target {
-        Target::Scene if args.quantize => report.write(&args.output, &scene.to_quantized_bytes()?)?,
-        Target::Scene => report.write(&args.output, &scene.to_bytes()?)?,
+        Target::Scene => {
+            let output = file(&args.output)?;
+            let bytes = if args.quantize { scene.to_quantized_bytes() } else { scene.to_bytes() }?;
+            output.write(&bytes)?;
+            report.add(args.output.clone(), &bytes);
+        }
         Target::Reference => {
+            let weights_path = args.output.with_file_name(LANG_DEFORMATION_FILE);
+            let (ply, weights) = (file(&args.output)?, file(&weights_path)?);
             let files = scene.to_reference_ply();
             report.lost = files.lost;
-            report.write(&args.output, &files.ply)?;
-            report.write(&args.output.with_file_name(LANG_DEFORMATION_FILE), &files.weights.to_bytes())?;
+            let weights_bytes = files.weights.to_bytes();
+            ply.write(&files.ply)?;
+            weights.write(&weights_bytes)?;
+            report.add(args.output.clone(), &files.ply);
+            report.add(weights_path, &weights_bytes);
         }
         Target::Still(format) => {
             let frame = args.frame.unwrap_or(0);
@@ -65,17 +75,23 @@ pub(super) fn run(args: &ConvertArgs) -> Result<Exit> {
                 return Err(Error::input(what, "Give a smaller --frame."));
             }
             let time = args.time.unwrap_or(scene.time(frame));
-            report.write(&args.output, &still(&scene, time, frame, format))?;
+            let output = file(&args.output)?;
+            let bytes = still(&scene, time, frame, format);
+            output.write(&bytes)?;
+            report.add(args.output.clone(), &bytes);
         }
         Target::Folder => {
+            let output = outputs::folder(&args.output, outputs::FRAMES, &inputs, args.force)?;
             let mut view = ProgressView::default();
             let frames = FrameRange::frames(args.frames, scene.num_frames())?;
             for (done, &frame) in frames.iter().enumerate() {
                 let name = format!("frame{frame:04}.{}", args.format.extension());
                 let bytes = still(&scene, scene.time(frame), frame, args.format);
-                report.write(&args.output.join(name), &bytes)?;
+                write_whole(&output.path().join(&name), &bytes)?;
+                report.add(args.output.join(name), &bytes);
                 view.count("converting", done + 1, frames.len());
             }
+            output.finish()?;
         }
     }
     report.lost.iter().for_each(|what| say(&format!("not kept as it was: {what}")));
@@ -148,11 +164,9 @@ fn still(scene: &Scene, time: f32, frame: usize, format: StillFormat) -> Vec<u8>
 }
 
 impl Report {
-    fn write(&mut self, path: &Path, bytes: &[u8]) -> Result<()> {
-        write_whole(path, bytes)?;
-        self.files.push(path.to_owned());
+    fn add(&mut self, path: PathBuf, bytes: &[u8]) {
+        self.files.push(path);
         self.bytes += bytes.len() as u64;
-        Ok(())
     }
 }
 

@@ -4,11 +4,8 @@ use super::{
     Exit,
     console::{ProgressView, say},
 };
-use crate::args::DemoArgs;
-use surgtpgs_core::{
-    Result,
-    demo::{self, DemoSettings},
-};
+use crate::{args::DemoArgs, jobs};
+use surgtpgs_core::{Result, demo::DemoSettings};
 
 pub(super) fn run(args: &DemoArgs) -> Result<Exit> {
     let settings = DemoSettings {
@@ -19,7 +16,8 @@ pub(super) fn run(args: &DemoArgs) -> Result<Exit> {
         seed: args.seed,
     };
     let mut view = ProgressView::default();
-    demo::write(&settings, &args.output, &mut |done, total| view.count("recording the demo", done, total))?;
+    let mut tell = |done, total| view.count("recording the demo", done, total);
+    jobs::record_demo(&settings, &args.output, args.force, &mut tell)?;
     drop(view);
     say(&format!("wrote {} frames to {}", args.frames, args.output.display()));
     Ok(Exit::Done)

@@ -8,14 +8,22 @@ use super::{
 use crate::{
     args::EvalArgs,
     engine::Engine,
-    evaluation::{as_text, evaluate, evaluate_masks, write},
+    evaluation::{as_text, evaluate, evaluate_masks, write_files},
     jobs::Progress,
+    outputs,
 };
 use std::path::Path;
-use surgtpgs_core::{Result, metrics::PredictedMasks, prepare::Prepared, sequence::Sequence};
+use surgtpgs_core::{Result, files::Inputs, metrics::PredictedMasks, prepare::Prepared, sequence::Sequence};
 
 pub(super) fn run(args: &EvalArgs) -> Result<Exit> {
     watch_interrupts();
+    let inputs = args
+        .paths
+        .iter()
+        .fold(Inputs::none(), |inputs, path| inputs.with("the scene or its recording", path));
+    let inputs = inputs.with_some("the masks", args.masks.as_deref());
+    let take = |folder| outputs::folder(folder, outputs::EVALUATION, &inputs, args.force);
+    let output = args.output.as_deref().map(take).transpose()?;
     let mut view = ProgressView::default();
     let mut observer = |p: &Progress<'_>| view.show(p);
     let evaluation = match (&args.masks, &args.paths[..]) {
@@ -39,8 +47,9 @@ pub(super) fn run(args: &EvalArgs) -> Result<Exit> {
     if report.iou.is_none() {
         say("no IoU: it needs a scene with features and a recording with label masks");
     }
-    if let Some(folder) = &args.output {
-        write(folder, &evaluation)?;
+    if let Some(output) = output {
+        write_files(output.path(), &evaluation)?;
+        output.finish()?;
     }
     if args.json {
         print_json(report)?;

@@ -48,7 +48,7 @@ pub(super) fn export(args: &ExportArgs) -> Result<(Engine, ExportSummary)> {
         folder: &args.output,
         prompts: jobs::export_prompts(&engine),
         options: export_options(args),
-        overwrite: args.force,
+        replace: args.force,
         frames,
     };
     say(&format!(

@@ -27,8 +27,8 @@ struct Row<'a> {
 }
 
 /// Writes what each prompt found on the frame where it covers most, and follows these Gaussians over all frames; nothing
-/// for a prompt that found nothing.
-pub(super) fn write(engine: &mut Engine, report: &mut Report, folder: &Path) -> Result<()> {
+/// for a prompt that found nothing. Files are written into `folder`, and reported as those of `shown`, where they will be.
+pub(super) fn write(engine: &mut Engine, report: &mut Report, folder: &Path, shown: &Path) -> Result<()> {
     let scene = engine.scene().clone();
     let names = slugs(report.prompts.iter().map(|p| p.text.as_str()));
     let mut found = Vec::new();
@@ -36,9 +36,10 @@ pub(super) fn write(engine: &mut Engine, report: &mut Report, folder: &Path) -> 
         let Some(frame) = report.prompts[k].largest().map(|f| f.frame) else { continue };
         let time = scene.time(frame);
         let gaussians = engine.gaussians_found(time)?.swap_remove(k);
-        let file = folder.join(format!("{name}.ply"));
-        write_whole(&file, &scene.still(time, &gaussians).to_ply(scene.cameras.get(frame)))?;
-        report.prompts[k].gaussians = Some(GaussiansReport { frame, count: gaussians.len(), file });
+        let file = format!("{name}.ply");
+        write_whole(&folder.join(&file), &scene.still(time, &gaussians).to_ply(scene.cameras.get(frame)))?;
+        report.prompts[k].gaussians =
+            Some(GaussiansReport { frame, count: gaussians.len(), file: shown.join(file) });
         found.push((k, gaussians));
     }
     let rows: Vec<Row<'_>> =

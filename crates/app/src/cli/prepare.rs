@@ -7,24 +7,24 @@ use super::{
 use crate::{
     args::{PrepareArgs, encoder_choice},
     jobs::{self, FeatureSource, PrepareOptions},
+    outputs,
 };
-use std::path::Path;
 use surgtpgs_core::{
-    Error, Result,
+    Result,
     codec::CodecSettings,
-    files::is_free_folder,
+    files::Inputs,
     prepare::{Prepared, write_langsplat},
     sequence::Sequence,
 };
 
 pub(super) fn run(args: &PrepareArgs) -> Result<Exit> {
     let sequence = Sequence::open(&args.sequence)?;
-    let source = source(args);
-    let reuses = matches!(source, FeatureSource::Masks { .. });
-    refuse_occupied(&args.output, args.force, reuses)?;
+    if Prepared::is_unfinished(&args.output) {
+        say("going on with an unfinished preparation");
+    }
     console::watch_interrupts();
     let options = PrepareOptions {
-        source,
+        source: source(args),
         eval: args.eval,
         encoder: encoder_choice(&args.text_encoder),
         codec: CodecSettings {
@@ -35,9 +35,16 @@ pub(super) fn run(args: &PrepareArgs) -> Result<Exit> {
         depth_model: args.depth_model.clone(),
     };
     let mut view = ProgressView::default();
-    let prepared = jobs::prepare(sequence, &args.output, &options, &mut |p| view.show(p))?;
-    if let Some(folder) = &args.langsplat {
-        write_langsplat(&prepared, folder, &mut |done, all| view.count("writing .npy files", done, all))?;
+    let inputs = Inputs::none().with_recording(&sequence).with("the prepared folder", &args.output);
+    let langsplat = args.langsplat.as_ref();
+    let langsplat = langsplat
+        .map(|folder| outputs::folder(folder, outputs::LANGSPLAT, &inputs, args.force))
+        .transpose()?;
+    let prepared = jobs::prepare_folder(sequence, &args.output, &options, args.force, &mut |p| view.show(p))?;
+    if let Some(output) = langsplat {
+        let mut tell = |done, all| view.count("writing .npy files", done, all);
+        write_langsplat(&prepared, output.path(), &mut tell)?;
+        output.finish()?;
     }
     drop(view);
     if let Some(depth) = prepared.sequence.estimated_depth() {
@@ -76,27 +83,5 @@ fn source(args: &PrepareArgs) -> FeatureSource {
             level,
         },
         _ => FeatureSource::Labels,
-    }
-}
-
-/// A folder with other content, the recording above all, is never written into. One whose preparation was not finished
-/// is gone on with; an earlier one is replaced if the user says so, all but its masks where they can be used again.
-fn refuse_occupied(folder: &Path, force: bool, reuses: bool) -> Result<()> {
-    match (is_free_folder(folder)?, Prepared::is_prepared(folder)) {
-        (true, _) => Ok(()),
-        (false, true) if force && reuses => Ok(()),
-        (false, true) if force => jobs::remove_folder(folder),
-        (false, false) if Prepared::is_unfinished(folder) => {
-            say("going on with an unfinished preparation");
-            Ok(())
-        }
-        (false, true) => Err(Error::input_at(
-            folder,
-            "the folder holds an earlier preparation",
-            "Choose a new folder, or replace it with `--force`.",
-        )),
-        (false, false) => {
-            Err(Error::input_at(folder, "the folder is not empty", "Choose a new or empty folder."))
-        }
     }
 }

@@ -8,6 +8,7 @@ use super::{
 use crate::{
     args::{FrameRange, QueryVerbArgs},
     engine::Engine,
+    outputs,
 };
 use std::path::PathBuf;
 use surgtpgs_core::{Result, mask::Region, object::seen_area, raster::MIN_DEPTH_ALPHA};
@@ -71,9 +72,13 @@ pub(super) fn run(args: &QueryVerbArgs) -> Result<Exit> {
     let mut engine = open_engine(&args.scene, args.relevancy.engine_options(&args.scene, None))?;
     engine.set_questions(&args.prompts.questions(engine.settings())?)?;
     let frames = FrameRange::frames(args.frames, engine.scene().num_frames())?;
+    let inputs = outputs::inputs_of_engine(&args.scene.scene, &engine);
+    let take = |folder| outputs::folder(folder, outputs::OBJECTS, &inputs, args.force);
+    let objects = args.gaussians.as_deref().map(take).transpose()?;
     let mut report = query(&mut engine, &frames)?;
-    if let Some(folder) = &args.gaussians {
-        objects::write(&mut engine, &mut report, folder)?;
+    if let Some((output, folder)) = objects.zip(args.gaussians.as_deref()) {
+        objects::write(&mut engine, &mut report, output.path(), folder)?;
+        output.finish()?;
     }
     if args.json {
         print_json(&report)?;

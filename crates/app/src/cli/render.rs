@@ -9,6 +9,7 @@ use crate::{
     args::{FrameRange, ImageKind, RenderArgs},
     engine::{Engine, EngineOptions, View},
     memory::require_for_pictures,
+    outputs,
     pictures::png,
 };
 use image::{GrayImage, ImageBuffer, Luma};
@@ -34,6 +35,8 @@ pub(super) fn run(args: &RenderArgs) -> Result<Exit> {
     check_image_size(camera.width as usize, camera.height as usize)
         .map_err(|what| Error::input(what, "Choose a smaller `--width`."))?;
     require_for_pictures(camera.width, camera.height)?;
+    let inputs = outputs::inputs_of_engine(&args.scene.scene, &engine);
+    let output = outputs::folder(&args.output, outputs::PICTURES, &inputs, args.force)?;
     let mut view = ProgressView::default();
     let mut depth_range = None;
     for (done, &frame) in frames.iter().enumerate() {
@@ -41,11 +44,12 @@ pub(super) fn run(args: &RenderArgs) -> Result<Exit> {
             engine.render(&sized(engine.view(frame)?, args.width), kinds.contains(&ImageKind::Feature))?;
         let range =
             *depth_range.get_or_insert_with(|| typical_range(&images.normalised_depth(MIN_DEPTH_ALPHA)));
-        kinds.par_iter().try_for_each(|&kind| write(&args.output, kind, frame, &images, range))?;
+        kinds.par_iter().try_for_each(|&kind| write(output.path(), kind, frame, &images, range))?;
         view.count("rendering", done + 1, frames.len());
     }
     drop(view);
-    write_notes(&args.output, &engine, &kinds, depth_range)?;
+    write_notes(output.path(), &engine, &kinds, depth_range)?;
+    output.finish()?;
     print(&format!("{} frames in {} ({})\n", frames.len(), args.output.display(), engine.renderer_name()))?;
     Ok(Exit::Done)
 }

@@ -8,7 +8,9 @@ use crate::{
     args::TrainArgs,
     jobs::{self, Material, Trained},
     memory::{peak_rss_bytes, require_for_training},
+    outputs,
 };
+use std::path::Path;
 use surgtpgs_core::{Error, Result, train::Trainer};
 
 /// The JSON report; its keys are a contract.
@@ -39,18 +41,20 @@ pub(super) fn run(args: &TrainArgs) -> Result<Exit> {
 /// Trains and saves the scene; one that is not finished was stopped by the user.
 pub(super) fn train(args: &TrainArgs) -> Result<Report> {
     let material = Material::open(&args.sequence)?;
-    console::require_writable(&args.output)?;
+    let inputs = outputs::inputs_of_material(&args.sequence, &material);
+    let output = outputs::scene_file(&args.output, &inputs, args.force || args.resume)?;
+    let checkpoint = jobs::checkpoint_path(output.path());
+    let _checkpoint = outputs::checkpoint_file(&checkpoint, &inputs)?;
     if material.prepared().is_none() {
         say("training without features: prompts will find nothing in this scene (see `surgtpgs prepare`)");
     }
     require_for_training(material.sequence(), &args.settings())?;
-    let mut trainer = begin(args, &material)?;
+    let mut trainer = begin(args, &material, &checkpoint)?;
     let backend = jobs::backend::choose(&mut trainer, args.backend)?;
     say(&format!("training on {backend}"));
     let asked = trainer.settings().iterations;
     console::watch_interrupts();
     let mut view = ProgressView::default();
-    let checkpoint = jobs::checkpoint_path(&args.output);
     let trained = jobs::go_on(&mut trainer, Some(&checkpoint), &mut |p| view.show(p), &mut |_, _| {});
     drop(view);
     let mut trained = trained.inspect_err(|_| {
@@ -59,7 +63,7 @@ pub(super) fn train(args: &TrainArgs) -> Result<Report> {
         }
     })?;
     trained.scene.provenance.peak_rss_bytes = peak_rss_bytes();
-    trained.scene.save(&args.output)?;
+    output.write(&trained.scene.to_bytes()?)?;
     let report = report(&trained, asked, trainer.backend_name());
     if report.finished {
         jobs::remove_file(&checkpoint)?;
@@ -74,22 +78,21 @@ pub(super) fn train(args: &TrainArgs) -> Result<Report> {
 }
 
 /// A new training, or the unfinished one; an unfinished one is never lost by accident.
-fn begin(args: &TrainArgs, material: &Material) -> Result<Trainer> {
-    let checkpoint = jobs::checkpoint_path(&args.output);
+fn begin(args: &TrainArgs, material: &Material, checkpoint: &Path) -> Result<Trainer> {
     let (sequence, prepared) = (material.sequence(), material.prepared());
     match (args.resume, checkpoint.exists()) {
-        (true, true) => Trainer::resume(sequence, prepared, &checkpoint),
+        (true, true) => Trainer::resume(sequence, prepared, checkpoint),
         (true, false) => Err(Error::input_at(
-            &checkpoint,
+            checkpoint,
             "there is no unfinished training to go on with",
             "Train without --resume.",
         )),
-        (false, true) => Err(Error::input_at(
-            &checkpoint,
+        (false, true) if !args.force => Err(Error::input_at(
+            checkpoint,
             "an earlier training of this scene is unfinished",
-            "Go on with --resume, or remove its file to begin again.",
+            "Go on with --resume, or begin again with --force.",
         )),
-        (false, false) => Trainer::new(sequence, prepared, args.settings()),
+        (false, _) => Trainer::new(sequence, prepared, args.settings()),
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::{Evaluation, masks::Labelled, matrix};
 use crate::{
+    outputs,
     pictures::{png, side_by_side},
     tables::csv,
 };
@@ -9,7 +10,7 @@ use image::{Rgb, RgbImage};
 use std::path::Path;
 use surgtpgs_core::{
     Error, Result,
-    files::write_whole,
+    files::{Inputs, write_whole},
     metrics::{ClassOnFrame, MaskScores},
     sequence::{Class, NO_LABEL},
 };
@@ -26,8 +27,15 @@ struct ClassRow<'a> {
     row: &'a ClassOnFrame,
 }
 
+/// Writes an evaluation into the folder `path`; an earlier one is replaced where `replace` says so.
+pub(crate) fn write(path: &Path, inputs: &Inputs, replace: bool, evaluation: &Evaluation) -> Result<()> {
+    let output = outputs::folder(path, outputs::EVALUATION, inputs, replace)?;
+    write_files(output.path(), evaluation)?;
+    output.finish()
+}
+
 /// Writes `eval.json`, `frames.csv`, `classes.csv`, `confusion.svg` and `errors/`, whichever there is something for.
-pub(crate) fn write(folder: &Path, evaluation: &Evaluation) -> Result<()> {
+pub(crate) fn write_files(folder: &Path, evaluation: &Evaluation) -> Result<()> {
     let classes = &evaluation.classes;
     let protocols: Vec<(&'static str, &MaskScores)> =
         [Some(("threshold", &classes.threshold)), classes.argmax.as_ref().map(|a| ("argmax", &a.scores))]

@@ -6,7 +6,7 @@ mod matrix;
 mod report;
 mod times;
 
-pub(crate) use files::write;
+pub(crate) use files::{write, write_files};
 pub(crate) use report::{Iou, Report, as_text};
 
 use crate::{

@@ -1,7 +1,7 @@
 //! Masked frames of a scene, written to a folder.
 
 use super::{Observer, Progress};
-use crate::{engine::Engine, settings::PROMPT_COLOURS};
+use crate::{engine::Engine, outputs, settings::PROMPT_COLOURS};
 use image::RgbImage;
 use std::{
     collections::{BTreeMap, btree_map::Entry},
@@ -10,6 +10,7 @@ use std::{
 use surgtpgs_core::{
     Error, Result,
     export::{Export, ExportOptions, ExportPrompt, ExportSummary, Provenance, Source, file_sha256},
+    files::{Claim, Earlier, OutputFolder},
     grid::Grid,
     mask::mean_scores,
     sequence::names_instrument,
@@ -42,8 +43,8 @@ pub struct ExportRequest<'a> {
     pub prompts: Vec<ExportPrompt>,
     /// What to write.
     pub options: ExportOptions,
-    /// Whether files of another export may be overwritten.
-    pub overwrite: bool,
+    /// Whether another export may be replaced, once this one is whole.
+    pub replace: bool,
 }
 
 /// Writes masked frames. Stops when the observer says so; exporting again goes on from there.
@@ -52,7 +53,7 @@ pub fn export(
     request: ExportRequest<'_>,
     observer: &mut Observer<'_>,
 ) -> Result<ExportSummary> {
-    let ExportRequest { scene, folder, frames, prompts, options, overwrite } = request;
+    let ExportRequest { scene, folder, frames, prompts, options, replace } = request;
     let (source, reach) = (options.source, options.clean_up.smooth_frames);
     let mut scorer = Scorer { reach, known: BTreeMap::new() };
     if let (Source::Original, Some(why)) = (source, engine.recording_missing()) {
@@ -69,7 +70,15 @@ pub fn export(
     let hash = file_sha256(scene)?;
     let settings = engine.settings().clone();
     let provenance = Provenance::new(engine.scene(), hash, &encoder, settings, names, prompts, options);
-    let mut export = Export::begin(folder, frames, provenance, overwrite)?;
+    let inputs = outputs::inputs_of_engine(scene, engine);
+    let is_same = |there: &Path| Export::is_of(there, &provenance);
+    let claim = Claim {
+        unfinished: Earlier::Keep,
+        is_same: &is_same,
+        ..Claim::new(outputs::EXPORT, &inputs, replace)
+    };
+    let output = OutputFolder::claim(folder, claim)?;
+    let mut export = Export::begin(output.path(), frames, provenance.clone(), false)?;
     while let Some(frame) = export.next_frame() {
         let (done, total) = (export.frames_done(), export.num_frames());
         if observer(&Progress { stage: "exporting", done, total, detail: "" }).is_break() {
@@ -92,7 +101,11 @@ pub fn export(
             }
         })?;
     }
-    export.finish()
+    let summary = export.finish()?;
+    if summary.complete {
+        output.finish()?;
+    }
+    Ok(summary)
 }
 
 /// Scores of recorded frames, smoothed over time if that is asked for; what frames share is computed once.

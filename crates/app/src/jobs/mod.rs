@@ -9,9 +9,9 @@ mod prepare;
 mod vanishing_tests;
 
 pub use export::{ExportRequest, export, export_prompts};
-pub use prepare::{FeatureSource, PrepareOptions, prepare};
+pub use prepare::{FeatureSource, PrepareOptions, prepare, prepare_folder};
 
-use crate::{engine::Backend, memory::require_for_training};
+use crate::{engine::Backend, memory::require_for_training, outputs};
 use std::{
     ops::ControlFlow,
     path::{Path, PathBuf},
@@ -19,6 +19,7 @@ use std::{
 use surgtpgs_core::{
     Error, Result,
     demo::{self, DemoSettings},
+    files::{Claim, Inputs, OutputFolder, claim_collection},
     prepare::Prepared,
     scene::Scene,
     sequence::Sequence,
@@ -228,40 +229,45 @@ impl Default for DemoOptions {
 /// Builds the demo under `folder`: records it, prepares it (test frames held out), trains it and saves the scene.
 /// Earlier files of the demo are replaced. A demo that is stopped half-way has no scene.
 pub fn build_demo(folder: &Path, options: &DemoOptions, observer: &mut Observer<'_>) -> Result<Trained> {
-    let paths = DemoPaths::under(folder);
-    remove_folder(&paths.recording)?;
-    remove_folder(&paths.prepared)?;
-    remove_file(&paths.scene)?;
+    let folder = claim_collection(folder, outputs::DEMO, &Inputs::none())?;
+    let paths = DemoPaths::under(&folder);
+    let scene = outputs::scene_file(&paths.scene, &Inputs::none(), true)?;
     let mut stopped = false;
     let mut observe = |progress: &Progress<'_>| {
         let flow = observer(progress);
         stopped |= flow.is_break();
         flow
     };
-    demo::write(&options.recording, &paths.recording, &mut |done, total| {
+    record_demo(&options.recording, &paths.recording, true, &mut |done, total| {
         let _ = observe(&Progress { stage: "recording the demo", done, total, detail: "" });
     })?;
     let sequence = Sequence::open(&paths.recording)?;
     let how = PrepareOptions { eval: true, ..Default::default() };
-    let prepared = prepare(sequence, &paths.prepared, &how, &mut observe)?;
+    let prepared = prepare_folder(sequence, &paths.prepared, &how, true, &mut observe)?;
     let settings = TrainSettings { iterations: options.iterations, eval: true, ..Default::default() };
     let material = Material::Prepared(Box::new(prepared));
     let trained = train(&material, settings, Backend::Auto, &mut observe)?;
     if stopped {
         return Err(Error::Cancelled);
     }
-    trained.scene.save(&paths.scene)?;
+    scene.write(&trained.scene.to_bytes()?)?;
     Ok(trained)
 }
 
-/// Removes a folder that this program made; a missing one is fine.
-pub fn remove_folder(folder: &Path) -> Result<()> {
-    match std::fs::remove_dir_all(folder) {
-        Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
-            Err(Error::io("remove the old folder", folder, e))
-        }
-        _ => Ok(()),
-    }
+/// Writes the synthetic recording into `folder`: new, empty, or with the same recording; another one that this program
+/// recorded is replaced where `replace` says so.
+pub fn record_demo(
+    settings: &DemoSettings,
+    folder: &Path,
+    replace: bool,
+    progress: &mut dyn FnMut(usize, usize),
+) -> Result<()> {
+    let inputs = Inputs::none();
+    let is_same = |there: &Path| demo::is_written(settings, there);
+    let claim = Claim { is_same: &is_same, ..Claim::new(outputs::DEMO_RECORDING, &inputs, replace) };
+    let output = OutputFolder::claim(folder, claim)?;
+    demo::write(settings, output.path(), progress)?;
+    output.finish()
 }
 
 /// Removes a file that this program made; a missing one is fine.

@@ -1,7 +1,10 @@
 //! Features and codec of a recording.
 
 use super::{Observer, Progress};
-use crate::engine::{EncoderChoice, open_text_encoder};
+use crate::{
+    engine::{EncoderChoice, open_text_encoder},
+    outputs,
+};
 use image::RgbImage;
 use std::{
     cell::Cell,
@@ -11,10 +14,10 @@ use surgtpgs_clip::{DepthNetwork, FeatureNetwork, ImageEncoder, SegmentAnything,
 use surgtpgs_core::{
     Error, Result,
     codec::CodecSettings,
-    files::full_path,
+    files::{Claim, Earlier, Inputs, OutputFolder, full_path},
     prepare::{
-        Estimator, FrameFeatures, MaskStore, Origin, Prepared, estimate_depth, holds_langsplat,
-        prepare_from_features, prepare_from_labels, read_langsplat,
+        Estimator, FrameFeatures, MASKS_AND_EMBEDDINGS, MaskStore, Origin, Prepared, estimate_depth,
+        holds_langsplat, prepare_from_features, prepare_from_labels, read_langsplat,
     },
     segment::{BitMask, Level, MaskSettings},
     sequence::Sequence,
@@ -66,7 +69,47 @@ pub enum FeatureSource {
     },
 }
 
-/// Makes a prepared folder from a recording.
+/// Makes the prepared folder `path` from a recording; an earlier one is replaced where `replace` says so, all but its masks
+/// where they can be used again. An unfinished one is gone on with.
+pub fn prepare_folder(
+    sequence: Sequence,
+    path: &Path,
+    options: &PrepareOptions,
+    replace: bool,
+    observer: &mut Observer<'_>,
+) -> Result<Prepared> {
+    let inputs = options.inputs().with_recording(&sequence);
+    let claim = Claim::new(outputs::PREPARATION, &inputs, replace);
+    let output = OutputFolder::claim(path, Claim { unfinished: Earlier::GoOn, ..claim })?;
+    if matches!(options.source, FeatureSource::Masks { .. }) {
+        MASKS_AND_EMBEDDINGS.iter().try_for_each(|name| output.take_over(name))?;
+    }
+    prepare(sequence, output.path(), options, observer)?;
+    let target = output.target().to_owned();
+    output.finish()?;
+    Prepared::open(&target)
+}
+
+impl PrepareOptions {
+    /// What is read beside the recording.
+    fn inputs(&self) -> Inputs {
+        let folder =
+            if let EncoderChoice::Folder(folder) = &self.encoder { Some(folder.as_path()) } else { None };
+        let inputs = Inputs::none()
+            .with_some("the text encoder", folder)
+            .with_some("the depth network", self.depth_model.as_deref());
+        match &self.source {
+            FeatureSource::Labels => inputs,
+            FeatureSource::Masks { model, image_encoder, .. } => {
+                inputs.with("the mask network", model).with("the image encoder", image_encoder)
+            }
+            FeatureSource::Dense { network } => inputs.with("the feature network", network),
+            FeatureSource::LangSplat { folder, .. } => inputs.with("the features", folder),
+        }
+    }
+}
+
+/// Makes a prepared folder from a recording in a folder of the caller's.
 pub fn prepare(
     sequence: Sequence,
     folder: &Path,

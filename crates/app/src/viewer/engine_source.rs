@@ -14,7 +14,8 @@ use super::{
 use crate::{
     engine::{self, Ask, Engine, EngineOptions, Motion, Question, Sample},
     evaluation::{self, Evaluation},
-    jobs::{self, DemoPaths, Material, PrepareOptions, Progress, Trained},
+    jobs::{self, DemoPaths, Material, PrepareOptions, Progress},
+    outputs,
 };
 use image::RgbImage;
 use std::{
@@ -27,7 +28,7 @@ use surgtpgs_core::{
     Error, Result,
     demo::{self, DemoSettings},
     export::{ExportOptions, ExportPrompt, Source},
-    files::full_path,
+    files::{Inputs, claim_collection, full_path},
     grid::{Grid, Mask},
     raster::FrameClock,
     relevancy::RelevancySettings,
@@ -75,10 +76,10 @@ impl Backend for EngineBackend {
             return Ok(Demo { path: paths.scene, train: None });
         }
         if Sequence::open(&paths.recording).is_err() {
-            jobs::remove_folder(&paths.recording)?;
+            claim_collection(folder, outputs::DEMO, &Inputs::none())?;
             let settings = DemoSettings::default();
             job.preview(Box::new(RecordingSource::of_demo(demo::Demo::new(&settings)?, &paths.recording)));
-            demo::write(&settings, &paths.recording, &mut |done, total| {
+            jobs::record_demo(&settings, &paths.recording, true, &mut |done, total| {
                 job.progress("recording the demo", done, total, String::new());
             })?;
         }
@@ -121,7 +122,7 @@ impl Backend for EngineBackend {
             frames: request.frames(),
             prompts,
             options,
-            overwrite: false,
+            replace: false,
         };
         let done = jobs::export(&mut engine, asked, &mut |p| watch(job, p))?;
         Ok(ExportSummary {
@@ -141,10 +142,13 @@ impl Backend for EngineBackend {
     }
 
     fn reconstruct(&self, request: &TrainRequest, job: &JobContext) -> Result<PathBuf> {
-        require_writable(&request.scene)?;
+        let material = Material::open(&request.recording)?;
+        let inputs = outputs::inputs_of_material(&request.recording, &material);
+        // The name was offered because it is free, or chosen in a dialog that asks before it replaces.
+        let output = outputs::scene_file(&request.scene, &inputs, true)?;
         // Training reads in it until its end.
         let mut features = None;
-        let material = match Material::open(&request.recording)? {
+        let material = match material {
             Material::Bare(sequence) if !sequence.classes().is_empty() => {
                 let folder = features.insert(folder_beside(&request.scene)?);
                 let options = PrepareOptions::default();
@@ -178,7 +182,7 @@ impl Backend for EngineBackend {
         if trained.steps == 0 {
             return Err(Error::Cancelled);
         }
-        save_with_patience(&trained, &request.scene, job)?;
+        save_with_patience(trained.steps, &|| output.write(&trained.scene.to_bytes()?), job)?;
         Ok(request.scene.clone())
     }
 }
@@ -188,26 +192,17 @@ const SAVE_EVERY: Duration = Duration::from_secs(1);
 
 /// Saves what was learned. Where that fails, it says why and tries again until it works or the user gives it up: minutes
 /// of work are not to be lost to a full disk, whether all steps were done or somebody stopped to keep what there was.
-fn save_with_patience(trained: &Trained, file: &Path, job: &JobContext) -> Result<()> {
+fn save_with_patience(steps: usize, save: &dyn Fn() -> Result<()>, job: &JobContext) -> Result<()> {
     let stops = job.num_stops();
     loop {
-        match trained.scene.save(file) {
+        match save() {
             Err(e) if job.num_stops() == stops => {
                 let detail = format!("{e} Free some space: it is tried again every second.");
-                job.progress(NOT_SAVED, trained.steps, trained.steps, detail);
+                job.progress(NOT_SAVED, steps, steps, detail);
                 std::thread::sleep(SAVE_EVERY);
             }
             saved => return saved,
         }
-    }
-}
-
-/// Nobody shall wait for a training whose result cannot be saved.
-fn require_writable(file: &Path) -> Result<()> {
-    let folder = file.parent().unwrap_or(Path::new("."));
-    match tempfile::tempfile_in(folder) {
-        Ok(_) => Ok(()),
-        Err(_) => Err(Error::input_at(folder, "this folder cannot be written to", "Save it in another one.")),
     }
 }
 
@@ -510,9 +505,10 @@ mod tests {
         let scene = surgtpgs_core::stress::ordinary(5);
         let start = || {
             std::fs::write(&blocked, "no folder").unwrap();
-            let to = file.clone();
-            let trained = Trained { scene: scene.clone(), steps: 7, seconds: 1.0, psnr_db: 30.0, dropped: 0 };
-            Job::start("saving", &egui::Context::default(), move |job| save_with_patience(&trained, &to, job))
+            let (to, scene) = (file.clone(), scene.clone());
+            Job::start("saving", &egui::Context::default(), move |job| {
+                save_with_patience(7, &|| scene.save(&to), job)
+            })
         };
         let mut waiting = start();
         assert!(wait(&mut waiting, true).is_none());

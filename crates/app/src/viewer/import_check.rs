@@ -98,7 +98,7 @@ fn report_ui(ui: &mut Ui, checked: &Checked) -> bool {
             ui.label(caption(format!("{name}: {text}")));
         }
     });
-    let tip = "What the masks hide is kept, and what they keep is hidden, from now on. This is written into sequence.toml in \
-               the recording's folder, which is all that is written; once more turns it back.";
+    let tip = "What the masks hide is kept, and what they keep is hidden, from now on. This is kept in a file beside \
+               the recording, which itself is never written to; once more turns it back.";
     checked.can_flip && ui.button("Flip the masks").on_hover_text(tip).clicked()
 }

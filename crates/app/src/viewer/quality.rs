@@ -3,13 +3,14 @@
 use super::{
     app::ViewerApp,
     export_dialog::free_folder,
-    jobs::{Job, JobEvent},
+    jobs::{Job, JobContext, JobEvent},
     theme,
     widgets::{caption, dialog, main_button, thousands},
 };
 use crate::evaluation::{self, Evaluation, FrameRow, Report};
 use egui::{Context, Grid, ProgressBar, RichText, ScrollArea, Ui};
 use std::{collections::BTreeMap, path::PathBuf, sync::Arc};
+use surgtpgs_core::files::Inputs;
 
 /// Height of the window that the tables leave free; what does not fit is scrolled to.
 const REST_HEIGHT: f32 = 230.0;
@@ -19,6 +20,8 @@ const ROW_HEIGHT: f32 = 20.0;
 pub(crate) struct Quality {
     /// Where the tables would be saved.
     folder: PathBuf,
+    /// What is measured.
+    scene: PathBuf,
     state: State,
 }
 
@@ -42,9 +45,10 @@ impl Quality {
     pub(crate) fn start(app: &ViewerApp, ctx: &Context) -> Option<Self> {
         let info = app.info()?;
         let (backend, scene) = (app.backend.clone(), info.path.clone());
-        let job = Job::start("quality", ctx, move |job| backend.evaluate(&scene, job));
+        let measured = scene.clone();
+        let job = Job::start("quality", ctx, move |job| backend.evaluate(&measured, job));
         let folder = free_folder(&info.output_folder, &info.name, "quality");
-        Some(Self { folder, state: State::Measuring(job) })
+        Some(Self { folder, scene, state: State::Measuring(job) })
     }
 
     /// Takes what the thread made; what went wrong, if something did.
@@ -72,7 +76,9 @@ impl Quality {
         let State::Measured(evaluation) = &self.state else { return };
         let (evaluation, folder) = (evaluation.clone(), self.folder.clone());
         let tables = evaluation.clone();
-        let job = Job::start("save quality", ctx, move |_| evaluation::write(&folder, &tables));
+        let inputs = Inputs::none().with("the scene", &self.scene);
+        let save = move |_: &JobContext| evaluation::write(&folder, &inputs, false, &tables);
+        let job = Job::start("save quality", ctx, save);
         self.state = State::Saving(evaluation, job);
     }
 }

@@ -24,7 +24,7 @@ use image::{Rgb, RgbImage};
 use motion::Moment;
 use shape::Anatomy;
 
-pub use write::write;
+pub use write::{is_written, write};
 
 /// What to render.
 #[derive(Clone, Debug)]

@@ -22,7 +22,7 @@ const DEPTH_SCALE: f32 = 0.005;
 pub fn write(settings: &DemoSettings, folder: &Path, progress: &mut dyn FnMut(usize, usize)) -> Result<()> {
     let demo = Demo::new(settings)?;
     let readme = readme(settings);
-    claim(folder, &readme)?;
+    claim(settings, folder)?;
     write_whole(&folder.join("README.txt"), readme.as_bytes())?;
     write_whole(&folder.join("labels.json"), &to_json(&json!(classes()), folder)?)?;
     write_whole(&folder.join("sequence.toml"), sequence_toml(&demo).as_bytes())?;
@@ -38,10 +38,14 @@ pub fn write(settings: &DemoSettings, folder: &Path, progress: &mut dyn FnMut(us
     Ok(())
 }
 
+/// Whether `folder` holds the clip of this very description, whole or in part.
+pub fn is_written(settings: &DemoSettings, folder: &Path) -> bool {
+    std::fs::read(folder.join("README.txt")).is_ok_and(|found| found == readme(settings).as_bytes())
+}
+
 /// Refuses a folder that holds anything else than the clip of this very description.
-fn claim(folder: &Path, readme: &str) -> Result<()> {
-    let same = std::fs::read(folder.join("README.txt")).is_ok_and(|found| found == readme.as_bytes());
-    if same || is_free_folder(folder)? {
+fn claim(settings: &DemoSettings, folder: &Path) -> Result<()> {
+    if is_written(settings, folder) || is_free_folder(folder)? {
         return Ok(());
     }
     Err(Error::input_at(

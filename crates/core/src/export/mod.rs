@@ -120,6 +120,14 @@ impl Export {
         Ok(export)
     }
 
+    /// Whether `folder` holds an export that is made like this, whole or in part.
+    pub fn is_of(folder: &Path, provenance: &Provenance) -> bool {
+        let mut asked = provenance.clone();
+        asked.options.formats.sort_unstable();
+        asked.options.formats.dedup();
+        Record::read(folder).is_ok_and(|found| found.is_some_and(|found| found.provenance == asked))
+    }
+
     /// How many frames were asked for.
     pub fn num_frames(&self) -> usize {
         self.frames.len()

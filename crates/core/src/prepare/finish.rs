@@ -8,7 +8,7 @@ use super::{
 use crate::{
     Error, Result,
     codec::{Codec, CodecSettings},
-    files::{full_path, is_free_folder},
+    files::{full_path, is_free_folder, write_whole},
     sequence::Sequence,
 };
 use ndarray::Array2;
@@ -64,8 +64,7 @@ pub(super) fn clear_folder(folder: &Path, sequence: &Sequence) -> Result<()> {
     if regions.exists() {
         std::fs::remove_dir_all(&regions).map_err(fail)?;
     }
-    std::fs::create_dir_all(&regions).map_err(fail)?;
-    std::fs::write(regions.join(MARKER), "Region maps, written by surgtpgs prepare.\n").map_err(fail)
+    write_whole(&regions.join(MARKER), b"Region maps, written by surgtpgs prepare.\n")
 }
 
 /// Whether a preparation into `folder` was begun and not finished: it has regions but no manifest yet.

@@ -161,6 +161,9 @@ fn numbered(
     Ok((regions, table, counts))
 }
 
+/// The subfolders of a prepared folder that hold minutes of work a frame, each file with what it was made from.
+pub const MASKS_AND_EMBEDDINGS: [&str; 2] = ["masks", "embeddings"];
+
 /// Masks and embeddings of frames, made where they are not on disk already.
 pub struct MaskStore<'a> {
     /// The recording.
@@ -244,12 +247,12 @@ impl MaskStore<'_> {
     }
 
     fn mask_file(&self, i: usize) -> PathBuf {
-        self.folder.join("masks").join(format!("frame_{i:06}.json"))
+        self.folder.join(MASKS_AND_EMBEDDINGS[0]).join(format!("frame_{i:06}.json"))
     }
 
     fn embeddings_file(&self, i: usize, level: Level) -> PathBuf {
         let level = format!("{level:?}").to_lowercase();
-        self.folder.join("embeddings").join(format!("frame_{i:06}_{level}.safetensors"))
+        self.folder.join(MASKS_AND_EMBEDDINGS[1]).join(format!("frame_{i:06}_{level}.safetensors"))
     }
 
     /// Everything that the masks of frame `i` depend on.

@@ -34,7 +34,7 @@ pub(crate) use depth::depth_file;
 pub use depth::{EstimatedDepth, Estimator, estimate_depth};
 pub use labels::prepare_from_labels;
 pub use langsplat::{holds_langsplat, read_langsplat, write_langsplat};
-pub use masks::{FrameFeatures, MaskStore, Origin, prepare_from_features};
+pub use masks::{FrameFeatures, MASKS_AND_EMBEDDINGS, MaskStore, Origin, prepare_from_features};
 
 use crate::{
     Error, Result,

@@ -14,8 +14,11 @@ const FLOAT: u32 = 5126;
 const UNSIGNED_SHORT: u32 = 5123;
 /// The mode of points.
 const POINTS: u32 = 0;
-/// "glTF", "JSON" and "BIN\0", little endian.
-const MAGIC: u32 = 0x4654_6c67;
+/// How every binary glTF begins.
+pub(super) const MAGIC: &[u8; 4] = b"glTF";
+/// The generator that the files name, its version left out.
+pub(super) const GENERATOR: &str = "SurgTPGS";
+/// "JSON" and "BIN\0", little endian.
 const JSON_CHUNK: u32 = 0x4e4f_534a;
 const BIN_CHUNK: u32 = 0x004e_4942;
 /// Nearest and farthest that the camera sees, in scene units.
@@ -71,7 +74,7 @@ impl Gaussians {
             }},
         });
         let mut gltf = json!({
-            "asset": { "version": "2.0", "generator": format!("SurgTPGS {}", env!("CARGO_PKG_VERSION")) },
+            "asset": { "version": "2.0", "generator": format!("{GENERATOR} {}", env!("CARGO_PKG_VERSION")) },
             "extensionsUsed": ["KHR_gaussian_splatting"],
             "scene": 0,
             "scenes": [{ "nodes": [0] }],
@@ -151,7 +154,7 @@ fn container(mut json: Vec<u8>, mut binary: Vec<u8>) -> Vec<u8> {
     let total = 12 + 8 + json.len() + 8 + binary.len();
     let word = |v: u32| v.to_le_bytes();
     let mut file = Vec::with_capacity(total);
-    file.extend([word(MAGIC), word(2), word(total as u32)].concat());
+    file.extend([*MAGIC, word(2), word(total as u32)].concat());
     for (kind, chunk) in [(JSON_CHUNK, json), (BIN_CHUNK, binary)] {
         file.extend([word(chunk.len() as u32), word(kind)].concat());
         file.extend(chunk);

@@ -14,6 +14,7 @@ use crate::{
 use glam::{Affine3A, Mat3, Vec3};
 use std::{
     hash::{DefaultHasher, Hash, Hasher},
+    io::Read,
     path::{Path, PathBuf},
 };
 
@@ -72,6 +73,16 @@ impl Scene {
     /// Whether a path looks like one of a scene, and not of a recording.
     pub fn is_named_like_one(path: &Path) -> bool {
         path.extension().is_some_and(|e| EXTENSIONS.iter().any(|known| e.eq_ignore_ascii_case(known)))
+    }
+    /// Whether the file at `path` was written by this program: a scene, or what a scene is converted to.
+    pub fn is_own_file(path: &Path) -> bool {
+        let mut start = Vec::new();
+        let read = std::fs::File::open(path).and_then(|file| file.take(OWN_BYTES).read_to_end(&mut start));
+        let names = |name: &[u8]| start.windows(name.len()).any(|part| part == name);
+        read.is_ok()
+            && (start.starts_with(ply::MAGIC) && names(ply::MADE_BY.as_bytes())
+                || start.starts_with(gltf::MAGIC) && names(gltf::GENERATOR.as_bytes())
+                || names(b"\"__metadata__\"") && names(b"\"surgtpgs"))
     }
     /// Number of frames.
     pub fn num_frames(&self) -> usize {
@@ -153,6 +164,9 @@ impl Scene {
         }
     }
 }
+
+/// Bytes from the beginning of a file in which it names the program that wrote it.
+const OWN_BYTES: u64 = 1 << 16;
 
 /// Numbers of a camera in a file.
 const CAMERA_WIDTH: usize = 18;

@@ -121,14 +121,9 @@ impl Sequence {
     /// Opens a folder or a video file; the layout is recognised by content. Only file names, picture
     /// headers and small tables are read here.
     pub fn open(path: &Path) -> Result<Self> {
-        let settings_file = if path.is_file() {
-            path.with_file_name(format!("{}.toml", read::file_name(path)))
-        } else {
-            path.join(SETTINGS_FILE)
-        };
-        let settings = Settings::read(&settings_file)?;
+        let settings = Settings::of_recording(path)?;
         let mut recording = layout::open(path, &settings.selection())?;
-        settings.apply(&mut recording, &settings_file)?;
+        settings.apply(&mut recording, &settings::own_file(path))?;
         Ok(Self::from_recording(recording.validate()?))
     }
 
@@ -266,25 +261,18 @@ impl Sequence {
         let can_flip = !matches!(recording.mask_rule, MaskRule::DropCode(_));
         can_flip && recording.frames.iter().any(|f| f.mask.is_some())
     }
-    /// Turns round which side of the mask files is kept, for whoever opens the recording from now on: writes it into its
-    /// [`SETTINGS_FILE`], which is all that is written. Returns that file.
+    /// Turns round which side of the mask files is kept, for whoever opens the recording from now on. That is written into a
+    /// file beside the recording, which stays as it is. Returns that file.
     pub fn flip_masks(&self) -> Result<PathBuf> {
-        let keep = match self.recording().mask_rule {
-            MaskRule::KeepWhite if self.has_mask_files() => Keep::Black,
-            MaskRule::KeepBlack if self.has_mask_files() => Keep::White,
-            _ => {
-                return Err(Error::input_at(
-                    self.path(),
-                    "this recording has no mask files to turn round",
-                    "",
-                ));
-            }
-        };
-        let file = self.path().join(SETTINGS_FILE);
-        let mut settings = Settings::read(&file)?;
-        settings.masks.keep = Some(keep);
-        settings.write(self.path())?;
-        Ok(file)
+        match self.recording().mask_rule {
+            MaskRule::KeepWhite if self.has_mask_files() => Settings::decide_masks(self.path(), Keep::Black),
+            MaskRule::KeepBlack if self.has_mask_files() => Settings::decide_masks(self.path(), Keep::White),
+            _ => Err(Error::input_at(self.path(), "this recording has no mask files to turn round", "")),
+        }
+    }
+    /// The settings files of the recording, whether they exist or not.
+    pub fn settings_files(&self) -> [PathBuf; 2] {
+        [settings::own_file(self.path()), settings::decided_file(self.path())]
     }
     /// Whether any frame has labels.
     pub fn has_labels(&self) -> bool {

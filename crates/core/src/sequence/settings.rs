@@ -27,19 +27,46 @@
 //! name = "liver"
 //! colour = [255, 114, 114]    # optional
 //! ```
+//!
+//! What is decided in the program, which side of the masks is kept, stands in a file of its own beside the recording,
+//! `NAME.surgtpgs.toml`, and overrides both: nothing is ever written into a recording.
 
+use super::read;
 use super::{
     CameraSource,
     classes::{self, ClassEntry, LabelCoding},
     depth::DepthKind,
     layout::{MaskRule, Recording},
 };
-use crate::{Error, Result, camera::Camera, files};
+use crate::{
+    Error, Result,
+    camera::Camera,
+    files::{FileClaim, Inputs, OutputFile, full_path},
+};
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Name of the settings file in a recording's folder.
 pub const SETTINGS_FILE: &str = "sequence.toml";
+
+/// Begins the file of what was decided in the program, and tells it from anybody else's.
+const DECIDED: &str =
+    "# Decided in SurgTPGS about the recording of this name. Delete this file to take it back.\n";
+
+/// The settings file of the recording `path`: inside a folder, beside a video file.
+pub(super) fn own_file(path: &Path) -> PathBuf {
+    if path.is_file() {
+        path.with_file_name(format!("{}.toml", read::file_name(path)))
+    } else {
+        path.join(SETTINGS_FILE)
+    }
+}
+
+/// The file beside the recording `path` with what was decided about it in the program.
+pub(super) fn decided_file(path: &Path) -> PathBuf {
+    let path = full_path(path);
+    path.with_file_name(format!("{}.surgtpgs.toml", read::file_name(&path)))
+}
 
 /// The contents of a `sequence.toml`; see the module for its meaning.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -156,11 +183,24 @@ impl Settings {
         Ok(settings)
     }
 
-    /// Writes a `sequence.toml` into `folder`.
-    pub fn write(&self, folder: &Path) -> Result<()> {
-        let path = folder.join(SETTINGS_FILE);
-        let text = toml::to_string(self).map_err(|e| Error::input_at(&path, e.to_string(), ""))?;
-        files::write_whole(&path, text.as_bytes())
+    /// The settings of the recording `path`: those of its own file, overridden by what was decided in the program.
+    pub(super) fn of_recording(path: &Path) -> Result<Self> {
+        let (own, decided) = (Self::read(&own_file(path))?, Self::read(&decided_file(path))?);
+        Ok(Self { masks: MaskSettings { keep: decided.masks.keep.or(own.masks.keep), ..own.masks }, ..own })
+    }
+
+    /// Keeps which side of the masks of the recording `path` is kept, for whoever opens it from now on. Returns the file.
+    pub(super) fn decide_masks(path: &Path, keep: Keep) -> Result<PathBuf> {
+        let file = decided_file(path);
+        let masks = MaskSettings { keep: Some(keep), ..Self::read(&file)?.masks };
+        let text = toml::to_string(&Self { masks, ..Self::default() })
+            .map_err(|e| Error::input_at(&file, e.to_string(), ""))?;
+        let inputs = Inputs::none().with("the recording", path);
+        let is_ours =
+            |file: &Path| std::fs::read(file).is_ok_and(|text| text.starts_with(DECIDED.as_bytes()));
+        let claim = FileClaim { kind: "decisions", inputs: &inputs, replace: true, is_ours: &is_ours };
+        OutputFile::claim(&file, claim)?.write(format!("{DECIDED}{text}").as_bytes())?;
+        Ok(file)
     }
 
     fn validate(&self) -> Result<(), String> {
@@ -310,9 +350,7 @@ mod tests {
             frames: FrameSettings { first: Some(1), last: Some(9) },
             classes: vec![ClassEntry { id: 3, name: "fat".into(), colour: None }],
         };
-        let folder = tempfile::tempdir().unwrap();
-        settings.write(folder.path()).unwrap();
-        assert_eq!(Settings::read(&folder.path().join(SETTINGS_FILE)).unwrap(), settings);
+        assert_eq!(read(&toml::to_string(&settings).unwrap()).unwrap(), settings);
         assert_eq!(read("").unwrap(), Settings::default());
     }
 

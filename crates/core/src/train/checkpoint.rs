@@ -2,7 +2,7 @@
 
 use super::{settings::TrainSettings, state::State};
 use crate::{Error, Result, files::write_whole_with, prepare::Prepared, sequence::Sequence};
-use std::path::Path;
+use std::{io::Read, path::Path};
 
 /// First bytes of a checkpoint; the last one is the layout's version.
 const MAGIC: &[u8; 16] = b"SurgTPGS train 1";
@@ -33,6 +33,14 @@ struct Checkpoint {
     source: Source,
     settings: TrainSettings,
     state: State,
+}
+
+/// Whether the file at `path` is an unfinished training, of whatever version.
+pub fn is_checkpoint(path: &Path) -> bool {
+    let mut start = [0; MAGIC.len()];
+    let read = std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut start));
+    // The last bytes are the version's.
+    read.is_ok() && start.starts_with(b"SurgTPGS train ")
 }
 
 /// Writes a checkpoint whole.

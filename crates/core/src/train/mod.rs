@@ -18,6 +18,7 @@ mod state;
 pub use adam::{Adam, BETA1, BETA2, EPSILON, WIDTH, bias_corrections};
 pub use backend::{Backend, Context, Look, Model, Outcome, Plan};
 pub use chain::{FrameState, Gradients, backward as chain_backward};
+pub use checkpoint::is_checkpoint;
 pub use cpu::CpuBackend;
 pub use densify::{CLONE_DISTANCE, Densify, LN_SPLIT, SPLIT_DISTANCE, Statistics, densify};
 pub use frames::Frame;

@@ -15,7 +15,10 @@ use super::{
     console::{self, print, print_json, say},
     one_line,
 };
-use crate::args::{BatchArgs, Step};
+use crate::{
+    args::{BatchArgs, Step},
+    outputs,
+};
 use plan::{Job, Plan};
 use record::Status;
 use report::Troubles;
@@ -24,7 +27,10 @@ use std::{
     path::Path,
 };
 use step::Outcome;
-use surgtpgs_core::{Error, Result};
+use surgtpgs_core::{
+    Error, Result,
+    files::{Inputs, claim_collection},
+};
 
 /// Errs where a jobs file cannot be carried out as it is written.
 pub fn check_jobs_file(path: &Path) -> Result<()> {
@@ -39,6 +45,9 @@ pub(super) fn run(args: &BatchArgs) -> Result<Exit> {
     if args.dry_run {
         return list(args, &plan, &steps, is_chosen);
     }
+    let inputs = Inputs::none().with("the jobs file", &args.jobs);
+    let inputs = plan.jobs.iter().fold(inputs, |inputs, job| inputs.with("a recording", &job.recording));
+    claim_collection(&plan.output, outputs::BATCH, &inputs)?;
     let mut troubles = Troubles::new();
     if !args.report_only {
         console::watch_interrupts();

@@ -7,7 +7,7 @@ use super::{
 use crate::{
     args::{EvalArgs, ExportArgs, Verb},
     cli::{console::ProgressView, eval, export, figures, one_line, prepare, query, train},
-    evaluation, jobs, memory,
+    evaluation, jobs, memory, outputs,
     pictures::jpeg,
 };
 use serde_json::{Value, json};
@@ -17,7 +17,7 @@ use std::{
     path::Path,
     time::Instant,
 };
-use surgtpgs_core::{Error, Result, files::write_whole, prepare::Prepared};
+use surgtpgs_core::{Error, Result, files::write_whole};
 
 /// How a step ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -64,7 +64,7 @@ fn of_panic(cause: &(dyn Any + Send)) -> Error {
     Error::input(what, "This is a mistake in it, please report it.")
 }
 
-/// Clears away what an earlier run with other settings made, and goes on with what one with the same did not finish.
+/// Lets the verb replace what an earlier run with other settings made, or go on with what one with the same did not finish.
 /// What no batch made is left alone.
 fn make_room(task: &mut Task, status: &Status) -> Result<()> {
     if matches!(status, Status::New) && task.output.exists() {
@@ -73,23 +73,14 @@ fn make_room(task: &mut Task, status: &Status) -> Result<()> {
     }
     let goes_on = matches!(status, Status::Unfinished(_));
     match &mut task.verb {
-        Verb::Prepare(args) => {
-            // The verb keeps what it can use again of automatic masks, hours of work.
-            args.force = true;
-            if !Prepared::is_prepared(&task.output) && !Prepared::is_unfinished(&task.output) {
-                jobs::remove_folder(&task.output)?;
-            }
-        }
+        Verb::Prepare(args) => args.force = true,
         Verb::Train(args) => {
-            let checkpoint = jobs::checkpoint_path(&task.output);
-            args.resume = goes_on && checkpoint.exists();
-            if !args.resume {
-                jobs::remove_file(&checkpoint)?;
-                jobs::remove_file(&task.output)?;
-            }
+            args.resume = goes_on && jobs::checkpoint_path(&task.output).exists();
+            args.force = !args.resume;
         }
-        Verb::Export(_) if goes_on => {}
-        _ => jobs::remove_folder(&task.output)?,
+        Verb::Eval(args) => args.force = true,
+        Verb::Export(args) => args.force = true,
+        _ => {}
     }
     Ok(())
 }
@@ -113,11 +104,14 @@ fn evaluate(args: &EvalArgs) -> Result<Value> {
         return Err(Error::input("an evaluation needs a scene, a recording and a folder", ""));
     };
     let mut engine = eval::open(args, scene, sequence)?;
+    let inputs = outputs::inputs_of_engine(scene, &engine);
+    let output = outputs::folder(folder, outputs::EVALUATION, &inputs, args.force)?;
     let mut view = ProgressView::default();
     let evaluation = evaluation::evaluate(&mut engine, args.lpips.as_deref(), &mut |p| view.show(p))?;
-    evaluation::write(folder, &evaluation)?;
+    evaluation::write_files(output.path(), &evaluation)?;
     let picture = figures::comparison(&mut engine, SHOWN_FRAMES, PANEL_WIDTH)?;
-    write_whole(&folder.join(RECONSTRUCTION), &jpeg(&picture)?)?;
+    write_whole(&output.path().join(RECONSTRUCTION), &jpeg(&picture)?)?;
+    output.finish()?;
     Ok(json!(evaluation.report))
 }
 

@@ -12,11 +12,15 @@ mod stress;
 mod train;
 
 use super::Exit;
-use crate::args::{BenchArgs, BenchVerb};
+use crate::{
+    args::{BenchArgs, BenchVerb},
+    outputs,
+};
 use surgtpgs_core::{
     Result,
     camera::Camera,
     deform::deform,
+    files::OutputFolder,
     raster::{
         Images, Packed,
         bin::bin,
@@ -28,7 +32,23 @@ use surgtpgs_core::{
 };
 
 pub(super) fn run(args: &BenchArgs) -> Result<Exit> {
-    match &args.verb {
+    let mut verb = args.verb.clone();
+    let inputs = verb.inputs();
+    let output = match verb.output_mut() {
+        Some(place) => {
+            let output = outputs::folder(place, outputs::BENCHMARK, &inputs, args.force)?;
+            output.path().clone_into(place);
+            Some(output)
+        }
+        None => None,
+    };
+    let exit = measure(&verb)?;
+    output.map_or(Ok(()), OutputFolder::finish)?;
+    Ok(exit)
+}
+
+fn measure(verb: &BenchVerb) -> Result<Exit> {
+    match verb {
         BenchVerb::Train(args) => train::run(args),
         BenchVerb::Step(args) => step::run(args),
         BenchVerb::Frame(args) => frame::run(args),

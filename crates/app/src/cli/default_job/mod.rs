@@ -11,6 +11,7 @@ use crate::{
     engine::{Engine, EngineOptions},
     evaluation::evaluate,
     jobs::{self, DemoOptions, DemoPaths, ExportRequest},
+    outputs,
     viewer::{self, ViewerInput},
 };
 use report::Findings;
@@ -18,6 +19,7 @@ use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Error, Result,
     export::{ExportOptions, Format},
+    files::{Inputs, claim_collection},
 };
 
 /// Where the headless job writes, in the current folder.
@@ -51,7 +53,7 @@ fn headless(folder: &Path, options: &DemoOptions) -> Result<()> {
         "no display: running the demo into {}/ (`surgtpgs --help` lists the verbs)",
         folder.display()
     ));
-    console::require_writable(&folder.join("report.md"))?;
+    let folder = &claim_collection(folder, outputs::DEMO, &Inputs::none())?;
     console::watch_interrupts();
     let mut view = ProgressView::default();
     let trained = jobs::build_demo(folder, options, &mut |p| view.show(p))?;
@@ -88,11 +90,10 @@ fn export_found(
         return Ok(0);
     }
     engine.set_prompts(&found)?;
-    jobs::remove_folder(folder)?;
     let options =
         ExportOptions { formats: vec![Format::Cutout, Format::Overlay, Format::Index], ..Default::default() };
     let prompts = jobs::export_prompts(engine);
-    let request = ExportRequest { scene, folder, frames, prompts, options, overwrite: true };
+    let request = ExportRequest { scene, folder, frames, prompts, options, replace: true };
     let mut view = ProgressView::default();
     let summary = jobs::export(engine, request, &mut |p| view.show(p))?;
     if summary.complete { Ok(summary.files) } else { Err(Error::Cancelled) }

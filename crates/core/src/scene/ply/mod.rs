@@ -12,6 +12,9 @@ use table::Table;
 /// How every `.ply` begins.
 pub(super) const MAGIC: &[u8] = b"ply";
 
+/// The comment of the files that this program writes.
+pub(super) const MADE_BY: &str = "written by surgtpgs";
+
 /// Reads either kind. `weights` finds those of the released code's feature network, which is not in its `.ply`.
 pub(super) fn from_bytes(
     bytes: &[u8],

@@ -3,7 +3,7 @@
 //! the feature network are in a file of their own.
 
 use super::{
-    Problem, numbered,
+    MADE_BY, Problem, numbered,
     splats::{self, CHANNELS},
     table::Table,
 };
@@ -98,7 +98,8 @@ impl ReferenceWeights {
         let views = named.into_iter().filter_map(|(name, shape, bytes): (&str, usize, &Vec<u8>)| {
             TensorView::new(Dtype::F32, shapes[shape].clone(), bytes).ok().map(|view| (name, view))
         });
-        safetensors::serialize(views, None).unwrap_or_default()
+        let made_by = [("surgtpgs_version".to_owned(), env!("CARGO_PKG_VERSION").to_owned())].into();
+        safetensors::serialize(views, Some(made_by)).unwrap_or_default()
     }
 }
 
@@ -141,7 +142,8 @@ impl Scene {
             vec!["opa_lang".to_owned()],
         ]
         .concat();
-        ReferencePly { ply: Table { names, comments: Vec::new(), values }.to_bytes(), weights, lost }
+        let comments = vec![MADE_BY.to_owned()];
+        ReferencePly { ply: Table { names, comments, values }.to_bytes(), weights, lost }
     }
 
     /// Motion in the released code's bases: every Gaussian's own, quartic, 17.

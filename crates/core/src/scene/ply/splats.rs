@@ -1,6 +1,6 @@
 //! Gaussians that do not move as the `.ply` that 3-D Gaussian splatting programs read and write.
 
-use super::{Problem, numbered, table::Table};
+use super::{MADE_BY, Problem, numbered, table::Table};
 use crate::{
     camera::Camera,
     gaussian::Gaussians,
@@ -26,7 +26,7 @@ impl Gaussians {
         });
         Table {
             names: names(bands),
-            comments: camera.into_iter().collect(),
+            comments: std::iter::once(MADE_BY.to_owned()).chain(camera).collect(),
             values: (0..self.len()).flat_map(|i| row(self, i, bands)).collect(),
         }
         .to_bytes()

@@ -42,36 +42,42 @@ fn a_sound_recording_passes() {
 #[test]
 fn masks_that_hide_nearly_everything_are_called_inverted() {
     let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+    let recording = folder.path().join("clip");
+    let at = |name: &str| recording.join(name);
     write_pictures(&at("images"), &["0.png", "1.png"]);
     write_grey(&at("masks/0.png"), 7, 255);
     write_grey(&at("masks/1.png"), 8, 255);
-    let found = report(folder.path());
+    let found = report(&recording);
     assert!(any(&found.warnings, "Masks hide 94 %") && any(&found.warnings, "keep = \"white\""), "{found:?}");
     assert!(!found.ok && any(&found.errors, "Nothing of frame 1 is left"), "{found:?}");
     // Advice followed, the warning is gone.
-    let sequence = Sequence::open(folder.path()).unwrap();
-    assert_eq!(sequence.flip_masks().unwrap(), at("sequence.toml"));
-    assert_eq!(std::fs::read_to_string(at("sequence.toml")).unwrap(), "[masks]\nkeep = \"white\"\n");
-    let found = report(folder.path());
+    let sequence = Sequence::open(&recording).unwrap();
+    let decided = sequence.flip_masks().unwrap();
+    assert_eq!(decided, folder.path().canonicalize().unwrap().join("clip.surgtpgs.toml"));
+    assert!(std::fs::read_to_string(&decided).unwrap().ends_with("\n[masks]\nkeep = \"white\"\n"));
+    assert_eq!(std::fs::read_dir(&recording).unwrap().count(), 2, "nothing is written into the recording");
+    let found = report(&recording);
     assert!(found.ok && !any(&found.warnings, "inverted"), "{found:?}");
 }
 
 #[test]
 fn masks_are_flipped_back_and_other_settings_stay() {
     let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+    let recording = folder.path().join("clip");
+    let at = |name: &str| recording.join(name);
     write_pictures(&at("images"), &["0.png"]);
-    assert!(Sequence::open(folder.path()).unwrap().flip_masks().is_err(), "there are no masks");
+    assert!(Sequence::open(&recording).unwrap().flip_masks().is_err(), "there are no masks");
     write_grey(&at("masks/0.png"), 2, 255);
     std::fs::write(at("sequence.toml"), "[time]\nframes_per_second = 25.0\n").unwrap();
-    let kept = || Sequence::open(folder.path()).unwrap().mask(0).unwrap().count();
+    let kept = || Sequence::open(&recording).unwrap().mask(0).unwrap().count();
     let before = kept();
-    Sequence::open(folder.path()).unwrap().flip_masks().unwrap();
+    Sequence::open(&recording).unwrap().flip_masks().unwrap();
     assert_eq!(kept(), 48 - before);
-    Sequence::open(folder.path()).unwrap().flip_masks().unwrap();
-    let sequence = Sequence::open(folder.path()).unwrap();
+    Sequence::open(&recording).unwrap().flip_masks().unwrap();
+    let sequence = Sequence::open(&recording).unwrap();
     assert_eq!((kept(), sequence.frames_per_second()), (before, Some(25.0)));
+    std::fs::write(folder.path().join("clip.surgtpgs.toml"), "[masks]\nkeep = \"white\"\n").unwrap();
+    assert!(sequence.flip_masks().unwrap_err().to_string().contains("did not write"), "somebody else's file");
 }
 
 #[test]

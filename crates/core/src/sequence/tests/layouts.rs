@@ -55,7 +55,7 @@ fn what_the_demo_writes_opens_with_depth_labels_and_settings() {
     settings.depth.scale = Some(0.5);
     settings.time = TimeSettings { frames_per_second: Some(30.0), every: Some(2) };
     settings.frames.first = Some(1);
-    settings.write(folder.path()).unwrap();
+    std::fs::write(at("sequence.toml"), toml::to_string(&settings).unwrap()).unwrap();
 
     let sequence = Sequence::open(folder.path()).unwrap();
     assert_eq!((sequence.num_frames(), sequence.frame_name(1)), (2, "003".to_owned()));

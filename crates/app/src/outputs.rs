@@ -1,0 +1,62 @@
+//! What this program writes, by kind, and how it knows files of its own.
+
+use crate::{engine::Engine, jobs::Material};
+use std::path::Path;
+use surgtpgs_core::{
+    Result,
+    files::{Claim, FileClaim, Inputs, OutputFile, OutputFolder},
+    scene::Scene,
+    train::is_checkpoint,
+};
+
+/// Folders; the names stand in their records and in messages.
+pub(crate) const DEMO_RECORDING: &str = "demo recording";
+pub(crate) const PREPARATION: &str = "preparation";
+pub(crate) const LANGSPLAT: &str = "LangSplat features";
+pub(crate) const PICTURES: &str = "rendered pictures";
+pub(crate) const OBJECTS: &str = "objects";
+pub(crate) const EXPORT: &str = "export";
+pub(crate) const EVALUATION: &str = "evaluation";
+pub(crate) const BENCHMARK: &str = "benchmark";
+pub(crate) const FRAMES: &str = "converted frames";
+/// Folders of several outputs.
+pub(crate) const DEMO: &str = "demo";
+pub(crate) const BATCH: &str = "batch";
+
+/// Takes a folder for a result that is written in one go.
+pub(crate) fn folder(path: &Path, kind: &str, inputs: &Inputs, replace: bool) -> Result<OutputFolder> {
+    OutputFolder::claim(path, Claim::new(kind, inputs, replace))
+}
+
+/// Takes a file for a scene, or what a scene is converted to.
+pub(crate) fn scene_file(path: &Path, inputs: &Inputs, replace: bool) -> Result<OutputFile> {
+    OutputFile::claim(path, FileClaim { kind: "scene", inputs, replace, is_ours: &Scene::is_own_file })
+}
+
+/// Takes the file beside a scene that keeps unfinished training.
+pub(crate) fn checkpoint_file(path: &Path, inputs: &Inputs) -> Result<OutputFile> {
+    let claim = FileClaim { kind: "unfinished training", inputs, replace: true, is_ours: &is_checkpoint };
+    OutputFile::claim(path, claim)
+}
+
+/// What a run on a scene reads.
+pub(crate) fn inputs_of_engine(scene: &Path, engine: &Engine) -> Inputs {
+    let opened = engine.scene();
+    let encoder = opened.encoder.as_ref().and_then(|encoder| encoder.folder.as_deref());
+    let inputs = Inputs::none()
+        .with("the scene", scene)
+        .with("the scene's recording", &opened.provenance.sequence_path)
+        .with_some("the text encoder", encoder);
+    engine.sequence().into_iter().fold(inputs, Inputs::with_recording)
+}
+
+/// What a run on a recording or a prepared folder reads.
+pub(crate) fn inputs_of_material(path: &Path, material: &Material) -> Inputs {
+    let inputs = Inputs::none().with_recording(material.sequence());
+    match material.prepared() {
+        Some(prepared) => inputs
+            .with("the prepared folder", path)
+            .with_some("the text encoder", prepared.encoder.folder.as_deref()),
+        None => inputs,
+    }
+}

@@ -1,0 +1,53 @@
+//! Writing files: whole or not at all, never into or over what a run reads, and over earlier results only on request.
+//!
+//! ```text
+//! Inputs ─▶ OutputFolder::claim | OutputFile::claim ─▶ write_whole, WholeFile ─▶ finish: the result is in its place
+//!                   (lock, record)                     (temporary, sync, rename)
+//! ```
+//!
+//! A folder that this program fills holds a record of its files, `.surgtpgs`; only what a record lists is ever replaced.
+
+mod lock;
+mod output;
+mod output_file;
+mod place;
+mod record;
+#[cfg(test)]
+mod tests;
+mod whole;
+
+pub use output::{Claim, Earlier, OutputFolder, claim_collection};
+pub use output_file::{FileClaim, OutputFile};
+pub use place::Inputs;
+pub use whole::{WholeFile, write_whole, write_whole_with};
+
+use crate::{Error, Result};
+use std::path::{Path, PathBuf};
+
+/// `path` from the root on, so that it means the same wherever a program is started; links stay.
+pub fn absolute_path(path: &Path) -> PathBuf {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
+}
+
+/// As [`absolute_path`], and without links where there is something.
+pub fn full_path(path: &Path) -> PathBuf {
+    path.canonicalize().unwrap_or_else(|_| absolute_path(path))
+}
+
+/// Whether a folder may be taken: it does not exist, or holds nothing but what this program keeps for itself in one: its
+/// record, its lock, and what a killed writer left.
+pub fn is_free_folder(path: &Path) -> Result<bool> {
+    let fail = |e| Error::io("list the folder", path, e);
+    let mut entries = match std::fs::read_dir(path) {
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(true),
+        entries => entries.map_err(fail)?,
+    };
+    entries.try_fold(true, |free, entry| Ok(free && is_own(&entry.map_err(fail)?.file_name())))
+}
+
+/// Whether a file of this name is no result but something this program keeps beside its results.
+fn is_own(name: &std::ffi::OsStr) -> bool {
+    name == record::RECORD_FILE
+        || name == lock::LOCK_FILE
+        || name.to_string_lossy().starts_with(whole::TEMPORARY)
+}

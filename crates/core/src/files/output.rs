@@ -1,0 +1,359 @@
+//! Folders that results are written into.
+
+use super::{
+    is_free_folder,
+    lock::{Lock, short_hash},
+    place::{Inputs, real_place, require_outside_of_outputs},
+    record::Record,
+};
+use crate::{Error, Result};
+use std::{
+    ffi::OsStr,
+    io::ErrorKind,
+    path::{Path, PathBuf},
+};
+
+/// What is to be written, and what may be in its place.
+#[derive(Clone, Copy)]
+pub struct Claim<'a> {
+    /// Kind of output, e.g. "export"; only the same kind is gone on with or replaced.
+    pub kind: &'a str,
+    /// What the run reads.
+    pub inputs: &'a Inputs,
+    /// Whether a finished result of the same kind may be replaced.
+    pub replace: bool,
+    /// What is done about an unfinished one.
+    pub unfinished: Earlier,
+    /// Whether the folder holds, finished or not, this very result, which may then be completed in its place.
+    pub is_same: &'a dyn Fn(&Path) -> bool,
+}
+
+impl<'a> Claim<'a> {
+    /// A result that is written in one go, and begun again where it was not finished.
+    pub fn new(kind: &'a str, inputs: &'a Inputs, replace: bool) -> Self {
+        Self { kind, inputs, replace, unfinished: Earlier::BeginAgain, is_same: &|_| false }
+    }
+}
+
+/// What is done about an unfinished result of the same kind.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Earlier {
+    /// Its files are removed.
+    BeginAgain,
+    /// Its files stay, for whoever writes to use them again.
+    GoOn,
+    /// It counts as finished.
+    Keep,
+}
+
+/// A folder that a result is written into: new or unfinished, locked, with a record of its files. Where it replaces an
+/// earlier result, it is made beside that and takes its place in [`OutputFolder::finish`]; until then, and wherever
+/// something fails, the earlier one stays as it is.
+#[derive(Debug)]
+pub struct OutputFolder {
+    /// Where the result is to be.
+    target: PathBuf,
+    /// Where it is made.
+    work: PathBuf,
+    /// Of both.
+    locks: Vec<Lock>,
+    /// Whether the folder to write into was made for this result.
+    is_made: bool,
+    /// Whether an unfinished result is of use to the next run.
+    goes_on: bool,
+    finished: bool,
+}
+
+impl OutputFolder {
+    /// Takes the folder `path`, which must be new, empty, or hold what the claim may go on with or replace; links are
+    /// followed. Errs, and changes nothing, where it is or touches an input, lies in another result, holds anything else, or
+    /// is being written to by another program.
+    pub fn claim(path: &Path, claim: Claim<'_>) -> Result<Self> {
+        let target = real_place(path)?;
+        if target.is_file() {
+            return Err(Error::input_at(path, "this is a file, a folder is needed", "Choose another name."));
+        }
+        claim.inputs.require_apart(&target)?;
+        require_outside_of_outputs(&target)?;
+        put_back_old(&target)?;
+        let is_new = is_free_folder(&target)?;
+        let record = Record::read(&target).filter(|record| record.kind == claim.kind);
+        let Some(record) = record.filter(|_| !is_new) else {
+            if !is_new {
+                return Err(foreign(path, &target, claim.kind));
+            }
+            return Self::begin(target, &claim);
+        };
+        let goes_on = claim.unfinished == Earlier::GoOn && !record.complete;
+        if goes_on || (claim.is_same)(&target) {
+            let lock = Lock::of_folder(&target)?;
+            return Ok(Self::taken(target.clone(), target, vec![lock], &claim));
+        }
+        if claim.unfinished == Earlier::BeginAgain && !record.complete {
+            let lock = Lock::of_folder(&target)?;
+            require_own_files(&record, &target)?;
+            remove_contents(&target, &record)?;
+            Record::new(claim.kind).write(&target)?;
+            return Ok(Self::taken(target.clone(), target, vec![lock], &claim));
+        }
+        if !claim.replace {
+            let what = format!("there is an earlier result here ({})", claim.kind);
+            return Err(Error::input_at(path, what, "Choose a new folder, or replace it with `--force`."));
+        }
+        Self::begin_beside(target, &record, &claim)
+    }
+
+    fn taken(target: PathBuf, work: PathBuf, locks: Vec<Lock>, claim: &Claim<'_>) -> Self {
+        let goes_on = claim.unfinished != Earlier::BeginAgain;
+        Self { target, work, locks, is_made: false, goes_on, finished: false }
+    }
+
+    /// Takes a folder that does not exist or is empty.
+    fn begin(target: PathBuf, claim: &Claim<'_>) -> Result<Self> {
+        let is_made = !target.exists();
+        make_folder(&target)?;
+        let lock = Lock::of_folder(&target)?;
+        // Somebody else may have been quicker.
+        if !is_free_folder(&target)? {
+            return Err(foreign(&target, &target, claim.kind));
+        }
+        let mut output = Self::taken(target.clone(), target, vec![lock], claim);
+        output.is_made = is_made;
+        Record::new(claim.kind).write(&output.work)?;
+        Ok(output)
+    }
+
+    /// Takes a folder beside a result that is to be replaced.
+    fn begin_beside(target: PathBuf, record: &Record, claim: &Claim<'_>) -> Result<Self> {
+        let lock = Lock::of_folder(&target)?;
+        require_own_files(record, &target)?;
+        require_replaceable(&target)?;
+        let work = beside(&target, "new");
+        let unfinished = Record::read(&work).filter(|r| r.kind == claim.kind && !r.complete);
+        let is_of_use = claim.unfinished == Earlier::GoOn || (claim.is_same)(&work);
+        if unfinished.is_none() || !is_of_use {
+            remove_tree(&work)?;
+        }
+        make_folder(&work)?;
+        let locks = vec![lock, Lock::of_folder(&work)?];
+        let output = Self::taken(target, work, locks, claim);
+        if Record::read(&output.work).is_none() {
+            Record::new(claim.kind).write(&output.work)?;
+        }
+        Ok(output)
+    }
+
+    /// The folder to write into.
+    pub fn path(&self) -> &Path {
+        &self.work
+    }
+
+    /// Where the folder is once it is finished.
+    pub fn target(&self) -> &Path {
+        &self.target
+    }
+
+    /// Gives the new folder the files in the subfolder `name` of the result that it replaces.
+    pub fn take_over(&self, name: &str) -> Result<()> {
+        let (from, to) = (self.target.join(name), self.work.join(name));
+        if self.work == self.target || !from.is_dir() || to.exists() {
+            return Ok(());
+        }
+        let fail = |e| Error::io("take over files of the earlier result", &from, e);
+        for entry in from.read_dir().map_err(fail)? {
+            let path = entry.map_err(fail)?.path();
+            if path.is_file() {
+                let mut source = std::fs::File::open(&path).map_err(fail)?;
+                let place = to.join(path.file_name().unwrap_or_default());
+                super::write_whole_with(&place, |file| std::io::copy(&mut source, file).map(drop))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Says that the result is whole, and puts it in its place; an earlier one goes. Where that fails, the earlier one is
+    /// there.
+    pub fn finish(mut self) -> Result<()> {
+        let mut record = Record::read(&self.work).ok_or_else(|| {
+            Error::input_at(&self.work, "the folder was changed while it was written", "Do it again.")
+        })?;
+        record.files.retain(|name| self.work.join(name).symlink_metadata().is_ok());
+        record.complete = true;
+        record.write(&self.work)?;
+        if self.work != self.target {
+            if let Some(earlier) = Record::read(&self.target) {
+                require_own_files(&earlier, &self.target)?;
+            }
+            exchange(&self.work, &self.target)?;
+            self.finished = true;
+            sync_parent(&self.target);
+            remove_tree(&self.work)?;
+        }
+        self.finished = true;
+        Ok(())
+    }
+}
+
+impl Drop for OutputFolder {
+    /// Leaves no trace of what was never begun, nor of a replacement that failed and is of no use to the next run.
+    fn drop(&mut self) {
+        if self.finished {
+            return;
+        }
+        let is_beside = self.work != self.target;
+        if is_beside && !self.goes_on {
+            let _ = remove_tree(&self.work);
+        }
+        if Record::read(&self.work).is_some_and(|record| record.files.is_empty() && !record.complete)
+            && is_free_folder(&self.work).unwrap_or(false)
+        {
+            let _ = std::fs::remove_file(self.work.join(super::record::RECORD_FILE));
+            self.locks.clear();
+            if self.is_made || is_beside {
+                let _ = std::fs::remove_dir(&self.work);
+            }
+        }
+    }
+}
+
+/// Takes the folder `path` for outputs of a run that are made one by one, each with a claim of its own; it must be new, empty,
+/// or such a folder of the same kind already. Errs as [`OutputFolder::claim`] does. Returns it without links.
+pub fn claim_collection(path: &Path, kind: &str, inputs: &Inputs) -> Result<PathBuf> {
+    let target = real_place(path)?;
+    if target.is_file() {
+        return Err(Error::input_at(path, "this is a file, a folder is needed", "Choose another name."));
+    }
+    inputs.require_apart(&target)?;
+    require_outside_of_outputs(&target)?;
+    match Record::read(&target) {
+        Some(record) if record.kind == kind && record.holds_outputs => {}
+        _ if is_free_folder(&target)? => {
+            make_folder(&target)?;
+            Record { holds_outputs: true, ..Record::new(kind) }.write(&target)?;
+        }
+        _ => return Err(foreign(path, &target, kind)),
+    }
+    Ok(target)
+}
+
+/// The folder beside `target` that a replacement is made in, or the replaced result is kept in for a moment.
+pub(super) fn beside(target: &Path, what: &str) -> PathBuf {
+    target.with_file_name(format!(".surgtpgs-{}.{what}", short_hash(target)))
+}
+
+fn foreign(path: &Path, target: &Path, kind: &str) -> Error {
+    let what = match Record::read(target) {
+        Some(other) => format!("the folder holds another kind of result ({}, not {kind})", other.kind),
+        None => format!(
+            "the folder is not empty, and what is in it was not written as this kind of result ({kind})"
+        ),
+    };
+    Error::input_at(path, what, "Choose a new or empty folder.")
+}
+
+/// Errs where a folder of ours holds files that this program did not write: replacing it would lose them.
+fn require_own_files(record: &Record, folder: &Path) -> Result<()> {
+    match record.foreign_file(folder)? {
+        None => Ok(()),
+        Some(name) => Err(Error::input_at(
+            folder,
+            format!("the folder also holds \"{name}\", which this program did not write"),
+            "Move that away, or choose a new folder.",
+        )),
+    }
+}
+
+/// Errs where a folder cannot change places with one beside it.
+fn require_replaceable(target: &Path) -> Result<()> {
+    let whole = || {
+        Error::input_at(
+            target,
+            "the folder cannot be replaced as a whole: it is a place of its own in the system (a mount)",
+            "Choose a folder inside it.",
+        )
+    };
+    let Some(parent) = target.parent() else { return Err(whole()) };
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        let device = |path: &Path| path.metadata().map(|data| data.dev()).ok();
+        if device(parent) != device(target) {
+            return Err(whole());
+        }
+    }
+    let _ = parent;
+    Ok(())
+}
+
+/// Removes the files of an unfinished result and the folders that are empty then.
+fn remove_contents(folder: &Path, record: &Record) -> Result<()> {
+    for name in &record.files {
+        let path = folder.join(name);
+        match std::fs::remove_file(&path) {
+            Err(e) if e.kind() != ErrorKind::NotFound => {
+                return Err(Error::io("remove the old file", path, e));
+            }
+            _ => {}
+        }
+        let mut above = Path::new(name).parent();
+        while let Some(inner) = above.filter(|inner| !inner.as_os_str().is_empty()) {
+            // Only empty ones go.
+            if std::fs::remove_dir(folder.join(inner)).is_err() {
+                break;
+            }
+            above = inner.parent();
+        }
+    }
+    Ok(())
+}
+
+fn make_folder(folder: &Path) -> Result<()> {
+    std::fs::create_dir_all(folder).map_err(|e| Error::io("make the folder", folder, e))
+}
+
+fn remove_tree(folder: &Path) -> Result<()> {
+    match std::fs::remove_dir_all(folder) {
+        Err(e) if e.kind() != ErrorKind::NotFound => Err(Error::io("remove the old folder", folder, e)),
+        _ => Ok(()),
+    }
+}
+
+/// Lets two folders change places: at once where the system can, else by way of a third name.
+fn exchange(new: &Path, old: &Path) -> Result<()> {
+    #[cfg(any(target_os = "linux", target_vendor = "apple"))]
+    {
+        use rustix::fs::{CWD, RenameFlags, renameat_with};
+        if renameat_with(CWD, new, CWD, old, RenameFlags::EXCHANGE).is_ok() {
+            return Ok(());
+        }
+    }
+    exchange_in_steps(new, old)
+}
+
+/// Renames the old folder away, the new one into its place, and the old one to where the new one was. Where the second
+/// step fails, the first is taken back; after a kill in between, [`put_back_old`] does.
+pub(super) fn exchange_in_steps(new: &Path, old: &Path) -> Result<()> {
+    let fail = |e| Error::io("put the new result in its place", old, e);
+    let aside = beside(old, "old");
+    std::fs::rename(old, &aside).map_err(fail)?;
+    if let Err(e) = std::fs::rename(new, old) {
+        std::fs::rename(&aside, old).map_err(fail)?;
+        return Err(fail(e));
+    }
+    std::fs::rename(&aside, new).map_err(fail)
+}
+
+/// Puts a result back that was being replaced when the program was killed.
+fn put_back_old(target: &Path) -> Result<()> {
+    let aside = beside(target, "old");
+    if target.symlink_metadata().is_ok() || Record::read(&aside).is_none() {
+        return Ok(());
+    }
+    std::fs::rename(&aside, target).map_err(|e| Error::io("put the earlier result back", target, e))
+}
+
+/// Without it, a power cut may take the new name back.
+pub(super) fn sync_parent(path: &Path) {
+    let folder = path.parent().filter(|p| p.as_os_str() != OsStr::new("")).unwrap_or(Path::new("."));
+    let _ = std::fs::File::open(folder).and_then(|folder| folder.sync_all());
+}

@@ -1,0 +1,144 @@
+//! The record in a folder that this program fills: which output it is, which files are its own, whether it is complete.
+//!
+//! One JSON value a line, so that a file can be noted before it is written by adding a line. A line that was cut off by a
+//! kill is passed over.
+
+use super::whole::TEMPORARY;
+use crate::{Error, Result};
+use std::{
+    collections::BTreeSet,
+    fs::OpenOptions,
+    io::Write,
+    path::{Component, Path, PathBuf},
+};
+use walkdir::WalkDir;
+
+/// The record's name inside its folder.
+pub(super) const RECORD_FILE: &str = ".surgtpgs";
+
+/// How far above a file its record is looked for.
+const DEPTH: usize = 3;
+
+/// What an output folder is and holds.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Record {
+    /// Kind of output, e.g. "export".
+    pub(super) kind: String,
+    /// Whether it is a place for other outputs.
+    pub(super) holds_outputs: bool,
+    pub(super) complete: bool,
+    /// Paths inside the folder, with `/`.
+    pub(super) files: BTreeSet<String>,
+}
+
+/// A line of the record.
+#[derive(serde::Serialize, serde::Deserialize)]
+#[serde(untagged)]
+enum Line {
+    Head {
+        surgtpgs: String,
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        holds_outputs: bool,
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+        complete: bool,
+    },
+    File(String),
+}
+
+impl Record {
+    pub(super) fn new(kind: &str) -> Self {
+        Self { kind: kind.to_owned(), holds_outputs: false, complete: false, files: BTreeSet::new() }
+    }
+
+    /// The record of `folder`; `None` where there is none that can be understood.
+    pub(super) fn read(folder: &Path) -> Option<Self> {
+        let path = folder.join(RECORD_FILE);
+        if !path.symlink_metadata().is_ok_and(|data| data.is_file()) {
+            return None;
+        }
+        let text = std::fs::read(path).ok()?;
+        let text = String::from_utf8_lossy(&text);
+        let mut lines = text.lines().map(serde_json::from_str::<Line>);
+        let Ok(Line::Head { surgtpgs: kind, holds_outputs, complete }) = lines.next()? else { return None };
+        // A record may have been tampered with: nothing outside of the folder is this output's.
+        let is_inside = |name: &str| Path::new(name).components().all(|c| matches!(c, Component::Normal(_)));
+        let name = |line| match line {
+            Ok(Line::File(name)) if is_inside(&name) => Some(name),
+            _ => None,
+        };
+        Some(Self { kind, holds_outputs, complete, files: lines.filter_map(name).collect() })
+    }
+
+    /// Writes the record whole.
+    pub(super) fn write(&self, folder: &Path) -> Result<()> {
+        let fail = |e| Error::io("write the record of the folder", folder, e);
+        let head = Line::Head {
+            surgtpgs: self.kind.clone(),
+            holds_outputs: self.holds_outputs,
+            complete: self.complete,
+        };
+        let mut file = tempfile::Builder::new().prefix(TEMPORARY).tempfile_in(folder).map_err(fail)?;
+        let names = self.files.iter().cloned().map(Line::File);
+        let text: String = std::iter::once(head).chain(names).map(|l| line(&l)).collect();
+        file.write_all(text.as_bytes()).and_then(|()| file.as_file().sync_all()).map_err(fail)?;
+        #[cfg(unix)]
+        {
+            let mode = std::os::unix::fs::PermissionsExt::from_mode(0o644);
+            file.as_file().set_permissions(mode).map_err(fail)?;
+        }
+        file.persist(folder.join(RECORD_FILE)).map_err(|e| fail(e.error))?;
+        Ok(())
+    }
+
+    /// Notes in the record of the output that `path` is in, if it is in one, that the file there is this program's.
+    pub(super) fn note(path: &Path) -> Result<()> {
+        let Some(folder) = recorded_above(path) else { return Ok(()) };
+        let Some(name) = name_inside(&folder, path) else { return Ok(()) };
+        let record = folder.join(RECORD_FILE);
+        let append =
+            || OpenOptions::new().append(true).open(&record)?.write_all(line(&Line::File(name)).as_bytes());
+        append().map_err(|e| Error::io("write the record of the folder", &record, e))
+    }
+
+    /// A file in `folder` that is not in the record, with its path inside.
+    pub(super) fn foreign_file(&self, folder: &Path) -> Result<Option<String>> {
+        let entries = WalkDir::new(folder).sort_by_file_name().into_iter();
+        for entry in entries {
+            let entry = entry.map_err(|e| Error::io("list the folder", folder, e.into()))?;
+            let is_ours = || {
+                entry.depth() == 1 && super::is_own(entry.file_name())
+                    || entry.file_name().to_string_lossy().starts_with(TEMPORARY)
+                    || name_inside(folder, entry.path()).is_some_and(|name| self.files.contains(&name))
+            };
+            if !entry.file_type().is_dir() && !is_ours() {
+                return Ok(Some(
+                    entry.path().strip_prefix(folder).unwrap_or(entry.path()).display().to_string(),
+                ));
+            }
+        }
+        Ok(None)
+    }
+}
+
+fn line(value: &Line) -> String {
+    // Text and flags always serialize.
+    serde_json::to_string(value).unwrap_or_default() + "\n"
+}
+
+/// The nearest folder above `path` that has a record.
+fn recorded_above(path: &Path) -> Option<PathBuf> {
+    let folders = path.ancestors().skip(1).take(DEPTH);
+    let here =
+        |folder: &Path| if folder.as_os_str().is_empty() { PathBuf::from(".") } else { folder.to_owned() };
+    folders.map(here).find(|folder| folder.join(RECORD_FILE).is_file())
+}
+
+/// The path inside `folder`, with `/`; `None` for what is not in it. A name that is not Unicode is shown with what
+/// stands in for its bytes, here as there.
+fn name_inside(folder: &Path, path: &Path) -> Option<String> {
+    let inside = match folder == Path::new(".") {
+        true => path.strip_prefix(".").unwrap_or(path),
+        false => path.strip_prefix(folder).ok()?,
+    };
+    Some(inside.iter().map(|part| part.to_string_lossy()).collect::<Vec<_>>().join("/"))
+}

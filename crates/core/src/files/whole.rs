@@ -1,0 +1,96 @@
+//! Files are written whole: to a temporary neighbour, synced, then renamed into place.
+
+use super::{output::sync_parent, record::Record};
+use crate::{Error, Result};
+use std::{
+    io::{Seek, SeekFrom, Write},
+    path::{Path, PathBuf},
+};
+
+/// Beginning of the names of files that are being written.
+pub(super) const TEMPORARY: &str = ".part-";
+
+/// Writes `bytes` to `path` so that a reader sees the old file or the new one, never a part.
+/// Missing parent folders are created.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
+    write_whole_with(path, |file| file.write_all(bytes))
+}
+
+/// As [`write_whole`], for writers that stream into the file.
+pub fn write_whole_with(
+    path: &Path,
+    write: impl FnOnce(&mut std::fs::File) -> std::io::Result<()>,
+) -> Result<()> {
+    let mut file = WholeFile::create(path)?;
+    write(file.temporary.as_file_mut()).map_err(|e| Error::io("write the file", path, e))?;
+    file.commit()
+}
+
+/// A file that is written bit by bit and appears whole at [`WholeFile::commit`]; dropped before, it leaves no trace.
+#[derive(Debug)]
+pub struct WholeFile {
+    temporary: tempfile::NamedTempFile,
+    path: PathBuf,
+}
+
+impl WholeFile {
+    /// Begins the file at `path`; missing parent folders are created, a link is followed. Errs where a folder, a device, a
+    /// pipe or a socket has this name.
+    pub fn create(path: &Path) -> Result<Self> {
+        let fail = |e| Error::io("write the file", path, e);
+        let followed = if path.is_symlink() { Some(path.canonicalize().map_err(fail)?) } else { None };
+        let path = followed.as_deref().unwrap_or(path);
+        if path.symlink_metadata().is_ok_and(|data| !data.is_file()) {
+            return Err(Error::input_at(path, "this is no ordinary file", "Choose another name."));
+        }
+        let folder: PathBuf = match path.parent() {
+            Some(p) if !p.as_os_str().is_empty() => p.to_owned(),
+            _ => PathBuf::from("."),
+        };
+        std::fs::create_dir_all(&folder).map_err(fail)?;
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(TEMPORARY);
+        // Temporary files are private to their owner; results get the permissions that the user gives new files.
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let temporary = builder.tempfile_in(&folder).map_err(fail)?;
+        Record::note(path)?;
+        Ok(Self { temporary, path: path.to_owned() })
+    }
+
+    /// Where the file will be.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Where what was written so far is.
+    pub fn temporary_path(&self) -> &Path {
+        self.temporary.path()
+    }
+
+    /// Puts the file in its place, over what is there.
+    pub fn commit(self) -> Result<()> {
+        let Self { temporary, path } = self;
+        let fail = |e| Error::io("write the file", &path, e);
+        temporary.as_file().sync_all().map_err(fail)?;
+        temporary.persist(&path).map_err(|e| fail(e.error))?;
+        sync_parent(&path);
+        Ok(())
+    }
+}
+
+impl Write for WholeFile {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.temporary.write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.temporary.flush()
+    }
+}
+
+impl Seek for WholeFile {
+    fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
+        self.temporary.seek(to)
+    }
+}
