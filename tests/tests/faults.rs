@@ -2,6 +2,7 @@
 //! lost, and the same command finishes the work afterwards (tests/README.md has the matrix). The limit on the size of written files stands for the full disk: the write that passes it
 //! fails, or, where the signal is left alone, kills the program in the middle of it.
 
+use crate::workplace::{contents, workplace};
 use std::{
     collections::BTreeMap,
     fs,
@@ -64,10 +65,6 @@ const WRITERS: [Writer; 9] = [
     Writer { name: "batch", args: &["batch", "jobs.toml", "-o", "out"], output: "out" },
 ];
 
-/// What the batch does.
-const JOBS: &str = "[defaults]\nlabels = true\niterations = 2\nbackend = \"cpu\"\nprompts = [\"liver\"]\n\
-    formats = [\"csv\"]\n[[recording]]\npath = \"recording\"\n";
-
 /// Bytes that a file may have: nothing, within headers, within the bodies.
 const BUDGETS: [u64; 4] = [0, 100, 700, 3000];
 
@@ -79,43 +76,6 @@ fn limited(folder: &Path, args: &[&str], budget: u64, fault: Fault) -> Run {
     shell.arg("-c").arg(format!("{trap} exec prlimit --fsize={budget} -- \"$@\"")).arg("bash").arg(binary());
     let output = shell.args(args).current_dir(folder).env_remove("DISPLAY").output().unwrap();
     output.into()
-}
-
-/// Whether it is what a killed writer leaves.
-fn is_temporary(path: &Path) -> bool {
-    path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(".part-"))
-}
-
-/// All files of a folder, but for temporary ones.
-fn contents(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
-    let mut files = BTreeMap::new();
-    let mut folders = vec![root.to_owned()];
-    while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(folder).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                folders.push(path);
-            } else if !is_temporary(&path) {
-                files.insert(path.strip_prefix(root).unwrap().to_owned(), fs::read(&path).unwrap());
-            }
-        }
-    }
-    files
-}
-
-/// A folder with everything that the writers read.
-fn workplace() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    for name in ["recording", "prepared"] {
-        for (file, bytes) in contents(&flow().path().join(name)) {
-            let to = folder.path().join(name).join(file);
-            fs::create_dir_all(to.parent().unwrap()).unwrap();
-            fs::write(to, bytes).unwrap();
-        }
-    }
-    fs::copy(flow().at("scene.safetensors"), folder.path().join("scene.safetensors")).unwrap();
-    fs::write(folder.path().join("jobs.toml"), JOBS).unwrap();
-    folder
 }
 
 fn run(folder: &Path, args: &[&str]) -> Run {
@@ -178,7 +138,7 @@ fn a_result_is_never_replaced_by_half_of_another() {
         let good = fs::read(&output).unwrap();
         for budget in BUDGETS {
             for fault in [Fault::Full, Fault::Killed] {
-                limited(folder.path(), writer.args, budget, fault);
+                limited(folder.path(), &[writer.args, &["--force"]].concat(), budget, fault);
                 assert!(fs::read(&output).unwrap() == good, "{}, {budget}, {fault:?}", writer.name);
             }
         }
@@ -240,7 +200,8 @@ fn recordings_that_are_cut_off_lose_nothing_and_the_work_can_be_finished() {
             fs::remove_dir_all(&output).unwrap();
         }
         kinds.iter().for_each(|kind| cut_off(kind));
-        let message = run(folder.path(), writer.args).refused(1).to_owned();
+        let force = [writer.args, &["--force"]].concat();
+        let message = run(folder.path(), &force).refused(1).to_owned();
         assert!(message.contains("recording/") && message.contains(".png"), "{}: {message}", writer.name);
         if output.is_file() {
             assert!(fs::read(&output).unwrap() == good[Path::new(writer.output)], "{}", writer.name);
@@ -248,7 +209,7 @@ fn recordings_that_are_cut_off_lose_nothing_and_the_work_can_be_finished() {
         for (kind, files) in kinds.iter().zip(&whole) {
             files.iter().for_each(|(name, bytes)| fs::write(kind.join(name), bytes).unwrap());
         }
-        run(folder.path(), writer.args).ok();
+        run(folder.path(), &force).ok();
         let names = |files: &BTreeMap<PathBuf, Vec<u8>>| files.keys().cloned().collect::<Vec<_>>();
         assert_eq!(names(&contents(folder.path())), names(&good), "{}", writer.name);
     }

@@ -25,5 +25,9 @@ mod default_job;
 mod faults;
 /// Scenes to and from what other programs read.
 mod formats;
+/// Inputs, other people's files and earlier results are safe.
+mod outputs;
 /// Nothing that speaks to a network is built in.
 mod privacy;
+/// A folder with everything that verbs read.
+mod workplace;

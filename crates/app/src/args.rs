@@ -19,7 +19,7 @@ pub use prepare::{LevelArg, MaskDensity, PrepareArgs};
 
 use crate::engine::{Backend, EncoderChoice, EngineOptions, Negatives, Question};
 use clap::{Args, Parser, Subcommand, ValueEnum, ValueHint};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use surgtpgs_clip::Provider;
 use surgtpgs_core::{
     relevancy::RelevancySettings,
@@ -96,6 +96,24 @@ pub enum Verb {
     Bench(BenchArgs),
     /// Turn scenes into files of other programs, and back
     Convert(ConvertArgs),
+}
+
+impl Verb {
+    /// What is written, if it is one file or folder that the command line names.
+    pub fn output(&self) -> Option<&Path> {
+        match self {
+            Self::Demo(args) => Some(&args.output),
+            Self::Prepare(args) => Some(&args.output),
+            Self::Train(args) => Some(&args.output),
+            Self::Render(args) => Some(&args.output),
+            Self::Query(args) => args.gaussians.as_deref(),
+            Self::Export(args) => Some(&args.output),
+            Self::Eval(args) => args.output.as_deref(),
+            Self::Batch(args) => args.output.as_deref(),
+            Self::Convert(args) => Some(&args.output),
+            Self::View(_) | Self::Check(_) | Self::Bench(_) => None,
+        }
+    }
 }
 
 /// `surgtpgs view`

@@ -25,7 +25,7 @@ use crate::{
 pub use batch::check_jobs_file;
 use clap::Parser;
 use std::ffi::OsString;
-use surgtpgs_core::{Error, Result};
+use surgtpgs_core::{Error, Result, files::full_path};
 
 /// How the program ends; the numbers are a contract.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,6 +72,10 @@ pub fn run(args: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Exit 
 }
 
 fn run_verb(verb: Option<Verb>) -> Result<Exit> {
+    if let Some(output) = verb.as_ref().and_then(Verb::output).filter(|output| output.is_symlink()) {
+        let target = full_path(output);
+        console::say(&one_line(&format!("{} is a link to {}", output.display(), target.display())));
+    }
     match verb {
         None => default_job::run(),
         Some(Verb::View(args)) => view::run(&args),

@@ -84,10 +84,10 @@ pub fn prepare_folder(
     if matches!(options.source, FeatureSource::Masks { .. }) {
         MASKS_AND_EMBEDDINGS.iter().try_for_each(|name| output.take_over(name))?;
     }
-    prepare(sequence, output.path(), options, observer)?;
+    let prepared = prepare(sequence, output.path(), options, observer)?;
     let target = output.target().to_owned();
     output.finish()?;
-    Prepared::open(&target)
+    Ok(prepared.moved_to(&target))
 }
 
 impl PrepareOptions {

@@ -13,7 +13,7 @@ use std::{
     path::{Path, PathBuf},
     sync::Arc,
 };
-use surgtpgs_core::export::Format;
+use surgtpgs_core::{export::Format, files::is_free_folder};
 
 /// What a format is called and what it is.
 type Choice = (Format, &'static str, &'static str);
@@ -70,6 +70,8 @@ const GROUPS: [(&str, &[Choice]); 3] = [
 /// The dialog, from the question to the result.
 pub(crate) struct ExportDialog {
     request: ExportRequest,
+    /// Of what is open; a new folder is called after it.
+    name: String,
     last_frame: usize,
     has_original: bool,
     picking: Option<Job<Option<PathBuf>>>,
@@ -108,6 +110,7 @@ impl ExportDialog {
         };
         Some(Self {
             request,
+            name: info.name.clone(),
             last_frame: info.num_frames.saturating_sub(1),
             has_original: info.has_original,
             picking: None,
@@ -124,7 +127,7 @@ impl ExportDialog {
         if let Some(JobEvent::Done(result)) = self.picking.as_mut().and_then(Job::poll) {
             self.picking = None;
             if let Ok(Some(folder)) = result {
-                self.request.folder = folder;
+                self.request.folder = folder_in(&folder, &self.name);
             }
         }
         let State::Running(job) = &mut self.state else { return None };
@@ -148,6 +151,14 @@ impl ExportDialog {
         self.picking = Some(Job::start("file dialog", ctx, |_| {
             Ok(rfd::FileDialog::new().set_title("Export into this folder").pick_folder())
         }));
+    }
+}
+
+/// The folder for an export of `name` where `folder` was picked: that, or a new one in it if it holds something already.
+pub(super) fn folder_in(folder: &Path, name: &str) -> PathBuf {
+    match is_free_folder(folder) {
+        Ok(true) => folder.to_owned(),
+        _ => free_folder(folder, name, "export"),
     }
 }
 

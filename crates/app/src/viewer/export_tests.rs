@@ -2,6 +2,7 @@
 
 use super::{
     engine_source::EngineBackend,
+    export_dialog::folder_in,
     jobs::{Job, JobEvent},
     source::{Backend, ExportPrompt, ExportRequest, ExportSummary},
 };
@@ -108,10 +109,18 @@ fn the_window_and_the_command_line_write_the_same_bytes() {
     );
     assert_eq!(record["relevancy"]["phrases"][4], "smoke");
     let (line, window) = (contents(&folder.join("line")), contents(&folder.join("window")));
-    // The record and the names of labels come on top.
-    assert_eq!(line.len(), done.num_files + 2);
+    // Two records and the names of labels come on top.
+    assert_eq!(line.len(), done.num_files + 3);
     assert!(line.keys().eq(window.keys()));
     for (name, bytes) in &line {
         assert!(window[name] == *bytes, "{} differs", name.display());
     }
+}
+
+#[test]
+fn a_picked_folder_with_something_in_it_gets_a_new_one_inside() {
+    let folder = tempfile::tempdir().unwrap();
+    assert_eq!(folder_in(folder.path(), "clip"), folder.path());
+    std::fs::write(folder.path().join("mine"), "").unwrap();
+    assert_eq!(folder_in(folder.path(), "clip"), folder.path().join("clip-export"));
 }

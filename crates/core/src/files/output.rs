@@ -12,6 +12,7 @@ use std::{
     io::ErrorKind,
     path::{Path, PathBuf},
 };
+use walkdir::WalkDir;
 
 /// What is to be written, and what may be in its place.
 #[derive(Clone, Copy)]
@@ -129,7 +130,12 @@ impl OutputFolder {
         require_own_files(record, &target)?;
         require_replaceable(&target)?;
         let work = beside(&target, "new");
-        let unfinished = Record::read(&work).filter(|r| r.kind == claim.kind && !r.complete);
+        let there = Record::read(&work);
+        if there.is_none() && work.symlink_metadata().is_ok() && !is_free_folder(&work)? {
+            let what = "something of somebody else's has the name of the new result while it is made";
+            return Err(Error::input_at(&work, what, "Move it away."));
+        }
+        let unfinished = there.filter(|record| record.kind == claim.kind && !record.complete);
         let is_of_use = claim.unfinished == Earlier::GoOn || (claim.is_same)(&work);
         if unfinished.is_none() || !is_of_use {
             remove_tree(&work)?;
@@ -216,8 +222,8 @@ impl Drop for OutputFolder {
     }
 }
 
-/// Takes the folder `path` for outputs of a run that are made one by one, each with a claim of its own; it must be new, empty,
-/// or such a folder of the same kind already. Errs as [`OutputFolder::claim`] does. Returns it without links.
+/// Takes the folder `path` for outputs of a run that are made one by one, each with a claim of its own; it must be new, hold
+/// no file, or be such a folder of the same kind already. Errs as [`OutputFolder::claim`] does. Returns it without links.
 pub fn claim_collection(path: &Path, kind: &str, inputs: &Inputs) -> Result<PathBuf> {
     let target = real_place(path)?;
     if target.is_file() {
@@ -227,7 +233,8 @@ pub fn claim_collection(path: &Path, kind: &str, inputs: &Inputs) -> Result<Path
     require_outside_of_outputs(&target)?;
     match Record::read(&target) {
         Some(record) if record.kind == kind && record.holds_outputs => {}
-        _ if is_free_folder(&target)? => {
+        // Workflow engines make folders for results beforehand.
+        _ if !holds_file(&target) => {
             make_folder(&target)?;
             Record { holds_outputs: true, ..Record::new(kind) }.write(&target)?;
         }
@@ -239,6 +246,12 @@ pub fn claim_collection(path: &Path, kind: &str, inputs: &Inputs) -> Result<Path
 /// The folder beside `target` that a replacement is made in, or the replaced result is kept in for a moment.
 pub(super) fn beside(target: &Path, what: &str) -> PathBuf {
     target.with_file_name(format!(".surgtpgs-{}.{what}", short_hash(target)))
+}
+
+/// Whether there is a file anywhere under `folder`, or what cannot be looked into.
+fn holds_file(folder: &Path) -> bool {
+    let mut entries = WalkDir::new(folder).min_depth(1).into_iter();
+    folder.exists() && entries.any(|entry| !entry.is_ok_and(|e| e.file_type().is_dir()))
 }
 
 fn foreign(path: &Path, target: &Path, kind: &str) -> Error {

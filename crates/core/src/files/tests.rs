@@ -236,6 +236,22 @@ fn unfinished_work_is_gone_on_with_or_begun_again() {
 }
 
 #[test]
+fn a_place_for_several_results_may_hold_empty_folders_but_no_files_of_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let take_all = || claim_collection(&at("out"), "batch", &Inputs::none());
+    std::fs::create_dir_all(at("out/a/steps")).unwrap();
+    take_all().unwrap();
+    finished(&at("out/a/thing"), "x");
+    take_all().unwrap();
+    assert!(claim_collection(&at("out"), "demo", &Inputs::none()).is_err());
+    std::fs::create_dir_all(at("theirs/a")).unwrap();
+    std::fs::write(at("theirs/a/picture.png"), "").unwrap();
+    assert!(claim_collection(&at("theirs"), "batch", &Inputs::none()).is_err());
+    assert!(claim_collection(&at("out/a/thing"), "batch", &Inputs::none()).is_err());
+}
+
+#[test]
 fn where_folders_cannot_change_places_at_once_they_do_in_steps() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);

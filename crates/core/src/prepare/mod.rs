@@ -141,6 +141,15 @@ impl Prepared {
         })
     }
 
+    /// The same after its folder was moved to `folder`.
+    pub fn moved_to(mut self, folder: &Path) -> Self {
+        if let Some(about) = self.sequence.estimated_depth().cloned() {
+            self.sequence = self.sequence.with_estimated_depth(folder, about);
+        }
+        self.folder = folder.to_owned();
+        self
+    }
+
     /// Rows of the feature table.
     pub fn num_rows(&self) -> usize {
         self.latents.len() / self.codec.latent_dim().max(1)

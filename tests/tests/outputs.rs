@@ -1,0 +1,340 @@
+//! No verb writes into or over what it reads or what it did not write, with or without `--force`; and whatever goes wrong
+//! while a result is replaced, the earlier one is there to the last byte.
+
+use crate::workplace::{contents, workplace};
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+    process::{Child, Command, Stdio},
+};
+use surgtpgs_tests::{Run, binary, command_in, run_in, signal};
+
+/// A verb that writes; `OUT` stands for its output.
+struct Verb {
+    args: &'static [&'static str],
+    /// The ending of a file that it writes; none for a folder.
+    ending: &'static str,
+    /// What it may replace on request in [`workplace`], because it made it and does not read it.
+    own: &'static str,
+    has_force: bool,
+}
+
+const fn verb(args: &'static [&'static str], ending: &'static str, own: &'static str) -> Verb {
+    Verb { args, ending, own, has_force: true }
+}
+
+const SCENE: &str = "scene.safetensors";
+
+const VERBS: [Verb; 13] = [
+    verb(&["demo", "-o", "OUT", "--width", "32", "--height", "24", "--frames", "2"], "", "recording"),
+    verb(&["prepare", "recording", "-o", "OUT", "--labels"], "", "prepared"),
+    verb(&["prepare", "recording", "-o", "spare", "--labels", "--langsplat", "OUT"], "", ""),
+    verb(&["train", "prepared", "-o", "OUT", "--iterations", "2", "--backend", "cpu"], ".safetensors", SCENE),
+    verb(
+        &["train", "recording", "-o", "OUT", "--iterations", "2", "--backend", "cpu"],
+        ".safetensors",
+        SCENE,
+    ),
+    verb(&["render", SCENE, "-o", "OUT", "--frames", "0"], "", ""),
+    verb(&["query", SCENE, "--prompt", "liver", "--frames", "0", "--gaussians", "OUT"], "", ""),
+    verb(&["export", SCENE, "--prompt", "liver", "-o", "OUT", "--frames", "0..2"], "", ""),
+    verb(&["eval", SCENE, "prepared", "-o", "OUT"], "", ""),
+    verb(&["convert", SCENE, "OUT"], ".safetensors", ""),
+    verb(&["convert", SCENE, "OUT", "--reference"], ".ply", ""),
+    verb(&["convert", SCENE, "OUT"], "", ""),
+    Verb { args: &["batch", "jobs.toml", "-o", "OUT"], ending: "", own: "", has_force: false },
+];
+
+impl Verb {
+    fn args(&self, out: &str, force: bool) -> Vec<String> {
+        let args = self.args.iter().map(|arg| arg.replace("OUT", out));
+        args.chain(force.then(|| "--force".to_owned())).collect()
+    }
+
+    /// A new name for its output.
+    fn output(&self) -> String {
+        format!("out{}", self.ending)
+    }
+}
+
+/// Every file, folder and link under `root`, with bytes and targets.
+fn tree(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut folders = vec![root.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).unwrap() {
+            let entry = entry.unwrap();
+            let (path, kind) = (entry.path(), entry.file_type().unwrap());
+            let bytes = match () {
+                () if kind.is_symlink() => {
+                    fs::read_link(&path).unwrap().into_os_string().into_encoded_bytes()
+                }
+                () if kind.is_file() => fs::read(&path).unwrap(),
+                () => Vec::new(),
+            };
+            if kind.is_dir() {
+                folders.push(path.clone());
+            }
+            found.insert(path.strip_prefix(root).unwrap().to_owned(), bytes);
+        }
+    }
+    found
+}
+
+/// What differs between two trees.
+fn difference(before: &BTreeMap<PathBuf, Vec<u8>>, after: &BTreeMap<PathBuf, Vec<u8>>) -> Vec<PathBuf> {
+    let names = before.keys().chain(after.keys());
+    let mut changed: Vec<_> = names.filter(|name| before.get(*name) != after.get(*name)).cloned().collect();
+    changed.dedup();
+    changed
+}
+
+#[cfg(unix)]
+#[test]
+fn nothing_is_written_into_inputs_or_over_what_was_not_written_here() {
+    use std::os::unix::fs::symlink;
+    let folder = workplace();
+    let at = |name: &str| folder.path().join(name);
+    run_in(folder.path(), &["render", SCENE, "-o", "pictures", "--frames", "0"]).ok();
+    fs::create_dir(at("theirs")).unwrap();
+    fs::write(at("theirs/picture.png"), "a picture of another program").unwrap();
+    for name in ["notes", "notes.safetensors", "notes.ply"] {
+        fs::write(at(name), "weeks of work").unwrap();
+    }
+    for (target, link) in [
+        ("recording", "link to recording"),
+        ("prepared", "link to prepared"),
+        ("theirs", "link to theirs"),
+        (SCENE, "link to scene.safetensors"),
+        ("recording/images/frame_000000.png", "link to frame.safetensors"),
+        ("nowhere", "dangling"),
+        ("nowhere", "dangling.safetensors"),
+    ] {
+        symlink(at(target), at(link)).unwrap();
+    }
+    fs::hard_link(at(SCENE), at("again.safetensors")).unwrap();
+    assert!(Command::new("mkfifo").arg(at("pipe")).status().unwrap().success());
+    let before = tree(folder.path());
+    for verb in &VERBS {
+        let ending = verb.ending;
+        let mut places: Vec<String> = [
+            "recording",
+            "recording/new",
+            "recording/images/new",
+            "prepared",
+            "prepared/new",
+            SCENE,
+            "recording/images/frame_000000.png",
+            "prepared/codec.safetensors",
+            ".",
+            "link to recording",
+            "link to recording/new",
+            "link to prepared/new",
+            "link to scene.safetensors",
+            "link to frame.safetensors",
+            "again.safetensors",
+            "theirs",
+            "link to theirs",
+            "pictures",
+            "pictures/new",
+            "notes",
+            "notes.safetensors",
+            "notes/new",
+            "dangling",
+            "dangling.safetensors",
+            "dangling/new",
+            "pipe",
+            "/dev/null",
+            "jobs.toml",
+            "recording/../recording",
+        ]
+        .map(String::from)
+        .to_vec();
+        places.extend(
+            ["recording/new", "prepared/new", "pictures/new", "notes", "dangling"]
+                .map(|p| p.to_owned() + ending),
+        );
+        for place in places {
+            for force in [false, true] {
+                let real = |name: &str| at(name).canonicalize().ok();
+                let is_own = !verb.own.is_empty() && real(&place) == real(verb.own);
+                // Two names of one file: the other one stays.
+                let is_own = is_own || verb.own == SCENE && place == "again.safetensors";
+                let theirs = place == "theirs" || place == "link to theirs";
+                // A scene file beside the pictures of another program harms nobody; only folders are meant here.
+                if (force && (is_own || !verb.has_force))
+                    || theirs && !ending.is_empty() && place.ends_with("new")
+                {
+                    continue;
+                }
+                let args = verb.args(&place, force);
+                let run = run_in(folder.path(), &args);
+                let changed = difference(&before, &tree(folder.path()));
+                assert!(changed.is_empty(), "{args:?} changed {changed:?}: {run:#?}");
+                assert!(!run.refused(1).is_empty(), "{args:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn every_verb_replaces_its_own_result_on_request_and_not_without() {
+    for verb in VERBS.iter().filter(|verb| verb.has_force) {
+        let folder = workplace();
+        let out = verb.output();
+        run_in(folder.path(), &verb.args(&out, false)).ok();
+        let whole = tree(folder.path());
+        if verb.args[0] != "demo" && verb.args[0] != "export" {
+            // The same recording, the same export: these are completed instead.
+            let again = run_in(folder.path(), &verb.args(&out, false));
+            assert!(again.refused(1).contains("--force"), "{:?}: {again:#?}", verb.args);
+        }
+        run_in(folder.path(), &verb.args(&out, true)).ok();
+        let names = |tree: &BTreeMap<PathBuf, Vec<u8>>| tree.keys().cloned().collect::<Vec<_>>();
+        assert_eq!(names(&tree(folder.path())), names(&whole), "{:?}", verb.args);
+    }
+}
+
+/// What goes wrong while a result is replaced.
+#[derive(Clone, Copy, Debug)]
+enum Fault {
+    /// Files may have no more bytes than this, as on a full disk.
+    Full(u64),
+    /// A signal once the new result has so many files.
+    Signal(&'static str, usize),
+    /// A picture of the recording is cut off.
+    CutOff,
+    /// An option names a model that is not there.
+    NoModel,
+    /// The earlier result holds a file of somebody else's.
+    Foreign,
+    /// Another program writes to the earlier result.
+    Locked,
+    /// Something has the name of the new result while it is made.
+    InTheWay,
+}
+
+const FAULTS: [Fault; 12] = [
+    Fault::Full(0),
+    Fault::Full(100),
+    Fault::Full(700),
+    Fault::Full(3000),
+    Fault::Signal("-KILL", 0),
+    Fault::Signal("-KILL", 2),
+    Fault::Signal("-TERM", 1),
+    Fault::CutOff,
+    Fault::NoModel,
+    Fault::Foreign,
+    Fault::Locked,
+    Fault::InTheWay,
+];
+
+/// The folder beside the output that a replacement is made in.
+fn new_beside(folder: &Path) -> Option<PathBuf> {
+    let entries = fs::read_dir(folder).unwrap().map(|e| e.unwrap().path());
+    entries.into_iter().find(|path| path.is_dir() && path.to_string_lossy().ends_with(".new"))
+}
+
+fn start(folder: &Path, args: &[String]) -> Child {
+    command_in(folder).args(args).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+}
+
+/// Lets the fault happen to a run that replaces `out`. Whether it can happen to this verb.
+fn suffer(fault: Fault, folder: &Path, verb: &Verb, out: &str) -> bool {
+    let args = verb.args(out, true);
+    let must_fail = |run: Run| assert_ne!(run.code, 0, "{args:?}, {fault:?}: {run:#?}");
+    match fault {
+        Fault::Full(budget) => {
+            let mut shell = Command::new("bash");
+            shell.arg("-c").arg(format!("trap '' XFSZ; exec prlimit --fsize={budget} -- \"$@\"")).arg("bash");
+            must_fail(shell.arg(binary()).args(&args).current_dir(folder).output().unwrap().into());
+        }
+        Fault::Signal(which, files) => {
+            let mut child = start(folder, &args);
+            let is_there = || new_beside(folder).is_some_and(|new| contents(&new).len() > files);
+            while !is_there() && child.try_wait().unwrap().is_none() {}
+            if child.try_wait().unwrap().is_none() {
+                signal(&child, which);
+            }
+            child.wait().unwrap();
+        }
+        Fault::CutOff => {
+            if !["prepare", "train", "eval"].contains(&verb.args[0]) {
+                return false;
+            }
+            let files = ["images", "labels"]
+                .map(|kind| ["1", "4"].map(|i| format!("recording/{kind}/frame_00000{i}.png")));
+            let files: Vec<PathBuf> = files.as_flattened().iter().map(|file| folder.join(file)).collect();
+            let whole: Vec<Vec<u8>> = files.iter().map(|file| fs::read(file).unwrap()).collect();
+            files
+                .iter()
+                .zip(&whole)
+                .for_each(|(file, bytes)| fs::write(file, &bytes[..bytes.len() / 2]).unwrap());
+            must_fail(run_in(folder, &args));
+            files.iter().zip(whole).for_each(|(file, bytes)| fs::write(file, bytes).unwrap());
+        }
+        Fault::NoModel => {
+            if !["prepare", "query", "export", "eval"].contains(&verb.args[0]) {
+                return false;
+            }
+            must_fail(run_in(folder, &[&args[..], &["--text-encoder".into(), "typo".into()]].concat()));
+        }
+        Fault::Foreign => {
+            let notes = folder.join(out).join("notes.txt");
+            fs::write(&notes, "mine").unwrap();
+            assert!(run_in(folder, &args).refused(1).contains("notes.txt"));
+            assert_eq!(fs::read(&notes).unwrap(), b"mine");
+            fs::remove_file(&notes).unwrap();
+        }
+        Fault::Locked => {
+            let lock = folder.join(out).join(".surgtpgs.lock");
+            let held = fs::File::create(&lock).unwrap();
+            held.lock().unwrap();
+            assert!(run_in(folder, &args).refused(1).contains("another program"));
+            fs::remove_file(&lock).unwrap();
+        }
+        Fault::InTheWay => {
+            let mut child = start(folder, &args);
+            while new_beside(folder).is_none() && child.try_wait().unwrap().is_none() {}
+            let _ = child.kill();
+            child.wait().unwrap();
+            let Some(new) = new_beside(folder) else { return false };
+            fs::remove_dir_all(&new).unwrap();
+            fs::write(&new, "somebody else's").unwrap();
+            must_fail(run_in(folder, &args));
+            assert_eq!(fs::read(&new).unwrap(), b"somebody else's");
+            fs::remove_file(&new).unwrap();
+        }
+    }
+    true
+}
+
+#[cfg(unix)]
+#[test]
+fn whatever_goes_wrong_while_a_result_is_replaced_the_earlier_one_stays() {
+    for verb in VERBS.iter().filter(|verb| verb.has_force && verb.ending.is_empty()) {
+        let folder = workplace();
+        let out = verb.output();
+        run_in(folder.path(), &verb.args(&out, false)).ok();
+        let whole = tree(folder.path());
+        let earlier = contents(&folder.path().join(&out));
+        let mut happened = 0;
+        for fault in FAULTS {
+            happened += usize::from(suffer(fault, folder.path(), verb, &out));
+            let now = contents(&folder.path().join(&out));
+            // A run that was quicker than the signal has replaced it with the same files.
+            let names = |files: &BTreeMap<PathBuf, Vec<u8>>| files.keys().cloned().collect::<Vec<_>>();
+            assert!(
+                now == earlier || names(&now) == names(&earlier) && matches!(fault, Fault::Signal(..)),
+                "{:?}, {fault:?}: {:?}",
+                verb.args,
+                difference(&earlier, &now)
+            );
+        }
+        assert!(happened >= 9, "{:?}: {happened}", verb.args);
+        run_in(folder.path(), &verb.args(&out, true)).ok();
+        let names = tree(folder.path()).into_keys().collect::<Vec<_>>();
+        assert_eq!(names, whole.into_keys().collect::<Vec<_>>(), "{:?}: nothing is left behind", verb.args);
+    }
+}

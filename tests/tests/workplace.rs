@@ -1,0 +1,49 @@
+//! A folder with a recording, what was prepared of it, and a scene, for tests that write.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
+use surgtpgs_tests::flow;
+
+/// What the batch does.
+const JOBS: &str = "[defaults]\nlabels = true\niterations = 2\nbackend = \"cpu\"\nprompts = [\"liver\"]\n\
+    formats = [\"csv\"]\n[[recording]]\npath = \"recording\"\n";
+
+/// Whether it is what a killed writer leaves.
+fn is_temporary(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(".part-"))
+}
+
+/// All files of a folder, but for temporary ones.
+pub(crate) fn contents(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut files = BTreeMap::new();
+    let mut folders = vec![root.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if !is_temporary(&path) {
+                files.insert(path.strip_prefix(root).unwrap().to_owned(), fs::read(&path).unwrap());
+            }
+        }
+    }
+    files
+}
+
+/// A folder with everything that the writers read.
+pub(crate) fn workplace() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["recording", "prepared"] {
+        for (file, bytes) in contents(&flow().path().join(name)) {
+            let to = folder.path().join(name).join(file);
+            fs::create_dir_all(to.parent().unwrap()).unwrap();
+            fs::write(to, bytes).unwrap();
+        }
+    }
+    fs::copy(flow().at("scene.safetensors"), folder.path().join("scene.safetensors")).unwrap();
+    fs::write(folder.path().join("jobs.toml"), JOBS).unwrap();
+    folder
+}
