@@ -36,7 +36,7 @@ const VERBS: [Verb; 13] = [
         ".safetensors",
         SCENE,
     ),
-    verb(&["render", SCENE, "-o", "OUT", "--frames", "0"], "", ""),
+    verb(&["render", SCENE, "-o", "OUT", "--frames", "0"], "", "pictures"),
     verb(&["query", SCENE, "--prompt", "liver", "--frames", "0", "--gaussians", "OUT"], "", ""),
     verb(&["export", SCENE, "--prompt", "liver", "-o", "OUT", "--frames", "0..2"], "", ""),
     verb(&["eval", SCENE, "prepared", "-o", "OUT"], "", ""),

@@ -25,7 +25,8 @@ pub struct Claim<'a> {
     pub replace: bool,
     /// What is done about an unfinished one.
     pub unfinished: Earlier,
-    /// Whether the folder holds, finished or not, this very result, which may then be completed in its place.
+    /// Whether the folder holds, finished or not, this very result, which is then completed in its place unless a finished
+    /// one shall be replaced.
     pub is_same: &'a dyn Fn(&Path) -> bool,
 }
 
@@ -86,7 +87,8 @@ impl OutputFolder {
             return Self::begin(target, &claim);
         };
         let goes_on = claim.unfinished == Earlier::GoOn && !record.complete;
-        if goes_on || (claim.is_same)(&target) {
+        let may_stay = !record.complete || !claim.replace;
+        if goes_on || may_stay && (claim.is_same)(&target) {
             let lock = Lock::of_folder(&target)?;
             return Ok(Self::taken(target.clone(), target, vec![lock], &claim));
         }
