@@ -3,7 +3,7 @@
 
 use super::{
     Class, Layout,
-    classes::{LabelCoding, LabelFiles},
+    labels::{LabelCoding, LabelFiles},
     layout::{Frame, MaskRule, Recording},
     read,
 };

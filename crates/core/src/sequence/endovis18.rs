@@ -2,7 +2,7 @@
 //! `labels.json` (here or one folder up), and `camera_calibration.txt`. (Allan et al. 2020, arXiv 2001.11190.)
 
 use super::{CameraSource, Layout, layout::Recording, read};
-use crate::{Error, Result};
+use crate::{Error, Result, reading::read_text};
 use std::path::Path;
 
 /// Whether `folder` has the marks of this layout.
@@ -30,7 +30,7 @@ pub(super) fn open(folder: &Path) -> Result<Recording> {
 /// Focal lengths and principal point of the left camera, from lines such as
 /// `Camera-0-F: 1084.21 1084.05 // left camera x,y focal dist in pixels`.
 fn read_calibration(path: &Path) -> Result<[f32; 4]> {
-    let text = std::fs::read_to_string(path).map_err(|e| Error::io("read the calibration", path, e))?;
+    let text = read_text(path).map_err(|e| Error::io("read the calibration", path, e))?;
     let pair = |key: &str| -> Option<[f32; 2]> {
         let line = text.lines().find_map(|line| line.trim().strip_prefix(key))?;
         let mut numbers = line.trim_start_matches([':', ' ']).split_whitespace().map(str::parse);

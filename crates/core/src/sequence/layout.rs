@@ -1,10 +1,11 @@
 //! What a layout tells about a recording, and which layout a folder has.
 
 use super::{
-    CameraSource, Class, Layout, cholecseg8k,
-    classes::{self, LabelCoding, LabelFiles},
+    CameraSource, Class, Layout, cholecseg8k, classes,
     depth::DepthRule,
-    endonerf, endovis18, images, read, reference,
+    endonerf, endovis18, images,
+    labels::{LabelCoding, LabelFiles, ReadLabels},
+    read, reference,
     settings::Selection,
     transforms, video,
 };
@@ -229,6 +230,12 @@ impl Recording {
             MaskRule::KeepBlack => values.map(|&v| v == 0),
             MaskRule::DropCode(code) => values.map(|&v| v != u16::from(code)),
         }))
+    }
+
+    /// Labels of frame `i`; `None` without any.
+    pub(super) fn labels(&self, i: usize) -> Result<Option<ReadLabels>> {
+        let labels = self.frames[i].labels.as_ref();
+        labels.map(|l| l.read(&self.coding, &self.classes, (self.width, self.height))).transpose()
     }
 
     /// Depth of frame `i` at the frames' size, 0 where unknown.

@@ -23,6 +23,7 @@ mod endonerf;
 mod endovis18;
 mod field_of_view;
 mod images;
+mod labels;
 mod layout;
 mod mp4;
 mod read;
@@ -36,7 +37,6 @@ mod video;
 pub use check::check;
 pub use classes::{ClassEntry, names_instrument, plain_words};
 pub use depth::DepthKind;
-pub use read::npy;
 pub(crate) use read::npy_map;
 pub(crate) use reference::BASELINE as MONOCULAR_BASELINE;
 pub use settings::{
@@ -240,8 +240,7 @@ impl Sequence {
     }
     /// Class labels of frame `i`; `None` if the recording has none for it.
     pub fn labels(&self, i: usize) -> Result<Option<LabelMap>> {
-        let r = self.recording();
-        r.frames[i].labels.as_ref().map(|l| l.read(&r.coding, &r.classes, (r.width, r.height))).transpose()
+        Ok(self.recording().labels(i)?.map(|labels| labels.ids))
     }
     /// Where instruments are on frame `i`: by its labels if a class names an instrument, else what its mask file hides inside
     /// the field of view; `None` where the recording has neither.

@@ -30,11 +30,12 @@
 
 use super::{
     CameraSource,
-    classes::{self, ClassEntry, LabelCoding},
+    classes::{self, ClassEntry},
     depth::DepthKind,
+    labels::LabelCoding,
     layout::{MaskRule, Recording},
 };
-use crate::{Error, Result, camera::Camera, files};
+use crate::{Error, Result, camera::Camera, files, reading::read_text};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -143,7 +144,7 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
 impl Settings {
     /// Reads `path`; a missing file means no settings. Unknown keys are errors that name the key.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = match std::fs::read_to_string(path) {
+        let text = match read_text(path) {
             Ok(text) => text,
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Self::default()),
             Err(e) => return Err(Error::io("read the settings", path, e)),

@@ -7,11 +7,12 @@
 
 use super::{
     CameraSource, Layout,
-    classes::{self, ClassEntry, LabelFiles},
+    classes::{self, ClassEntry},
+    labels::LabelFiles,
     layout::{MaskRule, Recording},
     read,
 };
-use crate::{Error, Result, camera::Camera};
+use crate::{Error, Result, camera::Camera, reading::read_text};
 use glam::{DAffine3, DMat3, DVec3};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
@@ -60,7 +61,7 @@ struct Intrinsics {
 
 pub(super) fn open(folder: &Path) -> Result<Recording> {
     let path = folder.join(TRANSFORMS_FILE);
-    let text = std::fs::read_to_string(&path).map_err(|e| Error::io("read the cameras", &path, e))?;
+    let text = read_text(&path).map_err(|e| Error::io("read the cameras", &path, e))?;
     let mut transforms: Transforms = serde_json::from_str(&text).map_err(|e| {
         Error::input_at(
             &path,
