@@ -21,6 +21,12 @@ pub const MOST_TEXT: u64 = 32 << 20;
 /// Most bytes of a file that is read as a whole.
 pub const MOST_BYTES: u64 = 8 << 30;
 
+/// Whether there is anything at all at `path`, be it a link that leads nowhere: what is there is to be read or refused,
+/// never passed over.
+pub fn is_present(path: &Path) -> bool {
+    path.symlink_metadata().is_ok()
+}
+
 /// Opens a file, following links. Pipes, sockets and devices are refused at once: opening one may wait for ever.
 pub fn open_regular(path: &Path) -> Result<File> {
     let kind = std::fs::metadata(path)?;

@@ -26,6 +26,8 @@ pub(super) enum LabelCoding {
     /// A grey picture holds class ids; a coloured one the classes' display colours. Where more pixels name a class so, the
     /// places in a palette, or greys in a coloured picture, are ids.
     IdsOrColours,
+    /// The first channel holds class ids.
+    Ids,
     /// The first channel holds codes: (code, class id).
     Codes(&'static [(u8, u8)]),
 }
@@ -110,6 +112,9 @@ fn decoded(picture: Values, coding: &LabelCoding, classes: &[Class]) -> ReadLabe
         let numbers = read::first_channel_of(image);
         return look_up(&numbers.data, Way::Ordinary, size, |v| shown(v).and_then(of_code));
     }
+    if let LabelCoding::Ids = coding {
+        return look_up(&read::first_channel_of(image).data, Way::Ordinary, size, of_id);
+    }
     if let Some(palette) = palette {
         let places = read::first_channel_of(image).data;
         let colour = |place: u16| palette.get(usize::from(place)).and_then(|c| of_colour(*c));
@@ -126,6 +131,51 @@ fn decoded(picture: Values, coding: &LabelCoding, classes: &[Class]) -> ReadLabe
         return by_colour;
     }
     by_colour.or(look_up(colours, Way::GreyColours, size, |[v, _, _]| of_id(u16::from(v))))
+}
+
+/// A label picture that is not the recording's own.
+#[derive(Clone, Debug)]
+pub(crate) struct PictureOfIds {
+    /// [`NO_LABEL`] where no class is named.
+    pub(crate) ids: LabelMap,
+    /// Pixels that name a class.
+    pub(crate) known: usize,
+    /// Pixels that hold something else, 0 and 255 not counted.
+    pub(crate) strangers: usize,
+    /// What these hold, a few of it.
+    pub(crate) examples: Vec<String>,
+}
+
+/// See [`Sequence::picture_of_ids`](super::Sequence::picture_of_ids).
+pub(super) fn picture_of_ids(
+    path: &Path,
+    coding: &LabelCoding,
+    classes: &[Class],
+    names: Option<&[(u8, Option<u8>)]>,
+) -> Result<PictureOfIds> {
+    let picture = reading::values(path)?;
+    let mut read = if let Some(names) = names {
+        // As if the names were classes with these ids; then each id becomes that of its class.
+        let values: Vec<Class> =
+            names.iter().map(|&(id, _)| Class { id, name: String::new(), colour: [0; 3] }).collect();
+        let numbers = Values { palette: None, ..picture };
+        let mut read = decoded(numbers, &LabelCoding::Ids, &values);
+        let class = |value: u8| names.iter().find(|(id, _)| *id == value).and_then(|(_, class)| *class);
+        read.ids.data.iter_mut().for_each(|id| *id = class(*id).unwrap_or(NO_LABEL));
+        read
+    } else if let LabelCoding::Codes(_) = coding {
+        let ids = decoded(picture.clone(), &LabelCoding::IdsOrColours, classes);
+        ids.or(decoded(picture, coding, classes))
+    } else {
+        decoded(picture, coding, classes)
+    };
+    // What stands for nothing in most pictures.
+    for nothing in ["0", "[0, 0, 0]"] {
+        read.examples.remove(nothing);
+    }
+    let strangers = if read.examples.is_empty() { 0 } else { read.strangers };
+    let examples = read.examples.into_iter().collect();
+    Ok(PictureOfIds { ids: read.ids, known: read.known, strangers, examples })
 }
 
 impl ReadLabels {

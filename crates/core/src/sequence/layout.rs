@@ -13,6 +13,7 @@ use crate::{
     Error, Result,
     camera::Camera,
     grid::{Grid, Mask},
+    reading::is_present,
 };
 use image::RgbImage;
 use std::{
@@ -131,7 +132,7 @@ impl Recording {
         for (frame, file) in self.companions(folder, &["png"], "label pictures", true)? {
             frame.labels = Some(LabelFiles::Picture(file));
         }
-        if list.is_file() {
+        if is_present(list) {
             self.classes = classes::read_json(list)?;
         }
         Ok(())
@@ -257,9 +258,9 @@ pub(super) fn open(path: &Path, selection: &Selection) -> Result<Recording> {
         return video::open(path, selection);
     }
     let images = read::holds(&path.join("images"), read::PICTURES);
-    let recording = if path.join(transforms::TRANSFORMS_FILE).is_file() {
+    let recording = if is_present(&path.join(transforms::TRANSFORMS_FILE)) {
         transforms::open(path)
-    } else if images && path.join("poses_bounds.npy").is_file() {
+    } else if images && is_present(&path.join("poses_bounds.npy")) {
         endonerf::open(path)
     } else if images && reference::matches(path) {
         reference::open(path)

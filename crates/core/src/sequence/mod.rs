@@ -37,6 +37,7 @@ mod video;
 pub use check::check;
 pub use classes::{ClassEntry, names_instrument, plain_words};
 pub use depth::DepthKind;
+pub(crate) use labels::PictureOfIds;
 pub(crate) use read::npy_map;
 pub(crate) use reference::BASELINE as MONOCULAR_BASELINE;
 pub use settings::{
@@ -241,6 +242,15 @@ impl Sequence {
     /// Class labels of frame `i`; `None` if the recording has none for it.
     pub fn labels(&self, i: usize) -> Result<Option<LabelMap>> {
         Ok(self.recording().labels(i)?.map(|labels| labels.ids))
+    }
+    /// Class ids of a label picture that is not the recording's own: it may hold ids or what the recording's pictures hold,
+    /// whichever names the class of more pixels. With `names`, (value, class or none), it holds these values and 0 for nothing.
+    pub(crate) fn picture_of_ids(
+        &self,
+        path: &Path,
+        names: Option<&[(u8, Option<u8>)]>,
+    ) -> Result<PictureOfIds> {
+        labels::picture_of_ids(path, &self.recording().coding, self.classes(), names)
     }
     /// Where instruments are on frame `i`: by its labels if a class names an instrument, else what its mask file hides inside
     /// the field of view; `None` where the recording has neither.

@@ -50,7 +50,14 @@ pub(super) fn list(folder: &Path, endings: &[&str]) -> Result<Vec<PathBuf>> {
     for entry in std::fs::read_dir(folder).map_err(fail)? {
         let path = entry.map_err(fail)?.path();
         let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-        if endings.contains(&ending.as_str()) && !file_name(&path).starts_with('.') && path.is_file() {
+        if endings.contains(&ending.as_str()) && !file_name(&path).starts_with('.') && !path.is_dir() {
+            if !path.is_file() {
+                return Err(Error::input_at(
+                    &path,
+                    "this is a pipe, a device or a link that leads nowhere, not a file",
+                    "Remove it, or put a file there.",
+                ));
+            }
             files.push(path);
         }
     }
@@ -68,9 +75,10 @@ pub(super) fn stem(path: &Path) -> String {
     path.file_stem().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
-/// Whether the folder `path` exists and holds at least one file with one of the endings.
+/// Whether the folder `path` exists and holds at least one file with one of the endings, or cannot be listed: what is
+/// wrong with it is said when it is opened.
 pub(super) fn holds(path: &Path, endings: &[&str]) -> bool {
-    path.is_dir() && list(path, endings).is_ok_and(|files| !files.is_empty())
+    path.is_dir() && list(path, endings).map_or(true, |files| !files.is_empty())
 }
 
 /// The size (columns, rows) that all pictures share, from their headers alone.
