@@ -9,7 +9,7 @@ use crate::{
 use flate2::{Compression, Crc, write::ZlibEncoder};
 use image::{GrayImage, Luma};
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
-use std::io::Write;
+use std::{io::Write, sync::OnceLock};
 
 pub(crate) const TARGETS: [Target; 3] = [
     Target { name: "npy_header", run: npy_header, seeds },
@@ -98,9 +98,11 @@ fn png_chunks(bytes: &[u8]) {
             b"",
             b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0",
         ]);
-        let zeros = vec![0; choices.one_of(&[0, 3, 768, 1 << 20, 32 << 20])];
-        let content =
-            if choices.below(2) == 1 { zeros[..zeros.len().min(1 << 16)].to_vec() } else { deflated(&zeros) };
+        let content = if choices.below(2) == 1 {
+            vec![0; choices.one_of(&[0, 3, 768, 1 << 16])]
+        } else {
+            deflated_zeros(&mut choices).to_vec()
+        };
         chunk(&mut file_bytes, kind, &[start, &content].concat());
     }
     file_bytes.extend(&whole[33..]);
@@ -115,6 +117,16 @@ fn chunk(file: &mut Vec<u8>, kind: &[u8; 4], content: &[u8]) {
     let mut sum = Crc::new();
     sum.update(&file[start..]);
     file.extend(sum.sum().to_be_bytes());
+}
+
+/// Lengths of zeros that are deflated.
+const ZEROS: [usize; 7] = [60, 12, 0, 768, 1 << 16, 4 << 20, 64 << 20];
+
+/// As many zeros as are chosen, deflated.
+fn deflated_zeros(choices: &mut Choices<'_>) -> &'static [u8] {
+    static ALL: OnceLock<[Vec<u8>; ZEROS.len()]> = OnceLock::new();
+    let all = ALL.get_or_init(|| ZEROS.map(|len| deflated(&vec![0; len])));
+    &all[choices.below(ZEROS.len())]
 }
 
 fn deflated(bytes: &[u8]) -> Vec<u8> {
@@ -141,11 +153,11 @@ fn quantised_scene(bytes: &[u8]) {
         tensors.iter().filter_map(|t| t.0.strip_suffix(".shape").map(str::to_owned)).collect();
     for _ in 0..choices.below(4) {
         let name = names[choices.below(names.len())].as_str();
-        let zeros = vec![0; choices.one_of(&[60, 12, 0, 1 << 16, 4 << 20, 64 << 20])];
+        let zeros = deflated_zeros(&mut choices);
         let (at, size) = (choices.below(3), choices.one_of(&SIZES) as u32);
         for (found, _, shape, data) in &mut tensors {
             if found == name && choices.below(2) == 1 {
-                *data = deflated(&zeros);
+                *data = zeros.to_vec();
                 *shape = vec![data.len()];
             } else if found.strip_suffix(".shape") == Some(name) {
                 let places = data.len() / 4;

@@ -84,8 +84,8 @@ impl Writer {
 
 /// Values that a file of any size may hold beyond its own bytes.
 const FREE_VALUES: usize = 1 << 24;
-/// Values that it may hold besides for each of its bytes. Deflate makes at most 1,032 bytes of one. Quantised scenes of
-/// recordings have 2 to 6 values in memory for each byte of the file, those in which little moves up to 30.
+/// Values that it may hold besides for each of its bytes. The demo's quantised scene has 2.6, and one of which little moves
+/// has tens, as bases are kept for all Gaussians in memory; deflated zeros could be 258.
 const VALUES_PER_BYTE: usize = 64;
 
 /// Tensors of a file.
@@ -195,5 +195,35 @@ impl<'a> Reader<'a> {
     pub(super) fn rows<const C: usize>(&self, name: &str, n: usize) -> Result<Vec<[f32; C]>, Problem> {
         let values = self.shaped(name, &[n, C])?;
         Ok(values.as_chunks::<C>().0.to_vec())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_small_file_does_not_become_large() {
+        let file = |shape: &[u32]| {
+            let mut w = Writer::new(None);
+            w.raw_f32("a.step", &[1], &[0.5]);
+            w.raw_f32("a.offset", &[1], &[0.0]);
+            w.u32("a.shape", shape);
+            let packed = compact::pack(&[1.0; 6], &[0.5]).bytes;
+            w.bytes("a", &[packed.len()], packed);
+            w.finish("key", String::new()).unwrap()
+        };
+        let read = |shape: &[u32]| Reader::new(&file(shape)).unwrap().f32("a", shape.len());
+        assert_eq!(read(&[2, 3]).unwrap(), (vec![2, 3], vec![1.0; 6]));
+        for shape in [&[1 << 15, 1 << 15][..], &[u32::MAX; 4]] {
+            let what = read(shape).unwrap_err();
+            assert!(what.contains("more than a file of this size holds"), "{what}");
+        }
+        let bytes = file(&[2, 3]);
+        let reader = Reader::new(&bytes).unwrap();
+        assert_eq!((reader.rank("a"), reader.rank("a.step"), reader.rank("b")), (Some(2), Some(1), None));
+        // All arrays together, not each.
+        assert!(reader.set_aside("a", &[FREE_VALUES]).is_ok());
+        assert!(reader.set_aside("b", &[FREE_VALUES]).is_err());
     }
 }
