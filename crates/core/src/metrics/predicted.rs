@@ -138,7 +138,10 @@ impl PredictedMasks {
                     let path = &path;
                     let picture = picture(path)?.into_luma8();
                     expect_size(path, (picture.width() as usize, picture.height() as usize), size)?;
-                    let found = picture.as_raw().iter().map(|value| *value > WHITE_ABOVE);
+                    // Masks of 0 and 1 are none of grey.
+                    let is_of_ones = picture.as_raw().iter().all(|value| *value <= 1);
+                    let limit = if is_of_ones { 0 } else { WHITE_ABOVE };
+                    let found = picture.as_raw().iter().map(|value| *value > limit);
                     let masks = classes.iter().zip(&mut masks).filter(|(class, _)| class.id == id);
                     for (_, mask) in masks {
                         mask.data.iter_mut().zip(found.clone()).for_each(|(mask, found)| *mask |= found);
@@ -306,6 +309,30 @@ mod tests {
         let mut masks = PredictedMasks::open(folder.path(), &sequence).unwrap();
         assert_eq!(masks.masks(9, std::slice::from_ref(liver), (32, 24)).unwrap()[0].count(), 32 * 24);
         assert_eq!(masks.masks(3, std::slice::from_ref(liver), (32, 24)).unwrap()[0].count(), 0);
+    }
+
+    #[test]
+    fn masks_of_ones_are_white() {
+        let (_kept, sequence) = recording();
+        let folder = tempfile::tempdir().unwrap();
+        save(folder.path(), "frame_000009_liver.png", 1);
+        let mut masks = PredictedMasks::open(folder.path(), &sequence).unwrap();
+        let found = masks.masks(9, sequence.classes(), (32, 24)).unwrap();
+        assert_eq!(found.iter().map(Mask::count).sum::<usize>(), 32 * 24);
+    }
+
+    #[test]
+    fn the_recordings_own_labels_are_met_exactly() {
+        let (kept, sequence) = recording();
+        let mut masks = PredictedMasks::open(&kept.path().join("labels"), &sequence).unwrap();
+        for frame in masks.frames() {
+            let found = masks.masks(frame, sequence.classes(), (32, 24)).unwrap();
+            let labels = sequence.labels(frame).unwrap().unwrap();
+            for (class, mask) in sequence.classes().iter().zip(&found) {
+                assert!(mask.data.iter().zip(&labels.data).all(|(m, id)| *m == (*id == class.id)));
+            }
+        }
+        assert!(!masks.frames().is_empty() && masks.notes().is_empty());
     }
 
     #[test]
