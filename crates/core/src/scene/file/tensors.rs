@@ -204,17 +204,19 @@ mod tests {
 
     #[test]
     fn a_small_file_does_not_become_large() {
+        const VALUES: [f32; 6] = [1.0, -1.0, 0.5, 0.0, 2.0, 1.0];
         let file = |shape: &[u32]| {
             let mut w = Writer::new(None);
             w.raw_f32("a.step", &[1], &[0.5]);
             w.raw_f32("a.offset", &[1], &[0.0]);
             w.u32("a.shape", shape);
-            let packed = compact::pack(&[1.0; 6], &[0.5]).bytes;
+            // Of both signs, so that the offset is 0.
+            let packed = compact::pack(&VALUES, &[0.5]).bytes;
             w.bytes("a", &[packed.len()], packed);
             w.finish("key", String::new()).unwrap()
         };
         let read = |shape: &[u32]| Reader::new(&file(shape)).unwrap().f32("a", shape.len());
-        assert_eq!(read(&[2, 3]).unwrap(), (vec![2, 3], vec![1.0; 6]));
+        assert_eq!(read(&[2, 3]).unwrap(), (vec![2, 3], VALUES.to_vec()));
         for shape in [&[1 << 15, 1 << 15][..], &[u32::MAX; 4]] {
             let what = read(shape).unwrap_err();
             assert!(what.contains("more than a file of this size holds"), "{what}");
