@@ -7,7 +7,11 @@ use std::{
     collections::HashMap,
     path::{Path, PathBuf},
 };
-use surgtpgs_core::{files::write_whole, num};
+use surgtpgs_core::{
+    files::write_whole,
+    num,
+    reading::{MOST_TEXT, read_regular},
+};
 
 /// Embeddings kept in memory; a session of typing stays far below it.
 const MAX_IN_MEMORY: usize = 4096;
@@ -60,7 +64,7 @@ impl EmbeddingCache {
 
 /// Little-endian numbers that make a unit vector.
 fn read(file: &Path) -> Option<Vec<f32>> {
-    let bytes = std::fs::read(file).ok()?;
+    let bytes = read_regular(file, MOST_TEXT).ok()?;
     let (numbers, rest) = bytes.as_chunks::<4>();
     let embedding: Vec<f32> = numbers.iter().map(|b| f32::from_le_bytes(*b)).collect();
     (rest.is_empty() && (num::norm(&embedding) - 1.0).abs() < 1e-3).then_some(embedding)

@@ -13,7 +13,10 @@ use std::{
     io::ErrorKind,
     path::{Component, Path, PathBuf},
 };
-use surgtpgs_core::{Error, Result};
+use surgtpgs_core::{
+    Error, Result,
+    reading::{MOST_BYTES, read_regular},
+};
 
 /// Names of model files end in one of these.
 const ENDINGS: [&str; 2] = ["onnx", "ort"];
@@ -117,7 +120,7 @@ pub(crate) fn external_files(graph: &GraphProto) -> Vec<String> {
 
 /// Reads a file of a model's folder.
 pub(crate) fn read(path: &Path) -> Result<Vec<u8>> {
-    std::fs::read(path).map_err(|e| match e.kind() {
+    read_regular(path, MOST_BYTES).map_err(|e| match e.kind() {
         ErrorKind::NotFound => {
             let name = path.file_name().unwrap_or_default().to_string_lossy();
             Error::input_at(path, format!("There is no {name}"), "The model's folder is incomplete.")

@@ -14,7 +14,10 @@ use std::{
     path::{Path, PathBuf},
     sync::OnceLock,
 };
-use surgtpgs_core::{Error, Result};
+use surgtpgs_core::{
+    Error, Result,
+    reading::{MOST_BYTES, read_regular},
+};
 
 /// File names of ONNX Runtime's shared library on this system.
 #[cfg(target_os = "windows")]
@@ -83,7 +86,7 @@ pub(crate) fn open(source: &Source, threads: usize, path: &Path) -> Result<Netwo
 /// What a refusal means, where it is about the model's operators.
 fn about_operators(source: &Source, message: &str) -> Option<(String, &'static str)> {
     let model = match source {
-        Source::File(file) => ModelProto::decode(&std::fs::read(file).ok()?[..]),
+        Source::File(file) => ModelProto::decode(&read_regular(file, MOST_BYTES).ok()?[..]),
         Source::Memory(bytes) => ModelProto::decode(*bytes),
     };
     operators::explain(&model.ok()?, message, backend_name())

@@ -12,7 +12,7 @@ use crate::{
 };
 use sha2::{Digest, Sha256};
 use std::{io::ErrorKind, path::Path};
-use surgtpgs_core::{Error, Result, prepare::EncoderIdentity};
+use surgtpgs_core::{Error, Result, prepare::EncoderIdentity, reading::read_text};
 
 /// A loaded text encoder (model, tokenizer and their contract).
 pub struct TextEncoder {
@@ -192,7 +192,7 @@ fn read_part(path: &Path) -> Result<Vec<u8>> {
 }
 
 pub(crate) fn read_settings(path: &Path) -> Result<Option<String>> {
-    match std::fs::read_to_string(path) {
+    match read_text(path) {
         Ok(text) => Ok(Some(text)),
         Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
         Err(e) => Err(Error::io("read the encoder's settings", path, e)),

@@ -14,6 +14,7 @@ pub mod files;
 pub mod grid;
 mod lanes;
 pub mod num;
+pub mod reading;
 pub mod real;
 
 pub mod camera;

@@ -9,6 +9,7 @@ mod mutate;
 mod program;
 mod recordings;
 mod scenes;
+mod structured;
 
 pub use mutate::Mutator;
 
@@ -32,6 +33,7 @@ impl std::fmt::Debug for Target {
 pub fn targets() -> Vec<Target> {
     let mut targets = Vec::from(scenes::TARGETS);
     targets.extend(recordings::TARGETS);
+    targets.extend(structured::TARGETS);
     #[cfg(feature = "program")]
     targets.extend(program::TARGETS);
     targets

@@ -36,7 +36,7 @@ pub(crate) const TARGETS: [Target; 13] = [
 ];
 
 /// Columns and rows of the recording that targets break.
-const SIZE: (u32, u32) = (8, 6);
+pub(crate) const SIZE: (u32, u32) = (8, 6);
 
 /// An empty folder.
 pub(crate) fn scratch() -> TempDir {
@@ -47,7 +47,7 @@ pub(crate) fn scratch() -> TempDir {
 }
 
 /// A small recording with one of its files replaced or added.
-fn replaced(file: &str, bytes: &[u8]) {
+pub(crate) fn replaced(file: &str, bytes: &[u8]) {
     let folder = scratch();
     write_recording(folder.path());
     write(folder.path(), file, bytes);
@@ -92,7 +92,7 @@ fn write_recording(folder: &Path) {
     write(folder, "labels.json", &label_lists()[0]);
 }
 
-fn png(picture: impl Into<DynamicImage>) -> Vec<u8> {
+pub(crate) fn png(picture: impl Into<DynamicImage>) -> Vec<u8> {
     encoded(&picture.into(), ImageFormat::Png)
 }
 

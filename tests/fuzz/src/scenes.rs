@@ -18,7 +18,7 @@ pub(crate) const TARGETS: [Target; 2] = [
 /// Scenes above this are not rendered here: that they load is enough.
 const SMALL: usize = 100_000;
 
-fn load(name: &str, bytes: &[u8]) {
+pub(crate) fn load(name: &str, bytes: &[u8]) {
     let folder = crate::recordings::scratch();
     let path = folder.path().join(name);
     assert!(std::fs::write(&path, bytes).is_ok());
@@ -71,6 +71,12 @@ fn scenes() -> Vec<Vec<u8>> {
         .into_iter()
         .flatten()
         .collect()
+}
+
+/// The bytes of a quantised scene.
+pub(crate) fn quantised() -> &'static [u8] {
+    static SCENE: std::sync::OnceLock<Vec<u8>> = std::sync::OnceLock::new();
+    SCENE.get_or_init(|| scene(5).to_quantized_bytes().unwrap_or_default())
 }
 
 fn plys() -> Vec<Vec<u8>> {

@@ -1,6 +1,19 @@
 //! The short run of CI: every seed, every regression, and seeded mutations of the seeds.
 
-use std::{fs, panic::catch_unwind, path::Path};
+use cap::Cap;
+use std::{
+    alloc::System,
+    fs,
+    io::Write,
+    panic::catch_unwind,
+    path::Path,
+    sync::{
+        Mutex, PoisonError,
+        mpsc::{RecvTimeoutError, channel},
+    },
+    thread,
+    time::Duration,
+};
 use surgtpgs_fuzz::{Mutator, Target, targets};
 
 /// Mutations of each target; `FUZZ_EXECUTIONS` asks for another number.
@@ -13,13 +26,44 @@ fn executions(target: &Target) -> usize {
     })
 }
 
-/// Runs a target; bytes that break it are kept for the report.
-fn run(target: &Target, what: &str, bytes: &[u8]) {
-    if catch_unwind(|| (target.run)(bytes)).is_err() {
-        let kept = std::env::temp_dir().join(format!("surgtpgs-fuzz-{}", target.name));
-        let written = fs::write(&kept, bytes);
-        panic!("{what} breaks {target:?}; its bytes are in {} ({written:?})", kept.display());
+#[global_allocator]
+static MEMORY: Cap<System> = Cap::new(System, usize::MAX);
+
+/// Most memory that an execution may take besides what was there; beyond it, an allocation fails and ends the process.
+fn most_memory(target: &Target) -> usize {
+    match target.name {
+        "scene" | "ply" | "quantised_scene" | "npy_header" | "langsplat" => 192 << 20,
+        // A picture of the largest size, decoded and converted.
+        _ => 1 << 30,
     }
+}
+/// Longest time of an execution, on a busy machine.
+const MOST_TIME: Duration = Duration::from_secs(60);
+/// Executions are measured one at a time.
+static ONE: Mutex<()> = Mutex::new(());
+
+/// Runs a target; bytes that break it, or end the process, are kept for the report.
+fn run(target: &Target, what: &str, bytes: &[u8]) {
+    let _alone = ONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let kept = std::env::temp_dir().join(format!("surgtpgs-fuzz-{}-{}", target.name, std::process::id()));
+    let written = fs::write(&kept, bytes);
+    let said = format!("{what} breaks {target:?}; its bytes are in {} ({written:?})", kept.display());
+    let (done, wait) = channel::<()>();
+    let late = format!("{said}: it takes more than {} seconds\n", MOST_TIME.as_secs());
+    let watch = thread::spawn(move || {
+        if wait.recv_timeout(MOST_TIME) == Err(RecvTimeoutError::Timeout) {
+            let _ = std::io::stderr().write_all(late.as_bytes());
+            std::process::abort();
+        }
+    });
+    let limited = MEMORY.set_limit(MEMORY.allocated() + most_memory(target));
+    assert!(limited.is_ok(), "memory cannot be limited");
+    let broken = catch_unwind(|| (target.run)(bytes)).is_err();
+    let free = MEMORY.set_limit(usize::MAX);
+    drop(done);
+    assert!(watch.join().is_ok() && free.is_ok());
+    assert!(!broken, "{said}");
+    let _ = fs::remove_file(&kept);
 }
 
 #[test]

@@ -26,6 +26,7 @@ pub(super) fn run(args: &EvalArgs) -> Result<Exit> {
     let output = args.output.as_deref().map(take).transpose()?;
     let mut view = ProgressView::default();
     let mut observer = |p: &Progress<'_>| view.show(p);
+    let mut notes = Vec::new();
     let evaluation = match (&args.masks, &args.paths[..]) {
         (None, [scene, sequence]) => {
             evaluate(&mut open(args, scene, sequence)?, args.lpips.as_deref(), &mut observer)?
@@ -34,12 +35,16 @@ pub(super) fn run(args: &EvalArgs) -> Result<Exit> {
             let prepared = Prepared::is_prepared(sequence);
             let sequence =
                 if prepared { Prepared::open(sequence)?.sequence } else { Sequence::open(sequence)? };
-            evaluate_masks(&PredictedMasks::open(folder, &sequence)?, &sequence, &mut observer)?
+            let mut masks = PredictedMasks::open(folder, &sequence)?;
+            let evaluation = evaluate_masks(&mut masks, &sequence, &mut observer)?;
+            notes = masks.notes();
+            evaluation
         }
         (None, _) => return usage("give a scene and its recording"),
         (Some(_), _) => return usage("with --masks, give the recording alone"),
     };
     drop(view);
+    notes.iter().for_each(|note| say(&format!("note: {note}")));
     let report = &evaluation.report;
     if !report.held_out && args.masks.is_none() {
         say("no frame was held out of training: these figures are of frames that the scene was trained on");

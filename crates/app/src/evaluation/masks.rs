@@ -87,7 +87,8 @@ impl Classes {
     /// Adds masks of all classes on a frame.
     pub(super) fn add_masks(&mut self, masks: Vec<Mask>, sequence: &Sequence, frame: usize) -> Result<()> {
         let Some(labels) = sequence.labels(frame)? else { return Ok(()) };
-        let keep = sequence.mask(frame)?;
+        // What another program found is not cut to what we learn from: the labels are not either.
+        let keep = Mask::filled(labels.width, labels.height, true);
         for (k, class) in self.asked().map(|(k, c)| (k, c.clone())).collect::<Vec<_>>() {
             let truth = labels.map(|&id| id == class.id);
             self.threshold.add(ClassOnFrame::measure(frame, &class.name, &masks[k], &truth, &keep)?);

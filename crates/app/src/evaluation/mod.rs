@@ -107,7 +107,7 @@ pub(crate) fn evaluate(
 
 /// Scores masks that another program made, on the frames that it made some for.
 pub(crate) fn evaluate_masks(
-    masks: &PredictedMasks,
+    masks: &mut PredictedMasks,
     sequence: &Sequence,
     observer: &mut Observer<'_>,
 ) -> Result<Evaluation> {

@@ -2,7 +2,7 @@
 
 use super::keymap::Keymap;
 use std::path::{Path, PathBuf};
-use surgtpgs_core::{files::write_whole, overlay::OverlayLook};
+use surgtpgs_core::{files::write_whole, overlay::OverlayLook, reading::read_text};
 
 /// The remembered choices.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -52,7 +52,7 @@ impl Preferences {
 
     /// Reads `file`; what cannot be read is as if it were the first start.
     pub(crate) fn load(file: Option<PathBuf>) -> Self {
-        let text = file.as_ref().and_then(|f| std::fs::read_to_string(f).ok());
+        let text = file.as_ref().and_then(|f| read_text(f).ok());
         let mut read: Self = text.and_then(|t| serde_json::from_str(&t).ok()).unwrap_or_default();
         read.overlay = read.overlay.mended();
         read.scale_percent = read.scale_percent.clamp(SCALES[0], SCALES[SCALES.len() - 1]);

@@ -3,7 +3,7 @@
 use super::document::{Content, Look, ViewMode};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
-use surgtpgs_core::{Error, Result, files::write_whole, overlay::OverlayLook};
+use surgtpgs_core::{Error, Result, files::write_whole, overlay::OverlayLook, reading::read_text};
 
 /// The extension of session files.
 pub(crate) const EXTENSION: &str = "surgtpgs";
@@ -90,7 +90,7 @@ impl Session {
 
     /// Reads a session file; the path in it becomes absolute.
     pub(crate) fn load(file: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(file).map_err(|e| Error::io("read the session", file, e))?;
+        let text = read_text(file).map_err(|e| Error::io("read the session", file, e))?;
         let not_a_session = |why: String| {
             let what = format!("this is not a session file: {why}");
             Error::input_at(file, what, "Open the recording or reconstruction itself.")

@@ -2,7 +2,8 @@
 
 use super::{ExportOptions, ExportPrompt};
 use crate::{
-    Error, Result, files::write_whole, prepare::EncoderIdentity, relevancy::RelevancySettings, scene::Scene,
+    Error, Result, files::write_whole, prepare::EncoderIdentity, reading::open_regular,
+    relevancy::RelevancySettings, scene::Scene,
 };
 use sha2::{Digest, Sha256};
 use std::path::Path;
@@ -178,7 +179,7 @@ pub(super) fn pretty(value: &impl serde::Serialize) -> String {
 pub fn file_sha256(path: &Path) -> Result<String> {
     let fail = |e| Error::io("read the file", path, e);
     let mut hasher = Sha256::new();
-    let mut file = std::fs::File::open(path).map_err(fail)?;
+    let mut file = open_regular(path).map_err(fail)?;
     std::io::copy(&mut file, &mut hasher).map_err(fail)?;
     Ok(format!("{:x}", hasher.finalize()))
 }

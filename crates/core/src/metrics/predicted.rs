@@ -4,27 +4,38 @@ use crate::{
     Error, Result,
     export::slugs,
     grid::Mask,
-    sequence::{Class, NO_LABEL, Sequence, plain_words},
+    reading::{is_present, picture, read_text},
+    sequence::{Class, NO_LABEL, PictureOfIds, Sequence, plain_words},
 };
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
 /// Where a pixel of a mask is found: grey above this.
 const WHITE_ABOVE: u8 = 127;
+/// Values that name no class, of which so many are remembered.
+const MOST_FOREIGN: usize = 8;
 
 /// Predicted masks by frame. A folder is understood if its pictures are
 ///
 /// - `K/CLASS.png`, K counting the held-out frames from 0 as the released code does, white where found;
 /// - `CLASS/FRAME.png`, white where found;
 /// - `FRAME_CLASS.png`, white where found: the export `binary` of this program;
-/// - `FRAME.png`, the value of a pixel being the id of its class in the recording.
+/// - `FRAME.png`, label pictures: the value of a pixel is the id of its class in the recording, or what the recording's own
+///   label pictures have there. Where a `labels.json` lies beside them that names the ids, as in the export `index` of this
+///   program, classes are found by these names.
 ///
 /// FRAME is the name of the recorded frame, or ends in its number, counted from 0.
 #[derive(Clone, Debug)]
 pub struct PredictedMasks {
+    sequence: Sequence,
     frames: BTreeMap<usize, Vec<Prediction>>,
+    /// By folder: the recording's class of each id that a `labels.json` there names.
+    named: BTreeMap<PathBuf, Vec<(u8, Option<u8>)>>,
+    notes: Vec<String>,
+    /// Some values that name no class, in what was read.
+    foreign: BTreeSet<String>,
 }
 
 #[derive(Clone, Debug)]
@@ -56,7 +67,61 @@ impl PredictedMasks {
                 "Choose another folder.",
             ));
         }
-        Ok(Self { frames })
+        let mut opened = Self {
+            sequence: sequence.clone(),
+            frames,
+            named: BTreeMap::new(),
+            notes: Vec::new(),
+            foreign: BTreeSet::new(),
+        };
+        opened.read_names()?;
+        Ok(opened)
+    }
+
+    /// What the user should know about how the masks were understood, as far as they were read.
+    pub fn notes(&self) -> Vec<String> {
+        let some: Vec<&str> = self.foreign.iter().map(String::as_str).collect();
+        let foreign = format!("label pictures hold values that name no class ({})", some.join(", "));
+        self.notes.iter().cloned().chain((!some.is_empty()).then_some(foreign)).collect()
+    }
+
+    /// Reads each `labels.json` beside label pictures.
+    fn read_names(&mut self) -> Result<()> {
+        let labels = self.frames.values().flatten().filter_map(|prediction| match prediction {
+            Prediction::Labels(path) => path.parent(),
+            Prediction::OfClass(..) => None,
+        });
+        let folders: BTreeSet<PathBuf> = labels.map(Path::to_owned).collect();
+        for folder in folders {
+            let list = folder.join("labels.json");
+            if !is_present(&list) {
+                continue;
+            }
+            let names = names(&list)?;
+            let class = |name: &str| {
+                let words = plain_words(name);
+                self.sequence.classes().iter().find(|c| c.name == words).map(|c| c.id)
+            };
+            let ids: Vec<_> = names.iter().map(|(id, name)| (*id, class(name))).collect();
+            let foreign: Vec<&str> = names
+                .iter()
+                .zip(&ids)
+                .filter(|(_, id)| id.1.is_none())
+                .map(|((_, name), _)| name.as_str())
+                .collect();
+            if !foreign.is_empty() {
+                let what = format!("the recording has no class called {}", foreign.join(", "));
+                if ids.iter().all(|(_, class)| class.is_none()) {
+                    let classes: Vec<&str> =
+                        self.sequence.classes().iter().map(|c| c.name.as_str()).collect();
+                    let hint = format!("Its classes are {}.", classes.join(", "));
+                    return Err(Error::input_at(&list, what, hint));
+                }
+                self.notes.push(format!("{what}: that label is left out ({})", list.display()));
+            }
+            self.named.insert(folder, ids);
+        }
+        Ok(())
     }
 
     /// The frames that there are masks of.
@@ -65,41 +130,91 @@ impl PredictedMasks {
     }
 
     /// The mask of each class on a frame; a class without a file is not found.
-    pub fn masks(&self, frame: usize, classes: &[Class], size: (usize, usize)) -> Result<Vec<Mask>> {
+    pub fn masks(&mut self, frame: usize, classes: &[Class], size: (usize, usize)) -> Result<Vec<Mask>> {
         let mut masks = vec![Mask::filled(size.0, size.1, false); classes.len()];
-        for prediction in self.frames.get(&frame).into_iter().flatten() {
-            let (Prediction::OfClass(_, path) | Prediction::Labels(path)) = prediction;
-            let picture = image::open(path)
-                .map_err(|e| {
-                    Error::input_at(path, format!("the mask cannot be read: {e}"), "Write it again.")
-                })?
-                .into_luma8();
-            if (picture.width() as usize, picture.height() as usize) != size {
-                return Err(Error::input_at(
-                    path,
-                    format!(
-                        "the mask is {}×{}, the recording {}×{}",
-                        picture.width(),
-                        picture.height(),
-                        size.0,
-                        size.1
-                    ),
-                    "Bring it to the recording's size, without smoothing.",
-                ));
-            }
-            for (class, mask) in classes.iter().zip(&mut masks) {
-                let is_found = |value: &u8| match prediction {
-                    Prediction::OfClass(id, _) => *id == class.id && *value > WHITE_ABOVE,
-                    Prediction::Labels(_) => *value == class.id && class.id != NO_LABEL,
-                };
-                mask.data
-                    .iter_mut()
-                    .zip(picture.as_raw())
-                    .for_each(|(found, value)| *found |= is_found(value));
+        for prediction in self.frames.get(&frame).cloned().into_iter().flatten() {
+            match prediction {
+                Prediction::OfClass(id, path) => {
+                    let path = &path;
+                    let picture = picture(path)?.into_luma8();
+                    expect_size(path, (picture.width() as usize, picture.height() as usize), size)?;
+                    // Masks of 0 and 1 are none of grey.
+                    let is_of_ones = picture.as_raw().iter().all(|value| *value <= 1);
+                    let limit = if is_of_ones { 0 } else { WHITE_ABOVE };
+                    let found = picture.as_raw().iter().map(|value| *value > limit);
+                    let masks = classes.iter().zip(&mut masks).filter(|(class, _)| class.id == id);
+                    for (_, mask) in masks {
+                        mask.data.iter_mut().zip(found.clone()).for_each(|(mask, found)| *mask |= found);
+                    }
+                }
+                Prediction::Labels(path) => {
+                    let ids = self.ids(&path, size)?;
+                    for (class, mask) in classes.iter().zip(&mut masks).filter(|(c, _)| c.id != NO_LABEL) {
+                        mask.data.iter_mut().zip(&ids).for_each(|(mask, id)| *mask |= *id == class.id);
+                    }
+                }
             }
         }
         Ok(masks)
     }
+
+    /// Class ids of the pixels of a label picture. One in which nothing names a class is refused.
+    fn ids(&mut self, path: &Path, size: (usize, usize)) -> Result<Vec<u8>> {
+        let names = path.parent().and_then(|folder| self.named.get(folder));
+        let PictureOfIds { ids, known, strangers, examples } =
+            self.sequence.picture_of_ids(path, names.map(Vec::as_slice))?;
+        expect_size(path, (ids.width, ids.height), size)?;
+        if strangers > 0 && known == 0 {
+            let ids: Vec<String> = self.sequence.classes().iter().map(|c| c.id.to_string()).collect();
+            return Err(Error::input_at(
+                path,
+                format!("no pixel of this label picture names a class; it holds {}", examples.join(", ")),
+                format!(
+                    "The ids of the recording's classes are {}. Write these, or a labels.json beside the pictures that names others.",
+                    ids.join(", ")
+                ),
+            ));
+        }
+        if self.foreign.len() < MOST_FOREIGN {
+            self.foreign.extend(examples);
+        }
+        Ok(ids.data)
+    }
+}
+
+fn expect_size(path: &Path, found: (usize, usize), wanted: (usize, usize)) -> Result<()> {
+    if found == wanted {
+        return Ok(());
+    }
+    Err(Error::input_at(
+        path,
+        format!("the mask is {}×{}, the recording {}×{}", found.0, found.1, wanted.0, wanted.1),
+        "Bring it to the recording's size, without smoothing.",
+    ))
+}
+
+/// Ids and names from a `labels.json`: that of the export `index`, or a list of classes.
+fn names(path: &Path) -> Result<Vec<(u8, String)>> {
+    #[derive(serde::Deserialize)]
+    struct Label {
+        #[serde(alias = "classid")]
+        id: u8,
+        #[serde(alias = "prompt")]
+        name: String,
+    }
+    #[derive(serde::Deserialize)]
+    #[serde(untagged)]
+    enum File {
+        Export { labels: Vec<Label> },
+        Classes(Vec<Label>),
+    }
+    let text = read_text(path).map_err(|e| Error::io("read the names of the labels", path, e))?;
+    let file = serde_json::from_str(&text).map_err(|e| {
+        let what = format!("the names of the labels cannot be read: {e}");
+        Error::input_at(path, what, "It is a list of entries like {\"id\": 1, \"name\": \"liver\"}.")
+    })?;
+    let (File::Export { labels } | File::Classes(labels)) = file;
+    Ok(labels.into_iter().map(|label| (label.id, label.name)).collect())
 }
 
 /// All pictures in a folder and the folders in it, in order.
@@ -182,7 +297,7 @@ mod tests {
         {
             let folder = tempfile::tempdir().unwrap();
             save(folder.path(), file, 255);
-            let masks = PredictedMasks::open(folder.path(), &sequence).unwrap();
+            let mut masks = PredictedMasks::open(folder.path(), &sequence).unwrap();
             assert_eq!(masks.frames(), [9], "{file}");
             let found = masks.masks(9, sequence.classes(), (32, 24)).unwrap();
             for (class, mask) in sequence.classes().iter().zip(&found) {
@@ -191,9 +306,63 @@ mod tests {
         }
         let folder = tempfile::tempdir().unwrap();
         save(folder.path(), &format!("{name}.png"), liver.id);
-        let masks = PredictedMasks::open(folder.path(), &sequence).unwrap();
+        let mut masks = PredictedMasks::open(folder.path(), &sequence).unwrap();
         assert_eq!(masks.masks(9, std::slice::from_ref(liver), (32, 24)).unwrap()[0].count(), 32 * 24);
         assert_eq!(masks.masks(3, std::slice::from_ref(liver), (32, 24)).unwrap()[0].count(), 0);
+    }
+
+    #[test]
+    fn masks_of_ones_are_white() {
+        let (_kept, sequence) = recording();
+        let folder = tempfile::tempdir().unwrap();
+        save(folder.path(), "frame_000009_liver.png", 1);
+        let mut masks = PredictedMasks::open(folder.path(), &sequence).unwrap();
+        let found = masks.masks(9, sequence.classes(), (32, 24)).unwrap();
+        assert_eq!(found.iter().map(Mask::count).sum::<usize>(), 32 * 24);
+    }
+
+    #[test]
+    fn the_recordings_own_labels_are_met_exactly() {
+        let (kept, sequence) = recording();
+        let mut masks = PredictedMasks::open(&kept.path().join("labels"), &sequence).unwrap();
+        for frame in masks.frames() {
+            let found = masks.masks(frame, sequence.classes(), (32, 24)).unwrap();
+            let labels = sequence.labels(frame).unwrap().unwrap();
+            for (class, mask) in sequence.classes().iter().zip(&found) {
+                assert!(mask.data.iter().zip(&labels.data).all(|(m, id)| *m == (*id == class.id)));
+            }
+        }
+        assert!(!masks.frames().is_empty() && masks.notes().is_empty());
+    }
+
+    #[test]
+    fn ids_are_those_of_the_names_beside_them() {
+        let (_kept, sequence) = recording();
+        let liver = sequence.classes().iter().find(|c| c.name == "liver").unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let other = sequence.classes().iter().map(|c| c.id).max().unwrap() + 50;
+        save(folder.path(), "frame_000009.png", other);
+        let open = || PredictedMasks::open(folder.path(), &sequence);
+        let liver_px = |masks: &mut PredictedMasks| {
+            masks.masks(9, std::slice::from_ref(liver), (32, 24)).map(|found| found[0].count())
+        };
+        let what = liver_px(&mut open().unwrap()).unwrap_err().to_string();
+        assert!(what.contains(&format!("it holds {other}")) && what.contains("labels.json"), "{what}");
+        let list = |text: String| std::fs::write(folder.path().join("labels.json"), text).unwrap();
+        list(format!(
+            r#"{{"background":0,"labels":[{{"id":{other},"prompt":"Liver","colour":[1,2,3]}},{{"id":2,"prompt":"moon"}}]}}"#
+        ));
+        let mut masks = open().unwrap();
+        assert_eq!(liver_px(&mut masks).unwrap(), 32 * 24);
+        assert!(masks.notes()[0].contains("no class called moon"));
+        list(format!(r#"[{{"id":{other},"name":"LIVER"}}]"#));
+        assert_eq!(liver_px(&mut open().unwrap()).unwrap(), 32 * 24);
+        list(format!(r#"[{{"id":{other},"name":"moon"}}]"#));
+        assert!(open().unwrap_err().to_string().contains("no class called moon"));
+        // 0 is nothing beside names that do not have it.
+        list(format!(r#"[{{"id":{other},"name":"liver"}}]"#));
+        save(folder.path(), "frame_000009.png", 0);
+        assert_eq!(liver_px(&mut open().unwrap()).unwrap(), 0);
     }
 
     #[test]
@@ -212,7 +381,7 @@ mod tests {
         assert!(PredictedMasks::open(empty.path(), &sequence).unwrap_err().to_string().contains("no mask"));
         let small = tempfile::tempdir().unwrap();
         save(small.path(), "frame_000001_liver.png", 255);
-        let masks = PredictedMasks::open(small.path(), &sequence).unwrap();
+        let mut masks = PredictedMasks::open(small.path(), &sequence).unwrap();
         assert!(masks.masks(1, sequence.classes(), (16, 24)).unwrap_err().to_string().contains("32×24"));
     }
 }

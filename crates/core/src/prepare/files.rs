@@ -5,6 +5,7 @@ use crate::{
     Error, Result,
     codec::{Codec, CodecSettings},
     files::{full_path, write_whole},
+    reading::{MOST_BYTES, read_regular, read_text, values},
     sequence::{Class, Sequence},
 };
 use image::{DynamicImage, ImageBuffer, Luma};
@@ -86,7 +87,7 @@ impl Manifest {
 
     pub(super) fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(MANIFEST);
-        let text = match std::fs::read_to_string(&path) {
+        let text = match read_text(&path) {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
                 return Err(Error::input_at(
                     folder,
@@ -186,7 +187,7 @@ impl Manifest {
 
     fn read_checked(&self, folder: &Path, name: &str) -> Result<BTreeMap<String, ArrayD<f32>>> {
         let path = folder.join(name);
-        let bytes = std::fs::read(&path).map_err(|e| Error::io("read the file", &path, e))?;
+        let bytes = read_regular(&path, MOST_BYTES).map_err(|e| Error::io("read the file", &path, e))?;
         if self.sha256.get(name) != Some(&checksum(&bytes)) {
             return Err(Error::input_at(
                 &path,
@@ -216,18 +217,16 @@ pub(super) fn write_region_map(path: &Path, map: RegionMap) -> Result<()> {
 }
 
 pub(super) fn read_region_map(path: &Path) -> Result<RegionMap> {
-    let bytes = std::fs::read(path).map_err(|e| Error::io("read the region map", path, e))?;
-    match image::load_from_memory_with_format(&bytes, image::ImageFormat::Png) {
-        Ok(DynamicImage::ImageLuma16(image)) => {
+    match values(path)?.image {
+        DynamicImage::ImageLuma16(image) => {
             let (width, height) = (image.width() as usize, image.height() as usize);
             Ok(RegionMap::from_vec(width, height, image.into_raw()))
         }
-        Ok(other) => Err(Error::input_at(
+        other => Err(Error::input_at(
             path,
             format!("a region map must be a 16-bit grey picture, found {:?}", other.color()),
             AGAIN,
         )),
-        Err(e) => Err(Error::input_at(path, format!("the region map cannot be read: {e}"), AGAIN)),
     }
 }
 

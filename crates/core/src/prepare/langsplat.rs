@@ -3,12 +3,7 @@
 //! their newer scripts do, `NAME_agg.npy` [1, h, w, dim] with an embedding for every place.
 
 use super::{DenseMap, FrameFeatures, NO_REGION, Prepared, RegionMap, files::Manifest};
-use crate::{
-    Error, Result,
-    files::write_whole_with,
-    segment::Level,
-    sequence::{Sequence, npy},
-};
+use crate::{Error, Result, files::write_whole_with, reading::npy_f32, segment::Level, sequence::Sequence};
 use ndarray::{Array2, Array3, ArrayView2, Axis};
 use ndarray_npy::WriteNpyExt;
 use std::path::{Path, PathBuf};
@@ -38,21 +33,25 @@ pub fn read_langsplat(
         let map = dense.is_file().then(|| read_dense(&dense)).transpose()?;
         return Ok(map.map(|map| map.into_features(sequence)));
     }
-    let (shape, values) = npy(&embeddings)?;
+    let (shape, values) = npy_f32(&embeddings)?;
     let wrong = |path: &Path, what: String| Err(Error::input_at(path, what, HINT));
     let [n, dim] = shape[..] else {
         return wrong(&embeddings, format!("expected embeddings [n, dim], found the shape {shape:?}"));
     };
-    let rows: Vec<Vec<f32>> =
-        values.chunks_exact(dim.max(1)).map(|row| row.iter().map(|v| *v as f32).collect()).collect();
-    let (shape, values) = npy(&maps)?;
-    let [4, height, width] = shape[..] else {
-        return wrong(&maps, format!("expected maps [4, h, w], found the shape {shape:?}"));
+    if (n > 0 && dim == 0) || n > usize::from(NO_REGION) {
+        let what = format!("{n} embeddings of {dim} numbers are not those of a frame's masks");
+        return wrong(&embeddings, what);
+    }
+    let rows: Vec<Vec<f32>> = values.chunks_exact(dim.max(1)).map(<[f32]>::to_vec).collect();
+    let (shape, values) = npy_f32(&maps)?;
+    let (height, width) = match shape[..] {
+        [4, height, width] if !values.is_empty() => (height, width),
+        _ => return wrong(&maps, format!("expected maps [4, h, w], found the shape {shape:?}")),
     };
     let plane = &values[level as usize * height * width..][..height * width];
-    let number = |&v: &f64| match v {
+    let number = |&v: &f32| match v {
         -1.0 => Some(NO_REGION),
-        _ if v >= 0.0 && v.fract() == 0.0 && v < n.min(usize::from(NO_REGION)) as f64 => Some(v as u16),
+        _ if v >= 0.0 && v.fract() == 0.0 && v < n as f32 => Some(v as u16),
         _ => None,
     };
     let Some(data) = plane.iter().map(number).collect::<Option<Vec<u16>>>() else {
@@ -105,7 +104,7 @@ pub fn write_langsplat(
 const COMPRESSED: usize = 16;
 
 fn read_dense(file: &Path) -> Result<DenseMap> {
-    let (shape, values) = npy(file)?;
+    let (shape, values) = npy_f32(file)?;
     let wrong = |what: String, hint: &str| Err(Error::input_at(file, what, hint));
     let (height, width, dim) = match shape[..] {
         [height, width, dim] | [1, height, width, dim] if !values.is_empty() => (height, width, dim),
@@ -117,7 +116,7 @@ fn read_dense(file: &Path) -> Result<DenseMap> {
         );
         return wrong(what, "Give the maps from before the authors' autoencoder.");
     }
-    Ok(DenseMap { width, height, dim, values: values.into_iter().map(|v| v as f32).collect() })
+    Ok(DenseMap { width, height, dim, values })
 }
 
 fn dense_file(folder: &Path, sequence: &Sequence, i: usize) -> PathBuf {

@@ -217,7 +217,7 @@ fn langsplat_files_are_written_and_read_back() {
     write_langsplat(&prepared, &out, &mut |_, _| {}).unwrap();
 
     // As the authors' loaders see them: float32, one plane a level, -1 where nothing is, unit rows.
-    let read = |name: &str| crate::sequence::npy(&out.join(name)).unwrap();
+    let read = |name: &str| crate::reading::npy(&out.join(name)).unwrap();
     let (shape, maps) = read("language_features/frame_4_s.npy");
     assert_eq!(shape, [4, 24, 32]);
     assert!(maps.iter().all(|v| *v == 0.0), "frame 4 is one region");

@@ -13,6 +13,7 @@ use crate::{
     codec::CodecSettings,
     files::write_whole,
     num,
+    reading::{MOST_BYTES, read_regular},
     segment::{BitMask, FrameMasks, Level, MaskSettings, PointSegmenter, automatic_masks},
     sequence::Sequence,
 };
@@ -281,7 +282,7 @@ fn save_embeddings(path: &Path, key: &str, rows: &[Vec<f32>]) -> Result<()> {
 
 /// The embeddings saved under `key`; `None` where there are none or the file is damaged.
 fn load_embeddings(path: &Path, key: &str) -> Result<Option<Vec<Vec<f32>>>> {
-    let bytes = match std::fs::read(path) {
+    let bytes = match read_regular(path, MOST_BYTES) {
         Ok(bytes) => bytes,
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(e) => return Err(Error::io("read the embeddings", path, e)),

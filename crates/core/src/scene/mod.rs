@@ -8,8 +8,15 @@ mod still;
 pub use ply::{LANG_DEFORMATION_FILE, ReferencePly, ReferenceWeights};
 
 use crate::{
-    Error, Result, camera::Camera, codec::Codec, deform::Deformation, gaussian::Gaussians, grid::Mask,
-    prepare::EncoderIdentity, sequence::Class,
+    Error, Result,
+    camera::Camera,
+    codec::Codec,
+    deform::Deformation,
+    gaussian::Gaussians,
+    grid::Mask,
+    prepare::EncoderIdentity,
+    reading::{MOST_BYTES, read_regular},
+    sequence::Class,
 };
 use glam::{Affine3A, Mat3, Vec3};
 use std::{
@@ -139,7 +146,7 @@ impl Scene {
     /// Reads and validates a file: a scene, or a `.ply` of Gaussians, which is recognised by its content. The feature
     /// network of a deforming `.ply` is taken from [`LANG_DEFORMATION_FILE`] beside it.
     pub fn load(path: &Path) -> Result<Self> {
-        let bytes = std::fs::read(path).map_err(|e| Error::io("read the scene file", path, e))?;
+        let bytes = read_regular(path, MOST_BYTES).map_err(|e| Error::io("read the scene file", path, e))?;
         let hint = "Choose another scene file, or train the recording again.";
         let wrong = |what| Error::input_at(path, what, hint);
         if !bytes.starts_with(ply::MAGIC) {

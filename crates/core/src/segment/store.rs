@@ -1,7 +1,12 @@
 //! Masks of a frame on disk: JSON with run lengths as pycocotools reads them.
 
 use super::{BitMask, FoundMask, FrameMasks};
-use crate::{Error, Result, files::write_whole, mask};
+use crate::{
+    Error, Result,
+    files::write_whole,
+    mask,
+    reading::{MOST_BYTES, read_regular},
+};
 use std::path::Path;
 
 const AGAIN: &str = "Remove the file; its masks are then made anew.";
@@ -56,7 +61,7 @@ impl FrameMasks {
     /// Reads the masks that were saved under `key`; `None` where there is no file or it has another key.
     /// A damaged file is an error.
     pub fn load(path: &Path, key: &str) -> Result<Option<Self>> {
-        let text = match std::fs::read(path) {
+        let text = match read_regular(path, MOST_BYTES) {
             Ok(text) => text,
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(e) => return Err(Error::io("read the masks", path, e)),

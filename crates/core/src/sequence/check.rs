@@ -1,13 +1,17 @@
 //! The import report: every file is read once, and what was found is put into words.
 
-use super::{NO_LABEL, Report, Sequence, layout::MaskRule};
+use super::{
+    NO_LABEL, Report, Sequence,
+    labels::{EXAMPLES, Way},
+    layout::MaskRule,
+};
 use crate::{
     camera::Camera,
     grid::{Grid, Mask},
 };
 use rayon::prelude::*;
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     hash::{DefaultHasher, Hasher},
 };
 
@@ -80,6 +84,10 @@ struct DepthFacts {
 struct LabelFacts {
     present: [bool; 256],
     unknown: f64,
+    way: Way,
+    /// Share of the pixels that name no class, and a few of their values.
+    strangers: f64,
+    examples: BTreeSet<String>,
 }
 
 impl Facts {
@@ -104,11 +112,19 @@ impl Facts {
         let map =
             recording.frames[i].depth.as_ref().and_then(|path| facts.note(recording.depth_rule.read(path)));
         facts.depth = map.map(|map| DepthFacts::of(&map.depth, map.bad_values));
-        facts.labels = facts.note(sequence.labels(i)).flatten().map(|labels| {
+        facts.labels = facts.note(recording.labels(i)).flatten().map(|read| {
+            let labels = read.ids;
             let mut present = [false; 256];
             labels.data.iter().for_each(|&id| present[usize::from(id)] = true);
             let unknown = labels.data.iter().filter(|&&id| id == NO_LABEL).count();
-            LabelFacts { present, unknown: unknown as f64 / labels.data.len() as f64 }
+            let share = |count: usize| count as f64 / labels.data.len() as f64;
+            LabelFacts {
+                present,
+                unknown: share(unknown),
+                way: read.way,
+                strangers: share(read.strangers),
+                examples: read.examples,
+            }
         });
         facts
     }
@@ -282,12 +298,7 @@ fn labels(sequence: &Sequence, facts: &[Facts], says: &mut Findings) -> String {
     }
     let labelled: Vec<_> = facts.iter().filter_map(|f| f.labels.as_ref()).collect();
     let unknown = mean(labelled.iter().map(|l| l.unknown));
-    if unknown > 0.5 {
-        says.warnings.push(format!(
-            "{:.0} % of the labelled frames' pixels have a value or colour that names no class",
-            100.0 * unknown
-        ));
-    }
+    strange_labels(facts, says);
     let occurrences = sequence.classes().iter().filter_map(|class| {
         let frames = labelled.iter().filter(|l| l.present[usize::from(class.id)]).count();
         (frames > 0).then(|| format!("{} ({frames})", class.name))
@@ -301,6 +312,41 @@ fn labels(sequence: &Sequence, facts: &[Facts], says: &mut Findings) -> String {
         occurrences.join(", "),
         100.0 * unknown
     )
+}
+
+/// Tells of label pictures that were not understood as they usually are, or not wholly.
+fn strange_labels(facts: &[Facts], says: &mut Findings) {
+    let frames_where = |test: &dyn Fn(&LabelFacts) -> bool| -> Vec<usize> {
+        (0..facts.len()).filter(|&i| facts[i].labels.as_ref().is_some_and(test)).collect()
+    };
+    for (way, what) in [
+        (
+            Way::PalettePlaces,
+            "have a palette of colours that are not the classes'; the places in it are taken as ids",
+        ),
+        (Way::GreyColours, "are grey pictures saved in colour; the greys are taken as ids"),
+    ] {
+        let frames = frames_where(&|l| l.way == way);
+        if !frames.is_empty() {
+            says.warnings.push(format!("The label pictures of {} {what}", name_frames(&frames)));
+        }
+    }
+    let frames = frames_where(&|l| l.strangers > 0.0);
+    if frames.is_empty() {
+        return;
+    }
+    let labelled = || facts.iter().filter_map(|f| f.labels.as_ref());
+    let share = 100.0 * mean(labelled().map(|l| l.strangers));
+    let share = if share < 0.1 { "less than 0.1".to_owned() } else { format!("{share:.1}") };
+    let examples: BTreeSet<&str> = labelled().flat_map(|l| l.examples.iter().map(String::as_str)).collect();
+    let some: Vec<&str> = examples.iter().copied().take(EXAMPLES).collect();
+    says.warnings.push(format!(
+        "{share} % of the labelled frames' pixels have a value or colour that names no class ({}{}), in {}; they \
+         count as unknown",
+        some.join(", "),
+        if examples.len() > some.len() { ", …" } else { "" },
+        name_frames(&frames)
+    ));
 }
 
 fn repeated_frames(facts: &[Facts], says: &mut Findings) {

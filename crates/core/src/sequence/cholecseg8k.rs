@@ -3,11 +3,11 @@
 
 use super::{
     Class, Layout,
-    classes::{LabelCoding, LabelFiles},
+    labels::{LabelCoding, LabelFiles},
     layout::{Frame, MaskRule, Recording},
     read,
 };
-use crate::Result;
+use crate::{Result, reading::is_present};
 use std::path::{Path, PathBuf};
 
 /// Watershed code of the black border around the round picture.
@@ -63,7 +63,7 @@ pub(super) fn open(folder: &Path) -> Result<Recording> {
     let mut recording = Recording::of_pictures(folder, Layout::CholecSeg8k, &images)?;
     for (frame, image) in recording.frames.iter_mut().zip(&images) {
         let watershed = image.with_file_name(format!("{}_watershed_mask.png", read::stem(image)));
-        if watershed.is_file() {
+        if is_present(&watershed) {
             add_labels(frame, watershed);
         }
     }

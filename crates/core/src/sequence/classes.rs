@@ -1,11 +1,9 @@
-//! Class lists: EndoVis18's and our own `labels.json`, `[[classes]]` of `sequence.toml`, and how the
-//! pixels of label files become class ids.
+//! Class lists: EndoVis18's and our own `labels.json`, `[[classes]]` of `sequence.toml`.
 
-use super::{Class, LabelMap, NO_LABEL, read};
-use crate::{Error, Result, grid::Grid};
-use image::DynamicImage;
+use super::{Class, NO_LABEL};
+use crate::{Error, Result, reading::read_text};
 use serde::{Deserialize, Serialize};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// One entry of a class list; EndoVis18's spellings `classid` and `color` are understood too.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -62,7 +60,7 @@ pub(super) fn from_entries(entries: &[ClassEntry], path: &Path) -> Result<Vec<Cl
 
 /// Reads a `labels.json`: a list of [`ClassEntry`].
 pub(super) fn read_json(path: &Path) -> Result<Vec<Class>> {
-    let text = std::fs::read_to_string(path).map_err(|e| Error::io("read the class list", path, e))?;
+    let text = read_text(path).map_err(|e| Error::io("read the class list", path, e))?;
     let entries: Vec<ClassEntry> = serde_json::from_str(&text).map_err(|e| {
         Error::input_at(
             path,
@@ -127,88 +125,6 @@ const INSTRUMENTS: [&str; 26] = [
 pub fn names_instrument(words: &str) -> bool {
     let words = words.split(|c: char| !c.is_alphanumeric()).map(str::to_lowercase);
     words.into_iter().any(|w| INSTRUMENTS.iter().any(|i| w == *i || w.strip_suffix('s') == Some(i)))
-}
-
-/// Where the labels of one frame are.
-#[derive(Clone, Debug)]
-pub(super) enum LabelFiles {
-    /// One picture whose values, or colours, name the classes.
-    Picture(PathBuf),
-    /// One mask per class id (non-zero = this class); later ones win.
-    PerClass(Vec<(u8, PathBuf)>),
-}
-
-/// How the values of a label picture name classes.
-#[derive(Clone, Debug)]
-pub(super) enum LabelCoding {
-    /// A grey picture holds class ids; a coloured one the classes' display colours.
-    IdsOrColours,
-    /// The first channel holds codes: (code, class id).
-    Codes(&'static [(u8, u8)]),
-}
-
-impl LabelFiles {
-    /// Class ids per pixel; what names no class of the list is [`NO_LABEL`].
-    pub(super) fn read(
-        &self,
-        coding: &LabelCoding,
-        classes: &[Class],
-        (width, height): (usize, usize),
-    ) -> Result<LabelMap> {
-        match self {
-            Self::Picture(path) => {
-                let picture = read::picture(path)?;
-                let size = (picture.width() as usize, picture.height() as usize);
-                read::expect_size(path, size, (width, height))?;
-                Ok(decode(picture, coding, classes))
-            }
-            Self::PerClass(files) => {
-                let mut labels = Grid::filled(width, height, NO_LABEL);
-                for (id, path) in files {
-                    let mask = read::first_channel(path)?;
-                    read::expect_size(path, (mask.width, mask.height), (width, height))?;
-                    for (label, _) in labels.data.iter_mut().zip(&mask.data).filter(|(_, m)| **m != 0) {
-                        *label = *id;
-                    }
-                }
-                Ok(labels)
-            }
-        }
-    }
-
-    /// The files, for messages.
-    pub(super) fn paths(&self) -> Vec<&Path> {
-        match self {
-            Self::Picture(path) => vec![path],
-            Self::PerClass(files) => files.iter().map(|(_, path)| path.as_path()).collect(),
-        }
-    }
-}
-
-fn decode(picture: DynamicImage, coding: &LabelCoding, classes: &[Class]) -> LabelMap {
-    let mut id_of_value = [NO_LABEL; 256];
-    match coding {
-        LabelCoding::IdsOrColours if picture.color().has_color() => return decode_colours(picture, classes),
-        LabelCoding::IdsOrColours => classes.iter().for_each(|c| id_of_value[usize::from(c.id)] = c.id),
-        LabelCoding::Codes(codes) => {
-            codes.iter().for_each(|&(code, id)| id_of_value[usize::from(code)] = id);
-        }
-    }
-    read::first_channel_of(picture).map(|&v| id_of_value.get(usize::from(v)).copied().unwrap_or(NO_LABEL))
-}
-
-fn decode_colours(picture: DynamicImage, classes: &[Class]) -> LabelMap {
-    let picture = picture.into_rgb8();
-    let id = |colour: [u8; 3]| classes.iter().find(|c| c.colour == colour).map_or(NO_LABEL, |c| c.id);
-    // Neighbours mostly share a class: ask again only where the colour changes.
-    let mut last = ([0; 3], id([0; 3]));
-    let data = picture.pixels().map(|p| {
-        if p.0 != last.0 {
-            last = (p.0, id(p.0));
-        }
-        last.1
-    });
-    Grid::from_vec(picture.width() as usize, picture.height() as usize, data.collect())
 }
 
 #[cfg(test)]

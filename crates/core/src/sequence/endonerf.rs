@@ -16,7 +16,7 @@ use super::{
     layout::{MaskRule, Recording},
     read,
 };
-use crate::{Error, Result, camera::Camera};
+use crate::{Error, Result, camera::Camera, reading::npy};
 use glam::{Affine3A, DAffine3, DMat3, DVec3};
 use std::path::Path;
 
@@ -49,7 +49,7 @@ struct Poses {
 
 impl Poses {
     fn read(path: &Path, recording: &Recording) -> Result<Self> {
-        let (shape, values) = read::npy(path)?;
+        let (shape, values) = npy(path)?;
         let (rows, columns) = match shape.as_slice() {
             &[rows, columns @ (15 | 17)] if rows > 0 => (rows, columns),
             _ => {

@@ -2,7 +2,10 @@
 //! `labels.json` (here or one folder up), and `camera_calibration.txt`. (Allan et al. 2020, arXiv 2001.11190.)
 
 use super::{CameraSource, Layout, layout::Recording, read};
-use crate::{Error, Result};
+use crate::{
+    Error, Result,
+    reading::{is_present, read_text},
+};
 use std::path::Path;
 
 /// Whether `folder` has the marks of this layout.
@@ -15,9 +18,9 @@ pub(super) fn open(folder: &Path) -> Result<Recording> {
     let mut recording = Recording::of_pictures(folder, Layout::EndoVis18, &images)?;
     let here = folder.join("labels.json");
     let above = folder.join("../labels.json");
-    recording.add_labels(&folder.join("labels"), if here.is_file() { &here } else { &above })?;
+    recording.add_labels(&folder.join("labels"), if is_present(&here) { &here } else { &above })?;
     let calibration = folder.join("camera_calibration.txt");
-    if calibration.is_file() {
+    if is_present(&calibration) {
         let [fx, fy, cx, cy] = read_calibration(&calibration)?;
         for camera in &mut recording.cameras {
             (camera.fx, camera.fy, camera.cx, camera.cy) = (fx, fy, cx, cy);
@@ -30,7 +33,7 @@ pub(super) fn open(folder: &Path) -> Result<Recording> {
 /// Focal lengths and principal point of the left camera, from lines such as
 /// `Camera-0-F: 1084.21 1084.05 // left camera x,y focal dist in pixels`.
 fn read_calibration(path: &Path) -> Result<[f32; 4]> {
-    let text = std::fs::read_to_string(path).map_err(|e| Error::io("read the calibration", path, e))?;
+    let text = read_text(path).map_err(|e| Error::io("read the calibration", path, e))?;
     let pair = |key: &str| -> Option<[f32; 2]> {
         let line = text.lines().find_map(|line| line.trim().strip_prefix(key))?;
         let mut numbers = line.trim_start_matches([':', ' ']).split_whitespace().map(str::parse);

@@ -1,10 +1,11 @@
 //! What a layout tells about a recording, and which layout a folder has.
 
 use super::{
-    CameraSource, Class, Layout, cholecseg8k,
-    classes::{self, LabelCoding, LabelFiles},
+    CameraSource, Class, Layout, cholecseg8k, classes,
     depth::DepthRule,
-    endonerf, endovis18, images, read, reference,
+    endonerf, endovis18, images,
+    labels::{LabelCoding, LabelFiles, ReadLabels},
+    read, reference,
     settings::Selection,
     transforms, video,
 };
@@ -12,6 +13,7 @@ use crate::{
     Error, Result,
     camera::Camera,
     grid::{Grid, Mask},
+    reading::is_present,
 };
 use image::RgbImage;
 use std::{
@@ -130,7 +132,7 @@ impl Recording {
         for (frame, file) in self.companions(folder, &["png"], "label pictures", true)? {
             frame.labels = Some(LabelFiles::Picture(file));
         }
-        if list.is_file() {
+        if is_present(list) {
             self.classes = classes::read_json(list)?;
         }
         Ok(())
@@ -231,6 +233,12 @@ impl Recording {
         }))
     }
 
+    /// Labels of frame `i`; `None` without any.
+    pub(super) fn labels(&self, i: usize) -> Result<Option<ReadLabels>> {
+        let labels = self.frames[i].labels.as_ref();
+        labels.map(|l| l.read(&self.coding, &self.classes, (self.width, self.height))).transpose()
+    }
+
     /// Depth of frame `i` at the frames' size, 0 where unknown.
     pub(super) fn depth(&self, i: usize) -> Result<Option<Grid<f32>>> {
         let Some(path) = &self.frames[i].depth else { return Ok(None) };
@@ -250,9 +258,9 @@ pub(super) fn open(path: &Path, selection: &Selection) -> Result<Recording> {
         return video::open(path, selection);
     }
     let images = read::holds(&path.join("images"), read::PICTURES);
-    let recording = if path.join(transforms::TRANSFORMS_FILE).is_file() {
+    let recording = if is_present(&path.join(transforms::TRANSFORMS_FILE)) {
         transforms::open(path)
-    } else if images && path.join("poses_bounds.npy").is_file() {
+    } else if images && is_present(&path.join("poses_bounds.npy")) {
         endonerf::open(path)
     } else if images && reference::matches(path) {
         reference::open(path)

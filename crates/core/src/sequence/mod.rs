@@ -23,6 +23,7 @@ mod endonerf;
 mod endovis18;
 mod field_of_view;
 mod images;
+mod labels;
 mod layout;
 mod mp4;
 mod read;
@@ -36,7 +37,7 @@ mod video;
 pub use check::check;
 pub use classes::{ClassEntry, names_instrument, plain_words};
 pub use depth::DepthKind;
-pub use read::npy;
+pub(crate) use labels::PictureOfIds;
 pub(crate) use read::npy_map;
 pub(crate) use reference::BASELINE as MONOCULAR_BASELINE;
 pub use settings::{
@@ -235,8 +236,16 @@ impl Sequence {
     }
     /// Class labels of frame `i`; `None` if the recording has none for it.
     pub fn labels(&self, i: usize) -> Result<Option<LabelMap>> {
-        let r = self.recording();
-        r.frames[i].labels.as_ref().map(|l| l.read(&r.coding, &r.classes, (r.width, r.height))).transpose()
+        Ok(self.recording().labels(i)?.map(|labels| labels.ids))
+    }
+    /// Class ids of a label picture that is not the recording's own: it may hold ids or what the recording's pictures hold,
+    /// whichever names the class of more pixels. With `names`, (value, class or none), it holds these values and 0 for nothing.
+    pub(crate) fn picture_of_ids(
+        &self,
+        path: &Path,
+        names: Option<&[(u8, Option<u8>)]>,
+    ) -> Result<PictureOfIds> {
+        labels::picture_of_ids(path, &self.recording().coding, self.classes(), names)
     }
     /// Where instruments are on frame `i`: by its labels if a class names an instrument, else what its mask file hides inside
     /// the field of view; `None` where the recording has neither.

@@ -1,16 +1,14 @@
-//! Reading single files: listings in natural order, pictures, one-channel maps, NumPy arrays.
+//! Listings in natural order, frames, one-channel maps.
 
-use crate::{Error, Result, camera::check_image_size, grid::Grid};
-use half::f16;
-use image::{DynamicImage, ImageError, ImageReader, RgbImage};
-use ndarray::ArrayD;
-use ndarray_npy::{ReadDataError, ReadNpyError, ReadNpyExt, ReadableElement};
-use py_literal::Value;
+use crate::{
+    Error, Result,
+    grid::Grid,
+    reading::{self, Values, npy_f32},
+};
+use image::{DynamicImage, RgbImage};
 use rayon::prelude::*;
 use std::{
     cmp::Ordering,
-    fs::File,
-    io::{BufReader, Read},
     path::{Path, PathBuf},
 };
 
@@ -52,7 +50,14 @@ pub(super) fn list(folder: &Path, endings: &[&str]) -> Result<Vec<PathBuf>> {
     for entry in std::fs::read_dir(folder).map_err(fail)? {
         let path = entry.map_err(fail)?.path();
         let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-        if endings.contains(&ending.as_str()) && !file_name(&path).starts_with('.') && path.is_file() {
+        if endings.contains(&ending.as_str()) && !file_name(&path).starts_with('.') && !path.is_dir() {
+            if !path.is_file() {
+                return Err(Error::input_at(
+                    &path,
+                    "this is a pipe, a device or a link that leads nowhere, not a file",
+                    "Remove it, or put a file there.",
+                ));
+            }
             files.push(path);
         }
     }
@@ -70,14 +75,15 @@ pub(super) fn stem(path: &Path) -> String {
     path.file_stem().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
-/// Whether the folder `path` exists and holds at least one file with one of the endings.
+/// Whether the folder `path` exists and holds at least one file with one of the endings, or cannot be listed: what is
+/// wrong with it is said when it is opened.
 pub(super) fn holds(path: &Path, endings: &[&str]) -> bool {
-    path.is_dir() && list(path, endings).is_ok_and(|files| !files.is_empty())
+    path.is_dir() && list(path, endings).map_or(true, |files| !files.is_empty())
 }
 
 /// The size (columns, rows) that all pictures share, from their headers alone.
 pub(super) fn common_size(pictures: &[PathBuf]) -> Result<(usize, usize)> {
-    let sizes: Vec<_> = pictures.par_iter().map(|path| size(path)).collect::<Result<_>>()?;
+    let sizes: Vec<_> = pictures.par_iter().map(|path| reading::picture_size(path)).collect::<Result<_>>()?;
     let Some(&first) = sizes.first() else {
         return Err(Error::input(
             "no frames were found",
@@ -94,38 +100,9 @@ pub(super) fn common_size(pictures: &[PathBuf]) -> Result<(usize, usize)> {
     }
 }
 
-fn size(path: &Path) -> Result<(usize, usize)> {
-    let (width, height) = reader(path)?.into_dimensions().map_err(|e| unreadable(path, e))?;
-    if width == 0 || height == 0 {
-        return Err(Error::input_at(path, "the picture is empty", ""));
-    }
-    let (width, height) = (width as usize, height as usize);
-    check_image_size(width, height)
-        .map_err(|what| Error::input_at(path, what, "Scale the recording down."))?;
-    Ok((width, height))
-}
-
-fn reader(path: &Path) -> Result<ImageReader<BufReader<File>>> {
-    let fail = |e| Error::io("open the picture", path, e);
-    ImageReader::open(path).map_err(fail)?.with_guessed_format().map_err(fail)
-}
-
-fn unreadable(path: &Path, error: ImageError) -> Error {
-    Error::input_at(
-        path,
-        format!("the picture cannot be read: {error}"),
-        "The file may be damaged, incomplete or of another kind than PNG or JPEG.",
-    )
-}
-
-/// Decodes any PNG or JPEG.
-pub(super) fn picture(path: &Path) -> Result<DynamicImage> {
-    reader(path)?.decode().map_err(|e| unreadable(path, e))
-}
-
 /// Decodes a frame and checks its size.
 pub(super) fn frame(path: &Path, width: usize, height: usize) -> Result<RgbImage> {
-    let image = picture(path)?.into_rgb8();
+    let image = reading::picture(path)?.into_rgb8();
     expect_size(path, (image.width() as usize, image.height() as usize), (width, height))?;
     Ok(image)
 }
@@ -144,10 +121,13 @@ pub(super) fn expect_size(path: &Path, found: (usize, usize), frames: (usize, us
 
 /// The first channel of a picture, as stored: 0–255 or, for 16-bit files, 0–65535.
 pub(super) fn first_channel(path: &Path) -> Result<Grid<u16>> {
-    Ok(first_channel_of(picture(path)?))
+    let Values { image, palette } = reading::values(path)?;
+    let channel = first_channel_of(image);
+    let Some(palette) = palette else { return Ok(channel) };
+    Ok(channel.map(|&place| palette.get(usize::from(place)).map_or(0, |colour| u16::from(colour[0]))))
 }
 
-/// As [`first_channel`], of a decoded picture.
+/// The first channel of a decoded picture.
 pub(super) fn first_channel_of(picture: DynamicImage) -> Grid<u16> {
     let (width, height) = (picture.width() as usize, picture.height() as usize);
     let channels = usize::from(picture.color().channel_count());
@@ -162,99 +142,14 @@ pub(super) fn first_channel_of(picture: DynamicImage) -> Grid<u16> {
     Grid::from_vec(width, height, data)
 }
 
-/// A NumPy array of any real number type: its shape and its values in row-major order.
-pub fn npy(path: &Path) -> Result<(Vec<usize>, Vec<f64>)> {
-    type Reader = fn(&Path) -> std::result::Result<(Vec<usize>, Vec<f64>), ReadNpyError>;
-    let readers: [Reader; 8] = [
-        |p| npy_of(p, |v: f32| f64::from(v)),
-        |p| npy_of(p, |v: f64| v),
-        |p| npy_of(p, |v: Half| v.0.to_f64()),
-        |p| npy_of(p, |v: u8| f64::from(v)),
-        |p| npy_of(p, |v: u16| f64::from(v)),
-        |p| npy_of(p, |v: i16| f64::from(v)),
-        |p| npy_of(p, |v: i32| f64::from(v)),
-        |p| npy_of(p, |v: i64| v as f64),
-    ];
-    let mut why = "its number type is not supported".to_owned();
-    for reader in readers {
-        match reader(path) {
-            Ok(array) => return Ok(array),
-            Err(ReadNpyError::WrongDescriptor(_)) => {}
-            Err(ReadNpyError::Io(error)) => return Err(Error::io("read the array", path, error)),
-            Err(error) => {
-                why = error.to_string();
-                break;
-            }
-        }
-    }
-    Err(Error::input_at(
-        path,
-        format!("the array cannot be read: {why}"),
-        "Save it as float32 with numpy.save.",
-    ))
-}
-
-/// A half-precision number, which ndarray-npy does not read by itself.
-#[derive(Clone, Copy)]
-struct Half(f16);
-
-impl ReadableElement for Half {
-    fn read_to_end_exact_vec<R: Read>(
-        mut reader: R,
-        type_desc: &Value,
-        len: usize,
-    ) -> std::result::Result<Vec<Self>, ReadDataError> {
-        if *type_desc != Value::String("<f2".to_owned()) {
-            return Err(ReadDataError::WrongDescriptor(type_desc.clone()));
-        }
-        let mut bytes = Vec::new();
-        reader.read_to_end(&mut bytes)?;
-        match bytes.len().cmp(&len.saturating_mul(2)) {
-            Ordering::Less => Err(ReadDataError::MissingData),
-            Ordering::Greater => Err(ReadDataError::ExtraBytes(bytes.len() - 2 * len)),
-            Ordering::Equal => {
-                Ok(bytes.chunks_exact(2).map(|b| Self(f16::from_le_bytes([b[0], b[1]]))).collect())
-            }
-        }
-    }
-}
-
-fn npy_of<T: ReadableElement + Copy>(
-    path: &Path,
-    to_f64: fn(T) -> f64,
-) -> std::result::Result<(Vec<usize>, Vec<f64>), ReadNpyError> {
-    let array = ArrayD::<T>::read_npy(BufReader::new(File::open(path)?))?;
-    Ok((array.shape().to_vec(), array.iter().map(|&v| to_f64(v)).collect()))
-}
-
 /// A NumPy array as a map: `[h, w]`, with any number of leading axes of length 1.
 pub(crate) fn npy_map(path: &Path) -> Result<Grid<f32>> {
-    let (shape, values) = npy(path)?;
+    let (shape, values) = npy_f32(path)?;
     let [leading @ .., height, width] = shape.as_slice() else {
         return Err(Error::input_at(path, format!("expected a map [h, w], found the shape {shape:?}"), ""));
     };
     if leading.iter().any(|&n| n != 1) || values.is_empty() {
         return Err(Error::input_at(path, format!("expected a map [h, w], found the shape {shape:?}"), ""));
     }
-    Ok(Grid::from_vec(*width, *height, values.into_iter().map(|v| v as f32).collect()))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn half_precision_arrays_are_read_and_short_ones_refused() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.npy");
-        let header = "{'descr': '<f2', 'fortran_order': False, 'shape': (1, 2), }";
-        let padded = format!("{header:<117}\n");
-        let start = [&b"\x93NUMPY\x01\x00\x76\x00"[..], padded.as_bytes()].concat();
-        let values: Vec<u8> = [1.5, -2.0].iter().flat_map(|v| f16::from_f64(*v).to_le_bytes()).collect();
-        std::fs::write(&path, [&start[..], &values].concat()).unwrap();
-        assert_eq!(npy(&path).unwrap(), (vec![1, 2], vec![1.5, -2.0]));
-        assert_eq!(npy_map(&path).unwrap().data, [1.5, -2.0]);
-        std::fs::write(&path, [&start[..], &values[..3]].concat()).unwrap();
-        assert!(npy(&path).unwrap_err().to_string().contains("the array cannot be read"));
-    }
+    Ok(Grid::from_vec(*width, *height, values))
 }

@@ -4,8 +4,9 @@
 
 use super::{
     CameraSource, Class, Layout, Sequence,
-    classes::{self, ClassEntry, LabelFiles},
+    classes::{self, ClassEntry},
     depth::{DepthKind, DepthRule},
+    labels::LabelFiles,
     layout::{MaskRule, Recording},
     read,
 };

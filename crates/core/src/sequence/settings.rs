@@ -31,17 +31,19 @@
 //! What is decided in the program, which side of the masks is kept, stands in a file of its own beside the recording,
 //! `NAME.surgtpgs.toml`, and overrides both: nothing is ever written into a recording.
 
-use super::read;
 use super::{
     CameraSource,
-    classes::{self, ClassEntry, LabelCoding},
+    classes::{self, ClassEntry},
     depth::DepthKind,
+    labels::LabelCoding,
     layout::{MaskRule, Recording},
+    read,
 };
 use crate::{
     Error, Result,
     camera::Camera,
     files::{FileClaim, Inputs, OutputFile, full_path},
+    reading::read_text,
 };
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -170,7 +172,7 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
 impl Settings {
     /// Reads `path`; a missing file means no settings. Unknown keys are errors that name the key.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = match std::fs::read_to_string(path) {
+        let text = match read_text(path) {
             Ok(text) => text,
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Self::default()),
             Err(e) => return Err(Error::io("read the settings", path, e)),

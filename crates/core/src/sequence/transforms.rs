@@ -7,11 +7,16 @@
 
 use super::{
     CameraSource, Layout,
-    classes::{self, ClassEntry, LabelFiles},
+    classes::{self, ClassEntry},
+    labels::LabelFiles,
     layout::{MaskRule, Recording},
     read,
 };
-use crate::{Error, Result, camera::Camera};
+use crate::{
+    Error, Result,
+    camera::Camera,
+    reading::{is_present, read_text},
+};
 use glam::{DAffine3, DMat3, DVec3};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
@@ -60,7 +65,7 @@ struct Intrinsics {
 
 pub(super) fn open(folder: &Path) -> Result<Recording> {
     let path = folder.join(TRANSFORMS_FILE);
-    let text = std::fs::read_to_string(&path).map_err(|e| Error::io("read the cameras", &path, e))?;
+    let text = read_text(&path).map_err(|e| Error::io("read the cameras", &path, e))?;
     let mut transforms: Transforms = serde_json::from_str(&text).map_err(|e| {
         Error::input_at(
             &path,
@@ -97,7 +102,7 @@ pub(super) fn open(folder: &Path) -> Result<Recording> {
     recording.mask_rule = MaskRule::KeepWhite;
     recording.depth_rule.scale = transforms.depth_unit_scale_factor.unwrap_or(1e-3);
     recording.classes = classes::from_entries(&transforms.classes, &path)?;
-    if recording.classes.is_empty() && folder.join("labels.json").is_file() {
+    if recording.classes.is_empty() && is_present(&folder.join("labels.json")) {
         recording.classes = classes::read_json(&folder.join("labels.json"))?;
     }
     if transforms.frames.iter().any(|f| f.intrinsics.or(transforms.shared).distorted())

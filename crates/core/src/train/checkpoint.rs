@@ -1,7 +1,13 @@
 //! Unfinished training on disk: a short header, then settings and state in postcard's format.
 
 use super::{settings::TrainSettings, state::State};
-use crate::{Error, Result, files::write_whole_with, prepare::Prepared, sequence::Sequence};
+use crate::{
+    Error, Result,
+    files::write_whole_with,
+    prepare::Prepared,
+    reading::{MOST_BYTES, read_regular},
+    sequence::Sequence,
+};
 use std::{io::Read, path::Path};
 
 /// First bytes of a checkpoint; the last one is the layout's version.
@@ -68,7 +74,8 @@ pub(super) fn read(
     prepared: Option<&Prepared>,
 ) -> Result<(TrainSettings, State)> {
     const AGAIN: &str = "Train again from the beginning.";
-    let bytes = std::fs::read(path).map_err(|e| Error::io("read the unfinished training", path, e))?;
+    let bytes =
+        read_regular(path, MOST_BYTES).map_err(|e| Error::io("read the unfinished training", path, e))?;
     let Some(body) = bytes.strip_prefix(MAGIC) else {
         return Err(Error::input_at(path, "this is no unfinished training of this version", AGAIN));
     };

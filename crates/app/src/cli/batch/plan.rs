@@ -11,6 +11,7 @@ use surgtpgs_core::{
     Error, Result,
     export::slugs,
     files::{absolute_path, full_path},
+    reading::read_text,
 };
 use toml::{Table, Value};
 
@@ -68,7 +69,7 @@ const FEATURE_SOURCES: [&str; 3] = ["labels", "masks_model", "features"];
 impl Plan {
     /// Reads a jobs file; `output` replaces the folder that it names.
     pub(super) fn read(path: &Path, output: Option<&Path>) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(|e| Error::io("read the jobs file", path, e))?;
+        let text = read_text(path).map_err(|e| Error::io("read the jobs file", path, e))?;
         Self::of(&text, path, output)
             .map_err(|what| Error::input_at(path, what, "Correct the jobs file; nothing was done."))
     }

@@ -7,7 +7,7 @@ use std::{
     path::{Path, PathBuf},
     time::UNIX_EPOCH,
 };
-use surgtpgs_core::{Error, Result, files::write_whole};
+use surgtpgs_core::{Error, Result, files::write_whole, reading::read_text};
 use walkdir::WalkDir;
 
 /// How a step went.
@@ -66,7 +66,7 @@ impl Record {
 
     fn read(folder: &Path, step: Step) -> Result<Option<Self>> {
         let path = path(folder, step);
-        let text = match std::fs::read_to_string(&path) {
+        let text = match read_text(&path) {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             text => text.map_err(|e| Error::io("read what was done", &path, e))?,
         };

@@ -17,8 +17,8 @@ use surgtpgs_core::{
     codec::{Codec, CodecSettings},
     files::write_whole,
     num,
+    reading::npy,
     relevancy::{Fidelity, RelevancySettings, fidelity},
-    sequence::npy,
 };
 
 const HINT: &str = "Give a folder with one table of embeddings, NAME.npy [texts, dim].";

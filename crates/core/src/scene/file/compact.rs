@@ -5,7 +5,7 @@
 //! stream. Where NAME.mix is there, [A, A] for the first axis of A, the values are its product with what was stored: weights
 //! over time are stored as their cosine transform, most of which is small.
 
-use super::{MAX_VALUES, Problem, Scene};
+use super::{Problem, Scene};
 use crate::{
     deform::{COLOUR_CHANNEL, GATE_CHANNEL, MEAN_CHANNEL, ROTATION_CHANNEL, SCALE_CHANNEL, num_channels},
     num::percentile,
@@ -107,16 +107,24 @@ pub(super) fn transposed(matrix: &[f32], n: usize) -> Vec<f32> {
     (0..n * n).map(|i| matrix[i % n * n + i / n]).collect()
 }
 
-/// The product of an n × n matrix with values of which it mixes the first axis, n.
-pub(super) fn mixed(matrix: &[f32], n: usize, values: &[f32]) -> Vec<f32> {
+/// Values mixed side by side, which is all that is kept twice.
+const MIXED_AT_ONCE: usize = 1 << 12;
+
+/// Multiplies an n × n matrix with values of which it mixes the first axis, n.
+pub(super) fn mix(matrix: &[f32], n: usize, values: &mut [f32]) {
     let len = values.len() / n.max(1);
-    let mut out = vec![0.0; values.len()];
-    for (k, out) in out.chunks_exact_mut(len.max(1)).enumerate() {
-        for (factor, values) in matrix[k * n..(k + 1) * n].iter().zip(values.chunks_exact(len.max(1))) {
-            out.iter_mut().zip(values).for_each(|(o, v)| *o += factor * v);
+    for start in (0..len).step_by(MIXED_AT_ONCE) {
+        let width = MIXED_AT_ONCE.min(len - start);
+        let row = |k: usize| k * len + start..k * len + start + width;
+        let before: Vec<f32> = (0..n).flat_map(|k| values[row(k)].iter().copied()).collect();
+        for k in 0..n {
+            let out = &mut values[row(k)];
+            out.fill(0.0);
+            for (factor, values) in matrix[k * n..(k + 1) * n].iter().zip(before.chunks_exact(width)) {
+                out.iter_mut().zip(values).for_each(|(o, v)| *o += factor * v);
+            }
         }
     }
-    out
 }
 
 /// Whole numbers, deflated.
@@ -153,31 +161,31 @@ fn deflated(bytes: &[u8]) -> Vec<u8> {
     written.unwrap_or_default()
 }
 
-/// The inverse of [`pack`], up to rounding: `len` values.
+/// The inverse of [`pack`], up to rounding: `len` values, for which the caller has the memory.
 pub(super) fn unpack(bytes: &[u8], len: usize, steps: &[f32], offsets: &[f32]) -> Result<Vec<f32>, Problem> {
     let columns = steps.len();
     if columns == 0 || offsets.len() != columns || !len.is_multiple_of(columns) {
         return Err(format!("{len} values do not make {columns} columns"));
     }
-    if len > MAX_VALUES {
-        return Err(format!("it is said to hold {len} values, more than {MAX_VALUES}"));
+    let too_few = |_| format!("it does not hold {len} values");
+    let mut planes = ZlibDecoder::new(bytes);
+    let mut counts = vec![0_u32; len];
+    let mut column = vec![0; len / columns];
+    for shift in (0..8 * PLANES).step_by(8) {
+        for c in 0..columns {
+            planes.read_exact(&mut column).map_err(too_few)?;
+            let counts = counts.iter_mut().skip(c).step_by(columns);
+            counts.zip(&column).for_each(|(n, byte)| *n |= u32::from(*byte) << shift);
+        }
     }
-    // One byte more, to see where there is too much; a small stream cannot make us keep a large one.
-    let mut counts = Vec::new();
-    let limit = (len * PLANES) as u64 + 1;
-    ZlibDecoder::new(bytes).take(limit).read_to_end(&mut counts).map_err(|e| e.to_string())?;
-    if counts.len() as u64 != limit - 1 {
-        return Err(format!("it does not hold {len} values"));
+    if planes.read(&mut [0]).map_err(|e| e.to_string())? > 0 {
+        return Err(format!("it holds more than {len} values"));
     }
-    let rows = len / columns;
-    let value = |i: usize| {
-        let (row, c) = (i / columns, i % columns);
-        let byte = |k: usize| u32::from(counts[k * len + c * rows + row]) << (8 * k);
-        let n: u32 = (0..PLANES).map(byte).sum();
-        let (half, is_negative) = ((n >> 1) as f32, n & 1 == 1);
-        offsets[c] + steps[c] * if is_negative { -half - 1.0 } else { half }
+    let value = |(i, n): (usize, u32)| {
+        let (half, c) = ((n >> 1) as f32, i % columns);
+        offsets[c] + steps[c] * if n & 1 == 1 { -half - 1.0 } else { half }
     };
-    Ok((0..len).map(value).collect())
+    Ok(counts.into_iter().enumerate().map(value).collect())
 }
 
 #[cfg(test)]
@@ -211,17 +219,18 @@ mod tests {
     fn the_cosine_transform_is_undone_by_its_transpose() {
         let matrix = cosines(7);
         let values: Vec<f32> = (0..21).map(|i| (i as f32).sin()).collect();
-        let there = mixed(&matrix, 7, &values);
+        let mut there = values.clone();
+        mix(&matrix, 7, &mut there);
         assert!((there[0] - (0..7).map(|b| values[3 * b]).sum::<f32>() / 7.0_f32.sqrt()).abs() < 1e-5);
-        let back = mixed(&transposed(&matrix, 7), 7, &there);
-        assert!(values.iter().zip(&back).all(|(a, b)| (a - b).abs() < 1e-5));
-        assert!(mixed(&[], 0, &[]).is_empty());
+        mix(&transposed(&matrix, 7), 7, &mut there);
+        assert!(values.iter().zip(&there).all(|(a, b)| (a - b).abs() < 1e-5));
+        mix(&[], 0, &mut []);
     }
 
     #[test]
     fn damage_is_refused() {
         let packed = pack(&[1.0; 12], &[0.1, 0.1]);
-        for len in [0, 11, 13, 24, usize::MAX] {
+        for len in [0, 11, 13, 24] {
             assert!(unpack(&packed.bytes, len, &[0.1, 0.1], &packed.offsets).is_err(), "{len}");
         }
         assert!(unpack(&packed.bytes[..5], 12, &[0.1, 0.1], &packed.offsets).is_err());

@@ -39,9 +39,6 @@ const VERSION: u32 = 1;
 const METADATA_KEY: &str = "surgtpgs";
 /// More basis functions than this are taken for damage.
 const MAX_BASES: usize = 1024;
-/// Most values of an array in memory, 4 GB: what lies deflated, or only where Gaussians move, could be any number in a small
-/// file.
-const MAX_VALUES: usize = 1 << 30;
 
 #[derive(serde::Serialize, serde::Deserialize)]
 struct Header {
@@ -167,7 +164,7 @@ pub(super) fn from_bytes(bytes: &[u8]) -> Result<Scene, Problem> {
         let (d, sh) = (header.latent_dim, header.sh_degree);
         return Err(format!("latent dimension {d} (0 to 16) or colour degree {sh} (0 to 3) is out of range"));
     }
-    let reader = Reader(SafeTensors::deserialize(bytes).map_err(damaged)?);
+    let reader = Reader::new(bytes).map_err(damaged)?;
     let gaussians = read_gaussians(&reader, &header)?;
     let deformation = read_deformation(&reader, &header)?;
     let (camera_shape, cameras) = reader.f32("cameras", 2)?;
@@ -232,30 +229,24 @@ fn read_deformation(reader: &Reader<'_>, header: &Header) -> Result<Deformation,
             moving.len()
         ));
     }
-    if num_bases * stride * n > MAX_VALUES {
-        return Err(format!("{num_bases} bases of {n} Gaussians are more than {MAX_VALUES} values"));
-    }
-    let spread = |rows: &[f32]| {
-        let mut all = vec![0.0; num_bases * n * stride];
+    let spread = |name: &str, rows: Vec<f32>| -> Result<Vec<f32>, Problem> {
+        let mut all = vec![0.0; reader.set_aside(name, &[num_bases, n, stride])?];
         for (k, row) in rows.chunks_exact(channels).enumerate() {
             let (b, i) = (k / moving.len(), moving[k % moving.len()]);
             all[(b * n + i) * stride..][..channels].copy_from_slice(row);
         }
-        all
+        Ok(all)
     };
-    let own_bases = reader.f32("basis_centres", 3).is_ok();
+    let weights = spread("basis_weights", weights)?;
+    let own_bases = reader.rank("basis_centres") == Some(3);
     let bases = |name: &str| {
-        if own_bases {
-            reader.shaped(name, &shape).map(|v| spread(&v))
-        } else {
-            reader.shaped(name, &[num_bases])
-        }
+        if own_bases { spread(name, reader.shaped(name, &shape)?) } else { reader.shaped(name, &[num_bases]) }
     };
     Ok(Deformation {
         shape: header.basis_shape,
         num_bases,
         stride,
-        weights: spread(&weights),
+        weights,
         centres: bases("basis_centres")?,
         widths: bases("basis_widths")?,
         gate_slope: header.gate_slope,
@@ -309,7 +300,7 @@ fn read_codec(reader: &Reader<'_>, latent_dim: usize) -> Result<Option<Codec>, P
 
 fn read_layers(reader: &Reader<'_>, name: &str) -> Result<Vec<Linear>, Problem> {
     let mut layers: Vec<Linear> = Vec::new();
-    while reader.0.tensor(&format!("{name}.{}.weight", layers.len())).is_ok() {
+    while reader.has(&format!("{name}.{}.weight", layers.len())) {
         let k = layers.len();
         let (shape, weight) = reader.f32(&format!("{name}.{k}.weight"), 2)?;
         if layers.last().is_some_and(|l| l.weight.nrows() != shape[1]) {

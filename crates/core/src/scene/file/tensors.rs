@@ -1,13 +1,13 @@
 //! Named tensors: collected and written, looked up and checked.
 
 use super::{
-    Problem,
+    MAX_BASES, Problem,
     compact::{self, Steps},
 };
 use crate::{Error, Result};
 use half::f16;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
-use std::collections::HashMap;
+use std::{cell::Cell, collections::HashMap};
 
 /// Tensors being collected for writing.
 pub(super) struct Writer {
@@ -41,7 +41,9 @@ impl Writer {
         }
         let matrix = compact::cosines(shape[0]);
         self.raw_f32(&format!("{name}.mix"), &[shape[0]; 2], &compact::transposed(&matrix, shape[0]));
-        self.f32(name, shape, &compact::mixed(&matrix, shape[0], values));
+        let mut mixed = values.to_vec();
+        compact::mix(&matrix, shape[0], &mut mixed);
+        self.f32(name, shape, &mixed);
     }
 
     /// Weights of a network: in half precision where rounding is allowed.
@@ -80,13 +82,53 @@ impl Writer {
     }
 }
 
-/// Tensors of a file.
-pub(super) struct Reader<'a>(pub(super) SafeTensors<'a>);
+/// Values that a file of any size may hold beyond its own bytes.
+const FREE_VALUES: usize = 1 << 24;
+/// Values that it may hold besides for each of its bytes. The demo's quantised scene has 2.6, and one of which little moves
+/// has tens, as bases are kept for all Gaussians in memory; deflated zeros could be 258.
+const VALUES_PER_BYTE: usize = 64;
 
-impl Reader<'_> {
+/// Tensors of a file.
+pub(super) struct Reader<'a> {
+    tensors: SafeTensors<'a>,
+    /// Values that may still be made of what lies deflated or left out: memory is at most 64 MB and 256 times the file.
+    left: Cell<usize>,
+}
+
+impl<'a> Reader<'a> {
+    pub(super) fn new(bytes: &'a [u8]) -> Result<Self, safetensors::SafeTensorError> {
+        let left = bytes.len().saturating_mul(VALUES_PER_BYTE).saturating_add(FREE_VALUES);
+        Ok(Self { tensors: SafeTensors::deserialize(bytes)?, left: Cell::new(left) })
+    }
+
+    /// Sets memory aside for an array of this shape, which the file does not hold as it is; returns its length.
+    pub(super) fn set_aside(&self, name: &str, shape: &[usize]) -> Result<usize, Problem> {
+        let len = shape.iter().try_fold(1_usize, |len, n| len.checked_mul(*n));
+        let left = len.and_then(|len| self.left.get().checked_sub(len));
+        match (len, left) {
+            (Some(len), Some(left)) => {
+                self.left.set(left);
+                Ok(len)
+            }
+            _ => Err(format!("tensor `{name}` is said to be {shape:?}, more than a file of this size holds")),
+        }
+    }
+
+    pub(super) fn has(&self, name: &str) -> bool {
+        self.tensors.tensor(name).is_ok()
+    }
+
+    /// How many axes a tensor has, however it is stored; `None` where there is none.
+    pub(super) fn rank(&self, name: &str) -> Option<usize> {
+        match self.tensors.tensor(&format!("{name}.shape")) {
+            Ok(shape) => shape.shape().first().copied(),
+            Err(_) => self.tensors.tensor(name).ok().map(|t| t.shape().len()),
+        }
+    }
+
     /// The values and shape of a tensor of finite numbers with as many dimensions as `rank`, however it is stored.
     pub(super) fn f32(&self, name: &str, rank: usize) -> Result<(Vec<usize>, Vec<f32>), Problem> {
-        let is_packed = self.0.tensor(&format!("{name}.shape")).is_ok();
+        let is_packed = self.has(&format!("{name}.shape"));
         let (shape, values) = if is_packed { self.packed(name)? } else { self.plain(name)? };
         if shape.len() != rank {
             return Err(format!("tensor `{name}` should be {rank}-dimensional, but is {shape:?}"));
@@ -112,25 +154,25 @@ impl Reader<'_> {
         let shape: Vec<usize> = self.u32(&format!("{name}.shape"))?.into_iter().map(|n| n as usize).collect();
         let (step, offset) =
             (self.plain(&format!("{name}.step"))?.1, self.plain(&format!("{name}.offset"))?.1);
-        let len = shape.iter().try_fold(1_usize, |len, n| len.checked_mul(*n));
-        let len = len.ok_or_else(|| format!("tensor `{name}` is said to be {shape:?}"))?;
-        let values = compact::unpack(self.view(name)?.data(), len, &step, &offset)
+        let len = self.set_aside(name, &shape)?;
+        let mut values = compact::unpack(self.view(name)?.data(), len, &step, &offset)
             .map_err(|what| format!("tensor `{name}` is damaged: {what}"))?;
         let mix = format!("{name}.mix");
-        if self.0.tensor(&mix).is_err() {
+        if !self.has(&mix) {
             return Ok((shape, values));
         }
         let (size, matrix) = self.plain(&mix)?;
         match (&shape[..], &size[..]) {
-            ([n, ..], [a, b]) if a == n && b == n => {
-                Ok((shape.clone(), compact::mixed(&matrix, *n, &values)))
+            ([n, ..], [a, b]) if a == n && b == n && *n <= MAX_BASES => {
+                compact::mix(&matrix, *n, &mut values);
+                Ok((shape, values))
             }
             _ => Err(format!("tensor `{mix}` is {size:?} for values of {shape:?}")),
         }
     }
 
     pub(super) fn view(&self, name: &str) -> Result<TensorView<'_>, Problem> {
-        self.0.tensor(name).map_err(|_| format!("the scene file lacks the tensor `{name}`"))
+        self.tensors.tensor(name).map_err(|_| format!("the scene file lacks the tensor `{name}`"))
     }
 
     pub(super) fn u32(&self, name: &str) -> Result<Vec<u32>, Problem> {
@@ -153,5 +195,37 @@ impl Reader<'_> {
     pub(super) fn rows<const C: usize>(&self, name: &str, n: usize) -> Result<Vec<[f32; C]>, Problem> {
         let values = self.shaped(name, &[n, C])?;
         Ok(values.as_chunks::<C>().0.to_vec())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_small_file_does_not_become_large() {
+        const VALUES: [f32; 6] = [1.0, -1.0, 0.5, 0.0, 2.0, 1.0];
+        let file = |shape: &[u32]| {
+            let mut w = Writer::new(None);
+            w.raw_f32("a.step", &[1], &[0.5]);
+            w.raw_f32("a.offset", &[1], &[0.0]);
+            w.u32("a.shape", shape);
+            // Of both signs, so that the offset is 0.
+            let packed = compact::pack(&VALUES, &[0.5]).bytes;
+            w.bytes("a", &[packed.len()], packed);
+            w.finish("key", String::new()).unwrap()
+        };
+        let read = |shape: &[u32]| Reader::new(&file(shape)).unwrap().f32("a", shape.len());
+        assert_eq!(read(&[2, 3]).unwrap(), (vec![2, 3], VALUES.to_vec()));
+        for shape in [&[1 << 15, 1 << 15][..], &[u32::MAX; 4]] {
+            let what = read(shape).unwrap_err();
+            assert!(what.contains("more than a file of this size holds"), "{what}");
+        }
+        let bytes = file(&[2, 3]);
+        let reader = Reader::new(&bytes).unwrap();
+        assert_eq!((reader.rank("a"), reader.rank("a.step"), reader.rank("b")), (Some(2), Some(1), None));
+        // All arrays together, not each.
+        assert!(reader.set_aside("a", &[FREE_VALUES]).is_ok());
+        assert!(reader.set_aside("b", &[FREE_VALUES]).is_err());
     }
 }

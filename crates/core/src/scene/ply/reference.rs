@@ -13,6 +13,7 @@ use crate::{
         num_channels, stride_for,
     },
     raster::sh::MAX_BANDS,
+    reading::{is_present, read_regular},
     scene::{Scene, still::camera_at_origin},
 };
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
@@ -40,6 +41,9 @@ const BIAS: &str = "conv_beta.bias";
 /// Weights that the released code loads and never uses.
 const UNUSED: [&str; 2] = ["conv_alpha.weight", "conv_alpha.bias"];
 
+/// Most bytes of that file; it needs less than a thousand.
+const MOST_BYTES: u64 = 1 << 20;
+
 /// The feature network of the released code, `lang_deformation`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReferenceWeights {
@@ -53,10 +57,12 @@ impl ReferenceWeights {
     /// Those beside a `.ply`, where there are some.
     pub(in crate::scene) fn beside(ply: &Path) -> Result<Option<Self>, Problem> {
         let path = ply.with_file_name(LANG_DEFORMATION_FILE);
-        if !path.is_file() {
+        if !is_present(&path) {
             return Ok(None);
         }
-        let read = std::fs::read(&path).map_err(|e| e.to_string()).and_then(|bytes| Self::from_bytes(&bytes));
+        let read = read_regular(&path, MOST_BYTES)
+            .map_err(|e| e.to_string())
+            .and_then(|bytes| Self::from_bytes(&bytes));
         read.map(Some).map_err(|what| {
             format!(
                 "{LANG_DEFORMATION_FILE} beside it cannot be read ({what}); make it in Python with \

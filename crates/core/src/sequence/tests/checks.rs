@@ -129,3 +129,20 @@ fn mirrored_poses_and_repeated_frames_are_told() {
     assert!(any(&found.warnings, "Frame 1 is the same picture as frame 0"), "{found:?}");
     assert!(any(&found.warnings, "There is no depth"), "{found:?}");
 }
+
+#[test]
+fn labels_that_name_no_class_or_are_read_in_another_way_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    write_pictures(&at("images"), &["0.png", "1.png"]);
+    std::fs::create_dir_all(at("labels")).unwrap();
+    std::fs::write(at("labels.json"), r#"[{"id":0,"name":"liver"},{"id":1,"name":"fat"}]"#).unwrap();
+    let picture = image::GrayImage::from_fn(8, 6, |x, _| Luma([if x < 4 { 1 } else { 77 }]));
+    picture.save(at("labels/0.png")).unwrap();
+    image::RgbImage::from_pixel(8, 6, image::Rgb([1; 3])).save(at("labels/1.png")).unwrap();
+    let found = report(folder.path());
+    assert!(any(&found.warnings, "25.0 % of the labelled frames' pixels have a value"), "{found:?}");
+    assert!(any(&found.warnings, "names no class (77), in frame 0"), "{found:?}");
+    assert!(any(&found.warnings, "frame 1 are grey pictures saved in colour"), "{found:?}");
+    assert!(found.labels.contains("fat (2)"), "{}", found.labels);
+}

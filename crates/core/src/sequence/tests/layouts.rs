@@ -339,3 +339,28 @@ fn the_references_newer_layout_reads_depth_pictures() {
     let depth = sequence.depth(1).unwrap().unwrap();
     assert_eq!((depth.width, depth.height, depth.at(7, 5)), (8, 6, 1001.0));
 }
+
+#[cfg(unix)]
+#[test]
+fn pipes_are_told_at_once_wherever_a_file_is_read() {
+    let pipe = |path: &Path| {
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        assert!(std::process::Command::new("mkfifo").arg(path).status().unwrap().success());
+    };
+    for name in ["sequence.toml", "labels.json", "poses_bounds.npy", "transforms.json", "images/9.png"] {
+        let folder = tempfile::tempdir().unwrap();
+        write_pictures(&folder.path().join("images"), &["0.png", "1.png"]);
+        write_grey(&folder.path().join("labels/0.png"), 4, 1);
+        pipe(&folder.path().join(name));
+        let what = message(Sequence::open(folder.path()));
+        assert!(what.contains("a pipe") && what.contains(name), "{name}: {what}");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    pipe(&folder.path().join("frame.png"));
+    let frame = r#"{"file_path":"frame.png","transform_matrix":[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}"#;
+    let named = folder.path().join("named");
+    std::fs::create_dir(&named).unwrap();
+    let text = format!(r#"{{"frames":[{}]}}"#, frame.replace("frame.png", "../frame.png"));
+    std::fs::write(named.join("transforms.json"), text).unwrap();
+    assert!(message(Sequence::open(&named)).contains("a pipe"));
+}

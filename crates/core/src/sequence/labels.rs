@@ -1,0 +1,287 @@
+//! Label files: how their pixels become class ids. What a picture's numbers mean is decided by what is in it.
+
+use super::{Class, LabelMap, NO_LABEL, read};
+use crate::{
+    Result,
+    grid::Grid,
+    reading::{self, Values},
+};
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
+
+/// Where the labels of one frame are.
+#[derive(Clone, Debug)]
+pub(super) enum LabelFiles {
+    /// One picture whose values, or colours, name the classes.
+    Picture(PathBuf),
+    /// One mask per class id (non-zero = this class); later ones win.
+    PerClass(Vec<(u8, PathBuf)>),
+}
+
+/// How the values of a label picture name classes.
+#[derive(Clone, Debug)]
+pub(super) enum LabelCoding {
+    /// A grey picture holds class ids; a coloured one the classes' display colours. Where more pixels name a class so, the
+    /// places in a palette, or greys in a coloured picture, are ids.
+    IdsOrColours,
+    /// The first channel holds class ids.
+    Ids,
+    /// The first channel holds codes: (code, class id).
+    Codes(&'static [(u8, u8)]),
+}
+
+/// How the pixels of a picture were understood.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Way {
+    /// As its [`LabelCoding`] says first.
+    Ordinary,
+    /// A palette's colours name nothing, the places in it are ids.
+    PalettePlaces,
+    /// The colours name nothing, but all are grey, and the greys are ids.
+    GreyColours,
+}
+
+/// Class ids per pixel, and what was found besides.
+#[derive(Clone, Debug)]
+pub(super) struct ReadLabels {
+    /// [`NO_LABEL`] where no class is named.
+    pub ids: LabelMap,
+    pub way: Way,
+    /// Pixels that name a class.
+    pub known: usize,
+    /// Pixels that name no class and do not say "unknown" (255) either.
+    pub strangers: usize,
+    /// What these hold: a few numbers or colours.
+    pub examples: BTreeSet<String>,
+}
+
+/// Values of strangers that are told.
+pub(super) const EXAMPLES: usize = 5;
+
+impl LabelFiles {
+    /// Class ids per pixel, at the size of the frames.
+    pub(super) fn read(
+        &self,
+        coding: &LabelCoding,
+        classes: &[Class],
+        (width, height): (usize, usize),
+    ) -> Result<ReadLabels> {
+        match self {
+            Self::Picture(path) => {
+                let picture = reading::values(path)?;
+                let size = (picture.image.width() as usize, picture.image.height() as usize);
+                read::expect_size(path, size, (width, height))?;
+                Ok(decoded(picture, coding, classes))
+            }
+            Self::PerClass(files) => {
+                let mut labels = Grid::filled(width, height, NO_LABEL);
+                for (id, path) in files {
+                    let mask = read::first_channel(path)?;
+                    read::expect_size(path, (mask.width, mask.height), (width, height))?;
+                    for (label, _) in labels.data.iter_mut().zip(&mask.data).filter(|(_, m)| **m != 0) {
+                        *label = *id;
+                    }
+                }
+                let known = labels.data.iter().filter(|id| **id != NO_LABEL).count();
+                let examples = BTreeSet::new();
+                Ok(ReadLabels { ids: labels, way: Way::Ordinary, known, strangers: 0, examples })
+            }
+        }
+    }
+
+    /// The files, for messages.
+    pub(super) fn paths(&self) -> Vec<&Path> {
+        match self {
+            Self::Picture(path) => vec![path],
+            Self::PerClass(files) => files.iter().map(|(_, path)| path.as_path()).collect(),
+        }
+    }
+}
+
+/// The reading of a picture under which most pixels name a class; of equals, the first.
+fn decoded(picture: Values, coding: &LabelCoding, classes: &[Class]) -> ReadLabels {
+    let size = (picture.image.width() as usize, picture.image.height() as usize);
+    let of_id = |v: u16| classes.iter().find(|c| u16::from(c.id) == v).map(|c| c.id);
+    let of_colour = |colour: [u8; 3]| classes.iter().find(|c| c.colour == colour).map(|c| c.id);
+    let Values { image, palette } = picture;
+    if let LabelCoding::Codes(codes) = coding {
+        let of_code = |v: u16| codes.iter().find(|(code, _)| u16::from(*code) == v).map(|(_, id)| *id);
+        let shown = |v: u16| palette.as_ref().map_or(Some(v), |p| Some(u16::from(p.get(usize::from(v))?[0])));
+        let numbers = read::first_channel_of(image);
+        return look_up(&numbers.data, Way::Ordinary, size, |v| shown(v).and_then(of_code));
+    }
+    if let LabelCoding::Ids = coding {
+        return look_up(&read::first_channel_of(image).data, Way::Ordinary, size, of_id);
+    }
+    if let Some(palette) = palette {
+        let places = read::first_channel_of(image).data;
+        let colour = |place: u16| palette.get(usize::from(place)).and_then(|c| of_colour(*c));
+        let by_colour = look_up(&places, Way::Ordinary, size, colour);
+        return by_colour.or(look_up(&places, Way::PalettePlaces, size, of_id));
+    }
+    if !image.color().has_color() {
+        return look_up(&read::first_channel_of(image).data, Way::Ordinary, size, of_id);
+    }
+    let image = image.into_rgb8();
+    let colours = image.as_raw().as_chunks::<3>().0;
+    let by_colour = look_up(colours, Way::Ordinary, size, of_colour);
+    if !colours.iter().all(|[r, g, b]| r == g && g == b) {
+        return by_colour;
+    }
+    by_colour.or(look_up(colours, Way::GreyColours, size, |[v, _, _]| of_id(u16::from(v))))
+}
+
+/// A label picture that is not the recording's own.
+#[derive(Clone, Debug)]
+pub(crate) struct PictureOfIds {
+    /// [`NO_LABEL`] where no class is named.
+    pub(crate) ids: LabelMap,
+    /// Pixels that name a class.
+    pub(crate) known: usize,
+    /// Pixels that hold something else, 0 and 255 not counted.
+    pub(crate) strangers: usize,
+    /// What these hold, a few of it.
+    pub(crate) examples: Vec<String>,
+}
+
+/// See [`Sequence::picture_of_ids`](super::Sequence::picture_of_ids).
+pub(super) fn picture_of_ids(
+    path: &Path,
+    coding: &LabelCoding,
+    classes: &[Class],
+    names: Option<&[(u8, Option<u8>)]>,
+) -> Result<PictureOfIds> {
+    let picture = reading::values(path)?;
+    let mut read = if let Some(names) = names {
+        // As if the names were classes with these ids; then each id becomes that of its class.
+        let values: Vec<Class> =
+            names.iter().map(|&(id, _)| Class { id, name: String::new(), colour: [0; 3] }).collect();
+        let numbers = Values { palette: None, ..picture };
+        let mut read = decoded(numbers, &LabelCoding::Ids, &values);
+        let class = |value: u8| names.iter().find(|(id, _)| *id == value).and_then(|(_, class)| *class);
+        read.ids.data.iter_mut().for_each(|id| *id = class(*id).unwrap_or(NO_LABEL));
+        read
+    } else if let LabelCoding::Codes(_) = coding {
+        let ids = decoded(picture.clone(), &LabelCoding::IdsOrColours, classes);
+        ids.or(decoded(picture, coding, classes))
+    } else {
+        decoded(picture, coding, classes)
+    };
+    // What stands for nothing in most pictures.
+    for nothing in ["0", "[0, 0, 0]"] {
+        read.examples.remove(nothing);
+    }
+    let strangers = if read.examples.is_empty() { 0 } else { read.strangers };
+    let examples = read.examples.into_iter().collect();
+    Ok(PictureOfIds { ids: read.ids, known: read.known, strangers, examples })
+}
+
+impl ReadLabels {
+    fn or(self, other: Self) -> Self {
+        if other.known > self.known { other } else { self }
+    }
+}
+
+/// What a pixel of a label picture holds.
+trait PixelValue: Copy + PartialEq {
+    fn says_unknown(self) -> bool;
+    fn words(self) -> String;
+}
+
+impl PixelValue for u16 {
+    fn says_unknown(self) -> bool {
+        self == u16::from(NO_LABEL)
+    }
+    fn words(self) -> String {
+        self.to_string()
+    }
+}
+
+impl PixelValue for [u8; 3] {
+    fn says_unknown(self) -> bool {
+        self == [NO_LABEL; 3]
+    }
+    fn words(self) -> String {
+        format!("{self:?}")
+    }
+}
+
+fn look_up<T: PixelValue>(
+    pixels: &[T],
+    way: Way,
+    (width, height): (usize, usize),
+    class: impl Fn(T) -> Option<u8>,
+) -> ReadLabels {
+    let (mut known, mut strangers, mut examples) = (0, 0, BTreeSet::new());
+    let mut data = Vec::with_capacity(pixels.len());
+    // Neighbours mostly share a class: ask again only where the value changes.
+    for run in pixels.chunk_by(|a, b| a == b) {
+        let id = class(run[0]);
+        match id {
+            Some(_) => known += run.len(),
+            None if run[0].says_unknown() => {}
+            None => {
+                strangers += run.len();
+                if examples.len() < EXAMPLES {
+                    examples.insert(run[0].words());
+                }
+            }
+        }
+        data.resize(data.len() + run.len(), id.unwrap_or(NO_LABEL));
+    }
+    ReadLabels { ids: Grid::from_vec(width, height, data), way, known, strangers, examples }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::{DynamicImage, GrayImage, RgbImage};
+
+    fn classes() -> Vec<Class> {
+        let class = |id: u8, colour| Class { id, name: format!("class {id}"), colour };
+        vec![class(0, [0; 3]), class(1, [200, 100, 0]), class(2, [0, 50, 200])]
+    }
+
+    fn read(image: impl Into<DynamicImage>, palette: Option<Vec<[u8; 3]>>) -> ReadLabels {
+        decoded(Values { image: image.into(), palette }, &LabelCoding::IdsOrColours, &classes())
+    }
+
+    fn grey(values: &[u8]) -> GrayImage {
+        GrayImage::from_raw(values.len() as u32, 1, values.to_vec()).unwrap()
+    }
+
+    fn rgb(values: &[[u8; 3]]) -> RgbImage {
+        RgbImage::from_raw(values.len() as u32, 1, values.concat()).unwrap()
+    }
+
+    #[test]
+    fn ids_and_colours_name_classes() {
+        let ids = read(grey(&[0, 1, 2, 7, 255]), None);
+        assert_eq!(ids.ids.data, [0, 1, 2, NO_LABEL, NO_LABEL]);
+        assert_eq!((ids.way, ids.known, ids.strangers), (Way::Ordinary, 3, 1));
+        assert_eq!(ids.examples, BTreeSet::from(["7".to_owned()]));
+        let colours = read(rgb(&[[0, 50, 200], [200, 100, 0], [9, 9, 9]]), None);
+        assert_eq!((colours.ids.data, colours.way), (vec![2, 1, NO_LABEL], Way::Ordinary));
+        assert_eq!(colours.examples, BTreeSet::from(["[9, 9, 9]".to_owned()]));
+    }
+
+    #[test]
+    fn a_palette_is_colours_where_these_are_the_classes_else_ids() {
+        let known = read(grey(&[2, 1, 0]), Some(vec![[0; 3], [0, 50, 200], [200, 100, 0]]));
+        assert_eq!((known.ids.data, known.way), (vec![1, 2, 0], Way::Ordinary));
+        let foreign = read(grey(&[2, 1, 0, 5]), Some(vec![[0; 3], [128, 0, 0], [0, 128, 0]]));
+        assert_eq!((foreign.ids.data, foreign.way), (vec![2, 1, 0, NO_LABEL], Way::PalettePlaces));
+    }
+
+    #[test]
+    fn greys_of_a_coloured_picture_are_ids_where_no_colour_fits_better() {
+        let ids = read(rgb(&[[0; 3], [1; 3], [2; 3], [2; 3]]), None);
+        assert_eq!((ids.ids.data, ids.way), (vec![0, 1, 2, 2], Way::GreyColours));
+        let black = read(rgb(&[[0; 3], [0; 3]]), None);
+        assert_eq!((black.ids.data, black.way), (vec![0, 0], Way::Ordinary));
+        let one_colour = read(rgb(&[[1; 3], [0, 50, 200]]), None);
+        assert_eq!(one_colour.ids.data, [NO_LABEL, 2]);
+    }
+}
