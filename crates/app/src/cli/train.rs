@@ -7,7 +7,7 @@ use super::{
 use crate::{
     args::TrainArgs,
     jobs::{self, Material, Trained},
-    memory::{peak_rss_bytes, require_for_training},
+    memory::{Work, peak_rss_bytes, require_for},
 };
 use surgtpgs_core::{Error, Result, train::Trainer};
 
@@ -23,6 +23,8 @@ pub(super) struct Report {
     psnr_db: f64,
     held_out: bool,
     dropped_steps: usize,
+    /// What makes the scene worse than it could be.
+    warnings: Vec<String>,
     pub(super) finished: bool,
 }
 
@@ -40,10 +42,13 @@ pub(super) fn run(args: &TrainArgs) -> Result<Exit> {
 pub(super) fn train(args: &TrainArgs) -> Result<Report> {
     let material = Material::open(&args.sequence)?;
     console::require_writable(&args.output)?;
+    console::require_name(&jobs::checkpoint_path(&args.output))?;
     if material.prepared().is_none() {
         say("training without features: prompts will find nothing in this scene (see `surgtpgs prepare`)");
     }
-    require_for_training(material.sequence(), &args.settings())?;
+    require_for(&Work::Training(material.sequence(), &args.settings()))?;
+    let warning = args.settings().length_warning(material.sequence().num_frames());
+    warning.iter().for_each(|warning| say(&format!("note: {warning}")));
     let mut trainer = begin(args, &material)?;
     let backend = jobs::backend::choose(&mut trainer, args.backend)?;
     say(&format!("training on {backend}"));
@@ -60,7 +65,8 @@ pub(super) fn train(args: &TrainArgs) -> Result<Report> {
     })?;
     trained.scene.provenance.peak_rss_bytes = peak_rss_bytes();
     trained.scene.save(&args.output)?;
-    let report = report(&trained, asked, trainer.backend_name());
+    let report =
+        Report { warnings: warning.into_iter().collect(), ..report(&trained, asked, trainer.backend_name()) };
     if report.finished {
         jobs::remove_file(&checkpoint)?;
     } else {
@@ -104,6 +110,7 @@ fn report(trained: &Trained, asked: usize, backend: String) -> Report {
         psnr_db: trained.psnr_db,
         held_out: trained.scene.provenance.held_out,
         dropped_steps: trained.dropped,
+        warnings: Vec::new(),
         finished: trained.steps >= asked,
     }
 }
