@@ -4,7 +4,10 @@ use super::{
     Exit,
     console::{ProgressView, print, print_json, say},
 };
-use crate::args::{ConvertArgs, FrameRange, StillFormat};
+use crate::{
+    args::{ConvertArgs, FrameRange, StillFormat},
+    memory::{Work, require_for},
+};
 use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Error, Result,
@@ -125,8 +128,10 @@ fn target(args: &ConvertArgs) -> Result<Target> {
 }
 
 fn open(args: &ConvertArgs) -> Result<Scene> {
+    require_for(&Work::Scene(&args.input))?;
     let mut scene = Scene::load(&args.input)?;
     if let Some(path) = &args.like {
+        require_for(&Work::Scene(path))?;
         scene.complete_from(&Scene::load(path)?);
     }
     if scene.gaussians.is_empty() {

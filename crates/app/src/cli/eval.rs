@@ -10,6 +10,7 @@ use crate::{
     engine::Engine,
     evaluation::{as_text, evaluate, evaluate_masks, write},
     jobs::Progress,
+    memory::{Work, require_for},
 };
 use std::path::Path;
 use surgtpgs_core::{Result, metrics::PredictedMasks, prepare::Prepared, sequence::Sequence};
@@ -26,6 +27,7 @@ pub(super) fn run(args: &EvalArgs) -> Result<Exit> {
             let prepared = Prepared::is_prepared(sequence);
             let sequence =
                 if prepared { Prepared::open(sequence)?.sequence } else { Sequence::open(sequence)? };
+            require_for(&Work::Reading(&sequence))?;
             evaluate_masks(&PredictedMasks::open(folder, &sequence)?, &sequence, &mut observer)?
         }
         (None, _) => return usage("give a scene and its recording"),

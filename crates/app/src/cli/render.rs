@@ -8,7 +8,7 @@ use super::{
 use crate::{
     args::{FrameRange, ImageKind, RenderArgs},
     engine::{Engine, EngineOptions, View},
-    memory::require_for_pictures,
+    memory::{Work, require_for},
     pictures::png,
 };
 use image::{GrayImage, ImageBuffer, Luma};
@@ -33,7 +33,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<Exit> {
     let camera = sized(engine.view(frames[0])?, args.width).camera;
     check_image_size(camera.width as usize, camera.height as usize)
         .map_err(|what| Error::input(what, "Choose a smaller `--width`."))?;
-    require_for_pictures(camera.width, camera.height)?;
+    require_for(&Work::Pictures(camera.width, camera.height))?;
     let mut view = ProgressView::default();
     let mut depth_range = None;
     for (done, &frame) in frames.iter().enumerate() {

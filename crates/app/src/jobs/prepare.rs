@@ -1,7 +1,10 @@
 //! Features and codec of a recording.
 
 use super::{Observer, Progress};
-use crate::engine::{EncoderChoice, open_text_encoder};
+use crate::{
+    engine::{EncoderChoice, open_text_encoder},
+    memory::{Work, require_for},
+};
 use image::RgbImage;
 use std::{
     cell::Cell,
@@ -73,6 +76,7 @@ pub fn prepare(
     options: &PrepareOptions,
     observer: &mut Observer<'_>,
 ) -> Result<Prepared> {
+    require_for(&Work::Reading(&sequence))?;
     let has_classes = !sequence.classes().is_empty();
     if matches!(options.source, FeatureSource::Labels) && !has_classes {
         return Err(Error::input_at(
