@@ -7,6 +7,7 @@ use super::{
 use crate::{
     args::{PrepareArgs, encoder_choice},
     jobs::{self, FeatureSource, PrepareOptions},
+    memory::{Work, require_for},
 };
 use std::path::Path;
 use surgtpgs_core::{
@@ -19,6 +20,8 @@ use surgtpgs_core::{
 
 pub(super) fn run(args: &PrepareArgs) -> Result<Exit> {
     let sequence = Sequence::open(&args.sequence)?;
+    // Before anything earlier is removed.
+    require_for(&Work::Reading(&sequence))?;
     let source = source(args);
     let reuses = matches!(source, FeatureSource::Masks { .. });
     refuse_occupied(&args.output, args.force, reuses)?;
