@@ -1,6 +1,6 @@
 //! Disks that are full, writers that are killed, readers that go away, recordings that are cut off: a plain message, nothing
 //! lost, and the same command finishes the work afterwards (tests/README.md has the matrix). The limit on the size of written files stands for the full disk: the write that passes it
-//! fails, or, where the signal is left alone, kills the program in the middle of it.
+//! fails, whether its signal is ignored or not. A kill comes with one of the calls that write, sync or rename.
 
 use crate::workplace::{contents, workplace};
 use std::{
@@ -68,12 +68,19 @@ const WRITERS: [Writer; 9] = [
 /// Bytes that a file may have: nothing, within headers, within the bodies.
 const BUDGETS: [u64; 4] = [0, 100, 700, 3000];
 
-/// Runs the program where files may have `budget` bytes.
+/// Runs the program where files may have `budget` bytes, or until the n-th call of a thread that changes files.
 fn limited(folder: &Path, args: &[&str], budget: u64, fault: Fault) -> Run {
-    let trap = if fault == Fault::Full { "trap '' XFSZ;" } else { "" };
+    let line = match fault {
+        // prlimit counts bytes; the shell's own ulimit counts kilobytes.
+        Fault::Full => format!("exec prlimit --fsize={budget} -- \"$@\""),
+        Fault::Killed => {
+            let calls = "write,fsync,rename,renameat2,unlink";
+            let nth = 1 + budget / 40;
+            format!("exec strace -f -qq -o /dev/null -e trace={calls} -e inject={calls}:signal=KILL:when={nth} \"$@\"")
+        }
+    };
     let mut shell = Command::new("bash");
-    // prlimit counts bytes; the shell's own ulimit counts kilobytes.
-    shell.arg("-c").arg(format!("{trap} exec prlimit --fsize={budget} -- \"$@\"")).arg("bash").arg(binary());
+    shell.arg("-c").arg(line).arg("bash").arg(binary());
     let output = shell.args(args).current_dir(folder).env_remove("DISPLAY").output().unwrap();
     output.into()
 }
@@ -117,7 +124,8 @@ fn a_full_disk_or_a_kill_at_any_point_loses_nothing_and_the_work_can_be_finished
                     assert!(after.get(file) == Some(bytes), "{case}: {} was changed", file.display());
                 }
                 for (file, bytes) in after.iter().filter(|(file, _)| !before.contains_key(*file)) {
-                    let is_whole = bytes.len() as u64 <= budget || !expected.contains_key(file);
+                    let is_within = fault == Fault::Killed || bytes.len() as u64 <= budget;
+                    let is_whole = is_within || !expected.contains_key(file);
                     assert!(is_whole, "{case}: {} has {} bytes", file.display(), bytes.len());
                 }
                 let again = run(folder.path(), writer.args);
@@ -135,11 +143,15 @@ fn a_result_is_never_replaced_by_half_of_another() {
         let folder = workplace();
         let output = folder.path().join(writer.output);
         run(folder.path(), writer.args).ok();
-        let good = fs::read(&output).unwrap();
+        let mut good = fs::read(&output).unwrap();
         for budget in BUDGETS {
             for fault in [Fault::Full, Fault::Killed] {
                 limited(folder.path(), &[writer.args, &["--force"]].concat(), budget, fault);
-                assert!(fs::read(&output).unwrap() == good, "{}, {budget}, {fault:?}", writer.name);
+                // A kill may come with the very last step, or never.
+                let is_new = || fault == Fault::Killed && run(folder.path(), &["render", writer.output, "-o", "r", "--force"]).code == 0;
+                let case = format!("{}, {budget}, {fault:?}", writer.name);
+                assert!(fs::read(&output).unwrap() == good || is_new(), "{case}");
+                good = fs::read(&output).unwrap();
             }
         }
     }
@@ -256,10 +268,10 @@ fn an_ffmpeg_that_is_missing_or_dies_is_one_plain_message() {
     let works = train_with_ffmpeg(Some(&two));
     assert_eq!(works.code, 0, "{works:#?}");
     assert!(train_with_ffmpeg(None).refused(3).contains("Install ffmpeg"));
-    for dies in ["echo 'No space left on device' >&2; exit 1", "kill -9 $$"] {
-        let run = train_with_ffmpeg(Some(&format!("{two}; {dies}")));
-        assert!(run.refused(1).contains("nor by ffmpeg"), "{run:#?}");
-    }
+    let run = train_with_ffmpeg(Some(&format!("{two}; kill -9 $$")));
+    assert!(run.refused(1).contains("nor by ffmpeg"), "{run:#?}");
+    let full = train_with_ffmpeg(Some(&format!("{two}; echo 'No space left on device' >&2; exit 1")));
+    assert!(full.refused(3).contains("scratch is full") && full.stderr.contains("TMPDIR"), "{full:#?}");
     let half = format!("{two}; /usr/bin/truncate -s 40 $out/00000001.png");
     assert!(train_with_ffmpeg(Some(&half)).refused(1).contains("cannot be read"));
 }
@@ -279,4 +291,33 @@ fn an_ffmpeg_that_hangs_can_be_interrupted() {
     assert!(interrupt.unwrap().success());
     assert!(!child.wait().unwrap().success());
     assert!(!folder.path().join("scene.safetensors").exists());
+}
+
+/// A training that is sent `signal` once it trains, started through `shell`; its exit code and whether there is a scene.
+#[cfg(unix)]
+fn signalled(shell: &str, signal: &str) -> (Option<i32>, bool) {
+    let folder = workplace();
+    let mut command = Command::new("bash");
+    let steps = if signal == "HUP" && shell.contains("nohup") { "300" } else { "1000000" };
+    command.args(["-c", shell]).arg("bash").arg(binary());
+    command.args(["train", "prepared", "-o", "out.safetensors", "--backend", "cpu", "--iterations", steps]);
+    command.current_dir(folder.path()).stdout(fs::File::create(folder.path().join("said")).unwrap());
+    let mut child = command.stderr(fs::File::create(folder.path().join("told")).unwrap()).spawn().unwrap();
+    let trains = || fs::read_to_string(folder.path().join("told")).unwrap().contains("training …");
+    while !trains() && child.try_wait().unwrap().is_none() {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    for _ in 0..2 {
+        assert!(
+            Command::new("kill").args(["-s", signal, &child.id().to_string()]).status().unwrap().success()
+        );
+    }
+    (child.wait().unwrap().code(), folder.path().join("out.safetensors").exists())
+}
+
+#[cfg(unix)]
+#[test]
+fn a_terminal_that_closes_keeps_the_work_and_nohup_goes_on() {
+    assert_eq!(signalled("exec env --default-signal=HUP \"$@\"", "HUP"), (Some(0), true));
+    assert_eq!(signalled("exec nohup \"$@\"", "HUP"), (Some(0), true));
 }

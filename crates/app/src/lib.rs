@@ -15,6 +15,7 @@ mod outputs;
 mod pictures;
 pub mod settings;
 mod tables;
+mod text;
 pub mod viewer;
 
 /// The system's, counting what is in use: what grows with time would show (`viewer::tests::monkey`).

@@ -1,6 +1,9 @@
 //! What the system tells about memory (Linux; elsewhere nothing is known), and whether it is enough for work to come.
 
-use surgtpgs_core::{Error, Result, sequence::Sequence, train::TrainSettings};
+use std::path::Path;
+use surgtpgs_core::{
+    Error, Result, deform::stride_for, scene::Scene, sequence::Sequence, train::TrainSettings,
+};
 
 /// The most memory this process has had, bytes.
 pub fn peak_rss_bytes() -> Option<u64> {
@@ -16,18 +19,72 @@ pub fn forget_peak() {
 /// the container or job may have, and within the process's own limit.
 pub fn available_bytes() -> Option<u64> {
     let free = field(&read("/proc/meminfo")?, "MemAvailable:");
-    let group = || {
-        let [most, used] =
-            ["memory.max", "memory.current"].map(|file| read(&format!("/sys/fs/cgroup/{file}")));
-        // What is only cached can be had.
-        let cached = field_bytes(&read("/sys/fs/cgroup/memory.stat")?, "inactive_file ")?;
-        Some((number(&most?)? + cached).saturating_sub(number(&used?)?))
-    };
-    let own = || {
-        let most = field_bytes(&read("/proc/self/limits")?, "Max address space ")?;
-        Some(most.saturating_sub(field(&read("/proc/self/status")?, "VmSize:")?))
-    };
-    [free, group(), own()].into_iter().flatten().min()
+    let group =
+        read("/proc/self/cgroup").and_then(|groups| left_of_groups(Path::new("/sys/fs/cgroup"), &groups));
+    let own = address_space_left().map(|left| left.saturating_sub(LATER_THREADS * ARENA));
+    [free, group, own].into_iter().flatten().min()
+}
+
+/// Addresses that the process's own limit leaves, bytes; `None` without a limit.
+fn address_space_left() -> Option<u64> {
+    let most = field_bytes(&read("/proc/self/limits")?, "Max address space ")?;
+    Some(most.saturating_sub(field(&read("/proc/self/status")?, "VmSize:")?))
+}
+
+/// What the groups that the process is in leave it, bytes: the least of what each and those above it do. `groups` is
+/// /proc/self/cgroup, of either version: `0::/job` or `4:memory:/job`.
+fn left_of_groups(root: &Path, groups: &str) -> Option<u64> {
+    let lefts = groups.lines().filter_map(|line| {
+        let (controllers, group) = line.split_once(':')?.1.split_once(':')?;
+        let (root, files) = match controllers {
+            "" => (root.to_owned(), ["memory.max", "memory.current", "inactive_file "]),
+            c if c.split(',').any(|c| c == "memory") => (
+                root.join("memory"),
+                ["memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file "],
+            ),
+            _ => return None,
+        };
+        let own = root.join(group.trim_start_matches('/'));
+        own.ancestors().take_while(|folder| folder.starts_with(&root)).filter_map(|g| left_of(g, files)).min()
+    });
+    lefts.min()
+}
+
+/// What a group leaves: what it may have without what it uses; but what is only cached can be had.
+fn left_of(group: &Path, [most, used, cached]: [&str; 3]) -> Option<u64> {
+    let read = |file: &str| std::fs::read_to_string(group.join(file)).ok();
+    let cached = field_bytes(&read("memory.stat")?, cached).unwrap_or(0);
+    Some(number(&read(most)?)?.saturating_add(cached).saturating_sub(number(&read(used)?)?))
+}
+
+/// Addresses that the C library sets aside for a thread that asks for memory.
+const ARENA: u64 = 64 << 20;
+/// Threads besides those that compute: they wait for signals, draw, and read.
+const LATER_THREADS: u64 = 3;
+/// Of the addresses that a limit leaves, computing threads set aside at most one in so many.
+const SHARE_OF_THREADS: u64 = 4;
+
+/// Starts the threads that compute: one for each processor, fewer where a limit on addresses leaves no room for them. What
+/// they set aside is taken then, and [`available_bytes`] knows it.
+pub fn start_threads() -> Result<()> {
+    let all = std::thread::available_parallelism().map_or(1, usize::from);
+    let room = address_space_left().map_or(u64::MAX, |left| left / SHARE_OF_THREADS / ARENA).max(1);
+    let mut pool = rayon::ThreadPoolBuilder::new();
+    // Whoever sets the number has it.
+    if std::env::var_os("RAYON_NUM_THREADS").is_none() {
+        pool = pool.num_threads(all.min(usize::try_from(room).unwrap_or(usize::MAX)));
+    }
+    // Threads that run already are fine.
+    if let Err(e) = pool.build_global()
+        && std::error::Error::source(&e).is_some()
+    {
+        return Err(Error::Missing {
+            what: format!("the threads that compute could not be started ({e})"),
+            hint: "There is too little memory, or a limit (`ulimit -v`, `ulimit -u`) is too low.".into(),
+        });
+    }
+    rayon::broadcast(|_| std::hint::black_box(vec![0_u8; 4096]).len());
+    Ok(())
 }
 
 /// What each pixel was seen to take, bytes, on pictures of 1024×1024 to 8192×8192 with a Gaussian for every 14 pixels: all
@@ -36,31 +93,84 @@ const SHOWN_PIXEL: u64 = 130;
 const TRAINED_PIXEL: u64 = 250;
 /// A decoded frame, of full and half size.
 const CACHED_PIXEL: u64 = 13;
+/// A frame with its mask, depth and labels, as often as frames are read side by side.
+const READ_PIXEL: u64 = 8 * 16;
+/// What a verb takes of its own: tables, a text encoder, what libraries keep.
+const ANY_WORK: u64 = 48 << 20;
+/// Numbers kept for every number that is learned: itself, its gradient, and two means.
+const LEARNED: u64 = 4;
 
-/// Errs where pictures of this size are too large to be rendered in the memory that is left.
-pub fn require_for_pictures(width: u32, height: u32) -> Result<()> {
-    let pixels = u64::from(width) * u64::from(height);
-    require(&format!("rendering {width}×{height} pixels"), pixels * SHOWN_PIXEL, available_bytes())
+/// What is going to be done, as far as memory goes.
+pub enum Work<'a> {
+    /// A scene file is read, and perhaps written in another form.
+    Scene(&'a Path),
+    /// Pictures of this size are rendered.
+    Pictures(u32, u32),
+    /// The frames of a recording are read.
+    Reading(&'a Sequence),
+    /// A recording of this size is made.
+    Recording(u32, u32),
+    /// A recording is trained on.
+    Training(&'a Sequence, &'a TrainSettings),
 }
 
-/// Errs where training on the recording takes more than the memory that is left.
-pub fn require_for_training(sequence: &Sequence, settings: &TrainSettings) -> Result<()> {
-    let (width, height) = (sequence.width(), sequence.height());
-    let pixels = (width * height) as u64;
-    let frames =
-        (pixels * sequence.num_frames() as u64 * CACHED_PIXEL).min(settings.frame_cache_bytes as u64);
-    require(
-        &format!("training on {width}×{height} pixels"),
-        pixels * TRAINED_PIXEL + frames,
-        available_bytes(),
-    )
+/// Errs where the work takes more than the memory that is left; every verb and the window ask before it begins.
+pub fn require_for(work: &Work<'_>) -> Result<()> {
+    let (what, bytes) = match *work {
+        Work::Scene(path) => ("reading the scene".into(), 3 * file_len(path)),
+        Work::Pictures(width, height) => {
+            (format!("rendering {width}×{height} pixels"), u64::from(width) * u64::from(height) * SHOWN_PIXEL)
+        }
+        Work::Reading(sequence) => {
+            (format!("reading {} frames", size(sequence)), pixels(sequence) * READ_PIXEL)
+        }
+        Work::Recording(width, height) => {
+            (format!("recording {width}×{height} pixels"), u64::from(width) * u64::from(height) * SHOWN_PIXEL)
+        }
+        Work::Training(sequence, settings) => {
+            (format!("training on {} pixels", size(sequence)), training_bytes(sequence, settings))
+        }
+    };
+    require(&what, bytes.saturating_add(ANY_WORK), available_bytes())?;
+    match *work {
+        // What it holds is known once it is looked at.
+        Work::Scene(path) => {
+            require(&what, Scene::memory_bytes(path).saturating_add(ANY_WORK), available_bytes())
+        }
+        _ => Ok(()),
+    }
 }
+
+fn file_len(path: &Path) -> u64 {
+    path.metadata().map_or(0, |about| about.len())
+}
+
+fn pixels(sequence: &Sequence) -> u64 {
+    (sequence.width() * sequence.height()) as u64
+}
+
+fn size(sequence: &Sequence) -> String {
+    format!("{}×{}", sequence.width(), sequence.height())
+}
+
+fn training_bytes(sequence: &Sequence, settings: &TrainSettings) -> u64 {
+    let (pixels, frames) = (pixels(sequence), sequence.num_frames());
+    let cached = (pixels * frames as u64 * CACHED_PIXEL).min(settings.frame_cache_bytes as u64);
+    let densify = &settings.densify;
+    let room = pixels as f64 / f64::from(densify.min_px_per_gaussian.max(1.0));
+    let gaussians = (room as u64).min(densify.max_gaussians as u64);
+    let weights = settings.num_bases(frames) as u64 * stride_for(LATENT_DIM) as u64 * size_of::<f32>() as u64;
+    pixels * TRAINED_PIXEL + cached + gaussians * weights * LEARNED
+}
+
+/// Latent dimension of most recordings.
+const LATENT_DIM: usize = 3;
 
 fn require(work: &str, bytes: u64, available: Option<u64>) -> Result<()> {
     match available {
         Some(left) if left < bytes => Err(Error::Missing {
             what: format!("{work} takes about {} MB of memory, {} MB are left", bytes >> 20, left >> 20),
-            hint: "Close other programs, or use smaller pictures".into(),
+            hint: "Close other programs, raise the limit where there is one, or use smaller pictures".into(),
         }),
         _ => Ok(()),
     }
@@ -102,6 +212,25 @@ mod tests {
         if cfg!(target_os = "linux") {
             assert!(peak_rss_bytes().unwrap() > 1_000_000 && available_bytes().unwrap() > 1_000_000);
         }
+    }
+
+    #[test]
+    fn the_groups_of_a_container_and_those_above_count() {
+        let root = tempfile::tempdir().unwrap();
+        let write = |group: &str, files: &[(&str, &str)]| {
+            let folder = root.path().join(group);
+            std::fs::create_dir_all(&folder).unwrap();
+            files.iter().for_each(|(name, text)| std::fs::write(folder.join(name), text).unwrap());
+        };
+        let left = |groups: &str| left_of_groups(root.path(), groups);
+        let stat = ("memory.stat", "anon 5\ninactive_file 100\ntotal_inactive_file 10\n");
+        write("a", &[("memory.max", "3000\n"), ("memory.current", "1000\n"), stat]);
+        write("a/b", &[("memory.max", "max\n"), ("memory.current", "900\n"), stat]);
+        write("a/c", &[("memory.max", "1000\n"), ("memory.current", "900\n"), stat]);
+        write("memory/d", &[("memory.limit_in_bytes", "500\n"), ("memory.usage_in_bytes", "450\n"), stat]);
+        assert_eq!((left("0::/a/b\n"), left("0::/a/c\n")), (Some(2100), Some(200)));
+        assert_eq!(left("9:name=systemd:/x\n4:cpu,memory:/d/not/there\n0::/\n"), Some(60));
+        assert_eq!((left("0::/\n"), left("1:cpu:/a\n"), left("")), (None, None, None));
     }
 
     #[test]

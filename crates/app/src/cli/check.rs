@@ -4,7 +4,11 @@ use super::{
     Exit,
     console::{ProgressView, print, print_json},
 };
-use crate::{args::CheckArgs, jobs::Material};
+use crate::{
+    args::CheckArgs,
+    jobs::Material,
+    memory::{Work, require_for},
+};
 use surgtpgs_core::{
     Result,
     sequence::{self, Report},
@@ -13,6 +17,7 @@ use surgtpgs_core::{
 pub(super) fn run(args: &CheckArgs) -> Result<Exit> {
     let report = match Material::open(&args.sequence) {
         Ok(material) => {
+            require_for(&Work::Reading(material.sequence()))?;
             let mut view = ProgressView::default();
             sequence::check(material.sequence(), &mut |done, total| view.count("checking", done, total))
         }

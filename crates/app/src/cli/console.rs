@@ -12,10 +12,19 @@ use std::{
 };
 use surgtpgs_core::{Error, Result};
 
-use crate::jobs::Progress;
+use crate::{
+    jobs::Progress,
+    text::{in_json, visible},
+};
 
-/// Writes text to standard output. A reader that went away (`| head`) is not an error, a full disk is.
+/// Writes text to standard output, with nothing in it that cannot be seen.
 pub fn print(text: &str) -> Result<()> {
+    print_data(&visible(text))
+}
+
+/// Writes to standard output what other programs read, as it is. A reader that went away (`| head`) is not an error, a full
+/// disk is.
+pub fn print_data(text: &str) -> Result<()> {
     let mut out = std::io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
         Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
@@ -29,12 +38,12 @@ pub fn print(text: &str) -> Result<()> {
 /// Writes a value to standard output as indented JSON.
 pub fn print_json(value: &impl serde::Serialize) -> Result<()> {
     // Reports are plain structs of text and numbers: they always serialize.
-    print(&(serde_json::to_string_pretty(value).unwrap_or_default() + "\n"))
+    print_data(&(in_json(&serde_json::to_string_pretty(value).unwrap_or_default()) + "\n"))
 }
 
 /// Writes a line to standard error.
 pub fn say(line: &str) {
-    let _ = writeln!(std::io::stderr().lock(), "{line}");
+    let _ = writeln!(std::io::stderr().lock(), "{}", visible(line));
 }
 
 /// Between two lines about one stage, where there is no terminal.
@@ -65,7 +74,7 @@ impl ProgressView {
         }
         self.bar.set_position(progress.done as u64);
         let left = self.left(progress).unwrap_or_default();
-        self.bar.set_message(format!("{left} {}", progress.detail));
+        self.bar.set_message(format!("{left} {}", visible(progress.detail)));
         if self.bar.is_hidden() && self.said.elapsed() > LINE_EVERY {
             self.said = Instant::now();
             let left = self.left(progress).map_or(String::new(), |left| format!(", {left} left"));
@@ -124,10 +133,43 @@ pub fn watch_interrupts() {
         // Unwatched, a signal ends the program as it would any other.
         let _ = ctrlc::set_handler(interrupt);
         #[cfg(unix)]
-        if let Ok(mut signals) = signal_hook::iterator::Signals::new([signal_hook::consts::SIGTERM]) {
-            std::thread::spawn(move || signals.forever().for_each(|_| interrupt()));
-        }
+        watch_signals();
     });
+}
+
+#[cfg(unix)]
+fn watch_signals() {
+    use signal_hook::consts::{SIGHUP, SIGTERM};
+    // Whoever started it with `nohup` wants it to go on when the terminal closes.
+    let watched: &[_] = if is_ignored(SIGHUP) { &[SIGTERM] } else { &[SIGTERM, SIGHUP] };
+    let Ok(mut signals) = signal_hook::iterator::Signals::new(watched) else { return };
+    let watch = move || {
+        signals.forever().for_each(|signal| match signal {
+            // A terminal that closes may send it twice.
+            SIGHUP => INTERRUPTED.store(true, Ordering::SeqCst),
+            _ => interrupt(),
+        });
+    };
+    // Without the thread a signal is waited for in vain; the work itself is none the worse.
+    let _ = std::thread::Builder::new().name("signals".into()).spawn(watch);
+}
+
+/// Whether the process was told to ignore a signal; where that is not known, it was.
+#[cfg(unix)]
+fn is_ignored(signal: i32) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).is_none_or(|m| m >> (signal - 1) & 1 == 1)
+}
+
+/// From now on a file that grows beyond `ulimit -f` is a failed write, with its message, and not the end of the program.
+pub fn keep_writing() {
+    #[cfg(unix)]
+    {
+        // Caught is enough; the flag tells nothing that the write does not.
+        let caught = std::sync::Arc::new(AtomicBool::new(false));
+        let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, caught);
+    }
 }
 
 fn interrupt() {

@@ -6,6 +6,7 @@ use super::{
 };
 use crate::{
     args::{ConvertArgs, FrameRange, StillFormat},
+    memory::{Work, require_for},
     outputs,
 };
 use std::path::{Path, PathBuf};
@@ -141,8 +142,10 @@ fn target(args: &ConvertArgs) -> Result<Target> {
 }
 
 fn open(args: &ConvertArgs) -> Result<Scene> {
+    require_for(&Work::Scene(&args.input))?;
     let mut scene = Scene::load(&args.input)?;
     if let Some(path) = &args.like {
+        require_for(&Work::Scene(path))?;
         scene.complete_from(&Scene::load(path)?);
     }
     if scene.gaussians.is_empty() {

@@ -4,10 +4,15 @@ use super::{
     Exit,
     console::{ProgressView, say},
 };
-use crate::{args::DemoArgs, jobs};
+use crate::{
+    args::DemoArgs,
+    jobs,
+    memory::{Work, require_for},
+};
 use surgtpgs_core::{Result, demo::DemoSettings};
 
 pub(super) fn run(args: &DemoArgs) -> Result<Exit> {
+    require_for(&Work::Recording(args.width, args.height))?;
     let settings = DemoSettings {
         width: args.width as usize,
         height: args.height as usize,

@@ -5,10 +5,13 @@ use pulldown_cmark::{CowStr, Event, Options, Parser, Tag, html::push_html};
 use std::path::Path;
 use surgtpgs_core::{Error, Result, files::write_whole};
 
+use crate::text::visible;
+
 /// Text of any origin as Markdown that shows it as it is, on one line.
 pub(super) fn escaped(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
-    for c in text.chars().map(|c| if c.is_control() { ' ' } else { c }) {
+    let line: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+    for c in visible(&line).chars() {
         if r"\`*_~[]<>&|#!$".contains(c) {
             safe.push('\\');
         }
@@ -95,6 +98,7 @@ mod tests {
             assert!(!page.contains("<script") && !page.contains("<em>") && !page.contains("<a "));
         }
         assert_eq!(escaped("two\nlines"), "two lines");
+        assert!(page("", &escaped("a\u{202e}b"), folder).unwrap().contains(r"a\u{202e}b"));
         assert!(page("", "<b>", folder).unwrap().contains("&lt;b&gt;"));
     }
 

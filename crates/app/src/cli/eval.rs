@@ -10,6 +10,7 @@ use crate::{
     engine::Engine,
     evaluation::{as_text, evaluate, evaluate_masks, write_files},
     jobs::Progress,
+    memory::{Work, require_for},
     outputs,
 };
 use std::path::Path;
@@ -35,6 +36,7 @@ pub(super) fn run(args: &EvalArgs) -> Result<Exit> {
             let prepared = Prepared::is_prepared(sequence);
             let sequence =
                 if prepared { Prepared::open(sequence)?.sequence } else { Sequence::open(sequence)? };
+            require_for(&Work::Reading(&sequence))?;
             let mut masks = PredictedMasks::open(folder, &sequence)?;
             let evaluation = evaluate_masks(&mut masks, &sequence, &mut observer)?;
             notes = masks.notes();

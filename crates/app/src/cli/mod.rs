@@ -21,6 +21,8 @@ mod view;
 use crate::{
     args::{Cli, SceneArgs, Verb},
     engine::{Engine, EngineOptions},
+    memory,
+    text::visible,
 };
 pub use batch::check_jobs_file;
 use clap::Parser;
@@ -61,8 +63,10 @@ pub fn run(args: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Exit 
             };
         }
     };
-    let chosen = surgtpgs_clip::choose_provider(cli.execution_provider.into());
-    match chosen.and_then(|()| run_verb(cli.verb)) {
+    console::keep_writing();
+    let ready =
+        memory::start_threads().and_then(|()| surgtpgs_clip::choose_provider(cli.execution_provider.into()));
+    match ready.and_then(|()| run_verb(cli.verb)) {
         Ok(exit) => exit,
         Err(error) => {
             console::say(&format!("error: {}", one_line(&error.to_string())));
@@ -104,7 +108,7 @@ fn open_engine(scene: &SceneArgs, options: EngineOptions) -> Result<Engine> {
 /// files and what stands in them may hold escape sequences.
 fn one_line(text: &str) -> String {
     let shown: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-    shown.split_whitespace().collect::<Vec<_>>().join(" ")
+    visible(&shown.split_whitespace().collect::<Vec<_>>().join(" ")).into_owned()
 }
 
 #[cfg(test)]
@@ -114,5 +118,6 @@ mod tests {
     #[test]
     fn a_message_is_one_line_that_no_terminal_obeys() {
         assert_eq!(one_line("a\n  b\u{1b}[31mred\u{7} \u{9b}2J é"), "a b [31mred 2J é");
+        assert_eq!(one_line("clip\u{202e}gpj.exe"), r"clip\u{202e}gpj.exe");
     }
 }

@@ -7,6 +7,7 @@ use super::{
 use crate::{
     args::{PrepareArgs, encoder_choice},
     jobs::{self, FeatureSource, PrepareOptions},
+    memory::{Work, require_for},
     outputs,
 };
 use surgtpgs_core::{
@@ -19,6 +20,7 @@ use surgtpgs_core::{
 
 pub(super) fn run(args: &PrepareArgs) -> Result<Exit> {
     let sequence = Sequence::open(&args.sequence)?;
+    require_for(&Work::Reading(&sequence))?;
     if Prepared::is_unfinished(&args.output) {
         say("going on with an unfinished preparation");
     }

@@ -2,7 +2,7 @@
 
 use super::{
     Exit,
-    console::{ProgressView, print, print_json},
+    console::{ProgressView, print, print_data, print_json},
     objects, open_engine,
 };
 use crate::{
@@ -83,7 +83,7 @@ pub(super) fn run(args: &QueryVerbArgs) -> Result<Exit> {
     if args.json {
         print_json(&report)?;
     } else if args.csv {
-        print(&as_csv(&report))?;
+        print_data(&as_csv(&report))?;
     } else {
         print(&as_text(&report, frames.len()))?;
     }

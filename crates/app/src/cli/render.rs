@@ -8,7 +8,7 @@ use super::{
 use crate::{
     args::{FrameRange, ImageKind, RenderArgs},
     engine::{Engine, EngineOptions, View},
-    memory::require_for_pictures,
+    memory::{Work, require_for},
     outputs,
     pictures::png,
 };
@@ -34,7 +34,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<Exit> {
     let camera = sized(engine.view(frames[0])?, args.width).camera;
     check_image_size(camera.width as usize, camera.height as usize)
         .map_err(|what| Error::input(what, "Choose a smaller `--width`."))?;
-    require_for_pictures(camera.width, camera.height)?;
+    require_for(&Work::Pictures(camera.width, camera.height))?;
     let inputs = outputs::inputs_of_engine(&args.scene.scene, &engine);
     let output = outputs::folder(&args.output, outputs::PICTURES, &inputs, args.force)?;
     let mut view = ProgressView::default();

@@ -7,7 +7,7 @@ use super::{
 use crate::{
     args::TrainArgs,
     jobs::{self, Material, Trained},
-    memory::{peak_rss_bytes, require_for_training},
+    memory::{Work, peak_rss_bytes, require_for},
     outputs,
 };
 use std::path::Path;
@@ -25,6 +25,8 @@ pub(super) struct Report {
     psnr_db: f64,
     held_out: bool,
     dropped_steps: usize,
+    /// What makes the scene worse than it could be.
+    warnings: Vec<String>,
     pub(super) finished: bool,
 }
 
@@ -48,7 +50,9 @@ pub(super) fn train(args: &TrainArgs) -> Result<Report> {
     if material.prepared().is_none() {
         say("training without features: prompts will find nothing in this scene (see `surgtpgs prepare`)");
     }
-    require_for_training(material.sequence(), &args.settings())?;
+    require_for(&Work::Training(material.sequence(), &args.settings()))?;
+    let warning = args.settings().length_warning(material.sequence().num_frames());
+    warning.iter().for_each(|warning| say(&format!("note: {warning}")));
     let mut trainer = begin(args, &material, &checkpoint)?;
     let backend = jobs::backend::choose(&mut trainer, args.backend)?;
     say(&format!("training on {backend}"));
@@ -64,7 +68,8 @@ pub(super) fn train(args: &TrainArgs) -> Result<Report> {
     })?;
     trained.scene.provenance.peak_rss_bytes = peak_rss_bytes();
     output.write(&trained.scene.to_bytes()?)?;
-    let report = report(&trained, asked, trainer.backend_name());
+    let report =
+        Report { warnings: warning.into_iter().collect(), ..report(&trained, asked, trainer.backend_name()) };
     if report.finished {
         jobs::remove_file(&checkpoint)?;
     } else {
@@ -107,6 +112,7 @@ fn report(trained: &Trained, asked: usize, backend: String) -> Report {
         psnr_db: trained.psnr_db,
         held_out: trained.scene.provenance.held_out,
         dropped_steps: trained.dropped,
+        warnings: Vec::new(),
         finished: trained.steps >= asked,
     }
 }

@@ -20,7 +20,7 @@ pub(crate) use machine::Machine;
 pub(crate) use machine::may_have_gpu;
 pub use question::{Negatives, Question, Sample};
 
-use crate::memory::require_for_pictures;
+use crate::memory::{Work, require_for};
 pub use opening::open_text_encoder;
 use opening::{find_recording, open_encoder, open_recording, open_relevancy};
 use outside::{Outside, blank};
@@ -142,6 +142,7 @@ impl Engine {
     /// Opens a scene file. The recording is looked for where it was, then beside the scene file; without it everything
     /// but [`Engine::original`] works. A recording that `options` names must be there and fit.
     pub fn open(path: &Path, options: EngineOptions) -> Result<Self> {
+        require_for(&Work::Scene(path))?;
         let scene = Arc::new(Scene::load(path)?);
         let beside = path.parent().map(|p| p.join(&scene.provenance.sequence_name));
         Self::new(scene, beside.as_deref(), options)
@@ -150,7 +151,7 @@ impl Engine {
     /// Wraps a scene in memory; `beside` is a second place to look for its recording.
     pub fn new(scene: Arc<Scene>, beside: Option<&Path>, options: EngineOptions) -> Result<Self> {
         if let Some(camera) = scene.cameras.first() {
-            require_for_pictures(camera.width, camera.height)?;
+            require_for(&Work::Pictures(camera.width, camera.height))?;
         }
         let machine = Machine::open(options.backend)?;
         let recording = match &options.sequence {

@@ -11,7 +11,11 @@ mod vanishing_tests;
 pub use export::{ExportRequest, export, export_prompts};
 pub use prepare::{FeatureSource, PrepareOptions, prepare, prepare_folder};
 
-use crate::{engine::Backend, memory::require_for_training, outputs};
+use crate::{
+    engine::Backend,
+    memory::{Work, require_for},
+    outputs,
+};
 use std::{
     ops::ControlFlow,
     path::{Path, PathBuf},
@@ -109,7 +113,7 @@ pub fn train_watched(
     observer: &mut Observer<'_>,
     watch: &mut dyn FnMut(&mut Trainer, &StepReport),
 ) -> Result<Trained> {
-    require_for_training(material.sequence(), &settings)?;
+    require_for(&Work::Training(material.sequence(), &settings))?;
     let mut trainer = Trainer::new(material.sequence(), material.prepared(), settings)?;
     backend::choose(&mut trainer, backend)?;
     go_on(&mut trainer, None, observer, watch)
@@ -229,6 +233,7 @@ impl Default for DemoOptions {
 /// Builds the demo under `folder`: records it, prepares it (test frames held out), trains it and saves the scene.
 /// Earlier files of the demo are replaced. A demo that is stopped half-way has no scene.
 pub fn build_demo(folder: &Path, options: &DemoOptions, observer: &mut Observer<'_>) -> Result<Trained> {
+    require_for(&Work::Recording(options.recording.width as u32, options.recording.height as u32))?;
     let folder = claim_collection(folder, outputs::DEMO, &Inputs::none())?;
     let paths = DemoPaths::under(&folder);
     let scene = outputs::scene_file(&paths.scene, &Inputs::none(), true)?;

@@ -3,6 +3,7 @@
 use super::{Observer, Progress};
 use crate::{
     engine::{EncoderChoice, open_text_encoder},
+    memory::{Work, require_for},
     outputs,
 };
 use image::RgbImage;
@@ -116,6 +117,7 @@ pub fn prepare(
     options: &PrepareOptions,
     observer: &mut Observer<'_>,
 ) -> Result<Prepared> {
+    require_for(&Work::Reading(&sequence))?;
     let has_classes = !sequence.classes().is_empty();
     if matches!(options.source, FeatureSource::Labels) && !has_classes {
         return Err(Error::input_at(

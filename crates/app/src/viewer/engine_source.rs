@@ -15,6 +15,7 @@ use crate::{
     engine::{self, Ask, Engine, EngineOptions, Motion, Question, Sample},
     evaluation::{self, Evaluation},
     jobs::{self, DemoPaths, Material, PrepareOptions, Progress},
+    memory::{Work, require_for},
     outputs,
 };
 use image::RgbImage;
@@ -53,7 +54,9 @@ impl Backend for EngineBackend {
             let recording = engine.sequence().map(|s| s.path().to_owned());
             Ok(Box::new(SceneSource::new(engine, path.to_owned(), recording)))
         } else {
-            Ok(Box::new(RecordingSource::new(&Material::open(path)?, path.to_owned())))
+            let material = Material::open(path)?;
+            require_for(&Work::Reading(material.sequence()))?;
+            Ok(Box::new(RecordingSource::new(&material, path.to_owned())))
         }
     }
 

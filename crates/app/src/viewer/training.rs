@@ -14,7 +14,7 @@ use std::{
     path::{Path, PathBuf},
     sync::Arc,
 };
-use surgtpgs_core::{Error, Result};
+use surgtpgs_core::{Error, Result, train::TrainSettings};
 
 /// Optimiser steps unless chosen otherwise.
 pub(crate) const DEFAULT_STEPS: usize = 3000;
@@ -26,6 +26,8 @@ const QUALITIES: [(usize, &str); 3] = [(600, "Quick look"), (DEFAULT_STEPS, "Sta
 pub(crate) struct TrainDialog {
     request: TrainRequest,
     has_labels: bool,
+    /// What is lost because the recording is long.
+    too_long: Option<String>,
     picking: Option<Job<Option<PathBuf>>>,
 }
 
@@ -34,7 +36,8 @@ impl TrainDialog {
     pub(crate) fn new(info: &Info, excluded: Vec<(usize, usize)>) -> Option<Self> {
         let (recording, scene) = (info.recording.clone()?, free_file(&info.output_folder, &info.name));
         let request = TrainRequest { recording, scene, iterations: DEFAULT_STEPS, excluded };
-        Some(Self { request, has_labels: info.has_labels, picking: None })
+        let too_long = TrainSettings::default().length_warning(info.num_frames);
+        Some(Self { request, has_labels: info.has_labels, too_long, picking: None })
     }
 
     /// Takes the path that was picked.
@@ -324,6 +327,9 @@ pub(crate) fn train_dialog_ui(ctx: &Context, app: &mut ViewerApp) {
             "It has no class labels: pictures and depth will work, finding words will not."
         };
         ui.label(RichText::new(note).color(if asked.has_labels { theme::TEXT } else { theme::AMBER }));
+        if let Some(warning) = &asked.too_long {
+            ui.label(RichText::new(warning).font(theme::small()).color(theme::AMBER));
+        }
         if let Some(warning) = app.backend.available_bytes().and_then(memory_warning) {
             ui.label(RichText::new(warning).color(theme::AMBER));
         }

@@ -3,7 +3,7 @@
 use super::{ExportOptions, ExportPrompt};
 use crate::{
     Error, Result, files::write_whole, prepare::EncoderIdentity, reading::open_regular,
-    relevancy::RelevancySettings, scene::Scene,
+    relevancy::RelevancySettings, scene::Scene, sequence::MAX_FRAMES_PER_SECOND,
 };
 use sha2::{Digest, Sha256};
 use std::path::Path;
@@ -16,6 +16,8 @@ const SCHEMA: u32 = 2;
 
 /// Frames per second of moving pictures where the recording's own speed is not known.
 const USUAL_SPEED: f32 = 25.0;
+/// The slowest of them: slower, the times of mp4 files have no numbers.
+const SLOWEST: f32 = 1e-3;
 
 /// What the program is for, and what not; the only copy of that text is in `assets/text`.
 pub fn intended_use() -> &'static str {
@@ -101,9 +103,9 @@ impl Provenance {
         self.frames_per_second.map(|speed| frame as f64 / f64::from(speed))
     }
 
-    /// Frames per second at which moving pictures of the export play.
+    /// Frames per second at which moving pictures of the export play: the recording's, where a player can.
     pub fn playing_speed(&self) -> f32 {
-        self.frames_per_second.unwrap_or(USUAL_SPEED)
+        self.frames_per_second.unwrap_or(USUAL_SPEED).clamp(SLOWEST, MAX_FRAMES_PER_SECOND)
     }
 }
 

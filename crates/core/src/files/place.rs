@@ -101,6 +101,11 @@ pub(super) fn real_place(path: &Path) -> Result<PathBuf> {
         ErrorKind::NotFound => {
             Error::input_at(there, "this link leads to nothing", "Remove it, or choose another place.")
         }
+        ErrorKind::InvalidFilename => {
+            let bytes = there.file_name().map_or(0, |name| name.len());
+            let what = format!("a file name of {bytes} bytes is needed, which is too long for this folder");
+            Error::input_at(there, what, "Give a shorter name.")
+        }
         _ => Error::io("find the place of the result", path, e),
     };
     let real = there.canonicalize().map_err(fail)?;

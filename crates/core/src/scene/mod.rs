@@ -143,6 +143,12 @@ impl Scene {
     pub fn save(&self, path: &Path) -> Result<()> {
         crate::files::write_whole(path, &self.to_bytes()?)
     }
+    /// Memory that [`Self::load`] takes, bytes, about: small files may hold large scenes. What cannot be read takes none.
+    pub fn memory_bytes(path: &Path) -> u64 {
+        let Ok(bytes) = std::fs::read(path) else { return 0 };
+        let read = if bytes.starts_with(ply::MAGIC) { None } else { file::memory_bytes(&bytes) };
+        bytes.len() as u64 + read.unwrap_or(4 * bytes.len() as u64)
+    }
     /// Reads and validates a file: a scene, or a `.ply` of Gaussians, which is recognised by its content. The feature
     /// network of a deforming `.ply` is taken from [`LANG_DEFORMATION_FILE`] beside it.
     pub fn load(path: &Path) -> Result<Self> {

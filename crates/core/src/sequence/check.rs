@@ -8,6 +8,7 @@ use super::{
 use crate::{
     camera::Camera,
     grid::{Grid, Mask},
+    train::TrainSettings,
 };
 use rayon::prelude::*;
 use std::{
@@ -51,6 +52,7 @@ pub fn check(sequence: &Sequence, progress: &mut dyn FnMut(usize, usize)) -> Rep
         errors: Vec::new(),
     };
     repeated_frames(&facts, &mut says);
+    says.warnings.extend(TrainSettings::default().length_warning(n));
     Report { ok: says.errors.is_empty(), warnings: says.warnings, errors: says.errors, ..report }
 }
 

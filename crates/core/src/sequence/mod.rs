@@ -21,6 +21,7 @@ mod classes;
 mod depth;
 mod endonerf;
 mod endovis18;
+mod ffmpeg;
 mod field_of_view;
 mod images;
 mod labels;
@@ -41,8 +42,8 @@ pub(crate) use labels::PictureOfIds;
 pub(crate) use read::npy_map;
 pub(crate) use reference::BASELINE as MONOCULAR_BASELINE;
 pub use settings::{
-    CameraSettings, DepthSettings, FieldOfViewSetting, FrameSettings, Keep, MaskSettings, SETTINGS_FILE,
-    Settings, TimeSettings,
+    CameraSettings, DepthSettings, FieldOfViewSetting, FrameSettings, Keep, MAX_FRAMES_PER_SECOND,
+    MaskSettings, SETTINGS_FILE, Settings, TimeSettings,
 };
 
 /// The folder layouts that are recognised, by content and never by name.

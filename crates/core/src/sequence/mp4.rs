@@ -1,31 +1,49 @@
-//! The tables of an mp4 file, plain or in fragments: where the coded pictures of its H.264 track lie.
+//! The tables of an mp4 file, plain or in fragments: where the coded pictures of its video track lie, and whether the file
+//! reaches as far as they do.
 
 use shiguredo_mp4::{
     TrackKind,
     boxes::{AvccBox, SampleEntry},
     demux::{
         DemuxError, Fmp4FileDemuxer, Input, Mp4FileDemuxer, Mp4FileKind, Mp4FileKindDetector, RequiredInput,
-        Sample,
+        Sample, TrackInfo,
     },
 };
 use std::{
+    collections::BTreeMap,
     fs::File,
     io::{Read, Seek, SeekFrom},
     path::Path,
 };
 
-/// The H.264 track of a file.
+/// Two days of video.
+const MAX_PICTURES: u64 = 1 << 22;
+
+/// The H.264 track of a file, or its first video track of any kind.
 pub(super) struct Mp4 {
+    /// How its pictures are to be decoded, the first from picture 0 on; empty unless it is H.264.
+    pub descriptions: Vec<Description>,
+    /// Ticks per second.
+    pub timescale: u32,
+    /// All that the tables name, in decoding order, at least one.
+    pub pictures: Vec<CodedPicture>,
+    /// So many of them, from the first on, are in the file.
+    pub present: usize,
+    /// Whether the file ends within its tables, so that nobody knows how many pictures there were.
+    pub is_open_ended: bool,
+}
+
+/// How pictures are to be decoded.
+#[derive(Clone, PartialEq)]
+pub(super) struct Description {
+    /// The first picture of those, in decoding order.
+    pub from: usize,
     pub width: usize,
     pub height: usize,
     /// Bytes of the length before each NAL unit.
     pub length_bytes: usize,
     /// NAL units: the sequence parameter sets, then the picture parameter sets.
     pub parameter_sets: Vec<Vec<u8>>,
-    /// Ticks per second.
-    pub timescale: u32,
-    /// In decoding order, at least one.
-    pub pictures: Vec<CodedPicture>,
 }
 
 /// The bytes of one coded picture.
@@ -51,46 +69,119 @@ impl Mp4 {
     }
 
     fn collect(mut demuxer: impl Demuxer, source: &mut Source) -> Result<Self, String> {
-        let mut track: Option<(u32, Self)> = None;
+        let mut tracks: BTreeMap<u32, Self> = BTreeMap::new();
+        let mut is_open_ended = false;
         loop {
             let sample = match demuxer.next_sample() {
                 Ok(Some(sample)) => sample,
                 Ok(None) => break,
                 Err(DemuxError::InputRequired(required)) => {
-                    let data = source.read(required)?;
-                    demuxer.handle_input(required.to_input(&data));
+                    match source.read(required) {
+                        Ok(data) => demuxer.handle_input(required.to_input(&data)),
+                        Err(_) if !tracks.is_empty() => {
+                            is_open_ended = true;
+                            break;
+                        }
+                        Err(why) => return Err(why),
+                    }
                     continue;
                 }
                 Err(e) => return Err(unreadable(&e)),
             };
-            if track.is_none() {
-                track = Self::beginning_with(&sample).map(|video| (sample.track.track_id, video));
-            }
-            match &mut track {
-                Some((id, video)) if *id == sample.track.track_id => {
-                    video.pictures.push(source.coded_picture(&sample, video.pictures.len())?);
-                }
-                _ => {}
+            if sample.track.kind == TrackKind::Video {
+                let timescale = sample.track.timescale.get();
+                let track = tracks.entry(sample.track.track_id).or_insert_with(|| Self::empty(timescale));
+                track.push(&sample, source)?;
             }
         }
-        track.map(|(_, video)| video).ok_or_else(|| "there is no H.264 video in it".to_owned())
+        let h264 = tracks.values().position(|track| !track.descriptions.is_empty());
+        let first = demuxer.tracks().ok().and_then(|t| t.iter().find(|t| t.kind == TrackKind::Video));
+        let chosen = match (h264, first.map(|track| track.track_id)) {
+            (Some(i), _) => tracks.into_values().nth(i),
+            (None, Some(id)) => tracks.remove(&id),
+            (None, None) => None,
+        };
+        chosen
+            .map(|track| Self { is_open_ended, ..track })
+            .ok_or_else(|| "there is no video in it".to_owned())
     }
 
-    /// The description of a track from its first sample; `None` unless it is H.264.
-    fn beginning_with(sample: &Sample<'_>) -> Option<Self> {
-        let (TrackKind::Video, Some(SampleEntry::Avc1(avc1))) = (sample.track.kind, sample.sample_entry)
-        else {
-            return None;
-        };
+    fn empty(timescale: u32) -> Self {
+        let (descriptions, pictures) = (Vec::new(), Vec::new());
+        Self { descriptions, timescale, pictures, present: 0, is_open_ended: false }
+    }
+
+    /// Adds the next picture.
+    fn push(&mut self, sample: &Sample<'_>, source: &Source) -> Result<(), String> {
+        let at = self.pictures.len();
+        // A small table can name any number of pictures; the file's length says what can be true.
+        if at as u64 >= source.len.min(MAX_PICTURES) {
+            return Err("its tables lead beyond its end".to_owned());
+        }
+        if let Some(description) = sample.sample_entry.and_then(|entry| Description::of(entry, at)) {
+            let last = self.descriptions.last();
+            // What is of another kind in between is not H.264, and neither is the whole.
+            if last.is_none_or(|last| !last.is_like(&description)) && (last.is_some() || at == 0) {
+                self.descriptions.push(description);
+            }
+        }
+        let decoded_at = i64::try_from(sample.timestamp).map_err(|_| "its times are damaged")?;
+        let end = sample.data_offset.checked_add(sample.data_size as u64);
+        if self.present == at && end.is_some_and(|end| end <= source.len) {
+            self.present += 1;
+        }
+        self.pictures.push(CodedPicture {
+            offset: sample.data_offset,
+            size: sample.data_size,
+            shown_at: decoded_at.saturating_add(sample.composition_time_offset.unwrap_or(0)),
+            is_sync: sample.keyframe,
+        });
+        Ok(())
+    }
+
+    /// The place of every picture in the order of showing.
+    pub(super) fn frame_of(&self) -> Vec<usize> {
+        let mut by_time: Vec<_> = (0..self.pictures.len()).collect();
+        by_time.sort_by_key(|&i| (self.pictures[i].shown_at, i));
+        let mut frame_of = vec![0; by_time.len()];
+        by_time.iter().enumerate().for_each(|(frame, &picture)| frame_of[picture] = frame);
+        frame_of
+    }
+
+    /// How many frames, from the first shown on, are in the file.
+    pub(super) fn frames_there(&self) -> usize {
+        self.frame_of().into_iter().skip(self.present).min().unwrap_or(self.pictures.len())
+    }
+
+    /// What is missing of the file, in words; `None` where it is whole.
+    pub(super) fn cut_off(&self) -> Option<String> {
+        let (there, all) = (self.frames_there(), self.pictures.len());
+        if self.present < all {
+            Some(format!("it lists {all} frames and holds {there} of them"))
+        } else if self.is_open_ended {
+            Some(format!("it ends in the middle of a part, after {there} frames"))
+        } else {
+            None
+        }
+    }
+}
+
+impl Description {
+    /// `None` unless it is H.264.
+    fn of(entry: &SampleEntry, from: usize) -> Option<Self> {
+        let SampleEntry::Avc1(avc1) = entry else { return None };
         let AvccBox { length_size_minus_one, sps_list, pps_list, .. } = &avc1.avcc_box;
         Some(Self {
+            from,
             width: usize::from(avc1.visual.width),
             height: usize::from(avc1.visual.height),
             length_bytes: usize::from(length_size_minus_one.get()) + 1,
             parameter_sets: sps_list.iter().chain(pps_list).cloned().collect(),
-            timescale: sample.track.timescale.get(),
-            pictures: Vec::new(),
         })
+    }
+
+    fn is_like(&self, other: &Self) -> bool {
+        *self == Self { from: self.from, ..other.clone() }
     }
 }
 
@@ -98,6 +189,7 @@ impl Mp4 {
 trait Demuxer {
     fn handle_input(&mut self, input: Input<'_>);
     fn next_sample(&mut self) -> Result<Option<Sample<'_>>, DemuxError>;
+    fn tracks(&mut self) -> Result<&[TrackInfo], DemuxError>;
 }
 
 macro_rules! demuxer {
@@ -108,6 +200,9 @@ macro_rules! demuxer {
             }
             fn next_sample(&mut self) -> Result<Option<Sample<'_>>, DemuxError> {
                 self.next_sample()
+            }
+            fn tracks(&mut self) -> Result<&[TrackInfo], DemuxError> {
+                self.tracks()
             }
         }
     };
@@ -147,21 +242,6 @@ impl Source {
         let mut data = Vec::new();
         (&self.file).take(size).read_to_end(&mut data).map_err(|e| e.to_string())?;
         Ok(data)
-    }
-
-    /// A small table can name any number of samples of any size; the file's length says what can be true.
-    fn coded_picture(&self, sample: &Sample<'_>, before: usize) -> Result<CodedPicture, String> {
-        let end = sample.data_offset.checked_add(sample.data_size as u64);
-        if end.is_none_or(|end| end > self.len) || before as u64 >= self.len {
-            return Err("its tables lead beyond its end".to_owned());
-        }
-        let decoded_at = i64::try_from(sample.timestamp).map_err(|_| "its times are damaged")?;
-        Ok(CodedPicture {
-            offset: sample.data_offset,
-            size: sample.data_size,
-            shown_at: decoded_at.saturating_add(sample.composition_time_offset.unwrap_or(0)),
-            is_sync: sample.keyframe,
-        })
     }
 }
 

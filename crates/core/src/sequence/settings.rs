@@ -69,6 +69,8 @@ pub(super) fn decided_file(path: &Path) -> PathBuf {
     let path = full_path(path);
     path.with_file_name(format!("{}.surgtpgs.toml", read::file_name(&path)))
 }
+/// The fastest recording whose speed is believed, and that can be exported as a video.
+pub const MAX_FRAMES_PER_SECOND: f32 = 10_000.0;
 
 /// The contents of a `sequence.toml`; see the module for its meaning.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -223,6 +225,11 @@ impl Settings {
         positive("[camera] fy", camera.fy.map(f64::from), f64::INFINITY)?;
         positive("[depth] scale", self.depth.scale, f64::INFINITY)?;
         positive("[time] frames_per_second", self.time.frames_per_second.map(f64::from), f64::INFINITY)?;
+        if let Some(speed) = self.time.frames_per_second.filter(|speed| *speed > MAX_FRAMES_PER_SECOND) {
+            return Err(format!(
+                "[time] frames_per_second is {speed}, {MAX_FRAMES_PER_SECOND} is the most that can be written again"
+            ));
+        }
         positive("[time] every", self.time.every.map(|v| v as f64), f64::INFINITY)
     }
 
@@ -254,6 +261,11 @@ impl Settings {
         }
         recording.detect_field_of_view = self.masks.field_of_view != Some(FieldOfViewSetting::Whole);
         let every = self.time.every.unwrap_or(1) as f32;
+        if let Some(speed) = recording.frames_per_second.take_if(|speed| *speed > MAX_FRAMES_PER_SECOND) {
+            recording.notes.push(format!(
+                "The video claims {speed:.0} frames per second, which is not believed: its speed counts as unknown"
+            ));
+        }
         let frames_per_second = self.time.frames_per_second.or(recording.frames_per_second);
         recording.frames_per_second = frames_per_second.map(|fps| fps / every);
         if !self.classes.is_empty() {
@@ -337,6 +349,7 @@ mod tests {
             "[camera]\nfx = nan\n",
             "[depth]\nscale = 0.0\n",
             "[time]\nevery = 0\n",
+            "[time]\nframes_per_second = 100000.0\n",
         ] {
             assert!(read(text).is_err(), "{text}");
         }

@@ -3,12 +3,13 @@
 //!
 //! Any frame can be asked for in any order: decoding starts at the last picture before it that needs no
 //! other (an IDR picture), or goes on from where the last request ended, and the frames that come by are
-//! kept while [`CACHE_BYTES`] allow. Colours follow BT.601 with limited range, whatever the file says.
+//! kept while [`CACHE_BYTES`] allow. A video that ends before its last frame is refused, whoever decodes it. Colours follow BT.601 with limited range, whatever the file says.
 
 use super::{
     Layout,
+    ffmpeg::{self, Unread},
     layout::{Frame, Picture, Recording},
-    mp4::{CodedPicture, Mp4},
+    mp4::{CodedPicture, Description, Mp4},
     read,
     settings::Selection,
 };
@@ -24,7 +25,6 @@ use std::{
     fs::File,
     io::{Read, Seek, SeekFrom},
     path::{Path, PathBuf},
-    process::Command,
     sync::{Arc, Mutex, PoisonError},
 };
 
@@ -39,17 +39,62 @@ const CACHE_BYTES: usize = 256 << 20;
 const IDR_SLICE: u8 = 5;
 
 pub(super) fn open(path: &Path, selection: &Selection) -> Result<Recording> {
-    expect_video(path)?;
-    match H264::open(path) {
+    let kind = expect_video(path)?;
+    let index = Mp4::read(path);
+    if let Ok(mp4) = &index {
+        expect_whole(path, mp4, selection)?;
+    }
+    let promised = index.as_ref().ok().filter(|mp4| !mp4.is_open_ended).map(|mp4| mp4.pictures.len());
+    match index.and_then(|mp4| H264::open(path, mp4)) {
         Ok(video) => open_h264(path, video, selection),
-        Err(why) => open_with_ffmpeg(path, selection, Path::new("ffmpeg"), &why),
+        Err(why_not_here) => {
+            ffmpeg::open(Path::new("ffmpeg"), &Unread { path, kind, promised, why_not_here }, selection)
+        }
     }
 }
 
+/// Errs where the file ends before its last frame, unless no frame that is asked for is missing.
+fn expect_whole(path: &Path, mp4: &Mp4, selection: &Selection) -> Result<()> {
+    let there = mp4.frames_there();
+    match mp4.cut_off() {
+        Some(what) if selection.last.is_none_or(|last| last >= there) => Err(cut_off(path, &what, there)),
+        _ => Ok(()),
+    }
+}
+
+/// The error about a video of which only the first `there` frames can be had.
+pub(super) fn cut_off(path: &Path, what: &str, there: usize) -> Error {
+    let mut hint = "Copy it once more from where it was recorded".to_owned();
+    if let Some(last) = there.checked_sub(1) {
+        hint += &format!(", or use what is there: {}", use_until(path, last));
+    }
+    Error::input_at(path, format!("the video is cut off or damaged: {what}"), hint + ".")
+}
+
+/// The error about a video whose size changes at `frame`.
+pub(super) fn other_size(path: &Path, frame: usize, size: (usize, usize), first: (usize, usize)) -> Error {
+    let hint = frame.checked_sub(1).map_or(String::new(), |last| {
+        format!("Cut it there into two videos, or use the first part: {}.", use_until(path, last))
+    });
+    let what =
+        format!("frame {frame} of the video is {}×{}, the first is {}×{}", size.0, size.1, first.0, first.1);
+    Error::input_at(path, what, hint)
+}
+
+/// The setting that leaves out what comes after frame `last`.
+fn use_until(path: &Path, last: usize) -> String {
+    let name = read::file_name(path);
+    format!("`last = {last}` under `[frames]` in {name}.toml beside it, or in sequence.toml of a folder")
+}
+
 fn open_h264(path: &Path, video: H264, selection: &Selection) -> Result<Recording> {
-    let size = (video.width, video.height);
+    let size = video.size();
     let frames_per_second = video.frames_per_second;
-    let indices = selection.indices(video.samples.len()).map_err(|what| Error::input_at(path, what, ""))?;
+    let indices = selection.indices(video.num_frames).map_err(|what| Error::input_at(path, what, ""))?;
+    let changed = video.descriptions.iter().find(|d| (d.width, d.height) != size);
+    if let Some(d) = changed.filter(|d| indices.last().is_some_and(|last| *last >= d.from)) {
+        return Err(other_size(path, d.from, (d.width, d.height), size));
+    }
     let video = Arc::new(video);
     let frame =
         |index| Frame::new(format!("{index:06}"), Picture::Video { video: Arc::clone(&video), index });
@@ -58,8 +103,15 @@ fn open_h264(path: &Path, video: H264, selection: &Selection) -> Result<Recordin
     Ok(recording)
 }
 
+/// What kind of file a video is in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Container {
+    Mp4,
+    Other,
+}
+
 /// Errs where the first bytes are no kind of video.
-fn expect_video(path: &Path) -> Result<()> {
+fn expect_video(path: &Path) -> Result<Container> {
     let mut head = Vec::new();
     let file = File::open(path).map_err(|e| Error::io("open the file", path, e))?;
     file.take(16).read_to_end(&mut head).map_err(|e| Error::io("read the file", path, e))?;
@@ -74,8 +126,11 @@ fn expect_video(path: &Path) -> Result<()> {
         b"FLV",                  // Flash
         b"\x30\x26\xb2\x75\x8e", // Windows Media
     ];
-    if head.get(4..8) == Some(b"ftyp") || starts.iter().any(|start| head.starts_with(start)) {
-        return Ok(());
+    if head.get(4..8) == Some(b"ftyp") {
+        return Ok(Container::Mp4);
+    }
+    if starts.iter().any(|start| head.starts_with(start)) {
+        return Ok(Container::Other);
     }
     Err(Error::input_at(
         path,
@@ -87,15 +142,13 @@ fn expect_video(path: &Path) -> Result<()> {
 /// An H.264 video in an mp4 file.
 pub(super) struct H264 {
     path: PathBuf,
-    width: usize,
-    height: usize,
     frames_per_second: Option<f32>,
-    /// Bytes of the length before each NAL unit.
-    length_bytes: usize,
-    /// Sequence and picture parameter sets with start codes.
-    parameter_sets: Vec<u8>,
-    /// In decoding order; as many as frames.
+    /// How samples are decoded, the first from sample 0 on.
+    descriptions: Vec<Description>,
+    /// In decoding order.
     samples: Vec<CodedPicture>,
+    /// Frames that can be shown: as many as samples, or fewer where the file is cut off.
+    num_frames: usize,
     /// Where decoding can start; ascending, the first at sample 0.
     starts: Vec<Start>,
     state: Mutex<State>,
@@ -133,39 +186,44 @@ impl std::fmt::Debug for H264 {
 }
 
 impl H264 {
-    /// Reads the tables of `path` and decodes one frame; says why where that is not possible.
-    fn open(path: &Path) -> Result<Self, String> {
-        let mut video = Self::read_tables(path)?;
+    /// Decodes one frame of the track; says why where that is not possible.
+    fn open(path: &Path, mp4: Mp4) -> Result<Self, String> {
+        let Some(Description { width, height, .. }) = mp4.descriptions.first() else {
+            return Err("there is no H.264 video in it".to_owned());
+        };
+        check_image_size(*width, *height)?;
+        let mut video = Self {
+            path: path.to_owned(),
+            frames_per_second: mean_speed(&mp4),
+            starts: candidates(&mp4),
+            num_frames: mp4.frames_there(),
+            descriptions: mp4.descriptions,
+            samples: mp4.pictures,
+            state: Mutex::default(),
+        };
+        video.samples.truncate(mp4.present);
         video.starts = video.find_starts().map_err(|e| e.to_string())?;
         video.frame(0).map_err(|e| e.to_string())?;
         Ok(video)
     }
 
-    fn read_tables(path: &Path) -> Result<Self, String> {
-        let mp4 = Mp4::read(path)?;
-        check_image_size(mp4.width, mp4.height)?;
-        let mut parameter_sets = Vec::new();
-        mp4.parameter_sets.iter().for_each(|unit| push_unit(&mut parameter_sets, unit));
-        Ok(Self {
-            path: path.to_owned(),
-            width: mp4.width,
-            height: mp4.height,
-            frames_per_second: mean_speed(&mp4),
-            length_bytes: mp4.length_bytes,
-            parameter_sets,
-            starts: candidates(&mp4.pictures),
-            samples: mp4.pictures,
-            state: Mutex::default(),
-        })
+    /// Columns and rows of the first frame, which all others have, too.
+    fn size(&self) -> (usize, usize) {
+        (self.descriptions[0].width, self.descriptions[0].height)
+    }
+
+    /// How a sample is decoded.
+    fn description(&self, sample: usize) -> &Description {
+        &self.descriptions[self.descriptions.partition_point(|d| d.from <= sample).max(1) - 1]
     }
 
     /// Those of the candidates that are IDR pictures: after others, references may reach back.
     fn find_starts(&self) -> Result<Vec<Start>> {
         let mut file = self.open_file()?;
         let mut starts = Vec::new();
-        for &start in &self.starts {
+        for &start in self.starts.iter().filter(|s| s.sample < self.samples.len()) {
             let sample = self.read_sample(&mut file, start.sample)?;
-            let is_idr = units(&sample, self.length_bytes)
+            let is_idr = units(&sample, self.description(start.sample).length_bytes)
                 .any(|unit| unit.first().is_some_and(|b| b & 31 == IDR_SLICE));
             if is_idr || start.sample == 0 {
                 starts.push(start);
@@ -198,7 +256,9 @@ impl H264 {
         let config = DecoderConfig::new().flush_after_decode(Flush::NoFlush);
         let mut decoder = Decoder::with_api_config(OpenH264API::from_source(), config)
             .map_err(|e| self.damaged(start.frame, &e.to_string()))?;
-        decoder.decode(&self.parameter_sets).map_err(|e| self.damaged(start.frame, &e.to_string()))?;
+        let mut stream = Vec::new();
+        self.description(start.sample).parameter_sets.iter().for_each(|unit| push_unit(&mut stream, unit));
+        decoder.decode(&stream).map_err(|e| self.damaged(start.frame, &e.to_string()))?;
         Ok(Running { decoder, file: self.open_file()?, next_sample: start.sample, next_frame: start.frame })
     }
 
@@ -225,7 +285,11 @@ impl H264 {
         }
         let sample = self.read_sample(&mut running.file, next)?;
         let mut stream = Vec::with_capacity(sample.len() + 64);
-        units(&sample, self.length_bytes).for_each(|unit| push_unit(&mut stream, unit));
+        let Description { from, length_bytes, parameter_sets, .. } = self.description(next);
+        if *from == next && next > 0 {
+            parameter_sets.iter().for_each(|unit| push_unit(&mut stream, unit));
+        }
+        units(&sample, *length_bytes).for_each(|unit| push_unit(&mut stream, unit));
         let picture = running.decoder.decode(&stream).map_err(|e| self.damaged(wanted, &e.to_string()))?;
         if let Some(picture) = picture {
             cache.insert(running.next_frame, self.to_rgb(&picture, running.next_frame)?, wanted);
@@ -247,10 +311,8 @@ impl H264 {
 
     fn to_rgb(&self, picture: &DecodedYUV<'_>, index: usize) -> Result<RgbImage> {
         let (width, height) = picture.dimensions();
-        if (width, height) != (self.width, self.height) {
-            return Err(
-                self.damaged(index, &format!("it is {width}×{height}, not {}×{}", self.width, self.height))
-            );
+        if (width, height) != self.size() {
+            return Err(other_size(&self.path, index, (width, height), self.size()));
         }
         let mut frame = RgbImage::new(width as u32, height as u32);
         picture.write_rgb8(frame.as_mut());
@@ -283,16 +345,12 @@ fn mean_speed(mp4: &Mp4) -> Option<f32> {
 }
 
 /// Sync samples with their place in the order of showing, where nothing earlier is shown after them.
-fn candidates(pictures: &[CodedPicture]) -> Vec<Start> {
-    let mut by_time: Vec<_> = (0..pictures.len()).collect();
-    by_time.sort_by_key(|&i| (pictures[i].shown_at, i));
-    let mut frame_of = vec![0; by_time.len()];
-    by_time.iter().enumerate().for_each(|(frame, &sample)| frame_of[sample] = frame);
+fn candidates(mp4: &Mp4) -> Vec<Start> {
     let mut latest_before = None;
     let mut starts = Vec::new();
-    for (sample, &frame) in frame_of.iter().enumerate() {
+    for (sample, frame) in mp4.frame_of().into_iter().enumerate() {
         let closed = frame == sample && latest_before.is_none_or(|latest| latest < frame);
-        if sample == 0 || (pictures[sample].is_sync && closed) {
+        if sample == 0 || (mp4.pictures[sample].is_sync && closed) {
             starts.push(Start { sample, frame: sample });
         }
         latest_before = latest_before.max(Some(frame));
@@ -346,55 +404,4 @@ impl Cache {
             self.bytes -= self.frames.remove(&farthest).map_or(0, |f| f.as_raw().len());
         }
     }
-}
-
-/// Unpacks the selected frames into a temporary folder that lives as long as the recording.
-fn open_with_ffmpeg(
-    path: &Path,
-    selection: &Selection,
-    program: &Path,
-    why_not_here: &str,
-) -> Result<Recording> {
-    let scratch = tempfile::Builder::new().prefix("surgtpgs-video-").tempdir();
-    let scratch = scratch.map_err(|e| Error::io("make a temporary folder", std::env::temp_dir(), e))?;
-    let Selection { first, last, every } = *selection;
-    let range = last.map_or_else(|| format!("gte(n,{first})"), |last| format!("between(n,{first},{last})"));
-    let output = Command::new(program)
-        .args(["-hide_banner", "-nostats", "-nostdin", "-i"])
-        .arg(path)
-        // A fresh steady clock: by its own, ffmpeg would repeat and drop frames to keep a steady rate.
-        .args(["-map", "0:v:0", "-vf"])
-        .arg(format!("select='{range}*not(mod(n-{first},{every}))',setpts=N/(25*TB)"))
-        .args(["-r", "25", "-pix_fmt", "rgb24", "-compression_level", "1", "-start_number", "0"])
-        .arg(scratch.path().join("%08d.png"))
-        .output()
-        .map_err(|e| Error::Missing {
-            what: format!("this video cannot be read here ({why_not_here}), nor by the program ffmpeg ({e})"),
-            hint: "Install ffmpeg, or convert the video to H.264 in mp4 or to a folder of PNG frames."
-                .to_owned(),
-        })?;
-    let messages = String::from_utf8_lossy(&output.stderr);
-    let pictures = read::list(scratch.path(), &["png"])?;
-    if !output.status.success() || pictures.is_empty() {
-        let last_line = messages.lines().rfind(|l| !l.trim().is_empty()).unwrap_or("no frames came out");
-        return Err(Error::input_at(
-            path,
-            format!("the video cannot be read here ({why_not_here}), nor by ffmpeg: {}", last_line.trim()),
-            "The file may be damaged, or the frames asked for in its settings may not exist.",
-        ));
-    }
-    let mut recording = Recording::of_pictures(path, Layout::Video, &pictures)?;
-    for (k, frame) in recording.frames.iter_mut().enumerate() {
-        frame.name = format!("{:06}", first + k * every);
-    }
-    recording.frames_per_second = announced_speed(&messages);
-    recording.scratch = Some(scratch);
-    Ok(recording)
-}
-
-/// The speed in ffmpeg's description of the input: `… 640x512, 25 fps, …`.
-fn announced_speed(messages: &str) -> Option<f32> {
-    let input = messages.lines().find(|line| line.contains("Video:"))?;
-    let speed = input.split(',').find_map(|part| part.trim().strip_suffix(" fps"))?;
-    speed.parse().ok().filter(|fps: &f32| fps.is_finite() && *fps > 0.0)
 }

@@ -26,7 +26,8 @@ pub use loss::{LossTerms, LossWeights, MIN_DEPTH, MIN_DEPTH_ALPHA, Scales, TermS
 pub use optimiser::{OPACITY_CHANNEL, Optimiser, Rates};
 pub use pass::Pass;
 pub use settings::{
-    DensifySettings, FeatureMode, FrameOrder, LearningRates, LengthUnit, Profile, TrainSettings,
+    DensifySettings, FeatureMode, FrameOrder, LONGEST, LearningRates, LengthUnit, Profile, TrainSettings,
+    length_loss_db,
 };
 
 use crate::{

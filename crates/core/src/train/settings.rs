@@ -4,6 +4,38 @@
 use super::loss::LossWeights;
 use crate::deform::BasisShape;
 
+/// A basis function of time for so many frames.
+const FRAMES_PER_BASIS: usize = 3;
+/// Never more than this many of them.
+const MAX_BASES: usize = 64;
+/// The longest recording that still has as many as it needs.
+pub const LONGEST: usize = MAX_BASES * FRAMES_PER_BASIS - 1;
+/// Held-out PSNR in dB of the demo at so many frames, after 1500 steps.
+const PSNR_OF_LENGTH: [(f64, f64); 5] =
+    [(48.0, 36.7), (96.0, 34.9), (200.0, 32.7), (800.0, 24.6), (2000.0, 24.4)];
+
+/// PSNR that is lost against a recording of [`LONGEST`] frames, dB, by what was measured on the demo.
+pub fn length_loss_db(num_frames: usize) -> f64 {
+    let psnr = |frames: f64| {
+        let [(_, first), .., (_, last)] = PSNR_OF_LENGTH;
+        let between = PSNR_OF_LENGTH.windows(2).find(|pair| (pair[0].0..pair[1].0).contains(&frames));
+        match between {
+            Some(pair) => {
+                let share = (frames / pair[0].0).ln() / (pair[1].0 / pair[0].0).ln();
+                pair[0].1 + share * (pair[1].1 - pair[0].1)
+            }
+            None => {
+                if frames < PSNR_OF_LENGTH[0].0 {
+                    first
+                } else {
+                    last
+                }
+            }
+        }
+    };
+    (psnr(LONGEST as f64) - psnr(num_frames as f64)).max(0.0)
+}
+
 /// Which defaults to start from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -242,13 +274,27 @@ impl TrainSettings {
     }
 
     /// Basis functions for a recording of so many frames.
-    pub(super) fn num_bases(&self, num_frames: usize) -> usize {
-        const FRAMES_PER_BASIS: usize = 3;
+    pub fn num_bases(&self, num_frames: usize) -> usize {
         if self.num_bases > 0 {
             self.num_bases.max(2)
         } else {
-            (num_frames / FRAMES_PER_BASIS + 1).clamp(5, 64)
+            (num_frames / FRAMES_PER_BASIS + 1).clamp(5, MAX_BASES)
         }
+    }
+
+    /// What is lost of a recording of so many frames; `None` where it is not too long, or where the number of basis functions
+    /// was chosen.
+    pub fn length_warning(&self, num_frames: usize) -> Option<String> {
+        if self.num_bases > 0 || num_frames <= LONGEST {
+            return None;
+        }
+        let every = num_frames.div_ceil(LONGEST);
+        Some(format!(
+            "The recording has {num_frames} frames, and motion is learned in full up to {LONGEST}: behind that a reconstruction \
+             gets worse, here by about {:.0} dB. Use every {every}th frame (`every = {every}` under `[time]`), a part of it \
+             (`first` and `last` under `[frames]` of sequence.toml), or cut it into parts of at most {LONGEST} frames",
+            length_loss_db(num_frames)
+        ))
     }
 
     /// Whether step `step` (counted from 1) is followed by a densification.
@@ -319,5 +365,33 @@ impl TrainSettings {
             },
             ..Self::default()
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_length_costs_is_told_from_where_bases_run_out() {
+        let settings = TrainSettings::default();
+        assert_eq!(settings.num_bases(LONGEST), LONGEST / FRAMES_PER_BASIS + 1);
+        assert!(LONGEST / FRAMES_PER_BASIS < MAX_BASES && (LONGEST + 1) / FRAMES_PER_BASIS + 1 > MAX_BASES);
+        assert_eq!(settings.length_warning(LONGEST), None);
+        let text = settings.length_warning(800).unwrap();
+        assert!(
+            text.contains("800 frames") && text.contains("up to 191") && text.contains("about 8 dB"),
+            "{text}"
+        );
+        assert!(text.contains("`every = 5`"), "{text}");
+        assert_eq!(TrainSettings { num_bases: 17, ..settings }.length_warning(800), None);
+    }
+
+    #[test]
+    fn losses_grow_with_length_between_what_was_measured() {
+        assert_eq!(length_loss_db(48), 0.0);
+        let losses = [192, 250, 400, 800, 1500, 2000, 100_000].map(length_loss_db);
+        assert!(losses.is_sorted(), "{losses:?}");
+        assert!((losses[3] - losses[5]).abs() < 0.3 && (8.0..8.5).contains(&losses[5]), "{losses:?}");
     }
 }

@@ -158,6 +158,19 @@ fn prompts_that_share_pixels_are_layers() {
 }
 
 #[test]
+fn videos_of_any_speed_can_be_written() {
+    // Scenes may hold speeds that no recording is believed to have.
+    for speed in [1e-6, 0.5, 9_999.0, 100_000.0, 1e30] {
+        let folder = tempfile::tempdir().unwrap();
+        let mut how = provenance(&[Format::Video, Format::Gif], false);
+        how.frames_per_second = Some(speed);
+        export(folder.path(), &how, FRAMES);
+        let video = Sequence::open(&folder.path().join("video/frames_000000-000003.mp4")).unwrap();
+        assert_eq!(video.num_frames(), FRAMES, "{speed}");
+    }
+}
+
+#[test]
 fn the_video_shows_the_overlays_at_the_recordings_speed() {
     let folder = tempfile::tempdir().unwrap();
     let how = provenance(&[Format::Video, Format::Overlay], false);

@@ -46,12 +46,14 @@ pub(super) struct Video {
 impl Video {
     pub(super) fn begin(file: WholeFile, plan: Plan<'_>) -> io::Result<Self> {
         let speed = plan.provenance.playing_speed();
-        let bits = BITS * (plan.size.0 * plan.size.1) as f64 * f64::from(speed);
+        // The encoder knows no slower ones; what is played goes by the times of the file.
+        let coded_speed = speed.max(1.0);
+        let bits = BITS * (plan.size.0 * plan.size.1) as f64 * f64::from(coded_speed);
         // One thread: the bytes must not depend on the machine. Quality is kept, whatever the rate, and no frame skipped:
         // the video has the frames that the other files have.
         let config = EncoderConfig::new()
             .rate_control_mode(RateControlMode::Bufferbased)
-            .max_frame_rate(FrameRate::from_hz(speed))
+            .max_frame_rate(FrameRate::from_hz(coded_speed))
             .bitrate(BitRate::from_bps(bits.min(2e9) as u32))
             .qp(QUANTISER)
             .skip_frames(false)

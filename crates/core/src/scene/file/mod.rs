@@ -31,7 +31,7 @@ use crate::{
 };
 use compact::Steps;
 use ndarray::{Array1, Array2};
-use safetensors::{Dtype, SafeTensors};
+use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use tensors::{Reader, Writer};
 
 /// Version of the layout above; a reader refuses a newer one.
@@ -144,6 +144,24 @@ fn pack_bits(mask: &Mask) -> Vec<u8> {
     let pack =
         |bits: &[bool]| bits.iter().enumerate().fold(0u8, |byte, (i, b)| byte | u8::from(*b) << (7 - i));
     (0..mask.height).flat_map(|y| mask.row(y).chunks(8).map(pack).collect::<Vec<_>>()).collect()
+}
+
+/// Memory for what the file says that it holds: its tensors twice, as stored and as used, and the weights of all Gaussians.
+pub(super) fn memory_bytes(bytes: &[u8]) -> Option<u64> {
+    let (_, metadata) = SafeTensors::read_metadata(bytes).ok()?;
+    let header: Header = serde_json::from_str(metadata.metadata().as_ref()?.get(METADATA_KEY)?).ok()?;
+    let reader = Reader(SafeTensors::deserialize(bytes).ok()?);
+    let product = |shape: &[u64]| shape.iter().fold(1_u64, |product, n| product.saturating_mul(*n));
+    let values = |(name, view): (String, TensorView<'_>)| match reader.u32(&format!("{name}.shape")) {
+        Ok(shape) => product(&shape.into_iter().map(u64::from).collect::<Vec<_>>()),
+        Err(_) => product(&view.shape().iter().map(|n| *n as u64).collect::<Vec<_>>()),
+    };
+    let stored = reader.0.tensors().into_iter().map(values).fold(0, u64::saturating_add);
+    let bases = reader.u32("basis_weights.shape").ok().and_then(|shape| shape.first().map(|n| *n as usize));
+    let bases = bases.or_else(|| reader.view("basis_weights").ok()?.shape().first().copied()).unwrap_or(0);
+    let weights =
+        product(&[header.gaussians, bases, stride_for(header.latent_dim.min(16))].map(|n| n as u64));
+    Some(stored.saturating_mul(2).saturating_add(weights).saturating_mul(4))
 }
 
 pub(super) fn from_bytes(bytes: &[u8]) -> Result<Scene, Problem> {

@@ -83,6 +83,31 @@ fn settings_beside_a_video_choose_its_frames() {
 }
 
 #[test]
+fn a_video_that_is_cut_off_is_refused_unless_what_is_there_is_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("clip.mp4");
+    write_video(&path);
+    let whole = std::fs::read(&path).unwrap();
+    let forward: Vec<_> = (0..FRAMES).map(|i| Sequence::open(&path).unwrap().frame(i).unwrap()).collect();
+    std::fs::write(&path, &whole[..whole.len() - 600]).unwrap();
+    let text = message(Sequence::open(&path));
+    let there: usize = text.split(" and holds ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+    assert!(text.contains("cut off") && text.contains("it lists 25 frames"), "{text}");
+    assert!(text.contains(&format!("`last = {}` under `[frames]` in clip.mp4.toml", there - 1)), "{text}");
+    assert!((10..FRAMES).contains(&there), "{text}");
+    let choose = |last: usize| {
+        std::fs::write(folder.path().join("clip.mp4.toml"), format!("[frames]\nlast = {last}\n")).unwrap();
+        Sequence::open(&path)
+    };
+    let part = choose(there - 1).unwrap();
+    assert_eq!(part.num_frames(), there);
+    for i in (0..there).rev() {
+        assert_eq!(part.frame(i).unwrap(), forward[i], "frame {i}");
+    }
+    assert!(message(choose(there)).contains("cut off"));
+}
+
+#[test]
 fn damaged_and_foreign_files_are_refused_in_words() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("clip.mp4");

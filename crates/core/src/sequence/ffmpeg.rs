@@ -1,0 +1,285 @@
+//! Videos that only an installed `ffmpeg` program can read: unpacked once into lossless pictures, while what it says about
+//! them is compared with what the file promises.
+
+use super::{
+    Layout,
+    layout::Recording,
+    read,
+    settings::Selection,
+    video::{Container, cut_off, other_size},
+};
+use crate::{Error, Result};
+use std::{
+    io::{BufRead, BufReader, Read},
+    path::Path,
+    process::{Command, ExitStatus, Stdio},
+};
+
+/// A video that is not decoded here.
+pub(super) struct Unread<'a> {
+    pub path: &'a Path,
+    pub kind: Container,
+    /// Frames that its index lists, where it has one.
+    pub promised: Option<usize>,
+    /// Why it is not decoded here, without a full stop.
+    pub why_not_here: String,
+}
+
+/// So many frames at the beginning may need others that were cut away before them.
+const LEADING_FRAMES: usize = 16;
+/// Between the last frame and the end of a file, seconds.
+const SLACK: f64 = 0.1;
+
+/// Unpacks the selected frames into a temporary folder that lives as long as the recording.
+pub(super) fn open(program: &Path, video: &Unread<'_>, selection: &Selection) -> Result<Recording> {
+    let Unread { path, promised, .. } = *video;
+    let places = std::env::temp_dir();
+    let scratch = tempfile::Builder::new().prefix("surgtpgs-video-").tempdir();
+    let scratch = scratch.map_err(|e| Error::io("make a temporary folder", &places, e))?;
+    let Selection { first, last, .. } = *selection;
+    if last.is_some_and(|last| last < first || promised.is_some_and(|all| last >= all)) {
+        let there = promised.map_or(String::new(), |all| format!(", the video has {all}"));
+        let what = format!("frames {first} to {} are asked for{there}", last.unwrap_or(first));
+        return Err(Error::input_at(path, what, "Look at [frames] in its settings."));
+    }
+    let (status, told) = unpack(program, video, selection, scratch.path())?;
+    if told.is_full {
+        return Err(Error::Missing {
+            what: format!("the temporary folder {} is full: the video is unpacked there", places.display()),
+            hint: "Free some space, or set TMPDIR to a folder with more.".to_owned(),
+        });
+    }
+    let mut pictures = read::list(scratch.path(), &["png"])?;
+    if !status.success() || pictures.is_empty() {
+        let last_line = if told.last_line.is_empty() { "no frames came out" } else { &told.last_line };
+        return Err(Error::input_at(
+            path,
+            format!("the video cannot be read here ({}), nor by ffmpeg: {last_line}", video.why_not_here),
+            "The file may be damaged, or the frames asked for in its settings may not exist.",
+        ));
+    }
+    let notes = compare(video, selection, &told, pictures.len())?;
+    if let Some(last) = selection.last {
+        pictures.truncate((last - selection.first) / selection.every.max(1) + 1);
+    }
+    let mut recording = Recording::of_pictures(path, Layout::Video, &pictures)?;
+    for (k, frame) in recording.frames.iter_mut().enumerate() {
+        frame.name = format!("{:06}", first + k * selection.every);
+    }
+    recording.frames_per_second = told.frames_per_second;
+    recording.notes.extend(notes);
+    recording.scratch = Some(scratch);
+    Ok(recording)
+}
+
+/// Runs ffmpeg and hears what it says.
+fn unpack(
+    program: &Path,
+    video: &Unread<'_>,
+    selection: &Selection,
+    folder: &Path,
+) -> Result<(ExitStatus, Told)> {
+    let Selection { first, last, every } = *selection;
+    let range = last.map_or_else(|| format!("gte(n,{first})"), |last| format!("between(n,{first},{last})"));
+    let mut command = Command::new(program);
+    command.args(["-hide_banner", "-nostats", "-nostdin", "-loglevel", "level+info"]);
+    if video.kind == Container::Mp4 {
+        // All frames of the index, as where it is decoded here.
+        command.args(["-ignore_editlist", "1"]);
+    }
+    command.arg("-i").arg(video.path).args(["-map", "0:v:0", "-vf"]);
+    // A fresh steady clock: by its own, ffmpeg would repeat and drop frames to keep a steady rate.
+    command.arg(format!("showinfo,select='{range}*not(mod(n-{first},{every}))',setpts=N/(25*TB)"));
+    command.args(["-r", "25", "-pix_fmt", "rgb24", "-compression_level", "1", "-start_number", "0"]);
+    if let Some(last) = last.filter(|last| *last >= first) {
+        command.args(["-frames:v", &((last - first) / every.max(1) + 1).to_string()]);
+    }
+    command.arg(folder.join("%08d.png")).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
+    let missing = |e: std::io::Error| Error::Missing {
+        what: format!(
+            "this video cannot be read here ({}), nor by the program ffmpeg ({e})",
+            video.why_not_here
+        ),
+        hint: "Install ffmpeg, or convert the video to H.264 in mp4 or to a folder of PNG frames.".to_owned(),
+    };
+    let mut child = command.spawn().map_err(missing)?;
+    let told = child.stderr.take().map_or_else(Told::default, Told::listen);
+    Ok((child.wait().map_err(missing)?, told))
+}
+
+/// What ffmpeg said.
+#[derive(Debug, Default, PartialEq)]
+struct Told {
+    /// Of the whole file, and where its clock begins, seconds.
+    duration: Option<f64>,
+    start: f64,
+    has_audio: bool,
+    has_video: bool,
+    frames_per_second: Option<f32>,
+    /// Frames that were decoded, used or not.
+    frames: usize,
+    size: Option<(usize, usize)>,
+    /// The first frame of another size than the first.
+    other_size: Option<(usize, (usize, usize))>,
+    /// Time of the last frame and the longest time between two, seconds.
+    reached: f64,
+    longest: f64,
+    /// The first complaint about what the file holds.
+    complaint: Option<String>,
+    is_full: bool,
+    last_line: String,
+}
+
+impl Told {
+    fn listen(output: impl Read) -> Self {
+        let mut told = Self::default();
+        let mut lines = BufReader::new(output);
+        let mut line = Vec::new();
+        while lines.read_until(b'\n', &mut line).is_ok_and(|n| n > 0) {
+            told.hear(String::from_utf8_lossy(&line).trim());
+            line.clear();
+        }
+        told
+    }
+
+    fn hear(&mut self, line: &str) {
+        if line.contains("showinfo") && line.contains(" pts_time:") {
+            self.hear_frame(line);
+            return;
+        }
+        if line.is_empty() || line.contains("showinfo") {
+            return;
+        }
+        self.is_full |=
+            ["No space left on device", "Disk quota exceeded"].iter().any(|full| line.contains(full));
+        if line.contains("Duration:") && self.duration.is_none() {
+            self.duration = after(line, "Duration:").and_then(seconds);
+            self.start = after(line, "start:").and_then(|s| s.parse().ok()).unwrap_or(0.0);
+        } else if line.contains("Stream #") && line.contains("Audio:") {
+            self.has_audio = true;
+        } else if line.contains("Stream #") && line.contains("Video:") && !self.has_video {
+            self.has_video = true;
+            self.frames_per_second = announced_speed(line);
+        }
+        // A stream that is broadcast ends within a packet as a rule.
+        let is_complaint =
+            ["[error]", "[fatal]", "corrupt decoded frame"].iter().any(|word| line.contains(word));
+        if is_complaint && self.complaint.is_none() {
+            self.complaint = Some(plain(line));
+        }
+        self.last_line = plain(line);
+    }
+
+    /// Takes note of a frame that `showinfo` describes.
+    fn hear_frame(&mut self, line: &str) {
+        let size = after(line, " s:").and_then(|s| s.split_once('x'));
+        let size = size.and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+        if let (Some(found), Some(first)) = (size, self.size) {
+            if found != first && self.other_size.is_none() {
+                self.other_size = Some((self.frames, found));
+            }
+        } else {
+            self.size = size;
+        }
+        if let Some(time) = after(line, " pts_time:").and_then(|t| t.parse::<f64>().ok()) {
+            if self.frames > 0 {
+                self.longest = self.longest.max(time - self.reached);
+            }
+            self.reached = self.reached.max(time);
+        }
+        self.frames += 1;
+    }
+
+    /// Seconds of the file behind its last frame that no frame explains.
+    fn lacking(&self) -> f64 {
+        let end = self.duration.map_or(0.0, |duration| duration - self.start.max(0.0));
+        end - (self.reached + 3.0 * self.longest + SLACK)
+    }
+}
+
+/// Errs where fewer frames came than were promised, or one of another size; else what the user should know.
+fn compare(video: &Unread<'_>, selection: &Selection, told: &Told, pictures: usize) -> Result<Vec<String>> {
+    let path = video.path;
+    let is_used = |frame: usize| selection.last.is_none_or(|last| frame <= last);
+    if let (Some((frame, size)), Some(first)) = (told.other_size, told.size)
+        && is_used(frame)
+    {
+        return Err(other_size(path, frame, size, first));
+    }
+    let complaint = told.complaint.as_ref().map_or(String::new(), |what| format!("; ffmpeg says: {what}"));
+    let cut_off = |what: String, there| Err(cut_off(path, &what, there));
+    if let Some(last) = selection.last {
+        // Those that are used are all that matter.
+        let asked = (last - selection.first) / selection.every.max(1) + 1;
+        if pictures < asked {
+            let what = format!("{asked} frames up to {last} are asked for, {pictures} came{complaint}");
+            return cut_off(what, told.frames);
+        }
+        return Ok(Vec::new());
+    }
+    let mut notes = Vec::new();
+    match video.promised {
+        // An ffmpeg that does not count is believed.
+        Some(all) if told.frames > 0 && told.frames < all => {
+            let what = format!("it lists {all} frames, {} could be decoded", told.frames);
+            if told.complaint.is_some() || told.frames + LEADING_FRAMES < all {
+                return cut_off(what + &complaint, told.frames);
+            }
+            notes.push(format!("The video lists {all} frames, ffmpeg shows {} of them", told.frames));
+        }
+        None if told.frames > 0 && told.duration.is_none() => {
+            notes.push("The video does not say how long it is: whether it is whole is not known".to_owned());
+        }
+        None if told.frames > 0 && told.lacking() > 0.0 => {
+            let (all, reached) = (told.duration.unwrap_or(0.0), told.reached);
+            let about = told.frames_per_second.map_or(String::new(), |speed| {
+                format!(" of about {:.0}", (all - told.start.max(0.0)) * f64::from(speed))
+            });
+            let what = format!(
+                "it lasts {all:.2} s, its frames end at {reached:.2} s: {}{about} could be decoded",
+                told.frames
+            );
+            if told.complaint.is_some() || !told.has_audio {
+                return cut_off(what + &complaint, told.frames);
+            }
+            notes.push(format!("The video may be cut off: {what}, or its sound is longer"));
+        }
+        _ => {}
+    }
+    if let Some(what) = told.complaint.as_ref().filter(|_| notes.is_empty()) {
+        notes.push(format!("ffmpeg found damage in the video, and what it shows there is a guess: {what}"));
+    }
+    Ok(notes)
+}
+
+/// The word after `key`, up to a comma or a space.
+fn after<'a>(line: &'a str, key: &str) -> Option<&'a str> {
+    let rest = line.split_once(key)?.1.trim_start();
+    rest.split([',', ' ']).next()
+}
+
+/// Hours, minutes and seconds.
+fn seconds(clock: &str) -> Option<f64> {
+    clock.split(':').try_fold(0.0, |sum, part| part.parse::<f64>().ok().map(|v| sum * 60.0 + v))
+}
+
+/// A line without what ffmpeg puts before it: `[mov @ 0x55] [error] stream 0: partial file`.
+fn plain(line: &str) -> String {
+    let mut rest = line;
+    while let Some((_, tail)) = rest.strip_prefix('[').and_then(|r| r.split_once(']')) {
+        rest = tail.trim_start();
+    }
+    rest.to_owned()
+}
+
+/// The speed in ffmpeg's description of the input: `… 640x512, 25 fps, …`.
+fn announced_speed(line: &str) -> Option<f32> {
+    let speed = line.split(',').find_map(|part| part.trim().strip_suffix(" fps"))?;
+    // Thousands are "1k".
+    let (digits, factor) = speed.strip_suffix('k').map_or((speed, 1.0), |digits| (digits, 1000.0));
+    digits.parse().ok().map(|fps: f32| fps * factor).filter(|fps| fps.is_finite() && *fps > 0.0)
+}
+
+#[cfg(test)]
+#[path = "tests/ffmpeg.rs"]
+mod tests;
