@@ -245,9 +245,9 @@ fn region_maps_come_back_to_the_bit() {
     let map = RegionMap::from_vec(3, 2, vec![0, 1, 255, 256, 65_534, NO_REGION]);
     let file = place.path().join("a/map.png");
     files::write_region_map(&file, map.clone()).unwrap();
-    assert_eq!(files::read_region_map(&file).unwrap(), map);
+    assert_eq!(files::read_region_map(&file, None).unwrap(), map);
     RgbImage::new(3, 2).save(&file).unwrap();
-    assert!(files::read_region_map(&file).unwrap_err().to_string().contains("16-bit grey"));
+    assert!(files::read_region_map(&file, None).unwrap_err().to_string().contains("16-bit grey"));
 }
 
 /// The real clip, where it is present: classes, coverage, and that prompts for classes can be told apart.

@@ -8,13 +8,20 @@ mod still;
 pub use ply::{LANG_DEFORMATION_FILE, ReferencePly, ReferenceWeights};
 
 use crate::{
-    Error, Result, camera::Camera, codec::Codec, deform::Deformation, gaussian::Gaussians, grid::Mask,
-    prepare::EncoderIdentity, sequence::Class,
+    Error, Result,
+    camera::Camera,
+    codec::Codec,
+    deform::Deformation,
+    gaussian::Gaussians,
+    grid::Mask,
+    prepare::EncoderIdentity,
+    sequence::{Class, Identity, shared_identity},
 };
 use glam::{Affine3A, Mat3, Vec3};
 use std::{
     hash::{DefaultHasher, Hash, Hasher},
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 /// Extensions of files that [`Scene::load`] reads.
@@ -53,6 +60,9 @@ pub struct Provenance {
     pub sequence_name: String,
     /// Where the recording was, to find the original frames again.
     pub sequence_path: PathBuf,
+    /// What the recording was; absent in older scenes, which know it by number and size of the frames.
+    #[serde(default, skip_serializing_if = "Option::is_none", with = "shared_identity")]
+    pub identity: Option<Arc<Identity>>,
     /// Whether test frames were held out of training.
     pub held_out: bool,
     /// Recording speed, where known.

@@ -45,6 +45,8 @@ pub(super) struct Recording {
     pub notes: Vec<String>,
     /// Holds unpacked frames of a video; removed with the recording.
     pub scratch: Option<TempDir>,
+    /// The video that they were unpacked from.
+    pub unpacked_from: Option<PathBuf>,
 }
 
 /// The files of one frame.
@@ -106,6 +108,7 @@ impl Recording {
             frames_per_second: None,
             notes: Vec::new(),
             scratch: None,
+            unpacked_from: None,
         }
     }
 

@@ -23,6 +23,7 @@ use std::{
     collections::BTreeMap,
     fs::File,
     io::{Read, Seek, SeekFrom},
+    ops::Range,
     path::{Path, PathBuf},
     process::Command,
     sync::{Arc, Mutex, PoisonError},
@@ -96,6 +97,8 @@ pub(super) struct H264 {
     parameter_sets: Vec<u8>,
     /// In decoding order; as many as frames.
     samples: Vec<CodedPicture>,
+    /// The sample of each frame.
+    shown: Vec<usize>,
     /// Where decoding can start; ascending, the first at sample 0.
     starts: Vec<Start>,
     state: Mutex<State>,
@@ -154,6 +157,7 @@ impl H264 {
             length_bytes: mp4.length_bytes,
             parameter_sets,
             starts: candidates(&mp4.pictures),
+            shown: in_order_of_showing(&mp4.pictures),
             samples: mp4.pictures,
             state: Mutex::default(),
         })
@@ -172,6 +176,25 @@ impl H264 {
             }
         }
         Ok(starts)
+    }
+
+    /// The last frame before `index`, or `index` itself, at which decoding can start.
+    pub(super) fn entry_before(&self, index: usize) -> usize {
+        self.starts[self.starts.partition_point(|s| s.frame <= index).max(1) - 1].frame
+    }
+
+    /// Coded bytes of some frames in the order of showing.
+    pub(super) fn coded_bytes(&self, frames: Range<usize>) -> u64 {
+        self.shown[frames].iter().map(|&sample| self.samples[sample].size as u64).sum()
+    }
+
+    /// Reads the coded bytes of some frames in the order of showing.
+    pub(super) fn read_coded(&self, frames: Range<usize>, mut take: impl FnMut(&[u8])) -> Result<()> {
+        let mut file = self.open_file()?;
+        self.shown[frames].iter().try_for_each(|&sample| {
+            take(&self.read_sample(&mut file, sample)?);
+            Ok(())
+        })
     }
 
     /// Frame `index` in the order of showing.
@@ -282,10 +305,16 @@ fn mean_speed(mp4: &Mp4) -> Option<f32> {
     (speed.is_finite() && speed > 0.0).then_some(speed as f32)
 }
 
-/// Sync samples with their place in the order of showing, where nothing earlier is shown after them.
-fn candidates(pictures: &[CodedPicture]) -> Vec<Start> {
+/// Samples in the order of showing.
+fn in_order_of_showing(pictures: &[CodedPicture]) -> Vec<usize> {
     let mut by_time: Vec<_> = (0..pictures.len()).collect();
     by_time.sort_by_key(|&i| (pictures[i].shown_at, i));
+    by_time
+}
+
+/// Sync samples with their place in the order of showing, where nothing earlier is shown after them.
+fn candidates(pictures: &[CodedPicture]) -> Vec<Start> {
+    let by_time = in_order_of_showing(pictures);
     let mut frame_of = vec![0; by_time.len()];
     by_time.iter().enumerate().for_each(|(frame, &sample)| frame_of[sample] = frame);
     let mut latest_before = None;
@@ -389,6 +418,7 @@ fn open_with_ffmpeg(
     }
     recording.frames_per_second = announced_speed(&messages);
     recording.scratch = Some(scratch);
+    recording.unpacked_from = Some(path.to_owned());
     Ok(recording)
 }
 

@@ -58,6 +58,9 @@ struct Header {
     classes: Vec<Class>,
     encoder: Option<EncoderIdentity>,
     provenance: Provenance,
+    /// SHA-256 over all tensors, hexadecimal; absent in older scenes.
+    #[serde(default)]
+    tensors_sha256: Option<String>,
 }
 
 fn own_gate() -> usize {
@@ -100,6 +103,7 @@ pub(super) fn to_bytes(scene: &Scene, compact: bool) -> Result<Vec<u8>> {
         classes: scene.classes.iter().map(|c| c.0.clone()).collect(),
         encoder: scene.encoder.clone(),
         provenance: scene.provenance.clone(),
+        tensors_sha256: Some(w.checksum()?),
     };
     let json = serde_json::to_string(&header)
         .map_err(|e| Error::input(format!("the scene could not be written: {e}"), ""))?;
@@ -168,6 +172,9 @@ pub(super) fn from_bytes(bytes: &[u8]) -> Result<Scene, Problem> {
         return Err(format!("latent dimension {d} (0 to 16) or colour degree {sh} (0 to 3) is out of range"));
     }
     let reader = Reader(SafeTensors::deserialize(bytes).map_err(damaged)?);
+    if header.tensors_sha256.as_ref().is_some_and(|written| *written != reader.checksum()) {
+        return Err("the scene file is damaged or was changed: its checksum differs".into());
+    }
     let gaussians = read_gaussians(&reader, &header)?;
     let deformation = read_deformation(&reader, &header)?;
     let (camera_shape, cameras) = reader.f32("cameras", 2)?;

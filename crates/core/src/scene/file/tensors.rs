@@ -7,6 +7,7 @@ use super::{
 use crate::{Error, Result};
 use half::f16;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
+use sha2::{Digest, Sha256};
 use std::collections::HashMap;
 
 /// Tensors being collected for writing.
@@ -69,21 +70,47 @@ impl Writer {
 
     /// The file, with `metadata` under `key`.
     pub(super) fn finish(self, key: &str, metadata: String) -> Result<Vec<u8>> {
-        let failed = |e: safetensors::SafeTensorError| {
-            Error::input(format!("the scene could not be written: {e}"), "")
-        };
+        let metadata = HashMap::from([(key.to_owned(), metadata)]);
+        safetensors::serialize(self.views()?, Some(metadata)).map_err(not_written)
+    }
+
+    /// SHA-256 over all tensors so far, hexadecimal.
+    pub(super) fn checksum(&self) -> Result<String> {
+        Ok(checksum(self.views()?))
+    }
+
+    fn views(&self) -> Result<Vec<(&str, TensorView<'_>)>> {
         let views = self.tensors.iter().map(|(name, dtype, shape, bytes)| {
             TensorView::new(*dtype, shape.clone(), bytes).map(|view| (name.as_str(), view))
         });
-        let views: Vec<_> = views.collect::<Result<_, _>>().map_err(failed)?;
-        safetensors::serialize(views, Some(HashMap::from([(key.to_owned(), metadata)]))).map_err(failed)
+        views.collect::<Result<_, _>>().map_err(not_written)
     }
+}
+
+fn not_written(e: safetensors::SafeTensorError) -> Error {
+    Error::input(format!("the scene could not be written: {e}"), "")
+}
+
+/// SHA-256 over names, kinds, shapes and values, hexadecimal; in whatever order they lie.
+fn checksum(mut tensors: Vec<(impl AsRef<str> + Ord, TensorView<'_>)>) -> String {
+    tensors.sort_by(|(a, _), (b, _)| a.cmp(b));
+    let mut hash = Sha256::new();
+    for (name, view) in &tensors {
+        hash.update(format!("{} {:?} {:?}\n", name.as_ref(), view.dtype(), view.shape()));
+        hash.update(view.data());
+    }
+    format!("{:x}", hash.finalize())
 }
 
 /// Tensors of a file.
 pub(super) struct Reader<'a>(pub(super) SafeTensors<'a>);
 
 impl Reader<'_> {
+    /// As [`Writer::checksum`].
+    pub(super) fn checksum(&self) -> String {
+        checksum(self.0.tensors())
+    }
+
     /// The values and shape of a tensor of finite numbers with as many dimensions as `rank`, however it is stored.
     pub(super) fn f32(&self, name: &str, rank: usize) -> Result<(Vec<usize>, Vec<f32>), Problem> {
         let is_packed = self.0.tensor(&format!("{name}.shape")).is_ok();
