@@ -184,7 +184,7 @@ fn query_speaks_csv_and_plain_words() {
     let csv =
         flow().run(&["query", "scene.safetensors", "--prompt", "liver", "--frames", "2..4", "--csv"]).ok();
     let lines: Vec<&str> = csv.stdout.lines().collect();
-    assert_eq!(lines[0], "prompt,frame,found,area_px,area_fraction,max_score");
+    assert_eq!(lines[0], "prompt,frame,found,area_px,area_fraction,max_score,source");
     assert!(lines.len() == 3 && lines[1].starts_with("\"liver\",2,"), "{lines:?}");
     let text = flow().run(&["query", "scene.safetensors", "--prompt", "spaceship"]).ok();
     assert!(text.stdout.contains("nothing above the threshold"), "{}", text.stdout);

@@ -25,5 +25,7 @@ mod default_job;
 mod faults;
 /// Scenes to and from what other programs read.
 mod formats;
+/// A recording is known again by its frames.
+mod identity;
 /// Nothing that speaks to a network is built in.
 mod privacy;

@@ -67,12 +67,11 @@ impl Manifest {
         encoder: EncoderIdentity,
         settings: &CodecSettings,
     ) -> Result<Self> {
-        let recording = full_path(sequence.path());
-        Ok(Self {
+        let mut manifest = Self {
             version: VERSION,
             made_by: concat!("surgtpgs ", env!("CARGO_PKG_VERSION")).to_owned(),
-            recording_relative: relative_path(&full_path(folder), &recording),
-            recording,
+            recording_relative: None,
+            recording: PathBuf::new(),
             identity: Some(sequence.identity()?),
             eval,
             frames: sequence.num_frames(),
@@ -86,7 +85,15 @@ impl Manifest {
             region_frames: Vec::new(),
             codec_settings: settings.clone(),
             sha256: BTreeMap::new(),
-        })
+        };
+        manifest.point_to(folder, sequence.path());
+        Ok(manifest)
+    }
+
+    /// Says where the recording is, seen from the prepared folder.
+    pub(super) fn point_to(&mut self, folder: &Path, recording: &Path) {
+        self.recording = full_path(recording);
+        self.recording_relative = relative_path(&full_path(folder), &self.recording);
     }
 
     pub(super) fn read(folder: &Path) -> Result<Self> {

@@ -165,6 +165,13 @@ impl Prepared {
         self.sequence.identity()?.require(identity, self.sequence.path(), WAS_PREPARED)
     }
 
+    /// Points the prepared folder `folder` to where its recording is now; the recording itself is not looked at.
+    pub fn relocate(folder: &Path, recording: &Path) -> Result<()> {
+        let mut manifest = Manifest::read(folder)?;
+        manifest.point_to(folder, recording);
+        manifest.write(folder)
+    }
+
     /// Rows of the feature table.
     pub fn num_rows(&self) -> usize {
         self.latents.len() / self.codec.latent_dim().max(1)

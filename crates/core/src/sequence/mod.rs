@@ -247,12 +247,11 @@ impl Sequence {
     pub fn depth(&self, i: usize) -> Result<Option<Grid<f32>>> {
         let Some(estimated) = &self.estimated else { return self.recording().depth(i) };
         let file = depth_file(&estimated.folder, i);
-        if !file.is_file() {
-            return Ok(None);
-        }
         if let Some(sha256) = estimated.sha256.get(&depth_name(i)) {
             let bytes = std::fs::read(&file).map_err(|e| Error::io("read the depth", &file, e))?;
             require_checksum(&file, &bytes, sha256)?;
+        } else if !file.is_file() {
+            return Ok(None);
         }
         Ok(Some(DepthRule::default().read(&file)?.resized(self.width(), self.height())))
     }

@@ -428,6 +428,23 @@ mod tests {
     }
 
     #[test]
+    fn a_changed_value_is_noticed_and_older_files_have_no_checksum() {
+        for compact in [false, true] {
+            let bytes = to_bytes(&scene(), compact).unwrap();
+            let tensors = 8 + u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+            for at in (tensors..bytes.len()).step_by(61) {
+                let mut changed = bytes.clone();
+                changed[at] ^= 1;
+                assert!(from_bytes(&changed).unwrap_err().contains("checksum"), "byte {at}");
+            }
+            let before =
+                String::from_utf8_lossy(&bytes[..tensors]).replace("tensors_sha256", "tensors_sha000");
+            let older = [before.as_bytes(), &bytes[tensors..]].concat();
+            assert!(from_bytes(&older).is_ok());
+        }
+    }
+
+    #[test]
     fn poisoned_and_mismatched_tensors_are_refused() {
         let mut s = scene();
         s.gaussians.means[2][1] = f32::NAN;
