@@ -1,5 +1,6 @@
 use serde_json::Value;
 use std::{
+    fs,
     path::Path,
     process::Child,
     time::{Duration, SystemTime},
@@ -199,4 +200,107 @@ fn results_outlive_a_recording_that_is_away_for_a_while() {
     std::fs::rename(&away, &here).unwrap();
     assert!(batch.run(&[]).ok().stderr.contains("eval is done"));
     assert_eq!(batch.made("good/scene.safetensors"), made);
+}
+
+/// Recordings by names in several scripts, each with the folder of its results.
+const PATIENTS: [(&str, &str); 8] = [
+    ("Müller Ö, 2", "müller-ö-2"),
+    ("Pacient nº 1", "pacient-nº-1"),
+    ("Пациент 7", "пациент-7"),
+    ("患者七", "患者七"),
+    ("患者八", "患者八"),
+    ("مريض", "مريض"),
+    ("מטופל", "מטופל"),
+    ("रोगी", "रोगी"),
+];
+
+/// The recordings in some order, each under its own name.
+fn jobs_of(order: &[usize]) -> String {
+    let one =
+        |&i: &usize| format!("[[recording]]\npath = \"r{i}\"\nname = '{}'\niterations = 2\n", PATIENTS[i].0);
+    order.iter().map(one).collect()
+}
+
+#[test]
+fn the_order_of_recordings_changes_nothing_in_any_script() {
+    let batch = Batch(tempfile::tempdir().unwrap());
+    for i in 0..PATIENTS.len() {
+        let (folder, seed) = (format!("r{i}"), format!("{i}"));
+        let size = ["--width", "32", "--height", "24", "--frames", "4", "--seed", &seed];
+        run_in(batch.path(), &[&["demo", "-o", &folder][..], &size].concat()).ok();
+    }
+    let mut order: Vec<usize> = (0..PATIENTS.len()).collect();
+    batch.write(&jobs_of(&order));
+    batch.run(&[]).ok();
+    let scenes = || {
+        PATIENTS.map(|(_, folder)| {
+            fs::read(batch.path().join("jobs").join(folder).join("scene.safetensors")).unwrap()
+        })
+    };
+    let (first, mut state) = (scenes(), 12345_u32);
+    for round in 0..5 {
+        for i in (1..order.len()).rev() {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            order.swap(i, (state >> 16) as usize % (i + 1));
+        }
+        batch.write(&jobs_of(&order));
+        let run = batch.run(&[]).ok();
+        assert_eq!(run.stderr.matches(" is done\n").count(), 2 * PATIENTS.len(), "{}", run.stderr);
+        assert!(scenes() == first, "round {round}");
+    }
+    let folders =
+        fs::read_dir(batch.path().join("jobs")).unwrap().filter(|e| e.as_ref().unwrap().path().is_dir());
+    assert_eq!(folders.count(), PATIENTS.len());
+
+    // Two paths in each other's place: neither patient gets the other's scene, and the others go on.
+    batch.write(
+        &jobs_of(&order).replace("\"r3\"", "\"?\"").replace("\"r4\"", "\"r3\"").replace("\"?\"", "\"r4\""),
+    );
+    let swapped = batch.run(&[]);
+    assert_eq!(swapped.code, 1);
+    assert_eq!(
+        swapped.stderr.matches("holds the results of another recording").count(),
+        2,
+        "{}",
+        swapped.stderr
+    );
+    assert_eq!(swapped.stderr.matches(" is done\n").count(), 2 * (PATIENTS.len() - 2));
+    assert!(scenes() == first);
+
+    // One that moved is the same; one that changed a little is done again.
+    fs::rename(batch.path().join("r0"), batch.path().join("elsewhere")).unwrap();
+    fs::copy(
+        batch.path().join("r2/images/frame_000000.png"),
+        batch.path().join("r2/images/frame_000001.png"),
+    )
+    .unwrap();
+    batch.write(&jobs_of(&order).replace("\"r0\"", "\"elsewhere\""));
+    let moved = batch.run(&[]).ok();
+    assert_eq!(moved.stderr.matches(" is done\n").count(), 2 * (PATIENTS.len() - 1), "{}", moved.stderr);
+    let now = scenes();
+    let changed: Vec<usize> = (0..PATIENTS.len()).filter(|&i| now[i] != first[i]).collect();
+    assert_eq!(changed, [2]);
+}
+
+#[test]
+fn what_was_prepared_is_used_where_the_recording_is_now() {
+    let jobs = |path: &str, iterations: u32| {
+        format!(
+            "[[recording]]\npath = \"{path}\"\nname = \"clip\"\nlabels = true\nprompts = [\"liver\"]\n\
+                 formats = [\"index\"]\niterations = {iterations}\n"
+        )
+    };
+    let batch = Batch::new(&jobs("good", 5));
+    batch.run(&[]).ok();
+    fs::rename(batch.path().join("good"), batch.path().join("a longer name")).unwrap();
+    batch.write(&jobs("a longer name", 5));
+    let run = batch.run(&[]).ok();
+    assert_eq!(run.stderr.matches(" is done\n").count(), 4, "{}", run.stderr);
+    batch.write(&jobs("a longer name", 6));
+    let run = batch.run(&[]).ok();
+    assert!(
+        run.stderr.contains("prepare is done") && !run.stderr.contains("train is done"),
+        "{}",
+        run.stderr
+    );
 }

@@ -184,7 +184,7 @@ fn query_speaks_csv_and_plain_words() {
     let csv =
         flow().run(&["query", "scene.safetensors", "--prompt", "liver", "--frames", "2..4", "--csv"]).ok();
     let lines: Vec<&str> = csv.stdout.lines().collect();
-    assert_eq!(lines[0], "prompt,frame,found,area_px,area_fraction,max_score");
+    assert_eq!(lines[0], "prompt,frame,found,area_px,area_fraction,max_score,source");
     assert!(lines.len() == 3 && lines[1].starts_with("\"liver\",2,"), "{lines:?}");
     let text = flow().run(&["query", "scene.safetensors", "--prompt", "spaceship"]).ok();
     assert!(text.stdout.contains("nothing above the threshold"), "{}", text.stdout);
@@ -277,7 +277,8 @@ fn export_masks_frames_resumes_and_never_overwrites_silently() {
     let record: Value =
         serde_json::from_slice(&std::fs::read(flow.path().join("masked/provenance.json")).unwrap()).unwrap();
     assert_eq!(record["complete"], true);
-    assert_eq!(record["files"].as_array().unwrap().len(), 4 * Flow::FRAMES);
+    // The labels' meaning is one more.
+    assert_eq!(record["files"].as_array().unwrap().len(), 4 * Flow::FRAMES + 1);
     assert!(!record.to_string().contains(&flow.at("")), "no path of this machine is in the record");
 
     let other = export(&["--format", "binary", "--threshold", "0.6"]);

@@ -76,7 +76,9 @@ fn limited(folder: &Path, args: &[&str], budget: u64, fault: Fault) -> Run {
         Fault::Killed => {
             let calls = "write,fsync,rename,renameat2,unlink";
             let nth = 1 + budget / 40;
-            format!("exec strace -f -qq -o /dev/null -e trace={calls} -e inject={calls}:signal=KILL:when={nth} \"$@\"")
+            format!(
+                "exec strace -f -qq -o /dev/null -e trace={calls} -e inject={calls}:signal=KILL:when={nth} \"$@\""
+            )
         }
     };
     let mut shell = Command::new("bash");
@@ -148,7 +150,10 @@ fn a_result_is_never_replaced_by_half_of_another() {
             for fault in [Fault::Full, Fault::Killed] {
                 limited(folder.path(), &[writer.args, &["--force"]].concat(), budget, fault);
                 // A kill may come with the very last step, or never.
-                let is_new = || fault == Fault::Killed && run(folder.path(), &["render", writer.output, "-o", "r", "--force"]).code == 0;
+                let is_new = || {
+                    fault == Fault::Killed
+                        && run(folder.path(), &["render", writer.output, "-o", "r", "--force"]).code == 0
+                };
                 let case = format!("{}, {budget}, {fault:?}", writer.name);
                 assert!(fs::read(&output).unwrap() == good || is_new(), "{case}");
                 good = fs::read(&output).unwrap();

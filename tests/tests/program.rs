@@ -25,6 +25,8 @@ mod default_job;
 mod faults;
 /// Scenes to and from what other programs read.
 mod formats;
+/// A recording is known again by its frames.
+mod identity;
 /// Inputs, other people's files and earlier results are safe.
 mod outputs;
 /// Nothing that speaks to a network is built in.

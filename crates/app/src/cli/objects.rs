@@ -24,6 +24,8 @@ struct Row<'a> {
     moved: Option<f64>,
     /// Of the centroid since the first frame.
     away: Option<f64>,
+    /// File name of the recorded frame.
+    source: Option<&'a str>,
 }
 
 /// Writes what each prompt found on the frame where it covers most, and follows these Gaussians over all frames; nothing
@@ -54,7 +56,7 @@ fn follow<'a>(scene: &Scene, prompt: &'a PromptReport, gaussians: &[usize]) -> V
         a.zip(b).map(|(a, b)| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt())
     };
     let fps = scene.provenance.frames_per_second.filter(|fps| *fps > 0.0);
-    let row = |f: &super::query::FrameReport| {
+    let row = |f: &'a super::query::FrameReport| {
         let now = deform(&scene.gaussians, &scene.deformation, scene.time(f.frame), false);
         let body = Body::of(&now, gaussians);
         let here = body.map(|b| b.centroid);
@@ -73,6 +75,7 @@ fn follow<'a>(scene: &Scene, prompt: &'a PromptReport, gaussians: &[usize]) -> V
             z: here.map(|p| p[2]),
             moved,
             away,
+            source: f.source.as_deref(),
         }
     };
     prompt.frames.iter().map(row).collect()
@@ -103,6 +106,7 @@ mod tests {
             area_fraction: 0.1,
             max_score: 0.9,
             seen_area: 2.0,
+            source: None,
         };
         let prompt =
             PromptReport { text: "liver".into(), frames: (0..4).map(frame).collect(), gaussians: None };

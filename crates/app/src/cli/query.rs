@@ -51,6 +51,9 @@ pub(super) struct FrameReport {
     pub(super) max_score: f32,
     /// Of the found pixels at their depth, facing the camera, in scene units².
     pub(super) seen_area: f64,
+    /// File name of the recorded frame, where known.
+    #[serde(default)]
+    pub(super) source: Option<String>,
 }
 
 impl PromptReport {
@@ -101,6 +104,7 @@ pub(super) fn query(engine: &mut Engine, frames: &[usize]) -> Result<Report> {
             gaussians: None,
         })
         .collect();
+    let sources = engine.frame_sources();
     let mut view = ProgressView::default();
     for (done, &frame) in frames.iter().enumerate() {
         let at = engine.view(frame)?;
@@ -117,6 +121,7 @@ pub(super) fn query(engine: &mut Engine, frames: &[usize]) -> Result<Report> {
                 area_fraction: region.area_fraction,
                 max_score: region.max_score,
                 seen_area: seen_area(mask, &depth, &at.camera),
+                source: sources.get(frame).cloned(),
             });
         }
         view.count("asking", done + 1, frames.len());
@@ -157,13 +162,18 @@ fn as_text(report: &Report, num_frames: usize) -> String {
 }
 
 fn as_csv(report: &Report) -> String {
-    let mut text = String::from("prompt,frame,found,area_px,area_fraction,max_score\n");
+    let mut text = String::from("prompt,frame,found,area_px,area_fraction,max_score,source\n");
     for prompt in &report.prompts {
         let name = quoted(&prompt.text);
         for f in &prompt.frames {
             text += &format!(
-                "{name},{},{},{},{},{}\n",
-                f.frame, f.found, f.area_px, f.area_fraction, f.max_score
+                "{name},{},{},{},{},{},{}\n",
+                f.frame,
+                f.found,
+                f.area_px,
+                f.area_fraction,
+                f.max_score,
+                f.source.as_deref().map_or(String::new(), quoted)
             );
         }
     }

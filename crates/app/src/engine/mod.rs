@@ -199,6 +199,24 @@ impl Engine {
         }
     }
 
+    /// Errs where the content of a recorded frame is not what the scene was trained on: to be called before something is
+    /// made of recorded frames, all of which are read.
+    pub fn require_recording(&self) -> Result<()> {
+        match (self.sequence(), &self.scene.provenance.identity) {
+            (Some(sequence), Some(then)) => {
+                sequence.identity()?.require(then, sequence.path(), "the scene was trained on")
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// File names of the recorded frames (or their numbers, of a video); none where they are not known.
+    pub fn frame_sources(&self) -> Vec<String> {
+        let of_scene = self.scene.provenance.identity.as_ref();
+        let known = of_scene.or_else(|| self.sequence().map(Sequence::outline));
+        known.iter().flat_map(|known| known.names().map(str::to_owned)).collect()
+    }
+
     /// Why there is no recording, in a sentence; `None` if there is one.
     pub fn recording_missing(&self) -> Option<&str> {
         match &self.recording {

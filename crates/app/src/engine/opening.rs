@@ -63,6 +63,11 @@ pub(super) fn open_encoder(scene: &Scene, choice: &EncoderChoice) -> Result<Text
 pub(super) fn open_recording(scene: &Scene, path: &Path) -> Result<Sequence> {
     let sequence =
         if Prepared::is_prepared(path) { Prepared::open(path)?.sequence } else { Sequence::open(path)? };
+    const GIVE: &str = "Give the recording that the scene was trained on.";
+    let then = scene.provenance.identity.as_ref();
+    if let Some(difference) = then.and_then(|then| sequence.outline().difference(then)) {
+        return Err(Error::input_at(path, format!("this is not the scene's recording: {difference}"), GIVE));
+    }
     let found = (sequence.num_frames(), sequence.width(), sequence.height());
     let size = scene.cameras.first().map_or((0, 0), |c| (c.width as usize, c.height as usize));
     let expected = (scene.num_frames(), size.0, size.1);
@@ -73,7 +78,7 @@ pub(super) fn open_recording(scene: &Scene, path: &Path) -> Result<Sequence> {
                 "this is not the scene's recording: {} frames of {}×{} instead of {} of {}×{}",
                 found.0, found.1, found.2, expected.0, expected.1, expected.2
             ),
-            "Give the recording that the scene was trained on.",
+            GIVE,
         ));
     }
     Ok(sequence)

@@ -40,6 +40,8 @@ pub(crate) struct FrameRow {
     depth_abs_rel: Option<f64>,
     depth_rmse_log: Option<f64>,
     depth_within_1_25: Option<f64>,
+    /// File name of the recorded frame.
+    source: Option<String>,
 }
 
 /// Everything measured.
@@ -71,6 +73,7 @@ pub(crate) fn evaluate(
         .sequence()
         .cloned()
         .ok_or_else(|| Error::input("the recording is not at hand", "Give it after the scene."))?;
+    engine.require_recording()?;
     let held_out = engine.scene().provenance.held_out;
     let frames: Vec<usize> =
         (0..sequence.num_frames()).filter(|&i| !held_out || Sequence::is_test_frame(i)).collect();
@@ -168,6 +171,7 @@ fn row(images: &Images, sequence: &Sequence, frame: usize, lpips: Option<&mut Lp
         depth_abs_rel: depth.map(|d| d.abs_rel),
         depth_rmse_log: depth.map(|d| d.rmse_log),
         depth_within_1_25: depth.map(|d| d.within_1_25),
+        source: sequence.outline().names().nth(frame).map(str::to_owned),
     })
 }
 

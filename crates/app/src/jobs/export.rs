@@ -62,6 +62,9 @@ pub fn export(
             "Say where the recording is with `--sequence`, or export with `--source reconstruction`.",
         ));
     }
+    if source == Source::Original {
+        engine.require_recording()?;
+    }
     let encoder = engine
         .encoder_identity()
         .cloned()
@@ -69,7 +72,13 @@ pub fn export(
     let names = (engine.renderer_name(), engine.relevancy_name());
     let hash = file_sha256(scene)?;
     let settings = engine.settings().clone();
-    let provenance = Provenance::new(engine.scene(), hash, &encoder, settings, names, prompts, options);
+    let mut provenance = Provenance::new(engine.scene(), hash, &encoder, settings, names, prompts, options);
+    // Older scenes do not say what their recording was.
+    provenance.sequence_frame_names = engine.frame_sources();
+    if let (None, Source::Original, Some(sequence)) = (&provenance.sequence_sha256, source, engine.sequence())
+    {
+        provenance.sequence_sha256 = Some(sequence.identity()?.digest());
+    }
     let inputs = outputs::inputs_of_engine(scene, engine);
     let is_same = |there: &Path| Export::is_of(there, &provenance);
     let claim = Claim {

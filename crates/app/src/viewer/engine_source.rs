@@ -251,6 +251,7 @@ impl SceneSource {
             let why = "No frame was held out, so none is left to test the reconstruction on.";
             notes.push(("trained on all frames".to_owned(), why.to_owned()));
         }
+        let identity = engine.sequence().map(Sequence::outline).or(scene.provenance.identity.as_ref());
         let sequence = engine.sequence().map_or(&*scene.provenance.sequence_path, Sequence::path);
         let sequence = full_path(sequence);
         let info = Info {
@@ -259,6 +260,7 @@ impl SceneSource {
             path,
             recording,
             sequence: Some(sequence).filter(|p| !p.as_os_str().is_empty()),
+            frames_sha256: identity.map(|identity| identity.outline_digest()),
             num_frames: scene.num_frames(),
             width: size.0,
             height: size.1,
@@ -424,6 +426,7 @@ impl RecordingSource {
             recording: Some(path.clone()),
             path,
             sequence: Some(full_path(sequence.path())),
+            frames_sha256: Some(sequence.outline().outline_digest()),
             num_frames: sequence.num_frames(),
             width: sequence.width(),
             height: sequence.height(),

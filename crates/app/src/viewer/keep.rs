@@ -44,6 +44,7 @@ impl ViewerApp {
             },
             earlier_prompts: self.prompt_box.earlier.clone(),
             unknown: self.saved.unknown.clone(),
+            recording: info.frames_sha256.clone(),
             ..Session::new(info.path.clone())
         })
     }
@@ -59,7 +60,13 @@ impl ViewerApp {
     pub(super) fn apply_session(&mut self, now: f64) {
         let Some((session, file)) = self.session_to_apply.take() else { return };
         let Some(info) = self.open.as_ref().map(|o| o.info.clone()) else { return };
-        let Session { content, display, time, earlier_prompts, unknown, .. } = session;
+        let Session { content, display, time, earlier_prompts, unknown, recording, .. } = session;
+        if let (Some(then), Some(now)) = (&recording, &info.frames_sha256)
+            && then != now
+        {
+            let what = "The recording is not as it was when this session was saved: its frames have other names or sizes.";
+            self.problem = Some(format!("{what} Check that marks and bookmarks are where they belong."));
+        }
         let saved = if file.is_some() { content.clone() } else { Content::default() };
         self.document.load(content, info.num_frames);
         if display.mode.is_possible(&info) {

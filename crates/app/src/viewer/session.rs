@@ -17,6 +17,9 @@ pub(crate) struct Session {
     pub(crate) version: u32,
     /// The scene or recording; in a file relative to the file's folder if it is inside of it.
     pub(crate) opened: PathBuf,
+    /// Names and sizes of the recording's frames, hashed; absent where they were not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) recording: Option<String>,
     #[serde(default)]
     pub(crate) content: Content,
     #[serde(default)]
@@ -75,6 +78,7 @@ impl Session {
         Self {
             version: VERSION,
             opened,
+            recording: None,
             content: Content::default(),
             display: Display::default(),
             time: Time::default(),

@@ -30,6 +30,8 @@ pub(crate) struct Info {
     pub(crate) recording: Option<PathBuf>,
     /// Where the recorded frames are or were, without links: the same for everything made of one recording.
     pub(crate) sequence: Option<PathBuf>,
+    /// Names and sizes of the recording's frames, hashed; `None` where they are not known.
+    pub(crate) frames_sha256: Option<String>,
     pub(crate) num_frames: usize,
     pub(crate) width: usize,
     pub(crate) height: usize,

@@ -180,7 +180,7 @@ impl Export {
             complete,
             frames: self.frames.len(),
             skipped_frames: self.skipped,
-            files: self.record.files.len(),
+            files: self.record.files.iter().filter(|f| f.name != labels_name()).count(),
         })
     }
 
@@ -291,14 +291,17 @@ impl Export {
         }
     }
 
-    fn write_labels(&self) -> Result<()> {
+    fn write_labels(&mut self) -> Result<()> {
         if !self.record.provenance.options.formats.contains(&Format::Index) {
             return Ok(());
         }
         let label = |(i, p): (usize, &ExportPrompt)| serde_json::json!({ "id": i + 1, "prompt": p.text, "colour": p.colour });
         let labels: Vec<_> = self.record.provenance.prompts.iter().enumerate().map(label).collect();
         let text = provenance::pretty(&serde_json::json!({ "background": 0, "labels": labels }));
-        write_whole(&self.folder.join(Format::Index.name()).join("labels.json"), text.as_bytes())
+        let (name, sha256) = (labels_name(), provenance::sha256(text.as_bytes()));
+        write_whole(&self.folder.join(&name), text.as_bytes())?;
+        self.record.add_series(ExportedFile { name, sha256, frame: None, prompt: None });
+        Ok(())
     }
 
     fn save(&mut self, complete: bool) -> Result<()> {
@@ -308,17 +311,38 @@ impl Export {
     }
 }
 
-/// The part of a file name that stands for a prompt: lower-case ASCII letters, digits and hyphens; `_` and the prompt's
-/// number are added where several prompts would give the same.
+/// What label pictures mean, inside the export.
+fn labels_name() -> String {
+    format!("{}/labels.json", Format::Index.name())
+}
+
+/// The part of a file name that stands for a prompt: lower-case ASCII letters, digits and hyphens; `_` and a short hash of
+/// the prompt are added where several prompts would give the same, or one gives none.
 pub fn slugs<'a>(prompts: impl IntoIterator<Item = &'a str>) -> Vec<String> {
-    let plain: Vec<String> = prompts.into_iter().map(slug).collect();
-    let is_unique = |s: &str| !s.is_empty() && plain.iter().filter(|o| o.as_str() == s).count() == 1;
-    let name = |(i, s): (usize, &String)| match (is_unique(s), s.is_empty()) {
-        (true, _) => s.clone(),
-        (false, true) => format!("prompt_{}", i + 1),
-        (false, false) => format!("{s}_{}", i + 1),
+    let prompts: Vec<&str> = prompts.into_iter().collect();
+    distinct(&prompts, prompts.iter().map(|prompt| slug(prompt)).collect(), "prompt")
+}
+
+/// Tells names apart that several texts share, and gives `nameless` to texts without one: both by a hash of the text, so
+/// that no name depends on the order. Equal texts are numbered.
+pub fn distinct(texts: &[&str], names: Vec<String>, nameless: &str) -> Vec<String> {
+    // Some file systems take letters that differ in case for the same.
+    let key = |name: &str| name.to_uppercase().to_lowercase();
+    let keys: Vec<String> = names.iter().map(|name| key(name)).collect();
+    let with_hash = |i: usize, name: &str| {
+        let hash = &provenance::sha256(texts[i].as_bytes())[..8];
+        match texts[..i].iter().filter(|text| **text == texts[i]).count() {
+            0 => format!("{name}_{hash}"),
+            earlier => format!("{name}_{hash}_{}", earlier + 1),
+        }
     };
-    plain.iter().enumerate().map(name).collect()
+    let is_unique = |i: usize| keys.iter().filter(|k| **k == keys[i]).count() == 1;
+    let name = |(i, name): (usize, String)| match (name.is_empty(), is_unique(i)) {
+        (true, _) => with_hash(i, nameless),
+        (false, true) => name,
+        (false, false) => with_hash(i, &name),
+    };
+    names.into_iter().enumerate().map(name).collect()
 }
 
 fn slug(text: &str) -> String {

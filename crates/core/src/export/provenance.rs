@@ -12,7 +12,7 @@ use std::path::Path;
 pub const FILE_NAME: &str = "provenance.json";
 
 /// Version of the record's layout.
-const SCHEMA: u32 = 2;
+const SCHEMA: u32 = 3;
 
 /// Frames per second of moving pictures where the recording's own speed is not known.
 const USUAL_SPEED: f32 = 25.0;
@@ -39,6 +39,12 @@ pub struct Provenance {
     pub sequence_name: String,
     /// Frames of the recording.
     pub sequence_frames: usize,
+    /// SHA-256 over names, sizes and content of its frames, hexadecimal, where known.
+    #[serde(default)]
+    pub sequence_sha256: Option<String>,
+    /// File names of its frames, from frame 0 on (or their numbers, of a video), where known.
+    #[serde(default)]
+    pub sequence_frame_names: Vec<String>,
     /// Its speed, where known; finite and above 0.
     pub frames_per_second: Option<f32>,
     /// Whether test frames were held out of training.
@@ -82,6 +88,12 @@ impl Provenance {
             scene_sha256,
             sequence_name: made.sequence_name.clone(),
             sequence_frames: scene.num_frames(),
+            sequence_sha256: made.identity.as_ref().map(|identity| identity.digest()),
+            sequence_frame_names: made
+                .identity
+                .iter()
+                .flat_map(|identity| identity.names().map(str::to_owned))
+                .collect(),
             frames_per_second: made.frames_per_second.filter(|speed| speed.is_finite() && *speed > 0.0),
             held_out: made.held_out,
             training: serde_json::json!({
@@ -96,6 +108,11 @@ impl Provenance {
             prompts,
             options,
         }
+    }
+
+    /// File name of the recording's frame, where known.
+    pub fn source(&self, frame: usize) -> Option<&str> {
+        self.sequence_frame_names.get(frame).map(String::as_str)
     }
 
     /// Seconds from the recording's beginning to `frame`; `None` where its speed is not known.

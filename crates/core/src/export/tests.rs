@@ -24,12 +24,14 @@ pub(super) fn provenance(formats: &[Format], exclusive: bool) -> Provenance {
         is_instrument: false,
     };
     Provenance {
-        schema: 2,
+        schema: 3,
         tool: "SurgTPGS test".into(),
         intended_use: intended_use().into(),
         scene_sha256: "00".into(),
         sequence_name: "demo".into(),
         sequence_frames: 4,
+        sequence_sha256: Some("22".into()),
+        sequence_frame_names: (0..10).map(|i| format!("shot {i}.png")).collect(),
         frames_per_second: Some(25.0),
         held_out: false,
         training: serde_json::json!({ "steps": 3 }),
@@ -245,8 +247,14 @@ fn outlines_are_lines_along_the_edges_of_pixels() {
 
 #[test]
 fn slugs_are_plain_and_distinct() {
-    assert_eq!(
-        slugs(["Bile sac!", "bile  SAC", "胆囊", "../x"]),
-        ["bile-sac_1", "bile-sac_2", "prompt_3", "x"]
-    );
+    let texts = ["Bile sac!", "bile  SAC", "胆囊", "../x", "肝", "肝"];
+    let names = slugs(texts);
+    assert!(names[0].starts_with("bile-sac_") && names[2].starts_with("prompt_"), "{names:?}");
+    assert_eq!((names[3].as_str(), &names[5]), ("x", &format!("{}_2", names[4])));
+    assert!(names.iter().all(|name| name.is_ascii()));
+    assert_eq!(names.iter().collect::<std::collections::BTreeSet<_>>().len(), 6);
+    // Wherever they stand.
+    let mut turned = slugs(texts.into_iter().rev());
+    turned.reverse();
+    assert_eq!((&turned[..4]), (&names[..4]));
 }

@@ -15,6 +15,7 @@ use ndarray_npy::WriteNpyExt;
 use std::{
     ops::ControlFlow,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 /// The folder of estimated depth.
@@ -99,14 +100,21 @@ pub fn estimate_depth(
         equalise(folder, &frames, &log_scales(&samples))?
     };
     progress(frames.len(), frames.len()).is_continue().then_some(()).ok_or(Error::Cancelled)?;
-    Ok(sequence
-        .clone()
-        .with_estimated_depth(folder, EstimatedDepth { network: network.to_owned(), kind, drift, notes }))
+    Ok(sequence.clone().with_estimated_depth(
+        folder,
+        EstimatedDepth { network: network.to_owned(), kind, drift, notes },
+        Arc::default(),
+    ))
 }
 
 /// The file of frame `i` in a prepared folder.
 pub(crate) fn depth_file(folder: &Path, i: usize) -> PathBuf {
-    folder.join(DEPTH).join(format!("frame_{i:06}.npy"))
+    folder.join(depth_name(i))
+}
+
+/// The file of frame `i`, inside the folder.
+pub(crate) fn depth_name(i: usize) -> String {
+    format!("{DEPTH}/frame_{i:06}.npy")
 }
 
 /// z in scene units, 0 where the network gave nothing usable.

@@ -94,6 +94,13 @@ fn prepared_folders_keep_it_and_held_out_frames_have_none() {
     for i in 0..FRAMES {
         assert_eq!(opened.sequence.depth(i).unwrap().is_none(), Sequence::is_test_frame(i), "frame {i}");
     }
+    let file = folder.join("depth/frame_000004.npy");
+    let mut bytes = fs::read(&file).unwrap();
+    *bytes.last_mut().unwrap() ^= 1;
+    fs::write(&file, bytes).unwrap();
+    assert!(opened.sequence.depth(4).unwrap_err().to_string().contains("checksum"));
+    fs::remove_file(&file).unwrap();
+    assert!(opened.sequence.depth(4).is_err(), "a map that was there is missed");
     prepare(&sequence).unwrap();
     assert!(!folder.join("depth").exists() && !Prepared::open(&folder).unwrap().sequence.has_depth());
 }

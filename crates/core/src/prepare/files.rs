@@ -6,7 +6,7 @@ use crate::{
     codec::{Codec, CodecSettings},
     files::{full_path, write_whole},
     reading::{MOST_BYTES, read_regular, read_text, values},
-    sequence::{Class, Sequence},
+    sequence::{Class, Identity, Sequence, shared_identity},
 };
 use image::{DynamicImage, ImageBuffer, Luma};
 use ndarray::{Array2, ArrayD, ArrayView2, ArrayViewD, Ix2, IxDyn};
@@ -16,6 +16,7 @@ use std::{
     collections::BTreeMap,
     io::Cursor,
     path::{Component, Path, PathBuf},
+    sync::Arc,
 };
 
 pub(super) const MANIFEST: &str = "prepared.json";
@@ -34,6 +35,9 @@ pub(super) struct Manifest {
     pub(super) recording_relative: Option<PathBuf>,
     /// The recording as it was found.
     pub(super) recording: PathBuf,
+    /// What the recording was; absent in folders older than this, which know it by number and size of the frames.
+    #[serde(default, skip_serializing_if = "Option::is_none", with = "shared_identity")]
+    pub(super) identity: Option<Arc<Identity>>,
     pub(super) eval: bool,
     pub(super) frames: usize,
     pub(super) width: usize,
@@ -51,25 +55,25 @@ pub(super) struct Manifest {
     /// Frames with a region file, ascending.
     pub(super) region_frames: Vec<usize>,
     pub(super) codec_settings: CodecSettings,
-    /// SHA-256 of the tensor files by name, hexadecimal.
+    /// SHA-256 of what training reads, hexadecimal, by path inside the folder; older folders have the tensors' alone.
     pub(super) sha256: BTreeMap<String, String>,
 }
 
 impl Manifest {
-    /// A manifest for `sequence` prepared into `folder`, to be filled in.
+    /// A manifest for `sequence` prepared into `folder`, to be filled in. Reads the whole recording.
     pub(super) fn of(
         sequence: &Sequence,
         folder: &Path,
         eval: bool,
         encoder: EncoderIdentity,
         settings: &CodecSettings,
-    ) -> Self {
-        let recording = full_path(sequence.path());
-        Self {
+    ) -> Result<Self> {
+        let mut manifest = Self {
             version: VERSION,
             made_by: concat!("surgtpgs ", env!("CARGO_PKG_VERSION")).to_owned(),
-            recording_relative: relative_path(&full_path(folder), &recording),
-            recording,
+            recording_relative: None,
+            recording: PathBuf::new(),
+            identity: Some(sequence.identity()?),
             eval,
             frames: sequence.num_frames(),
             width: sequence.width(),
@@ -82,7 +86,15 @@ impl Manifest {
             region_frames: Vec::new(),
             codec_settings: settings.clone(),
             sha256: BTreeMap::new(),
-        }
+        };
+        manifest.point_to(folder, sequence.path());
+        Ok(manifest)
+    }
+
+    /// Says where the recording is, seen from the prepared folder.
+    pub(super) fn point_to(&mut self, folder: &Path, recording: &Path) {
+        self.recording = full_path(recording);
+        self.recording_relative = relative_path(&full_path(folder), &self.recording);
     }
 
     pub(super) fn read(folder: &Path) -> Result<Self> {
@@ -188,23 +200,26 @@ impl Manifest {
     fn read_checked(&self, folder: &Path, name: &str) -> Result<BTreeMap<String, ArrayD<f32>>> {
         let path = folder.join(name);
         let bytes = read_regular(&path, MOST_BYTES).map_err(|e| Error::io("read the file", &path, e))?;
-        if self.sha256.get(name) != Some(&checksum(&bytes)) {
-            return Err(Error::input_at(
-                &path,
-                "the file is damaged or was changed: its checksum differs",
-                AGAIN,
-            ));
-        }
+        require_checksum(&path, &bytes, self.sha256.get(name).map_or("", String::as_str))?;
         from_safetensors(&bytes).map_err(|e| Error::input_at(&path, e, AGAIN))
     }
 }
 
-pub(super) fn region_file(i: usize) -> String {
-    format!("frame_{i:06}.png")
+/// Errs where bytes of the file at `path` are not those that were written.
+pub(crate) fn require_checksum(path: &Path, bytes: &[u8], sha256: &str) -> Result<()> {
+    if checksum(bytes) == sha256 {
+        return Ok(());
+    }
+    Err(Error::input_at(path, "the file is damaged or was changed: its checksum differs", AGAIN))
 }
 
-/// Writes a 16-bit grey PNG.
-pub(super) fn write_region_map(path: &Path, map: RegionMap) -> Result<()> {
+/// The region map of frame `i`, inside the folder.
+pub(super) fn region_file(i: usize) -> String {
+    format!("{REGIONS}/frame_{i:06}.png")
+}
+
+/// Writes a 16-bit grey PNG; gives its checksum.
+pub(super) fn write_region_map(path: &Path, map: RegionMap) -> Result<String> {
     let (width, height) = (map.width as u32, map.height as u32);
     let Some(image) = ImageBuffer::<Luma<u16>, _>::from_raw(width, height, map.data) else {
         return Err(Error::input_at(path, "the region map has the wrong number of pixels", ""));
@@ -213,10 +228,16 @@ pub(super) fn write_region_map(path: &Path, map: RegionMap) -> Result<()> {
     DynamicImage::from(image)
         .write_to(&mut bytes, image::ImageFormat::Png)
         .map_err(|e| Error::io("write the region map", path, std::io::Error::other(e)))?;
-    write_whole(path, bytes.get_ref())
+    write_whole(path, bytes.get_ref())?;
+    Ok(checksum(bytes.get_ref()))
 }
 
-pub(super) fn read_region_map(path: &Path) -> Result<RegionMap> {
+/// Reads what [`write_region_map`] wrote; older folders have no checksum to compare with.
+pub(super) fn read_region_map(path: &Path, sha256: Option<&str>) -> Result<RegionMap> {
+    if let Some(sha256) = sha256 {
+        let bytes = read_regular(path, MOST_BYTES).map_err(|e| Error::io("read the region map", path, e))?;
+        require_checksum(path, &bytes, sha256)?;
+    }
     match values(path)?.image {
         DynamicImage::ImageLuma16(image) => {
             let (width, height) = (image.width() as usize, image.height() as usize);

@@ -2,12 +2,13 @@
 
 use super::{
     Prepared,
-    depth::DEPTH,
+    depth::{DEPTH, depth_file, depth_name},
     files::{MANIFEST, Manifest, REGIONS},
 };
 use crate::{
     Error, Result,
     codec::{Codec, CodecSettings},
+    export::file_sha256,
     files::{full_path, is_free_folder, write_whole},
     sequence::Sequence,
 };
@@ -30,6 +31,11 @@ pub(super) fn finish(
     let codec = Codec::train(table.view(), &weights, settings, &mut tell)?;
     let latents = codec.encode(table.view());
     manifest.write_tensors(folder, &codec, table.view(), latents.view())?;
+    if manifest.depth.is_some() {
+        for i in (0..manifest.frames).filter(|&i| depth_file(folder, i).is_file()) {
+            manifest.sha256.insert(depth_name(i), file_sha256(&depth_file(folder, i))?);
+        }
+    }
     manifest.write(folder)?;
     Prepared::open(folder)
 }

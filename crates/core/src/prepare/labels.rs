@@ -2,7 +2,7 @@
 
 use super::{
     EncoderIdentity, NO_REGION, Prepared, RegionMap,
-    files::{Manifest, REGIONS, region_file, write_region_map},
+    files::{Manifest, region_file, write_region_map},
     finish::{clear_folder, finish},
 };
 use crate::{
@@ -45,19 +45,21 @@ pub fn prepare_from_labels(
         ));
     }
     clear_folder(folder, &sequence)?;
-    let mut manifest = Manifest::of(&sequence, folder, eval, encoder, settings);
+    let mut manifest = Manifest::of(&sequence, folder, eval, encoder, settings)?;
     manifest.classes = present.iter().map(|&k| sequence.classes()[k].clone()).collect();
     manifest.row_pixels = present.iter().map(|&k| pixels[k]).collect();
 
     let rows = rows_by_id(&sequence, &present);
-    let write = |&i: &usize| -> Result<Option<usize>> {
+    let write = |&i: &usize| -> Result<Option<(usize, String)>> {
         let Some(map) = region_map(&sequence, i, &rows)? else { return Ok(None) };
-        write_region_map(&folder.join(REGIONS).join(region_file(i)), map)?;
-        Ok(Some(i))
+        Ok(Some((i, write_region_map(&folder.join(region_file(i)), map)?)))
     };
     for (done, part) in frames.chunks(FRAMES_AT_ONCE).enumerate() {
         let written: Vec<_> = part.par_iter().map(write).collect::<Result<_>>()?;
-        manifest.region_frames.extend(written.into_iter().flatten());
+        for (i, sha256) in written.into_iter().flatten() {
+            manifest.region_frames.push(i);
+            manifest.sha256.insert(region_file(i), sha256);
+        }
         progress("writing features", (done * FRAMES_AT_ONCE + part.len()).min(frames.len()), frames.len());
     }
 

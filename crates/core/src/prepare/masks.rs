@@ -2,9 +2,7 @@
 
 use super::{
     EncoderIdentity, NO_REGION, Prepared, RegionMap,
-    files::{
-        Manifest, REGIONS, checksum, from_safetensors, key_of, region_file, to_safetensors, write_region_map,
-    },
+    files::{Manifest, checksum, from_safetensors, key_of, region_file, to_safetensors, write_region_map},
     finish::{clear_folder, finish},
     used_frames,
 };
@@ -84,7 +82,7 @@ pub fn prepare_from_features(
     progress: &mut dyn FnMut(&str, usize, usize),
 ) -> Result<Prepared> {
     clear_folder(folder, &sequence)?;
-    let mut manifest = Manifest::of(&sequence, folder, eval, encoder, settings);
+    let mut manifest = Manifest::of(&sequence, folder, eval, encoder, settings)?;
     manifest.origin = origin;
     let mut table = Vec::new();
     let frames = used_frames(&sequence, eval);
@@ -95,8 +93,9 @@ pub fn prepare_from_features(
             numbered(&sequence, i, found, manifest.row_pixels.len(), manifest.encoder.dim)?;
         table.extend(rows);
         manifest.row_pixels.extend(pixels);
-        write_region_map(&folder.join(REGIONS).join(region_file(i)), map)?;
+        let sha256 = write_region_map(&folder.join(region_file(i)), map)?;
         manifest.region_frames.push(i);
+        manifest.sha256.insert(region_file(i), sha256);
     }
     if manifest.row_pixels.is_empty() {
         return Err(Error::input_at(

@@ -30,8 +30,9 @@ mod masks;
 mod tests;
 
 pub use dense::DenseMap;
-pub(crate) use depth::depth_file;
 pub use depth::{EstimatedDepth, Estimator, estimate_depth};
+pub(crate) use depth::{depth_file, depth_name};
+pub(crate) use files::require_checksum;
 pub use labels::prepare_from_labels;
 pub use langsplat::{holds_langsplat, read_langsplat, write_langsplat};
 pub use masks::{FrameFeatures, MASKS_AND_EMBEDDINGS, MaskStore, Origin, prepare_from_features};
@@ -40,10 +41,14 @@ use crate::{
     Error, Result,
     codec::Codec,
     grid::Grid,
-    sequence::{Class, Sequence},
+    sequence::{Class, Identity, Sequence},
 };
-use files::{MANIFEST, Manifest, REGIONS, region_file};
-use std::path::{Path, PathBuf};
+use files::{MANIFEST, Manifest, region_file};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 /// Which text encoder made the embeddings; another one of the same width would be silently wrong.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -71,6 +76,9 @@ fn used_frames(sequence: &Sequence, eval: bool) -> Vec<usize> {
     (0..sequence.num_frames()).filter(|&i| !(eval && Sequence::is_test_frame(i))).collect()
 }
 
+/// What the recording of a folder was for.
+const WAS_PREPARED: &str = "this folder was prepared from";
+
 /// An opened prepared folder.
 #[derive(Clone, Debug)]
 pub struct Prepared {
@@ -93,6 +101,10 @@ pub struct Prepared {
     pub folder: PathBuf,
     /// Frames that have a region file, ascending.
     region_frames: Vec<usize>,
+    /// What the recording was; older folders do not say.
+    identity: Option<Arc<Identity>>,
+    /// SHA-256 of files by their path inside the folder.
+    sha256: Arc<BTreeMap<String, String>>,
 }
 
 impl Prepared {
@@ -112,8 +124,12 @@ impl Prepared {
         let manifest = Manifest::read(path)?;
         let (codec, rows, latents) = manifest.read_tensors(path)?;
         let mut sequence = manifest.open_recording(path)?;
+        if let Some(identity) = &manifest.identity {
+            sequence.outline().require(identity, sequence.path(), WAS_PREPARED)?;
+        }
+        let sha256 = Arc::new(manifest.sha256);
         if let Some(depth) = &manifest.depth {
-            sequence = sequence.with_estimated_depth(path, depth.clone());
+            sequence = sequence.with_estimated_depth(path, depth.clone(), sha256.clone());
         }
         let found = [sequence.num_frames(), sequence.width(), sequence.height()];
         let expected = [manifest.frames, manifest.width, manifest.height];
@@ -138,16 +154,27 @@ impl Prepared {
             latents,
             folder: path.to_owned(),
             region_frames: manifest.region_frames,
+            identity: manifest.identity,
+            sha256,
         })
     }
 
     /// The same after its folder was moved to `folder`.
-    pub fn moved_to(mut self, folder: &Path) -> Self {
-        if let Some(about) = self.sequence.estimated_depth().cloned() {
-            self.sequence = self.sequence.with_estimated_depth(folder, about);
-        }
-        self.folder = folder.to_owned();
-        self
+    pub fn moved_to(self, folder: &Path) -> Self {
+        Self { sequence: self.sequence.with_depth_at(folder), folder: folder.to_owned(), ..self }
+    }
+
+    /// Errs where the content of a frame is not what was prepared; reads the whole recording.
+    pub fn require_recording(&self) -> Result<()> {
+        let Some(identity) = &self.identity else { return Ok(()) };
+        self.sequence.identity()?.require(identity, self.sequence.path(), WAS_PREPARED)
+    }
+
+    /// Points the prepared folder `folder` to where its recording is now; the recording itself is not looked at.
+    pub fn relocate(folder: &Path, recording: &Path) -> Result<()> {
+        let mut manifest = Manifest::read(folder)?;
+        manifest.point_to(folder, recording);
+        manifest.write(folder)
     }
 
     /// Rows of the feature table.
@@ -160,8 +187,8 @@ impl Prepared {
         if self.region_frames.binary_search(&i).is_err() {
             return Ok(None);
         }
-        let path = self.folder.join(REGIONS).join(region_file(i));
-        let map = files::read_region_map(&path)?;
+        let path = self.folder.join(region_file(i));
+        let map = files::read_region_map(&path, self.sha256.get(&region_file(i)).map(String::as_str))?;
         let expected = (self.sequence.width(), self.sequence.height());
         let rows = self.num_rows();
         if (map.width, map.height) != expected {

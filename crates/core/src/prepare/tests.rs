@@ -98,7 +98,7 @@ fn held_out_frames_leave_no_trace() {
     assert_eq!(names(&prepared), ["liver", "grasper"], "the gallbladder is only in frame 1");
     assert_eq!(prepared.num_rows(), 2);
     for i in 0..FRAMES {
-        let file = place.path().join("out/prep/regions").join(region_file(i));
+        let file = place.path().join("out/prep").join(region_file(i));
         assert_eq!(prepared.regions(i).unwrap().is_none(), Sequence::is_test_frame(i), "frame {i}");
         assert_eq!(file.exists(), !Sequence::is_test_frame(i), "frame {i}");
     }
@@ -198,6 +198,43 @@ fn a_recording_without_labels_is_refused() {
     assert!(!place.path().join("prep").exists());
 }
 
+/// As the release before wrote it: without the recording's identity and checksums of maps.
+fn prepared_before_checksums() -> (tempfile::TempDir, Prepared) {
+    let (place, prepared) = prepared(false);
+    let file = prepared.folder.join(MANIFEST);
+    let mut json: serde_json::Value = serde_json::from_slice(&fs::read(&file).unwrap()).unwrap();
+    json.as_object_mut().unwrap().remove("identity").unwrap();
+    json["sha256"].as_object_mut().unwrap().retain(|name, _| !name.starts_with("regions/"));
+    fs::write(&file, json.to_string()).unwrap();
+    let prepared = Prepared::open(&prepared.folder).unwrap();
+    prepared.require_recording().unwrap();
+    assert!(prepared.regions(2).unwrap().is_some());
+    (place, prepared)
+}
+
+#[test]
+fn a_recording_that_is_another_now_is_refused_with_the_frame_named() {
+    let change = |change: &dyn Fn(&Path)| {
+        let (place, prepared) = prepared(false);
+        change(&place.path().join("clip"));
+        Prepared::open(&prepared.folder).and_then(|p| p.require_recording()).unwrap_err().to_string()
+    };
+    let renamed = change(&|clip| {
+        for kind in ["", "_watershed_mask"] {
+            let name = |i: usize| clip.join(format!("frame_{i}_endo{kind}.png"));
+            fs::rename(name(3), name(30)).unwrap();
+        }
+    });
+    assert!(renamed.contains("frame 3 \"frame_3_endo.png\" is missing"), "{renamed}");
+    let turned = change(&|clip| {
+        let file = clip.join("frame_7_endo.png");
+        let mut bytes = fs::read(&file).unwrap();
+        *bytes.last_mut().unwrap() ^= 1;
+        fs::write(file, bytes).unwrap();
+    });
+    assert!(turned.contains("frame 7 \"frame_7_endo.png\" has another content"), "{turned}");
+}
+
 #[test]
 fn damaged_folders_are_refused_with_the_file_named() {
     let damage = |name: &str, change: &dyn Fn(Vec<u8>) -> Vec<u8>| {
@@ -232,8 +269,13 @@ fn damaged_folders_are_refused_with_the_file_named() {
             fs::read(file).unwrap()
         }
     };
-    assert!(damage("regions/frame_000002.png", &small(0, 7)).contains("7×24"));
-    assert!(damage("regions/frame_000002.png", &small(3, 32)).contains("row 3"));
+    assert!(damage("regions/frame_000002.png", &small(0, 32)).contains("checksum"));
+    let (place, older) = prepared_before_checksums();
+    for (map, says) in [(small(0, 7), "7×24"), (small(3, 32), "row 3")] {
+        fs::write(place.path().join("out/prep/regions/frame_000002.png"), map(Vec::new())).unwrap();
+        let message = older.regions(2).unwrap_err().to_string();
+        assert!(message.contains(says), "{message}");
+    }
     let (place, prepared) = prepared(false);
     fs::remove_dir_all(place.path().join("clip")).unwrap();
     assert!(Prepared::open(&prepared.folder).unwrap_err().to_string().contains("not there any more"));
@@ -245,9 +287,9 @@ fn region_maps_come_back_to_the_bit() {
     let map = RegionMap::from_vec(3, 2, vec![0, 1, 255, 256, 65_534, NO_REGION]);
     let file = place.path().join("a/map.png");
     files::write_region_map(&file, map.clone()).unwrap();
-    assert_eq!(files::read_region_map(&file).unwrap(), map);
+    assert_eq!(files::read_region_map(&file, None).unwrap(), map);
     RgbImage::new(3, 2).save(&file).unwrap();
-    assert!(files::read_region_map(&file).unwrap_err().to_string().contains("16-bit grey"));
+    assert!(files::read_region_map(&file, None).unwrap_err().to_string().contains("16-bit grey"));
 }
 
 /// The real clip, where it is present: classes, coverage, and that prompts for classes can be told apart.

@@ -16,13 +16,14 @@ use crate::{
     grid::Mask,
     prepare::EncoderIdentity,
     reading::{MOST_BYTES, read_regular},
-    sequence::Class,
+    sequence::{Class, Identity, shared_identity},
 };
 use glam::{Affine3A, Mat3, Vec3};
 use std::{
     hash::{DefaultHasher, Hash, Hasher},
     io::Read,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 /// Extensions of files that [`Scene::load`] reads.
@@ -61,6 +62,9 @@ pub struct Provenance {
     pub sequence_name: String,
     /// Where the recording was, to find the original frames again.
     pub sequence_path: PathBuf,
+    /// What the recording was; absent in older scenes, which know it by number and size of the frames.
+    #[serde(default, skip_serializing_if = "Option::is_none", with = "shared_identity")]
+    pub identity: Option<Arc<Identity>>,
     /// Whether test frames were held out of training.
     pub held_out: bool,
     /// Recording speed, where known.

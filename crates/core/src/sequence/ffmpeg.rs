@@ -69,6 +69,7 @@ pub(super) fn open(program: &Path, video: &Unread<'_>, selection: &Selection) ->
     recording.frames_per_second = told.frames_per_second;
     recording.notes.extend(notes);
     recording.scratch = Some(scratch);
+    recording.unpacked_from = Some(path.to_owned());
     Ok(recording)
 }
 

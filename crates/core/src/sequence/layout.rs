@@ -47,6 +47,8 @@ pub(super) struct Recording {
     pub notes: Vec<String>,
     /// Holds unpacked frames of a video; removed with the recording.
     pub scratch: Option<TempDir>,
+    /// The video that they were unpacked from.
+    pub unpacked_from: Option<PathBuf>,
 }
 
 /// The files of one frame.
@@ -108,6 +110,7 @@ impl Recording {
             frames_per_second: None,
             notes: Vec::new(),
             scratch: None,
+            unpacked_from: None,
         }
     }
 

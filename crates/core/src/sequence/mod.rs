@@ -4,13 +4,14 @@ use crate::{
     Error, Result,
     camera::Camera,
     grid::{Grid, Mask},
-    prepare::{EstimatedDepth, depth_file},
+    prepare::{EstimatedDepth, depth_file, depth_name, require_checksum},
 };
 use depth::DepthRule;
 use field_of_view::FieldOfView;
 use image::RgbImage;
 use layout::{MaskRule, Recording};
 use std::{
+    collections::BTreeMap,
     path::{Path, PathBuf},
     sync::{Arc, OnceLock},
 };
@@ -23,6 +24,7 @@ mod endonerf;
 mod endovis18;
 mod ffmpeg;
 mod field_of_view;
+mod identity;
 mod images;
 mod labels;
 mod layout;
@@ -38,6 +40,8 @@ mod video;
 pub use check::check;
 pub use classes::{ClassEntry, names_instrument, plain_words};
 pub use depth::DepthKind;
+pub(crate) use identity::shared as shared_identity;
+pub use identity::{Difference, Identity};
 pub(crate) use labels::PictureOfIds;
 pub(crate) use read::npy_map;
 pub(crate) use reference::BASELINE as MONOCULAR_BASELINE;
@@ -107,6 +111,8 @@ struct Estimated {
     /// The prepared folder that holds it.
     folder: PathBuf,
     about: EstimatedDepth,
+    /// SHA-256 of files by their path inside the folder, where that is known.
+    sha256: Arc<BTreeMap<String, String>>,
 }
 
 #[derive(Debug)]
@@ -114,6 +120,9 @@ struct Inner {
     recording: Recording,
     camera_moves: bool,
     field_of_view: OnceLock<FieldOfView>,
+    /// As far as opening tells.
+    outline: Arc<Identity>,
+    identity: OnceLock<Arc<Identity>>,
 }
 
 /// Frames that are looked at to find the field of view, evenly spread.
@@ -126,14 +135,16 @@ impl Sequence {
         let settings = Settings::of_recording(path)?;
         let mut recording = layout::open(path, &settings.selection())?;
         settings.apply(&mut recording, &settings::own_file(path))?;
-        Ok(Self::from_recording(recording.validate()?))
+        Self::from_recording(recording.validate()?)
     }
 
-    fn from_recording(recording: Recording) -> Self {
+    fn from_recording(recording: Recording) -> Result<Self> {
         let first = recording.cameras[0].camera_from_world;
         let camera_moves = recording.cameras.iter().any(|c| !c.camera_from_world.abs_diff_eq(first, 1e-6));
-        let inner = Inner { recording, camera_moves, field_of_view: OnceLock::new() };
-        Self { inner: Arc::new(inner), estimated: None }
+        let outline = Arc::new(Identity::opened(&recording)?);
+        let (field_of_view, identity) = (OnceLock::new(), OnceLock::new());
+        let inner = Inner { recording, camera_moves, field_of_view, outline, identity };
+        Ok(Self { inner: Arc::new(inner), estimated: None })
     }
 
     fn recording(&self) -> &Recording {
@@ -170,6 +181,18 @@ impl Sequence {
     pub fn frame_name(&self, i: usize) -> String {
         self.recording().frames[i].name.clone()
     }
+    /// What the recording is, as far as opening it tells: names and sizes of the frames.
+    pub fn outline(&self) -> &Arc<Identity> {
+        &self.inner.outline
+    }
+    /// What the recording is, the content of every frame included: all are read when first asked for.
+    pub fn identity(&self) -> Result<Arc<Identity>> {
+        if let Some(known) = self.inner.identity.get() {
+            return Ok(known.clone());
+        }
+        let found = Arc::new(Identity::complete(self.recording())?);
+        Ok(self.inner.identity.get_or_init(|| found).clone())
+    }
     /// Time of frame `i`: i / N.
     pub fn time(&self, i: usize) -> f32 {
         i as f32 / self.num_frames() as f32
@@ -199,9 +222,25 @@ impl Sequence {
         self.recording().frame(i)
     }
     /// Takes depth from the prepared folder `folder` from now on.
-    pub(crate) fn with_estimated_depth(self, folder: &Path, about: EstimatedDepth) -> Self {
-        let estimated = Estimated { folder: folder.to_owned(), about };
+    pub(crate) fn with_estimated_depth(
+        self,
+        folder: &Path,
+        about: EstimatedDepth,
+        sha256: Arc<BTreeMap<String, String>>,
+    ) -> Self {
+        let estimated = Estimated { folder: folder.to_owned(), about, sha256 };
         Self { estimated: Some(Arc::new(estimated)), ..self }
+    }
+    /// The same after the folder with its estimated depth, if there is one, was moved to `folder`.
+    pub(crate) fn with_depth_at(self, folder: &Path) -> Self {
+        let moved = |e: &Arc<Estimated>| {
+            Arc::new(Estimated {
+                folder: folder.to_owned(),
+                about: e.about.clone(),
+                sha256: Arc::clone(&e.sha256),
+            })
+        };
+        Self { estimated: self.estimated.as_ref().map(moved), ..self }
     }
     /// Where depth comes from if it is not the recording's.
     pub fn estimated_depth(&self) -> Option<&EstimatedDepth> {
@@ -216,7 +255,10 @@ impl Sequence {
     pub fn depth(&self, i: usize) -> Result<Option<Grid<f32>>> {
         let Some(estimated) = &self.estimated else { return self.recording().depth(i) };
         let file = depth_file(&estimated.folder, i);
-        if !file.is_file() {
+        if let Some(sha256) = estimated.sha256.get(&depth_name(i)) {
+            let bytes = std::fs::read(&file).map_err(|e| Error::io("read the depth", &file, e))?;
+            require_checksum(&file, &bytes, sha256)?;
+        } else if !file.is_file() {
             return Ok(None);
         }
         Ok(Some(DepthRule::default().read(&file)?.resized(self.width(), self.height())))

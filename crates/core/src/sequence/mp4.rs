@@ -139,10 +139,16 @@ impl Mp4 {
         Ok(())
     }
 
-    /// The place of every picture in the order of showing.
-    pub(super) fn frame_of(&self) -> Vec<usize> {
+    /// The pictures in the order of showing.
+    pub(super) fn in_order_of_showing(&self) -> Vec<usize> {
         let mut by_time: Vec<_> = (0..self.pictures.len()).collect();
         by_time.sort_by_key(|&i| (self.pictures[i].shown_at, i));
+        by_time
+    }
+
+    /// The place of every picture in the order of showing.
+    pub(super) fn frame_of(&self) -> Vec<usize> {
+        let by_time = self.in_order_of_showing();
         let mut frame_of = vec![0; by_time.len()];
         by_time.iter().enumerate().for_each(|(frame, &picture)| frame_of[picture] = frame);
         frame_of

@@ -24,6 +24,7 @@ use std::{
     collections::BTreeMap,
     fs::File,
     io::{Read, Seek, SeekFrom},
+    ops::Range,
     path::{Path, PathBuf},
     sync::{Arc, Mutex, PoisonError},
 };
@@ -90,7 +91,7 @@ fn use_until(path: &Path, last: usize) -> String {
 fn open_h264(path: &Path, video: H264, selection: &Selection) -> Result<Recording> {
     let size = video.size();
     let frames_per_second = video.frames_per_second;
-    let indices = selection.indices(video.num_frames).map_err(|what| Error::input_at(path, what, ""))?;
+    let indices = selection.indices(video.shown.len()).map_err(|what| Error::input_at(path, what, ""))?;
     let changed = video.descriptions.iter().find(|d| (d.width, d.height) != size);
     if let Some(d) = changed.filter(|d| indices.last().is_some_and(|last| *last >= d.from)) {
         return Err(other_size(path, d.from, (d.width, d.height), size));
@@ -147,8 +148,8 @@ pub(super) struct H264 {
     descriptions: Vec<Description>,
     /// In decoding order.
     samples: Vec<CodedPicture>,
-    /// Frames that can be shown: as many as samples, or fewer where the file is cut off.
-    num_frames: usize,
+    /// The sample of each frame that can be shown: as many as samples, or fewer where the file is cut off.
+    shown: Vec<usize>,
     /// Where decoding can start; ascending, the first at sample 0.
     starts: Vec<Start>,
     state: Mutex<State>,
@@ -192,16 +193,18 @@ impl H264 {
             return Err("there is no H.264 video in it".to_owned());
         };
         check_image_size(*width, *height)?;
+        let frames_there = mp4.frames_there();
         let mut video = Self {
             path: path.to_owned(),
             frames_per_second: mean_speed(&mp4),
             starts: candidates(&mp4),
-            num_frames: mp4.frames_there(),
+            shown: mp4.in_order_of_showing(),
             descriptions: mp4.descriptions,
             samples: mp4.pictures,
             state: Mutex::default(),
         };
         video.samples.truncate(mp4.present);
+        video.shown.truncate(frames_there);
         video.starts = video.find_starts().map_err(|e| e.to_string())?;
         video.frame(0).map_err(|e| e.to_string())?;
         Ok(video)
@@ -230,6 +233,25 @@ impl H264 {
             }
         }
         Ok(starts)
+    }
+
+    /// The last frame before `index`, or `index` itself, at which decoding can start.
+    pub(super) fn entry_before(&self, index: usize) -> usize {
+        self.starts[self.starts.partition_point(|s| s.frame <= index).max(1) - 1].frame
+    }
+
+    /// Coded bytes of some frames in the order of showing.
+    pub(super) fn coded_bytes(&self, frames: Range<usize>) -> u64 {
+        self.shown[frames].iter().map(|&sample| self.samples[sample].size as u64).sum()
+    }
+
+    /// Reads the coded bytes of some frames in the order of showing.
+    pub(super) fn read_coded(&self, frames: Range<usize>, mut take: impl FnMut(&[u8])) -> Result<()> {
+        let mut file = self.open_file()?;
+        self.shown[frames].iter().try_for_each(|&sample| {
+            take(&self.read_sample(&mut file, sample)?);
+            Ok(())
+        })
     }
 
     /// Frame `index` in the order of showing.

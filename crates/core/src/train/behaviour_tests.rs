@@ -122,8 +122,15 @@ fn a_checkpoint_of_something_else_is_refused() {
     clip.trainer(short(5)).save_checkpoint(&path).unwrap();
     let resume = |clip: &Clip| Trainer::resume(&clip.prepared.sequence, Some(&clip.prepared), &path).err();
     assert!(resume(&clip).is_none());
-    assert!(resume(&other).unwrap().to_string().contains("another recording"));
+    let message = resume(&other).unwrap().to_string();
+    assert!(message.contains("not the recording that the unfinished training was begun on"), "{message}");
     let bytes = std::fs::read(&path).unwrap();
+    for at in [20, 60, bytes.len() / 2, bytes.len() - 1] {
+        let mut flipped = bytes.clone();
+        flipped[at] ^= 1;
+        std::fs::write(&path, flipped).unwrap();
+        assert!(resume(&clip).unwrap().to_string().contains("checksum"), "byte {at}");
+    }
     std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
     assert!(resume(&clip).unwrap().to_string().contains("damaged"));
     std::fs::write(&path, b"something else entirely").unwrap();

@@ -1,4 +1,4 @@
-//! Unfinished training on disk: a short header, then settings and state in postcard's format.
+//! Unfinished training on disk: a short header with a checksum, then identity, settings and state in postcard's format.
 
 use super::{settings::TrainSettings, state::State};
 use crate::{
@@ -6,12 +6,20 @@ use crate::{
     files::write_whole_with,
     prepare::Prepared,
     reading::{MOST_BYTES, read_regular},
-    sequence::Sequence,
+    sequence::{Identity, Sequence},
 };
-use std::{io::Read, path::Path};
+use sha2::{Digest, Sha256};
+use std::{
+    fs::File,
+    io::{BufWriter, IntoInnerError, Read, Seek, SeekFrom, Write},
+    path::Path,
+};
 
-/// First bytes of a checkpoint; the last one is the layout's version.
-const MAGIC: &[u8; 16] = b"SurgTPGS train 1";
+/// First bytes of a checkpoint; the last one is the layout's version. The SHA-256 of all that follows comes next.
+const MAGIC: &[u8; 16] = b"SurgTPGS train 2";
+const SUM_BYTES: usize = 32;
+/// Of the version before, without checksum and identity.
+const OLD_MAGIC: &[u8; 16] = b"SurgTPGS train 1";
 
 /// What a checkpoint belongs to.
 #[derive(Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -54,17 +62,39 @@ pub(super) fn write(
     path: &Path,
     sequence: &Sequence,
     prepared: Option<&Prepared>,
+    identity: &Identity,
     settings: &TrainSettings,
     state: State,
 ) -> Result<()> {
     let checkpoint = Checkpoint { source: Source::of(sequence, prepared), settings: settings.clone(), state };
     write_whole_with(path, |file| {
-        let mut file = std::io::BufWriter::new(file);
-        std::io::Write::write_all(&mut file, MAGIC)?;
-        let file = postcard::to_io(&checkpoint, file).map_err(std::io::Error::other)?;
-        file.into_inner().map_err(std::io::IntoInnerError::into_error)?;
-        Ok(())
+        let mut body = Summed { file: BufWriter::new(file), sum: Sha256::new() };
+        // The checksum is known at the end.
+        body.file.write_all(&[&MAGIC[..], &[0; SUM_BYTES]].concat())?;
+        let Summed { file, sum } =
+            postcard::to_io(&(identity, &checkpoint), body).map_err(std::io::Error::other)?;
+        let file = file.into_inner().map_err(IntoInnerError::into_error)?;
+        file.seek(SeekFrom::Start(MAGIC.len() as u64))?;
+        file.write_all(&sum.finalize())
     })
+}
+
+/// A file and the checksum of what is written to it.
+struct Summed<'a> {
+    file: BufWriter<&'a mut File>,
+    sum: Sha256,
+}
+
+impl Write for Summed<'_> {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        let written = self.file.write(bytes)?;
+        self.sum.update(&bytes[..written]);
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.file.flush()
+    }
 }
 
 /// Reads a checkpoint of training on this very material.
@@ -72,15 +102,28 @@ pub(super) fn read(
     path: &Path,
     sequence: &Sequence,
     prepared: Option<&Prepared>,
+    identity: &Identity,
 ) -> Result<(TrainSettings, State)> {
     const AGAIN: &str = "Train again from the beginning.";
     let bytes =
         read_regular(path, MOST_BYTES).map_err(|e| Error::io("read the unfinished training", path, e))?;
-    let Some(body) = bytes.strip_prefix(MAGIC) else {
+    let damaged =
+        |what: &str| Error::input_at(path, format!("the unfinished training is damaged: {what}"), AGAIN);
+    let unreadable = |e: postcard::Error| damaged(&e.to_string());
+    let checkpoint: Checkpoint = if let Some(body) = bytes.strip_prefix(OLD_MAGIC) {
+        postcard::from_bytes(body).map_err(unreadable)?
+    } else if let Some(rest) = bytes.strip_prefix(MAGIC) {
+        let (checksum, body) = rest.split_at_checked(SUM_BYTES).ok_or_else(|| damaged("it is cut off"))?;
+        if Sha256::digest(body)[..] != *checksum {
+            return Err(damaged("its checksum differs"));
+        }
+        let (begun_on, checkpoint): (Identity, Checkpoint) =
+            postcard::from_bytes(body).map_err(unreadable)?;
+        identity.require(&begun_on, sequence.path(), "the unfinished training was begun on")?;
+        checkpoint
+    } else {
         return Err(Error::input_at(path, "this is no unfinished training of this version", AGAIN));
     };
-    let checkpoint: Checkpoint = postcard::from_bytes(body)
-        .map_err(|e| Error::input_at(path, format!("the unfinished training is damaged: {e}"), AGAIN))?;
     if checkpoint.source != Source::of(sequence, prepared) {
         return Err(Error::input_at(
             path,
@@ -89,7 +132,7 @@ pub(super) fn read(
         ));
     }
     if !checkpoint.state.is_consistent() {
-        return Err(Error::input_at(path, "the unfinished training is damaged: its sizes differ", AGAIN));
+        return Err(damaged("its sizes differ"));
     }
     Ok((checkpoint.settings, checkpoint.state))
 }

@@ -38,15 +38,21 @@ use crate::{
     prepare::Prepared,
     raster::{Images, project::Sampling, render_deformed},
     scene::{Provenance, Scene},
-    sequence::Sequence,
+    sequence::{Identity, Sequence},
 };
 use frames::FrameCache;
 use rand::Rng;
 use state::{State, spread, train_frames};
-use std::path::Path;
+use std::{path::Path, sync::Arc};
 
 /// Frames that [`Trainer::psnr_db`] looks at where none is held out.
 const PSNR_FRAMES: usize = 8;
+
+/// What the recording is; errs where it is not what was prepared. Reads all of it.
+fn identity(sequence: &Sequence, prepared: Option<&Prepared>) -> Result<Arc<Identity>> {
+    prepared.map_or(Ok(()), Prepared::require_recording)?;
+    sequence.identity()
+}
 
 /// What one step did.
 #[derive(Clone, Debug, serde::Serialize)]
@@ -68,6 +74,7 @@ pub struct Trainer {
     settings: TrainSettings,
     sequence: Sequence,
     prepared: Option<Prepared>,
+    identity: Arc<Identity>,
     cache: FrameCache,
     state: State,
     started: std::time::Instant,
@@ -84,15 +91,17 @@ impl Trainer {
         settings.eval |= prepared.is_some_and(|p| p.eval);
         let sees_around = sequence.camera_moves() || settings.sh_when_still;
         settings.sh_degree = if sees_around { settings.sh_degree.min(3) } else { 0 };
+        let identity = identity(sequence, prepared)?;
         let state = State::new(sequence, prepared, &settings)?;
-        Ok(Self::with_state(sequence, prepared, settings, state))
+        Ok(Self::with_state(sequence, prepared, settings, state, identity))
     }
 
     /// Goes on from a file that [`Trainer::save_checkpoint`] wrote, with its settings, to the same bytes as if there had
     /// been no stop.
     pub fn resume(sequence: &Sequence, prepared: Option<&Prepared>, path: &Path) -> Result<Self> {
-        let (settings, state) = checkpoint::read(path, sequence, prepared)?;
-        Ok(Self::with_state(sequence, prepared, settings, state))
+        let identity = identity(sequence, prepared)?;
+        let (settings, state) = checkpoint::read(path, sequence, prepared, &identity)?;
+        Ok(Self::with_state(sequence, prepared, settings, state, identity))
     }
 
     /// Writes all that is needed to go on.
@@ -100,7 +109,8 @@ impl Trainer {
         self.finish()?;
         let mut state = self.state.clone();
         state.seconds = self.seconds();
-        checkpoint::write(path, &self.sequence, self.prepared.as_ref(), &self.settings, state)
+        let (prepared, identity) = (self.prepared.as_ref(), &self.identity);
+        checkpoint::write(path, &self.sequence, prepared, identity, &self.settings, state)
     }
 
     fn with_state(
@@ -108,8 +118,10 @@ impl Trainer {
         prepared: Option<&Prepared>,
         settings: TrainSettings,
         state: State,
+        identity: Arc<Identity>,
     ) -> Self {
         Self {
+            identity,
             cache: FrameCache::new(sequence, settings.frame_cache_bytes),
             sequence: sequence.clone(),
             prepared: prepared.cloned(),
@@ -299,6 +311,7 @@ impl Trainer {
                 made_by: format!("SurgTPGS {}", env!("CARGO_PKG_VERSION")),
                 sequence_name: self.sequence.name(),
                 sequence_path: files::full_path(self.sequence.path()),
+                identity: Some(self.identity.clone()),
                 held_out: self.settings.eval,
                 frames_per_second: self.sequence.frames_per_second(),
                 steps: self.state.step,

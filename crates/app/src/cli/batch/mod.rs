@@ -5,6 +5,7 @@
 //!                       record: what is done of what ─┴▶ report.md, report.html, report.json
 //! ```
 
+mod folders;
 mod plan;
 mod record;
 mod report;
@@ -92,7 +93,7 @@ fn require_known(plan: &Plan, names: &[String]) -> Result<()> {
 /// Runs those of a job's steps that are chosen and not done.
 fn run_job(job: &mut Job, steps: &[Step], label: &str) -> Result<()> {
     require_recording(job)?;
-    let fingerprints = record::fingerprints(job);
+    let fingerprints = record::settle_source(job)?;
     let Job { folder, tasks, .. } = job;
     let mut failed: Vec<Step> = Vec::new();
     for (i, fingerprint) in fingerprints.iter().enumerate() {

@@ -1,15 +1,16 @@
 //! The jobs file, turned into command lines: what each verb may be told is known to the command line alone.
 
+use super::{folders::folder_names, record::Source};
 use crate::args::{Cli, Step, Verb};
 use clap::{Arg, CommandFactory, Parser, ValueHint};
 use std::{
     collections::HashSet,
     ffi::OsString,
     path::{Path, PathBuf},
+    sync::OnceLock,
 };
 use surgtpgs_core::{
     Error, Result,
-    export::slugs,
     files::{absolute_path, full_path},
     reading::read_text,
 };
@@ -40,6 +41,8 @@ pub(super) struct Job {
     pub(super) folder: PathBuf,
     /// In their order.
     pub(super) tasks: Vec<Task>,
+    /// What is known of the recording, once it was looked at.
+    pub(super) source: OnceLock<Source>,
 }
 
 /// A step of a job.
@@ -95,12 +98,19 @@ impl Plan {
             named.push(identity(table, beside).map_err(|what| format!("recording {}: {what}", i + 1))?);
         }
         require_distinct(&named)?;
-        let folders = slugs(named.iter().map(|(name, _)| name.as_str()));
+        let names: Vec<&str> = named.iter().map(|(name, _)| name.as_str()).collect();
+        let folders = folder_names(&names);
         let mut jobs = Vec::new();
         for ((own, (name, recording)), folder) in file.recording.into_iter().zip(named).zip(folders) {
             let mut settings = file.defaults.clone();
             settings.extend(own);
-            let mut job = Job { folder: output.join(folder), name, recording, tasks: Vec::new() };
+            let mut job = Job {
+                folder: output.join(folder),
+                name,
+                recording,
+                tasks: Vec::new(),
+                source: OnceLock::new(),
+            };
             job.add_tasks(&settings, beside, &verbs)
                 .map_err(|e| format!("recording \"{}\": {e}", job.name))?;
             jobs.push(job);
@@ -155,6 +165,10 @@ impl Job {
             let mut command: Vec<OsString> = vec!["surgtpgs".into(), step.name().into()];
             command.extend(subjects.into_iter().map(|p| p.clone().into_os_string()));
             command.extend(["-o".into(), output.clone().into_os_string()]);
+            if step == Step::Export {
+                // It may have moved since the scene was trained.
+                command.extend(["--sequence".into(), self.recording.clone().into_os_string()]);
+            }
             let mut inputs = Vec::new();
             for arg in verbs.options(step) {
                 if let Some(value) = keys_of(arg).iter().find_map(|key| settings.get(key)) {
@@ -300,7 +314,7 @@ mod tests {
                 "surgtpgs prepare /data/a -o /out/a/prepared --labels --eval",
                 "surgtpgs train /out/a/prepared -o /out/a/scene.safetensors --eval --iterations=7",
                 "surgtpgs eval /out/a/scene.safetensors /data/a -o /out/a/eval --threshold=0.5",
-                "surgtpgs export /out/a/scene.safetensors -o /out/a/masked-frames --prompt=liver --prompt=-x \
+                "surgtpgs export /out/a/scene.safetensors -o /out/a/masked-frames --sequence /data/a --prompt=liver --prompt=-x \
                  --format=index --threshold=0.5",
                 "surgtpgs train /data/a -o /out/b-c/scene.safetensors --iterations=7",
                 "surgtpgs eval /out/b-c/scene.safetensors /data/a -o /out/b-c/eval --text-encoder=/minilm",

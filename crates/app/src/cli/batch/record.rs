@@ -2,12 +2,20 @@
 
 use super::plan::{Job, Task};
 use crate::args::Step;
+use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 use std::{
     path::{Path, PathBuf},
     time::UNIX_EPOCH,
 };
-use surgtpgs_core::{Error, Result, files::write_whole, reading::read_text};
+use surgtpgs_core::{
+    Error, Result,
+    export::file_sha256,
+    files::write_whole,
+    prepare::Prepared,
+    reading::read_text,
+    sequence::{Identity, Sequence},
+};
 use walkdir::WalkDir;
 
 /// How a step went.
@@ -92,9 +100,109 @@ pub(super) fn status(folder: &Path, task: &Task, fingerprint: &str) -> Result<St
     })
 }
 
-/// Of each task, what its result depends on: the program, its command line, its inputs, and the steps before it.
+/// What is known of a recording whose results are in a folder: enough to know it again, wherever it lies.
+#[derive(Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub(super) struct Source {
+    path: PathBuf,
+    /// Names, sizes and times of its files, hashed: while they stay, nothing is read again.
+    listing: String,
+    /// Names and content of its files, hashed; masks, labels and depth are among them.
+    contents: String,
+    /// `None` where it cannot be opened.
+    identity: Option<Identity>,
+}
+
+impl Source {
+    /// Looks at the job's recording; reads it where it is not where or what it was.
+    fn of(job: &Job) -> Self {
+        let listing = listing(&job.recording, &job.folder, true);
+        match Self::read(&job.folder) {
+            Ok(Some(known)) if known.path == job.recording && known.listing == listing => return known,
+            _ => {}
+        }
+        let identity = Sequence::open(&job.recording).and_then(|s| s.identity()).ok();
+        let identity = identity.map(|identity| Identity::clone(&identity));
+        Self {
+            path: job.recording.clone(),
+            listing,
+            contents: contents(&job.recording, &job.folder),
+            identity,
+        }
+    }
+
+    fn file(folder: &Path) -> PathBuf {
+        folder.join("steps").join("recording.json")
+    }
+
+    fn read(folder: &Path) -> Result<Option<Self>> {
+        let path = Self::file(folder);
+        let text = match std::fs::read_to_string(&path) {
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            text => text.map_err(|e| Error::io("read what was done", &path, e))?,
+        };
+        serde_json::from_str(&text).map(Some).map_err(|e| {
+            let what = format!("this does not say which recording the folder is of: {e}");
+            Error::input_at(&path, what, "Remove the recording's folder to do it again.")
+        })
+    }
+
+    fn write(&self, folder: &Path) -> Result<()> {
+        let text = serde_json::to_string_pretty(self).unwrap_or_default() + "\n";
+        write_whole(&Self::file(folder), text.as_bytes())
+    }
+}
+
+/// Before a job's steps: errs where its folder holds results of another recording, keeps which one it is of, and points
+/// what was prepared to where the recording is now. Gives the fingerprints of the tasks.
+pub(super) fn settle_source(job: &Job) -> Result<Vec<String>> {
+    let before = Source::read(&job.folder)?;
+    let now = job.source.get_or_init(|| Source::of(job));
+    if before.as_ref() == Some(now) {
+        return Ok(fingerprints(job));
+    }
+    if let Some(before) = &before {
+        require_same(job, before, now)?;
+    }
+    let fingerprints = fingerprints(job);
+    if before.is_some_and(|before| before.path != now.path) {
+        follow(job, &fingerprints)?;
+    }
+    now.write(&job.folder)?;
+    Ok(fingerprints)
+}
+
+/// A recording is the same one, perhaps changed, if at least half of its frames are.
+fn require_same(job: &Job, before: &Source, now: &Source) -> Result<()> {
+    let (Some(then), Some(identity)) = (&before.identity, &now.identity) else { return Ok(()) };
+    let (common, of) = (identity.frames_in_common(then), identity.num_frames().min(then.num_frames()));
+    if 2 * common >= of || !job.tasks.iter().any(|task| task.output.exists()) {
+        return Ok(());
+    }
+    let what = format!(
+        "this folder holds the results of another recording: {common} of {of} frames are the same as those of {}",
+        job.recording.display()
+    );
+    let hint = "Give the recording a `name` of its own, correct its `path`, or choose another folder with `--output`.";
+    Err(Error::input_at(&job.folder, what, hint))
+}
+
+/// Points what was prepared to where the recording has moved.
+fn follow(job: &Job, fingerprints: &[String]) -> Result<()> {
+    for (task, fingerprint) in job.tasks.iter().zip(fingerprints).filter(|(t, _)| t.step == Step::Prepare) {
+        if let Status::Done(record) = status(&job.folder, task, fingerprint)? {
+            Prepared::relocate(&task.output, &job.recording)?;
+            Record { files: files_made(&task.output), ..record }.write(&job.folder, task.step)?;
+        }
+    }
+    Ok(())
+}
+
+/// Of each task, what its result depends on: the program, its command line, its inputs, the recording wherever it lies,
+/// and the steps before it.
 pub(super) fn fingerprints(job: &Job) -> Vec<String> {
-    let recording = listing(&job.recording, &job.folder, true);
+    // Of what was never begun nothing is read to say so.
+    let is_begun = job.source.get().is_some() || Source::file(&job.folder).exists();
+    let source = is_begun.then(|| job.source.get_or_init(|| Source::of(job)));
     let mut known: Vec<(Step, String)> = Vec::new();
     for task in &job.tasks {
         let before = known.iter().find(|(step, _)| Some(*step) == task.step.needs());
@@ -105,8 +213,13 @@ pub(super) fn fingerprints(job: &Job) -> Vec<String> {
         };
         add(env!("CARGO_PKG_VERSION").as_bytes());
         add(before.map_or("", |(_, fingerprint)| fingerprint).as_bytes());
-        add(recording.as_bytes());
-        task.command.iter().for_each(|part| add(part.as_encoded_bytes()));
+        add(source.map_or("", |source| &source.contents).as_bytes());
+        let identity = source.and_then(|source| source.identity.as_ref());
+        add(identity.map_or(String::new(), Identity::digest).as_bytes());
+        for part in &task.command {
+            let is_recording = part == job.recording.as_os_str();
+            add(if is_recording { b"the recording" } else { part.as_encoded_bytes() });
+        }
         task.inputs.iter().for_each(|input| add(listing(input, &job.folder, true).as_bytes()));
         known.push((task.step, format!("{:x}", hash.finalize())));
     }
@@ -130,6 +243,24 @@ fn listing(path: &Path, except: &Path, with_times: bool) -> String {
         hash.update(format!("\0{} {nanoseconds}\0", data.len()));
     }
     format!("{:x}", hash.finalize())
+}
+
+/// Names and content of the files at `path`, hashed; those under `except` are not looked at.
+fn contents(path: &Path, except: &Path) -> String {
+    let entries = WalkDir::new(path).follow_links(true).sort_by_file_name().into_iter();
+    let files: Vec<PathBuf> = entries
+        .filter_entry(|e| e.path() != except)
+        .flatten()
+        .filter(|e| e.file_type().is_file())
+        .map(walkdir::DirEntry::into_path)
+        .collect();
+    let line = |file: &PathBuf| {
+        let name = file.strip_prefix(path).unwrap_or(file).to_string_lossy();
+        // What cannot be read is what its step will say.
+        format!("{name}\0{}\0", file_sha256(file).unwrap_or_default())
+    };
+    let lines: Vec<String> = files.par_iter().map(line).collect();
+    format!("{:x}", Sha256::digest(lines.concat()))
 }
 
 #[cfg(test)]

@@ -102,6 +102,23 @@ fn unsaved_work_waits_until_its_recording_is_opened_again() {
 }
 
 #[test]
+fn a_session_of_a_recording_that_has_changed_opens_and_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("review.surgtpgs");
+    let info = |sum: &str| Info { frames_sha256: Some(sum.into()), ..scene() };
+    let mut window = Window::on(info("one"));
+    window.press(Key::M);
+    window.harness.state().session().unwrap().save(&file).unwrap();
+    for (sum, is_said) in [("one", false), ("two", true)] {
+        let mut window = Window::on(info(sum));
+        open(&mut window, &file);
+        window.harness.step();
+        assert_eq!(window.shows("The recording is not as it was"), is_said, "{sum}");
+        assert_eq!(window.harness.state().document.bookmarks().len(), 1);
+    }
+}
+
+#[test]
 fn work_that_cannot_be_kept_is_said_with_what_to_do() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("unsaved");

@@ -21,7 +21,7 @@ impl Coco {
         let image = |&frame: &usize| {
             json!({
                 "id": frame, "file_name": format!("frame_{frame:06}.png"), "width": width, "height": height,
-                "frame": frame, "time_s": provenance.seconds(frame),
+                "frame": frame, "time_s": provenance.seconds(frame), "source": provenance.source(frame),
             })
         };
         let category = |(i, p): (usize, &crate::export::ExportPrompt)| json!({ "id": i + 1, "name": p.text, "supercategory": "prompt" });

@@ -19,6 +19,8 @@ pub(super) struct Row<'a> {
     centroid_y_px: Option<f64>,
     /// Distance of the centroid from that of the last frame before on which the prompt was found.
     moved_px: Option<f64>,
+    /// File name of the recorded frame.
+    source: Option<&'a str>,
 }
 
 /// A form that rows are written in.
@@ -58,6 +60,7 @@ impl<R: Rows> Series for Table<R> {
                 centroid_x_px: here.map(|[x, _]| x),
                 centroid_y_px: here.map(|[_, y]| y),
                 moved_px: moved,
+                source: frame.provenance.source(frame.frame),
             })?;
         }
         Ok(())

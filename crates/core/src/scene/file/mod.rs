@@ -55,6 +55,9 @@ struct Header {
     classes: Vec<Class>,
     encoder: Option<EncoderIdentity>,
     provenance: Provenance,
+    /// SHA-256 over all tensors, hexadecimal; absent in older scenes.
+    #[serde(default)]
+    tensors_sha256: Option<String>,
 }
 
 fn own_gate() -> usize {
@@ -97,6 +100,7 @@ pub(super) fn to_bytes(scene: &Scene, compact: bool) -> Result<Vec<u8>> {
         classes: scene.classes.iter().map(|c| c.0.clone()).collect(),
         encoder: scene.encoder.clone(),
         provenance: scene.provenance.clone(),
+        tensors_sha256: Some(w.checksum()?),
     };
     let json = serde_json::to_string(&header)
         .map_err(|e| Error::input(format!("the scene could not be written: {e}"), ""))?;
@@ -150,13 +154,13 @@ fn pack_bits(mask: &Mask) -> Vec<u8> {
 pub(super) fn memory_bytes(bytes: &[u8]) -> Option<u64> {
     let (_, metadata) = SafeTensors::read_metadata(bytes).ok()?;
     let header: Header = serde_json::from_str(metadata.metadata().as_ref()?.get(METADATA_KEY)?).ok()?;
-    let reader = Reader(SafeTensors::deserialize(bytes).ok()?);
+    let reader = Reader::new(bytes).ok()?;
     let product = |shape: &[u64]| shape.iter().fold(1_u64, |product, n| product.saturating_mul(*n));
     let values = |(name, view): (String, TensorView<'_>)| match reader.u32(&format!("{name}.shape")) {
         Ok(shape) => product(&shape.into_iter().map(u64::from).collect::<Vec<_>>()),
         Err(_) => product(&view.shape().iter().map(|n| *n as u64).collect::<Vec<_>>()),
     };
-    let stored = reader.0.tensors().into_iter().map(values).fold(0, u64::saturating_add);
+    let stored = reader.tensors().into_iter().map(values).fold(0, u64::saturating_add);
     let bases = reader.u32("basis_weights.shape").ok().and_then(|shape| shape.first().map(|n| *n as usize));
     let bases = bases.or_else(|| reader.view("basis_weights").ok()?.shape().first().copied()).unwrap_or(0);
     let weights =
@@ -183,6 +187,9 @@ pub(super) fn from_bytes(bytes: &[u8]) -> Result<Scene, Problem> {
         return Err(format!("latent dimension {d} (0 to 16) or colour degree {sh} (0 to 3) is out of range"));
     }
     let reader = Reader::new(bytes).map_err(damaged)?;
+    if header.tensors_sha256.as_ref().is_some_and(|written| *written != reader.checksum()) {
+        return Err("the scene file is damaged or was changed: its checksum differs".into());
+    }
     let gaussians = read_gaussians(&reader, &header)?;
     let deformation = read_deformation(&reader, &header)?;
     let (camera_shape, cameras) = reader.f32("cameras", 2)?;
@@ -427,6 +434,23 @@ mod tests {
             assert!(!from_bytes(&bytes[..len]).unwrap_err().is_empty());
         }
         assert!(from_bytes(&bytes[..bytes.len() - 1]).is_err());
+    }
+
+    #[test]
+    fn a_changed_value_is_noticed_and_older_files_have_no_checksum() {
+        for compact in [false, true] {
+            let bytes = to_bytes(&scene(), compact).unwrap();
+            let tensors = 8 + u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
+            for at in (tensors..bytes.len()).step_by(61) {
+                let mut changed = bytes.clone();
+                changed[at] ^= 1;
+                assert!(from_bytes(&changed).unwrap_err().contains("checksum"), "byte {at}");
+            }
+            let before =
+                String::from_utf8_lossy(&bytes[..tensors]).replace("tensors_sha256", "tensors_sha000");
+            let older = [before.as_bytes(), &bytes[tensors..]].concat();
+            assert!(from_bytes(&older).is_ok());
+        }
     }
 
     #[test]

@@ -7,6 +7,7 @@ use super::{
 use crate::{Error, Result};
 use half::f16;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
+use sha2::{Digest, Sha256};
 use std::{cell::Cell, collections::HashMap};
 
 /// Tensors being collected for writing.
@@ -71,15 +72,36 @@ impl Writer {
 
     /// The file, with `metadata` under `key`.
     pub(super) fn finish(self, key: &str, metadata: String) -> Result<Vec<u8>> {
-        let failed = |e: safetensors::SafeTensorError| {
-            Error::input(format!("the scene could not be written: {e}"), "")
-        };
+        let metadata = HashMap::from([(key.to_owned(), metadata)]);
+        safetensors::serialize(self.views()?, Some(metadata)).map_err(not_written)
+    }
+
+    /// SHA-256 over all tensors so far, hexadecimal.
+    pub(super) fn checksum(&self) -> Result<String> {
+        Ok(checksum(self.views()?))
+    }
+
+    fn views(&self) -> Result<Vec<(&str, TensorView<'_>)>> {
         let views = self.tensors.iter().map(|(name, dtype, shape, bytes)| {
             TensorView::new(*dtype, shape.clone(), bytes).map(|view| (name.as_str(), view))
         });
-        let views: Vec<_> = views.collect::<Result<_, _>>().map_err(failed)?;
-        safetensors::serialize(views, Some(HashMap::from([(key.to_owned(), metadata)]))).map_err(failed)
+        views.collect::<Result<_, _>>().map_err(not_written)
     }
+}
+
+fn not_written(e: safetensors::SafeTensorError) -> Error {
+    Error::input(format!("the scene could not be written: {e}"), "")
+}
+
+/// SHA-256 over names, kinds, shapes and values, hexadecimal; in whatever order they lie.
+fn checksum(mut tensors: Vec<(impl AsRef<str> + Ord, TensorView<'_>)>) -> String {
+    tensors.sort_by(|(a, _), (b, _)| a.cmp(b));
+    let mut hash = Sha256::new();
+    for (name, view) in &tensors {
+        hash.update(format!("{} {:?} {:?}\n", name.as_ref(), view.dtype(), view.shape()));
+        hash.update(view.data());
+    }
+    format!("{:x}", hash.finalize())
 }
 
 /// Values that a file of any size may hold beyond its own bytes.
@@ -124,6 +146,16 @@ impl<'a> Reader<'a> {
             Ok(shape) => shape.shape().first().copied(),
             Err(_) => self.tensors.tensor(name).ok().map(|t| t.shape().len()),
         }
+    }
+
+    /// All of them.
+    pub(super) fn tensors(&self) -> Vec<(String, TensorView<'_>)> {
+        self.tensors.tensors()
+    }
+
+    /// As [`Writer::checksum`].
+    pub(super) fn checksum(&self) -> String {
+        checksum(self.tensors())
     }
 
     /// The values and shape of a tensor of finite numbers with as many dimensions as `rank`, however it is stored.

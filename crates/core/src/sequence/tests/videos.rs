@@ -20,7 +20,7 @@ fn blob(frame: usize) -> RgbImage {
 }
 
 /// An H.264 mp4 at 10 frames per second that can be entered at every tenth frame.
-fn write_video(path: &Path) {
+pub(super) fn write_video(path: &Path) {
     let config = EncoderConfig::new()
         .bitrate(BitRate::from_bps(4_000_000))
         .rate_control_mode(RateControlMode::Quality)

@@ -1,0 +1,281 @@
+//! What a recording is, wherever it lies: the name, the size and the content of every frame.
+//!
+//! Everything that is made of a recording keeps its identity. Names and sizes are known as soon as a recording is open;
+//! content is hashed before something is made of it. Masks, labels and depth are no part of it.
+
+use super::{
+    layout::{Frame, Picture, Recording},
+    read,
+    video::H264,
+};
+use crate::{Error, Result};
+use rayon::prelude::*;
+use sha2::{Digest, Sha256};
+use std::{
+    collections::{HashMap, HashSet},
+    fmt::Display,
+    fs::File,
+    path::Path,
+};
+
+/// Frames of a video whose content is looked at when it is opened, evenly spread.
+const SPOTS: usize = 32;
+
+/// The frames of a recording, see [`super::Sequence::identity`].
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Identity {
+    frames: Vec<Part>,
+    /// The file that frames were unpacked from, where they have no bytes of their own in it.
+    #[serde(default)]
+    file: Option<Part>,
+}
+
+/// A frame, or a whole file: one line of text where it is written.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(into = "String", try_from = "String")]
+struct Part {
+    name: String,
+    bytes: u64,
+    /// `None` where the content was not looked at.
+    sha256: Option<[u8; 32]>,
+}
+
+/// How a recording is not what it was; in words, without a full stop.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Difference(String);
+
+impl Display for Difference {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl Identity {
+    /// What opening a recording tells: names and sizes, and of a video the content of a few frames.
+    pub(super) fn opened(recording: &Recording) -> Result<Self> {
+        let n = recording.frames.len();
+        let spots: HashSet<usize> = (0..n.min(SPOTS)).map(|k| (2 * k + 1) * n / (2 * n.min(SPOTS))).collect();
+        let is_video = |frame: &Frame| matches!(frame.picture, Picture::Video { .. });
+        Self::of(recording, |i| is_video(&recording.frames[i]) && spots.contains(&i), false)
+    }
+
+    /// All of it; every frame is read.
+    pub(super) fn complete(recording: &Recording) -> Result<Self> {
+        Self::of(recording, |_| true, true)
+    }
+
+    fn of(recording: &Recording, is_hashed: impl Fn(usize) -> bool + Sync, whole_file: bool) -> Result<Self> {
+        let frames = &recording.frames;
+        if let Some(path) = &recording.unpacked_from {
+            let part = |frame: &Frame| Part { name: frame.name.clone(), bytes: 0, sha256: None };
+            let file = Part { name: String::new(), ..Part::of_file(path, whole_file)? };
+            return Ok(Self { frames: frames.iter().map(part).collect(), file: Some(file) });
+        }
+        let part = |i: usize| match &frames[i].picture {
+            Picture::File(path) => Part::of_file(path, is_hashed(i)),
+            Picture::Video { video, index } => {
+                let before = i.checked_sub(1).and_then(|k| match frames[k].picture {
+                    Picture::Video { index, .. } => Some(index + 1),
+                    Picture::File(_) => None,
+                });
+                let from = before.unwrap_or_else(|| video.entry_before(*index));
+                Part::of_coded(&frames[i].name, video, from..*index + 1, is_hashed(i))
+            }
+        };
+        let frames = (0..frames.len()).into_par_iter().map(part).collect::<Result<_>>()?;
+        Ok(Self { frames, file: None })
+    }
+
+    /// Number of frames.
+    pub fn num_frames(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// File names of the frames (or their numbers, of a video).
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.frames.iter().map(|frame| frame.name.as_str())
+    }
+
+    /// SHA-256 over all that is known, hexadecimal: equal recordings have equal digests.
+    pub fn digest(&self) -> String {
+        self.hashed(Part::to_string)
+    }
+
+    /// As [`Self::digest`], of names and sizes alone.
+    pub fn outline_digest(&self) -> String {
+        self.hashed(|part| Part { sha256: None, ..part.clone() }.to_string())
+    }
+
+    fn hashed(&self, line: impl Fn(&Part) -> String) -> String {
+        let mut hash = Sha256::new();
+        self.frames.iter().chain(&self.file).for_each(|part| hash.update(line(part) + "\n"));
+        format!("{:x}", hash.finalize())
+    }
+
+    /// How many frames are in both: by their content where both know it, else by name and size.
+    pub fn frames_in_common(&self, other: &Self) -> usize {
+        if let (Some(file), Some(others)) = (&self.file, &other.file) {
+            let is_same = file.is_like(others);
+            return if is_same { self.frames.len().min(other.frames.len()) } else { 0 };
+        }
+        let contents = |of: &Self| of.frames.iter().map(|f| f.sha256).collect::<Option<Vec<_>>>();
+        if let (Some(mine), Some(theirs)) = (contents(self), contents(other)) {
+            let theirs: HashSet<_> = theirs.into_iter().collect();
+            return mine.iter().filter(|hash| theirs.contains(*hash)).count();
+        }
+        let by_name: HashMap<&str, &Part> = other.frames.iter().map(|f| (f.name.as_str(), f)).collect();
+        let is_there = |f: &Part| by_name.get(f.name.as_str()).is_some_and(|o| o.is_like(f));
+        let moved = |i: usize, f: &Part| other.frames.get(i).is_some_and(|o| o.bytes > 0 && o.is_like(f));
+        self.frames.iter().enumerate().filter(|(i, f)| is_there(f) || moved(*i, f)).count()
+    }
+
+    /// The first thing that is not as it was `then`; content counts where both know it.
+    pub fn difference(&self, then: &Self) -> Option<Difference> {
+        let is_same = |(now, then): (&Part, &Part)| now.name == then.name && now.is_like(then);
+        let files = match (&self.file, &then.file) {
+            (Some(now), Some(then)) => now.is_like(then),
+            (now, then) => now.is_some() == then.is_some(),
+        };
+        let (count, earlier) = (self.frames.len(), then.frames.len());
+        if files && count == earlier && self.frames.iter().zip(&then.frames).all(is_same) {
+            return None;
+        }
+        let what = if self.frames_in_common(then) == 0 {
+            "it is another one, no frame is the same".to_owned()
+        } else if count != earlier {
+            let number = |n: usize| if n == 1 { "1 frame".to_owned() } else { format!("{n} frames") };
+            format!("it has {} instead of {earlier}{}", number(count), self.stray(then))
+        } else if let Some(i) = (0..count).find(|&i| !is_same((&self.frames[i], &then.frames[i]))) {
+            self.change(i, then)
+        } else {
+            "the video is another file".to_owned()
+        };
+        Some(Difference(what))
+    }
+
+    /// Which frame is missing or new, where there are fewer or more.
+    fn stray(&self, then: &Self) -> String {
+        let first = |of: &Self, without: &Self, what: &str| {
+            let known: HashSet<&str> = without.names().collect();
+            let stray = of.names().enumerate().find(|(_, name)| !known.contains(name));
+            stray.map(|(i, name)| format!(", frame {i} \"{name}\" is {what}"))
+        };
+        let missing = || first(then, self, "missing");
+        let new = || first(self, then, "new");
+        if self.frames.len() < then.frames.len() { missing().or_else(new) } else { new().or_else(missing) }
+            .unwrap_or_default()
+    }
+
+    /// What is not the same about frame `i`, of equally many.
+    fn change(&self, i: usize, then: &Self) -> String {
+        let (now, was) = (&self.frames[i], &then.frames[i]);
+        if now.name != was.name {
+            return if then.names().any(|name| name == now.name) && !self.names().any(|name| name == was.name)
+            {
+                format!("frame {i} \"{}\" is missing", was.name)
+            } else {
+                format!("frame {i} is called \"{}\" but was \"{}\"", now.name, was.name)
+            };
+        }
+        let what = if now.bytes == was.bytes { "content" } else { "size" };
+        format!("frame {i} \"{}\" has another {what}", now.name)
+    }
+
+    /// Errs where this is not the recording that it was `then`; `made` says what it was for, as in "the scene was trained on".
+    pub fn require(&self, then: &Self, path: &Path, made: &str) -> Result<()> {
+        let Some(difference) = self.difference(then) else { return Ok(()) };
+        let what = format!("this is not the recording that {made}: {difference}");
+        Err(Error::input_at(
+            path,
+            what,
+            "Give the recording as it was, or make everything anew from this one.",
+        ))
+    }
+}
+
+impl Part {
+    fn of_file(path: &Path, is_hashed: bool) -> Result<Self> {
+        let fail = |e| Error::io("read the frame", path, e);
+        let bytes = std::fs::metadata(path).map_err(fail)?.len();
+        let hash = || {
+            let mut hash = Sha256::new();
+            std::io::copy(&mut File::open(path)?, &mut hash)?;
+            Ok(hash.finalize().into())
+        };
+        let sha256 = is_hashed.then(hash).transpose().map_err(fail)?;
+        Ok(Self { name: read::file_name(path), bytes, sha256 })
+    }
+
+    /// A frame of a video with all that was coded since the chosen frame before it.
+    fn of_coded(name: &str, video: &H264, shown: std::ops::Range<usize>, is_hashed: bool) -> Result<Self> {
+        let bytes = video.coded_bytes(shown.clone());
+        let hash = || {
+            let mut hash = Sha256::new();
+            video.read_coded(shown, |bytes| hash.update(bytes))?;
+            Ok(hash.finalize().into())
+        };
+        Ok(Self { name: name.to_owned(), bytes, sha256: is_hashed.then(hash).transpose()? })
+    }
+
+    /// Whether size and content are the same, the latter where both are known.
+    fn is_like(&self, other: &Self) -> bool {
+        let content = self.sha256.zip(other.sha256).is_none_or(|(mine, theirs)| mine == theirs);
+        self.bytes == other.bytes && content
+    }
+}
+
+impl Display for Part {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match &self.sha256 {
+            Some(hash) => hash.iter().try_for_each(|byte| write!(f, "{byte:02x}"))?,
+            None => f.write_str("-")?,
+        }
+        write!(f, " {} {}", self.bytes, self.name)
+    }
+}
+
+impl From<Part> for String {
+    fn from(part: Part) -> Self {
+        part.to_string()
+    }
+}
+
+impl TryFrom<String> for Part {
+    type Error = String;
+
+    fn try_from(line: String) -> Result<Self, String> {
+        let wrong = || format!("\"{line}\" is not a hash, a size and a name");
+        let mut words = line.splitn(3, ' ');
+        let (Some(hash), Some(bytes), Some(name)) = (words.next(), words.next(), words.next()) else {
+            return Err(wrong());
+        };
+        let sha256 = if hash == "-" { None } else { Some(of_hex(hash).ok_or_else(wrong)?) };
+        Ok(Self { name: name.to_owned(), bytes: bytes.parse().map_err(|_| wrong())?, sha256 })
+    }
+}
+
+fn of_hex(text: &str) -> Option<[u8; 32]> {
+    let digit = |c: u8| char::from(c).to_digit(16);
+    let pairs = text.as_bytes().as_chunks::<2>();
+    let bytes: Option<Vec<u8>> =
+        pairs.0.iter().map(|&[a, b]| Some((digit(a)? << 4 | digit(b)?) as u8)).collect();
+    bytes.filter(|_| pairs.1.is_empty())?.try_into().ok()
+}
+
+/// How an identity that is shared is written and read.
+pub(crate) mod shared {
+    use super::Identity;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+    use std::sync::Arc;
+
+    pub(crate) fn serialize<S: Serializer>(
+        identity: &Option<Arc<Identity>>,
+        to: S,
+    ) -> Result<S::Ok, S::Error> {
+        identity.as_deref().serialize(to)
+    }
+
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Arc<Identity>>, D::Error> {
+        Ok(Option::<Identity>::deserialize(from)?.map(Arc::new))
+    }
+}

@@ -1,0 +1,166 @@
+//! Recordings that are what they were, or not.
+
+use super::{videos::write_video, *};
+use std::fs;
+
+const NAMES: [&str; 4] = ["a_1.png", "a_2.png", "a_3.png", "a_4.png"];
+
+struct Place(tempfile::TempDir);
+
+impl Place {
+    fn new() -> Self {
+        let place = Self(tempfile::tempdir().unwrap());
+        write_pictures(&place.at("clip"), &NAMES);
+        place
+    }
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+}
+
+fn identity(path: &Path) -> Arc<Identity> {
+    Sequence::open(path).unwrap().identity().unwrap()
+}
+
+/// What has changed about the clip, by its names and sizes and by all of it.
+fn changes(change: impl FnOnce(&Place)) -> [Option<String>; 2] {
+    let place = Place::new();
+    let before = identity(&place.at("clip"));
+    change(&place);
+    let sequence = Sequence::open(&place.at("clip")).unwrap();
+    let now = [sequence.outline().clone(), sequence.identity().unwrap()];
+    now.map(|now| now.difference(&before).map(|d| d.to_string()))
+}
+
+#[test]
+fn what_has_changed_is_said_with_the_frame() {
+    let rename = |from: &'static str, to: &'static str| {
+        move |place: &Place| fs::rename(place.at("clip").join(from), place.at("clip").join(to)).unwrap()
+    };
+    let both = |what: &str| [Some(what.to_owned()), Some(what.to_owned())];
+    assert_eq!(changes(|_| {}), [None, None]);
+    assert_eq!(changes(rename("a_2.png", "a_20.png")), both("frame 1 \"a_2.png\" is missing"));
+    assert_eq!(
+        changes(rename("a_4.png", "a_9.png")),
+        both("frame 3 is called \"a_9.png\" but was \"a_4.png\"")
+    );
+    let remove = |place: &Place| fs::remove_file(place.at("clip/a_2.png")).unwrap();
+    assert_eq!(changes(remove), both("it has 3 frames instead of 4, frame 1 \"a_2.png\" is missing"));
+    let add = |place: &Place| assert!(fs::copy(place.at("clip/a_2.png"), place.at("clip/a_5.png")).is_ok());
+    assert_eq!(changes(add), both("it has 5 frames instead of 4, frame 4 \"a_5.png\" is new"));
+    let longer = |place: &Place| {
+        let file = place.at("clip/a_3.png");
+        fs::write(&file, [&fs::read(&file).unwrap()[..], b"more"].concat()).unwrap();
+    };
+    assert_eq!(changes(longer), both("frame 2 \"a_3.png\" has another size"));
+    // A size that stays tells nothing: only reading the frame does.
+    let turn = |place: &Place| {
+        let file = place.at("clip/a_3.png");
+        let mut bytes = fs::read(&file).unwrap();
+        *bytes.last_mut().unwrap() ^= 1;
+        fs::write(&file, bytes).unwrap();
+    };
+    assert_eq!(changes(turn), [None, Some("frame 2 \"a_3.png\" has another content".into())]);
+    let replace = |place: &Place| {
+        for (i, name) in NAMES.iter().enumerate() {
+            picture(8, 7, 20 + i as u8).save(place.at("clip").join(name)).unwrap();
+        }
+    };
+    assert_eq!(changes(replace)[1].as_deref(), Some("it is another one, no frame is the same"));
+}
+
+#[test]
+fn it_is_the_same_wherever_it_lies_and_whatever_is_beside_it() {
+    let place = Place::new();
+    let before = identity(&place.at("clip"));
+    fs::rename(place.at("clip"), place.at("moved")).unwrap();
+    for name in NAMES {
+        write_grey(&place.at("moved/masks").join(name), 3, 255);
+    }
+    let after = identity(&place.at("moved"));
+    assert_eq!((after.difference(&before), after.digest()), (None, before.digest()));
+    assert_eq!(after.frames_in_common(&before), 4);
+    assert_eq!(
+        after.outline_digest(),
+        Sequence::open(&place.at("moved")).unwrap().outline().outline_digest()
+    );
+}
+
+#[test]
+fn chosen_frames_keep_their_names() {
+    let place = Place::new();
+    fs::write(place.at("clip/sequence.toml"), "[time]\nevery = 2\n").unwrap();
+    assert_eq!(identity(&place.at("clip")).names().collect::<Vec<_>>(), ["a_1.png", "a_3.png"]);
+    let path = place.at("clip.mp4");
+    write_video(&path);
+    fs::write(place.at("clip.mp4.toml"), "[frames]\nfirst = 4\n[time]\nevery = 5\n").unwrap();
+    let before = identity(&path);
+    assert_eq!(before.names().collect::<Vec<_>>(), ["000004", "000009", "000014", "000019", "000024"]);
+    // A frame that is not chosen counts for the next one that is: it is decoded from it.
+    damage_frame(&path, 12);
+    let what = identity(&path).difference(&before).unwrap().to_string();
+    assert_eq!(what, "frame 2 \"000014\" has another content");
+}
+
+/// Changes a byte of a coded frame.
+fn damage_frame(path: &Path, frame: usize) {
+    let sample = &crate::sequence::mp4::Mp4::read(path).unwrap().pictures[frame];
+    let at = sample.offset as usize + sample.size - 1;
+    let mut bytes = fs::read(path).unwrap();
+    bytes[at] ^= 1;
+    fs::write(path, bytes).unwrap();
+}
+
+#[test]
+fn a_changed_frame_of_a_video_is_named() {
+    let place = Place::new();
+    let path = place.at("clip.mp4");
+    write_video(&path);
+    let before = identity(&path);
+    damage_frame(&path, 13);
+    let sequence = Sequence::open(&path).unwrap();
+    let changed = Some("frame 13 \"000013\" has another content".to_owned());
+    // So few frames are all looked at when it is opened.
+    for now in [sequence.outline(), &sequence.identity().unwrap()] {
+        assert_eq!(now.difference(&before).map(|d| d.to_string()), changed);
+    }
+    assert_eq!(sequence.identity().unwrap().frames_in_common(&before), before.num_frames() - 1);
+}
+
+#[test]
+fn it_is_written_in_few_bytes_and_comes_back() {
+    let lines: Vec<String> =
+        (0..5000).map(|i| format!("{} 1234567 frame_{i:06}.png", "0123456789abcdef".repeat(4))).collect();
+    let text = serde_json::json!({ "frames": lines }).to_string();
+    let read: Identity = serde_json::from_str(&text).unwrap();
+    let pretty = serde_json::to_string_pretty(&read).unwrap();
+    assert!(pretty.len() < 600_000, "{} bytes", pretty.len());
+    assert_eq!(serde_json::from_str::<Identity>(&pretty).unwrap(), read);
+    assert_eq!(postcard::from_bytes::<Identity>(&postcard::to_stdvec(&read).unwrap()).unwrap(), read);
+    for wrong in ["", "- 1", "- x a", "00 1 a", "zz 1 a", "é 1 a"] {
+        let text = serde_json::json!({ "frames": [wrong] }).to_string();
+        assert!(serde_json::from_str::<Identity>(&text).is_err(), "{wrong}");
+    }
+    let place = Place::new();
+    let whole = identity(&place.at("clip"));
+    let text = serde_json::to_string(&*whole).unwrap();
+    assert_eq!(serde_json::from_str::<Identity>(&text).unwrap(), *whole);
+}
+
+#[test]
+fn what_ffmpeg_unpacked_is_known_by_its_file() {
+    let place = Place::new();
+    let mut recording = layout::open(&place.at("clip"), &Settings::default().selection()).unwrap();
+    let file = place.at("clip.avi");
+    fs::write(&file, "some video").unwrap();
+    recording.unpacked_from = Some(file.clone());
+    let before = Identity::complete(&recording).unwrap();
+    assert_eq!(Identity::opened(&recording).unwrap().difference(&before), None);
+    fs::write(&file, "same video").unwrap();
+    assert_eq!(Identity::opened(&recording).unwrap().difference(&before), None);
+    let now = Identity::complete(&recording).unwrap();
+    assert!(now.difference(&before).unwrap().to_string().contains("another one"));
+    fs::write(&file, "a longer video").unwrap();
+    assert!(Identity::opened(&recording).unwrap().difference(&before).is_some());
+}
