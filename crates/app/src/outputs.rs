@@ -12,13 +12,13 @@ use surgtpgs_core::{
 /// Folders; the names stand in their records and in messages.
 pub(crate) const DEMO_RECORDING: &str = "demo recording";
 pub(crate) const PREPARATION: &str = "preparation";
-pub(crate) const LANGSPLAT: &str = "LangSplat features";
-pub(crate) const PICTURES: &str = "rendered pictures";
-pub(crate) const OBJECTS: &str = "objects";
+pub(crate) const LANGSPLAT: &str = "set of LangSplat features";
+pub(crate) const PICTURES: &str = "rendering";
+pub(crate) const OBJECTS: &str = "set of objects";
 pub(crate) const EXPORT: &str = "export";
 pub(crate) const EVALUATION: &str = "evaluation";
 pub(crate) const BENCHMARK: &str = "benchmark";
-pub(crate) const FRAMES: &str = "converted frames";
+pub(crate) const FRAMES: &str = "conversion";
 /// Folders of several outputs.
 pub(crate) const DEMO: &str = "demo";
 pub(crate) const BATCH: &str = "batch";
@@ -30,12 +30,12 @@ pub(crate) fn folder(path: &Path, kind: &str, inputs: &Inputs, replace: bool) ->
 
 /// Takes a file for a scene, or what a scene is converted to.
 pub(crate) fn scene_file(path: &Path, inputs: &Inputs, replace: bool) -> Result<OutputFile> {
-    OutputFile::claim(path, FileClaim { kind: "scene", inputs, replace, is_ours: &Scene::is_own_file })
+    OutputFile::claim(path, FileClaim { kind: "scene", inputs, replace, is_ours: Scene::is_own_file })
 }
 
 /// Takes the file beside a scene that keeps unfinished training.
 pub(crate) fn checkpoint_file(path: &Path, inputs: &Inputs) -> Result<OutputFile> {
-    let claim = FileClaim { kind: "unfinished training", inputs, replace: true, is_ours: &is_checkpoint };
+    let claim = FileClaim { kind: "unfinished training", inputs, replace: true, is_ours: is_checkpoint };
     OutputFile::claim(path, claim)
 }
 

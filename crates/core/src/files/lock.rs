@@ -1,5 +1,6 @@
 //! Locks that keep two programs out of one output. The system holds them, so that they end with their owner.
 
+use super::place::is_same_file;
 use crate::{Error, Result};
 use sha2::{Digest, Sha256};
 use std::{
@@ -41,10 +42,7 @@ impl Lock {
             let options = OpenOptions::new().create(true).truncate(false).read(true).write(true).to_owned();
             let mut file = options.open(&path).map_err(fail)?;
             match file.try_lock() {
-                // Where the file system has no locks, nothing can be told.
-                Err(TryLockError::Error(e)) if e.kind() != std::io::ErrorKind::Unsupported => {
-                    return Err(fail(e));
-                }
+                Err(TryLockError::Error(e)) if !is_unsupported(&e) => return Err(fail(e)),
                 Err(TryLockError::WouldBlock) => return Err(taken(&mut file, output)),
                 _ => {}
             }
@@ -59,6 +57,29 @@ impl Lock {
         }
     }
 }
+
+impl Lock {
+    /// The folders that two locks are in have changed places.
+    pub(super) fn change_places(&mut self, other: &mut Self) {
+        std::mem::swap(&mut self.path, &mut other.path);
+    }
+
+    /// The folder that the lock is in is called `folder` now.
+    pub(super) fn move_to(&mut self, folder: &Path) {
+        self.path = folder.join(LOCK_FILE);
+    }
+}
+
+/// Whether the file system has no locks: nothing can be told then.
+fn is_unsupported(error: &std::io::Error) -> bool {
+    let no_lock_server = cfg!(unix) && error.raw_os_error() == Some(NO_LOCKS);
+    no_lock_server || error.kind() == std::io::ErrorKind::Unsupported
+}
+
+#[cfg(unix)]
+const NO_LOCKS: i32 = rustix::io::Errno::NOLCK.raw_os_error();
+#[cfg(not(unix))]
+const NO_LOCKS: i32 = 0;
 
 impl Drop for Lock {
     fn drop(&mut self) {
@@ -78,16 +99,10 @@ fn taken(file: &mut File, output: &Path) -> Error {
     )
 }
 
-#[cfg(unix)]
+/// Whether the open file is still the one at `path`.
 fn is_at(file: &File, path: &Path) -> bool {
-    use std::os::unix::fs::MetadataExt;
-    let identity = |data: std::fs::Metadata| (data.dev(), data.ino());
-    file.metadata().map(identity).ok() == path.metadata().map(identity).ok()
-}
-
-#[cfg(not(unix))]
-fn is_at(_: &File, path: &Path) -> bool {
-    path.exists()
+    let both = file.metadata().ok().zip(path.metadata().ok());
+    both.is_some_and(|(open, there)| cfg!(not(unix)) || is_same_file(&open, &there))
 }
 
 /// The beginning of a hash of the path's last part.

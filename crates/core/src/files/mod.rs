@@ -34,7 +34,7 @@ pub fn full_path(path: &Path) -> PathBuf {
     path.canonicalize().unwrap_or_else(|_| absolute_path(path))
 }
 
-/// Whether a folder may be taken: it does not exist, or holds nothing but what this program keeps for itself in one: its
+/// Tells if a folder may be taken: it does not exist, or holds nothing but what this program keeps for itself in one: its
 /// record, its lock, and what a killed writer left.
 pub fn is_free_folder(path: &Path) -> Result<bool> {
     let fail = |e| Error::io("list the folder", path, e);
@@ -45,9 +45,18 @@ pub fn is_free_folder(path: &Path) -> Result<bool> {
     entries.try_fold(true, |free, entry| Ok(free && is_own(&entry.map_err(fail)?.file_name())))
 }
 
-/// Whether a file of this name is no result but something this program keeps beside its results.
+/// Tells if `folder` was taken for a result of this program.
+pub(crate) fn is_taken(folder: &Path) -> bool {
+    record::Record::read(folder).is_some()
+}
+
+/// Files that file managers leave wherever they look.
+const DROPPINGS: [&str; 3] = [".DS_Store", "Thumbs.db", "desktop.ini"];
+
+/// Tells if a file of this name is nobody's result: what this program keeps beside its own, and what file managers leave.
 fn is_own(name: &std::ffi::OsStr) -> bool {
-    name == record::RECORD_FILE
+    DROPPINGS.iter().any(|dropping| name == *dropping)
+        || name == record::RECORD_FILE
         || name == lock::LOCK_FILE
         || name.to_string_lossy().starts_with(whole::TEMPORARY)
 }

@@ -78,32 +78,33 @@ impl OutputFolder {
         claim.inputs.require_apart(&target)?;
         require_outside_of_outputs(&target)?;
         put_back_old(&target)?;
-        let is_new = is_free_folder(&target)?;
-        let record = Record::read(&target).filter(|record| record.kind == claim.kind);
-        let Some(record) = record.filter(|_| !is_new) else {
-            if !is_new {
-                return Err(foreign(path, &target, claim.kind));
-            }
+        if is_free_folder(&target)? {
             return Self::begin(target, &claim);
-        };
+        }
+        let earlier = || Record::read(&target).filter(|record| record.kind == claim.kind);
+        if earlier().is_none() {
+            return Err(foreign(path, &target, claim.kind));
+        }
+        let lock = Lock::of_folder(&target)?;
+        // It may have been finished, or replaced, until now.
+        let record = earlier().ok_or_else(|| foreign(path, &target, claim.kind))?;
         let goes_on = claim.unfinished == Earlier::GoOn && !record.complete;
         let may_stay = !record.complete || !claim.replace;
-        if goes_on || may_stay && (claim.is_same)(&target) {
-            let lock = Lock::of_folder(&target)?;
-            return Ok(Self::taken(target.clone(), target, vec![lock], &claim));
-        }
-        if claim.unfinished == Earlier::BeginAgain && !record.complete {
-            let lock = Lock::of_folder(&target)?;
-            require_own_files(&record, &target)?;
-            remove_contents(&target, &record)?;
-            Record::new(claim.kind).write(&target)?;
-            return Ok(Self::taken(target.clone(), target, vec![lock], &claim));
-        }
-        if !claim.replace {
-            let what = format!("there is an earlier result here ({})", claim.kind);
+        let is_completed = goes_on || may_stay && (claim.is_same)(&target);
+        let begins_again = claim.unfinished == Earlier::BeginAgain && !record.complete;
+        if !is_completed && !begins_again && !claim.replace {
+            let what = format!("the folder holds another {}", claim.kind);
             return Err(Error::input_at(path, what, "Choose a new folder, or replace it with `--force`."));
         }
-        Self::begin_beside(target, &record, &claim)
+        require_own_files(&record, &target)?;
+        if !is_completed && begins_again {
+            remove_contents(&target, &record)?;
+            Record::new(claim.kind).write(&target)?;
+        }
+        if is_completed || begins_again {
+            return Ok(Self::taken(target.clone(), target, vec![lock], &claim));
+        }
+        Self::begin_beside(target, lock, &claim)
     }
 
     fn taken(target: PathBuf, work: PathBuf, locks: Vec<Lock>, claim: &Claim<'_>) -> Self {
@@ -127,10 +128,13 @@ impl OutputFolder {
     }
 
     /// Takes a folder beside a result that is to be replaced.
-    fn begin_beside(target: PathBuf, record: &Record, claim: &Claim<'_>) -> Result<Self> {
-        let lock = Lock::of_folder(&target)?;
-        require_own_files(record, &target)?;
+    fn begin_beside(target: PathBuf, lock: Lock, claim: &Claim<'_>) -> Result<Self> {
         require_replaceable(&target)?;
+        let aside = beside(&target, "old");
+        if Record::read(&aside).is_some() {
+            // A kill left it after the result that replaced it was in its place.
+            remove_tree(&aside)?;
+        }
         let work = beside(&target, "new");
         let there = Record::read(&work);
         if there.is_none() && work.symlink_metadata().is_ok() && !is_free_folder(&work)? {
@@ -189,15 +193,38 @@ impl OutputFolder {
         record.complete = true;
         record.write(&self.work)?;
         if self.work != self.target {
-            if let Some(earlier) = Record::read(&self.target) {
-                require_own_files(&earlier, &self.target)?;
-            }
-            exchange(&self.work, &self.target)?;
             self.finished = true;
-            sync_parent(&self.target);
-            remove_tree(&self.work)?;
+            self.replace_earlier()?;
         }
         self.finished = true;
+        Ok(())
+    }
+
+    /// Lets the whole new result and the earlier one change places, and removes the earlier one.
+    fn replace_earlier(&mut self) -> Result<()> {
+        let is_at = |e| match e {
+            Error::Input { what, hint, path } => Error::Input {
+                what: format!("{what}; the new result is in {}", self.work.display()),
+                hint,
+                path,
+            },
+            other => other,
+        };
+        if let Some(earlier) = Record::read(&self.target) {
+            require_own_files(&earlier, &self.target).map_err(is_at)?;
+        }
+        if cfg!(not(unix)) {
+            // Folders with open files have to stay where they are.
+            self.locks.clear();
+        }
+        exchange(&self.work, &self.target).map_err(is_at)?;
+        sync_parent(&self.target);
+        if let [old, new] = &mut self.locks[..] {
+            old.change_places(new);
+        }
+        self.locks.drain(..self.locks.len().min(1));
+        // The new result is in its place; what stays of the old one is removed with the next replacement.
+        let _ = remove_tree(&self.work);
         Ok(())
     }
 }
@@ -364,7 +391,11 @@ fn put_back_old(target: &Path) -> Result<()> {
     if target.symlink_metadata().is_ok() || Record::read(&aside).is_none() {
         return Ok(());
     }
-    std::fs::rename(&aside, target).map_err(|e| Error::io("put the earlier result back", target, e))
+    // Whoever is between the two steps holds it.
+    let mut lock = Lock::of_folder(&aside)?;
+    std::fs::rename(&aside, target).map_err(|e| Error::io("put the earlier result back", target, e))?;
+    lock.move_to(target);
+    Ok(())
 }
 
 /// Without it, a power cut may take the new name back.

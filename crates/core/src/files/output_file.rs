@@ -3,10 +3,14 @@
 use super::{
     lock::Lock,
     place::{Inputs, real_place, require_outside_of_outputs},
-    whole::{WholeFile, write_whole},
+    whole::WholeFile,
 };
 use crate::{Error, Result};
-use std::path::{Path, PathBuf};
+use std::{
+    io::Write,
+    path::{Path, PathBuf},
+    sync::atomic::{AtomicBool, Ordering},
+};
 
 /// What is to be written, and what may be in its place.
 #[derive(Clone, Copy)]
@@ -18,13 +22,17 @@ pub struct FileClaim<'a> {
     /// Whether an earlier file of the same kind may be replaced.
     pub replace: bool,
     /// Whether the file at a path is of this kind and written by this program.
-    pub is_ours: &'a dyn Fn(&Path) -> bool,
+    pub is_ours: fn(&Path) -> bool,
 }
 
 /// A file that a result is written to, locked until it is dropped.
 #[derive(Debug)]
 pub struct OutputFile {
     path: PathBuf,
+    kind: String,
+    is_ours: fn(&Path) -> bool,
+    /// A file of ours is there, to be written over.
+    is_there: AtomicBool,
     _lock: Lock,
 }
 
@@ -39,23 +47,13 @@ impl OutputFile {
         }
         claim.inputs.require_apart(&real)?;
         require_outside_of_outputs(&real)?;
-        if real.exists() {
-            let kind = claim.kind;
-            if !(claim.is_ours)(&real) {
-                let what = format!(
-                    "there is a file here that this program did not write as this kind of result ({kind})"
-                );
-                return Err(Error::input_at(path, what, "Choose another name."));
-            }
-            if !claim.replace {
-                let what = format!("there is an earlier result here ({kind})");
-                return Err(Error::input_at(path, what, "Give another name, or replace it with `--force`."));
-            }
-        }
+        let is_there = require_replaceable(path, &real, &claim)?;
         // A place that cannot be written to is said before the work.
         drop(WholeFile::create(&real)?);
         let lock = Lock::of_file(&real)?;
-        Ok(Self { path: real, _lock: lock })
+        let is_there = is_there || require_replaceable(path, &real, &claim)?;
+        let FileClaim { kind, is_ours, .. } = claim;
+        Ok(Self { path: real, kind: kind.to_owned(), is_ours, is_there: is_there.into(), _lock: lock })
     }
 
     /// Where the file is to be, without links.
@@ -63,8 +61,37 @@ impl OutputFile {
         &self.path
     }
 
-    /// Writes the file whole, over an earlier one.
+    /// Writes the file whole, over an earlier one; errs where somebody else has put a file there since the claim.
     pub fn write(&self, bytes: &[u8]) -> Result<()> {
-        write_whole(&self.path, bytes)
+        let is_there = self.is_there.load(Ordering::Relaxed);
+        if is_there && self.path.exists() && !(self.is_ours)(&self.path) {
+            return Err(foreign(&self.path, &self.kind));
+        }
+        let mut file = WholeFile::create(&self.path)?;
+        file.write_all(bytes).map_err(|e| Error::io("write the file", &self.path, e))?;
+        if is_there { file.commit() } else { file.commit_new() }?;
+        self.is_there.store(true, Ordering::Relaxed);
+        Ok(())
     }
+}
+
+/// Errs where there is a file that the claim may not replace; returns if there is one that it may.
+fn require_replaceable(path: &Path, real: &Path, claim: &FileClaim<'_>) -> Result<bool> {
+    if !real.exists() {
+        return Ok(false);
+    }
+    if !(claim.is_ours)(real) {
+        return Err(foreign(path, claim.kind));
+    }
+    if !claim.replace {
+        let what = format!("there is an earlier result here ({})", claim.kind);
+        return Err(Error::input_at(path, what, "Give another name, or replace it with `--force`."));
+    }
+    Ok(true)
+}
+
+fn foreign(path: &Path, kind: &str) -> Error {
+    let what =
+        format!("there is a file here that this program did not write as this kind of result ({kind})");
+    Error::input_at(path, what, "Choose another name.")
 }

@@ -67,20 +67,20 @@ impl Inputs {
     }
 }
 
-/// Whether two paths without links name the same thing: mounts, hard links and file systems that do not tell upper from
+/// Tells if two paths without links name the same thing: mounts, hard links and file systems that do not tell upper from
 /// lower case give it several names.
 fn is_same(a: &Path, b: &Path) -> bool {
     a == b || a.metadata().ok().zip(b.metadata().ok()).is_some_and(|(a, b)| is_same_file(&a, &b))
 }
 
 #[cfg(unix)]
-fn is_same_file(a: &Metadata, b: &Metadata) -> bool {
+pub(super) fn is_same_file(a: &Metadata, b: &Metadata) -> bool {
     use std::os::unix::fs::MetadataExt;
     (a.dev(), a.ino()) == (b.dev(), b.ino())
 }
 
 #[cfg(not(unix))]
-fn is_same_file(_: &Metadata, _: &Metadata) -> bool {
+pub(super) fn is_same_file(_: &Metadata, _: &Metadata) -> bool {
     false
 }
 

@@ -4,7 +4,7 @@
 //! kill is passed over.
 
 use super::whole::TEMPORARY;
-use crate::{Error, Result};
+use crate::{Error, Result, reading::read_regular};
 use std::{
     collections::BTreeSet,
     fs::OpenOptions,
@@ -15,6 +15,9 @@ use walkdir::WalkDir;
 
 /// The record's name inside its folder.
 pub(super) const RECORD_FILE: &str = ".surgtpgs";
+
+/// Bytes that a record may have: those of some million files.
+const MOST_RECORD: u64 = 1 << 28;
 
 /// How far above a file its record is looked for.
 const DEPTH: usize = 3;
@@ -56,7 +59,7 @@ impl Record {
         if !path.symlink_metadata().is_ok_and(|data| data.is_file()) {
             return None;
         }
-        let text = std::fs::read(path).ok()?;
+        let text = read_regular(&path, MOST_RECORD).ok()?;
         let text = String::from_utf8_lossy(&text);
         let mut lines = text.lines().map(serde_json::from_str::<Line>);
         let Ok(Line::Head { surgtpgs: kind, holds_outputs, complete }) = lines.next()? else { return None };

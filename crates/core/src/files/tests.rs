@@ -127,11 +127,10 @@ fn inputs_are_known_by_every_name() {
     std::fs::create_dir_all(at("in/clip")).unwrap();
     std::fs::write(at("scene"), "a scene").unwrap();
     let inputs = Inputs::none().with("the recording", &at("in/clip")).with("the scene", &at("scene"));
-    let is_ours = |_: &Path| true;
     let file = |path: &Path| {
         OutputFile::claim(
             path,
-            FileClaim { kind: "scene", inputs: &inputs, replace: true, is_ours: &is_ours },
+            FileClaim { kind: "scene", inputs: &inputs, replace: true, is_ours: |_| true },
         )
     };
     let mut folders = vec![at("in/clip"), at("in/clip/new/deep"), at("in/../in/clip"), at("in")];
@@ -168,7 +167,7 @@ fn special_files_are_refused_and_links_are_followed() {
     let _socket = std::os::unix::net::UnixListener::bind(at("socket")).unwrap();
     symlink(at("nowhere"), at("dangling")).unwrap();
     let none = Inputs::none();
-    let claim = FileClaim { kind: "scene", inputs: &none, replace: true, is_ours: &|_| true };
+    let claim = FileClaim { kind: "scene", inputs: &none, replace: true, is_ours: |_| true };
     for name in ["pipe", "socket", "dangling", "dangling/more"]
         .map(at)
         .into_iter()
@@ -204,7 +203,7 @@ fn two_programs_do_not_write_one_result_and_the_dead_hold_none() {
 
     let file = folder.path().join("x".repeat(250));
     let none = Inputs::none();
-    let claim = FileClaim { kind: "scene", inputs: &none, replace: true, is_ours: &|_| true };
+    let claim = FileClaim { kind: "scene", inputs: &none, replace: true, is_ours: |_| true };
     let first = OutputFile::claim(&file, claim).unwrap();
     assert!(OutputFile::claim(&file, claim).is_err());
     first.write(b"1").unwrap();
@@ -273,7 +272,7 @@ fn where_folders_cannot_change_places_at_once_they_do_in_steps() {
         output::beside(&at("out").parent().unwrap().canonicalize().unwrap().join("out"), "old"),
     )
     .unwrap();
-    assert!(take(&at("out"), &Inputs::none(), false).unwrap_err().to_string().contains("earlier result"));
+    assert!(take(&at("out"), &Inputs::none(), false).unwrap_err().to_string().contains("another thing"));
     assert!(at("out/c.txt").is_file());
 }
 

@@ -70,10 +70,22 @@ impl WholeFile {
 
     /// Puts the file in its place, over what is there.
     pub fn commit(self) -> Result<()> {
+        self.persist(|temporary, path| temporary.persist(path).map_err(|e| e.error))
+    }
+
+    /// Puts the file in its place; errs where something is there.
+    pub fn commit_new(self) -> Result<()> {
+        self.persist(|temporary, path| temporary.persist_noclobber(path).map_err(|e| e.error))
+    }
+
+    fn persist(
+        self,
+        persist: impl FnOnce(tempfile::NamedTempFile, &Path) -> std::io::Result<std::fs::File>,
+    ) -> Result<()> {
         let Self { temporary, path } = self;
         let fail = |e| Error::io("write the file", &path, e);
         temporary.as_file().sync_all().map_err(fail)?;
-        temporary.persist(&path).map_err(|e| fail(e.error))?;
+        persist(temporary, &path).map_err(fail)?;
         sync_parent(&path);
         Ok(())
     }

@@ -9,7 +9,7 @@ use crate::{
     Error, Result,
     codec::{Codec, CodecSettings},
     export::file_sha256,
-    files::{full_path, is_free_folder, write_whole},
+    files::{full_path, is_free_folder, is_taken, write_whole},
     sequence::Sequence,
 };
 use ndarray::Array2;
@@ -50,7 +50,7 @@ pub(super) fn clear_folder(folder: &Path, sequence: &Sequence) -> Result<()> {
             "Choose another folder.",
         ));
     }
-    let ours = Prepared::is_prepared(folder) || is_unfinished(folder);
+    let ours = Prepared::is_prepared(folder) || is_unfinished(folder) || is_taken(folder);
     if !ours && !is_free_folder(folder)? {
         return Err(Error::input_at(
             folder,

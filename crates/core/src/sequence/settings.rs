@@ -202,7 +202,7 @@ impl Settings {
         let inputs = Inputs::none().with("the recording", path);
         let is_ours =
             |file: &Path| std::fs::read(file).is_ok_and(|text| text.starts_with(DECIDED.as_bytes()));
-        let claim = FileClaim { kind: "decisions", inputs: &inputs, replace: true, is_ours: &is_ours };
+        let claim = FileClaim { kind: "decisions", inputs: &inputs, replace: true, is_ours };
         OutputFile::claim(&file, claim)?.write(format!("{DECIDED}{text}").as_bytes())?;
         Ok(file)
     }

@@ -64,7 +64,7 @@ fn what_has_changed_is_said_with_the_frame() {
     assert_eq!(changes(turn), [None, Some("frame 2 \"a_3.png\" has another content".into())]);
     let replace = |place: &Place| {
         for (i, name) in NAMES.iter().enumerate() {
-            picture(8, 7, 20 + i as u8).save(place.at("clip").join(name)).unwrap();
+            picture(8, 7, 10 + i as u8).save(place.at("clip").join(name)).unwrap();
         }
     };
     assert_eq!(changes(replace)[1].as_deref(), Some("it is another one, no frame is the same"));
