@@ -70,7 +70,7 @@ fn train_reports_its_contract_and_learns() {
 #[test]
 fn training_again_writes_the_same_scene_on_the_cpu_and_on_a_gpu() {
     let train = |backend: &str, output: &str| {
-        let steps = ["--iterations", "20", "--backend", backend, "--json"];
+        let steps = ["--iterations", "20", "--backend", backend, "--json", "--force"];
         let report = flow().run(&[&["train", "prepared", "-o", output][..], &steps].concat()).ok().json();
         assert_eq!(report["backend"].as_str().unwrap().starts_with("CPU"), backend == "cpu", "{report}");
         let report = flow().run(&["eval", output, "recording", "--json"]).ok().json();
@@ -373,6 +373,6 @@ fn the_benchmark_writes_what_every_row_came_to() {
         let svg = std::fs::read_to_string(flow.path().join("bench").join(plot)).unwrap();
         assert!(svg.contains("paper"), "{plot}");
     }
-    let unknown = flow.run(&["bench", "train", "prepared", "-o", "bench", "--rows", "magic"]);
+    let unknown = flow.run(&["bench", "train", "prepared", "-o", "bench-2", "--rows", "magic"]);
     assert!(unknown.refused(1).contains("no row \"magic\""));
 }

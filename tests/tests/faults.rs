@@ -131,7 +131,9 @@ fn a_full_disk_or_a_kill_at_any_point_loses_nothing_and_the_work_can_be_finished
                     assert!(is_whole, "{case}: {} has {} bytes", file.display(), bytes.len());
                 }
                 let again = run(folder.path(), writer.args);
-                assert_eq!(again.code, 0, "{case}, then once more: {again:#?}");
+                // The kill may have come after the last file.
+                let is_done = fault == Fault::Killed && again.stderr.contains("--force");
+                assert!(again.code == 0 || is_done, "{case}, then once more: {again:#?}");
                 let names = |files: &BTreeMap<PathBuf, Vec<u8>>| files.keys().cloned().collect::<Vec<_>>();
                 assert_eq!(names(&contents(folder.path())), names(&expected), "{case}");
             }
@@ -198,8 +200,11 @@ fn places_that_cannot_be_written_to_are_named() {
 
 /// Halves the file of every picture under `folder` but its head, so that it is found out when the picture is needed.
 fn cut_off(folder: &Path) {
-    for entry in fs::read_dir(folder).unwrap() {
-        let file = fs::OpenOptions::new().write(true).open(entry.unwrap().path()).unwrap();
+    let mut files: Vec<PathBuf> = fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
+    files.sort();
+    // Not all: it would be another recording.
+    for path in files.iter().take(3) {
+        let file = fs::OpenOptions::new().write(true).open(path).unwrap();
         file.set_len(file.metadata().unwrap().len() / 2).unwrap();
     }
 }

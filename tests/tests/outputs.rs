@@ -110,6 +110,7 @@ fn nothing_is_written_into_inputs_or_over_what_was_not_written_here() {
         ("recording/images/frame_000000.png", "link to frame.safetensors"),
         ("nowhere", "dangling"),
         ("nowhere", "dangling.safetensors"),
+        ("nowhere", "dangling.ply"),
     ] {
         symlink(at(target), at(link)).unwrap();
     }

@@ -13,7 +13,8 @@ const JOBS: &str = "[defaults]\nlabels = true\niterations = 2\nbackend = \"cpu\"
 
 /// Whether it is what a killed writer leaves.
 fn is_temporary(path: &Path) -> bool {
-    path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(".part-"))
+    path.file_name()
+        .is_some_and(|name| name == ".surgtpgs.lock" || name.to_string_lossy().starts_with(".part-"))
 }
 
 /// All files of a folder, but for temporary ones.

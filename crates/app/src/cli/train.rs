@@ -44,6 +44,7 @@ pub(super) fn run(args: &TrainArgs) -> Result<Exit> {
 pub(super) fn train(args: &TrainArgs) -> Result<Report> {
     let material = Material::open(&args.sequence)?;
     let inputs = outputs::inputs_of_material(&args.sequence, &material);
+    require_choice(args, &jobs::checkpoint_path(&args.output))?;
     let output = outputs::scene_file(&args.output, &inputs, args.force || args.resume)?;
     let checkpoint = jobs::checkpoint_path(output.path());
     let _checkpoint = outputs::checkpoint_file(&checkpoint, &inputs)?;
@@ -53,7 +54,14 @@ pub(super) fn train(args: &TrainArgs) -> Result<Report> {
     require_for(&Work::Training(material.sequence(), &args.settings()))?;
     let warning = args.settings().length_warning(material.sequence().num_frames());
     warning.iter().for_each(|warning| say(&format!("note: {warning}")));
-    let mut trainer = begin(args, &material, &checkpoint)?;
+    let mut trainer = match args.resume {
+        true => Trainer::resume(material.sequence(), material.prepared(), &checkpoint)?,
+        false => {
+            // Nothing shall go on with it once another training was asked for.
+            jobs::remove_file(&checkpoint)?;
+            Trainer::new(material.sequence(), material.prepared(), args.settings())?
+        }
+    };
     let backend = jobs::backend::choose(&mut trainer, args.backend)?;
     say(&format!("training on {backend}"));
     let asked = trainer.settings().iterations;
@@ -82,11 +90,9 @@ pub(super) fn train(args: &TrainArgs) -> Result<Report> {
     Ok(report)
 }
 
-/// A new training, or the unfinished one; an unfinished one is never lost by accident.
-fn begin(args: &TrainArgs, material: &Material, checkpoint: &Path) -> Result<Trainer> {
-    let (sequence, prepared) = (material.sequence(), material.prepared());
+/// Errs where it is not clear if an unfinished training is gone on with: it is never lost by accident.
+fn require_choice(args: &TrainArgs, checkpoint: &Path) -> Result<()> {
     match (args.resume, checkpoint.exists()) {
-        (true, true) => Trainer::resume(sequence, prepared, checkpoint),
         (true, false) => Err(Error::input_at(
             checkpoint,
             "there is no unfinished training to go on with",
@@ -97,7 +103,7 @@ fn begin(args: &TrainArgs, material: &Material, checkpoint: &Path) -> Result<Tra
             "an earlier training of this scene is unfinished",
             "Go on with --resume, or begin again with --force.",
         )),
-        (false, _) => Trainer::new(sequence, prepared, args.settings()),
+        _ => Ok(()),
     }
 }
 

@@ -1,7 +1,7 @@
 //! Folders that results are written into.
 
 use super::{
-    is_free_folder,
+    is_free_folder, is_own,
     lock::{Lock, short_hash},
     place::{Inputs, real_place, require_outside_of_outputs},
     record::Record,
@@ -280,7 +280,8 @@ pub(super) fn beside(target: &Path, what: &str) -> PathBuf {
 /// Whether there is a file anywhere under `folder`, or what cannot be looked into.
 fn holds_file(folder: &Path) -> bool {
     let mut entries = WalkDir::new(folder).min_depth(1).into_iter();
-    folder.exists() && entries.any(|entry| !entry.is_ok_and(|e| e.file_type().is_dir()))
+    let is_nobodys = |e: walkdir::DirEntry| e.file_type().is_dir() || is_own(e.file_name());
+    folder.exists() && entries.any(|entry| !entry.is_ok_and(is_nobodys))
 }
 
 fn foreign(path: &Path, target: &Path, kind: &str) -> Error {
