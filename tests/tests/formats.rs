@@ -81,7 +81,9 @@ fn the_released_codes_files_go_both_ways() {
     let found = run_in(folder, &query).ok().json();
     assert!(found["prompts"][0]["frames"].as_array().unwrap().iter().all(|f| f["found"] == true), "{found}");
     // What came back has the released code's motion: from now on nothing is lost.
-    let again = run_in(folder, &["convert", "back.safetensors", "again.ply", "--reference", "--json", "--force"]).ok();
+    let again =
+        run_in(folder, &["convert", "back.safetensors", "again.ply", "--reference", "--json", "--force"])
+            .ok();
     assert_eq!(again.json()["lost"].as_array().unwrap().len(), 0, "{again:?}");
     let bytes = |name: &str| fs::read(folder.join(name)).unwrap();
     assert!(bytes("again.ply") == bytes("point_cloud.ply"));
