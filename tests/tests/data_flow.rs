@@ -360,17 +360,17 @@ fn fast_features_answer_prompts() {
 fn the_benchmark_writes_what_every_row_came_to() {
     let flow = flow();
     let rows = ["--rows", "default,colour still,paper", "--iterations", "60"];
-    let bench = [&["bench", "train", "prepared", "-o", "bench", "--json"][..], &rows].concat();
+    let bench = [&["bench", "train", "prepared", "-o", "bench-rows", "--json"][..], &rows].concat();
     let report = flow.run(&bench).ok().json();
     assert_eq!(report.as_array().unwrap().len(), 3);
-    let csv = std::fs::read_to_string(flow.path().join("bench/train.csv")).unwrap();
+    let csv = std::fs::read_to_string(flow.path().join("bench-rows/train.csv")).unwrap();
     let columns = csv.lines().next().unwrap().split(',').count();
     assert_eq!(csv.lines().count(), 4);
     for (line, row) in csv.lines().skip(1).zip(["default", "colour still", "paper"]) {
         assert!(line.starts_with(row) && line.split(',').count() >= columns, "{line}");
     }
     for plot in ["train_psnr.svg", "train_miou.svg"] {
-        let svg = std::fs::read_to_string(flow.path().join("bench").join(plot)).unwrap();
+        let svg = std::fs::read_to_string(flow.path().join("bench-rows").join(plot)).unwrap();
         assert!(svg.contains("paper"), "{plot}");
     }
     let unknown = flow.run(&["bench", "train", "prepared", "-o", "bench-2", "--rows", "magic"]);

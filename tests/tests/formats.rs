@@ -49,7 +49,7 @@ fn a_folder_holds_a_file_per_frame() {
     };
     assert_eq!(names("frames"), [".surgtpgs", "frame0002.ply", "frame0003.ply", "frame0004.ply"]);
     run_in(elsewhere.path(), &["convert", &scene, "meshes", "--frames", "9", "--format", "glb"]).ok();
-    assert_eq!(names("meshes"), ["frame0009.glb"]);
+    assert_eq!(names("meshes"), [".surgtpgs", "frame0009.glb"]);
     let glb = fs::read(elsewhere.path().join("meshes/frame0009.glb")).unwrap();
     assert!(glb.starts_with(b"glTF\x02\0\0\0"));
 }

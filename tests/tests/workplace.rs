@@ -17,17 +17,17 @@ fn is_temporary(path: &Path) -> bool {
         .is_some_and(|name| name == ".surgtpgs.lock" || name.to_string_lossy().starts_with(".part-"))
 }
 
-/// All files of a folder, but for temporary ones.
+/// All files of a folder, but for temporary ones; what goes meanwhile is not in it.
 pub(crate) fn contents(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut files = BTreeMap::new();
     let mut folders = vec![root.to_owned()];
     while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(folder).unwrap() {
+        for entry in fs::read_dir(folder).into_iter().flatten() {
             let path = entry.unwrap().path();
             if path.is_dir() {
                 folders.push(path);
-            } else if !is_temporary(&path) {
-                files.insert(path.strip_prefix(root).unwrap().to_owned(), fs::read(&path).unwrap());
+            } else if let (false, Ok(bytes)) = (is_temporary(&path), fs::read(&path)) {
+                files.insert(path.strip_prefix(root).unwrap().to_owned(), bytes);
             }
         }
     }
@@ -44,6 +44,8 @@ pub(crate) fn workplace() -> tempfile::TempDir {
             fs::write(to, bytes).unwrap();
         }
     }
+    // An ordinary recording: with a record, it would be out of bounds as a result already.
+    fs::remove_file(folder.path().join("recording/.surgtpgs")).unwrap();
     fs::copy(flow().at("scene.safetensors"), folder.path().join("scene.safetensors")).unwrap();
     fs::write(folder.path().join("jobs.toml"), JOBS).unwrap();
     folder

@@ -37,10 +37,15 @@ fn left_of_groups(root: &Path, groups: &str) -> Option<u64> {
     let lefts = groups.lines().filter_map(|line| {
         let (controllers, group) = line.split_once(':')?.1.split_once(':')?;
         let (root, files) = match controllers {
-            "" => (root.to_owned(), ["memory.max", "memory.current", "inactive_file "]),
+            "" => (root.to_owned(), ["memory.max", "memory.current", "inactive_file ", "active_file "]),
             c if c.split(',').any(|c| c == "memory") => (
                 root.join("memory"),
-                ["memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file "],
+                [
+                    "memory.limit_in_bytes",
+                    "memory.usage_in_bytes",
+                    "total_inactive_file ",
+                    "total_active_file ",
+                ],
             ),
             _ => return None,
         };
@@ -51,9 +56,10 @@ fn left_of_groups(root: &Path, groups: &str) -> Option<u64> {
 }
 
 /// What a group leaves: what it may have without what it uses; but what is only cached can be had.
-fn left_of(group: &Path, [most, used, cached]: [&str; 3]) -> Option<u64> {
+fn left_of(group: &Path, [most, used, inactive, active]: [&str; 4]) -> Option<u64> {
     let read = |file: &str| std::fs::read_to_string(group.join(file)).ok();
-    let cached = field_bytes(&read("memory.stat")?, cached).unwrap_or(0);
+    let stat = read("memory.stat")?;
+    let cached: u64 = [inactive, active].iter().filter_map(|name| field_bytes(&stat, name)).sum();
     Some(number(&read(most)?)?.saturating_add(cached).saturating_sub(number(&read(used)?)?))
 }
 
@@ -223,7 +229,10 @@ mod tests {
             files.iter().for_each(|(name, text)| std::fs::write(folder.join(name), text).unwrap());
         };
         let left = |groups: &str| left_of_groups(root.path(), groups);
-        let stat = ("memory.stat", "anon 5\ninactive_file 100\ntotal_inactive_file 10\n");
+        let stat = (
+            "memory.stat",
+            "anon 5\ninactive_file 70\nactive_file 30\ntotal_inactive_file 6\ntotal_active_file 4\n",
+        );
         write("a", &[("memory.max", "3000\n"), ("memory.current", "1000\n"), stat]);
         write("a/b", &[("memory.max", "max\n"), ("memory.current", "900\n"), stat]);
         write("a/c", &[("memory.max", "1000\n"), ("memory.current", "900\n"), stat]);

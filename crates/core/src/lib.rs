@@ -12,6 +12,7 @@ pub mod clock;
 pub mod error;
 pub mod files;
 pub mod grid;
+pub mod hash;
 mod lanes;
 pub mod num;
 pub mod reading;

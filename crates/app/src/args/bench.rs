@@ -4,7 +4,6 @@ use super::{MaskDensity, RelevancyArgs, SceneArgs};
 use crate::engine::Backend;
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
-use surgtpgs_core::files::Inputs;
 
 /// `surgtpgs bench`
 #[derive(Clone, Debug, Args)]
@@ -44,19 +43,6 @@ impl BenchVerb {
             Self::Stress(args) => args.output.as_mut(),
             Self::Masks(args) => args.output.as_mut(),
             Self::Codec(args) => args.output.as_mut(),
-        }
-    }
-
-    /// What is read.
-    pub fn inputs(&self) -> Inputs {
-        match self {
-            Self::Train(args) => Inputs::none().with("the recording", &args.sequence),
-            Self::Frame(args) => Inputs::none().with("the scene", &args.scene.scene),
-            Self::Masks(args) => {
-                Inputs::none().with("the recording", &args.sequence).with("the model", &args.masks_model)
-            }
-            Self::Codec(args) => Inputs::none().with("the embeddings", &args.embeddings),
-            Self::Step(_) | Self::Stress(_) => Inputs::none(),
         }
     }
 }

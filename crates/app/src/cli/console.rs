@@ -124,6 +124,8 @@ impl Drop for ProgressView {
 }
 
 static INTERRUPTED: AtomicBool = AtomicBool::new(false);
+/// The terminal is gone.
+static HUNG_UP: AtomicBool = AtomicBool::new(false);
 
 /// From now on Ctrl-C, or what schedulers and systems that shut down send, asks the job to stop and keep its work; a
 /// second one ends the program at once.
@@ -145,8 +147,8 @@ fn watch_signals() {
     let Ok(mut signals) = signal_hook::iterator::Signals::new(watched) else { return };
     let watch = move || {
         signals.forever().for_each(|signal| match signal {
-            // A terminal that closes may send it twice.
-            SIGHUP => INTERRUPTED.store(true, Ordering::SeqCst),
+            // A terminal that closes may send it twice, and systems that shut down SIGTERM besides.
+            SIGHUP => HUNG_UP.store(true, Ordering::SeqCst),
             _ => interrupt(),
         });
     };
@@ -181,5 +183,5 @@ fn interrupt() {
 
 /// Whether the user, or the system, wants the program to stop.
 pub fn interrupted() -> bool {
-    INTERRUPTED.load(Ordering::SeqCst)
+    INTERRUPTED.load(Ordering::SeqCst) || HUNG_UP.load(Ordering::SeqCst)
 }

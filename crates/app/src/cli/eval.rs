@@ -9,38 +9,38 @@ use crate::{
     args::EvalArgs,
     engine::Engine,
     evaluation::{as_text, evaluate, evaluate_masks, write_files},
-    jobs::Progress,
+    jobs::{Material, Progress},
     memory::{Work, require_for},
     outputs,
 };
 use std::path::Path;
-use surgtpgs_core::{Result, files::Inputs, metrics::PredictedMasks, prepare::Prepared, sequence::Sequence};
+use surgtpgs_core::{Result, files::Inputs, metrics::PredictedMasks};
 
 pub(super) fn run(args: &EvalArgs) -> Result<Exit> {
     watch_interrupts();
-    let inputs = args
-        .paths
-        .iter()
-        .fold(Inputs::none(), |inputs, path| inputs.with("the scene or its recording", path));
-    let inputs = inputs.with_some("the masks", args.masks.as_deref());
-    let take = |folder| outputs::folder(folder, outputs::EVALUATION, &inputs, args.force);
-    let output = args.output.as_deref().map(take).transpose()?;
+    let take = |inputs: &Inputs| {
+        let folder = args.output.as_deref();
+        folder.map(|folder| outputs::folder(folder, outputs::EVALUATION, inputs, args.force)).transpose()
+    };
     let mut view = ProgressView::default();
     let mut observer = |p: &Progress<'_>| view.show(p);
     let mut notes = Vec::new();
-    let evaluation = match (&args.masks, &args.paths[..]) {
+    let (output, evaluation) = match (&args.masks, &args.paths[..]) {
         (None, [scene, sequence]) => {
-            evaluate(&mut open(args, scene, sequence)?, args.lpips.as_deref(), &mut observer)?
+            let mut engine = open(args, scene, sequence)?;
+            let inputs = outputs::inputs_of_engine(scene, &engine).with("the recording", sequence);
+            (take(&inputs)?, evaluate(&mut engine, args.lpips.as_deref(), &mut observer)?)
         }
-        (Some(folder), [sequence]) => {
-            let prepared = Prepared::is_prepared(sequence);
-            let sequence =
-                if prepared { Prepared::open(sequence)?.sequence } else { Sequence::open(sequence)? };
-            require_for(&Work::Reading(&sequence))?;
-            let mut masks = PredictedMasks::open(folder, &sequence)?;
-            let evaluation = evaluate_masks(&mut masks, &sequence, &mut observer)?;
+        (Some(folder), [path]) => {
+            let material = Material::open(path)?;
+            let sequence = material.sequence();
+            require_for(&Work::Reading(sequence))?;
+            let inputs = outputs::inputs_of_material(path, &material).with("the masks", folder);
+            let mut masks = PredictedMasks::open(folder, sequence)?;
+            let output = take(&inputs)?;
+            let evaluation = evaluate_masks(&mut masks, sequence, &mut observer)?;
             notes = masks.notes();
-            evaluation
+            (output, evaluation)
         }
         (None, _) => return usage("give a scene and its recording"),
         (Some(_), _) => return usage("with --masks, give the recording alone"),

@@ -17,7 +17,7 @@ use surgtpgs_core::{
 };
 
 pub(super) fn run(args: &ExportArgs) -> Result<Exit> {
-    let (_, summary) = export(args)?;
+    let (_, summary) = export(args, !args.force)?;
     if args.json {
         print_json(&summary)?;
     } else {
@@ -37,8 +37,9 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit> {
     }
 }
 
-/// Writes the files; an export that is not complete was stopped by the user. The engine still has the prompts.
-pub(super) fn export(args: &ExportArgs) -> Result<(Engine, ExportSummary)> {
+/// Writes the files; `completes_same` as in [`ExportRequest`]. An export that is not complete was stopped by the user. The
+/// engine still has the prompts.
+pub(super) fn export(args: &ExportArgs, completes_same: bool) -> Result<(Engine, ExportSummary)> {
     let options = args.relevancy.engine_options(&args.scene, args.sequence.clone());
     let mut engine = open_engine(&args.scene, options)?;
     engine.set_questions(&args.prompts.questions(engine.settings())?)?;
@@ -49,6 +50,7 @@ pub(super) fn export(args: &ExportArgs) -> Result<(Engine, ExportSummary)> {
         prompts: jobs::export_prompts(&engine),
         options: export_options(args),
         replace: args.force,
+        completes_same,
         frames,
     };
     say(&format!(

@@ -9,9 +9,10 @@ use std::{
 };
 use surgtpgs_core::{
     Error, Result,
-    export::{Export, ExportOptions, ExportPrompt, ExportSummary, Provenance, Source, file_sha256},
+    export::{Export, ExportOptions, ExportPrompt, ExportSummary, Provenance, Source},
     files::{Claim, Earlier, OutputFolder},
     grid::Grid,
+    hash::file_sha256,
     mask::mean_scores,
     sequence::names_instrument,
 };
@@ -45,6 +46,8 @@ pub struct ExportRequest<'a> {
     pub options: ExportOptions,
     /// Whether another export may be replaced, once this one is whole.
     pub replace: bool,
+    /// Whether the same export is completed where it is there already, and not made anew.
+    pub completes_same: bool,
 }
 
 /// Writes masked frames. Stops when the observer says so; exporting again goes on from there.
@@ -53,7 +56,7 @@ pub fn export(
     request: ExportRequest<'_>,
     observer: &mut Observer<'_>,
 ) -> Result<ExportSummary> {
-    let ExportRequest { scene, folder, frames, prompts, options, replace } = request;
+    let ExportRequest { scene, folder, frames, prompts, options, replace, completes_same } = request;
     let (source, reach) = (options.source, options.clean_up.smooth_frames);
     let mut scorer = Scorer { reach, known: BTreeMap::new() };
     if let (Source::Original, Some(why)) = (source, engine.recording_missing()) {
@@ -84,6 +87,7 @@ pub fn export(
     let claim = Claim {
         unfinished: Earlier::Keep,
         is_same: &is_same,
+        completes_same,
         ..Claim::new(outputs::EXPORT, &inputs, replace)
     };
     let output = OutputFolder::claim(folder, claim)?;

@@ -269,7 +269,11 @@ pub fn record_demo(
 ) -> Result<()> {
     let inputs = Inputs::none();
     let is_same = |there: &Path| demo::is_written(settings, there);
-    let claim = Claim { is_same: &is_same, ..Claim::new(outputs::DEMO_RECORDING, &inputs, replace) };
+    let claim = Claim {
+        is_same: &is_same,
+        completes_same: !replace,
+        ..Claim::new(outputs::DEMO_RECORDING, &inputs, replace)
+    };
     let output = OutputFolder::claim(folder, claim)?;
     demo::write(settings, output.path(), progress)?;
     output.finish()

@@ -126,6 +126,7 @@ impl Backend for EngineBackend {
             prompts,
             options,
             replace: false,
+            completes_same: true,
         };
         let done = jobs::export(&mut engine, asked, &mut |p| watch(job, p))?;
         Ok(ExportSummary {

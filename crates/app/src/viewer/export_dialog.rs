@@ -8,12 +8,16 @@ use super::{
     theme,
     widgets::{self, caption, main_button, thousands},
 };
+use crate::outputs;
 use egui::{Context, DragValue, ProgressBar, RichText, Ui};
 use std::{
     path::{Path, PathBuf},
     sync::Arc,
 };
-use surgtpgs_core::{export::Format, files::is_free_folder};
+use surgtpgs_core::{
+    export::Format,
+    files::{is_free_folder, is_unfinished},
+};
 
 /// What a format is called and what it is.
 type Choice = (Format, &'static str, &'static str);
@@ -154,10 +158,12 @@ impl ExportDialog {
     }
 }
 
-/// The folder for an export of `name` where `folder` was picked: that, or a new one in it if it holds something already.
+/// The folder for an export of `name` where `folder` was picked: that, where it is free or holds an export to go on with, or
+/// a new one in it.
 pub(super) fn folder_in(folder: &Path, name: &str) -> PathBuf {
     match is_free_folder(folder) {
         Ok(true) => folder.to_owned(),
+        _ if is_unfinished(folder, outputs::EXPORT) => folder.to_owned(),
         _ => free_folder(folder, name, "export"),
     }
 }

@@ -20,8 +20,8 @@ const ROW_HEIGHT: f32 = 20.0;
 pub(crate) struct Quality {
     /// Where the tables would be saved.
     folder: PathBuf,
-    /// What is measured.
-    scene: PathBuf,
+    /// What is measured, and against what.
+    inputs: Inputs,
     state: State,
 }
 
@@ -45,10 +45,12 @@ impl Quality {
     pub(crate) fn start(app: &ViewerApp, ctx: &Context) -> Option<Self> {
         let info = app.info()?;
         let (backend, scene) = (app.backend.clone(), info.path.clone());
-        let measured = scene.clone();
-        let job = Job::start("quality", ctx, move |job| backend.evaluate(&measured, job));
+        let job = Job::start("quality", ctx, move |job| backend.evaluate(&scene, job));
         let folder = free_folder(&info.output_folder, &info.name, "quality");
-        Some(Self { folder, scene, state: State::Measuring(job) })
+        let inputs = Inputs::none()
+            .with("the scene", &info.path)
+            .with_some("the scene's recording", info.sequence.as_deref());
+        Some(Self { folder, inputs, state: State::Measuring(job) })
     }
 
     /// Takes what the thread made; what went wrong, if something did.
@@ -76,7 +78,7 @@ impl Quality {
         let State::Measured(evaluation) = &self.state else { return };
         let (evaluation, folder) = (evaluation.clone(), self.folder.clone());
         let tables = evaluation.clone();
-        let inputs = Inputs::none().with("the scene", &self.scene);
+        let inputs = self.inputs.clone();
         let save = move |_: &JobContext| evaluation::write(&folder, &inputs, false, &tables);
         let job = Job::start("save quality", ctx, save);
         self.state = State::Saving(evaluation, job);

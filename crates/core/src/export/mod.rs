@@ -19,12 +19,13 @@ mod series;
 mod stamp;
 
 pub use options::{ExportOptions, ExportPrompt, Format, Source, num_files};
-pub use provenance::{ExportedFile, FILE_NAME as PROVENANCE_FILE, Provenance, file_sha256, intended_use};
+pub use provenance::{ExportedFile, FILE_NAME as PROVENANCE_FILE, Provenance, intended_use};
 
 use crate::{
     Error, Result,
     files::{WholeFile, write_whole},
     grid::{Grid, Mask},
+    hash::{file_sha256, sha256},
 };
 use frame::FrameContent;
 use image::RgbImage;
@@ -298,7 +299,7 @@ impl Export {
         let label = |(i, p): (usize, &ExportPrompt)| serde_json::json!({ "id": i + 1, "prompt": p.text, "colour": p.colour });
         let labels: Vec<_> = self.record.provenance.prompts.iter().enumerate().map(label).collect();
         let text = provenance::pretty(&serde_json::json!({ "background": 0, "labels": labels }));
-        let (name, sha256) = (labels_name(), provenance::sha256(text.as_bytes()));
+        let (name, sha256) = (labels_name(), sha256(text.as_bytes()));
         write_whole(&self.folder.join(&name), text.as_bytes())?;
         self.record.add_series(ExportedFile { name, sha256, frame: None, prompt: None });
         Ok(())
@@ -330,7 +331,7 @@ pub fn distinct(texts: &[&str], names: Vec<String>, nameless: &str) -> Vec<Strin
     let key = |name: &str| name.to_uppercase().to_lowercase();
     let keys: Vec<String> = names.iter().map(|name| key(name)).collect();
     let with_hash = |i: usize, name: &str| {
-        let hash = &provenance::sha256(texts[i].as_bytes())[..8];
+        let hash = &sha256(texts[i].as_bytes())[..8];
         match texts[..i].iter().filter(|text| **text == texts[i]).count() {
             0 => format!("{name}_{hash}"),
             earlier => format!("{name}_{hash}_{}", earlier + 1),
@@ -353,7 +354,7 @@ fn slug(text: &str) -> String {
 
 fn write_file(folder: &Path, frame: usize, file: pictures::File, overwrite: bool) -> Result<ExportedFile> {
     let path = folder.join(&file.name);
-    let sha256 = provenance::sha256(&file.bytes);
+    let sha256 = sha256(&file.bytes);
     if is_to_be_written(&path, &sha256, overwrite)? {
         write_whole(&path, &file.bytes)?;
     }

@@ -2,10 +2,9 @@
 
 use super::{ExportOptions, ExportPrompt};
 use crate::{
-    Error, Result, files::write_whole, prepare::EncoderIdentity, reading::open_regular,
-    relevancy::RelevancySettings, scene::Scene, sequence::MAX_FRAMES_PER_SECOND,
+    Error, Result, files::write_whole, prepare::EncoderIdentity, relevancy::RelevancySettings, scene::Scene,
+    sequence::MAX_FRAMES_PER_SECOND,
 };
-use sha2::{Digest, Sha256};
 use std::path::Path;
 
 /// The record's name inside an export.
@@ -192,18 +191,4 @@ impl Record {
 pub(super) fn pretty(value: &impl serde::Serialize) -> String {
     // Maps with text keys and finite numbers always serialize.
     serde_json::to_string_pretty(value).unwrap_or_default() + "\n"
-}
-
-/// SHA-256 of a file, hexadecimal; the file is streamed.
-pub fn file_sha256(path: &Path) -> Result<String> {
-    let fail = |e| Error::io("read the file", path, e);
-    let mut hasher = Sha256::new();
-    let mut file = open_regular(path).map_err(fail)?;
-    std::io::copy(&mut file, &mut hasher).map_err(fail)?;
-    Ok(format!("{:x}", hasher.finalize()))
-}
-
-/// SHA-256, hexadecimal.
-pub(super) fn sha256(bytes: &[u8]) -> String {
-    format!("{:x}", Sha256::digest(bytes))
 }

@@ -152,7 +152,7 @@ fn the_record_lists_every_file_with_its_hash() {
     assert!(record.complete);
     for file in &record.files {
         let bytes = std::fs::read(folder.path().join(&file.name)).unwrap();
-        assert_eq!(provenance::sha256(&bytes), file.sha256);
+        assert_eq!(sha256(&bytes), file.sha256);
     }
 }
 

@@ -1,8 +1,7 @@
 //! Locks that keep two programs out of one output. The system holds them, so that they end with their owner.
 
 use super::place::is_same_file;
-use crate::{Error, Result};
-use sha2::{Digest, Sha256};
+use crate::{Error, Result, hash::sha256};
 use std::{
     fs::{File, OpenOptions, TryLockError},
     io::{Read, Write},
@@ -108,5 +107,5 @@ fn is_at(file: &File, path: &Path) -> bool {
 /// The beginning of a hash of the path's last part.
 pub(super) fn short_hash(path: &Path) -> String {
     let name = path.file_name().unwrap_or_default().as_encoded_bytes();
-    Sha256::digest(name).iter().take(6).map(|b| format!("{b:02x}")).collect()
+    sha256(name).chars().take(12).collect()
 }

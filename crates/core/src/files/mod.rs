@@ -50,6 +50,11 @@ pub(crate) fn is_taken(folder: &Path) -> bool {
     record::Record::read(folder).is_some()
 }
 
+/// Tells if `folder` holds an unfinished result of this kind.
+pub fn is_unfinished(folder: &Path, kind: &str) -> bool {
+    record::Record::read(folder).is_some_and(|record| record.kind == kind && !record.complete)
+}
+
 /// Files that file managers leave wherever they look.
 const DROPPINGS: [&str; 3] = [".DS_Store", "Thumbs.db", "desktop.ini"];
 

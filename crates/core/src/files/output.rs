@@ -25,15 +25,23 @@ pub struct Claim<'a> {
     pub replace: bool,
     /// What is done about an unfinished one.
     pub unfinished: Earlier,
-    /// Whether the folder holds, finished or not, this very result, which is then completed in its place unless a finished
-    /// one shall be replaced.
+    /// Tells if a folder holds, finished or not, this very result.
     pub is_same: &'a dyn Fn(&Path) -> bool,
+    /// Whether this very result is completed in its place.
+    pub completes_same: bool,
 }
 
 impl<'a> Claim<'a> {
     /// A result that is written in one go, and begun again where it was not finished.
     pub fn new(kind: &'a str, inputs: &'a Inputs, replace: bool) -> Self {
-        Self { kind, inputs, replace, unfinished: Earlier::BeginAgain, is_same: &|_| false }
+        Self {
+            kind,
+            inputs,
+            replace,
+            unfinished: Earlier::BeginAgain,
+            is_same: &|_| false,
+            completes_same: false,
+        }
     }
 }
 
@@ -89,8 +97,7 @@ impl OutputFolder {
         // It may have been finished, or replaced, until now.
         let record = earlier().ok_or_else(|| foreign(path, &target, claim.kind))?;
         let goes_on = claim.unfinished == Earlier::GoOn && !record.complete;
-        let may_stay = !record.complete || !claim.replace;
-        let is_completed = goes_on || may_stay && (claim.is_same)(&target);
+        let is_completed = goes_on || claim.completes_same && (claim.is_same)(&target);
         let begins_again = claim.unfinished == Earlier::BeginAgain && !record.complete;
         if !is_completed && !begins_again && !claim.replace {
             let what = format!("the folder holds another {}", claim.kind);

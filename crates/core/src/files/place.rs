@@ -1,7 +1,10 @@
 //! Where an output really is once links are followed, and what it must not touch.
 
 use super::{absolute_path, full_path, record::Record};
-use crate::{Error, Result, sequence::Sequence};
+use crate::{
+    Error, Result,
+    sequence::{Sequence, settings_files},
+};
 use std::{
     fs::Metadata,
     io::ErrorKind,
@@ -41,7 +44,7 @@ impl Inputs {
 
     /// Adds a recording and its settings.
     pub fn with_recording(self, sequence: &Sequence) -> Self {
-        let settings = sequence.settings_files();
+        let settings = settings_files(sequence.path());
         let inputs = self.with("the recording", sequence.path());
         settings.iter().fold(inputs, |inputs, file| inputs.with("a settings file of the recording", file))
     }

@@ -7,8 +7,8 @@ use super::whole::TEMPORARY;
 use crate::{Error, Result, reading::read_regular};
 use std::{
     collections::BTreeSet,
-    fs::OpenOptions,
-    io::Write,
+    fs::{File, OpenOptions},
+    io::{BufRead, BufReader, Read, Write},
     path::{Component, Path, PathBuf},
 };
 use walkdir::WalkDir;
@@ -18,6 +18,9 @@ pub(super) const RECORD_FILE: &str = ".surgtpgs";
 
 /// Bytes that a record may have: those of some million files.
 const MOST_RECORD: u64 = 1 << 28;
+
+/// Bytes of a record's first line.
+const MOST_HEAD: u64 = 4096;
 
 /// How far above a file its record is looked for.
 const DEPTH: usize = 3;
@@ -95,7 +98,9 @@ impl Record {
 
     /// Notes in the record of the output that `path` is in, if it is in one, that the file there is this program's.
     pub(super) fn note(path: &Path) -> Result<()> {
-        let Some(folder) = recorded_above(path) else { return Ok(()) };
+        let Some(folder) = recorded_above(path).filter(|folder| !holds_outputs(folder)) else {
+            return Ok(());
+        };
         let Some(name) = name_inside(&folder, path) else { return Ok(()) };
         let record = folder.join(RECORD_FILE);
         let append =
@@ -126,6 +131,14 @@ impl Record {
 fn line(value: &Line) -> String {
     // Text and flags always serialize.
     serde_json::to_string(value).unwrap_or_default() + "\n"
+}
+
+/// Tells if a folder with a record is a place for other outputs, of which each has a record of its own.
+fn holds_outputs(folder: &Path) -> bool {
+    let mut head = String::new();
+    let file = File::open(folder.join(RECORD_FILE)).map(|file| BufReader::new(file.take(MOST_HEAD)));
+    let is_read = file.and_then(|mut file| file.read_line(&mut head)).is_ok();
+    is_read && matches!(serde_json::from_str(&head), Ok(Line::Head { holds_outputs: true, .. }))
 }
 
 /// The nearest folder above `path` that has a record.

@@ -228,7 +228,7 @@ fn unfinished_work_is_gone_on_with_or_begun_again() {
     assert_eq!(leave(Earlier::GoOn).unwrap(), (5, true));
     assert_eq!(leave(Earlier::BeginAgain).unwrap(), (3, true));
     assert!(leave(Earlier::Keep).is_err());
-    let again = Claim { is_same: &|_| true, ..Claim::new("thing", &none, false) };
+    let again = Claim { is_same: &|_| true, completes_same: true, ..Claim::new("thing", &none, false) };
     OutputFolder::claim(&place, again).unwrap().finish().unwrap();
     assert!(leave(Earlier::GoOn).is_err(), "it is finished now");
     assert_eq!(OutputFolder::claim(&place, again).unwrap().path(), place.canonicalize().unwrap());

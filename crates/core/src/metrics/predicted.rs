@@ -4,16 +4,14 @@ use crate::{
     Error, Result,
     export::slugs,
     grid::Mask,
-    reading::{is_present, picture, read_text},
-    sequence::{Class, NO_LABEL, PictureOfIds, Sequence, plain_words},
+    reading::{is_present, read_text},
+    sequence::{Class, NO_LABEL, NumbersAre, PictureOfIds, Sequence, lightness, plain_words},
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
-/// Where a pixel of a mask is found: grey above this.
-const WHITE_ABOVE: u8 = 127;
 /// Values that name no class, of which so many are remembered.
 const MOST_FOREIGN: usize = 8;
 
@@ -31,6 +29,8 @@ const MOST_FOREIGN: usize = 8;
 pub struct PredictedMasks {
     sequence: Sequence,
     frames: BTreeMap<usize, Vec<Prediction>>,
+    /// What label pictures hold.
+    numbers: NumbersAre,
     /// By folder: the recording's class of each id that a `labels.json` there names.
     named: BTreeMap<PathBuf, Vec<(u8, Option<u8>)>>,
     notes: Vec<String>,
@@ -44,6 +44,16 @@ enum Prediction {
     OfClass(u8, PathBuf),
     /// Class ids.
     Labels(PathBuf),
+}
+
+impl Prediction {
+    /// The label picture, if it is one.
+    fn labels(&self) -> Option<&Path> {
+        match self {
+            Self::Labels(path) => Some(path),
+            Self::OfClass(..) => None,
+        }
+    }
 }
 
 impl PredictedMasks {
@@ -67,8 +77,10 @@ impl PredictedMasks {
                 "Choose another folder.",
             ));
         }
+        let labels = frames.values().flatten().filter_map(Prediction::labels).collect::<Vec<_>>();
         let mut opened = Self {
             sequence: sequence.clone(),
+            numbers: sequence.numbers_of(&labels),
             frames,
             named: BTreeMap::new(),
             notes: Vec::new(),
@@ -87,11 +99,8 @@ impl PredictedMasks {
 
     /// Reads each `labels.json` beside label pictures.
     fn read_names(&mut self) -> Result<()> {
-        let labels = self.frames.values().flatten().filter_map(|prediction| match prediction {
-            Prediction::Labels(path) => path.parent(),
-            Prediction::OfClass(..) => None,
-        });
-        let folders: BTreeSet<PathBuf> = labels.map(Path::to_owned).collect();
+        let labels = self.frames.values().flatten().filter_map(Prediction::labels);
+        let folders: BTreeSet<PathBuf> = labels.filter_map(Path::parent).map(Path::to_owned).collect();
         for folder in folders {
             let list = folder.join("labels.json");
             if !is_present(&list) {
@@ -135,13 +144,10 @@ impl PredictedMasks {
         for prediction in self.frames.get(&frame).cloned().into_iter().flatten() {
             match prediction {
                 Prediction::OfClass(id, path) => {
-                    let path = &path;
-                    let picture = picture(path)?.into_luma8();
-                    expect_size(path, (picture.width() as usize, picture.height() as usize), size)?;
-                    // Masks of 0 and 1 are none of grey.
-                    let is_of_ones = picture.as_raw().iter().all(|value| *value <= 1);
-                    let limit = if is_of_ones { 0 } else { WHITE_ABOVE };
-                    let found = picture.as_raw().iter().map(|value| *value > limit);
+                    let picture = lightness(&path)?;
+                    expect_size(&path, (picture.width, picture.height), size)?;
+                    let limit = white_above(&picture.data);
+                    let found = picture.data.iter().map(|value| *value > limit);
                     let masks = classes.iter().zip(&mut masks).filter(|(class, _)| class.id == id);
                     for (_, mask) in masks {
                         mask.data.iter_mut().zip(found.clone()).for_each(|(mask, found)| *mask |= found);
@@ -162,7 +168,7 @@ impl PredictedMasks {
     fn ids(&mut self, path: &Path, size: (usize, usize)) -> Result<Vec<u8>> {
         let names = path.parent().and_then(|folder| self.named.get(folder));
         let PictureOfIds { ids, known, strangers, examples } =
-            self.sequence.picture_of_ids(path, names.map(Vec::as_slice))?;
+            self.sequence.picture_of_ids(path, self.numbers, names.map(Vec::as_slice))?;
         expect_size(path, (ids.width, ids.height), size)?;
         if strangers > 0 && known == 0 {
             let ids: Vec<String> = self.sequence.classes().iter().map(|c| c.id.to_string()).collect();
@@ -179,6 +185,16 @@ impl PredictedMasks {
             self.foreign.extend(examples);
         }
         Ok(ids.data)
+    }
+}
+
+/// The number above which a pixel of a mask is found: 0 in a mask of two values, else half of what a number can be.
+fn white_above(picture: &[u16]) -> u16 {
+    let some = picture.iter().copied().find(|value| *value > 0);
+    match picture.iter().max() {
+        _ if picture.iter().all(|value| *value == 0 || Some(*value) == some) => 0,
+        Some(most) if *most > u16::from(u8::MAX) => u16::MAX / 2,
+        _ => u16::from(u8::MAX / 2),
     }
 }
 
@@ -309,6 +325,12 @@ mod tests {
         let mut masks = PredictedMasks::open(folder.path(), &sequence).unwrap();
         assert_eq!(masks.masks(9, std::slice::from_ref(liver), (32, 24)).unwrap()[0].count(), 32 * 24);
         assert_eq!(masks.masks(3, std::slice::from_ref(liver), (32, 24)).unwrap()[0].count(), 0);
+    }
+
+    #[test]
+    fn white_is_what_is_not_nothing_or_the_brighter_half() {
+        assert_eq!([&[0, 1, 1][..], &[0, 38], &[255], &[0, 9000]].map(white_above), [0; 4]);
+        assert_eq!((white_above(&[0, 1, 200]), white_above(&[3, 500, 65535])), (127, 32767));
     }
 
     #[test]

@@ -5,13 +5,13 @@ use crate::{
     Error, Result,
     codec::{Codec, CodecSettings},
     files::{full_path, write_whole},
-    reading::{MOST_BYTES, read_regular, read_text, values},
+    hash::sha256,
+    reading::{MOST_BYTES, read_regular, values},
     sequence::{Class, Identity, Sequence, shared_identity},
 };
 use image::{DynamicImage, ImageBuffer, Luma};
 use ndarray::{Array2, ArrayD, ArrayView2, ArrayViewD, Ix2, IxDyn};
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
-use sha2::{Digest, Sha256};
 use std::{
     collections::BTreeMap,
     io::Cursor,
@@ -23,6 +23,8 @@ pub(super) const MANIFEST: &str = "prepared.json";
 pub(super) const REGIONS: &str = "regions";
 const CODEC: &str = "codec.safetensors";
 const FEATURES: &str = "features.safetensors";
+/// Bytes of a manifest: those of some million frames.
+const MOST_MANIFEST: u64 = 1 << 28;
 const VERSION: u32 = 1;
 const AGAIN: &str = "Prepare the recording again.";
 
@@ -99,7 +101,7 @@ impl Manifest {
 
     pub(super) fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(MANIFEST);
-        let text = match read_text(&path) {
+        let text = match read_regular(&path, MOST_MANIFEST) {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
                 return Err(Error::input_at(
                     folder,
@@ -110,7 +112,7 @@ impl Manifest {
             read => read.map_err(|e| Error::io("read the file", &path, e))?,
         };
         let malformed = |e| Error::input_at(&path, format!("the file cannot be understood: {e}"), AGAIN);
-        let json: serde_json::Value = serde_json::from_str(&text).map_err(malformed)?;
+        let json: serde_json::Value = serde_json::from_slice(&text).map_err(malformed)?;
         if json["version"] != VERSION {
             return Err(Error::input_at(
                 &path,
@@ -161,7 +163,7 @@ impl Manifest {
             let bytes = to_safetensors(&tensors, None)
                 .map_err(|e| Error::input_at(&path, format!("the tensors cannot be written: {e}"), ""))?;
             write_whole(&path, &bytes)?;
-            self.sha256.insert(name.to_owned(), checksum(&bytes));
+            self.sha256.insert(name.to_owned(), sha256(&bytes));
         }
         Ok(())
     }
@@ -206,8 +208,8 @@ impl Manifest {
 }
 
 /// Errs where bytes of the file at `path` are not those that were written.
-pub(crate) fn require_checksum(path: &Path, bytes: &[u8], sha256: &str) -> Result<()> {
-    if checksum(bytes) == sha256 {
+pub(crate) fn require_checksum(path: &Path, bytes: &[u8], expected: &str) -> Result<()> {
+    if sha256(bytes) == expected {
         return Ok(());
     }
     Err(Error::input_at(path, "the file is damaged or was changed: its checksum differs", AGAIN))
@@ -229,7 +231,7 @@ pub(super) fn write_region_map(path: &Path, map: RegionMap) -> Result<String> {
         .write_to(&mut bytes, image::ImageFormat::Png)
         .map_err(|e| Error::io("write the region map", path, std::io::Error::other(e)))?;
     write_whole(path, bytes.get_ref())?;
-    Ok(checksum(bytes.get_ref()))
+    Ok(sha256(bytes.get_ref()))
 }
 
 /// Reads what [`write_region_map`] wrote; older folders have no checksum to compare with.
@@ -283,10 +285,6 @@ pub(super) fn from_safetensors(bytes: &[u8]) -> Result<BTreeMap<String, ArrayD<f
         }
     };
     file.tensors().into_iter().map(tensor).collect()
-}
-
-pub(super) fn checksum(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().map(|b| format!("{b:02x}")).collect()
 }
 
 /// The way from one absolute folder to another absolute path; `None` if they share no root.

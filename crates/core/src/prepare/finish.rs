@@ -8,8 +8,8 @@ use super::{
 use crate::{
     Error, Result,
     codec::{Codec, CodecSettings},
-    export::file_sha256,
     files::{full_path, is_free_folder, is_taken, write_whole},
+    hash::file_sha256,
     sequence::Sequence,
 };
 use ndarray::Array2;

@@ -2,7 +2,7 @@
 
 use super::{
     EncoderIdentity, NO_REGION, Prepared, RegionMap,
-    files::{Manifest, checksum, from_safetensors, key_of, region_file, to_safetensors, write_region_map},
+    files::{Manifest, from_safetensors, key_of, region_file, to_safetensors, write_region_map},
     finish::{clear_folder, finish},
     used_frames,
 };
@@ -10,6 +10,7 @@ use crate::{
     Error, Result,
     codec::CodecSettings,
     files::write_whole,
+    hash::sha256,
     num,
     reading::{MOST_BYTES, read_regular},
     segment::{BitMask, FrameMasks, Level, MaskSettings, PointSegmenter, automatic_masks},
@@ -266,8 +267,8 @@ impl MaskStore<'_> {
 
 /// One hash over several parts.
 fn digest(parts: &[&[u8]]) -> String {
-    let hashes: Vec<String> = parts.iter().map(|part| checksum(part)).collect();
-    checksum(hashes.join("\n").as_bytes())
+    let hashes: Vec<String> = parts.iter().map(|part| sha256(part)).collect();
+    sha256(hashes.join("\n").as_bytes())
 }
 
 fn save_embeddings(path: &Path, key: &str, rows: &[Vec<f32>]) -> Result<()> {

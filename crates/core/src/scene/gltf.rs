@@ -15,9 +15,9 @@ const UNSIGNED_SHORT: u32 = 5123;
 /// The mode of points.
 const POINTS: u32 = 0;
 /// How every binary glTF begins.
-pub(super) const MAGIC: &[u8; 4] = b"glTF";
+const MAGIC: &[u8; 4] = b"glTF";
 /// The generator that the files name, its version left out.
-pub(super) const GENERATOR: &str = "SurgTPGS";
+const GENERATOR: &str = "SurgTPGS";
 /// "JSON" and "BIN\0", little endian.
 const JSON_CHUNK: u32 = 0x4e4f_534a;
 const BIN_CHUNK: u32 = 0x004e_4942;
@@ -160,6 +160,19 @@ fn container(mut json: Vec<u8>, mut binary: Vec<u8>) -> Vec<u8> {
         file.extend(chunk);
     }
     file
+}
+
+/// Tells if a file that begins so is a binary glTF that names this program as its generator.
+pub(super) fn is_own(start: &[u8]) -> bool {
+    const HEAD: usize = 20;
+    if !start.starts_with(MAGIC) || start.len() < HEAD {
+        return false;
+    }
+    let len = u32::from_le_bytes([start[12], start[13], start[14], start[15]]) as usize;
+    let json =
+        start.get(HEAD..HEAD.saturating_add(len)).and_then(|j| serde_json::from_slice::<Value>(j).ok());
+    let generator = json.as_ref().and_then(|json| json["asset"]["generator"].as_str());
+    generator.is_some_and(|name| name.split(' ').next() == Some(GENERATOR))
 }
 
 #[cfg(test)]

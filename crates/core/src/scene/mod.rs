@@ -15,7 +15,7 @@ use crate::{
     gaussian::Gaussians,
     grid::Mask,
     prepare::EncoderIdentity,
-    reading::{MOST_BYTES, read_regular},
+    reading::{MOST_BYTES, open_regular, read_regular},
     sequence::{Class, Identity, shared_identity},
 };
 use glam::{Affine3A, Mat3, Vec3};
@@ -88,12 +88,8 @@ impl Scene {
     /// Whether the file at `path` was written by this program: a scene, or what a scene is converted to.
     pub fn is_own_file(path: &Path) -> bool {
         let mut start = Vec::new();
-        let read = std::fs::File::open(path).and_then(|file| file.take(OWN_BYTES).read_to_end(&mut start));
-        let names = |name: &[u8]| start.windows(name.len()).any(|part| part == name);
-        read.is_ok()
-            && (start.starts_with(ply::MAGIC) && names(ply::MADE_BY.as_bytes())
-                || start.starts_with(gltf::MAGIC) && names(gltf::GENERATOR.as_bytes())
-                || names(b"\"__metadata__\"") && names(b"\"surgtpgs"))
+        let read = open_regular(path).and_then(|file| file.take(OWN_BYTES).read_to_end(&mut start));
+        read.is_ok() && (ply::is_own(&start) || gltf::is_own(&start) || file::is_own(path))
     }
     /// Number of frames.
     pub fn num_frames(&self) -> usize {
@@ -140,8 +136,10 @@ impl Scene {
         file::to_bytes(self, false)
     }
     /// The scene file in few bits: pictures change by about 0.1 dB or less, and it reads back like any other.
+    /// A scene that takes so few of them that no reader would believe its size is kept as it is.
     pub fn to_quantized_bytes(&self) -> Result<Vec<u8>> {
-        file::to_bytes(self, true)
+        let bytes = file::to_bytes(self, true)?;
+        if file::from_bytes(&bytes).is_ok() { Ok(bytes) } else { self.to_bytes() }
     }
     /// Writes the file whole.
     pub fn save(&self, path: &Path) -> Result<()> {
@@ -149,7 +147,7 @@ impl Scene {
     }
     /// Memory that [`Self::load`] takes, bytes, about: small files may hold large scenes. What cannot be read takes none.
     pub fn memory_bytes(path: &Path) -> u64 {
-        let Ok(bytes) = std::fs::read(path) else { return 0 };
+        let Ok(bytes) = read_regular(path, MOST_BYTES) else { return 0 };
         let read = if bytes.starts_with(ply::MAGIC) { None } else { file::memory_bytes(&bytes) };
         bytes.len() as u64 + read.unwrap_or(4 * bytes.len() as u64)
     }
@@ -182,7 +180,7 @@ impl Scene {
     }
 }
 
-/// Bytes from the beginning of a file in which it names the program that wrote it.
+/// Bytes from the beginning of a `.ply` or `.glb` in which it names the program that wrote it.
 const OWN_BYTES: u64 = 1 << 16;
 
 /// Numbers of a camera in a file.

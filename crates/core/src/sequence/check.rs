@@ -20,6 +20,8 @@ use std::{
 const INVERTED_MASKS: f64 = 0.8;
 /// Depth maps that lack more than this are named.
 const DEPTH_GAPS: f64 = 0.25;
+/// Label pictures of which more than this says "unknown" are named.
+const MOSTLY_UNKNOWN: f64 = 0.5;
 /// How far columns of a rotation may be from unit length and right angles.
 const ROTATION_TOLERANCE: f32 = 1e-3;
 /// Frames read side by side between two calls of `progress`.
@@ -114,7 +116,7 @@ impl Facts {
         let map =
             recording.frames[i].depth.as_ref().and_then(|path| facts.note(recording.depth_rule.read(path)));
         facts.depth = map.map(|map| DepthFacts::of(&map.depth, map.bad_values));
-        facts.labels = facts.note(recording.labels(i)).flatten().map(|read| {
+        facts.labels = facts.note(sequence.read_labels(i)).flatten().map(|read| {
             let labels = read.ids;
             let mut present = [false; 256];
             labels.data.iter().for_each(|&id| present[usize::from(id)] = true);
@@ -332,6 +334,15 @@ fn strange_labels(facts: &[Facts], says: &mut Findings) {
         if !frames.is_empty() {
             says.warnings.push(format!("The label pictures of {} {what}", name_frames(&frames)));
         }
+    }
+    let frames = frames_where(&|l| l.unknown - l.strangers > MOSTLY_UNKNOWN);
+    if !frames.is_empty() {
+        let limit = 100.0 * MOSTLY_UNKNOWN;
+        says.warnings.push(format!(
+            "More than {limit:.0} % of the pixels of the label pictures of {} are 255, which means unknown. If that is a class, \
+             write its other ids under [[classes]] in sequence.toml.",
+            name_frames(&frames)
+        ));
     }
     let frames = frames_where(&|l| l.strangers > 0.0);
     if frames.is_empty() {

@@ -41,7 +41,7 @@ impl DepthRule {
     pub(super) fn read(&self, path: &Path) -> Result<DepthMap> {
         let is_npy = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("npy"));
         let values =
-            if is_npy { read::npy_map(path)? } else { read::first_channel(path)?.map(|&v| f32::from(v)) };
+            if is_npy { read::npy_map(path)? } else { read::lightness(path)?.map(|&v| f32::from(v)) };
         let bad_values = values.data.iter().filter(|v| !v.is_finite() || **v < 0.0).count();
         let depth = values.map(|&v| {
             let value = f64::from(v);

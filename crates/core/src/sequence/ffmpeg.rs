@@ -6,7 +6,7 @@ use super::{
     layout::Recording,
     read,
     settings::Selection,
-    video::{Container, cut_off, other_size},
+    video::{Container, cut_off, other_size, uneven},
 };
 use crate::{Error, Result};
 use std::{
@@ -68,6 +68,7 @@ pub(super) fn open(program: &Path, video: &Unread<'_>, selection: &Selection) ->
     }
     recording.frames_per_second = told.frames_per_second;
     recording.notes.extend(notes);
+    recording.notes.extend(told.shortest.and_then(|shortest| uneven(shortest, told.longest)));
     recording.scratch = Some(scratch);
     recording.unpacked_from = Some(path.to_owned());
     Ok(recording)
@@ -90,7 +91,7 @@ fn unpack(
     }
     command.arg("-i").arg(video.path).args(["-map", "0:v:0", "-vf"]);
     // A fresh steady clock: by its own, ffmpeg would repeat and drop frames to keep a steady rate.
-    command.arg(format!("showinfo,select='{range}*not(mod(n-{first},{every}))',setpts=N/(25*TB)"));
+    command.arg(format!("showinfo,select='{range}*not(mod(n-{first},{every}))',settb=1/25,setpts=N"));
     command.args(["-r", "25", "-pix_fmt", "rgb24", "-compression_level", "1", "-start_number", "0"]);
     if let Some(last) = last.filter(|last| *last >= first) {
         command.args(["-frames:v", &((last - first) / every.max(1) + 1).to_string()]);
@@ -122,9 +123,12 @@ struct Told {
     size: Option<(usize, usize)>,
     /// The first frame of another size than the first.
     other_size: Option<(usize, (usize, usize))>,
-    /// Time of the last frame and the longest time between two, seconds.
+    /// Time of the last frame, and the longest and the shortest time between two, seconds.
     reached: f64,
     longest: f64,
+    shortest: Option<f64>,
+    /// How long the last frame is shown, seconds, where that is told.
+    last_lasts: f64,
     /// The first complaint about what the file holds.
     complaint: Option<String>,
     is_full: bool,
@@ -184,17 +188,22 @@ impl Told {
         }
         if let Some(time) = after(line, " pts_time:").and_then(|t| t.parse::<f64>().ok()) {
             if self.frames > 0 {
-                self.longest = self.longest.max(time - self.reached);
+                let lasted = time - self.reached;
+                self.longest = self.longest.max(lasted);
+                self.shortest = Some(self.shortest.map_or(lasted, |shortest| shortest.min(lasted)));
             }
             self.reached = self.reached.max(time);
         }
+        let lasts = after(line, " duration_time:").and_then(|t| t.parse::<f64>().ok());
+        self.last_lasts = lasts.unwrap_or(0.0);
         self.frames += 1;
     }
 
     /// Seconds of the file behind its last frame that no frame explains.
     fn lacking(&self) -> f64 {
         let end = self.duration.map_or(0.0, |duration| duration - self.start.max(0.0));
-        end - (self.reached + 3.0 * self.longest + SLACK)
+        let usual = self.frames_per_second.map_or(0.0, |speed| 1.0 / f64::from(speed));
+        end - (self.reached + (3.0 * self.longest.max(usual)).max(self.last_lasts) + SLACK)
     }
 }
 
@@ -217,6 +226,11 @@ fn compare(video: &Unread<'_>, selection: &Selection, told: &Told, pictures: usi
             return cut_off(what, told.frames);
         }
         return Ok(Vec::new());
+    }
+    let selected = (selection.first..told.frames).step_by(selection.every.max(1)).len();
+    if told.frames > 0 && pictures != selected {
+        let what = format!("{selected} of its {} frames are used, ffmpeg unpacked {pictures}", told.frames);
+        return Err(Error::input_at(path, what + &complaint, "Convert it to H.264 in mp4."));
     }
     let mut notes = Vec::new();
     match video.promised {

@@ -18,8 +18,9 @@ use std::{
     path::Path,
 };
 
-/// Frames of a video whose content is looked at when it is opened, evenly spread.
+/// Frames of a video whose content is looked at when it is opened, evenly spread, and the most bytes that are read of them.
 const SPOTS: usize = 32;
+const MOST_SPOT_BYTES: u64 = 64 << 20;
 
 /// The frames of a recording, see [`super::Sequence::identity`].
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -54,32 +55,38 @@ impl Identity {
     /// What opening a recording tells: names and sizes, and of a video the content of a few frames.
     pub(super) fn opened(recording: &Recording) -> Result<Self> {
         let n = recording.frames.len();
-        let spots: HashSet<usize> = (0..n.min(SPOTS)).map(|k| (2 * k + 1) * n / (2 * n.min(SPOTS))).collect();
-        let is_video = |frame: &Frame| matches!(frame.picture, Picture::Video { .. });
-        Self::of(recording, |i| is_video(&recording.frames[i]) && spots.contains(&i), false)
+        let spots = (0..n.min(SPOTS)).map(|k| (2 * k + 1) * n / (2 * n.min(SPOTS)));
+        let mut bytes = 0;
+        // Few frames of a long video stand for all that was coded between them.
+        let is_read = |spot: &usize| match &recording.frames[*spot].picture {
+            Picture::Video { video, index } => {
+                bytes += video.coded_bytes(coded_with(&recording.frames, *spot, video, *index));
+                bytes <= MOST_SPOT_BYTES
+            }
+            Picture::File(_) => false,
+        };
+        let spots: HashSet<usize> = spots.filter(is_read).collect();
+        Self::of(recording, |i| spots.contains(&i))
     }
 
     /// All of it; every frame is read.
     pub(super) fn complete(recording: &Recording) -> Result<Self> {
-        Self::of(recording, |_| true, true)
+        Self::of(recording, |_| true)
     }
 
-    fn of(recording: &Recording, is_hashed: impl Fn(usize) -> bool + Sync, whole_file: bool) -> Result<Self> {
+    fn of(recording: &Recording, is_hashed: impl Fn(usize) -> bool + Sync) -> Result<Self> {
         let frames = &recording.frames;
         if let Some(path) = &recording.unpacked_from {
             let part = |frame: &Frame| Part { name: frame.name.clone(), bytes: 0, sha256: None };
-            let file = Part { name: String::new(), ..Part::of_file(path, whole_file)? };
+            // All of it was read to unpack it.
+            let file = Part { name: String::new(), ..Part::of_file(path, true)? };
             return Ok(Self { frames: frames.iter().map(part).collect(), file: Some(file) });
         }
         let part = |i: usize| match &frames[i].picture {
             Picture::File(path) => Part::of_file(path, is_hashed(i)),
             Picture::Video { video, index } => {
-                let before = i.checked_sub(1).and_then(|k| match frames[k].picture {
-                    Picture::Video { index, .. } => Some(index + 1),
-                    Picture::File(_) => None,
-                });
-                let from = before.unwrap_or_else(|| video.entry_before(*index));
-                Part::of_coded(&frames[i].name, video, from..*index + 1, is_hashed(i))
+                let shown = coded_with(frames, i, video, *index);
+                Part::of_coded(&frames[i].name, video, shown, is_hashed(i))
             }
         };
         let frames = (0..frames.len()).into_par_iter().map(part).collect::<Result<_>>()?;
@@ -191,6 +198,16 @@ impl Identity {
             "Give the recording as it was, or make everything anew from this one.",
         ))
     }
+}
+
+/// Frame `i` of a recording, which is frame `index` of the video, with all that was coded since the frame before it that is
+/// used, or since decoding can start; in the order of showing.
+fn coded_with(frames: &[Frame], i: usize, video: &H264, index: usize) -> std::ops::Range<usize> {
+    let before = i.checked_sub(1).and_then(|k| match frames[k].picture {
+        Picture::Video { index, .. } => Some(index + 1),
+        Picture::File(_) => None,
+    });
+    before.unwrap_or_else(|| video.entry_before(index))..index + 1
 }
 
 impl Part {

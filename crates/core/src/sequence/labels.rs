@@ -1,4 +1,5 @@
-//! Label files: how their pixels become class ids. What a picture's numbers mean is decided by what is in it.
+//! Label files: how their pixels become class ids. What the numbers mean is decided once for all pictures of a recording, by
+//! what is in some of them.
 
 use super::{Class, LabelMap, NO_LABEL, read};
 use crate::{
@@ -7,6 +8,7 @@ use crate::{
     reading::{self, Values},
 };
 use std::{
+    cmp::Ordering,
     collections::BTreeSet,
     path::{Path, PathBuf},
 };
@@ -23,13 +25,22 @@ pub(super) enum LabelFiles {
 /// How the values of a label picture name classes.
 #[derive(Clone, Debug)]
 pub(super) enum LabelCoding {
-    /// A grey picture holds class ids; a coloured one the classes' display colours. Where more pixels name a class so, the
-    /// places in a palette, or greys in a coloured picture, are ids.
+    /// A grey picture holds class ids; a coloured one the classes' display colours, unless its numbers are ids: see
+    /// [`NumbersAre`].
     IdsOrColours,
     /// The first channel holds class ids.
     Ids,
     /// The first channel holds codes: (code, class id).
     Codes(&'static [(u8, u8)]),
+}
+
+/// How the numbers of pictures that could be read in two ways are understood.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum NumbersAre {
+    /// As the [`LabelCoding`] says: colours, or codes.
+    Coded,
+    /// Class ids: the places in a palette, the greys of a coloured picture.
+    Ids,
 }
 
 /// How the pixels of a picture were understood.
@@ -65,6 +76,7 @@ impl LabelFiles {
     pub(super) fn read(
         &self,
         coding: &LabelCoding,
+        numbers: NumbersAre,
         classes: &[Class],
         (width, height): (usize, usize),
     ) -> Result<ReadLabels> {
@@ -73,12 +85,12 @@ impl LabelFiles {
                 let picture = reading::values(path)?;
                 let size = (picture.image.width() as usize, picture.image.height() as usize);
                 read::expect_size(path, size, (width, height))?;
-                Ok(decoded(picture, coding, classes))
+                Ok(decoded(picture, coding, numbers, classes))
             }
             Self::PerClass(files) => {
                 let mut labels = Grid::filled(width, height, NO_LABEL);
                 for (id, path) in files {
-                    let mask = read::first_channel(path)?;
+                    let mask = read::lightness(path)?;
                     read::expect_size(path, (mask.width, mask.height), (width, height))?;
                     for (label, _) in labels.data.iter_mut().zip(&mask.data).filter(|(_, m)| **m != 0) {
                         *label = *id;
@@ -100,37 +112,60 @@ impl LabelFiles {
     }
 }
 
-/// The reading of a picture under which most pixels name a class; of equals, the first.
-fn decoded(picture: Values, coding: &LabelCoding, classes: &[Class]) -> ReadLabels {
+/// The way of reading the numbers of some pictures under which more of their pixels name a class; of equals, `first`.
+/// Pictures that cannot be read are passed over.
+pub(super) fn numbers_of(
+    pictures: &[&Path],
+    coding: &LabelCoding,
+    classes: &[Class],
+    first: NumbersAre,
+) -> NumbersAre {
+    let (mut coded, mut ids) = (0, 0);
+    for picture in pictures.iter().filter_map(|path| reading::values(path).ok()) {
+        coded += decoded(picture.clone(), coding, NumbersAre::Coded, classes).known;
+        ids += decoded(picture, coding, NumbersAre::Ids, classes).known;
+    }
+    match coded.cmp(&ids) {
+        Ordering::Less => NumbersAre::Ids,
+        Ordering::Equal => first,
+        Ordering::Greater => NumbersAre::Coded,
+    }
+}
+
+fn decoded(picture: Values, coding: &LabelCoding, numbers: NumbersAre, classes: &[Class]) -> ReadLabels {
+    let takes_ids = numbers == NumbersAre::Ids;
     let size = (picture.image.width() as usize, picture.image.height() as usize);
     let of_id = |v: u16| classes.iter().find(|c| u16::from(c.id) == v).map(|c| c.id);
     let of_colour = |colour: [u8; 3]| classes.iter().find(|c| c.colour == colour).map(|c| c.id);
     let Values { image, palette } = picture;
-    if let LabelCoding::Codes(codes) = coding {
+    if let LabelCoding::Codes(codes) = coding
+        && !takes_ids
+    {
         let of_code = |v: u16| codes.iter().find(|(code, _)| u16::from(*code) == v).map(|(_, id)| *id);
         let shown = |v: u16| palette.as_ref().map_or(Some(v), |p| Some(u16::from(p.get(usize::from(v))?[0])));
         let numbers = read::first_channel_of(image);
         return look_up(&numbers.data, Way::Ordinary, size, |v| shown(v).and_then(of_code));
     }
-    if let LabelCoding::Ids = coding {
+    if let LabelCoding::Ids | LabelCoding::Codes(_) = coding {
         return look_up(&read::first_channel_of(image).data, Way::Ordinary, size, of_id);
     }
     if let Some(palette) = palette {
         let places = read::first_channel_of(image).data;
         let colour = |place: u16| palette.get(usize::from(place)).and_then(|c| of_colour(*c));
-        let by_colour = look_up(&places, Way::Ordinary, size, colour);
-        return by_colour.or(look_up(&places, Way::PalettePlaces, size, of_id));
+        return match takes_ids {
+            true => look_up(&places, Way::PalettePlaces, size, of_id),
+            false => look_up(&places, Way::Ordinary, size, colour),
+        };
     }
     if !image.color().has_color() {
         return look_up(&read::first_channel_of(image).data, Way::Ordinary, size, of_id);
     }
     let image = image.into_rgb8();
     let colours = image.as_raw().as_chunks::<3>().0;
-    let by_colour = look_up(colours, Way::Ordinary, size, of_colour);
-    if !colours.iter().all(|[r, g, b]| r == g && g == b) {
-        return by_colour;
+    if takes_ids && colours.iter().all(|[r, g, b]| r == g && g == b) {
+        return look_up(colours, Way::GreyColours, size, |[v, _, _]| of_id(u16::from(v)));
     }
-    by_colour.or(look_up(colours, Way::GreyColours, size, |[v, _, _]| of_id(u16::from(v))))
+    look_up(colours, Way::Ordinary, size, of_colour)
 }
 
 /// A label picture that is not the recording's own.
@@ -150,6 +185,7 @@ pub(crate) struct PictureOfIds {
 pub(super) fn picture_of_ids(
     path: &Path,
     coding: &LabelCoding,
+    numbers: NumbersAre,
     classes: &[Class],
     names: Option<&[(u8, Option<u8>)]>,
 ) -> Result<PictureOfIds> {
@@ -158,16 +194,13 @@ pub(super) fn picture_of_ids(
         // As if the names were classes with these ids; then each id becomes that of its class.
         let values: Vec<Class> =
             names.iter().map(|&(id, _)| Class { id, name: String::new(), colour: [0; 3] }).collect();
-        let numbers = Values { palette: None, ..picture };
-        let mut read = decoded(numbers, &LabelCoding::Ids, &values);
+        let places = Values { palette: None, ..picture };
+        let mut read = decoded(places, &LabelCoding::Ids, NumbersAre::Ids, &values);
         let class = |value: u8| names.iter().find(|(id, _)| *id == value).and_then(|(_, class)| *class);
         read.ids.data.iter_mut().for_each(|id| *id = class(*id).unwrap_or(NO_LABEL));
         read
-    } else if let LabelCoding::Codes(_) = coding {
-        let ids = decoded(picture.clone(), &LabelCoding::IdsOrColours, classes);
-        ids.or(decoded(picture, coding, classes))
     } else {
-        decoded(picture, coding, classes)
+        decoded(picture, coding, numbers, classes)
     };
     // What stands for nothing in most pictures.
     for nothing in ["0", "[0, 0, 0]"] {
@@ -176,12 +209,6 @@ pub(super) fn picture_of_ids(
     let strangers = if read.examples.is_empty() { 0 } else { read.strangers };
     let examples = read.examples.into_iter().collect();
     Ok(PictureOfIds { ids: read.ids, known: read.known, strangers, examples })
-}
-
-impl ReadLabels {
-    fn or(self, other: Self) -> Self {
-        if other.known > self.known { other } else { self }
-    }
 }
 
 /// What a pixel of a label picture holds.
@@ -244,8 +271,12 @@ mod tests {
         vec![class(0, [0; 3]), class(1, [200, 100, 0]), class(2, [0, 50, 200])]
     }
 
+    /// Whichever way names more.
     fn read(image: impl Into<DynamicImage>, palette: Option<Vec<[u8; 3]>>) -> ReadLabels {
-        decoded(Values { image: image.into(), palette }, &LabelCoding::IdsOrColours, &classes())
+        let values = Values { image: image.into(), palette };
+        let [coded, ids] = [NumbersAre::Coded, NumbersAre::Ids]
+            .map(|numbers| decoded(values.clone(), &LabelCoding::IdsOrColours, numbers, &classes()));
+        if ids.known > coded.known { ids } else { coded }
     }
 
     fn grey(values: &[u8]) -> GrayImage {

@@ -4,7 +4,7 @@ use super::{
     CameraSource, Class, Layout, cholecseg8k, classes,
     depth::DepthRule,
     endonerf, endovis18, images,
-    labels::{LabelCoding, LabelFiles, ReadLabels},
+    labels::{LabelCoding, LabelFiles, NumbersAre, ReadLabels, numbers_of},
     read, reference,
     settings::Selection,
     transforms, video,
@@ -227,7 +227,7 @@ impl Recording {
     /// What the mask file of frame `i` keeps; `None` without one.
     pub(super) fn file_mask(&self, i: usize) -> Result<Option<Mask>> {
         let Some(path) = &self.frames[i].mask else { return Ok(None) };
-        let values = read::first_channel(path)?;
+        let values = read::lightness(path)?;
         read::expect_size(path, (values.width, values.height), (self.width, self.height))?;
         Ok(Some(match self.mask_rule {
             MaskRule::KeepWhite => values.map(|&v| v != 0),
@@ -237,9 +237,24 @@ impl Recording {
     }
 
     /// Labels of frame `i`; `None` without any.
-    pub(super) fn labels(&self, i: usize) -> Result<Option<ReadLabels>> {
+    pub(super) fn labels(&self, i: usize, numbers: NumbersAre) -> Result<Option<ReadLabels>> {
         let labels = self.frames[i].labels.as_ref();
-        labels.map(|l| l.read(&self.coding, &self.classes, (self.width, self.height))).transpose()
+        labels.map(|l| l.read(&self.coding, numbers, &self.classes, (self.width, self.height))).transpose()
+    }
+
+    /// How the numbers of its label pictures are understood, by `some` of them, evenly spread.
+    pub(super) fn label_numbers(&self, some: usize) -> NumbersAre {
+        if !matches!(self.coding, LabelCoding::IdsOrColours) {
+            return NumbersAre::Coded;
+        }
+        let pictures = self.frames.iter().filter_map(|frame| match &frame.labels {
+            Some(LabelFiles::Picture(path)) => Some(path.as_path()),
+            _ => None,
+        });
+        let pictures: Vec<&Path> = pictures.collect();
+        let spread =
+            pictures.iter().step_by(pictures.len().div_ceil(some).max(1)).copied().collect::<Vec<_>>();
+        numbers_of(&spread, &self.coding, &self.classes, NumbersAre::Coded)
     }
 
     /// Depth of frame `i` at the frames' size, 0 where unknown.

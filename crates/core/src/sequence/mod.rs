@@ -9,6 +9,7 @@ use crate::{
 use depth::DepthRule;
 use field_of_view::FieldOfView;
 use image::RgbImage;
+use labels::{LabelCoding, ReadLabels};
 use layout::{MaskRule, Recording};
 use std::{
     collections::BTreeMap,
@@ -19,6 +20,7 @@ use std::{
 mod check;
 mod cholecseg8k;
 mod classes;
+mod decided;
 mod depth;
 mod endonerf;
 mod endovis18;
@@ -42,12 +44,12 @@ pub use classes::{ClassEntry, names_instrument, plain_words};
 pub use depth::DepthKind;
 pub(crate) use identity::shared as shared_identity;
 pub use identity::{Difference, Identity};
-pub(crate) use labels::PictureOfIds;
-pub(crate) use read::npy_map;
+pub(crate) use labels::{NumbersAre, PictureOfIds};
+pub(crate) use read::{lightness, npy_map};
 pub(crate) use reference::BASELINE as MONOCULAR_BASELINE;
 pub use settings::{
     CameraSettings, DepthSettings, FieldOfViewSetting, FrameSettings, Keep, MAX_FRAMES_PER_SECOND,
-    MaskSettings, SETTINGS_FILE, Settings, TimeSettings,
+    MaskSettings, SETTINGS_FILE, Settings, TimeSettings, settings_files,
 };
 
 /// The folder layouts that are recognised, by content and never by name.
@@ -120,6 +122,7 @@ struct Inner {
     recording: Recording,
     camera_moves: bool,
     field_of_view: OnceLock<FieldOfView>,
+    label_numbers: OnceLock<NumbersAre>,
     /// As far as opening tells.
     outline: Arc<Identity>,
     identity: OnceLock<Arc<Identity>>,
@@ -127,23 +130,27 @@ struct Inner {
 
 /// Frames that are looked at to find the field of view, evenly spread.
 const FIELD_OF_VIEW_FRAMES: usize = 8;
+/// Label pictures that are looked at to find out what their numbers mean.
+const LABEL_PICTURES: usize = 8;
 
 impl Sequence {
     /// Opens a folder or a video file; the layout is recognised by content. Only file names, picture
     /// headers and small tables are read here.
     pub fn open(path: &Path) -> Result<Self> {
-        let settings = Settings::of_recording(path)?;
+        let file = settings::own_file(path);
+        let settings = Settings::read(&file)?;
         let mut recording = layout::open(path, &settings.selection())?;
-        settings.apply(&mut recording, &settings::own_file(path))?;
+        settings.apply(&mut recording, &file)?;
         Self::from_recording(recording.validate()?)
     }
 
-    fn from_recording(recording: Recording) -> Result<Self> {
+    fn from_recording(mut recording: Recording) -> Result<Self> {
         let first = recording.cameras[0].camera_from_world;
         let camera_moves = recording.cameras.iter().any(|c| !c.camera_from_world.abs_diff_eq(first, 1e-6));
         let outline = Arc::new(Identity::opened(&recording)?);
-        let (field_of_view, identity) = (OnceLock::new(), OnceLock::new());
-        let inner = Inner { recording, camera_moves, field_of_view, outline, identity };
+        decided::apply(&mut recording, &outline)?;
+        let (field_of_view, label_numbers, identity) = (OnceLock::new(), OnceLock::new(), OnceLock::new());
+        let inner = Inner { recording, camera_moves, field_of_view, label_numbers, outline, identity };
         Ok(Self { inner: Arc::new(inner), estimated: None })
     }
 
@@ -279,16 +286,31 @@ impl Sequence {
     }
     /// Class labels of frame `i`; `None` if the recording has none for it.
     pub fn labels(&self, i: usize) -> Result<Option<LabelMap>> {
-        Ok(self.recording().labels(i)?.map(|labels| labels.ids))
+        Ok(self.read_labels(i)?.map(|labels| labels.ids))
     }
-    /// Class ids of a label picture that is not the recording's own: it may hold ids or what the recording's pictures hold,
-    /// whichever names the class of more pixels. With `names`, (value, class or none), it holds these values and 0 for nothing.
+    fn read_labels(&self, i: usize) -> Result<Option<ReadLabels>> {
+        let numbers = self.inner.label_numbers.get_or_init(|| self.recording().label_numbers(LABEL_PICTURES));
+        self.recording().labels(i, *numbers)
+    }
+    /// How the numbers of label pictures that are not the recording's own are understood: they may be ids or what the
+    /// recording's pictures hold, whichever names the class of more pixels of some of them.
+    pub(crate) fn numbers_of(&self, pictures: &[&Path]) -> NumbersAre {
+        let pictures: Vec<&Path> =
+            pictures.iter().step_by(pictures.len().div_ceil(LABEL_PICTURES).max(1)).copied().collect();
+        let first = match self.recording().coding {
+            LabelCoding::Codes(_) => NumbersAre::Ids,
+            LabelCoding::Ids | LabelCoding::IdsOrColours => NumbersAre::Coded,
+        };
+        labels::numbers_of(&pictures, &self.recording().coding, self.classes(), first)
+    }
+    /// Class ids of a label picture that is not the recording's own, whose numbers mean what [`Self::numbers_of`] found. With `names`, (value, class or none), it holds these values and 0 for nothing.
     pub(crate) fn picture_of_ids(
         &self,
         path: &Path,
+        numbers: NumbersAre,
         names: Option<&[(u8, Option<u8>)]>,
     ) -> Result<PictureOfIds> {
-        labels::picture_of_ids(path, &self.recording().coding, self.classes(), names)
+        labels::picture_of_ids(path, &self.recording().coding, numbers, self.classes(), names)
     }
     /// Where instruments are on frame `i`: by its labels if a class names an instrument, else what its mask file hides inside
     /// the field of view; `None` where the recording has neither.
@@ -316,15 +338,18 @@ impl Sequence {
     /// Turns round which side of the mask files is kept, for whoever opens the recording from now on. That is written into a
     /// file beside the recording, which stays as it is. Returns that file.
     pub fn flip_masks(&self) -> Result<PathBuf> {
-        match self.recording().mask_rule {
-            MaskRule::KeepWhite if self.has_mask_files() => Settings::decide_masks(self.path(), Keep::Black),
-            MaskRule::KeepBlack if self.has_mask_files() => Settings::decide_masks(self.path(), Keep::White),
-            _ => Err(Error::input_at(self.path(), "this recording has no mask files to turn round", "")),
-        }
-    }
-    /// The settings files of the recording, whether they exist or not.
-    pub fn settings_files(&self) -> [PathBuf; 2] {
-        [settings::own_file(self.path()), settings::decided_file(self.path())]
+        let keep = match self.recording().mask_rule {
+            MaskRule::KeepWhite if self.has_mask_files() => Keep::Black,
+            MaskRule::KeepBlack if self.has_mask_files() => Keep::White,
+            _ => {
+                return Err(Error::input_at(
+                    self.path(),
+                    "this recording has no mask files to turn round",
+                    "",
+                ));
+            }
+        };
+        decided::keep_masks(self.path(), self.outline(), keep)
     }
     /// Whether any frame has labels.
     pub fn has_labels(&self) -> bool {

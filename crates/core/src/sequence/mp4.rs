@@ -2,8 +2,8 @@
 //! reaches as far as they do.
 
 use shiguredo_mp4::{
-    TrackKind,
-    boxes::{AvccBox, SampleEntry},
+    Decode, TrackKind,
+    boxes::{AvccBox, MoovBox, SampleEntry, TkhdBox},
     demux::{
         DemuxError, Fmp4FileDemuxer, Input, Mp4FileDemuxer, Mp4FileKind, Mp4FileKindDetector, RequiredInput,
         Sample, TrackInfo,
@@ -25,10 +25,14 @@ pub(super) struct Mp4 {
     pub descriptions: Vec<Description>,
     /// Ticks per second.
     pub timescale: u32,
+    /// Whether the pictures are shown turned or mirrored.
+    pub is_turned: bool,
     /// All that the tables name, in decoding order, at least one.
     pub pictures: Vec<CodedPicture>,
     /// So many of them, from the first on, are in the file.
     pub present: usize,
+    /// Of all pictures.
+    bytes: u64,
     /// Whether the file ends within its tables, so that nobody knows how many pictures there were.
     pub is_open_ended: bool,
 }
@@ -62,13 +66,16 @@ impl Mp4 {
         let file = File::open(path).map_err(|e| e.to_string())?;
         let len = file.metadata().map_err(|e| e.to_string())?.len();
         let mut source = Source { file, len, last: None };
-        match source.kind()? {
-            Mp4FileKind::Mp4 => Self::collect(Mp4FileDemuxer::new(), &mut source),
-            Mp4FileKind::FragmentedMp4 => Self::collect(Fmp4FileDemuxer::new(), &mut source),
+        let kind = source.kind()?;
+        let turned = source.turned_tracks().unwrap_or_default();
+        match kind {
+            Mp4FileKind::Mp4 => Self::collect(Mp4FileDemuxer::new(), &mut source, &turned),
+            Mp4FileKind::FragmentedMp4 => Self::collect(Fmp4FileDemuxer::new(), &mut source, &turned),
         }
     }
 
-    fn collect(mut demuxer: impl Demuxer, source: &mut Source) -> Result<Self, String> {
+    /// `turned` are the tracks whose pictures are not shown as they are stored.
+    fn collect(mut demuxer: impl Demuxer, source: &mut Source, turned: &[u32]) -> Result<Self, String> {
         let mut tracks: BTreeMap<u32, Self> = BTreeMap::new();
         let mut is_open_ended = false;
         loop {
@@ -89,8 +96,9 @@ impl Mp4 {
                 Err(e) => return Err(unreadable(&e)),
             };
             if sample.track.kind == TrackKind::Video {
-                let timescale = sample.track.timescale.get();
-                let track = tracks.entry(sample.track.track_id).or_insert_with(|| Self::empty(timescale));
+                let (id, timescale) = (sample.track.track_id, sample.track.timescale.get());
+                let is_turned = turned.contains(&id);
+                let track = tracks.entry(id).or_insert_with(|| Self::empty(timescale, is_turned));
                 track.push(&sample, source)?;
             }
         }
@@ -106,9 +114,9 @@ impl Mp4 {
             .ok_or_else(|| "there is no video in it".to_owned())
     }
 
-    fn empty(timescale: u32) -> Self {
+    fn empty(timescale: u32, is_turned: bool) -> Self {
         let (descriptions, pictures) = (Vec::new(), Vec::new());
-        Self { descriptions, timescale, pictures, present: 0, is_open_ended: false }
+        Self { descriptions, timescale, is_turned, pictures, present: 0, bytes: 0, is_open_ended: false }
     }
 
     /// Adds the next picture.
@@ -125,6 +133,10 @@ impl Mp4 {
                 self.descriptions.push(description);
             }
         }
+        self.bytes = self.bytes.saturating_add(sample.data_size as u64);
+        if self.present == at && self.bytes > source.len {
+            return Err("its pictures lie over each other".to_owned());
+        }
         let decoded_at = i64::try_from(sample.timestamp).map_err(|_| "its times are damaged")?;
         let end = sample.data_offset.checked_add(sample.data_size as u64);
         if self.present == at && end.is_some_and(|end| end <= source.len) {
@@ -137,6 +149,15 @@ impl Mp4 {
             is_sync: sample.keyframe,
         });
         Ok(())
+    }
+
+    /// The shortest and the longest time between two frames, seconds.
+    pub(super) fn intervals(&self) -> Option<(f64, f64)> {
+        let mut times: Vec<i64> = self.pictures.iter().map(|picture| picture.shown_at).collect();
+        times.sort_unstable();
+        let seconds = |pair: &[i64]| pair[1].saturating_sub(pair[0]) as f64 / f64::from(self.timescale);
+        let all = || times.windows(2).map(seconds);
+        Some((all().reduce(f64::min)?, all().reduce(f64::max)?))
     }
 
     /// The pictures in the order of showing.
@@ -235,6 +256,39 @@ impl Source {
             let data = self.read(required)?;
             detector.handle_input(required.to_input(&data));
         }
+    }
+
+    /// The tracks whose matrix turns or mirrors their pictures (ISO/IEC 14496-12, 8.3.2).
+    fn turned_tracks(&mut self) -> Option<Vec<u32>> {
+        const HEAD: u64 = 16;
+        let mut at = 0;
+        loop {
+            let head = self.bytes(at, HEAD)?;
+            let size = u64::from(u32::from_be_bytes(head.get(..4)?.try_into().ok()?));
+            let size = match size {
+                0 => self.len - at,
+                1 => u64::from_be_bytes(head.get(8..16)?.try_into().ok()?),
+                _ => size,
+            };
+            if head.get(4..8)? == b"moov" {
+                let (moov, _) = MoovBox::decode(&self.bytes(at, size)?).ok()?;
+                let turns = |tkhd: &TkhdBox| {
+                    let [a, b, _, c, d, ..] = tkhd.matrix;
+                    (b, c) != (0, 0) || a < 0 || d < 0
+                };
+                let turned = moov.trak_boxes.iter().map(|track| &track.tkhd_box).filter(|tkhd| turns(tkhd));
+                return Some(turned.map(|tkhd| tkhd.track_id).collect());
+            }
+            at = at.checked_add(size.max(8)).filter(|at| *at < self.len)?;
+        }
+    }
+
+    /// So many bytes, or as many as there are.
+    fn bytes(&mut self, at: u64, size: u64) -> Option<Vec<u8>> {
+        let mut data = Vec::new();
+        self.file.seek(SeekFrom::Start(at)).ok()?;
+        (&self.file).take(size).read_to_end(&mut data).ok()?;
+        Some(data)
     }
 
     fn read(&mut self, required: RequiredInput) -> Result<Vec<u8>, String> {

@@ -119,12 +119,24 @@ pub(super) fn expect_size(path: &Path, found: (usize, usize), frames: (usize, us
     ))
 }
 
-/// The first channel of a picture, as stored: 0–255 or, for 16-bit files, 0–65535.
-pub(super) fn first_channel(path: &Path) -> Result<Grid<u16>> {
+/// The brightest channel of each pixel of a mask, as stored: 0–255 or, for 16-bit files, 0–65535. Masks may have any colour.
+pub(crate) fn lightness(path: &Path) -> Result<Grid<u16>> {
     let Values { image, palette } = reading::values(path)?;
-    let channel = first_channel_of(image);
-    let Some(palette) = palette else { return Ok(channel) };
-    Ok(channel.map(|&place| palette.get(usize::from(place)).map_or(0, |colour| u16::from(colour[0]))))
+    if let Some(palette) = palette {
+        let brightest = |place: &u16| palette.get(usize::from(*place)).and_then(|c| c.iter().max().copied());
+        return Ok(first_channel_of(image).map(|place| brightest(place).map_or(0, u16::from)));
+    }
+    if !image.color().has_color() {
+        return Ok(first_channel_of(image));
+    }
+    let (width, height) = (image.width() as usize, image.height() as usize);
+    let is_deep = image.color().bytes_per_pixel() > image.color().channel_count();
+    let brightest = |pixel: &[u16; 3]| pixel.iter().max().copied().unwrap_or(0);
+    let rgb: Vec<u16> = match is_deep {
+        true => image.into_rgb16().into_raw(),
+        false => image.into_rgb8().as_raw().iter().map(|v| u16::from(*v)).collect(),
+    };
+    Ok(Grid::from_vec(width, height, rgb.as_chunks::<3>().0.iter().map(brightest).collect()))
 }
 
 /// The first channel of a decoded picture.

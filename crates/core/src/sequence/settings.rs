@@ -28,32 +28,23 @@
 //! colour = [255, 114, 114]    # optional
 //! ```
 //!
-//! What is decided in the program, which side of the masks is kept, stands in a file of its own beside the recording,
-//! `NAME.surgtpgs.toml`, and overrides both: nothing is ever written into a recording.
+//! The program reads this file and never writes it; what is decided in the program is in [`super::decided`].
 
 use super::{
     CameraSource,
     classes::{self, ClassEntry},
+    decided,
     depth::DepthKind,
     labels::LabelCoding,
     layout::{MaskRule, Recording},
     read,
 };
-use crate::{
-    Error, Result,
-    camera::Camera,
-    files::{FileClaim, Inputs, OutputFile, full_path},
-    reading::read_text,
-};
+use crate::{Error, Result, camera::Camera, reading::read_text};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// Name of the settings file in a recording's folder.
 pub const SETTINGS_FILE: &str = "sequence.toml";
-
-/// Begins the file of what was decided in the program, and tells it from anybody else's.
-const DECIDED: &str =
-    "# Decided in SurgTPGS about the recording of this name. Delete this file to take it back.\n";
 
 /// The settings file of the recording `path`: inside a folder, beside a video file.
 pub(super) fn own_file(path: &Path) -> PathBuf {
@@ -64,11 +55,11 @@ pub(super) fn own_file(path: &Path) -> PathBuf {
     }
 }
 
-/// The file beside the recording `path` with what was decided about it in the program.
-pub(super) fn decided_file(path: &Path) -> PathBuf {
-    let path = full_path(path);
-    path.with_file_name(format!("{}.surgtpgs.toml", read::file_name(&path)))
+/// The settings files of the recording `path`, whether they exist or not: the user's, and the program's beside it.
+pub fn settings_files(path: &Path) -> [PathBuf; 2] {
+    [own_file(path), decided::file(path)]
 }
+
 /// The fastest recording whose speed is believed, and that can be exported as a video.
 pub const MAX_FRAMES_PER_SECOND: f32 = 10_000.0;
 
@@ -138,6 +129,15 @@ pub enum Keep {
     Black,
 }
 
+impl Keep {
+    pub(super) fn rule(self) -> MaskRule {
+        match self {
+            Self::White => MaskRule::KeepWhite,
+            Self::Black => MaskRule::KeepBlack,
+        }
+    }
+}
+
 /// What is done about the border around the endoscopic picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -185,26 +185,6 @@ impl Settings {
         })?;
         settings.validate().map_err(|what| Error::input_at(path, what, ""))?;
         Ok(settings)
-    }
-
-    /// The settings of the recording `path`: those of its own file, overridden by what was decided in the program.
-    pub(super) fn of_recording(path: &Path) -> Result<Self> {
-        let (own, decided) = (Self::read(&own_file(path))?, Self::read(&decided_file(path))?);
-        Ok(Self { masks: MaskSettings { keep: decided.masks.keep.or(own.masks.keep), ..own.masks }, ..own })
-    }
-
-    /// Keeps which side of the masks of the recording `path` is kept, for whoever opens it from now on. Returns the file.
-    pub(super) fn decide_masks(path: &Path, keep: Keep) -> Result<PathBuf> {
-        let file = decided_file(path);
-        let masks = MaskSettings { keep: Some(keep), ..Self::read(&file)?.masks };
-        let text = toml::to_string(&Self { masks, ..Self::default() })
-            .map_err(|e| Error::input_at(&file, e.to_string(), ""))?;
-        let inputs = Inputs::none().with("the recording", path);
-        let is_ours =
-            |file: &Path| std::fs::read(file).is_ok_and(|text| text.starts_with(DECIDED.as_bytes()));
-        let claim = FileClaim { kind: "decisions", inputs: &inputs, replace: true, is_ours };
-        OutputFile::claim(&file, claim)?.write(format!("{DECIDED}{text}").as_bytes())?;
-        Ok(file)
     }
 
     fn validate(&self) -> Result<(), String> {
@@ -256,8 +236,7 @@ impl Settings {
                     "Remove that line.",
                 ));
             }
-            (Some(Keep::White), _) => recording.mask_rule = MaskRule::KeepWhite,
-            (Some(Keep::Black), _) => recording.mask_rule = MaskRule::KeepBlack,
+            (Some(keep), _) => recording.mask_rule = keep.rule(),
         }
         recording.detect_field_of_view = self.masks.field_of_view != Some(FieldOfViewSetting::Whole);
         let every = self.time.every.unwrap_or(1) as f32;

@@ -23,7 +23,7 @@ use openh264::{
 use std::{
     collections::BTreeMap,
     fs::File,
-    io::{Read, Seek, SeekFrom},
+    io::{BufReader, Read, Seek, SeekFrom},
     ops::Range,
     path::{Path, PathBuf},
     sync::{Arc, Mutex, PoisonError},
@@ -90,7 +90,7 @@ fn use_until(path: &Path, last: usize) -> String {
 
 fn open_h264(path: &Path, video: H264, selection: &Selection) -> Result<Recording> {
     let size = video.size();
-    let frames_per_second = video.frames_per_second;
+    let (frames_per_second, note) = (video.frames_per_second, video.note.clone());
     let indices = selection.indices(video.shown.len()).map_err(|what| Error::input_at(path, what, ""))?;
     let changed = video.descriptions.iter().find(|d| (d.width, d.height) != size);
     if let Some(d) = changed.filter(|d| indices.last().is_some_and(|last| *last >= d.from)) {
@@ -101,7 +101,19 @@ fn open_h264(path: &Path, video: H264, selection: &Selection) -> Result<Recordin
         |index| Frame::new(format!("{index:06}"), Picture::Video { video: Arc::clone(&video), index });
     let mut recording = Recording::new(path, Layout::Video, size, indices.into_iter().map(frame).collect());
     recording.frames_per_second = frames_per_second;
+    recording.notes.extend(note);
     Ok(recording)
+}
+
+/// Frames that are further apart than so many times the shortest time between two are not evenly spaced.
+const UNEVEN: f64 = 1.5;
+
+/// The note about frames that are shown unequally long, from the shortest to the longest time between two, in seconds.
+pub(super) fn uneven(shortest: f64, longest: f64) -> Option<String> {
+    (longest > UNEVEN * shortest).then(|| {
+        let [shortest, longest] = [shortest, longest].map(|seconds| 1e3 * seconds);
+        format!("The time between two frames varies from {shortest:.0} to {longest:.0} ms; they count as evenly spaced")
+    })
 }
 
 /// What kind of file a video is in.
@@ -144,6 +156,8 @@ fn expect_video(path: &Path) -> Result<Container> {
 pub(super) struct H264 {
     path: PathBuf,
     frames_per_second: Option<f32>,
+    /// What the user should know of it.
+    note: Option<String>,
     /// How samples are decoded, the first from sample 0 on.
     descriptions: Vec<Description>,
     /// In decoding order.
@@ -193,10 +207,14 @@ impl H264 {
             return Err("there is no H.264 video in it".to_owned());
         };
         check_image_size(*width, *height)?;
+        if mp4.is_turned {
+            return Err("its pictures are stored turned or mirrored".to_owned());
+        }
         let frames_there = mp4.frames_there();
         let mut video = Self {
             path: path.to_owned(),
             frames_per_second: mean_speed(&mp4),
+            note: mp4.intervals().and_then(|(shortest, longest)| uneven(shortest, longest)),
             starts: candidates(&mp4),
             shown: mp4.in_order_of_showing(),
             descriptions: mp4.descriptions,
@@ -222,17 +240,37 @@ impl H264 {
 
     /// Those of the candidates that are IDR pictures: after others, references may reach back.
     fn find_starts(&self) -> Result<Vec<Start>> {
-        let mut file = self.open_file()?;
+        let mut file = BufReader::new(self.open_file()?);
         let mut starts = Vec::new();
         for &start in self.starts.iter().filter(|s| s.sample < self.samples.len()) {
-            let sample = self.read_sample(&mut file, start.sample)?;
-            let is_idr = units(&sample, self.description(start.sample).length_bytes)
-                .any(|unit| unit.first().is_some_and(|b| b & 31 == IDR_SLICE));
-            if is_idr || start.sample == 0 {
+            if start.sample == 0 || self.is_idr(&mut file, start.sample).map_err(|e| self.unreadable(e))? {
                 starts.push(start);
             }
         }
         Ok(starts)
+    }
+
+    /// Tells if a sample is an IDR picture, by the kind of its first slice; no more of it is read.
+    fn is_idr(&self, file: &mut BufReader<File>, sample: usize) -> std::io::Result<bool> {
+        let CodedPicture { offset, size, .. } = self.samples[sample];
+        let length_bytes = self.description(sample).length_bytes;
+        let here = file.stream_position()?;
+        file.seek_relative(offset as i64 - here as i64)?;
+        let mut left = size;
+        while left > length_bytes {
+            let mut head = [0; 5];
+            let head = &mut head[..=length_bytes];
+            file.read_exact(head)?;
+            match head[length_bytes] & 31 {
+                IDR_SLICE => return Ok(true),
+                1..IDR_SLICE => return Ok(false),
+                _ => {}
+            }
+            let unit = head[..length_bytes].iter().fold(0_usize, |n, &b| n << 8 | usize::from(b));
+            left = left.saturating_sub(length_bytes.saturating_add(unit));
+            file.seek_relative(unit as i64 - 1)?;
+        }
+        Ok(false)
     }
 
     /// The last frame before `index`, or `index` itself, at which decoding can start.
@@ -287,7 +325,8 @@ impl H264 {
     /// Feeds one sample; what comes out goes into the cache.
     fn advance(&self, running: &mut Running, cache: &mut Cache, wanted: usize) -> Result<()> {
         let next = running.next_sample;
-        let start = self.starts.iter().find(|s| s.sample == next && next > 0);
+        let start = self.starts.binary_search_by_key(&next, |s| s.sample).ok().filter(|_| next > 0);
+        let start = start.map(|i| &self.starts[i]);
         // Before a new start, and at the end, everything that waits for its turn comes out.
         if start.is_some() || next == self.samples.len() {
             self.flush(running, cache, wanted)?;
@@ -346,11 +385,15 @@ impl H264 {
     }
 
     fn read_sample(&self, file: &mut File, i: usize) -> Result<Vec<u8>> {
-        let fail = |e| Error::io("read the video", &self.path, e);
         let mut bytes = Vec::new();
-        file.seek(SeekFrom::Start(self.samples[i].offset)).map_err(fail)?;
-        file.take(self.samples[i].size as u64).read_to_end(&mut bytes).map_err(fail)?;
+        let CodedPicture { offset, size, .. } = self.samples[i];
+        file.seek(SeekFrom::Start(offset)).map_err(|e| self.unreadable(e))?;
+        file.take(size as u64).read_to_end(&mut bytes).map_err(|e| self.unreadable(e))?;
         Ok(bytes)
+    }
+
+    fn unreadable(&self, e: std::io::Error) -> Error {
+        Error::io("read the video", &self.path, e)
     }
 
     fn damaged(&self, frame: usize, why: &str) -> Error {

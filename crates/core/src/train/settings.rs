@@ -290,9 +290,9 @@ impl TrainSettings {
         }
         let every = num_frames.div_ceil(LONGEST);
         Some(format!(
-            "The recording has {num_frames} frames, and motion is learned in full up to {LONGEST}: behind that a reconstruction \
-             gets worse, here by about {:.0} dB. Use every {every}th frame (`every = {every}` under `[time]`), a part of it \
-             (`first` and `last` under `[frames]` of sequence.toml), or cut it into parts of at most {LONGEST} frames",
+            "The recording has {num_frames} frames, and motion is learned in full up to {LONGEST}: beyond that a reconstruction \
+             gets worse, here by about {:.0} dB. Use one frame in {every} (`every = {every}` under `[time]` in its settings file), \
+             a part of it (`first` and `last` under `[frames]`), or cut it into parts of at most {LONGEST} frames",
             length_loss_db(num_frames)
         ))
     }

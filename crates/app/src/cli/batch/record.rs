@@ -10,13 +10,13 @@ use std::{
 };
 use surgtpgs_core::{
     Error, Result,
-    export::file_sha256,
     files::write_whole,
+    hash::{file_sha256, sha256},
     prepare::Prepared,
     reading::read_text,
-    sequence::{Identity, Sequence},
+    sequence::{Identity, Sequence, settings_files},
 };
-use walkdir::WalkDir;
+use walkdir::{DirEntry, WalkDir};
 
 /// How a step went.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
@@ -115,9 +115,11 @@ pub(super) struct Source {
 impl Source {
     /// Looks at the job's recording; reads it where it is not where or what it was.
     fn of(job: &Job) -> Self {
-        let listing = listing(&job.recording, &job.folder, true);
+        let listing = listing(&places_of(&job.recording), &job.folder, true);
         match Self::read(&job.folder) {
-            Ok(Some(known)) if known.path == job.recording && known.listing == listing => return known,
+            Ok(Some(known)) if known.is_whole_and_at(&job.recording) && known.listing == listing => {
+                return known;
+            }
             _ => {}
         }
         let identity = Sequence::open(&job.recording).and_then(|s| s.identity()).ok();
@@ -125,9 +127,13 @@ impl Source {
         Self {
             path: job.recording.clone(),
             listing,
-            contents: contents(&job.recording, &job.folder),
+            contents: contents(&places_of(&job.recording), &job.folder),
             identity,
         }
+    }
+
+    fn is_whole_and_at(&self, recording: &Path) -> bool {
+        self.path == recording && self.identity.is_some()
     }
 
     fn file(folder: &Path) -> PathBuf {
@@ -164,10 +170,14 @@ pub(super) fn settle_source(job: &Job) -> Result<Vec<String>> {
         require_same(job, before, now)?;
     }
     let fingerprints = fingerprints(job);
+    let before_is_unknown = before.as_ref().is_none_or(|before| before.identity.is_none());
     if before.is_some_and(|before| before.path != now.path) {
         follow(job, &fingerprints)?;
     }
-    now.write(&job.folder)?;
+    // Which recording the folder is of stays known while that cannot be opened.
+    if now.identity.is_some() || before_is_unknown {
+        now.write(&job.folder)?;
+    }
     Ok(fingerprints)
 }
 
@@ -220,23 +230,41 @@ pub(super) fn fingerprints(job: &Job) -> Vec<String> {
             let is_recording = part == job.recording.as_os_str();
             add(if is_recording { b"the recording" } else { part.as_encoded_bytes() });
         }
-        task.inputs.iter().for_each(|input| add(listing(input, &job.folder, true).as_bytes()));
+        task.inputs
+            .iter()
+            .for_each(|input| add(listing(std::slice::from_ref(input), &job.folder, true).as_bytes()));
         known.push((task.step, format!("{:x}", hash.finalize())));
     }
     known.into_iter().map(|(_, fingerprint)| fingerprint).collect()
 }
 
 fn files_made(output: &Path) -> String {
-    listing(output, Path::new(""), false)
+    listing(&[output], Path::new(""), false)
 }
 
-/// Names, sizes and, if asked for, times of the files at `path`, hashed; those under `except` are not looked at.
-fn listing(path: &Path, except: &Path, with_times: bool) -> String {
+/// A recording, and its settings files, which may lie beside it.
+fn places_of(recording: &Path) -> Vec<PathBuf> {
+    let settings = settings_files(recording).into_iter().filter(|file| !file.starts_with(recording));
+    std::iter::once(recording.to_owned()).chain(settings).collect()
+}
+
+/// The files at `places`, each with its path from there; those under `except` are not looked at.
+fn files_at(places: &[impl AsRef<Path>], except: &Path) -> Vec<(PathBuf, DirEntry)> {
+    let files = places.iter().flat_map(|place| {
+        let place = place.as_ref();
+        let entries = WalkDir::new(place).follow_links(true).sort_by_file_name().into_iter();
+        let files =
+            entries.filter_entry(|e| e.path() != except).flatten().filter(|e| e.file_type().is_file());
+        files.map(move |e| (e.path().strip_prefix(place).unwrap_or(e.path()).to_owned(), e))
+    });
+    files.collect()
+}
+
+/// Names, sizes and, if asked for, times of the files at `places`, hashed; those under `except` are not looked at.
+fn listing(places: &[impl AsRef<Path>], except: &Path, with_times: bool) -> String {
     let mut hash = Sha256::new();
-    let entries = WalkDir::new(path).follow_links(true).sort_by_file_name();
-    for entry in entries.into_iter().filter_entry(|e| e.path() != except).flatten() {
-        let Some(data) = entry.metadata().ok().filter(|m| m.is_file()) else { continue };
-        let name = entry.path().strip_prefix(path).unwrap_or(entry.path());
+    for (name, entry) in files_at(places, except) {
+        let Ok(data) = entry.metadata() else { continue };
         let time = data.modified().ok().and_then(|t| t.duration_since(UNIX_EPOCH).ok());
         let nanoseconds = time.filter(|_| with_times).map_or(0, |t| t.as_nanos());
         hash.update(name.as_os_str().as_encoded_bytes());
@@ -245,22 +273,14 @@ fn listing(path: &Path, except: &Path, with_times: bool) -> String {
     format!("{:x}", hash.finalize())
 }
 
-/// Names and content of the files at `path`, hashed; those under `except` are not looked at.
-fn contents(path: &Path, except: &Path) -> String {
-    let entries = WalkDir::new(path).follow_links(true).sort_by_file_name().into_iter();
-    let files: Vec<PathBuf> = entries
-        .filter_entry(|e| e.path() != except)
-        .flatten()
-        .filter(|e| e.file_type().is_file())
-        .map(walkdir::DirEntry::into_path)
-        .collect();
-    let line = |file: &PathBuf| {
-        let name = file.strip_prefix(path).unwrap_or(file).to_string_lossy();
+/// Names and content of the files at `places`, hashed; those under `except` are not looked at.
+fn contents(places: &[PathBuf], except: &Path) -> String {
+    let line = |(name, entry): &(PathBuf, DirEntry)| {
         // What cannot be read is what its step will say.
-        format!("{name}\0{}\0", file_sha256(file).unwrap_or_default())
+        format!("{}\0{}\0", name.to_string_lossy(), file_sha256(entry.path()).unwrap_or_default())
     };
-    let lines: Vec<String> = files.par_iter().map(line).collect();
-    format!("{:x}", Sha256::digest(lines.concat()))
+    let lines: Vec<String> = files_at(places, except).par_iter().map(line).collect();
+    sha256(lines.concat().as_bytes())
 }
 
 #[cfg(test)]
@@ -274,7 +294,7 @@ mod tests {
         let at = |name: &str| folder.path().join(name);
         std::fs::create_dir(at("in")).unwrap();
         std::fs::write(at("in/a"), b"1").unwrap();
-        let list = || (listing(&at("in"), &at("in/out"), true), files_made(&at("in")));
+        let list = || (listing(&[at("in")], &at("in/out"), true), files_made(&at("in")));
         let first = list();
         assert_eq!(first, list());
         std::fs::create_dir(at("in/out")).unwrap();

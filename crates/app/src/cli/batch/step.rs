@@ -75,7 +75,12 @@ fn make_room(task: &mut Task, status: &Status) -> Result<()> {
     match &mut task.verb {
         Verb::Prepare(args) => args.force = true,
         Verb::Train(args) => {
-            args.resume = goes_on && jobs::checkpoint_path(&task.output).exists();
+            let checkpoint = jobs::checkpoint_path(&task.output);
+            if !goes_on {
+                // Of other settings, or another recording.
+                jobs::remove_file(&checkpoint)?;
+            }
+            args.resume = checkpoint.exists();
             args.force = !args.resume;
         }
         Verb::Eval(args) => args.force = true,
@@ -116,7 +121,7 @@ fn evaluate(args: &EvalArgs) -> Result<Value> {
 }
 
 fn export_found(args: &ExportArgs) -> Result<Value> {
-    let (mut engine, summary) = export::export(args)?;
+    let (mut engine, summary) = export::export(args, true)?;
     if !summary.complete {
         return Err(Error::Cancelled);
     }

@@ -14,13 +14,14 @@ mod train;
 use super::Exit;
 use crate::{
     args::{BenchArgs, BenchVerb},
+    jobs::Material,
     outputs,
 };
 use surgtpgs_core::{
     Result,
     camera::Camera,
     deform::deform,
-    files::OutputFolder,
+    files::{Claim, Earlier, Inputs, OutputFolder},
     raster::{
         Images, Packed,
         bin::bin,
@@ -29,14 +30,18 @@ use surgtpgs_core::{
         reference::ReferenceInput,
     },
     scene::Scene,
+    sequence::Sequence,
 };
 
 pub(super) fn run(args: &BenchArgs) -> Result<Exit> {
     let mut verb = args.verb.clone();
-    let inputs = verb.inputs();
+    let inputs = inputs(&verb)?;
     let output = match verb.output_mut() {
         Some(place) => {
-            let output = outputs::folder(place, outputs::BENCHMARK, &inputs, args.force)?;
+            // Rows of a benchmark that was stopped took long, too.
+            let unfinished = Earlier::Keep;
+            let claim = Claim { unfinished, ..Claim::new(outputs::BENCHMARK, &inputs, args.force) };
+            let output = OutputFolder::claim(place, claim)?;
             output.path().clone_into(place);
             Some(output)
         }
@@ -45,6 +50,25 @@ pub(super) fn run(args: &BenchArgs) -> Result<Exit> {
     let exit = measure(&verb)?;
     output.map_or(Ok(()), OutputFolder::finish)?;
     Ok(exit)
+}
+
+/// What is read.
+fn inputs(verb: &BenchVerb) -> Result<Inputs> {
+    Ok(match verb {
+        BenchVerb::Train(args) => {
+            outputs::inputs_of_material(&args.sequence, &Material::open(&args.sequence)?)
+        }
+        BenchVerb::Frame(args) => {
+            let scene = &args.scene.scene;
+            let recording = Scene::load(scene)?.provenance.sequence_path;
+            Inputs::none().with("the scene", scene).with("the scene's recording", &recording)
+        }
+        BenchVerb::Masks(args) => Inputs::none()
+            .with_recording(&Sequence::open(&args.sequence)?)
+            .with("the model", &args.masks_model),
+        BenchVerb::Codec(args) => Inputs::none().with("the embeddings", &args.embeddings),
+        BenchVerb::Step(_) | BenchVerb::Stress(_) => Inputs::none(),
+    })
 }
 
 fn measure(verb: &BenchVerb) -> Result<Exit> {

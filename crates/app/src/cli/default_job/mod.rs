@@ -93,7 +93,8 @@ fn export_found(
     let options =
         ExportOptions { formats: vec![Format::Cutout, Format::Overlay, Format::Index], ..Default::default() };
     let prompts = jobs::export_prompts(engine);
-    let request = ExportRequest { scene, folder, frames, prompts, options, replace: true };
+    let request =
+        ExportRequest { scene, folder, frames, prompts, options, replace: true, completes_same: false };
     let mut view = ProgressView::default();
     let summary = jobs::export(engine, request, &mut |p| view.show(p))?;
     if summary.complete { Ok(summary.files) } else { Err(Error::Cancelled) }

@@ -27,16 +27,20 @@ use crate::{
     gaussian::Gaussians,
     grid::Mask,
     prepare::EncoderIdentity,
+    reading::open_regular,
     sequence::Class,
 };
 use compact::Steps;
 use ndarray::{Array1, Array2};
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
+use std::{collections::HashMap, io::Read, path::Path};
 use tensors::{Reader, Writer};
 
 /// Version of the layout above; a reader refuses a newer one.
 const VERSION: u32 = 1;
 const METADATA_KEY: &str = "surgtpgs";
+/// Bytes of the description at the beginning of a safetensors file; the format allows no more.
+const MOST_HEADER: u64 = 100_000_000;
 /// More basis functions than this are taken for damage.
 const MAX_BASES: usize = 1024;
 
@@ -150,6 +154,25 @@ fn pack_bits(mask: &Mask) -> Vec<u8> {
     (0..mask.height).flat_map(|y| mask.row(y).chunks(8).map(pack).collect::<Vec<_>>()).collect()
 }
 
+/// Tells if the file at `path` is a safetensors file that names this program in its metadata.
+pub(super) fn is_own(path: &Path) -> bool {
+    #[derive(serde::Deserialize)]
+    struct Names {
+        #[serde(rename = "__metadata__")]
+        metadata: HashMap<String, String>,
+    }
+    let header = || {
+        let mut file = open_regular(path)?;
+        let mut len = [0; 8];
+        file.read_exact(&mut len)?;
+        let mut header = Vec::new();
+        file.take(u64::from_le_bytes(len).min(MOST_HEADER)).read_to_end(&mut header)?;
+        std::io::Result::Ok(header)
+    };
+    let names = header().ok().and_then(|header| serde_json::from_slice::<Names>(&header).ok());
+    names.is_some_and(|names| names.metadata.keys().any(|key| key.starts_with(METADATA_KEY)))
+}
+
 /// Memory for what the file says that it holds: its tensors twice, as stored and as used, and the weights of all Gaussians.
 pub(super) fn memory_bytes(bytes: &[u8]) -> Option<u64> {
     let (_, metadata) = SafeTensors::read_metadata(bytes).ok()?;
@@ -163,8 +186,14 @@ pub(super) fn memory_bytes(bytes: &[u8]) -> Option<u64> {
     let stored = reader.tensors().into_iter().map(values).fold(0, u64::saturating_add);
     let bases = reader.u32("basis_weights.shape").ok().and_then(|shape| shape.first().map(|n| *n as usize));
     let bases = bases.or_else(|| reader.view("basis_weights").ok()?.shape().first().copied()).unwrap_or(0);
-    let weights =
-        product(&[header.gaussians, bases, stride_for(header.latent_dim.min(16))].map(|n| n as u64));
+    // Centres and widths are shared, or as many as the weights.
+    let has_own_bases = ["basis_centres.shape", "basis_centres"].iter().any(|name| match reader.u32(name) {
+        Ok(shape) => shape.len() > 1,
+        Err(_) => reader.rank(name).is_some_and(|rank| rank > 1),
+    });
+    let tables = if has_own_bases { 3 } else { 1 };
+    let stride = stride_for(header.latent_dim.min(16));
+    let weights = product(&[header.gaussians, bases, stride, tables].map(|n| n as u64));
     Some(stored.saturating_mul(2).saturating_add(weights).saturating_mul(4))
 }
 

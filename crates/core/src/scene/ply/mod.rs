@@ -13,7 +13,14 @@ use table::Table;
 pub(super) const MAGIC: &[u8] = b"ply";
 
 /// The comment of the files that this program writes.
-pub(super) const MADE_BY: &str = "written by surgtpgs";
+const MADE_BY: &str = "written by surgtpgs";
+
+/// Tells if a file that begins so is a `.ply` with the comment of this program.
+pub(super) fn is_own(start: &[u8]) -> bool {
+    let mut lines = start.split(|byte| *byte == b'\n').take_while(|line| !line.starts_with(b"end_header"));
+    let comment = format!("comment {MADE_BY}");
+    start.starts_with(MAGIC) && lines.any(|line| line == comment.as_bytes())
+}
 
 /// Reads either kind. `weights` finds those of the released code's feature network, which is not in its `.ply`.
 pub(super) fn from_bytes(

@@ -84,7 +84,10 @@ impl Table {
             Encoding::Ascii => {
                 let text = String::from_utf8_lossy(payload);
                 let numbers = text.split_ascii_whitespace().take(rows * columns).map(|word| {
-                    let damaged = |_| format!("this is not a complete .ply file: {word:.20?} is no number");
+                    let damaged = |_| {
+                        let beginning: String = word.chars().take(20).collect();
+                        format!("this is not a complete .ply file: {beginning:?} is no number")
+                    };
                     word.parse().map_err(damaged)
                 });
                 numbers.collect::<Result<_, _>>()?

@@ -54,7 +54,7 @@ fn masks_that_hide_nearly_everything_are_called_inverted() {
     let sequence = Sequence::open(&recording).unwrap();
     let decided = sequence.flip_masks().unwrap();
     assert_eq!(decided, folder.path().canonicalize().unwrap().join("clip.surgtpgs.toml"));
-    assert!(std::fs::read_to_string(&decided).unwrap().ends_with("\n[masks]\nkeep = \"white\"\n"));
+    assert!(std::fs::read_to_string(&decided).unwrap().ends_with("keep_masks = \"white\"\n"));
     assert_eq!(std::fs::read_dir(&recording).unwrap().count(), 2, "nothing is written into the recording");
     let found = report(&recording);
     assert!(found.ok && !any(&found.warnings, "inverted"), "{found:?}");
@@ -76,7 +76,13 @@ fn masks_are_flipped_back_and_other_settings_stay() {
     Sequence::open(&recording).unwrap().flip_masks().unwrap();
     let sequence = Sequence::open(&recording).unwrap();
     assert_eq!((kept(), sequence.frames_per_second()), (before, Some(25.0)));
-    std::fs::write(folder.path().join("clip.surgtpgs.toml"), "[masks]\nkeep = \"white\"\n").unwrap();
+    Sequence::open(&recording).unwrap().flip_masks().unwrap();
+    write_pictures(&at("images"), &["1.png"]);
+    write_grey(&at("masks/1.png"), 2, 255);
+    let sequence = Sequence::open(&recording).unwrap();
+    assert_eq!(sequence.mask(0).unwrap().count(), before, "it is another recording now");
+    assert!(any(&report(&recording).warnings, "about other frames"));
+    std::fs::write(folder.path().join("clip.surgtpgs.toml"), "keep_masks = \"white\"\n").unwrap();
     assert!(sequence.flip_masks().unwrap_err().to_string().contains("did not write"), "somebody else's file");
 }
 

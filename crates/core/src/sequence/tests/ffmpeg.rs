@@ -71,6 +71,12 @@ fn what_may_be_whole_is_not_refused() {
     (0..2).for_each(|i| varying += &shown(20 + i, 0.8 + f64::from(i as u32), (64, 48)));
     let varying = WHOLE.replace("02.00", "03.00") + &varying;
     assert!(said(&varying, None, &ALL).unwrap().is_empty());
+    // One frame, shown for a second.
+    let slide = WHOLE.replace("02.00", "01.00").replace("25 fps", "1 fps") + &frames(1);
+    assert!(said(&slide, None, &ALL).unwrap().is_empty());
+    let slide =
+        WHOLE.replace("02.00", "09.00") + &shown(0, 0.0, (64, 48)).replace(" pos:", " duration_time:9 pos:");
+    assert!(said(&slide, None, &ALL).unwrap().is_empty());
     // Those before the first that needs no other.
     assert!(said(&(WHOLE.to_owned() + &frames(47)), Some(50), &ALL).unwrap()[0].contains("shows 47"));
     // Damage within it is told.
