@@ -97,7 +97,9 @@ impl Source {
             decoder.set_ignore_iccp_chunk(true);
             decoder.set_transformations(transformations);
             fits(decoder.read_header_info().map_err(wrong)?.size())?;
-            return Ok(Self::Png(Box::new(decoder.read_info().map_err(wrong)?)));
+            let reader = decoder.read_info().map_err(wrong)?;
+            require_palette(reader.info()).map_err(|what| unreadable(path, what))?;
+            return Ok(Self::Png(Box::new(reader)));
         }
         let wrong = |e: ImageError| unreadable(path, &e.to_string());
         let mut decoder = JpegDecoder::new(file).map_err(wrong)?;
@@ -109,6 +111,17 @@ impl Source {
         decoder.set_limits(limits).map_err(wrong)?;
         Ok(Self::Jpeg(Box::new(decoder)))
     }
+}
+
+/// Errs where a palette is not made of whole colours, at most one for each place, which the decoder takes for granted.
+fn require_palette(info: &png::Info<'_>) -> Result<(), &'static str> {
+    let Some(palette) = info.palette.as_deref().filter(|_| info.color_type == ColorType::Indexed) else {
+        return Ok(());
+    };
+    let (colours, rest) = palette.as_chunks::<3>();
+    let opacities = info.trns.as_ref().map_or(0, |opacities| opacities.len());
+    let is_whole = rest.is_empty() && (1..=256).contains(&colours.len()) && opacities <= colours.len();
+    if is_whole { Ok(()) } else { Err("its palette is damaged") }
 }
 
 fn unreadable(path: &Path, what: &str) -> Error {

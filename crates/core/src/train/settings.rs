@@ -376,7 +376,8 @@ mod tests {
     fn what_length_costs_is_told_from_where_bases_run_out() {
         let settings = TrainSettings::default();
         assert_eq!(settings.num_bases(LONGEST), LONGEST / FRAMES_PER_BASIS + 1);
-        assert!(LONGEST / FRAMES_PER_BASIS < MAX_BASES && (LONGEST + 1) / FRAMES_PER_BASIS + 1 > MAX_BASES);
+        const { assert!(LONGEST / FRAMES_PER_BASIS < MAX_BASES) };
+        const { assert!((LONGEST + 1) / FRAMES_PER_BASIS + 1 > MAX_BASES) };
         assert_eq!(settings.length_warning(LONGEST), None);
         let text = settings.length_warning(800).unwrap();
         assert!(
