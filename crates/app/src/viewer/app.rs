@@ -311,7 +311,7 @@ impl ViewerApp {
         self.poll_training(ctx);
         self.poll_saving();
         if let Some(problem) = self.quality.as_mut().and_then(Quality::poll) {
-            self.quality = None;
+            self.quality = self.quality.take().filter(Quality::is_measured);
             self.problem = Some(problem);
         }
         if let Some(problem) = self.export.as_mut().and_then(ExportDialog::poll) {

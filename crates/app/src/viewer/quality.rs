@@ -9,7 +9,11 @@ use super::{
 };
 use crate::evaluation::{self, Evaluation, FrameRow, Report};
 use egui::{Context, Grid, ProgressBar, RichText, ScrollArea, Ui};
-use std::{collections::BTreeMap, path::PathBuf, sync::Arc};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 use surgtpgs_core::files::Inputs;
 
 /// Height of the window that the tables leave free; what does not fit is scrolled to.
@@ -18,8 +22,9 @@ const ROW_HEIGHT: f32 = 20.0;
 
 /// The sheet, from measuring to saving.
 pub(crate) struct Quality {
-    /// Where the tables would be saved.
+    /// Where the tables would be saved, and what that is named after.
     folder: PathBuf,
+    name: String,
     /// What is measured, and against what.
     inputs: Inputs,
     state: State,
@@ -50,7 +55,7 @@ impl Quality {
         let inputs = Inputs::none()
             .with("the scene", &info.path)
             .with_some("the scene's recording", info.sequence.as_deref());
-        Some(Self { folder, inputs, state: State::Measuring(job) })
+        Some(Self { folder, name: info.name.clone(), inputs, state: State::Measuring(job) })
     }
 
     /// Takes what the thread made; what went wrong, if something did.
@@ -64,6 +69,9 @@ impl Quality {
             State::Saving(evaluation, job) => match job.poll()? {
                 JobEvent::Done(Ok(())) => (State::Saved(evaluation.clone()), None),
                 JobEvent::Done(Err(problem)) => {
+                    // Somebody else may have taken the name.
+                    let parent = self.folder.parent().unwrap_or(Path::new("")).to_owned();
+                    self.folder = free_folder(&parent, &self.name, "quality");
                     (State::Measured(evaluation.clone()), Some(problem.to_string()))
                 }
                 _ => return None,
@@ -72,6 +80,10 @@ impl Quality {
         };
         self.state = next;
         problem
+    }
+
+    pub(crate) fn is_measured(&self) -> bool {
+        !matches!(self.state, State::Measuring(_))
     }
 
     fn save(&mut self, ctx: &Context) {

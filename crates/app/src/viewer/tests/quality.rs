@@ -13,9 +13,14 @@ fn classes_and_frames_are_measured_saved_and_gone_to() {
     for text in ["35.00 dB", "30.00 dB", "0.875", "liver", "0.500", "0.667", "40.00 dB"] {
         assert!(window.shows(text), "{text}");
     }
+    // Somebody else takes the name that was offered.
+    std::fs::create_dir(folder.path().join("clip-quality")).unwrap();
+    std::fs::write(folder.path().join("clip-quality/notes.txt"), "mine").unwrap();
+    window.click("Save tables");
+    window.until_shown("the folder is not empty");
     window.click("Save tables");
     window.until_shown("Saved in");
-    let saved = folder.path().join("clip-quality");
+    let saved = folder.path().join("clip-quality-2");
     let classes = std::fs::read_to_string(saved.join("classes.csv")).unwrap();
     assert!(classes.contains("threshold,0,liver,2,1,1,4,0.5,"), "{classes}");
     assert!(saved.join("frames.csv").is_file() && saved.join("eval.json").is_file());
