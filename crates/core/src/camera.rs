@@ -5,10 +5,10 @@ use glam::{Affine3A, Vec3};
 /// Longest side of an image, in pixels.
 pub const MAX_IMAGE_SIDE: usize = 16384;
 
-/// Most pixels of an image: those of eight 4K frames.
+/// Largest number of pixels of an image: that of eight 4K frames.
 pub const MAX_IMAGE_PIXELS: usize = 1 << 26;
 
-/// Errs where an image of this size is none, or one too large; the text says what it is.
+/// Returns an error if an image of this size is empty or too large; its text names the size and the limits.
 pub fn check_image_size(width: usize, height: usize) -> Result<(), String> {
     let is_side = |n: usize| (1..=MAX_IMAGE_SIDE).contains(&n);
     if is_side(width) && is_side(height) && width * height <= MAX_IMAGE_PIXELS {
@@ -54,7 +54,7 @@ impl Camera {
         }
     }
 
-    /// Whether an image can have this size and lens, and the pose is made of numbers.
+    /// Returns `true` if an image can have this size and lens, and the pose is made of finite numbers.
     pub fn is_usable(&self) -> bool {
         let lens = [self.fx, self.fy, self.cx, self.cy];
         check_image_size(self.width as usize, self.height as usize).is_ok()
@@ -63,7 +63,7 @@ impl Camera {
             && self.camera_from_world.is_finite()
     }
 
-    /// The same view at another resolution (pixel grid scaled, field of view kept).
+    /// Returns the same view at another resolution (the pixel grid is scaled, the field of view kept).
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let (sx, sy) = (width as f32 / self.width as f32, height as f32 / self.height as f32);
         Self {
@@ -77,20 +77,21 @@ impl Camera {
         }
     }
 
-    /// The world point seen at continuous pixel position (u, v) at depth `z` (scene units).
-    /// The centre of pixel (i, j) is (i + 0.5, j + 0.5).
+    /// Returns the world point seen at continuous pixel position (u, v) at depth `z` (scene units). The
+    /// centre of pixel (i, j) is (i + 0.5, j + 0.5).
     pub fn unproject(&self, u: f32, v: f32, z: f32) -> Vec3 {
         let in_camera = Vec3::new((u - self.cx) / self.fx * z, (v - self.cy) / self.fy * z, z);
         self.camera_from_world.inverse().transform_point3(in_camera)
     }
 
-    /// Continuous pixel position and depth of a world point; `None` at or behind the camera plane.
+    /// Returns the continuous pixel position and depth of a world point; `None` at or behind
+    /// the camera plane.
     pub fn project(&self, point_in_world: Vec3) -> Option<(f32, f32, f32)> {
         let p = self.camera_from_world.transform_point3(point_in_world);
         (p.z > 0.0).then(|| (self.fx * p.x / p.z + self.cx, self.fy * p.y / p.z + self.cy, p.z))
     }
 
-    /// Where the camera stands, in the world.
+    /// Returns the position of the camera in the world.
     pub fn position_in_world(&self) -> Vec3 {
         self.camera_from_world.inverse().translation.into()
     }

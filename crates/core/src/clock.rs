@@ -1,4 +1,4 @@
-//! Where time goes, pass by pass.
+//! Measures the time spent in each pass of a chain of passes.
 
 use std::{
     marker::PhantomData,
@@ -7,13 +7,13 @@ use std::{
 
 /// The passes of a chain, as a fieldless enum whose numbers count from 0.
 pub trait PassName: Copy + 'static {
-    /// All of them, in order.
+    /// All passes, in order.
     const ALL: &'static [Self];
-    /// Its place in [`PassName::ALL`].
+    /// Index of the pass in [`PassName::ALL`].
     fn number(self) -> usize;
 }
 
-/// Adds up how often each pass ran, and how long.
+/// Counts the runs of each pass and adds up their durations.
 #[derive(Clone, Debug)]
 pub struct PassClock<P> {
     spent: Vec<Duration>,
@@ -30,18 +30,18 @@ impl<P: PassName> Default for PassClock<P> {
 }
 
 impl<P: PassName> PassClock<P> {
-    /// The first pass begins.
+    /// Starts the clock: the first pass begins.
     pub fn start(&mut self) {
         self.lap = Some(Instant::now());
     }
 
-    /// `pass` is done; the next one begins.
+    /// Counts a run of `pass`, which ends here; the next pass begins.
     pub fn lap(&mut self, pass: P) {
         self.runs[pass.number()] += 1;
         self.waited(pass);
     }
 
-    /// What went by since the last lap belongs to `pass` too, which was counted before.
+    /// Adds the time since the last lap to `pass` without counting another run.
     pub fn waited(&mut self, pass: P) {
         let now = Instant::now();
         if let Some(before) = self.lap.replace(now) {
@@ -49,23 +49,23 @@ impl<P: PassName> PassClock<P> {
         }
     }
 
-    /// `pass` ran for so long, by another clock.
+    /// Counts a run of `pass` whose duration another clock measured.
     pub fn add(&mut self, pass: P, spent: Duration) {
         self.runs[pass.number()] += 1;
         self.spent[pass.number()] += spent;
     }
 
-    /// Seconds spent in a pass.
+    /// Returns the seconds spent in a pass.
     pub fn seconds(&self, pass: P) -> f64 {
         self.spent[pass.number()].as_secs_f64()
     }
 
-    /// How often a pass ran.
+    /// Returns the number of runs of a pass.
     pub fn runs(&self, pass: P) -> usize {
         self.runs[pass.number()]
     }
 
-    /// How many of the passes have run since `earlier`.
+    /// Returns the number of passes that have run since `earlier`.
     pub fn ran_since(&self, earlier: &Self) -> usize {
         self.runs.iter().zip(&earlier.runs).filter(|(now, before)| now > before).count()
     }

@@ -1,16 +1,17 @@
-//! One error type for the library: what happened, expected and found, what to do, path last.
+//! The library's error type. A message says what happened, what was expected and found, and what to do;
+//! the path comes last.
 
 use std::path::{Path, PathBuf};
 
-/// Why something could not be done.
+/// The reason why something could not be done.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// What was given is wrong; `what` says what was expected and found, `hint` what to do.
+    /// The input is wrong; `what` says what was expected and found, `hint` what to do.
     #[error("{what}. {hint}{}", at(.path))]
     Input {
-        /// What happened, expected and found, without a full stop.
+        /// Description of what happened, expected and found, without a full stop.
         what: String,
-        /// What the user can do about it; a full sentence or empty.
+        /// Advice on what the user can do about it; a full sentence or empty.
         hint: String,
         /// The file or folder concerned.
         path: Option<PathBuf>,
@@ -18,15 +19,15 @@ pub enum Error {
     /// The machine lacks something (a program, a library, an adapter).
     #[error("{what}. {hint}")]
     Missing {
-        /// What is missing and what it is needed for, without a full stop.
+        /// Description of what is missing and what it is needed for, without a full stop.
         what: String,
-        /// How to get it.
+        /// Advice on how to get it.
         hint: String,
     },
     /// Reading or writing failed.
     #[error("could not {doing}: {source}{}", at(&Some(.path.clone())))]
     Io {
-        /// What was being done, e.g. "read the image".
+        /// Description of what was being done, e.g. "read the image".
         doing: String,
         /// The cause.
         source: std::io::Error,
@@ -46,17 +47,19 @@ fn at(path: &Option<PathBuf>) -> String {
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 impl Error {
-    /// Wrong input without a file: `what` (no full stop) and `hint` (a sentence, or empty).
+    /// Creates an error about wrong input without a file: `what` (no full stop) and `hint` (a
+    /// sentence, or empty).
     pub fn input(what: impl Into<String>, hint: impl Into<String>) -> Self {
         Self::Input { what: what.into(), hint: hint.into(), path: None }
     }
 
-    /// Wrong input in the file or folder `path`.
+    /// Creates an error about wrong input in the file or folder `path`.
     pub fn input_at(path: impl AsRef<Path>, what: impl Into<String>, hint: impl Into<String>) -> Self {
         Self::Input { what: what.into(), hint: hint.into(), path: Some(path.as_ref().to_owned()) }
     }
 
-    /// A failed read or write; use as `.map_err(|e| Error::io("read the image", path, e))`.
+    /// Creates an error about a failed read or write; use as
+    /// `.map_err(|e| Error::io("read the image", path, e))`.
     pub fn io(doing: impl Into<String>, path: impl AsRef<Path>, source: std::io::Error) -> Self {
         Self::Io { doing: doing.into(), source, path: path.as_ref().to_owned() }
     }

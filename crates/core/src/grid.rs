@@ -1,4 +1,4 @@
-//! A row-major image of anything: labels, depth, masks, scores.
+//! Row-major images of any value type: labels, depth, masks, scores.
 
 /// `width × height` values, row by row from the top left.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -11,7 +11,7 @@ pub struct Grid<T> {
     pub data: Vec<T>,
 }
 
-/// Per-pixel yes or no; what `true` means is said where the mask comes from.
+/// Yes or no for each pixel; the producer of a mask documents the meaning of `true`.
 pub type Mask = Grid<bool>;
 
 impl<T> Grid<T> {
@@ -21,7 +21,7 @@ impl<T> Grid<T> {
         Self { width, height, data }
     }
 
-    /// One row.
+    /// Returns row `y`.
     pub fn row(&self, y: usize) -> &[T] {
         &self.data[y * self.width..(y + 1) * self.width]
     }
@@ -33,12 +33,12 @@ impl<T> Grid<T> {
 }
 
 impl<T: Copy> Grid<T> {
-    /// A grid filled with one value.
+    /// Creates a grid filled with one value.
     pub fn filled(width: usize, height: usize, value: T) -> Self {
         Self { width, height, data: vec![value; width * height] }
     }
 
-    /// The same picture in another size, each value that of the nearest; empty stays empty.
+    /// Resamples to another size by nearest neighbour; an empty grid stays empty.
     pub fn sampled(&self, width: usize, height: usize) -> Self {
         if self.data.is_empty() {
             return Self { width: 0, height: 0, data: Vec::new() };
@@ -50,7 +50,7 @@ impl<T: Copy> Grid<T> {
         Self { width, height, data: (0..width * height).map(at).collect() }
     }
 
-    /// The value at (x, y).
+    /// Returns the value at (x, y).
     pub fn at(&self, x: usize, y: usize) -> T {
         self.data[y * self.width + x]
     }
@@ -62,7 +62,7 @@ impl<T: Copy> Grid<T> {
 }
 
 impl Mask {
-    /// How many pixels are true.
+    /// Returns the number of pixels that are `true`.
     pub fn count(&self) -> usize {
         self.data.iter().filter(|&&v| v).count()
     }

@@ -1,13 +1,13 @@
-//! Eight numbers at a time: what several kernels share.
+//! Vectors of eight numbers, shared by several kernels.
 
 use fearless_simd::{f32x8, prelude::*, u32x8};
 use fearless_simd_macros::simd;
 
-/// Numbers in a vector. Wider ones make the rasterizer run out of registers with AVX2, and waste more lanes beside the
-/// edges of small splats.
+/// Numbers in a vector. Wider vectors make the rasterizer run out of registers with AVX2, and waste more
+/// lanes at the edges of small splats.
 pub(crate) const LANES: usize = 8;
 
-/// The `inside` first of [`LANES`] values, 0 for the others.
+/// Loads the first `inside` of [`LANES`] values; the others are 0.
 #[inline(always)]
 pub(crate) fn load_block(values: &[f32], inside: usize) -> [f32; LANES] {
     match values.first_chunk() {
@@ -16,8 +16,8 @@ pub(crate) fn load_block(values: &[f32], inside: usize) -> [f32; LANES] {
     }
 }
 
-/// 2^x for x in [-126, 126], relative error below 2e-7: nearest integer by the magic number, then the minimax
-/// polynomial of degree 5. Any number at all below.
+/// 2^x for x in [-126, 126], relative error below 2e-7: nearest integer by the magic number, then the
+/// minimax polynomial of degree 5. For x below -126 the result may be any number.
 #[simd]
 pub(crate) fn exp2<S: Simd>(simd: S, x: f32x8<S>) -> f32x8<S> {
     const MAGIC: f32 = 12_582_912.0;

@@ -6,7 +6,8 @@
 //!          text embedding ─▶ relevancy ─▶ mask ─▶ overlay ─▶ export ◀─┘ raster at time t
 //! ```
 //!
-//! No GPU, window, ONNX, printing or network here: those live in the crates that depend on this one.
+//! There is no GPU, window, ONNX, printing or network code here: it lives in the crates that
+//! depend on this one.
 
 pub mod clock;
 pub mod error;

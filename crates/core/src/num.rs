@@ -1,4 +1,4 @@
-//! The only exp, ln, sigmoid and normalise that touch data: they say what happens at the edges.
+//! The only exp, ln, sigmoid and normalise applied to data; their behaviour at the edges is documented.
 
 /// 1 / (1 + e^-x) without overflow; NaN stays NaN.
 pub fn sigmoid(x: f32) -> f32 {
@@ -10,13 +10,13 @@ pub fn sigmoid(x: f32) -> f32 {
     }
 }
 
-/// The inverse of [`sigmoid`]; `p` is first kept 1e-6 away from 0 and 1.
+/// The inverse of [`sigmoid`]; `p` is first clamped to [1e-6, 1 - 1e-6].
 pub fn logit(p: f32) -> f32 {
     let p = p.clamp(1e-6, 1.0 - 1e-6);
     (p / (1.0 - p)).ln()
 }
 
-/// `v / ‖v‖`, or `None` where the length is zero or not finite.
+/// `v / ‖v‖`, or `None` if the length is zero or not finite.
 pub fn normalised(v: &[f32]) -> Option<Vec<f32>> {
     let length = norm(v);
     (length > 1e-12 && length.is_finite()).then(|| v.iter().map(|x| x / length).collect())
@@ -32,8 +32,8 @@ pub fn dot(a: &[f32], b: &[f32]) -> f32 {
     a.iter().zip(b).map(|(&x, &y)| f64::from(x) * f64::from(y)).sum::<f64>() as f32
 }
 
-/// The `q`-th percentile (0–100) by linear interpolation, as NumPy's default; `None` if empty.
-/// NaN must be filtered out before.
+/// The `q`-th percentile (0–100) by linear interpolation, as NumPy's default; `None` if empty. NaN must
+/// be filtered out before the call.
 pub fn percentile(values: &mut [f32], q: f64) -> Option<f32> {
     if values.is_empty() {
         return None;

@@ -1,4 +1,4 @@
-//! What was found, in space: where it is, how far it reaches, how much of it is seen.
+//! Measures of a found object in space: position, extent and visible area.
 
 use crate::{
     camera::Camera,
@@ -7,20 +7,21 @@ use crate::{
 };
 use glam::{DMat3, DVec3};
 
-/// Some Gaussians at one time, as one body.
+/// A set of Gaussians at one time, treated as one body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Body {
-    /// Mean place, scene units.
+    /// Mean position, scene units.
     pub centroid: [f64; 3],
-    /// Root mean square distance from it, scene units.
+    /// Root mean square distance from the centroid, scene units.
     pub spread: f64,
-    /// Volume, scene units³, of the ellipsoid that spreads as they do: a proxy, since Gaussians lie on what is seen.
+    /// Volume, scene units³, of the uniform ellipsoid with the same covariance. It is a proxy, since
+    /// Gaussians lie on visible surfaces only.
     pub volume: f64,
 }
 
 impl Body {
-    /// Of the Gaussians `chosen`, each weighing its opacity times the product of its two larger scales; `None` for none,
-    /// or where nothing weighs.
+    /// Measures the Gaussians `chosen`. Each weighs its opacity times the product of its two larger
+    /// scales. `None` if there are no Gaussians or nothing has weight.
     pub fn of(deformed: &Deformed, chosen: &[usize]) -> Option<Self> {
         let place = |i: usize| DVec3::from(deformed.means[i].map(f64::from));
         let weight = |i: usize| {
@@ -34,14 +35,14 @@ impl Body {
             sum + DMat3::from_cols(d * d.x, d * d.y, d * d.z) * (weight(i) / total)
         });
         let spread = (covariance.x_axis.x + covariance.y_axis.y + covariance.z_axis.z).sqrt();
-        // A ball of radius r that is filled evenly has r² / 5 along each axis.
+        // A uniform ball of radius r has a variance of r² / 5 along each axis.
         let volume = 4.0 / 3.0 * std::f64::consts::PI * (125.0 * covariance.determinant().max(0.0)).sqrt();
         (total > 0.0 && middle.is_finite()).then(|| Self { centroid: middle.to_array(), spread, volume })
     }
 }
 
-/// The area of the found pixels at their depth, facing the camera, in scene units²; pixels without depth do not count.
-/// 0 if sizes differ.
+/// Area of the found pixels at their depth, as if they faced the camera, in scene units². Pixels without
+/// depth do not count. 0 if sizes differ.
 pub fn seen_area(found: &Mask, depth: &Grid<f32>, camera: &Camera) -> f64 {
     if found.data.len() != depth.data.len() {
         return 0.0;

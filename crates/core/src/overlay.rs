@@ -1,4 +1,4 @@
-//! Drawing what was found on top of a frame; the CPU twin of `shaders/overlay.wgsl`.
+//! Draws found regions on top of a frame; the CPU twin of `shaders/overlay.wgsl`.
 
 use crate::{
     grid::{Grid, Mask},
@@ -7,29 +7,29 @@ use crate::{
 use image::RgbImage;
 use rayon::prelude::*;
 
-/// How a found region is drawn.
+/// Style in which a found region is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum OverlayStyle {
-    /// A coloured contour with a dark halo: the surgeon's default.
+    /// A coloured contour with a dark halo: the default.
     Outline,
-    /// A translucent fill with contour.
+    /// A translucent fill with a contour.
     Fill,
-    /// The score itself as colour, fixed range 0–1, never normalised per frame.
+    /// The score itself as colour, with the fixed range 0–1, never normalised per frame.
     Heatmap,
 }
 
-/// How what was found is drawn.
+/// Style and opacities with which found regions are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default)]
 pub struct OverlayLook {
     /// Contours, fills or heatmap.
     pub style: OverlayStyle,
-    /// Of fills and heatmaps, 0–1.
+    /// Opacity of fills and heatmaps, 0–1.
     pub opacity: f32,
-    /// Of contours and their halos, 0–1.
+    /// Opacity of contours and their halos, 0–1.
     pub outline_opacity: f32,
-    /// Whether instruments lie over what was found; see [`overlay_layers`].
+    /// `true` if instruments are drawn over the found regions; see [`overlay_layers`].
     pub below_instruments: bool,
 }
 
@@ -40,33 +40,34 @@ impl Default for OverlayLook {
 }
 
 impl OverlayLook {
-    /// The same within what is possible and can be seen, whatever a file says.
+    /// Clamps the opacities to values that are valid and visible, whatever a file says.
     pub fn mended(self) -> Self {
         let share = |v: f32, least: f32| if v.is_finite() { v.clamp(least, 1.0) } else { 1.0 };
         Self { opacity: share(self.opacity, 0.05), outline_opacity: share(self.outline_opacity, 0.1), ..self }
     }
 }
 
-/// One prompt to draw.
+/// Scores of one prompt, with the threshold and colour to draw them.
 #[derive(Clone, Copy, Debug)]
 pub struct OverlayPrompt<'a> {
-    /// Score image of the frame's size.
+    /// Score image at the frame's size.
     pub scores: &'a Grid<f32>,
-    /// Score above which a pixel is found.
+    /// Pixels with a score above this are found.
     pub threshold: f32,
     /// The prompt's own colour.
     pub colour: [u8; 3],
 }
 
-/// Width of a contour, px; it lies inside the found region.
+/// Width of a contour, px; the contour lies inside the found region.
 pub const CONTOUR_WIDTH: u32 = 2;
-/// How much the halo, 1 px on either side of a contour, darkens: contours stay visible on any tissue.
+/// Amount by which the halo, 1 px on either side of a contour, darkens the frame. It keeps contours
+/// visible on any tissue.
 pub const HALO_DARKNESS: f32 = 0.6;
-/// How far a full score's colour is mixed towards white.
+/// Share of white mixed into the colour of a full score.
 pub const HEAT_WHITENING: f32 = 0.6;
 
-/// Draws `prompts` over `frame`, later ones over earlier ones. Contours are [`CONTOUR_WIDTH`] px at the frame's size. A
-/// prompt whose scores have another size is not drawn; NaN is not found.
+/// Draws `prompts` over `frame`, later ones over earlier ones. Contours are [`CONTOUR_WIDTH`] px wide at
+/// the frame's size. A prompt whose scores have another size is not drawn. NaN counts as not found.
 pub fn overlay(frame: &RgbImage, prompts: &[OverlayPrompt<'_>], look: OverlayLook) -> RgbImage {
     let OverlayLook { style, opacity, outline_opacity, .. } = look;
     let (width, height) = (frame.width() as usize, frame.height() as usize);
@@ -102,9 +103,9 @@ pub fn overlay(frame: &RgbImage, prompts: &[OverlayPrompt<'_>], look: OverlayLoo
     out
 }
 
-/// As [`overlay`], and if the look says so under the instruments: their pixels stay as they are in the frame. Instruments are
-/// the pixels of `tools` (sampled at the frame's size) and what the prompts marked as instruments (`true`) found; those prompts
-/// are drawn on top.
+/// Draws `prompts` as [`overlay`] does. If the look says so, they lie below the instruments, whose pixels
+/// stay as they are in the frame. Instruments are the pixels of `tools` (sampled at the frame's size) and
+/// those found by the prompts marked as instruments (`true`). Those prompts are drawn on top.
 pub fn overlay_layers(
     frame: &RgbImage,
     prompts: &[(OverlayPrompt<'_>, bool)],
@@ -134,8 +135,8 @@ fn to_bytes(colour: [f32; 3]) -> [u8; 3] {
     colour.map(|v| (v + 0.5) as u8)
 }
 
-/// What the pixels are to the region a prompt found, by city-block distance: up to [`CONTOUR_WIDTH`] inside the border is
-/// contour, the next pixel on either side halo. The image's edge is no border.
+/// Zones of the region that a prompt found, by city-block distance from its border. Up to [`CONTOUR_WIDTH`]
+/// inside the border is contour, the next pixel on either side is halo. The image's edge is no border.
 struct Zones {
     inside: Bits,
     contour: Bits,
@@ -153,7 +154,7 @@ impl Zones {
         Self { contour: found.without(&within), inside, halo }
     }
 
-    /// Adds the pixels of row `y` that are drawn.
+    /// Adds the drawn pixels of row `y`.
     fn mark(&self, y: usize, with_inside: bool, touched: &mut [u64]) {
         let inside = if with_inside { self.inside.row(y) } else { &[] };
         for row in [inside, self.contour.row(y), self.halo.row(y)] {
@@ -181,8 +182,8 @@ impl Zones {
     }
 }
 
-/// The highest score of a pixel as colour: black over the prompt's colour to white, so that it reads without hue, and
-/// the more opaque the higher. Several prompts stay apart by their hues.
+/// Draws the highest score of a pixel as colour: from black through the prompt's colour to white, so that it
+/// can be read without hue. The higher the score, the more opaque. Several prompts differ by their hues.
 fn heat(base: [f32; 3], prompts: &[&OverlayPrompt<'_>], i: usize, opacity: f32) -> [f32; 3] {
     let mut best: Option<(f32, [u8; 3])> = None;
     for prompt in prompts {
@@ -203,7 +204,7 @@ fn heat(base: [f32; 3], prompts: &[&OverlayPrompt<'_>], i: usize, opacity: f32) 
     mix(base, ramp, opacity * score)
 }
 
-/// `a` where `share` is 0, `b` where it is 1.
+/// Returns `a` if `share` is 0 and `b` if it is 1.
 fn mix(a: [f32; 3], b: [f32; 3], share: f32) -> [f32; 3] {
     std::array::from_fn(|c| a[c] + (b[c] - a[c]) * share.clamp(0.0, 1.0))
 }
@@ -216,7 +217,7 @@ mod tests {
     const GREY: [u8; 3] = [100; 3];
     const GREEN: [u8; 3] = [0, 200, 80];
 
-    /// A disc of score 0.9 in a field of 0.1.
+    /// Draws a disc of score 0.9 in a field of 0.1.
     fn disc(size: usize) -> Grid<f32> {
         let centre = size as f32 / 2.0;
         let score = |i: usize| {
@@ -244,7 +245,7 @@ mod tests {
     fn an_outline_is_contour_between_halos_and_leaves_the_rest_alone() {
         let picture = draw(&disc(40), OverlayStyle::Outline, 1.0);
         let dark = Rgb([40; 3]);
-        // Along the middle row: outside, halo, two of contour, halo, inside.
+        // Along the middle row: outside, halo, two pixels of contour, halo, inside.
         let row: Vec<Rgb<u8>> = (5..13).map(|x| *picture.get_pixel(x, 20)).collect();
         assert_eq!(row, [Rgb(GREY), dark, Rgb(GREEN), Rgb(GREEN), dark, Rgb(GREY), Rgb(GREY), Rgb(GREY)]);
         assert_eq!(*picture.get_pixel(20, 20), Rgb(GREY));
@@ -309,7 +310,7 @@ mod tests {
         assert!(light.windows(2).all(|pair| pair[0] < pair[1]), "{light:?}");
         assert_eq!(light[0], 0);
         assert_eq!(*picture.get_pixel(2, 0), Rgb([0, 100, 40]));
-        // The same score looks the same whatever else is in the picture.
+        // A score looks the same whatever else is in the picture.
         let alone = Grid::from_vec(1, 1, vec![0.25]);
         let prompt = OverlayPrompt { scores: &alone, ..prompt };
         let small = overlay(&RgbImage::new(1, 1), &[prompt], HEAT);

@@ -1,4 +1,4 @@
-//! f32 for work, f64 for truth: formulas are written once over [`Real`].
+//! Formulas are written once over [`Real`]: f32 runs them in production, f64 gives the reference values.
 
 use num_traits::Float;
 use std::iter::Sum;
@@ -7,9 +7,9 @@ use std::iter::Sum;
 pub trait Real:
     Float + Sum + Default + Send + Sync + std::fmt::Debug + std::ops::AddAssign + std::ops::SubAssign + 'static
 {
-    /// A constant.
+    /// Converts a constant.
     fn of(value: f64) -> Self;
-    /// From data.
+    /// Converts a value of the data.
     fn from_f32(value: f32) -> Self;
     /// 1 / (1 + e^-x) without overflow.
     fn sigmoid(self) -> Self {
@@ -42,7 +42,8 @@ pub type Vector<T, const N: usize> = [T; N];
 /// `R` rows of `C` columns.
 pub type Matrix<T, const R: usize, const C: usize> = [[T; C]; R];
 
-/// f(0) + … + f(N − 1). Unlike `Iterator::sum` it is always inlined, on which the speed of every projection depends.
+/// Returns f(0) + … + f(N − 1). Unlike `Iterator::sum` it is always inlined; the speed of every
+/// projection depends on this.
 #[inline(always)]
 pub fn sum<T: Real, const N: usize>(f: impl Fn(usize) -> T) -> T {
     let mut total = T::zero();
@@ -91,7 +92,7 @@ pub fn transpose<T: Real, const R: usize, const C: usize>(a: &Matrix<T, R, C>) -
     std::array::from_fn(|i| std::array::from_fn(|j| a[j][i]))
 }
 
-/// The rotation matrix of a unit quaternion (w, x, y, z).
+/// Returns the rotation matrix of a unit quaternion (w, x, y, z).
 #[inline]
 pub fn rotation_matrix<T: Real>([w, x, y, z]: Vector<T, 4>) -> Matrix<T, 3, 3> {
     let (one, two) = (T::one(), T::of(2.0));
@@ -102,7 +103,7 @@ pub fn rotation_matrix<T: Real>([w, x, y, z]: Vector<T, 4>) -> Matrix<T, 3, 3> {
     ]
 }
 
-/// Gradient with respect to the unit quaternion, given the gradient with respect to its matrix.
+/// Returns the gradient with respect to the unit quaternion, given the gradient with respect to its matrix.
 #[inline]
 pub fn rotation_matrix_backward<T: Real>([w, x, y, z]: Vector<T, 4>, g: &Matrix<T, 3, 3>) -> Vector<T, 4> {
     let (two, four) = (T::of(2.0), T::of(4.0));
@@ -116,7 +117,7 @@ pub fn rotation_matrix_backward<T: Real>([w, x, y, z]: Vector<T, 4>, g: &Matrix<
     ]
 }
 
-/// q / ‖q‖ and ‖q‖; the identity rotation where the length is zero or not finite.
+/// Returns q / ‖q‖ and ‖q‖; the identity rotation if the length is zero or not finite.
 #[inline]
 pub fn unit_quaternion<T: Real>(q: Vector<T, 4>) -> (Vector<T, 4>, T) {
     let length = dot(q, q).sqrt();
@@ -127,7 +128,8 @@ pub fn unit_quaternion<T: Real>(q: Vector<T, 4>) -> (Vector<T, 4>, T) {
     }
 }
 
-/// Gradient with respect to q, given the gradient with respect to q / ‖q‖; zero where q has no direction.
+/// Returns the gradient with respect to q, given the gradient with respect to q / ‖q‖; zero if q
+/// has no direction.
 #[inline]
 pub fn unit_quaternion_backward<T: Real>(unit: Vector<T, 4>, length: T, g: Vector<T, 4>) -> Vector<T, 4> {
     if length == T::zero() {

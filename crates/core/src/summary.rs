@@ -1,26 +1,26 @@
-//! What the scores of a prompt come to in one picture; twin of `shaders/summary.wgsl`.
+//! Summary of the scores of a prompt in one picture; twin of `shaders/summary.wgsl`.
 
 use crate::grid::Grid;
 
-/// Steps of a histogram of scores.
+/// Number of bins of a histogram of scores.
 pub const SCORE_BINS: usize = 50;
 
-/// Scores of one prompt in one picture, in short.
+/// Summary of the scores of one prompt in one picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
-    /// How many seen pixels have which score, in equal steps from 0 to 1. Exactly 0 is a hole or outside the field of
-    /// view: a score is never 0.
+    /// Number of seen pixels per score, in equal steps from 0 to 1. A score of exactly 0 marks a hole or
+    /// a pixel outside the field of view: a real score is never 0.
     pub histogram: [u32; SCORE_BINS],
-    /// The highest score; 0 where nothing is seen.
+    /// The highest score; 0 if nothing is seen.
     pub max_score: f32,
-    /// Pixels above the threshold in each column.
+    /// Number of pixels above the threshold in each column.
     pub columns: Vec<u32>,
-    /// Pixels above the threshold in each row.
+    /// Number of pixels above the threshold in each row.
     pub rows: Vec<u32>,
 }
 
 impl Summary {
-    /// Of `scores`; what is above `threshold` (strictly) is found. NaN is not seen.
+    /// Summarises `scores`. Pixels strictly above `threshold` are found. NaN counts as not seen.
     pub fn new(scores: &Grid<f32>, threshold: f32) -> Self {
         let (columns, rows) = (vec![0; scores.width], vec![0; scores.height]);
         let mut summary = Self { histogram: [0; SCORE_BINS], max_score: 0.0, columns, rows };
@@ -41,12 +41,12 @@ impl Summary {
         summary
     }
 
-    /// Pixels above the threshold.
+    /// Returns the number of pixels above the threshold.
     pub fn area_px(&self) -> usize {
         self.rows.iter().map(|n| *n as usize).sum()
     }
 
-    /// Mean column and row of the pixels above the threshold; `None` without any.
+    /// Returns the mean column and row of the pixels above the threshold; `None` if there are none.
     pub fn centre(&self) -> Option<[f64; 2]> {
         let area = self.area_px() as f64;
         let mean = |counts: &[u32]| {

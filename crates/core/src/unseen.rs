@@ -1,15 +1,17 @@
-//! What a view shows that the recorded camera did not see.
+//! Finds the parts of a view that the recorded camera did not see.
 
 use crate::{
     camera::Camera,
     grid::{Grid, Mask},
 };
 
-/// What lies further behind the recorded surface than this share of its depth was hidden by it.
+/// Share of the recorded depth. A point that lies further than this behind the recorded surface
+/// was hidden by it.
 const BEHIND: f32 = 0.03;
 
-/// `true` for pixels of a view (its `depth` in scene units, 0 where there is nothing) whose surface the recorded camera did not
-/// see: outside its frame or field of view, or behind what `recorded_depth` shows there. Masks and maps may have any size.
+/// Returns a mask that is `true` for pixels whose surface the recorded camera did not see: outside its
+/// frame or field of view, or behind what `recorded_depth` shows there. `depth` is that of the view in
+/// scene units, 0 where there is nothing. Masks and maps may have any size.
 pub fn unseen(
     (camera, depth): (&Camera, &Grid<f32>),
     (recorded, recorded_depth): (&Camera, &Grid<f32>),
@@ -34,7 +36,7 @@ pub fn unseen(
     Grid::from_vec(depth.width, depth.height, data)
 }
 
-/// The value at shares of width and height; `None` outside.
+/// Returns the value at shares of width and height; `None` outside.
 fn value_at<T: Copy>(grid: &Grid<T>, [x, y]: [f32; 2]) -> Option<T> {
     let is_inside = (0.0..1.0).contains(&x) && (0.0..1.0).contains(&y) && !grid.data.is_empty();
     is_inside.then(|| {
@@ -65,16 +67,17 @@ mod tests {
 
     #[test]
     fn what_was_hidden_or_outside_was_not_seen() {
-        // A wall at 20, and in front of its right half something at 10.
+        // A wall at depth 20, and an object at depth 10 in front of its right half.
         let recorded_depth =
             Grid::from_vec(40, 1, (0..40).map(|x| if x < 20 { 20.0 } else { 10.0 }).collect());
-        // From the left one sees a part of the wall behind it.
+        // A camera further to the left sees a part of the wall behind the object.
         let camera =
             Camera { camera_from_world: Affine3A::from_translation(Vec3::new(10.0, 0.0, 0.0)), ..recorded() };
         let wall = Grid::filled(40, 40, 20.0);
         let everything = Grid::filled(1, 1, true);
         let mask = unseen((&camera, &wall), (&recorded(), &recorded_depth), &everything);
-        // Pixel x shows the wall at 20 · (x − 20) / 20 − 10 to the right: behind the thing from 0, outside before −20.
+        // Pixel x shows the wall at 20 · (x − 20) / 20 − 10 to the right: behind the object from 0,
+        // outside before −20.
         assert_eq!([5, 12, 28, 32].map(|x| mask.at(x, 20)), [true, false, false, true]);
         assert_eq!(unseen((&camera, &Grid::filled(0, 0, 0.0)), (&recorded(), &wall), &everything).count(), 0);
         assert_eq!(

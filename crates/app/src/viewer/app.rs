@@ -1,4 +1,5 @@
-//! The window's state and its heartbeat: take what threads made, obey commands, show panels, ask for the next picture.
+//! State of the window, and its update: takes results from the threads, carries out commands, shows the
+//! panels, and requests the next picture.
 
 use super::{
     areas::{Areas, Curve, Measure},
@@ -33,20 +34,20 @@ use std::{
 };
 use surgtpgs_core::{files::absolute_path, sequence::names_instrument};
 
-/// Pictures that take longer than this are made at half size while something moves, milliseconds.
+/// Duration above which pictures are made at half size while something moves, milliseconds.
 const SLOW_MS: f64 = 60.0;
 
-/// The whole window.
+/// State of the whole window.
 pub(crate) struct ViewerApp {
     pub(super) backend: Arc<dyn Backend>,
     pub(super) preferences: Preferences,
     pub(super) document: Document,
     pub(super) playback: Playback,
     pub(super) panes: Panes,
-    /// Where the line of the wipe is, as share of the width.
+    /// Position of the wipe's dividing line, as share of the width.
     pub(super) wipe: f32,
     pub(super) prompt_box: PromptBox,
-    /// The prompt whose menu is open, or was last.
+    /// Prompt whose menu is open, or was open last.
     pub(super) prompt_menu: Option<PromptId>,
     pub(super) open: Option<Open>,
     pub(super) opening: Option<Opening>,
@@ -54,68 +55,68 @@ pub(crate) struct ViewerApp {
     demo: Option<Job<Demo>>,
     pub(super) train_dialog: Option<TrainDialog>,
     pub(super) training: Option<Training>,
-    /// What was reconstructed while something else was looked at.
+    /// Finished reconstruction that was not opened, because something else was shown or the window was busy.
     pub(super) reconstructed: Option<PathBuf>,
     pub(super) import_check: Option<ImportCheck>,
     pub(super) export: Option<ExportDialog>,
     pub(super) quality: Option<Quality>,
     pub(super) sheet: Option<Sheet>,
-    /// The command whose key is being chosen on the sheet.
+    /// Command whose key is being chosen on the shortcut sheet.
     pub(super) choosing_key: Option<Command>,
     pub(super) ruler: Option<Ruler>,
-    /// The phrase being typed under "what prompts are compared with".
+    /// Phrase being typed in the dialog "What prompts are compared with"; `None` while it is closed.
     pub(super) comparison_sheet: Option<String>,
-    /// The point of the picture that is looked at, as share of its width and height.
+    /// Point of the picture that is probed, as share of its width and height.
     pub(super) probe: Option<[f32; 2]>,
-    /// The list of bookmarks is open.
+    /// `true` if the list of bookmarks is open.
     pub(super) shows_bookmarks: bool,
     pub(super) saved: Saved,
     pub(super) saving: Option<Job<Option<PathBuf>>>,
-    /// A session whose scene or recording is being opened, and its file.
+    /// Session to apply once its scene or recording is open, and the session's file.
     pub(super) session_to_apply: Option<(Session, Option<PathBuf>)>,
     pub(super) autosave: Autosave,
-    /// The offer to go on with unsaved work was put off until the next start.
+    /// `true` if the offer to restore unsaved work is put off, at most until the next start.
     pub(super) is_recovery_put_off: bool,
-    /// The number being typed under "go to frame".
+    /// Number being typed in the dialog "Go to frame"; `None` while it is closed.
     pub(super) go_to: Option<String>,
-    /// What went wrong last, until it is dismissed.
+    /// Latest problem, until it is dismissed.
     pub(super) problem: Option<String>,
-    /// The user is moving time or view just now.
+    /// `true` if the user moves time or view during this update.
     pub(super) is_moving: bool,
-    /// The recording being opened is to be reconstructed without being asked (the built-in demo).
+    /// Training to start, without asking, once its recording is open (for the built-in demo).
     train_when_open: Option<TrainRequest>,
 }
 
-/// The text field for prompts.
+/// State of the text field for prompts.
 #[derive(Debug, Default)]
 pub(crate) struct PromptBox {
     pub(super) text: String,
     pub(super) wants_focus: bool,
     pub(super) is_focused: bool,
-    /// Words that were looked for before, newest first.
+    /// Words of earlier prompts, newest first.
     pub(super) earlier: Vec<String>,
 }
 
 impl PromptBox {
-    /// The words that are looked for before they are added.
+    /// Returns the words being typed, which are looked for before they are added.
     pub(super) fn live(&self) -> &str {
         self.text.trim()
     }
 }
 
-/// What is open.
+/// The open scene or recording.
 pub(crate) struct Open {
     pub(super) info: Info,
     worker: Worker,
     asked: Option<Request>,
-    /// `None` while it is a passing state.
+    /// `None` while a passing state is shown, such as a preview of training.
     areas: Option<Areas>,
     pub(super) shown: Option<Shown>,
-    /// What the last picture at full size took, milliseconds.
+    /// Duration of the last picture at full size, milliseconds.
     full_ms: f64,
 }
 
-/// Something is being opened.
+/// A scene or recording that is being opened.
 pub(crate) struct Opening {
     pub(super) name: String,
     path: PathBuf,
@@ -130,7 +131,7 @@ impl ViewerApp {
         autosave: Autosave,
     ) -> Self {
         theme::apply(ctx);
-        // Its keys are commands of the table.
+        // The keys for zooming are commands of the command table.
         ctx.options_mut(|o| o.zoom_with_keyboard = false);
         ctx.add_plugin(KeyRouter::default());
         keymap::apply(&preferences.keys);
@@ -174,10 +175,10 @@ impl ViewerApp {
 
     /// Opens a scene, a recording or a session in the background.
     pub(crate) fn open_path(&mut self, path: &Path, ctx: &Context) {
-        // What is remembered must mean the same wherever the program is started next.
+        // Remembered paths must mean the same wherever the program is started next.
         let path = &absolute_path(path);
         self.session_to_apply = None;
-        // Whoever opens something does not want the demo any more, which may still be in the making.
+        // Opening something gives up the demo, even if it is still being made.
         self.demo = None;
         self.reconstructed.take_if(|scene| scene == path);
         if Session::is_file(path) {
@@ -195,18 +196,18 @@ impl ViewerApp {
         self.problem = None;
     }
 
-    /// Opens the built-in demo, which is made and reconstructed in `work_dir` first if it is not there.
+    /// Opens the built-in demo. If it is not in `work_dir`, it is made and reconstructed there first.
     pub(crate) fn open_demo(&mut self, work_dir: &Path, ctx: &Context) {
         let (backend, folder) = (self.backend.clone(), absolute_path(work_dir));
         self.demo = Some(Job::start("demo", ctx, move |job| backend.demo(&folder, job)));
     }
 
-    /// Whether the demo is still in the making.
+    /// Returns `true` while the demo is being made.
     pub(super) fn is_making_demo(&self) -> bool {
         self.demo.is_some()
     }
 
-    /// What is being made ready, in words.
+    /// Describes in words what is being made or opened.
     pub(super) fn waiting_for(&self) -> Option<String> {
         match (&self.demo, &self.opening) {
             (Some(job), _) => Some(match job.progress.total {
@@ -222,23 +223,23 @@ impl ViewerApp {
         Some(&self.open.as_ref()?.shown.as_ref()?.picture)
     }
 
-    /// What a prompt found in the picture that is shown; `None` as long as it has not been answered.
+    /// Returns what a prompt found in the shown picture; `None` until the prompt has been answered.
     pub(super) fn finding(&self, id: u64, text: &str) -> Option<&Finding> {
         self.picture()?.findings.iter().find(|f| f.id == id && f.text == text)
     }
 
-    /// How large what was found is on every frame, as far as it has been counted.
+    /// Returns the areas of all prompts on every frame, as far as they have been counted.
     pub(super) fn areas(&self) -> Option<&Areas> {
         self.open.as_ref()?.areas.as_ref()
     }
 
-    /// The area over time of the selected prompt.
+    /// Returns the area over time of the selected prompt.
     pub(super) fn selected_curve(&self) -> Option<Curve> {
         let prompt = self.document.prompt(self.document.selected?)?;
         self.areas()?.curve(&self.measure(prompt), prompt.threshold)
     }
 
-    /// What is counted of a prompt on every frame.
+    /// Returns the measure that is counted for a prompt on every frame.
     pub(super) fn measure(&self, prompt: &Prompt) -> Measure {
         let question = self.document.question(prompt);
         Measure::new(question, self.document.content().clean_up, prompt.threshold)
@@ -248,7 +249,7 @@ impl ViewerApp {
         self.open.as_ref().map(|o| &o.info)
     }
 
-    /// One heartbeat.
+    /// Updates and shows the window once.
     pub(crate) fn show(&mut self, ui: &mut Ui) {
         let ctx = ui.ctx().clone();
         let now = ctx.input(|i| i.time);
@@ -275,7 +276,7 @@ impl ViewerApp {
         self.keep_unsaved(now, &ctx);
     }
 
-    /// While playing, goes on behind what is left out.
+    /// Skips excluded frames while playing.
     fn skip_excluded(&mut self, now: f64) {
         let (frame, num_frames) = (self.playback.frame(), self.playback.num_frames());
         if self.playback.is_playing() && self.document.is_excluded(frame) {
@@ -319,7 +320,7 @@ impl ViewerApp {
         }
     }
 
-    /// The demo can be looked at while it is being made.
+    /// Takes the demo from its job. It can be looked at while it is being made.
     fn poll_demo(&mut self, ctx: &Context) {
         match self.demo.as_mut().and_then(Job::poll) {
             Some(JobEvent::Preview(source)) => self.show_source(source, ctx),
@@ -334,7 +335,8 @@ impl ViewerApp {
         }
     }
 
-    /// Shows how far the training is: beside the recorded frame, unless another view was chosen meanwhile.
+    /// Shows an intermediate state of training: beside the recorded frame, unless the user chose another
+    /// view.
     pub(super) fn show_preview(&mut self, source: Box<dyn FrameSource>) {
         let Some(open) = &mut self.open else { return };
         if !open.info.has_reconstruction && self.document.mode == ViewMode::Original {
@@ -346,7 +348,7 @@ impl ViewerApp {
         open.areas = None;
     }
 
-    /// The value, or its error as the problem to show.
+    /// Returns the value of a result, or shows its error as the problem.
     pub(super) fn settle<T>(&mut self, result: surgtpgs_core::Result<T>) -> Option<T> {
         result.map_err(|e| self.problem = Some(e.to_string())).ok()
     }
@@ -366,7 +368,7 @@ impl ViewerApp {
         self.document.look = Look::default();
         self.document.mode =
             if info.has_reconstruction { ViewMode::Reconstruction } else { ViewMode::Original };
-        // A running export knows what it is about.
+        // A running export holds everything that it needs; any other export dialog is closed.
         self.export.take_if(|export| !export.is_running());
         self.quality = None;
         (self.ruler, self.probe) = (None, None);
@@ -375,7 +377,7 @@ impl ViewerApp {
         self.open = Some(Open { info, worker, asked: None, areas, shown: None, full_ms: 0.0 });
     }
 
-    /// What follows once `path` is shown.
+    /// Completes opening `path` once it is shown: applies its session, and starts its training or its check.
     fn begin_with(&mut self, path: &Path, ctx: &Context) {
         let session_file = self.session_to_apply.as_ref().and_then(|(_, file)| file.clone());
         self.preferences.remember(session_file.as_deref().unwrap_or(path));
@@ -409,7 +411,7 @@ impl ViewerApp {
         }
     }
 
-    /// Asks for the picture of the present state unless it was asked for already.
+    /// Requests the picture of the present state, unless it has been requested already.
     fn ask(&mut self, ctx: &Context) {
         let is_peeking = self.is_peeking(ctx);
         let Some(request) = self.request(is_peeking) else { return };
@@ -420,12 +422,13 @@ impl ViewerApp {
         }
     }
 
-    /// Whether the recorded frame alone is to be seen just now.
+    /// Returns `true` while only the recorded frame is to be shown.
     pub(super) fn is_peeking(&self, ctx: &Context) -> bool {
         command::is_held(ctx, Command::Peek) && self.info().is_some_and(|i| i.has_original)
     }
 
-    /// Whether a turned view makes sense: where a recorded frame is compared, both must look from the same place.
+    /// Returns `true` if the view may be turned. Where a recorded frame is compared, both pictures must be
+    /// seen from the same place.
     pub(super) fn may_orbit(&self) -> bool {
         let alone = self.document.mode.layer().is_some() || self.document.mode == ViewMode::Reconstruction;
         alone && self.info().is_some_and(|i| i.has_reconstruction)
@@ -455,8 +458,9 @@ impl ViewerApp {
         })
     }
 
-    /// Words whose scores are wanted without being drawn. Once somebody is about to type, one word at least, so that the
-    /// first letter finds the text encoder and the features ready.
+    /// Returns the words whose scores are wanted without being drawn. If there are none and the prompt box
+    /// has the focus, an example word is returned, so that the text encoder and the features are ready at the
+    /// first letter.
     fn unmarked_words(&self) -> Vec<String> {
         let words = self.candidates();
         let rehearses = words.is_empty() && self.prompt_box.is_focused;
@@ -464,7 +468,7 @@ impl ViewerApp {
         info.map_or(words, |info| info.example_prompts.first().cloned().into_iter().collect())
     }
 
-    /// The visible prompts, and the one being typed.
+    /// Returns the visible prompts and the one being typed.
     fn asked_prompts(&self) -> Vec<AskedPrompt> {
         let asked = |p: &Prompt| AskedPrompt {
             id: p.id,
@@ -488,7 +492,7 @@ impl ViewerApp {
         prompts
     }
 
-    /// Remembers overlay choices once they rest.
+    /// Saves changed overlay choices once no mouse button is down.
     fn keep_preferences(&mut self, ctx: &Context) {
         let overlay = self.document.overlay;
         if self.preferences.overlay != overlay && !ctx.input(|i| i.pointer.any_down()) {

@@ -1,17 +1,17 @@
-//! How large what a prompt found is on every frame, from the same scores as the pictures.
+//! Areas of what the prompts found on every frame, from the same scores as the pictures.
 //!
-//! Kept for every threshold at once, so that moving one redraws the curve and computes nothing.
+//! Areas are kept for all thresholds at once: moving a threshold redraws the curve and computes nothing.
 
 use crate::engine::Question;
 use std::collections::HashMap;
 use surgtpgs_core::{grid::Grid, mask::CleanUp};
 
-/// What is counted: a question, and where masks are cleaned up, how and above which threshold; then no other threshold is
-/// counted along.
+/// A quantity that is counted on every frame: the area of a question. Where masks are cleaned up, the area
+/// depends on the clean-up and the threshold, and is counted for that threshold alone.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Measure {
     pub(crate) question: Question,
-    /// With the threshold in hundredths.
+    /// Clean-up of the masks, with the threshold in hundredths.
     pub(crate) cleaned: Option<(CleanUp, u8)>,
 }
 
@@ -21,7 +21,7 @@ impl Measure {
         Self { question, cleaned }
     }
 
-    /// What is known of a frame from its scores, which are smoothed already where that is asked for.
+    /// Counts the levels of a frame from its scores. They must be smoothed already if the clean-up smooths.
     pub(crate) fn levels(&self, scores: &Grid<f32>) -> Levels {
         let Some((clean_up, hundredths)) = self.cleaned else { return Levels::of(scores) };
         let threshold = f32::from(hundredths) / 100.0;
@@ -29,16 +29,16 @@ impl Measure {
         Levels { above: Box::new([all.area_px(threshold) as u32; STEPS]), ..all }
     }
 
-    /// Frames before and after that count.
+    /// Returns the number of frames before and after a frame that its scores are smoothed over.
     pub(crate) fn reach(&self) -> usize {
         self.cleaned.map_or(0, |(clean_up, _)| clean_up.smooth_frames)
     }
 }
 
-/// Thresholds are whole hundredths.
+/// Number of possible thresholds, which are whole hundredths.
 const STEPS: usize = 101;
 
-/// How many pixels of a frame are above every possible threshold.
+/// Number of pixels of a frame above every possible threshold.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Levels {
     above: Box<[u32; STEPS]>,
@@ -46,10 +46,10 @@ pub(crate) struct Levels {
 }
 
 impl Levels {
-    /// Counts; not a number is above nothing.
+    /// Counts the pixels of `scores`. A score that is not a number is above no threshold.
     pub(crate) fn of(scores: &Grid<f32>) -> Self {
         let thresholds: [f32; STEPS] = std::array::from_fn(|j| j as f32 / 100.0);
-        // How many thresholds a score is above: the estimate is off by one at most, by rounding.
+        // Number of thresholds that a score is above. The first estimate is off by one at most, by rounding.
         let exceeded = |score: f32| {
             let mut k = ((score * 100.0) as usize).min(STEPS);
             while k < STEPS && score > thresholds[k] {
@@ -73,13 +73,13 @@ impl Levels {
         Self { above, num_px: scores.data.len() }
     }
 
-    /// Pixels above a threshold, which is a whole number of hundredths.
+    /// Returns the number of pixels above a threshold, which must be a whole number of hundredths.
     pub(crate) fn area_px(&self, threshold: f32) -> usize {
         self.above[((threshold * 100.0).round() as usize).min(STEPS - 1)] as usize
     }
 }
 
-/// What was counted on a frame, for those prompts that were not counted before.
+/// Counts of one frame, for the prompts that had not been counted on it before.
 #[derive(Clone, Debug)]
 pub(crate) struct Measured {
     pub(crate) frame: usize,
@@ -87,14 +87,14 @@ pub(crate) struct Measured {
     pub(crate) prompts: Vec<(Measure, Option<Levels>)>,
 }
 
-/// Which frames of which prompts were counted, on the side that counts.
+/// Record of the frames counted so far for each prompt, on the thread that counts.
 #[derive(Debug, Default)]
 pub(crate) struct Counted {
     frames: HashMap<Measure, Vec<bool>>,
 }
 
 impl Counted {
-    /// The first frame that has not been counted for all of `prompts`, and for which it has not.
+    /// Returns the first frame that has not been counted for all of `prompts`, and the prompts that it lacks.
     pub(crate) fn next(&self, prompts: &[Measure], num_frames: usize) -> Option<(usize, Vec<Measure>)> {
         (0..num_frames).find_map(|frame| {
             let is_counted = |q| self.frames.get(q).and_then(|f| f.get(frame)).is_some_and(|done| *done);
@@ -113,7 +113,7 @@ impl Counted {
     }
 }
 
-/// The counts of all frames, on the side that draws them.
+/// Counts of all frames, on the thread that draws them.
 #[derive(Debug, Default)]
 pub(crate) struct Areas {
     num_frames: usize,
@@ -134,7 +134,7 @@ impl Areas {
         }
     }
 
-    /// The area of a prompt over time; `None` before the first frame was counted.
+    /// Returns the area of a prompt over time; `None` before the first frame was counted.
     pub(crate) fn curve(&self, measure: &Measure, threshold: f32) -> Option<Curve> {
         let frames = self.prompts.get(measure)?;
         let point = |levels: &Option<Levels>| {
@@ -144,7 +144,7 @@ impl Areas {
     }
 }
 
-/// A frame of a [`Curve`].
+/// One frame of a [`Curve`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Point {
     pub(crate) area_px: usize,
@@ -152,42 +152,42 @@ pub(crate) struct Point {
 }
 
 impl Point {
-    /// 0–1.
+    /// Returns the share of the picture, 0–1.
     pub(crate) fn share(&self) -> f32 {
         self.area_px as f32 / self.num_px.max(1) as f32
     }
 }
 
-/// An area over time.
+/// Area of a prompt over time.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Curve {
-    /// By frame; `None` where it is not known yet.
+    /// Points by frame; `None` where the area is not known yet.
     pub(crate) points: Vec<Option<Point>>,
 }
 
 impl Curve {
-    /// Whether all frames are known.
+    /// Returns `true` if all frames are known.
     pub(crate) fn is_complete(&self) -> bool {
         self.points.iter().all(Option::is_some)
     }
 
-    /// The first frame on which something is found.
+    /// Returns the first frame on which something is found.
     pub(crate) fn first(&self) -> Option<usize> {
         self.found().next().map(|(frame, _)| frame)
     }
 
-    /// The last frame on which something is found.
+    /// Returns the last frame on which something is found.
     pub(crate) fn last(&self) -> Option<usize> {
         self.found().last().map(|(frame, _)| frame)
     }
 
-    /// The frame on which most is found, the first of several.
+    /// Returns the frame with the largest area, the first of several.
     pub(crate) fn largest(&self) -> Option<usize> {
         let best = self.found().max_by_key(|(frame, p)| (p.area_px, std::cmp::Reverse(*frame)));
         best.map(|(frame, _)| frame)
     }
 
-    /// The largest share of the picture, 0–1.
+    /// Returns the largest share of the picture, 0–1.
     pub(crate) fn top(&self) -> f32 {
         self.found().map(|(_, p)| p.share()).fold(0.0, f32::max)
     }
@@ -198,7 +198,7 @@ impl Curve {
     }
 }
 
-/// The curves as a table with a header; numbers with a point, whatever the language of the system.
+/// Formats the curves as a table with a header. Numbers have a decimal point in every system language.
 pub(crate) fn csv<'a>(
     curves: impl Iterator<Item = (&'a str, f32, Curve)>,
     seconds: impl Fn(usize) -> f64,

@@ -1,8 +1,8 @@
-//! What is not saved yet, written again and again beside the preferences, so that neither a crash nor a closed window
-//! loses it. A window's file is there exactly as long as something in it is not saved elsewhere.
+//! Automatic saving of unsaved work to the user's data folder, so that neither a crash nor a closed window
+//! loses it. A window's file exists exactly as long as something in the window is not saved elsewhere.
 //!
-//! Every window locks a file of its own; the system frees the lock whatever ends the program. What lies beside a free
-//! lock was left behind and is offered to the user.
+//! Every window locks a lock file of its own. The system frees the lock however the program ends. A session
+//! beside a free lock was left behind, and is offered to the user.
 
 use super::{
     jobs::{Job, JobEvent},
@@ -14,37 +14,38 @@ use std::{
 };
 use surgtpgs_core::Result;
 
-/// Seconds between two writes of what is no edit, such as the frame.
+/// Seconds between two writes of changes that are not edits, such as the frame.
 pub(crate) const EVERY_SECS: f64 = 30.0;
 
-/// Windows that can be open at once and still be protected.
+/// Number of windows that can be open at once and still be protected.
 const MAX_WINDOWS: usize = 32;
 
-/// This window's place, and what other windows left behind.
+/// The place of this window, and the sessions that other windows left behind.
 #[derive(Default)]
 pub(crate) struct Autosave {
     folder: Option<PathBuf>,
     place: Option<Place>,
-    /// What was left behind or put aside, newest first.
+    /// Sessions left behind or put aside, newest first.
     pub(crate) left: Vec<Left>,
     writing: Option<Job<()>>,
-    /// What is on disk, or on its way.
+    /// Session that is on disk or being written.
     written: Option<Session>,
-    /// Whether the last write failed.
+    /// `true` if the last write failed.
     is_failing: bool,
-    /// When something other than an edit is to be written, by the window's clock.
+    /// Time at which changes other than edits are to be written, by the window's clock.
     due: Option<f64>,
     revision: u64,
 }
 
 struct Place {
     file: PathBuf,
-    /// Held, never read: the lock is the message.
+    /// Open file that is never read; it only holds the lock.
     _lock: File,
 }
 
 impl Place {
-    /// The place with a number, if something lies there or if not, and no other window has it.
+    /// Locks the place with a number, if it holds a session (`is_used`) or holds none (`!is_used`). Returns
+    /// `None` if that is not so or if another window has the place.
     fn lock(folder: &Path, number: usize, is_used: bool) -> Option<Self> {
         let file = folder.join(format!("{number}.{}", super::session::EXTENSION));
         if file.is_file() != is_used {
@@ -53,13 +54,13 @@ impl Place {
         lock(&file.with_extension("lock")).map(|lock| Self { file, _lock: lock })
     }
 
-    /// A place where nothing lies.
+    /// Locks the first place that holds no session.
     fn free(folder: &Path) -> Option<Self> {
         (0..MAX_WINDOWS).find_map(|number| Self::lock(folder, number, false))
     }
 }
 
-/// What another window left, or this one put aside.
+/// A session that another window left behind, or that this one put aside.
 pub(crate) struct Left {
     pub(crate) session: Session,
     place: Place,
@@ -67,12 +68,12 @@ pub(crate) struct Left {
 }
 
 impl Autosave {
-    /// The user's own folder.
+    /// Returns the folder of the current user.
     pub(crate) fn user_folder() -> Option<PathBuf> {
         dirs::data_local_dir().map(|dir| dir.join("surgtpgs").join("unsaved"))
     }
 
-    /// Takes a free place in `folder`, and what was left in the others. Without a folder nothing is kept.
+    /// Takes a free place in `folder`, and the sessions left in the others. Without a folder nothing is kept.
     pub(crate) fn open(folder: Option<PathBuf>) -> Self {
         let Some(at) = &folder else { return Self::default() };
         let mut left = Vec::new();
@@ -89,9 +90,9 @@ impl Autosave {
         Self { place: Place::free(at), left, folder, ..Self::default() }
     }
 
-    /// Writes what is not saved: edits at once, anything else, and what could not be written, after [`EVERY_SECS`]. Returns
-    /// in how many seconds to call again, if nothing happens before. That it cannot be written is an error once, until it
-    /// can.
+    /// Writes unsaved work: edits at once; other changes, and work that could not be written, after
+    /// [`EVERY_SECS`]. Returns the number of seconds after which to call again if nothing happens before. A
+    /// failing write is an error only once, until a write succeeds again.
     pub(crate) fn keep(
         &mut self,
         now: f64,
@@ -127,11 +128,11 @@ impl Autosave {
         Ok(None)
     }
 
-    /// Nothing needs to be kept: it was saved elsewhere, or there is nothing.
+    /// Removes the kept work, because it was saved elsewhere or there is nothing to keep.
     pub(crate) fn clear(&mut self, revision: u64) {
         (self.due, self.revision) = (None, revision);
         self.finish_writing();
-        // A write that failed leaves the file of the one before.
+        // After a failed write, the file of the previous write remains.
         let may_exist = self.written.take().is_some() | std::mem::take(&mut self.is_failing);
         if may_exist && let Some(place) = &self.place {
             remove(&place.file);
@@ -147,8 +148,8 @@ impl Autosave {
         }
     }
 
-    /// Leaves `session` in its place, as if this window had ended, and goes on in another. Where it cannot be written, it can
-    /// be restored as long as this window is open.
+    /// Leaves `session` in its place, as if this window had ended, and continues in another place. If the
+    /// session cannot be written, it can be restored as long as this window is open.
     pub(crate) fn put_aside(&mut self, session: Session) -> Result<()> {
         let kept = self.keep_now(&session);
         if let Some(place) = self.place.take() {
@@ -159,13 +160,14 @@ impl Autosave {
         kept
     }
 
-    /// Removes everything of this window's, at the end of the program.
+    /// Removes all files of this window, at the end of the program.
     pub(crate) fn forget(&mut self) {
         self.clear(self.revision);
         self.left.extract_if(.., |left| left.is_own).for_each(|left| remove(&left.place.file));
     }
 
-    /// Puts what was left behind or aside of `opened` first; `false` if there is nothing.
+    /// Moves the newest session of `opened` to the front of the sessions left; returns `false` if there is
+    /// none.
     pub(crate) fn recall(&mut self, opened: &Path) -> bool {
         let found = self.left.iter().position(|left| left.session.opened == opened);
         if let Some(at) = found {
@@ -174,7 +176,8 @@ impl Autosave {
         found.is_some()
     }
 
-    /// Takes what was left behind newest; its file remains until it is kept in this window's place.
+    /// Takes the first session left behind. Its file moves to the place of this window; if that fails, it
+    /// stays where it is.
     pub(crate) fn restore(&mut self) -> Option<Session> {
         if self.left.is_empty() {
             return None;
@@ -188,12 +191,12 @@ impl Autosave {
         Some(left.session)
     }
 
-    /// Forgets what was left behind newest.
+    /// Discards the first session left behind.
     pub(crate) fn discard(&mut self) {
         self.left.drain(..1.min(self.left.len())).for_each(|left| remove(&left.place.file));
     }
 
-    /// How the write ended, if it just did.
+    /// Returns the result of the write that has just ended, if any.
     fn poll_writing(&mut self) -> Option<Result<()>> {
         let Some(JobEvent::Done(result)) = self.writing.as_mut()?.poll() else { return None };
         self.writing = None;

@@ -1,4 +1,4 @@
-//! Frames to come back to, with notes and flags.
+//! Bookmarks: frames to come back to, with notes and flags.
 
 use super::document::{Document, Joint};
 use serde_json::{Map, Value};
@@ -6,14 +6,14 @@ use serde_json::{Map, Value};
 /// A frame to come back to.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Bookmark {
-    /// From 0.
+    /// Index of the frame, from 0.
     pub(crate) frame: usize,
     #[serde(default)]
     pub(crate) note: String,
-    /// Needs another look.
+    /// `true` if the frame needs another look.
     #[serde(default)]
     pub(crate) is_flagged: bool,
-    /// What a newer program wrote.
+    /// Fields that a newer program wrote.
     #[serde(flatten)]
     pub(crate) unknown: Map<String, Value>,
 }
@@ -23,7 +23,7 @@ impl Document {
         &self.content().bookmarks
     }
 
-    /// Marks a frame, or takes its mark away.
+    /// Adds a bookmark to a frame, or removes it.
     pub(crate) fn toggle_bookmark(&mut self, frame: usize) {
         let number = frame + 1;
         match self.bookmarks().binary_search_by_key(&frame, |b| b.frame) {
@@ -39,17 +39,17 @@ impl Document {
         }
     }
 
-    /// Writes the note of a bookmark; frames without one are left alone.
+    /// Sets the note of a bookmark; a frame without a bookmark is left alone.
     pub(crate) fn set_note(&mut self, frame: usize, note: &str) {
         self.change(frame, Some(Joint::Note(frame)), "the note at", |b| b.note = note.to_owned());
     }
 
-    /// Flags a bookmark for another look, or takes the flag away.
+    /// Flags a bookmark for another look, or removes the flag.
     pub(crate) fn toggle_flag(&mut self, frame: usize) {
         self.change(frame, None, "the flag at", |b| b.is_flagged ^= true);
     }
 
-    /// The nearest bookmarked frame before (`-1`) or after (`1`) `frame`.
+    /// Returns the nearest bookmarked frame before (`-1`) or after (`1`) `frame`.
     pub(crate) fn bookmark_beside(&self, frame: usize, direction: isize) -> Option<usize> {
         let mut frames = self.bookmarks().iter().map(|b| b.frame);
         if direction < 0 { frames.rev().find(|f| *f < frame) } else { frames.find(|f| *f > frame) }

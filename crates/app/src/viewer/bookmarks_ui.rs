@@ -8,7 +8,7 @@ use super::{
 };
 use egui::{Context, RichText, ScrollArea, TextEdit, Ui};
 
-/// The list, if it is open.
+/// Shows the list, if it is open.
 pub(crate) fn bookmarks_ui(ctx: &Context, app: &mut ViewerApp) {
     if !app.shows_bookmarks {
         return;

@@ -1,17 +1,18 @@
-//! What is done to masks: small parts, holes, borders, and smoothing over time, which is said wherever it is on.
+//! Settings for the clean-up of masks: small parts, holes, borders, and smoothing over time. The window says
+//! so wherever a clean-up is on.
 
 use super::{app::ViewerApp, theme, widgets::caption};
 use egui::{Popup, PopupCloseBehavior, RichText, Slider, Ui};
 use surgtpgs_core::mask::CleanUp;
 
-/// Frames before and after, at most.
+/// Largest number of frames before and after to smooth over.
 const MAX_SMOOTH: usize = 5;
-/// Areas, px.
+/// Largest area of removed parts and filled holes, px.
 const MAX_AREA: usize = 20_000;
-/// How far a border moves, px.
+/// Largest distance that a border moves, px.
 const MAX_GROW: i32 = 20;
 
-/// The same within what the window offers, whatever a file says.
+/// Limits the clean-up to what the window offers, because files may hold any values.
 pub(crate) fn mended(clean_up: CleanUp) -> CleanUp {
     CleanUp {
         smooth_frames: clean_up.smooth_frames.min(MAX_SMOOTH),
@@ -21,7 +22,7 @@ pub(crate) fn mended(clean_up: CleanUp) -> CleanUp {
     }
 }
 
-/// What is on, in words, for the picture; `None` where masks are as they are.
+/// Describes the active clean-up in words, for the picture; `None` where masks are left as they are.
 pub(crate) fn describe(clean_up: CleanUp) -> Option<String> {
     if clean_up.is_off() {
         return None;
@@ -36,7 +37,7 @@ pub(crate) fn describe(clean_up: CleanUp) -> Option<String> {
     Some(words.join(", "))
 }
 
-/// The button with what opens from it.
+/// Shows the button that opens the settings.
 pub(crate) fn clean_up_ui(ui: &mut Ui, app: &mut ViewerApp) {
     let mut clean_up = app.document.content().clean_up;
     let text = RichText::new("Clean up masks…").font(theme::small());

@@ -1,5 +1,5 @@
-//! The only list of what the window can be told to do. Menus, tooltips, keys and the shortcut sheet all read it. The keys in it
-//! are the delivered ones; [`keymap`] has those that the user chose instead.
+//! The single table of everything that the window can be told to do. Menus, tooltips, keys and the shortcut
+//! sheet all read it. Its keys are the default ones; [`keymap`] has the keys that the user chose instead.
 
 use super::keymap;
 use egui::{Key, KeyboardShortcut, Modifiers};
@@ -76,7 +76,7 @@ pub(crate) enum Command {
     About,
 }
 
-/// Where a command belongs; headings of the shortcut sheet.
+/// Group of a command, which is a heading of the shortcut sheet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Group {
     File,
@@ -103,14 +103,14 @@ impl Group {
     }
 }
 
-/// Who owns the keys of a command.
+/// Situations in which the keys of a command act.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Scope {
-    /// Works while text is typed as well, as far as its key is a Ctrl chord or a function key.
+    /// Acts even while text is typed, if the key is a Ctrl chord or a function key.
     Always,
-    /// Belongs to a focused text field if there is one.
+    /// Acts unless a text field has the focus, which then gets the key.
     Viewport,
-    /// Read as long as it is held down; see [`is_held`].
+    /// Acts as long as the key is held down; see [`is_held`].
     Hold,
 }
 
@@ -122,15 +122,15 @@ pub(crate) struct Entry {
     pub(crate) tooltip: &'static str,
     pub(crate) group: Group,
     pub(crate) scope: Scope,
-    /// Any of these; for the commands of numbered prompts, key n acts on prompt n.
+    /// Alternative keys. For the commands of numbered prompts, key n acts on prompt n.
     pub(crate) keys: &'static [KeyboardShortcut],
 }
 
-/// A command as it was asked for.
+/// A command as it was given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Invocation {
     pub(crate) command: Command,
-    /// Which of the command's keys was pressed.
+    /// Index of the command's key that was pressed.
     pub(crate) index: usize,
 }
 
@@ -140,11 +140,11 @@ impl From<Command> for Invocation {
     }
 }
 
-/// Frames of the long step.
+/// Number of frames of the long step.
 pub(crate) const HOP: isize = 10;
-/// How much a threshold key moves the threshold.
+/// Change of the threshold by a threshold key.
 pub(crate) const THRESHOLD_STEP: f32 = 0.01;
-/// How much the opacity key adds.
+/// Increase of the opacity by the opacity key.
 pub(crate) const OPACITY_STEP: f32 = 0.2;
 
 const fn key(key: Key) -> KeyboardShortcut {
@@ -278,12 +278,13 @@ table! {
     About         Help Always [] "About SurgTPGS" "Version, intended use and privacy"
 }
 
-/// The row of a command.
+/// Returns the row of a command.
 pub(crate) fn entry(command: Command) -> &'static Entry {
     COMMANDS.iter().find(|e| e.command == command).unwrap_or(&COMMANDS[0])
 }
 
-/// The command whose key this is. Modifiers must be exactly those of the key: Shift+Left is not Left.
+/// Finds the command of a key, and the index of that key. Modifiers must be exactly those of the key:
+/// Shift+Left is not Left.
 pub(crate) fn find(pressed: Key, modifiers: Modifiers) -> Option<(&'static Entry, usize)> {
     COMMANDS.iter().filter(|e| e.scope != Scope::Hold).find_map(|entry| {
         let matches = |k: &KeyboardShortcut| k.logical_key == pressed && is_exactly(modifiers, k.modifiers);
@@ -291,7 +292,7 @@ pub(crate) fn find(pressed: Key, modifiers: Modifiers) -> Option<(&'static Entry
     })
 }
 
-/// Whether the key of a [`Scope::Hold`] command is down. A text field in focus owns it.
+/// Returns `true` while the key of a [`Scope::Hold`] command is down and no text field has the focus.
 pub(crate) fn is_held(ctx: &egui::Context, command: Command) -> bool {
     !ctx.text_edit_focused()
         && ctx.input(|i| {
@@ -299,12 +300,12 @@ pub(crate) fn is_held(ctx: &egui::Context, command: Command) -> bool {
         })
 }
 
-/// Whether one of a command's plain keys is down.
+/// Returns `true` while one of a command's keys is down, ignoring modifiers.
 pub(crate) fn is_down(ctx: &egui::Context, command: Command) -> bool {
     ctx.input(|i| keymap::keys(entry(command)).iter().any(|k| i.key_down(k.logical_key)))
 }
 
-/// The keys of a command as text, e.g. "Shift+W"; empty if it has none.
+/// Formats the keys of a command, e.g. "Shift+W"; empty if it has none.
 pub(crate) fn keys_text(entry: &Entry) -> String {
     let one = |k: &KeyboardShortcut| {
         let mut text = String::new();
@@ -326,12 +327,12 @@ pub(crate) fn keys_text(entry: &Entry) -> String {
     }
 }
 
-/// Tooltip with the key.
+/// Returns the tooltip of a command, with its keys.
 pub(crate) fn tooltip(command: Command) -> String {
     with_keys(entry(command).tooltip, command)
 }
 
-/// A sentence with the command's keys behind it, if there are any.
+/// Appends the keys of a command to a sentence, if there are any.
 pub(crate) fn with_keys(sentence: &str, command: Command) -> String {
     match keys_text(entry(command)) {
         keys if keys.is_empty() => sentence.to_owned(),
@@ -339,7 +340,7 @@ pub(crate) fn with_keys(sentence: &str, command: Command) -> String {
     }
 }
 
-/// Words for keys: their symbols are not in every font.
+/// Returns the name of a key in words, because key symbols are not in every font.
 fn key_name(key: Key) -> &'static str {
     match key {
         Key::ArrowLeft => "Left",

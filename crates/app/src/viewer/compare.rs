@@ -1,4 +1,4 @@
-//! The recorded frame against its reconstruction, pixel by pixel.
+//! Comparison of the recorded frame with its reconstruction, pixel by pixel.
 
 use super::layer_colours::depth_colour;
 use egui::ColorImage;
@@ -6,21 +6,21 @@ use image::RgbImage;
 use std::sync::Arc;
 use surgtpgs_core::metrics::psnr_db;
 
-/// How much two pictures of one frame differ.
+/// Difference between two pictures of one frame.
 #[derive(Clone, Debug)]
 pub(crate) struct Difference {
     pub(crate) image: Arc<ColorImage>,
-    /// Of the whole picture; `None` where both are the same.
+    /// PSNR of the whole picture; `None` where both pictures are the same.
     pub(crate) psnr_db: Option<f64>,
 }
 
-/// The difference, in levels of 255, at the bright end of the colour scale. Fixed, so that frames can be compared.
+/// Difference at the bright end of the colour scale, in levels of 255. Fixed, so that frames can be compared.
 pub(crate) const FULL_SCALE: f32 = 64.0;
-/// How long each of both pictures is shown when they are shown in turns, seconds.
+/// Seconds for which each of the two pictures is shown when they alternate.
 pub(crate) const BLINK_SECS: f64 = 0.6;
 
 impl Difference {
-    /// Compares at the size of the reconstruction.
+    /// Compares two pictures at the size of the reconstruction.
     pub(crate) fn of(recorded: &RgbImage, rendered: &RgbImage) -> Self {
         let (width, height) = rendered.dimensions();
         let resized;
@@ -40,17 +40,17 @@ impl Difference {
     }
 }
 
-/// Dark where nothing differs; `share` is 0–1 of the scale.
+/// Returns the colour of a difference, dark where nothing differs; `share` is 0–1 of the scale.
 pub(crate) fn difference_colour(share: f32) -> egui::Color32 {
     depth_colour(1.0 - share.clamp(0.0, 1.0))
 }
 
-/// Whether it is the recorded frame's turn.
+/// Returns `true` while it is the recorded frame's turn.
 pub(crate) fn is_recorded_turn(now: f64) -> bool {
     (now / BLINK_SECS).rem_euclid(2.0) < 1.0
 }
 
-/// Seconds until the other one's turn.
+/// Returns the seconds until the other picture's turn.
 pub(crate) fn seconds_to_turn(now: f64) -> f64 {
     BLINK_SECS - now.rem_euclid(BLINK_SECS)
 }

@@ -1,4 +1,4 @@
-//! The area of every visible prompt over time, under the bar; a click goes there.
+//! Curves of the area of every visible prompt over time, under the time bar. A click goes to the frame.
 
 use super::{app::ViewerApp, areas::Curve, document::Prompt, prompts::percent, theme};
 use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Shape, Stroke, Ui, pos2};
@@ -6,8 +6,8 @@ use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Shape, Stroke, Ui, pos2
 /// Height of the curves.
 pub(crate) const HEIGHT: f32 = 46.0;
 
-/// The visible prompts with their numbers and curves. A curve is there before anything of it is counted: if it came later,
-/// the picture would move while somebody points at it.
+/// Returns the visible prompts with their numbers and curves. A curve is there before anything of it is
+/// counted: if it came later, the picture would move while the user points at it.
 pub(crate) fn curves(app: &ViewerApp) -> Vec<(usize, Prompt, Curve)> {
     let Some((areas, info)) = app.areas().zip(app.info()).filter(|(_, info)| info.has_features) else {
         return Vec::new();
@@ -18,7 +18,8 @@ pub(crate) fn curves(app: &ViewerApp) -> Vec<(usize, Prompt, Curve)> {
     prompts.map(|(index, p)| (index + 1, p.clone(), curve(p))).collect()
 }
 
-/// Paints the curves; `x` is where a frame is. The scale is one for all, from nothing to the largest.
+/// Paints the curves; `x` maps a frame to its position. All curves share one scale, from nothing to the
+/// largest area.
 pub(crate) fn paint(
     ui: &Ui,
     app: &ViewerApp,
@@ -55,7 +56,7 @@ pub(crate) fn paint(
     painter.galley(plate.min, galley, theme::TEXT_WEAK);
 }
 
-/// Runs of known frames as lines; a single frame is a short one.
+/// Splits a curve into lines over consecutive known frames; a single frame becomes a short line.
 fn known_parts(curve: &Curve, x: &dyn Fn(usize) -> f32, y: &impl Fn(f32) -> f32) -> Vec<Vec<Pos2>> {
     let mut parts: Vec<Vec<Pos2>> = vec![Vec::new()];
     for (frame, point) in curve.points.iter().enumerate() {
@@ -77,7 +78,7 @@ fn fill(painter: &Painter, line: &[Pos2], bottom: f32, colour: Color32) {
     }
 }
 
-/// The prompt's number at its largest area, so that colour is not the only difference.
+/// Paints the prompt's number at its largest area, so that colour is not the only difference between curves.
 fn number_at(painter: &Painter, at: Pos2, within: Rect, number: usize, colour: [u8; 3]) {
     let size = egui::vec2(15.0, 15.0);
     let room = within.shrink2(size / 2.0);
@@ -85,7 +86,7 @@ fn number_at(painter: &Painter, at: Pos2, within: Rect, number: usize, colour: [
     super::widgets::swatch(painter, Rect::from_center_size(centre, size), colour, &number.to_string());
 }
 
-/// The curves in words.
+/// Describes the curves in words.
 pub(crate) fn describe(curves: &[(usize, Prompt, Curve)]) -> String {
     let one = |(_, prompt, curve): &(usize, Prompt, Curve)| match (curve.largest(), curve.is_complete()) {
         (_, false) => format!("{}: still being counted", prompt.text),

@@ -1,4 +1,5 @@
-//! What the user decided. Every change of the [`Content`], and every return to the endoscope's view, can be undone by name.
+//! The user's decisions. Every change of the [`Content`], and every return to the endoscope's view, is a
+//! named edit that can be undone.
 
 pub(crate) use super::view_mode::ViewMode;
 use super::{
@@ -13,10 +14,10 @@ use surgtpgs_core::{
     sequence::names_instrument,
 };
 
-/// Names a prompt for its lifetime.
+/// Identifier of a prompt, valid for its lifetime.
 pub(crate) type PromptId = u64;
 
-/// The prompt that is being typed and not yet added.
+/// Identifier of the prompt that is being typed and not yet added.
 pub(crate) const PREVIEW: PromptId = 0;
 
 /// Something to look for.
@@ -25,29 +26,29 @@ pub(crate) struct Prompt {
     #[serde(skip)]
     pub(crate) id: PromptId,
     pub(crate) text: String,
-    /// Kept for the prompt's lifetime: deleting another one does not recolour it.
+    /// Colour that stays the same when other prompts are deleted.
     pub(crate) colour: [u8; 3],
     pub(crate) is_visible: bool,
-    /// What it finds lies over what the others find.
+    /// `true` if the prompt's masks lie over those of other prompts.
     #[serde(default)]
     pub(crate) is_instrument: bool,
     /// Score above which a pixel is found; a whole number of hundredths.
     pub(crate) threshold: f32,
-    /// What it is compared with besides what all are.
+    /// Phrases that the prompt is compared with, besides those for all prompts.
     #[serde(default)]
     pub(crate) but_not: Vec<String>,
-    /// What a point of a picture shows, to look for instead of the words.
+    /// Sample of a picture to look for, instead of the words.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) like: Option<Sample>,
-    /// What points of pictures show that is not meant.
+    /// Samples of pictures that are not meant.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) not_like: Vec<NamedSample>,
-    /// What a newer program wrote.
+    /// Fields that a newer program wrote.
     #[serde(flatten)]
     pub(crate) unknown: Map<String, Value>,
 }
 
-/// What a point of a picture shows, with a name that says which point.
+/// Sample of a picture, with a name that tells its point.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct NamedSample {
     pub(crate) name: String,
@@ -59,24 +60,24 @@ pub(crate) struct NamedSample {
 #[serde(default)]
 pub(crate) struct Content {
     pub(crate) prompts: Vec<Prompt>,
-    /// In order of their frames, at most one a frame.
+    /// Bookmarks in the order of their frames, at most one per frame.
     pub(crate) bookmarks: Vec<Bookmark>,
     /// First and last frame of the part that plays.
     pub(crate) range: Option<(usize, usize)>,
-    /// What all prompts are compared with.
+    /// Phrases and classes that all prompts are compared with.
     pub(crate) comparison: Comparison,
-    /// What makes millimetres of scene units.
+    /// Scale that converts scene units to millimetres.
     pub(crate) scale: Option<Scale>,
-    /// What is done to masks.
+    /// Clean-up of masks.
     pub(crate) clean_up: CleanUp,
-    /// First and last frames of what is left out of everything, in order.
+    /// First and last frame of each range that is left out of everything, in order.
     pub(crate) excluded: Vec<(usize, usize)>,
-    /// What a newer program wrote.
+    /// Fields that a newer program wrote.
     #[serde(flatten)]
     pub(crate) unknown: Map<String, Value>,
 }
 
-/// From where the picture is seen, and how large.
+/// Viewpoint and magnification of the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default)]
 pub(crate) struct Look {
@@ -84,7 +85,7 @@ pub(crate) struct Look {
     pub(crate) zoom: Zoom,
 }
 
-/// Which changes in a row are one edit.
+/// Kind of change. Successive changes of the same kind are joined into one edit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Joint {
     Threshold(PromptId),
@@ -92,7 +93,7 @@ pub(crate) enum Joint {
     CleanUp,
 }
 
-/// The content before an edit; the look as well if the edit changed it.
+/// Content before an edit, and the look if the edit changed it.
 #[derive(Clone, Debug)]
 struct Snapshot {
     content: Content,
@@ -106,15 +107,15 @@ pub(crate) struct Document {
     next_id: PromptId,
     /// The prompt that the threshold keys act on.
     pub(crate) selected: Option<PromptId>,
-    /// How what is found is drawn.
+    /// Style of the overlay.
     pub(crate) overlay: OverlayLook,
-    /// Everything drawn over the picture is off.
+    /// `true` if everything drawn over the picture is hidden.
     pub(crate) is_hidden: bool,
     pub(crate) mode: ViewMode,
     pub(crate) look: Look,
     default_threshold: f32,
     history: History<Snapshot, Joint>,
-    /// Grows with every change of the content.
+    /// Counter that grows with every change of the content.
     revision: u64,
 }
 
@@ -154,7 +155,7 @@ impl Document {
         self.revision
     }
 
-    /// Takes over what was saved. There is nothing to undo afterwards.
+    /// Replaces the content by a saved one. There is nothing to undo afterwards.
     pub(crate) fn load(&mut self, content: Content, num_frames: usize) {
         self.content = content.mended(num_frames);
         for prompt in &mut self.content.prompts {
@@ -166,7 +167,8 @@ impl Document {
         self.revision += 1;
     }
 
-    /// Another recording: prompts stay, what belongs to frames goes.
+    /// Prepares for another recording: keeps prompts and removes everything else that belongs to the previous
+    /// one.
     pub(crate) fn start_recording(&mut self) {
         self.content.bookmarks.clear();
         self.content.range = None;
@@ -176,17 +178,18 @@ impl Document {
         self.revision += 1;
     }
 
-    /// Adds a prompt and selects it; words that are there already are selected and shown instead. Empty words do nothing.
+    /// Adds a prompt and selects it. If there is a prompt with these words, it is selected and shown instead.
+    /// Empty words do nothing.
     pub(crate) fn add(&mut self, text: &str) {
         self.add_prompt(text, None);
     }
 
-    /// Adds a prompt for what a point of a picture shows.
+    /// Adds a prompt that looks for a sample of a picture.
     pub(crate) fn add_like(&mut self, NamedSample { name, sample }: NamedSample) {
         self.add_prompt(&name, Some(sample));
     }
 
-    /// What a point of a picture shows is not what a prompt means, from now on.
+    /// Adds a sample of a picture to what a prompt does not mean.
     pub(crate) fn add_not_like(&mut self, id: PromptId, not_like: NamedSample) {
         let Some(prompt) = self.prompt(id).filter(|p| !p.not_like.contains(&not_like)) else { return };
         let name = format!("what \"{}\" is not", prompt.text);
@@ -265,14 +268,14 @@ impl Document {
         self.edit_prompt(name, None, id, |p| p.colour = colour);
     }
 
-    /// What a prompt is compared with besides what all are.
+    /// Sets the phrases that a prompt is compared with, besides those for all prompts.
     pub(crate) fn set_but_not(&mut self, id: PromptId, but_not: &[String]) {
         let Some(prompt) = self.prompt(id).filter(|p| p.but_not != but_not) else { return };
         let name = format!("what \"{}\" is not", prompt.text);
         self.edit_prompt(name, None, id, |p| p.but_not = but_not.to_vec());
     }
 
-    /// Says whether a prompt is about an instrument.
+    /// Sets whether a prompt is about an instrument.
     pub(crate) fn set_instrument(&mut self, id: PromptId, is_instrument: bool) {
         let Some(prompt) = self.prompt(id).filter(|p| p.is_instrument != is_instrument) else { return };
         let kind = if is_instrument { "an instrument" } else { "no instrument" };
@@ -280,7 +283,7 @@ impl Document {
         self.edit_prompt(name, None, id, |p| p.is_instrument = is_instrument);
     }
 
-    /// What is done to masks.
+    /// Sets the clean-up of masks.
     pub(crate) fn set_clean_up(&mut self, clean_up: CleanUp) {
         if self.content.clean_up != clean_up {
             let name = if clean_up.is_off() { "masks as they are" } else { "cleaning up masks" };
@@ -305,7 +308,7 @@ impl Document {
         });
     }
 
-    /// Sets a threshold, in whole hundredths.
+    /// Sets a threshold, rounded to whole hundredths.
     pub(crate) fn set_threshold(&mut self, id: PromptId, threshold: f32) {
         let threshold = hundredths(threshold);
         let Some(prompt) = self.prompt(id).filter(|p| p.threshold != threshold) else { return };
@@ -336,7 +339,7 @@ impl Document {
         self.edit(name.into(), None, |content| content.scale = scale);
     }
 
-    /// Back to the endoscope's own view, without zoom.
+    /// Returns to the endoscope's own view, without zoom.
     pub(crate) fn reset_look(&mut self) {
         if self.look != Look::default() {
             let (content, look) = (&self.content, self.look);
@@ -354,7 +357,7 @@ impl Document {
         };
     }
 
-    /// More opaque by a step; after the most opaque comes the least.
+    /// Makes the overlay more opaque by one step; the least opaque step follows the most opaque one.
     pub(crate) fn next_opacity(&mut self) {
         let OverlayLook { style, opacity, outline_opacity, .. } = &mut self.overlay;
         let opacity = if *style == OverlayStyle::Outline { outline_opacity } else { opacity };
@@ -362,18 +365,18 @@ impl Document {
         *opacity = if next > 1.01 { OPACITY_STEP } else { next.min(1.0) };
     }
 
-    /// The colour that the next prompt will get: the first of the palette that is not in use.
+    /// Returns the colour for the next prompt: the first of the least used colours of the palette.
     pub(crate) fn next_colour(&self) -> [u8; 3] {
         let uses = |c: &[u8; 3]| self.prompts().iter().filter(|p| p.colour == *c).count();
         PROMPT_COLOURS.into_iter().min_by_key(uses).unwrap_or([255; 3])
     }
 
-    /// What undo would undo.
+    /// Returns the name of the edit that undo would take back.
     pub(crate) fn undo_name(&self) -> Option<&str> {
         self.history.undo_name()
     }
 
-    /// What redo would do again.
+    /// Returns the name of the edit that redo would repeat.
     pub(crate) fn redo_name(&self) -> Option<&str> {
         self.history.redo_name()
     }
@@ -434,7 +437,7 @@ impl Document {
 }
 
 impl Snapshot {
-    /// Changes places with the present state.
+    /// Swaps the snapshot with the present state.
     fn exchange(&mut self, content: &mut Content, look: &mut Look) {
         std::mem::swap(&mut self.content, content);
         if let Some(own) = &mut self.look {
@@ -444,14 +447,15 @@ impl Snapshot {
 }
 
 impl Look {
-    /// The same within what is possible, whatever a file says.
+    /// Limits the look to what is possible, because files may hold any values.
     pub(crate) fn mended(self, max_degrees: f32) -> Self {
         Self { orbit: self.orbit.mended(max_degrees), zoom: self.zoom.mended() }
     }
 }
 
 impl Content {
-    /// Whether the same was decided; prompts have other ids in every window.
+    /// Returns `true` if both hold the same decisions. Ids of prompts do not count, because they differ
+    /// between windows.
     pub(crate) fn is_alike(&self, other: &Self) -> bool {
         let anonymous = |content: &Self| {
             let mut content = content.clone();
@@ -461,13 +465,14 @@ impl Content {
         anonymous(self) == anonymous(other)
     }
 
-    /// Whether something was decided about single frames, which means nothing in another recording.
+    /// Returns `true` if there are decisions that mean nothing in another recording, e.g. about single
+    /// frames.
     pub(crate) fn has_marks(&self) -> bool {
         let Self { bookmarks, range, excluded, scale, .. } = self;
         !bookmarks.is_empty() || range.is_some() || !excluded.is_empty() || scale.is_some()
     }
 
-    /// The same within what is possible for a recording of so many frames, whatever a file says.
+    /// Limits the content to what is possible for `num_frames` frames, because files may hold any values.
     fn mended(mut self, num_frames: usize) -> Self {
         self.prompts.retain(|p| !p.text.trim().is_empty());
         self.prompts.iter_mut().for_each(|p| p.threshold = hundredths(p.threshold));
@@ -482,7 +487,8 @@ impl Content {
     }
 }
 
-/// The nearest whole hundredth of 0–1; not a number becomes 1: nothing is found rather than everything.
+/// Rounds to the nearest whole hundredth of 0–1. Not a number becomes 1: nothing is found rather than
+/// everything.
 fn hundredths(threshold: f32) -> f32 {
     if threshold.is_nan() { 1.0 } else { (threshold.clamp(0.0, 1.0) * 100.0).round() / 100.0 }
 }

@@ -1,4 +1,4 @@
-//! Edits, and that undo is their inverse.
+//! Tests of edits, and of undo as their inverse.
 
 use super::document::{Content, Document};
 use proptest::prelude::*;
@@ -118,7 +118,7 @@ fn what_belongs_to_frames_is_not_taken_to_another_recording() {
     assert_eq!((document.content().range, document.undo_name()), (None, None));
 }
 
-/// Something a user does; the number chooses what it is done to.
+/// Applies one of the edits that a user can make; `number` chooses its target.
 fn apply(document: &mut Document, (what, number): (u8, usize)) {
     let id = document.prompts().get(number % document.prompts().len().max(1)).map_or(0, |p| p.id);
     let index = number % 5;

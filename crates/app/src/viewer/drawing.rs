@@ -9,7 +9,7 @@ use surgtpgs_core::{
     overlay::{OverlayPrompt, overlay_layers},
 };
 
-/// The frame with everything found drawn over it; `None` if there is nothing to draw.
+/// Draws everything found over the frame; returns `None` if there is nothing to draw.
 pub(crate) fn mark(
     frame: &RgbImage,
     findings: &[Finding],
@@ -41,18 +41,18 @@ pub(crate) fn mark(
     Some(Arc::new(color_image(&overlay_layers(frame, &prompts, tools, request.look))))
 }
 
-/// How much of its colour what nobody saw keeps.
+/// Share of its colour that a pixel keeps if the endoscope did not see it.
 const FADED: f32 = 0.3;
-/// What it fades to.
+/// Grey level that such a pixel fades to.
 const FADED_TO: f32 = 48.0;
 
-/// Fades what the endoscope did not see; returns its share of the picture.
+/// Fades the pixels that the endoscope did not see; returns their share of the picture.
 pub(crate) fn fade(colour: &mut RgbImage, depth: &Grid<f32>, unseen: &Mask) -> f32 {
     let mut count = 0;
     for ((pixel, z), _) in
         colour.pixels_mut().zip(&depth.data).zip(&unseen.data).filter(|(_, unseen)| **unseen)
     {
-        // Where there is nothing, black says so.
+        // Pixels without a surface are black already.
         if *z > 0.0 {
             count += 1;
             pixel.0 = pixel.0.map(|v| (FADED * f32::from(v) + (1.0 - FADED) * FADED_TO).round() as u8);

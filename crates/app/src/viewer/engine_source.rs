@@ -1,4 +1,4 @@
-//! The real engine behind the window's seam.
+//! Implementation of the window's interface ([`super::source`]) by the real engine.
 
 use super::{
     jobs::{JobContext, NOT_SAVED},
@@ -39,9 +39,9 @@ use surgtpgs_core::{
 };
 use surgtpgs_render::Wanted;
 
-/// Depth and scores without pictures.
+/// Request for depth and scores without pictures.
 const VALUES: Wanted = Wanted { pictures: false, values: true };
-/// Steps before the first state is worth showing.
+/// Number of steps before the first state that is worth showing.
 const FIRST_PREVIEW: usize = 60;
 
 /// Opens, exports and trains with the program's own engine.
@@ -148,9 +148,9 @@ impl Backend for EngineBackend {
     fn reconstruct(&self, request: &TrainRequest, job: &JobContext) -> Result<PathBuf> {
         let material = Material::open(&request.recording)?;
         let inputs = outputs::inputs_of_material(&request.recording, &material);
-        // The name was offered because it is free, or chosen in a dialog that asks before it replaces.
+        // The offered name is free, and the file dialog asks before it replaces a file.
         let output = outputs::scene_file(&request.scene, &inputs, true)?;
-        // Training reads in it until its end.
+        // Temporary folder of the features. It must outlive the training, which reads from it.
         let mut features = None;
         let material = match material {
             Material::Bare(sequence) if !sequence.classes().is_empty() => {
@@ -191,11 +191,12 @@ impl Backend for EngineBackend {
     }
 }
 
-/// Seconds between two tries to save what was learned.
+/// Time between two attempts to save the trained scene.
 const SAVE_EVERY: Duration = Duration::from_secs(1);
 
-/// Saves what was learned. Where that fails, it says why and tries again until it works or the user gives it up: minutes
-/// of work are not to be lost to a full disk, whether all steps were done or somebody stopped to keep what there was.
+/// Saves the trained scene. If that fails, reports the reason and tries again, until it works or the user
+/// gives the scene up. Minutes of work must not be lost to a full disk, both after the last step and after
+/// the user stopped early to keep the scene so far.
 fn save_with_patience(steps: usize, save: &dyn Fn() -> Result<()>, job: &JobContext) -> Result<()> {
     let stops = job.num_stops();
     loop {
@@ -210,21 +211,21 @@ fn save_with_patience(steps: usize, save: &dyn Fn() -> Result<()>, job: &JobCont
     }
 }
 
-/// A folder for what nobody asked for, removed when it is dropped.
+/// Makes a folder for temporary files beside `file`, removed when it is dropped.
 fn folder_beside(file: &Path) -> Result<tempfile::TempDir> {
     let parent = file.parent().unwrap_or(Path::new("."));
     let folder = tempfile::Builder::new().prefix(".surgtpgs-").tempdir_in(parent);
     folder.map_err(|e| Error::io("make a folder", parent, e))
 }
 
-/// Passes on how far a job is, and whether it is to stop.
+/// Reports the progress of a job, and breaks if the job is to stop.
 fn watch(job: &JobContext, progress: &Progress<'_>) -> ControlFlow<()> {
     job.progress(progress.stage, progress.done, progress.total, progress.detail.to_owned());
     job.rest_while_paused();
     if job.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
 }
 
-/// A scene in the making.
+/// Makes a source that shows a scene during its training.
 fn preview(scene: Scene, recording: &Path) -> Result<SceneSource> {
     let engine = Engine::new(Arc::new(scene), None, EngineOptions::default())?;
     Ok(SceneSource::new(engine, recording.to_owned(), Some(recording.to_owned())))
@@ -234,9 +235,9 @@ fn preview(scene: Scene, recording: &Path) -> Result<SceneSource> {
 struct SceneSource {
     engine: Engine,
     info: Info,
-    /// Distance to what the endoscope looks at, scene units; the point to turn around.
+    /// Distance to the point that the endoscope looks at, scene units. Views turn around this point.
     pivot_depth: f32,
-    /// The depth of the endoscope's own view, of the view that was turned last.
+    /// Depth of the endoscope's own view, for the view that was turned last.
     home_depth: Option<(View, Arc<Grid<f32>>)>,
 }
 
@@ -295,7 +296,8 @@ impl SceneSource {
         })
     }
 
-    /// What the endoscope's own view of a turned view's frame shows, at the turned view's size; nothing for its own view.
+    /// Returns the depth of the endoscope's own view on the frame of a turned view, at the size of the turned
+    /// view. Empty if `view` is the endoscope's own.
     fn recorded_depth(&mut self, view: &View) -> Result<Arc<Grid<f32>>> {
         if view.orbit.is_home() {
             return Ok(Arc::default());
@@ -311,7 +313,7 @@ impl SceneSource {
         Ok(depth)
     }
 
-    /// Scores of questions that can all be asked together.
+    /// Returns the scores of several questions; fails if one of them cannot be asked.
     fn ask(&mut self, view: &engine::View, questions: &[Question]) -> Result<Vec<Grid<f32>>> {
         self.engine.set_questions(questions)?;
         Ok(self.engine.show(view, Ask::Now(None), VALUES)?.scores)
@@ -370,7 +372,7 @@ impl FrameSource for SceneSource {
         if let Ok(scores) = self.ask(&view, questions) {
             return scores.into_iter().map(Ok).collect();
         }
-        // One by one, so that the words that cannot be read do not silence the others.
+        // One by one, so that words that cannot be read fail alone.
         let one = |question: &Question| {
             let missing = || Error::input("there is no score for these words", "");
             self.ask(&view, std::slice::from_ref(question)).and_then(|mut s| s.pop().ok_or_else(missing))
@@ -390,14 +392,14 @@ impl FrameSource for SceneSource {
     }
 }
 
-/// The folder that holds `path`, or the user's own one where that cannot be written to.
+/// Returns the folder that holds `path`, or the user's own folder if that cannot be written to.
 fn output_folder(path: &Path) -> PathBuf {
     let beside = path.parent().filter(|p| tempfile::tempfile_in(p).is_ok());
     let own = || dirs::document_dir().or_else(dirs::home_dir).unwrap_or_else(std::env::temp_dir);
     beside.map_or_else(own, Path::to_owned)
 }
 
-/// The median depth of the middle of the picture.
+/// Returns the median depth in the middle of the picture.
 fn middle_depth(depth: &Grid<f32>) -> Option<f32> {
     let rows = depth.height / 3..(2 * depth.height).div_ceil(3);
     let columns = depth.width / 3..(2 * depth.width).div_ceil(3);
@@ -407,7 +409,7 @@ fn middle_depth(depth: &Grid<f32>) -> Option<f32> {
     (!depths.is_empty()).then(|| *depths.select_nth_unstable_by(middle, f32::total_cmp).1)
 }
 
-/// Class names to begin with: not what surrounds the picture.
+/// Returns class names as example prompts, without those of the background.
 fn examples<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
     names.filter(|n| !n.contains("background")).map(str::to_owned).collect()
 }
@@ -441,7 +443,7 @@ impl RecordingSource {
         Self { frame: Box::new(move |i| sequence.frame(i)), info }
     }
 
-    /// The demo that is being written to `path`.
+    /// Makes a source of the demo that is being written to `path`.
     fn of_demo(demo: demo::Demo, path: &Path) -> Self {
         let DemoSettings { width, height, frames, moving_camera, .. } = *demo.settings();
         let info = Info {
@@ -493,7 +495,8 @@ mod tests {
     use super::*;
     use crate::viewer::jobs::{Job, JobEvent};
 
-    /// How a job ended, or `None` once it says that something is not saved yet.
+    /// Waits for the result of a job. With `until_told`, returns `None` once the job reports that something
+    /// is not saved yet.
     fn wait(job: &mut Job<()>, until_told: bool) -> Option<Result<()>> {
         loop {
             match job.poll() {

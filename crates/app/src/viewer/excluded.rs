@@ -1,5 +1,5 @@
-//! Frames that are left out of everything: not shown, not exported, not learned from. What is seen outside of the body may
-//! tell who was operated.
+//! Frames that are left out of everything: not shown, not exported, not trained on. Pictures from outside the
+//! body may reveal the identity of the patient.
 
 use super::document::Document;
 
@@ -12,7 +12,7 @@ impl Document {
         self.excluded().iter().any(|(from, to)| (*from..=*to).contains(&frame))
     }
 
-    /// Leaves the frames from `from` to `to` out; if all of them are out already, takes them back in.
+    /// Excludes the frames from `from` to `to`; if all of them are excluded already, includes them again.
     pub(crate) fn toggle_excluded(&mut self, from: usize, to: usize) {
         let is_out = (from..=to).all(|frame| self.is_excluded(frame));
         let frames = if from == to {
@@ -27,7 +27,8 @@ impl Document {
         });
     }
 
-    /// The frame to show in place of an excluded one while playing: the next one in that direction, around the end.
+    /// Returns the frame to show in place of an excluded one while playing: the next included frame in that
+    /// direction, wrapping around at the end.
     pub(crate) fn next_included(&self, frame: usize, is_forwards: bool, num_frames: usize) -> Option<usize> {
         let step = |k: usize| {
             let to = if is_forwards { frame + k } else { frame + num_frames - k };
@@ -37,7 +38,7 @@ impl Document {
     }
 }
 
-/// The ranges without the frames of `out`.
+/// Removes the frames of `out` from the ranges.
 fn cut(ranges: &[(usize, usize)], out: (usize, usize)) -> Vec<(usize, usize)> {
     let parts = |&(from, to): &(usize, usize)| {
         let before = out.0.checked_sub(1).map(|end| (from, to.min(end)));
@@ -47,7 +48,7 @@ fn cut(ranges: &[(usize, usize)], out: (usize, usize)) -> Vec<(usize, usize)> {
     ranges.iter().flat_map(parts).collect()
 }
 
-/// The ranges with `more`, which overlaps none of them, in order; neighbours become one.
+/// Adds `more` to the ranges, keeps them in order, and joins neighbours.
 fn joined(mut ranges: Vec<(usize, usize)>, more: (usize, usize)) -> Vec<(usize, usize)> {
     ranges.push(more);
     ranges.sort_unstable();
@@ -61,12 +62,12 @@ fn joined(mut ranges: Vec<(usize, usize)>, more: (usize, usize)) -> Vec<(usize, 
     whole
 }
 
-/// The same within what is possible for a recording of so many frames, whatever a file says.
+/// Limits the ranges to what is possible for `num_frames` frames, because files may hold any values.
 pub(crate) fn mended(ranges: Vec<(usize, usize)>, num_frames: usize) -> Vec<(usize, usize)> {
     ranges.into_iter().filter(|(from, to)| from <= to && *to < num_frames).fold(Vec::new(), joined)
 }
 
-/// The frames from `from` to `to` that are not left out.
+/// Returns the frames from `from` to `to` that are not excluded.
 pub(crate) fn included((from, to): (usize, usize), excluded: &[(usize, usize)]) -> Vec<usize> {
     (from..=to).filter(|frame| !excluded.iter().any(|(a, b)| (*a..=*b).contains(frame))).collect()
 }

@@ -1,4 +1,4 @@
-//! Masked frames as files: what, which frames, where; how many files first, then progress.
+//! The export dialog: formats, frames and folder, the number of files before the start, then the progress.
 
 use super::{
     app::ViewerApp,
@@ -19,10 +19,10 @@ use surgtpgs_core::{
     files::{is_free_folder, is_unfinished},
 };
 
-/// What a format is called and what it is.
+/// A format, its label, and its explanation.
 type Choice = (Format, &'static str, &'static str);
 
-/// The formats in groups, as they are offered.
+/// Formats as they are offered, in groups.
 const GROUPS: [(&str, &[Choice]); 3] = [
     (
         "A picture of every frame",
@@ -71,10 +71,10 @@ const GROUPS: [(&str, &[Choice]); 3] = [
     ),
 ];
 
-/// The dialog, from the question to the result.
+/// State of the dialog, from the question to the result.
 pub(crate) struct ExportDialog {
     request: ExportRequest,
-    /// Of what is open; a new folder is called after it.
+    /// Name of the open scene, after which a new folder is named.
     name: String,
     last_frame: usize,
     has_original: bool,
@@ -89,7 +89,7 @@ enum State {
 }
 
 impl ExportDialog {
-    /// For the visible prompts of what is open.
+    /// Makes the dialog for the visible prompts of the open scene.
     pub(crate) fn new(app: &ViewerApp) -> Option<Self> {
         let info = app.info()?;
         let prompt = |p: &super::document::Prompt| ExportPrompt {
@@ -126,7 +126,7 @@ impl ExportDialog {
         matches!(self.state, State::Running(_))
     }
 
-    /// Takes what the threads said; returns a problem to show.
+    /// Takes the results of the threads; returns a problem to show.
     pub(crate) fn poll(&mut self) -> Option<String> {
         if let Some(JobEvent::Done(result)) = self.picking.as_mut().and_then(Job::poll) {
             self.picking = None;
@@ -158,8 +158,8 @@ impl ExportDialog {
     }
 }
 
-/// The folder for an export of `name` where `folder` was picked: that, where it is free or holds an export to go on with, or
-/// a new one in it.
+/// Returns the folder for an export of `name` after the user picked `folder`. This is `folder` if it is free
+/// or holds an export to continue, and otherwise a new folder in it.
 pub(super) fn folder_in(folder: &Path, name: &str) -> PathBuf {
     match is_free_folder(folder) {
         Ok(true) => folder.to_owned(),
@@ -168,7 +168,7 @@ pub(super) fn folder_in(folder: &Path, name: &str) -> PathBuf {
     }
 }
 
-/// A folder that is not there yet.
+/// Returns the path of a folder that does not exist yet.
 pub(super) fn free_folder(parent: &Path, name: &str, what: &str) -> PathBuf {
     let path = |i: usize| {
         let number = if i == 1 { String::new() } else { format!("-{i}") };
@@ -177,7 +177,7 @@ pub(super) fn free_folder(parent: &Path, name: &str, what: &str) -> PathBuf {
     (1..1000).map(path).find(|p| !p.exists()).unwrap_or_else(|| path(1000))
 }
 
-/// The dialog, if it is open.
+/// Shows the dialog, if it is open.
 pub(crate) fn export_dialog_ui(ctx: &Context, app: &mut ViewerApp) {
     let Some(mut dialog) = app.export.take() else { return };
     let backend = app.backend.clone();
@@ -195,7 +195,7 @@ pub(crate) fn export_dialog_ui(ctx: &Context, app: &mut ViewerApp) {
     }
 }
 
-/// Returns whether the dialog is to be closed.
+/// Shows the settings of an export; returns `true` if the dialog is to be closed.
 fn asking_ui(ui: &mut Ui, dialog: &mut ExportDialog, backend: Arc<dyn Backend>) -> bool {
     let names: Vec<_> = dialog.request.prompts.iter().map(|p| format!("\"{}\"", p.question.text)).collect();
     let what = if names.is_empty() { "No visible prompt".to_owned() } else { names.join(", ") };
@@ -253,7 +253,7 @@ fn frames_ui(ui: &mut Ui, dialog: &mut ExportDialog) {
     let request = &mut dialog.request;
     ui.horizontal(|ui| {
         ui.label("Frames");
-        // Shown from 1, kept from 0.
+        // Frames are shown from 1 and stored from 0.
         let (mut from, mut to) = (request.frames.0 + 1, request.frames.1 + 1);
         let last = dialog.last_frame + 1;
         ui.add(DragValue::new(&mut from).range(1..=last)).on_hover_text("First frame");

@@ -1,4 +1,4 @@
-//! The window's exports and those of the command line are the same files.
+//! Tests that the window and the command line export the same files.
 
 use super::{
     engine_source::EngineBackend,
@@ -42,7 +42,7 @@ fn through_the_window(request: ExportRequest) -> ExportSummary {
     }
 }
 
-/// Names and bytes of everything in a folder.
+/// Returns names and bytes of everything in a folder.
 fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     let mut open = vec![folder.to_owned()];
@@ -109,7 +109,7 @@ fn the_window_and_the_command_line_write_the_same_bytes() {
     );
     assert_eq!(record["relevancy"]["phrases"][4], "smoke");
     let (line, window) = (contents(&folder.join("line")), contents(&folder.join("window")));
-    // Two records and the names of labels come on top.
+    // The two records and the names of labels are not counted.
     assert_eq!(line.len(), done.num_files + 3);
     assert!(line.keys().eq(window.keys()));
     for (name, bytes) in &line {

@@ -1,4 +1,4 @@
-//! What a prompt found in one view, in short.
+//! Summary of a prompt's result in one view.
 
 use std::{borrow::Cow, sync::Arc};
 use surgtpgs_core::{
@@ -7,21 +7,21 @@ use surgtpgs_core::{
     summary::{SCORE_BINS, Summary},
 };
 
-/// Scores of one prompt in one view, in short.
+/// Result of one prompt in one view.
 #[derive(Clone, Debug)]
 pub(crate) struct Found {
-    /// Pixels above the threshold.
+    /// Number of pixels above the threshold.
     pub(crate) area_px: usize,
     /// Share of the picture, 0–1.
     pub(crate) area_fraction: f32,
     /// The highest similarity score.
     pub(crate) max_score: f32,
-    /// How many pixels of the reconstruction have which score, in equal steps from 0 to 1.
+    /// Number of pixels of the reconstruction by score, in equal steps from 0 to 1.
     pub(crate) histogram: [u32; SCORE_BINS],
-    /// A found pixel near the middle of what was found, as share of width and height.
+    /// Found pixel near the middle of everything found, as share of width and height.
     pub(crate) anchor: Option<[f32; 2]>,
     pub(crate) scores: Arc<Grid<f32>>,
-    /// The scores, those above the threshold being what is found once masks are cleaned up.
+    /// Scores after the clean-up of masks: a pixel is found if its cleaned score is above the threshold.
     pub(crate) cleaned: Arc<Grid<f32>>,
 }
 
@@ -49,7 +49,7 @@ impl Found {
     }
 }
 
-/// The found pixel nearest to `centre`, as share of width and height.
+/// Returns the found pixel nearest to `centre`, as share of width and height.
 fn nearest_found(scores: &Grid<f32>, threshold: f32, centre: [f64; 2]) -> Option<[f32; 2]> {
     let found = (0..scores.data.len()).filter(|&i| scores.data[i] > threshold);
     let distance = |i: &usize| {

@@ -1,4 +1,4 @@
-//! Sheets over the window: keys, about, and what this program is not for.
+//! Sheets over the window: keys, about, and the limits of the intended use.
 
 use super::{
     app::ViewerApp,
@@ -16,7 +16,7 @@ pub(crate) enum Sheet {
     About,
 }
 
-/// Shown below the intended use before the first use, and in About.
+/// Notice below the intended use, shown before the first use and in About.
 pub(crate) const NOTICE: &str = "SurgTPGS is not a medical device and has not been approved for clinical use. What it \
 highlights may be wrong or incomplete: a similarity score says how close a pixel is to your words, not how likely it \
 is to be right. The user is responsible for how it is used.";
@@ -25,7 +25,7 @@ const PRIVACY: &str = "Everything happens on this computer. The program has no n
 and keeps no statistics. It remembers which files were opened last (File, Recently opened: there it can be told \
 to forget them) and work that was not saved.";
 
-/// The sheet that is open; before anything else the notice, once.
+/// Shows the open sheet. Before the first use, shows the notice instead.
 pub(crate) fn sheets_ui(ctx: &Context, app: &mut ViewerApp) {
     if !app.preferences.is_acknowledged {
         notice_ui(ctx, app);
@@ -52,7 +52,7 @@ pub(crate) fn sheets_ui(ctx: &Context, app: &mut ViewerApp) {
     }
 }
 
-/// The next key that is pressed becomes that of the command whose key is being chosen.
+/// Gives the next pressed key to the command whose key is being chosen.
 fn take_chosen_key(ctx: &Context, app: &mut ViewerApp) {
     let Some(command) = app.choosing_key else { return };
     let pressed = ctx.input(|i| {
@@ -85,7 +85,7 @@ fn notice_ui(ctx: &Context, app: &mut ViewerApp) {
     });
 }
 
-/// The sheet is the command table.
+/// Shows the shortcut sheet, which lists the command table.
 fn shortcuts_ui(ui: &mut Ui, app: &mut ViewerApp) {
     ui.horizontal(|ui| {
         ui.heading("Keyboard shortcuts");
@@ -108,7 +108,7 @@ fn shortcuts_ui(ui: &mut Ui, app: &mut ViewerApp) {
     ui.label(RichText::new(text).font(theme::small()).color(colour));
     let height = ui.ctx().content_rect().height() - 190.0;
     let height = height.max(200.0);
-    // At once, or the sheet would grow under the pointer.
+    // Full height from the start, or the sheet would grow under the pointer.
     let area = ScrollArea::vertical().max_height(height).min_scrolled_height(height);
     area.show(ui, |ui| {
         ui.spacing_mut().interact_size.y = 18.0;
@@ -138,7 +138,7 @@ fn group_ui(ui: &mut Ui, app: &mut ViewerApp, group: Group) {
     });
 }
 
-/// The keys of a command, as a button that chooses another one.
+/// Shows the keys of a command as a button that chooses another key.
 fn key_ui(ui: &mut Ui, app: &mut ViewerApp, entry: &'static Entry) {
     let is_chosen = keymap::is_chosen(entry.command);
     let keys = keys_text(entry);

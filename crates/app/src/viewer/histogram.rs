@@ -1,4 +1,4 @@
-//! The threshold of a prompt: a slider under the distribution of its scores.
+//! The threshold slider of a prompt, under the distribution of its scores.
 
 use super::{found::Found, theme};
 use egui::{Align2, Color32, Key, Rect, Role, Sense, Stroke, Ui, WidgetInfo, pos2, vec2};
@@ -6,13 +6,13 @@ use surgtpgs_core::summary::SCORE_BINS;
 
 /// Score at which a pixel is as close to the prompt as to the best generic phrase.
 pub(crate) const TIE: f32 = 0.5;
-/// The paper's threshold.
+/// Threshold of the paper.
 pub(crate) const PAPER: f32 = 0.4;
 
 const HEIGHT: f32 = 52.0;
 const CAPTION: f32 = 17.0;
 
-/// Shows and changes a threshold; returns whether the change is over (let go or a key).
+/// Shows and changes a threshold; returns `true` when a change ends (mouse released, or key pressed).
 pub(crate) fn threshold_ui(
     ui: &mut Ui,
     name: &str,

@@ -1,6 +1,6 @@
-//! Undo and redo by name, for anything whose state can be exchanged.
+//! Undo and redo of named edits, for anything whose state can be exchanged.
 
-/// Edits that are kept.
+/// Number of edits that are kept.
 const MAX_EDITS: usize = 200;
 
 /// Named states before and after the present one.
@@ -13,7 +13,7 @@ pub(crate) struct History<State, Joint> {
 #[derive(Clone, Debug)]
 struct Edit<State, Joint> {
     name: String,
-    /// On the other side of the edit.
+    /// State on the other side of the edit.
     state: State,
     joins: Option<Joint>,
 }
@@ -25,7 +25,8 @@ impl<State, Joint> Default for History<State, Joint> {
 }
 
 impl<State, Joint: PartialEq> History<State, Joint> {
-    /// Remembers the state before a change. Changes with the same joint in a row (a slider being dragged) are one edit.
+    /// Remembers the state before a change. Successive changes with the same joint, such as dragging a
+    /// slider, are one edit.
     pub(crate) fn record(&mut self, name: String, joins: Option<Joint>, before: impl FnOnce() -> State) {
         let is_joined = joins.is_some() && self.past.last().is_some_and(|e| e.joins == joins);
         if !is_joined {
@@ -36,22 +37,22 @@ impl<State, Joint: PartialEq> History<State, Joint> {
         self.future.clear();
     }
 
-    /// Takes the last edit back: `exchange` puts the state given in place of the present one.
+    /// Takes the last edit back: `exchange` swaps the present state with the given one.
     pub(crate) fn undo(&mut self, exchange: impl FnOnce(&mut State)) {
         step(&mut self.past, &mut self.future, exchange);
     }
 
-    /// Does again what was taken back last.
+    /// Repeats the edit that was taken back last.
     pub(crate) fn redo(&mut self, exchange: impl FnOnce(&mut State)) {
         step(&mut self.future, &mut self.past, exchange);
     }
 
-    /// What undo would undo.
+    /// Returns the name of the edit that undo would take back.
     pub(crate) fn undo_name(&self) -> Option<&str> {
         self.past.last().map(|e| e.name.as_str())
     }
 
-    /// What redo would do again.
+    /// Returns the name of the edit that redo would repeat.
     pub(crate) fn redo_name(&self) -> Option<&str> {
         self.future.last().map(|e| e.name.as_str())
     }

@@ -1,4 +1,5 @@
-//! What a recording holds, and what would make a reconstruction of it wrong: read in the background once it is open.
+//! Check of a recording: its content, and faults that would make a reconstruction of it wrong. The recording
+//! is read in the background once it is open.
 
 use super::{
     app::ViewerApp,
@@ -10,14 +11,14 @@ use super::{
 use egui::{Context, Frame, Margin, RichText, ScrollArea, Ui};
 use std::{path::PathBuf, sync::Arc};
 
-/// Height that the report may take; the rest is scrolled to.
+/// Largest height of the report; the rest is scrolled to.
 const MAX_HEIGHT: f32 = 330.0;
 
-/// The check of the recording that is open.
+/// Check of the open recording.
 pub(crate) struct ImportCheck {
     path: PathBuf,
     job: Job<Checked>,
-    /// What came of it, or why nothing did.
+    /// Result of the check, or the reason for its failure.
     outcome: Option<Result<Checked, String>>,
 }
 
@@ -33,13 +34,13 @@ impl ImportCheck {
         }
     }
 
-    /// Whether a reconstruction would be wrong.
+    /// Returns `true` if a reconstruction would be wrong.
     pub(crate) fn has_errors(&self) -> bool {
         matches!(&self.outcome, Some(Ok(checked)) if !checked.report.ok)
     }
 }
 
-/// The report, for a recording that is not reconstructed.
+/// Shows the report of a recording that is not reconstructed.
 pub(crate) fn import_check_ui(ui: &mut Ui, app: &mut ViewerApp) {
     let is_wanted = !app.is_reconstructing() && app.info().is_some_and(|i| !i.has_reconstruction);
     let Some(check) = app.import_check.as_ref().filter(|_| is_wanted) else { return };
@@ -72,7 +73,7 @@ pub(crate) fn import_check_ui(ui: &mut Ui, app: &mut ViewerApp) {
     }
 }
 
-/// Returns whether the masks are to be turned round.
+/// Shows the report; returns `true` if the masks are to be inverted.
 fn report_ui(ui: &mut Ui, checked: &Checked) -> bool {
     let report = &checked.report;
     let (verdict, colour) = match (report.ok, report.warnings.len()) {

@@ -1,4 +1,4 @@
-//! Long work on named threads, with progress and cancel. The window asks and never waits.
+//! Long work on named threads, with progress and cancellation. The window polls and never waits.
 
 use super::source::FrameSource;
 use std::sync::{
@@ -9,62 +9,62 @@ use std::sync::{
 use std::time::Duration;
 use surgtpgs_core::{Error, Result, train::LossTerms};
 
-/// Seconds between two intermediate states unless somebody wants it otherwise.
+/// Default number of seconds between two previews.
 const USUAL_PREVIEW_SECONDS: u32 = 4;
 
-/// The stage of a job whose work is done and cannot be saved yet; to stop it then gives up the work.
+/// Stage of a job whose work is done but cannot be saved yet. Stopping the job then gives up the work.
 pub(crate) const NOT_SAVED: &str = "not saved yet";
 
-/// How far a job is.
+/// Progress of a job.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Progress {
-    /// What is being done, e.g. "Learning".
+    /// Name of the stage, e.g. "Learning".
     pub(crate) stage: String,
     pub(crate) done: usize,
     pub(crate) total: usize,
     /// Further figures in words, e.g. "12 000 Gaussians"; may be empty.
     pub(crate) detail: String,
-    /// Since this stage began.
+    /// Seconds since this stage began, without pauses.
     pub(crate) seconds: f64,
 }
 
 impl Progress {
-    /// 0–1.
+    /// Returns the finished share, 0–1.
     pub(crate) fn fraction(&self) -> f32 {
         if self.total == 0 { 0.0 } else { self.done as f32 / self.total as f32 }
     }
 
-    /// Whether the work is done and cannot be saved yet.
+    /// Returns `true` if the work is done but cannot be saved yet.
     pub(crate) fn is_unsaved(&self) -> bool {
         self.stage == NOT_SAVED
     }
 
-    /// Seconds that this stage will still take at the pace so far; `None` before there is a pace.
+    /// Returns the seconds that this stage will still take at the pace so far; `None` before there is a pace.
     pub(crate) fn seconds_left(&self) -> Option<f64> {
         let has_pace = self.done > 0 && self.seconds >= 2.0;
         has_pace.then(|| self.seconds / self.done as f64 * self.total.saturating_sub(self.done) as f64)
     }
 }
 
-/// What a job says.
+/// Message from a job.
 pub(crate) enum JobEvent<T> {
     Progress(Progress),
     /// An intermediate state that can be looked at.
     Preview(Box<dyn FrameSource>),
-    /// A step of training, and the loss on it.
+    /// A step of training and its loss.
     Step(usize, LossTerms<f32>),
-    /// The end; nothing follows.
+    /// The end of the job; nothing follows.
     Done(Result<T>),
 }
 
-/// What a job tells while it runs, independent of what it returns.
+/// Message from a running job, independent of its return type.
 enum Report {
     Progress(Progress),
     Preview(Box<dyn FrameSource>),
     Step(usize, LossTerms<f32>),
 }
 
-/// A job's own side.
+/// The job's own side of a [`Job`].
 pub(crate) struct JobContext {
     report: Box<dyn Fn(Report) + Send + Sync>,
     stops: Arc<AtomicU32>,
@@ -74,7 +74,7 @@ pub(crate) struct JobContext {
 }
 
 impl JobContext {
-    /// Tells how far the job is.
+    /// Reports the progress of the job.
     pub(crate) fn progress(&self, stage: &str, done: usize, total: usize, detail: String) {
         let seconds = {
             let mut began = lock(&self.stage_began);
@@ -91,43 +91,44 @@ impl JobContext {
         (self.report)(Report::Preview(source));
     }
 
-    /// Tells the loss of a step of training.
+    /// Reports the loss of a step of training.
     pub(crate) fn step(&self, step: usize, terms: LossTerms<f32>) {
         (self.report)(Report::Step(step, terms));
     }
 
-    /// How long to wait between two intermediate states; `None`: nobody wants to see them.
+    /// Returns the time between two previews; `None` if nobody wants to see them.
     pub(crate) fn preview_every(&self) -> Option<Duration> {
         let seconds = self.preview_every.load(Ordering::Relaxed);
         (seconds > 0).then(|| Duration::from_secs(seconds.into()))
     }
 
-    /// Whether the user asked to stop.
+    /// Returns `true` if the user asked to stop.
     pub(crate) fn is_cancelled(&self) -> bool {
         self.num_stops() > 0
     }
 
-    /// How often the user asked to stop: whoever asks again while work waits to be saved means something else.
+    /// Returns the number of times that the user asked to stop. Asking again while finished work waits to be
+    /// saved means to give that work up.
     pub(crate) fn num_stops(&self) -> u32 {
         self.stops.load(Ordering::Relaxed)
     }
 
-    /// Returns when the user does not want the job to rest (any more), or wants it to stop.
+    /// Waits while the job is paused; returns at once if it is to stop.
     pub(crate) fn rest_while_paused(&self) {
         let is_resting = |is_paused: &mut bool| *is_paused && !self.is_cancelled();
         let began = std::time::Instant::now();
         drop(self.pause.changed.wait_while(lock(&self.pause.is_paused), is_resting));
-        // Rest is no work: the pace of the stage does not change by it.
+        // Pauses do not count as work and must not change the pace of the stage.
         lock(&self.stage_began).1 += began.elapsed();
     }
 
-    /// [`Error::Cancelled`] once the user asked to stop.
+    /// Returns [`Error::Cancelled`] if the user asked to stop.
     pub(crate) fn check(&self) -> Result<()> {
         if self.is_cancelled() { Err(Error::Cancelled) } else { Ok(()) }
     }
 }
 
-/// Whether a job rests.
+/// Pause switch of a job.
 #[derive(Default)]
 struct Pause {
     is_paused: Mutex<bool>,
@@ -135,9 +136,9 @@ struct Pause {
 }
 
 impl Pause {
-    /// Makes a resting job look whether it is to go on.
+    /// Makes a paused job check again if it is to continue.
     fn wake(&self) {
-        // With the lock, so that no job misses it between looking and resting.
+        // Taking the lock ensures that no job misses the notice between its check and its wait.
         drop(lock(&self.is_paused));
         self.changed.notify_all();
     }
@@ -158,7 +159,7 @@ pub(crate) struct Job<T> {
 }
 
 impl<T: Send + 'static> Job<T> {
-    /// Starts `work` on a thread of its own; `ctx` is repainted whenever it says something.
+    /// Starts `work` on a thread of its own; `ctx` is repainted whenever the job reports something.
     pub(crate) fn start(
         name: &str,
         ctx: &egui::Context,
@@ -173,7 +174,7 @@ impl<T: Send + 'static> Job<T> {
         let (at_end, repaint) = (sender.clone(), ctx.clone());
         let body = move || {
             let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| work(&context)));
-            // The receiver is gone when the window lost interest.
+            // The receiver is gone if the window has dropped the job.
             let _ = at_end.send(JobEvent::Done(result.unwrap_or_else(|_| Err(broken()))));
             repaint.request_repaint();
         };
@@ -192,7 +193,7 @@ impl<T: Send + 'static> Job<T> {
         self.pause.wake();
     }
 
-    /// Lets the job rest, or go on.
+    /// Pauses or resumes the job.
     pub(crate) fn set_paused(&self, is_paused: bool) {
         *lock(&self.pause.is_paused) = is_paused;
         self.pause.wake();
@@ -202,7 +203,7 @@ impl<T: Send + 'static> Job<T> {
         *lock(&self.pause.is_paused)
     }
 
-    /// How often intermediate states are wanted, seconds; 0: never.
+    /// Sets the number of seconds between two previews; 0 means never.
     pub(crate) fn set_preview_seconds(&self, seconds: u32) {
         self.preview_every.store(seconds, Ordering::Relaxed);
     }
@@ -215,7 +216,7 @@ impl<T: Send + 'static> Job<T> {
         self.stops.load(Ordering::Relaxed) > 0
     }
 
-    /// The next preview or the end, if there is one; progress is kept in [`Job::progress`].
+    /// Returns the next event other than progress, if there is one; progress is kept in [`Job::progress`].
     pub(crate) fn poll(&mut self) -> Option<JobEvent<T>> {
         while let Ok(event) = self.events.try_recv() {
             match event {
@@ -310,7 +311,7 @@ mod tests {
         });
         counter.recv().unwrap();
         job.set_paused(true);
-        // What it was doing may still be finished once.
+        // The step in progress may still be finished once.
         while counter.recv_timeout(std::time::Duration::from_millis(50)).is_ok() {}
         assert!(job.is_paused() && job.poll().is_none());
         job.set_paused(false);

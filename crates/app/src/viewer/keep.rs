@@ -1,4 +1,4 @@
-//! Sessions of the window: saved where the user says, and kept unasked until then.
+//! Sessions of the window: saved where the user chooses, and kept automatically until then.
 
 use super::{
     app::ViewerApp,
@@ -13,18 +13,18 @@ use egui::{Context, RichText};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
 
-/// Where the work is saved, and what was.
+/// File of the session, and its saved content.
 #[derive(Default)]
 pub(crate) struct Saved {
-    /// The session file, once there is one.
+    /// Session file, once there is one.
     pub(super) file: Option<PathBuf>,
-    /// What is in it.
+    /// Content of the file.
     content: Content,
     unknown: Map<String, Value>,
 }
 
 impl ViewerApp {
-    /// What a session file would hold now; `None` while nothing is open.
+    /// Returns the session of the present state; `None` while nothing is open.
     pub(super) fn session(&self) -> Option<Session> {
         let info = self.info()?;
         let document = &self.document;
@@ -49,14 +49,14 @@ impl ViewerApp {
         })
     }
 
-    /// Opens what a session is about; the rest follows when it is open.
+    /// Opens the scene or recording of a session; the session itself is applied once that is open.
     pub(super) fn open_session(&mut self, session: Session, file: Option<PathBuf>, ctx: &Context) {
         let opened = session.opened.clone();
         self.open_path(&opened, ctx);
         self.session_to_apply = Some((session, file));
     }
 
-    /// Takes over a session whose scene or recording has just been opened.
+    /// Applies a session whose scene or recording has just been opened.
     pub(super) fn apply_session(&mut self, now: f64) {
         let Some((session, file)) = self.session_to_apply.take() else { return };
         let Some(info) = self.open.as_ref().map(|o| o.info.clone()) else { return };
@@ -82,12 +82,12 @@ impl ViewerApp {
         self.saved = Saved { file, content: saved, unknown };
     }
 
-    /// Whether something was decided that no session file has.
+    /// Returns `true` if there are decisions that no session file has.
     pub(super) fn is_unsaved(&self) -> bool {
         self.open.is_some() && !self.document.content().is_alike(&self.saved.content)
     }
 
-    /// Saves the session; asks where the first time, or if it is to be `elsewhere`.
+    /// Saves the session. Asks for the path the first time, or if the session is to be saved `elsewhere`.
     pub(super) fn save_session(&mut self, elsewhere: bool, ctx: &Context) {
         if let Some(file) = self.saved.file.clone().filter(|_| !elsewhere) {
             self.write_session(&file);
@@ -101,7 +101,7 @@ impl ViewerApp {
         }));
     }
 
-    /// Takes the path that was picked for the session.
+    /// Takes the path that the user picked for the session.
     pub(super) fn poll_saving(&mut self) {
         if let Some(JobEvent::Done(result)) = self.saving.as_mut().and_then(Job::poll) {
             self.saving = None;
@@ -122,7 +122,7 @@ impl ViewerApp {
         }
     }
 
-    /// Keeps what is not saved, so that nothing can lose it.
+    /// Keeps unsaved work automatically, so that it cannot be lost.
     pub(super) fn keep_unsaved(&mut self, now: f64, ctx: &Context) {
         if self.opening.is_some() || self.session_to_apply.is_some() || ctx.input(|i| i.pointer.any_down()) {
             return;
@@ -144,7 +144,7 @@ impl ViewerApp {
         }
     }
 
-    /// Before something else is shown: puts aside what is not saved and would not stay.
+    /// Puts unsaved work aside that would be lost when something else is shown.
     pub(super) fn put_unsaved_aside(&mut self, is_same_recording: bool) {
         let is_replaced =
             self.session_to_apply.is_some() || (!is_same_recording && self.document.content().has_marks());
@@ -153,11 +153,11 @@ impl ViewerApp {
             let hint = "Open it again to restore it, before this window is closed.";
             self.problem = Some(format!("The work on what was open could not be kept safe: {e} {hint}"));
         }
-        // It is offered when its recording is opened again, at the next start at the latest.
+        // The work is offered again when its recording is opened, or at the next start.
         self.is_recovery_put_off = true;
     }
 
-    /// At the end of the program.
+    /// Keeps unsaved work at the end of the program, or removes it if nothing is to be remembered.
     pub(super) fn keep_at_exit(&mut self) {
         if !self.preferences.remembers_files {
             self.autosave.forget();
@@ -169,7 +169,7 @@ impl ViewerApp {
     }
 }
 
-/// The offer to go on with what was left unsaved, at the start.
+/// Offers at the start to restore work that was left unsaved.
 pub(crate) fn recovery_ui(ctx: &Context, app: &mut ViewerApp) {
     if !app.preferences.is_acknowledged {
         return;
@@ -205,7 +205,7 @@ pub(crate) fn recovery_ui(ctx: &Context, app: &mut ViewerApp) {
     }
 }
 
-/// "clip: 2 prompts, 1 bookmark, at frame 8".
+/// Summarises a session, e.g. "clip: 2 prompts, 1 bookmark, at frame 8".
 fn summary(session: &Session) -> String {
     let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
     let content = &session.content;

@@ -1,26 +1,27 @@
-//! Takes the keys that are commands out of the input before egui sees them.
+//! Takes the keys of commands out of the input before egui sees them.
 //!
-//! Who owns a key: a modal dialog all of them; a focused text field all but Esc, Ctrl chords and function keys; another
-//! focused widget arrows, Home, End, Enter and Space; else the viewport. egui itself would use the arrows to move the
-//! focus, therefore this happens before the pass begins.
+//! A modal dialog owns all keys. A focused text field owns all but the Ctrl chords and function keys of
+//! [`Scope::Always`]. Another focused widget owns the arrows, Home, End, Enter, Space and Esc. All other keys
+//! belong to the viewport. egui itself would move the focus by the arrows, therefore this happens before the
+//! pass begins.
 
 use super::command::{self, Command, Entry, Invocation, Scope};
 use egui::{Context, Event, Key, Modifiers, Plugin, RawInput};
 
-/// Collects commands given by key.
+/// Collects the commands given by key.
 #[derive(Debug, Default)]
 pub(crate) struct KeyRouter {
     pressed: Vec<Invocation>,
 }
 
 impl KeyRouter {
-    /// The commands since the last call, in order.
+    /// Takes the commands given since the last call, in order.
     pub(crate) fn take(ctx: &Context) -> Vec<Invocation> {
         ctx.with_plugin(|router: &mut Self| std::mem::take(&mut router.pressed)).unwrap_or_default()
     }
 }
 
-/// What has the keyboard.
+/// Owner of the keyboard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Owner {
     Modal,
@@ -52,10 +53,11 @@ impl Plugin for KeyRouter {
                 return true;
             };
             self.pressed.push(Invocation { command: entry.command, index });
-            // Menus close by Esc as well, and with the stop key held other keys mean something else.
+            // egui must see Esc, which also closes menus, and the stop key, which changes other keys while
+            // held.
             *key == Key::Escape || entry.command == Command::Stop
         });
-        // The letter of a command that opens a text field must not be typed into it.
+        // The key of a command that opens a text field must not also be typed into that field.
         if self.pressed.len() > before && owner != Owner::Text {
             input.events.retain(|event| !matches!(event, Event::Text(_)));
         }

@@ -1,27 +1,28 @@
-//! Keys that the user chose instead of the delivered ones: foot pedals and presenters send keys, too.
+//! Keys that the user chose instead of the default ones, e.g. for foot pedals and presenters, which send
+//! keys, too.
 //!
-//! A key belongs to one command: chosen for one, it is taken from the others. The window's thread has one map, because menus,
-//! tooltips, the sheet and the router all read it.
+//! A key belongs to one command: choosing it for one command takes it from the others. The thread of the
+//! window has a single map, because menus, tooltips, the sheet and the router all read it.
 
 use super::command::{COMMANDS, Command, Entry};
 use egui::{Key, KeyboardShortcut, Modifiers};
 use std::{cell::RefCell, collections::BTreeMap};
 
-/// The chosen key of commands, as it is kept from one start to the next: names of commands, and texts such as "Ctrl+Shift+Z".
+/// Chosen keys as they are stored: names of commands, and texts such as "Ctrl+Shift+Z".
 pub(crate) type Keymap = BTreeMap<String, String>;
 
 thread_local! {
     static CHOSEN: RefCell<BTreeMap<String, KeyboardShortcut>> = const { RefCell::new(BTreeMap::new()) };
 }
 
-/// From now on these keys are the chosen ones; what cannot be read is left out.
+/// Applies the chosen keys; entries that cannot be read are left out.
 pub(crate) fn apply(keymap: &Keymap) {
     let read = |(name, text): (&String, &String)| Some((name.clone(), parse(text)?));
     CHOSEN.set(keymap.iter().filter_map(read).collect());
 }
 
-/// Chooses a key for a command, or none (`None`): then it has the delivered ones again. Another command that had it chosen has
-/// its delivered ones again.
+/// Chooses a key for a command, or restores its default keys (`None`). A command that had this key chosen
+/// gets its default keys back.
 pub(crate) fn choose(keymap: &mut Keymap, command: Command, key: Option<KeyboardShortcut>) {
     let text = key.map(format);
     keymap.retain(|_, other| text.as_ref() != Some(&*other));
@@ -32,7 +33,7 @@ pub(crate) fn choose(keymap: &mut Keymap, command: Command, key: Option<Keyboard
     apply(keymap);
 }
 
-/// The keys of a command now.
+/// Returns the present keys of a command.
 pub(crate) fn keys(entry: &Entry) -> Vec<KeyboardShortcut> {
     CHOSEN.with_borrow(|chosen| match chosen.get(&name(entry.command)) {
         Some(key) => vec![*key],
@@ -40,12 +41,13 @@ pub(crate) fn keys(entry: &Entry) -> Vec<KeyboardShortcut> {
     })
 }
 
-/// Whether the user chose the key of a command.
+/// Returns `true` if the user chose the key of a command.
 pub(crate) fn is_chosen(command: Command) -> bool {
     CHOSEN.with_borrow(|chosen| chosen.contains_key(&name(command)))
 }
 
-/// Whether a key can be chosen: Tab moves the focus, Esc closes what is open, and digits are the prompts'.
+/// Returns `true` if a key can be chosen. Tab moves the focus, Esc closes what is open, and digits belong to
+/// the prompts.
 pub(crate) fn can_be_chosen(key: KeyboardShortcut) -> bool {
     let numbers = |entry: &&Entry| matches!(entry.command, Command::TogglePrompt | Command::SoloPrompt);
     let is_number = COMMANDS.iter().filter(numbers).any(|entry| entry.keys.contains(&key));
@@ -56,7 +58,7 @@ fn name(command: Command) -> String {
     format!("{command:?}")
 }
 
-/// "Ctrl+Shift+Z"; the same on every system.
+/// Formats a key, e.g. "Ctrl+Shift+Z"; the same on every system.
 fn format(key: KeyboardShortcut) -> String {
     let KeyboardShortcut { modifiers, logical_key } = key;
     let mut text = String::new();

@@ -8,7 +8,7 @@ use surgtpgs_core::grid::Grid;
 const DEPTH_COLOURS: [[u8; 3]; 6] =
     [[255, 234, 70], [203, 186, 105], [149, 143, 120], [102, 105, 112], [49, 68, 107], [0, 32, 77]];
 
-/// The colour of a depth; `share` is 0 at the near and 1 at the far end of the scale.
+/// Returns the colour of a depth; `share` is 0 at the near and 1 at the far end of the scale.
 pub(crate) fn depth_colour(share: f32) -> egui::Color32 {
     let at = if share.is_finite() { share.clamp(0.0, 1.0) } else { 1.0 } * (DEPTH_COLOURS.len() - 1) as f32;
     let k = (at as usize).min(DEPTH_COLOURS.len() - 2);
@@ -19,12 +19,13 @@ pub(crate) fn depth_colour(share: f32) -> egui::Color32 {
     egui::Color32::from_rgb(mix(0), mix(1), mix(2))
 }
 
-/// The colour of a value as share of its scale: near is bright, and so is what moves far or is opaque.
+/// Returns the colour of a value as share of its scale. Bright means near, moving far, or opaque.
 pub(crate) fn layer_colour(layer: Layer, share: f32) -> egui::Color32 {
     depth_colour(if layer == Layer::Depth { share } else { 1.0 - share })
 }
 
-/// Pixels without a value are hatched, so that they are not taken for small ones.
+/// Draws the values of a layer in colours. Pixels without a value are hatched, so that they are not mistaken
+/// for small values.
 pub(crate) fn colour_layer(layer: Layer, values: &Grid<f32>, (low, high): (f32, f32)) -> ColorImage {
     let span = (high - low).max(f32::MIN_POSITIVE);
     let pixel = |(i, &value): (usize, &f32)| {

@@ -1,4 +1,4 @@
-//! Where the panels are: menus above, prompts to the right, time below, the picture in the middle.
+//! Layout of the panels: menus above, prompts to the right, time below, the picture in the middle.
 
 use super::{
     app::ViewerApp,
@@ -10,7 +10,7 @@ use egui::{CentralPanel, Frame, Margin, Panel, Ui};
 
 const PROMPTS_WIDTH: f32 = 340.0;
 
-/// The whole window.
+/// Shows the whole window.
 pub(crate) fn window_ui(ui: &mut Ui, app: &mut ViewerApp) {
     let frame = |x, y| Frame::new().fill(theme::PANEL).inner_margin(Margin::symmetric(x, y));
     Panel::top("menus").frame(frame(10, 4)).show(ui, |ui| menus_ui(ui, app));
@@ -91,7 +91,7 @@ fn menu(ui: &mut Ui, app: &mut ViewerApp, title: &str, groups: &[&[Command]]) {
     });
 }
 
-/// A menu entry; label, key and tooltip are those of the command table.
+/// Shows a menu entry; label, key and tooltip are those of the command table.
 fn item(ui: &mut Ui, app: &mut ViewerApp, of: Command) {
     ui.set_min_width(250.0);
     let entry = command::entry(of);
@@ -108,7 +108,7 @@ fn item(ui: &mut Ui, app: &mut ViewerApp, of: Command) {
     }
 }
 
-/// "Undo adding liver": what would happen is said before it happens.
+/// Names the edit that a command would act on, e.g. "Undo adding liver".
 fn named(verb: &str, what: Option<&str>) -> String {
     what.map_or_else(|| verb.to_owned(), |what| format!("{verb} {what}"))
 }

@@ -1,4 +1,4 @@
-//! What is drawn over the picture, in words: one line per prompt, tags at what was found, colour scales.
+//! Legend of the overlay: one line per prompt, tags at what was found, colour scales.
 
 use super::{
     app::ViewerApp,
@@ -19,7 +19,7 @@ use surgtpgs_core::{
     overlay::{OverlayLook, OverlayPrompt, OverlayStyle, overlay},
 };
 
-/// Legend in the lower left corner, tags on the pictures.
+/// Shows the legend in the lower left corner and the tags on the pictures.
 pub(crate) fn legend_ui(ui: &mut Ui, app: &ViewerApp, area: Rect, panes: &[(Rect, Rect)]) {
     match app.document.mode {
         ViewMode::Depth | ViewMode::Motion | ViewMode::Opacity => return layer_scale(ui, app, area),
@@ -55,7 +55,7 @@ struct Line {
     anchor: Option<[f32; 2]>,
 }
 
-/// One line per prompt of the picture that is shown.
+/// Returns one line per prompt of the shown picture.
 fn lines(app: &ViewerApp) -> Vec<Line> {
     let Some(picture) = app.picture() else { return Vec::new() };
     let line = |prompt: &super::pipeline::AskedPrompt| {
@@ -82,7 +82,7 @@ fn lines(app: &ViewerApp) -> Vec<Line> {
     picture.request.prompts.iter().map(line).collect()
 }
 
-/// The number of a prompt on what it found, so that colour is not the only difference.
+/// Paints the number of a prompt on what it found, so that colour is not the only difference between prompts.
 fn tag(painter: &Painter, line: &Line, picture: Rect) {
     let Some([u, v]) = line.anchor else { return };
     let at = picture.min + vec2(u, v) * picture.size();
@@ -127,7 +127,7 @@ pub(crate) fn shortened(text: &str) -> String {
     }
 }
 
-/// The heatmap's colours, drawn by what draws the heatmap, so that they cannot differ.
+/// Paints the colour scale of the heatmap, by the code of the heatmap itself, so that they cannot differ.
 fn heat_scale(ui: &Ui, lines: &[Line], left: f32, bottom: f32) {
     const STEPS: usize = 101;
     let scores = Grid::from_vec(STEPS, 1, (0..STEPS).map(|i| i as f32 / (STEPS - 1) as f32).collect());
@@ -195,7 +195,7 @@ fn layer_scale(ui: &Ui, app: &ViewerApp, area: Rect) {
     }
 }
 
-/// A bar with captions on a plate.
+/// Paints a bar with captions on a dark plate.
 fn scale(painter: &Painter, rect: Rect, captions: &[(&str, f32)], title: &str, paint_bar: impl FnOnce(Rect)) {
     let font = egui::FontId::proportional(12.5);
     let title = painter.layout_no_wrap(title.to_owned(), font.clone(), theme::TEXT);

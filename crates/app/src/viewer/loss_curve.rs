@@ -1,14 +1,14 @@
-//! The loss while training, and what it is made of.
+//! The loss during training, and its terms.
 
 use super::{theme, widgets::caption};
 use egui::{Color32, RichText, Ui, WidgetInfo};
 use egui_plot::{Line, Plot, PlotPoints};
 use surgtpgs_core::train::LossTerms;
 
-/// Points that are kept; more are not seen on a curve of this size.
+/// Number of points that are kept; a curve of this size cannot show more.
 const MAX_POINTS: usize = 240;
 const HEIGHT: f32 = 110.0;
-/// Smaller values are drawn as this one: the scale is logarithmic.
+/// Smallest value of the logarithmic scale; smaller values are drawn as this one.
 const SMALLEST: f64 = 1e-6;
 
 /// A term of the loss: its name, its colour, and its value.
@@ -22,14 +22,14 @@ static TERMS: [Term; 5] = [
     ("smoothness", Color32::from_rgb(0x62, 0xe8, 0x8a), |t| t.total_variation),
 ];
 
-/// The loss over the steps so far: means of equally many steps each.
+/// The loss over the steps so far, as means of equally many steps.
 #[derive(Debug)]
 pub(crate) struct LossCurve {
-    /// The last step of each mean, and the mean.
+    /// Means, each with its last step.
     points: Vec<(usize, LossTerms<f32>)>,
-    /// Steps in a mean.
+    /// Number of steps in a mean.
     every: usize,
-    /// The mean that is being made: how many steps are in it, and their sum.
+    /// The unfinished mean: the number of its steps so far, and their sum.
     open: (usize, LossTerms<f32>),
 }
 
@@ -40,7 +40,7 @@ impl Default for LossCurve {
 }
 
 impl LossCurve {
-    /// Adds a step; one whose loss is not finite was not learned from and is left out.
+    /// Adds a step. A step whose loss is not finite is left out, because nothing was learned from it.
     pub(crate) fn push(&mut self, step: usize, terms: LossTerms<f32>) {
         if !terms.total().is_finite() {
             return;
@@ -58,12 +58,12 @@ impl LossCurve {
         }
     }
 
-    /// The latest mean.
+    /// Returns the latest mean.
     fn last(&self) -> Option<&LossTerms<f32>> {
         self.points.last().map(|(_, terms)| terms)
     }
 
-    /// In words, for those who cannot see it.
+    /// Describes the loss in words, for users who cannot see the curve.
     fn describe(&self) -> String {
         let Some(last) = self.last() else { return "Loss: nothing yet".into() };
         let terms = TERMS.iter().map(|(name, _, of)| (name, of(last))).filter(|(_, value)| *value > 0.0);
@@ -76,7 +76,7 @@ fn scaled(terms: LossTerms<f32>, by: f32) -> LossTerms<f32> {
     combined(LossTerms::default(), terms, by)
 }
 
-/// a + share · b, term by term.
+/// Computes a + share · b, term by term.
 fn combined(a: LossTerms<f32>, b: LossTerms<f32>, share: f32) -> LossTerms<f32> {
     LossTerms {
         colour: a.colour + share * b.colour,
@@ -91,7 +91,7 @@ fn short(value: f32) -> String {
     if value < 0.001 { format!("{value:.0e}") } else { format!("{value:.3}") }
 }
 
-/// The curve with its legend.
+/// Shows the curve with its legend.
 pub(crate) fn loss_curve_ui(ui: &mut Ui, curve: &LossCurve) {
     let Some(last) = curve.last().copied() else { return };
     let height = |value: f32| f64::from(value).max(SMALLEST).log10();

@@ -1,8 +1,8 @@
-//! Lengths in the picture: in pixels always, in space where there is depth, in millimetres only with a scale.
+//! Lengths in the picture: always in pixels, in space where there is depth, in millimetres only with a scale.
 
 use surgtpgs_core::grid::Grid;
 
-/// A pinhole in pixels of the full picture.
+/// A pinhole camera, in pixels of the full picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Lens {
     pub(crate) fx: f32,
@@ -11,16 +11,16 @@ pub(crate) struct Lens {
     pub(crate) cy: f32,
 }
 
-/// What a scene unit is in the world, and how it is known.
+/// Size of a scene unit in the world, and the source of this knowledge.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Scale {
     pub(crate) mm_per_unit: f64,
-    /// One standard deviation as share of the scale.
+    /// One standard deviation, as share of the scale.
     pub(crate) relative_uncertainty: f64,
-    /// In words.
+    /// Source of the scale, in words.
     pub(crate) source: String,
-    /// Pixels in a millimetre, where that is all that is known: lengths are then measured in the picture, as if everything lay
-    /// at one distance.
+    /// Pixels per millimetre, if nothing else is known. Lengths are then measured in the picture, as if
+    /// everything lay at one distance.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) px_per_mm: Option<f64>,
 }
@@ -32,17 +32,17 @@ pub(crate) struct Measurement {
     pub(crate) in_space: Result<Length, NoLength>,
 }
 
-/// A length in space, scene units.
+/// A length in space, in scene units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Length {
     pub(crate) units: f64,
-    /// One standard deviation, from the spread of depth around both ends and from the width of a pixel.
+    /// One standard deviation, from the spread of depth around both ends and from the accuracy of pointing.
     pub(crate) uncertainty: f64,
-    /// Depth jumps at one end: it may belong to what lies behind.
+    /// `true` if depth jumps at one end, which may then belong to what lies behind.
     pub(crate) is_at_edge: bool,
 }
 
-/// Why there is no length in space.
+/// Reason why there is no length in space.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum NoLength {
     /// There is no reconstruction, or it has no camera.
@@ -51,15 +51,15 @@ pub(crate) enum NoLength {
     NoSurface,
 }
 
-/// Depth around an end is taken from this many pixels to each side.
+/// Number of pixels to each side of an end whose depths are its spread of depth.
 const AROUND: usize = 2;
-/// Depth that spreads by more than this share is a jump.
+/// Spread of depth, as share of the depth, above which it is a jump.
 const EDGE: f64 = 0.05;
-/// One standard deviation of where a person points, pixels.
+/// One standard deviation of a person's pointing, pixels.
 const POINTING_PX: f64 = 0.5;
 
-/// Measures from one point of the picture to another, both as shares of its `size` (width and height in pixels).
-/// `depth` may have another size.
+/// Measures from one point of the picture to another. Both are shares of its `size` (width and height in
+/// pixels). `depth` may have another size.
 pub(crate) fn measure(
     [from, to]: [[f32; 2]; 2],
     size: (usize, usize),
@@ -79,7 +79,7 @@ pub(crate) fn measure(
     Measurement { pixels, in_space }
 }
 
-/// An end of a line: where, how deep, and how sure that is.
+/// An end of a line: its position, its depth, and the uncertainty of that depth.
 #[derive(Clone, Copy)]
 struct End {
     px: [f64; 2],
@@ -125,7 +125,7 @@ fn length(a: End, b: End, lens: Lens) -> Length {
 }
 
 impl Scale {
-    /// From a length in space that is `mm` long in the world; `None` if that cannot be.
+    /// Makes a scale from a length in space that is `mm` long in the world; `None` if that is impossible.
     pub(crate) fn from_known(length: Length, mm: f64, frame: usize) -> Option<Self> {
         let is_possible = mm.is_finite() && mm > 0.0 && length.units > 0.0;
         is_possible.then(|| Self {
@@ -136,7 +136,7 @@ impl Scale {
         })
     }
 
-    /// From so many pixels in a millimetre; `None` if that cannot be.
+    /// Makes a scale from a number of pixels per millimetre; `None` if that is impossible.
     pub(crate) fn from_px_per_mm(px_per_mm: f64) -> Option<Self> {
         let scale = Self {
             mm_per_unit: 0.0,
@@ -147,7 +147,7 @@ impl Scale {
         scale.is_possible().then_some(scale)
     }
 
-    /// Whether it can be used, whatever a file says.
+    /// Returns `true` if the scale can be used. Files may hold any values.
     pub(crate) fn is_possible(&self) -> bool {
         let share = self.relative_uncertainty;
         let scale = self.px_per_mm.unwrap_or(self.mm_per_unit);
@@ -156,7 +156,7 @@ impl Scale {
 }
 
 impl Measurement {
-    /// Pixels, then the length in space: in millimetres with a scale, else in the scene's own units.
+    /// Formats the pixels, then the length in space: in millimetres with a scale, else in scene units.
     pub(crate) fn text(&self, scale: Option<&Scale>) -> String {
         let pixels = format!("{:.1} px", self.pixels);
         if let Some(px_per_mm) = scale.and_then(|s| s.px_per_mm) {
@@ -179,7 +179,7 @@ impl Measurement {
     }
 }
 
-/// "12.3 ± 0.4": as many digits as the uncertainty allows.
+/// Formats a value with its uncertainty, e.g. "12.3 ± 0.4", with as many digits as the uncertainty allows.
 fn with_uncertainty(value: f64, uncertainty: f64) -> String {
     let digits =
         if uncertainty > 0.0 { (1.0 - uncertainty.log10().floor()).clamp(0.0, 6.0) - 1.0 } else { 2.0 };
@@ -231,7 +231,7 @@ mod tests {
         let scale = Scale::from_known(found.in_space.unwrap(), 8.0, 11).unwrap();
         assert!((scale.mm_per_unit - 0.8).abs() < 1e-6);
         assert!(scale.source.contains("8 mm on frame 12"));
-        // 0.14 of 10 units twice, in this measurement and in the calibration: 8 mm · 0.014 · √2
+        // The 0.14 of 10 units counts twice, in this measurement and in the calibration: 8 mm · 0.014 · √2
         assert_eq!(found.text(Some(&scale)), "50.0 px  ·  8.0 ± 0.2 mm");
         for mm in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             assert_eq!(Scale::from_known(found.in_space.unwrap(), mm, 0), None);

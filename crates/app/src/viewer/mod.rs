@@ -1,4 +1,4 @@
-//! The window.
+//! The viewer's window.
 //!
 //! ```text
 //! keys, mouse ─▶ command ─▶ app (document, playback) ─▶ request ─▶ worker ─▶ pipeline ─▶ source (engine)
@@ -7,9 +7,10 @@
 //!                    └─▶ session file, autosave
 //! ```
 //!
-//! The window's thread asks and never waits: pictures come from [`worker`], opening, training and exporting from
-//! [`jobs`]. A picture carries the request it answers, and all its parts are of one frame, so that nothing found on
-//! another frame is ever drawn. When nothing changes, nothing is requested and nothing is painted.
+//! The thread of the window polls and never waits: pictures come from [`worker`]; opening, training and
+//! exporting run in [`jobs`]. A picture carries the request that it answers. All its parts are of one frame,
+//! so that nothing found on another frame is ever drawn. When nothing changes, nothing is requested and
+//! nothing is painted.
 
 mod app;
 mod areas;
@@ -81,16 +82,16 @@ use preferences::Preferences;
 use std::{path::PathBuf, sync::Arc};
 use surgtpgs_core::{Error, Result};
 
-/// What the window shows first.
+/// First content of the window.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ViewerInput {
     /// A trained scene.
     Scene(PathBuf),
-    /// A recording or prepared folder, to look at and to train.
+    /// A recording or prepared folder, to look at and to train on.
     Sequence(PathBuf),
-    /// The built-in demo: its scene if `work_dir` has one, else it is built there in the background.
+    /// The built-in demo: its scene if `work_dir` has one, else the demo is built there in the background.
     Demo {
-        /// Where the demo's files are.
+        /// Folder of the demo's files.
         work_dir: PathBuf,
     },
 }

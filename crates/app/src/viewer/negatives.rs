@@ -1,4 +1,5 @@
-//! What prompts are compared with: generic phrases, the recording's other classes, and a prompt's own "but not".
+//! Phrases that prompts are compared with: generic phrases, the recording's other classes, and a prompt's own
+//! "but not".
 
 use super::{
     app::ViewerApp,
@@ -10,14 +11,14 @@ use crate::engine::{Negatives, Question};
 use egui::{Context, Key, RichText, TextEdit, Ui};
 use surgtpgs_core::relevancy::RelevancySettings;
 
-/// A generic phrase, which can be left out for a while to see what it does.
+/// A generic phrase, which can be switched off for a while to see its effect.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Phrase {
     pub(crate) text: String,
     pub(crate) is_on: bool,
 }
 
-/// What all prompts are compared with.
+/// Phrases and classes that all prompts are compared with.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default)]
 pub(crate) struct Comparison {
@@ -37,7 +38,7 @@ impl Default for Comparison {
 }
 
 impl Comparison {
-    /// What a prompt without exceptions is compared with.
+    /// Returns the negatives of a prompt without exceptions of its own.
     pub(crate) fn common(&self) -> Negatives {
         let on = self.phrases.iter().filter(|p| p.is_on).map(|p| &p.text);
         let none = Negatives { phrases: Vec::new(), samples: Vec::new(), uses_classes: self.uses_classes };
@@ -50,14 +51,14 @@ impl Document {
         &self.content().comparison
     }
 
-    /// What is asked for a prompt.
+    /// Returns the question of a prompt.
     pub(crate) fn question(&self, prompt: &Prompt) -> Question {
         let mut negatives = self.comparison().common().with(&prompt.but_not);
         negatives.samples.extend(prompt.not_like.iter().map(|n| (n.name.clone(), n.sample.clone())));
         Question { text: prompt.text.clone(), like: prompt.like.clone(), negatives }
     }
 
-    /// What is asked for words that are no prompt (yet).
+    /// Returns the question for words that are not a prompt (yet).
     pub(crate) fn bare_question(&self, text: &str) -> Question {
         Question::words(text, self.comparison().common())
     }
@@ -104,7 +105,7 @@ impl Document {
     }
 }
 
-/// The dialog with the generic phrases, if it is open.
+/// Shows the dialog with the generic phrases, if it is open.
 pub(crate) fn comparison_ui(ctx: &Context, app: &mut ViewerApp) {
     let Some(mut typed) = app.comparison_sheet.take() else { return };
     let (is_done, is_closed) = dialog(ctx, "comparison", 460.0, |ui| {

@@ -1,4 +1,4 @@
-//! What each command does, and when it can be given.
+//! Actions of the commands, and the conditions under which they can be given.
 
 use super::{
     app::ViewerApp,
@@ -18,7 +18,7 @@ use super::{
 use egui::Context;
 
 impl ViewerApp {
-    /// Whether a command can be given now.
+    /// Returns `true` if a command can be given in the present state.
     pub(super) fn is_enabled(&self, command: Command) -> bool {
         let info = self.info();
         let has = |f: fn(&Info) -> bool| info.is_some_and(f);
@@ -59,7 +59,7 @@ impl ViewerApp {
         }
     }
 
-    /// Obeys a command, unless it cannot be given now.
+    /// Carries out a command, if it can be given.
     pub(super) fn run(&mut self, invocation: Invocation, ctx: &Context) {
         if !self.is_enabled(invocation.command) {
             return;
@@ -92,7 +92,7 @@ impl ViewerApp {
             Command::Measure => {
                 self.ruler = if self.ruler.is_some() { None } else { Some(Ruler::default()) };
             }
-            // One thing at a time, the topmost first.
+            // Dismisses one thing at a time, the topmost first.
             Command::Dismiss => {
                 if self.problem.take().is_none() && self.probe.take().is_none() {
                     self.ruler = None;
@@ -127,7 +127,7 @@ impl ViewerApp {
         }
     }
 
-    /// Commands that concern time.
+    /// Carries out a command that concerns time.
     fn run_time(&mut self, command: Command, ctx: &Context) {
         let now = ctx.input(|i| i.time);
         let frame = self.playback.frame();
@@ -140,7 +140,7 @@ impl ViewerApp {
             Command::First => self.playback.seek(0, now),
             Command::Last => self.playback.seek(usize::MAX, now),
             Command::GoToFrame => self.go_to = Some(String::new()),
-            // As on a video deck: with the stop key held down, single steps.
+            // As on a video deck: while the stop key is held down, these keys make single steps.
             Command::PlayBackwards if command::is_down(ctx, Command::Stop) => self.playback.step(-1),
             Command::PlayForwards if command::is_down(ctx, Command::Stop) => self.playback.step(1),
             Command::PlayBackwards => self.playback.shuttle(-1.0, now),
@@ -173,7 +173,8 @@ impl ViewerApp {
         }
     }
 
-    /// What is under a place on the screen, in the endoscope's axes; `None` where there is no recorded depth.
+    /// Returns the point in space under a place on the screen, in the endoscope's axes; `None` where there is
+    /// no recorded depth.
     fn point_in_space(&self, at: egui::Pos2) -> Option<[f32; 3]> {
         let [u, v] = self.panes.picture_position(at)?;
         let (info, picture) = (self.info()?, self.picture()?);
@@ -201,13 +202,13 @@ impl ViewerApp {
         }
     }
 
-    /// Shows a view; if it is shown already, the reconstruction.
+    /// Shows a view; if it is shown already, shows the reconstruction.
     fn switch(&mut self, mode: ViewMode) {
         let is_shown = self.document.mode == mode;
         self.document.mode = if is_shown { ViewMode::Reconstruction } else { mode };
     }
 
-    /// Asks for a path on a thread of its own: a native dialog may block for as long as it is open.
+    /// Asks for a path on a thread of its own, because a native dialog may block as long as it is open.
     fn pick(&mut self, folder: bool, ctx: &Context) {
         self.picking = Some(Job::start("file dialog", ctx, move |_| {
             let dialog = rfd::FileDialog::new();

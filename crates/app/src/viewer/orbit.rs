@@ -1,32 +1,32 @@
-//! Looking a little around what the endoscope saw.
+//! Views turned a little around what the endoscope saw.
 
 use glam::{Affine3A, Vec3};
 use surgtpgs_core::camera::Camera;
 
-/// How far the view is turned from the endoscope's, radians; (0, 0) is the endoscope's own view.
+/// Rotation of the view away from the endoscope's, radians; (0, 0) is the endoscope's own view.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default)]
 pub(crate) struct Orbit {
-    /// To the side; positive moves the eye to the right.
+    /// Rotation to the side; positive moves the eye to the right.
     pub(crate) yaw: f32,
-    /// Up and down; positive moves the eye down.
+    /// Rotation up and down; positive moves the eye down.
     pub(crate) pitch: f32,
-    /// What it turns around, in the endoscope's axes and scene units; `None`: what is in the middle of the picture.
+    /// Point to turn around, in the endoscope's axes and scene units; `None` is the middle of the picture.
     pub(crate) pivot: Option<[f32; 3]>,
 }
 
-/// How far the eye may go where the camera never moved: beyond, surfaces would show that nobody ever saw.
+/// Largest rotation where the camera never moved. Beyond it, surfaces would show that nobody ever saw.
 pub(crate) const MAX_STILL_DEGREES: f32 = 15.0;
-/// How far the eye may go where the camera moved.
+/// Largest rotation where the camera moved.
 pub(crate) const MAX_MOVING_DEGREES: f32 = 40.0;
 
 impl Orbit {
-    /// Whether this is the endoscope's own view.
+    /// Returns `true` if this is the endoscope's own view.
     pub(crate) fn is_home(&self) -> bool {
         self.yaw == 0.0 && self.pitch == 0.0
     }
 
-    /// Turned by a drag of the mouse, kept within `max_degrees` of the endoscope's view.
+    /// Turns the view by a drag of the mouse, and keeps it within `max_degrees` of the endoscope's view.
     pub(crate) fn dragged(self, delta_points: [f32; 2], max_degrees: f32) -> Self {
         const DEGREES_PER_POINT: f32 = 0.12;
         let by = |v: f32| -v * DEGREES_PER_POINT.to_radians();
@@ -37,7 +37,7 @@ impl Orbit {
         Self { yaw: turned.yaw * share, pitch: turned.pitch * share, ..self }
     }
 
-    /// The same within `max_degrees`, whatever a file says.
+    /// Limits the view to `max_degrees`, because files may hold any values.
     pub(crate) fn mended(self, max_degrees: f32) -> Self {
         let pivot = self.pivot.unwrap_or_default();
         let is_possible =
@@ -45,12 +45,13 @@ impl Orbit {
         if is_possible { self.dragged([0.0; 2], max_degrees) } else { Self::default() }
     }
 
-    /// How far it is turned in all, radians.
+    /// Returns the total rotation, radians.
     pub(crate) fn angle(&self) -> f32 {
         self.yaw.hypot(self.pitch)
     }
 
-    /// The camera moved around its pivot, which is what it looks at unless it was chosen, at distance `pivot_depth` (scene units).
+    /// Moves a camera around the pivot. Unless a pivot was chosen, it is the point that the camera looks at,
+    /// at distance `pivot_depth` (scene units).
     pub(crate) fn apply(&self, camera: &Camera, pivot_depth: f32) -> Camera {
         let pivot = self.pivot.map_or(Vec3::new(0.0, 0.0, pivot_depth), Vec3::from);
         let pivot = Affine3A::from_translation(pivot);

@@ -1,6 +1,6 @@
-//! From a request to a picture: decode or render, score, draw. Keeps what the next requests may need again, so that a
-//! moved threshold costs a redraw of the overlay and nothing else, and prepares the frames ahead while nothing is asked
-//! for. Runs on the worker thread.
+//! The way from a request to a picture: decode or render, score, draw. The pipeline keeps what the next
+//! requests may need again, so that a moved threshold costs only a redraw of the overlay. It prepares the
+//! frames ahead while there is no request. It runs on the worker thread.
 
 use super::{
     areas::{Counted, Measure, Measured},
@@ -30,43 +30,43 @@ pub(crate) struct AskedPrompt {
     pub(crate) question: Question,
     pub(crate) threshold: f32,
     pub(crate) colour: [u8; 3],
-    /// What it finds lies over what the others find.
+    /// `true` if the prompt's masks lie over those of other prompts.
     pub(crate) is_instrument: bool,
 }
 
-/// What the window wants to show.
+/// A picture that the window wants to show.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Request {
     pub(crate) view: View,
     pub(crate) needs_original: bool,
     pub(crate) needs_reconstruction: bool,
-    /// Values to show as colours.
+    /// Layer of values to show as colours.
     pub(crate) layer: Option<Layer>,
     pub(crate) needs_difference: bool,
     pub(crate) prompts: Vec<AskedPrompt>,
-    /// Words whose scores are wanted without being drawn.
+    /// Questions whose scores are wanted without being drawn.
     pub(crate) candidates: Vec<Question>,
-    /// How what is found is drawn.
+    /// Style of the overlay.
     pub(crate) look: OverlayLook,
-    /// What is done to masks.
+    /// Clean-up of masks.
     pub(crate) clean_up: CleanUp,
-    /// The point that is looked at, as share of width and height.
+    /// Point that is probed, as share of width and height.
     pub(crate) point: Option<[f32; 2]>,
 }
 
 impl Request {
-    /// What is done to masks of this view's size.
+    /// Returns the clean-up for masks of this view's size.
     fn clean_up(&self) -> CleanUp {
         if self.view.is_preview { self.clean_up.at_size(0.5) } else { self.clean_up }
     }
 
-    /// What is asked, prompts first.
+    /// Returns all questions of the request, prompts first.
     fn questions(&self) -> Vec<Question> {
         self.prompts.iter().map(|p| &p.question).chain(&self.candidates).cloned().collect()
     }
 }
 
-/// One picture, without and with what was found drawn over it. All of one frame: nothing of another frame is ever mixed in.
+/// A picture without and with everything found drawn over it. All of it is of one frame.
 #[derive(Clone, Debug)]
 pub(crate) struct Pane {
     pub(crate) bare: Arc<ColorImage>,
@@ -74,14 +74,14 @@ pub(crate) struct Pane {
     pub(crate) marked: Option<Arc<ColorImage>>,
 }
 
-/// Values as colours, with what they mean.
+/// A layer of values as colours, with their meaning.
 #[derive(Clone, Debug)]
 pub(crate) struct LayerPane {
     pub(crate) layer: Layer,
     pub(crate) image: Arc<ColorImage>,
     /// Values at both ends of the colour scale, in the layer's unit.
     pub(crate) range: (f32, f32),
-    /// What is known about the whole, in words; may be empty.
+    /// Summary of the whole layer in words; may be empty.
     pub(crate) note: String,
 }
 
@@ -93,52 +93,52 @@ pub(crate) struct Picture {
     pub(crate) reconstruction: Option<Pane>,
     pub(crate) layer: Option<LayerPane>,
     pub(crate) difference: Option<Difference>,
-    /// Depth of every pixel, scene units, 0 where unknown.
+    /// Depth of every pixel, scene units; 0 where unknown.
     pub(crate) depth_values: Option<Arc<Grid<f32>>>,
     pub(crate) findings: Vec<Finding>,
-    /// Scores of [`Request::candidates`], of those that have any.
+    /// Scores of those [`Request::candidates`] that have any.
     pub(crate) candidates: Vec<(String, Arc<Grid<f32>>)>,
-    /// What [`Request::point`] shows; `None` where nothing was reconstructed.
+    /// Sample of [`Request::point`]; `None` where nothing was reconstructed.
     pub(crate) sample: Option<Sample>,
     /// Share of the picture that is faded because the endoscope did not see it, 0–1.
     pub(crate) unseen_share: f32,
-    /// What went wrong, for the user.
+    /// Description of a failure, for the user.
     pub(crate) problem: Option<String>,
-    /// How long it took, milliseconds.
+    /// Duration of making the picture, milliseconds.
     pub(crate) took_ms: f64,
-    /// How many of the passes of a frame had to run for it.
+    /// Number of passes of a frame that had to run for the picture.
     pub(crate) passes_run: usize,
 }
 
-/// What a prompt found in this view.
+/// Result of a prompt in this view.
 #[derive(Clone, Debug)]
 pub(crate) struct Finding {
     pub(crate) id: PromptId,
     pub(crate) text: String,
-    /// What was found, or why the question could not be asked.
+    /// Everything found, or the reason why the question could not be asked.
     pub(crate) outcome: Result<Found, String>,
 }
 
-/// Frames that are prepared ahead of the one that is shown.
+/// Number of frames that are prepared ahead of the shown one.
 const FRAMES_AHEAD: usize = 12;
-/// Masks of instruments that are kept.
+/// Number of instrument masks that are kept.
 const KEPT_TOOLS: usize = 32;
 /// Memory for pictures that may be needed again, bytes.
 const KEPT_BYTES: usize = 128 << 20;
 
-/// Makes pictures from a source, with a memory of the last ones and of those to come.
+/// Makes pictures from a source. Remembers the last ones and prepares those to come.
 pub(crate) struct Pipeline {
     source: Box<dyn FrameSource>,
-    /// Recorded frames, the one used last at the end.
+    /// Recorded frames, the most recently used at the end.
     originals: VecDeque<(usize, Arc<RgbImage>, Arc<ColorImage>)>,
-    /// Rendered views, the one used last at the end.
+    /// Rendered views, the most recently used at the end.
     rendered: VecDeque<Rendered>,
-    /// Where instruments are on recorded frames, if that is known; the one used last at the end.
+    /// Masks of instruments on recorded frames, `None` where they are not known; the newest at the end.
     tools: VecDeque<(usize, Option<Arc<Mask>>)>,
     depth_range: Option<(f32, f32)>,
-    /// The upper end of the scale of motion, px; kept like that of depth.
+    /// Upper end of the scale of motion, px; kept like the depth scale.
     motion_top: Option<f32>,
-    /// What was asked for last.
+    /// The last request.
     last: Option<Request>,
     /// `None` for a passing state of a scene, such as one that is being trained.
     counted: Option<Counted>,
@@ -146,7 +146,7 @@ pub(crate) struct Pipeline {
 
 /// A score image, or why there is none.
 type Scores = Result<Arc<Grid<f32>>, String>;
-/// With the question that it answers.
+/// A question with its scores.
 type PromptScores = (Question, Scores);
 
 struct Rendered {
@@ -173,7 +173,7 @@ impl Pipeline {
         }
     }
 
-    /// Shows another state of the same recording from now on; decoded frames are kept.
+    /// Continues with another state of the same recording; decoded frames are kept.
     pub(crate) fn replace(&mut self, source: Box<dyn FrameSource>) {
         self.source = source;
         self.rendered.clear();
@@ -181,7 +181,7 @@ impl Pipeline {
         self.counted = None;
     }
 
-    /// Makes the picture. What fails becomes [`Picture::problem`].
+    /// Makes the picture. A failure becomes [`Picture::problem`].
     pub(crate) fn produce(&mut self, request: Request) -> Picture {
         self.last = Some(request.clone());
         let began = Instant::now();
@@ -213,7 +213,7 @@ impl Pipeline {
     fn fill(&mut self, picture: &mut Picture) -> Result<()> {
         let request = picture.request.clone();
         let Needs { decodes, renders, asks } = self.needs(&request);
-        // The recorded frame first: where rendering fails, it can be shown all the same.
+        // The recorded frame comes first, so that it can be shown even if rendering fails.
         let original = if decodes { Some(self.original(request.view.frame)?) } else { None };
         if let Some((_, bare)) = &original {
             picture.original = Some(Pane { bare: bare.clone(), marked: None });
@@ -229,7 +229,7 @@ impl Pipeline {
         picture.findings = findings(&answers, &request);
         picture.candidates = candidates(&answers, &request.candidates);
         if let Some(point) = request.point.filter(|_| self.source.info().has_features) {
-            // Without it the point is still compared.
+            // The scores at the point can be shown even without a sample.
             picture.sample = self.source.sample(&request.view, point).ok().flatten();
         }
         picture.depth_values = Some(rendered.depth.clone());
@@ -257,8 +257,8 @@ impl Pipeline {
         }
     }
 
-    /// Prepares the next frame that is likely to be asked for; `false` if there is none. What fails will fail again, and
-    /// be said, when it is asked for.
+    /// Prepares the next frame that is likely to be requested; returns `false` if there is none. A failure is
+    /// not reported here: it will happen again, and be reported, when the frame is requested.
     pub(crate) fn prepare_ahead(&mut self) -> bool {
         let Some(last) = self.last.clone().filter(|l| !l.view.is_preview && self.source.prepares_ahead())
         else {
@@ -276,7 +276,7 @@ impl Pipeline {
             if !decodes && !renders {
                 continue;
             }
-            // Never at the cost of what will be needed sooner.
+            // Pictures that will be needed sooner must not be dropped for this one.
             if !self.has_room_for(frame - last.view.frame) {
                 return false;
             }
@@ -290,7 +290,7 @@ impl Pipeline {
         false
     }
 
-    /// Counts what the prompts asked for last found on the next frame that was not counted; `None` if there is none.
+    /// Counts the areas of the last request's prompts on the next uncounted frame; `None` if there is none.
     pub(crate) fn count_next(&mut self) -> Option<Measured> {
         let last = self.last.as_ref().filter(|l| !l.view.is_preview)?;
         let info = self.source.info();
@@ -310,8 +310,8 @@ impl Pipeline {
         Some(measured)
     }
 
-    /// The scores on a recorded frame, without keeping what nobody asked to see, unless neighbours will need it; nothing where
-    /// they cannot be had.
+    /// Returns the scores on a recorded frame; empty if they cannot be had. The rendered view is not kept,
+    /// because nobody asked to see it, unless neighbouring frames will need it.
     fn answers_unkept(&mut self, frame: usize, questions: &[Question], reach: usize) -> Vec<Scores> {
         let view = View { frame, ..View::default() };
         if reach > 0 {
@@ -325,7 +325,8 @@ impl Pipeline {
         })
     }
 
-    /// The scores of a view, which is the last of those rendered afterwards: the mean with `reach` frames before and after.
+    /// Returns the scores of a view, averaged over `reach` frames before and after. Afterwards the view is
+    /// the last of the rendered ones.
     fn answers(&mut self, view: &View, questions: &[Question], reach: usize) -> Result<Vec<PromptScores>> {
         let asks = !questions.is_empty();
         let last = self.source.info().num_frames.saturating_sub(1);
@@ -352,7 +353,7 @@ impl Pipeline {
         Ok(questions.iter().cloned().zip(own.into_iter().enumerate().map(smoothed)).collect())
     }
 
-    /// Where instruments lie over what is found in a view, as far as the recording says.
+    /// Returns the mask of instruments that lie over everything found in a view, if the recording has one.
     fn tools_below(&mut self, request: &Request, asks: bool) -> Option<Arc<Mask>> {
         let is_wanted = asks && request.look.below_instruments && !request.prompts.is_empty();
         if !is_wanted || !request.view.orbit.is_home() {
@@ -362,7 +363,7 @@ impl Pipeline {
         if let Some((_, tools)) = self.tools.iter().find(|(f, _)| *f == frame) {
             return tools.clone();
         }
-        // Without the mask of a frame the picture is still right: it is only drawn over the instruments, too.
+        // Without a mask the picture is still right: the overlay then covers the instruments, too.
         let tools = self.source.instruments(frame).ok().flatten().map(Arc::new);
         if self.tools.len() >= KEPT_TOOLS {
             self.tools.pop_front();
@@ -385,7 +386,7 @@ impl Pipeline {
         newest.ok_or_else(|| Error::input("the recorded frame is not at hand", ""))
     }
 
-    /// Makes sure that the view is the last of those rendered.
+    /// Makes sure that the view is the last of the rendered ones.
     fn render(&mut self, view: &View, with_features: bool) -> Result<()> {
         if let Some(k) = self.rendered.iter().position(|r| r.is_of(view, with_features)) {
             let known = self.rendered.remove(k);
@@ -408,7 +409,8 @@ impl Pipeline {
         Ok(())
     }
 
-    /// Scores those questions that the view, which was rendered last, was not asked yet.
+    /// Scores those questions that have not been asked for this view yet; the view must be the last of the
+    /// rendered ones.
     fn score(&mut self, view: &View, questions: &[Question]) {
         let Some(rendered) = self.rendered.back_mut() else { return };
         let new = rendered.new_questions(questions);
@@ -424,14 +426,15 @@ impl Pipeline {
         originals + self.rendered.iter().map(Rendered::bytes).sum::<usize>()
     }
 
-    /// How many frames ahead of the one shown a kept picture is; the largest number for what is behind or seen otherwise.
+    /// Returns the number of frames by which a kept picture is ahead of the shown one. Returns the largest
+    /// number for pictures behind the shown one or from another viewpoint.
     fn distance(&self, frame: usize, view: Option<&View>) -> usize {
         let Some(shown) = self.last.as_ref().map(|last| last.view) else { return 0 };
         let is_alike = view.is_none_or(|view| View { frame: shown.frame, ..*view } == shown);
         if is_alike { frame.checked_sub(shown.frame).unwrap_or(usize::MAX) } else { usize::MAX }
     }
 
-    /// The place and the distance of the rendered view and of the recorded frame that will be needed last.
+    /// Returns index and distance of the rendered view, and of the recorded frame, that will be needed last.
     fn farthest(&self) -> [Option<(usize, usize)>; 2] {
         let rendered = self.rendered.iter().map(|r| self.distance(r.view.frame, Some(&r.view)));
         let originals = self.originals.iter().map(|(frame, ..)| self.distance(*frame, None));
@@ -443,7 +446,7 @@ impl Pipeline {
         self.kept_bytes() < KEPT_BYTES || self.farthest().iter().flatten().any(is_farther)
     }
 
-    /// Forgets what will be needed last until there is room for another picture.
+    /// Drops the pictures that will be needed last until there is room for another one.
     fn make_room(&mut self) {
         while self.kept_bytes() >= KEPT_BYTES {
             match self.farthest() {
@@ -458,7 +461,7 @@ impl Pipeline {
         }
     }
 
-    /// Values of the view rendered last as colours.
+    /// Draws a layer of the view rendered last in colours.
     fn layer(&mut self, layer: Layer, view: &View) -> Result<LayerPane> {
         let (values, range, note) = match layer {
             Layer::Depth => {
@@ -477,7 +480,8 @@ impl Pipeline {
         Ok(LayerPane { layer, image, range, note })
     }
 
-    /// The depth scale: taken from the first depth picture and then kept, so that colours mean the same on all frames.
+    /// Returns the depth scale. It is taken from the first depth picture and then kept, so that colours mean
+    /// the same on all frames.
     fn depth_range(&mut self) -> (f32, f32) {
         if self.depth_range.is_none() {
             let depth = self.rendered.back().map(|r| &r.depth).filter(|d| d.data.iter().any(|z| *z > 0.0));
@@ -487,14 +491,14 @@ impl Pipeline {
     }
 }
 
-/// The value that this share of the values above 0 do not exceed; 0 without any.
+/// Returns the value that the given share of the values above 0 does not exceed; 0 if there are none.
 fn percentile(values: &Grid<f32>, share: f32) -> f32 {
     let mut known: Vec<f32> = values.data.iter().copied().filter(|v| v.is_finite() && *v > 0.0).collect();
     let at = ((known.len() as f32 - 1.0) * share).max(0.0) as usize;
     if known.is_empty() { 0.0 } else { *known.select_nth_unstable_by(at, f32::total_cmp).1 }
 }
 
-/// What a request takes.
+/// Stages that a request needs.
 struct Needs {
     decodes: bool,
     renders: bool,
@@ -502,12 +506,12 @@ struct Needs {
 }
 
 impl Rendered {
-    /// Whether it is what was asked for, or has more.
+    /// Returns `true` if this is the view that was asked for, with the features if they were asked for.
     fn is_of(&self, view: &View, with_features: bool) -> bool {
         self.view == *view && (self.has_features || !with_features)
     }
 
-    /// Those that it was not asked yet.
+    /// Returns those questions that have not been asked for this view yet.
     fn new_questions(&self, questions: &[Question]) -> Vec<Question> {
         let mut new: Vec<Question> = Vec::new();
         for question in questions {
@@ -518,7 +522,7 @@ impl Rendered {
         new
     }
 
-    /// What it was answered, if it was asked all of them.
+    /// Returns the scores of all `questions`, if all of them have been asked.
     fn known(&self, questions: &[Question]) -> Option<Vec<Scores>> {
         let of = |question: &Question| {
             let known = self.scores.iter().find(|(q, _)| q == question);
@@ -528,7 +532,7 @@ impl Rendered {
     }
 
     fn bytes(&self) -> usize {
-        // Colour twice, depth, scores.
+        // Bytes per pixel: colour as RGB and RGBA, depth, scores.
         self.depth.data.len() * (3 + 4 + 4 + 4 * self.scores.len())
     }
 }
@@ -547,7 +551,7 @@ fn findings(answers: &[PromptScores], request: &Request) -> Vec<Finding> {
     request.prompts.iter().filter_map(finding).collect()
 }
 
-/// The scores of those of `wanted` that have any.
+/// Returns the scores of those `wanted` questions that have any.
 fn candidates(answers: &[PromptScores], wanted: &[Question]) -> Vec<(String, Arc<Grid<f32>>)> {
     let known = answers.iter().filter(|(question, _)| wanted.contains(question));
     known.filter_map(|(q, scores)| Some((q.text.clone(), scores.as_ref().ok()?.clone()))).collect()

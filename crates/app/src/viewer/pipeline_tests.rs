@@ -1,4 +1,4 @@
-//! What the pipeline keeps, what it prepares, and that frames never mix.
+//! Tests that the pipeline keeps and prepares the right pictures, and that frames never mix.
 
 use super::{
     pipeline::{AskedPrompt, Picture, Pipeline, Request},
@@ -11,7 +11,7 @@ use surgtpgs_core::{Result, grid::Grid, mask::CleanUp, overlay::OverlayLook, rel
 
 const FRAMES: usize = 40;
 
-/// Every picture and score tells its frame; what was asked for is written down.
+/// Source whose pictures and scores tell their frame. It records the frames that were rendered.
 struct Telling {
     info: Info,
     side: u32,
@@ -134,7 +134,7 @@ fn memory_is_bounded_and_what_is_shown_stays() {
     assert!((4..9).contains(&prepared), "{prepared} frames of 23 MB within 128 MB");
     pipeline.produce(request(0));
     assert_eq!(rendered.lock().unwrap().len(), prepared, "the frame shown was not forgotten");
-    // Frames behind make room for those ahead.
+    // Frames behind the shown one make room for those ahead.
     is_all_of(&pipeline.produce(request(3)), 3);
     while pipeline.prepare_ahead() {}
     assert!(*rendered.lock().unwrap().iter().max().unwrap() > prepared);
@@ -158,14 +158,14 @@ fn smoothing_over_time_is_the_mean_of_the_frames_around_on_the_picture_and_on_th
         asked.prompts[0].threshold = 0.01;
         asked
     };
-    // Frames 0, 1 and 2 around the first one, five around the tenth.
+    // Means over frames 0, 1 and 2 around the first one, and over five frames around the tenth.
     for (frame, mean) in [(0, 0.02), (10, 0.11)] {
         let picture = pipeline.produce(smooth(frame));
         let found = picture.findings[0].outcome.clone().unwrap();
         assert!((found.max_score - mean).abs() < 1e-6, "{}", found.max_score);
         assert_eq!(picture.reconstruction.unwrap().bare.pixels[0], egui::Color32::from_gray(frame as u8));
     }
-    // As it is, the first frame's 0.01 is not above the threshold.
+    // Without smoothing, the first frame's 0.01 is not above the threshold.
     let mut counted = 0;
     while let Some(measured) = pipeline.count_next() {
         let levels = measured.prompts[0].1.as_ref().unwrap();

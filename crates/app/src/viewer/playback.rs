@@ -1,28 +1,28 @@
-//! The playback clock: time in, frame out. It knows no window and no thread, so a test can be its clock.
+//! The playback clock, from time to frame. It knows no window and no thread, so a test can be its clock.
 
-/// Frames per second where the recording does not say.
+/// Frames per second where the recording does not state them.
 pub(crate) const ASSUMED_FPS: f64 = 25.0;
 
-/// The speeds that the keys step through, as multiples of the recording's.
+/// Speeds that the keys step through, as multiples of the recording's speed.
 const SPEEDS: [f64; 7] = [0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
 
-/// Which frame is to be shown at which time. Times are seconds of any steady clock.
+/// Chooses the frame to show at a time. Times are seconds of any steady clock.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Playback {
     num_frames: usize,
     fps: f64,
-    /// Negative plays backwards.
+    /// Multiple of the recording's speed; negative plays backwards.
     speed: f64,
     looping: bool,
     /// First and last frame of the part that plays.
     range: Option<(usize, usize)>,
     frame: usize,
-    /// Since when, and from which frame, it plays; `None` while it stands still.
+    /// Time and frame from which it plays; `None` while it stands still.
     playing_since: Option<(f64, usize)>,
 }
 
 impl Playback {
-    /// Standing on frame 0 of a recording; speeds that are not positive numbers count as unknown.
+    /// Makes a clock that stands on frame 0. Frame rates that are not positive numbers count as unknown.
     pub(crate) fn new(num_frames: usize, fps: Option<f32>) -> Self {
         let fps = fps.map(f64::from).filter(|f| f.is_finite() && *f > 0.0).unwrap_or(ASSUMED_FPS);
         Self {
@@ -58,17 +58,17 @@ impl Playback {
         self.range
     }
 
-    /// Seconds from the start of the recording to `frame`.
+    /// Returns the seconds from the start of the recording to `frame`.
     pub(crate) fn seconds(&self, frame: usize) -> f64 {
         frame as f64 / self.fps
     }
 
-    /// Moves to the frame that is due at `now`. Frames that the machine was too slow for are left out: the recording
+    /// Moves to the frame that is due at `now`. If the machine is too slow, frames are skipped: playback
     /// never slows down.
     pub(crate) fn advance(&mut self, now: f64) {
         let Some((since, from)) = self.playing_since else { return };
         let (first, last) = self.bounds();
-        // The small addition keeps a tick that is due exactly now from being lost to rounding.
+        // The small addition keeps a tick that is due exactly at `now` from being lost to rounding.
         let ticks = ((now - since).max(0.0) * self.fps * self.speed.abs() + 1e-6).floor() as i64;
         let target = from as i64 + ticks * if self.speed < 0.0 { -1 } else { 1 };
         let (first_i, last_i) = (first as i64, last as i64);
@@ -83,7 +83,7 @@ impl Playback {
         }
     }
 
-    /// Seconds until another frame is due; `None` while it stands still.
+    /// Returns the seconds until another frame is due; `None` while it stands still.
     pub(crate) fn seconds_to_next(&self, now: f64) -> Option<f64> {
         let (since, _) = self.playing_since?;
         let rate = self.fps * self.speed.abs();
@@ -111,19 +111,19 @@ impl Playback {
         self.playing_since = None;
     }
 
-    /// Goes to a frame (the last one if there are fewer); playing goes on from there.
+    /// Goes to a frame, at most to the last one. If it plays, it goes on from there.
     pub(crate) fn seek(&mut self, frame: usize, now: f64) {
         self.frame = frame.min(self.num_frames - 1);
         self.restart(now);
     }
 
-    /// Stops and moves by `frames`, ending at the first or last one.
+    /// Stops and moves by `frames`, at most to the first or last one.
     pub(crate) fn step(&mut self, frames: isize) {
         self.pause();
         self.frame = self.frame.saturating_add_signed(frames).min(self.num_frames - 1);
     }
 
-    /// The next faster (`+1`) or slower (`-1`) speed; the direction stays.
+    /// Selects the next faster (`+1`) or slower (`-1`) speed; the direction stays.
     pub(crate) fn change_speed(&mut self, by: isize, now: f64) {
         let nearest = |s: &f64| (s - self.speed.abs()).abs();
         let at = (0..SPEEDS.len()).min_by(|a, b| nearest(&SPEEDS[*a]).total_cmp(&nearest(&SPEEDS[*b])));
@@ -131,12 +131,12 @@ impl Playback {
         self.set_speed(SPEEDS[to] * self.speed.signum(), now);
     }
 
-    /// Back to the recording's own speed, forwards.
+    /// Returns to the recording's own speed, forwards.
     pub(crate) fn normal_speed(&mut self, now: f64) {
         self.set_speed(1.0, now);
     }
 
-    /// As on a video deck: plays in a direction (`1` or `-1`); again makes it twice as fast, up to 8×.
+    /// Plays in a direction (`1` or `-1`), as on a video deck. Repeated calls double the speed, up to 8×.
     pub(crate) fn shuttle(&mut self, direction: f64, now: f64) {
         let goes_on = self.is_playing() && self.speed.signum() == direction;
         let faster = if goes_on { (self.speed.abs() * 2.0).min(8.0) } else { 1.0 };
@@ -150,25 +150,25 @@ impl Playback {
         self.looping = !self.looping;
     }
 
-    /// The part that plays, if it started at the present frame.
+    /// Returns the part that plays, with its start moved to the present frame.
     pub(crate) fn range_from_here(&self) -> (usize, usize) {
         let end = self.range.map_or(self.num_frames - 1, |(_, end)| end);
         (self.frame, end.max(self.frame))
     }
 
-    /// The part that plays, if it ended at the present frame.
+    /// Returns the part that plays, with its end moved to the present frame.
     pub(crate) fn range_to_here(&self) -> (usize, usize) {
         let start = self.range.map_or(0, |(start, _)| start);
         (start.min(self.frame), self.frame)
     }
 
-    /// Plays a part alone; `None` plays all.
+    /// Sets the part that plays; `None` is the whole recording.
     pub(crate) fn set_range(&mut self, range: Option<(usize, usize)>) {
         let last = self.num_frames - 1;
         self.range = range.map(|(from, to)| (from.min(last), to.clamp(from.min(last), last)));
     }
 
-    /// Takes over speed and repetition of an earlier time.
+    /// Restores a saved speed and repetition.
     pub(crate) fn restore(&mut self, speed: f64, looping: bool, now: f64) {
         self.looping = looping;
         if speed.is_finite() && speed != 0.0 {
@@ -176,7 +176,7 @@ impl Playback {
         }
     }
 
-    /// First and last frame that play.
+    /// Returns the first and last frame that play.
     pub(crate) fn bounds(&self) -> (usize, usize) {
         self.range.unwrap_or((0, self.num_frames - 1))
     }
@@ -187,7 +187,7 @@ impl Playback {
         self.restart(now);
     }
 
-    /// Counts from here and now, if it plays.
+    /// Restarts the clock at the present frame and time, if it plays.
     fn restart(&mut self, now: f64) {
         if let Some(since) = &mut self.playing_since {
             *since = (now, self.frame);

@@ -1,4 +1,4 @@
-//! What the window remembers from one start to the next, in one small file. Never pixels, never prompts.
+//! Choices that the window remembers between starts, in one small file. It never holds pixels or prompts.
 
 use super::keymap::Keymap;
 use std::path::{Path, PathBuf};
@@ -8,26 +8,26 @@ use surgtpgs_core::{files::write_whole, overlay::OverlayLook, reading::read_text
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default)]
 pub(crate) struct Preferences {
-    /// The research-use notice was read.
+    /// `true` if the user has read the research-use notice.
     pub(crate) is_acknowledged: bool,
     #[serde(flatten)]
     pub(crate) overlay: OverlayLook,
     /// Size of text and buttons, percent.
     pub(crate) scale_percent: u32,
-    /// What was opened last, newest first.
+    /// Paths that were opened last, newest first.
     pub(crate) recent: Vec<PathBuf>,
-    /// Whether [`Preferences::recent`] is kept: paths may hold names of patients.
+    /// `true` if [`Preferences::recent`] is kept. Paths may hold names of patients.
     pub(crate) remembers_files: bool,
-    /// Keys that were chosen instead of the delivered ones.
+    /// Keys that were chosen instead of the default ones.
     pub(crate) keys: Keymap,
-    /// Where they are kept; `None` for nowhere.
+    /// File of the preferences; `None` if they are kept nowhere.
     #[serde(skip)]
     file: Option<PathBuf>,
 }
 
-/// Paths that are remembered.
+/// Number of paths that are remembered.
 const MAX_RECENT: usize = 10;
-/// Sizes of text and buttons, percent.
+/// Sizes of text and buttons to choose from, percent.
 const SCALES: [u32; 7] = [75, 90, 100, 120, 140, 170, 200];
 
 impl Default for Preferences {
@@ -45,12 +45,12 @@ impl Default for Preferences {
 }
 
 impl Preferences {
-    /// The user's own file.
+    /// Returns the file of the current user.
     pub(crate) fn user_file() -> Option<PathBuf> {
         dirs::config_dir().map(|dir| dir.join("surgtpgs").join("viewer.json"))
     }
 
-    /// Reads `file`; what cannot be read is as if it were the first start.
+    /// Reads `file`. If it cannot be read, the preferences are those of a first start.
     pub(crate) fn load(file: Option<PathBuf>) -> Self {
         let text = file.as_ref().and_then(|f| read_text(f).ok());
         let mut read: Self = text.and_then(|t| serde_json::from_str(&t).ok()).unwrap_or_default();
@@ -59,7 +59,7 @@ impl Preferences {
         Self { file, ..read }
     }
 
-    /// Writes them. Not being able to is no reason to bother anyone: they are only lost.
+    /// Writes the preferences. A failure is not shown to the user, because only the preferences are lost.
     pub(crate) fn save(&self) {
         let Some(file) = &self.file else { return };
         let text = serde_json::to_string_pretty(self).map_err(|e| e.to_string());
@@ -69,7 +69,7 @@ impl Preferences {
         }
     }
 
-    /// The next larger (`1`) or smaller (`-1`) text and buttons, or the normal ones (`0`).
+    /// Selects the next larger (`1`) or smaller (`-1`) size of text and buttons, or the normal one (`0`).
     pub(crate) fn scale_by(&mut self, step: isize) {
         let now = SCALES.partition_point(|s| *s < self.scale_percent);
         let next = now.saturating_add_signed(step).min(SCALES.len() - 1);
@@ -77,7 +77,7 @@ impl Preferences {
         self.save();
     }
 
-    /// Forgets what was opened, and from now on remembers it or does not.
+    /// Forgets the opened paths, and sets whether paths are remembered from then on.
     pub(crate) fn forget_files(&mut self, remembers_files: bool) {
         self.recent.clear();
         self.remembers_files = remembers_files;
@@ -127,7 +127,7 @@ mod tests {
         assert_eq!(preferences.recent.len(), MAX_RECENT);
         assert_eq!(preferences.recent[..2], [PathBuf::from("/scene5"), PathBuf::from("/scene11")]);
         assert_eq!(Preferences::load(file.clone()), preferences);
-        // What cannot be written harms nothing.
+        // A failed write does no harm.
         Preferences { file: Some(file.as_ref().unwrap().join("no folder")), ..preferences.clone() }.save();
         assert_eq!(Preferences::load(file.clone()), preferences);
         preferences.forget_files(false);

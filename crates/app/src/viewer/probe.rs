@@ -1,4 +1,4 @@
-//! What a point of the picture is most like: the scores of all prompts, and of the recording's classes, as bars.
+//! Probe of a point of the picture: the scores of all prompts, and of the recording's classes, as bars.
 
 use super::{
     app::ViewerApp,
@@ -11,20 +11,20 @@ use super::{
 use egui::{Align2, Rect, RichText, Role, Sense, Stroke, Ui, WidgetInfo, pos2, vec2};
 use surgtpgs_core::grid::Grid;
 
-/// Classes that are asked beside the prompts.
+/// Largest number of classes that are asked beside the prompts.
 const MAX_CANDIDATES: usize = 12;
 
-/// One bar.
+/// One bar of the card.
 #[derive(Clone, Debug, PartialEq)]
 struct Row {
     text: String,
     score: f32,
-    /// Of a prompt; `None` for a class that is not looked for.
+    /// Colour of a prompt; `None` for a class that is not looked for.
     colour: Option<[u8; 3]>,
 }
 
 impl ViewerApp {
-    /// Words whose scores are wanted besides those of the visible prompts, while a point is looked at.
+    /// Returns words whose scores are wanted besides those of the visible prompts while a point is probed.
     pub(super) fn candidates(&self) -> Vec<String> {
         let Some(info) = self.info().filter(|i| i.has_features && self.probe.is_some()) else {
             return Vec::new();
@@ -61,14 +61,14 @@ fn rows(app: &ViewerApp, [u, v]: [f32; 2]) -> Vec<Row> {
     rows
 }
 
-/// The cross on every pane, and the card with the bars.
+/// Shows the cross on every pane, and the card with the bars.
 pub(crate) fn probe_ui(ui: &mut Ui, app: &mut ViewerApp, area: Rect) {
     let Some(point) = app.probe else { return };
     let crosses: Vec<_> = app.panes.screen_positions(point).collect();
     for (pane, at) in &crosses {
         paint_cross(&ui.painter().with_clip_rect(*pane), *at);
     }
-    // On the side where the point is not.
+    // On the side away from the point.
     let is_left = crosses.first().is_some_and(|(_, at)| at.x > area.center().x);
     let (at, anchor) = if is_left {
         (area.left_center() + vec2(12.0, 0.0), Align2::LEFT_CENTER)
@@ -110,10 +110,10 @@ fn card_ui(ui: &mut Ui, app: &mut ViewerApp, point: [f32; 2]) {
     }
 }
 
-/// What the point shows as a prompt of its own, or as what the selected prompt is not.
+/// Offers the sample of the point as a prompt of its own, or as an exception of the selected prompt.
 fn sample_ui(ui: &mut Ui, app: &mut ViewerApp, [u, v]: [f32; 2]) {
     let Some((picture, info)) = app.picture().zip(app.info()) else { return };
-    // Of another point, as long as the picture of this one is being made.
+    // While the picture of this point is being made, the sample is of another point.
     let Some(sample) = picture.sample.clone().filter(|_| picture.request.point == Some([u, v])) else {
         return;
     };

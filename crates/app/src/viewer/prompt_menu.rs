@@ -1,4 +1,4 @@
-//! What else can be done with a prompt: other words, another colour, another place in the list.
+//! The menu of a prompt: other words, another colour, another place in the list.
 
 use super::{
     app::ViewerApp,
@@ -9,13 +9,14 @@ use super::{
 use crate::{args::split_words, settings::PROMPT_COLOURS};
 use egui::{Id, Key, Popup, PopupCloseBehavior, Response, Sense, Stroke, TextEdit, Ui, WidgetInfo, vec2};
 
-/// The menu of one prompt at a time, opened and closed by the buttons of the prompts' rows. All have one id: egui never
-/// forgets what it has laid out under an id, and the menu stays open when rows change places.
+/// Shows the menu of one prompt at a time, opened and closed by the buttons of the prompts' rows. All menus
+/// have one id, because egui never forgets the layout of an id, and because the menu then stays open when
+/// rows change places.
 pub(crate) fn prompt_menu_ui(ui: &Ui, app: &mut ViewerApp, prompts: &[Prompt], buttons: &[Response]) {
     let (ctx, id) = (ui.ctx(), Id::unique("prompt menu"));
     let rows = || prompts.iter().zip(buttons);
     let pressed = rows().find(|(_, button)| button.clicked()).map(|(prompt, _)| prompt.id);
-    // egui closes what is not shown, where there are no rows for example.
+    // egui closes a menu that is not shown, for example where there are no rows.
     let before = app.prompt_menu.filter(|_| Popup::is_id_open(ctx, id));
     if before.is_none() && pressed.is_some() {
         Popup::open_id(ctx, id);
@@ -27,7 +28,8 @@ pub(crate) fn prompt_menu_ui(ui: &Ui, app: &mut ViewerApp, prompts: &[Prompt], b
             .width(250.0)
             .show(|ui| contents_ui(ui, app, prompt));
     }
-    // Another prompt's menu follows in the next frame: words typed in this one are taken over when their field is left.
+    // The menu of another prompt follows in the next frame: the words typed in this one are accepted when
+    // their field is left.
     match pressed {
         Some(_) if pressed == before => Popup::close_id(ctx, id),
         Some(_) => {
@@ -88,7 +90,7 @@ fn but_not_ui(ui: &mut Ui, app: &mut ViewerApp, prompt: &Prompt) {
     }
 }
 
-/// A text field whose text is returned on Enter and on leaving it, but not on Esc.
+/// Shows a text field. Returns its text on Enter and on leaving the field, but not on Esc.
 fn field_ui(ui: &mut Ui, label: &str, text: &str, salt: (&'static str, PromptId)) -> Option<String> {
     let id = ui.scope_id().with(salt);
     let mut typed = ui.data(|d| d.get_temp::<String>(id)).unwrap_or_else(|| text.to_owned());

@@ -1,4 +1,4 @@
-//! What to look for: the prompt box, one row per prompt, and how what was found is drawn.
+//! The panel of prompts: the prompt box, one row per prompt, and the style of the overlay.
 
 use super::{
     app::ViewerApp,
@@ -16,14 +16,14 @@ use super::{
 use egui::{Frame, Key, Margin, Response, RichText, ScrollArea, Sense, Stroke, TextEdit, Ui, vec2};
 use surgtpgs_core::overlay::OverlayStyle;
 
-/// What is said where a prompt is found nowhere on the frame.
+/// Message of a prompt that finds nothing on the frame.
 pub(crate) const NOTHING: &str = "Nothing above the threshold on this frame";
-/// What is said as long as a prompt has no answer.
+/// Message of a prompt that has no answer yet.
 pub(crate) const ENCODING: &str = "Encoding…";
-/// What is said where prompts cannot be asked.
+/// Message where prompts cannot be asked.
 pub(crate) const NO_FEATURES: &str = "This recording has no text features";
 
-/// The right-hand panel.
+/// Shows the right-hand panel.
 pub(crate) fn prompts_ui(ui: &mut Ui, app: &mut ViewerApp) {
     ui.horizontal(|ui| {
         ui.heading("Find");
@@ -74,7 +74,7 @@ fn box_ui(ui: &mut Ui, app: &mut ViewerApp) {
     }
 }
 
-/// What is being typed, before Enter adds it.
+/// Shows the result of the words being typed, before Enter adds them.
 fn preview_ui(ui: &mut Ui, app: &ViewerApp) {
     let live = app.prompt_box.live();
     let is_added = app.document.prompts().iter().any(|p| p.text.eq_ignore_ascii_case(live));
@@ -122,7 +122,7 @@ fn rows_ui(ui: &mut Ui, app: &mut ViewerApp) {
     prompt_menu_ui(ui, app, &prompts, &menu_buttons);
 }
 
-/// With no prompt yet: a few words that this recording knows.
+/// Shows a few words that this recording knows, as long as there is no prompt.
 fn examples_ui(ui: &mut Ui, app: &mut ViewerApp) {
     let examples: Vec<String> =
         app.info().map(|i| i.example_prompts.iter().take(6).cloned().collect()).unwrap_or_default();
@@ -139,7 +139,7 @@ fn examples_ui(ui: &mut Ui, app: &mut ViewerApp) {
     });
 }
 
-/// What was found of a prompt, and what can be done with it. Returns the button that opens its menu.
+/// Shows the result of a prompt and its controls. Returns the button that opens its menu.
 fn row_ui(ui: &mut Ui, app: &mut ViewerApp, index: usize, prompt: &Prompt) -> Response {
     let is_selected = app.document.selected == Some(prompt.id);
     let line = if is_selected { theme::ACCENT } else { theme::LINE };
@@ -163,7 +163,7 @@ fn row_ui(ui: &mut Ui, app: &mut ViewerApp, index: usize, prompt: &Prompt) -> Re
     row.inner
 }
 
-/// Number, words, eye, menu and delete.
+/// Shows the head of a row: number, words, eye, menu and delete.
 fn head_ui(ui: &mut Ui, app: &mut ViewerApp, index: usize, prompt: &Prompt) -> Response {
     let head = ui.horizontal(|ui| {
         let (rect, _) = ui.allocate_exact_size(vec2(22.0, 22.0), Sense::hover());
@@ -214,7 +214,7 @@ fn threshold_row_ui(ui: &mut Ui, app: &mut ViewerApp, prompt: &Prompt, found: Op
     }
 }
 
-/// To the first, largest and last appearance.
+/// Shows buttons to the first, largest and last appearance.
 fn jumps_ui(ui: &mut Ui, app: &mut ViewerApp) {
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 3.0;
@@ -234,7 +234,7 @@ fn jumps_ui(ui: &mut Ui, app: &mut ViewerApp) {
     });
 }
 
-/// What a prompt found, in words, and how loud to say it.
+/// Describes the result of a prompt in words, with a colour for their importance.
 fn state_text(finding: Option<&Finding>, threshold: f32) -> (String, egui::Color32) {
     match finding.map(|f| &f.outcome) {
         None => (ENCODING.into(), theme::TEXT_WEAK),
@@ -246,7 +246,7 @@ fn state_text(finding: Option<&Finding>, threshold: f32) -> (String, egui::Color
     }
 }
 
-/// A share of the frame; small ones keep their digits.
+/// Formats a share of the frame in percent; small shares keep their digits.
 pub(crate) fn percent(share: f32) -> String {
     match share * 100.0 {
         p if p <= 0.0 => "0 %".into(),

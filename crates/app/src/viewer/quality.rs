@@ -1,4 +1,5 @@
-//! How well a reconstruction, and what its class names find, match the recording and its labels; as `surgtpgs eval`.
+//! Quality of a reconstruction: the match of its pictures with the recording, and of its class names with the
+//! labels. The same as `surgtpgs eval`.
 
 use super::{
     app::ViewerApp,
@@ -16,16 +17,16 @@ use std::{
 };
 use surgtpgs_core::files::Inputs;
 
-/// Height of the window that the tables leave free; what does not fit is scrolled to.
+/// Height of the window that the tables leave free; tables that do not fit are scrolled.
 const REST_HEIGHT: f32 = 230.0;
 const ROW_HEIGHT: f32 = 20.0;
 
-/// The sheet, from measuring to saving.
+/// State of the sheet, from measuring to saving.
 pub(crate) struct Quality {
-    /// Where the tables would be saved, and what that is named after.
+    /// Folder for the tables, and the name that it is derived from.
     folder: PathBuf,
     name: String,
-    /// What is measured, and against what.
+    /// Scene and recording that are measured.
     inputs: Inputs,
     state: State,
 }
@@ -37,7 +38,7 @@ enum State {
     Saved(Arc<Evaluation>),
 }
 
-/// What was clicked on the sheet.
+/// Click on the sheet.
 enum Click {
     Nothing,
     Close,
@@ -46,7 +47,7 @@ enum Click {
 }
 
 impl Quality {
-    /// Begins to measure what is open.
+    /// Starts to measure the open scene.
     pub(crate) fn start(app: &ViewerApp, ctx: &Context) -> Option<Self> {
         let info = app.info()?;
         let (backend, scene) = (app.backend.clone(), info.path.clone());
@@ -58,7 +59,7 @@ impl Quality {
         Some(Self { folder, name: info.name.clone(), inputs, state: State::Measuring(job) })
     }
 
-    /// Takes what the thread made; what went wrong, if something did.
+    /// Takes the result of the thread; returns a problem, if there is one.
     pub(crate) fn poll(&mut self) -> Option<String> {
         let (next, problem) = match &mut self.state {
             State::Measuring(job) => match job.poll()? {
@@ -69,7 +70,7 @@ impl Quality {
             State::Saving(evaluation, job) => match job.poll()? {
                 JobEvent::Done(Ok(())) => (State::Saved(evaluation.clone()), None),
                 JobEvent::Done(Err(problem)) => {
-                    // Somebody else may have taken the name.
+                    // Another program may have taken the name.
                     let parent = self.folder.parent().unwrap_or(Path::new("")).to_owned();
                     self.folder = free_folder(&parent, &self.name, "quality");
                     (State::Measured(evaluation.clone()), Some(problem.to_string()))
@@ -97,7 +98,7 @@ impl Quality {
     }
 }
 
-/// The sheet, if it is open.
+/// Shows the sheet, if it is open.
 pub(crate) fn quality_ui(ctx: &Context, app: &mut ViewerApp) {
     let Some(mut quality) = app.quality.take() else { return };
     let (click, is_closed) = dialog(ctx, "quality", 720.0, |ui| {
@@ -132,7 +133,7 @@ fn measuring_ui(ui: &mut Ui, job: &Job<Evaluation>) -> Click {
     if ui.button("Stop").clicked() { Click::Close } else { Click::Nothing }
 }
 
-/// The buttons, and where the tables are.
+/// Shows the buttons and the folder of the tables.
 fn saving_ui(ui: &mut Ui, quality: &Quality) -> Option<Click> {
     let mut click = None;
     ui.horizontal(|ui| {
@@ -227,7 +228,7 @@ fn classes_ui(ui: &mut Ui, report: &Report) {
     });
 }
 
-/// A row per frame: pictures, then the IoU of every class that is labelled or found there.
+/// Shows a row per frame: PSNR and SSIM, then the IoU of every class that is labelled or found there.
 fn frames_ui(ui: &mut Ui, evaluation: &Evaluation) -> Click {
     ui.add_space(8.0);
     let mut iou: BTreeMap<&str, BTreeMap<usize, f64>> = BTreeMap::new();
@@ -265,7 +266,7 @@ fn share(value: Option<f64>) -> Option<String> {
     value.map(|v| format!("{v:.3}"))
 }
 
-/// Nothing to measure is no zero.
+/// Formats a value, or a dash where there was nothing to measure, which is not zero.
 fn text(value: Option<String>) -> String {
     value.unwrap_or_else(|| "–".into())
 }

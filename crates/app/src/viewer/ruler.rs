@@ -1,4 +1,4 @@
-//! The ruler: a line drawn over the picture, its length, and the scale that makes millimetres of it.
+//! The ruler: a line drawn over the picture, its length, and the scale that converts it to millimetres.
 
 use super::{
     app::ViewerApp,
@@ -9,18 +9,18 @@ use super::{
 };
 use egui::{Align2, Painter, Response, RichText, Stroke, TextEdit, Ui, pos2, vec2};
 
-/// The ruler is in hand.
+/// State of the ruler while it is in use.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Ruler {
     /// Both ends, as shares of the picture's width and height.
     pub(crate) line: Option<[[f32; 2]; 2]>,
-    /// The known length being typed.
+    /// Known length being typed.
     known: String,
-    /// The known scale being typed.
+    /// Known scale being typed.
     px_per_mm: String,
 }
 
-/// Draws the line while the mouse is dragged; returns whether the mouse is the ruler's.
+/// Draws the line while the mouse is dragged; returns `true` if the ruler has the mouse.
 pub(crate) fn drag(app: &mut ViewerApp, response: &Response) -> bool {
     let Some(ruler) = &mut app.ruler else { return false };
     let position = |at: Option<egui::Pos2>| at.and_then(|at| app.panes.picture_position(at));
@@ -32,17 +32,17 @@ pub(crate) fn drag(app: &mut ViewerApp, response: &Response) -> bool {
     true
 }
 
-/// The length of the line on the frame that is shown.
+/// Returns the length of the line on the shown frame.
 fn measured(app: &ViewerApp) -> Option<Measurement> {
     let line = app.ruler.as_ref()?.line?;
     let (info, picture) = (app.info()?, app.picture()?);
-    // What is seen from elsewhere was never recorded: there lengths are in pixels only.
+    // Turned views were never recorded, so their lengths are in pixels only.
     let is_recorded = picture.request.view.orbit.is_home();
     let depth = picture.depth_values.as_deref().filter(|_| is_recorded);
     Some(measure(line, (info.width, info.height), depth, info.lens))
 }
 
-/// The line on every pane, and the card with its length.
+/// Shows the line on every pane, and the card with its length.
 pub(crate) fn ruler_ui(ui: &mut Ui, app: &mut ViewerApp, area: egui::Rect) {
     let Some(ruler) = app.ruler.clone() else { return };
     let measured = measured(app);
@@ -112,7 +112,7 @@ fn scale_ui(ui: &mut Ui, app: &mut ViewerApp, scale: &Scale) {
     }
 }
 
-/// Millimetres begin with a length, or a scale, that somebody knows.
+/// Asks for a known length or a known scale, which millimetres need.
 fn calibrate_ui(ui: &mut Ui, app: &mut ViewerApp, measured: Measurement, frame: usize) {
     ui.label(caption("Without a scale there are no real lengths. If you know one, enter it:"));
     let Some(ruler) = &mut app.ruler else { return };
@@ -129,7 +129,7 @@ fn calibrate_ui(ui: &mut Ui, app: &mut ViewerApp, measured: Measurement, frame: 
     }
 }
 
-/// A field for a number, which makes a scale when the button is pressed.
+/// Shows a field for a number; returns its scale when the button is pressed.
 fn number_ui(
     ui: &mut Ui,
     typed: &mut String,
@@ -148,7 +148,7 @@ fn number_ui(
     row.inner
 }
 
-/// Where the pointer's cross is drawn for a point of the picture.
+/// Paints a cross at a position on the screen.
 pub(crate) fn paint_cross(painter: &Painter, at: egui::Pos2) {
     for stroke in [Stroke::new(4.0, theme::PLATE), Stroke::new(1.6, theme::TEXT)] {
         for (dx, dy) in [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)] {

@@ -1,4 +1,4 @@
-//! A session: what the user decided about a recording, as a small JSON file. Intent, never pixels.
+//! A session: the user's decisions about a recording, as a small JSON file. It never holds pixels.
 
 use super::document::{Content, Look, ViewMode};
 use serde_json::{Map, Value};
@@ -7,17 +7,19 @@ use surgtpgs_core::{Error, Result, files::write_whole, overlay::OverlayLook, rea
 
 /// The extension of session files.
 pub(crate) const EXTENSION: &str = "surgtpgs";
-/// The version that is written, and the newest that can be read. Added fields need no new one: what is not known is kept.
+/// Version that is written, and the newest that can be read. New fields do not need a new version, because
+/// unknown fields are kept.
 const VERSION: u32 = 1;
 
-/// What is saved.
+/// Content of a session file.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Session {
-    /// Of the format.
+    /// Version of the format.
     pub(crate) version: u32,
-    /// The scene or recording; in a file relative to the file's folder if it is inside of it.
+    /// Path of the scene or recording; in a file, relative to the file's folder if it lies inside that
+    /// folder.
     pub(crate) opened: PathBuf,
-    /// Names and sizes of the recording's frames, hashed; absent where they were not known.
+    /// Hash of the names and sizes of the recording's frames; absent where they were not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) recording: Option<String>,
     #[serde(default)]
@@ -26,15 +28,15 @@ pub(crate) struct Session {
     pub(crate) display: Display,
     #[serde(default)]
     pub(crate) time: Time,
-    /// Words that were looked for before, newest first.
+    /// Words of earlier prompts, newest first.
     #[serde(default)]
     pub(crate) earlier_prompts: Vec<String>,
-    /// What a newer program wrote.
+    /// Fields that a newer program wrote.
     #[serde(flatten)]
     pub(crate) unknown: Map<String, Value>,
 }
 
-/// How the picture is shown.
+/// Display of the picture.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default)]
 pub(crate) struct Display {
@@ -46,7 +48,7 @@ pub(crate) struct Display {
     pub(crate) look: Look,
 }
 
-/// Where the recording stands.
+/// State of the playback.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default)]
 pub(crate) struct Time {
@@ -87,7 +89,7 @@ impl Session {
         }
     }
 
-    /// Whether a path is that of a session file.
+    /// Returns `true` if a path is that of a session file.
     pub(crate) fn is_file(path: &Path) -> bool {
         path.extension().is_some_and(|e| e.eq_ignore_ascii_case(EXTENSION))
     }
@@ -128,14 +130,14 @@ impl Session {
         write_whole(file, text.as_bytes())
     }
 
-    /// For lists: the name of what was opened.
+    /// Returns the name of the opened scene or recording, for lists.
     pub(crate) fn name(&self) -> String {
         let name = self.opened.file_stem().map(|n| n.to_string_lossy().into_owned());
         name.unwrap_or_else(|| self.opened.display().to_string())
     }
 }
 
-/// Whether all numbers are finite in single precision too: others could be read, but not written again.
+/// Returns `true` if all numbers are finite in single precision. Others could be read, but not written again.
 fn is_bounded(json: &Value) -> bool {
     match json {
         Value::Number(number) => number.as_f64().is_some_and(|v| (v as f32).is_finite()),

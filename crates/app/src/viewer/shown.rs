@@ -1,4 +1,4 @@
-//! The picture on the screen, as textures. Only what changed is sent to the graphics card.
+//! The picture on the screen, as textures. Only changed images are sent to the graphics card.
 
 use super::{
     pipeline::{Pane, Picture},
@@ -16,7 +16,7 @@ pub(crate) struct Shown {
     difference: Option<Texture>,
 }
 
-/// A picture without and with what was found.
+/// Textures of a picture without and with everything found.
 #[derive(Default)]
 pub(crate) struct PaneTextures {
     bare: Option<Texture>,
@@ -41,13 +41,13 @@ impl Shown {
         shown
     }
 
-    /// Shows another picture. All of its parts change together, so that no part of another frame remains.
+    /// Shows another picture. All its parts change together, so that no part of another frame remains.
     pub(crate) fn update(&mut self, picture: Picture, ctx: &Context) {
         self.picture = picture;
         self.upload(ctx);
     }
 
-    /// With which layer it is.
+    /// Returns the shown layer and its texture.
     pub(crate) fn layer(&self) -> Option<(Layer, TextureId)> {
         let layer = self.picture.layer.as_ref()?.layer;
         self.layer.as_ref().map(|t| (layer, t.handle.id()))
@@ -66,7 +66,7 @@ impl Shown {
 }
 
 impl PaneTextures {
-    /// The picture with what was found if there is one and it is wanted, else without.
+    /// Returns the picture with everything found, if there is one and it is wanted, else the bare picture.
     pub(crate) fn id(&self, with_marks: bool) -> Option<TextureId> {
         let marked = if with_marks { self.marked.as_ref() } else { None };
         marked.or(self.bare.as_ref()).map(|t| t.handle.id())

@@ -1,6 +1,6 @@
-//! The seam between the window and everything that computes: what the window asks for, as traits.
+//! The interface between the window and everything that computes: traits for everything the window asks for.
 //!
-//! [`super::engine_source`] answers with the real engine; tests answer with a small fake.
+//! [`super::engine_source`] implements them with the real engine; tests implement them with a small fake.
 
 use super::{excluded::included, jobs::JobContext, measure::Lens, orbit::Orbit};
 use crate::{
@@ -19,48 +19,49 @@ use surgtpgs_core::{
     sequence::Report,
 };
 
-/// What is known about a scene or a recording as soon as it is open.
+/// Facts about a scene or a recording that are known as soon as it is open.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Info {
-    /// For titles.
+    /// Name for titles.
     pub(crate) name: String,
-    /// What was opened.
+    /// Path that was opened.
     pub(crate) path: PathBuf,
-    /// What a reconstruction of it is made from: a recording or a prepared folder; `None` where it is not at hand.
+    /// Recording or prepared folder from which a reconstruction is made; `None` where it is not at hand.
     pub(crate) recording: Option<PathBuf>,
-    /// Where the recorded frames are or were, without links: the same for everything made of one recording.
+    /// Path of the recorded frames, with links resolved; they may be gone. It is the same for everything made
+    /// of one recording.
     pub(crate) sequence: Option<PathBuf>,
-    /// Names and sizes of the recording's frames, hashed; `None` where they are not known.
+    /// Hash of the names and sizes of the recording's frames; `None` where they are not known.
     pub(crate) frames_sha256: Option<String>,
     pub(crate) num_frames: usize,
     pub(crate) width: usize,
     pub(crate) height: usize,
     pub(crate) frames_per_second: Option<f32>,
     pub(crate) camera_moves: bool,
-    /// The camera's optics, for lengths in space.
+    /// Optics of the camera, for lengths in space.
     pub(crate) lens: Option<Lens>,
-    /// Recorded frames can be shown.
+    /// `true` if recorded frames can be shown.
     pub(crate) has_original: bool,
-    /// Why not, in a sentence.
+    /// Reason why recorded frames cannot be shown, in a sentence.
     pub(crate) original_missing: Option<String>,
-    /// There is a reconstruction to render.
+    /// `true` if there is a reconstruction to render.
     pub(crate) has_reconstruction: bool,
-    /// Prompts can be asked.
+    /// `true` if prompts can be asked.
     pub(crate) has_features: bool,
-    /// The recording has class labels, from which features can be made.
+    /// `true` if the recording has class labels, from which features can be made.
     pub(crate) has_labels: bool,
-    /// What could be asked, e.g. the class names.
+    /// Examples of prompts, e.g. the class names.
     pub(crate) example_prompts: Vec<String>,
-    /// What renders, e.g. "CPU, 2 threads".
+    /// Name of the renderer, e.g. "CPU, 2 threads".
     pub(crate) renderer: String,
-    /// Things about this scene that the user should know, a few words and a sentence each.
+    /// Notes about this scene that the user should know, a few words and a sentence each.
     pub(crate) notes: Vec<(String, String)>,
-    /// A folder that can be written to, for what is made of it.
+    /// Folder that can be written to, for files made of the scene or recording.
     pub(crate) output_folder: PathBuf,
 }
 
 impl Info {
-    /// Whether both are of one recording; where it is not known, by name and length.
+    /// Returns `true` if both are of one recording. If that is not known, name and length are compared.
     pub(crate) fn is_same_recording(&self, other: &Self) -> bool {
         match (&self.sequence, &other.sequence) {
             (Some(mine), Some(theirs)) => mine == theirs,
@@ -69,12 +70,12 @@ impl Info {
     }
 }
 
-/// What to render.
+/// A view to render.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct View {
     pub(crate) frame: usize,
     pub(crate) orbit: Orbit,
-    /// Half the width and height, while something moves.
+    /// `true` for half the width and height, while something moves.
     pub(crate) is_preview: bool,
 }
 
@@ -82,38 +83,41 @@ pub(crate) struct View {
 #[derive(Clone, Debug)]
 pub(crate) struct Rendering {
     pub(crate) colour: RgbImage,
-    /// Scene units; 0 where there is nothing.
+    /// Depth in scene units; 0 where there is nothing.
     pub(crate) depth: Grid<f32>,
-    /// What the endoscope did not see, where the view is not its own.
+    /// Mask of the pixels that the endoscope did not see; `None` for the endoscope's own view.
     pub(crate) unseen: Option<Mask>,
 }
 
 /// An open scene or recording. A worker thread owns it.
 pub(crate) trait FrameSource: Send {
     fn info(&self) -> &Info;
-    /// The frame as it was recorded.
+    /// Returns the frame as it was recorded.
     fn original(&mut self, frame: usize) -> Result<RgbImage>;
-    /// Where instruments are on the frame as it was recorded; `None` where that is not known.
+    /// Returns the mask of instruments on the recorded frame; `None` where it is not known.
     fn instruments(&mut self, _: usize) -> Result<Option<Mask>> {
         Ok(None)
     }
-    /// Renders; `with_features` promises that [`FrameSource::scores`] of the same view will be asked for.
+    /// Renders a view; `with_features` promises that [`FrameSource::scores`] of this view will follow.
     fn render(&mut self, view: &View, with_features: bool) -> Result<Rendering>;
-    /// One score image per question in the view that was rendered last, of its size; an error concerns its question alone.
+    /// Returns one score image per question, in the view that was rendered last and of its size. An error
+    /// concerns its question alone.
     fn scores(&mut self, view: &View, questions: &[Question]) -> Vec<Result<Grid<f32>>>;
-    /// How far what a view shows moves over the recording, px, not a number where nothing is; and in words what moves.
+    /// Returns the distances that the contents of a view move over the recording, px, not a number where
+    /// nothing is, and a description in words of what moves.
     fn motion(&mut self, view: &View) -> Result<(Grid<f32>, String)>;
-    /// How opaque a view is, 0–1.
+    /// Returns the opacity of a view, 0–1.
     fn opacity(&mut self, view: &View) -> Result<Grid<f32>>;
-    /// What a point of a view shows, the point as share of width and height; `None` where nothing was reconstructed.
+    /// Returns the sample at a point of a view, the point as share of width and height; `None` where nothing
+    /// was reconstructed.
     fn sample(&mut self, _: &View, _: [f32; 2]) -> Result<Option<Sample>> {
         Ok(None)
     }
-    /// Whether views may be asked for before anybody wants to see them.
+    /// Returns `true` if views may be requested before anybody wants to see them.
     fn prepares_ahead(&self) -> bool {
         true
     }
-    /// How often each pass of a frame ran so far.
+    /// Returns the number of times that each pass of a frame has run so far.
     fn clock(&self) -> FrameClock {
         FrameClock::default()
     }
@@ -122,29 +126,29 @@ pub(crate) trait FrameSource: Send {
 /// Opens, exports and trains. All methods run on worker threads and take as long as they need.
 pub(crate) trait Backend: Send + Sync {
     fn open(&self, path: &Path) -> Result<Box<dyn FrameSource>>;
-    /// Reads a whole recording and says what is in it.
+    /// Reads a whole recording and reports its contents.
     fn check(&self, path: &Path, job: &JobContext) -> Result<Checked>;
-    /// Turns round which side of a recording's masks is kept.
+    /// Inverts which side of a recording's masks is kept.
     fn flip_masks(&self, path: &Path) -> Result<PathBuf>;
     /// Makes sure that the built-in demo is under `folder`: its scene, or at least its recording.
     fn demo(&self, folder: &Path, job: &JobContext) -> Result<Demo>;
-    /// Writes files. When cancelled, finished files stay and the same request goes on from there.
+    /// Exports files. After a cancellation, finished files stay and the same request continues from there.
     fn export(&self, request: &ExportRequest, job: &JobContext) -> Result<ExportSummary>;
     /// Compares a scene with its recording: pictures, depth and the masks of its classes.
     fn evaluate(&self, scene: &Path, job: &JobContext) -> Result<Evaluation>;
-    /// Memory that is left, bytes; `None` where the system does not tell.
+    /// Returns the available memory, bytes; `None` where the system does not tell.
     fn available_bytes(&self) -> Option<u64> {
         None
     }
-    /// Trains and saves a scene. When cancelled, what was learned so far is saved and returned all the same.
+    /// Trains and saves a scene. After a cancellation, the scene learned so far is still saved and returned.
     fn reconstruct(&self, request: &TrainRequest, job: &JobContext) -> Result<PathBuf>;
 }
 
-/// What a recording holds.
+/// Result of the check of a recording.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Checked {
     pub(crate) report: Report,
-    /// Its masks can be turned round.
+    /// `true` if the masks can be inverted.
     pub(crate) can_flip: bool,
 }
 
@@ -167,50 +171,50 @@ pub(crate) struct ExportRequest {
     pub(crate) frames: (usize, usize),
     /// Ranges of frames that are left out.
     pub(crate) excluded: Vec<(usize, usize)>,
-    /// Draw on recorded frames, not on rendered ones.
+    /// `true` to draw on recorded frames, `false` to draw on rendered ones.
     pub(crate) from_original: bool,
     pub(crate) prompts: Vec<ExportPrompt>,
-    /// What prompts without exceptions of their own are compared with.
+    /// Negatives of prompts without exceptions of their own.
     pub(crate) negatives: Negatives,
-    /// Every pixel belongs to at most one prompt.
+    /// `true` if every pixel belongs to at most one prompt.
     pub(crate) is_exclusive: bool,
-    /// How overlays are drawn.
+    /// Style of the overlays.
     pub(crate) look: OverlayLook,
-    /// What is done to masks.
+    /// Clean-up of masks.
     pub(crate) clean_up: CleanUp,
 }
 
 impl ExportRequest {
-    /// How many files it will write; a record and the names of labels come on top.
+    /// Returns the number of files to write, without the record and the names of labels.
     pub(crate) fn num_files(&self) -> usize {
         num_files(&self.formats, self.frames().len(), self.prompts.len())
     }
 
-    /// The frames that are exported.
+    /// Returns the frames that are exported.
     pub(crate) fn frames(&self) -> Vec<usize> {
         included(self.frames, &self.excluded)
     }
 
-    /// Whether a file about all frames is wanted of frames that are not in one piece.
+    /// Returns `true` if a format needs consecutive frames, but the frames have gaps.
     pub(crate) fn has_gaps(&self) -> bool {
         let frames = self.frames();
         self.formats.iter().any(|f| f.is_series()) && frames.windows(2).any(|pair| pair[0] + 1 != pair[1])
     }
 }
 
-/// Where the demo is.
+/// The built-in demo.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Demo {
-    /// What to open.
+    /// Path to open.
     pub(crate) path: PathBuf,
-    /// The scene to make of it, if there is none yet.
+    /// Training that makes the scene, if there is none yet.
     pub(crate) train: Option<TrainRequest>,
 }
 
-/// What an export did.
+/// Result of an export.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct ExportSummary {
-    /// All frames that were asked for are there.
+    /// `true` if all requested frames are there.
     pub(crate) is_complete: bool,
     pub(crate) num_files: usize,
     pub(crate) folder: PathBuf,
@@ -223,6 +227,6 @@ pub(crate) struct TrainRequest {
     /// The scene file to write.
     pub(crate) scene: PathBuf,
     pub(crate) iterations: usize,
-    /// Ranges of frames that nothing is learned from.
+    /// Ranges of frames that are not trained on.
     pub(crate) excluded: Vec<(usize, usize)>,
 }

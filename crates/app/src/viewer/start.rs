@@ -1,4 +1,4 @@
-//! What is seen before anything is open.
+//! The window before anything is open.
 
 use super::{
     app::ViewerApp,
@@ -8,7 +8,7 @@ use super::{
 };
 use egui::{RichText, Ui, vec2};
 
-/// The empty window: how to begin.
+/// Shows the empty window, with ways to begin.
 pub(crate) fn start_ui(ui: &mut Ui, app: &mut ViewerApp) {
     let height = ui.available_height();
     ui.vertical_centered(|ui| {

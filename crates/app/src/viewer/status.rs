@@ -1,10 +1,10 @@
-//! The bottom line: what is under the pointer, what renders, and what this program is not for.
+//! The bottom line: values under the pointer, the renderer, and the limits of the intended use.
 
 use super::{app::ViewerApp, theme, widgets::caption};
 use egui::{RichText, Ui};
 use surgtpgs_core::{clock::PassName, export::intended_use, raster::FramePass};
 
-/// The bottom line of the window.
+/// Shows the bottom line of the window.
 pub(crate) fn status_ui(ui: &mut Ui, app: &mut ViewerApp) {
     ui.horizontal(|ui| {
         ui.label(RichText::new(intended_use()).font(theme::small()).color(theme::AMBER));
@@ -28,7 +28,7 @@ pub(crate) fn status_ui(ui: &mut Ui, app: &mut ViewerApp) {
     });
 }
 
-/// Pixel, depth and scores at the pointer.
+/// Describes the pixel under the pointer: position, depth and scores.
 fn under_pointer(app: &ViewerApp, ctx: &egui::Context) -> Option<String> {
     let pointer = ctx.input(|i| i.pointer.hover_pos())?;
     let [u, v] = app.panes.picture_position(pointer)?;

@@ -1,12 +1,12 @@
-//! Words to look for: those used before, the classes of the recording, and what is common in an operation.
+//! Suggested prompts: words used before, the classes of the recording, and common words of an operation.
 
 use super::{app::ViewerApp, theme, widgets::caption};
 use egui::{Button, Popup, PopupCloseBehavior, RichText, ScrollArea, Ui};
 
-/// Words that are remembered, in the session and nowhere else.
+/// Number of words that are remembered, in the session and nowhere else.
 const MAX_EARLIER: usize = 20;
 
-/// What there is to find in common operations; named as in public data sets.
+/// Things to find in common operations, named as in public data sets.
 const PRESETS: [(&str, &[&str]); 2] = [
     (
         "Gallbladder removal (CholecSeg8k)",
@@ -57,7 +57,7 @@ impl ViewerApp {
     }
 }
 
-/// A button that opens the lists.
+/// Shows a button that opens the lists.
 pub(crate) fn suggestions_ui(ui: &mut Ui, app: &mut ViewerApp) {
     let button = ui.button(RichText::new("Suggestions").font(theme::small()));
     let button = button.on_hover_text("Words used before, and what is common in an operation");

@@ -1,48 +1,48 @@
-//! Colours and sizes: dark and calm, every text at 4.5:1 or better.
+//! Colours and sizes: dark and calm, with a contrast of 4.5:1 or better for every text.
 
 use egui::{Color32, CornerRadius, FontFamily, FontId, Margin, Stroke, TextStyle, Vec2};
 
-/// Behind the picture.
+/// Background of the picture.
 pub(crate) const BACKDROP: Color32 = Color32::from_rgb(0x0d, 0x0f, 0x12);
-/// Panels.
+/// Background of panels.
 pub(crate) const PANEL: Color32 = Color32::from_rgb(0x1a, 0x1d, 0x22);
-/// Rows and dialogs.
+/// Background of rows and dialogs.
 pub(crate) const RAISED: Color32 = Color32::from_rgb(0x24, 0x28, 0x2f);
-/// Buttons.
+/// Background of buttons.
 pub(crate) const CONTROL: Color32 = Color32::from_rgb(0x2f, 0x35, 0x3e);
-/// Buttons under the pointer.
+/// Background of buttons under the pointer.
 pub(crate) const CONTROL_HOVER: Color32 = Color32::from_rgb(0x3a, 0x42, 0x4d);
-/// Separators and the borders of fields.
+/// Colour of separators and of the borders of fields.
 pub(crate) const LINE: Color32 = Color32::from_rgb(0x3c, 0x43, 0x4d);
-/// Text.
+/// Colour of text.
 pub(crate) const TEXT: Color32 = Color32::from_rgb(0xea, 0xed, 0xf1);
-/// Less important text.
+/// Colour of less important text.
 pub(crate) const TEXT_WEAK: Color32 = Color32::from_rgb(0xae, 0xb6, 0xc1);
-/// What is active.
+/// Colour of active elements.
 pub(crate) const ACCENT: Color32 = Color32::from_rgb(0x6c, 0xbd, 0xf5);
-/// Behind what is selected.
+/// Background of selected elements.
 pub(crate) const SELECTION: Color32 = Color32::from_rgb(0x1f, 0x4a, 0x68);
-/// A view that nobody recorded; things to know.
+/// Colour of notes, and of views that nobody recorded.
 pub(crate) const AMBER: Color32 = Color32::from_rgb(0xf5, 0xb8, 0x3d);
-/// What went wrong.
+/// Colour of errors.
 pub(crate) const ERROR: Color32 = Color32::from_rgb(0xff, 0x8a, 0x80);
-/// Behind text on the picture.
+/// Background of text on the picture.
 pub(crate) const PLATE: Color32 = Color32::from_rgba_premultiplied(0x0c, 0x0e, 0x11, 0xd8);
 
-/// Height of what is clicked.
+/// Height of elements that can be clicked.
 pub(crate) const CONTROL_HEIGHT: f32 = 32.0;
 
-/// A prompt's colour for painting.
+/// Converts a prompt's colour for painting.
 pub(crate) fn colour32([r, g, b]: [u8; 3]) -> Color32 {
     Color32::from_rgb(r, g, b)
 }
 
-/// Small text: captions and legends.
+/// Returns the font of small text: captions and legends.
 pub(crate) fn small() -> FontId {
     FontId::new(13.5, FontFamily::Proportional)
 }
 
-/// Sets the look of everything that follows.
+/// Applies the theme to everything shown afterwards.
 pub(crate) fn apply(ctx: &egui::Context) {
     ctx.set_theme(egui::Theme::Dark);
     ctx.style_mut_of(egui::Theme::Dark, |style| {
@@ -101,7 +101,7 @@ fn colour(visuals: &mut egui::Visuals) {
 mod tests {
     use super::*;
 
-    /// WCAG contrast of two opaque colours, 1–21.
+    /// Returns the WCAG contrast of two opaque colours, 1–21.
     fn contrast(a: Color32, b: Color32) -> f32 {
         let luminance = |c: Color32| {
             let linear = egui::Rgba::from(c);
@@ -135,7 +135,8 @@ mod tests {
         }
     }
 
-    /// How colours look without one of the three kinds of cones (Machado et al. 2009), linear RGB; last: with all.
+    /// Matrices of colour vision without one of the three kinds of cones (Machado et al. 2009), linear RGB;
+    /// last: with all.
     const VISIONS: [[[f32; 3]; 3]; 4] = [
         [[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]],
         [[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]],
@@ -143,7 +144,7 @@ mod tests {
         [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
     ];
 
-    /// CIE Lab of a colour as it looks to somebody.
+    /// Returns CIE Lab of a colour as it looks with a kind of vision.
     fn seen(colour: [u8; 3], vision: &[[f32; 3]; 3]) -> [f32; 3] {
         let c = egui::Rgba::from(colour32(colour));
         let [r, g, b] = vision.map(|row| (row[0] * c.r() + row[1] * c.g() + row[2] * c.b()).clamp(0.0, 1.0));
@@ -156,7 +157,7 @@ mod tests {
         [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
     }
 
-    /// The smallest difference between two of `colours`, ΔE.
+    /// Returns the smallest difference between two of `colours`, ΔE.
     fn nearest(colours: &[[u8; 3]], vision: &[[f32; 3]; 3]) -> f32 {
         let lab: Vec<_> = colours.iter().map(|c| seen(*c, vision)).collect();
         let pairs = (0..lab.len()).flat_map(|i| (0..i).map(move |j| (i, j)));

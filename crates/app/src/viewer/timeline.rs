@@ -1,4 +1,4 @@
-//! Time: the bar to scrub on, and the buttons beside it.
+//! The timeline: the bar to scrub on, and the buttons beside it.
 
 use super::{
     app::ViewerApp,
@@ -11,7 +11,7 @@ use super::{
 };
 use egui::{Context, Rect, Response, RichText, Sense, Stroke, Ui, WidgetInfo, pos2, vec2};
 
-/// Buttons, clock and bar.
+/// Shows the buttons, the clock and the bar.
 pub(crate) fn timeline_ui(ui: &mut Ui, app: &mut ViewerApp) {
     bar_ui(ui, app);
     ui.add_space(2.0);
@@ -41,7 +41,7 @@ pub(crate) fn timeline_ui(ui: &mut Ui, app: &mut ViewerApp) {
     });
 }
 
-/// Frame number (click to type one) and time.
+/// Shows the frame number (a click lets the user type one) and the time.
 fn clock_ui(ui: &mut Ui, app: &mut ViewerApp) {
     let playback = &app.playback;
     let (frame, last) = (playback.frame(), playback.num_frames() - 1);
@@ -72,7 +72,7 @@ fn speed_ui(ui: &mut Ui, app: &mut ViewerApp) {
     }
 }
 
-/// The bar: one place per frame, the part that plays, and where we are; below it the areas over time.
+/// Shows the bar: one place per frame, the part that plays, the present frame; below it the areas over time.
 fn bar_ui(ui: &mut Ui, app: &mut ViewerApp) {
     let width = ui.available_width();
     let (rect, response) = ui.allocate_exact_size(vec2(width, 30.0), Sense::click_and_drag());
@@ -112,7 +112,7 @@ fn scrub(ui: &Ui, app: &mut ViewerApp, response: &Response, line: Rect) {
     }
 }
 
-/// Number, time and note of the frame under the pointer.
+/// Shows number, time and note of the frame under the pointer.
 fn hover_ui(app: &ViewerApp, response: Response, line: Rect) {
     let Some(pointer) = response.hover_pos() else { return };
     let under = frame_at(line, pointer.x, app.playback.num_frames() - 1);
@@ -151,7 +151,7 @@ fn paint_bar(ui: &Ui, app: &ViewerApp, line: Rect, is_hot: bool) {
     }
     let done = Rect::from_min_max(line.min, pos2(x(app.playback.frame()), line.bottom()));
     painter.rect_filled(done, 4.0, theme::ACCENT.gamma_multiply(0.55));
-    // A tick per ten frames, as long as they can be told apart.
+    // One tick per ten frames, or per more frames where the ticks would be too dense.
     let every =
         [10_usize, 50, 100, 500, 1000].into_iter().find(|n| x(*n) - line.left() > 14.0).unwrap_or(5000);
     for frame in (every..app.playback.num_frames()).step_by(every) {
@@ -165,7 +165,7 @@ fn paint_bar(ui: &Ui, app: &ViewerApp, line: Rect, is_hot: bool) {
     painter.circle(head, if is_hot { 9.0 } else { 7.5 }, theme::TEXT, Stroke::new(2.0, theme::PANEL));
 }
 
-/// Crossed out: hatched, and dark below the hatches.
+/// Paints a part as crossed out: hatched, and dark below the hatches.
 fn paint_excluded(painter: &egui::Painter, part: Rect) {
     painter.rect_filled(part, 2.0, theme::BACKDROP);
     let painter = painter.with_clip_rect(part);
@@ -177,7 +177,7 @@ fn paint_excluded(painter: &egui::Painter, part: Rect) {
     }
 }
 
-/// A pin above the bar; a flagged one has another shape as well as another colour.
+/// Paints a pin above the bar; a flagged one has another shape as well as another colour.
 fn paint_bookmark(painter: &egui::Painter, tip: egui::Pos2, is_flagged: bool) {
     let at = |dx: f32, dy: f32| tip + vec2(dx, dy);
     let (points, colour) = if is_flagged {
@@ -188,7 +188,7 @@ fn paint_bookmark(painter: &egui::Painter, tip: egui::Pos2, is_flagged: bool) {
     painter.add(egui::Shape::convex_polygon(points, colour, Stroke::new(1.0, theme::PANEL)));
 }
 
-/// The small dialog to type a frame number. Afterwards the keys belong to the picture again.
+/// Shows the small dialog to type a frame number. Afterwards the keys belong to the picture again.
 pub(crate) fn go_to_ui(ctx: &Context, app: &mut ViewerApp) {
     let Some(mut text) = app.go_to.take() else { return };
     let last = app.playback.num_frames();

@@ -1,4 +1,4 @@
-//! From a recording to a reconstruction, in the window: a question first, then progress beside the picture.
+//! Reconstruction of a recording in the window: a dialog first, then the progress beside the picture.
 
 use super::{
     app::ViewerApp,
@@ -16,23 +16,23 @@ use std::{
 };
 use surgtpgs_core::{Error, Result, train::TrainSettings};
 
-/// Optimiser steps unless chosen otherwise.
+/// Default number of optimiser steps.
 pub(crate) const DEFAULT_STEPS: usize = 3000;
 
-/// Qualities to choose from: steps and words.
+/// Qualities to choose from: number of steps and label.
 const QUALITIES: [(usize, &str); 3] = [(600, "Quick look"), (DEFAULT_STEPS, "Standard"), (9000, "Best")];
 
-/// The question before training.
+/// State of the dialog before training.
 pub(crate) struct TrainDialog {
     request: TrainRequest,
     has_labels: bool,
-    /// What is lost because the recording is long.
+    /// Warning about the quality that is lost because the recording is long.
     too_long: Option<String>,
     picking: Option<Job<Option<PathBuf>>>,
 }
 
 impl TrainDialog {
-    /// `None` where the recording is not at hand.
+    /// Makes the dialog; `None` where the recording is not at hand.
     pub(crate) fn new(info: &Info, excluded: Vec<(usize, usize)>) -> Option<Self> {
         let (recording, scene) = (info.recording.clone()?, free_file(&info.output_folder, &info.name));
         let request = TrainRequest { recording, scene, iterations: DEFAULT_STEPS, excluded };
@@ -40,7 +40,7 @@ impl TrainDialog {
         Some(Self { request, has_labels: info.has_labels, too_long, picking: None })
     }
 
-    /// Takes the path that was picked.
+    /// Takes the path that the user picked.
     fn poll(&mut self) {
         if let Some(JobEvent::Done(result)) = self.picking.as_mut().and_then(Job::poll) {
             self.picking = None;
@@ -61,7 +61,7 @@ impl TrainDialog {
     }
 }
 
-/// A scene file that is not there yet: nothing is ever written over.
+/// Returns the path of a scene file that does not exist yet, so that nothing is overwritten.
 fn free_file(folder: &Path, name: &str) -> PathBuf {
     let numbered = |i: usize| if i == 1 { name.to_owned() } else { format!("{name}-{i}") };
     let path = |i| folder.join(format!("{}.safetensors", numbered(i)));
@@ -74,9 +74,9 @@ pub(crate) struct Training {
     recording: PathBuf,
     pub(super) curve: LossCurve,
     backend: Arc<dyn Backend>,
-    /// Memory that is left, bytes, and when that was so, seconds.
+    /// Available memory, bytes, and the time of that reading, seconds.
     memory: Option<(u64, f64)>,
-    /// When the window was asked to close, which waits for what was learned, seconds.
+    /// Time at which the window was asked to close, seconds. Closing waits until the scene is saved.
     closing_since: Option<f64>,
 }
 
@@ -87,12 +87,12 @@ impl Training {
         Self { job, recording, curve: LossCurve::default(), backend, memory: None, closing_since: None }
     }
 
-    /// Whether it is about the recording of what is open.
+    /// Returns `true` if this is the training on the recording of `info`.
     fn is_about(&self, info: &Info) -> bool {
         info.recording.as_ref() == Some(&self.recording)
     }
 
-    /// Looks how much memory is left, now and then.
+    /// Reads the available memory, at most once a second.
     fn watch_memory(&mut self, now: f64) {
         if self.memory.is_none_or(|(_, at)| now >= at + 1.0) {
             self.memory = self.backend.available_bytes().map(|bytes| (bytes, now));
@@ -100,7 +100,7 @@ impl Training {
     }
 }
 
-/// The window closes without what was learned if it is asked again after this, seconds.
+/// Seconds after which another request to close the window is obeyed, without saving the scene.
 const CLOSES_AFTER: f64 = 5.0;
 
 impl ViewerApp {
@@ -109,7 +109,8 @@ impl ViewerApp {
         self.training = Some(Training::start(self.backend.clone(), request, ctx));
     }
 
-    /// Whether what is shown is being reconstructed: a recording, or its latest preview, but no finished scene.
+    /// Returns `true` if the shown recording is being reconstructed: it or its latest preview is shown, but
+    /// not a finished scene.
     pub(super) fn is_reconstructing(&self) -> bool {
         let shown = self.info().map(|i| &i.path);
         self.training.as_ref().is_some_and(|t| Some(&t.recording) == shown)
@@ -131,7 +132,7 @@ impl ViewerApp {
         }
     }
 
-    /// Opens what was reconstructed, unless somebody looks at something else or is busy with it by now.
+    /// Opens the finished scene, unless something else is shown or the window is busy.
     fn end_training(&mut self, result: Result<PathBuf>, ctx: &Context) {
         let shows_preview = self.is_reconstructing() && self.info().is_some_and(|i| i.has_reconstruction);
         let Some(training) = self.training.take() else { return };
@@ -148,7 +149,7 @@ impl ViewerApp {
                 self.open_path(&scene, ctx)
             }
             Some(scene) => self.reconstructed = Some(scene),
-            // There is no file of what the last preview shows.
+            // No file holds what the last preview shows, so the recording is opened again.
             None if shows_preview => {
                 let problem = self.problem.take();
                 self.open_path(&training.recording, ctx);
@@ -158,7 +159,7 @@ impl ViewerApp {
         }
     }
 
-    /// A window that is asked to close keeps what was learned first.
+    /// Delays closing the window until the scene is saved.
     pub(super) fn hold_close(&mut self, now: f64, ctx: &Context) {
         let is_asked = ctx.input(|i| i.viewport().close_requested());
         let Some(training) = self.training.as_mut().filter(|_| is_asked) else { return };
@@ -171,10 +172,10 @@ impl ViewerApp {
     }
 }
 
-/// With less memory left than this, training may be ended by the system, bytes.
+/// Available memory below which the system may end training, bytes.
 const LOW_MEMORY: u64 = 600_000_000;
 
-/// A warning, if there is little memory left.
+/// Returns a warning, if little memory is left.
 fn memory_warning(available_bytes: u64) -> Option<String> {
     (available_bytes < LOW_MEMORY).then(|| {
         let megabytes = available_bytes / 1_000_000;
@@ -184,7 +185,7 @@ fn memory_warning(available_bytes: u64) -> Option<String> {
     })
 }
 
-/// The section of the right panel: an offer to reconstruct, or how far it is.
+/// Shows the section of the right panel: an offer to reconstruct, or the progress.
 pub(crate) fn training_ui(ui: &mut Ui, app: &mut ViewerApp) {
     reconstructed_ui(ui, app);
     let is_offered = app.info().is_some_and(|i| !i.has_reconstruction && i.has_original);
@@ -223,7 +224,7 @@ fn offer_ui(ui: &mut Ui, app: &mut ViewerApp) {
     }
 }
 
-/// What is ready although something else is looked at.
+/// Offers to open a finished reconstruction while something else is shown.
 fn reconstructed_ui(ui: &mut Ui, app: &mut ViewerApp) {
     let Some(scene) = app.reconstructed.clone() else { return };
     let name = scene.file_name().unwrap_or_default().to_string_lossy();
@@ -248,7 +249,7 @@ fn progress_ui(ui: &mut Ui, training: &Training, is_about_shown: bool) {
     let stage = if progress.stage.is_empty() { "Starting" } else { &progress.stage };
     ui.label(RichText::new(format!("{what}: {stage}")).strong());
     ui.add(ProgressBar::new(progress.fraction()).desired_height(10.0).fill(theme::ACCENT));
-    // What is below comes, goes and wraps; buttons must not move under the hand.
+    // The lines below appear, vanish and wrap; buttons must not move under the pointer.
     ui.horizontal(|ui| stop_ui(ui, training));
     preview_ui(ui, training);
     let left = match progress.seconds_left() {
@@ -293,7 +294,7 @@ fn stop_ui(ui: &mut Ui, training: &Training) {
     }
 }
 
-/// How often the picture shows how far it is: every preview takes time from training.
+/// Shows the choice of the time between previews, each of which takes time from training.
 fn preview_ui(ui: &mut Ui, training: &Training) {
     ui.horizontal(|ui| {
         ui.label(caption("Preview"));
@@ -305,7 +306,7 @@ fn preview_ui(ui: &mut Ui, training: &Training) {
     });
 }
 
-/// The question before training: how good, and where the file goes.
+/// Shows the dialog before training: the quality, and the file to write.
 pub(crate) fn train_dialog_ui(ctx: &Context, app: &mut ViewerApp) {
     let Some(mut asked) = app.train_dialog.take() else { return };
     asked.poll();

@@ -1,6 +1,6 @@
-//! What the viewport shows.
+//! View modes of the viewport.
 
-/// One picture, or two compared.
+/// Mode of the viewport: one picture, or two compared.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum ViewMode {
@@ -9,37 +9,37 @@ pub(crate) enum ViewMode {
     /// The frame as it was reconstructed.
     #[default]
     Reconstruction,
-    /// Both beside each other.
+    /// Both side by side.
     SideBySide,
     /// Both with a line between them.
     Wipe,
     /// One after the other, in turns.
     Blink,
-    /// How much they differ.
+    /// The difference between both.
     Difference,
     /// Distance from the endoscope.
     Depth,
     /// The reconstruction beside its depth.
     DepthBeside,
-    /// How far things move.
+    /// Distance that things move.
     Motion,
-    /// How opaque the reconstruction is.
+    /// Opacity of the reconstruction.
     Opacity,
 }
 
-/// Values of a view that are shown as colours.
+/// Layer of values of a view that are shown as colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Layer {
-    /// Scene units.
+    /// Distance from the endoscope, scene units.
     Depth,
-    /// Pixels over the whole recording.
+    /// Distance moved over the whole recording, pixels.
     Motion,
-    /// 0–1.
+    /// Opacity, 0–1.
     Opacity,
 }
 
 impl ViewMode {
-    /// Those of the toolbar; the others are in the menu.
+    /// Modes of the toolbar; the others are in the menu.
     pub(crate) const MAIN: [Self; 8] = [
         Self::Original,
         Self::Reconstruction,
@@ -70,7 +70,7 @@ impl ViewMode {
         matches!(self, Self::Original | Self::SideBySide | Self::Wipe | Self::Blink | Self::Difference)
     }
 
-    /// The reconstruction's colours.
+    /// Returns `true` if the mode shows the reconstruction's colours.
     pub(crate) fn needs_reconstruction(self) -> bool {
         !matches!(self, Self::Original | Self::Depth | Self::Motion | Self::Opacity)
     }
@@ -84,7 +84,7 @@ impl ViewMode {
         }
     }
 
-    /// Whether it can be shown of what is open.
+    /// Returns `true` if the mode can be shown for the open scene or recording.
     pub(crate) fn is_possible(self, info: &super::source::Info) -> bool {
         (info.has_original || !self.needs_original())
             && (info.has_reconstruction || !(self.needs_reconstruction() || self.layer().is_some()))

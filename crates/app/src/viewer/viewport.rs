@@ -1,4 +1,4 @@
-//! The picture in the middle: recorded, reconstructed, both, or depth; with zoom, wipe and a look around.
+//! The picture in the middle: recorded, reconstructed, both, or depth; with zoom, wipe and turned views.
 
 use super::{
     app::ViewerApp,
@@ -20,12 +20,12 @@ use egui::{
     TextureId, Ui, WidgetInfo, pos2, vec2,
 };
 
-/// What is said in place of a frame that is left out.
+/// Message in place of an excluded frame.
 pub(crate) const EXCLUDED: &str = "This frame is left out of everything";
-/// What is said where a turned view shows more than was recorded.
+/// Message where a turned view shows more than was recorded.
 const FADED: &str = "Faded: not seen by the endoscope on this frame";
 
-/// Toolbar and picture.
+/// Shows the toolbar and the picture.
 pub(crate) fn viewport_ui(ui: &mut Ui, app: &mut ViewerApp) {
     if let Some(problem) = app.problem.clone() {
         problem_ui(ui, app, &problem);
@@ -112,7 +112,7 @@ fn toolbar_ui(ui: &mut Ui, app: &mut ViewerApp) {
     });
 }
 
-/// A rectangle of the viewport and what is painted in it.
+/// A rectangle of the viewport and its contents.
 #[derive(Clone)]
 struct PaneView {
     rect: Rect,
@@ -123,7 +123,7 @@ struct PaneView {
 }
 
 impl PaneView {
-    /// The part of the pane that the picture covers: labels belong into it.
+    /// Returns the part of the pane that the picture covers, where labels belong.
     fn visible(&self) -> Rect {
         self.rect.intersect(self.picture)
     }
@@ -200,7 +200,7 @@ fn paint_pane(ui: &Ui, app: &ViewerApp, pane: &PaneView) {
     plate(&painter, corner, Align2::LEFT_TOP, &frame_label(app, pane.label), theme::TEXT);
 }
 
-/// The number of the frame that is on the screen, which may still be the one before while the next is made.
+/// Formats the number of the frame on the screen, which may still be the previous one while the next is made.
 fn frame_label(app: &ViewerApp, what: &str) -> String {
     let shown = app.picture().map_or(0, |p| p.request.view.frame);
     let text = format!("{what}  ·  frame {}", shown + 1);
@@ -213,7 +213,7 @@ fn frame_label(app: &ViewerApp, what: &str) -> String {
     }
 }
 
-/// The recorded frame to the left of the line, over the reconstruction.
+/// Paints the recorded frame to the left of the line, over the reconstruction.
 fn paint_wiped(ui: &Ui, app: &ViewerApp, pane: &PaneView) {
     let Some(shown) = app.open.as_ref().and_then(|o| o.shown.as_ref()) else { return };
     let x = pane.rect.left() + pane.rect.width() * app.wipe;
@@ -251,12 +251,12 @@ fn wipe_ui(ui: &mut Ui, app: &mut ViewerApp, area: Rect) {
     }
 }
 
-/// How far the eye may go from the endoscope, degrees.
+/// Returns the largest rotation of the view away from the endoscope's, degrees.
 pub(crate) fn orbit_limit(info: &Info) -> f32 {
     if info.camera_moves { MAX_MOVING_DEGREES } else { MAX_STILL_DEGREES }
 }
 
-/// Mouse and wheel: look around with the right button or Alt, pan with the left, zoom with the wheel.
+/// Handles mouse and wheel: look around with the right button or Alt, pan with the left, zoom with the wheel.
 fn steer(ui: &Ui, app: &mut ViewerApp, response: &Response) {
     let alt = ui.input(|i| i.modifiers.alt);
     let turns =
@@ -266,7 +266,7 @@ fn steer(ui: &Ui, app: &mut ViewerApp, response: &Response) {
         app.document.look.orbit = app.document.look.orbit.dragged(response.drag_delta().into(), limit);
         app.is_moving = true;
     } else if !turns && ruler::drag(app, response) {
-        // The mouse is the ruler's.
+        // The ruler has the mouse.
     } else if response.clicked() && app.info().is_some_and(|i| i.has_features) {
         app.probe = response.interact_pointer_pos().and_then(|p| app.panes.picture_position(p));
     } else if !turns && response.dragged() && !app.document.look.zoom.is_home() {
@@ -286,7 +286,7 @@ fn steer(ui: &Ui, app: &mut ViewerApp, response: &Response) {
     }
 }
 
-/// A view that nobody recorded says so with frame and words.
+/// Marks a view that nobody recorded, with a frame and words.
 fn paint_synthesised(ui: &Ui, rect: Rect, is_faded: bool) {
     let painter = ui.painter();
     painter.rect_stroke(rect, 0.0, Stroke::new(3.0, theme::AMBER), egui::StrokeKind::Inside);
@@ -300,7 +300,7 @@ fn paint_synthesised(ui: &Ui, rect: Rect, is_faded: bool) {
     }
 }
 
-/// What has to be said about the picture as a whole, in its lower middle.
+/// Shows the notice about the picture as a whole, in its lower middle.
 fn notices_ui(ui: &mut Ui, app: &ViewerApp, area: Rect, with_marks: bool) {
     let at = area.center_bottom() + vec2(0.0, -18.0);
     let Some((text, colour)) = notice(app, with_marks) else { return };
@@ -335,7 +335,7 @@ fn notice(app: &ViewerApp, with_marks: bool) -> Option<(String, Color32)> {
     is_nothing.then(|| (super::prompts::NOTHING.to_owned(), theme::AMBER))
 }
 
-/// The picture in words, for those who cannot see it.
+/// Describes the picture in words, for users who cannot see it.
 fn describe(app: &ViewerApp, panes: &[PaneView]) -> String {
     let Some(picture) = app.picture() else { return "No picture yet".into() };
     if app.document.is_excluded(picture.request.view.frame) {

@@ -1,4 +1,4 @@
-//! Small parts that several panels share. Icons are painted: no font has all of them.
+//! Small parts that several panels share. Icons are painted, because no font has all of them.
 
 use super::{
     command::{self, Command},
@@ -9,7 +9,7 @@ use egui::{
     vec2,
 };
 
-/// A painted picture on a button.
+/// An icon that is painted on a button.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Icon {
     Play,
@@ -29,13 +29,14 @@ pub(crate) enum Icon {
     More,
 }
 
-/// A square button that gives a command; tooltip and key come from the command table.
+/// Shows a square button of a command; returns `true` if it was clicked. Tooltip and key come from the
+/// command table.
 pub(crate) fn command_button(ui: &mut Ui, icon: Icon, of: Command, is_on: bool, is_enabled: bool) -> bool {
     let label = command::entry(of).label;
     icon_button(ui, icon, label, &command::tooltip(of), is_on, is_enabled).clicked()
 }
 
-/// A square button with an icon; `label` is what it is called where it cannot be seen.
+/// Shows a square button with an icon; `label` is its name for users who cannot see it.
 pub(crate) fn icon_button(
     ui: &mut Ui,
     icon: Icon,
@@ -68,7 +69,7 @@ pub(crate) fn icon_button(
 
 fn paint_icon(painter: &Painter, icon: Icon, r: Rect, colour: Color32) {
     let stroke = Stroke::new(1.8, colour);
-    // From the unit square to the icon's.
+    // Maps from the unit square to the icon's.
     let at = |x: f32, y: f32| pos2(r.left() + x * r.width(), r.top() + y * r.height());
     let triangle = |x0: f32, x1: f32| {
         painter.add(Shape::convex_polygon(
@@ -148,13 +149,13 @@ fn paint_icon(painter: &Painter, icon: Icon, r: Rect, colour: Color32) {
     }
 }
 
-/// Part of a circle, clockwise from the top; `from` and `to` in turns.
+/// Returns the points of an arc of a circle, clockwise from the top; `from` and `to` in turns.
 fn arc(centre: Pos2, radius: f32, from: f32, to: f32) -> Vec<Pos2> {
     let at = |turn: f32| centre + radius * Vec2::angled((turn - 0.25) * std::f32::consts::TAU);
     (0..=20).map(|i| at(from + (to - from) * i as f32 / 20.0)).collect()
 }
 
-/// One choice of several, side by side: (value, label, tooltip, enabled).
+/// Shows several options side by side to choose one of: (value, label, tooltip, enabled).
 pub(crate) fn choice<T: Copy + PartialEq>(ui: &mut Ui, value: &mut T, options: &[(T, &str, String, bool)]) {
     ui.scope(|ui| {
         ui.spacing_mut().item_spacing.x = 2.0;
@@ -170,8 +171,8 @@ pub(crate) fn choice<T: Copy + PartialEq>(ui: &mut Ui, value: &mut T, options: &
     });
 }
 
-/// A dialog over the window, which is dimmed and does not react meanwhile; returns what `content` returns, and whether Esc
-/// or a click beside it closes it.
+/// Shows a dialog over the window, which is dimmed and does not react meanwhile. Returns the result of
+/// `content`, and `true` if Esc or a click beside the dialog closes it.
 pub(crate) fn dialog<T>(
     ctx: &egui::Context,
     name: &'static str,
@@ -193,7 +194,7 @@ pub(crate) fn dialog<T>(
     (modal.inner, is_closed)
 }
 
-/// A small panel over the picture.
+/// Shows a small panel over the picture.
 pub(crate) fn card(
     ctx: &egui::Context,
     name: &'static str,
@@ -215,17 +216,17 @@ pub(crate) fn card(
     });
 }
 
-/// A dialog's main button.
+/// Makes a dialog's main button.
 pub(crate) fn main_button(text: &str) -> egui::Button<'_> {
     egui::Button::new(text).fill(theme::SELECTION).min_size(vec2(0.0, 36.0))
 }
 
-/// Less important text.
+/// Makes less important text.
 pub(crate) fn caption(text: impl Into<String>) -> egui::RichText {
     egui::RichText::new(text).font(theme::small()).color(theme::TEXT_WEAK)
 }
 
-/// Text on a dark plate, readable on any picture; returns the plate.
+/// Paints text on a dark plate, readable on any picture; returns the plate.
 pub(crate) fn plate(painter: &Painter, at: Pos2, anchor: Align2, text: &str, colour: Color32) -> Rect {
     let galley = painter.layout_no_wrap(text.to_owned(), egui::FontId::proportional(14.5), colour);
     let rect = anchor.anchor_size(at, galley.size() + vec2(16.0, 9.0));
@@ -234,7 +235,7 @@ pub(crate) fn plate(painter: &Painter, at: Pos2, anchor: Align2, text: &str, col
     rect
 }
 
-/// A prompt's colour with its number.
+/// Paints a prompt's colour with its number.
 pub(crate) fn swatch(painter: &Painter, rect: Rect, colour: [u8; 3], number: &str) {
     painter.rect_filled(rect, 4.0, theme::colour32(colour));
     painter.text(
@@ -246,13 +247,13 @@ pub(crate) fn swatch(painter: &Painter, rect: Rect, colour: [u8; 3], number: &st
     );
 }
 
-/// Seconds as m:ss.hh.
+/// Formats seconds as m:ss.hh.
 pub(crate) fn timecode(seconds: f64) -> String {
     let hundredths = (seconds.max(0.0) * 100.0).round() as u64;
     format!("{}:{:02}.{:02}", hundredths / 6000, hundredths / 100 % 60, hundredths % 100)
 }
 
-/// A duration in words, rounded as one says it.
+/// Formats a duration in words, rounded as people say it.
 pub(crate) fn duration(seconds: f64) -> String {
     let whole = seconds.max(0.0).round() as u64;
     match whole {
@@ -263,7 +264,7 @@ pub(crate) fn duration(seconds: f64) -> String {
     }
 }
 
-/// A whole number with thin gaps between thousands.
+/// Formats a whole number with thin gaps between thousands.
 pub(crate) fn thousands(n: usize) -> String {
     let digits = n.to_string();
     let mut text = String::new();

@@ -1,4 +1,4 @@
-//! The thread that makes pictures. The newest request wins; an older one that was not begun is dropped.
+//! The thread that makes pictures. The newest request wins; an older one that has not begun is dropped.
 
 use super::{
     areas::Measured,
@@ -46,24 +46,24 @@ impl Worker {
         Ok(Self { shared })
     }
 
-    /// Asks for a picture; replaces a request that was not begun.
+    /// Requests a picture; replaces a request that has not begun.
     pub(crate) fn submit(&self, request: Request) {
         lock(&self.shared.inbox).request = Some(request);
         self.shared.wake.notify_one();
     }
 
-    /// Makes pictures from another state of the same recording from now on.
+    /// Continues with another state of the same recording.
     pub(crate) fn replace(&self, source: Box<dyn FrameSource>) {
         lock(&self.shared.inbox).source = Some(source);
         self.shared.wake.notify_one();
     }
 
-    /// What was counted in idle time and not taken yet.
+    /// Takes the areas that were counted in idle time since the last call.
     pub(crate) fn take_measured(&self) -> Vec<Measured> {
         std::mem::take(&mut *lock(&self.shared.measured))
     }
 
-    /// The newest picture that was not taken yet.
+    /// Takes the newest picture, if it has not been taken yet.
     pub(crate) fn take(&self) -> Option<Picture> {
         lock(&self.shared.outbox).take()
     }
@@ -77,7 +77,7 @@ impl Drop for Worker {
 }
 
 fn work(shared: &Shared, mut pipeline: Pipeline, ctx: &egui::Context) {
-    // While there may be something to prepare, the thread looks for requests without waiting for them.
+    // While there may be something to prepare, the thread checks for requests without waiting for them.
     let mut is_preparing = false;
     loop {
         let (source, request) = {
@@ -107,7 +107,7 @@ fn work(shared: &Shared, mut pipeline: Pipeline, ctx: &egui::Context) {
     }
 }
 
-/// Counts what was found on another frame; `false` if there is none left.
+/// Counts the areas on another frame; returns `false` if there is none left.
 fn count_next(shared: &Shared, pipeline: &mut Pipeline, ctx: &egui::Context) -> bool {
     let Some(measured) = pipeline.count_next() else { return false };
     lock(&shared.measured).push(measured);
@@ -115,7 +115,7 @@ fn count_next(shared: &Shared, pipeline: &mut Pipeline, ctx: &egui::Context) -> 
     true
 }
 
-/// What is shown where the program itself is at fault; the next request is tried as usual.
+/// Makes the picture to show after a fault of the program itself; the next request is tried as usual.
 fn broken(request: Request) -> Picture {
     Picture {
         request,

@@ -2,12 +2,12 @@
 
 use egui::{Pos2, Rect, Vec2, vec2};
 
-/// How much is seen, and where.
+/// Magnification of the picture, and the part of it that is seen.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default)]
 pub(crate) struct Zoom {
     factor: f32,
-    /// The point of the picture that is in the middle, as share of its width and height.
+    /// Point of the picture in the middle of the pane, as share of its width and height.
     centre: [f32; 2],
 }
 
@@ -24,14 +24,14 @@ impl Zoom {
         self.factor == 1.0
     }
 
-    /// Where the picture goes: as large as fits the pane, then magnified. Proportions are kept.
+    /// Returns the rectangle of the picture: as large as fits the pane, then magnified. Proportions are kept.
     pub(crate) fn picture_rect(&self, pane: Rect, size: Vec2) -> Rect {
         let fit = (pane.width() / size.x.max(1.0)).min(pane.height() / size.y.max(1.0));
         let shown = size * fit * self.factor;
         Rect::from_min_size(pane.center() - Vec2::from(self.centre) * shown, shown)
     }
 
-    /// Magnifies around a screen position, whose point of the picture stays where it is.
+    /// Magnifies around a screen position; the point of the picture there stays in place.
     pub(crate) fn magnify(&mut self, by: f32, at: Pos2, panes: &Panes) {
         let Some((pane, picture)) = panes.0.iter().find(|(pane, _)| pane.contains(at)).copied() else {
             return;
@@ -51,7 +51,7 @@ impl Zoom {
         self.keep_inside();
     }
 
-    /// The same within what is possible, whatever a file says.
+    /// Limits the zoom to what is possible, because files may hold any values.
     pub(crate) fn mended(mut self) -> Self {
         if !self.factor.is_finite() || !self.centre.iter().all(|c| c.is_finite()) {
             return Self::default();
@@ -67,19 +67,20 @@ impl Zoom {
     }
 }
 
-/// Pane and picture rectangles as last painted.
+/// Rectangles of the panes and their pictures, as last painted.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Panes(pub(crate) Vec<(Rect, Rect)>);
 
 impl Panes {
-    /// The point of the picture under a screen position, as share of width and height; `None` outside of it.
+    /// Returns the point of the picture under a screen position, as share of width and height; `None` outside
+    /// the picture.
     pub(crate) fn picture_position(&self, at: Pos2) -> Option<[f32; 2]> {
         let (_, picture) = self.0.iter().find(|(pane, picture)| pane.contains(at) && picture.contains(at))?;
         let share = (at - picture.min) / picture.size();
         Some([share.x, share.y])
     }
 
-    /// Where a point of the picture is on the screen, in every pane.
+    /// Returns the screen position of a point of the picture in every pane.
     pub(crate) fn screen_positions(&self, [u, v]: [f32; 2]) -> impl Iterator<Item = (Rect, Pos2)> {
         self.0.iter().map(move |(pane, picture)| (*pane, picture.min + vec2(u, v) * picture.size()))
     }

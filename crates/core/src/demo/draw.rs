@@ -1,4 +1,5 @@
-//! Draws a moment: a depth-buffered triangle raster, shaded per sample under a lamp beside the lens.
+//! Draws one moment of the scene: a depth-buffered triangle raster, shaded per sample under a lamp
+//! beside the lens.
 
 use super::material::{Material, material};
 use super::noise::smoothstep;
@@ -6,11 +7,11 @@ use super::shape::{Anatomy, Part};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-/// Rows of samples that one task draws.
+/// Number of rows of samples that one task draws.
 const BAND: usize = 24;
-/// Nothing nearer to the eye than this is drawn, in millimetres.
+/// Smallest distance from the eye that is drawn, in millimetres.
 const NEAR_MM: f32 = 5.0;
-/// The lamp, in camera axes, in millimetres: beside the lens, so that shadows show.
+/// Position of the lamp, in camera axes, in millimetres. It is beside the lens, so that shadows are visible.
 const LAMP: Vec3 = Vec3::new(-8.0, -9.0, 0.0);
 
 /// The vertices of an anatomy at one moment, seen from one eye.
@@ -22,11 +23,11 @@ pub(super) struct View<'a> {
     screen: Vec<Vec3>,
     width: usize,
     height: usize,
-    /// Triangles that touch each band, in their order.
+    /// Triangles that touch each band, in their original order.
     bands: Vec<Vec<u32>>,
 }
 
-/// What a sample sees: the triangle, and 1/z (0: nothing).
+/// The triangle that a sample sees, and its 1/z (0: nothing).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hit {
     pub(super) triangle: u32,
@@ -68,8 +69,7 @@ impl<'a> View<'a> {
     }
 
     /// Calls `use_rows`(first row, hits) for every `step` rows of samples, in parallel, and gathers the
-    /// results in order.
-    /// `BAND` must be a multiple of `step`.
+    /// results in order. `BAND` must be a multiple of `step`.
     pub(super) fn map_rows<T: Send>(
         &self,
         step: usize,
@@ -86,7 +86,7 @@ impl<'a> View<'a> {
         bands.into_iter().flatten().collect()
     }
 
-    /// The depth test: what each sample of a band sees.
+    /// Runs the depth test: returns the hit of each sample of a band.
     fn cover(&self, band: usize) -> Vec<Hit> {
         let rows = band * BAND..((band + 1) * BAND).min(self.height);
         let mut hits = vec![Hit { triangle: 0, inverse_z: 0.0 }; rows.len() * self.width];
@@ -105,7 +105,7 @@ impl<'a> View<'a> {
                     let p = Vec3::new(x as f32 + 0.5, y as f32 + 0.5, 0.0);
                     let share =
                         Vec3::new(cross(b - p, c - p), cross(c - p, a - p), cross(a - p, b - p)) / area;
-                    // A hair of tolerance, so that no gap opens along shared edges.
+                    // A little tolerance, so that no gap opens along shared edges.
                     if share.min_element() < -1e-4 {
                         continue;
                     }
@@ -120,7 +120,7 @@ impl<'a> View<'a> {
         hits
     }
 
-    /// Vertices of the triangle and their perspective-correct shares at the sample (column, row).
+    /// Returns the vertices of the triangle and their perspective-correct shares at the sample (column, row).
     pub(super) fn shares(&self, triangle: u32, sample: Vec2) -> ([usize; 3], Vec3) {
         let corners = self.anatomy.triangles[triangle as usize].map(|k| k as usize);
         let [a, b, c] = corners.map(|k| self.screen[k]);
@@ -135,12 +135,13 @@ fn cross(a: Vec3, b: Vec3) -> f32 {
     a.x * b.y - a.y * b.x
 }
 
-/// The point within a triangle.
+/// Interpolates a point within a triangle.
 pub(super) fn blend(values: &[Vec3], corners: [usize; 3], share: Vec3) -> Vec3 {
     share.x * values[corners[0]] + share.y * values[corners[1]] + share.z * values[corners[2]]
 }
 
-/// Smooth vertex normals (not of unit length), all on the same side of the mesh as its triangles' winding.
+/// Returns smooth vertex normals (not of unit length), all on the same side of the mesh as its
+/// triangles' winding.
 pub(super) fn normals(anatomy: &Anatomy, points: &[Vec3]) -> Vec<Vec3> {
     let mut normals = vec![Vec3::ZERO; points.len()];
     for triangle in &anatomy.triangles {
@@ -151,14 +152,14 @@ pub(super) fn normals(anatomy: &Anatomy, points: &[Vec3]) -> Vec<Vec3> {
     normals
 }
 
-/// How much of the lamp is hidden from each of `points` (camera axes), 0–1, with a soft border.
+/// Returns the hidden share of the lamp for each of `points` (camera axes), 0–1, with a soft border.
 pub(super) fn shadows(anatomy: &Anatomy, points: &[Vec3]) -> Vec<f32> {
     let from_lamp: Vec<Vec3> = points.iter().map(|p| p - LAMP).collect();
     let map = ShadowMap::new(anatomy, &from_lamp);
     from_lamp.par_iter().map(|&p| map.hidden(p)).collect()
 }
 
-/// Distances from the lamp along the camera's axis.
+/// Distances of the visible surfaces from the lamp along the camera's axis.
 struct ShadowMap {
     depth: Vec<f32>,
 }
@@ -173,7 +174,7 @@ impl ShadowMap {
         Self { depth: view.map_rows(1, |_, hits| hits.iter().map(|h| 1.0 / h.inverse_z).collect()) }
     }
 
-    /// The share of map points around `p` that lie clearly before it.
+    /// Returns the share of map points around `p` that lie clearly in front of it.
     fn hidden(&self, p: Vec3) -> f32 {
         let position = Self::FOCAL * p.truncate() / p.z + 0.5 * Self::SIZE as f32 - 0.5;
         let corner = position.floor();
@@ -196,18 +197,18 @@ impl ShadowMap {
 /// One shaded sample.
 pub(super) struct Spot {
     pub(super) part: Part,
-    /// Relative to the eye, in camera axes.
+    /// Position relative to the eye, in camera axes.
     pub(super) position: Vec3,
-    /// Unit, towards the eye.
+    /// Normal of unit length, on the side of the eye.
     pub(super) normal: Vec3,
-    /// In rest axes.
+    /// Position in rest axes.
     pub(super) rest: Vec3,
     pub(super) open: f32,
-    /// How much of the lamp is hidden, 0–1.
+    /// Hidden share of the lamp, 0–1.
     pub(super) shadow: f32,
 }
 
-/// Light that the spot sends to the eye, linear, 0–1.
+/// Returns the light that the spot sends to the eye, linear, 0–1.
 pub(super) fn shade(spot: &Spot, seed: u32) -> Vec3 {
     let material = material(spot.part, spot.rest, spot.open, seed);
     let to_eye = -spot.position.normalize();
@@ -216,14 +217,14 @@ pub(super) fn shade(spot: &Spot, seed: u32) -> Vec3 {
     let to_lamp = to_lamp / distance;
     let slope = material.relief - spot.normal * spot.normal.dot(material.relief);
     let normal = (spot.normal - slope).normalize();
-    // The square law, softened by what the cavity scatters.
+    // The inverse-square law, softened by scattered light in the cavity.
     let reach = 80.0 / distance;
     let lamp = reach * reach * (0.12 + 0.88 * reach * reach) * (1.0 - 0.65 * spot.shadow);
     let half = (to_lamp + to_eye).normalize();
     let colour = if material.metal {
         mirror(&material, normal, to_eye, to_lamp) * lamp.min(1.6)
     } else {
-        // Light that enters wet tissue comes out around the edge, redder.
+        // Light that enters wet tissue leaves it around the edge and is redder.
         let facing = normal.dot(to_lamp);
         let wrap = Vec3::new(0.22, 0.14, 0.13);
         let diffuse = ((Vec3::splat(facing) + wrap) / (Vec3::ONE + wrap)).max(Vec3::ZERO);
@@ -233,17 +234,17 @@ pub(super) fn shade(spot: &Spot, seed: u32) -> Vec3 {
             + Vec3::new(1.0, 0.98, 0.95) * (0.75 * shine + 0.3 * sheen))
     };
     let light = 2.6 * (colour + 0.02 * material.albedo * spot.open);
-    // Bright parts saturate gently, as a camera's do.
+    // Bright areas saturate gently, as in a camera.
     let light = light * (Vec3::ONE + light / 8.0) / (Vec3::ONE + light);
     light * (0.55 + 0.75 * light)
 }
 
-/// cos^(2^squarings), a highlight's profile.
+/// Computes cos^(2^squarings), the profile of a highlight.
 fn highlight(cosine: f32, squarings: u32) -> f32 {
     (0..squarings).fold(cosine.max(0.0), |c, _| c * c)
 }
 
-/// Metal: what it mirrors is the lit tissue below, the dark above, and the lamp.
+/// Shades metal, which mirrors the lit tissue below, the dark above, and the lamp.
 fn mirror(material: &Material, normal: Vec3, to_eye: Vec3, to_lamp: Vec3) -> Vec3 {
     let seen = 2.0 * normal.dot(to_eye) * normal - to_eye;
     let below = smoothstep(-0.2, 0.9, seen.y);

@@ -1,4 +1,4 @@
-//! What the parts look like: colour, relief and gloss as functions of the position at rest, so that texture
+//! Materials of the parts: colour, relief and gloss as functions of the position at rest, so that texture
 //! moves with the tissue. Colours are linear light, the display's value squared.
 
 use super::noise::{noise, smoothstep};
@@ -14,11 +14,11 @@ pub(super) struct Material {
     pub(super) relief: Vec3,
     /// Strength of the wet highlight.
     pub(super) gloss: f32,
-    /// Whether it mirrors as metal does.
+    /// `true` if it mirrors like metal.
     pub(super) metal: bool,
 }
 
-/// The material of `part` at `rest`; `open` is the vertex value of the anatomy, low in furrows.
+/// Returns the material of `part` at `rest`; `open` is the vertex value of the anatomy, low in furrows.
 pub(super) fn material(part: Part, rest: Vec3, open: f32, seed: u32) -> Material {
     match part {
         Part::Wall => wall(rest, seed + 20),
@@ -30,8 +30,8 @@ pub(super) fn material(part: Part, rest: Vec3, open: f32, seed: u32) -> Material
     }
 }
 
-/// Vessels of half-width `width` as the zero lines of a noise of feature size `size`, drawn out along `course`
-/// (unit), fading in and out; 0–1.
+/// Returns the strength of vessels, 0–1. They have the half-width `width` and follow the zero lines of a
+/// noise of feature size `size`, stretched along `course` (unit). They fade in and out.
 fn vessels(p: Vec3, course: Vec3, size: f32, width: f32, seed: u32) -> f32 {
     let p = p - 0.5 * p.dot(course) * course;
     let present = smoothstep(-0.25, 0.1, noise(p, 1.5 * size, seed + 2).value);
@@ -41,7 +41,7 @@ fn vessels(p: Vec3, course: Vec3, size: f32, width: f32, seed: u32) -> f32 {
     let bend = noise(p, 0.6 * size, seed);
     let line = noise(p + 0.05 * size * size * bend.gradient, size, seed + 1);
     let slope = line.gradient.length().max(0.1 / size);
-    // Where the noise is flat the lines would curl into rings and spread into blots.
+    // In flat parts of the noise the lines would curl into rings and spread into blots.
     let straight = smoothstep(0.4, 0.9, slope * size);
     present * straight * smoothstep(width, 0.25 * width, line.value.abs() / slope)
 }
@@ -51,10 +51,10 @@ fn tint(colour: Vec3, target: Vec3, share: f32) -> Vec3 {
 }
 
 fn wall(p: Vec3, seed: u32) -> Material {
-    /// The way its vessels run, up to the right.
+    /// Direction of its vessels, up to the right.
     const COURSE: Vec3 = Vec3::new(0.6, -0.8, 0.0);
     let (broad, fine) = (noise(p, 22.0, seed), noise(p, 3.2, seed + 1));
-    // Muscle shows through as faint parallel bands.
+    // Muscle is visible as faint parallel bands.
     let fibres = noise(p * Vec3::new(0.45, 1.0, 0.8), 4.5, seed + 2);
     let pink = tint(Vec3::new(0.70, 0.30, 0.27), Vec3::new(0.82, 0.53, 0.48), 0.5 + 1.2 * broad.value);
     let flesh = pink * (1.0 + 0.16 * fine.value + 0.22 * fibres.value);
@@ -88,7 +88,7 @@ fn gallbladder(p: Vec3, seed: u32) -> Material {
 fn fat(p: Vec3, open: f32, yellow: Vec3, seed: u32) -> Material {
     let (broad, fine) = (noise(p, 14.0, seed), noise(p, 2.4, seed + 1));
     let colour = yellow * (Vec3::ONE + broad.value * Vec3::new(0.15, 0.35, 0.7)) * (1.0 + 0.13 * fine.value);
-    // Deeper, redder in the furrows; thin vessels over the cushions.
+    // Furrows are deeper in colour and redder; thin vessels run over the cushions.
     let furrow = smoothstep(1.0, 0.5, open);
     let colour = tint(colour, yellow * Vec3::new(0.85, 0.62, 0.5), 0.8 * furrow);
     let albedo = tint(colour, Vec3::new(0.42, 0.07, 0.04), 0.6 * vessels(p, Vec3::X, 11.0, 0.27, seed + 2));

@@ -1,7 +1,8 @@
-//! A synthetic laparoscopic clip with all its ground truth, rendered here, the same bytes every time.
+//! A synthetic laparoscopic clip with complete ground truth. It is rendered here and has the same
+//! bytes every time.
 //!
-//! `shape` lays out the anatomy at rest, `motion` moves it, `material` colours it by its position at rest,
-//! `draw` makes the picture and `write` the sequence folder. Lengths are in millimetres.
+//! `shape` lays out the anatomy at rest, `motion` moves it, `material` colours it by its position at
+//! rest, `draw` makes the picture and `write` the sequence folder. Lengths are in millimetres.
 
 mod draw;
 mod material;
@@ -26,7 +27,7 @@ use shape::Anatomy;
 
 pub use write::{is_written, write};
 
-/// What to render.
+/// Settings of the clip to render.
 #[derive(Clone, Debug)]
 pub struct DemoSettings {
     /// Image columns.
@@ -35,7 +36,7 @@ pub struct DemoSettings {
     pub height: usize,
     /// Number of frames.
     pub frames: usize,
-    /// Whether the endoscope moves (then the cameras are in `transforms.json`).
+    /// `true` if the endoscope moves (then the cameras are in `transforms.json`).
     pub moving_camera: bool,
     /// Seed of textures and noise.
     pub seed: u64,
@@ -50,7 +51,7 @@ impl Default for DemoSettings {
 /// Playing speed of the clip; the breathing and the instrument repeat after 48 frames.
 pub const FRAMES_PER_SECOND: f32 = 25.0;
 
-/// Class names and display colours; a class's id is its place here.
+/// Class names and display colours; a class's id is its index here.
 pub const CLASSES: [(&str, [u8; 3]); 5] = [
     ("abdominal wall", [210, 140, 140]),
     ("liver", [255, 114, 114]),
@@ -59,7 +60,7 @@ pub const CLASSES: [(&str, [u8; 3]); 5] = [
     ("grasper", [170, 110, 255]),
 ];
 
-/// The classes of the clip.
+/// Returns the classes of the clip.
 pub fn classes() -> Vec<Class> {
     let class = |(id, (name, colour)): (usize, &(&str, [u8; 3]))| Class {
         id: id as u8,
@@ -78,8 +79,8 @@ pub struct DemoFrame {
     pub depth: Grid<f32>,
     /// Class at pixel centres; [`NO_LABEL`] outside the field of view.
     pub labels: LabelMap,
-    /// Where what the pixel centre shows goes until the next frame, in pixels (right, down), whether or not it stays
-    /// in view; 0 outside the field of view. Includes the camera's own motion.
+    /// Motion of the point at the pixel centre until the next frame, in pixels (right, down), even if it
+    /// leaves the view; 0 outside the field of view. Includes the camera's own motion.
     pub motion: Grid<[f32; 2]>,
     /// The camera; the world is the still camera's axes.
     pub camera: Camera,
@@ -90,17 +91,17 @@ pub struct DemoFrame {
 pub struct Demo {
     settings: DemoSettings,
     anatomy: Anatomy,
-    /// The seed, folded.
+    /// The seed, folded to 32 bits.
     seed: u32,
 }
 
-/// Colour samples per pixel along each axis; odd, so that one is the pixel's centre.
+/// Number of colour samples per pixel along each axis; odd, so that one is the pixel's centre.
 const SAMPLES: usize = 3;
 /// Width of the soft border of the field of view, in pixels.
 const BORDER_PX: f32 = 2.0;
 
 impl Demo {
-    /// Prepares the scene. Sizes from 16 to 4096 pixels and at least one frame are possible.
+    /// Prepares the scene. Needs sizes from 16 to 4096 pixels and at least one frame.
     pub fn new(settings: &DemoSettings) -> Result<Self> {
         let size = 16..=4096;
         if !size.contains(&settings.width) || !size.contains(&settings.height) || settings.frames == 0 {
@@ -116,25 +117,25 @@ impl Demo {
         Ok(Self { settings: settings.clone(), anatomy: Anatomy::new(seed), seed })
     }
 
-    /// What is rendered.
+    /// Returns the settings of the clip.
     pub fn settings(&self) -> &DemoSettings {
         &self.settings
     }
 
-    /// The camera of frame `i`.
+    /// Returns the camera of frame `i`.
     pub fn camera(&self, i: usize) -> Camera {
         let s = &self.settings;
         motion::camera(s.width as u32, s.height as u32, s.moving_camera, i as f32)
     }
 
-    /// The round field of view, the same in every frame; `true` = inside.
+    /// Returns the round field of view, the same in every frame; `true` = inside.
     pub fn field_of_view(&self) -> Mask {
         let (width, height) = (self.settings.width, self.settings.height);
         let inside = |k: usize| self.inside(k % width, k / width) >= 1.0;
         Grid::from_vec(width, height, (0..width * height).map(inside).collect())
     }
 
-    /// Share of light that the round stop lets through to a pixel.
+    /// Returns the share of light that the round stop lets through to a pixel.
     fn inside(&self, x: usize, y: usize) -> f32 {
         let (width, height) = (self.settings.width as f32, self.settings.height as f32);
         let radius = (0.6 * height).min(0.49 * width);
@@ -142,7 +143,7 @@ impl Demo {
         ((radius - from_centre.length()) / BORDER_PX).clamp(0.0, 1.0)
     }
 
-    /// Renders frame `i`; any index is possible, the clip goes on beyond its last frame.
+    /// Renders frame `i`; any index is possible, the clip continues beyond its last frame.
     pub fn frame(&self, i: usize) -> DemoFrame {
         let (width, height) = (self.settings.width, self.settings.height);
         let (camera, points) = self.points(i);
@@ -178,7 +179,7 @@ impl Demo {
         }
     }
 
-    /// The camera of frame `i`, and all vertices then, in its axes.
+    /// Returns the camera of frame `i`, and all vertices at that time, in its axes.
     fn points(&self, i: usize) -> (Camera, Vec<Vec3>) {
         let (camera, moment) = (self.camera(i), Moment::at(i as f32));
         let vertices = self.anatomy.rest.iter().zip(&self.anatomy.part);
@@ -200,7 +201,7 @@ struct Pixel {
     motion: [f32; 2],
 }
 
-/// All that is needed to finish pixels of one frame.
+/// Everything needed to finish the pixels of one frame.
 struct Artist<'a> {
     demo: &'a Demo,
     view: &'a draw::View<'a>,
@@ -213,7 +214,7 @@ struct Artist<'a> {
 }
 
 impl Artist<'_> {
-    /// Row `y` of pixels from its rows of samples.
+    /// Returns row `y` of pixels from its rows of samples.
     fn pixels(&self, y: usize, hits: &[draw::Hit]) -> Vec<Pixel> {
         let columns = self.demo.settings.width * SAMPLES;
         let pixel = |x: usize| {
@@ -237,7 +238,7 @@ impl Artist<'_> {
         (0..self.demo.settings.width).map(pixel).collect()
     }
 
-    /// Linear light at one sample.
+    /// Returns the linear light at one sample.
     fn light(&self, hit: draw::Hit, column: usize, row: usize) -> Vec3 {
         if hit.inverse_z <= 0.0 {
             return Vec3::ZERO;
@@ -260,20 +261,21 @@ impl Artist<'_> {
         draw::shade(&spot, self.demo.seed)
     }
 
-    /// Light fall-off to the rim, the display's curve (taken as a square root), and a trace of sensor noise.
+    /// Applies the light fall-off to the rim, the display's curve (taken as a square root), and a
+    /// little sensor noise.
     fn develop(&self, light: Vec3, x: usize, y: usize) -> [u8; 3] {
         let (width, height) = (self.demo.settings.width as f32, self.demo.settings.height as f32);
         let radius = Vec2::new(x as f32 - 0.5 * width, y as f32 - 0.5 * height) / (0.6 * height);
         let fall_off = 1.0 - 0.45 * radius.length_squared().min(1.0);
         let grain = noise::hash(x as i32, y as i32, self.frame as i32, self.demo.seed);
         std::array::from_fn(|c| {
-            // The sum of two even numbers in 0..1: mean 1, σ 0.41.
+            // The sum of two uniform numbers in 0..1: mean 1, σ 0.41.
             let noise = (grain >> (10 * c) & 31) as f32 / 32.0 + (grain >> (10 * c + 5) & 31) as f32 / 32.0;
             (255.0 * (light[c] * fall_off).max(0.0).sqrt() + noise - 0.5).clamp(0.0, 255.0) as u8
         })
     }
 
-    /// Fills in what the pixel's centre shows.
+    /// Fills in the ground truth of the pixel's centre.
     fn tell_truth(&self, hit: draw::Hit, x: usize, y: usize, pixel: &mut Pixel) {
         let centre = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
         let (corners, share) = self.view.shares(hit.triangle, centre * SAMPLES as f32);

@@ -1,20 +1,20 @@
-//! What moves, and how: breathing, a fold pulled and let go, the instrument, the endoscope. Everything is
-//! smooth in time and repeats after [`CYCLE`] frames, so that the clip can be played in a loop.
+//! Motion of the scene: breathing, a fold that is pulled and released, the instrument, the endoscope. All
+//! motion is smooth in time and repeats after [`CYCLE`] frames, so that the clip can be played in a loop.
 
 use super::noise::{cosine, sine, smoothstep};
 use super::shape::{HINGE_MM, Part};
 use crate::camera::Camera;
 use glam::{Affine3A, Mat3, Vec3};
 
-/// Frames after which everything repeats.
+/// Number of frames after which everything repeats.
 pub(super) const CYCLE: f32 = 48.0;
-/// Frames of one breath.
+/// Number of frames of one breath.
 const BREATH: f32 = 24.0;
-/// Where the grasper takes hold, at rest, in millimetres.
+/// Point that the grasper holds, at rest, in millimetres.
 const GRIP: Vec3 = Vec3::new(10.0, 10.6, 88.6);
-/// How far the fold is pulled, in millimetres.
+/// Displacement of the pulled fold, in millimetres.
 const PULL: Vec3 = Vec3::new(6.0, -4.5, -4.5);
-/// Where the instrument passes through the abdominal wall, in millimetres.
+/// Point at which the instrument passes through the abdominal wall, in millimetres.
 const TROCAR: Vec3 = Vec3::new(88.0, -8.0, 46.0);
 
 /// The state of everything that moves at one time.
@@ -31,14 +31,15 @@ pub(super) struct Moment {
 }
 
 impl Moment {
-    /// At frame `frame` (fractions are times between frames).
+    /// Returns the state at frame `frame` (fractions are times between frames).
     pub(super) fn at(frame: f32) -> Self {
         let f = frame - CYCLE * (frame / CYCLE).floor();
         let during = |start, full, fade, end| smoothstep(start, full, f) - smoothstep(fade, end, f);
         let pull = PULL * during(13.0, 25.0, 26.0, 37.0);
         let mut moment = Self { frame: f, pull, axes: Mat3::IDENTITY, tip: GRIP, opening: 0.0 };
         let away = 1.0 - during(-0.5, 11.5, 37.0, 47.5);
-        // Held, the tip goes where the tissue goes; before and after it comes and leaves from the side.
+        // While it holds the tissue, the tip moves with it; before and after that it comes from the side
+        // and returns there.
         let bite = Vec3::new(-2.0, 0.6, 1.6);
         moment.tip = moment.place(Part::Gallbladder, GRIP) + bite + away * Vec3::new(8.0, -5.5, -4.0);
         moment.opening = 0.012 + 0.036 * (1.0 - during(9.0, 14.0, 34.0, 39.0));
@@ -48,7 +49,7 @@ impl Moment {
         moment
     }
 
-    /// Where the point `rest` of `part` is now, in scene axes.
+    /// Returns the position of the point `rest` of `part` at this moment, in scene axes.
     pub(super) fn place(&self, part: Part, rest: Vec3) -> Vec3 {
         match part {
             Part::Shaft => self.axes * rest + self.tip,
@@ -65,7 +66,8 @@ impl Moment {
         Vec3::new(p.x, c * p.y + s * z, c * z - s * p.y - HINGE_MM)
     }
 
-    /// Displacement by breathing: the diaphragm pushes the liver down and forwards, the rest follows later and less.
+    /// Returns the displacement by breathing: the diaphragm pushes the liver down and forwards, the rest
+    /// follows later and less.
     fn breathing(&self, part: Part, p: Vec3) -> Vec3 {
         let inspired = |delay: f32| 0.5 - 0.5 * cosine((self.frame - delay) / BREATH);
         match part {
@@ -86,7 +88,7 @@ impl Moment {
     }
 }
 
-/// How much of the pull a part feels.
+/// Returns the share of the pull that a part follows.
 fn give(part: Part) -> f32 {
     match part {
         Part::Gallbladder => 1.0,
@@ -96,7 +98,7 @@ fn give(part: Part) -> f32 {
     }
 }
 
-/// 1 at the grip, falling smoothly to 0: a tent on a wide foot.
+/// Returns 1 at the grip, falling smoothly to 0: a tent on a wide foot.
 fn hold(rest: Vec3) -> f32 {
     let kernel = |radius: f32| {
         let k = (1.0 - rest.distance_squared(GRIP) / (radius * radius)).max(0.0);
@@ -105,9 +107,10 @@ fn hold(rest: Vec3) -> f32 {
     0.75 * kernel(27.0) + 0.25 * kernel(10.0)
 }
 
-/// The camera of frame `frame`: still, or on a gentle loop around the middle of the scene that starts at rest.
+/// Returns the camera of frame `frame`: still, or on a gentle loop around the middle of the scene
+/// that starts at rest.
 pub(super) fn camera(width: u32, height: u32, moving: bool, frame: f32) -> Camera {
-    // The focal length for a 60° wide picture of 4:3, so that other shapes see the same round field.
+    // The focal length of a 60° wide picture of 4:3, so that other shapes show the same round field.
     let focal = 0.866_025_4 * width.min(height * 4 / 3) as f32;
     let mut camera = Camera {
         width,

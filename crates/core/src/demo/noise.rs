@@ -1,9 +1,10 @@
-//! Smooth pseudo-random fields and curves, from additions, products and square roots alone: those are exact
-//! in IEEE arithmetic, so every machine draws the same picture (`f32::sin` and its kin differ between systems).
+//! Smooth pseudo-random fields and curves, made of additions, products and square roots alone. These are
+//! exact in IEEE arithmetic, so every machine draws the same picture (`f32::sin` and its kin differ
+//! between systems).
 
 use glam::Vec3;
 
-/// Mixes a lattice position and a seed into 32 even bits.
+/// Mixes a lattice position and a seed into 32 uniformly distributed bits.
 pub(super) fn hash(x: i32, y: i32, z: i32, seed: u32) -> u32 {
     let lattice = (x as u32).wrapping_mul(0x8da6_b343)
         ^ (y as u32).wrapping_mul(0xd816_3841)
@@ -19,7 +20,7 @@ pub(super) fn hash(x: i32, y: i32, z: i32, seed: u32) -> u32 {
 pub(super) struct Noise {
     /// About −0.7 to 0.7, mean 0.
     pub(super) value: f32,
-    /// Derivative with respect to the position that was asked for.
+    /// Derivative with respect to the position in the call.
     pub(super) gradient: Vec3,
 }
 
@@ -46,14 +47,14 @@ const DIRECTIONS: [Vec3; 16] = {
     ]
 };
 
-/// Gradient noise of feature size `size` at `p` (Perlin 2002), with its analytic derivative.
+/// Returns gradient noise of feature size `size` at `p` (Perlin 2002), with its analytic derivative.
 pub(super) fn noise(p: Vec3, size: f32, seed: u32) -> Noise {
     let p = p / size;
     let [x, y, z] = p.to_array().map(floor);
     let f = p - Vec3::new(x as f32, y as f32, z as f32);
     let fade = f * f * f * (f * (f * 6.0 - 15.0) + 10.0);
     let slope = 30.0 * f * f * (f * (f - 2.0) + 1.0);
-    // Gradient and height of the plane that each corner lays through itself.
+    // Gradient and height of the plane through each corner.
     let corner = |i: i32, j: i32, k: i32| {
         let direction = DIRECTIONS[(hash(x + i, y + j, z + k, seed) >> 28) as usize];
         direction.extend(direction.dot(f - Vec3::new(i as f32, j as f32, k as f32)))
@@ -77,18 +78,19 @@ pub(super) fn noise(p: Vec3, size: f32, seed: u32) -> Noise {
     Noise { value: all.w, gradient: (all.truncate() + slope * blending) / size }
 }
 
-/// The whole number at or below `x`.
+/// Returns the whole number at or below `x`.
 fn floor(x: f32) -> i32 {
     let towards_zero = x as i32;
     towards_zero - i32::from(x < towards_zero as f32)
 }
 
-/// The low ten bits as a number in [0, 1).
+/// Converts the low ten bits to a number in [0, 1).
 fn unit(bits: u32) -> f32 {
     (bits & 1023) as f32 / 1024.0
 }
 
-/// Distances to the nearest and second nearest of scattered points about `size` apart (Worley 1996), in `size`.
+/// Returns the distances to the nearest and second nearest of scattered points about `size` apart (Worley
+/// 1996), in units of `size`.
 pub(super) fn cells(p: Vec3, size: f32, seed: u32) -> (f32, f32) {
     let p = p / size;
     let cell = p.floor();
@@ -103,7 +105,7 @@ pub(super) fn cells(p: Vec3, size: f32, seed: u32) -> (f32, f32) {
     (first.sqrt(), second.sqrt())
 }
 
-/// sin(2πx), to 4e-6: the Taylor series on a quarter turn.
+/// Returns sin(2πx), to 4e-6: the Taylor series on a quarter turn.
 pub(super) fn sine(turns: f32) -> f32 {
     let x = turns - (turns + 0.5).floor();
     let x = if x.abs() > 0.25 { 0.5_f32.copysign(x) - x } else { x };
@@ -111,18 +113,18 @@ pub(super) fn sine(turns: f32) -> f32 {
     x * (6.283_185_5 + s * (-41.341_7 + s * (81.605_25 + s * (-76.705_86 + s * 42.058_693))))
 }
 
-/// cos(2πx).
+/// Returns cos(2πx).
 pub(super) fn cosine(turns: f32) -> f32 {
     sine(turns + 0.25)
 }
 
-/// 0 below `from`, 1 above `to`, smooth between (cubic; `from` may exceed `to`).
+/// Returns 0 below `from`, 1 above `to`, and smooth values between (cubic; `from` may exceed `to`).
 pub(super) fn smoothstep(from: f32, to: f32, x: f32) -> f32 {
     let s = ((x - from) / (to - from)).clamp(0.0, 1.0);
     s * s * (3.0 - 2.0 * s)
 }
 
-/// A smooth curve through equally spaced `values` (Catmull–Rom); `x` in 0..=1 spans them all.
+/// Evaluates a smooth curve through equally spaced `values` (Catmull–Rom); `x` in 0..=1 spans them all.
 pub(super) fn curve(values: &[f32], x: f32) -> f32 {
     let last = values.len() - 1;
     let x = x.clamp(0.0, 1.0) * last as f32;

@@ -1,11 +1,11 @@
-//! The anatomy at rest: each part a grid of points, in millimetres, in the axes of the still camera
-//! (x right, y down, z forward). Most parts are laid out in view coordinates (x/z, y/z, z), where the picture
-//! is easily composed.
+//! The anatomy at rest: each part is a grid of points, in millimetres, in the axes of the still camera (x
+//! right, y down, z forward). Most parts are laid out in view coordinates (x/z, y/z, z), in which the
+//! picture is easily composed.
 
 use super::noise::{cells, cosine, curve, noise, sine, smoothstep};
 use glam::Vec3;
 
-/// What a surface belongs to.
+/// The part of the scene that a surface belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Part {
     Wall,
@@ -21,7 +21,7 @@ pub(super) enum Part {
 }
 
 impl Part {
-    /// Class id of the part: its row in [`super::CLASSES`].
+    /// Returns the class id of the part: its row in [`super::CLASSES`].
     pub(super) fn class(self) -> u8 {
         match self {
             Self::Wall => 0,
@@ -36,18 +36,19 @@ impl Part {
 /// All parts as one triangle mesh at rest.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Anatomy {
-    /// Vertex positions; the instrument's are in its own axes: +z towards the tip, the tip at the origin.
+    /// Vertex positions; those of the instrument are in its own axes: +z towards the tip, the
+    /// tip at the origin.
     pub(super) rest: Vec<Vec3>,
-    /// Per vertex: how much light reaches it past the part's own folds, 0–1.
+    /// Per vertex: share of light that reaches it past the part's own folds, 0–1.
     pub(super) open: Vec<f32>,
-    /// Per vertex: what it belongs to.
+    /// Per vertex: the part it belongs to.
     pub(super) part: Vec<Part>,
-    /// Vertices of each triangle; all three are of one part.
+    /// Vertices of each triangle; all three belong to one part.
     pub(super) triangles: Vec<[u32; 3]>,
 }
 
 impl Anatomy {
-    /// Everything in the scene, its folds shaped by `seed`.
+    /// Lays out everything in the scene, its folds shaped by `seed`.
     pub(super) fn new(seed: u32) -> Self {
         let mut all = Self::default();
         all.add_wall(seed);
@@ -78,7 +79,7 @@ impl Anatomy {
         }
     }
 
-    /// The vault: near at the upper left, receding into the dark at the right.
+    /// Adds the vault: near at the upper left, receding into the dark at the right.
     fn add_wall(&mut self, seed: u32) {
         self.add(Part::Wall, (130, 100), |u, v| {
             let (a, b) = (mix(-1.1, 1.1, u), mix(-0.95, 0.6, v));
@@ -90,7 +91,7 @@ impl Anatomy {
         });
     }
 
-    /// A wedge from the dark behind to a rounded, lobed edge in front, curling under.
+    /// Adds the liver: a wedge from the dark behind to a rounded, lobed edge in front, curling under.
     fn add_liver(&mut self, seed: u32) {
         self.add(Part::Liver, (190, 110), |u, v| {
             let a = mix(-0.43, 0.85, u);
@@ -129,7 +130,7 @@ impl Anatomy {
         });
     }
 
-    /// A pear-shaped sac half under the liver's edge.
+    /// Adds the gallbladder: a pear-shaped sac half under the liver's edge.
     fn add_gallbladder(&mut self, seed: u32) {
         let along = Vec3::new(22.0, 5.5, -13.0).normalize();
         let across = along.cross(Vec3::Z).normalize();
@@ -144,7 +145,7 @@ impl Anatomy {
         });
     }
 
-    /// Lobular yellow fat in the foreground, its crest in front of the gallbladder.
+    /// Adds lobular yellow fat in the foreground, its crest in front of the gallbladder.
     fn add_omentum(&mut self, seed: u32) {
         self.add(Part::Omentum, (230, 130), |u, v| {
             let a = mix(-0.95, 0.95, u);
@@ -158,7 +159,7 @@ impl Anatomy {
         });
     }
 
-    /// A fatty fold hanging into the picture from the upper right.
+    /// Adds a fatty fold hanging into the picture from the upper right.
     fn add_ligament(&mut self, seed: u32) {
         let centre = seen_at(0.53, -0.2, 86.0);
         self.add(Part::Ligament, (110, 80), |u, v| {
@@ -170,7 +171,7 @@ impl Anatomy {
         });
     }
 
-    /// The instrument's tube, with a collar, and tapering towards the hinge.
+    /// Adds the instrument's tube, with a collar, and tapering towards the hinge.
     fn add_shaft(&mut self) {
         const ALONG: [(f32, f32); 9] = [
             (-130.0, 3.4),
@@ -189,7 +190,7 @@ impl Anatomy {
         });
     }
 
-    /// One closed jaw from hinge to rounded tip; `side` is +1 above the bite, −1 below.
+    /// Adds one closed jaw from hinge to rounded tip; `side` is +1 above the bite, −1 below.
     fn add_jaw(&mut self, part: Part, side: f32) {
         self.add(part, (33, 48), |u, v| {
             let width = curve(&[2.0, 2.3, 2.4, 2.3, 2.0, 1.5], v) * smoothstep(0.0, 0.12, 1.0 - v).sqrt();
@@ -202,7 +203,7 @@ impl Anatomy {
     }
 }
 
-/// The point seen at (a, b) = (x/z, y/z) at depth z.
+/// Returns the point seen at (a, b) = (x/z, y/z) at depth z.
 fn seen_at(a: f32, b: f32, z: f32) -> Vec3 {
     Vec3::new(a * z, b * z, z)
 }
@@ -211,13 +212,14 @@ fn mix(from: f32, to: f32, share: f32) -> f32 {
     from + (to - from) * share
 }
 
-/// Raises soft cushions of about `size` with furrows between them, along `outward`.
+/// Raises soft cushions of about `size` with furrows between them, along `outward`. Returns the point
+/// and its openness.
 fn lobules(p: Vec3, outward: Vec3, size: f32, seed: u32) -> (Vec3, f32) {
     let warped = p + 7.0 * Vec3::new(noise(p, 12.0, seed).value, noise(p, 12.0, seed + 100).value, 0.0);
     let stretched = warped * Vec3::new(0.6, 1.1, 1.0);
     let (first, second) = cells(stretched, size, seed);
     let (small_first, small_second) = cells(warped, 0.5 * size, seed + 1);
-    // How deep the furrows are changes from place to place.
+    // The depth of the furrows varies from place to place.
     let deep = smoothstep(-0.45, 0.35, noise(p, 15.0, seed + 2).value);
     let (large, small) =
         (smoothstep(0.0, 0.5, second - first), smoothstep(0.0, 0.6, small_second - small_first));

@@ -1,4 +1,4 @@
-//! The clip's own promises: the same bytes each time, and truth that agrees with itself.
+//! Tests of the clip: the same bytes each time, and ground truth that is consistent with itself.
 
 use super::*;
 use image::GenericImageView;
@@ -12,12 +12,12 @@ fn demo(moving_camera: bool) -> Demo {
     Demo::new(&settings(moving_camera)).unwrap()
 }
 
-/// Centre of pixel `k` of a grid.
+/// Returns the centre of pixel `k` of a grid.
 fn centre(width: usize, k: usize) -> Vec2 {
     Vec2::new((k % width) as f32 + 0.5, (k / width) as f32 + 0.5)
 }
 
-/// The value of the pixel that a position lies in.
+/// Returns the value of the pixel that a position lies in.
 fn under<T: Copy>(grid: &Grid<T>, position: Vec2) -> Option<T> {
     let inside =
         position.min_element() >= 0.0 && position.x < grid.width as f32 && position.y < grid.height as f32;
@@ -69,7 +69,7 @@ fn every_class_is_in_view_all_the_time() {
     }
 }
 
-/// Red at a position between pixel centres, 0–255.
+/// Returns red at a position between pixel centres, 0–255.
 fn red(picture: &RgbImage, p: Vec2) -> f32 {
     let p = (p - 0.5).clamp(Vec2::ZERO, Vec2::new(picture.width() as f32, picture.height() as f32) - 1.001);
     let (corner, f) = (p.floor(), p.fract());
@@ -104,7 +104,7 @@ fn following_the_motion_finds_the_same_tissue_in_the_next_frame() {
 
 #[test]
 fn motion_is_the_derivative_of_the_moving_points() {
-    // Two half steps and one whole step agree: the truth is smooth in time.
+    // Two half steps and one whole step agree: the ground truth is smooth in time.
     for (i, &part) in [shape::Part::Liver, shape::Part::Gallbladder, shape::Part::Omentum].iter().enumerate()
     {
         let p = Vec3::new(5.0 * i as f32, 9.0, 92.0);

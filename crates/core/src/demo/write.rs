@@ -14,11 +14,11 @@ use rayon::prelude::*;
 use serde_json::json;
 use std::{io::Cursor, path::Path};
 
-/// Millimetres of one count in the depth pictures.
+/// Size of one count in the depth pictures, in millimetres.
 const DEPTH_SCALE: f32 = 0.005;
 
-/// Writes the clip into `folder` as an ordinary sequence folder, creating it; `progress` hears
-/// (frames done, frames in all). The folder must be new, empty, or hold the same clip (which is then written again).
+/// Writes the clip into `folder` as an ordinary sequence folder, creating it. `progress` gets (frames
+/// done, all frames). The folder must be new, empty, or hold the same clip (which is then written again).
 pub fn write(settings: &DemoSettings, folder: &Path, progress: &mut dyn FnMut(usize, usize)) -> Result<()> {
     let demo = Demo::new(settings)?;
     let readme = readme(settings);
@@ -38,7 +38,7 @@ pub fn write(settings: &DemoSettings, folder: &Path, progress: &mut dyn FnMut(us
     Ok(())
 }
 
-/// Whether `folder` holds the clip of this very description, whole or in part.
+/// Returns `true` if `folder` holds the clip of this very description, complete or in part.
 pub fn is_written(settings: &DemoSettings, folder: &Path) -> bool {
     std::fs::read(folder.join("README.txt")).is_ok_and(|found| found == readme(settings).as_bytes())
 }
@@ -55,7 +55,7 @@ fn claim(settings: &DemoSettings, folder: &Path) -> Result<()> {
     ))
 }
 
-/// All files of one frame.
+/// Writes all files of one frame.
 fn write_frame(frame: &DemoFrame, mask: &[u8], folder: &Path, name: &str) -> Result<()> {
     let (width, height) = frame.colour.dimensions();
     let counts = frame.depth.data.iter().map(|z| (z / DEPTH_SCALE + 0.5).min(65535.0) as u16).collect();
@@ -89,7 +89,7 @@ fn png(picture: &DynamicImage, path: &Path) -> Result<Vec<u8>> {
     Ok(bytes.into_inner())
 }
 
-/// A picture, white where `mask` is true.
+/// Encodes a picture that is white where `mask` is true.
 fn white_where(mask: &Mask, path: &Path) -> Result<Vec<u8>> {
     let picture = GrayImage::from_fn(mask.width as u32, mask.height as u32, |x, y| {
         Luma([if mask.at(x as usize, y as usize) { 255 } else { 0 }])
@@ -101,7 +101,8 @@ fn to_json(value: &serde_json::Value, folder: &Path) -> Result<Vec<u8>> {
     serde_json::to_vec_pretty(value).map_err(|e| Error::io("encode JSON", folder, std::io::Error::other(e)))
 }
 
-/// What pictures alone do not say: units, speed, polarity and, for a still endoscope, the camera.
+/// Returns the facts that pictures alone do not contain: units, speed, polarity and, for a still
+/// endoscope, the camera.
 fn sequence_toml(demo: &Demo) -> String {
     let Camera { fx, fy, cx, cy, .. } = demo.camera(0);
     let camera = match demo.settings().moving_camera {
@@ -114,7 +115,7 @@ fn sequence_toml(demo: &Demo) -> String {
     )
 }
 
-/// nerfstudio's description of the cameras: OpenGL axes (y up, looking along −z), camera to world.
+/// Returns nerfstudio's description of the cameras: OpenGL axes (y up, looking along −z), camera to world.
 fn transforms(demo: &Demo) -> serde_json::Value {
     let settings = demo.settings();
     let frames = (0..settings.frames).map(|i| {

@@ -1,4 +1,4 @@
-//! A frame with what was found on it, and what several formats want of it, made once.
+//! The content of an exported frame. Intermediate results that several formats need are computed once.
 
 use super::{ExportPrompt, Provenance, stamp};
 use crate::{
@@ -9,17 +9,17 @@ use crate::{
 use image::{RgbImage, imageops};
 use std::{borrow::Cow, sync::OnceLock};
 
-/// `picture` and `scores` (one per prompt) have one size.
+/// A frame with the masks of all prompts. `picture` and `scores` (one per prompt) have one size.
 pub(super) struct FrameContent<'a> {
     pub(super) provenance: &'a Provenance,
     pub(super) frame: usize,
     pub(super) picture: &'a RgbImage,
     pub(super) scores: &'a [Grid<f32>],
-    /// Where instruments are, if that is known.
+    /// Pixels of instruments, if known.
     tools: Option<&'a Mask>,
-    /// The scores, cleaned up as the options say.
+    /// Scores after the clean-up that the options ask for.
     cleaned: Vec<Cow<'a, Grid<f32>>>,
-    /// One per prompt, as the options say.
+    /// Masks, one per prompt, as the options ask for.
     pub(super) masks: Vec<Mask>,
     disjoint: OnceLock<Vec<Mask>>,
     overlay: OnceLock<RgbImage>,
@@ -50,24 +50,24 @@ impl<'a> FrameContent<'a> {
         }
     }
 
-    /// Columns and rows.
+    /// Returns columns and rows.
     pub(super) fn size(&self) -> (usize, usize) {
         (self.picture.width() as usize, self.picture.height() as usize)
     }
 
-    /// The prompts with their masks.
+    /// Returns the prompts with their masks.
     pub(super) fn found(&self) -> impl Iterator<Item = (&'a ExportPrompt, &Mask)> {
         self.provenance.prompts.iter().zip(&self.masks)
     }
 
-    /// A label per pixel, 0 = nothing, else the number of the prompt counted from 1. A pixel can carry one label only:
-    /// prompts are disjoint here whatever the options say.
+    /// Returns the label of a pixel: 0 = nothing, else the number of the prompt counted from 1. A pixel
+    /// can carry only one label, so prompts are disjoint here whatever the options say.
     pub(super) fn label(&self, pixel: usize) -> u8 {
         let disjoint = self.disjoint.get_or_init(|| masks(&self.cleaned, &self.provenance.prompts, true));
         disjoint.iter().position(|m| m.data[pixel]).map_or(0, |prompt| (prompt + 1) as u8)
     }
 
-    /// The picture with all prompts drawn over it, stamped if the options say so.
+    /// Returns the picture with all prompts drawn over it, stamped if the options say so.
     pub(super) fn overlay(&self) -> &RgbImage {
         self.overlay.get_or_init(|| {
             let mut drawn = self.draw_over(self.picture, &self.kept_scores());
@@ -78,8 +78,8 @@ impl<'a> FrameContent<'a> {
         })
     }
 
-    /// As [`Self::overlay`], at most `max_width` columns wide and not stamped. Prompts are drawn at the small size, or
-    /// their lines would fade.
+    /// Returns the overlay at most `max_width` columns wide and without the stamp. Prompts are drawn at
+    /// the small size, because their lines would fade in a reduced picture.
     pub(super) fn small_overlay(&self, max_width: u32) -> RgbImage {
         let (width, height) = small_size(self.picture.dimensions(), max_width);
         if width == self.picture.width() {
@@ -91,7 +91,8 @@ impl<'a> FrameContent<'a> {
         self.draw_over(&small, &scores)
     }
 
-    /// The scores to draw: where prompts exclude each other, those of pixels that another prompt has won are dropped.
+    /// Returns the scores to draw. If prompts exclude each other, scores of pixels that another prompt
+    /// has won are dropped.
     fn kept_scores(&self) -> Vec<Grid<f32>> {
         let mut kept: Vec<Grid<f32>> = self.cleaned.iter().map(|s| s.as_ref().clone()).collect();
         if self.provenance.options.exclusive {
@@ -112,7 +113,7 @@ impl<'a> FrameContent<'a> {
     }
 }
 
-/// One mask per prompt, from its scores and threshold; disjoint if `exclusive`.
+/// Returns one mask per prompt, from its scores and threshold; disjoint if `exclusive`.
 fn masks(scores: &[Cow<'_, Grid<f32>>], prompts: &[ExportPrompt], exclusive: bool) -> Vec<Mask> {
     if exclusive {
         let thresholds: Vec<f32> = prompts.iter().map(|p| p.threshold).collect();
@@ -122,7 +123,7 @@ fn masks(scores: &[Cow<'_, Grid<f32>>], prompts: &[ExportPrompt], exclusive: boo
     }
 }
 
-/// `size` scaled down, its shape kept, to at most `max_width` columns.
+/// Scales `size` down to at most `max_width` columns and keeps its shape.
 pub(super) fn small_size((width, height): (u32, u32), max_width: u32) -> (u32, u32) {
     let small = width.min(max_width);
     let rows = (u64::from(height) * u64::from(small) + u64::from(width) / 2) / u64::from(width.max(1));

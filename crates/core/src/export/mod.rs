@@ -1,14 +1,16 @@
-//! Masked frames on disk, as pictures, data and video, with a record of how they were made.
+//! Export of masked frames to disk as pictures, data and video, with a record of how they were made.
 //!
-//! An export is driven frame by frame, so that a window or a command line can show progress and stop at any point:
+//! An export is driven frame by frame, so that a window or a command line can show progress and
+//! stop at any point:
 //!
 //! ```text
 //! Export::begin ─▶ next_frame ─▶ (the caller renders and scores it) ─▶ write ─▶ … ─▶ finish ─▶ provenance.json
 //! ```
 //!
-//! Files are written whole. Beginning again in the same folder with the same request goes on where it stopped: files of
-//! single frames that are there stay, those about all frames are made anew unless they are finished. A file that is not
-//! this export's own is never overwritten unless that is asked for.
+//! Files are written completely or not at all. Beginning again in the same folder with the same request
+//! continues where it stopped: existing files of single frames stay, and files about all frames are made
+//! anew unless they are finished. A file that does not belong to this export is never overwritten unless
+//! that is asked for.
 
 mod frame;
 mod options;
@@ -33,10 +35,11 @@ use provenance::Record;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
-/// Finished frames between two updates of the record; one more is written at the end and after a failure.
+/// Number of finished frames between two updates of the record; one more is written at the end and
+/// after a failure.
 const RECORD_EVERY: usize = 32;
 
-/// An export under way; see the module's page.
+/// An export in progress; see the module documentation.
 pub struct Export {
     folder: PathBuf,
     frames: Vec<usize>,
@@ -45,46 +48,46 @@ pub struct Export {
     record: Record,
     unsaved: usize,
     skipped: usize,
-    /// Formats of one file about all frames that are to be made; they want every frame.
+    /// Formats of one file about all frames that still have to be made; they need every frame.
     due: Vec<Format>,
-    /// Their files, from the first frame on.
+    /// The files of these formats, from the first frame on.
     series: Vec<OpenSeries>,
     /// Columns and rows, from the first frame on.
     size: Option<(usize, usize)>,
 }
 
-/// A file about all frames in the making.
+/// An unfinished file about all frames.
 struct OpenSeries {
     name: String,
     writer: Box<dyn series::Series>,
 }
 
-/// What an export left behind.
+/// Result of an export.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct ExportSummary {
-    /// Whether every frame asked for is there.
+    /// `true` if every requested frame is there.
     pub complete: bool,
-    /// Frames asked for.
+    /// Number of requested frames.
     pub frames: usize,
-    /// Frames that were there already and left alone.
+    /// Number of frames that existed already and were left alone.
     pub skipped_frames: usize,
-    /// Files of the export, `provenance.json` and `labels.json` not counted.
+    /// Number of files of the export, without `provenance.json` and `labels.json`.
     pub files: usize,
 }
 
 impl Export {
-    /// Starts, or goes on with, the export of `frames` into `folder`.
+    /// Starts or continues the export of `frames` into `folder`.
     ///
-    /// Fails if there are no frames, prompts or formats, if frames are left out in between where a format has one file
-    /// about all of them, if there are more prompts than labels, or if the folder holds files of another export and
-    /// `overwrite` is false.
+    /// Fails if there are no frames, prompts or formats, or if there are more prompts than labels. Fails
+    /// if frames in between are left out and a format has one file about all frames. Also fails if the
+    /// folder holds files of another export and `overwrite` is false.
     pub fn begin(
         folder: &Path,
         frames: Vec<usize>,
         mut provenance: Provenance,
         overwrite: bool,
     ) -> Result<Self> {
-        // However they were asked for, the same formats are the same export.
+        // The same formats are the same export, in whatever order they are requested.
         provenance.options.formats.sort_unstable();
         provenance.options.formats.dedup();
         validate(&frames, &provenance)?;
@@ -121,7 +124,7 @@ impl Export {
         Ok(export)
     }
 
-    /// Whether `folder` holds an export that is made like this, whole or in part.
+    /// Returns `true` if `folder` holds an export with this provenance, complete or in part.
     pub fn is_of(folder: &Path, provenance: &Provenance) -> bool {
         let mut asked = provenance.clone();
         asked.options.formats.sort_unstable();
@@ -129,18 +132,18 @@ impl Export {
         Record::read(folder).is_ok_and(|found| found.is_some_and(|found| found.provenance == asked))
     }
 
-    /// How many frames were asked for.
+    /// Returns the number of requested frames.
     pub fn num_frames(&self) -> usize {
         self.frames.len()
     }
 
-    /// How many of them are done or skipped.
+    /// Returns the number of frames that are done or skipped.
     pub fn frames_done(&self) -> usize {
         self.next
     }
 
-    /// The next frame to render and [`Export::write`]; frames that nothing more is wanted of are skipped. `None` at the
-    /// end.
+    /// Returns the next frame to render and [`Export::write`]; frames that need nothing more are skipped.
+    /// `None` at the end.
     pub fn next_frame(&mut self) -> Option<usize> {
         while let Some(&frame) = self.frames.get(self.next) {
             if self.overwrite || !self.due.is_empty() || !self.is_finished(frame) {
@@ -152,16 +155,17 @@ impl Export {
         None
     }
 
-    /// Writes the files of the frame that [`Export::next_frame`] gave: `picture` and one score image per prompt, all of
-    /// one size, the same for every frame; `tools` is where instruments are, if that is known. Where it fails, finished files are complete and recorded, and the export is
-    /// to be begun again.
+    /// Writes the files of the frame that [`Export::next_frame`] returned, from `picture` and one score
+    /// image per prompt. All have one size, the same for every frame. `tools` marks the pixels of
+    /// instruments, if known. After a failure, finished files are complete and recorded, and the export
+    /// has to be begun again.
     pub fn write(&mut self, picture: &RgbImage, scores: &[Grid<f32>], tools: Option<&Mask>) -> Result<()> {
         let Some(&frame) = self.frames.get(self.next) else { return Ok(()) };
         self.check_sizes(picture, scores)?;
         let written = self.write_frame(frame, picture, scores, tools);
         if let Err(e) = written {
             self.series.clear();
-            // The disk may be full: what stopped the export is the error to report, not this one.
+            // The disk may be full: the error to report is the one that stopped the export.
             let _ = self.save(false);
             return Err(e);
         }
@@ -170,8 +174,8 @@ impl Export {
         if self.unsaved >= RECORD_EVERY { self.save(false) } else { Ok(()) }
     }
 
-    /// Puts the files about all frames in their places if every frame was written, and writes the record; to be called
-    /// after the last frame and after stopping early.
+    /// Puts the files about all frames in their places if every frame was written, and writes the record.
+    /// To be called after the last frame and after stopping early.
     pub fn finish(mut self) -> Result<ExportSummary> {
         let complete = self.next >= self.frames.len();
         let closed = if complete { self.close_series() } else { Ok(()) };
@@ -238,7 +242,7 @@ impl Export {
         Ok(())
     }
 
-    /// Formats of one file about all frames whose file is not there yet.
+    /// Returns the formats of one file about all frames whose file does not exist yet.
     fn unfinished_series(&self) -> Result<Vec<Format>> {
         let mut due = Vec::new();
         for &format in self.record.provenance.options.formats.iter().filter(|f| f.is_series()) {
@@ -312,22 +316,22 @@ impl Export {
     }
 }
 
-/// What label pictures mean, inside the export.
+/// Returns the path, inside the export, of the file that names the labels of label pictures.
 fn labels_name() -> String {
     format!("{}/labels.json", Format::Index.name())
 }
 
-/// The part of a file name that stands for a prompt: lower-case ASCII letters, digits and hyphens; `_` and a short hash of
-/// the prompt are added where several prompts would give the same, or one gives none.
+/// Returns the part of a file name that stands for a prompt: lower-case ASCII letters, digits and hyphens. If
+/// several prompts give the same name, or one gives none, `_` and a short hash of the prompt are added.
 pub fn slugs<'a>(prompts: impl IntoIterator<Item = &'a str>) -> Vec<String> {
     let prompts: Vec<&str> = prompts.into_iter().collect();
     distinct(&prompts, prompts.iter().map(|prompt| slug(prompt)).collect(), "prompt")
 }
 
-/// Tells names apart that several texts share, and gives `nameless` to texts without one: both by a hash of the text, so
-/// that no name depends on the order. Equal texts are numbered.
+/// Makes names unique that several texts share, and gives `nameless` to texts without a name. Both get a
+/// hash of the text, so that no name depends on the order. Equal texts are numbered.
 pub fn distinct(texts: &[&str], names: Vec<String>, nameless: &str) -> Vec<String> {
-    // Some file systems take letters that differ in case for the same.
+    // Some file systems do not distinguish upper and lower case.
     let key = |name: &str| name.to_uppercase().to_lowercase();
     let keys: Vec<String> = names.iter().map(|name| key(name)).collect();
     let with_hash = |i: usize, name: &str| {
@@ -361,7 +365,8 @@ fn write_file(folder: &Path, frame: usize, file: pictures::File, overwrite: bool
     Ok(ExportedFile { name: file.name, sha256, frame: Some(frame), prompt: file.prompt })
 }
 
-/// Whether a file of the export with this hash is not there yet; an error if another one is in its place and must stay.
+/// Returns `true` if a file of the export with this hash does not exist yet; an error if another one is
+/// in its place and must stay.
 fn is_to_be_written(path: &Path, sha256: &str, overwrite: bool) -> Result<bool> {
     match file_sha256(path) {
         Ok(there) if there == sha256 => Ok(false),
@@ -395,7 +400,8 @@ fn validate(frames: &[usize], provenance: &Provenance) -> Result<()> {
     fault.map_or(Ok(()), |(what, hint)| Err(Error::input(what, hint)))
 }
 
-/// Without a record of an earlier export, nothing that is there may be overwritten.
+/// Returns an error if existing files would be overwritten: without a record, they belong to
+/// no earlier export.
 fn refuse_foreign_files(
     folder: &Path,
     provenance: &Provenance,

@@ -1,13 +1,13 @@
-//! What an export writes.
+//! Options of an export.
 
 use crate::{mask::CleanUp, overlay::OverlayLook};
 
-/// What is written; each format has its own folder. Of some there is a file per frame (and prompt), of the others one
-/// about all frames of the export.
+/// Format of exported files; each format has its own folder. Some formats have a file per frame (and
+/// prompt), others have one file about all frames of the export.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Format {
-    /// RGBA PNG per prompt, straight alpha 0 or 255; what is cut away is black.
+    /// RGBA PNG per prompt, straight alpha 0 or 255; pixels that are cut away are black.
     Cutout,
     /// RGB PNG of the frame with all prompts drawn over it, and the research-use stamp.
     Overlay,
@@ -15,21 +15,21 @@ pub enum Format {
     Binary,
     /// 8-bit grey PNG of label ids, 0 = nothing; `labels.json` names them. A pixel has the best prompt's id.
     Index,
-    /// SVG of the border lines of what was found, along the pixels' edges.
+    /// SVG of the border lines of the found regions, along the pixels' edges.
     Outline,
     /// 16-bit grey PNG per prompt: the score times 65535, rounded; NaN is 0.
     Score,
-    /// NumPy array per prompt: the scores as they are, f32, rows × columns.
+    /// NumPy array per prompt: the unchanged scores, f32, rows × columns.
     Npy,
     /// H.264 video of the overlays.
     Video,
-    /// Animated GIF of the overlays, small, of some frames where there are many.
+    /// Small animated GIF of the overlays; it skips frames if there are many.
     Gif,
-    /// One PNG with small overlays of frames evenly spread.
+    /// One PNG with small overlays of evenly spread frames.
     Sheet,
     /// CSV table: area, scores, centroid and motion per frame and prompt.
     Csv,
-    /// The same as JSON.
+    /// The same table as JSON.
     Json,
     /// COCO annotations: one per frame and prompt that was found on it, compressed column-major run lengths.
     Coco,
@@ -56,7 +56,7 @@ impl Format {
         Self::Nrrd,
     ];
 
-    /// The format's name on the command line, and its folder inside the export.
+    /// Returns the format's name on the command line, which is also its folder inside the export.
     pub fn name(self) -> &'static str {
         match self {
             Self::Cutout => "cutout",
@@ -76,7 +76,7 @@ impl Format {
         }
     }
 
-    /// What it is, in a line.
+    /// Describes the format in one line.
     pub fn about(self) -> &'static str {
         match self {
             Self::Cutout => "RGBA PNG per frame and prompt: what was found, the rest transparent",
@@ -96,7 +96,7 @@ impl Format {
         }
     }
 
-    /// How its files' names end.
+    /// Returns the extension of its files' names.
     pub fn extension(self) -> &'static str {
         match self {
             Self::Cutout | Self::Overlay | Self::Binary | Self::Index | Self::Score | Self::Sheet => "png",
@@ -110,12 +110,12 @@ impl Format {
         }
     }
 
-    /// Whether there is one file per prompt, not one per frame.
+    /// Returns `true` if there is one file per prompt, not one per frame.
     pub fn is_per_prompt(self) -> bool {
         matches!(self, Self::Cutout | Self::Binary | Self::Score | Self::Npy)
     }
 
-    /// Whether there is one file about all frames.
+    /// Returns `true` if there is one file about all frames.
     pub fn is_series(self) -> bool {
         matches!(
             self,
@@ -124,7 +124,7 @@ impl Format {
     }
 }
 
-/// Which pictures the masks are applied to.
+/// Pictures that the masks are applied to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Source {
@@ -135,22 +135,23 @@ pub enum Source {
     Reconstruction,
 }
 
-/// What to write.
+/// Options of an export.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default)]
 pub struct ExportOptions {
-    /// What is written.
+    /// Formats to write.
     pub formats: Vec<Format>,
-    /// Which pictures the masks are applied to; for the record, the caller hands them over.
+    /// Pictures that the masks are applied to. This is only recorded: the caller supplies the pictures.
     pub source: Source,
-    /// Whether a pixel belongs to at most one prompt (the one with the best score).
+    /// `true` if a pixel belongs to at most one prompt (the one with the best score).
     pub exclusive: bool,
-    /// Whether pictures with prompts drawn over them say "research use only".
+    /// `true` if pictures with prompts drawn over them say "research use only".
     pub stamp: bool,
-    /// How overlays are drawn.
+    /// Style of the overlays.
     #[serde(flatten)]
     pub look: OverlayLook,
-    /// What is done to masks before anything is written; scores are written as they are, apart from smoothing over time.
+    /// Clean-up of masks before anything is written. Scores are written without it, apart from
+    /// smoothing over time.
     pub clean_up: CleanUp,
 }
 
@@ -167,7 +168,7 @@ impl Default for ExportOptions {
     }
 }
 
-/// How many files an export writes; `provenance.json` and `labels.json` come on top.
+/// Returns the number of files that an export writes, without `provenance.json` and `labels.json`.
 pub fn num_files(formats: &[Format], frames: usize, prompts: usize) -> usize {
     let of_format = |format: &Format| match (format.is_series(), format.is_per_prompt()) {
         (true, _) => 1,
@@ -186,9 +187,9 @@ pub struct ExportPrompt {
     pub threshold: f32,
     /// Colour in overlays and `labels.json` (sRGB).
     pub colour: [u8; 3],
-    /// What the prompt was compared to.
+    /// Phrases that the prompt was compared with.
     pub negatives: Vec<String>,
-    /// Whether what it finds lies over what the others find.
+    /// `true` if its regions lie over those of the other prompts.
     #[serde(default)]
     pub is_instrument: bool,
 }

@@ -1,11 +1,11 @@
-//! Border lines of what was found, as SVG.
+//! Border lines of found regions, as SVG.
 
 use super::{frame::FrameContent, stamp};
 use crate::mask::{Corner, contours};
 use std::fmt::Write;
 
-/// One path per prompt that was found, titled with its words, on the frame's pixel grid and without the frame itself.
-/// The lines run along the edges of pixels: filled, they are the mask.
+/// Returns one path per prompt that was found, titled with its words, on the frame's pixel grid and
+/// without the frame itself. The lines run along the edges of pixels: filled, they are the mask.
 pub(super) fn svg(frame: &FrameContent<'_>) -> String {
     let (width, height) = frame.size();
     let mut text = format!(
@@ -29,7 +29,7 @@ pub(super) fn svg(frame: &FrameContent<'_>) -> String {
         );
     }
     if frame.provenance.options.stamp {
-        // Grey reads on white and on black.
+        // Grey is readable on white and on black.
         let _ = writeln!(
             text,
             "<text x=\"2\" y=\"{}\" font-family=\"sans-serif\" font-size=\"{}\" fill=\"#808080\">{}</text>",
@@ -41,7 +41,7 @@ pub(super) fn svg(frame: &FrameContent<'_>) -> String {
     text + "</svg>\n"
 }
 
-/// A closed line of horizontal and vertical steps.
+/// Returns the path data of a closed line of horizontal and vertical steps.
 fn path(line: &[Corner]) -> String {
     let Some(&(x, y)) = line.first() else { return String::new() };
     let mut data = format!("M{x} {y}");
@@ -51,7 +51,7 @@ fn path(line: &[Corner]) -> String {
     data + "Z"
 }
 
-/// Text inside XML; what XML cannot hold becomes a question mark.
+/// Escapes text for XML; characters that XML cannot hold become question marks.
 fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for letter in text.chars() {

@@ -13,15 +13,15 @@ use rayon::prelude::*;
 pub(super) struct File {
     /// Path inside the export, with `/`.
     pub(super) name: String,
-    /// The prompt it is about; `None` where it shows all of them.
+    /// The prompt it is about; `None` if it shows all of them.
     pub(super) prompt: Option<String>,
     pub(super) bytes: Vec<u8>,
 }
 
-/// What is in one file: a format, and a prompt where there is a file for each.
+/// Content of one file: a format, and a prompt if there is one file per prompt.
 type Part = (Format, Option<usize>);
 
-/// The parts of a frame, in the order of their files.
+/// Returns the parts of a frame, in the order of their files.
 fn parts(provenance: &Provenance) -> Vec<Part> {
     let prompts = 0..provenance.prompts.len();
     let of_format = |&format: &Format| -> Vec<Part> {
@@ -34,7 +34,7 @@ fn parts(provenance: &Provenance) -> Vec<Part> {
     provenance.options.formats.iter().filter(|f| !f.is_series()).flat_map(of_format).collect()
 }
 
-/// Paths of the files of a frame inside the export.
+/// Returns the paths of the files of a frame inside the export.
 pub(super) fn names(provenance: &Provenance, frame: usize) -> Vec<String> {
     let slugs = slugs(provenance.prompts.iter().map(|p| p.text.as_str()));
     parts(provenance).into_iter().map(|part| name(part, frame, &slugs)).collect()
@@ -68,7 +68,8 @@ pub(super) fn draw(frame: &FrameContent<'_>) -> Result<Vec<File>> {
     parts(provenance).into_par_iter().map(draw_one).collect()
 }
 
-/// Straight alpha. What is cut away is black: a cut-out must not carry what it hides.
+/// Cuts out the masked pixels with straight alpha. All other pixels are black: a cut-out must not
+/// carry hidden pixels.
 fn cutout(picture: &RgbImage, mask: &Mask) -> RgbaImage {
     RgbaImage::from_fn(picture.width(), picture.height(), |x, y| {
         let [r, g, b] = picture.get_pixel(x, y).0;

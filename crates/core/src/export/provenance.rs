@@ -1,4 +1,4 @@
-//! `provenance.json`: how the files of an export were made, and what they are.
+//! `provenance.json`: a record of how the files of an export were made, and of their names and hashes.
 
 use super::{ExportOptions, ExportPrompt};
 use crate::{
@@ -7,46 +7,47 @@ use crate::{
 };
 use std::path::Path;
 
-/// The record's name inside an export.
+/// Name of the record inside an export.
 pub const FILE_NAME: &str = "provenance.json";
 
 /// Version of the record's layout.
 const SCHEMA: u32 = 3;
 
-/// Frames per second of moving pictures where the recording's own speed is not known.
+/// Frames per second of moving pictures if the recording's own speed is not known.
 const USUAL_SPEED: f32 = 25.0;
-/// The slowest of them: slower, the times of mp4 files have no numbers.
+/// Lowest frames per second of moving pictures: the times of slower mp4 files cannot be stored.
 const SLOWEST: f32 = 1e-3;
 
-/// What the program is for, and what not; the only copy of that text is in `assets/text`.
+/// Returns the text about the program's intended use and its limits; the only copy is in `assets/text`.
 pub fn intended_use() -> &'static str {
     include_str!("../../../../assets/text/research_use.txt").trim()
 }
 
-/// How an export is made. Two exports of equal provenance write the same files. No path of this machine is in it.
+/// Description of how an export is made. Two exports of equal provenance write the same files. It
+/// contains no path of this machine.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Provenance {
     /// Layout version of this record.
     pub schema: u32,
     /// Program and version.
     pub tool: String,
-    /// What the files may be used for.
+    /// Permitted use of the files.
     pub intended_use: String,
     /// SHA-256 of the scene file, hexadecimal.
     pub scene_sha256: String,
     /// The recording's folder or file name.
     pub sequence_name: String,
-    /// Frames of the recording.
+    /// Number of frames of the recording.
     pub sequence_frames: usize,
-    /// SHA-256 over names, sizes and content of its frames, hexadecimal, where known.
+    /// SHA-256 over names, sizes and content of its frames, hexadecimal, if known.
     #[serde(default)]
     pub sequence_sha256: Option<String>,
-    /// File names of its frames, from frame 0 on (or their numbers, of a video), where known.
+    /// File names of its frames, from frame 0 on (or their numbers, for a video), if known.
     #[serde(default)]
     pub sequence_frame_names: Vec<String>,
-    /// Its speed, where known; finite and above 0.
+    /// Its frame rate, if known; finite and above 0.
     pub frames_per_second: Option<f32>,
-    /// Whether test frames were held out of training.
+    /// `true` if test frames were held out of training.
     pub held_out: bool,
     /// Program, steps and settings that the scene was trained with.
     pub training: serde_json::Value,
@@ -56,20 +57,22 @@ pub struct Provenance {
     pub encoder_sha256: String,
     /// Template that prompts are put into.
     pub template: String,
-    /// Sharpness, phrases and the other settings of the query; its threshold is that of new prompts, see `prompts`.
+    /// Sharpness, phrases and the other settings of the query; its threshold is that of new
+    /// prompts, see `prompts`.
     pub relevancy: RelevancySettings,
-    /// How scores were computed, e.g. "lattice".
+    /// Method by which scores were computed, e.g. "lattice".
     pub relevancy_rung: String,
-    /// What rendered, e.g. "CPU, 2 threads, Avx512".
+    /// Renderer, e.g. "CPU, 2 threads, Avx512".
     pub rendered_by: String,
-    /// What was asked for.
+    /// Prompts of the export.
     pub prompts: Vec<ExportPrompt>,
-    /// What was written.
+    /// Options of the export.
     pub options: ExportOptions,
 }
 
 impl Provenance {
-    /// Collects what an export of `scene` is made with. `rendered_by` and `rung` are the names of renderer and relevancy.
+    /// Collects the provenance of an export of `scene`. `rendered_by` and `rung` are the names of
+    /// renderer and relevancy.
     pub fn new(
         scene: &Scene,
         scene_sha256: String,
@@ -109,17 +112,18 @@ impl Provenance {
         }
     }
 
-    /// File name of the recording's frame, where known.
+    /// Returns the file name of the recording's frame, if known.
     pub fn source(&self, frame: usize) -> Option<&str> {
         self.sequence_frame_names.get(frame).map(String::as_str)
     }
 
-    /// Seconds from the recording's beginning to `frame`; `None` where its speed is not known.
+    /// Returns the seconds from the recording's beginning to `frame`; `None` if its speed is not known.
     pub fn seconds(&self, frame: usize) -> Option<f64> {
         self.frames_per_second.map(|speed| frame as f64 / f64::from(speed))
     }
 
-    /// Frames per second at which moving pictures of the export play: the recording's, where a player can.
+    /// Returns the frames per second at which moving pictures of the export play: those of the recording,
+    /// if a player supports them.
     pub fn playing_speed(&self) -> f32 {
         self.frames_per_second.unwrap_or(USUAL_SPEED).clamp(SLOWEST, MAX_FRAMES_PER_SECOND)
     }
@@ -132,13 +136,13 @@ pub struct ExportedFile {
     pub name: String,
     /// SHA-256 of its bytes, hexadecimal.
     pub sha256: String,
-    /// Frame, counted from 0; `None` where it is about all frames of its name.
+    /// Frame, counted from 0; `None` if it is about all frames of its name.
     pub frame: Option<usize>,
-    /// The prompt it is about; `None` where it shows all of them.
+    /// The prompt it is about; `None` if it shows all of them.
     pub prompt: Option<String>,
 }
 
-/// The whole file: how, whether it is finished, and what there is.
+/// The complete file: provenance, whether the export is finished, and its files.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(super) struct Record {
     #[serde(flatten)]
@@ -152,7 +156,7 @@ impl Record {
         Self { provenance, complete: false, files: Vec::new() }
     }
 
-    /// The record of an earlier export in `folder`; `None` if there is none.
+    /// Reads the record of an earlier export in `folder`; `None` if there is none.
     pub(super) fn read(folder: &Path) -> Result<Option<Self>> {
         let path = folder.join(FILE_NAME);
         let bytes = match std::fs::read(&path) {
@@ -169,13 +173,13 @@ impl Record {
         })
     }
 
-    /// Adds the files of a frame in place of what was recorded of it.
+    /// Adds the files of a frame and removes earlier entries about it.
     pub(super) fn add(&mut self, frame: usize, files: Vec<ExportedFile>) {
         self.files.retain(|f| f.frame != Some(frame));
         self.files.extend(files);
     }
 
-    /// Adds a file about all frames in place of what was recorded under its name.
+    /// Adds a file about all frames and removes an earlier entry of its name.
     pub(super) fn add_series(&mut self, file: ExportedFile) {
         self.files.retain(|f| f.name != file.name);
         self.files.push(file);
@@ -187,8 +191,8 @@ impl Record {
     }
 }
 
-/// Indented JSON with a final line break.
+/// Returns indented JSON with a final line break.
 pub(super) fn pretty(value: &impl serde::Serialize) -> String {
-    // Maps with text keys and finite numbers always serialize.
+    // Maps with text keys and finite numbers can always be serialized.
     serde_json::to_string_pretty(value).unwrap_or_default() + "\n"
 }

@@ -1,4 +1,5 @@
-//! The words that every overlay carries, because screenshots travel without their caption.
+//! The words on every overlay. They are part of the picture, because screenshots travel
+//! without their caption.
 
 use font8x8::UnicodeFonts;
 use image::{Rgb, RgbImage};
@@ -9,7 +10,7 @@ pub(super) const LETTER: u32 = 8;
 const INK: Rgb<u8> = Rgb([255, 255, 255]);
 const PAPER: Rgb<u8> = Rgb([0, 0, 0]);
 
-/// Writes the words into the lower left corner, white on black; on several lines where one is too wide.
+/// Writes the words into the lower left corner, white on black; on several lines if one would be too wide.
 pub(super) fn stamp(image: &mut RgbImage) {
     let size = (image.height() / 240).clamp(1, 8);
     let columns = (image.width() / (LETTER * size)) as usize;
@@ -39,7 +40,7 @@ fn wrap(words: &str, columns: usize) -> Vec<String> {
     lines
 }
 
-/// `size` pixels per dot of the letter; what is outside the image is left out.
+/// Draws a letter with `size` pixels per dot; pixels outside the image are left out.
 fn draw_letter(image: &mut RgbImage, letter: char, left: u32, top: u32, size: u32) {
     let rows = font8x8::BASIC_FONTS.get(letter).unwrap_or_default();
     for y in 0..LETTER * size {

@@ -5,7 +5,8 @@ use crate::{
     relevancy::RelevancySettings,
 };
 
-/// Two prompts on a 40 × 24 picture: the left half scores for one, the right three quarters for the other.
+/// Returns scores of two prompts on a 40 × 24 picture: the left half scores for one, the right three
+/// quarters for the other.
 fn scores() -> Vec<Grid<f32>> {
     let image = |f: &dyn Fn(usize) -> f32| Grid::from_vec(40, 24, (0..40 * 24).map(|i| f(i % 40)).collect());
     vec![image(&|x| if x < 20 { 0.9 } else { 0.1 }), image(&|x| if x >= 10 { 0.6 } else { 0.2 })]
@@ -253,7 +254,7 @@ fn slugs_are_plain_and_distinct() {
     assert_eq!((names[3].as_str(), &names[5]), ("x", &format!("{}_2", names[4])));
     assert!(names.iter().all(|name| name.is_ascii()));
     assert_eq!(names.iter().collect::<std::collections::BTreeSet<_>>().len(), 6);
-    // Wherever they stand.
+    // The order of the prompts does not matter.
     let mut turned = slugs(texts.into_iter().rev());
     turned.reverse();
     assert_eq!((&turned[..4]), (&names[..4]));

@@ -1,4 +1,5 @@
-//! Locks that keep two programs out of one output. The system holds them, so that they end with their owner.
+//! Locks that keep two programs out of one output. The operating system holds them, so that they end
+//! with their owner.
 
 use super::place::is_same_file;
 use crate::{Error, Result, hash::sha256};
@@ -8,14 +9,14 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// The lock of an output folder, inside it.
+/// Name of the lock of an output folder, inside it.
 pub(super) const LOCK_FILE: &str = ".surgtpgs.lock";
 
-/// An output that no other program may write to; given back when dropped.
+/// A lock on an output, which no other program may write to; released when dropped.
 #[derive(Debug)]
 pub(super) struct Lock {
     path: PathBuf,
-    /// Holds the system's lock.
+    /// The open file that holds the system's lock.
     _file: File,
 }
 
@@ -27,7 +28,7 @@ impl Lock {
 
     /// Locks the file `path`, which need not exist; its folder must.
     pub(super) fn of_file(path: &Path) -> Result<Self> {
-        // A hash: with an ending of ours, the longest names would not fit.
+        // A hash is used: with our ending, the longest names would not fit.
         Self::acquire(path.with_file_name(format!(".surgtpgs-{}.lock", short_hash(path))), path)
     }
 
@@ -50,7 +51,7 @@ impl Lock {
                 continue;
             }
             let owner = format!("process {} on {}", std::process::id(), gethostname::gethostname().display());
-            // Only for the message of who comes second.
+            // The owner is only named in the message to another program.
             let _ = file.set_len(0).and_then(|()| file.write_all(owner.as_bytes()));
             return Ok(Self { path, _file: file });
         }
@@ -58,18 +59,18 @@ impl Lock {
 }
 
 impl Lock {
-    /// The folders that two locks are in have changed places.
+    /// Notes that the folders of the two locks have changed places.
     pub(super) fn change_places(&mut self, other: &mut Self) {
         std::mem::swap(&mut self.path, &mut other.path);
     }
 
-    /// The folder that the lock is in is called `folder` now.
+    /// Notes that the folder of the lock was renamed to `folder`.
     pub(super) fn move_to(&mut self, folder: &Path) {
         self.path = folder.join(LOCK_FILE);
     }
 }
 
-/// Whether the file system has no locks: nothing can be told then.
+/// Returns `true` if the file system has no locks: conflicts cannot be detected then.
 fn is_unsupported(error: &std::io::Error) -> bool {
     let no_lock_server = cfg!(unix) && error.raw_os_error() == Some(NO_LOCKS);
     no_lock_server || error.kind() == std::io::ErrorKind::Unsupported
@@ -82,7 +83,7 @@ const NO_LOCKS: i32 = 0;
 
 impl Drop for Lock {
     fn drop(&mut self) {
-        // Where it stays, it holds nothing.
+        // A lock file that cannot be removed locks nothing.
         let _ = std::fs::remove_file(&self.path);
     }
 }
@@ -98,13 +99,13 @@ fn taken(file: &mut File, output: &Path) -> Error {
     )
 }
 
-/// Whether the open file is still the one at `path`.
+/// Returns `true` if the open file is still the one at `path`.
 fn is_at(file: &File, path: &Path) -> bool {
     let both = file.metadata().ok().zip(path.metadata().ok());
     both.is_some_and(|(open, there)| cfg!(not(unix)) || is_same_file(&open, &there))
 }
 
-/// The beginning of a hash of the path's last part.
+/// Returns the beginning of a hash of the path's last part.
 pub(super) fn short_hash(path: &Path) -> String {
     let name = path.file_name().unwrap_or_default().as_encoded_bytes();
     sha256(name).chars().take(12).collect()

@@ -1,11 +1,13 @@
-//! Writing files: whole or not at all, never into or over what a run reads, and over earlier results only on request.
+//! Writing files: completely or not at all, never into or over inputs of a run, and over earlier results
+//! only on request.
 //!
 //! ```text
 //! Inputs ─▶ OutputFolder::claim | OutputFile::claim ─▶ write_whole, WholeFile ─▶ finish: the result is in its place
 //!                   (lock, record)                     (temporary, sync, rename)
 //! ```
 //!
-//! A folder that this program fills holds a record of its files, `.surgtpgs`; only what a record lists is ever replaced.
+//! A folder that this program fills holds a record of its files, `.surgtpgs`. Only files listed in a
+//! record are ever replaced.
 
 mod lock;
 mod output;
@@ -24,18 +26,18 @@ pub use whole::{WholeFile, write_whole, write_whole_with};
 use crate::{Error, Result};
 use std::path::{Path, PathBuf};
 
-/// `path` from the root on, so that it means the same wherever a program is started; links stay.
+/// Returns `path` from the root on, so that it means the same wherever a program is started; links stay.
 pub fn absolute_path(path: &Path) -> PathBuf {
     std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
 }
 
-/// As [`absolute_path`], and without links where there is something.
+/// Returns the absolute path with links resolved, if it exists; else as [`absolute_path`].
 pub fn full_path(path: &Path) -> PathBuf {
     path.canonicalize().unwrap_or_else(|_| absolute_path(path))
 }
 
-/// Tells if a folder may be taken: it does not exist, or holds nothing but what this program keeps for itself in one: its
-/// record, its lock, and what a killed writer left.
+/// Tells if a folder may be taken: it does not exist, or holds nothing but files that this program keeps
+/// for itself in one (its record, its lock, and remains of a killed writer).
 pub fn is_free_folder(path: &Path) -> Result<bool> {
     let fail = |e| Error::io("list the folder", path, e);
     let mut entries = match std::fs::read_dir(path) {
@@ -55,10 +57,11 @@ pub fn is_unfinished(folder: &Path, kind: &str) -> bool {
     record::Record::read(folder).is_some_and(|record| record.kind == kind && !record.complete)
 }
 
-/// Files that file managers leave wherever they look.
+/// Files that file managers leave in the folders they open.
 const DROPPINGS: [&str; 3] = [".DS_Store", "Thumbs.db", "desktop.ini"];
 
-/// Tells if a file of this name is nobody's result: what this program keeps beside its own, and what file managers leave.
+/// Tells if a file of this name is no result: it is one that this program keeps beside its own, or that
+/// file managers leave.
 fn is_own(name: &std::ffi::OsStr) -> bool {
     DROPPINGS.iter().any(|dropping| name == *dropping)
         || name == record::RECORD_FILE

@@ -1,4 +1,4 @@
-//! Folders that results are written into.
+//! Folders for results.
 
 use super::{
     is_free_folder, is_own,
@@ -14,25 +14,25 @@ use std::{
 };
 use walkdir::WalkDir;
 
-/// What is to be written, and what may be in its place.
+/// A request for an output folder: the result to write, and the earlier results that may be in its place.
 #[derive(Clone, Copy)]
 pub struct Claim<'a> {
-    /// Kind of output, e.g. "export"; only the same kind is gone on with or replaced.
+    /// Kind of output, e.g. "export"; only the same kind is continued or replaced.
     pub kind: &'a str,
-    /// What the run reads.
+    /// Inputs of the run.
     pub inputs: &'a Inputs,
-    /// Whether a finished result of the same kind may be replaced.
+    /// `true` if a finished result of the same kind may be replaced.
     pub replace: bool,
-    /// What is done about an unfinished one.
+    /// Treatment of an unfinished result.
     pub unfinished: Earlier,
     /// Tells if a folder holds, finished or not, this very result.
     pub is_same: &'a dyn Fn(&Path) -> bool,
-    /// Whether this very result is completed in its place.
+    /// `true` if this very result is completed in its place.
     pub completes_same: bool,
 }
 
 impl<'a> Claim<'a> {
-    /// A result that is written in one go, and begun again where it was not finished.
+    /// Creates a claim for a result that is written in one go, and begun again if it was not finished.
     pub fn new(kind: &'a str, inputs: &'a Inputs, replace: bool) -> Self {
         Self {
             kind,
@@ -45,39 +45,39 @@ impl<'a> Claim<'a> {
     }
 }
 
-/// What is done about an unfinished result of the same kind.
+/// Treatment of an unfinished result of the same kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Earlier {
     /// Its files are removed.
     BeginAgain,
-    /// Its files stay, for whoever writes to use them again.
+    /// Its files stay, so that the new run can use them again.
     GoOn,
     /// It counts as finished.
     Keep,
 }
 
-/// A folder that a result is written into: new or unfinished, locked, with a record of its files. Where it replaces an
-/// earlier result, it is made beside that and takes its place in [`OutputFolder::finish`]; until then, and wherever
-/// something fails, the earlier one stays as it is.
+/// A folder that a result is written into: new or unfinished, locked, with a record of its files. If it
+/// replaces an earlier result, it is made beside that and takes its place in [`OutputFolder::finish`].
+/// Until then, and if anything fails, the earlier one stays as it is.
 #[derive(Debug)]
 pub struct OutputFolder {
-    /// Where the result is to be.
+    /// Final place of the result.
     target: PathBuf,
-    /// Where it is made.
+    /// Folder in which it is made.
     work: PathBuf,
-    /// Of both.
+    /// Locks of both folders.
     locks: Vec<Lock>,
-    /// Whether the folder to write into was made for this result.
+    /// `true` if the folder to write into was created for this result.
     is_made: bool,
-    /// Whether an unfinished result is of use to the next run.
+    /// `true` if an unfinished result is of use to the next run.
     goes_on: bool,
     finished: bool,
 }
 
 impl OutputFolder {
-    /// Takes the folder `path`, which must be new, empty, or hold what the claim may go on with or replace; links are
-    /// followed. Errs, and changes nothing, where it is or touches an input, lies in another result, holds anything else, or
-    /// is being written to by another program.
+    /// Takes the folder `path`, which must be new, empty, or hold a result that the claim may continue or
+    /// replace; links are followed. Returns an error, and changes nothing, if the folder is or touches an
+    /// input, lies in another result, holds anything else, or is being written to by another program.
     pub fn claim(path: &Path, claim: Claim<'_>) -> Result<Self> {
         let target = real_place(path)?;
         if target.is_file() {
@@ -94,7 +94,7 @@ impl OutputFolder {
             return Err(foreign(path, &target, claim.kind));
         }
         let lock = Lock::of_folder(&target)?;
-        // It may have been finished, or replaced, until now.
+        // Another program may have finished or replaced it in the meantime.
         let record = earlier().ok_or_else(|| foreign(path, &target, claim.kind))?;
         let goes_on = claim.unfinished == Earlier::GoOn && !record.complete;
         let is_completed = goes_on || claim.completes_same && (claim.is_same)(&target);
@@ -124,7 +124,7 @@ impl OutputFolder {
         let is_made = !target.exists();
         make_folder(&target)?;
         let lock = Lock::of_folder(&target)?;
-        // Somebody else may have been quicker.
+        // Another program may have been quicker.
         if !is_free_folder(&target)? {
             return Err(foreign(&target, &target, claim.kind));
         }
@@ -139,7 +139,7 @@ impl OutputFolder {
         require_replaceable(&target)?;
         let aside = beside(&target, "old");
         if Record::read(&aside).is_some() {
-            // A kill left it after the result that replaced it was in its place.
+            // Left by a program that was killed after the new result was in its place.
             remove_tree(&aside)?;
         }
         let work = beside(&target, "new");
@@ -162,17 +162,17 @@ impl OutputFolder {
         Ok(output)
     }
 
-    /// The folder to write into.
+    /// Returns the folder to write into.
     pub fn path(&self) -> &Path {
         &self.work
     }
 
-    /// Where the folder is once it is finished.
+    /// Returns the path of the folder once it is finished.
     pub fn target(&self) -> &Path {
         &self.target
     }
 
-    /// Gives the new folder the files in the subfolder `name` of the result that it replaces.
+    /// Copies the files in the subfolder `name` of the replaced result into the new folder.
     pub fn take_over(&self, name: &str) -> Result<()> {
         let (from, to) = (self.target.join(name), self.work.join(name));
         if self.work == self.target || !from.is_dir() || to.exists() {
@@ -190,8 +190,8 @@ impl OutputFolder {
         Ok(())
     }
 
-    /// Says that the result is whole, and puts it in its place; an earlier one goes. Where that fails, the earlier one is
-    /// there.
+    /// Marks the result as complete and puts it in its place; an earlier one is removed. If that fails,
+    /// the earlier one is still there.
     pub fn finish(mut self) -> Result<()> {
         let mut record = Record::read(&self.work).ok_or_else(|| {
             Error::input_at(&self.work, "the folder was changed while it was written", "Do it again.")
@@ -207,7 +207,7 @@ impl OutputFolder {
         Ok(())
     }
 
-    /// Lets the whole new result and the earlier one change places, and removes the earlier one.
+    /// Swaps the complete new result with the earlier one, and removes the earlier one.
     fn replace_earlier(&mut self) -> Result<()> {
         let is_at = |e| match e {
             Error::Input { what, hint, path } => Error::Input {
@@ -221,7 +221,7 @@ impl OutputFolder {
             require_own_files(&earlier, &self.target).map_err(is_at)?;
         }
         if cfg!(not(unix)) {
-            // Folders with open files have to stay where they are.
+            // Folders with open files cannot be moved here.
             self.locks.clear();
         }
         exchange(&self.work, &self.target).map_err(is_at)?;
@@ -230,14 +230,14 @@ impl OutputFolder {
             old.change_places(new);
         }
         self.locks.drain(..self.locks.len().min(1));
-        // The new result is in its place; what stays of the old one is removed with the next replacement.
+        // The new result is in its place; remains of the old one are removed with the next replacement.
         let _ = remove_tree(&self.work);
         Ok(())
     }
 }
 
 impl Drop for OutputFolder {
-    /// Leaves no trace of what was never begun, nor of a replacement that failed and is of no use to the next run.
+    /// Removes an output that was never begun, and a failed replacement that is of no use to the next run.
     fn drop(&mut self) {
         if self.finished {
             return;
@@ -258,8 +258,9 @@ impl Drop for OutputFolder {
     }
 }
 
-/// Takes the folder `path` for outputs of a run that are made one by one, each with a claim of its own; it must be new, hold
-/// no file, or be such a folder of the same kind already. Errs as [`OutputFolder::claim`] does. Returns it without links.
+/// Takes the folder `path` for outputs of a run that are made one by one, each with a claim of its own.
+/// It must be new, hold no file, or be such a folder of the same kind already. Returns its path without
+/// links. Fails as [`OutputFolder::claim`] does.
 pub fn claim_collection(path: &Path, kind: &str, inputs: &Inputs) -> Result<PathBuf> {
     let target = real_place(path)?;
     if target.is_file() {
@@ -279,12 +280,13 @@ pub fn claim_collection(path: &Path, kind: &str, inputs: &Inputs) -> Result<Path
     Ok(target)
 }
 
-/// The folder beside `target` that a replacement is made in, or the replaced result is kept in for a moment.
+/// Returns the folder beside `target` in which a replacement is made, or the replaced result is
+/// kept for a moment.
 pub(super) fn beside(target: &Path, what: &str) -> PathBuf {
     target.with_file_name(format!(".surgtpgs-{}.{what}", short_hash(target)))
 }
 
-/// Whether there is a file anywhere under `folder`, or what cannot be looked into.
+/// Returns `true` if there is a file anywhere under `folder`, or an entry that cannot be read.
 fn holds_file(folder: &Path) -> bool {
     let mut entries = WalkDir::new(folder).min_depth(1).into_iter();
     let is_nobodys = |e: walkdir::DirEntry| e.file_type().is_dir() || is_own(e.file_name());
@@ -301,7 +303,8 @@ fn foreign(path: &Path, target: &Path, kind: &str) -> Error {
     Error::input_at(path, what, "Choose a new or empty folder.")
 }
 
-/// Errs where a folder of ours holds files that this program did not write: replacing it would lose them.
+/// Returns an error if a folder of ours holds files that this program did not write: replacing it
+/// would lose them.
 fn require_own_files(record: &Record, folder: &Path) -> Result<()> {
     match record.foreign_file(folder)? {
         None => Ok(()),
@@ -313,7 +316,7 @@ fn require_own_files(record: &Record, folder: &Path) -> Result<()> {
     }
 }
 
-/// Errs where a folder cannot change places with one beside it.
+/// Returns an error if a folder cannot change places with one beside it.
 fn require_replaceable(target: &Path) -> Result<()> {
     let whole = || {
         Error::input_at(
@@ -335,7 +338,7 @@ fn require_replaceable(target: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Removes the files of an unfinished result and the folders that are empty then.
+/// Removes the files of an unfinished result and the folders that are then empty.
 fn remove_contents(folder: &Path, record: &Record) -> Result<()> {
     for name in &record.files {
         let path = folder.join(name);
@@ -347,7 +350,7 @@ fn remove_contents(folder: &Path, record: &Record) -> Result<()> {
         }
         let mut above = Path::new(name).parent();
         while let Some(inner) = above.filter(|inner| !inner.as_os_str().is_empty()) {
-            // Only empty ones go.
+            // Only empty folders are removed.
             if std::fs::remove_dir(folder.join(inner)).is_err() {
                 break;
             }
@@ -368,7 +371,7 @@ fn remove_tree(folder: &Path) -> Result<()> {
     }
 }
 
-/// Lets two folders change places: at once where the system can, else by way of a third name.
+/// Swaps two folders: in one step if the system can, else by way of a third name.
 fn exchange(new: &Path, old: &Path) -> Result<()> {
     #[cfg(any(target_os = "linux", target_vendor = "apple"))]
     {
@@ -380,8 +383,8 @@ fn exchange(new: &Path, old: &Path) -> Result<()> {
     exchange_in_steps(new, old)
 }
 
-/// Renames the old folder away, the new one into its place, and the old one to where the new one was. Where the second
-/// step fails, the first is taken back; after a kill in between, [`put_back_old`] does.
+/// Renames the old folder away, the new one into its place, and the old one to the new one's former name.
+/// If the second step fails, the first is undone. After a kill in between, [`put_back_old`] undoes it.
 pub(super) fn exchange_in_steps(new: &Path, old: &Path) -> Result<()> {
     let fail = |e| Error::io("put the new result in its place", old, e);
     let aside = beside(old, "old");
@@ -393,20 +396,20 @@ pub(super) fn exchange_in_steps(new: &Path, old: &Path) -> Result<()> {
     std::fs::rename(&aside, new).map_err(fail)
 }
 
-/// Puts a result back that was being replaced when the program was killed.
+/// Puts back a result that was being replaced when the program was killed.
 fn put_back_old(target: &Path) -> Result<()> {
     let aside = beside(target, "old");
     if target.symlink_metadata().is_ok() || Record::read(&aside).is_none() {
         return Ok(());
     }
-    // Whoever is between the two steps holds it.
+    // A program between the two steps holds this lock.
     let mut lock = Lock::of_folder(&aside)?;
     std::fs::rename(&aside, target).map_err(|e| Error::io("put the earlier result back", target, e))?;
     lock.move_to(target);
     Ok(())
 }
 
-/// Without it, a power cut may take the new name back.
+/// Syncs the parent folder: without it, a power cut may undo the renaming.
 pub(super) fn sync_parent(path: &Path) {
     let folder = path.parent().filter(|p| p.as_os_str() != OsStr::new("")).unwrap_or(Path::new("."));
     let _ = std::fs::File::open(folder).and_then(|folder| folder.sync_all());

@@ -1,4 +1,4 @@
-//! Single files that results are written to.
+//! Single files for results.
 
 use super::{
     lock::Lock,
@@ -12,16 +12,16 @@ use std::{
     sync::atomic::{AtomicBool, Ordering},
 };
 
-/// What is to be written, and what may be in its place.
+/// A request for an output file: the result to write, and the earlier file that may be in its place.
 #[derive(Clone, Copy)]
 pub struct FileClaim<'a> {
     /// Kind of file, e.g. "scene".
     pub kind: &'a str,
-    /// What the run reads.
+    /// Inputs of the run.
     pub inputs: &'a Inputs,
-    /// Whether an earlier file of the same kind may be replaced.
+    /// `true` if an earlier file of the same kind may be replaced.
     pub replace: bool,
-    /// Whether the file at a path is of this kind and written by this program.
+    /// Returns `true` if the file at a path is of this kind and written by this program.
     pub is_ours: fn(&Path) -> bool,
 }
 
@@ -31,15 +31,15 @@ pub struct OutputFile {
     path: PathBuf,
     kind: String,
     is_ours: fn(&Path) -> bool,
-    /// A file of ours is there, to be written over.
+    /// `true` if a file of ours is there, to be overwritten.
     is_there: AtomicBool,
     _lock: Lock,
 }
 
 impl OutputFile {
-    /// Takes the file `path`, which must be new or one that the claim may replace, in a folder that can be written to (made
-    /// where it is missing); links are followed. Errs, and changes nothing, where it is or lies in an input or another
-    /// result, or is being written to by another program.
+    /// Takes the file `path`, which must be new or one that the claim may replace, in a folder that can
+    /// be written to (created if missing); links are followed. Returns an error, and changes nothing, if
+    /// the file is or lies in an input or another result, or is being written to by another program.
     pub fn claim(path: &Path, claim: FileClaim<'_>) -> Result<Self> {
         let real = real_place(path)?;
         if real.is_dir() {
@@ -48,7 +48,7 @@ impl OutputFile {
         claim.inputs.require_apart(&real)?;
         require_outside_of_outputs(&real)?;
         let is_there = require_replaceable(path, &real, &claim)?;
-        // A place that cannot be written to is said before the work.
+        // A place that cannot be written to is reported before the work begins.
         drop(WholeFile::create(&real)?);
         let lock = Lock::of_file(&real)?;
         let is_there = is_there || require_replaceable(path, &real, &claim)?;
@@ -56,12 +56,13 @@ impl OutputFile {
         Ok(Self { path: real, kind: kind.to_owned(), is_ours, is_there: is_there.into(), _lock: lock })
     }
 
-    /// Where the file is to be, without links.
+    /// Returns the final path of the file, without links.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Writes the file whole, over an earlier one; errs where somebody else has put a file there since the claim.
+    /// Writes the complete file, over an earlier one; returns an error if another program has put a file
+    /// there since the claim.
     pub fn write(&self, bytes: &[u8]) -> Result<()> {
         let is_there = self.is_there.load(Ordering::Relaxed);
         if is_there && self.path.exists() && !(self.is_ours)(&self.path) {
@@ -75,7 +76,7 @@ impl OutputFile {
     }
 }
 
-/// Errs where there is a file that the claim may not replace; returns if there is one that it may.
+/// Returns `true` if there is a file that the claim may replace; an error if it may not.
 fn require_replaceable(path: &Path, real: &Path, claim: &FileClaim<'_>) -> Result<bool> {
     if !real.exists() {
         return Ok(false);

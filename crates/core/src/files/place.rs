@@ -1,4 +1,4 @@
-//! Where an output really is once links are followed, and what it must not touch.
+//! Real places of outputs once links are followed, and the inputs that they must not touch.
 
 use super::{absolute_path, full_path, record::Record};
 use crate::{
@@ -11,25 +11,26 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// What a run reads, and so never writes into or over: recording, prepared folder, scene, models.
+/// Inputs of a run, which it never writes into or over: recording, prepared folder, scene, models.
 #[derive(Clone, Debug, Default)]
 pub struct Inputs(Vec<Input>);
 
 #[derive(Clone, Debug)]
 struct Input {
-    /// In words, e.g. "the recording".
+    /// Description in words, e.g. "the recording".
     what: &'static str,
-    /// Without links.
+    /// Path without links.
     path: PathBuf,
 }
 
 impl Inputs {
-    /// Nothing is read.
+    /// Creates an empty list.
     pub fn none() -> Self {
         Self::default()
     }
 
-    /// Adds a file or folder; `what` says what it is, e.g. "the scene". One that does not exist cannot be harmed.
+    /// Adds a file or folder; `what` describes it, e.g. "the scene". One that does not exist
+    /// cannot be harmed.
     pub fn with(mut self, what: &'static str, path: &Path) -> Self {
         if !path.as_os_str().is_empty() {
             self.0.push(Input { what, path: full_path(path) });
@@ -37,7 +38,7 @@ impl Inputs {
         self
     }
 
-    /// As [`Inputs::with`], for an input that is not always there.
+    /// Adds an input that is optional; see [`Inputs::with`].
     pub fn with_some(self, what: &'static str, path: Option<&Path>) -> Self {
         path.into_iter().fold(self, |inputs, path| inputs.with(what, path))
     }
@@ -49,7 +50,7 @@ impl Inputs {
         settings.iter().fold(inputs, |inputs, file| inputs.with("a settings file of the recording", file))
     }
 
-    /// Errs if `output`, without links, is an input, lies in one, or has one inside.
+    /// Returns an error if `output`, without links, is an input, lies in one, or has one inside.
     pub(super) fn require_apart(&self, output: &Path) -> Result<()> {
         let refuse = |relation: &str, input: &Input| {
             let what = format!("{relation} {}, and inputs are never written to", input.what);
@@ -70,8 +71,8 @@ impl Inputs {
     }
 }
 
-/// Tells if two paths without links name the same thing: mounts, hard links and file systems that do not tell upper from
-/// lower case give it several names.
+/// Tells if two paths without links name the same thing. Mounts, hard links and file systems that ignore
+/// case give it several names.
 fn is_same(a: &Path, b: &Path) -> bool {
     a == b || a.metadata().ok().zip(b.metadata().ok()).is_some_and(|(a, b)| is_same_file(&a, &b))
 }
@@ -87,8 +88,8 @@ pub(super) fn is_same_file(_: &Metadata, _: &Metadata) -> bool {
     false
 }
 
-/// The place that `path` names, links followed as far as it exists. Errs for what no result can be put in the place of:
-/// links that lead nowhere, devices, pipes and sockets.
+/// Returns the place that `path` names, with links followed as far as it exists. Returns an error for
+/// anything that a result cannot replace: links that lead nowhere, devices, pipes and sockets.
 pub(super) fn real_place(path: &Path) -> Result<PathBuf> {
     let absolute = absolute_path(path);
     let mut missing = Vec::new();
@@ -123,7 +124,7 @@ pub(super) fn real_place(path: &Path) -> Result<PathBuf> {
     Ok(missing.iter().rev().fold(real, |place, name| place.join(name)))
 }
 
-/// Errs where `output` lies inside another output of this program that is no place for more.
+/// Returns an error if `output` lies inside another output of this program that holds no others.
 pub(super) fn require_outside_of_outputs(output: &Path) -> Result<()> {
     let above = output.ancestors().skip(1).find_map(|folder| Some((folder, Record::read(folder)?)));
     match above {

@@ -1,7 +1,8 @@
-//! The record in a folder that this program fills: which output it is, which files are its own, whether it is complete.
+//! The record in a folder that this program fills: which output it is, which files are its own, and
+//! whether it is complete.
 //!
-//! One JSON value a line, so that a file can be noted before it is written by adding a line. A line that was cut off by a
-//! kill is passed over.
+//! Each line is one JSON value. A file is noted before it is written, by adding a line. A line that was
+//! cut off by a kill is skipped.
 
 use super::whole::TEMPORARY;
 use crate::{Error, Result, reading::read_regular};
@@ -13,24 +14,24 @@ use std::{
 };
 use walkdir::WalkDir;
 
-/// The record's name inside its folder.
+/// Name of the record inside its folder.
 pub(super) const RECORD_FILE: &str = ".surgtpgs";
 
-/// Bytes that a record may have: those of some million files.
+/// Largest size of a record in bytes: that of some million files.
 const MOST_RECORD: u64 = 1 << 28;
 
-/// Bytes of a record's first line.
+/// Largest size of a record's first line in bytes.
 const MOST_HEAD: u64 = 4096;
 
-/// How far above a file its record is looked for.
+/// Number of folders above a file in which its record is looked for.
 const DEPTH: usize = 3;
 
-/// What an output folder is and holds.
+/// Kind and contents of an output folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Record {
     /// Kind of output, e.g. "export".
     pub(super) kind: String,
-    /// Whether it is a place for other outputs.
+    /// `true` if it is a place for other outputs.
     pub(super) holds_outputs: bool,
     pub(super) complete: bool,
     /// Paths inside the folder, with `/`.
@@ -56,7 +57,7 @@ impl Record {
         Self { kind: kind.to_owned(), holds_outputs: false, complete: false, files: BTreeSet::new() }
     }
 
-    /// The record of `folder`; `None` where there is none that can be understood.
+    /// Reads the record of `folder`; `None` if there is none that can be understood.
     pub(super) fn read(folder: &Path) -> Option<Self> {
         let path = folder.join(RECORD_FILE);
         if !path.symlink_metadata().is_ok_and(|data| data.is_file()) {
@@ -66,7 +67,7 @@ impl Record {
         let text = String::from_utf8_lossy(&text);
         let mut lines = text.lines().map(serde_json::from_str::<Line>);
         let Ok(Line::Head { surgtpgs: kind, holds_outputs, complete }) = lines.next()? else { return None };
-        // A record may have been tampered with: nothing outside of the folder is this output's.
+        // A record may have been tampered with: only files inside the folder belong to this output.
         let is_inside = |name: &str| Path::new(name).components().all(|c| matches!(c, Component::Normal(_)));
         let name = |line| match line {
             Ok(Line::File(name)) if is_inside(&name) => Some(name),
@@ -75,7 +76,7 @@ impl Record {
         Some(Self { kind, holds_outputs, complete, files: lines.filter_map(name).collect() })
     }
 
-    /// Writes the record whole.
+    /// Writes the complete record.
     pub(super) fn write(&self, folder: &Path) -> Result<()> {
         let fail = |e| Error::io("write the record of the folder", folder, e);
         let head = Line::Head {
@@ -96,7 +97,7 @@ impl Record {
         Ok(())
     }
 
-    /// Notes in the record of the output that `path` is in, if it is in one, that the file there is this program's.
+    /// Notes a file of this program in the record of the output that `path` is in, if there is one.
     pub(super) fn note(path: &Path) -> Result<()> {
         let Some(folder) = recorded_above(path).filter(|folder| !holds_outputs(folder)) else {
             return Ok(());
@@ -108,7 +109,7 @@ impl Record {
         append().map_err(|e| Error::io("write the record of the folder", &record, e))
     }
 
-    /// A file in `folder` that is not in the record, with its path inside.
+    /// Returns a file in `folder` that is not in the record, by its path inside.
     pub(super) fn foreign_file(&self, folder: &Path) -> Result<Option<String>> {
         let entries = WalkDir::new(folder).sort_by_file_name().into_iter();
         for entry in entries {
@@ -129,11 +130,11 @@ impl Record {
 }
 
 fn line(value: &Line) -> String {
-    // Text and flags always serialize.
+    // Text and flags can always be serialized.
     serde_json::to_string(value).unwrap_or_default() + "\n"
 }
 
-/// Tells if a folder with a record is a place for other outputs, of which each has a record of its own.
+/// Tells if a folder with a record is a place for other outputs, each with a record of its own.
 fn holds_outputs(folder: &Path) -> bool {
     let mut head = String::new();
     let file = File::open(folder.join(RECORD_FILE)).map(|file| BufReader::new(file.take(MOST_HEAD)));
@@ -141,7 +142,7 @@ fn holds_outputs(folder: &Path) -> bool {
     is_read && matches!(serde_json::from_str(&head), Ok(Line::Head { holds_outputs: true, .. }))
 }
 
-/// The nearest folder above `path` that has a record.
+/// Returns the nearest folder above `path` that has a record.
 fn recorded_above(path: &Path) -> Option<PathBuf> {
     let folders = path.ancestors().skip(1).take(DEPTH);
     let here =
@@ -149,8 +150,8 @@ fn recorded_above(path: &Path) -> Option<PathBuf> {
     folders.map(here).find(|folder| folder.join(RECORD_FILE).is_file())
 }
 
-/// The path inside `folder`, with `/`; `None` for what is not in it. A name that is not Unicode is shown with what
-/// stands in for its bytes, here as there.
+/// Returns the path inside `folder`, with `/`; `None` if it lies outside. A name that is not Unicode is
+/// given with replacement characters, both in the record and in comparisons with it.
 fn name_inside(folder: &Path, path: &Path) -> Option<String> {
     let inside = match folder == Path::new(".") {
         true => path.strip_prefix(".").unwrap_or(path),

@@ -46,7 +46,7 @@ fn a_failed_write_leaves_the_old_file() {
     assert_eq!(std::fs::read_dir(folder.path().join("a")).unwrap().count(), 1);
 }
 
-/// Every file under a folder with its bytes; links and folders by name.
+/// Lists every file under a folder with its bytes; links and folders by name.
 fn tree(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let entries = walkdir::WalkDir::new(folder).sort_by_file_name().into_iter().map(|e| e.unwrap());
     entries.map(|e| (e.path().to_owned(), std::fs::read(e.path()).unwrap_or_default())).collect()
@@ -56,7 +56,7 @@ fn take(path: &Path, inputs: &Inputs, replace: bool) -> Result<OutputFolder> {
     OutputFolder::claim(path, Claim::new("thing", inputs, replace))
 }
 
-/// A finished result of two files.
+/// Makes a finished result of two files.
 fn finished(path: &Path, text: &str) {
     let output = take(path, &Inputs::none(), true).unwrap();
     write_whole(&output.path().join("a/b.txt"), text.as_bytes()).unwrap();
@@ -265,7 +265,7 @@ fn where_folders_cannot_change_places_at_once_they_do_in_steps() {
     output::exchange_in_steps(&at("new"), &at("old")).unwrap();
     assert_eq!(std::fs::read_to_string(at("old/text")).unwrap(), "new");
     assert_eq!(std::fs::read_to_string(at("new/text")).unwrap(), "old");
-    // Killed between the two steps.
+    // As if killed between the two steps.
     finished(&at("out"), "x");
     std::fs::rename(
         at("out"),

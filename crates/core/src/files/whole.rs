@@ -1,4 +1,4 @@
-//! Files are written whole: to a temporary neighbour, synced, then renamed into place.
+//! Writes complete files: to a temporary neighbour, synced, then renamed into place.
 
 use super::{output::sync_parent, record::Record};
 use crate::{Error, Result};
@@ -7,16 +7,16 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Beginning of the names of files that are being written.
+/// First part of the names of files that are being written.
 pub(super) const TEMPORARY: &str = ".part-";
 
-/// Writes `bytes` to `path` so that a reader sees the old file or the new one, never a part.
-/// Missing parent folders are created.
+/// Writes `bytes` to `path` so that a reader sees the old file or the new one, never a part. Missing
+/// parent folders are created.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
     write_whole_with(path, |file| file.write_all(bytes))
 }
 
-/// As [`write_whole`], for writers that stream into the file.
+/// Writes a file in the same way as [`write_whole`], for writers that stream into it.
 pub fn write_whole_with(
     path: &Path,
     write: impl FnOnce(&mut std::fs::File) -> std::io::Result<()>,
@@ -26,7 +26,8 @@ pub fn write_whole_with(
     file.commit()
 }
 
-/// A file that is written bit by bit and appears whole at [`WholeFile::commit`]; dropped before, it leaves no trace.
+/// A file that is written bit by bit and appears complete at [`WholeFile::commit`]. If it is dropped
+/// before, it leaves no trace.
 #[derive(Debug)]
 pub struct WholeFile {
     temporary: tempfile::NamedTempFile,
@@ -34,8 +35,8 @@ pub struct WholeFile {
 }
 
 impl WholeFile {
-    /// Begins the file at `path`; missing parent folders are created, a link is followed. Errs where a folder, a device, a
-    /// pipe or a socket has this name.
+    /// Begins the file at `path`; missing parent folders are created, a link is followed. Returns an
+    /// error if a folder, a device, a pipe or a socket has this name.
     pub fn create(path: &Path) -> Result<Self> {
         let fail = |e| Error::io("write the file", path, e);
         let followed = if path.is_symlink() { Some(path.canonicalize().map_err(fail)?) } else { None };
@@ -50,7 +51,8 @@ impl WholeFile {
         std::fs::create_dir_all(&folder).map_err(fail)?;
         let mut builder = tempfile::Builder::new();
         builder.prefix(TEMPORARY);
-        // Temporary files are private to their owner; results get the permissions that the user gives new files.
+        // Temporary files are private to their owner; results get the permissions that the user
+        // gives new files.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         let temporary = builder.tempfile_in(&folder).map_err(fail)?;
@@ -58,22 +60,22 @@ impl WholeFile {
         Ok(Self { temporary, path: path.to_owned() })
     }
 
-    /// Where the file will be.
+    /// Returns the final path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Where what was written so far is.
+    /// Returns the path of the data written so far.
     pub fn temporary_path(&self) -> &Path {
         self.temporary.path()
     }
 
-    /// Puts the file in its place, over what is there.
+    /// Puts the file in its place, over an existing one.
     pub fn commit(self) -> Result<()> {
         self.persist(|temporary, path| temporary.persist(path).map_err(|e| e.error))
     }
 
-    /// Puts the file in its place; errs where something is there.
+    /// Puts the file in its place; returns an error if something is there.
     pub fn commit_new(self) -> Result<()> {
         self.persist(|temporary, path| temporary.persist_noclobber(path).map_err(|e| e.error))
     }

@@ -1,12 +1,14 @@
-//! How well the border of a mask is met.
+//! Quality of the borders of masks.
 
 use crate::{grid::Mask, mask::outline};
 
-/// Borders closer than this share of the image's diagonal meet, as in DAVIS (Perazzi et al. 2016).
+/// Largest distance of matching borders as a share of the image's diagonal, as in DAVIS
+/// (Perazzi et al. 2016).
 const TOLERANCE: f64 = 0.008;
 
-/// F-measure of borders (Martin et al. 2004): of the share of the predicted border that lies near the labelled one, and
-/// of the labelled one near the predicted one. 1 where neither has a border inside the image; `None` if sizes differ.
+/// F-measure of borders (Martin et al. 2004). It combines two shares: of the predicted border that lies
+/// near the labelled one, and of the labelled border that lies near the predicted one. 1 if neither has a
+/// border inside the image; `None` if sizes differ.
 pub fn boundary_f(prediction: &Mask, truth: &Mask) -> Option<f64> {
     if (prediction.width, prediction.height) != (truth.width, truth.height) {
         return None;
@@ -28,7 +30,7 @@ pub fn boundary_f(prediction: &Mask, truth: &Mask) -> Option<f64> {
     }
 }
 
-/// Every pixel whose distance to a `true` one is at most `reach`.
+/// Returns every pixel whose distance to a `true` one is at most `reach`.
 fn widened(mask: &Mask, reach: usize) -> Mask {
     let mut wide = Mask::filled(mask.width, mask.height, false);
     for i in (0..mask.data.len()).filter(|&i| mask.data[i]) {
@@ -46,7 +48,7 @@ fn widened(mask: &Mask, reach: usize) -> Mask {
 mod tests {
     use super::*;
 
-    /// A square of 20 px whose corner is at (x, y), in an image of 100×75 px: borders meet at 1 px.
+    /// Draws a square of 20 px with its corner at (x, y), in an image of 100×75 px: borders match at 1 px.
     fn square(x: usize, y: usize) -> Mask {
         let inside = |i: usize| (x..x + 20).contains(&(i % 100)) && (y..y + 20).contains(&(i / 100));
         Mask::from_vec(100, 75, (0..7500).map(inside).collect())
@@ -57,7 +59,7 @@ mod tests {
         let f = |a: &Mask, b: &Mask| boundary_f(a, b).unwrap();
         assert_eq!(f(&square(10, 10), &square(10, 10)), 1.0);
         assert_eq!(f(&square(11, 10), &square(10, 10)), 1.0);
-        // Two of four sides meet.
+        // Two of four sides match.
         let half = f(&square(15, 10), &square(10, 10));
         assert!((0.3..0.6).contains(&half), "{half}");
         assert_eq!(f(&square(60, 40), &square(10, 10)), 0.0);

@@ -1,4 +1,4 @@
-//! How far depth is from the truth.
+//! Errors of depth compared with the truth.
 
 use crate::grid::{Grid, Mask};
 
@@ -15,8 +15,8 @@ pub struct DepthErrors {
     pub within_1_25: f64,
 }
 
-/// Compares depth where both are known (finite, > 0) and `mask` is true; `None` where there is no such pixel or sizes
-/// differ.
+/// Compares depth where both are known (finite, > 0) and `mask` is true; `None` if there is no such pixel
+/// or sizes differ.
 pub fn depth_errors(depth: &Grid<f32>, truth: &Grid<f32>, mask: Option<&Mask>) -> Option<DepthErrors> {
     let size = (depth.width, depth.height);
     if size != (truth.width, truth.height) || mask.is_some_and(|m| (m.width, m.height) != size) {

@@ -1,4 +1,4 @@
-//! How well masks of classes are met, per class and frame and over a recording.
+//! Quality of class masks, per class and frame and over a recording.
 
 use super::boundary_f;
 use crate::{
@@ -7,26 +7,27 @@ use crate::{
 };
 use std::collections::BTreeMap;
 
-/// A class on a frame, predicted and labelled. Shares are 0–1 and `None` where they are not defined.
+/// Measures of a class on a frame, predicted and labelled. Shares are 0–1 and `None` if they
+/// are not defined.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct ClassOnFrame {
     /// The frame, counted from 0.
     pub frame: usize,
     /// The class's name.
     pub class: String,
-    /// Pixels of the class in the labels.
+    /// Number of pixels of the class in the labels.
     pub labelled_px: usize,
-    /// Pixels of the class in the prediction.
+    /// Number of pixels of the class in the prediction.
     pub predicted_px: usize,
-    /// Pixels of both.
+    /// Number of pixels in both.
     pub both_px: usize,
-    /// Pixels that predictions may cover.
+    /// Number of pixels that predictions may cover.
     pub kept_px: usize,
     /// Intersection over union.
     pub iou: Option<f64>,
     /// Sørensen–Dice, the F-measure of pixels.
     pub dice: Option<f64>,
-    /// F-measure of borders, see [`boundary_f`]; only where the class is labelled.
+    /// F-measure of borders, see [`boundary_f`]; only if the class is labelled.
     pub boundary_f: Option<f64>,
     /// Share of the predicted pixels that are right.
     pub precision: Option<f64>,
@@ -35,7 +36,8 @@ pub struct ClassOnFrame {
 }
 
 impl ClassOnFrame {
-    /// Compares a `prediction`, where predictions count (`keep`), with the `truth`, which is not cut (method §9.5).
+    /// Compares a `prediction`, limited to the pixels that count (`keep`), with the unlimited
+    /// `truth` (method §9.5).
     pub fn measure(frame: usize, class: &str, prediction: &Mask, truth: &Mask, keep: &Mask) -> Result<Self> {
         let size = (truth.width, truth.height);
         if size != (prediction.width, prediction.height) || size != (keep.width, keep.height) {
@@ -81,7 +83,7 @@ pub struct IouReport {
     pub classes: BTreeMap<String, f64>,
 }
 
-/// Classes on frames, and what they come to.
+/// Measures of classes on frames, and their summaries.
 #[derive(Clone, Debug, Default)]
 pub struct MaskScores(Vec<ClassOnFrame>);
 
@@ -91,23 +93,24 @@ impl MaskScores {
         self.0.push(row);
     }
 
-    /// Every class on every frame, in the order they were added.
+    /// Returns every class on every frame, in the order they were added.
     pub fn rows(&self) -> &[ClassOnFrame] {
         &self.0
     }
 
-    /// IoU by the paper's protocol (method §9.5): only classes that are labelled on a frame count.
+    /// Returns the IoU by the paper's protocol (method §9.5): only classes that are labelled
+    /// on a frame count.
     pub fn paper(&self) -> IouReport {
         report(self.0.iter().filter(|r| r.is_labelled()))
     }
 
-    /// IoU by a strict protocol: besides, a class that is predicted where it is not labelled counts as 0, so that false
-    /// finds cost something. Neither labelled nor predicted is not counted.
+    /// Returns the IoU by a strict protocol: a class that is predicted but not labelled also counts, as 0, so
+    /// that false finds cost something. Classes that are neither labelled nor predicted are not counted.
     pub fn strict(&self) -> IouReport {
         report(self.0.iter())
     }
 
-    /// All measures, together and by class.
+    /// Returns all measures, together and by class.
     pub fn summary(&self) -> MaskSummary {
         let mut classes: BTreeMap<String, Vec<&ClassOnFrame>> = BTreeMap::new();
         self.0.iter().for_each(|row| classes.entry(row.class.clone()).or_default().push(row));
@@ -124,21 +127,21 @@ impl MaskScores {
 /// All measures of a set of masks.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct MaskSummary {
-    /// Over all classes.
+    /// Measures over all classes.
     #[serde(flatten)]
     pub all: ClassSummary,
-    /// By class.
+    /// Measures by class.
     pub classes: BTreeMap<String, ClassSummary>,
 }
 
-/// Measures over frames; shares are 0–1, `None` where there is nothing to measure.
+/// Measures over frames; shares are 0–1, `None` if there is nothing to measure.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct ClassSummary {
-    /// (frame, class) pairs that are labelled.
+    /// Number of (frame, class) pairs that are labelled.
     pub labelled: usize,
-    /// Mean IoU of these.
+    /// Mean IoU of the labelled pairs.
     pub iou: Option<f64>,
-    /// Mean Dice of these.
+    /// Mean Dice of the labelled pairs.
     pub dice: Option<f64>,
     /// Mean F-measure of their borders.
     pub boundary_f: Option<f64>,
@@ -146,16 +149,16 @@ pub struct ClassSummary {
     pub precision: Option<f64>,
     /// Predicted pixels among all labelled ones of all frames.
     pub recall: Option<f64>,
-    /// What is predicted where a class is not.
+    /// Predictions on frames where the class is absent.
     pub absent: Absent,
 }
 
-/// What is predicted on frames where a class is not labelled.
+/// Measures of predictions on frames where a class is not labelled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Absent {
-    /// (frame, class) pairs that are not labelled.
+    /// Number of (frame, class) pairs that are not labelled.
     pub pairs: usize,
-    /// Share of them on which something is predicted.
+    /// Share of these pairs on which something is predicted.
     pub false_positive_rate: Option<f64>,
     /// Mean share of the kept pixels that is predicted there.
     pub area_fraction: Option<f64>,
@@ -205,24 +208,24 @@ fn report<'a>(rows: impl Iterator<Item = &'a ClassOnFrame>) -> IouReport {
     }
 }
 
-/// Which class is taken for which.
+/// Confusion of classes: pixels per labelled and predicted class.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Confusion {
-    /// The classes; after them comes "none" in the counts' columns.
+    /// The classes; the last column of the counts after them is "none".
     pub classes: Vec<String>,
-    /// Pixels, [labelled class][predicted class or none].
+    /// Numbers of pixels, [labelled class][predicted class or none].
     pub pixels: Vec<Vec<u64>>,
 }
 
 impl Confusion {
-    /// Nothing counted yet.
+    /// Creates a table in which nothing is counted yet.
     pub fn new(classes: Vec<String>) -> Self {
         let pixels = vec![vec![0; classes.len() + 1]; classes.len()];
         Self { classes, pixels }
     }
 
-    /// Counts the kept pixels of a frame; both images hold indices into the classes, anything else is no class. Images
-    /// of differing sizes are not counted.
+    /// Counts the kept pixels of a frame. Both images hold indices into the classes; any other value is
+    /// no class. Images of differing sizes are not counted.
     pub fn add(&mut self, predicted: &Grid<u8>, labelled: &Grid<u8>, keep: &Mask) {
         let none = self.classes.len();
         let sizes = [labelled.data.len(), keep.data.len()];
@@ -259,7 +262,7 @@ mod tests {
     #[test]
     fn absent_classes_cost_nothing_in_the_paper_and_something_when_strict() {
         let rows = [
-            // Half right; the truth outside the keep mask still counts against the prediction.
+            // Half right; labelled pixels outside the keep mask still count against the prediction.
             ("liver", [1, 0, 0, 1], [1, 0, 0, 1]),
             ("liver", [1, 1, 0, 0], [1, 1, 0, 0]),
             ("blood", [0, 0, 1, 0], [0, 0, 0, 0]),

@@ -1,4 +1,5 @@
-//! The same numbers as scikit-image and scikit-learn: `tests/oracle/metrics.py` says how theirs come about.
+//! Comparisons with scikit-image and scikit-learn; `tests/oracle/metrics.py` shows how their
+//! numbers were made.
 
 use super::*;
 use crate::grid::{Grid, Mask};

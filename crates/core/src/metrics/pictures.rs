@@ -1,14 +1,14 @@
-//! How alike two pictures are: PSNR and SSIM.
+//! Similarity of two pictures: PSNR and SSIM.
 
 use crate::grid::{Grid, Mask};
 use image::RgbImage;
 use rayon::prelude::*;
 
-/// Pixels of a window on each side of its middle.
+/// Number of pixels of a window on each side of its middle.
 const RADIUS: usize = 5;
 
-/// Peak signal-to-noise ratio in dB over 8-bit RGB; `mask` (true = counted) or all pixels.
-/// Identical images give infinity; an empty mask or differing sizes give `None`.
+/// Peak signal-to-noise ratio in dB over 8-bit RGB; `mask` (true = counted) or all pixels. Identical
+/// images give infinity; an empty mask or differing sizes give `None`.
 pub fn psnr_db(image: &RgbImage, truth: &RgbImage, mask: Option<&Mask>) -> Option<f64> {
     let [r, g, b] = squared_errors(image, truth, mask)?;
     Some(decibels((r + g + b) / 3.0))
@@ -25,7 +25,7 @@ fn decibels(mean_squared_error: f64) -> f64 {
     10.0 * (255.0 * 255.0 / mean_squared_error).log10()
 }
 
-/// Mean squared error of each channel, in 8-bit levels squared.
+/// Returns the mean squared error of each channel, in 8-bit levels squared.
 fn squared_errors(image: &RgbImage, truth: &RgbImage, mask: Option<&Mask>) -> Option<[f64; 3]> {
     let (width, height) = (image.width() as usize, image.height() as usize);
     let fits = |m: &Mask| (m.width, m.height) == (width, height);
@@ -44,17 +44,18 @@ fn squared_errors(image: &RgbImage, truth: &RgbImage, mask: Option<&Mask>) -> Op
     (count > 0).then(|| sums.map(|s| s as f64 / count as f64))
 }
 
-/// Structural similarity (Wang et al. 2004), 11×11 Gaussian window of σ 1.5, mean over the channels; 1 for identical
-/// pictures.
+/// Structural similarity (Wang et al. 2004), 11×11 Gaussian window of σ 1.5, mean over the channels; 1
+/// for identical pictures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ssim {
     /// Mean over all pixels, with zeros outside the picture, as in the 3DGS code family.
     pub padded: f64,
-    /// Mean over the pixels whose window lies inside, as in scikit-image; NaN for pictures smaller than a window.
+    /// Mean over the pixels whose window lies inside, as in scikit-image; NaN for pictures
+    /// smaller than a window.
     pub inside: f64,
 }
 
-/// [`Ssim`]; `None` if sizes differ or are zero.
+/// Computes [`Ssim`]; `None` if sizes differ or are zero.
 pub fn ssim(image: &RgbImage, truth: &RgbImage) -> Option<Ssim> {
     if image.dimensions() != truth.dimensions() || image.is_empty() {
         return None;
@@ -77,7 +78,7 @@ fn mean<'a>(values: impl Iterator<Item = &'a f64>) -> f64 {
     sum / count as f64
 }
 
-/// SSIM at every pixel of one channel.
+/// Returns the SSIM at every pixel of one channel.
 fn likeness(a: &Grid<f64>, b: &Grid<f64>) -> Grid<f64> {
     const C1: f64 = 0.01 * 0.01;
     const C2: f64 = 0.03 * 0.03;
@@ -95,7 +96,8 @@ fn likeness(a: &Grid<f64>, b: &Grid<f64>) -> Grid<f64> {
     Grid::from_vec(a.width, a.height, (0..a.data.len()).map(at).collect())
 }
 
-/// Gaussian-weighted mean around each pixel, zeros outside: one pass along rows, one along columns.
+/// Returns the Gaussian-weighted mean around each pixel, zeros outside: one pass along rows,
+/// one along columns.
 fn window_mean(image: &Grid<f64>) -> Grid<f64> {
     let weights: [f64; 2 * RADIUS + 1] = {
         let raw: [f64; 2 * RADIUS + 1] =
@@ -159,7 +161,7 @@ mod tests {
         assert_eq!(psnr_db(&image, &noise(3, 1, 0), None), None);
     }
 
-    /// The definition without any shortcut: an 11×11 window around each pixel, zeros outside.
+    /// Computes the definition directly: an 11×11 window around each pixel, zeros outside.
     fn ssim_by_definition(a: &RgbImage, b: &RgbImage) -> f64 {
         let at = |p: &RgbImage, x: i64, y: i64, c: usize| {
             let inside = x >= 0 && y >= 0 && x < i64::from(p.width()) && y < i64::from(p.height());

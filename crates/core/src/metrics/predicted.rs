@@ -1,4 +1,4 @@
-//! Masks that another program made, in a folder.
+//! Masks that another program predicted, read from a folder.
 
 use crate::{
     Error, Result,
@@ -12,7 +12,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Values that name no class, of which so many are remembered.
+/// Largest number of remembered values that name no class.
 const MOST_FOREIGN: usize = 8;
 
 /// Predicted masks by frame. A folder is understood if its pictures are
@@ -20,34 +20,34 @@ const MOST_FOREIGN: usize = 8;
 /// - `K/CLASS.png`, K counting the held-out frames from 0 as the released code does, white where found;
 /// - `CLASS/FRAME.png`, white where found;
 /// - `FRAME_CLASS.png`, white where found: the export `binary` of this program;
-/// - `FRAME.png`, label pictures: the value of a pixel is the id of its class in the recording, or what the recording's own
-///   label pictures have there. Where a `labels.json` lies beside them that names the ids, as in the export `index` of this
-///   program, classes are found by these names.
+/// - `FRAME.png`, label pictures: the value of a pixel is the id of its class in the recording, or a
+///   value as in the recording's own label pictures. If a `labels.json` beside them names the ids, as in
+///   the export `index` of this program, classes are found by these names.
 ///
 /// FRAME is the name of the recorded frame, or ends in its number, counted from 0.
 #[derive(Clone, Debug)]
 pub struct PredictedMasks {
     sequence: Sequence,
     frames: BTreeMap<usize, Vec<Prediction>>,
-    /// What label pictures hold.
+    /// Meaning of the numbers of label pictures.
     numbers: NumbersAre,
-    /// By folder: the recording's class of each id that a `labels.json` there names.
+    /// The recording's class of each id that a `labels.json` names, by folder.
     named: BTreeMap<PathBuf, Vec<(u8, Option<u8>)>>,
     notes: Vec<String>,
-    /// Some values that name no class, in what was read.
+    /// Some values in the read pictures that name no class.
     foreign: BTreeSet<String>,
 }
 
 #[derive(Clone, Debug)]
 enum Prediction {
-    /// White where the class is.
+    /// A picture that is white where the class is.
     OfClass(u8, PathBuf),
-    /// Class ids.
+    /// A picture of class ids.
     Labels(PathBuf),
 }
 
 impl Prediction {
-    /// The label picture, if it is one.
+    /// Returns the path of the label picture, if it is one.
     fn labels(&self) -> Option<&Path> {
         match self {
             Self::Labels(path) => Some(path),
@@ -57,7 +57,8 @@ impl Prediction {
 }
 
 impl PredictedMasks {
-    /// Looks through `folder`; pictures that fit nothing are an error, so that nothing is left out unseen.
+    /// Looks through `folder`. A picture that fits no layout is an error, so that nothing is
+    /// silently left out.
     pub fn open(folder: &Path, sequence: &Sequence) -> Result<Self> {
         let mut frames: BTreeMap<usize, Vec<Prediction>> = BTreeMap::new();
         for path in pictures(folder)? {
@@ -90,7 +91,7 @@ impl PredictedMasks {
         Ok(opened)
     }
 
-    /// What the user should know about how the masks were understood, as far as they were read.
+    /// Returns notes for the user about how the masks read so far were understood.
     pub fn notes(&self) -> Vec<String> {
         let some: Vec<&str> = self.foreign.iter().map(String::as_str).collect();
         let foreign = format!("label pictures hold values that name no class ({})", some.join(", "));
@@ -133,12 +134,12 @@ impl PredictedMasks {
         Ok(())
     }
 
-    /// The frames that there are masks of.
+    /// Returns the frames that have masks.
     pub fn frames(&self) -> Vec<usize> {
         self.frames.keys().copied().collect()
     }
 
-    /// The mask of each class on a frame; a class without a file is not found.
+    /// Reads the mask of each class on a frame; a class without a file counts as not found.
     pub fn masks(&mut self, frame: usize, classes: &[Class], size: (usize, usize)) -> Result<Vec<Mask>> {
         let mut masks = vec![Mask::filled(size.0, size.1, false); classes.len()];
         for prediction in self.frames.get(&frame).cloned().into_iter().flatten() {
@@ -164,7 +165,8 @@ impl PredictedMasks {
         Ok(masks)
     }
 
-    /// Class ids of the pixels of a label picture. One in which nothing names a class is refused.
+    /// Reads the class ids of the pixels of a label picture. A picture in which nothing names a
+    /// class is refused.
     fn ids(&mut self, path: &Path, size: (usize, usize)) -> Result<Vec<u8>> {
         let names = path.parent().and_then(|folder| self.named.get(folder));
         let PictureOfIds { ids, known, strangers, examples } =
@@ -188,7 +190,8 @@ impl PredictedMasks {
     }
 }
 
-/// The number above which a pixel of a mask is found: 0 in a mask of two values, else half of what a number can be.
+/// Returns the limit above which a pixel of a mask counts as found: 0 in a mask of two values, else half
+/// of the largest possible value.
 fn white_above(picture: &[u16]) -> u16 {
     let some = picture.iter().copied().find(|value| *value > 0);
     match picture.iter().max() {
@@ -209,7 +212,7 @@ fn expect_size(path: &Path, found: (usize, usize), wanted: (usize, usize)) -> Re
     ))
 }
 
-/// Ids and names from a `labels.json`: that of the export `index`, or a list of classes.
+/// Reads ids and names from a `labels.json`: that of the export `index`, or a list of classes.
 fn names(path: &Path) -> Result<Vec<(u8, String)>> {
     #[derive(serde::Deserialize)]
     struct Label {
@@ -233,7 +236,7 @@ fn names(path: &Path) -> Result<Vec<(u8, String)>> {
     Ok(labels.into_iter().map(|label| (label.id, label.name)).collect())
 }
 
-/// All pictures in a folder and the folders in it, in order.
+/// Lists all pictures in a folder and its subfolders, in order.
 fn pictures(folder: &Path) -> Result<Vec<PathBuf>> {
     let fail = |e| Error::io("read the folder of masks", folder, e);
     let (mut found, mut open) = (Vec::new(), vec![folder.to_owned()]);
@@ -251,7 +254,7 @@ fn pictures(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(found)
 }
 
-/// The frame and class a picture is of.
+/// Returns the frame and class of a picture.
 fn place(path: &Path, root: &Path, sequence: &Sequence) -> Option<(usize, Prediction)> {
     let stem = path.file_stem()?.to_str()?;
     let parent = path.parent().filter(|p| *p != root).and_then(|p| p.file_name()).and_then(|n| n.to_str());
@@ -381,7 +384,7 @@ mod tests {
         assert_eq!(liver_px(&mut open().unwrap()).unwrap(), 32 * 24);
         list(format!(r#"[{{"id":{other},"name":"moon"}}]"#));
         assert!(open().unwrap_err().to_string().contains("no class called moon"));
-        // 0 is nothing beside names that do not have it.
+        // 0 stands for nothing if the names do not contain it.
         list(format!(r#"[{{"id":{other},"name":"liver"}}]"#));
         save(folder.path(), "frame_000009.png", 0);
         assert_eq!(liver_px(&mut open().unwrap()).unwrap(), 0);

@@ -1,18 +1,19 @@
-//! Dense feature maps: an embedding for every place of a picture. Training reads regions, so that places which are nearly
-//! the same become one: as many regions a frame as 16 bits have room for over the recording.
+//! Dense feature maps: an embedding for every place of a picture. Training reads regions, so places that
+//! are nearly the same are merged into one region. Each frame gets as many regions as 16 bits can number
+//! over the recording.
 
 use super::{FrameFeatures, NO_REGION, RegionMap};
 use crate::{codec::normalise_rows, grid::Grid, sequence::Sequence};
 use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;
 
-/// Rows of the feature table over the whole recording.
+/// Largest number of rows of the feature table over the whole recording.
 const MAX_ROWS: usize = NO_REGION as usize - 1;
-/// Regions a frame: more gain nothing once they are finer than the network sees.
+/// Largest number of regions per frame: more gain nothing once they are finer than the network sees.
 const MAX_REGIONS: usize = 600;
-/// Rounds of clustering; later ones move next to nothing.
+/// Number of rounds of clustering; later ones change almost nothing.
 const ROUNDS: usize = 6;
-/// Places compared at once by one thread.
+/// Number of places that one thread compares at once.
 const PLACES_AT_ONCE: usize = 1024;
 
 /// Embeddings of the places of a picture.
@@ -29,14 +30,15 @@ pub struct DenseMap {
 }
 
 impl DenseMap {
-    /// From planes [dim][height][width]; further values are left out. Panics on fewer (a programming error).
+    /// Creates a map from planes [dim][height][width]; surplus values are left out. Panics if there are
+    /// fewer (a programming error).
     pub fn of_planes(width: usize, height: usize, dim: usize, planes: &[f32]) -> Self {
         let places = width * height;
         let place = |i: usize| (0..dim).map(move |c| planes[c * places + i]);
         Self { width, height, dim, values: (0..places).flat_map(place).collect() }
     }
 
-    /// The first `width` columns and `height` rows.
+    /// Keeps the first `width` columns and `height` rows.
     pub fn cropped(self, width: usize, height: usize) -> Self {
         let (width, height) = (width.min(self.width), height.min(self.height));
         let rows = self.values.chunks_exact((self.width * self.dim).max(1)).take(height);
@@ -44,8 +46,8 @@ impl DenseMap {
         Self { width, height, dim: self.dim, values }
     }
 
-    /// Regions of places with nearly the same direction, at the size of the frames, with the mean direction of each.
-    /// Places without a direction (zero, not finite) belong to none.
+    /// Merges places with nearly the same direction into regions, at the size of the frames, with the
+    /// mean direction of each. Places without a direction (zero, not finite) belong to none.
     pub fn into_features(self, sequence: &Sequence) -> FrameFeatures {
         let regions = MAX_REGIONS.min(MAX_ROWS / sequence.num_frames()).max(1);
         self.clustered(regions, sequence.width(), sequence.height())
@@ -69,8 +71,8 @@ impl DenseMap {
     }
 }
 
-/// Spherical k-means: the number of each row's cluster and the clusters' unit means. Starts from rows evenly spread over
-/// the picture; the same rows give the same clusters.
+/// Spherical k-means: returns the cluster of each row and the clusters' unit means. Starts from rows
+/// evenly spread over the picture; the same rows give the same clusters.
 fn cluster(rows: ArrayView2<'_, f32>, num: usize) -> (Vec<usize>, Array2<f32>) {
     let n = rows.nrows();
     if n <= num {
@@ -83,7 +85,7 @@ fn cluster(rows: ArrayView2<'_, f32>, num: usize) -> (Vec<usize>, Array2<f32>) {
         let mut sums = Array2::<f32>::zeros(centres.raw_dim());
         rows.outer_iter().zip(&numbers).for_each(|(row, &k)| sums.row_mut(k).scaled_add(1.0, &row));
         let sums = normalise_rows(sums);
-        // A cluster that lost all its rows stays where it was.
+        // A cluster that lost all its rows keeps its centre.
         for (mut centre, sum) in centres.outer_iter_mut().zip(sums.outer_iter()) {
             if sum.iter().any(|v| *v != 0.0) {
                 centre.assign(&sum);
@@ -98,7 +100,7 @@ fn cluster(rows: ArrayView2<'_, f32>, num: usize) -> (Vec<usize>, Array2<f32>) {
     (numbers, centres)
 }
 
-/// For each row the centre with the largest cosine; the first of equals.
+/// Returns the centre with the largest cosine for each row; the first of equals.
 fn nearest(rows: ArrayView2<'_, f32>, centres: ArrayView2<'_, f32>) -> Vec<usize> {
     let chunks: Vec<_> = rows.axis_chunks_iter(Axis(0), PLACES_AT_ONCE).collect();
     let best = |cosines: ndarray::ArrayView1<'_, f32>| {
@@ -119,7 +121,7 @@ fn nearest(rows: ArrayView2<'_, f32>, centres: ArrayView2<'_, f32>) -> Vec<usize
 mod tests {
     use super::*;
 
-    /// Left places point along x, right ones along y; one has no direction.
+    /// Makes a map whose left places point along x and right ones along y; one has no direction.
     fn halves(width: usize, height: usize) -> DenseMap {
         let place = |i: usize| match i {
             0 => [0.0, 0.0],

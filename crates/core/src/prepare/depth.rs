@@ -1,5 +1,5 @@
-//! Depth that a network estimated from single pictures: checked, brought to one scale over time, and kept in the
-//! prepared folder as `depth/frame_000000.npy`, z in scene units at the network's size.
+//! Depth that a network estimates from single pictures. It is checked, brought to one scale over time,
+//! and kept in the prepared folder as `depth/frame_000000.npy`, z in scene units at the network's size.
 
 use super::{drift::log_scales, finish::clear_folder, used_frames};
 use crate::{
@@ -18,46 +18,47 @@ use std::{
     sync::Arc,
 };
 
-/// The folder of estimated depth.
+/// Subfolder of estimated depth.
 pub(super) const DEPTH: &str = "depth";
-/// Share of a frame's values that must be usable.
+/// Smallest usable share of a frame's values.
 const MIN_USABLE: f64 = 0.5;
-/// Depth of a frame spans at least and at most this factor, the extremes left out.
+/// Smallest and largest factor that the depth of a frame may span, the extremes left out.
 const SPAN: [f32; 2] = [1.001, 1e4];
-/// Places along each side that are compared over time.
+/// Number of places along each side that are compared over time.
 const SAMPLES: usize = 48;
-/// Correlation of brightness with depth above which something is wrong: endoscopes light what is near.
+/// Correlation of brightness with depth above which something is wrong: endoscopes light near surfaces more.
 const MAX_CORRELATION: f64 = 0.3;
 
-/// Where estimated depth comes from, and what was found out about it.
+/// Source of estimated depth, and findings about it.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct EstimatedDepth {
     /// SHA-256 of the network.
     pub network: String,
-    /// What it gives.
+    /// Kind of values that it gives.
     pub kind: DepthKind,
-    /// How far the scales of single frames were apart: largest by smallest; 1 where they were left as they are.
+    /// Largest scale of a single frame divided by the smallest; 1 if the scales were left as they are.
     pub drift: f32,
-    /// What the user should know.
+    /// Notes for the user.
     pub notes: Vec<String>,
 }
 
-/// What estimates depth: `estimate` gives depth or disparity (`kind`) of a picture, at any size.
+/// An estimator of depth: `estimate` gives depth or disparity (`kind`) of a picture, at any size.
 pub struct Estimator<'a> {
     /// SHA-256 of the network.
     pub network: &'a str,
-    /// What `estimate` gives.
+    /// Kind of values that `estimate` gives.
     pub kind: DepthKind,
-    /// Depth or disparity of a picture.
+    /// Returns the depth or disparity of a picture.
     pub estimate: &'a mut dyn FnMut(&RgbImage) -> Result<Grid<f32>>,
 }
 
-/// Estimates the depth of all frames (`eval` leaves out those held out) into the prepared folder `folder`, to be prepared
-/// from now on with the sequence that this returns. Disparity becomes z = focal length · 1.0877 / disparity, as the
-/// paper's authors have it; the frames' scales are fitted to one another, unless the camera moves by known poses.
+/// Estimates the depth of all frames (`eval` leaves out those held out) into the prepared folder
+/// `folder`. The returned sequence takes its depth from there and is the one to prepare. Disparity
+/// becomes z = focal length · 1.0877 / disparity, as the paper's authors have it. The frames' scales are
+/// fitted to one another, unless the camera moves by known poses.
 ///
-/// `progress` gets (frames done, frames) and may ask to stop. Fails where the recording has depth, where most of a frame's
-/// values are unusable, or where they are all the same or span more than any scene.
+/// `progress` gets (frames done, frames) and may ask to stop. Fails if the recording has depth, if most
+/// of a frame's values are unusable, or if they are all the same or span more than any scene.
 pub fn estimate_depth(
     sequence: &Sequence,
     estimator: Estimator<'_>,
@@ -107,17 +108,17 @@ pub fn estimate_depth(
     ))
 }
 
-/// The file of frame `i` in a prepared folder.
+/// Returns the path of the depth file of frame `i` in a prepared folder.
 pub(crate) fn depth_file(folder: &Path, i: usize) -> PathBuf {
     folder.join(depth_name(i))
 }
 
-/// The file of frame `i`, inside the folder.
+/// Returns the path of the depth file of frame `i`, inside the folder.
 pub(crate) fn depth_name(i: usize) -> String {
     format!("{DEPTH}/frame_{i:06}.npy")
 }
 
-/// z in scene units, 0 where the network gave nothing usable.
+/// Converts the network's values to z in scene units, 0 where they are unusable.
 fn as_depth(map: &Grid<f32>, kind: DepthKind, focal: f64) -> Grid<f32> {
     map.map(|&v| {
         let z = match kind {
@@ -156,7 +157,7 @@ fn check(sequence: &Sequence, i: usize, depth: &Grid<f32>) -> Result<()> {
     Ok(())
 }
 
-/// The logarithms of depth at a grid of places, NaN where unknown or outside the supervision mask.
+/// Returns the logarithms of depth at a grid of places, NaN where unknown or outside the supervision mask.
 fn sampled(
     sequence: &Sequence,
     i: usize,
@@ -183,7 +184,7 @@ fn sampled(
     Ok(values)
 }
 
-/// Divides each frame's depth by its scale; gives the largest scale by the smallest.
+/// Divides each frame's depth by its scale; returns the largest scale divided by the smallest.
 fn equalise(folder: &Path, frames: &[usize], log_scales: &[f32]) -> Result<f32> {
     for (&i, log_scale) in frames.iter().zip(log_scales) {
         let file = depth_file(folder, i);
@@ -200,7 +201,7 @@ fn write(file: &Path, depth: &Grid<f32>) -> Result<()> {
     write_whole_with(file, |out| view.write_npy(out).map_err(std::io::Error::other))
 }
 
-/// Pearson's correlation, bit by bit.
+/// Pearson's correlation of pairs that are added one by one.
 #[derive(Default)]
 struct Correlation {
     n: f64,
@@ -215,7 +216,7 @@ impl Correlation {
         self.products = [self.products[0] + a * a, self.products[1] + b * b, self.products[2] + a * b];
     }
 
-    /// 0 where one of the two does not vary.
+    /// Returns the correlation; 0 if one of the two does not vary.
     fn value(&self) -> f64 {
         let [a, b] = self.sums.map(|s| s / self.n);
         let [aa, bb, ab] = self.products.map(|p| p / self.n);

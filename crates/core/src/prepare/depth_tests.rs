@@ -1,4 +1,4 @@
-//! Estimated depth: from a made-up network to what training reads.
+//! Tests of estimated depth, from a made-up network to the input of training.
 
 use super::*;
 use crate::{
@@ -12,7 +12,7 @@ const FRAMES: usize = 10;
 /// Scale of each frame's estimate.
 const SCALES: [f32; FRAMES] = [1.0, 1.0, 1.3, 0.8, 1.0, 1.1, 0.9, 1.0, 1.0, 1.2];
 
-/// A wall that comes nearer to the right, and a labelled square; the red value tells the frame.
+/// Writes a wall that comes nearer to the right, and a labelled square; the red value encodes the frame.
 fn write_clip(folder: &Path) -> Sequence {
     fs::create_dir_all(folder).unwrap();
     for i in 0..FRAMES as u8 {
@@ -24,7 +24,7 @@ fn write_clip(folder: &Path) -> Sequence {
     Sequence::open(folder).unwrap()
 }
 
-/// Disparity at a quarter of the size, with a scale of its own for each frame.
+/// Returns disparity at a quarter of the size, with a different scale for each frame.
 fn disparity(image: &RgbImage) -> Result<Grid<f32>> {
     let scale = SCALES[usize::from(image.get_pixel(0, 0)[0])];
     Ok(Grid::from_vec(10, 8, (0..80).map(|i| (1.0 + 0.1 * (i % 10) as f32) / scale).collect()))

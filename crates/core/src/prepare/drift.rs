@@ -1,16 +1,17 @@
-//! The scale of depth over time. A network that sees single pictures gives each of them a scale of its own; in a
-//! recording by a still camera most of the surface stays where it is, so that the scales can be told from motion.
+//! The scale of depth over time. A network that sees single pictures gives each of them a scale of its
+//! own. In a recording by a still camera most of the surface stays in place, so scales can be
+//! separated from motion.
 
 use crate::num::percentile;
 use rayon::prelude::*;
 
-/// Frames that all others are compared with: enough that no single one matters.
+/// Number of frames that all others are compared with: enough that no single one matters.
 const REFERENCES: usize = 48;
 
-/// The logarithm of each frame's scale, their median 0, from logarithms of depth at the same places of every frame,
-/// [frames][places], NaN where unknown. The difference of two frames is the median over their places, so that what moves
-/// or is hidden does not count; a frame's scale is the median of its differences from frames spread over the recording.
-/// A frame without a value has scale 0.
+/// Returns the logarithm of each frame's scale, their median 0, from logarithms of depth at the same
+/// places of every frame, [frames][places], NaN where unknown. The difference of two frames is the median
+/// over their places, so that moving or hidden places do not count. A frame's scale is the median of its
+/// differences from frames spread over the recording. A frame without a value has scale 0.
 pub(super) fn log_scales(log_depth: &[Vec<f32>]) -> Vec<f32> {
     let n = log_depth.len();
     let some = n.min(REFERENCES);
@@ -22,7 +23,7 @@ pub(super) fn log_scales(log_depth: &[Vec<f32>]) -> Vec<f32> {
     scales.iter().map(|s| if s.is_finite() { s - middle } else { 0.0 }).collect()
 }
 
-/// Of the values that are numbers.
+/// Returns the median of the finite values.
 fn median(values: impl Iterator<Item = f32>) -> Option<f32> {
     percentile(&mut values.filter(|v| v.is_finite()).collect::<Vec<_>>(), 50.0)
 }
@@ -31,7 +32,8 @@ fn median(values: impl Iterator<Item = f32>) -> Option<f32> {
 mod tests {
     use super::*;
 
-    /// Logarithms of depth of a slope under drifting scales, a third of the places covered by something that moves.
+    /// Returns logarithms of depth of a slope under drifting scales, a third of the places covered by
+    /// something that moves.
     fn drifting(scales: &[f32]) -> Vec<Vec<f32>> {
         let value = |i: usize, p: usize| match (p + 7 * i) % 3 {
             0 => -2.0 + 0.05 * i as f32,

@@ -1,4 +1,4 @@
-//! Reading and writing the files of a prepared folder.
+//! Reads and writes the files of a prepared folder.
 
 use super::{EncoderIdentity, EstimatedDepth, Origin, RegionMap};
 use crate::{
@@ -23,21 +23,22 @@ pub(super) const MANIFEST: &str = "prepared.json";
 pub(super) const REGIONS: &str = "regions";
 const CODEC: &str = "codec.safetensors";
 const FEATURES: &str = "features.safetensors";
-/// Bytes of a manifest: those of some million frames.
+/// Largest size of a manifest in bytes: that of some million frames.
 const MOST_MANIFEST: u64 = 1 << 28;
 const VERSION: u32 = 1;
 const AGAIN: &str = "Prepare the recording again.";
 
-/// What `prepared.json` says.
+/// Contents of `prepared.json`.
 #[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub(super) struct Manifest {
     pub(super) version: u32,
     pub(super) made_by: String,
-    /// The recording, from the prepared folder; absent where there is no such way (another drive).
+    /// Path of the recording relative to the prepared folder; absent if there is no such path
+    /// (another drive).
     pub(super) recording_relative: Option<PathBuf>,
-    /// The recording as it was found.
+    /// Path of the recording at the time of preparation.
     pub(super) recording: PathBuf,
-    /// What the recording was; absent in folders older than this, which know it by number and size of the frames.
+    /// Identity of the recording; absent in older folders, which know it by number and size of the frames.
     #[serde(default, skip_serializing_if = "Option::is_none", with = "shared_identity")]
     pub(super) identity: Option<Arc<Identity>>,
     pub(super) eval: bool,
@@ -47,22 +48,23 @@ pub(super) struct Manifest {
     pub(super) encoder: EncoderIdentity,
     #[serde(default)]
     pub(super) origin: Origin,
-    /// Depth that a network estimated, where the recording has none.
+    /// Depth that a network estimated, if the recording has none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) depth: Option<EstimatedDepth>,
-    /// Row k of the feature table is class k.
+    /// Classes of the feature table: row k is class k.
     pub(super) classes: Vec<Class>,
-    /// Pixels of each row over all training frames.
+    /// Number of pixels of each row over all training frames.
     pub(super) row_pixels: Vec<u64>,
     /// Frames with a region file, ascending.
     pub(super) region_frames: Vec<usize>,
     pub(super) codec_settings: CodecSettings,
-    /// SHA-256 of what training reads, hexadecimal, by path inside the folder; older folders have the tensors' alone.
+    /// SHA-256 of the files that training reads, hexadecimal, by path inside the folder; older folders
+    /// have only those of the tensors.
     pub(super) sha256: BTreeMap<String, String>,
 }
 
 impl Manifest {
-    /// A manifest for `sequence` prepared into `folder`, to be filled in. Reads the whole recording.
+    /// Creates a manifest for `sequence` prepared into `folder`, to be filled in. Reads the whole recording.
     pub(super) fn of(
         sequence: &Sequence,
         folder: &Path,
@@ -93,7 +95,7 @@ impl Manifest {
         Ok(manifest)
     }
 
-    /// Says where the recording is, seen from the prepared folder.
+    /// Stores the path of the recording, also relative to the prepared folder.
     pub(super) fn point_to(&mut self, folder: &Path, recording: &Path) {
         self.recording = full_path(recording);
         self.recording_relative = relative_path(&full_path(folder), &self.recording);
@@ -126,7 +128,7 @@ impl Manifest {
         serde_json::from_value(json).map_err(malformed)
     }
 
-    /// Writes the manifest: the folder is complete from now on.
+    /// Writes the manifest, which marks the folder as complete.
     pub(super) fn write(&self, folder: &Path) -> Result<()> {
         let path = folder.join(MANIFEST);
         let text = serde_json::to_vec_pretty(self)
@@ -134,7 +136,7 @@ impl Manifest {
         write_whole(&path, &text)
     }
 
-    /// The recording, looked for beside the folder first: both may have moved together.
+    /// Opens the recording. The relative path is tried first: both may have moved together.
     pub(super) fn open_recording(&self, folder: &Path) -> Result<Sequence> {
         let beside = self.recording_relative.as_ref().map(|r| folder.join(r));
         let places = beside.into_iter().chain([self.recording.clone()]);
@@ -207,7 +209,7 @@ impl Manifest {
     }
 }
 
-/// Errs where bytes of the file at `path` are not those that were written.
+/// Returns an error if the bytes of the file at `path` are not those that were written.
 pub(crate) fn require_checksum(path: &Path, bytes: &[u8], expected: &str) -> Result<()> {
     if sha256(bytes) == expected {
         return Ok(());
@@ -215,12 +217,12 @@ pub(crate) fn require_checksum(path: &Path, bytes: &[u8], expected: &str) -> Res
     Err(Error::input_at(path, "the file is damaged or was changed: its checksum differs", AGAIN))
 }
 
-/// The region map of frame `i`, inside the folder.
+/// Returns the path of the region map of frame `i`, inside the folder.
 pub(super) fn region_file(i: usize) -> String {
     format!("{REGIONS}/frame_{i:06}.png")
 }
 
-/// Writes a 16-bit grey PNG; gives its checksum.
+/// Writes a 16-bit grey PNG; returns its checksum.
 pub(super) fn write_region_map(path: &Path, map: RegionMap) -> Result<String> {
     let (width, height) = (map.width as u32, map.height as u32);
     let Some(image) = ImageBuffer::<Luma<u16>, _>::from_raw(width, height, map.data) else {
@@ -234,7 +236,7 @@ pub(super) fn write_region_map(path: &Path, map: RegionMap) -> Result<String> {
     Ok(sha256(bytes.get_ref()))
 }
 
-/// Reads what [`write_region_map`] wrote; older folders have no checksum to compare with.
+/// Reads a map that [`write_region_map`] wrote; older folders have no checksum to compare with.
 pub(super) fn read_region_map(path: &Path, sha256: Option<&str>) -> Result<RegionMap> {
     if let Some(sha256) = sha256 {
         let bytes = read_regular(path, MOST_BYTES).map_err(|e| Error::io("read the region map", path, e))?;
@@ -253,7 +255,7 @@ pub(super) fn read_region_map(path: &Path, sha256: Option<&str>) -> Result<Regio
     }
 }
 
-/// Writes tensors as a safetensors file; `key` is kept with them.
+/// Writes tensors as a safetensors file; `key` is stored with them.
 pub(super) fn to_safetensors(
     tensors: &[(String, ArrayViewD<'_, f32>)],
     key: Option<&str>,
@@ -268,7 +270,7 @@ pub(super) fn to_safetensors(
     safetensors::serialize(views, metadata)
 }
 
-/// The key a safetensors file was written with.
+/// Returns the key that a safetensors file was written with.
 pub(super) fn key_of(bytes: &[u8]) -> Option<String> {
     let (_, metadata) = SafeTensors::read_metadata(bytes).ok()?;
     metadata.metadata().as_ref()?.get("key").cloned()
@@ -287,7 +289,7 @@ pub(super) fn from_safetensors(bytes: &[u8]) -> Result<BTreeMap<String, ArrayD<f
     file.tensors().into_iter().map(tensor).collect()
 }
 
-/// The way from one absolute folder to another absolute path; `None` if they share no root.
+/// Returns the relative path from one absolute folder to another absolute path; `None` if they share no root.
 fn relative_path(from: &Path, to: &Path) -> Option<PathBuf> {
     let shared = from.components().zip(to.components()).take_while(|(a, b)| a == b).count();
     if shared == 0 {

@@ -1,4 +1,4 @@
-//! What every way of preparing begins and ends with: an empty folder, and a trained codec.
+//! The common first and last steps of every way of preparing: an empty folder, and a trained codec.
 
 use super::{
     Prepared,
@@ -15,8 +15,8 @@ use crate::{
 use ndarray::Array2;
 use std::path::Path;
 
-/// Trains the codec on the feature table (`rows`, flat, one of the encoder's length per entry of the manifest's
-/// `row_pixels`), writes both and opens the finished folder.
+/// Trains the codec on the feature table, writes both and opens the finished folder. `rows` is flat, with
+/// one row of the encoder's length per entry of the manifest's `row_pixels`.
 pub(super) fn finish(
     mut manifest: Manifest,
     rows: Vec<f32>,
@@ -40,7 +40,7 @@ pub(super) fn finish(
     Prepared::open(folder)
 }
 
-/// Makes `folder`, or empties a prepared one: nothing of an earlier preparation may stay behind.
+/// Creates `folder`, or empties a prepared one: nothing of an earlier preparation may stay behind.
 pub(super) fn clear_folder(folder: &Path, sequence: &Sequence) -> Result<()> {
     let fail = |e| Error::io("prepare the folder", folder, e);
     if folder.exists() && full_path(folder) == full_path(sequence.path()) {
@@ -73,10 +73,11 @@ pub(super) fn clear_folder(folder: &Path, sequence: &Sequence) -> Result<()> {
     write_whole(&regions.join(MARKER), b"Region maps, written by surgtpgs prepare.\n")
 }
 
-/// Whether a preparation into `folder` was begun and not finished: it has regions but no manifest yet.
+/// Returns `true` if a preparation into `folder` was begun and not finished: it has regions but
+/// no manifest yet.
 pub(super) fn is_unfinished(folder: &Path) -> bool {
     !Prepared::is_prepared(folder) && folder.join(REGIONS).join(MARKER).is_file()
 }
 
-/// A file that tells our regions folder from anybody else's.
+/// File that tells our regions folder from folders of other programs.
 const MARKER: &str = "README.txt";

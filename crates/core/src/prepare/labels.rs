@@ -14,15 +14,15 @@ use crate::{
 use rayon::prelude::*;
 use std::path::Path;
 
-/// Frames read at once; progress is told in between.
+/// Number of frames read at once; progress is reported in between.
 const FRAMES_AT_ONCE: usize = 8;
 
-/// Turns label masks into features: every pixel gets the embedding of its class name.
-/// `embeddings` has one unit row per class of the sequence. Frames held out by `eval` leave no trace.
+/// Turns label masks into features: every pixel gets the embedding of its class name. `embeddings` has
+/// one unit row per class of the sequence. Frames held out by `eval` leave no trace.
 ///
-/// Pixels outside the supervision mask or without a label get no feature, and a class that has no pixel left in
-/// any training frame no row. `folder` is made; one that is prepared already is overwritten, any other that is
-/// not empty is refused. `progress` gets what is being done, and how much of how much.
+/// Pixels outside the supervision mask or without a label get no feature. A class that has no pixel left in
+/// any training frame gets no row. `folder` is created; a prepared folder is overwritten, any other that is
+/// not empty is refused. `progress` gets a description of the current step, the amount done and the total.
 pub fn prepare_from_labels(
     sequence: Sequence,
     encoder: EncoderIdentity,
@@ -67,7 +67,7 @@ pub fn prepare_from_labels(
     finish(manifest, rows, settings, folder, progress)
 }
 
-/// One unit row per class of the sequence, as long as the encoder says.
+/// Checks that there is one unit row per class of the sequence, as long as the encoder says.
 fn checked_embeddings(
     sequence: &Sequence,
     encoder: &EncoderIdentity,
@@ -103,7 +103,7 @@ fn checked_embeddings(
     classes.iter().zip(embeddings).map(unit).collect()
 }
 
-/// Pixels of each class over `frames`, in the order of the sequence's classes.
+/// Counts the pixels of each class over `frames`, in the order of the sequence's classes.
 fn count_pixels(
     sequence: &Sequence,
     frames: &[usize],
@@ -122,7 +122,7 @@ fn count_pixels(
     Ok(pixels)
 }
 
-/// Row of the feature table by class id: row k is the class `present[k]`.
+/// Returns the row of the feature table by class id: row k is the class `present[k]`.
 fn rows_by_id(sequence: &Sequence, present: &[usize]) -> [u16; 256] {
     let mut rows = [NO_REGION; 256];
     for (row, &class) in present.iter().enumerate() {
@@ -132,7 +132,7 @@ fn rows_by_id(sequence: &Sequence, present: &[usize]) -> [u16; 256] {
     rows
 }
 
-/// The region map of frame `i`; `None` if the frame has no labels.
+/// Returns the region map of frame `i`; `None` if the frame has no labels.
 fn region_map(sequence: &Sequence, i: usize, rows: &[u16; 256]) -> Result<Option<RegionMap>> {
     let Some(labels) = sequence.labels(i)? else { return Ok(None) };
     let keep = sequence.mask(i)?;

@@ -1,6 +1,7 @@
-//! Features as LangSplat and the authors' scripts keep them: `NAME_f.npy` [n, dim] with the embeddings of a frame's masks
-//! and `NAME_s.npy` [4, h, w] with the number of the mask at each pixel, one plane a level, -1 where there is none. Or, as
-//! their newer scripts do, `NAME_agg.npy` [1, h, w, dim] with an embedding for every place.
+//! Features in the files of LangSplat and the authors' scripts. `NAME_f.npy` [n, dim] holds the
+//! embeddings of a frame's masks. `NAME_s.npy` [4, h, w] holds the number of the mask at each pixel, one
+//! plane per level, -1 where there is none. The authors' newer scripts write `NAME_agg.npy` [1, h, w,
+//! dim] instead, with an embedding for every place.
 
 use super::{DenseMap, FrameFeatures, NO_REGION, Prepared, RegionMap, files::Manifest};
 use crate::{Error, Result, files::write_whole_with, reading::npy_f32, segment::Level, sequence::Sequence};
@@ -11,16 +12,16 @@ use std::path::{Path, PathBuf};
 const HINT: &str = "Features are pairs NAME_f.npy [n, dim] and NAME_s.npy [4, h, w], or maps NAME_agg.npy [1, h, w, dim], NAME being that of \
                     the frame's picture.";
 
-/// Whether a folder holds features of this kind for at least one frame.
+/// Returns `true` if a folder holds features of this kind for at least one frame.
 pub fn holds_langsplat(folder: &Path, sequence: &Sequence) -> bool {
     let pair = |i: usize| files(folder, sequence, i).iter().all(|f| f.is_file());
     (0..sequence.num_frames()).any(|i| pair(i) || dense_file(folder, sequence, i).is_file())
 }
 
-/// The features of frame `i` from `folder`; `None` if it has no files. Maps of another size than the frames are brought
-/// to it by the nearest value, as the authors do; `level` means nothing for dense maps.
+/// Reads the features of frame `i` from `folder`; `None` if it has no files. Maps of another size than the
+/// frames are resampled to it by the nearest value, as the authors do. `level` is ignored for dense maps.
 ///
-/// Fails where shapes are others or a pixel points beyond the embeddings.
+/// Fails if shapes are wrong or a pixel points beyond the embeddings.
 pub fn read_langsplat(
     folder: &Path,
     sequence: &Sequence,
@@ -62,8 +63,8 @@ pub fn read_langsplat(
 }
 
 /// Writes the features of a prepared folder into `folder`: `language_features` with the embeddings and
-/// `language_features_dim3` with their latents (whatever their number D), all levels alike. Frames are named like their
-/// pictures. `progress` gets (frames done, frames).
+/// `language_features_dim3` with their latents (whatever their number D). All levels are the same. Frames
+/// are named like their pictures. `progress` gets (frames done, frames).
 pub fn write_langsplat(
     prepared: &Prepared,
     folder: &Path,
@@ -100,7 +101,7 @@ pub fn write_langsplat(
     Ok(())
 }
 
-/// Numbers a place of maps that an autoencoder of the authors' has compressed, at most.
+/// Largest number of values per place in maps that the authors' autoencoder has compressed.
 const COMPRESSED: usize = 16;
 
 fn read_dense(file: &Path) -> Result<DenseMap> {
@@ -123,7 +124,7 @@ fn dense_file(folder: &Path, sequence: &Sequence, i: usize) -> PathBuf {
     folder.join(format!("{}_agg.npy", sequence.frame_name(i)))
 }
 
-/// Embeddings and maps of frame `i`.
+/// Returns the paths of the embeddings and maps of frame `i`.
 fn files(folder: &Path, sequence: &Sequence, i: usize) -> [PathBuf; 2] {
     ["f", "s"].map(|kind| folder.join(format!("{}_{kind}.npy", sequence.frame_name(i))))
 }

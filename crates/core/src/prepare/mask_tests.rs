@@ -1,4 +1,5 @@
-//! Preparing from regions with embeddings, and keeping masks and embeddings that took long to make.
+//! Tests of preparing from regions with embeddings, and of reusing masks and embeddings that
+//! took long to make.
 
 use super::*;
 use crate::{
@@ -12,7 +13,7 @@ use std::{fs, ops::ControlFlow};
 const FRAMES: usize = 10;
 const QUICK: CodecSettings = CodecSettings { latent_dim: 3, steps: 40, seed: 0 };
 
-/// Two halves of different colours; frame 4 is all of one.
+/// Writes frames with two halves of different colours; frame 4 has only one colour.
 fn write_clip(folder: &Path) -> Sequence {
     fs::create_dir_all(folder).unwrap();
     for i in 0..FRAMES {
@@ -28,7 +29,7 @@ fn encoder(dim: usize) -> EncoderIdentity {
     EncoderIdentity { name: "made up".into(), sha256: "00".into(), dim, template: "{}".into(), folder: None }
 }
 
-/// Mean colour of what a mask shows.
+/// Embeds a mask as the mean colour of its pixels.
 fn embed(image: &RgbImage, masks: &[&BitMask]) -> Result<Vec<Vec<f32>>> {
     let mean = |mask: &&BitMask| {
         let mut sum = vec![0.0; 3];
@@ -65,7 +66,7 @@ impl Place {
         MaskStore { sequence: &self.sequence, folder: prep, settings, model }
     }
 
-    /// Makes masks; gives the number of pictures the network had to look at.
+    /// Makes masks; returns the number of pictures the network had to look at.
     fn make(&self, model: &str, settings: &MaskSettings, eval: bool) -> usize {
         let mut segmenter = ByColour::new(|_, _| 0.95);
         let prep = self.prep();
@@ -216,7 +217,7 @@ fn langsplat_files_are_written_and_read_back() {
     let out = place.folder.path().join("out");
     write_langsplat(&prepared, &out, &mut |_, _| {}).unwrap();
 
-    // As the authors' loaders see them: float32, one plane a level, -1 where nothing is, unit rows.
+    // As the authors' loaders expect them: float32, one plane per level, -1 for no mask, unit rows.
     let read = |name: &str| crate::reading::npy(&out.join(name)).unwrap();
     let (shape, maps) = read("language_features/frame_4_s.npy");
     assert_eq!(shape, [4, 24, 32]);

@@ -1,4 +1,4 @@
-//! Features of image regions: automatic masks with an image encoder, or what other programs made.
+//! Features of image regions: from automatic masks with an image encoder, or from files of other programs.
 
 use super::{
     EncoderIdentity, NO_REGION, Prepared, RegionMap,
@@ -23,20 +23,20 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Where the features of a prepared folder come from.
+/// Source of the features of a prepared folder.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Origin {
     /// Label masks and the embeddings of their classes' names.
     #[default]
     Labels,
-    /// Automatic masks and the embeddings of what they show.
+    /// Automatic masks and the embeddings of their contents.
     Masks {
         /// SHA-256 of the models that made the masks.
         mask_model: String,
-        /// How they were made.
+        /// Settings with which they were made.
         settings: MaskSettings,
-        /// Which of them are used.
+        /// Level of the masks that are used.
         level: Level,
         /// SHA-256 of the image encoder.
         image_encoder: String,
@@ -48,9 +48,9 @@ pub enum Origin {
     },
     /// Files of LangSplat's kind.
     LangSplat {
-        /// Where they were.
+        /// Folder of the files.
         folder: PathBuf,
-        /// Which of their maps is used.
+        /// Level of the maps that is used.
         level: Level,
     },
 }
@@ -60,17 +60,18 @@ pub enum Origin {
 pub struct FrameFeatures {
     /// Number of the embedding per pixel; [`NO_REGION`] where there is none.
     pub regions: RegionMap,
-    /// Embeddings; made unit length here.
+    /// Embeddings; they are scaled to unit length here.
     pub rows: Vec<Vec<f32>>,
 }
 
-/// Turns regions with embeddings into a prepared folder. `features` is asked for every frame that is not held out, in
-/// order; `None` is a frame without features. `encoder` is the text encoder whose embeddings the rows are compared with.
+/// Turns regions with embeddings into a prepared folder. `features` is called for every frame that is not
+/// held out, in order; `None` is a frame without features. `encoder` is the text encoder whose embeddings
+/// the rows are compared with.
 ///
-/// Pixels outside the supervision mask get no feature, and embeddings that no pixel shows no row. Fails where a frame's
-/// regions have another size or point beyond their rows, where rows are not finite or have another length than the
-/// text encoder's, and where there are more rows than 16 bits can number. `folder` is treated as by
-/// [`super::prepare_from_labels`].
+/// Pixels outside the supervision mask get no feature, and embeddings that no pixel shows get no row.
+/// Fails if a frame's regions have another size or point beyond their rows, if rows are not finite or
+/// have another length than the text encoder's, and if there are more rows than 16 bits can number.
+/// `folder` is treated as by [`super::prepare_from_labels`].
 #[expect(clippy::too_many_arguments, reason = "each is another thing, and there is one caller a kind")]
 pub fn prepare_from_features(
     sequence: Sequence,
@@ -108,7 +109,8 @@ pub fn prepare_from_features(
     finish(manifest, table, settings, folder, progress)
 }
 
-/// The region map of frame `i` with rows numbered from `first` on, those rows (flat, unit) and the pixels of each.
+/// Returns the region map of frame `i` with rows numbered from `first` on, those rows (flat, unit) and
+/// the number of pixels of each.
 fn numbered(
     sequence: &Sequence,
     i: usize,
@@ -162,28 +164,29 @@ fn numbered(
     Ok((regions, table, counts))
 }
 
-/// The subfolders of a prepared folder that hold minutes of work a frame, each file with what it was made from.
+/// The subfolders of a prepared folder that hold minutes of work per frame. Each file is stored with a
+/// key of everything it was made from.
 pub const MASKS_AND_EMBEDDINGS: [&str; 2] = ["masks", "embeddings"];
 
-/// Masks and embeddings of frames, made where they are not on disk already.
+/// Masks and embeddings of frames, made if they are not on disk already.
 pub struct MaskStore<'a> {
     /// The recording.
     pub sequence: &'a Sequence,
-    /// The prepared folder they are kept in.
+    /// The prepared folder that holds them.
     pub folder: &'a Path,
-    /// How masks are made.
+    /// Settings of the mask generation.
     pub settings: &'a MaskSettings,
     /// SHA-256 of the models that make them.
     pub model: &'a str,
 }
 
-/// Makes embeddings of what masks show on an image.
+/// Makes embeddings of the contents of masks on an image.
 pub type Embed<'a> = dyn FnMut(&RgbImage, &[&BitMask]) -> Result<Vec<Vec<f32>>> + 'a;
 
 impl MaskStore<'_> {
-    /// Makes the masks of all frames that have none yet; `eval` leaves out those held out. `progress` gets (frames done,
-    /// frames, share of the current one in words) and may ask to stop: the error is then [`Error::Cancelled`], and what
-    /// is finished is used the next time.
+    /// Makes the masks of all frames that have none yet; `eval` leaves out those held out. `progress`
+    /// gets (frames done, frames, share of the current one in words) and may ask to stop: the error is
+    /// then [`Error::Cancelled`], and finished masks are used the next time.
     pub fn make_masks(
         &self,
         segmenter: &mut dyn PointSegmenter,
@@ -208,8 +211,8 @@ impl MaskStore<'_> {
         progress(frames.len(), frames.len(), "").is_continue().then_some(()).ok_or(Error::Cancelled)
     }
 
-    /// The features of frame `i` from its masks of `level`, which must have been made. `encoder` is the SHA-256 of what
-    /// makes embeddings.
+    /// Returns the features of frame `i` from its masks of `level`, which must have been made. `encoder`
+    /// is the SHA-256 of the image encoder.
     pub fn features(
         &self,
         i: usize,
@@ -242,7 +245,7 @@ impl MaskStore<'_> {
         Ok(Some(FrameFeatures { regions, rows }))
     }
 
-    /// The masks of frame `i`, if they were made.
+    /// Returns the masks of frame `i`, if they were made.
     pub fn masks(&self, i: usize) -> Result<Option<FrameMasks>> {
         FrameMasks::load(&self.mask_file(i), &self.key(i, &self.sequence.frame(i)?)?)
     }
@@ -256,7 +259,7 @@ impl MaskStore<'_> {
         self.folder.join(MASKS_AND_EMBEDDINGS[1]).join(format!("frame_{i:06}_{level}.safetensors"))
     }
 
-    /// Everything that the masks of frame `i` depend on.
+    /// Returns a key of everything that the masks of frame `i` depend on.
     fn key(&self, i: usize, image: &RgbImage) -> Result<String> {
         let settings = serde_json::to_vec(self.settings).unwrap_or_default();
         let keep: Vec<u8> = self.sequence.mask(i)?.data.iter().map(|keep| u8::from(*keep)).collect();
@@ -265,7 +268,7 @@ impl MaskStore<'_> {
     }
 }
 
-/// One hash over several parts.
+/// Returns one hash over several parts.
 fn digest(parts: &[&[u8]]) -> String {
     let hashes: Vec<String> = parts.iter().map(|part| sha256(part)).collect();
     sha256(hashes.join("\n").as_bytes())
@@ -280,7 +283,7 @@ fn save_embeddings(path: &Path, key: &str, rows: &[Vec<f32>]) -> Result<()> {
     write_whole(path, &to_safetensors(&tensors, Some(key)).map_err(|e| failed(e.to_string()))?)
 }
 
-/// The embeddings saved under `key`; `None` where there are none or the file is damaged.
+/// Loads the embeddings saved under `key`; `None` if there are none or the file is damaged.
 fn load_embeddings(path: &Path, key: &str) -> Result<Option<Vec<Vec<f32>>>> {
     let bytes = match read_regular(path, MOST_BYTES) {
         Ok(bytes) => bytes,

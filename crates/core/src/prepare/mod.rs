@@ -1,18 +1,18 @@
-//! A prepared folder: per-pixel features of a recording, and the codec that compresses them.
-//! The recording itself is never modified; the folder points to it.
+//! A prepared folder: per-pixel features of a recording, and the codec that compresses them. The
+//! recording itself is never modified; the folder points to it.
 //!
 //! | file | holds |
 //! |---|---|
-//! | `prepared.json` | where the recording is, what was prepared and how, checksums; written last |
+//! | `prepared.json` | path of the recording, what was prepared and how, checksums; written last |
 //! | `codec.safetensors` | `encoder.K.weight` [out, in], `encoder.K.bias` [out], `decoder.K.…` |
 //! | `features.safetensors` | `table` [rows, dim] (unit rows) and `latents` [rows, D] (unit rows), f32 |
 //! | `regions/frame_000000.png` | 16-bit row of the table per pixel, 65535 where there is no feature |
-//! | `masks/frame_000000.json` | where features come from automatic masks: these, as pycocotools reads them |
-//! | `depth/frame_000000.npy` | where a network estimated depth: z in scene units, [h, w] of any size |
+//! | `masks/frame_000000.json` | if features come from automatic masks: these, as pycocotools reads them |
+//! | `depth/frame_000000.npy` | if a network estimated depth: z in scene units, [h, w] of any size |
 //! | `embeddings/frame_000000.safetensors` | `embeddings` [masks, dim]: one per mask of the level in use |
 //!
-//! Masks and embeddings take minutes a frame; they stay, and are used again where nothing they depend on has changed.
-//! With `eval`, held-out frames leave no trace: no region file, no row, no share in the codec.
+//! Masks and embeddings take minutes per frame. They stay, and are used again if nothing they depend on has
+//! changed. With `eval`, held-out frames leave no trace: no region file, no row, no share in the codec.
 
 mod dense;
 mod depth;
@@ -50,7 +50,8 @@ use std::{
     sync::Arc,
 };
 
-/// Which text encoder made the embeddings; another one of the same width would be silently wrong.
+/// Identity of the text encoder that made the embeddings; another one of the same width would
+/// be silently wrong.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct EncoderIdentity {
     /// "builtin" or the folder's name.
@@ -61,7 +62,7 @@ pub struct EncoderIdentity {
     pub dim: usize,
     /// Prompt template with `{}` for the words.
     pub template: String,
-    /// Folder it was loaded from; `None` for the built-in one.
+    /// Folder that it was loaded from; `None` for the built-in one.
     pub folder: Option<PathBuf>,
 }
 
@@ -71,12 +72,12 @@ pub type RegionMap = Grid<u16>;
 /// A pixel without a feature.
 pub const NO_REGION: u16 = u16::MAX;
 
-/// The frames that training may see.
+/// Returns the frames that training may see.
 fn used_frames(sequence: &Sequence, eval: bool) -> Vec<usize> {
     (0..sequence.num_frames()).filter(|&i| !(eval && Sequence::is_test_frame(i))).collect()
 }
 
-/// What the recording of a folder was for.
+/// Relation of a folder to its recording, in the words that [`Identity::require`] puts into its message.
 const WAS_PREPARED: &str = "this folder was prepared from";
 
 /// An opened prepared folder.
@@ -84,14 +85,14 @@ const WAS_PREPARED: &str = "this folder was prepared from";
 pub struct Prepared {
     /// The recording.
     pub sequence: Sequence,
-    /// Whether test frames are held out of everything.
+    /// `true` if test frames are held out of everything.
     pub eval: bool,
-    /// What made the embeddings.
+    /// The text encoder that made the embeddings.
     pub encoder: EncoderIdentity,
-    /// Where the features come from.
+    /// Source of the features.
     pub origin: Origin,
-    /// Class names with their unit embeddings, where features come from labels: row k of the feature table is
-    /// class k. Only classes that occur in training frames.
+    /// Class names with their unit embeddings, if features come from labels: row k of the feature table
+    /// is class k. Only classes that occur in training frames.
     pub classes: Vec<(Class, Vec<f32>)>,
     /// The trained codec.
     pub codec: Codec,
@@ -101,25 +102,25 @@ pub struct Prepared {
     pub folder: PathBuf,
     /// Frames that have a region file, ascending.
     region_frames: Vec<usize>,
-    /// What the recording was; older folders do not say.
+    /// Identity of the recording; older folders have none.
     identity: Option<Arc<Identity>>,
     /// SHA-256 of files by their path inside the folder.
     sha256: Arc<BTreeMap<String, String>>,
 }
 
 impl Prepared {
-    /// Whether `path` is a prepared folder.
+    /// Returns `true` if `path` is a prepared folder.
     pub fn is_prepared(path: &Path) -> bool {
         path.join(MANIFEST).is_file()
     }
 
-    /// Whether a preparation into `path` was begun and not finished.
+    /// Returns `true` if a preparation into `path` was begun and not finished.
     pub fn is_unfinished(path: &Path) -> bool {
         finish::is_unfinished(path)
     }
 
-    /// Opens a prepared folder and the recording it points to. Fails if either is incomplete, was changed, or
-    /// no longer fits the other.
+    /// Opens a prepared folder and the recording it points to. Fails if either is incomplete, was
+    /// changed, or does not fit the other.
     pub fn open(path: &Path) -> Result<Self> {
         let manifest = Manifest::read(path)?;
         let (codec, rows, latents) = manifest.read_tensors(path)?;
@@ -159,30 +160,32 @@ impl Prepared {
         })
     }
 
-    /// The same after its folder was moved to `folder`.
+    /// Returns the same prepared folder after it was moved to `folder`.
     pub fn moved_to(self, folder: &Path) -> Self {
         Self { sequence: self.sequence.with_depth_at(folder), folder: folder.to_owned(), ..self }
     }
 
-    /// Errs where the content of a frame is not what was prepared; reads the whole recording.
+    /// Returns an error if the content of a frame differs from the prepared recording; reads the
+    /// whole recording.
     pub fn require_recording(&self) -> Result<()> {
         let Some(identity) = &self.identity else { return Ok(()) };
         self.sequence.identity()?.require(identity, self.sequence.path(), WAS_PREPARED)
     }
 
-    /// Points the prepared folder `folder` to where its recording is now; the recording itself is not looked at.
+    /// Points the prepared folder `folder` to the new path of its recording; the recording
+    /// itself is not read.
     pub fn relocate(folder: &Path, recording: &Path) -> Result<()> {
         let mut manifest = Manifest::read(folder)?;
         manifest.point_to(folder, recording);
         manifest.write(folder)
     }
 
-    /// Rows of the feature table.
+    /// Returns the number of rows of the feature table.
     pub fn num_rows(&self) -> usize {
         self.latents.len() / self.codec.latent_dim().max(1)
     }
 
-    /// Feature-table rows per pixel of frame `i`; `None` where that frame has none (or is held out).
+    /// Returns the feature-table rows per pixel of frame `i`; `None` if that frame has none (or is held out).
     pub fn regions(&self, i: usize) -> Result<Option<RegionMap>> {
         if self.region_frames.binary_search(&i).is_err() {
             return Ok(None);

@@ -1,4 +1,4 @@
-//! Preparing tiny CholecSeg8K folders, and opening what time and mishap have done to them.
+//! Tests of preparing tiny CholecSeg8K folders, and of opening old and damaged ones.
 
 use super::*;
 use crate::codec::CodecSettings;
@@ -17,7 +17,8 @@ const GALLBLADDER: u8 = 22;
 const BLACK: u8 = 50;
 const IGNORE: u8 = 255;
 
-/// Liver left, grasper right; the gallbladder only in the test frame 1; a black column and an unknown row.
+/// Writes liver on the left, a grasper on the right, the gallbladder only in the test frame 1, and a
+/// black column and an unknown row.
 fn write_clip(folder: &Path) {
     fs::create_dir_all(folder).unwrap();
     for i in 0..FRAMES {
@@ -46,7 +47,7 @@ fn encoder() -> EncoderIdentity {
     }
 }
 
-/// One embedding per class, all different.
+/// Returns one embedding per class, all different.
 fn embeddings(sequence: &Sequence) -> Vec<Vec<f32>> {
     let row = |k: usize| (0..DIM).map(|j| 1.0 + ((k * 7 + j * 3) % 11) as f32).collect();
     (0..sequence.classes().len()).map(row).collect()
@@ -58,7 +59,7 @@ fn prepare(clip: &Path, folder: &Path, eval: bool) -> Result<Prepared> {
     prepare_from_labels(sequence, encoder(), &embeddings, eval, &QUICK, folder, &mut |_, _, _| {})
 }
 
-/// A temporary place with a clip and its prepared folder.
+/// Makes a temporary folder with a clip and its prepared folder.
 fn prepared(eval: bool) -> (tempfile::TempDir, Prepared) {
     let place = tempfile::tempdir().unwrap();
     write_clip(&place.path().join("clip"));
@@ -102,7 +103,7 @@ fn held_out_frames_leave_no_trace() {
         assert_eq!(prepared.regions(i).unwrap().is_none(), Sequence::is_test_frame(i), "frame {i}");
         assert_eq!(file.exists(), !Sequence::is_test_frame(i), "frame {i}");
     }
-    // What the held-out frames show makes no difference to a single byte.
+    // The contents of held-out frames do not change a single byte.
     for i in [1, 9] {
         let file = place.path().join(format!("clip/frame_{i}_endo_watershed_mask.png"));
         GrayImage::from_pixel(WIDTH, HEIGHT, Luma([LIVER])).save(file).unwrap();
@@ -198,7 +199,8 @@ fn a_recording_without_labels_is_refused() {
     assert!(!place.path().join("prep").exists());
 }
 
-/// As the release before wrote it: without the recording's identity and checksums of maps.
+/// Makes a prepared folder as the previous release wrote it: without the recording's identity and
+/// checksums of maps.
 fn prepared_before_checksums() -> (tempfile::TempDir, Prepared) {
     let (place, prepared) = prepared(false);
     let file = prepared.folder.join(MANIFEST);
@@ -292,7 +294,7 @@ fn region_maps_come_back_to_the_bit() {
     assert!(files::read_region_map(&file, None).unwrap_err().to_string().contains("16-bit grey"));
 }
 
-/// The real clip, where it is present: classes, coverage, and that prompts for classes can be told apart.
+/// Prepares the real clip, if it is present: checks classes, coverage, and that prompts for classes differ.
 #[test]
 fn a_real_clip_is_prepared_in_full() {
     let root = std::env::var_os("SURGTPGS_DATA").map(PathBuf::from);

@@ -1,4 +1,5 @@
-//! Reading files that somebody else wrote: nothing is waited for, and no more memory is taken than a file's bytes justify.
+//! Reads files of other programs. It never waits for a file, and takes no more memory than a
+//! file's size justifies.
 
 mod npy;
 mod number;
@@ -15,19 +16,20 @@ use std::{
     path::Path,
 };
 
-/// Most bytes of a text: a list of 50,000 frames with their cameras fits in.
+/// Largest size of a text in bytes: enough for a list of 50,000 frames with their cameras.
 pub const MOST_TEXT: u64 = 32 << 20;
 
-/// Most bytes of a file that is read as a whole.
+/// Largest size in bytes of a file that is read as a whole.
 pub const MOST_BYTES: u64 = 8 << 30;
 
-/// Whether there is anything at all at `path`, be it a link that leads nowhere: what is there is to be read or refused,
-/// never passed over.
+/// Returns `true` if there is anything at `path`, even a link that leads nowhere. Existing things are
+/// read or refused, never ignored.
 pub fn is_present(path: &Path) -> bool {
     path.symlink_metadata().is_ok()
 }
 
-/// Opens a file, following links. Pipes, sockets and devices are refused at once: opening one may wait for ever.
+/// Opens a file, following links. Pipes, sockets and devices are refused at once: opening one
+/// may wait forever.
 pub fn open_regular(path: &Path) -> Result<File> {
     let kind = std::fs::metadata(path)?;
     if kind.is_file() {
@@ -37,7 +39,7 @@ pub fn open_regular(path: &Path) -> Result<File> {
     Err(Error::new(ErrorKind::InvalidInput, format!("this is {what}, not a file")))
 }
 
-/// The bytes of a file that [`open_regular`] opens; more than `most_bytes` are an error.
+/// Returns the bytes of a file that [`open_regular`] opens; more than `most_bytes` are an error.
 pub fn read_regular(path: &Path, most_bytes: u64) -> Result<Vec<u8>> {
     let file = open_regular(path)?;
     let len = file.metadata()?.len();
@@ -50,12 +52,12 @@ pub fn read_regular(path: &Path, most_bytes: u64) -> Result<Vec<u8>> {
     }
     let mut bytes = Vec::new();
     bytes.try_reserve_exact(len as usize)?;
-    // Files under /proc and those that grow have more bytes than they say.
+    // Files under /proc and growing files have more bytes than their size says.
     file.take(most_bytes.saturating_add(1)).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > most_bytes { too_large() } else { Ok(bytes) }
 }
 
-/// The text of a file that [`open_regular`] opens, of at most [`MOST_TEXT`] bytes.
+/// Returns the text of a file that [`open_regular`] opens, of at most [`MOST_TEXT`] bytes.
 pub fn read_text(path: &Path) -> Result<String> {
     let bytes = read_regular(path, MOST_TEXT)?;
     String::from_utf8(bytes).map_err(|e| {
@@ -79,7 +81,7 @@ mod tests {
         assert!(read_text(&path).unwrap_err().to_string().contains("not a text"));
         assert_eq!(read_text(&folder.path().join("none")).unwrap_err().kind(), ErrorKind::NotFound);
         assert!(read_text(folder.path()).unwrap_err().to_string().contains("a folder"));
-        // A file that says it is large and holds nothing takes no memory.
+        // A large file without content takes no memory.
         File::create(&path).unwrap().set_len(MOST_BYTES + 1).unwrap();
         assert!(read_regular(&path, MOST_BYTES).is_err());
     }

@@ -9,19 +9,19 @@ use std::{
 };
 
 const MAGIC: &[u8] = b"\x93NUMPY";
-/// Longest header; NumPy itself reads 10,000 bytes.
+/// Largest size of a header in bytes; NumPy itself reads 10,000.
 const MOST_HEADER: usize = 1 << 16;
-/// Most axes; NumPy has no more.
+/// Largest number of axes; NumPy has no more.
 const MOST_AXES: usize = 64;
 
-/// A NumPy array of any real number type: its shape and its values in row-major order.
+/// Reads a NumPy array of any real number type: its shape and its values in row-major order.
 ///
 /// Memory is taken only once the file is known to hold as many values as its header says.
 pub fn npy(path: &Path) -> Result<(Vec<usize>, Vec<f64>)> {
     read(path, |v| v)
 }
 
-/// As [`npy`], rounded to single precision.
+/// Reads an array like [`npy`], rounded to single precision.
 pub(crate) fn npy_f32(path: &Path) -> Result<(Vec<usize>, Vec<f32>)> {
     read(path, |v| v as f32)
 }
@@ -44,7 +44,7 @@ fn read<T: Clone>(path: &Path, of: fn(f64) -> T) -> Result<(Vec<usize>, Vec<T>)>
         Problem::What(what) => wrong(what),
     })?;
     let Header { shape, number, is_fortran } = header;
-    // An empty axis hides what the others are; they must be sizes all the same.
+    // An empty axis makes the product 0; the other axes must be valid sizes all the same.
     let places = shape.iter().try_fold(8_usize, |n, &axis| n.checked_mul(axis.max(1)));
     let count: usize = if shape.contains(&0) { 0 } else { places.unwrap_or(0) / 8 };
     let there = len.saturating_sub(start);
@@ -67,7 +67,7 @@ fn read<T: Clone>(path: &Path, of: fn(f64) -> T) -> Result<(Vec<usize>, Vec<T>)>
     Ok((shape, values))
 }
 
-/// Why a header was not read.
+/// The reason why a header was not read.
 enum Problem {
     Io(std::io::Error),
     What(String),
@@ -79,7 +79,7 @@ impl From<std::io::Error> for Problem {
     }
 }
 
-/// What an array is.
+/// Shape and number type of an array.
 struct Header {
     shape: Vec<usize>,
     number: NumberType,
@@ -87,7 +87,7 @@ struct Header {
 }
 
 impl Header {
-    /// The header and where it ends.
+    /// Reads the header and returns it with the position of its end.
     fn read(file: &mut impl Read) -> Result<(Self, u64), Problem> {
         let mut start = [0; 8];
         file.read_exact(&mut start)?;
@@ -109,7 +109,7 @@ impl Header {
         Ok((header, (start.len() + length_bytes + length) as u64))
     }
 
-    /// From a Python dictionary such as `{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4), }`.
+    /// Parses a Python dictionary such as `{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4), }`.
     fn parse(text: &str) -> Result<Self, String> {
         let mut rest = Words(text);
         let (mut shape, mut number, mut is_fortran) = (None, None, None);
@@ -145,7 +145,7 @@ fn number_type(descr: &str) -> Result<NumberType, String> {
     known.ok_or_else(|| format!("its number type {descr:?} is not supported"))
 }
 
-/// What is left of a header's text.
+/// Rest of a header's text.
 struct Words<'a>(&'a str);
 
 impl<'a> Words<'a> {
@@ -183,7 +183,7 @@ impl<'a> Words<'a> {
         self.expect("False").map(|()| false)
     }
 
-    /// Whole numbers in round brackets. Python 2 wrote an L behind some.
+    /// Parses whole numbers in round brackets. Python 2 wrote an L after some.
     fn tuple(&mut self) -> Result<Vec<usize>, String> {
         let mut numbers = Vec::new();
         self.expect("(")?;

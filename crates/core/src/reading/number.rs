@@ -2,17 +2,17 @@
 
 use half::f16;
 
-/// How a number is stored.
+/// Storage format of a number.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct NumberType {
-    /// Bytes of a number.
+    /// Number of bytes of a number.
     pub(crate) size: usize,
     is_big_endian: bool,
     of_bits: fn(u64) -> f64,
 }
 
 impl NumberType {
-    /// By NumPy's letter and number of bytes, e.g. "f4"; `None` for what is no real number.
+    /// Returns the type by NumPy's letter and number of bytes, e.g. "f4"; `None` if it is no real number.
     pub(crate) fn named(name: &str, is_big_endian: bool) -> Option<Self> {
         let (size, of_bits): (usize, fn(u64) -> f64) = match name {
             "b1" => (1, |bits| f64::from(u8::from(bits != 0))),
@@ -32,7 +32,7 @@ impl NumberType {
         Some(Self { size, is_big_endian, of_bits })
     }
 
-    /// The number in `size` bytes.
+    /// Returns the number stored in `size` bytes.
     pub(crate) fn read(&self, bytes: &[u8]) -> f64 {
         let mut eight = [0; 8];
         eight[..bytes.len()].copy_from_slice(bytes);

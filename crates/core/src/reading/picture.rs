@@ -1,5 +1,5 @@
-//! PNG and JPEG pictures: their colours, or the numbers in them as stored. Both are turned as the camera's note (EXIF
-//! orientation) says. Profiles and texts in a file are passed over: they may be deflated a thousandfold.
+//! PNG and JPEG pictures: their colours, or the stored numbers. Both are rotated as the EXIF orientation
+//! says. Profiles and texts in a file are skipped: they may be compressed a thousandfold.
 
 use super::open_regular;
 use crate::{
@@ -17,21 +17,21 @@ use std::{
     path::Path,
 };
 
-/// How every PNG begins.
+/// First bytes of every PNG.
 const PNG_MAGIC: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
-/// Most bytes of a picture in memory: four channels of 16 bits.
+/// Largest size of a picture in memory in bytes: four channels of 16 bits.
 const MOST_BYTES: usize = MAX_IMAGE_PIXELS * 8;
 
-/// A picture of numbers: those of its file, neither spread to 8 bits nor looked up in its palette.
+/// The stored numbers of a picture, neither spread to 8 bits nor looked up in its palette.
 #[derive(Clone, Debug)]
 pub struct Values {
-    /// The numbers; those of a picture with a palette are places in it.
+    /// The numbers; in a picture with a palette they are indices into it.
     pub image: DynamicImage,
-    /// Colours of a picture that has a palette.
+    /// Colours of the palette, if the picture has one.
     pub palette: Option<Vec<[u8; 3]>>,
 }
 
-/// The size (columns, rows) of a picture as [`picture`] gives it, from its header alone.
+/// Returns the size (columns, rows) of a picture as [`picture`] decodes it, from its header alone.
 pub fn picture_size(path: &Path) -> Result<(usize, usize)> {
     let ((width, height), orientation) = match Source::open(path, Transformations::EXPAND)? {
         Source::Png(reader) => (reader.info().size(), png_orientation(&reader)),
@@ -69,7 +69,7 @@ fn decoded(path: &Path, transformations: Transformations) -> Result<Values> {
     Ok(Values { image, palette })
 }
 
-/// A picture whose header was read, of a size that a picture can have.
+/// A picture with a valid size, of which only the header was read.
 enum Source {
     Png(Box<png::Reader<BufReader<File>>>),
     Jpeg(Box<JpegDecoder<BufReader<File>>>),
@@ -113,7 +113,8 @@ impl Source {
     }
 }
 
-/// Errs where a palette is not made of whole colours, at most one for each place, which the decoder takes for granted.
+/// Returns an error unless a palette consists of 1 to 256 complete colours, with at most one opacity for
+/// each. The decoder relies on this.
 fn require_palette(info: &png::Info<'_>) -> Result<(), &'static str> {
     let Some(palette) = info.palette.as_deref().filter(|_| info.color_type == ColorType::Indexed) else {
         return Ok(());
@@ -137,7 +138,7 @@ fn png_orientation<R: std::io::BufRead + Seek>(reader: &png::Reader<R>) -> Orien
     exif.and_then(Orientation::from_exif_chunk).unwrap_or(Orientation::NoTransforms)
 }
 
-/// What is no orientation turns nothing.
+/// Returns the orientation; an invalid one rotates nothing.
 fn jpeg_orientation<R: std::io::BufRead + Seek>(decoder: &mut JpegDecoder<R>) -> Orientation {
     decoder.orientation().unwrap_or(Orientation::NoTransforms)
 }
@@ -187,7 +188,8 @@ fn shorts(bytes: &[u8]) -> Vec<u16> {
     bytes.as_chunks::<2>().0.iter().map(|b| u16::from_be_bytes(*b)).collect()
 }
 
-/// One byte for each of the `bits` bits that lines of `line_size` bytes hold, the first in the highest bits.
+/// Unpacks lines of `line_size` bytes into one byte per value of `bits` bits; the first is in
+/// the highest bits.
 fn unpacked(bytes: &[u8], line_size: usize, width: usize, bits: usize) -> Vec<u8> {
     let (in_a_byte, mask) = (8 / bits, (1_u8 << bits) - 1);
     let value = |line: &[u8], x: usize| line[x / in_a_byte] >> (8 - bits - x % in_a_byte * bits) & mask;
@@ -252,7 +254,7 @@ mod tests {
         assert_eq!(picture(&path).unwrap().to_rgb8().into_raw(), [9, 8, 7, 1, 2, 3]);
     }
 
-    /// An EXIF block that says nothing but the orientation.
+    /// Makes an EXIF block that contains only the orientation.
     fn exif(orientation: u8) -> Vec<u8> {
         let mut block = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0".to_vec();
         block.extend([orientation, 0, 0, 0, 0, 0, 0, 0]);

@@ -1,5 +1,5 @@
-//! Gaussians that do not move as binary glTF with the extension `KHR_gaussian_splatting`; viewers that do not know it show
-//! coloured points.
+//! Still Gaussians as binary glTF with the extension `KHR_gaussian_splatting`; viewers that do not
+//! support it show coloured points.
 
 use crate::{
     camera::Camera,
@@ -9,22 +9,22 @@ use crate::{
 use glam::{Mat4, Quat, Vec3};
 use serde_json::{Value, json};
 
-/// glTF's number of 32-bit floats, and of unsigned 16-bit integers.
+/// glTF's component types of 32-bit floats and of unsigned 16-bit integers.
 const FLOAT: u32 = 5126;
 const UNSIGNED_SHORT: u32 = 5123;
-/// The mode of points.
+/// The primitive mode of points.
 const POINTS: u32 = 0;
-/// How every binary glTF begins.
+/// First bytes of every binary glTF.
 const MAGIC: &[u8; 4] = b"glTF";
-/// The generator that the files name, its version left out.
+/// Generator named in the files, without its version.
 const GENERATOR: &str = "SurgTPGS";
 /// "JSON" and "BIN\0", little endian.
 const JSON_CHUNK: u32 = 0x4e4f_534a;
 const BIN_CHUNK: u32 = 0x004e_4942;
-/// Nearest and farthest that the camera sees, in scene units.
+/// Nearest distance that the camera sees, in scene units.
 const NEAR: f32 = 0.01;
 
-/// Attributes being collected.
+/// Attributes that are collected for writing.
 #[derive(Default)]
 struct Buffer {
     bytes: Vec<u8>,
@@ -54,8 +54,9 @@ impl Buffer {
 }
 
 impl Gaussians {
-    /// A `.glb`: our axes (x right, y down, z forward) are turned into glTF's (y up, z backward) by the root node; with
-    /// `camera` as a camera of the file. Features are left out. glTF has no way to say that there is no Gaussian at all.
+    /// Returns the Gaussians as `.glb`. The root node turns our axes (x right, y down, z forward) into
+    /// glTF's (y up, z backward). `camera` becomes a camera of the file. Features are left out. glTF
+    /// cannot express a file without any Gaussian.
     pub fn to_glb(&self, camera: Option<&Camera>) -> Vec<u8> {
         let mut buffer = Buffer::default();
         self.add_attributes(&mut buffer);
@@ -98,7 +99,7 @@ impl Gaussians {
 
     fn add_attributes(&self, buffer: &mut Buffer) {
         buffer.floats("POSITION", self.means.iter().copied());
-        // Readers want to know the positions' range without reading them.
+        // Readers need the range of the positions without reading them.
         let bound = |pick: fn(f32, f32) -> f32| -> Option<[f32; 3]> {
             self.means.iter().copied().reduce(|a, b| [0, 1, 2].map(|i| pick(a[i], b[i])))
         };
@@ -136,18 +137,18 @@ impl Gaussians {
     }
 }
 
-/// Where a camera is in our axes, as glTF says it: looking along −z, y up.
+/// Returns the pose of a camera, in our axes, by glTF's convention: looking along −z, y up.
 fn placed(camera: &Camera) -> Mat4 {
     Mat4::from(camera.camera_from_world.inverse()) * Mat4::from_scale(Vec3::new(1.0, -1.0, -1.0))
 }
 
-/// sRGB to linear light, as `COLOR_0` wants it; 0 to 1.
+/// Converts sRGB to linear light, as `COLOR_0` requires it; 0 to 1.
 fn linear(c: f32) -> f32 {
     let c = c.clamp(0.0, 1.0);
     if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
 }
 
-/// The two chunks, each filled up to whole words.
+/// Joins the two chunks, each padded to whole words.
 fn container(mut json: Vec<u8>, mut binary: Vec<u8>) -> Vec<u8> {
     json.resize(json.len().next_multiple_of(4), b' ');
     binary.resize(binary.len().next_multiple_of(4), 0);
@@ -162,7 +163,7 @@ fn container(mut json: Vec<u8>, mut binary: Vec<u8>) -> Vec<u8> {
     file
 }
 
-/// Tells if a file that begins so is a binary glTF that names this program as its generator.
+/// Tells if the first bytes of a file are those of a binary glTF that names this program as its generator.
 pub(super) fn is_own(start: &[u8]) -> bool {
     const HEAD: usize = 20;
     if !start.starts_with(MAGIC) || start.len() < HEAD {
@@ -180,7 +181,7 @@ mod tests {
     use super::*;
     use crate::stress;
 
-    /// The JSON and the binary chunk.
+    /// Returns the JSON and the binary chunk.
     fn chunks(file: &[u8]) -> (Value, &[u8]) {
         let word =
             |at: usize| u32::from_le_bytes([file[at], file[at + 1], file[at + 2], file[at + 3]]) as usize;
@@ -229,7 +230,7 @@ mod tests {
             glam::Affine3A::from_rotation_y(0.4) * glam::Affine3A::from_translation(Vec3::new(1.0, 2.0, 3.0));
         let ahead = camera.unproject(48.0, 12.0, 5.0);
         let seen = placed(&camera).inverse().transform_point3(ahead);
-        // Right of the middle, above it, and before a camera that looks along −z.
+        // Right of the middle, above it, and in front of a camera that looks along −z.
         assert!(seen.x > 0.0 && seen.y > 0.0 && (seen.z + 5.0).abs() < 1e-4, "{seen}");
     }
 }

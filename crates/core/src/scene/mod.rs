@@ -1,4 +1,5 @@
-//! The scene: one safetensors file with everything the viewer needs, and the forms that other programs read.
+//! The scene: one safetensors file with everything the viewer needs, and conversions to formats
+//! of other programs.
 
 mod file;
 mod gltf;
@@ -29,7 +30,7 @@ use std::{
 /// Extensions of files that [`Scene::load`] reads.
 pub const EXTENSIONS: [&str; 2] = ["safetensors", "ply"];
 
-/// What is wrong with a file, without a full stop.
+/// Description of a problem with a file, without a full stop.
 type Problem = String;
 
 /// A trained reconstruction.
@@ -37,7 +38,7 @@ type Problem = String;
 pub struct Scene {
     /// The Gaussians at rest.
     pub gaussians: Gaussians,
-    /// How they move.
+    /// Motion of the Gaussians.
     pub deformation: Deformation,
     /// Camera of each frame; frame i is at time i / N.
     pub cameras: Vec<Camera>,
@@ -45,35 +46,35 @@ pub struct Scene {
     pub field_of_view: Mask,
     /// Embeddings ⇄ latents; `None` for a scene without features (then prompts find nothing).
     pub codec: Option<Codec>,
-    /// Class names with embeddings, where known.
+    /// Class names with embeddings, if known.
     pub classes: Vec<(Class, Vec<f32>)>,
     /// The text encoder the features belong to.
     pub encoder: Option<EncoderIdentity>,
-    /// Where it comes from and how it was made.
+    /// Origin of the scene.
     pub provenance: Provenance,
 }
 
-/// How a scene was made.
+/// Record of how a scene was made.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Provenance {
     /// Program and version.
     pub made_by: String,
     /// The recording's folder or file name.
     pub sequence_name: String,
-    /// Where the recording was, to find the original frames again.
+    /// Path of the recording, to find the original frames again.
     pub sequence_path: PathBuf,
-    /// What the recording was; absent in older scenes, which know it by number and size of the frames.
+    /// Identity of the recording; absent in older scenes, which know it by number and size of the frames.
     #[serde(default, skip_serializing_if = "Option::is_none", with = "shared_identity")]
     pub identity: Option<Arc<Identity>>,
-    /// Whether test frames were held out of training.
+    /// `true` if test frames were held out of training.
     pub held_out: bool,
-    /// Recording speed, where known.
+    /// Frame rate of the recording, if known.
     pub frames_per_second: Option<f32>,
-    /// Optimiser steps done.
+    /// Number of optimiser steps done.
     pub steps: usize,
     /// Training wall time, seconds.
     pub seconds: f64,
-    /// The most memory the training process had, where the system tells.
+    /// Largest memory of the training process, if the system tells.
     #[serde(default)]
     pub peak_rss_bytes: Option<u64>,
     /// Training settings.
@@ -81,26 +82,27 @@ pub struct Provenance {
 }
 
 impl Scene {
-    /// Whether a path looks like one of a scene, and not of a recording.
+    /// Returns `true` if a path looks like that of a scene, not of a recording.
     pub fn is_named_like_one(path: &Path) -> bool {
         path.extension().is_some_and(|e| EXTENSIONS.iter().any(|known| e.eq_ignore_ascii_case(known)))
     }
-    /// Whether the file at `path` was written by this program: a scene, or what a scene is converted to.
+    /// Returns `true` if the file at `path` was written by this program: a scene, or a conversion of one.
     pub fn is_own_file(path: &Path) -> bool {
         let mut start = Vec::new();
         let read = open_regular(path).and_then(|file| file.take(OWN_BYTES).read_to_end(&mut start));
         read.is_ok() && (ply::is_own(&start) || gltf::is_own(&start) || file::is_own(path))
     }
-    /// Number of frames.
+    /// Returns the number of frames.
     pub fn num_frames(&self) -> usize {
         self.cameras.len()
     }
-    /// Time of frame `i`.
+    /// Returns the time of frame `i`.
     pub fn time(&self, i: usize) -> f32 {
         i as f32 / self.num_frames().max(1) as f32
     }
-    /// Tells scenes in memory apart without reading them whole: where the Gaussians' arrays lie, how long they are, and
-    /// samples of their values. Call it again after editing; a few values edited in place may go unnoticed.
+    /// Returns a number that distinguishes scenes in memory without reading them completely. It covers
+    /// the addresses and lengths of the Gaussians' arrays, and samples of their values. Call it again
+    /// after editing; a few values edited in place may go unnoticed.
     pub fn fingerprint(&self) -> u64 {
         let (gaussians, deformation) = (&self.gaussians, &self.deformation);
         let mut hasher = DefaultHasher::new();
@@ -131,28 +133,30 @@ impl Scene {
         }
         hasher.finish()
     }
-    /// The scene file.
+    /// Returns the bytes of the scene file.
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
         file::to_bytes(self, false)
     }
-    /// The scene file in few bits: pictures change by about 0.1 dB or less, and it reads back like any other.
-    /// A scene that takes so few of them that no reader would believe its size is kept as it is.
+    /// Returns the bytes of the scene file in its compact form: pictures change by about 0.1 dB or less,
+    /// and it is read like any other. If the result is so small that readers would refuse its size, the
+    /// exact form is returned.
     pub fn to_quantized_bytes(&self) -> Result<Vec<u8>> {
         let bytes = file::to_bytes(self, true)?;
         if file::from_bytes(&bytes).is_ok() { Ok(bytes) } else { self.to_bytes() }
     }
-    /// Writes the file whole.
+    /// Writes the complete file.
     pub fn save(&self, path: &Path) -> Result<()> {
         crate::files::write_whole(path, &self.to_bytes()?)
     }
-    /// Memory that [`Self::load`] takes, bytes, about: small files may hold large scenes. What cannot be read takes none.
+    /// Estimates the memory in bytes that [`Self::load`] takes: small files may hold large scenes. An
+    /// unreadable file takes none.
     pub fn memory_bytes(path: &Path) -> u64 {
         let Ok(bytes) = read_regular(path, MOST_BYTES) else { return 0 };
         let read = if bytes.starts_with(ply::MAGIC) { None } else { file::memory_bytes(&bytes) };
         bytes.len() as u64 + read.unwrap_or(4 * bytes.len() as u64)
     }
-    /// Reads and validates a file: a scene, or a `.ply` of Gaussians, which is recognised by its content. The feature
-    /// network of a deforming `.ply` is taken from [`LANG_DEFORMATION_FILE`] beside it.
+    /// Reads and validates a file: a scene, or a `.ply` of Gaussians, which is recognised by its content.
+    /// The feature network of a deforming `.ply` is taken from [`LANG_DEFORMATION_FILE`] beside it.
     pub fn load(path: &Path) -> Result<Self> {
         let bytes = read_regular(path, MOST_BYTES).map_err(|e| Error::io("read the scene file", path, e))?;
         let hint = "Choose another scene file, or train the recording again.";
@@ -166,8 +170,8 @@ impl Scene {
             path.file_stem().map_or(String::new(), |name| name.to_string_lossy().into_owned());
         Ok(scene)
     }
-    /// Takes from another scene of the same recording what a `.ply` does not hold: cameras, field of view, class names,
-    /// text encoder and provenance, and the codec if it fits.
+    /// Copies from another scene of the same recording the parts that a `.ply` does not hold: cameras,
+    /// field of view, class names, text encoder and provenance, and the codec if it fits.
     pub fn complete_from(&mut self, other: &Self) {
         self.cameras.clone_from(&other.cameras);
         self.field_of_view.clone_from(&other.field_of_view);
@@ -180,13 +184,13 @@ impl Scene {
     }
 }
 
-/// Bytes from the beginning of a `.ply` or `.glb` in which it names the program that wrote it.
+/// Number of bytes at the beginning of a `.ply` or `.glb` within which it names the program that wrote it.
 const OWN_BYTES: u64 = 1 << 16;
 
-/// Numbers of a camera in a file.
+/// Number of values of a camera in a file.
 const CAMERA_WIDTH: usize = 18;
 
-/// Width, height, fx, fy, cx, cy and the rows of camera_from_world, 3×4.
+/// Returns width, height, fx, fy, cx, cy and the rows of camera_from_world, 3×4.
 fn camera_row(camera: &Camera) -> Vec<f32> {
     let mut row = vec![camera.width as f32, camera.height as f32, camera.fx, camera.fy, camera.cx, camera.cy];
     let (m, t) = (camera.camera_from_world.matrix3, camera.camera_from_world.translation);
@@ -196,7 +200,7 @@ fn camera_row(camera: &Camera) -> Vec<f32> {
     row
 }
 
-/// The camera that [`camera_row`] gave.
+/// Returns the camera of a row that [`camera_row`] made.
 fn read_camera(row: &[f32]) -> Camera {
     let at = |r: usize, c: usize| row[6 + 4 * r + c];
     let column = |c: usize| Vec3::new(at(0, c), at(1, c), at(2, c));

@@ -1,4 +1,4 @@
-//! Gaussians that do not move: a scene at one time, and a scene made of them.
+//! Gaussians at a single time, taken from a scene, and scenes made of such Gaussians.
 
 use super::{Provenance, Scene};
 use crate::{
@@ -18,7 +18,7 @@ const IN_VIEW: f64 = 98.0;
 const GATE_SLOPE: f32 = 2.5;
 
 impl Scene {
-    /// The Gaussians `chosen` as they are at `time`, without features.
+    /// Returns the Gaussians `chosen` as they are at `time`, without features.
     pub fn still(&self, time: f32, chosen: &[usize]) -> Gaussians {
         let (rest, row) = (&self.gaussians, self.gaussians.sh_bands() * 3);
         let now = deform(rest, &self.deformation, time, false);
@@ -35,18 +35,18 @@ impl Scene {
         }
     }
 
-    /// All Gaussians as they are at `time`, without features.
+    /// Returns all Gaussians as they are at `time`, without features.
     pub fn all_still(&self, time: f32) -> Gaussians {
         self.still(time, &Vec::from_iter(0..self.gaussians.len()))
     }
 
-    /// A scene of Gaussians that do not move, seen by `camera`.
+    /// Creates a scene of Gaussians that do not move, seen by `camera`.
     pub fn of_still(gaussians: Gaussians, camera: Camera) -> Self {
         let at_rest = Deformation::at_rest(gaussians.len(), gaussians.latent_dim, 1, 1.0, GATE_SLOPE);
         Self::seen_by(camera, gaussians, at_rest)
     }
 
-    /// A scene of one frame, seen by `camera`, that knows no words and does not say where it comes from.
+    /// Creates a scene of one frame, seen by `camera`, without features, text encoder or origin.
     pub fn seen_by(camera: Camera, gaussians: Gaussians, deformation: Deformation) -> Self {
         Self {
             gaussians,
@@ -61,21 +61,21 @@ impl Scene {
     }
 }
 
-/// A camera before the Gaussians (y points down, z away from it) that has most of them in view.
+/// Returns a camera in front of the Gaussians (y points down, z away from it) that has most of them in view.
 pub(super) fn camera_before(means: &[[f32; 3]]) -> Camera {
     let mut camera = Camera::with_field_of_view(PICTURE.0, PICTURE.1, FIELD_OF_VIEW_DEGREES);
     let end = |axis: usize, percent| typical(means.iter().map(|m| m[axis]), percent).unwrap_or(0.0);
     let middle = Vec3::from([0, 1, 2].map(|axis| 0.5 * (end(axis, 100.0 - IN_VIEW) + end(axis, IN_VIEW))));
     let radius = typical(means.iter().map(|m| Vec3::from(*m).distance(middle)), IN_VIEW).unwrap_or(1.0);
-    // Of a ball, so that it fits the shorter side.
+    // The angle of a ball, so that it fits the shorter side.
     let half_angle = (0.5 * camera.height as f32 / camera.fy).atan();
     let distance = radius.max(1e-3) / half_angle.sin();
     camera.camera_from_world = Affine3A::from_translation(Vec3::new(0.0, 0.0, distance) - middle);
     camera
 }
 
-/// A camera at the origin looking along +z that has most of what is before it in view: that of the first frame of a
-/// recording, where the world is this camera's.
+/// Returns a camera at the origin looking along +z that has most of the Gaussians in front of it in view:
+/// that of the first frame of a recording whose world has this camera's axes.
 pub(super) fn camera_at_origin(means: &[[f32; 3]]) -> Camera {
     let camera = Camera::with_field_of_view(PICTURE.0, PICTURE.1, FIELD_OF_VIEW_DEGREES);
     let aspect = camera.width as f32 / camera.height as f32;

@@ -1,8 +1,8 @@
-//! Questions of several points that look alike: one dim, even surface that a network is unsure of at a single point, or
-//! sees only a part of, it usually finds from points all over it.
+//! Questions of several points that look alike. A network may be unsure of a dim, even surface at a
+//! single point, or see only a part of it. It usually finds such a surface from points all over it.
 //!
-//! What looks alike is told by the encoder's own features and by colour, at every fineness: cells of the picture are
-//! joined one by one (Ward's hierarchical clustering), and every group that arises is a question.
+//! Similarity is measured by the encoder's own features and by colour, at every fineness. Cells of the
+//! picture are joined one by one (Ward's hierarchical clustering), and every group that arises is a question.
 
 use crate::{
     codec::normalise_rows,
@@ -14,16 +14,19 @@ use kodama::{Method, linkage};
 use ndarray::Array2;
 use rayon::prelude::*;
 
-/// Points per prompt.
+/// Number of points per prompt.
 const POINTS: usize = 3;
-/// Cells along the longer side of the picture: the questions need no finer ones, and time grows with their square.
+/// Number of cells along the longer side of the picture: finer ones do not help, and time grows
+/// with their square.
 const CELLS: usize = 32;
-/// Share of the pixels that matter that a group has.
+/// Allowed size of a group, as a share of the pixels that matter.
 const SHARES: std::ops::RangeInclusive<f64> = 0.015..=0.7;
-/// Weights of brightness, red against green and yellow against blue (0–1 and ±1), beside features of length 1.
+/// Weights of brightness, red against green and yellow against blue (0–1 and ±1), beside
+/// features of length 1.
 const COLOUR_WEIGHTS: [f32; 3] = [1.2, 0.4, 0.4];
 
-/// At most `num` prompts about what `keep` shows, those for the largest groups first. `features` cover the picture.
+/// Returns at most `num` prompts about the pixels of `keep`, the largest groups first. `features`
+/// cover the picture.
 pub(super) fn prompts(
     image: &RgbImage,
     features: Option<&DenseMap>,
@@ -50,7 +53,7 @@ pub(super) fn prompts(
     groups.map(prompt).collect()
 }
 
-/// The numbers of the cells that lie mostly where `keep` is true.
+/// Returns the numbers of the cells that lie mostly where `keep` is true.
 fn kept_cells(keep: &Mask, columns: usize, rows: usize) -> Vec<usize> {
     let mut counts = vec![(0_usize, 0_usize); columns * rows];
     for (i, inside) in keep.data.iter().enumerate() {
@@ -61,7 +64,8 @@ fn kept_cells(keep: &Mask, columns: usize, rows: usize) -> Vec<usize> {
     (0..counts.len()).filter(|&i| 2 * counts[i].1 > counts[i].0).collect()
 }
 
-/// What each cell looks like, [rows × columns][dim + 3]: its mean feature at length 1, and its weighted colour.
+/// Returns the look of each cell, [rows × columns][dim + 3]: its mean feature at length 1, and its
+/// weighted colour.
 fn looks(image: &RgbImage, features: Option<&DenseMap>, columns: usize, rows: usize) -> Vec<Vec<f32>> {
     let small = image::imageops::resize(image, columns as u32, rows as u32, FilterType::Triangle);
     let map = features.filter(|map| map.width * map.height > 0);
@@ -76,7 +80,7 @@ fn looks(image: &RgbImage, features: Option<&DenseMap>, columns: usize, rows: us
 }
 
 fn mean_features(map: &DenseMap, columns: usize, rows: usize) -> Vec<Vec<f32>> {
-    // The places that a cell covers, or the one it lies in.
+    // The places that a cell covers, or the one that it lies in.
     let span = |cell: usize, cells: usize, places: usize| {
         let from = cell * places / cells;
         from..((cell + 1) * places / cells).clamp(from + 1, places)
@@ -96,7 +100,8 @@ fn mean_features(map: &DenseMap, columns: usize, rows: usize) -> Vec<Vec<f32>> {
     normalise_rows(table).outer_iter().map(|row| row.to_vec()).collect()
 }
 
-/// Every group that arises when rows are joined two by two, the last and largest first; each with the numbers of its rows.
+/// Returns every group that arises when rows are joined two by two, the last and largest first; each with
+/// the numbers of its rows.
 fn groups(rows: &[&[f32]]) -> Vec<Vec<usize>> {
     let n = rows.len();
     let apart = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>().sqrt();
@@ -110,8 +115,8 @@ fn groups(rows: &[&[f32]]) -> Vec<Vec<usize>> {
     members.split_off(n).into_iter().rev().collect()
 }
 
-/// For each `true` cell the number of steps (right, left, up, down) to the nearest `false` one or out of the picture; 0
-/// for `false`.
+/// Returns for each `true` cell the number of steps (right, left, up, down) to the nearest `false` cell
+/// or out of the picture; 0 for `false`.
 fn depths(part: &Mask) -> Grid<u32> {
     let far = (part.width + part.height) as u32;
     let mut depths = part.map(|inside| if *inside { far } else { 0 });
@@ -132,7 +137,7 @@ fn depths(part: &Mask) -> Grid<u32> {
     depths
 }
 
-/// Points deep inside the part and far from each other, in cells.
+/// Returns points deep inside the part and far from each other, in cells.
 fn points_inside(part: &Mask) -> Vec<[f32; 2]> {
     let depths = depths(part);
     let w = part.width;
@@ -140,7 +145,7 @@ fn points_inside(part: &Mask) -> Vec<[f32; 2]> {
     let distance = |a: [f32; 2], b: [f32; 2]| ((a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)).sqrt();
     let mut points: Vec<[f32; 2]> = Vec::new();
     for _ in 0..POINTS {
-        // Far from the others counts as far as the point is three times less deep.
+        // The worth is the smaller of three times the depth and the distance to the nearest chosen point.
         let worth = |i: usize| {
             let depth = depths.data[i] as f32;
             points.iter().map(|p| distance(*p, place(i))).fold(3.0 * depth, f32::min)
@@ -181,7 +186,7 @@ mod tests {
         }
     }
 
-    /// Red, but for a grey band down the middle; outside the band the left and the right look alike.
+    /// Draws red with a grey band down the middle; outside the band, left and right look alike.
     fn picture() -> RgbImage {
         RgbImage::from_fn(128, 96, |x, y| match x {
             44..84 => Rgb([120, 120, 120]),
@@ -215,7 +220,7 @@ mod tests {
 
     #[test]
     fn features_tell_apart_what_colours_do_not() {
-        // Upper and lower half, in a network's view; numbers that are none count for nothing.
+        // A network that distinguishes the upper and the lower half; values that are not numbers are ignored.
         let mut values: Vec<f32> =
             (0..16 * 12).flat_map(|i| if i / 16 < 6 { [0.0, 5.0] } else { [7.0, 0.0] }).collect();
         values[0] = f32::NAN;

@@ -1,15 +1,16 @@
-//! A mask of an image as bits inside its bounding box: hundreds of them fit into memory, and two are compared 64 pixels
-//! at a time.
+//! A mask of an image as bits inside its bounding box. Hundreds of masks fit into memory, and two are
+//! compared 64 pixels at a time.
 
 use crate::{
     grid::{Grid, Mask},
     mask::{PixelRect, set_bits},
 };
 
-/// Pixels in a word.
+/// Number of pixels in a word.
 pub(super) const WORD: usize = u64::BITS as usize;
 
-/// A mask with at least one pixel. Words lie at multiples of 64 columns of the image, so that those of two masks meet.
+/// A mask with at least one pixel. Words begin at multiples of 64 columns of the image, so that those of
+/// two masks are aligned.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BitMask {
     width: usize,
@@ -21,8 +22,8 @@ pub struct BitMask {
 }
 
 impl BitMask {
-    /// From the rows of a whole image of `width` columns, each in `width / 64` words rounded up; `None` for an empty
-    /// mask. Bits beyond the last column must be 0.
+    /// Creates a mask from the rows of a whole image of `width` columns, each in `width / 64` words
+    /// rounded up; `None` for an empty mask. Bits beyond the last column must be 0.
     pub(super) fn from_rows(width: usize, rows: &[u64]) -> Option<Self> {
         let columns = width.div_ceil(WORD).max(1);
         let is_used = |row: &[u64]| row.iter().any(|&word| word != 0);
@@ -42,7 +43,7 @@ impl BitMask {
         Some(Self { width, height: rows.len() / columns, bounds, area_px, words })
     }
 
-    /// The `true` pixels; `None` where there are none.
+    /// Creates a mask of the `true` pixels; `None` if there are none.
     pub fn of(mask: &Mask) -> Option<Self> {
         let row_words = mask.width.div_ceil(WORD).max(1);
         let mut rows = vec![0_u64; row_words * mask.height];
@@ -53,27 +54,27 @@ impl BitMask {
         Self::from_rows(mask.width, &rows)
     }
 
-    /// Columns of the image.
+    /// Returns the number of columns of the image.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Rows of the image.
+    /// Returns the number of rows of the image.
     pub fn height(&self) -> usize {
         self.height
     }
 
-    /// The smallest rectangle around the pixels.
+    /// Returns the smallest rectangle around the pixels.
     pub fn bounds(&self) -> PixelRect {
         self.bounds
     }
 
-    /// Number of pixels.
+    /// Returns the number of pixels.
     pub fn area_px(&self) -> usize {
         self.area_px
     }
 
-    /// Whether the pixel (x, y) of the image is in the mask.
+    /// Returns `true` if the pixel (x, y) of the image is in the mask.
     pub fn has(&self, x: usize, y: usize) -> bool {
         let first = self.bounds.x / WORD;
         let is_inside = (self.bounds.y..self.bounds.y + self.bounds.height).contains(&y)
@@ -81,21 +82,21 @@ impl BitMask {
         is_inside && self.row(y)[x / WORD - first] >> (x % WORD) & 1 == 1
     }
 
-    /// Every pixel as (x, y), row by row.
+    /// Iterates over every pixel as (x, y), row by row.
     pub fn pixels(&self) -> impl Iterator<Item = (usize, usize)> {
         let start = self.bounds.x / WORD * WORD;
         let rows = self.words.chunks_exact(self.columns()).zip(self.bounds.y..);
         rows.flat_map(move |(row, y)| set_bits(row).map(move |x| (start + x, y)))
     }
 
-    /// Pixel by pixel.
+    /// Converts the mask to one value per pixel.
     pub fn to_mask(&self) -> Mask {
         let mut mask = Grid::filled(self.width, self.height, false);
         self.pixels().for_each(|(x, y)| mask.set(x, y, true));
         mask
     }
 
-    /// Number of pixels in both; the masks are of one image.
+    /// Returns the number of pixels in both masks, which belong to one image.
     pub fn intersection_px(&self, other: &Self) -> usize {
         let rows = self.bounds.y.max(other.bounds.y)
             ..(self.bounds.y + self.bounds.height).min(other.bounds.y + other.bounds.height);
@@ -111,20 +112,20 @@ impl BitMask {
         rows.map(both).sum()
     }
 
-    /// |a ∩ b| / |a ∪ b|.
+    /// Returns |a ∩ b| / |a ∪ b|.
     pub fn iou(&self, other: &Self) -> f64 {
         let both = self.intersection_px(other);
         both as f64 / (self.area_px + other.area_px - both) as f64
     }
 
-    /// The words of image row `y`, which must be inside the bounding box; the first is the one that holds its left
-    /// border.
+    /// Returns the words of image row `y`, which must be inside the bounding box. The first word is the
+    /// one that holds the left border of the box.
     pub(super) fn row(&self, y: usize) -> &[u64] {
         let columns = self.columns();
         &self.words[(y - self.bounds.y) * columns..][..columns]
     }
 
-    /// Words in a row.
+    /// Returns the number of words in a row.
     fn columns(&self) -> usize {
         (self.bounds.x + self.bounds.width - 1) / WORD - self.bounds.x / WORD + 1
     }

@@ -1,4 +1,4 @@
-//! From the grid of points to the lists of masks.
+//! The way from the grid of points to the lists of masks.
 
 use super::{
     BitMask, FoundMask, FrameMasks, MaskSettings, PointSegmenter, Prediction, alike,
@@ -15,16 +15,17 @@ use std::ops::ControlFlow;
 /// An answer that passed the network's own rating and the test of stability.
 struct Candidate {
     found: FoundMask,
-    /// Which of the network's answers to its prompt.
+    /// Index of this answer among the network's answers to its prompt.
     answer: usize,
-    /// Pixels of the crop it was found on.
+    /// Number of pixels of the crop it was found on.
     crop_px: usize,
 }
 
-/// Finds everything on `image`. `keep` says which pixels matter; `progress` gets (prompts asked, prompts) and may ask to
-/// stop, which is the error [`Error::Cancelled`].
+/// Finds everything on `image`. `keep` marks the pixels that matter. `progress` gets (prompts asked,
+/// prompts) and may ask to stop, which is the error [`Error::Cancelled`].
 ///
-/// A network whose answers have the wrong number of values is an error; values that are not numbers are outside.
+/// It is an error if the answers of the network have the wrong number of values. Values that are not
+/// numbers count as outside.
 pub fn automatic_masks(
     segmenter: &mut dyn PointSegmenter,
     image: &RgbImage,
@@ -75,8 +76,8 @@ pub fn automatic_masks(
     Ok(FrameMasks { width, height, levels })
 }
 
-/// Asks about a crop; only good answers are kept. Where a prompt is of several points, its best answer is given back to
-/// the network to be bettered.
+/// Asks about a crop and keeps only good answers. If a prompt has several points, its best answer is
+/// passed back to the network to be improved.
 fn ask(
     segmenter: &mut dyn PointSegmenter,
     prompts: &[Vec<[f32; 2]>],
@@ -103,7 +104,7 @@ fn ask(
     Ok(found)
 }
 
-/// An answer whose lengths do not fit is an error.
+/// Returns an error if the lengths of an answer do not fit.
 fn checked(prediction: Prediction, num_prompts: usize) -> Result<Prediction> {
     let [width, height] = prediction.size;
     let (answers, len) = (prediction.masks_per_prompt, width * height);
@@ -121,9 +122,9 @@ fn checked(prediction: Prediction, num_prompts: usize) -> Result<Prediction> {
     Ok(prediction)
 }
 
-/// The logits of each prompt's answer that the network rates best, within what Segment Anything reads.
+/// Returns the logits of each prompt's best-rated answer, within the range that Segment Anything reads.
 fn best_answers(prediction: &Prediction) -> Vec<f32> {
-    /// Segment Anything's own interactive prediction gives no larger logits back.
+    /// Largest logit that Segment Anything's own interactive prediction passes back.
     const LARGEST: f32 = 32.0;
     let len = prediction.size[0] * prediction.size[1];
     let answers = prediction.masks_per_prompt;
@@ -136,7 +137,7 @@ fn best_answers(prediction: &Prediction) -> Vec<f32> {
     logits.map(|v| v.clamp(-LARGEST, LARGEST)).collect()
 }
 
-/// The good answers among `prediction`, at the size of the image.
+/// Returns the good answers among `prediction`, at the size of the image.
 fn candidates(
     prediction: &Prediction,
     area: PixelRect,
@@ -163,7 +164,7 @@ fn candidates(
     maps.enumerate().filter_map(look).collect()
 }
 
-/// The candidates of a crop, all and by answer, without those that repeat another one's box.
+/// Returns the candidates of a crop, all and by answer, without those that repeat another one's box.
 fn lists_of_crop(found: Vec<Candidate>, settings: &MaskSettings) -> [Vec<Candidate>; 4] {
     let mut lists: [Vec<Candidate>; 4] = Default::default();
     for candidate in found {
@@ -179,7 +180,7 @@ fn lists_of_crop(found: Vec<Candidate>, settings: &MaskSettings) -> [Vec<Candida
     })
 }
 
-/// The candidates of all crops to the final list of a level.
+/// Turns the candidates of all crops into the final list of a level.
 fn finish(candidates: Vec<Candidate>, keep: &Mask, settings: &MaskSettings) -> Vec<FoundMask> {
     let candidates = if settings.crop_layers > 0 {
         // Masks of smaller crops are finer.
@@ -207,7 +208,7 @@ fn finish(candidates: Vec<Candidate>, keep: &Mask, settings: &MaskSettings) -> V
     take(found, kept)
 }
 
-/// Without small holes and islands; where two masks become alike by it, one that needed no mending stays.
+/// Removes small holes and islands. If two masks become alike by this, one that was not changed stays.
 fn mended(found: Vec<FoundMask>, settings: &MaskSettings) -> Vec<FoundMask> {
     let mend = |f: FoundMask| match without_small_regions(&f.mask, settings.min_region_px) {
         Some(mask) => (FoundMask { mask, ..f }, 0.0),
@@ -223,7 +224,7 @@ fn boxes<'a>(masks: impl Iterator<Item = &'a BitMask>) -> Vec<PixelRect> {
     masks.map(BitMask::bounds).collect()
 }
 
-/// The items with the numbers `kept`, in that order.
+/// Returns the items with the numbers `kept`, in that order.
 fn take<T>(items: Vec<T>, kept: Vec<usize>) -> Vec<T> {
     let mut items: Vec<Option<T>> = items.into_iter().map(Some).collect();
     kept.into_iter().filter_map(|i| items[i].take()).collect()

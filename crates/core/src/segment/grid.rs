@@ -1,4 +1,4 @@
-//! Where a network is asked: a grid of points on the image and on overlapping crops of it.
+//! Positions of the points at which a network is asked: a grid on the image and on overlapping crops of it.
 
 use super::MaskSettings;
 use crate::mask::PixelRect;
@@ -10,8 +10,8 @@ pub(super) struct Crop {
     pub points_per_side: usize,
 }
 
-/// `area` whole, then the crops of each layer, 2ⁱ along each side in layer i, as Segment Anything's
-/// `generate_crop_boxes` lays them.
+/// Returns the whole `area`, then the crops of each layer, 2ⁱ along each side in layer i, as Segment
+/// Anything's `generate_crop_boxes` places them.
 pub(super) fn crops(area: PixelRect, settings: &MaskSettings) -> Vec<Crop> {
     let mut crops = vec![Crop { window: area, points_per_side: settings.points_per_side }];
     for layer in 1..=settings.crop_layers {
@@ -38,18 +38,19 @@ pub(super) fn crops(area: PixelRect, settings: &MaskSettings) -> Vec<Crop> {
 }
 
 impl Crop {
-    /// The points of the grid in pixels of the window, row by row.
+    /// Returns the points of the grid in pixels of the window, row by row.
     pub(super) fn points(&self) -> Vec<[f32; 2]> {
         let n = self.points_per_side;
         let at = |i: usize, length: usize| (i as f32 + 0.5) / n as f32 * length as f32;
         (0..n * n).map(|i| [at(i % n, self.window.width), at(i / n, self.window.height)]).collect()
     }
 
-    /// Whether a mask ends at a border of the window that is not one of the whole `area`: it goes on beyond.
+    /// Returns `true` if a mask ends at a border of the window that is not a border of the whole `area`:
+    /// the object continues beyond it.
     pub(super) fn cuts(&self, bounds: PixelRect, area: PixelRect) -> bool {
         /// Distance that counts as near, in pixels.
         const NEAR_PX: usize = 20;
-        // Last pixels against ends, as in Segment Anything.
+        // Masks use their last pixels and windows their ends, as in Segment Anything.
         let sides = |r: PixelRect, last: usize| [r.x, r.y, r.x + r.width - last, r.y + r.height - last];
         let (found, window, area) = (sides(bounds, 1), sides(self.window, 0), sides(area, 0));
         (0..4).any(|i| found[i].abs_diff(window[i]) <= NEAR_PX && found[i].abs_diff(area[i]) > NEAR_PX)
@@ -64,7 +65,7 @@ mod tests {
         PixelRect { x, y, width, height }
     }
 
-    /// What `generate_crop_boxes((480, 854), 1, 512 / 1500)` of Segment Anything gives.
+    /// The results of Segment Anything's `generate_crop_boxes((480, 854), 1, 512 / 1500)`.
     #[test]
     fn crops_are_those_of_segment_anything() {
         let settings = MaskSettings::paper();

@@ -1,9 +1,9 @@
-//! Automatic masks: everything on an image that a network finds when it is asked at a grid of points (method §8, after
-//! Segment Anything's mask generator and LangSplat's four levels).
+//! Automatic masks: everything on an image that a network finds when it is asked at a grid of points
+//! (method §8, after Segment Anything's mask generator and LangSplat's four levels).
 //!
-//! Points on the image and on crops of it are put to a [`PointSegmenter`]; its coarse logits become [`BitMask`]s
-//! (`upsample`), poor and repeated ones go (`nms`), small holes and islands are mended (`regions`). Points that look alike
-//! are asked together as well (`alike`).
+//! A [`PointSegmenter`] is asked about points on the image and on crops of it. Its coarse logits become
+//! [`BitMask`]s (`upsample`). Poor and repeated masks are removed (`nms`), small holes and islands are
+//! mended (`regions`). Points that look alike are asked together as well (`alike`).
 
 mod alike;
 mod bit_mask;
@@ -20,89 +20,93 @@ pub use generate::automatic_masks;
 use crate::{Result, grid::Grid, prepare::DenseMap};
 use image::RgbImage;
 
-/// A network that finds what lies at a point of a picture.
+/// A network that finds the object at a point of a picture.
 pub trait PointSegmenter {
     /// Reads a picture; the next questions are about it.
     fn set_image(&mut self, image: &RgbImage) -> Result<()>;
 
-    /// Asks once per item of `prompts`, each some points (x, y) in pixels of the picture that one thing covers. All
-    /// prompts have the same number of points. `earlier` are answers to the same prompts that should be bettered,
-    /// [prompts][rows × columns] logits of the size that [`Self::earlier_size`] says.
+    /// Asks once per item of `prompts`. Each consists of points (x, y) in pixels of the picture that lie on
+    /// one object; all prompts have the same number of points. `earlier` are answers to the same prompts that
+    /// should be improved, [prompts][rows × columns] logits of the size that [`Self::earlier_size`] returns.
     fn predict(&mut self, prompts: &[Vec<[f32; 2]>], earlier: Option<&[f32]>) -> Result<Prediction>;
 
-    /// Columns and rows of the earlier answers it can better; `None` if it cannot.
+    /// Returns the columns and rows of earlier answers that it can improve; `None` if it cannot.
     fn earlier_size(&self) -> Option<[usize; 2]>;
 
-    /// What its encoder made of the picture, place by place; `None` if that is not to be had.
+    /// Returns the encoder's features of the picture, place by place; `None` if they are not available.
     fn features(&self) -> Option<DenseMap>;
 
-    /// How many prompts are best asked at once.
+    /// Returns the number of prompts that are best asked at once.
     fn batch(&self) -> usize;
 }
 
 /// A network's answers.
 #[derive(Clone, Debug)]
 pub struct Prediction {
-    /// Answers per prompt: usually three, from a part to the whole.
+    /// Number of answers per prompt: usually three, from a part to the whole.
     pub masks_per_prompt: usize,
     /// Columns and rows of an answer.
     pub size: [usize; 2],
-    /// The share of its columns and rows that the picture covers, from the upper left; the rest is padding.
+    /// Share of the columns and rows that the picture covers, from the upper left; the rest is padding.
     pub extent: [f32; 2],
-    /// [prompts × answers][rows × columns]; above 0 is inside.
+    /// Logits, [prompts × answers][rows × columns]; above 0 is inside.
     pub logits: Vec<f32>,
-    /// What the network thinks of each answer, [prompts × answers], 0–1.
+    /// The network's rating of each answer, [prompts × answers], 0–1.
     pub predicted_iou: Vec<f32>,
 }
 
-/// How masks are made.
+/// Settings of the mask generation.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct MaskSettings {
-    /// Points along each side of the grid.
+    /// Number of points along each side of the grid.
     pub points_per_side: usize,
-    /// Layers of crops that are asked about as well: 0 is the image alone, 1 adds 2×2 crops.
+    /// Number of layers of crops that are asked about as well: 0 is the image alone, 1 adds 2×2 crops.
     pub crop_layers: u32,
     /// Overlap of the crops of the first layer as a share of the image's shorter side.
     pub crop_overlap: f32,
-    /// The grid of layer i has this to the power of i fewer points along a side.
+    /// Divisor of the points along a side per layer: the grid of layer i has this to the power of i fewer.
     pub crop_points_divisor: usize,
-    /// Masks that the network itself rates lower (or equal) go.
+    /// Limit of the network's own rating; masks with a lower or equal one are removed.
     pub min_predicted_iou: f32,
-    /// Masks that change more than this when their cut-off does go.
+    /// Smallest stability: masks that change more when their cut-off is moved are removed.
     pub min_stability: f32,
-    /// How far the cut-off is moved for that, as a logit.
+    /// Distance by which the cut-off is moved for the test of stability, as a logit.
     pub stability_offset: f32,
-    /// Of two masks of a crop whose boxes overlap more than this, the one rated lower goes.
+    /// Largest overlap of the boxes of two masks of a crop. Above it, the mask rated lower is removed.
     pub box_nms_iou: f32,
-    /// As much between crops, where the one from the smaller crop stays.
+    /// Largest overlap of boxes between crops. Above it, the mask from the smaller crop stays.
     pub crop_nms_iou: f32,
     /// Holes and islands below this many pixels are mended.
     pub min_region_px: usize,
-    /// Which masks stay in the end.
+    /// Rules for the masks that stay in the end.
     pub mask_nms: MaskNms,
-    /// Whether points outside the supervision mask, and masks that lie there mostly, are left out.
+    /// `true` if points outside the supervision mask, and masks that lie mostly there, are left out.
     pub inside_only: bool,
-    /// A mask that covers more than this share of the pixels that matter says nothing and goes, unless all do.
+    /// Largest share of the pixels that matter. A mask that covers more says nothing and is removed,
+    /// unless all masks do.
     pub max_share: f32,
-    /// At most so many groups of points that look alike are asked about, too; each answer is then bettered once.
+    /// Largest number of groups of similar points that are asked about in addition; each answer is
+    /// then improved once.
     pub alike_prompts: usize,
-    /// Whether smaller masks are painted over larger ones, instead of in the order of the list.
+    /// `true` if smaller masks are painted over larger ones, instead of in the order of the list.
     pub small_on_top: bool,
 }
 
-/// Which of many overlapping masks stay (LangSplat's thresholds).
+/// Rules by which overlapping masks are removed (LangSplat's thresholds).
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct MaskNms {
-    /// Of two masks that overlap more than this, the one of lower score (stability × predicted IoU) goes.
+    /// Largest overlap of two masks. Above it, the one of lower score (stability × predicted
+    /// IoU) is removed.
     pub iou: f32,
-    /// Masks with a lower (or equal) score go.
+    /// Limit of the score; masks with a lower or equal one are removed.
     pub score: f32,
-    /// A mask that lies inside a larger one goes if 1 minus the product of both shares is above this; 1 keeps all.
+    /// A mask inside a larger one is removed if 1 minus the product of both shares is above
+    /// this; 1 keeps all.
     pub containment: f32,
 }
 
 impl MaskSettings {
-    /// What the paper's authors run, made for a data-centre GPU.
+    /// Returns the settings of the paper's authors, made for a data-centre GPU.
     pub fn paper() -> Self {
         Self {
             points_per_side: 32,
@@ -123,11 +127,12 @@ impl MaskSettings {
         }
     }
 
-    /// One grid of `points_per_side` points along a side, without crops, and groups of points that look alike.
+    /// Returns settings with one grid of `points_per_side` points along a side, without crops, and with
+    /// groups of points that look alike.
     ///
-    /// The rules are looser than the authors': by theirs one mask of the whole view takes everything else with it, and
-    /// dim surfaces, of whose borders a network is never sure, are left out. Smaller masks lie on larger ones in the end,
-    /// so that a poor large one shows only where nothing better is.
+    /// The rules are looser than the authors'. By theirs, one mask of the whole view would remove all others.
+    /// Dim surfaces would also be left out, because a network is never sure of their borders. Smaller masks
+    /// lie on larger ones in the end, so that a poor large one is visible only where there is nothing better.
     pub fn of_grid(points_per_side: usize) -> Self {
         Self {
             points_per_side,
@@ -146,26 +151,26 @@ impl MaskSettings {
 }
 
 impl Default for MaskSettings {
-    /// Bearable on an ordinary computer.
+    /// Returns settings that are bearable on an ordinary computer.
     fn default() -> Self {
         Self::of_grid(16)
     }
 }
 
-/// Which answers of the network a list of masks was made from.
+/// The answers of the network from which a list of masks was made.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Default, serde::Serialize, serde::Deserialize,
 )]
 #[serde(rename_all = "snake_case")]
 pub enum Level {
-    /// All of them.
+    /// All answers.
     #[default]
     Default,
-    /// The first: parts.
+    /// The first answer: parts.
     Small,
-    /// The second.
+    /// The second answer.
     Medium,
-    /// The third: wholes.
+    /// The third answer: wholes.
     Large,
 }
 
@@ -174,14 +179,14 @@ impl Level {
     pub const ALL: [Self; 4] = [Self::Default, Self::Small, Self::Medium, Self::Large];
 }
 
-/// A mask with what the network said about it.
+/// A mask with the network's rating of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FoundMask {
     /// The pixels.
     pub mask: BitMask,
     /// The network's own rating, 0–1.
     pub predicted_iou: f32,
-    /// Share of it that stays when the cut-off rises, 0–1.
+    /// Share of its pixels that stay when the cut-off rises, 0–1.
     pub stability: f32,
 }
 
@@ -192,17 +197,17 @@ pub struct FrameMasks {
     pub width: usize,
     /// Rows of the image.
     pub height: usize,
-    /// By [`Level::ALL`], each in the order in which they are painted.
+    /// Masks by [`Level::ALL`], each list in the order in which they are painted.
     pub levels: [Vec<FoundMask>; 4],
 }
 
 impl FrameMasks {
-    /// The masks of a level.
+    /// Returns the masks of a level.
     pub fn level(&self, level: Level) -> &[FoundMask] {
         &self.levels[level as usize]
     }
 
-    /// The number of the mask of `level` that is painted last at each pixel; `None` where there is none.
+    /// Returns the number of the mask of `level` that is painted last at each pixel; `None` if there is none.
     pub fn painted(&self, level: Level) -> Grid<Option<u16>> {
         let mut map = Grid::filled(self.width, self.height, None);
         for (number, found) in (0_u16..u16::MAX).zip(self.level(level)) {

@@ -1,11 +1,11 @@
-//! Which of many overlapping masks stay.
+//! Choice of the masks that stay among many overlapping ones.
 
 use super::{MaskNms, bit_mask::BitMask};
 use crate::mask::PixelRect;
 use rayon::prelude::*;
 
-/// The numbers of the boxes that stay, best score first: of two that overlap by more than `max_iou` the better one, on a
-/// tie the earlier one. A score that is not a number is the worst.
+/// Returns the numbers of the boxes that stay, best score first. Of two that overlap by more than
+/// `max_iou` the better one stays, on a tie the earlier one. A score that is not a number is the worst.
 pub(super) fn box_nms(boxes: &[PixelRect], scores: &[f32], max_iou: f32) -> Vec<usize> {
     let mut kept: Vec<usize> = Vec::new();
     for i in best_first(scores) {
@@ -23,8 +23,8 @@ fn best_first(scores: &[f32]) -> Vec<usize> {
     order
 }
 
-/// Overlap of two boxes between their first and last pixels, as Segment Anything measures them: a box one pixel wide has
-/// no area and overlaps nothing.
+/// Overlap of two boxes between their first and last pixels, as Segment Anything measures it: a box one
+/// pixel wide has no area and overlaps nothing.
 fn box_iou(a: PixelRect, b: PixelRect) -> f32 {
     let shared = |a: usize, a_length: usize, b: usize, b_length: usize| {
         (a + a_length - 1).min(b + b_length - 1).saturating_sub(a.max(b))
@@ -34,10 +34,14 @@ fn box_iou(a: PixelRect, b: PixelRect) -> f32 {
     if both == 0 { 0.0 } else { both as f32 / (area(a) + area(b) - both) as f32 }
 }
 
-/// The numbers of the masks that stay, ascending (LangSplat's `mask_nms`): a mask goes if a better one overlaps it by
-/// more than `iou`, if its score is not above `score`, or if it lies inside a larger one (at least 0.85 of it, which is
-/// less than half of the other) and 1 minus the product of both shares is above `containment`. Where nothing passes one
-/// of these rules, the three best pass it.
+/// Returns the numbers of the masks that stay, ascending (LangSplat's `mask_nms`). A mask is removed if
+///
+/// - a better one overlaps it by more than `iou`,
+/// - its score is not above `score`, or
+/// - it lies inside a larger one (at least 0.85 of it, which is less than half of the other) and 1 minus
+///   the product of both shares is above `containment`.
+///
+/// If no mask passes the second or the third rule, the three best ones pass it.
 pub(super) fn mask_nms(masks: &[&BitMask], scores: &[f32], rule: &MaskNms) -> Vec<usize> {
     let order = best_first(scores);
     let (mut is_new, mut is_good, mut is_apart) =
@@ -95,7 +99,7 @@ mod tests {
 
     #[test]
     fn of_two_boxes_the_better_stays() {
-        // Ten columns apart of a hundred: 90 / 110 overlap of the first two.
+        // Ten of a hundred columns apart: the first two overlap by 90 / 110.
         let boxes = [rect(0, 0, 101, 11), rect(10, 0, 101, 11), rect(60, 0, 101, 11)];
         assert_eq!(box_nms(&boxes, &[0.7, 0.9, 0.8], 0.7), [1, 2]);
         assert_eq!(box_nms(&boxes, &[0.7, 0.9, 0.8], 0.85), [1, 2, 0]);
@@ -107,7 +111,7 @@ mod tests {
 
     #[test]
     fn nearly_the_same_mask_stays_once() {
-        // 90 of 110 columns shared: 0.82.
+        // 90 of 110 columns are shared: 0.82.
         assert_eq!(kept(&[rect(0, 0, 50, 50), rect(2, 0, 50, 50)], &[0.8, 0.9]), [1]);
         assert_eq!(kept(&[rect(0, 0, 50, 50), rect(8, 0, 50, 50)], &[0.8, 0.9]), [0, 1]);
     }

@@ -10,9 +10,9 @@ struct Run {
     to: usize,
 }
 
-/// Fills holes and then drops islands of fewer than `min_px` pixels (neighbours over corners count), as Segment
-/// Anything's `remove_small_regions` does: where all islands are small the largest stays; an opening at the image's
-/// border is a hole too. `None` where the mask has neither.
+/// Fills holes and then drops islands of fewer than `min_px` pixels (neighbours over corners count), as
+/// Segment Anything's `remove_small_regions` does. If all islands are small, the largest stays. An
+/// opening at the image's border is a hole too. `None` if the mask has neither.
 pub(super) fn without_small_regions(mask: &BitMask, min_px: usize) -> Option<BitMask> {
     let width = mask.width();
     let (mut rows, columns) = (rows_of(mask), width.div_ceil(WORD));
@@ -30,7 +30,7 @@ pub(super) fn without_small_regions(mask: &BitMask, min_px: usize) -> Option<Bit
     (!small.is_empty() || !dropped.is_empty()).then(|| BitMask::from_rows(width, &rows)).flatten()
 }
 
-/// The words of every row of the image.
+/// Returns the words of every row of the image.
 fn rows_of(mask: &BitMask) -> Vec<u64> {
     let columns = mask.width().div_ceil(WORD);
     let mut rows = vec![0_u64; columns * mask.height()];
@@ -50,7 +50,8 @@ fn flip(rows: &mut [u64], columns: usize, run: &Run) {
     (run.from..run.to).for_each(|x| rows[run.y * columns + x / WORD] ^= 1 << (x % WORD));
 }
 
-/// The connected parts (neighbours over corners count) of the bits equal to `value`, in order of their first runs.
+/// Returns the connected parts (neighbours over corners count) of the bits equal to `value`, in order of
+/// their first runs.
 fn parts(rows: &[u64], width: usize, value: bool) -> Vec<Vec<Run>> {
     let columns = width.div_ceil(WORD).max(1);
     let mut runs: Vec<Run> = Vec::new();
@@ -89,7 +90,7 @@ fn parts(rows: &[u64], width: usize, value: bool) -> Vec<Vec<Run>> {
 
 /// Adds the runs of one row.
 fn push_runs(runs: &mut Vec<Run>, row: &[u64], width: usize, y: usize, value: bool) {
-    // Where the row changes, beginning with unset.
+    // Finds the changes of value along the row, which begins as unset.
     let mut at = 0;
     let mut is_set = false;
     let next_change = |at: usize, is_set: bool| {
@@ -150,7 +151,7 @@ mod tests {
     #[test]
     fn where_all_is_small_the_largest_stays() {
         let image = mask(&["#....", "..##.", "....."]);
-        // All of it is one island: corners touch only between (1, 0) and (2, 1), and (1, 0) is not set.
+        // There are two islands: (0, 0) and (2, 1) would be connected only through (1, 0), which is not set.
         assert_eq!(without_small_regions(&image, 4), Some(mask(&[".....", "..##.", "....."])));
         assert_eq!(
             without_small_regions(&mask(&["#....", ".##..", "....."]), 3),
@@ -166,7 +167,7 @@ mod tests {
         assert_eq!(without_small_regions(&mask(&["##.##", "#####"]), 2), Some(mask(&["#####", "#####"])));
     }
 
-    /// Parts found by flooding, pixel by pixel.
+    /// Finds parts by flooding, pixel by pixel.
     fn flooded(mask: &Mask, value: bool) -> Vec<usize> {
         let (w, h) = (mask.width as isize, mask.height as isize);
         let mut open: Vec<bool> = mask.data.iter().map(|v| *v == value).collect();

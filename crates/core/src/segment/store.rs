@@ -11,10 +11,10 @@ use std::path::Path;
 
 const AGAIN: &str = "Remove the file; its masks are then made anew.";
 
-/// What a file holds.
+/// Contents of a file.
 #[derive(serde::Serialize, serde::Deserialize)]
 struct Stored {
-    /// What the masks were made from and how.
+    /// Key of everything that the masks were made from.
     key: String,
     width: usize,
     height: usize,
@@ -40,7 +40,7 @@ struct Segmentation {
 }
 
 impl FrameMasks {
-    /// Writes the masks to `path`; `key` says what they were made from.
+    /// Writes the masks to `path`; `key` identifies everything that they were made from.
     pub fn save(&self, path: &Path, key: &str) -> Result<()> {
         let entry = |found: &FoundMask| Entry {
             segmentation: Segmentation {
@@ -58,8 +58,8 @@ impl FrameMasks {
         write_whole(path, &text)
     }
 
-    /// Reads the masks that were saved under `key`; `None` where there is no file or it has another key.
-    /// A damaged file is an error.
+    /// Reads the masks that were saved under `key`; `None` if there is no file or it has another key. A
+    /// damaged file is an error.
     pub fn load(path: &Path, key: &str) -> Result<Option<Self>> {
         let text = match read_regular(path, MOST_BYTES) {
             Ok(text) => text,

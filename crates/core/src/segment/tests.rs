@@ -1,11 +1,12 @@
-//! The whole way from a grid of points to masks, with a segmenter that compares colours.
+//! Tests of the complete way from a grid of points to masks, with a segmenter that compares colours.
 
 use super::*;
 use crate::{grid::Mask, mask};
 use image::Rgb;
 use std::ops::ControlFlow;
 
-/// Answers with the pixels whose colour is like that at the first point, within three distances.
+/// A segmenter that answers with the pixels whose colour is similar to that at the first point, for
+/// three distances.
 pub(crate) struct ByColour {
     image: RgbImage,
     pub(crate) images_seen: usize,
@@ -64,7 +65,7 @@ const WALL: Rgb<u8> = Rgb([200, 120, 120]);
 const LIVER: Rgb<u8> = Rgb([100, 20, 20]);
 const TOOL: Rgb<u8> = Rgb([120, 130, 140]);
 
-/// Wall on the left, liver on the right, a tool across both.
+/// Draws wall on the left, liver on the right, and a tool across both.
 fn picture() -> RgbImage {
     RgbImage::from_fn(128, 96, |x, y| match (x, y) {
         (20..108, 40..56) => TOOL,
@@ -98,7 +99,7 @@ fn every_thing_becomes_one_mask_of_each_level() {
     let masks = run(&mut segmenter, &everything(), &MaskSettings::of_grid(8));
     assert_eq!(segmenter.images_seen, 1);
     for level in Level::ALL {
-        // The tool is 16 pixels high, a value of the network's map 1.5.
+        // The tool is 16 pixels high, and a value of the network's map 1.5.
         for colour in [WALL, LIVER, TOOL] {
             assert!(best_iou(&masks, level, colour) > 0.85, "{level:?} {colour:?}");
         }
@@ -107,7 +108,7 @@ fn every_thing_becomes_one_mask_of_each_level() {
     let areas: Vec<_> = masks.level(Level::Default).iter().map(|f| f.mask.area_px()).collect();
     assert!(areas.is_sorted_by(|a, b| a >= b), "small ones are painted last: {areas:?}");
     let painted = masks.painted(Level::Default);
-    // Along the borders a coarse map leaves a few pixels to nobody.
+    // Along the borders, a coarse map leaves a few pixels without a mask.
     let bare = painted.data.iter().filter(|p| p.is_none()).count();
     assert!(bare * 30 < painted.data.len(), "{bare} pixels");
     assert_ne!(painted.at(3, 3), painted.at(120, 90));
@@ -127,14 +128,14 @@ fn crops_are_asked_too_and_cut_masks_go() {
 
 #[test]
 fn low_ratings_go_and_points_that_look_alike_are_asked_together() {
-    // Unsure of the liver at one point, less so at several.
+    // The network is unsure of the liver at one point, less so at several.
     let mut segmenter = ByColour::new(|c, points| if c == LIVER && points == 1 { 0.3 } else { 0.8 });
     let without = MaskSettings { alike_prompts: 0, ..MaskSettings::of_grid(8) };
     let masks = run(&mut segmenter, &everything(), &without);
     assert!(best_iou(&masks, Level::Default, LIVER) < 0.1);
     let masks = run(&mut segmenter, &everything(), &MaskSettings::of_grid(8));
     assert!(best_iou(&masks, Level::Default, LIVER) > 0.95);
-    // What the network does not know from several points either stays open.
+    // Surfaces that the network does not find from several points either stay without a mask.
     let mut blind = ByColour::new(|c, _| if c == LIVER { 0.3 } else { 0.8 });
     let masks = run(&mut blind, &everything(), &MaskSettings::of_grid(8));
     assert!(best_iou(&masks, Level::Default, LIVER) < 0.1);
@@ -143,7 +144,7 @@ fn low_ratings_go_and_points_that_look_alike_are_asked_together() {
 
 #[test]
 fn a_mask_of_everything_takes_nothing_with_it() {
-    /// As [`ByColour`], but the last answer is always the whole picture.
+    /// A segmenter like [`ByColour`] whose last answer is always the whole picture.
     struct WithWhole(ByColour);
     impl PointSegmenter for WithWhole {
         fn set_image(&mut self, image: &RgbImage) -> Result<()> {
@@ -175,14 +176,14 @@ fn a_mask_of_everything_takes_nothing_with_it() {
     for colour in [WALL, LIVER, TOOL] {
         assert!(best_iou(&masks, Level::Default, colour) > 0.85, "{colour:?}");
     }
-    // The authors' rules keep the one mask alone.
+    // By the authors' rules this single mask remains alone.
     let theirs = found(&MaskSettings { crop_layers: 0, points_per_side: 8, ..MaskSettings::paper() });
     assert_eq!(theirs.level(Level::Default).len(), 1);
 }
 
 #[test]
 fn answers_to_several_points_are_bettered() {
-    /// Vague until it is given its own best answer.
+    /// A segmenter that is vague until it gets its own best answer.
     struct Vague {
         inner: ByColour,
         bettered: usize,

@@ -1,18 +1,19 @@
-//! From a network's coarse logits to a mask of the image, with its stability.
+//! Conversion of a network's coarse logits to a mask of the image, with its stability.
 
 use super::bit_mask::{BitMask, WORD};
 use crate::mask::PixelRect;
 
 /// Pixels of the image along one axis, each between two values of the coarse map.
 struct Axis {
-    /// Number of the value before.
+    /// Index of the value before.
     low: Vec<usize>,
     /// Weight of the value after.
     weight: Vec<f32>,
 }
 
 impl Axis {
-    /// `pixels` cover the first `extent` (a share, 0–1) of `values`; bilinear between pixel centres, clamped.
+    /// Lays `pixels` over the first `extent` (a share, 0–1) of `values`; bilinear between pixel
+    /// centres, clamped.
     fn new(pixels: usize, values: usize, extent: f32) -> Self {
         let step = extent * values as f32 / pixels as f32;
         let position = |i: usize| ((i as f32 + 0.5) * step - 0.5).clamp(0.0, (values - 1) as f32);
@@ -22,7 +23,7 @@ impl Axis {
     }
 }
 
-/// Brings coarse maps to the size of the image, or of a window of it.
+/// Scales coarse maps to the size of the image, or of a window of it.
 pub(super) struct Upsampler {
     image_width: usize,
     image_height: usize,
@@ -32,7 +33,7 @@ pub(super) struct Upsampler {
     rows: Axis,
 }
 
-/// A mask as the network gave it.
+/// A mask as the network returned it.
 pub(super) struct Measured {
     pub mask: BitMask,
     /// Share of the pixels above -offset that are above +offset too.
@@ -40,7 +41,8 @@ pub(super) struct Measured {
 }
 
 impl Upsampler {
-    /// For maps of `map` (columns, rows) values of which the `window` of the image covers the shares `extent`.
+    /// Creates an upsampler of maps of `map` (columns, rows) values; the `window` of the image covers the
+    /// shares `extent` of them.
     pub(super) fn new(image: [usize; 2], window: PixelRect, map: [usize; 2], extent: [f32; 2]) -> Self {
         Self {
             image_width: image[0],
@@ -52,14 +54,15 @@ impl Upsampler {
         }
     }
 
-    /// The pixels with a logit above 0; `None` where there are none. A logit that is not a number is not above.
+    /// Returns the pixels with a logit above 0; `None` if there are none. A logit that is not a
+    /// number is not above 0.
     pub(super) fn measure(&self, logits: &[f32], offset: f32) -> Option<Measured> {
         let [map_width, map_height] = self.map;
         let words = self.image_width.div_ceil(WORD);
         let mut bits = vec![0_u64; words * self.image_height];
         let row_of = |y: usize| &logits[y * map_width..][..map_width];
         let reaches: Vec<bool> = (0..map_height).map(|y| row_of(y).iter().any(|&v| v > -offset)).collect();
-        // The last value twice: there is always one after.
+        // The last value is repeated, so that there is always one after.
         let mut blended = vec![0.0_f32; map_width + 1];
         let (mut inner, mut outer) = (0_u32, 0_u32);
         for y in 0..self.window.height {
@@ -80,7 +83,7 @@ impl Upsampler {
         Some(Measured { mask, stability: inner as f32 / outer.max(1) as f32 })
     }
 
-    /// Sets the bits of one row; gives the numbers of pixels above `offset` and above `-offset`.
+    /// Sets the bits of one row; returns the numbers of pixels above `offset` and above `-offset`.
     fn row_bits(&self, values: &[f32], offset: f32, row: &mut [u64]) -> (u32, u32) {
         let (from, to) = (self.window.x, self.window.x + self.window.width);
         let (mut inner, mut outer) = (0, 0);

@@ -1,4 +1,4 @@
-//! The import report: every file is read once, and what was found is put into words.
+//! The import report: reads every file once and describes the findings in words.
 
 use super::{
     NO_LABEL, Report, Sequence,
@@ -16,19 +16,19 @@ use std::{
     hash::{DefaultHasher, Hasher},
 };
 
-/// Mask files that hide more than this on average are probably inverted.
+/// Mean share of a frame that mask files hide. Above it they are probably inverted.
 const INVERTED_MASKS: f64 = 0.8;
-/// Depth maps that lack more than this are named.
+/// Share of missing values above which depth maps are named in the report.
 const DEPTH_GAPS: f64 = 0.25;
-/// Label pictures of which more than this says "unknown" are named.
+/// Share of "unknown" pixels above which label pictures are named in the report.
 const MOSTLY_UNKNOWN: f64 = 0.5;
-/// How far columns of a rotation may be from unit length and right angles.
+/// Allowed deviation of a rotation's columns from unit length and right angles.
 const ROTATION_TOLERANCE: f32 = 1e-3;
-/// Frames read side by side between two calls of `progress`.
+/// Number of frames read in parallel between two calls of `progress`.
 const BATCH: usize = 8;
 
-/// Reads every frame once and reports; wrong files become entries of `errors`, not an `Err`.
-/// `progress` is told how many of how many frames are done.
+/// Reads every frame once and reports; wrong files become entries of `errors`, not an `Err`. `progress`
+/// receives the number of frames done and the number of all frames.
 pub fn check(sequence: &Sequence, progress: &mut dyn FnMut(usize, usize)) -> Report {
     let n = sequence.num_frames();
     let mut facts = Vec::with_capacity(n);
@@ -64,7 +64,7 @@ struct Findings {
     errors: Vec<String>,
 }
 
-/// What one frame's files hold; `None` where there is no such file or it cannot be read.
+/// Findings about the files of one frame; `None` if a file does not exist or cannot be read.
 #[derive(Default)]
 struct Facts {
     errors: Vec<String>,
@@ -89,7 +89,7 @@ struct LabelFacts {
     present: [bool; 256],
     unknown: f64,
     way: Way,
-    /// Share of the pixels that name no class, and a few of their values.
+    /// Share of the pixels that name no class.
     strangers: f64,
     examples: BTreeSet<String>,
 }
@@ -172,7 +172,7 @@ fn camera(sequence: &Sequence, says: &mut Findings) -> String {
         if !is_rotation(&sequence.camera(i)) {
             let hint = if determinant < 0.0 { ": mirrored axes?" } else { "" };
             says.errors.push(format!("Pose {i} is not a rotation (determinant {determinant:.3}){hint}"));
-            // Poses of one file share their mistake.
+            // All poses come from one file and share its mistake.
             break;
         }
     }
@@ -318,7 +318,7 @@ fn labels(sequence: &Sequence, facts: &[Facts], says: &mut Findings) -> String {
     )
 }
 
-/// Tells of label pictures that were not understood as they usually are, or not wholly.
+/// Warns about label pictures that were not read in the ordinary way, or not completely.
 fn strange_labels(facts: &[Facts], says: &mut Findings) {
     let frames_where = |test: &dyn Fn(&LabelFacts) -> bool| -> Vec<usize> {
         (0..facts.len()).filter(|&i| facts[i].labels.as_ref().is_some_and(test)).collect()
@@ -381,13 +381,13 @@ fn repeated_frames(facts: &[Facts], says: &mut Findings) {
     }
 }
 
-/// 0 for no values.
+/// Returns the mean of `values`; 0 if there are none.
 fn mean(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, count) = values.fold((0.0, 0_usize), |(sum, count), v| (sum + v, count + 1));
     if count == 0 { 0.0 } else { sum / count as f64 }
 }
 
-/// "frame 3", "frames 3, 4, 5", "frames 3, 4, 5, 6, 7 and 12 more".
+/// Names frames in words: "frame 3", "frames 3, 4, 5", "frames 3, 4, 5, 6, 7 and 12 more".
 fn name_frames(frames: &[usize]) -> String {
     const NAMED: usize = 5;
     let named: Vec<_> = frames.iter().take(NAMED).map(ToString::to_string).collect();

@@ -1,5 +1,5 @@
-//! Raw CholecSeg8K clips: `frame_K_endo.png` with `frame_K_endo_watershed_mask.png` beside it, whose
-//! grey value names the class. No poses, no depth. (Hong et al., CholecSeg8k, 2020, arXiv 2012.12453.)
+//! Raw CholecSeg8K clips: `frame_K_endo.png` and beside it `frame_K_endo_watershed_mask.png`, whose grey
+//! value names the class. No poses, no depth. (Hong et al., CholecSeg8k, 2020, arXiv 2012.12453.)
 
 use super::{
     Class, Layout,
@@ -47,7 +47,7 @@ const CLASSES: [(&str, [u8; 3]); 13] = [
     ("liver ligament", [111, 74, 0]),
 ];
 
-/// The frames of a raw CholecSeg8K folder; empty if it is none.
+/// Returns the frames of a raw CholecSeg8K folder; empty if the folder is none.
 pub(super) fn frames(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut files = read::list(folder, &["png"])?;
     files.retain(|path| {

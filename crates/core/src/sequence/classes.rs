@@ -19,7 +19,8 @@ pub struct ClassEntry {
     pub colour: Option<[u8; 3]>,
 }
 
-/// Distinct on tissue and for colour-blind eyes (Okabe and Ito), used in turn where no colour is given.
+/// Colours that are distinct on tissue and for colour-blind eyes (Okabe and Ito), used in turn where no
+/// colour is given.
 const COLOURS: [[u8; 3]; 7] = [
     [86, 180, 233],
     [0, 158, 115],
@@ -30,7 +31,7 @@ const COLOURS: [[u8; 3]; 7] = [
     [213, 94, 0],
 ];
 
-/// Checks a class list and brings names into plain lower-case words.
+/// Checks a class list and turns its names into plain lower-case words.
 pub(super) fn from_entries(entries: &[ClassEntry], path: &Path) -> Result<Vec<Class>> {
     let mut classes: Vec<Class> = Vec::with_capacity(entries.len());
     for (i, entry) in entries.iter().enumerate() {
@@ -71,8 +72,8 @@ pub(super) fn read_json(path: &Path) -> Result<Vec<Class>> {
     from_entries(&entries, path)
 }
 
-/// "Kidney_Parenchyma", "kidney-parenchyma" and "KidneyParenchyma" all become "kidney parenchyma"; a hyphen
-/// stays after a single letter ("l-hook").
+/// Turns a name into plain lower-case words. "Kidney_Parenchyma", "kidney-parenchyma" and
+/// "KidneyParenchyma" all become "kidney parenchyma". A hyphen stays after a single letter ("l-hook").
 pub fn plain_words(name: &str) -> String {
     let mut words = String::with_capacity(name.len());
     let mut after_lower_case = false;
@@ -91,7 +92,7 @@ pub fn plain_words(name: &str) -> String {
     words.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// Words that stand for something a surgeon holds, as singular and plain plural.
+/// Words for things that a surgeon holds, in the singular; a plural with -s is recognised too.
 const INSTRUMENTS: [&str; 26] = [
     "instrument",
     "tool",
@@ -121,7 +122,8 @@ const INSTRUMENTS: [&str; 26] = [
     "scalpel",
 ];
 
-/// Whether words name an instrument, such as "l-hook electrocautery"; used where nobody said so.
+/// Returns `true` if `words` name an instrument, such as "l-hook electrocautery". Used where nobody said
+/// which classes are instruments.
 pub fn names_instrument(words: &str) -> bool {
     let words = words.split(|c: char| !c.is_alphanumeric()).map(str::to_lowercase);
     words.into_iter().any(|w| INSTRUMENTS.iter().any(|i| w == *i || w.strip_suffix('s') == Some(i)))

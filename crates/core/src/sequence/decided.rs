@@ -1,5 +1,6 @@
-//! `NAME.surgtpgs.toml`: what was decided in the program about a recording, in a file of ours beside it, since nothing is
-//! ever written into a recording. It overrides `sequence.toml`, for the recording of which it was decided and no other.
+//! `NAME.surgtpgs.toml`: decisions that the user made in the program about a recording. The file lies
+//! beside the recording, because nothing is ever written into one. It overrides `sequence.toml`, but only
+//! for the very recording that the decisions were about.
 
 use super::{
     Identity,
@@ -18,30 +19,30 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Begins the file, and tells it from anybody else's.
+/// First lines of the file, which tell it from files of other programs.
 const HEAD: &str =
     "# Decided in SurgTPGS about the recording of this name. Delete this file to take it back.\n";
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Decided {
-    /// Names and sizes of the recording's frames, hashed: [`Identity::outline_digest`].
+    /// Hash of the names and sizes of the recording's frames: [`Identity::outline_digest`].
     recording: String,
-    /// Which side of the mask files is supervised.
+    /// The side of the mask files that is supervised.
     keep_masks: Keep,
 }
 
-/// The file beside the recording `path`.
+/// Returns the path of the file beside the recording `path`.
 pub(super) fn file(path: &Path) -> PathBuf {
     let path = full_path(path);
     path.with_file_name(format!("{}.surgtpgs.toml", read::file_name(&path)))
 }
 
 impl Decided {
-    /// Reads the file; `None` where there is none of ours.
+    /// Reads the file; `None` if there is none or it is not ours.
     fn read(file: &Path) -> Result<Option<Self>> {
         let text = match read_text(file) {
-            // With our ending, the longest names of recordings are no names.
+            // Our ending can make the name of a recording too long for the file system.
             Err(e) if [ErrorKind::NotFound, ErrorKind::InvalidFilename].contains(&e.kind()) => {
                 return Ok(None);
             }
@@ -55,7 +56,7 @@ impl Decided {
     }
 }
 
-/// Applies what was decided about this very recording.
+/// Applies the decisions about this very recording.
 pub(super) fn apply(recording: &mut Recording, outline: &Identity) -> Result<()> {
     let file = file(&recording.path);
     let Some(decided) = Decided::read(&file)? else { return Ok(()) };
@@ -70,7 +71,8 @@ pub(super) fn apply(recording: &mut Recording, outline: &Identity) -> Result<()>
     Ok(())
 }
 
-/// Writes down which side of the masks of a recording is kept, for whoever opens it from now on. Returns the file.
+/// Writes down which side of the masks of a recording is kept, for everyone who opens it later. Returns
+/// the path of the file.
 pub(super) fn keep_masks(recording: &Path, outline: &Identity, keep: Keep) -> Result<PathBuf> {
     let file = file(recording);
     let decided = Decided { recording: outline.outline_digest(), keep_masks: keep };

@@ -4,7 +4,7 @@ use super::read;
 use crate::{Result, grid::Grid};
 use std::path::Path;
 
-/// What the values of depth files mean.
+/// Meaning of the values of depth files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum DepthKind {
@@ -14,7 +14,7 @@ pub enum DepthKind {
     Disparity,
 }
 
-/// How depth files are read.
+/// The rule by which depth files are read.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DepthRule {
     pub kind: DepthKind,
@@ -31,13 +31,13 @@ impl Default for DepthRule {
 pub(super) struct DepthMap {
     /// Depth in scene units.
     pub depth: Grid<f32>,
-    /// How many values were not finite, or negative.
+    /// Number of values that were not finite, or negative.
     pub bad_values: usize,
 }
 
 impl DepthRule {
-    /// Reads a PNG (first channel, 8 or 16 bits) or npy map. Values that are not finite or not
-    /// positive become 0, "unknown".
+    /// Reads a PNG (first channel, 8 or 16 bits) or npy map. Values that are not finite or not positive
+    /// become 0, "unknown".
     pub(super) fn read(&self, path: &Path) -> Result<DepthMap> {
         let is_npy = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("npy"));
         let values =
@@ -56,8 +56,8 @@ impl DepthRule {
 }
 
 impl DepthMap {
-    /// The map at another size: bilinear between pixel centres, clamped at the border. Where one of
-    /// the values that would be mixed is unknown, so is the result.
+    /// Resamples the map to another size: bilinear between pixel centres, clamped at the border. The
+    /// result is unknown where one of the mixed values is.
     pub(super) fn resized(self, width: usize, height: usize) -> Grid<f32> {
         let from = self.depth;
         if (from.width, from.height) == (width, height) {

@@ -9,7 +9,7 @@
 //! | EndoNeRF | rows, columns, focal length | right, up, backwards | white = tool |
 //! | StereoMIS | cy, cx, focal length | right, down, forwards | white = tissue |
 //!
-//! StereoMIS is told by its missing near and far (15 numbers) or by `s` naming the image's centre.
+//! StereoMIS is recognised by its missing near and far (15 numbers) or by `s` naming the image's centre.
 
 use super::{
     CameraSource, Layout,
@@ -72,7 +72,7 @@ impl Poses {
     }
 
     fn from_rows(values: &[f64], columns: usize, (width, height): (f64, f64)) -> Result<Self, String> {
-        // As the reference: intrinsics are those of the first row.
+        // As in the reference, the intrinsics are those of the first row.
         let (s0, s1, focal) = (values[4], values[9], values[14]);
         if !(focal.is_finite() && focal > 0.0 && s0 > 0.0 && s1 > 0.0) {
             return Err(format!("the first pose has rows {s0}, columns {s1}, focal length {focal}"));
@@ -102,7 +102,7 @@ impl Poses {
     }
 }
 
-/// `None` where the pose is not finite or singular.
+/// Returns the camera's pose; `None` if it is not finite or singular.
 fn camera_from_world(row: &[f64], stereo_mis: bool) -> Option<Affine3A> {
     let column = |c: usize| DVec3::new(row[c], row[5 + c], row[10 + c]);
     let flip = if stereo_mis { 1.0 } else { -1.0 };

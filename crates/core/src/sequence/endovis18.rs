@@ -1,5 +1,6 @@
-//! Raw sequences of the 2018 Robotic Scene Segmentation Challenge: `left_frames/`, coloured `labels/`,
-//! `labels.json` (here or one folder up), and `camera_calibration.txt`. (Allan et al. 2020, arXiv 2001.11190.)
+//! Raw sequences of the 2018 Robotic Scene Segmentation Challenge: `left_frames/`, coloured
+//! `labels/`, `labels.json` (here or one folder up), and `camera_calibration.txt`. (Allan et al.
+//! 2020, arXiv 2001.11190.)
 
 use super::{CameraSource, Layout, layout::Recording, read};
 use crate::{
@@ -8,7 +9,7 @@ use crate::{
 };
 use std::path::Path;
 
-/// Whether `folder` has the marks of this layout.
+/// Returns `true` if `folder` has the marks of this layout.
 pub(super) fn matches(folder: &Path) -> bool {
     read::holds(&folder.join("left_frames"), read::PICTURES)
 }
@@ -30,7 +31,7 @@ pub(super) fn open(folder: &Path) -> Result<Recording> {
     Ok(recording)
 }
 
-/// Focal lengths and principal point of the left camera, from lines such as
+/// Reads the focal lengths and principal point of the left camera, from lines such as
 /// `Camera-0-F: 1084.21 1084.05 // left camera x,y focal dist in pixels`.
 fn read_calibration(path: &Path) -> Result<[f32; 4]> {
     let text = read_text(path).map_err(|e| Error::io("read the calibration", path, e))?;

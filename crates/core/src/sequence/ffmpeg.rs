@@ -1,5 +1,5 @@
-//! Videos that only an installed `ffmpeg` program can read: unpacked once into lossless pictures, while what it says about
-//! them is compared with what the file promises.
+//! Videos that only an installed `ffmpeg` program can read. They are unpacked once into lossless
+//! pictures. Its messages about them are compared with what the file promises.
 
 use super::{
     Layout,
@@ -19,15 +19,16 @@ use std::{
 pub(super) struct Unread<'a> {
     pub path: &'a Path,
     pub kind: Container,
-    /// Frames that its index lists, where it has one.
+    /// Number of frames that its index lists, if it has one.
     pub promised: Option<usize>,
-    /// Why it is not decoded here, without a full stop.
+    /// The reason why it is not decoded here, without a full stop.
     pub why_not_here: String,
 }
 
-/// So many frames at the beginning may need others that were cut away before them.
+/// Largest number of frames at the beginning that may be missing, because they need earlier frames
+/// that were cut away.
 const LEADING_FRAMES: usize = 16;
-/// Between the last frame and the end of a file, seconds.
+/// Allowed time between the last frame and the end of a file, seconds.
 const SLACK: f64 = 0.1;
 
 /// Unpacks the selected frames into a temporary folder that lives as long as the recording.
@@ -74,7 +75,7 @@ pub(super) fn open(program: &Path, video: &Unread<'_>, selection: &Selection) ->
     Ok(recording)
 }
 
-/// Runs ffmpeg and hears what it says.
+/// Runs ffmpeg and collects its messages.
 fn unpack(
     program: &Path,
     video: &Unread<'_>,
@@ -86,11 +87,11 @@ fn unpack(
     let mut command = Command::new(program);
     command.args(["-hide_banner", "-nostats", "-nostdin", "-loglevel", "level+info"]);
     if video.kind == Container::Mp4 {
-        // All frames of the index, as where it is decoded here.
+        // Reads all frames of the index, as the decoder of this library does.
         command.args(["-ignore_editlist", "1"]);
     }
     command.arg("-i").arg(video.path).args(["-map", "0:v:0", "-vf"]);
-    // A fresh steady clock: by its own, ffmpeg would repeat and drop frames to keep a steady rate.
+    // A new, steady clock. With its own clock ffmpeg would repeat and drop frames to keep a steady rate.
     command.arg(format!("showinfo,select='{range}*not(mod(n-{first},{every}))',settb=1/25,setpts=N"));
     command.args(["-r", "25", "-pix_fmt", "rgb24", "-compression_level", "1", "-start_number", "0"]);
     if let Some(last) = last.filter(|last| *last >= first) {
@@ -109,27 +110,28 @@ fn unpack(
     Ok((child.wait().map_err(missing)?, told))
 }
 
-/// What ffmpeg said.
+/// Facts collected from ffmpeg's messages.
 #[derive(Debug, Default, PartialEq)]
 struct Told {
-    /// Of the whole file, and where its clock begins, seconds.
+    /// Duration of the whole file, seconds. Its clock begins at `start`.
     duration: Option<f64>,
     start: f64,
     has_audio: bool,
     has_video: bool,
     frames_per_second: Option<f32>,
-    /// Frames that were decoded, used or not.
+    /// Number of decoded frames, used or not.
     frames: usize,
     size: Option<(usize, usize)>,
-    /// The first frame of another size than the first.
+    /// Index and size of the first frame whose size differs from the first frame's.
     other_size: Option<(usize, (usize, usize))>,
-    /// Time of the last frame, and the longest and the shortest time between two, seconds.
+    /// Time of the last frame, seconds. `longest` and `shortest` are the extremes of the time
+    /// between two frames.
     reached: f64,
     longest: f64,
     shortest: Option<f64>,
-    /// How long the last frame is shown, seconds, where that is told.
+    /// Seconds for which the last frame is shown, if ffmpeg tells.
     last_lasts: f64,
-    /// The first complaint about what the file holds.
+    /// The first complaint about the contents of the file.
     complaint: Option<String>,
     is_full: bool,
     last_line: String,
@@ -166,7 +168,7 @@ impl Told {
             self.has_video = true;
             self.frames_per_second = announced_speed(line);
         }
-        // A stream that is broadcast ends within a packet as a rule.
+        // Warnings about cut packets do not count: a broadcast stream usually ends within a packet.
         let is_complaint =
             ["[error]", "[fatal]", "corrupt decoded frame"].iter().any(|word| line.contains(word));
         if is_complaint && self.complaint.is_none() {
@@ -199,7 +201,7 @@ impl Told {
         self.frames += 1;
     }
 
-    /// Seconds of the file behind its last frame that no frame explains.
+    /// Returns the seconds between the last frame and the end of the file that no frame accounts for.
     fn lacking(&self) -> f64 {
         let end = self.duration.map_or(0.0, |duration| duration - self.start.max(0.0));
         let usual = self.frames_per_second.map_or(0.0, |speed| 1.0 / f64::from(speed));
@@ -207,7 +209,8 @@ impl Told {
     }
 }
 
-/// Errs where fewer frames came than were promised, or one of another size; else what the user should know.
+/// Returns an error if fewer frames came than were promised, or if one has another size. Otherwise
+/// returns notes for the user.
 fn compare(video: &Unread<'_>, selection: &Selection, told: &Told, pictures: usize) -> Result<Vec<String>> {
     let path = video.path;
     let is_used = |frame: usize| selection.last.is_none_or(|last| frame <= last);
@@ -219,7 +222,7 @@ fn compare(video: &Unread<'_>, selection: &Selection, told: &Told, pictures: usi
     let complaint = told.complaint.as_ref().map_or(String::new(), |what| format!("; ffmpeg says: {what}"));
     let cut_off = |what: String, there| Err(cut_off(path, &what, there));
     if let Some(last) = selection.last {
-        // Those that are used are all that matter.
+        // Only the used frames matter.
         let asked = (last - selection.first) / selection.every.max(1) + 1;
         if pictures < asked {
             let what = format!("{asked} frames up to {last} are asked for, {pictures} came{complaint}");
@@ -234,7 +237,7 @@ fn compare(video: &Unread<'_>, selection: &Selection, told: &Told, pictures: usi
     }
     let mut notes = Vec::new();
     match video.promised {
-        // An ffmpeg that does not count is believed.
+        // If ffmpeg gave no count (`told.frames` is 0), its pictures are accepted.
         Some(all) if told.frames > 0 && told.frames < all => {
             let what = format!("it lists {all} frames, {} could be decoded", told.frames);
             if told.complaint.is_some() || told.frames + LEADING_FRAMES < all {
@@ -267,18 +270,18 @@ fn compare(video: &Unread<'_>, selection: &Selection, told: &Told, pictures: usi
     Ok(notes)
 }
 
-/// The word after `key`, up to a comma or a space.
+/// Returns the word after `key`, up to a comma or a space.
 fn after<'a>(line: &'a str, key: &str) -> Option<&'a str> {
     let rest = line.split_once(key)?.1.trim_start();
     rest.split([',', ' ']).next()
 }
 
-/// Hours, minutes and seconds.
+/// Converts hours, minutes and seconds to seconds.
 fn seconds(clock: &str) -> Option<f64> {
     clock.split(':').try_fold(0.0, |sum, part| part.parse::<f64>().ok().map(|v| sum * 60.0 + v))
 }
 
-/// A line without what ffmpeg puts before it: `[mov @ 0x55] [error] stream 0: partial file`.
+/// Removes the prefixes that ffmpeg puts before a line: `[mov @ 0x55] [error] stream 0: partial file`.
 fn plain(line: &str) -> String {
     let mut rest = line;
     while let Some((_, tail)) = rest.strip_prefix('[').and_then(|r| r.split_once(']')) {
@@ -287,10 +290,10 @@ fn plain(line: &str) -> String {
     rest.to_owned()
 }
 
-/// The speed in ffmpeg's description of the input: `… 640x512, 25 fps, …`.
+/// Returns the frame rate in ffmpeg's description of the input: `… 640x512, 25 fps, …`.
 fn announced_speed(line: &str) -> Option<f32> {
     let speed = line.split(',').find_map(|part| part.trim().strip_suffix(" fps"))?;
-    // Thousands are "1k".
+    // Thousands are abbreviated: "1k".
     let (digits, factor) = speed.strip_suffix('k').map_or((speed, 1.0), |digits| (digits, 1000.0));
     digits.parse().ok().map(|fps: f32| fps * factor).filter(|fps| fps.is_finite() && *fps > 0.0)
 }

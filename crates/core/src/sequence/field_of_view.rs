@@ -1,8 +1,8 @@
 //! The part of the frames that shows the patient: a disc, a rectangle, or everything.
 //!
-//! Where nothing is ever bright, there is a border. The lit area is the largest connected region whose
-//! brightest value over several frames reaches [`LIT`]. A circle is fitted to its outline (random
-//! triples, then least squares on the points that agree); where none fits, the bounding rectangle is taken.
+//! Areas that are never bright are border. The lit area is the largest connected region whose brightest
+//! value over several frames reaches [`LIT`]. A circle is fitted to its outline (random triples, then
+//! least squares on the points that agree). If none fits, the bounding rectangle is taken.
 
 use crate::grid::{Grid, Mask};
 use image::RgbImage;
@@ -11,19 +11,20 @@ use rand_chacha::ChaCha8Rng;
 
 /// Channel value from which a pixel counts as lit.
 const LIT: u8 = 20;
-/// How far inside the found outline supervision starts, as a share of the smaller side (at least 2 pixels):
-/// the outline is blurred by optics and compression.
+/// Distance inside the found outline at which supervision starts, as a share of the smaller side (at
+/// least 2 pixels): the outline is blurred by optics and compression.
 const MARGIN: f64 = 0.006;
-/// Borders that hide less than this share of the frame are none.
+/// Smallest share of the frame that a border hides. Smaller ones are ignored.
 const SMALLEST_BORDER: f64 = 0.005;
-/// Lit areas below this share of the frame are too little to judge by.
+/// Smallest share of the frame that the lit area must cover. Smaller ones are too little to judge by.
 const SMALLEST_LIT: f64 = 0.15;
 /// Share of outline points that must lie on the circle.
 const CIRCLE_AGREEMENT: f64 = 0.6;
-/// Random triples tried; with half of the points on the circle, 1 − (1 − ⅛)²⁰⁰ ≈ 1 − 10⁻¹² of success.
+/// Number of random triples tried; with half of the points on the circle, 1 − (1 − ⅛)²⁰⁰ ≈ 1 −
+/// 10⁻¹² of success.
 const TRIPLES: usize = 200;
 
-/// Where the picture is, in pixels.
+/// Shape and place of the picture in the frame, in pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Shape {
     /// No border.
@@ -82,7 +83,7 @@ impl FieldOfView {
         Self { shape, mask }
     }
 
-    /// In words, for the report.
+    /// Describes the field of view in words, for the report.
     pub(super) fn describe(&self) -> String {
         let share = 100.0 * self.mask.count() as f64 / self.mask.data.len() as f64;
         match self.shape {
@@ -110,7 +111,7 @@ impl Shape {
             Self::Disc(circle, bounds) => (bounds, Some(circle)),
             Self::Rectangle(bounds) => (bounds, None),
         };
-        // A side that lies on the frame's own edge has no border to keep away from.
+        // A side on the frame's own edge has no border to keep away from.
         let inset = margin.ceil() as usize;
         let low = |at: usize| if at == 0 { 0 } else { at + inset };
         let high = |at: usize, end: usize| if at == end { end } else { at.saturating_sub(inset) };
@@ -159,10 +160,10 @@ impl Circle {
 struct Outline {
     width: usize,
     height: usize,
-    /// Pixels of the region.
+    /// Number of pixels of the region.
     area: usize,
     bounds: Bounds,
-    /// Points between lit and dark, none on the frame's own edge.
+    /// Points between lit and dark; none lies on the frame's own edge.
     points: Vec<(f64, f64)>,
 }
 
@@ -240,7 +241,8 @@ impl Outline {
         self.points.iter().filter(near).copied().collect()
     }
 
-    /// An endoscopic picture is centred in the frame, more or less, and not smaller than what is lit.
+    /// Returns `true` if the circle can be an endoscopic picture: roughly centred in the frame, and not
+    /// smaller than the lit area.
     fn plausible(&self, circle: &Circle) -> bool {
         let (width, height) = (self.width as f64, self.height as f64);
         let radius = circle.radius;
@@ -251,7 +253,7 @@ impl Outline {
     }
 }
 
-/// The largest 4-connected region of `true`, and its number of pixels.
+/// Returns the largest 4-connected region of `true`, and its number of pixels.
 fn largest_region(mask: &Mask) -> (Mask, usize) {
     let (width, height) = (mask.width, mask.height);
     let mut region_of = vec![0_u32; mask.data.len()];
@@ -293,7 +295,7 @@ mod tests {
     use super::*;
     use image::Rgb;
 
-    /// Dim tissue inside, sensor noise outside, a dark tool that touches the outline.
+    /// Draws dim tissue inside, sensor noise outside, and a dark tool that touches the outline.
     fn draw(width: u32, height: u32, inside: impl Fn(f64, f64) -> bool) -> RgbImage {
         RgbImage::from_fn(width, height, |x, y| {
             let noise = ((x * 7 + y * 13) % 9) as u8;

@@ -1,7 +1,8 @@
-//! What a recording is, wherever it lies: the name, the size and the content of every frame.
+//! The identity of a recording, wherever it lies: the name, the size and the content of every frame.
 //!
-//! Everything that is made of a recording keeps its identity. Names and sizes are known as soon as a recording is open;
-//! content is hashed before something is made of it. Masks, labels and depth are no part of it.
+//! All results made from a recording keep its identity. Names and sizes are known as soon as a
+//! recording is open. Content is hashed before a result is made from it. Masks, labels and depth are
+//! not part of the identity.
 
 use super::{
     layout::{Frame, Picture, Recording},
@@ -18,30 +19,31 @@ use std::{
     path::Path,
 };
 
-/// Frames of a video whose content is looked at when it is opened, evenly spread, and the most bytes that are read of them.
+/// Number of frames of a video, evenly spread, whose content is read when the video is opened. At most
+/// [`MOST_SPOT_BYTES`] of them are read.
 const SPOTS: usize = 32;
 const MOST_SPOT_BYTES: u64 = 64 << 20;
 
-/// The frames of a recording, see [`super::Sequence::identity`].
+/// The frames of a recording; see [`super::Sequence::identity`].
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Identity {
     frames: Vec<Part>,
-    /// The file that frames were unpacked from, where they have no bytes of their own in it.
+    /// The file that frames were unpacked from, if they have no bytes of their own in it.
     #[serde(default)]
     file: Option<Part>,
 }
 
-/// A frame, or a whole file: one line of text where it is written.
+/// A frame, or a whole file. It is written as one line of text.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(into = "String", try_from = "String")]
 struct Part {
     name: String,
     bytes: u64,
-    /// `None` where the content was not looked at.
+    /// `None` if the content was not read.
     sha256: Option<[u8; 32]>,
 }
 
-/// How a recording is not what it was; in words, without a full stop.
+/// The difference between a recording and its earlier state; in words, without a full stop.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Difference(String);
 
@@ -52,12 +54,12 @@ impl Display for Difference {
 }
 
 impl Identity {
-    /// What opening a recording tells: names and sizes, and of a video the content of a few frames.
+    /// Returns what opening a recording tells: names and sizes, and for a video the content of a few frames.
     pub(super) fn opened(recording: &Recording) -> Result<Self> {
         let n = recording.frames.len();
         let spots = (0..n.min(SPOTS)).map(|k| (2 * k + 1) * n / (2 * n.min(SPOTS)));
         let mut bytes = 0;
-        // Few frames of a long video stand for all that was coded between them.
+        // In a long video, even a few frames can stand for many bytes: those coded between them count too.
         let is_read = |spot: &usize| match &recording.frames[*spot].picture {
             Picture::Video { video, index } => {
                 bytes += video.coded_bytes(coded_with(&recording.frames, *spot, video, *index));
@@ -69,7 +71,7 @@ impl Identity {
         Self::of(recording, |i| spots.contains(&i))
     }
 
-    /// All of it; every frame is read.
+    /// Returns the complete identity; every frame is read.
     pub(super) fn complete(recording: &Recording) -> Result<Self> {
         Self::of(recording, |_| true)
     }
@@ -78,7 +80,7 @@ impl Identity {
         let frames = &recording.frames;
         if let Some(path) = &recording.unpacked_from {
             let part = |frame: &Frame| Part { name: frame.name.clone(), bytes: 0, sha256: None };
-            // All of it was read to unpack it.
+            // Unpacking has already read all of the file.
             let file = Part { name: String::new(), ..Part::of_file(path, true)? };
             return Ok(Self { frames: frames.iter().map(part).collect(), file: Some(file) });
         }
@@ -98,17 +100,17 @@ impl Identity {
         self.frames.len()
     }
 
-    /// File names of the frames (or their numbers, of a video).
+    /// Returns the file names of the frames (or their numbers, for a video).
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.frames.iter().map(|frame| frame.name.as_str())
     }
 
-    /// SHA-256 over all that is known, hexadecimal: equal recordings have equal digests.
+    /// Returns the SHA-256 over everything known, hexadecimal: equal recordings have equal digests.
     pub fn digest(&self) -> String {
         self.hashed(Part::to_string)
     }
 
-    /// As [`Self::digest`], of names and sizes alone.
+    /// Returns the digest of names and sizes alone; see [`Self::digest`].
     pub fn outline_digest(&self) -> String {
         self.hashed(|part| Part { sha256: None, ..part.clone() }.to_string())
     }
@@ -119,7 +121,7 @@ impl Identity {
         format!("{:x}", hash.finalize())
     }
 
-    /// How many frames are in both: by their content where both know it, else by name and size.
+    /// Returns the number of frames in both: by content if both know it, else by name and size.
     pub fn frames_in_common(&self, other: &Self) -> usize {
         if let (Some(file), Some(others)) = (&self.file, &other.file) {
             let is_same = file.is_like(others);
@@ -136,7 +138,7 @@ impl Identity {
         self.frames.iter().enumerate().filter(|(i, f)| is_there(f) || moved(*i, f)).count()
     }
 
-    /// The first thing that is not as it was `then`; content counts where both know it.
+    /// Returns the first difference from the earlier state `then`. Content counts if both know it.
     pub fn difference(&self, then: &Self) -> Option<Difference> {
         let is_same = |(now, then): (&Part, &Part)| now.name == then.name && now.is_like(then);
         let files = match (&self.file, &then.file) {
@@ -160,7 +162,7 @@ impl Identity {
         Some(Difference(what))
     }
 
-    /// Which frame is missing or new, where there are fewer or more.
+    /// Names the frame that is missing or new, if there are fewer or more.
     fn stray(&self, then: &Self) -> String {
         let first = |of: &Self, without: &Self, what: &str| {
             let known: HashSet<&str> = without.names().collect();
@@ -173,7 +175,7 @@ impl Identity {
             .unwrap_or_default()
     }
 
-    /// What is not the same about frame `i`, of equally many.
+    /// Describes the change of frame `i`, if there are equally many frames.
     fn change(&self, i: usize, then: &Self) -> String {
         let (now, was) = (&self.frames[i], &then.frames[i]);
         if now.name != was.name {
@@ -188,7 +190,8 @@ impl Identity {
         format!("frame {i} \"{}\" has another {what}", now.name)
     }
 
-    /// Errs where this is not the recording that it was `then`; `made` says what it was for, as in "the scene was trained on".
+    /// Returns an error if the recording differs from its earlier state `then`. `made` says what it was
+    /// used for, as in "the scene was trained on".
     pub fn require(&self, then: &Self, path: &Path, made: &str) -> Result<()> {
         let Some(difference) = self.difference(then) else { return Ok(()) };
         let what = format!("this is not the recording that {made}: {difference}");
@@ -200,8 +203,9 @@ impl Identity {
     }
 }
 
-/// Frame `i` of a recording, which is frame `index` of the video, with all that was coded since the frame before it that is
-/// used, or since decoding can start; in the order of showing.
+/// Returns the frames of the video that are coded together with frame `i` of a recording (frame `index`
+/// of the video): all after the previous used frame, or all from the point where decoding can start. In
+/// the order of showing.
 fn coded_with(frames: &[Frame], i: usize, video: &H264, index: usize) -> std::ops::Range<usize> {
     let before = i.checked_sub(1).and_then(|k| match frames[k].picture {
         Picture::Video { index, .. } => Some(index + 1),
@@ -223,7 +227,7 @@ impl Part {
         Ok(Self { name: read::file_name(path), bytes, sha256 })
     }
 
-    /// A frame of a video with all that was coded since the chosen frame before it.
+    /// Creates the part of a video frame, with everything coded since the previous chosen frame.
     fn of_coded(name: &str, video: &H264, shown: std::ops::Range<usize>, is_hashed: bool) -> Result<Self> {
         let bytes = video.coded_bytes(shown.clone());
         let hash = || {
@@ -234,7 +238,7 @@ impl Part {
         Ok(Self { name: name.to_owned(), bytes, sha256: is_hashed.then(hash).transpose()? })
     }
 
-    /// Whether size and content are the same, the latter where both are known.
+    /// Returns `true` if the sizes are equal and, where both are known, the contents too.
     fn is_like(&self, other: &Self) -> bool {
         let content = self.sha256.zip(other.sha256).is_none_or(|(mine, theirs)| mine == theirs);
         self.bytes == other.bytes && content
@@ -279,7 +283,7 @@ fn of_hex(text: &str) -> Option<[u8; 32]> {
     bytes.filter(|_| pairs.1.is_empty())?.try_into().ok()
 }
 
-/// How an identity that is shared is written and read.
+/// Serialisation of a shared identity.
 pub(crate) mod shared {
     use super::Identity;
     use serde::{Deserialize, Deserializer, Serialize, Serializer};

@@ -1,5 +1,5 @@
-//! A plain folder of pictures, or one with `images/`; `masks/` (white = tool), `depth/`, `labels/` with
-//! `labels.json` may stand beside. This is also what the demo writes.
+//! A plain folder of pictures, or one with `images/`. `masks/` (white = tool), `depth/`, and `labels/`
+//! with `labels.json` may lie beside them. The demo writes this layout too.
 
 use super::{
     Layout,

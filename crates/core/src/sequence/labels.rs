@@ -1,5 +1,5 @@
-//! Label files: how their pixels become class ids. What the numbers mean is decided once for all pictures of a recording, by
-//! what is in some of them.
+//! Label files and their conversion into class ids. The meaning of the numbers is decided once for all
+//! pictures of a recording, from the contents of some of them.
 
 use super::{Class, LabelMap, NO_LABEL, read};
 use crate::{
@@ -13,7 +13,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Where the labels of one frame are.
+/// The label files of one frame.
 #[derive(Clone, Debug)]
 pub(super) enum LabelFiles {
     /// One picture whose values, or colours, name the classes.
@@ -22,11 +22,11 @@ pub(super) enum LabelFiles {
     PerClass(Vec<(u8, PathBuf)>),
 }
 
-/// How the values of a label picture name classes.
+/// The way in which the values of a label picture name classes.
 #[derive(Clone, Debug)]
 pub(super) enum LabelCoding {
-    /// A grey picture holds class ids; a coloured one the classes' display colours, unless its numbers are ids: see
-    /// [`NumbersAre`].
+    /// A grey picture holds class ids. A coloured one holds the classes' display colours, unless its
+    /// numbers are ids: see [`NumbersAre`].
     IdsOrColours,
     /// The first channel holds class ids.
     Ids,
@@ -34,45 +34,45 @@ pub(super) enum LabelCoding {
     Codes(&'static [(u8, u8)]),
 }
 
-/// How the numbers of pictures that could be read in two ways are understood.
+/// Meaning of the numbers of pictures that could be read in two ways.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum NumbersAre {
-    /// As the [`LabelCoding`] says: colours, or codes.
+    /// Colours or codes, as the [`LabelCoding`] says.
     Coded,
-    /// Class ids: the places in a palette, the greys of a coloured picture.
+    /// Class ids: the indices into a palette, or the greys of a coloured picture.
     Ids,
 }
 
-/// How the pixels of a picture were understood.
+/// The way in which the pixels of a picture were understood.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Way {
-    /// As its [`LabelCoding`] says first.
+    /// The first way that its [`LabelCoding`] names.
     Ordinary,
-    /// A palette's colours name nothing, the places in it are ids.
+    /// The palette's colours name no class; the indices into it are ids.
     PalettePlaces,
-    /// The colours name nothing, but all are grey, and the greys are ids.
+    /// The colours name no class, but all are grey, and the greys are ids.
     GreyColours,
 }
 
-/// Class ids per pixel, and what was found besides.
+/// Class ids per pixel, and statistics of the reading.
 #[derive(Clone, Debug)]
 pub(super) struct ReadLabels {
     /// [`NO_LABEL`] where no class is named.
     pub ids: LabelMap,
     pub way: Way,
-    /// Pixels that name a class.
+    /// Number of pixels that name a class.
     pub known: usize,
-    /// Pixels that name no class and do not say "unknown" (255) either.
+    /// Number of pixels that name no class and do not say "unknown" (255) either.
     pub strangers: usize,
-    /// What these hold: a few numbers or colours.
+    /// A few values of these pixels: numbers or colours.
     pub examples: BTreeSet<String>,
 }
 
-/// Values of strangers that are told.
+/// Number of unknown values that are named in messages.
 pub(super) const EXAMPLES: usize = 5;
 
 impl LabelFiles {
-    /// Class ids per pixel, at the size of the frames.
+    /// Reads the class ids per pixel, at the size of the frames.
     pub(super) fn read(
         &self,
         coding: &LabelCoding,
@@ -103,7 +103,7 @@ impl LabelFiles {
         }
     }
 
-    /// The files, for messages.
+    /// Returns the paths of the files, for messages.
     pub(super) fn paths(&self) -> Vec<&Path> {
         match self {
             Self::Picture(path) => vec![path],
@@ -112,8 +112,8 @@ impl LabelFiles {
     }
 }
 
-/// The way of reading the numbers of some pictures under which more of their pixels name a class; of equals, `first`.
-/// Pictures that cannot be read are passed over.
+/// Returns the way of reading the numbers of some pictures by which more of their pixels name a class;
+/// `first` if both are equal. Pictures that cannot be read are skipped.
 pub(super) fn numbers_of(
     pictures: &[&Path],
     coding: &LabelCoding,
@@ -173,15 +173,15 @@ fn decoded(picture: Values, coding: &LabelCoding, numbers: NumbersAre, classes: 
 pub(crate) struct PictureOfIds {
     /// [`NO_LABEL`] where no class is named.
     pub(crate) ids: LabelMap,
-    /// Pixels that name a class.
+    /// Number of pixels that name a class.
     pub(crate) known: usize,
-    /// Pixels that hold something else, 0 and 255 not counted.
+    /// Number of pixels with another value; 0 and 255 are not counted.
     pub(crate) strangers: usize,
-    /// What these hold, a few of it.
+    /// A few values of these pixels.
     pub(crate) examples: Vec<String>,
 }
 
-/// See [`Sequence::picture_of_ids`](super::Sequence::picture_of_ids).
+/// Implements [`Sequence::picture_of_ids`](super::Sequence::picture_of_ids).
 pub(super) fn picture_of_ids(
     path: &Path,
     coding: &LabelCoding,
@@ -191,7 +191,7 @@ pub(super) fn picture_of_ids(
 ) -> Result<PictureOfIds> {
     let picture = reading::values(path)?;
     let mut read = if let Some(names) = names {
-        // As if the names were classes with these ids; then each id becomes that of its class.
+        // The names are read as if they were classes with these ids; then each id becomes that of its class.
         let values: Vec<Class> =
             names.iter().map(|&(id, _)| Class { id, name: String::new(), colour: [0; 3] }).collect();
         let places = Values { palette: None, ..picture };
@@ -202,7 +202,7 @@ pub(super) fn picture_of_ids(
     } else {
         decoded(picture, coding, numbers, classes)
     };
-    // What stands for nothing in most pictures.
+    // These values stand for nothing in most pictures.
     for nothing in ["0", "[0, 0, 0]"] {
         read.examples.remove(nothing);
     }
@@ -211,7 +211,7 @@ pub(super) fn picture_of_ids(
     Ok(PictureOfIds { ids: read.ids, known: read.known, strangers, examples })
 }
 
-/// What a pixel of a label picture holds.
+/// Value of a pixel of a label picture.
 trait PixelValue: Copy + PartialEq {
     fn says_unknown(self) -> bool;
     fn words(self) -> String;
@@ -243,7 +243,7 @@ fn look_up<T: PixelValue>(
 ) -> ReadLabels {
     let (mut known, mut strangers, mut examples) = (0, 0, BTreeSet::new());
     let mut data = Vec::with_capacity(pixels.len());
-    // Neighbours mostly share a class: ask again only where the value changes.
+    // Neighbours mostly share a class, so it is looked up only where the value changes.
     for run in pixels.chunk_by(|a, b| a == b) {
         let id = class(run[0]);
         match id {
@@ -271,7 +271,7 @@ mod tests {
         vec![class(0, [0; 3]), class(1, [200, 100, 0]), class(2, [0, 50, 200])]
     }
 
-    /// Whichever way names more.
+    /// Reads in the way that names more pixels.
     fn read(image: impl Into<DynamicImage>, palette: Option<Vec<[u8; 3]>>) -> ReadLabels {
         let values = Values { image: image.into(), palette };
         let [coded, ids] = [NumbersAre::Coded, NumbersAre::Ids]

@@ -1,4 +1,4 @@
-//! What a layout tells about a recording, and which layout a folder has.
+//! The contents of a recording as its layout describes them, and the recognition of layouts.
 
 use super::{
     CameraSource, Class, Layout, cholecseg8k, classes,
@@ -23,10 +23,10 @@ use std::{
 };
 use tempfile::TempDir;
 
-/// Horizontal field of view that is assumed where nothing is known, in degrees.
+/// Horizontal field of view that is assumed if none is known, in degrees.
 pub(super) const ASSUMED_FOV_DEGREES: f32 = 60.0;
 
-/// Everything `open` finds out; pictures are decoded when asked for.
+/// Everything that `open` finds out; pictures are decoded on request.
 #[derive(Debug)]
 pub(super) struct Recording {
     pub path: PathBuf,
@@ -34,7 +34,7 @@ pub(super) struct Recording {
     pub width: usize,
     pub height: usize,
     pub frames: Vec<Frame>,
-    /// One per frame.
+    /// Cameras, one per frame.
     pub cameras: Vec<Camera>,
     pub camera_source: CameraSource,
     pub depth_rule: DepthRule,
@@ -43,11 +43,11 @@ pub(super) struct Recording {
     pub coding: LabelCoding,
     pub classes: Vec<Class>,
     pub frames_per_second: Option<f32>,
-    /// What the user should know about how the files were understood.
+    /// Notes for the user about how the files were understood.
     pub notes: Vec<String>,
-    /// Holds unpacked frames of a video; removed with the recording.
+    /// Folder of the unpacked frames of a video; removed with the recording.
     pub scratch: Option<TempDir>,
-    /// The video that they were unpacked from.
+    /// The video that the frames were unpacked from.
     pub unpacked_from: Option<PathBuf>,
 }
 
@@ -61,26 +61,26 @@ pub(super) struct Frame {
     pub labels: Option<LabelFiles>,
 }
 
-/// Where the pixels of one frame are.
+/// Source of the pixels of one frame.
 #[derive(Debug)]
 pub(super) enum Picture {
     File(PathBuf),
     Video { video: Arc<video::H264>, index: usize },
 }
 
-/// Which pixels a mask file keeps.
+/// The pixels that a mask file keeps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum MaskRule {
     /// Non-zero is kept.
     KeepWhite,
     /// Zero is kept: white hides.
     KeepBlack,
-    /// The mask is a label picture; this code alone is hidden.
+    /// The mask is a label picture; only this code is hidden.
     DropCode(u8),
 }
 
 impl Recording {
-    /// A recording of `pictures` with nothing but an assumed still camera.
+    /// Creates a recording of `pictures` with an assumed still camera and nothing else.
     pub(super) fn of_pictures(path: &Path, layout: Layout, pictures: &[PathBuf]) -> Result<Self> {
         let size = read::common_size(pictures)?;
         let frames = pictures.iter().map(|p| Frame::new(read::stem(p), Picture::File(p.clone())));
@@ -114,7 +114,7 @@ impl Recording {
         }
     }
 
-    /// Gives every frame its mask from `folder`, if there is one.
+    /// Gives every frame its mask from `folder`, if that exists.
     pub(super) fn add_masks(&mut self, folder: &Path) -> Result<()> {
         for (frame, file) in self.companions(folder, read::PICTURES, "masks", false)? {
             frame.mask = Some(file);
@@ -122,7 +122,7 @@ impl Recording {
         Ok(())
     }
 
-    /// Gives every frame its depth map (PNG or npy) from `folder`, if there is one.
+    /// Gives every frame its depth map (PNG or npy) from `folder`, if that exists.
     pub(super) fn add_depth(&mut self, folder: &Path) -> Result<()> {
         for (frame, file) in self.companions(folder, &["png", "npy"], "depth maps", false)? {
             frame.depth = Some(file);
@@ -141,8 +141,8 @@ impl Recording {
         Ok(())
     }
 
-    /// Pairs the files of `folder` with frames: by equal names; or, where no name is shared and the
-    /// numbers agree, by order. `partial` allows frames without a file.
+    /// Pairs the files of `folder` with frames. Equal names match; if no name is shared and the numbers
+    /// agree, files match by order. `partial` allows frames without a file.
     fn companions(
         &mut self,
         folder: &Path,
@@ -193,7 +193,7 @@ impl Recording {
         Ok(self)
     }
 
-    /// Errs where a recording cannot be used at all, whatever its pixels hold.
+    /// Returns an error if a recording cannot be used at all, whatever its pixels hold.
     pub(super) fn validate(self) -> Result<Self> {
         let labelled = self.frames.iter().find_map(|f| f.labels.as_ref());
         if let (Some(labels), true) = (labelled, self.classes.is_empty()) {
@@ -224,7 +224,7 @@ impl Recording {
         }
     }
 
-    /// What the mask file of frame `i` keeps; `None` without one.
+    /// Returns the pixels that the mask file of frame `i` keeps; `None` if it has no mask file.
     pub(super) fn file_mask(&self, i: usize) -> Result<Option<Mask>> {
         let Some(path) = &self.frames[i].mask else { return Ok(None) };
         let values = read::lightness(path)?;
@@ -236,13 +236,13 @@ impl Recording {
         }))
     }
 
-    /// Labels of frame `i`; `None` without any.
+    /// Reads the labels of frame `i`; `None` if it has none.
     pub(super) fn labels(&self, i: usize, numbers: NumbersAre) -> Result<Option<ReadLabels>> {
         let labels = self.frames[i].labels.as_ref();
         labels.map(|l| l.read(&self.coding, numbers, &self.classes, (self.width, self.height))).transpose()
     }
 
-    /// How the numbers of its label pictures are understood, by `some` of them, evenly spread.
+    /// Decides the meaning of the numbers of its label pictures, from `some` of them, evenly spread.
     pub(super) fn label_numbers(&self, some: usize) -> NumbersAre {
         if !matches!(self.coding, LabelCoding::IdsOrColours) {
             return NumbersAre::Coded;
@@ -257,7 +257,7 @@ impl Recording {
         numbers_of(&spread, &self.coding, &self.classes, NumbersAre::Coded)
     }
 
-    /// Depth of frame `i` at the frames' size, 0 where unknown.
+    /// Reads the depth of frame `i` at the frames' size, 0 where unknown.
     pub(super) fn depth(&self, i: usize) -> Result<Option<Grid<f32>>> {
         let Some(path) = &self.frames[i].depth else { return Ok(None) };
         Ok(Some(self.depth_rule.read(path)?.resized(self.width, self.height)))
@@ -270,7 +270,7 @@ impl Frame {
     }
 }
 
-/// Recognises the layout of `path` by what it holds and opens the selected frames.
+/// Recognises the layout of `path` by its contents and opens the selected frames.
 pub(super) fn open(path: &Path, selection: &Selection) -> Result<Recording> {
     if path.is_file() {
         return video::open(path, selection);

@@ -72,7 +72,7 @@ pub enum Layout {
     Video,
 }
 
-/// Where the cameras come from.
+/// Source of the cameras.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CameraSource {
@@ -103,7 +103,7 @@ pub const NO_LABEL: u8 = 255;
 #[derive(Clone, Debug)]
 pub struct Sequence {
     inner: Arc<Inner>,
-    /// Depth from elsewhere than the recording.
+    /// Depth from another source than the recording.
     estimated: Option<Arc<Estimated>>,
 }
 
@@ -113,7 +113,7 @@ struct Estimated {
     /// The prepared folder that holds it.
     folder: PathBuf,
     about: EstimatedDepth,
-    /// SHA-256 of files by their path inside the folder, where that is known.
+    /// SHA-256 of files by their path inside the folder, if known.
     sha256: Arc<BTreeMap<String, String>>,
 }
 
@@ -123,14 +123,14 @@ struct Inner {
     camera_moves: bool,
     field_of_view: OnceLock<FieldOfView>,
     label_numbers: OnceLock<NumbersAre>,
-    /// As far as opening tells.
+    /// The identity as far as it is known when the recording is opened.
     outline: Arc<Identity>,
     identity: OnceLock<Arc<Identity>>,
 }
 
-/// Frames that are looked at to find the field of view, evenly spread.
+/// Number of frames, evenly spread, in which the field of view is looked for.
 const FIELD_OF_VIEW_FRAMES: usize = 8;
-/// Label pictures that are looked at to find out what their numbers mean.
+/// Number of label pictures that are read to find out the meaning of their numbers.
 const LABEL_PICTURES: usize = 8;
 
 impl Sequence {
@@ -158,41 +158,41 @@ impl Sequence {
         &self.inner.recording
     }
 
-    /// The folder or file that was opened.
+    /// Returns the folder or file that was opened.
     pub fn path(&self) -> &Path {
         &self.recording().path
     }
-    /// Folder or file name, for titles.
+    /// Returns the folder or file name, for titles.
     pub fn name(&self) -> String {
         let path = self.path();
         let whole = path.canonicalize().unwrap_or_else(|_| path.to_owned());
         read::file_name(&whole)
     }
-    /// The recognised layout.
+    /// Returns the recognised layout.
     pub fn layout(&self) -> Layout {
         self.recording().layout
     }
-    /// Number of frames, at least 1.
+    /// Returns the number of frames, at least 1.
     pub fn num_frames(&self) -> usize {
         self.recording().frames.len()
     }
-    /// Image columns.
+    /// Returns the number of image columns.
     pub fn width(&self) -> usize {
         self.recording().width
     }
-    /// Image rows.
+    /// Returns the number of image rows.
     pub fn height(&self) -> usize {
         self.recording().height
     }
-    /// File stem of frame `i` (or its number, for a video).
+    /// Returns the file stem of frame `i` (or its number, for a video).
     pub fn frame_name(&self, i: usize) -> String {
         self.recording().frames[i].name.clone()
     }
-    /// What the recording is, as far as opening it tells: names and sizes of the frames.
+    /// Returns the identity as far as opening the recording tells it: names and sizes of the frames.
     pub fn outline(&self) -> &Arc<Identity> {
         &self.inner.outline
     }
-    /// What the recording is, the content of every frame included: all are read when first asked for.
+    /// Returns the identity, including the content of every frame. All frames are read on the first call.
     pub fn identity(&self) -> Result<Arc<Identity>> {
         if let Some(known) = self.inner.identity.get() {
             return Ok(known.clone());
@@ -200,27 +200,27 @@ impl Sequence {
         let found = Arc::new(Identity::complete(self.recording())?);
         Ok(self.inner.identity.get_or_init(|| found).clone())
     }
-    /// Time of frame `i`: i / N.
+    /// Returns the time of frame `i`: i / N.
     pub fn time(&self, i: usize) -> f32 {
         i as f32 / self.num_frames() as f32
     }
-    /// Whether frame `i` is held out under `--eval`: (i − 1) mod 8 = 0.
+    /// Returns `true` if frame `i` is held out under `--eval`: (i − 1) mod 8 = 0.
     pub fn is_test_frame(i: usize) -> bool {
         i % 8 == 1
     }
-    /// Speed of the frames that are used, where known.
+    /// Returns the rate of the used frames, if known.
     pub fn frames_per_second(&self) -> Option<f32> {
         self.recording().frames_per_second
     }
-    /// The camera of frame `i`.
+    /// Returns the camera of frame `i`.
     pub fn camera(&self, i: usize) -> Camera {
         self.recording().cameras[i]
     }
-    /// Where the cameras come from.
+    /// Returns the source of the cameras.
     pub fn camera_source(&self) -> CameraSource {
         self.recording().camera_source
     }
-    /// Whether the camera's pose changes during the recording.
+    /// Returns `true` if the camera's pose changes during the recording.
     pub fn camera_moves(&self) -> bool {
         self.inner.camera_moves
     }
@@ -228,7 +228,7 @@ impl Sequence {
     pub fn frame(&self, i: usize) -> Result<RgbImage> {
         self.recording().frame(i)
     }
-    /// Takes depth from the prepared folder `folder` from now on.
+    /// Takes depth from the prepared folder `folder` instead of the recording.
     pub(crate) fn with_estimated_depth(
         self,
         folder: &Path,
@@ -238,7 +238,7 @@ impl Sequence {
         let estimated = Estimated { folder: folder.to_owned(), about, sha256 };
         Self { estimated: Some(Arc::new(estimated)), ..self }
     }
-    /// The same after the folder with its estimated depth, if there is one, was moved to `folder`.
+    /// Returns the same recording after the folder with its estimated depth, if any, was moved to `folder`.
     pub(crate) fn with_depth_at(self, folder: &Path) -> Self {
         let moved = |e: &Arc<Estimated>| {
             Arc::new(Estimated {
@@ -249,16 +249,16 @@ impl Sequence {
         };
         Self { estimated: self.estimated.as_ref().map(moved), ..self }
     }
-    /// Where depth comes from if it is not the recording's.
+    /// Returns the source of depth if it is not the recording itself.
     pub fn estimated_depth(&self) -> Option<&EstimatedDepth> {
         self.estimated.as_ref().map(|e| &e.about)
     }
-    /// Whether any frame has depth.
+    /// Returns `true` if any frame has depth.
     pub fn has_depth(&self) -> bool {
         self.estimated.is_some() || self.recording().frames.iter().any(|f| f.depth.is_some())
     }
-    /// Depth (z) of frame `i` in scene units at the frames' size, 0 where unknown (bilinear where the file
-    /// has another size); `None` if the frame has no depth.
+    /// Returns the depth (z) of frame `i` in scene units at the frames' size, 0 where unknown (bilinear
+    /// if the file has another size); `None` if the frame has no depth.
     pub fn depth(&self, i: usize) -> Result<Option<Grid<f32>>> {
         let Some(estimated) = &self.estimated else { return self.recording().depth(i) };
         let file = depth_file(&estimated.folder, i);
@@ -270,8 +270,8 @@ impl Sequence {
         }
         Ok(Some(DepthRule::default().read(&file)?.resized(self.width(), self.height())))
     }
-    /// Supervision mask of frame `i`: `true` = keep; the recording's masks (polarity resolved)
-    /// and the field of view together.
+    /// Returns the supervision mask of frame `i`: `true` = keep. It combines the recording's masks
+    /// (polarity resolved) and the field of view.
     pub fn mask(&self, i: usize) -> Result<Mask> {
         let Some(mut mask) = self.recording().file_mask(i)? else { return Ok(self.field_of_view().clone()) };
         for (keep, inside) in mask.data.iter_mut().zip(&self.field_of_view().data) {
@@ -279,12 +279,12 @@ impl Sequence {
         }
         Ok(mask)
     }
-    /// The round endoscopic picture or the area inside a black border; `true` = inside. Found from a
-    /// few frames when first asked for; frames that cannot be read are passed over.
+    /// Returns the round endoscopic picture or the area inside a black border; `true` = inside. It is
+    /// found from a few frames on the first call; frames that cannot be read are skipped.
     pub fn field_of_view(&self) -> &Mask {
         &self.found_field_of_view().mask
     }
-    /// Class labels of frame `i`; `None` if the recording has none for it.
+    /// Returns the class labels of frame `i`; `None` if the recording has none for it.
     pub fn labels(&self, i: usize) -> Result<Option<LabelMap>> {
         Ok(self.read_labels(i)?.map(|labels| labels.ids))
     }
@@ -292,8 +292,9 @@ impl Sequence {
         let numbers = self.inner.label_numbers.get_or_init(|| self.recording().label_numbers(LABEL_PICTURES));
         self.recording().labels(i, *numbers)
     }
-    /// How the numbers of label pictures that are not the recording's own are understood: they may be ids or what the
-    /// recording's pictures hold, whichever names the class of more pixels of some of them.
+    /// Decides the meaning of the numbers of label pictures that are not the recording's own. They may be
+    /// ids, or values of the kind that the recording's pictures hold. The choice is the one by which more
+    /// pixels of some of these pictures name a class.
     pub(crate) fn numbers_of(&self, pictures: &[&Path]) -> NumbersAre {
         let pictures: Vec<&Path> =
             pictures.iter().step_by(pictures.len().div_ceil(LABEL_PICTURES).max(1)).copied().collect();
@@ -303,7 +304,9 @@ impl Sequence {
         };
         labels::numbers_of(&pictures, &self.recording().coding, self.classes(), first)
     }
-    /// Class ids of a label picture that is not the recording's own, whose numbers mean what [`Self::numbers_of`] found. With `names`, (value, class or none), it holds these values and 0 for nothing.
+    /// Reads the class ids of a label picture that is not the recording's own. Its numbers mean
+    /// what [`Self::numbers_of`] found. With `names`, (value, class or none), it holds these values
+    /// and 0 for nothing.
     pub(crate) fn picture_of_ids(
         &self,
         path: &Path,
@@ -312,8 +315,9 @@ impl Sequence {
     ) -> Result<PictureOfIds> {
         labels::picture_of_ids(path, &self.recording().coding, numbers, self.classes(), names)
     }
-    /// Where instruments are on frame `i`: by its labels if a class names an instrument, else what its mask file hides inside
-    /// the field of view; `None` where the recording has neither.
+    /// Returns the pixels of instruments on frame `i`. They come from its labels if a class names an
+    /// instrument, else from what its mask file hides inside the field of view. `None` if the
+    /// recording has neither.
     pub fn instruments(&self, i: usize) -> Result<Option<Mask>> {
         let ids: Vec<u8> =
             self.classes().iter().filter(|c| names_instrument(&c.name)).map(|c| c.id).collect();
@@ -329,14 +333,14 @@ impl Sequence {
         }
         Ok(Some(kept))
     }
-    /// Whether there are mask files whose meaning can be turned round; see [`Self::flip_masks`].
+    /// Returns `true` if there are mask files whose meaning can be inverted; see [`Self::flip_masks`].
     pub fn has_mask_files(&self) -> bool {
         let recording = self.recording();
         let can_flip = !matches!(recording.mask_rule, MaskRule::DropCode(_));
         can_flip && recording.frames.iter().any(|f| f.mask.is_some())
     }
-    /// Turns round which side of the mask files is kept, for whoever opens the recording from now on. That is written into a
-    /// file beside the recording, which stays as it is. Returns that file.
+    /// Inverts which side of the mask files is kept, for everyone who opens the recording later. The decision
+    /// is written into a file beside the recording, which stays as it is. Returns the path of that file.
     pub fn flip_masks(&self) -> Result<PathBuf> {
         let keep = match self.recording().mask_rule {
             MaskRule::KeepWhite if self.has_mask_files() => Keep::Black,
@@ -351,11 +355,11 @@ impl Sequence {
         };
         decided::keep_masks(self.path(), self.outline(), keep)
     }
-    /// Whether any frame has labels.
+    /// Returns `true` if any frame has labels.
     pub fn has_labels(&self) -> bool {
         self.recording().frames.iter().any(|f| f.labels.is_some())
     }
-    /// The classes that labels refer to; empty without labels.
+    /// Returns the classes that labels refer to; empty without labels.
     pub fn classes(&self) -> &[Class] {
         &self.recording().classes
     }
@@ -373,10 +377,10 @@ impl Sequence {
     }
 }
 
-/// What `check` reports (design §9); the JSON keys are a contract.
+/// The report of `check` (design §9); the JSON keys are a contract.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Report {
-    /// No errors.
+    /// `true` if there are no errors.
     pub ok: bool,
     /// Number of frames.
     pub frames: usize,
@@ -390,10 +394,10 @@ pub struct Report {
     pub depth: String,
     /// Mask polarity, share kept, field of view, in words.
     pub masks: String,
-    /// Classes and in how many frames they occur, in words.
+    /// Classes and the number of frames in which each occurs, in words.
     pub labels: String,
-    /// What the user should know.
+    /// Findings that the user should know.
     pub warnings: Vec<String>,
-    /// What would make training wrong.
+    /// Findings that would make training wrong.
     pub errors: Vec<String>,
 }

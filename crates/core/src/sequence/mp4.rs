@@ -1,5 +1,5 @@
-//! The tables of an mp4 file, plain or in fragments: where the coded pictures of its video track lie, and whether the file
-//! reaches as far as they do.
+//! Reads the tables of an mp4 file, plain or in fragments: the places of the coded pictures of its video
+//! track. Tells if the file is long enough to hold them all.
 
 use shiguredo_mp4::{
     Decode, TrackKind,
@@ -16,35 +16,35 @@ use std::{
     path::Path,
 };
 
-/// Two days of video.
+/// Largest number of pictures: two days of video.
 const MAX_PICTURES: u64 = 1 << 22;
 
 /// The H.264 track of a file, or its first video track of any kind.
 pub(super) struct Mp4 {
-    /// How its pictures are to be decoded, the first from picture 0 on; empty unless it is H.264.
+    /// Descriptions of how to decode its pictures, the first from picture 0 on; empty unless it is H.264.
     pub descriptions: Vec<Description>,
     /// Ticks per second.
     pub timescale: u32,
-    /// Whether the pictures are shown turned or mirrored.
+    /// `true` if the pictures are shown turned or mirrored.
     pub is_turned: bool,
-    /// All that the tables name, in decoding order, at least one.
+    /// All pictures that the tables name, in decoding order, at least one.
     pub pictures: Vec<CodedPicture>,
-    /// So many of them, from the first on, are in the file.
+    /// Number of pictures, counted from the first, that are in the file.
     pub present: usize,
-    /// Of all pictures.
+    /// Total size of all pictures.
     bytes: u64,
-    /// Whether the file ends within its tables, so that nobody knows how many pictures there were.
+    /// `true` if the file ends within its tables, so that the number of pictures is unknown.
     pub is_open_ended: bool,
 }
 
-/// How pictures are to be decoded.
+/// Parameters with which a run of pictures is decoded.
 #[derive(Clone, PartialEq)]
 pub(super) struct Description {
-    /// The first picture of those, in decoding order.
+    /// The first of these pictures, in decoding order.
     pub from: usize,
     pub width: usize,
     pub height: usize,
-    /// Bytes of the length before each NAL unit.
+    /// Size in bytes of the length field before each NAL unit.
     pub length_bytes: usize,
     /// NAL units: the sequence parameter sets, then the picture parameter sets.
     pub parameter_sets: Vec<Vec<u8>>,
@@ -54,14 +54,14 @@ pub(super) struct Description {
 pub(super) struct CodedPicture {
     pub offset: u64,
     pub size: usize,
-    /// When it is shown, in ticks.
+    /// Time at which it is shown, in ticks.
     pub shown_at: i64,
-    /// Whether decoding may start there.
+    /// `true` if decoding may start there.
     pub is_sync: bool,
 }
 
 impl Mp4 {
-    /// Reads the tables; says why where that is not possible, without a full stop.
+    /// Reads the tables. The error says why that is not possible, without a full stop.
     pub(super) fn read(path: &Path) -> Result<Self, String> {
         let file = File::open(path).map_err(|e| e.to_string())?;
         let len = file.metadata().map_err(|e| e.to_string())?.len();
@@ -74,7 +74,8 @@ impl Mp4 {
         }
     }
 
-    /// `turned` are the tracks whose pictures are not shown as they are stored.
+    /// Collects the pictures of all video tracks and returns the chosen track. `turned` are the tracks
+    /// whose pictures are not shown as they are stored.
     fn collect(mut demuxer: impl Demuxer, source: &mut Source, turned: &[u32]) -> Result<Self, String> {
         let mut tracks: BTreeMap<u32, Self> = BTreeMap::new();
         let mut is_open_ended = false;
@@ -122,13 +123,13 @@ impl Mp4 {
     /// Adds the next picture.
     fn push(&mut self, sample: &Sample<'_>, source: &Source) -> Result<(), String> {
         let at = self.pictures.len();
-        // A small table can name any number of pictures; the file's length says what can be true.
+        // A small table can name any number of pictures; the file's length limits how many can exist.
         if at as u64 >= source.len.min(MAX_PICTURES) {
             return Err("its tables lead beyond its end".to_owned());
         }
         if let Some(description) = sample.sample_entry.and_then(|entry| Description::of(entry, at)) {
             let last = self.descriptions.last();
-            // What is of another kind in between is not H.264, and neither is the whole.
+            // If the first pictures are of another kind, the track does not count as H.264, whatever follows.
             if last.is_none_or(|last| !last.is_like(&description)) && (last.is_some() || at == 0) {
                 self.descriptions.push(description);
             }
@@ -151,7 +152,7 @@ impl Mp4 {
         Ok(())
     }
 
-    /// The shortest and the longest time between two frames, seconds.
+    /// Returns the shortest and the longest time between two frames, seconds.
     pub(super) fn intervals(&self) -> Option<(f64, f64)> {
         let mut times: Vec<i64> = self.pictures.iter().map(|picture| picture.shown_at).collect();
         times.sort_unstable();
@@ -160,14 +161,14 @@ impl Mp4 {
         Some((all().reduce(f64::min)?, all().reduce(f64::max)?))
     }
 
-    /// The pictures in the order of showing.
+    /// Returns the pictures in the order of showing.
     pub(super) fn in_order_of_showing(&self) -> Vec<usize> {
         let mut by_time: Vec<_> = (0..self.pictures.len()).collect();
         by_time.sort_by_key(|&i| (self.pictures[i].shown_at, i));
         by_time
     }
 
-    /// The place of every picture in the order of showing.
+    /// Returns the position of every picture in the order of showing.
     pub(super) fn frame_of(&self) -> Vec<usize> {
         let by_time = self.in_order_of_showing();
         let mut frame_of = vec![0; by_time.len()];
@@ -175,12 +176,12 @@ impl Mp4 {
         frame_of
     }
 
-    /// How many frames, from the first shown on, are in the file.
+    /// Returns the number of frames, counted from the first shown, that are in the file.
     pub(super) fn frames_there(&self) -> usize {
         self.frame_of().into_iter().skip(self.present).min().unwrap_or(self.pictures.len())
     }
 
-    /// What is missing of the file, in words; `None` where it is whole.
+    /// Describes the missing part of the file in words; `None` if it is complete.
     pub(super) fn cut_off(&self) -> Option<String> {
         let (there, all) = (self.frames_there(), self.pictures.len());
         if self.present < all {
@@ -194,7 +195,7 @@ impl Mp4 {
 }
 
 impl Description {
-    /// `None` unless it is H.264.
+    /// Returns the description of an H.264 sample entry; `None` for other kinds.
     fn of(entry: &SampleEntry, from: usize) -> Option<Self> {
         let SampleEntry::Avc1(avc1) = entry else { return None };
         let AvccBox { length_size_minus_one, sps_list, pps_list, .. } = &avc1.avcc_box;
@@ -212,7 +213,7 @@ impl Description {
     }
 }
 
-/// What both kinds of file have in common.
+/// The common part of the demuxers of both kinds of file.
 trait Demuxer {
     fn handle_input(&mut self, input: Input<'_>);
     fn next_sample(&mut self) -> Result<Option<Sample<'_>>, DemuxError>;
@@ -237,7 +238,7 @@ macro_rules! demuxer {
 demuxer!(Mp4FileDemuxer);
 demuxer!(Fmp4FileDemuxer);
 
-/// The file, which is read no further than it reaches and never twice at the same place.
+/// The file. It is never read beyond its end, nor twice in a row at the same place.
 struct Source {
     file: File,
     len: u64,
@@ -258,7 +259,7 @@ impl Source {
         }
     }
 
-    /// The tracks whose matrix turns or mirrors their pictures (ISO/IEC 14496-12, 8.3.2).
+    /// Returns the tracks whose matrix turns or mirrors their pictures (ISO/IEC 14496-12, 8.3.2).
     fn turned_tracks(&mut self) -> Option<Vec<u32>> {
         const HEAD: u64 = 16;
         let mut at = 0;
@@ -283,7 +284,7 @@ impl Source {
         }
     }
 
-    /// So many bytes, or as many as there are.
+    /// Reads `size` bytes, or as many as there are.
     fn bytes(&mut self, at: u64, size: u64) -> Option<Vec<u8>> {
         let mut data = Vec::new();
         self.file.seek(SeekFrom::Start(at)).ok()?;
@@ -292,7 +293,7 @@ impl Source {
     }
 
     fn read(&mut self, required: RequiredInput) -> Result<Vec<u8>, String> {
-        // The end of a file in fragments is found by reading there.
+        // In a fragmented file, the demuxer finds the end by reading there.
         if self.last.replace(required) == Some(required) || required.position > self.len {
             return Err("its tables lead beyond its end".to_owned());
         }

@@ -1,4 +1,4 @@
-//! Listings in natural order, frames, one-channel maps.
+//! Listings of folders in natural order, frames, and one-channel maps.
 
 use crate::{
     Error, Result,
@@ -43,7 +43,7 @@ fn leading_digits(text: &str) -> (&str, &str) {
     text.split_at(text.bytes().take_while(u8::is_ascii_digit).count())
 }
 
-/// The visible files of `folder` with one of the given endings, in natural order of their names.
+/// Returns the visible files of `folder` with one of the given endings, in natural order of their names.
 pub(super) fn list(folder: &Path, endings: &[&str]) -> Result<Vec<PathBuf>> {
     let fail = |e| Error::io("list the folder", folder, e);
     let mut files = Vec::new();
@@ -65,23 +65,23 @@ pub(super) fn list(folder: &Path, endings: &[&str]) -> Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// The last part of a path, as text.
+/// Returns the last part of a path, as text.
 pub(super) fn file_name(path: &Path) -> String {
     path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
-/// The file name without its ending, as text.
+/// Returns the file name without its ending, as text.
 pub(super) fn stem(path: &Path) -> String {
     path.file_stem().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
-/// Whether the folder `path` exists and holds at least one file with one of the endings, or cannot be listed: what is
-/// wrong with it is said when it is opened.
+/// Returns `true` if the folder `path` exists and holds at least one file with one of the endings. Also
+/// `true` if it cannot be listed: the error is then reported when it is opened.
 pub(super) fn holds(path: &Path, endings: &[&str]) -> bool {
     path.is_dir() && list(path, endings).map_or(true, |files| !files.is_empty())
 }
 
-/// The size (columns, rows) that all pictures share, from their headers alone.
+/// Returns the size (columns, rows) that all pictures share, from their headers alone.
 pub(super) fn common_size(pictures: &[PathBuf]) -> Result<(usize, usize)> {
     let sizes: Vec<_> = pictures.par_iter().map(|path| reading::picture_size(path)).collect::<Result<_>>()?;
     let Some(&first) = sizes.first() else {
@@ -107,7 +107,7 @@ pub(super) fn frame(path: &Path, width: usize, height: usize) -> Result<RgbImage
     Ok(image)
 }
 
-/// Errs unless `found` is the size of the frames.
+/// Returns an error unless `found` is the size of the frames.
 pub(super) fn expect_size(path: &Path, found: (usize, usize), frames: (usize, usize)) -> Result<()> {
     if found == frames {
         return Ok(());
@@ -119,7 +119,8 @@ pub(super) fn expect_size(path: &Path, found: (usize, usize), frames: (usize, us
     ))
 }
 
-/// The brightest channel of each pixel of a mask, as stored: 0–255 or, for 16-bit files, 0–65535. Masks may have any colour.
+/// Returns the brightest channel of each pixel of a mask, as stored: 0–255 or, for 16-bit files, 0–65535.
+/// Masks may have any colour.
 pub(crate) fn lightness(path: &Path) -> Result<Grid<u16>> {
     let Values { image, palette } = reading::values(path)?;
     if let Some(palette) = palette {
@@ -139,7 +140,7 @@ pub(crate) fn lightness(path: &Path) -> Result<Grid<u16>> {
     Ok(Grid::from_vec(width, height, rgb.as_chunks::<3>().0.iter().map(brightest).collect()))
 }
 
-/// The first channel of a decoded picture.
+/// Returns the first channel of a decoded picture.
 pub(super) fn first_channel_of(picture: DynamicImage) -> Grid<u16> {
     let (width, height) = (picture.width() as usize, picture.height() as usize);
     let channels = usize::from(picture.color().channel_count());
@@ -148,13 +149,13 @@ pub(super) fn first_channel_of(picture: DynamicImage) -> Grid<u16> {
         DynamicImage::ImageLumaA16(p) => p.as_raw().iter().step_by(channels).copied().collect(),
         DynamicImage::ImageRgb16(p) => p.as_raw().iter().step_by(channels).copied().collect(),
         DynamicImage::ImageRgba16(p) => p.as_raw().iter().step_by(channels).copied().collect(),
-        // Everything else that PNG and JPEG decode to has 8 bits.
+        // All other colour types that PNG and JPEG decode to have 8 bits.
         other => other.as_bytes().iter().step_by(channels).map(|&v| u16::from(v)).collect(),
     };
     Grid::from_vec(width, height, data)
 }
 
-/// A NumPy array as a map: `[h, w]`, with any number of leading axes of length 1.
+/// Reads a NumPy array as a map: `[h, w]`, with any number of leading axes of length 1.
 pub(crate) fn npy_map(path: &Path) -> Result<Grid<f32>> {
     let (shape, values) = npy_f32(path)?;
     let [leading @ .., height, width] = shape.as_slice() else {

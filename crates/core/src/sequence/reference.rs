@@ -21,7 +21,7 @@ const FOCAL: f32 = 1_087.412_8;
 /// Depth = focal length · baseline / disparity, in the scene's units.
 pub(crate) const BASELINE: f64 = 1.087_703_9;
 
-/// Whether `folder`, which has `images/`, has the marks of this layout.
+/// Returns `true` if `folder`, which has `images/`, has the marks of this layout.
 pub(super) fn matches(folder: &Path) -> bool {
     ["disps", "depth_mu", "test_seg"].iter().any(|name| folder.join(name).is_dir())
 }
@@ -48,7 +48,7 @@ pub(super) fn open(folder: &Path) -> Result<Recording> {
     Ok(recording)
 }
 
-/// Labels of held-out frames from one mask per class.
+/// Adds the labels of held-out frames from one mask per class.
 fn add_test_masks(recording: &mut Recording, folder: &Path) -> Result<()> {
     let test_frames: Vec<_> = (0..recording.frames.len()).filter(|&i| Sequence::is_test_frame(i)).collect();
     let per_frame: Vec<Vec<PathBuf>> = test_frames
@@ -69,7 +69,7 @@ fn add_test_masks(recording: &mut Recording, folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Every class that has a mask in some frame, by name.
+/// Returns every class that has a mask in some frame, by name.
 fn class_list(per_frame: &[Vec<PathBuf>], folder: &Path) -> Result<Vec<Class>> {
     let names: BTreeSet<String> =
         per_frame.iter().flatten().map(|path| classes::plain_words(&read::stem(path))).collect();

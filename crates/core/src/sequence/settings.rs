@@ -1,5 +1,5 @@
-//! `sequence.toml`: what the user knows better than the files. It stands in the recording's folder (for a
-//! video file: beside it, as `NAME.mp4.toml`), every part is optional, and it overrides the layout.
+//! `sequence.toml`: facts that the user knows better than the files. It lies in the recording's folder (for a
+//! video file: beside it, as `NAME.mp4.toml`). Every part is optional, and it overrides the layout.
 //!
 //! ```toml
 //! [camera]                    # intrinsics in pixels of the frames …
@@ -28,7 +28,7 @@
 //! colour = [255, 114, 114]    # optional
 //! ```
 //!
-//! The program reads this file and never writes it; what is decided in the program is in [`super::decided`].
+//! The program reads this file and never writes it; decisions made in the program are in [`super::decided`].
 
 use super::{
     CameraSource,
@@ -46,7 +46,7 @@ use std::path::{Path, PathBuf};
 /// Name of the settings file in a recording's folder.
 pub const SETTINGS_FILE: &str = "sequence.toml";
 
-/// The settings file of the recording `path`: inside a folder, beside a video file.
+/// Returns the settings file of the recording `path`: inside a folder, beside a video file.
 pub(super) fn own_file(path: &Path) -> PathBuf {
     if path.is_file() {
         path.with_file_name(format!("{}.toml", read::file_name(path)))
@@ -55,12 +55,13 @@ pub(super) fn own_file(path: &Path) -> PathBuf {
     }
 }
 
-/// The settings files of the recording `path`, whether they exist or not: the user's, and the program's beside it.
+/// Returns the settings files of the recording `path`, existing or not: the user's, and the
+/// program's beside it.
 pub fn settings_files(path: &Path) -> [PathBuf; 2] {
     [own_file(path), decided::file(path)]
 }
 
-/// The fastest recording whose speed is believed, and that can be exported as a video.
+/// Largest frame rate that is believed, and that can be exported as a video.
 pub const MAX_FRAMES_PER_SECOND: f32 = 10_000.0;
 
 /// The contents of a `sequence.toml`; see the module for its meaning.
@@ -103,7 +104,7 @@ pub struct CameraSettings {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DepthSettings {
-    /// What the values mean.
+    /// Meaning of the values.
     pub kind: Option<DepthKind>,
     /// Scene units per count (for disparity: the numerator).
     pub scale: Option<f64>,
@@ -113,9 +114,9 @@ pub struct DepthSettings {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MaskSettings {
-    /// Which side of the mask files is supervised.
+    /// The side of the mask files that is supervised.
     pub keep: Option<Keep>,
-    /// Whether the border around the endoscopic picture is looked for.
+    /// Treatment of the border around the endoscopic picture.
     pub field_of_view: Option<FieldOfViewSetting>,
 }
 
@@ -138,11 +139,11 @@ impl Keep {
     }
 }
 
-/// What is done about the border around the endoscopic picture.
+/// Treatment of the border around the endoscopic picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum FieldOfViewSetting {
-    /// Found from the frames and left out.
+    /// The border is found from the frames and left out.
     Detect,
     /// Everything is inside.
     Whole,
@@ -154,7 +155,7 @@ pub enum FieldOfViewSetting {
 pub struct TimeSettings {
     /// Frames per second of the files (before `every`).
     pub frames_per_second: Option<f32>,
-    /// Use each k-th frame.
+    /// Use every k-th frame.
     pub every: Option<usize>,
 }
 
@@ -213,7 +214,7 @@ impl Settings {
         positive("[time] every", self.time.every.map(|v| v as f64), f64::INFINITY)
     }
 
-    /// Which of the files are used.
+    /// Returns the selection of files that are used.
     pub(super) fn selection(&self) -> Selection {
         Selection {
             first: self.frames.first.unwrap_or(0),
@@ -222,7 +223,7 @@ impl Settings {
         }
     }
 
-    /// Overrides what the layout said. `path` is the settings file, for messages.
+    /// Overrides what the layout found. `path` is the settings file, for messages.
     pub(super) fn apply(&self, recording: &mut Recording, path: &Path) -> Result<()> {
         self.apply_camera(recording);
         recording.depth_rule.kind = self.depth.kind.unwrap_or(recording.depth_rule.kind);
@@ -277,7 +278,7 @@ impl Settings {
     }
 }
 
-/// Which of the recorded frames are used.
+/// The recorded frames that are used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Selection {
     pub first: usize,
@@ -286,7 +287,7 @@ pub(super) struct Selection {
 }
 
 impl Selection {
-    /// The numbers of the used frames among `n`; says what is wrong where there are none.
+    /// Returns the numbers of the used frames among `n`. The error says what is wrong if there are none.
     pub(super) fn indices(&self, n: usize) -> Result<Vec<usize>, String> {
         let last = self.last.unwrap_or(n.saturating_sub(1));
         if self.first > last || last >= n {

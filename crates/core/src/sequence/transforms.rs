@@ -1,8 +1,8 @@
 //! nerfstudio's `transforms.json`: one pose per frame, so the camera may move.
 //!
-//! `transform_matrix` is camera-to-world with OpenGL axes (right, up, backwards). Intrinsics stand once or per
-//! frame, in pixels of the `w × h` they name. `mask_path` is white where kept; `depth_file_path` counts
-//! `depth_unit_scale_factor` scene units (0.001 unless given). Our own additions, which other programs
+//! `transform_matrix` is camera-to-world with OpenGL axes (right, up, backwards). Intrinsics are given once
+//! or per frame, in pixels of the `w × h` they name. `mask_path` is white where kept; `depth_file_path`
+//! counts `depth_unit_scale_factor` scene units (0.001 unless given). Our own additions, which other programs
 //! ignore: `label_path` per frame and the top-level list `classes` (as in `labels.json`).
 
 use super::{
@@ -116,7 +116,7 @@ pub(super) fn open(folder: &Path) -> Result<Recording> {
     Ok(recording)
 }
 
-/// Names may lack their ending, as instant-ngp writes them.
+/// Returns the path of a picture. Names may lack their ending, as instant-ngp writes them.
 fn picture_path(folder: &Path, name: &str) -> PathBuf {
     let plain = folder.join(name);
     if plain.is_file() {
@@ -126,7 +126,7 @@ fn picture_path(folder: &Path, name: &str) -> PathBuf {
     with_ending.into_iter().find(|p| p.is_file()).unwrap_or(plain)
 }
 
-/// With OpenCV axes; `None` where the matrix has another shape, is not finite or is singular.
+/// Converts a pose to OpenCV axes; `None` if the matrix has another shape, is not finite or is singular.
 fn world_from_camera(rows: &[Vec<f64>]) -> Option<DAffine3> {
     if !(3..=4).contains(&rows.len()) || rows.iter().any(|row| row.len() != 4) {
         return None;
@@ -138,7 +138,7 @@ fn world_from_camera(rows: &[Vec<f64>]) -> Option<DAffine3> {
 }
 
 impl Intrinsics {
-    /// What the frame says, else what all share.
+    /// Combines the values of a frame with the shared ones; those of the frame come first.
     fn or(self, shared: Self) -> Self {
         Self {
             w: self.w.or(shared.w),
@@ -156,13 +156,13 @@ impl Intrinsics {
         }
     }
 
-    /// Focal length along x for pictures `width` columns wide, if it is known.
+    /// Returns the focal length along x for pictures `width` columns wide, if it is known.
     fn focal(&self, width: f64) -> Option<f64> {
         let from_angle = self.camera_angle_x.map(|angle| 0.5 * self.w.unwrap_or(width) / (0.5 * angle).tan());
         self.fl_x.or(from_angle)
     }
 
-    /// Intrinsics for pictures of `size`; what is unknown stays as `assumed`.
+    /// Returns the intrinsics for pictures of `size`; unknown values stay as in `assumed`.
     fn camera(&self, size: (f64, f64), assumed: Camera) -> Camera {
         let (w, h) = (self.w.unwrap_or(size.0), self.h.unwrap_or(size.1));
         let (sx, sy) = (size.0 / w, size.1 / h);

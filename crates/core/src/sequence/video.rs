@@ -1,9 +1,10 @@
-//! Video files. H.264 in an mp4 container is decoded here, frame by frame as asked for; anything else is
-//! unpacked once into lossless pictures by an installed `ffmpeg` program.
+//! Video files. H.264 in an mp4 container is decoded here, frame by frame on request. All other videos
+//! are unpacked once into lossless pictures by an installed `ffmpeg` program.
 //!
-//! Any frame can be asked for in any order: decoding starts at the last picture before it that needs no
-//! other (an IDR picture), or goes on from where the last request ended, and the frames that come by are
-//! kept while [`CACHE_BYTES`] allow. A video that ends before its last frame is refused, whoever decodes it. Colours follow BT.601 with limited range, whatever the file says.
+//! Frames can be requested in any order. Decoding starts at the last picture before the frame that needs
+//! no other (an IDR picture), or continues where the last request ended. Frames decoded on the way are
+//! kept while [`CACHE_BYTES`] allow. A video that ends before its last frame is refused by either
+//! decoder. Colours follow BT.601 with limited range, whatever the file says.
 
 use super::{
     Layout,
@@ -54,7 +55,7 @@ pub(super) fn open(path: &Path, selection: &Selection) -> Result<Recording> {
     }
 }
 
-/// Errs where the file ends before its last frame, unless no frame that is asked for is missing.
+/// Returns an error if the file ends before its last frame, unless none of the requested frames is missing.
 fn expect_whole(path: &Path, mp4: &Mp4, selection: &Selection) -> Result<()> {
     let there = mp4.frames_there();
     match mp4.cut_off() {
@@ -63,7 +64,7 @@ fn expect_whole(path: &Path, mp4: &Mp4, selection: &Selection) -> Result<()> {
     }
 }
 
-/// The error about a video of which only the first `there` frames can be had.
+/// Creates the error about a video of which only the first `there` frames are available.
 pub(super) fn cut_off(path: &Path, what: &str, there: usize) -> Error {
     let mut hint = "Copy it once more from where it was recorded".to_owned();
     if let Some(last) = there.checked_sub(1) {
@@ -72,7 +73,7 @@ pub(super) fn cut_off(path: &Path, what: &str, there: usize) -> Error {
     Error::input_at(path, format!("the video is cut off or damaged: {what}"), hint + ".")
 }
 
-/// The error about a video whose size changes at `frame`.
+/// Creates the error about a video whose size changes at `frame`.
 pub(super) fn other_size(path: &Path, frame: usize, size: (usize, usize), first: (usize, usize)) -> Error {
     let hint = frame.checked_sub(1).map_or(String::new(), |last| {
         format!("Cut it there into two videos, or use the first part: {}.", use_until(path, last))
@@ -82,7 +83,7 @@ pub(super) fn other_size(path: &Path, frame: usize, size: (usize, usize), first:
     Error::input_at(path, what, hint)
 }
 
-/// The setting that leaves out what comes after frame `last`.
+/// Names the setting that leaves out everything after frame `last`.
 fn use_until(path: &Path, last: usize) -> String {
     let name = read::file_name(path);
     format!("`last = {last}` under `[frames]` in {name}.toml beside it, or in sequence.toml of a folder")
@@ -105,10 +106,11 @@ fn open_h264(path: &Path, video: H264, selection: &Selection) -> Result<Recordin
     Ok(recording)
 }
 
-/// Frames that are further apart than so many times the shortest time between two are not evenly spaced.
+/// Frames are unevenly spaced if the longest time between two is more than this many times the shortest.
 const UNEVEN: f64 = 1.5;
 
-/// The note about frames that are shown unequally long, from the shortest to the longest time between two, in seconds.
+/// Returns a note if frames are shown for unequal times. `shortest` and `longest` are the extremes of the
+/// time between two frames, in seconds.
 pub(super) fn uneven(shortest: f64, longest: f64) -> Option<String> {
     (longest > UNEVEN * shortest).then(|| {
         let [shortest, longest] = [shortest, longest].map(|seconds| 1e3 * seconds);
@@ -116,14 +118,14 @@ pub(super) fn uneven(shortest: f64, longest: f64) -> Option<String> {
     })
 }
 
-/// What kind of file a video is in.
+/// Kind of file that holds a video.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Container {
     Mp4,
     Other,
 }
 
-/// Errs where the first bytes are no kind of video.
+/// Returns an error if the first bytes belong to no known kind of video.
 fn expect_video(path: &Path) -> Result<Container> {
     let mut head = Vec::new();
     let file = File::open(path).map_err(|e| Error::io("open the file", path, e))?;
@@ -156,20 +158,20 @@ fn expect_video(path: &Path) -> Result<Container> {
 pub(super) struct H264 {
     path: PathBuf,
     frames_per_second: Option<f32>,
-    /// What the user should know of it.
+    /// A note about it for the user.
     note: Option<String>,
-    /// How samples are decoded, the first from sample 0 on.
+    /// Descriptions of how to decode samples, the first from sample 0 on.
     descriptions: Vec<Description>,
-    /// In decoding order.
+    /// All samples, in decoding order.
     samples: Vec<CodedPicture>,
-    /// The sample of each frame that can be shown: as many as samples, or fewer where the file is cut off.
+    /// The sample of each frame that can be shown: as many as samples, or fewer if the file is cut off.
     shown: Vec<usize>,
-    /// Where decoding can start; ascending, the first at sample 0.
+    /// The points where decoding can start; ascending, the first at sample 0.
     starts: Vec<Start>,
     state: Mutex<State>,
 }
 
-/// An IDR picture: its place in decoding order and in the order of showing.
+/// An IDR picture: its position in decoding order and in the order of showing.
 #[derive(Clone, Copy)]
 struct Start {
     sample: usize,
@@ -182,12 +184,12 @@ struct State {
     cache: Cache,
 }
 
-/// A decoder on its way.
+/// A decoder in the middle of the video.
 struct Running {
     decoder: Decoder,
     file: File,
     next_sample: usize,
-    /// The frame that comes out next.
+    /// The next frame that comes out.
     next_frame: usize,
 }
 
@@ -201,7 +203,7 @@ impl std::fmt::Debug for H264 {
 }
 
 impl H264 {
-    /// Decodes one frame of the track; says why where that is not possible.
+    /// Decodes one frame of the track; the error says why that is not possible.
     fn open(path: &Path, mp4: Mp4) -> Result<Self, String> {
         let Some(Description { width, height, .. }) = mp4.descriptions.first() else {
             return Err("there is no H.264 video in it".to_owned());
@@ -228,17 +230,17 @@ impl H264 {
         Ok(video)
     }
 
-    /// Columns and rows of the first frame, which all others have, too.
+    /// Returns the columns and rows of the first frame, which all others share.
     fn size(&self) -> (usize, usize) {
         (self.descriptions[0].width, self.descriptions[0].height)
     }
 
-    /// How a sample is decoded.
+    /// Returns the description with which a sample is decoded.
     fn description(&self, sample: usize) -> &Description {
         &self.descriptions[self.descriptions.partition_point(|d| d.from <= sample).max(1) - 1]
     }
 
-    /// Those of the candidates that are IDR pictures: after others, references may reach back.
+    /// Returns those candidates that are IDR pictures: after other pictures, references may reach back.
     fn find_starts(&self) -> Result<Vec<Start>> {
         let mut file = BufReader::new(self.open_file()?);
         let mut starts = Vec::new();
@@ -273,12 +275,12 @@ impl H264 {
         Ok(false)
     }
 
-    /// The last frame before `index`, or `index` itself, at which decoding can start.
+    /// Returns the last frame before `index`, or `index` itself, at which decoding can start.
     pub(super) fn entry_before(&self, index: usize) -> usize {
         self.starts[self.starts.partition_point(|s| s.frame <= index).max(1) - 1].frame
     }
 
-    /// Coded bytes of some frames in the order of showing.
+    /// Returns the number of coded bytes of some frames in the order of showing.
     pub(super) fn coded_bytes(&self, frames: Range<usize>) -> u64 {
         self.shown[frames].iter().map(|&sample| self.samples[sample].size as u64).sum()
     }
@@ -292,7 +294,7 @@ impl H264 {
         })
     }
 
-    /// Frame `index` in the order of showing.
+    /// Returns frame `index` in the order of showing.
     pub(super) fn frame(&self, index: usize) -> Result<RgbImage> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(frame) = state.cache.get(index) {
@@ -322,12 +324,12 @@ impl H264 {
         Ok(Running { decoder, file: self.open_file()?, next_sample: start.sample, next_frame: start.frame })
     }
 
-    /// Feeds one sample; what comes out goes into the cache.
+    /// Feeds one sample to the decoder; pictures that come out go into the cache.
     fn advance(&self, running: &mut Running, cache: &mut Cache, wanted: usize) -> Result<()> {
         let next = running.next_sample;
         let start = self.starts.binary_search_by_key(&next, |s| s.sample).ok().filter(|_| next > 0);
         let start = start.map(|i| &self.starts[i]);
-        // Before a new start, and at the end, everything that waits for its turn comes out.
+        // Before a new start, and at the end, all pictures that the decoder still holds come out.
         if start.is_some() || next == self.samples.len() {
             self.flush(running, cache, wanted)?;
         }
@@ -335,7 +337,7 @@ impl H264 {
             if running.next_frame != start.frame {
                 return Err(self.damaged(running.next_frame, "the decoder left it out"));
             }
-            // A fresh decoder: the emptied one runs out of picture buffers.
+            // A new decoder is needed: the flushed one runs out of picture buffers.
             *running = self.start_at(*start)?;
         }
         if next == self.samples.len() {
@@ -401,7 +403,7 @@ impl H264 {
     }
 }
 
-/// Frames per second from the first to the last time of showing.
+/// Returns the frames per second between the first and the last time of showing.
 fn mean_speed(mp4: &Mp4) -> Option<f32> {
     let times = || mp4.pictures.iter().map(|picture| picture.shown_at);
     let ticks = times().max()?.checked_sub(times().min()?)?;
@@ -409,7 +411,8 @@ fn mean_speed(mp4: &Mp4) -> Option<f32> {
     (speed.is_finite() && speed > 0.0).then_some(speed as f32)
 }
 
-/// Sync samples with their place in the order of showing, where nothing earlier is shown after them.
+/// Returns the sync samples with their position in the order of showing, if nothing earlier is
+/// shown after them.
 fn candidates(mp4: &Mp4) -> Vec<Start> {
     let mut latest_before = None;
     let mut starts = Vec::new();
@@ -423,7 +426,7 @@ fn candidates(mp4: &Mp4) -> Vec<Start> {
     starts
 }
 
-/// The NAL units of a sample; stops where a length leads outside.
+/// Iterates over the NAL units of a sample; stops at a length that leads outside.
 fn units(sample: &[u8], length_bytes: usize) -> impl Iterator<Item = &[u8]> {
     let mut rest = sample;
     std::iter::from_fn(move || {
@@ -441,7 +444,7 @@ fn push_unit(stream: &mut Vec<u8>, unit: &[u8]) {
     stream.extend_from_slice(unit);
 }
 
-/// Decoded frames; those farthest from the last request go first.
+/// Cache of decoded frames; those farthest from the last request are removed first.
 #[derive(Default)]
 struct Cache {
     frames: BTreeMap<usize, RgbImage>,
@@ -453,7 +456,7 @@ impl Cache {
         self.frames.get(&index)
     }
 
-    /// Adds a frame that came by on the way to `wanted`.
+    /// Adds a frame that was decoded on the way to `wanted`.
     fn insert(&mut self, index: usize, frame: RgbImage, wanted: usize) {
         self.bytes += frame.as_raw().len();
         if let Some(old) = self.frames.insert(index, frame) {

@@ -1,4 +1,4 @@
-//! The fake that answers instead of the engine, and the window on it.
+//! A fake that answers in place of the engine, and a window on it.
 
 use super::*;
 
@@ -7,7 +7,7 @@ pub(super) const FRAMES: usize = 48;
 
 pub(super) struct Fake {
     pub(super) info: Info,
-    /// Scores are given out one permission at a time, if there is a gate.
+    /// Gate that gives out scores one permission at a time, if there is one.
     pub(super) gate: Option<mpsc::Receiver<()>>,
 }
 
@@ -28,7 +28,7 @@ impl FrameSource for Fake {
         Ok(Rendering {
             colour: RgbImage::from_pixel(SIZE.0, SIZE.1, Rgb([view.frame as u8; 3])),
             depth: Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 50.0),
-            // To the right of the middle, from elsewhere.
+            // In a turned view, the part to the right of the middle is unseen.
             unseen: (!view.orbit.is_home()).then(|| {
                 let is_right = (0..SIZE.0 * SIZE.1).map(|i| i % SIZE.0 >= SIZE.0 / 2).collect();
                 Grid::from_vec(SIZE.0 as usize, SIZE.1 as usize, is_right)
@@ -183,7 +183,7 @@ pub(super) struct Window {
 }
 
 impl Window {
-    /// A window on a scene, its first picture shown and the notice read.
+    /// Opens a window on a scene, with its first picture shown and the notice read.
     pub(super) fn on(info: Info) -> Self {
         let mut window = Self::gated(info, None);
         window.until(|app| app.picture().is_some());
@@ -211,12 +211,12 @@ impl Window {
         Self { harness, backend }
     }
 
-    /// Goes on until `is_so`, as long as it takes the threads; gives up after far too long.
+    /// Steps until `is_so`, however long the threads take; panics after far too long.
     pub(super) fn until(&mut self, is_so: impl Fn(&ViewerApp) -> bool) {
         for _ in 0..20_000 {
             self.harness.step();
             if is_so(self.harness.state()) {
-                // Once more, so that what is on the screen is what was waited for.
+                // One more step, so that the screen shows the awaited state.
                 self.harness.step();
                 return;
             }
@@ -240,7 +240,7 @@ impl Window {
         self.until(|app| app.picture().is_some_and(&is_so));
     }
 
-    /// Until the prompts that were added have their answers: before, words half typed may have one.
+    /// Steps until the added prompts have their answers. Before, there may be answers to words half typed.
     pub(super) fn until_found(&mut self) {
         self.until(|app| {
             let visible = app.document.prompts().iter().filter(|p| p.is_visible).map(|p| p.id);

@@ -1,5 +1,5 @@
-//! What could mislead somebody, and that it does not. (Nothing found, frames that do not match, lengths and scores have
-//! tests of their own beside their parts.)
+//! Tests of everything that could mislead a user. (Nothing found, frames that do not match, lengths and
+//! scores have tests of their own beside their parts.)
 
 use super::*;
 use surgtpgs_core::overlay::OverlayStyle;

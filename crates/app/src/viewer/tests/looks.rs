@@ -1,10 +1,10 @@
-//! How what was found is drawn: opacity, instruments, cleaned masks.
+//! Tests of the overlay: opacity, instruments, cleaned masks.
 
 use super::*;
 use egui::Color32;
 use surgtpgs_core::mask::CleanUp;
 
-/// Of the picture without and with what was found.
+/// Returns a pixel of the picture without and with everything found.
 fn pixel(window: &Window, x: usize, y: usize) -> [Color32; 2] {
     let pane = window.harness.state().picture().unwrap().reconstruction.as_ref().unwrap();
     [&pane.bare, pane.marked.as_ref().unwrap()].map(|image| image.pixels[y * SIZE.0 as usize + x])
@@ -15,7 +15,7 @@ fn is_drawn(window: &Window, x: usize, y: usize) -> bool {
     bare != marked
 }
 
-/// A window on frame 100 of grey, with one prompt.
+/// Opens a window with one prompt, and waits for its result.
 fn with_prompt(info: Info, prompt: &str) -> Window {
     let mut window = Window::on(info);
     window.add_prompt(prompt);
@@ -44,7 +44,7 @@ fn what_is_found_lies_below_the_instruments_until_it_is_to_lie_above() {
     assert!(is_drawn(&window, 7, 3) && is_drawn(&window, 7, 20));
     window.click("Below instruments");
     window.until_picture(|p| p.request.look.below_instruments);
-    // Where the recorded mask is does not tell where instruments are in a turned view.
+    // The recorded mask does not tell the place of instruments in a turned view.
     let look = &mut window.harness.state_mut().document.look;
     look.orbit = look.orbit.dragged([80.0, 0.0], 15.0);
     window.until_picture(|p| !p.request.view.orbit.is_home());
@@ -100,7 +100,7 @@ fn smoothing_over_time_says_so_on_the_picture() {
     assert!(window.shows("scores smoothed over 5 frames") && window.shows("no longer of this frame alone"));
     window.harness.state_mut().playback.seek(9, 0.0);
     window.until_picture(|p| p.request.view.frame == 9);
-    // Found on frames 10 and 11: 0.8 there and 0.3 on three of five, as the mean of the first two columns.
+    // The first two columns score 0.8 on frames 10 and 11, and 0.3 on the other three of the five frames.
     let found = window.harness.state().picture().unwrap().findings[0].outcome.clone().unwrap();
     assert!((found.max_score - 0.5).abs() < 1e-6 && found.area_px > 0, "{}", found.max_score);
     window.click("Off");

@@ -1,5 +1,6 @@
-//! The window driven as a user drives it, without a display. A small fake answers instead of the engine: its frame i is
-//! a grey of level i, and "gallbladder" is the left part of every picture, "nothing" nowhere.
+//! Tests that drive the window as a user does, without a display. A small fake answers in place of the
+//! engine: its frame i is a grey of level i, "gallbladder" is the left part of every picture, and "nothing"
+//! is nowhere.
 
 mod fixture;
 mod hazards;
@@ -389,7 +390,7 @@ fn the_shortcut_sheet_lists_the_command_table() {
 fn keys_can_be_chosen_and_the_sheet_shows_them() {
     let mut window = Window::on(scene());
     window.press(Key::F1);
-    // The sheet finds its size.
+    // The sheet needs a few steps to find its size.
     (0..4).for_each(|_| window.harness.step());
     window.click("Key of Play or pause");
     assert!(window.shows("Press the new key for \"Play or pause\""));

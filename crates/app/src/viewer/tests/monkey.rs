@@ -1,8 +1,9 @@
-//! A monkey at the window: seeded random input to the real engine, and what must hold whatever it does.
+//! Monkey test of the window: seeded random input to the real engine, and conditions that must hold whatever
+//! it does.
 //!
-//! `cargo test` lets it act a few hundred times. For long:
+//! `cargo test` runs a few hundred acts. For a long run:
 //! `MONKEY_MINUTES=30 MONKEY_SEED=1 cargo test --release -p surgtpgs monkey_for_long -- --ignored --nocapture`
-//! (with `--release`: otherwise egui keeps the names of all ids for its messages, and memory grows with them).
+//! (with `--release`: otherwise egui keeps the names of all ids for its messages, and memory grows).
 
 use super::*;
 use crate::{
@@ -24,7 +25,8 @@ use std::{
 };
 use surgtpgs_core::demo::DemoSettings;
 
-/// What it types: words, nothing, signs of other scripts, what a shell or a web page would obey, and a control character.
+/// Texts to type: words, nothing, signs of other scripts, text that a shell or a web page would obey, and a
+/// control character.
 const WORDS: [&str; 12] = [
     "gallbladder",
     "liver",
@@ -39,17 +41,18 @@ const WORDS: [&str; 12] = [
     "<b>fat</b>",
     "a\u{7}b",
 ];
-/// Opens the system's file dialogs, which nobody here answers.
+/// Commands that open the system's file dialogs, which nobody answers here.
 const DIALOGS: [Command; 4] =
     [Command::OpenFile, Command::OpenFolder, Command::SaveSession, Command::SaveSessionAs];
-/// The same, on buttons besides those of the commands.
+/// Labels of further buttons that open such dialogs.
 const DIALOG_BUTTONS: [&str; 2] = ["Folder…", "Save as…"];
-/// After so many acts it tidies up, and looks whether the window still answers.
+/// Number of acts after which the monkey tidies up, and checks that the window still answers.
 const ACTS_PER_ROUND: usize = 250;
-/// Its last acts, told when something breaks.
+/// Number of the last acts that are reported when something breaks.
 const REMEMBERED: usize = 25;
 
-/// Draws nothing. Without one the harness keeps every change of a texture for the first time it draws.
+/// Renderer that draws nothing. Without a renderer, the harness keeps every change of a texture for the first
+/// time that it draws.
 struct NoPictures;
 
 impl egui_kittest::TestRenderer for NoPictures {
@@ -85,7 +88,7 @@ impl Monkey {
             preferences.is_acknowledged = true;
             ViewerApp::new(&cc.egui_ctx, Arc::new(EngineBackend), preferences, Autosave::default())
         });
-        // As in the real window, where the system's fonts may lack a sign, too.
+        // The same policy as in the real window, where the system's fonts may lack a sign, too.
         harness.ctx.set_missing_glyph_policy(egui::MissingGlyphPolicy::Tofu);
         let rng = ChaCha8Rng::seed_from_u64(seed);
         let mut monkey = Self { harness, rng, seed, folder, size, acts: VecDeque::new() };
@@ -226,7 +229,7 @@ impl Monkey {
         self.harness.set_size(self.size);
     }
 
-    /// What is undone and done again is as it was.
+    /// Undoes and redoes edits; afterwards the content must be as before.
     fn undo_and_redo(&mut self) {
         let steps = self.rng.random_range(1..6);
         self.note(format!("undo and redo {steps}"));
@@ -269,7 +272,7 @@ impl Monkey {
         self.harness.step();
     }
 
-    /// What must hold after every act.
+    /// Checks the conditions that must hold after every act.
     fn check(&self) {
         let app = self.harness.state();
         let ids: BTreeSet<u64> = app.document.prompts().iter().map(|p| p.id).collect();
@@ -294,14 +297,14 @@ impl Monkey {
         }
     }
 
-    /// Has egui begin its picture of letters anew, which it does by itself only when 17 MB are four fifths full.
+    /// Makes egui start its glyph atlas anew. By itself, egui does so only when 17 MB are four fifths full.
     fn forget_letters(&mut self) {
         let side = self.harness.ctx.input(|i| i.max_texture_side);
         self.harness.input_mut().max_texture_side = Some(if side == 2048 { 2047 } else { 2048 });
     }
 
-    /// Ends what is going on, forgets what was asked, opens the scene again and waits for its picture; removes what was
-    /// written.
+    /// Ends all work in progress, clears the prompts, opens the scene again, waits for its picture, and
+    /// removes the files that were written.
     fn tidy_up(&mut self) {
         self.size = vec2(1280.0, 800.0);
         self.harness.set_size(self.size);
@@ -331,13 +334,13 @@ impl Monkey {
                 let path = entry.path();
                 let removed =
                     if path.is_dir() { std::fs::remove_dir_all(path) } else { std::fs::remove_file(path) };
-                // What an unfinished job still writes is removed the next time.
+                // Files that an unfinished job still writes are removed the next time.
                 drop(removed);
             }
         }
     }
 
-    /// Some hundred acts, each followed by the checks.
+    /// Performs some hundred acts, each followed by the checks.
     fn round(&mut self) {
         for _ in 0..ACTS_PER_ROUND {
             let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
@@ -360,14 +363,14 @@ fn a_monkey_does_no_harm() {
     monkey.round();
 }
 
-/// What Linux says of this process.
+/// Returns a value of Linux's status of this process.
 fn status(name: &str) -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|l| l.starts_with(name))?;
     line.split_whitespace().nth(1)?.parse().ok()
 }
 
-/// Waits until all jobs that were stopped have ended: there are no more threads than `usual`.
+/// Waits until all stopped jobs have ended, which is when there are at most `usual` threads.
 fn wait_for_threads(usual: Option<f64>) {
     let began = Instant::now();
     while usual.zip(status("Threads:")).is_some_and(|(usual, now)| now > usual) {
@@ -376,8 +379,9 @@ fn wait_for_threads(usual: Option<f64>) {
     }
 }
 
-/// Memory in use must not grow: the lower quartile of the last third of the rounds is at most 5 % above that of the second.
-/// (Lower, because what a round leaves behind is there after every one; what was going on when it ended is not.)
+/// Checks that memory in use does not grow: the lower quartile of the last third of the rounds is at most 5 %
+/// above that of the second third. (Lower, because everything that a round leaves behind is there after every
+/// later round, but work in progress at the end of a round is not.)
 #[test]
 #[ignore = "takes as long as MONKEY_MINUTES says"]
 fn a_monkey_for_long() {

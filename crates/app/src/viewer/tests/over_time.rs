@@ -1,9 +1,9 @@
-//! Areas over time, and the ways through it.
+//! Tests of areas over time, and of the ways to move through them.
 
 use super::*;
 use crate::viewer::command::Command;
 
-/// A window with one prompt that is found on frames 10 to 20, most of it on frame 15.
+/// Opens a window with one prompt that is found on frames 10 to 20, most of it on frame 15.
 fn counted() -> Window {
     let mut window = Window::on(scene());
     window.add_prompt("polyp");

@@ -1,10 +1,10 @@
-//! What the mouse does on the picture: asking a point what it is, measuring, zooming.
+//! Tests of the mouse on the picture: probing a point, measuring, zooming.
 
 use super::*;
 use crate::viewer::measure::Lens;
 use egui::Pos2;
 
-/// Where a point of the picture is on the screen.
+/// Returns the screen position of a point of the picture.
 fn on_screen(window: &Window, point: [f32; 2]) -> Pos2 {
     window.harness.state().panes.screen_positions(point).next().unwrap().1
 }
@@ -52,7 +52,7 @@ fn a_click_says_what_a_point_is_most_like_and_offers_to_look_for_it() {
     click_at(&mut window, [0.1, 0.5]);
     window.until_picture(|p| p.candidates.len() == 2);
     assert!(window.shows("This point"));
-    // The classes of the recording are in its left part, the prompt nowhere.
+    // The classes of the recording are found in its left part, the prompt nowhere.
     assert!(window.shows("liver 0.80 at this point") && window.shows("nothing 0.20 at this point"));
     assert!(!window.shows("Closer to a generic phrase than to any of these"));
     window.click("liver 0.80 at this point");
@@ -84,7 +84,7 @@ fn a_point_becomes_a_prompt_without_words_and_what_a_prompt_is_not() {
     let picture = window.harness.state().picture().unwrap();
     let asked = &picture.request.prompts[1].question;
     assert_eq!((asked.text.as_str(), &asked.like), ("like frame 1, x 24, y 12", &picture.sample));
-    // It is the user's work: it comes back with the session.
+    // Samples are the user's work: they come back with the session.
     let session = window.harness.state().session().unwrap();
     let told = serde_json::to_string(&session).unwrap();
     let read: crate::viewer::session::Session = serde_json::from_str(&told).unwrap();

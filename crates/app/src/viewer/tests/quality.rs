@@ -1,4 +1,4 @@
-//! A reconstruction measured against its recording.
+//! Tests that measure a reconstruction against its recording.
 
 use super::*;
 
@@ -9,11 +9,11 @@ fn classes_and_frames_are_measured_saved_and_gone_to() {
     window.press_with(Modifiers::COMMAND, Key::M);
     window.until(|app| app.quality.is_some());
     window.until_shown("2 frames that the training did not see");
-    // Means over both frames; half of the liver is found, and once where there is none.
+    // Means over both frames. Half of the liver is found on one, and some on the other, where there is none.
     for text in ["35.00 dB", "30.00 dB", "0.875", "liver", "0.500", "0.667", "40.00 dB"] {
         assert!(window.shows(text), "{text}");
     }
-    // Somebody else takes the name that was offered.
+    // Another program takes the offered name.
     std::fs::create_dir(folder.path().join("clip-quality")).unwrap();
     std::fs::write(folder.path().join("clip-quality/notes.txt"), "mine").unwrap();
     window.click("Save tables");

@@ -1,4 +1,4 @@
-//! What can be seen and done while a recording is reconstructed.
+//! Tests of everything that can be seen and done while a recording is reconstructed.
 
 use super::*;
 
@@ -139,7 +139,7 @@ fn a_scene_is_reconstructed_again_from_its_recording_and_shown_meanwhile() {
     assert!(!window.harness.state().is_enabled(crate::viewer::command::Command::Reconstruct));
 }
 
-/// Asks the window to close, and returns whether it would.
+/// Asks the window to close, and returns `true` if it would.
 fn closes(window: &mut Window) -> bool {
     let input = window.harness.input_mut();
     let viewport = input.viewports.entry(egui::ViewportId::ROOT).or_default();
@@ -170,7 +170,7 @@ fn a_window_that_is_closed_keeps_what_was_learned_first() {
     assert!(is_closing(&window));
     assert_eq!(window.backend.trained.lock().unwrap().len(), 1);
 
-    // Whoever insists goes without it.
+    // A user who asks again later closes the window without the scene.
     let mut window = training();
     window.backend.is_disk_full.store(true, Ordering::Relaxed);
     assert!(!closes(&mut window));

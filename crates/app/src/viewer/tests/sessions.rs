@@ -1,9 +1,9 @@
-//! Sessions, undo, recovery and bookmarks.
+//! Tests of sessions, undo, recovery and bookmarks.
 
 use super::*;
 use crate::viewer::session::Session;
 
-/// A window on the scene of the tests that keeps its work in `folder`.
+/// Opens a window on the scene of the tests that keeps its work in `folder`.
 fn keeping(folder: &Path) -> Window {
     let backend = Arc::new(FakeBackend { info: scene(), ..Default::default() });
     let theirs = backend.clone();
@@ -25,7 +25,8 @@ fn open(window: &mut Window, path: &Path) {
     window.until(|app| app.opening.is_none() && app.picture().is_some() && app.session_to_apply.is_none());
 }
 
-/// A short review: two prompts, one hidden, a threshold, a bookmark with a note, a range, a frame and a view.
+/// Makes a short review: two prompts, one of them hidden, a threshold, a bookmark with a note, a range, a
+/// frame and a view.
 fn review(window: &mut Window) {
     window.press(Key::W);
     window.press(Key::O);
@@ -51,7 +52,7 @@ fn after_a_kill_everything_is_offered_again_and_comes_back() {
     let kept = folder.path().join("0.surgtpgs");
     window.until(|app| Session::load(&kept).is_ok_and(|kept| kept.content.is_alike(app.document.content())));
     let before = window.harness.state().session().unwrap();
-    // Without the program's own ending, as when it is killed: the system frees what the process held.
+    // Dropped without the program's own ending, as if it were killed: the system frees all that it held.
     drop(window);
 
     let mut window = keeping(folder.path());
@@ -82,7 +83,7 @@ fn unsaved_work_waits_until_its_recording_is_opened_again() {
     let app = window.harness.state();
     assert!(!window.shows("Your last work was not saved"), "not now");
     assert!(app.document.bookmarks().is_empty() && app.document.prompts().len() == 2);
-    // Nothing here is of one frame: the words come along.
+    // No decision here belongs to a single frame, so the prompts come along.
     open(&mut window, clip);
     window.until_shown("Your last work was not saved");
     window.click("Restore");
@@ -90,7 +91,7 @@ fn unsaved_work_waits_until_its_recording_is_opened_again() {
     let after = window.harness.state().session().unwrap();
     assert!(after.content.is_alike(&before.content));
 
-    // A session replaces all of it.
+    // Opening a session replaces all of the content.
     let file = folder.path().join("empty.surgtpgs");
     Session::new(clip.into()).save(&file).unwrap();
     open(&mut window, &file);

@@ -30,13 +30,13 @@ impl Coco {
             "categories": provenance.prompts.iter().enumerate().map(category).collect::<Vec<_>>(),
             "images": frames.iter().map(image).collect::<Vec<_>>(),
         });
-        // Evaluators take annotation 0 for none at all.
+        // Evaluators take annotation 0 for no annotation.
         Ok(Self { annotations: JsonList::begin(file, &head, "annotations")?, next_id: 1 })
     }
 }
 
 impl Series for Coco {
-    /// One annotation per prompt that was found, however many parts it is in.
+    /// Adds one annotation per prompt that was found, even if it has several parts.
     fn add(&mut self, frame: &FrameContent<'_>) -> io::Result<()> {
         for (prompt, mask) in frame.masks.iter().enumerate() {
             if let Some(mut annotation) = annotation(mask) {
@@ -55,7 +55,7 @@ impl Series for Coco {
     }
 }
 
-/// What an annotation says of its mask; `None` for an empty one.
+/// Returns the annotation of a mask; `None` if the mask is empty.
 fn annotation(mask: &Mask) -> Option<Value> {
     let rect = bounding_box(mask)?;
     Some(json!({

@@ -10,18 +10,18 @@ use crate::{
 };
 use std::io::{self, BufWriter};
 
-/// Columns at most.
+/// Largest number of columns.
 const MAX_WIDTH: u32 = 480;
-/// Pictures at most; of longer exports every second, third, ... frame is shown.
+/// Largest number of pictures; of longer exports every second, third, ... frame is shown.
 const MAX_PICTURES: usize = 250;
-/// Pictures per second at most: viewers slow down GIFs that are faster.
+/// Most pictures per second: viewers slow down faster GIFs.
 const MAX_SPEED: f64 = 50.0;
-/// From 1, the best and slowest choice of colours, to 30.
+/// Speed of the colour choice, from 1 (best and slowest) to 30.
 const COLOUR_SPEED: i32 = 10;
 
 pub(super) struct Gif {
     encoder: gif::Encoder<BufWriter<WholeFile>>,
-    /// Every so many frames one is shown.
+    /// One in this many frames is shown.
     step: usize,
     speed: f64,
     added: usize,
@@ -42,7 +42,8 @@ impl Gif {
         Ok(Self { encoder, step, speed, added: 0, frames: plan.frames.len() })
     }
 
-    /// When frame `i` of the export appears, hundredths of a second; rounding does not add up.
+    /// Returns the time at which frame `i` of the export appears, hundredths of a second. Rounding
+    /// errors do not add up.
     fn start(&self, i: usize) -> f64 {
         (100.0 * i as f64 / self.speed).round()
     }

@@ -9,7 +9,7 @@ pub(super) struct JsonList {
 }
 
 impl JsonList {
-    /// `head` is an object; the list becomes its member `name`.
+    /// Begins the file. `head` is an object; the list becomes its member `name`.
     pub(super) fn begin(file: WholeFile, head: &serde_json::Value, name: &str) -> io::Result<Self> {
         let mut file = BufWriter::new(file);
         write!(file, "{{")?;

@@ -1,5 +1,6 @@
-//! Files about all frames of an export. Each is fed frame by frame and streamed to disk, so that memory does not grow
-//! with the number of frames, and appears whole at the end; an export that stops before leaves none of them.
+//! Files about all frames of an export. Each file gets the frames one by one and is streamed to disk, so
+//! that memory does not grow with the number of frames. It appears in its place, complete, at the end. An
+//! export that stops before leaves none of them.
 
 mod coco;
 mod gif;
@@ -13,15 +14,15 @@ use super::{Format, Provenance, frame::FrameContent};
 use crate::files::WholeFile;
 use std::io;
 
-/// A file in the making.
+/// A file that is being written.
 pub(super) trait Series {
     /// Adds the next frame.
     fn add(&mut self, frame: &FrameContent<'_>) -> io::Result<()>;
-    /// Writes what is left; the file is complete then, but not in its place.
+    /// Writes the rest; the file is complete then, but not in its place.
     fn finish(self: Box<Self>) -> io::Result<WholeFile>;
 }
 
-/// What is known before the first frame.
+/// Facts that are known before the first frame.
 #[derive(Clone, Copy)]
 pub(super) struct Plan<'a> {
     pub(super) provenance: &'a Provenance,
@@ -31,7 +32,7 @@ pub(super) struct Plan<'a> {
     pub(super) size: (usize, usize),
 }
 
-/// The file's path inside the export.
+/// Returns the file's path inside the export.
 pub(super) fn name(format: Format, frames: &[usize]) -> String {
     let (first, last) = (frames.first().unwrap_or(&0), frames.last().unwrap_or(&0));
     format!("{}/frames_{first:06}-{last:06}.{}", format.name(), format.extension())

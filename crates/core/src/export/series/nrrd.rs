@@ -1,4 +1,4 @@
-//! A segmentation that 3-D Slicer reads: `.seg.nrrd`, a volume of x, y and frame with names and colours of segments.
+//! A segmentation for 3-D Slicer: `.seg.nrrd`, a volume of x, y and frame with names and colours of segments.
 
 use super::{Plan, Series};
 use crate::{export::frame::FrameContent, files::WholeFile};
@@ -42,7 +42,7 @@ impl Series for Nrrd {
     }
 }
 
-/// Prompts that may share pixels need a layer each.
+/// Returns `true` if each prompt needs its own layer, because prompts may share pixels.
 fn has_layers(plan: Plan<'_>) -> bool {
     !plan.provenance.options.exclusive && plan.provenance.prompts.len() > 1
 }
@@ -50,7 +50,7 @@ fn has_layers(plan: Plan<'_>) -> bool {
 fn header(plan: Plan<'_>, has_layers: bool) -> String {
     let Plan { provenance, frames, size: (width, height) } = plan;
     let (prompts, depth) = (provenance.prompts.len(), frames.len());
-    // Slicer wants three spatial axes, a single frame or not; the layers come first.
+    // Slicer needs three spatial axes, even for a single frame; the layers come first.
     let (dimension, layers, none, list) =
         if has_layers { (4, format!("{prompts} "), "none ", "list ") } else { (3, String::new(), "", "") };
     let mut text = format!(
@@ -100,7 +100,7 @@ fn header(plan: Plan<'_>, has_layers: bool) -> String {
     text
 }
 
-/// The value of a header's key, on one line.
+/// Returns the value of a header's key, on one line.
 fn value(text: &str) -> String {
     text.replace('\\', "\\\\").replace('\n', "\\n").replace('\r', "")
 }

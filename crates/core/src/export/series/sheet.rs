@@ -1,4 +1,4 @@
-//! One picture with small overlays of frames evenly spread over the export.
+//! One picture with small overlays of evenly spread frames of the export.
 
 use super::{Plan, Series};
 use crate::{
@@ -11,14 +11,14 @@ use crate::{
 use image::{RgbImage, imageops};
 use std::io::{self, Write};
 
-/// Tiles at most, and how many in a row.
+/// Largest number of tiles; [`IN_A_ROW`] of them stand side by side.
 const MAX_TILES: usize = 24;
 const IN_A_ROW: usize = 6;
-/// Columns of a tile at most, px.
+/// Largest number of columns of a tile, px.
 const TILE_WIDTH: u32 = 320;
 /// Space between tiles, px.
 const GAP: u32 = 4;
-/// Height of the line below a tile, px.
+/// Height of the text line below a tile, px.
 const LINE: u32 = 2 * stamp::LETTER + GAP;
 
 pub(super) struct Sheet {
@@ -36,7 +36,7 @@ impl Sheet {
     pub(super) fn begin(file: WholeFile, plan: Plan<'_>) -> Self {
         let count = plan.frames.len();
         let tiles = count.min(MAX_TILES);
-        // From the first frame to the last.
+        // The first and the last frame are included.
         let shown = (0..tiles).map(|k| plan.frames[k * (count - 1) / (tiles - 1).max(1)]).collect();
         let tile = small_size((plan.size.0 as u32, plan.size.1 as u32), TILE_WIDTH);
         let columns = tiles.min(IN_A_ROW);

@@ -1,11 +1,11 @@
-//! Area, scores, place and motion of what was found, a row per frame and prompt, as CSV or JSON.
+//! Area, scores, position and motion of found regions, a row per frame and prompt, as CSV or JSON.
 
 use super::{Plan, Series, list::JsonList};
 use crate::{export::frame::FrameContent, files::WholeFile, mask::Region};
 use serde_json::json;
 use std::io;
 
-/// The columns; both forms take their names from here. Numbers that do not exist are empty or null.
+/// The columns; both formats take their names from here. Numbers that do not exist are empty or null.
 #[derive(serde::Serialize)]
 pub(super) struct Row<'a> {
     frame: usize,
@@ -17,13 +17,13 @@ pub(super) struct Row<'a> {
     max_score: f32,
     centroid_x_px: Option<f64>,
     centroid_y_px: Option<f64>,
-    /// Distance of the centroid from that of the last frame before on which the prompt was found.
+    /// Distance of the centroid from its position on the last earlier frame on which the prompt was found.
     moved_px: Option<f64>,
     /// File name of the recorded frame.
     source: Option<&'a str>,
 }
 
-/// A form that rows are written in.
+/// A format that rows are written in.
 pub(super) trait Rows {
     fn push(&mut self, row: &Row<'_>) -> io::Result<()>;
     fn finish(self) -> io::Result<WholeFile>;
@@ -31,7 +31,7 @@ pub(super) trait Rows {
 
 pub(super) struct Table<R> {
     rows: R,
-    /// Where each prompt was found last.
+    /// Last known centroid of each prompt.
     last: Vec<Option<[f64; 2]>>,
 }
 

@@ -1,4 +1,4 @@
-//! What the files about all frames hold, read back.
+//! Tests that read back the files about all frames.
 
 use crate::{
     export::{
@@ -18,7 +18,8 @@ use std::{
 
 const FRAMES: usize = 4;
 
-/// Two prompts on 40 × 24 pixels: a lopsided block that moves by (3, 1) px a frame, and one that is gone on frame 1.
+/// Returns scores of two prompts on 40 × 24 pixels: a lopsided block that moves by (3, 1) px a frame, and
+/// one that is gone on frame 1.
 fn scores(frame: usize) -> Vec<Grid<f32>> {
     let image = |f: &dyn Fn(usize, usize) -> f32| {
         Grid::from_vec(40, 24, (0..40 * 24).map(|i| f(i % 40, i / 40)).collect())
@@ -112,7 +113,7 @@ fn the_tables_tell_area_place_and_motion() {
     assert_eq!(rows.len(), lines.len() - 1);
 }
 
-/// Header and voxels.
+/// Reads header and voxels.
 fn read_nrrd(file: &Path) -> (String, Vec<u8>) {
     let bytes = std::fs::read(file).unwrap();
     let end = bytes.windows(2).position(|pair| pair == b"\n\n").unwrap();
@@ -139,7 +140,7 @@ fn slicer_volumes_have_three_axes_and_named_segments() {
     assert!(header.contains("none is in millimetres"));
     for (frame, slice) in voxels.chunks_exact(40 * 24).enumerate() {
         let [a, b] = &masks(frame)[..] else { panic!("two prompts") };
-        // On pixels that both found the second has the higher score.
+        // On pixels that both prompts found, the second has the higher score.
         let label = |(a, b): (&bool, &bool)| if *b { 2 } else { u8::from(*a) };
         assert_eq!(slice, a.data.iter().zip(&b.data).map(label).collect::<Vec<_>>());
     }
@@ -160,7 +161,7 @@ fn prompts_that_share_pixels_are_layers() {
 
 #[test]
 fn videos_of_any_speed_can_be_written() {
-    // Scenes may hold speeds that no recording is believed to have.
+    // Scenes may hold frame rates that no recording is believed to have.
     for speed in [1e-6, 0.5, 9_999.0, 100_000.0, 1e30] {
         let folder = tempfile::tempdir().unwrap();
         let mut how = provenance(&[Format::Video, Format::Gif], false);
@@ -184,7 +185,7 @@ fn the_video_shows_the_overlays_at_the_recordings_speed() {
         let drawn =
             image::open(folder.path().join(format!("overlay/frame_{frame:06}.png"))).unwrap().to_rgb8();
         let seen = video.frame(frame).unwrap();
-        // Colours are at half size, coloured lines bleed: the brightness is what must be right.
+        // Colours are stored at half size and bleed at lines, so only the brightness is compared.
         let light = |p: &image::Rgb<u8>| {
             let [r, g, b] = p.0.map(f64::from);
             0.299 * r + 0.587 * g + 0.114 * b
@@ -262,7 +263,7 @@ fn sheets_show_frames_side_by_side() {
     assert!(ink(sheet.height() - line..sheet.height()) > 50, "the stamp stands at the bottom");
 }
 
-/// Names and bytes of everything in a folder, the record apart.
+/// Returns names and bytes of everything in a folder except the record.
 fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     for format in std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).filter(|p| p.is_dir()) {

@@ -23,22 +23,22 @@ use std::{
     num::NonZeroU32,
 };
 
-/// Units of time per second; the usual speeds of recordings are whole numbers of it.
+/// Units of time per second; usual frame rates divide it without remainder.
 const TIMESCALE: NonZeroU32 = NonZeroU32::new(90_000).unwrap();
-/// Frames between two that can be jumped to.
+/// Number of frames between two that a player can jump to.
 const JUMP_EVERY: u32 = 25;
-/// Bits per pixel and frame that come of it, about; players are told to expect so much.
+/// Approximate number of bits per pixel and frame; players are told to expect this rate.
 const BITS: f64 = 0.5;
-/// Range of H.264's quantiser: lines stay sharp, tissue shows no blocks.
+/// Range of H.264's quantiser that keeps lines sharp and tissue free of blocks.
 const QUANTISER: QpRange = QpRange::new(20, 22);
 
 pub(super) struct Video {
     file: BufWriter<WholeFile>,
     encoder: Encoder,
     muxer: Mp4FileMuxer,
-    /// Bytes written.
+    /// Number of bytes written.
     position: u64,
-    /// Time of a frame.
+    /// Duration of a frame.
     duration: u32,
     added: u64,
 }
@@ -46,11 +46,11 @@ pub(super) struct Video {
 impl Video {
     pub(super) fn begin(file: WholeFile, plan: Plan<'_>) -> io::Result<Self> {
         let speed = plan.provenance.playing_speed();
-        // The encoder knows no slower ones; what is played goes by the times of the file.
+        // The encoder supports no lower rate; playback follows the times of the file.
         let coded_speed = speed.max(1.0);
         let bits = BITS * (plan.size.0 * plan.size.1) as f64 * f64::from(coded_speed);
-        // One thread: the bytes must not depend on the machine. Quality is kept, whatever the rate, and no frame skipped:
-        // the video has the frames that the other files have.
+        // One thread: the bytes must not depend on the machine. Quality is kept whatever the rate, and no
+        // frame is skipped, because the video must have the same frames as the other files.
         let config = EncoderConfig::new()
             .rate_control_mode(RateControlMode::Bufferbased)
             .max_frame_rate(FrameRate::from_hz(coded_speed))
@@ -62,7 +62,7 @@ impl Video {
             .num_threads(1);
         let encoder =
             Encoder::with_api_config(OpenH264API::from_source(), config).map_err(io::Error::other)?;
-        // With its table of contents first a video starts at once wherever it is played.
+        // With the table of contents at the beginning, playback can start at once.
         let reserved_moov_box_size = estimate_maximum_moov_box_size(&[plan.frames.len()]);
         let options = Mp4FileMuxerOptions { reserved_moov_box_size, ..Default::default() };
         let muxer = Mp4FileMuxer::with_options(options).map_err(other)?;
@@ -113,13 +113,13 @@ impl Series for Video {
     }
 }
 
-/// How the stream is to be decoded.
+/// Returns the description of how to decode the stream.
 fn sample_entry(stream: &[u8]) -> io::Result<SampleEntry> {
     let config = H264SampleEntryConfig { length_size: LengthSize::FourBytes };
     h264::build_avc1_box_from_annexb(stream, &config).map(SampleEntry::Avc1).map_err(other)
 }
 
-/// The units of a coded picture as mp4 has them; parameter sets are in the sample entry and nowhere else.
+/// Returns the units of a coded picture in the form of mp4; parameter sets are only in the sample entry.
 fn length_prefixed(stream: &[u8]) -> io::Result<Vec<u8>> {
     let mut data = Vec::with_capacity(stream.len());
     for unit in h264::parse_annexb_nal_units(stream).map_err(other)? {
@@ -131,7 +131,7 @@ fn length_prefixed(stream: &[u8]) -> io::Result<Vec<u8>> {
     Ok(data)
 }
 
-/// H.264 as everybody plays it has one colour for two by two pixels: an odd last column or row is repeated.
+/// Repeats an odd last column or row: widely supported H.264 has one colour for two by two pixels.
 fn even(picture: &RgbImage) -> Cow<'_, RgbImage> {
     let (width, height) = picture.dimensions();
     if width.is_multiple_of(2) && height.is_multiple_of(2) {

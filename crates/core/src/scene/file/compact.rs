@@ -1,9 +1,10 @@
-//! Scenes in few bits: numbers become whole numbers of small steps, and these are deflated.
+//! A compact form of scenes: numbers are rounded to whole numbers of small steps, and these are deflated.
 //!
-//! value = offset + step · n, with a step and an offset for each column (the last axis). The whole numbers are stored
-//! column by column, each as 2 |n| (− 1 if n < 0) of 32 bits, all lowest bytes first, all highest bytes last, in a zlib
-//! stream. Where NAME.mix is there, [A, A] for the first axis of A, the values are its product with what was stored: weights
-//! over time are stored as their cosine transform, most of which is small.
+//! value = offset + step · n, with a step and an offset for each column (the last axis). The whole
+//! numbers are stored column by column, each as 2 |n| (− 1 if n < 0) of 32 bits, all lowest bytes first,
+//! all highest bytes last, in a zlib stream. If NAME.mix exists, [A, A] for the first axis of A, the
+//! values are its product with the stored ones: weights over time are stored as their cosine transform,
+//! most of which is small.
 
 use super::{Problem, Scene};
 use crate::{
@@ -17,8 +18,9 @@ use std::{
     io::{Read, Write},
 };
 
-/// Scenes of fewer Gaussians are kept more finely, those of more less so: the fewer, the more of the picture each covers,
-/// and the more bytes there are to spare.
+/// Number of Gaussians at which the steps below are used unchanged. Smaller scenes are stored more
+/// finely, larger ones less finely: the fewer Gaussians, the more of the picture each covers, and the
+/// more bytes are available.
 const USUAL_GAUSSIANS: f32 = 30_000.0;
 const FINENESS_EXPONENT: f32 = 0.667;
 /// Steps at rest: centres in pixels, others in their own units.
@@ -34,18 +36,19 @@ const ROTATION_OVER_TIME: f32 = 0.035;
 const LOG_SCALE_OVER_TIME: f32 = 0.09;
 const COLOUR_OVER_TIME: f32 = 0.025;
 const GATE_OVER_TIME: f32 = 0.3;
-/// Steps of bases that every Gaussian has of its own, of a recording's length.
+/// Steps of centres and widths of bases that each Gaussian has for itself, as a share of the
+/// recording's length.
 const BASIS_TIME: f32 = 2e-4;
-/// The largest n.
+/// Largest n.
 const MAX_COUNT: f32 = (1_u32 << 29) as f32;
-/// Bytes of a whole number.
+/// Number of bytes of a whole number.
 const PLANES: usize = 4;
 
-/// How finely the columns of each tensor are kept.
+/// Rounding steps of the columns of each tensor.
 pub(super) struct Steps(BTreeMap<&'static str, Vec<f32>>);
 
 impl Steps {
-    /// Such that the pictures of `scene` change by less than what they are wrong by anyway.
+    /// Chooses steps such that the pictures of `scene` change by less than their own error.
     pub(super) fn for_scene(scene: &Scene) -> Self {
         let (pixel, dim) = (pixel_size(scene), scene.gaussians.latent_dim);
         let mut over_time = vec![GATE_OVER_TIME; num_channels(dim)];
@@ -77,13 +80,13 @@ impl Steps {
         Self(steps)
     }
 
-    /// Of the columns of a tensor; `None` if it is kept as it is.
+    /// Returns the steps of the columns of a tensor; `None` if it is kept unchanged.
     pub(super) fn of(&self, name: &str) -> Option<&[f32]> {
         self.0.get(name).map(Vec::as_slice)
     }
 }
 
-/// A pixel in scene units, for Gaussians that are nearer than most.
+/// Returns the size of a pixel in scene units, for Gaussians that are nearer than most.
 fn pixel_size(scene: &Scene) -> f32 {
     let Some(camera) = scene.cameras.first() else { return 1.0 };
     let depth = |m: &[f32; 3]| camera.camera_from_world.transform_point3(Vec3::from(*m)).z;
@@ -92,7 +95,8 @@ fn pixel_size(scene: &Scene) -> f32 {
     percentile(&mut depths, 25.0).unwrap_or(1.0) / camera.fx.max(camera.fy)
 }
 
-/// The cosine transform of `n` values as a matrix of rows, whose transpose undoes it (DCT-II, orthonormal).
+/// Returns the cosine transform of `n` values as a matrix of rows, whose transpose undoes it
+/// (DCT-II, orthonormal).
 pub(super) fn cosines(n: usize) -> Vec<f32> {
     let value = |i: usize| {
         let (k, x) = ((i / n) as f64, (i % n) as f64 + 0.5);
@@ -102,15 +106,15 @@ pub(super) fn cosines(n: usize) -> Vec<f32> {
     (0..n * n).map(value).collect()
 }
 
-/// `matrix` turned over.
+/// Returns the transpose of `matrix`.
 pub(super) fn transposed(matrix: &[f32], n: usize) -> Vec<f32> {
     (0..n * n).map(|i| matrix[i % n * n + i / n]).collect()
 }
 
-/// Values mixed side by side, which is all that is kept twice.
+/// Number of values mixed side by side; only these are held in memory twice.
 const MIXED_AT_ONCE: usize = 1 << 12;
 
-/// Multiplies an n × n matrix with values of which it mixes the first axis, n.
+/// Multiplies an n × n matrix with values along their first axis, n.
 pub(super) fn mix(matrix: &[f32], n: usize, values: &mut [f32]) {
     let len = values.len() / n.max(1);
     for start in (0..len).step_by(MIXED_AT_ONCE) {
@@ -127,14 +131,14 @@ pub(super) fn mix(matrix: &[f32], n: usize, values: &mut [f32]) {
     }
 }
 
-/// Whole numbers, deflated.
+/// Deflated whole numbers.
 pub(super) struct Packed {
     pub(super) bytes: Vec<u8>,
-    /// Of the columns.
+    /// Offsets of the columns.
     pub(super) offsets: Vec<f32>,
 }
 
-/// Rounds rows of `steps.len()` columns. Numbers that are 2²⁹ steps away are cut.
+/// Rounds rows of `steps.len()` columns. Numbers more than 2²⁹ steps away are clamped.
 pub(super) fn pack(values: &[f32], steps: &[f32]) -> Packed {
     let columns = steps.len();
     let mut offsets = Vec::with_capacity(columns);
@@ -142,7 +146,7 @@ pub(super) fn pack(values: &[f32], steps: &[f32]) -> Packed {
     for (c, step) in steps.iter().enumerate() {
         let column = || values.iter().skip(c).step_by(columns);
         let (low, high) = column().fold((f32::MAX, f32::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
-        // Zero stays zero where numbers are on both sides of it.
+        // Zero stays exactly zero if the column has numbers on both sides of it.
         let offset = if low <= 0.0 && high >= 0.0 { 0.0 } else { 0.5 * (low + high) };
         offsets.push(offset);
         counts.extend(column().map(|v| {
@@ -161,7 +165,7 @@ fn deflated(bytes: &[u8]) -> Vec<u8> {
     written.unwrap_or_default()
 }
 
-/// The inverse of [`pack`], up to rounding: `len` values, for which the caller has the memory.
+/// Returns `len` values, the inverse of [`pack`] up to rounding. The caller has reserved memory for them.
 pub(super) fn unpack(bytes: &[u8], len: usize, steps: &[f32], offsets: &[f32]) -> Result<Vec<f32>, Problem> {
     let columns = steps.len();
     if columns == 0 || offsets.len() != columns || !len.is_multiple_of(columns) {

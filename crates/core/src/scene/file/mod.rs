@@ -1,10 +1,11 @@
-//! The scene as safetensors: plain tensors, and one JSON text under the metadata key `surgtpgs`. In the compact form some
-//! tensors are whole numbers of small steps (see [`compact`]); `NAME.shape`, `NAME.step`, `NAME.offset` and, for weights over time, `NAME.mix` go with them.
+//! The scene as safetensors: plain tensors, and one JSON text under the metadata key `surgtpgs`. In the
+//! compact form some tensors are whole numbers of small steps (see [`compact`]); `NAME.shape`,
+//! `NAME.step`, `NAME.offset` and, for weights over time, `NAME.mix` go with them.
 //!
 //! | tensor | shape | |
 //! |---|---|---|
 //! | `means` `rotations` `log_scales` `opacity_logits` `colours` | [N, 3 / 4 / 3 / – / 3] | at rest, raw |
-//! | `sh_rest` | [N, bands, 3] | only where the camera moves |
+//! | `sh_rest` | [N, bands, 3] | only if the camera moves |
 //! | `features` | [N, D] | |
 //! | `moving` | [M] u32 | Gaussians that have basis weights; all if it is not there |
 //! | `basis_weights` | [B, M, channels] | |
@@ -39,9 +40,9 @@ use tensors::{Reader, Writer};
 /// Version of the layout above; a reader refuses a newer one.
 const VERSION: u32 = 1;
 const METADATA_KEY: &str = "surgtpgs";
-/// Bytes of the description at the beginning of a safetensors file; the format allows no more.
+/// Largest size in bytes of the header of a safetensors file; the format allows no more.
 const MOST_HEADER: u64 = 100_000_000;
-/// More basis functions than this are taken for damage.
+/// Largest number of basis functions; more are taken for damage.
 const MAX_BASES: usize = 1024;
 
 #[derive(serde::Serialize, serde::Deserialize)]
@@ -52,7 +53,7 @@ struct Header {
     sh_degree: usize,
     basis_shape: BasisShape,
     gate_slope: f32,
-    /// Absent in scenes older than the choice.
+    /// Absent in scenes that are older than the choice of the gate.
     #[serde(default = "own_gate")]
     gate_channel: usize,
     width: usize,
@@ -68,7 +69,7 @@ fn own_gate() -> usize {
     GATE_CHANNEL
 }
 
-/// The file; `compact` trades exactness for about a sixth of the size.
+/// Returns the bytes of the file; `compact` gives up exactness for about a sixth of the size.
 pub(super) fn to_bytes(scene: &Scene, compact: bool) -> Result<Vec<u8>> {
     let g = &scene.gaussians;
     let n = g.len();
@@ -111,7 +112,7 @@ pub(super) fn to_bytes(scene: &Scene, compact: bool) -> Result<Vec<u8>> {
     w.finish(METADATA_KEY, json)
 }
 
-/// Only Gaussians with a weight that is not zero carry their bases.
+/// Writes the deformation. Only Gaussians with a weight that is not zero carry their bases.
 fn write_deformation(w: &mut Writer, scene: &Scene) {
     let (d, n) = (&scene.deformation, scene.gaussians.len());
     let channels = num_channels(scene.gaussians.latent_dim);
@@ -173,7 +174,8 @@ pub(super) fn is_own(path: &Path) -> bool {
     names.is_some_and(|names| names.metadata.keys().any(|key| key.starts_with(METADATA_KEY)))
 }
 
-/// Memory for what the file says that it holds: its tensors twice, as stored and as used, and the weights of all Gaussians.
+/// Estimates the memory of a file's contents: its tensors twice, as stored and as used, and the weights
+/// of all Gaussians.
 pub(super) fn memory_bytes(bytes: &[u8]) -> Option<u64> {
     let (_, metadata) = SafeTensors::read_metadata(bytes).ok()?;
     let header: Header = serde_json::from_str(metadata.metadata().as_ref()?.get(METADATA_KEY)?).ok()?;
@@ -186,7 +188,7 @@ pub(super) fn memory_bytes(bytes: &[u8]) -> Option<u64> {
     let stored = reader.tensors().into_iter().map(values).fold(0, u64::saturating_add);
     let bases = reader.u32("basis_weights.shape").ok().and_then(|shape| shape.first().map(|n| *n as usize));
     let bases = bases.or_else(|| reader.view("basis_weights").ok()?.shape().first().copied()).unwrap_or(0);
-    // Centres and widths are shared, or as many as the weights.
+    // Centres and widths are either shared or as many as the weights.
     let has_own_bases = ["basis_centres.shape", "basis_centres"].iter().any(|name| match reader.u32(name) {
         Ok(shape) => shape.len() > 1,
         Err(_) => reader.rank(name).is_some_and(|rank| rank > 1),
@@ -310,7 +312,7 @@ fn read_deformation(reader: &Reader<'_>, header: &Header) -> Result<Deformation,
     })
 }
 
-/// All cameras have one size, within what an image can be.
+/// Checks that all cameras have one size, within the limits of an image.
 fn check_cameras(cameras: &[Camera]) -> Result<(), Problem> {
     let (w, h) = (cameras[0].width, cameras[0].height);
     let is_good = |c: &Camera| (c.width, c.height) == (w, h) && c.is_usable();
@@ -337,7 +339,7 @@ fn read_codec(reader: &Reader<'_>, latent_dim: usize) -> Result<Option<Codec>, P
         return Ok(None);
     }
     let (encoder, decoder) = (read_layers(reader, "encoder")?, read_layers(reader, "decoder")?);
-    // Features that came without their codec can be looked at, not asked.
+    // Features without their codec can be displayed, but not queried.
     if encoder.is_empty() && decoder.is_empty() {
         return Ok(None);
     }
@@ -436,7 +438,7 @@ mod tests {
         assert!(close(a.rotations.as_flattened(), b.rotations.as_flattened(), 0.1));
         assert!(close(a.colours.as_flattened(), b.colours.as_flattened(), 0.03));
         assert!(close(&a.opacities, &b.opacities, 0.01) && close(&a.features, &b.features, 0.2));
-        // Written again, nothing more is lost.
+        // Writing it a second time loses nothing more.
         assert_eq!(
             from_bytes(&to_bytes(&after, true).unwrap()).unwrap().gaussians.colours,
             after.gaussians.colours

@@ -1,4 +1,4 @@
-//! Named tensors: collected and written, looked up and checked.
+//! Collects and writes named tensors, looks them up and checks them.
 
 use super::{
     MAX_BASES, Problem,
@@ -10,10 +10,10 @@ use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use sha2::{Digest, Sha256};
 use std::{cell::Cell, collections::HashMap};
 
-/// Tensors being collected for writing.
+/// Tensors that are collected for writing.
 pub(super) struct Writer {
     tensors: Vec<(String, Dtype, Vec<usize>, Vec<u8>)>,
-    /// What may be rounded to what; nothing if `None`.
+    /// Rounding steps of tensors; `None` forbids rounding.
     steps: Option<Steps>,
 }
 
@@ -35,7 +35,8 @@ impl Writer {
         }
     }
 
-    /// Values whose first axis is time: where rounding is allowed, by what they are made of over time.
+    /// Adds values whose first axis is time. If rounding is allowed, their cosine transform
+    /// over time is stored.
     pub(super) fn over_time(&mut self, name: &str, shape: &[usize], values: &[f32]) {
         if self.steps.is_none() || values.is_empty() {
             return self.f32(name, shape, values);
@@ -47,7 +48,7 @@ impl Writer {
         self.f32(name, shape, &mixed);
     }
 
-    /// Weights of a network: in half precision where rounding is allowed.
+    /// Adds weights of a network: in half precision if rounding is allowed.
     pub(super) fn network(&mut self, name: &str, shape: &[usize], values: &[f32]) {
         if self.steps.is_none() {
             return self.raw_f32(name, shape, values);
@@ -70,13 +71,13 @@ impl Writer {
         self.tensors.push((name.to_owned(), Dtype::U8, shape.to_vec(), bytes));
     }
 
-    /// The file, with `metadata` under `key`.
+    /// Returns the bytes of the file, with `metadata` under `key`.
     pub(super) fn finish(self, key: &str, metadata: String) -> Result<Vec<u8>> {
         let metadata = HashMap::from([(key.to_owned(), metadata)]);
         safetensors::serialize(self.views()?, Some(metadata)).map_err(not_written)
     }
 
-    /// SHA-256 over all tensors so far, hexadecimal.
+    /// Returns the SHA-256 over all tensors so far, hexadecimal.
     pub(super) fn checksum(&self) -> Result<String> {
         Ok(checksum(self.views()?))
     }
@@ -93,7 +94,8 @@ fn not_written(e: safetensors::SafeTensorError) -> Error {
     Error::input(format!("the scene could not be written: {e}"), "")
 }
 
-/// SHA-256 over names, kinds, shapes and values, hexadecimal; in whatever order they lie.
+/// Returns the SHA-256 over names, kinds, shapes and values, hexadecimal, independent of their
+/// order in the file.
 fn checksum(mut tensors: Vec<(impl AsRef<str> + Ord, TensorView<'_>)>) -> String {
     tensors.sort_by(|(a, _), (b, _)| a.cmp(b));
     let mut hash = Sha256::new();
@@ -104,16 +106,18 @@ fn checksum(mut tensors: Vec<(impl AsRef<str> + Ord, TensorView<'_>)>) -> String
     format!("{:x}", hash.finalize())
 }
 
-/// Values that a file of any size may hold beyond its own bytes.
+/// Number of values that a file of any size may hold beyond its own bytes.
 const FREE_VALUES: usize = 1 << 24;
-/// Values that it may hold besides for each of its bytes. The demo's quantised scene has 2.6, and one of which little moves
-/// has tens, as bases are kept for all Gaussians in memory; deflated zeros could be 258.
+/// Number of further values that it may hold for each of its bytes. The demo's quantised scene has 2.6.
+/// A scene with little motion has tens, as bases are kept for all Gaussians in memory. Deflated zeros
+/// could reach 258.
 const VALUES_PER_BYTE: usize = 64;
 
 /// Tensors of a file.
 pub(super) struct Reader<'a> {
     tensors: SafeTensors<'a>,
-    /// Values that may still be made of what lies deflated or left out: memory is at most 64 MB and 256 times the file.
+    /// Number of values that may still be made from deflated or left-out data: memory is at most 64 MB
+    /// and 256 times the file.
     left: Cell<usize>,
 }
 
@@ -123,7 +127,8 @@ impl<'a> Reader<'a> {
         Ok(Self { tensors: SafeTensors::deserialize(bytes)?, left: Cell::new(left) })
     }
 
-    /// Sets memory aside for an array of this shape, which the file does not hold as it is; returns its length.
+    /// Reserves memory for an array of this shape that the file does not hold in this form;
+    /// returns its length.
     pub(super) fn set_aside(&self, name: &str, shape: &[usize]) -> Result<usize, Problem> {
         let len = shape.iter().try_fold(1_usize, |len, n| len.checked_mul(*n));
         let left = len.and_then(|len| self.left.get().checked_sub(len));
@@ -140,7 +145,7 @@ impl<'a> Reader<'a> {
         self.tensors.tensor(name).is_ok()
     }
 
-    /// How many axes a tensor has, however it is stored; `None` where there is none.
+    /// Returns the number of axes of a tensor, however it is stored; `None` if it does not exist.
     pub(super) fn rank(&self, name: &str) -> Option<usize> {
         match self.tensors.tensor(&format!("{name}.shape")) {
             Ok(shape) => shape.shape().first().copied(),
@@ -148,17 +153,18 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// All of them.
+    /// Returns all tensors.
     pub(super) fn tensors(&self) -> Vec<(String, TensorView<'_>)> {
         self.tensors.tensors()
     }
 
-    /// As [`Writer::checksum`].
+    /// Returns the same hash as [`Writer::checksum`].
     pub(super) fn checksum(&self) -> String {
         checksum(self.tensors())
     }
 
-    /// The values and shape of a tensor of finite numbers with as many dimensions as `rank`, however it is stored.
+    /// Returns the values and shape of a tensor of finite numbers with `rank` dimensions,
+    /// however it is stored.
     pub(super) fn f32(&self, name: &str, rank: usize) -> Result<(Vec<usize>, Vec<f32>), Problem> {
         let is_packed = self.has(&format!("{name}.shape"));
         let (shape, values) = if is_packed { self.packed(name)? } else { self.plain(name)? };
@@ -242,7 +248,7 @@ mod tests {
             w.raw_f32("a.step", &[1], &[0.5]);
             w.raw_f32("a.offset", &[1], &[0.0]);
             w.u32("a.shape", shape);
-            // Of both signs, so that the offset is 0.
+            // Values of both signs, so that the offset is 0.
             let packed = compact::pack(&VALUES, &[0.5]).bytes;
             w.bytes("a", &[packed.len()], packed);
             w.finish("key", String::new()).unwrap()
@@ -256,7 +262,7 @@ mod tests {
         let bytes = file(&[2, 3]);
         let reader = Reader::new(&bytes).unwrap();
         assert_eq!((reader.rank("a"), reader.rank("a.step"), reader.rank("b")), (Some(2), Some(1), None));
-        // All arrays together, not each.
+        // The limit holds for all arrays together, not for each.
         assert!(reader.set_aside("a", &[FREE_VALUES]).is_ok());
         assert!(reader.set_aside("b", &[FREE_VALUES]).is_err());
     }

@@ -9,20 +9,21 @@ pub use reference::{LANG_DEFORMATION_FILE, ReferencePly, ReferenceWeights};
 use super::{Problem, Scene};
 use table::Table;
 
-/// How every `.ply` begins.
+/// First bytes of every `.ply`.
 pub(super) const MAGIC: &[u8] = b"ply";
 
-/// The comment of the files that this program writes.
+/// Comment in the files that this program writes.
 const MADE_BY: &str = "written by surgtpgs";
 
-/// Tells if a file that begins so is a `.ply` with the comment of this program.
+/// Tells if the first bytes of a file are those of a `.ply` with the comment of this program.
 pub(super) fn is_own(start: &[u8]) -> bool {
     let mut lines = start.split(|byte| *byte == b'\n').take_while(|line| !line.starts_with(b"end_header"));
     let comment = format!("comment {MADE_BY}");
     start.starts_with(MAGIC) && lines.any(|line| line == comment.as_bytes())
 }
 
-/// Reads either kind. `weights` finds those of the released code's feature network, which is not in its `.ply`.
+/// Reads either kind. `weights` returns those of the released code's feature network, which is
+/// not in its `.ply`.
 pub(super) fn from_bytes(
     bytes: &[u8],
     weights: impl FnOnce() -> Result<Option<ReferenceWeights>, Problem>,
@@ -35,7 +36,7 @@ pub(super) fn from_bytes(
     }
 }
 
-/// `name_0`, `name_1` and so on.
+/// Returns `name_0`, `name_1` and so on.
 fn numbered(name: &str, n: usize) -> Vec<String> {
     (0..n).map(|i| format!("{name}_{i}")).collect()
 }

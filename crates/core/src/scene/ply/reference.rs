@@ -1,6 +1,6 @@
-//! The deforming `.ply` of the released code (method §6.5): ordinary columns of degree 3, then per Gaussian `coefs_…`
-//! [channel][weights, centres, widths][basis], its feature `lang_0..2` and an opacity that is never used. The weights of
-//! the feature network are in a file of their own.
+//! The deforming `.ply` of the released code (method §6.5): ordinary columns of degree 3, then per
+//! Gaussian `coefs_…` [channel][weights, centres, widths][basis], its feature `lang_0..2` and an opacity
+//! that is never used. The weights of the feature network are in a separate file.
 
 use super::{
     MADE_BY, Problem, numbered,
@@ -19,29 +19,30 @@ use crate::{
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use std::path::Path;
 
-/// Deformed channels of the released configuration: centre, quaternion, log-scale, in our order.
+/// Number of deformed channels in the released configuration: centre, quaternion, log-scale, in our order.
 const GEOMETRY: usize = COLOUR_CHANNEL;
-/// Its basis functions.
+/// Number of its basis functions.
 const BASES: usize = 17;
-/// Weights, centres, widths.
+/// Kinds of coefficients: weights, centres, widths.
 const KINDS: usize = 3;
-/// Its latent numbers.
+/// Number of its latent values.
 const DIM: usize = 3;
 /// δ of its gate, which reads the channels of scale (method §3.3).
 const GATE_SLOPE: f32 = 1.5;
-/// Frames of a scene that comes without its recording: a CholecSeg8K clip has so many.
+/// Number of frames of a scene that comes without its recording: that of a CholecSeg8K clip.
 const FRAMES: usize = 80;
-/// √(σ² + 1e-4) of bases that stand in for others, in units of the distance between two centres: of 0.7 to 2.2 this
-/// follows splines best.
+/// √(σ² + 1e-4) of bases that replace others, in units of the distance between two centres. Of values
+/// from 0.7 to 2.2 this one follows splines best.
 const FITTED_WIDTH: f32 = 1.0;
-/// The feature network's file beside the `.ply`: `safetensors.torch.save_file` of what `lang_deformation.pth` holds.
+/// The feature network's file beside the `.ply`: `safetensors.torch.save_file` of the contents of
+/// `lang_deformation.pth`.
 pub const LANG_DEFORMATION_FILE: &str = "lang_deformation.safetensors";
 const WEIGHT: &str = "conv_beta.weight";
 const BIAS: &str = "conv_beta.bias";
 /// Weights that the released code loads and never uses.
 const UNUSED: [&str; 2] = ["conv_alpha.weight", "conv_alpha.bias"];
 
-/// Most bytes of that file; it needs less than a thousand.
+/// Largest size of that file in bytes; it needs less than a thousand.
 const MOST_BYTES: u64 = 1 << 20;
 
 /// The feature network of the released code, `lang_deformation`.
@@ -54,7 +55,7 @@ pub struct ReferenceWeights {
 }
 
 impl ReferenceWeights {
-    /// Those beside a `.ply`, where there are some.
+    /// Reads the weights beside a `.ply`; `None` if there are none.
     pub(in crate::scene) fn beside(ply: &Path) -> Result<Option<Self>, Problem> {
         let path = ply.with_file_name(LANG_DEFORMATION_FILE);
         if !is_present(&path) {
@@ -71,8 +72,8 @@ impl ReferenceWeights {
         })
     }
 
-    /// From safetensors with `conv_beta.weight` [3, 4, 1] and `conv_beta.bias` [3], the names in `lang_deformation.pth`;
-    /// else what is wrong, without a full stop.
+    /// Reads the weights from safetensors with `conv_beta.weight` [3, 4, 1] and `conv_beta.bias` [3], the
+    /// names in `lang_deformation.pth`. The error says what is wrong, without a full stop.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, String> {
         let file =
             SafeTensors::deserialize(bytes).map_err(|e| format!("this is not a safetensors file: {e}"))?;
@@ -93,7 +94,7 @@ impl ReferenceWeights {
         Ok(Self { weight: read(WEIGHT, DIM * (DIM + 1))?, bias: read(BIAS, DIM)? })
     }
 
-    /// As safetensors.
+    /// Returns the weights as safetensors.
     pub fn to_bytes(&self) -> Vec<u8> {
         let bytes = |values: &[f32]| values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
         let zeros = [vec![0; 4 * DIM * (DIM + 1)], vec![0; 4 * DIM]];
@@ -116,13 +117,14 @@ pub struct ReferencePly {
     pub ply: Vec<u8>,
     /// `lang_deformation`.
     pub weights: ReferenceWeights,
-    /// What these files cannot say as the scene does, each a clause.
+    /// Properties of the scene that these files cannot express, each a clause.
     pub lost: Vec<String>,
 }
 
 impl Scene {
-    /// The scene as the released code saves it: 576 properties per Gaussian. What was trained as the released code does
-    /// is kept to the last bit; other motion is fitted with its bases, and what has no place there is averaged over time.
+    /// Returns the scene in the released code's format: 576 properties per Gaussian. Scenes that were
+    /// trained like the released code are kept to the last bit. Other motion is fitted with its bases.
+    /// Changes that the format cannot hold are averaged over time.
     pub fn to_reference_ply(&self) -> ReferencePly {
         let mut lost = Vec::new();
         let motion = self.reference_motion(&mut lost);
@@ -152,7 +154,7 @@ impl Scene {
         ReferencePly { ply: Table { names, comments, values }.to_bytes(), weights, lost }
     }
 
-    /// Motion in the released code's bases: every Gaussian's own, quartic, 17.
+    /// Returns the motion in the released code's bases: 17 quartic ones, separate for every Gaussian.
     fn reference_motion(&self, lost: &mut Vec<String>) -> Deformation {
         let (d, n) = (&self.deformation, self.gaussians.len());
         if d.shape == BasisShape::Quartic && d.num_bases <= BASES {
@@ -181,8 +183,8 @@ impl Scene {
         fitted.with_own_bases()
     }
 
-    /// The Gaussians with colours and, where the released code could not deform them the same way, features averaged over
-    /// the frames.
+    /// Returns the Gaussians with colours averaged over the frames. Features are averaged too if the
+    /// released code could not deform them the same way.
     fn averaged(&self, lost: &mut Vec<String>) -> Self {
         let mut still = self.clone();
         let (g, frames) = (&mut still.gaussians, self.num_frames().max(1));
@@ -227,15 +229,15 @@ impl Scene {
         self.gaussians.latent_dim == DIM && d.gate_channel == SCALE_CHANNEL && d.gate_slope == GATE_SLOPE
     }
 
-    /// Whether any of these channels moves.
+    /// Returns `true` if any of these channels moves.
     fn changes(&self, channels: std::ops::Range<usize>) -> bool {
         let d = &self.deformation;
         d.weights.chunks_exact(d.stride).any(|row| row[channels.clone()].iter().any(|w| *w != 0.0))
     }
 }
 
-/// (QᵀQ + λ)⁻¹Qᵀ for the values Q [times][bases] of shared bases, as [times][bases]; the small λ keeps it defined
-/// where there are fewer times than bases.
+/// Computes (QᵀQ + λ)⁻¹Qᵀ for the values Q [times][bases] of shared bases, as [times][bases]. The small λ
+/// keeps it defined if there are fewer times than bases.
 fn least_squares(deformation: &Deformation, times: &[f32]) -> Vec<Vec<f32>> {
     let d = deformation;
     let value = |t: f32, b: usize| f64::from(basis(d.shape, t, d.centres[b], d.widths[b]));
@@ -248,7 +250,7 @@ fn least_squares(deformation: &Deformation, times: &[f32]) -> Vec<Vec<f32>> {
     rows.map(|row| row.into_iter().map(|v| v as f32).collect()).collect()
 }
 
-/// x of Ax = b by elimination, for positive definite A.
+/// Solves Ax = b for x by elimination, for positive definite A.
 fn solved(mut a: Vec<Vec<f64>>, mut b: Vec<f64>) -> Vec<f64> {
     let n = b.len();
     for k in 0..n {
@@ -266,7 +268,7 @@ fn solved(mut a: Vec<Vec<f64>>, mut b: Vec<f64>) -> Vec<f64> {
     b
 }
 
-/// Root mean square distance between two motions of the centres.
+/// Returns the root mean square distance between two motions of the centres.
 fn motion_error(a: &Deformation, b: &Deformation, n: usize, times: &[f32]) -> f64 {
     let mut sum = 0.0;
     for time in times {
@@ -279,7 +281,7 @@ fn motion_error(a: &Deformation, b: &Deformation, n: usize, times: &[f32]) -> f6
     (sum / (n * times.len()).max(1) as f64).sqrt()
 }
 
-/// A deforming scene of [`FRAMES`] frames, seen from the origin.
+/// Reads a deforming scene of [`FRAMES`] frames, seen from the origin.
 pub(super) fn from_table(table: &Table, weights: Option<ReferenceWeights>) -> Result<Scene, Problem> {
     let (coefficients, latent_dim) = (table.count_numbered("coefs"), table.count_numbered("lang"));
     if ![0, DIM].contains(&latent_dim) {
@@ -343,7 +345,8 @@ mod tests {
     use super::{super::from_bytes, *};
     use crate::stress;
 
-    /// What the `paper` profile trains: own quartic bases, the gate on scale, colours that stay.
+    /// Returns a scene as the `paper` profile trains it: own quartic bases, the gate on scale,
+    /// constant colours.
     fn released() -> Scene {
         let mut scene = stress::ordinary(7);
         let wave = |i: usize| (i as f32 * 0.37).sin();
@@ -372,7 +375,8 @@ mod tests {
         assert_eq!(values(&read.deformation), values(&scene.deformation));
         assert_eq!(read.deformation.feature_net().weight, scene.deformation.feature_net().weight);
         assert_eq!(read.to_reference_ply().ply, files.ply, "written again it is the same file");
-        // Column 55 begins Gaussian 2's coefficients: weight of basis 1, channel 4 is at 55 + 4 · 51 + 1.
+        // The coefficients of Gaussian 2 begin at column 62: the weight of basis 1, channel 4 is at
+        // 62 + 4 · 51 + 1.
         assert_eq!(table.names[62], "coefs_0");
         let stride = scene.deformation.stride;
         assert_eq!(table.row(2)[62 + 4 * 51 + 1], scene.deformation.weights[(7 + 2) * stride + 4]);
@@ -389,7 +393,7 @@ mod tests {
             let [a, b] = [&scene, &read].map(|s| deform(&s.gaussians, &s.deformation, time, true));
             let worst = a.means.as_flattened().iter().zip(b.means.as_flattened());
             let worst = worst.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-            // The released bases lie apart and miss up to a tenth of a weight, 0.05, at the ends.
+            // The released bases are further apart and miss up to a tenth of a weight, 0.05, at the ends.
             assert!(worst < 6e-3, "{worst} at {time}");
             let away = a.features.iter().zip(&b.features).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
             assert!(away < 0.3, "{away} at {time}");

@@ -1,4 +1,4 @@
-//! Gaussians that do not move as the `.ply` that 3-D Gaussian splatting programs read and write.
+//! Still Gaussians in the `.ply` format of 3-D Gaussian splatting programs.
 
 use super::{MADE_BY, Problem, numbered, table::Table};
 use crate::{
@@ -8,16 +8,17 @@ use crate::{
     scene::{CAMERA_WIDTH, Scene, camera_row, read_camera, still::camera_before},
 };
 
-/// Channels of a colour.
+/// Number of channels of a colour.
 pub(super) const CHANNELS: usize = 3;
-/// The largest logit of opacity that is kept; files may have an infinite one.
+/// Largest logit of opacity that is kept; files may have an infinite one.
 const MAX_LOGIT: f32 = 40.0;
-/// Starts the comment that holds the camera, as 18 numbers in the scene file's order.
+/// Beginning of the comment that holds the camera, as 18 numbers in the scene file's order.
 const CAMERA_COMMENT: &str = "surgtpgs camera";
 
 impl Gaussians {
-    /// Centre, normal (0), colour coefficients (higher bands channel by channel), logit of opacity, log-scales and
-    /// quaternion (w, x, y, z), all 32-bit floats, little endian; the camera as a comment. Features are left out.
+    /// Returns the Gaussians as `.ply`: centre, normal (0), colour coefficients (higher bands channel by
+    /// channel), logit of opacity, log-scales and quaternion (w, x, y, z), all 32-bit floats, little
+    /// endian. The camera is a comment. Features are left out.
     pub fn to_ply(&self, camera: Option<&Camera>) -> Vec<u8> {
         let bands = self.sh_bands();
         let camera = camera.map(|c| {
@@ -33,7 +34,7 @@ impl Gaussians {
     }
 }
 
-/// The values of one Gaussian in the order of [`names`], with bands that it does not have as 0.
+/// Returns the values of one Gaussian in the order of [`names`]; bands that it does not have are 0.
 pub(super) fn row(gaussians: &Gaussians, i: usize, bands: usize) -> Vec<f32> {
     let own = gaussians.sh_bands();
     let mut values = gaussians.means[i].to_vec();
@@ -50,7 +51,7 @@ pub(super) fn row(gaussians: &Gaussians, i: usize, bands: usize) -> Vec<f32> {
     values
 }
 
-/// The columns of an ordinary file, in the order of the released 3DGS code.
+/// Returns the columns of an ordinary file, in the order of the released 3DGS code.
 pub(super) fn names(bands: usize) -> Vec<String> {
     let plain = |names: &[&str]| names.iter().map(|n| (*n).to_owned()).collect::<Vec<_>>();
     [
@@ -64,7 +65,8 @@ pub(super) fn names(bands: usize) -> Vec<String> {
     .concat()
 }
 
-/// A still scene; Gaussians with a number that is not finite are left out and counted in the provenance.
+/// Reads a still scene; Gaussians with a number that is not finite are left out and counted
+/// in the provenance.
 pub(super) fn from_table(table: &Table) -> Result<Scene, Problem> {
     let (gaussians, rows) = gaussians(table, &[])?;
     let camera = camera(table).unwrap_or_else(|| camera_before(&gaussians.means));
@@ -76,7 +78,8 @@ pub(super) fn from_table(table: &Table) -> Result<Scene, Problem> {
     Ok(scene)
 }
 
-/// The Gaussians, and the rows they are in: those in which the ordinary columns and those in `also` are finite.
+/// Reads the Gaussians, and returns the rows they are in: those in which the ordinary columns and those
+/// in `also` are finite.
 pub(super) fn gaussians(table: &Table, also: &[usize]) -> Result<(Gaussians, Vec<usize>), Problem> {
     let bands = match table.count_numbered("f_rest") {
         n if [0, 9, 24, 45].contains(&n) => n / CHANNELS,
@@ -115,7 +118,7 @@ fn degree_of(bands: usize) -> usize {
     (0..=3).find(|d| (d + 1) * (d + 1) > bands).unwrap_or(3)
 }
 
-/// Files often hold degree 3 where only 0 is used.
+/// Removes bands that are 0 everywhere: files often hold degree 3 but use only degree 0.
 fn drop_empty_bands(gaussians: &mut Gaussians) {
     let bands = gaussians.sh_bands();
     let used = |row: &[f32]| row.iter().rposition(|v| *v != 0.0).map_or(0, |last| last / CHANNELS + 1);
@@ -129,7 +132,7 @@ fn drop_empty_bands(gaussians: &mut Gaussians) {
     }
 }
 
-/// The camera that this program notes in files that it writes.
+/// Reads the camera that this program notes in files that it writes.
 fn camera(table: &Table) -> Option<Camera> {
     let numbers = table.comments.iter().find_map(|c| c.trim().strip_prefix(CAMERA_COMMENT))?;
     let row: Vec<f32> = numbers.split_whitespace().map(|n| n.parse().ok()).collect::<Option<_>>()?;

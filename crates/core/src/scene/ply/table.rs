@@ -8,7 +8,7 @@ use crate::reading::NumberType;
 pub(super) struct Table {
     /// Names of the columns.
     pub(super) names: Vec<String>,
-    /// Lines for people and for this program, which other readers pass over.
+    /// Comments for people and for this program, which other readers skip.
     pub(super) comments: Vec<String>,
     /// [rows][columns] flat.
     pub(super) values: Vec<f32>,
@@ -31,12 +31,12 @@ impl Table {
         self.names.iter().position(|n| n == name)
     }
 
-    /// How many columns `name_0`, `name_1` … there are.
+    /// Returns the number of columns `name_0`, `name_1` …
     pub(super) fn count_numbered(&self, name: &str) -> usize {
         (0..).take_while(|i| self.has_column(&format!("{name}_{i}"))).count()
     }
 
-    /// Where the columns of these names are.
+    /// Returns the positions of the columns of these names.
     pub(super) fn columns<S: AsRef<str>>(&self, names: &[S]) -> Result<Vec<usize>, Problem> {
         let find = |name: &S| {
             let name = name.as_ref();
@@ -47,7 +47,7 @@ impl Table {
         names.iter().map(find).collect()
     }
 
-    /// 32-bit floats, little endian.
+    /// Returns the file with 32-bit floats, little endian.
     pub(super) fn to_bytes(&self) -> Vec<u8> {
         let comments = self.comments.iter().map(|comment| format!("comment {comment}\n"));
         let properties = self.names.iter().map(|name| format!("property float {name}\n"));
@@ -63,17 +63,18 @@ impl Table {
         bytes
     }
 
-    /// Any encoding, any type of number. Memory is taken only for as many vertices as the bytes can hold.
+    /// Reads any encoding and any type of number. Memory is taken only for as many vertices as
+    /// the bytes can hold.
     pub(super) fn from_bytes(bytes: &[u8]) -> Result<Self, Problem> {
         let (header, payload) = Header::read(bytes)?;
         let (columns, rows) = (header.columns.len(), header.rows);
         let row_bytes = match header.encoding {
-            // A digit and what parts it from the next.
+            // Each number needs at least a digit and a separator.
             Encoding::Ascii => 2 * columns,
             Encoding::Binary { .. } => header.columns.iter().map(|c| c.number.size).sum(),
         };
         let needed = rows.checked_mul(row_bytes).filter(|_| columns > 0 || rows == 0);
-        // The last number of a text may end the file.
+        // The last number of a text needs no separator after it.
         if needed.is_none_or(|n| n > payload.len() + 1) {
             return Err(format!(
                 "this is not a complete .ply file: {rows} vertices of {columns} numbers do not fit into {} bytes",
@@ -112,7 +113,7 @@ impl Table {
     }
 }
 
-/// How the numbers are written.
+/// Encoding of the numbers.
 #[derive(Clone, Copy)]
 enum Encoding {
     Ascii,
@@ -125,7 +126,7 @@ struct Column {
     number: NumberType,
 }
 
-/// What the text before the numbers says.
+/// Contents of the text before the numbers.
 struct Header {
     encoding: Encoding,
     comments: Vec<String>,
@@ -134,7 +135,7 @@ struct Header {
 }
 
 impl Header {
-    /// The header, and what comes after it. Elements after the vertices are passed over.
+    /// Reads the header and returns it with the bytes after it. Elements after the vertices are skipped.
     fn read(bytes: &[u8]) -> Result<(Self, &[u8]), Problem> {
         let mut lines = Lines(bytes);
         let mut header =
@@ -158,7 +159,7 @@ impl Header {
                     header.comments.push(comment.trim_start().to_owned());
                 }
                 ["obj_info", ..] => {}
-                // What the columns are depends on the encoding.
+                // The meaning of the columns depends on the encoding.
                 ["element" | "property", ..] if !has_format => return Err(bad_line(line)),
                 ["element", name, count] => {
                     elements += 1;
@@ -215,7 +216,7 @@ fn number_type(name: &str, is_big_endian: bool) -> Option<NumberType> {
     NumberType::named(name, is_big_endian)
 }
 
-/// Bytes of which lines are taken.
+/// Bytes that are read line by line.
 struct Lines<'a>(&'a [u8]);
 
 impl<'a> Lines<'a> {

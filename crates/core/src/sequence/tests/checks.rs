@@ -1,4 +1,4 @@
-//! The import report.
+//! Tests of the import report.
 
 use super::*;
 
@@ -50,7 +50,7 @@ fn masks_that_hide_nearly_everything_are_called_inverted() {
     let found = report(&recording);
     assert!(any(&found.warnings, "Masks hide 94 %") && any(&found.warnings, "keep = \"white\""), "{found:?}");
     assert!(!found.ok && any(&found.errors, "Nothing of frame 1 is left"), "{found:?}");
-    // Advice followed, the warning is gone.
+    // The warning is gone after its advice was followed.
     let sequence = Sequence::open(&recording).unwrap();
     let decided = sequence.flip_masks().unwrap();
     assert_eq!(decided, folder.path().canonicalize().unwrap().join("clip.surgtpgs.toml"));

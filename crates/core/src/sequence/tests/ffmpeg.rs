@@ -1,4 +1,4 @@
-//! What ffmpeg says, and what is made of it; the program is one that says and writes what a test wants.
+//! Tests of how ffmpeg's messages are interpreted; a stand-in program says and writes what a test wants.
 
 use super::*;
 
@@ -8,7 +8,7 @@ const WHOLE: &str = "\
 [info]   Stream #0:0: Video: mpeg4 (Simple Profile), yuv420p, 64x48 [SAR 1:1 DAR 4:3], 25 fps, 25 tbr, 25 tbn
 ";
 
-/// The line about a frame.
+/// Writes the line about a frame as `showinfo` would.
 fn shown(n: usize, seconds: f64, size: (usize, usize)) -> String {
     format!(
         "[Parsed_showinfo_0 @ 0x55] [info] n:{n:4} pts: 3600 pts_time:{seconds} pos: 64 fmt:yuv420p sar:1/1 \
@@ -52,7 +52,7 @@ fn fewer_frames_than_the_index_or_the_duration_promises_are_refused() {
     let damaged = WHOLE.to_owned() + "[mpeg4 @ 0x1] [error] ac-tex damaged at 5 4\n" + &frames(48);
     let message = said(&damaged, Some(50), &ALL).unwrap_err().to_string();
     assert!(message.contains("ffmpeg says: ac-tex damaged"), "{message}");
-    // What is there on purpose is enough.
+    // A selection that ends before the missing frames is complete.
     let part = Selection { last: Some(29), ..ALL };
     assert!(said(&short, Some(50), &part).unwrap().is_empty());
     assert!(said(&short, None, &Selection { last: Some(30), ..ALL }).is_err());
@@ -60,26 +60,26 @@ fn fewer_frames_than_the_index_or_the_duration_promises_are_refused() {
 
 #[test]
 fn what_may_be_whole_is_not_refused() {
-    // Without a duration, nobody knows.
+    // Without a duration, nobody knows if frames are missing.
     let streamed = WHOLE.replace("00:00:02.00", "N/A") + &frames(30);
     assert!(said(&streamed, None, &ALL).unwrap()[0].contains("does not say how long"));
-    // Sound may be longer.
+    // The sound may be longer than the pictures.
     let sound = WHOLE.to_owned() + "[info]   Stream #0:1: Audio: aac (LC), 48000 Hz\n" + &frames(40);
     assert!(said(&sound, None, &ALL).unwrap()[0].contains("may be cut off"));
-    // A frame a second at the end, 25 before.
+    // 25 frames per second at first, one frame per second at the end.
     let mut varying = frames(20);
     (0..2).for_each(|i| varying += &shown(20 + i, 0.8 + f64::from(i as u32), (64, 48)));
     let varying = WHOLE.replace("02.00", "03.00") + &varying;
     assert!(said(&varying, None, &ALL).unwrap().is_empty());
-    // One frame, shown for a second.
+    // A single frame that is shown for a second.
     let slide = WHOLE.replace("02.00", "01.00").replace("25 fps", "1 fps") + &frames(1);
     assert!(said(&slide, None, &ALL).unwrap().is_empty());
     let slide =
         WHOLE.replace("02.00", "09.00") + &shown(0, 0.0, (64, 48)).replace(" pos:", " duration_time:9 pos:");
     assert!(said(&slide, None, &ALL).unwrap().is_empty());
-    // Those before the first that needs no other.
+    // Frames before the first that needs no other may be missing.
     assert!(said(&(WHOLE.to_owned() + &frames(47)), Some(50), &ALL).unwrap()[0].contains("shows 47"));
-    // Damage within it is told.
+    // Damage within the video is reported.
     let damaged = WHOLE.to_owned() + &frames(50) + "[h264 @ 0x2] [error] error while decoding MB 7 4\n";
     assert!(said(&damaged, Some(50), &ALL).unwrap()[0].contains("error while decoding MB 7 4"));
 }

@@ -1,4 +1,4 @@
-//! Recordings that are what they were, or not.
+//! Tests with changed and unchanged recordings.
 
 use super::{videos::write_video, *};
 use std::fs;
@@ -23,7 +23,7 @@ fn identity(path: &Path) -> Arc<Identity> {
     Sequence::open(path).unwrap().identity().unwrap()
 }
 
-/// What has changed about the clip, by its names and sizes and by all of it.
+/// Applies `change` to the clip and returns the differences found: by names and sizes, and by everything.
 fn changes(change: impl FnOnce(&Place)) -> [Option<String>; 2] {
     let place = Place::new();
     let before = identity(&place.at("clip"));
@@ -54,7 +54,7 @@ fn what_has_changed_is_said_with_the_frame() {
         fs::write(&file, [&fs::read(&file).unwrap()[..], b"more"].concat()).unwrap();
     };
     assert_eq!(changes(longer), both("frame 2 \"a_3.png\" has another size"));
-    // A size that stays tells nothing: only reading the frame does.
+    // If the size stays the same, only reading the frame shows the change.
     let turn = |place: &Place| {
         let file = place.at("clip/a_3.png");
         let mut bytes = fs::read(&file).unwrap();
@@ -97,7 +97,7 @@ fn chosen_frames_keep_their_names() {
     fs::write(place.at("clip.mp4.toml"), "[frames]\nfirst = 4\n[time]\nevery = 5\n").unwrap();
     let before = identity(&path);
     assert_eq!(before.names().collect::<Vec<_>>(), ["000004", "000009", "000014", "000019", "000024"]);
-    // A frame that is not chosen counts for the next one that is: it is decoded from it.
+    // A skipped frame counts for the next chosen one, which is decoded from it.
     damage_frame(&path, 12);
     let what = identity(&path).difference(&before).unwrap().to_string();
     assert_eq!(what, "frame 2 \"000014\" has another content");
@@ -121,7 +121,7 @@ fn a_changed_frame_of_a_video_is_named() {
     damage_frame(&path, 13);
     let sequence = Sequence::open(&path).unwrap();
     let changed = Some("frame 13 \"000013\" has another content".to_owned());
-    // So few frames are all looked at when it is opened.
+    // With so few frames, opening the video reads them all.
     for now in [sequence.outline(), &sequence.identity().unwrap()] {
         assert_eq!(now.difference(&before).map(|d| d.to_string()), changed);
     }

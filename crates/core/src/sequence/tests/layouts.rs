@@ -1,4 +1,4 @@
-//! Every layout, in tiny folders.
+//! Tests of every layout, in tiny folders.
 
 use super::*;
 use glam::Vec3;
@@ -99,7 +99,7 @@ fn endonerf_poses_are_right_up_backwards() {
     let camera = sequence.camera(0);
     assert_eq!((camera.fx, camera.cx, camera.cy), (20.0, 4.0, 3.0));
     assert!(sequence.camera_moves());
-    // World "up, backwards" are image "down, forwards" negated.
+    // The world's "up, backwards" are the image's "down, forwards" negated.
     let seen = camera.camera_from_world.transform_point3(Vec3::new(1.0, 2.0, -5.0));
     assert!(seen.abs_diff_eq(Vec3::new(1.0, -2.0, 5.0), 1e-6));
     assert!(sequence.camera(1).position_in_world().abs_diff_eq(Vec3::new(1.0, 2.0, 3.0), 1e-6));

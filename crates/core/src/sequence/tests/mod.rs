@@ -1,4 +1,4 @@
-//! Tiny folders of every layout, and the real recordings where they are to be had.
+//! Tests with tiny folders of every layout, and with the real recordings if they are available.
 
 use super::*;
 use image::{GrayImage, Luma, Rgb};
@@ -10,7 +10,7 @@ mod layouts;
 mod real;
 mod videos;
 
-/// A bright asymmetric picture that tells frames, axes and channels apart.
+/// Makes a bright asymmetric picture in which frames, axes and channels differ.
 fn picture(width: u32, height: u32, frame: u8) -> RgbImage {
     RgbImage::from_fn(width, height, |x, y| Rgb([100 + 10 * frame, 50 + 2 * x as u8, 60 + 5 * y as u8]))
 }

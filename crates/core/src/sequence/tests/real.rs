@@ -1,8 +1,8 @@
-//! The real recordings, where they are to be had.
+//! Tests with the real recordings, if they are available.
 
 use super::*;
 
-/// A folder of real recordings; `None` (said aloud) where it is absent.
+/// Returns a folder of real recordings; `None` (with a printed note) if it is absent.
 fn real(name: &str) -> Option<PathBuf> {
     let root = std::env::var_os("SURGTPGS_DATA").map(PathBuf::from);
     let root = root.unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"));

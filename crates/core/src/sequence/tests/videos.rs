@@ -1,4 +1,4 @@
-//! Videos: made here with the encoder and a small muxer.
+//! Tests of videos, which are made here with the encoder and a small muxer.
 
 use super::*;
 use openh264::{
@@ -10,7 +10,7 @@ use openh264::{
 const SIZE: (usize, usize) = (64, 48);
 const FRAMES: usize = 25;
 
-/// A soft blob that wanders, so that every frame is told from its neighbours.
+/// Draws a soft blob that wanders, so that every frame differs from its neighbours.
 fn blob(frame: usize) -> RgbImage {
     RgbImage::from_fn(SIZE.0 as u32, SIZE.1 as u32, |x, y| {
         let (dx, dy) = (x as f32 - 2.5 * frame as f32, y as f32 - 20.0);
@@ -19,7 +19,7 @@ fn blob(frame: usize) -> RgbImage {
     })
 }
 
-/// An H.264 mp4 at 10 frames per second that can be entered at every tenth frame.
+/// Writes an H.264 mp4 at 10 frames per second that can be entered at every tenth frame.
 pub(super) fn write_video(path: &Path) {
     let config = EncoderConfig::new()
         .bitrate(BitRate::from_bps(4_000_000))
@@ -77,7 +77,7 @@ fn settings_beside_a_video_choose_its_frames() {
     let names: Vec<_> = (0..sequence.num_frames()).map(|i| sequence.frame_name(i)).collect();
     assert_eq!(names, ["000004", "000009", "000014", "000019"]);
     assert!(psnr(&sequence.frame(1).unwrap(), &blob(9)) > 30.0);
-    // A folder with nothing but one video is that video, with the folder's own settings.
+    // A folder with nothing but one video counts as that video, with the folder's own settings.
     let sequence = Sequence::open(folder.path()).unwrap();
     assert_eq!((sequence.num_frames(), sequence.path()), (FRAMES, folder.path()));
 }
@@ -113,7 +113,7 @@ fn damaged_and_foreign_files_are_refused_in_words() {
     let path = folder.path().join("clip.mp4");
     write_video(&path);
     let whole = std::fs::read(&path).unwrap();
-    // Either ffmpeg is there and refuses it too, or it is named as missing.
+    // Either ffmpeg is installed and refuses it too, or it is named as missing.
     std::fs::write(&path, &whole[..whole.len() / 8]).unwrap();
     assert!(message(Sequence::open(&path)).contains("ffmpeg"));
     std::fs::write(&path, "some text").unwrap();
