@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# Everything that must hold before a change is merged, cheapest first.
-# Needs only cargo; GPU tests use any Vulkan adapter, a software one included (see .ci/run for a bare machine).
+# Everything that must hold before a change is merged, cheapest first. Needs only cargo; GPU tests use any
+# Vulkan adapter, a software one included (see .ci/run for a bare machine).
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-# Tests of the whole program run what was built before them, wherever that is.
+# Tests of the whole program run the binary that was built before them, wherever that is.
 export CARGO_TARGET_DIR
 CARGO_TARGET_DIR=$(realpath --canonicalize-missing "${CARGO_TARGET_DIR:-target}")
 
@@ -16,7 +16,7 @@ cargo fmt --all --check
 step lints
 cargo clippy --workspace --all-targets --quiet -- -D warnings
 
-# All packages at once, here and below: another selection has other features, and everything would be compiled again.
+# All packages at once, here and below: another selection has other features, and compiles everything again.
 step build
 cargo build --workspace --all-targets --quiet
 

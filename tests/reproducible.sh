@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# Builds the committed source twice, in two places, and compares every byte of what comes out.
-# `tests/reproducible.sh [CARGO ARGUMENTS]`; without arguments the program, as it is released (many minutes), with
-# `--package surgtpgs-core --lib`, for example, one library. What differs is kept, to be looked into.
+# Builds the committed source twice, in two places, and compares every byte of the results.
+# `tests/reproducible.sh [CARGO ARGUMENTS]`; without arguments the program, as it is released (many
+# minutes), with `--package surgtpgs-core --lib`, for example, one library. Results that differ are
+# kept, to be looked into.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 places=$(mktemp -d)
@@ -10,7 +11,7 @@ build() { # PLACE OUT ARGUMENTS…
   local place=$1 out=$2
   shift 2
   git worktree add --quiet --detach "$place"
-  # Where the source and the packages lie is all that may differ, and it is in line tables and messages.
+  # Only the places of the source and of the packages may differ, and these are in line tables and messages.
   local maps="$place=/surgtpgs ${CARGO_HOME:-$HOME/.cargo}=/cargo"
   local rust="" c=""
   for map in $maps; do

@@ -1,4 +1,4 @@
-//! Tells the program which commit it is built from; only for releases, so that a commit does not rebuild everything.
+//! Tells the program its commit; in releases only, so that a commit does not rebuild everything.
 
 use std::process::Command;
 
@@ -13,7 +13,7 @@ fn main() {
     println!("cargo:rustc-env=SURGTPGS_COMMIT={commit}");
 }
 
-/// What git answers in one line; nothing without git or a repository.
+/// Returns git's answer in one line; `None` without git or a repository.
 fn git(args: &[&str]) -> Option<String> {
     let output = Command::new("git").args(args).output().ok().filter(|output| output.status.success())?;
     Some(String::from_utf8(output.stdout).ok()?.trim().to_owned())

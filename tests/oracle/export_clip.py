@@ -1,4 +1,4 @@
-"""Exports CLIP checkpoints of every kind with assets/export_clip.py and compares with PyTorch's own attention.
+"""Exports CLIP checkpoints of every kind with assets/export_clip.py and compares with PyTorch's attention.
 
 Needs torch, onnx, onnxruntime; the argument is CLIP's tokenizer.json. Weights are random, shapes those of ViT-B/16.
 """
@@ -72,7 +72,7 @@ class Visual(nn.Module):
         return self.ln_post(self.transformer(x)[:, 0]) @ self.proj
 
     def dense(self, pictures):
-        """As CAT-Seg: the last block takes each token's own value and adds the class token."""
+        """Does the same as CAT-Seg: the last block takes each token's own value and adds the class token."""
         x = self.conv1(pictures)
         places = x.shape[-1]
         x = x.flatten(2).transpose(1, 2)
@@ -98,7 +98,7 @@ class Clip(nn.Module):
         self.positional_embedding = random(LENGTH, TEXT_WIDTH)
         self.ln_final = nn.LayerNorm(TEXT_WIDTH)
         self.text_projection = random(TEXT_WIDTH, DIM)
-        # Norms and biases as training leaves them, not as they start.
+        # Norms and biases get values as after training, not those that they start with.
         for name, parameter in self.named_parameters():
             if parameter.ndim == 1:
                 parameter.data.add_(0.1 * torch.randn_like(parameter))
@@ -110,7 +110,7 @@ class Clip(nn.Module):
 
 
 def checkpoint(model, kind, path):
-    """As the programs write it."""
+    """Writes a checkpoint as the programs do."""
     state = model.state_dict()
     if kind == "OpenAI":
         model.load_state_dict({name: tensor.half().float() for name, tensor in state.items()})

@@ -1,6 +1,7 @@
-"""What scikit-image and scikit-learn make of pictures, masks and depth without a pattern.
+"""Measures of pictures, masks and depth without a pattern, by scikit-image and scikit-learn.
 
-Prints metrics.json, which the test of crates/core/src/metrics/oracle_tests.rs compares with; it makes the same inputs.
+Prints metrics.json, which the test of crates/core/src/metrics/oracle_tests.rs compares with. The test makes
+the same inputs.
 """
 
 import json
@@ -35,7 +36,7 @@ def case(width, height, seed):
     image = ((3 * truth.astype(int) + noise) // 4).astype(np.uint8)
     labelled = bytes_without_pattern(pixels, seed + 2) < 100
     predicted = labelled ^ (bytes_without_pattern(pixels, seed + 3) < 40)
-    # Depths of 1 to 18 and others near them.
+    # Depths of 1 to 18, and other depths near them.
     depth = 1 + bytes_without_pattern(pixels, seed + 4).astype(np.float32) / 15
     other = depth * (0.75 + bytes_without_pattern(pixels, seed + 5).astype(np.float32) / 512)
     classes = bytes_without_pattern(pixels, seed + 6) % 3

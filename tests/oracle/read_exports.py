@@ -1,7 +1,7 @@
 """Reads exports of the program with the programs' own readers and compares the formats with each other.
 
-The 0/255 masks and the f32 scores are the reference; everything else is made from the same pixels and must agree.
-Exits with 1 at the first thing that does not. See README.md beside this file.
+The 0/255 masks and the f32 scores are the reference; everything else is made from the same pixels and must
+agree. Exits with 1 at the first thing that does not. See README.md beside this file.
 """
 
 import contextlib
@@ -81,7 +81,7 @@ def check_pictures(e):
 
 def check_coco(e):
     """pycocotools."""
-    # It prints how long it takes.
+    # The reader prints how long it takes.
     with contextlib.redirect_stdout(io.StringIO()):
         coco = COCO(str(one(e.folder, "coco")))
     found = 0
@@ -193,7 +193,7 @@ def check_moving(e):
 
 
 def print_fixtures():
-    """The texts in crates/core/src/mask/rle.rs."""
+    """Prints the texts in crates/core/src/mask/rle.rs."""
     fixtures = [
         (7, 5, lambda x, y: y > x or x == 6),
         (40, 24, lambda x, y: 3 * x + 5 * y < 90 and (x + 2 * y) % 7 > 1),

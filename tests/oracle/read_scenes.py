@@ -1,7 +1,8 @@
 """Reads scene files and conversions with Python's own readers and compares them with each other.
 
-The scene at the time of a frame is computed here from the scene file, by the formulas; the .ply, the .glb and the deforming .ply
-must say the same. Exits with 1 at the first thing that does not. See README.md beside this file.
+The scene at the time of a frame is computed here from the scene file, by the formulas; the .ply, the .glb and
+the deforming .ply must say the same. Exits with 1 at the first thing that does not. See README.md beside this
+file.
 """
 
 import json
@@ -23,7 +24,7 @@ def check(is_right, what):
 
 
 def snippet(scene):
-    """Runs the Python of the project's README on a scene; what it defined."""
+    """Runs the Python of the project's README on a scene; returns the names that it defines."""
     text = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
     code = re.search(r"```python\n(.*?)```", text, re.S)[1].replace('"scene.safetensors"', repr(str(scene)))
     names = {}

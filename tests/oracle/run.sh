@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Exports the tiny demo in every format, converts its scene, and reads all back with other programs; the argument is a
-# Python that has them.
+# Exports the tiny demo in every format, converts its scene, and reads all back with other programs. The
+# argument is a Python that has them.
 set -euo pipefail
 python=$(realpath -s "$1")
 cd "$(dirname "$0")/../.."

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Runs the workflow of assets/snakemake on this machine: a bad recording stops no other, what is done is not done again,
-# and `surgtpgs batch` knows what the workflow has done. The argument is a Python that has Snakemake.
+# Runs the workflow of assets/snakemake on this machine. Checks that a bad recording stops no other, that work
+# that is done is not done again, and that `surgtpgs batch` knows the results of the workflow. The argument is
+# a Python that has Snakemake.
 set -euo pipefail
 python=$(realpath -s "$1")
 cd "$(dirname "$0")/../.."

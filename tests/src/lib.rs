@@ -1,4 +1,4 @@
-//! What the whole-program tests share: finding the binary, running it, reading what it says.
+//! Tools that the whole-program tests share: finding the binary, running it, reading what it says.
 
 use std::{
     ffi::OsStr,
@@ -30,18 +30,18 @@ fn build() -> PathBuf {
     profile.join(format!("surgtpgs{}", std::env::consts::EXE_SUFFIX))
 }
 
-/// The cargo that runs these tests.
+/// Returns the cargo that runs these tests.
 pub fn cargo() -> PathBuf {
     std::env::var_os("CARGO").map_or_else(|| "cargo".into(), PathBuf::from)
 }
 
-/// The workspace's root.
+/// Returns the workspace's root.
 pub fn workspace() -> &'static Path {
     let tests = Path::new(env!("CARGO_MANIFEST_DIR"));
     tests.parent().unwrap_or(tests)
 }
 
-/// How a run of the program ended.
+/// Result of a run of the program.
 #[derive(Debug)]
 pub struct Run {
     /// Exit code; -1 if a signal ended it.
@@ -69,7 +69,7 @@ impl Run {
         self
     }
 
-    /// Standard output as JSON: the whole of it must be.
+    /// Reads standard output as JSON: the whole of it must be JSON.
     pub fn json(&self) -> serde_json::Value {
         match serde_json::from_str(&self.stdout) {
             Ok(value) => value,
@@ -77,7 +77,8 @@ impl Run {
         }
     }
 
-    /// Fails the test unless the program refused its input with one plain line and code `code`; returns that line.
+    /// Fails the test unless the program refused its input with one plain line and this code;
+    /// returns that line.
     pub fn refused(&self, code: i32) -> &str {
         assert_eq!(self.code, code, "{self:#?}");
         assert!(!self.stderr.contains("panicked"), "{self:#?}");
@@ -87,7 +88,7 @@ impl Run {
     }
 }
 
-/// The program, to be run without a display in `folder`.
+/// Returns the command that runs the program without a display in `folder`.
 pub fn command_in(folder: &Path) -> Command {
     let mut command = Command::new(binary());
     command.current_dir(folder).env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY");
@@ -117,7 +118,7 @@ pub fn start_until_training(folder: &Path, args: &[&str], n: usize) -> Child {
     child
 }
 
-/// Sends a signal, `-TERM` for instance, where systems know them.
+/// Sends a signal, `-TERM` for instance, on systems that know signals.
 pub fn signal(child: &Child, signal: &str) {
     let sent = Command::new("kill").args([signal, &child.id().to_string()]).status();
     assert!(sent.is_ok_and(|status| status.success()), "{signal} cannot be sent");
@@ -127,14 +128,14 @@ pub fn signal(child: &Child, signal: &str) {
 #[derive(Debug)]
 pub struct Flow {
     folder: tempfile::TempDir,
-    /// What `train --json` said.
+    /// Report of `train --json`.
     pub trained: serde_json::Value,
 }
 
 impl Flow {
-    /// Frames of the recording.
+    /// Number of frames of the recording.
     pub const FRAMES: usize = 10;
-    /// Its columns and rows.
+    /// Columns and rows of the recording.
     pub const SIZE: (u32, u32) = (64, 48);
 
     /// The flow's folder.
@@ -142,7 +143,7 @@ impl Flow {
         self.folder.path()
     }
 
-    /// A path inside it, as text for the command line.
+    /// Returns a path inside the flow's folder, as text for the command line.
     pub fn at(&self, name: &str) -> String {
         self.path().join(name).display().to_string()
     }

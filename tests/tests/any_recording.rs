@@ -1,5 +1,5 @@
-//! A recording without labels: automatic masks, an image encoder, training, a prompt, an export. The models are small
-//! ones of the real contracts, made here; what they compute is colour.
+//! A recording without labels: automatic masks, an image encoder, training, a prompt, an export. The models
+//! are small ones with the inputs and outputs of real ones, made here; they compute colour.
 
 use crate::models;
 use image::{GrayImage, Rgb, RgbImage};
@@ -28,7 +28,7 @@ fn write_recording(folder: &Path) {
     }
 }
 
-/// The matrix that takes the three colours to the embeddings of their names.
+/// Returns the matrix that takes the three colours to the embeddings of their names.
 fn colours_to_names() -> Vec<f32> {
     let mut encoder = TextEncoder::builtin().unwrap();
     let names = encoder.encode_prompts(&CLASSES.map(|(name, _)| name)).unwrap();

@@ -6,7 +6,7 @@ fn picture(path: &Path, width: u32, height: u32) {
     image.save(path).unwrap();
 }
 
-/// A folder of `n` pictures in which one thing is then broken.
+/// Creates a folder of `n` pictures in which one thing is then broken.
 fn pictures(n: usize) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     for i in 0..n {
@@ -90,7 +90,7 @@ fn a_picture_that_says_it_is_huge_is_refused_before_anything_is_made_for_it() {
     assert_eq!(run_in(folder.path(), &["check", "."]).code, 1);
 }
 
-/// Runs the program where it may have this much memory.
+/// Runs the program with at most this many bytes of memory (address space).
 #[cfg(target_os = "linux")]
 fn within(bytes: u64, folder: &Path, args: &[&str]) -> Run {
     let mut limited = std::process::Command::new("prlimit");

@@ -49,7 +49,7 @@ impl Batch {
     }
 }
 
-/// Steps of `batch --dry-run --json` as (recording, step, state).
+/// Returns the steps of `batch --dry-run --json` as (recording, step, state).
 fn states(run: &Run) -> Vec<(String, String, String)> {
     let text = |step: &Value, key: &str| step[key].as_str().unwrap().to_owned();
     let json = run.json();
@@ -82,7 +82,7 @@ fn a_bad_recording_stops_no_other_and_a_second_run_does_what_changed() {
     assert!(of("error")[1].starts_with("prepare failed: ") && of("error")[2].contains("no recording here"));
     assert!(first.stderr.contains("2 of 4, bad: prepare failed: "), "{}", first.stderr);
 
-    // What the verbs say of the same scene.
+    // The batch reports the same as the verbs do of the same scene.
     let eval = &recordings[0]["steps"][2]["report"];
     let folder = recordings[0]["folder"].as_str().unwrap();
     let scene = format!("{folder}/scene.safetensors");
@@ -158,7 +158,7 @@ fn a_training_that_was_stopped_or_killed_is_gone_on_with() {
     let last = batch.run(&[]).ok();
     assert!(last.stdout.contains("2 recordings: 2 done"), "{last:#?}");
     assert!(!batch.path().join("jobs/long/scene.unfinished").exists());
-    // The checkpoint was gone on with: together it is the same as in one go.
+    // The training went on from the checkpoint: the result is the same as in one go.
     let whole =
         ["train", "good", "-o", "whole", "--eval", "--backend", "cpu", "--iterations", "1500", "--json"];
     let whole = run_in(batch.path(), &whole).ok().json();
@@ -214,7 +214,7 @@ const PATIENTS: [(&str, &str); 8] = [
     ("रोगी", "रोगी"),
 ];
 
-/// The recordings in some order, each under its own name.
+/// Returns a jobs file with the recordings in this order, each under its own name.
 fn jobs_of(order: &[usize]) -> String {
     let one =
         |&i: &usize| format!("[[recording]]\npath = \"r{i}\"\nname = '{}'\niterations = 2\n", PATIENTS[i].0);
@@ -252,7 +252,7 @@ fn the_order_of_recordings_changes_nothing_in_any_script() {
         fs::read_dir(batch.path().join("jobs")).unwrap().filter(|e| e.as_ref().unwrap().path().is_dir());
     assert_eq!(folders.count(), PATIENTS.len());
 
-    // Two paths in each other's place: neither patient gets the other's scene, and the others go on.
+    // The paths of two patients are swapped: neither gets the other's scene, and the other recordings go on.
     batch.write(
         &jobs_of(&order).replace("\"r3\"", "\"?\"").replace("\"r4\"", "\"r3\"").replace("\"?\"", "\"r4\""),
     );
@@ -267,7 +267,7 @@ fn the_order_of_recordings_changes_nothing_in_any_script() {
     assert_eq!(swapped.stderr.matches(" is done\n").count(), 2 * (PATIENTS.len() - 2));
     assert!(scenes() == first);
 
-    // One that moved is the same; one that changed a little is done again.
+    // A recording that moved is the same; one that changed a little is done again.
     fs::rename(batch.path().join("r0"), batch.path().join("elsewhere")).unwrap();
     fs::copy(
         batch.path().join("r2/images/frame_000000.png"),

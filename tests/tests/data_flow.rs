@@ -47,7 +47,7 @@ fn the_recording_is_never_modified() {
         files.sort();
         files
     };
-    // Written anew, the demo is the same bytes; the flow's copy has been prepared and trained from.
+    // The demo is written with the same bytes every time; the flow's copy has been prepared and trained from.
     assert!(listing(&other.path().join("recording")) == listing(&flow().path().join("recording")));
 }
 
@@ -219,7 +219,7 @@ fn a_model_measures_how_different_pictures_look() {
     let with = |model: &str| flow.run(&[&eval[..], &[model]].concat());
     let lpips = with("lpips.onnx").ok().json()["lpips"].as_f64().unwrap();
     flow.run(&["render", "scene.safetensors", "-o", "seen", "--backend", "cpu"]).ok();
-    // The stand-in adds the channels' mean differences of colours from -1 to 1.
+    // The stand-in for LPIPS adds the channels' mean differences of colours from -1 to 1.
     let distance = |frame: usize| {
         let open = |path: String| image::open(flow.at(&path)).unwrap().to_rgb8().into_raw();
         let (one, other) = (
@@ -277,7 +277,7 @@ fn export_masks_frames_resumes_and_never_overwrites_silently() {
     let record: Value =
         serde_json::from_slice(&std::fs::read(flow.path().join("masked/provenance.json")).unwrap()).unwrap();
     assert_eq!(record["complete"], true);
-    // The labels' meaning is one more.
+    // One file more tells the meaning of the labels.
     assert_eq!(record["files"].as_array().unwrap().len(), 4 * Flow::FRAMES + 1);
     assert!(!record.to_string().contains(&flow.at("")), "no path of this machine is in the record");
 
@@ -293,7 +293,8 @@ fn one_export_writes_every_format_and_they_agree() {
     let prompts = ["--prompt", "liver", "spaceship", "--json"];
     let export = ["export", "scene.safetensors", "-o", "everything", "--format", formats];
     let report = flow.run(&[&export[..], &prompts].concat()).ok().json();
-    // Seven formats of a frame, four of them for each of two prompts, and seven of all frames.
+    // Seven formats have a file per frame, four of these a file for each of two prompts; seven have
+    // one file for all frames.
     assert_eq!(report["files"], (4 * 2 + 3) * Flow::FRAMES + 7);
     let series = |name: &str| flow.path().join("everything").join(name);
     let csv = std::fs::read_to_string(series("csv/frames_000000-000009.csv")).unwrap();
@@ -329,7 +330,7 @@ fn an_interrupted_training_goes_on_where_it_stopped() {
     let flow = flow();
     let train = ["train", "prepared", "-o", "interrupted.safetensors"];
     let steps = ["--iterations", "4000"];
-    // By hand, then by a scheduler.
+    // The training is stopped by hand, then by a scheduler.
     for (how, sent) in [(&steps[..], "-INT"), (&["--resume"][..], "-TERM")] {
         let mut child = surgtpgs_tests::start_until_training(flow.path(), &[&train, how].concat(), 1);
         std::thread::sleep(std::time::Duration::from_millis(300));

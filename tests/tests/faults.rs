@@ -1,6 +1,8 @@
-//! Disks that are full, writers that are killed, readers that go away, recordings that are cut off: a plain message, nothing
-//! lost, and the same command finishes the work afterwards (tests/README.md has the matrix). The limit on the size of written files stands for the full disk: the write that passes it
-//! fails, whether its signal is ignored or not. A kill comes with one of the calls that write, sync or rename.
+//! Disks that are full, writers that are killed, readers that go away, recordings that are cut off: a plain
+//! message, nothing lost, and the same command finishes the work afterwards (tests/README.md has the matrix).
+//!
+//! The limit on the size of written files stands for the full disk: the write that passes it fails, whether
+//! its signal is ignored or not. A kill comes with one of the calls that write, sync or rename.
 
 use crate::workplace::{contents, workplace};
 use std::{
@@ -11,7 +13,7 @@ use std::{
 };
 use surgtpgs_tests::{Run, binary, flow};
 
-/// What happens at the limit.
+/// Fault at the limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Fault {
     /// The write fails, as on a full disk.
@@ -20,11 +22,11 @@ enum Fault {
     Killed,
 }
 
-/// A verb that writes; each gets the outputs of those before it.
+/// A verb that writes into a [`workplace`].
 struct Writer {
     name: &'static str,
     args: &'static [&'static str],
-    /// What it makes, file or folder.
+    /// File or folder that the verb makes.
     output: &'static str,
 }
 
@@ -65,10 +67,10 @@ const WRITERS: [Writer; 9] = [
     Writer { name: "batch", args: &["batch", "jobs.toml", "-o", "out"], output: "out" },
 ];
 
-/// Bytes that a file may have: nothing, within headers, within the bodies.
+/// Largest sizes of a file, bytes: nothing, within headers, within the bodies.
 const BUDGETS: [u64; 4] = [0, 100, 700, 3000];
 
-/// Runs the program where files may have `budget` bytes, or until the n-th call of a thread that changes files.
+/// Runs the program where files may have `budget` bytes, or until a thread's n-th call that changes files.
 fn limited(folder: &Path, args: &[&str], budget: u64, fault: Fault) -> Run {
     let line = match fault {
         // prlimit counts bytes; the shell's own ulimit counts kilobytes.
@@ -91,7 +93,7 @@ fn run(folder: &Path, args: &[&str]) -> Run {
     surgtpgs_tests::run_in(folder, args)
 }
 
-/// The files that `writer` makes when nothing goes wrong.
+/// Returns the files that are there when nothing goes wrong with `writer`.
 fn whole(writer: &Writer) -> BTreeMap<PathBuf, Vec<u8>> {
     let folder = workplace();
     run(folder.path(), writer.args).ok();
@@ -109,10 +111,10 @@ fn a_full_disk_or_a_kill_at_any_point_loses_nothing_and_the_work_can_be_finished
                 let before = contents(folder.path());
                 let broken = limited(folder.path(), writer.args, budget, fault);
                 if broken.code == 0 {
-                    // Nothing it writes is as large.
+                    // The verb writes nothing as large as the limit.
                     assert!(folder.path().join(writer.output).exists(), "{case}");
                 } else if fault == Fault::Full && writer.name == "batch" {
-                    // It goes on with other recordings and lists what failed.
+                    // The batch goes on with other recordings and lists what failed.
                     assert!(
                         broken.code == 1 && broken.stderr.contains("could not write"),
                         "{case}: {broken:#?}"
@@ -198,11 +200,12 @@ fn places_that_cannot_be_written_to_are_named() {
     }
 }
 
-/// Halves the file of every picture under `folder` but its head, so that it is found out when the picture is needed.
+/// Halves the files of a few pictures under `folder`. Their heads stay, so that the damage is found
+/// only when the picture is needed.
 fn cut_off(folder: &Path) {
     let mut files: Vec<PathBuf> = fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
     files.sort();
-    // Not all: it would be another recording.
+    // Not all of them, or it would be another recording.
     for path in files.iter().take(3) {
         let file = fs::OpenOptions::new().write(true).open(path).unwrap();
         file.set_len(file.metadata().unwrap().len() / 2).unwrap();
@@ -237,8 +240,8 @@ fn recordings_that_are_cut_off_lose_nothing_and_the_work_can_be_finished() {
     }
 }
 
-/// A training on a recording that only ffmpeg could read, with an `ffmpeg` that does what `script` says; `$out` is where
-/// pictures go.
+/// Returns a training on a recording that only ffmpeg could read, with an `ffmpeg` that does what `script`
+/// says; `$out` is the folder for pictures. Without a script there is no `ffmpeg`.
 #[cfg(unix)]
 fn training_with_ffmpeg(script: Option<&str>) -> (tempfile::TempDir, Command) {
     use std::os::unix::fs::PermissionsExt;
@@ -256,7 +259,7 @@ fn training_with_ffmpeg(script: Option<&str>) -> (tempfile::TempDir, Command) {
     }
     let mut command = surgtpgs_tests::command_in(folder.path());
     command.args(["train", "clip.avi", "-o", "scene.safetensors", "--iterations", "2", "--backend", "cpu"]);
-    // Its temporary folder is ours, to see what it leaves.
+    // The temporary folder is ours, to see what is left in it.
     command.env("PATH", programs).env("TMPDIR", scratch);
     (folder, command)
 }
@@ -296,14 +299,16 @@ fn an_ffmpeg_that_hangs_can_be_interrupted() {
         assert!(child.try_wait().unwrap().is_none(), "it ended before ffmpeg was asked");
         std::thread::sleep(std::time::Duration::from_millis(20));
     }
-    // As a terminal does it, to the program and all that it started; a shell may have told this test to ignore Ctrl-C itself.
+    // The signal goes to the program and all that it started, as from a terminal. It is SIGTERM, because a
+    // shell may have told this test to ignore Ctrl-C.
     let interrupt = Command::new("kill").args(["-TERM", "--", &format!("-{}", child.id())]).status();
     assert!(interrupt.unwrap().success());
     assert!(!child.wait().unwrap().success());
     assert!(!folder.path().join("scene.safetensors").exists());
 }
 
-/// A training that is sent `signal` once it trains, started through `shell`; its exit code and whether there is a scene.
+/// Starts a training through `shell` and sends it `signal` once it trains. Returns its exit code,
+/// and `true` if there is a scene.
 #[cfg(unix)]
 fn signalled(shell: &str, signal: &str) -> (Option<i32>, bool) {
     let folder = workplace();

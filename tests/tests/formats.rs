@@ -5,7 +5,7 @@ fn picture(path: &std::path::Path) -> image::RgbImage {
     image::open(path).unwrap().into_rgb8()
 }
 
-/// PSNR in dB.
+/// Returns the PSNR in dB.
 fn likeness(a: &image::RgbImage, b: &image::RgbImage) -> f64 {
     assert_eq!(a.dimensions(), b.dimensions());
     let squares = a.as_raw().iter().zip(b.as_raw()).map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2));
@@ -22,7 +22,8 @@ fn a_frame_as_ordinary_splats_looks_the_same() {
     assert_eq!((report["files"][0].as_str(), report["left_out"].as_u64()), (Some("frame.ply"), Some(0)));
     run_in(folder, &["render", &scene, "-o", "moving", "--frames", "6"]).ok();
     run_in(folder, &["render", "frame.ply", "-o", "still"]).ok();
-    // Imported it is a scene like any other; with the field of view, which a .ply does not hold, it looks the same.
+    // An imported .ply is a scene like any other. With the field of view, which a .ply does not
+    // hold, it looks the same.
     run_in(folder, &["convert", "frame.ply", "still.safetensors", "--like", &scene]).ok();
     run_in(folder, &["render", "still.safetensors", "-o", "like", "--frames", "6"]).ok();
     let [moving, still, like] =
@@ -80,7 +81,7 @@ fn the_released_codes_files_go_both_ways() {
     let query = ["query", "back.safetensors", "--prompt", "liver", "--json"];
     let found = run_in(folder, &query).ok().json();
     assert!(found["prompts"][0]["frames"].as_array().unwrap().iter().all(|f| f["found"] == true), "{found}");
-    // What came back has the released code's motion: from now on nothing is lost.
+    // The scene that came back has the released code's motion: the second conversion loses nothing.
     let again =
         run_in(folder, &["convert", "back.safetensors", "again.ply", "--reference", "--json", "--force"])
             .ok();

@@ -26,7 +26,7 @@ impl Copied {
         self.0.path().join(name)
     }
 
-    /// What is said by everything that makes something of the recording; nothing of it is made.
+    /// Returns the errors of all verbs that make something of the recording; checks that they made nothing.
     fn refusals(&self) -> [String; 3] {
         let export = ["export", "scene.safetensors", "--sequence", "recording", "--prompt", "liver", "-o"];
         let runs = [

@@ -1,5 +1,5 @@
-//! No verb writes into or over what it reads or what it did not write, with or without `--force`; and whatever goes wrong
-//! while a result is replaced, the earlier one is there to the last byte.
+//! No verb writes into or over what it reads or what it did not write, with or without `--force`. Whatever
+//! goes wrong while a result is replaced, the earlier one is there to the last byte.
 
 use crate::workplace::{contents, workplace};
 use std::{
@@ -13,9 +13,9 @@ use surgtpgs_tests::{Run, binary, command_in, run_in, signal};
 /// A verb that writes; `OUT` stands for its output.
 struct Verb {
     args: &'static [&'static str],
-    /// The ending of a file that it writes; none for a folder.
+    /// Ending of the file that it writes; empty for a folder.
     ending: &'static str,
-    /// What it may replace on request in [`workplace`], because it made it and does not read it.
+    /// File or folder in [`workplace`] that it may replace on request: it made that and does not read it.
     own: &'static str,
     has_force: bool,
 }
@@ -56,13 +56,13 @@ impl Verb {
         args.chain(force.then(|| "--force".to_owned())).collect()
     }
 
-    /// A new name for its output.
+    /// Returns a new name for its output.
     fn output(&self) -> String {
         format!("out{}", self.ending)
     }
 }
 
-/// Every file, folder and link under `root`, with bytes and targets.
+/// Returns every file, folder and link under `root`, with the bytes of files and the targets of links.
 fn tree(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     let mut folders = vec![root.to_owned()];
@@ -86,7 +86,7 @@ fn tree(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     found
 }
 
-/// What differs between two trees.
+/// Returns the names that differ between two trees.
 fn difference(before: &BTreeMap<PathBuf, Vec<u8>>, after: &BTreeMap<PathBuf, Vec<u8>>) -> Vec<PathBuf> {
     let names = before.keys().chain(after.keys());
     let mut changed: Vec<_> = names.filter(|name| before.get(*name) != after.get(*name)).cloned().collect();
@@ -164,13 +164,13 @@ fn nothing_is_written_into_inputs_or_over_what_was_not_written_here() {
             for force in [false, true] {
                 let real = |name: &str| at(name).canonicalize().ok();
                 let is_own = !verb.own.is_empty() && real(&place) == real(verb.own);
-                // Two names of one file: the other one stays.
+                // The file has two names; the other one stays.
                 let is_own = is_own || verb.own == SCENE && place == "again.safetensors";
                 let theirs = place == "theirs" || place == "link to theirs";
-                // It reads no recording, or another one.
+                // The verb reads no recording, or another one.
                 let reads_none = ["demo", "convert", "render", "query"].contains(&verb.args[0]);
                 let is_new = reads_none && place.contains("recording") && place.contains("/new");
-                // A scene file beside the pictures of another program harms nobody; only folders are meant here.
+                // A scene file beside another program's pictures harms nobody; the rule is about folders.
                 if is_new
                     || (force && (is_own || !verb.has_force))
                     || theirs && !ending.is_empty() && place.ends_with("new")
@@ -195,7 +195,7 @@ fn every_verb_replaces_its_own_result_on_request_and_not_without() {
         run_in(folder.path(), &verb.args(&out, false)).ok();
         let whole = tree(folder.path());
         if verb.args[0] != "demo" && verb.args[0] != "export" {
-            // The same recording, the same export: these are completed instead.
+            // `demo` and `export` complete the same recording or export instead.
             let again = run_in(folder.path(), &verb.args(&out, false));
             assert!(again.refused(1).contains("--force"), "{:?}: {again:#?}", verb.args);
         }
@@ -214,12 +214,12 @@ fn every_verb_replaces_its_own_result_on_request_and_not_without() {
     }
 }
 
-/// What goes wrong while a result is replaced.
+/// Fault while a result is replaced.
 #[derive(Clone, Copy, Debug)]
 enum Fault {
     /// Files may have no more bytes than this, as on a full disk.
     Full(u64),
-    /// A signal once the new result has so many files.
+    /// A signal is sent once the new result has more files than this.
     Signal(&'static str, usize),
     /// A picture of the recording is cut off.
     CutOff,
@@ -248,7 +248,7 @@ const FAULTS: [Fault; 12] = [
     Fault::InTheWay,
 ];
 
-/// The folder beside the output that a replacement is made in.
+/// Returns the folder beside the output that a replacement is made in.
 fn new_beside(folder: &Path) -> Option<PathBuf> {
     let entries = fs::read_dir(folder).unwrap().map(|e| e.unwrap().path());
     entries.into_iter().find(|path| path.is_dir() && path.to_string_lossy().ends_with(".new"))
@@ -258,7 +258,7 @@ fn start(folder: &Path, args: &[String]) -> Child {
     command_in(folder).args(args).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
 }
 
-/// Lets the fault happen to a run that replaces `out`; false where it did not.
+/// Lets the fault happen to a run that replaces `out`. Returns `false` if it did not happen.
 fn suffer(fault: Fault, folder: &Path, verb: &Verb, out: &str) -> bool {
     let args = verb.args(out, true);
     let must_fail = |run: Run| assert_ne!(run.code, 0, "{args:?}, {fault:?}: {run:#?}");
@@ -275,7 +275,7 @@ fn suffer(fault: Fault, folder: &Path, verb: &Verb, out: &str) -> bool {
             if child.try_wait().unwrap().is_none() {
                 signal(&child, which);
             }
-            // A run that was quicker than the signal has replaced the result.
+            // If the run was quicker than the signal, it has replaced the result.
             return !child.wait().unwrap().success();
         }
         Fault::CutOff => {

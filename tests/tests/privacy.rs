@@ -3,7 +3,7 @@
 use std::{fs, iter, path::Path, process::Command};
 use surgtpgs_tests::{binary, cargo, flow, workspace};
 
-/// Crates that open connections, or make them secure.
+/// Returns the crates that open connections, or make them secure.
 fn banned() -> Vec<String> {
     let text = fs::read_to_string(workspace().join(".deny.toml")).unwrap();
     let rules: toml::Table = text.parse().unwrap();
@@ -27,8 +27,9 @@ fn no_network_crate_is_in_the_shipped_tree() {
     assert!(found.is_empty(), "network crates in the tree: {found:?}");
 }
 
-/// The calls that make or connect sockets of families other than this machine's own, in a run of `command` and all that
-/// it starts; `around` starts that, unseen. The second is how many calls were seen in all.
+/// Returns the calls that make or connect sockets of families other than this machine's own, in a run of
+/// `command` and of all that it starts, and the number of all calls on sockets that were seen. `around`
+/// starts the run, without being watched itself.
 #[cfg(target_os = "linux")]
 fn sockets(folder: &Path, around: &[&str], command: &[&str]) -> (Vec<String>, usize) {
     let log = folder.join("sockets.log");
@@ -49,7 +50,7 @@ fn sockets(folder: &Path, around: &[&str], command: &[&str]) -> (Vec<String>, us
     (others, calls.len())
 }
 
-/// Whether processes can be traced here; if not, it is said why.
+/// Returns `true` if processes can be traced here; if not, prints the reason.
 #[cfg(target_os = "linux")]
 #[expect(clippy::print_stderr, reason = "a test says so when it has nothing to test with")]
 fn can_trace() -> bool {
@@ -103,7 +104,7 @@ fn the_window_opens_no_socket_to_another_machine() {
     let folder = tempfile::tempdir().unwrap();
     let scene = flow().at("scene.safetensors");
     let program = binary().to_str().unwrap();
-    // Closed after a while: nobody is there to do it.
+    // The window is closed after a while, since nobody is there to do it.
     let command = ["timeout", "20", program, "view", &scene];
     let (others, calls) = sockets(folder.path(), &["xvfb-run", "-a"], &command);
     assert!(others.is_empty(), "{others:#?}");

@@ -1,4 +1,4 @@
-//! A folder with a recording, what was prepared of it, and a scene, for tests that write.
+//! A folder with a recording, the folder prepared from it, and a scene, for tests that write.
 
 use std::{
     collections::BTreeMap,
@@ -7,17 +7,17 @@ use std::{
 };
 use surgtpgs_tests::flow;
 
-/// What the batch does.
+/// Jobs file of the batch.
 const JOBS: &str = "[defaults]\nlabels = true\niterations = 2\nbackend = \"cpu\"\nprompts = [\"liver\"]\n\
     formats = [\"csv\"]\n[[recording]]\npath = \"recording\"\n";
 
-/// Whether it is what a killed writer leaves.
+/// Returns `true` for files that a killed writer leaves.
 fn is_temporary(path: &Path) -> bool {
     path.file_name()
         .is_some_and(|name| name == ".surgtpgs.lock" || name.to_string_lossy().starts_with(".part-"))
 }
 
-/// All files of a folder, but for temporary ones; what goes meanwhile is not in it.
+/// Returns all files of a folder except temporary ones. Files that vanish meanwhile are left out.
 pub(crate) fn contents(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut files = BTreeMap::new();
     let mut folders = vec![root.to_owned()];
@@ -34,7 +34,7 @@ pub(crate) fn contents(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     files
 }
 
-/// A folder with everything that the writers read.
+/// Creates a folder with everything that the writers read.
 pub(crate) fn workplace() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     for name in ["recording", "prepared"] {
@@ -44,7 +44,8 @@ pub(crate) fn workplace() -> tempfile::TempDir {
             fs::write(to, bytes).unwrap();
         }
     }
-    // An ordinary recording: with a record, it would be out of bounds as a result already.
+    // With its record, the recording would be out of bounds as a result already; without, it is an
+    // ordinary one.
     fs::remove_file(folder.path().join("recording/.surgtpgs")).unwrap();
     fs::copy(flow().at("scene.safetensors"), folder.path().join("scene.safetensors")).unwrap();
     fs::write(folder.path().join("jobs.toml"), JOBS).unwrap();

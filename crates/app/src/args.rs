@@ -26,10 +26,11 @@ use surgtpgs_core::{
     train::{FeatureMode, Profile, TrainSettings},
 };
 
-/// The release and, where it is one, the commit it was built from.
+/// Version of the program and, in a release build, the commit it was built from.
 pub const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("SURGTPGS_COMMIT"), ")");
 
-/// See a deforming reconstruction of a recorded endoscopic clip, ask it for structures by name, export masked frames.
+/// See a deforming reconstruction of a recorded endoscopic clip, ask it for structures by name,
+/// export masked frames.
 ///
 /// Without a verb: the viewer on the built-in demo; with no display, the same job into `surgtpgs-demo/`.
 /// Research use only. Not for diagnostic or intra-operative use.
@@ -37,15 +38,15 @@ pub const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("SURGTPG
 #[command(name = "surgtpgs", version = VERSION, about, max_term_width = 110, disable_help_subcommand = true)]
 #[command(after_help = "Exit codes: 0 done, 1 the input is wrong, 2 usage, 3 the machine lacks something.")]
 pub struct Cli {
-    /// What to do
+    /// Verb to run
     #[command(subcommand)]
     pub verb: Option<Verb>,
-    /// What computes where ONNX Runtime runs the models; an accelerator needs a library that was built for it
+    /// Device that ONNX Runtime runs the models on; an accelerator needs a library that was built for it
     #[arg(long, value_enum, global = true, default_value_t = ProviderArg::Cpu)]
     pub execution_provider: ProviderArg,
 }
 
-/// What computes where ONNX Runtime runs the models.
+/// Device that ONNX Runtime runs the models on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ProviderArg {
     /// The processor
@@ -69,28 +70,28 @@ impl From<ProviderArg> for Provider {
     }
 }
 
-/// What to do.
+/// Verb of the program, with its options.
 #[derive(Debug, Subcommand)]
 pub enum Verb {
     /// Open the viewer on a scene, a recording or a prepared folder
     View(ViewArgs),
     /// Write the built-in synthetic recording with all its ground truth
     Demo(DemoArgs),
-    /// Report what a recording holds and what would make training wrong
+    /// Report what a recording holds and what would make training go wrong
     Check(CheckArgs),
-    /// Make features and codec into a folder beside the recording, which is never modified
+    /// Write features and codec into a folder beside the recording, which is never modified
     Prepare(PrepareArgs),
     /// Reconstruct a scene from a prepared folder, or from a bare recording (then without features)
     Train(TrainArgs),
     /// Render colour, depth, opacity and feature images of a scene
     Render(RenderArgs),
-    /// Say on which frames a scene shows what the words name
+    /// Say on which frames a scene shows the structures that the prompts name
     Query(QueryVerbArgs),
     /// Write masked frames with a record of how they were made
     Export(ExportArgs),
     /// Compare a scene, or another program's masks, with the recording: PSNR, SSIM, depth, IoU, Dice, times
     Eval(EvalArgs),
-    /// Prepare, train, evaluate and export many recordings, with a report; done again, only what has changed is done
+    /// Prepare, train, evaluate and export many recordings, with a report; a rerun does only what changed
     Batch(BatchArgs),
     /// Measure run time beside quality for every setting; writes CSV and SVG
     Bench(BenchArgs),
@@ -99,7 +100,7 @@ pub enum Verb {
 }
 
 impl Verb {
-    /// What is written, if it is one file or folder that the command line names.
+    /// Returns the output of the verb, if it is one file or folder that the command line names.
     pub fn output(&self) -> Option<&Path> {
         match self {
             Self::Demo(args) => Some(&args.output),
@@ -176,19 +177,19 @@ pub struct TrainArgs {
     /// Seed of everything random
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
-    /// What trains
+    /// Device to train on
     #[arg(long, value_enum, default_value_t = Backend::Auto)]
     pub backend: Backend,
-    /// What to start from: our own way, or what the paper's authors released, for comparison
+    /// Settings to start from: our own, or those that the paper's authors released, for comparison
     #[arg(long, value_enum, default_value_t = TrainProfile::Default)]
     pub profile: TrainProfile,
-    /// Compute features in closed form after training instead of learning them: faster, still over time
+    /// Compute features in closed form after training, not by learning: faster, but constant over time
     #[arg(long)]
     pub fast_features: bool,
     /// Go on with the unfinished training beside the scene file
     #[arg(long, conflicts_with_all = ["eval", "iterations", "seed", "profile", "fast_features", "force"])]
     pub resume: bool,
-    /// Replace an earlier scene once the new one is whole, and begin again where one is unfinished
+    /// Replace an earlier scene once the new one is whole, and begin an unfinished training anew
     #[arg(long)]
     pub force: bool,
     /// Report as JSON
@@ -197,7 +198,7 @@ pub struct TrainArgs {
 }
 
 impl TrainArgs {
-    /// The settings of a training from the beginning.
+    /// Settings of a training from the beginning.
     pub fn settings(&self) -> TrainSettings {
         let mut settings = TrainSettings::of(match self.profile {
             TrainProfile::Default => Profile::Default,
@@ -214,26 +215,26 @@ impl TrainArgs {
     }
 }
 
-/// What training starts from.
+/// Settings that training starts from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum TrainProfile {
-    /// The paper's formulas, and better where measured
+    /// The paper's formulas, changed where another way measured better
     Default,
     /// The released code with its quirks
     Paper,
 }
 
-/// How to open a scene; shared by the verbs that render.
+/// Options that open a scene; shared by the verbs that render.
 #[derive(Clone, Debug, Args)]
 pub struct SceneArgs {
     /// Scene file
     pub scene: PathBuf,
-    /// What renders
+    /// Device to render on
     #[arg(long, value_enum, default_value_t = Backend::Auto)]
     pub backend: Backend,
 }
 
-/// How prompts are answered; shared by the verbs that take or make prompts.
+/// Options that decide how prompts are answered; shared by the verbs that take or make prompts.
 #[derive(Clone, Debug, Args)]
 pub struct RelevancyArgs {
     /// `builtin`, or the text encoder's folder; needed only if it is not where it was when preparing
@@ -272,26 +273,26 @@ impl RelevancyArgs {
         }
     }
 
-    /// How to open the engine of `scene`.
+    /// Returns the options to open the engine of `scene` with.
     pub fn engine_options(&self, scene: &SceneArgs, sequence: Option<PathBuf>) -> EngineOptions {
         let encoder = self.text_encoder.as_deref().map_or(EncoderChoice::OfScene, encoder_choice);
         EngineOptions { backend: scene.backend, encoder, sequence, relevancy: self.settings() }
     }
 }
 
-/// What to look for; shared by the verbs that take prompts.
+/// Prompts to look for; shared by the verbs that take prompts.
 #[derive(Debug, Args)]
 pub struct PromptArgs {
     /// Words to look for; may be given several times
     #[arg(long, visible_alias = "prompts", value_name = "TEXT", required = true, num_args = 1..)]
     pub prompt: Vec<String>,
-    /// What one of the prompts is not, such as "liver=fat, bile": it alone is compared with these words as well
+    /// Words that one prompt is not, such as "liver=fat, bile": it alone is compared with these words as well
     #[arg(long, value_name = "PROMPT=TEXT,…", value_parser = but_not)]
     pub but_not: Vec<(String, Vec<String>)>,
 }
 
 impl PromptArgs {
-    /// The prompts, each compared with what `settings` say and what it is not.
+    /// Returns the prompts, each compared with the negatives of `settings` and with the words that it is not.
     pub fn questions(&self, settings: &RelevancySettings) -> surgtpgs_core::Result<Vec<Question>> {
         let is_asked = |name: &String| self.prompt.iter().any(|p| p.eq_ignore_ascii_case(name));
         if let Some((name, _)) = self.but_not.iter().find(|(name, _)| !is_asked(name)) {
@@ -309,7 +310,7 @@ impl PromptArgs {
     }
 }
 
-/// `builtin` or a folder.
+/// Reads `builtin` or the path of a folder.
 pub fn encoder_choice(arg: &str) -> EncoderChoice {
     if arg == "builtin" { EncoderChoice::Builtin } else { EncoderChoice::Folder(arg.into()) }
 }
@@ -356,20 +357,20 @@ pub struct QueryVerbArgs {
     /// The scene
     #[command(flatten)]
     pub scene: SceneArgs,
-    /// What to look for
+    /// Prompts to look for
     #[command(flatten)]
     pub prompts: PromptArgs,
     /// Frames, e.g. 12 or 10..20 (the end is not included)
     #[arg(long, value_name = "A..B", value_parser = frame_range)]
     pub frames: Option<FrameRange>,
-    /// Also write the Gaussians found by each prompt, on the frame where it covers most, as a .ply for splat viewers, and
-    /// where they are, how large and how they move over time as objects.csv and objects.json
+    /// Also write the Gaussians that each prompt finds on the frame where it covers most, as a .ply for splat
+    /// viewers, and their place, size and motion over time, as objects.csv and objects.json
     #[arg(long, value_name = "DIR")]
     pub gaussians: Option<PathBuf>,
     /// Replace an earlier result in that folder, once the new one is whole
     #[arg(long, requires = "gaussians")]
     pub force: bool,
-    /// How prompts are answered
+    /// Options for answering prompts
     #[command(flatten)]
     pub relevancy: RelevancyArgs,
     /// Report as JSON
@@ -416,7 +417,7 @@ fn frame_range(text: &str) -> Result<FrameRange, String> {
     }
 }
 
-/// Words between commas, without those that are empty.
+/// Splits a text at commas, without words that are empty.
 pub fn split_words(text: &str) -> Vec<String> {
     text.split(',').map(str::trim).filter(|w| !w.is_empty()).map(str::to_owned).collect()
 }

@@ -18,7 +18,8 @@ mod tables;
 mod text;
 pub mod viewer;
 
-/// The system's, counting what is in use: what grows with time would show (`viewer::tests::monkey`).
+/// The system's allocator, which counts the memory in use, so that a test sees what grows with time
+/// (`viewer::tests::monkey`).
 #[cfg(test)]
 #[global_allocator]
 static ALLOCATOR: cap::Cap<std::alloc::System> = cap::Cap::new(std::alloc::System, usize::MAX);

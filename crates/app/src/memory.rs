@@ -1,22 +1,24 @@
-//! What the system tells about memory (Linux; elsewhere nothing is known), and whether it is enough for work to come.
+//! Memory that the system reports (Linux; elsewhere nothing is known), and checks that it is enough
+//! for work to come.
 
 use std::path::Path;
 use surgtpgs_core::{
     Error, Result, deform::stride_for, scene::Scene, sequence::Sequence, train::TrainSettings,
 };
 
-/// The most memory this process has had, bytes.
+/// Returns the most memory this process has had, bytes.
 pub fn peak_rss_bytes() -> Option<u64> {
     field(&read("/proc/self/status")?, "VmHWM:")
 }
 
-/// From now on [`peak_rss_bytes`] is about what comes, where the system can do that.
+/// Starts the measurement of [`peak_rss_bytes`] anew, where the system can do that.
 pub fn forget_peak() {
     let _ = std::fs::write("/proc/self/clear_refs", "5");
 }
 
-/// Memory that is left for this program, bytes: before the system has to write it to disk or to end a program, within what
-/// the container or job may have, and within the process's own limit.
+/// Returns the memory that is left for this program, bytes: what the system can give before it has to write
+/// memory to disk or to end a program, at most what the container or job may have, and at most what the
+/// process's own limit leaves.
 pub fn available_bytes() -> Option<u64> {
     let free = field(&read("/proc/meminfo")?, "MemAvailable:");
     let group =
@@ -25,14 +27,14 @@ pub fn available_bytes() -> Option<u64> {
     [free, group, own].into_iter().flatten().min()
 }
 
-/// Addresses that the process's own limit leaves, bytes; `None` without a limit.
+/// Returns the addresses that the process's own limit leaves, bytes; `None` without a limit.
 fn address_space_left() -> Option<u64> {
     let most = field_bytes(&read("/proc/self/limits")?, "Max address space ")?;
     Some(most.saturating_sub(field(&read("/proc/self/status")?, "VmSize:")?))
 }
 
-/// What the groups that the process is in leave it, bytes: the least of what each and those above it do. `groups` is
-/// /proc/self/cgroup, of either version: `0::/job` or `4:memory:/job`.
+/// Returns the memory that the process's control groups leave it, bytes: the least of what each group, and
+/// those above it, leave. `groups` is /proc/self/cgroup, of either version: `0::/job` or `4:memory:/job`.
 fn left_of_groups(root: &Path, groups: &str) -> Option<u64> {
     let lefts = groups.lines().filter_map(|line| {
         let (controllers, group) = line.split_once(':')?.1.split_once(':')?;
@@ -55,7 +57,7 @@ fn left_of_groups(root: &Path, groups: &str) -> Option<u64> {
     lefts.min()
 }
 
-/// What a group leaves: what it may have without what it uses; but what is only cached can be had.
+/// Returns the memory that a group leaves: its limit less its use, where cached files do not count as used.
 fn left_of(group: &Path, [most, used, inactive, active]: [&str; 4]) -> Option<u64> {
     let read = |file: &str| std::fs::read_to_string(group.join(file)).ok();
     let stat = read("memory.stat")?;
@@ -63,24 +65,24 @@ fn left_of(group: &Path, [most, used, inactive, active]: [&str; 4]) -> Option<u6
     Some(number(&read(most)?)?.saturating_add(cached).saturating_sub(number(&read(used)?)?))
 }
 
-/// Addresses that the C library sets aside for a thread that asks for memory.
+/// Addresses that the C library sets aside for a thread that asks for memory, bytes.
 const ARENA: u64 = 64 << 20;
-/// Threads besides those that compute: they wait for signals, draw, and read.
+/// Number of threads besides those that compute: they wait for signals, draw, and read.
 const LATER_THREADS: u64 = 3;
-/// Of the addresses that a limit leaves, computing threads set aside at most one in so many.
+/// Share of the addresses left by a limit that computing threads set aside at most: one in this number.
 const SHARE_OF_THREADS: u64 = 4;
 
-/// Starts the threads that compute: one for each processor, fewer where a limit on addresses leaves no room for them. What
-/// they set aside is taken then, and [`available_bytes`] knows it.
+/// Starts the threads that compute: one for each processor, fewer if a limit on addresses leaves no room for
+/// them. The addresses that they set aside are taken at once, so that [`available_bytes`] counts them.
 pub fn start_threads() -> Result<()> {
     let all = std::thread::available_parallelism().map_or(1, usize::from);
     let room = address_space_left().map_or(u64::MAX, |left| left / SHARE_OF_THREADS / ARENA).max(1);
     let mut pool = rayon::ThreadPoolBuilder::new();
-    // Whoever sets the number has it.
+    // A number that the user has set is kept.
     if std::env::var_os("RAYON_NUM_THREADS").is_none() {
         pool = pool.num_threads(all.min(usize::try_from(room).unwrap_or(usize::MAX)));
     }
-    // Threads that run already are fine.
+    // It is fine if the threads run already.
     if let Err(e) = pool.build_global()
         && std::error::Error::source(&e).is_some()
     {
@@ -93,20 +95,20 @@ pub fn start_threads() -> Result<()> {
     Ok(())
 }
 
-/// What each pixel was seen to take, bytes, on pictures of 1024×1024 to 8192×8192 with a Gaussian for every 14 pixels: all
-/// images of one view, asked and written; all passes of a training step, both ways.
+/// Bytes that each pixel was seen to take, on pictures of 1024×1024 to 8192×8192 with a Gaussian for every 14
+/// pixels: all images of one view, asked and written; all passes of a training step, both ways.
 const SHOWN_PIXEL: u64 = 130;
 const TRAINED_PIXEL: u64 = 250;
-/// A decoded frame, of full and half size.
+/// Bytes for each pixel of a decoded frame, of full and half size.
 const CACHED_PIXEL: u64 = 13;
-/// A frame with its mask, depth and labels, as often as frames are read side by side.
+/// Bytes for each pixel of a frame with its mask, depth and labels, as often as frames are read side by side.
 const READ_PIXEL: u64 = 8 * 16;
-/// What a verb takes of its own: tables, a text encoder, what libraries keep.
+/// Bytes that a verb takes of its own: tables, a text encoder, caches of libraries.
 const ANY_WORK: u64 = 48 << 20;
-/// Numbers kept for every number that is learned: itself, its gradient, and two means.
+/// Count of numbers kept for every number that is learned: itself, its gradient, and two means.
 const LEARNED: u64 = 4;
 
-/// What is going to be done, as far as memory goes.
+/// Work to be done, as far as memory goes.
 pub enum Work<'a> {
     /// A scene file is read, and perhaps written in another form.
     Scene(&'a Path),
@@ -120,7 +122,7 @@ pub enum Work<'a> {
     Training(&'a Sequence, &'a TrainSettings),
 }
 
-/// Errs where the work takes more than the memory that is left; every verb and the window ask before it begins.
+/// Fails if the work takes more than the memory that is left; every verb and the window ask before it begins.
 pub fn require_for(work: &Work<'_>) -> Result<()> {
     let (what, bytes) = match *work {
         Work::Scene(path) => ("reading the scene".into(), 3 * file_len(path)),
@@ -139,7 +141,7 @@ pub fn require_for(work: &Work<'_>) -> Result<()> {
     };
     require(&what, bytes.saturating_add(ANY_WORK), available_bytes())?;
     match *work {
-        // What it holds is known once it is looked at.
+        // The memory for the scene itself is known once the file is looked at.
         Work::Scene(path) => {
             require(&what, Scene::memory_bytes(path).saturating_add(ANY_WORK), available_bytes())
         }
@@ -186,17 +188,17 @@ fn read(path: &str) -> Option<String> {
     std::fs::read_to_string(path).ok()
 }
 
-/// A line such as "MemAvailable:  1024 kB", in bytes.
+/// Returns the value of a line such as "MemAvailable:  1024 kB", in bytes.
 fn field(text: &str, name: &str) -> Option<u64> {
     field_bytes(text, name).map(|kib| kib * 1024)
 }
 
-/// A line such as "inactive_file 1024".
+/// Returns the value of a line such as "inactive_file 1024".
 fn field_bytes(text: &str, name: &str) -> Option<u64> {
     number(text.lines().find_map(|l| l.strip_prefix(name))?)
 }
 
-/// The first word, if it is a number and not, for example, "unlimited".
+/// Returns the first word, if it is a number and not, for example, "unlimited".
 fn number(text: &str) -> Option<u64> {
     text.split_whitespace().next()?.parse().ok()
 }

@@ -1,4 +1,4 @@
-//! What this program writes, by kind, and how it knows files of its own.
+//! Kinds of results that this program writes, and the ways it recognises files of its own.
 
 use crate::{engine::Engine, jobs::Material};
 use std::path::Path;
@@ -9,7 +9,7 @@ use surgtpgs_core::{
     train::is_checkpoint,
 };
 
-/// Folders; the names stand in their records and in messages.
+/// Kinds of folders; the names stand in their records and in messages.
 pub(crate) const DEMO_RECORDING: &str = "demo recording";
 pub(crate) const PREPARATION: &str = "preparation";
 pub(crate) const LANGSPLAT: &str = "set of LangSplat features";
@@ -19,7 +19,7 @@ pub(crate) const EXPORT: &str = "export";
 pub(crate) const EVALUATION: &str = "evaluation";
 pub(crate) const BENCHMARK: &str = "benchmark";
 pub(crate) const FRAMES: &str = "conversion";
-/// Folders of several outputs.
+/// Kinds of folders that hold several outputs.
 pub(crate) const DEMO: &str = "demo";
 pub(crate) const BATCH: &str = "batch";
 
@@ -28,7 +28,7 @@ pub(crate) fn folder(path: &Path, kind: &str, inputs: &Inputs, replace: bool) ->
     OutputFolder::claim(path, Claim::new(kind, inputs, replace))
 }
 
-/// Takes a file for a scene, or what a scene is converted to.
+/// Takes a file for a scene, or for the file that a scene is converted to.
 pub(crate) fn scene_file(path: &Path, inputs: &Inputs, replace: bool) -> Result<OutputFile> {
     OutputFile::claim(path, FileClaim { kind: "scene", inputs, replace, is_ours: Scene::is_own_file })
 }
@@ -39,7 +39,7 @@ pub(crate) fn checkpoint_file(path: &Path, inputs: &Inputs) -> Result<OutputFile
     OutputFile::claim(path, claim)
 }
 
-/// What a run on a scene reads.
+/// Returns the inputs of a run on a scene.
 pub(crate) fn inputs_of_engine(scene: &Path, engine: &Engine) -> Inputs {
     let opened = engine.scene();
     let encoder = opened.encoder.as_ref().and_then(|encoder| encoder.folder.as_deref());
@@ -50,7 +50,7 @@ pub(crate) fn inputs_of_engine(scene: &Path, engine: &Engine) -> Inputs {
     engine.sequence().into_iter().fold(inputs, Inputs::with_recording)
 }
 
-/// What a run on a recording or a prepared folder reads.
+/// Returns the inputs of a run on a recording or a prepared folder.
 pub(crate) fn inputs_of_material(path: &Path, material: &Material) -> Inputs {
     let inputs = Inputs::none().with_recording(material.sequence());
     match material.prepared() {

@@ -1,4 +1,4 @@
-//! Pictures made of pictures, for reports.
+//! Pictures put together from pictures, for reports.
 
 use image::{DynamicImage, ImageFormat, RgbImage, imageops};
 use surgtpgs_core::{Error, Result};
@@ -6,7 +6,7 @@ use surgtpgs_core::{Error, Result};
 /// Pixels between the pictures of a figure.
 const GAP: u32 = 4;
 
-/// Encodes a picture.
+/// Encodes a picture as PNG.
 pub(crate) fn png(picture: impl Into<DynamicImage>) -> Result<Vec<u8>> {
     let mut bytes = std::io::Cursor::new(Vec::new());
     picture.into().write_to(&mut bytes, ImageFormat::Png).map_err(|e| {
@@ -15,7 +15,7 @@ pub(crate) fn png(picture: impl Into<DynamicImage>) -> Result<Vec<u8>> {
     Ok(bytes.into_inner())
 }
 
-/// Encodes a photograph in a fraction of the bytes.
+/// Encodes a photograph as JPEG, in a fraction of the bytes.
 pub(crate) fn jpeg(picture: &RgbImage) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
     let encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 90);
@@ -25,7 +25,7 @@ pub(crate) fn jpeg(picture: &RgbImage) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The picture, made smaller if it is wider than `width`.
+/// Returns the picture, made smaller if it is wider than `width`.
 pub(crate) fn narrowed(picture: RgbImage, width: u32) -> RgbImage {
     if picture.width() <= width {
         return picture;
@@ -34,7 +34,7 @@ pub(crate) fn narrowed(picture: RgbImage, width: u32) -> RgbImage {
     imageops::thumbnail(&picture, width, height)
 }
 
-/// One row of pictures.
+/// Puts pictures into one row.
 pub(crate) fn side_by_side(pictures: &[RgbImage]) -> RgbImage {
     let width = pictures.iter().map(|p| p.width() + GAP).sum::<u32>().saturating_sub(GAP);
     let height = pictures.iter().map(|p| p.height()).max().unwrap_or(0);
@@ -47,7 +47,7 @@ pub(crate) fn side_by_side(pictures: &[RgbImage]) -> RgbImage {
     row
 }
 
-/// Rows one below the other.
+/// Puts rows one below the other.
 pub(crate) fn stacked(rows: &[RgbImage]) -> RgbImage {
     let width = rows.iter().map(|r| r.width()).max().unwrap_or(0);
     let height = rows.iter().map(|r| r.height() + GAP).sum::<u32>().saturating_sub(GAP);

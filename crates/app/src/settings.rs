@@ -1,6 +1,7 @@
 //! Choices that the viewer and the command line share.
 
-/// Colours of prompts in their order, far from tissue's red to orange, all of them told apart with any colour vision (sRGB).
+/// Colours of prompts in their order (sRGB): far from tissue's red to orange, all of them told apart
+/// with any colour vision.
 pub const PROMPT_COLOURS: [[u8; 3]; 8] = [
     [0x3d, 0xd6, 0xff],
     [0xe8, 0x5e, 0xba],

@@ -2,7 +2,7 @@
 
 use surgtpgs_core::{Error, Result};
 
-/// One line per row under the names of its fields.
+/// Writes one line per row, under the names of its fields.
 pub(crate) fn csv<T: serde::Serialize>(rows: &[T]) -> Result<Vec<u8>> {
     let fail = |e: &dyn std::fmt::Display| Error::input(format!("the table could not be written: {e}"), "");
     let mut writer = csv::Writer::from_writer(Vec::new());

@@ -1,13 +1,14 @@
-//! Text of any origin, made fit to be shown: names of files may hold characters that turn lines round or cannot be seen.
+//! Text of any origin, made fit to be shown: names of files may hold characters that turn lines
+//! round or cannot be seen.
 
 use std::borrow::Cow;
 
-/// The text with what cannot be seen as escapes such as `\u{202e}`; ends of lines and tabs stay.
+/// Turns characters that cannot be seen into escapes such as `\u{202e}`; ends of lines and tabs stay.
 pub(crate) fn visible(text: &str) -> Cow<'_, str> {
     replaced(text, |c, out| out.extend(c.escape_unicode()))
 }
 
-/// JSON that says the same, with what cannot be seen as escapes.
+/// Turns characters that cannot be seen into escapes; the JSON says the same.
 pub(crate) fn in_json(json: &str) -> Cow<'_, str> {
     replaced(json, |c, out| {
         c.encode_utf16(&mut [0; 2]).iter().for_each(|unit| out.push_str(&format!("\\u{unit:04x}")));
@@ -23,8 +24,8 @@ fn replaced(text: &str, escape: impl Fn(char, &mut String)) -> Cow<'_, str> {
     Cow::Owned(out)
 }
 
-/// Controls, marks of direction, separators of lines, and formatting without a picture. The joiners U+200C and U+200D are
-/// letters of several scripts.
+/// Returns `true` for controls, marks of direction, separators of lines, and formatting without a picture.
+/// The joiners U+200C and U+200D are letters of several scripts, and are not hidden.
 fn is_hidden(c: char) -> bool {
     let is_format = matches!(
         c,

@@ -1,5 +1,5 @@
-//! One program for all targets: `SURGTPGS_FUZZ_TARGET` names the one to run, `SURGTPGS_FUZZ_SEEDS` the folder that its seeds
-//! are written to first.
+//! One program for all targets. `SURGTPGS_FUZZ_TARGET` names the one to run, `SURGTPGS_FUZZ_SEEDS` the folder
+//! that its seeds are written to first.
 
 #![no_main]
 

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# Fuzzes every target that does not need the whole program, guided by coverage, for RUNS executions each (default 100000).
-# Needs cargo-fuzz and a nightly compiler. What breaks a target is kept under artifacts/TARGET; mended, it goes to
-# ../regressions/TARGET and is tried in every run of the tests.
+# Fuzzes every target that does not need the whole program, guided by coverage, for RUNS executions
+# each (default 100000). Needs cargo-fuzz and a nightly compiler. Bytes that break a target are kept
+# under artifacts/TARGET. Once the target is mended, they go to ../regressions/TARGET and are tried
+# in every run of the tests.
 set -euo pipefail
 cd "$(dirname "$0")"
 runs=${1:-100000}
@@ -9,7 +10,7 @@ targets=${2:-scene ply picture mask label_picture label_list depth settings pose
 # The libraries are safe Rust almost everywhere: without the sanitizer it is ten times faster.
 cargo +nightly fuzz build --fuzz-dir . --sanitizer none any
 program=$(find . "${CARGO_TARGET_DIR:-target}" -path '*release/any' -type f | head -1)
-# Videos that are not read here would be offered to ffmpeg, once per execution.
+# Without ffmpeg: videos that are not read here would be offered to it, once per execution.
 without_ffmpeg=$(mktemp -d)
 for target in $targets; do
   mkdir -p "corpus/$target" "artifacts/$target"

@@ -1,8 +1,9 @@
-//! Everything that reads what somebody else wrote, as functions of arbitrary bytes. None of them may panic, hang or use
-//! memory out of proportion, whatever the bytes are; what they accept must hold together.
+//! Fuzz targets: everything that reads what somebody else wrote, as functions of arbitrary bytes.
+//! None of them may panic, hang or use memory out of proportion, whatever the bytes are. Everything
+//! that they accept must be consistent.
 //!
-//! `tests/short_run.rs` runs them in CI, on all regressions and on seeded mutations of the seeds; `libfuzzer` runs them
-//! guided by coverage (see README.md).
+//! `tests/short_run.rs` runs them in CI, on all regressions and on seeded mutations of the seeds; `libfuzzer`
+//! runs them guided by coverage (see README.md).
 
 mod mutate;
 #[cfg(feature = "program")]
@@ -17,7 +18,7 @@ pub use mutate::Mutator;
 pub struct Target {
     /// Name of the target and of its folder of regressions.
     pub name: &'static str,
-    /// Reads the bytes and looks at what came of it.
+    /// Reads the bytes and checks the result.
     pub run: fn(&[u8]),
     /// Good input to start from.
     pub seeds: fn() -> Vec<Vec<u8>>,
@@ -39,10 +40,10 @@ pub fn targets() -> Vec<Target> {
     targets
 }
 
-/// The target of a name.
+/// Runs the target of a name.
 ///
 /// # Panics
-/// Where there is none.
+/// If there is no such target.
 pub fn run(name: &str, bytes: &[u8]) {
     match targets().into_iter().find(|t| t.name == name) {
         Some(target) => (target.run)(bytes),
@@ -50,7 +51,7 @@ pub fn run(name: &str, bytes: &[u8]) {
     }
 }
 
-/// A refusal must say something, in printable words.
+/// Checks that a refusal says something, in printable words.
 fn expect_words<T>(result: surgtpgs_core::Result<T>) -> Option<T> {
     match result {
         Ok(value) => Some(value),

@@ -27,7 +27,7 @@ impl Mutator {
         Self(ChaCha8Rng::seed_from_u64(seed))
     }
 
-    /// A copy of `seed` with one to four kinds of damage.
+    /// Returns a copy of `seed` with one to four kinds of damage.
     pub fn mutate(&mut self, seed: &[u8]) -> Vec<u8> {
         let mut bytes = seed.to_vec();
         for _ in 0..self.0.random_range(1..=4) {
@@ -69,7 +69,7 @@ impl Mutator {
         }
     }
 
-    /// A position, half of the time near the start: that is where headers are.
+    /// Returns a position, half of the time near the start: that is where headers are.
     fn place(&mut self, len: usize) -> usize {
         let end = if self.0.random() { len } else { len.min(256) };
         self.0.random_range(0..end)

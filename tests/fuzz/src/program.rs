@@ -1,4 +1,5 @@
-//! What needs the whole program: the command line, prompts, folders of encoders, jobs of a batch, and the window's files.
+//! Targets that need the whole program: the command line, prompts, folders of encoders, jobs of a
+//! batch, and the window's files.
 
 use crate::{Target, expect_words};
 use clap::Parser;
@@ -21,7 +22,7 @@ const MODEL: &[u8] = include_bytes!("../../../assets/text_encoder/model.onnx");
 const TOKENIZER: &[u8] = include_bytes!("../../../assets/text_encoder/tokenizer.json");
 const SETTINGS: &[u8] = include_bytes!("../../../assets/text_encoder/encoder.toml");
 
-/// One argument a line.
+/// Parses a command line; each line of the bytes is an argument.
 fn arguments(bytes: &[u8]) {
     let text = String::from_utf8_lossy(bytes);
     let _ = Cli::try_parse_from(std::iter::once("surgtpgs").chain(text.split('\n')));
@@ -39,7 +40,7 @@ fn command_lines() -> Vec<Vec<u8>> {
     .to_vec()
 }
 
-/// A prompt is words; whatever it is, its embedding is of unit length.
+/// Encodes a prompt. A prompt is words; whatever it is, its embedding is of unit length.
 fn prompt(bytes: &[u8]) {
     thread_local!(static ENCODER: std::cell::RefCell<Option<TextEncoder>> = std::cell::RefCell::new(TextEncoder::builtin().ok()));
     let text = String::from_utf8_lossy(bytes);
@@ -90,7 +91,7 @@ fn encoder_settings() -> Vec<Vec<u8>> {
     ]
 }
 
-/// Reads a file of these bytes.
+/// Lets `read` read a file of these bytes.
 fn in_file(bytes: &[u8], read: fn(&Path) -> surgtpgs_core::Result<()>) {
     let folder = crate::recordings::scratch();
     let file = folder.path().join("file");

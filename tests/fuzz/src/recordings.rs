@@ -38,7 +38,7 @@ pub(crate) const TARGETS: [Target; 13] = [
 /// Columns and rows of the recording that targets break.
 pub(crate) const SIZE: (u32, u32) = (8, 6);
 
-/// An empty folder.
+/// Creates an empty folder.
 pub(crate) fn scratch() -> TempDir {
     match tempfile::tempdir() {
         Ok(folder) => folder,
@@ -189,7 +189,7 @@ fn videos() -> Vec<Vec<u8>> {
     vec![include_bytes!("../seeds/small.mp4").to_vec()]
 }
 
-/// A recording that was prepared and trained a little, made once per thread.
+/// Recording that was prepared and trained a little, made once per thread.
 struct Trained {
     folder: TempDir,
     manifest: Vec<u8>,
@@ -246,7 +246,7 @@ fn manifests() -> Vec<Vec<u8>> {
     vec![Trained::with(|trained| trained.manifest.clone())]
 }
 
-/// The bytes are those of the embeddings, then of the maps.
+/// Reads LangSplat's files: the bytes are those of the embeddings, then of the maps.
 fn langsplat(bytes: &[u8]) {
     let folder = scratch();
     write_recording(folder.path());

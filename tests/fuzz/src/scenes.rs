@@ -15,7 +15,7 @@ pub(crate) const TARGETS: [Target; 2] = [
     Target { name: "ply", run: |bytes| load("scene.ply", bytes), seeds: plys },
 ];
 
-/// Scenes above this are not rendered here: that they load is enough.
+/// Largest scene that is rendered, in pixels times Gaussians. Of larger ones it is enough that they load.
 const SMALL: usize = 100_000;
 
 pub(crate) fn load(name: &str, bytes: &[u8]) {
@@ -27,7 +27,7 @@ pub(crate) fn load(name: &str, bytes: &[u8]) {
     }
 }
 
-/// A scene that was accepted can be written, read, rendered and asked.
+/// Checks that an accepted scene can be written, read, rendered and asked.
 fn look_at(scene: &Scene) {
     let bytes = scene.to_bytes();
     assert!(bytes.is_ok(), "an accepted scene cannot be written: {bytes:?}");
@@ -47,7 +47,7 @@ fn look_at(scene: &Scene) {
     }
 }
 
-/// A scene with a codec and classes.
+/// Creates a scene with a codec and classes.
 fn scene(n: usize) -> Scene {
     const DIM: usize = 6;
     let mut scene = stress::ordinary(n);
@@ -73,7 +73,7 @@ fn scenes() -> Vec<Vec<u8>> {
         .collect()
 }
 
-/// The bytes of a quantised scene.
+/// Returns the bytes of a quantised scene.
 pub(crate) fn quantised() -> &'static [u8] {
     static SCENE: std::sync::OnceLock<Vec<u8>> = std::sync::OnceLock::new();
     SCENE.get_or_init(|| scene(5).to_quantized_bytes().unwrap_or_default())

@@ -1,5 +1,5 @@
-//! Files that are whole but for what the bytes choose: damage that random changes to a file hardly ever make, since
-//! checksums, lengths and deflated parts must fit it.
+//! Files that are whole except for the parts that the bytes choose. Random changes to a file hardly ever make
+//! such damage, since checksums, lengths and deflated parts must fit it.
 
 use crate::{
     Target,
@@ -20,7 +20,7 @@ pub(crate) const TARGETS: [Target; 3] = [
 /// Sizes that readers get wrong.
 const SIZES: [u64; 12] = [0, 1, 2, 6, 8, 17, 255, 65_536, 1 << 30, 1_000_000_000, u32::MAX as u64, u64::MAX];
 
-/// Decisions taken from bytes one after the other; the first of all where none are left.
+/// Decisions taken from bytes one after the other; where no bytes are left, the first choice of all.
 struct Choices<'a>(&'a [u8]);
 
 impl Choices<'_> {
@@ -40,7 +40,7 @@ fn seeds() -> Vec<Vec<u8>> {
     vec![Vec::new(), vec![0; 32], spread(1), spread(7), spread(97)]
 }
 
-/// An array as depth or as poses, with any shape, type and nesting in its header.
+/// Reads an array as depth or as poses, with any shape, type and nesting in its header.
 fn npy_header(bytes: &[u8]) {
     let mut choices = Choices(bytes);
     let file = choices.one_of(&["depth/0.npy", "poses_bounds.npy"]);
@@ -71,7 +71,8 @@ fn npy_header(bytes: &[u8]) {
     replaced(file, &[b"\x93NUMPY\x01\x00", &length[..], text.as_bytes(), &vec![1; data]].concat());
 }
 
-/// A PNG as frame, mask or labels, with any sizes and with chunks of any kind before its pixels, their checksums right.
+/// Reads a PNG as frame, mask, labels or depth, with any sizes and with chunks of any kind before its pixels;
+/// the checksums are right.
 fn png_chunks(bytes: &[u8]) {
     let mut choices = Choices(bytes);
     let file = choices.one_of(&["images/0.png", "masks/0.png", "labels/0.png", "depth/0.png"]);
@@ -119,10 +120,10 @@ fn chunk(file: &mut Vec<u8>, kind: &[u8; 4], content: &[u8]) {
     file.extend(sum.sum().to_be_bytes());
 }
 
-/// Lengths of zeros that are deflated.
+/// Lengths of the zeros that are deflated.
 const ZEROS: [usize; 7] = [60, 12, 0, 768, 1 << 16, 4 << 20, 64 << 20];
 
-/// As many zeros as are chosen, deflated.
+/// Returns deflated zeros, as many as are chosen.
 fn deflated_zeros(choices: &mut Choices<'_>) -> &'static [u8] {
     static ALL: OnceLock<[Vec<u8>; ZEROS.len()]> = OnceLock::new();
     let all = ALL.get_or_init(|| ZEROS.map(|len| deflated(&vec![0; len])));
@@ -136,7 +137,7 @@ fn deflated(bytes: &[u8]) -> Vec<u8> {
     written.unwrap_or_default()
 }
 
-/// A quantised scene, with any shapes, and deflated parts of any length, in up to three of its tensors.
+/// Reads a quantised scene, with any shapes, and deflated parts of any length, in up to three of its tensors.
 fn quantised_scene(bytes: &[u8]) {
     let mut choices = Choices(bytes);
     let whole = scenes::quantised();

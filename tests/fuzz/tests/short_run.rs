@@ -16,11 +16,11 @@ use std::{
 };
 use surgtpgs_fuzz::{Mutator, Target, targets};
 
-/// Mutations of each target; `FUZZ_EXECUTIONS` asks for another number.
+/// Returns the number of mutations of a target; `FUZZ_EXECUTIONS` asks for another number.
 fn executions(target: &Target) -> usize {
     let asked = std::env::var("FUZZ_EXECUTIONS").ok().and_then(|n| n.parse().ok());
     asked.unwrap_or(match target.name {
-        // Loads a network or decodes video each time.
+        // These load a network or decode video each time.
         "model" | "tokenizer" | "encoder_settings" | "video" => 20,
         _ => 300,
     })
@@ -29,7 +29,8 @@ fn executions(target: &Target) -> usize {
 #[global_allocator]
 static MEMORY: Cap<System> = Cap::new(System, usize::MAX);
 
-/// Most memory that an execution may take besides what was there; beyond it, an allocation fails and ends the process.
+/// Returns the most memory that an execution may take besides what was there, bytes; beyond it, an allocation
+/// fails and ends the process.
 fn most_memory(target: &Target) -> usize {
     match target.name {
         "scene" | "ply" | "quantised_scene" | "npy_header" | "langsplat" => 192 << 20,
@@ -39,7 +40,7 @@ fn most_memory(target: &Target) -> usize {
 }
 /// Longest time of an execution, on a busy machine.
 const MOST_TIME: Duration = Duration::from_secs(60);
-/// Executions are measured one at a time.
+/// Lock that lets executions be measured one at a time.
 static ONE: Mutex<()> = Mutex::new(());
 
 /// Runs a target; bytes that break it, or end the process, are kept for the report.

@@ -6,11 +6,11 @@ use std::path::PathBuf;
 /// `surgtpgs batch`
 #[derive(Debug, Args)]
 pub struct BatchArgs {
-    /// Which recordings, and how: a TOML file with [defaults] and a [[recording]] for each; its keys are the options of
-    /// prepare, train, eval and export, with _ for -
+    /// Recordings and their settings: a TOML file with [defaults] and a [[recording]] for each; its keys are
+    /// the options of prepare, train, eval and export, with _ for -
     #[arg(value_name = "JOBS.toml")]
     pub jobs: PathBuf,
-    /// Folder to write, instead of what the file says (default: beside the file, with its name)
+    /// Folder to write, instead of the one that the file names (default: beside the file, with its name)
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
     /// Only this recording; may be given several times
@@ -19,10 +19,10 @@ pub struct BatchArgs {
     /// Only these steps
     #[arg(long, value_enum, value_delimiter = ',', value_name = "STEP")]
     pub step: Vec<Step>,
-    /// List what would be run, and run nothing
+    /// List the steps that would be run, and run nothing
     #[arg(long)]
     pub dry_run: bool,
-    /// Run nothing, write the report of what there is
+    /// Run nothing, write the report of the results that are there
     #[arg(long, conflicts_with_all = ["dry_run", "only", "step"])]
     pub report_only: bool,
     /// Report as JSON
@@ -30,7 +30,7 @@ pub struct BatchArgs {
     pub json: bool,
 }
 
-/// What is done with a recording, one after the other.
+/// Step of the work on a recording; the steps follow one another.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum, serde::Serialize, serde::Deserialize,
 )]
@@ -47,7 +47,7 @@ pub enum Step {
 }
 
 impl Step {
-    /// In their order.
+    /// All steps, in their order.
     pub const ALL: [Self; 4] = [Self::Prepare, Self::Train, Self::Eval, Self::Export];
 
     /// Name of the verb.
@@ -60,7 +60,7 @@ impl Step {
         }
     }
 
-    /// The step whose result it works on.
+    /// The step whose result this one works on.
     pub fn needs(self) -> Option<Self> {
         match self {
             Self::Prepare => None,

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 /// `surgtpgs bench`
 #[derive(Clone, Debug, Args)]
 pub struct BenchArgs {
-    /// What to measure
+    /// Measurement to make
     #[command(subcommand)]
     pub verb: BenchVerb,
     /// Replace an earlier benchmark in the folder, once the new one is whole
@@ -16,7 +16,7 @@ pub struct BenchArgs {
     pub force: bool,
 }
 
-/// What to measure.
+/// Measurement of `surgtpgs bench`.
 #[derive(Clone, Debug, Subcommand)]
 pub enum BenchVerb {
     /// Train once for every setting: train.csv, train_psnr.svg, train_miou.svg
@@ -25,7 +25,7 @@ pub enum BenchVerb {
     Step(BenchStepArgs),
     /// Time every pass of a shown frame and every way to score it, with its error: frame.csv, frame.svg
     Frame(BenchFrameArgs),
-    /// Render what breaks renderers, and compare with f64: stress.csv
+    /// Render scenes that break renderers, and compare with f64: stress.csv
     Stress(BenchStressArgs),
     /// Compare automatic masks with label masks, for every density: masks.csv, and pictures of them
     Masks(BenchMasksArgs),
@@ -53,13 +53,13 @@ pub struct BenchCodecArgs {
     /// A folder with one table of text embeddings, NAME.npy [texts, dim]
     #[arg(long, value_name = "DIR")]
     pub embeddings: PathBuf,
-    /// How many classes a scene has
+    /// Numbers of classes that a scene has
     #[arg(long, value_delimiter = ',', default_value = "7,13,50", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub classes: Vec<u32>,
     /// Latent numbers per pixel
     #[arg(long, value_delimiter = ',', default_value = "3,4,8,16", value_parser = clap::value_parser!(u32).range(1..=16))]
     pub latent: Vec<u32>,
-    /// How often classes are drawn from the table; results are means
+    /// Number of draws of classes from the table; results are means
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
     pub draws: u32,
     /// Folder for codec.csv
@@ -81,7 +81,7 @@ pub struct BenchMasksArgs {
     /// Frames to measure, evenly spread
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..))]
     pub frames: u32,
-    /// How many points pictures are asked at
+    /// Density of the points at which masks are asked for
     #[arg(long, value_enum, value_delimiter = ',', default_value = "coarse,medium,fine")]
     pub density: Vec<MaskDensity>,
     /// Folder for masks.csv and pictures
@@ -95,7 +95,7 @@ pub struct BenchMasksArgs {
 /// `surgtpgs bench stress`
 #[derive(Clone, Debug, Args)]
 pub struct BenchStressArgs {
-    /// What renders
+    /// Device to render on
     #[arg(long, value_enum, default_value_t = Backend::Auto)]
     pub backend: Backend,
     /// Folder for stress.csv
@@ -121,10 +121,10 @@ pub struct BenchFrameArgs {
     /// Image size, if not that of the recording
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = image_size)]
     pub size: Option<(u32, u32)>,
-    /// What to look for, if not the scene's classes; may be repeated
+    /// Words to look for, if not the scene's classes; may be repeated
     #[arg(long, value_name = "TEXT")]
     pub prompt: Vec<String>,
-    /// How prompts are answered
+    /// Options for answering prompts
     #[command(flatten)]
     pub relevancy: RelevancyArgs,
     /// Report as JSON
@@ -132,7 +132,7 @@ pub struct BenchFrameArgs {
     pub json: bool,
 }
 
-/// `640x512`.
+/// Parses a size such as `640x512`.
 fn image_size(text: &str) -> Result<(u32, u32), String> {
     let number = |part: &str| part.trim().parse().ok().filter(|n| (1..=8192).contains(n));
     let sides = text.split_once(['x', '×']).map(|(w, h)| (number(w), number(h)));
@@ -151,7 +151,7 @@ pub struct BenchStepArgs {
     /// Steps to average over
     #[arg(long, default_value_t = 40, value_parser = clap::value_parser!(u32).range(1..))]
     pub steps: u32,
-    /// What trains
+    /// Device to train on
     #[arg(long, value_enum, default_value_t = Backend::Cpu)]
     pub backend: Backend,
     /// Report as JSON
@@ -173,7 +173,7 @@ pub struct BenchTrainArgs {
     /// Seed of everything random
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
-    /// What trains
+    /// Device to train on
     #[arg(long, value_enum, default_value_t = Backend::Cpu)]
     pub backend: Backend,
     /// Only these rows, e.g. default,paper

@@ -7,11 +7,12 @@ use std::path::PathBuf;
 /// `surgtpgs convert`
 #[derive(Debug, Args)]
 pub struct ConvertArgs {
-    /// A scene, or a .ply: ordinary Gaussian splats, or the released code's deforming ones (its feature network is taken
-    /// from a lang_deformation.safetensors beside it)
+    /// A scene, or a .ply: ordinary Gaussian splats, or the released code's deforming ones (its feature
+    /// network is taken from a lang_deformation.safetensors beside it)
     #[arg(value_name = "IN")]
     pub input: PathBuf,
-    /// NAME.safetensors, NAME.ply or NAME.glb; a name without extension is a folder of frame0000.ply, frame0001.ply …
+    /// NAME.safetensors, NAME.ply or NAME.glb; a name without extension is a folder of
+    /// frame0000.ply, frame0001.ply …
     #[arg(value_name = "OUT")]
     pub output: PathBuf,
     /// The frame whose Gaussians are written (default: the first)
@@ -26,7 +27,8 @@ pub struct ConvertArgs {
     /// Files in a folder
     #[arg(long, value_enum, default_value_t = StillFormat::Ply)]
     pub format: StillFormat,
-    /// Write the deforming .ply of the released code, its feature network as lang_deformation.safetensors beside it
+    /// Write the deforming .ply of the released code, with its feature network as
+    /// lang_deformation.safetensors beside it
     #[arg(long, conflicts_with_all = ["frame", "time", "frames"])]
     pub reference: bool,
     /// A scene of the same recording: what a .ply does not hold (cameras, codec, classes) is taken from it
@@ -53,7 +55,7 @@ pub enum StillFormat {
 }
 
 impl StillFormat {
-    /// Of file names.
+    /// Extension of file names.
     pub fn extension(self) -> &'static str {
         match self {
             Self::Ply => "ply",

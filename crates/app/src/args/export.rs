@@ -18,7 +18,7 @@ pub struct ExportArgs {
     /// The scene
     #[command(flatten)]
     pub scene: SceneArgs,
-    /// What to look for
+    /// Prompts to look for
     #[command(flatten)]
     pub prompts: PromptArgs,
     /// Folder to write
@@ -33,7 +33,7 @@ pub struct ExportArgs {
     /// Pictures to mask
     #[arg(long, value_enum, default_value_t = SourceArg::Original)]
     pub source: SourceArg,
-    /// Where the recording is, if it is not where it was when training
+    /// Path of the recording, if it is not where it was when training
     #[arg(long, value_name = "SEQ")]
     pub sequence: Option<PathBuf>,
     /// Give a pixel to the best prompt only
@@ -42,7 +42,7 @@ pub struct ExportArgs {
     /// Let prompts share pixels (the default)
     #[arg(long)]
     pub overlapping: bool,
-    /// How overlays, videos and sheets are drawn
+    /// Style of overlays, videos and sheets
     #[arg(long, value_enum, default_value_t = StyleArg::Outline)]
     pub style: StyleArg,
     /// Opacity of fills and heatmaps in overlays
@@ -54,7 +54,7 @@ pub struct ExportArgs {
     /// Draw over instruments as well, not below them
     #[arg(long)]
     pub above_instruments: bool,
-    /// What is done to masks
+    /// Changes made to masks
     #[command(flatten)]
     pub clean_up: CleanUpArgs,
     /// Leave the research-use stamp out of overlays, outlines and videos; the record says so
@@ -63,7 +63,7 @@ pub struct ExportArgs {
     /// Replace an earlier export, once the new one is whole
     #[arg(long)]
     pub force: bool,
-    /// How prompts are answered
+    /// Options for answering prompts
     #[command(flatten)]
     pub relevancy: RelevancyArgs,
     /// Report as JSON
@@ -71,16 +71,16 @@ pub struct ExportArgs {
     pub json: bool,
 }
 
-/// What is done to masks before they are written; nothing unless asked for.
+/// Changes made to masks before they are written; none unless asked for.
 #[derive(Debug, Args)]
 pub struct CleanUpArgs {
-    /// Smooth scores over time: the mean of the frame with so many before and after
+    /// Smooth scores over time: the mean over a frame and this many frames before and after it
     #[arg(long, default_value_t = 0, value_name = "FRAMES")]
     pub smooth: usize,
     /// Fill holes of masks up to this area
     #[arg(long, default_value_t = 0, value_name = "PX")]
     pub fill_holes: usize,
-    /// Leave out parts of masks of a smaller area
+    /// Leave out parts of masks that are smaller than this area
     #[arg(long, default_value_t = 0, value_name = "PX")]
     pub min_area: usize,
     /// Move the border of masks outwards, or inwards where negative
@@ -89,7 +89,7 @@ pub struct CleanUpArgs {
 }
 
 impl CleanUpArgs {
-    /// As the library has it.
+    /// Returns the same settings as the library's type.
     pub fn clean_up(&self) -> CleanUp {
         let &Self { smooth, fill_holes, min_area, grow } = self;
         CleanUp { smooth_frames: smooth, fill_holes_px: fill_holes, min_area_px: min_area, grow_px: grow }
@@ -122,7 +122,7 @@ impl From<SourceArg> for Source {
     }
 }
 
-/// How overlays are drawn.
+/// Style of overlays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum StyleArg {
     /// A contour

@@ -16,29 +16,32 @@ pub struct PrepareArgs {
     /// Take features from the recording's label masks: each pixel gets the embedding of its class name
     #[arg(long)]
     pub labels: bool,
-    /// Take features from automatic masks: a folder with encoder and decoder of a Segment Anything (.onnx, .ort)
+    /// Take features from automatic masks: a folder with encoder and decoder of a Segment Anything
+    /// (.onnx, .ort)
     #[arg(long, value_name = "DIR", requires = "image_encoder")]
     pub masks_model: Option<PathBuf>,
     /// A folder with model.onnx that embeds what masks show: the other half of the text encoder
     #[arg(long, value_name = "DIR", requires = "masks_model")]
     pub image_encoder: Option<PathBuf>,
-    /// Take features from maps of whole pictures: a folder with model.onnx, images [1,3,n,n] in, maps [1,dim,rows,columns] out
+    /// Take features from maps of whole pictures: a folder with model.onnx, images [1,3,n,n] in, maps
+    /// [1,dim,rows,columns] out
     #[arg(long, value_name = "DIR")]
     pub dense_encoder: Option<PathBuf>,
-    /// A network that estimates depth from single pictures, for a recording without depth: its .onnx file, or its folder
+    /// A network that estimates depth from single pictures, for a recording without depth: its .onnx
+    /// file, or its folder
     #[arg(long, value_name = "DIR|FILE")]
     pub depth_model: Option<PathBuf>,
-    /// Take features that another program made: a folder with LangSplat's NAME_f.npy and NAME_s.npy, or with dense maps
-    /// NAME_agg.npy, for each frame
+    /// Take features that another program made: a folder with LangSplat's NAME_f.npy and NAME_s.npy, or with
+    /// dense maps NAME_agg.npy, for each frame
     #[arg(long, value_name = "DIR")]
     pub features: Option<PathBuf>,
     /// Also write the features as LangSplat's and the paper's scripts read them
     #[arg(long, value_name = "DIR")]
     pub langsplat: Option<PathBuf>,
-    /// How many points pictures are asked at for masks
+    /// Density of the points at which masks are asked for
     #[arg(long, value_enum, default_value_t = MaskDensity::Medium)]
     pub mask_density: MaskDensity,
-    /// Which masks become regions
+    /// Masks that become regions
     #[arg(long, value_enum, default_value_t = LevelArg::Default)]
     pub mask_level: LevelArg,
     /// `builtin`, or a folder with model.onnx and tokenizer.json
@@ -58,7 +61,7 @@ pub struct PrepareArgs {
     pub force: bool,
 }
 
-/// How many points pictures are asked at for masks.
+/// Density of the points at which masks are asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum MaskDensity {
     /// 8×8 points, and groups of points that look alike
@@ -67,7 +70,8 @@ pub enum MaskDensity {
     Medium,
     /// 32×32 points, and the same groups
     Fine,
-    /// 32×32 points on the picture and on each of four crops, as the paper's authors: many minutes a frame on a CPU
+    /// 32×32 points on the picture and on each of four crops, as the paper's authors: many minutes a
+    /// frame on a CPU
     Paper,
 }
 
@@ -82,7 +86,7 @@ impl From<MaskDensity> for MaskSettings {
     }
 }
 
-/// Which of a point's masks are used.
+/// Choice among the masks of a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum LevelArg {
     /// All of them

@@ -1,4 +1,4 @@
-//! `surgtpgs check`: what a recording holds, and what would make training wrong.
+//! `surgtpgs check`: what a recording holds, and what would make training go wrong.
 
 use super::{
     Exit,
@@ -32,7 +32,7 @@ pub(super) fn run(args: &CheckArgs) -> Result<Exit> {
     Ok(if report.ok { Exit::Done } else { Exit::WrongInput })
 }
 
-/// The report on what could not even be opened.
+/// Returns the report on a recording that could not even be opened.
 fn unreadable(error: String) -> Report {
     Report {
         ok: false,

@@ -1,4 +1,4 @@
-//! What the verbs say: results on standard output, progress and messages on standard error.
+//! Output of the verbs: results on standard output, progress and messages on standard error.
 
 use indicatif::{ProgressBar, ProgressStyle};
 use std::{
@@ -17,13 +17,13 @@ use crate::{
     text::{in_json, visible},
 };
 
-/// Writes text to standard output, with nothing in it that cannot be seen.
+/// Writes text to standard output, with invisible characters escaped.
 pub fn print(text: &str) -> Result<()> {
     print_data(&visible(text))
 }
 
-/// Writes to standard output what other programs read, as it is. A reader that went away (`| head`) is not an error, a full
-/// disk is.
+/// Writes text that other programs read to standard output, as it is. A reader that went away (`| head`) is
+/// not an error, a full disk is.
 pub fn print_data(text: &str) -> Result<()> {
     let mut out = std::io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
@@ -46,16 +46,16 @@ pub fn say(line: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{}", visible(line));
 }
 
-/// Between two lines about one stage, where there is no terminal.
+/// Time between two lines about one stage, where there is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(60);
 
 /// Shows the progress of a job on standard error: a bar on a terminal, a line per stage and minute elsewhere.
 pub struct ProgressView {
     bar: ProgressBar,
     stage: String,
-    /// When this stage began, and how much of it was done then.
+    /// Start of this stage, and the number of its steps that were done by then.
     started: (Instant, usize),
-    /// When a line about this stage was last written, where there is no terminal.
+    /// Time of the last line about this stage, where there is no terminal.
     said: Instant,
 }
 
@@ -67,7 +67,7 @@ impl Default for ProgressView {
 }
 
 impl ProgressView {
-    /// Shows where the job is; a break if it shall stop (see [`watch_interrupts`]).
+    /// Shows how far the job is. Returns a break if the job shall stop (see [`watch_interrupts`]).
     pub fn show(&mut self, progress: &Progress<'_>) -> ControlFlow<()> {
         if self.stage != progress.stage {
             self.start_stage(progress);
@@ -85,7 +85,7 @@ impl ProgressView {
         if interrupted() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 
-    /// How long the rest takes at the pace so far, in words; nothing before the first step is done.
+    /// Returns the time for the rest at the pace so far, in words; `None` before the first step is done.
     fn left(&self, progress: &Progress<'_>) -> Option<String> {
         let (since, first) = self.started;
         let done = progress.done.checked_sub(first).filter(|done| *done > 0)?;
@@ -94,7 +94,7 @@ impl ProgressView {
         Some(if seconds < 90.0 { format!("{seconds:.0} s") } else { format!("{:.0} min", seconds / 60.0) })
     }
 
-    /// For the functions that count only.
+    /// Shows the progress of a function that only counts.
     pub fn count(&mut self, stage: &str, done: usize, total: usize) {
         let _ = self.show(&Progress { stage, done, total, detail: "" });
     }
@@ -106,7 +106,7 @@ impl ProgressView {
         if self.bar.is_hidden() {
             say(&format!("{} …", self.stage));
         }
-        // The template is constant; the default style stands in should it ever be wrong.
+        // The template is constant; if it were wrong, the default style would stand in.
         if let Ok(style) = ProgressStyle::with_template("{prefix} {bar:30} {pos}/{len} {msg}") {
             self.bar.set_style(style);
         }
@@ -124,15 +124,15 @@ impl Drop for ProgressView {
 }
 
 static INTERRUPTED: AtomicBool = AtomicBool::new(false);
-/// The terminal is gone.
+/// `true` once the terminal is gone.
 static HUNG_UP: AtomicBool = AtomicBool::new(false);
 
-/// From now on Ctrl-C, or what schedulers and systems that shut down send, asks the job to stop and keep its work; a
-/// second one ends the program at once.
+/// Makes Ctrl-C, and the signals of schedulers and of systems that shut down, ask the job to stop and keep
+/// its work. A second one ends the program at once.
 pub fn watch_interrupts() {
     static INSTALLED: Once = Once::new();
     INSTALLED.call_once(|| {
-        // Unwatched, a signal ends the program as it would any other.
+        // If this fails, a signal ends the program as it would any other.
         let _ = ctrlc::set_handler(interrupt);
         #[cfg(unix)]
         watch_signals();
@@ -142,21 +142,22 @@ pub fn watch_interrupts() {
 #[cfg(unix)]
 fn watch_signals() {
     use signal_hook::consts::{SIGHUP, SIGTERM};
-    // Whoever started it with `nohup` wants it to go on when the terminal closes.
+    // A program started with `nohup` is to go on when the terminal closes.
     let watched: &[_] = if is_ignored(SIGHUP) { &[SIGTERM] } else { &[SIGTERM, SIGHUP] };
     let Ok(mut signals) = signal_hook::iterator::Signals::new(watched) else { return };
     let watch = move || {
         signals.forever().for_each(|signal| match signal {
-            // A terminal that closes may send it twice, and systems that shut down SIGTERM besides.
+            // Only a flag is set here: a terminal that closes may send SIGHUP twice, and systems that shut
+            // down send SIGTERM as well. Together they must not count as a second Ctrl-C.
             SIGHUP => HUNG_UP.store(true, Ordering::SeqCst),
             _ => interrupt(),
         });
     };
-    // Without the thread a signal is waited for in vain; the work itself is none the worse.
+    // Without this thread signals have no effect; the work itself is none the worse.
     let _ = std::thread::Builder::new().name("signals".into()).spawn(watch);
 }
 
-/// Whether the process was told to ignore a signal; where that is not known, it was.
+/// Returns `true` if the process was told to ignore a signal, or if that is not known.
 #[cfg(unix)]
 fn is_ignored(signal: i32) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
@@ -164,11 +165,11 @@ fn is_ignored(signal: i32) -> bool {
     mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).is_none_or(|m| m >> (signal - 1) & 1 == 1)
 }
 
-/// From now on a file that grows beyond `ulimit -f` is a failed write, with its message, and not the end of the program.
+/// Makes a write beyond `ulimit -f` fail with a message, instead of ending the program.
 pub fn keep_writing() {
     #[cfg(unix)]
     {
-        // Caught is enough; the flag tells nothing that the write does not.
+        // It is enough to catch the signal: the flag tells no more than the failed write.
         let caught = std::sync::Arc::new(AtomicBool::new(false));
         let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, caught);
     }
@@ -181,7 +182,7 @@ fn interrupt() {
     say("stopping, the work so far is kept (press Ctrl-C again to end at once)");
 }
 
-/// Whether the user, or the system, wants the program to stop.
+/// Returns `true` if the user, or the system, wants the program to stop.
 pub fn interrupted() -> bool {
     INTERRUPTED.load(Ordering::SeqCst) || HUNG_UP.load(Ordering::SeqCst)
 }

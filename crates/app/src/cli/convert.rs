@@ -1,4 +1,4 @@
-//! `surgtpgs convert`: scenes to and from what other programs read.
+//! `surgtpgs convert`: scenes to and from files of other programs.
 
 use super::{
     Exit,
@@ -22,13 +22,13 @@ struct Report {
     files: Vec<PathBuf>,
     bytes: u64,
     gaussians: usize,
-    /// Gaussians of the input that were not made of numbers.
+    /// Number of Gaussians of the input that are left out because their values are not numbers.
     left_out: u64,
-    /// What the files cannot say as the input does.
+    /// Properties of the input that the files cannot express.
     lost: Vec<String>,
 }
 
-/// What is to be written.
+/// Kind of output to write.
 enum Target {
     Scene,
     Reference,

@@ -7,7 +7,7 @@ use surgtpgs_core::{Error, Result, files::write_whole};
 
 use crate::text::visible;
 
-/// Text of any origin as Markdown that shows it as it is, on one line.
+/// Escapes text of any origin, so that Markdown shows it as it is, on one line.
 pub(super) fn escaped(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     let line: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
@@ -20,14 +20,14 @@ pub(super) fn escaped(text: &str) -> String {
     safe
 }
 
-/// A table of Markdown; cells are Markdown themselves.
+/// Returns a table of Markdown; cells are Markdown themselves.
 pub(super) fn table(head: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
     let line = |cells: &[&str]| format!("| {} |\n", cells.join(" | "));
     let body = rows.into_iter().map(|row| line(&row.iter().map(String::as_str).collect::<Vec<_>>()));
     format!("{}|{}\n{}\n", line(head), "---|".repeat(head.len()), body.collect::<String>())
 }
 
-/// A number that may be unknown.
+/// Formats a number that may be unknown.
 pub(super) fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or("unknown".into(), |v| format!("{v:.digits$}"))
 }
@@ -38,7 +38,7 @@ pub(super) fn write_report(folder: &Path, title: &str, markdown: &str) -> Result
     write_whole(&folder.join("report.html"), page(title, markdown, folder)?.as_bytes())
 }
 
-/// The page; pictures are taken from `folder`.
+/// Returns the HTML page; pictures are taken from `folder`.
 fn page(title: &str, markdown: &str, folder: &Path) -> Result<String> {
     let events: Vec<Event<'_>> = Parser::new_ext(markdown, Options::ENABLE_TABLES)
         .map(|event| match event {
@@ -46,7 +46,7 @@ fn page(title: &str, markdown: &str, folder: &Path) -> Result<String> {
                 let dest_url = embedded(&folder.join(&*dest_url))?;
                 Ok(Event::Start(Tag::Image { link_type, dest_url, title, id }))
             }
-            // We write no HTML: what looks like it is somebody's text.
+            // The program writes no HTML of its own: anything that looks like HTML is somebody's text.
             Event::Html(text) | Event::InlineHtml(text) => Ok(Event::Text(text)),
             other => Ok(other),
         })
@@ -74,7 +74,7 @@ pre { white-space: pre-wrap; }
 code { background: #efefef; padding: 0 0.2rem; overflow-wrap: anywhere; }
 ";
 
-/// A picture as an address that holds it.
+/// Returns a data URL that holds the picture.
 fn embedded(path: &Path) -> Result<CowStr<'static>> {
     let bytes = std::fs::read(path).map_err(|e| Error::io("read the picture", path, e))?;
     let kind = if path.extension().is_some_and(|e| e == "png") { "png" } else { "jpeg" };

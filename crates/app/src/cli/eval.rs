@@ -1,4 +1,4 @@
-//! `surgtpgs eval`: what an evaluation comes to, as text, JSON and files.
+//! `surgtpgs eval`: the results of an evaluation as text, JSON and files.
 
 use super::{
     Exit,
@@ -66,7 +66,7 @@ pub(super) fn run(args: &EvalArgs) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-/// The engine of a scene with its recording.
+/// Opens the engine of a scene with its recording.
 pub(super) fn open(args: &EvalArgs, scene: &Path, sequence: &Path) -> Result<Engine> {
     let scene = args.scene(scene);
     open_engine(&scene, args.relevancy.engine_options(&scene, Some(sequence.to_owned())))

@@ -37,8 +37,8 @@ pub(super) fn run(args: &ExportArgs) -> Result<Exit> {
     }
 }
 
-/// Writes the files; `completes_same` as in [`ExportRequest`]. An export that is not complete was stopped by the user. The
-/// engine still has the prompts.
+/// Writes the files; `completes_same` as in [`ExportRequest`]. An export that is not complete was stopped by
+/// the user. The returned engine still has the prompts.
 pub(super) fn export(args: &ExportArgs, completes_same: bool) -> Result<(Engine, ExportSummary)> {
     let options = args.relevancy.engine_options(&args.scene, args.sequence.clone());
     let mut engine = open_engine(&args.scene, options)?;

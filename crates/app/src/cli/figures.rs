@@ -1,4 +1,4 @@
-//! What reports show of a scene: pictures and tables.
+//! Pictures and tables of a scene for reports.
 
 use super::{
     document::{escaped, number, table},
@@ -18,7 +18,8 @@ use surgtpgs_core::{
     sequence::Sequence,
 };
 
-/// Frames evenly spread, of those that are evaluated, each as recorded, as reconstructed, and its depth (near is bright).
+/// Draws frames, evenly spread over those that are evaluated: each as recorded, as reconstructed,
+/// and its depth (near is bright).
 pub(super) fn comparison(engine: &mut Engine, count: usize, panel_width: u32) -> Result<RgbImage> {
     let held_out = engine.scene().provenance.held_out;
     let n = engine.scene().num_frames();
@@ -45,8 +46,8 @@ fn depth(images: &Images) -> RgbImage {
     })
 }
 
-/// Each prompt that was found, on the frame where it covers most, three in a row; `None` if nothing was found. The
-/// engine has the prompts that were asked.
+/// Draws each prompt that was found, on the frame where it covers most, three in a row; `None` if nothing was
+/// found. The engine must have the prompts that were asked.
 pub(super) fn answers(
     engine: &mut Engine,
     answers: &query::Report,
@@ -69,7 +70,7 @@ pub(super) fn answers(
     Ok((!rows.is_empty()).then(|| stacked(&rows)))
 }
 
-/// IoU of each class.
+/// Returns the table of the IoU of each class.
 pub(super) fn classes_table(iou: &Iou) -> String {
     let all = vec!["all".into(), number(iou.paper.mean, 3), number(iou.strict.mean, 3)];
     let each = iou.strict.classes.iter().map(|(name, strict)| {
@@ -79,7 +80,7 @@ pub(super) fn classes_table(iou: &Iou) -> String {
     table(&["class", "IoU, paper's protocol", "IoU, strict"], [all].into_iter().chain(each))
 }
 
-/// Where each prompt was found.
+/// Returns the table of the frames and areas on which each prompt was found.
 pub(super) fn answers_table(answers: &query::Report) -> String {
     let rows = answers.prompts.iter().map(|prompt| {
         let largest = prompt

@@ -29,7 +29,7 @@ use clap::Parser;
 use std::ffi::OsString;
 use surgtpgs_core::{Error, Result, files::full_path};
 
-/// How the program ends; the numbers are a contract.
+/// Exit code of the program; the numbers are a contract.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Exit {
     /// Everything was done.
@@ -48,7 +48,7 @@ impl From<Exit> for std::process::ExitCode {
     }
 }
 
-/// Runs a command line (the program's name first) and prints one plain message where it fails.
+/// Runs a command line (the program's name first) and prints one plain message if it fails.
 pub fn run(args: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Exit {
     let cli = match Cli::try_parse_from(args) {
         Ok(cli) => cli,
@@ -104,8 +104,8 @@ fn open_engine(scene: &SceneArgs, options: EngineOptions) -> Result<Engine> {
     Ok(engine)
 }
 
-/// Messages from libraries may have several lines; ours have one, and nothing in it that a terminal would obey: names of
-/// files and what stands in them may hold escape sequences.
+/// Makes a message one line, without anything that a terminal would obey. Messages from libraries may have
+/// several lines, and names of files and the text in them may hold escape sequences.
 fn one_line(text: &str) -> String {
     let shown: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
     visible(&shown.split_whitespace().collect::<Vec<_>>().join(" ")).into_owned()

@@ -1,4 +1,4 @@
-//! What prompts find, in space: the Gaussians as a `.ply`, and where they are over time as tables.
+//! Objects that prompts find, in space: the Gaussians as a `.ply`, and their places over time as tables.
 
 use super::query::{GaussiansReport, PromptReport, Report};
 use crate::{engine::Engine, tables::csv};
@@ -12,24 +12,25 @@ struct Row<'a> {
     frame: usize,
     time_s: Option<f64>,
     area_px: usize,
-    /// Of the found pixels at their depth, facing the camera.
+    /// Area of the found pixels at their depth, facing the camera.
     seen_area: f64,
-    /// Of the ellipsoid that spreads as the object's Gaussians do.
+    /// Volume of the ellipsoid that spreads as the object's Gaussians do.
     volume_proxy: Option<f64>,
     spread: Option<f64>,
     x: Option<f64>,
     y: Option<f64>,
     z: Option<f64>,
-    /// Of the centroid since the frame before.
+    /// Distance that the centroid moved since the frame before.
     moved: Option<f64>,
-    /// Of the centroid since the first frame.
+    /// Distance of the centroid from its place on the first frame.
     away: Option<f64>,
     /// File name of the recorded frame.
     source: Option<&'a str>,
 }
 
-/// Writes what each prompt found on the frame where it covers most, and follows these Gaussians over all frames; nothing
-/// for a prompt that found nothing. Files are written into `folder`, and reported as those of `shown`, where they will be.
+/// Writes the Gaussians that each prompt finds on the frame where it covers most, and follows them over all
+/// frames. Writes nothing for a prompt that found nothing. Files are written into `folder`, and reported as
+/// files of `shown`, where they will be.
 pub(super) fn write(engine: &mut Engine, report: &mut Report, folder: &Path, shown: &Path) -> Result<()> {
     let scene = engine.scene().clone();
     let names = slugs(report.prompts.iter().map(|p| p.text.as_str()));
@@ -49,7 +50,7 @@ pub(super) fn write(engine: &mut Engine, report: &mut Report, folder: &Path, sho
     write_tables(folder, &rows)
 }
 
-/// The object on every frame that was asked for.
+/// Follows the object over every frame that was asked for.
 fn follow<'a>(scene: &Scene, prompt: &'a PromptReport, gaussians: &[usize]) -> Vec<Row<'a>> {
     let (mut first, mut last) = (None, None);
     let distance = |a: Option<[f64; 3]>, b: Option<[f64; 3]>| {

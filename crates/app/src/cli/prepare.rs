@@ -70,7 +70,7 @@ pub(super) fn run(args: &PrepareArgs) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-/// Where features come from; the command line allows no other combination.
+/// Returns the source of features; the command line allows no other combination.
 fn source(args: &PrepareArgs) -> FeatureSource {
     let level = args.mask_level.into();
     if let Some(network) = &args.dense_encoder {

@@ -1,4 +1,4 @@
-//! `surgtpgs query`: on which frames a scene shows what the words name.
+//! `surgtpgs query`: the frames on which a scene shows the structures that the prompts name.
 
 use super::{
     Exit,
@@ -22,26 +22,26 @@ pub(super) struct Report {
     pub(super) renderer: String,
 }
 
-/// Where one prompt was found.
+/// Report on one prompt.
 #[derive(serde::Serialize, serde::Deserialize)]
 pub(super) struct PromptReport {
     pub(super) text: String,
     pub(super) frames: Vec<FrameReport>,
-    /// The Gaussians found, if asked for.
+    /// Gaussians that the prompt found, if asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) gaussians: Option<GaussiansReport>,
 }
 
-/// The object a prompt found, in three dimensions.
+/// Object that a prompt found, in three dimensions.
 #[derive(serde::Serialize, serde::Deserialize)]
 pub(super) struct GaussiansReport {
-    /// The frame at whose time they are.
+    /// Frame at whose time the Gaussians were found and written.
     pub(super) frame: usize,
     pub(super) count: usize,
     pub(super) file: PathBuf,
 }
 
-/// Whether a prompt was found on a frame, and how much of it.
+/// Report on one prompt on one frame: if it was found, and how much of it.
 #[derive(serde::Serialize, serde::Deserialize)]
 pub(super) struct FrameReport {
     pub(super) frame: usize,
@@ -49,7 +49,7 @@ pub(super) struct FrameReport {
     pub(super) area_px: usize,
     pub(super) area_fraction: f64,
     pub(super) max_score: f32,
-    /// Of the found pixels at their depth, facing the camera, in scene units².
+    /// Area of the found pixels at their depth, facing the camera, in scene units².
     pub(super) seen_area: f64,
     /// File name of the recorded frame, where known.
     #[serde(default)]
@@ -65,7 +65,7 @@ impl PromptReport {
         self.frames.iter().map(|f| f.max_score).fold(0.0, f32::max)
     }
 
-    /// The frame where the prompt covers most; `None` where it is never found.
+    /// Returns the frame where the prompt covers most; `None` if it is never found.
     pub(super) fn largest(&self) -> Option<&FrameReport> {
         self.frames.iter().filter(|f| f.found).max_by_key(|f| f.area_px)
     }
@@ -146,7 +146,7 @@ fn as_text(report: &Report, num_frames: usize) -> String {
                 100.0 * largest.area_fraction
             ),
         };
-        // 0.5 is a tie with the best of what the prompt is compared to.
+        // A score of 0.5 is a tie with the best of the phrases that the prompt is compared with.
         let caution = match prompt.max_score() {
             score if score < 0.5 && prompt.frames_found() > 0 => {
                 "; no pixel prefers this phrase to the others"
@@ -180,7 +180,7 @@ fn as_csv(report: &Report) -> String {
     text
 }
 
-/// A CSV field in quotes.
+/// Returns a CSV field in quotes.
 fn quoted(text: &str) -> String {
     format!("\"{}\"", text.replace('"', "\"\""))
 }

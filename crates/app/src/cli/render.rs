@@ -1,4 +1,4 @@
-//! `surgtpgs render`: images of a scene, and `render.json` that says what the numbers in them are.
+//! `surgtpgs render`: images of a scene, and `render.json` that tells the meaning of the numbers in them.
 
 use super::{
     Exit,
@@ -101,7 +101,7 @@ fn alpha(images: &Images) -> GrayImage {
     })
 }
 
-/// Depth to look at: the near end of `range` white, the far end nearly black, holes black.
+/// Draws depth to look at: the near end of `range` white, the far end nearly black, holes black.
 fn depth_picture(depth: &Grid<f32>, (near, far): (f32, f32)) -> ImageBuffer<Luma<u16>, Vec<u16>> {
     ImageBuffer::from_fn(depth.width as u32, depth.height as u32, |x, y| {
         let z = depth.at(x as usize, y as usize);
@@ -110,7 +110,8 @@ fn depth_picture(depth: &Grid<f32>, (near, far): (f32, f32)) -> ImageBuffer<Luma
     })
 }
 
-/// The middle 98 % of known depths; the first frame's serves for all, so that the pictures do not flicker.
+/// Returns the range of the middle 98 % of known depths. The first frame's range serves for all frames, so
+/// that the pictures do not flicker.
 fn typical_range(depth: &Grid<f32>) -> (f32, f32) {
     let mut known: Vec<f32> = depth.data.iter().copied().filter(|z| *z > 0.0 && z.is_finite()).collect();
     let near = percentile(&mut known, 1.0).unwrap_or(0.0);

@@ -25,7 +25,7 @@ pub(super) struct Report {
     psnr_db: f64,
     held_out: bool,
     dropped_steps: usize,
-    /// What makes the scene worse than it could be.
+    /// Reasons why the scene is worse than it could be.
     warnings: Vec<String>,
     pub(super) finished: bool,
 }
@@ -40,7 +40,7 @@ pub(super) fn run(args: &TrainArgs) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-/// Trains and saves the scene; one that is not finished was stopped by the user.
+/// Trains and saves the scene. A scene that is not finished was stopped by the user.
 pub(super) fn train(args: &TrainArgs) -> Result<Report> {
     let material = Material::open(&args.sequence)?;
     let inputs = outputs::inputs_of_material(&args.sequence, &material);
@@ -57,7 +57,7 @@ pub(super) fn train(args: &TrainArgs) -> Result<Report> {
     let mut trainer = match args.resume {
         true => Trainer::resume(material.sequence(), material.prepared(), &checkpoint)?,
         false => {
-            // Nothing shall go on with it once another training was asked for.
+            // The unfinished training must not be gone on with once another one was asked for.
             jobs::remove_file(&checkpoint)?;
             Trainer::new(material.sequence(), material.prepared(), args.settings())?
         }
@@ -90,7 +90,7 @@ pub(super) fn train(args: &TrainArgs) -> Result<Report> {
     Ok(report)
 }
 
-/// Errs where it is not clear if an unfinished training is gone on with: it is never lost by accident.
+/// Fails if it is not clear whether to go on with an unfinished training: it is never lost by accident.
 fn require_choice(args: &TrainArgs, checkpoint: &Path) -> Result<()> {
     match (args.resume, checkpoint.exists()) {
         (true, false) => Err(Error::input_at(

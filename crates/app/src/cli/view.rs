@@ -31,7 +31,7 @@ fn require_display() -> Result<()> {
     })
 }
 
-/// Whether a window can be opened. Only Linux and its like can lack a display.
+/// Returns `true` if a window can be opened. Only Linux and its like can lack a display.
 pub(super) fn has_display() -> bool {
     let is_set = |name| std::env::var_os(name).is_some_and(|v| !v.is_empty());
     !cfg!(all(unix, not(target_os = "macos"))) || is_set("DISPLAY") || is_set("WAYLAND_DISPLAY")

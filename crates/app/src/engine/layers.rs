@@ -1,4 +1,5 @@
-//! What of a view can be shown besides colours: how far things move, how opaque they are, and what the endoscope did not see.
+//! Layers of a view besides colours: the motion of things, their opacity, and the parts that the
+//! endoscope did not see.
 
 use super::{Engine, View};
 use std::sync::Arc;
@@ -11,31 +12,32 @@ use surgtpgs_core::{
     unseen::unseen,
 };
 
-/// Times at which the way of a Gaussian is looked at, at most.
+/// Largest number of times at which the path of a Gaussian is sampled.
 const MAX_TIMES: usize = 32;
-/// What gets this far moves, px.
+/// Distance from which on a Gaussian counts as moving, px.
 const MOVES_PX: f32 = 1.0;
 
-/// The Gaussians with how far they get, in pixels of the first recorded frame, as their only feature.
+/// Gaussians whose only feature is the distance that they travel, in pixels of the first recorded frame.
 pub(super) struct Travelling {
-    /// Of the scene that they are of.
+    /// Fingerprint of the scene that the Gaussians belong to.
     fingerprint: u64,
     gaussians: Arc<Gaussians>,
 }
 
-/// How far things move.
+/// Motion of a view over the recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motion {
-    /// How far what a pixel shows gets over the recording, in pixels of the first recorded frame; not a number where nothing is.
+    /// Distance that the thing at each pixel travels over the recording, in pixels of the first recorded
+    /// frame; not a number where nothing is.
     pub travel_px: Grid<f32>,
-    /// Gaussians that get a pixel or further.
+    /// Number of Gaussians that travel a pixel or further.
     pub num_moving: usize,
-    /// All of them.
+    /// Number of all Gaussians.
     pub num_gaussians: usize,
 }
 
 impl Engine {
-    /// How far what a view shows moves over the recording.
+    /// Returns how far the things that a view shows move over the recording.
     pub fn motion(&mut self, view: &View) -> Motion {
         let gaussians = self.travelling();
         let mut deformed = deform(&gaussians, &self.scene.deformation, view.time, false);
@@ -70,13 +72,14 @@ impl Engine {
         gaussians
     }
 
-    /// How opaque a view is, 0–1: where it is not, nothing was reconstructed.
+    /// Returns the opacity of a view, 0–1: where it is 0, nothing was reconstructed.
     pub fn opacity(&mut self, view: &View) -> Result<Grid<f32>> {
         let images = self.render(view, false)?;
         Ok(Grid::from_vec(images.width, images.height, images.plane(ALPHA_PLANE).to_vec()))
     }
 
-    /// Where a view with this depth shows what the endoscope did not see on frame `i`, whose depth is `recorded_depth`.
+    /// Returns the pixels of a view with this depth that the endoscope did not see on frame `i`,
+    /// whose depth is `recorded_depth`.
     pub fn unseen(
         &self,
         view: &View,

@@ -1,4 +1,4 @@
-//! What renders: a GPU, or the CPU with the same pictures.
+//! The machine that renders: a GPU, or the CPU with the same pictures.
 
 use std::path::Path;
 use surgtpgs_core::{
@@ -9,7 +9,7 @@ use surgtpgs_core::{
 };
 use surgtpgs_render::{AdapterChoice, Gpu, GpuRenderer, Loss};
 
-/// What renders.
+/// Choice of the device that renders or trains.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize,
 )]
@@ -24,21 +24,21 @@ pub enum Backend {
     Gpu,
 }
 
-/// What renders.
+/// The machine that renders.
 pub(crate) enum Machine {
     Cpu(Box<CpuRenderer>),
     Gpu(Box<GpuRenderer>),
 }
 
 impl Machine {
-    /// Opens the one of choice.
+    /// Opens the machine of choice.
     pub(crate) fn open(backend: Backend) -> Result<Self> {
         let cpu = || Self::Cpu(Box::default());
         let gpu = |adapters| Ok(Self::Gpu(Box::new(GpuRenderer::new(Gpu::open(adapters)?)?)));
         match backend {
             Backend::Cpu => Ok(cpu()),
             Backend::Gpu => gpu(AdapterChoice::Any),
-            // Whatever a GPU lacks, the CPU makes the same pictures.
+            // If no GPU works, the CPU makes the same pictures.
             Backend::Auto => {
                 let found: Option<Result<Self>> = may_have_gpu().then(|| gpu(AdapterChoice::RealGpu));
                 Ok(found.and_then(Result::ok).unwrap_or_else(cpu))
@@ -50,7 +50,7 @@ impl Machine {
         matches!(self, Self::Gpu(_))
     }
 
-    /// Why another machine is needed.
+    /// Returns the loss of the graphics device, if there was one: then another machine is needed.
     pub(super) fn loss(&self) -> Option<Loss> {
         match self {
             Self::Cpu(_) => None,
@@ -87,8 +87,8 @@ impl Renderer for Machine {
     }
 }
 
-/// Whether it is worth loading the graphics drivers, which takes time and may print warnings of its own: Linux shows
-/// every real GPU as one of these devices.
+/// Returns `true` if it is worth loading the graphics drivers, which takes time and may print warnings of its
+/// own. Linux shows every real GPU as one of these devices.
 pub(crate) fn may_have_gpu() -> bool {
     let devices = ["/dev/dri", "/dev/nvidiactl", "/dev/dxg"];
     !cfg!(target_os = "linux") || devices.iter().any(|d| Path::new(d).exists())

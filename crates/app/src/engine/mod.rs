@@ -1,12 +1,13 @@
-//! What the viewer and every verb work with: a scene, its recording, a renderer, a text encoder and the prompts.
+//! The engine that the viewer and every verb work with: a scene, its recording, a renderer, a text
+//! encoder and the prompts.
 //!
 //! ```text
 //! set_prompts ─▶ text encoder ─▶ queries ──────────────┐
 //! view(i) or View::free ─▶ render ─▶ images ─▶ scores ◀┘ ─▶ masks
 //! ```
 //!
-//! An engine is `Send`: a worker thread can own it. What `scores` returns belongs to the images it was given. A view
-//! that was just rendered is not rendered again.
+//! An engine is `Send`: a worker thread can own it. The result of `scores` belongs to the images it was
+//! given. A view that was just rendered is not rendered again.
 
 mod layers;
 mod machine;
@@ -46,7 +47,7 @@ use surgtpgs_core::{
 };
 use surgtpgs_render::{Asked, Frame, GpuRenderer, Mark, Marking, Shown, Wanted};
 
-/// Which text encoder to use.
+/// Choice of the text encoder.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum EncoderChoice {
     /// The one the scene was prepared with.
@@ -58,50 +59,50 @@ pub enum EncoderChoice {
     Folder(PathBuf),
 }
 
-/// How to open an [`Engine`].
+/// Options to open an [`Engine`] with.
 #[derive(Clone, Debug, Default)]
 pub struct EngineOptions {
-    /// What renders.
+    /// Device that renders.
     pub backend: Backend,
-    /// Which text encoder answers prompts.
+    /// Text encoder that answers prompts.
     pub encoder: EncoderChoice,
-    /// Where the recording is; `None`: where it was when the scene was trained.
+    /// Path of the recording; `None`: the place where it was when the scene was trained.
     pub sequence: Option<PathBuf>,
     /// Settings of queries.
     pub relevancy: RelevancySettings,
 }
 
-/// What to render.
+/// A time and a camera to render.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     /// Time, 0 to 1; frame i of N is at i / N.
     pub time: f32,
     /// The camera; its size is the size of the images.
     pub camera: Camera,
-    /// Whether this is the recording's own camera (at any size): then the field of view limits what is found.
+    /// `true` for the recording's own camera (at any size): then the field of view limits what is found.
     pub recorded: bool,
 }
 
 impl View {
-    /// A view that the recording never had.
+    /// Creates a view that the recording never had.
     pub fn free(time: f32, camera: Camera) -> Self {
         Self { time, camera, recorded: false }
     }
 
-    /// The same view at another size in pixels.
+    /// Returns the same view at another size in pixels.
     pub fn resized(&self, width: u32, height: u32) -> Self {
         Self { camera: self.camera.resized(width, height), ..*self }
     }
 }
 
-/// What a view is asked.
+/// Request to score the prompts on a view.
 #[derive(Clone, Copy, Debug)]
 pub enum Ask<'a> {
-    /// Nothing, and nothing will be: no features are rendered.
+    /// No scores, and none later: no features are rendered.
     Nothing,
-    /// Nothing yet: the features are rendered, so that asking later costs no rendering.
+    /// No scores yet: the features are rendered, so that asking later costs no rendering.
     Later,
-    /// What the prompts score, and with a marking, what is found drawn over the picture.
+    /// The scores of the prompts and, with a marking, the found areas drawn over the picture.
     Now(Option<Marking<'a>>),
 }
 
@@ -118,7 +119,7 @@ pub struct Engine {
     relevancy: Option<Box<dyn Relevancy>>,
     settings: RelevancySettings,
     encoder_choice: EncoderChoice,
-    /// Opened when the first prompt comes: looking at a scene needs none.
+    /// Opened when the first prompt comes: looking at a scene needs no encoder.
     encoder: Option<TextEncoder>,
     prompt_embeddings: BTreeMap<String, Vec<f32>>,
     phrase_embeddings: BTreeMap<String, Vec<f32>>,
@@ -132,15 +133,16 @@ struct Rendered {
     images: Arc<Images>,
 }
 
-/// The recording a scene was made from, or why it is not there.
+/// The recording that a scene was made from, or the reason why it is not there.
 enum Recording {
     Found(Sequence),
     Missing(String),
 }
 
 impl Engine {
-    /// Opens a scene file. The recording is looked for where it was, then beside the scene file; without it everything
-    /// but [`Engine::original`] works. A recording that `options` names must be there and fit.
+    /// Opens a scene file. The recording is looked for where it was when the scene was trained, then
+    /// beside the scene file; without it everything but [`Engine::original`] works. A recording that
+    /// `options` names must be there and fit.
     pub fn open(path: &Path, options: EngineOptions) -> Result<Self> {
         require_for(&Work::Scene(path))?;
         let scene = Arc::new(Scene::load(path)?);
@@ -177,13 +179,13 @@ impl Engine {
         })
     }
 
-    /// The scene.
+    /// Returns the scene.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
     }
 
-    /// Shows another state of the scene, e.g. while it is being trained; the prompts stay. Both must come from the same
-    /// preparation, because the embeddings of the prompts are kept.
+    /// Shows another state of the scene, e.g. while it is being trained; the prompts stay. Both must come
+    /// from the same preparation, because the embeddings of the prompts are kept.
     pub fn replace_scene(&mut self, scene: Arc<Scene>) {
         self.relevancy = open_relevancy(&scene);
         self.last = None;
@@ -191,7 +193,7 @@ impl Engine {
         self.scene = scene;
     }
 
-    /// The recording, if it was found.
+    /// Returns the recording, if it was found.
     pub fn sequence(&self) -> Option<&Sequence> {
         match &self.recording {
             Recording::Found(sequence) => Some(sequence),
@@ -199,8 +201,8 @@ impl Engine {
         }
     }
 
-    /// Errs where the content of a recorded frame is not what the scene was trained on: to be called before something is
-    /// made of recorded frames, all of which are read.
+    /// Fails if the content of a recorded frame is not what the scene was trained on. To be called before
+    /// something is made of recorded frames; it reads all of them.
     pub fn require_recording(&self) -> Result<()> {
         match (self.sequence(), &self.scene.provenance.identity) {
             (Some(sequence), Some(then)) => {
@@ -210,14 +212,14 @@ impl Engine {
         }
     }
 
-    /// File names of the recorded frames (or their numbers, of a video); none where they are not known.
+    /// Returns the file names of the recorded frames (of a video, their numbers); none if they are not known.
     pub fn frame_sources(&self) -> Vec<String> {
         let of_scene = self.scene.provenance.identity.as_ref();
         let known = of_scene.or_else(|| self.sequence().map(Sequence::outline));
         known.iter().flat_map(|known| known.names().map(str::to_owned)).collect()
     }
 
-    /// Why there is no recording, in a sentence; `None` if there is one.
+    /// Returns the reason why there is no recording, in a sentence; `None` if there is one.
     pub fn recording_missing(&self) -> Option<&str> {
         match &self.recording {
             Recording::Found(_) => None,
@@ -225,22 +227,22 @@ impl Engine {
         }
     }
 
-    /// What renders, e.g. "CPU, 2 threads, Avx512".
+    /// Returns the name of the machine that renders, e.g. "CPU, 2 threads, Avx512".
     pub fn renderer_name(&self) -> String {
         self.machine.name()
     }
 
-    /// How scores are computed, e.g. "lattice"; "none" for a scene without features.
+    /// Returns the name of the way scores are computed, e.g. "lattice"; "none" for a scene without features.
     pub fn relevancy_name(&self) -> &'static str {
         self.relevancy.as_ref().map_or("none", |r| r.name())
     }
 
-    /// The text encoder in use; `None` before the first prompt.
+    /// Returns the text encoder in use; `None` before the first prompt.
     pub fn encoder_identity(&self) -> Option<&EncoderIdentity> {
         self.encoder.as_ref().map(TextEncoder::identity)
     }
 
-    /// Frame `i` as it was recorded; frames past the end give the last one.
+    /// Returns the view of frame `i` as it was recorded; frames past the end give the last one.
     pub fn view(&self, i: usize) -> Result<View> {
         let last =
             self.scene.num_frames().checked_sub(1).ok_or_else(|| {
@@ -250,8 +252,8 @@ impl Engine {
         Ok(View { time: self.scene.time(i), camera: self.scene.cameras[i], recorded: true })
     }
 
-    /// Renders a view; the features are needed for [`Engine::scores`] only. A recorded view is empty outside the field
-    /// of view, where nothing was ever seen.
+    /// Renders a view; the features are needed for [`Engine::scores`] only. A recorded view is empty outside
+    /// the field of view, where nothing was ever seen.
     pub fn render(&mut self, view: &View, features: bool) -> Result<Arc<Images>> {
         let features = features && self.scene.gaussians.latent_dim > 0;
         if let Some(last) = &self.last
@@ -276,8 +278,8 @@ impl Engine {
         Ok(images)
     }
 
-    /// A view as it is shown: the picture and, as `ask` says, what the prompts score in it and what is found drawn over it.
-    /// On a GPU nothing but what is `wanted` leaves the device.
+    /// Shows a view: the picture and, as `ask` says, the scores of the prompts and the found areas drawn over
+    /// the picture. On a GPU only what is `wanted` leaves the device.
     pub fn show(&mut self, view: &View, ask: Ask<'_>, wanted: Wanted) -> Result<Shown> {
         let has_lattice = self.relevancy.as_mut().is_some_and(|r| r.as_lattice().is_some());
         let asks = matches!(ask, Ask::Now(_));
@@ -301,7 +303,7 @@ impl Engine {
         })
     }
 
-    /// [`Engine::show`] pass by pass, with the images in memory.
+    /// Does the same as [`Engine::show`] pass by pass, with the images in memory.
     fn show_by_cpu(&mut self, view: &View, ask: Ask<'_>, wanted: Wanted) -> Result<Shown> {
         let images = self.render(view, !matches!(ask, Ask::Nothing))?;
         let (scores, marking) = match ask {
@@ -328,7 +330,7 @@ impl Engine {
         Ok(Shown { picture, scores: if wanted.values { scores } else { Vec::new() }, ..shown })
     }
 
-    /// What is at a pixel of the view rendered or shown last: the Gaussian that adds most to it.
+    /// Returns the Gaussian that adds most to a pixel of the view rendered or shown last.
     pub fn pick(&mut self, pixel: [usize; 2]) -> Result<Option<Pick>> {
         match &mut self.machine {
             Machine::Cpu(cpu) => Ok(cpu.pick(pixel)),
@@ -336,8 +338,8 @@ impl Engine {
         }
     }
 
-    /// Does `work`, and once more on a machine opened anew where the graphics device was lost meanwhile: on the CPU, unless
-    /// a GPU was asked for, where it hangs.
+    /// Does `work`. If the graphics device is lost meanwhile, opens a machine anew and does `work` once more.
+    /// After a hang the new machine is the CPU; if a GPU was asked for, the error is returned instead.
     fn on_a_working_machine<T>(&mut self, mut work: impl FnMut(&mut Self) -> Result<T>) -> Result<T> {
         let result = work(self);
         let Some(loss) = self.machine.loss().filter(|_| result.is_err()) else { return result };
@@ -351,7 +353,7 @@ impl Engine {
         work(self)
     }
 
-    /// The GPU, if that is what renders.
+    /// Returns the GPU, if it is the machine that renders.
     pub(crate) fn gpu(&mut self) -> Option<&mut GpuRenderer> {
         match &mut self.machine {
             Machine::Cpu(_) => None,
@@ -359,36 +361,38 @@ impl Engine {
         }
     }
 
-    /// How often each pass of a frame ran, and how long.
+    /// Returns the number of runs and the time of each pass of a frame.
     pub fn clock(&self) -> &FrameClock {
         &self.clock
     }
 
-    /// Renders the next view whatever it is.
+    /// Forgets the last view, so that the next one is rendered whatever it is.
     pub fn forget_last(&mut self) {
         self.last = None;
     }
 
-    /// The prompts being asked, in order, with what each is compared to.
+    /// Returns the prompts being asked, in order, with what each is compared to.
     pub fn queries(&self) -> &[Query] {
         &self.queries
     }
 
-    /// The settings of queries.
+    /// Returns the settings of queries.
     pub fn settings(&self) -> &RelevancySettings {
         &self.settings
     }
 
-    /// What to look for from now on, compared with what the settings say; see [`Engine::set_questions`].
+    /// Sets the prompts to look for, with the negatives of the settings; see [`Engine::set_questions`].
     pub fn set_prompts(&mut self, prompts: &[String]) -> Result<()> {
         let negatives = Negatives::of(&self.settings);
         let question = |text: &String| Question::words(text, negatives.clone());
         self.set_questions(&prompts.iter().map(question).collect::<Vec<_>>())
     }
 
-    /// What to look for from now on, each compared with what it says. Words that were encoded before are not encoded again.
+    /// Sets the questions to look for, each compared with its own negatives. Words that were encoded
+    /// before are not encoded again.
     ///
-    /// Refuses empty words, a scene without features, and a text encoder other than the one the scene was prepared with.
+    /// Refuses empty words, a scene without features, and a text encoder other than the one the
+    /// scene was prepared with.
     pub fn set_questions(&mut self, questions: &[Question]) -> Result<()> {
         if questions.is_empty() {
             self.queries.clear();
@@ -406,7 +410,7 @@ impl Engine {
         Ok(())
     }
 
-    /// The query of a question whose words are encoded.
+    /// Returns the query of a question whose words are encoded.
     fn query(&self, Question { text, like, negatives }: &Question) -> Result<Query> {
         let text = text.trim();
         let phrase = |p: &String| (p.clone(), self.phrase_embeddings[p].clone());
@@ -422,7 +426,7 @@ impl Engine {
         Ok(Query::new(text, embedding, &compared, &self.scene.classes, &settings))
     }
 
-    /// The embedding of what a pixel shows, perhaps one of another scene: both must have been prepared with one encoder.
+    /// Returns the embedding of a sample. A sample from another scene must be of the same text encoder.
     fn embedding_of(&self, name: &str, sample: &Sample) -> Result<Vec<f32>> {
         if sample.encoder_sha256 == self.encoder_sha256() {
             return Ok(sample.embedding.clone());
@@ -437,7 +441,7 @@ impl Engine {
         self.scene.encoder.as_ref().map_or("", |e| &e.sha256)
     }
 
-    /// What a pixel of a view shows; `None` where nothing was reconstructed.
+    /// Takes a sample at a pixel of a view; `None` where nothing was reconstructed.
     pub fn sample(&mut self, view: &View, [x, y]: [usize; 2]) -> Result<Option<Sample>> {
         let images = self.render(view, true)?;
         let Some(codec) = &self.scene.codec else { return Err(no_features()) };
@@ -455,7 +459,8 @@ impl Engine {
         }))
     }
 
-    /// One score image per prompt, from images of `view` with features: 0–1, and 0 in holes and outside the field of view.
+    /// Returns one score image per prompt, from images of `view` with features: 0–1, and 0 in holes and
+    /// outside the field of view.
     pub fn scores(&mut self, images: &Images, view: &View) -> Result<Vec<Grid<f32>>> {
         if self.queries.is_empty() {
             return Ok(Vec::new());
@@ -471,8 +476,8 @@ impl Engine {
         Ok(scores)
     }
 
-    /// For each prompt the Gaussians that are what it says at `time`: score above the threshold, and at least as opaque
-    /// as a pixel has to be.
+    /// Returns for each prompt the Gaussians that it finds at `time`: their score is above the threshold, and
+    /// they are at least as opaque as a pixel has to be.
     pub fn gaussians_found(&mut self, time: f32) -> Result<Vec<Vec<usize>>> {
         let relevancy = self.relevancy.as_mut().ok_or_else(no_features)?;
         let deformed = deform(&self.scene.gaussians, &self.scene.deformation, time, true);
@@ -484,22 +489,22 @@ impl Engine {
         Ok(scores.iter().map(found).collect())
     }
 
-    /// Where each prompt is found: its score is above the threshold of the settings.
+    /// Returns for each prompt the mask of pixels whose score is above the threshold of the settings.
     pub fn masks(&self, scores: &[Grid<f32>]) -> Vec<Mask> {
         scores.iter().map(|s| threshold(s, self.settings.threshold)).collect()
     }
 
-    /// The recorded picture of frame `i`; `None` if the recording is not there.
+    /// Returns the recorded picture of frame `i`; `None` if the recording is not there.
     pub fn original(&self, i: usize) -> Result<Option<image::RgbImage>> {
         self.sequence().map(|s| s.frame(i)).transpose()
     }
 
-    /// Where instruments are on the recorded picture of frame `i`; `None` where the recording does not say.
+    /// Returns the mask of instruments on recorded frame `i`; `None` if the recording does not have one.
     pub fn instruments(&self, i: usize) -> Result<Option<Mask>> {
         self.sequence().map_or(Ok(None), |s| s.instruments(i))
     }
 
-    /// Makes sure that the words of questions and what they are compared with have embeddings.
+    /// Makes sure that the words of questions, and the phrases that they are compared with, have embeddings.
     fn encode(&mut self, questions: &[Question]) -> Result<()> {
         if self.relevancy.is_none() {
             return Err(no_features());

@@ -1,4 +1,4 @@
-//! Opening what belongs to a scene: its recording, its text encoder, its scores.
+//! Opens the things that belong to a scene: its recording, its text encoder, its scores.
 
 use super::{EncoderChoice, Recording};
 use std::path::Path;
@@ -84,7 +84,7 @@ pub(super) fn open_recording(scene: &Scene, path: &Path) -> Result<Sequence> {
     Ok(sequence)
 }
 
-/// Looks for the recording where it was, then at `beside`.
+/// Looks for the recording where it was when the scene was trained, then at `beside`.
 pub(super) fn find_recording(scene: &Scene, beside: Option<&Path>) -> Recording {
     let places = [Some(scene.provenance.sequence_path.as_path()), beside];
     let mut why = "the recording is not where it was when the scene was trained".to_owned();

@@ -1,9 +1,9 @@
-//! What the endoscope's field of view leaves out of images.
+//! Parts of images that are outside the endoscope's field of view.
 
 use std::ops::Range;
 use surgtpgs_core::{grid::Mask, raster::Images};
 
-/// Which pixels of an image of a certain size are outside the field of view.
+/// Pixels outside the field of view, for images of one size.
 #[derive(Default)]
 pub(super) struct Outside {
     size: (usize, usize),
@@ -11,7 +11,7 @@ pub(super) struct Outside {
 }
 
 impl Outside {
-    /// Runs of pixels; none without a mask. The mask is sampled at the images' size.
+    /// Returns the pixels as runs; none without a mask. The mask is sampled at the images' size.
     pub(super) fn ranges(&mut self, images: &Images, field_of_view: &Mask) -> &[Range<usize>] {
         let size = (images.width, images.height);
         if self.size != size {

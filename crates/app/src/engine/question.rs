@@ -1,36 +1,36 @@
-//! What is looked for, and what it is compared with.
+//! Questions: words or samples to look for, and everything that they are compared with.
 
 use std::hash::{Hash, Hasher};
 use surgtpgs_core::relevancy::RelevancySettings;
 
-/// What to look for, and what it is compared with: together they decide the scores.
+/// Words or a sample to look for, with everything they are compared with. Together they decide the scores.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Question {
     /// The words; spaces around them do not count.
     pub text: String,
-    /// What a pixel shows, to look for instead of the words, which are its name then.
+    /// Sample of a pixel to look for instead of the words, which are then its name.
     pub like: Option<Sample>,
-    /// What a pixel is compared with besides.
+    /// Everything else that a pixel is compared with.
     pub negatives: Negatives,
 }
 
-/// What a prompt is compared with.
+/// Everything that a prompt is compared with.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Negatives {
-    /// Generic phrases and whatever else the prompt is not, encoded without the template.
+    /// Generic phrases, and other words that the prompt is not, encoded without the template.
     pub phrases: Vec<String>,
-    /// What pixels show that the prompt is not, with their names.
+    /// Samples of pixels that the prompt is not, with their names.
     pub samples: Vec<(String, Sample)>,
-    /// Also the scene's other classes.
+    /// `true` to compare with the scene's other classes, too.
     pub uses_classes: bool,
 }
 
-/// What a pixel shows: its feature, decoded.
+/// Sample of a pixel: its feature, decoded.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub struct Sample {
-    /// Unit vector; finite.
+    /// Unit vector of finite values.
     pub(super) embedding: Vec<f32>,
-    /// SHA-256 of the text encoder whose space it is in, hexadecimal; empty where that is not known.
+    /// SHA-256 of the text encoder whose space the embedding is in, hexadecimal; empty if that is not known.
     pub(super) encoder_sha256: String,
 }
 
@@ -55,20 +55,20 @@ impl Hash for Sample {
 }
 
 impl Question {
-    /// Looks for words.
+    /// Creates a question that looks for words.
     pub fn words(text: impl Into<String>, negatives: Negatives) -> Self {
         Self { text: text.into(), like: None, negatives }
     }
 }
 
 impl Negatives {
-    /// Those that settings give to every prompt.
+    /// Returns the negatives that settings give to every prompt.
     pub fn of(settings: &RelevancySettings) -> Self {
         let (phrases, uses_classes) = (settings.phrases.clone(), settings.class_negatives);
         Self { phrases, samples: Vec::new(), uses_classes }
     }
 
-    /// With `more`, each of which is there once, however it is written.
+    /// Adds the phrases of `more` that are not there yet; upper and lower case are the same.
     pub fn with<'a>(mut self, more: impl IntoIterator<Item = &'a String>) -> Self {
         for text in more {
             if !self.phrases.iter().any(|p| p.eq_ignore_ascii_case(text)) {

@@ -1,4 +1,4 @@
-//! Both machines behind one engine.
+//! Tests of both machines behind one engine.
 
 use super::{outside::outside, *};
 use surgtpgs_render::{AdapterChoice, Gpu};
@@ -9,7 +9,7 @@ fn an_engine_can_move_to_a_worker_thread() {
     is_send::<Engine>();
 }
 
-/// An ordinary scene with a codec, an engine on each machine, and a prompt set past the text encoder.
+/// Opens an engine on an ordinary scene with a codec, and sets a prompt past the text encoder.
 fn asked_engine(backend: Backend) -> Engine {
     use surgtpgs_core::codec::{Codec, Linear};
     let layer = |rows: usize, columns: usize| Linear {
@@ -45,7 +45,7 @@ fn shown(engine: &mut Engine, time: f32) -> Shown {
     engine.show(&view, Ask::Now(Some(marking)), Wanted { pictures: true, values: true }).unwrap()
 }
 
-/// Where there is no adapter nothing is compared; under `CI=true` that is a failure.
+/// Returns `None` without an adapter, so that nothing is compared; under `CI=true` that is a failure.
 fn gpu_engine() -> Option<Engine> {
     let is_there = Gpu::open(AdapterChoice::Any).is_ok();
     assert!(is_there || std::env::var("CI").as_deref() != Ok("true"), "CI needs a graphics adapter");
@@ -93,7 +93,7 @@ fn a_lost_device_is_replaced_without_a_word() {
     engine.gpu().unwrap().gpu().device().destroy();
     let after = shown(&mut engine, 0.3);
     assert!(before.picture == after.picture, "another picture");
-    // The first time points were scored one by one, then in the tables.
+    // The first frame's points were scored one by one, the second one's in the tables.
     let pairs = before.scores[0].data.iter().zip(&after.scores[0].data);
     assert!(pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-4));
     engine.gpu().unwrap().gpu().device().destroy();
@@ -107,7 +107,7 @@ fn where_the_device_hangs_the_cpu_takes_over_unless_a_gpu_was_asked_for() {
     let view = View::free(0.5, engine.scene().cameras[0]).resized(1600, 1200);
     for backend in [Backend::Gpu, Backend::Auto] {
         let mut gpu = Gpu::open(AdapterChoice::Any).unwrap();
-        // No device answers at once.
+        // Without patience every device counts as hanging: none answers at once.
         gpu.set_patience(std::time::Duration::ZERO);
         engine.machine = Machine::Gpu(Box::new(GpuRenderer::new(gpu).unwrap()));
         engine.backend = backend;
@@ -180,6 +180,6 @@ fn nothing_is_found_outside_the_field_of_view_at_any_size() {
     assert!((0..3).all(|y| scores.row(y) == [0.9, 0.9, 0.0, 0.0]));
     assert!(outside((1, 1), &Grid::filled(3, 3, true)).is_empty());
     assert!(outside((4, 3), &Grid::filled(0, 0, true)).is_empty());
-    // Runs do not end at a row's end.
+    // A run goes on from one row to the next.
     assert_eq!(outside((2, 2), &Grid::from_vec(2, 2, vec![true, false, false, true])), vec![1..3]);
 }

@@ -15,7 +15,7 @@ use surgtpgs_core::{
     sequence::{Class, NO_LABEL},
 };
 
-/// Predicted as another class; as none although it has one.
+/// Colours of pixels that were predicted as another class, and as none although they have one.
 const WRONG: [u8; 3] = [213, 94, 0];
 const MISSED: [u8; 3] = [0, 114, 178];
 
@@ -27,14 +27,14 @@ struct ClassRow<'a> {
     row: &'a ClassOnFrame,
 }
 
-/// Writes an evaluation into the folder `path`; an earlier one is replaced where `replace` says so.
+/// Writes an evaluation into the folder `path`; an earlier one is replaced if `replace` says so.
 pub(crate) fn write(path: &Path, inputs: &Inputs, replace: bool, evaluation: &Evaluation) -> Result<()> {
     let output = outputs::folder(path, outputs::EVALUATION, inputs, replace)?;
     write_files(output.path(), evaluation)?;
     output.finish()
 }
 
-/// Writes `eval.json`, `frames.csv`, `classes.csv`, `confusion.svg` and `errors/`, whichever there is something for.
+/// Writes those of `eval.json`, `frames.csv`, `classes.csv`, `confusion.svg` and `errors/` that have content.
 pub(crate) fn write_files(folder: &Path, evaluation: &Evaluation) -> Result<()> {
     let classes = &evaluation.classes;
     let protocols: Vec<(&'static str, &MaskScores)> =
@@ -70,7 +70,7 @@ pub(crate) fn write_files(folder: &Path, evaluation: &Evaluation) -> Result<()> 
     Ok(())
 }
 
-/// The csv crate does not write flattened structs.
+/// Returns the rows as CSV. They are flattened here, since the csv crate does not write flattened structs.
 fn csv_of_classes(rows: &[ClassRow<'_>]) -> Result<Vec<u8>> {
     let flat: Vec<_> = rows
         .iter()
@@ -86,7 +86,7 @@ fn csv_of_classes(rows: &[ClassRow<'_>]) -> Result<Vec<u8>> {
     writer.into_inner().map_err(|e| fail(&e))
 }
 
-/// The labels, the prediction, and where they differ, side by side.
+/// Draws the labels, the prediction, and their differences, side by side.
 fn errors(frame: &Labelled, classes: &[Class]) -> RgbImage {
     let (width, height) = frame.picture.dimensions();
     let colour = |k: u8| classes.get(usize::from(k)).map(|c| c.colour);

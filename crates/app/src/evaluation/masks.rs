@@ -1,4 +1,4 @@
-//! The classes of a recording, and how well their masks are met.
+//! The classes of a recording, and measures of the masks that are found for them.
 
 use surgtpgs_core::{
     Result,
@@ -11,15 +11,15 @@ use surgtpgs_core::{
 /// Measures of all classes.
 pub(super) struct Classes {
     all: Vec<Class>,
-    /// Each class by itself.
+    /// Measures of the masks by threshold, each class by itself.
     pub(super) threshold: MaskScores,
-    /// Each pixel by its best class, where there are scores.
+    /// Measures of the masks that give each pixel its best class; `None` without scores.
     pub(super) argmax: Option<Argmax>,
     /// Predicted and labelled class of each pixel, of frames to look at.
     pub(super) frames: Vec<Labelled>,
 }
 
-/// Each pixel by its best class.
+/// Measures of the masks that give each pixel its best class.
 pub(super) struct Argmax {
     pub(super) scores: MaskScores,
     pub(super) confusion: Confusion,
@@ -33,7 +33,7 @@ pub(super) struct Labelled {
     pub(super) picture: image::RgbImage,
 }
 
-/// Frames of which pictures are kept.
+/// Largest number of frames whose pictures are kept.
 const MOST_PICTURES: usize = 24;
 
 impl Classes {
@@ -49,12 +49,13 @@ impl Classes {
         &self.all
     }
 
-    /// Places and classes without the background.
+    /// Returns the places and classes without the background.
     fn asked(&self) -> impl Iterator<Item = (usize, &Class)> {
         self.all.iter().enumerate().filter(|(_, c)| !is_background(&c.name))
     }
 
-    /// Adds the scores of all classes on a frame; `found` makes a mask of scores. Nothing where the frame has no labels.
+    /// Adds the scores of all classes on a frame; `found` makes a mask of scores. Does nothing if
+    /// the frame has no labels.
     pub(super) fn add_scores(
         &mut self,
         scores: &[Grid<f32>],
@@ -87,7 +88,7 @@ impl Classes {
     /// Adds masks of all classes on a frame.
     pub(super) fn add_masks(&mut self, masks: Vec<Mask>, sequence: &Sequence, frame: usize) -> Result<()> {
         let Some(labels) = sequence.labels(frame)? else { return Ok(()) };
-        // What another program found is not cut to what we learn from: the labels are not either.
+        // Another program's masks are not cut to the pixels that we learn from: the labels are not either.
         let keep = Mask::filled(labels.width, labels.height, true);
         for (k, class) in self.asked().map(|(k, c)| (k, c.clone())).collect::<Vec<_>>() {
             let truth = labels.map(|&id| id == class.id);
@@ -111,20 +112,21 @@ impl Classes {
         Ok(())
     }
 
-    /// The first class at each pixel.
+    /// Returns for each pixel the place of the first class whose mask has it.
     fn indices(&self, masks: &[Mask]) -> Grid<u8> {
         let Some(first) = masks.first() else { return Grid::filled(0, 0, NO_LABEL) };
         let class = |i: usize| masks.iter().position(|m| m.data[i]).map_or(NO_LABEL, |k| k as u8);
         Grid::from_vec(first.width, first.height, (0..first.data.len()).map(class).collect())
     }
 
-    /// Places in the list of classes, of ids.
+    /// Turns class ids into places in the list of classes.
     fn places(&self, labels: &LabelMap) -> LabelMap {
         labels.map(|id| self.all.iter().position(|c| c.id == *id).map_or(NO_LABEL, |k| k as u8))
     }
 }
 
-/// The paper asks for no background class, neither the black border nor "background tissue" (method §9.4).
+/// Returns `true` for a background class. The paper asks for none of them, neither the black border nor
+/// "background tissue" (method §9.4).
 fn is_background(name: &str) -> bool {
     name.split([' ', '-', '_']).any(|word| word == "background")
 }

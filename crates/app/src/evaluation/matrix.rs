@@ -1,4 +1,4 @@
-//! Which class is taken for which, as a picture.
+//! Confusion matrix of the classes, as a picture.
 
 use plotters::prelude::*;
 use surgtpgs_core::{Error, Result, metrics::Confusion};
@@ -7,8 +7,8 @@ use surgtpgs_core::{Error, Result, metrics::Confusion};
 const CELL: i32 = 56;
 const NAMES: i32 = 190;
 
-/// A row per labelled class that occurs, a column per predicted class and one for none; a cell says which share of the
-/// row's pixels it has.
+/// Draws a row per labelled class that occurs, a column per predicted class and one for none. A cell tells
+/// the share of the row's pixels that it has.
 pub(super) fn svg(confusion: &Confusion) -> Result<String> {
     let mut svg = String::new();
     draw(&mut svg, confusion).map_err(|e| Error::input(format!("the matrix could not be drawn: {e}"), ""))?;

@@ -1,4 +1,5 @@
-//! A scene against its recording, or masks that another program made: measures of every frame and class.
+//! Evaluation of a scene, or of masks that another program made, against a recording: measures of
+//! every frame and class.
 
 mod files;
 mod masks;
@@ -26,7 +27,7 @@ use surgtpgs_core::{
 };
 use times::Times;
 
-/// Pictures and depth of one frame; a row of `frames.csv`.
+/// Measures of the picture and depth of one frame; a row of `frames.csv`.
 #[derive(Clone, Debug, Default, serde::Serialize)]
 pub(crate) struct FrameRow {
     pub(crate) frame: usize,
@@ -52,14 +53,14 @@ pub(crate) struct Evaluation {
 }
 
 impl Evaluation {
-    /// Every class on every frame, each by its own threshold.
+    /// Returns the rows of every class on every frame, each class by its own threshold.
     pub(crate) fn class_rows(&self) -> &[ClassOnFrame] {
         self.classes.threshold.rows()
     }
 }
 
-/// Evaluates the engine's scene on its recording: the held-out frames, or all if none was held out. With a model of LPIPS
-/// that is measured, too. Without features or labels there are no masks to measure.
+/// Evaluates the engine's scene on its recording: the held-out frames, or all if none was held out. With a
+/// model of LPIPS, LPIPS is measured, too. Without features or labels there are no masks to measure.
 ///
 /// # Errors
 /// No recording, frames that cannot be read, or [`Error::Cancelled`].
@@ -140,7 +141,8 @@ fn observe(observer: &mut Observer<'_>, done: usize, total: usize) -> Result<()>
     }
 }
 
-/// The classes of the recording, asked of the engine by name; none where scene or recording cannot tell.
+/// Makes the classes of the recording the engine's prompts, by name, and returns them; none if the scene has
+/// no features or the recording no classes.
 fn asked_classes(engine: &mut Engine, sequence: &Sequence) -> Result<Classes> {
     let classes = Classes::new(sequence.classes());
     if engine.scene().codec.is_none() || classes.is_empty() {
@@ -153,7 +155,7 @@ fn asked_classes(engine: &mut Engine, sequence: &Sequence) -> Result<Classes> {
 
 fn row(images: &Images, sequence: &Sequence, frame: usize, lpips: Option<&mut Lpips>) -> Result<FrameRow> {
     let (picture, truth, mask) = (images.to_rgb(), sequence.frame(frame)?, sequence.mask(frame)?);
-    // What a network estimated is no truth to compare with.
+    // Depth that a network estimated is no truth to compare with.
     let is_measured = sequence.estimated_depth().is_none();
     let depth = sequence.depth(frame)?.filter(|_| is_measured).and_then(|truth| -> Option<DepthErrors> {
         depth_errors(&images.normalised_depth(MIN_DEPTH_ALPHA), &truth, Some(&mask))
@@ -177,7 +179,8 @@ fn row(images: &Images, sequence: &Sequence, frame: usize, lpips: Option<&mut Lp
 
 #[cfg(test)]
 impl Evaluation {
-    /// Two held-out frames of 4 pixels; liver is found on half of its pixels on one of them, and without labels on the other.
+    /// Two held-out frames of 4 pixels. Liver is found on half of its pixels on the one frame; the
+    /// other frame has no labels.
     pub(crate) fn example() -> Self {
         use surgtpgs_core::{grid::Mask, sequence::Class};
         let row = |frame, db| FrameRow {

@@ -1,4 +1,4 @@
-//! What an evaluation comes to, as JSON and as text.
+//! The report of an evaluation, as JSON and as text.
 
 use super::{FrameRow, masks::Classes, times::Milliseconds};
 use surgtpgs_core::metrics::{DepthErrors, IouReport, MaskSummary};
@@ -6,23 +6,23 @@ use surgtpgs_core::metrics::{DepthErrors, IouReport, MaskSummary};
 /// The JSON report; its keys are a contract.
 #[derive(serde::Serialize)]
 pub(crate) struct Report {
-    /// Over all pixels, all channels together.
+    /// PSNR over all pixels, all channels together.
     pub(crate) psnr_db: Option<f64>,
-    /// Inside the supervision mask.
+    /// PSNR inside the supervision mask.
     pub(crate) psnr_masked_db: Option<f64>,
-    /// As the paper's code has it: each channel by itself, then the mean.
+    /// PSNR as the paper's code has it: each channel by itself, then the mean.
     pub(crate) psnr_per_channel_db: Option<f64>,
-    /// With zeros outside the picture, as the 3DGS code family.
+    /// SSIM with zeros outside the picture, as the 3DGS code family has it.
     pub(crate) ssim: Option<f64>,
-    /// Of the pixels whose window lies inside, as scikit-image.
+    /// SSIM of the pixels whose window lies inside, as scikit-image has it.
     pub(crate) ssim_inside: Option<f64>,
-    /// Of the whole pictures; `None` without a model.
+    /// LPIPS of the whole pictures; `None` without a model.
     pub(crate) lpips: Option<f64>,
-    /// Scene units.
+    /// Root mean square error of depth, scene units.
     pub(crate) depth_rmse: Option<f64>,
     pub(crate) depth: Option<DepthErrors>,
     pub(crate) frames: usize,
-    /// Whether these frames were kept from training; of foreign masks, whether they are the test frames.
+    /// `true` if the frames were kept from training; for foreign masks, `true` if they are the test frames.
     pub(crate) held_out: bool,
     pub(crate) gaussians: Option<usize>,
     /// `None` without labels or features.
@@ -35,23 +35,24 @@ pub(crate) struct Report {
     pub(crate) relevancy: Option<&'static str>,
 }
 
-/// Mean IoU by two protocols, of the prompts' own thresholds.
+/// Mean IoU by two protocols; masks are found by the prompts' own thresholds.
 #[derive(serde::Serialize, serde::Deserialize)]
 pub(crate) struct Iou {
     pub(crate) paper: IouReport,
     pub(crate) strict: IouReport,
 }
 
-/// All measures, by how masks come about.
+/// Measures of masks, by the way in which the masks come about.
 #[derive(serde::Serialize)]
 pub(crate) struct Masks {
-    /// Each class by itself: where its score is above the threshold. The paper's way; masks may overlap.
+    /// Masks of each class by itself, where its score is above the threshold: the paper's way. They
+    /// may overlap.
     pub(crate) threshold: MaskSummary,
-    /// Each pixel has the class of the highest score, the background among them.
+    /// Masks that give each pixel the class of the highest score, the background among the classes.
     pub(crate) argmax: Option<MaskSummary>,
 }
 
-/// Frames a second of one after the other: rendering, one prompt on a rendered frame, both.
+/// Frames per second, one after the other: rendering, one prompt on a rendered frame, both.
 #[derive(serde::Serialize)]
 pub(crate) struct Fps {
     pub(crate) render: f64,
@@ -70,7 +71,7 @@ impl Fps {
     }
 }
 
-/// What the training took, as the scene tells.
+/// Cost of the training, as recorded in the scene.
 #[derive(serde::Serialize)]
 pub(crate) struct Training {
     pub(crate) seconds: f64,
@@ -79,7 +80,7 @@ pub(crate) struct Training {
 }
 
 impl Report {
-    /// The means over frames and classes.
+    /// Takes the means over frames and classes.
     pub(super) fn of(rows: &[FrameRow], held_out: bool, classes: &Classes) -> Self {
         let mean_of = |value: fn(&FrameRow) -> Option<f64>| mean(rows.iter().filter_map(value));
         let depth_rmse = mean_of(|r| r.depth_rmse);

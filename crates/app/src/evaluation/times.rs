@@ -38,7 +38,7 @@ impl Times {
         let (deform_before, before) = (ms(engine, FramePass::Deform), all(engine));
         let images = engine.render(view, true)?;
         let deform = ms(engine, FramePass::Deform) - deform_before;
-        // A GPU does everything at once.
+        // A GPU does both passes at once, so this one has no time of its own.
         self.deform.extend((deform > 0.0).then_some(deform));
         self.raster.push(all(engine) - before - deform);
         Ok(images)

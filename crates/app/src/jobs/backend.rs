@@ -1,4 +1,4 @@
-//! What trains: the CPU, or a GPU where one is faster and comes to the same.
+//! The backend that trains: the CPU, or a GPU if it is faster and comes to the same.
 
 use crate::engine::{Backend, may_have_gpu};
 use surgtpgs_core::{
@@ -7,15 +7,16 @@ use surgtpgs_core::{
 };
 use surgtpgs_render::{AdapterChoice, Gpu, GpuBackend};
 
-/// Steps that each backend is tried for.
+/// Number of steps that each backend is tried for.
 const TRIED_STEPS: usize = 8;
 
-/// Relative difference between the losses of both backends after the tried steps, beyond which the GPU is not trusted:
-/// a hundred times what correct adapters were seen to differ by.
+/// Relative difference between the losses of both backends after the tried steps, beyond which the GPU is not
+/// trusted: a hundred times the difference seen on correct adapters.
 const MAX_DIFFERENCE: f32 = 0.02;
 
-/// Gives the trainer what was chosen, and says what that is and why. [`Backend::Auto`] measures a few steps of each and takes
-/// them back, so that the training does not depend on the measurement.
+/// Gives the trainer the chosen backend, and returns its name with the reason for it.
+/// [`Backend::Auto`] measures a few steps of each backend and takes them back, so that the training
+/// does not depend on the measurement.
 pub fn choose(trainer: &mut Trainer, backend: Backend) -> Result<String> {
     match backend {
         Backend::Cpu => {}
@@ -25,7 +26,7 @@ pub fn choose(trainer: &mut Trainer, backend: Backend) -> Result<String> {
     Ok(trainer.backend_name())
 }
 
-/// Gives the trainer any GPU with its passes timed, one step at a time.
+/// Gives the trainer any GPU, with its passes timed, one step at a time.
 pub fn time_passes(trainer: &mut Trainer) -> Result<()> {
     let mut backend = GpuBackend::new(Gpu::open(AdapterChoice::Any)?)?;
     backend.time_passes();
@@ -41,7 +42,7 @@ fn automatic(trainer: &mut Trainer) -> Result<String> {
     let tried = GpuBackend::new(gpu.clone()).and_then(|b| trainer.try_out(Box::new(b), TRIED_STEPS));
     let on_gpu = match tried {
         Ok(on_gpu) => on_gpu,
-        // Whatever a GPU lacks, the CPU learns the same.
+        // If the GPU does not work, the CPU learns the same.
         Err(error) => return Ok(format!("{cpu}; the GPU failed: {error}")),
     };
     let on_cpu = trainer.try_out(Box::new(CpuBackend::default()), TRIED_STEPS)?;
@@ -55,7 +56,7 @@ fn automatic(trainer: &mut Trainer) -> Result<String> {
     Ok(format!("{}: {times}{why}", trainer.backend_name()))
 }
 
-/// What trying both out came to.
+/// Result of trying out both backends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Verdict {
     Gpu,
@@ -64,7 +65,7 @@ enum Verdict {
     Wrong,
 }
 
-/// Given seconds and the last loss of each.
+/// Judges by the seconds and the last loss of each backend.
 fn judge(gpu: (f64, LossTerms<f32>), cpu: (f64, LossTerms<f32>)) -> Verdict {
     let (found, expected) = (gpu.1.total(), cpu.1.total());
     // Written so that NaN fails.

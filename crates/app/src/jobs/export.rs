@@ -17,8 +17,8 @@ use surgtpgs_core::{
     sequence::names_instrument,
 };
 
-/// The engine's prompts as an export records them: threshold of the engine's settings, colours in order, instruments by their
-/// names.
+/// Returns the engine's prompts as an export records them: the threshold is that of the engine's settings,
+/// colours come in order, and instruments are recognised by their names.
 pub fn export_prompts(engine: &Engine) -> Vec<ExportPrompt> {
     let colours = PROMPT_COLOURS.iter().cycle();
     let prompt = |(query, &colour): (&surgtpgs_core::relevancy::Query, &[u8; 3])| ExportPrompt {
@@ -31,7 +31,7 @@ pub fn export_prompts(engine: &Engine) -> Vec<ExportPrompt> {
     engine.queries().iter().zip(colours).map(prompt).collect()
 }
 
-/// What to export.
+/// Request to export masked frames.
 #[derive(Clone, Debug)]
 pub struct ExportRequest<'a> {
     /// The scene file that the engine has open.
@@ -42,15 +42,15 @@ pub struct ExportRequest<'a> {
     pub frames: Vec<usize>,
     /// The engine's prompts, see [`export_prompts`].
     pub prompts: Vec<ExportPrompt>,
-    /// What to write.
+    /// Options of the export.
     pub options: ExportOptions,
-    /// Whether another export may be replaced, once this one is whole.
+    /// `true` if another export may be replaced, once this one is whole.
     pub replace: bool,
-    /// Whether the same export is completed where it is there already, and not made anew.
+    /// `true` if the same export is completed where it is there already, instead of being made anew.
     pub completes_same: bool,
 }
 
-/// Writes masked frames. Stops when the observer says so; exporting again goes on from there.
+/// Writes masked frames. Stops when the observer says so; the next export goes on from there.
 pub fn export(
     engine: &mut Engine,
     request: ExportRequest<'_>,
@@ -76,7 +76,7 @@ pub fn export(
     let hash = file_sha256(scene)?;
     let settings = engine.settings().clone();
     let mut provenance = Provenance::new(engine.scene(), hash, &encoder, settings, names, prompts, options);
-    // Older scenes do not say what their recording was.
+    // Older scenes do not hold the identity of their recording.
     provenance.sequence_frame_names = engine.frame_sources();
     if let (None, Source::Original, Some(sequence)) = (&provenance.sequence_sha256, source, engine.sequence())
     {
@@ -121,9 +121,10 @@ pub fn export(
     Ok(summary)
 }
 
-/// Scores of recorded frames, smoothed over time if that is asked for; what frames share is computed once.
+/// Scores of recorded frames, smoothed over time if that is asked for. Scores that several frames
+/// need are computed once.
 struct Scorer {
-    /// Frames before and after that count.
+    /// Number of frames before and after a frame that count.
     reach: usize,
     /// Scores by frame, one image per prompt.
     known: BTreeMap<usize, Vec<Grid<f32>>>,

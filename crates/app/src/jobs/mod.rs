@@ -30,27 +30,27 @@ use surgtpgs_core::{
     train::{StepReport, TrainSettings, Trainer},
 };
 
-/// Where a job is.
+/// Progress of a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Progress<'a> {
-    /// What is being done, e.g. "training".
+    /// Name of the work being done, e.g. "training".
     pub stage: &'a str,
-    /// Steps of this stage done.
+    /// Number of steps of this stage that are done.
     pub done: usize,
-    /// Steps of this stage.
+    /// Number of steps of this stage.
     pub total: usize,
-    /// More in words, or empty.
+    /// Further words about the progress, or empty.
     pub detail: &'a str,
 }
 
 /// Called often; [`ControlFlow::Break`] asks the job to stop.
 pub type Observer<'a> = dyn FnMut(&Progress<'_>) -> ControlFlow<()> + 'a;
 
-/// What there is to train on.
+/// Recording to train on, with or without features.
 pub enum Material {
-    /// With features.
+    /// A recording with features.
     Prepared(Box<Prepared>),
-    /// Without.
+    /// A recording without features.
     Bare(Sequence),
 }
 
@@ -64,7 +64,7 @@ impl Material {
         }
     }
 
-    /// The recording.
+    /// Returns the recording.
     pub fn sequence(&self) -> &Sequence {
         match self {
             Self::Prepared(prepared) => &prepared.sequence,
@@ -72,7 +72,7 @@ impl Material {
         }
     }
 
-    /// The features, where there are some.
+    /// Returns the features, if there are some.
     pub fn prepared(&self) -> Option<&Prepared> {
         match self {
             Self::Prepared(prepared) => Some(prepared),
@@ -81,17 +81,17 @@ impl Material {
     }
 }
 
-/// What training came to.
+/// Result of a training.
 pub struct Trained {
     /// The scene.
     pub scene: Scene,
-    /// Steps done.
+    /// Number of steps done.
     pub steps: usize,
     /// Wall time of the training, seconds, reading the recording included.
     pub seconds: f64,
     /// PSNR in dB over the held-out frames, inside the supervision mask.
     pub psnr_db: f64,
-    /// Steps dropped because their loss or gradient was not finite.
+    /// Number of steps dropped because their loss or gradient was not finite.
     pub dropped: usize,
 }
 
@@ -105,7 +105,8 @@ pub fn train(
     train_watched(material, settings, backend, observer, &mut |_, _| {})
 }
 
-/// As [`train`]; `watch` sees the trainer after every step and what the step did, to show how far it is.
+/// Same as [`train`]; `watch` sees the trainer and the report of each step after it, to show how far
+/// the training is.
 pub fn train_watched(
     material: &Material,
     settings: TrainSettings,
@@ -119,7 +120,7 @@ pub fn train_watched(
     go_on(&mut trainer, None, observer, watch)
 }
 
-/// Where the unfinished training of a scene file is kept.
+/// Returns the path of the file that keeps the unfinished training of a scene file.
 pub fn checkpoint_path(scene: &Path) -> PathBuf {
     scene.with_extension("unfinished")
 }
@@ -127,8 +128,9 @@ pub fn checkpoint_path(scene: &Path) -> PathBuf {
 /// Seconds between two checkpoints.
 const CHECKPOINT_SECONDS: f64 = 120.0;
 
-/// Trains on until all steps are done or the observer asks to stop. With a `checkpoint`, what is done is written there
-/// now and then, when stopped, and where something fails; that it cannot be is logged.
+/// Goes on with a training until all steps are done or the observer asks to stop. With a
+/// `checkpoint`, the work done is written there now and then, when stopped, and when something
+/// fails. A checkpoint that cannot be written is logged.
 pub fn go_on(
     trainer: &mut Trainer,
     checkpoint: Option<&Path>,
@@ -140,7 +142,7 @@ pub fn go_on(
     if let (Err(_), Some(path)) = (&trained, checkpoint)
         && trainer.steps_done() > first_step
     {
-        // Where this fails too, the older one stays; what failed first is what is told.
+        // If this fails, too, the older checkpoint stays, and the first error is the one that is returned.
         let _ = trainer.save_checkpoint(path);
     }
     trained
@@ -158,7 +160,7 @@ fn steps(
     let mut psnr = String::new();
     let mut kept_at = trainer.seconds();
     if first_step == total {
-        // What failed was what comes after the last step.
+        // An earlier run did the last step and failed after it.
         trainer.complete_features()?;
     }
     while trainer.steps_done() < total {
@@ -176,7 +178,8 @@ fn steps(
         if let Some(path) = checkpoint
             && (stop || trainer.seconds() > kept_at + CHECKPOINT_SECONDS)
         {
-            // No reason to end a training: its scene is smaller, and there may be room the next time.
+            // A checkpoint that fails is no reason to end a training: its scene is smaller, and
+            // there may be room the next time.
             if let Err(e) = trainer.save_checkpoint(path) {
                 tracing::warn!("step {} could not be kept to go on from: {e}", report.step);
             }
@@ -193,19 +196,19 @@ fn steps(
     Ok(Trained { scene: trainer.scene()?, steps: trainer.steps_done(), seconds, psnr_db, dropped })
 }
 
-/// Where the demo's files are, under one folder.
+/// Paths of the demo's files, under one folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DemoPaths {
     /// The synthetic recording.
     pub recording: PathBuf,
-    /// Its features.
+    /// Folder with the recording's features.
     pub prepared: PathBuf,
     /// The scene.
     pub scene: PathBuf,
 }
 
 impl DemoPaths {
-    /// The paths under `folder`.
+    /// Returns the paths under `folder`.
     pub fn under(folder: &Path) -> Self {
         Self {
             recording: folder.join("recording"),
@@ -215,12 +218,12 @@ impl DemoPaths {
     }
 }
 
-/// How large the demo is.
+/// Size of the demo.
 #[derive(Clone, Debug)]
 pub struct DemoOptions {
-    /// The recording.
+    /// Settings of the recording.
     pub recording: DemoSettings,
-    /// Training steps.
+    /// Number of training steps.
     pub iterations: usize,
 }
 
@@ -230,8 +233,8 @@ impl Default for DemoOptions {
     }
 }
 
-/// Builds the demo under `folder`: records it, prepares it (test frames held out), trains it and saves the scene.
-/// Earlier files of the demo are replaced. A demo that is stopped half-way has no scene.
+/// Builds the demo under `folder`: records it, prepares it (test frames held out), trains it and saves the
+/// scene. Earlier files of the demo are replaced. A demo that is stopped half-way has no scene.
 pub fn build_demo(folder: &Path, options: &DemoOptions, observer: &mut Observer<'_>) -> Result<Trained> {
     require_for(&Work::Recording(options.recording.width as u32, options.recording.height as u32))?;
     let folder = claim_collection(folder, outputs::DEMO, &Inputs::none())?;
@@ -259,8 +262,8 @@ pub fn build_demo(folder: &Path, options: &DemoOptions, observer: &mut Observer<
     Ok(trained)
 }
 
-/// Writes the synthetic recording into `folder`: new, empty, or with the same recording; another one that this program
-/// recorded is replaced where `replace` says so.
+/// Writes the synthetic recording into `folder`, which must be new, empty, or hold the same recording.
+/// Another one that this program recorded is replaced if `replace` says so.
 pub fn record_demo(
     settings: &DemoSettings,
     folder: &Path,

@@ -24,36 +24,36 @@ use surgtpgs_core::{
     sequence::Sequence,
 };
 
-/// How to prepare a recording.
+/// Options to prepare a recording with.
 #[derive(Clone, Debug, Default)]
 pub struct PrepareOptions {
-    /// Where features come from.
+    /// Source of the features.
     pub source: FeatureSource,
-    /// Hold test frames out.
+    /// `true` to hold test frames out.
     pub eval: bool,
-    /// Text encoder that embeds the class names, or whose prompts image embeddings are compared with.
+    /// Text encoder that embeds the class names, or the prompts that image embeddings are compared with.
     pub encoder: EncoderChoice,
-    /// The codec.
+    /// Settings of the codec.
     pub codec: CodecSettings,
     /// A depth network, or a folder with one, for recordings without depth.
     pub depth_model: Option<PathBuf>,
 }
 
-/// Where features come from.
+/// Source of the features.
 #[derive(Clone, Debug, Default)]
 pub enum FeatureSource {
     /// Label masks and class names.
     #[default]
     Labels,
-    /// Automatic masks and what they show.
+    /// Automatic masks and the embeddings of what they show.
     Masks {
         /// Folder with a Segment Anything.
         model: PathBuf,
         /// Folder with an image encoder.
         image_encoder: PathBuf,
-        /// How masks are made.
+        /// Settings of the automatic masks.
         settings: MaskSettings,
-        /// Which masks become regions.
+        /// Level of the masks that become regions.
         level: Level,
     },
     /// Maps that a network makes of whole pictures.
@@ -63,15 +63,15 @@ pub enum FeatureSource {
     },
     /// Files of LangSplat's kind, see [`read_langsplat`].
     LangSplat {
-        /// Where they are.
+        /// Folder with the files.
         folder: PathBuf,
-        /// Which of their maps is used.
+        /// Level of the maps that are used.
         level: Level,
     },
 }
 
-/// Makes the prepared folder `path` from a recording; an earlier one is replaced where `replace` says so, all but its masks
-/// where they can be used again. An unfinished one is gone on with.
+/// Makes the prepared folder `path` from a recording. An earlier one is replaced if `replace` says so, except
+/// for masks that can be used again. An unfinished one is gone on with.
 pub fn prepare_folder(
     sequence: Sequence,
     path: &Path,
@@ -92,7 +92,7 @@ pub fn prepare_folder(
 }
 
 impl PrepareOptions {
-    /// What is read beside the recording.
+    /// Returns the files and folders that are read besides the recording.
     fn inputs(&self) -> Inputs {
         let folder =
             if let EncoderChoice::Folder(folder) = &self.encoder { Some(folder.as_path()) } else { None };
@@ -110,7 +110,7 @@ impl PrepareOptions {
     }
 }
 
-/// Makes a prepared folder from a recording in a folder of the caller's.
+/// Makes a prepared folder from a recording, in a folder of the caller's.
 pub fn prepare(
     sequence: Sequence,
     folder: &Path,
@@ -147,7 +147,7 @@ pub fn prepare(
     }
 }
 
-/// Estimates depth beside the features.
+/// Estimates depth, which is kept beside the features.
 fn with_depth(
     sequence: Sequence,
     folder: &Path,
@@ -162,7 +162,7 @@ fn with_depth(
     estimate_depth(&sequence, estimator, eval, folder, &mut tell)
 }
 
-/// [`FeatureSource`], opened.
+/// A [`FeatureSource`] with its models opened.
 enum Features<'a> {
     Labels,
     Masks { model: Box<SegmentAnything>, image: ImageEncoder, settings: &'a MaskSettings, level: Level },
@@ -171,7 +171,7 @@ enum Features<'a> {
 }
 
 impl<'a> Features<'a> {
-    /// Fails where embeddings of texts and images cannot be compared.
+    /// Opens the models. Fails if embeddings of texts and images cannot be compared.
     fn open(source: &'a FeatureSource, text: &TextEncoder) -> Result<Self> {
         Ok(match source {
             FeatureSource::Labels => Self::Labels,
@@ -190,7 +190,7 @@ impl<'a> Features<'a> {
     }
 }
 
-/// Errs where embeddings of texts and images cannot be compared.
+/// Fails if embeddings of texts and images cannot be compared.
 fn check_halves(text: &TextEncoder, dim: usize, folder: &Path) -> Result<()> {
     let text = text.identity();
     if dim == text.dim {
@@ -202,7 +202,7 @@ fn check_halves(text: &TextEncoder, dim: usize, folder: &Path) -> Result<()> {
     Err(Error::input_at(folder, what, hint))
 }
 
-/// What every way of preparing needs.
+/// Everything that each way of preparing needs.
 struct Job<'a> {
     sequence: Sequence,
     folder: &'a Path,
@@ -238,7 +238,7 @@ impl Job<'_> {
             observer(&Progress { stage: "finding masks", done, total, detail })
         };
         store.make_masks(&mut segmenter, self.options.eval, &mut tell)?;
-        // Room for the next network.
+        // Makes room for the next network.
         drop(segmenter);
         let mut embed = |picture: &RgbImage, masks: &[&BitMask]| image.embed(picture, masks);
         let mut features = |i: usize| store.features(i, level, &encoder, &mut embed);
@@ -272,7 +272,7 @@ impl Job<'_> {
         self.by_features(origin, &mut features, observer)
     }
 
-    /// Any source of regions with embeddings; the observer may stop it between two frames.
+    /// Prepares from any source of regions with embeddings; the observer may stop it between two frames.
     fn by_features(
         self,
         origin: Origin,

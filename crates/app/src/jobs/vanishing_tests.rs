@@ -36,7 +36,7 @@ impl Vanishing {
 
 #[test]
 fn training_whose_recording_vanishes_is_kept_and_goes_on_as_if_nothing_had_happened() {
-    // In the first round of the frames, and after the last step.
+    // The pictures vanish in the first round of the frames, or after the last step.
     for (iterations, last_step) in [(12, 2), (4, 4)] {
         let here = Vanishing::new();
         let mut go = |_: &Progress<'_>| ControlFlow::Continue(());

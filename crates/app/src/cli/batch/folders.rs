@@ -1,14 +1,15 @@
-//! Names of folders from names of recordings, in any script and wherever they stand in the jobs file.
+//! Folder names made from names of recordings: in any script, and independent of the order in the jobs file.
 
 use surgtpgs_core::export::distinct;
 use unicode_normalization::{UnicodeNormalization, char::is_combining_mark};
 
-/// Most letters and bytes of a name, so that it fits wherever files are copied to.
+/// Largest number of letters and bytes of a name, so that it fits wherever files are copied to.
 const MAX_LETTERS: usize = 40;
 const MAX_BYTES: usize = 120;
 
-/// A folder for each recording: its name in lower-case letters and digits of any script, `-` for all else. Where two would
-/// have the same, or one would have none that every system allows, a short hash of the recording's name tells them apart.
+/// Returns a folder name for each recording: the recording's name in lower-case letters and digits of any
+/// script, with `-` for all else. A short hash of the recording's name is added where two folders would have
+/// the same name, or where no name is left that every system allows.
 pub(super) fn folder_names(recordings: &[&str]) -> Vec<String> {
     distinct(recordings, recordings.iter().map(|name| folder_name(name)).collect(), "recording")
 }
@@ -29,7 +30,7 @@ fn folder_name(recording: &str) -> String {
     if is_reserved(&name) { String::new() } else { name }
 }
 
-/// Whether Windows takes the name for a device.
+/// Returns `true` if Windows takes the name for a device.
 fn is_reserved(name: &str) -> bool {
     let port = |kind: &str| {
         name.strip_prefix(kind).is_some_and(|n| n.chars().count() == 1 && n.chars().all(char::is_numeric))
@@ -52,7 +53,7 @@ mod tests {
         );
         let turned = folder_names(&names.into_iter().rev().collect::<Vec<_>>());
         assert!(turned.iter().rev().eq(&folders), "the order makes no difference");
-        // Written with a letter and an accent, as some systems do.
+        // The ü as a letter and an accent, as some systems write it.
         assert_eq!(folder_names(&["Mu\u{308}ller"]), ["müller"]);
     }
 

@@ -33,7 +33,7 @@ use surgtpgs_core::{
     files::{Inputs, claim_collection},
 };
 
-/// Errs where a jobs file cannot be carried out as it is written.
+/// Fails if a jobs file cannot be carried out as it is written.
 pub fn check_jobs_file(path: &Path) -> Result<()> {
     Plan::read(path, None).map(drop)
 }
@@ -64,7 +64,7 @@ pub(super) fn run(args: &BatchArgs) -> Result<Exit> {
                 say(&format!("{label}: {}", one_line(&error.to_string())));
                 troubles.insert(job.name.clone(), one_line(&error.to_string()));
             }
-            // Long batches are looked at while they run.
+            // The report is written after every recording, since long batches are looked at while they run.
             report::write(&plan, &args.jobs, &troubles)?;
         }
     }
@@ -90,7 +90,7 @@ fn require_known(plan: &Plan, names: &[String]) -> Result<()> {
     Err(Error::input(format!("no recording has the name \"{unknown}\""), hint))
 }
 
-/// Runs those of a job's steps that are chosen and not done.
+/// Runs the chosen steps of a job that are not done yet.
 fn run_job(job: &mut Job, steps: &[Step], label: &str) -> Result<()> {
     require_recording(job)?;
     let fingerprints = record::settle_source(job)?;
@@ -133,7 +133,7 @@ fn run_job(job: &mut Job, steps: &[Step], label: &str) -> Result<()> {
     Ok(())
 }
 
-/// Results of a recording that is not at hand for the moment are not thrown away.
+/// Fails if the recording is not at hand at the moment, so that its results are not thrown away.
 fn require_recording(job: &Job) -> Result<()> {
     if job.recording.exists() {
         return Ok(());
@@ -141,7 +141,7 @@ fn require_recording(job: &Job) -> Result<()> {
     Err(Error::input_at(&job.recording, "there is no recording here", "Correct its `path` in the jobs file."))
 }
 
-/// Keeps other batches from a step of the recording until it is dropped.
+/// Locks a step of a recording against other batches until the returned file is dropped.
 fn lock(folder: &Path, step: Step) -> Result<File> {
     let path = folder.join("steps").join(format!("{}.lock", step.name()));
     let fail = |e| Error::io("reserve the folder", &path, e);
@@ -158,13 +158,13 @@ fn lock(folder: &Path, step: Step) -> Result<File> {
     }
 }
 
-/// A step as `--dry-run --json` has it; the keys are a contract.
+/// A step in the output of `--dry-run --json`; the keys are a contract.
 #[derive(serde::Serialize)]
 struct Listed<'a> {
     name: &'a str,
     folder: &'a Path,
     step: Step,
-    /// done, unfinished, outdated or new.
+    /// `done`, `unfinished`, `outdated` or `new`.
     state: &'static str,
     command: String,
 }

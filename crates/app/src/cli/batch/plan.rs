@@ -1,4 +1,4 @@
-//! The jobs file, turned into command lines: what each verb may be told is known to the command line alone.
+//! The jobs file, turned into command lines. Its keys are the options of the verbs on the command line.
 
 use super::{folders::folder_names, record::Source};
 use crate::args::{Cli, Step, Verb};
@@ -16,7 +16,7 @@ use surgtpgs_core::{
 };
 use toml::{Table, Value};
 
-/// The file as it is written.
+/// The jobs file as it is written.
 #[derive(serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 struct JobsFile {
@@ -27,33 +27,33 @@ struct JobsFile {
     recording: Vec<Table>,
 }
 
-/// What is to be done.
+/// Work of a whole batch.
 pub(super) struct Plan {
-    /// Where reports and folders are.
+    /// Folder that holds the reports and the folders of the recordings.
     pub(super) output: PathBuf,
     pub(super) jobs: Vec<Job>,
 }
 
-/// What is to be done with one recording.
+/// Work on one recording.
 pub(super) struct Job {
     pub(super) name: String,
     pub(super) recording: PathBuf,
     pub(super) folder: PathBuf,
-    /// In their order.
+    /// Tasks, in the order of their steps.
     pub(super) tasks: Vec<Task>,
-    /// What is known of the recording, once it was looked at.
+    /// Facts about the recording, set once it was looked at.
     pub(super) source: OnceLock<Source>,
 }
 
 /// A step of a job.
 pub(super) struct Task {
     pub(super) step: Step,
-    /// As a user would type it.
+    /// The command line as a user would type it.
     pub(super) command: Vec<OsString>,
     pub(super) verb: Verb,
-    /// Files and folders beside the recording that the result depends on.
+    /// Files and folders, besides the recording, that the result depends on.
     pub(super) inputs: Vec<PathBuf>,
-    /// File or folder that it makes.
+    /// File or folder that the task makes.
     pub(super) output: PathBuf,
 }
 
@@ -63,10 +63,10 @@ impl Job {
     }
 }
 
-/// Options that the batch gives itself, or that have no place in one.
+/// Options that the batch sets itself, or that have no place in a batch.
 const OWN: [&str; 8] = ["output", "sequence", "force", "resume", "json", "masks", "langsplat", "help"];
 
-/// Keys of which one must be given for features, and so for prompts.
+/// Keys that name a source of features. One of them must be given for features, and so for prompts.
 const FEATURE_SOURCES: [&str; 3] = ["labels", "masks_model", "features"];
 
 impl Plan {
@@ -79,7 +79,7 @@ impl Plan {
 
     fn of(text: &str, path: &Path, output: Option<&Path>) -> Result<Self, String> {
         let file: JobsFile = toml::from_str(text).map_err(|e| format!("this is no jobs file: {e}"))?;
-        // Paths mean the same wherever the program is started.
+        // The full path, so that paths in the file mean the same wherever the program is started.
         let path = full_path(path);
         let beside = path.parent().unwrap_or(Path::new("."));
         let output = match (output, &file.output) {
@@ -119,7 +119,7 @@ impl Plan {
     }
 }
 
-/// There are recordings, and each has a name of its own.
+/// Fails if there are no recordings, or if two of them have the same name.
 fn require_distinct(named: &[(String, PathBuf)]) -> Result<(), String> {
     if named.is_empty() {
         return Err("the file has no [[recording]]".into());
@@ -131,7 +131,7 @@ fn require_distinct(named: &[(String, PathBuf)]) -> Result<(), String> {
     }
 }
 
-/// Name and path of a recording.
+/// Returns the name and path of a recording.
 fn identity(table: &Table, beside: &Path) -> Result<(String, PathBuf), String> {
     let text = |key: &str| match table.get(key) {
         None => Ok(None),
@@ -166,7 +166,7 @@ impl Job {
             command.extend(subjects.into_iter().map(|p| p.clone().into_os_string()));
             command.extend(["-o".into(), output.clone().into_os_string()]);
             if step == Step::Export {
-                // It may have moved since the scene was trained.
+                // The recording may have moved since the scene was trained.
                 command.extend(["--sequence".into(), self.recording.clone().into_os_string()]);
             }
             let mut inputs = Vec::new();
@@ -183,19 +183,19 @@ impl Job {
     }
 }
 
-/// Whether a setting is there: `false` and an empty list take back what the defaults say.
+/// Returns `true` if a setting is there: `false` and an empty list take back what the defaults say.
 fn is_given(value: &Value) -> bool {
     *value != Value::Boolean(false) && value.as_array().is_none_or(|values| !values.is_empty())
 }
 
-/// The first paragraph of clap's message, in one line.
+/// Returns the first paragraph of clap's message, in one line.
 fn in_short(error: &clap::Error) -> String {
     let text = error.render().to_string();
     let first = text.trim_start_matches("error: ").split("\n\n").next().unwrap_or_default();
     first.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// An option as it is typed, once for each value.
+/// Returns an option as it is typed, once for each value.
 fn flags(
     arg: &Arg,
     value: &Value,
@@ -239,13 +239,13 @@ fn is_path(arg: &Arg) -> bool {
     matches!(arg.get_value_hint(), ValueHint::AnyPath | ValueHint::DirPath)
 }
 
-/// The keys that stand for an option: its name, and its other names.
+/// Returns the keys that stand for an option: its name and its other names.
 fn keys_of(arg: &Arg) -> Vec<String> {
     let names = arg.get_long().into_iter().chain(arg.get_all_aliases().unwrap_or_default());
     names.map(|name| name.replace('-', "_")).collect()
 }
 
-/// What the steps' verbs may be told.
+/// Options of the steps' verbs.
 struct Verbs(Vec<(Step, Vec<Arg>)>);
 
 impl Verbs {
@@ -264,7 +264,7 @@ impl Verbs {
         self.0.iter().filter(move |(s, _)| *s == step).flat_map(|(_, args)| args)
     }
 
-    /// Errs where the table has a key that is neither an option nor one of `own`.
+    /// Fails if the table has a key that is neither an option nor one of `own`.
     fn require_known(&self, table: &Table, own: &[&str]) -> Result<(), String> {
         let is_option =
             |key: &str| self.0.iter().flat_map(|(_, args)| args).any(|a| keys_of(a).iter().any(|k| k == key));
@@ -274,7 +274,7 @@ impl Verbs {
         }
     }
 
-    /// All keys, for people.
+    /// Returns all keys, for a message to people.
     fn keys(&self) -> Vec<String> {
         let mut keys: Vec<String> =
             self.0.iter().flat_map(|(_, args)| args).filter_map(|a| keys_of(a).into_iter().next()).collect();

@@ -1,4 +1,4 @@
-//! What is known of a step: a small file beside its result, from which a later run sees what is still to be done.
+//! Records of steps: a small file beside each result, from which a later run sees what is still to be done.
 
 use super::plan::{Job, Task};
 use crate::args::Step;
@@ -18,17 +18,17 @@ use surgtpgs_core::{
 };
 use walkdir::{DirEntry, WalkDir};
 
-/// How a step went.
+/// Record of how a step went.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub(super) struct Record {
-    /// Of everything that the result depends on.
+    /// Hash of everything that the result depends on.
     fingerprint: String,
     pub(super) state: State,
-    /// Names and sizes of the files made, hashed.
+    /// Hash of the names and sizes of the files made.
     files: String,
-    /// Wall time, of the last run where there were several.
+    /// Wall time in seconds; of the last run if there were several.
     pub(super) seconds: f64,
-    /// What the verb reports as JSON.
+    /// JSON report of the verb.
     pub(super) report: serde_json::Value,
 }
 
@@ -40,14 +40,14 @@ pub(super) enum State {
     Done,
 }
 
-/// What is to be done about a step.
+/// State of a step, which decides what is to be done about it.
 #[derive(Debug)]
 pub(super) enum Status {
-    /// Nothing.
+    /// It is done: there is nothing to do.
     Done(Record),
-    /// It was begun with the same settings, or failed.
+    /// It was begun or failed, with the same settings.
     Unfinished(Record),
-    /// It was done, but of other settings or inputs, or its files have changed.
+    /// It was run with other settings or inputs, or its files have changed since.
     Outdated,
     /// It was never begun.
     New,
@@ -89,7 +89,7 @@ fn path(folder: &Path, step: Step) -> PathBuf {
     folder.join("steps").join(format!("{}.json", step.name()))
 }
 
-/// The state of a task whose fingerprint is given, in the folder of its job.
+/// Returns the state of a task with this fingerprint; `folder` is the folder of its job.
 pub(super) fn status(folder: &Path, task: &Task, fingerprint: &str) -> Result<Status> {
     let Some(record) = Record::read(folder, task.step)? else { return Ok(Status::New) };
     Ok(match record.state {
@@ -100,20 +100,20 @@ pub(super) fn status(folder: &Path, task: &Task, fingerprint: &str) -> Result<St
     })
 }
 
-/// What is known of a recording whose results are in a folder: enough to know it again, wherever it lies.
+/// Facts about the recording whose results are in a folder: enough to recognise it, wherever it lies.
 #[derive(Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(super) struct Source {
     path: PathBuf,
-    /// Names, sizes and times of its files, hashed: while they stay, nothing is read again.
+    /// Hash of the names, sizes and times of its files: while it stays the same, nothing is read again.
     listing: String,
-    /// Names and content of its files, hashed; masks, labels and depth are among them.
+    /// Hash of the names and content of its files; masks, labels and depth are among them.
     contents: String,
-    /// `None` where it cannot be opened.
+    /// `None` if the recording cannot be opened.
     identity: Option<Identity>,
 }
 
 impl Source {
-    /// Looks at the job's recording; reads it where it is not where or what it was.
+    /// Looks at the job's recording; reads its files only if it moved, changed or could not be opened before.
     fn of(job: &Job) -> Self {
         let listing = listing(&places_of(&job.recording), &job.folder, true);
         match Self::read(&job.folder) {
@@ -158,8 +158,9 @@ impl Source {
     }
 }
 
-/// Before a job's steps: errs where its folder holds results of another recording, keeps which one it is of, and points
-/// what was prepared to where the recording is now. Gives the fingerprints of the tasks.
+/// Checks and records the recording of a job before its steps. Fails if the job's folder holds results of
+/// another recording. Writes down which recording the folder belongs to, points what was prepared to the
+/// recording's present place, and returns the fingerprints of the tasks.
 pub(super) fn settle_source(job: &Job) -> Result<Vec<String>> {
     let before = Source::read(&job.folder)?;
     let now = job.source.get_or_init(|| Source::of(job));
@@ -174,14 +175,15 @@ pub(super) fn settle_source(job: &Job) -> Result<Vec<String>> {
     if before.is_some_and(|before| before.path != now.path) {
         follow(job, &fingerprints)?;
     }
-    // Which recording the folder is of stays known while that cannot be opened.
+    // A recording that cannot be opened does not replace the one that the folder is known to belong to.
     if now.identity.is_some() || before_is_unknown {
         now.write(&job.folder)?;
     }
     Ok(fingerprints)
 }
 
-/// A recording is the same one, perhaps changed, if at least half of its frames are.
+/// Fails if this is another recording. It counts as the same one, perhaps changed, if at least half
+/// of its frames are the same.
 fn require_same(job: &Job, before: &Source, now: &Source) -> Result<()> {
     let (Some(then), Some(identity)) = (&before.identity, &now.identity) else { return Ok(()) };
     let (common, of) = (identity.frames_in_common(then), identity.num_frames().min(then.num_frames()));
@@ -196,7 +198,7 @@ fn require_same(job: &Job, before: &Source, now: &Source) -> Result<()> {
     Err(Error::input_at(&job.folder, what, hint))
 }
 
-/// Points what was prepared to where the recording has moved.
+/// Points what was prepared to the place that the recording has moved to.
 fn follow(job: &Job, fingerprints: &[String]) -> Result<()> {
     for (task, fingerprint) in job.tasks.iter().zip(fingerprints).filter(|(t, _)| t.step == Step::Prepare) {
         if let Status::Done(record) = status(&job.folder, task, fingerprint)? {
@@ -207,10 +209,10 @@ fn follow(job: &Job, fingerprints: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// Of each task, what its result depends on: the program, its command line, its inputs, the recording wherever it lies,
-/// and the steps before it.
+/// Returns a hash for each task of everything that its result depends on: the program, its command line, its
+/// inputs, the recording wherever it lies, and the steps before it.
 pub(super) fn fingerprints(job: &Job) -> Vec<String> {
-    // Of what was never begun nothing is read to say so.
+    // Nothing is read of a recording that was never begun.
     let is_begun = job.source.get().is_some() || Source::file(&job.folder).exists();
     let source = is_begun.then(|| job.source.get_or_init(|| Source::of(job)));
     let mut known: Vec<(Step, String)> = Vec::new();
@@ -242,13 +244,13 @@ fn files_made(output: &Path) -> String {
     listing(&[output], Path::new(""), false)
 }
 
-/// A recording, and its settings files, which may lie beside it.
+/// Returns the paths of a recording and of its settings files, which may lie beside it.
 fn places_of(recording: &Path) -> Vec<PathBuf> {
     let settings = settings_files(recording).into_iter().filter(|file| !file.starts_with(recording));
     std::iter::once(recording.to_owned()).chain(settings).collect()
 }
 
-/// The files at `places`, each with its path from there; those under `except` are not looked at.
+/// Returns the files at `places`, each with its path from there; those under `except` are left out.
 fn files_at(places: &[impl AsRef<Path>], except: &Path) -> Vec<(PathBuf, DirEntry)> {
     let files = places.iter().flat_map(|place| {
         let place = place.as_ref();
@@ -260,7 +262,7 @@ fn files_at(places: &[impl AsRef<Path>], except: &Path) -> Vec<(PathBuf, DirEntr
     files.collect()
 }
 
-/// Names, sizes and, if asked for, times of the files at `places`, hashed; those under `except` are not looked at.
+/// Hashes names, sizes and, if asked for, times of the files at `places`; those under `except` are left out.
 fn listing(places: &[impl AsRef<Path>], except: &Path, with_times: bool) -> String {
     let mut hash = Sha256::new();
     for (name, entry) in files_at(places, except) {
@@ -273,10 +275,10 @@ fn listing(places: &[impl AsRef<Path>], except: &Path, with_times: bool) -> Stri
     format!("{:x}", hash.finalize())
 }
 
-/// Names and content of the files at `places`, hashed; those under `except` are not looked at.
+/// Hashes the names and content of the files at `places`; those under `except` are left out.
 fn contents(places: &[PathBuf], except: &Path) -> String {
     let line = |(name, entry): &(PathBuf, DirEntry)| {
-        // What cannot be read is what its step will say.
+        // A file that cannot be read counts as empty here; its step reports the error.
         format!("{}\0{}\0", name.to_string_lossy(), file_sha256(entry.path()).unwrap_or_default())
     };
     let lines: Vec<String> = files_at(places, except).par_iter().map(line).collect();
@@ -302,7 +304,7 @@ mod tests {
         assert_eq!(list().0, first.0, "results are no input");
         std::fs::remove_file(at("in/out/b")).unwrap();
         let file = std::fs::File::options().write(true).open(at("in/a")).unwrap();
-        // A clock that was put right, or never was.
+        // Times as of a clock that was put right, or never set.
         let years = Duration::from_secs(60 * 365 * 86_400);
         for time in [UNIX_EPOCH, UNIX_EPOCH - years, UNIX_EPOCH + 3 * years] {
             file.set_modified(time).unwrap();

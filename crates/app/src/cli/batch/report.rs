@@ -1,4 +1,4 @@
-//! The report of a batch: from what is on disk, whoever put it there and when.
+//! The report of a batch, made from the results on disk, whoever put them there and when.
 
 use super::{
     plan::{Job, Plan, Task},
@@ -23,7 +23,7 @@ use std::{
 };
 use surgtpgs_core::{Result, export::intended_use, files::write_whole};
 
-/// What kept recordings from being worked on at all, by their names.
+/// Errors that kept recordings from being worked on at all, by the recordings' names.
 pub(super) type Troubles = BTreeMap<String, String>;
 
 /// `report.json`; its keys are a contract.
@@ -37,7 +37,7 @@ pub(super) struct Report {
 struct Entry {
     name: String,
     folder: PathBuf,
-    /// done, failed, unfinished or new.
+    /// `done`, `failed`, `unfinished` or `new`.
     state: &'static str,
     error: Option<String>,
     scene_bytes: Option<u64>,
@@ -47,16 +47,16 @@ struct Entry {
 #[derive(serde::Serialize)]
 struct StepEntry {
     step: Step,
-    /// done, failed, unfinished or new; new is also what was done with other settings.
+    /// `done`, `failed`, `unfinished` or `new`; a step that was done with other settings is `new`, too.
     state: &'static str,
     seconds: Option<f64>,
     error: Option<String>,
-    /// As the verb has it.
+    /// Report of the verb itself.
     report: Option<Value>,
     command: String,
 }
 
-/// What the report takes from an evaluation.
+/// Values that the report takes from an evaluation.
 #[derive(Default, Deserialize)]
 struct Measured {
     psnr_masked_db: Option<f64>,
@@ -67,7 +67,7 @@ struct Measured {
     iou: Option<Iou>,
 }
 
-/// What the report takes from a training.
+/// Values that the report takes from a training.
 #[derive(Deserialize)]
 struct Trained {
     steps: usize,
@@ -77,7 +77,7 @@ struct Trained {
     backend: String,
 }
 
-/// What the report takes from an export.
+/// Values that the report takes from an export.
 #[derive(Deserialize)]
 struct Exported {
     query: query::Report,
@@ -95,7 +95,7 @@ pub(super) fn write(plan: &Plan, jobs_file: &Path, troubles: &Troubles) -> Resul
     Ok(report)
 }
 
-/// A task's command as it is typed.
+/// Returns a task's command as it is typed.
 pub(super) fn command_line(task: &Task) -> String {
     let words: Vec<String> = task.command.iter().map(|w| w.to_string_lossy().into_owned()).collect();
     shlex::try_join(words.iter().map(String::as_str)).unwrap_or_else(|_| words.join(" "))
@@ -146,12 +146,12 @@ impl Entry {
         self.steps.iter().find(|s| s.step == step)
     }
 
-    /// A step's report, if it is done.
+    /// Returns a step's report, if the step is done.
     fn reported<T: serde::de::DeserializeOwned>(&self, step: Step) -> Option<T> {
         T::deserialize(self.step(step)?.report.as_ref()?).ok()
     }
 
-    /// A line of the table of all recordings.
+    /// Returns a line of the table of all recordings.
     fn row(&self) -> Vec<String> {
         let dash = || String::from("–");
         let measured: Option<Measured> = self.reported(Step::Eval);
@@ -160,7 +160,7 @@ impl Entry {
         };
         let trained: Option<Trained> = self.reported(Step::Train);
         let scene = self.scene_bytes.filter(|_| trained.is_some());
-        // A training may have been interrupted: what all of its runs took is in its own report.
+        // A training may have been interrupted: its own report has the time of all its runs.
         let training = trained.as_ref().map(|t| t.seconds);
         let seconds = |step| {
             let seconds = training.filter(|_| step == Step::Train).or(self.step(step)?.seconds);
@@ -180,7 +180,7 @@ impl Entry {
         row
     }
 
-    /// The part of the report about this recording.
+    /// Returns the part of the report about this recording.
     fn section(&self, output: &Path) -> String {
         let mut text = format!("## {}\n\n", escaped(&self.name));
         if let Some(error) = &self.error {
@@ -216,7 +216,7 @@ impl Entry {
         } else if self.step(Step::Export).is_none() {
             text += "Nothing to export: that needs features and prompts.\n\n";
         }
-        // Indented, it is shown as it is; quoting leaves line breaks alone.
+        // An indented line is shown as it is. Shell quoting leaves line breaks alone, so they become spaces.
         let line = |s: &StepEntry| format!("    {}\n", s.command.replace(char::is_control, " "));
         text + &self.steps.iter().map(line).collect::<String>() + "\n"
     }
@@ -248,7 +248,7 @@ impl Report {
         format!("{n} recording{s}: {}", said.collect::<Vec<_>>().join(", "))
     }
 
-    /// What a person wants to know at the end of the run.
+    /// Returns the summary that a person reads at the end of the run.
     pub(super) fn summary(&self, output: &Path) -> String {
         let failed = self.recordings.iter().filter_map(|r| Some((&r.name, r.error.as_ref()?)));
         let failed: String = failed.map(|(name, error)| format!("  {}: {error}\n", one_line(name))).collect();

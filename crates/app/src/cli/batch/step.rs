@@ -19,31 +19,32 @@ use std::{
 };
 use surgtpgs_core::{Error, Result, files::write_whole};
 
-/// How a step ended.
+/// Result of running a step.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Outcome {
     Done,
     Failed(String),
-    /// By the user; the next run goes on.
+    /// Stopped by the user; the next run goes on.
     Stopped,
 }
 
-/// Pictures of the report, beside the results they are of.
+/// Pictures of the report, beside the results that they show.
 pub(super) const RECONSTRUCTION: &str = "reconstruction.jpg";
 pub(super) const ANSWERS: &str = "answers.jpg";
 
-/// Frames of the reconstruction that are shown, and how wide pictures are in the report, px.
+/// Number of frames shown of the reconstruction, and width of pictures in the report, px.
 const SHOWN_FRAMES: usize = 3;
 const PANEL_WIDTH: u32 = 400;
 
-/// Runs a step that is not done. Errors are of its record in `folder`; what the step itself meets is its outcome.
+/// Runs a step that is not done. Returns an error if its output is in the way or if its record in `folder`
+/// cannot be written; errors of the step itself are its outcome.
 pub(super) fn run(folder: &Path, task: &mut Task, status: &Status, fingerprint: &str) -> Result<Outcome> {
     let record = Record::begun(fingerprint);
     make_room(task, status)?;
     record.write(folder, task.step)?;
     memory::forget_peak();
     let started = Instant::now();
-    // A mistake of ours in one recording is no reason to leave the others.
+    // A panic is a mistake of ours, and no reason to leave the other recordings undone.
     let result =
         catch_unwind(AssertUnwindSafe(|| work(&task.verb))).unwrap_or_else(|cause| Err(of_panic(&*cause)));
     let (record, outcome) = match result {
@@ -64,8 +65,8 @@ fn of_panic(cause: &(dyn Any + Send)) -> Error {
     Error::input(what, "This is a mistake in it, please report it.")
 }
 
-/// Lets the verb replace what an earlier run with other settings made, or go on with what one with the same did not finish.
-/// What no batch made is left alone.
+/// Lets the verb replace the result of an earlier run with other settings, or go on with an unfinished run
+/// with the same settings. Fails if the output is there and no batch made it.
 fn make_room(task: &mut Task, status: &Status) -> Result<()> {
     if matches!(status, Status::New) && task.output.exists() {
         let hint = "Move it away, or choose another folder with `--output`.";
@@ -77,7 +78,7 @@ fn make_room(task: &mut Task, status: &Status) -> Result<()> {
         Verb::Train(args) => {
             let checkpoint = jobs::checkpoint_path(&task.output);
             if !goes_on {
-                // Of other settings, or another recording.
+                // The checkpoint is of other settings, or of another recording.
                 jobs::remove_file(&checkpoint)?;
             }
             args.resume = checkpoint.exists();
@@ -90,7 +91,7 @@ fn make_room(task: &mut Task, status: &Status) -> Result<()> {
     Ok(())
 }
 
-/// Does the step; what it reports.
+/// Runs the step and returns its report.
 fn work(verb: &Verb) -> Result<Value> {
     match verb {
         Verb::Prepare(args) => prepare::run(args).map(|_| Value::Null),

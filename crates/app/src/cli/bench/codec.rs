@@ -1,4 +1,4 @@
-//! `bench codec`: what compressing text embeddings to a few numbers does to classes and their prompts.
+//! `bench codec`: the effect of compressing text embeddings to a few numbers on classes and their prompts.
 
 use crate::{
     args::BenchCodecArgs,
@@ -23,17 +23,17 @@ use surgtpgs_core::{
 
 const HINT: &str = "Give a folder with one table of embeddings, NAME.npy [texts, dim].";
 
-/// Which classes are drawn from the table.
+/// Way in which classes are drawn from the table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 enum Draw {
-    /// Any.
+    /// Any classes.
     Random,
-    /// A random one and those nearest to it: the hardest to keep apart.
+    /// A random class and those nearest to it: the hardest to keep apart.
     Alike,
 }
 
-/// What a prompt is compared with.
+/// Embeddings that a prompt is compared with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 enum Negatives {
@@ -43,7 +43,7 @@ enum Negatives {
     Generic,
 }
 
-/// Means over the draws.
+/// Row of the results: means over the draws.
 #[derive(serde::Serialize)]
 struct Row {
     classes: usize,
@@ -92,7 +92,7 @@ pub(super) fn run(args: &BenchCodecArgs) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-/// The one `.npy` file of a folder.
+/// Returns the only `.npy` file of a folder.
 fn the_table(folder: &Path) -> Result<PathBuf> {
     let entries = std::fs::read_dir(folder).map_err(|e| Error::io("list the folder", folder, e))?;
     let paths = entries.flatten().map(|entry| entry.path());
@@ -103,7 +103,7 @@ fn the_table(folder: &Path) -> Result<PathBuf> {
     }
 }
 
-/// Unit rows.
+/// Reads a table and scales its rows to unit length.
 fn read(file: &Path) -> Result<Array2<f32>> {
     let wrong = |what: String| Error::input_at(file, what, HINT);
     let (shape, values) = npy(file)?;
@@ -118,7 +118,7 @@ fn read(file: &Path) -> Result<Array2<f32>> {
     Array2::from_shape_vec((n, dim), flat).map_err(|e| wrong(e.to_string()))
 }
 
-/// A row of the table for each kind of negatives.
+/// Measures one setting; returns a row of the results for each kind of negatives.
 fn measure(table: &Array2<f32>, classes: usize, draw: Draw, latent: usize, draws: u32) -> Result<[Row; 2]> {
     let mean = table.mean_axis(Axis(0)).map(|m| m.to_vec()).and_then(|m| num::normalised(&m));
     let generic: Vec<(String, Vec<f32>)> = mean.into_iter().map(|m| ("generic".to_owned(), m)).collect();
@@ -155,7 +155,7 @@ fn values(f: &Fidelity) -> [f64; 7] {
     [f.top, f.top_noisy, f.order, f.found, f.alone, f.same, f.score_error]
 }
 
-/// Numbers of `n` different rows.
+/// Draws the indices of `n` different rows.
 fn drawn(table: &Array2<f32>, n: usize, draw: Draw, seed: u64) -> Vec<usize> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     match draw {

@@ -1,4 +1,4 @@
-//! `bench frame`: what a shown frame costs, pass by pass, with every shortcut beside the exact way and its error.
+//! `bench frame`: cost of a shown frame, pass by pass; each shortcut beside the exact way, with its error.
 
 use super::{
     half_features::HalfFeatures,
@@ -29,7 +29,7 @@ use surgtpgs_core::{
     scene::Scene,
 };
 
-/// What one way of doing something came to.
+/// Measurements of one way to do a pass.
 #[derive(serde::Serialize)]
 pub(super) struct Outcome {
     pass: &'static str,
@@ -40,10 +40,10 @@ pub(super) struct Outcome {
     /// Largest and mean difference of a score (or of a colour, opacity or feature) from the exact way.
     max_error: Option<f64>,
     mean_error: Option<f64>,
-    /// Overlap with what the exact way finds above 0.4 and 0.5.
+    /// IoU with the masks of the exact way, at the thresholds 0.4 and 0.5.
     iou_40: Option<f64>,
     iou_50: Option<f64>,
-    /// Of colours against the exact way, dB.
+    /// PSNR of colours against the exact way, dB.
     psnr_db: Option<f64>,
 }
 
@@ -97,7 +97,7 @@ pub(super) fn run(args: &BenchFrameArgs) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-/// Times and cameras of the frames that are measured, evenly spread.
+/// Returns times and cameras of the frames that are measured, evenly spread.
 fn frames(scene: &Scene, args: &BenchFrameArgs) -> Vec<(f32, Camera)> {
     let (n, wanted) = (scene.num_frames(), (args.frames as usize).min(scene.num_frames()));
     let camera = |i: usize| {
@@ -107,7 +107,7 @@ fn frames(scene: &Scene, args: &BenchFrameArgs) -> Vec<(f32, Camera)> {
     (0..wanted).map(|k| k * n / wanted).map(|i| (scene.time(i), camera(i))).collect()
 }
 
-/// As asked, or the classes of the scene.
+/// Returns the prompts that were asked for, or the classes of the scene.
 fn wanted_prompts(scene: &Scene, args: &BenchFrameArgs) -> Vec<String> {
     if args.prompt.is_empty() {
         scene.classes.iter().map(|(class, _)| class.name.clone()).collect()
@@ -116,7 +116,7 @@ fn wanted_prompts(scene: &Scene, args: &BenchFrameArgs) -> Vec<String> {
     }
 }
 
-/// Milliseconds that `work` takes for each item, after one round to warm up if `rounds` > 1.
+/// Returns the milliseconds that `work` takes for each item, after one round to warm up if `rounds` > 1.
 pub(super) fn time<T>(
     items: &[T],
     rounds: usize,
@@ -151,7 +151,7 @@ pub(super) fn outcome(pass: &'static str, way: impl Into<String>, mut ms: Vec<f6
     }
 }
 
-/// Rounds over the frames: the first warms up.
+/// Number of rounds over the frames; the first one warms up.
 pub(super) const ROUNDS: usize = 3;
 
 fn rendering_rows(
@@ -189,7 +189,8 @@ fn rendering_rows(
     Ok(rows)
 }
 
-/// What the viewer waits for: whatever renders here, and a view that is asked for twice.
+/// Times a frame as the viewer waits for it, on whatever renders here. Checks that a view that is asked for
+/// twice is rendered only once.
 fn through_engine(engine: &mut Engine, cameras: &[(f32, Camera)]) -> Result<Outcome> {
     let name = format!("{}, through the engine", engine.renderer_name());
     let ms = time(cameras, ROUNDS, |(t, camera)| {
@@ -206,7 +207,7 @@ fn through_engine(engine: &mut Engine, cameras: &[(f32, Camera)]) -> Result<Outc
     Ok(outcome("frame", name, ms))
 }
 
-/// Each pass by itself, and the shortcuts within passes.
+/// Times each pass by itself, and the shortcuts within passes.
 fn passes(scene: &Scene, cameras: &[(f32, Camera)]) -> Result<Vec<Outcome>> {
     let (gaussians, deformation) = (&scene.gaussians, &scene.deformation);
     let n = gaussians.len();
@@ -224,7 +225,7 @@ fn passes(scene: &Scene, cameras: &[(f32, Camera)]) -> Result<Vec<Outcome>> {
     })?;
     let names = ["deform", "project", "bin", "raster"];
     for (name, ms) in names.into_iter().zip(ms) {
-        // The first round warmed up.
+        // Without the first round, which warms up.
         rows.push(outcome(name, "as in a frame", ms[cameras.len()..].to_vec()));
     }
 
@@ -252,7 +253,7 @@ fn passes(scene: &Scene, cameras: &[(f32, Camera)]) -> Result<Vec<Outcome>> {
     Ok(rows)
 }
 
-/// Half the width and height, as while scrubbing, against the full picture.
+/// Compares half the width and height, as while scrubbing, with the full picture.
 fn half_size(scene: &Scene, cameras: &[(f32, Camera)]) -> Result<Outcome> {
     let (mut renderer, mut images) = (CpuRenderer::default(), Images::default());
     let half = |c: &Camera| c.resized((c.width / 2).max(1), (c.height / 2).max(1));
@@ -269,7 +270,7 @@ fn half_size(scene: &Scene, cameras: &[(f32, Camera)]) -> Result<Outcome> {
     Ok(Outcome { psnr_db: psnr, ..outcome("frame", "CPU, half width and height, as while scrubbing", ms) })
 }
 
-/// Scores of the engine's prompts, every way there is, against decoding every pixel.
+/// Compares every way to score the engine's prompts with decoding every pixel.
 fn relevancy_rows(engine: &Engine, scene: &Scene, cameras: &[(f32, Camera)]) -> Result<Vec<Outcome>> {
     let Some(codec) = scene.codec.clone() else { return Ok(Vec::new()) };
     let (queries, settings) = (engine.queries().to_vec(), engine.settings().clone());
@@ -286,7 +287,7 @@ fn relevancy_rows(engine: &Engine, scene: &Scene, cameras: &[(f32, Camera)]) -> 
         let tolerance = factor * Lattice::TOLERANCE;
         let Some(mut lattice) = Lattice::with_tolerance(&codec, tolerance) else { break };
         let (_, first) = ask.of(&mut lattice);
-        // What one prompt has cut the others tabulate in their next round.
+        // Cells that one prompt has cut are tabulated for the others in their next round.
         let (scores, _) = ask.of(&mut lattice);
         let known = ask.timed(&mut lattice);
         let report = lattice.report();
@@ -308,7 +309,7 @@ fn relevancy_rows(engine: &Engine, scene: &Scene, cameras: &[(f32, Camera)]) -> 
     Ok(rows)
 }
 
-/// The whole frame with features at half size; errors are those of the scores that come of it.
+/// Times the whole frame with features at half size; errors are those of the resulting scores.
 fn half_features(
     scene: &Scene,
     cameras: &[(f32, Camera)],
@@ -330,7 +331,7 @@ fn half_features(
     Ok(with_errors(row, &scores, truth))
 }
 
-/// Prompts in frames.
+/// Frames, and prompts to ask on them.
 #[derive(Clone, Copy)]
 struct Asked<'a> {
     images: &'a [Images],
@@ -339,10 +340,10 @@ struct Asked<'a> {
 }
 
 impl Asked<'_> {
-    /// Scores of each frame and prompt, and the time for each of them.
+    /// Returns the scores of each frame and prompt, and the milliseconds that each of them took.
     fn of(&self, rung: &mut dyn Relevancy) -> (Vec<Grid<f32>>, Vec<f64>) {
         let (mut scores, mut ms) = (Vec::new(), Vec::new());
-        // Prompt after prompt, as a user asks.
+        // One prompt after the other, as a user asks.
         for query in self.queries.chunks(1) {
             for images in self.images {
                 let started = Instant::now();
@@ -354,7 +355,8 @@ impl Asked<'_> {
         (scores, ms)
     }
 
-    /// The time for each frame and prompt where scores are let go again, so that their memory is used again.
+    /// Returns the milliseconds for each frame and prompt. Scores are dropped at once, so that their
+    /// memory is used again.
     fn timed(&self, rung: &mut dyn Relevancy) -> Vec<f64> {
         let mut ms = Vec::new();
         for query in self.queries.chunks(1) {
@@ -368,7 +370,7 @@ impl Asked<'_> {
     }
 }
 
-/// Empties what is outside the field of view, as in every recorded view.
+/// Sets everything outside the field of view to zero, as in every recorded view.
 fn blank_outside(images: &mut Images, scene: &Scene) {
     let inside = scene.field_of_view.sampled(images.width, images.height).data;
     for plane in images.planes.chunks_exact_mut(inside.len().max(1)) {
@@ -376,9 +378,9 @@ fn blank_outside(images: &mut Images, scene: &Scene) {
     }
 }
 
-/// A prompt that was never asked, and all prompts at once.
+/// Times a prompt that was never asked before, and all prompts at once.
 fn prompt_rows(ask: &Asked<'_>, lattice: &mut Lattice) -> Vec<Outcome> {
-    // The cells are there, made for the other prompts.
+    // All but the first prompt find the cells that the prompts before them made.
     let mut fresh = Vec::new();
     for query in ask.queries.chunks(1) {
         let started = Instant::now();
@@ -406,7 +408,7 @@ fn prompt_rows(ask: &Asked<'_>, lattice: &mut Lattice) -> Vec<Outcome> {
     rows
 }
 
-/// Features as a half-precision target would hold them.
+/// Rounds features as a half-precision target would hold them.
 fn in_half_precision(images: &Images) -> Images {
     let mut images = images.clone();
     let first = images.width * images.height * FEATURE_PLANE;
@@ -414,7 +416,7 @@ fn in_half_precision(images: &Images) -> Images {
     images
 }
 
-/// Outlines of the first prompt drawn over every frame.
+/// Times drawing the outlines of the first prompt over every frame.
 fn drawing(images: &[Images], scores: &[Grid<f32>]) -> Outcome {
     let pairs: Vec<_> = images.iter().map(Images::to_rgb).zip(scores).collect();
     let ms = pairs
@@ -483,7 +485,7 @@ fn write(report: &Report, folder: &std::path::Path) -> Result<()> {
     let scored = report.rows.iter().filter(|o| o.pass == "relevancy");
     let points: Vec<Point<'_>> = scored
         .filter_map(|o| {
-            // How many cells there are is for the table.
+            // The number of cells, in brackets, is only for the table.
             let name = o.way.split(" (").next().unwrap_or_default();
             o.max_error.map(|e| Point { name, x: o.median_ms, y: 255.0 * e })
         })

@@ -1,5 +1,5 @@
-//! Features rendered at half size and enlarged along the edges of the full picture: measured, to know what rendering
-//! them at full size is worth.
+//! Features rendered at half size and enlarged along the edges of the full picture. They are measured to know
+//! what rendering features at full size is worth.
 
 use rayon::prelude::*;
 use surgtpgs_core::{
@@ -9,7 +9,7 @@ use surgtpgs_core::{
     scene::Scene,
 };
 
-/// Colours this far apart (0–1, all three together) are taken for different things.
+/// Colours this far apart (0–1, all three channels together) are taken for different things.
 const EDGE: f32 = 0.08;
 
 /// Renders colours at full and features at half size.
@@ -21,7 +21,7 @@ pub(super) struct HalfFeatures {
 }
 
 impl HalfFeatures {
-    /// As [`Renderer::render_into`] with features.
+    /// Same as [`Renderer::render_into`] with features.
     pub(super) fn render_into(
         &mut self,
         scene: &Scene,
@@ -38,8 +38,9 @@ impl HalfFeatures {
     }
 }
 
-/// Appends the feature planes of `small` to `full`: of the four nearest small pixels, the more alike in colour and the
-/// nearer the more (joint bilateral upsampling, Kopf et al. 2007).
+/// Appends the feature planes of `small` to `full`. A full-size pixel mixes the four nearest small
+/// pixels; the more alike in colour and the nearer one is, the more it counts (joint bilateral
+/// upsampling, Kopf et al. 2007).
 fn add_features(full: &mut Images, small: &Images) {
     let (width, n, dim) = (full.width, full.width * full.height, small.latent_dim());
     full.planes.resize((FEATURE_PLANE + dim) * n, 0.0);
@@ -60,11 +61,11 @@ fn add_features(full: &mut Images, small: &Images) {
     });
 }
 
-/// The latent of a full-size pixel of this colour; zeros where nothing is near.
+/// Returns the latent of a full-size pixel of this colour; zeros where nothing is near.
 fn latent_near(small: &Images, pixel: [usize; 2], colour: [f32; 3]) -> Vec<f32> {
     let mut sum = vec![0.0; small.latent_dim()];
     let mut total = 0.0;
-    // Where the pixel's centre is among the centres of small pixels.
+    // Position of the pixel's centre among the centres of small pixels.
     let [x, y] = pixel.map(|p| (p as f32 + 0.5) / 2.0 - 0.5);
     let inside = |v: f32, size: usize| (v.max(0.0) as usize).min(size - 1);
     for (dx, dy) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {

@@ -1,4 +1,4 @@
-//! `bench masks`: how well automatic masks fit label masks, and how long they take, for every density.
+//! `bench masks`: the fit of automatic masks to label masks, and the time they take, for every density.
 
 use crate::{
     args::{BenchMasksArgs, MaskDensity},
@@ -19,7 +19,7 @@ use surgtpgs_core::{
     sequence::{Class, NO_LABEL, Sequence},
 };
 
-/// One density on one recording.
+/// Measurements of one density on one recording.
 #[derive(serde::Serialize)]
 struct Outcome {
     density: &'static str,
@@ -35,14 +35,14 @@ struct Outcome {
     classes: Vec<Fit>,
 }
 
-/// How well masks fit one class, means over the frames that show it.
+/// Fit of masks to one class, means over the frames that show it.
 #[derive(serde::Serialize)]
 struct Fit {
     class: String,
     /// IoU of the one mask, of any level, that fits best.
     best_iou: f64,
-    /// IoU of all regions of the default level that show mostly this class, taken together: what perfect embeddings
-    /// could reach.
+    /// IoU of all regions of the default level that show mostly this class, taken together: what
+    /// perfect embeddings could reach.
     joint_iou: f64,
 }
 
@@ -154,7 +154,7 @@ fn best_iou(found: &FrameMasks, truth: &Mask, keep: &Mask) -> f64 {
     all.filter_map(|f| mask::iou(&within(&f.mask.to_mask(), keep), truth)).fold(0.0, f64::max)
 }
 
-/// For each pixel the class that its region shows most of.
+/// Returns for each pixel the class that most of its region shows.
 fn shown_classes(painted: &Grid<Option<u16>>, labels: &Grid<u8>, keep: &Mask) -> Grid<u8> {
     let regions = painted.data.iter().flatten().max().map_or(0, |n| usize::from(*n) + 1);
     let mut counts = vec![[0_u32; 256]; regions];
@@ -176,7 +176,7 @@ fn shown_classes(painted: &Grid<Option<u16>>, labels: &Grid<u8>, keep: &Mask) ->
     Grid::from_vec(painted.width, painted.height, data.collect())
 }
 
-/// The picture with every region in a colour of its own.
+/// Writes the picture with every region in a colour of its own.
 fn write_picture(path: &Path, image: &RgbImage, found: &FrameMasks) -> Result<()> {
     let painted = found.painted(Level::Default);
     let mut picture = image.clone();

@@ -38,7 +38,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<Exit> {
     let inputs = inputs(&verb)?;
     let output = match verb.output_mut() {
         Some(place) => {
-            // Rows of a benchmark that was stopped took long, too.
+            // An unfinished benchmark is kept, because its rows took long, too.
             let unfinished = Earlier::Keep;
             let claim = Claim { unfinished, ..Claim::new(outputs::BENCHMARK, &inputs, args.force) };
             let output = OutputFolder::claim(place, claim)?;
@@ -52,7 +52,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<Exit> {
     Ok(exit)
 }
 
-/// What is read.
+/// Returns the files and folders that the benchmark reads.
 fn inputs(verb: &BenchVerb) -> Result<Inputs> {
     Ok(match verb {
         BenchVerb::Train(args) => {
@@ -82,7 +82,7 @@ fn measure(verb: &BenchVerb) -> Result<Exit> {
     }
 }
 
-/// The f64 twin is compared on an image this much smaller.
+/// Factor by which the image is reduced on each side for the comparison with the f64 twin.
 const REDUCTION: u32 = 8;
 
 /// A frame small enough for the f64 twin.
@@ -106,7 +106,7 @@ fn reduced(scene: &Scene, camera: &Camera, time: f32) -> Reduced {
 }
 
 impl Reduced {
-    /// Hands the same splats to the twin.
+    /// Calls `ask` with the f64 twin of the same splats.
     fn with_twin<T>(&self, ask: impl FnOnce(&ReferenceInput<'_, f64>) -> T) -> T {
         let wide: Vec<Splat<f64>> = self.splats.iter().map(Splat::widened).collect();
         let features: Vec<f64> = self.features.iter().map(|v| f64::from(*v)).collect();
@@ -115,7 +115,8 @@ impl Reduced {
         ask(&ReferenceInput { splats, features: &features, latent_dim, width, height })
     }
 
-    /// Largest difference of a colour, opacity or feature; depth has another scale.
+    /// Returns the largest difference of a colour, opacity or feature; depth is left out, since it
+    /// has another scale.
     fn image_error(&self) -> f64 {
         let pixels = self.images.width * self.images.height;
         let expected = self.with_twin(|twin| twin.forward());
@@ -127,7 +128,7 @@ impl Reduced {
     }
 }
 
-/// Largest error of a frame's images against f64.
+/// Returns the largest error of a frame's images against f64.
 fn reference_error(scene: &Scene, camera: &Camera, time: f32) -> f64 {
     reduced(scene, camera, time).image_error()
 }

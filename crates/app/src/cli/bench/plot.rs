@@ -15,7 +15,8 @@ const SIZE: (u32, u32) = (1100, 700);
 /// Width of the list of names, px.
 const LEGEND_WIDTH: u32 = 280;
 
-/// A scatter plot of numbered points with their names at the side, x logarithmic; the first point stands out.
+/// Draws a scatter plot of numbered points with their names at the side, x logarithmic; the first
+/// point stands out.
 pub(super) fn scatter(title: &str, x_label: &str, y_label: &str, points: &[Point<'_>]) -> Result<String> {
     let mut svg = String::new();
     draw(&mut svg, title, x_label, y_label, points)
@@ -43,11 +44,11 @@ fn draw(
         .x_label_area_size(44)
         .y_label_area_size(64)
         .build_cartesian_2d((x0.exp()..x1.exp()).log_scale(), y0..y1)?;
-    // The positions of a logarithmic axis carry rounding errors.
+    // The positions of a logarithmic axis carry rounding errors, which are rounded away.
     let seconds = |x: &f64| ((x * 1e3).round() / 1e3).to_string();
     let mut mesh = chart.configure_mesh();
     mesh.x_desc(x_label).y_desc(y_label).light_line_style(WHITE).x_label_formatter(&seconds).draw()?;
-    // The first is drawn last, on top.
+    // The first point is drawn last, on top.
     chart.draw_series(points.iter().enumerate().rev().map(|(k, p)| {
         EmptyElement::at((p.x.max(1e-9), p.y))
             + Circle::new((0, 0), 4, colour(k).filled())
@@ -61,7 +62,7 @@ fn draw(
     Ok(())
 }
 
-/// Smallest and largest value, with a margin.
+/// Returns the smallest and largest value, with a margin.
 fn span(values: impl Iterator<Item = f64>) -> (f64, f64) {
     let (low, high) = values.fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
     let margin = 0.08 * (high - low).max(1e-3 * high.abs()).max(1e-6);

@@ -1,4 +1,5 @@
-//! The rows of `bench train`: the default, one row for each choice that departs from it, and the whole `paper` profile.
+//! The rows of `bench train`: the default, one row for each choice that departs from it, and the
+//! whole `paper` profile.
 
 use surgtpgs_core::{
     deform::BasisShape,
@@ -7,14 +8,14 @@ use surgtpgs_core::{
 
 /// One way to train.
 pub(super) struct Row {
-    /// As in the table and for `--rows`.
+    /// Name in the table and for `--rows`.
     pub(super) name: &'static str,
-    /// What differs from the default profile.
+    /// Difference from the default profile.
     pub(super) what: &'static str,
     pub(super) settings: TrainSettings,
 }
 
-/// All rows for so many steps.
+/// Returns all rows, each with this number of steps.
 pub(super) fn rows(iterations: usize, seed: u64) -> Vec<Row> {
     let paper = TrainSettings { iterations, seed, eval: true, ..TrainSettings::of(Profile::Paper) };
     let default = TrainSettings { iterations, seed, eval: true, ..TrainSettings::default() };
@@ -32,7 +33,7 @@ pub(super) fn rows(iterations: usize, seed: u64) -> Vec<Row> {
         }),
         row("tracking alone", "no region smoothness", &|s| s.loss.region_smoothness = 0.0),
         row("smoothing alone", "features still over time", &|s| s.feature_motion = false),
-        // What is skipped for speed.
+        // Rows about shortcuts for speed.
         row("all pixels", "every pixel at every step", &|s| {
             s.pixel_step = 1;
             s.half_size_pixel_step = 1;

@@ -1,4 +1,4 @@
-//! From Gaussians to what is drawn over the picture, as a window shows it.
+//! Times of a frame as a window shows it: from Gaussians to the picture with its overlay.
 
 use super::frame::{Outcome, ROUNDS, outcome, time};
 use crate::engine::{Ask, Engine, View};
@@ -6,7 +6,8 @@ use std::collections::BTreeMap;
 use surgtpgs_core::{Result, camera::Camera, overlay::OverlayLook};
 use surgtpgs_render::{Mark, Marking, Wanted};
 
-/// The engine's prompts over every frame, with what comes back; on a GPU each pass by itself, too.
+/// Times the engine's first prompt on every frame, with the transfer of the results; on a GPU each
+/// pass by itself, too.
 pub(super) fn rows(engine: &mut Engine, cameras: &[(f32, Camera)]) -> Result<Vec<Outcome>> {
     // One prompt, as a user asks.
     let words: Vec<String> = engine.queries().iter().take(1).map(|q| q.prompt.clone()).collect();
@@ -33,7 +34,7 @@ pub(super) fn rows(engine: &mut Engine, cameras: &[(f32, Camera)]) -> Result<Vec
     Ok(rows)
 }
 
-/// Time of each pass on the device.
+/// Times each pass by the device's own clock.
 fn pass_rows(engine: &mut Engine, views: &[View], ask: Ask<'_>) -> Result<Vec<Outcome>> {
     if !engine.gpu().is_some_and(|gpu| gpu.time_passes()) {
         return Ok(Vec::new());

@@ -1,4 +1,4 @@
-//! `bench step`: how long each pass of a training step takes, and how far its results are from f64.
+//! `bench step`: the time of each pass of a training step, and the distance of its results from f64.
 
 use super::{Reduced, reduced};
 use crate::{
@@ -22,13 +22,13 @@ use surgtpgs_core::{
     train::{Pass, TrainSettings, Trainer},
 };
 
-/// Image sizes and Gaussians that are measured.
+/// Image widths and heights, with the number of Gaussians, that are measured.
 const SIZES: [(usize, usize, usize); 2] = [(320, 256, 10_000), (640, 512, 40_000)];
-/// Frames of the clip.
+/// Number of frames of the clip.
 const FRAMES: usize = 4;
-/// Steps before the measurement: every frame is decoded then.
+/// Steps before the measurement, in which every frame is decoded.
 const WARM_UP: usize = 8;
-/// One way to do a step at one size.
+/// Measurements of one way to do a step at one size.
 #[derive(serde::Serialize)]
 struct Outcome {
     backend: String,
@@ -80,7 +80,7 @@ pub(super) fn run(args: &BenchStepArgs) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-/// As many Gaussians as wanted, and no more later.
+/// Returns settings that make as many Gaussians as wanted at the start, and no more later.
 fn base(prepared: &Prepared, gaussians: usize) -> Result<TrainSettings> {
     let supervised = prepared.sequence.mask(0)?.data.iter().filter(|m| **m).count();
     let mut settings = TrainSettings {
@@ -108,7 +108,7 @@ fn measure(
     run_steps(&mut trainer, steps)?;
     let seconds = started.elapsed().as_secs_f64();
     if clock_seconds(&trainer) == before {
-        // A GPU's passes are timed one step at a time.
+        // The passes of a GPU are timed one step at a time, in a run of their own.
         jobs::backend::time_passes(&mut trainer)?;
         run_steps(&mut trainer, WARM_UP)?;
         before = clock_seconds(&trainer);
@@ -136,12 +136,12 @@ fn run_steps(trainer: &mut Trainer, steps: usize) -> Result<()> {
     trainer.finish()
 }
 
-/// Seconds spent in each pass so far.
+/// Returns the seconds spent in each pass so far.
 fn clock_seconds(trainer: &Trainer) -> Vec<f64> {
     Pass::ALL.iter().map(|p| trainer.clock().seconds(*p)).collect()
 }
 
-/// Largest error of the image, and relative error of the gradients, against f64.
+/// Returns the largest error of the image, and the relative error of the gradients, against f64.
 fn errors(scene: &Scene) -> (f64, f64) {
     let raster = reduced(scene, &scene.cameras[0], 0.5);
     (raster.image_error(), gradient_error(&raster))

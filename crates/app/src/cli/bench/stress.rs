@@ -1,5 +1,6 @@
-//! `bench stress`: what breaks renderers, and how far each picture is from the f64 twin's; then changes to a scene that must
-//! not change its picture, and how far the picture is from what it must be.
+//! `bench stress`: renders scenes that break renderers, and tells how far each picture is from the f64
+//! twin's. Then it makes changes to a scene that must not change its picture, and tells how far the picture
+//! is from what it must be.
 
 use crate::{
     args::BenchStressArgs,
@@ -24,9 +25,9 @@ use surgtpgs_core::{
 struct Family {
     name: &'static str,
     cases: usize,
-    /// Numbers of the pictures that are not finite.
+    /// Count of values in the pictures that are not finite.
     not_finite: usize,
-    /// Largest relative difference from f64, those of [`Family::beyond`] left out.
+    /// Largest relative difference from f64, without the differences that [`Family::beyond`] counts.
     largest_error: f64,
     /// Largest share of a picture that fell on another side of a cut-off in f32.
     beyond: f64,

@@ -17,7 +17,7 @@ use crate::{
 use std::{fmt::Write, sync::Arc};
 use surgtpgs_core::{Error, Result, clock::PassName, files::write_whole, train::Pass};
 
-/// What one row came to.
+/// Measurements of one row.
 #[derive(serde::Serialize)]
 struct Outcome {
     name: &'static str,
@@ -30,7 +30,7 @@ struct Outcome {
     ssim: Option<f64>,
     miou_paper: Option<f64>,
     miou_strict: Option<f64>,
-    /// Lowest IoU of a class: small, fast things are where methods fail.
+    /// Lowest IoU of a class: methods fail first on small, fast things.
     worst_iou: Option<f64>,
     /// Milliseconds of each pass per step, in the order of [`Pass::ALL`].
     pass_ms: Vec<f64>,
@@ -46,7 +46,7 @@ pub(super) fn run(args: &BenchTrainArgs) -> Result<Exit> {
         let outcome = measure(&material, row, args)?;
         say(&line(&outcome));
         outcomes.push(outcome);
-        // Written after every row: an interrupted benchmark keeps what it has.
+        // The files are written after every row, so that an interrupted benchmark keeps what it has.
         write(&outcomes, args)?;
     }
     if args.json {

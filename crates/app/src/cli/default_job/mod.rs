@@ -1,4 +1,5 @@
-//! `surgtpgs` without a verb: the viewer on the built-in demo; with no display, the same job into a folder, with a report.
+//! `surgtpgs` without a verb: the viewer on the built-in demo. With no display, the same job runs
+//! into a folder, with a report.
 
 mod report;
 
@@ -22,10 +23,10 @@ use surgtpgs_core::{
     files::{Inputs, claim_collection},
 };
 
-/// Where the headless job writes, in the current folder.
+/// Folder that the headless job writes, in the current folder.
 const FOLDER: &str = "surgtpgs-demo";
 
-/// What the headless job asks: classes of the demo, another word for one of them, and things that are not there.
+/// Prompts of the headless job: classes of the demo, another word for one of them, and absent things.
 const PROMPTS: [&str; 8] =
     ["gallbladder", "liver", "fat", "grasper", "bile sac", "forceps", "spaceship", "traffic light"];
 
@@ -38,7 +39,7 @@ pub(super) fn run() -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-/// The user's own folder for the demo of the viewer.
+/// Returns the user's own folder for the demo of the viewer.
 fn user_folder() -> Result<PathBuf> {
     let data = dirs::data_local_dir().ok_or_else(|| Error::Missing {
         what: "there is no folder for the user's data".into(),
@@ -69,14 +70,14 @@ fn headless(folder: &Path, options: &DemoOptions) -> Result<()> {
 
     let findings =
         Findings { trained: &trained, evaluation: &evaluation, answers: &answers, exported: found };
-    // The export left only what was found.
+    // The export has left only the prompts that were found.
     engine.set_prompts(&PROMPTS.map(String::from))?;
     report::write(folder, &mut engine, &findings)?;
     print(&report::summary(folder, &findings))?;
     Ok(())
 }
 
-/// Exports the prompts that were found somewhere; how many files that made.
+/// Exports the prompts that were found somewhere. Returns the number of files written.
 fn export_found(
     engine: &mut Engine,
     answers: &query::Report,

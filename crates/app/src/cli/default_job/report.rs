@@ -20,7 +20,7 @@ pub(super) struct Findings<'a> {
     pub(super) trained: &'a Trained,
     pub(super) evaluation: &'a evaluation::Report,
     pub(super) answers: &'a query::Report,
-    /// Files of masked frames.
+    /// Number of files of masked frames.
     pub(super) exported: usize,
 }
 
@@ -45,7 +45,7 @@ pub(super) fn write(folder: &Path, engine: &mut Engine, findings: &Findings<'_>)
     write_whole(&folder.join("report.json"), text.as_bytes())
 }
 
-/// What a person wants to know at the end of the run.
+/// Returns the summary that a person reads at the end of the run.
 pub(super) fn summary(folder: &Path, findings: &Findings<'_>) -> String {
     let e = findings.evaluation;
     let iou = e.iou.as_ref().map_or("unknown".into(), |i| {
@@ -92,7 +92,7 @@ fn markdown(findings: &Findings<'_>, has_answers: bool) -> String {
     text
 }
 
-/// Rows of the table of figures.
+/// Returns the rows of the table of figures.
 fn measured(findings: &Findings<'_>) -> Vec<Vec<String>> {
     let (t, e) = (findings.trained, findings.evaluation);
     let frame = number(e.ms.as_ref().map(|ms| ms.frame), 1);
