@@ -10,7 +10,7 @@ use std::{
     },
     time::{Duration, Instant},
 };
-use surgtpgs_core::{Error, Result};
+use surgtpgs_core::{Error, Result, sequence::remove_unpacked_videos};
 
 use crate::{
     jobs::Progress,
@@ -43,7 +43,9 @@ pub fn print_json(value: &impl serde::Serialize) -> Result<()> {
 
 /// Writes a line to standard error.
 pub fn say(line: &str) {
-    let _ = writeln!(std::io::stderr().lock(), "{}", visible(line));
+    // Names of files may hold ends of lines.
+    let line = visible(line).replace('\n', "\\n");
+    let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
 
 /// Time between two lines about one stage, where there is no terminal.
@@ -127,9 +129,12 @@ static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 /// `true` once the terminal is gone.
 static HUNG_UP: AtomicBool = AtomicBool::new(false);
 
-/// Makes Ctrl-C, and the signals of schedulers and of systems that shut down, ask the job to stop and keep
-/// its work. A second one ends the program at once.
-pub fn watch_interrupts() {
+/// `true` once the job can stop and keep its work.
+static IS_WATCHED: AtomicBool = AtomicBool::new(false);
+
+/// Makes Ctrl-C, and the signals of schedulers and of systems that shut down, end the program without
+/// leaving temporary files behind.
+pub fn end_cleanly() {
     static INSTALLED: Once = Once::new();
     INSTALLED.call_once(|| {
         // If this fails, a signal ends the program as it would any other.
@@ -137,6 +142,13 @@ pub fn watch_interrupts() {
         #[cfg(unix)]
         watch_signals();
     });
+}
+
+/// Makes the same signals ask the job to stop and keep its work from now on. A second one ends the program
+/// at once.
+pub fn watch_interrupts() {
+    IS_WATCHED.store(true, Ordering::SeqCst);
+    end_cleanly();
 }
 
 #[cfg(unix)]
@@ -149,7 +161,7 @@ fn watch_signals() {
         signals.forever().for_each(|signal| match signal {
             // Only a flag is set here: a terminal that closes may send SIGHUP twice, and systems that shut
             // down send SIGTERM as well. Together they must not count as a second Ctrl-C.
-            SIGHUP => HUNG_UP.store(true, Ordering::SeqCst),
+            SIGHUP if IS_WATCHED.load(Ordering::SeqCst) => HUNG_UP.store(true, Ordering::SeqCst),
             _ => interrupt(),
         });
     };
@@ -176,7 +188,8 @@ pub fn keep_writing() {
 }
 
 fn interrupt() {
-    if INTERRUPTED.swap(true, Ordering::SeqCst) {
+    if INTERRUPTED.swap(true, Ordering::SeqCst) || !IS_WATCHED.load(Ordering::SeqCst) {
+        remove_unpacked_videos();
         std::process::exit(130);
     }
     say("stopping, the work so far is kept (press Ctrl-C again to end at once)");

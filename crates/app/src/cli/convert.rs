@@ -43,6 +43,12 @@ pub(super) fn run(args: &ConvertArgs) -> Result<Exit> {
         .with("the scene", &args.input)
         .with_some("the other scene", args.like.as_deref())
         .with("the scene's recording", &scene.provenance.sequence_path);
+    let inputs = match args.input.extension() {
+        Some(ending) if ending.eq_ignore_ascii_case("ply") => {
+            inputs.with("the feature network of the scene", &args.input.with_file_name(LANG_DEFORMATION_FILE))
+        }
+        _ => inputs,
+    };
     let file = |path: &Path| outputs::scene_file(path, &inputs, args.force);
     let mut report = Report {
         files: Vec::new(),
@@ -60,6 +66,11 @@ pub(super) fn run(args: &ConvertArgs) -> Result<Exit> {
         }
         Target::Reference => {
             let weights_path = args.output.with_file_name(LANG_DEFORMATION_FILE);
+            if weights_path.exists() && !args.output.exists() {
+                let what =
+                    "the feature network of another scene is here, under the name that the format gives it";
+                return Err(Error::input_at(&weights_path, what, "Choose a folder for this scene alone."));
+            }
             let (ply, weights) = (file(&args.output)?, file(&weights_path)?);
             let files = scene.to_reference_ply();
             report.lost = files.lost;

@@ -64,6 +64,7 @@ pub fn run(args: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Exit 
         }
     };
     console::keep_writing();
+    console::end_cleanly();
     let ready =
         memory::start_threads().and_then(|()| surgtpgs_clip::choose_provider(cli.execution_provider.into()));
     match ready.and_then(|()| run_verb(cli.verb)) {

@@ -13,7 +13,6 @@ use crate::{
 use surgtpgs_core::{
     Result,
     codec::CodecSettings,
-    files::Inputs,
     prepare::{Prepared, write_langsplat},
     sequence::Sequence,
 };
@@ -37,7 +36,7 @@ pub(super) fn run(args: &PrepareArgs) -> Result<Exit> {
         depth_model: args.depth_model.clone(),
     };
     let mut view = ProgressView::default();
-    let inputs = Inputs::none().with_recording(&sequence).with("the prepared folder", &args.output);
+    let inputs = options.inputs().with_recording(&sequence).with("the prepared folder", &args.output);
     let langsplat = args.langsplat.as_ref();
     let langsplat = langsplat
         .map(|folder| outputs::folder(folder, outputs::LANGSPLAT, &inputs, args.force))

@@ -44,7 +44,12 @@ pub(super) fn run(args: &TrainArgs) -> Result<Exit> {
 pub(super) fn train(args: &TrainArgs) -> Result<Report> {
     let material = Material::open(&args.sequence)?;
     let inputs = outputs::inputs_of_material(&args.sequence, &material);
-    require_choice(args, &jobs::checkpoint_path(&args.output))?;
+    let checkpoint = jobs::checkpoint_path(&args.output);
+    if checkpoint == args.output {
+        let what = "this is the name of the file that keeps the unfinished training";
+        return Err(Error::input_at(&args.output, what, "Give a name that ends in .safetensors."));
+    }
+    require_choice(args, &checkpoint)?;
     let output = outputs::scene_file(&args.output, &inputs, args.force || args.resume)?;
     let checkpoint = jobs::checkpoint_path(output.path());
     let _checkpoint = outputs::checkpoint_file(&checkpoint, &inputs)?;
@@ -56,13 +61,13 @@ pub(super) fn train(args: &TrainArgs) -> Result<Report> {
     warning.iter().for_each(|warning| say(&format!("note: {warning}")));
     let mut trainer = match args.resume {
         true => Trainer::resume(material.sequence(), material.prepared(), &checkpoint)?,
-        false => {
-            // The unfinished training must not be gone on with once another one was asked for.
-            jobs::remove_file(&checkpoint)?;
-            Trainer::new(material.sequence(), material.prepared(), args.settings())?
-        }
+        false => Trainer::new(material.sequence(), material.prepared(), args.settings())?,
     };
     let backend = jobs::backend::choose(&mut trainer, args.backend)?;
+    if !args.resume && checkpoint.exists() {
+        // An earlier training must not be gone on with once another one has begun.
+        trainer.save_checkpoint(&checkpoint)?;
+    }
     say(&format!("training on {backend}"));
     let asked = trainer.settings().iterations;
     console::watch_interrupts();

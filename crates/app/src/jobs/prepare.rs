@@ -93,7 +93,7 @@ pub fn prepare_folder(
 
 impl PrepareOptions {
     /// Returns the files and folders that are read besides the recording.
-    fn inputs(&self) -> Inputs {
+    pub(crate) fn inputs(&self) -> Inputs {
         let folder =
             if let EncoderChoice::Folder(folder) = &self.encoder { Some(folder.as_path()) } else { None };
         let inputs = Inputs::none()

@@ -16,7 +16,7 @@ use std::{
 };
 use surgtpgs_core::{
     export::Format,
-    files::{is_free_folder, is_unfinished},
+    files::{is_free_folder, unfinished_kind},
 };
 
 /// A format, its label, and its explanation.
@@ -163,7 +163,7 @@ impl ExportDialog {
 pub(super) fn folder_in(folder: &Path, name: &str) -> PathBuf {
     match is_free_folder(folder) {
         Ok(true) => folder.to_owned(),
-        _ if is_unfinished(folder, outputs::EXPORT) => folder.to_owned(),
+        _ if unfinished_kind(folder).as_deref() == Some(outputs::EXPORT) => folder.to_owned(),
         _ => free_folder(folder, name, "export"),
     }
 }

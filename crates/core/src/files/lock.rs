@@ -14,7 +14,7 @@ pub(super) const LOCK_FILE: &str = ".surgtpgs.lock";
 
 /// A lock on an output, which no other program may write to; released when dropped.
 #[derive(Debug)]
-pub(super) struct Lock {
+pub struct Lock {
     path: PathBuf,
     /// The open file that holds the system's lock.
     _file: File,
@@ -32,7 +32,9 @@ impl Lock {
         Self::acquire(path.with_file_name(format!(".surgtpgs-{}.lock", short_hash(path))), path)
     }
 
-    fn acquire(path: PathBuf, output: &Path) -> Result<Self> {
+    /// Locks `output` by way of the file `path`, which need not exist; its folder must. Fails, and names the
+    /// owner, if another program holds the lock.
+    pub fn acquire(path: PathBuf, output: &Path) -> Result<Self> {
         let fail = |e| Error::io("reserve the output", output, e);
         loop {
             if path.symlink_metadata().is_ok_and(|data| !data.is_file()) {

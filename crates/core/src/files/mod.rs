@@ -18,9 +18,10 @@ mod record;
 mod tests;
 mod whole;
 
+pub use lock::Lock;
 pub use output::{Claim, Earlier, OutputFolder, claim_collection};
 pub use output_file::{FileClaim, OutputFile};
-pub use place::Inputs;
+pub use place::{Inputs, require_apart};
 pub use whole::{WholeFile, write_whole, write_whole_with};
 
 use crate::{Error, Result};
@@ -44,27 +45,29 @@ pub fn is_free_folder(path: &Path) -> Result<bool> {
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(true),
         entries => entries.map_err(fail)?,
     };
-    entries.try_fold(true, |free, entry| Ok(free && is_own(&entry.map_err(fail)?.file_name())))
+    entries.try_fold(true, |free, entry| Ok(free && is_own(&entry.map_err(fail)?.path())))
 }
 
 /// Tells if `folder` was taken for a result of this program.
 pub(crate) fn is_taken(folder: &Path) -> bool {
-    record::Record::read(folder).is_some()
+    record::head(folder).is_some()
 }
 
-/// Tells if `folder` holds an unfinished result of this kind.
-pub fn is_unfinished(folder: &Path, kind: &str) -> bool {
-    record::Record::read(folder).is_some_and(|record| record.kind == kind && !record.complete)
+/// Returns the kind of the unfinished result that `folder` holds, if it holds one.
+pub fn unfinished_kind(folder: &Path) -> Option<String> {
+    let head = record::head(folder).filter(|head| !head.complete && !head.holds_outputs);
+    head.map(|head| head.kind)
 }
 
 /// Files that file managers leave in the folders they open.
 const DROPPINGS: [&str; 3] = [".DS_Store", "Thumbs.db", "desktop.ini"];
 
-/// Tells if a file of this name is no result: it is one that this program keeps beside its own, or that
+/// Tells if a file is no result: it is one that this program keeps beside its own, or that
 /// file managers leave.
-fn is_own(name: &std::ffi::OsStr) -> bool {
+fn is_own(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default();
     DROPPINGS.iter().any(|dropping| name == *dropping)
-        || name == record::RECORD_FILE
+        || name == record::RECORD_FILE && path.parent().is_some_and(is_taken)
         || name == lock::LOCK_FILE
         || name.to_string_lossy().starts_with(whole::TEMPORARY)
 }

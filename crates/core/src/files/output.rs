@@ -4,7 +4,8 @@ use super::{
     is_free_folder, is_own,
     lock::{Lock, short_hash},
     place::{Inputs, real_place, require_outside_of_outputs},
-    record::Record,
+    record::{RECORD_FILE, Record},
+    whole::TEMPORARY,
 };
 use crate::{Error, Result};
 use std::{
@@ -197,6 +198,7 @@ impl OutputFolder {
             Error::input_at(&self.work, "the folder was changed while it was written", "Do it again.")
         })?;
         record.files.retain(|name| self.work.join(name).symlink_metadata().is_ok());
+        remove_temporary_files(&self.work);
         record.complete = true;
         record.write(&self.work)?;
         if self.work != self.target {
@@ -215,6 +217,10 @@ impl OutputFolder {
                 hint,
                 path,
             },
+            Error::Io { doing, source, path } => {
+                let doing = format!("{doing} (the new result is in {})", self.work.display());
+                Error::Io { doing, source, path }
+            }
             other => other,
         };
         if let Some(earlier) = Record::read(&self.target) {
@@ -249,7 +255,7 @@ impl Drop for OutputFolder {
         if Record::read(&self.work).is_some_and(|record| record.files.is_empty() && !record.complete)
             && is_free_folder(&self.work).unwrap_or(false)
         {
-            let _ = std::fs::remove_file(self.work.join(super::record::RECORD_FILE));
+            let _ = std::fs::remove_file(self.work.join(RECORD_FILE));
             self.locks.clear();
             if self.is_made || is_beside {
                 let _ = std::fs::remove_dir(&self.work);
@@ -289,7 +295,7 @@ pub(super) fn beside(target: &Path, what: &str) -> PathBuf {
 /// Returns `true` if there is a file anywhere under `folder`, or an entry that cannot be read.
 fn holds_file(folder: &Path) -> bool {
     let mut entries = WalkDir::new(folder).min_depth(1).into_iter();
-    let is_nobodys = |e: walkdir::DirEntry| e.file_type().is_dir() || is_own(e.file_name());
+    let is_nobodys = |e: walkdir::DirEntry| e.file_type().is_dir() || is_own(e.path());
     folder.exists() && entries.any(|entry| !entry.is_ok_and(is_nobodys))
 }
 
@@ -360,13 +366,32 @@ fn remove_contents(folder: &Path, record: &Record) -> Result<()> {
     Ok(())
 }
 
+/// Removes what killed writers left.
+fn remove_temporary_files(folder: &Path) {
+    let is_temporary = |e: &walkdir::DirEntry| e.file_name().to_string_lossy().starts_with(TEMPORARY);
+    for entry in WalkDir::new(folder).into_iter().flatten().filter(is_temporary) {
+        // It is in nobody's way.
+        let _ = std::fs::remove_file(entry.path());
+    }
+}
+
 fn make_folder(folder: &Path) -> Result<()> {
     std::fs::create_dir_all(folder).map_err(|e| Error::io("make the folder", folder, e))
 }
 
 fn remove_tree(folder: &Path) -> Result<()> {
+    let fail = |e| Error::io("remove the old folder", folder, e);
+    // The record goes last: the remains of a removal that was cut short are known by it.
+    for entry in std::fs::read_dir(folder).into_iter().flatten() {
+        let entry = entry.map_err(fail)?;
+        if entry.file_type().map_err(fail)?.is_dir() {
+            std::fs::remove_dir_all(entry.path()).map_err(fail)?;
+        } else if entry.file_name() != RECORD_FILE {
+            std::fs::remove_file(entry.path()).map_err(fail)?;
+        }
+    }
     match std::fs::remove_dir_all(folder) {
-        Err(e) if e.kind() != ErrorKind::NotFound => Err(Error::io("remove the old folder", folder, e)),
+        Err(e) if e.kind() != ErrorKind::NotFound => Err(fail(e)),
         _ => Ok(()),
     }
 }

@@ -47,6 +47,9 @@ impl Inputs {
     pub fn with_recording(self, sequence: &Sequence) -> Self {
         let settings = settings_files(sequence.path());
         let inputs = self.with("the recording", sequence.path());
+        let folders = sequence.folders();
+        let inputs =
+            folders.iter().fold(inputs, |inputs, folder| inputs.with("a folder of the recording", folder));
         settings.iter().fold(inputs, |inputs, file| inputs.with("a settings file of the recording", file))
     }
 
@@ -69,6 +72,11 @@ impl Inputs {
         }
         Ok(())
     }
+}
+
+/// Returns an error if `output`, with links followed, is an input, lies in one, or has one inside.
+pub fn require_apart(output: &Path, inputs: &Inputs) -> Result<()> {
+    inputs.require_apart(&real_place(output)?)
 }
 
 /// Tells if two paths without links name the same thing. Mounts, hard links and file systems that ignore

@@ -42,14 +42,19 @@ pub(super) struct Record {
 #[derive(serde::Serialize, serde::Deserialize)]
 #[serde(untagged)]
 enum Line {
-    Head {
-        surgtpgs: String,
-        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-        holds_outputs: bool,
-        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-        complete: bool,
-    },
+    Head(Head),
     File(String),
+}
+
+/// The first line: the record without its files.
+#[derive(Clone, serde::Serialize, serde::Deserialize)]
+pub(super) struct Head {
+    #[serde(rename = "surgtpgs")]
+    pub(super) kind: String,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub(super) holds_outputs: bool,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub(super) complete: bool,
 }
 
 impl Record {
@@ -59,14 +64,10 @@ impl Record {
 
     /// Reads the record of `folder`; `None` if there is none that can be understood.
     pub(super) fn read(folder: &Path) -> Option<Self> {
-        let path = folder.join(RECORD_FILE);
-        if !path.symlink_metadata().is_ok_and(|data| data.is_file()) {
-            return None;
-        }
-        let text = read_regular(&path, MOST_RECORD).ok()?;
+        let Head { kind, holds_outputs, complete } = head(folder)?;
+        let text = read_regular(&folder.join(RECORD_FILE), MOST_RECORD).ok()?;
         let text = String::from_utf8_lossy(&text);
-        let mut lines = text.lines().map(serde_json::from_str::<Line>);
-        let Ok(Line::Head { surgtpgs: kind, holds_outputs, complete }) = lines.next()? else { return None };
+        let lines = text.lines().skip(1).map(serde_json::from_str::<Line>);
         // A record may have been tampered with: only files inside the folder belong to this output.
         let is_inside = |name: &str| Path::new(name).components().all(|c| matches!(c, Component::Normal(_)));
         let name = |line| match line {
@@ -79,11 +80,8 @@ impl Record {
     /// Writes the complete record.
     pub(super) fn write(&self, folder: &Path) -> Result<()> {
         let fail = |e| Error::io("write the record of the folder", folder, e);
-        let head = Line::Head {
-            surgtpgs: self.kind.clone(),
-            holds_outputs: self.holds_outputs,
-            complete: self.complete,
-        };
+        let Self { kind, holds_outputs, complete, .. } = self.clone();
+        let head = Line::Head(Head { kind, holds_outputs, complete });
         let mut file = tempfile::Builder::new().prefix(TEMPORARY).tempfile_in(folder).map_err(fail)?;
         let names = self.files.iter().cloned().map(Line::File);
         let text: String = std::iter::once(head).chain(names).map(|l| line(&l)).collect();
@@ -99,7 +97,7 @@ impl Record {
 
     /// Notes a file of this program in the record of the output that `path` is in, if there is one.
     pub(super) fn note(path: &Path) -> Result<()> {
-        let Some(folder) = recorded_above(path).filter(|folder| !holds_outputs(folder)) else {
+        let Some((folder, _)) = recorded_above(path).filter(|(_, head)| !head.holds_outputs) else {
             return Ok(());
         };
         let Some(name) = name_inside(&folder, path) else { return Ok(()) };
@@ -115,9 +113,10 @@ impl Record {
         for entry in entries {
             let entry = entry.map_err(|e| Error::io("list the folder", folder, e.into()))?;
             let is_ours = || {
-                entry.depth() == 1 && super::is_own(entry.file_name())
+                entry.depth() == 1 && super::is_own(entry.path())
                     || entry.file_name().to_string_lossy().starts_with(TEMPORARY)
-                    || name_inside(folder, entry.path()).is_some_and(|name| self.files.contains(&name))
+                    || !entry.path_is_symlink()
+                        && name_inside(folder, entry.path()).is_some_and(|name| self.files.contains(&name))
             };
             if !entry.file_type().is_dir() && !is_ours() {
                 return Ok(Some(
@@ -134,20 +133,23 @@ fn line(value: &Line) -> String {
     serde_json::to_string(value).unwrap_or_default() + "\n"
 }
 
-/// Tells if a folder with a record is a place for other outputs, each with a record of its own.
-fn holds_outputs(folder: &Path) -> bool {
-    let mut head = String::new();
-    let file = File::open(folder.join(RECORD_FILE)).map(|file| BufReader::new(file.take(MOST_HEAD)));
-    let is_read = file.and_then(|mut file| file.read_line(&mut head)).is_ok();
-    is_read && matches!(serde_json::from_str(&head), Ok(Line::Head { holds_outputs: true, .. }))
+/// Reads the first line of the record of `folder`; `None` if there is no record of this program.
+pub(super) fn head(folder: &Path) -> Option<Head> {
+    let path = folder.join(RECORD_FILE);
+    if !path.symlink_metadata().is_ok_and(|data| data.is_file()) {
+        return None;
+    }
+    let mut line = String::new();
+    BufReader::new(File::open(path).ok()?.take(MOST_HEAD)).read_line(&mut line).ok()?;
+    serde_json::from_str(&line).ok()
 }
 
-/// Returns the nearest folder above `path` that has a record.
-fn recorded_above(path: &Path) -> Option<PathBuf> {
+/// Returns the nearest folder above `path` that has a record, and the first line of that.
+pub(super) fn recorded_above(path: &Path) -> Option<(PathBuf, Head)> {
     let folders = path.ancestors().skip(1).take(DEPTH);
     let here =
         |folder: &Path| if folder.as_os_str().is_empty() { PathBuf::from(".") } else { folder.to_owned() };
-    folders.map(here).find(|folder| folder.join(RECORD_FILE).is_file())
+    folders.map(here).find_map(|folder| head(&folder).map(|head| (folder, head)))
 }
 
 /// Returns the path inside `folder`, with `/`; `None` if it lies outside. A name that is not Unicode is

@@ -1,9 +1,12 @@
 //! Writes complete files: to a temporary neighbour, synced, then renamed into place.
 
-use super::{output::sync_parent, record::Record};
+use super::{
+    output::sync_parent,
+    record::{Record, recorded_above},
+};
 use crate::{Error, Result};
 use std::{
-    io::{Seek, SeekFrom, Write},
+    io::{ErrorKind, Seek, SeekFrom, Write},
     path::{Path, PathBuf},
 };
 
@@ -40,6 +43,10 @@ impl WholeFile {
     pub fn create(path: &Path) -> Result<Self> {
         let fail = |e| Error::io("write the file", path, e);
         let followed = if path.is_symlink() { Some(path.canonicalize().map_err(fail)?) } else { None };
+        if followed.is_some() && recorded_above(path).is_some() {
+            let what = "a link has taken the place of a file of this result";
+            return Err(Error::input_at(path, what, "Remove it."));
+        }
         let path = followed.as_deref().unwrap_or(path);
         if path.symlink_metadata().is_ok_and(|data| !data.is_file()) {
             return Err(Error::input_at(path, "this is no ordinary file", "Choose another name."));
@@ -77,7 +84,13 @@ impl WholeFile {
 
     /// Puts the file in its place; returns an error if something is there.
     pub fn commit_new(self) -> Result<()> {
-        self.persist(|temporary, path| temporary.persist_noclobber(path).map_err(|e| e.error))
+        self.persist(|temporary, path| match temporary.persist_noclobber(path) {
+            // Some file systems can neither link nor rename without replacing.
+            Err(e) if e.error.kind() != ErrorKind::AlreadyExists && path.symlink_metadata().is_err() => {
+                e.file.persist(path).map_err(|e| e.error)
+            }
+            done => done.map_err(|e| e.error),
+        })
     }
 
     fn persist(

@@ -1,7 +1,7 @@
 //! PNG and JPEG pictures: their colours, or the stored numbers. Both are rotated as the EXIF orientation
 //! says. Profiles and texts in a file are skipped: they may be compressed a thousandfold.
 
-use super::open_regular;
+use super::{open_regular, read_regular};
 use crate::{
     Error, Result,
     camera::{MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE, check_image_size},
@@ -60,6 +60,11 @@ fn decoded(path: &Path, transformations: Transformations) -> Result<Values> {
             (png_image(reader).map_err(|e| unreadable(path, &e))?, palette, orientation)
         }
         Source::Jpeg(mut decoder) => {
+            let bytes =
+                read_regular(path, MOST_BYTES as u64).map_err(|e| Error::io("read the picture", path, e))?;
+            if !has_jpeg_end(&bytes) {
+                return Err(unreadable(path, "the file is cut off"));
+            }
             let orientation = jpeg_orientation(&mut decoder);
             let image = DynamicImage::from_decoder(*decoder);
             (image.map_err(|e| unreadable(path, &e.to_string()))?, None, orientation)
@@ -141,6 +146,30 @@ fn png_orientation<R: std::io::BufRead + Seek>(reader: &png::Reader<R>) -> Orien
 /// Returns the orientation; an invalid one rotates nothing.
 fn jpeg_orientation<R: std::io::BufRead + Seek>(decoder: &mut JpegDecoder<R>) -> Orientation {
     decoder.orientation().unwrap_or(Orientation::NoTransforms)
+}
+
+/// Returns `true` if the picture in a JPEG file has an end (ITU-T T.81, annex B): decoders make up what is
+/// missing before it.
+fn has_jpeg_end(bytes: &[u8]) -> bool {
+    const END: u8 = 0xd9;
+    // Behind the mark of the beginning.
+    let mut rest = bytes.get(2..).unwrap_or_default();
+    loop {
+        let next = rest.iter().position(|byte| *byte == 0xff);
+        let Some((kind, tail)) = next.and_then(|at| rest[at + 1..].split_first()) else { return false };
+        rest = tail;
+        match *kind {
+            END => return true,
+            // Filling, a byte of coded data, marks without content.
+            0xff => rest = &bytes[bytes.len() - tail.len() - 1..],
+            0x00 | 0x01 | 0xd0..=0xd8 => {}
+            // A segment says how long it is; coded data may follow.
+            _ => {
+                let Some(len) = tail.first_chunk::<2>() else { return false };
+                rest = tail.get(usize::from(u16::from_be_bytes(*len))..).unwrap_or_default();
+            }
+        }
+    }
 }
 
 fn swaps_sides(orientation: Orientation) -> bool {

@@ -82,7 +82,9 @@ pub fn plain_words(name: &str) -> String {
             words.push(' ');
         }
         after_lower_case = c.is_lowercase();
-        let after_single_letter = words.rsplit(' ').next().is_some_and(|word| word.chars().count() == 1);
+        let mut last = words.chars().rev();
+        let is_letter = |c: Option<char>| c.is_some_and(|c| c != ' ');
+        let after_single_letter = is_letter(last.next()) && !is_letter(last.next());
         match c {
             '-' if after_single_letter => words.push('-'),
             '_' | '-' => words.push(' '),

@@ -10,9 +10,11 @@ use super::{
 };
 use crate::{Error, Result};
 use std::{
+    ffi::OsString,
     io::{BufRead, BufReader, Read},
-    path::Path,
+    path::{Path, PathBuf},
     process::{Command, ExitStatus, Stdio},
+    sync::{Mutex, PoisonError},
 };
 
 /// A video that is not decoded here.
@@ -31,12 +33,25 @@ const LEADING_FRAMES: usize = 16;
 /// Allowed time between the last frame and the end of a file, seconds.
 const SLACK: f64 = 0.1;
 
+/// Folders with unpacked videos, those that are gone already among them.
+static UNPACKED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+/// Removes the frames of all videos that were unpacked. For programs that end at once, without dropping
+/// their recordings.
+pub fn remove_unpacked_videos() {
+    for folder in UNPACKED.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
+        // Somebody else may have removed it.
+        let _ = std::fs::remove_dir_all(folder);
+    }
+}
+
 /// Unpacks the selected frames into a temporary folder that lives as long as the recording.
 pub(super) fn open(program: &Path, video: &Unread<'_>, selection: &Selection) -> Result<Recording> {
     let Unread { path, promised, .. } = *video;
     let places = std::env::temp_dir();
     let scratch = tempfile::Builder::new().prefix("surgtpgs-video-").tempdir();
     let scratch = scratch.map_err(|e| Error::io("make a temporary folder", &places, e))?;
+    UNPACKED.lock().unwrap_or_else(PoisonError::into_inner).push(scratch.path().to_owned());
     let Selection { first, last, .. } = *selection;
     if last.is_some_and(|last| last < first || promised.is_some_and(|all| last >= all)) {
         let there = promised.map_or(String::new(), |all| format!(", the video has {all}"));
@@ -90,14 +105,22 @@ fn unpack(
         // Reads all frames of the index, as the decoder of this library does.
         command.args(["-ignore_editlist", "1"]);
     }
-    command.arg("-i").arg(video.path).args(["-map", "0:v:0", "-vf"]);
+    // Names such as `concat:a` would be read as something else than a file.
+    let mut input = OsString::from("file:");
+    input.push(video.path);
+    command.arg("-i").arg(input).args(["-map", "0:v:0", "-vf"]);
     // A new, steady clock. With its own clock ffmpeg would repeat and drop frames to keep a steady rate.
     command.arg(format!("showinfo,select='{range}*not(mod(n-{first},{every}))',settb=1/25,setpts=N"));
     command.args(["-r", "25", "-pix_fmt", "rgb24", "-compression_level", "1", "-start_number", "0"]);
     if let Some(last) = last.filter(|last| *last >= first) {
         command.args(["-frames:v", &((last - first) / every.max(1) + 1).to_string()]);
     }
-    command.arg(folder.join("%08d.png")).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
+    let folder = folder.to_string_lossy().replace('%', "%%");
+    command
+        .arg(Path::new(&folder).join("%08d.png"))
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped());
     let missing = |e: std::io::Error| Error::Missing {
         what: format!(
             "this video cannot be read here ({}), nor by the program ffmpeg ({e})",

@@ -60,9 +60,10 @@ impl Identity {
         let spots = (0..n.min(SPOTS)).map(|k| (2 * k + 1) * n / (2 * n.min(SPOTS)));
         let mut bytes = 0;
         // In a long video, even a few frames can stand for many bytes: those coded between them count too.
+        let coded = coded_pictures(&recording.frames);
         let is_read = |spot: &usize| match &recording.frames[*spot].picture {
-            Picture::Video { video, index } => {
-                bytes += video.coded_bytes(coded_with(&recording.frames, *spot, video, *index));
+            Picture::Video { video, .. } => {
+                bytes += video.coded_bytes(&coded[*spot]);
                 bytes <= MOST_SPOT_BYTES
             }
             Picture::File(_) => false,
@@ -84,12 +85,10 @@ impl Identity {
             let file = Part { name: String::new(), ..Part::of_file(path, true)? };
             return Ok(Self { frames: frames.iter().map(part).collect(), file: Some(file) });
         }
+        let coded = coded_pictures(frames);
         let part = |i: usize| match &frames[i].picture {
             Picture::File(path) => Part::of_file(path, is_hashed(i)),
-            Picture::Video { video, index } => {
-                let shown = coded_with(frames, i, video, *index);
-                Part::of_coded(&frames[i].name, video, shown, is_hashed(i))
-            }
+            Picture::Video { video, .. } => Part::of_coded(&frames[i].name, video, &coded[i], is_hashed(i)),
         };
         let frames = (0..frames.len()).into_par_iter().map(part).collect::<Result<_>>()?;
         Ok(Self { frames, file: None })
@@ -203,15 +202,22 @@ impl Identity {
     }
 }
 
-/// Returns the frames of the video that are coded together with frame `i` of a recording (frame `index`
-/// of the video): all after the previous used frame, or all from the point where decoding can start. In
-/// the order of showing.
-fn coded_with(frames: &[Frame], i: usize, video: &H264, index: usize) -> std::ops::Range<usize> {
-    let before = i.checked_sub(1).and_then(|k| match frames[k].picture {
-        Picture::Video { index, .. } => Some(index + 1),
+/// Returns for each frame of a video the coded pictures that it stands for, by their places in decoding order:
+/// its own, and those decoded before it that no frame of the recording shows. Nothing for frames in files.
+fn coded_pictures(frames: &[Frame]) -> Vec<Vec<usize>> {
+    let own = |frame: &Frame| match &frame.picture {
+        Picture::Video { video, index } => Some((video.sample_of(*index), video.start_of(*index))),
         Picture::File(_) => None,
+    };
+    let shown: HashSet<usize> = frames.iter().filter_map(own).map(|(sample, _)| sample).collect();
+    let mut known = 0;
+    let pictures = frames.iter().map(|frame| {
+        let Some((sample, start)) = own(frame) else { return Vec::new() };
+        let since = known.max(start);
+        known = known.max(sample + 1);
+        (since..sample).filter(|other| !shown.contains(other)).chain([sample]).collect()
     });
-    before.unwrap_or_else(|| video.entry_before(index))..index + 1
+    pictures.collect()
 }
 
 impl Part {
@@ -227,12 +233,12 @@ impl Part {
         Ok(Self { name: read::file_name(path), bytes, sha256 })
     }
 
-    /// Creates the part of a video frame, with everything coded since the previous chosen frame.
-    fn of_coded(name: &str, video: &H264, shown: std::ops::Range<usize>, is_hashed: bool) -> Result<Self> {
-        let bytes = video.coded_bytes(shown.clone());
+    /// Creates the part of a video frame from the coded pictures that it stands for.
+    fn of_coded(name: &str, video: &H264, pictures: &[usize], is_hashed: bool) -> Result<Self> {
+        let bytes = video.coded_bytes(pictures);
         let hash = || {
             let mut hash = Sha256::new();
-            video.read_coded(shown, |bytes| hash.update(bytes))?;
+            video.read_coded(pictures, |bytes| hash.update(bytes))?;
             Ok(hash.finalize().into())
         };
         Ok(Self { name: name.to_owned(), bytes, sha256: is_hashed.then(hash).transpose()? })

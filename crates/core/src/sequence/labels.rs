@@ -160,6 +160,14 @@ fn decoded(picture: Values, coding: &LabelCoding, numbers: NumbersAre, classes: 
     if !image.color().has_color() {
         return look_up(&read::first_channel_of(image).data, Way::Ordinary, size, of_id);
     }
+    if takes_ids && image.color().bytes_per_pixel() > image.color().channel_count() {
+        let deep = image.to_rgb16();
+        let numbers = deep.as_raw().as_chunks::<3>().0;
+        if numbers.iter().all(|[r, g, b]| r == g && g == b) {
+            let first: Vec<u16> = numbers.iter().map(|[v, _, _]| *v).collect();
+            return look_up(&first, Way::GreyColours, size, of_id);
+        }
+    }
     let image = image.into_rgb8();
     let colours = image.as_raw().as_chunks::<3>().0;
     if takes_ids && colours.iter().all(|[r, g, b]| r == g && g == b) {

@@ -212,8 +212,25 @@ impl Recording {
                     "Focal lengths must be positive numbers.",
                 ));
             }
+            if !camera.camera_from_world.is_finite() {
+                let what = format!("the pose of frame {i} has a number that is too large or none");
+                return Err(Error::input_at(&self.path, what, "Correct the poses."));
+            }
         }
         Ok(self)
+    }
+
+    /// Returns the files of all frames, but for videos.
+    pub(super) fn files(&self) -> impl Iterator<Item = &Path> {
+        self.frames.iter().flat_map(|frame| {
+            let picture = match &frame.picture {
+                Picture::File(path) => Some(path.as_path()),
+                Picture::Video { .. } => None,
+            };
+            let maps = [frame.mask.as_deref(), frame.depth.as_deref(), picture];
+            let labels = frame.labels.iter().flat_map(LabelFiles::paths);
+            maps.into_iter().flatten().chain(labels)
+        })
     }
 
     /// Decodes frame `i`.

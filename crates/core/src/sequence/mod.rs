@@ -3,6 +3,7 @@
 use crate::{
     Error, Result,
     camera::Camera,
+    files::{full_path, unfinished_kind},
     grid::{Grid, Mask},
     prepare::{EstimatedDepth, depth_file, depth_name, require_checksum},
 };
@@ -12,7 +13,7 @@ use image::RgbImage;
 use labels::{LabelCoding, ReadLabels};
 use layout::{MaskRule, Recording};
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
     sync::{Arc, OnceLock},
 };
@@ -42,6 +43,7 @@ mod video;
 pub use check::check;
 pub use classes::{ClassEntry, names_instrument, plain_words};
 pub use depth::DepthKind;
+pub use ffmpeg::remove_unpacked_videos;
 pub(crate) use identity::shared as shared_identity;
 pub use identity::{Difference, Identity};
 pub(crate) use labels::{NumbersAre, PictureOfIds};
@@ -137,6 +139,10 @@ impl Sequence {
     /// Opens a folder or a video file; the layout is recognised by content. Only file names, picture
     /// headers and small tables are read here.
     pub fn open(path: &Path) -> Result<Self> {
+        if let Some(kind) = unfinished_kind(path) {
+            let what = format!("this folder holds an unfinished {kind}");
+            return Err(Error::input_at(path, what, "Run the command again that makes it."));
+        }
         let file = settings::own_file(path);
         let settings = Settings::read(&file)?;
         let mut recording = layout::open(path, &settings.selection())?;
@@ -362,6 +368,14 @@ impl Sequence {
     /// Returns the classes that labels refer to; empty without labels.
     pub fn classes(&self) -> &[Class] {
         &self.recording().classes
+    }
+
+    /// Returns the folders that hold files of the recording, links followed, but for those that the whole
+    /// recording lies in.
+    pub fn folders(&self) -> BTreeSet<PathBuf> {
+        let whole = full_path(self.path());
+        let parents: BTreeSet<&Path> = self.recording().files().filter_map(Path::parent).collect();
+        parents.into_iter().map(full_path).filter(|folder| !whole.starts_with(folder)).collect()
     }
 
     fn found_field_of_view(&self) -> &FieldOfView {

@@ -18,6 +18,9 @@ use std::{
 
 /// Largest number of pictures: two days of video.
 const MAX_PICTURES: u64 = 1 << 22;
+/// Number of times that the same bytes are read again before the file counts as ended: two parts of the
+/// parser may ask for them one after the other.
+const MOST_REPEATS: usize = 3;
 
 /// The H.264 track of a file, or its first video track of any kind.
 pub(super) struct Mp4 {
@@ -35,6 +38,8 @@ pub(super) struct Mp4 {
     bytes: u64,
     /// `true` if the file ends within its tables, so that the number of pictures is unknown.
     pub is_open_ended: bool,
+    /// Number of video tracks in the file.
+    pub num_tracks: usize,
 }
 
 /// Parameters with which a run of pictures is decoded.
@@ -65,7 +70,7 @@ impl Mp4 {
     pub(super) fn read(path: &Path) -> Result<Self, String> {
         let file = File::open(path).map_err(|e| e.to_string())?;
         let len = file.metadata().map_err(|e| e.to_string())?.len();
-        let mut source = Source { file, len, last: None };
+        let mut source = Source { file, len, last: None, repeats: 0 };
         let kind = source.kind()?;
         let turned = source.turned_tracks().unwrap_or_default();
         match kind {
@@ -94,6 +99,11 @@ impl Mp4 {
                     }
                     continue;
                 }
+                // A part of a file in fragments is missing or damaged.
+                Err(_) if !tracks.is_empty() => {
+                    is_open_ended = true;
+                    break;
+                }
                 Err(e) => return Err(unreadable(&e)),
             };
             if sample.track.kind == TrackKind::Video {
@@ -103,6 +113,7 @@ impl Mp4 {
                 track.push(&sample, source)?;
             }
         }
+        let num_tracks = tracks.len();
         let h264 = tracks.values().position(|track| !track.descriptions.is_empty());
         let first = demuxer.tracks().ok().and_then(|t| t.iter().find(|t| t.kind == TrackKind::Video));
         let chosen = match (h264, first.map(|track| track.track_id)) {
@@ -111,13 +122,22 @@ impl Mp4 {
             (None, None) => None,
         };
         chosen
-            .map(|track| Self { is_open_ended, ..track })
+            .map(|track| Self { is_open_ended, num_tracks, ..track })
             .ok_or_else(|| "there is no video in it".to_owned())
     }
 
     fn empty(timescale: u32, is_turned: bool) -> Self {
         let (descriptions, pictures) = (Vec::new(), Vec::new());
-        Self { descriptions, timescale, is_turned, pictures, present: 0, bytes: 0, is_open_ended: false }
+        Self {
+            descriptions,
+            timescale,
+            is_turned,
+            pictures,
+            present: 0,
+            bytes: 0,
+            is_open_ended: false,
+            num_tracks: 1,
+        }
     }
 
     /// Adds the next picture.
@@ -243,6 +263,8 @@ struct Source {
     file: File,
     len: u64,
     last: Option<RequiredInput>,
+    /// Number of times that the last request was made again.
+    repeats: usize,
 }
 
 impl Source {
@@ -294,7 +316,8 @@ impl Source {
 
     fn read(&mut self, required: RequiredInput) -> Result<Vec<u8>, String> {
         // In a fragmented file, the demuxer finds the end by reading there.
-        if self.last.replace(required) == Some(required) || required.position > self.len {
+        self.repeats = if self.last.replace(required) == Some(required) { self.repeats + 1 } else { 0 };
+        if self.repeats > MOST_REPEATS || required.position > self.len {
             return Err("its tables lead beyond its end".to_owned());
         }
         self.file.seek(SeekFrom::Start(required.position)).map_err(|e| e.to_string())?;

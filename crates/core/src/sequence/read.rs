@@ -127,17 +127,18 @@ pub(crate) fn lightness(path: &Path) -> Result<Grid<u16>> {
         let brightest = |place: &u16| palette.get(usize::from(*place)).and_then(|c| c.iter().max().copied());
         return Ok(first_channel_of(image).map(|place| brightest(place).map_or(0, u16::from)));
     }
-    if !image.color().has_color() {
+    if !image.color().has_color() && !image.color().has_alpha() {
         return Ok(first_channel_of(image));
     }
     let (width, height) = (image.width() as usize, image.height() as usize);
     let is_deep = image.color().bytes_per_pixel() > image.color().channel_count();
-    let brightest = |pixel: &[u16; 3]| pixel.iter().max().copied().unwrap_or(0);
-    let rgb: Vec<u16> = match is_deep {
-        true => image.into_rgb16().into_raw(),
-        false => image.into_rgb8().as_raw().iter().map(|v| u16::from(*v)).collect(),
+    // Nothing is seen of a colour that is transparent.
+    let brightest = |&[r, g, b, opacity]: &[u16; 4]| r.max(g).max(b).min(opacity);
+    let rgba: Vec<u16> = match is_deep {
+        true => image.into_rgba16().into_raw(),
+        false => image.into_rgba8().as_raw().iter().map(|v| u16::from(*v)).collect(),
     };
-    Ok(Grid::from_vec(width, height, rgb.as_chunks::<3>().0.iter().map(brightest).collect()))
+    Ok(Grid::from_vec(width, height, rgba.as_chunks::<4>().0.iter().map(brightest).collect()))
 }
 
 /// Returns the first channel of a decoded picture.

@@ -39,7 +39,11 @@ use super::{
     layout::{MaskRule, Recording},
     read,
 };
-use crate::{Error, Result, camera::Camera, reading::read_text};
+use crate::{
+    Error, Result,
+    camera::Camera,
+    reading::{is_present, read_text},
+};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -177,7 +181,9 @@ impl Settings {
     pub fn read(path: &Path) -> Result<Self> {
         let text = match read_text(path) {
             Ok(text) => text,
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Self::default()),
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound && !is_present(path) => {
+                return Ok(Self::default());
+            }
             Err(e) => return Err(Error::io("read the settings", path, e)),
         };
         let settings: Self = toml::from_str(&text).map_err(|e| {

@@ -25,7 +25,6 @@ use std::{
     collections::BTreeMap,
     fs::File,
     io::{BufReader, Read, Seek, SeekFrom},
-    ops::Range,
     path::{Path, PathBuf},
     sync::{Arc, Mutex, PoisonError},
 };
@@ -46,7 +45,9 @@ pub(super) fn open(path: &Path, selection: &Selection) -> Result<Recording> {
     if let Ok(mp4) = &index {
         expect_whole(path, mp4, selection)?;
     }
-    let promised = index.as_ref().ok().filter(|mp4| !mp4.is_open_ended).map(|mp4| mp4.pictures.len());
+    // ffmpeg may choose another one of several tracks.
+    let is_clear = |mp4: &&Mp4| !mp4.is_open_ended && mp4.num_tracks == 1;
+    let promised = index.as_ref().ok().filter(is_clear).map(|mp4| mp4.pictures.len());
     match index.and_then(|mp4| H264::open(path, mp4)) {
         Ok(video) => open_h264(path, video, selection),
         Err(why_not_here) => {
@@ -212,6 +213,11 @@ impl H264 {
         if mp4.is_turned {
             return Err("its pictures are stored turned or mirrored".to_owned());
         }
+        let mut units = mp4.descriptions.iter().flat_map(|description| &description.parameter_sets);
+        let is_parameters = |unit: &&Vec<u8>| unit.first().is_some_and(|b| b & 31 == SEQUENCE_PARAMETERS);
+        if units.any(|unit| is_parameters(&unit) && !is_of_420(unit)) {
+            return Err("its colours are not coded as 4:2:0".to_owned());
+        }
         let frames_there = mp4.frames_there();
         let mut video = Self {
             path: path.to_owned(),
@@ -275,20 +281,31 @@ impl H264 {
         Ok(false)
     }
 
-    /// Returns the last frame before `index`, or `index` itself, at which decoding can start.
-    pub(super) fn entry_before(&self, index: usize) -> usize {
-        self.starts[self.starts.partition_point(|s| s.frame <= index).max(1) - 1].frame
+    /// Returns the place of frame `index` in decoding order.
+    pub(super) fn sample_of(&self, index: usize) -> usize {
+        self.shown[index]
     }
 
-    /// Returns the number of coded bytes of some frames in the order of showing.
-    pub(super) fn coded_bytes(&self, frames: Range<usize>) -> u64 {
-        self.shown[frames].iter().map(|&sample| self.samples[sample].size as u64).sum()
+    /// Returns the place in decoding order at which decoding starts for frame `index`.
+    pub(super) fn start_of(&self, index: usize) -> usize {
+        self.start_before(index).sample
     }
 
-    /// Reads the coded bytes of some frames in the order of showing.
-    pub(super) fn read_coded(&self, frames: Range<usize>, mut take: impl FnMut(&[u8])) -> Result<()> {
+    /// Returns the last start that is not behind frame `index`.
+    fn start_before(&self, index: usize) -> Start {
+        self.starts[self.starts.partition_point(|s| s.frame <= index).max(1) - 1]
+    }
+
+    /// Returns the number of coded bytes of some pictures, given by their places in decoding order.
+    pub(super) fn coded_bytes(&self, pictures: &[usize]) -> u64 {
+        pictures.iter().map(|&sample| self.samples[sample].size as u64).sum()
+    }
+
+    /// Reads all that decides what some pictures show: their coded bytes, and what says how these are decoded.
+    pub(super) fn read_coded(&self, pictures: &[usize], mut take: impl FnMut(&[u8])) -> Result<()> {
         let mut file = self.open_file()?;
-        self.shown[frames].iter().try_for_each(|&sample| {
+        pictures.iter().try_for_each(|&sample| {
+            self.description(sample).parameter_sets.iter().for_each(|unit| take(unit));
             take(&self.read_sample(&mut file, sample)?);
             Ok(())
         })
@@ -301,7 +318,7 @@ impl H264 {
             return Ok(frame.clone());
         }
         let State { running, cache } = &mut *state;
-        let start = self.starts[self.starts.partition_point(|s| s.frame <= index).max(1) - 1];
+        let start = self.start_before(index);
         let on_the_way = running.take().filter(|r| (start.frame..=index).contains(&r.next_frame));
         let mut decoder = match on_the_way {
             Some(decoder) => decoder,
@@ -347,6 +364,11 @@ impl H264 {
             };
         }
         let sample = self.read_sample(&mut running.file, next)?;
+        if !units(&sample, self.description(next).length_bytes).any(is_slice) {
+            // The decoder would go on without a word, and every later picture would count as an earlier frame.
+            let frame = self.shown.iter().position(|shown| *shown == next).unwrap_or(wanted);
+            return Err(self.damaged(frame, "there is no picture in it"));
+        }
         let mut stream = Vec::with_capacity(sample.len() + 64);
         let Description { from, length_bytes, parameter_sets, .. } = self.description(next);
         if *from == next && next > 0 {
@@ -436,6 +458,33 @@ fn units(sample: &[u8], length_bytes: usize) -> impl Iterator<Item = &[u8]> {
         rest = tail;
         Some(unit)
     })
+}
+
+/// Returns `true` if a NAL unit holds a part of a picture.
+fn is_slice(unit: &[u8]) -> bool {
+    unit.first().is_some_and(|head| (1..=IDR_SLICE).contains(&(head & 31)))
+}
+
+/// NAL unit type of a sequence parameter set (H.264, table 7-1).
+const SEQUENCE_PARAMETERS: u8 = 7;
+
+/// Returns `true` if a sequence parameter set says that colour has half the resolution of brightness in both
+/// directions (4:2:0), the only form that the decoder knows (H.264, 7.3.2.1.1).
+fn is_of_420(unit: &[u8]) -> bool {
+    /// Profiles that may have another form, and say so.
+    const PROFILES: [u8; 12] = [100, 110, 122, 244, 44, 83, 86, 118, 128, 138, 139, 134];
+    let Some(([_, profile, ..], rest)) = unit.split_at_checked(4) else { return false };
+    if !PROFILES.contains(profile) {
+        return true;
+    }
+    let mut bits = rest.iter().flat_map(|byte| (0..8).rev().map(move |i| byte >> i & 1));
+    let mut number = || {
+        let zeros = bits.by_ref().take(32).take_while(|bit| *bit == 0).count();
+        let tail = bits.by_ref().take(zeros).fold(0_u64, |n, bit| n << 1 | u64::from(bit));
+        (1 << zeros) - 1 + tail
+    };
+    let (_id, chroma_format) = (number(), number());
+    chroma_format == 1
 }
 
 /// Appends a NAL unit with its start code (H.264, annex B).

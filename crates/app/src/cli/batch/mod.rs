@@ -23,14 +23,11 @@ use crate::{
 use plan::{Job, Plan};
 use record::Status;
 use report::Troubles;
-use std::{
-    fs::{File, TryLockError},
-    path::Path,
-};
+use std::path::Path;
 use step::Outcome;
 use surgtpgs_core::{
     Error, Result,
-    files::{Inputs, claim_collection},
+    files::{Inputs, Lock, claim_collection, require_apart},
 };
 
 /// Fails if a jobs file cannot be carried out as it is written.
@@ -47,9 +44,15 @@ pub(super) fn run(args: &BatchArgs) -> Result<Exit> {
         return list(args, &plan, &steps, is_chosen);
     }
     let inputs = Inputs::none().with("the jobs file", &args.jobs);
-    let inputs = plan.jobs.iter().fold(inputs, |inputs, job| inputs.with("a recording", &job.recording));
+    let inputs = plan.jobs.iter().fold(inputs, |inputs, job| {
+        let read = job.tasks.iter().flat_map(|task| &task.inputs);
+        let inputs = inputs.with("a recording", &job.recording);
+        read.fold(inputs, |inputs, path| inputs.with("a file or folder that the jobs file names", path))
+    });
     claim_collection(&plan.output, outputs::BATCH, &inputs)?;
+    plan.jobs.iter().try_for_each(|job| require_apart(&job.folder, &inputs))?;
     let mut troubles = Troubles::new();
+    let mut has_failed = false;
     if !args.report_only {
         console::watch_interrupts();
         let total = plan.jobs.iter().filter(|j| is_chosen(j)).count();
@@ -60,9 +63,12 @@ pub(super) fn run(args: &BatchArgs) -> Result<Exit> {
             let number = 1 + plan.jobs[..at].iter().filter(|j| is_chosen(j)).count();
             let job = &mut plan.jobs[at];
             let label = format!("{number} of {total}, {}", one_line(&job.name));
-            if let Err(error) = run_job(job, &steps, &label) {
-                say(&format!("{label}: {}", one_line(&error.to_string())));
-                troubles.insert(job.name.clone(), one_line(&error.to_string()));
+            match run_job(job, &steps, &label) {
+                Ok(is_done) => has_failed |= !is_done,
+                Err(error) => {
+                    say(&format!("{label}: {}", one_line(&error.to_string())));
+                    troubles.insert(job.name.clone(), one_line(&error.to_string()));
+                }
             }
             // The report is written after every recording, since long batches are looked at while they run.
             report::write(&plan, &args.jobs, &troubles)?;
@@ -77,8 +83,8 @@ pub(super) fn run(args: &BatchArgs) -> Result<Exit> {
     if console::interrupted() {
         return Err(Error::Cancelled);
     }
-    let failed = plan.jobs.iter().filter(|j| is_chosen(j)).any(|j| report.has_failed(&j.name));
-    Ok(if failed { Exit::WrongInput } else { Exit::Done })
+    has_failed |= plan.jobs.iter().filter(|j| is_chosen(j)).any(|j| report.has_failed(&j.name));
+    Ok(if has_failed { Exit::WrongInput } else { Exit::Done })
 }
 
 fn require_known(plan: &Plan, names: &[String]) -> Result<()> {
@@ -90,8 +96,8 @@ fn require_known(plan: &Plan, names: &[String]) -> Result<()> {
     Err(Error::input(format!("no recording has the name \"{unknown}\""), hint))
 }
 
-/// Runs the chosen steps of a job that are not done yet.
-fn run_job(job: &mut Job, steps: &[Step], label: &str) -> Result<()> {
+/// Runs the chosen steps of a job that are not done yet. Returns `false` if one of them failed.
+fn run_job(job: &mut Job, steps: &[Step], label: &str) -> Result<bool> {
     require_recording(job)?;
     let fingerprints = record::settle_source(job)?;
     let Job { folder, tasks, .. } = job;
@@ -130,7 +136,7 @@ fn run_job(job: &mut Job, steps: &[Step], label: &str) -> Result<()> {
             Outcome::Done | Outcome::Stopped => break,
         }
     }
-    Ok(())
+    Ok(failed.is_empty())
 }
 
 /// Fails if the recording is not at hand at the moment, so that its results are not thrown away.
@@ -142,20 +148,10 @@ fn require_recording(job: &Job) -> Result<()> {
 }
 
 /// Locks a step of a recording against other batches until the returned file is dropped.
-fn lock(folder: &Path, step: Step) -> Result<File> {
-    let path = folder.join("steps").join(format!("{}.lock", step.name()));
-    let fail = |e| Error::io("reserve the folder", &path, e);
-    std::fs::create_dir_all(folder.join("steps")).map_err(fail)?;
-    let file = File::create(&path).map_err(fail)?;
-    match file.try_lock() {
-        Ok(()) => Ok(file),
-        Err(TryLockError::WouldBlock) => Err(Error::input_at(
-            folder,
-            format!("another batch is at the same step ({}) of this recording", step.name()),
-            "Wait for it, or choose another folder with `--output`.",
-        )),
-        Err(TryLockError::Error(e)) => Err(fail(e)),
-    }
+fn lock(folder: &Path, step: Step) -> Result<Lock> {
+    let steps = folder.join("steps");
+    std::fs::create_dir_all(&steps).map_err(|e| Error::io("reserve the folder", &steps, e))?;
+    Lock::acquire(steps.join(format!("{}.lock", step.name())), folder)
 }
 
 /// A step in the output of `--dry-run --json`; the keys are a contract.

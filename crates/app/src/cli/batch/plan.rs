@@ -67,7 +67,7 @@ impl Job {
 const OWN: [&str; 8] = ["output", "sequence", "force", "resume", "json", "masks", "langsplat", "help"];
 
 /// Keys that name a source of features. One of them must be given for features, and so for prompts.
-const FEATURE_SOURCES: [&str; 3] = ["labels", "masks_model", "features"];
+const FEATURE_SOURCES: [&str; 4] = ["labels", "masks_model", "features", "dense_encoder"];
 
 impl Plan {
     /// Reads a jobs file; `output` replaces the folder that it names.

@@ -13,7 +13,7 @@ use surgtpgs_core::{
     files::write_whole,
     hash::{file_sha256, sha256},
     prepare::Prepared,
-    reading::read_text,
+    reading::{read_regular, read_text},
     sequence::{Identity, Sequence, settings_files},
 };
 use walkdir::{DirEntry, WalkDir};
@@ -112,6 +112,9 @@ pub(super) struct Source {
     identity: Option<Identity>,
 }
 
+/// Most bytes of a file that says which recording it is: that of some million frames.
+const MOST_SOURCE: u64 = 1 << 28;
+
 impl Source {
     /// Looks at the job's recording; reads its files only if it moved, changed or could not be opened before.
     fn of(job: &Job) -> Self {
@@ -142,11 +145,11 @@ impl Source {
 
     fn read(folder: &Path) -> Result<Option<Self>> {
         let path = Self::file(folder);
-        let text = match std::fs::read_to_string(&path) {
+        let text = match read_regular(&path, MOST_SOURCE) {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             text => text.map_err(|e| Error::io("read what was done", &path, e))?,
         };
-        serde_json::from_str(&text).map(Some).map_err(|e| {
+        serde_json::from_slice(&text).map(Some).map_err(|e| {
             let what = format!("this does not say which recording the folder is of: {e}");
             Error::input_at(&path, what, "Remove the recording's folder to do it again.")
         })

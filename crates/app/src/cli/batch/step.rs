@@ -17,7 +17,7 @@ use std::{
     path::Path,
     time::Instant,
 };
-use surgtpgs_core::{Error, Result, files::write_whole};
+use surgtpgs_core::{Error, Result, files::write_whole, train::is_checkpoint};
 
 /// Result of running a step.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -69,16 +69,18 @@ fn of_panic(cause: &(dyn Any + Send)) -> Error {
 /// with the same settings. Fails if the output is there and no batch made it.
 fn make_room(task: &mut Task, status: &Status) -> Result<()> {
     if matches!(status, Status::New) && task.output.exists() {
-        let hint = "Move it away, or choose another folder with `--output`.";
-        return Err(Error::input_at(&task.output, "this is in the way and was not made by a batch", hint));
+        return Err(in_the_way(&task.output));
     }
     let goes_on = matches!(status, Status::Unfinished(_));
     match &mut task.verb {
         Verb::Prepare(args) => args.force = true,
         Verb::Train(args) => {
             let checkpoint = jobs::checkpoint_path(&task.output);
-            if !goes_on {
-                // The checkpoint is of other settings, or of another recording.
+            if !goes_on && checkpoint.exists() {
+                if matches!(status, Status::New) || !is_checkpoint(&checkpoint) {
+                    return Err(in_the_way(&checkpoint));
+                }
+                // It is of other settings, or of another recording.
                 jobs::remove_file(&checkpoint)?;
             }
             args.resume = checkpoint.exists();
@@ -89,6 +91,11 @@ fn make_room(task: &mut Task, status: &Status) -> Result<()> {
         _ => {}
     }
     Ok(())
+}
+
+fn in_the_way(path: &Path) -> Error {
+    let hint = "Move it away, or choose another folder with `--output`.";
+    Error::input_at(path, "this is in the way and was not made by a batch", hint)
 }
 
 /// Runs the step and returns its report.

@@ -180,6 +180,10 @@ pub(super) fn memory_bytes(bytes: &[u8]) -> Option<u64> {
     let (_, metadata) = SafeTensors::read_metadata(bytes).ok()?;
     let header: Header = serde_json::from_str(metadata.metadata().as_ref()?.get(METADATA_KEY)?).ok()?;
     let reader = Reader::new(bytes).ok()?;
+    let rows = reader.view("means").ok().and_then(|means| means.shape().first().copied());
+    if !reader.has("means.shape") && rows != Some(header.gaussians) {
+        return None;
+    }
     let product = |shape: &[u64]| shape.iter().fold(1_u64, |product, n| product.saturating_mul(*n));
     let values = |(name, view): (String, TensorView<'_>)| match reader.u32(&format!("{name}.shape")) {
         Ok(shape) => product(&shape.into_iter().map(u64::from).collect::<Vec<_>>()),

@@ -30,7 +30,9 @@ pub(super) fn from_bytes(
 ) -> Result<Scene, Problem> {
     let table = Table::from_bytes(bytes)?;
     if table.has_column("coefs_0") {
-        reference::from_table(&table, weights()?)
+        let own = ReferenceWeights::from_comments(&table.comments);
+        let weights = if own.is_some() { own } else { weights()? };
+        reference::from_table(&table, weights)
     } else {
         splats::from_table(&table)
     }

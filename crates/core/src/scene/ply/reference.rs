@@ -44,6 +44,8 @@ const UNUSED: [&str; 2] = ["conv_alpha.weight", "conv_alpha.bias"];
 
 /// Largest size of that file in bytes; it needs less than a thousand.
 const MOST_BYTES: u64 = 1 << 20;
+/// Beginning of the comment that holds the weights.
+const WEIGHTS_COMMENT: &str = "lang_deformation";
 
 /// The feature network of the released code, `lang_deformation`.
 #[derive(Clone, Debug, PartialEq)]
@@ -92,6 +94,26 @@ impl ReferenceWeights {
             }
         };
         Ok(Self { weight: read(WEIGHT, DIM * (DIM + 1))?, bias: read(BIAS, DIM)? })
+    }
+
+    /// Returns the weights as a comment of the `.ply`, so that it is whole without the file beside it.
+    fn to_comment(&self) -> String {
+        let numbers = self.weight.iter().chain(&self.bias);
+        let hexadecimal: String = numbers.map(|v| format!("{:08x}", v.to_bits())).collect();
+        format!("{WEIGHTS_COMMENT} {hexadecimal}")
+    }
+
+    /// Reads the comment that [`Self::to_comment`] writes; `None` if there is none of it.
+    pub(super) fn from_comments(comments: &[String]) -> Option<Self> {
+        let text = comments.iter().find_map(|comment| comment.strip_prefix(WEIGHTS_COMMENT))?.trim();
+        let (digits, rest) = text.as_bytes().as_chunks::<8>();
+        let number =
+            |d: &[u8; 8]| u32::from_str_radix(std::str::from_utf8(d).ok()?, 16).ok().map(f32::from_bits);
+        let mut weight: Vec<f32> = digits.iter().map(number).collect::<Option<_>>()?;
+        let is_whole = rest.is_empty() && weight.len() == DIM * (DIM + 2);
+        let bias = weight.split_off(weight.len().min(DIM * (DIM + 1)));
+        let is_finite = weight.iter().chain(&bias).all(|v| v.is_finite());
+        (is_whole && is_finite).then_some(Self { weight, bias })
     }
 
     /// Returns the weights as safetensors.
@@ -150,7 +172,7 @@ impl Scene {
             vec!["opa_lang".to_owned()],
         ]
         .concat();
-        let comments = vec![MADE_BY.to_owned()];
+        let comments = vec![MADE_BY.to_owned(), weights.to_comment()];
         ReferencePly { ply: Table { names, comments, values }.to_bytes(), weights, lost }
     }
 
