@@ -1,11 +1,12 @@
 // Gradients of the image planes -> one slot per splat-tile pair; twin: core::raster::backward.
 //
-// A front-to-back replay per tile, which alone writes the slots of its pairs: no atomics, and the sums have a fixed
-// order. Per pixel the replay needs two numbers whatever the channels: transmittance T and
-// rest = sum over the splats not yet visited of w (c . g), which starts as (image . g). Then
-// dL/dalpha = T (c . g) - rest / (1 - alpha).
-// Splats go in batches: first a thread per pixel finds each splat's weight and dL/d(exponent), then LANES threads
-// per splat sum them up over the tile. Slots are cleared before.
+// Each tile replays its splats front to back, and it alone writes the slots of its pairs. So there are no
+// atomics, and the sums have a fixed order. For any number of channels the replay needs two numbers per
+// pixel: transmittance T and rest = sum over the splats not yet visited of w (c . g), which starts as
+// (image . g). Then dL/dalpha = T (c . g) - rest / (1 - alpha).
+//
+// Splats are processed in batches. First a thread per pixel computes each splat's weight and dL/d(exponent),
+// then LANES threads per splat sum them up over the tile. The slots must have been cleared.
 
 #import constants
 #import shared/gaussian.wgsl
@@ -15,7 +16,7 @@
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> splats: array<SplatRow>;
 @group(0) @binding(2) var<storage, read> features: array<f32>;
-// Sorted by tile, then depth: Gaussian and slot of each pair.
+// Gaussian and slot of each pair, sorted by tile, then depth.
 @group(0) @binding(3) var<storage, read> pair_splats: array<u32>;
 @group(0) @binding(4) var<storage, read> pair_slots: array<u32>;
 @group(0) @binding(5) var<storage, read> tile_ranges: array<vec2u>;
@@ -25,10 +26,10 @@
 
 const PIXELS: u32 = TILE * TILE;
 const NUM_FEATURES: u32 = max(LATENT_DIM, 1u);
-// Threads that sum up one splat, and pixels of each.
+// Threads that sum up one splat, and pixels of each thread.
 const LANES: u32 = PIXELS / BACKWARD_BATCH;
 const LANE_PIXELS: u32 = PIXELS / LANES;
-// Numbers of a slot that the shared memory takes at once.
+// Numbers of a slot that fit into the shared memory at once.
 const ROUND: u32 = 2u * BACKWARD_BATCH;
 
 var<workgroup> batch: array<SplatRow, BACKWARD_BATCH>;
@@ -40,7 +41,7 @@ var<workgroup> num_done: atomic<u32>;
 var<workgroup> all_done: u32;
 
 struct Pixel {
-    // dL/d(channel) and of alpha.
+    // dL/d(channel) and dL/d(alpha).
     g: array<f32, SLOT_CHANNELS>,
     g_alpha: f32,
     transmittance: f32,
@@ -48,7 +49,7 @@ struct Pixel {
     is_done: bool,
 }
 
-// Plane of a blended channel: r, g, b, depth, features; alpha lies between.
+// Plane of a blended channel: r, g, b, depth, features. Alpha lies between depth and features.
 fn plane_of(channel: u32) -> u32 {
     return channel + select(0u, 1u, channel >= ALPHA_PLANE);
 }
@@ -64,7 +65,7 @@ fn load_pixel(at: vec2u) -> Pixel {
     let p = at.y * view.size.x + at.x;
     pixel.g_alpha = g_planes[ALPHA_PLANE * plane + p];
     pixel.rest = pixel.g_alpha * planes[ALPHA_PLANE * plane + p];
-    // Not a comparison of the sum with 0: what is not a number must reach the gradients, where it is found.
+    // Not a comparison of the sum with 0: NaN must reach the gradients, so that it is noticed there.
     pixel.is_done = pixel.g_alpha == 0.0;
     for (var c = 0u; c < SLOT_CHANNELS; c++) {
         let g = g_planes[plane_of(c) * plane + p];
@@ -85,7 +86,7 @@ fn channel_of(k: u32, c: u32) -> f32 {
     return batch_features[k * NUM_FEATURES + c - SLOT_BASE_CHANNELS];
 }
 
-// Blends splat k of the batch into the pixel; its weight and dL/d(exponent).
+// Blends splat k of the batch into the pixel; returns its weight and dL/d(exponent).
 fn replay(k: u32, position: vec2f, pixel: ptr<function, Pixel>) -> vec2f {
     let raw = unclamped_alpha_at(batch[k], position);
     let alpha = min(raw, MAX_ALPHA);
@@ -106,7 +107,7 @@ fn replay(k: u32, position: vec2f, pixel: ptr<function, Pixel>) -> vec2f {
     (*pixel).rest -= weight * value;
     (*pixel).transmittance = next;
     let g_alpha = transmittance * value - (*pixel).rest / (1.0 - alpha);
-    // No gradient through a clamped alpha.
+    // There is no gradient through a clamped alpha.
     return vec2f(weight, select(0.0, g_alpha * alpha, raw <= MAX_ALPHA));
 }
 
@@ -188,7 +189,7 @@ fn backward(
         if splat < count {
             sums = lane_sums(splat, thread % LANES, tile.xy * TILE);
         }
-        // The lanes' sums, ROUND numbers of the slot at a time.
+        // Adds the lanes' sums, ROUND numbers of the slot at a time.
         for (var start = 0u; start < SLOT; start += ROUND) {
             workgroupBarrier();
             for (var j = 0u; j < BACKWARD_BATCH; j++) {

@@ -1,13 +1,14 @@
-// Which splats touch which tiles, front to back; twin: core::raster::bin.
+// Assignment of splats to the tiles they touch, front to back; twin: core::raster::bin.
 //
-//   depth_keys  (sort by depth)  count_tiles  (scan)  emit_pairs  (stable sort by tile)  tile_ranges
+//   depth_keys  (sort by depth)  count_tiles  (scan)  emit_pairs  (stable sort by tile)  find_ranges
 //
-// For training each pair also has a slot, its place before the sort by tile: number_pairs replaces the Gaussians by
-// slots before that sort, resolve_pairs looks them up after it.
+// For training each pair also has a slot, its place before the sort by tile. number_pairs replaces the
+// Gaussians by slots before that sort, resolve_pairs looks them up after it.
 //
-// Sorting the splats by depth once and the pairs by tile alone keeps the keys short; the sort is stable, so the
-// pairs of a tile stay front to back, ties by index. The count of pairs stays on the device: pairs beyond the
-// capacity are not written, and the host, which sees the count with the picture, grows the buffers and repeats.
+// The splats are sorted by depth once and the pairs by tile only, which keeps the keys short. The sort is
+// stable, so the pairs of a tile stay front to back, ties by index. The count of pairs stays on the
+// device. Pairs beyond the capacity are not written. The host reads the count with the picture, grows the
+// buffers and repeats.
 
 #import constants
 #import shared/dispatch.wgsl
@@ -16,15 +17,15 @@
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> splats: array<SplatRow>;
-// Splats front to back.
+// Depth keys and indices of the splats; front to back after the sort.
 @group(0) @binding(2) var<storage, read_write> depth_keys_out: array<u32>;
 @group(0) @binding(3) var<storage, read_write> depth_order: array<u32>;
-// Per rank in depth_order: how many tiles, then (scanned) its first pair.
+// Number of tiles of each rank in depth_order; after the scan its first pair.
 @group(0) @binding(4) var<storage, read_write> first_pair: array<u32>;
 @group(0) @binding(5) var<storage, read> num_wanted: array<u32>;
 @group(0) @binding(6) var<storage, read_write> pair_tiles: array<u32>;
 @group(0) @binding(7) var<storage, read_write> pair_gaussians: array<u32>;
-// [first, end) of each tile; cleared before.
+// [first, end) of each tile; must have been cleared.
 @group(0) @binding(8) var<storage, read_write> tile_ranges: array<vec2u>;
 // Gaussian of each slot.
 @group(0) @binding(9) var<storage, read_write> slot_owners: array<u32>;
@@ -66,8 +67,8 @@ fn edge(splat: SplatRow, cut: f32, dy: f32, side: f32) -> f32 {
     return (-conic.y * dy + side * inside) / conic.x;
 }
 
-// Tile columns that the ellipse touches in one tile row: in a band it reaches furthest right at its rightmost
-// point if that lies in the band, else at the band's edge nearest to it; furthest left likewise.
+// Tile columns that the ellipse touches in one tile row. In a band it reaches furthest right at its rightmost
+// point if that lies in the band, else at the band's edge nearest to it; the same holds for the left.
 fn tile_span(splat: SplatRow, row: u32) -> vec2u {
     let cut = 2.0 * log(splat.opacity / MIN_ALPHA);
     let dy_right = -splat.conic.y / splat.conic.z * splat.extent_x;
@@ -96,7 +97,7 @@ fn count_tiles(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let rank = flat_group(group, num_groups) * GROUP + lane;
-    // Without any splat there is one item to scan still.
+    // Without any splat there is still one item to scan.
     if rank >= arrayLength(&first_pair) {
         return;
     }
@@ -139,8 +140,8 @@ fn emit_pairs(
             at++;
         }
     }
-    // The compiler may round differently here than in count_tiles: whatever was counted but not found goes to a
-    // tile that does not exist.
+    // The compiler may round differently here than in count_tiles. Pairs that were counted but not found
+    // go to a tile that does not exist.
     for (; at < end; at++) {
         pair_tiles[at] = view.tiles.x * view.tiles.y;
         pair_gaussians[at] = gaussian;

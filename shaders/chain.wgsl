@@ -1,7 +1,8 @@
-// Gradients of the splats -> gradients of the parameters at rest, per Gaussian; twin: core::train::chain (geometry and
-// colour), core::raster::project (project_backward, view_colour_backward) and core::deform::move_geometry_backward.
+// Gradients of the splats -> gradients of the parameters at rest, for each Gaussian; twin:
+// core::train::chain (geometry and colour), core::raster::project (project_backward,
+// view_colour_backward) and core::deform::move_geometry_backward.
 //
-// What is at rest and psi are added, so their gradients are the same numbers.
+// The parameters at rest and psi are added, so their gradients are the same numbers.
 
 #import constants
 #import shared/num.wgsl
@@ -12,7 +13,7 @@
 #import shared/rotation.wgsl
 
 struct Chain {
-    // Colour bands above 0 that are learned already.
+    // Number of colour bands above 0 that are already learned.
     learned_bands: u32,
     padding: u32,
     padding_2: vec2u,
@@ -35,8 +36,8 @@ struct Geometry {
     scale: vec3f,
 }
 
-// Conic = covariance^-1 gives dL/dcovariance = -C G C, and covariance = U U^T + DILATION gives dL/dU = 2 (dL/dcov) U.
-// Rows of U: u and v.
+// Conic = covariance^-1 gives dL/dcovariance = -C G C, and covariance = U U^T + DILATION gives dL/dU = 2
+// (dL/dcov) U. The rows of U are u and v.
 struct Root {
     u: vec3f,
     v: vec3f,
@@ -61,8 +62,9 @@ fn root_backward(root: Root, g_conic: vec3f) -> Root {
     );
 }
 
-// Gradients of one axis of the picture with respect to the point in the camera: through the centre, and through its
-// row of the Jacobian (f/z, -f slope/z), slope = x/z unless held by the guard. Along that axis, then along z.
+// Gradients of one axis of the picture with respect to the point in the camera: through the centre, and
+// through its row of the Jacobian (f/z, -f slope/z), where slope = x/z unless clamped by the guard. The
+// result is along that axis, then along z.
 fn axis_backward(axis: u32, point: vec3f, slope: f32, is_inside: bool, g_centre: f32, g_row: vec2f) -> vec2f {
     let per_depth = view.focal[axis] / point.z;
     var out = vec2f(g_centre * per_depth, -g_centre * per_depth * point[axis] / point.z);
@@ -109,7 +111,7 @@ fn project_backward(geometry: DeformedRow, g: SplatGradientRow) -> Geometry {
     return out;
 }
 
-// Gradient of the mean through the direction that it is seen from; writes those of the colour bands.
+// Gradient of the mean through the viewing direction; writes those of the colour bands.
 fn bands_backward(n: u32, mean: vec3f, g: vec3f) -> vec3f {
     let num_bands = (view.sh_degree + 1u) * (view.sh_degree + 1u) - 1u;
     let along = mean - view.position;
@@ -135,7 +137,7 @@ fn bands_backward(n: u32, mean: vec3f, g: vec3f) -> vec3f {
     return (g_direction - direction * dot(direction, g_direction)) / length;
 }
 
-// Where a scale was held by its bounds it has no gradient.
+// True for scales that are not clamped; clamped scales have no gradient.
 fn is_free(scale: vec3f) -> vec3<bool> {
     return (scale < vec3f(MAX_SCALE)) & (scale > vec3f(1.0 / MAX_SCALE));
 }

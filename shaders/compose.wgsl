@@ -1,20 +1,21 @@
-// Image planes -> what is shown: colours of 8 bits, and depth per opacity; twin: core::raster::Images (to_rgb,
-// normalised_depth) with what lies outside the field of view blanked. One invocation per pixel.
+// Image planes -> the shown picture: colours of 8 bits, and depth divided by opacity; twin:
+// core::raster::Images (to_rgb, normalised_depth), with pixels outside the field of view blanked. One
+// invocation per pixel.
 
 #import constants
 #import shared/dispatch.wgsl
 
 struct Compose {
     num_pixels: u32,
-    // Pixels with less accumulated opacity have no depth.
+    // Smallest accumulated opacity of a pixel that has depth.
     min_alpha: f32,
     padding: vec2u,
 }
 
 @group(0) @binding(0) var<uniform> params: Compose;
-// As the raster pass leaves them.
+// Planes in the layout of the raster pass.
 @group(0) @binding(1) var<storage, read> planes: array<f32>;
-// One bit per pixel, from the lowest of each word on: inside the field of view.
+// Pixels inside the field of view: one bit per pixel, starting with the lowest bit of each word.
 @group(0) @binding(2) var<storage, read> inside: array<u32>;
 // One number per pixel: red in the lowest byte, then green, blue and 255.
 @group(0) @binding(3) var<storage, read_write> pixels: array<u32>;

@@ -4,8 +4,8 @@
 //   mean += psi[0..3], q = unit(q + psi[3..7]), scale = exp(log_scale + psi[7..10]), colour += psi[10..13],
 //   f' = f + (W [f; t] + bias) * sigmoid(slope * psi[gate_channel..][..D])
 //
-// One thread per Gaussian of one part: the weights of all Gaussians may exceed what one binding may hold, so
-// they are cut into ranges of Gaussians, each with its own [bases][rows][stride] block.
+// One thread per Gaussian of one part. The weights of all Gaussians may be larger than a binding, so they
+// are cut into ranges of Gaussians, each with its own [bases][rows][stride] block.
 
 #import constants
 #import shared/num.wgsl
@@ -23,7 +23,7 @@
 // Basis values [B] (of shared bases), feature weight [D][D + 1], feature bias [D].
 @group(0) @binding(6) var<storage, read> tables: array<f32>;
 @group(0) @binding(7) var<storage, read_write> deformed: array<DeformedRow>;
-// [N][LATENT_DIM], then how far each one's gate is open, [N][LATENT_DIM].
+// [N][LATENT_DIM], then the opening of each one's gate, [N][LATENT_DIM].
 @group(0) @binding(8) var<storage, read_write> features: array<f32>;
 
 fn basis_value(b: u32, at: u32) -> f32 {
@@ -47,7 +47,7 @@ fn psi3(row: u32, channel: u32) -> vec3f {
     return vec3f(psi(row, channel), psi(row, channel + 1u), psi(row, channel + 2u));
 }
 
-// Length of a quaternion; 0 where it has no direction.
+// Length of a quaternion; 0 if it has no direction.
 fn quaternion_length(q: vec4f) -> f32 {
     let length = sqrt(dot(q, q));
     return select(0.0, length, length > 1e-12 && is_finite(length));
@@ -69,7 +69,7 @@ fn deform_features(row: u32, n: u32) {
     }
 }
 
-// A log-scale within its bounds; the lowest where it is not a number.
+// A log-scale clamped to its bounds; the lowest for NaN.
 fn bounded(x: f32) -> f32 {
     return select(clamp(x, -MAX_LOG_SCALE, MAX_LOG_SCALE), -MAX_LOG_SCALE, is_nan(x));
 }

@@ -1,7 +1,8 @@
-// One layer of the decoder for many points: out = in W^T + b, then ReLU where asked; twin: core::codec (apply).
+// One layer of the decoder for many points: out = in W^T + b, then ReLU if asked for; twin: core::codec
+// (apply).
 //
-// A workgroup computes a DENSE_TILE x DENSE_TILE block of the output, each invocation DENSE_EACH x DENSE_EACH of
-// it; inputs and weights go through workgroup memory DENSE_DEPTH columns at a time.
+// A workgroup computes a DENSE_TILE x DENSE_TILE block of the output, each invocation DENSE_EACH x
+// DENSE_EACH of it. Inputs and weights go through workgroup memory, DENSE_DEPTH columns at a time.
 
 #import constants
 
@@ -9,7 +10,7 @@ struct Dense {
     num_rows: u32,
     num_in: u32,
     num_out: u32,
-    // Row of `inputs` that is row 0 here.
+    // Row of `inputs` that is row 0 of the output.
     first_row: u32,
     has_relu: u32,
     padding: u32,

@@ -1,9 +1,10 @@
-// Adding Gaussians where the picture pulls at them, removing those that have faded; twin: core::train::densify.
+// Adds Gaussians where the gradient of the picture pulls at them, and removes those that have faded;
+// twin: core::train::densify.
 //
 //   mark  (scan, stable sort by key)  choose  (scan)  list  copy_rows (for every array)  part
 //
-// Between the sort and `choose` the host reads how many are kept and how many are pulled, and decides how many of these
-// are parted: it has to make room for the new rows anyway.
+// Between the sort and `choose` the host reads the numbers of kept and of pulled Gaussians, and decides
+// how many of the latter are divided into two. It has to make room for the new rows anyway.
 
 #import constants
 #import shared/num.wgsl
@@ -16,27 +17,27 @@ struct Densify {
     num_gaussians: u32,
     num_kept: u32,
     num_children: u32,
-    // 1 where both halves of a pair are placed at random and start afresh.
+    // 1 to place both halves of a pair at random, with fresh moments.
     split_only: u32,
     min_opacity_logit: f32,
     min_pull: f32,
     split_log_scale: f32,
     padding: u32,
-    // What random numbers follow from, beside the parent.
+    // Seed of the random numbers, which also depend on the parent.
     seed: vec2u,
     padding_2: vec2u,
 }
 
-// An array of [planes][rows][width] numbers, of which the rows from `first_row` on are here.
+// An array of [planes][rows][width] numbers; this part holds the rows from `first_row` on.
 struct CopyRows {
     num_planes: u32,
     num_rows: u32,
     width: u32,
     first_row: u32,
-    // The same array before; further rows are elsewhere.
+    // Part of the old array that is bound; its other rows are in other parts.
     old_num_rows: u32,
     old_first_row: u32,
-    // 1 for moments: those of fresh rows are 0.
+    // 1 for moments, whose fresh rows become 0.
     clears_fresh: u32,
     padding: u32,
 }
@@ -45,20 +46,20 @@ struct CopyRows {
 @group(0) @binding(1) var<storage, read> rest: array<RestRow>;
 @group(0) @binding(2) var<storage, read> pull_sums: array<f32>;
 @group(0) @binding(3) var<storage, read> times_seen: array<u32>;
-// [N + 1], the last 0: 1 where the Gaussian is kept, then (scanned) its row in the new set.
+// [N + 1], the last 0: 1 if the Gaussian is kept; after the scan its row in the new set.
 @group(0) @binding(4) var<storage, read_write> places: array<u32>;
-// Most pulled first once sorted.
+// Keys and indices of the Gaussians; most pulled first after the sort.
 @group(0) @binding(5) var<storage, read_write> pull_keys: array<u32>;
 @group(0) @binding(6) var<storage, read_write> ranked: array<u32>;
-// Kept, pulled.
+// Numbers of kept and of pulled Gaussians.
 @group(0) @binding(7) var<storage, read_write> counts: array<atomic<u32>>;
-// Row of the old set that each row of the new set copies, with FRESH where its moments start afresh.
+// Row of the old set that each row of the new set copies, with FRESH if its moments start afresh.
 @group(0) @binding(8) var<storage, read_write> parents: array<u32>;
 @group(0) @binding(9) var<uniform> copied: CopyRows;
 @group(0) @binding(10) var<storage, read> source: array<f32>;
 @group(0) @binding(11) var<storage, read_write> rows: array<f32>;
 @group(0) @binding(12) var<storage, read_write> new_rest: array<RestRow>;
-// [N + 1], the last 0: 1 where the Gaussian is parted, then (scanned) the child's number.
+// [N + 1], the last 0: 1 if the Gaussian is divided; after the scan the child's number.
 @group(0) @binding(13) var<storage, read_write> children: array<u32>;
 
 const FRESH: u32 = 0x80000000u;
@@ -148,7 +149,7 @@ fn copy_rows(
     let line = i / copied.width;
     let plane = line / copied.num_rows;
     let entry = parents[copied.first_row + line % copied.num_rows];
-    // Wraps around where it is below, and is too large then.
+    // A row below the part wraps around and is then too large.
     let row = (entry & ~FRESH) - copied.old_first_row;
     if row >= copied.old_num_rows {
         return;
@@ -158,13 +159,13 @@ fn copy_rows(
     rows[i] = select(source[at], 0.0, is_cleared);
 }
 
-// Two of one: a large Gaussian becomes two smaller ones along its longest axis, a small one two side by side that
-// together cover what it did.
+// Makes two Gaussians of one. A large one becomes two smaller ones along its longest axis. A small one
+// becomes two side by side that together cover the same area.
 fn split_or_clone(parent: u32, child: u32) {
     let one = new_rest[parent];
     var longest = 0u;
     for (var axis = 1u; axis < 3u; axis++) {
-        // The last one of equals, as in the twin.
+        // If several are equal, the last one is taken, as in the twin.
         if one.log_scale[axis] >= one.log_scale[longest] {
             longest = axis;
         }
@@ -185,7 +186,7 @@ fn split_or_clone(parent: u32, child: u32) {
     new_rest[child].mean = one.mean + offset;
 }
 
-// Two smaller ones at random where one was, as the released code does.
+// Places two smaller Gaussians at random where one was, as the released code does.
 fn scatter(parent: u32, child: u32, seed: u32) {
     let one = new_rest[parent];
     let turn = rotation_matrix(unit(one.rotation));
@@ -198,7 +199,7 @@ fn scatter(parent: u32, child: u32, seed: u32) {
     }
 }
 
-// The unit quaternion; that of no turn where there is no direction.
+// The unit quaternion; the identity if there is no direction.
 fn unit(q: vec4f) -> vec4f {
     let length = sqrt(dot(q, q));
     return select(vec4f(1.0, 0.0, 0.0, 0.0), q / length, length > 1e-12 && is_finite(length));

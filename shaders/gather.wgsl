@@ -1,5 +1,6 @@
-// Slots of each splat, summed in the order of its tiles -> gradients of the splats; twin: core::raster::backward
-// (gather), core::raster::project::Sampling::apply_backward and core::train::Statistics::add.
+// Slots of each splat, summed in the order of its tiles -> gradients of the splats; twin:
+// core::raster::backward (gather), core::raster::project::Sampling::apply_backward and
+// core::train::Statistics::add.
 //
 // The slots of the splat with depth rank r are first_pair[r]..first_pair[r + 1].
 
@@ -10,9 +11,9 @@
 #import shared/slot.wgsl
 
 struct Gather {
-    // What the pull at a centre is multiplied by.
+    // Factors of the pull at a centre.
     pull_scale: vec2f,
-    // 0 where the gradient of depth moves no centres.
+    // 0 if the gradient of depth does not move centres.
     depth_moves_centres: u32,
     padding: u32,
 }
@@ -56,7 +57,7 @@ fn gather(
     if splat.extent_x > 0.0 {
         let step = f32(view.sampling_step);
         let conic = splat.conic;
-        // The moments are linear in what they came from.
+        // The moments are linear in the gradients that they sum up.
         g.centre = vec2f(conic.x * sums[1] + conic.y * sums[2], conic.y * sums[1] + conic.z * sums[2]) / step;
         g.conic = vec3f(-0.5 * sums[3], -sums[4], -0.5 * sums[5]) * step * step;
         g.opacity = sums[0] / splat.opacity;

@@ -1,8 +1,8 @@
-// Rendered features -> scores, looked up in the tables of core::relevancy::Lattice (lattice/look_up.rs is the twin). One
-// invocation per pixel.
+// Rendered features -> scores, looked up in the tables of core::relevancy::Lattice (lattice/look_up.rs is
+// the twin). One invocation per pixel.
 //
-// What no table decides is left open: its number and its latent are appended to a list, and the CPU, which owns the
-// tables, scores it and makes the cells that were missing.
+// A pixel that no table can decide is left open: its number and its latent are appended to a list. The
+// CPU, which owns the tables, scores it and makes the cells that were missing.
 
 #import constants
 #import shared/num.wgsl
@@ -11,27 +11,27 @@
 struct LookUp {
     num_pixels: u32,
     num_prompts: u32,
-    // Polynomials of one prompt.
+    // Number of polynomials of one prompt.
     num_leaves: u32,
-    // Pixels with less accumulated opacity are holes.
+    // Smallest accumulated opacity of a pixel that is not a hole.
     min_alpha: f32,
     temperature: f32,
     padding: u32,
     padding_2: vec2u,
 }
 
-// A pixel that no table decides.
+// A pixel that no table can decide.
 struct OpenPixel {
     latent: vec3f,
     number: u32,
 }
 
 @group(0) @binding(0) var<uniform> params: LookUp;
-// As the raster pass leaves them, with three features.
+// Planes in the layout of the raster pass, with three features.
 @group(0) @binding(1) var<storage, read> planes: array<f32>;
-// One bit per pixel, from the lowest of each word on: inside the field of view.
+// Pixels inside the field of view: one bit per pixel, starting with the lowest bit of each word.
 @group(0) @binding(2) var<storage, read> inside: array<u32>;
-// What is at each coarsest cell, then brick by brick what is within those that were cut.
+// Values of the coarsest cells, then brick by brick those of the cells within a cut cell.
 @group(0) @binding(3) var<storage, read> cells: array<u32>;
 // [prompts][leaves][2]: factors of 1, z, y, yz and of x, xz, xy, xyz; NaN where points must be decoded.
 @group(0) @binding(4) var<storage, read> polynomials: array<vec4f>;
@@ -46,7 +46,7 @@ fn joined(at: vec3u, bits: u32) -> u32 {
     return (at.x << (2u * bits)) | (at.y << bits) | at.z;
 }
 
-// What is at a finest cell.
+// Value of a finest cell.
 fn cell_at(fine: vec3u) -> u32 {
     let coarse = fine >> vec3u(2u * LATTICE_BRICK_LEVELS);
     var value = cells[joined(coarse, LATTICE_COARSE_BITS)];
@@ -111,7 +111,7 @@ fn look_up(
         return;
     }
     let leaf = value >> 3u;
-    // How often a finest cell would have to be doubled to be the cell.
+    // Number of times that a finest cell must be doubled to get the cell.
     let doublings = 2u * LATTICE_BRICK_LEVELS - (value & 7u);
     let corner = (fine >> vec3u(doublings)) << vec3u(doublings);
     let within = (at - vec3f(corner)) / f32(1u << doublings);
@@ -130,10 +130,10 @@ fn look_up(
     }
 }
 
-// [pixels][1 + prompts]: a pixel's number, then its scores, bit by bit.
+// [pixels][1 + prompts]: a pixel's number, then the bits of its scores.
 @group(0) @binding(8) var<storage, read> patches: array<u32>;
 
-// Writes scores that were computed elsewhere.
+// Writes scores that were computed on the CPU.
 @compute @workgroup_size(GROUP)
 fn write_open(
     @builtin(workgroup_id) group: vec3u,

@@ -1,8 +1,9 @@
-// Image planes -> loss terms and their gradient with respect to the planes (method section 5); twin: core::train::loss.
+// Image planes -> loss terms and their gradient with respect to the planes (method section 5); twin:
+// core::train::loss.
 //
-// Per pixel: |colour - truth|, |inverse depth - truth|, |feature - wanted| where supervised, and for each plane
-// |here - neighbour| to the right and below where both count. Region smoothness is added by regions.wgsl.
-// Each workgroup leaves one weighted sum of each term; settle.wgsl adds them up in order.
+// For each pixel: |colour - truth|, |inverse depth - truth|, |feature - wanted| if supervised, and for
+// each plane |here - neighbour| to the right and below if both count. Region smoothness is added by
+// regions.wgsl. Each workgroup writes one weighted sum of each term; settle.wgsl adds them up in order.
 
 #import constants
 #import shared/dispatch.wgsl
@@ -12,10 +13,10 @@ struct Loss {
     size: vec2u,
     has_depth: u32,
     has_regions: u32,
-    // Depth as the released code has it: not divided by alpha, inverted in scene units.
+    // 1 for depth as in the released code: not divided by alpha, inverted in scene units.
     raw_depth: u32,
     unmasked_variation: u32,
-    // Rows of the table of features.
+    // Number of rows of the table of features.
     num_rows: u32,
     typical_depth: f32,
     // Weight of a pixel in each term.
@@ -30,16 +31,16 @@ struct Loss {
 
 @group(0) @binding(0) var<uniform> params: Loss;
 @group(0) @binding(1) var<storage, read> planes: array<f32>;
-// r, g, b in the low bytes, the highest is not 0 where the pixel is supervised.
+// r, g, b in the low bytes; the highest byte is not 0 if the pixel is supervised.
 @group(0) @binding(2) var<storage, read> pixels: array<u32>;
 // z, 0 where unknown.
 @group(0) @binding(3) var<storage, read> depths: array<f32>;
-// Row of the table of features; beyond its end where there is none.
+// Row of the table of features; beyond its end if there is none.
 @group(0) @binding(4) var<storage, read> regions: array<u32>;
 // [rows][LATENT_DIM]
 @group(0) @binding(5) var<storage, read> latents: array<f32>;
 @group(0) @binding(6) var<storage, read_write> g_planes: array<f32>;
-// Per workgroup: colour, depth, variation, features.
+// Sums of each workgroup: colour, depth, variation, features.
 @group(0) @binding(7) var<storage, read_write> partial_sums: array<vec4f>;
 
 fn is_supervised(p: u32) -> bool {
@@ -50,7 +51,7 @@ fn varies(p: u32) -> bool {
     return params.unmasked_variation == 1u || is_supervised(p);
 }
 
-// Sum of |here - neighbour| to the right and below; how all four neighbours pull at the pixel.
+// Sum of |here - neighbour| to the right and below, and the gradient at the pixel from all four neighbours.
 fn plane_variation(base: u32, p: u32, at: vec2u) -> vec2f {
     if !varies(p) {
         return vec2f(0.0);
@@ -75,7 +76,7 @@ fn plane_variation(base: u32, p: u32, at: vec2u) -> vec2f {
     return out;
 }
 
-// Inverse depth, and 1 where there is one.
+// Inverse depth, and 1 if there is one.
 fn inverse_depth(p: u32) -> vec2f {
     let plane = params.size.x * params.size.y;
     let depth = planes[DEPTH_PLANE * plane + p];
@@ -109,7 +110,7 @@ fn depth_variation(here: f32, p: u32, at: vec2u) -> vec2f {
     return out;
 }
 
-// Writes the gradients of depth and alpha; returns depth and variation terms.
+// Writes the gradients of depth and alpha; returns the depth and variation terms.
 fn depth_terms(p: u32, at: vec2u) -> vec2f {
     let plane = params.size.x * params.size.y;
     var g_depth = 0.0;

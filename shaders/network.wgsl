@@ -1,7 +1,7 @@
 // Gradient of the feature network, summed over the Gaussians block by block, then over the blocks; twin:
 // core::deform::gate_feature_backward (g_net) and core::train::chain.
 //
-// Number (i, j) of W is sum of g_opened_i * [f; t]_j, number i of the bias is sum of g_opened_i.
+// Number (i, j) of W is the sum of g_opened_i * [f; t]_j, number i of the bias is the sum of g_opened_i.
 
 #import constants
 #import shared/num.wgsl
@@ -24,7 +24,7 @@ struct Network {
 
 const WEIGHTS: u32 = LATENT_DIM * (LATENT_DIM + 1u);
 const NUMBERS: u32 = max(WEIGHTS + LATENT_DIM, 1u);
-// Lanes that share a number.
+// Number of lanes that share a number.
 const SHARE: u32 = max(GROUP / NUMBERS, 1u);
 
 var<workgroup> lane_sums: array<f32, max(SHARE * NUMBERS, GROUP)>;

@@ -1,7 +1,8 @@
-// What was found, drawn over a frame; twin: core::overlay. One invocation per pixel.
+// Draws the found regions over a frame; twin: core::overlay. One invocation per pixel.
 //
-// Outline and fill: by city-block distance to the border of the found region, up to CONTOUR_WIDTH inside is contour,
-// the next pixel on either side halo. Heatmap: the highest score as colour, fixed range 0-1.
+// Outline and fill: pixels up to CONTOUR_WIDTH inside the border of the found region, by city-block
+// distance, are contour, and the next pixel on either side is halo. Heatmap: the highest score as colour,
+// fixed range 0-1.
 
 #import constants
 #import shared/num.wgsl
@@ -39,7 +40,7 @@ fn is_inside_frame(pixel: vec2i) -> bool {
     return all(pixel >= vec2i(0)) && all(pixel < vec2i(params.size));
 }
 
-// A score of NaN is not found; where the compiler ignores NaN the test of its bits does not.
+// A score of NaN is not found. The compiler may ignore NaN in comparisons, so its bits are tested.
 fn is_found(prompt: u32, pixel: vec2i) -> bool {
     let score = score_at(prompt, pixel);
     return !is_nan(score) && score > prompts[prompt].threshold;

@@ -1,17 +1,18 @@
-// What is at one pixel: the Gaussian that adds most to it, of those in its tile; twin: core::raster::pick.
+// The Gaussian at one pixel: of those in its tile, the one that contributes most to it; twin:
+// core::raster::pick.
 
 #import constants
 #import shared/gaussian.wgsl
 #import shared/view.wgsl
 
 struct Picked {
-    // The pixel; where it was computed, what follows.
+    // Input: the pixel. The fields after it are the result.
     pixel: vec2u,
-    // NO_GAUSSIAN where nothing adds anything.
+    // Index of the Gaussian; NO_GAUSSIAN if nothing contributes.
     gaussian: u32,
     // Its share of the pixel.
     weight: f32,
-    // Of its centre.
+    // Depth of its centre.
     depth: f32,
     padding: u32,
     padding_2: vec2u,

@@ -13,7 +13,7 @@
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> deformed: array<DeformedRow>;
-// [N][bands][3]; one unread number where the degree is 0.
+// [N][bands][3]; one unread number if the degree is 0.
 @group(0) @binding(2) var<storage, read> sh_rest: array<f32>;
 @group(0) @binding(3) var<storage, read_write> splats: array<SplatRow>;
 
@@ -38,7 +38,7 @@ fn view_colour(n: u32, mean: vec3f, band0: vec3f) -> vec3f {
             colour += bands[k] * vec3f(sh_rest[at], sh_rest[at + 1u], sh_rest[at + 2u]);
         }
     }
-    // What is not a number is black.
+    // Values that are not finite become black.
     return vec3f(positive(colour.x), positive(colour.y), positive(colour.z));
 }
 
@@ -79,7 +79,7 @@ fn project_one(n: u32) -> SplatRow {
     splat.extent_y = max(sqrt(max(cut * yy, 0.0)), MIN_EXTENT);
     splat.colour = view_colour(n, g.mean, g.colour);
     if view.sampling_step > 1u {
-        // On the grid of the pixels that are rendered.
+        // Moves the splat to the grid of the rendered pixels.
         let step = f32(view.sampling_step);
         splat.centre = (splat.centre - vec2f(view.sampling_first) - 0.5) / step + 0.5;
         splat.conic *= step * step;

@@ -1,8 +1,9 @@
 // Splats, tile by tile and front to back -> image planes (method section 4.3); twin: core::raster (forward).
 //
-// Per pixel: alpha = min(MAX_ALPHA, opacity exp(-d^T conic d / 2)), skipped below MIN_ALPHA; the pixel stops
-// before its transmittance would fall below MIN_TRANSMITTANCE. Planes: r, g, b, sum of w z, 1 - T, features.
-// One workgroup per tile; splats go through workgroup memory in batches (small ones keep occupancy high).
+// For each pixel: alpha = min(MAX_ALPHA, opacity exp(-d^T conic d / 2)), skipped below MIN_ALPHA. The
+// pixel stops before its transmittance would fall below MIN_TRANSMITTANCE. Planes: r, g, b, sum of w z, 1
+// - T, features. One workgroup per tile. Splats go through workgroup memory in batches (small ones keep
+//   occupancy high).
 
 #import constants
 #import shared/gaussian.wgsl
@@ -10,7 +11,7 @@
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> splats: array<SplatRow>;
-// [N][LATENT_DIM]; one unread number where LATENT_DIM is 0.
+// [N][LATENT_DIM]; one unread number if LATENT_DIM is 0.
 @group(0) @binding(2) var<storage, read> features: array<f32>;
 // Gaussian indices, sorted by tile, then depth.
 @group(0) @binding(3) var<storage, read> pair_gaussians: array<u32>;

@@ -1,18 +1,18 @@
 // Region smoothness (method section 5.4); twin: core::train::loss::regions.
 //
-// RS = sum over large regions of the mean of |F - region mean|, the gradient also through the mean. Supervised pixels
-// of large regions are listed region by region, cut into blocks of one region each:
+// RS = sum over large regions of the mean of |F - region mean|. The gradient also goes through the mean.
+// Supervised pixels of large regions are listed region by region, cut into blocks of one region each:
 //
 //   sum_values  fold_means  sum_deviations  fold_spreads  add_gradients
 //
-// Four latent numbers go together as one vec4f.
+// Four latent numbers are processed together as one vec4f.
 
 #import constants
 #import shared/dispatch.wgsl
 #import shared/sum.wgsl
 
 struct Regions {
-    // Of a plane.
+    // Number of pixels of a plane.
     num_pixels: u32,
     num_blocks: u32,
     num_regions: u32,
@@ -90,7 +90,7 @@ fn sum_values(
     }
 }
 
-// Every number replaced by the mean over the latent numbers.
+// The sum, or the mean over all latent numbers in each component if regions are pooled.
 fn pooled_sum(sum: vec4f, total: f32) -> vec4f {
     if params.is_pooled == 1u {
         return vec4f(total / f32(LATENT_DIM));
@@ -106,7 +106,7 @@ fn sum_of_blocks(region: Region, quad: u32, which: u32) -> vec4f {
     return sum;
 }
 
-// Over all latent numbers; what is beyond them is 0.
+// Sum over all latent numbers; components beyond them are 0.
 fn total_of_blocks(region: Region, which: u32) -> f32 {
     var total = 0.0;
     for (var quad = 0u; quad < QUADS && params.is_pooled == 1u; quad++) {
@@ -150,7 +150,7 @@ fn sum_deviations(
             spread += abs(deviation);
             signs += signs_of(deviation);
         }
-        // Beyond the latent numbers there is only the mean to deviate from.
+        // Components beyond the latent numbers are padding, whose deviation from the mean does not count.
         for (var k = 0u; k < 4u; k++) {
             if 4u * quad + k >= LATENT_DIM {
                 spread[k] = 0.0;

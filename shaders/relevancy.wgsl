@@ -10,12 +10,12 @@
 struct Scoring {
     num_rows: u32,
     embedding_dim: u32,
-    // Columns of `products`, over all queries.
+    // Number of columns of `products`, over all queries.
     num_texts: u32,
-    // This query's prompt; its negatives follow.
+    // Index of this query's prompt; its negatives follow.
     first_text: u32,
     num_negatives: u32,
-    // Where row 0 goes in `scores`.
+    // Index of row 0 in `scores`.
     first_score: u32,
     temperature: f32,
     padding: u32,
@@ -28,7 +28,7 @@ struct Scoring {
 @group(0) @binding(2) var<storage, read> products: array<f32>;
 @group(0) @binding(3) var<storage, read_write> scores: array<f32>;
 
-// 1 / length; 0 where there is no direction.
+// 1 / length; 0 if there is no direction.
 fn inverse_length(row: u32) -> f32 {
     var sum = 0.0;
     for (var i = 0u; i < params.embedding_dim; i++) {

@@ -1,6 +1,7 @@
-// Exclusive prefix sum in place, by blocks: `scan_blocks` scans each block and writes its sum; the sums are
-// scanned likewise (a level up); `add_offsets` then adds a block's offset to its items. Bindings are exactly
-// as long as the data, so arrayLength is the count. Integer sums: the order cannot change the result.
+// Exclusive prefix sum in place, by blocks. `scan_blocks` scans each block and writes its sum. The sums
+// are scanned in the same way, one level up. `add_offsets` then adds a block's offset to its items.
+// Bindings are exactly as long as the data, so that arrayLength is the count. The sums are of integers,
+// so the order cannot change the result.
 
 #import constants
 #import shared/dispatch.wgsl

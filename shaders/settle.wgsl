@@ -1,7 +1,9 @@
-// What a step came to: the loss terms, whether all gradients were finite and all pairs had room; twin: the decisions of
-// core::train::CpuBackend::step. One workgroup. Everything stays on the device; the host reads the history now and then.
+// Judges a step: sums the loss terms and checks that all gradients were finite and all pairs fitted;
+// twin: the decisions of core::train::CpuBackend::step. One workgroup. Everything stays on the device;
+// the host reads the history now and then.
 //
-// A step whose pairs had no room changes nothing, nor do those after it, until the host has made room and repeats them.
+// A step whose pairs did not fit changes nothing, nor do those after it, until the host has made room and
+// repeats them.
 
 #import constants
 #import shared/num.wgsl
@@ -11,14 +13,14 @@ struct Settle {
     num_sums: u32,
     num_regions: u32,
     smoothness: f32,
-    // Pairs that there is room for.
+    // Number of pairs that there is room for.
     capacity: u32,
-    // Live bases.
+    // Live bases, [first_basis, last_basis).
     first_basis: u32,
     last_basis: u32,
-    // 1 where the network and the features learn.
+    // 1 if the network and the features learn.
     updates_network: u32,
-    // 1 where parameters are updated at all.
+    // 1 if any parameters are updated.
     updates: u32,
 }
 
@@ -28,7 +30,7 @@ struct Settled {
     variation: f32,
     features: f32,
     region: f32,
-    // 1 where the step was dropped because something was not finite.
+    // 1 if the step was dropped because something was not finite.
     is_dropped: u32,
     padding: vec2u,
 }

@@ -1,6 +1,6 @@
-// Stable radix sort of (key, value) pairs, one 4-bit digit a pass, least significant first; twin: a stable
-// sort by key. A pass is `histogram`, an exclusive scan of the histogram (scan.wgsl), `scatter`.
-// How many pairs there are is known on the device alone, so blocks beyond the end only count zero.
+// Stable radix sort of (key, value) pairs, one 4-bit digit per pass, least significant first; twin: a
+// stable sort by key. A pass is `histogram`, an exclusive scan of the histogram (scan.wgsl), and
+// `scatter`. The number of pairs is only known on the device, so blocks beyond the end count zero.
 
 #import constants
 #import shared/dispatch.wgsl
@@ -9,19 +9,19 @@ struct Digit {
     // Lowest bit of this pass's digit.
     shift: u32,
     num_blocks: u32,
-    // No more pairs than this fit the buffers.
+    // Largest number of pairs that fit the buffers.
     capacity: u32,
     padding: u32,
 }
 
 @group(0) @binding(0) var<uniform> digit: Digit;
-// How many pairs were wanted; may exceed the capacity.
+// Number of pairs that were wanted; may exceed the capacity.
 @group(0) @binding(1) var<storage, read> num_wanted: array<u32>;
 @group(0) @binding(2) var<storage, read> keys_in: array<u32>;
 @group(0) @binding(3) var<storage, read> values_in: array<u32>;
 @group(0) @binding(4) var<storage, read_write> keys_out: array<u32>;
 @group(0) @binding(5) var<storage, read_write> values_out: array<u32>;
-// [DIGITS][num_blocks]: counts, then (scanned) where each block's pairs with that digit go.
+// [DIGITS][num_blocks]: counts; after the scan the places of each block's pairs with that digit.
 @group(0) @binding(6) var<storage, read_write> places: array<u32>;
 
 const DIGITS: u32 = 16u;
@@ -58,11 +58,11 @@ fn histogram(
     }
 }
 
-// [DIGITS][SORT_GROUP]: per digit and lane first the count, then the next place.
+// [DIGITS][SORT_GROUP]: for each digit and lane first the count, then the next place.
 var<workgroup> lane_places: array<u32, DIGITS * SORT_GROUP>;
 var<workgroup> partial_sums: array<u32, SORT_GROUP>;
 
-// Turns counts into places. Each lane owns a run of DIGITS counters, SORT_GROUP / DIGITS lanes share a digit.
+// Turns counts into places. Each lane owns a run of DIGITS counters; SORT_GROUP / DIGITS lanes share a digit.
 fn place_lanes(block: u32, lane: u32) {
     let first = lane * DIGITS;
     var sum = 0u;
@@ -98,7 +98,7 @@ fn scatter(
     for (var d = 0u; d < DIGITS; d++) {
         lane_places[d * SORT_GROUP + lane] = 0u;
     }
-    // Consecutive pairs per lane keep the sort stable.
+    // Each lane takes consecutive pairs, which keeps the sort stable.
     let first = block * SORT_BLOCK + lane * SORT_ITEMS;
     let end = min(first + SORT_ITEMS, num_pairs());
     for (var i = first; i < end; i++) {

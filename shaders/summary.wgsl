@@ -1,5 +1,5 @@
-// Scores of one prompt, in short; twin: core::summary. One invocation per pixel, integer sums only, so that
-// their order does not matter.
+// Summary of the scores of each prompt; twin: core::summary. One invocation per pixel. All sums are of
+// integers, so that their order does not matter.
 
 #import constants
 #import shared/num.wgsl
@@ -21,7 +21,8 @@ struct PromptRow {
 @group(0) @binding(1) var<storage, read> prompts: array<PromptRow>;
 // [prompts][rows][columns]
 @group(0) @binding(2) var<storage, read> scores: array<f32>;
-// [prompts]: SCORE_BINS of the histogram, the bits of the largest score, found pixels of each column, of each row.
+// [prompts]: SCORE_BINS of the histogram, the bits of the largest score, the number of found pixels of
+// each column, of each row.
 @group(0) @binding(3) var<storage, read_write> summaries: array<atomic<u32>>;
 
 @compute @workgroup_size(GROUP)
@@ -44,7 +45,7 @@ fn summarise(
         }
         let first = prompt * length;
         atomicAdd(&summaries[first + min(u32(score * f32(SCORE_BINS)), SCORE_BINS - 1u)], 1u);
-        // Positive numbers are in the order of their bits.
+        // Positive numbers sort like their bits.
         atomicMax(&summaries[first + SCORE_BINS], bitcast<u32>(score));
         if score > prompts[prompt].threshold {
             atomicAdd(&summaries[first + SCORE_BINS + 1u + pixel % params.size.x], 1u);

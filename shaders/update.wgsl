@@ -1,5 +1,5 @@
-// Adam for every group of parameters, and the statistics; twin: core::train::{Adam, Optimiser, Statistics}.
-// Nothing happens after a step that was not good.
+// Adam for every group of parameters, and the statistics; twin: core::train::{Adam, Optimiser,
+// Statistics}. Nothing is changed after a step that was not good.
 
 #import constants
 #import shared/dispatch.wgsl
@@ -7,24 +7,24 @@
 #import shared/basis.wgsl
 
 struct Update {
-    // Numbers to update.
+    // Number of values to update.
     len: u32,
-    // Where they are among the parameters.
+    // Index of the first of them among the parameters.
     first: u32,
-    // Number k has learning rate rate * rates[k % width].
+    // Period of the learning rates: value k has the rate rate * rates[k % width].
     width: u32,
-    // Where the group's updates are counted in the status.
+    // Index of the group's counter of updates in the status.
     count: u32,
     rate: f32,
     // What gradients are multiplied by.
     gain: f32,
-    // Where their moments are.
+    // Factor of the gradients.
     first_moment: u32,
-    // For the bases: first Gaussian of the part.
+    // Index of the first of their moments.
     first_row: u32,
-    // First channel of the features' gate.
+    // For the bases: first Gaussian of the part.
     gate_channel: u32,
-    // Of basis functions of each Gaussian's own.
+    // Shape of bases that are not shared.
     shape: u32,
     time: f32,
     padding: u32,
@@ -32,20 +32,20 @@ struct Update {
 
 @group(0) @binding(0) var<uniform> params: Update;
 @group(0) @binding(1) var<storage, read> status: array<u32>;
-// Of the first and second moments, by number of the update.
+// Bias corrections of the first and second moments, indexed by the number of the update.
 @group(0) @binding(2) var<storage, read> corrections: array<vec2f>;
 @group(0) @binding(3) var<storage, read> rates: array<f32>;
 @group(0) @binding(4) var<storage, read_write> parameters: array<f32>;
 @group(0) @binding(5) var<storage, read_write> first_moments: array<f32>;
 @group(0) @binding(6) var<storage, read_write> second_moments: array<f32>;
-// As the parameters; for the bases those of what is at rest, [N][REST].
+// Gradients, in the order of the parameters; for the bases those of the parameters at rest, [N][REST].
 @group(0) @binding(7) var<storage, read> gradients: array<f32>;
-// [N][LATENT_DIM]; for the bases.
+// Gradients of the gate, [N][LATENT_DIM]; for the bases.
 @group(0) @binding(8) var<storage, read> g_gate: array<f32>;
 @group(0) @binding(9) var<storage, read> g_splats: array<SplatGradientRow>;
 @group(0) @binding(10) var<storage, read_write> pull_sums: array<f32>;
 @group(0) @binding(11) var<storage, read_write> times_seen: array<u32>;
-// Of basis functions of each Gaussian's own, as the weights.
+// Centres and widths of bases that are not shared, in the order of the weights.
 @group(0) @binding(12) var<storage, read> centres: array<f32>;
 @group(0) @binding(13) var<storage, read> widths: array<f32>;
 // dL/d(weight, centre, width) of one basis function, [rows][stride].
@@ -53,10 +53,10 @@ struct Update {
 @group(0) @binding(15) var<storage, read_write> g_centres: array<f32>;
 @group(0) @binding(16) var<storage, read_write> g_widths: array<f32>;
 
-// Numbers of a row at rest.
+// Number of values of a row at rest.
 const REST: u32 = 16u;
 
-// `moment` and `at`: where the number's moments and the number itself are.
+// Updates one value; `moment` and `at` are the indices of its moments and of the value itself.
 fn adam_step(at: u32, moment: u32, raw_gradient: f32, rate: f32) {
     let count = min(status[params.count], arrayLength(&corrections));
     let correction = corrections[max(count, 1u) - 1u];
@@ -87,7 +87,7 @@ fn psi_gradient(n: u32, channel: u32) -> f32 {
     if channel < ROTATION_CHANNEL {
         g = gradients[n * REST + channel];
     } else if channel < COLOUR_CHANNEL {
-        // After the mean comes the opacity, after the scale a padding.
+        // The opacity follows the mean, padding follows the scale.
         g = gradients[n * REST + channel + 1u];
     } else if channel < GATE_CHANNEL {
         g = gradients[n * REST + channel + 2u];

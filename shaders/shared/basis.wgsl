@@ -18,7 +18,7 @@ fn basis(shape: u32, time: f32, centre: f32, width: f32) -> f32 {
     return exp(-(offset * offset) / (2.0 * w * w));
 }
 
-// Its derivatives with respect to centre and width.
+// Derivatives of the basis function with respect to centre and width.
 fn basis_backward(shape: u32, time: f32, centre: f32, width: f32) -> vec2f {
     let offset = time - centre;
     let value = basis(shape, time, centre, width);
@@ -38,6 +38,6 @@ fn basis_backward(shape: u32, time: f32, centre: f32, width: f32) -> vec2f {
     } else {
         out = vec2f(value * offset / (w * w), value * offset * offset / (w * w * w) * sign(width));
     }
-    // A width held at its bound has no gradient.
+    // A width clamped to its bound has no gradient.
     return vec2f(out.x, select(0.0, out.y, abs(width) > MIN_WIDTH));
 }

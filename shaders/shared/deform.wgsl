@@ -1,7 +1,7 @@
-// One part's deformation at one time; mirror of layout::Deform.
+// Deformation of one part at one time; mirror of layout::Deform.
 
 struct Deform {
-    // Rows [first_row, first_row + num_rows) of the scene are this part.
+    // This part is the rows [first_row, first_row + num_rows) of the scene.
     first_row: u32,
     num_rows: u32,
     stride: u32,
@@ -9,7 +9,7 @@ struct Deform {
     first_basis: u32,
     last_basis: u32,
     num_bases: u32,
-    // 1 where all Gaussians share centres and widths: then `tables` starts with the basis values.
+    // 1 if all Gaussians share centres and widths: `tables` then starts with the basis values.
     is_shared: u32,
     // SHAPE_GAUSSIAN, SHAPE_QUARTIC (of the released code) or SHAPE_SPLINE.
     shape: u32,

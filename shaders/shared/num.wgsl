@@ -1,5 +1,5 @@
-// Numbers at the edges; twin of core::num. Tests on bit patterns, because shader compilers may assume that
-// NaN and infinity do not occur and drop comparisons that look for them.
+// Numbers at the edges; twin of core::num. NaN and infinity are detected by bit patterns, because shader
+// compilers may assume that they do not occur and drop comparisons that look for them.
 
 fn is_finite(x: f32) -> bool {
     return (bitcast<u32>(x) & 0x7f800000u) != 0x7f800000u;
@@ -9,7 +9,7 @@ fn is_nan(x: f32) -> bool {
     return (bitcast<u32>(x) & 0x7fffffffu) > 0x7f800000u;
 }
 
-// The inverse of sigmoid; p is first kept 1e-6 away from 0 and 1.
+// Inverse of sigmoid; p is first clamped to at least 1e-6 from 0 and 1.
 fn logit(p: f32) -> f32 {
     let inside = clamp(p, 1e-6, 1.0 - 1e-6);
     return log(inside / (1.0 - inside));

@@ -1,4 +1,5 @@
-// Random numbers by counter; twin: core::train::random. No state: the same counter gives the same numbers, in any order.
+// Random numbers by counter; twin: core::train::random. There is no state: the same counter gives the
+// same numbers, in any order.
 
 // PCG in four dimensions (Jarzynski and Olano, "Hash Functions for GPU Rendering", JCGT 9(3), 2020).
 fn pcg4d(counter: vec4u) -> vec4u {
@@ -15,7 +16,7 @@ fn pcg4d(counter: vec4u) -> vec4u {
     return v;
 }
 
-// Four numbers, evenly spread over [0, 1).
+// Four numbers, evenly distributed over [0, 1).
 fn uniform4(counter: vec4u) -> vec4f {
     return vec4f(pcg4d(counter) >> vec4u(8u)) / 16777216.0;
 }

@@ -1,6 +1,6 @@
 // Rotations by unit quaternions (w, x, y, z); twin: core::real.
 
-// Columns are the rotated axes.
+// Rotation matrix; its columns are the rotated axes.
 fn rotation_matrix(q: vec4f) -> mat3x3f {
     let w = q.x;
     let v = q.yzw;

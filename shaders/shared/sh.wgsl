@@ -1,4 +1,5 @@
-// Real spherical harmonics of bands 1 to 3, order and signs of 3D Gaussian splatting; twin of core::raster::sh.
+// Real spherical harmonics of bands 1 to 3, in the order and with the signs of 3D Gaussian splatting;
+// twin of core::raster::sh.
 
 #import constants
 
@@ -31,7 +32,7 @@ fn sh_bands(degree: u32, d: vec3f) -> array<f32, MAX_SH_BANDS> {
     return b;
 }
 
-// Gradient of the (unnormalised) direction, given one per band.
+// Gradient of the (unnormalised) direction, given one gradient per band.
 fn sh_bands_backward(degree: u32, d: vec3f, given: array<f32, MAX_SH_BANDS>) -> vec3f {
     var g = given;
     var out = vec3f(0.0);

@@ -1,5 +1,5 @@
-// What a tile leaves for each of its splats: six moments of dL/d(exponent) about the splat's centre (1, x, y, xx, xy,
-// yy), then dL/d(channel) of r, g, b, depth and the features.
+// Slot that a tile writes for each of its splats: six moments of dL/d(exponent) about the splat's centre
+// (1, x, y, xx, xy, yy), then dL/d(channel) of r, g, b, depth and the features.
 
 #import constants
 

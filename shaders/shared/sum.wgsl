@@ -4,7 +4,7 @@
 
 var<workgroup> lane_terms: array<vec4f, GROUP>;
 
-// The sum of all lanes' values, in every lane.
+// Sum of all lanes' values, returned in every lane.
 fn workgroup_sum(value: vec4f, lane: u32) -> vec4f {
     workgroupBarrier();
     lane_terms[lane] = value;
@@ -18,7 +18,7 @@ fn workgroup_sum(value: vec4f, lane: u32) -> vec4f {
     return lane_terms[0];
 }
 
-// 0 at 0 and for what is not a number.
+// Sign of x; 0 for 0 and for NaN.
 fn sign_of(x: f32) -> f32 {
     return select(0.0, 1.0, x > 0.0) - select(0.0, 1.0, x < 0.0);
 }

@@ -14,9 +14,10 @@ struct View {
     size: vec2u,
     tiles: vec2u,
     num_gaussians: u32,
-    // How many pairs the pair buffers hold.
+    // Number of pairs that the pair buffers can hold.
     pair_capacity: u32,
-    // Every how many pixels are rendered, along both axes, and the first; `size` counts those rendered.
+    // Distance between rendered pixels along both axes, and the first of them; `size` counts the rendered
+    // ones.
     sampling_step: u32,
     padding: u32,
     sampling_first: vec2u,

@@ -24,8 +24,8 @@ def check(is_right, what):
 
 
 def snippet(scene):
-    """Runs the Python of the project's README on a scene; returns the names that it defines."""
-    text = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
+    """Runs the Python of crates/app/README.md on a scene; returns the names that it defines."""
+    text = (Path(__file__).parents[2] / "crates/app/README.md").read_text("utf-8")
     code = re.search(r"```python\n(.*?)```", text, re.S)[1].replace('"scene.safetensors"', repr(str(scene)))
     names = {}
     exec(code, names)

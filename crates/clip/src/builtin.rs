@@ -1,8 +1,8 @@
-//! The encoder inside the program; `examples/train_builtin` makes these files.
+//! The encoder that is built into the program; `examples/train_builtin` makes its files.
 
-/// The model.
+/// Model file of the encoder.
 pub(crate) const MODEL: &[u8] = include_bytes!("../../../assets/text_encoder/model.onnx");
-/// Its tokenizer.
+/// Tokenizer of the encoder.
 pub(crate) const TOKENIZER: &[u8] = include_bytes!("../../../assets/text_encoder/tokenizer.json");
-/// Its settings.
+/// Settings of the encoder.
 pub(crate) const SETTINGS: &str = include_str!("../../../assets/text_encoder/encoder.toml");

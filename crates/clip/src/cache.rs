@@ -1,5 +1,7 @@
-//! Embeddings that were made before: in memory, and on disk where a folder is given. An entry is found by a hash of the
-//! encoder and the text, and holds numbers only: no words can be read from it.
+//! Cache of embeddings: in memory, and on disk if a folder is given.
+//!
+//! The key of an entry is a hash of the encoder and the text. Entries hold numbers only, so that no words
+//! can be read from the folder.
 
 use crate::model_file::hex;
 use sha2::{Digest, Sha256};
@@ -13,24 +15,24 @@ use surgtpgs_core::{
     reading::{MOST_TEXT, read_regular},
 };
 
-/// Embeddings kept in memory; a session of typing stays far below it.
+/// Largest number of embeddings kept in memory; a session of typing stays far below it.
 const MAX_IN_MEMORY: usize = 4096;
 
-/// Unit embeddings by the text as it reaches the tokenizer.
+/// Unit embeddings, keyed by the text as it reaches the tokenizer.
 #[derive(Debug, Default)]
 pub(crate) struct EmbeddingCache {
     memory: HashMap<String, Vec<f32>>,
-    /// Those of one encoder on disk.
+    /// Folder of one encoder's embeddings on disk.
     folder: Option<PathBuf>,
 }
 
 impl EmbeddingCache {
-    /// In memory and under `folder`, in a part of its own for the encoder with this SHA-256.
+    /// Keeps embeddings in memory and in a subfolder of `folder` for the encoder with this SHA-256.
     pub(crate) fn on_disk(folder: &Path, encoder: &str) -> Self {
         Self { memory: HashMap::new(), folder: Some(folder.join(encoder)) }
     }
 
-    /// What is known about a text; a damaged file is nothing.
+    /// Returns the known embedding of a text; damaged files are ignored.
     pub(crate) fn get(&mut self, text: &str) -> Option<Vec<f32>> {
         if let Some(known) = self.memory.get(text) {
             return Some(known.clone());
@@ -40,7 +42,7 @@ impl EmbeddingCache {
         Some(embedding)
     }
 
-    /// Keeps an embedding. That it cannot be written is no reason to stop: it is made again the next time.
+    /// Keeps an embedding. Errors of writing are ignored: the embedding is then computed again the next time.
     pub(crate) fn put(&mut self, text: &str, embedding: &[f32]) {
         self.remember(text, embedding);
         if let Some(file) = self.file(text) {
@@ -62,7 +64,7 @@ impl EmbeddingCache {
     }
 }
 
-/// Little-endian numbers that make a unit vector.
+/// Reads a file of little-endian numbers; `None` unless they form a unit vector.
 fn read(file: &Path) -> Option<Vec<f32>> {
     let bytes = read_regular(file, MOST_TEXT).ok()?;
     let (numbers, rest) = bytes.as_chunks::<4>();

@@ -1,4 +1,4 @@
-//! Panics of other people's code on other people's files, turned into errors.
+//! Turns panics of foreign code on foreign files into errors.
 
 use std::{
     cell::Cell,
@@ -7,13 +7,14 @@ use std::{
 };
 
 thread_local! {
-    /// Whether a panic of this thread is expected, and told of by whoever catches it.
+    /// `true` while [`caught`] runs on this thread, which reports a panic itself.
     static IS_EXPECTED: Cell<bool> = const { Cell::new(false) };
 }
 
-/// What `work` gives; where it panics, the panic's message, and nothing on standard error.
+/// Runs `work` and returns its result. If it panics, returns the panic's message and prints nothing on
+/// standard error.
 ///
-/// Whatever `work` was changing must not be used after a panic.
+/// Values that `work` was changing must not be used after a panic.
 pub(crate) fn caught<T>(work: impl FnOnce() -> T) -> Result<T, String> {
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {

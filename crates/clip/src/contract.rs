@@ -1,4 +1,4 @@
-//! What a text encoder takes and gives, read from the model file and checked before anything runs.
+//! Inputs and outputs of a text encoder, read from the model file and checked before anything runs.
 //!
 //! The file is decoded here, not only by the backend, so that a mix-up can be named in the user's words.
 
@@ -11,7 +11,7 @@ use prost::bytes::Bytes;
 use std::{collections::BTreeSet, path::Path};
 use surgtpgs_core::{Error, Result};
 
-/// What is fed into an input of the model.
+/// Kind of values that an input of the model takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
     /// Token ids.
@@ -29,30 +29,30 @@ pub enum Role {
 pub struct Input {
     /// Name in the model.
     pub name: String,
-    /// What it takes.
+    /// Kind of values that it takes.
     pub role: Role,
 }
 
-/// How to call a model.
+/// Everything needed to call a model.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Contract {
     /// Inputs, each `[1, tokens]`.
     pub inputs: Vec<Input>,
-    /// Number of tokens where the model takes no other.
+    /// Number of tokens, if the model takes only this number.
     pub fixed_length: Option<usize>,
-    /// Output that is read.
+    /// Name of the output that is read.
     pub output: String,
-    /// How to reduce it where it has one row per token.
+    /// Pooling of the output if it has one row per token.
     pub pooling: Pooling,
-    /// Rows of the token embedding table, where the graph shows it.
+    /// Rows of the token embedding table, if the graph shows it.
     pub table_rows: Option<usize>,
     /// Files beside the model that hold its weights.
     pub external_files: Vec<String>,
 }
 
 impl Contract {
-    /// Reads the contract from the model's bytes. `is_clip` says that the tokenizer marks the end of the text as
-    /// CLIP's does, which decides the pooling where nothing else does. `path` is only named in errors.
+    /// Reads the contract from the model's bytes. `is_clip` says that the tokenizer marks the end of the text
+    /// as CLIP's does, which decides the pooling if nothing else does. `path` is only named in errors.
     pub fn read(model: Bytes, settings: &EncoderSettings, is_clip: bool, path: &Path) -> Result<Self> {
         let graph = decode(model, path)?;
         let constants: BTreeSet<&str> = graph.initializer.iter().map(|t| t.name.as_str()).collect();
@@ -80,7 +80,8 @@ impl Contract {
                     format!("Largest token id {largest_id} exceeds the model's embedding table ({rows})");
                 Err(Error::input_at(path, what, hint))
             }
-            // Tables are often padded by a few rows; a fifth more means another vocabulary.
+            // Tables are often padded by a few rows. A table that is larger by a quarter belongs to
+            // another vocabulary.
             Some(rows) if rows / 5 * 4 > largest_id as usize + 1 => {
                 let what = format!(
                     "The model's embedding table has {rows} rows but tokenizer.json knows only {} tokens",
@@ -174,13 +175,13 @@ fn choose_output(
                 Err(Error::input_at(path, what, "Correct pooling in encoder.toml."))
             }
         },
-        // Where the model pools by itself there is nothing left to do, whatever the file says about how.
+        // An output that is already pooled is taken unchanged, even if the file names a pooling.
         given => {
             let pooling = given.clone().unwrap_or(default_pooling);
             let pooled = of_rank(2).map(|name| (name.clone(), Pooling::Output(name)));
             let per_token = of_rank(3).map(|name| (name, pooling.clone()));
             let chosen = if given.is_some() { per_token.or(pooled) } else { pooled.or(per_token) };
-            // Some exporters leave the shape out; what comes is then checked at the first run.
+            // Some exporters leave out the shape. The first run checks the output then.
             let shapeless = || outputs.iter().find(|o| rank(o).is_none()).map(|o| (o.name.clone(), pooling));
             chosen.or_else(shapeless).ok_or_else(|| {
                 let what = format!(
@@ -193,7 +194,7 @@ fn choose_output(
     }
 }
 
-/// Rows of the table that token ids index, followed through the operations that leave ids as they are.
+/// Number of rows of the table that token ids index. Operations that keep the ids are followed.
 fn table_rows(graph: &GraphProto, ids: &str) -> Option<usize> {
     const KEEPS_IDS: &[&str] = &["Cast", "Identity", "Reshape", "Flatten", "Squeeze", "Unsqueeze"];
     const KEEPS_ROWS: &[&str] = &["Cast", "Identity", "DequantizeLinear"];

@@ -1,4 +1,4 @@
-//! Depth from single pictures: a network's disparity or depth.
+//! Depth from single pictures, by a network that gives disparity or depth.
 
 use crate::picture_model::{PictureModel, Role};
 use image::RgbImage;
@@ -12,11 +12,12 @@ const ROLE: Role = Role {
     keys: "kind, range, size, mean, std and output",
     outputs: &["disp", "disp_0", "disparity", "depth", "predicted_depth"],
     ranks: &[3, 4],
-    // What EndoDAC reads.
+    // Input size of EndoDAC.
     size: [256, 320],
     colours: [[0.0; 3], [1.0; 3]],
 };
-/// Nearest and farthest depth of networks that give a sigmoid (Monodepth2 and its descendants, EndoDAC among them).
+/// Nearest and farthest depth of networks that end in a sigmoid (Monodepth2 and its descendants, EndoDAC
+/// among them).
 const SIGMOID_RANGE: [f32; 2] = [0.1, 150.0];
 
 /// A loaded depth network.
@@ -28,9 +29,11 @@ pub struct DepthNetwork {
 }
 
 impl DepthNetwork {
-    /// A model file, or a folder with one, and beside it optionally `depth.toml`: `kind` ("depth" or "disparity"; needed
-    /// where the output's name does not say), `range` ([nearest, farthest] of a disparity 0–1; EndoDAC's unless given),
-    /// `size`, `mean`, `std` and `output`. Everything is checked here, with a trial run.
+    /// Opens a model file, or a folder with one, and checks it with a trial run.
+    ///
+    /// The optional file `depth.toml` beside the model has the keys `kind` ("depth" or "disparity";
+    /// needed if the output's name does not say), `range` ([nearest, farthest] of a disparity 0–1;
+    /// EndoDAC's unless given), `size`, `mean`, `std` and `output`.
     pub fn open(path: &Path) -> Result<Self> {
         let model = PictureModel::open(path, &ROLE)?;
         let named = model.output().to_lowercase().starts_with("disp").then_some(DepthKind::Disparity);
@@ -45,7 +48,7 @@ impl DepthNetwork {
         Ok(network)
     }
 
-    /// What [`Self::estimate`] gives.
+    /// Kind of values that [`Self::estimate`] returns.
     pub fn kind(&self) -> DepthKind {
         self.kind
     }
@@ -55,7 +58,7 @@ impl DepthNetwork {
         &self.model.sha256
     }
 
-    /// Depth or disparity of a picture, in a unit of the network's own and at its size.
+    /// Estimates depth or disparity of a picture, in a unit and at a size of the network's own.
     pub fn estimate(&mut self, image: &RgbImage) -> Result<Grid<f32>> {
         let picture = self.model.whole(image);
         let map = self.run(picture)?;
@@ -80,7 +83,7 @@ impl DepthNetwork {
         }
     }
 
-    /// Looks at a made-up picture: its values show whether the network ends in a sigmoid.
+    /// Runs the network on a made-up picture; the values show if it ends in a sigmoid.
     fn try_out(&mut self) -> Result<()> {
         let map = self.run(self.model.trial())?;
         let is_sigmoid = map.data.iter().all(|v| (0.0..=1.0).contains(v));

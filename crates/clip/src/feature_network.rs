@@ -24,8 +24,8 @@ pub struct FeatureNetwork {
 }
 
 impl FeatureNetwork {
-    /// A folder with one model and optionally `encoder.toml`, as for [`crate::ImageEncoder`]. Everything is checked here,
-    /// with a trial run.
+    /// Opens a folder with one model and an optional `encoder.toml`, as [`crate::ImageEncoder`] does, and
+    /// checks it with a trial run.
     pub fn open(folder: &Path) -> Result<Self> {
         let mut network = Self { model: PictureModel::open(folder, &ROLE)?, dim: 0 };
         network.dim = network.run(network.model.trial())?.dim;
@@ -42,7 +42,7 @@ impl FeatureNetwork {
         &self.model.sha256
     }
 
-    /// The embeddings of a picture's places, rows and columns as the network has them.
+    /// Embeddings of a picture's places, with rows and columns as in the network's output.
     pub fn map(&mut self, image: &RgbImage) -> Result<DenseMap> {
         let picture = self.model.whole(image);
         self.run(picture)

@@ -1,4 +1,4 @@
-//! Small ONNX files, node by node: the built-in encoder, and models of every contract for tests.
+//! Builds small ONNX files node by node: the built-in encoder, and models of every contract for tests.
 
 use crate::onnx::{
     AttributeProto, Dim, GraphProto, ModelProto, NodeProto, OperatorSetId, ShapeProto, TensorProto,
@@ -55,7 +55,7 @@ impl Graph {
     /// Adds an operation with integer settings; one number is an integer, several are a list.
     pub fn node_with(mut self, output: &str, op: &str, inputs: &[&str], settings: &[(&str, &[i64])]) -> Self {
         let attribute = |(name, values): &(&str, &[i64])| match values {
-            // "axes" is a list even where it has one element.
+            // "axes" is a list even if it has only one element.
             [one] if *name != "axes" => {
                 AttributeProto { name: (*name).into(), i: *one, ints: vec![], kind: 2 }
             }
@@ -72,7 +72,7 @@ impl Graph {
         self
     }
 
-    /// The finished file.
+    /// Returns the finished file.
     pub fn into_bytes(mut self) -> Vec<u8> {
         self.0.name = "text encoder".into();
         let model = ModelProto {

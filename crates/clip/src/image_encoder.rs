@@ -1,4 +1,4 @@
-//! Image encoders: from what a mask shows to a unit embedding.
+//! Image encoders: from the masked part of a picture to a unit embedding.
 
 use crate::picture_model::{PictureModel, Role};
 use image::RgbImage;
@@ -13,10 +13,10 @@ pub(crate) const ROLE: Role = Role {
     outputs: &["image_embeds", "image_features", "embeddings", "embedding"],
     ranks: &[2],
     size: [224; 2],
-    // OpenAI's CLIP.
+    // Colours of OpenAI's CLIP.
     colours: [[0.481_454_66, 0.457_827_5, 0.408_210_73], [0.268_629_54, 0.261_302_6, 0.275_777_1]],
 };
-/// Pictures encoded at once where the model takes any number.
+/// Number of pictures encoded at once, if the model takes any number.
 const BATCH: usize = 16;
 
 /// A loaded image encoder.
@@ -26,8 +26,9 @@ pub struct ImageEncoder {
 }
 
 impl ImageEncoder {
-    /// A folder with one model, `.onnx` or `.ort`, and optionally `encoder.toml` with `size`, `mean`, `std` (of colours
-    /// 0–1; CLIP's unless given) and `output`. Everything is checked here, with a trial run.
+    /// Opens a folder with one model, `.onnx` or `.ort`, and an optional `encoder.toml`, and checks it
+    /// with a trial run. The keys of `encoder.toml` are `size`, `mean`, `std` (of colours 0–1; CLIP's
+    /// unless given) and `output`.
     pub fn open(folder: &Path) -> Result<Self> {
         let mut encoder = Self { model: PictureModel::open(folder, &ROLE)?, dim: 0 };
         encoder.dim = encoder.try_out()?;
@@ -44,8 +45,8 @@ impl ImageEncoder {
         &self.model.sha256
     }
 
-    /// Unit embeddings of what each mask shows: all else black, cut out, padded to a square, brought to the model's size
-    /// (method §8).
+    /// Unit embeddings of the parts that the masks show: all else black, cut out, padded to a square,
+    /// scaled to the model's size (method §8).
     pub fn embed(&mut self, image: &RgbImage, masks: &[&BitMask]) -> Result<Vec<Vec<f32>>> {
         let mut rows = Vec::with_capacity(masks.len());
         for masks in masks.chunks(self.model.batch.unwrap_or(BATCH)) {
@@ -59,7 +60,7 @@ impl ImageEncoder {
     fn picture(&self, image: &RgbImage, mask: &BitMask) -> Vec<f32> {
         let ([size, _], bounds) = (self.model.size, mask.bounds());
         let longer = bounds.width.max(bounds.height);
-        // Of the square around the box, what is not a pixel of the mask is black.
+        // Inside the square around the box, all pixels outside of the mask are black.
         let left = bounds.x as isize - ((longer - bounds.width) / 2) as isize;
         let top = bounds.y as isize - ((longer - bounds.height) / 2) as isize;
         let colour = |column: usize, row: usize| {
@@ -95,7 +96,7 @@ impl ImageEncoder {
         values
     }
 
-    /// One row per picture.
+    /// Runs the model; returns one row per picture.
     fn run(&mut self, pictures: &[Vec<f32>]) -> Result<Vec<Vec<f32>>> {
         let (axes, values) = self.model.run(pictures)?;
         let [_, dim] = axes[..] else {
@@ -105,7 +106,7 @@ impl ImageEncoder {
         Ok(values.chunks_exact(dim).take(pictures.len()).map(<[f32]>::to_vec).collect())
     }
 
-    /// Encodes two pictures that have nothing in common; gives the length of an embedding.
+    /// Encodes two pictures that have nothing in common, and returns the length of an embedding.
     fn try_out(&mut self) -> Result<usize> {
         let [size, _] = self.model.size;
         let flat = |colour: [f32; 3]| colour.iter().flat_map(|v| vec![*v; size * size]).collect::<Vec<_>>();

@@ -29,7 +29,7 @@ pub(crate) fn open(source: &Source, threads: usize, environment: &Environment) -
     Ok(Network::Library { session, inputs, outputs })
 }
 
-/// One run.
+/// Runs a model once.
 pub(crate) fn run(session: &mut Session, inputs: Vec<(&str, Input<'_>)>) -> Result<Outputs, Error> {
     let mut named = Vec::with_capacity(inputs.len());
     for (name, input) in inputs {

@@ -1,4 +1,4 @@
-//! How different two pictures look to a network.
+//! Perceptual distance of two pictures, by a network.
 
 use crate::{
     model_file::{ModelFile, described},
@@ -10,21 +10,21 @@ use surgtpgs_core::{Error, Result};
 
 const HINT: &str = "LPIPS takes two float images [1,3,height,width] of -1 to 1 and gives one number; export it with free height and width.";
 
-/// Side of the pictures that a model is tried out with where it takes any size: enough for five halvings.
+/// Side of the pictures for the trial run of a model that takes any size: enough for five halvings.
 const TRIED_SIDE: u32 = 64;
 
-/// LPIPS (Zhang et al. 2018), or any other network that takes two pictures and gives their distance.
+/// LPIPS (Zhang et al. 2018), or any other network from two pictures to their distance.
 pub struct Lpips {
     network: Network,
     path: PathBuf,
     inputs: [String; 2],
     output: String,
-    /// Rows and columns, where the model takes no others.
+    /// Rows and columns, if the model takes only these.
     size: [Option<u32>; 2],
 }
 
 impl Lpips {
-    /// Opens an `.onnx` or `.ort` file, and tries it out: a picture has no distance from itself.
+    /// Opens an `.onnx` or `.ort` file. A trial run checks that a picture has no distance from itself.
     pub fn open(path: &Path) -> Result<Self> {
         let model = ModelFile::open(path)?;
         let (inputs, outputs) = (model.network.inputs(), model.network.outputs());
@@ -46,7 +46,7 @@ impl Lpips {
         Ok(lpips)
     }
 
-    /// The distance of two pictures of one size; 0 where they are equal.
+    /// Distance of two pictures of one size; 0 if they are equal.
     pub fn distance(&mut self, one: &RgbImage, other: &RgbImage) -> Result<f64> {
         let (width, height) = one.dimensions();
         if other.dimensions() != (width, height) {
@@ -102,7 +102,7 @@ impl Lpips {
     }
 }
 
-/// [3, height, width], colours from -1 to 1.
+/// A picture as [3, height, width], colours from -1 to 1.
 fn planes(picture: &RgbImage) -> Vec<f32> {
     let plane = |channel: usize| picture.pixels().map(move |p| f32::from(p.0[channel]) / 127.5 - 1.0);
     (0..3).flat_map(plane).collect()

@@ -1,4 +1,5 @@
-//! Models as they lie on disk: read whole, checked as far as that goes without running them, and told apart by content.
+//! Model files on disk: read whole, checked as far as possible without running them, and told apart by
+//! content.
 
 use crate::{
     network::{Network, Outlet},
@@ -18,7 +19,7 @@ use surgtpgs_core::{
     reading::{MOST_BYTES, read_regular},
 };
 
-/// Names of model files end in one of these.
+/// Endings of the names of model files.
 const ENDINGS: [&str; 2] = ["onnx", "ort"];
 
 /// A model, loaded.
@@ -54,7 +55,7 @@ impl ModelFile {
         Ok(Self { path: path.to_owned(), network, sha256: hex(hash) })
     }
 
-    /// The models of a folder by name.
+    /// Model files of a folder, sorted by name.
     pub(crate) fn list(folder: &Path, what: &str, hint: &str) -> Result<Vec<PathBuf>> {
         if !folder.is_dir() {
             return Err(Error::input_at(folder, format!("There is no such folder with {what}"), hint));
@@ -79,12 +80,13 @@ pub(crate) fn hex(hash: Sha256) -> String {
     hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// ONNX Runtime's own format has this mark after the first four bytes.
+/// Returns `true` if the bytes are in ONNX Runtime's own format, which has this mark after the first four
+/// bytes.
 fn is_ort_format(bytes: &[u8]) -> bool {
     bytes.get(4..8) == Some(b"ORTM")
 }
 
-/// The graph of an ONNX file; an error that says what is wrong with anything else.
+/// Decodes the graph of an ONNX file; for any other file the error says what is wrong.
 pub(crate) fn decode(model: Bytes, path: &Path) -> Result<GraphProto> {
     let start: Vec<String> = model.iter().take(8).map(|b| format!("{b:02x}")).collect();
     let unreadable = |cause: &str, hint: &str| {
@@ -145,7 +147,7 @@ pub(crate) fn read_beside(file: &str, folder: Option<&Path>, model_path: &Path) 
     }
 }
 
-/// Inputs or outputs as in `image` [1,3,1024,1024], `points` [?,?,2].
+/// Inputs or outputs in words, as in `image` [1,3,1024,1024], `points` [?,?,2].
 pub(crate) fn described(outlets: &[Outlet]) -> String {
     let axis = |n: i64| if n < 0 { "?".to_owned() } else { n.to_string() };
     let one = |o: &Outlet| {

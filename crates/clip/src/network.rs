@@ -1,14 +1,14 @@
-//! A loaded model, whatever runs it: what it takes, what it gives, and one run.
+//! A loaded model, independent of its backend: its inputs, its outputs, and a run.
 
 use crate::{library, tract::Tract};
 use ort::{session::Session, value::DynValue};
 use std::collections::BTreeMap;
 
-/// What to do about a model that gives numbers that are not finite.
+/// Hint for a model that gives numbers that are not finite.
 pub(crate) const NOT_FINITE: &str =
     "The model file may be damaged, or its precision too low; try a float32 export.";
 
-/// What a tensor is made of.
+/// Type of a tensor's elements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Element {
     F32,
@@ -18,23 +18,23 @@ pub(crate) enum Element {
     Other,
 }
 
-/// An input or output.
+/// An input or output of a model.
 #[derive(Clone, Debug)]
 pub(crate) struct Outlet {
     pub name: String,
     pub element: Element,
-    /// -1 where an axis has any length; empty where nothing is known.
+    /// Length of each axis; -1 if an axis has any length. Empty if nothing is known.
     pub shape: Vec<i64>,
 }
 
 impl Outlet {
-    /// Whether it holds whole numbers.
+    /// Returns `true` if it holds whole numbers.
     pub(crate) fn is_integer(&self) -> bool {
         matches!(self.element, Element::I32 | Element::I64)
     }
 }
 
-/// What goes into an input: axes and numbers, or what another model gave.
+/// Value for an input: axes and numbers, or an output of another model.
 pub(crate) enum Input<'a> {
     F32(Vec<usize>, Vec<f32>),
     I32(Vec<usize>, Vec<i32>),
@@ -43,7 +43,8 @@ pub(crate) enum Input<'a> {
 }
 
 impl Input<'_> {
-    /// With numbers of the type that the input takes; another type than those above is left to the backend to refuse.
+    /// Converts the numbers to the type that the input takes. Other types than those above are left for
+    /// the backend to refuse.
     fn fitted(self, element: Element) -> Self {
         match (self, element) {
             (Self::F32(axes, values), Element::I32) => {
@@ -60,17 +61,17 @@ impl Input<'_> {
     }
 }
 
-/// What came out of a model, as its backend keeps it.
+/// An output of a model, in the form of its backend.
 pub(crate) enum Value {
     Library(DynValue),
     Tract(tract_onnx::prelude::Tensor),
 }
 
-/// All outputs of a run by name.
+/// All outputs of a run, by name.
 pub(crate) type Outputs = BTreeMap<String, Value>;
 
 impl Value {
-    /// Axes and values; the error says why they cannot be had.
+    /// Axes and values; the error says why they cannot be read.
     pub(crate) fn floats(&self) -> Result<(Vec<usize>, &[f32]), String> {
         match self {
             Self::Library(value) => {
@@ -92,9 +93,9 @@ pub(crate) fn floats<'a>(outputs: &'a Outputs, name: &str) -> Result<(Vec<usize>
 
 /// A model that can be run.
 pub(crate) enum Network {
-    /// By ONNX Runtime.
+    /// Runs on ONNX Runtime.
     Library { session: Session, inputs: Vec<Outlet>, outputs: Vec<Outlet> },
-    /// By the backend inside the program.
+    /// Runs on the backend inside the program.
     Tract(Tract),
 }
 
@@ -113,8 +114,8 @@ impl Network {
         }
     }
 
-    /// What comes out for `inputs` by name; numbers are brought to the type that an input takes. The error is the first
-    /// words of the backend's own.
+    /// Runs the model on named inputs and returns its outputs. Numbers are converted to the type that
+    /// each input takes. The error is the beginning of the backend's message.
     pub(crate) fn run(&mut self, inputs: Vec<(&str, Input<'_>)>) -> Result<Outputs, String> {
         let element = |name: &str| {
             let outlet = self.inputs().iter().find(|outlet| outlet.name == name);
@@ -128,7 +129,7 @@ impl Network {
     }
 }
 
-/// The first line of a backend's message, which can run over pages.
+/// First line of a backend's message, which can be pages long.
 pub(crate) fn short(message: &str) -> String {
     let line = message.lines().next().unwrap_or_default().trim_end_matches('.');
     line.chars().take(200).collect()

@@ -1,5 +1,6 @@
-//! The part of the ONNX format (onnx.proto3) that is needed to check a model before it runs and to write a small one.
-//! Field numbers are those of the standard; what is not named here is skipped when reading.
+//! The part of the ONNX format (onnx.proto3) that is needed to check a model before it runs and to write
+//! a small one. Field numbers are those of the standard. Fields that are not declared here are skipped
+//! when reading.
 
 use prost::{Message, bytes::Bytes};
 
@@ -34,10 +35,10 @@ pub struct ModelProto {
 /// Version of an operator set; the empty domain is ONNX's own.
 #[derive(Clone, PartialEq, Message)]
 pub struct OperatorSetId {
-    /// Who defines the operators.
+    /// Organisation that defines the operators.
     #[prost(string, tag = "1")]
     pub domain: String,
-    /// Which version.
+    /// Version number.
     #[prost(int64, tag = "2")]
     pub version: i64,
 }
@@ -71,7 +72,7 @@ pub struct NodeProto {
     /// Names of the values it makes.
     #[prost(string, repeated, tag = "2")]
     pub output: Vec<String>,
-    /// Its own name.
+    /// Name of the node.
     #[prost(string, tag = "3")]
     pub name: String,
     /// The operator.
@@ -80,7 +81,7 @@ pub struct NodeProto {
     /// Settings of the operator.
     #[prost(message, repeated, tag = "5")]
     pub attribute: Vec<AttributeProto>,
-    /// Who defines the operator; empty for ONNX itself.
+    /// Organisation that defines the operator; empty for ONNX itself.
     #[prost(string, tag = "7")]
     pub domain: String,
 }
@@ -117,7 +118,7 @@ pub struct TensorProto {
     /// Elements, little-endian.
     #[prost(bytes = "bytes", tag = "9")]
     pub raw_data: Bytes,
-    /// Where the elements are when they are in a file beside the model (`location` = file name).
+    /// Location of the elements if they are in a file beside the model (`location` = file name).
     #[prost(message, repeated, tag = "13")]
     pub external_data: Vec<StringEntry>,
 }
@@ -158,7 +159,7 @@ pub struct TensorType {
     /// Element type, see [`data_type`].
     #[prost(int32, tag = "1")]
     pub elem_type: i32,
-    /// Shape, where known.
+    /// Shape, if known.
     #[prost(message, optional, tag = "2")]
     pub shape: Option<ShapeProto>,
 }
@@ -171,7 +172,7 @@ pub struct ShapeProto {
     pub dim: Vec<Dim>,
 }
 
-/// Length of an axis: a number, or a name where it varies.
+/// Length of an axis: a number, or a name if it varies.
 #[derive(Clone, PartialEq, Message)]
 pub struct Dim {
     /// Length.

@@ -1,12 +1,14 @@
-//! Operators and operator sets that a backend does not know, named in place of its own message.
+//! Errors about operators and operator sets that a backend does not know, in place of the backend's own
+//! message.
 
 use crate::onnx::{ModelProto, NodeProto};
 
 const EXPORT_AGAIN: &str = "Export it again with opset_version=17 and ordinary operators, or set ORT_DYLIB_PATH to a newer ONNX Runtime.";
-/// Operator sets whose meaning tract knows: those of its tests, and later ones that changed little.
+/// Operator sets that tract supports: those of its tests, and later ones that changed little.
 const TRACT_KNOWS: std::ops::RangeInclusive<i64> = 7..=24;
 
-/// What is wrong with a model's operator set, whatever its operators; what happened and what to do. tract would read any.
+/// Checks the version of a model's operator set, because tract would read any. Returns what is wrong and
+/// what to do.
 pub(crate) fn wrong_operator_set(model: &ModelProto, is_tract: bool) -> Option<(String, &'static str)> {
     match operator_set(model) {
         None | Some(..1) => {
@@ -21,17 +23,17 @@ pub(crate) fn wrong_operator_set(model: &ModelProto, is_tract: bool) -> Option<(
     }
 }
 
-/// What a backend's refusal of a model means, where it is about operators: what happened and what to do.
+/// Explains a backend's refusal of a model, if it is about operators. Returns what is wrong and what to do.
 pub(crate) fn explain(model: &ModelProto, message: &str, backend: &str) -> Option<(String, &'static str)> {
     let nodes = || model.graph.iter().flat_map(|graph| &graph.node);
-    // tract says the first, ONNX Runtime the second and third.
+    // The first mark is in messages of tract, the second and third in those of ONNX Runtime.
     let is_named = |node: &&NodeProto| {
         let op = &node.op_type;
         let marks =
             [format!("Unimplemented({op})"), format!("registered for {op} "), format!("{op}(-1) is not")];
         marks.iter().any(|mark| format!("{message} ").contains(mark))
     };
-    // tract looks at names alone and takes operators of another domain for those of ONNX.
+    // tract compares names only and takes an operator of another domain for ONNX's own.
     let is_foreign = |node: &&NodeProto| {
         !node.domain.is_empty() && node.domain != "ai.onnx" && message.contains(&format!("\"{}\"", node.name))
     };
@@ -53,7 +55,7 @@ pub(crate) fn explain(model: &ModelProto, message: &str, backend: &str) -> Optio
     }
 }
 
-/// The version of ONNX's own operators.
+/// Version of ONNX's own operator set.
 fn operator_set(model: &ModelProto) -> Option<i64> {
     let own = |domain: &str| domain.is_empty() || domain == "ai.onnx";
     model.opset_import.iter().find(|set| own(&set.domain)).map(|set| set.version)

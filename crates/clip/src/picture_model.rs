@@ -1,4 +1,4 @@
-//! What all models that read one picture share: their settings, the checks of their inputs and outputs, one run.
+//! The common part of all models that read one picture: settings, checks of inputs and outputs, and a run.
 
 use crate::{
     model_file::{ModelFile, described, hex},
@@ -12,34 +12,35 @@ use surgtpgs_core::{Error, Result, sequence::DepthKind};
 
 /// A kind of model that reads one picture.
 pub(crate) struct Role {
-    /// With its article.
+    /// Name of the kind, with its article.
     pub what: &'static str,
-    /// What it takes and gives, as a sentence.
+    /// One sentence about its inputs and outputs.
     pub hint: &'static str,
-    /// Its settings' file, beside the model, and the keys in it.
+    /// Name of its settings file, which lies beside the model, and the keys in it.
     pub settings_file: &'static str,
     pub keys: &'static str,
-    /// Names under which exporters give its output, in order of preference, and the axes it may have.
+    /// Names that exporters give to its output, in order of preference, and the numbers of axes it may have.
     pub outputs: &'static [&'static str],
     pub ranks: &'static [usize],
-    /// Rows and columns where neither the file nor the settings say.
+    /// Rows and columns, if neither the model file nor the settings say.
     pub size: [usize; 2],
-    /// Mean and standard deviation of colours 0–1 unless the settings say.
+    /// Mean and standard deviation of colours 0–1, unless the settings say otherwise.
     pub colours: [[f32; 3]; 2],
 }
 
-/// The settings of a model that reads one picture; everything is optional.
+/// Settings of a model that reads one picture; everything is optional.
 #[derive(Clone, Debug, Default, PartialEq, serde::Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct PictureSettings {
-    /// Pixels along each side of what the model reads, or rows and columns, where the file leaves it open.
+    /// Size of the model's input, if the model file leaves it open: pixels along each side, or rows and
+    /// columns.
     size: Option<Size>,
     /// Mean and standard deviation of the colours it was trained on, 0–1.
     mean: Option<[f32; 3]>,
     std: Option<[f32; 3]>,
-    /// The output that is read, where there are several.
+    /// Name of the output that is read, if there are several.
     output: Option<String>,
-    /// What a depth network's values mean.
+    /// Meaning of a depth network's values.
     pub kind: Option<DepthKind>,
     /// Nearest and farthest depth of a network whose values are 0–1.
     pub range: Option<[f32; 2]>,
@@ -87,7 +88,7 @@ impl Size {
     }
 }
 
-/// A loaded model with one picture in.
+/// A loaded model whose only input is a picture.
 pub(crate) struct PictureModel {
     network: Network,
     input: String,
@@ -97,7 +98,7 @@ pub(crate) struct PictureModel {
     pub path: PathBuf,
     /// Rows and columns.
     pub size: [usize; 2],
-    /// Pictures at once, where that is fixed.
+    /// Number of pictures at once, if it is fixed.
     pub batch: Option<usize>,
     colours: [[f32; 3]; 2],
     /// SHA-256 over model and settings, hexadecimal.
@@ -105,7 +106,7 @@ pub(crate) struct PictureModel {
 }
 
 impl PictureModel {
-    /// A folder with one model, `.onnx` or `.ort`, and perhaps its settings; or the model itself.
+    /// Opens a model file, `.onnx` or `.ort`, or a folder with one and an optional settings file.
     pub(crate) fn open(path: &Path, role: &Role) -> Result<Self> {
         let file = match path.is_file() {
             true => path.to_owned(),
@@ -130,22 +131,22 @@ impl PictureModel {
         &self.output
     }
 
-    /// A colour value 0–255 of a channel as the model reads it.
+    /// A channel's colour value 0–255, normalised for the model.
     pub(crate) fn scaled(&self, value: f32, channel: usize) -> f32 {
         (value / 255.0 - self.colours[0][channel]) / self.colours[1][channel]
     }
 
-    /// A whole picture as the model reads it, [3, rows, columns].
+    /// A whole picture in the form that the model reads, [3, rows, columns].
     pub(crate) fn whole(&self, image: &RgbImage) -> Vec<f32> {
         let [rows, columns] = self.size.map(|n| n as u32);
-        // Triangle averages over what shrinks, so that nothing flickers.
+        // The triangle filter averages when it shrinks a picture, so that nothing flickers.
         let small = imageops::resize(image, columns, rows, imageops::FilterType::Triangle);
         let plane =
             |c: usize| small.pixels().map(move |p| self.scaled(f32::from(p[c]), c)).collect::<Vec<_>>();
         (0..3).flat_map(plane).collect()
     }
 
-    /// A made-up picture to try the model with, as it reads one: from black to white.
+    /// A made-up picture for a trial run, in the form that the model reads: from black to white.
     pub(crate) fn trial(&self) -> Vec<f32> {
         let [rows, columns] = self.size;
         let shade = |i: usize| {
@@ -154,7 +155,8 @@ impl PictureModel {
         (0..3 * rows * columns).map(shade).collect()
     }
 
-    /// The output for `pictures`, [n, …], all of its axes and its values; those of the pictures are finite.
+    /// Runs the model on `pictures`, [n, …], and returns all axes and values of the output. The pictures'
+    /// values are finite.
     pub(crate) fn run(&mut self, pictures: &[Vec<f32>]) -> Result<(Vec<usize>, Vec<f32>)> {
         let what = self.what.trim_start_matches("an ").trim_start_matches("a ");
         let failed = |cause: String| {
@@ -171,7 +173,7 @@ impl PictureModel {
             let cause = format!("output `{}` has the shape {axes:?} for {num} pictures", self.output);
             return Err(failed(cause));
         }
-        // What was added to fill the batch does not count.
+        // Rows that only fill the batch are not checked.
         if !values[..values.len() / num * pictures.len()].iter().all(|v| v.is_finite()) {
             return Err(Error::input_at(&self.path, format!("The {what} returned not-a-number"), NOT_FINITE));
         }
@@ -190,7 +192,8 @@ fn the_model(folder: &Path, role: &Role) -> Result<PathBuf> {
     }
 }
 
-/// The name of the input, the number of pictures it takes at once where that is fixed, and its rows and columns.
+/// Checks the input. Returns its name, the number of pictures at once if it is fixed, and its rows and
+/// columns.
 fn check_input(
     model: &ModelFile,
     settings: &PictureSettings,
@@ -231,7 +234,7 @@ fn check_input(
     Ok((input.name.clone(), fixed(batch), size))
 }
 
-/// What to do with two views of a scene.
+/// Hint for models that need two views of a scene.
 const STEREO: &str = "Networks for stereo pairs are unsupported: make depth with the program the network belongs to, and put \
                       it beside the frames (`depth/`, named like them), or give a network for single pictures.";
 

@@ -1,4 +1,5 @@
-//! What of ONNX Runtime computes: the processor, or an accelerator that the loaded library was built for.
+//! The processor or accelerator that ONNX Runtime computes on; accelerators need a library that was built
+//! for them.
 
 use ort::ep::{CUDA, CoreML, DirectML, ExecutionProvider, ExecutionProviderDispatch};
 use std::sync::OnceLock;
@@ -10,19 +11,19 @@ pub enum Provider {
     /// The processor.
     #[default]
     Cpu,
-    /// NVIDIA's.
+    /// NVIDIA's CUDA.
     Cuda,
-    /// Windows'.
+    /// DirectML of Windows.
     DirectMl,
-    /// Apple's.
+    /// Core ML of Apple.
     CoreMl,
 }
 
 static CHOSEN: OnceLock<Provider> = OnceLock::new();
 
-/// Uses `provider` for every model of this process from now on; the first choice holds.
+/// Makes every model of this process use `provider`; only the first call has an effect.
 ///
-/// Fails where the library that runs models does not have it.
+/// Fails if the library that runs models does not have it.
 pub fn choose_provider(provider: Provider) -> Result<()> {
     if provider != Provider::Cpu {
         let has_it = crate::runtime::is_onnx_runtime() && provider.is_in_library();
@@ -38,7 +39,7 @@ pub(crate) fn chosen() -> Provider {
 }
 
 impl Provider {
-    /// As people write it.
+    /// Its name in words.
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Cpu => "the processor",
@@ -48,7 +49,7 @@ impl Provider {
         }
     }
 
-    /// For the session; operations it does not know are left to the processor.
+    /// Provider for a session; operations that it does not know are left to the processor.
     pub(crate) fn dispatch(self) -> Option<ExecutionProviderDispatch> {
         let provider = match self {
             Self::Cpu => return None,

@@ -1,5 +1,5 @@
-//! What runs the models: ONNX Runtime's shared library where one is found, else tract (pure Rust, always there).
-//! There is one environment per process; which one is decided once, at the first model.
+//! The backend that runs the models: ONNX Runtime if its shared library is found, else tract (pure Rust,
+//! always there). There is one per process, chosen when the first model is opened.
 
 use crate::{
     library,
@@ -28,13 +28,13 @@ const LIBRARY_NAMES: &[&str] = &["libonnxruntime.dylib", "libonnxruntime.1.dylib
 const LIBRARY_NAMES: &[&str] = &["libonnxruntime.so", "libonnxruntime.so.1"];
 
 struct Runtime {
-    /// ONNX Runtime's, where its library is used.
+    /// Environment of ONNX Runtime, if its library is used.
     library: Option<Environment>,
     name: String,
     notes: Vec<String>,
 }
 
-/// What runs the models, in words, e.g. "ONNX Runtime 1.31 (/usr/lib/libonnxruntime.so)".
+/// Name of the backend, e.g. "ONNX Runtime 1.31 (/usr/lib/libonnxruntime.so)".
 pub fn backend_name() -> &'static str {
     match runtime() {
         Ok(runtime) => &runtime.name,
@@ -42,7 +42,7 @@ pub fn backend_name() -> &'static str {
     }
 }
 
-/// Libraries that were found but not used, and why.
+/// Libraries that were found but not used, with the reasons.
 pub fn backend_notes() -> &'static [String] {
     match runtime() {
         Ok(runtime) => &runtime.notes,
@@ -50,12 +50,12 @@ pub fn backend_notes() -> &'static [String] {
     }
 }
 
-/// Whether models run on ONNX Runtime's own library: only that reads its `.ort` format.
+/// Returns `true` if models run on ONNX Runtime, the only backend that reads its `.ort` format.
 pub(crate) fn is_onnx_runtime() -> bool {
     runtime().is_ok_and(|runtime| runtime.library.is_some())
 }
 
-/// Where a model comes from.
+/// Source of a model.
 #[derive(Clone, Debug)]
 pub(crate) enum Source {
     File(PathBuf),
@@ -83,7 +83,7 @@ pub(crate) fn open(source: &Source, threads: usize, path: &Path) -> Result<Netwo
     })
 }
 
-/// What a refusal means, where it is about the model's operators.
+/// Explains a refusal, if it is about the model's operators.
 fn about_operators(source: &Source, message: &str) -> Option<(String, &'static str)> {
     let model = match source {
         Source::File(file) => ModelProto::decode(&read_regular(file, MOST_BYTES).ok()?[..]),
@@ -108,7 +108,7 @@ fn start() -> Result<Runtime, String> {
                 let name = format!("ONNX Runtime 1.{minor} ({})", path.display());
                 return Ok(Runtime { library: Some(environment), name, notes });
             }
-            // Once a library is bound to the process, ort can no longer be given another backend.
+            // ort takes no other backend once a library is bound to the process.
             Err(Started::AfterBinding(cause)) => return Err(format!("{}: {cause}", path.display())),
             Err(Started::BeforeBinding(cause)) => {
                 notes.push(format!("{} could not be started ({cause}) and was not used", path.display()))
@@ -128,7 +128,7 @@ fn start_library(path: &Path) -> Result<Environment, Started> {
     builder.with_name("surgtpgs").build().map_err(|e| Started::AfterBinding(e.to_string()))
 }
 
-/// Where the library may be, in order of preference: where the user says, beside the program, the system.
+/// Possible paths of the library, in order of preference: the user's choice, beside the program, the system.
 fn candidates() -> Vec<PathBuf> {
     let named = std::env::var_os("ORT_DYLIB_PATH").filter(|p| !p.is_empty()).map(PathBuf::from);
     let program_folder = std::env::current_exe().ok().and_then(|exe| Some(exe.parent()?.to_owned()));
@@ -147,9 +147,9 @@ fn candidates() -> Vec<PathBuf> {
     candidates
 }
 
-/// The first library that is new enough, with its minor version, and notes on those that were passed over.
-/// Libraries are probed first because ort 2.0.0-rc.14 must not be asked to load twice: after a failure the second
-/// attempt "succeeds" with an uninitialised handle.
+/// Chooses the first library that is new enough. Returns it with its minor version, and notes on those
+/// that were passed over. Libraries are probed first because ort 2.0.0-rc.14 must not be asked to load
+/// twice: after a failure the second attempt "succeeds" with an uninitialised handle.
 fn choose(
     candidates: &[PathBuf],
     probe: impl Fn(&Path) -> Option<u32>,
@@ -163,7 +163,7 @@ fn choose(
                 path.display(),
                 ort::MINOR_VERSION
             )),
-            // A bare name that the system does not know is the ordinary case, not worth a note.
+            // A bare name that the system does not know is the ordinary case and gets no note.
             None if path.components().count() > 1 => {
                 notes.push(format!("{} is not a loadable ONNX Runtime and was not used", path.display()))
             }

@@ -1,8 +1,8 @@
-//! Segment Anything: an image encoder and a decoder that answers points, in one folder.
+//! Segment Anything: one folder with an image encoder, and a decoder that turns points into masks.
 //!
-//! Which file is which, and which generation they are of, shows in their inputs and outputs. Understood are the decoders
-//! of `segment_anything`'s own export (SAM 1), of SAM 2 with its fine features, and of Hugging Face's exports, which
-//! call the points `input_points` and give `pred_masks`.
+//! Inputs and outputs tell which file is which, and of which generation they are. Supported decoders are
+//! those of `segment_anything`'s own export (SAM 1), of SAM 2 with its fine features, and of Hugging
+//! Face's exports, which name the points `input_points` and the masks `pred_masks`.
 
 use crate::{
     model_file::{ModelFile, described},
@@ -23,15 +23,15 @@ use surgtpgs_core::{
 /// Mean and standard deviation of ImageNet's colours, 0–1; every Segment Anything uses them.
 const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
 const STD: [f32; 3] = [0.229, 0.224, 0.225];
-/// Prompts decoded at once: more is no faster on a CPU and takes more memory (about 40 MB each).
+/// Number of prompts decoded at once. More is no faster on a CPU and takes more memory (about 40 MB each).
 const BATCH: usize = 8;
 const HINT: &str =
     "A folder for masks holds the encoder and the decoder of one Segment Anything, as .onnx or .ort.";
 
-/// What goes into an input of the decoder.
+/// Value for an input of the decoder.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Feed {
-    /// The encoder's output of this number.
+    /// Output of the encoder with this index.
     Feature(usize),
     Points,
     Labels,
@@ -40,15 +40,15 @@ enum Feed {
     ImageSize,
 }
 
-/// How a decoder is called, read from its inputs and outputs.
+/// Calling convention of a decoder, read from its inputs and outputs.
 struct Contract {
-    /// One per input.
+    /// One feed per input.
     feeds: Vec<Feed>,
-    /// Points are `[1, prompts, points, 2]`, not `[prompts, points, 2]`.
+    /// `true` if points are `[1, prompts, points, 2]`, not `[prompts, points, 2]`.
     has_outer_axis: bool,
-    /// Takes several prompts at once.
+    /// `true` if it takes several prompts at once.
     is_batched: bool,
-    /// SAM 1: images keep their shape and are padded, and prompts end with a padding point.
+    /// `true` for SAM 1: images keep their aspect ratio and are padded, and prompts end with a padding point.
     is_padded: bool,
     masks: String,
     ratings: String,
@@ -60,7 +60,7 @@ pub struct SegmentAnything {
     decoder: Network,
     folder: PathBuf,
     contract: Contract,
-    /// Pixels along each side of what the encoder reads.
+    /// Pixels along each side of the encoder's input.
     side: usize,
     sha256: String,
     image: Option<Encoded>,
@@ -68,14 +68,14 @@ pub struct SegmentAnything {
     decoding: Duration,
 }
 
-/// What the encoder made of an image.
+/// Output of the encoder for an image.
 struct Encoded {
     features: Vec<Value>,
     size: [u32; 2],
 }
 
 impl SegmentAnything {
-    /// Opens a folder with an encoder and a decoder; their names do not matter.
+    /// Opens a folder with an encoder and a decoder; their file names do not matter.
     pub fn open(folder: &Path) -> Result<Self> {
         let files = ModelFile::list(folder, "models for masks", HINT)?;
         let [a, b] = files.as_slice() else {
@@ -120,7 +120,7 @@ impl SegmentAnything {
         &self.sha256
     }
 
-    /// "SAM 1" or "SAM 2".
+    /// Returns "SAM 1" or "SAM 2".
     pub fn generation(&self) -> &'static str {
         if self.contract.is_padded { "SAM 1" } else { "SAM 2" }
     }
@@ -139,7 +139,7 @@ impl SegmentAnything {
         }
     }
 
-    /// The image as the encoder reads it, [1, 3, side, side].
+    /// An image in the form that the encoder reads, [1, 3, side, side].
     fn tensor(&self, image: &RgbImage) -> Vec<f32> {
         let size = [image.width(), image.height()];
         let scale = self.scale(size);
@@ -147,7 +147,7 @@ impl SegmentAnything {
         let (width, height) = (scaled(0), scaled(1));
         let resized = image::imageops::resize(image, width as u32, height as u32, FilterType::Triangle);
         let plane = self.side * self.side;
-        // Padding is 0 after normalising.
+        // The padding is 0 after normalisation.
         let mut values = vec![0.0; 3 * plane];
         for (x, y, pixel) in resized.enumerate_pixels() {
             let at = y as usize * self.side + x as usize;
@@ -205,7 +205,7 @@ impl PointSegmenter for SegmentAnything {
         Some([usize::try_from(columns).ok()?, usize::try_from(rows).ok()?])
     }
 
-    /// The encoder's output of most channels: the others are finer, but know less.
+    /// Returns the encoder's output with the most channels. The others are finer, but carry less meaning.
     fn features(&self) -> Option<DenseMap> {
         let image = self.image.as_ref()?;
         let scale = self.scale(image.size);
@@ -228,7 +228,7 @@ impl PointSegmenter for SegmentAnything {
     }
 }
 
-/// Puts the decoder's answers into order. `used` is the share of the encoder's square that the image covers.
+/// Sorts the decoder's answers. `used` is the share of the encoder's square that the image covers.
 fn prediction(
     shape: &[usize],
     logits: Vec<f32>,
@@ -251,10 +251,10 @@ fn prediction(
     {
         return Err(wrong());
     }
-    // Masks of the image's own size have no padding.
+    // Masks that have the size of the image have no padding.
     let is_whole = size_of_map == size.map(|n| n as usize);
     let extent = if is_whole { [1.0; 2] } else { used };
-    // The first of four answers is for prompts of many points; the others are part, more, and whole.
+    // The first of four answers is for prompts of many points. The others are part, more, and whole.
     let skipped = usize::from(answers == 4);
     let kept = |i: usize| i % answers >= skipped;
     let keep = |values: &[f32], len: usize| -> Vec<f32> {
@@ -270,12 +270,12 @@ fn prediction(
     })
 }
 
-/// Pixels along a side if the inputs are those of an image encoder.
+/// Returns the number of pixels along a side if the inputs are those of an image encoder.
 fn encoder_side(inputs: &[Outlet]) -> Option<usize> {
     let [image] = inputs else { return None };
     match image.shape[..] {
         [1 | -1, 3, h, w] if h == w || h < 0 || w < 0 => {
-            // Where the file leaves the size open it is the one all checkpoints were trained with.
+            // A size that the file leaves open is 1024, with which all checkpoints were trained.
             let side = h.max(w);
             Some(if side > 0 { side as usize } else { 1024 })
         }
@@ -322,7 +322,7 @@ impl Contract {
         Ok(Self {
             is_batched: if has_outer_axis { points[1] < 0 } else { points.first() == Some(&-1) },
             has_outer_axis,
-            // SAM 2 has fine features beside the embedding; SAM 1 at most the constant positions.
+            // SAM 2 has fine features beside the embedding. SAM 1 has at most the constant positions.
             is_padded: num_features == 1 || has_positions,
             feeds,
             masks,
@@ -330,7 +330,8 @@ impl Contract {
         })
     }
 
-    /// The decoder's inputs for `prompts`, whose points are multiplied by `scale`, and `earlier` answers to better.
+    /// Inputs of the decoder for `prompts`, whose points are multiplied by `scale`. `earlier` holds masks
+    /// to refine.
     fn inputs<'a>(
         &self,
         outlets: &'a [Outlet],
@@ -340,7 +341,7 @@ impl Contract {
         scale: [f32; 2],
     ) -> Vec<(&'a str, Input<'a>)> {
         let n = prompts.len();
-        // SAM 1 was trained with a last point that says "no box".
+        // SAM 1 was trained with a last point that means "no box".
         let padding = usize::from(self.is_padded && !self.has_outer_axis);
         let num_points = prompts.first().map_or(0, Vec::len) + padding;
         let outer =
@@ -382,7 +383,7 @@ impl Contract {
     }
 }
 
-/// What an input takes, by its name.
+/// Feed of an input, judged by its name.
 fn named_feed(name: &str) -> Option<Feed> {
     let name = name.to_lowercase();
     let has = |word: &str| name.contains(word);
@@ -396,7 +397,7 @@ fn named_feed(name: &str) -> Option<Feed> {
     }
 }
 
-/// The encoder's output of the same name, else the only one of the same shape that is not used yet.
+/// Returns the encoder's output of the same name, else the only unused one of the same shape.
 fn matching_feature(input: &Outlet, features: &[Outlet], used: &[Feed]) -> Option<Feed> {
     let by_name = features.iter().position(|f| f.name == input.name);
     let is_free = |k: &usize| !used.contains(&Feed::Feature(*k));

@@ -9,15 +9,15 @@ use crate::{
 use std::path::{Path, PathBuf};
 use surgtpgs_core::{Error, Result};
 
-/// Prompts are short: more threads gain little and would take cores from the renderer.
+/// Largest number of threads. Prompts are short: more threads gain little and take cores from the renderer.
 const MAX_THREADS: usize = 2;
 
-/// A network and how to call it.
+/// A network and its calling convention.
 pub(crate) struct Model {
-    /// Loaded when it is first needed: texts that were embedded before need no model.
+    /// Loaded when it is first needed. Texts whose embeddings are cached need no model.
     network: Option<Network>,
     source: Source,
-    /// Only named in errors.
+    /// Path of the model; only named in errors.
     path: PathBuf,
     contract: Contract,
     pad_id: u32,
@@ -26,7 +26,7 @@ pub(crate) struct Model {
 }
 
 impl Model {
-    /// A model whose contract was read from the same bytes. `path` is only named in errors.
+    /// Makes a model from the contract that was read from the same bytes. `path` is only named in errors.
     pub(crate) fn new(source: Source, contract: Contract, pad_id: u32, context: usize, path: &Path) -> Self {
         Self { network: None, source, path: path.to_owned(), contract, pad_id, context }
     }
@@ -36,7 +36,7 @@ impl Model {
         self.context
     }
 
-    /// The unit embedding of one text. `text` is only named in errors.
+    /// Unit embedding of one text. `text` is only named in errors.
     pub(crate) fn embed(&mut self, ids: &[u32], text: &str) -> Result<Vec<f32>> {
         let failed = |cause: String| {
             let what = format!("The encoder failed on \"{text}\" ({cause})");
@@ -58,7 +58,7 @@ impl Model {
     }
 }
 
-/// What goes into the model for the tokens `ids`.
+/// Inputs of the model for the tokens `ids`.
 fn inputs<'a>(
     contract: &'a Contract,
     ids: &[u32],
@@ -66,7 +66,7 @@ fn inputs<'a>(
     pad_id: u32,
 ) -> Vec<(&'a str, Input<'static>)> {
     let takes_mask = contract.inputs.iter().any(|input| input.role == Role::Mask);
-    // A model that is told what is padding needs none; one that is not gets the length it was trained with.
+    // A model with a mask input needs no padding. Without one it gets the length it was trained with.
     let length = contract.fixed_length.unwrap_or(if takes_mask { ids.len() } else { context });
     let value_at = |role: Role, i: usize| match (role, ids.get(i)) {
         (Role::Ids, id) => i64::from(id.copied().unwrap_or(pad_id)),
@@ -81,7 +81,7 @@ fn inputs<'a>(
     contract.inputs.iter().map(input).collect()
 }
 
-/// Reduces an output `[1,dim]` or `[1,tokens,dim]` to one row; `None` where the shape is another.
+/// Reduces an output `[1,dim]` or `[1,tokens,dim]` to one row; `None` for any other shape.
 fn pool(values: &[f32], shape: &[usize], pooling: &Pooling, num_real: usize) -> Option<Vec<f32>> {
     let dim = shape.last().copied().filter(|dim| *dim > 0)?;
     match (shape, pooling) {
@@ -100,7 +100,7 @@ fn pool(values: &[f32], shape: &[usize], pooling: &Pooling, num_real: usize) -> 
     }
 }
 
-/// Scales to length 1; in f64 so that no finite embedding overflows or vanishes.
+/// Scales to length 1. Computes in f64 so that no finite embedding overflows or vanishes.
 fn unit(values: Vec<f32>, text: &str, path: &Path) -> Result<Vec<f32>> {
     if values.iter().any(|v| !v.is_finite()) {
         let what = format!("The encoder returned not-a-number for \"{text}\"");

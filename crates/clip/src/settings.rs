@@ -1,4 +1,4 @@
-//! `encoder.toml`: what a model folder says about itself beyond what the files show.
+//! `encoder.toml`: settings of a model folder that its other files do not show.
 
 use std::path::Path;
 use surgtpgs_core::{Error, Result};
@@ -6,7 +6,7 @@ use surgtpgs_core::{Error, Result};
 /// Prompt template of the paper; `{}` stands for the words.
 pub const DEFAULT_TEMPLATE: &str = "A photo of a {} in the scene";
 
-/// How one embedding comes out of the model.
+/// Way in which one embedding is taken from the model's output.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Deserialize)]
 #[serde(try_from = "String")]
 pub enum Pooling {
@@ -35,24 +35,24 @@ impl TryFrom<String> for Pooling {
     }
 }
 
-/// The contents of `encoder.toml`; everything is optional and found out from the model where it is not given.
+/// Contents of `encoder.toml`. Everything is optional; missing values are read from the model.
 #[derive(Clone, Debug, Default, PartialEq, serde::Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EncoderSettings {
-    /// How one embedding comes out of the model.
+    /// Way in which one embedding is taken from the model's output.
     pub pooling: Option<Pooling>,
     /// Longest prompt in tokens, start and end tokens included.
     pub context_length: Option<usize>,
     /// Prompt template with `{}` for the words.
     pub template: Option<String>,
-    /// Lower the case of prompts before they reach the tokenizer.
+    /// `true` to lower the case of prompts before they reach the tokenizer.
     pub lower_case: bool,
     /// Token that fills short prompts up to the model's length.
     pub pad_id: Option<u32>,
 }
 
 impl EncoderSettings {
-    /// Reads the text of the file at `path` (which is only named in errors).
+    /// Parses the text of the file at `path` (which is only named in errors).
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
         let settings: Self = toml::from_str(text).map_err(|e| {
             Error::input_at(
@@ -75,11 +75,11 @@ impl EncoderSettings {
     }
 }
 
-/// What to write into a template.
+/// Hint for a wrong template.
 pub(crate) const TEMPLATE_HINT: &str =
     "Write {} once where the words belong, as in \"A photo of a {} in the scene\".";
 
-/// Whether a template holds `{}` exactly once.
+/// Checks that a template holds `{}` exactly once.
 pub(crate) fn check_template(template: &str) -> Result<(), String> {
     match template.matches("{}").count() {
         1 => Ok(()),

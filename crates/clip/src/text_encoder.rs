@@ -1,4 +1,4 @@
-//! The encoder that the rest of the program sees.
+//! The text encoder in the form that the rest of the program uses.
 
 use crate::{
     builtin,
@@ -31,8 +31,8 @@ struct Files {
 }
 
 impl TextEncoder {
-    /// The small surgical encoder inside the program: it knows the words of `assets/text_encoder/lexicon.toml`, and
-    /// keeps other words away from all of them.
+    /// Opens the small surgical encoder inside the program. It knows the words of
+    /// `assets/text_encoder/lexicon.toml`, and keeps other words away from all of them.
     pub fn builtin() -> Result<Self> {
         let files = Files {
             model: builtin::MODEL.to_vec(),
@@ -43,14 +43,15 @@ impl TextEncoder {
         Self::assemble("builtin", None, files, None)
     }
 
-    /// A folder with `model.onnx`, `tokenizer.json` and optionally `encoder.toml` ([`EncoderSettings`]).
-    /// Everything is checked here, with a trial run: errors say what is wrong with which file.
+    /// Opens a folder with `model.onnx`, `tokenizer.json` and optionally `encoder.toml`
+    /// ([`EncoderSettings`]). Everything is checked here, with a trial run. Errors say what is wrong with
+    /// which file.
     pub fn open(folder: &Path) -> Result<Self> {
         Self::open_with_cache(folder, None)
     }
 
-    /// As [`Self::open`]; embeddings are kept under `cache` and read from there the next time, the trial run's too, so
-    /// that the model is only loaded for words it was never asked for.
+    /// Opens a folder as [`Self::open`] does, and keeps all embeddings under `cache`, those of the trial
+    /// run too. Embeddings found there are not computed again: the model is only loaded for new words.
     pub fn open_with_cache(folder: &Path, cache: Option<&Path>) -> Result<Self> {
         if !folder.is_dir() {
             let hint = "Choose a folder with model.onnx and tokenizer.json.";
@@ -101,7 +102,7 @@ impl TextEncoder {
         Ok(encoder)
     }
 
-    /// Encodes two words of different meaning; gives the length of an embedding.
+    /// Encodes two words of different meaning and returns the length of an embedding.
     fn try_out(&mut self, model_path: &Path) -> Result<usize> {
         let pair = self.encode_bare(&["liver", "needle"])?;
         let cosine: f32 = pair[0].iter().zip(&pair[1]).map(|(a, b)| a * b).sum();
@@ -113,7 +114,7 @@ impl TextEncoder {
         Ok(pair[0].len())
     }
 
-    /// Which encoder this is; goes into every result.
+    /// Identity of this encoder; recorded in every result.
     pub fn identity(&self) -> &EncoderIdentity {
         &self.identity
     }
@@ -123,22 +124,23 @@ impl TextEncoder {
         self.model.context()
     }
 
-    /// Uses another prompt template from now on; `{}` in it stands for the words.
+    /// Replaces the prompt template; `{}` in it stands for the words.
     pub fn set_template(&mut self, template: &str) -> Result<()> {
         check_template(template).map_err(|what| Error::input(what, TEMPLATE_HINT))?;
         self.identity.template = template.to_owned();
         Ok(())
     }
 
-    /// Unit embeddings of prompts, each put into the template first. Spaces around and doubled spaces do not count;
-    /// an empty prompt, or one longer than the model reads, is an error.
+    /// Unit embeddings of prompts, each put into the template first. Leading, trailing and doubled spaces
+    /// are ignored. An empty prompt, or one longer than the model reads, is an error.
     pub fn encode_prompts(&mut self, prompts: &[&str]) -> Result<Vec<Vec<f32>>> {
         let fill = |prompt: &&str| Ok(self.identity.template.replace("{}", &tidy(prompt)?));
         let texts = prompts.iter().map(fill).collect::<Result<Vec<String>>>()?;
         texts.into_iter().map(|text| self.embedding(text)).collect()
     }
 
-    /// Unit embeddings of phrases as they stand (canonical phrases), otherwise as [`Self::encode_prompts`].
+    /// Unit embeddings of phrases without the template (canonical phrases), otherwise as
+    /// [`Self::encode_prompts`].
     pub fn encode_bare(&mut self, phrases: &[&str]) -> Result<Vec<Vec<f32>>> {
         phrases.iter().map(|phrase| self.embedding(tidy(phrase)?)).collect()
     }
@@ -154,7 +156,7 @@ impl TextEncoder {
     }
 }
 
-/// Trims and collapses white space.
+/// Trims white space and collapses repeated white space.
 fn tidy(prompt: &str) -> Result<String> {
     let words: Vec<&str> = prompt.split_whitespace().collect();
     match words.is_empty() {
@@ -165,7 +167,7 @@ fn tidy(prompt: &str) -> Result<String> {
     }
 }
 
-/// Longest text in tokens: what `encoder.toml` says, else the model's fixed length, else what fits the tokenizer.
+/// Longest text in tokens: from `encoder.toml`, else the model's fixed length, else the tokenizer's default.
 fn context_length(
     settings: &EncoderSettings,
     contract: &Contract,
@@ -181,7 +183,7 @@ fn context_length(
     }
 }
 
-/// A file without which there is no text encoder.
+/// Reads a file that every text encoder needs.
 fn read_part(path: &Path) -> Result<Vec<u8>> {
     if !path.exists() {
         let name = path.file_name().unwrap_or_default().to_string_lossy();

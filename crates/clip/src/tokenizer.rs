@@ -1,11 +1,11 @@
-//! Words to token ids, with every way a tokenizer file can be wrong turned into a sentence.
+//! From words to token ids. Every way in which a tokenizer file can be wrong gives an error in plain words.
 
 use crate::{caught::caught, settings::EncoderSettings};
 use std::path::Path;
 use surgtpgs_core::{Error, Result};
 use tokenizers::Tokenizer;
 
-/// Longest prompt where neither the model nor the tokenizer nor `encoder.toml` says.
+/// Longest prompt, if neither the model nor the tokenizer nor `encoder.toml` says.
 const DEFAULT_CONTEXT: usize = 256;
 /// Longest prompt of CLIP.
 const CLIP_CONTEXT: usize = 77;
@@ -14,13 +14,13 @@ const CLIP_CONTEXT: usize = 77;
 pub(crate) struct PromptTokenizer {
     tokenizer: Tokenizer,
     lower_case: bool,
-    /// Longest text it was made for, where it says.
+    /// Longest text it was made for, if it says.
     stated_length: Option<usize>,
     pad_id: u32,
 }
 
 impl PromptTokenizer {
-    /// Reads the bytes of the file at `path` (which is only named in errors).
+    /// Parses the bytes of the file at `path` (which is only named in errors).
     pub(crate) fn parse(bytes: &[u8], settings: &EncoderSettings, path: &Path) -> Result<Self> {
         let mut tokenizer = load(bytes, path)?;
         let padding = tokenizer.get_padding().cloned();
@@ -34,27 +34,27 @@ impl PromptTokenizer {
         Ok(Self { tokenizer, lower_case: settings.lower_case, stated_length, pad_id })
     }
 
-    /// Whether the end of the text is marked as in CLIP.
+    /// Returns `true` if the end of the text is marked as in CLIP.
     pub(crate) fn is_clip(&self) -> bool {
         self.tokenizer.token_to_id("<|endoftext|>").is_some()
     }
 
-    /// Largest token id it can give, padding included.
+    /// Largest token id it can return, padding included.
     pub(crate) fn largest_id(&self) -> u32 {
         self.tokenizer.get_vocab(true).into_values().max().unwrap_or(0).max(self.pad_id)
     }
 
-    /// Token that fills short texts.
+    /// Token that fills up short texts.
     pub(crate) fn pad_id(&self) -> u32 {
         self.pad_id
     }
 
-    /// Longest text in tokens where neither the model nor `encoder.toml` says.
+    /// Longest text in tokens, if neither the model nor `encoder.toml` says.
     pub(crate) fn default_context(&self) -> usize {
         self.stated_length.unwrap_or(if self.is_clip() { CLIP_CONTEXT } else { DEFAULT_CONTEXT })
     }
 
-    /// Token ids of a text, start and end tokens included; an error where they are none or more than `context`.
+    /// Token ids of a text, start and end tokens included. Fails if there are none or more than `context`.
     pub(crate) fn encode(&self, text: &str, context: usize) -> Result<Vec<u32>> {
         let lowered = self.lower_case.then(|| text.to_lowercase());
         let input = lowered.as_deref().unwrap_or(text);
@@ -75,8 +75,8 @@ impl PromptTokenizer {
 
 const SAME_EXPORT: &str = "Take tokenizer.json from the same export as the model.";
 
-/// Parses the file. The library panics on some files (tokenizers#1645) and its own message for a wrong one ("did not
-/// match any variant of untagged enum") helps nobody.
+/// Parses the file. The library panics on some files (tokenizers#1645), and its own message for a wrong
+/// one ("did not match any variant of untagged enum") helps nobody.
 fn load(bytes: &[u8], path: &Path) -> Result<Tokenizer> {
     let json: serde_json::Value = serde_json::from_slice(bytes).map_err(|e| {
         let what =
@@ -100,7 +100,7 @@ fn load(bytes: &[u8], path: &Path) -> Result<Tokenizer> {
     }
 }
 
-/// The part of the file that cannot be read by itself.
+/// Name of the part of the file that cannot be parsed by itself.
 fn suspect(json: &serde_json::Value) -> Option<&'static str> {
     fn reads<T: serde::de::DeserializeOwned>(json: &serde_json::Value, field: &str) -> bool {
         let part = json.get(field).cloned().unwrap_or_default();

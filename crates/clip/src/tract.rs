@@ -1,4 +1,4 @@
-//! Models that run on the backend inside the program: tract, on one thread. Its panics are errors like others.
+//! Models that run on the backend inside the program: tract, on one thread. Its panics become errors.
 
 use crate::{
     caught::caught,
@@ -25,7 +25,7 @@ impl Tract {
         caught(|| load(source))?.map_err(|e| e.to_string())
     }
 
-    /// One run, for every input once.
+    /// Runs the model once; every input is given once.
     pub(crate) fn run(&self, mut inputs: Vec<(&str, Input<'_>)>) -> Result<Outputs, String> {
         let in_order = |outlet: &Outlet| {
             let at = inputs.iter().position(|(name, _)| *name == outlet.name);
@@ -48,7 +48,7 @@ fn load(source: &Source) -> TractResult<Tract> {
     if let Some(name) = unresolved_inputs.first() {
         return Err(TractError::msg(format!("nothing makes `{name}`")));
     }
-    // As it comes, the graph is three times slower.
+    // The graph is three times slower before optimisation.
     let model = model.into_optimized()?;
     let mut inputs = Vec::new();
     for outlet in model.input_outlets()? {

@@ -1,4 +1,4 @@
-//! The encoder inside the program keeps its promises over its whole lexicon, and its training can be repeated.
+//! The built-in encoder keeps its promises over its whole lexicon, and its training can be repeated.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up should stop")]
 
@@ -42,13 +42,13 @@ fn one(encoder: &mut TextEncoder, prompt: &str) -> Vec<f32> {
     encoder.encode_prompts(&[prompt]).unwrap().remove(0)
 }
 
-/// Embeddings of the concepts by name, templated as class names are.
+/// Embeddings of the concepts by name, in the template as class names are.
 fn concepts(encoder: &mut TextEncoder, lexicon: &Lexicon) -> BTreeMap<String, Vec<f32>> {
     let of_group = lexicon.concepts.iter().filter(|(group, _)| *group != "canonical");
     of_group.flat_map(|(_, members)| members.keys()).map(|name| (name.clone(), one(encoder, name))).collect()
 }
 
-/// Fails with all complaints at once, so that one training shows everything that is wrong with it.
+/// Fails with all complaints at once, so that one run shows everything that is wrong with a training.
 fn report(what: &str, mut complaints: Vec<(f32, String)>) {
     complaints.sort_by(|a, b| b.0.total_cmp(&a.0));
     let lines: Vec<String> = complaints.iter().take(40).map(|(_, line)| line.clone()).collect();
@@ -170,7 +170,7 @@ fn strangers_never_seen_stay_away_too() {
     let complaints = strangers_too_near(&words);
     let share = complaints.len() as f32 / words.len() as f32;
     eprintln!("{} of {} unseen words come near a concept: {complaints:?}", complaints.len(), words.len());
-    // Chance likenesses in spelling cannot all be excluded by a lexicon this small.
+    // A lexicon this small cannot exclude all chance likenesses in spelling.
     assert!(share <= 0.05, "{complaints:?}");
 }
 
@@ -194,7 +194,7 @@ fn held_out_spellings_are_found() {
     assert!(complaints.len() * 20 <= count, "{complaints:#?}");
 }
 
-/// Which classes of a scene a prompt finds, pixels having their class's embedding (design §7).
+/// Classes of a scene that a prompt finds; pixels have the embedding of their class (design §7).
 fn found<'a>(encoder: &mut TextEncoder, prompt: &str, classes: &[&'a str]) -> Vec<&'a str> {
     let embeddings: Vec<_> = classes.iter().map(|class| one(encoder, class)).collect();
     let prompt = one(encoder, prompt);

@@ -1,4 +1,4 @@
-//! Encoder folders of every kind, good and broken: small ONNX files made here.
+//! Encoder folders of every kind, good and broken. Their small ONNX files are made here.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up should stop")]
 
@@ -41,12 +41,12 @@ fn tokenizer() -> String {
     .to_string()
 }
 
-/// Row i points along axis i, with a little of all others.
+/// A table whose row i points along axis i, with a little of all others.
 fn table(rows: usize, dim: usize) -> Vec<f32> {
     (0..rows * dim).map(|i| if i / dim == i % dim { 1.0 } else { 0.1 }).collect()
 }
 
-/// CLIP's shape: ids [b,77], pooled inside at the largest id, [b,dim] out.
+/// A model of CLIP's shape: ids [b,77], pooled inside at the largest id, [b,dim] out.
 fn clip_graph(rows: usize, dim: usize) -> Graph {
     Graph::default()
         .input("input_ids", INT64, &[None, Some(77)])
@@ -65,7 +65,7 @@ fn clip_graph(rows: usize, dim: usize) -> Graph {
         .node("text_embeds", "Squeeze", &["both", "one"])
 }
 
-/// Hidden states [b,s,dim]: each token's row and the sum of all; no pooling.
+/// A model that gives hidden states [b,s,dim]: each token's row and the sum of all; no pooling.
 fn hidden_graph(ids: i32) -> Graph {
     Graph::default()
         .input("input_ids", ids, &[None, None])
@@ -136,7 +136,7 @@ fn mean_and_end_of_text_pool_over_real_tokens() {
         let expected: Vec<f32> = (0..10).map(|i| rows[40 + i] + rows[10 * END + i]).collect();
         assert_close(&mean.encode_bare(&["liver"]).unwrap()[0], &normalised(&expected));
     }
-    // Without a word in encoder.toml, CLIP's end mark decides.
+    // If encoder.toml names no pooling, CLIP's end mark decides.
     for settings in [None, Some("pooling = \"end_of_text\"")] {
         let mut end = open(hidden_graph(INT64), settings).unwrap();
         let expected: Vec<f32> = (0..10).map(|i| rows[40 + i] + 2.0 * rows[10 * END + i]).collect();
@@ -277,7 +277,7 @@ fn a_tokenizer_of_another_model_is_recognised() {
         &["Largest token id 9 exceeds the model's embedding table (9)", "do not belong together"],
     );
     assert_error(open(clip_graph(40, 16), None), &["has 40 rows but tokenizer.json knows only 10 tokens"]);
-    // Words that the tokenizer does not know all become one token: every prompt would be the same.
+    // All unknown words become one token, so that every prompt would be the same.
     let blind = tokenizer().replace("liver", "leber").replace("needle", "nadel");
     let blind = open_bytes(&clip_graph(10, 16).into_bytes(), &blind, None);
     assert_error(blind, &["\"liver\" and \"needle\" the same embedding"]);
@@ -311,7 +311,7 @@ fn embeddings_without_direction_are_errors() {
 
 #[test]
 fn panics_inside_of_a_backend_are_errors() {
-    // The table is made by an operation, so that only the look-up shows how few rows it has.
+    // The table is made by an operation, so that only the look-up shows that it has too few rows.
     let short = |rows: usize| {
         Graph::default()
             .input("input_ids", INT64, &[None, None])
@@ -355,7 +355,7 @@ fn embeddings_are_kept_for_the_next_time() {
     let open = || TextEncoder::open_with_cache(encoder.path(), Some(cache.path())).unwrap();
     let first = open().encode_bare(&["liver"]).unwrap();
     assert_eq!(open().encode_bare(&["liver"]).unwrap(), first);
-    // Numbers that the model would never give show where they come from.
+    // The file gets numbers that the model would never give, to show that they are read from it.
     let kept = cache.path().join(&open().identity().sha256);
     let files: Vec<_> = fs::read_dir(kept).unwrap().map(|file| file.unwrap().path()).collect();
     assert_eq!(files.len(), 2, "the words of the trial run, liver among them");

@@ -49,7 +49,7 @@ fn other_models_are_refused() {
     assert!(fixed.unwrap_err().to_string().contains("32×32 alone, the frames are 20×10"));
 }
 
-/// Takes two pictures as LPIPS does and finds any two equally far apart: three times `one`.
+/// Takes two pictures as LPIPS does, and gives any two the same distance: three times `one`.
 fn constant_distance(one: f32) -> Graph {
     let axes = [Some(1), Some(3), None, None];
     Graph::default()
@@ -66,7 +66,7 @@ fn constant_distance(one: f32) -> Graph {
         .node_with("distance", "ReduceSum", &["ones", "channels"], &[("keepdims", &[1])])
 }
 
-/// Takes one picture.
+/// A model that takes one picture.
 fn one_picture() -> Graph {
     let axes = [Some(1), Some(3), None, None];
     let graph = Graph::default().input("img1", FLOAT, &axes).output("same", FLOAT, &axes);

@@ -1,4 +1,4 @@
-//! Networks that give maps of whole pictures, depth and features: small ONNX files made here.
+//! Networks that give maps of whole pictures, depth and features. Their small ONNX files are made here.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up should stop")]
 
@@ -31,7 +31,7 @@ fn depth(model: Graph, settings: &str) -> Result<DepthNetwork> {
     DepthNetwork::open(folder(model, settings).path())
 }
 
-/// Dark on the left, bright on the right.
+/// A picture that is dark on the left and bright on the right.
 fn picture() -> RgbImage {
     RgbImage::from_fn(64, 48, |x, _| if x < 32 { Rgb([51; 3]) } else { Rgb([204; 3]) })
 }

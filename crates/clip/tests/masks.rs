@@ -1,4 +1,4 @@
-//! Mask models and image encoders of every contract, good and broken: small ONNX files made here.
+//! Mask models and image encoders of every contract, good and broken. Their small ONNX files are made here.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up should stop")]
 
@@ -37,7 +37,7 @@ const LIVER: Rgb<u8> = Rgb([150, 30, 30]);
 const FAT: Rgb<u8> = Rgb([230, 220, 60]);
 const TOOL: Rgb<u8> = Rgb([120, 130, 150]);
 
-/// Fat below, liver above, a tool across; wider than high.
+/// A picture wider than high: fat below, liver above, and a tool across.
 fn picture() -> RgbImage {
     RgbImage::from_fn(96, 64, |x, y| match (x, y) {
         (30..90, 20..30) => TOOL,
@@ -61,7 +61,8 @@ fn assert_everything_is_found(masks: &FrameMasks) {
         let truth = pixels_of(colour);
         let ious = masks.level(Level::Default).iter().filter_map(|f| mask::iou(&f.mask.to_mask(), &truth));
         let best = ious.fold(0.0, f64::max);
-        // The tool is 10 pixels high, a value of the network's map 1.5, and pixels at its border are of mixed colours.
+        // The tool is 10 pixels high and a value of the network's map covers 1.5 pixels. Pixels at its
+        // border are of mixed colours.
         assert!(best > if colour == TOOL { 0.75 } else { 0.9 }, "{colour:?} {best}");
     }
 }
@@ -182,9 +183,9 @@ fn the_format_of_onnx_runtime_needs_its_library() {
     assert!(message.contains(expected), "{message}");
 }
 
-/// Four numbers from red, green and blue.
+/// Matrix that makes four numbers from red, green and blue.
 const MATRIX: [f32; 12] = [1.0, 0.0, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
-/// Colours as they are, so that black adds nothing.
+/// Settings that do not change colours, so that black adds nothing.
 const PLAIN: &str = "mean = [0.0, 0.0, 0.0]\nstd = [1.0, 1.0, 1.0]\n";
 
 fn open_image(model: Graph, settings: &str) -> surgtpgs_core::Result<ImageEncoder> {

@@ -1,4 +1,4 @@
-//! Real models, where the research data is at hand.
+//! Tests with real models, if the research data is at hand.
 
 #![expect(clippy::print_stderr, reason = "a test says so when it has nothing to test on")]
 
@@ -9,7 +9,7 @@ use surgtpgs_clip::{
     onnx::data_type::{FLOAT, INT64},
 };
 
-/// The folder of the research data, or `None` with a word about it.
+/// Folder of the research data; prints a note and returns `None` if there is none.
 fn data() -> Option<PathBuf> {
     let beside = || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data"));
     let folder = std::env::var_os("SURGTPGS_DATA").map_or_else(beside, PathBuf::from);
@@ -37,7 +37,7 @@ fn minilm_gives_its_published_cosines() {
     assert!((cosine(&e[0], &e[2]) - 0.350).abs() < 0.01, "cat/car {}", cosine(&e[0], &e[2]));
 }
 
-/// The tokenizer of CLIP with a model of CLIP's contract that shows the ids it gets.
+/// Runs the tokenizer of CLIP with a model of CLIP's contract that shows the ids it gets.
 #[test]
 fn clip_tokenizer_gives_clip_ids() {
     let Some(data) = data() else { return };
@@ -61,7 +61,7 @@ fn clip_tokenizer_gives_clip_ids() {
     }
 }
 
-/// Names of everyday things that the built-in encoder was not shown stay away from every organ.
+/// Names of everyday things that the built-in encoder was not trained on stay away from every organ.
 #[test]
 fn builtin_keeps_everyday_things_apart() {
     let Some(data) = data() else { return };

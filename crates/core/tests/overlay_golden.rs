@@ -1,5 +1,5 @@
-//! How each overlay style looks, against stored pictures. `UPDATE_GOLDEN=1` writes them anew; look at them before they
-//! are kept.
+//! Compares each overlay style with stored pictures. `UPDATE_GOLDEN=1` writes them anew; look at them
+//! before you keep them.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up should stop")]
 
@@ -51,7 +51,7 @@ fn every_overlay_style_looks_as_it_did() {
         let stored = image::open(golden(name)).unwrap().to_rgb8();
         assert_eq!(picture.dimensions(), stored.dimensions());
         let largest = picture.as_raw().iter().zip(stored.as_raw()).map(|(a, b)| a.abs_diff(*b)).max();
-        // exp and sin of the demo's frame may differ in the last bit elsewhere.
+        // exp and sin in the demo's frame may differ in the last bit on other systems.
         assert!(largest <= Some(1), "{name} differs by up to {largest:?} of 255");
     }
 }

@@ -4,7 +4,7 @@ use crate::Gpu;
 use bytemuck::{NoUninit, Pod};
 use surgtpgs_core::{Error, Result};
 
-/// A growable array of `T` on the device; bound exactly as long as it is.
+/// A growable array of `T` on the device. Its binding is exactly as long as the array.
 #[derive(Debug)]
 pub(crate) struct DeviceVec<T> {
     name: &'static str,
@@ -13,31 +13,32 @@ pub(crate) struct DeviceVec<T> {
     marker: std::marker::PhantomData<T>,
 }
 
-/// A buffer and how many of its bytes are meant.
+/// A buffer and the number of its bytes that are used.
 pub(crate) type Part = (wgpu::Buffer, u64);
 
 const USAGES: wgpu::BufferUsages =
     wgpu::BufferUsages::STORAGE.union(wgpu::BufferUsages::COPY_SRC).union(wgpu::BufferUsages::COPY_DST);
 
 impl<T: Pod> DeviceVec<T> {
-    /// One zero: a binding cannot be empty. `name` says in messages what is held.
+    /// Makes an array of one zero, because a binding cannot be empty. `name` is the contents' name in
+    /// messages.
     pub(crate) fn new(gpu: &Gpu, name: &'static str) -> Self {
         Self { name, buffer: allocate(gpu, name, size_of::<T>() as u64), len: 1, marker: Default::default() }
     }
 
-    /// An array of these values; one zero if there are none.
+    /// Makes an array of these values; of one zero if there are none.
     pub(crate) fn from_slice(gpu: &Gpu, name: &'static str, values: &[T]) -> Result<Self> {
         let mut array = Self::new(gpu, name);
         array.write(gpu, values)?;
         Ok(array)
     }
 
-    /// Makes room for `len` values (at least one); they are lost when the buffer has to grow.
+    /// Makes room for `len` values (at least one). The contents are lost if the buffer has to grow.
     pub(crate) fn resize(&mut self, gpu: &Gpu, len: usize) -> Result<()> {
         let bytes = (len.max(1) * size_of::<T>()) as u64;
         check_size(gpu, self.name, bytes)?;
         if bytes > self.buffer.size() {
-            // Half as much again, so that a slowly growing scene does not move every time.
+            // Half as much again, so that a slowly growing scene does not reallocate every time.
             let roomy = (bytes + bytes / 2).min(max_bytes(gpu)) / 4 * 4;
             self.buffer = allocate(gpu, self.name, roomy.max(bytes));
         }
@@ -57,47 +58,47 @@ impl<T: Pod> DeviceVec<T> {
         gpu.queue().write_buffer(&self.buffer, (at * size_of::<T>()) as u64, bytemuck::cast_slice(values));
     }
 
-    /// Another of the same name, one zero.
+    /// Makes another array of the same name, of one zero.
     pub(crate) fn same_kind(&self, gpu: &Gpu) -> Self {
         Self::new(gpu, self.name)
     }
 
-    /// How many values.
+    /// Number of values.
     pub(crate) fn len(&self) -> usize {
         self.len
     }
 
-    /// The buffer; may be longer than the array.
+    /// Buffer of the array; may be longer than the array.
     pub(crate) fn buffer(&self) -> &wgpu::Buffer {
         &self.buffer
     }
 
-    /// The array in bytes.
+    /// Size of the array in bytes.
     pub(crate) fn num_bytes(&self) -> u64 {
         (self.len * size_of::<T>()) as u64
     }
 
-    /// All of it, to be read back.
+    /// The whole array, to be read back.
     pub(crate) fn part(&self) -> Part {
         (self.buffer.clone(), self.num_bytes())
     }
 
-    /// Binds the whole array and no more, so that a shader's `arrayLength` is its length.
+    /// Binds exactly the whole array, so that a shader's `arrayLength` is its length.
     pub(crate) fn binding(&self) -> wgpu::BindingResource<'_> {
         let size = wgpu::BufferSize::new(self.num_bytes());
         wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer: &self.buffer, offset: 0, size })
     }
 
-    /// Waits for and copies out the first `len` values.
+    /// Waits for the device and copies out the first `len` values.
     pub(crate) fn read(&self, gpu: &Gpu, len: usize) -> Result<Vec<T>> {
         let bytes = gpu.read_bytes(&self.buffer, (len.min(self.len) * size_of::<T>()) as u64)?;
         Ok(bytemuck::pod_collect_to_vec(&bytes))
     }
 }
 
-/// A small constant for one dispatch.
+/// Makes a small constant for one dispatch.
 pub(crate) fn uniform<T: NoUninit>(gpu: &Gpu, value: &T) -> wgpu::Buffer {
-    // Not created mapped: that panics where the device was lost.
+    // Not created mapped, because that panics if the device was lost.
     let buffer = gpu.device().create_buffer(&wgpu::BufferDescriptor {
         label: None,
         size: size_of::<T>() as u64,
@@ -117,7 +118,7 @@ fn allocate(gpu: &Gpu, name: &str, bytes: u64) -> wgpu::Buffer {
     })
 }
 
-/// The largest array that can be bound.
+/// Size of the largest array that can be bound.
 pub(crate) fn max_bytes(gpu: &Gpu) -> u64 {
     let limits = gpu.device().limits();
     limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)

@@ -1,4 +1,4 @@
-//! Opening a graphics adapter, and saying plainly why there is none.
+//! Opens a graphics adapter, or says plainly why there is none.
 
 use std::{
     sync::{Arc, Mutex, PoisonError},
@@ -6,34 +6,34 @@ use std::{
 };
 use surgtpgs_core::{Error, Result};
 
-/// How long a GPU may take for what it was given before it counts as hung: systems with a display give it a few seconds. A
-/// software adapter may take ten times as long.
+/// Time after which a GPU that has not finished its work counts as hung. Systems with a display give it a
+/// few seconds. A software adapter may take ten times as long.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Which adapters may be used.
+/// Adapters that may be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AdapterChoice {
-    /// A real GPU; a software adapter is refused, because the CPU twin is many times faster than one.
+    /// Real GPUs only. A software adapter is refused, because the CPU twin is many times faster.
     RealGpu,
-    /// A real GPU if there is one, else a software adapter: for tests.
+    /// A real GPU if there is one, else a software adapter; for tests.
     Any,
 }
 
-/// Why no GPU can be used.
+/// Reason why no GPU can be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Unavailable {
     /// No driver offers an adapter with compute shaders.
     #[error("no graphics adapter with compute shaders was found")]
     NoAdapter,
-    /// Only a software adapter is there, and a real GPU was asked for.
+    /// Only a software adapter exists, but a real GPU was asked for.
     #[error("only a software adapter was found ({0})")]
     OnlySoftware(String),
     /// The driver refused to open the adapter.
     #[error("the graphics adapter {adapter} could not be opened: {reason}")]
     Refused {
-        /// Its name.
+        /// Name of the adapter.
         adapter: String,
-        /// What the driver said.
+        /// Message of the driver.
         reason: String,
     },
 }
@@ -56,12 +56,12 @@ pub struct Gpu {
     patience: Duration,
 }
 
-/// Why a device is of no use any more.
+/// Reason why a device can no longer be used.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Loss {
-    /// What the driver said, or how long it said nothing.
+    /// Message of the driver, or the time that it did not answer.
     pub reason: String,
-    /// Whether it never answered, so that the same adapter would not do so either.
+    /// `true` if it never answered, so that the same adapter would not do so either.
     pub hangs: bool,
 }
 
@@ -82,9 +82,9 @@ impl Gpu {
         }
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("surgtpgs"),
-            // To time passes, where it can; nothing else is needed.
+            // For timing passes, if supported; no other feature is needed.
             required_features: adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
-            // The defaults lie below what every adapter offers.
+            // The default limits are lower than those of every adapter.
             required_limits: adapter.limits(),
             ..Default::default()
         };
@@ -99,14 +99,14 @@ impl Gpu {
         Ok(gpu)
     }
 
-    /// Uses a device opened elsewhere, e.g. the window's; who opened it hears of its loss.
+    /// Uses a device opened elsewhere, e.g. the window's; its owner is informed of its loss.
     pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Self {
         let is_software = device.adapter_info().device_type == wgpu::DeviceType::Cpu;
         let patience = if is_software { 10 * PATIENCE } else { PATIENCE };
         Self { device, queue, lost: Arc::default(), patience }
     }
 
-    /// Counts the device as lost when it takes longer than this for what it was given.
+    /// Sets the time after which unfinished work makes the device count as lost.
     pub fn set_patience(&mut self, patience: Duration) {
         self.patience = patience;
     }
@@ -116,7 +116,7 @@ impl Gpu {
         &self.device
     }
 
-    /// Its queue.
+    /// Queue of the device.
     pub fn queue(&self) -> &wgpu::Queue {
         &self.queue
     }
@@ -134,17 +134,18 @@ impl Gpu {
         format!("{} ({kind}, {:?})", info.name, info.backend)
     }
 
-    /// Whether the adapter is a program on the CPU rather than a GPU.
+    /// Returns `true` if the adapter is a program on the CPU rather than a GPU.
     pub fn is_software(&self) -> bool {
         self.device.adapter_info().device_type == wgpu::DeviceType::Cpu
     }
 
-    /// Why a new [`Gpu`] is needed, if the device was lost (driver reset, GPU unplugged) or hangs.
+    /// Returns the reason why a new [`Gpu`] is needed, if the device was lost (driver reset, GPU
+    /// unplugged) or hangs.
     pub fn loss(&self) -> Option<Loss> {
         self.lost.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// An error if the device was lost.
+    /// Fails if the device was lost.
     pub fn check_alive(&self) -> Result<()> {
         match self.loss() {
             None => Ok(()),
@@ -152,7 +153,7 @@ impl Gpu {
         }
     }
 
-    /// Waits for all submitted work; for a device that hangs, not for ever.
+    /// Waits for all submitted work, but not forever if the device hangs.
     fn wait(&self) -> Result<()> {
         let wait = wgpu::PollType::Wait { submission_index: None, timeout: Some(self.patience) };
         match self.device.poll(wait) {
@@ -161,7 +162,7 @@ impl Gpu {
                 let reason = format!("it did not answer for {} s", self.patience.as_secs());
                 let loss = Loss { reason, hangs: true };
                 self.lost.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(loss);
-                // Dropping the last handle of the queue would wait for it after all.
+                // Dropping the last handle of the queue would still wait for it.
                 std::mem::forget(self.clone());
             }
             Err(e) => return Err(self.failure("waiting for the GPU failed", &e)),
@@ -169,9 +170,9 @@ impl Gpu {
         self.check_alive()
     }
 
-    /// Runs `work`, turning every error the device reports meanwhile into one of ours.
+    /// Runs `work` and turns every error that the device reports meanwhile into an [`Error`].
     pub(crate) fn guarded<T>(&self, work: impl FnOnce() -> Result<T>) -> Result<T> {
-        // Lets the driver report a loss since the last frame; a failed poll shows in what follows.
+        // Lets the driver report a loss since the last frame. A failed poll shows in the calls that follow.
         let _ = self.device.poll(wgpu::PollType::Poll);
         self.check_alive()?;
         let scopes =
@@ -197,7 +198,7 @@ impl Gpu {
         }
     }
 
-    /// Waits for the first `size` bytes of `buffer`, from its start.
+    /// Waits for the device and copies out the first `size` bytes of `buffer`.
     pub(crate) fn read_bytes(&self, buffer: &wgpu::Buffer, size: u64) -> Result<Vec<u8>> {
         let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("readback"),
@@ -233,7 +234,7 @@ impl Gpu {
     }
 }
 
-/// What the driver reported, and what to do about it.
+/// Turns the driver's report into an error with a hint.
 fn reported(adapter: &str, error: wgpu::Error) -> Error {
     match error {
         wgpu::Error::OutOfMemory { source } => Error::Missing {

@@ -1,4 +1,4 @@
-//! One compute shader entry point, ready to be dispatched.
+//! One entry point of a compute shader, ready to be dispatched.
 
 use crate::{Gpu, shader_source};
 use surgtpgs_core::Result;
@@ -33,8 +33,8 @@ impl Kernel {
         Ok(Self { pipeline, layout, max_groups })
     }
 
-    /// Adds a dispatch of `groups` workgroups in a row (folded into two dimensions where there are too many).
-    /// `bindings` are those the entry point uses, with their numbers in the shader.
+    /// Adds a dispatch of `groups` workgroups in a row (folded into two dimensions if there are too
+    /// many). `bindings` are those that the entry point uses, with their numbers in the shader.
     pub(crate) fn dispatch(
         &self,
         gpu: &Gpu,
@@ -42,7 +42,7 @@ impl Kernel {
         bindings: &[(u32, wgpu::BindingResource<'_>)],
         groups: u32,
     ) {
-        // Where there is nothing to do the shader finds that out: counts are still written.
+        // If there is nothing to do, the shader finds that out, and still writes its counts.
         let groups = groups.max(1);
         let columns = groups.min(self.max_groups);
         self.dispatch_2d(gpu, pass, bindings, [columns, groups.div_ceil(columns)]);

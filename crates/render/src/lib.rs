@@ -1,5 +1,5 @@
-//! The rendering passes on the GPU, from `shaders/*.wgsl`, each with a Rust twin in `surgtpgs-core` that is its
-//! specification. In the order the data flows:
+//! The rendering passes on the GPU, from `shaders/*.wgsl`. Each has a Rust twin in `surgtpgs-core` that
+//! is its specification. In the order in which data flows:
 //!
 //! ```text
 //! scene ─▶ scene_buffers ─▶ deform (time t) ─▶ project (camera) ─▶ bin: sort by depth, emit, sort by tile
@@ -7,10 +7,10 @@
 //!            overlay ◀── relevancy (prompts) ◀── image planes ◀── raster
 //! ```
 //!
-//! [`Gpu`] opens a graphics adapter or says why it cannot; [`GpuRenderer`] is the whole chain behind
-//! [`surgtpgs_core::raster::Renderer`]; [`passes::Passes`] runs the passes one by one;
-//! [`GpuBackend`] carries out training steps. Only core WGSL is used: no
-//! subgroups, no float atomics. Integer sums and stable sorts make two runs give the same bytes.
+//! [`Gpu`] opens a graphics adapter or says why it cannot. [`GpuRenderer`] is the whole chain behind
+//! [`surgtpgs_core::raster::Renderer`]. [`passes::Passes`] runs the passes one by one. [`GpuBackend`]
+//! carries out training steps. Only core WGSL is used: no subgroups, no float atomics. Integer sums and
+//! stable sorts make two runs give the same bytes.
 
 mod buffers;
 mod device;

@@ -19,7 +19,7 @@ pub struct GpuExact {
     dense: Kernel,
     score: Kernel,
     layers: Vec<Layer>,
-    /// Inputs and outputs of a layer, in turns.
+    /// Inputs and outputs of a layer, which swap after each layer.
     activations: [DeviceVec<f32>; 2],
     products: DeviceVec<f32>,
     twin: Exact,
@@ -52,7 +52,7 @@ struct Texts {
     num_negatives: usize,
 }
 
-/// Points decoded by one dispatch, at most.
+/// Largest number of points that one dispatch decodes.
 const POINTS_AT_ONCE: usize = 16_384;
 
 impl GpuExact {
@@ -72,7 +72,7 @@ impl GpuExact {
         })
     }
 
-    /// One score per point (0–1) for each query; see [`Relevancy::score_points`] for what scores 0.
+    /// Scores every point (0–1) for each query; see [`Relevancy::score_points`] for points that score 0.
     pub fn try_score_points(
         &mut self,
         points: &Points<'_>,
@@ -158,7 +158,7 @@ impl GpuExact {
         scores.read(&gpu, n * queries.len())
     }
 
-    /// Makes room; returns how many points fit at once.
+    /// Makes room; returns the number of points that fit at once.
     fn prepare(&mut self, n: usize, num_texts: usize) -> Result<usize> {
         let widest = self.layers.iter().map(|l| l.num_out).max().unwrap_or(1).max(num_texts);
         let limit = max_bytes(&self.gpu) as usize / (widest * size_of::<f32>());
@@ -170,7 +170,7 @@ impl GpuExact {
         Ok(at_once)
     }
 
-    /// Adds the decoder for `rows` latents from row `first` on; returns where the embeddings go.
+    /// Adds the decoder for `rows` latents from row `first` on; returns the output for the embeddings.
     fn encode_decoder(
         &self,
         pass: &mut wgpu::ComputePass<'_>,
@@ -222,7 +222,7 @@ impl Relevancy for GpuExact {
         "exact (GPU)"
     }
 
-    /// Where the GPU fails the CPU twin answers instead, with the same scores.
+    /// Scores on the GPU. If the GPU fails, the CPU twin computes the same scores.
     fn score_points(
         &mut self,
         points: &Points<'_>,

@@ -1,4 +1,4 @@
-//! The whole chain on the device, behind the trait that the CPU implements too.
+//! The whole chain on the device, behind the trait that the CPU renderer implements too.
 
 use crate::{
     Gpu,
@@ -16,16 +16,16 @@ use surgtpgs_core::{
     scene::Scene,
 };
 
-/// What to render.
+/// Input of a frame.
 #[derive(Clone, Copy)]
 pub struct Frame<'a> {
-    /// The Gaussians.
+    /// Scene with the Gaussians.
     pub scene: &'a Scene,
-    /// From where; its size is that of the picture.
+    /// Camera to render from; its size is that of the picture.
     pub camera: &'a Camera,
-    /// When, 0–1.
+    /// Time, 0–1.
     pub time: f32,
-    /// Whether with features.
+    /// `true` to render features.
     pub features: bool,
 }
 
@@ -37,16 +37,16 @@ impl Frame<'_> {
 
 /// Renders scenes on a GPU; twin of [`surgtpgs_core::raster::CpuRenderer`].
 ///
-/// A scene is uploaded once and recognised by where its arrays lie, how long they are and samples of their values;
-/// after editing a few values in place call [`GpuRenderer::forget_scene`].
+/// A scene is uploaded once. It is recognised by the addresses and lengths of its arrays and by samples
+/// of their values. After editing a few values in place, call [`GpuRenderer::forget_scene`].
 #[derive(Debug)]
 pub struct GpuRenderer {
     pub(crate) gpu: Gpu,
     pub(crate) passes: Passes,
     scene: Option<(u64, SceneBuffers)>,
-    /// Time and latent dimension that the deformed Gaussians on the device stand for.
+    /// Time and latent dimension of the deformed Gaussians on the device.
     deformed_at: Option<(f32, usize)>,
-    /// What the splats, bins and image planes on the device stand for: view, time, latent dimension.
+    /// View, time and latent dimension of the splats, bins and image planes on the device.
     drawn: Option<(View, f32, usize)>,
     staging: Option<wgpu::Buffer>,
     pub(crate) timer: Timer,
@@ -67,14 +67,15 @@ impl GpuRenderer {
         &self.gpu
     }
 
-    /// Uploads the scene anew with the next frame.
+    /// Makes the next frame upload the scene anew.
     pub fn forget_scene(&mut self) {
         self.scene = None;
         self.deformed_at = None;
         self.drawn = None;
     }
 
-    /// Starts with room for `capacity` splat-tile pairs; it grows as needed, at the cost of a repeated frame.
+    /// Sets the initial room to `capacity` splat-tile pairs. It grows as needed, at the cost of a
+    /// repeated frame.
     pub fn set_pair_capacity(&mut self, capacity: usize) -> Result<()> {
         self.passes.bin.set_capacity(&self.gpu, capacity)
     }
@@ -89,8 +90,8 @@ impl GpuRenderer {
         Ok(())
     }
 
-    /// Adds the passes up to the image planes, those that are not valid any more; uploads the scene where it is another
-    /// one.
+    /// Adds the passes up to the image planes, except those whose results are still valid. Uploads the
+    /// scene if it has changed.
     pub(crate) fn encode_frame(
         &mut self,
         frame: &Frame<'_>,
@@ -152,7 +153,7 @@ impl GpuRenderer {
         }
     }
 
-    /// Where the number of pairs wanted is: with more than the capacity the frame is wrong.
+    /// Location of the number of pairs wanted. If it exceeds the capacity, the frame is wrong.
     pub(crate) fn num_wanted(&self) -> Part {
         (self.passes.bin.num_wanted().buffer().clone(), size_of::<u32>() as u64)
     }
@@ -181,7 +182,8 @@ impl GpuRenderer {
         self.gpu.read_staging(staging, size)
     }
 
-    /// What is at a pixel of the frame rendered last; `None` outside of it and where there is nothing.
+    /// Returns the Gaussian at a pixel of the last rendered frame; `None` outside of it or if nothing
+    /// contributes.
     pub fn pick(&mut self, [x, y]: [usize; 2]) -> Result<Option<Pick>> {
         let Self { gpu, passes, drawn: Some((view, ..)), .. } = self else { return Ok(None) };
         if x >= view.size[0] as usize || y >= view.size[1] as usize {
@@ -195,12 +197,13 @@ impl GpuRenderer {
         })
     }
 
-    /// Times every pass of [`GpuRenderer::show`] from now on; `false` where the adapter cannot.
+    /// Switches on the timing of every pass of [`GpuRenderer::show`]; returns `false` if the adapter
+    /// cannot time.
     pub fn time_passes(&mut self) -> bool {
         self.timer.switch_on(&self.gpu)
     }
 
-    /// Milliseconds of each pass of the frame shown last; empty unless they are timed.
+    /// Milliseconds of each pass of the last shown frame; empty unless they are timed.
     pub fn pass_times_ms(&self) -> Result<Vec<(&'static str, f64)>> {
         self.timer.read(&self.gpu)
     }
@@ -211,7 +214,8 @@ impl Renderer for GpuRenderer {
         self.gpu.name()
     }
 
-    /// All passes go to the device at once: [`FramePass::Raster`] stands for the time of those that ran.
+    /// Renders with all passes in one submission, so that [`FramePass::Raster`] stands for the time of
+    /// those that ran.
     fn render_into(
         &mut self,
         scene: &Scene,
@@ -231,7 +235,7 @@ impl Renderer for GpuRenderer {
         let gpu = self.gpu.clone();
         let result = gpu.guarded(|| self.draw(&frame, clock));
         if result.is_err() {
-            // What is on the device is unknown now.
+            // The contents of the device are unknown after an error.
             self.forget_scene();
         }
         images.planes = result?;

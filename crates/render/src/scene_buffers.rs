@@ -18,10 +18,11 @@ pub(crate) struct SceneBuffers {
     pub rest: DeviceVec<RestRow>,
     pub features: DeviceVec<f32>,
     pub sh_rest: DeviceVec<f32>,
-    /// The basis functions of all Gaussians may exceed what one binding may hold: those of each part.
+    /// Parts of the scene: ranges of Gaussians whose basis functions fit one binding, since those of all
+    /// may not.
     pub parts: Vec<Range<usize>>,
     pub weights: Planes,
-    /// As `weights` where each Gaussian has its own; else one unread number a part.
+    /// Centres, cut as `weights`, if each Gaussian has its own; else one unread number for each part.
     pub centres: Planes,
     pub widths: Planes,
 }
@@ -34,7 +35,7 @@ impl SceneBuffers {
         Self::in_parts(gpu, gaussians, deformation, parts(gpu, gaussians.len(), deformation))
     }
 
-    /// As [`Self::new`], cut as wished.
+    /// Uploads a scene as [`Self::new`] does, cut into the given parts.
     pub(crate) fn in_parts(
         gpu: &Gpu,
         gaussians: &Gaussians,
@@ -100,7 +101,7 @@ pub(crate) fn read_planes<'a>(
     Ok(())
 }
 
-/// In place of an array that is not there: a binding cannot be empty.
+/// Stand-in for an array that does not exist, because a binding cannot be empty.
 pub(crate) fn unread(gpu: &Gpu, name: &'static str, num_parts: usize) -> Planes {
     (0..num_parts).map(|_| DeviceVec::new(gpu, name)).collect()
 }
@@ -111,13 +112,13 @@ pub(crate) fn parts(gpu: &Gpu, n: usize, deformation: &Deformation) -> Vec<Range
     cut(n, max_bytes(gpu) as usize / bytes_per_row.max(1))
 }
 
-/// Ranges of `n` rows, of `at_once` each but the last.
+/// Ranges of `n` rows, each of `at_once` rows except the last.
 pub(crate) fn cut(n: usize, at_once: usize) -> Vec<Range<usize>> {
     let at_once = at_once.max(1);
     (0..n).step_by(at_once).map(|first| first..n.min(first + at_once)).collect()
 }
 
-/// Refuses arrays that the passes would read beyond.
+/// Refuses arrays that are too short, because the passes would read beyond their ends.
 fn check_lengths(gaussians: &Gaussians, deformation: &Deformation) -> Result<()> {
     let n = gaussians.len();
     let rows = deformation.num_bases * n * deformation.stride;

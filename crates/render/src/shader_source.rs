@@ -1,5 +1,5 @@
-//! The shaders of `/shaders`, embedded, with `#import` resolved and constants injected from core, so that each
-//! constant has one home.
+//! The shaders of `/shaders`, embedded, with `#import` resolved. Constants are taken from core, so that
+//! each constant is defined in one place.
 
 use std::fmt::Write;
 use surgtpgs_core::{
@@ -11,50 +11,52 @@ use surgtpgs_core::{
     train,
 };
 
-/// Invocations of a workgroup of the passes that run over rows.
+/// Invocations per workgroup of the passes that run over rows.
 pub const GROUP: u32 = 256;
-/// Items that one workgroup scans.
+/// Number of items that one workgroup scans.
 pub const SCAN_BLOCK: u32 = 1024;
-/// Invocations of a workgroup of the sort: small enough that its counters fit 16 KiB of workgroup memory.
+/// Invocations per workgroup of the sort: few enough that its counters fit into 16 KiB of workgroup memory.
 pub const SORT_GROUP: u32 = 128;
-/// Pairs that one workgroup sorts.
+/// Number of pairs that one workgroup sorts.
 pub const SORT_BLOCK: u32 = 2048;
-/// Splats that a tile's workgroup holds at once.
+/// Number of splats that a tile's workgroup holds at once.
 pub const RASTER_BATCH: u32 = 64;
-/// Splats that a tile's workgroup replays at once; the least memory of a workgroup, 16 KiB, allows 4.
+/// Number of splats that a tile's workgroup replays at once; the least memory of a workgroup, 16 KiB,
+/// allows 4.
 pub const BACKWARD_BATCH: u32 = 4;
-/// Gaussians whose part of the network's gradient one workgroup sums up.
+/// Number of Gaussians whose part of the network's gradient one workgroup sums up.
 pub const NETWORK_BLOCK: u32 = 1024;
 /// Edge of the output block of a layer that one workgroup computes.
 pub const DENSE_TILE: u32 = 64;
 
-/// What a number of the trainer's status on the device says.
+/// Indices of the numbers in the trainer's status on the device.
 pub mod status {
-    /// Not 0 where a gradient of the step under way is not finite.
+    /// Not 0 if a gradient of the current step is not finite.
     pub const BAD: u32 = 0;
     /// 1 after a step whose gradients may be used.
     pub const OK: u32 = 1;
-    /// 1 once pairs had no room: nothing is changed any more.
+    /// 1 once pairs did not fit; from then on nothing is changed.
     pub const OVERFLOWN: u32 = 2;
-    /// Steps in the history.
+    /// Number of steps in the history.
     pub const DONE: u32 = 3;
-    /// Most pairs that a step wanted.
+    /// Largest number of pairs that a step wanted.
     pub const WANTED: u32 = 4;
-    /// Updates so far of what is at rest.
+    /// Number of updates so far of the parameters at rest.
     pub const COUNT_REST: u32 = 5;
-    /// Of colour bands above 0.
+    /// Number of updates so far of colour bands above 0.
     pub const COUNT_SH_REST: u32 = 6;
-    /// Of features.
+    /// Number of updates so far of features.
     pub const COUNT_FEATURES: u32 = 7;
-    /// Of the feature network.
+    /// Number of updates so far of the feature network.
     pub const COUNT_NETWORK: u32 = 8;
-    /// Of basis 0; the others follow.
+    /// Number of updates so far of basis 0; those of the other bases follow.
     pub const COUNT_BASES: u32 = 9;
 }
 
 macro_rules! shaders {
     ($($name:literal),* $(,)?) => {
-        // The shaders lie outside the crate; it is never published, so no package is cut off from them.
+        // The shaders lie outside the crate's folder. The crate is never published, so that no package
+        // lacks them.
         &[$(($name, include_str!(concat!("../../../shaders/", $name)))),*]
     };
 }
@@ -97,8 +99,8 @@ pub const FILES: &[(&str, &str)] = shaders![
     "shared/view.wgsl",
 ];
 
-/// The whole source of `file` for latent dimension D: every `#import path` line replaced once by that file,
-/// `#import constants` by `constants`.
+/// Whole source of `file` for latent dimension D. Each `#import path` line is replaced by that file,
+/// once; `#import constants` is replaced by `constants`.
 pub fn assemble(file: &str, latent_dim: usize) -> Result<String> {
     let mut out = String::new();
     append(file, latent_dim, &mut Vec::new(), &mut out)?;
@@ -205,7 +207,7 @@ fn constants(latent_dim: usize) -> String {
         let _ = writeln!(out, "const {name}: u32 = {value}u;");
     }
     for (name, value) in numbers {
-        // `{:?}` prints the shortest number that reads back as this very f32.
+        // `{:?}` prints the shortest number that reads back as the same f32.
         let _ = writeln!(out, "const {name}: f32 = {value:?}f;");
     }
     for (name, values) in [("SH_C2", sh::C2.as_slice()), ("SH_C3", &sh::C3)] {

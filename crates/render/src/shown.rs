@@ -1,5 +1,5 @@
-//! A frame as it is shown, from Gaussians to what is drawn over the picture, in one submission: nothing but what is
-//! shown comes back.
+//! A frame as it is shown, from Gaussians to the overlay on the picture, in one submission. Only the
+//! shown results are read back.
 //!
 //! ```text
 //! deform ─▶ project ─▶ bin ─▶ raster ─▶ compose ──▶ picture, depth
@@ -24,68 +24,68 @@ use surgtpgs_core::{
     summary::Summary,
 };
 
-/// Prompts to look for.
+/// Prompts to search for.
 pub struct Asked<'a> {
-    /// Of the scene's codec.
+    /// Lattice of the scene's codec.
     pub lattice: &'a mut Lattice,
-    /// All of them fit the lattice's codec.
+    /// Queries, all of which fit the lattice's codec.
     pub queries: &'a [Query],
-    /// How they are scored.
+    /// Settings of the scores.
     pub settings: &'a RelevancySettings,
-    /// How what is found is drawn; `None`: only the scores are wanted.
+    /// Style of the overlay; `None` if only the scores are wanted.
     pub marking: Option<Marking<'a>>,
 }
 
-/// How what is found is drawn.
+/// Style of the overlay of found regions.
 #[derive(Clone, Copy, Debug)]
 pub struct Marking<'a> {
-    /// One per prompt.
+    /// Marks, one per prompt.
     pub marks: &'a [Mark],
-    /// How each is drawn; what is found lies over instruments here.
+    /// Look of each mark; found regions are drawn over instruments here.
     pub look: OverlayLook,
-    /// What to draw on instead of the rendered picture; of the frame's size.
+    /// Picture to draw on instead of the rendered one; of the frame's size.
     pub base: Option<&'a RgbImage>,
 }
 
-/// How one prompt is drawn.
+/// Style of one prompt's region.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mark {
     /// Score above which a pixel is found.
     pub threshold: f32,
-    /// The prompt's own colour.
+    /// Colour of the prompt.
     pub colour: [u8; 3],
 }
 
-/// What is wanted back.
+/// Results to be read back.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Wanted {
-    /// The rendered picture and the one that is drawn over.
+    /// `true` for the rendered picture and the one with the overlay.
     pub pictures: bool,
-    /// Depth and scores of every pixel.
+    /// `true` for depth and scores of every pixel.
     pub values: bool,
 }
 
-/// What came back.
+/// Results that were read back.
 #[derive(Clone, Debug, Default)]
 pub struct Shown {
-    /// As rendered; black outside the field of view.
+    /// Rendered picture; black outside the field of view.
     pub picture: Option<RgbImage>,
-    /// With what was found drawn over it, if something was asked.
+    /// Picture with the found regions drawn over it, if prompts were given.
     pub marked: Option<RgbImage>,
-    /// Scene units, 0 where there is nothing.
+    /// Depth in scene units; 0 at pixels without depth.
     pub depth: Option<Grid<f32>>,
-    /// One image per prompt.
+    /// Score images, one per prompt.
     pub scores: Vec<Grid<f32>>,
-    /// One per prompt.
+    /// Summaries, one per prompt.
     pub summaries: Vec<Summary>,
 }
 
-/// What [`GpuRenderer::show`] keeps on the device besides the passes' own.
+/// Buffers of [`GpuRenderer::show`] on the device, besides those of the passes.
 #[derive(Debug)]
 pub(crate) struct ShownBuffers {
-    /// One bit per pixel.
+    /// Pixels inside the field of view, one bit per pixel.
     inside: DeviceVec<u32>,
-    /// What `inside` stands for.
+    /// Size and field of view that `inside` was made for.
     inside_of: Option<([u32; 2], Option<Mask>)>,
     marks: DeviceVec<PromptRow>,
     marked: DeviceVec<u32>,
@@ -101,7 +101,7 @@ impl ShownBuffers {
         }
     }
 
-    /// Uploads which pixels are inside, unless that was done last.
+    /// Uploads the pixels that are inside, unless the last call was the same.
     fn set_inside(&mut self, gpu: &Gpu, size: [u32; 2], field_of_view: Option<&Mask>) -> Result<()> {
         if self.inside_of.as_ref().is_some_and(|(s, f)| *s == size && f.as_ref() == field_of_view) {
             return Ok(());
@@ -120,8 +120,8 @@ impl ShownBuffers {
 }
 
 impl GpuRenderer {
-    /// Renders, asks, draws. What is outside `field_of_view` (sampled at the frame's size; `None`: everything is inside) is
-    /// black and never found.
+    /// Renders, scores the prompts, and draws the overlay. Pixels outside `field_of_view` are black and
+    /// never found. It is sampled at the frame's size; `None` means that everything is inside.
     pub fn show(
         &mut self,
         frame: &Frame<'_>,
@@ -135,7 +135,7 @@ impl GpuRenderer {
             return Ok(Shown::default());
         }
         clock.start();
-        // Nothing but what can be answered is asked.
+        // Prompts that cannot be answered are left out.
         asked = asked
             .filter(|a| !a.queries.is_empty() && a.marking.is_none_or(|m| m.marks.len() == a.queries.len()));
         let is_asked = asked.is_some();
@@ -143,14 +143,14 @@ impl GpuRenderer {
         let shown =
             gpu.guarded(|| self.show_until_right(frame, field_of_view, asked.as_mut(), wanted, clock));
         if shown.is_err() {
-            // What is on the device is unknown now.
+            // The contents of the device are unknown after an error.
             self.forget_scene();
         }
         clock.waited(if is_asked { FramePass::Relevancy } else { FramePass::Raster });
         shown
     }
 
-    /// Repeats the frame until all pairs fit, and what is drawn where the tables left something open.
+    /// Repeats the frame until all pairs fit, and the overlay if the tables left pixels open.
     fn show_until_right(
         &mut self,
         frame: &Frame<'_>,
@@ -192,7 +192,7 @@ impl GpuRenderer {
         }
     }
 
-    /// Adds what follows the scores.
+    /// Adds the passes after the scores.
     fn encode_shown(
         &mut self,
         encoder: &mut wgpu::CommandEncoder,
@@ -227,7 +227,7 @@ impl GpuRenderer {
         Ok(())
     }
 
-    /// Submits, waits for what is wanted, and takes it apart.
+    /// Submits, waits for the wanted results, and splits them up.
     fn read_shown(
         &mut self,
         encoder: wgpu::CommandEncoder,
@@ -274,7 +274,7 @@ impl GpuRenderer {
     }
 }
 
-/// What came back, with what tells whether it is right.
+/// Results that were read back, with the counts that show if they are right.
 struct Read {
     num_pairs: u32,
     num_open: u32,

@@ -1,12 +1,12 @@
-//! Time of each pass on the device, where it can tell.
+//! Time of each pass on the device, if the device can measure it.
 
 use crate::Gpu;
 use surgtpgs_core::Result;
 
-/// Passes of one frame that can be timed.
+/// Largest number of passes of one frame that can be timed.
 const MAX_PASSES: usize = 16;
 
-/// Brackets passes with timestamps, if that was asked for.
+/// Encloses passes in timestamps, if asked for.
 #[derive(Debug, Default)]
 pub(crate) struct Timer {
     queries: Option<(wgpu::QuerySet, wgpu::Buffer)>,
@@ -14,7 +14,7 @@ pub(crate) struct Timer {
 }
 
 impl Timer {
-    /// Starts to time from the next frame on; `false` where the adapter cannot.
+    /// Starts timing with the next frame; returns `false` if the adapter cannot.
     pub(crate) fn switch_on(&mut self, gpu: &Gpu) -> bool {
         let device = gpu.device();
         if !device.features().contains(wgpu::Features::TIMESTAMP_QUERY) {
@@ -35,12 +35,12 @@ impl Timer {
         true
     }
 
-    /// Whether passes are timed.
+    /// Returns `true` if passes are timed.
     pub(crate) fn is_on(&self) -> bool {
         self.queries.is_some()
     }
 
-    /// A new frame.
+    /// Starts a new frame.
     pub(crate) fn start(&mut self) {
         self.names.clear();
     }
@@ -71,7 +71,7 @@ impl Timer {
         }
     }
 
-    /// Milliseconds of each pass of the frame submitted last.
+    /// Milliseconds of each pass of the last submitted frame.
     pub(crate) fn read(&self, gpu: &Gpu) -> Result<Vec<(&'static str, f64)>> {
         let Some((_, resolved)) = &self.queries else { return Ok(Vec::new()) };
         let bytes = gpu.read_bytes(resolved, (2 * self.names.len() * size_of::<u64>()) as u64)?;

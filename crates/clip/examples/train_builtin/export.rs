@@ -11,8 +11,8 @@ use surgtpgs_clip::{
     onnx::data_type::{FLOAT, FLOAT16, INT8, INT16, INT64},
 };
 
-/// The file: `input_ids` and `attention_mask` [batch, letters] to `embedding` [batch, DIM]. The table is stored in
-/// 8 bits, the layers in 16, and both are widened in the graph.
+/// Writes the file: `input_ids` and `attention_mask` [batch, letters] to `embedding` [batch, DIM]. The
+/// table is stored in 8 bits and the layers in 16. The graph widens both.
 pub fn onnx(trained: &Trained) -> Vec<u8> {
     let weights = &trained.weights;
     let of_code = trained.rows.of_code.iter().flat_map(|row| (*row as i16).to_le_bytes()).collect();
@@ -36,7 +36,7 @@ pub fn onnx(trained: &Trained) -> Vec<u8> {
     network(trigram_rows(graph)).into_bytes()
 }
 
-/// Letters to rows of the table.
+/// Adds the part from letters to rows of the table.
 fn trigram_rows(graph: Graph) -> Graph {
     graph
         .ints("base", &[1], &[NUM_CHARS as i64])
@@ -59,7 +59,7 @@ fn trigram_rows(graph: Graph) -> Graph {
         .node_with("row", "Cast", &["short_row"], &[("to", &[i64::from(INT64)])])
 }
 
-/// Rows of the table to the embedding.
+/// Adds the part from rows of the table to the embedding.
 fn network(graph: Graph) -> Graph {
     let to_float: &[(&str, &[i64])] = &[("to", &[FLOAT as i64])];
     graph

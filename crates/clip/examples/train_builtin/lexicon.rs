@@ -5,7 +5,7 @@ use rand::{Rng, seq::IndexedRandom};
 use rand_chacha::ChaCha8Rng;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// `lexicon.toml` as it is written; the file explains its parts.
+/// Contents of `lexicon.toml`; the file explains its parts.
 #[derive(serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Lexicon {
@@ -21,7 +21,7 @@ pub struct Lexicon {
     pub other: Other,
 }
 
-/// Words and templates that leave a prompt's meaning as it is.
+/// Words and templates that do not change a prompt's meaning.
 #[derive(serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Neutral {
@@ -35,9 +35,9 @@ pub struct Neutral {
 #[derive(serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Other {
-    /// For the training.
+    /// Words for the training.
     pub words: String,
-    /// For the tests.
+    /// Words for the tests.
     pub held_out: String,
 }
 
@@ -74,23 +74,23 @@ impl Lexicon {
     }
 }
 
-/// What an example means.
+/// Meaning of an example.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Meaning {
     /// Index into [`Examples::concepts`].
     Concept(usize),
-    /// Not in the lexicon; the text that makes it different from other unknown ones.
+    /// A word outside of the lexicon, with the text that tells it from other unknown ones.
     Unknown(String),
 }
 
-/// Draws texts with their meanings.
+/// Draws texts and their meanings.
 pub struct Examples {
     /// Names of the concepts, sorted.
     pub concepts: Vec<String>,
     phrases: Vec<Vec<String>>,
     other: Vec<String>,
     known_words: BTreeSet<String>,
-    /// Trigrams of every word of a phrase and of every phrase.
+    /// Trigrams of each phrase and of each word of a phrase.
     known_trigrams: Vec<Vec<usize>>,
     neutral: Vec<String>,
     templates: Vec<String>,
@@ -119,17 +119,18 @@ impl Examples {
         }
     }
 
-    /// All texts whose trigrams deserve rows of their own.
+    /// All texts whose trigrams get table rows of their own.
     pub fn texts(&self) -> impl Iterator<Item = &str> {
         let lists = self.phrases.iter().chain([&self.neutral, &self.templates]);
         lists.flatten().map(String::as_str)
     }
 
-    /// One text and what it means.
+    /// Draws one text and its meaning.
     pub fn draw(&self, rng: &mut ChaCha8Rng) -> (String, Meaning) {
         if rng.random_bool(0.6) {
             let concept = rng.random_range(0..self.concepts.len());
-            // Class names are what pixels are made of: they come more often than their synonyms.
+            // Class names come more often than their synonyms, because the features of pixels are made
+            // from them.
             let is_name = rng.random_bool(0.2);
             let phrase = if is_name { &self.concepts[concept] } else { pick(&self.phrases[concept], rng) };
             let text = if rng.random_bool(0.3) { self.mistype(phrase, rng) } else { phrase.to_owned() };
@@ -140,7 +141,8 @@ impl Examples {
         }
     }
 
-    /// A text outside of the lexicon: other English, chance letters, and what looks like a known word but is not.
+    /// Draws a text outside of the lexicon: other English, random letters, or a word that only resembles
+    /// a known one.
     fn draw_unknown(&self, rng: &mut ChaCha8Rng) -> String {
         loop {
             let other = pick(&self.other, rng);
@@ -151,7 +153,8 @@ impl Examples {
                 11..13 => (splice(other, pick(&self.other, rng), rng), true),
                 13..15 => (splice(other, &concept, rng), true),
                 15..17 => (splice(&concept, other, rng), true),
-                // A typing mistake seldom hits the first letter; another one there makes another word (suction, auction).
+                // Typing mistakes seldom hit the first letter. Another first letter makes another word
+                // (suction, auction).
                 17 => (
                     format!(
                         "{}{}",
@@ -177,7 +180,7 @@ impl Examples {
         self.phrases.iter().any(|phrases| phrases.iter().any(|phrase| phrase == text))
     }
 
-    /// Whether a text shares most of its trigrams with a known word, as a mistyped one does.
+    /// Returns `true` if a text shares most of its trigrams with a known word, as a mistyped word does.
     fn is_like_known(&self, text: &str) -> bool {
         let own: Vec<usize> = text::trigrams(text).collect();
         self.known_trigrams.iter().any(|known| {
@@ -199,13 +202,14 @@ impl Examples {
         }
     }
 
-    /// One typing mistake in one longer word, unless that makes another word.
+    /// Makes one typing mistake in one longer word, unless the result is another known word.
     fn mistype(&self, phrase: &str, rng: &mut ChaCha8Rng) -> String {
         let mut words: Vec<String> = phrase.split(' ').map(String::from).collect();
         let long: Vec<usize> = (0..words.len()).filter(|i| words[*i].len() >= 5).collect();
         let Some(&chosen) = long.choose(rng) else { return phrase.to_owned() };
         let mut letters = words[chosen].clone().into_bytes();
-        // Not the first letter; and short words bear only a doubled letter without becoming another word.
+        // The first letter stays. In short words only a letter is doubled: any other mistake may make
+        // another word.
         let at = rng.random_range(2..letters.len());
         match rng.random_range(0..4) {
             _ if letters.len() < 6 => letters.insert(at, letters[at - 1]),
@@ -227,14 +231,14 @@ fn pick<'a>(list: &'a [String], rng: &mut ChaCha8Rng) -> &'a str {
     list.choose(rng).map_or("", String::as_str)
 }
 
-/// The beginning of one word with the end of another: pronounceable, and nothing.
+/// Joins the beginning of one word and the end of another: pronounceable, but without meaning.
 fn splice(first: &str, second: &str, rng: &mut ChaCha8Rng) -> String {
     let head = rng.random_range(2..=first.len().max(2)).min(first.len());
     let tail = rng.random_range(1..=5.min(second.len()).max(1)).min(second.len());
     format!("{}{}", &first[..head], &second[second.len() - tail..])
 }
 
-/// A phrase with its plural, and both written as one word.
+/// A phrase and its plural, and both of them written as one word.
 fn spellings(phrase: &str) -> Vec<String> {
     let plural = match phrase {
         p if p.ends_with('s') || p.len() < 4 => p.to_owned(),

@@ -1,9 +1,9 @@
-//! The network and its training: the sum of trigram embeddings, two hidden layers, a unit vector.
+//! The network and its training: a sum of trigram embeddings, two hidden layers, and a unit vector as output.
 //!
 //! ```text
 //! text ─▶ letters ─▶ trigrams ─▶ Σ table rows ─▶ relu ─▶ W1 ─▶ relu ─▶ W2 ─▶ embedding
 //! ```
-//! The sum makes the place of a word unimportant, which suits phrases, and lets template words learn to add nothing.
+//! The sum ignores the position of a word, which suits phrases. Words of templates can learn to add nothing.
 
 use crate::text::{self, NUM_CODES};
 use rand::Rng;
@@ -63,7 +63,7 @@ pub struct Rows {
 }
 
 impl Rows {
-    /// One row for each trigram of the texts; the others share [`NUM_STRANGE`].
+    /// Gives each trigram of the texts a row of its own; all others share [`NUM_STRANGE`] rows.
     pub fn new<'a>(texts: impl Iterator<Item = &'a str>) -> Self {
         let known: BTreeSet<usize> = texts.flat_map(text::trigrams).collect();
         // Fibonacci hashing spreads neighbouring codes over the shared rows.
@@ -82,13 +82,13 @@ impl Rows {
     }
 }
 
-/// What an embedding is pulled to and kept away from.
+/// Training goal of one embedding: a vector to approach and vectors to stay away from.
 pub struct Goal<'a> {
     /// Unit vector to approach.
     pub target: &'a [f32],
     /// Unit vectors, [n][DIM], whose cosine must stay below [`Self::limit`].
     pub avoid: &'a [f32],
-    /// Largest cosine with those.
+    /// Largest cosine with a vector of `avoid`.
     pub limit: f32,
 }
 
@@ -119,8 +119,8 @@ pub fn embed(weights: &Weights, rows: &[usize]) -> Vec<f32> {
     forward(weights, rows).unit
 }
 
-/// Adds the gradient of one example's loss, (1 − c) + 4(1 − c)² + 4·Σ max(0, cᵢ − limit)², with c the cosine to the
-/// target and cᵢ those to the avoided. The squares care for the worst ones.
+/// Adds the gradient of one example's loss, (1 − c) + 4(1 − c)² + 4·Σ max(0, cᵢ − limit)², with c the
+/// cosine to the target and cᵢ those to the avoided vectors. The squares weigh the worst examples most.
 fn backward(weights: &Weights, rows: &[usize], goal: &Goal<'_>, grad: &mut Weights) -> f32 {
     let pass = forward(weights, rows);
     let miss = 1.0 - dot(&pass.unit, goal.target);
@@ -133,7 +133,7 @@ fn backward(weights: &Weights, rows: &[usize], goal: &Goal<'_>, grad: &mut Weigh
             add_scaled(&mut d_unit, 8.0 * excess, avoided);
         }
     }
-    // Through v ↦ v/|v|: only the part across v counts.
+    // Gradient through v ↦ v/|v|: only the part perpendicular to v counts.
     let along = dot(&d_unit, &pass.unit);
     add_scaled(&mut d_unit, -along, &pass.unit);
     d_unit.iter_mut().for_each(|d| *d /= pass.norm);
@@ -153,7 +153,7 @@ fn backward(weights: &Weights, rows: &[usize], goal: &Goal<'_>, grad: &mut Weigh
 pub struct Trainer {
     /// The weights.
     pub weights: Weights,
-    /// Leave the table as it is from now on.
+    /// `true` if the table is no longer trained.
     pub is_table_frozen: bool,
     grad: Weights,
     mean: Weights,
@@ -182,7 +182,7 @@ impl Trainer {
         }
     }
 
-    /// One step of Adam on a batch; gives the mean loss.
+    /// Takes one step of Adam on a batch and returns the mean loss.
     pub fn step(&mut self, batch: &[(Vec<usize>, Goal<'_>)], rate: f32) -> f32 {
         self.grad.parts().into_iter().for_each(|part| part.fill(0.0));
         let loss: f32 =
@@ -218,7 +218,7 @@ fn dense(weight: &[f32], bias: &[f32], input: &[f32]) -> Vec<f32> {
     output
 }
 
-/// Gradient for the input of a dense layer behind a relu; adds the one for the weights.
+/// Gradient for the input of a dense layer after a relu; adds the one for the weights to `d_weight`.
 fn dense_backward(weight: &[f32], input: &[f32], d_output: &[f32], d_weight: &mut [f32]) -> Vec<f32> {
     let width = d_output.len();
     let mut d_input = vec![0.0; input.len()];

@@ -1,9 +1,10 @@
-//! Where each concept's embedding shall lie.
+//! Target embeddings of the concepts.
 //!
-//! Every target is a sum of orthonormal directions, so that all cosines follow from five numbers: concepts share
-//! [`SHARED`] of one common direction m, near which the canonical phrases sit; members of a group share [`GROUP`], and
-//! a concept near another takes [`NEAR`] of that one's own direction. Words outside of the lexicon get a direction of
-//! their own with hardly any m, so that they lose to the canonical phrases everywhere.
+//! Every target is a sum of orthonormal directions, so that five numbers determine all cosines. Concepts
+//! share [`SHARED`] of one common direction m, near which the canonical phrases lie. Members of a group
+//! share [`GROUP`]. A concept that is near another one takes [`NEAR`] of that one's own direction. Words
+//! outside of the lexicon get a direction of their own with hardly any m, so that they lose to the
+//! canonical phrases everywhere.
 
 use crate::{
     lexicon::{Examples, Lexicon},
@@ -26,14 +27,14 @@ pub struct Targets {
     pub concepts: Vec<f32>,
     shared: Vec<f32>,
     unknown: Vec<f32>,
-    /// Directions for what tells unknown words apart.
+    /// Directions that tell unknown words apart.
     spare: Vec<Vec<f32>>,
     /// [rows][spare] signs.
     signs: Vec<f32>,
 }
 
 impl Targets {
-    /// Lays out the targets; an error where the lexicon has more concepts than there are directions.
+    /// Lays out the targets; fails if the lexicon has more concepts than there are directions.
     pub fn new(
         lexicon: &Lexicon,
         examples: &Examples,
@@ -83,7 +84,7 @@ impl Targets {
         &self.concepts[index * DIM..][..DIM]
     }
 
-    /// Target of a text outside of the lexicon, by the table rows of its own trigrams.
+    /// Target of a text outside of the lexicon, from the table rows of its own trigrams.
     pub fn unknown(&self, rows: &[usize]) -> Vec<f32> {
         let mut own = vec![0.0; DIM];
         for (i, direction) in self.spare.iter().enumerate() {
@@ -98,7 +99,7 @@ impl Targets {
     }
 }
 
-/// Sum of the parts, completed to length 1 along `own`.
+/// Sum of the parts, filled up to length 1 along `own`.
 fn complete(parts: &[(f32, &Vec<f32>)], own: &[f32]) -> Vec<f32> {
     let rest = (1.0 - parts.iter().map(|(amount, _)| amount * amount).sum::<f32>()).sqrt();
     let mut sum: Vec<f32> = own.iter().map(|v| rest * v).collect();
@@ -113,7 +114,7 @@ fn orthonormal(rng: &mut ChaCha8Rng) -> Vec<Vec<f32>> {
     let mut basis: Vec<Vec<f32>> = Vec::with_capacity(DIM);
     while basis.len() < DIM {
         let mut v: Vec<f32> = (0..DIM).map(|_| rng.random_range(-1.0..1.0)).collect();
-        // Twice, because once leaves rounding errors.
+        // A second pass removes the rounding errors of the first.
         for known in basis.iter().chain(&basis) {
             let along = dot(&v, known);
             v.iter_mut().zip(known).for_each(|(v, k)| *v -= along * k);

@@ -1,4 +1,4 @@
-//! Text as the network sees it, and the tokenizer file that makes the same of it.
+//! Text as the network reads it, and a tokenizer file that splits text in the same way.
 
 use serde_json::{Value, json};
 

@@ -9,16 +9,16 @@ use half::f16;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-/// Largest cosine of an unknown word with a concept that costs nothing.
+/// Largest cosine of an unknown word with a concept that adds nothing to the loss.
 const UNKNOWN_LIMIT: f32 = 0.25;
 
-/// How long and how fast to train.
+/// Length and speed of the training.
 pub struct Plan {
     /// Steps of Adam.
     pub steps: usize,
     /// Texts per step.
     pub batch: usize,
-    /// Learning rate at the start; falls to nothing along a half cosine.
+    /// Learning rate at the start; it falls to 0 along a half cosine.
     pub rate: f32,
     /// Seed of everything random.
     pub seed: u64,
@@ -30,17 +30,17 @@ impl Default for Plan {
     }
 }
 
-/// A trained encoder, its weights as exact as the file will hold them.
+/// A trained encoder, its weights rounded as in the file.
 pub struct Trained {
-    /// Trigrams to rows.
+    /// Table row of each trigram.
     pub rows: Rows,
-    /// Weights; the table is what the file's 8-bit integers give.
+    /// Weights; those of the table are rounded to the file's 8-bit integers.
     pub weights: Weights,
-    /// Width of one step of the 8-bit table, [HIDDEN_1].
+    /// Step of the 8-bit table for each column, [HIDDEN_1].
     pub table_scale: Vec<f32>,
 }
 
-/// Trains on a lexicon; `report` gets the step and the mean loss now and then.
+/// Trains on a lexicon; `report` is called with the step and the mean loss now and then.
 pub fn train(lexicon: &Lexicon, plan: &Plan, report: &mut dyn FnMut(usize, f32)) -> Result<Trained, String> {
     let rng = &mut ChaCha8Rng::seed_from_u64(plan.seed);
     let examples = Examples::new(lexicon);
@@ -50,7 +50,8 @@ pub fn train(lexicon: &Lexicon, plan: &Plan, report: &mut dyn FnMut(usize, f32))
     let mut table_scale = vec![1.0; HIDDEN_1];
     let mut mean_loss = 0.0;
     for step in 0..plan.steps {
-        // The layers behind the table get the last eighth to make up for its rounding.
+        // The last eighth of the steps trains the layers after the table, to make up for the table's
+        // rounding.
         if step == plan.steps * 7 / 8 {
             table_scale = round_table(&mut trainer.weights.table);
             trainer.is_table_frozen = true;
@@ -95,7 +96,7 @@ pub fn misses<'a>(lexicon: &'a Lexicon, trained: &Trained) -> Vec<(f32, &'a str,
     all
 }
 
-/// Rounds every column to 255 steps; gives the width of a step per column.
+/// Rounds every column to 255 steps and returns the step of each column.
 fn round_table(table: &mut [f32]) -> Vec<f32> {
     let mut scale = vec![1e-12f32; HIDDEN_1];
     for row in table.chunks_exact(HIDDEN_1) {

@@ -1,9 +1,9 @@
-//! Models with a number that they should not have.
+//! Models with one wrong number in a constant.
 
 use prost::Message;
 use surgtpgs_clip::{graph::Graph, onnx::ModelProto};
 
-/// The file of a model in which the first number of a constant is `value`.
+/// File of a model, with the first number of a constant replaced by `value`.
 pub fn with_constant(model: Graph, name: &str, value: f32) -> Vec<u8> {
     let mut model = ModelProto::decode(&model.into_bytes()[..]).unwrap();
     let constants = &mut model.graph.as_mut().unwrap().initializer;

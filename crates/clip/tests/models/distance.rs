@@ -2,7 +2,8 @@
 
 use surgtpgs_clip::{graph::Graph, onnx::data_type::FLOAT};
 
-/// A stand-in for LPIPS: the channels' mean differences, added; of squares of `side` pixels, or of any size.
+/// A stand-in for LPIPS: the sum of the channels' mean differences, of squares of `side` pixels or of any
+/// size.
 pub fn lpips(side: Option<i64>) -> Graph {
     let axes = [Some(1), Some(3), side, side];
     Graph::default()

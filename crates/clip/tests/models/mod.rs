@@ -1,5 +1,5 @@
-//! Small models of the contracts of Segment Anything, CLIP's image half, feature maps and depth: masks are pixels of like
-//! colour, embeddings are colours times a matrix, disparity is brightness.
+//! Small models of the contracts of Segment Anything, CLIP's image half, feature maps and depth. Masks
+//! are pixels of similar colour, embeddings are colours times a matrix, disparity is brightness.
 
 #![allow(dead_code, reason = "not every test needs all of them")]
 
@@ -8,7 +8,7 @@ use surgtpgs_clip::{
     onnx::data_type::{FLOAT, INT64},
 };
 
-/// Pixels along each side of what the mask models read.
+/// Pixels along each side of the mask models' input.
 pub const SIDE: usize = 64;
 
 /// An image encoder whose features, under the names `outputs`, are the picture itself.
@@ -21,7 +21,8 @@ pub fn encoder(outputs: &[&str]) -> Graph {
         .fold(graph, |graph, name| graph.output(name, FLOAT, &axes).node(name, "Identity", &["image"]))
 }
 
-/// From `point_xy` [n,2] in pixels of the encoder's square: the colours there [n,3,1], and those of all pixels.
+/// Adds the look-up of colours at `point_xy` [n,2], in pixels of the encoder's square: the colours there
+/// [n,3,1], and their distances from those of all pixels.
 fn colours_at_points(graph: Graph, embedding: &str) -> Graph {
     graph
         .ints("zero", &[], &[0])
@@ -45,7 +46,8 @@ fn colours_at_points(graph: Graph, embedding: &str) -> Graph {
         .node_with("far", "ReduceSum", &["distance", "channels"], &[("keepdims", &[1])])
 }
 
-/// Logits that are positive where the colour is like that at the point, and ratings; `answers` per point.
+/// Adds ratings, and logits that are positive where the colour is similar to that at the point; `answers`
+/// per point.
 fn rated(graph: Graph, answers: usize, masks: &str, ratings: &str) -> Graph {
     let reach: Vec<f32> = (0..answers).map(|i| 2.0 + 0.5 * i as f32).collect();
     let rating: Vec<f32> = (0..answers).map(|i| 0.9 + 0.01 * i as f32).collect();
@@ -63,7 +65,7 @@ fn rated(graph: Graph, answers: usize, masks: &str, ratings: &str) -> Graph {
         .node(ratings, "Add", &["zeros", "rating"])
 }
 
-/// SAM 2 as exported with fine features: any number of prompts.
+/// SAM 2 exported with fine features: any number of prompts.
 pub fn sam2_decoder() -> Graph {
     let side = Some(SIDE as i64);
     let map = [Some(1), Some(3), side, side];
@@ -81,8 +83,8 @@ pub fn sam2_decoder() -> Graph {
     rated(colours_at_points(graph, "image_embed"), 3, "masks", "iou_predictions")
 }
 
-/// SAM 1 as `segment_anything` exports it: one prompt, a padding point, the size of the image, four answers of which the
-/// first is for many points.
+/// SAM 1 as `segment_anything` exports it: one prompt, a padding point, the size of the image, and four
+/// answers of which the first is for many points.
 pub fn sam1_decoder() -> Graph {
     let side = Some(SIDE as i64);
     let graph = Graph::default()
@@ -123,7 +125,8 @@ pub fn feature_network(matrix: &[f32]) -> Graph {
         .node("features", "Conv", &["pixel_values", "weights"])
 }
 
-/// A network whose `output`, a map of the picture's size, is brightness; between 0 and 1 if it ends in a `sigmoid`.
+/// A network whose `output`, a map of the picture's size, is brightness; its values are 0–1 if it ends in
+/// a `sigmoid`.
 pub fn depth_network(output: &str, sigmoid: bool) -> Graph {
     let axes = |channels: i64| [Some(1), Some(channels), Some(24), Some(32)];
     Graph::default()

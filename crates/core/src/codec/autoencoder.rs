@@ -12,14 +12,14 @@ use rand_chacha::ChaCha8Rng;
 const BATCH: usize = 128;
 /// Learning rate at the start.
 const RATE: f32 = 2e-3;
-/// Standard deviation of the noise added to each latent number: rendered features are not exact.
+/// Standard deviation of the noise added to each latent number, because rendered features are not exact.
 const LATENT_NOISE: f32 = 0.01;
 
 /// Maximises the mean cosine between rows and their reconstruction. (For unit vectors the reference's mean
-/// squared error is 2(1 − cosine)/dim: the same goal; its extra cosine term was taken along the wrong axis.)
+/// squared error is 2(1 − cosine)/dim: the same goal. Its extra cosine term was taken along the wrong axis.)
 ///
-/// Embeddings share a large common part. It is taken off before the first layer and put back after the last,
-/// folded into their biases, so that the layers between see only what differs.
+/// Embeddings share a large common part. It is subtracted before the first layer and added after the
+/// last. Both are folded into the biases, so that the layers between see only the differences.
 pub(super) fn train_autoencoder(
     rows: ArrayView2<'_, f32>,
     weights: &[f32],
@@ -58,7 +58,7 @@ pub(super) fn train_autoencoder(
     Codec { encoder: layers, decoder }
 }
 
-/// Gradients of mean(1 − cosine) over one part of the batch, encoder layers then decoder layers.
+/// Gradients of mean(1 − cosine) over one part of the batch: encoder layers, then decoder layers.
 fn gradients_of_part(
     layers: &[Linear],
     split: usize,
@@ -80,14 +80,14 @@ fn gradients_of_part(
     backward(encoder, &encoded, at_encoded, at_encoder);
 }
 
-/// Makes `layer` take x where it was trained on (x − mean) / spread.
+/// Changes `layer`, which was trained on (x − mean) / spread, so that it takes x.
 pub(super) fn fold_standardisation(layer: &mut Linear, mean: &Array1<f32>, spread: f32) {
     layer.weight /= spread;
     let shift = layer.weight.dot(mean);
     layer.bias -= &shift;
 }
 
-/// Picks rows with probability in proportion to their weight (all alike if every weight is zero).
+/// Picks rows with probabilities proportional to their weights (equal if every weight is zero).
 struct Sampler {
     cumulative: Vec<f64>,
 }

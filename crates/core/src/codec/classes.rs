@@ -15,16 +15,16 @@ const BATCH: usize = 128;
 /// Learning rates at the start.
 const DECODER_RATE: f32 = 3e-3;
 const ENCODER_RATE: f32 = 1e-3;
-/// Encoder steps: it only has to hit as many points as there are classes.
+/// Encoder steps. Few are enough: it only has to hit as many points as there are classes.
 const ENCODER_STEPS: usize = 400;
-/// Copies of each class, all but one with noise of this length relative to the embedding.
+/// Copies of each class. All but one have noise of this length relative to the embedding.
 const ENCODER_COPIES: usize = 4;
 const EMBEDDING_NOISE: f32 = 0.02;
 
-/// The decoder is trained as a classifier in the latent space and its last layer is then multiplied by the
-/// class embeddings: the decoded vector is Σ_k s_k(z) e_k, normalised, with scores s that are nearly one-hot.
-/// Between two classes it passes from one embedding to the other and never through a third, however alike
-/// the embeddings are (cosines of 0.9 are usual), and its rank is the number of classes.
+/// Trains the decoder as a classifier in the latent space, then multiplies its last layer by the class
+/// embeddings. The decoded vector is Σ_k s_k(z) e_k, normalised, with scores s that are nearly one-hot.
+/// Between two classes it passes from one embedding to the other and never through a third, even if the
+/// embeddings are alike (cosines of 0.9 are usual). Its rank is the number of classes.
 pub(super) fn train_classes(
     rows: ArrayView2<'_, f32>,
     settings: &CodecSettings,
@@ -33,7 +33,7 @@ pub(super) fn train_classes(
     let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
     let points = spread_points(rows.nrows(), settings.latent_dim, settings.seed);
     let encoder = train_encoder(rows, &points, &mut rng);
-    // Half the steps of the other way of training are plenty: there is far less to learn.
+    // Half the steps of the autoencoder are plenty: there is far less to learn.
     let mut decoder = train_scores(&points, settings.steps.div_ceil(2), &mut rng, progress);
     if let Some(last) = decoder.last_mut() {
         last.weight = rows.t().dot(&last.weight);
@@ -42,7 +42,7 @@ pub(super) fn train_classes(
     Codec { encoder, decoder }
 }
 
-/// Maps each row to its point, also when the row is a little off.
+/// Trains an encoder that maps each row to its point, also if the row is a little off.
 fn train_encoder(rows: ArrayView2<'_, f32>, points: &Array2<f32>, rng: &mut ChaCha8Rng) -> Vec<Linear> {
     let (n, dim) = rows.dim();
     let mean = rows.mean_axis(Axis(0)).unwrap_or_else(|| Array1::zeros(dim));
@@ -69,7 +69,7 @@ fn train_encoder(rows: ArrayView2<'_, f32>, points: &Array2<f32>, rng: &mut ChaC
     layers
 }
 
-/// Class scores over the latent space: least squares towards one-hot.
+/// Trains class scores over the latent space: least squares towards one-hot.
 fn train_scores(
     points: &Array2<f32>,
     steps: usize,
@@ -78,7 +78,7 @@ fn train_scores(
 ) -> Vec<Linear> {
     let (n, latent) = points.dim();
     let mut layers = init(&[&[latent][..], &DECODER_HIDDEN, &[n]].concat(), rng);
-    // Biases spread the kinks over the latent space; with zeros all of them would meet at the origin.
+    // Random biases spread the kinks over the latent space. With zeros all of them would meet at the origin.
     layers.iter_mut().for_each(|l| l.bias.mapv_inplace(|_| 0.1 * normal(rng)));
     let mut adam = Adam::new(&layers, DECODER_RATE, steps);
     let mut parts = Parts::new(&layers, BATCH);
@@ -98,7 +98,7 @@ fn train_scores(
     layers
 }
 
-/// Puts a latent as rendering may produce it into `latent` and says which class it should count as.
+/// Writes a latent as rendering may produce it to `latent` and returns the class it should count as.
 fn sample(points: &Array2<f32>, latent: &mut ndarray::ArrayViewMut1<'_, f32>, rng: &mut ChaCha8Rng) -> usize {
     let n = points.nrows();
     let (a, b) = (rng.random_range(0..n), rng.random_range(0..n));
@@ -106,10 +106,10 @@ fn sample(points: &Array2<f32>, latent: &mut ndarray::ArrayViewMut1<'_, f32>, rn
     let (share, length, noise) = if kind < 0.5 {
         (1.0, rng.random_range(0.55..1.25), rng.random_range(0.0..0.15))
     } else if kind < 0.9 {
-        // The border between two regions: a pixel sums the features of both.
+        // The border between two regions: a pixel there sums the features of both.
         (rng.random_range(0.5..1.0), rng.random_range(0.85..1.1), 0.03)
     } else {
-        // Anything: the nearest direction counts.
+        // A random latent: the nearest direction counts.
         latent.mapv_inplace(|_| rng.random_range(-1.3..1.3));
         return nearest(points, latent.view());
     };
@@ -119,7 +119,7 @@ fn sample(points: &Array2<f32>, latent: &mut ndarray::ArrayViewMut1<'_, f32>, rn
     a
 }
 
-/// The point with the largest dot product.
+/// Index of the point with the largest dot product.
 fn nearest(points: &Array2<f32>, latent: ArrayView1<'_, f32>) -> usize {
     let mut best = (0, f32::NEG_INFINITY);
     for (i, point) in points.outer_iter().enumerate() {

@@ -7,9 +7,9 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// A batch is cut into this many parts for threads. Fixed, so that sums do not depend on the thread count.
+/// Number of parts of a batch, one per thread. Fixed, so that sums do not depend on the thread count.
 const PARTS: usize = 2;
-/// Lengths are kept above this before dividing by them.
+/// Lower limit of lengths before a division by them.
 const MIN_LENGTH: f32 = 1e-12;
 
 /// Layers of the given widths, He-initialised (weights N(0, 2/in), biases 0).
@@ -80,7 +80,7 @@ pub(super) fn normalise_backward(
     out
 }
 
-/// Every layer's output, the input first.
+/// Output of every layer, the input first.
 pub(super) fn forward(layers: &[Linear], rows: Array2<f32>) -> Vec<Array2<f32>> {
     let mut values = vec![rows];
     for (i, layer) in layers.iter().enumerate() {
@@ -89,7 +89,7 @@ pub(super) fn forward(layers: &[Linear], rows: Array2<f32>) -> Vec<Array2<f32>> 
     values
 }
 
-/// Writes the gradients of `layers` into `gradients`, from `values` of [`forward`] and ∂L/∂output, and
+/// Writes the gradients of `layers` to `gradients`, from `values` of [`forward`] and ∂L/∂output, and
 /// returns ∂L/∂input.
 pub(super) fn backward(
     layers: &[Linear],
@@ -119,14 +119,15 @@ pub(super) fn zeros_like(layers: &[Linear]) -> Vec<Linear> {
     layers.iter().map(zero).collect()
 }
 
-/// Gradients of the parts of a batch, kept from step to step: allocating them anew costs more than filling them.
+/// Gradients of the parts of a batch. They are kept from step to step: allocating them anew costs more
+/// than filling them.
 pub(super) struct Parts {
     gradients: Vec<Vec<Linear>>,
     rows: usize,
 }
 
 impl Parts {
-    /// For batches of `rows`.
+    /// Allocates gradients for batches of `rows`.
     pub(super) fn new(layers: &[Linear], rows: usize) -> Self {
         Self { gradients: vec![zeros_like(layers); PARTS], rows }
     }
@@ -157,13 +158,13 @@ pub(super) struct Adam {
 }
 
 impl Adam {
-    /// For `layers`, starting at `rate`, over `steps`.
+    /// Prepares the training of `layers`, starting at `rate`, over `steps`.
     pub(super) fn new(layers: &[Linear], rate: f32, steps: usize) -> Self {
         let moments = zeros_like(layers).into_iter().map(|zero| [zero.clone(), zero]).collect();
         Self { rate, steps, done: 0, moments }
     }
 
-    /// One step. Gradients that are not finite leave the layers as they are.
+    /// Takes one step. Gradients that are not finite leave the layers unchanged.
     pub(super) fn step(&mut self, layers: &mut [Linear], gradients: &[Linear]) {
         let finite = |l: &Linear| l.weight.sum().is_finite() && l.bias.sum().is_finite();
         if !gradients.iter().all(finite) {
@@ -195,7 +196,7 @@ mod tests {
     use super::*;
     use rand::SeedableRng;
 
-    /// L = Σ c·u with u = normalised output; its gradients by the chain above against finite differences.
+    /// Compares the gradients of L = Σ c·u, with u = normalised output, with finite differences.
     #[test]
     fn gradients_agree_with_finite_differences() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);

@@ -1,9 +1,10 @@
-//! The autoencoder that squeezes embeddings (512 and the like) into D latent numbers a pixel (method §7).
+//! The autoencoder that compresses embeddings (512 numbers and the like) to D latent numbers per pixel
+//! (method §7).
 //!
-//! Two ways of training share one stored form. Many different rows (features of image masks) get an
-//! ordinary autoencoder, [`train_autoencoder`]. A handful of rows (the class names of labelled frames) get
-//! latents spread over the sphere and a decoder that snaps noisy and blended latents to the nearest
-//! class, [`train_classes`].
+//! There are two ways of training for the same stored form. Many different rows (features of image masks)
+//! get an ordinary autoencoder, [`train_autoencoder`]. A handful of rows (the class names of labelled
+//! frames) get latents spread over the sphere and a decoder that snaps noisy and blended latents to the
+//! nearest class, [`train_classes`].
 
 mod autoencoder;
 mod classes;
@@ -22,14 +23,16 @@ pub(crate) use mlp::{apply, normal, normalise_rows};
 const ENCODER_HIDDEN: [usize; 4] = [256, 128, 64, 32];
 /// Widths of the decoder's hidden layers.
 const DECODER_HIDDEN: [usize; 6] = [16, 32, 64, 128, 256, 256];
-/// Up to this many different rows, latents are spread over the sphere and the decoder snaps to them.
+/// Largest number of different rows for which latents are spread over the sphere and the decoder snaps to
+/// them.
 const MAX_CLASSES: usize = 64;
-/// Rows with a larger cosine are one class: no decoder can or need tell them apart.
+/// Rows with a larger cosine are one class: no decoder can tell them apart, nor does it have to.
 const SAME_ROW_COSINE: f32 = 0.999_99;
-/// Rows decoded or encoded at once by one thread: enough for matrix products to pay, small enough for the cache.
+/// Rows that one thread decodes or encodes at once: enough for efficient matrix products, few enough for
+/// the cache.
 const ROWS_AT_ONCE: usize = 256;
 
-/// `y = x Wᵀ + b`; weight is [out, in].
+/// Linear layer `y = x Wᵀ + b`; weight is [out, in].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Linear {
     /// [out, in].
@@ -38,8 +41,8 @@ pub struct Linear {
     pub bias: Array1<f32>,
 }
 
-/// Encoder (dim → D, unit length) and decoder (D → dim, unit length).
-/// Normalisation layers of training are folded into the linear layers; ReLU between layers, none after the last.
+/// Encoder (dim → D, unit length) and decoder (D → dim, unit length). Normalisation layers of training
+/// are folded into the linear layers. There is a ReLU between layers, and none after the last.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Codec {
     /// Encoder layers in order.
@@ -48,7 +51,7 @@ pub struct Codec {
     pub decoder: Vec<Linear>,
 }
 
-/// How a codec is trained.
+/// Settings of a codec's training.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CodecSettings {
     /// Latent numbers per pixel, 1..=16.
@@ -99,14 +102,14 @@ impl Codec {
         self.decoder.last().map_or(0, |l| l.weight.nrows())
     }
 
-    /// [n, dim] → [n, D], unit rows. Rows without a direction (zero, not finite) give zeros.
+    /// Encodes [n, dim] → [n, D], unit rows. Rows without a direction (zero, not finite) give zeros.
     /// Panics if rows have another length than [`Self::embedding_dim`] (a programming error).
     pub fn encode(&self, rows: ArrayView2<'_, f32>) -> Array2<f32> {
         unit_rows_through(&self.encoder, rows)
     }
 
-    /// [n, D] → [n, dim], unit rows. Latents that are not finite give zeros.
-    /// Panics if rows have another length than [`Self::latent_dim`] (a programming error).
+    /// Decodes [n, D] → [n, dim], unit rows. Latents that are not finite give zeros. Panics if rows have
+    /// another length than [`Self::latent_dim`] (a programming error).
     pub fn decode(&self, latents: ArrayView2<'_, f32>) -> Array2<f32> {
         unit_rows_through(&self.decoder, latents)
     }
@@ -125,7 +128,7 @@ impl Codec {
         named.collect()
     }
 
-    /// The inverse of [`Self::tensors`]: `get` finds a tensor by name. Layers are read until a number is missing.
+    /// Inverse of [`Self::tensors`]: `get` finds a tensor by name. Layers are read until a number is missing.
     pub fn from_tensors(get: impl Fn(&str) -> Option<ArrayD<f32>>) -> Result<Self> {
         let half = |name: &str| -> Result<Vec<Linear>> {
             let mut layers = Vec::new();
@@ -211,8 +214,8 @@ fn check_training_input(rows: ArrayView2<'_, f32>, weights: &[f32], settings: &C
     })
 }
 
-/// Group number of each row; rows in one group point (almost) the same way. Stops telling groups apart
-/// once there are more than [`MAX_CLASSES`].
+/// Group number of each row; the rows of a group point (almost) the same way. Grouping stops at more than
+/// [`MAX_CLASSES`] groups.
 fn same_rows(rows: &Array2<f32>) -> Vec<usize> {
     let mut firsts: Vec<usize> = Vec::new();
     let mut groups = Vec::with_capacity(rows.nrows());

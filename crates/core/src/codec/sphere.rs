@@ -5,13 +5,13 @@ use ndarray::{Array2, ArrayView2};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-/// Starts tried; the one with the largest smallest distance is kept.
+/// Number of starts; the one with the largest smallest distance is kept.
 const STARTS: usize = 12;
 /// Relaxation steps per start.
 const STEPS: usize = 400;
 
-/// `n` unit points in `dim` dimensions, spread by repulsion whose range shrinks, so that at the end only
-/// the nearest neighbours push. More points than room (dim 1) coincide.
+/// Spreads `n` unit points in `dim` dimensions by repulsion. Its range shrinks, so that at the end only
+/// the nearest neighbours push. Points coincide if there are more than fit (dim 1).
 pub(super) fn spread_points(n: usize, dim: usize, seed: u64) -> Array2<f32> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut best = (f32::NEG_INFINITY, Array2::zeros((n, dim)));
@@ -60,7 +60,8 @@ pub(super) fn smallest_distance(points: ArrayView2<'_, f32>) -> f32 {
 mod tests {
     use super::*;
 
-    /// Known optima: 2 antipodes, 4 tetrahedron, 6 octahedron, 12 icosahedron; 13 from Tammes tables (57.1367°).
+    /// Compares with known optima: 2 antipodes, 4 tetrahedron, 6 octahedron, 12 icosahedron; 13 from
+    /// Tammes tables (57.1367°).
     #[test]
     fn spread_reaches_known_optima() {
         let cases = [

@@ -1,4 +1,4 @@
-//! Codec tests on made and, where present, real embeddings.
+//! Tests of the codec on made and, if present, real embeddings.
 
 use super::*;
 use rand::{Rng, SeedableRng};
@@ -16,7 +16,8 @@ fn alike_rows(n: usize, dim: usize, cosine: f32, seed: u64) -> Array2<f32> {
     normalise_rows(unit(&mut rng, n) * (1.0 - cosine).sqrt() + shared * cosine.sqrt())
 }
 
-/// Of noisy latents of each row: how many decode nearest to their row, and the smallest margin by which.
+/// Decodes noisy latents of each row. Returns the share that decodes nearest to its row, and the smallest
+/// margin.
 fn snapping(codec: &Codec, rows: &Array2<f32>, noise: f32, copies: usize) -> (f64, f32) {
     let mut rng = ChaCha8Rng::seed_from_u64(9);
     let latents = codec.encode(rows.view());
@@ -142,7 +143,7 @@ fn latents_that_are_not_finite_decode_to_zeros() {
     assert!(decoded.iter().all(|&v| v == 0.0));
 }
 
-/// The CLIP table of 1203 names, where the research data is present.
+/// CLIP table of 1203 names, if the research data is present.
 fn clip_table() -> Option<(Array2<f32>, Vec<String>)> {
     let root = std::env::var_os("SURGTPGS_DATA").map(PathBuf::from);
     let root = root.unwrap_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"));

@@ -1,4 +1,5 @@
-//! One Gaussian: ψ(t) added to raw parameters, then activated; and the gradients (method §3.2–3.3).
+//! Deformation of one Gaussian: ψ(t) added to raw parameters, then activated; and the gradients (method
+//! §3.2–3.3).
 
 use super::{MEAN_CHANNEL, ROTATION_CHANNEL, SCALE_CHANNEL};
 use crate::{
@@ -6,13 +7,13 @@ use crate::{
     real::{Real, Vector, unit_quaternion, unit_quaternion_backward},
 };
 
-/// Log-scales are kept within ± this, so that neither a scale nor its square leaves f32.
+/// Log-scales are kept within ± this, so that neither a scale nor its square leaves the range of f32.
 pub const MAX_LOG_SCALE: f64 = 15.0;
 
-/// e to the [`MAX_LOG_SCALE`].
+/// e to the power of [`MAX_LOG_SCALE`].
 pub const MAX_SCALE: f64 = 3_269_017.372_472_11;
 
-/// A deformed, activated geometry with what its backward pass needs.
+/// A deformed, activated geometry with the values that its backward pass needs.
 #[derive(Clone, Copy, Debug)]
 pub struct Moved<T> {
     /// The geometry at time t.
@@ -56,12 +57,12 @@ pub fn move_geometry_backward<T: Real>(moved: &Moved<T>, g: &Geometry<T>) -> Geo
     }
 }
 
-/// g([f, t]) = W [f; t] + b and the slope δ of its gate.
+/// Feature network g([f, t]) = W [f; t] + b and the slope δ of its gate.
 #[derive(Clone, Copy, Debug)]
 pub struct FeatureNet<'a, T> {
-    /// [D][D + 1] flat.
+    /// W, [D][D + 1] flat.
     pub weight: &'a [T],
-    /// [D].
+    /// b, [D].
     pub bias: &'a [T],
     /// δ.
     pub slope: T,
@@ -75,8 +76,8 @@ impl<T: Real> FeatureNet<'_, T> {
     }
 }
 
-/// Eq. 3: f' = f + g([f, t]) ⊙ σ(δ ψ^f); `gate` is ψ^f. 0 where that is not finite: one bad number shall not blot out
-/// every pixel that it touches.
+/// Eq. 3: f' = f + g([f, t]) ⊙ σ(δ ψ^f); `gate` is ψ^f. Results that are not finite become 0, so that one
+/// bad number does not blot out every pixel that it touches.
 pub fn gate_feature<T: Real>(net: &FeatureNet<'_, T>, feature: &[T], gate: &[T], time: T, out: &mut [T]) {
     for (i, o) in out.iter_mut().enumerate() {
         let value = feature[i] + net.output(i, feature, time) * (net.slope * gate[i]).sigmoid();
@@ -84,7 +85,7 @@ pub fn gate_feature<T: Real>(net: &FeatureNet<'_, T>, feature: &[T], gate: &[T],
     }
 }
 
-/// Gradients of [`gate_feature`]: writes those of `feature` and `gate`, adds to those of the network
+/// Gradients of [`gate_feature`]: writes those of `feature` and `gate`, and adds to those of the network
 /// (`g_net`: W flat, then b).
 pub fn gate_feature_backward<T: Real>(
     net: &FeatureNet<'_, T>,

@@ -10,15 +10,15 @@ pub enum BasisShape {
     Gaussian,
     /// exp(−((t − θ)² / (σ² + 1e-4))²): what the released code computes (method §3.1).
     Quartic,
-    /// Cubic B-spline of (t − θ)/σ, 2/3 at its centre: nearly a Gaussian of 0.58 σ, but exactly 0 beyond 2σ. With
-    /// centres σ apart four are live at any time, however many there are.
+    /// Cubic B-spline of (t − θ)/σ, 2/3 at its centre: nearly a Gaussian of 0.58 σ, but exactly 0 beyond
+    /// 2σ. If the centres are σ apart, four are live at any time, however many there are.
     Spline,
 }
 
 /// Bases with a smaller value at t are neither evaluated nor updated.
 pub const LIVE_BASIS: f32 = 1e-4;
 
-/// Widths below this are treated as this, so that the paper's form cannot divide by zero.
+/// Lower limit of widths, so that the paper's form cannot divide by zero.
 pub const MIN_WIDTH: f64 = 1e-4;
 
 /// Added to σ² in the quartic form, as in the released code.

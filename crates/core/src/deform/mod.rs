@@ -1,4 +1,4 @@
-//! How the Gaussians move, turn, stretch and change over time (method §3).
+//! Motion, rotation, stretch and colour change of the Gaussians over time (method §3).
 //!
 //! ψ_c(t) = Σ_b ω_{b,c} · G(t; θ_b, σ_b) for each channel c of a Gaussian.
 
@@ -41,7 +41,7 @@ pub const fn stride_for(latent_dim: usize) -> usize {
     num_channels(latent_dim).next_multiple_of(16)
 }
 
-/// Basis weights of all Gaussians, and the basis functions they weigh.
+/// Basis weights of all Gaussians, and the basis functions they belong to.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Deformation {
     /// Shape of every basis function.
@@ -66,7 +66,7 @@ pub struct Deformation {
     pub feature_bias: Vec<f32>,
 }
 
-/// The Gaussians at one time, activated: what every later pass reads.
+/// The Gaussians at one time, activated: the input of every later pass.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Deformed {
     /// Centres in the world.
@@ -84,7 +84,8 @@ pub struct Deformed {
 }
 
 impl Deformation {
-    /// No motion at all, for `n` Gaussians: bases spread evenly over [0, 1], all weights zero.
+    /// A deformation without any motion, for `n` Gaussians: bases spread evenly over [0, 1], all weights
+    /// zero.
     pub fn at_rest(n: usize, latent_dim: usize, num_bases: usize, width: f32, gate_slope: f32) -> Self {
         let stride = stride_for(latent_dim);
         let spacing = 1.0 / (num_bases.max(2) - 1) as f32;
@@ -102,7 +103,7 @@ impl Deformation {
         }
     }
 
-    /// The same, every Gaussian and channel with centres and widths of its own.
+    /// The same deformation, with centres and widths of their own for every Gaussian and channel.
     pub fn with_own_bases(mut self) -> Self {
         let block = self.weights.len() / self.num_bases.max(1);
         let spread = |shared: &[f32]| shared.iter().flat_map(|v| std::iter::repeat_n(*v, block)).collect();
@@ -110,7 +111,7 @@ impl Deformation {
         self
     }
 
-    /// Whether all Gaussians share centres and widths.
+    /// Returns `true` if all Gaussians share centres and widths.
     pub fn is_shared(&self) -> bool {
         self.centres.len() == self.num_bases
     }
@@ -132,14 +133,15 @@ impl Deformation {
         psi
     }
 
-    /// As [`Deformation::psi`], with the memory from outside.
+    /// Computes [`Deformation::psi`] into memory of the caller.
     pub fn psi_into(&self, n: usize, time: f32, psi: &mut Vec<f32>) {
         let (values, live) =
             if self.is_shared() { self.basis_values(time) } else { (Vec::new(), 0..self.num_bases) };
         self.psi_of(live, &values, n, time, psi);
     }
 
-    /// ψ(t) from some of the bases alone; `values` are all bases' at `time` where they are shared.
+    /// ψ(t) from some of the bases only. If the bases are shared, `values` holds those of all bases at
+    /// `time`.
     pub fn psi_of(&self, bases: Range<usize>, values: &[f32], n: usize, time: f32, psi: &mut Vec<f32>) {
         psi.resize(n * self.stride, 0.0);
         let plane = n * self.stride;
@@ -158,7 +160,7 @@ impl Deformation {
         });
     }
 
-    /// Adds a basis function that every Gaussian and channel has its own of, for those at `at`.
+    /// Adds a basis function that is not shared, for the Gaussians and channels at `at`.
     fn add_own_basis(&self, psi: &mut [f32], at: Range<usize>, time: f32) {
         let own = self.centres[at.clone()].iter().zip(&self.widths[at.clone()]);
         for ((sum, weight), (centre, width)) in psi.iter_mut().zip(&self.weights[at]).zip(own) {
@@ -181,7 +183,7 @@ pub fn deform(gaussians: &Gaussians, deformation: &Deformation, time: f32, featu
     deformed
 }
 
-/// As [`deform`], with ψ(t) already at hand and the memory from outside.
+/// Does the work of [`deform`] with a given ψ(t) and into memory of the caller.
 pub fn deform_by(
     gaussians: &Gaussians,
     deformation: &Deformation,
@@ -219,7 +221,7 @@ pub fn deform_by(
 }
 
 impl Deformed {
-    /// Makes room for `n` Gaussians; what is in it means nothing.
+    /// Makes room for `n` Gaussians; the contents have no meaning.
     fn resize(&mut self, n: usize) {
         self.means.resize(n, [0.0; 3]);
         self.rotations.resize(n, [0.0; 4]);

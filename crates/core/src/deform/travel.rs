@@ -1,11 +1,12 @@
-//! How far Gaussians move.
+//! Distances that Gaussians move.
 
 use super::{Deformation, deform};
 use crate::{camera::Camera, gaussian::Gaussians};
 use glam::Vec3;
 
-/// How far the centre of each Gaussian gets from where it is at the first of `times`, at the most, in pixels of `camera`: its way
-/// in the world times focal length by depth. 0 for what is not in front of the camera, and without times.
+/// Largest distance of each Gaussian's centre from its place at the first of `times`, in pixels of
+/// `camera`: the distance in the world times focal length by depth. 0 for Gaussians that are not in front
+/// of the camera, and if there are no times.
 pub fn travel_px(
     gaussians: &Gaussians,
     deformation: &Deformation,
@@ -26,7 +27,7 @@ pub fn travel_px(
         for ((travel, scale), (from, to)) in travel.iter_mut().zip(&px_per_unit).zip(start.iter().zip(&means))
         {
             let way = Vec3::from(*from).distance(Vec3::from(*to)) * scale;
-            // A way that is not a number does not count.
+            // `max` ignores a distance that is not a number.
             *travel = travel.max(way);
         }
     }
@@ -49,7 +50,7 @@ mod tests {
             ..Default::default()
         };
         let mut deformation = Deformation::at_rest(2, 0, 5, 0.05, 2.5);
-        // The last basis moves the second one to the right.
+        // The last basis moves the second Gaussian to the right.
         let stride = deformation.stride;
         deformation.weights[(4 * 2 + 1) * stride + MEAN_CHANNEL] = 2.0;
         let camera = Camera::with_field_of_view(100, 100, 90.0);

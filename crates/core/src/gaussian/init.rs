@@ -1,4 +1,4 @@
-//! The first Gaussians: pixels of training frames back-projected (method §2.1), each spot covered once.
+//! The first Gaussians: pixels of training frames, back-projected (method §2.1). Each spot is covered once.
 
 use super::{Gaussians, SH_C0};
 use crate::{camera::Camera, grid::Grid, num::logit};
@@ -11,37 +11,39 @@ use std::num::NonZeroUsize;
 /// A frame to seed from.
 #[derive(Debug)]
 pub struct SeedFrame {
-    /// The frame's camera.
+    /// Camera of the frame.
     pub camera: Camera,
-    /// Colours.
+    /// Colours of the frame.
     pub colour: RgbImage,
-    /// `true` = may be seeded.
+    /// Pixels that may be seeded: `true` = yes.
     pub mask: Grid<bool>,
     /// z in scene units, 0 where unknown; `None` without depth.
     pub depth: Option<Grid<f32>>,
 }
 
-/// How to place the first Gaussians.
+/// Placement of the first Gaussians.
 #[derive(Clone, Copy, Debug)]
 pub struct SeedSettings {
     /// Pixels between neighbours.
     pub spacing_px: f32,
-    /// Depth where it is unknown, scene units.
+    /// Depth of pixels of unknown depth, scene units.
     pub default_depth: f32,
-    /// Opacity of all.
+    /// Opacity of all Gaussians.
     pub opacity: f32,
-    /// Sizes from the distances to the three nearest neighbours (method §2.2) instead of from the spacing.
+    /// `true` to derive sizes from the distances to the three nearest neighbours (method §2.2) instead of
+    /// from the spacing.
     pub neighbour_sizes: bool,
-    /// D.
+    /// Latent numbers per Gaussian, D.
     pub latent_dim: usize,
     /// Spherical-harmonic degree.
     pub sh_degree: usize,
-    /// Of the places within the cells.
+    /// Seed of the places within the cells.
     pub seed: u64,
 }
 
-/// Places one Gaussian in every cell of `spacing_px`² pixels that is supervised and not yet covered by a Gaussian
-/// from an earlier frame. Pixels of unknown depth lie on the fronto-parallel plane at the default depth.
+/// Places one Gaussian in every cell of `spacing_px`² pixels that is supervised and not yet covered by a
+/// Gaussian from an earlier frame. Pixels of unknown depth lie on the fronto-parallel plane at the
+/// default depth.
 pub fn seed(frames: &[SeedFrame], settings: &SeedSettings) -> Gaussians {
     let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
     let mut gaussians =
@@ -59,16 +61,16 @@ pub fn seed(frames: &[SeedFrame], settings: &SeedSettings) -> Gaussians {
     gaussians
 }
 
-/// ½ ln of the mean squared distance to the three nearest neighbours, at least 1e-7.
+/// ½ ln of the mean squared distance to the three nearest neighbours; the mean is at least 1e-7.
 fn neighbour_log_scales(means: &[[f32; 3]]) -> Vec<[f32; 3]> {
     const SMALLEST: f32 = 1e-7;
     let Ok(tree) = ImmutableKdTree::<f32, 3>::new_from_slice(means) else {
-        // Nothing to build from.
+        // There are no points to build a tree from.
         return vec![[0.5 * SMALLEST.ln(); 3]; means.len()];
     };
     let count = NonZeroUsize::new(4).unwrap_or(NonZeroUsize::MIN);
     let log_scale = |mean: &[f32; 3]| {
-        // The nearest is the point itself.
+        // The nearest point is the point itself.
         let near = tree.query(mean).nearest_n::<SquaredEuclidean<f32>>(count).execute();
         let others = near.iter().skip(1).map(|n| n.distance);
         let mean = others.clone().sum::<f32>() / (others.count().max(1) as f32);
@@ -94,7 +96,7 @@ fn seed_frame(frame: &SeedFrame, settings: &SeedSettings, gaussians: &mut Gaussi
     }
     let covered = grown(&covered, columns, rows);
     for cell in (0..columns * rows).filter(|&c| !covered[c]) {
-        // Within the part of the cell that lies in the image.
+        // A place within the part of the cell that lies in the image.
         let at = |k: usize, jitter: f32, size: usize| {
             let start = k as f32 * spacing_px;
             let end = (start + spacing_px).min(size as f32);
@@ -108,7 +110,7 @@ fn seed_frame(frame: &SeedFrame, settings: &SeedSettings, gaussians: &mut Gaussi
     }
 }
 
-/// Cells next to a covered one count as covered, so that frames do not seed each other's gaps twice.
+/// Marks the neighbours of covered cells as covered too, so that frames do not seed each other's gaps twice.
 fn grown(covered: &[bool], columns: usize, rows: usize) -> Vec<bool> {
     let near = |c: usize| {
         let (x, y) = (c % columns, c / columns);
@@ -189,7 +191,7 @@ mod tests {
     fn sizes_follow_from_neighbours() {
         let means: Vec<[f32; 3]> = (0..9).map(|i| [(i % 3) as f32, (i / 3) as f32, 7.0]).collect();
         let sizes = neighbour_log_scales(&means);
-        // The middle has four neighbours at distance 1; a corner has two, and one at √2.
+        // The middle point has four neighbours at distance 1. A corner has two, and one at √2.
         assert!(sizes[4][0].abs() < 1e-6 && (sizes[0][0] - 0.5 * (4.0f32 / 3.0).ln()).abs() < 1e-6);
         assert!((neighbour_log_scales(&[[1.0; 3]; 5])[0][0] - 0.5 * 1e-7f32.ln()).abs() < 1e-4);
     }

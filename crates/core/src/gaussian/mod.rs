@@ -1,4 +1,4 @@
-//! The Gaussians at rest, structure of arrays.
+//! The Gaussians at rest, as a structure of arrays.
 
 pub mod init;
 
@@ -17,7 +17,7 @@ pub struct Gaussians {
     pub colours: Vec<[f32; 3]>,
     /// Higher bands, [N][bands][3] flat with bands = (degree + 1)² − 1; empty for degree 0.
     pub sh_rest: Vec<f32>,
-    /// 0..=3; 0 where the camera never moves.
+    /// Degree of the spherical harmonics, 0..=3; 0 if the camera never moves.
     pub sh_degree: usize,
     /// Latent features, [N][latent_dim] flat.
     pub features: Vec<f32>,
@@ -29,15 +29,15 @@ pub struct Gaussians {
 pub const SH_C0: f32 = 0.282_094_79;
 
 impl Gaussians {
-    /// How many Gaussians.
+    /// Returns the number of Gaussians.
     pub fn len(&self) -> usize {
         self.means.len()
     }
-    /// Whether there are none.
+    /// Returns `true` if there are no Gaussians.
     pub fn is_empty(&self) -> bool {
         self.means.is_empty()
     }
-    /// Spherical-harmonic bands above 0: (degree + 1)² − 1.
+    /// Number of spherical-harmonic bands above 0: (degree + 1)² − 1.
     pub fn sh_bands(&self) -> usize {
         (self.sh_degree + 1) * (self.sh_degree + 1) - 1
     }

@@ -1,10 +1,10 @@
-//! A mask as bits, 64 pixels a word: whole rows are eroded and dilated at once.
+//! A mask as bits, 64 pixels per word: many pixels are eroded and dilated at once.
 
 use super::Mask;
 use crate::grid::Grid;
 use rayon::prelude::*;
 
-/// Pixels in a word.
+/// Number of pixels in a word.
 const WORD: usize = u64::BITS as usize;
 
 /// The mask, row by row in whole words; bits beyond the last column are 0.
@@ -16,7 +16,7 @@ pub(crate) struct Bits {
 }
 
 impl Bits {
-    /// Of `width` × `height` pixels, those set that `is_set` says of their numbers.
+    /// Makes a mask of `width` × `height` pixels; `is_set` is asked for each pixel's index.
     pub(crate) fn of(width: usize, height: usize, is_set: impl Fn(usize) -> bool + Sync) -> Self {
         let words_per_row = width.div_ceil(WORD);
         let mut words = vec![0; words_per_row * height];
@@ -29,39 +29,39 @@ impl Bits {
         Self { width, words_per_row, words }
     }
 
-    /// The words of a row.
+    /// Words of a row.
     pub(crate) fn row(&self, y: usize) -> &[u64] {
         &self.words[y * self.words_per_row..(y + 1) * self.words_per_row]
     }
 
-    /// Whether a pixel is set.
+    /// Returns `true` if a pixel is set.
     pub(crate) fn has(&self, x: usize, y: usize) -> bool {
         self.words[y * self.words_per_row + x / WORD] >> (x % WORD) & 1 == 1
     }
 
-    /// Set pixels whose four neighbours are set too; what lies outside the image counts as set.
+    /// Pixels that are set and whose four neighbours are set too; everything outside the image counts as set.
     pub(crate) fn eroded(&self) -> Self {
         self.with_neighbours(u64::MAX, |a, b| a & b)
     }
 
-    /// Pixels that are set or have a neighbour that is.
+    /// Pixels that are set or have a neighbour that is set.
     pub(crate) fn dilated(&self) -> Self {
         self.with_neighbours(0, |a, b| a | b)
     }
 
-    /// Pixels set here and not there; both are of one size.
+    /// Pixels that are set here and not in `other`; both have the same size.
     pub(crate) fn without(&self, other: &Self) -> Self {
         let words = self.words.iter().zip(&other.words).map(|(a, b)| a & !b).collect();
         Self { words, ..*self }
     }
 
-    /// Pixels set in either; both are of one size.
+    /// Pixels that are set here or in `other`; both have the same size.
     pub(crate) fn or(&self, other: &Self) -> Self {
         let words = self.words.iter().zip(&other.words).map(|(a, b)| a | b).collect();
         Self { words, ..*self }
     }
 
-    /// Pixel by pixel.
+    /// Unpacks the bits into a mask.
     pub(crate) fn to_mask(&self) -> Mask {
         let height = self.words.len() / self.words_per_row.max(1);
         let mut mask = Grid::filled(self.width, height, false);
@@ -71,10 +71,10 @@ impl Bits {
         mask
     }
 
-    /// Joins each pixel with its neighbours; words outside the image are `outside`.
+    /// Combines each pixel with its neighbours; words outside the image are `outside`.
     fn with_neighbours(&self, outside: u64, join: impl Fn(u64, u64) -> u64 + Sync) -> Self {
         let (columns, rows) = (self.words_per_row, self.words.len() / self.words_per_row.max(1));
-        // The bits of a row's last word that are pixels.
+        // Mask of the bits in a row's last word that are pixels.
         let tail = u64::MAX >> ((WORD - self.width % WORD) % WORD);
         let inside = |k: usize| if k + 1 == columns { tail } else { u64::MAX };
         let word = |y: isize, k: isize| {
@@ -99,7 +99,7 @@ impl Bits {
     }
 }
 
-/// The numbers of the bits that are set in the words of a row.
+/// Indices of the bits that are set in the words of a row.
 pub(crate) fn set_bits(words: &[u64]) -> impl Iterator<Item = usize> {
     words.iter().enumerate().flat_map(|(k, &word)| {
         let mut left = word;

@@ -1,30 +1,30 @@
-//! The clean-up that a person asks for; the window and the exports do the same.
+//! Clean-up of masks at the user's request; the same for the window and the exports.
 
 use super::{Bits, Mask, fill_holes, remove_small, threshold};
 use crate::grid::Grid;
 use std::borrow::Cow;
 
-/// What is done to what a prompt found, in the order of the fields; the default does nothing.
+/// Steps of the clean-up of a prompt's mask, in the order of the fields. The default changes nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(default)]
 pub struct CleanUp {
-    /// Scores are the mean over this many frames before, this many after, and the frame itself.
+    /// Scores are the mean over the frame itself, this many frames before and this many after it.
     pub smooth_frames: usize,
     /// Holes of at most this area are filled, px.
     pub fill_holes_px: usize,
-    /// Connected parts of a smaller area go, px.
+    /// Connected parts of a smaller area are removed, px.
     pub min_area_px: usize,
-    /// How far the border moves outwards, px by city-block distance; inwards where negative.
+    /// Distance that the border moves outwards, px by city-block distance; negative moves it inwards.
     pub grow_px: i32,
 }
 
 impl CleanUp {
-    /// Whether masks stay as they are, to the bit.
+    /// Returns `true` if masks stay unchanged, to the bit.
     pub fn is_off(&self) -> bool {
         *self == Self::default()
     }
 
-    /// For pictures whose width and height are `share` of those it was made for.
+    /// Adapts the clean-up to pictures whose width and height are scaled by `share`.
     pub fn at_size(&self, share: f32) -> Self {
         let length = |px: f32| (px * share).round();
         let area = |px: usize| length(px as f32 * share) as usize;
@@ -36,7 +36,7 @@ impl CleanUp {
         }
     }
 
-    /// The mask without holes and specks, its border moved. The image's edge is no border.
+    /// Returns the mask without holes and specks, its border moved. The image's edge is no border.
     pub fn mask(&self, mask: &Mask) -> Mask {
         let mut mask = Cow::Borrowed(mask);
         if self.fill_holes_px > 0 {
@@ -47,7 +47,7 @@ impl CleanUp {
         }
         if self.grow_px != 0 {
             let bits = Bits::of(mask.width, mask.height, |i| mask.data[i]);
-            // Nothing is further away than that.
+            // No distance in the mask is larger than this.
             let steps = (self.grow_px.unsigned_abs() as usize).min(mask.width + mask.height);
             let step = |bits: Bits, _| if self.grow_px > 0 { bits.dilated() } else { bits.eroded() };
             mask = Cow::Owned((0..steps).fold(bits, step).to_mask());
@@ -55,8 +55,9 @@ impl CleanUp {
         mask.into_owned()
     }
 
-    /// Scores whose pixels above `threshold` are the cleaned mask: those of pixels that were added are just above it, those of
-    /// pixels that were taken away are at it. Where nothing was seen (0 or not a number) nothing is found.
+    /// Returns scores whose pixels above `threshold_score` are the cleaned mask. Scores of added pixels
+    /// are just above it, those of removed pixels are at it. Nothing is found at pixels that were not
+    /// seen (0 or not a number).
     pub fn scores<'a>(&self, scores: &'a Grid<f32>, threshold_score: f32) -> Cow<'a, Grid<f32>> {
         if (Self { smooth_frames: 0, ..*self }).is_off() {
             return Cow::Borrowed(scores);
@@ -73,14 +74,14 @@ impl CleanUp {
     }
 }
 
-/// The mean over time of the scores of a frame and of its neighbours, pixel by pixel. A pixel that was not seen (0 or not a
-/// number) on a neighbour does not count there; one that was not seen on the frame itself stays as it is. Neighbours of another
-/// size are left out.
+/// Mean over time of the scores of a frame and of its neighbours, pixel by pixel. A neighbour's pixel
+/// that was not seen (0 or not a number) does not count. A pixel that was not seen on the frame itself
+/// stays unchanged. Neighbours of another size are left out.
 pub fn mean_scores(frame: &Grid<f32>, neighbours: &[&Grid<f32>]) -> Grid<f32> {
     let size = (frame.width, frame.height);
     let neighbours: Vec<_> = neighbours.iter().filter(|n| (n.width, n.height) == size).collect();
     let mean = |(i, &own): (usize, &f32)| {
-        // Also true for not a number.
+        // Also true for NaN.
         if !(own > 0.0) {
             return own;
         }

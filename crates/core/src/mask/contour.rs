@@ -8,9 +8,12 @@ pub type Corner = (usize, usize);
 /// Steps along pixel edges, clockwise: right, down, left, up.
 const STEPS: [(isize, isize); 4] = [(1, 0), (0, 1), (-1, 0), (0, -1)];
 
-/// The closed lines around the `true` pixels, each with its corners only, the first not repeated at the end. The mask
-/// lies to the right of the way, so outer borders run clockwise as seen, those of holes the other way round: filled by
-/// either rule they give the mask back. Pixels that touch at a corner alone have lines of their own.
+/// Closed lines around the `true` pixels. Each consists of its corners only, and the first is not
+/// repeated at the end.
+///
+/// The mask lies to the right of the direction of travel: outer borders run clockwise as seen, those of
+/// holes counter-clockwise. Filling the lines by either fill rule gives the mask again. Pixels that touch
+/// only at a corner have lines of their own.
 pub fn contours(mask: &Mask) -> Vec<Vec<Corner>> {
     let mut edges = Edges::of(mask);
     let mut lines = Vec::new();
@@ -22,7 +25,7 @@ pub fn contours(mask: &Mask) -> Vec<Vec<Corner>> {
     lines
 }
 
-/// For each corner the steps that leave it, a bit each; those taken are cleared.
+/// Steps that leave each corner, one bit per step. Steps that were taken are cleared.
 struct Edges {
     columns: usize,
     leaving: Vec<u8>,
@@ -49,7 +52,7 @@ impl Edges {
         Self { columns, leaving }
     }
 
-    /// The line through the corner numbered `start`, its edges taken away.
+    /// Returns the line through the corner with index `start` and removes its edges.
     fn follow(&mut self, start: usize) -> Vec<Corner> {
         let mut line = Vec::new();
         let (mut at, mut last) = (start, None);
@@ -68,7 +71,8 @@ impl Edges {
         }
     }
 
-    /// Which way to go on; where two lines meet, the sharper right turn, which stays at the same pixel.
+    /// Chooses the next step. If two lines meet at a corner, it is the sharper right turn, which stays at
+    /// the same pixel.
     fn turn(&self, at: usize, last: Option<usize>) -> usize {
         let first = last.map_or(0, |step| step + 1);
         let ways = (0..4).map(|k| (first + 4 - k) % 4);
@@ -82,7 +86,7 @@ mod tests {
     use crate::grid::Grid;
     use proptest::prelude::*;
 
-    /// Twice the area to the right of the way.
+    /// Twice the area to the right of the line.
     fn doubled_area(line: &[Corner]) -> i64 {
         let next = line.iter().cycle().skip(1);
         let part = |(a, b): (&Corner, &Corner)| a.0 as i64 * b.1 as i64 - b.0 as i64 * a.1 as i64;

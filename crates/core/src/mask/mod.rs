@@ -1,4 +1,4 @@
-//! Masks from scores: threshold, outline, overlap, measures, and the clean-up that a person asks for.
+//! Masks from scores: threshold, outline, overlap, measures, and the clean-up at the user's request.
 
 mod bits;
 mod clean_up;
@@ -20,8 +20,9 @@ pub fn threshold(scores: &Grid<f32>, threshold: f32) -> Mask {
     scores.map(|&s| s > threshold)
 }
 
-/// One mask per score image, each pixel in at most one: where several are above their threshold,
-/// the highest score wins (the earlier one on a tie). Images of another size than the first get an empty mask.
+/// Makes one mask per score image, with each pixel in at most one of them. If a pixel is above several
+/// thresholds, the highest score wins (the earlier image on a tie). Images of another size than the first
+/// get an empty mask.
 pub fn exclusive(scores: &[&Grid<f32>], thresholds: &[f32]) -> Vec<Mask> {
     let Some((width, height)) = scores.first().map(|s| (s.width, s.height)) else { return Vec::new() };
     let mut masks = vec![Grid::filled(width, height, false); scores.len()];
@@ -40,17 +41,17 @@ pub fn exclusive(scores: &[&Grid<f32>], thresholds: &[f32]) -> Vec<Mask> {
     masks
 }
 
-/// `true` within `width_px` inside the border of the mask (4-neighbourhood, image border excluded):
-/// the pixels that `width_px` erosions would take away.
+/// Band of `width_px` inside the border of the mask (4-neighbourhood, image border excluded): the pixels
+/// that `width_px` erosions would take away.
 pub fn outline(mask: &Mask, width_px: usize) -> Mask {
     let bits = Bits::of(mask.width, mask.height, |i| mask.data[i]);
-    // No pixel is further from the border than that.
+    // No pixel is further from the border than this.
     let erosions = width_px.min(mask.width + mask.height);
     let inside = (0..erosions).fold(bits.clone(), |bits, _| bits.eroded());
     bits.without(&inside).to_mask()
 }
 
-/// |a ∩ b| / |a ∪ b|; `None` when both are empty or their sizes differ.
+/// |a ∩ b| / |a ∪ b|; `None` if both are empty or their sizes differ.
 pub fn iou(a: &Mask, b: &Mask) -> Option<f64> {
     if (a.width, a.height) != (b.width, b.height) {
         return None;
@@ -70,13 +71,13 @@ pub struct PixelRect {
     pub x: usize,
     /// Topmost row.
     pub y: usize,
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
 }
 
-/// The smallest rectangle around the `true` pixels; `None` for an empty mask.
+/// Smallest rectangle around the `true` pixels; `None` for an empty mask.
 pub fn bounding_box(mask: &Mask) -> Option<PixelRect> {
     let mut corners: Option<[usize; 4]> = None;
     for (i, _) in mask.data.iter().enumerate().filter(|(_, v)| **v) {
@@ -87,7 +88,7 @@ pub fn bounding_box(mask: &Mask) -> Option<PixelRect> {
     corners.map(|[x0, y0, x1, y1]| PixelRect { x: x0, y: y0, width: x1 - x0 + 1, height: y1 - y0 + 1 })
 }
 
-/// Drops connected parts (8-neighbourhood) of fewer than `min_area_px` pixels.
+/// Removes connected parts (8-neighbourhood) of fewer than `min_area_px` pixels.
 pub fn remove_small(mask: &Mask, min_area_px: usize) -> Mask {
     let mut kept = mask.clone();
     for part in parts(mask, true, true).into_iter().filter(|p| p.pixels.len() < min_area_px) {
@@ -96,7 +97,8 @@ pub fn remove_small(mask: &Mask, min_area_px: usize) -> Mask {
     kept
 }
 
-/// Fills holes (4-neighbourhood) of at most `max_area_px` pixels; what touches the image border is no hole.
+/// Fills holes (4-neighbourhood) of at most `max_area_px` pixels. Parts that touch the image border are
+/// no holes.
 pub fn fill_holes(mask: &Mask, max_area_px: usize) -> Mask {
     let mut filled = mask.clone();
     let is_hole = |p: &Part| !p.touches_border && p.pixels.len() <= max_area_px;
@@ -112,7 +114,7 @@ struct Part {
     touches_border: bool,
 }
 
-/// The connected parts of pixels equal to `value`, in order of their first pixel.
+/// Connected parts of pixels equal to `value`, in order of their first pixel.
 fn parts(mask: &Mask, value: bool, diagonal: bool) -> Vec<Part> {
     const STEPS: [(isize, isize); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)];
     let steps = &STEPS[..if diagonal { 8 } else { 4 }];

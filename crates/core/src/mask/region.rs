@@ -1,26 +1,26 @@
-//! What was found on a frame, in numbers.
+//! Measures of the region that was found on a frame.
 
 use super::Mask;
 use crate::grid::Grid;
 
-/// How much of an image a prompt covers, where, and how well it scores.
+/// Area, place and score of the region that a prompt covers on an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Region {
-    /// Found pixels.
+    /// Number of found pixels.
     pub area_px: usize,
     /// Their share of the image, 0–1; 0 for an empty image.
     pub area_fraction: f64,
-    /// Mean score of the found pixels; `None` where nothing was found.
+    /// Mean score of the found pixels; `None` if nothing was found.
     pub mean_score: Option<f64>,
-    /// Highest score of the whole image, found or not; NaN does not count, 0 if there is nothing else.
+    /// Highest score of the whole image, found or not. NaN does not count; 0 if there is nothing else.
     pub max_score: f32,
-    /// Mean place of the found pixels, x to the right and y down from the image's upper left corner; the middle of the
-    /// first pixel is at (0.5, 0.5). `None` where nothing was found.
+    /// Mean place of the found pixels, x to the right and y down from the image's upper left corner. The
+    /// middle of the first pixel is at (0.5, 0.5). `None` if nothing was found.
     pub centroid_px: Option<[f64; 2]>,
 }
 
 impl Region {
-    /// Measures `mask` on the `scores` it was made from, which have its size.
+    /// Measures `mask` on the `scores` it was made from, which have the same size.
     pub fn of(scores: &Grid<f32>, mask: &Mask) -> Self {
         let (mut area_px, mut score, mut x, mut y) = (0_usize, 0.0, 0.0, 0.0);
         for (i, s) in

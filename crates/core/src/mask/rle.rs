@@ -2,7 +2,7 @@
 
 use super::Mask;
 
-/// Lengths of the runs, `false` and `true` in turn; the first is 0 where the mask begins with `true`.
+/// Lengths of the runs, alternating `false` and `true`; the first is 0 if the mask begins with `true`.
 pub fn column_runs(mask: &Mask) -> Vec<u32> {
     let mut runs = vec![0];
     let mut value = false;
@@ -20,8 +20,9 @@ pub fn column_runs(mask: &Mask) -> Vec<u32> {
     runs
 }
 
-/// The text form of run lengths that COCO calls compressed: from the third on each is the difference to the one two
-/// before it; five bits a letter, the lowest first, the sixth bit says that more follow, `0` is no bit set.
+/// Text form of run lengths that COCO calls compressed. From the fourth on, each length is stored as the
+/// difference from the one two before it. Each letter holds five bits, the lowest first. A sixth bit says
+/// that more letters follow. `0` stands for no bit set.
 pub fn compressed(runs: &[u32]) -> String {
     let mut text = String::new();
     for (i, &run) in runs.iter().enumerate() {
@@ -30,7 +31,7 @@ pub fn compressed(runs: &[u32]) -> String {
         loop {
             let bits = (left & 31) as u8;
             left >>= 5;
-            // The fifth bit is the sign of what is left.
+            // The fifth bit is the sign of the rest.
             let is_last = left == if bits & 16 == 0 { 0 } else { -1 };
             text.push(char::from(b'0' + bits + if is_last { 0 } else { 32 }));
             if is_last {
@@ -41,7 +42,7 @@ pub fn compressed(runs: &[u32]) -> String {
     text
 }
 
-/// The inverse of [`compressed`]; `None` for a text that it does not make.
+/// Inverse of [`compressed`]; `None` for a text that it does not make.
 pub fn decompressed(text: &str) -> Option<Vec<u32>> {
     let mut runs: Vec<i64> = Vec::new();
     let (mut value, mut shift) = (0_i64, 0);
@@ -66,7 +67,7 @@ pub fn decompressed(text: &str) -> Option<Vec<u32>> {
     if shift == 0 { runs } else { None }
 }
 
-/// The inverse of [`column_runs`]; `None` where the runs are not as long as an image of that size.
+/// Inverse of [`column_runs`]; `None` if the sum of the runs is not the number of pixels.
 pub fn from_column_runs(width: usize, height: usize, runs: &[u32]) -> Option<Mask> {
     let total: u64 = runs.iter().map(|run| u64::from(*run)).sum();
     if total != (width * height) as u64 {
@@ -94,7 +95,7 @@ mod tests {
         Grid::from_vec(width, height, (0..width * height).map(|i| is_set(i % width, i / width)).collect())
     }
 
-    /// The texts are what pycocotools 2.0.11 makes of these masks; `tests/oracle` prints them.
+    /// The texts are those that pycocotools 2.0.11 makes of these masks; `tests/oracle` prints them.
     #[test]
     fn the_compressed_form_is_that_of_pycocotools() {
         let texts = [

@@ -1,9 +1,10 @@
-//! From gradients of the images to gradients of the splats: a front-to-back replay per tile into one slot per
-//! splat–tile pair, then a gather in fixed order. No atomics, so the sums are the same for any thread count.
+//! From gradients of the images to gradients of the splats. Each tile replays its splats front to back
+//! and writes one slot per splat–tile pair. The slots are then summed in fixed order. There are no
+//! atomics, so the sums are the same for any thread count.
 //!
-//! Per pixel the replay needs two numbers whatever the channels: transmittance T and
-//! `rest` = Σ over the splats not yet visited of wⱼ (cⱼ · g), which starts as (image · g). Then
-//! ∂L/∂αᵢ = Tᵢ (cᵢ · g) − rest / (1 − αᵢ).
+//! For any number of channels the replay needs two numbers per pixel: transmittance T and `rest` = Σ over
+//! the splats not yet visited of wⱼ (cⱼ · g), which starts as (image · g). Then ∂L/∂αᵢ = Tᵢ (cᵢ · g) −
+//! rest / (1 − αᵢ).
 
 use super::{
     ALPHA_PLANE, FEATURE_PLANE, Images, MAX_ALPHA, MIN_TRANSMITTANCE, TILE,
@@ -20,10 +21,11 @@ use fearless_simd_macros::simd;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Floats of a slot before its channels: moments 1, x, y, xx, xy, yy of ∂L/∂(exponent) about the splat's centre.
+/// Floats of a slot before its channels: the moments 1, x, y, xx, xy, yy of ∂L/∂(exponent) about the
+/// splat's centre.
 const MOMENTS: usize = 6;
 
-/// Floats of a slot.
+/// Number of floats of a slot.
 fn slot_width(channels: usize) -> usize {
     (MOMENTS + channels).next_multiple_of(LANES)
 }
@@ -39,7 +41,7 @@ pub fn raster_backward(
     raster_backward_with(splats, packed, bins, images, g_planes, &mut Vec::new())
 }
 
-/// As [`raster_backward`], with the memory for the slots from outside.
+/// Does the work of [`raster_backward`] with the caller's memory for the slots.
 pub fn raster_backward_with(
     splats: &[Splat<f32>],
     packed: &Packed,
@@ -84,7 +86,8 @@ struct Job<'a> {
 struct Scratch {
     /// Packed splats of the tile.
     local: Vec<f32>,
-    /// Per block: gradient of each blended channel, then of alpha; then T and `rest`. [BLOCKS][channels + 3][LANES].
+    /// State of each block: gradient of each blended channel, then of alpha; then T and `rest`.
+    /// [BLOCKS][channels + 3][LANES].
     state: Vec<f32>,
 }
 
@@ -110,7 +113,7 @@ fn replay_strip<S: Simd, const CHANNELS: usize>(
     }
 }
 
-/// Loads the gradients of a tile and starts its state; returns the blocks that have any, as bits.
+/// Loads the gradients of a tile and starts its state. Returns a bit for each block that has gradients.
 fn load_tile<const CHANNELS: usize>(
     job: &Job<'_>,
     scratch: &mut Scratch,
@@ -147,7 +150,7 @@ fn load_tile<const CHANNELS: usize>(
         }
         state[(CHANNELS + 1) * LANES..(CHANNELS + 2) * LANES].fill(1.0);
         state[(CHANNELS + 2) * LANES..].copy_from_slice(&rest);
-        // Not `largest > 0`: NaN must reach the gradients, where it is found.
+        // Not `largest > 0`: NaN must reach the gradients, so that it is noticed there.
         live |= u32::from(largest.iter().zip(&rest).any(|(g, r)| *g != 0.0 || r.is_nan())) << block;
     }
     live
@@ -165,7 +168,7 @@ fn replay_tile<S: Simd, const CHANNELS: usize>(
     let centres: [f32x8<S>; HALVES] = [pixel_centres(simd, tile_x, 0), pixel_centres(simd, tile_x, 1)];
     let mut out = slots.chunks_exact_mut(slot_width(CHANNELS));
     for s in scratch.local.chunks_exact(stride) {
-        // Nothing supervised, or nothing seen through what is in front.
+        // No pixel is supervised, or all are covered by the splats in front.
         if live == 0 {
             break;
         }
@@ -195,8 +198,9 @@ impl<S: Simd, const CHANNELS: usize> Sums<S, CHANNELS> {
     }
 }
 
-/// Adds one splat's sums over the rows of one half of a tile; `dx` from its centre. Two loops, so that neither runs
-/// out of registers: weights and ∂L/∂(exponent) of each row first, then the sums.
+/// Adds one splat's sums over the rows of one half of a tile; `dx` is the distance from its centre. There
+/// are two loops, so that neither runs out of registers: the first computes weights and ∂L/∂(exponent) of
+/// each row, the second the sums.
 #[simd]
 #[expect(clippy::too_many_arguments, reason = "one tile's state in separate pieces, for the registers' sake")]
 fn replay_half<S: Simd, const CHANNELS: usize>(
@@ -247,7 +251,8 @@ fn replay_half<S: Simd, const CHANNELS: usize>(
     }
 }
 
-/// Replays one splat on one block: its weights, ∂L/∂(exponent), and whether a pixel of the block goes on.
+/// Replays one splat on one block. Returns its weights, ∂L/∂(exponent), and `true` if any pixel of the
+/// block goes on.
 #[simd]
 fn replay_row<S: Simd, const CHANNELS: usize>(
     simd: S,
@@ -277,7 +282,7 @@ fn replay_row<S: Simd, const CHANNELS: usize>(
     let rest = f32x8::from_slice(simd, rests) - weight * value;
     rest.store_slice(rests);
     let g_alpha = transmittance * value - rest / (1.0 - alpha);
-    // No gradient through a clamped alpha, nor where the pixel had stopped.
+    // There is no gradient through a clamped alpha, nor at a pixel that has stopped.
     let counts = goes_on & raw.simd_le(MAX_ALPHA);
     (weight, counts.select(g_alpha * alpha, zero), goes_on.any_true())
 }
@@ -294,10 +299,10 @@ fn reduce_into<S: Simd, const CHANNELS: usize>(simd: S, sums: Sums<S, CHANNELS>,
     }
 }
 
-/// Lane k of the result is the sum over the lanes of `v[k]`.
+/// Transposes and sums: lane k of the result is the sum over the lanes of `v[k]`.
 #[simd]
 fn transpose_sum<S: Simd>(simd: S, v: [f32x8<S>; LANES]) -> f32x8<S> {
-    // Interleaving a and b halves what is left to add; pairing k with k + half keeps the order.
+    // Interleaving a and b halves the number of vectors to add. Pairing k with k + half keeps the order.
     let mut level = v;
     let mut half = LANES / 2;
     while half > 0 {
@@ -311,8 +316,9 @@ fn transpose_sum<S: Simd>(simd: S, v: [f32x8<S>; LANES]) -> f32x8<S> {
     level[0]
 }
 
-/// Sums the slots of each splat, in the order of its tiles, into gradients. Every thread walks all pairs and takes
-/// those of its own splats: cheaper than an index from splats to pairs, and the order of the sums is the same.
+/// Sums the slots of each splat, in the order of its tiles, into gradients. Every thread walks over all
+/// pairs and takes those of its own splats. That is cheaper than an index from splats to pairs, and the
+/// order of the sums is the same.
 fn gather(
     splats: &[Splat<f32>],
     bins: &Bins,
@@ -346,7 +352,7 @@ fn gather(
     (g_splats.concat(), g_features.concat())
 }
 
-/// The moments are linear in what they came from.
+/// Gradient of a splat from its sums; the moments are linear in the gradients that they sum up.
 fn splat_gradient(splat: &Splat<f32>, sum: &[f32]) -> SplatGradient<f32> {
     let [m, mx, my, mxx, mxy, myy] = [sum[0], sum[1], sum[2], sum[3], sum[4], sum[5]];
     let [a, b, c] = splat.conic;

@@ -1,4 +1,4 @@
-//! Which splats touch which tiles, front to back; twin of `shaders/bin.wgsl` and the sort.
+//! Assignment of splats to the tiles they touch, front to back; twin of `shaders/bin.wgsl` and the sort.
 
 use super::{MIN_ALPHA, TILE, project::Splat};
 use rayon::prelude::*;
@@ -6,9 +6,9 @@ use rayon::prelude::*;
 /// Splat–tile pairs sorted by tile, then depth (ties by index).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Bins {
-    /// Tiles along x.
+    /// Number of tiles along x.
     pub columns: usize,
-    /// Tiles along y.
+    /// Number of tiles along y.
     pub rows: usize,
     /// Pairs of tile k are `first[k]..first[k + 1]`; `columns * rows + 1` values.
     pub first: Vec<u32>,
@@ -24,13 +24,13 @@ impl Bins {
     }
 }
 
-/// Tile columns touched by a splat's ellipse in one tile row, by row; see [`tile_spans`].
+/// Row of tiles and the columns in it that a splat's ellipse touches; see [`tile_spans`].
 pub type Span = (usize, std::ops::Range<usize>);
 
-/// The exact set of tiles whose pixel centres' rectangle meets the ellipse alpha ≥ [`MIN_ALPHA`], row by row.
+/// Exact set of tiles, row by row, whose pixel centres' rectangle meets the ellipse alpha ≥ [`MIN_ALPHA`].
 ///
 /// In a band of rows the ellipse reaches furthest right at its rightmost point if that lies in the band,
-/// else at the band's edge nearest to it; furthest left likewise.
+/// else at the band's edge nearest to it; the same holds for the left.
 pub fn tile_spans(splat: &Splat<f32>, columns: usize, rows: usize) -> impl Iterator<Item = Span> + use<> {
     let splat = *splat;
     let [a, b, c] = splat.conic;
@@ -38,7 +38,7 @@ pub fn tile_spans(splat: &Splat<f32>, columns: usize, rows: usize) -> impl Itera
     let determinant = a * c - b * b;
     let [ex, ey] = splat.extent;
     let [mx, my] = splat.centre;
-    // dy at the rightmost point; the leftmost one is opposite.
+    // dy at the rightmost point; the leftmost point is opposite.
     let dy_right = -b / c * ex;
     let edge = move |dy: f32, side: f32| {
         let inside = (cut * a - determinant * dy * dy).max(0.0).sqrt();
@@ -70,7 +70,7 @@ fn tile_range(low: f32, high: f32, tiles: usize) -> std::ops::Range<usize> {
 pub fn bin(splats: &[Splat<f32>], width: usize, height: usize) -> Bins {
     let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
     let order = depth_order(splats);
-    // Each piece of the depth order is spread over tile rows, then each tile row over its columns.
+    // Each piece of the depth order is distributed over tile rows, then each tile row over its columns.
     let pieces: Vec<Vec<Vec<RowEntry>>> = order
         .par_chunks(ORDER_PIECE)
         .map(|piece| {
@@ -100,10 +100,10 @@ pub fn bin(splats: &[Splat<f32>], width: usize, height: usize) -> Bins {
     Bins { columns, rows, first, splat }
 }
 
-/// Splats of the depth order that one task spreads over tile rows.
+/// Number of splats of the depth order that one task distributes over tile rows.
 const ORDER_PIECE: usize = 4096;
 
-/// The tile columns of one row that a splat touches.
+/// A splat and the tile columns of one row that it touches.
 #[derive(Clone, Copy)]
 struct RowEntry {
     splat: u32,
@@ -111,7 +111,7 @@ struct RowEntry {
     end: u16,
 }
 
-/// Pairs in each tile of a row, and the pairs, tile by tile in the order of the entries.
+/// Number of pairs in each tile of a row, and the pairs, tile by tile in the order of the entries.
 fn bin_row<'a, I: Iterator<Item = &'a RowEntry>>(
     columns: usize,
     entries: impl Fn() -> I,

@@ -20,7 +20,7 @@ pub fn raster(packed: &Packed, bins: &Bins, width: usize, height: usize) -> Imag
     images
 }
 
-/// As [`raster`], into images whose size is given and whose memory is used again.
+/// Does the work of [`raster`] into images whose size is given and whose memory is reused.
 pub fn raster_into(packed: &Packed, bins: &Bins, images: &mut Images) {
     let num_planes = FEATURE_PLANE + packed.latent_dim;
     let (width, height) = (images.width, images.height);
@@ -32,7 +32,7 @@ pub fn raster_into(packed: &Packed, bins: &Bins, images: &mut Images) {
     });
 }
 
-/// Per tile row, the part of every plane it owns.
+/// Splits every plane into the parts of the tile rows.
 fn tile_strips(planes: &mut [f32], num_planes: usize, width: usize, height: usize) -> Vec<Vec<&mut [f32]>> {
     let mut strips: Vec<Vec<&mut [f32]>> =
         (0..height.div_ceil(TILE)).map(|_| Vec::with_capacity(num_planes)).collect();
@@ -44,7 +44,7 @@ fn tile_strips(planes: &mut [f32], num_planes: usize, width: usize, height: usiz
     strips
 }
 
-/// One row of tiles.
+/// Memory of one row of tiles.
 struct StripRow<'a> {
     packed: &'a Packed,
     bins: &'a Bins,
@@ -59,7 +59,7 @@ struct Scratch {
     local: Vec<f32>,
     /// Offsets into `local` of the splats that reach each block, front to back: [BLOCKS][splats of the tile].
     reaching: Vec<u32>,
-    /// How many reach it.
+    /// Number of splats that reach each block.
     counts: [usize; BLOCKS],
 }
 
@@ -128,7 +128,7 @@ fn raster_strip<S: Simd, const CHANNELS: usize>(
     }
 }
 
-/// The pixels of one block: blended channels, then alpha. Accumulators stay in registers.
+/// Blends the pixels of one block: blended channels, then alpha. Accumulators stay in registers.
 #[simd]
 fn blend_block<S: Simd, const CHANNELS: usize>(
     simd: S,
@@ -148,7 +148,7 @@ fn blend_block<S: Simd, const CHANNELS: usize>(
         let alpha = reached.select(exp2(simd, log2).min(MAX_ALPHA), zero);
         let weight = alpha * transmittance;
         let next = transmittance - weight;
-        // A pixel stops for good when its transmittance would fall too low.
+        // A pixel stops for good if its transmittance would fall too low.
         let goes_on = next.simd_ge(MIN_TRANSMITTANCE);
         let weight = goes_on.select(weight, zero);
         transmittance = goes_on.select(next, zero);

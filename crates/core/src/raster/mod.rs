@@ -1,4 +1,4 @@
-//! From Gaussians at time t to images: project → bin → raster, with the gradients of all of it.
+//! From Gaussians at time t to images: project → bin → raster, with the gradients of all three.
 
 pub mod backward;
 pub mod bin;
@@ -17,30 +17,30 @@ pub use tile::Packed;
 use crate::{camera::Camera, deform::Deformed, gaussian::Gaussians, grid::Grid};
 use rayon::prelude::*;
 
-/// Tile edge in pixels.
+/// Edge of a tile, px.
 pub const TILE: usize = 16;
 /// Gaussians nearer than this (scene units) are culled.
 pub const NEAR: f32 = 0.2;
-/// Added to the diagonal of the 2-D covariance (px²).
+/// Blur that is added to the diagonal of the 2-D covariance (px²).
 pub const DILATION: f32 = 0.3;
-/// Contributions below this are skipped.
+/// Smallest alpha of a contribution; smaller ones are skipped.
 pub const MIN_ALPHA: f32 = 1.0 / 255.0;
-/// Alpha is kept below this, so that transmittance never reaches zero.
+/// Largest alpha, so that transmittance never reaches zero.
 pub const MAX_ALPHA: f32 = 0.99;
-/// A pixel stops when its transmittance would fall below this.
+/// Smallest transmittance; a pixel stops before it would fall below this.
 pub const MIN_TRANSMITTANCE: f32 = 1e-4;
-/// The EWA Jacobian is evaluated within this multiple of the image's half-extent.
+/// Guard of the EWA Jacobian, which is evaluated within this multiple of the image's half-extent.
 pub const FRUSTUM_GUARD: f32 = 1.3;
 
-/// Pixels with less accumulated opacity have no depth to show.
+/// Smallest accumulated opacity of a pixel whose depth is shown.
 pub const MIN_DEPTH_ALPHA: f32 = 0.5;
 
-/// A visible splat's half extents are at least this (px): 0 means culled.
+/// Smallest half extent of a visible splat (px); 0 means culled.
 pub const MIN_EXTENT: f32 = 1e-6;
 
-/// Planes of [`Images`], in order; features follow.
+/// Depth plane of [`Images`]; the colours come before it, the features follow alpha.
 pub const DEPTH_PLANE: usize = 3;
-/// Accumulated opacity Σw = 1 − T.
+/// Plane of the accumulated opacity Σw = 1 − T.
 pub const ALPHA_PLANE: usize = 4;
 /// First feature plane.
 pub const FEATURE_PLANE: usize = 5;
@@ -48,11 +48,11 @@ pub const FEATURE_PLANE: usize = 5;
 /// Rendered images of one view, plane after plane: r, g, b (0–1, may overshoot), Σ w z, alpha, features.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Images {
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
-    /// `planes[k * width * height + y * width + x]`.
+    /// Values of all planes: `planes[k * width * height + y * width + x]`.
     pub planes: Vec<f32>,
 }
 
@@ -66,7 +66,7 @@ impl Images {
     pub fn latent_dim(&self) -> usize {
         (self.planes.len() / (self.width * self.height).max(1)).saturating_sub(FEATURE_PLANE)
     }
-    /// 8-bit sRGB picture.
+    /// Converts the colours to an 8-bit sRGB picture.
     pub fn to_rgb(&self) -> image::RgbImage {
         let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
         let mut picture = image::RgbImage::new(self.width as u32, self.height as u32);
@@ -78,7 +78,7 @@ impl Images {
         }
         picture
     }
-    /// Depth divided by accumulated opacity; 0 where alpha is below `min_alpha`.
+    /// Depth divided by accumulated opacity; 0 if alpha is below `min_alpha`.
     pub fn normalised_depth(&self, min_alpha: f32) -> Grid<f32> {
         let depth = self.plane(DEPTH_PLANE).iter().zip(self.plane(ALPHA_PLANE));
         Grid::from_vec(
@@ -89,7 +89,7 @@ impl Images {
     }
 }
 
-/// Project → bin → raster of Gaussians already at time t; features if `deformed` has them.
+/// Runs project → bin → raster for Gaussians already at time t; renders features if `deformed` has them.
 pub fn render_deformed(gaussians: &Gaussians, deformed: &Deformed, camera: &Camera) -> Images {
     let (width, height) = (camera.width as usize, camera.height as usize);
     let splats = project::project_all(gaussians, deformed, camera);

@@ -1,11 +1,11 @@
-//! What is at one pixel; twin of `shaders/pick.wgsl`.
+//! The Gaussian at one pixel; twin of `shaders/pick.wgsl`.
 
 use super::{MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE, TILE, bin::Bins, project::Splat};
 
-/// The Gaussian that adds most to a pixel.
+/// The Gaussian that contributes most to a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pick {
-    /// Its number in the scene.
+    /// Index of the Gaussian in the scene.
     pub gaussian: usize,
     /// Its share of the pixel, 0–1.
     pub weight: f32,
@@ -13,7 +13,7 @@ pub struct Pick {
     pub depth: f32,
 }
 
-/// What is at column `x`, row `y`; `None` outside the picture and where nothing adds anything.
+/// Returns the Gaussian at column `x`, row `y`; `None` outside the picture and if nothing contributes.
 pub fn pick(splats: &[Splat<f32>], bins: &Bins, [x, y]: [usize; 2]) -> Option<Pick> {
     let (tile_x, tile_y) = (x / TILE, y / TILE);
     if tile_x >= bins.columns || tile_y >= bins.rows {

@@ -1,4 +1,5 @@
-//! One Gaussian at time t onto the image plane (method §4.1–4.2); twin of `shaders/project.wgsl`.
+//! Projection of one Gaussian at time t onto the image plane (method §4.1–4.2); twin of
+//! `shaders/project.wgsl`.
 
 use super::{DILATION, FRUSTUM_GUARD, MIN_ALPHA, MIN_EXTENT, NEAR, sh};
 use crate::{
@@ -11,7 +12,7 @@ use crate::{
     },
 };
 
-/// A camera in the shape the formulas need.
+/// A camera in the form that the formulas need.
 #[derive(Clone, Copy, Debug)]
 pub struct View<T> {
     rotation: Matrix<T, 3, 3>,
@@ -24,7 +25,7 @@ pub struct View<T> {
 }
 
 impl<T: Real> View<T> {
-    /// Reads a camera.
+    /// Makes a view of a camera.
     pub fn new(camera: &Camera) -> Self {
         let (m, t) = (camera.camera_from_world.matrix3, camera.camera_from_world.translation);
         let position = camera.position_in_world();
@@ -51,9 +52,9 @@ pub struct Splat<T> {
     pub centre: Vector<T, 2>,
     /// Inverse 2-D covariance: (xx, xy, yy), px⁻².
     pub conic: Vector<T, 3>,
-    /// z in the camera, scene units.
+    /// Depth: z in the camera, scene units.
     pub depth: T,
-    /// 0–1.
+    /// Opacity, 0–1.
     pub opacity: T,
     /// Colour seen from the camera, ≥ 0.
     pub colour: Vector<T, 3>,
@@ -62,14 +63,14 @@ pub struct Splat<T> {
 }
 
 impl<T: Real> Splat<T> {
-    /// Whether anything of it can be seen.
+    /// Returns `true` if any part of it can be seen.
     pub fn is_visible(&self) -> bool {
         self.extent[0] > T::zero()
     }
 }
 
 impl Splat<f32> {
-    /// The same in f64, for the twins.
+    /// Returns the splat in f64, for the twins.
     pub fn widened(&self) -> Splat<f64> {
         Splat {
             centre: self.centre.map(f64::from),
@@ -82,7 +83,7 @@ impl Splat<f32> {
     }
 }
 
-/// Gradients with respect to what the raster pass reads of a splat.
+/// Gradients with respect to the values of a splat that the raster pass reads.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SplatGradient<T> {
     /// ∂L/∂centre, per px.
@@ -97,27 +98,28 @@ pub struct SplatGradient<T> {
     pub colour: Vector<T, 3>,
 }
 
-/// Which pixels of an image are rendered: every `step`-th along both axes, from `first` on. The pixels themselves
-/// stay what they are, so that a few of them teach what all would.
+/// Choice of the pixels of an image that are rendered: every `step`-th along both axes, starting at
+/// `first`. A rendered pixel has the same value as in the full image, so that a sample can be trained on
+/// in place of all pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sampling {
-    /// ≥ 1.
+    /// Distance between rendered pixels, ≥ 1.
     pub step: usize,
-    /// Column and row of the first, < step.
+    /// Column and row of the first pixel, < step.
     pub first: [usize; 2],
 }
 
 impl Sampling {
-    /// Every pixel.
+    /// Renders every pixel.
     pub const ALL: Self = Self { step: 1, first: [0, 0] };
 
-    /// Columns and rows rendered of an image of `width × height`.
+    /// Number of columns and rows that are rendered of an image of `width × height`.
     pub fn size(&self, width: usize, height: usize) -> (usize, usize) {
         let count = |size: usize, first: usize| size.saturating_sub(first).div_ceil(self.step);
         (count(width, self.first[0]), count(height, self.first[1]))
     }
 
-    /// The splat on the grid of the rendered pixels.
+    /// Moves the splat to the grid of the rendered pixels.
     pub fn apply<T: Real>(&self, splat: &mut Splat<T>) {
         let step = T::of(self.step as f64);
         for (axis, first) in self.first.into_iter().enumerate() {
@@ -128,7 +130,7 @@ impl Sampling {
         splat.conic = splat.conic.map(|c| c * step * step);
     }
 
-    /// The gradient with respect to the splat, given that with respect to the splat on the grid.
+    /// Converts the gradient with respect to the splat on the grid to that with respect to the splat.
     pub fn apply_backward<T: Real>(&self, g: &mut SplatGradient<T>) {
         let step = T::of(self.step as f64);
         g.centre = g.centre.map(|v| v / step);
@@ -155,10 +157,11 @@ pub struct Geometry<T> {
     pub scale: Vector<T, 3>,
 }
 
-/// What forward and backward share: camera point, Jacobian and the 2×3 square root U of the covariance.
+/// Intermediate values for forward and backward: camera point, Jacobian and the 2×3 square root U of the
+/// covariance.
 struct Footprint<T> {
     point: Vector<T, 3>,
-    /// x/z and y/z within the guard, and whether each was inside it.
+    /// x/z and y/z, clamped to the guard, each with `true` if it was inside.
     slope: [(T, bool); 2],
     jacobian_world: Matrix<T, 2, 3>,
     oriented: Matrix<T, 2, 3>,
@@ -169,7 +172,7 @@ impl<T: Real> Footprint<T> {
     fn new(view: &View<T>, geometry: &Geometry<T>) -> Option<Self> {
         let rotated = transform(&view.rotation, geometry.mean);
         let point: Vector<T, 3> = std::array::from_fn(|i| rotated[i] + view.translation[i]);
-        // Written so that NaN fails too.
+        // Negated so that NaN fails too.
         if !(point[2] > T::from_f32(NEAR)) || !point.iter().all(|v| v.is_finite()) {
             return None;
         }
@@ -189,13 +192,13 @@ impl<T: Real> Footprint<T> {
         Some(Self { point, slope, jacobian_world, oriented, root })
     }
 
-    /// 2-D covariance (xx, xy, yy) with the pixel's own blur.
+    /// 2-D covariance (xx, xy, yy), including the pixel's own blur.
     fn covariance(&self) -> Vector<T, 3> {
         let [u, v] = self.root;
         [dot(u, u) + T::from_f32(DILATION), dot(u, v), dot(v, v) + T::from_f32(DILATION)]
     }
 
-    /// Its determinant, as a sum of positive numbers: xx yy − xy² would cancel for needles.
+    /// Determinant of the covariance, as a sum of positive numbers: xx yy − xy² would cancel for needles.
     fn determinant(&self) -> T {
         let ([u, v], blur) = (self.root, T::from_f32(DILATION));
         let across: Vector<T, 3> = std::array::from_fn(|i| {
@@ -260,7 +263,8 @@ pub fn project_backward<T: Real>(
     }
 }
 
-/// From the conic to U: C = Σ⁻¹ gives ∂L/∂Σ = −C G C, and Σ = U Uᵀ + blur gives ∂L/∂U = 2 (∂L/∂Σ) U.
+/// Gradient of U from that of the conic: C = Σ⁻¹ gives ∂L/∂Σ = −C G C, and Σ = U Uᵀ + blur gives ∂L/∂U =
+/// 2 (∂L/∂Σ) U.
 fn covariance_root_backward<T: Real>(footprint: &Footprint<T>, g_conic: Vector<T, 3>) -> Matrix<T, 2, 3> {
     let ([xx, xy, yy], determinant) = (footprint.covariance(), footprint.determinant());
     if !(determinant > T::zero()) {
@@ -273,7 +277,7 @@ fn covariance_root_backward<T: Real>(footprint: &Footprint<T>, g_conic: Vector<T
     multiply(&g_covariance, &footprint.root).map(|row| row.map(|v| v + v))
 }
 
-/// Through centre, depth and Jacobian to the point in the camera.
+/// Gradient of the point in the camera, through centre, depth and Jacobian.
 fn point_backward<T: Real>(
     view: &View<T>,
     footprint: &Footprint<T>,
@@ -287,7 +291,7 @@ fn point_backward<T: Real>(
         let (slope, inside) = footprint.slope[axis];
         g_point[axis] += g.centre[axis] * per_depth;
         g_point[2] -= g.centre[axis] * per_depth * value / z;
-        // J[axis][axis] = f/z and J[axis][2] = −f·slope/z, slope = x/z unless held by the guard.
+        // J[axis][axis] = f/z and J[axis][2] = −f·slope/z; slope = x/z unless clamped by the guard.
         g_point[2] -= g_jacobian[axis][axis] * per_depth / z;
         g_point[2] += g_jacobian[axis][2] * per_depth * slope / z;
         if inside {
@@ -298,8 +302,8 @@ fn point_backward<T: Real>(
     g_point
 }
 
-/// The colour of one Gaussian seen from the camera: max(0, 0.5 + C₀ c₀ + Σ higher bands); 0 where that is not finite.
-/// `rest` is [bands][3] flat.
+/// Colour of one Gaussian seen from the camera: max(0, 0.5 + C₀ c₀ + Σ higher bands); 0 if that is not
+/// finite. `rest` is [bands][3] flat.
 pub fn view_colour<T: Real>(
     view: &View<T>,
     mean: Vector<T, 3>,
@@ -317,11 +321,11 @@ pub fn view_colour<T: Real>(
             }
         }
     }
-    // What is not a number is black.
+    // Values that are not finite become black.
     colour.map(|c| if c.is_finite() { c.max(T::zero()) } else { T::zero() })
 }
 
-/// Gradients of [`view_colour`]: adds to `g_rest`, returns those of the mean and of band 0.
+/// Gradients of [`view_colour`]: adds to `g_rest` and returns those of the mean and of band 0.
 pub fn view_colour_backward<T: Real>(
     view: &View<T>,
     mean: Vector<T, 3>,
@@ -361,7 +365,7 @@ pub fn project_all(gaussians: &Gaussians, deformed: &Deformed, camera: &Camera) 
     splats
 }
 
-/// As [`project_all`], on the grid of the pixels that are rendered, with the memory from outside.
+/// Does the work of [`project_all`] on the grid of the rendered pixels and into the caller's memory.
 pub fn project_into(
     gaussians: &Gaussians,
     deformed: &Deformed,

@@ -1,5 +1,5 @@
-//! The raster pass and its gradient written plainly, pixel by pixel, over any [`Real`]: the truth in f64
-//! that the vectorised kernels and the shaders are measured against.
+//! A plain version of the raster pass and its gradient, pixel by pixel, over any [`Real`]. In f64 it is
+//! the truth that the vectorised kernels and the shaders are measured against.
 
 use super::{
     FEATURE_PLANE, MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE,
@@ -12,23 +12,23 @@ use crate::{
     scene::Scene,
 };
 
-/// Splats in depth order with their features, as the reference reads them.
+/// Input of the reference: splats with their features.
 #[derive(Clone, Debug)]
 pub struct ReferenceInput<'a, T> {
     /// All splats.
     pub splats: &'a [Splat<T>],
-    /// [N][D].
+    /// Features, [N][D].
     pub features: &'a [T],
-    /// D.
+    /// Latent numbers per splat, D.
     pub latent_dim: usize,
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
 }
 
-/// The planes of a whole frame, features included, in f64 from the first number on: deform, project, blend. Twin of
-/// [`super::Renderer::render`]; as slow as it is plain.
+/// Planes of a whole frame, features included, computed in f64 throughout: deform, project, blend. Twin
+/// of [`super::Renderer::render`]; simple and slow.
 pub fn reference_frame(scene: &Scene, camera: &Camera, time: f32) -> Vec<f64> {
     let (gaussians, deformation) = (&scene.gaussians, &scene.deformation);
     let wide = |v: &[f32]| v.iter().map(|x| f64::from(*x)).collect::<Vec<f64>>();
@@ -67,26 +67,27 @@ fn reference_psi(deformation: &Deformation, n: usize, place: usize, time: f64) -
         let own = if deformation.is_shared() { b } else { at };
         let (centre, width) = (f64::from(deformation.centres[own]), f64::from(deformation.widths[own]));
         let value = basis(deformation.shape, time, centre, width);
-        // Where a basis is not live its weight may be anything.
+        // The weight of a basis that is not live may be anything.
         if value > f64::from(LIVE_BASIS) { value * f64::from(deformation.weights[at]) } else { 0.0 }
     };
     (0..deformation.num_bases).map(of).sum()
 }
 
-/// How contributions end.
+/// Ways to cut off contributions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cut {
-    /// As rendered: at [`MIN_ALPHA`], [`MAX_ALPHA`] and [`MIN_TRANSMITTANCE`].
+    /// Cuts off as the renderer does: at [`MIN_ALPHA`], [`MAX_ALPHA`] and [`MIN_TRANSMITTANCE`].
     Hard,
-    /// Smoothly, so that the image has a continuous gradient everywhere; for tests of the formulas across the cuts.
+    /// Cuts off smoothly, so that the image has a continuous gradient everywhere; for tests of the
+    /// formulas across the cuts.
     Smooth,
 }
 
-/// Half the range in which a smooth cut reaches [`MAX_ALPHA`].
+/// Half the width of the range in which a smooth cut approaches [`MAX_ALPHA`].
 const SMOOTH_RANGE: f64 = 0.02;
 
 impl Cut {
-    /// Alpha and its derivative with respect to opacity · exp(−q/2); `None` where nothing is left.
+    /// Alpha and its derivative with respect to opacity · exp(−q/2); `None` if nothing is left.
     fn alpha<T: Real>(self, raw: T) -> Option<(T, T)> {
         let (low, high) = (T::from_f32(MIN_ALPHA), T::from_f32(MAX_ALPHA));
         if raw < low {
@@ -96,7 +97,7 @@ impl Cut {
             Self::Hard => Some(if raw > high { (high, T::zero()) } else { (raw, T::one()) }),
             Self::Smooth => {
                 let (one, two, range) = (T::one(), T::of(2.0), T::of(SMOOTH_RANGE));
-                // From nothing at MIN_ALPHA to everything at twice that.
+                // The share rises from 0 at MIN_ALPHA to 1 at twice that.
                 let s = ((raw - low) / low).min(one);
                 let (share, slope) = (s * s * (T::of(3.0) - two * s), T::of(6.0) * s * (one - s) / low);
                 let (alpha, slope) = (raw * share, share + raw * slope);
@@ -108,11 +109,11 @@ impl Cut {
     }
 }
 
-/// One splat's part in one pixel.
+/// Contribution of one splat to one pixel.
 struct Contribution<T> {
     splat: usize,
     alpha: T,
-    /// ∂alpha/∂raw · raw: how alpha follows the exponent.
+    /// ∂alpha/∂raw · raw, the derivative of alpha with respect to the exponent.
     follows: T,
     weight: T,
     transmittance: T,
@@ -151,7 +152,7 @@ impl<T: Real> ReferenceInput<'_, T> {
         all
     }
 
-    /// What splat `i` adds to each plane per unit weight.
+    /// Contribution of splat `i` to each plane per unit weight.
     fn channels(&self, i: usize) -> Vec<T> {
         let s = &self.splats[i];
         let mut channels = vec![s.colour[0], s.colour[1], s.colour[2], s.depth, T::one()];
@@ -164,7 +165,7 @@ impl<T: Real> ReferenceInput<'_, T> {
         self.forward_with(Cut::Hard)
     }
 
-    /// As [`ReferenceInput::forward`], with another cut.
+    /// Planes as by [`ReferenceInput::forward`], with the given cut.
     pub fn forward_with(&self, cut: Cut) -> Vec<T> {
         let (n, order) = (self.width * self.height, self.order());
         let mut planes = vec![T::zero(); (FEATURE_PLANE + self.latent_dim) * n];
@@ -178,12 +179,12 @@ impl<T: Real> ReferenceInput<'_, T> {
         planes
     }
 
-    /// Gradients of splats and features, given one per plane value.
+    /// Gradients of splats and features, given one gradient per value of the planes.
     pub fn backward(&self, g_planes: &[T]) -> (Vec<SplatGradient<T>>, Vec<T>) {
         self.backward_with(Cut::Hard, g_planes)
     }
 
-    /// As [`ReferenceInput::backward`], with another cut.
+    /// Gradients as by [`ReferenceInput::backward`], with the given cut.
     pub fn backward_with(&self, cut: Cut, g_planes: &[T]) -> (Vec<SplatGradient<T>>, Vec<T>) {
         let (n, order) = (self.width * self.height, self.order());
         let mut g_splats = vec![SplatGradient::default(); self.splats.len()];

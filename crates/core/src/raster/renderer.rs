@@ -1,4 +1,4 @@
-//! A scene at a time from a camera, with no more work than what has changed asks for.
+//! Renders a scene at a time from a camera and repeats only those passes whose input has changed.
 
 use super::{
     Images, Packed,
@@ -15,21 +15,21 @@ use crate::{
     scene::Scene,
 };
 
-/// The passes of a frame, from Gaussians to what is drawn.
+/// The passes of a frame, from Gaussians to the picture on the screen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FramePass {
-    /// ψ(t) and the Gaussians at time t.
+    /// Computes ψ(t) and the Gaussians at time t.
     Deform,
-    /// Onto the image plane.
+    /// Projects them onto the image plane.
     Project,
-    /// Depth order and tiles.
+    /// Sorts them by depth and distributes them over tiles.
     Bin,
-    /// Blending.
+    /// Blends them.
     Raster,
-    /// Scores of prompts.
+    /// Computes the scores of prompts.
     Relevancy,
-    /// What was found, in numbers and drawn over the frame.
+    /// Measures the found regions and draws them over the frame.
     Overlay,
 }
 
@@ -41,16 +41,16 @@ impl PassName for FramePass {
     }
 }
 
-/// Counts and times the passes of frames.
+/// Counts and durations of the passes of frames.
 pub type FrameClock = PassClock<FramePass>;
 
-/// Renders a scene at a time from a camera; the GPU and the CPU do it alike.
+/// Renders a scene at a time from a camera; implemented for the GPU and the CPU.
 pub trait Renderer: Send {
-    /// Which machine part renders, for reports and provenance, e.g. "CPU (AVX-512)".
+    /// Name of the device that renders, for reports and provenance, e.g. "CPU (AVX-512)".
     fn name(&self) -> String;
 
-    /// Renders into `images`, whose memory is used again; features only if asked for. What is still valid of the last
-    /// frame is not computed again; `clock` says what was.
+    /// Renders into `images`, whose memory is reused; features only if asked for. Results of the last
+    /// frame that are still valid are not computed again; `clock` counts the passes that ran.
     fn render_into(
         &mut self,
         scene: &Scene,
@@ -61,7 +61,7 @@ pub trait Renderer: Send {
         clock: &mut FrameClock,
     ) -> Result<()>;
 
-    /// As [`Renderer::render_into`], into images of its own.
+    /// Renders as [`Renderer::render_into`] does, into new images.
     fn render(&mut self, scene: &Scene, camera: &Camera, time: f32, features: bool) -> Result<Images> {
         let mut images = Images::default();
         self.render_into(scene, camera, time, features, &mut images, &mut FrameClock::default())?;
@@ -77,14 +77,14 @@ pub struct CpuRenderer {
     splats: Vec<Splat<f32>>,
     bins: Bins,
     packed: Packed,
-    /// What `deformed` stands for: the scene, the time and whether with features.
+    /// Input that `deformed` was computed from: the scene, the time, and `true` if with features.
     deformed_at: Option<(u64, f32, bool)>,
-    /// What `splats` and `bins` stand for, besides `deformed`.
+    /// Camera that `splats` and `bins` were computed for, from `deformed`.
     seen_by: Option<Camera>,
 }
 
 impl CpuRenderer {
-    /// Deforms, unless that was done last.
+    /// Deforms, unless the last call was the same.
     fn deform(&mut self, scene: &Scene, time: f32, features: bool, clock: &mut FrameClock) {
         let scene_id = scene.fingerprint();
         let same_time = self.deformed_at.filter(|(id, t, _)| *id == scene_id && *t == time);
@@ -100,7 +100,7 @@ impl CpuRenderer {
         clock.lap(FramePass::Deform);
     }
 
-    /// Projects and bins, unless that was done last.
+    /// Projects and bins, unless the last call was the same.
     fn project(&mut self, scene: &Scene, camera: &Camera, clock: &mut FrameClock) {
         if self.seen_by.as_ref() == Some(camera) {
             return;
@@ -114,7 +114,7 @@ impl CpuRenderer {
 }
 
 impl CpuRenderer {
-    /// What is at a pixel of the frame rendered last.
+    /// Returns the Gaussian at a pixel of the last rendered frame.
     pub fn pick(&self, pixel: [usize; 2]) -> Option<Pick> {
         let camera = self.seen_by?;
         let is_inside = pixel[0] < camera.width as usize && pixel[1] < camera.height as usize;
@@ -148,7 +148,7 @@ impl Renderer for CpuRenderer {
     }
 }
 
-/// The instruction set that the kernels run on here.
+/// Name of the instruction set that the kernels use on this machine.
 fn instruction_set() -> String {
     let level = format!("{:?}", fearless_simd::Level::new());
     level.split(['(', ' ']).next().unwrap_or_default().to_owned()
@@ -159,7 +159,7 @@ mod tests {
     use super::*;
     use crate::stress;
 
-    /// How often each pass ran for a frame.
+    /// Number of runs of each pass for a frame.
     fn passes(clock: &FrameClock, before: &FrameClock) -> Vec<usize> {
         FramePass::ALL.iter().map(|p| clock.runs(*p) - before.runs(*p)).collect()
     }
@@ -182,7 +182,7 @@ mod tests {
         assert_eq!(frame(&camera, 0.2, false), [1, 1, 1, 1]);
         assert_eq!(frame(&camera, 0.2, false), [0, 0, 0, 1]);
         assert_eq!(frame(&nearer, 0.2, false), [0, 1, 1, 1]);
-        // Features are added; they move nothing.
+        // Features are computed in addition; nothing moves.
         assert_eq!(frame(&nearer, 0.2, true), [1, 0, 0, 1]);
         assert_eq!(frame(&nearer, 0.2, false), [0, 0, 0, 1]);
         assert_eq!(frame(&nearer, 0.7, true), [1, 1, 1, 1]);

@@ -4,7 +4,7 @@ use crate::real::{Real, Vector, dot};
 
 /// Factor of band 1.
 pub const C1: f64 = 0.488_602_511_902_919_9;
-/// Of band 2, in order.
+/// Factors of band 2, in order.
 pub const C2: [f64; 5] = [
     1.092_548_430_592_079_2,
     -1.092_548_430_592_079_2,
@@ -12,7 +12,7 @@ pub const C2: [f64; 5] = [
     -1.092_548_430_592_079_2,
     0.546_274_215_296_039_6,
 ];
-/// Of band 3, in order.
+/// Factors of band 3, in order.
 pub const C3: [f64; 7] = [
     -0.590_043_589_926_643_5,
     2.890_611_442_640_554,
@@ -93,7 +93,7 @@ pub fn bands_backward<T: Real>(degree: usize, [x, y, z]: Vector<T, 3>, g: &[T]) 
     d
 }
 
-/// v / ‖v‖ and ‖v‖; (0, 0, 1) where there is no direction.
+/// v / ‖v‖ and ‖v‖; (0, 0, 1) if there is no direction.
 pub fn unit_direction<T: Real>(v: Vector<T, 3>) -> (Vector<T, 3>, T) {
     let length = dot(v, v).sqrt();
     if length > T::of(1e-12) {

@@ -1,4 +1,4 @@
-//! The kernels against the plain f64 reference, and the reference's gradient against finite differences.
+//! Compares the kernels with the plain f64 reference, and the reference's gradient with finite differences.
 
 use super::{
     MIN_ALPHA, Packed,
@@ -50,8 +50,8 @@ fn compare(a: &[f32], b: &[f64], tolerance: f64) -> (f64, f64) {
     (differences.iter().copied().fold(0.0, f64::max), beyond as f64 / a.len().max(1) as f64)
 }
 
-/// Seldom a pixel lies within rounding of a cut-off (alpha at 1/255, transmittance at 1e-4) and falls on the
-/// other side in f32: it may differ by one whole contribution, so a small share is let through.
+/// Largest share of values that may differ. A pixel seldom lies within rounding of a cut-off (alpha at 1/255,
+/// transmittance at 1e-4) and falls on the other side in f32. It may then differ by one whole contribution.
 const BOUNDARY_SHARE: f64 = 2e-4;
 
 #[test]
@@ -119,7 +119,8 @@ fn the_backward_kernel_agrees_with_the_reference() {
     }
 }
 
-/// Relative L2 below 2e-3: rounding is far below; a pixel on the other side of a cut-off is what it allows.
+/// Checks that the relative L2 difference is below 2e-3. Rounding is far below; the limit allows for a
+/// pixel on the other side of a cut-off.
 fn assert_close(a: &[f64], b: &[f64], what: &str) {
     let norm = |v: &mut dyn Iterator<Item = f64>| v.map(|x| x * x).sum::<f64>().sqrt();
     let error = norm(&mut a.iter().zip(b).map(|(x, y)| x - y));
@@ -202,7 +203,8 @@ fn poisoned_and_extreme_splats_leave_images_finite() {
     assert!(flatten(&g_splats).iter().all(|v| v.is_finite()));
 }
 
-/// With smooth cuts the gradient is right everywhere: splats that fade out, saturate and hide others included.
+/// With smooth cuts the gradient is right everywhere, even for splats that fade out, saturate and hide
+/// others.
 #[test]
 fn the_reference_gradient_is_right_across_the_cuts() {
     let (width, height, dim) = (9, 7, 2);

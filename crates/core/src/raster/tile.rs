@@ -1,4 +1,4 @@
-//! What the forward and the backward kernel share: packed splats of a tile, and alpha in base 2.
+//! Common parts of the forward and the backward kernel: packed splats of a tile, and alpha in base 2.
 
 use super::{MIN_ALPHA, TILE, bin::Bins, project::Splat};
 use crate::lanes::LANES;
@@ -6,15 +6,15 @@ use fearless_simd::{f32x8, prelude::*};
 use fearless_simd_macros::simd;
 use std::ops::Range;
 
-/// Blocks of [`LANES`] pixels in a row of a tile.
+/// Number of blocks of [`LANES`] pixels in a row of a tile.
 pub(super) const HALVES: usize = TILE / LANES;
-/// Blocks in a tile; block `y * HALVES + half`.
+/// Number of blocks in a tile; the block at row `y` is `y * HALVES + half`.
 pub(super) const BLOCKS: usize = TILE * HALVES;
 
-/// Blended channels before features: r, g, b, depth.
+/// Number of blended channels before features: r, g, b, depth.
 pub(super) const BASE_CHANNELS: usize = 4;
-/// Floats of a packed splat before its channels: centre x, y, the exponent's A, B, C, log₂ opacity, half width and
-/// height.
+/// Floats of a packed splat before its channels: centre x, y, the exponent's A, B, C, log₂ opacity, half
+/// width and half height.
 pub(super) const GEOMETRY: usize = 8;
 /// log₂ of [`MIN_ALPHA`].
 pub(super) const MIN_LOG2_ALPHA: f32 = -7.994_353_4;
@@ -27,7 +27,7 @@ pub struct Packed {
     data: Vec<f32>,
     pub(super) stride: usize,
     pub(super) latent_dim: usize,
-    /// Blended channels, padded to a compiled count.
+    /// Number of blended channels, padded to a compiled count.
     pub(super) channels: usize,
 }
 
@@ -39,14 +39,14 @@ impl Packed {
         packed
     }
 
-    /// As [`Packed::new`], in the memory it has.
+    /// Does the work of [`Packed::new`] in its own memory.
     pub fn fill(&mut self, splats: &[Splat<f32>], features: &[f32], latent_dim: usize) {
         use rayon::prelude::*;
         self.latent_dim = latent_dim;
         self.channels = padded_channels(latent_dim);
         let stride = (GEOMETRY + self.channels).next_multiple_of(LANES);
         if self.stride != stride {
-            // What is left of another layout would become padding.
+            // Values left over from another layout would become padding.
             self.data.clear();
             self.stride = stride;
         }
@@ -80,7 +80,7 @@ impl Packed {
 /// Channel counts that kernels are compiled for; the blended channels are padded up to one of them.
 const KERNEL_CHANNELS: [usize; 4] = [4, 7, 12, 20];
 
-/// The smallest compiled channel count for a latent dimension (at most 16).
+/// Smallest compiled channel count for a latent dimension (at most 16).
 fn padded_channels(latent_dim: usize) -> usize {
     let needed = BASE_CHANNELS + latent_dim;
     KERNEL_CHANNELS.into_iter().find(|&c| c >= needed).unwrap_or(KERNEL_CHANNELS[3])
@@ -100,7 +100,7 @@ macro_rules! dispatch_channels {
 }
 pub(super) use dispatch_channels;
 
-/// The plane of [`super::Images`] that blended channel `c` goes to: alpha sits between depth and features.
+/// Plane of [`super::Images`] that the blended channel belongs to; alpha lies between depth and features.
 pub(super) const fn plane_of(channel: usize) -> usize {
     if channel < BASE_CHANNELS { channel } else { channel + 1 }
 }
@@ -109,7 +109,8 @@ pub(super) const fn plane_of(channel: usize) -> usize {
 pub(super) fn blocks_of(s: &[f32], tile_x: usize, tile_y: usize) -> (Range<usize>, Range<usize>) {
     let reach = |centre: f32, half: f32, tile: usize| {
         let centre = centre - ((tile * TILE) as f32 + 0.5);
-        // Rounding without `ceil` and `floor`, which are calls where SSE4.1 is not taken for granted.
+        // Rounds without `ceil` and `floor`, which are function calls on processors for which SSE4.1 is
+        // not assumed.
         let low = (centre - half).clamp(0.0, TILE as f32);
         let first = low as usize + usize::from((low as usize as f32) < low);
         let high = (centre + half + 1.0).clamp(0.0, TILE as f32);
@@ -119,7 +120,7 @@ pub(super) fn blocks_of(s: &[f32], tile_x: usize, tile_y: usize) -> (Range<usize
     (reach(s[1], s[7], tile_y), columns.start / LANES..columns.end.div_ceil(LANES))
 }
 
-/// log₂ alpha of one packed splat along a row: `dx` from its centre, `dy` at the row.
+/// log₂ alpha of one packed splat along a row, at the distance `dx` from its centre and `dy` of the row.
 #[simd]
 pub(super) fn log2_alpha<S: Simd>(simd: S, s: &[f32], dx: f32x8<S>, dy: f32) -> f32x8<S> {
     let along = dx.mul_add(f32x8::splat(simd, s[2]), f32x8::splat(simd, s[3] * dy));
@@ -132,7 +133,7 @@ pub(super) fn pixel_centres<S: Simd>(simd: S, tile_x: usize, half: usize) -> f32
     f32x8::from_fn(simd, |i| (tile_x * TILE + half * LANES + i) as f32 + 0.5)
 }
 
-/// Pixels of a block that lie inside the image: all but at the right edge.
+/// Number of pixels of a block that lie inside the image: all but at the right edge.
 pub(super) fn columns_inside(tile_x: usize, half: usize, width: usize) -> usize {
     LANES.min(width.saturating_sub(tile_x * TILE + half * LANES))
 }
@@ -143,7 +144,8 @@ pub(super) fn gather_tile(packed: &Packed, bins: &Bins, pairs: Range<usize>, loc
     local.resize(pairs.len() * packed.stride, 0.0);
     let vectors = packed.stride / LANES;
     let (from, to) = (packed.data.as_chunks::<LANES>().0, local.as_chunks_mut::<LANES>().0);
-    // Vector by vector: a copy of a length not known here would be a call per splat.
+    // Copies vector by vector: a copy whose length is unknown to the compiler would be a function call
+    // per splat.
     for (&i, to) in pairs.iter().zip(to.chunks_exact_mut(vectors)) {
         to.iter_mut().zip(&from[i as usize * vectors..]).for_each(|(to, from)| *to = *from);
     }

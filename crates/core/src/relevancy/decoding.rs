@@ -1,4 +1,4 @@
-//! The exact rung, and what it shares with the folded one: decode every point, compare with every text.
+//! The exact rung, and its common part with the folded one: decode every point, compare it with every text.
 
 use super::{Points, Query, Relevancy, RelevancySettings, margin};
 use crate::{
@@ -8,17 +8,17 @@ use crate::{
 use ndarray::{Array2, Axis, concatenate, s};
 use rayon::prelude::*;
 
-/// Points decoded at once by one thread.
+/// Number of points that one thread decodes at once.
 const POINTS_AT_ONCE: usize = 1024;
 
-/// Decodes every pixel: the truth the other rungs are measured against.
+/// Decodes every pixel; the truth that the other rungs are measured against.
 pub struct Exact {
-    /// The scene's codec.
+    /// Codec of the scene.
     pub codec: Codec,
 }
 
 impl Exact {
-    /// For a scene's codec.
+    /// Makes the rung for a scene's codec.
     pub fn new(codec: Codec) -> Self {
         Self { codec }
     }
@@ -40,8 +40,8 @@ impl Relevancy for Exact {
     }
 }
 
-/// Scores of every point for each query's texts (rows; `None` scores 0): `layers` turn latents into vectors
-/// whose cosines with the texts count.
+/// Scores of every point for each query's texts (rows; `None` scores 0). `layers` turn latents into
+/// vectors whose cosines with the texts count.
 pub(super) fn score_by_decoding(
     layers: &[Linear],
     points: &Points<'_>,

@@ -1,5 +1,5 @@
-//! What is left of classes after the codec: whether a feature is still nearest to its own class, whether the others
-//! keep their order, and whether prompts decide as they would without compression.
+//! Measures the losses of classes in the codec: if a feature is still nearest to its own class, if the
+//! others keep their order, and if prompts decide as they would without compression.
 
 use super::{Exact, Points, Query, Relevancy, RelevancySettings, margin};
 use crate::{
@@ -12,35 +12,35 @@ use ndarray::{Array2, ArrayView1, ArrayView2};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-/// Standard deviation of the noise on each latent number that stands for what rendering does to features.
+/// Standard deviation of the noise on each latent number, which imitates the effect of rendering on features.
 const LATENT_NOISE: f32 = 0.1;
-/// Noisy copies of every class.
+/// Number of noisy copies of each class.
 const COPIES: usize = 100;
 
-/// How well classes survive a codec; everything but `order` and `score_error` is a share of the classes or of the
-/// pairs of (prompt, feature).
+/// Measures of how well classes survive a codec. Everything but `order` and `score_error` is a share of
+/// the classes or of the pairs of (prompt, feature).
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Fidelity {
     /// Classes whose decoded feature is nearest to their own embedding.
     pub top: f64,
-    /// The same of latents with noise of 0.1.
+    /// Classes whose feature, decoded from latents with noise of 0.1, is nearest to their own embedding.
     pub top_noisy: f64,
-    /// Rank correlation (Spearman) of a decoded feature's cosines with all classes, mean.
+    /// Mean rank correlation (Spearman) of a decoded feature's cosines with all classes.
     pub order: f64,
     /// Classes whose prompt finds their own feature.
     pub found: f64,
-    /// Classes whose prompt finds no other class's feature.
+    /// Classes whose prompt does not find any other class's feature.
     pub alone: f64,
-    /// Pairs that are decided as without compression.
+    /// Pairs whose decision is the same as without compression.
     pub same: f64,
     /// Largest change of a score.
     pub score_error: f64,
 }
 
-/// Sends the classes' embeddings (`rows` [n, dim], unit) through `codec`, and asks for each of them by its embedding, with
-/// the negatives that `phrases` and `settings` say.
+/// Sends the classes' embeddings (`rows` [n, dim], unit) through `codec`, and queries each of them by its
+/// embedding, with the negatives chosen by `phrases` and `settings`.
 ///
-/// Fails where the embeddings do not fit the codec.
+/// Fails if the embeddings do not fit the codec.
 pub fn fidelity(
     codec: &Codec,
     rows: ArrayView2<'_, f32>,
@@ -84,7 +84,7 @@ fn scores_of(rows: ArrayView2<'_, f32>, query: &Query, settings: &RelevancySetti
     rows.outer_iter().map(score).collect()
 }
 
-/// From `scores[prompt][feature]`: shares of the prompts that find their own feature, and that find no other.
+/// Shares of the prompts that find their own feature, and that find no other, from `scores[prompt][feature]`.
 fn decisions(scores: &[Vec<f32>], threshold: f32) -> (f64, f64) {
     let n = scores.len().max(1) as f64;
     let found = scores.iter().enumerate().filter(|(k, row)| row[*k] > threshold).count();
@@ -93,7 +93,7 @@ fn decisions(scores: &[Vec<f32>], threshold: f32) -> (f64, f64) {
     (found as f64 / n, alone as f64 / n)
 }
 
-/// Every class [`COPIES`] times with noise.
+/// [`COPIES`] noisy copies of each class.
 fn noisy(latents: &Array2<f32>) -> Array2<f32> {
     let mut rng = ChaCha8Rng::seed_from_u64(9);
     let (n, dim) = latents.dim();
@@ -102,7 +102,8 @@ fn noisy(latents: &Array2<f32>) -> Array2<f32> {
     })
 }
 
-/// Share of features, `copies` of each class in a row, whose largest cosine is that with their own class.
+/// Share of features whose largest cosine is that with their own class; each class has `copies` features
+/// in a row.
 fn nearest_to_own(features: ArrayView2<'_, f32>, rows: ArrayView2<'_, f32>, copies: usize) -> f64 {
     let cosines = features.dot(&rows.t());
     let is_nearest = |i: usize, cosines: ArrayView1<'_, f32>| {
@@ -113,7 +114,7 @@ fn nearest_to_own(features: ArrayView2<'_, f32>, rows: ArrayView2<'_, f32>, copi
     right as f64 / features.nrows().max(1) as f64
 }
 
-/// Mean rank correlation of cosines after and before.
+/// Mean rank correlation of the cosines after and before the codec.
 fn mean_order(decoded: ArrayView2<'_, f32>, rows: ArrayView2<'_, f32>) -> f64 {
     let (after, before) = (decoded.dot(&rows.t()), rows.dot(&rows.t()));
     let sum: f64 = after.outer_iter().zip(before.outer_iter()).map(|(a, b)| rank_correlation(a, b)).sum();
@@ -130,7 +131,7 @@ fn rank_correlation(a: ArrayView1<'_, f32>, b: ArrayView1<'_, f32>) -> f64 {
     1.0 - 6.0 * squares / (n * (n * n - 1.0))
 }
 
-/// Place of each value in ascending order.
+/// Rank of each value in ascending order.
 fn ranks(values: ArrayView1<'_, f32>) -> Vec<usize> {
     let mut order: Vec<usize> = (0..values.len()).collect();
     order.sort_by(|&i, &j| values[i].total_cmp(&values[j]));
@@ -145,7 +146,7 @@ mod tests {
     use crate::codec::{CodecSettings, normalise_rows};
     use ndarray::{Axis, arr1};
 
-    /// As text embeddings are: a large part shared by all, a smaller one by each of three groups.
+    /// Rows that resemble text embeddings: a large part shared by all, a smaller one by each of three groups.
     fn clustered(n: usize, dim: usize) -> Array2<f32> {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let mut directions = |n| normalise_rows(Array2::from_shape_simple_fn((n, dim), || normal(&mut rng)));

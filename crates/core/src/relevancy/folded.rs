@@ -1,22 +1,22 @@
-//! The folded rung: the exact values with fewer operations, by folding texts and last layer.
+//! The folded rung: the exact values with fewer operations, by folding the texts into the last layer.
 
 use super::{Points, Query, Relevancy, RelevancySettings, decoding::score_by_decoding};
 use crate::codec::{Codec, Linear};
 use ndarray::{Array1, Array2};
 
-/// A direction of the last layer that is this much weaker than the strongest is rounding, not content.
+/// Relative strength of a direction of the last layer below which it is rounding, not content.
 const RANK_TOLERANCE: f64 = 1e-7;
 
-/// Gives the exact rung's values without ever forming an embedding.
+/// Computes the exact rung's values without ever forming an embedding.
 ///
 /// Let the last layer be y = A x, with x the hidden activations and a 1 for the bias. With A = Q R (Q
-/// orthonormal) every cosine is y·t / ‖y‖ = (R x)·(Qᵀ t) / ‖R x‖: R takes the last layer's place and Qᵀ t the
-/// text's. R has as many rows as A has rank: never more than hidden units + 1, and no more than there are
-/// classes if the codec was trained on class names. (R is what the Cholesky factor of the Gram matrix AᵀA
-/// would be, without squaring its condition.)
+/// orthonormal) every cosine is y·t / ‖y‖ = (R x)·(Qᵀ t) / ‖R x‖: R takes the last layer's place and Qᵀ t
+/// the text's. R has as many rows as A has rank: never more than hidden units + 1, and no more than there
+/// are classes if the codec was trained on class names. (R is equal to the Cholesky factor of the Gram
+/// matrix AᵀA, but is computed without squaring its condition.)
 pub struct Folded {
     codec: Codec,
-    /// The decoder with R as its last layer.
+    /// Decoder with R as its last layer.
     pub(super) layers: Vec<Linear>,
     /// Q, [dim, rank].
     basis: Array2<f32>,
@@ -33,7 +33,7 @@ impl Folded {
         Self { codec, layers, basis }
     }
 
-    /// The scene's codec.
+    /// Codec of the scene.
     pub(super) fn codec(&self) -> &Codec {
         &self.codec
     }
@@ -43,7 +43,7 @@ impl Folded {
         self.basis.ncols()
     }
 
-    /// The texts of a query as folded rows, the prompt first; `None` if they do not fit.
+    /// Texts of a query as folded rows, the prompt first; `None` if they do not fit.
     pub(super) fn text_rows(&self, query: &Query) -> Option<Array2<f32>> {
         query.text_rows(&self.codec).map(|texts| texts.dot(&self.basis))
     }
@@ -65,7 +65,7 @@ impl Relevancy for Folded {
     }
 }
 
-/// [W b] = Q R by Gram–Schmidt with column pivoting in f64: (Q, R as a layer).
+/// Factorises [W b] = Q R by Gram–Schmidt with column pivoting in f64: (Q, R as a layer).
 fn orthogonalise(layer: &Linear) -> (Array2<f32>, Linear) {
     let (dim, hidden) = layer.weight.dim();
     let widen = |column: ndarray::ArrayView1<'_, f32>| column.mapv(f64::from);
@@ -82,7 +82,7 @@ fn orthogonalise(layer: &Linear) -> (Array2<f32>, Linear) {
             break;
         }
         let mut direction = &columns[pivot] / length;
-        // Once more against the earlier directions: rounding lets them creep back in.
+        // A second pass against the earlier directions, which creep back in by rounding.
         for earlier in &basis {
             let along = earlier.dot(&direction);
             direction.scaled_add(-along, earlier);
@@ -94,7 +94,7 @@ fn orthogonalise(layer: &Linear) -> (Array2<f32>, Linear) {
         rows.push(row);
     }
     if basis.is_empty() {
-        // A layer of zeros: texts and points are still compared, in one number that says nothing.
+        // A layer of zeros: texts and points are still compared, by one number without meaning.
         basis.push(Array1::zeros(dim));
         rows.push(vec![0.0; hidden + 1]);
     }

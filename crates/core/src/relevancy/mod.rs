@@ -1,8 +1,8 @@
-//! How much a pixel is what the prompt says: score = σ(T·(p − max_i n_i)) (design §7, method §9.2).
+//! Relevancy of pixels for a prompt: score = σ(T·(p − max_i n_i)) (design §7, method §9.2).
 //!
-//! p and n_i are cosines of the pixel's decoded feature with the prompt and with the negatives; the formula is
-//! the smallest of the pairwise softmaxes that the paper writes. Three rungs compute it: [`Exact`] decodes
-//! every pixel, [`Folded`] gets the same value with fewer operations, [`Lattice`] looks it up.
+//! p and n_i are cosines of the pixel's decoded feature with the prompt and with the negatives. The
+//! formula is the smallest of the pairwise softmaxes in the paper. Three rungs compute it: [`Exact`]
+//! decodes every pixel, [`Folded`] gets the same value with fewer operations, [`Lattice`] looks it up.
 
 mod decoding;
 mod fidelity;
@@ -19,18 +19,18 @@ pub use points::Points;
 use crate::{Error, Result, codec::Codec, grid::Grid, num, raster::Images, sequence::Class};
 use ndarray::Array2;
 
-/// The visible settings of a query; recorded with every result.
+/// Settings of a query that the user can see; recorded with every result.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct RelevancySettings {
-    /// Sharpness; 10 in the reference code.
+    /// Sharpness of the score; 10 in the reference code.
     pub temperature: f32,
     /// Score above which a pixel is found; 0.4 in the paper.
     pub threshold: f32,
-    /// Canonical phrases, encoded bare.
+    /// Canonical phrases, encoded without the template.
     pub phrases: Vec<String>,
-    /// Also use the scene's other classes as negatives (all but those nearest to the prompt).
+    /// `true` to use the scene's other classes as negatives too (all but those nearest to the prompt).
     pub class_negatives: bool,
-    /// Pixels with less accumulated opacity are holes: never found.
+    /// Smallest accumulated opacity. Pixels with less are holes, which are never found.
     pub min_alpha: f32,
 }
 
@@ -46,26 +46,26 @@ impl Default for RelevancySettings {
     }
 }
 
-/// One prompt, encoded, with everything it is compared to.
+/// One encoded prompt with everything that it is compared with.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Query {
     /// The words as typed.
     pub prompt: String,
     /// Unit embedding of the (templated) prompt.
     pub embedding: Vec<f32>,
-    /// Unit embeddings of the negatives, with the words they stand for.
+    /// Unit embeddings of the negatives, with their words.
     pub negatives: Vec<(String, Vec<f32>)>,
 }
 
-/// Classes this near to the prompt are not its negatives: their cosine with the prompt is above
-/// best − `CLASS_MARGIN` · (best − mean over the classes). Relative, because encoders differ in how far apart
-/// they put words: related names may differ by 0.3 in one and by 0.03 in another.
+/// Margin of classes that are too near to the prompt to be its negatives: their cosine with the prompt is
+/// above best − `CLASS_MARGIN` · (best − mean over the classes). It is relative, because encoders differ
+/// in how far apart they put words: related names may differ by 0.3 in one and by 0.03 in another.
 pub const CLASS_MARGIN: f32 = 0.25;
 
 impl Query {
-    /// Chooses the negatives for a prompt: the phrases, and by the settings the scene's other classes (all but
-    /// the nearest one and those within [`CLASS_MARGIN`] of it). Classes whose embedding has another length
-    /// than the prompt's are left out.
+    /// Chooses the negatives for a prompt: the phrases, and depending on the settings the scene's other
+    /// classes (all but the nearest one and those within [`CLASS_MARGIN`] of it). Classes whose embedding
+    /// has another length than the prompt's are left out.
     pub fn new(
         prompt: &str,
         embedding: Vec<f32>,
@@ -86,8 +86,8 @@ impl Query {
         Self { prompt: prompt.to_owned(), embedding, negatives }
     }
 
-    /// Whether this query can be asked of a scene with `codec`; the error says what does not fit. Scores of
-    /// a query that does not fit are zero everywhere.
+    /// Checks that a scene with `codec` can answer this query; the error says what does not fit. The
+    /// scores of a query that does not fit are zero everywhere.
     pub fn check(&self, codec: &Codec) -> Result<()> {
         let dim = codec.embedding_dim();
         if let Some(text) = self.texts().find(|t| t.len() != dim) {
@@ -109,12 +109,12 @@ impl Query {
         Ok(())
     }
 
-    /// The prompt's embedding, then the negatives'.
+    /// Embedding of the prompt, then those of the negatives.
     fn texts(&self) -> impl Iterator<Item = &Vec<f32>> {
         std::iter::once(&self.embedding).chain(self.negatives.iter().map(|(_, e)| e))
     }
 
-    /// The texts as rows, the prompt first; `None` if they do not fit `codec`.
+    /// Texts as rows, the prompt first; `None` if they do not fit `codec`.
     fn text_rows(&self, codec: &Codec) -> Option<Array2<f32>> {
         self.check(codec).ok()?;
         let flat: Vec<f32> = self.texts().flatten().copied().collect();
@@ -122,7 +122,7 @@ impl Query {
     }
 }
 
-/// p − max n from cosines with the prompt (first) and the negatives; p alone without negatives.
+/// p − max n from cosines with the prompt (first) and the negatives; p alone if there are no negatives.
 fn margin(cosines: &[f32]) -> f32 {
     let Some((&prompt, negatives)) = cosines.split_first() else { return f32::NEG_INFINITY };
     let mut best = f32::NEG_INFINITY;
@@ -134,20 +134,20 @@ fn margin(cosines: &[f32]) -> f32 {
     if negatives.is_empty() { prompt } else { prompt - best }
 }
 
-/// A way to compute scores; every rung gives the exact rung's values within its stated error.
+/// A way to compute scores. Every rung gives the exact rung's values within its stated error.
 ///
-/// Scores are 0 in holes (alpha below `min_alpha`), where a feature is not finite, and for a query that does not
-/// fit the codec (see [`Query::check`]).
+/// Scores are 0 in holes (alpha below `min_alpha`), at features that are not finite, and for a query that
+/// does not fit the codec (see [`Query::check`]).
 pub trait Relevancy: Send {
     /// Name for reports: "exact", "folded", "lattice".
     fn name(&self) -> &'static str;
 
-    /// The lattice, if it is one: a device can look scores up in its tables.
+    /// Returns the lattice if it is one: a device can look scores up in its tables.
     fn as_lattice(&mut self) -> Option<&mut Lattice> {
         None
     }
 
-    /// One score per point (0–1) for each query.
+    /// Computes one score per point (0–1) for each query.
     fn score_points(
         &mut self,
         points: &Points<'_>,
@@ -155,14 +155,14 @@ pub trait Relevancy: Send {
         settings: &RelevancySettings,
     ) -> Vec<Vec<f32>>;
 
-    /// One score image per query, from rendered features and alpha.
+    /// Computes one score image per query, from rendered features and alpha.
     fn score(&mut self, images: &Images, queries: &[Query], settings: &RelevancySettings) -> Vec<Grid<f32>> {
         let scores = self.score_points(&Points::of_images(images, settings.min_alpha), queries, settings);
         scores.into_iter().map(|s| Grid::from_vec(images.width, images.height, s)).collect()
     }
 }
 
-/// The fastest rung for a codec: the lattice where the latent space is a volume, else the folded decoder.
+/// Fastest rung for a codec: the lattice if the latent space is 3-D, else the folded decoder.
 pub fn best(codec: Codec) -> Box<dyn Relevancy> {
     match Lattice::new(&codec) {
         Some(lattice) => Box::new(lattice),

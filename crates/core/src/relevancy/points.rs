@@ -1,4 +1,4 @@
-//! Where scores are asked for: rendered pixels or single Gaussians.
+//! Points whose scores are computed: rendered pixels or single Gaussians.
 
 use crate::raster::{ALPHA_PLANE, FEATURE_PLANE, Images};
 use std::borrow::Cow;
@@ -10,22 +10,22 @@ pub struct Points<'a> {
     planes: Vec<Cow<'a, [f32]>>,
     /// Σ w of each point.
     alpha: Cow<'a, [f32]>,
-    /// Points with less alpha are holes.
+    /// Smallest alpha of a point that is not a hole.
     min_alpha: f32,
 }
 
 impl<'a> Points<'a> {
-    /// With less alpha a point is a hole, whatever the settings: what is next to nothing cannot be divided by.
+    /// Smallest alpha of a point that is not a hole, for any settings: a division by less is unsafe.
     pub const MIN_ALPHA: f32 = 1e-6;
 
-    /// The pixels of rendered images: their latent is features / alpha.
+    /// Pixels of rendered images, whose latent is features / alpha.
     pub fn of_images(images: &'a Images, min_alpha: f32) -> Self {
         let planes = (0..images.latent_dim()).map(|k| Cow::from(images.plane(FEATURE_PLANE + k))).collect();
         let alpha = if images.planes.is_empty() { &[][..] } else { images.plane(ALPHA_PLANE) };
         Self { planes, alpha: alpha.into(), min_alpha }
     }
 
-    /// Single latents, [n][D] flat, for example of the Gaussians themselves.
+    /// Single latents, [n][D] flat, for example those of the Gaussians themselves.
     pub fn of_latents(latents: &[f32], latent_dim: usize) -> Self {
         let plane = |k: usize| latents.iter().copied().skip(k).step_by(latent_dim.max(1)).collect();
         let count = latents.len() / latent_dim.max(1);
@@ -36,7 +36,7 @@ impl<'a> Points<'a> {
         }
     }
 
-    /// The points with these numbers, in this order.
+    /// Points with these indices, in this order.
     pub(super) fn chosen(&self, numbers: &[usize]) -> Points<'static> {
         let pick = |values: &[f32]| Cow::Owned(numbers.iter().map(|&i| values[i]).collect());
         Points {
@@ -46,12 +46,12 @@ impl<'a> Points<'a> {
         }
     }
 
-    /// How many points.
+    /// Returns the number of points.
     pub fn len(&self) -> usize {
         self.alpha.len()
     }
 
-    /// Whether there are none.
+    /// Returns `true` if there are no points.
     pub fn is_empty(&self) -> bool {
         self.alpha.is_empty()
     }
@@ -71,15 +71,15 @@ impl<'a> Points<'a> {
         &self.alpha
     }
 
-    /// Points with less alpha than this are holes.
+    /// Smallest alpha of a point that is not a hole.
     pub(super) fn min_alpha(&self) -> f32 {
         self.min_alpha.max(Self::MIN_ALPHA)
     }
 
-    /// Appends the latent of point `i` to `out` and says so, unless it is in a hole or not finite.
+    /// Appends the latent of point `i` to `out` and returns `true`, unless it is in a hole or not finite.
     pub fn push_latent(&self, i: usize, out: &mut Vec<f32>) -> bool {
         let alpha = self.alpha[i];
-        // Also where it is not a number.
+        // Also true for NaN.
         if !(alpha >= self.min_alpha()) {
             return false;
         }

@@ -1,4 +1,4 @@
-//! The rungs against each other and against the written formula, on features as rendering makes them.
+//! Compares the rungs with each other and with the written formula, on features like those of renderings.
 
 use super::*;
 use crate::codec::{CodecSettings, normalise_rows};
@@ -55,7 +55,7 @@ fn query_for(k: usize) -> Query {
     query(&format!("class {k}"), num::normalised(&row.to_vec()).unwrap())
 }
 
-/// Features as rendering makes them: soft discs of class latents with noise, alpha that varies, holes.
+/// Features like those of renderings: soft discs of class latents with noise, varying alpha, and holes.
 fn rendered(codec: &Codec, width: usize, height: usize, noise: f32, seed: u64) -> Images {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let latents = codec.encode(WORLD.1.view());
@@ -162,7 +162,7 @@ fn lattice_tabulates_a_full_rank_autoencoder_too() {
     assert!(difference <= 1.0 / 255.0, "{difference} {:?}", lattice.report());
 }
 
-/// The comparison above must be able to fail: a lattice of another codec is far off.
+/// Checks that the comparison above can fail: a lattice of another codec is far off.
 #[test]
 fn the_comparison_of_rungs_can_fail() {
     let (codec, _, _) = &*WORLD;
@@ -233,7 +233,7 @@ fn prompts_do_not_depend_on_their_order_or_company() {
         let reversed: Vec<Query> = queries.iter().rev().cloned().collect();
         let mut backward = rung.score(&images, &reversed, &settings);
         backward.reverse();
-        // The lattice is finer where another prompt asked for it, within its tolerance.
+        // The lattice is finer where another prompt required it, within its tolerance.
         let tolerance = if rung.name() == "lattice" { 1.0 / 255.0 } else { 1e-6 };
         assert!(largest_difference(&forward, &backward) <= tolerance, "{}", rung.name());
         let single = alone.score(&images, &queries[2..3], &settings);
@@ -367,7 +367,7 @@ fn measure_rungs_on_a_full_frame() {
     );
 }
 
-/// Every rung on the same picture and question.
+/// Scores of every rung for the same picture and query.
 fn of_every_rung(codec: &Codec, images: &Images, query: &Query) -> Vec<Vec<f32>> {
     let settings = RelevancySettings::default();
     let one = |mut rung: Box<dyn Relevancy>| {
@@ -406,7 +406,8 @@ fn prompts_along_and_against_a_phrase_or_without_direction_score_what_the_formul
     let seen = (0..images.width * images.height).filter(|&i| images.plane(ALPHA_PLANE)[i] >= 0.5);
     for i in seen {
         assert!((exact_of(0, i) - 0.5).abs() < 1e-5 && (exact_of(4, i) - 0.5).abs() < 1e-6);
-        // sigmoid(-10 n) for no prompt, sigmoid(-20 n) for the opposite of the phrase, sigmoid(10 n) for no phrase.
+        // sigmoid(-10 n) for no prompt, sigmoid(-20 n) for the opposite of the phrase, sigmoid(10 n) for
+        // no phrase.
         let margin = num::logit(exact_of(2, i));
         assert!((num::sigmoid(2.0 * margin) - exact_of(1, i)).abs() < 1e-3);
         assert!((1.0 - exact_of(2, i) - exact_of(3, i)).abs() < 1e-4);

@@ -12,8 +12,8 @@ use std::path::Path;
 /// Length of the made-up embeddings.
 const DIM: usize = 8;
 
-/// The demo's clip at 64×48 in `folder/recording`, prepared with made-up embeddings of its classes in `folder/prepared`;
-/// test frames are held out of more than two.
+/// Writes the demo's clip at 64×48 to `folder/recording`, and prepares it with made-up embeddings of its
+/// classes in `folder/prepared`. Test frames are held out if there are more than two frames.
 pub fn small_clip(folder: &Path, frames: usize) -> Result<Prepared> {
     let recording = folder.join("recording");
     let settings = DemoSettings { width: 64, height: 48, frames, ..DemoSettings::default() };

@@ -10,30 +10,30 @@ use crate::{
 };
 use glam::{Affine3A, Vec3};
 
-/// A scene before and after a change, and what the second picture must be, given the first.
+/// A scene before and after a change, and the expected second picture, given the first.
 pub struct Invariance {
-    /// What was changed.
+    /// Kind of the change.
     pub family: &'static str,
     /// The scene and its camera before.
     pub before: (Scene, Camera),
     /// The scene and its camera after.
     pub after: (Scene, Camera),
-    /// When both are looked at.
+    /// Time at which both are rendered.
     pub time: f32,
-    /// What the second picture must be, by the first.
+    /// Computes the expected second picture from the first.
     expected: fn(&Images) -> Vec<f64>,
-    /// The second picture at the size of the first.
+    /// Scales the second picture to the size of the first.
     found: fn(&Images) -> Images,
 }
 
 impl Invariance {
-    /// How the second picture differs from what the first one says.
+    /// Difference of the second picture from the expected one.
     pub fn difference(&self, before: &Images, after: &Images) -> Difference {
         difference(&(self.found)(after), &(self.expected)(before))
     }
 }
 
-/// All of them, at several times.
+/// All invariances, at several times.
 pub fn invariances() -> Vec<Invariance> {
     let mut all = Vec::new();
     for time in [0.05, 0.5, 0.95] {
@@ -73,7 +73,7 @@ fn deeper(before: &Images) -> Vec<f64> {
     planes
 }
 
-/// The mean of each 2 × 2 pixels.
+/// Mean of each 2 × 2 pixels.
 fn halved(images: &Images) -> Images {
     let (width, height) = (images.width / 2, images.height / 2);
     let planes = images.planes.chunks(images.width * images.height).flat_map(|plane| {
@@ -86,7 +86,7 @@ fn halved(images: &Images) -> Images {
 }
 
 fn reorder(scene: &mut Scene) {
-    // 67 and the number have no common factor: each place is taken once.
+    // 67 and N have no common factor, so that each place is taken once.
     let order: Vec<usize> = (0..N).map(|i| i * 67 % N).collect();
     let Deformation { num_bases, stride, .. } = scene.deformation;
     let rows: Vec<&[f32]> = scene.deformation.weights.chunks(stride).collect();
@@ -155,7 +155,8 @@ mod tests {
                 "another order of the Gaussians"
                 | "one more Gaussian, invisible"
                 | "one more Gaussian, behind the camera" => (0.0, 0.0),
-                // Point samples against means over a pixel, and a blur of a third of a pixel: no exact law.
+                // Point samples are compared with means over a pixel, and a blur is a third of a pixel:
+                // no exact law holds.
                 "twice the resolution" => (f64::INFINITY, 0.5),
                 _ => (1e-3, MAX_BEYOND),
             };

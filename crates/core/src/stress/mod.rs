@@ -14,15 +14,15 @@ use crate::{
     scene::Scene,
 };
 
-/// One way to be difficult.
+/// A scene with one kind of difficulty.
 pub struct Case {
-    /// What is difficult about it.
+    /// Kind of the difficulty.
     pub family: &'static str,
-    /// What to render.
+    /// Scene to render.
     pub scene: Scene,
-    /// From where.
+    /// Camera to render from.
     pub camera: Camera,
-    /// When, usually 0 to 1.
+    /// Time to render at, usually 0 to 1.
     pub time: f32,
 }
 
@@ -31,7 +31,7 @@ const DIM: usize = 3;
 
 /// An ordinary scene of `n` Gaussians 2 to 6 units in front of the camera, which move, turn and change.
 pub fn ordinary(n: usize) -> Scene {
-    // Numbers in -1..1 without a pattern, the same each time.
+    // Numbers in -1..1 without a pattern, the same in each run.
     let wave = |i: usize, k: usize| ((i * 7919 + k * 104_729) as f32 * 0.618_034).sin();
     let gaussians = Gaussians {
         means: (0..n).map(|i| [2.0 * wave(i, 0), 1.5 * wave(i, 1), 4.0 + 2.0 * wave(i, 2)]).collect(),
@@ -54,10 +54,10 @@ fn camera(width: u32, height: u32) -> Camera {
     Camera::with_field_of_view(width, height, 60.0)
 }
 
-/// Gaussians of an ordinary case.
+/// Number of Gaussians of an ordinary case.
 const N: usize = 150;
 
-/// All of them.
+/// All cases but [`a_million`].
 pub fn cases() -> Vec<Case> {
     let mut cases = Vec::new();
     let mut add = |family, time, size: (u32, u32), change: &dyn Fn(&mut Gaussians, &mut Deformation)| {
@@ -83,8 +83,8 @@ pub fn cases() -> Vec<Case> {
     cases
 }
 
-/// A million small Gaussians, one of 25 in view: software adapters end a loop after 65,535 rounds, and the f64 twin is
-/// to take seconds.
+/// A million small Gaussians, one in 25 of them in view: software adapters end a loop after 65,535
+/// rounds, and the f64 twin should take only seconds.
 pub fn a_million() -> Case {
     let mut scene = ordinary(1_000_000);
     scene.gaussians.log_scales.iter_mut().for_each(|s| *s = s.map(|v| v - 3.0));
@@ -158,23 +158,23 @@ fn not_numbers(add: &mut Add<'_>) {
     }
 }
 
-/// How an image differs from its f64 twin.
+/// Difference of an image from its f64 twin.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Difference {
-    /// Numbers that are not finite.
+    /// Number of values that are not finite.
     pub not_finite: usize,
-    /// Largest difference of a colour, opacity or feature that lies within the range of those, relative to 1 or to the
-    /// value where that is larger, cut-offs left out: where f32 and f64 fall on different sides of one, a whole
-    /// contribution differs.
+    /// Largest difference up to [`CUT_OFF`], relative to 1 (10 for depth) or to the value if that is
+    /// larger. Larger differences are left out: if f32 and f64 fall on different sides of a cut-off, a
+    /// whole contribution differs.
     pub largest: f64,
-    /// Share of numbers beyond [`CUT_OFF`].
+    /// Share of values whose difference is beyond [`CUT_OFF`].
     pub beyond: f64,
 }
 
-/// A larger difference comes from falling on another side of a cut-off.
+/// Smallest difference that must come from falling on another side of a cut-off.
 pub const CUT_OFF: f64 = 1e-3;
 
-/// Share of a picture's numbers that may come from falling on another side.
+/// Largest share of a picture's values that may fall on another side of a cut-off.
 pub const MAX_BEYOND: f64 = 2e-3;
 
 /// Compares rendered images with those of the f64 twin.
@@ -182,14 +182,14 @@ pub fn compare(images: &Images, case: &Case) -> Difference {
     difference(images, &reference_frame(&case.scene, &case.camera, case.time))
 }
 
-/// Compares rendered images with what their planes should hold.
+/// Compares rendered images with the expected values of their planes.
 fn difference(images: &Images, expected: &[f64]) -> Difference {
     let pixels = images.width * images.height;
     let mut found = Difference::default();
     let mut counted = 0;
     for (i, (&value, &expected)) in images.planes.iter().zip(expected).enumerate() {
         found.not_finite += usize::from(!value.is_finite());
-        // What is not a number in f64 has no right value.
+        // A value that is not a number in f64 has no right answer.
         if !expected.is_finite() {
             continue;
         }
@@ -226,7 +226,7 @@ mod tests {
         assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     }
 
-    /// Speed must not change a bit of what is drawn. Only where exp and sin, too, are the same everywhere.
+    /// Optimisations must not change a bit of the picture. Tested only on systems with the same exp and sin.
     #[test]
     #[cfg(all(target_arch = "x86_64", target_os = "linux", target_env = "gnu"))]
     fn frames_are_the_same_bytes_as_ever() {

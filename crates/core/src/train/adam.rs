@@ -8,7 +8,8 @@ use rayon::prelude::*;
 pub const BETA1: f32 = 0.9;
 /// Decay of the second moments.
 pub const BETA2: f32 = 0.999;
-/// As small as in the reference: parameters with tiny gradients still move at the learning rate.
+/// Added to the root of the second moment. As small as in the reference: parameters with tiny gradients
+/// still move at the learning rate.
 pub const EPSILON: f32 = 1e-15;
 
 /// Moments of one tensor.
@@ -18,7 +19,7 @@ pub struct Adam {
     pub first: Vec<f32>,
     /// Second moments.
     pub second: Vec<f32>,
-    /// Updates so far.
+    /// Number of updates so far.
     pub steps: i32,
 }
 
@@ -27,16 +28,16 @@ pub struct Adam {
 pub(super) struct Update {
     rate: f32,
     second_correction: f32,
-    /// What gradients are multiplied by.
+    /// Factor of the gradients.
     gain: f32,
 }
 
-/// Numbers updated at once.
+/// Number of parameters updated at once.
 pub const WIDTH: usize = 16;
-/// Numbers per parallel piece.
+/// Number of parameters per parallel piece.
 const CHUNK: usize = 1024 * WIDTH;
 
-/// What the moments of the `steps`-th update are multiplied by, first and second.
+/// Factors of the first and second moments in the `steps`-th update.
 pub fn bias_corrections(steps: i32) -> [f32; 2] {
     [BETA1, BETA2].map(|beta| 1.0 / (1.0 - beta.powi(steps)))
 }
@@ -67,20 +68,20 @@ impl Adam {
         Self { first: vec![0.0; len], second: vec![0.0; len], steps: 0 }
     }
 
-    /// Counts an update.
+    /// Counts an update and returns its factors.
     pub(super) fn next_update(&mut self, rate: f32, gain: f32) -> Update {
         self.steps += 1;
         let [first_correction, second_correction] = bias_corrections(self.steps);
         Update { rate: rate * first_correction, second_correction, gain }
     }
 
-    /// One update of `parameters` at learning rate `rate`.
+    /// Updates `parameters` once at learning rate `rate`.
     pub fn step(&mut self, parameters: &mut [f32], gradients: &[f32], rate: f32) {
         self.step_rows(parameters, gradients, rate, 1.0, &[1.0; WIDTH]);
     }
 
-    /// One update where the gradient is `gain · gradients` and parameter k's learning rate is
-    /// `rate · scales[k mod scales.len()]`; there are [`WIDTH`] scales or a multiple, at most [`CHUNK`].
+    /// Updates once with the gradient `gain · gradients` and, for parameter k, the learning rate `rate ·
+    /// scales[k mod scales.len()]`. There are [`WIDTH`] scales or a multiple, at most [`CHUNK`].
     pub fn step_rows(
         &mut self,
         parameters: &mut [f32],

@@ -1,5 +1,5 @@
-//! What carries out a step: the passes of this crate, or their twins on a GPU. Schedule, policy and random numbers are
-//! the trainer's, so that both walk through the same decisions.
+//! Backends that carry out training steps: the passes of this crate, or their twins on a GPU. Schedule,
+//! policy and random numbers belong to the trainer, so that all backends follow the same decisions.
 
 use super::{
     LossTerms, TrainSettings,
@@ -17,18 +17,18 @@ use std::sync::Arc;
 /// Everything that a step changes.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Model {
-    /// At rest.
+    /// Gaussians at rest.
     pub gaussians: Gaussians,
-    /// How they move.
+    /// Their motion.
     pub deformation: Deformation,
     /// Moments of all parameters.
     pub optimiser: Optimiser,
-    /// Since the last densification.
+    /// Statistics since the last densification.
     pub statistics: Statistics,
 }
 
 impl Model {
-    /// Zero moments, nothing seen yet.
+    /// Makes a model with zero moments and empty statistics.
     pub fn new(gaussians: Gaussians, deformation: Deformation) -> Self {
         Self {
             optimiser: Optimiser::new(&gaussians, &deformation),
@@ -39,18 +39,18 @@ impl Model {
     }
 }
 
-/// How a step looks at the scene.
+/// View of the scene in one step.
 #[derive(Clone, Debug)]
 pub struct Look {
-    /// Of the frame, or of half its size.
+    /// Camera of the frame, or of half its size.
     pub camera: Camera,
-    /// 0–1.
+    /// Time, 0–1.
     pub time: f32,
-    /// Whether the camera is one of half the size.
+    /// `true` if the camera has half the size.
     pub half: bool,
-    /// Which of its pixels are rendered.
+    /// Choice of the pixels that are rendered.
     pub sampling: Sampling,
-    /// Share of all steps done.
+    /// Share of all steps done so far.
     pub progress: f32,
 }
 
@@ -59,31 +59,31 @@ pub struct Look {
 pub struct Plan {
     /// Number of the frame in the recording.
     pub index: usize,
-    /// The frame at the size of the camera, all its pixels.
+    /// Frame at the size of the camera, with all its pixels.
     pub frame: Arc<Frame>,
-    /// From where, when, which pixels.
+    /// Camera, time and pixels.
     pub look: Look,
-    /// Steps done before.
+    /// Number of steps done before.
     pub step: usize,
-    /// Whether parameters are updated; statistics are in any case.
+    /// `true` if parameters are updated; statistics are updated in any case.
     pub updates: bool,
 }
 
-/// What is the same for all steps.
+/// Values that are the same for all steps.
 #[derive(Clone, Copy, Debug)]
 pub struct Context<'a> {
-    /// The choices.
+    /// Settings of the training.
     pub settings: &'a TrainSettings,
     /// Table of latent features, [rows][D].
     pub latents: &'a [f32],
-    /// Scene units.
+    /// Typical depth, scene units.
     pub typical_depth: f32,
     /// Length of a full-size pixel at the typical depth, scene units.
     pub world_per_px: f32,
 }
 
 impl Context<'_> {
-    /// What the pull at a splat's centre is multiplied by before it is added to the statistics.
+    /// Factors of the pull at a splat's centre before it is added to the statistics.
     pub fn pull_scale(&self, look: &Look) -> [f32; 2] {
         if self.settings.densify.threshold > 0.0 {
             [0.5 * look.camera.width as f32, 0.5 * look.camera.height as f32]
@@ -94,27 +94,27 @@ impl Context<'_> {
         }
     }
 
-    /// Numbers per Gaussian that are rendered and learned beside the colour.
+    /// Number of values per Gaussian that are rendered and learned beside the colour.
     pub fn learned_latents(&self, gaussians: &Gaussians) -> usize {
         if self.settings.feature_mode == super::FeatureMode::Lifted { 0 } else { gaussians.latent_dim }
     }
 }
 
-/// What is known after a step.
+/// Result of a step.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Outcome {
-    /// Loss of the last step, where it is known by now.
+    /// Loss of the last step, if it is known already.
     pub terms: Option<LossTerms<f32>>,
-    /// Steps that turned out to be dropped since the last outcome, because something was not finite.
+    /// Number of steps found dropped since the last outcome, because something was not finite.
     pub dropped: usize,
 }
 
-/// Carries out steps.
+/// Carries out training steps.
 pub trait Backend: Send {
-    /// What it runs on.
+    /// Name of the device it runs on.
     fn name(&self) -> String;
 
-    /// One optimiser step. The model may be brought up to date as late as in [`Backend::finish`].
+    /// Takes one optimiser step. The model may stay out of date until [`Backend::finish`].
     fn step(
         &mut self,
         model: &mut Model,
@@ -126,12 +126,12 @@ pub trait Backend: Send {
     /// Adds and removes Gaussians, as [`super::densify`] does.
     fn densify(&mut self, model: &mut Model, how: &Densify, context: &Context<'_>) -> Result<Outcome>;
 
-    /// Gaussians that there are now.
+    /// Returns the current number of Gaussians.
     fn num_gaussians(&self, model: &Model) -> usize;
 
     /// Brings the model up to date.
     fn finish(&mut self, model: &mut Model, context: &Context<'_>) -> Result<Outcome>;
 
-    /// The model was changed by somebody else after [`Backend::finish`].
+    /// Tells the backend that the model was changed from outside after [`Backend::finish`].
     fn forget(&mut self);
 }

@@ -1,4 +1,4 @@
-//! What the trainer promises, on the synthetic clip at a small size.
+//! Promises of the trainer, tested on the synthetic clip at a small size.
 
 use super::*;
 use crate::{
@@ -29,7 +29,7 @@ impl Clip {
     }
 }
 
-/// Sampled pixels and all, as for a large recording.
+/// Settings with sampled pixels and everything else as for a large recording.
 fn short(iterations: usize) -> TrainSettings {
     TrainSettings { iterations, min_pixels: 100, ..TrainSettings::default() }
 }
@@ -38,7 +38,7 @@ fn run(trainer: &mut Trainer, steps: usize) -> StepReport {
     (0..steps).map(|_| trainer.step().unwrap()).last().unwrap()
 }
 
-/// The scene's bytes, but for the seconds it took.
+/// Bytes of the scene, except for the duration of its training.
 fn scene_bytes(trainer: &mut Trainer) -> Vec<u8> {
     let mut scene = trainer.scene().unwrap();
     scene.provenance.seconds = 0.0;
@@ -145,7 +145,7 @@ fn training_learns_the_clip_without_its_test_frames() {
     run(&mut trainer, 300);
     let after = trainer.psnr_db().unwrap();
     assert!(trainer.settings().eval && after > before + 4.0 && after > 22.0, "{before} dB to {after} dB");
-    // Frames 1 and 9 are held out: nothing ever decoded them.
+    // Frames 1 and 9 are held out, so that nothing ever decoded them.
     assert!(!trainer.cache.holds(1) && !trainer.cache.holds(9) && trainer.cache.holds(0));
 }
 
@@ -202,7 +202,8 @@ fn extreme_gaussians_do_no_harm() {
     let clip = Clip::new(4);
     let mut trainer = clip.trainer(short(60));
     let g = &mut trainer.state.model.gaussians;
-    // Duplicates, opacity at both ends, a needle, a pancake, a speck, a giant, no direction, behind the camera, far away.
+    // Duplicates, opacity at both ends, a needle, a pancake, a speck, a giant, no direction, behind the
+    // camera, and far away.
     g.means[1] = g.means[0];
     (g.opacity_logits[2], g.opacity_logits[3]) = (80.0, -80.0);
     g.log_scales[4] = [5.0, -14.0, -14.0];
@@ -311,7 +312,7 @@ fn changing_light_is_followed_where_colour_may_change() {
 fn long_recordings_cost_no_more_per_step_and_keep_to_their_memory() {
     let bases = |frames| short(1).num_bases(frames);
     assert_eq!((bases(1), bases(48), bases(80), bases(10_000)), (5, 17, 27, 64));
-    // Live bases, the only ones touched in a step.
+    // Only live bases are touched in a step.
     for frames in [80, 10_000] {
         let b = bases(frames);
         let d = crate::deform::Deformation {

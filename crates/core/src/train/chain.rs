@@ -1,4 +1,4 @@
-//! From gradients of splats back to the parameters at rest, per Gaussian.
+//! From gradients of splats back to the parameters at rest, for each Gaussian.
 
 use crate::{
     camera::Camera,
@@ -12,44 +12,44 @@ use crate::{
 };
 use rayon::prelude::*;
 
-/// ∂L/∂ the parameters at rest. Those of centres, rotations, log-scales and colours are the first channels of `psi`:
-/// ψ is added to them.
+/// Gradients with respect to the parameters at rest. Those of centres, rotations, log-scales and colours
+/// are the first channels of `psi`, because ψ is added to them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gradients {
-    /// ∂L/∂ψ, [N][stride]. That of the gate is in the gate's own channels until [`Gradients::fold_gate`].
+    /// ∂L/∂ψ, [N][stride]. The gate's gradient is in the gate's own channels until [`Gradients::fold_gate`].
     pub psi: Vec<f32>,
-    /// As [`Gaussians::opacity_logits`].
+    /// ∂L/∂ [`Gaussians::opacity_logits`].
     pub opacity_logits: Vec<f32>,
-    /// As [`Gaussians::sh_rest`].
+    /// ∂L/∂ [`Gaussians::sh_rest`].
     pub sh_rest: Vec<f32>,
-    /// As [`Gaussians::features`].
+    /// ∂L/∂ [`Gaussians::features`].
     pub features: Vec<f32>,
-    /// Feature network: W flat, then b.
+    /// ∂L/∂ the feature network: W flat, then b.
     pub net: Vec<f32>,
 }
 
-/// Gaussians per chunk: partial sums of the network's gradient are added chunk by chunk, in order.
+/// Number of Gaussians per chunk. Partial sums of the network's gradient are added chunk by chunk, in order.
 const CHUNK: usize = 1024;
 
-/// Everything the chain rule needs of one rendered frame.
+/// Values of one rendered frame that the chain rule needs.
 pub struct FrameState<'a> {
-    /// At rest.
+    /// Gaussians at rest.
     pub gaussians: &'a Gaussians,
-    /// How they move.
+    /// Their motion.
     pub deformation: &'a Deformation,
     /// ψ(t), [N][stride].
     pub psi: &'a [f32],
-    /// At time t.
+    /// Gaussians at time t.
     pub deformed: &'a Deformed,
-    /// On the image.
+    /// Gaussians on the image plane.
     pub splats: &'a [Splat<f32>],
-    /// The frame's camera.
+    /// Camera of the frame.
     pub camera: &'a Camera,
-    /// t.
+    /// Time t.
     pub time: f32,
 }
 
-/// Applies the chain rule to all Gaussians; `false` if a gradient is not finite.
+/// Applies the chain rule to all Gaussians; returns `false` if a gradient is not finite.
 pub fn backward(
     state: &FrameState<'_>,
     g_splats: &[SplatGradient<f32>],
@@ -102,7 +102,7 @@ pub fn backward(
     results.iter().all(|(_, finite)| *finite)
 }
 
-/// Chunks of `size`; as many empty ones as there are chunks of Gaussians where the array is empty.
+/// Splits into chunks of `size`. An empty array gives as many empty chunks as there are chunks of Gaussians.
 fn chunks_or_empty(values: &mut [f32], size: usize, n: usize) -> Vec<&mut [f32]> {
     if values.is_empty() {
         (0..n.div_ceil(CHUNK)).map(|_| [].as_mut_slice()).collect()
@@ -111,7 +111,7 @@ fn chunks_or_empty(values: &mut [f32], size: usize, n: usize) -> Vec<&mut [f32]>
     }
 }
 
-/// Whether all are finite: 0 · v is 0 for those, NaN for others.
+/// Returns `true` if all values are finite: 0 · v is 0 for finite values and NaN for others.
 fn are_finite(values: &[f32]) -> bool {
     let (chunks, rest) = values.as_chunks::<16>();
     let mut lanes = [0.0f32; 16];
@@ -121,7 +121,7 @@ fn are_finite(values: &[f32]) -> bool {
     lanes.iter().chain(rest).all(|v| v.is_finite())
 }
 
-/// Writes one Gaussian's gradients but those of its features; returns that of its opacity logit.
+/// Writes one Gaussian's gradients except those of its features; returns that of its opacity logit.
 fn geometry_and_colour(
     state: &FrameState<'_>,
     view: &View<f32>,
@@ -178,8 +178,8 @@ fn feature(
 }
 
 impl Gradients {
-    /// Adds the gate's gradient to the channels that it reads. What is at rest has no part in it, so this comes after
-    /// its update.
+    /// Adds the gate's gradient to the channels that it reads. It does not belong to the parameters at
+    /// rest, so this is called after their update.
     pub fn fold_gate(&mut self, deformation: &Deformation, latent_dim: usize) {
         if deformation.gate_channel == GATE_CHANNEL {
             return;

@@ -1,4 +1,5 @@
-//! Unfinished training on disk: a short header with a checksum, then identity, settings and state in postcard's format.
+//! Unfinished training on disk: a short header with a checksum, then identity, settings and state in
+//! postcard's format.
 
 use super::{settings::TrainSettings, state::State};
 use crate::{
@@ -15,19 +16,20 @@ use std::{
     path::Path,
 };
 
-/// First bytes of a checkpoint; the last one is the layout's version. The SHA-256 of all that follows comes next.
+/// First bytes of a checkpoint; the last byte is the version of the layout. The SHA-256 of the rest of
+/// the file follows.
 const MAGIC: &[u8; 16] = b"SurgTPGS train 2";
 const SUM_BYTES: usize = 32;
-/// Of the version before, without checksum and identity.
+/// First bytes of the previous version, which has no checksum and no identity.
 const OLD_MAGIC: &[u8; 16] = b"SurgTPGS train 1";
 
-/// What a checkpoint belongs to.
+/// Material that a checkpoint belongs to.
 #[derive(Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 struct Source {
     frames: usize,
     width: usize,
     height: usize,
-    /// The features' table; empty without features.
+    /// Table of the features; empty without features.
     latents: Vec<f32>,
 }
 
@@ -49,15 +51,15 @@ struct Checkpoint {
     state: State,
 }
 
-/// Whether the file at `path` is an unfinished training, of whatever version.
+/// Returns `true` if the file at `path` is an unfinished training, of any version.
 pub fn is_checkpoint(path: &Path) -> bool {
     let mut start = [0; MAGIC.len()];
     let read = std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut start));
-    // The last bytes are the version's.
+    // The last byte is the version.
     read.is_ok() && start.starts_with(b"SurgTPGS train ")
 }
 
-/// Writes a checkpoint whole.
+/// Writes a checkpoint completely or not at all.
 pub(super) fn write(
     path: &Path,
     sequence: &Sequence,
@@ -69,7 +71,7 @@ pub(super) fn write(
     let checkpoint = Checkpoint { source: Source::of(sequence, prepared), settings: settings.clone(), state };
     write_whole_with(path, |file| {
         let mut body = Summed { file: BufWriter::new(file), sum: Sha256::new() };
-        // The checksum is known at the end.
+        // The checksum is only known at the end and is then written here.
         body.file.write_all(&[&MAGIC[..], &[0; SUM_BYTES]].concat())?;
         let Summed { file, sum } =
             postcard::to_io(&(identity, &checkpoint), body).map_err(std::io::Error::other)?;
@@ -79,7 +81,7 @@ pub(super) fn write(
     })
 }
 
-/// A file and the checksum of what is written to it.
+/// A file and the checksum of everything written to it.
 struct Summed<'a> {
     file: BufWriter<&'a mut File>,
     sum: Sha256,
@@ -97,7 +99,7 @@ impl Write for Summed<'_> {
     }
 }
 
-/// Reads a checkpoint of training on this very material.
+/// Reads a checkpoint; fails if it belongs to the training of other material.
 pub(super) fn read(
     path: &Path,
     sequence: &Sequence,

@@ -1,4 +1,4 @@
-//! A step on the CPU.
+//! A training step on the CPU.
 
 use super::{
     Backend, Context, Look, LossTerms, Model, Outcome, Plan,
@@ -22,8 +22,8 @@ use crate::{
     },
 };
 
-/// The passes of a step on the CPU, with what they write kept from step to step: fresh memory costs more than the
-/// arithmetic on it.
+/// The passes of a step on the CPU. Their outputs are kept from step to step: fresh memory costs more
+/// than the arithmetic on it.
 #[derive(Debug, Default)]
 pub struct CpuBackend {
     psi: Vec<f32>,
@@ -89,7 +89,7 @@ impl Backend for CpuBackend {
 }
 
 impl CpuBackend {
-    /// Deform, project, bin, raster.
+    /// Runs deform, project, bin and raster.
     fn render(
         &mut self,
         model: &Model,
@@ -115,7 +115,7 @@ impl CpuBackend {
         bins
     }
 
-    /// The loss, and its gradient with respect to the images.
+    /// Computes the loss and its gradient with respect to the images.
     fn compare(
         &mut self,
         frame: &Frame,
@@ -130,7 +130,7 @@ impl CpuBackend {
         terms
     }
 
-    /// From the images' gradient to that of all parameters; `false` if it is not finite.
+    /// Computes the gradient of all parameters from that of the images; returns `false` if it is not finite.
     fn differentiate(
         &mut self,
         model: &Model,

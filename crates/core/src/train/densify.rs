@@ -1,8 +1,9 @@
-//! Adding Gaussians where the picture pulls at them, removing those that have faded (method §6.3–6.4).
+//! Adds Gaussians where the gradient of the picture pulls at them, and removes those that have faded
+//! (method §6.3–6.4).
 //!
-//! Unlike the released code, whose scene extent of 0 makes every densification a split, size is judged in pixels,
-//! so it works with a still camera. [`Densify`] is the policy, the same for all backends; each pass that follows it
-//! has a twin of its name in `shaders/densify.wgsl`.
+//! In the released code the scene extent is 0, so that every densification is a split. Here size is
+//! judged in pixels, which also works with a still camera. [`Densify`] is the policy, the same for all
+//! backends. Each pass that follows it has a twin of its name in `shaders/densify.wgsl`.
 
 use super::{backend::Model, random::normal4, settings::TrainSettings};
 use crate::{
@@ -13,22 +14,22 @@ use crate::{
     real::{rotation_matrix, transform, unit_quaternion},
 };
 
-/// Per Gaussian, since the last densification.
+/// Statistics of each Gaussian since the last densification.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Statistics {
     /// Σ ‖∂L/∂centre‖, per px of the full-size image.
     pub pull: Vec<f32>,
-    /// Frames in which it was visible.
+    /// Number of frames in which it was visible.
     pub seen: Vec<u32>,
 }
 
 impl Statistics {
-    /// For `n` Gaussians, nothing seen yet.
+    /// Makes empty statistics for `n` Gaussians.
     pub fn new(n: usize) -> Self {
         Self { pull: vec![0.0; n], seen: vec![0; n] }
     }
 
-    /// Adds one frame; `scale` makes its pixels the unit wanted.
+    /// Adds one frame; `scale` converts from its pixels to the unit of the statistics.
     pub fn add(&mut self, splats: &[Splat<f32>], g: &[SplatGradient<f32>], scale: [f32; 2]) {
         for (i, (splat, g)) in splats.iter().zip(g).enumerate() {
             if splat.is_visible() {
@@ -39,37 +40,38 @@ impl Statistics {
     }
 }
 
-/// One densification in numbers.
+/// Numbers that determine one densification.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Densify {
-    /// Gaussians with a lower logit of opacity are removed.
+    /// Smallest logit of opacity; Gaussians with a lower one are removed.
     pub min_opacity_logit: f32,
-    /// Gaussians are parted only where the mean pull is at least this.
+    /// Smallest mean pull of a Gaussian that is divided into two.
     pub min_pull: f32,
-    /// Share of the kept ones that may be added.
+    /// Largest share of the kept Gaussians that may be added.
     pub growth: f32,
-    /// Most Gaussians there may be.
+    /// Largest number of Gaussians.
     pub budget: usize,
     /// Log-scale above which a Gaussian is split; others are cloned.
     pub split_log_scale: f32,
-    /// Both halves are placed at random and start afresh.
+    /// `true` to place both halves at random, with fresh moments.
     pub split_only: bool,
-    /// What random numbers follow from, beside the parent's row.
+    /// Seed of the random numbers, which also depend on the parent's row.
     pub seed: [u32; 2],
 }
 
-/// Shorter by this the axis along which a Gaussian was split: ln 1.6, as in the released code.
+/// Decrease of the log-scale along the axis of a split: ln 1.6, as in the released code.
 pub const LN_SPLIT: f32 = 0.470_003_63;
 /// Distance of the two halves of a split Gaussian from its centre, in its standard deviations.
 pub const SPLIT_DISTANCE: f32 = 0.8;
-/// The same for the two of a clone.
+/// Distance of the two Gaussians of a clone from its centre, in its standard deviations.
 pub const CLONE_DISTANCE: f32 = 0.4;
 
-/// Key of a Gaussian that is not to be parted; the others' are lower.
+/// Key of a Gaussian that is not to be divided; the others' keys are lower.
 const NOT_PULLED: u32 = u32::MAX;
 
 impl Densify {
-    /// After step `step`, to at most `budget` Gaussians; `world_per_px` is the length of a pixel at the typical depth.
+    /// Policy after step `step`, for at most `budget` Gaussians. `world_per_px` is the length of a pixel
+    /// at the typical depth.
     pub fn new(settings: &TrainSettings, budget: usize, world_per_px: f32, step: usize) -> Self {
         let d = &settings.densify;
         let by_threshold = d.threshold > 0.0;
@@ -84,23 +86,25 @@ impl Densify {
         }
     }
 
-    /// How many are parted, the most pulled first, if so many are kept and so many of these are pulled.
+    /// Number of Gaussians to divide, the most pulled first, of `num_kept` that are kept and `num_pulled`
+    /// of these that are pulled.
     pub fn num_children(&self, num_kept: usize, num_pulled: usize) -> usize {
         let room = self.budget.saturating_sub(num_kept);
-        // Beyond all bounds becomes the largest number.
+        // The conversion turns infinity into the largest integer.
         num_pulled.min(room).min((self.growth * num_kept as f32) as usize)
     }
 }
 
-/// Decides and carries out one densify-and-prune. Those kept stay in their order; after them come the children, in that
-/// of their parents. The statistics start again.
+/// Decides on one densify-and-prune and carries it out. The kept Gaussians stay in their order; the
+/// children follow in the order of their parents. The statistics are reset.
 pub fn densify(model: &mut Model, how: &Densify) {
     let Model { gaussians, deformation, optimiser, statistics } = model;
     let marks = mark(gaussians, statistics, how);
     let num_kept = marks.iter().filter(|m| m.is_kept).count();
     let mut parted = rank(&marks);
     parted.truncate(how.num_children(num_kept, parted.len()));
-    // In their own order: pulls that differ in the last digit then change at most which of two are parted.
+    // Sorted by index: if pulls differ in the last digit, at most the choice between two Gaussians
+    // changes, not the order.
     parted.sort_unstable();
     let (rows, pairs) = list(&marks, &parted, how.split_only);
     let (bands, dim, stride) = (gaussians.sh_bands() * 3, gaussians.latent_dim, deformation.stride);
@@ -117,11 +121,11 @@ pub fn densify(model: &mut Model, how: &Densify) {
     *statistics = Statistics::new(gaussians.len());
 }
 
-/// What one Gaussian is to become.
+/// Decision about one Gaussian.
 #[derive(Clone, Copy)]
 struct Mark {
     is_kept: bool,
-    /// The lower, the more it is pulled.
+    /// Sort key; the more it is pulled, the lower.
     pull_key: u32,
 }
 
@@ -138,7 +142,7 @@ fn mark(gaussians: &Gaussians, statistics: &Statistics, how: &Densify) -> Vec<Ma
     (0..gaussians.len()).map(mark_one).collect()
 }
 
-/// Those to be parted if there is room, the most pulled first, ties by index.
+/// Gaussians to divide if there is room, the most pulled first, ties by index.
 fn rank(marks: &[Mark]) -> Vec<u32> {
     let key = |i: &u32| marks[*i as usize].pull_key;
     let mut ranked: Vec<u32> = (0..marks.len() as u32).filter(|i| key(i) != NOT_PULLED).collect();
@@ -151,11 +155,11 @@ fn rank(marks: &[Mark]) -> Vec<u32> {
 struct Row {
     /// Row of the old set that it copies.
     parent: u32,
-    /// Whether its moments start afresh.
+    /// `true` if its moments start afresh.
     is_fresh: bool,
 }
 
-/// The new rows, and which of them are the two of each of the `parted`.
+/// The new rows, and the indices of the two rows of each divided Gaussian.
 fn list(marks: &[Mark], parted: &[u32], split_only: bool) -> (Vec<Row>, Vec<[usize; 2]>) {
     let mut places = vec![0; marks.len()];
     let mut rows = Vec::new();
@@ -173,11 +177,11 @@ fn list(marks: &[Mark], parted: &[u32], split_only: bool) -> (Vec<Row>, Vec<[usi
     (rows, pairs)
 }
 
-/// Two of one: a large Gaussian becomes two smaller ones along its longest axis, a small one two side by side that
-/// together cover what it did. Both rows are copies of it so far.
+/// Makes two Gaussians of one. A large one becomes two smaller ones along its longest axis. A small one
+/// becomes two side by side that together cover the same area. Both rows start as copies of it.
 fn split_or_clone(gaussians: &mut Gaussians, [parent, child]: [usize; 2], split_log_scale: f32) {
     let log_scale = gaussians.log_scales[parent];
-    // The last one of equals.
+    // If several are equal, the last one is taken.
     let longest = (1..3).fold(0, |best, axis| if log_scale[axis] >= log_scale[best] { axis } else { best });
     let is_large = log_scale[longest] > split_log_scale;
     let distance = if is_large { SPLIT_DISTANCE } else { CLONE_DISTANCE };
@@ -199,7 +203,7 @@ fn split_or_clone(gaussians: &mut Gaussians, [parent, child]: [usize; 2], split_
     }
 }
 
-/// Puts two smaller Gaussians at random where one was, as the released code does (method §6.4).
+/// Places two smaller Gaussians at random where one was, as the released code does (method §6.4).
 fn scatter(gaussians: &mut Gaussians, pair: [usize; 2], [first, second]: [u32; 2], seed: u32) {
     let (mean, log_scale) = (gaussians.means[pair[0]], gaussians.log_scales[pair[0]]);
     let turn = rotation_matrix(unit_quaternion(gaussians.rotations[pair[0]]).0);
@@ -211,7 +215,7 @@ fn scatter(gaussians: &mut Gaussians, pair: [usize; 2], [first, second]: [u32; 2
     }
 }
 
-/// Every array follows the change of the set.
+/// Rebuilds every array for the new rows.
 fn copy_rows(gaussians: &mut Gaussians, deformation: &mut Deformation, rows: &[Row]) {
     fn copy<T: Copy>(values: &[T], rows: &[Row], width: usize) -> Vec<T> {
         let row = |r: &Row| &values[r.parent as usize * width..(r.parent as usize + 1) * width];
@@ -281,7 +285,7 @@ mod tests {
             let child = m.deformation.weights[(b * 7 + 6) * stride];
             assert_eq!(child, before.deformation.weights[(b * 6 + 3) * stride]);
         }
-        // Gaussian 2 is large and split; Gaussian 3 is small and cloned with shared opacity.
+        // Gaussian 2 is large and is split. Gaussian 3 is small and is cloned with shared opacity.
         assert!(g.log_scales[1].iter().any(|s| *s < 0.0) && (g.log_scales[2][0] + 3.0).abs() < 1e-6);
         assert!((sigmoid(g.opacity_logits[2]) - (1.0 - 0.5f32.sqrt())).abs() < 1e-5);
         assert_eq!(m.statistics, Statistics::new(7));

@@ -1,4 +1,4 @@
-//! The frames that training compares to, decoded once, at full and at half size.
+//! The frames that training compares with, decoded once, at full and at half size.
 
 use super::loss::Truth;
 use crate::{
@@ -9,20 +9,20 @@ use crate::{
 };
 use std::{collections::BTreeMap, sync::Arc};
 
-/// One frame's ground truth at one size; owned form of [`Truth`].
+/// Ground truth of one frame at one size; the owned form of [`Truth`].
 #[derive(Debug)]
 pub struct Frame {
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
-    /// r, g, b, plane after plane, 0–255.
+    /// Colours r, g, b, plane after plane, 0–255.
     pub colour: Vec<u8>,
-    /// `true` = supervise.
+    /// Pixels that are supervised: `true` = supervise.
     pub mask: Vec<bool>,
-    /// z in scene units, 0 where unknown; empty if there is no depth.
+    /// Depth: z in scene units, 0 where unknown; empty if there is no depth.
     pub depth: Vec<f32>,
-    /// Latent table row per pixel, [`NO_REGION`] where none; empty if there are no features.
+    /// Row of the latent table for each pixel, [`NO_REGION`] if none; empty if there are no features.
     pub regions: Vec<u16>,
 }
 
@@ -40,12 +40,12 @@ impl Frame {
         })
     }
 
-    /// Columns and rows.
+    /// Number of columns and rows.
     pub fn size(&self) -> (usize, usize) {
         (self.width, self.height)
     }
 
-    /// As the loss reads it.
+    /// The frame in the form that the loss reads.
     pub fn truth<'a>(&'a self, latents: &'a [f32], typical_depth: f32) -> Truth<'a> {
         Truth {
             width: self.width,
@@ -59,8 +59,8 @@ impl Frame {
         }
     }
 
-    /// Half the size: colours averaged over 2×2 pixels; a pixel is supervised where all four are; depth and region
-    /// are kept where all four agree (depth within 2 %).
+    /// Halves the size. Colours are averaged over 2×2 pixels. A pixel is supervised if all four are.
+    /// Depth and region are kept if all four agree (depth within 2 %).
     pub fn halved(&self) -> Self {
         let (width, height) = (self.width / 2, self.height / 2);
         let four = |x: usize, y: usize| {
@@ -96,7 +96,7 @@ impl Frame {
         Self { width, height, colour, mask, depth, regions }
     }
 
-    /// The pixels that `sampling` names.
+    /// Keeps only the pixels of `sampling`.
     pub fn sampled(&self, sampling: Sampling) -> Self {
         let (width, height) = sampling.size(self.width, self.height);
         let (colour, (mask, (depth, regions))) = rayon::join(
@@ -109,7 +109,7 @@ impl Frame {
         Self { width, height, colour, mask, depth, regions }
     }
 
-    /// The sampled pixels of one or more planes; none of an absent one.
+    /// Sampled pixels of one or more planes; empty if `planes` is.
     fn picked<T: Copy>(&self, planes: &[T], sampling: Sampling) -> Vec<T> {
         let [x, y] = sampling.first;
         let of_plane = |plane| {
@@ -124,12 +124,12 @@ impl Frame {
     }
 }
 
-/// r, g, b interleaved → plane after plane.
+/// Converts r, g, b from interleaved to plane after plane.
 fn planar(interleaved: &[u8]) -> Vec<u8> {
     (0..3).flat_map(|c| interleaved.iter().skip(c).step_by(3).copied()).collect()
 }
 
-/// Decoded frames within a memory budget; what does not fit is decoded again each time.
+/// Decoded frames within a memory budget; frames that do not fit are decoded again each time.
 #[derive(Debug)]
 pub struct FrameCache {
     sequence: Sequence,
@@ -139,24 +139,24 @@ pub struct FrameCache {
 }
 
 impl FrameCache {
-    /// An empty cache of at most `budget_bytes`.
+    /// Makes an empty cache of at most `budget_bytes`.
     pub fn new(sequence: &Sequence, budget_bytes: usize) -> Self {
         Self { sequence: sequence.clone(), frames: BTreeMap::new(), used_bytes: 0, budget_bytes }
     }
 
-    /// Memory in use.
+    /// Memory in use, bytes.
     #[cfg(test)]
     pub fn used_bytes(&self) -> usize {
         self.used_bytes
     }
 
-    /// Whether frame `i` has been decoded.
+    /// Returns `true` if frame `i` has been decoded.
     #[cfg(test)]
     pub fn holds(&self, i: usize) -> bool {
         [false, true].iter().any(|half| self.frames.contains_key(&(i, *half)))
     }
 
-    /// Frame `i`, halved if asked for.
+    /// Returns frame `i`, halved if asked for.
     pub fn get(&mut self, prepared: Option<&Prepared>, i: usize, half: bool) -> Result<Arc<Frame>> {
         if let Some(frame) = self.frames.get(&(i, half)) {
             return Ok(frame.clone());

@@ -1,7 +1,7 @@
 //! Features in closed form: each Gaussian gets the mean of the features that it shows (peers.md §2).
 //!
-//! fᵢ = Σ w f̂ / Σ w over the supervised pixels of all training frames, w the Gaussian's weight in the pixel. Both sums
-//! are what the raster pass backwards gives for gradients f̂ and 1.
+//! fᵢ = Σ w f̂ / Σ w over the supervised pixels of all training frames, with w the Gaussian's weight in
+//! the pixel. Both sums are the results of the backward raster pass for gradients f̂ and 1.
 
 use super::{FeatureMode, Model, Trainer, state::train_frames};
 use crate::{
@@ -11,16 +11,16 @@ use crate::{
     raster::{FEATURE_PLANE, Images, Packed, backward::raster_backward, bin::bin, project::project_all},
 };
 
-/// A Gaussian that weighs less than this in all pixels together keeps its features.
+/// Smallest weight of a Gaussian, over all pixels together, for which its features are replaced.
 const MIN_WEIGHT: f32 = 1e-3;
 
 impl Trainer {
-    /// Gives the Gaussians their features where training leaves them out; for a scene that is to be saved as it stands.
+    /// Computes the features of the Gaussians if training leaves them out; called before a scene is saved.
     pub fn complete_features(&mut self) -> Result<()> {
         if self.settings.feature_mode == FeatureMode::Lifted { self.lift_features() } else { Ok(()) }
     }
 
-    /// Replaces the features of all Gaussians by the mean of what they show.
+    /// Replaces the features of all Gaussians by the mean of the features that they show.
     pub(super) fn lift_features(&mut self) -> Result<()> {
         let Some(prepared) = self.prepared.clone() else { return Ok(()) };
         self.finish()?;
@@ -45,7 +45,7 @@ impl Trainer {
             let bins = bin(&splats, width, height);
             let (shown, features) = raster_backward(&splats, &packed, &bins, &images, &wanted);
             sums.iter_mut().zip(features).for_each(|(sum, f)| *sum += f);
-            // The first colour's gradient was 1.
+            // The gradient of the first colour was 1, so this is the weight.
             weights.iter_mut().zip(shown).for_each(|(sum, g)| *sum += g.colour[0]);
         }
         let rows = gaussians.features.chunks_exact_mut(dim.max(1)).zip(sums.chunks_exact(dim.max(1)));
@@ -57,7 +57,8 @@ impl Trainer {
     }
 }
 
-/// Planes with 1 in the first and the wanted features in the feature planes, where there are any; 0 elsewhere.
+/// Planes with 1 in the first plane and the wanted features in the feature planes, at pixels that have
+/// features; 0 elsewhere.
 fn wanted_planes(truth: &super::Truth<'_>, dim: usize) -> Vec<f32> {
     let n = truth.width * truth.height;
     let mut planes = vec![0.0; (FEATURE_PLANE + dim) * n];

@@ -45,27 +45,27 @@ use rand::Rng;
 use state::{State, spread, train_frames};
 use std::{path::Path, sync::Arc};
 
-/// Frames that [`Trainer::psnr_db`] looks at where none is held out.
+/// Number of frames that [`Trainer::psnr_db`] uses if none is held out.
 const PSNR_FRAMES: usize = 8;
 
-/// What the recording is; errs where it is not what was prepared. Reads all of it.
+/// Identity of the recording. Reads all of it; fails if it differs from the recording that was prepared.
 fn identity(sequence: &Sequence, prepared: Option<&Prepared>) -> Result<Arc<Identity>> {
     prepared.map_or(Ok(()), Prepared::require_recording)?;
     sequence.identity()
 }
 
-/// What one step did.
+/// Report of one step.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct StepReport {
-    /// Steps done, this one included.
+    /// Number of steps done, this one included.
     pub step: usize,
-    /// Total loss of the frame of this step.
+    /// Total loss of this step's frame.
     pub loss: f32,
-    /// Its terms.
+    /// Terms of the loss.
     pub terms: LossTerms<f32>,
-    /// Gaussians now.
+    /// Number of Gaussians.
     pub gaussians: usize,
-    /// Steps dropped so far because their loss or gradient was not finite.
+    /// Number of steps dropped so far because their loss or gradient was not finite.
     pub dropped: usize,
 }
 
@@ -96,15 +96,15 @@ impl Trainer {
         Ok(Self::with_state(sequence, prepared, settings, state, identity))
     }
 
-    /// Goes on from a file that [`Trainer::save_checkpoint`] wrote, with its settings, to the same bytes as if there had
-    /// been no stop.
+    /// Resumes from a file that [`Trainer::save_checkpoint`] wrote, with its settings. The result has the
+    /// same bytes as without the interruption.
     pub fn resume(sequence: &Sequence, prepared: Option<&Prepared>, path: &Path) -> Result<Self> {
         let identity = identity(sequence, prepared)?;
         let (settings, state) = checkpoint::read(path, sequence, prepared, &identity)?;
         Ok(Self::with_state(sequence, prepared, settings, state, identity))
     }
 
-    /// Writes all that is needed to go on.
+    /// Writes everything that is needed to resume.
     pub fn save_checkpoint(&mut self, path: &Path) -> Result<()> {
         self.finish()?;
         let mut state = self.state.clone();
@@ -134,12 +134,12 @@ impl Trainer {
         }
     }
 
-    /// The settings, as far as the recording allows them.
+    /// Settings, as far as the recording allows them.
     pub fn settings(&self) -> &TrainSettings {
         &self.settings
     }
 
-    /// Seconds since training began, stops left out.
+    /// Seconds of training since it began, without interruptions.
     pub fn seconds(&self) -> f64 {
         self.state.seconds + self.started.elapsed().as_secs_f64()
     }
@@ -151,12 +151,12 @@ impl Trainer {
         Ok(())
     }
 
-    /// What trains.
+    /// Name of the backend that trains.
     pub fn backend_name(&self) -> String {
         self.backend.name()
     }
 
-    /// One optimiser step.
+    /// Takes one optimiser step.
     pub fn step(&mut self) -> Result<StepReport> {
         if self.state.step == 0 && self.settings.feature_mode == FeatureMode::LiftedFirst {
             self.lift_features()?;
@@ -179,13 +179,13 @@ impl Trainer {
         })
     }
 
-    /// The next step: which frame, which of its pixels.
+    /// Plans the next step: the frame and its pixels.
     fn next_plan(&mut self) -> Result<Plan> {
         let before = (self.state.queue.clone(), self.state.rng.clone());
         let index = self.next_frame();
         let look = self.next_look(index);
         let frame = self.cache.get(self.prepared.as_ref(), index, look.half).inspect_err(|_| {
-            // The step was not begun, and can be done once the frame can be read.
+            // The step was not begun and can be repeated once the frame can be read.
             (self.state.queue, self.state.rng) = before;
         })?;
         let loses_step = self.settings.densify.loses_step;
@@ -193,7 +193,7 @@ impl Trainer {
         Ok(Plan { index, frame, look, step: self.state.step, updates })
     }
 
-    /// Waits for the backend, and brings the model up to date with what it has learned.
+    /// Waits for the backend and brings the model up to date with its results.
     pub fn finish(&mut self) -> Result<()> {
         let context = context(&self.settings, self.prepared.as_ref(), &self.sequence, &self.state);
         let outcome = self.backend.finish(&mut self.state.model, &context)?;
@@ -206,8 +206,8 @@ impl Trainer {
         self.terms = outcome.terms.unwrap_or(self.terms);
     }
 
-    /// Does `steps` steps on `backend` and takes them back; returns the time that they took after the first ones, in
-    /// seconds, and the loss of the last.
+    /// Takes `steps` steps on `backend` and undoes them. Returns their duration in seconds, without the
+    /// first steps for warming up, and the loss of the last.
     pub fn try_out(&mut self, backend: Box<dyn Backend>, steps: usize) -> Result<(f64, LossTerms<f32>)> {
         const WARM_UP: usize = 3;
         self.finish()?;
@@ -227,7 +227,8 @@ impl Trainer {
         tried
     }
 
-    /// The next look at frame `i`: of half size first, and at one pixel of each square of `pixel_step`², at random.
+    /// Next view of frame `i`: at half size first, and of one pixel, at random, in each square of
+    /// `pixel_step`².
     fn next_look(&mut self, i: usize) -> Look {
         let mut camera = self.sequence.camera(i);
         let progress = self.state.step as f32 / self.settings.iterations.max(1) as f32;
@@ -247,7 +248,7 @@ impl Trainer {
         Look { camera, time: self.sequence.time(i), half, sampling, progress }
     }
 
-    /// Every frame once a round.
+    /// Next frame; every frame comes once a round.
     fn next_frame(&mut self) -> usize {
         if self.state.queue.is_empty() {
             self.state.queue =
@@ -275,27 +276,27 @@ impl Trainer {
         Ok(())
     }
 
-    /// Loss of the last step that is known.
+    /// Loss of the last step whose loss is known.
     pub fn last_loss(&self) -> f32 {
         self.terms.total()
     }
 
-    /// Where the time of the steps went.
+    /// Durations of the passes of all steps.
     pub fn clock(&self) -> &PassClock<Pass> {
         &self.clock
     }
 
-    /// Steps dropped so far because something was not finite, as far as is known.
+    /// Number of steps known to be dropped so far because something was not finite.
     pub fn dropped(&self) -> usize {
         self.state.dropped
     }
 
-    /// Steps done.
+    /// Number of steps done.
     pub fn steps_done(&self) -> usize {
         self.state.step
     }
 
-    /// The scene as it stands, ready to be saved or shown.
+    /// Scene in its current state, ready to be saved or shown.
     pub fn scene(&mut self) -> Result<Scene> {
         self.finish()?;
         let prepared = self.prepared.as_ref();
@@ -322,7 +323,7 @@ impl Trainer {
         })
     }
 
-    /// Renders frame `i` as the scene stands.
+    /// Renders frame `i` of the scene in its current state.
     pub fn render(&mut self, i: usize) -> Result<Images> {
         self.finish()?;
         let (time, camera) = (self.sequence.time(i), self.sequence.camera(i));
@@ -330,7 +331,8 @@ impl Trainer {
         Ok(render_deformed(gaussians, &deform(gaussians, deformation, time, true), &camera))
     }
 
-    /// Mean PSNR in dB inside the supervision mask over the held-out frames, or over a few frames if none is held out.
+    /// Mean PSNR in dB inside the supervision mask over the held-out frames, or over a few frames if none
+    /// is held out.
     pub fn psnr_db(&mut self) -> Result<f64> {
         let n = self.sequence.num_frames();
         let held_out: Vec<usize> =

@@ -16,30 +16,31 @@ use fearless_simd::{Level, Simd, dispatch};
 use fearless_simd_macros::simd;
 use rayon::prelude::*;
 
-/// Where a row of the parameters at rest keeps the opacity logit; before it come the channels of ψ.
+/// Index of the opacity logit in a row of the parameters at rest; the channels of ψ come before it.
 pub const OPACITY_CHANNEL: usize = GATE_CHANNEL;
 
-/// Moments of all groups.
+/// Moments of all parameter groups.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Optimiser {
-    /// Centre, rotation, log-scale, colour and opacity: [N][[`WIDTH`]], in the order of ψ's channels.
+    /// Moments of centre, rotation, log-scale, colour and opacity: [N][[`WIDTH`]], in the order of ψ's
+    /// channels.
     pub rest: Adam,
-    /// As [`Gaussians::sh_rest`].
+    /// Moments of [`Gaussians::sh_rest`].
     pub sh_rest: Adam,
-    /// As [`Gaussians::features`].
+    /// Moments of [`Gaussians::features`].
     pub features: Adam,
-    /// As [`Deformation::feature_weight`].
+    /// Moments of [`Deformation::feature_weight`].
     pub net_weight: Adam,
-    /// As [`Deformation::feature_bias`].
+    /// Moments of [`Deformation::feature_bias`].
     pub net_bias: Adam,
-    /// One per basis: each counts only the steps at which it was live.
+    /// Moments of the weights of each basis, which count only the steps at which it was live.
     pub bases: Vec<Adam>,
-    /// Centres and widths of every basis function; empty where they are shared, and fixed.
+    /// Moments of the centres and widths of every basis function; empty if they are shared, and thus fixed.
     pub own_bases: Vec<[Adam; 2]>,
 }
 
 impl Optimiser {
-    /// Zero moments.
+    /// Makes zero moments.
     pub fn new(gaussians: &Gaussians, deformation: &Deformation) -> Self {
         let n = gaussians.len();
         Self {
@@ -58,7 +59,7 @@ impl Optimiser {
         }
     }
 
-    /// Whether the moments are as many as the parameters.
+    /// Returns `true` if there are as many moments as parameters.
     pub fn fits(&self, gaussians: &Gaussians, deformation: &Deformation) -> bool {
         let fresh = Self::new(gaussians, deformation);
         let sizes = |o: &Self| -> Vec<[usize; 2]> {
@@ -73,8 +74,8 @@ impl Optimiser {
         sizes(self) == sizes(&fresh)
     }
 
-    /// One update of everything; `progress` is the share of training done, `world_per_px` the length of a pixel
-    /// at the typical depth.
+    /// Updates all parameters once. `progress` is the share of training done, `world_per_px` the length
+    /// of a pixel at the typical depth.
     pub fn step(
         &mut self,
         gaussians: &mut Gaussians,
@@ -108,7 +109,8 @@ impl Optimiser {
         }
     }
 
-    /// One update of all basis functions where every Gaussian has its own, live or not, as the released code does.
+    /// Updates once all basis functions, live or not, of Gaussians that have their own, as the released
+    /// code does.
     fn step_own_bases(
         &mut self,
         deformation: &mut Deformation,
@@ -129,7 +131,8 @@ impl Optimiser {
         }
     }
 
-    /// Follows a change of the set of Gaussians: row i of the new set keeps the moments of `rows[i]`, or starts afresh.
+    /// Adapts to a change of the set of Gaussians: row i of the new set keeps the moments of `rows[i]`,
+    /// or starts afresh.
     pub fn rearrange(&mut self, rows: &[Option<u32>], sh_width: usize, latent_dim: usize, stride: usize) {
         self.rest.rearrange(rows, WIDTH);
         self.sh_rest.rearrange(rows, sh_width);
@@ -165,10 +168,10 @@ pub(super) fn own_basis_gradients(
         .collect()
 }
 
-/// Gaussians per parallel piece.
+/// Number of Gaussians per parallel piece.
 const CHUNK: usize = 1024;
 
-/// Updates what every Gaussian has at rest, one row of [`WIDTH`] numbers each.
+/// Updates the parameters at rest of every Gaussian, one row of [`WIDTH`] numbers each.
 fn step_rest(
     update: Update,
     adam: &mut Adam,
@@ -227,16 +230,16 @@ fn update_row<S: Simd>(
 /// Learning rates of one step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rates {
-    /// What the rates of centres and basis weights have fallen to, as a share.
+    /// Decay of the rates of centres and basis weights so far, as a share.
     pub decay: f32,
-    /// Of the parameters at rest, in the order of ψ's channels, then opacity.
+    /// Rates of the parameters at rest, in the order of ψ's channels, then opacity.
     pub rest: [f32; WIDTH],
-    /// Of the deformation channels before decay, [stride]; 0 for those that the settings keep still.
+    /// Rates of the deformation channels before decay, [stride]; 0 for those that the settings keep still.
     pub channels: Vec<f32>,
 }
 
 impl Rates {
-    /// The rates when the share `progress` of training is done.
+    /// Rates at the share `progress` of training.
     pub fn new(
         settings: &TrainSettings,
         stride: usize,

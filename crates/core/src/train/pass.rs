@@ -6,21 +6,21 @@ use crate::clock::PassName;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Pass {
-    /// ψ(t) and the Gaussians at time t.
+    /// Computes ψ(t) and the Gaussians at time t.
     Deform,
-    /// Projection and packing.
+    /// Projects and packs.
     Project,
-    /// Depth order and tiles.
+    /// Sorts by depth and distributes over tiles.
     Bin,
-    /// Blending.
+    /// Blends.
     Raster,
-    /// Loss and its gradient.
+    /// Computes the loss and its gradient.
     Loss,
-    /// Blending backwards.
+    /// Blends backwards.
     Backward,
-    /// Projection and deformation backwards.
+    /// Projects and deforms backwards.
     Chain,
-    /// The update.
+    /// Updates the parameters.
     Adam,
 }
 

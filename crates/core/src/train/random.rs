@@ -1,5 +1,5 @@
-//! Random numbers by counter: the same counter gives the same numbers, in any order and on any number of threads.
-//! Twin of `shaders/shared/random.wgsl`.
+//! Random numbers by counter: the same counter gives the same numbers, in any order and on any number of
+//! threads. Twin of `shaders/shared/random.wgsl`.
 
 /// PCG in four dimensions (Jarzynski and Olano, "Hash Functions for GPU Rendering", JCGT 9(3), 2020).
 fn pcg4d(counter: [u32; 4]) -> [u32; 4] {
@@ -13,7 +13,7 @@ fn pcg4d(counter: [u32; 4]) -> [u32; 4] {
     mix(mix(seeded).map(|v| v ^ (v >> 16)))
 }
 
-/// Four numbers, evenly spread over [0, 1).
+/// Four numbers, evenly distributed over [0, 1).
 fn uniform4(counter: [u32; 4]) -> [f32; 4] {
     pcg4d(counter).map(|v| (v >> 8) as f32 / (1 << 24) as f32)
 }
@@ -36,7 +36,7 @@ mod tests {
 
     #[test]
     fn the_numbers_are_those_of_the_published_hash() {
-        // By the listing of the paper's supplement, in 32-bit integers.
+        // The expected numbers are those of the listing in the paper's supplement, in 32-bit integers.
         assert_eq!(pcg4d([0; 4]), [0x0f02f829, 0x2d568769, 0x32b0c43b, 0xd32548ea]);
         assert_eq!(pcg4d([1, 2, 3, 4]), [0x3622cd16, 0xf11471d8, 0xe1109b3f, 0x02b94c2f]);
     }
@@ -52,7 +52,7 @@ mod tests {
         };
         let (uniform, normal) = (all(uniform4), all(normal4));
         assert!(uniform.iter().all(|u| (0.0..1.0).contains(u)) && normal.iter().all(|v| v.is_finite()));
-        // Five standard errors of 20,000 numbers.
+        // The limits are five standard errors of 20,000 numbers.
         let (mean, variance) = moments(&uniform);
         assert!((mean - 0.5).abs() < 0.011 && (variance - 1.0 / 12.0).abs() < 0.003, "{mean} {variance}");
         let (mean, variance) = moments(&normal);

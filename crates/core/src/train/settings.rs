@@ -1,20 +1,20 @@
-//! Every choice of training, in one place; recorded in the scene file. What the released code does otherwise has a
-//! switch of its own, so that both can be compared (method §0.1, §6, §11.1).
+//! All settings of training in one place; recorded in the scene file. Each difference from the released
+//! code has a switch of its own, so that both can be compared (method §0.1, §6, §11.1).
 
 use super::loss::LossWeights;
 use crate::deform::BasisShape;
 
-/// A basis function of time for so many frames.
+/// Number of frames per basis function of time.
 const FRAMES_PER_BASIS: usize = 3;
-/// Never more than this many of them.
+/// Largest number of basis functions.
 const MAX_BASES: usize = 64;
-/// The longest recording that still has as many as it needs.
+/// Length of the longest recording that has as many basis functions as it needs.
 pub const LONGEST: usize = MAX_BASES * FRAMES_PER_BASIS - 1;
-/// Held-out PSNR in dB of the demo at so many frames, after 1500 steps.
+/// Held-out PSNR in dB of the demo after 1500 steps, for several numbers of frames.
 const PSNR_OF_LENGTH: [(f64, f64); 5] =
     [(48.0, 36.7), (96.0, 34.9), (200.0, 32.7), (800.0, 24.6), (2000.0, 24.4)];
 
-/// PSNR that is lost against a recording of [`LONGEST`] frames, dB, by what was measured on the demo.
+/// Loss of PSNR in comparison with a recording of [`LONGEST`] frames, dB, as measured on the demo.
 pub fn length_loss_db(num_frames: usize) -> f64 {
     let psnr = |frames: f64| {
         let [(_, first), .., (_, last)] = PSNR_OF_LENGTH;
@@ -36,169 +36,175 @@ pub fn length_loss_db(num_frames: usize) -> f64 {
     (psnr(LONGEST as f64) - psnr(num_frames as f64)).max(0.0)
 }
 
-/// Which defaults to start from.
+/// Sets of defaults.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Profile {
-    /// The paper's formulas, and better where measured.
+    /// The paper's formulas, with improvements that were measured.
     #[default]
     Default,
-    /// What the authors' released code does, for comparison.
+    /// The behaviour of the authors' released code, for comparison.
     Paper,
 }
 
-/// In which order frames are visited.
+/// Order in which frames are visited.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FrameOrder {
-    /// At random, every frame once a round.
+    /// Random, every frame once a round.
     Random,
-    /// One after the other.
+    /// Consecutive.
     Cyclic,
 }
 
-/// What learning rates of lengths are measured in.
+/// Unit of the learning rates of lengths.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LengthUnit {
     /// A pixel of the full-size image at the typical depth.
     Pixel,
-    /// The scene's unit, whatever its size.
+    /// The scene's unit, independent of its size.
     Scene,
 }
 
 /// Learning rates.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct LearningRates {
-    /// What `mean` and `motion` are measured in.
+    /// Unit of `mean` and `motion`.
     pub unit: LengthUnit,
-    /// Centres.
+    /// Rate of centres.
     pub mean: f32,
-    /// Basis weights of the centres.
+    /// Rate of the basis weights of the centres.
     pub motion: f32,
-    /// Basis weights of rotation, scale, colour and gate, relative to the rate of the parameter they move.
+    /// Rate of the basis weights of rotation, scale, colour and gate, relative to the rate of the
+    /// parameter they move.
     pub motion_relative: f32,
-    /// Basis weights of all channels at the rate of those of the centres.
+    /// `true` to train the basis weights of all channels at the rate of those of the centres.
     pub uniform_motion: bool,
-    /// Rates of centres and basis weights fall log-linearly to this share over training.
+    /// Share of their start that the rates of centres and basis weights reach at the end; they fall
+    /// log-linearly.
     pub final_share: f32,
-    /// Quaternions.
+    /// Rate of quaternions.
     pub rotation: f32,
-    /// Log-scales.
+    /// Rate of log-scales.
     pub log_scale: f32,
-    /// Opacity logits.
+    /// Rate of opacity logits.
     pub opacity: f32,
-    /// Band-0 colours.
+    /// Rate of band-0 colours.
     pub colour: f32,
-    /// Higher colour bands.
+    /// Rate of higher colour bands.
     pub sh_rest: f32,
-    /// Latent features and the feature network.
+    /// Rate of latent features and the feature network.
     pub feature: f32,
 }
 
-/// When and how Gaussians are added and removed.
+/// Schedule and rules for adding and removing Gaussians.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct DensifySettings {
     /// First step that may densify, as a share of all steps.
     pub from: f32,
     /// Last step that may densify, as a share of all steps.
     pub until: f32,
-    /// Steps between two densifications.
+    /// Number of steps between two densifications.
     pub every: usize,
     /// Share of the Gaussians that may be added each time, those of largest positional gradient first.
     pub growth: f32,
-    /// Where above 0: add all whose mean positional gradient, in half image sizes, exceeds this, and no others.
+    /// If above 0: adds all Gaussians whose mean positional gradient, in half image sizes, exceeds this,
+    /// and no others.
     pub threshold: f32,
-    /// Never clone; both halves of a split are placed at random.
+    /// `true` to never clone, and to place both halves of a split at random.
     pub split_only: bool,
-    /// The step that densifies updates nothing.
+    /// `true` if the step that densifies updates nothing.
     pub loses_step: bool,
-    /// Never more than this many Gaussians.
+    /// Largest number of Gaussians.
     pub max_gaussians: usize,
-    /// Never more than one for so many supervised pixels: long runs on small images end somewhere, too.
+    /// Smallest number of supervised pixels per Gaussian, which ends the growth in long runs on small images.
     pub min_px_per_gaussian: f32,
-    /// Gaussians whose opacity falls below are removed.
+    /// Smallest opacity; Gaussians that fall below are removed.
     pub min_opacity: f32,
-    /// Gaussians larger than this (standard deviation, px) are split, smaller ones are cloned.
+    /// Size above which Gaussians are split (standard deviation, px); smaller ones are cloned.
     pub split_px: f32,
 }
 
-/// How features come about.
+/// Ways to get the features.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FeatureMode {
-    /// Learned with everything else, from nothing.
+    /// Learned with everything else, starting at zero.
     Learned,
-    /// Learned with everything else, from the mean of what each first Gaussian shows.
+    /// Learned with everything else, starting at the mean of the features that each initial Gaussian shows.
     LiftedFirst,
-    /// Not learned: in the end, the mean of what each Gaussian shows. Faster, and features then stay as they are over
-    /// time.
+    /// Not learned, but computed at the end: the mean of the features that each Gaussian shows. Faster,
+    /// but features then do not change over time.
     Lifted,
 }
 
 /// Training settings.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct TrainSettings {
-    /// Optimiser steps.
+    /// Number of optimiser steps.
     pub iterations: usize,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// Hold test frames out.
+    /// `true` to hold test frames out.
     pub eval: bool,
-    /// Nothing is learned from frames of these ranges, both ends included; e.g. what is seen outside of the body.
+    /// Ranges of frames that nothing is learned from, both ends included; e.g. those seen outside of the
+    /// body.
     pub excluded: Vec<(usize, usize)>,
-    /// The order of the frames.
+    /// Order of the frames.
     pub frame_order: FrameOrder,
-    /// Supervised pixels per initial Gaussian.
+    /// Number of supervised pixels per initial Gaussian.
     pub px_per_gaussian: f32,
     /// Opacity of an initial Gaussian.
     pub initial_opacity: f32,
-    /// Initial sizes from the distances to the three nearest neighbours, not from the spacing in the image.
+    /// `true` to derive initial sizes from the distances to the three nearest neighbours, not from the
+    /// spacing in the image.
     pub neighbour_sizes: bool,
-    /// Initial Gaussians from test frames too.
+    /// `true` to place initial Gaussians on test frames too.
     pub seed_test_frames: bool,
-    /// Number of temporal basis functions; 0 for one per three frames, at most 64: a step costs the same however many
-    /// there are, memory does not.
+    /// Number of temporal basis functions; 0 for one per three frames, at most 64. The time of a step
+    /// does not depend on it, the memory does.
     pub num_bases: usize,
     /// Shape of a basis function.
     pub basis_shape: BasisShape,
     /// Width σ of a basis function, in units of the distance between two centres.
     pub basis_width: f32,
-    /// Every Gaussian and channel learns its own centres and widths of the basis functions.
+    /// `true` if every Gaussian and channel learns its own centres and widths of the basis functions.
     pub own_bases: bool,
-    /// Whether colour may change over time.
+    /// `true` if colour may change over time.
     pub colour_over_time: bool,
     /// Slope δ of the feature gate (2.5 in the paper).
     pub gate_slope: f32,
-    /// The gate reads the channels of scale instead of its own.
+    /// `true` if the gate reads the channels of scale instead of its own.
     pub gate_on_scale: bool,
-    /// How features come about.
+    /// Way to get the features.
     pub feature_mode: FeatureMode,
-    /// Whether features may change over time (the paper's deformation tracking).
+    /// `true` if features may change over time (the paper's deformation tracking).
     pub feature_motion: bool,
-    /// Spherical-harmonic degree.
+    /// Degree of the spherical harmonics.
     pub sh_degree: usize,
-    /// Spherical harmonics even if the camera is still, where they can tell nothing.
+    /// `true` to use spherical harmonics even if the camera is still, and they have no effect.
     pub sh_when_still: bool,
-    /// Steps after which the next degree is learned too; 0 for all from the start.
+    /// Number of steps after which the next degree is learned too; 0 for all from the start.
     pub sh_every: usize,
-    /// Whether the gradient of depth moves centres.
+    /// `true` if the gradient of depth moves centres.
     pub depth_moves_centres: bool,
-    /// Share of the steps done at half size, first.
+    /// Share of the steps that are done at half size, at the start.
     pub half_size_share: f32,
-    /// A step of full size looks at one pixel of every square of this many columns and rows, another one each time.
+    /// Edge of the squares of pixels of which a full-size step renders one pixel, another one each time.
     pub pixel_step: usize,
-    /// The same for a step of half size.
+    /// Edge of these squares in a half-size step.
     pub half_size_pixel_step: usize,
-    /// Never fewer pixels than these for being looked at one of so many: a small image is looked at whole.
+    /// Smallest number of pixels that are rendered: squares are made smaller for it, and a small image is
+    /// rendered whole.
     pub min_pixels: usize,
     /// Learning rates.
     pub rates: LearningRates,
-    /// Adding and removing Gaussians.
+    /// Settings for adding and removing Gaussians.
     pub densify: DensifySettings,
     /// Weights of the loss terms.
     pub loss: LossWeights,
-    /// Decoded frames kept in memory, bytes.
+    /// Memory for decoded frames, bytes.
     pub frame_cache_bytes: usize,
 }
 
@@ -265,7 +271,7 @@ impl Default for TrainSettings {
 }
 
 impl TrainSettings {
-    /// The settings of a profile.
+    /// Settings of a profile.
     pub fn of(profile: Profile) -> Self {
         match profile {
             Profile::Default => Self::default(),
@@ -273,7 +279,7 @@ impl TrainSettings {
         }
     }
 
-    /// Basis functions for a recording of so many frames.
+    /// Number of basis functions for a recording of `num_frames` frames.
     pub fn num_bases(&self, num_frames: usize) -> usize {
         if self.num_bases > 0 {
             self.num_bases.max(2)
@@ -282,8 +288,8 @@ impl TrainSettings {
         }
     }
 
-    /// What is lost of a recording of so many frames; `None` where it is not too long, or where the number of basis functions
-    /// was chosen.
+    /// Warning about the loss on a recording of `num_frames` frames. `None` if it is not too long, or if
+    /// the number of basis functions was chosen.
     pub fn length_warning(&self, num_frames: usize) -> Option<String> {
         if self.num_bases > 0 || num_frames <= LONGEST {
             return None;
@@ -297,14 +303,14 @@ impl TrainSettings {
         ))
     }
 
-    /// Whether step `step` (counted from 1) is followed by a densification.
+    /// Returns `true` if a densification follows step `step` (counted from 1).
     pub(super) fn densifies_at(&self, step: usize) -> bool {
         let d = &self.densify;
         let at = |share: f32| (share * self.iterations as f32) as usize;
         step >= at(d.from) && step <= at(d.until) && step.is_multiple_of(d.every.max(1))
     }
 
-    /// How many of the colour's `bands` above 0 are learned at `step`.
+    /// Number of the colour's `bands` above 0 that are learned at `step`.
     pub fn learned_bands(&self, bands: usize, step: usize) -> usize {
         if self.sh_every == 0 {
             return bands;
@@ -313,7 +319,7 @@ impl TrainSettings {
         ((degree + 1) * (degree + 1) - 1).min(bands)
     }
 
-    /// The released code's constants (method §2, §3, §5, §6), as shares of its 3000 steps.
+    /// Constants of the released code (method §2, §3, §5, §6), as shares of its 3000 steps.
     fn paper() -> Self {
         Self {
             frame_order: FrameOrder::Cyclic,
@@ -340,7 +346,7 @@ impl TrainSettings {
                 mean: 1.6e-3,
                 motion: 1.6e-3,
                 uniform_motion: true,
-                // To 1 % at step 4000, of which 3000 are done.
+                // The rates fall to 1 % at step 4000, of which 3000 are done.
                 final_share: 0.031_622_78,
                 rotation: 1e-3,
                 log_scale: 5e-3,

@@ -1,4 +1,4 @@
-//! What training changes, and how it begins.
+//! Everything that training changes, and its initial values.
 
 use super::{
     backend::Model,
@@ -19,12 +19,12 @@ use crate::{
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Depth of the start surface where a recording has none, in its own arbitrary units.
+/// Depth of the start surface if a recording has no depth, in arbitrary units.
 const DEFAULT_DEPTH: f32 = 100.0;
-/// Frames that the first Gaussians are taken from.
+/// Number of frames that the first Gaussians are taken from.
 const SEED_FRAMES: usize = 8;
 
-/// Everything that training changes: with the settings and the recording it determines all that follows.
+/// State of training. Together with the settings and the recording it determines all later steps.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub(super) struct State {
     pub model: Model,
@@ -32,11 +32,11 @@ pub(super) struct State {
     /// Frames still to be visited in this round, in random order.
     pub queue: Vec<usize>,
     pub typical_depth: f32,
-    /// Most Gaussians there may be.
+    /// Largest number of Gaussians.
     pub budget: usize,
     pub step: usize,
     pub dropped: usize,
-    /// Spent before this run.
+    /// Seconds of training before this run.
     pub seconds: f64,
 }
 
@@ -70,7 +70,7 @@ impl State {
         let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
         // PyTorch's initial range for a layer of D + 1 inputs.
         let bound = 1.0 / ((latent_dim + 1) as f32).sqrt();
-        // With lifted features the network starts from nothing: it would disturb them.
+        // With lifted features the network starts at zero, because it would disturb them.
         if settings.feature_motion && settings.feature_mode == FeatureMode::Learned {
             let net = deformation.feature_weight.iter_mut().chain(&mut deformation.feature_bias);
             net.for_each(|v| *v = rng.random_range(-bound..bound));
@@ -87,7 +87,7 @@ impl State {
         })
     }
 
-    /// Whether all arrays have the sizes that the number of Gaussians asks for.
+    /// Returns `true` if all arrays have the sizes that the number of Gaussians requires.
     pub(super) fn is_consistent(&self) -> bool {
         let Model { gaussians: g, deformation: d, optimiser, statistics } = &self.model;
         let n = g.len();
@@ -109,21 +109,21 @@ impl State {
     }
 }
 
-/// Most Gaussians there may be, given how many there are first: one for `px_per_gaussian` supervised pixels.
+/// Largest number of Gaussians, given the number of first ones: one for `px_per_gaussian` supervised pixels.
 fn budget(first: usize, settings: &TrainSettings) -> usize {
     let d = &settings.densify;
-    // A share beyond all bounds becomes the largest number.
+    // The conversion turns infinity into the largest integer.
     let by_pixels = first as f32 * settings.px_per_gaussian.max(1.0) / d.min_px_per_gaussian.max(0.0);
     d.max_gaussians.min((by_pixels as usize).max(first))
 }
 
-/// Frames that training may see.
+/// Frames that training may use.
 pub(super) fn train_frames(num_frames: usize, eval: bool, excluded: &[(usize, usize)]) -> Vec<usize> {
     let is_excluded = |i: usize| excluded.iter().any(|(from, to)| (*from..=*to).contains(&i));
     (0..num_frames).filter(|&i| !(is_excluded(i) || eval && Sequence::is_test_frame(i))).collect()
 }
 
-/// At most `count` of `frames`, evenly spread, the middle one first.
+/// Chooses at most `count` of `frames`, evenly spread, the middle one first.
 pub(super) fn spread(frames: &[usize], count: usize) -> Vec<usize> {
     let n = frames.len();
     let count = count.min(n);
@@ -135,7 +135,7 @@ pub(super) fn spread(frames: &[usize], count: usize) -> Vec<usize> {
     picked
 }
 
-/// Seeds Gaussians from a few training frames, the middle one first; also the typical depth.
+/// Seeds Gaussians from a few training frames, the middle one first; also returns the typical depth.
 fn initial_gaussians(
     sequence: &Sequence,
     frames: &[usize],

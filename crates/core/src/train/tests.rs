@@ -1,4 +1,5 @@
-//! The gradients of a whole step against finite differences of its f64 twin, and the trainer's promises.
+//! Compares the gradients of a whole step with finite differences of its f64 twin, and tests the
+//! trainer's promises.
 
 use super::{
     LossWeights, Truth,
@@ -35,14 +36,14 @@ const DIM: usize = 3;
 const BASES: usize = 4;
 const TIME: f32 = 0.4;
 
-/// What is tested.
+/// Variants of training under test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Variant {
     /// Gaussian bases as in the paper's formulas.
     Formulas,
-    /// As trained by default.
+    /// The defaults of training.
     Splines,
-    /// The released code's: own quartic bases, gate on the scale channels, its loss.
+    /// The released code's variant: own quartic bases, gate on the scale channels, its loss.
     Released,
 }
 
@@ -137,7 +138,7 @@ impl Fixture {
         ]
     }
 
-    /// The loss of a step in f64, as a function of all parameters.
+    /// Loss of a step in f64, as a function of all parameters.
     fn twin(&self, p: &[(&'static str, Vec<f64>)]) -> f64 {
         let [means, rotations, log_scales, opacity, colours, bands, features, weights, net, centres, widths] =
             std::array::from_fn(|k| p[k].1.as_slice());
@@ -180,7 +181,7 @@ impl Fixture {
         loss(&input.forward(), &self.truth(), &self.weights()).0.total()
     }
 
-    /// The gradients that training uses.
+    /// Gradients that training uses.
     fn gradients(&self) -> Gradients {
         let (gaussians, deformation) = (&self.gaussians, &self.deformation);
         let psi = deformation.psi(gaussians.len(), TIME);
@@ -206,7 +207,7 @@ impl Fixture {
         gradients
     }
 
-    /// The same in the order of [`Fixture::parameters`].
+    /// Gradients that training uses, in the order of [`Fixture::parameters`].
     fn flat_gradients(&self) -> Vec<Vec<f32>> {
         let mut g = self.gradients();
         let at_rest = g.psi.clone();
@@ -233,14 +234,14 @@ impl Fixture {
             g.features.clone(),
             of_weights,
             g.net.clone(),
-            // Shared ones are fixed.
+            // Shared centres and widths are fixed.
             if self.deformation.is_shared() { Vec::new() } else { own(1) },
             if self.deformation.is_shared() { Vec::new() } else { own(2) },
         ]
     }
 }
 
-/// 1e-3 of the value, or of the group's root mean square where the value itself is near zero.
+/// Tolerance: 1e-3 of the value, or of the group's root mean square if the value itself is near zero.
 const TOLERANCE: f64 = 1e-3;
 
 #[test]

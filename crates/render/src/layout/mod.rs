@@ -1,4 +1,5 @@
-//! Mirrors of the structs in `shaders/`; a test compares them field by field with what the shader compiler says.
+//! Mirrors of the structs in `shaders/`; a test compares them field by field with the shader compiler's
+//! layout.
 
 use crate::Mark;
 use bytemuck::{Pod, Zeroable};
@@ -15,11 +16,11 @@ use surgtpgs_core::{
 
 /// A struct that exists in Rust and in WGSL under the same name.
 pub trait ShaderStruct {
-    /// Its name in both.
+    /// Name in Rust and in WGSL.
     const NAME: &'static str;
     /// Name and byte offset of each field, in order.
     const FIELDS: &'static [(&'static str, usize)];
-    /// Bytes of one.
+    /// Size in bytes.
     const SIZE: usize;
 }
 
@@ -51,7 +52,7 @@ shader_struct! {
     pub struct View {
         /// Rows of [R | t].
         camera_from_world: [[f32; 4]; 3],
-        /// Where the camera stands, in the world.
+        /// Position of the camera in the world.
         position: [f32; 3],
         /// Degree of the spherical harmonics.
         sh_degree: u32,
@@ -67,27 +68,27 @@ shader_struct! {
         size: [u32; 2],
         /// Tile columns and rows.
         tiles: [u32; 2],
-        /// N.
+        /// Number of Gaussians, N.
         num_gaussians: u32,
-        /// How many pairs the pair buffers hold.
+        /// Number of pairs that the pair buffers can hold.
         pair_capacity: u32,
-        /// Every how many pixels are rendered; `size` counts those rendered.
+        /// Distance between rendered pixels; `size` counts the rendered ones.
         sampling_step: u32,
-        /// To a multiple of 8 bytes.
+        /// Padding to a multiple of 8 bytes.
         padding: u32,
-        /// Column and row of the first.
+        /// Column and row of the first rendered pixel.
         sampling_first: [u32; 2],
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding_2: [u32; 2],
     }
 }
 
 shader_struct! {
-    /// One part's deformation at one time (`shared/deform.wgsl`).
+    /// Deformation of one part of the scene at one time (`shared/deform.wgsl`).
     pub struct Deform {
-        /// The part is the rows `first_row..first_row + num_rows` of the scene.
+        /// First row of the part, which is the rows `first_row..first_row + num_rows` of the scene.
         first_row: u32,
-        /// Gaussians in the part.
+        /// Number of Gaussians in the part.
         num_rows: u32,
         /// Floats per Gaussian and basis.
         stride: u32,
@@ -95,19 +96,19 @@ shader_struct! {
         first_basis: u32,
         /// End of the live bases.
         last_basis: u32,
-        /// B, the basis values ahead of the feature network in the tables.
+        /// Number of bases, B; the basis values come before the feature network in the tables.
         num_bases: u32,
-        /// 1 where all Gaussians share centres and widths.
+        /// 1 if all Gaussians share centres and widths.
         is_shared: u32,
         /// [`surgtpgs_core::deform::BasisShape`] as a number.
         shape: u32,
-        /// t.
+        /// Time t.
         time: f32,
-        /// δ.
+        /// Slope δ of the gate.
         gate_slope: f32,
         /// First channel of the gate.
         gate_channel: u32,
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding: u32,
     }
 }
@@ -117,11 +118,11 @@ shader_struct! {
     pub struct Digit {
         /// Lowest bit of the digit.
         shift: u32,
-        /// Blocks of the whole capacity.
+        /// Number of blocks of the whole capacity.
         num_blocks: u32,
-        /// Pairs that fit.
+        /// Number of pairs that fit.
         capacity: u32,
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding: u32,
     }
 }
@@ -129,71 +130,71 @@ shader_struct! {
 shader_struct! {
     /// One layer of the decoder (`dense.wgsl`).
     pub struct Dense {
-        /// Points.
+        /// Number of points.
         num_rows: u32,
-        /// Numbers that come in.
+        /// Number of inputs.
         num_in: u32,
-        /// Numbers that go out.
+        /// Number of outputs.
         num_out: u32,
         /// Row of the input that is row 0 of the output.
         first_row: u32,
-        /// 1 where a ReLU follows.
+        /// 1 if a ReLU follows.
         has_relu: u32,
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding: u32,
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding_2: [u32; 2],
     }
 }
 
 shader_struct! {
-    /// One query's scores (`relevancy.wgsl`).
+    /// Scoring of one query (`relevancy.wgsl`).
     pub struct Scoring {
-        /// Points.
+        /// Number of points.
         num_rows: u32,
-        /// Numbers of an embedding.
+        /// Number of values of an embedding.
         embedding_dim: u32,
-        /// Texts of all queries.
+        /// Number of texts of all queries.
         num_texts: u32,
-        /// The prompt among them; its negatives follow.
+        /// Index of the prompt among them; its negatives follow.
         first_text: u32,
-        /// How many.
+        /// Number of negatives.
         num_negatives: u32,
-        /// Where the first score goes.
+        /// Index of the first score.
         first_score: u32,
         /// Sharpness.
         temperature: f32,
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding: u32,
     }
 }
 
 shader_struct! {
-    /// How a frame is drawn over (`overlay.wgsl`).
+    /// Settings for drawing over a frame (`overlay.wgsl`).
     pub struct Overlay {
         /// Columns and rows.
         size: [u32; 2],
-        /// Prompts to draw.
+        /// Number of prompts to draw.
         num_prompts: u32,
         /// [`surgtpgs_core::overlay::OverlayStyle`] as a number.
         style: u32,
-        /// Of fills and heatmaps, 0–1.
+        /// Opacity of fills and heatmaps, 0–1.
         opacity: f32,
-        /// Of contours and their halos, 0–1.
+        /// Opacity of contours and their halos, 0–1.
         outline_opacity: f32,
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding: [u32; 2],
     }
 }
 
 shader_struct! {
-    /// Planes to what is shown (`compose.wgsl`).
+    /// Conversion of planes to the shown picture (`compose.wgsl`).
     pub struct Compose {
         /// Columns times rows.
         num_pixels: u32,
-        /// Pixels with less accumulated opacity have no depth.
+        /// Smallest accumulated opacity of a pixel that has depth.
         min_alpha: f32,
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding: [u32; 2],
     }
 }
@@ -203,57 +204,57 @@ shader_struct! {
     pub struct LookUp {
         /// Columns times rows.
         num_pixels: u32,
-        /// Prompts to score.
+        /// Number of prompts to score.
         num_prompts: u32,
-        /// Cells tabulated for each prompt.
+        /// Number of cells tabulated for each prompt.
         num_leaves: u32,
-        /// Pixels with less accumulated opacity are holes.
+        /// Smallest accumulated opacity of a pixel that is not a hole.
         min_alpha: f32,
         /// Sharpness.
         temperature: f32,
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding: u32,
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding_2: [u32; 2],
     }
 }
 
 shader_struct! {
-    /// A pixel that no table decides (`lattice.wgsl`).
+    /// A pixel that no table can decide (`lattice.wgsl`).
     pub struct OpenPixel {
-        /// Its feature.
+        /// Feature of the pixel.
         latent: [f32; 3],
-        /// Row-major.
+        /// Row-major index of the pixel.
         number: u32,
     }
 }
 
 shader_struct! {
-    /// Scores in short (`summary.wgsl`).
+    /// Summary of scores (`summary.wgsl`).
     pub struct Summarise {
         /// Columns and rows.
         size: [u32; 2],
-        /// Prompts.
+        /// Number of prompts.
         num_prompts: u32,
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding: u32,
     }
 }
 
 shader_struct! {
-    /// What is at a pixel (`pick.wgsl`).
+    /// Gaussian at a pixel (`pick.wgsl`).
     pub struct Picked {
         /// Column and row that were asked for.
         pixel: [u32; 2],
-        /// The Gaussian that adds most.
+        /// Index of the Gaussian that contributes most.
         gaussian: u32,
-        /// Its share; 0 where nothing adds anything.
+        /// Its share; 0 if nothing contributes.
         weight: f32,
-        /// Of its centre.
+        /// Depth of its centre.
         depth: f32,
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding: u32,
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding_2: [u32; 2],
     }
 }
@@ -261,7 +262,7 @@ shader_struct! {
 shader_struct! {
     /// One prompt to draw (`overlay.wgsl`).
     pub struct PromptRow {
-        /// 0–255.
+        /// Colour, 0–255.
         colour: [f32; 3],
         /// Score above which a pixel is found.
         threshold: f32,
@@ -279,11 +280,11 @@ shader_struct! {
         rotation: [f32; 4],
         /// Logarithms of the standard deviations.
         log_scale: [f32; 3],
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding: f32,
         /// Band-0 colour coefficients.
         colour: [f32; 3],
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding_2: f32,
     }
 }
@@ -293,17 +294,17 @@ shader_struct! {
     pub struct DeformedRow {
         /// Centre in the world.
         mean: [f32; 3],
-        /// 0–1.
+        /// Opacity, 0–1.
         opacity: f32,
         /// Unit quaternion (w, x, y, z).
         rotation: [f32; 4],
         /// Standard deviations.
         scale: [f32; 3],
-        /// Of the quaternion before it was normalised; 0 where it had no direction.
+        /// Length of the quaternion before it was normalised; 0 if it had no direction.
         quaternion_length: f32,
         /// Band-0 colour coefficients.
         colour: [f32; 3],
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding_2: f32,
     }
 }
@@ -311,25 +312,25 @@ shader_struct! {
 shader_struct! {
     /// A Gaussian on the image plane (`shared/gaussian.wgsl`).
     pub struct SplatRow {
-        /// Continuous pixel position.
+        /// Centre in continuous pixel coordinates.
         centre: [f32; 2],
-        /// z in the camera.
+        /// Depth: z in the camera.
         depth: f32,
-        /// 0–1.
+        /// Opacity, 0–1.
         opacity: f32,
         /// Inverse covariance (xx, xy, yy).
         conic: [f32; 3],
-        /// Half width where alpha falls to 1/255; 0 if culled.
+        /// Half width of the ellipse where alpha falls to 1/255; 0 if culled.
         extent_x: f32,
         /// Colour, ≥ 0.
         colour: [f32; 3],
-        /// Half height.
+        /// Half height of the ellipse.
         extent_y: f32,
     }
 }
 
 impl View {
-    /// Reads a camera, for `gaussians` and pair buffers of `pair_capacity`.
+    /// Makes a view of a camera, for `gaussians` and pair buffers of `pair_capacity`.
     pub fn new(camera: &Camera, gaussians: &Gaussians, pair_capacity: usize) -> Self {
         let (m, t) = (camera.camera_from_world.matrix3, camera.camera_from_world.translation);
         let row = |i: usize| [m.x_axis[i], m.y_axis[i], m.z_axis[i], t[i]];
@@ -358,7 +359,7 @@ impl View {
         }
     }
 
-    /// The same, with some of the pixels alone.
+    /// Restricts the view to some of the pixels.
     pub fn sampled(self, sampling: Sampling) -> Self {
         let (width, height) = sampling.size(self.size[0] as usize, self.size[1] as usize);
         let size = [width as u32, height as u32];
@@ -372,7 +373,7 @@ fn tiles(size: [u32; 2]) -> [u32; 2] {
 }
 
 impl Deform {
-    /// The deformation at `time` of the rows `rows`, with only the bases `live` evaluated.
+    /// Deformation at `time` of the rows `rows`, with only the bases `live` evaluated.
     pub fn new(
         deformation: &Deformation,
         time: f32,
@@ -397,7 +398,7 @@ impl Deform {
 }
 
 impl Overlay {
-    /// For a frame of `size` with so many prompts.
+    /// Settings for a frame of `size` with `num_prompts` prompts.
     pub fn new(size: [u32; 2], num_prompts: usize, look: OverlayLook) -> Self {
         let OverlayLook { style, opacity, outline_opacity, .. } = look;
         let num_prompts = num_prompts as u32;
@@ -439,7 +440,7 @@ impl RestRow {
 }
 
 impl DeformedRow {
-    /// From the arrays of core.
+    /// Converts from the arrays of core.
     pub fn rows(deformed: &Deformed) -> Vec<Self> {
         (0..deformed.means.len())
             .map(|i| Self {
@@ -453,7 +454,7 @@ impl DeformedRow {
             .collect()
     }
 
-    /// Into the arrays of core.
+    /// Converts to the arrays of core.
     pub fn to_deformed(rows: &[Self], features: Vec<f32>) -> Deformed {
         Deformed {
             means: rows.iter().map(|r| r.mean).collect(),

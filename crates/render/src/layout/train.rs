@@ -5,21 +5,21 @@ use bytemuck::{Pod, Zeroable};
 use surgtpgs_core::{raster::project::SplatGradient, train::LossTerms};
 
 shader_struct! {
-    /// Gradients of what the raster pass reads of a splat (`shared/gaussian.wgsl`).
+    /// Gradients with respect to the values of a splat that the raster pass reads (`shared/gaussian.wgsl`).
     pub struct SplatGradientRow {
-        /// Per px.
+        /// ∂L/∂centre, per px.
         centre: [f32; 2],
-        /// Of z.
+        /// ∂L/∂depth.
         depth: f32,
-        /// Of opacity.
+        /// ∂L/∂opacity.
         opacity: f32,
-        /// (xx, xy, yy), xy counted once.
+        /// ∂L/∂conic for (xx, xy, yy), xy counted once.
         conic: [f32; 3],
-        /// Length of the centre's gradient in the unit of the statistics; -1 where the splat is culled.
+        /// Length of the centre's gradient in the unit of the statistics; -1 if the splat is culled.
         pull: f32,
-        /// Of the colour.
+        /// ∂L/∂colour.
         colour: [f32; 3],
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding: f32,
     }
 }
@@ -29,31 +29,31 @@ shader_struct! {
     pub struct Loss {
         /// Columns and rows.
         size: [u32; 2],
-        /// 1 where depth is compared.
+        /// 1 if depth is compared.
         has_depth: u32,
-        /// 1 where features are compared.
+        /// 1 if features are compared.
         has_regions: u32,
-        /// 1 for depth as the released code has it.
+        /// 1 for depth as in the released code.
         raw_depth: u32,
         /// 1 for total variation outside the mask too.
         unmasked_variation: u32,
-        /// Rows of the table of features.
+        /// Number of rows of the table of features.
         num_rows: u32,
-        /// Scene units.
+        /// Typical depth, scene units.
         typical_depth: f32,
-        /// Weight of |difference| of one number of colour.
+        /// Weight of |difference| to the wanted value, per value of colour.
         colour_difference: f32,
-        /// Weight of |difference| of neighbours.
+        /// Weight of |difference| of neighbours, per value of colour.
         colour_variation: f32,
-        /// As for colour.
+        /// Weight of |difference| to the wanted value, for depth.
         depth_difference: f32,
-        /// As for colour.
+        /// Weight of |difference| of neighbours, for depth.
         depth_variation: f32,
-        /// As for colour.
+        /// Weight of |difference| to the wanted value, for features.
         feature_difference: f32,
-        /// As for colour.
+        /// Weight of |difference| of neighbours, for features.
         feature_variation: f32,
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding: [u32; 2],
     }
 }
@@ -61,33 +61,33 @@ shader_struct! {
 shader_struct! {
     /// Sizes of region smoothness (`regions.wgsl`).
     pub struct Regions {
-        /// Of a plane.
+        /// Number of pixels of a plane.
         num_pixels: u32,
-        /// Blocks of listed pixels.
+        /// Number of blocks of listed pixels.
         num_blocks: u32,
-        /// Large regions.
+        /// Number of large regions.
         num_regions: u32,
         /// 1 for one mean over all latent numbers.
         is_pooled: u32,
         /// Weight of a region.
         smoothness: f32,
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding: u32,
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding_2: [u32; 2],
     }
 }
 
 shader_struct! {
-    /// Some listed pixels of one region (`regions.wgsl`).
+    /// A block of the listed pixels of one region (`regions.wgsl`).
     pub struct RegionBlock {
-        /// Which.
+        /// Index of the region.
         region: u32,
         /// First of the listed pixels.
         first: u32,
-        /// Their end.
+        /// End of the listed pixels.
         end: u32,
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding: u32,
     }
 }
@@ -97,91 +97,91 @@ shader_struct! {
     pub struct Region {
         /// First of its blocks.
         first: u32,
-        /// Their end.
+        /// End of its blocks.
         end: u32,
-        /// Supervised pixels.
+        /// Number of supervised pixels.
         num_pixels: u32,
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding: u32,
     }
 }
 
 shader_struct! {
-    /// How slots become gradients (`gather.wgsl`).
+    /// Settings for summing slots into gradients (`gather.wgsl`).
     pub struct Gather {
-        /// What the pull at a centre is multiplied by.
+        /// Factors of the pull at a centre.
         pull_scale: [f32; 2],
-        /// 0 where the gradient of depth moves no centres.
+        /// 0 if the gradient of depth does not move centres.
         depth_moves_centres: u32,
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding: u32,
     }
 }
 
 shader_struct! {
-    /// What is learned of a colour (`chain.wgsl`).
+    /// Settings for the learning of colours (`chain.wgsl`).
     pub struct Chain {
-        /// Bands above 0 that are learned already.
+        /// Number of bands above 0 that are already learned.
         learned_bands: u32,
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding: u32,
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding_2: [u32; 2],
     }
 }
 
 shader_struct! {
-    /// The sum over all Gaussians (`network.wgsl`).
+    /// Sum of the network's gradient over all Gaussians (`network.wgsl`).
     pub struct Network {
-        /// N.
+        /// Number of Gaussians, N.
         num_gaussians: u32,
-        /// Blocks of them.
+        /// Number of blocks of Gaussians.
         num_blocks: u32,
-        /// t.
+        /// Time t.
         time: f32,
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding: u32,
     }
 }
 
 shader_struct! {
-    /// How a step is judged (`settle.wgsl`).
+    /// Settings for the judgement of a step (`settle.wgsl`).
     pub struct Settle {
-        /// Workgroups of the loss.
+        /// Number of workgroups of the loss.
         num_sums: u32,
-        /// Large regions.
+        /// Number of large regions.
         num_regions: u32,
         /// Weight of a region.
         smoothness: f32,
-        /// Pairs that there is room for.
+        /// Number of pairs that there is room for.
         capacity: u32,
         /// First live basis.
         first_basis: u32,
         /// End of the live bases.
         last_basis: u32,
-        /// 1 where the feature network learns.
+        /// 1 if the feature network learns.
         updates_network: u32,
-        /// 1 where parameters are updated at all.
+        /// 1 if any parameters are updated.
         updates: u32,
     }
 }
 
 shader_struct! {
-    /// What a step came to (`settle.wgsl`).
+    /// Result of a step (`settle.wgsl`).
     pub struct Settled {
-        /// Terms of the loss, weighted.
+        /// Term of colour, weighted.
         colour: f32,
-        /// Of depth.
+        /// Term of depth, weighted.
         depth: f32,
-        /// Of all total variation.
+        /// Term of total variation, weighted.
         variation: f32,
-        /// Of features.
+        /// Term of features, weighted.
         features: f32,
-        /// Of region smoothness.
+        /// Term of region smoothness, weighted.
         region: f32,
-        /// 1 where the step was dropped.
+        /// 1 if the step was dropped.
         is_dropped: u32,
-        /// To a multiple of 8 bytes.
+        /// Padding to a multiple of 8 bytes.
         padding: [u32; 2],
     }
 }
@@ -189,29 +189,29 @@ shader_struct! {
 shader_struct! {
     /// One group of parameters to be updated (`update.wgsl`).
     pub struct Update {
-        /// Numbers.
+        /// Number of values.
         len: u32,
-        /// Where they are among the parameters.
+        /// Index of the first of them among the parameters.
         first: u32,
-        /// Number k has learning rate `rate · rates[k mod width]`.
+        /// Period of the learning rates: value k has the rate `rate · rates[k mod width]`.
         width: u32,
         /// Index of the group's counter in the status.
         count: u32,
         /// Learning rate.
         rate: f32,
-        /// What gradients are multiplied by.
+        /// Factor of the gradients.
         gain: f32,
-        /// Where their moments are.
+        /// Index of the first of their moments.
         first_moment: u32,
         /// First Gaussian of a part.
         first_row: u32,
         /// First channel of the features' gate.
         gate_channel: u32,
-        /// [`surgtpgs_core::deform::BasisShape`] of each Gaussian's own as a number.
+        /// [`surgtpgs_core::deform::BasisShape`] of bases that are not shared, as a number.
         shape: u32,
-        /// t.
+        /// Time t.
         time: f32,
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding: u32,
     }
 }
@@ -219,47 +219,47 @@ shader_struct! {
 shader_struct! {
     /// One densification (`densify.wgsl`).
     pub struct Densify {
-        /// N.
+        /// Number of Gaussians, N.
         num_gaussians: u32,
-        /// Of these.
+        /// Number of Gaussians that are kept.
         num_kept: u32,
-        /// Of these are parted.
+        /// Number of kept Gaussians that are divided into two.
         num_children: u32,
-        /// 1 where both halves are placed at random and start afresh.
+        /// 1 to place both halves at random, with fresh moments.
         split_only: u32,
-        /// Lower ones are removed.
+        /// Smallest logit of opacity; Gaussians with a lower one are removed.
         min_opacity_logit: f32,
-        /// Those less pulled are not parted.
+        /// Smallest pull of a Gaussian that is divided.
         min_pull: f32,
-        /// Larger ones are split.
+        /// Log-scale above which a Gaussian is split.
         split_log_scale: f32,
-        /// To a multiple of 8 bytes.
+        /// Padding to a multiple of 8 bytes.
         padding: u32,
-        /// What random numbers follow from.
+        /// Seed of the random numbers.
         seed: [u32; 2],
-        /// To a multiple of 8 bytes.
+        /// Padding to a multiple of 8 bytes.
         padding_2: [u32; 2],
     }
 }
 
 shader_struct! {
-    /// An array that follows the change of the set (`densify.wgsl`).
+    /// An array that is rebuilt for the new set of Gaussians (`densify.wgsl`).
     pub struct CopyRows {
-        /// Planes of so many rows each.
+        /// Number of planes, each of the same number of rows.
         num_planes: u32,
-        /// Here.
+        /// Number of rows of the new array in this part.
         num_rows: u32,
-        /// Numbers of a row.
+        /// Number of values of a row.
         width: u32,
-        /// First row that is here.
+        /// First row of the new array in this part.
         first_row: u32,
-        /// Rows of the old array that are here.
+        /// Number of rows of the old array in this part.
         old_num_rows: u32,
-        /// First of them.
+        /// First row of the old array in this part.
         old_first_row: u32,
-        /// 1 for moments.
+        /// 1 for moments, whose fresh rows become 0.
         clears_fresh: u32,
-        /// To a multiple of 16 bytes.
+        /// Padding to a multiple of 16 bytes.
         padding: u32,
     }
 }

@@ -1,4 +1,4 @@
-//! Which splats touch which tiles, front to back (`shaders/bin.wgsl`).
+//! Assignment of splats to the tiles they touch, front to back (`shaders/bin.wgsl`).
 
 use super::{
     scan::{Levels, Scan},
@@ -23,7 +23,7 @@ pub(crate) struct BinPass {
     resolve_pairs: Kernel,
     scan: Scan,
     sort: Sort,
-    /// How many splats there are, for the sort by depth.
+    /// Number of splats, for the sort by depth.
     num_splats: DeviceVec<u32>,
     by_depth: SortBuffers,
     first_pair: DeviceVec<u32>,
@@ -31,13 +31,13 @@ pub(crate) struct BinPass {
     pairs: SortBuffers,
     capacity: usize,
     slot_owners: DeviceVec<u32>,
-    /// Output where pairs have slots: Gaussian of each pair, tile by tile and front to back.
+    /// Output if pairs have slots: Gaussian of each pair, tile by tile and front to back.
     pub pair_owners: DeviceVec<u32>,
     /// Output: [first, end) of each tile in the pairs.
     pub ranges: DeviceVec<[u32; 2]>,
 }
 
-/// Room for pairs before anything is known of the scene.
+/// Number of pairs that fit before anything is known of the scene.
 const FIRST_CAPACITY: usize = 1 << 16;
 
 impl BinPass {
@@ -68,7 +68,7 @@ impl BinPass {
         self.capacity
     }
 
-    /// Room for `capacity` pairs from the next frame on.
+    /// Sets the room to `capacity` pairs from the next frame on.
     pub(crate) fn set_capacity(&mut self, gpu: &Gpu, capacity: usize) -> Result<()> {
         let limit = (max_bytes(gpu) / size_of::<u32>() as u64) as usize;
         if capacity > limit {
@@ -81,7 +81,7 @@ impl BinPass {
         Ok(())
     }
 
-    /// Whether `wanted` pairs did not fit; then there is room now and the frame must be repeated.
+    /// Returns `true` if `wanted` pairs did not fit. There is then more room, and the frame must be repeated.
     pub(crate) fn grow_if_full(&mut self, gpu: &Gpu, wanted: u32) -> Result<bool> {
         let wanted = wanted as usize;
         if wanted <= self.capacity {
@@ -105,7 +105,7 @@ impl BinPass {
         self.ranges.write(gpu, &vec![[0; 2]; num_tiles])
     }
 
-    /// How many pairs the last frame wanted.
+    /// Number of pairs that the last frame wanted.
     pub(crate) fn num_wanted(&self) -> &DeviceVec<u32> {
         self.levels.total().unwrap_or(&self.num_splats)
     }
@@ -120,7 +120,7 @@ impl BinPass {
         self.pairs.values()
     }
 
-    /// Adds the pass; [`Self::prepare`] went before.
+    /// Adds the pass; [`Self::prepare`] must have been called.
     pub(crate) fn encode(
         &mut self,
         gpu: &Gpu,
@@ -133,7 +133,8 @@ impl BinPass {
         self.sort_by_tile(gpu, pass, view_buffer, view);
     }
 
-    /// As [`Self::encode`], with a slot for every pair: those of a Gaussian lie together, in the order of its tiles.
+    /// Adds the pass as [`Self::encode`] does, with a slot for every pair. The slots of a Gaussian lie
+    /// together, in the order of its tiles.
     pub(crate) fn encode_with_slots(
         &mut self,
         gpu: &Gpu,
@@ -207,7 +208,7 @@ impl BinPass {
         self.find_ranges.dispatch(gpu, pass, &bindings, (self.capacity as u32).div_ceil(GROUP));
     }
 
-    /// Waits for and copies out the result.
+    /// Waits for the device and copies out the result.
     pub(crate) fn read(&self, gpu: &Gpu, view: &View) -> Result<Bins> {
         let ranges = self.ranges.read(gpu, usize::MAX)?;
         let pairs = self.pairs().read(gpu, usize::MAX)?;

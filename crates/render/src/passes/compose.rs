@@ -1,4 +1,4 @@
-//! Image planes → 8-bit colours and depth (`shaders/compose.wgsl`).
+//! From image planes to 8-bit colours and depth (`shaders/compose.wgsl`).
 
 use crate::{
     Gpu,
@@ -14,7 +14,7 @@ pub(crate) struct ComposePass {
     kernel: Kernel,
     /// Output: one number per pixel, red in the lowest byte.
     pub pixels: DeviceVec<u32>,
-    /// Output: depth per opacity, 0 where there is nothing.
+    /// Output: depth divided by opacity; 0 at pixels without depth.
     pub depths: DeviceVec<f32>,
 }
 
@@ -27,7 +27,7 @@ impl ComposePass {
         })
     }
 
-    /// Makes room.
+    /// Makes room for `num_pixels`.
     pub(crate) fn prepare(&mut self, gpu: &Gpu, num_pixels: usize) -> Result<()> {
         self.pixels.resize(gpu, num_pixels)?;
         self.depths.resize(gpu, num_pixels)

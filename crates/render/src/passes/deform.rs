@@ -1,4 +1,4 @@
-//! Gaussians at rest → Gaussians at time t (`shaders/deform.wgsl`).
+//! From Gaussians at rest to Gaussians at time t (`shaders/deform.wgsl`).
 
 use crate::{
     Gpu,
@@ -13,14 +13,14 @@ use surgtpgs_core::{Result, deform::Deformation};
 
 #[derive(Debug)]
 pub(crate) struct DeformPass {
-    /// By latent dimension.
+    /// Kernels by latent dimension.
     kernels: BTreeMap<usize, Kernel>,
     /// Basis values [B], then the feature network: its weight [D][D + 1], its bias [D].
     pub tables: DeviceVec<f32>,
     pub live: Range<usize>,
     /// Output, [N].
     pub rows: DeviceVec<DeformedRow>,
-    /// Output, [N][D]; then how far each one's gate is open, [N][D].
+    /// Output, [N][D]; then the opening of each one's gate, [N][D].
     pub features: DeviceVec<f32>,
 }
 
@@ -54,13 +54,13 @@ impl DeformPass {
         self.make_room(gpu, n, latent_dim)
     }
 
-    /// Room for `n` Gaussians; the feature network stays as it is.
+    /// Makes room for `n` Gaussians; the feature network is kept.
     pub(crate) fn make_room(&mut self, gpu: &Gpu, n: usize, latent_dim: usize) -> Result<()> {
         self.rows.resize(gpu, n)?;
         self.features.resize(gpu, 2 * n * latent_dim)
     }
 
-    /// Uploads the basis values at `time`; [`Self::prepare`] went before.
+    /// Uploads the basis values at `time`; [`Self::prepare`] must have been called.
     pub(crate) fn set_time(&mut self, gpu: &Gpu, deformation: &Deformation, time: f32) {
         let (values, live) = if deformation.is_shared() {
             deformation.basis_values(time)
@@ -71,7 +71,7 @@ impl DeformPass {
         self.tables.write_at(gpu, 0, &values);
     }
 
-    /// Adds the pass; [`Self::prepare`] went before with the same arguments.
+    /// Adds the pass; [`Self::prepare`] must have been called with the same arguments.
     pub(crate) fn encode(
         &self,
         gpu: &Gpu,

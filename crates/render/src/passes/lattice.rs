@@ -1,4 +1,4 @@
-//! Rendered features → scores, looked up in the tables of a lattice (`shaders/lattice.wgsl`).
+//! From rendered features to scores, looked up in the tables of a lattice (`shaders/lattice.wgsl`).
 
 use crate::{
     Gpu,
@@ -12,7 +12,7 @@ use surgtpgs_core::{
     relevancy::{Lattice, Points, Query, Relevancy, RelevancySettings},
 };
 
-/// Latent numbers that a lattice is over.
+/// Number of latent dimensions of a lattice.
 const DIM: usize = 3;
 
 #[derive(Debug)]
@@ -21,18 +21,19 @@ pub(crate) struct LatticePass {
     patch: Kernel,
     cells: DeviceVec<u32>,
     polynomials: DeviceVec<[f32; 4]>,
-    /// Which tables these are: the lattice with the changes of its cells, leaves, and what was asked.
+    /// Identity of the tables on the device: the lattice with its version of the cells, the number of
+    /// leaves, and the prompts.
     known: Option<([u64; 2], usize, Asked)>,
     shape: [u32; 3],
     /// Output, [prompts][pixels].
     pub scores: DeviceVec<f32>,
-    /// Output: pixels that no table decides.
+    /// Output: number of pixels that no table can decide.
     pub num_open: DeviceVec<u32>,
     open: DeviceVec<OpenPixel>,
     patches: DeviceVec<u32>,
 }
 
-/// Prompts, and how sharply they are told apart.
+/// Prompts, and the sharpness of their scores.
 type Asked = (Vec<Query>, f32);
 
 impl LatticePass {
@@ -51,7 +52,7 @@ impl LatticePass {
         })
     }
 
-    /// Makes room, and uploads the tables where they changed. `queries` fit the lattice's codec.
+    /// Makes room, and uploads the tables if they have changed. `queries` fit the lattice's codec.
     pub(crate) fn prepare(
         &mut self,
         gpu: &Gpu,
@@ -109,8 +110,8 @@ impl LatticePass {
         self.look_up.dispatch(gpu, pass, &bindings, num_pixels.div_ceil(GROUP));
     }
 
-    /// Scores on the CPU what was left open, makes the cells that were missing, and brings the scores here:
-    /// [`Self::encode_patch`] writes them.
+    /// Scores the open pixels on the CPU, makes the cells that were missing, and uploads the scores.
+    /// [`Self::encode_patch`] then writes them.
     pub(crate) fn repair(
         &mut self,
         gpu: &Gpu,

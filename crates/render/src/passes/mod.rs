@@ -1,6 +1,6 @@
-//! The passes, each with the shape of its Rust twin: data in, data out. [`Passes`] runs them one by one on data
-//! from the CPU, so that a wrong picture can be tracked down to one pass; [`crate::GpuRenderer`] chains them on
-//! the device.
+//! The passes, each with the same inputs and outputs as its Rust twin. [`Passes`] runs them one by one on
+//! data from the CPU, so that a wrong picture can be tracked down to one pass. [`crate::GpuRenderer`]
+//! chains them on the device.
 
 mod bin;
 mod compose;
@@ -42,7 +42,7 @@ use surgtpgs_core::{
     raster::{Images, bin::Bins, project::Splat},
 };
 
-/// Every pass, compiled.
+/// All passes, compiled.
 #[derive(Debug)]
 pub struct Passes {
     gpu: Gpu,
@@ -58,7 +58,7 @@ pub struct Passes {
 }
 
 impl Passes {
-    /// Compiles what does not depend on the scene.
+    /// Compiles the passes that do not depend on the scene.
     pub fn new(gpu: &Gpu) -> Result<Self> {
         gpu.guarded(|| {
             Ok(Self {
@@ -76,7 +76,7 @@ impl Passes {
         })
     }
 
-    /// What raster and pick read of the frame under way.
+    /// Input of raster and pick for the current frame.
     pub(crate) fn raster_input(&self) -> Input<'_> {
         Input {
             splats: &self.project.splats,
@@ -86,8 +86,8 @@ impl Passes {
         }
     }
 
-    /// Twin of [`surgtpgs_core::deform::deform`]. `rows_at_once` cuts the scene into parts of at most that many
-    /// Gaussians; the result does not depend on it.
+    /// Twin of [`surgtpgs_core::deform::deform`]. `rows_at_once` cuts the scene into parts of at most
+    /// that many Gaussians; the result does not depend on it.
     pub fn deform(
         &mut self,
         gaussians: &Gaussians,
@@ -128,7 +128,8 @@ impl Passes {
         })
     }
 
-    /// Twin of [`surgtpgs_core::raster::bin::bin`]. Starts with room for `capacity` pairs and grows as needed.
+    /// Twin of [`surgtpgs_core::raster::bin::bin`]. Starts with room for `capacity` pairs and grows as
+    /// needed.
     pub fn bin(&mut self, splats: &[Splat<f32>], camera: &Camera, capacity: usize) -> Result<Bins> {
         let gpu = self.gpu.clone();
         gpu.guarded(|| {
@@ -186,7 +187,7 @@ impl Passes {
     }
 }
 
-/// The frame sizes of splats that need no camera any more.
+/// Frame sizes for splats, which need no camera.
 fn view_of_splats(camera: &Camera, num_splats: usize, capacity: usize) -> View {
     View { num_gaussians: num_splats as u32, ..View::new(camera, &Gaussians::default(), capacity) }
 }

@@ -1,4 +1,4 @@
-//! What was found, drawn over a frame (`shaders/overlay.wgsl`).
+//! Draws the found regions over a frame (`shaders/overlay.wgsl`).
 
 use super::run;
 use crate::{
@@ -68,12 +68,12 @@ impl OverlayPass {
     }
 }
 
-/// One number per pixel, red in the lowest byte, then green, blue and 255.
+/// Converts to one number per pixel: red in the lowest byte, then green, blue and 255.
 pub(crate) fn to_pixels(picture: &RgbImage) -> Vec<u32> {
     picture.pixels().map(|p| u32::from_le_bytes([p.0[0], p.0[1], p.0[2], 255])).collect()
 }
 
-/// The picture of columns × rows that [`to_pixels`] made numbers of.
+/// Converts the numbers of [`to_pixels`] back to a picture of columns × rows.
 pub(crate) fn from_pixels([width, height]: [u32; 2], pixels: &[u32]) -> RgbImage {
     let mut picture = RgbImage::new(width, height);
     for (pixel, number) in picture.pixels_mut().zip(pixels) {

@@ -1,4 +1,4 @@
-//! What is at one pixel (`shaders/pick.wgsl`).
+//! The Gaussian at one pixel (`shaders/pick.wgsl`).
 
 use super::Input;
 use crate::{Gpu, buffers::DeviceVec, kernel::Kernel, layout::Picked};
@@ -21,7 +21,7 @@ impl PickPass {
         self.picked.write(gpu, &[Picked { pixel, ..Default::default() }])
     }
 
-    /// Adds the pass, after a frame's raster or in its place.
+    /// Adds the pass, after a frame's raster or in place of it.
     pub(crate) fn encode(
         &self,
         gpu: &Gpu,
@@ -39,7 +39,7 @@ impl PickPass {
         self.kernel.dispatch(gpu, pass, &bindings, 1);
     }
 
-    /// Waits for what was found.
+    /// Waits for the device and returns the result.
     pub(crate) fn read(&self, gpu: &Gpu) -> Result<Option<Pick>> {
         let found = self.picked.read(gpu, 1)?.pop();
         let seen = found.filter(|p| p.weight > 0.0);

@@ -1,4 +1,4 @@
-//! Gaussians at time t → splats on the image plane (`shaders/project.wgsl`).
+//! From Gaussians at time t to splats on the image plane (`shaders/project.wgsl`).
 
 use crate::{
     Gpu,

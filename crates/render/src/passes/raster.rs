@@ -1,4 +1,4 @@
-//! Splats, tile by tile and front to back → image planes (`shaders/raster.wgsl`).
+//! From splats, tile by tile and front to back, to image planes (`shaders/raster.wgsl`).
 
 use crate::{
     Gpu,
@@ -11,13 +11,13 @@ use surgtpgs_core::{Result, raster::FEATURE_PLANE};
 
 #[derive(Debug)]
 pub(crate) struct RasterPass {
-    /// By latent dimension.
+    /// Kernels by latent dimension.
     kernels: BTreeMap<usize, Kernel>,
     /// Output, [planes][rows][columns].
     pub planes: DeviceVec<f32>,
 }
 
-/// What the pass reads.
+/// Input of the pass.
 pub(crate) struct Input<'a> {
     pub splats: &'a DeviceVec<SplatRow>,
     pub features: &'a DeviceVec<f32>,
@@ -39,7 +39,7 @@ impl RasterPass {
         self.planes.resize(gpu, pixels * (FEATURE_PLANE + latent_dim))
     }
 
-    /// Adds the pass; [`Self::prepare`] went before with the same arguments.
+    /// Adds the pass; [`Self::prepare`] must have been called with the same arguments.
     pub(crate) fn encode(
         &self,
         gpu: &Gpu,

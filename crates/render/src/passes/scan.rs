@@ -14,7 +14,7 @@ pub(crate) struct Scan {
 pub(crate) struct Levels(Vec<DeviceVec<u32>>);
 
 impl Levels {
-    /// Room for a scan of `len` items.
+    /// Makes room for a scan of `len` items.
     pub(crate) fn prepare(&mut self, gpu: &Gpu, len: usize) -> Result<()> {
         let mut len = len;
         let mut depth = 0;
@@ -32,7 +32,7 @@ impl Levels {
         }
     }
 
-    /// One number: the sum of all items, once scanned.
+    /// One number: the sum of all items, after the scan.
     pub(crate) fn total(&self) -> Option<&DeviceVec<u32>> {
         self.0.last()
     }
@@ -46,7 +46,7 @@ impl Scan {
         })
     }
 
-    /// Adds a scan of `items` in place; `levels` was prepared for their number.
+    /// Adds a scan of `items` in place; `levels` must have been prepared for their number.
     pub(crate) fn encode(
         &self,
         gpu: &Gpu,

@@ -18,14 +18,14 @@ pub(crate) struct Sort {
     scatter: Kernel,
 }
 
-/// Pairs and the second place that a pass sorts them into.
+/// Two places for the pairs; each pass sorts them from one into the other.
 #[derive(Debug)]
 pub(crate) struct SortBuffers {
     keys: [DeviceVec<u32>; 2],
     values: [DeviceVec<u32>; 2],
     places: DeviceVec<u32>,
     levels: Levels,
-    /// Which of the two holds the pairs.
+    /// Index of the place that holds the pairs.
     current: usize,
 }
 
@@ -41,7 +41,7 @@ impl SortBuffers {
         }
     }
 
-    /// Room for `capacity` pairs, to be written before the sort.
+    /// Makes room for `capacity` pairs, to be written before the sort.
     pub(crate) fn prepare(&mut self, gpu: &Gpu, capacity: usize) -> Result<()> {
         for array in self.keys.iter_mut().chain(&mut self.values) {
             array.resize(gpu, capacity)?;
@@ -70,7 +70,8 @@ impl Sort {
         })
     }
 
-    /// Adds a stable sort by the lowest `key_bits` bits of the first `num_wanted[0]` pairs, as far as they fit.
+    /// Adds a stable sort by the lowest `key_bits` bits of the first `num_wanted[0]` pairs, as far as
+    /// they fit.
     pub(crate) fn encode(
         &self,
         gpu: &Gpu,

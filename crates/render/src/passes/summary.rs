@@ -1,4 +1,5 @@
-//! Scores → histogram, largest score, and what is found by column and row (`shaders/summary.wgsl`).
+//! From scores to a histogram, the largest score, and the found pixels of each column and row
+//! (`shaders/summary.wgsl`).
 
 use crate::{
     Gpu,
@@ -54,7 +55,7 @@ impl SummaryPass {
         self.kernel.dispatch(gpu, pass, &bindings, (self.size[0] * self.size[1]).div_ceil(GROUP));
     }
 
-    /// The numbers as core has them.
+    /// Converts the numbers to the form of core.
     pub(crate) fn parse(&self, numbers: &[u32]) -> Vec<Summary> {
         let columns = self.size[0] as usize;
         let one = |numbers: &[u32]| {

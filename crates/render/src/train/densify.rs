@@ -1,4 +1,5 @@
-//! Adding and removing Gaussians on the device (`shaders/densify.wgsl`); twin: [`surgtpgs_core::train::densify`].
+//! Adds and removes Gaussians on the device (`shaders/densify.wgsl`); twin:
+//! [`surgtpgs_core::train::densify`].
 
 use super::resident::{Moments, Resident};
 use crate::{
@@ -17,7 +18,7 @@ use surgtpgs_core::{
     train::{Densify, Model},
 };
 
-/// The kernels, and what they hand to each other.
+/// The kernels, and the buffers between them.
 #[derive(Debug)]
 pub(super) struct DensifyPass {
     mark: Kernel,
@@ -58,7 +59,8 @@ impl DensifyPass {
         })
     }
 
-    /// Decides and carries out one densification; all steps before it are settled. Of `model` only the sizes are read.
+    /// Decides on one densification and carries it out; all steps before it must be settled. Only the
+    /// sizes of `model` are read.
     pub(super) fn run(
         &mut self,
         gpu: &Gpu,
@@ -85,7 +87,8 @@ impl DensifyPass {
         Ok(())
     }
 
-    /// Which are kept, and in which order they would be parted; how many are kept and how many pulled.
+    /// Determines the Gaussians to keep, and the order in which Gaussians would be divided. Returns the
+    /// numbers of those kept and of those pulled.
     fn rank(&mut self, gpu: &Gpu, resident: &Resident, params: &layout::Densify) -> Result<[usize; 2]> {
         let n = params.num_gaussians as usize;
         self.places.resize(gpu, n + 1)?;
@@ -113,7 +116,7 @@ impl DensifyPass {
         Ok([counts[0] as usize, counts[1] as usize])
     }
 
-    /// The parents of the `new` rows.
+    /// Lists the parents of the `new` rows.
     fn list(&mut self, gpu: &Gpu, params: &layout::Densify, new: usize) -> Result<()> {
         self.children.resize(gpu, params.num_gaussians as usize + 1)?;
         self.parents.resize(gpu, new)?;
@@ -130,7 +133,7 @@ impl DensifyPass {
         Ok(())
     }
 
-    /// Moves the two of each pair apart.
+    /// Moves the two Gaussians of each pair apart.
     fn part(&self, gpu: &Gpu, resident: &Resident, params: &layout::Densify) {
         let groups = params.num_gaussians.div_ceil(GROUP);
         let params = uniform(gpu, params);
@@ -144,8 +147,8 @@ impl DensifyPass {
     }
 }
 
-/// How arrays follow the change from `old` rows to `new` ones. One after the other: the memory of the old ones is free
-/// again for the next.
+/// Rebuilds arrays for the change from `old` rows to `new` ones. They are rebuilt one by one, so that the
+/// memory of each old array is free for the next.
 struct Follow<'a> {
     gpu: &'a Gpu,
     pass: &'a DensifyPass,
@@ -190,7 +193,7 @@ impl Follow<'_> {
         Ok(())
     }
 
-    /// [N][width].
+    /// Rebuilds an array [N][width].
     fn array<T: Pod>(&self, array: &mut DeviceVec<T>, width: usize, clears_fresh: bool) -> Result<()> {
         let (old, new) = (0..self.old, 0..self.new);
         let cut = Cut { old: from_ref(&old), new: from_ref(&new), num_planes: 1, width };
@@ -204,7 +207,7 @@ impl Follow<'_> {
         self.array(&mut moments.second, width, true)
     }
 
-    /// [B][N][stride] in parts.
+    /// Rebuilds an array [B][N][stride] in parts.
     fn planes(&self, array: &mut Planes, cut: &Cut<'_>, clears_fresh: bool) -> Result<()> {
         let old: Vec<&DeviceVec<f32>> = array.iter().collect();
         let part = |rows: &Range<usize>| {
@@ -215,7 +218,7 @@ impl Follow<'_> {
         Ok(())
     }
 
-    /// One new part of `len` values, from all old ones.
+    /// Makes one new part of `len` values from all old ones.
     fn part<T: Pod>(
         &self,
         old: &[&DeviceVec<T>],
@@ -252,7 +255,7 @@ impl Follow<'_> {
     }
 }
 
-/// How an array [planes][N][width] is cut into parts, before and after.
+/// Parts of an array [planes][N][width], before and after the change.
 struct Cut<'a> {
     old: &'a [Range<usize>],
     new: &'a [Range<usize>],

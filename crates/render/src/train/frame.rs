@@ -1,4 +1,4 @@
-//! What a step compares to, on the device.
+//! Ground truth of a step, on the device.
 
 use crate::{
     Gpu,
@@ -12,22 +12,22 @@ use surgtpgs_core::{
     train::{Context, Plan, Truth},
 };
 
-/// Pixels of a region that one workgroup sums up.
+/// Number of pixels of a region that one workgroup sums up.
 const REGION_BLOCK: usize = 1024;
 
 /// The sampled pixels of one frame.
 #[derive(Debug)]
 pub(super) struct FrameBuffers {
-    /// Supervised pixels.
+    /// Number of supervised pixels.
     pub supervised: usize,
     pub has_depth: bool,
     pub has_regions: bool,
     pub num_regions: usize,
-    /// r, g, b, then 255 where supervised.
+    /// Colours r, g, b, then 255 if the pixel is supervised.
     pub pixels: DeviceVec<u32>,
-    /// One unread number where there is no depth.
+    /// Depths; one unread number if there are none.
     pub depths: DeviceVec<f32>,
-    /// Rows of the table of features; one unread number where there are none.
+    /// Rows of the table of features; one unread number if there are none.
     pub regions: DeviceVec<u32>,
     /// Pixels of the large regions, region by region.
     pub listed: DeviceVec<u32>,
@@ -109,7 +109,7 @@ pub(super) struct FrameStore {
 }
 
 impl FrameStore {
-    /// The pixels that a step looks at.
+    /// Returns the pixels that a step renders.
     pub(super) fn get(
         &mut self,
         gpu: &Gpu,
@@ -125,7 +125,7 @@ impl FrameStore {
             let truth = frame.truth(context.latents, context.typical_depth);
             let min_region_px = context.settings.loss.sampled(sampling.step).min_region_px;
             let buffers = FrameBuffers::new(gpu, &truth, latent_dim, min_region_px)?;
-            // All are as likely to be seen next, so it does not matter which go.
+            // All frames are equally likely to be needed next, so it does not matter which are dropped.
             if self.bytes + buffers.bytes() > context.settings.frame_cache_bytes as u64 {
                 *self = Self::default();
             }

@@ -1,5 +1,5 @@
-//! Training steps on the GPU; twin of [`surgtpgs_core::train::CpuBackend`]. From the Gaussians at rest to their update
-//! everything stays on the device, one submission a step:
+//! Training steps on the GPU; twin of [`surgtpgs_core::train::CpuBackend`]. From the Gaussians at rest to
+//! their update everything stays on the device, with one submission per step:
 //!
 //! ```text
 //! deform ─▶ project ─▶ bin, a slot for each pair ─▶ raster ─▶ loss, regions
@@ -7,9 +7,10 @@
 //! update ◀─ settle ◀─ chain, features, network ◀─ gather ◀─ backward into the slots
 //! ```
 //!
-//! The host looks at what the steps came to now and then. Pairs that found no room are noticed then: the device has
-//! changed nothing since, the buffers grow and the steps are repeated. No float atomics and fixed orders of every sum:
-//! two runs give the same bytes, whatever the room for pairs was.
+//! The host reads the results of the steps now and then. It then notices if pairs did not fit. In that
+//! case the device has changed nothing since: the buffers grow and the steps are repeated. There are no
+//! float atomics and all sums have a fixed order, so that two runs give the same bytes, whatever the room
+//! for pairs was.
 
 mod densify;
 mod frame;
@@ -52,25 +53,25 @@ pub struct GpuBackend {
     densify: Option<DensifyPass>,
     frames: FrameStore,
     resident: Option<Resident>,
-    /// Steps submitted since the last look at the history.
+    /// Steps submitted since the history was last read.
     pending: Vec<Plan>,
     timer: Timer,
 }
 
-/// What the passes of one step wrote, in the shape of their twins.
+/// Output of each pass of one step, in the form of its twin.
 #[derive(Debug)]
 pub struct StepTrace {
-    /// On the grid of the rendered pixels.
+    /// Splats on the grid of the rendered pixels.
     pub splats: Vec<Splat<f32>>,
-    /// At the time of the step, [N][D].
+    /// Features at the time of the step, [N][D].
     pub features: Vec<f32>,
-    /// The picture.
+    /// Rendered images.
     pub images: Images,
-    /// Its loss.
+    /// Terms of their loss.
     pub terms: LossTerms<f32>,
     /// ∂L/∂planes.
     pub g_planes: Vec<f32>,
-    /// ∂L/∂splats, of the pixels as they are.
+    /// ∂L/∂splats, in pixels of the full grid.
     pub g_splats: Vec<SplatGradient<f32>>,
     /// ∂L/∂features at the time of the step.
     pub g_features: Vec<f32>,
@@ -98,12 +99,14 @@ impl GpuBackend {
         })
     }
 
-    /// Starts with room for `capacity` splat-tile pairs; it grows as needed, at the cost of repeated steps.
+    /// Sets the initial room to `capacity` splat-tile pairs. It grows as needed, at the cost of repeated
+    /// steps.
     pub fn set_pair_capacity(&mut self, capacity: usize) -> Result<()> {
         self.bin.set_capacity(&self.gpu, capacity)
     }
 
-    /// Times every pass by the device's own clock from now on, waiting for each step; `false` where the adapter cannot.
+    /// Switches on the timing of every pass by the device's own clock, which waits for each step. Returns
+    /// `false` if the adapter cannot time.
     pub fn time_passes(&mut self) -> bool {
         self.timer.switch_on(&self.gpu)
     }
@@ -115,7 +118,7 @@ impl GpuBackend {
         Ok(())
     }
 
-    /// Does one step and reads back what each pass wrote.
+    /// Takes one step and reads back the output of each pass.
     pub fn trace(&mut self, model: &mut Model, plan: Plan, context: &Context<'_>) -> Result<StepTrace> {
         let size = plan.look.sampling.size(plan.frame.size().0, plan.frame.size().1);
         let now = self.step(model, plan, context, &mut PassClock::default())?;
@@ -230,14 +233,14 @@ impl GpuBackend {
         Ok(())
     }
 
-    /// Looks at what the submitted steps came to; repeats those that found no room.
+    /// Reads the results of the submitted steps and repeats those whose pairs did not fit.
     fn settle(&mut self, model: &Model, context: &Context<'_>) -> Result<Outcome> {
         let mut outcome = Outcome::default();
         while let Some(resident) = self.resident.as_ref().filter(|_| !self.pending.is_empty()) {
             let mut state = resident.status.read(&self.gpu, status::COUNT_REST as usize)?;
             let done = state[status::DONE as usize] as usize;
             if done < self.pending.len() && state[status::OVERFLOWN as usize] == 0 {
-                // What the driver reported meanwhile says more.
+                // An error that the driver reported meanwhile says more.
                 return Err(Error::input(
                     "the GPU left out steps of the training",
                     "Choose the CPU (`--backend cpu`)",
@@ -250,7 +253,7 @@ impl GpuBackend {
             state[status::DONE as usize] = 0;
             state[status::OVERFLOWN as usize] = 0;
             resident.status.write_at(&self.gpu, 0, &state);
-            // Room before it is needed: a scene grows slowly.
+            // Makes room before it is needed: a scene grows slowly.
             self.bin.grow_if_full(&self.gpu, wanted.saturating_add(wanted / 8))?;
             let left = self.pending.split_off(done);
             self.pending = left.clone();
@@ -267,7 +270,7 @@ impl Backend for GpuBackend {
         self.gpu.name()
     }
 
-    /// Passes are timed only where that was asked for.
+    /// Takes one step; passes are timed only if [`GpuBackend::time_passes`] was called.
     fn step(
         &mut self,
         model: &mut Model,
@@ -283,7 +286,7 @@ impl Backend for GpuBackend {
             if self.timer.is_on() {
                 self.add_pass_times(clock)?;
             }
-            // The first step says how much room is needed.
+            // The first step shows how much room is needed.
             let looks = is_first || self.pending.len() >= READ_EVERY;
             if looks { self.settle(model, context) } else { Ok(Outcome::default()) }
         })

@@ -20,12 +20,12 @@ use surgtpgs_core::{
     train::{Context, LossWeights, Plan, Rates, TermScales},
 };
 
-/// Numbers of a slot: see `shared/slot.wgsl`.
+/// Number of values of a slot, see `shared/slot.wgsl`.
 fn slot_len(latent_dim: usize) -> usize {
     10 + latent_dim
 }
 
-/// The kernels for one latent dimension, and what they hand to each other.
+/// The kernels for one latent dimension, and the buffers between them.
 #[derive(Debug)]
 pub(super) struct StepPasses {
     pub latent_dim: usize,
@@ -59,7 +59,7 @@ pub(super) struct StepPasses {
     pub g_features: DeviceVec<f32>,
     pub g_gate: DeviceVec<f32>,
     g_opened: DeviceVec<f32>,
-    /// Of weights, centres and widths of one basis function.
+    /// Gradients of weights, centres and widths of one basis function.
     g_own: [DeviceVec<f32>; 3],
     network_sums: DeviceVec<f32>,
     pub g_network: DeviceVec<f32>,
@@ -69,7 +69,7 @@ pub(super) struct StepPasses {
     one: DeviceVec<f32>,
 }
 
-/// The step under way.
+/// The current step.
 pub(super) struct Job<'a> {
     pub gpu: &'a Gpu,
     pub view: &'a View,
@@ -98,7 +98,7 @@ impl Job<'_> {
         self.context.settings.loss.sampled(self.plan.look.sampling.step)
     }
 
-    /// Regions to be smoothed.
+    /// Number of regions to be smoothed.
     fn num_regions(&self) -> usize {
         if self.frame.has_regions { self.frame.num_regions } else { 0 }
     }
@@ -183,11 +183,11 @@ impl StepPasses {
         self.channel_rates.write(gpu, &rates.channels)
     }
 
-    /// The loss, and its gradient with respect to the planes.
+    /// Adds the loss and its gradient with respect to the planes.
     pub(super) fn encode_loss(&self, job: &Job<'_>, pass: &mut wgpu::ComputePass<'_>) {
         let (gpu, frame, weights) = (job.gpu, job.frame, job.weights());
         let scales = TermScales::<f32>::new(&weights, frame.supervised, job.num_pixels(), self.latent_dim);
-        // Without a supervised pixel nothing counts.
+        // Without any supervised pixel all weights are 0.
         let counts = |v: f32| if frame.supervised > 0 { v } else { 0.0 };
         let params = uniform(
             gpu,
@@ -270,7 +270,7 @@ impl StepPasses {
         run(&self.add_gradients, &[0, 1, 2, 3, 4, 6, 7, 8], num_blocks);
     }
 
-    /// From the planes' gradient to that of the splats; the slots were cleared before.
+    /// Adds the way from the planes' gradient to that of the splats; the slots must have been cleared.
     pub(super) fn encode_backward(&self, job: &Job<'_>, pass: &mut wgpu::ComputePass<'_>) {
         let (gpu, view) = (job.gpu, job.view_buffer.as_entire_binding());
         let bindings = [
@@ -309,7 +309,7 @@ impl StepPasses {
         self.gather.dispatch(gpu, pass, &bindings, job.view.num_gaussians.div_ceil(GROUP));
     }
 
-    /// From the splats' gradient to that of everything learned.
+    /// Adds the way from the splats' gradient to that of everything learned.
     pub(super) fn encode_chain(&self, job: &Job<'_>, pass: &mut wgpu::ComputePass<'_>) {
         let (gpu, resident) = (job.gpu, job.resident);
         let bands = (job.view.sh_degree as usize + 1).pow(2) - 1;
@@ -367,7 +367,7 @@ impl StepPasses {
         self.fold_network.dispatch(gpu, pass, &bindings, 1);
     }
 
-    /// Judges the step and, if it was good, updates everything.
+    /// Adds the judgement of the step and, if it was good, the update of all parameters.
     pub(super) fn encode_update(&self, job: &Job<'_>, pass: &mut wgpu::ComputePass<'_>) {
         let (gpu, resident, live) = (job.gpu, job.resident, &job.deform.live);
         let settings = job.context.settings;
@@ -410,7 +410,7 @@ impl StepPasses {
         }
     }
 
-    /// Adam for what is at rest and the network.
+    /// Adds the update of the parameters at rest and of the network.
     fn encode_groups(&self, job: &Job<'_>, pass: &mut wgpu::ComputePass<'_>) {
         let (scene, r, settings) = (&job.resident.scene, job.resident, job.context.settings);
         let rates = &settings.rates;
@@ -451,7 +451,7 @@ impl StepPasses {
         }
     }
 
-    /// `arrays` are parameters, gradients and learning rates.
+    /// Adds the update of one group; `arrays` are parameters, gradients and learning rates.
     fn encode_group(
         &self,
         job: &Job<'_>,
@@ -474,7 +474,8 @@ impl StepPasses {
         self.adam.dispatch(job.gpu, pass, &bindings, group.len.div_ceil(GROUP));
     }
 
-    /// Adam for the basis functions: the weights of the live ones, or all of each Gaussian's own.
+    /// Adds the update of the basis functions: the weights of the live ones, or everything if each
+    /// Gaussian has its own.
     fn encode_bases(&self, job: &Job<'_>, pass: &mut wgpu::ComputePass<'_>) {
         let (scene, deformation, time) = (&job.resident.scene, job.deformation, job.plan.look.time);
         let decay = rates(job, self.latent_dim).decay;
@@ -528,7 +529,7 @@ impl StepPasses {
         self.adam_basis.dispatch(job.gpu, pass, &bindings, group.len.div_ceil(GROUP));
     }
 
-    /// Gradients of one basis function's weights, centres and widths, and Adam for each.
+    /// Adds the gradients of one basis function's weights, centres and widths, and their update.
     fn encode_own_basis(
         &self,
         job: &Job<'_>,

@@ -1,4 +1,4 @@
-//! What training changes, on the device.
+//! The parameters, moments and statistics of training, on the device.
 
 use crate::{
     Gpu,
@@ -14,7 +14,7 @@ use surgtpgs_core::{
     train::{Adam, Model, OPACITY_CHANNEL, Optimiser, Statistics, WIDTH, bias_corrections},
 };
 
-/// Steps between two looks at the history.
+/// Number of steps after which the history is read.
 pub(super) const READ_EVERY: usize = 16;
 
 /// Moments of one group of parameters, in the order of the parameters on the device.
@@ -32,7 +32,7 @@ impl Moments {
         })
     }
 
-    /// First and second.
+    /// First and second moments.
     pub(super) fn both(&self) -> [&DeviceVec<f32>; 2] {
         [&self.first, &self.second]
     }
@@ -45,7 +45,7 @@ impl Moments {
 }
 
 impl Moments<Planes> {
-    /// Of one group for each basis.
+    /// Moments of one group for each basis.
     fn of_bases<'a>(
         gpu: &Gpu,
         parts: &[Range<usize>],
@@ -89,37 +89,37 @@ pub(super) struct Resident {
     pub sh_rest: Moments,
     pub features: Moments,
     pub network: Moments,
-    /// Those of the basis weights.
+    /// Moments of the basis weights.
     pub weights: Moments<Planes>,
-    /// Those of centres and widths, where each Gaussian has its own.
+    /// Moments of centres and widths, if each Gaussian has its own.
     pub own_bases: Option<[Moments<Planes>; 2]>,
     pub pull_sums: DeviceVec<f32>,
     pub times_seen: DeviceVec<u32>,
-    /// See [`status`].
+    /// Status of the trainer, see [`status`].
     pub status: DeviceVec<u32>,
     pub history: DeviceVec<Settled>,
-    /// Bias corrections of the first and second moments, by number of the update.
+    /// Bias corrections of the first and second moments, indexed by the number of the update.
     pub corrections: DeviceVec<[f32; 2]>,
-    /// Whether the model on the host is the same.
+    /// `true` if the model on the host is the same.
     pub is_known: bool,
 }
 
-/// Where the numbers of a row at rest, in the order of ψ's channels, lie in a [`RestRow`].
+/// Index in a [`RestRow`] of a channel at rest, in the order of ψ's channels.
 fn place(channel: usize) -> usize {
     match channel {
         OPACITY_CHANNEL => 3,
         MEAN_CHANNEL..ROTATION_CHANNEL => channel,
-        // After the mean comes the opacity, after the scale a padding.
+        // The opacity follows the mean, padding follows the scale.
         ROTATION_CHANNEL..COLOUR_CHANNEL => channel + 1,
         _ => channel + 2,
     }
 }
 
-/// Numbers of every Gaussian at rest.
+/// Number of values of each Gaussian at rest.
 const AT_REST: usize = OPACITY_CHANNEL + 1;
 const _: () = assert!(SCALE_CHANNEL < COLOUR_CHANNEL && size_of::<RestRow>() == WIDTH * size_of::<f32>());
 
-/// Rows in the order of ψ's channels → rows like [`RestRow`].
+/// Converts rows in the order of ψ's channels to rows like [`RestRow`].
 pub(super) fn to_device(rows: &[f32]) -> Vec<f32> {
     let mut out = vec![0.0; rows.len()];
     for (to, from) in out.chunks_exact_mut(WIDTH).zip(rows.chunks_exact(WIDTH)) {
@@ -128,7 +128,7 @@ pub(super) fn to_device(rows: &[f32]) -> Vec<f32> {
     out
 }
 
-/// The other way round.
+/// Converts rows like [`RestRow`] to rows in the order of ψ's channels.
 pub(super) fn from_device(rows: &[f32]) -> Vec<f32> {
     let mut out = vec![0.0; rows.len()];
     for (to, from) in out.chunks_exact_mut(WIDTH).zip(rows.chunks_exact(WIDTH)) {
@@ -138,7 +138,7 @@ pub(super) fn from_device(rows: &[f32]) -> Vec<f32> {
 }
 
 impl Resident {
-    /// Uploads a model; there will be at most `iterations` updates.
+    /// Uploads a model; `iterations` is the largest number of updates.
     pub(super) fn new(gpu: &Gpu, model: &Model, iterations: usize) -> Result<Self> {
         let Model { gaussians, deformation, optimiser, statistics } = model;
         let scene = SceneBuffers::new(gpu, gaussians, deformation)?;
@@ -231,7 +231,7 @@ impl Resident {
     }
 }
 
-/// No step done yet, the updates counted as far as they are.
+/// Status without steps, with the updates counted so far.
 fn first_status(model: &Model) -> Vec<u32> {
     let o = &model.optimiser;
     let mut status = vec![0; status::COUNT_BASES as usize];

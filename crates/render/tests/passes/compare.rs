@@ -1,7 +1,7 @@
-//! Comparers of GPU results with those of the Rust twins. Where both compute the same smooth function, results
-//! agree to a few roundings; where a threshold decides (alpha < 1/255, transmittance < 1e-4, an ellipse that just
-//! touches a tile), a rounding may decide otherwise: such differences are checked to be as small as the threshold
-//! and rare.
+//! Comparers of GPU results with those of the Rust twins. Both compute the same smooth functions, and
+//! agree there to a few roundings. Where a threshold decides (alpha < 1/255, transmittance < 1e-4, an
+//! ellipse that just touches a tile), a rounding may turn the decision. Such differences are checked to
+//! be as small as the threshold and rare.
 
 use surgtpgs_core::{
     deform::Deformed,
@@ -17,8 +17,8 @@ pub(crate) struct Tolerance {
     pub relative: f32,
 }
 
-/// WGSL allows exp an error of 3 + 2|x| units in the last place and division 2.5; a sum of a dozen terms of size 1
-/// adds as many roundings: some 30 · 6e-8.
+/// Tolerance of smooth functions. WGSL allows exp an error of 3 + 2|x| units in the last place and
+/// division 2.5. A sum of a dozen terms of size 1 adds as many roundings: some 30 · 6e-8.
 pub(crate) const SMOOTH: Tolerance = Tolerance { absolute: 2e-6, relative: 4e-6 };
 
 pub(crate) fn close(name: &str, found: &[f32], expected: &[f32], tolerance: Tolerance) -> Verdict {
@@ -26,7 +26,7 @@ pub(crate) fn close(name: &str, found: &[f32], expected: &[f32], tolerance: Tole
         return Err(format!("{name}: {} values, expected {}", found.len(), expected.len()));
     }
     for (i, (f, e)) in found.iter().zip(expected).enumerate() {
-        // Written so that NaN fails.
+        // Negated so that NaN fails.
         if !((f - e).abs() <= tolerance.absolute + tolerance.relative * e.abs()) {
             return Err(format!("{name}[{i}]: found {f}, expected {e}"));
         }
@@ -37,7 +37,7 @@ pub(crate) fn close(name: &str, found: &[f32], expected: &[f32], tolerance: Tole
 pub(crate) fn deformed(found: &Deformed, expected: &Deformed) -> Verdict {
     close("means", found.means.as_flattened(), expected.means.as_flattened(), SMOOTH)?;
     close("rotations", found.rotations.as_flattened(), expected.rotations.as_flattened(), SMOOTH)?;
-    // Scales may be tiny: only their ratio says something.
+    // Scales may be tiny, so that only their ratio is meaningful.
     let ratio = Tolerance { absolute: 0.0, relative: 5e-6 };
     close("scales", found.scales.as_flattened(), expected.scales.as_flattened(), ratio)?;
     close("opacities", &found.opacities, &expected.opacities, SMOOTH)?;
@@ -63,9 +63,9 @@ fn splat(f: &Splat<f32>, e: &Splat<f32>) -> Verdict {
     close("depth", &[f.depth], &[e.depth], smooth)?;
     close("opacity", &[f.opacity], &[e.opacity], smooth)?;
     close("colour", &f.colour, &e.colour, smooth)?;
-    // Up to some 1000 px from the centre the centre has roundings of 6e-5 px.
+    // At up to some 1000 px from the origin the centre has roundings of 6e-5 px.
     close("centre", &f.centre, &e.centre, Tolerance { absolute: 3e-4, relative: 1e-6 })?;
-    // log(opacity / MIN_ALPHA) loses digits where its argument is near 1, but the extent is small there too.
+    // log(opacity / MIN_ALPHA) loses digits if its argument is near 1, but the extent is small there too.
     close("extent", &f.extent, &e.extent, Tolerance { absolute: 2e-3, relative: 1e-4 })?;
     // det = xx yy − xy² cancels for a thin ellipse: its rounding grows with xx yy / det, the same in a conic.
     let [a, b, c] = e.conic.map(f64::from);
@@ -75,7 +75,8 @@ fn splat(f: &Splat<f32>, e: &Splat<f32>) -> Verdict {
     close("conic", &f.conic, &e.conic, conic)
 }
 
-/// Lists of a tile must hold the same splats in the same order, but for splats that reach no pixel centre in it.
+/// Checks that the lists of a tile hold the same splats in the same order, except splats that reach no
+/// pixel centre in it.
 pub(crate) fn bins(found: &Bins, expected: &Bins, splats: &[Splat<f32>]) -> Verdict {
     if (found.columns, found.rows) != (expected.columns, expected.rows) {
         return Err(format!("{}×{} tiles", found.columns, found.rows));
@@ -89,7 +90,7 @@ pub(crate) fn bins(found: &Bins, expected: &Bins, splats: &[Splat<f32>]) -> Verd
             return Err(format!("tile {x},{y}: found {:?}, expected {:?}", lists[0], lists[1]));
         }
     }
-    // What reaches no pixel costs time only, but must not be the rule.
+    // Splats that reach no pixel only cost time, but must be rare.
     let extra = found.splat.len().abs_diff(expected.splat.len());
     if extra * 200 > expected.splat.len() + 200 {
         return Err(format!("{} pairs, expected {}", found.splat.len(), expected.splat.len()));
@@ -97,7 +98,7 @@ pub(crate) fn bins(found: &Bins, expected: &Bins, splats: &[Splat<f32>]) -> Verd
     Ok(())
 }
 
-/// Whether a splat surely reaches a pixel centre of a tile; the margin covers f32 against f64.
+/// Returns `true` if a splat certainly reaches a pixel centre of a tile; the margin covers f32 against f64.
 fn reaches(splat: &Splat<f32>, tile_x: usize, tile_y: usize) -> bool {
     let [a, b, c] = splat.conic.map(f64::from);
     (0..TILE * TILE).any(|k| {
@@ -108,22 +109,23 @@ fn reaches(splat: &Splat<f32>, tile_x: usize, tile_y: usize) -> bool {
     })
 }
 
-/// How images may differ, in units of a plane's largest value.
+/// Allowed differences of images, in units of a plane's largest value.
 #[derive(Clone, Copy)]
 pub(crate) struct ImageTolerance {
-    /// What nearly all values keep to.
+    /// Largest difference of nearly all values.
     pub interior: f32,
-    /// Part of the values that may go beyond it, because a threshold decided otherwise…
+    /// Share of the values that may differ more, because a threshold decided otherwise.
     pub boundary_fraction: f32,
-    /// …and how far: a contribution of 1/255 more or less also dims what lies behind it.
+    /// Largest difference of these: a contribution of 1/255 more or less also dims the splats behind it.
     pub boundary: f32,
 }
 
-/// Same splats, same lists: exp2 by polynomial against the GPU's exp, a few hundred contributions summed.
+/// Tolerance for the same splats and lists: exp2 by polynomial against the GPU's exp, a few hundred
+/// contributions summed.
 pub(crate) const SAME_SPLATS: ImageTolerance =
     ImageTolerance { interior: 2e-5, boundary_fraction: 0.01, boundary: 2.5 * MIN_ALPHA };
 
-/// The whole chain: conics of needles differ by what [`splats`] allows.
+/// Tolerance for the whole chain: conics of needles differ as much as [`splats`] allows.
 pub(crate) const WHOLE_CHAIN: ImageTolerance =
     ImageTolerance { interior: 1e-4, boundary_fraction: 0.02, boundary: 4.0 * MIN_ALPHA };
 
@@ -156,7 +158,7 @@ fn plane(found: &[f32], expected: &[f32], tolerance: ImageTolerance) -> Verdict 
     if beyond > allowed {
         return Err(format!("{beyond} of {} pixels differ, {allowed} may", found.len()));
     }
-    // Thresholds err to both sides; a bias would show in the mean.
+    // Thresholds err to both sides. A bias would show in the mean.
     let shift = (shift / found.len() as f64).abs() as f32;
     if shift > tolerance.interior {
         return Err(format!("shifted by {shift} on average"));
@@ -173,7 +175,8 @@ fn name(k: usize) -> String {
     }
 }
 
-/// Pictures of 8 bits: a rounding may fall to either side of a half, one level apart, in few channels.
+/// Compares pictures of 8 bits: a rounding may fall to either side of a half, one level apart, in few
+/// channels.
 pub(crate) fn pictures(found: &image::RgbImage, expected: &image::RgbImage) -> Verdict {
     if found.dimensions() != expected.dimensions() {
         return Err(format!("{:?}, expected {:?}", found.dimensions(), expected.dimensions()));

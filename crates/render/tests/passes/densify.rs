@@ -1,4 +1,4 @@
-//! Both backends come to the same decisions from the same numbers.
+//! Both backends make the same decisions from the same numbers.
 
 use crate::{
     fixture::{Recipe, gpu, numbers, scene},
@@ -12,8 +12,8 @@ use surgtpgs_core::{
 };
 use surgtpgs_render::GpuBackend;
 
-/// A model in the middle of training: moments and statistics are anything; some Gaussians were never seen, some are
-/// pulled alike, some have faded or are not finite.
+/// A model in the middle of training. Moments and statistics are arbitrary. Some Gaussians were never
+/// seen, some are pulled equally, some have faded or are not finite.
 pub(crate) fn trained(recipe: Recipe) -> Model {
     let rng = &mut ChaCha8Rng::seed_from_u64(5);
     let scene = scene(recipe);
@@ -43,7 +43,7 @@ pub(crate) fn trained(recipe: Recipe) -> Model {
 fn settings_of(profile: Profile) -> TrainSettings {
     let mut settings = TrainSettings::of(profile);
     settings.densify.growth = 0.3;
-    // Some of those pulled are below.
+    // Some of the pulled Gaussians are below this threshold.
     settings.densify.threshold *= 2000.0;
     settings
 }
@@ -61,7 +61,7 @@ fn on_device(gpu: surgtpgs_render::Gpu, model: &Model, settings: &TrainSettings,
 fn compare(found: &Model, expected: &Model) {
     let (g, e) = (&found.gaussians, &expected.gaussians);
     assert_eq!(g.len(), e.len());
-    // What is copied says who the parents are.
+    // The copied arrays show which rows are the parents.
     assert!(g.features == e.features && g.sh_rest == e.sh_rest && g.colours == e.colours);
     assert!(g.rotations == e.rotations);
     assert!(found.deformation == expected.deformation);
@@ -113,7 +113,7 @@ fn another_decision_is_noticed() {
     let how = Densify::new(&settings_of(Profile::Default), 5000, 0.05, 300);
     let (mut one, mut other) = (before.clone(), before);
     densify(&mut one, &how);
-    // One moment that should have started afresh.
+    // One moment is changed that should have started afresh.
     densify(&mut other, &how);
     let last = other.optimiser.rest.first.len() - 16;
     other.optimiser.rest.first[last] = 1e-3;

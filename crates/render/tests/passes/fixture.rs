@@ -12,7 +12,8 @@ use surgtpgs_core::{
 };
 use surgtpgs_render::{AdapterChoice, Gpu, Unavailable};
 
-/// The adapter, with its name printed. `None`, loudly, where there is none; under `CI=true` that is a failure.
+/// Opens the adapter and prints its name. Without one it says so and returns `None`; under `CI=true` that
+/// is a failure.
 pub(crate) fn gpu() -> Option<Gpu> {
     static GPU: LazyLock<Result<Gpu, Unavailable>> = LazyLock::new(|| Gpu::open(AdapterChoice::Any));
     match &*GPU {
@@ -28,14 +29,14 @@ pub(crate) fn gpu() -> Option<Gpu> {
     }
 }
 
-/// What a test scene is made of.
+/// Ingredients of a test scene.
 #[derive(Clone, Copy)]
 pub(crate) struct Recipe {
     pub num_gaussians: usize,
     pub latent_dim: usize,
     pub sh_degree: usize,
     pub shape: BasisShape,
-    /// Whether all Gaussians share the basis functions.
+    /// `true` if all Gaussians share the basis functions.
     pub is_shared: bool,
 }
 
@@ -51,8 +52,8 @@ impl Default for Recipe {
     }
 }
 
-/// A seeded scene in front of the camera with everything odd in it: needles, pancakes, Gaussians behind and beside
-/// the camera, equal depths, quaternions without direction, hardly visible and opaque ones.
+/// A seeded scene in front of the camera with every oddity: needles, pancakes, Gaussians behind and
+/// beside the camera, equal depths, quaternions without direction, hardly visible and opaque ones.
 pub(crate) fn scene(recipe: Recipe) -> Scene {
     let Recipe { num_gaussians: n, latent_dim, sh_degree, .. } = recipe;
     let rng = &mut ChaCha8Rng::seed_from_u64(7);
@@ -111,7 +112,7 @@ fn deformation(rng: &mut ChaCha8Rng, recipe: Recipe) -> Deformation {
     deformation
 }
 
-/// Seeded numbers within ± `size`.
+/// Seeded random numbers within ± `size`.
 pub(crate) fn numbers(rng: &mut ChaCha8Rng, len: usize, size: f32) -> Vec<f32> {
     (0..len).map(|_| rng.random_range(-size..size)).collect()
 }
@@ -121,7 +122,8 @@ pub(crate) fn camera(width: u32, height: u32) -> Camera {
     Camera::with_field_of_view(width, height, 60.0)
 }
 
-/// A camera that moved: turned, shifted, its principal point off the middle, its pixels not square.
+/// A camera that has moved: turned and shifted, with the principal point off the middle and pixels that
+/// are not square.
 pub(crate) fn moved_camera(width: u32, height: u32) -> Camera {
     let mut camera = camera(width, height);
     let turn = Quat::from_euler(EulerRot::XYZ, 0.1, -0.2, 0.3);

@@ -1,4 +1,5 @@
-//! A comparison that cannot fail proves nothing: each comparer must refuse what is just beyond its tolerance.
+//! Checks that each comparer refuses values just beyond its tolerance: a comparison that cannot fail
+//! proves nothing.
 
 use crate::{
     compare::{self, ImageTolerance, SAME_SPLATS, SMOOTH, WHOLE_CHAIN},
@@ -94,7 +95,7 @@ fn one_plane(expected: &Images, tolerance: ImageTolerance) {
         let largest = expected.plane(k).iter().fold(1.0f32, |m, v| m.max(v.abs()));
         let edit = |every: usize, by: f32| {
             let mut bad = expected.clone();
-            // To both sides, so that it is not the mean that gives it away.
+            // The errors go to both sides, so that they do not show in the mean.
             for (i, v) in bad.planes[k * pixels..(k + 1) * pixels].iter_mut().enumerate().step_by(every) {
                 *v += if (i / every).is_multiple_of(2) { by * largest } else { -by * largest };
             }

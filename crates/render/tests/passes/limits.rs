@@ -1,4 +1,4 @@
-//! An adapter with the least that WebGPU promises, and with less memory at once than a scene needs.
+//! An adapter with the least that WebGPU promises, and with less memory per binding than a scene needs.
 
 use crate::{
     densify::trained,
@@ -11,7 +11,7 @@ use surgtpgs_core::{
 };
 use surgtpgs_render::{Gpu, GpuBackend};
 
-/// The adapter of the tests with the limits of every browser, and at most `bytes` in a binding.
+/// The adapter of the tests with the limits that every browser offers, and at most `bytes` in a binding.
 fn small_gpu(bytes: u64) -> Gpu {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
     let adapter = pollster::block_on(instance.request_adapter(&Default::default())).unwrap();
@@ -21,7 +21,7 @@ fn small_gpu(bytes: u64) -> Gpu {
     Gpu::from_device(device, queue)
 }
 
-/// A step, a densification, and a step of the new set.
+/// Takes a step, densifies, and takes a step with the new set.
 fn train(gpu: Gpu, step: &Step) -> surgtpgs_core::Result<Model> {
     let mut backend = GpuBackend::new(gpu)?;
     backend.set_pair_capacity(64)?;

@@ -1,7 +1,7 @@
-//! The shaders against their Rust twins, pass by pass, and the proofs that these comparisons can fail.
+//! Tests of the shaders against their Rust twins, pass by pass, and proofs that these comparisons can fail.
 //!
-//! They need a graphics adapter; software Vulkan will do (`apt-get install libvulkan1 mesa-vulkan-drivers`).
-//! Without one they say so and pass, under `CI=true` they fail.
+//! They need a graphics adapter; software Vulkan is enough (`apt-get install libvulkan1
+//! mesa-vulkan-drivers`). Without one they say so and pass; under `CI=true` they fail.
 
 #![expect(
     clippy::unwrap_used,
@@ -15,11 +15,11 @@ mod compare;
 mod densify;
 /// Scenes, cameras and the adapter.
 mod fixture;
-/// Each comparer refuses what is just over its tolerance.
+/// Each comparer refuses values just beyond its tolerance.
 mod harness_can_fail;
-/// Adapters that offer little.
+/// Adapters with low limits.
 mod limits;
-/// Pictures drawn over.
+/// Pictures with overlays.
 mod overlay;
 /// Scores of prompts.
 mod relevancy;
@@ -27,7 +27,7 @@ mod relevancy;
 mod renderer;
 /// Every .wgsl file compiles; Rust and WGSL agree on every struct.
 mod shaders;
-/// From Gaussians to what is drawn over the picture.
+/// From Gaussians to the overlay on the picture.
 mod shown;
 /// Each pass of a training step against its twin.
 mod train;

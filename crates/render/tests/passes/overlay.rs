@@ -1,4 +1,4 @@
-//! Overlays on the GPU against those of core.
+//! Compares overlays on the GPU with those of core.
 
 use crate::{compare, fixture::gpu};
 use image::{Rgb, RgbImage};

@@ -1,4 +1,4 @@
-//! Scores of prompts on the GPU against the exact rung of core.
+//! Compares scores of prompts on the GPU with the exact rung of core.
 
 use crate::{
     compare::{self, Tolerance},
@@ -14,7 +14,8 @@ use surgtpgs_core::{
 };
 use surgtpgs_render::GpuExact;
 
-/// Sums of some hundred terms of a few layers; the sigmoid multiplies a margin's error by at most 10 / 4.
+/// Tolerance for sums of some hundred terms of a few layers; the sigmoid multiplies a margin's error by
+/// at most 10 / 4.
 const SCORES: Tolerance = Tolerance { absolute: 2e-5, relative: 0.0 };
 
 const DIM: usize = 70;
@@ -49,7 +50,7 @@ pub(crate) fn query(prompt: &str, num_negatives: usize) -> Query {
 fn images(latent_dim: usize) -> Images {
     let scene = scene(Recipe { latent_dim, ..Default::default() });
     let mut images = CpuRenderer::default().render(&scene, &camera(120, 90), 0.3, true).unwrap();
-    // One pixel whose feature is not a number.
+    // One pixel has a feature that is not a number.
     let last = images.planes.len() - 45;
     images.planes[last] = f32::NAN;
     images

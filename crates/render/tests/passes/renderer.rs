@@ -1,4 +1,4 @@
-//! The renderer as a whole.
+//! Tests of the renderer as a whole.
 
 use crate::{
     compare::{self, WHOLE_CHAIN},
@@ -47,7 +47,7 @@ fn what_breaks_renderers_renders_like_the_f64_twin() {
 #[test]
 fn few_gaussians_render_like_on_the_cpu() {
     let Some(mut renderer) = renderer() else { return };
-    // 1500 first, so that stale buffers would show.
+    // 1500 comes first, so that stale buffers would show.
     for num_gaussians in [1500, 1, 0, 12] {
         let mut scene = scene(Recipe { num_gaussians, ..Default::default() });
         if num_gaussians == 1 {
@@ -127,7 +127,7 @@ fn a_lost_device_is_reported_again_and_again() {
     if gpu().is_none() {
         return;
     }
-    // Its own device: the others' must stay.
+    // The test has a device of its own, because those of other tests must stay alive.
     let own = Gpu::open(AdapterChoice::Any).unwrap();
     let mut renderer = GpuRenderer::new(own.clone()).unwrap();
     let scene = scene(Recipe { num_gaussians: 50, ..Default::default() });
@@ -146,7 +146,7 @@ fn a_device_that_does_not_answer_is_lost() {
     }
     let mut own = Gpu::open(AdapterChoice::Any).unwrap();
     let scene = scene(Recipe::default());
-    // No device answers at once.
+    // No device can answer in zero time.
     own.set_patience(Duration::ZERO);
     let mut renderer = GpuRenderer::new(own.clone()).unwrap();
     for _ in 0..2 {

@@ -1,4 +1,4 @@
-//! Every .wgsl file compiles; Rust and WGSL agree on every struct.
+//! Every .wgsl file compiles, and Rust and WGSL agree on every struct.
 
 use naga::{
     front::wgsl,
@@ -38,7 +38,7 @@ fn every_shader_on_disk_is_embedded() {
     assert_eq!(files_on_disk(), embedded);
 }
 
-/// Parses and validates with nothing beyond core WGSL.
+/// Parses and validates a file with nothing beyond core WGSL.
 fn parse(file: &str, latent_dim: usize) -> naga::Module {
     let source = assemble(file, latent_dim).unwrap();
     let module = wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{file}: {}", e.emit_to_string(&source)));

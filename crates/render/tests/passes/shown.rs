@@ -1,4 +1,4 @@
-//! The chain from Gaussians to what is drawn over the picture, against core on the same image planes.
+//! Compares the chain from Gaussians to the overlay with core on the same image planes.
 
 use crate::{
     compare::{self, SMOOTH, Tolerance},
@@ -22,7 +22,7 @@ const ALL: Wanted = Wanted { pictures: true, values: true };
 const MARKS: [Mark; 2] =
     [Mark { colour: [0, 114, 178], threshold: 0.5 }, Mark { colour: [204, 121, 167], threshold: 0.45 }];
 
-/// A renderer, a scene, and what is asked of it.
+/// A renderer, a scene, and the prompts.
 struct Stage {
     renderer: GpuRenderer,
     scene: Scene,
@@ -66,7 +66,7 @@ impl Stage {
         self.renderer.show(&frame, field_of_view, Some(asked), wanted, &mut FrameClock::default()).unwrap()
     }
 
-    /// The device's own planes, so that each later pass is compared by itself.
+    /// Reads the device's own planes, so that each later pass is compared by itself.
     fn planes(&mut self, time: f32, field_of_view: Option<&Mask>) -> Images {
         let mut images = self.renderer.render(&self.scene, &self.camera, time, true).unwrap();
         let Some(mask) = field_of_view else { return images };
@@ -78,7 +78,7 @@ impl Stage {
     }
 }
 
-/// A disc, at another size than the frame.
+/// A disc as field of view, at another size than the frame.
 fn disc() -> Mask {
     let is_inside = |i: usize| (i % 40).abs_diff(20).pow(2) + (i / 40).abs_diff(15).pow(2) < 160;
     Grid::from_vec(40, 30, (0..1200).map(is_inside).collect())
@@ -146,7 +146,8 @@ fn scores_keep_the_promise_against_decoding_every_pixel() {
 #[test]
 fn what_the_tables_left_open_is_repaired_in_the_same_frame() {
     let Some(mut stage) = Stage::new() else { return };
-    // No cell is there: all of the first frame is open; then none is, but for what no cell decides.
+    // There are no cells yet, so all of the first frame is open. Later only the pixels that no cell can
+    // decide are.
     let first = stage.show(0.4, None, None);
     let cells = stage.lattice.report().cells;
     let second = stage.show(0.4, None, None);
@@ -156,7 +157,7 @@ fn what_the_tables_left_open_is_repaired_in_the_same_frame() {
         compare::close("scores", &first.data, &second.data, rounding).unwrap();
     }
     assert_eq!(second.marked, stage.show(0.4, None, None).marked);
-    // A new prompt cuts cells that the device still has whole.
+    // A new prompt cuts cells that are still whole on the device.
     stage.queries[1] = query("grasper of steel", 3);
     let third = stage.show(0.4, None, None);
     let planes = stage.planes(0.4, None);
@@ -182,7 +183,7 @@ fn only_what_is_wanted_comes_back() {
     let values = Wanted { pictures: false, values: true };
     let scored = stage.renderer.show(&frame, None, Some(asked), values, clock).unwrap();
     assert!(scored.scores.len() == 2 && scored.marked.is_none() && scored.summaries.is_empty());
-    // The image planes were there.
+    // The image planes are still valid.
     assert_eq!((clock.runs(FramePass::Raster), clock.runs(FramePass::Relevancy)), (0, 1));
     let frame = Frame { scene: &stage.scene, camera: &stage.camera, time: 0.4, features: false };
     let bare = stage.renderer.show(&frame, None, None, ALL, &mut FrameClock::default()).unwrap();
@@ -205,7 +206,7 @@ fn a_pixel_is_of_the_same_gaussian_on_both() {
         assert_eq!(found.is_some(), expected.is_some(), "{pixel:?}");
         let (Some(found), Some(expected)) = (found, expected) else { continue };
         seen += 1;
-        // Two that share a pixel evenly may change places.
+        // Two Gaussians that share a pixel evenly may change places.
         same += usize::from(found.gaussian == expected.gaussian);
         assert!((found.weight - expected.weight).abs() < 1e-3, "{found:?} {expected:?}");
     }

@@ -1,4 +1,4 @@
-//! Each pass of a training step is judged by itself: its twin is fed what the device computed before it.
+//! Tests each pass of a training step by itself: its twin gets the values that the device computed before it.
 
 use crate::{
     compare::{self, SAME_SPLATS},
@@ -29,7 +29,7 @@ const HEIGHT: usize = 50;
 const ROWS: usize = 4;
 const TIME: f32 = 0.37;
 
-/// One step to be done and looked at.
+/// One step to be taken and examined.
 pub(crate) struct Step {
     pub model: Model,
     pub settings: TrainSettings,
@@ -54,7 +54,7 @@ impl Step {
         Self { model, settings, latents, plan: Plan { index: 0, frame, look, step: 120, updates: true } }
     }
 
-    /// With bases of each Gaussian's own and the gate on scale, as the released code has it.
+    /// A step with bases of each Gaussian's own and the gate on scale, as in the released code.
     fn released() -> Self {
         let recipe =
             Recipe { num_gaussians: 700, shape: BasisShape::Quartic, is_shared: false, ..Recipe::default() };
@@ -67,7 +67,7 @@ impl Step {
         Context { settings: &self.settings, latents: &self.latents, typical_depth: 3.0, world_per_px: 0.05 }
     }
 
-    /// The step on the device, and the model after it.
+    /// Takes the step on the device; returns its trace and the model after it.
     fn run(&self, backend: &mut GpuBackend) -> (StepTrace, Model) {
         let mut model = self.model.clone();
         let trace = backend.trace(&mut model, self.plan.clone(), &self.context()).unwrap();
@@ -76,7 +76,7 @@ impl Step {
     }
 }
 
-/// Random colours; some pixels masked, some without depth or region; regions large and small.
+/// A frame of random colours: some pixels masked, some without depth or region; regions large and small.
 fn frame(rng: &mut ChaCha8Rng) -> Frame {
     let n = WIDTH * HEIGHT;
     let region = |i: usize| match i % WIDTH {
@@ -95,7 +95,7 @@ fn frame(rng: &mut ChaCha8Rng) -> Frame {
     }
 }
 
-/// ‖found − expected‖ / ‖expected‖ within the tolerance.
+/// Checks that ‖found − expected‖ / ‖expected‖ is within the tolerance.
 pub(crate) fn close_as_a_whole(name: &str, found: &[f32], expected: &[f32], tolerance: f64) {
     assert_eq!(found.len(), expected.len(), "{name}");
     let square = |v: f64| v * v;
@@ -152,7 +152,7 @@ fn every_pass_of_a_step_equals_its_twin() {
     }
 }
 
-/// Up to the picture, with the sampled pixels alone.
+/// Computes everything up to the picture, of the sampled pixels only.
 fn picture(step: &Step, trace: &StepTrace) -> (Vec<f32>, Deformed) {
     let Model { gaussians, deformation, .. } = &step.model;
     let look = &step.plan.look;
@@ -161,7 +161,7 @@ fn picture(step: &Step, trace: &StepTrace) -> (Vec<f32>, Deformed) {
     deform_by(gaussians, deformation, &psi, TIME, true, &mut deformed);
     let mut splats = Vec::new();
     project_into(gaussians, &deformed, &look.camera, look.sampling, &mut splats);
-    // Where a culled one lies says nothing.
+    // The place of a culled splat has no meaning.
     splats.iter_mut().filter(|s| !s.is_visible()).for_each(|s| *s = Default::default());
     compare::splats(&trace.splats, &splats).unwrap();
     let packed = Packed::new(&trace.splats, &trace.features, gaussians.latent_dim);
@@ -205,7 +205,7 @@ fn check_backward(step: &Step, trace: &StepTrace) {
     close_as_a_whole("features", &trace.g_features, &g_features, BACKWARD);
 }
 
-/// Where f32 falls on another side of a cut-off a whole contribution differs.
+/// Tolerance for f32 on another side of a cut-off, where a whole contribution differs.
 const BACKWARD: f64 = 2e-3;
 
 fn check_chain(step: &Step, trace: &StepTrace, psi: &[f32], deformed: &Deformed) {
@@ -274,7 +274,7 @@ fn check_update(step: &Step, trace: &StepTrace, after: &Model) {
     };
     let parts = groups(&step.model).into_iter().zip(groups(after)).zip(groups(&expected));
     for (((name, before), (_, found)), (_, expected)) in parts {
-        // Differences of numbers near 1 in steps of 1e-2 and less.
+        // These are differences of numbers near 1, in steps of 1e-2 and less.
         close_as_a_whole(name, &moved(&before, &found), &moved(&before, &expected), 2e-4);
     }
     assert_eq!(after.statistics.seen, expected.statistics.seen);
@@ -290,7 +290,7 @@ fn check_update(step: &Step, trace: &StepTrace, after: &Model) {
 fn the_gradients_of_a_whole_step_are_those_of_the_cpu() {
     let Some(gpu) = gpu() else { return };
     for mut step in [all_steps().remove(1), all_steps().remove(4)] {
-        // Neither needles nor Gaussians beside the camera.
+        // The scene has neither needles nor Gaussians beside the camera.
         let gaussians = &mut step.model.gaussians;
         gaussians.log_scales.iter_mut().flatten().for_each(|s| *s = s.clamp(-2.5, -1.5));
         gaussians
@@ -316,7 +316,7 @@ fn the_gradients_of_a_whole_step_are_those_of_the_cpu() {
     }
 }
 
-/// From the parameters to their gradients, all of it on the CPU.
+/// Computes the gradients from the parameters, all of it on the CPU.
 fn cpu_gradients(step: &Step) -> Gradients {
     let Model { gaussians, deformation, .. } = &step.model;
     let look = &step.plan.look;
@@ -354,7 +354,7 @@ fn a_step_that_is_not_finite_changes_nothing_and_is_counted() {
     assert_eq!(outcome.dropped, 0, "was told before");
     assert_eq!(model, step.model);
     step.latents[0] = 0.5;
-    // The table of features goes to the device with the model.
+    // The table of features is uploaded with the model.
     let mut backend = GpuBackend::new(crate::fixture::gpu().unwrap()).unwrap();
     backend.trace(&mut model, step.plan.clone(), &step.context()).unwrap();
     backend.finish(&mut model, &step.context()).unwrap();

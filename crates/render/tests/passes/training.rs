@@ -1,4 +1,4 @@
-//! Training as a whole, on the synthetic clip at a small size.
+//! Tests of training as a whole, on the synthetic clip at a small size.
 
 use crate::fixture::gpu;
 use surgtpgs_core::{
@@ -25,7 +25,7 @@ impl Clip {
         Self { _folder: folder, prepared }
     }
 
-    /// Sampled pixels, half size, densification and all, as for a large recording.
+    /// A trainer with sampled pixels, half size, densification and everything else as for a large recording.
     fn trainer(&self) -> Trainer {
         self.trainer_of(Profile::Default, 40)
     }
@@ -41,7 +41,7 @@ impl Clip {
     }
 }
 
-/// Trains; the scene but for the seconds it took, PSNR, last loss.
+/// Trains; returns the scene without its training time, the PSNR and the last loss.
 fn train(mut trainer: Trainer, backend: Option<GpuBackend>) -> (Scene, f64, f32) {
     if let Some(backend) = backend {
         trainer.set_backend(Box::new(backend)).unwrap();
@@ -58,8 +58,8 @@ fn train(mut trainer: Trainer, backend: Option<GpuBackend>) -> (Scene, f64, f32)
     (scene, psnr, loss)
 }
 
-/// Trains on both, and on the device once more from far too little room on: steps are repeated, and nothing else
-/// changes. How far apart they end, dB.
+/// Trains on both backends, and on the device once more starting with far too little room, which must
+/// only repeat steps. Returns the difference of the two backends' results, dB.
 fn difference(gpu: &Gpu, clip: &Clip, profile: Profile, densify_every: usize) -> f64 {
     let trainer = || clip.trainer_of(profile, densify_every);
     let (_, on_cpu, cpu_loss) = train(trainer(), None);
@@ -83,8 +83,8 @@ fn both_backends_end_alike_and_the_gpu_always_with_the_same_bytes() {
     }
 }
 
-/// Among pulls that are nearly equal the last digit decides sooner or later, and from then on these are two trainings:
-/// as far apart as those of two seeds, 0.4 dB on this clip.
+/// If pulls are nearly equal the last digit decides sooner or later. From then on these are two different
+/// trainings, as far apart as those of two seeds: 0.4 dB on this clip.
 #[test]
 fn both_backends_end_nearly_alike_where_gaussians_come_and_go() {
     let Some(gpu) = gpu() else { return };

@@ -1,4 +1,4 @@
-//! Each pass is fed what the CPU computed before it, so that a failure names the pass.
+//! Tests each pass on values that the CPU computed before it, so that a failure names the pass.
 
 use crate::{
     compare::{self, SAME_SPLATS},
@@ -26,7 +26,7 @@ fn deform_equals_its_twin() {
                     Recipe { num_gaussians: 300, latent_dim, shape, is_shared, ..Default::default() };
                 let mut scene = scene(recipe);
                 if shape == BasisShape::Quartic && latent_dim == 3 {
-                    // As the released code has it.
+                    // The gate channel of the released code.
                     scene.deformation.gate_channel = SCALE_CHANNEL;
                 }
                 for (time, features) in [(0.0, true), (0.37, true), (0.37, false), (79.0 / 80.0, true)] {
@@ -95,7 +95,7 @@ fn bin_equals_its_twin() {
     for camera in [camera(150, 100), moved_camera(128, 96), camera(1, 1), camera(160, 17)] {
         let splats = project_all(&scene.gaussians, &deformed, &camera);
         let expected = bin(&splats, camera.width as usize, camera.height as usize);
-        // From far too little room on: the pass must notice and repeat.
+        // With far too little room at first, the pass must notice and repeat.
         for capacity in [100_000, 1, 1000] {
             let found = passes.bin(&splats, &camera, capacity).unwrap();
             compare::bins(&found, &expected, &splats).unwrap();
@@ -107,7 +107,7 @@ fn bin_equals_its_twin() {
 #[test]
 fn bin_sorts_many_splats_stably() {
     let Some(mut passes) = passes() else { return };
-    // More than one block of the scan and of the sort, with many ties in depth.
+    // The pairs fill more than one block of the scan and of the sort, with many ties in depth.
     let scene = scene(Recipe { num_gaussians: 5000, ..Default::default() });
     let deformed = deform(&scene.gaussians, &scene.deformation, 0.5, false);
     let camera = camera(64, 48);
@@ -132,7 +132,7 @@ fn bin_of_no_and_of_invisible_splats_is_empty_even_after_a_full_frame() {
     assert_eq!(passes.bin(&splats, &camera, 1000).unwrap(), bin(&[], 64, 48));
 }
 
-/// Splats, features and bins of the CPU, and its image.
+/// Rasters the splats, features and bins of the CPU; returns the device's image and the CPU's.
 fn rastered(passes: &mut Passes, scene: &Scene, camera: &Camera, features: bool) -> (Images, Images) {
     let deformed = deform(&scene.gaussians, &scene.deformation, 0.37, features);
     let splats = project_all(&scene.gaussians, &deformed, camera);

@@ -13,21 +13,22 @@ use fearless_simd::{Level, dispatch, f32x8, i32x8, prelude::*, u32x8};
 use fearless_simd_macros::simd;
 use rayon::prelude::*;
 
-/// Points looked up at once by one thread.
+/// Number of points that one thread looks up at once.
 const POINTS_AT_ONCE: usize = 8192;
 
-/// What a pass over the points left open.
+/// Points that a pass did not decide, and the cells they need.
 #[derive(Default)]
 pub(super) struct Open {
-    /// Cells that were needed but are not tabulated; sorted, each once.
+    /// Cells that were needed but are not tabulated; sorted, without repetition.
     pub(super) missing: Vec<Place>,
     /// Points in those cells.
     pub(super) waiting: Vec<usize>,
-    /// Points that no cell decides.
+    /// Points that no cell can decide.
     pub(super) undecided: Vec<usize>,
 }
 
-/// Writes the scores of `points` for each table; 0 in holes, and anything where it is left open.
+/// Writes the scores of `points` for each table. Scores are 0 in holes, and undefined at the points of
+/// [`Open`].
 pub(super) fn look_up(tree: &Tree, tables: &[Table], points: &Points<'_>, scores: &mut [Vec<f32>]) -> Open {
     let level = Level::new();
     let mut strips: Vec<Vec<&mut [f32]>> = Vec::new();
@@ -104,7 +105,7 @@ fn look_up_strip<S: Simd>(
     }
 }
 
-/// Eight values from number `at` on, or as many as are `inside` and 0.
+/// Loads eight values from index `at` on. If fewer are `inside`, the others are 0.
 #[inline(always)]
 fn load<S: Simd>(simd: S, values: &[f32], at: usize, inside: usize) -> f32x8<S> {
     match values[at..].first_chunk() {
@@ -115,15 +116,15 @@ fn load<S: Simd>(simd: S, values: &[f32], at: usize, inside: usize) -> f32x8<S> 
 
 /// The cells of eight points.
 struct Found<S: Simd> {
-    /// Their leaves; `u32::MAX` where there is none.
+    /// Leaves of the points; `u32::MAX` if there is none.
     leaves: [u32; LANES],
-    /// Where in them, 0–1.
+    /// Positions in the leaves, 0–1.
     within: [f32x8<S>; 3],
-    /// Points whose cells are to be tabulated, bit by bit.
+    /// Points whose cells must be tabulated, one bit each.
     missing: u64,
 }
 
-/// Finds the cells of those points whose bit is set, given their places in finest cells.
+/// Finds the cells of the points whose bit is set in `wanted`. Positions are in units of the finest cells.
 #[simd]
 fn locate<S: Simd>(simd: S, tree: &Tree, fine: [f32x8<S>; 3], wanted: u64, open: &mut Open) -> Found<S> {
     let whole = fine.map(|v| {
@@ -136,7 +137,7 @@ fn locate<S: Simd>(simd: S, tree: &Tree, fine: [f32x8<S>; 3], wanted: u64, open:
     });
     let numbers = numbers(cells).map(|v| v.to_array());
     let mut leaves = [u32::MAX; LANES];
-    // How often a finest cell would have to be doubled to be the cell.
+    // Number of times that a finest cell must be doubled to get the cell.
     let mut doublings = [0; LANES];
     let mut missing = 0;
     for lane in 0..LANES {
@@ -160,7 +161,7 @@ fn locate<S: Simd>(simd: S, tree: &Tree, fine: [f32x8<S>; 3], wanted: u64, open:
     }
     let doublings = i32x8::load_array(simd, doublings);
     let corner_mask = i32x8::splat(simd, -1) << doublings;
-    // 2 to the power of -doublings, by its bits.
+    // 2 to the power of -doublings, built from its bits.
     let shrink: f32x8<S> = ((127 - doublings) << 23).bitcast();
     let within = [0, 1, 2].map(|k| {
         let corner: f32x8<S> = f32x8::float_from(whole[k] & corner_mask);
@@ -169,7 +170,7 @@ fn locate<S: Simd>(simd: S, tree: &Tree, fine: [f32x8<S>; 3], wanted: u64, open:
     Found { leaves, within, missing }
 }
 
-/// The margins at eight places; NaN where they must be decoded instead.
+/// Margins at eight places; NaN where they must be decoded instead.
 #[simd]
 fn interpolate<S: Simd>(simd: S, polynomials: &[[f32; 8]], found: &Found<S>) -> f32x8<S> {
     const UNKNOWN: [f32; 8] = [f32::NAN; 8];
@@ -187,12 +188,13 @@ fn interpolate<S: Simd>(simd: S, polynomials: &[[f32; 8]], found: &Found<S>) -> 
     high.mul_add(x, low)
 }
 
-/// Lane k of vector j of the result is lane j of `rows[k]`.
+/// Transposes: lane k of vector j of the result is lane j of `rows[k]`.
 #[simd]
 fn transpose<S: Simd>(simd: S, rows: [f32x8<S>; LANES]) -> [f32x8<S>; LANES] {
     let _ = simd;
     let mut vectors = rows;
-    // Interleaving k with k + 4 moves one bit of the row's number into the lane's; three of them move all.
+    // Interleaving k with k + 4 moves one bit of the row's index into the lane's index. Three rounds move
+    // all bits.
     for _ in 0..LANES.ilog2() {
         let before = vectors;
         for k in 0..LANES / 2 {
@@ -202,7 +204,7 @@ fn transpose<S: Simd>(simd: S, rows: [f32x8<S>; LANES]) -> [f32x8<S>; LANES] {
     vectors
 }
 
-/// 1 / (1 + e^-x), never 0; any number where x is NaN.
+/// 1 / (1 + e^-x), never 0; undefined if x is NaN.
 #[simd]
 fn sigmoid<S: Simd>(simd: S, x: f32x8<S>) -> f32x8<S> {
     let one = f32x8::splat(simd, 1.0);

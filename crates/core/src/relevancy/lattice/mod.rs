@@ -1,14 +1,14 @@
 //! The lattice rung: scores looked up in the 3-D latent space.
 //!
-//! The decoder turns three numbers into a direction, so what a prompt scores is a function on a cube. It is
-//! tabulated on the cells of an octree, but only where features have been seen: a cell holds decoded unit
-//! embeddings at its corners and at the midpoints of itself, its faces and its edges. Corners are interpolated; the
-//! midpoints tell how wrong that is, and a cell that is too wrong for a prompt is cut in eight. Decoded
-//! points are shared by neighbours and kept for later frames and prompts, so a new prompt costs one matrix
-//! product over them, and a known one a table look-up per pixel.
+//! The decoder turns three numbers into a direction, so the score of a prompt is a function on a cube. It is
+//! tabulated on the cells of an octree, but only where features have been seen. A cell holds decoded unit
+//! embeddings at its corners and at the midpoints of itself, its faces and its edges. Scores are interpolated
+//! between the corners. The midpoints tell the error of that, and a cell whose error is too large for a
+//! prompt is cut into eight. Decoded points are shared by neighbours and kept for later frames and prompts. A
+//! new prompt costs one matrix product over them, a known one a table look-up per pixel.
 //!
-//! What cannot be tabulated (latents outside the cube, cells still too wrong at the finest level, a full
-//! table) is decoded exactly, point by point.
+//! Some points cannot be tabulated: latents outside the cube, cells whose error is too large even at the
+//! finest level, and all new cells once the table is full. These are decoded exactly, point by point.
 
 mod look_up;
 mod table;
@@ -20,36 +20,37 @@ use look_up::{Open, look_up};
 use table::Table;
 use tree::{BRICK, BRICK_LEVELS, COARSE, EMPTY, EXTENT, FINE, FINE_PER_UNIT, Tree};
 
-/// Prompts whose tables are kept.
+/// Number of prompts whose tables are kept.
 const MAX_TABLES: usize = 16;
 
-/// Scores tabulated over the latent space where the scene has features, interpolated.
+/// Scores tabulated over the latent space at the features of the scene, and interpolated.
 pub struct Lattice {
     folded: Folded,
     tree: Tree,
-    /// Most recently used last.
+    /// Tables, the most recently used last.
     tables: Vec<Table>,
     tolerance: f32,
     decoded_points: usize,
 }
 
-/// A lattice's tables as a device looks scores up in them, see `shaders/lattice.wgsl`.
+/// Tables of a lattice for a device that looks scores up in them, see `shaders/lattice.wgsl`.
 #[derive(Debug)]
 pub struct LatticeTables<'a> {
-    /// What is at each coarsest cell, then brick by brick what is within those that were cut.
+    /// Values of the coarsest cells, then brick by brick those of the cells within a cut cell.
     pub cells: &'a [u32],
-    /// Another one whenever `cells` are others, of this or of another lattice.
+    /// Version that changes whenever `cells` differ, be it those of this or of another lattice.
     pub version: [u64; 2],
-    /// Prompt by prompt, in every leaf: factors of 1, z, y, yz, x, xz, xy and xyz; NaN where points must be decoded.
+    /// Polynomials of each prompt in every leaf: factors of 1, z, y, yz, x, xz, xy and xyz; NaN where
+    /// points must be decoded.
     pub polynomials: Vec<&'a [[f32; 8]]>,
 }
 
-/// How large a lattice is and how well it does.
+/// Size and accuracy of a lattice.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct LatticeReport {
-    /// Cells that are looked up.
+    /// Number of cells that are looked up.
     pub cells: usize,
-    /// Decoded points.
+    /// Number of decoded points.
     pub vertices: usize,
     /// Numbers kept per decoded point.
     pub rank: usize,
@@ -57,20 +58,20 @@ pub struct LatticeReport {
     pub edges: [f32; 2],
     /// Largest score error at the midpoints of all cells, over the prompts in use.
     pub max_midpoint_error: f32,
-    /// Points of the last call that were decoded exactly instead of looked up.
+    /// Number of points of the last call that were decoded exactly instead of looked up.
     pub decoded_points: usize,
-    /// Memory of decoded points and cells.
+    /// Memory of decoded points and cells, bytes.
     pub bytes: usize,
 }
 
 impl Lattice {
-    /// For a codec with three latent numbers; `None` for any other.
+    /// Makes a lattice for a codec with three latent numbers; `None` for any other.
     pub fn new(codec: &Codec) -> Option<Self> {
         Self::with_tolerance(codec, Self::TOLERANCE)
     }
 
-    /// As [`Lattice::new`], with another score error allowed at a cell's midpoints than the one that keeps the promise
-    /// of 1/255.
+    /// Makes a lattice as [`Lattice::new`] does, with another allowed score error at a cell's midpoints
+    /// than the one that keeps the promise of 1/255.
     pub fn with_tolerance(codec: &Codec, tolerance: f32) -> Option<Self> {
         (codec.latent_dim() == 3).then(|| {
             let folded = Folded::new(codec.clone());
@@ -78,25 +79,26 @@ impl Lattice {
         })
     }
 
-    /// Interpolation may be this wrong at a cell's midpoints before it is cut. The promise is twice that, 1/255, anywhere in
-    /// the cell: on every frame of three scenes, 1.5 times were the most.
+    /// Largest allowed error of the interpolation at a cell's midpoints; beyond it the cell is cut. The
+    /// promise is twice that, 1/255, anywhere in the cell: on every frame of three scenes, the largest
+    /// error was 1.5 times the tolerance.
     pub const TOLERANCE: f32 = 0.5 / 255.0;
-    /// Places in [`LatticeTables::cells`] along an edge of the latent cube, as a power of two.
+    /// Number of places in [`LatticeTables::cells`] along an edge of the latent cube, as a power of two.
     pub const COARSE_BITS: u32 = COARSE.trailing_zeros();
-    /// Halvings that a brick of cells holds.
+    /// Number of halvings that a brick of cells holds.
     pub const BRICK_LEVELS: u32 = BRICK_LEVELS as u32;
-    /// A cell's number, from which on a brick begins.
+    /// Smallest value of a cell that refers to a brick.
     pub const BRICK: u32 = BRICK;
-    /// A cell's number, from which on nothing is tabulated.
+    /// Smallest value of a cell that is not tabulated.
     pub const EMPTY: u32 = EMPTY;
-    /// The latent cube is ± this.
+    /// Half the edge of the latent cube, which extends to ± this.
     pub const EXTENT: f32 = EXTENT;
-    /// Finest cells along an edge of the cube.
+    /// Number of finest cells along an edge of the cube.
     pub const FINE: usize = FINE;
-    /// Finest cells per latent unit.
+    /// Number of finest cells per latent unit.
     pub const FINE_PER_UNIT: f32 = FINE_PER_UNIT;
 
-    /// The tables of `queries` (which must fit the codec) as they are after whatever was asked so far.
+    /// Tables of `queries` (which must fit the codec) in the state after all queries so far.
     pub fn tables(&mut self, queries: &[&Query], temperature: f32) -> LatticeTables<'_> {
         let first = self.choose_tables(queries, temperature);
         self.bring_up_to_date(first);
@@ -124,7 +126,8 @@ impl Lattice {
         }
     }
 
-    /// Moves the tables of `queries` to the end of the list, in their order, making new ones; returns the first's place.
+    /// Moves the tables of `queries` to the end of the list, in their order, and makes missing ones.
+    /// Returns the index of the first.
     fn choose_tables(&mut self, queries: &[&Query], temperature: f32) -> usize {
         for &query in queries {
             let known = self.tables.iter().position(|t| t.is_for(query, temperature));
@@ -145,12 +148,13 @@ impl Lattice {
         look_up(&self.tree, &self.tables[first..], points, scores)
     }
 
-    /// Tabulates for the prompts from table `first` on what the tree has.
+    /// Completes the tables from `first` on for all cells of the tree.
     fn bring_up_to_date(&mut self, first: usize) {
         self.tables[first..].iter_mut().for_each(|table| table.update(&mut self.tree, self.tolerance));
     }
 
-    /// Writes the scores of `points`, tabulating the cells that are needed; returns the points that no cell decides.
+    /// Writes the scores of `points` and tabulates the cells that are needed. Returns the points that no
+    /// cell can decide.
     fn look_up_growing(
         &mut self,
         points: &Points<'_>,
@@ -176,7 +180,7 @@ impl Lattice {
     }
 }
 
-/// Writes the scores of a few points where they belong.
+/// Writes the scores of a few points to their places.
 fn scatter(numbers: &[usize], few: &[Vec<f32>], scores: &mut [Vec<f32>]) {
     for (out, few) in scores.iter_mut().zip(few) {
         numbers.iter().zip(few).for_each(|(&i, score)| out[i] = *score);
@@ -198,7 +202,7 @@ impl Relevancy for Lattice {
         queries: &[Query],
         settings: &RelevancySettings,
     ) -> Vec<Vec<f32>> {
-        // A repeated prompt is looked up once; one that does not fit scores zero.
+        // A repeated prompt is looked up once; one that does not fit scores 0.
         let mut asked: Vec<&Query> = Vec::new();
         let codec = self.folded.codec();
         for query in queries.iter().filter(|q| q.check(codec).is_ok()) {

@@ -1,4 +1,4 @@
-//! What one prompt scores in every cell.
+//! Scores of one prompt in every cell.
 
 use super::{
     super::{Query, margin},
@@ -8,20 +8,20 @@ use half::{f16, slice::HalfFloatSliceExt};
 use ndarray::{Array2, ArrayView2};
 use rayon::prelude::*;
 
-/// Vertices compared with the texts at once by one thread.
+/// Number of vertices that one thread compares with the texts at once.
 const VERTICES_AT_ONCE: usize = 512;
 
-/// The margins of one prompt at a certain temperature, kept up with a growing tree.
+/// Margins of one prompt at one temperature, extended as the tree grows.
 pub(super) struct Table {
     query: Query,
-    /// The query's texts as the tree's embeddings are, the prompt first: [texts, rank].
+    /// Texts of the query in the form of the tree's embeddings, the prompt first: [texts, rank].
     texts: Array2<f32>,
     pub(super) temperature: f32,
     /// Margin at each vertex.
     margins: Vec<f32>,
-    /// The margin within each leaf, see [`polynomial`]; NaN in a leaf that must not be interpolated.
+    /// Margin within each leaf, see [`polynomial`]; NaN in a leaf that must not be interpolated.
     pub(super) polynomials: Vec<[f32; 8]>,
-    /// Largest score error at midpoints of leaves that are interpolated.
+    /// Largest score error at the midpoints of the leaves that are interpolated.
     pub(super) max_error: f32,
 }
 
@@ -35,7 +35,7 @@ impl Table {
         self.temperature == temperature && self.query == *query
     }
 
-    /// Tabulates what was added to the tree and cuts cells whose interpolation is off by more than `tolerance`.
+    /// Tabulates new cells of the tree and cuts cells whose interpolation is off by more than `tolerance`.
     pub(super) fn update(&mut self, tree: &mut Tree, tolerance: f32) {
         let rank = tree.rank().max(1);
         let parts: Vec<Vec<f32>> = tree

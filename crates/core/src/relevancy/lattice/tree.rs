@@ -1,4 +1,4 @@
-//! Where cells are: an octree over the latent cube that exists only where it was looked at.
+//! The cells: an octree over the latent cube that is filled only at places that were looked up.
 
 use crate::{
     codec::{Linear, apply, normalise_rows},
@@ -13,43 +13,47 @@ use std::{
     sync::atomic::{AtomicU64, Ordering},
 };
 
-/// The lattice covers [-EXTENT, EXTENT]³: rendered latents are near the unit sphere, but where few Gaussians are.
+/// Half the edge of the lattice, which covers [-EXTENT, EXTENT]³. Rendered latents are near the unit
+/// sphere, except at pixels with few Gaussians.
 pub(super) const EXTENT: f32 = 2.6;
-/// Cells along an edge of the cube at the coarsest level. In larger ones, what is not smooth hides between the midpoints.
+/// Cells along an edge of the cube at the coarsest level. In larger cells the midpoints miss features
+/// that are not smooth.
 pub(super) const COARSE: usize = 128;
-/// Times that a cell can be halved: a whole number of [`BRICK_LEVELS`].
+/// Number of times that a cell can be halved: a multiple of [`BRICK_LEVELS`].
 pub(super) const MAX_LEVEL: u8 = 6;
-/// Halvings that one brick holds.
+/// Number of halvings that one brick holds.
 pub(super) const BRICK_LEVELS: u8 = 3;
-/// Steps of the vertex grid along an edge of a coarsest cell: twice as fine as the finest cells, for midpoints.
+/// Steps of the vertex grid along an edge of a coarsest cell: twice as fine as the finest cells, for
+/// midpoints.
 const STEPS: u32 = 2 << MAX_LEVEL;
-/// No more cells are added beyond this much memory.
+/// Largest memory; beyond it no more cells are added.
 const MAX_BYTES: usize = 192 << 20;
-/// Points decoded at once by one thread.
+/// Number of points that one thread decodes at once.
 const POINTS_AT_ONCE: usize = 256;
 
-/// Numbers along an edge of a brick.
+/// Number of values along an edge of a brick.
 const BRICK_EDGE: usize = 1 << BRICK_LEVELS;
-/// Numbers in a brick.
+/// Number of values in a brick.
 const BRICK_SIZE: usize = BRICK_EDGE.pow(3);
-/// Finest cells along an edge of the cube.
+/// Number of finest cells along an edge of the cube.
 pub(super) const FINE: usize = COARSE << MAX_LEVEL;
-/// Finest cells per latent unit.
+/// Number of finest cells per latent unit.
 pub(super) const FINE_PER_UNIT: f32 = FINE as f32 / (2.0 * EXTENT);
 
-/// What is at a place is one number: 8 · a leaf's number + its level, or [`BRICK`] + where the brick begins that cuts
-/// it in 8³, or [`EMPTY`] + the level of the cell to tabulate there.
+/// Offset of values that refer to a brick. The value of a place is one number: 8 · a leaf's index + its
+/// level, or [`BRICK`] + the start of the brick that cuts it in 8³, or [`EMPTY`] + the level of the cell
+/// to tabulate there.
 pub(super) const BRICK: u32 = 2 << 30;
-/// See [`BRICK`].
+/// Offset of values of places that are not tabulated, see [`BRICK`].
 pub(super) const EMPTY: u32 = 3 << 30;
 
-/// The number of the next tree.
+/// Number for the next tree.
 static NEXT_TREE: AtomicU64 = AtomicU64::new(0);
 
-/// Corner offsets of a cell in units of its edge; bit 2 is x, bit 1 y, bit 0 z.
+/// Corner offsets of a cell in units of its edge; bit 2 of the index is x, bit 1 y, bit 0 z.
 const CORNERS: [[u32; 3]; 8] =
     [[0, 0, 0], [0, 0, 1], [0, 1, 0], [0, 1, 1], [1, 0, 0], [1, 0, 1], [1, 1, 0], [1, 1, 1]];
-/// How many points between the corners tell how wrong interpolation is.
+/// Number of points between the corners, which measure the error of the interpolation.
 pub(super) const NUM_MIDPOINTS: usize = 19;
 /// Midpoint offsets in units of half an edge: of the cell, then of its faces, then of its edges.
 #[rustfmt::skip]
@@ -61,7 +65,7 @@ const MIDPOINTS: [[u32; 3]; NUM_MIDPOINTS] = [
     [1, 0, 0], [1, 0, 2], [1, 2, 0], [1, 2, 2],
 ];
 
-/// A tabulated cell: its vertices.
+/// A tabulated cell with its vertices.
 #[derive(Clone, Debug)]
 pub(super) struct Leaf {
     pub(super) corners: [u32; 8],
@@ -69,17 +73,17 @@ pub(super) struct Leaf {
     place: Place,
 }
 
-/// A cell by its place; also one that is asked for.
+/// Place of a cell, tabulated or not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Place {
     level: u8,
-    /// Its number along each axis at its level.
+    /// Index along each axis at its level.
     cell: [u16; 3],
 }
 
-/// What is at a place.
+/// Content of a place.
 pub(super) enum Spot {
-    /// A tabulated cell's number and its level.
+    /// A tabulated cell: its index and its level.
     Leaf(u32, u32),
     /// Nothing yet; the level of the cell to tabulate.
     Empty(u32),
@@ -89,9 +93,9 @@ fn is_brick(value: u32) -> bool {
     value & EMPTY == BRICK
 }
 
-/// The numbers of the finest cell `fine` (its number along each axis, below [`FINE`]): of its coarsest cell, and within
-/// the bricks of the first and the second [`BRICK_LEVELS`]. For one cell or several at once; inlined, so that these stay
-/// in their registers.
+/// Indices of the finest cell `fine` (its position along each axis, below [`FINE`]): the index of its
+/// coarsest cell, and those within the bricks of the first and the second [`BRICK_LEVELS`]. Works on one
+/// cell or several at once. Inlined, so that several stay in their registers.
 #[inline(always)]
 pub(super) fn numbers<T: Bits>([x, y, z]: [T; 3]) -> [T; 3] {
     let brick = u32::from(BRICK_LEVELS);
@@ -109,7 +113,7 @@ fn joined<T: Bits>(x: T, y: T, z: T, bits: u32) -> T {
     (x << (2 * bits)) | (y << bits) | z
 }
 
-/// A number, or several at once.
+/// An integer, or several at once.
 pub(super) trait Bits:
     Copy + Shr<u32, Output = Self> + Shl<u32, Output = Self> + BitAnd<u32, Output = Self> + BitOr<Output = Self>
 {
@@ -123,30 +127,30 @@ impl<T> Bits for T where
 const _: () = assert!(MAX_LEVEL == 2 * BRICK_LEVELS && COARSE.is_power_of_two());
 
 impl Place {
-    /// The cell of a level that the finest cell `fine` is in.
+    /// Returns the cell of a level that contains the finest cell `fine`.
     pub(super) fn of(fine: [u32; 3], level: u32) -> Self {
         Self { level: level as u8, cell: fine.map(|f| (f >> (u32::from(MAX_LEVEL) - level)) as u16) }
     }
 
-    /// Its first finest cell.
+    /// Position of its first finest cell.
     fn fine(self) -> [u32; 3] {
         self.cell.map(|c| u32::from(c) << (MAX_LEVEL - self.level))
     }
 }
 
-/// Cells over the latent cube, as fine as prompts have asked for, where features have been seen.
+/// Cells over the latent cube where features have been seen, as fine as the prompts so far require.
 pub(super) struct Tree {
-    /// What is at each coarsest cell, then brick by brick what is within those that were cut.
+    /// Values of the coarsest cells, then brick by brick those of the cells within a cut cell.
     cells: Vec<u32>,
     leaves: Vec<Leaf>,
-    /// Vertex numbers by place on the vertex grid. Only asked, never iterated.
+    /// Vertex indices by place on the vertex grid. Only looked up, never iterated.
     places: HashMap<[u16; 3], u32>,
     /// Unit embeddings, [vertices][rank].
     embeddings: Vec<f16>,
     rank: usize,
-    /// No more cells are added: the memory is used up.
+    /// `true` once the memory is used up and no more cells are added.
     frozen: bool,
-    /// A number that no other tree has, and how often cells changed.
+    /// A number that no other tree has, and the number of changes of the cells.
     version: [u64; 2],
 }
 
@@ -163,7 +167,7 @@ impl Tree {
         }
     }
 
-    /// What is at a finest cell, given its numbers in the coarsest cells and in the bricks, see [`numbers`].
+    /// Content of a finest cell, given its indices in the coarsest cells and in the bricks, see [`numbers`].
     #[inline(always)]
     pub(super) fn at(&self, numbers: [u32; 3]) -> Spot {
         let value = self.value(numbers);
@@ -204,7 +208,7 @@ impl Tree {
         self.cells[slot] = value;
     }
 
-    /// Tabulates cells; returns false when there is no memory left for more.
+    /// Tabulates cells; returns `false` if there is no memory left for more.
     pub(super) fn grow(&mut self, missing: Vec<Place>, layers: &[Linear]) -> bool {
         let mut fresh: Vec<[u16; 3]> = Vec::new();
         for place in missing {
@@ -231,7 +235,7 @@ impl Tree {
         true
     }
 
-    /// From now on, cells that are not tabulated stay so.
+    /// Stops adding cells: those that are not tabulated stay so.
     pub(super) fn freeze(&mut self) {
         self.frozen = true;
     }
@@ -255,13 +259,14 @@ impl Tree {
         parts.iter().for_each(|part| self.embeddings.extend_from_slice(part));
     }
 
-    /// Cuts a leaf in eight, empty until looked at; false if it is one of the finest.
+    /// Cuts a leaf into eight places, which are empty until looked up. Returns `false` if it is one of
+    /// the finest.
     pub(super) fn split(&mut self, leaf: usize) -> bool {
         let place = self.leaves[leaf].place;
         if place.level >= MAX_LEVEL {
             return false;
         }
-        // Another prompt may have cut it before.
+        // Another prompt may have cut it already.
         if self.value(numbers(place.fine())) == (leaf as u32) << 3 | u32::from(place.level) {
             let level = place.level + 1;
             let cell = place.cell.map(|c| 2 * c);
@@ -273,12 +278,12 @@ impl Tree {
         true
     }
 
-    /// What is at each place, see [`BRICK`].
+    /// Value of each place, see [`BRICK`].
     pub(super) fn cells(&self) -> &[u32] {
         &self.cells
     }
 
-    /// Another one whenever [`Tree::cells`] are others, of this or of another tree.
+    /// Version that changes whenever [`Tree::cells`] differ, be it those of this or of another tree.
     pub(super) fn version(&self) -> [u64; 2] {
         self.version
     }
@@ -287,7 +292,7 @@ impl Tree {
         &self.leaves
     }
 
-    /// Embeddings of vertices from number `first` on, [n][rank].
+    /// Embeddings of the vertices from index `first` on, [n][rank].
     pub(super) fn embeddings_from(&self, first: usize) -> &[f16] {
         &self.embeddings[first * self.rank..]
     }
@@ -304,7 +309,7 @@ impl Tree {
         self.places.len()
     }
 
-    /// Edge of the largest and smallest cell in latent units; zeros without cells.
+    /// Edge of the largest and of the smallest cell in latent units; zeros if there are no cells.
     pub(super) fn edges(&self) -> [f32; 2] {
         let levels = || self.leaves.iter().map(|l| l.place.level);
         let edge = |level: u8| 2.0 * EXTENT / (COARSE << level) as f32;
@@ -320,15 +325,15 @@ impl Tree {
     }
 }
 
-/// The largest score error of interpolating `corners` at the midpoints; where it is certainly below `enough`, a bound of
-/// it.
+/// Largest score error at the midpoints if `corners` are interpolated. If it is certainly below `enough`,
+/// returns an upper bound instead.
 pub(super) fn midpoint_error(
     corners: &[f32; 8],
     midpoints: &[f32; NUM_MIDPOINTS],
     temperature: f32,
     enough: f32,
 ) -> f32 {
-    // At a midpoint, interpolation is the mean of the corners around.
+    // At a midpoint, the interpolation is the mean of the corners around it.
     let mean = |a: usize, b: usize| 0.5 * (corners[a] + corners[b]);
     let along_z = [mean(0, 1), mean(2, 3), mean(4, 5), mean(6, 7)];
     let along_y = [mean(0, 2), mean(1, 3), mean(4, 6), mean(5, 7)];
@@ -347,7 +352,7 @@ pub(super) fn midpoint_error(
         let errors = between().zip(midpoints).map(|(&a, &b)| error(a, b));
         errors.fold(0.0, |worst, e| if e > worst || e.is_nan() { e } else { worst })
     };
-    // The sigmoid is nowhere steeper than 1/4.
+    // The slope of the sigmoid is at most 1/4.
     let bound = 0.25 * temperature * worst(&|a, b| (a - b).abs());
     if bound <= enough {
         return bound;
@@ -355,7 +360,8 @@ pub(super) fn midpoint_error(
     worst(&|a, b| (num::sigmoid(temperature * a) - num::sigmoid(temperature * b)).abs())
 }
 
-/// Corner values, in the order of [`CORNERS`], interpolated: factors of 1, z, y, yz, x, xz, xy, xyz.
+/// Polynomial that interpolates corner values, in the order of [`CORNERS`]: factors of 1, z, y, yz, x,
+/// xz, xy, xyz.
 pub(super) fn polynomial(corners: &[f32; 8]) -> [f32; 8] {
     let mut c = *corners;
     for bit in [1, 2, 4] {
@@ -370,7 +376,7 @@ pub(super) fn polynomial(corners: &[f32; 8]) -> [f32; 8] {
 mod tests {
     use super::*;
 
-    /// A one-layer "decoder" that adds a constant first number, so that directions tell latents apart.
+    /// A "decoder" of one layer that adds a constant first number, so that directions tell latents apart.
     fn layers() -> Vec<Linear> {
         let weight = ndarray::arr2(&[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
         vec![Linear { weight, bias: ndarray::arr1(&[1.0, 0.0, 0.0, 0.0]) }]
@@ -388,7 +394,7 @@ mod tests {
         mix(mix(along_z[0], along_z[1], y), mix(along_z[2], along_z[3], y), x)
     }
 
-    /// The numbers of the finest cell around a latent, and where in it, 0-1.
+    /// Indices of the finest cell around a latent, and the position in it, 0-1.
     fn fine(latent: [f32; 3]) -> ([u32; 3], [f32; 3]) {
         let at = latent.map(|v| (v + EXTENT) * FINE_PER_UNIT);
         (at.map(|v| v as u32), at.map(f32::fract))
@@ -431,7 +437,7 @@ mod tests {
         assert!(matches!(tree.at(numbers([edge / 2; 3])), Spot::Leaf(3, 1)));
         assert!(matches!(tree.at(numbers([edge / 2, 0, 0])), Spot::Empty(1)));
         assert!(matches!(tree.at(numbers([edge, 0, 0])), Spot::Leaf(1, 0)));
-        // Down to the finest, through both bricks, the neighbour stays as it is.
+        // The neighbour stays unchanged down to the finest level, through both bricks.
         for level in 2..=u32::from(MAX_LEVEL) {
             tree.split(tree.num_leaves() - if level == 2 { 2 } else { 1 });
             assert!(matches!(tree.at(numbers([0; 3])), Spot::Empty(l) if l == level));

@@ -1,6 +1,7 @@
 //! The loss of one frame and its gradient with respect to the rendered planes (method §5).
 //!
-//! L = L_C + λ_D L_D + λ_TV (TV_C + TV_D) + λ_F (L_F + λ_TV TV_F + λ_RS RS), all terms inside the supervision mask.
+//! L = L_C + λ_D L_D + λ_TV (TV_C + TV_D) + λ_F (L_F + λ_TV TV_F + λ_RS RS), all terms inside the
+//! supervision mask.
 
 mod regions;
 
@@ -21,17 +22,18 @@ pub struct LossWeights {
     pub depth: f32,
     /// λ_TV of total variation of colour, depth and features.
     pub total_variation: f32,
-    /// λ_F of everything about features.
+    /// λ_F of all terms of the features.
     pub features: f32,
     /// λ_RS of region smoothness.
     pub region_smoothness: f32,
-    /// Regions with fewer pixels are not smoothed.
+    /// Smallest region that is smoothed, px.
     pub min_region_px: usize,
-    /// Depth as the released code has it: not divided by the accumulated opacity, inverted in scene units.
+    /// `true` for depth as in the released code: not divided by the accumulated opacity, inverted in
+    /// scene units.
     pub raw_depth: bool,
-    /// One mean over all channels of a region, as in the released code, instead of one for each.
+    /// `true` for one mean over all channels of a region, as in the released code, instead of one for each.
     pub pooled_regions: bool,
-    /// Total variation outside the mask too, as in the released code.
+    /// `true` for total variation outside the mask too, as in the released code.
     pub unmasked_variation: bool,
 }
 
@@ -51,7 +53,8 @@ impl Default for LossWeights {
 }
 
 impl LossWeights {
-    /// For an image of which every `step`-th pixel is there: neighbours differ the more, regions have fewer pixels.
+    /// Adapts the weights to an image that has only every `step`-th pixel: its neighbours differ more,
+    /// its regions have fewer pixels.
     pub fn sampled(&self, step: usize) -> Self {
         Self {
             total_variation: self.total_variation / step as f32,
@@ -61,24 +64,25 @@ impl LossWeights {
     }
 }
 
-/// What a frame is compared to.
+/// Ground truth that a frame is compared with.
 #[derive(Clone, Copy, Debug)]
 pub struct Truth<'a> {
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
-    /// r, g, b, plane after plane, 0–255.
+    /// Colours r, g, b, plane after plane, 0–255.
     pub colour: &'a [u8],
-    /// `true` = supervise.
+    /// Pixels that are supervised: `true` = supervise.
     pub mask: &'a [bool],
-    /// z in scene units, 0 where unknown; empty if there is no depth.
+    /// Depth: z in scene units, 0 where unknown; empty if there is no depth.
     pub depth: &'a [f32],
-    /// Latent table row per pixel, [`crate::prepare::NO_REGION`] where none; empty if there are no features.
+    /// Row of the latent table for each pixel, [`crate::prepare::NO_REGION`] if none; empty if there are
+    /// no features.
     pub regions: &'a [u16],
-    /// [rows][D].
+    /// Table of latent features, [rows][D].
     pub latents: &'a [f32],
-    /// Typical depth (scene units): makes the inverse-depth term free of units.
+    /// Typical depth (scene units), which makes the inverse-depth term independent of units.
     pub typical_depth: f32,
 }
 
@@ -89,7 +93,7 @@ pub struct LossTerms<T> {
     pub colour: T,
     /// λ_D L_D.
     pub depth: T,
-    /// All total variation.
+    /// Total variation of all planes.
     pub total_variation: T,
     /// λ_F L_F.
     pub features: T,
@@ -98,24 +102,25 @@ pub struct LossTerms<T> {
 }
 
 impl<T: Real> LossTerms<T> {
-    /// The loss.
+    /// Sum of all terms.
     pub fn total(&self) -> T {
         self.colour + self.depth + self.total_variation + self.features + self.region
     }
 }
 
-/// Accumulated opacity below which a pixel has no depth worth comparing.
+/// Smallest accumulated opacity of a pixel whose depth is compared.
 pub const MIN_DEPTH_ALPHA: f64 = 0.5;
-/// Rendered depth (scene units) below which there is none: its inverse squared must stay in f32.
+/// Smallest rendered depth (scene units) that counts: its inverse squared must fit into f32.
 pub const MIN_DEPTH: f64 = 1e-6;
 
-/// The loss of `planes` (as [`crate::raster::Images`]) and ∂L/∂planes. A frame without supervised pixels has loss 0.
+/// Loss of `planes` (as [`crate::raster::Images`]) and ∂L/∂planes. A frame without supervised pixels has
+/// loss 0.
 pub fn loss<T: Real>(planes: &[T], truth: &Truth<'_>, weights: &LossWeights) -> (LossTerms<T>, Vec<T>) {
     let mut g = Vec::new();
     (loss_into(planes, truth, weights, &mut g), g)
 }
 
-/// As [`loss`], with the memory for the gradient from outside.
+/// Computes [`loss`] with the caller's memory for the gradient.
 pub fn loss_into<T: Real>(
     planes: &[T],
     truth: &Truth<'_>,
@@ -159,27 +164,27 @@ pub fn loss_into<T: Real>(
 /// Weights per pixel of the two terms that every plane has.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scales<T> {
-    /// Of |here − wanted|.
+    /// Weight of |here − wanted|.
     pub difference: T,
-    /// Of |here − neighbour|.
+    /// Weight of |here − neighbour|.
     pub variation: T,
 }
 
-/// What everything summed over a frame is multiplied by.
+/// Factors of all sums over a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TermScales<T> {
-    /// Of each plane of colour.
+    /// Factors of each plane of colour.
     pub colour: Scales<T>,
-    /// Of inverse depth.
+    /// Factors of inverse depth.
     pub depth: Scales<T>,
-    /// Of each plane of features.
+    /// Factors of each plane of features.
     pub features: Scales<T>,
-    /// Of a region's mean deviation in one plane.
+    /// Factor of a region's mean deviation in one plane.
     pub smoothness: T,
 }
 
 impl<T: Real> TermScales<T> {
-    /// For a frame of so many pixels, some of them `supervised`, > 0.
+    /// Factors for a frame of `pixels` pixels, of which `supervised` (> 0) are supervised.
     pub fn new(weights: &LossWeights, supervised: usize, pixels: usize, latent_dim: usize) -> Self {
         let over = |count: usize| T::one() / T::of(count.max(1) as f64);
         let per_neighbour = over(if weights.unmasked_variation { pixels } else { supervised });
@@ -201,7 +206,7 @@ impl<T: Real> TermScales<T> {
     }
 }
 
-/// A plane and where it counts.
+/// A plane and the mask of the pixels that count.
 #[derive(Clone, Copy)]
 struct Plane<'a, T> {
     values: &'a [T],
@@ -230,11 +235,12 @@ impl<'a, T: Real> Plane<'a, T> {
     }
 }
 
-/// Rows per parallel piece; partial sums are added piece by piece, so that the thread count does not matter.
+/// Rows per parallel piece. Partial sums are added piece by piece, so that the thread count does not matter.
 const STRIP_ROWS: usize = 16;
 
-/// Σ scale·|plane − target| and Σ scale·|x_i − x_j| over horizontal and vertical neighbours that both count; `g` becomes
-/// the gradient. `difference(y, out)` writes plane − target of row y, 0 where that is not compared.
+/// Σ scale·|plane − target| and Σ scale·|x_i − x_j| over horizontal and vertical neighbours that both
+/// count. Writes the gradient to `g`. `difference(y, out)` writes plane − target of row y, and 0 at
+/// pixels that are not compared.
 fn plane_terms<T: Real>(
     plane: &Plane<'_, T>,
     scales: Scales<T>,
@@ -266,7 +272,8 @@ fn plane_terms<T: Real>(
     (total.0 * scales.difference, total.1 * scales.variation)
 }
 
-/// Differences of one row: to the target, to the right neighbour (with a leading 0), to the rows above and below.
+/// Differences of one row: to the target, to the right neighbour (with a leading 0), to the rows above
+/// and below.
 struct RowBuffers<T> {
     difference: Vec<T>,
     across: Vec<T>,
@@ -281,7 +288,7 @@ impl<T: Real> RowBuffers<T> {
     }
 }
 
-/// Sums of one row, and its gradient; a pair of neighbours is counted by its left or upper pixel.
+/// Sums of one row, and its gradient. A pair of neighbours is counted by its left or upper pixel.
 #[simd]
 fn row_terms<S: Simd, T: Real>(
     simd: S,
@@ -309,7 +316,7 @@ fn row_terms<S: Simd, T: Real>(
     sums
 }
 
-/// 0 at 0, unlike `signum`; written so that it vectorises.
+/// Sign of `v`; 0 at 0, unlike `signum`. Written so that it vectorises.
 fn sign<T: Real>(v: T) -> T {
     let one = |yes: bool| if yes { T::one() } else { T::zero() };
     one(v > T::zero()) - one(v < T::zero())
@@ -333,7 +340,7 @@ fn abs_sum<S: Simd, T: Real>(simd: S, values: &[T]) -> T {
     lane_sum(simd, values, |v| v.abs())
 }
 
-/// `difference` becomes a − b where both masks are true, else 0.
+/// Writes a − b to `difference` where both masks are true, else 0.
 #[simd]
 fn masked_difference<S: Simd, T: Real>(_: S, a: Row<'_, T>, b: Row<'_, T>, difference: &mut [T]) {
     for ((d, (a, ma)), (b, mb)) in difference.iter_mut().zip(a.0.iter().zip(a.1)).zip(b.0.iter().zip(b.1)) {
@@ -341,7 +348,7 @@ fn masked_difference<S: Simd, T: Real>(_: S, a: Row<'_, T>, b: Row<'_, T>, diffe
     }
 }
 
-/// `difference` becomes a − b / 255 where the mask is true, else 0.
+/// Writes a − b / 255 to `difference` where the mask is true, else 0.
 #[simd]
 fn byte_difference<S: Simd, T: Real>(_: S, a: Row<'_, T>, bytes: &[u8], difference: &mut [T]) {
     let byte = T::of(1.0 / 255.0);
@@ -350,8 +357,8 @@ fn byte_difference<S: Simd, T: Real>(_: S, a: Row<'_, T>, bytes: &[u8], differen
     }
 }
 
-/// Inverse depth r = z̃ A / D (alpha-normalised, in units of the typical depth; or 1 / D): |r − r̂| and its variation.
-/// `g` holds the planes of depth and alpha.
+/// Terms of inverse depth r = z̃ A / D (alpha-normalised, in units of the typical depth; or 1 / D): |r −
+/// r̂| and its variation. `g` holds the planes of depth and alpha.
 fn depth_terms<T: Real>(
     planes: &[T],
     g: &mut [T],
@@ -382,7 +389,7 @@ fn depth_terms<T: Real>(
     );
     let plane = Plane::new(&inverse, &rendered, truth.width);
     let (g_depth, g_alpha) = g.split_at_mut(n);
-    // The gradient of the inverse, until it is taken apart.
+    // `g_alpha` holds the gradient of the inverse until it is split into those of depth and alpha.
     let (difference, variation) = plane_terms(&plane, scales, g_alpha, |y, out| {
         let (values, mask) = plane.row(y);
         let wanted = &truth.depth[plane.span(y)];
@@ -426,7 +433,7 @@ fn feature_terms<T: Real>(
             for (((out, value), mask), id) in
                 out.iter_mut().zip(values).zip(mask).zip(&truth.regions[plane.span(y)])
             {
-                // `NO_REGION` is beyond the table.
+                // `NO_REGION` is beyond the end of the table.
                 let wanted = wanted.get(usize::from(*id)).filter(|_| *mask);
                 *out = wanted.map_or(T::zero(), |wanted| *value - *wanted);
             }

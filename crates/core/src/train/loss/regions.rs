@@ -6,20 +6,20 @@ use fearless_simd::{Simd, dispatch};
 use fearless_simd_macros::simd;
 use rayon::prelude::*;
 
-/// Neighbouring pixels of a row that belong to the same region.
+/// A run of neighbouring pixels of a row that belong to the same region.
 struct Run {
     start: usize,
     len: usize,
     region: usize,
 }
 
-/// The pixels of the regions that are large enough to be smoothed.
+/// Pixels of the regions that are large enough to be smoothed.
 pub(super) struct Regions<T> {
-    /// Pixels per strip.
+    /// Number of pixels per strip.
     strip: usize,
-    /// 1 / pixels of each region; 0 for regions that are left alone.
+    /// 1 / pixels of each region; 0 for regions that are not smoothed.
     share: Vec<T>,
-    /// Supervised runs, strip by strip; starts count from the strip's first pixel.
+    /// Supervised runs, strip by strip; their starts count from the strip's first pixel.
     runs: Vec<Vec<Run>>,
 }
 
@@ -36,7 +36,7 @@ impl<T: Real> Regions<T> {
         Self { strip, share: share.collect(), runs }
     }
 
-    /// Means over each region of what `sum` adds up over a run, summed strip by strip.
+    /// Means over each region of the sums that `sum` computes for a run; added strip by strip.
     fn means<const K: usize>(&self, values: &[T], sum: impl Fn(&[T], usize) -> [T; K] + Sync) -> Vec<[T; K]> {
         let strips = values.par_chunks(self.strip).zip(&self.runs);
         let partial: Vec<Vec<[T; K]>> = strips
@@ -53,7 +53,8 @@ impl<T: Real> Regions<T> {
         (0..self.share.len()).map(|r| std::array::from_fn(|k| mean(r, k))).collect()
     }
 
-    /// RS of the feature planes: Σ over large regions of the mean |F − region mean|, the gradient also through the mean.
+    /// RS of the feature planes: Σ over large regions of the mean |F − region mean|. The gradient also
+    /// goes through the mean.
     pub(super) fn smoothness(&self, planes: &[T], g: &mut [T], n: usize, scale: T, pooled: bool) -> T {
         let level = fearless_simd::Level::new();
         let of_plane = |plane: &[T]| {
@@ -67,7 +68,8 @@ impl<T: Real> Regions<T> {
         let of_plane = |(plane, means): (&[T], &Vec<T>)| {
             self.means(plane, |run, r| dispatch!(level, simd => deviation_sums(simd, run, means[r])))
         };
-        // Means of |F − mean| and of its sign, which is how the loss pulls at the mean.
+        // Means of |F − mean| and of its sign. The mean sign is the gradient with respect to the region's
+        // mean.
         let spreads: Vec<Vec<[T; 2]>> = planes.chunks_exact(n).zip(&means).map(of_plane).collect();
         let mut pulls: Vec<Vec<T>> =
             spreads.iter().map(|s| s.iter().map(|[_, sign]| *sign).collect()).collect();
@@ -100,7 +102,7 @@ fn pool<T: Real>(planes: &mut [Vec<T>]) {
     }
 }
 
-/// Supervised runs of regions below `rows`.
+/// Supervised runs of regions with an index below `rows`.
 fn runs_of(ids: &[u16], mask: &[bool], rows: usize) -> Vec<Run> {
     let mut runs = Vec::new();
     let mut start = 0;
@@ -122,7 +124,7 @@ fn deviation_sums<S: Simd, T: Real>(simd: S, values: &[T], mean: T) -> [T; 2] {
     [lane_sum(simd, values, |v| (v - mean).abs()), lane_sum(simd, values, |v| sign(v - mean))]
 }
 
-/// g += (sign(v − mean) − mean_sign) · factor.
+/// Adds (sign(v − mean) − mean_sign) · factor to g.
 #[simd]
 fn add_deviation_signs<S: Simd, T: Real>(_: S, values: &[T], mean: T, mean_sign: T, factor: T, g: &mut [T]) {
     for (g, v) in g.iter_mut().zip(values) {

@@ -1,4 +1,4 @@
-//! The loss against finite differences, and by hand.
+//! Compares the loss with finite differences and with values computed by hand.
 
 use super::*;
 use crate::prepare::NO_REGION;
@@ -125,13 +125,14 @@ fn small_regions_are_left_alone() {
     assert_eq!(at(1000), 0.0);
 }
 
-/// 4×4 pixels, one region: the first feature alternates between 0 and 2, the second is 3 everywhere.
+/// An image of 4×4 pixels and one region: the first feature alternates between 0 and 2, the second is 3
+/// everywhere.
 #[test]
 fn variation_and_smoothness_as_computed_by_hand() {
     const PIXELS: usize = 16;
     let mut planes = vec![0.0f64; (FEATURE_PLANE + 2) * PIXELS];
     for i in 0..PIXELS {
-        // Red: a step between the second and the third column.
+        // Red has a step between the second and the third column.
         planes[i] = f64::from(u8::from(i % 4 >= 2));
         planes[FEATURE_PLANE * PIXELS + i] = 2.0 * (i % 2) as f64;
         planes[(FEATURE_PLANE + 1) * PIXELS + i] = 3.0;
@@ -151,12 +152,12 @@ fn variation_and_smoothness_as_computed_by_hand() {
     let (terms, _) = loss(&planes, &truth, &weights);
     assert!((terms.colour - 0.5 / 3.0).abs() < 1e-8);
     assert!((terms.features - 8.0 * 2.0 / 32.0).abs() < 1e-8);
-    // Four steps of 1 in red; three steps of 2 in each row of the first feature.
+    // There are four steps of 1 in red, and three steps of 2 in each row of the first feature.
     let variation = 0.01 * (4.0 / 48.0 + 24.0 / 32.0);
     assert!((terms.total_variation - variation).abs() < 1e-8);
-    // Each channel's own mean: deviations 1 and 0, averaged over two channels.
+    // Each channel has its own mean: deviations 1 and 0, averaged over two channels.
     assert!((terms.region - 0.01 * 0.5).abs() < 1e-8);
-    // Their common mean 2: deviations 2 or 0, and 1.
+    // The common mean is 2: deviations 2 or 0, and 1.
     let (pooled, _) = loss(&planes, &truth, &LossWeights { pooled_regions: true, ..weights.clone() });
     assert!((pooled.region - 0.01).abs() < 1e-8);
     let (small, _) = loss(&planes, &truth, &LossWeights { min_region_px: 17, ..weights });
