@@ -15,6 +15,8 @@ trap 'rm -rf "$stage"' EXIT
 mkdir "$stage/$name"
 assets/strip.sh "$target_dir/release/surgtpgs" "$stage/$name/surgtpgs"
 cp README.md LICENSE assets/surgtpgs.desktop "$stage/$name/"
+mkdir -p "$stage/$name/crates/app"
+cp crates/app/README.md crates/app/CHANGELOG.md "$stage/$name/crates/app/"
 python3 assets/licences.py > "$stage/$name/LICENCES.txt"
 mkdir -p "$out"
 tar --sort=name --owner=0 --group=0 --numeric-owner --mtime="@$(git log -1 --format=%ct)" -C "$stage" -cf - "$name" |

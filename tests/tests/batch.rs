@@ -181,7 +181,23 @@ fn what_is_wrong_or_not_ours_is_refused_before_anything_is_done() {
     assert_eq!(early.code, 1);
     assert!(early.stdout.contains("eval needs the result of train"), "{early:#?}");
 
-    std::fs::write(batch.path().join("jobs/good/scene.safetensors"), b"precious").unwrap();
+    let job = batch.path().join("jobs/good");
+    std::fs::write(job.join("scene.unfinished"), b"precious").unwrap();
+    assert!(batch.run(&[]).stdout.contains("was not made by a batch"));
+    assert_eq!(batch.read("good/scene.unfinished"), "precious");
+    std::fs::remove_file(job.join("scene.unfinished")).unwrap();
+
+    #[cfg(unix)]
+    {
+        let frame = batch.path().join("good/images/frame_000000.png");
+        let before = std::fs::read(&frame).unwrap();
+        std::os::unix::fs::symlink(&frame, job.join("steps/train.lock")).unwrap();
+        assert_eq!(batch.run(&[]).code, 1);
+        assert!(std::fs::read(&frame).unwrap() == before, "a link is not written through");
+        std::fs::remove_file(job.join("steps/train.lock")).unwrap();
+    }
+
+    std::fs::write(job.join("scene.safetensors"), b"precious").unwrap();
     let kept = batch.run(&[]);
     assert!(kept.code == 1 && kept.stdout.contains("was not made by a batch"), "{kept:#?}");
     assert_eq!(batch.read("good/scene.safetensors"), "precious");

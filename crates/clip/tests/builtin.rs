@@ -194,7 +194,7 @@ fn held_out_spellings_are_found() {
     assert!(complaints.len() * 20 <= count, "{complaints:#?}");
 }
 
-/// Classes of a scene that a prompt finds; pixels have the embedding of their class (design §7).
+/// Classes of a scene that a prompt finds; pixels have the embedding of their class (method §9.2).
 fn found<'a>(encoder: &mut TextEncoder, prompt: &str, classes: &[&'a str]) -> Vec<&'a str> {
     let embeddings: Vec<_> = classes.iter().map(|class| one(encoder, class)).collect();
     let prompt = one(encoder, prompt);

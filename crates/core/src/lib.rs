@@ -1,13 +1,4 @@
-//! Everything SurgTPGS computes, in the order the data flows:
-//!
-//! ```text
-//! folder on disk ─▶ sequence ─▶ needs ─▶ prepare (segment · codec) ─▶ train (gaussian · deform · raster) ─▶ scene
-//!                                                                     │
-//!          text embedding ─▶ relevancy ─▶ mask ─▶ overlay ─▶ export ◀─┘ raster at time t
-//! ```
-//!
-//! There is no GPU, window, ONNX, printing or network code here: it lives in the crates that
-//! depend on this one.
+#![doc = include_str!("../README.md")]
 
 pub mod clock;
 pub mod error;

@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Error, Result,
     files::{Inputs, write_whole},
+    reading::{MOST_TEXT, read_regular},
     scene::{LANG_DEFORMATION_FILE, Scene},
 };
 
@@ -66,15 +67,17 @@ pub(super) fn run(args: &ConvertArgs) -> Result<Exit> {
         }
         Target::Reference => {
             let weights_path = args.output.with_file_name(LANG_DEFORMATION_FILE);
-            if weights_path.exists() && !args.output.exists() {
+            let files = scene.to_reference_ply();
+            let weights_bytes = files.weights.to_bytes();
+            let is_another = weights_path.exists()
+                && read_regular(&weights_path, MOST_TEXT).ok().as_deref() != Some(&weights_bytes);
+            if is_another && !args.output.exists() {
                 let what =
                     "the feature network of another scene is here, under the name that the format gives it";
                 return Err(Error::input_at(&weights_path, what, "Choose a folder for this scene alone."));
             }
             let (ply, weights) = (file(&args.output)?, file(&weights_path)?);
-            let files = scene.to_reference_ply();
             report.lost = files.lost;
-            let weights_bytes = files.weights.to_bytes();
             ply.write(&files.ply)?;
             weights.write(&weights_bytes)?;
             report.add(args.output.clone(), &files.ply);

@@ -295,3 +295,48 @@ fn a_record_survives_a_kill_in_the_middle_of_a_line() {
     take(&place, &Inputs::none(), false).unwrap().finish().unwrap();
     assert!(record::Record::read(&place).unwrap().complete);
 }
+
+#[cfg(unix)]
+#[test]
+fn links_in_the_place_of_own_files_are_neither_followed_nor_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("theirs"), "weeks of work").unwrap();
+    let none = Inputs::none();
+    let output = take(&at("out"), &none, false).unwrap();
+    let file = output.path().join("a.txt");
+    write_whole(&file, b"a").unwrap();
+    std::fs::remove_file(&file).unwrap();
+    std::os::unix::fs::symlink(at("theirs"), &file).unwrap();
+    assert!(write_whole(&file, b"b").unwrap_err().to_string().contains("a link has taken the place"));
+    output.finish().unwrap();
+    assert!(take(&at("out"), &none, true).is_err(), "it holds something of somebody else's");
+    assert_eq!(std::fs::read(at("theirs")).unwrap(), b"weeks of work");
+}
+
+#[test]
+fn a_file_of_somebody_else_that_is_called_as_the_record_stays_as_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let notes = folder.path().join(".surgtpgs");
+    std::fs::write(&notes, "my own notes").unwrap();
+    assert!(!is_free_folder(folder.path()).unwrap());
+    assert!(take(folder.path(), &Inputs::none(), true).is_err());
+    write_whole(&folder.path().join("a/b.txt"), b"b").unwrap();
+    assert_eq!(std::fs::read(&notes).unwrap(), b"my own notes");
+}
+
+#[test]
+fn the_remains_of_a_removal_are_in_nobodys_way() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("out");
+    let none = Inputs::none();
+    finished(&place, "old");
+    // The replaced result, of which a kill left a part.
+    let remains = output::beside(&place, "new");
+    finished(&remains, "older");
+    std::fs::remove_dir_all(remains.join("a")).unwrap();
+    let output = take(&place, &none, true).unwrap();
+    write_whole(&output.path().join("new.txt"), b"new").unwrap();
+    output.finish().unwrap();
+    assert!(place.join("new.txt").is_file() && !remains.exists());
+}

@@ -253,6 +253,24 @@ mod tests {
         bytes
     }
 
+    #[test]
+    fn a_jpeg_that_is_cut_off_is_refused() {
+        let picture = RgbImage::from_fn(64, 48, |x, y| Rgb([(x * y) as u8, x as u8, (3 * y) as u8]));
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        DynamicImage::from(picture).write_to(&mut bytes, image::ImageFormat::Jpeg).unwrap();
+        let mut bytes = bytes.into_inner();
+        for behind in [&b""[..], b"\0\0", b"\xff\xff\xd9 a note"] {
+            bytes.extend(behind);
+            let (_kept, path) = saved(&bytes);
+            assert!(super::picture(&path).is_ok());
+        }
+        let end = bytes.windows(2).position(|pair| pair == b"\xff\xd9").unwrap();
+        for len in [end, end - 1, end / 2, 700] {
+            let (_kept, path) = saved(&bytes[..len]);
+            assert!(super::picture(&path).is_err(), "{len} of {end}");
+        }
+    }
+
     fn saved(bytes: &[u8]) -> (tempfile::TempDir, std::path::PathBuf) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");

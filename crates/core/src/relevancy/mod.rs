@@ -1,4 +1,4 @@
-//! Relevancy of pixels for a prompt: score = σ(T·(p − max_i n_i)) (design §7, method §9.2).
+//! Relevancy of pixels for a prompt: score = σ(T·(p − max_i n_i)) (method §9.2).
 //!
 //! p and n_i are cosines of the pixel's decoded feature with the prompt and with the negatives. The
 //! formula is the smallest of the pairwise softmaxes in the paper. Three rungs compute it: [`Exact`]

@@ -315,6 +315,13 @@ mod tests {
     }
 
     #[test]
+    fn deep_greys_in_colour_are_ids_as_they_are() {
+        let deep = image::ImageBuffer::from_raw(3, 1, vec![0, 0, 0, 2, 2, 2, 255, 255, 255_u16]).unwrap();
+        let ids = read(DynamicImage::ImageRgb16(deep), None);
+        assert_eq!((ids.ids.data, ids.way, ids.strangers), (vec![0, 2, NO_LABEL], Way::GreyColours, 0));
+    }
+
+    #[test]
     fn greys_of_a_coloured_picture_are_ids_where_no_colour_fits_better() {
         let ids = read(rgb(&[[0; 3], [1; 3], [2; 3], [2; 3]]), None);
         assert_eq!((ids.ids.data, ids.way), (vec![0, 1, 2, 2], Way::GreyColours));

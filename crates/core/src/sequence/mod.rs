@@ -391,7 +391,7 @@ impl Sequence {
     }
 }
 
-/// The report of `check` (design §9); the JSON keys are a contract.
+/// The report of `check`; the JSON keys are a contract.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Report {
     /// `true` if there are no errors.

@@ -522,3 +522,18 @@ impl Cache {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_form_of_colours_is_read_from_the_parameters() {
+        let high = |bits: u8| [0x67, 100, 0, 10, bits];
+        // The number of the set is 0; the form of colours is 0 (grey), 1 (4:2:0) or 2 (4:2:2).
+        assert!(!is_of_420(&high(0b1100_0000)) && is_of_420(&high(0b1010_0000)));
+        assert!(!is_of_420(&high(0b1011_0000)) && !is_of_420(&high(0)));
+        assert!(is_of_420(&[0x67, 66, 0, 10, 0]), "the baseline has no other");
+        assert!(!is_of_420(&[0x67, 100]));
+    }
+}

@@ -1,4 +1,4 @@
-//! Features in closed form: each Gaussian gets the mean of the features that it shows (peers.md §2).
+//! Features in closed form: each Gaussian gets the mean of the features that it shows.
 //!
 //! fᵢ = Σ w f̂ / Σ w over the supervised pixels of all training frames, with w the Gaussian's weight in
 //! the pixel. Both sums are the results of the backward raster pass for gradients f̂ and 1.

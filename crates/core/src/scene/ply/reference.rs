@@ -444,8 +444,17 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let ply = folder.path().join("point_cloud.ply");
         assert_eq!(ReferenceWeights::beside(&ply).unwrap(), None);
+        // Those of this program are whole by themselves.
+        let own = released().to_reference_ply().ply;
+        std::fs::write(&ply, &own).unwrap();
+        assert_eq!(Scene::load(&ply).unwrap().deformation.feature_weight, weights.weight);
+        let comment = weights.to_comment();
+        let start = own.windows(comment.len()).position(|part| part == comment.as_bytes()).unwrap();
+        let line = start - "comment ".len()..start + comment.len() + 1;
+        let foreign = [&own[..line.start], &own[line.end..]].concat();
+        std::fs::write(&ply, foreign).unwrap();
+        assert_ne!(Scene::load(&ply).unwrap().deformation.feature_weight, weights.weight);
         std::fs::write(folder.path().join(LANG_DEFORMATION_FILE), weights.to_bytes()).unwrap();
-        std::fs::write(&ply, released().to_reference_ply().ply).unwrap();
         assert_eq!(Scene::load(&ply).unwrap().deformation.feature_weight, weights.weight);
         std::fs::write(folder.path().join(LANG_DEFORMATION_FILE), b"PK").unwrap();
         assert!(Scene::load(&ply).unwrap_err().to_string().contains("save_file"));

@@ -121,3 +121,24 @@ fn damaged_and_foreign_files_are_refused_in_words() {
     picture(8, 6, 0).save(folder.path().join("a.png")).unwrap();
     assert!(message(Sequence::open(&folder.path().join("a.png"))).contains("not a video"));
 }
+
+#[test]
+fn a_missing_picture_is_an_error_and_shifts_no_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("clip.mp4");
+    write_video(&path);
+    let whole = Sequence::open(&path).unwrap();
+    let after = whole.frame(12).unwrap();
+    let lost = super::super::mp4::Mp4::read(&path).unwrap().pictures.swap_remove(5);
+    let mut bytes = std::fs::read(&path).unwrap();
+    bytes[lost.offset as usize..][..lost.size].fill(0);
+    std::fs::write(&path, bytes).unwrap();
+    let sequence = Sequence::open(&path).unwrap();
+    for frame in 5..10 {
+        let message = sequence.frame(frame).unwrap_err().to_string();
+        assert!(message.contains("frame 5") && message.contains("no picture"), "{message}");
+    }
+    assert!(sequence.frame(4).is_ok() && sequence.frame(12).unwrap() == after);
+    let difference = sequence.identity().unwrap().difference(&whole.identity().unwrap()).unwrap();
+    assert!(difference.to_string().contains("frame 5"), "{difference}");
+}
