@@ -31,5 +31,7 @@ mod identity;
 mod outputs;
 /// Nothing that speaks to a network is built in.
 mod privacy;
+/// Comments and pages: first words, lengths, citations, links.
+mod words;
 /// A folder with everything that verbs read.
 mod workplace;

@@ -58,9 +58,14 @@ impl Error {
         Self::Input { what: what.into(), hint: hint.into(), path: Some(path.as_ref().to_owned()) }
     }
 
-    /// Creates an error about a failed read or write; use as
+    /// Creates an error about a failed read or write, or about missing memory if that is why; use as
     /// `.map_err(|e| Error::io("read the image", path, e))`.
     pub fn io(doing: impl Into<String>, path: impl AsRef<Path>, source: std::io::Error) -> Self {
-        Self::Io { doing: doing.into(), source, path: path.as_ref().to_owned() }
+        let (doing, path) = (doing.into(), path.as_ref().to_owned());
+        if source.kind() == std::io::ErrorKind::OutOfMemory {
+            let what = format!("there is not enough memory to {doing} ({})", path.display());
+            return Self::Missing { what, hint: "Close other programs, or raise the limit.".to_owned() };
+        }
+        Self::Io { doing, source, path }
     }
 }

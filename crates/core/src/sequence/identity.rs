@@ -202,8 +202,9 @@ impl Identity {
     }
 }
 
-/// Returns for each frame of a video the coded pictures that it stands for, by their places in decoding order:
-/// its own, and those decoded before it that no frame of the recording shows. Nothing for frames in files.
+/// Returns for each frame of a video the coded pictures that it stands for, by their places in decoding
+/// order: its own, and those decoded before it that no frame of the recording shows. Frames in files have
+/// none.
 fn coded_pictures(frames: &[Frame]) -> Vec<Vec<usize>> {
     let own = |frame: &Frame| match &frame.picture {
         Picture::Video { video, index } => Some((video.sample_of(*index), video.start_of(*index))),
