@@ -160,13 +160,18 @@ fn decoded(picture: Values, coding: &LabelCoding, numbers: NumbersAre, classes: 
     if !image.color().has_color() {
         return look_up(&read::first_channel_of(image).data, Way::Ordinary, size, of_id);
     }
-    if takes_ids && image.color().bytes_per_pixel() > image.color().channel_count() {
-        let deep = image.to_rgb16();
-        let numbers = deep.as_raw().as_chunks::<3>().0;
-        if numbers.iter().all(|[r, g, b]| r == g && g == b) {
-            let first: Vec<u16> = numbers.iter().map(|[v, _, _]| *v).collect();
+    if image.color().bytes_per_pixel() > image.color().channel_count() {
+        let deep = image.into_rgb16();
+        let colours = deep.as_raw().as_chunks::<3>().0;
+        if takes_ids && colours.iter().all(|[r, g, b]| r == g && g == b) {
+            let first: Vec<u16> = colours.iter().map(|[v, _, _]| *v).collect();
             return look_up(&first, Way::GreyColours, size, of_id);
         }
+        let exact = |colour: [u16; 3]| {
+            let is_exact = colour.iter().all(|v| v % DEEPER == 0);
+            is_exact.then(|| of_colour(colour.map(|v| (v / DEEPER) as u8))).flatten()
+        };
+        return look_up(colours, Way::Ordinary, size, exact);
     }
     let image = image.into_rgb8();
     let colours = image.as_raw().as_chunks::<3>().0;
@@ -231,6 +236,18 @@ impl PixelValue for u16 {
     }
     fn words(self) -> String {
         self.to_string()
+    }
+}
+
+/// Factor from a colour of 8 bits to the same of 16.
+const DEEPER: u16 = 257;
+
+impl PixelValue for [u16; 3] {
+    fn says_unknown(self) -> bool {
+        self == [u16::from(NO_LABEL) * DEEPER; 3]
+    }
+    fn words(self) -> String {
+        format!("{self:?}")
     }
 }
 
