@@ -6,7 +6,7 @@
 set -euo pipefail
 cd "$(dirname "$0")"
 runs=${1:-100000}
-targets=${2:-scene ply picture mask label_picture label_list depth settings poses_bounds transforms video prepared langsplat frame_masks checkpoint}
+targets=${2:-scene ply picture mask label_picture label_list depth settings poses_bounds transforms video prepared langsplat frame_masks checkpoint npy_header png_chunks quantised_scene}
 # The libraries are safe Rust almost everywhere: without the sanitizer it is ten times faster.
 cargo +nightly fuzz build --fuzz-dir . --sanitizer none any
 program=$(find . "${CARGO_TARGET_DIR:-target}" -path '*release/any' -type f | head -1)
