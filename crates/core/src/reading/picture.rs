@@ -1,7 +1,7 @@
 //! PNG and JPEG pictures: their colours, or the stored numbers. Both are rotated as the EXIF orientation
 //! says. Profiles and texts in a file are skipped: they may be compressed a thousandfold.
 
-use super::{open_regular, read_regular};
+use super::open_regular;
 use crate::{
     Error, Result,
     camera::{MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE, check_image_size},
@@ -13,7 +13,7 @@ use image::{
 use png::{BitDepth, ColorType, Transformations};
 use std::{
     fs::File,
-    io::{BufReader, Read, Seek},
+    io::{BufReader, Cursor, Read, Seek},
     path::Path,
 };
 
@@ -35,7 +35,7 @@ pub struct Values {
 pub fn picture_size(path: &Path) -> Result<(usize, usize)> {
     let ((width, height), orientation) = match Source::open(path, Transformations::EXPAND)? {
         Source::Png(reader) => (reader.info().size(), png_orientation(&reader)),
-        Source::Jpeg(mut decoder) => (decoder.dimensions(), jpeg_orientation(&mut decoder)),
+        Source::Jpeg(mut decoder, _) => (decoder.dimensions(), jpeg_orientation(&mut decoder)),
     };
     let (width, height) = (width as usize, height as usize);
     Ok(if swaps_sides(orientation) { (height, width) } else { (width, height) })
@@ -59,12 +59,8 @@ fn decoded(path: &Path, transformations: Transformations) -> Result<Values> {
             let palette = palette.filter(|_| transformations == Transformations::IDENTITY);
             (png_image(reader).map_err(|e| unreadable(path, &e))?, palette, orientation)
         }
-        Source::Jpeg(mut decoder) => {
-            let bytes =
-                read_regular(path, MOST_BYTES as u64).map_err(|e| Error::io("read the picture", path, e))?;
-            if !has_jpeg_end(&bytes) {
-                return Err(unreadable(path, "the file is cut off"));
-            }
+        Source::Jpeg(_, false) => return Err(unreadable(path, "the file is cut off")),
+        Source::Jpeg(mut decoder, true) => {
             let orientation = jpeg_orientation(&mut decoder);
             let image = DynamicImage::from_decoder(*decoder);
             (image.map_err(|e| unreadable(path, &e.to_string()))?, None, orientation)
@@ -77,7 +73,8 @@ fn decoded(path: &Path, transformations: Transformations) -> Result<Values> {
 /// A picture with a valid size, of which only the header was read.
 enum Source {
     Png(Box<png::Reader<BufReader<File>>>),
-    Jpeg(Box<JpegDecoder<BufReader<File>>>),
+    /// With `true` if the file is whole.
+    Jpeg(Box<JpegDecoder<Cursor<Vec<u8>>>>, bool),
 }
 
 impl Source {
@@ -107,14 +104,17 @@ impl Source {
             return Ok(Self::Png(Box::new(reader)));
         }
         let wrong = |e: ImageError| unreadable(path, &e.to_string());
-        let mut decoder = JpegDecoder::new(file).map_err(wrong)?;
+        let mut bytes = Vec::new();
+        file.read_to_end(&mut bytes).map_err(fail)?;
+        let is_whole = has_jpeg_end(&bytes);
+        let mut decoder = JpegDecoder::new(Cursor::new(bytes)).map_err(wrong)?;
         fits(decoder.dimensions())?;
         let mut limits = Limits::default();
         limits.max_image_width = Some(MAX_IMAGE_SIDE as u32);
         limits.max_image_height = Some(MAX_IMAGE_SIDE as u32);
         limits.max_alloc = Some(MOST_BYTES as u64);
         decoder.set_limits(limits).map_err(wrong)?;
-        Ok(Self::Jpeg(Box::new(decoder)))
+        Ok(Self::Jpeg(Box::new(decoder), is_whole))
     }
 }
 
@@ -256,7 +256,7 @@ mod tests {
     #[test]
     fn a_jpeg_that_is_cut_off_is_refused() {
         let picture = RgbImage::from_fn(64, 48, |x, y| Rgb([(x * y) as u8, x as u8, (3 * y) as u8]));
-        let mut bytes = std::io::Cursor::new(Vec::new());
+        let mut bytes = Cursor::new(Vec::new());
         DynamicImage::from(picture).write_to(&mut bytes, image::ImageFormat::Jpeg).unwrap();
         let mut bytes = bytes.into_inner();
         for behind in [&b""[..], b"\0\0", b"\xff\xff\xd9 a note"] {
@@ -322,7 +322,7 @@ mod tests {
             assert_eq!(image.as_bytes()[0], first, "{orientation}");
             assert_eq!(values(&path).unwrap().image, image);
         }
-        let mut jpeg = std::io::Cursor::new(Vec::new());
+        let mut jpeg = Cursor::new(Vec::new());
         RgbImage::from_pixel(16, 8, Rgb([90; 3])).write_to(&mut jpeg, image::ImageFormat::Jpeg).unwrap();
         let block = [b"Exif\0\0", &exif(6)[..]].concat();
         let length = (block.len() as u16 + 2).to_be_bytes();
