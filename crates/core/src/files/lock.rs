@@ -58,9 +58,7 @@ impl Lock {
             return Ok(Self { path, _file: file });
         }
     }
-}
 
-impl Lock {
     /// Notes that the folders of the two locks have changed places.
     pub(super) fn change_places(&mut self, other: &mut Self) {
         std::mem::swap(&mut self.path, &mut other.path);

@@ -80,7 +80,7 @@ impl Record {
     /// Writes the complete record.
     pub(super) fn write(&self, folder: &Path) -> Result<()> {
         let fail = |e| Error::io("write the record of the folder", folder, e);
-        let Self { kind, holds_outputs, complete, .. } = self.clone();
+        let (kind, holds_outputs, complete) = (self.kind.clone(), self.holds_outputs, self.complete);
         let head = Line::Head(Head { kind, holds_outputs, complete });
         let mut file = tempfile::Builder::new().prefix(TEMPORARY).tempfile_in(folder).map_err(fail)?;
         let names = self.files.iter().cloned().map(Line::File);
