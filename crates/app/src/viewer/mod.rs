@@ -1,84 +1,51 @@
 //! The viewer's window.
 //!
 //! ```text
-//! keys, mouse ─▶ command ─▶ app (document, playback) ─▶ request ─▶ worker ─▶ pipeline ─▶ source (engine)
-//!                    │            ▲   panels draw it                  │
-//!         undo ◀─ document        └──────── picture, newest only ◀────┘
-//!                    └─▶ session file, autosave
+//! keys ─▶ command ─┐            ┌─▶ picture: request ─▶ worker ─▶ pipeline ─▶ backend (engine)
+//!                  ├─▶ shared ──┤                        │
+//! panels ─▶ action ┘   ▲  │     └◀──── picture, newest only
+//!    ▲                 │  └─▶ work: opening, training, saving ─▶ backend (tasks)
+//!    └── shell ────────┘
 //! ```
 //!
-//! The thread of the window polls and never waits: pictures come from [`worker`]; opening, training and
-//! exporting run in [`jobs`]. A picture carries the request that it answers. All its parts are of one frame,
-//! so that nothing found on another frame is ever drawn. When nothing changes, nothing is requested and
-//! nothing is painted.
+//! Arrows go one way, from top to bottom of this list; every room uses only those below it:
+//!
+//! | room | is |
+//! |---|---|
+//! | `shell` | joins everything, once per frame: news and keys, panels, their actions, the next request |
+//! | `panels` | one file each: reads [`shared`], pushes actions, holds half-typed text at most |
+//! | `action` | everything that a panel can ask for |
+//! | `command` | everything that menus and keys can ask for: a row with words, keys, condition and act |
+//! | `work` | what happens over time: opening, requesting pictures, training, saving |
+//! | `shared` | the state of the window |
+//! | `picture` | from a request to textures |
+//! | `state` | decisions of the user, clock, preferences, and their files |
+//! | `backend` | the seam to the engine, and tasks on threads of their own |
+//!
+//! The thread of the window polls and never waits: pictures come from a worker thread; opening, training and
+//! exporting are tasks. A picture carries the request that it answers. All its parts are of one frame, so
+//! that nothing found on another frame is ever drawn. When nothing changes, nothing is requested and nothing
+//! is painted.
 
-mod app;
-mod areas;
-mod autosave;
-mod bookmarks;
-mod bookmarks_ui;
-mod clean_up_ui;
+mod action;
+mod backend;
 mod command;
-mod compare;
-mod curves;
-mod document;
-#[cfg(test)]
-mod document_tests;
-mod drawing;
-mod engine_source;
-mod excluded;
-mod export_dialog;
-#[cfg(test)]
-mod export_tests;
-mod found;
-mod help;
-mod histogram;
-mod history;
-mod import_check;
-mod jobs;
-mod keep;
-mod key_router;
-mod keymap;
-mod layer_colours;
-mod layout;
-mod legend;
-mod loss_curve;
-mod measure;
-mod negatives;
-mod obey;
-mod orbit;
-mod pipeline;
-#[cfg(test)]
-mod pipeline_tests;
-mod playback;
-mod preferences;
-mod probe;
-mod prompt_menu;
-mod prompts;
-mod quality;
+mod panels;
+mod picture;
+#[cfg(feature = "fuzz")]
 pub mod readers;
-mod ruler;
-mod session;
-mod shown;
-mod source;
-mod start;
-mod status;
-mod suggestions;
+mod shared;
+mod shell;
+mod state;
 #[cfg(test)]
 mod tests;
+mod text;
 mod theme;
-mod timeline;
-mod training;
-mod view_mode;
-mod viewport;
-mod widgets;
-mod worker;
-mod zoom;
+mod work;
 
-use app::ViewerApp;
-use autosave::Autosave;
-use engine_source::EngineBackend;
-use preferences::Preferences;
+use backend::engine::EngineBackend;
+use shell::Shell;
+use state::{autosave::Autosave, preferences::Preferences};
 use std::{path::PathBuf, sync::Arc};
 use surgtpgs_core::{Error, Result};
 
@@ -108,12 +75,13 @@ pub fn run(input: ViewerInput) -> Result<()> {
     let start = move |cc: &eframe::CreationContext<'_>| {
         let preferences = Preferences::load(Preferences::user_file());
         let autosave = Autosave::open(Autosave::user_folder());
-        let mut app = ViewerApp::new(&cc.egui_ctx, Arc::new(EngineBackend), preferences, autosave);
+        let mut shell = Shell::new(&cc.egui_ctx, Arc::new(EngineBackend), preferences, autosave);
+        let shared = &mut shell.shared;
         match &input {
-            ViewerInput::Scene(path) | ViewerInput::Sequence(path) => app.open_path(path, &cc.egui_ctx),
-            ViewerInput::Demo { work_dir } => app.open_demo(work_dir, &cc.egui_ctx),
+            ViewerInput::Scene(path) | ViewerInput::Sequence(path) => shared.open_path(path, &cc.egui_ctx),
+            ViewerInput::Demo { work_dir } => shared.open_demo(work_dir, &cc.egui_ctx),
         }
-        Ok(Box::new(app) as Box<dyn eframe::App>)
+        Ok(Box::new(shell) as Box<dyn eframe::App>)
     };
     eframe::run_native("surgtpgs", options, Box::new(start)).map_err(|e| Error::Missing {
         what: format!("the window could not be opened: {e}"),

@@ -1,6 +1,9 @@
 //! Readers of the window's files, to be tried on arbitrary bytes.
 
-use super::{keymap, preferences::Preferences, session::Session};
+use super::{
+    command::{COMMANDS, keys},
+    state::{preferences::Preferences, session::Session},
+};
 use std::path::Path;
 use surgtpgs_core::Result;
 
@@ -26,5 +29,7 @@ pub fn preferences(file: &Path) {
     let read = Preferences::load(Some(file.to_owned()));
     assert!((75..=200).contains(&read.scale_percent), "text of {} percent", read.scale_percent);
     assert_eq!(read.overlay, read.overlay.mended(), "an overlay beyond its ranges");
-    keymap::apply(&read.keys);
+    for entry in COMMANDS {
+        keys::keys(entry, &read.keys);
+    }
 }

@@ -24,7 +24,7 @@ impl FrameSource for Fake {
             || Grid::from_vec(SIZE.0 as usize, SIZE.1 as usize, (0..SIZE.0 * SIZE.1).map(is_upper).collect());
         Ok((self.info.name == "with tools").then(mask))
     }
-    fn render(&mut self, view: &View, _: bool) -> Result<Rendering> {
+    fn render(&mut self, view: &FrameView, _: bool) -> Result<Rendering> {
         Ok(Rendering {
             colour: RgbImage::from_pixel(SIZE.0, SIZE.1, Rgb([view.frame as u8; 3])),
             depth: Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 50.0),
@@ -35,21 +35,21 @@ impl FrameSource for Fake {
             }),
         })
     }
-    fn sample(&mut self, view: &View, point: [f32; 2]) -> Result<Option<Sample>> {
+    fn sample(&mut self, view: &FrameView, point: [f32; 2]) -> Result<Option<Sample>> {
         let sample = serde_json::json!({ "embedding": [point[0], view.frame], "encoder_sha256": "" });
         Ok(serde_json::from_value(sample).ok().filter(|_| point[1] < 0.9))
     }
     fn prepares_ahead(&self) -> bool {
         self.gate.is_none()
     }
-    fn motion(&mut self, view: &View) -> Result<(Grid<f32>, String)> {
+    fn motion(&mut self, view: &FrameView) -> Result<(Grid<f32>, String)> {
         let travel = (0..SIZE.0 * SIZE.1).map(|i| (i % SIZE.0) as f32 + view.frame as f32).collect();
         Ok((Grid::from_vec(SIZE.0 as usize, SIZE.1 as usize, travel), "3 of 5 Gaussians move".into()))
     }
-    fn opacity(&mut self, _: &View) -> Result<Grid<f32>> {
+    fn opacity(&mut self, _: &FrameView) -> Result<Grid<f32>> {
         Ok(Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 1.0))
     }
-    fn scores(&mut self, view: &View, questions: &[Question]) -> Vec<Result<Grid<f32>>> {
+    fn scores(&mut self, view: &FrameView, questions: &[Question]) -> Vec<Result<Grid<f32>>> {
         if let Some(gate) = &self.gate {
             let _ = gate.recv();
         }
@@ -100,8 +100,8 @@ impl Backend for FakeBackend {
         };
         Ok(Box::new(Fake { info, gate: self.gate.lock().unwrap().take() }))
     }
-    fn check(&self, _: &Path, job: &JobContext) -> Result<Checked> {
-        job.progress("checking", 48, 48, String::new());
+    fn check(&self, _: &Path, task: &TaskContext) -> Result<Checked> {
+        task.progress("checking", 48, 48, String::new());
         Ok(self.checked.lock().unwrap().clone())
     }
     fn flip_masks(&self, path: &Path) -> Result<PathBuf> {
@@ -109,7 +109,7 @@ impl Backend for FakeBackend {
         *checked = Checked { report: Report { ok: true, ..Report::default() }, can_flip: true };
         Ok(path.join("sequence.toml"))
     }
-    fn demo(&self, folder: &Path, _: &JobContext) -> Result<Demo> {
+    fn demo(&self, folder: &Path, _: &TaskContext<Box<dyn FrameSource>>) -> Result<Demo> {
         let request = TrainRequest {
             recording: folder.to_owned(),
             scene: folder.join("scene"),
@@ -118,14 +118,14 @@ impl Backend for FakeBackend {
         };
         Ok(Demo { path: folder.to_owned(), train: Some(request) })
     }
-    fn export(&self, request: &ExportRequest, job: &JobContext) -> Result<ExportSummary> {
-        job.progress("Exporting", 1, 1, String::new());
+    fn export(&self, request: &ExportRequest, task: &TaskContext) -> Result<ExportSummary> {
+        task.progress("Exporting", 1, 1, String::new());
         self.exported.lock().unwrap().push(request.clone());
         let folder = request.folder.clone();
         Ok(ExportSummary { is_complete: true, num_files: request.num_files(), folder })
     }
-    fn evaluate(&self, scene: &Path, job: &JobContext) -> Result<Evaluation> {
-        job.progress("evaluating", 2, 2, String::new());
+    fn evaluate(&self, scene: &Path, task: &TaskContext) -> Result<Evaluation> {
+        task.progress("evaluating", 2, 2, String::new());
         if scene.ends_with("gone") {
             return Err(Error::input("the recording is not at hand", "Put it back."));
         }
@@ -134,25 +134,26 @@ impl Backend for FakeBackend {
     fn available_bytes(&self) -> Option<u64> {
         *self.available_bytes.lock().unwrap()
     }
-    fn reconstruct(&self, request: &TrainRequest, job: &JobContext) -> Result<PathBuf> {
-        job.progress("Learning", 10, request.iterations, "100 Gaussians".into());
+    fn reconstruct(&self, request: &TrainRequest, task: &TaskContext<TrainNews>) -> Result<PathBuf> {
+        task.progress("Learning", 10, request.iterations, "100 Gaussians".into());
         let (path, recording) = (request.recording.clone(), Some(request.recording.clone()));
         let info = Info { path, recording, has_reconstruction: true, ..self.info.clone() };
-        job.preview(Box::new(Fake { info, gate: None }));
+        task.update(TrainNews::Preview(Box::new(Fake { info, gate: None })));
         let mut step = 10;
-        while !job.is_cancelled() {
-            job.rest_while_paused();
+        while !task.is_cancelled() {
+            task.rest_while_paused();
             step += 1;
-            job.step(step, LossTerms { colour: 1.0 / step as f32, depth: 0.01, ..Default::default() });
-            job.progress("Learning", step.min(request.iterations - 1), request.iterations, String::new());
+            let terms = LossTerms { colour: 1.0 / step as f32, depth: 0.01, ..Default::default() };
+            task.update(TrainNews::Step(step, terms));
+            task.progress("Learning", step.min(request.iterations - 1), request.iterations, String::new());
             std::thread::sleep(std::time::Duration::from_millis(1));
         }
-        let stops = job.num_stops();
+        let stops = task.num_stops();
         while self.is_disk_full.load(Ordering::Relaxed) {
-            if job.num_stops() > stops {
+            if task.num_stops() > stops {
                 return Err(Error::input("the disk is full", "Make room."));
             }
-            job.progress(NOT_SAVED, step, step, "The disk is full.".into());
+            task.progress(NOT_SAVED, step, step, "The disk is full.".into());
             std::thread::sleep(std::time::Duration::from_millis(1));
         }
         self.trained.lock().unwrap().push(request.clone());
@@ -178,7 +179,7 @@ pub(super) fn scene() -> Info {
 }
 
 pub(super) struct Window {
-    pub(super) harness: Harness<'static, ViewerApp>,
+    pub(super) harness: Harness<'static, Shell>,
     pub(super) backend: Arc<FakeBackend>,
 }
 
@@ -195,9 +196,9 @@ impl Window {
         let checked = Mutex::new(sound);
         let backend = Arc::new(FakeBackend { info, gate: Mutex::new(gate), checked, ..Default::default() });
         let mut window = Self::with(backend);
-        window.harness.state_mut().preferences.is_acknowledged = true;
+        window.harness.state_mut().shared.preferences.is_acknowledged = true;
         let ctx = window.harness.ctx.clone();
-        window.harness.state_mut().open_path(Path::new("/data/clip.safetensors"), &ctx);
+        window.harness.state_mut().shared.open_path(Path::new("/data/clip.safetensors"), &ctx);
         window.until(|app| app.open.is_some());
         window
     }
@@ -206,23 +207,23 @@ impl Window {
         let theirs = backend.clone();
         let harness =
             Harness::builder().with_size(egui::vec2(1280.0, 800.0)).with_step_dt(1.0 / 60.0).build_eframe(
-                |cc| ViewerApp::new(&cc.egui_ctx, theirs, Preferences::load(None), Autosave::default()),
+                |cc| Shell::new(&cc.egui_ctx, theirs, Preferences::load(None), Autosave::default()),
             );
         Self { harness, backend }
     }
 
     /// Steps until `is_so`, however long the threads take; panics after far too long.
-    pub(super) fn until(&mut self, is_so: impl Fn(&ViewerApp) -> bool) {
+    pub(super) fn until(&mut self, is_so: impl Fn(&Shared) -> bool) {
         for _ in 0..20_000 {
             self.harness.step();
-            if is_so(self.harness.state()) {
+            if is_so(&self.harness.state().shared) {
                 // One more step, so that the screen shows the awaited state.
                 self.harness.step();
                 return;
             }
             std::thread::sleep(std::time::Duration::from_micros(500));
         }
-        panic!("it never happened: {:?}", self.harness.state().problem);
+        panic!("it never happened: {:?}", self.harness.state().shared.problem);
     }
 
     pub(super) fn until_shown(&mut self, text: &str) {
@@ -233,7 +234,7 @@ impl Window {
             }
             std::thread::sleep(std::time::Duration::from_micros(500));
         }
-        panic!("\"{text}\" is never shown: {:?}", self.harness.state().problem);
+        panic!("\"{text}\" is never shown: {:?}", self.harness.state().shared.problem);
     }
 
     pub(super) fn until_picture(&mut self, is_so: impl Fn(&Picture) -> bool) {
@@ -259,7 +260,7 @@ impl Window {
     }
 
     pub(super) fn frame(&self) -> usize {
-        self.harness.state().playback.frame()
+        self.harness.state().shared.playback.frame()
     }
 
     pub(super) fn type_prompt(&mut self, text: &str) {

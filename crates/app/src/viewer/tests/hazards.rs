@@ -12,14 +12,14 @@ fn left_is_left_and_up_is_up() {
     window.until_found();
     window.until_picture(|p| p.request.look.style == OverlayStyle::Fill);
     let (width, height) = (SIZE.0 as usize, SIZE.1 as usize);
-    let picture = window.harness.state().picture().unwrap();
+    let picture = window.harness.state().shared.picture().unwrap();
     let pane = picture.reconstruction.as_ref().unwrap();
     assert_eq!(pane.bare.size, [width, height]);
     let marked = pane.marked.as_ref().unwrap();
     let is_marked = |x: usize, y: usize| marked.pixels[y * width + x] != pane.bare.pixels[y * width + x];
     assert!(is_marked(1, height / 2) && !is_marked(width - 2, height / 2), "the left part is found");
     // On the screen, too, the picture's origin is its upper left corner.
-    let at = |point| window.harness.state().panes.screen_positions(point).next().unwrap().1;
+    let at = |point| window.harness.state().shared.viewport.panes.screen_positions(point).next().unwrap().1;
     let (origin, end) = (at([0.0, 0.0]), at([1.0, 1.0]));
     assert!(origin.x < end.x && origin.y < end.y);
 }
@@ -28,7 +28,7 @@ fn left_is_left_and_up_is_up() {
 fn a_view_that_nobody_recorded_says_so() {
     let mut window = Window::on(scene());
     assert!(!window.shows("synthesised view"));
-    let look = &mut window.harness.state_mut().document.look;
+    let look = &mut window.harness.state_mut().shared.document.look;
     look.orbit = look.orbit.dragged([80.0, 0.0], 15.0);
     window.until_picture(|p| !p.request.view.orbit.is_home());
     assert!(window.shows("synthesised view"));
@@ -69,8 +69,8 @@ fn a_prompt_says_what_it_is_compared_with_and_is_exported_so() {
     window.until_picture(|p| {
         !p.findings.is_empty() && p.request.prompts[0].question.negatives.phrases == phrases
     });
-    let id = window.harness.state().document.prompts()[0].id;
-    window.harness.state_mut().document.set_but_not(id, &["fat".to_owned()]);
+    let id = window.harness.state().shared.document.prompts()[0].id;
+    window.harness.state_mut().shared.document.set_but_not(id, &["fat".to_owned()]);
     window.press_with(Modifiers::COMMAND, Key::E);
     window.harness.step();
     window.click("Start export");
@@ -107,7 +107,7 @@ fn one_menu_serves_all_prompts_and_loses_no_words() {
     let mut window = Window::on(scene());
     ["polyp", "liver", "fat"].into_iter().for_each(|words| window.add_prompt(words));
     let words = |window: &Window| -> Vec<String> {
-        window.harness.state().document.prompts().iter().map(|p| p.text.clone()).collect()
+        window.harness.state().shared.document.prompts().iter().map(|p| p.text.clone()).collect()
     };
     let layers = |window: &Window| window.harness.ctx.memory(|m| m.layer_ids().len());
 
@@ -139,9 +139,9 @@ fn one_menu_serves_all_prompts_and_loses_no_words() {
     assert!(window.harness.query_by_label("Words of polyp").is_none(), "it closed with its prompt");
 
     window.click("More about polyp");
-    let open = window.harness.state_mut().open.take();
+    let open = window.harness.state_mut().shared.open.take();
     window.harness.step();
-    window.harness.state_mut().open = open;
+    window.harness.state_mut().shared.open = open;
     window.harness.step();
     assert!(window.harness.query_by_label("More about polyp").is_some());
     assert!(window.harness.query_by_label("Words of polyp").is_none(), "it closed with its recording");
@@ -156,7 +156,8 @@ fn words_used_before_and_those_of_an_operation_are_suggested() {
     assert!(window.shows("Looked for before"));
     window.click("polyp");
     window.click("cystic duct");
-    let words: Vec<_> = window.harness.state().document.prompts().iter().map(|p| p.text.clone()).collect();
+    let words: Vec<_> =
+        window.harness.state().shared.document.prompts().iter().map(|p| p.text.clone()).collect();
     assert_eq!(words, ["polyp", "cystic duct"]);
 }
 

@@ -6,7 +6,7 @@ use surgtpgs_core::mask::CleanUp;
 
 /// Returns a pixel of the picture without and with everything found.
 fn pixel(window: &Window, x: usize, y: usize) -> [Color32; 2] {
-    let pane = window.harness.state().picture().unwrap().reconstruction.as_ref().unwrap();
+    let pane = window.harness.state().shared.picture().unwrap().reconstruction.as_ref().unwrap();
     [&pane.bare, pane.marked.as_ref().unwrap()].map(|image| image.pixels[y * SIZE.0 as usize + x])
 }
 
@@ -26,7 +26,7 @@ fn with_prompt(info: Info, prompt: &str) -> Window {
 #[test]
 fn outlines_have_an_opacity_of_their_own() {
     let mut window = with_prompt(scene(), "gallbladder");
-    let own = window.harness.state().document.prompts()[0].colour;
+    let own = window.harness.state().shared.document.prompts()[0].colour;
     assert_eq!(pixel(&window, 7, 12)[1], Color32::from_rgb(own[0], own[1], own[2]));
     window.press_with(Modifiers::SHIFT, Key::O);
     window.until_picture(|p| p.request.look.outline_opacity < 0.3);
@@ -45,7 +45,7 @@ fn what_is_found_lies_below_the_instruments_until_it_is_to_lie_above() {
     window.click("Below instruments");
     window.until_picture(|p| p.request.look.below_instruments);
     // The recorded mask does not tell the place of instruments in a turned view.
-    let look = &mut window.harness.state_mut().document.look;
+    let look = &mut window.harness.state_mut().shared.document.look;
     look.orbit = look.orbit.dragged([80.0, 0.0], 15.0);
     window.until_picture(|p| !p.request.view.orbit.is_home());
     assert!(is_drawn(&window, 7, 3));
@@ -54,26 +54,26 @@ fn what_is_found_lies_below_the_instruments_until_it_is_to_lie_above() {
 #[test]
 fn a_prompt_about_an_instrument_lies_above_the_others() {
     let mut window = with_prompt(Info { name: "with tools".into(), ..scene() }, "grasper");
-    assert!(window.harness.state().document.prompts()[0].is_instrument, "by its name");
+    assert!(window.harness.state().shared.document.prompts()[0].is_instrument, "by its name");
     assert!(is_drawn(&window, 7, 3), "its outline is not hidden by what it outlines");
     window.click("More about grasper");
     window.click("This is an instrument");
     window.until_picture(|p| !p.request.prompts[0].is_instrument);
     assert!(!is_drawn(&window, 7, 3));
-    assert_eq!(window.harness.state().document.undo_name(), Some("\"grasper\" is no instrument"));
+    assert_eq!(window.harness.state().shared.document.undo_name(), Some("\"grasper\" is no instrument"));
 }
 
 #[test]
 fn masks_are_cleaned_up_in_the_window_as_in_exports_and_off_is_the_raw_mask() {
     let mut window = with_prompt(scene(), "gallbladder");
-    let raw = window.harness.state().picture().unwrap().reconstruction.clone().unwrap().marked;
+    let raw = window.harness.state().shared.picture().unwrap().reconstruction.clone().unwrap().marked;
     let grown = CleanUp { grow_px: 2, ..CleanUp::default() };
-    window.harness.state_mut().document.set_clean_up(grown);
+    window.harness.state_mut().shared.document.set_clean_up(grown);
     window.until_picture(|p| p.request.clean_up == grown);
     window.until(|app| app.selected_curve().is_some_and(|curve| curve.is_complete()));
     // 8 and 2 of 32 columns
     assert!(window.shows("31 % of the frame") && window.shows("masks cleaned up"));
-    let curve = window.harness.state().selected_curve().unwrap();
+    let curve = window.harness.state().shared.selected_curve().unwrap();
     assert_eq!(curve.points[5].unwrap().area_px, 10 * SIZE.1 as usize, "the curve is that of the picture");
     window.press_with(Modifiers::COMMAND, Key::E);
     window.harness.step();
@@ -85,7 +85,7 @@ fn masks_are_cleaned_up_in_the_window_as_in_exports_and_off_is_the_raw_mask() {
     window.click("Close");
     window.press_with(Modifiers::COMMAND, Key::Z);
     window.until_picture(|p| p.request.clean_up.is_off());
-    assert_eq!(window.harness.state().picture().unwrap().reconstruction.clone().unwrap().marked, raw);
+    assert_eq!(window.harness.state().shared.picture().unwrap().reconstruction.clone().unwrap().marked, raw);
     assert!(!window.shows("masks cleaned up"));
 }
 
@@ -95,13 +95,13 @@ fn smoothing_over_time_says_so_on_the_picture() {
     window.click("Clean up masks…");
     assert!(window.shows("smooth over ± frames"));
     let smooth = CleanUp { smooth_frames: 2, ..CleanUp::default() };
-    window.harness.state_mut().document.set_clean_up(smooth);
+    window.harness.state_mut().shared.document.set_clean_up(smooth);
     window.until_picture(|p| p.request.clean_up == smooth);
     assert!(window.shows("scores smoothed over 5 frames") && window.shows("no longer of this frame alone"));
-    window.harness.state_mut().playback.seek(9, 0.0);
+    window.harness.state_mut().shared.playback.seek(9, 0.0);
     window.until_picture(|p| p.request.view.frame == 9);
     // The first two columns score 0.8 on frames 10 and 11, and 0.3 on the other three of the five frames.
-    let found = window.harness.state().picture().unwrap().findings[0].outcome.clone().unwrap();
+    let found = window.harness.state().shared.picture().unwrap().findings[0].outcome.clone().unwrap();
     assert!((found.max_score - 0.5).abs() < 1e-6 && found.area_px > 0, "{}", found.max_score);
     window.click("Off");
     window.until_picture(|p| p.request.clean_up.is_off());
@@ -113,7 +113,7 @@ fn motion_and_opacity_are_shown_with_their_scales() {
     let mut window = Window::on(scene());
     window.press_with(Modifiers::SHIFT, Key::F);
     window.until_picture(|p| p.layer.is_some());
-    let pane = window.harness.state().picture().unwrap().layer.clone().unwrap();
+    let pane = window.harness.state().shared.picture().unwrap().layer.clone().unwrap();
     assert_eq!((pane.range.0, pane.note.as_str()), (0.0, "3 of 5 Gaussians move"));
     let brightness = |x: usize| pane.image.pixels[x].r();
     assert!(brightness(31) > brightness(10) && brightness(10) > brightness(0));
@@ -121,7 +121,7 @@ fn motion_and_opacity_are_shown_with_their_scales() {
     // Colours mean the same on every frame.
     window.press(Key::End);
     window.until_picture(|p| p.request.view.frame == FRAMES - 1 && p.layer.is_some());
-    assert_eq!(window.harness.state().picture().unwrap().layer.as_ref().unwrap().range, pane.range);
+    assert_eq!(window.harness.state().shared.picture().unwrap().layer.as_ref().unwrap().range, pane.range);
     window.press(Key::A);
     window.until_picture(|p| p.layer.as_ref().is_some_and(|l| l.range == (0.0, 1.0)));
     assert!(window.shows("Opacity, frame 48 of 48"));
@@ -135,12 +135,12 @@ fn what_the_endoscope_did_not_see_is_faded_and_said() {
     window.press(Key::End);
     window.until_picture(|p| p.request.view.frame == FRAMES - 1);
     let right = |window: &Window| {
-        let pane = window.harness.state().picture().unwrap().reconstruction.clone().unwrap();
+        let pane = window.harness.state().shared.picture().unwrap().reconstruction.clone().unwrap();
         pane.bare.pixels[31]
     };
     assert!(!window.shows("not seen by the endoscope"));
     assert_eq!(right(&window), Color32::from_gray(47));
-    let look = &mut window.harness.state_mut().document.look;
+    let look = &mut window.harness.state_mut().shared.document.look;
     look.orbit = look.orbit.dragged([80.0, 0.0], 15.0);
     window.until_picture(|p| p.unseen_share == 0.5);
     assert!(window.shows("not seen by the endoscope on this frame"));

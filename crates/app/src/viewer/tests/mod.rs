@@ -2,6 +2,7 @@
 //! engine: its frame i is a grey of level i, "gallbladder" is the left part of every picture, and "nothing"
 //! is nowhere.
 
+mod exports;
 mod fixture;
 mod hazards;
 mod looks;
@@ -12,18 +13,17 @@ mod quality;
 mod reconstructing;
 mod sessions;
 
-use super::{
-    app::ViewerApp,
-    autosave::Autosave,
-    document::ViewMode,
-    jobs::{JobContext, NOT_SAVED},
-    pipeline::Picture,
-    preferences::Preferences,
-    prompts::{ENCODING, NO_FEATURES, NOTHING},
-    source::{
-        Backend, Checked, Demo, ExportRequest, ExportSummary, FrameSource, Info, Rendering, TrainRequest,
-        View,
+use crate::viewer::{
+    backend::{
+        Backend, Checked, Demo, ExportRequest, ExportSummary, FrameSource, FrameView, Info, Rendering,
+        TrainNews, TrainRequest,
+        task::{NOT_SAVED, TaskContext},
     },
+    panels::prompts::{ENCODING, NO_FEATURES, NOTHING},
+    picture::request::Picture,
+    shared::{Dialog, Shared},
+    shell::Shell,
+    state::{autosave::Autosave, preferences::Preferences, view_mode::ViewMode},
 };
 use crate::{
     engine::{Question, Sample},
@@ -57,9 +57,9 @@ use fixture::*;
 fn a_typed_prompt_becomes_a_row_with_its_area_on_the_picture() {
     let mut window = Window::on(scene());
     window.add_prompt("gallbladder");
-    assert_eq!(window.harness.state().document.prompts().len(), 1);
+    assert_eq!(window.harness.state().shared.document.prompts().len(), 1);
     window.until_found();
-    let picture = window.harness.state().picture().unwrap();
+    let picture = window.harness.state().shared.picture().unwrap();
     let found = picture.findings[0].outcome.as_ref().unwrap();
     assert_eq!(found.area_fraction, 0.25);
     assert_eq!(found.histogram.iter().sum::<u32>(), SIZE.0 * SIZE.1);
@@ -73,14 +73,17 @@ fn what_is_typed_is_looked_for_at_once_and_kept_by_enter() {
     let mut window = Window::on(scene());
     window.harness.get_by_label("Prompt").focus();
     window.until_picture(|p| p.candidates.iter().any(|(text, _)| text == "liver"));
-    assert!(window.harness.state().picture().unwrap().findings.is_empty(), "a rehearsal draws nothing");
+    assert!(
+        window.harness.state().shared.picture().unwrap().findings.is_empty(),
+        "a rehearsal draws nothing"
+    );
     window.type_prompt("gall");
     window.until_picture(|p| p.findings.iter().any(|f| f.text == "gall"));
     assert!(window.shows("Enter keeps it"));
-    assert!(window.harness.state().document.prompts().is_empty());
+    assert!(window.harness.state().shared.document.prompts().is_empty());
     window.press(Key::Enter);
-    assert_eq!(window.harness.state().document.prompts()[0].text, "gall");
-    assert_eq!(window.harness.state().prompt_box.text, "");
+    assert_eq!(window.harness.state().shared.document.prompts()[0].text, "gall");
+    assert_eq!(window.harness.state().shared.prompt_box.text, "");
 }
 
 #[test]
@@ -103,7 +106,7 @@ fn scrubbing_keys_move_exactly_and_the_picture_follows() {
 fn space_plays_at_the_recordings_speed() {
     let mut window = Window::on(scene());
     window.press(Key::Space);
-    assert!(window.harness.state().playback.is_playing());
+    assert!(window.harness.state().shared.playback.is_playing());
     let began = window.harness.ctx.input(|i| i.time);
     for _ in 0..30 {
         window.harness.step();
@@ -112,7 +115,7 @@ fn space_plays_at_the_recordings_speed() {
     let due = (elapsed * 25.0) as isize;
     assert!((window.frame() as isize - due % FRAMES as isize).abs() <= 1, "{} of {due}", window.frame());
     window.press(Key::Space);
-    assert!(!window.harness.state().playback.is_playing());
+    assert!(!window.harness.state().shared.playback.is_playing());
 }
 
 #[test]
@@ -136,14 +139,14 @@ fn a_focused_text_field_owns_letters_digits_arrows_and_space() {
     for key in [Key::V, Key::Space, Key::ArrowRight, Key::End, Key::Num1, Key::O, Key::D] {
         window.press(key);
     }
-    let app = window.harness.state();
+    let app = &window.harness.state().shared;
     assert!(!app.document.is_hidden && !app.playback.is_playing());
     assert_eq!((app.playback.frame(), app.document.mode), (0, ViewMode::Reconstruction));
     window.press(Key::Escape);
     window.harness.step();
-    assert_eq!(window.harness.state().prompt_box.text, "v", "Esc leaves the field and nothing else");
+    assert_eq!(window.harness.state().shared.prompt_box.text, "v", "Esc leaves the field and nothing else");
     window.press(Key::V);
-    assert!(window.harness.state().document.is_hidden);
+    assert!(window.harness.state().shared.document.is_hidden);
 }
 
 #[test]
@@ -153,7 +156,7 @@ fn the_slash_that_opens_the_prompt_box_is_not_typed_into_it() {
     window.press(Key::Slash);
     window.harness.step();
     assert!(window.harness.get_by_label("Prompt").is_focused());
-    assert_eq!(window.harness.state().prompt_box.text, "");
+    assert_eq!(window.harness.state().shared.prompt_box.text, "");
 }
 
 #[test]
@@ -211,7 +214,7 @@ fn a_slow_answer_is_waited_for_in_words_and_never_drawn_on_another_frame() {
     permit.send(()).unwrap();
     window.until_found();
     window.until_picture(|p| p.request.view.frame == 2 && !p.findings.is_empty());
-    let picture = window.harness.state().picture().unwrap();
+    let picture = window.harness.state().shared.picture().unwrap();
     let bare = &picture.reconstruction.as_ref().unwrap().bare;
     assert_eq!(bare.pixels[0], egui::Color32::from_gray(2), "frame, picture and overlay are of one frame");
 }
@@ -223,7 +226,10 @@ fn a_scene_without_features_says_so() {
     window.press(Key::Slash);
     window.harness.step();
     window.press(Key::V);
-    assert!(window.harness.state().document.is_hidden, "a prompt box that cannot be used takes no keys");
+    assert!(
+        window.harness.state().shared.document.is_hidden,
+        "a prompt box that cannot be used takes no keys"
+    );
 }
 
 #[test]
@@ -237,11 +243,11 @@ fn views_are_switched_by_key_and_only_where_they_exist() {
         (Modifiers::SHIFT, Key::B, ViewMode::Reconstruction),
     ] {
         window.press_with(modifiers, key);
-        assert_eq!(window.harness.state().document.mode, mode);
+        assert_eq!(window.harness.state().shared.document.mode, mode);
     }
     let mut window = Window::on(Info { has_original: false, ..scene() });
     window.press_with(Modifiers::SHIFT, Key::B);
-    assert_eq!(window.harness.state().document.mode, ViewMode::Reconstruction);
+    assert_eq!(window.harness.state().shared.document.mode, ViewMode::Reconstruction);
 }
 
 #[test]
@@ -262,7 +268,7 @@ fn looking_around_is_marked_and_r_returns() {
         window.harness.hover_at(at + egui::vec2(100.0 * i as f32, 0.0));
         window.harness.step();
     }
-    let orbit = window.harness.state().document.look.orbit;
+    let orbit = window.harness.state().shared.document.look.orbit;
     assert!(!orbit.is_home() && orbit.angle().to_degrees() <= 15.001);
     window.harness.event(button(false, at));
     window.until_picture(|p| !p.request.view.orbit.is_home());
@@ -275,20 +281,20 @@ fn prompts_can_be_hidden_deleted_and_brought_back() {
     let mut window = Window::on(scene());
     window.add_prompt("gallbladder");
     window.click("Hide gallbladder");
-    assert!(!window.harness.state().document.prompts()[0].is_visible);
+    assert!(!window.harness.state().shared.document.prompts()[0].is_visible);
     window.press(Key::Num1);
-    assert!(window.harness.state().document.prompts()[0].is_visible);
+    assert!(window.harness.state().shared.document.prompts()[0].is_visible);
     window.click("Delete gallbladder");
-    assert!(window.harness.state().document.prompts().is_empty());
+    assert!(window.harness.state().shared.document.prompts().is_empty());
     window.press_with(Modifiers::COMMAND, Key::Z);
-    assert_eq!(window.harness.state().document.prompts().len(), 1);
+    assert_eq!(window.harness.state().shared.document.prompts().len(), 1);
 }
 
 #[test]
 fn examples_of_the_recording_are_one_click_away() {
     let mut window = Window::on(scene());
     window.click("liver");
-    assert_eq!(window.harness.state().document.prompts()[0].text, "liver");
+    assert_eq!(window.harness.state().shared.document.prompts()[0].text, "liver");
 }
 
 #[test]
@@ -302,7 +308,7 @@ fn the_export_says_how_many_files_before_it_starts() {
     assert!(window.shows("144 files will be written"));
     assert!(window.backend.exported.lock().unwrap().is_empty());
     window.click("Start export");
-    window.until(|app| app.export.is_some());
+    window.until(|app| app.dialog == Some(Dialog::Export));
     window.until_shown("144 files are in");
     assert_eq!(window.backend.exported.lock().unwrap()[0].prompts.len(), 2);
 }
@@ -311,7 +317,7 @@ fn the_export_says_how_many_files_before_it_starts() {
 fn a_recording_is_reconstructed_in_the_window_and_stopping_keeps_what_was_learned() {
     let recording = Info { has_reconstruction: false, has_features: false, has_labels: true, ..scene() };
     let mut window = Window::on(recording);
-    assert_eq!(window.harness.state().document.mode, ViewMode::Original);
+    assert_eq!(window.harness.state().shared.document.mode, ViewMode::Original);
     window.click("Reconstruct…");
     window.click("Start");
     window.until(|app| app.document.mode == ViewMode::SideBySide);
@@ -319,13 +325,14 @@ fn a_recording_is_reconstructed_in_the_window_and_stopping_keeps_what_was_learne
     window.press(Key::ArrowRight);
     window.until_picture(|p| p.request.view.frame == 1 && p.reconstruction.is_some());
     window.click("Pause");
-    window.until(|app| app.training.as_ref().is_some_and(|t| t.job.is_paused()));
+    window.until(|app| app.reconstruction.training.as_ref().is_some_and(|t| t.task.is_paused()));
     assert!(window.shows("paused"));
     window.click("Go on");
     assert!(!window.shows("paused"));
     window.click("Pause");
     window.click("Stop and keep what was learned");
-    window.until(|app| app.training.is_none() && app.document.mode == ViewMode::Reconstruction);
+    window
+        .until(|app| app.reconstruction.training.is_none() && app.document.mode == ViewMode::Reconstruction);
     assert_eq!(window.frame(), 1, "the frame is kept");
 }
 
@@ -334,21 +341,21 @@ fn the_demo_is_opened_and_reconstructed_without_being_asked() {
     let recording = Info { has_reconstruction: false, has_features: false, ..scene() };
     let mut window = Window::with(Arc::new(FakeBackend { info: recording, ..Default::default() }));
     let ctx = window.harness.ctx.clone();
-    window.harness.state_mut().open_demo(Path::new("/data/demo"), &ctx);
-    window.until(|app| app.training.is_some() && app.document.mode == ViewMode::SideBySide);
+    window.harness.state_mut().shared.open_demo(Path::new("/data/demo"), &ctx);
+    window.until(|app| app.reconstruction.training.is_some() && app.document.mode == ViewMode::SideBySide);
 }
 
 #[test]
 fn whoever_opens_something_while_the_demo_is_made_keeps_it() {
     let mut window = Window::with(Arc::new(FakeBackend { info: scene(), ..Default::default() }));
     let ctx = window.harness.ctx.clone();
-    let app = window.harness.state_mut();
+    let app = &mut window.harness.state_mut().shared;
     app.open_demo(Path::new("/data/demo"), &ctx);
     app.open_path(Path::new("/data/own.safetensors"), &ctx);
     window.until(|app| app.open.is_some());
     (0..20).for_each(|_| window.harness.step());
-    let app = window.harness.state();
-    assert!(app.training.is_none() && !app.is_making_demo());
+    let app = &window.harness.state().shared;
+    assert!(app.reconstruction.training.is_none() && !app.opening.is_making_demo());
     assert_eq!(app.preferences.recent, [Path::new("/data/own.safetensors")]);
 }
 
@@ -356,10 +363,10 @@ fn whoever_opens_something_while_the_demo_is_made_keeps_it() {
 fn what_cannot_be_opened_says_why() {
     let mut window = Window::on(scene());
     let ctx = window.harness.ctx.clone();
-    window.harness.state_mut().open_path(Path::new("/no/such"), &ctx);
+    window.harness.state_mut().shared.open_path(Path::new("/no/such"), &ctx);
     window.until(|app| app.problem.is_some());
     assert!(window.shows("there is no such file"));
-    assert!(window.harness.state().open.is_some(), "what was open stays");
+    assert!(window.harness.state().shared.open.is_some(), "what was open stays");
 }
 
 #[test]
@@ -378,12 +385,12 @@ fn the_shortcut_sheet_lists_the_command_table() {
     let mut window = Window::on(scene());
     window.press(Key::F1);
     window.harness.step();
-    for entry in super::command::COMMANDS.iter().filter(|e| !e.keys.is_empty()) {
+    for entry in crate::viewer::command::COMMANDS.iter().filter(|e| !e.keys.is_empty()) {
         assert!(window.shows(entry.label.trim_end_matches('…')), "{}", entry.label);
     }
     window.press(Key::Escape);
     window.harness.step();
-    assert!(window.harness.state().sheet.is_none());
+    assert!(window.harness.state().shared.dialog.is_none());
 }
 
 #[test]
@@ -396,26 +403,31 @@ fn keys_can_be_chosen_and_the_sheet_shows_them() {
     assert!(window.shows("Press the new key for \"Play or pause\""));
     window.press(Key::V);
     window.harness.step();
-    assert!(window.harness.state().sheet.is_some() && !window.harness.state().document.is_hidden);
-    assert_eq!(window.harness.state().preferences.keys["PlayPause"], "V");
+    assert!(
+        window.harness.state().shared.dialog == Some(Dialog::Shortcuts)
+            && !window.harness.state().shared.document.is_hidden
+    );
+    assert_eq!(window.harness.state().shared.preferences.keys["PlayPause"], "V");
     window.click("Key of Hide all overlays");
     window.press(Key::Escape);
     window.harness.step();
-    assert!(window.harness.state().sheet.is_some() && window.harness.state().choosing_key.is_none());
+    assert!(
+        window.harness.state().shared.dialog == Some(Dialog::Shortcuts) && !window.shows("Press the new key")
+    );
     window.click("Close");
     window.press(Key::V);
-    let app = window.harness.state();
+    let app = &window.harness.state().shared;
     assert!(app.playback.is_playing() && !app.document.is_hidden, "the key is the other command's now");
     window.press(Key::Space);
-    assert!(window.harness.state().playback.is_playing());
+    assert!(window.harness.state().shared.playback.is_playing());
     window.press(Key::F1);
     (0..4).for_each(|_| window.harness.step());
     window.click("All keys as delivered");
     window.click("Close");
     window.press(Key::Space);
-    assert!(!window.harness.state().playback.is_playing());
+    assert!(!window.harness.state().shared.playback.is_playing());
     window.press(Key::V);
-    assert!(window.harness.state().document.is_hidden);
+    assert!(window.harness.state().shared.document.is_hidden);
 }
 
 #[test]

@@ -9,10 +9,9 @@ use super::*;
 use crate::{
     jobs::{self, DemoOptions},
     viewer::{
-        command::{COMMANDS, Command, Entry, Scope, entry},
-        document::Content,
-        engine_source::EngineBackend,
-        keymap,
+        backend::engine::EngineBackend,
+        command::{COMMANDS, Command, Entry, Scope, entry, keys},
+        state::content::Content,
     },
 };
 use egui::{Event, MouseWheelUnit, PointerButton, Pos2, Vec2, pos2, vec2};
@@ -66,7 +65,7 @@ impl egui_kittest::TestRenderer for NoPictures {
 }
 
 struct Monkey {
-    harness: Harness<'static, ViewerApp>,
+    harness: Harness<'static, Shell>,
     rng: ChaCha8Rng,
     seed: u64,
     folder: tempfile::TempDir,
@@ -86,7 +85,7 @@ impl Monkey {
         let harness = builder.build_eframe(|cc| {
             let mut preferences = Preferences::load(None);
             preferences.is_acknowledged = true;
-            ViewerApp::new(&cc.egui_ctx, Arc::new(EngineBackend), preferences, Autosave::default())
+            Shell::new(&cc.egui_ctx, Arc::new(EngineBackend), preferences, Autosave::default())
         });
         // The same policy as in the real window, where the system's fonts may lack a sign, too.
         harness.ctx.set_missing_glyph_policy(egui::MissingGlyphPolicy::Tofu);
@@ -98,7 +97,7 @@ impl Monkey {
 
     fn open(&mut self, name: &str) {
         let ctx = self.harness.ctx.clone();
-        self.harness.state_mut().open_path(&self.folder.path().join(name), &ctx);
+        self.harness.state_mut().shared.open_path(&self.folder.path().join(name), &ctx);
     }
 
     fn one_of<T: Copy>(&mut self, choices: &[T]) -> T {
@@ -144,7 +143,7 @@ impl Monkey {
             |e: &&Entry| !DIALOGS.contains(&e.command) && e.scope != Scope::Hold && !e.keys.is_empty();
         let entries: Vec<_> = COMMANDS.iter().filter(has_key).collect();
         let entry = self.one_of(&entries);
-        let keys = keymap::keys(entry);
+        let keys = keys::keys(entry, &self.harness.state().shared.preferences.keys);
         let Some(key) = keys.choose(&mut self.rng) else { return };
         self.note(format!("{} ({key:?})", entry.label));
         self.harness.key_press_modifiers(key.modifiers, key.logical_key);
@@ -233,7 +232,7 @@ impl Monkey {
     fn undo_and_redo(&mut self) {
         let steps = self.rng.random_range(1..6);
         self.note(format!("undo and redo {steps}"));
-        let document = &mut self.harness.state_mut().document;
+        let document = &mut self.harness.state_mut().shared.document;
         document.end_gesture();
         let before = document.content().clone();
         let mut undone = 0;
@@ -244,7 +243,7 @@ impl Monkey {
         (0..undone).for_each(|_| document.redo());
         assert_eq!(*document.content(), before, "after {undone} steps back and forth");
         if self.rng.random_bool(0.5) {
-            self.harness.state_mut().document.undo();
+            self.harness.state_mut().shared.document.undo();
         }
     }
 
@@ -274,7 +273,7 @@ impl Monkey {
 
     /// Checks the conditions that must hold after every act.
     fn check(&self) {
-        let app = self.harness.state();
+        let app = &self.harness.state().shared;
         let ids: BTreeSet<u64> = app.document.prompts().iter().map(|p| p.id).collect();
         assert_eq!(ids.len(), app.document.prompts().len(), "ids of prompts are unique");
         assert!(app.document.selected.is_none_or(|id| ids.contains(&id)), "what is selected is there");
@@ -309,19 +308,20 @@ impl Monkey {
         self.size = vec2(1280.0, 800.0);
         self.harness.set_size(self.size);
         self.forget_letters();
-        let state = self.harness.state_mut();
-        (state.training, state.export, state.quality, state.train_dialog) = (None, None, None, None);
-        (state.sheet, state.problem, state.go_to) = (None, None, None);
+        let state = &mut self.harness.state_mut().shared;
+        (state.reconstruction.training, state.dialog, state.problem) = (None, None, None);
         state.document.load(Content::default(), 0);
         state.prompt_box.text.clear();
         self.open("scene.safetensors");
         let began = Instant::now();
-        let is_there = |app: &ViewerApp| {
+        let is_there = |app: &Shared| {
             let scene = app.info().is_some_and(|i| i.has_features && i.path.ends_with("scene.safetensors"));
-            scene && app.opening.is_none() && app.picture().is_some_and(|p| p.took_ms > 0.0)
+            scene && app.opening.underway.is_none() && app.picture().is_some_and(|p| p.took_ms > 0.0)
         };
         self.harness.step();
-        while self.harness.state().opening.is_some() || !is_there(self.harness.state()) {
+        while self.harness.state().shared.opening.underway.is_some()
+            || !is_there(&self.harness.state().shared)
+        {
             self.harness.step();
             std::thread::sleep(Duration::from_millis(1));
             assert!(began.elapsed() < Duration::from_secs(60), "the window does not answer any more");

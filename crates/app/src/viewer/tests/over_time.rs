@@ -30,14 +30,14 @@ fn the_curve_is_counted_while_idle_and_leads_to_first_largest_and_last() {
 fn the_curve_is_that_of_the_picture_on_every_frame_and_follows_the_threshold() {
     let mut window = counted();
     for threshold in [0.4, 0.9] {
-        let id = window.harness.state().document.selected.unwrap();
-        window.harness.state_mut().document.set_threshold(id, threshold);
+        let id = window.harness.state().shared.document.selected.unwrap();
+        window.harness.state_mut().shared.document.set_threshold(id, threshold);
         for frame in [9, 10, 15, 21] {
-            window.harness.state_mut().playback.seek(frame, 0.0);
+            window.harness.state_mut().shared.playback.seek(frame, 0.0);
             window.until_picture(|p| {
                 p.request.view.frame == frame && p.request.prompts[0].threshold == threshold
             });
-            let app = window.harness.state();
+            let app = &window.harness.state().shared;
             let on_picture = app.picture().unwrap().findings[0].outcome.as_ref().unwrap().area_px;
             let on_curve = app.selected_curve().unwrap().points[frame].unwrap().area_px;
             assert_eq!(on_curve, on_picture, "frame {frame} above {threshold}");
@@ -69,7 +69,7 @@ fn a_prompt_that_is_nowhere_leads_nowhere() {
 fn areas_can_be_copied_as_a_table() {
     let mut window = counted();
     let ctx = window.harness.ctx.clone();
-    window.harness.state_mut().run(Command::CopyAreas.into(), &ctx);
+    window.harness.state_mut().shared.run(Command::CopyAreas.into(), &ctx);
     let copied = ctx.output(|o| o.commands.clone()).into_iter().find_map(|c| match c {
         egui::OutputCommand::CopyText(text) => Some(text),
         _ => None,
@@ -86,7 +86,7 @@ fn a_scene_in_training_is_not_counted() {
     window.click("Reconstruct…");
     window.click("Start");
     window.until(|app| app.document.mode == ViewMode::SideBySide);
-    assert!(window.harness.state().areas().is_none());
+    assert!(window.harness.state().shared.areas().is_none());
 }
 
 #[test]
@@ -102,14 +102,14 @@ fn with_the_stop_key_held_j_and_l_are_single_steps() {
     assert_eq!(window.frame(), 1);
     window.harness.key_up(Key::K);
     window.harness.step();
-    assert!(!window.harness.state().playback.is_playing());
+    assert!(!window.harness.state().shared.playback.is_playing());
     window.press(Key::L);
-    assert!(window.harness.state().playback.is_playing());
+    assert!(window.harness.state().shared.playback.is_playing());
 }
 
 #[test]
 fn every_key_of_the_map_is_a_command() {
-    use crate::viewer::command::find;
+    use crate::viewer::{command::keys::find, state::preferences::Keymap};
     let (none, shift, alt) = (Modifiers::NONE, Modifiers::SHIFT, Modifiers::ALT);
     let ctrl = Modifiers::COMMAND;
     for (modifiers, keys) in [
@@ -121,10 +121,10 @@ fn every_key_of_the_map_is_a_command() {
     ] {
         for name in keys.split(' ') {
             let key = Key::from_name(name).unwrap();
-            assert!(find(key, modifiers).is_some(), "{modifiers:?} {name}");
+            assert!(find(key, modifiers, &Keymap::new()).is_some(), "{modifiers:?} {name}");
         }
     }
-    assert!(find(Key::Tab, none).is_none(), "Tab moves the focus");
+    assert!(find(Key::Tab, none, &Keymap::new()).is_none(), "Tab moves the focus");
 }
 
 #[test]
@@ -137,9 +137,9 @@ fn excluded_frames_are_not_shown_not_exported_and_not_learned_from() {
     window.press_with(Modifiers::SHIFT, Key::I);
     window.press(Key::E);
     window.until_picture(|p| p.request.view.frame == 1);
-    assert_eq!(window.harness.state().document.excluded(), [(0, 1)]);
+    assert_eq!(window.harness.state().shared.document.excluded(), [(0, 1)]);
     assert!(window.shows("This frame is left out of everything"));
-    assert_eq!(window.harness.state().panes.0.len(), 0, "nothing of it is seen");
+    assert_eq!(window.harness.state().shared.viewport.panes.0.len(), 0, "nothing of it is seen");
     window.press_with(Modifiers::ALT, Key::I);
     window.press(Key::Space);
     window.harness.step();
@@ -155,7 +155,7 @@ fn excluded_frames_are_not_shown_not_exported_and_not_learned_from() {
     let backend = window.backend.clone();
     window.until(|_| !backend.exported.lock().unwrap().is_empty());
     assert_eq!(backend.exported.lock().unwrap()[0].frames(), (2..FRAMES).collect::<Vec<_>>());
-    let session = window.harness.state().session().unwrap();
+    let session = window.harness.state().shared.session().unwrap();
     assert!(serde_json::to_string(&session).unwrap().contains("\"excluded\":[[0,1]]"));
 }
 
@@ -167,8 +167,8 @@ fn nothing_is_learned_from_excluded_frames() {
     window.click("Reconstruct…");
     window.click("Start");
     // The button moves while the panel grows.
-    window.until(|app| app.training.is_some());
-    window.harness.state().training.as_ref().unwrap().job.cancel();
-    window.until(|app| app.training.is_none());
+    window.until(|app| app.reconstruction.training.is_some());
+    window.harness.state().shared.reconstruction.training.as_ref().unwrap().task.cancel();
+    window.until(|app| app.reconstruction.training.is_none());
     assert_eq!(window.backend.trained.lock().unwrap()[0].excluded, [(0, 0)]);
 }

@@ -1,12 +1,12 @@
 //! Tests of the mouse on the picture: probing a point, measuring, zooming.
 
 use super::*;
-use crate::viewer::measure::Lens;
+use crate::viewer::backend::Lens;
 use egui::Pos2;
 
 /// Returns the screen position of a point of the picture.
 fn on_screen(window: &Window, point: [f32; 2]) -> Pos2 {
-    window.harness.state().panes.screen_positions(point).next().unwrap().1
+    window.harness.state().shared.viewport.panes.screen_positions(point).next().unwrap().1
 }
 
 fn button(pos: Pos2, pressed: bool) -> egui::Event {
@@ -56,7 +56,7 @@ fn a_click_says_what_a_point_is_most_like_and_offers_to_look_for_it() {
     assert!(window.shows("liver 0.80 at this point") && window.shows("nothing 0.20 at this point"));
     assert!(!window.shows("Closer to a generic phrase than to any of these"));
     window.click("liver 0.80 at this point");
-    assert!(window.harness.state().document.prompts().iter().any(|p| p.text == "liver"));
+    assert!(window.harness.state().shared.document.prompts().iter().any(|p| p.text == "liver"));
     click_at(&mut window, [0.5, 0.9]);
     window.until_picture(|p| p.candidates.len() == 1);
     assert!(window.shows("liver 0.30 at this point"));
@@ -76,22 +76,22 @@ fn a_point_becomes_a_prompt_without_words_and_what_a_prompt_is_not() {
     window.until_picture(|p| p.sample.is_some());
     window.click("Not \"gallbladder\"");
     window.until_picture(|p| p.request.prompts[0].question.negatives.samples.len() == 1);
-    let prompt = window.harness.state().document.prompts()[0].clone();
+    let prompt = window.harness.state().shared.document.prompts()[0].clone();
     assert_eq!(prompt.not_like[0].name, "what is at frame 1, x 24, y 12");
-    assert_eq!(window.harness.state().document.undo_name(), Some("what \"gallbladder\" is not"));
+    assert_eq!(window.harness.state().shared.document.undo_name(), Some("what \"gallbladder\" is not"));
     window.click("More like this");
     window.until_picture(|p| p.findings.len() == 2);
-    let picture = window.harness.state().picture().unwrap();
+    let picture = window.harness.state().shared.picture().unwrap();
     let asked = &picture.request.prompts[1].question;
     assert_eq!((asked.text.as_str(), &asked.like), ("like frame 1, x 24, y 12", &picture.sample));
     // Samples are the user's work: they come back with the session.
-    let session = window.harness.state().session().unwrap();
+    let session = window.harness.state().shared.session().unwrap();
     let told = serde_json::to_string(&session).unwrap();
-    let read: crate::viewer::session::Session = serde_json::from_str(&told).unwrap();
+    let read: crate::viewer::state::session::Session = serde_json::from_str(&told).unwrap();
     assert!(read.content.is_alike(&session.content) && told.contains("embedding"));
     window.click("More about gallbladder");
     window.click("Remove what is at frame 1, x 24, y 12");
-    assert!(window.harness.state().document.prompts()[0].not_like.is_empty());
+    assert!(window.harness.state().shared.document.prompts()[0].not_like.is_empty());
 }
 
 #[test]
@@ -107,7 +107,7 @@ fn asking_a_point_draws_nothing_over_the_picture() {
     let mut window = Window::on(scene());
     click_at(&mut window, [0.1, 0.5]);
     window.until_picture(|p| p.candidates.len() == 2);
-    let picture = window.harness.state().picture().unwrap();
+    let picture = window.harness.state().shared.picture().unwrap();
     assert!(picture.findings.is_empty() && picture.reconstruction.as_ref().unwrap().marked.is_none());
 }
 
@@ -119,7 +119,7 @@ fn a_length_has_no_millimetres_before_somebody_gives_a_scale() {
     assert!(window.shows("Drag on the picture"));
     drag(&mut window, [0.25, 0.5], [0.75, 0.5]);
     // 16 px at 50 units with a focal length of 32 px are 25 units.
-    assert!(window.shows("16.0 px  ·  25 ± 1 scene units"), "{:?}", window.harness.state().ruler);
+    assert!(window.shows("16.0 px  ·  25 ± 1 scene units"));
     assert!(window.shows("scene units  ·  frame 1"));
     assert!(!window.shows(" mm"));
     window.harness.get_by_label("Known length in millimetres").focus();
@@ -127,9 +127,9 @@ fn a_length_has_no_millimetres_before_somebody_gives_a_scale() {
     window.harness.get_by_label("Known length in millimetres").type_text("50");
     window.harness.step();
     window.click("Set the scale");
-    assert!(window.shows("50 ± 3 mm"), "{:?}", window.harness.state().document.content().scale);
+    assert!(window.shows("50 ± 3 mm"), "{:?}", window.harness.state().shared.document.content().scale);
     assert!(window.shows("Scale from a known length of 50 mm on frame 1"));
-    assert_eq!(window.harness.state().document.undo_name(), Some("setting the scale"));
+    assert_eq!(window.harness.state().shared.document.undo_name(), Some("setting the scale"));
     window.press_with(Modifiers::COMMAND, Key::Z);
     window.harness.step();
     assert!(!window.shows(" mm"));
@@ -144,7 +144,7 @@ fn where_there_is_no_depth_a_length_is_in_pixels() {
     assert!(window.shows("16.0 px  ·  frame 1"));
     assert!(window.shows("Pixels only"));
     window.click("Put away");
-    assert!(window.harness.state().ruler.is_none());
+    assert!(!window.harness.state().shared.viewport.has_ruler);
 }
 
 #[test]
@@ -176,7 +176,7 @@ fn a_turned_view_gives_pixels_only() {
     window.harness.step();
     drag(&mut window, [0.25, 0.5], [0.75, 0.5]);
     assert!(window.shows("scene units"));
-    let look = &mut window.harness.state_mut().document.look;
+    let look = &mut window.harness.state_mut().shared.document.look;
     look.orbit = look.orbit.dragged([80.0, 0.0], 15.0);
     window.until_picture(|p| !p.request.view.orbit.is_home());
     assert!(window.shows("Pixels only: this view has no recorded depth"));
@@ -186,15 +186,15 @@ fn a_turned_view_gives_pixels_only() {
 fn the_point_under_the_pointer_becomes_what_the_view_turns_around() {
     let mut window = Window::on(measurable());
     window.press(Key::C);
-    assert_eq!(window.harness.state().document.look.orbit.pivot, None, "the pointer is nowhere");
+    assert_eq!(window.harness.state().shared.document.look.orbit.pivot, None, "the pointer is nowhere");
     let at = on_screen(&window, [0.75, 0.5]);
     window.harness.hover_at(at);
     window.harness.step();
     window.press(Key::C);
-    let [x, y, z] = window.harness.state().document.look.orbit.pivot.unwrap();
+    let [x, y, z] = window.harness.state().shared.document.look.orbit.pivot.unwrap();
     // 8 px from the middle at 50 units with a focal length of 32 px
     assert!((x - 12.5).abs() < 0.01 && y.abs() < 0.01 && z == 50.0);
-    assert!(window.harness.state().document.look.orbit.is_home(), "nothing has turned yet");
+    assert!(window.harness.state().shared.document.look.orbit.is_home(), "nothing has turned yet");
 }
 
 #[test]

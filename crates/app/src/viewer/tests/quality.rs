@@ -7,7 +7,7 @@ fn classes_and_frames_are_measured_saved_and_gone_to() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = Window::on(Info { output_folder: folder.path().to_owned(), ..scene() });
     window.press_with(Modifiers::COMMAND, Key::M);
-    window.until(|app| app.quality.is_some());
+    window.until(|app| app.dialog == Some(Dialog::Quality));
     window.until_shown("2 frames that the training did not see");
     // Means over both frames. Half of the liver is found on one, and some on the other, where there is none.
     for text in ["35.00 dB", "30.00 dB", "0.875", "liver", "0.500", "0.667", "40.00 dB"] {
@@ -26,21 +26,24 @@ fn classes_and_frames_are_measured_saved_and_gone_to() {
     assert!(saved.join("frames.csv").is_file() && saved.join("eval.json").is_file());
     window.click("Frame 9");
     window.until_picture(|p| p.request.view.frame == 8);
-    assert!(window.harness.state().quality.is_none(), "the sheet is out of the way");
+    assert!(window.harness.state().shared.dialog != Some(Dialog::Quality), "the sheet is out of the way");
 }
 
 #[test]
 fn what_cannot_be_measured_is_said_and_nothing_is_kept_of_another_recording() {
     let mut window = Window::on(scene());
     let ctx = window.harness.ctx.clone();
-    window.harness.state_mut().open_path(Path::new("/data/gone"), &ctx);
+    window.harness.state_mut().shared.open_path(Path::new("/data/gone"), &ctx);
     window.until(|app| app.info().is_some_and(|i| i.path.ends_with("gone")));
     window.press_with(Modifiers::COMMAND, Key::M);
     window.until(|app| app.problem.is_some());
     assert!(window.shows("the recording is not at hand"));
-    assert!(window.harness.state().quality.is_none());
+    assert!(window.harness.state().shared.dialog != Some(Dialog::Quality));
 
     let mut bare = Window::on(Info { has_original: false, ..scene() });
     bare.press_with(Modifiers::COMMAND, Key::M);
-    assert!(bare.harness.state().quality.is_none(), "there is nothing to measure against");
+    assert!(
+        bare.harness.state().shared.dialog != Some(Dialog::Quality),
+        "there is nothing to measure against"
+    );
 }

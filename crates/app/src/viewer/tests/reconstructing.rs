@@ -22,7 +22,9 @@ fn the_loss_and_its_terms_are_a_curve_while_it_learns() {
 #[test]
 fn previews_can_be_rarer_or_off() {
     let mut window = training();
-    let seconds = |window: &Window| window.harness.state().training.as_ref().unwrap().job.preview_seconds();
+    let seconds = |window: &Window| {
+        window.harness.state().shared.reconstruction.training.as_ref().unwrap().task.preview_seconds()
+    };
     assert_eq!(seconds(&window), 4);
     window.click("20 s");
     assert_eq!(seconds(&window), 20);
@@ -57,25 +59,25 @@ fn a_recording_is_checked_when_it_is_opened_and_its_masks_can_be_flipped() {
     let checked = Mutex::new(Checked { report: inverted, can_flip: true });
     let backend = Arc::new(FakeBackend { info: bare(), checked, ..Default::default() });
     let mut window = Window::with(backend);
-    window.harness.state_mut().preferences.is_acknowledged = true;
+    window.harness.state_mut().shared.preferences.is_acknowledged = true;
     let ctx = window.harness.ctx.clone();
-    window.harness.state_mut().open_path(Path::new("/data/recording"), &ctx);
-    window.until(|app| app.import_check.as_ref().is_some_and(|c| c.has_errors()));
+    window.harness.state_mut().shared.open_path(Path::new("/data/recording"), &ctx);
+    window.until(|app| app.reconstruction.would_be_wrong());
     assert!(window.shows("A reconstruction would be wrong") && window.shows("probably inverted"));
     window.click("Reconstruct…");
-    assert!(window.harness.state().train_dialog.is_none(), "nobody is led into it");
+    assert!(window.harness.state().shared.dialog != Some(Dialog::Reconstruct), "nobody is led into it");
     window.click("Flip the masks");
     window.until(|app| app.open.is_some() && app.is_enabled(crate::viewer::command::Command::Reconstruct));
     window.until_shown("This recording can be reconstructed");
     assert!(window.shows("This recording can be reconstructed") && !window.shows("probably inverted"));
     window.click("Reconstruct…");
-    assert!(window.harness.state().train_dialog.is_some());
+    assert!(window.harness.state().shared.dialog == Some(Dialog::Reconstruct));
 }
 
 #[test]
 fn a_reconstruction_is_not_checked_again() {
     let window = Window::on(scene());
-    assert!(window.harness.state().import_check.is_none());
+    assert!(window.harness.state().shared.reconstruction.check.is_none());
 }
 
 #[test]
@@ -86,8 +88,8 @@ fn what_was_learned_waits_for_room_also_after_stopping_until_it_is_given_up() {
     window.until_shown("Reconstructing: not saved yet");
     assert!(window.shows("tried every second") && !window.shows("left"));
     window.click("Give up what was learned");
-    window.until(|app| app.training.is_none() && app.opening.is_none());
-    let app = window.harness.state();
+    window.until(|app| app.reconstruction.training.is_none() && app.opening.underway.is_none());
+    let app = &window.harness.state().shared;
     assert!(app.problem.as_ref().is_some_and(|p| p.contains("the disk is full")), "{:?}", app.problem);
     assert!(!app.info().unwrap().has_reconstruction, "no file holds what the preview showed");
 
@@ -98,21 +100,22 @@ fn what_was_learned_waits_for_room_also_after_stopping_until_it_is_given_up() {
     window.click("Stop and keep what was learned");
     window.until_shown("Reconstructing: not saved yet");
     window.backend.is_disk_full.store(false, Ordering::Relaxed);
-    window.until(|app| app.training.is_none() && app.document.mode == ViewMode::Reconstruction);
+    window
+        .until(|app| app.reconstruction.training.is_none() && app.document.mode == ViewMode::Reconstruction);
 }
 
 #[test]
 fn whatever_else_is_opened_stays_and_the_reconstruction_is_offered() {
     let mut window = training();
     let ctx = window.harness.ctx.clone();
-    window.harness.state_mut().open_path(Path::new("/data/other.safetensors"), &ctx);
+    window.harness.state_mut().shared.open_path(Path::new("/data/other.safetensors"), &ctx);
     window.until_shown("Reconstructing clip.safetensors: Learning");
     let is_other =
-        |app: &ViewerApp| app.info().is_some_and(|i| i.path == Path::new("/data/other.safetensors"));
-    assert!(is_other(window.harness.state()));
+        |app: &Shared| app.info().is_some_and(|i| i.path == Path::new("/data/other.safetensors"));
+    assert!(is_other(&window.harness.state().shared));
     window.click("Stop and keep what was learned");
     window.until_shown("clip.safetensors is reconstructed");
-    assert!(is_other(window.harness.state()));
+    assert!(is_other(&window.harness.state().shared));
     window.click("Open it");
     window.until(|app| app.info().is_some_and(|i| i.path == Path::new("/data/clip.safetensors")));
     assert!(!window.shows("is reconstructed."));
@@ -125,18 +128,21 @@ fn a_scene_is_reconstructed_again_from_its_recording_and_shown_meanwhile() {
     window.harness.step();
     window.click("Start");
     window.until_shown("Reconstructing: Learning");
-    let app = window.harness.state();
+    let app = &window.harness.state().shared;
     assert_eq!(app.info().unwrap().path, Path::new("/data/clip.safetensors"));
     assert!(app.is_enabled(crate::viewer::command::Command::Export));
     window.press_with(Modifiers::COMMAND, Key::E);
-    window.harness.state().training.as_ref().unwrap().job.cancel();
-    window.until(|app| app.training.is_none() && app.opening.is_none());
-    let app = window.harness.state();
-    assert!(app.export.is_some() && app.reconstructed.is_some(), "nobody is interrupted");
+    window.harness.state().shared.reconstruction.training.as_ref().unwrap().task.cancel();
+    window.until(|app| app.reconstruction.training.is_none() && app.opening.underway.is_none());
+    let app = &window.harness.state().shared;
+    assert!(
+        app.dialog == Some(Dialog::Export) && app.reconstruction.finished.is_some(),
+        "nobody is interrupted"
+    );
     assert_eq!(window.backend.trained.lock().unwrap()[0].recording, Path::new("/data/recording"));
 
     let window = Window::on(Info { has_original: false, ..scene() });
-    assert!(!window.harness.state().is_enabled(crate::viewer::command::Command::Reconstruct));
+    assert!(!window.harness.state().shared.is_enabled(crate::viewer::command::Command::Reconstruct));
 }
 
 /// Asks the window to close, and returns `true` if it would.
@@ -164,7 +170,7 @@ fn a_window_that_is_closed_keeps_what_was_learned_first() {
         let output = &window.harness.output().viewport_output[&egui::ViewportId::ROOT];
         output.commands.contains(&egui::ViewportCommand::Close)
     };
-    while window.harness.state().training.is_some() {
+    while window.harness.state().shared.reconstruction.training.is_some() {
         window.harness.step();
     }
     assert!(is_closing(&window));

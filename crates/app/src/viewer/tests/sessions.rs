@@ -1,7 +1,7 @@
 //! Tests of sessions, undo, recovery and bookmarks.
 
 use super::*;
-use crate::viewer::session::Session;
+use crate::viewer::state::session::Session;
 
 /// Opens a window on the scene of the tests that keeps its work in `folder`.
 fn keeping(folder: &Path) -> Window {
@@ -11,9 +11,9 @@ fn keeping(folder: &Path) -> Window {
     let harness = Harness::builder()
         .with_size(egui::vec2(1280.0, 800.0))
         .with_step_dt(1.0 / 60.0)
-        .build_eframe(|cc| ViewerApp::new(&cc.egui_ctx, theirs, Preferences::load(None), autosave));
+        .build_eframe(|cc| Shell::new(&cc.egui_ctx, theirs, Preferences::load(None), autosave));
     let mut window = Window { harness, backend };
-    window.harness.state_mut().preferences.is_acknowledged = true;
+    window.harness.state_mut().shared.preferences.is_acknowledged = true;
     // A dialog is measured before it is shown.
     window.harness.step();
     window
@@ -21,8 +21,10 @@ fn keeping(folder: &Path) -> Window {
 
 fn open(window: &mut Window, path: &Path) {
     let ctx = window.harness.ctx.clone();
-    window.harness.state_mut().open_path(path, &ctx);
-    window.until(|app| app.opening.is_none() && app.picture().is_some() && app.session_to_apply.is_none());
+    window.harness.state_mut().shared.open_path(path, &ctx);
+    window.until(|app| {
+        app.opening.underway.is_none() && app.picture().is_some() && app.saving.to_apply.is_none()
+    });
 }
 
 /// Makes a short review: two prompts, one of them hidden, a threshold, a bookmark with a note, a range, a
@@ -40,7 +42,7 @@ fn review(window: &mut Window) {
     window.press(Key::I);
     window.press(Key::M);
     let frame = window.frame();
-    window.harness.state_mut().document.set_note(frame, "bleeding?");
+    window.harness.state_mut().shared.document.set_note(frame, "bleeding?");
 }
 
 #[test]
@@ -51,7 +53,7 @@ fn after_a_kill_everything_is_offered_again_and_comes_back() {
     review(&mut window);
     let kept = folder.path().join("0.surgtpgs");
     window.until(|app| Session::load(&kept).is_ok_and(|kept| kept.content.is_alike(app.document.content())));
-    let before = window.harness.state().session().unwrap();
+    let before = window.harness.state().shared.session().unwrap();
     // Dropped without the program's own ending, as if it were killed: the system frees all that it held.
     drop(window);
 
@@ -60,13 +62,13 @@ fn after_a_kill_everything_is_offered_again_and_comes_back() {
     assert!(window.shows("Your last work was not saved"));
     assert!(window.shows("clip: 2 prompts, 1 bookmark"));
     window.click("Restore");
-    window.until(|app| app.picture().is_some() && app.session_to_apply.is_none());
-    let after = window.harness.state().session().unwrap();
+    window.until(|app| app.picture().is_some() && app.saving.to_apply.is_none());
+    let after = window.harness.state().shared.session().unwrap();
     assert!(after.content.is_alike(&before.content));
     assert_eq!(after.content.bookmarks[0].note, "bleeding?");
     assert_eq!(after.display, before.display);
     assert_eq!(after.time.frame, FRAMES - 11);
-    assert!(window.harness.state().is_unsaved(), "a restored session is still in no file");
+    assert!(window.harness.state().shared.is_unsaved(), "a restored session is still in no file");
     let mut files = std::fs::read_dir(folder.path()).unwrap().map(|f| f.unwrap().path());
     assert!(files.any(|f| Session::load(&f).is_ok()), "and stays kept");
 }
@@ -78,24 +80,24 @@ fn unsaved_work_waits_until_its_recording_is_opened_again() {
     let (clip, other) = (Path::new("/data/clip.safetensors"), Path::new("/elsewhere/other.safetensors"));
     open(&mut window, clip);
     review(&mut window);
-    let before = window.harness.state().session().unwrap();
+    let before = window.harness.state().shared.session().unwrap();
     open(&mut window, other);
-    let app = window.harness.state();
+    let app = &window.harness.state().shared;
     assert!(!window.shows("Your last work was not saved"), "not now");
     assert!(app.document.bookmarks().is_empty() && app.document.prompts().len() == 2);
     // No decision here belongs to a single frame, so the prompts come along.
     open(&mut window, clip);
     window.until_shown("Your last work was not saved");
     window.click("Restore");
-    window.until(|app| app.session_to_apply.is_none() && app.document.bookmarks().len() == 1);
-    let after = window.harness.state().session().unwrap();
+    window.until(|app| app.saving.to_apply.is_none() && app.document.bookmarks().len() == 1);
+    let after = window.harness.state().shared.session().unwrap();
     assert!(after.content.is_alike(&before.content));
 
     // Opening a session replaces all of the content.
     let file = folder.path().join("empty.surgtpgs");
     Session::new(clip.into()).save(&file).unwrap();
     open(&mut window, &file);
-    assert!(window.harness.state().document.prompts().is_empty());
+    assert!(window.harness.state().shared.document.prompts().is_empty());
     drop(window);
     let mut window = keeping(folder.path());
     window.harness.step();
@@ -109,13 +111,13 @@ fn a_session_of_a_recording_that_has_changed_opens_and_says_so() {
     let info = |sum: &str| Info { frames_sha256: Some(sum.into()), ..scene() };
     let mut window = Window::on(info("one"));
     window.press(Key::M);
-    window.harness.state().session().unwrap().save(&file).unwrap();
+    window.harness.state().shared.session().unwrap().save(&file).unwrap();
     for (sum, is_said) in [("one", false), ("two", true)] {
         let mut window = Window::on(info(sum));
         open(&mut window, &file);
         window.harness.step();
         assert_eq!(window.shows("The recording is not as it was"), is_said, "{sum}");
-        assert_eq!(window.harness.state().document.bookmarks().len(), 1);
+        assert_eq!(window.harness.state().shared.document.bookmarks().len(), 1);
     }
 }
 
@@ -131,7 +133,7 @@ fn work_that_cannot_be_kept_is_said_with_what_to_do() {
     window.until(|app| app.problem.is_some());
     window.harness.step();
     assert!(window.shows("cannot be kept safe") && window.shows("Save the session elsewhere"));
-    assert!(window.harness.state().is_unsaved());
+    assert!(window.harness.state().shared.is_unsaved());
 }
 
 #[test]
@@ -157,29 +159,29 @@ fn a_saved_session_opens_as_it_was_and_needs_no_recovery() {
     let mut window = keeping(&folder.path().join("unsaved"));
     open(&mut window, Path::new("/data/clip.safetensors"));
     review(&mut window);
-    window.harness.state_mut().write_session(&file);
-    let before = window.harness.state().session().unwrap();
-    assert!(!window.harness.state().is_unsaved());
+    window.harness.state_mut().shared.write_session(&file);
+    let before = window.harness.state().shared.session().unwrap();
+    assert!(!window.harness.state().shared.is_unsaved());
     window.until(|_| !folder.path().join("unsaved/0.surgtpgs").exists());
     window.press(Key::M);
-    assert!(window.harness.state().is_unsaved());
+    assert!(window.harness.state().shared.is_unsaved());
     // With a file chosen, saving asks nothing.
     window.press_with(Modifiers::COMMAND, Key::S);
     window.press_with(Modifiers::COMMAND, Key::Z);
     window.press_with(Modifiers::COMMAND, Key::S);
-    assert!(!window.harness.state().is_unsaved());
+    assert!(!window.harness.state().shared.is_unsaved());
     drop(window);
 
     let mut window = keeping(&folder.path().join("unsaved"));
     window.harness.step();
     assert!(!window.shows("Your last work was not saved"));
     open(&mut window, &file);
-    let after = window.harness.state().session().unwrap();
+    let after = window.harness.state().shared.session().unwrap();
     assert!(after.content.is_alike(&before.content));
     assert_eq!(after.display, before.display);
-    assert_eq!(window.harness.state().playback.range(), before.content.range);
-    assert!(!window.harness.state().is_unsaved());
-    assert_eq!(window.harness.state().preferences.recent, [file]);
+    assert_eq!(window.harness.state().shared.playback.range(), before.content.range);
+    assert!(!window.harness.state().shared.is_unsaved());
+    assert_eq!(window.harness.state().shared.preferences.recent, [file]);
 }
 
 #[test]
@@ -188,11 +190,11 @@ fn closing_the_window_keeps_the_work_unless_nothing_shall_be_remembered() {
         let folder = tempfile::tempdir().unwrap();
         let mut window = keeping(folder.path());
         open(&mut window, Path::new("/data/clip.safetensors"));
-        window.harness.state_mut().preferences.forget_files(remembers);
+        window.harness.state_mut().shared.preferences.forget_files(remembers);
         review(&mut window);
         open(&mut window, Path::new("/elsewhere/other.safetensors"));
         window.until(|_| folder.path().join("1.surgtpgs").exists());
-        window.harness.state_mut().keep_at_exit();
+        window.harness.state_mut().shared.keep_at_exit();
         for put_aside_or_open in ["0.surgtpgs", "1.surgtpgs"] {
             assert_eq!(folder.path().join(put_aside_or_open).exists(), is_kept);
         }
@@ -216,7 +218,7 @@ fn what_was_opened_from_a_folder_is_found_from_any_other() {
     let mut window = keeping(folder.path());
     open(&mut window, Path::new("clip.safetensors"));
     let here = std::env::current_dir().unwrap().join("clip.safetensors");
-    let app = window.harness.state();
+    let app = &window.harness.state().shared;
     assert_eq!(app.session().unwrap().opened, here);
     assert_eq!(app.preferences.recent, [here]);
 }
@@ -228,7 +230,7 @@ fn a_session_whose_recording_is_gone_says_so() {
     Session::new("/no/such".into()).save(&file).unwrap();
     let mut window = keeping(&folder.path().join("unsaved"));
     let ctx = window.harness.ctx.clone();
-    window.harness.state_mut().open_path(&file, &ctx);
+    window.harness.state_mut().shared.open_path(&file, &ctx);
     window.until(|app| app.problem.is_some());
     assert!(window.shows("there is no such file"));
 }
@@ -242,7 +244,7 @@ fn menus_name_what_undo_would_undo() {
     window.press(Key::Escape);
     window.press(Key::M);
     window.press_with(Modifiers::COMMAND, Key::Z);
-    assert!(window.harness.state().document.bookmarks().is_empty());
+    assert!(window.harness.state().shared.document.bookmarks().is_empty());
     window.click("Edit");
     assert!(window.shows("Redo a bookmark at frame 1"));
 }
@@ -255,13 +257,13 @@ fn a_range_set_by_keys_is_played_and_undone() {
     window.press_with(Modifiers::SHIFT, Key::ArrowRight);
     window.press_with(Modifiers::SHIFT, Key::I);
     window.harness.step();
-    assert_eq!(window.harness.state().playback.bounds(), (10, 20));
+    assert_eq!(window.harness.state().shared.playback.bounds(), (10, 20));
     window.press_with(Modifiers::ALT, Key::I);
     window.harness.step();
-    assert_eq!(window.harness.state().playback.bounds(), (0, FRAMES - 1));
+    assert_eq!(window.harness.state().shared.playback.bounds(), (0, FRAMES - 1));
     window.press_with(Modifiers::COMMAND, Key::Z);
     window.harness.step();
-    assert_eq!(window.harness.state().playback.bounds(), (10, 20));
+    assert_eq!(window.harness.state().shared.playback.bounds(), (10, 20));
 }
 
 #[test]
@@ -285,10 +287,10 @@ fn bookmarks_are_set_walked_and_described() {
     window.harness.get_by_label("Note on frame 21").type_text("clip applied");
     window.harness.step();
     window.click("Flag frame 21");
-    let bookmark = window.harness.state().document.bookmarks()[1].clone();
+    let bookmark = window.harness.state().shared.document.bookmarks()[1].clone();
     assert_eq!((bookmark.note.as_str(), bookmark.is_flagged), ("clip applied", true));
     window.click("Delete the bookmark at frame 31");
-    assert_eq!(window.harness.state().document.bookmarks().len(), 2);
+    assert_eq!(window.harness.state().shared.document.bookmarks().len(), 2);
 }
 
 #[test]
@@ -304,7 +306,7 @@ fn a_prompt_gets_other_words_another_colour_and_another_place() {
     window.harness.get_by_label("Words of liver").type_text(" lobe");
     window.harness.step();
     window.press(Key::Enter);
-    let first = window.harness.state().document.prompts()[0].clone();
+    let first = window.harness.state().shared.document.prompts()[0].clone();
     assert!(first.text.contains("lobe") && first.text.contains("liver"), "{}", first.text);
     assert_eq!(first.colour, crate::settings::PROMPT_COLOURS[4]);
 }
@@ -323,7 +325,7 @@ fn comparing_in_turns_and_by_difference() {
     assert_eq!(seen, [true; 2]);
     window.press_with(Modifiers::NONE, Key::F);
     window.until_picture(|p| p.difference.is_some());
-    let picture = window.harness.state().picture().unwrap();
+    let picture = window.harness.state().shared.picture().unwrap();
     assert_eq!(picture.difference.as_ref().unwrap().psnr_db, None, "the fake's frame 0 is black in both");
     window.press(Key::ArrowRight);
     window.until_picture(|p| p.difference.as_ref().is_some_and(|d| d.psnr_db.is_some()));

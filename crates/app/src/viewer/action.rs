@@ -1,0 +1,125 @@
+//! What panels ask for. A panel reads the state and pushes actions; they are carried out once all panels are
+//! shown.
+
+use crate::viewer::{
+    backend::TrainRequest,
+    command::{Command, keys},
+    shared::Shared,
+    state::{content::Look, document::Document, preferences::Preferences, zoom::Panes},
+};
+use egui::{Context, KeyboardShortcut};
+use std::path::PathBuf;
+
+/// Something that a panel wants to be done.
+pub(crate) enum Action {
+    /// Gives a command.
+    Run(Command),
+    /// Changes the document; see [`Action::edit`].
+    Edit(Box<dyn FnOnce(&mut Document)>),
+    /// Adds a prompt and remembers its words.
+    AddPrompt(String),
+    /// Takes over what is typed into the prompt box.
+    Type { text: String, is_focused: bool },
+    /// Stops and goes to a frame.
+    GoTo(usize),
+    /// Goes to a frame while the pointer is dragged.
+    Scrub(usize),
+    /// Turns, moves or magnifies the picture.
+    Look { look: Look, is_moving: bool },
+    /// Notes where the panes were painted.
+    Place(Panes),
+    /// Moves the dividing line of the wipe, as share of the width.
+    Wipe(f32),
+    /// Probes a point of the picture, as share of width and height.
+    Probe(Option<[f32; 2]>),
+    /// Opens a scene, a recording or a session.
+    Open(PathBuf),
+    /// Changes a preference; see [`Action::prefer`].
+    Prefer(Box<dyn FnOnce(&mut Preferences)>),
+    /// Chooses a key for a command; `None` restores its default keys.
+    ChooseKey(Command, Option<KeyboardShortcut>),
+    /// Starts training.
+    Train(TrainRequest),
+    /// Stops offering the finished reconstruction.
+    ForgetFinished,
+    /// Inverts which side of the recording's masks is kept.
+    FlipMasks,
+    /// Restores the unsaved work that is offered first.
+    Restore,
+    /// Discards the unsaved work that is offered first.
+    Discard,
+    /// Offers unsaved work again at the next start.
+    RestoreLater,
+    /// Shows a problem.
+    Report(String),
+    /// Closes the message about a problem.
+    CloseProblem,
+    /// Closes the open dialog.
+    CloseDialog,
+}
+
+impl Action {
+    /// Makes an edit of the document.
+    pub(crate) fn edit(change: impl FnOnce(&mut Document) + 'static) -> Self {
+        Self::Edit(Box::new(change))
+    }
+
+    /// Makes a change of the preferences, which are saved afterwards.
+    pub(crate) fn prefer(change: impl FnOnce(&mut Preferences) + 'static) -> Self {
+        Self::Prefer(Box::new(change))
+    }
+}
+
+impl Shared {
+    /// Carries out an action.
+    pub(crate) fn act(&mut self, action: Action, ctx: &Context) {
+        let now = ctx.input(|i| i.time);
+        match action {
+            Action::Run(command) => self.run(command.into(), ctx),
+            Action::Edit(change) => change(&mut self.document),
+            Action::AddPrompt(text) => self.add_prompt(&text),
+            Action::Type { text, is_focused } => {
+                (self.prompt_box.text, self.prompt_box.is_focused) = (text, is_focused);
+                self.prompt_box.wants_focus = false;
+            }
+            Action::GoTo(frame) => {
+                self.playback.pause();
+                self.playback.seek(frame, now);
+            }
+            Action::Scrub(frame) => {
+                self.playback.pause();
+                self.playback.seek(frame, now);
+                self.viewport.is_moving = true;
+            }
+            Action::Look { look, is_moving } => {
+                self.document.look = look;
+                self.viewport.is_moving |= is_moving;
+            }
+            Action::Place(panes) => self.viewport.panes = panes,
+            Action::Wipe(share) => self.viewport.wipe = share,
+            Action::Probe(point) => self.viewport.probe = point,
+            Action::Open(path) => self.open_path(&path, ctx),
+            Action::Prefer(change) => {
+                change(&mut self.preferences);
+                self.preferences.save();
+            }
+            Action::ChooseKey(command, key) => {
+                keys::choose(&mut self.preferences.keys, command, key);
+                self.preferences.save();
+            }
+            Action::Train(request) => self.start_training(request, ctx),
+            Action::ForgetFinished => self.reconstruction.finished = None,
+            Action::FlipMasks => self.flip_masks(ctx),
+            Action::Restore => {
+                if let Some(session) = self.saving.autosave.restore() {
+                    self.open_session(session, None, ctx);
+                }
+            }
+            Action::Discard => self.saving.autosave.discard(),
+            Action::RestoreLater => self.saving.is_recovery_put_off = true,
+            Action::Report(problem) => self.problem = Some(problem),
+            Action::CloseProblem => self.problem = None,
+            Action::CloseDialog => self.dialog = None,
+        }
+    }
+}

@@ -1,0 +1,136 @@
+//! Implementation of the window's [`Backend`] by the real engine.
+
+mod info;
+mod recording;
+mod scene;
+mod training;
+
+use crate::viewer::backend::{
+    Backend, Checked, DEFAULT_STEPS, Demo, ExportRequest, ExportSummary, FrameSource, TrainNews,
+    TrainRequest, task::TaskContext,
+};
+use crate::{
+    engine::{Engine, EngineOptions, Question},
+    evaluation::{self, Evaluation},
+    jobs::{self, DemoPaths, Material},
+    memory::{Work, require_for},
+    outputs,
+};
+use recording::RecordingSource;
+use scene::SceneSource;
+use std::path::{Path, PathBuf};
+use surgtpgs_core::{
+    Result,
+    demo::{self, DemoSettings},
+    export::{ExportOptions, ExportPrompt, Source},
+    files::{Inputs, claim_collection},
+    relevancy::RelevancySettings,
+    scene::Scene,
+    sequence::{self, Sequence},
+};
+
+/// Opens, exports and trains with the program's own engine.
+pub(crate) struct EngineBackend;
+
+impl Backend for EngineBackend {
+    fn open(&self, path: &Path) -> Result<Box<dyn FrameSource>> {
+        if Scene::is_named_like_one(path) {
+            let engine = Engine::open(path, EngineOptions::default())?;
+            let recording = engine.sequence().map(|s| s.path().to_owned());
+            Ok(Box::new(SceneSource::new(engine, path.to_owned(), recording)))
+        } else {
+            let material = Material::open(path)?;
+            require_for(&Work::Reading(material.sequence()))?;
+            Ok(Box::new(RecordingSource::new(&material, path.to_owned())))
+        }
+    }
+
+    fn check(&self, path: &Path, task: &TaskContext) -> Result<Checked> {
+        let material = Material::open(path)?;
+        let sequence = material.sequence();
+        let report = sequence::check(sequence, &mut |done, total| {
+            task.progress("checking", done, total, String::new())
+        });
+        Ok(Checked { report, can_flip: sequence.has_mask_files() })
+    }
+
+    fn flip_masks(&self, path: &Path) -> Result<PathBuf> {
+        Material::open(path)?.sequence().flip_masks()
+    }
+
+    fn demo(&self, folder: &Path, task: &TaskContext<Box<dyn FrameSource>>) -> Result<Demo> {
+        let paths = DemoPaths::under(folder);
+        if paths.scene.is_file() {
+            return Ok(Demo { path: paths.scene, train: None });
+        }
+        if Sequence::open(&paths.recording).is_err() {
+            claim_collection(folder, outputs::DEMO, &Inputs::none())?;
+            let settings = DemoSettings::default();
+            task.update(Box::new(RecordingSource::of_demo(demo::Demo::new(&settings)?, &paths.recording)));
+            jobs::record_demo(&settings, &paths.recording, true, &mut |done, total| {
+                task.progress("recording the demo", done, total, String::new());
+            })?;
+        }
+        let train = TrainRequest {
+            recording: paths.recording.clone(),
+            scene: paths.scene,
+            iterations: DEFAULT_STEPS,
+            excluded: Vec::new(),
+        };
+        Ok(Demo { path: paths.recording, train: Some(train) })
+    }
+
+    fn export(&self, request: &ExportRequest, task: &TaskContext) -> Result<ExportSummary> {
+        let relevancy = RelevancySettings {
+            phrases: request.negatives.phrases.clone(),
+            class_negatives: request.negatives.uses_classes,
+            ..Default::default()
+        };
+        let options = EngineOptions { relevancy, ..Default::default() };
+        let mut engine = Engine::open(&request.scene, options)?;
+        let questions: Vec<Question> = request.prompts.iter().map(|p| p.question.clone()).collect();
+        engine.set_questions(&questions)?;
+        let chosen = |(mut prompt, wanted): (ExportPrompt, &crate::viewer::backend::ExportPrompt)| {
+            (prompt.threshold, prompt.colour) = (wanted.threshold, wanted.colour);
+            prompt.is_instrument = wanted.is_instrument;
+            prompt
+        };
+        let prompts = jobs::export_prompts(&engine).into_iter().zip(&request.prompts).map(chosen).collect();
+        let options = ExportOptions {
+            formats: request.formats.clone(),
+            source: if request.from_original { Source::Original } else { Source::Reconstruction },
+            exclusive: request.is_exclusive,
+            look: request.look,
+            clean_up: request.clean_up,
+            ..Default::default()
+        };
+        let asked = jobs::ExportRequest {
+            scene: &request.scene,
+            folder: &request.folder,
+            frames: request.frames(),
+            prompts,
+            options,
+            replace: false,
+            completes_same: true,
+        };
+        let done = jobs::export(&mut engine, asked, &mut |p| task.follow(p))?;
+        Ok(ExportSummary {
+            is_complete: done.complete,
+            num_files: done.files,
+            folder: request.folder.clone(),
+        })
+    }
+
+    fn evaluate(&self, scene: &Path, task: &TaskContext) -> Result<Evaluation> {
+        let mut engine = Engine::open(scene, EngineOptions::default())?;
+        evaluation::evaluate(&mut engine, None, &mut |p| task.follow(p))
+    }
+
+    fn available_bytes(&self) -> Option<u64> {
+        crate::memory::available_bytes()
+    }
+
+    fn reconstruct(&self, request: &TrainRequest, task: &TaskContext<TrainNews>) -> Result<PathBuf> {
+        training::reconstruct(request, task)
+    }
+}

@@ -1,0 +1,206 @@
+//! A scene as the window's source of pictures.
+
+use super::info::{examples, output_folder};
+use crate::engine::{self, Ask, Engine, Motion, Question, Sample};
+use crate::viewer::{
+    backend::{FrameSource, FrameView, Info, Lens, Rendering, orbit::Orbit},
+    text::thousands,
+};
+use image::RgbImage;
+use std::{path::PathBuf, sync::Arc};
+use surgtpgs_core::{
+    Error, Result,
+    files::full_path,
+    grid::{Grid, Mask},
+    raster::FrameClock,
+    sequence::Sequence,
+};
+use surgtpgs_render::Wanted;
+
+/// Request for depth and scores without pictures.
+const VALUES: Wanted = Wanted { pictures: false, values: true };
+/// A scene, with its recording if that is still there.
+pub(super) struct SceneSource {
+    engine: Engine,
+    info: Info,
+    /// Distance to the point that the endoscope looks at, scene units. Views turn around this point.
+    pivot_depth: f32,
+    /// Depth of the endoscope's own view, for the view that was turned last.
+    home_depth: Option<(FrameView, Arc<Grid<f32>>)>,
+}
+
+impl SceneSource {
+    pub(super) fn new(engine: Engine, path: PathBuf, recording: Option<PathBuf>) -> Self {
+        let scene = engine.scene();
+        let size = scene.cameras.first().map_or((0, 0), |c| (c.width as usize, c.height as usize));
+        let moves =
+            |c: &surgtpgs_core::camera::Camera| c.camera_from_world != scene.cameras[0].camera_from_world;
+        let count = format!("{} Gaussians", thousands(scene.gaussians.len()));
+        let mut notes = vec![(count, "What the reconstruction is made of.".to_owned())];
+        if !scene.provenance.held_out {
+            let why = "No frame was held out, so none is left to test the reconstruction on.";
+            notes.push(("trained on all frames".to_owned(), why.to_owned()));
+        }
+        let identity = engine.sequence().map(Sequence::outline).or(scene.provenance.identity.as_ref());
+        let sequence = engine.sequence().map_or(&*scene.provenance.sequence_path, Sequence::path);
+        let sequence = full_path(sequence);
+        let info = Info {
+            name: scene.provenance.sequence_name.clone(),
+            output_folder: output_folder(&path),
+            path,
+            recording,
+            sequence: Some(sequence).filter(|p| !p.as_os_str().is_empty()),
+            frames_sha256: identity.map(|identity| identity.outline_digest()),
+            num_frames: scene.num_frames(),
+            width: size.0,
+            height: size.1,
+            frames_per_second: scene.provenance.frames_per_second,
+            camera_moves: scene.cameras.iter().any(moves),
+            lens: scene.cameras.first().map(|c| Lens { fx: c.fx, fy: c.fy, cx: c.cx, cy: c.cy }),
+            has_original: engine.sequence().is_some(),
+            original_missing: engine.recording_missing().map(str::to_owned),
+            has_reconstruction: true,
+            has_features: scene.codec.is_some(),
+            has_labels: engine.sequence().is_some_and(|s| !s.classes().is_empty()),
+            example_prompts: examples(scene.classes.iter().map(|(class, _)| class.name.as_str())),
+            renderer: engine.renderer_name(),
+            notes,
+        };
+        Self { engine, info, pivot_depth: 1.0, home_depth: None }
+    }
+
+    fn engine_view(&mut self, view: &FrameView) -> Result<engine::View> {
+        let recorded = self.engine.view(view.frame)?;
+        let full = if view.orbit.is_home() {
+            recorded
+        } else {
+            engine::View::free(recorded.time, view.orbit.apply(&recorded.camera, self.pivot_depth))
+        };
+        let half = |n: u32| (n / 2).max(1);
+        Ok(if view.is_preview {
+            full.resized(half(full.camera.width), half(full.camera.height))
+        } else {
+            full
+        })
+    }
+
+    /// Returns the depth of the endoscope's own view on the frame of a turned view, at the size of the turned
+    /// view. Empty if `view` is the endoscope's own.
+    fn recorded_depth(&mut self, view: &FrameView) -> Result<Arc<Grid<f32>>> {
+        if view.orbit.is_home() {
+            return Ok(Arc::default());
+        }
+        let home = FrameView { orbit: Orbit::default(), ..*view };
+        if let Some((_, depth)) = self.home_depth.as_ref().filter(|(of, _)| *of == home) {
+            return Ok(depth.clone());
+        }
+        let engine_view = self.engine_view(&home)?;
+        let shown = self.engine.show(&engine_view, Ask::Nothing, VALUES)?;
+        let depth = Arc::new(shown.depth.unwrap_or_default());
+        self.home_depth = Some((home, depth.clone()));
+        Ok(depth)
+    }
+
+    /// Returns the scores of several questions; fails if one of them cannot be asked.
+    fn ask(&mut self, view: &engine::View, questions: &[Question]) -> Result<Vec<Grid<f32>>> {
+        self.engine.set_questions(questions)?;
+        Ok(self.engine.show(view, Ask::Now(None), VALUES)?.scores)
+    }
+}
+
+impl FrameSource for SceneSource {
+    fn info(&self) -> &Info {
+        &self.info
+    }
+
+    fn original(&mut self, frame: usize) -> Result<RgbImage> {
+        let missing =
+            || Error::input("the recorded frames are not at hand", "Put the recording where it was.");
+        self.engine.original(frame)?.ok_or_else(missing)
+    }
+
+    fn instruments(&mut self, frame: usize) -> Result<Option<Mask>> {
+        self.engine.instruments(frame)
+    }
+
+    fn render(&mut self, view: &FrameView, with_features: bool) -> Result<Rendering> {
+        let engine_view = self.engine_view(view)?;
+        let recorded_depth = self.recorded_depth(view)?;
+        let ask = if with_features { Ask::Later } else { Ask::Nothing };
+        let shown = self.engine.show(&engine_view, ask, Wanted { pictures: true, values: true })?;
+        let missing = || Error::input("the picture did not come back", "");
+        let colour = shown.picture.ok_or_else(missing)?;
+        let depth = shown.depth.ok_or_else(missing)?;
+        let unseen = if view.orbit.is_home() {
+            self.pivot_depth = middle_depth(&depth).unwrap_or(self.pivot_depth);
+            None
+        } else {
+            Some(self.engine.unseen(&engine_view, &depth, view.frame, &recorded_depth)?)
+        };
+        Ok(Rendering { colour, depth, unseen })
+    }
+
+    fn motion(&mut self, view: &FrameView) -> Result<(Grid<f32>, String)> {
+        let view = self.engine_view(view)?;
+        let Motion { travel_px, num_moving, num_gaussians } = self.engine.motion(&view);
+        let [moving, all] = [num_moving, num_gaussians].map(thousands);
+        Ok((travel_px, format!("{moving} of {all} Gaussians move by a pixel or more")))
+    }
+
+    fn opacity(&mut self, view: &FrameView) -> Result<Grid<f32>> {
+        let view = self.engine_view(view)?;
+        self.engine.opacity(&view)
+    }
+
+    fn scores(&mut self, view: &FrameView, questions: &[Question]) -> Vec<Result<Grid<f32>>> {
+        let view = match self.engine_view(view) {
+            Ok(view) => view,
+            Err(e) => return questions.iter().map(|_| Err(Error::input(e.to_string(), ""))).collect(),
+        };
+        if let Ok(scores) = self.ask(&view, questions) {
+            return scores.into_iter().map(Ok).collect();
+        }
+        // One by one, so that words that cannot be read fail alone.
+        let one = |question: &Question| {
+            let missing = || Error::input("there is no score for these words", "");
+            self.ask(&view, std::slice::from_ref(question)).and_then(|mut s| s.pop().ok_or_else(missing))
+        };
+        questions.iter().map(one).collect()
+    }
+
+    fn sample(&mut self, view: &FrameView, point: [f32; 2]) -> Result<Option<Sample>> {
+        let view = self.engine_view(view)?;
+        let [x, y] = [(point[0], view.camera.width), (point[1], view.camera.height)]
+            .map(|(share, n)| ((share * n as f32) as usize).min(n.saturating_sub(1) as usize));
+        self.engine.sample(&view, [x, y])
+    }
+
+    fn clock(&self) -> FrameClock {
+        self.engine.clock().clone()
+    }
+}
+
+/// Returns the median depth in the middle of the picture.
+fn middle_depth(depth: &Grid<f32>) -> Option<f32> {
+    let rows = depth.height / 3..(2 * depth.height).div_ceil(3);
+    let columns = depth.width / 3..(2 * depth.width).div_ceil(3);
+    let mut depths: Vec<f32> =
+        rows.flat_map(|y| depth.row(y)[columns.clone()].iter().copied()).filter(|d| *d > 0.0).collect();
+    let middle = depths.len() / 2;
+    (!depths.is_empty()).then(|| *depths.select_nth_unstable_by(middle, f32::total_cmp).1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_pivot_is_what_the_middle_of_the_picture_shows() {
+        let mut depth = Grid::filled(9, 9, 10.0);
+        (0..9).for_each(|x| depth.set(x, 4, 50.0));
+        assert_eq!(middle_depth(&depth), Some(10.0));
+        assert_eq!(middle_depth(&Grid::filled(9, 9, 0.0)), None);
+        assert_eq!(middle_depth(&Grid::filled(0, 0, 0.0)), None);
+        assert_eq!(middle_depth(&Grid::filled(1, 1, 3.0)), Some(3.0));
+    }
+}

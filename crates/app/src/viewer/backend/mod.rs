@@ -1,0 +1,265 @@
+//! The interface between the window and everything that computes: traits for everything the window asks for.
+//!
+//! [`engine`] implements them with the real engine; tests implement them with a small fake.
+
+pub(crate) mod engine;
+pub(crate) mod orbit;
+pub(crate) mod ranges;
+pub(crate) mod task;
+
+use crate::{
+    engine::{Negatives, Question, Sample},
+    evaluation::Evaluation,
+};
+use image::RgbImage;
+use orbit::{MAX_MOVING_DEGREES, MAX_STILL_DEGREES, Orbit};
+use ranges::included;
+use std::path::{Path, PathBuf};
+use surgtpgs_core::{
+    Result,
+    export::{Format, num_files},
+    grid::{Grid, Mask},
+    mask::CleanUp,
+    overlay::OverlayLook,
+    raster::FrameClock,
+    sequence::Report,
+    train::LossTerms,
+};
+use task::TaskContext;
+
+/// A pinhole camera, in pixels of the full picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Lens {
+    pub(crate) fx: f32,
+    pub(crate) fy: f32,
+    pub(crate) cx: f32,
+    pub(crate) cy: f32,
+}
+
+/// Facts about a scene or a recording that are known as soon as it is open.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Info {
+    /// Name for titles.
+    pub(crate) name: String,
+    /// Path that was opened.
+    pub(crate) path: PathBuf,
+    /// Recording or prepared folder from which a reconstruction is made; `None` where it is not at hand.
+    pub(crate) recording: Option<PathBuf>,
+    /// Path of the recorded frames, with links resolved; they may be gone. It is the same for everything made
+    /// of one recording.
+    pub(crate) sequence: Option<PathBuf>,
+    /// Hash of the names and sizes of the recording's frames; `None` where they are not known.
+    pub(crate) frames_sha256: Option<String>,
+    pub(crate) num_frames: usize,
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    pub(crate) frames_per_second: Option<f32>,
+    pub(crate) camera_moves: bool,
+    /// Optics of the camera, for lengths in space.
+    pub(crate) lens: Option<Lens>,
+    /// `true` if recorded frames can be shown.
+    pub(crate) has_original: bool,
+    /// Reason why recorded frames cannot be shown, in a sentence.
+    pub(crate) original_missing: Option<String>,
+    /// `true` if there is a reconstruction to render.
+    pub(crate) has_reconstruction: bool,
+    /// `true` if prompts can be asked.
+    pub(crate) has_features: bool,
+    /// `true` if the recording has class labels, from which features can be made.
+    pub(crate) has_labels: bool,
+    /// Examples of prompts, e.g. the class names.
+    pub(crate) example_prompts: Vec<String>,
+    /// Name of the renderer, e.g. "CPU, 2 threads".
+    pub(crate) renderer: String,
+    /// Notes about this scene that the user should know, a few words and a sentence each.
+    pub(crate) notes: Vec<(String, String)>,
+    /// Folder that can be written to, for files made of the scene or recording.
+    pub(crate) output_folder: PathBuf,
+}
+
+impl Info {
+    /// Returns `true` if both are of one recording. If that is not known, name and length are compared.
+    pub(crate) fn is_same_recording(&self, other: &Self) -> bool {
+        match (&self.sequence, &other.sequence) {
+            (Some(mine), Some(theirs)) => mine == theirs,
+            _ => (&self.name, self.num_frames) == (&other.name, other.num_frames),
+        }
+    }
+
+    /// Returns the largest rotation of the view away from the endoscope's, degrees.
+    pub(crate) fn orbit_limit(&self) -> f32 {
+        if self.camera_moves { MAX_MOVING_DEGREES } else { MAX_STILL_DEGREES }
+    }
+}
+
+/// A view to render.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct FrameView {
+    pub(crate) frame: usize,
+    pub(crate) orbit: Orbit,
+    /// `true` for half the width and height, while something moves.
+    pub(crate) is_preview: bool,
+}
+
+/// A rendered view.
+#[derive(Clone, Debug)]
+pub(crate) struct Rendering {
+    pub(crate) colour: RgbImage,
+    /// Depth in scene units; 0 where there is nothing.
+    pub(crate) depth: Grid<f32>,
+    /// Mask of the pixels that the endoscope did not see; `None` for the endoscope's own view.
+    pub(crate) unseen: Option<Mask>,
+}
+
+/// An open scene or recording. A worker thread owns it.
+pub(crate) trait FrameSource: Send {
+    fn info(&self) -> &Info;
+    /// Returns the frame as it was recorded.
+    fn original(&mut self, frame: usize) -> Result<RgbImage>;
+    /// Returns the mask of instruments on the recorded frame; `None` where it is not known.
+    fn instruments(&mut self, _: usize) -> Result<Option<Mask>> {
+        Ok(None)
+    }
+    /// Renders a view; `with_features` promises that [`FrameSource::scores`] of this view will follow.
+    fn render(&mut self, view: &FrameView, with_features: bool) -> Result<Rendering>;
+    /// Returns one score image per question, in the view that was rendered last and of its size. An error
+    /// concerns its question alone.
+    fn scores(&mut self, view: &FrameView, questions: &[Question]) -> Vec<Result<Grid<f32>>>;
+    /// Returns the distances that the contents of a view move over the recording, px, not a number where
+    /// nothing is, and a description in words of what moves.
+    fn motion(&mut self, view: &FrameView) -> Result<(Grid<f32>, String)>;
+    /// Returns the opacity of a view, 0–1.
+    fn opacity(&mut self, view: &FrameView) -> Result<Grid<f32>>;
+    /// Returns the sample at a point of a view, the point as share of width and height; `None` where nothing
+    /// was reconstructed.
+    fn sample(&mut self, _: &FrameView, _: [f32; 2]) -> Result<Option<Sample>> {
+        Ok(None)
+    }
+    /// Returns `true` if views may be requested before anybody wants to see them.
+    fn prepares_ahead(&self) -> bool {
+        true
+    }
+    /// Returns the number of times that each pass of a frame has run so far.
+    fn clock(&self) -> FrameClock {
+        FrameClock::default()
+    }
+}
+
+/// Opens, exports and trains. All methods run on worker threads and take as long as they need.
+pub(crate) trait Backend: Send + Sync {
+    fn open(&self, path: &Path) -> Result<Box<dyn FrameSource>>;
+    /// Reads a whole recording and reports its contents.
+    fn check(&self, path: &Path, task: &TaskContext) -> Result<Checked>;
+    /// Inverts which side of a recording's masks is kept.
+    fn flip_masks(&self, path: &Path) -> Result<PathBuf>;
+    /// Makes sure that the built-in demo is under `folder`: its scene, or at least its recording.
+    fn demo(&self, folder: &Path, task: &TaskContext<Box<dyn FrameSource>>) -> Result<Demo>;
+    /// Exports files. After a cancellation, finished files stay and the same request continues from there.
+    fn export(&self, request: &ExportRequest, task: &TaskContext) -> Result<ExportSummary>;
+    /// Compares a scene with its recording: pictures, depth and the masks of its classes.
+    fn evaluate(&self, scene: &Path, task: &TaskContext) -> Result<Evaluation>;
+    /// Returns the available memory, bytes; `None` where the system does not tell.
+    fn available_bytes(&self) -> Option<u64> {
+        None
+    }
+    /// Trains and saves a scene. After a cancellation, the scene learned so far is still saved and returned.
+    fn reconstruct(&self, request: &TrainRequest, task: &TaskContext<TrainNews>) -> Result<PathBuf>;
+}
+
+/// News from a running training.
+pub(crate) enum TrainNews {
+    /// An intermediate state that can be looked at.
+    Preview(Box<dyn FrameSource>),
+    /// A step and its loss.
+    Step(usize, LossTerms<f32>),
+}
+
+/// Result of the check of a recording.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Checked {
+    pub(crate) report: Report,
+    /// `true` if the masks can be inverted.
+    pub(crate) can_flip: bool,
+}
+
+/// One prompt of an export.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct ExportPrompt {
+    pub(crate) question: Question,
+    pub(crate) threshold: f32,
+    pub(crate) colour: [u8; 3],
+    pub(crate) is_instrument: bool,
+}
+
+/// Everything that an export depends on.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct ExportRequest {
+    pub(crate) scene: PathBuf,
+    pub(crate) folder: PathBuf,
+    pub(crate) formats: Vec<Format>,
+    /// First and last frame.
+    pub(crate) frames: (usize, usize),
+    /// Ranges of frames that are left out.
+    pub(crate) excluded: Vec<(usize, usize)>,
+    /// `true` to draw on recorded frames, `false` to draw on rendered ones.
+    pub(crate) from_original: bool,
+    pub(crate) prompts: Vec<ExportPrompt>,
+    /// Negatives of prompts without exceptions of their own.
+    pub(crate) negatives: Negatives,
+    /// `true` if every pixel belongs to at most one prompt.
+    pub(crate) is_exclusive: bool,
+    /// Style of the overlays.
+    pub(crate) look: OverlayLook,
+    /// Clean-up of masks.
+    pub(crate) clean_up: CleanUp,
+}
+
+impl ExportRequest {
+    /// Returns the number of files to write, without the record and the names of labels.
+    pub(crate) fn num_files(&self) -> usize {
+        num_files(&self.formats, self.frames().len(), self.prompts.len())
+    }
+
+    /// Returns the frames that are exported.
+    pub(crate) fn frames(&self) -> Vec<usize> {
+        included(self.frames, &self.excluded)
+    }
+
+    /// Returns `true` if a format needs consecutive frames, but the frames have gaps.
+    pub(crate) fn has_gaps(&self) -> bool {
+        let frames = self.frames();
+        self.formats.iter().any(|f| f.is_series()) && frames.windows(2).any(|pair| pair[0] + 1 != pair[1])
+    }
+}
+
+/// The built-in demo.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Demo {
+    /// Path to open.
+    pub(crate) path: PathBuf,
+    /// Training that makes the scene, if there is none yet.
+    pub(crate) train: Option<TrainRequest>,
+}
+
+/// Result of an export.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct ExportSummary {
+    /// `true` if all requested frames are there.
+    pub(crate) is_complete: bool,
+    pub(crate) num_files: usize,
+    pub(crate) folder: PathBuf,
+}
+
+/// Default number of optimiser steps.
+pub(crate) const DEFAULT_STEPS: usize = 3000;
+
+/// Everything that training depends on.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct TrainRequest {
+    pub(crate) recording: PathBuf,
+    /// The scene file to write.
+    pub(crate) scene: PathBuf,
+    pub(crate) iterations: usize,
+    /// Ranges of frames that are not trained on.
+    pub(crate) excluded: Vec<(usize, usize)>,
+}

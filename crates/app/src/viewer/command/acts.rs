@@ -1,0 +1,134 @@
+//! Conditions and actions that several commands share, or that do not fit their rows.
+
+use crate::viewer::{
+    picture::areas::{self, Curve},
+    shared::Shared,
+    state::view_mode::ViewMode,
+};
+use egui::{Context, ViewportCommand};
+
+/// Circumstances in which a command is carried out.
+pub(super) struct Given<'a> {
+    /// Index of the command's key that was pressed.
+    pub(super) index: usize,
+    pub(super) ctx: &'a Context,
+    /// Time by the window's clock, seconds.
+    pub(super) now: f64,
+    /// `true` while the key of [`Command::Stop`](super::Command::Stop) is down.
+    pub(super) is_stop_down: bool,
+}
+
+pub(super) fn always(_: &Shared) -> bool {
+    true
+}
+
+pub(super) fn is_open(shared: &Shared) -> bool {
+    shared.open.is_some()
+}
+
+pub(super) fn has_features(shared: &Shared) -> bool {
+    shared.info().is_some_and(|i| i.has_features)
+}
+
+pub(super) fn has_reconstruction(shared: &Shared) -> bool {
+    shared.info().is_some_and(|i| i.has_reconstruction)
+}
+
+/// Returns `true` if recorded and reconstructed frames are at hand.
+pub(super) fn can_compare(shared: &Shared) -> bool {
+    shared.info().is_some_and(|i| i.has_reconstruction && i.has_original)
+}
+
+/// Returns `true` unless a file dialog is open.
+pub(super) fn can_pick(shared: &Shared) -> bool {
+    shared.opening.picking.is_none()
+}
+
+pub(super) fn can_reconstruct(shared: &Shared) -> bool {
+    let is_busy = shared.reconstruction.training.is_some() || shared.opening.is_making_demo();
+    let is_at_hand = shared.info().is_some_and(|i| i.recording.is_some());
+    is_at_hand && !is_busy && !shared.reconstruction.would_be_wrong()
+}
+
+/// Returns `true` if the areas of the selected prompt are known on every frame.
+pub(super) fn is_counted(shared: &Shared) -> bool {
+    shared.selected_curve().is_some_and(|curve| curve.is_complete())
+}
+
+/// Dismisses one thing, the topmost.
+pub(super) fn dismiss(shared: &mut Shared) {
+    if shared.problem.take().is_none() && shared.viewport.probe.take().is_none() {
+        shared.viewport.has_ruler = false;
+    }
+}
+
+pub(super) fn full_screen(ctx: &Context) {
+    let is_full = ctx.input(|i| i.viewport().fullscreen.unwrap_or(false));
+    ctx.send_viewport_cmd(ViewportCommand::Fullscreen(!is_full));
+}
+
+/// Shows a view; if it is shown already, shows the reconstruction.
+pub(super) fn switch(shared: &mut Shared, mode: ViewMode) {
+    let is_shown = shared.document.mode == mode;
+    shared.document.mode = if is_shown { ViewMode::Reconstruction } else { mode };
+}
+
+/// Plays in a direction (1 or −1). As on a video deck, makes single steps while the stop key is held down.
+pub(super) fn shuttle(shared: &mut Shared, given: &Given<'_>, direction: isize) {
+    if given.is_stop_down {
+        shared.playback.step(direction);
+    } else {
+        shared.playback.shuttle(direction as f64, given.now);
+    }
+}
+
+/// Leaves the range that plays, or the present frame, out of everything, or takes it back in.
+pub(super) fn exclude(shared: &mut Shared) {
+    let frame = shared.playback.frame();
+    let (from, to) = shared.document.content().range.unwrap_or((frame, frame));
+    shared.document.toggle_excluded(from, to);
+}
+
+pub(super) fn go_to_found(shared: &mut Shared, given: &Given<'_>, which: fn(&Curve) -> Option<usize>) {
+    if let Some(frame) = shared.selected_curve().as_ref().and_then(which) {
+        shared.playback.pause();
+        shared.playback.seek(frame, given.now);
+    }
+}
+
+pub(super) fn go_to_bookmark(shared: &mut Shared, given: &Given<'_>, direction: isize) {
+    if let Some(frame) = shared.document.bookmark_beside(shared.playback.frame(), direction) {
+        shared.playback.pause();
+        shared.playback.seek(frame, given.now);
+    }
+}
+
+/// Copies the areas of all visible prompts as a table.
+pub(super) fn copy_areas(shared: &mut Shared, ctx: &Context) {
+    let curves = shared.curves();
+    let rows = curves.iter().map(|(_, p, c)| (p.text.as_str(), p.threshold, c.clone()));
+    ctx.copy_text(areas::csv(rows, |frame| shared.playback.seconds(frame)));
+}
+
+/// Turns the view around the point under the pointer from now on.
+pub(super) fn centre_orbit(shared: &mut Shared, given: &Given<'_>) {
+    let pointer = given.ctx.input(|i| i.pointer.hover_pos());
+    if let Some(pivot) = pointer.and_then(|at| point_in_space(shared, at)) {
+        shared.document.look.orbit.pivot = Some(pivot);
+    }
+}
+
+/// Returns the point in space under a place on the screen, in the endoscope's axes; `None` where there is no
+/// recorded depth.
+fn point_in_space(shared: &Shared, at: egui::Pos2) -> Option<[f32; 3]> {
+    let [u, v] = shared.viewport.panes.picture_position(at)?;
+    let (info, picture) = (shared.info()?, shared.picture()?);
+    let (depth, lens) = (picture.depth_values.as_ref()?, info.lens?);
+    let index = |share: f32, n: usize| ((share * n as f32) as usize).min(n.saturating_sub(1));
+    let is_recorded = picture.request.view.orbit.is_home() && !depth.data.is_empty();
+    let z = if is_recorded { depth.at(index(u, depth.width), index(v, depth.height)) } else { 0.0 };
+    let on_axis = |share: f32, n: usize, c: f32, f: f32| (share * n as f32 - c) / f * z;
+    let x = on_axis(u, info.width, lens.cx, lens.fx);
+    let y = on_axis(v, info.height, lens.cy, lens.fy);
+    (z > 0.0).then_some([x, y, z])
+}

@@ -1,0 +1,82 @@
+//! The dialog about what prompts are compared with: generic phrases, and the recording's other classes.
+
+use crate::viewer::{
+    action::Action,
+    panels::widgets::{Icon, caption, dialog, icon_button, main_button},
+    shared::{Dialog, Shared},
+    theme,
+};
+use egui::{Context, Key, RichText, TextEdit, Ui};
+
+/// The dialog with the generic phrases.
+#[derive(Default)]
+pub(crate) struct ComparisonDialog {
+    /// Phrase being typed.
+    typed: String,
+}
+
+impl ComparisonDialog {
+    /// Shows the dialog, if it is open.
+    pub(crate) fn ui(&mut self, ctx: &Context, shared: &Shared, actions: &mut Vec<Action>) {
+        if shared.dialog != Some(Dialog::Comparison) {
+            self.typed.clear();
+            return;
+        }
+        let (is_done, is_closed) = dialog(ctx, "comparison", 460.0, |ui| {
+            ui.heading("What prompts are compared with");
+            ui.label(caption(
+            "A pixel's similarity score says how much closer it is to your words than to the closest of these. \
+             Switch one off to see what it does. A prompt's own exceptions are in its menu, under \"But not\".",
+        ));
+            ui.add_space(6.0);
+            phrases_ui(ui, shared, actions);
+            let field = ui.add(
+                TextEdit::singleline(&mut self.typed)
+                    .hint_text("Another phrase")
+                    .desired_width(f32::INFINITY),
+            );
+            field.ctx.accesskit_node_builder(field.id, |node| node.set_label("Another phrase"));
+            if field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter)) {
+                let phrase = std::mem::take(&mut self.typed);
+                actions.push(Action::edit(move |d| d.add_phrase(&phrase)));
+            }
+            let mut uses_classes = shared.document.comparison().uses_classes;
+            if ui.checkbox(&mut uses_classes, "The recording's other classes as well").changed() {
+                actions.push(Action::edit(move |d| d.set_uses_classes(uses_classes)));
+            }
+            if !shared.document.comparison().phrases.iter().any(|p| p.is_on) {
+                let text = "Without any phrase, scores are no longer comparable with other recordings.";
+                ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
+            }
+            ui.add_space(10.0);
+            ui.horizontal(|ui| {
+                if ui.button("Standard phrases").clicked() {
+                    actions.push(Action::edit(move |d| d.reset_comparison()));
+                }
+                ui.add(main_button("Close")).clicked()
+            })
+            .inner
+        });
+        if is_done || is_closed {
+            actions.push(Action::CloseDialog);
+        }
+    }
+}
+
+fn phrases_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    for (index, phrase) in shared.document.comparison().phrases.iter().enumerate() {
+        ui.horizontal(|ui| {
+            let mut is_on = phrase.is_on;
+            if ui.checkbox(&mut is_on, &phrase.text).changed() {
+                actions.push(Action::edit(move |d| d.toggle_phrase(index)));
+            }
+            ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+                let name = format!("Remove {}", phrase.text);
+                let tip = "Remove this phrase (undo brings it back)";
+                if icon_button(ui, Icon::Cross, &name, tip, false, true).clicked() {
+                    actions.push(Action::edit(move |d| d.remove_phrase(index)));
+                }
+            });
+        });
+    }
+}

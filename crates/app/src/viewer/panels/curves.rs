@@ -1,0 +1,92 @@
+//! Curves of the area of every visible prompt over time, under the time bar. A click goes to the frame.
+
+use crate::viewer::{picture::areas::Curve, shared::Shared, state::content::Prompt, text::percent, theme};
+use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Shape, Stroke, Ui, pos2};
+
+/// Height of the curves.
+pub(crate) const HEIGHT: f32 = 46.0;
+
+/// Paints the curves; `x` maps a frame to its position. All curves share one scale, from nothing to the
+/// largest area.
+pub(crate) fn paint(
+    ui: &Ui,
+    shared: &Shared,
+    curves: &[(usize, Prompt, Curve)],
+    rect: Rect,
+    x: &dyn Fn(usize) -> f32,
+) {
+    let painter = ui.painter();
+    painter.rect_filled(rect, 4.0, theme::BACKDROP);
+    let top = curves.iter().map(|(.., c)| c.top()).fold(0.0, f32::max);
+    let inner = rect.shrink2(egui::vec2(0.0, 4.0));
+    let y = |share: f32| inner.bottom() - inner.height() * share / top.max(f32::MIN_POSITIVE);
+    for (number, prompt, curve) in curves {
+        let is_selected = shared.document.selected == Some(prompt.id);
+        let colour = theme::colour32(prompt.colour);
+        for part in known_parts(curve, x, &y) {
+            if is_selected {
+                fill(painter, &part, inner.bottom(), colour.gamma_multiply(0.22));
+            }
+            painter.add(Shape::line(part, Stroke::new(if is_selected { 2.0 } else { 1.3 }, colour)));
+        }
+        if let Some(frame) = curve.largest() {
+            number_at(painter, pos2(x(frame), y(curve.top())), rect, *number, prompt.colour);
+        }
+    }
+    let text = match curves.iter().all(|(.., c)| c.is_complete()) {
+        _ if top > 0.0 => percent(top),
+        true => "nothing found".into(),
+        false => "counting…".into(),
+    };
+    let galley = painter.layout_no_wrap(text, FontId::proportional(12.0), theme::TEXT_WEAK);
+    let plate = Align2::RIGHT_TOP.anchor_size(rect.right_top() + egui::vec2(-5.0, 2.0), galley.size());
+    painter.rect_filled(plate.expand(2.0), 3.0, theme::PLATE);
+    painter.galley(plate.min, galley, theme::TEXT_WEAK);
+}
+
+/// Splits a curve into lines over consecutive known frames; a single frame becomes a short line.
+fn known_parts(curve: &Curve, x: &dyn Fn(usize) -> f32, y: &impl Fn(f32) -> f32) -> Vec<Vec<Pos2>> {
+    let mut parts: Vec<Vec<Pos2>> = vec![Vec::new()];
+    for (frame, point) in curve.points.iter().enumerate() {
+        match (point, parts.last_mut()) {
+            (Some(point), Some(part)) => part.push(pos2(x(frame), y(point.share()))),
+            (None, Some(part)) if !part.is_empty() => parts.push(Vec::new()),
+            _ => {}
+        }
+    }
+    parts.retain(|part| !part.is_empty());
+    parts.iter_mut().filter(|p| p.len() == 1).for_each(|p| p.push(p[0] + egui::vec2(1.0, 0.0)));
+    parts
+}
+
+fn fill(painter: &Painter, line: &[Pos2], bottom: f32, colour: Color32) {
+    for pair in line.windows(2) {
+        let corners = vec![pair[0], pair[1], pos2(pair[1].x, bottom), pos2(pair[0].x, bottom)];
+        painter.add(Shape::convex_polygon(corners, colour, Stroke::NONE));
+    }
+}
+
+/// Paints the prompt's number at its largest area, so that colour is not the only difference between curves.
+fn number_at(painter: &Painter, at: Pos2, within: Rect, number: usize, colour: [u8; 3]) {
+    let size = egui::vec2(15.0, 15.0);
+    let room = within.shrink2(size / 2.0);
+    let centre = at.clamp(room.min, room.max);
+    crate::viewer::panels::widgets::swatch(
+        painter,
+        Rect::from_center_size(centre, size),
+        colour,
+        &number.to_string(),
+    );
+}
+
+/// Describes the curves in words.
+pub(crate) fn describe(curves: &[(usize, Prompt, Curve)]) -> String {
+    let one = |(_, prompt, curve): &(usize, Prompt, Curve)| match (curve.largest(), curve.is_complete()) {
+        (_, false) => format!("{}: still being counted", prompt.text),
+        (None, true) => format!("{}: found on no frame", prompt.text),
+        (Some(frame), true) => {
+            format!("{}: largest {} at frame {}", prompt.text, percent(curve.top()), frame + 1)
+        }
+    };
+    format!("Area over time. {}", curves.iter().map(one).collect::<Vec<_>>().join("; "))
+}

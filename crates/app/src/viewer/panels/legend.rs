@@ -1,0 +1,218 @@
+//! Legend of the overlay: one line per prompt, tags at what was found, colour scales.
+
+use crate::viewer::{
+    panels::widgets::{plate, swatch},
+    picture::{
+        difference::{FULL_SCALE, difference_colour},
+        layer_colours::layer_colour,
+        marks::color_image,
+    },
+    shared::Shared,
+    state::{
+        clean_up,
+        content::PREVIEW,
+        view_mode::{Layer, ViewMode},
+    },
+    text::percent,
+    theme,
+};
+use egui::{Align2, Color32, Painter, Rect, TextureOptions, Ui, pos2, vec2};
+use image::RgbImage;
+use surgtpgs_core::{
+    grid::Grid,
+    overlay::{OverlayLook, OverlayPrompt, OverlayStyle, overlay},
+};
+
+/// Shows the legend in the lower left corner and the tags on the pictures.
+pub(crate) fn legend_ui(ui: &mut Ui, shared: &Shared, area: Rect, panes: &[(Rect, Rect)]) {
+    match shared.document.mode {
+        ViewMode::Depth | ViewMode::Motion | ViewMode::Opacity => return layer_scale(ui, shared, area),
+        ViewMode::DepthBeside => {
+            if let Some((pane, picture)) = panes.last() {
+                layer_scale(ui, shared, pane.intersect(*picture));
+            }
+        }
+        ViewMode::Difference => return difference_scale(ui, area),
+        _ => {}
+    }
+    let lines = lines(shared);
+    for (pane, picture) in panes {
+        let painter = ui.painter().with_clip_rect(*pane);
+        lines.iter().for_each(|line| tag(&painter, line, *picture));
+    }
+    let mut top = paint_lines(ui.painter(), &lines, area);
+    if let Some(words) = clean_up::describe(shared.document.content().clean_up).filter(|_| !lines.is_empty())
+    {
+        let at = pos2(area.left() + 8.0, top - 6.0);
+        top = plate(ui.painter(), at, Align2::LEFT_BOTTOM, &words, theme::AMBER).top();
+    }
+    if shared.document.overlay.style == OverlayStyle::Heatmap && !lines.is_empty() {
+        heat_scale(ui, &lines, area.left() + 8.0, top - 8.0);
+    }
+}
+
+struct Line {
+    number: String,
+    text: String,
+    value: String,
+    colour: [u8; 3],
+    anchor: Option<[f32; 2]>,
+}
+
+/// Returns one line per prompt of the shown picture.
+fn lines(shared: &Shared) -> Vec<Line> {
+    let Some(picture) = shared.picture() else { return Vec::new() };
+    let line = |prompt: &crate::viewer::picture::request::AskedPrompt| {
+        let number = shared.document.prompts().iter().position(|p| p.id == prompt.id);
+        let finding = picture.findings.iter().find(|f| f.id == prompt.id);
+        let found = finding.and_then(|f| f.outcome.as_ref().ok());
+        let value = match found {
+            Some(found) if found.area_px > 0 => percent(found.area_fraction),
+            Some(_) => "not found here".into(),
+            None => "no answer".into(),
+        };
+        Line {
+            number: if prompt.id == PREVIEW {
+                String::new()
+            } else {
+                number.map_or(String::new(), |n| (n + 1).to_string())
+            },
+            text: prompt.question.text.clone(),
+            value,
+            colour: prompt.colour,
+            anchor: found.and_then(|f| f.anchor),
+        }
+    };
+    picture.request.prompts.iter().map(line).collect()
+}
+
+/// Paints the number of a prompt on what it found, so that colour is not the only difference between prompts.
+fn tag(painter: &Painter, line: &Line, picture: Rect) {
+    let Some([u, v]) = line.anchor else { return };
+    let at = picture.min + vec2(u, v) * picture.size();
+    let rect = Rect::from_center_size(at, vec2(20.0, 20.0));
+    painter.rect_filled(rect.expand(2.0), 5.0, theme::PLATE);
+    swatch(painter, rect, line.colour, &line.number);
+}
+
+/// Paints the lines from the lower left corner upwards; returns the upper end.
+fn paint_lines(painter: &Painter, lines: &[Line], area: Rect) -> f32 {
+    const HEIGHT: f32 = 24.0;
+    let font = egui::FontId::proportional(14.5);
+    let left_bottom = area.left_bottom() + vec2(8.0, -8.0);
+    if lines.is_empty() {
+        return left_bottom.y;
+    }
+    let texts: Vec<_> = lines
+        .iter()
+        .map(|l| {
+            painter.layout_no_wrap(format!("{}   {}", shortened(&l.text), l.value), font.clone(), theme::TEXT)
+        })
+        .collect();
+    let width = texts.iter().map(|t| t.size().x).fold(0.0, f32::max) + 46.0;
+    let size = vec2(width, HEIGHT * lines.len() as f32 + 8.0);
+    let plate = Rect::from_min_size(left_bottom - vec2(0.0, size.y), size);
+    painter.rect_filled(plate, 6.0, theme::PLATE);
+    for (i, (line, text)) in lines.iter().zip(texts).enumerate() {
+        let y = plate.top() + 4.0 + HEIGHT * (i as f32 + 0.5);
+        let mark = Rect::from_center_size(pos2(plate.left() + 18.0, y), vec2(18.0, 18.0));
+        swatch(painter, mark, line.colour, &line.number);
+        painter.galley(pos2(plate.left() + 35.0, y - text.size().y / 2.0), text, theme::TEXT);
+    }
+    plate.top()
+}
+
+pub(crate) fn shortened(text: &str) -> String {
+    const LONGEST: usize = 40;
+    if text.chars().count() <= LONGEST {
+        text.to_owned()
+    } else {
+        text.chars().take(LONGEST - 1).chain(['…']).collect()
+    }
+}
+
+/// Paints the colour scale of the heatmap, by the code of the heatmap itself, so that they cannot differ.
+fn heat_scale(ui: &Ui, lines: &[Line], left: f32, bottom: f32) {
+    const STEPS: usize = 101;
+    let scores = Grid::from_vec(STEPS, 1, (0..STEPS).map(|i| i as f32 / (STEPS - 1) as f32).collect());
+    let mut top = bottom;
+    for line in lines {
+        let id = egui::Id::unique(("heat scale", line.colour));
+        let texture = ui.ctx().data(|d| d.get_temp::<egui::TextureHandle>(id)).unwrap_or_else(|| {
+            let prompt = OverlayPrompt { scores: &scores, threshold: 2.0, colour: line.colour };
+            let grey = RgbImage::from_pixel(STEPS as u32, 1, image::Rgb([60; 3]));
+            let look = OverlayLook { style: OverlayStyle::Heatmap, opacity: 1.0, ..Default::default() };
+            let ramp = overlay(&grey, &[prompt], look);
+            let texture = ui.ctx().load_texture("heat scale", color_image(&ramp), TextureOptions::LINEAR);
+            ui.ctx().data_mut(|d| d.insert_temp(id, texture.clone()));
+            texture
+        });
+        let rect = Rect::from_min_max(pos2(left, top - 42.0), pos2(left + 180.0, top));
+        scale(
+            ui.painter(),
+            rect,
+            &[("0", 0.0), ("0.5", 0.5), ("1", 1.0)],
+            &format!("similarity score {}", line.number),
+            |bar| {
+                let whole = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
+                ui.painter().image(texture.id(), bar, whole, Color32::WHITE);
+            },
+        );
+        top -= 66.0;
+    }
+}
+
+fn difference_scale(ui: &Ui, area: Rect) {
+    let left_bottom = area.left_bottom() + vec2(8.0, -8.0);
+    let rect = Rect::from_min_max(left_bottom - vec2(0.0, 42.0), left_bottom + vec2(260.0, 0.0));
+    let most = format!("{FULL_SCALE:.0} or more");
+    let ends = [("0", 0.0), (&*most, 1.0)];
+    scale(ui.painter(), rect, &ends, "difference, levels of 255", |bar| {
+        paint_ramp(ui.painter(), bar, difference_colour);
+    });
+}
+
+fn paint_ramp(painter: &Painter, bar: Rect, colour: impl Fn(f32) -> Color32) {
+    for x in 0..bar.width() as usize {
+        let at = bar.left() + x as f32 + 0.5;
+        painter.vline(at, bar.y_range(), (1.5, colour(x as f32 / bar.width())));
+    }
+}
+
+fn layer_scale(ui: &Ui, shared: &Shared, area: Rect) {
+    let Some(pane) = shared.picture().and_then(|p| p.layer.as_ref()) else { return };
+    let (low, high) = pane.range;
+    let left_bottom = area.left_bottom() + vec2(8.0, -8.0);
+    let rect = Rect::from_min_max(left_bottom - vec2(0.0, 42.0), left_bottom + vec2(280.0, 0.0));
+    let (title, ends) = match pane.layer {
+        Layer::Depth => ("depth, scene units", [format!("near {low:.1}"), format!("far {high:.1}")]),
+        Layer::Motion => ("way over the recording, px", ["still".into(), format!("{high:.0} or more")]),
+        Layer::Opacity => ("opacity of the reconstruction", ["0".into(), "1".into()]),
+    };
+    let [first, last] = &ends;
+    scale(ui.painter(), rect, &[(first, 0.0), (last, 1.0)], title, |bar| {
+        paint_ramp(ui.painter(), bar, |share| layer_colour(pane.layer, share));
+    });
+    if !pane.note.is_empty() {
+        let at = rect.left_top() - vec2(0.0, 24.0);
+        plate(ui.painter(), at, Align2::LEFT_BOTTOM, &pane.note, theme::TEXT);
+    }
+}
+
+/// Paints a bar with captions on a dark plate.
+fn scale(painter: &Painter, rect: Rect, captions: &[(&str, f32)], title: &str, paint_bar: impl FnOnce(Rect)) {
+    let font = egui::FontId::proportional(12.5);
+    let title = painter.layout_no_wrap(title.to_owned(), font.clone(), theme::TEXT);
+    let rect = Rect::from_min_max(rect.min - vec2(0.0, title.size().y), rect.max);
+    painter.rect_filled(rect, 6.0, theme::PLATE);
+    let bottom = rect.top() + 5.0 + title.size().y;
+    painter.galley(rect.min + vec2(10.0, 4.0), title, theme::TEXT);
+    let bar =
+        Rect::from_min_max(pos2(rect.left() + 10.0, bottom + 3.0), pos2(rect.right() - 10.0, bottom + 15.0));
+    paint_bar(bar);
+    for (text, share) in captions {
+        let anchor = [Align2::LEFT_TOP, Align2::CENTER_TOP, Align2::RIGHT_TOP][(share * 2.0) as usize];
+        let at = pos2(bar.left() + bar.width() * share, bar.bottom() + 2.0);
+        painter.text(at, anchor, text, font.clone(), theme::TEXT);
+    }
+}

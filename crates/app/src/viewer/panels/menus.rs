@@ -1,0 +1,115 @@
+//! The menu bar.
+
+use crate::viewer::{
+    action::Action,
+    command::{Command, entry},
+    shared::Shared,
+    theme,
+};
+use egui::Ui;
+
+/// Shows the menus, whose entries are commands.
+pub(crate) fn menus_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    use Command as C;
+    egui::MenuBar::new().ui(ui, |ui| {
+        ui.menu_button("File", |ui| {
+            [C::OpenFile, C::OpenFolder].into_iter().for_each(|c| item(ui, shared, actions, c));
+            recent_ui(ui, shared, actions);
+            ui.separator();
+            [C::SaveSession, C::SaveSessionAs].into_iter().for_each(|c| item(ui, shared, actions, c));
+            ui.separator();
+            [C::Reconstruct, C::Export, C::Quality].into_iter().for_each(|c| item(ui, shared, actions, c));
+            ui.separator();
+            item(ui, shared, actions, C::Quit);
+        });
+        menu(ui, shared, actions, "Edit", &[&[C::Undo, C::Redo], &[C::CopyAreas]]);
+        let views: &[&[C]] = &[
+            &[C::SwapOriginal, C::SideBySide, C::Wipe, C::Blink, C::Difference],
+            &[C::Depth, C::DepthBeside, C::Motion, C::Opacity],
+            &[C::Negatives],
+            &[C::HideOverlays, C::CycleStyle, C::MoreOpacity, C::BelowInstruments],
+            &[C::CentreOrbit, C::Measure],
+            &[C::ResetView, C::FullScreen],
+            &[C::Larger, C::Smaller, C::NormalSize],
+        ];
+        menu(ui, shared, actions, "View", views);
+        let times: &[&[C]] = &[
+            &[C::PlayPause, C::StepBack, C::StepForward, C::HopBack, C::HopForward],
+            &[C::First, C::Last, C::GoToFrame],
+            &[C::Slower, C::Faster, C::NormalSpeed],
+            &[C::Loop, C::RangeStart, C::RangeEnd, C::RangeClear, C::Exclude],
+            &[C::FirstFound, C::LargestFound, C::LastFound],
+            &[C::Bookmark, C::PreviousBookmark, C::NextBookmark, C::Bookmarks],
+        ];
+        menu(ui, shared, actions, "Time", times);
+        menu(ui, shared, actions, "Help", &[&[C::Shortcuts, C::About]]);
+        if let Some(info) = shared.info() {
+            ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+                ui.label(egui::RichText::new(&info.name).color(theme::TEXT_WEAK));
+            });
+        }
+    });
+}
+
+fn menu(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, title: &str, groups: &[&[Command]]) {
+    ui.menu_button(title, |ui| {
+        for (i, group) in groups.iter().enumerate() {
+            if i > 0 {
+                ui.separator();
+            }
+            group.iter().for_each(|c| item(ui, shared, actions, *c));
+        }
+    });
+}
+
+/// Shows a menu entry; label, key and tooltip are those of the command table.
+fn item(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, of: Command) {
+    ui.set_min_width(250.0);
+    let entry = entry(of);
+    let label = match of {
+        Command::Undo => named("Undo", shared.document.undo_name()),
+        Command::Redo => named("Redo", shared.document.redo_name()),
+        _ => entry.label.to_owned(),
+    };
+    let button = egui::Button::new(label).shortcut_text(shared.keys_text(of)).frame(false);
+    let response =
+        ui.add_enabled(shared.is_enabled(of), button.min_size(egui::vec2(ui.available_width(), 0.0)));
+    if response.on_hover_text(entry.tooltip).clicked() {
+        actions.push(Action::Run(of));
+        ui.close();
+    }
+}
+
+/// Names the edit that a command would act on, e.g. "Undo adding liver".
+fn named(verb: &str, what: Option<&str>) -> String {
+    what.map_or_else(|| verb.to_owned(), |what| format!("{verb} {what}"))
+}
+
+fn recent_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    let recent = &shared.preferences.recent;
+    ui.menu_button("Recently opened", |ui| {
+            for path in recent {
+                let name = path
+                    .file_name()
+                    .map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into());
+                let button = egui::Button::new(name).frame(false);
+                if ui.add_enabled(path.exists(), button).on_hover_text(path.display().to_string()).clicked() {
+                    actions.push(Action::Open(path.clone()));
+                    ui.close();
+                }
+            }
+            if !recent.is_empty() {
+                ui.separator();
+            }
+            if ui.add_enabled(!recent.is_empty(), egui::Button::new("Forget these")).clicked() {
+                let remembers = shared.preferences.remembers_files;
+                actions.push(Action::prefer(move |p| p.forget_files(remembers)));
+                ui.close();
+            }
+            let mut forgets = !shared.preferences.remembers_files;
+            let tip = "Paths may hold names: with this on, none is kept, and unsaved work is dropped when the window is closed";
+            if ui.checkbox(&mut forgets, "Do not remember what is opened").on_hover_text(tip).changed() {
+                actions.push(Action::prefer(move |p| p.forget_files(!forgets)));
+            }
+    });
+}

@@ -1,0 +1,339 @@
+//! The panel of prompts: the prompt box, one row per prompt, and the style of the overlay.
+
+use crate::viewer::{
+    action::Action,
+    command::Command,
+    panels::{
+        clean_up::clean_up_ui,
+        prompt_menu::PromptMenu,
+        suggestions::suggestions_ui,
+        threshold::{TIE, threshold_ui},
+        widgets::{Icon, caption, choice, command_button, icon_button, swatch},
+    },
+    picture::{found::Found, request::Finding},
+    shared::Shared,
+    state::content::{PREVIEW, Prompt},
+    text::percent,
+    theme,
+};
+use egui::{Frame, Key, Margin, Response, RichText, ScrollArea, Sense, Stroke, TextEdit, Ui, vec2};
+use surgtpgs_core::overlay::OverlayStyle;
+
+/// Message of a prompt that finds nothing on the frame.
+pub(crate) const NOTHING: &str = "Nothing above the threshold on this frame";
+/// Message of a prompt that has no answer yet.
+pub(crate) const ENCODING: &str = "Encoding…";
+/// Message where prompts cannot be asked.
+pub(crate) const NO_FEATURES: &str = "This recording has no text features";
+
+/// The right-hand panel.
+#[derive(Default)]
+pub(crate) struct Prompts {
+    menu: PromptMenu,
+}
+
+impl Prompts {
+    /// Shows the panel.
+    pub(crate) fn ui(&mut self, ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+        ui.horizontal(|ui| {
+            ui.heading("Find");
+            if shared.info().is_some_and(|i| i.has_features) {
+                ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+                    suggestions_ui(ui, shared, actions);
+                    let button = ui.button(RichText::new("Compared with…").font(theme::small()));
+                    if button.on_hover_text(shared.tooltip(Command::Negatives)).clicked() {
+                        actions.push(Action::Run(Command::Negatives));
+                    }
+                });
+            }
+        });
+        box_ui(ui, shared, actions);
+        if shared.info().is_some_and(|i| !i.has_features) {
+            no_features_ui(ui, shared);
+            return;
+        }
+        preview_ui(ui, shared);
+        ui.add_space(4.0);
+        let below = 200.0;
+        ScrollArea::vertical().max_height((ui.available_height() - below).max(120.0)).show(ui, |ui| {
+            rows_ui(ui, &mut self.menu, shared, actions);
+        });
+        ui.with_layout(egui::Layout::bottom_up(egui::Align::Min), |ui| {
+            ui.with_layout(egui::Layout::top_down(egui::Align::Min), |ui| overlay_ui(ui, shared, actions));
+        });
+    }
+}
+
+fn box_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    let can_ask = shared.info().is_some_and(|i| i.has_features);
+    let prompt_box = &shared.prompt_box;
+    let mut text = prompt_box.text.clone();
+    let field = TextEdit::singleline(&mut text)
+        .id_salt("prompt box")
+        .hint_text("Type what to find, e.g. gallbladder")
+        .char_limit(200)
+        .margin(Margin::symmetric(10, 8))
+        .desired_width(f32::INFINITY);
+    let response = ui.add_enabled(can_ask, field).on_hover_text(shared.tooltip(Command::FocusPrompt));
+    response.ctx.accesskit_node_builder(response.id, |node| node.set_label("Prompt"));
+    if prompt_box.wants_focus {
+        response.request_focus();
+    }
+    let is_focused = response.has_focus();
+    if response.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter)) {
+        actions.push(Action::AddPrompt(std::mem::take(&mut text)));
+    }
+    if text != prompt_box.text || is_focused != prompt_box.is_focused || prompt_box.wants_focus {
+        actions.push(Action::Type { text, is_focused });
+    }
+}
+
+/// Shows the result of the words being typed, before Enter adds them.
+fn preview_ui(ui: &mut Ui, shared: &Shared) {
+    let live = shared.prompt_box.live();
+    let is_added = shared.document.prompts().iter().any(|p| p.text.eq_ignore_ascii_case(live));
+    if live.is_empty() || is_added {
+        return;
+    }
+    let state = state_text(shared.finding(PREVIEW, live), shared.document.default_threshold());
+    ui.horizontal(|ui| {
+        let (rect, _) = ui.allocate_exact_size(vec2(14.0, 14.0), Sense::hover());
+        swatch(ui.painter(), rect, shared.document.next_colour(), "");
+        let text = format!("{} – Enter keeps it", state.0);
+        ui.label(RichText::new(text).font(theme::small()).color(state.1));
+    });
+}
+
+fn no_features_ui(ui: &mut Ui, shared: &Shared) {
+    ui.add_space(6.0);
+    ui.label(RichText::new(NO_FEATURES).color(theme::AMBER));
+    let advice = match shared.info() {
+        Some(info) if !info.has_reconstruction && shared.is_reconstructing() && info.has_labels => {
+            "Words can be found in it as soon as the first preview is there."
+        }
+        Some(info) if !info.has_reconstruction && info.has_labels => {
+            "Once it is reconstructed, words can be found in it."
+        }
+        Some(info) if !info.has_labels => {
+            "It has neither class labels nor features of an image model, so words cannot be found in it. \
+             Everything else works."
+        }
+        _ => "It was reconstructed without its class labels. Reconstruct it again to find words in it.",
+    };
+    ui.label(caption(advice));
+}
+
+fn rows_ui(ui: &mut Ui, menu: &mut PromptMenu, shared: &Shared, actions: &mut Vec<Action>) {
+    if shared.document.prompts().is_empty() {
+        examples_ui(ui, shared, actions);
+    }
+    let prompts = shared.document.prompts();
+    let mut menu_buttons = Vec::with_capacity(prompts.len());
+    for (index, prompt) in prompts.iter().enumerate() {
+        menu_buttons.push(row_ui(ui, shared, actions, index, prompt));
+        ui.add_space(2.0);
+    }
+    menu.ui(ui, shared, actions, &menu_buttons);
+}
+
+/// Shows a few words that this recording knows, as long as there is no prompt.
+fn examples_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    let examples =
+        shared.info().map(|i| &i.example_prompts[..i.example_prompts.len().min(6)]).unwrap_or_default();
+    if examples.is_empty() {
+        return;
+    }
+    ui.label(caption("For example"));
+    ui.horizontal_wrapped(|ui| {
+        for example in examples {
+            if ui.button(example).clicked() {
+                actions.push(Action::AddPrompt(example.clone()));
+            }
+        }
+    });
+}
+
+/// Shows the result of a prompt and its controls. Returns the button that opens its menu.
+fn row_ui(
+    ui: &mut Ui,
+    shared: &Shared,
+    actions: &mut Vec<Action>,
+    index: usize,
+    prompt: &Prompt,
+) -> Response {
+    let is_selected = shared.document.selected == Some(prompt.id);
+    let line = if is_selected { theme::ACCENT } else { theme::LINE };
+    let frame = Frame::new().fill(theme::RAISED).corner_radius(8).inner_margin(Margin::symmetric(10, 6));
+    let row = frame.stroke(Stroke::new(1.0, line)).show(ui, |ui| {
+        ui.set_width(ui.available_width());
+        let menu_button = head_ui(ui, shared, actions, index, prompt);
+        let finding = shared.finding(prompt.id, &prompt.text);
+        let (text, colour) = if prompt.is_visible {
+            state_text(finding, prompt.threshold)
+        } else {
+            ("Hidden".to_owned(), theme::TEXT_WEAK)
+        };
+        ui.label(RichText::new(text).font(theme::small()).color(colour));
+        if is_selected && prompt.is_visible {
+            let found = finding.and_then(|f| f.outcome.as_ref().ok());
+            threshold_row_ui(ui, shared, actions, prompt, found);
+        }
+        menu_button
+    });
+    row.inner
+}
+
+/// Shows the head of a row: number, words, eye, menu and delete.
+fn head_ui(
+    ui: &mut Ui,
+    shared: &Shared,
+    actions: &mut Vec<Action>,
+    index: usize,
+    prompt: &Prompt,
+) -> Response {
+    let head = ui.horizontal(|ui| {
+        let (rect, _) = ui.allocate_exact_size(vec2(22.0, 22.0), Sense::hover());
+        swatch(ui.painter(), rect, prompt.colour, &(index + 1).to_string());
+        let right = ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            ui.spacing_mut().item_spacing.x = 2.0;
+            let name = format!("Delete {}", prompt.text);
+            let tip = "Delete this prompt (undo brings it back)";
+            if icon_button(ui, Icon::Cross, &name, tip, false, true).clicked() {
+                let id = prompt.id;
+                actions.push(Action::edit(move |d| d.remove(id)));
+            }
+            let name = format!("More about {}", prompt.text);
+            let menu_button = icon_button(ui, Icon::More, &name, "Other words, colour, order", false, true);
+            let (icon, word) =
+                if prompt.is_visible { (Icon::Eye, "Hide") } else { (Icon::EyeClosed, "Show") };
+            let name = format!("{word} {}", prompt.text);
+            if icon_button(ui, icon, &name, &shared.tooltip(Command::TogglePrompt), false, true).clicked() {
+                actions.push(Action::edit(move |d| d.toggle_visible(index)));
+            }
+            ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
+                let words = egui::Label::new(RichText::new(&prompt.text).color(theme::TEXT));
+                let words = ui.add(words.truncate().selectable(false).sense(Sense::click()));
+                let tip = "Select: its threshold is shown, and the keys T and Shift+T change it";
+                if words.on_hover_text(tip).clicked() {
+                    let id = prompt.id;
+                    actions.push(Action::edit(move |d| d.selected = Some(id)));
+                }
+            });
+            menu_button
+        });
+        right.inner
+    });
+    head.inner
+}
+
+fn threshold_row_ui(
+    ui: &mut Ui,
+    shared: &Shared,
+    actions: &mut Vec<Action>,
+    prompt: &Prompt,
+    found: Option<&Found>,
+) {
+    let mut threshold = prompt.threshold;
+    let is_over = threshold_ui(ui, &prompt.text, &mut threshold, prompt.colour, found);
+    if threshold != prompt.threshold {
+        let id = prompt.id;
+        actions.push(Action::edit(move |d| d.set_threshold(id, threshold)));
+    }
+    if is_over {
+        actions.push(Action::edit(move |d| d.end_gesture()));
+    }
+    jumps_ui(ui, shared, actions);
+    let text = format!("Similarity score above {threshold:.2} counts as found");
+    ui.label(caption(text));
+    if found.is_some_and(|f| f.max_score < TIE) {
+        let text = "No pixel here is closer to these words than to a generic phrase.";
+        ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
+    }
+}
+
+/// Shows buttons to the first, largest and last appearance.
+fn jumps_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    ui.horizontal(|ui| {
+        ui.spacing_mut().item_spacing.x = 3.0;
+        for (label, command) in
+            [("First", Command::FirstFound), ("Largest", Command::LargestFound), ("Last", Command::LastFound)]
+        {
+            let button = egui::Button::new(RichText::new(label).font(theme::small()));
+            if ui
+                .add_enabled(shared.is_enabled(command), button)
+                .on_hover_text(shared.tooltip(command))
+                .clicked()
+            {
+                actions.push(Action::Run(command));
+            }
+        }
+        if let Some(curve) = shared.selected_curve() {
+            let found = curve.points.iter().flatten().filter(|p| p.area_px > 0).count();
+            let text = format!("on {found} of {} frames", curve.points.len());
+            ui.label(caption(if curve.is_complete() { text } else { "counting…".into() }));
+        }
+    });
+}
+
+/// Describes the result of a prompt in words, with a colour for their importance.
+fn state_text(finding: Option<&Finding>, threshold: f32) -> (String, egui::Color32) {
+    match finding.map(|f| &f.outcome) {
+        None => (ENCODING.into(), theme::TEXT_WEAK),
+        Some(Err(problem)) => (problem.clone(), theme::ERROR),
+        Some(Ok(found)) if found.area_px == 0 && threshold >= found.max_score => {
+            (NOTHING.into(), theme::AMBER)
+        }
+        Some(Ok(found)) => (format!("{} of the frame", percent(found.area_fraction)), theme::TEXT_WEAK),
+    }
+}
+
+fn overlay_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    ui.separator();
+    ui.horizontal(|ui| {
+        ui.label(RichText::new("Overlay").strong());
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            let icon = if shared.document.is_hidden { Icon::EyeClosed } else { Icon::Eye };
+            if command_button(ui, shared, icon, Command::HideOverlays, shared.document.is_hidden) {
+                actions.push(Action::Run(Command::HideOverlays));
+            }
+            if shared.document.is_hidden {
+                ui.label(RichText::new("hidden").font(theme::small()).color(theme::AMBER));
+            }
+        });
+    });
+    let mut look = shared.document.overlay;
+    let next = shared.keys_text(Command::CycleStyle);
+    let tip = |what: &str| format!("{what} ({next} for the next)");
+    choice(
+        ui,
+        &mut look.style,
+        &[
+            (OverlayStyle::Outline, "Outline", tip("A line around what was found"), true),
+            (OverlayStyle::Fill, "Fill", tip("What was found in a translucent colour"), true),
+            (
+                OverlayStyle::Heatmap,
+                "Heatmap",
+                tip("The similarity score itself, on a fixed scale from 0 to 1"),
+                true,
+            ),
+        ],
+    );
+    let share = |ui: &mut Ui, value, least, what| {
+        ui.add(egui::Slider::new(value, least..=1.0).fixed_decimals(2).text(what));
+    };
+    if look.style != OverlayStyle::Outline {
+        share(ui, &mut look.opacity, 0.05, "opacity");
+    }
+    if look.style != OverlayStyle::Heatmap {
+        share(ui, &mut look.outline_opacity, 0.1, "outline");
+    }
+    ui.horizontal(|ui| {
+        let tip = "What is found lies under the instruments, as far as the recording's masks, its labels or prompts about \
+                   instruments say where they are";
+        ui.checkbox(&mut look.below_instruments, "Below instruments").on_hover_text(tip);
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| clean_up_ui(ui, shared, actions));
+    });
+    if look != shared.document.overlay {
+        actions.push(Action::edit(move |d| d.overlay = look));
+    }
+}

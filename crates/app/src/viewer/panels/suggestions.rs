@@ -1,0 +1,85 @@
+//! Suggested prompts: words used before, the classes of the recording, and common words of an operation.
+
+use crate::viewer::{action::Action, panels::widgets::caption, shared::Shared, theme};
+use egui::{Button, Popup, PopupCloseBehavior, RichText, ScrollArea, Ui};
+
+/// Things to find in common operations, named as in public data sets.
+const PRESETS: [(&str, &[&str]); 2] = [
+    (
+        "Gallbladder removal (CholecSeg8k)",
+        &[
+            "abdominal wall",
+            "liver",
+            "gastrointestinal tract",
+            "fat",
+            "grasper",
+            "connective tissue",
+            "blood",
+            "cystic duct",
+            "l-hook electrocautery",
+            "gallbladder",
+            "hepatic vein",
+            "liver ligament",
+        ],
+    ),
+    (
+        "Kidney operation (EndoVis 2018)",
+        &[
+            "instrument shaft",
+            "instrument clasper",
+            "instrument wrist",
+            "kidney parenchyma",
+            "covered kidney",
+            "thread",
+            "clamps",
+            "suturing needle",
+            "suction instrument",
+            "small intestine",
+            "ultrasound probe",
+        ],
+    ),
+];
+
+/// Shows a button that opens the lists.
+pub(crate) fn suggestions_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    let button = ui.button(RichText::new("Suggestions").font(theme::small()));
+    let button = button.on_hover_text("Words used before, and what is common in an operation");
+    let menu = Popup::from_toggle_button_response(&button);
+    menu.close_behavior(PopupCloseBehavior::CloseOnClickOutside).width(310.0).show(|ui| {
+        ScrollArea::vertical().max_height(420.0).show(ui, |ui| {
+            let is_new = |text: &&String| !shared.document.prompts().iter().any(|p| p.text == **text);
+            let earlier: Vec<String> = shared.prompt_box.earlier.iter().filter(is_new).cloned().collect();
+            words_ui(ui, shared, actions, "Looked for before", earlier.iter().map(String::as_str));
+            let classes = shared.info().map(|i| i.example_prompts.clone()).unwrap_or_default();
+            words_ui(ui, shared, actions, "Classes of this recording", classes.iter().map(String::as_str));
+            for (title, words) in PRESETS {
+                words_ui(ui, shared, actions, title, words.iter().copied());
+            }
+        });
+    });
+}
+
+fn words_ui<'a>(
+    ui: &mut Ui,
+    shared: &Shared,
+    actions: &mut Vec<Action>,
+    title: &str,
+    words: impl Iterator<Item = &'a str>,
+) {
+    let mut words = words.peekable();
+    if words.peek().is_none() {
+        return;
+    }
+    ui.label(caption(title));
+    ui.horizontal_wrapped(|ui| {
+        ui.spacing_mut().item_spacing = egui::vec2(4.0, 4.0);
+        for word in words {
+            let is_there = shared.document.prompts().iter().any(|p| p.text.eq_ignore_ascii_case(word));
+            let button = Button::selectable(is_there, RichText::new(word).font(theme::small()));
+            if ui.add(button.frame_when_inactive(true)).clicked() {
+                actions.push(Action::AddPrompt(word.to_owned()));
+            }
+        }
+    });
+    ui.add_space(6.0);
+}

@@ -1,0 +1,287 @@
+//! Reconstruction of a recording in the window: a dialog first, then the progress beside the picture.
+
+use crate::viewer::{
+    action::Action,
+    backend::{
+        DEFAULT_STEPS, Info, TrainRequest,
+        task::{Task, TaskEvent},
+    },
+    command::{Command, entry},
+    panels::{
+        loss_curve::loss_curve_ui,
+        widgets::{caption, choice, dialog, main_button},
+    },
+    shared::{Dialog, Shared},
+    state::reconstruction::Training,
+    text::{duration, thousands},
+    theme,
+};
+use egui::{Context, Frame, Margin, ProgressBar, RichText, Ui};
+use std::path::{Path, PathBuf};
+use surgtpgs_core::train::TrainSettings;
+
+/// Qualities to choose from: number of steps and label.
+const QUALITIES: [(usize, &str); 3] = [(600, "Quick look"), (DEFAULT_STEPS, "Standard"), (9000, "Best")];
+
+/// Questions before training.
+struct Asked {
+    request: TrainRequest,
+    has_labels: bool,
+    /// Warning about the quality that is lost because the recording is long.
+    too_long: Option<String>,
+    picking: Option<Task<Option<PathBuf>>>,
+}
+
+impl Asked {
+    /// Makes the dialog; `None` where the recording is not at hand.
+    fn new(info: &Info, excluded: Vec<(usize, usize)>) -> Option<Self> {
+        let (recording, scene) = (info.recording.clone()?, free_file(&info.output_folder, &info.name));
+        let request = TrainRequest { recording, scene, iterations: DEFAULT_STEPS, excluded };
+        let too_long = TrainSettings::default().length_warning(info.num_frames);
+        Some(Self { request, has_labels: info.has_labels, too_long, picking: None })
+    }
+
+    /// Takes the path that the user picked.
+    fn poll(&mut self) {
+        if let Some(TaskEvent::Done(result)) = self.picking.as_mut().and_then(Task::poll) {
+            self.picking = None;
+            if let Ok(Some(path)) = result {
+                self.request.scene = path.with_extension("safetensors");
+            }
+        }
+    }
+
+    fn pick(&mut self, ctx: &Context) {
+        let at = self.request.scene.clone();
+        self.picking = Some(Task::start("file dialog", ctx, move |_| {
+            let dialog = rfd::FileDialog::new().set_title("Save the reconstruction as");
+            let dialog = dialog.set_directory(at.parent().unwrap_or(Path::new("")));
+            let name = at.file_name().unwrap_or_default().to_string_lossy();
+            Ok(dialog.set_file_name(name).add_filter("Reconstructions", &["safetensors"]).save_file())
+        }));
+    }
+}
+
+/// Returns the path of a scene file that does not exist yet, so that nothing is overwritten.
+fn free_file(folder: &Path, name: &str) -> PathBuf {
+    let numbered = |i: usize| if i == 1 { name.to_owned() } else { format!("{name}-{i}") };
+    let path = |i| folder.join(format!("{}.safetensors", numbered(i)));
+    (1..1000).map(path).find(|p| !p.exists()).unwrap_or_else(|| path(1000))
+}
+
+/// Available memory below which the system may end training, bytes.
+const LOW_MEMORY: u64 = 600_000_000;
+
+/// Returns a warning, if little memory is left.
+fn memory_warning(available_bytes: u64) -> Option<String> {
+    (available_bytes < LOW_MEMORY).then(|| {
+        let megabytes = available_bytes / 1_000_000;
+        format!(
+            "Only {megabytes} MB of memory are left: close other programs, or stop and keep what was learned."
+        )
+    })
+}
+
+/// Shows the section of the right panel: an offer to reconstruct, or the progress.
+pub(crate) fn training_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    reconstructed_ui(ui, shared, actions);
+    let is_offered = shared.info().is_some_and(|i| !i.has_reconstruction && i.has_original);
+    let training = shared.reconstruction.training.as_ref();
+    if training.is_none() && !is_offered {
+        return;
+    }
+    let is_about_shown = training.zip(shared.info()).is_some_and(|(t, info)| t.is_about(info));
+    let frame = Frame::new().fill(theme::RAISED).corner_radius(8).inner_margin(Margin::same(12));
+    frame.show(ui, |ui| {
+        ui.set_width(ui.available_width());
+        match training {
+            Some(training) => progress_ui(ui, training, is_about_shown),
+            None => offer_ui(ui, shared, actions),
+        }
+    });
+    ui.add_space(10.0);
+}
+
+fn offer_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    if let Some(making) = shared.opening.waiting_for().filter(|_| shared.opening.is_making_demo()) {
+        ui.label(making);
+        ui.label(caption("It is reconstructed as soon as it is there."));
+        return;
+    }
+    ui.label("This recording has not been reconstructed yet.");
+    ui.add_space(4.0);
+    let button = egui::Button::new(RichText::new(entry(Command::Reconstruct).label).size(17.0));
+    let size = [ui.available_width(), 40.0];
+    let can_start = shared.is_enabled(Command::Reconstruct);
+    let response = ui.add_enabled_ui(can_start, |ui| ui.add_sized(size, button.fill(theme::SELECTION))).inner;
+    if response.on_hover_text(shared.tooltip(Command::Reconstruct)).clicked() {
+        actions.push(Action::Run(Command::Reconstruct));
+    }
+}
+
+/// Offers to open a finished reconstruction while something else is shown.
+fn reconstructed_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    let Some(scene) = &shared.reconstruction.finished else { return };
+    let name = scene.file_name().unwrap_or_default().to_string_lossy();
+    ui.label(format!("{name} is reconstructed."));
+    ui.horizontal(|ui| {
+        if ui.add(main_button("Open it")).clicked() {
+            actions.push(Action::Open(scene.clone()));
+        }
+        if ui.button("Not now").clicked() {
+            actions.push(Action::ForgetFinished);
+        }
+    });
+    ui.add_space(10.0);
+}
+
+fn progress_ui(ui: &mut Ui, training: &Training, is_about_shown: bool) {
+    let progress = &training.task.progress;
+    let what = match training.recording.file_name() {
+        Some(name) if !is_about_shown => format!("Reconstructing {}", name.to_string_lossy()),
+        _ => "Reconstructing".into(),
+    };
+    let stage = if progress.stage.is_empty() { "Starting" } else { &progress.stage };
+    ui.label(RichText::new(format!("{what}: {stage}")).strong());
+    ui.add(ProgressBar::new(progress.fraction()).desired_height(10.0).fill(theme::ACCENT));
+    // The lines below appear, vanish and wrap; buttons must not move under the pointer.
+    ui.horizontal(|ui| stop_ui(ui, training));
+    preview_ui(ui, training);
+    let left = match progress.seconds_left() {
+        _ if progress.is_unsaved() => "tried every second".into(),
+        _ if training.task.is_paused() => "paused".into(),
+        Some(seconds) => format!("about {} left", duration(seconds)),
+        None => "estimating the time…".into(),
+    };
+    let steps = format!("{} of {}", thousands(progress.done), thousands(progress.total));
+    let elapsed = format!("{} so far", duration(progress.seconds));
+    ui.label(caption(format!("{steps}  ·  {elapsed}  ·  {left}")));
+    if !progress.detail.is_empty() {
+        ui.label(caption(&progress.detail));
+    }
+    if training.closing_since.is_some() {
+        let what = "The window closes once what was learned is saved. Close it again to give that up.";
+        ui.label(RichText::new(what).font(theme::small()).color(theme::AMBER));
+    }
+    if let Some(warning) = training.memory.and_then(|(bytes, _)| memory_warning(bytes)) {
+        ui.label(RichText::new(warning).font(theme::small()).color(theme::AMBER));
+    }
+    loss_curve_ui(ui, &training.curve);
+}
+
+fn stop_ui(ui: &mut Ui, training: &Training) {
+    let task = &training.task;
+    let is_unsaved = task.progress.is_unsaved();
+    let is_stopping = task.is_cancelling() && !is_unsaved;
+    let is_paused = task.is_paused();
+    let tip = "Rests, so that the computer is free for something else";
+    let pause = egui::Button::new(if is_paused { "Go on" } else { "Pause" });
+    if ui.add_enabled(!is_stopping && !is_unsaved, pause).on_hover_text(tip).clicked() {
+        task.set_paused(!is_paused);
+    }
+    let label = match (is_unsaved, is_stopping) {
+        (true, _) => "Give up what was learned",
+        (_, true) => "Stopping…",
+        _ => "Stop and keep what was learned",
+    };
+    if ui.add_enabled(!is_stopping, egui::Button::new(label)).clicked() {
+        task.cancel();
+    }
+}
+
+/// Shows the choice of the time between previews, each of which takes time from training.
+fn preview_ui(ui: &mut Ui, training: &Training) {
+    ui.horizontal(|ui| {
+        ui.label(caption("Preview"));
+        let mut seconds = training.task.preview_seconds();
+        let tip = "How often the picture shows how far it is; each time costs training a moment".to_owned();
+        let paces = [(1, "1 s"), (4, "4 s"), (20, "20 s"), (0, "off")];
+        choice(ui, &mut seconds, &paces.map(|(pace, label)| (pace, label, tip.clone(), true)));
+        training.task.set_preview_seconds(seconds);
+    });
+}
+
+/// The dialog before training: the quality, and the file to write.
+#[derive(Default)]
+pub(crate) struct TrainDialog {
+    asked: Option<Asked>,
+}
+
+impl TrainDialog {
+    /// Shows the dialog, if it is open.
+    pub(crate) fn ui(&mut self, ctx: &Context, shared: &Shared, actions: &mut Vec<Action>) {
+        if shared.dialog != Some(Dialog::Reconstruct) {
+            self.asked = None;
+            return;
+        }
+        let begin = || Asked::new(shared.info()?, shared.document.excluded().to_vec());
+        let Some(mut asked) = self.asked.take().or_else(begin) else {
+            actions.push(Action::CloseDialog);
+            return;
+        };
+        asked.poll();
+        let memory = shared.backend.available_bytes().and_then(memory_warning);
+        let ((starts, is_cancelled), is_closed) =
+            dialog(ctx, "reconstruct", 460.0, |ui| asked_ui(ui, &mut asked, memory));
+        if starts {
+            actions.push(Action::Train(asked.request.clone()));
+        }
+        if starts || is_cancelled || is_closed {
+            actions.push(Action::CloseDialog);
+        }
+        self.asked = Some(asked);
+    }
+}
+
+/// Shows the questions; returns whether the buttons to start and to cancel were pressed.
+fn asked_ui(ui: &mut Ui, asked: &mut Asked, memory_warning: Option<String>) -> (bool, bool) {
+    ui.heading("Reconstruct this recording");
+    ui.label(RichText::new("You can go on watching the recording meanwhile.").color(theme::TEXT_WEAK));
+    ui.add_space(8.0);
+    for (steps, label) in QUALITIES {
+        ui.radio_value(
+            &mut asked.request.iterations,
+            steps,
+            format!("{label}  ({} steps)", thousands(steps)),
+        );
+    }
+    ui.add_space(8.0);
+    let note = if asked.has_labels {
+        "Its class labels are used, so that words can be found in it."
+    } else {
+        "It has no class labels: pictures and depth will work, finding words will not."
+    };
+    ui.label(RichText::new(note).color(if asked.has_labels { theme::TEXT } else { theme::AMBER }));
+    if let Some(warning) = &asked.too_long {
+        ui.label(RichText::new(warning).font(theme::small()).color(theme::AMBER));
+    }
+    if let Some(warning) = memory_warning {
+        ui.label(RichText::new(warning).color(theme::AMBER));
+    }
+    ui.add_space(4.0);
+    ui.horizontal(|ui| {
+        if ui.add_enabled(asked.picking.is_none(), egui::Button::new("Save as…")).clicked() {
+            asked.pick(ui.ctx());
+        }
+        ui.add(egui::Label::new(caption(asked.request.scene.display().to_string())).truncate());
+    });
+    ui.add_space(10.0);
+    ui.horizontal(|ui| {
+        let start = ui.add(main_button("Start")).clicked();
+        (start, ui.button("Cancel").clicked())
+    })
+    .inner
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_scene_is_written_over() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(free_file(folder.path(), "clip"), folder.path().join("clip.safetensors"));
+        std::fs::write(folder.path().join("clip.safetensors"), "").unwrap();
+        assert_eq!(free_file(folder.path(), "clip"), folder.path().join("clip-2.safetensors"));
+    }
+}

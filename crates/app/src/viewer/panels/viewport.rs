@@ -1,0 +1,338 @@
+//! The picture in the middle: recorded, reconstructed, both, or depth; with zoom, wipe and turned views.
+
+use crate::viewer::{
+    action::Action,
+    backend::{Info, orbit::MAX_STILL_DEGREES},
+    command::Command,
+    panels::{
+        legend,
+        panes::{PaneView, panes},
+        probe,
+        ruler::Ruler,
+        start,
+        widgets::{choice, plate},
+    },
+    picture::difference::Difference,
+    shared::Shared,
+    state::{
+        clean_up,
+        view_mode::ViewMode,
+        zoom::{Panes, Zoom},
+    },
+    theme,
+};
+use egui::{
+    Align2, Color32, CursorIcon, Frame, Margin, PointerButton, Pos2, Rect, Response, Role, Sense, Stroke, Ui,
+    WidgetInfo, pos2, vec2,
+};
+
+/// Message in place of an excluded frame.
+pub(crate) const EXCLUDED: &str = "This frame is left out of everything";
+/// Message where a turned view shows more than was recorded.
+const FADED: &str = "Faded: not seen by the endoscope on this frame";
+
+/// The toolbar and the picture.
+#[derive(Default)]
+pub(crate) struct ViewportPanel {
+    ruler: Ruler,
+}
+
+impl ViewportPanel {
+    /// Shows the panel.
+    pub(crate) fn ui(&mut self, ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+        if let Some(problem) = &shared.problem {
+            problem_ui(ui, actions, problem);
+        }
+        if shared.open.is_none() {
+            start::start_ui(ui, shared, actions);
+            return;
+        }
+        let frame = Frame::new().fill(theme::PANEL).inner_margin(Margin::symmetric(12, 6));
+        frame.show(ui, |ui| toolbar_ui(ui, shared, actions));
+        let area = ui.available_rect_before_wrap();
+        let response = ui.allocate_rect(area, Sense::click_and_drag());
+        let views = panes(shared, area, ui);
+        let panes = Panes(views.iter().map(|p| (p.rect, p.picture)).collect());
+        self.steer(ui, shared, actions, &response, &panes);
+        for pane in &views {
+            paint_pane(ui, shared, pane);
+        }
+        if shared.document.mode == ViewMode::Wipe {
+            wipe_ui(ui, shared, actions, area);
+        }
+        if let Some(pane) = views.iter().find(|p| p.is_synthesised) {
+            let is_faded =
+                shared.picture().is_some_and(|p| p.unseen_share > 0.0) && pane.label == "Reconstruction";
+            paint_synthesised(ui, pane.visible(), is_faded);
+        }
+        let with_marks = !shared.document.is_hidden && !shared.is_peeking(ui.ctx());
+        if let Some(first) = views.first().filter(|_| with_marks) {
+            legend::legend_ui(ui, shared, first.visible(), &panes.0);
+        }
+        notices_ui(ui, shared, area, with_marks);
+        probe::probe_ui(ui, shared, actions, &panes, area);
+        self.ruler.ui(ui, shared, actions, &panes, area);
+        let description = describe(shared, &views);
+        response.widget_info(|| WidgetInfo::labeled(Role::Image, true, &description));
+        if panes != shared.viewport.panes {
+            actions.push(Action::Place(panes));
+        }
+    }
+
+    /// Handles mouse and wheel: look around with the right button or Alt, pan with the left, zoom with the
+    /// wheel.
+    fn steer(
+        &mut self,
+        ui: &Ui,
+        shared: &Shared,
+        actions: &mut Vec<Action>,
+        response: &Response,
+        panes: &Panes,
+    ) {
+        let alt = ui.input(|i| i.modifiers.alt);
+        let is_dragged = |button| response.dragged_by(button);
+        let turns = is_dragged(PointerButton::Secondary) || (alt && is_dragged(PointerButton::Primary));
+        let mut look = shared.document.look;
+        let mut is_moving = false;
+        if turns && shared.may_orbit() {
+            let limit = shared.info().map_or(MAX_STILL_DEGREES, Info::orbit_limit);
+            look.orbit = look.orbit.dragged(response.drag_delta().into(), limit);
+            is_moving = true;
+        } else if !turns && self.ruler.drag(shared, panes, response) {
+            // The ruler has the mouse.
+        } else if response.clicked() && shared.info().is_some_and(|i| i.has_features) {
+            let point = response.interact_pointer_pos().and_then(|p| panes.picture_position(p));
+            actions.push(Action::Probe(point));
+        } else if !turns && response.dragged() && !look.zoom.is_home() {
+            look.zoom.pan(response.drag_delta(), panes);
+        }
+        if response.double_clicked() {
+            look.zoom = Zoom::default();
+        }
+        if response.hovered()
+            && let Some(at) = response.hover_pos()
+        {
+            let (scroll, pinch) = ui.input(|i| (i.smooth_scroll_delta().y, i.zoom_delta()));
+            let by = pinch * (scroll / 300.0).exp();
+            if by != 1.0 {
+                look.zoom.magnify(by, at, panes);
+            }
+        }
+        if look != shared.document.look || is_moving {
+            actions.push(Action::Look { look, is_moving });
+        }
+    }
+}
+
+fn problem_ui(ui: &mut Ui, actions: &mut Vec<Action>, problem: &str) {
+    let fill = Color32::from_rgb(0x4a, 0x1f, 0x22);
+    Frame::new().fill(fill).inner_margin(Margin::symmetric(12, 8)).show(ui, |ui| {
+        ui.horizontal(|ui| {
+            ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+                if ui.button("Close").clicked() {
+                    actions.push(Action::CloseProblem);
+                }
+                ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
+                    ui.add(egui::Label::new(egui::RichText::new(problem).color(theme::TEXT)).wrap());
+                });
+            });
+        });
+    });
+}
+
+fn toolbar_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    ui.horizontal(|ui| {
+        let command = |mode| match mode {
+            ViewMode::Original | ViewMode::Reconstruction => Command::SwapOriginal,
+            ViewMode::SideBySide => Command::SideBySide,
+            ViewMode::Wipe => Command::Wipe,
+            ViewMode::Blink => Command::Blink,
+            ViewMode::Difference => Command::Difference,
+            ViewMode::Depth => Command::Depth,
+            ViewMode::DepthBeside => Command::DepthBeside,
+            ViewMode::Motion => Command::Motion,
+            ViewMode::Opacity => Command::Opacity,
+        };
+        let info = shared.info();
+        let is_shown = |m: &&ViewMode| ViewMode::MAIN.contains(m) || shared.document.mode == **m;
+        let options: Vec<_> = [&ViewMode::MAIN[..], &[ViewMode::Motion, ViewMode::Opacity]]
+            .concat()
+            .iter()
+            .filter(is_shown)
+            .map(|m| (*m, m.label(), shared.tooltip(command(*m)), info.is_some_and(|i| m.is_possible(i))))
+            .collect();
+        let mut mode = shared.document.mode;
+        choice(ui, &mut mode, &options);
+        if mode != shared.document.mode {
+            actions.push(Action::edit(move |d| d.mode = mode));
+        }
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            if !shared.document.look.orbit.is_home() || !shared.document.look.zoom.is_home() {
+                let text = if shared.document.look.orbit.is_home() {
+                    "Whole picture"
+                } else {
+                    "Back to the endoscope"
+                };
+                if ui.button(text).on_hover_text(shared.tooltip(Command::ResetView)).clicked() {
+                    actions.push(Action::Run(Command::ResetView));
+                }
+            }
+        });
+    });
+}
+
+fn paint_pane(ui: &Ui, shared: &Shared, pane: &PaneView) {
+    let painter = ui.painter().with_clip_rect(pane.rect.intersect(ui.clip_rect()));
+    let Some(texture) = pane.texture else { return };
+    let whole = Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0));
+    painter.image(texture, pane.picture, whole, Color32::WHITE);
+    if shared.document.mode == ViewMode::Wipe && pane.label == "Reconstruction" {
+        paint_wiped(ui, shared, pane);
+        return;
+    }
+    let corner = pane.visible().left_top() + vec2(8.0, 8.0);
+    plate(&painter, corner, Align2::LEFT_TOP, &frame_label(shared, pane.label), theme::TEXT);
+}
+
+/// Formats the number of the frame on the screen, which may still be the previous one while the next is made.
+fn frame_label(shared: &Shared, what: &str) -> String {
+    let shown = shared.picture().map_or(0, |p| p.request.view.frame);
+    let text = format!("{what}  ·  frame {}", shown + 1);
+    match shared.picture().and_then(|p| p.difference.as_ref()).filter(|_| what == "Difference") {
+        Some(Difference { psnr_db: Some(psnr), .. }) => {
+            format!("{text}  ·  PSNR {psnr:.1} dB (whole picture)")
+        }
+        Some(_) => text + "  ·  no difference",
+        None => text,
+    }
+}
+
+/// Paints the recorded frame to the left of the line, over the reconstruction.
+fn paint_wiped(ui: &Ui, shared: &Shared, pane: &PaneView) {
+    let Some(shown) = shared.open.as_ref().and_then(|o| o.shown.as_ref()) else { return };
+    let x = pane.rect.left() + pane.rect.width() * shared.viewport.wipe;
+    let left = Rect::from_min_max(pane.rect.min, pos2(x, pane.rect.bottom()));
+    let whole = Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0));
+    let painter = ui.painter().with_clip_rect(left.intersect(ui.clip_rect()));
+    if let Some(texture) = shown.original.id(!shared.document.is_hidden) {
+        painter.image(texture, pane.picture, whole, Color32::WHITE);
+    }
+    let all = ui.painter().with_clip_rect(pane.rect);
+    let corner = pane.visible().left_top() + vec2(8.0, 8.0);
+    plate(&all, corner, Align2::LEFT_TOP, &frame_label(shared, "Recorded"), theme::TEXT);
+    let corner = pane.visible().right_top() + vec2(-8.0, 8.0);
+    plate(&all, corner, Align2::RIGHT_TOP, "Reconstruction", theme::TEXT);
+}
+
+fn wipe_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, area: Rect) {
+    let x = area.left() + area.width() * shared.viewport.wipe;
+    let handle = Rect::from_center_size(pos2(x, area.center().y), vec2(18.0, area.height()));
+    let response = ui
+        .interact(handle, ui.scope_id().with("wipe"), Sense::drag())
+        .on_hover_cursor(CursorIcon::ResizeHorizontal);
+    if let Some(pointer) = response.interact_pointer_pos() {
+        let share = ((pointer.x - area.left()) / area.width().max(1.0)).clamp(0.02, 0.98);
+        actions.push(Action::Wipe(share));
+    }
+    response.widget_info(|| WidgetInfo::slider(true, f64::from(shared.viewport.wipe), "Wipe"));
+    let painter = ui.painter().with_clip_rect(area);
+    painter.vline(x, area.y_range(), Stroke::new(4.0, theme::PLATE));
+    painter.vline(x, area.y_range(), Stroke::new(2.0, Color32::WHITE));
+    painter.circle(pos2(x, area.center().y), 11.0, theme::PLATE, Stroke::new(2.0, Color32::WHITE));
+    for side in [-1.0, 1.0] {
+        let at = |dx: f32, dy: f32| pos2(x + side * dx, area.center().y + dy);
+        let points = vec![at(3.0, -4.0), at(7.5, 0.0), at(3.0, 4.0)];
+        painter.add(egui::Shape::convex_polygon(points, Color32::WHITE, Stroke::NONE));
+    }
+}
+
+/// Marks a view that nobody recorded, with a frame and words.
+fn paint_synthesised(ui: &Ui, rect: Rect, is_faded: bool) {
+    let painter = ui.painter();
+    painter.rect_stroke(rect, 0.0, Stroke::new(3.0, theme::AMBER), egui::StrokeKind::Inside);
+    // Below the frame's label where both do not fit side by side.
+    let down = if rect.width() < 660.0 { 42.0 } else { 8.0 };
+    let at = rect.right_top() + vec2(-8.0, down);
+    let text = "Synthesised view – not what the endoscope saw  ·  R returns";
+    let said = plate(painter, at, Align2::RIGHT_TOP, text, theme::AMBER);
+    if is_faded {
+        plate(painter, said.right_bottom() + vec2(0.0, 4.0), Align2::RIGHT_TOP, FADED, theme::AMBER);
+    }
+}
+
+/// Shows the notice about the picture as a whole, in its lower middle.
+fn notices_ui(ui: &mut Ui, shared: &Shared, area: Rect, with_marks: bool) {
+    let at = area.center_bottom() + vec2(0.0, -18.0);
+    let Some((text, colour)) = notice(shared, with_marks) else { return };
+    let rect = plate(ui.painter(), at, Align2::CENTER_BOTTOM, &text, colour);
+    let response = ui.interact(rect, ui.scope_id().with("notice"), Sense::hover());
+    response.widget_info(|| WidgetInfo::labeled(Role::Label, true, &text));
+}
+
+fn notice(shared: &Shared, with_marks: bool) -> Option<(String, Color32)> {
+    if let Some(waiting) = shared.opening.waiting_for() {
+        return Some((waiting, theme::TEXT));
+    }
+    let Some(picture) = shared.picture() else {
+        return Some(("Making the first picture…".into(), theme::TEXT));
+    };
+    if shared.document.is_excluded(picture.request.view.frame) {
+        let how = shared.with_keys("the Time menu takes it back in", Command::Exclude);
+        return Some((format!("{EXCLUDED} – {how}"), theme::AMBER));
+    }
+    if let Some(problem) = &picture.problem {
+        return Some((problem.clone(), theme::ERROR));
+    }
+    let info = shared.info()?;
+    if shared.document.mode.needs_original() && !info.has_original {
+        return info.original_missing.clone().map(|why| (why, theme::AMBER));
+    }
+    if shared.document.is_hidden && !shared.document.prompts().is_empty() {
+        return Some((
+            format!("Overlays are hidden – {}", shared.tooltip(Command::HideOverlays)),
+            theme::TEXT_WEAK,
+        ));
+    }
+    let answers: Vec<_> = picture.findings.iter().filter_map(|f| f.outcome.as_ref().ok()).collect();
+    let is_nothing = with_marks && !answers.is_empty() && answers.iter().all(|f| f.area_px == 0);
+    is_nothing.then(|| (crate::viewer::panels::prompts::NOTHING.to_owned(), theme::AMBER))
+}
+
+/// Describes the picture in words, for users who cannot see it.
+fn describe(shared: &Shared, panes: &[PaneView]) -> String {
+    let Some(picture) = shared.picture() else { return "No picture yet".into() };
+    if shared.document.is_excluded(picture.request.view.frame) {
+        return format!(
+            "Frame {} of {}, {EXCLUDED}",
+            picture.request.view.frame + 1,
+            shared.playback.num_frames()
+        );
+    }
+    let mode = shared.document.mode.label();
+    let shown = panes.iter().map(|p| p.label).collect::<Vec<_>>().join(" and ");
+    let mut text = format!(
+        "{}, frame {} of {}",
+        if shown == mode { shown } else { format!("{mode}: {shown}") },
+        picture.request.view.frame + 1,
+        shared.playback.num_frames()
+    );
+    if !picture.request.view.orbit.is_home() {
+        text += ", synthesised view";
+        if picture.unseen_share > 0.0 {
+            text += &format!(", {FADED}");
+        }
+    }
+    if shared.document.is_hidden {
+        return text + ", overlays hidden";
+    }
+    if let Some(words) = clean_up::describe(picture.request.clean_up).filter(|_| !picture.findings.is_empty())
+    {
+        text += &format!(", {words}");
+    }
+    for finding in &picture.findings {
+        if let Ok(found) = &finding.outcome {
+            text += &format!(", {} {}", finding.text, crate::viewer::text::percent(found.area_fraction));
+        }
+    }
+    text
+}

@@ -1,0 +1,249 @@
+//! Small parts that several panels share. Icons are painted, because no font has all of them.
+
+use crate::viewer::{
+    command::{self, Command},
+    shared::Shared,
+    theme,
+};
+use egui::{
+    Align2, Color32, Painter, Pos2, Rect, Response, Role, Sense, Shape, Stroke, Ui, Vec2, WidgetInfo, pos2,
+    vec2,
+};
+
+/// An icon that is painted on a button.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Icon {
+    Play,
+    Pause,
+    StepBack,
+    StepForward,
+    HopBack,
+    HopForward,
+    First,
+    Last,
+    Loop,
+    Eye,
+    EyeClosed,
+    Cross,
+    Flag,
+    Pin,
+    More,
+}
+
+/// Shows a square button of a command; returns `true` if it was clicked. Tooltip and key come from the
+/// command table.
+pub(crate) fn command_button(ui: &mut Ui, shared: &Shared, icon: Icon, of: Command, is_on: bool) -> bool {
+    let label = command::entry(of).label;
+    icon_button(ui, icon, label, &shared.tooltip(of), is_on, true).clicked()
+}
+
+/// Shows a square button with an icon; `label` is its name for users who cannot see it.
+pub(crate) fn icon_button(
+    ui: &mut Ui,
+    icon: Icon,
+    label: &str,
+    tooltip: &str,
+    is_on: bool,
+    is_enabled: bool,
+) -> Response {
+    let sense = if is_enabled { Sense::click() } else { Sense::hover() };
+    let (rect, response) = ui.allocate_exact_size(Vec2::splat(theme::CONTROL_HEIGHT), sense);
+    response.widget_info(|| WidgetInfo::selected(Role::Button, is_enabled, is_on, label));
+    if ui.is_rect_visible(rect) {
+        let visuals = ui.style().interact_selectable(&response, is_on);
+        let is_raised = is_on || response.hovered() || response.has_focus();
+        if is_raised && is_enabled {
+            let stroke = if response.has_focus() { visuals.bg_stroke } else { Stroke::NONE };
+            ui.painter().rect(
+                rect,
+                visuals.corner_radius,
+                visuals.weak_bg_fill,
+                stroke,
+                egui::StrokeKind::Inside,
+            );
+        }
+        let colour = if is_enabled { visuals.text_color() } else { theme::LINE };
+        paint_icon(ui.painter(), icon, Rect::from_center_size(rect.center(), Vec2::splat(16.0)), colour);
+    }
+    response.on_hover_text(tooltip)
+}
+
+fn paint_icon(painter: &Painter, icon: Icon, r: Rect, colour: Color32) {
+    let stroke = Stroke::new(1.8, colour);
+    // Maps from the unit square to the icon's.
+    let at = |x: f32, y: f32| pos2(r.left() + x * r.width(), r.top() + y * r.height());
+    let triangle = |x0: f32, x1: f32| {
+        painter.add(Shape::convex_polygon(
+            vec![at(x0, 0.12), at(x1, 0.5), at(x0, 0.88)],
+            colour,
+            Stroke::NONE,
+        ));
+    };
+    let bar = |x: f32, width: f32| {
+        painter.rect_filled(Rect::from_min_max(at(x, 0.12), at(x + width, 0.88)), 1.0, colour);
+    };
+    match icon {
+        Icon::Play => triangle(0.15, 0.95),
+        Icon::Pause => [0.16, 0.6].into_iter().for_each(|x| bar(x, 0.24)),
+        Icon::StepForward => {
+            bar(0.18, 0.14);
+            triangle(0.42, 0.92);
+        }
+        Icon::StepBack => {
+            bar(0.68, 0.14);
+            triangle(0.58, 0.08);
+        }
+        Icon::HopForward => [0.0, 0.5].into_iter().for_each(|x| triangle(x, x + 0.5)),
+        Icon::HopBack => [0.5, 1.0].into_iter().for_each(|x| triangle(x, x - 0.5)),
+        Icon::Last => {
+            triangle(0.1, 0.75);
+            bar(0.76, 0.14);
+        }
+        Icon::First => {
+            bar(0.1, 0.14);
+            triangle(0.9, 0.25);
+        }
+        Icon::Loop => {
+            // Two half turns, each ending in an arrow head.
+            for (from, side) in [(0.55, 1.0), (0.05, -1.0)] {
+                let points = arc(r.center(), r.width() * 0.4, from, from + 0.36);
+                let end = points[points.len() - 1];
+                painter.add(Shape::line(points, stroke));
+                let head = [vec2(0.0, -4.5), vec2(4.5, 0.5), vec2(0.0, 4.0)].map(|d| end + side * d);
+                painter.add(Shape::convex_polygon(head.to_vec(), colour, Stroke::NONE));
+            }
+        }
+        Icon::Eye | Icon::EyeClosed => {
+            let lid = |bend: f32| -> Vec<Pos2> {
+                (0..=12).map(|i| i as f32 / 12.0).map(|x| at(x, 0.5 + bend * (x * (1.0 - x)) * 4.0)).collect()
+            };
+            painter.add(Shape::line(lid(-0.34), stroke));
+            painter.add(Shape::line(lid(0.34), stroke));
+            painter.circle_filled(at(0.5, 0.5), r.width() * 0.17, colour);
+            if icon == Icon::EyeClosed {
+                painter.line_segment([at(0.06, 0.98), at(0.94, 0.02)], Stroke::new(2.2, colour));
+            }
+        }
+        Icon::More => [0.14, 0.5, 0.86].into_iter().for_each(|x| {
+            painter.circle_filled(at(x, 0.5), 2.0, colour);
+        }),
+        Icon::Pin => {
+            let mark = vec![
+                at(0.2, 0.05),
+                at(0.8, 0.05),
+                at(0.8, 0.95),
+                at(0.5, 0.68),
+                at(0.2, 0.95),
+                at(0.2, 0.05),
+            ];
+            painter.add(Shape::line(mark, stroke));
+        }
+        Icon::Flag => {
+            painter.line_segment([at(0.22, 0.05), at(0.22, 0.98)], stroke);
+            let cloth = vec![at(0.28, 0.08), at(0.92, 0.3), at(0.28, 0.55)];
+            painter.add(Shape::convex_polygon(cloth, colour, Stroke::NONE));
+        }
+        Icon::Cross => {
+            painter.line_segment([at(0.2, 0.2), at(0.8, 0.8)], stroke);
+            painter.line_segment([at(0.8, 0.2), at(0.2, 0.8)], stroke);
+        }
+    }
+}
+
+/// Returns the points of an arc of a circle, clockwise from the top; `from` and `to` in turns.
+fn arc(centre: Pos2, radius: f32, from: f32, to: f32) -> Vec<Pos2> {
+    let at = |turn: f32| centre + radius * Vec2::angled((turn - 0.25) * std::f32::consts::TAU);
+    (0..=20).map(|i| at(from + (to - from) * i as f32 / 20.0)).collect()
+}
+
+/// Shows several options side by side to choose one of: (value, label, tooltip, enabled).
+pub(crate) fn choice<T: Copy + PartialEq>(ui: &mut Ui, value: &mut T, options: &[(T, &str, String, bool)]) {
+    ui.scope(|ui| {
+        ui.spacing_mut().item_spacing.x = 2.0;
+        ui.horizontal(|ui| {
+            for (option, label, tooltip, is_enabled) in options {
+                let button = egui::Button::selectable(*value == *option, *label);
+                let button = button.min_size(vec2(0.0, theme::CONTROL_HEIGHT)).frame_when_inactive(true);
+                if ui.add_enabled(*is_enabled, button).on_hover_text(tooltip).clicked() {
+                    *value = *option;
+                }
+            }
+        });
+    });
+}
+
+/// Shows a dialog over the window, which is dimmed and does not react meanwhile. Returns the result of
+/// `content`, and `true` if Esc or a click beside the dialog closes it.
+pub(crate) fn dialog<T>(
+    ctx: &egui::Context,
+    name: &'static str,
+    width: f32,
+    content: impl FnOnce(&mut Ui) -> T,
+) -> (T, bool) {
+    let frame = egui::Frame::new()
+        .fill(theme::RAISED)
+        .stroke(Stroke::new(1.0, theme::LINE))
+        .corner_radius(10)
+        .inner_margin(22);
+    let modal =
+        egui::Modal::new(egui::Id::unique(name)).frame(frame).backdrop_color(Color32::from_black_alpha(150));
+    let modal = modal.show(ctx, |ui| {
+        ui.set_width(width.min(ui.ctx().content_rect().width() - 80.0));
+        content(ui)
+    });
+    let is_closed = modal.should_close();
+    (modal.inner, is_closed)
+}
+
+/// Shows a small panel over the picture.
+pub(crate) fn card(
+    ctx: &egui::Context,
+    name: &'static str,
+    at: Pos2,
+    anchor: Align2,
+    width: f32,
+    content: impl FnOnce(&mut Ui),
+) {
+    let frame = egui::Frame::new()
+        .fill(theme::RAISED)
+        .stroke(Stroke::new(1.0, theme::LINE))
+        .corner_radius(8)
+        .inner_margin(12);
+    egui::Area::new(egui::Id::unique(name)).pivot(anchor).fixed_pos(at).show(ctx, |ui| {
+        frame.show(ui, |ui| {
+            ui.set_width(width);
+            content(ui);
+        });
+    });
+}
+
+/// Makes a dialog's main button.
+pub(crate) fn main_button(text: &str) -> egui::Button<'_> {
+    egui::Button::new(text).fill(theme::SELECTION).min_size(vec2(0.0, 36.0))
+}
+
+/// Makes less important text.
+pub(crate) fn caption(text: impl Into<String>) -> egui::RichText {
+    egui::RichText::new(text).font(theme::small()).color(theme::TEXT_WEAK)
+}
+
+/// Paints text on a dark plate, readable on any picture; returns the plate.
+pub(crate) fn plate(painter: &Painter, at: Pos2, anchor: Align2, text: &str, colour: Color32) -> Rect {
+    let galley = painter.layout_no_wrap(text.to_owned(), egui::FontId::proportional(14.5), colour);
+    let rect = anchor.anchor_size(at, galley.size() + vec2(16.0, 9.0));
+    painter.rect_filled(rect, 5.0, theme::PLATE);
+    painter.galley(rect.min + vec2(8.0, 4.5), galley, colour);
+    rect
+}
+
+/// Paints a prompt's colour with its number.
+pub(crate) fn swatch(painter: &Painter, rect: Rect, colour: [u8; 3], number: &str) {
+    painter.rect_filled(rect, 4.0, theme::colour32(colour));
+    painter.text(
+        rect.center(),
+        Align2::CENTER_CENTER,
+        number,
+        egui::FontId::proportional(13.0),
+        Color32::BLACK,
+    );
+}

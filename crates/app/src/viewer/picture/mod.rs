@@ -1,0 +1,14 @@
+//! From a request to textures on the screen: decode or render, score, find, draw.
+
+pub(crate) mod areas;
+pub(crate) mod difference;
+pub(crate) mod found;
+pub(crate) mod layer_colours;
+pub(crate) mod marks;
+pub(crate) mod open;
+mod pipeline;
+#[cfg(test)]
+mod pipeline_tests;
+pub(crate) mod request;
+pub(crate) mod textures;
+mod worker;

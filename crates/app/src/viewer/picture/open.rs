@@ -1,0 +1,86 @@
+//! The open scene or recording: the thread that makes its pictures, and the newest of them on the screen.
+
+use crate::viewer::{
+    backend::{FrameSource, Info},
+    picture::{
+        areas::Areas,
+        request::{Finding, Picture, Request},
+        textures::Shown,
+        worker::Worker,
+    },
+};
+use egui::Context;
+use surgtpgs_core::Result;
+
+/// Duration above which pictures are made at half size while something moves, milliseconds.
+const SLOW_MS: f64 = 60.0;
+
+/// The open scene or recording.
+pub(crate) struct Open {
+    pub(crate) info: Info,
+    worker: Worker,
+    asked: Option<Request>,
+    /// Areas of all prompts on every frame; `None` while a passing state is shown, such as a preview of
+    /// training.
+    pub(crate) areas: Option<Areas>,
+    pub(crate) shown: Option<Shown>,
+    /// Duration of the last picture at full size, milliseconds.
+    full_ms: f64,
+}
+
+impl Open {
+    /// Starts the thread that makes the pictures of `source`.
+    pub(crate) fn start(source: Box<dyn FrameSource>, ctx: &Context) -> Result<Self> {
+        let info = source.info().clone();
+        let areas = Some(Areas::new(info.num_frames));
+        let worker = Worker::start(source, ctx)?;
+        Ok(Self { info, worker, asked: None, areas, shown: None, full_ms: 0.0 })
+    }
+
+    /// Continues with a passing state of the same recording.
+    pub(crate) fn preview(&mut self, source: Box<dyn FrameSource>) {
+        self.info = source.info().clone();
+        self.worker.replace(source);
+        self.asked = None;
+        self.areas = None;
+    }
+
+    /// Takes what the thread has made.
+    pub(crate) fn poll(&mut self, ctx: &Context) {
+        for measured in self.worker.take_measured() {
+            if let Some(areas) = &mut self.areas {
+                areas.take(measured);
+            }
+        }
+        let Some(picture) = self.worker.take() else { return };
+        if !picture.request.view.is_preview {
+            self.full_ms = picture.took_ms;
+        }
+        match &mut self.shown {
+            Some(shown) => shown.update(picture, ctx),
+            none => *none = Some(Shown::new(picture, ctx)),
+        }
+    }
+
+    /// Requests a picture, unless it has been requested already.
+    pub(crate) fn ask(&mut self, request: Request) {
+        if self.asked.as_ref() != Some(&request) {
+            self.worker.submit(request.clone());
+            self.asked = Some(request);
+        }
+    }
+
+    /// Returns `true` if pictures take so long that they are made at half size while something moves.
+    pub(crate) fn is_slow(&self) -> bool {
+        self.full_ms > SLOW_MS
+    }
+
+    pub(crate) fn picture(&self) -> Option<&Picture> {
+        self.shown.as_ref().map(|shown| &shown.picture)
+    }
+
+    /// Returns what a prompt found in the shown picture; `None` until the prompt has been answered.
+    pub(crate) fn finding(&self, id: u64, text: &str) -> Option<&Finding> {
+        self.picture()?.findings.iter().find(|f| f.id == id && f.text == text)
+    }
+}

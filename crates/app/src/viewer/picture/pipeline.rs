@@ -1,0 +1,468 @@
+//! The way from a request to a picture: decode or render, score, draw. The pipeline keeps what the next
+//! requests may need again, so that a moved threshold costs only a redraw of the overlay. It prepares the
+//! frames ahead while there is no request. It runs on the worker thread.
+
+use crate::engine::Question;
+use crate::viewer::{
+    backend::{FrameSource, FrameView, Rendering},
+    picture::{
+        areas::{Counted, Measure, Measured},
+        difference::Difference,
+        found::Found,
+        layer_colours::colour_layer,
+        marks::{color_image, fade, mark},
+        request::{AskedPrompt, Finding, LayerPane, Pane, Picture, Request},
+    },
+    state::{content::PREVIEW, view_mode::Layer},
+};
+use egui::ColorImage;
+use image::RgbImage;
+use std::{collections::VecDeque, sync::Arc, time::Instant};
+use surgtpgs_core::{
+    Error, Result,
+    grid::{Grid, Mask},
+    mask::mean_scores,
+};
+
+/// Number of frames that are prepared ahead of the shown one.
+const FRAMES_AHEAD: usize = 12;
+/// Number of instrument masks that are kept.
+const KEPT_TOOLS: usize = 32;
+/// Memory for pictures that may be needed again, bytes.
+const KEPT_BYTES: usize = 128 << 20;
+
+/// Makes pictures from a source. Remembers the last ones and prepares those to come.
+pub(crate) struct Pipeline {
+    source: Box<dyn FrameSource>,
+    /// Recorded frames, the most recently used at the end.
+    originals: VecDeque<(usize, Arc<RgbImage>, Arc<ColorImage>)>,
+    /// Rendered views, the most recently used at the end.
+    rendered: VecDeque<Rendered>,
+    /// Masks of instruments on recorded frames, `None` where they are not known; the newest at the end.
+    tools: VecDeque<(usize, Option<Arc<Mask>>)>,
+    depth_range: Option<(f32, f32)>,
+    /// Upper end of the scale of motion, px; kept like the depth scale.
+    motion_top: Option<f32>,
+    /// The last request.
+    last: Option<Request>,
+    /// `None` for a passing state of a scene, such as one that is being trained.
+    counted: Option<Counted>,
+}
+
+/// A score image, or why there is none.
+type Scores = Result<Arc<Grid<f32>>, String>;
+/// A question with its scores.
+type PromptScores = (Question, Scores);
+
+struct Rendered {
+    view: FrameView,
+    has_features: bool,
+    colour: RgbImage,
+    bare: Arc<ColorImage>,
+    depth: Arc<Grid<f32>>,
+    unseen_share: f32,
+    scores: Vec<PromptScores>,
+}
+
+impl Pipeline {
+    pub(crate) fn new(source: Box<dyn FrameSource>) -> Self {
+        Self {
+            source,
+            originals: VecDeque::new(),
+            rendered: VecDeque::new(),
+            tools: VecDeque::new(),
+            depth_range: None,
+            motion_top: None,
+            last: None,
+            counted: Some(Counted::default()),
+        }
+    }
+
+    /// Continues with another state of the same recording; decoded frames are kept.
+    pub(crate) fn replace(&mut self, source: Box<dyn FrameSource>) {
+        self.source = source;
+        self.rendered.clear();
+        self.motion_top = None;
+        self.counted = None;
+    }
+
+    /// Makes the picture. A failure becomes [`Picture::problem`].
+    pub(crate) fn produce(&mut self, request: Request) -> Picture {
+        self.last = Some(request.clone());
+        let began = Instant::now();
+        let passes_before = self.source.clock();
+        let mut picture = Picture {
+            original: None,
+            reconstruction: None,
+            layer: None,
+            difference: None,
+            depth_values: None,
+            findings: Vec::new(),
+            candidates: Vec::new(),
+            sample: None,
+            unseen_share: 0.0,
+            problem: None,
+            took_ms: 0.0,
+            passes_run: 0,
+            request,
+        };
+        if let Err(e) = self.fill(&mut picture) {
+            picture.problem = Some(e.to_string());
+        }
+        let is_drawn = !picture.findings.is_empty();
+        picture.passes_run = self.source.clock().ran_since(&passes_before) + usize::from(is_drawn);
+        picture.took_ms = began.elapsed().as_secs_f64() * 1000.0;
+        picture
+    }
+
+    fn fill(&mut self, picture: &mut Picture) -> Result<()> {
+        let request = picture.request.clone();
+        let Needs { decodes, renders, asks } = self.needs(&request);
+        // The recorded frame comes first, so that it can be shown even if rendering fails.
+        let original = if decodes { Some(self.original(request.view.frame)?) } else { None };
+        if let Some((_, bare)) = &original {
+            picture.original = Some(Pane { bare: bare.clone(), marked: None });
+        }
+        if !renders {
+            return Ok(());
+        }
+        let questions = if asks { request.questions() } else { Vec::new() };
+        let answers = self.answers(&request.view, &questions, request.clean_up.smooth_frames)?;
+        let tools = self.tools_below(&request, asks);
+        let layer = request.layer.map(|layer| self.layer(layer, &request.view)).transpose()?;
+        let Some(rendered) = self.rendered.back() else { return Ok(()) };
+        picture.findings = findings(&answers, &request);
+        picture.candidates = candidates(&answers, &request.candidates);
+        if let Some(point) = request.point.filter(|_| self.source.info().has_features) {
+            // The scores at the point can be shown even without a sample.
+            picture.sample = self.source.sample(&request.view, point).ok().flatten();
+        }
+        picture.depth_values = Some(rendered.depth.clone());
+        picture.layer = layer;
+        picture.unseen_share = rendered.unseen_share;
+        if request.needs_reconstruction {
+            let marked = mark(&rendered.colour, &picture.findings, tools.as_deref(), &request);
+            picture.reconstruction = Some(Pane { bare: rendered.bare.clone(), marked });
+        }
+        if let (Some((frame, _)), Some(pane)) = (&original, &mut picture.original) {
+            pane.marked = mark(frame, &picture.findings, tools.as_deref(), &request);
+            picture.difference = request.needs_difference.then(|| Difference::of(frame, &rendered.colour));
+        }
+        Ok(())
+    }
+
+    fn needs(&self, request: &Request) -> Needs {
+        let info = self.source.info();
+        let asks = info.has_features && !(request.prompts.is_empty() && request.candidates.is_empty());
+        let renders = request.needs_reconstruction || request.layer.is_some() || asks;
+        Needs {
+            decodes: info.has_original && request.needs_original,
+            renders: info.has_reconstruction && renders,
+            asks,
+        }
+    }
+
+    /// Prepares the next frame that is likely to be requested; returns `false` if there is none. A failure is
+    /// not reported here: it will happen again, and be reported, when the frame is requested.
+    pub(crate) fn prepare_ahead(&mut self) -> bool {
+        let Some(last) = self.last.clone().filter(|l| !l.view.is_preview && self.source.prepares_ahead())
+        else {
+            return false;
+        };
+        let end = self.source.info().num_frames.min(last.view.frame + 1 + FRAMES_AHEAD);
+        for frame in last.view.frame + 1..end {
+            let view = FrameView { frame, ..last.view };
+            let request = Request { view, candidates: Vec::new(), ..last.clone() };
+            let Needs { decodes, renders, asks } = self.needs(&request);
+            let decodes = decodes && !self.originals.iter().any(|(i, ..)| *i == frame);
+            let known = self.rendered.iter().find(|r| r.is_of(&view, asks));
+            let renders =
+                renders && known.is_none_or(|r| asks && !r.new_questions(&request.questions()).is_empty());
+            if !decodes && !renders {
+                continue;
+            }
+            // Pictures that will be needed sooner must not be dropped for this one.
+            if !self.has_room_for(frame - last.view.frame) {
+                return false;
+            }
+            let is_decoded = !decodes || self.original(frame).is_ok();
+            let is_rendered = !renders || self.render(&view, asks).is_ok();
+            if is_rendered && renders && asks {
+                self.score(&view, &request.questions());
+            }
+            return is_decoded && is_rendered;
+        }
+        false
+    }
+
+    /// Counts the areas of the last request's prompts on the next uncounted frame; `None` if there is none.
+    pub(crate) fn count_next(&mut self) -> Option<Measured> {
+        let last = self.last.as_ref().filter(|l| !l.view.is_preview)?;
+        let info = self.source.info();
+        if !info.has_features || !self.source.prepares_ahead() {
+            return None;
+        }
+        let num_frames = info.num_frames;
+        let measure = |p: &AskedPrompt| Measure::new(p.question.clone(), last.clean_up, p.threshold);
+        let prompts: Vec<Measure> = last.prompts.iter().filter(|p| p.id != PREVIEW).map(measure).collect();
+        let (frame, new) = self.counted.as_ref()?.next(&prompts, num_frames)?;
+        let questions: Vec<Question> = new.iter().map(|m| m.question.clone()).collect();
+        let answers = self.answers_unkept(frame, &questions, new.iter().map(Measure::reach).max()?);
+        let levels = |(k, measure): (usize, &Measure)| Some(measure.levels(answers.get(k)?.as_ref().ok()?));
+        let levels: Vec<_> = new.iter().enumerate().map(levels).collect();
+        let measured = Measured { frame, prompts: new.into_iter().zip(levels).collect() };
+        self.counted.as_mut()?.note(&measured, num_frames);
+        Some(measured)
+    }
+
+    /// Returns the scores on a recorded frame; empty if they cannot be had. The rendered view is not kept,
+    /// because nobody asked to see it, unless neighbouring frames will need it.
+    fn answers_unkept(&mut self, frame: usize, questions: &[Question], reach: usize) -> Vec<Scores> {
+        let view = FrameView { frame, ..FrameView::default() };
+        if reach > 0 {
+            let answers = self.answers(&view, questions, reach).unwrap_or_default();
+            return answers.into_iter().map(|(_, scores)| scores).collect();
+        }
+        let kept = self.rendered.iter().find(|r| r.view == view).and_then(|r| r.known(questions));
+        kept.unwrap_or_else(|| match self.source.render(&view, true) {
+            Ok(_) => self.source.scores(&view, questions).into_iter().map(shared).collect(),
+            Err(_) => Vec::new(),
+        })
+    }
+
+    /// Returns the scores of a view, averaged over `reach` frames before and after. Afterwards the view is
+    /// the last of the rendered ones.
+    fn answers(
+        &mut self,
+        view: &FrameView,
+        questions: &[Question],
+        reach: usize,
+    ) -> Result<Vec<PromptScores>> {
+        let asks = !questions.is_empty();
+        let last = self.source.info().num_frames.saturating_sub(1);
+        let reach = if asks { reach } else { 0 };
+        let around = view.frame.saturating_sub(reach)..=(view.frame + reach).min(last.max(view.frame));
+        let mut neighbours: Vec<Vec<Scores>> = Vec::new();
+        for frame in around.filter(|frame| *frame != view.frame) {
+            let beside = FrameView { frame, ..*view };
+            self.render(&beside, true)?;
+            self.score(&beside, questions);
+            neighbours.extend(self.rendered.back().and_then(|r| r.known(questions)));
+        }
+        self.render(view, asks)?;
+        self.score(view, questions);
+        let own = self.rendered.back().and_then(|r| r.known(questions)).unwrap_or_default();
+        let smoothed = |(k, scores): (usize, Scores)| match scores {
+            Ok(scores) if reach > 0 => {
+                let beside: Vec<&Grid<f32>> =
+                    neighbours.iter().filter_map(|n| n.get(k)?.as_deref().ok()).collect();
+                Ok(Arc::new(mean_scores(&scores, &beside)))
+            }
+            other => other,
+        };
+        Ok(questions.iter().cloned().zip(own.into_iter().enumerate().map(smoothed)).collect())
+    }
+
+    /// Returns the mask of instruments that lie over everything found in a view, if the recording has one.
+    fn tools_below(&mut self, request: &Request, asks: bool) -> Option<Arc<Mask>> {
+        let is_wanted = asks && request.look.below_instruments && !request.prompts.is_empty();
+        if !is_wanted || !request.view.orbit.is_home() {
+            return None;
+        }
+        let frame = request.view.frame;
+        if let Some((_, tools)) = self.tools.iter().find(|(f, _)| *f == frame) {
+            return tools.clone();
+        }
+        // Without a mask the picture is still right: the overlay then covers the instruments, too.
+        let tools = self.source.instruments(frame).ok().flatten().map(Arc::new);
+        if self.tools.len() >= KEPT_TOOLS {
+            self.tools.pop_front();
+        }
+        self.tools.push_back((frame, tools.clone()));
+        tools
+    }
+
+    fn original(&mut self, frame: usize) -> Result<(Arc<RgbImage>, Arc<ColorImage>)> {
+        if let Some(k) = self.originals.iter().position(|(i, ..)| *i == frame) {
+            let known = self.originals.remove(k);
+            self.originals.extend(known);
+        } else {
+            let image = Arc::new(self.source.original(frame)?);
+            let bare = Arc::new(color_image(&image));
+            self.make_room();
+            self.originals.push_back((frame, image, bare));
+        }
+        let newest = self.originals.back().map(|(_, image, bare)| (image.clone(), bare.clone()));
+        newest.ok_or_else(|| Error::input("the recorded frame is not at hand", ""))
+    }
+
+    /// Makes sure that the view is the last of the rendered ones.
+    fn render(&mut self, view: &FrameView, with_features: bool) -> Result<()> {
+        if let Some(k) = self.rendered.iter().position(|r| r.is_of(view, with_features)) {
+            let known = self.rendered.remove(k);
+            self.rendered.extend(known);
+            return Ok(());
+        }
+        self.rendered.retain(|r| r.view != *view);
+        let Rendering { mut colour, depth, unseen } = self.source.render(view, with_features)?;
+        let unseen_share = unseen.map_or(0.0, |unseen| fade(&mut colour, &depth, &unseen));
+        self.make_room();
+        self.rendered.push_back(Rendered {
+            view: *view,
+            has_features: with_features,
+            bare: Arc::new(color_image(&colour)),
+            colour,
+            depth: Arc::new(depth),
+            unseen_share,
+            scores: Vec::new(),
+        });
+        Ok(())
+    }
+
+    /// Scores those questions that have not been asked for this view yet; the view must be the last of the
+    /// rendered ones.
+    fn score(&mut self, view: &FrameView, questions: &[Question]) {
+        let Some(rendered) = self.rendered.back_mut() else { return };
+        let new = rendered.new_questions(questions);
+        if new.is_empty() {
+            return;
+        }
+        let answers = self.source.scores(view, &new).into_iter().map(shared);
+        rendered.scores.extend(new.into_iter().zip(answers));
+    }
+
+    fn kept_bytes(&self) -> usize {
+        let originals: usize = self.originals.iter().map(|(_, image, _)| 7 * image.as_raw().len() / 3).sum();
+        originals + self.rendered.iter().map(Rendered::bytes).sum::<usize>()
+    }
+
+    /// Returns the number of frames by which a kept picture is ahead of the shown one. Returns the largest
+    /// number for pictures behind the shown one or from another viewpoint.
+    fn distance(&self, frame: usize, view: Option<&FrameView>) -> usize {
+        let Some(shown) = self.last.as_ref().map(|last| last.view) else { return 0 };
+        let is_alike = view.is_none_or(|view| FrameView { frame: shown.frame, ..*view } == shown);
+        if is_alike { frame.checked_sub(shown.frame).unwrap_or(usize::MAX) } else { usize::MAX }
+    }
+
+    /// Returns index and distance of the rendered view, and of the recorded frame, that will be needed last.
+    fn farthest(&self) -> [Option<(usize, usize)>; 2] {
+        let rendered = self.rendered.iter().map(|r| self.distance(r.view.frame, Some(&r.view)));
+        let originals = self.originals.iter().map(|(frame, ..)| self.distance(*frame, None));
+        [rendered.enumerate().max_by_key(|(_, d)| *d), originals.enumerate().max_by_key(|(_, d)| *d)]
+    }
+
+    fn has_room_for(&self, distance: usize) -> bool {
+        let is_farther = |farthest: &(usize, usize)| farthest.1 > distance;
+        self.kept_bytes() < KEPT_BYTES || self.farthest().iter().flatten().any(is_farther)
+    }
+
+    /// Drops the pictures that will be needed last until there is room for another one.
+    fn make_room(&mut self) {
+        while self.kept_bytes() >= KEPT_BYTES {
+            match self.farthest() {
+                [Some((k, d)), original] if d > 0 && original.is_none_or(|(_, other)| d >= other) => {
+                    self.rendered.remove(k);
+                }
+                [_, Some((k, d))] if d > 0 => {
+                    self.originals.remove(k);
+                }
+                _ => return,
+            }
+        }
+    }
+
+    /// Draws a layer of the view rendered last in colours.
+    fn layer(&mut self, layer: Layer, view: &FrameView) -> Result<LayerPane> {
+        let (values, range, note) = match layer {
+            Layer::Depth => {
+                let range = self.depth_range();
+                let depth = self.rendered.back().map(|r| r.depth.clone()).unwrap_or_default();
+                (depth, range, String::new())
+            }
+            Layer::Motion => {
+                let (values, note) = self.source.motion(view)?;
+                let top = *self.motion_top.get_or_insert_with(|| percentile(&values, 0.98).max(1.0));
+                (Arc::new(values), (0.0, top), note)
+            }
+            Layer::Opacity => (Arc::new(self.source.opacity(view)?), (0.0, 1.0), String::new()),
+        };
+        let image = Arc::new(colour_layer(layer, &values, range));
+        Ok(LayerPane { layer, image, range, note })
+    }
+
+    /// Returns the depth scale. It is taken from the first depth picture and then kept, so that colours mean
+    /// the same on all frames.
+    fn depth_range(&mut self) -> (f32, f32) {
+        if self.depth_range.is_none() {
+            let depth = self.rendered.back().map(|r| &r.depth).filter(|d| d.data.iter().any(|z| *z > 0.0));
+            self.depth_range = depth.map(|d| (percentile(d, 0.02), percentile(d, 0.98)));
+        }
+        self.depth_range.unwrap_or((0.0, 1.0))
+    }
+}
+
+/// Returns the value that the given share of the values above 0 does not exceed; 0 if there are none.
+fn percentile(values: &Grid<f32>, share: f32) -> f32 {
+    let mut known: Vec<f32> = values.data.iter().copied().filter(|v| v.is_finite() && *v > 0.0).collect();
+    let at = ((known.len() as f32 - 1.0) * share).max(0.0) as usize;
+    if known.is_empty() { 0.0 } else { *known.select_nth_unstable_by(at, f32::total_cmp).1 }
+}
+
+/// Stages that a request needs.
+struct Needs {
+    decodes: bool,
+    renders: bool,
+    asks: bool,
+}
+
+impl Rendered {
+    /// Returns `true` if this is the view that was asked for, with the features if they were asked for.
+    fn is_of(&self, view: &FrameView, with_features: bool) -> bool {
+        self.view == *view && (self.has_features || !with_features)
+    }
+
+    /// Returns those questions that have not been asked for this view yet.
+    fn new_questions(&self, questions: &[Question]) -> Vec<Question> {
+        let mut new: Vec<Question> = Vec::new();
+        for question in questions {
+            if !new.contains(question) && !self.scores.iter().any(|(q, _)| q == question) {
+                new.push(question.clone());
+            }
+        }
+        new
+    }
+
+    /// Returns the scores of all `questions`, if all of them have been asked.
+    fn known(&self, questions: &[Question]) -> Option<Vec<Scores>> {
+        let of = |question: &Question| {
+            let known = self.scores.iter().find(|(q, _)| q == question);
+            known.map(|(_, scores)| scores.clone())
+        };
+        questions.iter().map(of).collect()
+    }
+
+    fn bytes(&self) -> usize {
+        // Bytes per pixel: colour as RGB and RGBA, depth, scores.
+        self.depth.data.len() * (3 + 4 + 4 + 4 * self.scores.len())
+    }
+}
+
+fn shared(scores: Result<Grid<f32>>) -> Scores {
+    scores.map(Arc::new).map_err(|e| e.to_string())
+}
+
+fn findings(answers: &[PromptScores], request: &Request) -> Vec<Finding> {
+    let clean_up = request.clean_up();
+    let finding = |prompt: &AskedPrompt| {
+        let (_, scores) = answers.iter().find(|(question, _)| *question == prompt.question)?;
+        let outcome = scores.clone().map(|scores| Found::new(scores, prompt.threshold, clean_up));
+        Some(Finding { id: prompt.id, text: prompt.question.text.clone(), outcome })
+    };
+    request.prompts.iter().filter_map(finding).collect()
+}
+
+/// Returns the scores of those `wanted` questions that have any.
+fn candidates(answers: &[PromptScores], wanted: &[Question]) -> Vec<(String, Arc<Grid<f32>>)> {
+    let known = answers.iter().filter(|(question, _)| wanted.contains(question));
+    known.filter_map(|(q, scores)| Some((q.text.clone(), scores.as_ref().ok()?.clone()))).collect()
+}

@@ -1,0 +1,210 @@
+//! Tests that the pipeline keeps and prepares the right pictures, and that frames never mix.
+
+use crate::engine::{Negatives, Question};
+use crate::viewer::{
+    backend::{FrameSource, FrameView, Info, Rendering},
+    picture::{
+        pipeline::Pipeline,
+        request::{AskedPrompt, Picture, Request},
+    },
+};
+use image::{Rgb, RgbImage};
+use std::sync::{Arc, Mutex};
+use surgtpgs_core::{Result, grid::Grid, mask::CleanUp, overlay::OverlayLook, relevancy::RelevancySettings};
+
+const FRAMES: usize = 40;
+
+/// Source whose pictures and scores tell their frame. It records the frames that were rendered.
+struct Telling {
+    info: Info,
+    side: u32,
+    rendered: Arc<Mutex<Vec<usize>>>,
+}
+
+impl FrameSource for Telling {
+    fn info(&self) -> &Info {
+        &self.info
+    }
+    fn original(&mut self, frame: usize) -> Result<RgbImage> {
+        Ok(RgbImage::from_pixel(self.side, self.side, Rgb([frame as u8, 1, 1])))
+    }
+    fn render(&mut self, view: &FrameView, _: bool) -> Result<Rendering> {
+        self.rendered.lock().unwrap().push(view.frame);
+        let side = self.side as usize;
+        Ok(Rendering {
+            colour: RgbImage::from_pixel(self.side, self.side, Rgb([view.frame as u8; 3])),
+            depth: Grid::filled(side, side, view.frame as f32 + 1.0),
+            unseen: None,
+        })
+    }
+    fn motion(&mut self, _: &FrameView) -> Result<(Grid<f32>, String)> {
+        Ok((Grid::filled(1, 1, 0.0), String::new()))
+    }
+    fn opacity(&mut self, _: &FrameView) -> Result<Grid<f32>> {
+        Ok(Grid::filled(1, 1, 1.0))
+    }
+    fn scores(&mut self, view: &FrameView, questions: &[Question]) -> Vec<Result<Grid<f32>>> {
+        let side = self.side as usize;
+        questions.iter().map(|_| Ok(Grid::filled(side, side, score_of(view.frame)))).collect()
+    }
+}
+
+fn score_of(frame: usize) -> f32 {
+    (frame + 1) as f32 / 100.0
+}
+
+fn pipeline(side: u32) -> (Pipeline, Arc<Mutex<Vec<usize>>>) {
+    let rendered = Arc::new(Mutex::new(Vec::new()));
+    let info = Info {
+        num_frames: FRAMES,
+        has_original: true,
+        has_reconstruction: true,
+        has_features: true,
+        ..Info::default()
+    };
+    (Pipeline::new(Box::new(Telling { info, side, rendered: rendered.clone() })), rendered)
+}
+
+fn question(text: &str) -> Question {
+    Question::words(text, Negatives::of(&RelevancySettings::default()))
+}
+
+fn request(frame: usize) -> Request {
+    Request {
+        view: FrameView { frame, ..FrameView::default() },
+        needs_original: true,
+        needs_reconstruction: true,
+        layer: None,
+        needs_difference: false,
+        prompts: vec![AskedPrompt {
+            id: 1,
+            question: question("liver"),
+            threshold: 0.0,
+            colour: [0, 200, 80],
+            is_instrument: false,
+        }],
+        candidates: Vec::new(),
+        look: OverlayLook::default(),
+        clean_up: CleanUp::default(),
+        point: None,
+    }
+}
+
+fn is_all_of(picture: &Picture, frame: usize) {
+    let red =
+        |pane: &Option<crate::viewer::picture::request::Pane>| pane.as_ref().unwrap().bare.pixels[0].r();
+    assert_eq!(picture.request.view.frame, frame);
+    assert_eq!(usize::from(red(&picture.original)), frame);
+    assert_eq!(usize::from(red(&picture.reconstruction)), frame);
+    assert_eq!(picture.depth_values.as_ref().unwrap().data[0], frame as f32 + 1.0);
+    assert_eq!(picture.findings[0].outcome.as_ref().unwrap().max_score, score_of(frame));
+}
+
+#[test]
+fn frames_ahead_are_prepared_once_and_then_nothing_runs() {
+    let (mut pipeline, rendered) = pipeline(8);
+    is_all_of(&pipeline.produce(request(3)), 3);
+    while pipeline.prepare_ahead() {}
+    assert_eq!(*rendered.lock().unwrap(), (3..=15).collect::<Vec<_>>());
+    assert!((0..100).all(|_| !pipeline.prepare_ahead()));
+    assert_eq!(rendered.lock().unwrap().len(), 13, "an idle window renders nothing");
+    is_all_of(&pipeline.produce(request(9)), 9);
+    is_all_of(&pipeline.produce(request(4)), 4);
+    assert_eq!(rendered.lock().unwrap().len(), 13, "what was prepared is not rendered again");
+    is_all_of(&pipeline.produce(request(FRAMES - 1)), FRAMES - 1);
+    assert!(!pipeline.prepare_ahead(), "nothing comes after the last frame");
+}
+
+#[test]
+fn scrubbed_frames_never_mix() {
+    let (mut pipeline, _) = pipeline(8);
+    let mut frame = 7;
+    for step in 0..300 {
+        frame = (frame * 31 + step * 7 + 11) % FRAMES;
+        is_all_of(&pipeline.produce(request(frame)), frame);
+        for _ in 0..step % 4 {
+            pipeline.prepare_ahead();
+        }
+    }
+}
+
+#[test]
+fn memory_is_bounded_and_what_is_shown_stays() {
+    // 11 + 4 + 7 bytes a pixel: about 23 MB a frame.
+    let (mut pipeline, rendered) = pipeline(1024);
+    pipeline.produce(request(0));
+    while pipeline.prepare_ahead() {}
+    let prepared = rendered.lock().unwrap().len();
+    assert!((4..9).contains(&prepared), "{prepared} frames of 23 MB within 128 MB");
+    pipeline.produce(request(0));
+    assert_eq!(rendered.lock().unwrap().len(), prepared, "the frame shown was not forgotten");
+    // Frames behind the shown one make room for those ahead.
+    is_all_of(&pipeline.produce(request(3)), 3);
+    while pipeline.prepare_ahead() {}
+    assert!(*rendered.lock().unwrap().iter().max().unwrap() > prepared);
+}
+
+#[test]
+fn a_half_size_preview_prepares_nothing() {
+    let (mut pipeline, rendered) = pipeline(8);
+    let view = FrameView { is_preview: true, ..FrameView::default() };
+    pipeline.produce(Request { view, ..request(0) });
+    assert!(!pipeline.prepare_ahead());
+    assert_eq!(*rendered.lock().unwrap(), [0]);
+}
+
+#[test]
+fn smoothing_over_time_is_the_mean_of_the_frames_around_on_the_picture_and_on_the_curve() {
+    let (mut pipeline, _) = pipeline(8);
+    let clean_up = CleanUp { smooth_frames: 2, ..CleanUp::default() };
+    let smooth = |frame: usize| {
+        let mut asked = Request { clean_up, ..request(frame) };
+        asked.prompts[0].threshold = 0.01;
+        asked
+    };
+    // Means over frames 0, 1 and 2 around the first one, and over five frames around the tenth.
+    for (frame, mean) in [(0, 0.02), (10, 0.11)] {
+        let picture = pipeline.produce(smooth(frame));
+        let found = picture.findings[0].outcome.clone().unwrap();
+        assert!((found.max_score - mean).abs() < 1e-6, "{}", found.max_score);
+        assert_eq!(picture.reconstruction.unwrap().bare.pixels[0], egui::Color32::from_gray(frame as u8));
+    }
+    // Without smoothing, the first frame's 0.01 is not above the threshold.
+    let mut counted = 0;
+    while let Some(measured) = pipeline.count_next() {
+        let levels = measured.prompts[0].1.as_ref().unwrap();
+        assert_eq!(levels.area_px(0.01), 64, "frame {}", measured.frame);
+        counted += 1;
+    }
+    assert_eq!(counted, FRAMES);
+}
+
+#[test]
+fn areas_are_counted_once_on_every_frame_and_what_is_kept_is_not_rendered_again() {
+    let (mut pipeline, rendered) = pipeline(8);
+    pipeline.produce(request(0));
+    while pipeline.prepare_ahead() {}
+    let mut frames = Vec::new();
+    while let Some(measured) = pipeline.count_next() {
+        let (asked, levels) = &measured.prompts[0];
+        let levels = levels.as_ref().unwrap();
+        assert_eq!((&asked.question, measured.prompts.len()), (&question("liver"), 1));
+        let is_above = score_of(measured.frame) > 0.2;
+        assert_eq!(levels.area_px(0.2), if is_above { 64 } else { 0 }, "frame {}", measured.frame);
+        frames.push(measured.frame);
+    }
+    assert_eq!(frames, (0..FRAMES).collect::<Vec<_>>());
+    assert_eq!(rendered.lock().unwrap().len(), FRAMES, "each frame once in all");
+    let picture = pipeline.produce(request(20));
+    is_all_of(&picture, 20);
+}
+
+#[test]
+fn other_negatives_are_another_question() {
+    let (mut pipeline, rendered) = pipeline(8);
+    pipeline.produce(request(3));
+    let mut asked = request(3);
+    asked.prompts[0].question.negatives.phrases.push("smoke".into());
+    is_all_of(&pipeline.produce(asked), 3);
+    assert_eq!(*rendered.lock().unwrap(), [3], "asked anew, not rendered anew");
+}

@@ -1,0 +1,107 @@
+//! Requests for pictures, and the pictures that answer them.
+
+use crate::engine::{Question, Sample};
+use crate::viewer::{
+    backend::FrameView,
+    picture::{difference::Difference, found::Found},
+    state::{content::PromptId, view_mode::Layer},
+};
+use egui::ColorImage;
+use std::sync::Arc;
+use surgtpgs_core::{grid::Grid, mask::CleanUp, overlay::OverlayLook};
+
+/// A prompt that is to be looked for.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct AskedPrompt {
+    pub(crate) id: PromptId,
+    pub(crate) question: Question,
+    pub(crate) threshold: f32,
+    pub(crate) colour: [u8; 3],
+    /// `true` if the prompt's masks lie over those of other prompts.
+    pub(crate) is_instrument: bool,
+}
+
+/// A picture that the window wants to show.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Request {
+    pub(crate) view: FrameView,
+    pub(crate) needs_original: bool,
+    pub(crate) needs_reconstruction: bool,
+    /// Layer of values to show as colours.
+    pub(crate) layer: Option<Layer>,
+    pub(crate) needs_difference: bool,
+    pub(crate) prompts: Vec<AskedPrompt>,
+    /// Questions whose scores are wanted without being drawn.
+    pub(crate) candidates: Vec<Question>,
+    /// Style of the overlay.
+    pub(crate) look: OverlayLook,
+    /// Clean-up of masks.
+    pub(crate) clean_up: CleanUp,
+    /// Point that is probed, as share of width and height.
+    pub(crate) point: Option<[f32; 2]>,
+}
+
+impl Request {
+    /// Returns the clean-up for masks of this view's size.
+    pub(crate) fn clean_up(&self) -> CleanUp {
+        if self.view.is_preview { self.clean_up.at_size(0.5) } else { self.clean_up }
+    }
+
+    /// Returns all questions of the request, prompts first.
+    pub(crate) fn questions(&self) -> Vec<Question> {
+        self.prompts.iter().map(|p| &p.question).chain(&self.candidates).cloned().collect()
+    }
+}
+
+/// A picture without and with everything found drawn over it. All of it is of one frame.
+#[derive(Clone, Debug)]
+pub(crate) struct Pane {
+    pub(crate) bare: Arc<ColorImage>,
+    /// `None` without prompts.
+    pub(crate) marked: Option<Arc<ColorImage>>,
+}
+
+/// A layer of values as colours, with their meaning.
+#[derive(Clone, Debug)]
+pub(crate) struct LayerPane {
+    pub(crate) layer: Layer,
+    pub(crate) image: Arc<ColorImage>,
+    /// Values at both ends of the colour scale, in the layer's unit.
+    pub(crate) range: (f32, f32),
+    /// Summary of the whole layer in words; may be empty.
+    pub(crate) note: String,
+}
+
+/// The answer to a [`Request`].
+#[derive(Clone, Debug)]
+pub(crate) struct Picture {
+    pub(crate) request: Request,
+    pub(crate) original: Option<Pane>,
+    pub(crate) reconstruction: Option<Pane>,
+    pub(crate) layer: Option<LayerPane>,
+    pub(crate) difference: Option<Difference>,
+    /// Depth of every pixel, scene units; 0 where unknown.
+    pub(crate) depth_values: Option<Arc<Grid<f32>>>,
+    pub(crate) findings: Vec<Finding>,
+    /// Scores of those [`Request::candidates`] that have any.
+    pub(crate) candidates: Vec<(String, Arc<Grid<f32>>)>,
+    /// Sample of [`Request::point`]; `None` where nothing was reconstructed.
+    pub(crate) sample: Option<Sample>,
+    /// Share of the picture that is faded because the endoscope did not see it, 0–1.
+    pub(crate) unseen_share: f32,
+    /// Description of a failure, for the user.
+    pub(crate) problem: Option<String>,
+    /// Duration of making the picture, milliseconds.
+    pub(crate) took_ms: f64,
+    /// Number of passes of a frame that had to run for the picture.
+    pub(crate) passes_run: usize,
+}
+
+/// Result of a prompt in this view.
+#[derive(Clone, Debug)]
+pub(crate) struct Finding {
+    pub(crate) id: PromptId,
+    pub(crate) text: String,
+    /// Everything found, or the reason why the question could not be asked.
+    pub(crate) outcome: Result<Found, String>,
+}

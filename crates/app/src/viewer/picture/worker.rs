@@ -1,0 +1,142 @@
+//! The thread that makes pictures. The newest request wins; an older one that has not begun is dropped.
+
+use crate::viewer::{
+    backend::FrameSource,
+    picture::{
+        areas::Measured,
+        pipeline::Pipeline,
+        request::{Picture, Request},
+    },
+};
+use std::{
+    panic::AssertUnwindSafe,
+    sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError},
+};
+use surgtpgs_core::{Error, Result};
+
+/// The window's side of the thread. Dropping it ends the thread after the picture in progress.
+pub(crate) struct Worker {
+    shared: Arc<Shared>,
+}
+
+#[derive(Default)]
+struct Shared {
+    inbox: Mutex<Inbox>,
+    wake: Condvar,
+    outbox: Mutex<Option<Picture>>,
+    measured: Mutex<Vec<Measured>>,
+}
+
+#[derive(Default)]
+struct Inbox {
+    request: Option<Request>,
+    source: Option<Box<dyn FrameSource>>,
+    is_closed: bool,
+}
+
+impl Worker {
+    /// Starts the thread; `ctx` is repainted whenever a picture is ready.
+    pub(crate) fn start(source: Box<dyn FrameSource>, ctx: &egui::Context) -> Result<Self> {
+        let shared = Arc::new(Shared::default());
+        let (theirs, repaint) = (shared.clone(), ctx.clone());
+        std::thread::Builder::new()
+            .name("pictures".into())
+            .spawn(move || work(&theirs, Pipeline::new(source), &repaint))
+            .map_err(|e| Error::Missing {
+                what: format!("no thread could be started: {e}"),
+                hint: "Close other programs and try again.".into(),
+            })?;
+        Ok(Self { shared })
+    }
+
+    /// Requests a picture; replaces a request that has not begun.
+    pub(crate) fn submit(&self, request: Request) {
+        lock(&self.shared.inbox).request = Some(request);
+        self.shared.wake.notify_one();
+    }
+
+    /// Continues with another state of the same recording.
+    pub(crate) fn replace(&self, source: Box<dyn FrameSource>) {
+        lock(&self.shared.inbox).source = Some(source);
+        self.shared.wake.notify_one();
+    }
+
+    /// Takes the areas that were counted in idle time since the last call.
+    pub(crate) fn take_measured(&self) -> Vec<Measured> {
+        std::mem::take(&mut *lock(&self.shared.measured))
+    }
+
+    /// Takes the newest picture, if it has not been taken yet.
+    pub(crate) fn take(&self) -> Option<Picture> {
+        lock(&self.shared.outbox).take()
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        lock(&self.shared.inbox).is_closed = true;
+        self.shared.wake.notify_one();
+    }
+}
+
+fn work(shared: &Shared, mut pipeline: Pipeline, ctx: &egui::Context) {
+    // While there may be something to prepare, the thread checks for requests without waiting for them.
+    let mut is_preparing = false;
+    loop {
+        let (source, request) = {
+            let is_idle = |inbox: &mut Inbox| {
+                inbox.request.is_none() && inbox.source.is_none() && !inbox.is_closed && !is_preparing
+            };
+            let waited = shared.wake.wait_while(lock(&shared.inbox), is_idle);
+            let mut inbox = waited.unwrap_or_else(PoisonError::into_inner);
+            if inbox.is_closed {
+                return;
+            }
+            (inbox.source.take(), inbox.request.take())
+        };
+        if let Some(source) = source {
+            pipeline.replace(source);
+        }
+        if let Some(request) = request {
+            let asked = request.clone();
+            let made = std::panic::catch_unwind(AssertUnwindSafe(|| pipeline.produce(request)));
+            *lock(&shared.outbox) = Some(made.unwrap_or_else(|_| broken(asked)));
+            ctx.request_repaint();
+            is_preparing = true;
+        } else {
+            let idle_work = || pipeline.prepare_ahead() || count_next(shared, &mut pipeline, ctx);
+            is_preparing = std::panic::catch_unwind(AssertUnwindSafe(idle_work)).unwrap_or(false);
+        }
+    }
+}
+
+/// Counts the areas on another frame; returns `false` if there is none left.
+fn count_next(shared: &Shared, pipeline: &mut Pipeline, ctx: &egui::Context) -> bool {
+    let Some(measured) = pipeline.count_next() else { return false };
+    lock(&shared.measured).push(measured);
+    ctx.request_repaint();
+    true
+}
+
+/// Makes the picture to show after a fault of the program itself; the next request is tried as usual.
+fn broken(request: Request) -> Picture {
+    Picture {
+        request,
+        original: None,
+        reconstruction: None,
+        layer: None,
+        difference: None,
+        depth_values: None,
+        findings: Vec::new(),
+        candidates: Vec::new(),
+        sample: None,
+        unseen_share: 0.0,
+        problem: Some("The program made a mistake with this picture; please report what you did.".into()),
+        took_ms: 0.0,
+        passes_run: 0,
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,159 @@
+//! State of the window that panels read and that commands and actions change.
+
+use crate::viewer::{
+    backend::{Backend, Info},
+    picture::{
+        areas::{Areas, Curve, Measure},
+        open::Open,
+        request::{Finding, Picture},
+    },
+    state::{
+        autosave::Autosave, content::Prompt, document::Document, opening::Opening, playback::Playback,
+        preferences::Preferences, reconstruction::Reconstruction, saving::Saving, zoom::Panes,
+    },
+};
+use std::sync::Arc;
+use surgtpgs_core::{Result, relevancy::RelevancySettings};
+
+/// State of the window. Panels draw it and hold only what concerns them alone, such as half-typed text.
+pub(crate) struct Shared {
+    pub(crate) backend: Arc<dyn Backend>,
+    pub(crate) preferences: Preferences,
+    pub(crate) document: Document,
+    pub(crate) playback: Playback,
+    pub(crate) prompt_box: PromptBox,
+    pub(crate) viewport: Viewport,
+    pub(crate) open: Option<Open>,
+    pub(crate) opening: Opening,
+    pub(crate) reconstruction: Reconstruction,
+    pub(crate) saving: Saving,
+    pub(crate) dialog: Option<Dialog>,
+    /// Latest problem, until it is dismissed.
+    pub(crate) problem: Option<String>,
+}
+
+/// State of the text field for prompts.
+#[derive(Debug, Default)]
+pub(crate) struct PromptBox {
+    pub(crate) text: String,
+    pub(crate) wants_focus: bool,
+    pub(crate) is_focused: bool,
+    /// Words of earlier prompts, newest first.
+    pub(crate) earlier: Vec<String>,
+}
+
+impl PromptBox {
+    /// Returns the words being typed, which are looked for before they are added.
+    pub(crate) fn live(&self) -> &str {
+        self.text.trim()
+    }
+}
+
+/// State of the picture's surroundings.
+#[derive(Debug)]
+pub(crate) struct Viewport {
+    /// Panes as last painted.
+    pub(crate) panes: Panes,
+    /// Position of the wipe's dividing line, as share of the width.
+    pub(crate) wipe: f32,
+    /// Point of the picture that is probed, as share of its width and height.
+    pub(crate) probe: Option<[f32; 2]>,
+    /// `true` while the ruler is in use.
+    pub(crate) has_ruler: bool,
+    /// `true` if the user moves time or view during this update.
+    pub(crate) is_moving: bool,
+}
+
+impl Default for Viewport {
+    fn default() -> Self {
+        Self { panes: Panes::default(), wipe: 0.5, probe: None, has_ruler: false, is_moving: false }
+    }
+}
+
+/// The dialog over the window.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Dialog {
+    Reconstruct,
+    Export,
+    Quality,
+    GoToFrame,
+    Bookmarks,
+    /// Phrases that prompts are compared with.
+    Comparison,
+    Shortcuts,
+    About,
+}
+
+impl Shared {
+    pub(crate) fn new(backend: Arc<dyn Backend>, preferences: Preferences, autosave: Autosave) -> Self {
+        let threshold = RelevancySettings::default().threshold;
+        Self {
+            backend,
+            document: Document::new(preferences.overlay, threshold),
+            preferences,
+            playback: Playback::new(1, None),
+            prompt_box: PromptBox::default(),
+            viewport: Viewport::default(),
+            open: None,
+            opening: Opening::default(),
+            reconstruction: Reconstruction::default(),
+            saving: Saving::new(autosave),
+            dialog: None,
+            problem: None,
+        }
+    }
+
+    pub(crate) fn info(&self) -> Option<&Info> {
+        self.open.as_ref().map(|open| &open.info)
+    }
+
+    pub(crate) fn picture(&self) -> Option<&Picture> {
+        self.open.as_ref()?.picture()
+    }
+
+    /// Returns what a prompt found in the shown picture; `None` until the prompt has been answered.
+    pub(crate) fn finding(&self, id: u64, text: &str) -> Option<&Finding> {
+        self.open.as_ref()?.finding(id, text)
+    }
+
+    /// Returns the areas of all prompts on every frame, as far as they have been counted.
+    pub(crate) fn areas(&self) -> Option<&Areas> {
+        self.open.as_ref()?.areas.as_ref()
+    }
+
+    /// Returns the area over time of the selected prompt.
+    pub(crate) fn selected_curve(&self) -> Option<Curve> {
+        let prompt = self.document.prompt(self.document.selected?)?;
+        self.areas()?.curve(&self.measure(prompt), prompt.threshold)
+    }
+
+    /// Returns the measure that is counted for a prompt on every frame.
+    pub(crate) fn measure(&self, prompt: &Prompt) -> Measure {
+        let question = self.document.question(prompt);
+        Measure::new(question, self.document.content().clean_up, prompt.threshold)
+    }
+
+    /// Returns the visible prompts with their numbers and curves. A curve is there before anything of it is
+    /// counted: if it came later, the picture would move while the user points at it.
+    pub(crate) fn curves(&self) -> Vec<(usize, Prompt, Curve)> {
+        let Some((areas, info)) = self.areas().zip(self.info()).filter(|(_, info)| info.has_features) else {
+            return Vec::new();
+        };
+        let prompts = self.document.prompts().iter().enumerate().filter(|(_, p)| p.is_visible);
+        let unknown = || Curve { points: vec![None; info.num_frames] };
+        let curve = |p: &Prompt| areas.curve(&self.measure(p), p.threshold).unwrap_or_else(unknown);
+        prompts.map(|(index, p)| (index + 1, p.clone(), curve(p))).collect()
+    }
+
+    /// Returns the value of a result, or shows its error as the problem.
+    pub(crate) fn settle<T>(&mut self, result: Result<T>) -> Option<T> {
+        result.map_err(|e| self.problem = Some(e.to_string())).ok()
+    }
+
+    /// Returns `true` if the view may be turned. Where a recorded frame is compared, both pictures must be
+    /// seen from the same place.
+    pub(crate) fn may_orbit(&self) -> bool {
+        let mode = self.document.mode;
+        mode.may_orbit() && self.info().is_some_and(|i| i.has_reconstruction)
+    }
+}

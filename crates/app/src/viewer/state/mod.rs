@@ -1,0 +1,22 @@
+//! What the window remembers: the user's decisions, the clock, the preferences, and their files.
+
+pub(crate) mod autosave;
+mod bookmarks;
+pub(crate) mod clean_up;
+mod comparison;
+pub(crate) mod content;
+pub(crate) mod document;
+#[cfg(test)]
+mod document_tests;
+mod excluded;
+mod history;
+pub(crate) mod loss_curve;
+pub(crate) mod measure;
+pub(crate) mod opening;
+pub(crate) mod playback;
+pub(crate) mod preferences;
+pub(crate) mod reconstruction;
+pub(crate) mod saving;
+pub(crate) mod session;
+pub(crate) mod view_mode;
+pub(crate) mod zoom;

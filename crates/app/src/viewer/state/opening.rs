@@ -1,0 +1,44 @@
+//! What is being opened or made.
+
+use crate::viewer::backend::{Demo, FrameSource, TrainRequest, task::Task};
+use std::path::PathBuf;
+
+/// The task that makes the demo; it can be looked at meanwhile.
+pub(crate) type DemoTask = Task<Demo, Box<dyn FrameSource>>;
+
+/// What is being opened or made, and what follows once it is there.
+#[derive(Default)]
+pub(crate) struct Opening {
+    /// File dialog that asks what to open.
+    pub(crate) picking: Option<Task<Option<PathBuf>>>,
+    pub(crate) demo: Option<DemoTask>,
+    pub(crate) underway: Option<Underway>,
+    /// Training to start, without asking, once its recording is open (for the built-in demo).
+    pub(crate) train_when_open: Option<TrainRequest>,
+}
+
+/// A scene or recording that is being opened.
+pub(crate) struct Underway {
+    pub(crate) name: String,
+    pub(crate) path: PathBuf,
+    pub(crate) task: Task<Box<dyn FrameSource>>,
+}
+
+impl Opening {
+    /// Returns `true` while the demo is being made.
+    pub(crate) fn is_making_demo(&self) -> bool {
+        self.demo.is_some()
+    }
+
+    /// Describes in words what is being made or opened.
+    pub(crate) fn waiting_for(&self) -> Option<String> {
+        match (&self.demo, &self.underway) {
+            (Some(task), _) => Some(match task.progress.total {
+                0 => "Making the demo recording…".into(),
+                total => format!("Making the demo recording… {} of {total} frames", task.progress.done),
+            }),
+            (_, Some(underway)) => Some(format!("Opening {}…", underway.name)),
+            _ => None,
+        }
+    }
+}

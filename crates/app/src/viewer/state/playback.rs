@@ -1,0 +1,300 @@
+//! The playback clock, from time to frame. It knows no window and no thread, so a test can be its clock.
+
+/// Frames per second where the recording does not state them.
+pub(crate) const ASSUMED_FPS: f64 = 25.0;
+
+/// Number of frames of the long step.
+pub(crate) const HOP: isize = 10;
+/// Speeds that the keys step through, as multiples of the recording's speed.
+const SPEEDS: [f64; 7] = [0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
+
+/// Chooses the frame to show at a time. Times are seconds of any steady clock.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Playback {
+    num_frames: usize,
+    fps: f64,
+    /// Multiple of the recording's speed; negative plays backwards.
+    speed: f64,
+    looping: bool,
+    /// First and last frame of the part that plays.
+    range: Option<(usize, usize)>,
+    frame: usize,
+    /// Time and frame from which it plays; `None` while it stands still.
+    playing_since: Option<(f64, usize)>,
+}
+
+impl Playback {
+    /// Makes a clock that stands on frame 0. Frame rates that are not positive numbers count as unknown.
+    pub(crate) fn new(num_frames: usize, fps: Option<f32>) -> Self {
+        let fps = fps.map(f64::from).filter(|f| f.is_finite() && *f > 0.0).unwrap_or(ASSUMED_FPS);
+        Self {
+            num_frames: num_frames.max(1),
+            fps,
+            speed: 1.0,
+            looping: true,
+            range: None,
+            frame: 0,
+            playing_since: None,
+        }
+    }
+
+    pub(crate) fn frame(&self) -> usize {
+        self.frame
+    }
+    pub(crate) fn num_frames(&self) -> usize {
+        self.num_frames
+    }
+    pub(crate) fn fps(&self) -> f64 {
+        self.fps
+    }
+    pub(crate) fn speed(&self) -> f64 {
+        self.speed
+    }
+    pub(crate) fn is_playing(&self) -> bool {
+        self.playing_since.is_some()
+    }
+    pub(crate) fn is_looping(&self) -> bool {
+        self.looping
+    }
+    pub(crate) fn range(&self) -> Option<(usize, usize)> {
+        self.range
+    }
+
+    /// Returns the seconds from the start of the recording to `frame`.
+    pub(crate) fn seconds(&self, frame: usize) -> f64 {
+        frame as f64 / self.fps
+    }
+
+    /// Moves to the frame that is due at `now`. If the machine is too slow, frames are skipped: playback
+    /// never slows down.
+    pub(crate) fn advance(&mut self, now: f64) {
+        let Some((since, from)) = self.playing_since else { return };
+        let (first, last) = self.bounds();
+        // The small addition keeps a tick that is due exactly at `now` from being lost to rounding.
+        let ticks = ((now - since).max(0.0) * self.fps * self.speed.abs() + 1e-6).floor() as i64;
+        let target = from as i64 + ticks * if self.speed < 0.0 { -1 } else { 1 };
+        let (first_i, last_i) = (first as i64, last as i64);
+        let is_inside = (first_i..=last_i).contains(&target);
+        if is_inside {
+            self.frame = target as usize;
+        } else if self.looping {
+            self.frame = (first_i + (target - first_i).rem_euclid(last_i - first_i + 1)) as usize;
+        } else {
+            self.frame = if target < first_i { first } else { last };
+            self.playing_since = None;
+        }
+    }
+
+    /// Returns the seconds until another frame is due; `None` while it stands still.
+    pub(crate) fn seconds_to_next(&self, now: f64) -> Option<f64> {
+        let (since, _) = self.playing_since?;
+        let rate = self.fps * self.speed.abs();
+        let ticks = ((now - since).max(0.0) * rate + 1e-6).floor();
+        Some((since + (ticks + 1.0) / rate - now).max(0.0))
+    }
+
+    /// Starts or stops. Starting at the end begins again at the start.
+    pub(crate) fn toggle(&mut self, now: f64) {
+        if self.is_playing() { self.pause() } else { self.play(now) }
+    }
+
+    pub(crate) fn play(&mut self, now: f64) {
+        let (first, last) = self.bounds();
+        let is_outside = !(first..=last).contains(&self.frame);
+        if self.speed > 0.0 && (self.frame == last || is_outside) {
+            self.frame = first;
+        } else if self.speed < 0.0 && (self.frame == first || is_outside) {
+            self.frame = last;
+        }
+        self.playing_since = Some((now, self.frame));
+    }
+
+    pub(crate) fn pause(&mut self) {
+        self.playing_since = None;
+    }
+
+    /// Goes to a frame, at most to the last one. If it plays, it goes on from there.
+    pub(crate) fn seek(&mut self, frame: usize, now: f64) {
+        self.frame = frame.min(self.num_frames - 1);
+        self.restart(now);
+    }
+
+    /// Stops and moves by `frames`, at most to the first or last one.
+    pub(crate) fn step(&mut self, frames: isize) {
+        self.pause();
+        self.frame = self.frame.saturating_add_signed(frames).min(self.num_frames - 1);
+    }
+
+    /// Selects the next faster (`+1`) or slower (`-1`) speed; the direction stays.
+    pub(crate) fn change_speed(&mut self, by: isize, now: f64) {
+        let nearest = |s: &f64| (s - self.speed.abs()).abs();
+        let at = (0..SPEEDS.len()).min_by(|a, b| nearest(&SPEEDS[*a]).total_cmp(&nearest(&SPEEDS[*b])));
+        let to = at.unwrap_or(3).saturating_add_signed(by).min(SPEEDS.len() - 1);
+        self.set_speed(SPEEDS[to] * self.speed.signum(), now);
+    }
+
+    /// Returns to the recording's own speed, forwards.
+    pub(crate) fn normal_speed(&mut self, now: f64) {
+        self.set_speed(1.0, now);
+    }
+
+    /// Plays in a direction (`1` or `-1`), as on a video deck. Repeated calls double the speed, up to 8×.
+    pub(crate) fn shuttle(&mut self, direction: f64, now: f64) {
+        let goes_on = self.is_playing() && self.speed.signum() == direction;
+        let faster = if goes_on { (self.speed.abs() * 2.0).min(8.0) } else { 1.0 };
+        self.set_speed(faster * direction, now);
+        if !self.is_playing() {
+            self.play(now);
+        }
+    }
+
+    pub(crate) fn toggle_looping(&mut self) {
+        self.looping = !self.looping;
+    }
+
+    /// Returns the part that plays, with its start moved to the present frame.
+    pub(crate) fn range_from_here(&self) -> (usize, usize) {
+        let end = self.range.map_or(self.num_frames - 1, |(_, end)| end);
+        (self.frame, end.max(self.frame))
+    }
+
+    /// Returns the part that plays, with its end moved to the present frame.
+    pub(crate) fn range_to_here(&self) -> (usize, usize) {
+        let start = self.range.map_or(0, |(start, _)| start);
+        (start.min(self.frame), self.frame)
+    }
+
+    /// Sets the part that plays; `None` is the whole recording.
+    pub(crate) fn set_range(&mut self, range: Option<(usize, usize)>) {
+        let last = self.num_frames - 1;
+        self.range = range.map(|(from, to)| (from.min(last), to.clamp(from.min(last), last)));
+    }
+
+    /// Restores a saved speed and repetition.
+    pub(crate) fn restore(&mut self, speed: f64, looping: bool, now: f64) {
+        self.looping = looping;
+        if speed.is_finite() && speed != 0.0 {
+            self.set_speed(speed.clamp(-8.0, 8.0), now);
+        }
+    }
+
+    /// Returns the first and last frame that play.
+    pub(crate) fn bounds(&self) -> (usize, usize) {
+        self.range.unwrap_or((0, self.num_frames - 1))
+    }
+
+    fn set_speed(&mut self, speed: f64, now: f64) {
+        self.advance(now);
+        self.speed = speed;
+        self.restart(now);
+    }
+
+    /// Restarts the clock at the present frame and time, if it plays.
+    fn restart(&mut self, now: f64) {
+        if let Some(since) = &mut self.playing_since {
+            *since = (now, self.frame);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ten_seconds_at_25_fps_are_250_frames() {
+        let mut clock = Playback::new(1000, Some(25.0));
+        clock.play(100.0);
+        for ms in 0..=10_000 {
+            clock.advance(100.0 + f64::from(ms) / 1000.0);
+        }
+        assert_eq!(clock.frame(), 250);
+    }
+
+    #[test]
+    fn a_slow_machine_leaves_frames_out_instead_of_slowing_down() {
+        let mut clock = Playback::new(100, Some(25.0));
+        clock.play(0.0);
+        clock.advance(0.9);
+        assert_eq!(clock.frame(), 22);
+        assert!((clock.seconds_to_next(0.9).unwrap() - 0.02).abs() < 1e-9);
+    }
+
+    #[test]
+    fn without_looping_it_stops_on_the_last_frame_and_play_begins_again() {
+        let mut clock = Playback::new(10, Some(10.0));
+        clock.toggle_looping();
+        clock.play(0.0);
+        clock.advance(5.0);
+        assert_eq!((clock.frame(), clock.is_playing()), (9, false));
+        assert_eq!(clock.seconds_to_next(5.0), None);
+        clock.toggle(6.0);
+        assert_eq!((clock.frame(), clock.is_playing()), (0, true));
+    }
+
+    #[test]
+    fn looping_stays_inside_the_range_in_both_directions() {
+        let mut clock = Playback::new(100, Some(10.0));
+        clock.seek(20, 0.0);
+        clock.set_range(Some(clock.range_from_here()));
+        clock.seek(24, 0.0);
+        clock.set_range(Some(clock.range_to_here()));
+        clock.seek(20, 0.0);
+        clock.play(0.0);
+        let mut shown = Vec::new();
+        for tick in 0..7 {
+            clock.advance(f64::from(tick) * 0.1);
+            shown.push(clock.frame());
+        }
+        assert_eq!(shown, [20, 21, 22, 23, 24, 20, 21]);
+        clock.shuttle(-1.0, 0.6);
+        clock.advance(0.8);
+        assert_eq!(clock.frame(), 24);
+    }
+
+    #[test]
+    fn one_step_and_a_hop_are_different_and_end_at_the_ends() {
+        let mut clock = Playback::new(48, None);
+        clock.step(1);
+        assert_eq!(clock.frame(), 1);
+        clock.step(10);
+        assert_eq!(clock.frame(), 11);
+        clock.step(-1);
+        assert_eq!(clock.frame(), 10);
+        clock.step(-10);
+        clock.step(-10);
+        assert_eq!(clock.frame(), 0);
+        clock.step(1000);
+        assert_eq!(clock.frame(), 47);
+    }
+
+    #[test]
+    fn changing_speed_does_not_jump() {
+        let mut clock = Playback::new(1000, Some(10.0));
+        clock.play(0.0);
+        clock.change_speed(1, 1.0);
+        assert_eq!((clock.frame(), clock.speed()), (10, 2.0));
+        clock.advance(2.0);
+        assert_eq!(clock.frame(), 30);
+        clock.shuttle(1.0, 2.0);
+        assert_eq!(clock.speed(), 4.0);
+        clock.normal_speed(2.0);
+        assert_eq!(clock.speed(), 1.0);
+        for _ in 0..20 {
+            clock.change_speed(-1, 2.0);
+        }
+        assert_eq!(clock.speed(), 0.1);
+    }
+
+    #[test]
+    fn nonsense_is_survived() {
+        let mut clock = Playback::new(0, Some(f32::NAN));
+        assert_eq!((clock.num_frames(), clock.fps()), (1, ASSUMED_FPS));
+        clock.play(0.0);
+        clock.advance(-5.0);
+        clock.advance(1e9);
+        assert_eq!(clock.frame(), 0);
+        clock.seek(usize::MAX, 0.0);
+        assert_eq!(clock.frame(), 0);
+    }
+}

@@ -1,0 +1,83 @@
+//! The reconstruction of a recording: its check before, its training, and what was finished meanwhile.
+
+use crate::viewer::{
+    backend::{
+        Backend, Checked, Info, TrainNews, TrainRequest,
+        task::{Task, TaskEvent},
+    },
+    state::loss_curve::LossCurve,
+};
+use egui::Context;
+use std::{path::PathBuf, sync::Arc};
+
+/// Check, training and result of reconstructions.
+#[derive(Default)]
+pub(crate) struct Reconstruction {
+    pub(crate) check: Option<ImportCheck>,
+    pub(crate) training: Option<Training>,
+    /// Finished reconstruction that was not opened, because something else was shown or the window was busy.
+    pub(crate) finished: Option<PathBuf>,
+}
+
+impl Reconstruction {
+    /// Returns `true` if the check of the open recording found that a reconstruction would be wrong.
+    pub(crate) fn would_be_wrong(&self) -> bool {
+        let outcome = self.check.as_ref().and_then(|check| check.outcome.as_ref());
+        matches!(outcome, Some(Ok(checked)) if !checked.report.ok)
+    }
+}
+
+/// Check of the open recording: its content, and faults that would make a reconstruction of it wrong.
+pub(crate) struct ImportCheck {
+    pub(crate) path: PathBuf,
+    pub(crate) task: Task<Checked>,
+    /// Result of the check, or the reason for its failure.
+    pub(crate) outcome: Option<Result<Checked, String>>,
+}
+
+impl ImportCheck {
+    /// Starts to read the whole recording in the background.
+    pub(crate) fn start(backend: Arc<dyn Backend>, path: PathBuf, ctx: &Context) -> Self {
+        let at = path.clone();
+        let task = Task::start("check", ctx, move |task| backend.check(&at, task));
+        Self { path, task, outcome: None }
+    }
+
+    pub(crate) fn poll(&mut self) {
+        if let Some(TaskEvent::Done(result)) = self.task.poll() {
+            self.outcome = Some(result.map_err(|e| e.to_string()));
+        }
+    }
+}
+
+/// Training in the background.
+pub(crate) struct Training {
+    pub(crate) task: Task<PathBuf, TrainNews>,
+    pub(crate) recording: PathBuf,
+    pub(crate) curve: LossCurve,
+    backend: Arc<dyn Backend>,
+    /// Available memory, bytes, and the time of that reading, seconds.
+    pub(crate) memory: Option<(u64, f64)>,
+    /// Time at which the window was asked to close, seconds. Closing waits until the scene is saved.
+    pub(crate) closing_since: Option<f64>,
+}
+
+impl Training {
+    pub(crate) fn start(backend: Arc<dyn Backend>, request: TrainRequest, ctx: &Context) -> Self {
+        let (theirs, recording) = (backend.clone(), request.recording.clone());
+        let task = Task::start("training", ctx, move |task| theirs.reconstruct(&request, task));
+        Self { task, recording, curve: LossCurve::default(), backend, memory: None, closing_since: None }
+    }
+
+    /// Returns `true` if this is the training on the recording of `info`.
+    pub(crate) fn is_about(&self, info: &Info) -> bool {
+        info.recording.as_ref() == Some(&self.recording)
+    }
+
+    /// Reads the available memory, at most once a second.
+    pub(crate) fn watch_memory(&mut self, now: f64) {
+        if self.memory.is_none_or(|(_, at)| now >= at + 1.0) {
+            self.memory = self.backend.available_bytes().map(|bytes| (bytes, now));
+        }
+    }
+}

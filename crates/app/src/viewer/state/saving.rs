@@ -1,0 +1,36 @@
+//! What is saved of the window's state, and what is about to be.
+
+use crate::viewer::{
+    backend::task::Task,
+    state::{autosave::Autosave, content::Content, session::Session},
+};
+use serde_json::{Map, Value};
+use std::path::PathBuf;
+
+/// Session file, autosave, and the session that is being applied or saved.
+pub(crate) struct Saving {
+    pub(crate) saved: Saved,
+    /// File dialog that asks where to save the session.
+    pub(crate) picking: Option<Task<Option<PathBuf>>>,
+    /// Session to apply once its scene or recording is open, and the session's file.
+    pub(crate) to_apply: Option<(Session, Option<PathBuf>)>,
+    pub(crate) autosave: Autosave,
+    /// `true` if the offer to restore unsaved work is put off, at most until the next start.
+    pub(crate) is_recovery_put_off: bool,
+}
+
+/// File of the session, and its saved content.
+#[derive(Default)]
+pub(crate) struct Saved {
+    /// Session file, once there is one.
+    pub(crate) file: Option<PathBuf>,
+    /// Content of the file.
+    pub(crate) content: Content,
+    pub(crate) unknown: Map<String, Value>,
+}
+
+impl Saving {
+    pub(crate) fn new(autosave: Autosave) -> Self {
+        Self { saved: Saved::default(), picking: None, to_apply: None, autosave, is_recovery_put_off: false }
+    }
+}

@@ -1,0 +1,218 @@
+//! A session: the user's decisions about a recording, as a small JSON file. It never holds pixels.
+
+use crate::viewer::state::{
+    content::{Content, Look},
+    view_mode::ViewMode,
+};
+use serde_json::{Map, Value};
+use std::path::{Path, PathBuf};
+use surgtpgs_core::{Error, Result, files::write_whole, overlay::OverlayLook, reading::read_text};
+
+/// The extension of session files.
+pub(crate) const EXTENSION: &str = "surgtpgs";
+/// Version that is written, and the newest that can be read. New fields do not need a new version, because
+/// unknown fields are kept.
+const VERSION: u32 = 1;
+
+/// Content of a session file.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub(crate) struct Session {
+    /// Version of the format.
+    pub(crate) version: u32,
+    /// Path of the scene or recording; in a file, relative to the file's folder if it lies inside that
+    /// folder.
+    pub(crate) opened: PathBuf,
+    /// Hash of the names and sizes of the recording's frames; absent where they were not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) recording: Option<String>,
+    #[serde(default)]
+    pub(crate) content: Content,
+    #[serde(default)]
+    pub(crate) display: Display,
+    #[serde(default)]
+    pub(crate) time: Time,
+    /// Words of earlier prompts, newest first.
+    #[serde(default)]
+    pub(crate) earlier_prompts: Vec<String>,
+    /// Fields that a newer program wrote.
+    #[serde(flatten)]
+    pub(crate) unknown: Map<String, Value>,
+}
+
+/// Display of the picture.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default)]
+pub(crate) struct Display {
+    pub(crate) mode: ViewMode,
+    #[serde(flatten)]
+    pub(crate) overlay: OverlayLook,
+    pub(crate) is_hidden: bool,
+    pub(crate) wipe: f32,
+    pub(crate) look: Look,
+}
+
+/// State of the playback.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default)]
+pub(crate) struct Time {
+    pub(crate) frame: usize,
+    pub(crate) speed: f64,
+    pub(crate) repeats: bool,
+}
+
+impl Default for Display {
+    fn default() -> Self {
+        Self {
+            mode: ViewMode::default(),
+            overlay: OverlayLook::default(),
+            is_hidden: false,
+            wipe: 0.5,
+            look: Look::default(),
+        }
+    }
+}
+
+impl Default for Time {
+    fn default() -> Self {
+        Self { frame: 0, speed: 1.0, repeats: true }
+    }
+}
+
+impl Session {
+    pub(crate) fn new(opened: PathBuf) -> Self {
+        Self {
+            version: VERSION,
+            opened,
+            recording: None,
+            content: Content::default(),
+            display: Display::default(),
+            time: Time::default(),
+            earlier_prompts: Vec::new(),
+            unknown: Map::new(),
+        }
+    }
+
+    /// Returns `true` if a path is that of a session file.
+    pub(crate) fn is_file(path: &Path) -> bool {
+        path.extension().is_some_and(|e| e.eq_ignore_ascii_case(EXTENSION))
+    }
+
+    /// Reads a session file; the path in it becomes absolute.
+    pub(crate) fn load(file: &Path) -> Result<Self> {
+        let text = read_text(file).map_err(|e| Error::io("read the session", file, e))?;
+        let not_a_session = |why: String| {
+            let what = format!("this is not a session file: {why}");
+            Error::input_at(file, what, "Open the recording or reconstruction itself.")
+        };
+        let json: Value = serde_json::from_str(&text).map_err(|e| not_a_session(e.to_string()))?;
+        if !is_bounded(&json) {
+            return Err(not_a_session("a number in it is too large".into()));
+        }
+        let mut session: Self = serde_json::from_value(json).map_err(|e| not_a_session(e.to_string()))?;
+        if session.version > VERSION {
+            let what = format!(
+                "this session has the format {}, this program reads formats up to {VERSION}",
+                session.version
+            );
+            return Err(Error::input_at(file, what, "Use the program that saved it, or a newer one."));
+        }
+        if session.opened.is_relative() {
+            session.opened = file.parent().unwrap_or(Path::new("")).join(&session.opened);
+        }
+        Ok(session)
+    }
+
+    /// Writes a session file.
+    pub(crate) fn save(&self, file: &Path) -> Result<()> {
+        let folder = file.parent().unwrap_or(Path::new(""));
+        let inside = self.opened.strip_prefix(folder).ok().filter(|p| !p.as_os_str().is_empty());
+        let opened = inside.unwrap_or(&self.opened).to_owned();
+        let told = Self { opened, version: VERSION, ..self.clone() };
+        let text = serde_json::to_string_pretty(&told)
+            .map_err(|e| Error::input_at(file, format!("the session cannot be written: {e}"), ""))?;
+        write_whole(file, text.as_bytes())
+    }
+
+    /// Returns the name of the opened scene or recording, for lists.
+    pub(crate) fn name(&self) -> String {
+        let name = self.opened.file_stem().map(|n| n.to_string_lossy().into_owned());
+        name.unwrap_or_else(|| self.opened.display().to_string())
+    }
+}
+
+/// Returns `true` if all numbers are finite in single precision. Others could be read, but not written again.
+fn is_bounded(json: &Value) -> bool {
+    match json {
+        Value::Number(number) => number.as_f64().is_some_and(|v| (v as f32).is_finite()),
+        Value::Array(values) => values.iter().all(is_bounded),
+        Value::Object(fields) => fields.values().all(is_bounded),
+        Value::Null | Value::Bool(_) | Value::String(_) => true,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn session(opened: PathBuf) -> Session {
+        let content = r#"{"prompts": [{"text": "liver", "colour": [1, 2, 3], "is_visible": false, "threshold": 0.45,
+            "synonyms": ["hepar"]}], "bookmarks": [{"frame": 7, "note": "clip", "author": "x"}], "range": [2, 9],
+            "phases": [1]}"#;
+        let unknown = Map::from_iter([("reviewed_by".to_owned(), Value::from("two people"))]);
+        let time = Time { frame: 7, speed: -2.0, repeats: false };
+        Session { content: serde_json::from_str(content).unwrap(), time, unknown, ..Session::new(opened) }
+    }
+
+    #[test]
+    fn a_session_comes_back_with_what_a_newer_program_wrote() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("review.surgtpgs");
+        let saved = session(folder.path().join("scenes/clip.safetensors"));
+        saved.save(&file).unwrap();
+        assert_eq!(Session::load(&file).unwrap(), saved);
+        let text = std::fs::read_to_string(&file).unwrap();
+        for kept in ["reviewed_by", "synonyms", "author", "phases"] {
+            assert!(text.contains(kept), "{kept}");
+        }
+    }
+
+    #[test]
+    fn paths_are_relative_inside_the_folder_and_absolute_elsewhere() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("review.surgtpgs");
+        session(folder.path().join("clip.safetensors")).save(&file).unwrap();
+        let text = std::fs::read_to_string(&file).unwrap();
+        assert!(text.contains("\"opened\": \"clip.safetensors\""));
+        assert!(!text.contains(&*folder.path().to_string_lossy()));
+
+        let moved = tempfile::tempdir().unwrap();
+        std::fs::rename(&file, moved.path().join("review.surgtpgs")).unwrap();
+        let opened = Session::load(&moved.path().join("review.surgtpgs")).unwrap().opened;
+        assert_eq!(opened, moved.path().join("clip.safetensors"), "the folder may move");
+
+        let elsewhere = moved.path().join("clip.safetensors");
+        session(elsewhere.clone()).save(&file).unwrap();
+        assert_eq!(Session::load(&file).unwrap().opened, elsewhere);
+    }
+
+    #[test]
+    fn what_is_no_session_or_a_newer_one_says_so() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("bad.surgtpgs");
+        for (text, expected) in [
+            ("not json", "this is not a session file"),
+            ("{\"version\": 1}", "missing field `opened`"),
+            (
+                "{\"version\": 1, \"opened\": \"a\", \"display\": {\"wipe\": 1e39}}",
+                "a number in it is too large",
+            ),
+            ("{\"version\": 9, \"opened\": \"a\"}", "format 9, this program reads formats up to 1"),
+        ] {
+            std::fs::write(&file, text).unwrap();
+            let error = Session::load(&file).unwrap_err().to_string();
+            assert!(error.contains(expected) && error.ends_with("bad.surgtpgs)"), "{error}");
+        }
+        std::fs::write(&file, "{\"version\": 1, \"opened\": \"a\"}").unwrap();
+        assert_eq!(Session::load(&file).unwrap().time, Time::default());
+    }
+}

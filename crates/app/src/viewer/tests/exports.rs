@@ -1,0 +1,128 @@
+//! Tests that the window and the command line export the same files.
+
+use crate::viewer::{
+    backend::{
+        Backend, ExportPrompt, ExportRequest, ExportSummary,
+        engine::EngineBackend,
+        task::{Task, TaskEvent},
+    },
+    panels::export::folder_in,
+};
+use crate::{
+    cli,
+    engine::{Negatives, Question},
+    settings::PROMPT_COLOURS,
+};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+use surgtpgs_core::{
+    export::Format,
+    mask::CleanUp,
+    overlay::{OverlayLook, OverlayStyle},
+    relevancy::RelevancySettings,
+};
+
+fn program(folder: &Path, line: &[&str]) {
+    let at = |word: &&str| match word.strip_prefix('@') {
+        Some(name) => folder.join(name).display().to_string(),
+        None => (*word).to_owned(),
+    };
+    let words = ["surgtpgs"].iter().chain(line).map(at);
+    assert_eq!(cli::run(words), cli::Exit::Done, "{line:?}");
+}
+
+fn through_the_window(request: ExportRequest) -> ExportSummary {
+    let ctx = egui::Context::default();
+    let mut job = Task::start("export", &ctx, move |job| EngineBackend.export(&request, job));
+    loop {
+        match job.poll() {
+            Some(TaskEvent::Done(result)) => return result.unwrap(),
+            _ => std::thread::yield_now(),
+        }
+    }
+}
+
+/// Returns names and bytes of everything in a folder.
+fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut open = vec![folder.to_owned()];
+    while let Some(next) = open.pop() {
+        for path in std::fs::read_dir(next).unwrap().map(|e| e.unwrap().path()) {
+            if path.is_dir() {
+                open.push(path);
+            } else {
+                found.insert(path.strip_prefix(folder).unwrap().to_owned(), std::fs::read(path).unwrap());
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn the_window_and_the_command_line_write_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    program(folder, &["demo", "-o", "@recording", "--width", "64", "--height", "48", "--frames", "4"]);
+    program(folder, &["prepare", "@recording", "-o", "@prepared", "--labels"]);
+    program(folder, &["train", "@prepared", "-o", "@scene.safetensors", "--iterations", "20"]);
+    let names = Format::ALL.map(Format::name).join(",");
+    let prompts = ["--prompt", "liver", "bile sac", "--style", "fill", "--opacity", "0.5"];
+    let cleaned =
+        ["--smooth", "1", "--fill-holes", "9", "--min-area", "5", "--grow", "-1", "--outline-opacity", "0.6"];
+    let negatives = ["--negative", "smoke", "--but-not", "liver=fat", "--no-class-negatives"];
+    let export = ["export", "@scene.safetensors", "-o", "@line", "--frames", "1..4", "--format", &names];
+    program(folder, &[&export[..], &prompts, &cleaned, &["--above-instruments"], &negatives].concat());
+
+    let standard = RelevancySettings { class_negatives: false, ..Default::default() };
+    let negatives = Negatives::of(&standard).with([&"smoke".to_owned()]);
+    let own = |text: &str| if text == "liver" { vec!["fat".to_owned()] } else { Vec::new() };
+    let prompt = |(text, colour): (&'static str, &[u8; 3])| ExportPrompt {
+        question: Question::words(text, negatives.clone().with(&own(text))),
+        threshold: RelevancySettings::default().threshold,
+        colour: *colour,
+        is_instrument: false,
+    };
+    let done = through_the_window(ExportRequest {
+        scene: folder.join("scene.safetensors"),
+        folder: folder.join("window"),
+        formats: Format::ALL.into_iter().rev().collect(),
+        frames: (1, 3),
+        excluded: Vec::new(),
+        from_original: true,
+        prompts: ["liver", "bile sac"].into_iter().zip(&PROMPT_COLOURS).map(prompt).collect(),
+        negatives: negatives.clone(),
+        is_exclusive: false,
+        look: OverlayLook {
+            style: OverlayStyle::Fill,
+            opacity: 0.5,
+            outline_opacity: 0.6,
+            below_instruments: false,
+        },
+        clean_up: CleanUp { smooth_frames: 1, fill_holes_px: 9, min_area_px: 5, grow_px: -1 },
+    });
+    let record = std::fs::read_to_string(folder.join("window/provenance.json")).unwrap();
+    let record: serde_json::Value = serde_json::from_str(&record).unwrap();
+    let compared = |k: usize| record["prompts"][k]["negatives"].as_array().unwrap()[3..].to_vec();
+    assert_eq!(
+        (compared(0), compared(1)),
+        (vec!["texture".into(), "smoke".into(), "fat".into()], vec!["texture".into(), "smoke".into()])
+    );
+    assert_eq!(record["relevancy"]["phrases"][4], "smoke");
+    let (line, window) = (contents(&folder.join("line")), contents(&folder.join("window")));
+    // The two records and the names of labels are not counted.
+    assert_eq!(line.len(), done.num_files + 3);
+    assert!(line.keys().eq(window.keys()));
+    for (name, bytes) in &line {
+        assert!(window[name] == *bytes, "{} differs", name.display());
+    }
+}
+
+#[test]
+fn a_picked_folder_with_something_in_it_gets_a_new_one_inside() {
+    let folder = tempfile::tempdir().unwrap();
+    assert_eq!(folder_in(folder.path(), "clip"), folder.path());
+    std::fs::write(folder.path().join("mine"), "").unwrap();
+    assert_eq!(folder_in(folder.path(), "clip"), folder.path().join("clip-export"));
+}

@@ -1,0 +1,66 @@
+//! Numbers as people read them.
+
+/// Formats seconds as m:ss.hh.
+pub(crate) fn timecode(seconds: f64) -> String {
+    let hundredths = (seconds.max(0.0) * 100.0).round() as u64;
+    format!("{}:{:02}.{:02}", hundredths / 6000, hundredths / 100 % 60, hundredths % 100)
+}
+
+/// Formats a duration in words, rounded as people say it.
+pub(crate) fn duration(seconds: f64) -> String {
+    let whole = seconds.max(0.0).round() as u64;
+    match whole {
+        0..=9 => "a few seconds".into(),
+        10..=89 => format!("{} seconds", whole / 5 * 5),
+        90..=5399 => format!("{} minutes", (whole + 30) / 60),
+        _ => format!("{:.1} hours", seconds / 3600.0),
+    }
+}
+
+/// Formats a whole number with thin gaps between thousands.
+pub(crate) fn thousands(n: usize) -> String {
+    let digits = n.to_string();
+    let mut text = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            text.push('\u{a0}');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+/// Formats a share of the frame in percent; small shares keep their digits.
+pub(crate) fn percent(share: f32) -> String {
+    match share * 100.0 {
+        p if p <= 0.0 => "0 %".into(),
+        p if p < 0.1 => "< 0.1 %".into(),
+        p if p < 10.0 => format!("{p:.1} %"),
+        p => format!("{p:.0} %"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_and_numbers_in_words() {
+        assert_eq!(timecode(61.456), "1:01.46");
+        assert_eq!(timecode(59.999), "1:00.00");
+        assert_eq!(duration(3.0), "a few seconds");
+        assert_eq!(duration(44.0), "40 seconds");
+        assert_eq!(duration(100.0), "2 minutes");
+        assert_eq!(duration(5400.0), "1.5 hours");
+        assert_eq!(thousands(1_234_567), "1\u{a0}234\u{a0}567");
+        assert_eq!(thousands(12), "12");
+    }
+
+    #[test]
+    fn small_shares_are_not_shown_as_nothing() {
+        assert_eq!(percent(0.0), "0 %");
+        assert_eq!(percent(0.0002), "< 0.1 %");
+        assert_eq!(percent(0.034), "3.4 %");
+        assert_eq!(percent(0.456), "46 %");
+    }
+}

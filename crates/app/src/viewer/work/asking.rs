@@ -1,0 +1,124 @@
+//! The picture to request in the present state.
+
+use crate::viewer::{
+    backend::{FrameView, orbit::Orbit},
+    picture::request::{AskedPrompt, Request},
+    shared::Shared,
+    state::{
+        content::{PREVIEW, Prompt},
+        view_mode::ViewMode,
+    },
+};
+use surgtpgs_core::sequence::names_instrument;
+
+/// Largest number of classes whose scores are asked for a probed point, beside those of the prompts.
+const MAX_CANDIDATES: usize = 12;
+
+/// Number of words that are remembered, in the session and nowhere else.
+const MAX_EARLIER: usize = 20;
+
+impl Shared {
+    /// Requests the picture of the present state, unless it has been requested already. While `is_peeking`,
+    /// only the recorded frame is to be shown.
+    pub(crate) fn ask(&mut self, is_peeking: bool) {
+        let Some(request) = self.request(is_peeking) else { return };
+        if let Some(open) = &mut self.open {
+            open.ask(request);
+        }
+    }
+
+    /// Moves to the frame that is due at `now`, and skips excluded frames while playing.
+    pub(crate) fn play(&mut self, now: f64) {
+        self.playback.set_range(self.document.content().range);
+        self.playback.advance(now);
+        let (frame, num_frames) = (self.playback.frame(), self.playback.num_frames());
+        if self.playback.is_playing() && self.document.is_excluded(frame) {
+            match self.document.next_included(frame, self.playback.speed() > 0.0, num_frames) {
+                Some(next) => self.playback.seek(next, now),
+                None => self.playback.pause(),
+            }
+        }
+    }
+
+    /// Adds a prompt and remembers its words.
+    pub(crate) fn add_prompt(&mut self, text: &str) {
+        self.document.add(text);
+        let text = text.trim().to_owned();
+        if !text.is_empty() {
+            let earlier = &mut self.prompt_box.earlier;
+            earlier.retain(|e| !e.eq_ignore_ascii_case(&text));
+            earlier.insert(0, text);
+            earlier.truncate(MAX_EARLIER);
+        }
+    }
+
+    /// Returns words whose scores are wanted besides those of the visible prompts while a point is probed.
+    pub(crate) fn candidates(&self) -> Vec<String> {
+        let Some(info) = self.info().filter(|i| i.has_features && self.viewport.probe.is_some()) else {
+            return Vec::new();
+        };
+        let hidden = self.document.prompts().iter().filter(|p| !p.is_visible).map(|p| &p.text);
+        let classes = info.example_prompts.iter().take(MAX_CANDIDATES);
+        let is_asked = |text: &&String| {
+            self.document.prompts().iter().any(|p| p.is_visible && p.text.eq_ignore_ascii_case(text))
+        };
+        let mut candidates: Vec<String> = hidden.chain(classes).filter(|t| !is_asked(t)).cloned().collect();
+        candidates.sort();
+        candidates.dedup_by(|a, b| a.eq_ignore_ascii_case(b));
+        candidates
+    }
+
+    fn request(&self, is_peeking: bool) -> Option<Request> {
+        let open = self.open.as_ref()?;
+        let mode = self.document.mode;
+        let turned = self.document.look.orbit;
+        let orbit = if self.may_orbit() && !turned.is_home() { turned } else { Orbit::default() };
+        let is_moving = self.viewport.is_moving || self.playback.is_playing();
+        Some(Request {
+            view: FrameView { frame: self.playback.frame(), orbit, is_preview: is_moving && open.is_slow() },
+            needs_original: mode.needs_original() || is_peeking,
+            needs_reconstruction: mode.needs_reconstruction(),
+            layer: mode.layer(),
+            needs_difference: mode == ViewMode::Difference,
+            prompts: if open.info.has_features { self.asked_prompts() } else { Vec::new() },
+            candidates: self.unmarked_words().iter().map(|text| self.document.bare_question(text)).collect(),
+            look: self.document.overlay,
+            clean_up: self.document.content().clean_up,
+            point: self.viewport.probe.filter(|_| open.info.has_features),
+        })
+    }
+
+    /// Returns the words whose scores are wanted without being drawn. If there are none and the prompt box
+    /// has the focus, an example word is returned, so that the text encoder and the features are ready at the
+    /// first letter.
+    fn unmarked_words(&self) -> Vec<String> {
+        let words = self.candidates();
+        let rehearses = words.is_empty() && self.prompt_box.is_focused;
+        let info = self.info().filter(|i| rehearses && i.has_features);
+        info.map_or(words, |info| info.example_prompts.first().cloned().into_iter().collect())
+    }
+
+    /// Returns the visible prompts and the one being typed.
+    fn asked_prompts(&self) -> Vec<AskedPrompt> {
+        let asked = |p: &Prompt| AskedPrompt {
+            id: p.id,
+            question: self.document.question(p),
+            threshold: p.threshold,
+            colour: p.colour,
+            is_instrument: p.is_instrument,
+        };
+        let mut prompts: Vec<AskedPrompt> =
+            self.document.prompts().iter().filter(|p| p.is_visible).map(asked).collect();
+        let live = self.prompt_box.live();
+        if !live.is_empty() && !prompts.iter().any(|p| p.question.text.eq_ignore_ascii_case(live)) {
+            prompts.push(AskedPrompt {
+                id: PREVIEW,
+                question: self.document.bare_question(live),
+                threshold: self.document.default_threshold(),
+                colour: self.document.next_colour(),
+                is_instrument: names_instrument(live),
+            });
+        }
+        prompts
+    }
+}

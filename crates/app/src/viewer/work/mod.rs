@@ -1,0 +1,7 @@
+//! What happens over time: opening, requesting pictures, training, saving. Every file adds its part to
+//! [`Shared`](crate::viewer::shared::Shared).
+
+mod asking;
+mod opening;
+mod saving;
+mod training;

@@ -1,0 +1,161 @@
+//! Opening of scenes, recordings, sessions and the demo.
+
+use crate::viewer::{
+    backend::{
+        FrameSource,
+        task::{Task, TaskEvent},
+    },
+    picture::open::Open,
+    shared::{Shared, Viewport},
+    state::{
+        content::Look,
+        opening::Underway,
+        playback::Playback,
+        reconstruction::ImportCheck,
+        saving::Saved,
+        session::{self, Session},
+        view_mode::ViewMode,
+    },
+};
+use egui::Context;
+use std::path::Path;
+use surgtpgs_core::files::absolute_path;
+
+impl Shared {
+    /// Opens a scene, a recording or a session in the background.
+    pub(crate) fn open_path(&mut self, path: &Path, ctx: &Context) {
+        // Remembered paths must mean the same wherever the program is started next.
+        let path = &absolute_path(path);
+        self.saving.to_apply = None;
+        // Opening something gives up the demo, even if it is still being made.
+        self.opening.demo = None;
+        self.reconstruction.finished.take_if(|scene| scene == path);
+        if Session::is_file(path) {
+            let session = Session::load(path);
+            if let Some(session) = self.settle(session) {
+                self.open_session(session, Some(path.to_owned()), ctx);
+            }
+            return;
+        }
+        let (backend, at) = (self.backend.clone(), path.to_owned());
+        let task = Task::start("open", ctx, move |_| backend.open(&at));
+        let name =
+            path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into());
+        self.opening.underway = Some(Underway { name, path: path.to_owned(), task });
+        self.problem = None;
+    }
+
+    /// Opens the built-in demo. If it is not in `work_dir`, it is made and reconstructed there first.
+    pub(crate) fn open_demo(&mut self, work_dir: &Path, ctx: &Context) {
+        let (backend, folder) = (self.backend.clone(), absolute_path(work_dir));
+        self.opening.demo = Some(Task::start("demo", ctx, move |task| backend.demo(&folder, task)));
+    }
+
+    /// Asks for a path on a thread of its own, because a native dialog may block as long as it is open.
+    pub(crate) fn pick(&mut self, folder: bool, ctx: &Context) {
+        self.opening.picking = Some(Task::start("file dialog", ctx, move |_| {
+            let dialog = rfd::FileDialog::new();
+            let [scene, splats] = surgtpgs_core::scene::EXTENSIONS;
+            let files = [scene, splats, session::EXTENSION, "mp4", "mov", "mkv", "avi"];
+            Ok(if folder {
+                dialog.set_title("Open a recording: a folder of frames").pick_folder()
+            } else {
+                dialog
+                    .set_title("Open a reconstruction, a session or a video")
+                    .add_filter("Reconstructions, sessions and videos", &files)
+                    .add_filter("All files", &["*"])
+                    .pick_file()
+            })
+        }));
+    }
+
+    /// Takes what the threads have opened or made.
+    pub(crate) fn poll_opening(&mut self, ctx: &Context) {
+        if let Some(TaskEvent::Done(result)) = self.opening.picking.as_mut().and_then(Task::poll) {
+            self.opening.picking = None;
+            if let Some(path) = self.settle(result).flatten() {
+                self.open_path(&path, ctx);
+            }
+        }
+        self.poll_demo(ctx);
+        if let Some(TaskEvent::Done(result)) = self.opening.underway.as_mut().and_then(|u| u.task.poll())
+            && let Some(underway) = self.opening.underway.take()
+        {
+            match self.settle(result) {
+                Some(source) => {
+                    self.show_source(source, ctx);
+                    self.begin_with(&underway.path, ctx);
+                }
+                None => self.saving.to_apply = None,
+            }
+        }
+        if let Some(check) = &mut self.reconstruction.check {
+            check.poll();
+        }
+        if let Some(open) = &mut self.open {
+            open.poll(ctx);
+        }
+    }
+
+    /// Takes the demo from its task. It can be looked at while it is being made.
+    fn poll_demo(&mut self, ctx: &Context) {
+        match self.opening.demo.as_mut().and_then(Task::poll) {
+            Some(TaskEvent::Update(source)) => self.show_source(source, ctx),
+            Some(TaskEvent::Done(result)) => {
+                self.opening.demo = None;
+                if let Some(demo) = self.settle(result) {
+                    self.opening.train_when_open = demo.train;
+                    self.open_path(&demo.path, ctx);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn show_source(&mut self, source: Box<dyn FrameSource>, ctx: &Context) {
+        let Some(open) = self.settle(Open::start(source, ctx)) else { return };
+        let info = &open.info;
+        let is_same_recording = self.info().is_some_and(|i| i.is_same_recording(info));
+        self.put_unsaved_aside(is_same_recording);
+        let frame = if is_same_recording { self.playback.frame() } else { 0 };
+        self.playback = Playback::new(info.num_frames, info.frames_per_second);
+        self.playback.seek(frame, 0.0);
+        if !is_same_recording {
+            self.document.start_recording();
+            self.saving.saved = Saved::default();
+        }
+        self.document.look = Look::default();
+        self.document.mode =
+            if info.has_reconstruction { ViewMode::Reconstruction } else { ViewMode::Original };
+        let Viewport { probe, has_ruler, .. } = &mut self.viewport;
+        (*probe, *has_ruler) = (None, false);
+        ctx.send_viewport_cmd(egui::ViewportCommand::Title(format!("{} – SurgTPGS", info.name)));
+        self.open = Some(open);
+    }
+
+    /// Completes opening `path` once it is shown: applies its session, and starts its training or its check.
+    fn begin_with(&mut self, path: &Path, ctx: &Context) {
+        let session_file = self.saving.to_apply.as_ref().and_then(|(_, file)| file.clone());
+        self.preferences.remember(session_file.as_deref().unwrap_or(path));
+        if self.saving.to_apply.is_none() && self.saving.autosave.recall(path) {
+            self.saving.is_recovery_put_off = false;
+        }
+        self.apply_session(0.0);
+        let request = self.opening.train_when_open.take().filter(|r| r.recording == *path);
+        if let Some(request) = request.filter(|_| self.reconstruction.training.is_none()) {
+            self.start_training(request, ctx);
+        }
+        let is_bare = !self.is_reconstructing() && self.info().is_some_and(|i| !i.has_reconstruction);
+        let check = || ImportCheck::start(self.backend.clone(), path.to_owned(), ctx);
+        self.reconstruction.check = is_bare.then(check);
+    }
+
+    /// Inverts which side of the checked recording's masks is kept, and opens the recording again.
+    pub(crate) fn flip_masks(&mut self, ctx: &Context) {
+        let Some(path) = self.reconstruction.check.as_ref().map(|check| check.path.clone()) else { return };
+        let flipped = self.backend.flip_masks(&path);
+        if self.settle(flipped).is_some() {
+            self.open_path(&path, ctx);
+        }
+    }
+}

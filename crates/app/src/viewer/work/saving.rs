@@ -1,0 +1,171 @@
+//! Sessions: saved where the user chooses, and kept automatically until then.
+
+use crate::viewer::{
+    backend::task::{Task, TaskEvent},
+    shared::Shared,
+    state::{
+        content::Content,
+        saving::Saved,
+        session::{self, Display, Session, Time},
+    },
+};
+use egui::Context;
+use std::path::{Path, PathBuf};
+
+impl Shared {
+    /// Returns the session of the present state; `None` while nothing is open.
+    pub(crate) fn session(&self) -> Option<Session> {
+        let info = self.info()?;
+        let document = &self.document;
+        Some(Session {
+            content: document.content().clone(),
+            display: Display {
+                mode: document.mode,
+                overlay: document.overlay,
+                is_hidden: document.is_hidden,
+                wipe: self.viewport.wipe,
+                look: document.look,
+            },
+            time: Time {
+                frame: self.playback.frame(),
+                speed: self.playback.speed(),
+                repeats: self.playback.is_looping(),
+            },
+            earlier_prompts: self.prompt_box.earlier.clone(),
+            unknown: self.saving.saved.unknown.clone(),
+            recording: info.frames_sha256.clone(),
+            ..Session::new(info.path.clone())
+        })
+    }
+
+    /// Opens the scene or recording of a session; the session itself is applied once that is open.
+    pub(crate) fn open_session(&mut self, session: Session, file: Option<PathBuf>, ctx: &Context) {
+        let opened = session.opened.clone();
+        self.open_path(&opened, ctx);
+        self.saving.to_apply = Some((session, file));
+    }
+
+    /// Applies a session whose scene or recording has just been opened.
+    pub(crate) fn apply_session(&mut self, now: f64) {
+        let Some((session, file)) = self.saving.to_apply.take() else { return };
+        let Some(info) = self.open.as_ref().map(|o| o.info.clone()) else { return };
+        let Session { content, display, time, earlier_prompts, unknown, recording, .. } = session;
+        if let (Some(then), Some(now)) = (&recording, &info.frames_sha256)
+            && then != now
+        {
+            let what = "The recording is not as it was when this session was saved: its frames have other names or sizes.";
+            self.problem = Some(format!("{what} Check that marks and bookmarks are where they belong."));
+        }
+        let saved = if file.is_some() { content.clone() } else { Content::default() };
+        self.document.load(content, info.num_frames);
+        if display.mode.is_possible(&info) {
+            self.document.mode = display.mode;
+        }
+        self.document.overlay = display.overlay.mended();
+        self.document.is_hidden = display.is_hidden;
+        self.document.look = display.look.mended(info.orbit_limit());
+        self.viewport.wipe = if display.wipe.is_finite() { display.wipe.clamp(0.02, 0.98) } else { 0.5 };
+        self.playback.restore(time.speed, time.repeats, now);
+        self.playback.seek(time.frame, now);
+        self.prompt_box.earlier = earlier_prompts;
+        self.saving.saved = Saved { file, content: saved, unknown };
+    }
+
+    /// Returns `true` if there are decisions that no session file has.
+    pub(crate) fn is_unsaved(&self) -> bool {
+        self.open.is_some() && !self.document.content().is_alike(&self.saving.saved.content)
+    }
+
+    /// Saves the session. Asks for the path the first time, or if the session is to be saved `elsewhere`.
+    pub(crate) fn save_session(&mut self, elsewhere: bool, ctx: &Context) {
+        if let Some(file) = self.saving.saved.file.clone().filter(|_| !elsewhere) {
+            self.write_session(&file);
+            return;
+        }
+        let Some(info) = self.info() else { return };
+        let (folder, name) = (info.output_folder.clone(), format!("{}.{}", info.name, session::EXTENSION));
+        self.saving.picking = Some(Task::start("file dialog", ctx, move |_| {
+            let dialog = rfd::FileDialog::new().set_title("Save the session as").set_directory(folder);
+            Ok(dialog.set_file_name(name).add_filter("Sessions", &[session::EXTENSION]).save_file())
+        }));
+    }
+
+    /// Takes the path that the user picked for the session.
+    pub(crate) fn poll_saving(&mut self) {
+        if let Some(TaskEvent::Done(result)) = self.saving.picking.as_mut().and_then(Task::poll) {
+            self.saving.picking = None;
+            if let Ok(Some(path)) = result {
+                self.write_session(&path.with_extension(session::EXTENSION));
+            }
+        }
+    }
+
+    /// Writes the session file.
+    pub(crate) fn write_session(&mut self, file: &Path) {
+        let Some(session) = self.session() else { return };
+        let saved = session.save(file);
+        if self.settle(saved).is_some() {
+            self.saving.saved.file = Some(file.to_owned());
+            self.saving.saved.content = session.content;
+            self.preferences.remember(file);
+        }
+    }
+
+    /// Keeps unsaved work automatically, so that it cannot be lost.
+    pub(crate) fn keep_unsaved(&mut self, now: f64, ctx: &Context) {
+        if self.opening.underway.is_some()
+            || self.saving.to_apply.is_some()
+            || ctx.input(|i| i.pointer.any_down())
+        {
+            return;
+        }
+        let revision = self.document.revision();
+        let Some(session) = self.session().filter(|_| self.is_unsaved()) else {
+            if self.open.is_some() {
+                self.saving.autosave.clear(revision);
+            }
+            return;
+        };
+        match self.saving.autosave.keep(now, revision, &session, ctx) {
+            Ok(Some(wait)) => ctx.request_repaint_after_secs(wait as f32),
+            Ok(None) => {}
+            Err(e) => {
+                let hint = "Save the session in another place: File, Save session as.";
+                self.problem.get_or_insert(format!("What is not saved yet cannot be kept safe: {e} {hint}"));
+            }
+        }
+    }
+
+    /// Puts unsaved work aside that would be lost when something else is shown.
+    pub(crate) fn put_unsaved_aside(&mut self, is_same_recording: bool) {
+        let is_replaced =
+            self.saving.to_apply.is_some() || (!is_same_recording && self.document.content().has_marks());
+        let Some(session) = self.session().filter(|_| is_replaced && self.is_unsaved()) else { return };
+        if let Err(e) = self.saving.autosave.put_aside(session) {
+            let hint = "Open it again to restore it, before this window is closed.";
+            self.problem = Some(format!("The work on what was open could not be kept safe: {e} {hint}"));
+        }
+        // The work is offered again when its recording is opened, or at the next start.
+        self.saving.is_recovery_put_off = true;
+    }
+
+    /// Keeps unsaved work at the end of the program, or removes it if nothing is to be remembered.
+    pub(crate) fn keep_at_exit(&mut self) {
+        if !self.preferences.remembers_files {
+            self.saving.autosave.forget();
+        } else if let Some(session) = self.session().filter(|_| self.is_unsaved())
+            && let Err(e) = self.saving.autosave.keep_now(&session)
+        {
+            tracing::warn!("the work could not be kept: {e}");
+        }
+    }
+
+    /// Saves changed overlay choices once no mouse button is down.
+    pub(crate) fn keep_preferences(&mut self, ctx: &Context) {
+        let overlay = self.document.overlay;
+        if self.preferences.overlay != overlay && !ctx.input(|i| i.pointer.any_down()) {
+            self.preferences.overlay = overlay;
+            self.preferences.save();
+        }
+    }
+}

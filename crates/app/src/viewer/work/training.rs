@@ -1,0 +1,99 @@
+//! Training: its start, its news, its end, and closing the window meanwhile.
+
+use crate::viewer::{
+    backend::{FrameSource, TrainNews, TrainRequest, task::TaskEvent},
+    shared::{Dialog, Shared},
+    state::{reconstruction::Training, view_mode::ViewMode},
+};
+use egui::Context;
+use std::path::PathBuf;
+use surgtpgs_core::{Error, Result};
+
+/// Seconds after which another request to close the window is obeyed, without saving the scene.
+const CLOSES_AFTER: f64 = 5.0;
+
+impl Shared {
+    /// Starts training in the background.
+    pub(crate) fn start_training(&mut self, request: TrainRequest, ctx: &Context) {
+        self.reconstruction.training = Some(Training::start(self.backend.clone(), request, ctx));
+    }
+
+    /// Returns `true` if the shown recording is being reconstructed: it or its latest preview is shown, but
+    /// not a finished scene.
+    pub(crate) fn is_reconstructing(&self) -> bool {
+        let shown = self.info().map(|i| &i.path);
+        self.reconstruction.training.as_ref().is_some_and(|t| Some(&t.recording) == shown)
+    }
+
+    /// Takes the news of the training.
+    pub(crate) fn poll_training(&mut self, now: f64, ctx: &Context) {
+        while let Some(event) = self.reconstruction.training.as_mut().and_then(|t| t.task.poll()) {
+            match event {
+                TaskEvent::Progress(_) => {}
+                TaskEvent::Update(TrainNews::Step(step, terms)) => {
+                    if let Some(training) = &mut self.reconstruction.training {
+                        training.curve.push(step, terms);
+                    }
+                }
+                TaskEvent::Update(TrainNews::Preview(source)) if self.is_reconstructing() => {
+                    self.show_preview(source);
+                }
+                TaskEvent::Update(TrainNews::Preview(_)) => {}
+                TaskEvent::Done(result) => self.end_training(result, ctx),
+            }
+        }
+        if let Some(training) = &mut self.reconstruction.training {
+            training.watch_memory(now);
+        }
+    }
+
+    /// Shows an intermediate state of training: beside the recorded frame, unless the user chose another
+    /// view.
+    fn show_preview(&mut self, source: Box<dyn FrameSource>) {
+        let Some(open) = &mut self.open else { return };
+        if !open.info.has_reconstruction && self.document.mode == ViewMode::Original {
+            self.document.mode = ViewMode::SideBySide;
+        }
+        open.preview(source);
+    }
+
+    /// Opens the finished scene, unless something else is shown or the window is busy.
+    fn end_training(&mut self, result: Result<PathBuf>, ctx: &Context) {
+        let shows_preview = self.is_reconstructing() && self.info().is_some_and(|i| i.has_reconstruction);
+        let Some(training) = self.reconstruction.training.take() else { return };
+        let is_lost = !matches!(result, Ok(_) | Err(Error::Cancelled));
+        if training.closing_since.is_some() && !is_lost {
+            ctx.send_viewport_cmd(egui::ViewportCommand::Close);
+        }
+        if let Ok(scene) = &result {
+            self.preferences.remember(scene);
+        }
+        let is_busy =
+            self.opening.underway.is_some() || matches!(self.dialog, Some(Dialog::Export | Dialog::Quality));
+        match self.settle(result) {
+            Some(scene) if !is_busy && self.info().is_some_and(|i| training.is_about(i)) => {
+                self.open_path(&scene, ctx);
+            }
+            Some(scene) => self.reconstruction.finished = Some(scene),
+            // No file holds what the last preview shows, so the recording is opened again.
+            None if shows_preview => {
+                let problem = self.problem.take();
+                self.open_path(&training.recording, ctx);
+                self.problem = problem;
+            }
+            None => {}
+        }
+    }
+
+    /// Delays closing the window until the scene is saved.
+    pub(crate) fn hold_close(&mut self, now: f64, ctx: &Context) {
+        let is_asked = ctx.input(|i| i.viewport().close_requested());
+        let Some(training) = self.reconstruction.training.as_mut().filter(|_| is_asked) else { return };
+        if !training.task.is_cancelling() {
+            training.task.cancel();
+        }
+        if now < *training.closing_since.get_or_insert(now) + CLOSES_AFTER {
+            ctx.send_viewport_cmd(egui::ViewportCommand::CancelClose);
+        }
+    }
+}
