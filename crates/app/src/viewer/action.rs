@@ -1,4 +1,4 @@
-//! What panels ask for. A panel reads the state and pushes actions; they are carried out once all panels are
+//! Requests of panels. A panel reads the state and pushes actions; they are carried out once all panels are
 //! shown.
 
 use crate::viewer::{

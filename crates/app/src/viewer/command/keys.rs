@@ -214,4 +214,25 @@ mod tests {
         assert_eq!(of(Key::V, &keymap), Some(Command::HideOverlays));
         assert!(keymap.is_empty() && !is_chosen(Command::Bookmark, &keymap));
     }
+
+    /// Compares the table in the manual with the commands; `UPDATE_README=1` writes it.
+    #[test]
+    fn the_manual_lists_every_key() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/README.md");
+        let manual = std::fs::read_to_string(file).unwrap();
+        let mut table = String::from("| Key | Command | What it does |\n|---|---|---|\n");
+        for entry in COMMANDS.iter().filter(|e| !e.keys.is_empty()) {
+            let keys = keys_text(entry, &Keymap::new()).replace("Cmd+", "Ctrl+").replace(", ", "`, `");
+            let label = entry.label.trim_end_matches('…');
+            table += &format!("| `{keys}` | {label} | {} |\n", entry.tooltip);
+        }
+        let (before, rest) = manual.split_once("<!-- keys -->\n").unwrap();
+        let (listed, after) = rest.split_once("<!-- /keys -->").unwrap();
+        if std::env::var_os("UPDATE_README").is_some() {
+            let updated = format!("{before}<!-- keys -->\n{table}<!-- /keys -->{after}");
+            std::fs::write(file, updated).unwrap();
+        } else {
+            assert_eq!(listed, table, "run this test once with UPDATE_README=1");
+        }
+    }
 }

@@ -1,4 +1,4 @@
-//! What the user decided about a recording, as it is saved in a session.
+//! The user's decisions about a recording, as a session saves them.
 
 use crate::engine::{Negatives, Sample};
 use crate::viewer::{

@@ -1,4 +1,4 @@
-//! What the window remembers: the user's decisions, the clock, the preferences, and their files.
+//! State of single concerns: the user's decisions, the clock, the preferences, their files, and tasks underway.
 
 pub(crate) mod autosave;
 mod bookmarks;

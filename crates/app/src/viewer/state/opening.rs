@@ -1,4 +1,4 @@
-//! What is being opened or made.
+//! Things that are being opened or made.
 
 use crate::viewer::backend::{Demo, FrameSource, TrainRequest, task::Task};
 use std::path::PathBuf;
@@ -6,7 +6,7 @@ use std::path::PathBuf;
 /// The task that makes the demo; it can be looked at meanwhile.
 pub(crate) type DemoTask = Task<Demo, Box<dyn FrameSource>>;
 
-/// What is being opened or made, and what follows once it is there.
+/// Things that are being opened or made, and what follows once they are there.
 #[derive(Default)]
 pub(crate) struct Opening {
     /// File dialog that asks what to open.

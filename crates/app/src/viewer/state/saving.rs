@@ -1,4 +1,4 @@
-//! What is saved of the window's state, and what is about to be.
+//! The session file of the window, and sessions that are about to be applied or saved.
 
 use crate::viewer::{
     backend::task::Task,

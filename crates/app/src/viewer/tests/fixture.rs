@@ -277,8 +277,8 @@ impl Window {
 
     pub(super) fn click(&mut self, label: &str) {
         self.harness.get_by_label(label).click();
-        self.harness.step();
-        self.harness.step();
+        // The click; what it asks for; what that shows.
+        (0..3).for_each(|_| self.harness.step());
     }
 
     pub(super) fn shows(&self, text: &str) -> bool {

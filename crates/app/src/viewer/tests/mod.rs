@@ -8,6 +8,7 @@ mod hazards;
 mod looks;
 mod monkey;
 mod over_time;
+mod panels;
 mod pointing;
 mod quality;
 mod reconstructing;

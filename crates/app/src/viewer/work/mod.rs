@@ -1,4 +1,4 @@
-//! What happens over time: opening, requesting pictures, training, saving. Every file adds its part to
+//! Work over time: opening, requesting pictures, training, saving. Every file adds its part to
 //! [`Shared`](crate::viewer::shared::Shared).
 
 mod asking;

@@ -130,7 +130,7 @@ impl Shared {
             Ok(Some(wait)) => ctx.request_repaint_after_secs(wait as f32),
             Ok(None) => {}
             Err(e) => {
-                let hint = "Save the session in another place: File, Save session as.";
+                let hint = "Save the session elsewhere: File, Save session as.";
                 self.problem.get_or_insert(format!("What is not saved yet cannot be kept safe: {e} {hint}"));
             }
         }

@@ -24,7 +24,7 @@ use surgtpgs_core::{
 /// Number of steps before the first state that is worth showing.
 const FIRST_PREVIEW: usize = 60;
 
-/// Trains on a recording and saves the scene; see [`Backend::reconstruct`](crate::viewer::backend::Backend::reconstruct).
+/// Trains on a recording and saves the scene. After a cancellation, the scene learned so far is still saved.
 pub(super) fn reconstruct(request: &TrainRequest, task: &TaskContext<TrainNews>) -> Result<PathBuf> {
     let material = Material::open(&request.recording)?;
     let inputs = outputs::inputs_of_material(&request.recording, &material);
