@@ -7,7 +7,7 @@ use clap::{
 };
 use std::path::PathBuf;
 use surgtpgs_core::{
-    export::{Format, Source},
+    export::{Format, PictureSource},
     mask::CleanUp,
     overlay::OverlayStyle,
 };
@@ -113,7 +113,7 @@ pub enum SourceArg {
     Reconstruction,
 }
 
-impl From<SourceArg> for Source {
+impl From<SourceArg> for PictureSource {
     fn from(arg: SourceArg) -> Self {
         match arg {
             SourceArg::Original => Self::Original,

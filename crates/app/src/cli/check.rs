@@ -11,7 +11,7 @@ use crate::{
 };
 use surgtpgs_core::{
     Result,
-    sequence::{self, Report},
+    sequence::{self, CheckReport},
 };
 
 pub(super) fn run(args: &CheckArgs) -> Result<Exit> {
@@ -33,8 +33,8 @@ pub(super) fn run(args: &CheckArgs) -> Result<Exit> {
 }
 
 /// Returns the report on a recording that could not even be opened.
-fn unreadable(error: String) -> Report {
-    Report {
+fn unreadable(error: String) -> CheckReport {
+    CheckReport {
         ok: false,
         frames: 0,
         width: 0,
@@ -48,7 +48,7 @@ fn unreadable(error: String) -> Report {
     }
 }
 
-fn as_text(report: &Report) -> String {
+fn as_text(report: &CheckReport) -> String {
     let mut lines = vec![
         format!("frames   {} of {}×{}", report.frames, report.width, report.height),
         format!("camera   {}", report.camera),

@@ -28,7 +28,7 @@ use std::{
 use surgtpgs_core::{
     Error, Result,
     demo::{self, DemoSettings},
-    export::{ExportOptions, ExportPrompt, Source},
+    export::{ExportOptions, ExportPrompt, PictureSource},
     files::{Inputs, claim_collection, full_path},
     grid::{Grid, Mask},
     raster::FrameClock,
@@ -113,7 +113,11 @@ impl Backend for EngineBackend {
         let prompts = jobs::export_prompts(&engine).into_iter().zip(&request.prompts).map(chosen).collect();
         let options = ExportOptions {
             formats: request.formats.clone(),
-            source: if request.from_original { Source::Original } else { Source::Reconstruction },
+            source: if request.from_original {
+                PictureSource::Original
+            } else {
+                PictureSource::Reconstruction
+            },
             exclusive: request.is_exclusive,
             look: request.look,
             clean_up: request.clean_up,

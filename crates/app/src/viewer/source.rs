@@ -16,7 +16,7 @@ use surgtpgs_core::{
     mask::CleanUp,
     overlay::OverlayLook,
     raster::FrameClock,
-    sequence::Report,
+    sequence::CheckReport,
 };
 
 /// Facts about a scene or a recording that are known as soon as it is open.
@@ -147,7 +147,7 @@ pub(crate) trait Backend: Send + Sync {
 /// Result of the check of a recording.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Checked {
-    pub(crate) report: Report,
+    pub(crate) report: CheckReport,
     /// `true` if the masks can be inverted.
     pub(crate) can_flip: bool,
 }

@@ -105,7 +105,8 @@ fn following_the_motion_finds_the_same_tissue_in_the_next_frame() {
 #[test]
 fn motion_is_the_derivative_of_the_moving_points() {
     // Two half steps and one whole step agree: the ground truth is smooth in time.
-    for (i, &part) in [shape::Part::Liver, shape::Part::Gallbladder, shape::Part::Omentum].iter().enumerate()
+    for (i, &part) in
+        [shape::ScenePart::Liver, shape::ScenePart::Gallbladder, shape::ScenePart::Omentum].iter().enumerate()
     {
         let p = Vec3::new(5.0 * i as f32, 9.0, 92.0);
         for f in 0..96 {

@@ -20,7 +20,7 @@ mod provenance;
 mod series;
 mod stamp;
 
-pub use options::{ExportOptions, ExportPrompt, Format, Source, num_files};
+pub use options::{ExportOptions, ExportPrompt, Format, PictureSource, num_files};
 pub use provenance::{ExportedFile, FILE_NAME as PROVENANCE_FILE, Provenance, intended_use};
 
 use crate::{
@@ -217,7 +217,7 @@ impl Export {
         if self.size.replace(size).is_some() {
             return Ok(());
         }
-        let plan = series::Plan { provenance: &self.record.provenance, frames: &self.frames, size };
+        let plan = series::SeriesPlan { provenance: &self.record.provenance, frames: &self.frames, size };
         for &format in &self.due {
             let name = series::name(format, &self.frames);
             let path = self.folder.join(&name);

@@ -127,7 +127,7 @@ impl Format {
 /// Pictures that the masks are applied to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Source {
+pub enum PictureSource {
     /// The recorded frames.
     #[default]
     Original,
@@ -142,7 +142,7 @@ pub struct ExportOptions {
     /// Formats to write.
     pub formats: Vec<Format>,
     /// Pictures that the masks are applied to. This is only recorded: the caller supplies the pictures.
-    pub source: Source,
+    pub source: PictureSource,
     /// `true` if a pixel belongs to at most one prompt (the one with the best score).
     pub exclusive: bool,
     /// `true` if pictures with prompts drawn over them say "research use only".
@@ -159,7 +159,7 @@ impl Default for ExportOptions {
     fn default() -> Self {
         Self {
             formats: vec![Format::Cutout, Format::Overlay],
-            source: Source::Original,
+            source: PictureSource::Original,
             exclusive: false,
             stamp: true,
             look: OverlayLook::default(),

@@ -13,10 +13,10 @@ use std::{
 
 /// Inputs of a run, which it never writes into or over: recording, prepared folder, scene, models.
 #[derive(Clone, Debug, Default)]
-pub struct Inputs(Vec<Input>);
+pub struct Inputs(Vec<NamedInput>);
 
 #[derive(Clone, Debug)]
-struct Input {
+struct NamedInput {
     /// Description in words, e.g. "the recording".
     what: &'static str,
     /// Path without links.
@@ -33,7 +33,7 @@ impl Inputs {
     /// cannot be harmed.
     pub fn with(mut self, what: &'static str, path: &Path) -> Self {
         if !path.as_os_str().is_empty() {
-            self.0.push(Input { what, path: full_path(path) });
+            self.0.push(NamedInput { what, path: full_path(path) });
         }
         self
     }
@@ -55,7 +55,7 @@ impl Inputs {
 
     /// Returns an error if `output`, without links, is an input, lies in one, or has one inside.
     pub(super) fn require_apart(&self, output: &Path) -> Result<()> {
-        let refuse = |relation: &str, input: &Input| {
+        let refuse = |relation: &str, input: &NamedInput| {
             let what = format!("{relation} {}, and inputs are never written to", input.what);
             Err(Error::input_at(output, what, "Choose another place for the result."))
         };

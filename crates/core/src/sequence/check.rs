@@ -1,7 +1,7 @@
 //! The import report: reads every file once and describes the findings in words.
 
 use super::{
-    NO_LABEL, Report, Sequence,
+    NO_LABEL, Sequence,
     labels::{EXAMPLES, Way},
     layout::MaskRule,
 };
@@ -27,9 +27,34 @@ const ROTATION_TOLERANCE: f32 = 1e-3;
 /// Number of frames read in parallel between two calls of `progress`.
 const BATCH: usize = 8;
 
+/// The report of `check`; the JSON keys are a contract.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct CheckReport {
+    /// `true` if there are no errors.
+    pub ok: bool,
+    /// Number of frames.
+    pub frames: usize,
+    /// Image columns.
+    pub width: usize,
+    /// Image rows.
+    pub height: usize,
+    /// Camera source, field of view, still or moving, in words.
+    pub camera: String,
+    /// Depth kind, range and share of valid pixels, in words.
+    pub depth: String,
+    /// Mask polarity, share kept, field of view, in words.
+    pub masks: String,
+    /// Classes and the number of frames in which each occurs, in words.
+    pub labels: String,
+    /// Findings that the user should know.
+    pub warnings: Vec<String>,
+    /// Findings that would make training wrong.
+    pub errors: Vec<String>,
+}
+
 /// Reads every frame once and reports; wrong files become entries of `errors`, not an `Err`. `progress`
 /// receives the number of frames done and the number of all frames.
-pub fn check(sequence: &Sequence, progress: &mut dyn FnMut(usize, usize)) -> Report {
+pub fn check(sequence: &Sequence, progress: &mut dyn FnMut(usize, usize)) -> CheckReport {
     let n = sequence.num_frames();
     let mut facts = Vec::with_capacity(n);
     progress(0, n);
@@ -41,7 +66,7 @@ pub fn check(sequence: &Sequence, progress: &mut dyn FnMut(usize, usize)) -> Rep
     let recording = sequence.recording();
     let mut says = Findings { warnings: recording.notes.clone(), errors: Vec::new() };
     says.errors.extend(facts.iter().flat_map(|f| f.errors.iter().cloned()));
-    let report = Report {
+    let report = CheckReport {
         ok: false,
         frames: n,
         width: sequence.width(),
@@ -55,7 +80,7 @@ pub fn check(sequence: &Sequence, progress: &mut dyn FnMut(usize, usize)) -> Rep
     };
     repeated_frames(&facts, &mut says);
     says.warnings.extend(TrainSettings::default().length_warning(n));
-    Report { ok: says.errors.is_empty(), warnings: says.warnings, errors: says.errors, ..report }
+    CheckReport { ok: says.errors.is_empty(), warnings: says.warnings, errors: says.errors, ..report }
 }
 
 #[derive(Default)]

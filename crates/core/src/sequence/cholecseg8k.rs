@@ -4,7 +4,7 @@
 use super::{
     Class, Layout,
     labels::{LabelCoding, LabelFiles},
-    layout::{Frame, MaskRule, Recording},
+    layout::{FrameFiles, MaskRule, Recording},
     read,
 };
 use crate::{Result, reading::is_present};
@@ -80,7 +80,7 @@ pub(super) fn open(folder: &Path) -> Result<Recording> {
     Ok(recording)
 }
 
-fn add_labels(frame: &mut Frame, watershed: PathBuf) {
+fn add_labels(frame: &mut FrameFiles, watershed: PathBuf) {
     frame.mask = Some(watershed.clone());
     frame.labels = Some(LabelFiles::Picture(watershed));
 }

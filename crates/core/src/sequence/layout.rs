@@ -33,7 +33,7 @@ pub(super) struct Recording {
     pub layout: Layout,
     pub width: usize,
     pub height: usize,
-    pub frames: Vec<Frame>,
+    pub frames: Vec<FrameFiles>,
     /// Cameras, one per frame.
     pub cameras: Vec<Camera>,
     pub camera_source: CameraSource,
@@ -53,7 +53,7 @@ pub(super) struct Recording {
 
 /// The files of one frame.
 #[derive(Debug)]
-pub(super) struct Frame {
+pub(super) struct FrameFiles {
     pub name: String,
     pub picture: Picture,
     pub mask: Option<PathBuf>,
@@ -83,7 +83,7 @@ impl Recording {
     /// Creates a recording of `pictures` with an assumed still camera and nothing else.
     pub(super) fn of_pictures(path: &Path, layout: Layout, pictures: &[PathBuf]) -> Result<Self> {
         let size = read::common_size(pictures)?;
-        let frames = pictures.iter().map(|p| Frame::new(read::stem(p), Picture::File(p.clone())));
+        let frames = pictures.iter().map(|p| FrameFiles::new(read::stem(p), Picture::File(p.clone())));
         Ok(Self::new(path, layout, size, frames.collect()))
     }
 
@@ -91,7 +91,7 @@ impl Recording {
         path: &Path,
         layout: Layout,
         (width, height): (usize, usize),
-        frames: Vec<Frame>,
+        frames: Vec<FrameFiles>,
     ) -> Self {
         let camera = Camera::with_field_of_view(width as u32, height as u32, ASSUMED_FOV_DEGREES);
         Self {
@@ -149,7 +149,7 @@ impl Recording {
         endings: &[&str],
         what: &str,
         partial: bool,
-    ) -> Result<Vec<(&mut Frame, PathBuf)>> {
+    ) -> Result<Vec<(&mut FrameFiles, PathBuf)>> {
         let files = if folder.is_dir() { read::list(folder, endings)? } else { Vec::new() };
         if files.is_empty() {
             return Ok(Vec::new());
@@ -281,7 +281,7 @@ impl Recording {
     }
 }
 
-impl Frame {
+impl FrameFiles {
     pub(super) fn new(name: String, picture: Picture) -> Self {
         Self { name, picture, mask: None, depth: None, labels: None }
     }

@@ -40,7 +40,7 @@ mod tests;
 mod transforms;
 mod video;
 
-pub use check::check;
+pub use check::{CheckReport, check};
 pub use classes::{ClassEntry, names_instrument, plain_words};
 pub use depth::DepthKind;
 pub use ffmpeg::remove_unpacked_videos;
@@ -389,29 +389,4 @@ impl Sequence {
             FieldOfView::detect(width, height, frames)
         })
     }
-}
-
-/// The report of `check`; the JSON keys are a contract.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
-pub struct Report {
-    /// `true` if there are no errors.
-    pub ok: bool,
-    /// Number of frames.
-    pub frames: usize,
-    /// Image columns.
-    pub width: usize,
-    /// Image rows.
-    pub height: usize,
-    /// Camera source, field of view, still or moving, in words.
-    pub camera: String,
-    /// Depth kind, range and share of valid pixels, in words.
-    pub depth: String,
-    /// Mask polarity, share kept, field of view, in words.
-    pub masks: String,
-    /// Classes and the number of frames in which each occurs, in words.
-    pub labels: String,
-    /// Findings that the user should know.
-    pub warnings: Vec<String>,
-    /// Findings that would make training wrong.
-    pub errors: Vec<String>,
 }

@@ -9,7 +9,7 @@
 use super::{
     Layout,
     ffmpeg::{self, Unread},
-    layout::{Frame, Picture, Recording},
+    layout::{FrameFiles, Picture, Recording},
     mp4::{CodedPicture, Description, Mp4},
     read,
     settings::Selection,
@@ -100,7 +100,7 @@ fn open_h264(path: &Path, video: H264, selection: &Selection) -> Result<Recordin
     }
     let video = Arc::new(video);
     let frame =
-        |index| Frame::new(format!("{index:06}"), Picture::Video { video: Arc::clone(&video), index });
+        |index| FrameFiles::new(format!("{index:06}"), Picture::Video { video: Arc::clone(&video), index });
     let mut recording = Recording::new(path, Layout::Video, size, indices.into_iter().map(frame).collect());
     recording.frames_per_second = frames_per_second;
     recording.notes.extend(note);
@@ -169,7 +169,7 @@ pub(super) struct H264 {
     shown: Vec<usize>,
     /// The points where decoding can start; ascending, the first at sample 0.
     starts: Vec<Start>,
-    state: Mutex<State>,
+    state: Mutex<DecoderState>,
 }
 
 /// An IDR picture: its position in decoding order and in the order of showing.
@@ -180,7 +180,7 @@ struct Start {
 }
 
 #[derive(Default)]
-struct State {
+struct DecoderState {
     running: Option<Running>,
     cache: Cache,
 }
@@ -317,7 +317,7 @@ impl H264 {
         if let Some(frame) = state.cache.get(index) {
             return Ok(frame.clone());
         }
-        let State { running, cache } = &mut *state;
+        let DecoderState { running, cache } = &mut *state;
         let start = self.start_before(index);
         let on_the_way = running.take().filter(|r| (start.frame..=index).contains(&r.next_frame));
         let mut decoder = match on_the_way {

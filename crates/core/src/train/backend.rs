@@ -4,7 +4,7 @@
 use super::{
     LossTerms, TrainSettings,
     densify::{Densify, Statistics},
-    frames::Frame,
+    frames::TrainFrame,
     optimiser::Optimiser,
     pass::Pass,
 };
@@ -56,11 +56,11 @@ pub struct Look {
 
 /// One step to be done.
 #[derive(Clone, Debug)]
-pub struct Plan {
+pub struct StepPlan {
     /// Number of the frame in the recording.
     pub index: usize,
     /// Frame at the size of the camera, with all its pixels.
-    pub frame: Arc<Frame>,
+    pub frame: Arc<TrainFrame>,
     /// Camera, time and pixels.
     pub look: Look,
     /// Number of steps done before.
@@ -102,7 +102,7 @@ impl Context<'_> {
 
 /// Result of a step.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Outcome {
+pub struct StepOutcome {
     /// Loss of the last step, if it is known already.
     pub terms: Option<LossTerms<f32>>,
     /// Number of steps found dropped since the last outcome, because something was not finite.
@@ -110,28 +110,28 @@ pub struct Outcome {
 }
 
 /// Carries out training steps.
-pub trait Backend: Send {
+pub trait TrainBackend: Send {
     /// Name of the device it runs on.
     fn name(&self) -> String;
 
-    /// Takes one optimiser step. The model may stay out of date until [`Backend::finish`].
+    /// Takes one optimiser step. The model may stay out of date until [`TrainBackend::finish`].
     fn step(
         &mut self,
         model: &mut Model,
-        plan: Plan,
+        plan: StepPlan,
         context: &Context<'_>,
         clock: &mut PassClock<Pass>,
-    ) -> Result<Outcome>;
+    ) -> Result<StepOutcome>;
 
     /// Adds and removes Gaussians, as [`super::densify`] does.
-    fn densify(&mut self, model: &mut Model, how: &Densify, context: &Context<'_>) -> Result<Outcome>;
+    fn densify(&mut self, model: &mut Model, how: &Densify, context: &Context<'_>) -> Result<StepOutcome>;
 
     /// Returns the current number of Gaussians.
     fn num_gaussians(&self, model: &Model) -> usize;
 
     /// Brings the model up to date.
-    fn finish(&mut self, model: &mut Model, context: &Context<'_>) -> Result<Outcome>;
+    fn finish(&mut self, model: &mut Model, context: &Context<'_>) -> Result<StepOutcome>;
 
-    /// Tells the backend that the model was changed from outside after [`Backend::finish`].
+    /// Tells the backend that the model was changed from outside after [`TrainBackend::finish`].
     fn forget(&mut self);
 }

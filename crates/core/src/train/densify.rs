@@ -152,7 +152,7 @@ fn rank(marks: &[Mark]) -> Vec<u32> {
 
 /// A row of the new set.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Row {
+struct NewRow {
     /// Row of the old set that it copies.
     parent: u32,
     /// `true` if its moments start afresh.
@@ -160,19 +160,19 @@ struct Row {
 }
 
 /// The new rows, and the indices of the two rows of each divided Gaussian.
-fn list(marks: &[Mark], parted: &[u32], split_only: bool) -> (Vec<Row>, Vec<[usize; 2]>) {
+fn list(marks: &[Mark], parted: &[u32], split_only: bool) -> (Vec<NewRow>, Vec<[usize; 2]>) {
     let mut places = vec![0; marks.len()];
     let mut rows = Vec::new();
     for (parent, _) in marks.iter().enumerate().filter(|(_, mark)| mark.is_kept) {
         places[parent] = rows.len();
-        rows.push(Row { parent: parent as u32, is_fresh: false });
+        rows.push(NewRow { parent: parent as u32, is_fresh: false });
     }
     let mut pairs = Vec::new();
     for parent in parted {
         let place = places[*parent as usize];
         rows[place].is_fresh = split_only;
         pairs.push([place, rows.len()]);
-        rows.push(Row { parent: *parent, is_fresh: true });
+        rows.push(NewRow { parent: *parent, is_fresh: true });
     }
     (rows, pairs)
 }
@@ -216,9 +216,9 @@ fn scatter(gaussians: &mut Gaussians, pair: [usize; 2], [first, second]: [u32; 2
 }
 
 /// Rebuilds every array for the new rows.
-fn copy_rows(gaussians: &mut Gaussians, deformation: &mut Deformation, rows: &[Row]) {
-    fn copy<T: Copy>(values: &[T], rows: &[Row], width: usize) -> Vec<T> {
-        let row = |r: &Row| &values[r.parent as usize * width..(r.parent as usize + 1) * width];
+fn copy_rows(gaussians: &mut Gaussians, deformation: &mut Deformation, rows: &[NewRow]) {
+    fn copy<T: Copy>(values: &[T], rows: &[NewRow], width: usize) -> Vec<T> {
+        let row = |r: &NewRow| &values[r.parent as usize * width..(r.parent as usize + 1) * width];
         rows.iter().flat_map(row).copied().collect()
     }
     let plane = gaussians.len() * deformation.stride;

@@ -26,7 +26,7 @@ const SEED_FRAMES: usize = 8;
 
 /// State of training. Together with the settings and the recording it determines all later steps.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
-pub(super) struct State {
+pub(super) struct TrainState {
     pub model: Model,
     pub rng: ChaCha8Rng,
     /// Frames still to be visited in this round, in random order.
@@ -40,7 +40,7 @@ pub(super) struct State {
     pub seconds: f64,
 }
 
-impl State {
+impl TrainState {
     pub(super) fn new(
         sequence: &Sequence,
         prepared: Option<&Prepared>,

@@ -17,7 +17,7 @@ use surgtpgs_core::{
     Result,
     deform::Deformation,
     raster::FEATURE_PLANE,
-    train::{Context, LossWeights, Plan, Rates, TermScales},
+    train::{Context, LossWeights, Rates, StepPlan, TermScales},
 };
 
 /// Number of values of a slot, see `shared/slot.wgsl`.
@@ -74,7 +74,7 @@ pub(super) struct Job<'a> {
     pub gpu: &'a Gpu,
     pub view: &'a View,
     pub view_buffer: &'a wgpu::Buffer,
-    pub plan: &'a Plan,
+    pub plan: &'a StepPlan,
     pub context: &'a Context<'a>,
     pub deformation: &'a Deformation,
     pub deform: &'a DeformPass,

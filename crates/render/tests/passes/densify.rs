@@ -8,7 +8,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use surgtpgs_core::{
     deform::BasisShape,
-    train::{Adam, Backend, Context, Densify, Model, Profile, TrainSettings, densify},
+    train::{Adam, Context, Densify, Model, Profile, TrainBackend, TrainSettings, densify},
 };
 use surgtpgs_render::GpuBackend;
 

@@ -18,8 +18,8 @@ use surgtpgs_core::{
         project::{Sampling, project_into},
     },
     train::{
-        Backend, Context, Frame, FrameState, Gradients, Look, LossTerms, LossWeights, Model, Plan,
-        TrainSettings, chain_backward, loss,
+        Context, FrameState, Gradients, Look, LossTerms, LossWeights, Model, StepPlan, TrainBackend,
+        TrainFrame, TrainSettings, chain_backward, loss,
     },
 };
 use surgtpgs_render::{GpuBackend, StepTrace};
@@ -34,7 +34,7 @@ pub(crate) struct Step {
     pub model: Model,
     pub settings: TrainSettings,
     latents: Vec<f32>,
-    pub plan: Plan,
+    pub plan: StepPlan,
 }
 
 impl Step {
@@ -51,7 +51,7 @@ impl Step {
         let frame = Arc::new(frame(rng));
         let latents = numbers(rng, ROWS * recipe.latent_dim, 1.0);
         let model = Model::new(scene.gaussians, scene.deformation);
-        Self { model, settings, latents, plan: Plan { index: 0, frame, look, step: 120, updates: true } }
+        Self { model, settings, latents, plan: StepPlan { index: 0, frame, look, step: 120, updates: true } }
     }
 
     /// A step with bases of each Gaussian's own and the gate on scale, as in the released code.
@@ -77,7 +77,7 @@ impl Step {
 }
 
 /// A frame of random colours: some pixels masked, some without depth or region; regions large and small.
-fn frame(rng: &mut ChaCha8Rng) -> Frame {
+fn frame(rng: &mut ChaCha8Rng) -> TrainFrame {
     let n = WIDTH * HEIGHT;
     let region = |i: usize| match i % WIDTH {
         0..30 => 0,
@@ -85,7 +85,7 @@ fn frame(rng: &mut ChaCha8Rng) -> Frame {
         60..74 => 2,
         _ => 3,
     };
-    Frame {
+    TrainFrame {
         width: WIDTH,
         height: HEIGHT,
         colour: (0..3 * n).map(|_| rng.random()).collect(),

@@ -47,7 +47,7 @@ use surgtpgs_core::{
     Error, Result,
     export::intended_use,
     grid::{Grid, Mask},
-    sequence::Report,
+    sequence::CheckReport,
     train::LossTerms,
 };
 

@@ -47,12 +47,12 @@ fn bare() -> Info {
 
 #[test]
 fn a_recording_is_checked_when_it_is_opened_and_its_masks_can_be_flipped() {
-    let inverted = Report {
+    let inverted = CheckReport {
         ok: false,
         frames: 48,
         warnings: vec!["Masks hide 94 % of the frames on average; they are probably inverted.".into()],
         errors: vec!["Nothing of frame 1 is left to learn from".into()],
-        ..Report::default()
+        ..CheckReport::default()
     };
     let checked = Mutex::new(Checked { report: inverted, can_flip: true });
     let backend = Arc::new(FakeBackend { info: bare(), checked, ..Default::default() });

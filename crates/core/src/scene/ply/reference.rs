@@ -5,7 +5,7 @@
 use super::{
     MADE_BY, Problem, numbered,
     splats::{self, CHANNELS},
-    table::Table,
+    table::PlyTable,
 };
 use crate::{
     deform::{
@@ -173,7 +173,7 @@ impl Scene {
         ]
         .concat();
         let comments = vec![MADE_BY.to_owned(), weights.to_comment()];
-        ReferencePly { ply: Table { names, comments, values }.to_bytes(), weights, lost }
+        ReferencePly { ply: PlyTable { names, comments, values }.to_bytes(), weights, lost }
     }
 
     /// Returns the motion in the released code's bases: 17 quartic ones, separate for every Gaussian.
@@ -304,7 +304,7 @@ fn motion_error(a: &Deformation, b: &Deformation, n: usize, times: &[f32]) -> f6
 }
 
 /// Reads a deforming scene of [`FRAMES`] frames, seen from the origin.
-pub(super) fn from_table(table: &Table, weights: Option<ReferenceWeights>) -> Result<Scene, Problem> {
+pub(super) fn from_table(table: &PlyTable, weights: Option<ReferenceWeights>) -> Result<Scene, Problem> {
     let (coefficients, latent_dim) = (table.count_numbered("coefs"), table.count_numbered("lang"));
     if ![0, DIM].contains(&latent_dim) {
         return Err(format!("the vertices have {latent_dim} properties `lang_…`, expected none or {DIM}"));
@@ -389,7 +389,7 @@ mod tests {
         let scene = released();
         let files = scene.to_reference_ply();
         assert_eq!(files.lost, Vec::<String>::new());
-        let table = Table::from_bytes(&files.ply).unwrap();
+        let table = PlyTable::from_bytes(&files.ply).unwrap();
         assert_eq!((table.names.len(), table.num_rows()), (576, 7));
         let read = from_bytes(&files.ply, || Ok(Some(files.weights.clone()))).unwrap();
         assert_eq!(read.gaussians, scene.gaussians);
@@ -424,9 +424,9 @@ mod tests {
 
     #[test]
     fn a_gate_of_its_own_and_no_features_are_read() {
-        let mut table = Table::from_bytes(&released().to_reference_ply().ply).unwrap();
+        let mut table = PlyTable::from_bytes(&released().to_reference_ply().ply).unwrap();
         let keep = table.names.len() - 4;
-        let without = Table {
+        let without = PlyTable {
             values: (0..7).flat_map(|i| table.row(i)[..keep].to_vec()).collect(),
             names: table.names[..keep].to_vec(),
             comments: Vec::new(),

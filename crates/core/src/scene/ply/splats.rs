@@ -1,6 +1,6 @@
 //! Still Gaussians in the `.ply` format of 3-D Gaussian splatting programs.
 
-use super::{MADE_BY, Problem, numbered, table::Table};
+use super::{MADE_BY, Problem, numbered, table::PlyTable};
 use crate::{
     camera::Camera,
     gaussian::Gaussians,
@@ -25,7 +25,7 @@ impl Gaussians {
             let numbers: Vec<String> = camera_row(c).iter().map(f32::to_string).collect();
             format!("{CAMERA_COMMENT} {}", numbers.join(" "))
         });
-        Table {
+        PlyTable {
             names: names(bands),
             comments: std::iter::once(MADE_BY.to_owned()).chain(camera).collect(),
             values: (0..self.len()).flat_map(|i| row(self, i, bands)).collect(),
@@ -67,7 +67,7 @@ pub(super) fn names(bands: usize) -> Vec<String> {
 
 /// Reads a still scene; Gaussians with a number that is not finite are left out and counted
 /// in the provenance.
-pub(super) fn from_table(table: &Table) -> Result<Scene, Problem> {
+pub(super) fn from_table(table: &PlyTable) -> Result<Scene, Problem> {
     let (gaussians, rows) = gaussians(table, &[])?;
     let camera = camera(table).unwrap_or_else(|| camera_before(&gaussians.means));
     let mut scene = Scene::of_still(gaussians, camera);
@@ -80,7 +80,7 @@ pub(super) fn from_table(table: &Table) -> Result<Scene, Problem> {
 
 /// Reads the Gaussians, and returns the rows they are in: those in which the ordinary columns and those
 /// in `also` are finite.
-pub(super) fn gaussians(table: &Table, also: &[usize]) -> Result<(Gaussians, Vec<usize>), Problem> {
+pub(super) fn gaussians(table: &PlyTable, also: &[usize]) -> Result<(Gaussians, Vec<usize>), Problem> {
     let bands = match table.count_numbered("f_rest") {
         n if [0, 9, 24, 45].contains(&n) => n / CHANNELS,
         n => return Err(format!("the vertices have {n} properties `f_rest_…`, expected 0, 9, 24 or 45")),
@@ -133,7 +133,7 @@ fn drop_empty_bands(gaussians: &mut Gaussians) {
 }
 
 /// Reads the camera that this program notes in files that it writes.
-fn camera(table: &Table) -> Option<Camera> {
+fn camera(table: &PlyTable) -> Option<Camera> {
     let numbers = table.comments.iter().find_map(|c| c.trim().strip_prefix(CAMERA_COMMENT))?;
     let row: Vec<f32> = numbers.split_whitespace().map(|n| n.parse().ok()).collect::<Option<_>>()?;
     let is_good = row.len() == CAMERA_WIDTH && row.iter().all(|v| v.is_finite());
@@ -172,7 +172,7 @@ mod tests {
 
     #[test]
     fn columns_are_those_of_3dgs() {
-        let table = Table::from_bytes(&still().to_ply(None)).unwrap();
+        let table = PlyTable::from_bytes(&still().to_ply(None)).unwrap();
         let column = |name: &str| table.columns(&[name]).unwrap()[0];
         assert_eq!(table.row(1)[column("rot_0")], still().rotations[1][0]);
         assert_eq!(table.row(1)[column("scale_2")], still().log_scales[1][2]);

@@ -2,7 +2,7 @@
 
 use super::*;
 
-fn report(folder: &Path) -> Report {
+fn report(folder: &Path) -> CheckReport {
     let mut seen = Vec::new();
     let report = check(&Sequence::open(folder).unwrap(), &mut |done, of| seen.push((done, of)));
     assert_eq!(seen.first(), Some(&(0, report.frames)));

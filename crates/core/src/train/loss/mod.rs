@@ -215,7 +215,7 @@ struct Plane<'a, T> {
 }
 
 /// Values and mask of a row.
-type Row<'a, T> = (&'a [T], &'a [bool]);
+type MaskedRow<'a, T> = (&'a [T], &'a [bool]);
 
 impl<'a, T: Real> Plane<'a, T> {
     fn new(values: &'a [T], mask: &'a [bool], width: usize) -> Self {
@@ -230,7 +230,7 @@ impl<'a, T: Real> Plane<'a, T> {
         y * self.width..(y + 1) * self.width
     }
 
-    fn row(&self, y: usize) -> Row<'a, T> {
+    fn row(&self, y: usize) -> MaskedRow<'a, T> {
         (&self.values[self.span(y)], &self.mask[self.span(y)])
     }
 }
@@ -292,8 +292,8 @@ impl<T: Real> RowBuffers<T> {
 #[simd]
 fn row_terms<S: Simd, T: Real>(
     simd: S,
-    here: Row<'_, T>,
-    next: Option<Row<'_, T>>,
+    here: MaskedRow<'_, T>,
+    next: Option<MaskedRow<'_, T>>,
     buffers: &mut RowBuffers<T>,
     scales: Scales<T>,
     g: &mut [T],
@@ -342,7 +342,7 @@ fn abs_sum<S: Simd, T: Real>(simd: S, values: &[T]) -> T {
 
 /// Writes a − b to `difference` where both masks are true, else 0.
 #[simd]
-fn masked_difference<S: Simd, T: Real>(_: S, a: Row<'_, T>, b: Row<'_, T>, difference: &mut [T]) {
+fn masked_difference<S: Simd, T: Real>(_: S, a: MaskedRow<'_, T>, b: MaskedRow<'_, T>, difference: &mut [T]) {
     for ((d, (a, ma)), (b, mb)) in difference.iter_mut().zip(a.0.iter().zip(a.1)).zip(b.0.iter().zip(b.1)) {
         *d = if *ma & *mb { *a - *b } else { T::zero() };
     }
@@ -350,7 +350,7 @@ fn masked_difference<S: Simd, T: Real>(_: S, a: Row<'_, T>, b: Row<'_, T>, diffe
 
 /// Writes a − b / 255 to `difference` where the mask is true, else 0.
 #[simd]
-fn byte_difference<S: Simd, T: Real>(_: S, a: Row<'_, T>, bytes: &[u8], difference: &mut [T]) {
+fn byte_difference<S: Simd, T: Real>(_: S, a: MaskedRow<'_, T>, bytes: &[u8], difference: &mut [T]) {
     let byte = T::of(1.0 / 255.0);
     for ((d, (a, mask)), b) in difference.iter_mut().zip(a.0.iter().zip(a.1)).zip(bytes) {
         *d = if *mask { *a - T::from_f32(f32::from(*b)) * byte } else { T::zero() };
