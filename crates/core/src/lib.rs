@@ -7,6 +7,7 @@ pub mod grid;
 pub mod hash;
 mod lanes;
 pub mod num;
+pub mod progress;
 pub mod reading;
 pub mod real;
 

@@ -19,7 +19,7 @@ pub(super) fn run(args: &CheckArgs) -> Result<Exit> {
         Ok(material) => {
             require_for(&Work::Reading(material.sequence()))?;
             let mut view = ProgressView::default();
-            sequence::check(material.sequence(), &mut |done, total| view.count("checking", done, total))
+            sequence::check(material.sequence(), &mut |p| view.show(p))?
         }
         Err(error) if args.json => unreadable(error.to_string()),
         Err(error) => return Err(error),

@@ -135,7 +135,7 @@ pub(crate) fn evaluate_masks(
 }
 
 fn observe(observer: &mut Observer<'_>, done: usize, total: usize) -> Result<()> {
-    match observer(&Progress { stage: "evaluating", done, total, detail: "" }) {
+    match observer(&Progress::new("evaluating", done, total)) {
         ControlFlow::Break(()) if done < total => Err(Error::Cancelled),
         _ => Ok(()),
     }

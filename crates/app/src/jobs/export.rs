@@ -95,7 +95,7 @@ pub fn export(
     let mut export = Export::begin(output.path(), frames, provenance.clone(), false)?;
     while let Some(frame) = export.next_frame() {
         let (done, total) = (export.frames_done(), export.num_frames());
-        if observer(&Progress { stage: "exporting", done, total, detail: "" }).is_break() {
+        if observer(&Progress::new("exporting", done, total)).is_break() {
             break;
         }
         let scores = scorer.scores(engine, frame)?;

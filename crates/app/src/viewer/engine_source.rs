@@ -63,9 +63,7 @@ impl Backend for EngineBackend {
     fn check(&self, path: &Path, job: &JobContext) -> Result<Checked> {
         let material = Material::open(path)?;
         let sequence = material.sequence();
-        let report = sequence::check(sequence, &mut |done, total| {
-            job.progress("checking", done, total, String::new())
-        });
+        let report = sequence::check(sequence, &mut |p| watch(job, p))?;
         Ok(Checked { report, can_flip: sequence.has_mask_files() })
     }
 
@@ -82,9 +80,7 @@ impl Backend for EngineBackend {
             claim_collection(folder, outputs::DEMO, &Inputs::none())?;
             let settings = DemoSettings::default();
             job.preview(Box::new(RecordingSource::of_demo(demo::Demo::new(&settings)?, &paths.recording)));
-            jobs::record_demo(&settings, &paths.recording, true, &mut |done, total| {
-                job.progress("recording the demo", done, total, String::new());
-            })?;
+            jobs::record_demo(&settings, &paths.recording, true, &mut |p| watch(job, p))?;
         }
         let train = TrainRequest {
             recording: paths.recording.clone(),
@@ -545,7 +541,7 @@ mod tests {
         let [recording, scene, prepared] =
             ["clip", "clip.safetensors", "clip.prepared"].map(|name| folder.path().join(name));
         let tiny = DemoSettings { width: 32, height: 24, frames: 4, ..DemoSettings::default() };
-        demo::write(&tiny, &recording, &mut |_, _| {}).unwrap();
+        demo::write(&tiny, &recording, &mut surgtpgs_core::progress::unobserved).unwrap();
         std::fs::create_dir(&prepared).unwrap();
         std::fs::write(prepared.join("mine"), "hours of work").unwrap();
         let request = TrainRequest { recording, scene: scene.clone(), iterations: 3, excluded: Vec::new() };

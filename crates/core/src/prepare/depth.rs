@@ -7,19 +7,21 @@ use crate::{
     files::write_whole_with,
     grid::Grid,
     num::percentile,
+    progress::{Observer, Progress},
     sequence::{DepthKind, MONOCULAR_BASELINE, Sequence, npy_map},
 };
 use image::RgbImage;
 use ndarray::ArrayView2;
 use ndarray_npy::WriteNpyExt;
 use std::{
-    ops::ControlFlow,
     path::{Path, PathBuf},
     sync::Arc,
 };
 
 /// Subfolder of estimated depth.
 pub(super) const DEPTH: &str = "depth";
+/// Stage of the estimation in its progress.
+const STAGE: &str = "estimating depth";
 /// Smallest usable share of a frame's values.
 const MIN_USABLE: f64 = 0.5;
 /// Smallest and largest factor that the depth of a frame may span, the extremes left out.
@@ -57,14 +59,14 @@ pub struct Estimator<'a> {
 /// becomes z = focal length · 1.0877 / disparity, as the paper's authors have it. The frames' scales are
 /// fitted to one another, unless the camera moves by known poses.
 ///
-/// `progress` gets (frames done, frames) and may ask to stop. Fails if the recording has depth, if most
-/// of a frame's values are unusable, or if they are all the same or span more than any scene.
+/// Fails if the recording has depth, if most of a frame's values are unusable, if they are all the same or
+/// span more than any scene, or if the observer asks to stop.
 pub fn estimate_depth(
     sequence: &Sequence,
     estimator: Estimator<'_>,
     eval: bool,
     folder: &Path,
-    progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
+    observer: &mut Observer<'_>,
 ) -> Result<Sequence> {
     if sequence.has_depth() {
         let what = "the recording has depth already";
@@ -76,9 +78,7 @@ pub fn estimate_depth(
     let mut samples = Vec::new();
     let mut light = Correlation::default();
     for (done, &i) in frames.iter().enumerate() {
-        if progress(done, frames.len()).is_break() {
-            return Err(Error::Cancelled);
-        }
+        Progress::new(STAGE, done, frames.len()).tell(observer)?;
         let image = sequence.frame(i)?;
         let focal = f64::from(sequence.camera(i).fx);
         let depth = as_depth(&estimate(&image)?, kind, focal);
@@ -100,7 +100,7 @@ pub fn estimate_depth(
     } else {
         equalise(folder, &frames, &log_scales(&samples))?
     };
-    progress(frames.len(), frames.len()).is_continue().then_some(()).ok_or(Error::Cancelled)?;
+    Progress::new(STAGE, frames.len(), frames.len()).tell(observer)?;
     Ok(sequence.clone().with_estimated_depth(
         folder,
         EstimatedDepth { network: network.to_owned(), kind, drift, notes },

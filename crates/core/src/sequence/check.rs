@@ -6,8 +6,10 @@ use super::{
     layout::MaskRule,
 };
 use crate::{
+    Result,
     camera::Camera,
     grid::{Grid, Mask},
+    progress::{Observer, Progress},
     train::TrainSettings,
 };
 use rayon::prelude::*;
@@ -24,7 +26,9 @@ const DEPTH_GAPS: f64 = 0.25;
 const MOSTLY_UNKNOWN: f64 = 0.5;
 /// Allowed deviation of a rotation's columns from unit length and right angles.
 const ROTATION_TOLERANCE: f32 = 1e-3;
-/// Number of frames read in parallel between two calls of `progress`.
+/// Stage of the check in its progress.
+const STAGE: &str = "checking";
+/// Number of frames read in parallel between two reports of progress.
 const BATCH: usize = 8;
 
 /// The report of `check`; the JSON keys are a contract.
@@ -52,16 +56,16 @@ pub struct CheckReport {
     pub errors: Vec<String>,
 }
 
-/// Reads every frame once and reports; wrong files become entries of `errors`, not an `Err`. `progress`
-/// receives the number of frames done and the number of all frames.
-pub fn check(sequence: &Sequence, progress: &mut dyn FnMut(usize, usize)) -> CheckReport {
+/// Reads every frame once and reports. Wrong files become entries of `errors`; it only fails if the observer
+/// asks to stop.
+pub fn check(sequence: &Sequence, observer: &mut Observer<'_>) -> Result<CheckReport> {
     let n = sequence.num_frames();
     let mut facts = Vec::with_capacity(n);
-    progress(0, n);
+    Progress::new(STAGE, 0, n).tell(observer)?;
     for start in (0..n).step_by(BATCH) {
         let batch = start..(start + BATCH).min(n);
         facts.par_extend(batch.into_par_iter().map(|i| Facts::of(sequence, i)));
-        progress(facts.len(), n);
+        Progress::new(STAGE, facts.len(), n).tell(observer)?;
     }
     let recording = sequence.recording();
     let mut says = Findings { warnings: recording.notes.clone(), errors: Vec::new() };
@@ -80,7 +84,7 @@ pub fn check(sequence: &Sequence, progress: &mut dyn FnMut(usize, usize)) -> Che
     };
     repeated_frames(&facts, &mut says);
     says.warnings.extend(TrainSettings::default().length_warning(n));
-    CheckReport { ok: says.errors.is_empty(), warnings: says.warnings, errors: says.errors, ..report }
+    Ok(CheckReport { ok: says.errors.is_empty(), warnings: says.warnings, errors: says.errors, ..report })
 }
 
 #[derive(Default)]
