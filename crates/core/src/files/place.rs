@@ -1,10 +1,7 @@
 //! Real places of outputs once links are followed, and the inputs that they must not touch.
 
 use super::{absolute_path, full_path, record::Record};
-use crate::{
-    Error, Result,
-    sequence::{Sequence, settings_files},
-};
+use crate::{Error, Result};
 use std::{
     fs::Metadata,
     io::ErrorKind,
@@ -41,16 +38,6 @@ impl Inputs {
     /// Adds an input that is optional; see [`Inputs::with`].
     pub fn with_some(self, what: &'static str, path: Option<&Path>) -> Self {
         path.into_iter().fold(self, |inputs, path| inputs.with(what, path))
-    }
-
-    /// Adds a recording and its settings.
-    pub fn with_recording(self, sequence: &Sequence) -> Self {
-        let settings = settings_files(sequence.path());
-        let inputs = self.with("the recording", sequence.path());
-        let folders = sequence.folders();
-        let inputs =
-            folders.iter().fold(inputs, |inputs, folder| inputs.with("a folder of the recording", folder));
-        settings.iter().fold(inputs, |inputs, file| inputs.with("a settings file of the recording", file))
     }
 
     /// Returns an error if `output`, without links, is an input, lies in one, or has one inside.

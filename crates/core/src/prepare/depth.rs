@@ -8,18 +8,13 @@ use crate::{
     grid::Grid,
     num::percentile,
     progress::{Observer, Progress},
-    sequence::{DepthKind, MONOCULAR_BASELINE, Sequence, npy_map},
+    sequence::{DepthKind, EstimatedDepth, MONOCULAR_BASELINE, Sequence, depth_file, npy_map},
 };
 use image::RgbImage;
 use ndarray::ArrayView2;
 use ndarray_npy::WriteNpyExt;
-use std::{
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use std::{path::Path, sync::Arc};
 
-/// Subfolder of estimated depth.
-pub(super) const DEPTH: &str = "depth";
 /// Stage of the estimation in its progress.
 const STAGE: &str = "estimating depth";
 /// Smallest usable share of a frame's values.
@@ -30,19 +25,6 @@ const SPAN: [f32; 2] = [1.001, 1e4];
 const SAMPLES: usize = 48;
 /// Correlation of brightness with depth above which something is wrong: endoscopes light near surfaces more.
 const MAX_CORRELATION: f64 = 0.3;
-
-/// Source of estimated depth, and findings about it.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct EstimatedDepth {
-    /// SHA-256 of the network.
-    pub network: String,
-    /// Kind of values that it gives.
-    pub kind: DepthKind,
-    /// Largest scale of a single frame divided by the smallest; 1 if the scales were left as they are.
-    pub drift: f32,
-    /// Notes for the user.
-    pub notes: Vec<String>,
-}
 
 /// An estimator of depth: `estimate` gives depth or disparity (`kind`) of a picture, at any size.
 pub struct Estimator<'a> {
@@ -106,16 +88,6 @@ pub fn estimate_depth(
         EstimatedDepth { network: network.to_owned(), kind, drift, notes },
         Arc::default(),
     ))
-}
-
-/// Returns the path of the depth file of frame `i` in a prepared folder.
-pub(crate) fn depth_file(folder: &Path, i: usize) -> PathBuf {
-    folder.join(depth_name(i))
-}
-
-/// Returns the path of the depth file of frame `i`, inside the folder.
-pub(crate) fn depth_name(i: usize) -> String {
-    format!("{DEPTH}/frame_{i:06}.npy")
 }
 
 /// Converts the network's values to z in scene units, 0 where they are unusable.

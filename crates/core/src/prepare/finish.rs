@@ -2,7 +2,6 @@
 
 use super::{
     Prepared,
-    depth::{DEPTH, depth_file, depth_name},
     files::{MANIFEST, Manifest, REGIONS},
 };
 use crate::{
@@ -11,7 +10,7 @@ use crate::{
     files::{full_path, is_free_folder, is_taken, write_whole},
     hash::file_sha256,
     progress::Observer,
-    sequence::Sequence,
+    sequence::{DEPTH, Sequence, depth_file, depth_name},
 };
 use ndarray::Array2;
 use std::path::Path;

@@ -3,13 +3,13 @@
 //! plane per level, -1 where there is none. The authors' newer scripts write `NAME_agg.npy` [1, h, w,
 //! dim] instead, with an embedding for every place.
 
-use super::{DenseMap, FrameFeatures, NO_REGION, Prepared, RegionMap, files::Manifest};
+use super::{FrameFeatures, NO_REGION, Prepared, RegionMap, files::Manifest};
 use crate::{
     Error, Result,
     files::write_whole_with,
     progress::{Observer, Progress},
     reading::npy_f32,
-    segment::Level,
+    segment::{DenseMap, Level},
     sequence::Sequence,
 };
 use ndarray::{Array2, Array3, ArrayView2, Axis};

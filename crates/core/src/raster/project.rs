@@ -4,8 +4,8 @@
 use super::{DILATION, FRUSTUM_GUARD, MIN_ALPHA, MIN_EXTENT, NEAR, sh};
 use crate::{
     camera::Camera,
-    deform::Deformed,
-    gaussian::{Gaussians, SH_C0},
+    deform::{Deformed, Geometry},
+    gaussian::{Gaussians, MAX_SH_BANDS, SH_C0},
     real::{
         Matrix, Real, Vector, dot, multiply, rotation_matrix, rotation_matrix_backward, sum, transform,
         transform_transposed,
@@ -144,17 +144,6 @@ impl<T: Real> SplatGradient<T> {
         let ([x, y], [xx, xy, yy], [r, g, b]) = (self.centre, self.conic, self.colour);
         [x, y, xx, xy, yy, self.depth, self.opacity, r, g, b]
     }
-}
-
-/// The geometry of one Gaussian before projection.
-#[derive(Clone, Copy, Debug)]
-pub struct Geometry<T> {
-    /// Centre in the world.
-    pub mean: Vector<T, 3>,
-    /// Unit quaternion (w, x, y, z).
-    pub rotation: Vector<T, 4>,
-    /// Standard deviations.
-    pub scale: Vector<T, 3>,
 }
 
 /// Intermediate values for forward and backward: camera point, Jacobian and the 2×3 square root U of the
@@ -343,7 +332,7 @@ pub fn view_colour_backward<T: Real>(
     }
     let (direction, length) = sh::unit_direction(std::array::from_fn(|i| mean[i] - view.position[i]));
     let bands = sh::bands(degree, direction);
-    let mut g_bands = [T::zero(); sh::MAX_BANDS];
+    let mut g_bands = [T::zero(); MAX_SH_BANDS];
     for (k, coefficients) in rest.chunks_exact(3).enumerate() {
         g_bands[k] = sum::<T, 3>(|c| g[c] * coefficients[c]);
         for c in 0..3 {

@@ -8,9 +8,9 @@ use super::{
 use crate::{
     Result,
     camera::Camera,
+    deform::length_warning,
     grid::{Grid, Mask},
     progress::{Observer, Progress},
-    train::TrainSettings,
 };
 use rayon::prelude::*;
 use std::{
@@ -83,7 +83,7 @@ pub fn check(sequence: &Sequence, observer: &mut Observer<'_>) -> Result<CheckRe
         errors: Vec::new(),
     };
     repeated_frames(&facts, &mut says);
-    says.warnings.extend(TrainSettings::default().length_warning(n));
+    says.warnings.extend(length_warning(n));
     Ok(CheckReport { ok: says.errors.is_empty(), warnings: says.warnings, errors: says.errors, ..report })
 }
 

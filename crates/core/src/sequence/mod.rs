@@ -3,17 +3,16 @@
 use crate::{
     Error, Result,
     camera::Camera,
-    files::{full_path, unfinished_kind},
+    files::{Inputs, full_path, unfinished_kind},
     grid::{Grid, Mask},
-    prepare::{EstimatedDepth, depth_file, depth_name, require_checksum},
 };
-use depth::DepthRule;
+use estimated::Estimated;
 use field_of_view::FieldOfView;
 use image::RgbImage;
 use labels::{LabelCoding, ReadLabels};
 use layout::{MaskRule, Recording};
 use std::{
-    collections::{BTreeMap, BTreeSet},
+    collections::BTreeSet,
     path::{Path, PathBuf},
     sync::{Arc, OnceLock},
 };
@@ -25,6 +24,7 @@ mod decided;
 mod depth;
 mod endonerf;
 mod endovis18;
+mod estimated;
 mod ffmpeg;
 mod field_of_view;
 mod identity;
@@ -43,6 +43,8 @@ mod video;
 pub use check::{CheckReport, check};
 pub use classes::{ClassEntry, names_instrument, plain_words};
 pub use depth::DepthKind;
+pub use estimated::EstimatedDepth;
+pub(crate) use estimated::{DEPTH, depth_file, depth_name};
 pub use ffmpeg::remove_unpacked_videos;
 pub(crate) use identity::shared as shared_identity;
 pub use identity::{Difference, Identity};
@@ -107,16 +109,6 @@ pub struct Sequence {
     inner: Arc<Inner>,
     /// Depth from another source than the recording.
     estimated: Option<Arc<Estimated>>,
-}
-
-/// Depth that a network estimated, see [`EstimatedDepth`].
-#[derive(Debug)]
-struct Estimated {
-    /// The prepared folder that holds it.
-    folder: PathBuf,
-    about: EstimatedDepth,
-    /// SHA-256 of files by their path inside the folder, if known.
-    sha256: Arc<BTreeMap<String, String>>,
 }
 
 #[derive(Debug)]
@@ -234,31 +226,6 @@ impl Sequence {
     pub fn frame(&self, i: usize) -> Result<RgbImage> {
         self.recording().frame(i)
     }
-    /// Takes depth from the prepared folder `folder` instead of the recording.
-    pub(crate) fn with_estimated_depth(
-        self,
-        folder: &Path,
-        about: EstimatedDepth,
-        sha256: Arc<BTreeMap<String, String>>,
-    ) -> Self {
-        let estimated = Estimated { folder: folder.to_owned(), about, sha256 };
-        Self { estimated: Some(Arc::new(estimated)), ..self }
-    }
-    /// Returns the same recording after the folder with its estimated depth, if any, was moved to `folder`.
-    pub(crate) fn with_depth_at(self, folder: &Path) -> Self {
-        let moved = |e: &Arc<Estimated>| {
-            Arc::new(Estimated {
-                folder: folder.to_owned(),
-                about: e.about.clone(),
-                sha256: Arc::clone(&e.sha256),
-            })
-        };
-        Self { estimated: self.estimated.as_ref().map(moved), ..self }
-    }
-    /// Returns the source of depth if it is not the recording itself.
-    pub fn estimated_depth(&self) -> Option<&EstimatedDepth> {
-        self.estimated.as_ref().map(|e| &e.about)
-    }
     /// Returns `true` if any frame has depth.
     pub fn has_depth(&self) -> bool {
         self.estimated.is_some() || self.recording().frames.iter().any(|f| f.depth.is_some())
@@ -266,15 +233,10 @@ impl Sequence {
     /// Returns the depth (z) of frame `i` in scene units at the frames' size, 0 where unknown (bilinear
     /// if the file has another size); `None` if the frame has no depth.
     pub fn depth(&self, i: usize) -> Result<Option<Grid<f32>>> {
-        let Some(estimated) = &self.estimated else { return self.recording().depth(i) };
-        let file = depth_file(&estimated.folder, i);
-        if let Some(sha256) = estimated.sha256.get(&depth_name(i)) {
-            let bytes = std::fs::read(&file).map_err(|e| Error::io("read the depth", &file, e))?;
-            require_checksum(&file, &bytes, sha256)?;
-        } else if !file.is_file() {
-            return Ok(None);
+        match &self.estimated {
+            Some(estimated) => estimated.depth(i, self.width(), self.height()),
+            None => self.recording().depth(i),
         }
-        Ok(Some(DepthRule::default().read(&file)?.resized(self.width(), self.height())))
     }
     /// Returns the supervision mask of frame `i`: `true` = keep. It combines the recording's masks
     /// (polarity resolved) and the field of view.
@@ -388,5 +350,17 @@ impl Sequence {
             let frames = (0..some).filter_map(|k| self.frame((2 * k + 1) * n / (2 * some)).ok());
             FieldOfView::detect(width, height, frames)
         })
+    }
+}
+
+impl Inputs {
+    /// Adds a recording and its settings.
+    pub fn with_recording(self, sequence: &Sequence) -> Self {
+        let settings = settings_files(sequence.path());
+        let inputs = self.with("the recording", sequence.path());
+        let folders = sequence.folders();
+        let inputs =
+            folders.iter().fold(inputs, |inputs, folder| inputs.with("a folder of the recording", folder));
+        settings.iter().fold(inputs, |inputs, file| inputs.with("a settings file of the recording", file))
     }
 }

@@ -3,11 +3,11 @@
 use crate::{
     camera::Camera,
     deform::{
-        COLOUR_CHANNEL, Deformation, Deformed, GATE_CHANNEL, MEAN_CHANNEL, Moved, ROTATION_CHANNEL,
+        COLOUR_CHANNEL, Deformation, Deformed, GATE_CHANNEL, Geometry, MEAN_CHANNEL, Moved, ROTATION_CHANNEL,
         SCALE_CHANNEL, gate_feature_backward, move_geometry_backward,
     },
     gaussian::Gaussians,
-    raster::project::{CameraView, Geometry, Splat, SplatGradient, project_backward, view_colour_backward},
+    raster::project::{CameraView, Splat, SplatGradient, project_backward, view_colour_backward},
     real::unit_quaternion,
 };
 use rayon::prelude::*;

@@ -26,8 +26,7 @@ pub use loss::{LossTerms, LossWeights, MIN_DEPTH, MIN_DEPTH_ALPHA, Scales, TermS
 pub use optimiser::{OPACITY_CHANNEL, Optimiser, Rates};
 pub use pass::Pass;
 pub use settings::{
-    DensifySettings, FeatureMode, FrameOrder, LONGEST, LearningRates, LengthUnit, Profile, TrainSettings,
-    length_loss_db,
+    DensifySettings, FeatureMode, FrameOrder, LearningRates, LengthUnit, Profile, TrainSettings,
 };
 
 use crate::{
@@ -301,8 +300,8 @@ impl Trainer {
         self.finish()?;
         let prepared = self.prepared.as_ref();
         Ok(Scene {
-            gaussians: self.state.model.gaussians.clone(),
-            deformation: self.state.model.deformation.clone(),
+            gaussians: self.state.model.gaussians.clone().into(),
+            deformation: self.state.model.deformation.clone().into(),
             cameras: (0..self.sequence.num_frames()).map(|i| self.sequence.camera(i)).collect(),
             field_of_view: self.sequence.field_of_view().clone(),
             codec: prepared.map(|p| p.codec.clone()),

@@ -50,7 +50,7 @@ impl Step {
         let look = Look { camera, time: TIME, half: false, sampling, progress: 0.3 };
         let frame = Arc::new(frame(rng));
         let latents = numbers(rng, ROWS * recipe.latent_dim, 1.0);
-        let model = Model::new(scene.gaussians, scene.deformation);
+        let model = Model::new((*scene.gaussians).clone(), (*scene.deformation).clone());
         Self { model, settings, latents, plan: StepPlan { index: 0, frame, look, step: 120, updates: true } }
     }
 

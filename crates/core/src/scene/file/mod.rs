@@ -242,8 +242,8 @@ pub(super) fn from_bytes(bytes: &[u8]) -> Result<Scene, Problem> {
     let embeddings = embeddings.chunks(shape[1].max(1)).map(<[f32]>::to_vec);
     let classes = header.classes.into_iter().zip(embeddings).collect();
     Ok(Scene {
-        gaussians,
-        deformation,
+        gaussians: gaussians.into(),
+        deformation: deformation.into(),
         cameras,
         field_of_view,
         codec,
@@ -403,8 +403,9 @@ mod tests {
                 sh_degree: 1,
                 features: vec![0.8; n * 3],
                 latent_dim: 3,
-            },
-            deformation,
+            }
+            .into(),
+            deformation: deformation.into(),
             cameras: vec![camera; 3],
             field_of_view: Mask::from_vec(13, 6, (0..78).map(|i| i % 7 < 3).collect()),
             codec: Some(Codec { encoder: vec![layer(8, 3)], decoder: vec![layer(3, 5), layer(5, 8)] }),
@@ -448,7 +449,7 @@ mod tests {
             after.gaussians.colours
         );
         let mut whole = scene();
-        whole.deformation = whole.deformation.with_own_bases();
+        whole.deformation = (*whole.deformation).clone().with_own_bases().into();
         let read = from_bytes(&to_bytes(&whole, true).unwrap()).unwrap();
         assert!(!read.deformation.is_shared() && read.codec.is_some());
         assert_eq!((read.cameras, read.classes), (whole.cameras, whole.classes));
@@ -459,7 +460,7 @@ mod tests {
         let mut before = scene();
         before.codec = None;
         let after = from_bytes(&to_bytes(&before, false).unwrap()).unwrap();
-        assert_eq!((after.codec, after.gaussians.features), (None, before.gaussians.features));
+        assert_eq!((after.codec, &after.gaussians.features), (None, &before.gaussians.features));
     }
 
     #[test]

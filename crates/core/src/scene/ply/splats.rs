@@ -3,8 +3,7 @@
 use super::{MADE_BY, Problem, numbered, table::PlyTable};
 use crate::{
     camera::Camera,
-    gaussian::Gaussians,
-    raster::sh::MAX_BANDS,
+    gaussian::{Gaussians, MAX_SH_BANDS},
     scene::{CAMERA_WIDTH, Scene, camera_row, read_camera, still::camera_before},
 };
 
@@ -125,7 +124,7 @@ fn drop_empty_bands(gaussians: &mut Gaussians) {
     let most = gaussians.sh_rest.chunks_exact((bands * CHANNELS).max(1)).map(used).max().unwrap_or(0);
     gaussians.sh_degree = degree_of(most);
     let kept = gaussians.sh_bands() * CHANNELS;
-    debug_assert!(kept <= MAX_BANDS * CHANNELS);
+    debug_assert!(kept <= MAX_SH_BANDS * CHANNELS);
     if bands > 0 {
         let rows = gaussians.sh_rest.chunks_exact(bands * CHANNELS);
         gaussians.sh_rest = rows.flat_map(|row| row[..kept].to_vec()).collect();
@@ -163,7 +162,7 @@ mod tests {
     fn gaussians_read_back_are_the_same() {
         let camera = stress::ordinary(1).cameras[0];
         let scene = from_bytes(&still().to_ply(Some(&camera)), no_weights).unwrap();
-        assert_eq!(scene.gaussians, still());
+        assert_eq!(*scene.gaussians, still());
         assert_eq!(scene.cameras, [camera], "the camera is noted");
         assert_eq!(scene.provenance.settings["gaussians_left_out"], 0);
         let empty = Gaussians::default().to_ply(None);
