@@ -1,7 +1,7 @@
 //! Depth that a network estimated. It lies in a prepared folder as `depth/frame_000000.npy`, z in scene units
 //! at the network's size.
 
-use super::{DepthKind, Sequence, depth::DepthRule};
+use super::depth::{DepthKind, DepthRule};
 use crate::{Error, Result, grid::Grid, hash::require_sha256};
 use std::{
     collections::BTreeMap,
@@ -26,13 +26,13 @@ pub struct EstimatedDepth {
 }
 
 /// Place of estimated depth.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Estimated {
     /// The prepared folder that holds it.
-    folder: PathBuf,
-    about: EstimatedDepth,
+    pub folder: PathBuf,
+    pub about: EstimatedDepth,
     /// SHA-256 of files by their path inside the folder, if known.
-    sha256: Arc<BTreeMap<String, String>>,
+    pub sha256: Arc<BTreeMap<String, String>>,
 }
 
 impl Estimated {
@@ -46,34 +46,6 @@ impl Estimated {
             return Ok(None);
         }
         Ok(Some(DepthRule::default().read(&file)?.resized(width, height)))
-    }
-}
-
-impl Sequence {
-    /// Takes depth from the prepared folder `folder` instead of the recording.
-    pub(crate) fn with_estimated_depth(
-        self,
-        folder: &Path,
-        about: EstimatedDepth,
-        sha256: Arc<BTreeMap<String, String>>,
-    ) -> Self {
-        let estimated = Estimated { folder: folder.to_owned(), about, sha256 };
-        Self { estimated: Some(Arc::new(estimated)), ..self }
-    }
-    /// Returns the same recording after the folder with its estimated depth, if any, was moved to `folder`.
-    pub(crate) fn with_depth_at(self, folder: &Path) -> Self {
-        let moved = |e: &Arc<Estimated>| {
-            Arc::new(Estimated {
-                folder: folder.to_owned(),
-                about: e.about.clone(),
-                sha256: Arc::clone(&e.sha256),
-            })
-        };
-        Self { estimated: self.estimated.as_ref().map(moved), ..self }
-    }
-    /// Returns the source of depth if it is not the recording itself.
-    pub fn estimated_depth(&self) -> Option<&EstimatedDepth> {
-        self.estimated.as_ref().map(|e| &e.about)
     }
 }
 

@@ -12,7 +12,7 @@ use image::RgbImage;
 use labels::{LabelCoding, ReadLabels};
 use layout::{MaskRule, Recording};
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
     sync::{Arc, OnceLock},
 };
@@ -225,6 +225,25 @@ impl Sequence {
     /// Decodes frame `i`.
     pub fn frame(&self, i: usize) -> Result<RgbImage> {
         self.recording().frame(i)
+    }
+    /// Takes depth from the prepared folder `folder` instead of the recording.
+    pub(crate) fn with_estimated_depth(
+        self,
+        folder: &Path,
+        about: EstimatedDepth,
+        sha256: Arc<BTreeMap<String, String>>,
+    ) -> Self {
+        let estimated = Estimated { folder: folder.to_owned(), about, sha256 };
+        Self { estimated: Some(Arc::new(estimated)), ..self }
+    }
+    /// Returns the same recording after the folder with its estimated depth, if any, was moved to `folder`.
+    pub(crate) fn with_depth_at(self, folder: &Path) -> Self {
+        let moved = |e: &Arc<Estimated>| Arc::new(Estimated { folder: folder.to_owned(), ..(**e).clone() });
+        Self { estimated: self.estimated.as_ref().map(moved), ..self }
+    }
+    /// Returns the source of depth if it is not the recording itself.
+    pub fn estimated_depth(&self) -> Option<&EstimatedDepth> {
+        self.estimated.as_ref().map(|e| &e.about)
     }
     /// Returns `true` if any frame has depth.
     pub fn has_depth(&self) -> bool {

@@ -1,43 +1,9 @@
 //! Backends that carry out training steps: the passes of this crate, or their twins on a GPU. Schedule,
 //! policy and random numbers belong to the trainer, so that all backends follow the same decisions.
 
-use super::{
-    LossTerms, TrainSettings,
-    densify::{Densify, Statistics},
-    frames::TrainFrame,
-    optimiser::Optimiser,
-    pass::Pass,
-};
-use crate::{
-    Result, camera::Camera, clock::PassClock, deform::Deformation, gaussian::Gaussians,
-    raster::project::Sampling,
-};
+use super::{LossTerms, TrainSettings, densify::Densify, frames::TrainFrame, model::Model, pass::Pass};
+use crate::{Result, camera::Camera, clock::PassClock, gaussian::Gaussians, raster::project::Sampling};
 use std::sync::Arc;
-
-/// Everything that a step changes.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Model {
-    /// Gaussians at rest.
-    pub gaussians: Gaussians,
-    /// Their motion.
-    pub deformation: Deformation,
-    /// Moments of all parameters.
-    pub optimiser: Optimiser,
-    /// Statistics since the last densification.
-    pub statistics: Statistics,
-}
-
-impl Model {
-    /// Makes a model with zero moments and empty statistics.
-    pub fn new(gaussians: Gaussians, deformation: Deformation) -> Self {
-        Self {
-            optimiser: Optimiser::new(&gaussians, &deformation),
-            statistics: Statistics::new(gaussians.len()),
-            gaussians,
-            deformation,
-        }
-    }
-}
 
 /// View of the scene in one step.
 #[derive(Clone, Debug)]

@@ -5,40 +5,17 @@
 //! judged in pixels, which also works with a still camera. [`Densify`] is the policy, the same for all
 //! backends. Each pass that follows it has a twin of its name in `shaders/densify.wgsl`.
 
-use super::{backend::Model, random::normal4, settings::TrainSettings};
+use super::{
+    model::{Model, Statistics},
+    random::normal4,
+    settings::TrainSettings,
+};
 use crate::{
     deform::Deformation,
     gaussian::Gaussians,
     num::{logit, sigmoid},
-    raster::project::{Splat, SplatGradient},
     real::{rotation_matrix, transform, unit_quaternion},
 };
-
-/// Statistics of each Gaussian since the last densification.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Statistics {
-    /// Σ ‖∂L/∂centre‖, per px of the full-size image.
-    pub pull: Vec<f32>,
-    /// Number of frames in which it was visible.
-    pub seen: Vec<u32>,
-}
-
-impl Statistics {
-    /// Makes empty statistics for `n` Gaussians.
-    pub fn new(n: usize) -> Self {
-        Self { pull: vec![0.0; n], seen: vec![0; n] }
-    }
-
-    /// Adds one frame; `scale` converts from its pixels to the unit of the statistics.
-    pub fn add(&mut self, splats: &[Splat<f32>], g: &[SplatGradient<f32>], scale: [f32; 2]) {
-        for (i, (splat, g)) in splats.iter().zip(g).enumerate() {
-            if splat.is_visible() {
-                self.pull[i] += (g.centre[0] * scale[0]).hypot(g.centre[1] * scale[1]);
-                self.seen[i] += 1;
-            }
-        }
-    }
-}
 
 /// Numbers that determine one densification.
 #[derive(Clone, Copy, Debug, PartialEq)]

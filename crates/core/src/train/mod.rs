@@ -9,6 +9,7 @@ mod densify;
 mod frames;
 mod lift;
 mod loss;
+mod model;
 mod optimiser;
 mod pass;
 mod random;
@@ -16,13 +17,14 @@ mod settings;
 mod state;
 
 pub use adam::{Adam, BETA1, BETA2, EPSILON, WIDTH, bias_corrections};
-pub use backend::{Context, Look, Model, StepOutcome, StepPlan, TrainBackend};
+pub use backend::{Context, Look, StepOutcome, StepPlan, TrainBackend};
 pub use chain::{FrameState, Gradients, backward as chain_backward};
 pub use checkpoint::is_checkpoint;
 pub use cpu::CpuBackend;
-pub use densify::{CLONE_DISTANCE, Densify, LN_SPLIT, SPLIT_DISTANCE, Statistics, densify};
+pub use densify::{CLONE_DISTANCE, Densify, LN_SPLIT, SPLIT_DISTANCE, densify};
 pub use frames::TrainFrame;
 pub use loss::{LossTerms, LossWeights, MIN_DEPTH, MIN_DEPTH_ALPHA, Scales, TermScales, Truth, loss};
+pub use model::{Model, Statistics};
 pub use optimiser::{OPACITY_CHANNEL, Optimiser, Rates};
 pub use pass::Pass;
 pub use settings::{

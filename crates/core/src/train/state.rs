@@ -1,7 +1,7 @@
 //! Everything that training changes, and its initial values.
 
 use super::{
-    backend::Model,
+    model::Model,
     settings::{FeatureMode, TrainSettings},
 };
 use crate::{
