@@ -42,4 +42,4 @@ pub mod metrics;
 
 pub mod train;
 
-pub use error::{Error, Result};
+pub use error::{Error, Remedy, Result};

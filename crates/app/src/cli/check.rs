@@ -3,6 +3,7 @@
 use super::{
     Exit,
     console::{ProgressView, print, print_json},
+    remedy,
 };
 use crate::{
     args::CheckArgs,
@@ -21,7 +22,7 @@ pub(super) fn run(args: &CheckArgs) -> Result<Exit> {
             let mut view = ProgressView::default();
             sequence::check(material.sequence(), &mut |p| view.show(p))?
         }
-        Err(error) if args.json => unreadable(error.to_string()),
+        Err(error) if args.json => unreadable(remedy::message(&error)),
         Err(error) => return Err(error),
     };
     if args.json {

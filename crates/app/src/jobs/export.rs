@@ -8,7 +8,7 @@ use std::{
     path::Path,
 };
 use surgtpgs_core::{
-    Error, Result,
+    Error, Remedy, Result,
     export::{Export, ExportOptions, ExportPrompt, ExportSummary, PictureSource, Provenance},
     files::{Claim, Earlier, OutputFolder},
     grid::Grid,
@@ -62,7 +62,7 @@ pub fn export(
     if let (PictureSource::Original, Some(why)) = (source, engine.recording_missing()) {
         return Err(Error::input(
             format!("the recorded frames are not at hand: {}", why.trim_end_matches('.')),
-            "Say where the recording is with `--sequence`, or export with `--source reconstruction`.",
+            Remedy::FindRecording.after(""),
         ));
     }
     if source == PictureSource::Original {

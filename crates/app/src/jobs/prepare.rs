@@ -10,7 +10,7 @@ use image::RgbImage;
 use std::path::{Path, PathBuf};
 use surgtpgs_clip::{DepthNetwork, FeatureNetwork, ImageEncoder, SegmentAnything, TextEncoder};
 use surgtpgs_core::{
-    Error, Result,
+    Error, Remedy, Result,
     codec::CodecSettings,
     files::{Claim, Earlier, Inputs, OutputFolder, full_path},
     prepare::{
@@ -120,7 +120,7 @@ pub fn prepare(
         return Err(Error::input_at(
             sequence.path(),
             "the recording has no label masks to take features from",
-            "Use automatic masks (`--masks-model`), or train on it without features.",
+            Remedy::OtherFeatures.after(""),
         ));
     }
     let text = match &options.encoder {
@@ -194,7 +194,8 @@ fn check_halves(text: &TextEncoder, dim: usize, folder: &Path) -> Result<()> {
     }
     let what =
         format!("Image embeddings have {dim} values; the text encoder \"{}\" makes {}", text.name, text.dim);
-    let hint = "They come from different models: give the text half of the same one with `--text-encoder`.";
+    let hint =
+        Remedy::OtherEncoder.after("They come from different models: give the text half of the same one.");
     Err(Error::input_at(folder, what, hint))
 }
 

@@ -350,7 +350,7 @@ impl ViewerApp {
 
     /// Returns the value of a result, or shows its error as the problem.
     pub(super) fn settle<T>(&mut self, result: surgtpgs_core::Result<T>) -> Option<T> {
-        result.map_err(|e| self.problem = Some(e.to_string())).ok()
+        result.map_err(|e| self.problem = Some(super::remedy::message(&e))).ok()
     }
 
     fn show_source(&mut self, source: Box<dyn FrameSource>, ctx: &Context) {

@@ -140,7 +140,7 @@ impl ExportDialog {
             Ok(summary) => self.state = State::Finished(summary),
             Err(e) => {
                 self.state = State::Asking;
-                return Some(e.to_string());
+                return Some(super::remedy::message(&e));
             }
         }
         None

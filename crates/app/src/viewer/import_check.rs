@@ -30,7 +30,7 @@ impl ImportCheck {
 
     pub(crate) fn poll(&mut self) {
         if let Some(JobEvent::Done(result)) = self.job.poll() {
-            self.outcome = Some(result.map_err(|e| e.to_string()));
+            self.outcome = Some(result.map_err(|e| super::remedy::message(&e)));
         }
     }
 

@@ -57,6 +57,7 @@ mod prompt_menu;
 mod prompts;
 mod quality;
 pub mod readers;
+mod remedy;
 mod ruler;
 mod session;
 mod shown;

@@ -202,7 +202,7 @@ impl Pipeline {
             request,
         };
         if let Err(e) = self.fill(&mut picture) {
-            picture.problem = Some(e.to_string());
+            picture.problem = Some(super::remedy::message(&e));
         }
         let is_drawn = !picture.findings.is_empty();
         picture.passes_run = self.source.clock().ran_since(&passes_before) + usize::from(is_drawn);
@@ -538,7 +538,7 @@ impl Rendered {
 }
 
 fn shared(scores: Result<Grid<f32>>) -> Scores {
-    scores.map(Arc::new).map_err(|e| e.to_string())
+    scores.map(Arc::new).map_err(|e| super::remedy::message(&e))
 }
 
 fn findings(answers: &[PromptScores], request: &Request) -> Vec<Finding> {

@@ -64,7 +64,7 @@ impl Quality {
         let (next, problem) = match &mut self.state {
             State::Measuring(job) => match job.poll()? {
                 JobEvent::Done(Ok(evaluation)) => (State::Measured(Arc::new(evaluation)), None),
-                JobEvent::Done(Err(problem)) => return Some(problem.to_string()),
+                JobEvent::Done(Err(problem)) => return Some(super::remedy::message(&problem)),
                 _ => return None,
             },
             State::Saving(evaluation, job) => match job.poll()? {
@@ -73,7 +73,7 @@ impl Quality {
                     // Another program may have taken the name.
                     let parent = self.folder.parent().unwrap_or(Path::new("")).to_owned();
                     self.folder = free_folder(&parent, &self.name, "quality");
-                    (State::Measured(evaluation.clone()), Some(problem.to_string()))
+                    (State::Measured(evaluation.clone()), Some(super::remedy::message(&problem)))
                 }
                 _ => return None,
             },

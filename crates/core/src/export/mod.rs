@@ -24,7 +24,7 @@ pub use options::{ExportOptions, ExportPrompt, Format, PictureSource, num_files}
 pub use provenance::{ExportedFile, FILE_NAME as PROVENANCE_FILE, Provenance, intended_use};
 
 use crate::{
-    Error, Result,
+    Error, Remedy, Result,
     files::{WholeFile, write_whole},
     grid::{Grid, Mask},
     hash::{file_sha256, sha256},
@@ -97,7 +97,7 @@ impl Export {
                 return Err(Error::input_at(
                     folder,
                     "the folder holds another export",
-                    "Choose an empty folder, or overwrite with `--force`.",
+                    Remedy::Replace.after("Choose an empty folder."),
                 ));
             }
             Some(_) => Record::new(provenance),
@@ -373,7 +373,7 @@ fn is_to_be_written(path: &Path, sha256: &str, overwrite: bool) -> Result<bool> 
         Ok(_) if !overwrite => Err(Error::input_at(
             path,
             "a file of the export is there already, with other content",
-            "It was changed since. Choose an empty folder, or overwrite with `--force`.",
+            Remedy::Replace.after("It was changed since. Choose an empty folder."),
         )),
         _ => Ok(true),
     }
@@ -417,7 +417,7 @@ fn refuse_foreign_files(
         Some(name) => Err(Error::input_at(
             folder.join(name),
             "a file of this name is there already",
-            "Choose an empty folder, or overwrite with `--force`.",
+            Remedy::Replace.after("Choose an empty folder."),
         )),
     }
 }

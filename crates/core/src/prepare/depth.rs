@@ -52,7 +52,7 @@ pub fn estimate_depth(
 ) -> Result<Sequence> {
     if sequence.has_depth() {
         let what = "the recording has depth already";
-        return Err(Error::input_at(sequence.path(), what, "Leave `--depth-model` out."));
+        return Err(Error::input_at(sequence.path(), what, "Leave the depth network out."));
     }
     clear_folder(folder, sequence)?;
     let frames = used_frames(sequence, eval);

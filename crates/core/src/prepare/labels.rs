@@ -6,7 +6,7 @@ use super::{
     finish::{clear_folder, finish},
 };
 use crate::{
-    Error, Result,
+    Error, Remedy, Result,
     codec::CodecSettings,
     num,
     progress::{Observer, Progress},
@@ -42,7 +42,7 @@ pub fn prepare_from_labels(
         return Err(Error::input_at(
             sequence.path(),
             "no pixel of the training frames has a label inside the supervision mask",
-            "Check the label masks and the polarity of the masks with `surgtpgs check`.",
+            Remedy::CheckRecording.after("Check the label masks and the polarity of the masks."),
         ));
     }
     clear_folder(folder, &sequence)?;
@@ -143,7 +143,7 @@ fn region_map(sequence: &Sequence, i: usize, rows: &[u16; 256]) -> Result<Option
                 "labels ({}×{}) or mask ({}×{}) of frame {i} differ in size from the pictures",
                 sizes[0].0, sizes[0].1, sizes[1].0, sizes[1].1
             ),
-            "Check the recording with `surgtpgs check`.",
+            Remedy::CheckRecording.after(""),
         ));
     }
     let row = |(&label, &keep): (&u8, &bool)| if keep { rows[usize::from(label)] } else { NO_REGION };

@@ -7,7 +7,7 @@ use super::{
     used_frames,
 };
 use crate::{
-    Error, Result,
+    Error, Remedy, Result,
     codec::CodecSettings,
     files::write_whole,
     hash::sha256,
@@ -104,7 +104,7 @@ pub fn prepare_from_features(
         return Err(Error::input_at(
             sequence.path(),
             "no region of the training frames lies inside the supervision mask",
-            "Check the polarity of the masks with `surgtpgs check`.",
+            Remedy::CheckRecording.after("Check the polarity of the masks."),
         ));
     }
     finish(manifest, table, settings, folder, observer)

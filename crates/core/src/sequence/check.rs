@@ -229,7 +229,7 @@ fn depth(sequence: &Sequence, facts: &[Facts], says: &mut Findings) -> String {
     if !sequence.has_depth() {
         says.warnings.push(
             "There is no depth: the shape of the surface can only be guessed. Put depth maps into depth/ if \
-             there are some, or have them estimated (`surgtpgs prepare --depth-model`)."
+             there are some, or have them estimated by a depth network when the recording is prepared."
                 .to_owned(),
         );
         return "none".to_owned();

@@ -62,7 +62,7 @@ pub(super) fn open(program: &Path, video: &Unread<'_>, selection: &Selection) ->
     if told.is_full {
         return Err(Error::Missing {
             what: format!("the temporary folder {} is full: the video is unpacked there", places.display()),
-            hint: "Free some space, or set TMPDIR to a folder with more.".to_owned(),
+            hint: "Free some space, or set TMPDIR to a folder with more.".into(),
         });
     }
     let mut pictures = read::list(scratch.path(), &["png"])?;
@@ -126,7 +126,7 @@ fn unpack(
             "this video cannot be read here ({}), nor by the program ffmpeg ({e})",
             video.why_not_here
         ),
-        hint: "Install ffmpeg, or convert the video to H.264 in mp4 or to a folder of PNG frames.".to_owned(),
+        hint: "Install ffmpeg, or convert the video to H.264 in mp4 or to a folder of PNG frames.".into(),
     };
     let mut child = command.spawn().map_err(missing)?;
     let told = child.stderr.take().map_or_else(Told::default, Told::listen);

@@ -202,7 +202,7 @@ impl Sequence {
     pub fn time(&self, i: usize) -> f32 {
         i as f32 / self.num_frames() as f32
     }
-    /// Returns `true` if frame `i` is held out under `--eval`: (i − 1) mod 8 = 0.
+    /// Returns `true` if frame `i` is one of those that an evaluation holds out: (i − 1) mod 8 = 0.
     pub fn is_test_frame(i: usize) -> bool {
         i % 8 == 1
     }

@@ -32,7 +32,7 @@ pub use settings::{
 };
 
 use crate::{
-    Error, Result,
+    Error, Remedy, Result,
     clock::PassClock,
     deform::deform,
     files, metrics,
@@ -346,10 +346,7 @@ impl Trainer {
             values.extend(metrics::psnr_db(&self.render(i)?.to_rgb(), &self.sequence.frame(i)?, Some(&mask)));
         }
         if values.is_empty() {
-            return Err(Error::input(
-                "no frame has supervised pixels",
-                "Run `surgtpgs check` on the recording.",
-            ));
+            return Err(Error::input("no frame has supervised pixels", Remedy::CheckRecording.after("")));
         }
         Ok(values.iter().sum::<f64>() / values.len() as f64)
     }

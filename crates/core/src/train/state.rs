@@ -5,7 +5,7 @@ use super::{
     settings::{FeatureMode, TrainSettings},
 };
 use crate::{
-    Error, Result,
+    Error, Remedy, Result,
     deform::{Deformation, SCALE_CHANNEL, stride_for},
     gaussian::{
         Gaussians,
@@ -184,7 +184,8 @@ fn initial_gaussians(
         return Err(Error::input_at(
             sequence.path(),
             "no pixel of the recording is to be supervised",
-            "Its masks are probably inverted: run `surgtpgs check`, and set `[masks] keep` in sequence.toml.",
+            Remedy::CheckRecording
+                .after("Its masks are probably inverted: set `[masks] keep` in sequence.toml."),
         ));
     }
     Ok((gaussians, typical_depth))

@@ -31,7 +31,7 @@ use passes::{Job, StepPasses};
 use resident::{READ_EVERY, Resident};
 use std::time::Duration;
 use surgtpgs_core::{
-    Error, Result,
+    Error, Remedy, Result,
     clock::{PassClock, PassName},
     deform::GATE_CHANNEL,
     raster::{
@@ -241,10 +241,7 @@ impl GpuBackend {
             let done = state[status::DONE as usize] as usize;
             if done < self.pending.len() && state[status::OVERFLOWN as usize] == 0 {
                 // An error that the driver reported meanwhile says more.
-                return Err(Error::input(
-                    "the GPU left out steps of the training",
-                    "Choose the CPU (`--backend cpu`)",
-                ));
+                return Err(Error::input("the GPU left out steps of the training", Remedy::UseCpu.after("")));
             }
             let history = resident.history.read(&self.gpu, done)?;
             outcome.dropped += history.iter().filter(|s| s.is_dropped != 0).count();
