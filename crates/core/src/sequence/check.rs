@@ -3,7 +3,7 @@
 use super::{
     NO_LABEL, Sequence,
     labels::{EXAMPLES, Way},
-    layout::MaskRule,
+    recording::MaskRule,
 };
 use crate::{
     Result,

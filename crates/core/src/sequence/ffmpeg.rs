@@ -2,11 +2,10 @@
 //! pictures. Its messages about them are compared with what the file promises.
 
 use super::{
-    Layout,
-    layout::Recording,
+    h264::{cut_off, other_size, uneven},
     read,
-    settings::Selection,
-    video::{Container, cut_off, other_size, uneven},
+    recording::{Recording, Selection},
+    video::Container,
 };
 use crate::{Error, Result};
 use std::{
@@ -78,7 +77,7 @@ pub(super) fn open(program: &Path, video: &Unread<'_>, selection: &Selection) ->
     if let Some(last) = selection.last {
         pictures.truncate((last - selection.first) / selection.every.max(1) + 1);
     }
-    let mut recording = Recording::of_pictures(path, Layout::Video, &pictures)?;
+    let mut recording = Recording::of_pictures(path, &pictures)?;
     for (k, frame) in recording.frames.iter_mut().enumerate() {
         frame.name = format!("{:06}", first + k * selection.every);
     }

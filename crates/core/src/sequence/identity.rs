@@ -5,9 +5,9 @@
 //! not part of the identity.
 
 use super::{
-    layout::{FrameFiles, Picture, Recording},
+    h264::H264,
     read,
-    video::H264,
+    recording::{FrameFiles, Picture, Recording},
 };
 use crate::{Error, Result};
 use rayon::prelude::*;
