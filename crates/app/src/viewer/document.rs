@@ -8,11 +8,7 @@ use super::{
 };
 use crate::{engine::Sample, settings::PROMPT_COLOURS};
 use serde_json::{Map, Value};
-use surgtpgs_core::{
-    mask::CleanUp,
-    overlay::{OverlayLook, OverlayStyle},
-    sequence::names_instrument,
-};
+use surgtpgs_core::{mask::CleanUp, overlay::OverlayLook, sequence::names_instrument};
 
 /// Identifier of a prompt, valid for its lifetime.
 pub(crate) type PromptId = u64;
@@ -350,17 +346,13 @@ impl Document {
     }
 
     pub(crate) fn next_style(&mut self) {
-        self.overlay.style = match self.overlay.style {
-            OverlayStyle::Outline => OverlayStyle::Fill,
-            OverlayStyle::Fill => OverlayStyle::Heatmap,
-            OverlayStyle::Heatmap => OverlayStyle::Outline,
-        };
+        self.overlay.style = self.overlay.style.next();
     }
 
     /// Makes the overlay more opaque by one step; the least opaque step follows the most opaque one.
     pub(crate) fn next_opacity(&mut self) {
         let OverlayLook { style, opacity, outline_opacity, .. } = &mut self.overlay;
-        let opacity = if *style == OverlayStyle::Outline { outline_opacity } else { opacity };
+        let opacity = if style.has_fill() { opacity } else { outline_opacity };
         let next = *opacity + OPACITY_STEP;
         *opacity = if next > 1.01 { OPACITY_STEP } else { next.min(1.0) };
     }
