@@ -1,6 +1,7 @@
 //! The shaders of `/shaders`, embedded, with `#import` resolved. Constants are taken from core, so that
 //! each constant is defined in one place.
 
+use crate::layout::TERM_QUADS;
 use std::fmt::Write;
 use surgtpgs_core::{
     Error, Result, deform, gaussian,
@@ -157,6 +158,8 @@ fn constants(latent_dim: usize) -> String {
         ("LATTICE_BRICK", Lattice::BRICK),
         ("LATTICE_EMPTY", Lattice::EMPTY),
         ("SCORE_BINS", SCORE_BINS as u32),
+        ("TERM_QUADS", TERM_QUADS as u32),
+        ("REGION_TERM", train::NUM_TERMS as u32 - 1),
         ("CONTOUR_WIDTH", overlay::CONTOUR_WIDTH),
         ("LATENT_DIM", latent_dim as u32),
         ("TILE", raster::TILE as u32),

@@ -23,7 +23,9 @@ pub use checkpoint::is_checkpoint;
 pub use cpu::CpuBackend;
 pub use densify::{CLONE_DISTANCE, Densify, LN_SPLIT, SPLIT_DISTANCE, densify};
 pub use frames::TrainFrame;
-pub use loss::{LossTerms, LossWeights, MIN_DEPTH, MIN_DEPTH_ALPHA, Scales, TermScales, Truth, loss};
+pub use loss::{
+    LossTerms, LossWeights, MIN_DEPTH, MIN_DEPTH_ALPHA, NUM_TERMS, Scales, TermScales, Truth, loss,
+};
 pub use model::{Model, Statistics};
 pub use optimiser::{OPACITY_CHANNEL, Optimiser, Rates};
 pub use pass::Pass;

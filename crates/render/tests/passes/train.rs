@@ -18,8 +18,8 @@ use surgtpgs_core::{
         project::{Sampling, project_into},
     },
     train::{
-        Context, FrameState, Gradients, Look, LossTerms, LossWeights, Model, StepPlan, TrainBackend,
-        TrainFrame, TrainSettings, chain_backward, loss,
+        Context, FrameState, Gradients, Look, LossWeights, Model, StepPlan, TrainBackend, TrainFrame,
+        TrainSettings, chain_backward, loss,
     },
 };
 use surgtpgs_render::{GpuBackend, StepTrace};
@@ -178,8 +178,7 @@ fn check_loss(step: &Step, trace: &StepTrace) {
     let truth = frame.truth(context.latents, context.typical_depth);
     let weights = context.settings.loss.sampled(sampling.step);
     let (terms, g) = loss(&trace.images.planes, &truth, &weights);
-    let list = |t: &LossTerms<f32>| [t.colour, t.depth, t.total_variation, t.features, t.region];
-    for (found, expected) in list(&trace.terms).into_iter().zip(list(&terms)) {
+    for (found, expected) in trace.terms.values().into_iter().zip(terms.values()) {
         assert!((found - expected).abs() <= 2e-5 * expected.abs() + 1e-9, "{:?} {terms:?}", trace.terms);
     }
     if step.model.gaussians.latent_dim > 0 {

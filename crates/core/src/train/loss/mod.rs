@@ -86,7 +86,11 @@ pub struct Truth<'a> {
     pub typical_depth: f32,
 }
 
-/// Value of each term, weighted, and their sum.
+/// Number of terms of the loss.
+pub const NUM_TERMS: usize = 5;
+
+/// Value of each term, weighted, and their sum. The term of regions is the last; all others are sums over
+/// pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct LossTerms<T> {
     /// L_C.
@@ -104,7 +108,27 @@ pub struct LossTerms<T> {
 impl<T: Real> LossTerms<T> {
     /// Sum of all terms.
     pub fn total(&self) -> T {
-        self.colour + self.depth + self.total_variation + self.features + self.region
+        self.values().into_iter().sum()
+    }
+
+    /// Values of all terms, in their order.
+    pub fn values(&self) -> [T; NUM_TERMS] {
+        [self.colour, self.depth, self.total_variation, self.features, self.region]
+    }
+
+    /// Terms of these values, in their order.
+    pub fn of([colour, depth, total_variation, features, region]: [T; NUM_TERMS]) -> Self {
+        Self { colour, depth, total_variation, features, region }
+    }
+
+    /// Terms as people tell them apart: names and values.
+    pub fn named(&self) -> [(&'static str, T); 4] {
+        [
+            ("colour", self.colour),
+            ("depth", self.depth),
+            ("words", self.features + self.region),
+            ("smoothness", self.total_variation),
+        ]
     }
 }
 
