@@ -40,8 +40,21 @@ struct Loss {
 // [rows][LATENT_DIM]
 @group(0) @binding(5) var<storage, read> latents: array<f32>;
 @group(0) @binding(6) var<storage, read_write> g_planes: array<f32>;
-// Sums of each workgroup: colour, depth, variation, features.
+// [workgroups][TERM_QUADS]: sums of each workgroup, see quads_of.
 @group(0) @binding(7) var<storage, read_write> partial_sums: array<vec4f>;
+
+// Terms of a pixel.
+struct Terms {
+    colour: f32,
+    depth: f32,
+    variation: f32,
+    features: f32,
+}
+
+// The terms in the order of core::train::LossTerms; then zeros.
+fn quads_of(terms: Terms) -> array<vec4f, TERM_QUADS> {
+    return array<vec4f, TERM_QUADS>(vec4f(terms.colour, terms.depth, terms.variation, terms.features));
+}
 
 fn is_supervised(p: u32) -> bool {
     return (pixels[p] >> 24u) != 0u;
@@ -138,11 +151,11 @@ fn depth_terms(p: u32, at: vec2u) -> vec2f {
     return terms;
 }
 
-fn pixel_terms(p: u32) -> vec4f {
+fn pixel_terms(p: u32) -> Terms {
     let plane = params.size.x * params.size.y;
     let at = vec2u(p % params.size.x, p / params.size.x);
     let supervised = is_supervised(p);
-    var terms = vec4f(0.0);
+    var terms = Terms();
     for (var c = 0u; c < 3u; c++) {
         var difference = 0.0;
         if supervised {
@@ -151,12 +164,12 @@ fn pixel_terms(p: u32) -> vec4f {
         let variation = plane_variation(c * plane, p, at);
         g_planes[c * plane + p] =
             sign_of(difference) * params.colour_difference + variation.y * params.colour_variation;
-        terms.x += abs(difference) * params.colour_difference;
-        terms.z += variation.x * params.colour_variation;
+        terms.colour += abs(difference) * params.colour_difference;
+        terms.variation += variation.x * params.colour_variation;
     }
     let of_depth = depth_terms(p, at);
-    terms.y = of_depth.x;
-    terms.z += of_depth.y;
+    terms.depth = of_depth.x;
+    terms.variation += of_depth.y;
     for (var d = 0u; d < LATENT_DIM; d++) {
         let base = (FEATURE_PLANE + d) * plane;
         var g = 0.0;
@@ -167,8 +180,8 @@ fn pixel_terms(p: u32) -> vec4f {
             }
             let variation = plane_variation(base, p, at);
             g = sign_of(difference) * params.feature_difference + variation.y * params.feature_variation;
-            terms.w += abs(difference) * params.feature_difference;
-            terms.z += variation.x * params.feature_variation;
+            terms.features += abs(difference) * params.feature_difference;
+            terms.variation += variation.x * params.feature_variation;
         }
         g_planes[base + p] = g;
     }
@@ -183,12 +196,15 @@ fn loss(
 ) {
     let block = flat_group(group, num_groups);
     let p = block * GROUP + lane;
-    var terms = vec4f(0.0);
+    var terms = Terms();
     if p < params.size.x * params.size.y {
         terms = pixel_terms(p);
     }
-    let sum = workgroup_sum(terms, lane);
-    if lane == 0u && block < arrayLength(&partial_sums) {
-        partial_sums[block] = sum;
+    var quads = quads_of(terms);
+    for (var q = 0u; q < TERM_QUADS; q++) {
+        let sum = workgroup_sum(quads[q], lane);
+        if lane == 0u && block * TERM_QUADS + q < arrayLength(&partial_sums) {
+            partial_sums[block * TERM_QUADS + q] = sum;
+        }
     }
 }

@@ -25,17 +25,16 @@ struct Settle {
 }
 
 struct Settled {
-    colour: f32,
-    depth: f32,
-    variation: f32,
-    features: f32,
-    region: f32,
+    // In the order of core::train::LossTerms; then zeros.
+    terms: array<vec4f, 2>,
     // 1 if the step was dropped because something was not finite.
     is_dropped: u32,
-    padding: vec2u,
+    padding: u32,
+    padding_2: vec2u,
 }
 
 @group(0) @binding(0) var<uniform> params: Settle;
+// [workgroups][TERM_QUADS]
 @group(0) @binding(1) var<storage, read> partial_sums: array<vec4f>;
 // [regions][QUADS][2]
 @group(0) @binding(2) var<storage, read> spreads: array<vec4f>;
@@ -45,7 +44,7 @@ struct Settled {
 
 const QUADS: u32 = max((LATENT_DIM + 3u) / 4u, 1u);
 
-fn decide(sums: vec4f, region: f32) {
+fn decide(terms: array<vec4f, 2>) {
     let is_bad = status[STATUS_BAD] != 0u;
     status[STATUS_BAD] = 0u;
     status[STATUS_OK] = 0u;
@@ -56,10 +55,10 @@ fn decide(sums: vec4f, region: f32) {
     if status[STATUS_OVERFLOWN] != 0u {
         return;
     }
-    let total = sums.x + sums.y + sums.z + sums.w + region;
+    let total = dot(terms[0] + terms[1], vec4f(1.0));
     let is_dropped = is_bad || !is_finite(total);
     let at = status[STATUS_DONE];
-    history[at] = Settled(sums.x, sums.y, sums.z, sums.w, region, select(0u, 1u, is_dropped), vec2u(0u));
+    history[at] = Settled(terms, select(0u, 1u, is_dropped), 0u, vec2u(0u));
     status[STATUS_DONE] = at + 1u;
     if is_dropped {
         return;
@@ -78,17 +77,20 @@ fn decide(sums: vec4f, region: f32) {
 
 @compute @workgroup_size(GROUP)
 fn settle(@builtin(local_invocation_index) lane: u32) {
-    var sum = vec4f(0.0);
-    for (var i = lane; i < params.num_sums; i += GROUP) {
-        sum += partial_sums[i];
+    var terms = array<vec4f, 2>();
+    for (var q = 0u; q < TERM_QUADS; q++) {
+        var sum = vec4f(0.0);
+        for (var i = lane; i < params.num_sums; i += GROUP) {
+            sum += partial_sums[i * TERM_QUADS + q];
+        }
+        terms[q] = workgroup_sum(sum, lane);
     }
-    let total = workgroup_sum(sum, lane);
     var spread = vec4f(0.0);
     for (var i = lane; i < params.num_regions * QUADS; i += GROUP) {
         spread += spreads[2u * i];
     }
-    let region = dot(workgroup_sum(spread, lane), vec4f(params.smoothness));
+    terms[REGION_TERM / 4u][REGION_TERM % 4u] = dot(workgroup_sum(spread, lane), vec4f(params.smoothness));
     if lane == 0u {
-        decide(total, region);
+        decide(terms);
     }
 }

@@ -14,7 +14,7 @@ pub use bench::{
 };
 pub use convert::{ConvertArgs, StillFormat};
 pub use eval::EvalArgs;
-pub use export::{CleanUpArgs, ExportArgs, SourceArg, StyleArg};
+pub use export::{CleanUpArgs, ExportArgs, SourceArg};
 pub use prepare::{LevelArg, MaskDensity, PrepareArgs};
 
 use crate::engine::{Backend, EncoderChoice, EngineOptions, Negatives, Question};
@@ -450,7 +450,7 @@ fn positive_number(text: &str) -> Result<f32, String> {
 mod tests {
     use super::*;
     use clap::CommandFactory;
-    use surgtpgs_core::export::Format;
+    use surgtpgs_core::{export::Format, overlay::OverlayStyle};
 
     #[test]
     fn the_command_line_is_consistent() {
@@ -491,6 +491,15 @@ mod tests {
         }
         let wrong = ["surgtpgs", "export", "s", "--prompt", "liver", "-o", "out", "--format", "mpeg"];
         assert!(Cli::try_parse_from(wrong).unwrap_err().to_string().contains("sheet"));
+    }
+
+    #[test]
+    fn every_style_has_a_name_on_the_command_line() {
+        for style in OverlayStyle::ALL {
+            let line = ["surgtpgs", "export", "s", "--prompt", "liver", "-o", "out", "--style", style.name()];
+            let Some(Verb::Export(args)) = Cli::parse_from(line).verb else { panic!("not an export") };
+            assert_eq!(args.style, style);
+        }
     }
 
     #[test]

@@ -6,7 +6,7 @@ use crate::{
 };
 use image::RgbImage;
 use std::path::Path;
-use surgtpgs_core::{Error, Result, prepare::DenseMap};
+use surgtpgs_core::{Error, Result, segment::DenseMap};
 
 const ROLE: Role = Role {
     what: "a network for feature maps",

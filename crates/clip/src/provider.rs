@@ -80,7 +80,8 @@ impl Provider {
             what: format!("Models were to run on {}, which {backend} does not have", self.name()),
             hint: format!(
                 "Set ORT_DYLIB_PATH to an ONNX Runtime library, {package}, or leave the choice out"
-            ),
+            )
+            .into(),
         })
     }
 }

@@ -16,8 +16,7 @@ use std::{
 };
 use surgtpgs_core::{
     Error, Result,
-    prepare::DenseMap,
-    segment::{PointSegmenter, Prediction},
+    segment::{DenseMap, PointSegmenter, Prediction},
 };
 
 /// Mean and standard deviation of ImageNet's colours, 0–1; every Segment Anything uses them.

@@ -9,7 +9,7 @@ mod models;
 use damaged::with_constant;
 use image::{Rgb, RgbImage};
 use models::{SIDE, encoder, image_encoder, sam1_decoder, sam2_decoder};
-use std::{fs, ops::ControlFlow, path::Path};
+use std::{fs, path::Path};
 use surgtpgs_clip::{
     ImageEncoder, SegmentAnything,
     graph::Graph,
@@ -18,6 +18,7 @@ use surgtpgs_clip::{
 use surgtpgs_core::{
     grid::{Grid, Mask},
     mask,
+    progress::unobserved,
     segment::{BitMask, FrameMasks, Level, MaskSettings, PointSegmenter, automatic_masks},
 };
 use tempfile::TempDir;
@@ -52,7 +53,7 @@ fn pixels_of(colour: Rgb<u8>) -> Mask {
 
 fn masks_of(model: &mut SegmentAnything, settings: &MaskSettings) -> FrameMasks {
     let keep = Grid::filled(96, 64, true);
-    automatic_masks(model, &picture(), &keep, settings, &mut |_, _| ControlFlow::Continue(())).unwrap()
+    automatic_masks(model, &picture(), &keep, settings, &mut unobserved).unwrap()
 }
 
 #[track_caller]

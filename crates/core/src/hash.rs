@@ -16,3 +16,11 @@ pub fn file_sha256(path: &Path) -> Result<String> {
     std::io::copy(&mut open_regular(path).map_err(fail)?, &mut hash).map_err(fail)?;
     Ok(format!("{:x}", hash.finalize()))
 }
+
+/// Returns an error with `hint` if the bytes of the file at `path` are not those that were written.
+pub(crate) fn require_sha256(path: &Path, bytes: &[u8], expected: &str, hint: &str) -> Result<()> {
+    if sha256(bytes) == expected {
+        return Ok(());
+    }
+    Err(Error::input_at(path, "the file is damaged or was changed: its checksum differs", hint))
+}

@@ -7,35 +7,39 @@ pub mod grid;
 pub mod hash;
 mod lanes;
 pub mod num;
+pub mod progress;
 pub mod reading;
 pub mod real;
 
 pub mod camera;
+pub mod gaussian;
+
+pub mod deform;
+
 pub mod sequence;
 
 pub mod demo;
 
 pub mod codec;
-pub mod prepare;
+pub mod mask;
 pub mod segment;
 
-pub mod deform;
-pub mod gaussian;
-pub mod raster;
+pub mod prepare;
 
 pub mod scene;
+
+pub mod raster;
 pub mod stress;
 
-pub mod train;
-pub mod unseen;
-
-pub mod mask;
-pub mod metrics;
 pub mod object;
 pub mod overlay;
 pub mod relevancy;
 pub mod summary;
+pub mod unseen;
 
 pub mod export;
+pub mod metrics;
 
-pub use error::{Error, Result};
+pub mod train;
+
+pub use error::{Error, Remedy, Result};

@@ -7,16 +7,66 @@ use crate::{
 use image::RgbImage;
 use rayon::prelude::*;
 
-/// Style in which a found region is drawn.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum OverlayStyle {
+/// Declares the styles: name on the command line, and a line about it; then label and tip in the window.
+macro_rules! styles {
+    ($($(#[$doc:meta])* $style:ident $name:literal $about:literal $label:literal $tip:literal)*) => {
+        /// Style in which a found region is drawn. A new one is a row here, drawn by [`overlay`] and by
+        /// `shaders/overlay.wgsl`.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+        #[serde(rename_all = "snake_case")]
+        pub enum OverlayStyle {
+            $($(#[$doc])* $style,)*
+        }
+
+        impl OverlayStyle {
+            /// All styles, in the order in which the window goes through them.
+            pub const ALL: [Self; [$($name),*].len()] = [$(Self::$style),*];
+
+            /// Returns the style's name on the command line.
+            pub fn name(self) -> &'static str {
+                match self { $(Self::$style => $name),* }
+            }
+
+            /// Describes the style in one line.
+            pub fn about(self) -> &'static str {
+                match self { $(Self::$style => $about),* }
+            }
+
+            /// Returns the style's name in the window, and an explanation.
+            pub fn label(self) -> (&'static str, &'static str) {
+                match self { $(Self::$style => ($label, $tip)),* }
+            }
+        }
+    };
+}
+
+styles! {
     /// A coloured contour with a dark halo: the default.
-    Outline,
+    Outline "outline" "A contour"
+        "Outline" "A line around what was found"
     /// A translucent fill with a contour.
-    Fill,
+    Fill "fill" "A translucent fill with contour"
+        "Fill" "What was found in a translucent colour"
     /// The score itself as colour, with the fixed range 0–1, never normalised per frame.
-    Heatmap,
+    Heatmap "heatmap" "The score as colour, fixed range 0 to 1"
+        "Heatmap" "The similarity score itself, on a fixed scale from 0 to 1"
+}
+
+impl OverlayStyle {
+    /// Returns the next style; the first one follows the last.
+    pub fn next(self) -> Self {
+        Self::ALL[(self as usize + 1) % Self::ALL.len()]
+    }
+
+    /// Returns `true` if the style shows scores, not regions.
+    pub fn shows_scores(self) -> bool {
+        self == Self::Heatmap
+    }
+
+    /// Returns `true` if the style draws more than contours.
+    pub fn has_fill(self) -> bool {
+        self != Self::Outline
+    }
 }
 
 /// Style and opacities with which found regions are drawn.
@@ -77,14 +127,14 @@ pub fn overlay(frame: &RgbImage, prompts: &[OverlayPrompt<'_>], look: OverlayLoo
     if width * height == 0 || prompts.is_empty() {
         return out;
     }
-    if style == OverlayStyle::Heatmap {
+    if style.shows_scores() {
         out.par_chunks_mut(3).with_min_len(4096).enumerate().for_each(|(i, pixel)| {
             let colour = [pixel[0], pixel[1], pixel[2]].map(f32::from);
             pixel.copy_from_slice(&to_bytes(heat(colour, &prompts, i, opacity)));
         });
         return out;
     }
-    let fill = if style == OverlayStyle::Fill { opacity } else { 0.0 };
+    let fill = if style.has_fill() { opacity } else { 0.0 };
     let zones: Vec<Zones> = prompts.iter().map(|p| Zones::of(p)).collect();
     out.par_chunks_mut(3 * width).with_min_len(8).enumerate().for_each(|(y, row)| {
         let mut touched = vec![0; width.div_ceil(u64::BITS as usize)];

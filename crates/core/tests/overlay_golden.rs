@@ -39,16 +39,12 @@ fn golden(name: &str) -> PathBuf {
 
 #[test]
 fn every_overlay_style_looks_as_it_did() {
-    for (style, name) in [
-        (OverlayStyle::Outline, "outline.png"),
-        (OverlayStyle::Fill, "fill.png"),
-        (OverlayStyle::Heatmap, "heatmap.png"),
-    ] {
-        let picture = drawn(style);
+    for style in OverlayStyle::ALL {
+        let (name, picture) = (format!("{}.png", style.name()), drawn(style));
         if std::env::var_os("UPDATE_GOLDEN").is_some() {
-            picture.save(golden(name)).unwrap();
+            picture.save(golden(&name)).unwrap();
         }
-        let stored = image::open(golden(name)).unwrap().to_rgb8();
+        let stored = image::open(golden(&name)).unwrap().to_rgb8();
         assert_eq!(picture.dimensions(), stored.dimensions());
         let largest = picture.as_raw().iter().zip(stored.as_raw()).map(|(a, b)| a.abs_diff(*b)).max();
         // exp and sin in the demo's frame may differ in the last bit on other systems.

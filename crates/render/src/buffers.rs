@@ -2,7 +2,7 @@
 
 use crate::Gpu;
 use bytemuck::{NoUninit, Pod};
-use surgtpgs_core::{Error, Result};
+use surgtpgs_core::{Error, Remedy, Result};
 
 /// A growable array of `T` on the device. Its binding is exactly as long as the array.
 #[derive(Debug)]
@@ -135,6 +135,6 @@ fn check_size(gpu: &Gpu, name: &str, bytes: u64) -> Result<()> {
             limit >> 20,
             bytes.div_ceil(1 << 20)
         ),
-        "Use a smaller scene or picture, or choose the CPU (`--backend cpu`)",
+        Remedy::UseCpu.after("Use a smaller scene or picture."),
     ))
 }

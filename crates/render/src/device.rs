@@ -4,7 +4,7 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
     time::Duration,
 };
-use surgtpgs_core::{Error, Result};
+use surgtpgs_core::{Error, Remedy, Result};
 
 /// Time after which a GPU that has not finished its work counts as hung. Systems with a display give it a
 /// few seconds. A software adapter may take ten times as long.
@@ -42,7 +42,7 @@ impl From<Unavailable> for Error {
     fn from(reason: Unavailable) -> Self {
         Error::Missing {
             what: reason.to_string(),
-            hint: "Install a Vulkan, Metal or DirectX 12 driver, or choose the CPU (`--backend cpu`)".into(),
+            hint: Remedy::UseCpu.after("Install a Vulkan, Metal or DirectX 12 driver."),
         }
     }
 }
@@ -193,8 +193,7 @@ impl Gpu {
         let adapter = self.device.adapter_info().name;
         Error::Missing {
             what: format!("{what} ({adapter}): {reason}"),
-            hint: "Close other programs that use the GPU and try again, or choose the CPU (`--backend cpu`)"
-                .into(),
+            hint: Remedy::UseCpu.after("Close other programs that use the GPU, and try again."),
         }
     }
 
@@ -239,13 +238,12 @@ fn reported(adapter: &str, error: wgpu::Error) -> Error {
     match error {
         wgpu::Error::OutOfMemory { source } => Error::Missing {
             what: format!("the GPU's memory is full ({adapter}): {source}"),
-            hint: "Close other programs that use the GPU, take smaller pictures or fewer Gaussians, \
-                   or choose the CPU (`--backend cpu`)"
-                .into(),
+            hint: Remedy::UseCpu
+                .after("Close other programs that use the GPU, or take smaller pictures or fewer Gaussians."),
         },
         error => Error::Missing {
             what: format!("the GPU driver reported an error ({adapter}): {error}"),
-            hint: "Update the driver, or choose the CPU (`--backend cpu`)".into(),
+            hint: Remedy::UseCpu.after("Update the driver."),
         },
     }
 }
@@ -267,15 +265,17 @@ mod tests {
     #[test]
     fn full_memory_is_said_plainly_and_what_to_lower() {
         let error = wgpu::Error::OutOfMemory { source: "16 GiB were asked for".into() };
-        let message = reported("NVIDIA H200", error).to_string();
-        for part in ["memory is full (NVIDIA H200)", "16 GiB", "fewer Gaussians", "--backend cpu"] {
+        let error = reported("NVIDIA H200", error);
+        let message = error.to_string();
+        for part in ["memory is full (NVIDIA H200)", "16 GiB", "fewer Gaussians"] {
             assert!(message.contains(part), "{message}");
         }
+        assert_eq!(error.remedy(), Some(Remedy::UseCpu));
     }
 
     #[test]
     fn what_is_missing_says_how_to_get_it() {
-        let message = Error::from(Unavailable::OnlySoftware("llvmpipe".into())).to_string();
-        assert!(message.contains("llvmpipe") && message.contains("--backend cpu"), "{message}");
+        let error = Error::from(Unavailable::OnlySoftware("llvmpipe".into()));
+        assert!(error.to_string().contains("llvmpipe") && error.remedy() == Some(Remedy::UseCpu), "{error}");
     }
 }

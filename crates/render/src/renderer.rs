@@ -43,7 +43,7 @@ impl Frame<'_> {
 pub struct GpuRenderer {
     pub(crate) gpu: Gpu,
     pub(crate) passes: Passes,
-    scene: Option<(u64, SceneBuffers)>,
+    scene: Option<([u64; 2], SceneBuffers)>,
     /// Time and latent dimension of the deformed Gaussians on the device.
     deformed_at: Option<(f32, usize)>,
     /// View, time and latent dimension of the splats, bins and image planes on the device.
@@ -81,11 +81,11 @@ impl GpuRenderer {
     }
 
     fn upload(&mut self, scene: &Scene) -> Result<()> {
-        let fingerprint = scene.fingerprint();
-        if self.scene.as_ref().is_none_or(|(known, _)| *known != fingerprint) {
+        let revision = scene.revision();
+        if self.scene.as_ref().is_none_or(|(known, _)| *known != revision) {
             self.forget_scene();
             let buffers = SceneBuffers::new(&self.gpu, &scene.gaussians, &scene.deformation)?;
-            self.scene = Some((fingerprint, buffers));
+            self.scene = Some((revision, buffers));
         }
         Ok(())
     }

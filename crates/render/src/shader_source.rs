@@ -1,6 +1,7 @@
 //! The shaders of `/shaders`, embedded, with `#import` resolved. Constants are taken from core, so that
 //! each constant is defined in one place.
 
+use crate::layout::TERM_QUADS;
 use std::fmt::Write;
 use surgtpgs_core::{
     Error, Result, deform, gaussian,
@@ -157,10 +158,9 @@ fn constants(latent_dim: usize) -> String {
         ("LATTICE_BRICK", Lattice::BRICK),
         ("LATTICE_EMPTY", Lattice::EMPTY),
         ("SCORE_BINS", SCORE_BINS as u32),
+        ("TERM_QUADS", TERM_QUADS as u32),
+        ("REGION_TERM", train::NUM_TERMS as u32 - 1),
         ("CONTOUR_WIDTH", overlay::CONTOUR_WIDTH),
-        ("STYLE_OUTLINE", OverlayStyle::Outline as u32),
-        ("STYLE_FILL", OverlayStyle::Fill as u32),
-        ("STYLE_HEATMAP", OverlayStyle::Heatmap as u32),
         ("LATENT_DIM", latent_dim as u32),
         ("TILE", raster::TILE as u32),
         ("DEPTH_PLANE", raster::DEPTH_PLANE as u32),
@@ -209,6 +209,9 @@ fn constants(latent_dim: usize) -> String {
     for (name, value) in numbers {
         // `{:?}` prints the shortest number that reads back as the same f32.
         let _ = writeln!(out, "const {name}: f32 = {value:?}f;");
+    }
+    for style in OverlayStyle::ALL {
+        let _ = writeln!(out, "const STYLE_{}: u32 = {}u;", style.name().to_uppercase(), style as u32);
     }
     for (name, values) in [("SH_C2", sh::C2.as_slice()), ("SH_C3", &sh::C3)] {
         let values: Vec<String> = values.iter().map(|v| format!("{:?}f", *v as f32)).collect();

@@ -12,6 +12,7 @@ use std::{
 };
 use surgtpgs_core::{
     prepare::{Prepared, read_langsplat},
+    progress::unobserved,
     segment::{FrameMasks, Level},
     sequence::{self, Sequence},
     stress::small_clip,
@@ -74,7 +75,7 @@ fn look_at(path: &Path) {
         }
         expect_words(sequence.instruments(i));
     }
-    sequence::check(&sequence, &mut |_, _| {});
+    sequence::check(&sequence, &mut unobserved).expect("nobody stops it");
 }
 
 fn write(folder: &Path, file: &str, bytes: &[u8]) {

@@ -3,6 +3,7 @@
 use crate::{Target, expect_words};
 use surgtpgs_core::{
     codec::{Codec, CodecSettings},
+    progress::unobserved,
     raster::{CpuRenderer, Renderer},
     relevancy::{Query, RelevancySettings, best},
     scene::Scene,
@@ -61,7 +62,7 @@ fn scene(n: usize) -> Scene {
     let settings = CodecSettings { steps: 5, ..CodecSettings::default() };
     let rows = ndarray::Array2::from_shape_vec((3, DIM), rows);
     scene.codec =
-        rows.ok().and_then(|rows| Codec::train(rows.view(), &[1.0; 3], &settings, &mut |_, _| {}).ok());
+        rows.ok().and_then(|rows| Codec::train(rows.view(), &[1.0; 3], &settings, &mut unobserved).ok());
     scene
 }
 

@@ -7,7 +7,7 @@ use clap::{
 };
 use std::path::PathBuf;
 use surgtpgs_core::{
-    export::{Format, Source},
+    export::{Format, PictureSource},
     mask::CleanUp,
     overlay::OverlayStyle,
 };
@@ -43,8 +43,8 @@ pub struct ExportArgs {
     #[arg(long)]
     pub overlapping: bool,
     /// Style of overlays, videos and sheets
-    #[arg(long, value_enum, default_value_t = StyleArg::Outline)]
-    pub style: StyleArg,
+    #[arg(long, value_parser = style_parser(), default_value = OverlayStyle::Outline.name())]
+    pub style: OverlayStyle,
     /// Opacity of fills and heatmaps in overlays
     #[arg(long, default_value_t = 0.35, value_parser = unit_number)]
     pub opacity: f32,
@@ -104,6 +104,17 @@ fn format_parser() -> impl TypedValueParser<Value = Format> {
     })
 }
 
+/// Reads the name of a style; the names and their explanations are the styles' own.
+fn style_parser() -> impl TypedValueParser<Value = OverlayStyle> {
+    let value = |style: OverlayStyle| PossibleValue::new(style.name()).help(style.about());
+    PossibleValuesParser::new(OverlayStyle::ALL.map(value)).try_map(|name| {
+        OverlayStyle::ALL
+            .into_iter()
+            .find(|s| s.name() == name)
+            .ok_or_else(|| format!("there is no style {name}"))
+    })
+}
+
 /// Pictures that an export masks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum SourceArg {
@@ -113,32 +124,11 @@ pub enum SourceArg {
     Reconstruction,
 }
 
-impl From<SourceArg> for Source {
+impl From<SourceArg> for PictureSource {
     fn from(arg: SourceArg) -> Self {
         match arg {
             SourceArg::Original => Self::Original,
             SourceArg::Reconstruction => Self::Reconstruction,
-        }
-    }
-}
-
-/// Style of overlays.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum StyleArg {
-    /// A contour
-    Outline,
-    /// A translucent fill with contour
-    Fill,
-    /// The score as colour, fixed range 0 to 1
-    Heatmap,
-}
-
-impl From<StyleArg> for OverlayStyle {
-    fn from(arg: StyleArg) -> Self {
-        match arg {
-            StyleArg::Outline => Self::Outline,
-            StyleArg::Fill => Self::Fill,
-            StyleArg::Heatmap => Self::Heatmap,
         }
     }
 }

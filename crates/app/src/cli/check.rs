@@ -3,6 +3,7 @@
 use super::{
     Exit,
     console::{ProgressView, print, print_json},
+    remedy,
 };
 use crate::{
     args::CheckArgs,
@@ -11,7 +12,7 @@ use crate::{
 };
 use surgtpgs_core::{
     Result,
-    sequence::{self, Report},
+    sequence::{self, CheckReport},
 };
 
 pub(super) fn run(args: &CheckArgs) -> Result<Exit> {
@@ -19,9 +20,9 @@ pub(super) fn run(args: &CheckArgs) -> Result<Exit> {
         Ok(material) => {
             require_for(&Work::Reading(material.sequence()))?;
             let mut view = ProgressView::default();
-            sequence::check(material.sequence(), &mut |done, total| view.count("checking", done, total))
+            sequence::check(material.sequence(), &mut |p| view.show(p))?
         }
-        Err(error) if args.json => unreadable(error.to_string()),
+        Err(error) if args.json => unreadable(remedy::message(&error)),
         Err(error) => return Err(error),
     };
     if args.json {
@@ -33,8 +34,8 @@ pub(super) fn run(args: &CheckArgs) -> Result<Exit> {
 }
 
 /// Returns the report on a recording that could not even be opened.
-fn unreadable(error: String) -> Report {
-    Report {
+fn unreadable(error: String) -> CheckReport {
+    CheckReport {
         ok: false,
         frames: 0,
         width: 0,
@@ -48,7 +49,7 @@ fn unreadable(error: String) -> Report {
     }
 }
 
-fn as_text(report: &Report) -> String {
+fn as_text(report: &CheckReport) -> String {
     let mut lines = vec![
         format!("frames   {} of {}×{}", report.frames, report.width, report.height),
         format!("camera   {}", report.camera),

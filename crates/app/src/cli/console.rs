@@ -96,9 +96,9 @@ impl ProgressView {
         Some(if seconds < 90.0 { format!("{seconds:.0} s") } else { format!("{:.0} min", seconds / 60.0) })
     }
 
-    /// Shows the progress of a function that only counts.
+    /// Shows the progress of a loop that runs to its end.
     pub fn count(&mut self, stage: &str, done: usize, total: usize) {
-        let _ = self.show(&Progress { stage, done, total, detail: "" });
+        let _ = self.show(&Progress::new(stage, done, total));
     }
 
     fn start_stage(&mut self, progress: &Progress<'_>) {

@@ -21,8 +21,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<Exit> {
         seed: args.seed,
     };
     let mut view = ProgressView::default();
-    let mut tell = |done, total| view.count("recording the demo", done, total);
-    jobs::record_demo(&settings, &args.output, args.force, &mut tell)?;
+    jobs::record_demo(&settings, &args.output, args.force, &mut |p| view.show(p))?;
     drop(view);
     say(&format!("wrote {} frames to {}", args.frames, args.output.display()));
     Ok(Exit::Done)

@@ -73,7 +73,7 @@ fn export_options(args: &ExportArgs) -> ExportOptions {
         exclusive: args.exclusive,
         stamp: !args.no_stamp,
         look: OverlayLook {
-            style: args.style.into(),
+            style: args.style,
             opacity: args.opacity,
             outline_opacity: args.outline_opacity,
             below_instruments: !args.above_instruments,

@@ -14,6 +14,7 @@ mod figures;
 mod objects;
 mod prepare;
 mod query;
+mod remedy;
 mod render;
 mod train;
 mod view;
@@ -70,7 +71,7 @@ pub fn run(args: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Exit 
     match ready.and_then(|()| run_verb(cli.verb)) {
         Ok(exit) => exit,
         Err(error) => {
-            console::say(&format!("error: {}", one_line(&error.to_string())));
+            console::say(&format!("error: {}", one_line(&remedy::message(&error))));
             if matches!(error, Error::Missing { .. }) { Exit::Lacking } else { Exit::WrongInput }
         }
     }

@@ -43,8 +43,7 @@ pub(super) fn run(args: &PrepareArgs) -> Result<Exit> {
         .transpose()?;
     let prepared = jobs::prepare_folder(sequence, &args.output, &options, args.force, &mut |p| view.show(p))?;
     if let Some(output) = langsplat {
-        let mut tell = |done, all| view.count("writing .npy files", done, all);
-        write_langsplat(&prepared, output.path(), &mut tell)?;
+        write_langsplat(&prepared, output.path(), &mut |p| view.show(p))?;
         output.finish()?;
     }
     drop(view);

@@ -19,8 +19,8 @@ const MOVES_PX: f32 = 1.0;
 
 /// Gaussians whose only feature is the distance that they travel, in pixels of the first recorded frame.
 pub(super) struct Travelling {
-    /// Fingerprint of the scene that the Gaussians belong to.
-    fingerprint: u64,
+    /// Revision of the scene that the Gaussians belong to.
+    revision: [u64; 2],
     gaussians: Arc<Gaussians>,
 }
 
@@ -54,8 +54,8 @@ impl Engine {
     }
 
     fn travelling(&mut self) -> Arc<Gaussians> {
-        let fingerprint = self.scene.fingerprint();
-        if let Some(known) = self.travelling.as_ref().filter(|t| t.fingerprint == fingerprint) {
+        let revision = self.scene.revision();
+        if let Some(known) = self.travelling.as_ref().filter(|t| t.revision == revision) {
             return known.gaussians.clone();
         }
         let scene = &self.scene;
@@ -67,8 +67,8 @@ impl Engine {
             .cameras
             .first()
             .map_or_else(Vec::new, |camera| travel_px(&scene.gaussians, &scene.deformation, camera, &times));
-        let gaussians = Arc::new(Gaussians { features, latent_dim: 1, ..scene.gaussians.clone() });
-        self.travelling = Some(Travelling { fingerprint, gaussians: gaussians.clone() });
+        let gaussians = Arc::new(Gaussians { features, latent_dim: 1, ..(*scene.gaussians).clone() });
+        self.travelling = Some(Travelling { revision, gaussians: gaussians.clone() });
         gaussians
     }
 

@@ -32,7 +32,7 @@ use std::{
 };
 use surgtpgs_clip::TextEncoder;
 use surgtpgs_core::{
-    Error, Result,
+    Error, Remedy, Result,
     camera::Camera,
     deform::deform,
     grid::{Grid, Mask},
@@ -539,7 +539,7 @@ impl Engine {
 fn no_features() -> Error {
     Error::input(
         "this scene was trained without features, so it cannot be asked for words",
-        "Run `surgtpgs prepare` on the recording and train on the prepared folder.",
+        Remedy::Prepare.after(""),
     )
 }
 

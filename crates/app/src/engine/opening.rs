@@ -4,7 +4,7 @@ use super::{EncoderChoice, Recording};
 use std::path::Path;
 use surgtpgs_clip::TextEncoder;
 use surgtpgs_core::{
-    Error, Result,
+    Error, Remedy, Result,
     prepare::Prepared,
     relevancy::{self, Relevancy},
     scene::Scene,
@@ -30,7 +30,7 @@ pub(super) fn open_encoder(scene: &Scene, choice: &EncoderChoice) -> Result<Text
             return Err(Error::input_at(
                 folder,
                 "the text encoder that this scene was prepared with is not there any more",
-                "Give its folder with `--text-encoder`.",
+                Remedy::OtherEncoder.after(""),
             ));
         }
         (EncoderChoice::OfScene, Some(folder)) => open_text_encoder(folder)?,

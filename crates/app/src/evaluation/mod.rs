@@ -19,7 +19,7 @@ use report::{Fps, Training};
 use std::{ops::ControlFlow, path::Path, time::Instant};
 use surgtpgs_clip::Lpips;
 use surgtpgs_core::{
-    Error, Result,
+    Error, Remedy, Result,
     mask::threshold,
     metrics::{ClassOnFrame, DepthErrors, PredictedMasks, depth_errors, psnr_db, psnr_per_channel_db, ssim},
     raster::{Images, MIN_DEPTH_ALPHA},
@@ -120,7 +120,7 @@ pub(crate) fn evaluate_masks(
         return Err(Error::input_at(
             sequence.path(),
             "the recording has no label masks to compare with",
-            "Run `surgtpgs check` on it to see what it holds.",
+            Remedy::CheckRecording.after(""),
         ));
     }
     let size = (sequence.width(), sequence.height());
@@ -135,7 +135,7 @@ pub(crate) fn evaluate_masks(
 }
 
 fn observe(observer: &mut Observer<'_>, done: usize, total: usize) -> Result<()> {
-    match observer(&Progress { stage: "evaluating", done, total, detail: "" }) {
+    match observer(&Progress::new("evaluating", done, total)) {
         ControlFlow::Break(()) if done < total => Err(Error::Cancelled),
         _ => Ok(()),
     }

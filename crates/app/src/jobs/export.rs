@@ -8,8 +8,8 @@ use std::{
     path::Path,
 };
 use surgtpgs_core::{
-    Error, Result,
-    export::{Export, ExportOptions, ExportPrompt, ExportSummary, Provenance, Source},
+    Error, Remedy, Result,
+    export::{Export, ExportOptions, ExportPrompt, ExportSummary, PictureSource, Provenance},
     files::{Claim, Earlier, OutputFolder},
     grid::Grid,
     hash::file_sha256,
@@ -59,13 +59,13 @@ pub fn export(
     let ExportRequest { scene, folder, frames, prompts, options, replace, completes_same } = request;
     let (source, reach) = (options.source, options.clean_up.smooth_frames);
     let mut scorer = Scorer { reach, known: BTreeMap::new() };
-    if let (Source::Original, Some(why)) = (source, engine.recording_missing()) {
+    if let (PictureSource::Original, Some(why)) = (source, engine.recording_missing()) {
         return Err(Error::input(
             format!("the recorded frames are not at hand: {}", why.trim_end_matches('.')),
-            "Say where the recording is with `--sequence`, or export with `--source reconstruction`.",
+            Remedy::FindRecording.after(""),
         ));
     }
-    if source == Source::Original {
+    if source == PictureSource::Original {
         engine.require_recording()?;
     }
     let encoder = engine
@@ -78,7 +78,8 @@ pub fn export(
     let mut provenance = Provenance::new(engine.scene(), hash, &encoder, settings, names, prompts, options);
     // Older scenes do not hold the identity of their recording.
     provenance.sequence_frame_names = engine.frame_sources();
-    if let (None, Source::Original, Some(sequence)) = (&provenance.sequence_sha256, source, engine.sequence())
+    if let (None, PictureSource::Original, Some(sequence)) =
+        (&provenance.sequence_sha256, source, engine.sequence())
     {
         provenance.sequence_sha256 = Some(sequence.identity()?.digest());
     }
@@ -94,15 +95,15 @@ pub fn export(
     let mut export = Export::begin(output.path(), frames, provenance.clone(), false)?;
     while let Some(frame) = export.next_frame() {
         let (done, total) = (export.frames_done(), export.num_frames());
-        if observer(&Progress { stage: "exporting", done, total, detail: "" }).is_break() {
+        if observer(&Progress::new("exporting", done, total)).is_break() {
             break;
         }
         let scores = scorer.scores(engine, frame)?;
         let images = engine.render(&engine.view(frame)?, true)?;
         let tools = engine.instruments(frame)?;
         let picture: RgbImage = match source {
-            Source::Original => engine.original(frame)?.unwrap_or_else(|| images.to_rgb()),
-            Source::Reconstruction => images.to_rgb(),
+            PictureSource::Original => engine.original(frame)?.unwrap_or_else(|| images.to_rgb()),
+            PictureSource::Reconstruction => images.to_rgb(),
         };
         export.write(&picture, &scores, tools.as_ref()).map_err(|e| {
             let place = format!("the export stopped at frame {frame}, {done} of {total} are complete");

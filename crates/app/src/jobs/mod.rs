@@ -10,16 +10,14 @@ mod vanishing_tests;
 
 pub use export::{ExportRequest, export, export_prompts};
 pub use prepare::{FeatureSource, PrepareOptions, prepare, prepare_folder};
+pub use surgtpgs_core::progress::{Observer, Progress};
 
 use crate::{
     engine::Backend,
     memory::{Work, require_for},
     outputs,
 };
-use std::{
-    ops::ControlFlow,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Error, Result,
     demo::{self, DemoSettings},
@@ -29,22 +27,6 @@ use surgtpgs_core::{
     sequence::Sequence,
     train::{StepReport, TrainSettings, Trainer},
 };
-
-/// Progress of a job.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Progress<'a> {
-    /// Name of the work being done, e.g. "training".
-    pub stage: &'a str,
-    /// Number of steps of this stage that are done.
-    pub done: usize,
-    /// Number of steps of this stage.
-    pub total: usize,
-    /// Further words about the progress, or empty.
-    pub detail: &'a str,
-}
-
-/// Called often; [`ControlFlow::Break`] asks the job to stop.
-pub type Observer<'a> = dyn FnMut(&Progress<'_>) -> ControlFlow<()> + 'a;
 
 /// Recording to train on, with or without features.
 pub enum Material {
@@ -240,22 +222,14 @@ pub fn build_demo(folder: &Path, options: &DemoOptions, observer: &mut Observer<
     let folder = claim_collection(folder, outputs::DEMO, &Inputs::none())?;
     let paths = DemoPaths::under(&folder);
     let scene = outputs::scene_file(&paths.scene, &Inputs::none(), true)?;
-    let mut stopped = false;
-    let mut observe = |progress: &Progress<'_>| {
-        let flow = observer(progress);
-        stopped |= flow.is_break();
-        flow
-    };
-    record_demo(&options.recording, &paths.recording, true, &mut |done, total| {
-        let _ = observe(&Progress { stage: "recording the demo", done, total, detail: "" });
-    })?;
+    record_demo(&options.recording, &paths.recording, true, observer)?;
     let sequence = Sequence::open(&paths.recording)?;
     let how = PrepareOptions { eval: true, ..Default::default() };
-    let prepared = prepare_folder(sequence, &paths.prepared, &how, true, &mut observe)?;
+    let prepared = prepare_folder(sequence, &paths.prepared, &how, true, observer)?;
     let settings = TrainSettings { iterations: options.iterations, eval: true, ..Default::default() };
     let material = Material::Prepared(Box::new(prepared));
-    let trained = train(&material, settings, Backend::Auto, &mut observe)?;
-    if stopped {
+    let trained = train(&material, settings, Backend::Auto, observer)?;
+    if trained.steps < options.iterations {
         return Err(Error::Cancelled);
     }
     scene.write(&trained.scene.to_bytes()?)?;
@@ -268,7 +242,7 @@ pub fn record_demo(
     settings: &DemoSettings,
     folder: &Path,
     replace: bool,
-    progress: &mut dyn FnMut(usize, usize),
+    observer: &mut Observer<'_>,
 ) -> Result<()> {
     let inputs = Inputs::none();
     let is_same = |there: &Path| demo::is_written(settings, there);
@@ -278,7 +252,7 @@ pub fn record_demo(
         ..Claim::new(outputs::DEMO_RECORDING, &inputs, replace)
     };
     let output = OutputFolder::claim(folder, claim)?;
-    demo::write(settings, output.path(), progress)?;
+    demo::write(settings, output.path(), observer)?;
     output.finish()
 }
 

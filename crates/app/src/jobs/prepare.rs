@@ -1,19 +1,16 @@
 //! Features and codec of a recording.
 
-use super::{Observer, Progress};
+use super::Observer;
 use crate::{
     engine::{EncoderChoice, open_text_encoder},
     memory::{Work, require_for},
     outputs,
 };
 use image::RgbImage;
-use std::{
-    cell::Cell,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 use surgtpgs_clip::{DepthNetwork, FeatureNetwork, ImageEncoder, SegmentAnything, TextEncoder};
 use surgtpgs_core::{
-    Error, Result,
+    Error, Remedy, Result,
     codec::CodecSettings,
     files::{Claim, Earlier, Inputs, OutputFolder, full_path},
     prepare::{
@@ -123,7 +120,7 @@ pub fn prepare(
         return Err(Error::input_at(
             sequence.path(),
             "the recording has no label masks to take features from",
-            "Use automatic masks (`--masks-model`), or train on it without features.",
+            Remedy::OtherFeatures.after(""),
         ));
     }
     let text = match &options.encoder {
@@ -158,8 +155,7 @@ fn with_depth(
     let mut network = DepthNetwork::open(model)?;
     let (sha256, kind) = (network.sha256().to_owned(), network.kind());
     let estimator = Estimator { network: &sha256, kind, estimate: &mut |picture| network.estimate(picture) };
-    let mut tell = |done, total| observer(&Progress { stage: "estimating depth", done, total, detail: "" });
-    estimate_depth(&sequence, estimator, eval, folder, &mut tell)
+    estimate_depth(&sequence, estimator, eval, folder, observer)
 }
 
 /// A [`FeatureSource`] with its models opened.
@@ -198,7 +194,8 @@ fn check_halves(text: &TextEncoder, dim: usize, folder: &Path) -> Result<()> {
     }
     let what =
         format!("Image embeddings have {dim} values; the text encoder \"{}\" makes {}", text.name, text.dim);
-    let hint = "They come from different models: give the text half of the same one with `--text-encoder`.";
+    let hint =
+        Remedy::OtherEncoder.after("They come from different models: give the text half of the same one.");
     Err(Error::input_at(folder, what, hint))
 }
 
@@ -216,11 +213,7 @@ impl Job<'_> {
         let embeddings = self.text.encode_prompts(&names)?;
         let identity = self.text.identity().clone();
         let (eval, codec) = (self.options.eval, &self.options.codec);
-        let mut report = |stage: &str, done, total| {
-            // Labels are read in seconds; this is not interrupted half-way.
-            let _ = observer(&Progress { stage, done, total, detail: "" });
-        };
-        prepare_from_labels(self.sequence, identity, &embeddings, eval, codec, self.folder, &mut report)
+        prepare_from_labels(self.sequence, identity, &embeddings, eval, codec, self.folder, observer)
     }
 
     fn by_masks(
@@ -234,10 +227,7 @@ impl Job<'_> {
         let (sequence, folder) = (self.sequence.clone(), self.folder);
         let (model, encoder) = (segmenter.sha256().to_owned(), image.sha256().to_owned());
         let store = MaskStore { sequence: &sequence, folder, settings, model: &model };
-        let mut tell = |done: usize, total: usize, detail: &str| {
-            observer(&Progress { stage: "finding masks", done, total, detail })
-        };
-        store.make_masks(&mut segmenter, self.options.eval, &mut tell)?;
+        store.make_masks(&mut segmenter, self.options.eval, observer)?;
         // Makes room for the next network.
         drop(segmenter);
         let mut embed = |picture: &RgbImage, masks: &[&BitMask]| image.embed(picture, masks);
@@ -279,23 +269,8 @@ impl Job<'_> {
         features: &mut dyn FnMut(usize) -> Result<Option<FrameFeatures>>,
         observer: &mut Observer<'_>,
     ) -> Result<Prepared> {
-        let stopped = Cell::new(false);
-        let mut features = |i: usize| if stopped.get() { Err(Error::Cancelled) } else { features(i) };
-        let mut report = |stage: &str, done, total| {
-            let flow = observer(&Progress { stage, done, total, detail: "" });
-            stopped.set(stopped.get() || flow.is_break());
-        };
         let identity = self.text.identity().clone();
         let (eval, codec) = (self.options.eval, &self.options.codec);
-        prepare_from_features(
-            self.sequence,
-            identity,
-            origin,
-            &mut features,
-            eval,
-            codec,
-            self.folder,
-            &mut report,
-        )
+        prepare_from_features(self.sequence, identity, origin, features, eval, codec, self.folder, observer)
     }
 }

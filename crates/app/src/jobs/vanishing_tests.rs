@@ -1,8 +1,8 @@
 //! Recordings whose files vanish while they are trained on, and disks that cannot keep what is done.
 
 use super::*;
-use std::fs;
-use surgtpgs_core::demo::DemoSettings;
+use std::{fs, ops::ControlFlow};
+use surgtpgs_core::{demo::DemoSettings, progress::unobserved};
 
 /// A small recording whose pictures can be taken away.
 struct Vanishing {
@@ -13,7 +13,7 @@ impl Vanishing {
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let small = DemoSettings { width: 48, height: 32, frames: 8, ..DemoSettings::default() };
-        demo::write(&small, &folder.path().join("recording"), &mut |_, _| {}).unwrap();
+        demo::write(&small, &folder.path().join("recording"), &mut unobserved).unwrap();
         Self { folder }
     }
 
@@ -39,22 +39,21 @@ fn training_whose_recording_vanishes_is_kept_and_goes_on_as_if_nothing_had_happe
     // The pictures vanish in the first round of the frames, or after the last step.
     for (iterations, last_step) in [(12, 2), (4, 4)] {
         let here = Vanishing::new();
-        let mut go = |_: &Progress<'_>| ControlFlow::Continue(());
-        let whole = go_on(&mut here.trainer(iterations), None, &mut go, &mut |_, _| {}).unwrap();
+        let whole = go_on(&mut here.trainer(iterations), None, &mut unobserved, &mut |_, _| {}).unwrap();
         let checkpoint = here.folder.path().join("scene.unfinished");
         let mut vanish = |_: &mut Trainer, report: &StepReport| {
             if report.step == last_step {
                 here.take_away();
             }
         };
-        let broken = go_on(&mut here.trainer(iterations), Some(&checkpoint), &mut go, &mut vanish);
+        let broken = go_on(&mut here.trainer(iterations), Some(&checkpoint), &mut unobserved, &mut vanish);
         let message = broken.err().expect("an error").to_string();
         assert!(message.contains("could not open the picture") && message.contains(".png"), "{message}");
         here.bring_back();
         let sequence = Sequence::open(&here.folder.path().join("recording")).unwrap();
         let mut trainer = Trainer::resume(&sequence, None, &checkpoint).unwrap();
         assert_eq!(trainer.steps_done(), last_step);
-        let resumed = go_on(&mut trainer, Some(&checkpoint), &mut go, &mut |_, _| {}).unwrap();
+        let resumed = go_on(&mut trainer, Some(&checkpoint), &mut unobserved, &mut |_, _| {}).unwrap();
         assert!(resumed.scene.gaussians == whole.scene.gaussians, "{iterations} steps");
         assert!(resumed.scene.deformation == whole.scene.deformation, "{iterations} steps");
     }

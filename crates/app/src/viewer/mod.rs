@@ -34,6 +34,7 @@ mod panels;
 mod picture;
 #[cfg(feature = "fuzz")]
 pub mod readers;
+mod remedy;
 mod shared;
 mod shell;
 mod state;

@@ -1,8 +1,12 @@
 //! Training for many rows: an ordinary autoencoder.
 
 use super::{
-    Codec, CodecSettings, DECODER_HIDDEN, ENCODER_HIDDEN, Linear,
+    Codec, CodecSettings, DECODER_HIDDEN, ENCODER_HIDDEN, Linear, STAGE,
     mlp::{Adam, Parts, backward, forward, init, normal, normalise_backward, normalise_rows},
+};
+use crate::{
+    Result,
+    progress::{Observer, Progress},
 };
 use ndarray::{Array1, Array2, ArrayView2, Axis, s};
 use rand::{Rng, SeedableRng};
@@ -24,8 +28,8 @@ pub(super) fn train_autoencoder(
     rows: ArrayView2<'_, f32>,
     weights: &[f32],
     settings: &CodecSettings,
-    progress: &mut dyn FnMut(usize, usize),
-) -> Codec {
+    observer: &mut Observer<'_>,
+) -> Result<Codec> {
     let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
     let (dim, latent) = (rows.ncols(), settings.latent_dim);
     let mean = rows.mean_axis(Axis(0)).unwrap_or_else(|| Array1::zeros(dim));
@@ -51,11 +55,11 @@ pub(super) fn train_autoencoder(
             gradients_of_part(&layers, split, input, &truth, noise.slice(s![part, ..]), gradients);
         });
         adam.step(&mut layers, gradients);
-        progress(step + 1, settings.steps);
+        Progress::new(STAGE, step + 1, settings.steps).tell(observer)?;
     }
     let decoder = layers.split_off(split);
     fold_standardisation(&mut layers[0], &mean, spread);
-    Codec { encoder: layers, decoder }
+    Ok(Codec { encoder: layers, decoder })
 }
 
 /// Gradients of mean(1 − cosine) over one part of the batch: encoder layers, then decoder layers.

@@ -1,10 +1,14 @@
 //! Training for a handful of rows: latents spread over the sphere, and a decoder that snaps to the nearest.
 
 use super::{
-    Codec, CodecSettings, DECODER_HIDDEN, ENCODER_HIDDEN, Linear,
+    Codec, CodecSettings, DECODER_HIDDEN, ENCODER_HIDDEN, Linear, STAGE,
     autoencoder::fold_standardisation,
     mlp::{Adam, Parts, backward, forward, init, normal, normalise_backward, normalise_rows, zeros_like},
     sphere::spread_points,
+};
+use crate::{
+    Result,
+    progress::{Observer, Progress},
 };
 use ndarray::{Array1, Array2, ArrayView1, ArrayView2, Axis, s};
 use rand::{Rng, SeedableRng};
@@ -28,18 +32,18 @@ const EMBEDDING_NOISE: f32 = 0.02;
 pub(super) fn train_classes(
     rows: ArrayView2<'_, f32>,
     settings: &CodecSettings,
-    progress: &mut dyn FnMut(usize, usize),
-) -> Codec {
+    observer: &mut Observer<'_>,
+) -> Result<Codec> {
     let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
     let points = spread_points(rows.nrows(), settings.latent_dim, settings.seed);
     let encoder = train_encoder(rows, &points, &mut rng);
     // Half the steps of the autoencoder are plenty: there is far less to learn.
-    let mut decoder = train_scores(&points, settings.steps.div_ceil(2), &mut rng, progress);
+    let mut decoder = train_scores(&points, settings.steps.div_ceil(2), &mut rng, observer)?;
     if let Some(last) = decoder.last_mut() {
         last.weight = rows.t().dot(&last.weight);
         last.bias = rows.t().dot(&last.bias);
     }
-    Codec { encoder, decoder }
+    Ok(Codec { encoder, decoder })
 }
 
 /// Trains an encoder that maps each row to its point, also if the row is a little off.
@@ -74,8 +78,8 @@ fn train_scores(
     points: &Array2<f32>,
     steps: usize,
     rng: &mut ChaCha8Rng,
-    progress: &mut dyn FnMut(usize, usize),
-) -> Vec<Linear> {
+    observer: &mut Observer<'_>,
+) -> Result<Vec<Linear>> {
     let (n, latent) = points.dim();
     let mut layers = init(&[&[latent][..], &DECODER_HIDDEN, &[n]].concat(), rng);
     // Random biases spread the kinks over the latent space. With zeros all of them would meet at the origin.
@@ -93,9 +97,9 @@ fn train_scores(
             backward(&layers, &values, error / BATCH as f32, gradients);
         });
         adam.step(&mut layers, gradients);
-        progress(step + 1, steps);
+        Progress::new(STAGE, step + 1, steps).tell(observer)?;
     }
-    layers
+    Ok(layers)
 }
 
 /// Writes a latent as rendering may produce it to `latent` and returns the class it should count as.

@@ -11,7 +11,7 @@ mod classes;
 mod mlp;
 mod sphere;
 
-use crate::{Error, Result, num};
+use crate::{Error, Result, num, progress::Observer};
 use autoencoder::train_autoencoder;
 use classes::train_classes;
 use ndarray::{Array1, Array2, ArrayD, ArrayView2, ArrayViewD, Axis, Ix1, Ix2};
@@ -19,6 +19,8 @@ use rayon::prelude::*;
 
 pub(crate) use mlp::{apply, normal, normalise_rows};
 
+/// Stage of the training in its progress.
+const STAGE: &str = "training the codec";
 /// Widths of the encoder's hidden layers.
 const ENCODER_HIDDEN: [usize; 4] = [256, 128, 64, 32];
 /// Widths of the decoder's hidden layers.
@@ -70,14 +72,15 @@ impl Default for CodecSettings {
 
 impl Codec {
     /// Trains on embedding rows [n, dim] (made unit length here) with occurrence `weights` [n].
-    /// `progress` gets (steps done, steps). The same rows and settings give the same bytes.
+    /// The same rows and settings give the same bytes.
     ///
-    /// Fails on no rows, rows that are not finite or have no direction, and settings out of range.
+    /// Fails on no rows, rows that are not finite or have no direction, and settings out of range, and if
+    /// the observer asks to stop.
     pub fn train(
         rows: ArrayView2<'_, f32>,
         weights: &[f32],
         settings: &CodecSettings,
-        progress: &mut dyn FnMut(usize, usize),
+        observer: &mut Observer<'_>,
     ) -> Result<Self> {
         check_training_input(rows, weights, settings)?;
         let rows = normalise_rows(rows.to_owned());
@@ -86,9 +89,9 @@ impl Codec {
         if num_classes <= MAX_CLASSES {
             let first = |g| groups.iter().position(|&other| other == g).unwrap_or(0);
             let firsts: Vec<usize> = (0..num_classes).map(first).collect();
-            Ok(train_classes(rows.select(Axis(0), &firsts).view(), settings, progress))
+            train_classes(rows.select(Axis(0), &firsts).view(), settings, observer)
         } else {
-            Ok(train_autoencoder(rows.view(), weights, settings, progress))
+            train_autoencoder(rows.view(), weights, settings, observer)
         }
     }
 

@@ -1,6 +1,7 @@
 //! Tests of the codec on made and, if present, real embeddings.
 
 use super::*;
+use crate::progress::unobserved;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::path::PathBuf;
@@ -39,7 +40,7 @@ fn snapping(codec: &Codec, rows: &Array2<f32>, noise: f32, copies: usize) -> (f6
 #[test]
 fn few_rows_snap_to_their_class_under_noise_and_length() {
     let rows = alike_rows(9, 96, 0.88, 1);
-    let codec = Codec::train(rows.view(), &[1.0; 9], &QUICK, &mut |_, _| {}).unwrap();
+    let codec = Codec::train(rows.view(), &[1.0; 9], &QUICK, &mut unobserved).unwrap();
     codec.validate().unwrap();
     let (right, _) = snapping(&codec, &rows, 0.1, 200);
     assert!(right > 0.995, "{right}");
@@ -51,7 +52,7 @@ fn few_rows_snap_to_their_class_under_noise_and_length() {
 #[test]
 fn a_blend_of_two_classes_decodes_to_the_larger_share() {
     let rows = alike_rows(6, 64, 0.8, 2);
-    let codec = Codec::train(rows.view(), &[1.0; 6], &QUICK, &mut |_, _| {}).unwrap();
+    let codec = Codec::train(rows.view(), &[1.0; 6], &QUICK, &mut unobserved).unwrap();
     let latents = codec.encode(rows.view());
     for (a, b) in (0..6).flat_map(|a| (0..6).map(move |b| (a, b))).filter(|(a, b)| a != b) {
         let blend = &latents.row(a) * 0.8 + &latents.row(b) * 0.2;
@@ -64,7 +65,7 @@ fn a_blend_of_two_classes_decodes_to_the_larger_share() {
 #[test]
 fn many_rows_are_reconstructed_better_than_by_their_mean() {
     let rows = alike_rows(80, 48, 0.5, 3);
-    let codec = Codec::train(rows.view(), &[1.0; 80], &QUICK, &mut |_, _| {}).unwrap();
+    let codec = Codec::train(rows.view(), &[1.0; 80], &QUICK, &mut unobserved).unwrap();
     let decoded = codec.decode(codec.encode(rows.view()).view());
     let mean_cosine = |a: &Array2<f32>| (a * &rows).sum() / 80.0;
     let mean = normalise_rows(rows.mean_axis(Axis(0)).unwrap().insert_axis(Axis(0)));
@@ -76,11 +77,11 @@ fn many_rows_are_reconstructed_better_than_by_their_mean() {
 fn training_is_deterministic_in_one_thread_and_in_many() {
     let rows = alike_rows(5, 32, 0.7, 4);
     let settings = CodecSettings { steps: 20, ..QUICK };
-    let train = || Codec::train(rows.view(), &[1.0; 5], &settings, &mut |_, _| {}).unwrap();
+    let train = || Codec::train(rows.view(), &[1.0; 5], &settings, &mut unobserved).unwrap();
     let pool = |n| rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap();
     assert_eq!(pool(1).install(train), pool(3).install(train));
     let many = alike_rows(70, 32, 0.7, 4);
-    let train = || Codec::train(many.view(), &[1.0; 70], &settings, &mut |_, _| {}).unwrap();
+    let train = || Codec::train(many.view(), &[1.0; 70], &settings, &mut unobserved).unwrap();
     assert_eq!(pool(1).install(train), pool(3).install(train));
 }
 
@@ -91,7 +92,7 @@ fn one_row_repeated_rows_and_other_latent_sizes_work() {
         let again = table.row(0).to_owned();
         table.push_row(again.view()).unwrap();
         let settings = CodecSettings { latent_dim, steps: 40, seed: 1 };
-        let codec = Codec::train(table.view(), &vec![1.0; rows + 1], &settings, &mut |_, _| {}).unwrap();
+        let codec = Codec::train(table.view(), &vec![1.0; rows + 1], &settings, &mut unobserved).unwrap();
         let latents = codec.encode(table.view());
         assert_eq!(latents.dim(), (rows + 1, latent_dim));
         assert_eq!(latents.row(0), latents.row(rows));
@@ -104,7 +105,7 @@ fn one_row_repeated_rows_and_other_latent_sizes_work() {
 fn bad_training_input_is_named() {
     let rows = alike_rows(3, 8, 0.5, 6);
     let train = |rows: &Array2<f32>, weights: &[f32], settings: &CodecSettings| {
-        Codec::train(rows.view(), weights, settings, &mut |_, _| {}).unwrap_err().to_string()
+        Codec::train(rows.view(), weights, settings, &mut unobserved).unwrap_err().to_string()
     };
     assert!(train(&rows, &[1.0; 2], &QUICK).contains("2 weights"));
     assert!(train(&Array2::zeros((0, 8)), &[], &QUICK).contains("0 rows"));
@@ -121,7 +122,7 @@ fn bad_training_input_is_named() {
 fn tensors_come_back_and_broken_ones_are_refused() {
     let rows = alike_rows(3, 8, 0.5, 7);
     let codec =
-        Codec::train(rows.view(), &[1.0; 3], &CodecSettings { steps: 2, ..QUICK }, &mut |_, _| {}).unwrap();
+        Codec::train(rows.view(), &[1.0; 3], &CodecSettings { steps: 2, ..QUICK }, &mut unobserved).unwrap();
     let tensors: Vec<_> = codec.tensors().into_iter().map(|(n, t)| (n, t.to_owned())).collect();
     let get =
         |skip: &str, name: &str| tensors.iter().find(|(n, _)| n == name && n != skip).map(|(_, t)| t.clone());
@@ -138,7 +139,7 @@ fn tensors_come_back_and_broken_ones_are_refused() {
 fn latents_that_are_not_finite_decode_to_zeros() {
     let rows = alike_rows(3, 8, 0.5, 8);
     let codec =
-        Codec::train(rows.view(), &[1.0; 3], &CodecSettings { steps: 2, ..QUICK }, &mut |_, _| {}).unwrap();
+        Codec::train(rows.view(), &[1.0; 3], &CodecSettings { steps: 2, ..QUICK }, &mut unobserved).unwrap();
     let decoded = codec.decode(ndarray::arr2(&[[f32::NAN, 0.0, 0.0], [f32::INFINITY, 1.0, 0.0]]).view());
     assert!(decoded.iter().all(|&v| v == 0.0));
 }
@@ -182,7 +183,7 @@ fn real_class_names_snap_although_their_cosines_are_high() {
     assert!(rows.nrows() >= 10, "{} names found", rows.nrows());
     let start = std::time::Instant::now();
     let weights = vec![1.0; rows.nrows()];
-    let codec = Codec::train(rows.view(), &weights, &CodecSettings::default(), &mut |_, _| {}).unwrap();
+    let codec = Codec::train(rows.view(), &weights, &CodecSettings::default(), &mut unobserved).unwrap();
     let seconds = start.elapsed().as_secs_f32();
     let (right, margin) = snapping(&codec, &rows, 0.1, 500);
     let (right_little, margin_little) = snapping(&codec, &rows, 0.05, 500);
@@ -206,7 +207,7 @@ fn measure_reconstruction_of_the_clip_table() {
     for steps in [500, 1000, 2000] {
         let settings = CodecSettings { steps, ..CodecSettings::default() };
         let start = std::time::Instant::now();
-        let codec = Codec::train(table.view(), &vec![1.0; 1203], &settings, &mut |_, _| {}).unwrap();
+        let codec = Codec::train(table.view(), &vec![1.0; 1203], &settings, &mut unobserved).unwrap();
         let seconds = start.elapsed().as_secs_f32();
         let decoded = codec.decode(codec.encode(table.view()).view());
         let mean = table.mean_axis(Axis(0)).unwrap();

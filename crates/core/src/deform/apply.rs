@@ -2,16 +2,24 @@
 //! §3.2–3.3).
 
 use super::{MEAN_CHANNEL, ROTATION_CHANNEL, SCALE_CHANNEL};
-use crate::{
-    raster::project::Geometry,
-    real::{Real, Vector, unit_quaternion, unit_quaternion_backward},
-};
+use crate::real::{Real, Vector, unit_quaternion, unit_quaternion_backward};
 
 /// Log-scales are kept within ± this, so that neither a scale nor its square leaves the range of f32.
 pub const MAX_LOG_SCALE: f64 = 15.0;
 
 /// e to the power of [`MAX_LOG_SCALE`].
 pub const MAX_SCALE: f64 = 3_269_017.372_472_11;
+
+/// Position, orientation and size of one Gaussian, activated.
+#[derive(Clone, Copy, Debug)]
+pub struct Geometry<T> {
+    /// Centre in the world.
+    pub mean: Vector<T, 3>,
+    /// Unit quaternion (w, x, y, z).
+    pub rotation: Vector<T, 4>,
+    /// Standard deviations.
+    pub scale: Vector<T, 3>,
+}
 
 /// A deformed, activated geometry with the values that its backward pass needs.
 #[derive(Clone, Copy, Debug)]

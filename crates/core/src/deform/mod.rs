@@ -4,12 +4,15 @@
 
 mod apply;
 mod basis;
+mod length;
 mod travel;
 
 pub use apply::{
-    FeatureNet, MAX_LOG_SCALE, MAX_SCALE, Moved, gate_feature, gate_feature_backward, move_geometry,
-    move_geometry_backward,
+    FeatureNet, Geometry, MAX_LOG_SCALE, MAX_SCALE, Moved, gate_feature, gate_feature_backward,
+    move_geometry, move_geometry_backward,
 };
+pub(crate) use length::default_bases;
+pub use length::length_warning;
 pub use travel::travel_px;
 
 pub use basis::{BasisShape, LIVE_BASIS, MIN_WIDTH, QUARTIC_EPSILON, basis, basis_backward};

@@ -3,7 +3,7 @@
 
 use super::material::{Material, material};
 use super::noise::smoothstep;
-use super::shape::{Anatomy, Part};
+use super::shape::{Anatomy, ScenePart};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
@@ -15,7 +15,7 @@ const NEAR_MM: f32 = 5.0;
 const LAMP: Vec3 = Vec3::new(-8.0, -9.0, 0.0);
 
 /// The vertices of an anatomy at one moment, seen from one eye.
-pub(super) struct View<'a> {
+pub(super) struct EyeView<'a> {
     anatomy: &'a Anatomy,
     /// Vertices relative to the eye, in camera axes.
     points: &'a [Vec3],
@@ -34,7 +34,7 @@ pub(super) struct Hit {
     pub(super) inverse_z: f32,
 }
 
-impl<'a> View<'a> {
+impl<'a> EyeView<'a> {
     /// Projects `points` with `focal` and `centre` in samples onto `width × height` samples.
     pub(super) fn new(
         anatomy: &'a Anatomy,
@@ -170,7 +170,7 @@ impl ShadowMap {
 
     fn new(anatomy: &Anatomy, from_lamp: &[Vec3]) -> Self {
         let size = (Self::SIZE, Self::SIZE);
-        let view = View::new(anatomy, from_lamp, size, Self::FOCAL, Vec2::splat(0.5 * Self::SIZE as f32));
+        let view = EyeView::new(anatomy, from_lamp, size, Self::FOCAL, Vec2::splat(0.5 * Self::SIZE as f32));
         Self { depth: view.map_rows(1, |_, hits| hits.iter().map(|h| 1.0 / h.inverse_z).collect()) }
     }
 
@@ -196,7 +196,7 @@ impl ShadowMap {
 
 /// One shaded sample.
 pub(super) struct Spot {
-    pub(super) part: Part,
+    pub(super) part: ScenePart,
     /// Position relative to the eye, in camera axes.
     pub(super) position: Vec3,
     /// Normal of unit length, on the side of the eye.

@@ -2,7 +2,7 @@
 //! moves with the tissue. Colours are linear light, the display's value squared.
 
 use super::noise::{noise, smoothstep};
-use super::shape::Part;
+use super::shape::ScenePart;
 use glam::Vec3;
 
 /// The surface at one point.
@@ -19,14 +19,14 @@ pub(super) struct Material {
 }
 
 /// Returns the material of `part` at `rest`; `open` is the vertex value of the anatomy, low in furrows.
-pub(super) fn material(part: Part, rest: Vec3, open: f32, seed: u32) -> Material {
+pub(super) fn material(part: ScenePart, rest: Vec3, open: f32, seed: u32) -> Material {
     match part {
-        Part::Wall => wall(rest, seed + 20),
-        Part::Liver => liver(rest, seed + 30),
-        Part::Gallbladder => gallbladder(rest, seed + 40),
-        Part::Omentum => fat(rest, open, Vec3::new(0.85, 0.54, 0.12), seed + 50),
-        Part::Ligament => fat(rest, open, Vec3::new(0.78, 0.34, 0.075), seed + 60),
-        Part::Shaft | Part::UpperJaw | Part::LowerJaw => metal(part, rest),
+        ScenePart::Wall => wall(rest, seed + 20),
+        ScenePart::Liver => liver(rest, seed + 30),
+        ScenePart::Gallbladder => gallbladder(rest, seed + 40),
+        ScenePart::Omentum => fat(rest, open, Vec3::new(0.85, 0.54, 0.12), seed + 50),
+        ScenePart::Ligament => fat(rest, open, Vec3::new(0.78, 0.34, 0.075), seed + 60),
+        ScenePart::Shaft | ScenePart::UpperJaw | ScenePart::LowerJaw => metal(part, rest),
     }
 }
 
@@ -95,10 +95,10 @@ fn fat(p: Vec3, open: f32, yellow: Vec3, seed: u32) -> Material {
     Material { albedo, relief: 0.3 * fine.gradient + 1.5 * broad.gradient, gloss: 0.6, metal: false }
 }
 
-fn metal(part: Part, p: Vec3) -> Material {
+fn metal(part: ScenePart, p: Vec3) -> Material {
     // The window in the jaws and the gap at the collar are dark.
     let slot = match part {
-        Part::Shaft => smoothstep(0.5, 0.15, (p.z + 28.4).abs()),
+        ScenePart::Shaft => smoothstep(0.5, 0.15, (p.z + 28.4).abs()),
         _ => smoothstep(0.75, 0.5, p.x.abs()) * smoothstep(-11.5, -11.0, p.z) * smoothstep(-4.0, -4.5, p.z),
     };
     let albedo = Vec3::new(0.34, 0.35, 0.37) * (1.0 - 0.8 * slot);

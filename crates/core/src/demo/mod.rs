@@ -149,7 +149,7 @@ impl Demo {
         let (camera, points) = self.points(i);
         let (next_camera, next_points) = self.points(i + 1);
         let scale = SAMPLES as f32;
-        let view = draw::View::new(
+        let view = draw::EyeView::new(
             &self.anatomy,
             &points,
             (width * SAMPLES, height * SAMPLES),
@@ -204,7 +204,7 @@ struct Pixel {
 /// Everything needed to finish the pixels of one frame.
 struct Artist<'a> {
     demo: &'a Demo,
-    view: &'a draw::View<'a>,
+    view: &'a draw::EyeView<'a>,
     points: &'a [Vec3],
     next_points: &'a [Vec3],
     next_camera: &'a Camera,

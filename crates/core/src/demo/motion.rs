@@ -2,7 +2,7 @@
 //! motion is smooth in time and repeats after [`CYCLE`] frames, so that the clip can be played in a loop.
 
 use super::noise::{cosine, sine, smoothstep};
-use super::shape::{HINGE_MM, Part};
+use super::shape::{HINGE_MM, ScenePart};
 use crate::camera::Camera;
 use glam::{Affine3A, Mat3, Vec3};
 
@@ -41,7 +41,7 @@ impl Moment {
         // While it holds the tissue, the tip moves with it; before and after that it comes from the side
         // and returns there.
         let bite = Vec3::new(-2.0, 0.6, 1.6);
-        moment.tip = moment.place(Part::Gallbladder, GRIP) + bite + away * Vec3::new(8.0, -5.5, -4.0);
+        moment.tip = moment.place(ScenePart::Gallbladder, GRIP) + bite + away * Vec3::new(8.0, -5.5, -4.0);
         moment.opening = 0.012 + 0.036 * (1.0 - during(9.0, 14.0, 34.0, 39.0));
         let z = (moment.tip - TROCAR).normalize();
         let x = (Vec3::new(0.0, 0.25, 1.0) - z * z.dot(Vec3::new(0.0, 0.25, 1.0))).normalize();
@@ -50,11 +50,11 @@ impl Moment {
     }
 
     /// Returns the position of the point `rest` of `part` at this moment, in scene axes.
-    pub(super) fn place(&self, part: Part, rest: Vec3) -> Vec3 {
+    pub(super) fn place(&self, part: ScenePart, rest: Vec3) -> Vec3 {
         match part {
-            Part::Shaft => self.axes * rest + self.tip,
-            Part::UpperJaw => self.axes * self.open_jaw(rest, 1.0) + self.tip,
-            Part::LowerJaw => self.axes * self.open_jaw(rest, -1.0) + self.tip,
+            ScenePart::Shaft => self.axes * rest + self.tip,
+            ScenePart::UpperJaw => self.axes * self.open_jaw(rest, 1.0) + self.tip,
+            ScenePart::LowerJaw => self.axes * self.open_jaw(rest, -1.0) + self.tip,
             _ => rest + self.breathing(part, rest) + self.pull * give(part) * hold(rest),
         }
     }
@@ -68,15 +68,15 @@ impl Moment {
 
     /// Returns the displacement by breathing: the diaphragm pushes the liver down and forwards, the rest
     /// follows later and less.
-    fn breathing(&self, part: Part, p: Vec3) -> Vec3 {
+    fn breathing(&self, part: ScenePart, p: Vec3) -> Vec3 {
         let inspired = |delay: f32| 0.5 - 0.5 * cosine((self.frame - delay) / BREATH);
         match part {
-            Part::Liver | Part::Gallbladder => {
+            ScenePart::Liver | ScenePart::Gallbladder => {
                 let depth = 0.75 + 0.25 * (p.x / 45.0).clamp(-1.0, 1.0);
                 inspired(0.03 * (40.0 - p.x)) * depth * Vec3::new(-1.0, 3.4, -2.4)
             }
-            Part::Ligament => inspired(1.5) * Vec3::new(-1.2, 2.0 + 0.05 * p.y, -0.8),
-            Part::Wall => {
+            ScenePart::Ligament => inspired(1.5) * Vec3::new(-1.2, 2.0 + 0.05 * p.y, -0.8),
+            ScenePart::Wall => {
                 let mobile = smoothstep(150.0, 80.0, p.z);
                 inspired(1.0) * mobile * Vec3::new(-0.6, -1.6, -1.6)
             }
@@ -89,11 +89,11 @@ impl Moment {
 }
 
 /// Returns the share of the pull that a part follows.
-fn give(part: Part) -> f32 {
+fn give(part: ScenePart) -> f32 {
     match part {
-        Part::Gallbladder => 1.0,
-        Part::Liver => 0.65,
-        Part::Omentum => 0.4,
+        ScenePart::Gallbladder => 1.0,
+        ScenePart::Liver => 0.65,
+        ScenePart::Omentum => 0.4,
         _ => 0.0,
     }
 }

@@ -7,7 +7,7 @@ use glam::Vec3;
 
 /// The part of the scene that a surface belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Part {
+pub(super) enum ScenePart {
     Wall,
     Liver,
     Gallbladder,
@@ -20,7 +20,7 @@ pub(super) enum Part {
     LowerJaw,
 }
 
-impl Part {
+impl ScenePart {
     /// Returns the class id of the part: its row in [`super::CLASSES`].
     pub(super) fn class(self) -> u8 {
         match self {
@@ -42,7 +42,7 @@ pub(super) struct Anatomy {
     /// Per vertex: share of light that reaches it past the part's own folds, 0–1.
     pub(super) open: Vec<f32>,
     /// Per vertex: the part it belongs to.
-    pub(super) part: Vec<Part>,
+    pub(super) part: Vec<ScenePart>,
     /// Vertices of each triangle; all three belong to one part.
     pub(super) triangles: Vec<[u32; 3]>,
 }
@@ -57,13 +57,13 @@ impl Anatomy {
         all.add_omentum(seed);
         all.add_ligament(seed);
         all.add_shaft();
-        all.add_jaw(Part::UpperJaw, 1.0);
-        all.add_jaw(Part::LowerJaw, -1.0);
+        all.add_jaw(ScenePart::UpperJaw, 1.0);
+        all.add_jaw(ScenePart::LowerJaw, -1.0);
         all
     }
 
     /// Adds the grid of `point`(u, v) → (position, openness) over the unit square, edges included.
-    fn add(&mut self, part: Part, (columns, rows): (u32, u32), point: impl Fn(f32, f32) -> (Vec3, f32)) {
+    fn add(&mut self, part: ScenePart, (columns, rows): (u32, u32), point: impl Fn(f32, f32) -> (Vec3, f32)) {
         let start = self.rest.len() as u32;
         for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column))) {
             let (u, v) = (column as f32 / (columns - 1) as f32, row as f32 / (rows - 1) as f32);
@@ -81,7 +81,7 @@ impl Anatomy {
 
     /// Adds the vault: near at the upper left, receding into the dark at the right.
     fn add_wall(&mut self, seed: u32) {
-        self.add(Part::Wall, (130, 100), |u, v| {
+        self.add(ScenePart::Wall, (130, 100), |u, v| {
             let (a, b) = (mix(-1.1, 1.1, u), mix(-0.95, 0.6, v));
             let near = smoothstep(-0.15, 0.95, -0.75 * a - 0.6 * b);
             let p = seen_at(a, b, 142.0 - 80.0 * near);
@@ -93,7 +93,7 @@ impl Anatomy {
 
     /// Adds the liver: a wedge from the dark behind to a rounded, lobed edge in front, curling under.
     fn add_liver(&mut self, seed: u32) {
-        self.add(Part::Liver, (190, 110), |u, v| {
+        self.add(ScenePart::Liver, (190, 110), |u, v| {
             let a = mix(-0.43, 0.85, u);
             let lobes = 0.022 * noise(Vec3::new(a, 0.0, 0.0), 0.11, seed + 3).value;
             let top = curve(&[0.065, -0.045, -0.19, -0.29, -0.35, -0.38, -0.39], u);
@@ -135,7 +135,7 @@ impl Anatomy {
         let along = Vec3::new(22.0, 5.5, -13.0).normalize();
         let across = along.cross(Vec3::Z).normalize();
         let front = along.cross(across);
-        self.add(Part::Gallbladder, (110, 80), |u, v| {
+        self.add(ScenePart::Gallbladder, (110, 80), |u, v| {
             let (x, r) = (-cosine(0.5 * v), sine(0.5 * v));
             let r = 14.0 * r * (1.0 + 0.2 * x);
             let spine = Vec3::new(1.0, 10.0, 103.0) + along * (20.5 * x) - across * (2.5 * x * x);
@@ -147,7 +147,7 @@ impl Anatomy {
 
     /// Adds lobular yellow fat in the foreground, its crest in front of the gallbladder.
     fn add_omentum(&mut self, seed: u32) {
-        self.add(Part::Omentum, (230, 130), |u, v| {
+        self.add(ScenePart::Omentum, (230, 130), |u, v| {
             let a = mix(-0.95, 0.95, u);
             let crest = curve(&[0.02, 0.06, 0.105, 0.165, 0.15, 0.10, 0.07], u);
             let depth = curve(&[99.0, 97.0, 95.0, 92.0, 91.0, 92.0, 95.0], u);
@@ -162,7 +162,7 @@ impl Anatomy {
     /// Adds a fatty fold hanging into the picture from the upper right.
     fn add_ligament(&mut self, seed: u32) {
         let centre = seen_at(0.53, -0.2, 86.0);
-        self.add(Part::Ligament, (110, 80), |u, v| {
+        self.add(ScenePart::Ligament, (110, 80), |u, v| {
             let (x, r) = (-cosine(0.5 * v), sine(0.5 * v));
             let out = Vec3::new(r * cosine(u), x, r * sine(u));
             let p = centre + out * Vec3::new(17.0, 15.0 + 3.0 * out.x, 12.0);
@@ -184,14 +184,14 @@ impl Anatomy {
             (-14.0, 2.2),
             (-13.0, 0.0),
         ];
-        self.add(Part::Shaft, (41, ALONG.len() as u32), |u, v| {
+        self.add(ScenePart::Shaft, (41, ALONG.len() as u32), |u, v| {
             let (z, r) = ALONG[(v * (ALONG.len() - 1) as f32 + 0.5) as usize];
             (Vec3::new(r * cosine(u), r * sine(u), z), 1.0)
         });
     }
 
     /// Adds one closed jaw from hinge to rounded tip; `side` is +1 above the bite, −1 below.
-    fn add_jaw(&mut self, part: Part, side: f32) {
+    fn add_jaw(&mut self, part: ScenePart, side: f32) {
         self.add(part, (33, 48), |u, v| {
             let width = curve(&[2.0, 2.3, 2.4, 2.3, 2.0, 1.5], v) * smoothstep(0.0, 0.12, 1.0 - v).sqrt();
             let thick = curve(&[2.1, 2.3, 2.1, 1.8, 1.5, 1.1], v) * smoothstep(0.0, 0.12, 1.0 - v).sqrt();

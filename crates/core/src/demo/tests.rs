@@ -1,6 +1,7 @@
 //! Tests of the clip: the same bytes each time, and ground truth that is consistent with itself.
 
 use super::*;
+use crate::progress::{Progress, unobserved};
 use image::GenericImageView;
 use std::path::Path;
 
@@ -105,7 +106,8 @@ fn following_the_motion_finds_the_same_tissue_in_the_next_frame() {
 #[test]
 fn motion_is_the_derivative_of_the_moving_points() {
     // Two half steps and one whole step agree: the ground truth is smooth in time.
-    for (i, &part) in [shape::Part::Liver, shape::Part::Gallbladder, shape::Part::Omentum].iter().enumerate()
+    for (i, &part) in
+        [shape::ScenePart::Liver, shape::ScenePart::Gallbladder, shape::ScenePart::Omentum].iter().enumerate()
     {
         let p = Vec3::new(5.0 * i as f32, 9.0, 92.0);
         for f in 0..96 {
@@ -161,7 +163,11 @@ fn files_in(folder: &Path) -> usize {
 fn the_folder_holds_what_was_rendered() {
     let folder = tempfile::tempdir().unwrap();
     let (path, settings, mut heard) = (folder.path(), settings(false), Vec::new());
-    write(&settings, path, &mut |done, of| heard.push((done, of))).unwrap();
+    let mut hear = |p: &Progress<'_>| {
+        heard.push((p.done, p.total));
+        unobserved(p)
+    };
+    write(&settings, path, &mut hear).unwrap();
     assert_eq!(heard, [(0, 3), (1, 3), (2, 3), (3, 3)]);
     for kind in ["images", "depth", "labels", "masks", "motion"] {
         assert_eq!(files_in(&path.join(kind)), 3, "{kind}");
@@ -190,9 +196,9 @@ fn the_folder_holds_what_was_rendered() {
 fn a_clip_is_written_again_but_over_nothing_else() {
     let folder = tempfile::tempdir().unwrap();
     let one = DemoSettings { frames: 1, ..settings(false) };
-    write(&one, folder.path(), &mut |_, _| {}).unwrap();
-    write(&one, folder.path(), &mut |_, _| {}).unwrap();
-    let refused = write(&settings(false), folder.path(), &mut |_, _| {}).unwrap_err();
+    write(&one, folder.path(), &mut unobserved).unwrap();
+    write(&one, folder.path(), &mut unobserved).unwrap();
+    let refused = write(&settings(false), folder.path(), &mut unobserved).unwrap_err();
     assert!(refused.to_string().contains("does not hold this demo"), "{refused}");
     assert_eq!(files_in(&folder.path().join("images")), 1);
 }
@@ -200,7 +206,7 @@ fn a_clip_is_written_again_but_over_nothing_else() {
 #[test]
 fn a_moving_camera_is_described_in_opengl_axes() {
     let folder = tempfile::tempdir().unwrap();
-    write(&settings(true), folder.path(), &mut |_, _| {}).unwrap();
+    write(&settings(true), folder.path(), &mut unobserved).unwrap();
     let text = std::fs::read(folder.path().join("transforms.json")).unwrap();
     let told: serde_json::Value = serde_json::from_slice(&text).unwrap();
     assert_eq!(told["frames"].as_array().unwrap().len(), 3);

@@ -6,6 +6,7 @@ use crate::{
     camera::Camera,
     files::{is_free_folder, write_whole},
     grid::Mask,
+    progress::{Observer, Progress},
 };
 use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, Luma};
 use ndarray::Array3;
@@ -17,9 +18,9 @@ use std::{io::Cursor, path::Path};
 /// Size of one count in the depth pictures, in millimetres.
 const DEPTH_SCALE: f32 = 0.005;
 
-/// Writes the clip into `folder` as an ordinary sequence folder, creating it. `progress` gets (frames
-/// done, all frames). The folder must be new, empty, or hold the same clip (which is then written again).
-pub fn write(settings: &DemoSettings, folder: &Path, progress: &mut dyn FnMut(usize, usize)) -> Result<()> {
+/// Writes the clip into `folder` as an ordinary sequence folder, creating it. The folder must be
+/// new, empty, or hold the same clip (which is then written again).
+pub fn write(settings: &DemoSettings, folder: &Path, observer: &mut Observer<'_>) -> Result<()> {
     let demo = Demo::new(settings)?;
     let readme = readme(settings);
     claim(settings, folder)?;
@@ -30,10 +31,11 @@ pub fn write(settings: &DemoSettings, folder: &Path, progress: &mut dyn FnMut(us
         write_whole(&folder.join("transforms.json"), &to_json(&transforms(&demo), folder)?)?;
     }
     let mask = white_where(&demo.field_of_view(), &folder.join("masks"))?;
-    progress(0, settings.frames);
+    let mut tell = |done| Progress::new("recording the demo", done, settings.frames).tell(observer);
+    tell(0)?;
     for i in 0..settings.frames {
         write_frame(&demo.frame(i), &mask, folder, &format!("frame_{i:06}"))?;
-        progress(i + 1, settings.frames);
+        tell(i + 1)?;
     }
     Ok(())
 }

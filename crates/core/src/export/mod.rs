@@ -12,19 +12,23 @@
 //! anew unless they are finished. A file that does not belong to this export is never overwritten unless
 //! that is asked for.
 
+mod format;
 mod frame;
 mod options;
 mod outline;
 mod pictures;
 mod provenance;
 mod series;
+mod slugs;
 mod stamp;
 
-pub use options::{ExportOptions, ExportPrompt, Format, Source, num_files};
+pub use format::{Format, FormatGroup, num_files};
+pub use options::{ExportOptions, ExportPrompt, PictureSource};
 pub use provenance::{ExportedFile, FILE_NAME as PROVENANCE_FILE, Provenance, intended_use};
+pub use slugs::{distinct, slugs};
 
 use crate::{
-    Error, Result,
+    Error, Remedy, Result,
     files::{WholeFile, write_whole},
     grid::{Grid, Mask},
     hash::{file_sha256, sha256},
@@ -97,7 +101,7 @@ impl Export {
                 return Err(Error::input_at(
                     folder,
                     "the folder holds another export",
-                    "Choose an empty folder, or overwrite with `--force`.",
+                    Remedy::Replace.after("Choose an empty folder."),
                 ));
             }
             Some(_) => Record::new(provenance),
@@ -217,7 +221,7 @@ impl Export {
         if self.size.replace(size).is_some() {
             return Ok(());
         }
-        let plan = series::Plan { provenance: &self.record.provenance, frames: &self.frames, size };
+        let plan = series::SeriesPlan { provenance: &self.record.provenance, frames: &self.frames, size };
         for &format in &self.due {
             let name = series::name(format, &self.frames);
             let path = self.folder.join(&name);
@@ -321,41 +325,6 @@ fn labels_name() -> String {
     format!("{}/labels.json", Format::Index.name())
 }
 
-/// Returns the part of a file name that stands for a prompt: lower-case ASCII letters, digits and hyphens. If
-/// several prompts give the same name, or one gives none, `_` and a short hash of the prompt are added.
-pub fn slugs<'a>(prompts: impl IntoIterator<Item = &'a str>) -> Vec<String> {
-    let prompts: Vec<&str> = prompts.into_iter().collect();
-    distinct(&prompts, prompts.iter().map(|prompt| slug(prompt)).collect(), "prompt")
-}
-
-/// Makes names unique that several texts share, and gives `nameless` to texts without a name. Both get a
-/// hash of the text, so that no name depends on the order. Equal texts are numbered.
-pub fn distinct(texts: &[&str], names: Vec<String>, nameless: &str) -> Vec<String> {
-    // Some file systems do not distinguish upper and lower case.
-    let key = |name: &str| name.to_uppercase().to_lowercase();
-    let keys: Vec<String> = names.iter().map(|name| key(name)).collect();
-    let with_hash = |i: usize, name: &str| {
-        let hash = &sha256(texts[i].as_bytes())[..8];
-        match texts[..i].iter().filter(|text| **text == texts[i]).count() {
-            0 => format!("{name}_{hash}"),
-            earlier => format!("{name}_{hash}_{}", earlier + 1),
-        }
-    };
-    let is_unique = |i: usize| keys.iter().filter(|k| **k == keys[i]).count() == 1;
-    let name = |(i, name): (usize, String)| match (name.is_empty(), is_unique(i)) {
-        (true, _) => with_hash(i, nameless),
-        (false, true) => name,
-        (false, false) => with_hash(i, &name),
-    };
-    names.into_iter().enumerate().map(name).collect()
-}
-
-fn slug(text: &str) -> String {
-    let words = text.split(|c: char| !c.is_ascii_alphanumeric()).filter(|w| !w.is_empty());
-    let joined = words.map(str::to_ascii_lowercase).collect::<Vec<_>>().join("-");
-    joined.chars().take(40).collect::<String>().trim_end_matches('-').to_owned()
-}
-
 fn write_file(folder: &Path, frame: usize, file: pictures::File, overwrite: bool) -> Result<ExportedFile> {
     let path = folder.join(&file.name);
     let sha256 = sha256(&file.bytes);
@@ -373,7 +342,7 @@ fn is_to_be_written(path: &Path, sha256: &str, overwrite: bool) -> Result<bool> 
         Ok(_) if !overwrite => Err(Error::input_at(
             path,
             "a file of the export is there already, with other content",
-            "It was changed since. Choose an empty folder, or overwrite with `--force`.",
+            Remedy::Replace.after("It was changed since. Choose an empty folder."),
         )),
         _ => Ok(true),
     }
@@ -417,7 +386,7 @@ fn refuse_foreign_files(
         Some(name) => Err(Error::input_at(
             folder.join(name),
             "a file of this name is there already",
-            "Choose an empty folder, or overwrite with `--force`.",
+            Remedy::Replace.after("Choose an empty folder."),
         )),
     }
 }

@@ -19,12 +19,12 @@ pub(super) struct File {
 }
 
 /// Content of one file: a format, and a prompt if there is one file per prompt.
-type Part = (Format, Option<usize>);
+type PictureFile = (Format, Option<usize>);
 
 /// Returns the parts of a frame, in the order of their files.
-fn parts(provenance: &Provenance) -> Vec<Part> {
+fn parts(provenance: &Provenance) -> Vec<PictureFile> {
     let prompts = 0..provenance.prompts.len();
-    let of_format = |&format: &Format| -> Vec<Part> {
+    let of_format = |&format: &Format| -> Vec<PictureFile> {
         if format.is_per_prompt() {
             prompts.clone().map(|p| (format, Some(p))).collect()
         } else {
@@ -40,7 +40,7 @@ pub(super) fn names(provenance: &Provenance, frame: usize) -> Vec<String> {
     parts(provenance).into_iter().map(|part| name(part, frame, &slugs)).collect()
 }
 
-fn name((format, prompt): Part, frame: usize, slugs: &[String]) -> String {
+fn name((format, prompt): PictureFile, frame: usize, slugs: &[String]) -> String {
     let prompt = prompt.map_or(String::new(), |p| format!("_{}", slugs[p]));
     format!("{}/frame_{frame:06}{prompt}.{}", format.name(), format.extension())
 }
@@ -49,7 +49,7 @@ fn name((format, prompt): Part, frame: usize, slugs: &[String]) -> String {
 pub(super) fn draw(frame: &FrameContent<'_>) -> Result<Vec<File>> {
     let provenance = frame.provenance;
     let slugs = slugs(provenance.prompts.iter().map(|p| p.text.as_str()));
-    let draw_one = |part: Part| -> Result<File> {
+    let draw_one = |part: PictureFile| -> Result<File> {
         let bytes = match part {
             (Format::Cutout, Some(p)) => png(&cutout(frame.picture, &frame.masks[p]).into())?,
             (Format::Binary, Some(p)) => png(&binary(&frame.masks[p]).into())?,

@@ -1,5 +1,6 @@
 use super::*;
 use crate::{
+    Remedy,
     mask::CleanUp,
     overlay::{OverlayLook, OverlayStyle},
     relevancy::RelevancySettings,
@@ -185,7 +186,7 @@ fn nothing_foreign_is_overwritten_unless_asked_for() {
     std::fs::create_dir_all(mine.parent().unwrap()).unwrap();
     std::fs::write(&mine, b"mine").unwrap();
     let how = provenance(&[Format::Binary], false);
-    assert!(run(folder.path(), &[0], &how, false).unwrap_err().to_string().contains("--force"));
+    assert!(run(folder.path(), &[0], &how, false).unwrap_err().remedy() == Some(Remedy::Replace));
     assert_eq!(std::fs::read(&mine).unwrap(), b"mine");
     run(folder.path(), &[0], &how, true).unwrap();
     assert_ne!(std::fs::read(&mine).unwrap(), b"mine");

@@ -7,7 +7,7 @@ use super::{
     record::{RECORD_FILE, Record},
     whole::TEMPORARY,
 };
-use crate::{Error, Result};
+use crate::{Error, Remedy, Result};
 use std::{
     ffi::OsStr,
     io::ErrorKind,
@@ -102,7 +102,7 @@ impl OutputFolder {
         let begins_again = claim.unfinished == Earlier::BeginAgain && !record.complete;
         if !is_completed && !begins_again && !claim.replace {
             let what = format!("the folder holds another {}", claim.kind);
-            return Err(Error::input_at(path, what, "Choose a new folder, or replace it with `--force`."));
+            return Err(Error::input_at(path, what, Remedy::Replace.after("Choose a new folder.")));
         }
         require_own_files(&record, &target)?;
         if !is_completed && begins_again {

@@ -5,7 +5,7 @@ use super::{
     place::{Inputs, real_place, require_outside_of_outputs},
     whole::WholeFile,
 };
-use crate::{Error, Result};
+use crate::{Error, Remedy, Result};
 use std::{
     io::Write,
     path::{Path, PathBuf},
@@ -86,7 +86,7 @@ fn require_replaceable(path: &Path, real: &Path, claim: &FileClaim<'_>) -> Resul
     }
     if !claim.replace {
         let what = format!("there is an earlier result here ({})", claim.kind);
-        return Err(Error::input_at(path, what, "Give another name, or replace it with `--force`."));
+        return Err(Error::input_at(path, what, Remedy::Replace.after("Give another name.")));
     }
     Ok(true)
 }

@@ -1,10 +1,7 @@
 //! Real places of outputs once links are followed, and the inputs that they must not touch.
 
 use super::{absolute_path, full_path, record::Record};
-use crate::{
-    Error, Result,
-    sequence::{Sequence, settings_files},
-};
+use crate::{Error, Result};
 use std::{
     fs::Metadata,
     io::ErrorKind,
@@ -13,10 +10,10 @@ use std::{
 
 /// Inputs of a run, which it never writes into or over: recording, prepared folder, scene, models.
 #[derive(Clone, Debug, Default)]
-pub struct Inputs(Vec<Input>);
+pub struct Inputs(Vec<NamedInput>);
 
 #[derive(Clone, Debug)]
-struct Input {
+struct NamedInput {
     /// Description in words, e.g. "the recording".
     what: &'static str,
     /// Path without links.
@@ -33,7 +30,7 @@ impl Inputs {
     /// cannot be harmed.
     pub fn with(mut self, what: &'static str, path: &Path) -> Self {
         if !path.as_os_str().is_empty() {
-            self.0.push(Input { what, path: full_path(path) });
+            self.0.push(NamedInput { what, path: full_path(path) });
         }
         self
     }
@@ -43,19 +40,9 @@ impl Inputs {
         path.into_iter().fold(self, |inputs, path| inputs.with(what, path))
     }
 
-    /// Adds a recording and its settings.
-    pub fn with_recording(self, sequence: &Sequence) -> Self {
-        let settings = settings_files(sequence.path());
-        let inputs = self.with("the recording", sequence.path());
-        let folders = sequence.folders();
-        let inputs =
-            folders.iter().fold(inputs, |inputs, folder| inputs.with("a folder of the recording", folder));
-        settings.iter().fold(inputs, |inputs, file| inputs.with("a settings file of the recording", file))
-    }
-
     /// Returns an error if `output`, without links, is an input, lies in one, or has one inside.
     pub(super) fn require_apart(&self, output: &Path) -> Result<()> {
-        let refuse = |relation: &str, input: &Input| {
+        let refuse = |relation: &str, input: &NamedInput| {
             let what = format!("{relation} {}, and inputs are never written to", input.what);
             Err(Error::input_at(output, what, "Choose another place for the result."))
         };

@@ -1,4 +1,5 @@
 use super::*;
+use crate::Remedy;
 use std::io::Write;
 
 #[test]
@@ -70,8 +71,8 @@ fn a_result_is_replaced_on_request_alone_and_only_by_a_whole_one() {
     let place = folder.path().join("new/out");
     finished(&place, "first");
     let before = tree(folder.path());
-    let refused = take(&place, &Inputs::none(), false).unwrap_err().to_string();
-    assert!(refused.contains("--force") && refused.contains("thing"), "{refused}");
+    let refused = take(&place, &Inputs::none(), false).unwrap_err();
+    assert!(refused.remedy() == Some(Remedy::Replace) && refused.to_string().contains("thing"), "{refused}");
     {
         let output = take(&place, &Inputs::none(), true).unwrap();
         write_whole(&output.path().join("c.txt"), b"half").unwrap();

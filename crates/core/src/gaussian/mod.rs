@@ -25,6 +25,9 @@ pub struct Gaussians {
     pub latent_dim: usize,
 }
 
+/// Largest number of spherical-harmonic bands above 0, that of degree 3.
+pub const MAX_SH_BANDS: usize = 15;
+
 /// Y₀₀, the constant spherical harmonic.
 pub const SH_C0: f32 = 0.282_094_79;
 

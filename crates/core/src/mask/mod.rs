@@ -101,7 +101,7 @@ pub fn remove_small(mask: &Mask, min_area_px: usize) -> Mask {
 /// no holes.
 pub fn fill_holes(mask: &Mask, max_area_px: usize) -> Mask {
     let mut filled = mask.clone();
-    let is_hole = |p: &Part| !p.touches_border && p.pixels.len() <= max_area_px;
+    let is_hole = |p: &Component| !p.touches_border && p.pixels.len() <= max_area_px;
     for part in parts(mask, false, false).into_iter().filter(is_hole) {
         part.pixels.into_iter().for_each(|i| filled.data[i] = true);
     }
@@ -109,13 +109,13 @@ pub fn fill_holes(mask: &Mask, max_area_px: usize) -> Mask {
 }
 
 /// A connected part of a mask.
-struct Part {
+struct Component {
     pixels: Vec<usize>,
     touches_border: bool,
 }
 
 /// Connected parts of pixels equal to `value`, in order of their first pixel.
-fn parts(mask: &Mask, value: bool, diagonal: bool) -> Vec<Part> {
+fn parts(mask: &Mask, value: bool, diagonal: bool) -> Vec<Component> {
     const STEPS: [(isize, isize); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)];
     let steps = &STEPS[..if diagonal { 8 } else { 4 }];
     let (w, h) = (mask.width, mask.height);
@@ -125,7 +125,7 @@ fn parts(mask: &Mask, value: bool, diagonal: bool) -> Vec<Part> {
         if !std::mem::take(&mut open[start]) {
             continue;
         }
-        let mut part = Part { pixels: vec![start], touches_border: false };
+        let mut part = Component { pixels: vec![start], touches_border: false };
         let mut next = 0;
         while let Some(&i) = part.pixels.get(next) {
             next += 1;

@@ -289,12 +289,13 @@ fn frame_of(name: &str, sequence: &Sequence) -> Option<usize> {
 mod tests {
     use super::*;
     use crate::demo::{self, DemoSettings};
+    use crate::progress::unobserved;
     use image::{GrayImage, Luma};
 
     fn recording() -> (tempfile::TempDir, Sequence) {
         let folder = tempfile::tempdir().unwrap();
         let settings = DemoSettings { width: 32, height: 24, frames: 12, ..Default::default() };
-        demo::write(&settings, folder.path(), &mut |_, _| {}).unwrap();
+        demo::write(&settings, folder.path(), &mut unobserved).unwrap();
         let sequence = Sequence::open(folder.path()).unwrap();
         (folder, sequence)
     }

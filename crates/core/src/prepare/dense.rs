@@ -3,7 +3,7 @@
 //! over the recording.
 
 use super::{FrameFeatures, NO_REGION, RegionMap};
-use crate::{codec::normalise_rows, grid::Grid, sequence::Sequence};
+use crate::{codec::normalise_rows, grid::Grid, segment::DenseMap, sequence::Sequence};
 use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;
 
@@ -16,36 +16,7 @@ const ROUNDS: usize = 6;
 /// Number of places that one thread compares at once.
 const PLACES_AT_ONCE: usize = 1024;
 
-/// Embeddings of the places of a picture.
-#[derive(Clone, Debug, PartialEq)]
-pub struct DenseMap {
-    /// Columns of places.
-    pub width: usize,
-    /// Rows of places.
-    pub height: usize,
-    /// Length of an embedding.
-    pub dim: usize,
-    /// [height][width][dim].
-    pub values: Vec<f32>,
-}
-
 impl DenseMap {
-    /// Creates a map from planes [dim][height][width]; surplus values are left out. Panics if there are
-    /// fewer (a programming error).
-    pub fn of_planes(width: usize, height: usize, dim: usize, planes: &[f32]) -> Self {
-        let places = width * height;
-        let place = |i: usize| (0..dim).map(move |c| planes[c * places + i]);
-        Self { width, height, dim, values: (0..places).flat_map(place).collect() }
-    }
-
-    /// Keeps the first `width` columns and `height` rows.
-    pub fn cropped(self, width: usize, height: usize) -> Self {
-        let (width, height) = (width.min(self.width), height.min(self.height));
-        let rows = self.values.chunks_exact((self.width * self.dim).max(1)).take(height);
-        let values = rows.flat_map(|row| &row[..width * self.dim]).copied().collect();
-        Self { width, height, dim: self.dim, values }
-    }
-
     /// Merges places with nearly the same direction into regions, at the size of the frames, with the
     /// mean direction of each. Places without a direction (zero, not finite) belong to none.
     pub fn into_features(self, sequence: &Sequence) -> FrameFeatures {
@@ -150,11 +121,5 @@ mod tests {
             assert!(row(3)[0] > 0.999 && row(25)[1] > 0.999);
         }
         assert_eq!(found, halves(30, 20).clustered(8, 30, 20));
-    }
-
-    #[test]
-    fn planes_become_places() {
-        let map = DenseMap::of_planes(2, 1, 3, &[1.0, 2.0, 10.0, 20.0, 100.0, 200.0]);
-        assert_eq!(map.values, [1.0, 10.0, 100.0, 2.0, 20.0, 200.0]);
     }
 }

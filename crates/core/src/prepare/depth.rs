@@ -7,19 +7,16 @@ use crate::{
     files::write_whole_with,
     grid::Grid,
     num::percentile,
-    sequence::{DepthKind, MONOCULAR_BASELINE, Sequence, npy_map},
+    progress::{Observer, Progress},
+    sequence::{DepthKind, EstimatedDepth, MONOCULAR_BASELINE, Sequence, depth_file, npy_map},
 };
 use image::RgbImage;
 use ndarray::ArrayView2;
 use ndarray_npy::WriteNpyExt;
-use std::{
-    ops::ControlFlow,
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use std::{path::Path, sync::Arc};
 
-/// Subfolder of estimated depth.
-pub(super) const DEPTH: &str = "depth";
+/// Stage of the estimation in its progress.
+const STAGE: &str = "estimating depth";
 /// Smallest usable share of a frame's values.
 const MIN_USABLE: f64 = 0.5;
 /// Smallest and largest factor that the depth of a frame may span, the extremes left out.
@@ -28,19 +25,6 @@ const SPAN: [f32; 2] = [1.001, 1e4];
 const SAMPLES: usize = 48;
 /// Correlation of brightness with depth above which something is wrong: endoscopes light near surfaces more.
 const MAX_CORRELATION: f64 = 0.3;
-
-/// Source of estimated depth, and findings about it.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct EstimatedDepth {
-    /// SHA-256 of the network.
-    pub network: String,
-    /// Kind of values that it gives.
-    pub kind: DepthKind,
-    /// Largest scale of a single frame divided by the smallest; 1 if the scales were left as they are.
-    pub drift: f32,
-    /// Notes for the user.
-    pub notes: Vec<String>,
-}
 
 /// An estimator of depth: `estimate` gives depth or disparity (`kind`) of a picture, at any size.
 pub struct Estimator<'a> {
@@ -57,18 +41,18 @@ pub struct Estimator<'a> {
 /// becomes z = focal length · 1.0877 / disparity, as the paper's authors have it. The frames' scales are
 /// fitted to one another, unless the camera moves by known poses.
 ///
-/// `progress` gets (frames done, frames) and may ask to stop. Fails if the recording has depth, if most
-/// of a frame's values are unusable, or if they are all the same or span more than any scene.
+/// Fails if the recording has depth, if most of a frame's values are unusable, if they are all the same or
+/// span more than any scene, or if the observer asks to stop.
 pub fn estimate_depth(
     sequence: &Sequence,
     estimator: Estimator<'_>,
     eval: bool,
     folder: &Path,
-    progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
+    observer: &mut Observer<'_>,
 ) -> Result<Sequence> {
     if sequence.has_depth() {
         let what = "the recording has depth already";
-        return Err(Error::input_at(sequence.path(), what, "Leave `--depth-model` out."));
+        return Err(Error::input_at(sequence.path(), what, "Leave the depth network out."));
     }
     clear_folder(folder, sequence)?;
     let frames = used_frames(sequence, eval);
@@ -76,9 +60,7 @@ pub fn estimate_depth(
     let mut samples = Vec::new();
     let mut light = Correlation::default();
     for (done, &i) in frames.iter().enumerate() {
-        if progress(done, frames.len()).is_break() {
-            return Err(Error::Cancelled);
-        }
+        Progress::new(STAGE, done, frames.len()).tell(observer)?;
         let image = sequence.frame(i)?;
         let focal = f64::from(sequence.camera(i).fx);
         let depth = as_depth(&estimate(&image)?, kind, focal);
@@ -100,22 +82,12 @@ pub fn estimate_depth(
     } else {
         equalise(folder, &frames, &log_scales(&samples))?
     };
-    progress(frames.len(), frames.len()).is_continue().then_some(()).ok_or(Error::Cancelled)?;
+    Progress::new(STAGE, frames.len(), frames.len()).tell(observer)?;
     Ok(sequence.clone().with_estimated_depth(
         folder,
         EstimatedDepth { network: network.to_owned(), kind, drift, notes },
         Arc::default(),
     ))
-}
-
-/// Returns the path of the depth file of frame `i` in a prepared folder.
-pub(crate) fn depth_file(folder: &Path, i: usize) -> PathBuf {
-    folder.join(depth_name(i))
-}
-
-/// Returns the path of the depth file of frame `i`, inside the folder.
-pub(crate) fn depth_name(i: usize) -> String {
-    format!("{DEPTH}/frame_{i:06}.npy")
 }
 
 /// Converts the network's values to z in scene units, 0 where they are unusable.

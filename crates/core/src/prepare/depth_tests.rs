@@ -3,6 +3,7 @@
 use super::*;
 use crate::{
     codec::CodecSettings,
+    progress::{Progress, unobserved},
     sequence::{DepthKind, MONOCULAR_BASELINE},
 };
 use image::{Rgb, RgbImage};
@@ -37,7 +38,7 @@ fn estimate(
     network: &mut dyn FnMut(&RgbImage) -> Result<Grid<f32>>,
 ) -> Result<Sequence> {
     let estimator = Estimator { network: "00", kind: DepthKind::Disparity, estimate: network };
-    estimate_depth(sequence, estimator, eval, folder, &mut |_, _| ControlFlow::Continue(()))
+    estimate_depth(sequence, estimator, eval, folder, &mut unobserved)
 }
 
 #[test]
@@ -84,7 +85,7 @@ fn prepared_folders_keep_it_and_held_out_frames_have_none() {
             true,
             &quick,
             &folder,
-            &mut |_, _, _| {},
+            &mut unobserved,
         )
     };
     let with_depth = estimate(&sequence, &folder, true, &mut disparity).unwrap();
@@ -120,7 +121,7 @@ fn networks_that_make_no_sense_are_named() {
     let reversed = &mut |image: &RgbImage| Ok(disparity(image)?.map(|d| 1.0 / d));
     let about = estimate(&sequence, &prep, false, reversed).unwrap();
     assert!(about.estimated_depth().unwrap().notes[0].contains("may be disparity"));
-    let report = crate::sequence::check(&about, &mut |_, _| {});
+    let report = crate::sequence::check(&about, &mut unobserved).unwrap();
     assert!(report.ok && report.depth.starts_with("estimated by a network"), "{}", report.depth);
     assert!(report.warnings.iter().any(|w| w.contains("may be disparity")), "{:?}", report.warnings);
     let again = estimate(&about, &prep, false, &mut disparity).unwrap_err().to_string();
@@ -133,7 +134,7 @@ fn it_stops_when_asked_to() {
     let sequence = write_clip(&place.path().join("clip"));
     let estimator = Estimator { network: "00", kind: DepthKind::Disparity, estimate: &mut disparity };
     let mut stop =
-        |done: usize, _: usize| if done == 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+        |p: &Progress<'_>| if p.done == 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
     let stopped = estimate_depth(&sequence, estimator, false, &place.path().join("prep"), &mut stop);
     assert!(matches!(stopped, Err(Error::Cancelled)));
 }

@@ -1,13 +1,13 @@
 //! Reads and writes the files of a prepared folder.
 
-use super::{EncoderIdentity, EstimatedDepth, Origin, RegionMap};
+use super::{EncoderIdentity, Origin, RegionMap};
 use crate::{
     Error, Result,
     codec::{Codec, CodecSettings},
     files::{full_path, write_whole},
-    hash::sha256,
+    hash::{require_sha256, sha256},
     reading::{MOST_BYTES, read_regular, values},
-    sequence::{Class, Identity, Sequence, shared_identity},
+    sequence::{Class, EstimatedDepth, Identity, Sequence, shared_identity},
 };
 use image::{DynamicImage, ImageBuffer, Luma};
 use ndarray::{Array2, ArrayD, ArrayView2, ArrayViewD, Ix2, IxDyn};
@@ -204,17 +204,9 @@ impl Manifest {
     fn read_checked(&self, folder: &Path, name: &str) -> Result<BTreeMap<String, ArrayD<f32>>> {
         let path = folder.join(name);
         let bytes = read_regular(&path, MOST_BYTES).map_err(|e| Error::io("read the file", &path, e))?;
-        require_checksum(&path, &bytes, self.sha256.get(name).map_or("", String::as_str))?;
+        require_sha256(&path, &bytes, self.sha256.get(name).map_or("", String::as_str), AGAIN)?;
         from_safetensors(&bytes).map_err(|e| Error::input_at(&path, e, AGAIN))
     }
-}
-
-/// Returns an error if the bytes of the file at `path` are not those that were written.
-pub(crate) fn require_checksum(path: &Path, bytes: &[u8], expected: &str) -> Result<()> {
-    if sha256(bytes) == expected {
-        return Ok(());
-    }
-    Err(Error::input_at(path, "the file is damaged or was changed: its checksum differs", AGAIN))
 }
 
 /// Returns the path of the region map of frame `i`, inside the folder.
@@ -240,7 +232,7 @@ pub(super) fn write_region_map(path: &Path, map: RegionMap) -> Result<String> {
 pub(super) fn read_region_map(path: &Path, sha256: Option<&str>) -> Result<RegionMap> {
     if let Some(sha256) = sha256 {
         let bytes = read_regular(path, MOST_BYTES).map_err(|e| Error::io("read the region map", path, e))?;
-        require_checksum(path, &bytes, sha256)?;
+        require_sha256(path, &bytes, sha256, AGAIN)?;
     }
     match values(path)?.image {
         DynamicImage::ImageLuma16(image) => {

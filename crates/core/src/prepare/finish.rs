@@ -2,7 +2,6 @@
 
 use super::{
     Prepared,
-    depth::{DEPTH, depth_file, depth_name},
     files::{MANIFEST, Manifest, REGIONS},
 };
 use crate::{
@@ -10,7 +9,8 @@ use crate::{
     codec::{Codec, CodecSettings},
     files::{full_path, is_free_folder, is_taken, write_whole},
     hash::file_sha256,
-    sequence::Sequence,
+    progress::Observer,
+    sequence::{DEPTH, Sequence, depth_file, depth_name},
 };
 use ndarray::Array2;
 use std::path::Path;
@@ -22,13 +22,12 @@ pub(super) fn finish(
     rows: Vec<f32>,
     settings: &CodecSettings,
     folder: &Path,
-    progress: &mut dyn FnMut(&str, usize, usize),
+    observer: &mut Observer<'_>,
 ) -> Result<Prepared> {
     let table = Array2::from_shape_vec((manifest.row_pixels.len(), manifest.encoder.dim), rows)
         .map_err(|e| Error::input(format!("the embeddings cannot be tabulated: {e}"), ""))?;
     let weights: Vec<f32> = manifest.row_pixels.iter().map(|&p| p as f32).collect();
-    let mut tell = |done, all| progress("training the codec", done, all);
-    let codec = Codec::train(table.view(), &weights, settings, &mut tell)?;
+    let codec = Codec::train(table.view(), &weights, settings, observer)?;
     let latents = codec.encode(table.view());
     manifest.write_tensors(folder, &codec, table.view(), latents.view())?;
     if manifest.depth.is_some() {

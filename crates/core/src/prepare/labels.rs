@@ -6,9 +6,10 @@ use super::{
     finish::{clear_folder, finish},
 };
 use crate::{
-    Error, Result,
+    Error, Remedy, Result,
     codec::CodecSettings,
     num,
+    progress::{Observer, Progress},
     sequence::{NO_LABEL, Sequence},
 };
 use rayon::prelude::*;
@@ -22,7 +23,7 @@ const FRAMES_AT_ONCE: usize = 8;
 ///
 /// Pixels outside the supervision mask or without a label get no feature. A class that has no pixel left in
 /// any training frame gets no row. `folder` is created; a prepared folder is overwritten, any other that is
-/// not empty is refused. `progress` gets a description of the current step, the amount done and the total.
+/// not empty is refused.
 pub fn prepare_from_labels(
     sequence: Sequence,
     encoder: EncoderIdentity,
@@ -30,18 +31,18 @@ pub fn prepare_from_labels(
     eval: bool,
     settings: &CodecSettings,
     folder: &Path,
-    progress: &mut dyn FnMut(&str, usize, usize),
+    observer: &mut Observer<'_>,
 ) -> Result<Prepared> {
     let embeddings = checked_embeddings(&sequence, &encoder, embeddings)?;
     let frames: Vec<usize> =
         (0..sequence.num_frames()).filter(|&i| !(eval && Sequence::is_test_frame(i))).collect();
-    let pixels = count_pixels(&sequence, &frames, progress)?;
+    let pixels = count_pixels(&sequence, &frames, observer)?;
     let present: Vec<usize> = (0..sequence.classes().len()).filter(|&k| pixels[k] > 0).collect();
     if present.is_empty() {
         return Err(Error::input_at(
             sequence.path(),
             "no pixel of the training frames has a label inside the supervision mask",
-            "Check the label masks and the polarity of the masks with `surgtpgs check`.",
+            Remedy::CheckRecording.after("Check the label masks and the polarity of the masks."),
         ));
     }
     clear_folder(folder, &sequence)?;
@@ -60,11 +61,12 @@ pub fn prepare_from_labels(
             manifest.region_frames.push(i);
             manifest.sha256.insert(region_file(i), sha256);
         }
-        progress("writing features", (done * FRAMES_AT_ONCE + part.len()).min(frames.len()), frames.len());
+        let done = done * FRAMES_AT_ONCE + part.len();
+        Progress::new("writing features", done, frames.len()).tell(observer)?;
     }
 
     let rows = present.iter().flat_map(|&k| embeddings[k].iter().copied()).collect();
-    finish(manifest, rows, settings, folder, progress)
+    finish(manifest, rows, settings, folder, observer)
 }
 
 /// Checks that there is one unit row per class of the sequence, as long as the encoder says.
@@ -104,11 +106,7 @@ fn checked_embeddings(
 }
 
 /// Counts the pixels of each class over `frames`, in the order of the sequence's classes.
-fn count_pixels(
-    sequence: &Sequence,
-    frames: &[usize],
-    progress: &mut dyn FnMut(&str, usize, usize),
-) -> Result<Vec<u64>> {
+fn count_pixels(sequence: &Sequence, frames: &[usize], observer: &mut Observer<'_>) -> Result<Vec<u64>> {
     let classes = sequence.classes();
     let rows = rows_by_id(sequence, &(0..classes.len()).collect::<Vec<_>>());
     let mut pixels = vec![0_u64; classes.len()];
@@ -117,7 +115,8 @@ fn count_pixels(
         for row in maps.iter().flatten().flat_map(|m| &m.data).filter(|&&row| row != NO_REGION) {
             pixels[usize::from(*row)] += 1;
         }
-        progress("reading labels", (done * FRAMES_AT_ONCE + part.len()).min(frames.len()), frames.len());
+        let done = done * FRAMES_AT_ONCE + part.len();
+        Progress::new("reading labels", done, frames.len()).tell(observer)?;
     }
     Ok(pixels)
 }
@@ -144,7 +143,7 @@ fn region_map(sequence: &Sequence, i: usize, rows: &[u16; 256]) -> Result<Option
                 "labels ({}×{}) or mask ({}×{}) of frame {i} differ in size from the pictures",
                 sizes[0].0, sizes[0].1, sizes[1].0, sizes[1].1
             ),
-            "Check the recording with `surgtpgs check`.",
+            Remedy::CheckRecording.after(""),
         ));
     }
     let row = |(&label, &keep): (&u8, &bool)| if keep { rows[usize::from(label)] } else { NO_REGION };

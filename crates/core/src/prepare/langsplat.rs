@@ -3,8 +3,15 @@
 //! plane per level, -1 where there is none. The authors' newer scripts write `NAME_agg.npy` [1, h, w,
 //! dim] instead, with an embedding for every place.
 
-use super::{DenseMap, FrameFeatures, NO_REGION, Prepared, RegionMap, files::Manifest};
-use crate::{Error, Result, files::write_whole_with, reading::npy_f32, segment::Level, sequence::Sequence};
+use super::{FrameFeatures, NO_REGION, Prepared, RegionMap, files::Manifest};
+use crate::{
+    Error, Result,
+    files::write_whole_with,
+    progress::{Observer, Progress},
+    reading::npy_f32,
+    segment::{DenseMap, Level},
+    sequence::Sequence,
+};
 use ndarray::{Array2, Array3, ArrayView2, Axis};
 use ndarray_npy::WriteNpyExt;
 use std::path::{Path, PathBuf};
@@ -64,19 +71,16 @@ pub fn read_langsplat(
 
 /// Writes the features of a prepared folder into `folder`: `language_features` with the embeddings and
 /// `language_features_dim3` with their latents (whatever their number D). All levels are the same. Frames
-/// are named like their pictures. `progress` gets (frames done, frames).
-pub fn write_langsplat(
-    prepared: &Prepared,
-    folder: &Path,
-    progress: &mut dyn FnMut(usize, usize),
-) -> Result<()> {
+/// are named like their pictures.
+pub fn write_langsplat(prepared: &Prepared, folder: &Path, observer: &mut Observer<'_>) -> Result<()> {
     let table = Manifest::read(&prepared.folder)?.read_tensors(&prepared.folder)?.1;
     let latent_dim = prepared.codec.latent_dim();
     let latents = ArrayView2::from_shape((prepared.num_rows(), latent_dim), &prepared.latents)
         .map_err(|e| Error::input_at(&prepared.folder, e.to_string(), "Prepare the recording again."))?;
     let n = prepared.sequence.num_frames();
+    let mut tell = |done| Progress::new("writing .npy files", done, n).tell(observer);
     for i in 0..n {
-        progress(i, n);
+        tell(i)?;
         let Some(regions) = prepared.regions(i)? else { continue };
         let mut rows: Vec<usize> =
             regions.data.iter().filter(|r| **r != NO_REGION).map(|r| usize::from(*r)).collect();
@@ -97,8 +101,7 @@ pub fn write_langsplat(
             write(&to_maps, |file| maps.write_npy(file))?;
         }
     }
-    progress(n, n);
-    Ok(())
+    tell(n)
 }
 
 /// Largest number of values per place in maps that the authors' autoencoder has compressed.

@@ -5,6 +5,7 @@ use super::*;
 use crate::{
     codec::CodecSettings,
     grid::Grid,
+    progress::{Progress, unobserved},
     segment::{BitMask, Level, MaskSettings, tests::ByColour},
 };
 use image::{Rgb, RgbImage};
@@ -70,8 +71,7 @@ impl Place {
     fn make(&self, model: &str, settings: &MaskSettings, eval: bool) -> usize {
         let mut segmenter = ByColour::new(|_, _| 0.95);
         let prep = self.prep();
-        let mut go_on = |_: usize, _: usize, _: &str| ControlFlow::Continue(());
-        self.store(&prep, settings, model).make_masks(&mut segmenter, eval, &mut go_on).unwrap();
+        self.store(&prep, settings, model).make_masks(&mut segmenter, eval, &mut unobserved).unwrap();
         segmenter.images_seen
     }
 
@@ -94,7 +94,7 @@ impl Place {
             eval,
             &QUICK,
             &prep,
-            &mut |_, _, _| {},
+            &mut unobserved,
         )
     }
 }
@@ -144,8 +144,8 @@ fn an_interrupted_preparation_goes_on_where_it_was() {
     let place = Place::new();
     let (prep, settings) = (place.prep(), settings());
     let mut segmenter = ByColour::new(|_, _| 0.95);
-    let mut stop_at_third = |done: usize, _: usize, _: &str| {
-        if done == 2 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    let mut stop_at_third = |p: &Progress<'_>| {
+        if p.done == 2 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
     let stopped =
         place.store(&prep, &settings, "model").make_masks(&mut segmenter, false, &mut stop_at_third);
@@ -197,7 +197,7 @@ fn features_that_do_not_fit_are_named() {
             false,
             &QUICK,
             &prep,
-            &mut |_, _, _| {},
+            &mut unobserved,
         );
         done.unwrap_err().to_string()
     };
@@ -215,7 +215,7 @@ fn langsplat_files_are_written_and_read_back() {
     place.make("model", &settings(), false);
     let prepared = place.prepare(false, 3).unwrap();
     let out = place.folder.path().join("out");
-    write_langsplat(&prepared, &out, &mut |_, _| {}).unwrap();
+    write_langsplat(&prepared, &out, &mut unobserved).unwrap();
 
     // As the authors' loaders expect them: float32, one plane per level, -1 for no mask, unit rows.
     let read = |name: &str| crate::reading::npy(&out.join(name)).unwrap();

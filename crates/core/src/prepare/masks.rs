@@ -7,21 +7,22 @@ use super::{
     used_frames,
 };
 use crate::{
-    Error, Result,
+    Error, Remedy, Result,
     codec::CodecSettings,
     files::write_whole,
     hash::sha256,
     num,
+    progress::{Observer, Progress},
     reading::{MOST_BYTES, read_regular},
     segment::{BitMask, FrameMasks, Level, MaskSettings, PointSegmenter, automatic_masks},
     sequence::Sequence,
 };
 use image::RgbImage;
 use ndarray::{Array2, Ix2};
-use std::{
-    ops::ControlFlow,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
+
+/// Stage of making masks in its progress.
+const STAGE: &str = "finding masks";
 
 /// Source of the features of a prepared folder.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -81,7 +82,7 @@ pub fn prepare_from_features(
     eval: bool,
     settings: &CodecSettings,
     folder: &Path,
-    progress: &mut dyn FnMut(&str, usize, usize),
+    observer: &mut Observer<'_>,
 ) -> Result<Prepared> {
     clear_folder(folder, &sequence)?;
     let mut manifest = Manifest::of(&sequence, folder, eval, encoder, settings)?;
@@ -89,7 +90,7 @@ pub fn prepare_from_features(
     let mut table = Vec::new();
     let frames = used_frames(&sequence, eval);
     for (done, &i) in frames.iter().enumerate() {
-        progress("writing features", done, frames.len());
+        Progress::new("writing features", done, frames.len()).tell(observer)?;
         let Some(found) = features(i)? else { continue };
         let (map, rows, pixels) =
             numbered(&sequence, i, found, manifest.row_pixels.len(), manifest.encoder.dim)?;
@@ -103,10 +104,10 @@ pub fn prepare_from_features(
         return Err(Error::input_at(
             sequence.path(),
             "no region of the training frames lies inside the supervision mask",
-            "Check the polarity of the masks with `surgtpgs check`.",
+            Remedy::CheckRecording.after("Check the polarity of the masks."),
         ));
     }
-    finish(manifest, table, settings, folder, progress)
+    finish(manifest, table, settings, folder, observer)
 }
 
 /// Returns the region map of frame `i` with rows numbered from `first` on, those rows (flat, unit) and
@@ -184,14 +185,13 @@ pub struct MaskStore<'a> {
 pub type Embed<'a> = dyn FnMut(&RgbImage, &[&BitMask]) -> Result<Vec<Vec<f32>>> + 'a;
 
 impl MaskStore<'_> {
-    /// Makes the masks of all frames that have none yet; `eval` leaves out those held out. `progress`
-    /// gets (frames done, frames, share of the current one in words) and may ask to stop: the error is
-    /// then [`Error::Cancelled`], and finished masks are used the next time.
+    /// Makes the masks of all frames that have none yet; `eval` leaves out those held out. If the observer
+    /// asks to stop, the error is [`Error::Cancelled`], and finished masks are used the next time.
     pub fn make_masks(
         &self,
         segmenter: &mut dyn PointSegmenter,
         eval: bool,
-        progress: &mut dyn FnMut(usize, usize, &str) -> ControlFlow<()>,
+        observer: &mut Observer<'_>,
     ) -> Result<()> {
         // The folder is marked as ours before hours of work go into it.
         clear_folder(self.folder, self.sequence)?;
@@ -203,12 +203,14 @@ impl MaskStore<'_> {
                 continue;
             }
             let keep = self.sequence.mask(i)?;
-            let mut within =
-                |asked: usize, all: usize| progress(done, frames.len(), &format!("point {asked} of {all}"));
+            let mut within = |of_frame: &Progress<'_>| {
+                let detail = format!("point {} of {}", of_frame.done, of_frame.total);
+                observer(&Progress { detail: &detail, ..Progress::new(STAGE, done, frames.len()) })
+            };
             automatic_masks(segmenter, &image, &keep, self.settings, &mut within)?
                 .save(&self.mask_file(i), &key)?;
         }
-        progress(frames.len(), frames.len(), "").is_continue().then_some(()).ok_or(Error::Cancelled)
+        Progress::new(STAGE, frames.len(), frames.len()).tell(observer)
     }
 
     /// Returns the features of frame `i` from its masks of `level`, which must have been made. `encoder`

@@ -29,10 +29,7 @@ mod masks;
 #[cfg(test)]
 mod tests;
 
-pub use dense::DenseMap;
-pub use depth::{EstimatedDepth, Estimator, estimate_depth};
-pub(crate) use depth::{depth_file, depth_name};
-pub(crate) use files::require_checksum;
+pub use depth::{Estimator, estimate_depth};
 pub use labels::prepare_from_labels;
 pub use langsplat::{holds_langsplat, read_langsplat, write_langsplat};
 pub use masks::{FrameFeatures, MASKS_AND_EMBEDDINGS, MaskStore, Origin, prepare_from_features};

@@ -1,7 +1,7 @@
 //! Tests of preparing tiny CholecSeg8K folders, and of opening old and damaged ones.
 
 use super::*;
-use crate::codec::CodecSettings;
+use crate::{codec::CodecSettings, progress::unobserved};
 use image::{GrayImage, Luma, Rgb, RgbImage};
 use std::fs;
 
@@ -56,7 +56,7 @@ fn embeddings(sequence: &Sequence) -> Vec<Vec<f32>> {
 fn prepare(clip: &Path, folder: &Path, eval: bool) -> Result<Prepared> {
     let sequence = Sequence::open(clip)?;
     let embeddings = embeddings(&sequence);
-    prepare_from_labels(sequence, encoder(), &embeddings, eval, &QUICK, folder, &mut |_, _, _| {})
+    prepare_from_labels(sequence, encoder(), &embeddings, eval, &QUICK, folder, &mut unobserved)
 }
 
 /// Makes a temporary folder with a clip and its prepared folder.
@@ -164,7 +164,7 @@ fn wrong_embeddings_are_named() {
             false,
             &QUICK,
             &folder,
-            &mut |_, _, _| {},
+            &mut unobserved,
         );
         assert!(!folder.exists());
         result.unwrap_err().to_string()

@@ -52,7 +52,7 @@ pub fn raster_backward_with(
 ) -> (Vec<SplatGradient<f32>>, Vec<f32>) {
     let slot = slot_width(packed.channels);
     slots.resize(bins.splat.len() * slot, 0.0);
-    let job = Job { packed, bins, images, g_planes };
+    let job = BackwardInput { packed, bins, images, g_planes };
     tile_row_slots(slots, bins, slot).into_par_iter().enumerate().for_each_init(
         Scratch::default,
         |scratch, (tile_y, slots)| {
@@ -74,7 +74,7 @@ fn tile_row_slots<'a>(mut slots: &'a mut [f32], bins: &Bins, slot: usize) -> Vec
         .collect()
 }
 
-struct Job<'a> {
+struct BackwardInput<'a> {
     packed: &'a Packed,
     bins: &'a Bins,
     images: &'a Images,
@@ -94,7 +94,7 @@ struct Scratch {
 #[simd]
 fn replay_strip<S: Simd, const CHANNELS: usize>(
     simd: S,
-    job: &Job<'_>,
+    job: &BackwardInput<'_>,
     scratch: &mut Scratch,
     tile_y: usize,
     slots: &mut [f32],
@@ -115,7 +115,7 @@ fn replay_strip<S: Simd, const CHANNELS: usize>(
 
 /// Loads the gradients of a tile and starts its state. Returns a bit for each block that has gradients.
 fn load_tile<const CHANNELS: usize>(
-    job: &Job<'_>,
+    job: &BackwardInput<'_>,
     scratch: &mut Scratch,
     tile_x: usize,
     tile_y: usize,

@@ -4,8 +4,8 @@
 use super::{DILATION, FRUSTUM_GUARD, MIN_ALPHA, MIN_EXTENT, NEAR, sh};
 use crate::{
     camera::Camera,
-    deform::Deformed,
-    gaussian::{Gaussians, SH_C0},
+    deform::{Deformed, Geometry},
+    gaussian::{Gaussians, MAX_SH_BANDS, SH_C0},
     real::{
         Matrix, Real, Vector, dot, multiply, rotation_matrix, rotation_matrix_backward, sum, transform,
         transform_transposed,
@@ -14,7 +14,7 @@ use crate::{
 
 /// A camera in the form that the formulas need.
 #[derive(Clone, Copy, Debug)]
-pub struct View<T> {
+pub struct CameraView<T> {
     rotation: Matrix<T, 3, 3>,
     translation: Vector<T, 3>,
     position: Vector<T, 3>,
@@ -24,7 +24,7 @@ pub struct View<T> {
     guard: [(T, T); 2],
 }
 
-impl<T: Real> View<T> {
+impl<T: Real> CameraView<T> {
     /// Makes a view of a camera.
     pub fn new(camera: &Camera) -> Self {
         let (m, t) = (camera.camera_from_world.matrix3, camera.camera_from_world.translation);
@@ -146,17 +146,6 @@ impl<T: Real> SplatGradient<T> {
     }
 }
 
-/// The geometry of one Gaussian before projection.
-#[derive(Clone, Copy, Debug)]
-pub struct Geometry<T> {
-    /// Centre in the world.
-    pub mean: Vector<T, 3>,
-    /// Unit quaternion (w, x, y, z).
-    pub rotation: Vector<T, 4>,
-    /// Standard deviations.
-    pub scale: Vector<T, 3>,
-}
-
 /// Intermediate values for forward and backward: camera point, Jacobian and the 2×3 square root U of the
 /// covariance.
 struct Footprint<T> {
@@ -169,7 +158,7 @@ struct Footprint<T> {
 }
 
 impl<T: Real> Footprint<T> {
-    fn new(view: &View<T>, geometry: &Geometry<T>) -> Option<Self> {
+    fn new(view: &CameraView<T>, geometry: &Geometry<T>) -> Option<Self> {
         let rotated = transform(&view.rotation, geometry.mean);
         let point: Vector<T, 3> = std::array::from_fn(|i| rotated[i] + view.translation[i]);
         // Negated so that NaN fails too.
@@ -211,7 +200,7 @@ impl<T: Real> Footprint<T> {
 
 /// Projects one Gaussian; a culled one has extent 0. `colour` is the activated colour.
 pub fn project<T: Real>(
-    view: &View<T>,
+    view: &CameraView<T>,
     geometry: &Geometry<T>,
     opacity: T,
     colour: Vector<T, 3>,
@@ -240,7 +229,7 @@ pub fn project<T: Real>(
 
 /// Gradients with respect to mean, unit quaternion and scale.
 pub fn project_backward<T: Real>(
-    view: &View<T>,
+    view: &CameraView<T>,
     geometry: &Geometry<T>,
     g: &SplatGradient<T>,
 ) -> Geometry<T> {
@@ -279,7 +268,7 @@ fn covariance_root_backward<T: Real>(footprint: &Footprint<T>, g_conic: Vector<T
 
 /// Gradient of the point in the camera, through centre, depth and Jacobian.
 fn point_backward<T: Real>(
-    view: &View<T>,
+    view: &CameraView<T>,
     footprint: &Footprint<T>,
     g_jacobian: &Matrix<T, 2, 3>,
     g: &SplatGradient<T>,
@@ -305,7 +294,7 @@ fn point_backward<T: Real>(
 /// Colour of one Gaussian seen from the camera: max(0, 0.5 + C₀ c₀ + Σ higher bands); 0 if that is not
 /// finite. `rest` is [bands][3] flat.
 pub fn view_colour<T: Real>(
-    view: &View<T>,
+    view: &CameraView<T>,
     mean: Vector<T, 3>,
     band0: Vector<T, 3>,
     degree: usize,
@@ -327,7 +316,7 @@ pub fn view_colour<T: Real>(
 
 /// Gradients of [`view_colour`]: adds to `g_rest` and returns those of the mean and of band 0.
 pub fn view_colour_backward<T: Real>(
-    view: &View<T>,
+    view: &CameraView<T>,
     mean: Vector<T, 3>,
     degree: usize,
     rest: &[T],
@@ -343,7 +332,7 @@ pub fn view_colour_backward<T: Real>(
     }
     let (direction, length) = sh::unit_direction(std::array::from_fn(|i| mean[i] - view.position[i]));
     let bands = sh::bands(degree, direction);
-    let mut g_bands = [T::zero(); sh::MAX_BANDS];
+    let mut g_bands = [T::zero(); MAX_SH_BANDS];
     for (k, coefficients) in rest.chunks_exact(3).enumerate() {
         g_bands[k] = sum::<T, 3>(|c| g[c] * coefficients[c]);
         for c in 0..3 {
@@ -374,7 +363,7 @@ pub fn project_into(
     splats: &mut Vec<Splat<f32>>,
 ) {
     use rayon::prelude::*;
-    let view = View::new(camera);
+    let view = CameraView::new(camera);
     let bands = gaussians.sh_bands() * 3;
     splats.resize(gaussians.len(), Splat::default());
     splats.par_iter_mut().with_min_len(1024).enumerate().for_each(|(n, splat)| {
@@ -410,7 +399,7 @@ mod tests {
     }
 
     fn check(geometry: Geometry<f64>) {
-        let view = View::<f64>::new(&camera());
+        let view = CameraView::<f64>::new(&camera());
         let g = SplatGradient {
             centre: [0.3, -0.8],
             conic: [9.0 * 1.7, 9.0 * 0.9, 9.0 * -1.1],
@@ -454,7 +443,7 @@ mod tests {
 
     #[test]
     fn a_round_gaussian_on_the_axis_has_the_closed_form() {
-        let view = View::<f64>::new(&Camera::with_field_of_view(64, 48, 90.0));
+        let view = CameraView::<f64>::new(&Camera::with_field_of_view(64, 48, 90.0));
         let geometry = Geometry { mean: [0.0, 0.0, 4.0], rotation: [1.0, 0.0, 0.0, 0.0], scale: [0.5; 3] };
         let splat = project(&view, &geometry, 1.0, [0.5; 3]);
         let variance = (32.0 * 0.5 / 4.0_f64).powi(2) + f64::from(DILATION);
@@ -465,7 +454,7 @@ mod tests {
 
     #[test]
     fn what_cannot_be_seen_is_culled() {
-        let view = View::<f32>::new(&Camera::with_field_of_view(64, 48, 90.0));
+        let view = CameraView::<f32>::new(&Camera::with_field_of_view(64, 48, 90.0));
         let at = |mean, scale, opacity| {
             project(&view, &Geometry { mean, rotation: [1.0, 0.0, 0.0, 0.0], scale }, opacity, [0.5; 3])
                 .is_visible()

@@ -3,7 +3,7 @@
 
 use super::{
     FEATURE_PLANE, MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE,
-    project::{Splat, SplatGradient, View, project, view_colour},
+    project::{CameraView, Splat, SplatGradient, project, view_colour},
 };
 use crate::{
     camera::Camera,
@@ -33,7 +33,7 @@ pub fn reference_frame(scene: &Scene, camera: &Camera, time: f32) -> Vec<f64> {
     let (gaussians, deformation) = (&scene.gaussians, &scene.deformation);
     let wide = |v: &[f32]| v.iter().map(|x| f64::from(*x)).collect::<Vec<f64>>();
     let (n, dim, stride) = (gaussians.len(), gaussians.latent_dim, deformation.stride);
-    let (view, bands, time) = (View::new(camera), gaussians.sh_bands() * 3, f64::from(time));
+    let (view, bands, time) = (CameraView::new(camera), gaussians.sh_bands() * 3, f64::from(time));
     let (weight, bias) = (wide(&deformation.feature_weight), wide(&deformation.feature_bias));
     let net = FeatureNet { weight: &weight, bias: &bias, slope: f64::from(deformation.gate_slope) };
     let mut features = vec![0.0; n * dim];

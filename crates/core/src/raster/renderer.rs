@@ -77,8 +77,8 @@ pub struct CpuRenderer {
     splats: Vec<Splat<f32>>,
     bins: Bins,
     packed: Packed,
-    /// Input that `deformed` was computed from: the scene, the time, and `true` if with features.
-    deformed_at: Option<(u64, f32, bool)>,
+    /// Input that `deformed` was computed from: the revision of the scene, the time, and `true` if with features.
+    deformed_at: Option<([u64; 2], f32, bool)>,
     /// Camera that `splats` and `bins` were computed for, from `deformed`.
     seen_by: Option<Camera>,
 }
@@ -86,14 +86,14 @@ pub struct CpuRenderer {
 impl CpuRenderer {
     /// Deforms, unless the last call was the same.
     fn deform(&mut self, scene: &Scene, time: f32, features: bool, clock: &mut FrameClock) {
-        let scene_id = scene.fingerprint();
-        let same_time = self.deformed_at.filter(|(id, t, _)| *id == scene_id && *t == time);
+        let revision = scene.revision();
+        let same_time = self.deformed_at.filter(|(scene, t, _)| *scene == revision && *t == time);
         if same_time.is_some_and(|(.., with_features)| with_features || !features) {
             return;
         }
         scene.deformation.psi_into(scene.gaussians.len(), time, &mut self.psi);
         deform_by(&scene.gaussians, &scene.deformation, &self.psi, time, features, &mut self.deformed);
-        self.deformed_at = Some((scene_id, time, features));
+        self.deformed_at = Some((revision, time, features));
         if same_time.is_none() {
             self.seen_by = None;
         }

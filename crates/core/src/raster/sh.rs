@@ -1,6 +1,9 @@
 //! Real spherical harmonics up to degree 3, in the order and with the signs of 3D Gaussian splatting.
 
-use crate::real::{Real, Vector, dot};
+use crate::{
+    gaussian::MAX_SH_BANDS,
+    real::{Real, Vector, dot},
+};
 
 /// Factor of band 1.
 pub const C1: f64 = 0.488_602_511_902_919_9;
@@ -23,12 +26,9 @@ pub const C3: [f64; 7] = [
     -0.590_043_589_926_643_5,
 ];
 
-/// Largest number of bands above 0.
-pub const MAX_BANDS: usize = 15;
-
 /// Values of the bands above 0 for a unit direction; the first `(degree + 1)² − 1` are filled.
-pub fn bands<T: Real>(degree: usize, [x, y, z]: Vector<T, 3>) -> [T; MAX_BANDS] {
-    let mut b = [T::zero(); MAX_BANDS];
+pub fn bands<T: Real>(degree: usize, [x, y, z]: Vector<T, 3>) -> [T; MAX_SH_BANDS] {
+    let mut b = [T::zero(); MAX_SH_BANDS];
     let k = T::of;
     if degree >= 1 {
         b[..3].copy_from_slice(&[k(-C1) * y, k(C1) * z, k(-C1) * x]);
@@ -110,8 +110,8 @@ mod tests {
     #[test]
     fn gradients_match_finite_differences() {
         let direction = [0.3, -0.7, 0.648_f64];
-        for band in 0..MAX_BANDS {
-            let mut g = [0.0; MAX_BANDS];
+        for band in 0..MAX_SH_BANDS {
+            let mut g = [0.0; MAX_SH_BANDS];
             g[band] = 1.0;
             let analytic = bands_backward(3, direction, &g);
             for axis in 0..3 {

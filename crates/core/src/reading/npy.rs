@@ -38,12 +38,12 @@ fn read<T: Clone>(path: &Path, of: fn(f64) -> T) -> Result<(Vec<usize>, Vec<T>)>
     let file = open_regular(path).map_err(fail)?;
     let len = file.metadata().map_err(fail)?.len();
     let mut file = BufReader::new(file.take(len));
-    let (header, start) = Header::read(&mut file).map_err(|e| match e {
+    let (header, start) = NpyHeader::read(&mut file).map_err(|e| match e {
         Problem::Io(e) if e.kind() != std::io::ErrorKind::UnexpectedEof => fail(e),
         Problem::Io(_) => wrong("the file ends within its header".into()),
         Problem::What(what) => wrong(what),
     })?;
-    let Header { shape, number, is_fortran } = header;
+    let NpyHeader { shape, number, is_fortran } = header;
     // An empty axis makes the product 0; the other axes must be valid sizes all the same.
     let places = shape.iter().try_fold(8_usize, |n, &axis| n.checked_mul(axis.max(1)));
     let count: usize = if shape.contains(&0) { 0 } else { places.unwrap_or(0) / 8 };
@@ -80,13 +80,13 @@ impl From<std::io::Error> for Problem {
 }
 
 /// Shape and number type of an array.
-struct Header {
+struct NpyHeader {
     shape: Vec<usize>,
     number: NumberType,
     is_fortran: bool,
 }
 
-impl Header {
+impl NpyHeader {
     /// Reads the header and returns it with the position of its end.
     fn read(file: &mut impl Read) -> Result<(Self, u64), Problem> {
         let mut start = [0; 8];

@@ -33,9 +33,9 @@ pub struct Values {
 
 /// Returns the size (columns, rows) of a picture as [`picture`] decodes it, from its header alone.
 pub fn picture_size(path: &Path) -> Result<(usize, usize)> {
-    let ((width, height), orientation) = match Source::open(path, Transformations::EXPAND)? {
-        Source::Png(reader) => (reader.info().size(), png_orientation(&reader)),
-        Source::Jpeg(mut decoder, _) => (decoder.dimensions(), jpeg_orientation(&mut decoder)),
+    let ((width, height), orientation) = match OpenPicture::open(path, Transformations::EXPAND)? {
+        OpenPicture::Png(reader) => (reader.info().size(), png_orientation(&reader)),
+        OpenPicture::Jpeg(mut decoder, _) => (decoder.dimensions(), jpeg_orientation(&mut decoder)),
     };
     let (width, height) = (width as usize, height as usize);
     Ok(if swaps_sides(orientation) { (height, width) } else { (width, height) })
@@ -52,15 +52,15 @@ pub fn values(path: &Path) -> Result<Values> {
 }
 
 fn decoded(path: &Path, transformations: Transformations) -> Result<Values> {
-    let (mut image, palette, orientation) = match Source::open(path, transformations)? {
-        Source::Png(reader) => {
+    let (mut image, palette, orientation) = match OpenPicture::open(path, transformations)? {
+        OpenPicture::Png(reader) => {
             let orientation = png_orientation(&reader);
             let palette = reader.info().palette.as_ref().map(|p| p.as_chunks::<3>().0.to_vec());
             let palette = palette.filter(|_| transformations == Transformations::IDENTITY);
             (png_image(reader).map_err(|e| unreadable(path, &e))?, palette, orientation)
         }
-        Source::Jpeg(_, false) => return Err(unreadable(path, "the file is cut off")),
-        Source::Jpeg(mut decoder, true) => {
+        OpenPicture::Jpeg(_, false) => return Err(unreadable(path, "the file is cut off")),
+        OpenPicture::Jpeg(mut decoder, true) => {
             let orientation = jpeg_orientation(&mut decoder);
             let image = DynamicImage::from_decoder(*decoder);
             (image.map_err(|e| unreadable(path, &e.to_string()))?, None, orientation)
@@ -71,13 +71,13 @@ fn decoded(path: &Path, transformations: Transformations) -> Result<Values> {
 }
 
 /// A picture with a valid size, of which only the header was read.
-enum Source {
+enum OpenPicture {
     Png(Box<png::Reader<BufReader<File>>>),
     /// With `true` if the file is whole.
     Jpeg(Box<JpegDecoder<Cursor<Vec<u8>>>>, bool),
 }
 
-impl Source {
+impl OpenPicture {
     fn open(path: &Path, transformations: Transformations) -> Result<Self> {
         let fail = |e| Error::io("open the picture", path, e);
         let file = open_regular(path).map_err(fail)?;
@@ -367,7 +367,9 @@ mod tests {
         let text = (*b"zTXt", [b"a\0\0", &zeros[..]].concat());
         let (_folder, path) =
             saved(&encoded(ColorType::Grayscale, BitDepth::Eight, (1, 1), &[7], &[profile, text]));
-        let Source::Png(reader) = Source::open(&path, Transformations::EXPAND).unwrap() else { panic!() };
+        let OpenPicture::Png(reader) = OpenPicture::open(&path, Transformations::EXPAND).unwrap() else {
+            panic!()
+        };
         assert!(reader.info().icc_profile.is_none() && reader.info().compressed_latin1_text.is_empty());
         assert_eq!(picture(&path).unwrap().as_bytes(), [7]);
     }

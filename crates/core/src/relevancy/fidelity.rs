@@ -144,6 +144,7 @@ fn ranks(values: ArrayView1<'_, f32>) -> Vec<usize> {
 mod tests {
     use super::*;
     use crate::codec::{CodecSettings, normalise_rows};
+    use crate::progress::unobserved;
     use ndarray::{Axis, arr1};
 
     /// Rows that resemble text embeddings: a large part shared by all, a smaller one by each of three groups.
@@ -157,7 +158,7 @@ mod tests {
 
     fn trained(rows: &Array2<f32>, latent_dim: usize) -> Codec {
         let settings = CodecSettings { latent_dim, steps: 800, seed: 0 };
-        Codec::train(rows.view(), &vec![1.0; rows.nrows()], &settings, &mut |_, _| {}).unwrap()
+        Codec::train(rows.view(), &vec![1.0; rows.nrows()], &settings, &mut unobserved).unwrap()
     }
 
     #[test]

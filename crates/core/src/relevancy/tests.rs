@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::codec::{CodecSettings, normalise_rows};
+use crate::progress::unobserved;
 use crate::raster::{ALPHA_PLANE, FEATURE_PLANE};
 use ndarray::Axis;
 use proptest::prelude::*;
@@ -33,7 +34,7 @@ static WORLD: LazyLock<World> = LazyLock::new(|| {
     let phrases = phrases.map(|(i, p)| (p.to_string(), rows.row(CLASSES + i).to_vec())).collect();
     let classes = rows.select(Axis(0), &(0..CLASSES).collect::<Vec<_>>());
     let settings = CodecSettings { latent_dim: 3, steps: 1000, seed: 0 };
-    let codec = Codec::train(classes.view(), &[1.0; CLASSES], &settings, &mut |_, _| {}).unwrap();
+    let codec = Codec::train(classes.view(), &[1.0; CLASSES], &settings, &mut unobserved).unwrap();
     (codec, classes, phrases)
 });
 
@@ -152,7 +153,7 @@ fn lattice_keeps_its_promise_over_frames_and_prompts() {
 fn lattice_tabulates_a_full_rank_autoencoder_too() {
     let rows = alike_rows(90, 0.6, 3);
     let settings = CodecSettings { latent_dim: 3, steps: 60, seed: 0 };
-    let codec = Codec::train(rows.view(), &[1.0; 90], &settings, &mut |_, _| {}).unwrap();
+    let codec = Codec::train(rows.view(), &[1.0; 90], &settings, &mut unobserved).unwrap();
     let images = rendered(&codec, 64, 48, 0.02, 4);
     let queries = [query("any", rows.row(17).to_vec())];
     let settings = RelevancySettings::default();
@@ -292,7 +293,7 @@ fn images_without_features_find_nothing() {
 #[test]
 fn other_latent_sizes_use_the_folded_decoder() {
     let settings = CodecSettings { latent_dim: 5, steps: 2, seed: 0 };
-    let codec = Codec::train(WORLD.1.view(), &[1.0; CLASSES], &settings, &mut |_, _| {}).unwrap();
+    let codec = Codec::train(WORLD.1.view(), &[1.0; CLASSES], &settings, &mut unobserved).unwrap();
     assert_eq!(best(codec).name(), "folded");
     assert_eq!(best(WORLD.0.clone()).name(), "lattice");
 }

@@ -4,9 +4,11 @@
 mod file;
 mod gltf;
 mod ply;
+mod revised;
 mod still;
 
 pub use ply::{LANG_DEFORMATION_FILE, ReferencePly, ReferenceWeights};
+pub use revised::Revised;
 
 use crate::{
     Error, Result,
@@ -21,7 +23,6 @@ use crate::{
 };
 use glam::{Affine3A, Mat3, Vec3};
 use std::{
-    hash::{DefaultHasher, Hash, Hasher},
     io::Read,
     path::{Path, PathBuf},
     sync::Arc,
@@ -37,9 +38,9 @@ type Problem = String;
 #[derive(Clone, Debug)]
 pub struct Scene {
     /// The Gaussians at rest.
-    pub gaussians: Gaussians,
+    pub gaussians: Revised<Gaussians>,
     /// Motion of the Gaussians.
-    pub deformation: Deformation,
+    pub deformation: Revised<Deformation>,
     /// Camera of each frame; frame i is at time i / N.
     pub cameras: Vec<Camera>,
     /// The area that was supervised: `true` inside the endoscopic picture.
@@ -100,38 +101,9 @@ impl Scene {
     pub fn time(&self, i: usize) -> f32 {
         i as f32 / self.num_frames().max(1) as f32
     }
-    /// Returns a number that distinguishes scenes in memory without reading them completely. It covers
-    /// the addresses and lengths of the Gaussians' arrays, and samples of their values. Call it again
-    /// after editing; a few values edited in place may go unnoticed.
-    pub fn fingerprint(&self) -> u64 {
-        let (gaussians, deformation) = (&self.gaussians, &self.deformation);
-        let mut hasher = DefaultHasher::new();
-        (gaussians.sh_degree, gaussians.latent_dim, deformation.num_bases, deformation.stride)
-            .hash(&mut hasher);
-        (deformation.shape as u8, deformation.gate_slope.to_bits(), deformation.gate_channel)
-            .hash(&mut hasher);
-        let arrays: [&[f32]; 12] = [
-            gaussians.means.as_flattened(),
-            gaussians.rotations.as_flattened(),
-            gaussians.log_scales.as_flattened(),
-            &gaussians.opacity_logits,
-            gaussians.colours.as_flattened(),
-            &gaussians.sh_rest,
-            &gaussians.features,
-            &deformation.weights,
-            &deformation.centres,
-            &deformation.widths,
-            &deformation.feature_weight,
-            &deformation.feature_bias,
-        ];
-        const SAMPLES: usize = 128;
-        for array in arrays {
-            (array.as_ptr() as usize, array.len()).hash(&mut hasher);
-            for value in array.iter().step_by((array.len() / SAMPLES).max(1)) {
-                value.to_bits().hash(&mut hasher);
-            }
-        }
-        hasher.finish()
+    /// Returns the revision of Gaussians and motion: scenes of equal revision look the same.
+    pub fn revision(&self) -> [u64; 2] {
+        [self.gaussians.revision(), self.deformation.revision()]
     }
     /// Returns the bytes of the scene file.
     pub fn to_bytes(&self) -> Result<Vec<u8>> {

@@ -49,8 +49,8 @@ impl Scene {
     /// Creates a scene of one frame, seen by `camera`, without features, text encoder or origin.
     pub fn seen_by(camera: Camera, gaussians: Gaussians, deformation: Deformation) -> Self {
         Self {
-            gaussians,
-            deformation,
+            gaussians: gaussians.into(),
+            deformation: deformation.into(),
             cameras: vec![camera],
             field_of_view: Grid::filled(camera.width as usize, camera.height as usize, true),
             codec: None,
@@ -116,7 +116,7 @@ mod tests {
 
     #[test]
     fn a_camera_that_is_made_up_has_the_gaussians_in_view() {
-        let means = stress::ordinary(200).gaussians.means;
+        let means = stress::ordinary(200).gaussians.means.clone();
         for camera in [camera_before(&means), camera_at_origin(&means)] {
             let is_in_view = |m: &&[f32; 3]| {
                 camera.project(Vec3::from(**m)).is_some_and(|(u, v, _)| {

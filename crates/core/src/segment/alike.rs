@@ -4,10 +4,10 @@
 //! Similarity is measured by the encoder's own features and by colour, at every fineness. Cells of the
 //! picture are joined one by one (Ward's hierarchical clustering), and every group that arises is a question.
 
+use super::DenseMap;
 use crate::{
     codec::normalise_rows,
     grid::{Grid, Mask},
-    prepare::DenseMap,
 };
 use image::{RgbImage, imageops::FilterType};
 use kodama::{Method, linkage};

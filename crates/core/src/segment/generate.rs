@@ -7,10 +7,17 @@ use super::{
     regions::without_small_regions,
     upsample::Upsampler,
 };
-use crate::{Error, Result, grid::Mask, mask::PixelRect};
+use crate::{
+    Error, Result,
+    grid::Mask,
+    mask::PixelRect,
+    progress::{Observer, Progress},
+};
 use image::RgbImage;
 use rayon::prelude::*;
-use std::ops::ControlFlow;
+
+/// Stage of the generation in its progress.
+const STAGE: &str = "finding masks";
 
 /// An answer that passed the network's own rating and the test of stability.
 struct Candidate {
@@ -21,17 +28,17 @@ struct Candidate {
     crop_px: usize,
 }
 
-/// Finds everything on `image`. `keep` marks the pixels that matter. `progress` gets (prompts asked,
-/// prompts) and may ask to stop, which is the error [`Error::Cancelled`].
+/// Finds everything on `image`. `keep` marks the pixels that matter. Progress is counted in
+/// prompts.
 ///
-/// It is an error if the answers of the network have the wrong number of values. Values that are not
-/// numbers count as outside.
+/// Fails if the answers of the network have the wrong number of values, or if the observer asks to stop.
+/// Values that are not numbers count as outside.
 pub fn automatic_masks(
     segmenter: &mut dyn PointSegmenter,
     image: &RgbImage,
     keep: &Mask,
     settings: &MaskSettings,
-    progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
+    observer: &mut Observer<'_>,
 ) -> Result<FrameMasks> {
     let (width, height) = (image.width() as usize, image.height() as usize);
     let area = PixelRect { x: 0, y: 0, width, height };
@@ -50,7 +57,7 @@ pub fn automatic_masks(
     for (crop, points) in crops.iter().zip(points) {
         let mut told = |n: usize| {
             done += n;
-            progress(done, total)
+            Progress::new(STAGE, done, total).tell(observer)
         };
         let w = crop.window;
         let [x, y, columns, rows] = [w.x, w.y, w.width, w.height].map(|v| v as u32);
@@ -67,9 +74,7 @@ pub fn automatic_masks(
         }
     }
     let mut levels = pools.map(|pool| finish(pool.into_iter().flatten().collect(), keep, settings));
-    if progress(total, total).is_break() {
-        return Err(Error::Cancelled);
-    }
+    Progress::new(STAGE, total, total).tell(observer)?;
     if settings.small_on_top {
         levels.iter_mut().for_each(|level| level.sort_by_key(|f| std::cmp::Reverse(f.mask.area_px())));
     }
@@ -84,7 +89,7 @@ fn ask(
     area: PixelRect,
     crop: &Crop,
     settings: &MaskSettings,
-    progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
+    tell: &mut dyn FnMut(usize) -> Result<()>,
 ) -> Result<Vec<Candidate>> {
     let mut found = Vec::new();
     for batch in prompts.chunks(segmenter.batch().max(1)) {
@@ -97,9 +102,7 @@ fn ask(
         for prediction in [Some(first), second].into_iter().flatten() {
             found.extend(candidates(&prediction, area, crop, settings));
         }
-        if progress(batch.len()).is_break() {
-            return Err(Error::Cancelled);
-        }
+        tell(batch.len())?;
     }
     Ok(found)
 }

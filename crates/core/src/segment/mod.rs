@@ -7,6 +7,7 @@
 
 mod alike;
 mod bit_mask;
+mod dense_map;
 mod generate;
 mod grid;
 mod nms;
@@ -15,9 +16,10 @@ mod store;
 mod upsample;
 
 pub use bit_mask::BitMask;
+pub use dense_map::DenseMap;
 pub use generate::automatic_masks;
 
-use crate::{Result, grid::Grid, prepare::DenseMap};
+use crate::{Result, grid::Grid};
 use image::RgbImage;
 
 /// A network that finds the object at a point of a picture.

@@ -1,7 +1,7 @@
 //! Tests of the complete way from a grid of points to masks, with a segmenter that compares colours.
 
 use super::*;
-use crate::{grid::Mask, mask};
+use crate::{grid::Mask, mask, progress::unobserved};
 use image::Rgb;
 use std::ops::ControlFlow;
 
@@ -90,7 +90,7 @@ fn everything() -> Mask {
 }
 
 fn run(segmenter: &mut ByColour, keep: &Mask, settings: &MaskSettings) -> FrameMasks {
-    automatic_masks(segmenter, &picture(), keep, settings, &mut |_, _| ControlFlow::Continue(())).unwrap()
+    automatic_masks(segmenter, &picture(), keep, settings, &mut unobserved).unwrap()
 }
 
 #[test]
@@ -169,8 +169,7 @@ fn a_mask_of_everything_takes_nothing_with_it() {
     }
     let found = |settings: &MaskSettings| {
         let mut segmenter = WithWhole(ByColour::new(|_, _| 0.95));
-        let mut go_on = |_: usize, _: usize| ControlFlow::Continue(());
-        automatic_masks(&mut segmenter, &picture(), &everything(), settings, &mut go_on).unwrap()
+        automatic_masks(&mut segmenter, &picture(), &everything(), settings, &mut unobserved).unwrap()
     };
     let masks = found(&MaskSettings::of_grid(8));
     for colour in [WALL, LIVER, TOOL] {
@@ -222,9 +221,8 @@ fn answers_to_several_points_are_bettered() {
         }
     }
     let mut vague = Vague { inner: ByColour::new(|_, _| 0.8), bettered: 0 };
-    let mut go_on = |_: usize, _: usize| ControlFlow::Continue(());
     let settings = MaskSettings::of_grid(8);
-    let masks = automatic_masks(&mut vague, &picture(), &everything(), &settings, &mut go_on).unwrap();
+    let masks = automatic_masks(&mut vague, &picture(), &everything(), &settings, &mut unobserved).unwrap();
     assert!(vague.bettered > 0);
     for colour in [WALL, LIVER, TOOL] {
         assert!(best_iou(&masks, Level::Default, colour) > 0.85, "{colour:?}");
@@ -248,16 +246,11 @@ fn nothing_is_asked_outside_the_supervision_mask() {
 fn a_request_to_stop_is_heard() {
     let mut segmenter = ByColour::new(|_, _| 0.95);
     let mut told = Vec::new();
-    let stopped = automatic_masks(
-        &mut segmenter,
-        &picture(),
-        &everything(),
-        &MaskSettings::of_grid(8),
-        &mut |n, all| {
-            told.push((n, all));
-            if n > 20 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        },
-    );
+    let stopped =
+        automatic_masks(&mut segmenter, &picture(), &everything(), &MaskSettings::of_grid(8), &mut |p| {
+            told.push((p.done, p.total));
+            if p.done > 20 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
     assert!(matches!(stopped, Err(crate::Error::Cancelled)));
     assert_eq!(told, [(7, 124), (14, 124), (21, 124)]);
 }
@@ -285,9 +278,7 @@ fn answers_of_the_wrong_length_are_an_error() {
     }
     let mut short = Short(ByColour::new(|_, _| 0.9));
     let settings = MaskSettings::of_grid(4);
-    let result = automatic_masks(&mut short, &picture(), &everything(), &settings, &mut |_, _| {
-        ControlFlow::Continue(())
-    });
+    let result = automatic_masks(&mut short, &picture(), &everything(), &settings, &mut unobserved);
     assert!(result.unwrap_err().to_string().contains("12 ratings for 4 prompts with 4 masks of 64×64"));
 }
 

@@ -1,14 +1,16 @@
 //! The import report: reads every file once and describes the findings in words.
 
 use super::{
-    NO_LABEL, Report, Sequence,
+    NO_LABEL, Sequence,
     labels::{EXAMPLES, Way},
-    layout::MaskRule,
+    recording::MaskRule,
 };
 use crate::{
+    Result,
     camera::Camera,
+    deform::length_warning,
     grid::{Grid, Mask},
-    train::TrainSettings,
+    progress::{Observer, Progress},
 };
 use rayon::prelude::*;
 use std::{
@@ -24,24 +26,51 @@ const DEPTH_GAPS: f64 = 0.25;
 const MOSTLY_UNKNOWN: f64 = 0.5;
 /// Allowed deviation of a rotation's columns from unit length and right angles.
 const ROTATION_TOLERANCE: f32 = 1e-3;
-/// Number of frames read in parallel between two calls of `progress`.
+/// Stage of the check in its progress.
+const STAGE: &str = "checking";
+/// Number of frames read in parallel between two reports of progress.
 const BATCH: usize = 8;
 
-/// Reads every frame once and reports; wrong files become entries of `errors`, not an `Err`. `progress`
-/// receives the number of frames done and the number of all frames.
-pub fn check(sequence: &Sequence, progress: &mut dyn FnMut(usize, usize)) -> Report {
+/// The report of `check`; the JSON keys are a contract.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct CheckReport {
+    /// `true` if there are no errors.
+    pub ok: bool,
+    /// Number of frames.
+    pub frames: usize,
+    /// Image columns.
+    pub width: usize,
+    /// Image rows.
+    pub height: usize,
+    /// Camera source, field of view, still or moving, in words.
+    pub camera: String,
+    /// Depth kind, range and share of valid pixels, in words.
+    pub depth: String,
+    /// Mask polarity, share kept, field of view, in words.
+    pub masks: String,
+    /// Classes and the number of frames in which each occurs, in words.
+    pub labels: String,
+    /// Findings that the user should know.
+    pub warnings: Vec<String>,
+    /// Findings that would make training wrong.
+    pub errors: Vec<String>,
+}
+
+/// Reads every frame once and reports. Wrong files become entries of `errors`; it only fails if the observer
+/// asks to stop.
+pub fn check(sequence: &Sequence, observer: &mut Observer<'_>) -> Result<CheckReport> {
     let n = sequence.num_frames();
     let mut facts = Vec::with_capacity(n);
-    progress(0, n);
+    Progress::new(STAGE, 0, n).tell(observer)?;
     for start in (0..n).step_by(BATCH) {
         let batch = start..(start + BATCH).min(n);
         facts.par_extend(batch.into_par_iter().map(|i| Facts::of(sequence, i)));
-        progress(facts.len(), n);
+        Progress::new(STAGE, facts.len(), n).tell(observer)?;
     }
     let recording = sequence.recording();
     let mut says = Findings { warnings: recording.notes.clone(), errors: Vec::new() };
     says.errors.extend(facts.iter().flat_map(|f| f.errors.iter().cloned()));
-    let report = Report {
+    let report = CheckReport {
         ok: false,
         frames: n,
         width: sequence.width(),
@@ -54,8 +83,8 @@ pub fn check(sequence: &Sequence, progress: &mut dyn FnMut(usize, usize)) -> Rep
         errors: Vec::new(),
     };
     repeated_frames(&facts, &mut says);
-    says.warnings.extend(TrainSettings::default().length_warning(n));
-    Report { ok: says.errors.is_empty(), warnings: says.warnings, errors: says.errors, ..report }
+    says.warnings.extend(length_warning(n));
+    Ok(CheckReport { ok: says.errors.is_empty(), warnings: says.warnings, errors: says.errors, ..report })
 }
 
 #[derive(Default)]
@@ -200,7 +229,7 @@ fn depth(sequence: &Sequence, facts: &[Facts], says: &mut Findings) -> String {
     if !sequence.has_depth() {
         says.warnings.push(
             "There is no depth: the shape of the surface can only be guessed. Put depth maps into depth/ if \
-             there are some, or have them estimated (`surgtpgs prepare --depth-model`)."
+             there are some, or have them estimated by a depth network when the recording is prepared."
                 .to_owned(),
         );
         return "none".to_owned();

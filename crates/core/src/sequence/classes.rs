@@ -1,9 +1,22 @@
 //! Class lists: EndoVis18's and our own `labels.json`, `[[classes]]` of `sequence.toml`.
 
-use super::{Class, NO_LABEL};
 use crate::{Error, Result, reading::read_text};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+
+/// A kind of tissue or instrument.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Class {
+    /// Value in a [`LabelMap`](super::LabelMap).
+    pub id: u8,
+    /// Name in plain lower-case words, e.g. "abdominal wall"; also the prompt that finds it.
+    pub name: String,
+    /// Display colour (sRGB).
+    pub colour: [u8; 3],
+}
+
+/// The id of a pixel whose class is unknown.
+pub const NO_LABEL: u8 = 255;
 
 /// One entry of a class list; EndoVis18's spellings `classid` and `color` are understood too.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

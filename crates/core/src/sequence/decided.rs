@@ -3,9 +3,8 @@
 //! for the very recording that the decisions were about.
 
 use super::{
-    Identity,
-    layout::{MaskRule, Recording},
-    read,
+    Identity, read,
+    recording::{MaskRule, Recording},
     settings::Keep,
 };
 use crate::{

@@ -2,11 +2,10 @@
 //! pictures. Its messages about them are compared with what the file promises.
 
 use super::{
-    Layout,
-    layout::Recording,
+    h264::{cut_off, other_size, uneven},
     read,
-    settings::Selection,
-    video::{Container, cut_off, other_size, uneven},
+    recording::{Recording, Selection},
+    video::Container,
 };
 use crate::{Error, Result};
 use std::{
@@ -62,7 +61,7 @@ pub(super) fn open(program: &Path, video: &Unread<'_>, selection: &Selection) ->
     if told.is_full {
         return Err(Error::Missing {
             what: format!("the temporary folder {} is full: the video is unpacked there", places.display()),
-            hint: "Free some space, or set TMPDIR to a folder with more.".to_owned(),
+            hint: "Free some space, or set TMPDIR to a folder with more.".into(),
         });
     }
     let mut pictures = read::list(scratch.path(), &["png"])?;
@@ -78,7 +77,7 @@ pub(super) fn open(program: &Path, video: &Unread<'_>, selection: &Selection) ->
     if let Some(last) = selection.last {
         pictures.truncate((last - selection.first) / selection.every.max(1) + 1);
     }
-    let mut recording = Recording::of_pictures(path, Layout::Video, &pictures)?;
+    let mut recording = Recording::of_pictures(path, &pictures)?;
     for (k, frame) in recording.frames.iter_mut().enumerate() {
         frame.name = format!("{:06}", first + k * selection.every);
     }
@@ -126,7 +125,7 @@ fn unpack(
             "this video cannot be read here ({}), nor by the program ffmpeg ({e})",
             video.why_not_here
         ),
-        hint: "Install ffmpeg, or convert the video to H.264 in mp4 or to a folder of PNG frames.".to_owned(),
+        hint: "Install ffmpeg, or convert the video to H.264 in mp4 or to a folder of PNG frames.".into(),
     };
     let mut child = command.spawn().map_err(missing)?;
     let told = child.stderr.take().map_or_else(Told::default, Told::listen);

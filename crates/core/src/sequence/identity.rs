@@ -5,9 +5,9 @@
 //! not part of the identity.
 
 use super::{
-    layout::{Frame, Picture, Recording},
+    h264::H264,
     read,
-    video::H264,
+    recording::{FrameFiles, Picture, Recording},
 };
 use crate::{Error, Result};
 use rayon::prelude::*;
@@ -27,16 +27,16 @@ const MOST_SPOT_BYTES: u64 = 64 << 20;
 /// The frames of a recording; see [`super::Sequence::identity`].
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Identity {
-    frames: Vec<Part>,
+    frames: Vec<FileIdentity>,
     /// The file that frames were unpacked from, if they have no bytes of their own in it.
     #[serde(default)]
-    file: Option<Part>,
+    file: Option<FileIdentity>,
 }
 
 /// A frame, or a whole file. It is written as one line of text.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(into = "String", try_from = "String")]
-struct Part {
+struct FileIdentity {
     name: String,
     bytes: u64,
     /// `None` if the content was not read.
@@ -80,15 +80,17 @@ impl Identity {
     fn of(recording: &Recording, is_hashed: impl Fn(usize) -> bool + Sync) -> Result<Self> {
         let frames = &recording.frames;
         if let Some(path) = &recording.unpacked_from {
-            let part = |frame: &Frame| Part { name: frame.name.clone(), bytes: 0, sha256: None };
+            let part = |frame: &FrameFiles| FileIdentity { name: frame.name.clone(), bytes: 0, sha256: None };
             // Unpacking has already read all of the file.
-            let file = Part { name: String::new(), ..Part::of_file(path, true)? };
+            let file = FileIdentity { name: String::new(), ..FileIdentity::of_file(path, true)? };
             return Ok(Self { frames: frames.iter().map(part).collect(), file: Some(file) });
         }
         let coded = coded_pictures(frames);
         let part = |i: usize| match &frames[i].picture {
-            Picture::File(path) => Part::of_file(path, is_hashed(i)),
-            Picture::Video { video, .. } => Part::of_coded(&frames[i].name, video, &coded[i], is_hashed(i)),
+            Picture::File(path) => FileIdentity::of_file(path, is_hashed(i)),
+            Picture::Video { video, .. } => {
+                FileIdentity::of_coded(&frames[i].name, video, &coded[i], is_hashed(i))
+            }
         };
         let frames = (0..frames.len()).into_par_iter().map(part).collect::<Result<_>>()?;
         Ok(Self { frames, file: None })
@@ -106,15 +108,15 @@ impl Identity {
 
     /// Returns the SHA-256 over everything known, hexadecimal: equal recordings have equal digests.
     pub fn digest(&self) -> String {
-        self.hashed(Part::to_string)
+        self.hashed(FileIdentity::to_string)
     }
 
     /// Returns the digest of names and sizes alone; see [`Self::digest`].
     pub fn outline_digest(&self) -> String {
-        self.hashed(|part| Part { sha256: None, ..part.clone() }.to_string())
+        self.hashed(|part| FileIdentity { sha256: None, ..part.clone() }.to_string())
     }
 
-    fn hashed(&self, line: impl Fn(&Part) -> String) -> String {
+    fn hashed(&self, line: impl Fn(&FileIdentity) -> String) -> String {
         let mut hash = Sha256::new();
         self.frames.iter().chain(&self.file).for_each(|part| hash.update(line(part) + "\n"));
         format!("{:x}", hash.finalize())
@@ -131,15 +133,18 @@ impl Identity {
             let theirs: HashSet<_> = theirs.into_iter().collect();
             return mine.iter().filter(|hash| theirs.contains(*hash)).count();
         }
-        let by_name: HashMap<&str, &Part> = other.frames.iter().map(|f| (f.name.as_str(), f)).collect();
-        let is_there = |f: &Part| by_name.get(f.name.as_str()).is_some_and(|o| o.is_like(f));
-        let moved = |i: usize, f: &Part| other.frames.get(i).is_some_and(|o| o.bytes > 0 && o.is_like(f));
+        let by_name: HashMap<&str, &FileIdentity> =
+            other.frames.iter().map(|f| (f.name.as_str(), f)).collect();
+        let is_there = |f: &FileIdentity| by_name.get(f.name.as_str()).is_some_and(|o| o.is_like(f));
+        let moved =
+            |i: usize, f: &FileIdentity| other.frames.get(i).is_some_and(|o| o.bytes > 0 && o.is_like(f));
         self.frames.iter().enumerate().filter(|(i, f)| is_there(f) || moved(*i, f)).count()
     }
 
     /// Returns the first difference from the earlier state `then`. Content counts if both know it.
     pub fn difference(&self, then: &Self) -> Option<Difference> {
-        let is_same = |(now, then): (&Part, &Part)| now.name == then.name && now.is_like(then);
+        let is_same =
+            |(now, then): (&FileIdentity, &FileIdentity)| now.name == then.name && now.is_like(then);
         let files = match (&self.file, &then.file) {
             (Some(now), Some(then)) => now.is_like(then),
             (now, then) => now.is_some() == then.is_some(),
@@ -205,8 +210,8 @@ impl Identity {
 /// Returns for each frame of a video the coded pictures that it stands for, by their places in decoding
 /// order: its own, and those decoded before it that no frame of the recording shows. Frames in files have
 /// none.
-fn coded_pictures(frames: &[Frame]) -> Vec<Vec<usize>> {
-    let own = |frame: &Frame| match &frame.picture {
+fn coded_pictures(frames: &[FrameFiles]) -> Vec<Vec<usize>> {
+    let own = |frame: &FrameFiles| match &frame.picture {
         Picture::Video { video, index } => Some((video.sample_of(*index), video.start_of(*index))),
         Picture::File(_) => None,
     };
@@ -221,7 +226,7 @@ fn coded_pictures(frames: &[Frame]) -> Vec<Vec<usize>> {
     pictures.collect()
 }
 
-impl Part {
+impl FileIdentity {
     fn of_file(path: &Path, is_hashed: bool) -> Result<Self> {
         let fail = |e| Error::io("read the frame", path, e);
         let bytes = std::fs::metadata(path).map_err(fail)?.len();
@@ -252,7 +257,7 @@ impl Part {
     }
 }
 
-impl Display for Part {
+impl Display for FileIdentity {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match &self.sha256 {
             Some(hash) => hash.iter().try_for_each(|byte| write!(f, "{byte:02x}"))?,
@@ -262,13 +267,13 @@ impl Display for Part {
     }
 }
 
-impl From<Part> for String {
-    fn from(part: Part) -> Self {
+impl From<FileIdentity> for String {
+    fn from(part: FileIdentity) -> Self {
         part.to_string()
     }
 }
 
-impl TryFrom<String> for Part {
+impl TryFrom<String> for FileIdentity {
     type Error = String;
 
     fn try_from(line: String) -> Result<Self, String> {

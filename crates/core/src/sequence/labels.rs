@@ -1,7 +1,10 @@
 //! Label files and their conversion into class ids. The meaning of the numbers is decided once for all
 //! pictures of a recording, from the contents of some of them.
 
-use super::{Class, LabelMap, NO_LABEL, read};
+use super::{
+    classes::{Class, NO_LABEL},
+    read,
+};
 use crate::{
     Result,
     grid::Grid,
@@ -12,6 +15,9 @@ use std::{
     collections::BTreeSet,
     path::{Path, PathBuf},
 };
+
+/// Class ids per pixel; [`NO_LABEL`] where unknown.
+pub type LabelMap = Grid<u8>;
 
 /// The label files of one frame.
 #[derive(Clone, Debug)]

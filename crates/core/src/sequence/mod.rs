@@ -3,15 +3,14 @@
 use crate::{
     Error, Result,
     camera::Camera,
-    files::{full_path, unfinished_kind},
+    files::{Inputs, full_path, unfinished_kind},
     grid::{Grid, Mask},
-    prepare::{EstimatedDepth, depth_file, depth_name, require_checksum},
 };
-use depth::DepthRule;
+use estimated::Estimated;
 use field_of_view::FieldOfView;
 use image::RgbImage;
 use labels::{LabelCoding, ReadLabels};
-use layout::{MaskRule, Recording};
+use recording::{MaskRule, Recording};
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
@@ -19,87 +18,42 @@ use std::{
 };
 
 mod check;
-mod cholecseg8k;
 mod classes;
 mod decided;
 mod depth;
-mod endonerf;
-mod endovis18;
+mod estimated;
 mod ffmpeg;
 mod field_of_view;
+mod h264;
 mod identity;
-mod images;
 mod labels;
-mod layout;
+mod layouts;
 mod mp4;
 mod read;
-mod reference;
+mod recording;
 mod settings;
 #[cfg(test)]
 mod tests;
-mod transforms;
 mod video;
 
-pub use check::check;
-pub use classes::{ClassEntry, names_instrument, plain_words};
+pub use check::{CheckReport, check};
+pub use classes::{Class, ClassEntry, NO_LABEL, names_instrument, plain_words};
 pub use depth::DepthKind;
+pub use estimated::EstimatedDepth;
+pub(crate) use estimated::{DEPTH, depth_file, depth_name};
 pub use ffmpeg::remove_unpacked_videos;
 pub(crate) use identity::shared as shared_identity;
 pub use identity::{Difference, Identity};
+pub use labels::LabelMap;
 pub(crate) use labels::{NumbersAre, PictureOfIds};
+pub use layouts::Layout;
+pub(crate) use layouts::MONOCULAR_BASELINE;
 pub(crate) use read::{lightness, npy_map};
-pub(crate) use reference::BASELINE as MONOCULAR_BASELINE;
+pub use recording::CameraSource;
 pub use settings::{
     CameraSettings, DepthSettings, FieldOfViewSetting, FrameSettings, Keep, MAX_FRAMES_PER_SECOND,
     MaskSettings, SETTINGS_FILE, Settings, TimeSettings, settings_files,
 };
-
-/// The folder layouts that are recognised, by content and never by name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Layout {
-    /// `images/ masks/ [depth/] poses_bounds.npy`.
-    EndoNerf,
-    /// The reference's CholecSeg8K / EndoVis18 layout: `images/ masks/ disps|depth_mu/ test_seg/`.
-    Reference,
-    /// Raw CholecSeg8K: `frame_*_endo.png` with `_watershed_mask`.
-    CholecSeg8k,
-    /// Raw EndoVis18: `left_frames/ labels/ labels.json`.
-    EndoVis18,
-    /// nerfstudio's `transforms.json`.
-    Transforms,
-    /// A folder of images.
-    Images,
-    /// A video file.
-    Video,
-}
-
-/// Source of the cameras.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum CameraSource {
-    /// Read from the recording or its `sequence.toml`.
-    Given,
-    /// Assumed: a still pinhole with this horizontal field of view, in degrees.
-    Assumed(f32),
-}
-
-/// A kind of tissue or instrument.
-#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub struct Class {
-    /// Value in a [`LabelMap`].
-    pub id: u8,
-    /// Name in plain lower-case words, e.g. "abdominal wall"; also the prompt that finds it.
-    pub name: String,
-    /// Display colour (sRGB).
-    pub colour: [u8; 3],
-}
-
-/// Class ids per pixel; [`NO_LABEL`] where unknown.
-pub type LabelMap = Grid<u8>;
-
-/// The id of a pixel whose class is unknown.
-pub const NO_LABEL: u8 = 255;
 
 /// A recording; see the accessors. Cheap to clone: clones share everything.
 #[derive(Clone, Debug)]
@@ -109,18 +63,9 @@ pub struct Sequence {
     estimated: Option<Arc<Estimated>>,
 }
 
-/// Depth that a network estimated, see [`EstimatedDepth`].
-#[derive(Debug)]
-struct Estimated {
-    /// The prepared folder that holds it.
-    folder: PathBuf,
-    about: EstimatedDepth,
-    /// SHA-256 of files by their path inside the folder, if known.
-    sha256: Arc<BTreeMap<String, String>>,
-}
-
 #[derive(Debug)]
 struct Inner {
+    layout: Layout,
     recording: Recording,
     camera_moves: bool,
     field_of_view: OnceLock<FieldOfView>,
@@ -145,18 +90,19 @@ impl Sequence {
         }
         let file = settings::own_file(path);
         let settings = Settings::read(&file)?;
-        let mut recording = layout::open(path, &settings.selection())?;
+        let (layout, mut recording) = layouts::open(path, &settings.selection())?;
         settings.apply(&mut recording, &file)?;
-        Self::from_recording(recording.validate()?)
+        Self::from_recording(layout, recording.validate()?)
     }
 
-    fn from_recording(mut recording: Recording) -> Result<Self> {
+    fn from_recording(layout: Layout, mut recording: Recording) -> Result<Self> {
         let first = recording.cameras[0].camera_from_world;
         let camera_moves = recording.cameras.iter().any(|c| !c.camera_from_world.abs_diff_eq(first, 1e-6));
         let outline = Arc::new(Identity::opened(&recording)?);
         decided::apply(&mut recording, &outline)?;
         let (field_of_view, label_numbers, identity) = (OnceLock::new(), OnceLock::new(), OnceLock::new());
-        let inner = Inner { recording, camera_moves, field_of_view, label_numbers, outline, identity };
+        let inner =
+            Inner { layout, recording, camera_moves, field_of_view, label_numbers, outline, identity };
         Ok(Self { inner: Arc::new(inner), estimated: None })
     }
 
@@ -176,7 +122,7 @@ impl Sequence {
     }
     /// Returns the recognised layout.
     pub fn layout(&self) -> Layout {
-        self.recording().layout
+        self.inner.layout
     }
     /// Returns the number of frames, at least 1.
     pub fn num_frames(&self) -> usize {
@@ -210,9 +156,9 @@ impl Sequence {
     pub fn time(&self, i: usize) -> f32 {
         i as f32 / self.num_frames() as f32
     }
-    /// Returns `true` if frame `i` is held out under `--eval`: (i − 1) mod 8 = 0.
+    /// Returns `true` if frame `i` is one of those that an evaluation holds out: (i − 1) mod 8 = 0.
     pub fn is_test_frame(i: usize) -> bool {
-        i % 8 == 1
+        recording::is_test_frame(i)
     }
     /// Returns the rate of the used frames, if known.
     pub fn frames_per_second(&self) -> Option<f32> {
@@ -246,13 +192,7 @@ impl Sequence {
     }
     /// Returns the same recording after the folder with its estimated depth, if any, was moved to `folder`.
     pub(crate) fn with_depth_at(self, folder: &Path) -> Self {
-        let moved = |e: &Arc<Estimated>| {
-            Arc::new(Estimated {
-                folder: folder.to_owned(),
-                about: e.about.clone(),
-                sha256: Arc::clone(&e.sha256),
-            })
-        };
+        let moved = |e: &Arc<Estimated>| Arc::new(Estimated { folder: folder.to_owned(), ..(**e).clone() });
         Self { estimated: self.estimated.as_ref().map(moved), ..self }
     }
     /// Returns the source of depth if it is not the recording itself.
@@ -266,15 +206,10 @@ impl Sequence {
     /// Returns the depth (z) of frame `i` in scene units at the frames' size, 0 where unknown (bilinear
     /// if the file has another size); `None` if the frame has no depth.
     pub fn depth(&self, i: usize) -> Result<Option<Grid<f32>>> {
-        let Some(estimated) = &self.estimated else { return self.recording().depth(i) };
-        let file = depth_file(&estimated.folder, i);
-        if let Some(sha256) = estimated.sha256.get(&depth_name(i)) {
-            let bytes = std::fs::read(&file).map_err(|e| Error::io("read the depth", &file, e))?;
-            require_checksum(&file, &bytes, sha256)?;
-        } else if !file.is_file() {
-            return Ok(None);
+        match &self.estimated {
+            Some(estimated) => estimated.depth(i, self.width(), self.height()),
+            None => self.recording().depth(i),
         }
-        Ok(Some(DepthRule::default().read(&file)?.resized(self.width(), self.height())))
     }
     /// Returns the supervision mask of frame `i`: `true` = keep. It combines the recording's masks
     /// (polarity resolved) and the field of view.
@@ -391,27 +326,14 @@ impl Sequence {
     }
 }
 
-/// The report of `check`; the JSON keys are a contract.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
-pub struct Report {
-    /// `true` if there are no errors.
-    pub ok: bool,
-    /// Number of frames.
-    pub frames: usize,
-    /// Image columns.
-    pub width: usize,
-    /// Image rows.
-    pub height: usize,
-    /// Camera source, field of view, still or moving, in words.
-    pub camera: String,
-    /// Depth kind, range and share of valid pixels, in words.
-    pub depth: String,
-    /// Mask polarity, share kept, field of view, in words.
-    pub masks: String,
-    /// Classes and the number of frames in which each occurs, in words.
-    pub labels: String,
-    /// Findings that the user should know.
-    pub warnings: Vec<String>,
-    /// Findings that would make training wrong.
-    pub errors: Vec<String>,
+impl Inputs {
+    /// Adds a recording and its settings.
+    pub fn with_recording(self, sequence: &Sequence) -> Self {
+        let settings = settings_files(sequence.path());
+        let inputs = self.with("the recording", sequence.path());
+        let folders = sequence.folders();
+        let inputs =
+            folders.iter().fold(inputs, |inputs, folder| inputs.with("a folder of the recording", folder));
+        settings.iter().fold(inputs, |inputs, file| inputs.with("a settings file of the recording", file))
+    }
 }

@@ -70,7 +70,7 @@ impl Mp4 {
     pub(super) fn read(path: &Path) -> Result<Self, String> {
         let file = File::open(path).map_err(|e| e.to_string())?;
         let len = file.metadata().map_err(|e| e.to_string())?.len();
-        let mut source = Source { file, len, last: None, repeats: 0 };
+        let mut source = BoundedFile { file, len, last: None, repeats: 0 };
         let kind = source.kind()?;
         let turned = source.turned_tracks().unwrap_or_default();
         match kind {
@@ -81,7 +81,7 @@ impl Mp4 {
 
     /// Collects the pictures of all video tracks and returns the chosen track. `turned` are the tracks
     /// whose pictures are not shown as they are stored.
-    fn collect(mut demuxer: impl Demuxer, source: &mut Source, turned: &[u32]) -> Result<Self, String> {
+    fn collect(mut demuxer: impl Demuxer, source: &mut BoundedFile, turned: &[u32]) -> Result<Self, String> {
         let mut tracks: BTreeMap<u32, Self> = BTreeMap::new();
         let mut is_open_ended = false;
         loop {
@@ -141,7 +141,7 @@ impl Mp4 {
     }
 
     /// Adds the next picture.
-    fn push(&mut self, sample: &Sample<'_>, source: &Source) -> Result<(), String> {
+    fn push(&mut self, sample: &Sample<'_>, source: &BoundedFile) -> Result<(), String> {
         let at = self.pictures.len();
         // A small table can name any number of pictures; the file's length limits how many can exist.
         if at as u64 >= source.len.min(MAX_PICTURES) {
@@ -259,7 +259,7 @@ demuxer!(Mp4FileDemuxer);
 demuxer!(Fmp4FileDemuxer);
 
 /// The file. It is never read beyond its end, nor twice in a row at the same place.
-struct Source {
+struct BoundedFile {
     file: File,
     len: u64,
     last: Option<RequiredInput>,
@@ -267,7 +267,7 @@ struct Source {
     repeats: usize,
 }
 
-impl Source {
+impl BoundedFile {
     fn kind(&mut self) -> Result<Mp4FileKind, String> {
         let mut detector = Mp4FileKindDetector::new();
         loop {

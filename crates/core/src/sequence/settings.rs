@@ -31,13 +31,12 @@
 //! The program reads this file and never writes it; decisions made in the program are in [`super::decided`].
 
 use super::{
-    CameraSource,
     classes::{self, ClassEntry},
     decided,
     depth::DepthKind,
     labels::LabelCoding,
-    layout::{MaskRule, Recording},
     read,
+    recording::{CameraSource, MaskRule, Recording, Selection},
 };
 use crate::{
     Error, Result,
@@ -284,29 +283,6 @@ impl Settings {
     }
 }
 
-/// The recorded frames that are used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Selection {
-    pub first: usize,
-    pub last: Option<usize>,
-    pub every: usize,
-}
-
-impl Selection {
-    /// Returns the numbers of the used frames among `n`. The error says what is wrong if there are none.
-    pub(super) fn indices(&self, n: usize) -> Result<Vec<usize>, String> {
-        let last = self.last.unwrap_or(n.saturating_sub(1));
-        if self.first > last || last >= n {
-            return Err(format!(
-                "frames {} to {last} are asked for, the recording has frames 0 to {}",
-                self.first,
-                n.saturating_sub(1)
-            ));
-        }
-        Ok((self.first..=last).step_by(self.every.max(1)).collect())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -353,14 +329,5 @@ mod tests {
         };
         assert_eq!(read(&toml::to_string(&settings).unwrap()).unwrap(), settings);
         assert_eq!(read("").unwrap(), Settings::default());
-    }
-
-    #[test]
-    fn selection_counts_from_the_first_frame_that_is_used() {
-        let selection = Selection { first: 1, last: Some(8), every: 3 };
-        assert_eq!(selection.indices(10).unwrap(), [1, 4, 7]);
-        assert!(selection.indices(8).is_err());
-        assert!(Selection { first: 5, last: Some(4), every: 1 }.indices(10).is_err());
-        assert_eq!(Selection { first: 0, last: None, every: 1 }.indices(2).unwrap(), [0, 1]);
     }
 }

@@ -5,6 +5,7 @@ use crate::{
     codec::CodecSettings,
     demo::{self, DemoSettings},
     prepare::{EncoderIdentity, Prepared, prepare_from_labels},
+    progress::unobserved,
     sequence::Sequence,
 };
 use std::path::Path;
@@ -17,7 +18,7 @@ const DIM: usize = 8;
 pub fn small_clip(folder: &Path, frames: usize) -> Result<Prepared> {
     let recording = folder.join("recording");
     let settings = DemoSettings { width: 64, height: 48, frames, ..DemoSettings::default() };
-    demo::write(&settings, &recording, &mut |_, _| {})?;
+    demo::write(&settings, &recording, &mut unobserved)?;
     let sequence = Sequence::open(&recording)?;
     let embedding = |k: usize| (0..DIM).map(|j| ((k * 5 + j * 3) as f32).sin()).collect();
     let embeddings: Vec<Vec<f32>> = (0..sequence.classes().len()).map(embedding).collect();
@@ -30,5 +31,5 @@ pub fn small_clip(folder: &Path, frames: usize) -> Result<Prepared> {
     };
     let codec = CodecSettings { latent_dim: 3, steps: 60, seed: 0 };
     let to = folder.join("prepared");
-    prepare_from_labels(sequence, encoder, &embeddings, frames > 2, &codec, &to, &mut |_, _, _| {})
+    prepare_from_labels(sequence, encoder, &embeddings, frames > 2, &codec, &to, &mut unobserved)
 }

@@ -88,19 +88,19 @@ fn halved(images: &Images) -> Images {
 fn reorder(scene: &mut Scene) {
     // 67 and N have no common factor, so that each place is taken once.
     let order: Vec<usize> = (0..N).map(|i| i * 67 % N).collect();
-    let Deformation { num_bases, stride, .. } = scene.deformation;
+    let Deformation { num_bases, stride, .. } = *scene.deformation;
     let rows: Vec<&[f32]> = scene.deformation.weights.chunks(stride).collect();
     let weights = (0..num_bases).flat_map(|b| order.iter().map(move |i| b * N + i)).flat_map(|row| rows[row]);
     scene.deformation.weights = weights.copied().collect();
     let g = &scene.gaussians;
-    scene.gaussians = Gaussians {
+    *scene.gaussians = Gaussians {
         means: order.iter().map(|&i| g.means[i]).collect(),
         rotations: order.iter().map(|&i| g.rotations[i]).collect(),
         log_scales: order.iter().map(|&i| g.log_scales[i]).collect(),
         opacity_logits: order.iter().map(|&i| g.opacity_logits[i]).collect(),
         colours: order.iter().map(|&i| g.colours[i]).collect(),
         features: order.iter().flat_map(|&i| g.features[i * DIM..][..DIM].to_vec()).collect(),
-        ..g.clone()
+        ..(**g).clone()
     };
 }
 
@@ -128,7 +128,7 @@ fn append(scene: &mut Scene, mean: [f32; 3], opacity_logit: f32) {
     g.opacity_logits.push(opacity_logit);
     g.colours.push([1.0; 3]);
     g.features.extend([1.0; DIM]);
-    let Deformation { num_bases, stride, weights, .. } = &mut scene.deformation;
+    let Deformation { num_bases, stride, weights, .. } = &mut *scene.deformation;
     for b in (1..=*num_bases).rev() {
         let end = b * N * *stride;
         weights.splice(end..end, std::iter::repeat_n(0.0, *stride));

@@ -1,43 +1,9 @@
 //! Backends that carry out training steps: the passes of this crate, or their twins on a GPU. Schedule,
 //! policy and random numbers belong to the trainer, so that all backends follow the same decisions.
 
-use super::{
-    LossTerms, TrainSettings,
-    densify::{Densify, Statistics},
-    frames::Frame,
-    optimiser::Optimiser,
-    pass::Pass,
-};
-use crate::{
-    Result, camera::Camera, clock::PassClock, deform::Deformation, gaussian::Gaussians,
-    raster::project::Sampling,
-};
+use super::{LossTerms, TrainSettings, densify::Densify, frames::TrainFrame, model::Model, pass::Pass};
+use crate::{Result, camera::Camera, clock::PassClock, gaussian::Gaussians, raster::project::Sampling};
 use std::sync::Arc;
-
-/// Everything that a step changes.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Model {
-    /// Gaussians at rest.
-    pub gaussians: Gaussians,
-    /// Their motion.
-    pub deformation: Deformation,
-    /// Moments of all parameters.
-    pub optimiser: Optimiser,
-    /// Statistics since the last densification.
-    pub statistics: Statistics,
-}
-
-impl Model {
-    /// Makes a model with zero moments and empty statistics.
-    pub fn new(gaussians: Gaussians, deformation: Deformation) -> Self {
-        Self {
-            optimiser: Optimiser::new(&gaussians, &deformation),
-            statistics: Statistics::new(gaussians.len()),
-            gaussians,
-            deformation,
-        }
-    }
-}
 
 /// View of the scene in one step.
 #[derive(Clone, Debug)]
@@ -56,11 +22,11 @@ pub struct Look {
 
 /// One step to be done.
 #[derive(Clone, Debug)]
-pub struct Plan {
+pub struct StepPlan {
     /// Number of the frame in the recording.
     pub index: usize,
     /// Frame at the size of the camera, with all its pixels.
-    pub frame: Arc<Frame>,
+    pub frame: Arc<TrainFrame>,
     /// Camera, time and pixels.
     pub look: Look,
     /// Number of steps done before.
@@ -102,7 +68,7 @@ impl Context<'_> {
 
 /// Result of a step.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Outcome {
+pub struct StepOutcome {
     /// Loss of the last step, if it is known already.
     pub terms: Option<LossTerms<f32>>,
     /// Number of steps found dropped since the last outcome, because something was not finite.
@@ -110,28 +76,28 @@ pub struct Outcome {
 }
 
 /// Carries out training steps.
-pub trait Backend: Send {
+pub trait TrainBackend: Send {
     /// Name of the device it runs on.
     fn name(&self) -> String;
 
-    /// Takes one optimiser step. The model may stay out of date until [`Backend::finish`].
+    /// Takes one optimiser step. The model may stay out of date until [`TrainBackend::finish`].
     fn step(
         &mut self,
         model: &mut Model,
-        plan: Plan,
+        plan: StepPlan,
         context: &Context<'_>,
         clock: &mut PassClock<Pass>,
-    ) -> Result<Outcome>;
+    ) -> Result<StepOutcome>;
 
     /// Adds and removes Gaussians, as [`super::densify`] does.
-    fn densify(&mut self, model: &mut Model, how: &Densify, context: &Context<'_>) -> Result<Outcome>;
+    fn densify(&mut self, model: &mut Model, how: &Densify, context: &Context<'_>) -> Result<StepOutcome>;
 
     /// Returns the current number of Gaussians.
     fn num_gaussians(&self, model: &Model) -> usize;
 
     /// Brings the model up to date.
-    fn finish(&mut self, model: &mut Model, context: &Context<'_>) -> Result<Outcome>;
+    fn finish(&mut self, model: &mut Model, context: &Context<'_>) -> Result<StepOutcome>;
 
-    /// Tells the backend that the model was changed from outside after [`Backend::finish`].
+    /// Tells the backend that the model was changed from outside after [`TrainBackend::finish`].
     fn forget(&mut self);
 }

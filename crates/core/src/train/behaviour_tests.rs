@@ -3,6 +3,7 @@
 use super::*;
 use crate::{
     demo::{self, DemoSettings},
+    progress::unobserved,
     stress::small_clip,
 };
 use tempfile::TempDir;
@@ -277,7 +278,7 @@ fn a_step_that_is_not_finite_is_dropped_and_counted() {
 #[test]
 fn depth_nearer_than_the_near_plane_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    demo::write(&demo_settings(2), folder.path(), &mut |_, _| {}).unwrap();
+    demo::write(&demo_settings(2), folder.path(), &mut unobserved).unwrap();
     let toml = folder.path().join("sequence.toml");
     let text = std::fs::read_to_string(&toml).unwrap().replace("scale = 0.005", "scale = 0.00000001");
     std::fs::write(&toml, text).unwrap();
@@ -289,7 +290,7 @@ fn depth_nearer_than_the_near_plane_is_refused() {
 #[test]
 fn changing_light_is_followed_where_colour_may_change() {
     let folder = tempfile::tempdir().unwrap();
-    demo::write(&demo_settings(9), folder.path(), &mut |_, _| {}).unwrap();
+    demo::write(&demo_settings(9), folder.path(), &mut unobserved).unwrap();
     for i in 0..9u32 {
         let path = folder.path().join(format!("images/frame_{i:06}.png"));
         let mut picture = image::open(&path).unwrap().to_rgb8();

@@ -3,11 +3,11 @@
 use crate::{
     camera::Camera,
     deform::{
-        COLOUR_CHANNEL, Deformation, Deformed, GATE_CHANNEL, MEAN_CHANNEL, Moved, ROTATION_CHANNEL,
+        COLOUR_CHANNEL, Deformation, Deformed, GATE_CHANNEL, Geometry, MEAN_CHANNEL, Moved, ROTATION_CHANNEL,
         SCALE_CHANNEL, gate_feature_backward, move_geometry_backward,
     },
     gaussian::Gaussians,
-    raster::project::{Geometry, Splat, SplatGradient, View, project_backward, view_colour_backward},
+    raster::project::{CameraView, Splat, SplatGradient, project_backward, view_colour_backward},
     real::unit_quaternion,
 };
 use rayon::prelude::*;
@@ -63,7 +63,7 @@ pub fn backward(
     out.opacity_logits.resize(n, 0.0);
     out.sh_rest.resize(n * bands, 0.0);
     out.features.resize(n * dim, 0.0);
-    let view = View::new(state.camera);
+    let view = CameraView::new(state.camera);
     let learns_features = dim > 0 && !g_features.is_empty();
     if !learns_features {
         out.features.fill(0.0);
@@ -124,7 +124,7 @@ fn are_finite(values: &[f32]) -> bool {
 /// Writes one Gaussian's gradients except those of its features; returns that of its opacity logit.
 fn geometry_and_colour(
     state: &FrameState<'_>,
-    view: &View<f32>,
+    view: &CameraView<f32>,
     i: usize,
     g: &SplatGradient<f32>,
     g_rest: &mut [f32],

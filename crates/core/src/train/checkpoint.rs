@@ -1,7 +1,7 @@
 //! Unfinished training on disk: a short header with a checksum, then identity, settings and state in
 //! postcard's format.
 
-use super::{settings::TrainSettings, state::State};
+use super::{settings::TrainSettings, state::TrainState};
 use crate::{
     Error, Result,
     files::write_whole_with,
@@ -25,7 +25,7 @@ const OLD_MAGIC: &[u8; 16] = b"SurgTPGS train 1";
 
 /// Material that a checkpoint belongs to.
 #[derive(Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-struct Source {
+struct TrainedOn {
     frames: usize,
     width: usize,
     height: usize,
@@ -33,7 +33,7 @@ struct Source {
     latents: Vec<f32>,
 }
 
-impl Source {
+impl TrainedOn {
     fn of(sequence: &Sequence, prepared: Option<&Prepared>) -> Self {
         Self {
             frames: sequence.num_frames(),
@@ -46,9 +46,9 @@ impl Source {
 
 #[derive(serde::Serialize, serde::Deserialize)]
 struct Checkpoint {
-    source: Source,
+    source: TrainedOn,
     settings: TrainSettings,
-    state: State,
+    state: TrainState,
 }
 
 /// Returns `true` if the file at `path` is an unfinished training, of any version.
@@ -66,9 +66,10 @@ pub(super) fn write(
     prepared: Option<&Prepared>,
     identity: &Identity,
     settings: &TrainSettings,
-    state: State,
+    state: TrainState,
 ) -> Result<()> {
-    let checkpoint = Checkpoint { source: Source::of(sequence, prepared), settings: settings.clone(), state };
+    let checkpoint =
+        Checkpoint { source: TrainedOn::of(sequence, prepared), settings: settings.clone(), state };
     write_whole_with(path, |file| {
         let mut body = Summed { file: BufWriter::new(file), sum: Sha256::new() };
         // The checksum is only known at the end and is then written here.
@@ -105,7 +106,7 @@ pub(super) fn read(
     sequence: &Sequence,
     prepared: Option<&Prepared>,
     identity: &Identity,
-) -> Result<(TrainSettings, State)> {
+) -> Result<(TrainSettings, TrainState)> {
     const AGAIN: &str = "Train again from the beginning.";
     let bytes =
         read_regular(path, MOST_BYTES).map_err(|e| Error::io("read the unfinished training", path, e))?;
@@ -126,7 +127,7 @@ pub(super) fn read(
     } else {
         return Err(Error::input_at(path, "this is no unfinished training of this version", AGAIN));
     };
-    if checkpoint.source != Source::of(sequence, prepared) {
+    if checkpoint.source != TrainedOn::of(sequence, prepared) {
         return Err(Error::input_at(
             path,
             "the unfinished training belongs to another recording, or the recording was prepared anew",

@@ -1,10 +1,10 @@
 //! A training step on the CPU.
 
 use super::{
-    Backend, Context, Look, LossTerms, Model, Outcome, Plan,
+    Context, Look, LossTerms, Model, StepOutcome, StepPlan, TrainBackend,
     chain::{self, FrameState, Gradients},
     densify::{Densify, densify},
-    frames::Frame,
+    frames::TrainFrame,
     loss::loss_into,
     pass::Pass,
     settings::TrainSettings,
@@ -38,7 +38,7 @@ pub struct CpuBackend {
     gradients: Gradients,
 }
 
-impl Backend for CpuBackend {
+impl TrainBackend for CpuBackend {
     fn name(&self) -> String {
         format!("CPU, {} threads", rayon::current_num_threads())
     }
@@ -46,11 +46,11 @@ impl Backend for CpuBackend {
     fn step(
         &mut self,
         model: &mut Model,
-        plan: Plan,
+        plan: StepPlan,
         context: &Context<'_>,
         clock: &mut PassClock<Pass>,
-    ) -> Result<Outcome> {
-        let Plan { look, step, updates, .. } = &plan;
+    ) -> Result<StepOutcome> {
+        let StepPlan { look, step, updates, .. } = &plan;
         let sampled;
         let frame = if look.sampling == Sampling::ALL {
             &*plan.frame
@@ -69,20 +69,20 @@ impl Backend for CpuBackend {
             }
             clock.lap(Pass::Adam);
         }
-        Ok(Outcome { terms: Some(terms), dropped: usize::from(!finite) })
+        Ok(StepOutcome { terms: Some(terms), dropped: usize::from(!finite) })
     }
 
-    fn densify(&mut self, model: &mut Model, how: &Densify, _: &Context<'_>) -> Result<Outcome> {
+    fn densify(&mut self, model: &mut Model, how: &Densify, _: &Context<'_>) -> Result<StepOutcome> {
         densify(model, how);
-        Ok(Outcome::default())
+        Ok(StepOutcome::default())
     }
 
     fn num_gaussians(&self, model: &Model) -> usize {
         model.gaussians.len()
     }
 
-    fn finish(&mut self, _: &mut Model, _: &Context<'_>) -> Result<Outcome> {
-        Ok(Outcome::default())
+    fn finish(&mut self, _: &mut Model, _: &Context<'_>) -> Result<StepOutcome> {
+        Ok(StepOutcome::default())
     }
 
     fn forget(&mut self) {}
@@ -93,7 +93,7 @@ impl CpuBackend {
     fn render(
         &mut self,
         model: &Model,
-        frame: &Frame,
+        frame: &TrainFrame,
         look: &Look,
         context: &Context<'_>,
         clock: &mut PassClock<Pass>,
@@ -118,7 +118,7 @@ impl CpuBackend {
     /// Computes the loss and its gradient with respect to the images.
     fn compare(
         &mut self,
-        frame: &Frame,
+        frame: &TrainFrame,
         look: &Look,
         context: &Context<'_>,
         clock: &mut PassClock<Pass>,

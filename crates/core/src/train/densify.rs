@@ -5,40 +5,17 @@
 //! judged in pixels, which also works with a still camera. [`Densify`] is the policy, the same for all
 //! backends. Each pass that follows it has a twin of its name in `shaders/densify.wgsl`.
 
-use super::{backend::Model, random::normal4, settings::TrainSettings};
+use super::{
+    model::{Model, Statistics},
+    random::normal4,
+    settings::TrainSettings,
+};
 use crate::{
     deform::Deformation,
     gaussian::Gaussians,
     num::{logit, sigmoid},
-    raster::project::{Splat, SplatGradient},
     real::{rotation_matrix, transform, unit_quaternion},
 };
-
-/// Statistics of each Gaussian since the last densification.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Statistics {
-    /// Σ ‖∂L/∂centre‖, per px of the full-size image.
-    pub pull: Vec<f32>,
-    /// Number of frames in which it was visible.
-    pub seen: Vec<u32>,
-}
-
-impl Statistics {
-    /// Makes empty statistics for `n` Gaussians.
-    pub fn new(n: usize) -> Self {
-        Self { pull: vec![0.0; n], seen: vec![0; n] }
-    }
-
-    /// Adds one frame; `scale` converts from its pixels to the unit of the statistics.
-    pub fn add(&mut self, splats: &[Splat<f32>], g: &[SplatGradient<f32>], scale: [f32; 2]) {
-        for (i, (splat, g)) in splats.iter().zip(g).enumerate() {
-            if splat.is_visible() {
-                self.pull[i] += (g.centre[0] * scale[0]).hypot(g.centre[1] * scale[1]);
-                self.seen[i] += 1;
-            }
-        }
-    }
-}
 
 /// Numbers that determine one densification.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -152,7 +129,7 @@ fn rank(marks: &[Mark]) -> Vec<u32> {
 
 /// A row of the new set.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Row {
+struct NewRow {
     /// Row of the old set that it copies.
     parent: u32,
     /// `true` if its moments start afresh.
@@ -160,19 +137,19 @@ struct Row {
 }
 
 /// The new rows, and the indices of the two rows of each divided Gaussian.
-fn list(marks: &[Mark], parted: &[u32], split_only: bool) -> (Vec<Row>, Vec<[usize; 2]>) {
+fn list(marks: &[Mark], parted: &[u32], split_only: bool) -> (Vec<NewRow>, Vec<[usize; 2]>) {
     let mut places = vec![0; marks.len()];
     let mut rows = Vec::new();
     for (parent, _) in marks.iter().enumerate().filter(|(_, mark)| mark.is_kept) {
         places[parent] = rows.len();
-        rows.push(Row { parent: parent as u32, is_fresh: false });
+        rows.push(NewRow { parent: parent as u32, is_fresh: false });
     }
     let mut pairs = Vec::new();
     for parent in parted {
         let place = places[*parent as usize];
         rows[place].is_fresh = split_only;
         pairs.push([place, rows.len()]);
-        rows.push(Row { parent: *parent, is_fresh: true });
+        rows.push(NewRow { parent: *parent, is_fresh: true });
     }
     (rows, pairs)
 }
@@ -216,9 +193,9 @@ fn scatter(gaussians: &mut Gaussians, pair: [usize; 2], [first, second]: [u32; 2
 }
 
 /// Rebuilds every array for the new rows.
-fn copy_rows(gaussians: &mut Gaussians, deformation: &mut Deformation, rows: &[Row]) {
-    fn copy<T: Copy>(values: &[T], rows: &[Row], width: usize) -> Vec<T> {
-        let row = |r: &Row| &values[r.parent as usize * width..(r.parent as usize + 1) * width];
+fn copy_rows(gaussians: &mut Gaussians, deformation: &mut Deformation, rows: &[NewRow]) {
+    fn copy<T: Copy>(values: &[T], rows: &[NewRow], width: usize) -> Vec<T> {
+        let row = |r: &NewRow| &values[r.parent as usize * width..(r.parent as usize + 1) * width];
         rows.iter().flat_map(row).copied().collect()
     }
     let plane = gaussians.len() * deformation.stride;

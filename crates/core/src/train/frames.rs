@@ -11,7 +11,7 @@ use std::{collections::BTreeMap, sync::Arc};
 
 /// Ground truth of one frame at one size; the owned form of [`Truth`].
 #[derive(Debug)]
-pub struct Frame {
+pub struct TrainFrame {
     /// Number of columns.
     pub width: usize,
     /// Number of rows.
@@ -26,7 +26,7 @@ pub struct Frame {
     pub regions: Vec<u16>,
 }
 
-impl Frame {
+impl TrainFrame {
     /// Decodes frame `i` of a recording at full size.
     pub fn load(sequence: &Sequence, prepared: Option<&Prepared>, i: usize) -> Result<Self> {
         let regions = prepared.map(|p| p.regions(i)).transpose()?.flatten();
@@ -133,7 +133,7 @@ fn planar(interleaved: &[u8]) -> Vec<u8> {
 #[derive(Debug)]
 pub struct FrameCache {
     sequence: Sequence,
-    frames: BTreeMap<(usize, bool), Arc<Frame>>,
+    frames: BTreeMap<(usize, bool), Arc<TrainFrame>>,
     used_bytes: usize,
     budget_bytes: usize,
 }
@@ -157,14 +157,14 @@ impl FrameCache {
     }
 
     /// Returns frame `i`, halved if asked for.
-    pub fn get(&mut self, prepared: Option<&Prepared>, i: usize, half: bool) -> Result<Arc<Frame>> {
+    pub fn get(&mut self, prepared: Option<&Prepared>, i: usize, half: bool) -> Result<Arc<TrainFrame>> {
         if let Some(frame) = self.frames.get(&(i, half)) {
             return Ok(frame.clone());
         }
         let frame = if half {
             self.get(prepared, i, false)?.halved()
         } else {
-            Frame::load(&self.sequence, prepared, i)?
+            TrainFrame::load(&self.sequence, prepared, i)?
         };
         let frame = Arc::new(frame);
         if self.used_bytes + frame.bytes() <= self.budget_bytes {

@@ -9,6 +9,7 @@ mod densify;
 mod frames;
 mod lift;
 mod loss;
+mod model;
 mod optimiser;
 mod pass;
 mod random;
@@ -16,22 +17,24 @@ mod settings;
 mod state;
 
 pub use adam::{Adam, BETA1, BETA2, EPSILON, WIDTH, bias_corrections};
-pub use backend::{Backend, Context, Look, Model, Outcome, Plan};
+pub use backend::{Context, Look, StepOutcome, StepPlan, TrainBackend};
 pub use chain::{FrameState, Gradients, backward as chain_backward};
 pub use checkpoint::is_checkpoint;
 pub use cpu::CpuBackend;
-pub use densify::{CLONE_DISTANCE, Densify, LN_SPLIT, SPLIT_DISTANCE, Statistics, densify};
-pub use frames::Frame;
-pub use loss::{LossTerms, LossWeights, MIN_DEPTH, MIN_DEPTH_ALPHA, Scales, TermScales, Truth, loss};
+pub use densify::{CLONE_DISTANCE, Densify, LN_SPLIT, SPLIT_DISTANCE, densify};
+pub use frames::TrainFrame;
+pub use loss::{
+    LossTerms, LossWeights, MIN_DEPTH, MIN_DEPTH_ALPHA, NUM_TERMS, Scales, TermScales, Truth, loss,
+};
+pub use model::{Model, Statistics};
 pub use optimiser::{OPACITY_CHANNEL, Optimiser, Rates};
 pub use pass::Pass;
 pub use settings::{
-    DensifySettings, FeatureMode, FrameOrder, LONGEST, LearningRates, LengthUnit, Profile, TrainSettings,
-    length_loss_db,
+    DensifySettings, FeatureMode, FrameOrder, LearningRates, LengthUnit, Profile, TrainSettings,
 };
 
 use crate::{
-    Error, Result,
+    Error, Remedy, Result,
     clock::PassClock,
     deform::deform,
     files, metrics,
@@ -42,7 +45,7 @@ use crate::{
 };
 use frames::FrameCache;
 use rand::Rng;
-use state::{State, spread, train_frames};
+use state::{TrainState, spread, train_frames};
 use std::{path::Path, sync::Arc};
 
 /// Number of frames that [`Trainer::psnr_db`] uses if none is held out.
@@ -76,9 +79,9 @@ pub struct Trainer {
     prepared: Option<Prepared>,
     identity: Arc<Identity>,
     cache: FrameCache,
-    state: State,
+    state: TrainState,
     started: std::time::Instant,
-    backend: Box<dyn Backend>,
+    backend: Box<dyn TrainBackend>,
     terms: LossTerms<f32>,
     clock: PassClock<Pass>,
 }
@@ -92,7 +95,7 @@ impl Trainer {
         let sees_around = sequence.camera_moves() || settings.sh_when_still;
         settings.sh_degree = if sees_around { settings.sh_degree.min(3) } else { 0 };
         let identity = identity(sequence, prepared)?;
-        let state = State::new(sequence, prepared, &settings)?;
+        let state = TrainState::new(sequence, prepared, &settings)?;
         Ok(Self::with_state(sequence, prepared, settings, state, identity))
     }
 
@@ -117,7 +120,7 @@ impl Trainer {
         sequence: &Sequence,
         prepared: Option<&Prepared>,
         settings: TrainSettings,
-        state: State,
+        state: TrainState,
         identity: Arc<Identity>,
     ) -> Self {
         Self {
@@ -145,7 +148,7 @@ impl Trainer {
     }
 
     /// Trains on another backend from the next step on; the first one is the CPU.
-    pub fn set_backend(&mut self, backend: Box<dyn Backend>) -> Result<()> {
+    pub fn set_backend(&mut self, backend: Box<dyn TrainBackend>) -> Result<()> {
         self.finish()?;
         self.backend = backend;
         Ok(())
@@ -180,7 +183,7 @@ impl Trainer {
     }
 
     /// Plans the next step: the frame and its pixels.
-    fn next_plan(&mut self) -> Result<Plan> {
+    fn next_plan(&mut self) -> Result<StepPlan> {
         let before = (self.state.queue.clone(), self.state.rng.clone());
         let index = self.next_frame();
         let look = self.next_look(index);
@@ -190,7 +193,7 @@ impl Trainer {
         })?;
         let loses_step = self.settings.densify.loses_step;
         let updates = !(loses_step && self.settings.densifies_at(self.state.step + 1));
-        Ok(Plan { index, frame, look, step: self.state.step, updates })
+        Ok(StepPlan { index, frame, look, step: self.state.step, updates })
     }
 
     /// Waits for the backend and brings the model up to date with its results.
@@ -201,14 +204,14 @@ impl Trainer {
         Ok(())
     }
 
-    fn take_in(&mut self, outcome: Outcome) {
+    fn take_in(&mut self, outcome: StepOutcome) {
         self.state.dropped += outcome.dropped;
         self.terms = outcome.terms.unwrap_or(self.terms);
     }
 
     /// Takes `steps` steps on `backend` and undoes them. Returns their duration in seconds, without the
     /// first steps for warming up, and the loss of the last.
-    pub fn try_out(&mut self, backend: Box<dyn Backend>, steps: usize) -> Result<(f64, LossTerms<f32>)> {
+    pub fn try_out(&mut self, backend: Box<dyn TrainBackend>, steps: usize) -> Result<(f64, LossTerms<f32>)> {
         const WARM_UP: usize = 3;
         self.finish()?;
         let (before, terms) = (self.state.clone(), self.terms);
@@ -301,8 +304,8 @@ impl Trainer {
         self.finish()?;
         let prepared = self.prepared.as_ref();
         Ok(Scene {
-            gaussians: self.state.model.gaussians.clone(),
-            deformation: self.state.model.deformation.clone(),
+            gaussians: self.state.model.gaussians.clone().into(),
+            deformation: self.state.model.deformation.clone().into(),
             cameras: (0..self.sequence.num_frames()).map(|i| self.sequence.camera(i)).collect(),
             field_of_view: self.sequence.field_of_view().clone(),
             codec: prepared.map(|p| p.codec.clone()),
@@ -345,10 +348,7 @@ impl Trainer {
             values.extend(metrics::psnr_db(&self.render(i)?.to_rgb(), &self.sequence.frame(i)?, Some(&mask)));
         }
         if values.is_empty() {
-            return Err(Error::input(
-                "no frame has supervised pixels",
-                "Run `surgtpgs check` on the recording.",
-            ));
+            return Err(Error::input("no frame has supervised pixels", Remedy::CheckRecording.after("")));
         }
         Ok(values.iter().sum::<f64>() / values.len() as f64)
     }
@@ -358,7 +358,7 @@ fn context<'a>(
     settings: &'a TrainSettings,
     prepared: Option<&'a Prepared>,
     sequence: &Sequence,
-    state: &State,
+    state: &TrainState,
 ) -> Context<'a> {
     Context {
         settings,
@@ -369,7 +369,7 @@ fn context<'a>(
 }
 
 /// Length of a full-size pixel at the typical depth, scene units.
-fn world_per_px(sequence: &Sequence, state: &State) -> f32 {
+fn world_per_px(sequence: &Sequence, state: &TrainState) -> f32 {
     state.typical_depth / sequence.camera(0).fx
 }
 

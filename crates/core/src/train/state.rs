@@ -1,11 +1,11 @@
 //! Everything that training changes, and its initial values.
 
 use super::{
-    backend::Model,
+    model::Model,
     settings::{FeatureMode, TrainSettings},
 };
 use crate::{
-    Error, Result,
+    Error, Remedy, Result,
     deform::{Deformation, SCALE_CHANNEL, stride_for},
     gaussian::{
         Gaussians,
@@ -26,7 +26,7 @@ const SEED_FRAMES: usize = 8;
 
 /// State of training. Together with the settings and the recording it determines all later steps.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
-pub(super) struct State {
+pub(super) struct TrainState {
     pub model: Model,
     pub rng: ChaCha8Rng,
     /// Frames still to be visited in this round, in random order.
@@ -40,7 +40,7 @@ pub(super) struct State {
     pub seconds: f64,
 }
 
-impl State {
+impl TrainState {
     pub(super) fn new(
         sequence: &Sequence,
         prepared: Option<&Prepared>,
@@ -184,7 +184,8 @@ fn initial_gaussians(
         return Err(Error::input_at(
             sequence.path(),
             "no pixel of the recording is to be supervised",
-            "Its masks are probably inverted: run `surgtpgs check`, and set `[masks] keep` in sequence.toml.",
+            Remedy::CheckRecording
+                .after("Its masks are probably inverted: set `[masks] keep` in sequence.toml."),
         ));
     }
     Ok((gaussians, typical_depth))

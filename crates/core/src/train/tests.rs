@@ -4,7 +4,7 @@
 use super::{
     LossWeights, Truth,
     chain::{self, FrameState, Gradients},
-    frames::Frame,
+    frames::TrainFrame,
     loss,
     optimiser::own_basis_gradients,
     settings::{Profile, TrainSettings},
@@ -21,7 +21,7 @@ use crate::{
         backward::raster_backward,
         bin::bin,
         forward::raster,
-        project::{View, project, project_all, view_colour},
+        project::{CameraView, project, project_all, view_colour},
         reference::ReferenceInput,
     },
     real::Real,
@@ -52,7 +52,7 @@ struct Fixture {
     camera: Camera,
     gaussians: Gaussians,
     deformation: Deformation,
-    frame: Frame,
+    frame: TrainFrame,
     latents: Vec<f32>,
 }
 
@@ -89,7 +89,7 @@ fn fixture(variant: Variant) -> Fixture {
     deformation.feature_weight.iter_mut().for_each(|w| *w = near(0.5));
     deformation.feature_bias.iter_mut().for_each(|w| *w = near(0.5));
     let pixels = WIDTH * HEIGHT;
-    let frame = Frame {
+    let frame = TrainFrame {
         width: WIDTH,
         height: HEIGHT,
         colour: (0..3 * pixels).map(|_| rng.random()).collect(),
@@ -143,7 +143,7 @@ impl Fixture {
         let [means, rotations, log_scales, opacity, colours, bands, features, weights, net, centres, widths] =
             std::array::from_fn(|k| p[k].1.as_slice());
         let (n, stride, time) = (self.gaussians.len(), self.deformation.stride, f64::from(TIME));
-        let view = View::<f64>::new(&self.camera);
+        let view = CameraView::<f64>::new(&self.camera);
         let (net_weight, net_bias) = net.split_at(DIM * (DIM + 1));
         let net =
             FeatureNet { weight: net_weight, bias: net_bias, slope: f64::from(self.deformation.gate_slope) };

@@ -42,6 +42,7 @@ macro_rules! shader_struct {
 
 mod train;
 
+pub(crate) use train::TERM_QUADS;
 pub use train::{
     Chain, CopyRows, Densify, Gather, Loss, Network, Region, RegionBlock, Regions, Settle, Settled,
     SplatGradientRow, Update,

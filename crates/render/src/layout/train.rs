@@ -2,7 +2,13 @@
 
 use super::ShaderStruct;
 use bytemuck::{Pod, Zeroable};
-use surgtpgs_core::{raster::project::SplatGradient, train::LossTerms};
+use surgtpgs_core::{
+    raster::project::SplatGradient,
+    train::{LossTerms, NUM_TERMS, TermScales},
+};
+
+/// Number of groups of four terms of the loss that are sums over pixels: all but the last term.
+pub(crate) const TERM_QUADS: usize = (NUM_TERMS - 1).div_ceil(4);
 
 shader_struct! {
     /// Gradients with respect to the values of a splat that the raster pass reads (`shared/gaussian.wgsl`).
@@ -169,20 +175,14 @@ shader_struct! {
 shader_struct! {
     /// Result of a step (`settle.wgsl`).
     pub struct Settled {
-        /// Term of colour, weighted.
-        colour: f32,
-        /// Term of depth, weighted.
-        depth: f32,
-        /// Term of total variation, weighted.
-        variation: f32,
-        /// Term of features, weighted.
-        features: f32,
-        /// Term of region smoothness, weighted.
-        region: f32,
+        /// Terms of the loss, weighted, in the order of [`LossTerms`]; then zeros.
+        terms: [[f32; 4]; 2],
         /// 1 if the step was dropped.
         is_dropped: u32,
-        /// Padding to a multiple of 8 bytes.
-        padding: [u32; 2],
+        /// Padding to a multiple of 16 bytes.
+        padding: u32,
+        /// Padding to a multiple of 16 bytes.
+        padding_2: [u32; 2],
     }
 }
 
@@ -276,14 +276,25 @@ impl From<&SplatGradientRow> for SplatGradient<f32> {
     }
 }
 
+impl Loss {
+    /// The weights of the terms, everything else 0. A frame without supervised pixels has no term of colour.
+    pub(crate) fn weighted(scales: &TermScales<f32>, is_supervised: bool) -> Self {
+        let counts = |v: f32| if is_supervised { v } else { 0.0 };
+        Self {
+            colour_difference: counts(scales.colour.difference),
+            colour_variation: counts(scales.colour.variation),
+            depth_difference: scales.depth.difference,
+            depth_variation: scales.depth.variation,
+            feature_difference: scales.features.difference,
+            feature_variation: scales.features.variation,
+            ..Self::default()
+        }
+    }
+}
+
 impl From<&Settled> for LossTerms<f32> {
     fn from(s: &Settled) -> Self {
-        Self {
-            colour: s.colour,
-            depth: s.depth,
-            total_variation: s.variation,
-            features: s.features,
-            region: s.region,
-        }
+        const { assert!(NUM_TERMS <= 8) };
+        Self::of(std::array::from_fn(|k| s.terms.as_flattened()[k]))
     }
 }

@@ -11,7 +11,7 @@ use crate::{
     layout::{SplatRow, View},
     shader_source::GROUP,
 };
-use surgtpgs_core::{Error, Result, raster::bin::Bins};
+use surgtpgs_core::{Error, Remedy, Result, raster::bin::Bins};
 
 #[derive(Debug)]
 pub(crate) struct BinPass {
@@ -74,7 +74,7 @@ impl BinPass {
         if capacity > limit {
             return Err(Error::input(
                 format!("the picture needs {capacity} splat-tile pairs, the GPU holds {limit}"),
-                "Use a smaller picture or scene, or choose the CPU (`--backend cpu`)",
+                Remedy::UseCpu.after("Use a smaller picture or scene."),
             ));
         }
         self.capacity = capacity.max(1);

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use surgtpgs_core::{
     Result,
     raster::project::Sampling,
-    train::{Context, Plan, Truth},
+    train::{Context, StepPlan, Truth},
 };
 
 /// Number of pixels of a region that one workgroup sums up.
@@ -113,7 +113,7 @@ impl FrameStore {
     pub(super) fn get(
         &mut self,
         gpu: &Gpu,
-        plan: &Plan,
+        plan: &StepPlan,
         context: &Context<'_>,
         latent_dim: usize,
     ) -> Result<&FrameBuffers> {

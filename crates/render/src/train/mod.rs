@@ -31,14 +31,14 @@ use passes::{Job, StepPasses};
 use resident::{READ_EVERY, Resident};
 use std::time::Duration;
 use surgtpgs_core::{
-    Error, Result,
+    Error, Remedy, Result,
     clock::{PassClock, PassName},
     deform::GATE_CHANNEL,
     raster::{
         Images,
         project::{Splat, SplatGradient},
     },
-    train::{Backend, Context, Densify, Gradients, LossTerms, Model, Outcome, Pass, Plan},
+    train::{Context, Densify, Gradients, LossTerms, Model, Pass, StepOutcome, StepPlan, TrainBackend},
 };
 
 /// Carries out training steps on a GPU.
@@ -54,7 +54,7 @@ pub struct GpuBackend {
     frames: FrameStore,
     resident: Option<Resident>,
     /// Steps submitted since the history was last read.
-    pending: Vec<Plan>,
+    pending: Vec<StepPlan>,
     timer: Timer,
 }
 
@@ -119,7 +119,7 @@ impl GpuBackend {
     }
 
     /// Takes one step and reads back the output of each pass.
-    pub fn trace(&mut self, model: &mut Model, plan: Plan, context: &Context<'_>) -> Result<StepTrace> {
+    pub fn trace(&mut self, model: &mut Model, plan: StepPlan, context: &Context<'_>) -> Result<StepTrace> {
         let size = plan.look.sampling.size(plan.frame.size().0, plan.frame.size().1);
         let now = self.step(model, plan, context, &mut PassClock::default())?;
         let gpu = self.gpu.clone();
@@ -179,7 +179,7 @@ impl GpuBackend {
     }
 
     /// Submits one step.
-    fn submit(&mut self, model: &Model, plan: &Plan, context: &Context<'_>) -> Result<()> {
+    fn submit(&mut self, model: &Model, plan: &StepPlan, context: &Context<'_>) -> Result<()> {
         self.load(model, context)?;
         let Self { gpu, deform, project, bin, raster, step, frames, resident, timer, .. } = self;
         let (Some(step), Some(resident)) = (step, resident) else { return Ok(()) };
@@ -234,17 +234,14 @@ impl GpuBackend {
     }
 
     /// Reads the results of the submitted steps and repeats those whose pairs did not fit.
-    fn settle(&mut self, model: &Model, context: &Context<'_>) -> Result<Outcome> {
-        let mut outcome = Outcome::default();
+    fn settle(&mut self, model: &Model, context: &Context<'_>) -> Result<StepOutcome> {
+        let mut outcome = StepOutcome::default();
         while let Some(resident) = self.resident.as_ref().filter(|_| !self.pending.is_empty()) {
             let mut state = resident.status.read(&self.gpu, status::COUNT_REST as usize)?;
             let done = state[status::DONE as usize] as usize;
             if done < self.pending.len() && state[status::OVERFLOWN as usize] == 0 {
                 // An error that the driver reported meanwhile says more.
-                return Err(Error::input(
-                    "the GPU left out steps of the training",
-                    "Choose the CPU (`--backend cpu`)",
-                ));
+                return Err(Error::input("the GPU left out steps of the training", Remedy::UseCpu.after("")));
             }
             let history = resident.history.read(&self.gpu, done)?;
             outcome.dropped += history.iter().filter(|s| s.is_dropped != 0).count();
@@ -265,7 +262,7 @@ impl GpuBackend {
     }
 }
 
-impl Backend for GpuBackend {
+impl TrainBackend for GpuBackend {
     fn name(&self) -> String {
         self.gpu.name()
     }
@@ -274,10 +271,10 @@ impl Backend for GpuBackend {
     fn step(
         &mut self,
         model: &mut Model,
-        plan: Plan,
+        plan: StepPlan,
         context: &Context<'_>,
         clock: &mut PassClock<Pass>,
-    ) -> Result<Outcome> {
+    ) -> Result<StepOutcome> {
         let gpu = self.gpu.clone();
         let is_first = self.resident.is_none();
         gpu.guarded(|| {
@@ -288,11 +285,11 @@ impl Backend for GpuBackend {
             }
             // The first step shows how much room is needed.
             let looks = is_first || self.pending.len() >= READ_EVERY;
-            if looks { self.settle(model, context) } else { Ok(Outcome::default()) }
+            if looks { self.settle(model, context) } else { Ok(StepOutcome::default()) }
         })
     }
 
-    fn densify(&mut self, model: &mut Model, how: &Densify, context: &Context<'_>) -> Result<Outcome> {
+    fn densify(&mut self, model: &mut Model, how: &Densify, context: &Context<'_>) -> Result<StepOutcome> {
         let gpu = self.gpu.clone();
         gpu.guarded(|| {
             let outcome = self.settle(model, context)?;
@@ -314,7 +311,7 @@ impl Backend for GpuBackend {
         self.resident.as_ref().map_or(model.gaussians.len(), |resident| resident.num_gaussians)
     }
 
-    fn finish(&mut self, model: &mut Model, context: &Context<'_>) -> Result<Outcome> {
+    fn finish(&mut self, model: &mut Model, context: &Context<'_>) -> Result<StepOutcome> {
         let gpu = self.gpu.clone();
         gpu.guarded(|| {
             let outcome = self.settle(model, context)?;

@@ -8,7 +8,7 @@ use crate::{
     Gpu,
     buffers::{DeviceVec, uniform},
     kernel::Kernel,
-    layout::{self, RestRow, Settle, SplatGradientRow, SplatRow, Update, View},
+    layout::{self, RestRow, Settle, SplatGradientRow, SplatRow, TERM_QUADS, Update, View},
     passes::{BinPass, DeformPass, RasterPass},
     scene_buffers::Planes,
     shader_source::{GROUP, NETWORK_BLOCK, status},
@@ -17,7 +17,7 @@ use surgtpgs_core::{
     Result,
     deform::Deformation,
     raster::FEATURE_PLANE,
-    train::{Context, LossWeights, Plan, Rates, TermScales},
+    train::{Context, LossWeights, Rates, StepPlan, TermScales},
 };
 
 /// Number of values of a slot, see `shared/slot.wgsl`.
@@ -74,7 +74,7 @@ pub(super) struct Job<'a> {
     pub gpu: &'a Gpu,
     pub view: &'a View,
     pub view_buffer: &'a wgpu::Buffer,
-    pub plan: &'a Plan,
+    pub plan: &'a StepPlan,
     pub context: &'a Context<'a>,
     pub deformation: &'a Deformation,
     pub deform: &'a DeformPass,
@@ -157,7 +157,7 @@ impl StepPasses {
         let quads = dim.div_ceil(4).max(1);
         let (blocks, regions) = (job.frame.blocks.len(), job.frame.large_regions.len());
         self.g_planes.resize(gpu, pixels * (FEATURE_PLANE + dim))?;
-        self.loss_sums.resize(gpu, pixels.div_ceil(GROUP as usize))?;
+        self.loss_sums.resize(gpu, pixels.div_ceil(GROUP as usize) * TERM_QUADS)?;
         self.region_sums.resize(gpu, blocks * quads * 2)?;
         self.means.resize(gpu, regions * quads)?;
         self.spreads.resize(gpu, regions * quads * 2)?;
@@ -183,12 +183,15 @@ impl StepPasses {
         self.channel_rates.write(gpu, &rates.channels)
     }
 
+    /// Number of workgroups of the loss; each writes its sums.
+    fn num_loss_groups(&self) -> u32 {
+        (self.loss_sums.len() / TERM_QUADS) as u32
+    }
+
     /// Adds the loss and its gradient with respect to the planes.
     pub(super) fn encode_loss(&self, job: &Job<'_>, pass: &mut wgpu::ComputePass<'_>) {
         let (gpu, frame, weights) = (job.gpu, job.frame, job.weights());
         let scales = TermScales::<f32>::new(&weights, frame.supervised, job.num_pixels(), self.latent_dim);
-        // Without any supervised pixel all weights are 0.
-        let counts = |v: f32| if frame.supervised > 0 { v } else { 0.0 };
         let params = uniform(
             gpu,
             &layout::Loss {
@@ -199,13 +202,7 @@ impl StepPasses {
                 unmasked_variation: u32::from(weights.unmasked_variation),
                 num_rows: (job.context.latents.len() / self.latent_dim.max(1)) as u32,
                 typical_depth: job.context.typical_depth,
-                colour_difference: counts(scales.colour.difference),
-                colour_variation: counts(scales.colour.variation),
-                depth_difference: scales.depth.difference,
-                depth_variation: scales.depth.variation,
-                feature_difference: scales.features.difference,
-                feature_variation: scales.features.variation,
-                padding: [0; 2],
+                ..layout::Loss::weighted(&scales, frame.supervised > 0)
             },
         );
         let bindings = [
@@ -218,7 +215,7 @@ impl StepPasses {
             (6, self.g_planes.binding()),
             (7, self.loss_sums.binding()),
         ];
-        self.loss.dispatch(gpu, pass, &bindings, self.loss_sums.len() as u32);
+        self.loss.dispatch(gpu, pass, &bindings, self.num_loss_groups());
         if job.num_regions() > 0 {
             self.encode_regions(job, pass, &weights, scales.smoothness);
         }
@@ -376,7 +373,7 @@ impl StepPasses {
         let params = uniform(
             gpu,
             &Settle {
-                num_sums: self.loss_sums.len() as u32,
+                num_sums: self.num_loss_groups(),
                 num_regions: job.num_regions() as u32,
                 smoothness: scales.smoothness,
                 capacity: job.bin.capacity() as u32,

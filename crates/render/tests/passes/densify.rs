@@ -8,7 +8,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use surgtpgs_core::{
     deform::BasisShape,
-    train::{Adam, Backend, Context, Densify, Model, Profile, TrainSettings, densify},
+    train::{Adam, Context, Densify, Model, Profile, TrainBackend, TrainSettings, densify},
 };
 use surgtpgs_render::GpuBackend;
 
@@ -17,7 +17,7 @@ use surgtpgs_render::GpuBackend;
 pub(crate) fn trained(recipe: Recipe) -> Model {
     let rng = &mut ChaCha8Rng::seed_from_u64(5);
     let scene = scene(recipe);
-    let mut model = Model::new(scene.gaussians, scene.deformation);
+    let mut model = Model::new((*scene.gaussians).clone(), (*scene.deformation).clone());
     let o = &mut model.optimiser;
     let single = [&mut o.rest, &mut o.sh_rest, &mut o.features];
     let all = single.into_iter().chain(&mut o.bases).chain(o.own_bases.iter_mut().flatten());

@@ -7,7 +7,7 @@ use crate::{
 };
 use surgtpgs_core::{
     raster::project::Sampling,
-    train::{Backend, Densify, LossWeights, Model},
+    train::{Densify, LossWeights, Model, TrainBackend},
 };
 use surgtpgs_render::{Gpu, GpuBackend};
 

@@ -38,7 +38,7 @@ fn overlays_equal_those_of_the_cpu() {
             prompt(&misfit, 0.1, [255; 3]),
             prompt(&second, 0.6, [204, 121, 167]),
         ];
-        for style in [OverlayStyle::Outline, OverlayStyle::Fill, OverlayStyle::Heatmap] {
+        for style in OverlayStyle::ALL {
             for drawn in [&prompts[..], &prompts[..1], &[]] {
                 let look = OverlayLook { style, outline_opacity: 0.7, ..Default::default() };
                 let expected = overlay(&frame, drawn, look);

@@ -18,7 +18,7 @@ use surgtpgs_core::{
         project::{Sampling, project_into},
     },
     train::{
-        Backend, Context, Frame, FrameState, Gradients, Look, LossTerms, LossWeights, Model, Plan,
+        Context, FrameState, Gradients, Look, LossWeights, Model, StepPlan, TrainBackend, TrainFrame,
         TrainSettings, chain_backward, loss,
     },
 };
@@ -34,7 +34,7 @@ pub(crate) struct Step {
     pub model: Model,
     pub settings: TrainSettings,
     latents: Vec<f32>,
-    pub plan: Plan,
+    pub plan: StepPlan,
 }
 
 impl Step {
@@ -50,8 +50,8 @@ impl Step {
         let look = Look { camera, time: TIME, half: false, sampling, progress: 0.3 };
         let frame = Arc::new(frame(rng));
         let latents = numbers(rng, ROWS * recipe.latent_dim, 1.0);
-        let model = Model::new(scene.gaussians, scene.deformation);
-        Self { model, settings, latents, plan: Plan { index: 0, frame, look, step: 120, updates: true } }
+        let model = Model::new((*scene.gaussians).clone(), (*scene.deformation).clone());
+        Self { model, settings, latents, plan: StepPlan { index: 0, frame, look, step: 120, updates: true } }
     }
 
     /// A step with bases of each Gaussian's own and the gate on scale, as in the released code.
@@ -77,7 +77,7 @@ impl Step {
 }
 
 /// A frame of random colours: some pixels masked, some without depth or region; regions large and small.
-fn frame(rng: &mut ChaCha8Rng) -> Frame {
+fn frame(rng: &mut ChaCha8Rng) -> TrainFrame {
     let n = WIDTH * HEIGHT;
     let region = |i: usize| match i % WIDTH {
         0..30 => 0,
@@ -85,7 +85,7 @@ fn frame(rng: &mut ChaCha8Rng) -> Frame {
         60..74 => 2,
         _ => 3,
     };
-    Frame {
+    TrainFrame {
         width: WIDTH,
         height: HEIGHT,
         colour: (0..3 * n).map(|_| rng.random()).collect(),
@@ -178,8 +178,7 @@ fn check_loss(step: &Step, trace: &StepTrace) {
     let truth = frame.truth(context.latents, context.typical_depth);
     let weights = context.settings.loss.sampled(sampling.step);
     let (terms, g) = loss(&trace.images.planes, &truth, &weights);
-    let list = |t: &LossTerms<f32>| [t.colour, t.depth, t.total_variation, t.features, t.region];
-    for (found, expected) in list(&trace.terms).into_iter().zip(list(&terms)) {
+    for (found, expected) in trace.terms.values().into_iter().zip(terms.values()) {
         assert!((found - expected).abs() <= 2e-5 * expected.abs() + 1e-9, "{:?} {terms:?}", trace.terms);
     }
     if step.model.gaussians.latent_dim > 0 {

@@ -14,7 +14,7 @@ mod step;
 use super::{
     Exit,
     console::{self, print, print_json, say},
-    one_line,
+    one_line, remedy,
 };
 use crate::{
     args::{BatchArgs, Step},
@@ -66,8 +66,8 @@ pub(super) fn run(args: &BatchArgs) -> Result<Exit> {
             match run_job(job, &steps, &label) {
                 Ok(is_done) => has_failed |= !is_done,
                 Err(error) => {
-                    say(&format!("{label}: {}", one_line(&error.to_string())));
-                    troubles.insert(job.name.clone(), one_line(&error.to_string()));
+                    say(&format!("{label}: {}", one_line(&remedy::message(&error))));
+                    troubles.insert(job.name.clone(), one_line(&remedy::message(&error)));
                 }
             }
             // The report is written after every recording, since long batches are looked at while they run.

@@ -11,7 +11,7 @@ use crate::{
     cli::{
         document::{escaped, number, table, write_report},
         figures::{answers_table, classes_table},
-        one_line, query,
+        one_line, query, remedy,
     },
     evaluation::Iou,
 };
@@ -126,7 +126,7 @@ impl Entry {
                 command: command_line(task),
             });
         }
-        let missing = require_recording(job).err().map(|e| e.to_string());
+        let missing = require_recording(job).err().map(|e| remedy::message(&e));
         let failed =
             steps.iter().find_map(|s| Some(format!("{} failed: {}", s.step.name(), s.error.as_ref()?)));
         let error = troubles.get(&job.name).cloned().or(missing).or(failed);

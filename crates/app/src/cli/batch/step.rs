@@ -6,7 +6,7 @@ use super::{
 };
 use crate::{
     args::{EvalArgs, ExportArgs, Verb},
-    cli::{console::ProgressView, eval, export, figures, one_line, prepare, query, train},
+    cli::{console::ProgressView, eval, export, figures, one_line, prepare, query, remedy, train},
     evaluation, jobs, memory, outputs,
     pictures::jpeg,
 };
@@ -51,7 +51,7 @@ pub(super) fn run(folder: &Path, task: &mut Task, status: &Status, fingerprint: 
         Ok(report) => (record.done(&task.output, started.elapsed().as_secs_f64(), report), Outcome::Done),
         Err(Error::Cancelled) => return Ok(Outcome::Stopped),
         Err(error) => {
-            let error = one_line(&error.to_string());
+            let error = one_line(&remedy::message(&error));
             (record.failed(error.clone()), Outcome::Failed(error))
         }
     };

@@ -17,6 +17,7 @@ use surgtpgs_core::{
     codec::{Codec, CodecSettings},
     files::write_whole,
     num,
+    progress::unobserved,
     reading::npy,
     relevancy::{Fidelity, RelevancySettings, fidelity},
 };
@@ -126,7 +127,7 @@ fn measure(table: &Array2<f32>, classes: usize, draw: Draw, latent: usize, draws
     for seed in 0..u64::from(draws) {
         let rows = table.select(Axis(0), &drawn(table, classes, draw, seed));
         let settings = CodecSettings { latent_dim: latent, seed, ..CodecSettings::default() };
-        let codec = Codec::train(rows.view(), &vec![1.0; classes], &settings, &mut |_, _| {})?;
+        let codec = Codec::train(rows.view(), &vec![1.0; classes], &settings, &mut unobserved)?;
         for (sums, negatives) in sums.iter_mut().zip([Negatives::Classes, Negatives::Generic]) {
             let by_classes = negatives == Negatives::Classes;
             let settings = RelevancySettings { class_negatives: by_classes, ..Default::default() };

@@ -15,6 +15,7 @@ use surgtpgs_core::{
     files::write_whole,
     grid::{Grid, Mask},
     mask,
+    progress::Progress,
     segment::{FrameMasks, Level, MaskSettings, automatic_masks},
     sequence::{Class, NO_LABEL, Sequence},
 };
@@ -94,9 +95,9 @@ fn measure(
     for (done, &i) in frames.iter().enumerate() {
         let (image, keep) = (sequence.frame(i)?, sequence.mask(i)?);
         let started = Instant::now();
-        let mut tell = |asked: usize, all: usize| {
-            let detail = format!("point {asked} of {all}");
-            view.show(&crate::jobs::Progress { stage: name, done, total: frames.len(), detail: &detail })
+        let mut tell = |of_frame: &Progress<'_>| {
+            let detail = format!("point {} of {}", of_frame.done, of_frame.total);
+            view.show(&Progress { detail: &detail, ..Progress::new(name, done, frames.len()) })
         };
         let found = automatic_masks(model, &image, &keep, &settings, &mut tell)?;
         seconds += started.elapsed().as_secs_f64();

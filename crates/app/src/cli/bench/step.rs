@@ -16,6 +16,7 @@ use surgtpgs_core::{
     demo::{self, DemoSettings},
     files::write_whole,
     prepare::Prepared,
+    progress::unobserved,
     raster::{backward::raster_backward, bin::bin, project::SplatGradient},
     scene::Scene,
     sequence::Sequence,
@@ -51,10 +52,9 @@ pub(super) fn run(args: &BenchStepArgs) -> Result<Exit> {
         let folder = tempfile::tempdir().map_err(|e| Error::io("make a folder", std::env::temp_dir(), e))?;
         let settings = DemoSettings { width, height, frames: FRAMES, ..Default::default() };
         let recording = folder.path().join("recording");
-        demo::write(&settings, &recording, &mut |_, _| {})?;
+        demo::write(&settings, &recording, &mut unobserved)?;
         let (sequence, to) = (Sequence::open(&recording)?, folder.path().join("prepared"));
-        let go = std::ops::ControlFlow::Continue(());
-        let prepared = jobs::prepare(sequence, &to, &PrepareOptions::default(), &mut |_| go)?;
+        let prepared = jobs::prepare(sequence, &to, &PrepareOptions::default(), &mut unobserved)?;
         for (pixels, pixel_step, half_size_share) in
             [("all", 1, 0.0), ("a quarter, sampled", 2, 0.0), ("half size, sampled", 2, 1.0)]
         {

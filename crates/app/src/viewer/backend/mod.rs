@@ -22,7 +22,7 @@ use surgtpgs_core::{
     mask::CleanUp,
     overlay::OverlayLook,
     raster::FrameClock,
-    sequence::Report,
+    sequence::CheckReport,
     train::LossTerms,
 };
 use task::TaskContext;
@@ -177,7 +177,7 @@ pub(crate) enum TrainNews {
 /// Result of the check of a recording.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Checked {
-    pub(crate) report: Report,
+    pub(crate) report: CheckReport,
     /// `true` if the masks can be inverted.
     pub(crate) can_flip: bool,
 }

@@ -11,6 +11,7 @@ use crate::viewer::{
         folder::free_folder,
         widgets::{self, caption, main_button},
     },
+    remedy::message,
     shared::{Dialog, Shared},
     state::{content::Prompt, view_mode::ViewMode},
     text::thousands,
@@ -22,61 +23,9 @@ use std::{
     sync::Arc,
 };
 use surgtpgs_core::{
-    export::Format,
+    export::{Format, FormatGroup},
     files::{is_free_folder, unfinished_kind},
 };
-
-/// A format, its label, and its explanation.
-type Choice = (Format, &'static str, &'static str);
-
-/// Formats as they are offered, in groups.
-const GROUPS: [(&str, &[Choice]); 3] = [
-    (
-        "A picture of every frame",
-        &[
-            (
-                Format::Overlay,
-                "Overlay pictures",
-                "The frame with what was found drawn over it, marked for research use",
-            ),
-            (Format::Cutout, "Cut-outs", "Only what was found, the rest transparent"),
-            (Format::Binary, "Masks", "One per prompt, white where found"),
-            (Format::Index, "Label pictures", "One number per prompt, named in labels.json"),
-            (Format::Outline, "Outlines", "The borders as lines that can be scaled and recoloured (SVG)"),
-        ],
-    ),
-    (
-        "To show",
-        &[
-            (Format::Video, "Video", "The overlay pictures as a film that plays everywhere (mp4)"),
-            (Format::Gif, "Moving picture", "A small film for slides (GIF)"),
-            (Format::Sheet, "Contact sheet", "Up to 24 frames side by side on one picture"),
-        ],
-    ),
-    (
-        "To measure and to compute with",
-        &[
-            (
-                Format::Csv,
-                "Table",
-                "How much of each frame every prompt covers, where, and how far it moved, for a spreadsheet (CSV)",
-            ),
-            (Format::Json, "Table (JSON)", "The same for programs"),
-            (
-                Format::Nrrd,
-                "3D Slicer segmentation",
-                "One volume of all frames with names and colours (.seg.nrrd)",
-            ),
-            (
-                Format::Coco,
-                "COCO annotations",
-                "Masks as most programs that learn from pictures read them (JSON)",
-            ),
-            (Format::Score, "Score pictures", "The similarity score as grey, 16 bits"),
-            (Format::Npy, "Score arrays", "The similarity score as numbers (NumPy)"),
-        ],
-    ),
-];
 
 /// An export, from the question to the result.
 struct Export {
@@ -153,7 +102,7 @@ impl Export {
             Ok(summary) => self.state = State::Finished(summary),
             Err(e) => {
                 self.state = State::Asking;
-                return Some(e.to_string());
+                return Some(message(&e));
             }
         }
         None
@@ -227,7 +176,7 @@ fn asking_ui(ui: &mut Ui, export: &mut Export, backend: &Arc<dyn Backend>) -> bo
     let what = if names.is_empty() { "No visible prompt".to_owned() } else { names.join(", ") };
     ui.label(RichText::new(what).color(if names.is_empty() { theme::AMBER } else { theme::TEXT_WEAK }));
     ui.add_space(6.0);
-    formats_ui(ui, &mut export.request);
+    formats_ui(ui, &mut export.request.formats);
     ui.separator();
     frames_ui(ui, export);
     ui.horizontal(|ui| {
@@ -257,16 +206,17 @@ fn asking_ui(ui: &mut Ui, export: &mut Export, backend: &Arc<dyn Backend>) -> bo
     .inner
 }
 
-fn formats_ui(ui: &mut Ui, request: &mut ExportRequest) {
-    for (group, choices) in GROUPS {
-        ui.label(caption(group));
+fn formats_ui(ui: &mut Ui, formats: &mut Vec<Format>) {
+    for group in FormatGroup::ALL {
+        ui.label(caption(group.label()));
         ui.horizontal_wrapped(|ui| {
-            for &(format, label, explanation) in choices {
-                let mut is_on = request.formats.contains(&format);
+            for format in group.formats() {
+                let (label, explanation) = format.label();
+                let mut is_on = formats.contains(&format);
                 if ui.checkbox(&mut is_on, label).on_hover_text(explanation).changed() {
-                    request.formats.retain(|f| *f != format);
+                    formats.retain(|f| *f != format);
                     if is_on {
-                        request.formats.push(format);
+                        formats.push(format);
                     }
                 }
             }
@@ -323,4 +273,21 @@ fn finished_ui(ui: &mut Ui, summary: &ExportSummary) -> bool {
     }
     ui.label(RichText::new(summary.folder.display().to_string()).color(theme::TEXT_WEAK));
     ui.add(main_button("Close")).clicked()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use egui_kittest::{Harness, kittest::Queryable};
+
+    #[test]
+    fn every_format_is_offered() {
+        let mut window =
+            Harness::new_ui_state(|ui, formats: &mut Vec<Format>| formats_ui(ui, formats), Vec::new());
+        for format in Format::ALL {
+            window.get_by_label(format.label().0).click();
+            window.run();
+        }
+        assert_eq!(*window.state(), Format::ALL);
+    }
 }

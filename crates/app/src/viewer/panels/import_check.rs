@@ -1,13 +1,7 @@
 //! Check of a recording: its content, and faults that would make a reconstruction of it wrong. The recording
 //! is read in the background once it is open.
 
-use crate::viewer::{
-    action::Action,
-    backend::Checked,
-    panels::widgets::caption,
-    shared::Shared,
-    theme,
-};
+use crate::viewer::{action::Action, backend::Checked, panels::widgets::caption, shared::Shared, theme};
 use egui::{Frame, Margin, RichText, ScrollArea, Ui};
 
 /// Largest height of the report; the rest is scrolled to.

@@ -46,7 +46,7 @@ pub(crate) fn legend_ui(ui: &mut Ui, shared: &Shared, area: Rect, panes: &[(Rect
         let at = pos2(area.left() + 8.0, top - 6.0);
         top = plate(ui.painter(), at, Align2::LEFT_BOTTOM, &words, theme::AMBER).top();
     }
-    if shared.document.overlay.style == OverlayStyle::Heatmap && !lines.is_empty() {
+    if shared.document.overlay.style.shows_scores() && !lines.is_empty() {
         heat_scale(ui, &lines, area.left() + 8.0, top - 8.0);
     }
 }

@@ -9,16 +9,21 @@ const HEIGHT: f32 = 110.0;
 /// Smallest value of the logarithmic scale; smaller values are drawn as this one.
 const SMALLEST: f64 = 1e-6;
 
-/// A term of the loss: its name, its colour, and its value.
-type Term = (&'static str, Color32, fn(&LossTerms<f32>) -> f32);
-
-static TERMS: [Term; 5] = [
-    ("total", theme::TEXT, LossTerms::total),
-    ("colour", Color32::from_rgb(0x3d, 0xd6, 0xff), |t| t.colour),
-    ("depth", Color32::from_rgb(0xf6, 0xe0, 0x4e), |t| t.depth),
-    ("words", Color32::from_rgb(0xff, 0x7a, 0xe0), |t| t.features + t.region),
-    ("smoothness", Color32::from_rgb(0x62, 0xe8, 0x8a), |t| t.total_variation),
+/// Colours of the total and of the terms.
+const COLOURS: [Color32; 7] = [
+    theme::TEXT,
+    Color32::from_rgb(0x3d, 0xd6, 0xff),
+    Color32::from_rgb(0xf6, 0xe0, 0x4e),
+    Color32::from_rgb(0xff, 0x7a, 0xe0),
+    Color32::from_rgb(0x62, 0xe8, 0x8a),
+    Color32::from_rgb(0xff, 0xa0, 0x5c),
+    Color32::from_rgb(0xb0, 0x9c, 0xff),
 ];
+
+/// Returns the names and values of the curves: the total, then the terms.
+fn curves(terms: &LossTerms<f32>) -> impl Iterator<Item = (&'static str, f32)> {
+    std::iter::once(("total", terms.total())).chain(terms.named())
+}
 
 fn short(value: f32) -> String {
     if value < 0.001 { format!("{value:.0e}") } else { format!("{value:.3}") }
@@ -27,8 +32,13 @@ fn short(value: f32) -> String {
 /// Shows the curve with its legend.
 pub(crate) fn loss_curve_ui(ui: &mut Ui, curve: &LossCurve) {
     let Some(last) = curve.last().copied() else { return };
+    let colour = |k: usize| COLOURS[k % COLOURS.len()];
     let height = |value: f32| f64::from(value).max(SMALLEST).log10();
-    let shown = TERMS.iter().filter(|(.., of)| curve.points.iter().any(|(_, t)| f64::from(of(t)) > SMALLEST));
+    // Number, name and last value of each curve that is not 0 all along.
+    let value = |k: usize, terms: &LossTerms<f32>| curves(terms).nth(k).map_or(0.0, |(_, value)| value);
+    let shown = curves(&last).enumerate().map(|(k, (name, value))| (k, name, value));
+    let shown = shown.filter(|(k, ..)| curve.points.iter().any(|(_, t)| f64::from(value(*k, t)) > SMALLEST));
+    let shown: Vec<(usize, &str, f32)> = shown.collect();
     let plot = Plot::new("loss")
         .height(HEIGHT)
         .allow_drag(false)
@@ -39,11 +49,11 @@ pub(crate) fn loss_curve_ui(ui: &mut Ui, curve: &LossCurve) {
         .y_axis_formatter(|mark, _| format!("{:.0e}", 10f64.powf(mark.value)))
         .label_formatter(|_| None);
     let lines: Vec<Line<'_>> = shown
-        .clone()
-        .map(|(name, colour, of)| {
+        .iter()
+        .map(|&(k, name, _)| {
             let points: PlotPoints<'_> =
-                curve.points.iter().map(|(step, t)| [*step as f64, height(of(t))]).collect();
-            Line::new(*name, points).color(*colour).width(if *name == "total" { 2.0 } else { 1.2 })
+                curve.points.iter().map(|(step, t)| [*step as f64, height(value(k, t))]).collect();
+            Line::new(name, points).color(colour(k)).width(if k == 0 { 2.0 } else { 1.2 })
         })
         .collect();
     let response = plot.show(ui, |plot| lines.into_iter().for_each(|line| plot.line(line))).response;
@@ -54,9 +64,9 @@ pub(crate) fn loss_curve_ui(ui: &mut Ui, curve: &LossCurve) {
     );
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 10.0;
-        for (name, colour, of) in shown {
-            ui.label(RichText::new(*name).font(theme::small()).color(*colour));
-            ui.label(caption(short(of(&last))));
+        for (k, name, last) in shown {
+            ui.label(RichText::new(name).font(theme::small()).color(colour(k)));
+            ui.label(caption(short(last)));
         }
     });
 }
@@ -64,7 +74,7 @@ pub(crate) fn loss_curve_ui(ui: &mut Ui, curve: &LossCurve) {
 /// Describes the loss in words, for users who cannot see the curve.
 fn describe(curve: &LossCurve) -> String {
     let Some(last) = curve.last() else { return "Loss: nothing yet".into() };
-    let terms = TERMS.iter().map(|(name, _, of)| (name, of(last))).filter(|(_, value)| *value > 0.0);
+    let terms = curves(last).filter(|(_, value)| *value > 0.0);
     let terms: Vec<String> = terms.map(|(name, value)| format!("{name} {}", short(value))).collect();
     format!("Loss over the steps, now {}", terms.join(", "))
 }

@@ -307,24 +307,15 @@ fn overlay_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     choice(
         ui,
         &mut look.style,
-        &[
-            (OverlayStyle::Outline, "Outline", tip("A line around what was found"), true),
-            (OverlayStyle::Fill, "Fill", tip("What was found in a translucent colour"), true),
-            (
-                OverlayStyle::Heatmap,
-                "Heatmap",
-                tip("The similarity score itself, on a fixed scale from 0 to 1"),
-                true,
-            ),
-        ],
+        &OverlayStyle::ALL.map(|style| (style, style.label().0, tip(style.label().1), true)),
     );
     let share = |ui: &mut Ui, value, least, what| {
         ui.add(egui::Slider::new(value, least..=1.0).fixed_decimals(2).text(what));
     };
-    if look.style != OverlayStyle::Outline {
+    if look.style.has_fill() {
         share(ui, &mut look.opacity, 0.05, "opacity");
     }
-    if look.style != OverlayStyle::Heatmap {
+    if !look.style.shows_scores() {
         share(ui, &mut look.outline_opacity, 0.1, "outline");
     }
     ui.horizontal(|ui| {

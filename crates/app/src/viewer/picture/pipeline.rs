@@ -13,6 +13,7 @@ use crate::viewer::{
         marks::{color_image, fade, mark},
         request::{AskedPrompt, Finding, LayerPane, Pane, Picture, Request},
     },
+    remedy::message,
     state::{content::PREVIEW, view_mode::Layer},
 };
 use egui::ColorImage;
@@ -107,7 +108,7 @@ impl Pipeline {
             request,
         };
         if let Err(e) = self.fill(&mut picture) {
-            picture.problem = Some(e.to_string());
+            picture.problem = Some(message(&e));
         }
         let is_drawn = !picture.findings.is_empty();
         picture.passes_run = self.source.clock().ran_since(&passes_before) + usize::from(is_drawn);
@@ -448,7 +449,7 @@ impl Rendered {
 }
 
 fn shared(scores: Result<Grid<f32>>) -> Scores {
-    scores.map(Arc::new).map_err(|e| e.to_string())
+    scores.map(Arc::new).map_err(|e| message(&e))
 }
 
 fn findings(answers: &[PromptScores], request: &Request) -> Vec<Finding> {

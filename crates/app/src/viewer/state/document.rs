@@ -9,11 +9,7 @@ use crate::viewer::state::{
 };
 use crate::{engine::Sample, settings::PROMPT_COLOURS};
 use serde_json::Map;
-use surgtpgs_core::{
-    mask::CleanUp,
-    overlay::{OverlayLook, OverlayStyle},
-    sequence::names_instrument,
-};
+use surgtpgs_core::{mask::CleanUp, overlay::OverlayLook, sequence::names_instrument};
 
 /// Change of the threshold by a threshold key.
 pub(crate) const THRESHOLD_STEP: f32 = 0.01;
@@ -285,17 +281,13 @@ impl Document {
     }
 
     pub(crate) fn next_style(&mut self) {
-        self.overlay.style = match self.overlay.style {
-            OverlayStyle::Outline => OverlayStyle::Fill,
-            OverlayStyle::Fill => OverlayStyle::Heatmap,
-            OverlayStyle::Heatmap => OverlayStyle::Outline,
-        };
+        self.overlay.style = self.overlay.style.next();
     }
 
     /// Makes the overlay more opaque by one step; the least opaque step follows the most opaque one.
     pub(crate) fn next_opacity(&mut self) {
         let OverlayLook { style, opacity, outline_opacity, .. } = &mut self.overlay;
-        let opacity = if *style == OverlayStyle::Outline { outline_opacity } else { opacity };
+        let opacity = if style.has_fill() { opacity } else { outline_opacity };
         let next = *opacity + OPACITY_STEP;
         *opacity = if next > 1.01 { OPACITY_STEP } else { next.min(1.0) };
     }

@@ -53,13 +53,8 @@ fn scaled(terms: LossTerms<f32>, by: f32) -> LossTerms<f32> {
 
 /// Computes a + share · b, term by term.
 fn combined(a: LossTerms<f32>, b: LossTerms<f32>, share: f32) -> LossTerms<f32> {
-    LossTerms {
-        colour: a.colour + share * b.colour,
-        depth: a.depth + share * b.depth,
-        total_variation: a.total_variation + share * b.total_variation,
-        features: a.features + share * b.features,
-        region: a.region + share * b.region,
-    }
+    let (a, b) = (a.values(), b.values());
+    LossTerms::of(std::array::from_fn(|k| a[k] + share * b[k]))
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@ use crate::viewer::{
         Backend, Checked, Info, TrainNews, TrainRequest,
         task::{Task, TaskEvent},
     },
+    remedy::message,
     state::loss_curve::LossCurve,
 };
 use egui::Context;
@@ -45,7 +46,7 @@ impl ImportCheck {
 
     pub(crate) fn poll(&mut self) {
         if let Some(TaskEvent::Done(result)) = self.task.poll() {
-            self.outcome = Some(result.map_err(|e| e.to_string()));
+            self.outcome = Some(result.map_err(|e| message(&e)));
         }
     }
 }

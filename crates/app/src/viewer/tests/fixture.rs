@@ -106,7 +106,7 @@ impl Backend for FakeBackend {
     }
     fn flip_masks(&self, path: &Path) -> Result<PathBuf> {
         let mut checked = self.checked.lock().unwrap();
-        *checked = Checked { report: Report { ok: true, ..Report::default() }, can_flip: true };
+        *checked = Checked { report: CheckReport { ok: true, ..CheckReport::default() }, can_flip: true };
         Ok(path.join("sequence.toml"))
     }
     fn demo(&self, folder: &Path, _: &TaskContext<Box<dyn FrameSource>>) -> Result<Demo> {
@@ -192,7 +192,7 @@ impl Window {
     }
 
     pub(super) fn gated(info: Info, gate: Option<mpsc::Receiver<()>>) -> Self {
-        let sound = Checked { report: Report { ok: true, ..Report::default() }, can_flip: false };
+        let sound = Checked { report: CheckReport { ok: true, ..CheckReport::default() }, can_flip: false };
         let checked = Mutex::new(sound);
         let backend = Arc::new(FakeBackend { info, gate: Mutex::new(gate), checked, ..Default::default() });
         let mut window = Self::with(backend);

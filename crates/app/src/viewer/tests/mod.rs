@@ -48,7 +48,7 @@ use surgtpgs_core::{
     Error, Result,
     export::intended_use,
     grid::{Grid, Mask},
-    sequence::Report,
+    sequence::CheckReport,
     train::LossTerms,
 };
 

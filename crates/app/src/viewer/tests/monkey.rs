@@ -19,10 +19,9 @@ use rand::{Rng, SeedableRng, seq::IndexedRandom};
 use rand_chacha::ChaCha8Rng;
 use std::{
     collections::{BTreeSet, VecDeque},
-    ops::ControlFlow,
     time::{Duration, Instant},
 };
-use surgtpgs_core::demo::DemoSettings;
+use surgtpgs_core::{demo::DemoSettings, progress::unobserved};
 
 /// Texts to type: words, nothing, signs of other scripts, text that a shell or a web page would obey, and a
 /// control character.
@@ -78,7 +77,7 @@ impl Monkey {
         let folder = tempfile::tempdir().unwrap();
         let recording = DemoSettings { width: 64, height: 48, frames: 10, ..DemoSettings::default() };
         let options = DemoOptions { recording, iterations: 60 };
-        jobs::build_demo(folder.path(), &options, &mut |_| ControlFlow::Continue(())).unwrap();
+        jobs::build_demo(folder.path(), &options, &mut unobserved).unwrap();
         std::fs::write(folder.path().join("broken.safetensors"), b"not a scene").unwrap();
         let size = vec2(1280.0, 800.0);
         let builder = Harness::builder().with_size(size).with_step_dt(1.0 / 60.0).renderer(NoPictures);

@@ -49,12 +49,12 @@ fn bare() -> Info {
 
 #[test]
 fn a_recording_is_checked_when_it_is_opened_and_its_masks_can_be_flipped() {
-    let inverted = Report {
+    let inverted = CheckReport {
         ok: false,
         frames: 48,
         warnings: vec!["Masks hide 94 % of the frames on average; they are probably inverted.".into()],
         errors: vec!["Nothing of frame 1 is left to learn from".into()],
-        ..Report::default()
+        ..CheckReport::default()
     };
     let checked = Mutex::new(Checked { report: inverted, can_flip: true });
     let backend = Arc::new(FakeBackend { info: bare(), checked, ..Default::default() });
@@ -110,8 +110,7 @@ fn whatever_else_is_opened_stays_and_the_reconstruction_is_offered() {
     let ctx = window.harness.ctx.clone();
     window.harness.state_mut().shared.open_path(Path::new("/data/other.safetensors"), &ctx);
     window.until_shown("Reconstructing clip.safetensors: Learning");
-    let is_other =
-        |app: &Shared| app.info().is_some_and(|i| i.path == Path::new("/data/other.safetensors"));
+    let is_other = |app: &Shared| app.info().is_some_and(|i| i.path == Path::new("/data/other.safetensors"));
     assert!(is_other(&window.harness.state().shared));
     window.click("Stop and keep what was learned");
     window.until_shown("clip.safetensors is reconstructed");

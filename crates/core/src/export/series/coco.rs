@@ -1,6 +1,6 @@
 //! COCO annotations: categories are prompts, images are frames, masks are run lengths.
 
-use super::{Plan, Series, list::JsonList};
+use super::{Series, SeriesPlan, list::JsonList};
 use crate::{
     export::frame::FrameContent,
     files::WholeFile,
@@ -16,8 +16,8 @@ pub(super) struct Coco {
 }
 
 impl Coco {
-    pub(super) fn begin(file: WholeFile, plan: Plan<'_>) -> io::Result<Self> {
-        let Plan { provenance, frames, size: (width, height) } = plan;
+    pub(super) fn begin(file: WholeFile, plan: SeriesPlan<'_>) -> io::Result<Self> {
+        let SeriesPlan { provenance, frames, size: (width, height) } = plan;
         let image = |&frame: &usize| {
             json!({
                 "id": frame, "file_name": format!("frame_{frame:06}.png"), "width": width, "height": height,

@@ -1,6 +1,6 @@
 //! A small animated GIF of the overlays, for slides.
 
-use super::{Plan, Series};
+use super::{Series, SeriesPlan};
 use crate::{
     export::{
         frame::{FrameContent, small_size},
@@ -29,7 +29,7 @@ pub(super) struct Gif {
 }
 
 impl Gif {
-    pub(super) fn begin(file: WholeFile, plan: Plan<'_>) -> io::Result<Self> {
+    pub(super) fn begin(file: WholeFile, plan: SeriesPlan<'_>) -> io::Result<Self> {
         let size = small_size((plan.size.0 as u32, plan.size.1 as u32), MAX_WIDTH);
         let speed = f64::from(plan.provenance.playing_speed());
         let step = plan.frames.len().div_ceil(MAX_PICTURES).max((speed / MAX_SPEED).ceil() as usize);

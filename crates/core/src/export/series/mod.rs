@@ -7,30 +7,15 @@ mod gif;
 mod list;
 mod nrrd;
 mod sheet;
+mod stream;
 mod table;
 mod video;
 
-use super::{Format, Provenance, frame::FrameContent};
+pub(super) use stream::{Series, SeriesPlan};
+
+use super::Format;
 use crate::files::WholeFile;
 use std::io;
-
-/// A file that is being written.
-pub(super) trait Series {
-    /// Adds the next frame.
-    fn add(&mut self, frame: &FrameContent<'_>) -> io::Result<()>;
-    /// Writes the rest; the file is complete then, but not in its place.
-    fn finish(self: Box<Self>) -> io::Result<WholeFile>;
-}
-
-/// Facts that are known before the first frame.
-#[derive(Clone, Copy)]
-pub(super) struct Plan<'a> {
-    pub(super) provenance: &'a Provenance,
-    /// All frames that will be added, in order; at least one.
-    pub(super) frames: &'a [usize],
-    /// Columns and rows of every frame; none is 0.
-    pub(super) size: (usize, usize),
-}
 
 /// Returns the file's path inside the export.
 pub(super) fn name(format: Format, frames: &[usize]) -> String {
@@ -39,13 +24,13 @@ pub(super) fn name(format: Format, frames: &[usize]) -> String {
 }
 
 /// Begins a file of a format that [`Format::is_series`].
-pub(super) fn begin(format: Format, file: WholeFile, plan: Plan<'_>) -> io::Result<Box<dyn Series>> {
+pub(super) fn begin(format: Format, file: WholeFile, plan: SeriesPlan<'_>) -> io::Result<Box<dyn Series>> {
     Ok(match format {
         Format::Video => Box::new(video::Video::begin(file, plan)?),
         Format::Gif => Box::new(gif::Gif::begin(file, plan)?),
         Format::Sheet => Box::new(sheet::Sheet::begin(file, plan)),
-        Format::Csv => Box::new(table::Table::begin(table::Csv::begin(file))),
-        Format::Json => Box::new(table::Table::begin(table::Json::begin(file, plan)?)),
+        Format::Csv => Box::new(table::FrameTable::begin(table::Csv::begin(file))),
+        Format::Json => Box::new(table::FrameTable::begin(table::Json::begin(file, plan)?)),
         Format::Coco => Box::new(coco::Coco::begin(file, plan)?),
         Format::Nrrd => Box::new(nrrd::Nrrd::begin(file, plan)?),
         Format::Cutout

@@ -1,6 +1,6 @@
 //! A segmentation for 3-D Slicer: `.seg.nrrd`, a volume of x, y and frame with names and colours of segments.
 
-use super::{Plan, Series};
+use super::{Series, SeriesPlan};
 use crate::{export::frame::FrameContent, files::WholeFile};
 use flate2::{Compression, write::GzEncoder};
 use std::io::{self, BufWriter, Write};
@@ -12,7 +12,7 @@ pub(super) struct Nrrd {
 }
 
 impl Nrrd {
-    pub(super) fn begin(file: WholeFile, plan: Plan<'_>) -> io::Result<Self> {
+    pub(super) fn begin(file: WholeFile, plan: SeriesPlan<'_>) -> io::Result<Self> {
         let has_layers = has_layers(plan);
         let mut file = BufWriter::new(file);
         file.write_all(header(plan, has_layers).as_bytes())?;
@@ -43,12 +43,12 @@ impl Series for Nrrd {
 }
 
 /// Returns `true` if each prompt needs its own layer, because prompts may share pixels.
-fn has_layers(plan: Plan<'_>) -> bool {
+fn has_layers(plan: SeriesPlan<'_>) -> bool {
     !plan.provenance.options.exclusive && plan.provenance.prompts.len() > 1
 }
 
-fn header(plan: Plan<'_>, has_layers: bool) -> String {
-    let Plan { provenance, frames, size: (width, height) } = plan;
+fn header(plan: SeriesPlan<'_>, has_layers: bool) -> String {
+    let SeriesPlan { provenance, frames, size: (width, height) } = plan;
     let (prompts, depth) = (provenance.prompts.len(), frames.len());
     // Slicer needs three spatial axes, even for a single frame; the layers come first.
     let (dimension, layers, none, list) =

@@ -1,6 +1,6 @@
 //! One picture with small overlays of evenly spread frames of the export.
 
-use super::{Plan, Series};
+use super::{Series, SeriesPlan};
 use crate::{
     export::{
         frame::{FrameContent, small_size},
@@ -33,7 +33,7 @@ pub(super) struct Sheet {
 }
 
 impl Sheet {
-    pub(super) fn begin(file: WholeFile, plan: Plan<'_>) -> Self {
+    pub(super) fn begin(file: WholeFile, plan: SeriesPlan<'_>) -> Self {
         let count = plan.frames.len();
         let tiles = count.min(MAX_TILES);
         // The first and the last frame are included.

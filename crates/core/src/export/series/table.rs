@@ -1,13 +1,13 @@
 //! Area, scores, position and motion of found regions, a row per frame and prompt, as CSV or JSON.
 
-use super::{Plan, Series, list::JsonList};
+use super::{Series, SeriesPlan, list::JsonList};
 use crate::{export::frame::FrameContent, files::WholeFile, mask::Region};
 use serde_json::json;
 use std::io;
 
 /// The columns; both formats take their names from here. Numbers that do not exist are empty or null.
 #[derive(serde::Serialize)]
-pub(super) struct Row<'a> {
+pub(super) struct TableRow<'a> {
     frame: usize,
     time_s: Option<f64>,
     prompt: &'a str,
@@ -25,23 +25,23 @@ pub(super) struct Row<'a> {
 
 /// A format that rows are written in.
 pub(super) trait Rows {
-    fn push(&mut self, row: &Row<'_>) -> io::Result<()>;
+    fn push(&mut self, row: &TableRow<'_>) -> io::Result<()>;
     fn finish(self) -> io::Result<WholeFile>;
 }
 
-pub(super) struct Table<R> {
+pub(super) struct FrameTable<R> {
     rows: R,
     /// Last known centroid of each prompt.
     last: Vec<Option<[f64; 2]>>,
 }
 
-impl<R: Rows> Table<R> {
+impl<R: Rows> FrameTable<R> {
     pub(super) fn begin(rows: R) -> Self {
         Self { rows, last: Vec::new() }
     }
 }
 
-impl<R: Rows> Series for Table<R> {
+impl<R: Rows> Series for FrameTable<R> {
     fn add(&mut self, frame: &FrameContent<'_>) -> io::Result<()> {
         self.last.resize(frame.masks.len(), None);
         for (((prompt, mask), scores), last) in frame.found().zip(frame.scores).zip(&mut self.last) {
@@ -49,7 +49,7 @@ impl<R: Rows> Series for Table<R> {
             let here = region.centroid_px;
             let moved = last.zip(here).map(|([x0, y0], [x, y])| (x - x0).hypot(y - y0));
             *last = here.or(*last);
-            self.rows.push(&Row {
+            self.rows.push(&TableRow {
                 frame: frame.frame,
                 time_s: frame.provenance.seconds(frame.frame),
                 prompt: &prompt.text,
@@ -80,7 +80,7 @@ impl Csv {
 }
 
 impl Rows for Csv {
-    fn push(&mut self, row: &Row<'_>) -> io::Result<()> {
+    fn push(&mut self, row: &TableRow<'_>) -> io::Result<()> {
         Ok(self.0.serialize(row)?)
     }
 
@@ -92,8 +92,8 @@ impl Rows for Csv {
 pub(super) struct Json(JsonList);
 
 impl Json {
-    pub(super) fn begin(file: WholeFile, plan: Plan<'_>) -> io::Result<Self> {
-        let Plan { provenance, frames, size: (width, height) } = plan;
+    pub(super) fn begin(file: WholeFile, plan: SeriesPlan<'_>) -> io::Result<Self> {
+        let SeriesPlan { provenance, frames, size: (width, height) } = plan;
         let head = json!({
             "sequence": provenance.sequence_name,
             "frames_per_second": provenance.frames_per_second,
@@ -107,7 +107,7 @@ impl Json {
 }
 
 impl Rows for Json {
-    fn push(&mut self, row: &Row<'_>) -> io::Result<()> {
+    fn push(&mut self, row: &TableRow<'_>) -> io::Result<()> {
         self.0.push(row)
     }
 

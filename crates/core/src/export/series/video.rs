@@ -1,6 +1,6 @@
 //! The overlays as H.264 in an mp4 file.
 
-use super::{Plan, Series};
+use super::{Series, SeriesPlan};
 use crate::{export::frame::FrameContent, files::WholeFile};
 use image::RgbImage;
 use openh264::{
@@ -44,7 +44,7 @@ pub(super) struct Video {
 }
 
 impl Video {
-    pub(super) fn begin(file: WholeFile, plan: Plan<'_>) -> io::Result<Self> {
+    pub(super) fn begin(file: WholeFile, plan: SeriesPlan<'_>) -> io::Result<Self> {
         let speed = plan.provenance.playing_speed();
         // The encoder supports no lower rate; playback follows the times of the file.
         let coded_speed = speed.max(1.0);

@@ -2,7 +2,7 @@
 
 use super::{
     Points,
-    table::Table,
+    table::ScoreTable,
     tree::{EXTENT, FINE, FINE_PER_UNIT, MAX_LEVEL, Place, Spot, Tree, numbers},
 };
 use crate::{
@@ -29,7 +29,12 @@ pub(super) struct Open {
 
 /// Writes the scores of `points` for each table. Scores are 0 in holes, and undefined at the points of
 /// [`Open`].
-pub(super) fn look_up(tree: &Tree, tables: &[Table], points: &Points<'_>, scores: &mut [Vec<f32>]) -> Open {
+pub(super) fn look_up(
+    tree: &Tree,
+    tables: &[ScoreTable],
+    points: &Points<'_>,
+    scores: &mut [Vec<f32>],
+) -> Open {
     let level = Level::new();
     let mut strips: Vec<Vec<&mut [f32]>> = Vec::new();
     strips.resize_with(points.len().div_ceil(POINTS_AT_ONCE), || Vec::with_capacity(tables.len()));
@@ -62,7 +67,7 @@ pub(super) fn look_up(tree: &Tree, tables: &[Table], points: &Points<'_>, scores
 fn look_up_strip<S: Simd>(
     simd: S,
     tree: &Tree,
-    tables: &[Table],
+    tables: &[ScoreTable],
     points: &Points<'_>,
     first: usize,
     strip: &mut [&mut [f32]],

@@ -17,7 +17,7 @@ mod tree;
 use super::{Folded, Points, Query, Relevancy, RelevancySettings, decoding::score_by_decoding};
 use crate::codec::Codec;
 use look_up::{Open, look_up};
-use table::Table;
+use table::ScoreTable;
 use tree::{BRICK, BRICK_LEVELS, COARSE, EMPTY, EXTENT, FINE, FINE_PER_UNIT, Tree};
 
 /// Number of prompts whose tables are kept.
@@ -28,7 +28,7 @@ pub struct Lattice {
     folded: Folded,
     tree: Tree,
     /// Tables, the most recently used last.
-    tables: Vec<Table>,
+    tables: Vec<ScoreTable>,
     tolerance: f32,
     decoded_points: usize,
 }
@@ -133,7 +133,7 @@ impl Lattice {
             let known = self.tables.iter().position(|t| t.is_for(query, temperature));
             let table = match known {
                 Some(i) => self.tables.remove(i),
-                None => Table::new(query, self.folded.text_rows(query).unwrap_or_default(), temperature),
+                None => ScoreTable::new(query, self.folded.text_rows(query).unwrap_or_default(), temperature),
             };
             self.tables.push(table);
         }

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 const VERTICES_AT_ONCE: usize = 512;
 
 /// Margins of one prompt at one temperature, extended as the tree grows.
-pub(super) struct Table {
+pub(super) struct ScoreTable {
     query: Query,
     /// Texts of the query in the form of the tree's embeddings, the prompt first: [texts, rank].
     texts: Array2<f32>,
@@ -25,7 +25,7 @@ pub(super) struct Table {
     pub(super) max_error: f32,
 }
 
-impl Table {
+impl ScoreTable {
     pub(super) fn new(query: &Query, texts: Array2<f32>, temperature: f32) -> Self {
         let query = query.clone();
         Self { query, texts, temperature, margins: Vec::new(), polynomials: Vec::new(), max_error: 0.0 }

@@ -46,7 +46,7 @@ const MOST_HEADER: u64 = 100_000_000;
 const MAX_BASES: usize = 1024;
 
 #[derive(serde::Serialize, serde::Deserialize)]
-struct Header {
+struct SceneHeader {
     version: u32,
     gaussians: usize,
     latent_dim: usize,
@@ -93,7 +93,7 @@ pub(super) fn to_bytes(scene: &Scene, compact: bool) -> Result<Vec<u8>> {
         write_layers(&mut w, "encoder", &codec.encoder);
         write_layers(&mut w, "decoder", &codec.decoder);
     }
-    let header = Header {
+    let header = SceneHeader {
         version: VERSION,
         gaussians: n,
         latent_dim: g.latent_dim,
@@ -178,7 +178,7 @@ pub(super) fn is_own(path: &Path) -> bool {
 /// of all Gaussians.
 pub(super) fn memory_bytes(bytes: &[u8]) -> Option<u64> {
     let (_, metadata) = SafeTensors::read_metadata(bytes).ok()?;
-    let header: Header = serde_json::from_str(metadata.metadata().as_ref()?.get(METADATA_KEY)?).ok()?;
+    let header: SceneHeader = serde_json::from_str(metadata.metadata().as_ref()?.get(METADATA_KEY)?).ok()?;
     let reader = Reader::new(bytes).ok()?;
     let rows = reader.view("means").ok().and_then(|means| means.shape().first().copied());
     if !reader.has("means.shape") && rows != Some(header.gaussians) {
@@ -209,7 +209,7 @@ pub(super) fn from_bytes(bytes: &[u8]) -> Result<Scene, Problem> {
     let json = metadata.metadata().as_ref().and_then(|m| m.get(METADATA_KEY));
     let json =
         json.ok_or("this safetensors file is not a SurgTPGS scene (it lacks the `surgtpgs` metadata)")?;
-    let header: Header =
+    let header: SceneHeader =
         serde_json::from_str(json).map_err(|e| format!("the scene's metadata is damaged: {e}"))?;
     if header.version > VERSION {
         return Err(format!(
@@ -242,8 +242,8 @@ pub(super) fn from_bytes(bytes: &[u8]) -> Result<Scene, Problem> {
     let embeddings = embeddings.chunks(shape[1].max(1)).map(<[f32]>::to_vec);
     let classes = header.classes.into_iter().zip(embeddings).collect();
     Ok(Scene {
-        gaussians,
-        deformation,
+        gaussians: gaussians.into(),
+        deformation: deformation.into(),
         cameras,
         field_of_view,
         codec,
@@ -253,7 +253,7 @@ pub(super) fn from_bytes(bytes: &[u8]) -> Result<Scene, Problem> {
     })
 }
 
-fn read_gaussians(reader: &Reader<'_>, header: &Header) -> Result<Gaussians, Problem> {
+fn read_gaussians(reader: &Reader<'_>, header: &SceneHeader) -> Result<Gaussians, Problem> {
     let (n, degree) = (header.gaussians, header.sh_degree);
     Ok(Gaussians {
         means: reader.rows("means", n)?,
@@ -268,7 +268,7 @@ fn read_gaussians(reader: &Reader<'_>, header: &Header) -> Result<Gaussians, Pro
     })
 }
 
-fn read_deformation(reader: &Reader<'_>, header: &Header) -> Result<Deformation, Problem> {
+fn read_deformation(reader: &Reader<'_>, header: &SceneHeader) -> Result<Deformation, Problem> {
     let (n, dim) = (header.gaussians, header.latent_dim);
     let (channels, stride) = (num_channels(dim), stride_for(dim));
     let moving: Vec<usize> = match reader.view("moving") {
@@ -326,7 +326,7 @@ fn check_cameras(cameras: &[Camera]) -> Result<(), Problem> {
     Ok(())
 }
 
-fn read_field_of_view(reader: &Reader<'_>, header: &Header, camera: &Camera) -> Result<Mask, Problem> {
+fn read_field_of_view(reader: &Reader<'_>, header: &SceneHeader, camera: &Camera) -> Result<Mask, Problem> {
     let (width, height) = (camera.width as usize, camera.height as usize);
     let view = reader.view("field_of_view")?;
     let stride = width.div_ceil(8);
@@ -403,8 +403,9 @@ mod tests {
                 sh_degree: 1,
                 features: vec![0.8; n * 3],
                 latent_dim: 3,
-            },
-            deformation,
+            }
+            .into(),
+            deformation: deformation.into(),
             cameras: vec![camera; 3],
             field_of_view: Mask::from_vec(13, 6, (0..78).map(|i| i % 7 < 3).collect()),
             codec: Some(Codec { encoder: vec![layer(8, 3)], decoder: vec![layer(3, 5), layer(5, 8)] }),
@@ -448,7 +449,7 @@ mod tests {
             after.gaussians.colours
         );
         let mut whole = scene();
-        whole.deformation = whole.deformation.with_own_bases();
+        whole.deformation = (*whole.deformation).clone().with_own_bases().into();
         let read = from_bytes(&to_bytes(&whole, true).unwrap()).unwrap();
         assert!(!read.deformation.is_shared() && read.codec.is_some());
         assert_eq!((read.cameras, read.classes), (whole.cameras, whole.classes));
@@ -459,7 +460,7 @@ mod tests {
         let mut before = scene();
         before.codec = None;
         let after = from_bytes(&to_bytes(&before, false).unwrap()).unwrap();
-        assert_eq!((after.codec, after.gaussians.features), (None, before.gaussians.features));
+        assert_eq!((after.codec, &after.gaussians.features), (None, &before.gaussians.features));
     }
 
     #[test]

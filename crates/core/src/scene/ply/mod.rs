@@ -7,7 +7,7 @@ mod table;
 pub use reference::{LANG_DEFORMATION_FILE, ReferencePly, ReferenceWeights};
 
 use super::{Problem, Scene};
-use table::Table;
+use table::PlyTable;
 
 /// First bytes of every `.ply`.
 pub(super) const MAGIC: &[u8] = b"ply";
@@ -28,7 +28,7 @@ pub(super) fn from_bytes(
     bytes: &[u8],
     weights: impl FnOnce() -> Result<Option<ReferenceWeights>, Problem>,
 ) -> Result<Scene, Problem> {
-    let table = Table::from_bytes(bytes)?;
+    let table = PlyTable::from_bytes(bytes)?;
     if table.has_column("coefs_0") {
         let own = ReferenceWeights::from_comments(&table.comments);
         let weights = if own.is_some() { own } else { weights()? };

@@ -5,14 +5,14 @@
 use super::{
     MADE_BY, Problem, numbered,
     splats::{self, CHANNELS},
-    table::Table,
+    table::PlyTable,
 };
 use crate::{
     deform::{
         BasisShape, COLOUR_CHANNEL, Deformation, GATE_CHANNEL, MEAN_CHANNEL, SCALE_CHANNEL, basis, deform,
         num_channels, stride_for,
     },
-    raster::sh::MAX_BANDS,
+    gaussian::MAX_SH_BANDS,
     reading::{is_present, read_regular},
     scene::{Scene, still::camera_at_origin},
 };
@@ -153,9 +153,10 @@ impl Scene {
         let still = self.averaged(&mut lost);
         let weights = self.reference_weights();
         let (n, d) = (self.gaussians.len(), &motion);
-        let mut values = Vec::with_capacity(n * (17 + MAX_BANDS * CHANNELS + GEOMETRY * KINDS * BASES + 4));
+        let mut values =
+            Vec::with_capacity(n * (17 + MAX_SH_BANDS * CHANNELS + GEOMETRY * KINDS * BASES + 4));
         for i in 0..n {
-            values.extend(splats::row(&still.gaussians, i, MAX_BANDS));
+            values.extend(splats::row(&still.gaussians, i, MAX_SH_BANDS));
             for channel in 0..GEOMETRY {
                 for kind in [&d.weights, &d.centres, &d.widths] {
                     values.extend((0..BASES).map(|b| kind[(b * n + i) * d.stride + channel]));
@@ -166,19 +167,19 @@ impl Scene {
             values.push(0.0);
         }
         let names = [
-            splats::names(MAX_BANDS),
+            splats::names(MAX_SH_BANDS),
             numbered("coefs", GEOMETRY * KINDS * BASES),
             numbered("lang", DIM),
             vec!["opa_lang".to_owned()],
         ]
         .concat();
         let comments = vec![MADE_BY.to_owned(), weights.to_comment()];
-        ReferencePly { ply: Table { names, comments, values }.to_bytes(), weights, lost }
+        ReferencePly { ply: PlyTable { names, comments, values }.to_bytes(), weights, lost }
     }
 
     /// Returns the motion in the released code's bases: 17 quartic ones, separate for every Gaussian.
     fn reference_motion(&self, lost: &mut Vec<String>) -> Deformation {
-        let (d, n) = (&self.deformation, self.gaussians.len());
+        let (d, n) = (&*self.deformation, self.gaussians.len());
         if d.shape == BasisShape::Quartic && d.num_bases <= BASES {
             let mut same = if d.is_shared() { d.clone().with_own_bases() } else { d.clone() };
             for values in [&mut same.weights, &mut same.centres, &mut same.widths] {
@@ -209,7 +210,7 @@ impl Scene {
     /// released code could not deform them the same way.
     fn averaged(&self, lost: &mut Vec<String>) -> Self {
         let mut still = self.clone();
-        let (g, frames) = (&mut still.gaussians, self.num_frames().max(1));
+        let (g, frames) = (&mut *still.gaussians, self.num_frames().max(1));
         let mut colours = vec![0.0; g.colours.len() * CHANNELS];
         let mut features = vec![0.0; g.features.len()];
         for i in 0..frames {
@@ -304,7 +305,7 @@ fn motion_error(a: &Deformation, b: &Deformation, n: usize, times: &[f32]) -> f6
 }
 
 /// Reads a deforming scene of [`FRAMES`] frames, seen from the origin.
-pub(super) fn from_table(table: &Table, weights: Option<ReferenceWeights>) -> Result<Scene, Problem> {
+pub(super) fn from_table(table: &PlyTable, weights: Option<ReferenceWeights>) -> Result<Scene, Problem> {
     let (coefficients, latent_dim) = (table.count_numbered("coefs"), table.count_numbered("lang"));
     if ![0, DIM].contains(&latent_dim) {
         return Err(format!("the vertices have {latent_dim} properties `lang_…`, expected none or {DIM}"));
@@ -340,7 +341,7 @@ pub(super) fn from_table(table: &Table, weights: Option<ReferenceWeights>) -> Re
     let camera = camera_at_origin(&gaussians.means);
     let mut scene = Scene::of_still(gaussians, camera);
     scene.cameras = vec![camera; FRAMES];
-    scene.deformation = Deformation {
+    *scene.deformation = Deformation {
         shape: BasisShape::Quartic,
         num_bases,
         stride,
@@ -380,7 +381,7 @@ mod tests {
             }
         }
         (d.feature_weight, d.feature_bias) = ((0..12).map(wave).collect(), vec![0.1, 0.2, 0.3]);
-        scene.deformation = d;
+        *scene.deformation = d;
         scene
     }
 
@@ -389,7 +390,7 @@ mod tests {
         let scene = released();
         let files = scene.to_reference_ply();
         assert_eq!(files.lost, Vec::<String>::new());
-        let table = Table::from_bytes(&files.ply).unwrap();
+        let table = PlyTable::from_bytes(&files.ply).unwrap();
         assert_eq!((table.names.len(), table.num_rows()), (576, 7));
         let read = from_bytes(&files.ply, || Ok(Some(files.weights.clone()))).unwrap();
         assert_eq!(read.gaussians, scene.gaussians);
@@ -424,9 +425,9 @@ mod tests {
 
     #[test]
     fn a_gate_of_its_own_and_no_features_are_read() {
-        let mut table = Table::from_bytes(&released().to_reference_ply().ply).unwrap();
+        let mut table = PlyTable::from_bytes(&released().to_reference_ply().ply).unwrap();
         let keep = table.names.len() - 4;
-        let without = Table {
+        let without = PlyTable {
             values: (0..7).flat_map(|i| table.row(i)[..keep].to_vec()).collect(),
             names: table.names[..keep].to_vec(),
             comments: Vec::new(),

@@ -1,10 +1,9 @@
 //! Still Gaussians in the `.ply` format of 3-D Gaussian splatting programs.
 
-use super::{MADE_BY, Problem, numbered, table::Table};
+use super::{MADE_BY, Problem, numbered, table::PlyTable};
 use crate::{
     camera::Camera,
-    gaussian::Gaussians,
-    raster::sh::MAX_BANDS,
+    gaussian::{Gaussians, MAX_SH_BANDS},
     scene::{CAMERA_WIDTH, Scene, camera_row, read_camera, still::camera_before},
 };
 
@@ -25,7 +24,7 @@ impl Gaussians {
             let numbers: Vec<String> = camera_row(c).iter().map(f32::to_string).collect();
             format!("{CAMERA_COMMENT} {}", numbers.join(" "))
         });
-        Table {
+        PlyTable {
             names: names(bands),
             comments: std::iter::once(MADE_BY.to_owned()).chain(camera).collect(),
             values: (0..self.len()).flat_map(|i| row(self, i, bands)).collect(),
@@ -67,7 +66,7 @@ pub(super) fn names(bands: usize) -> Vec<String> {
 
 /// Reads a still scene; Gaussians with a number that is not finite are left out and counted
 /// in the provenance.
-pub(super) fn from_table(table: &Table) -> Result<Scene, Problem> {
+pub(super) fn from_table(table: &PlyTable) -> Result<Scene, Problem> {
     let (gaussians, rows) = gaussians(table, &[])?;
     let camera = camera(table).unwrap_or_else(|| camera_before(&gaussians.means));
     let mut scene = Scene::of_still(gaussians, camera);
@@ -80,7 +79,7 @@ pub(super) fn from_table(table: &Table) -> Result<Scene, Problem> {
 
 /// Reads the Gaussians, and returns the rows they are in: those in which the ordinary columns and those
 /// in `also` are finite.
-pub(super) fn gaussians(table: &Table, also: &[usize]) -> Result<(Gaussians, Vec<usize>), Problem> {
+pub(super) fn gaussians(table: &PlyTable, also: &[usize]) -> Result<(Gaussians, Vec<usize>), Problem> {
     let bands = match table.count_numbered("f_rest") {
         n if [0, 9, 24, 45].contains(&n) => n / CHANNELS,
         n => return Err(format!("the vertices have {n} properties `f_rest_…`, expected 0, 9, 24 or 45")),
@@ -125,7 +124,7 @@ fn drop_empty_bands(gaussians: &mut Gaussians) {
     let most = gaussians.sh_rest.chunks_exact((bands * CHANNELS).max(1)).map(used).max().unwrap_or(0);
     gaussians.sh_degree = degree_of(most);
     let kept = gaussians.sh_bands() * CHANNELS;
-    debug_assert!(kept <= MAX_BANDS * CHANNELS);
+    debug_assert!(kept <= MAX_SH_BANDS * CHANNELS);
     if bands > 0 {
         let rows = gaussians.sh_rest.chunks_exact(bands * CHANNELS);
         gaussians.sh_rest = rows.flat_map(|row| row[..kept].to_vec()).collect();
@@ -133,7 +132,7 @@ fn drop_empty_bands(gaussians: &mut Gaussians) {
 }
 
 /// Reads the camera that this program notes in files that it writes.
-fn camera(table: &Table) -> Option<Camera> {
+fn camera(table: &PlyTable) -> Option<Camera> {
     let numbers = table.comments.iter().find_map(|c| c.trim().strip_prefix(CAMERA_COMMENT))?;
     let row: Vec<f32> = numbers.split_whitespace().map(|n| n.parse().ok()).collect::<Option<_>>()?;
     let is_good = row.len() == CAMERA_WIDTH && row.iter().all(|v| v.is_finite());
@@ -163,7 +162,7 @@ mod tests {
     fn gaussians_read_back_are_the_same() {
         let camera = stress::ordinary(1).cameras[0];
         let scene = from_bytes(&still().to_ply(Some(&camera)), no_weights).unwrap();
-        assert_eq!(scene.gaussians, still());
+        assert_eq!(*scene.gaussians, still());
         assert_eq!(scene.cameras, [camera], "the camera is noted");
         assert_eq!(scene.provenance.settings["gaussians_left_out"], 0);
         let empty = Gaussians::default().to_ply(None);
@@ -172,7 +171,7 @@ mod tests {
 
     #[test]
     fn columns_are_those_of_3dgs() {
-        let table = Table::from_bytes(&still().to_ply(None)).unwrap();
+        let table = PlyTable::from_bytes(&still().to_ply(None)).unwrap();
         let column = |name: &str| table.columns(&[name]).unwrap()[0];
         assert_eq!(table.row(1)[column("rot_0")], still().rotations[1][0]);
         assert_eq!(table.row(1)[column("scale_2")], still().log_scales[1][2]);

@@ -5,7 +5,7 @@ use crate::reading::NumberType;
 
 /// One row per vertex.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Table {
+pub(super) struct PlyTable {
     /// Names of the columns.
     pub(super) names: Vec<String>,
     /// Comments for people and for this program, which other readers skip.
@@ -14,7 +14,7 @@ pub(super) struct Table {
     pub(super) values: Vec<f32>,
 }
 
-impl Table {
+impl PlyTable {
     pub(super) fn num_rows(&self) -> usize {
         self.values.len() / self.names.len().max(1)
     }
@@ -66,7 +66,7 @@ impl Table {
     /// Reads any encoding and any type of number. Memory is taken only for as many vertices as
     /// the bytes can hold.
     pub(super) fn from_bytes(bytes: &[u8]) -> Result<Self, Problem> {
-        let (header, payload) = Header::read(bytes)?;
+        let (header, payload) = PlyHeader::read(bytes)?;
         let (columns, rows) = (header.columns.len(), header.rows);
         let row_bytes = match header.encoding {
             // Each number needs at least a digit and a separator.
@@ -127,14 +127,14 @@ struct Column {
 }
 
 /// Contents of the text before the numbers.
-struct Header {
+struct PlyHeader {
     encoding: Encoding,
     comments: Vec<String>,
     rows: usize,
     columns: Vec<Column>,
 }
 
-impl Header {
+impl PlyHeader {
     /// Reads the header and returns it with the bytes after it. Elements after the vertices are skipped.
     fn read(bytes: &[u8]) -> Result<(Self, &[u8]), Problem> {
         let mut lines = Lines(bytes);
@@ -240,7 +240,7 @@ mod tests {
 
     #[test]
     fn a_table_survives_the_round_trip() {
-        let table = Table {
+        let table = PlyTable {
             names: vec!["x".into(), "opacity".into()],
             comments: vec!["made by a test".into()],
             values: vec![1.5, -2.0, f32::MAX, 1e-38],
@@ -248,38 +248,38 @@ mod tests {
         let bytes = table.to_bytes();
         let head = b"ply\nformat binary_little_endian 1.0\ncomment made by a test\nelement vertex 2\nproperty float x\n";
         assert!(bytes.starts_with(head), "{}", String::from_utf8_lossy(&bytes));
-        assert_eq!(Table::from_bytes(&bytes).unwrap(), table);
+        assert_eq!(PlyTable::from_bytes(&bytes).unwrap(), table);
         for len in 0..bytes.len() {
-            assert!(Table::from_bytes(&bytes[..len]).is_err(), "{len} bytes");
+            assert!(PlyTable::from_bytes(&bytes[..len]).is_err(), "{len} bytes");
         }
     }
 
     #[test]
     fn other_encodings_and_types_are_read() {
         let text = "ply\nformat ascii 1.0\nelement vertex 2\nproperty double x\nproperty uchar red\nend_header\n1.5 7\n-2 9\n";
-        let table = Table::from_bytes(text.as_bytes()).unwrap();
+        let table = PlyTable::from_bytes(text.as_bytes()).unwrap();
         assert_eq!((table.num_rows(), table.row(1)), (2, &[-2.0, 9.0][..]));
         let list = "ply\nformat ascii 1.0\nelement vertex 1\nproperty list uchar int x\nend_header\n2 1 1\n";
-        assert!(Table::from_bytes(list.as_bytes()).is_err());
+        assert!(PlyTable::from_bytes(list.as_bytes()).is_err());
         let chunks = "ply\nformat ascii 1.0\nelement chunk 1\nproperty float min_x\nend_header\n2\n";
-        assert!(Table::from_bytes(chunks.as_bytes()).unwrap_err().contains("chunk"));
+        assert!(PlyTable::from_bytes(chunks.as_bytes()).unwrap_err().contains("chunk"));
     }
 
     #[test]
     fn a_count_beyond_the_file_is_refused() {
         let text = "ply\nformat binary_little_endian 1.0\nelement vertex 99999999999\nproperty float x\nend_header\n";
-        assert!(Table::from_bytes(text.as_bytes()).is_err());
+        assert!(PlyTable::from_bytes(text.as_bytes()).is_err());
     }
 
     #[test]
     fn vertices_without_numbers_and_names_that_come_twice_are_refused() {
         let text = "ply\nformat ascii 1.0\nelement vertex 99999999999\nend_header\n";
-        assert!(Table::from_bytes(text.as_bytes()).unwrap_err().contains("do not fit"));
+        assert!(PlyTable::from_bytes(text.as_bytes()).unwrap_err().contains("do not fit"));
         let text = "ply\nformat ascii 1.0\nelement vertex 3000\nproperty float x\nend_header\n1 2 3\n";
-        assert!(Table::from_bytes(text.as_bytes()).is_err());
+        assert!(PlyTable::from_bytes(text.as_bytes()).is_err());
         let twice =
             "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float x\nend_header\n1 2\n";
-        assert!(Table::from_bytes(twice.as_bytes()).unwrap_err().contains("twice"));
+        assert!(PlyTable::from_bytes(twice.as_bytes()).unwrap_err().contains("twice"));
     }
 
     #[test]
@@ -295,7 +295,7 @@ mod tests {
         let big = rows.iter().flat_map(|(x, n)| [&x.to_be_bytes()[..], &n.to_be_bytes()].concat());
         for (order, data) in [("little", little.collect::<Vec<u8>>()), ("big", big.collect())] {
             let bytes = [head(order).as_bytes(), &data, &[1, 0, 0, 0, 0]].concat();
-            let table = Table::from_bytes(&bytes).unwrap();
+            let table = PlyTable::from_bytes(&bytes).unwrap();
             assert_eq!(table.values, [1.5, 7.0, -2.0, 500.0], "{order}");
         }
     }

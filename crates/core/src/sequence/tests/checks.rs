@@ -1,10 +1,15 @@
 //! Tests of the import report.
 
 use super::*;
+use crate::progress::{Progress, unobserved};
 
-fn report(folder: &Path) -> Report {
+fn report(folder: &Path) -> CheckReport {
     let mut seen = Vec::new();
-    let report = check(&Sequence::open(folder).unwrap(), &mut |done, of| seen.push((done, of)));
+    let mut see = |p: &Progress<'_>| {
+        seen.push((p.done, p.total));
+        unobserved(p)
+    };
+    let report = check(&Sequence::open(folder).unwrap(), &mut see).unwrap();
     assert_eq!(seen.first(), Some(&(0, report.frames)));
     assert_eq!(seen.last(), Some(&(report.frames, report.frames)));
     report

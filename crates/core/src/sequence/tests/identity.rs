@@ -151,7 +151,8 @@ fn it_is_written_in_few_bytes_and_comes_back() {
 #[test]
 fn what_ffmpeg_unpacked_is_known_by_its_file() {
     let place = Place::new();
-    let mut recording = layout::open(&place.at("clip"), &Settings::default().selection()).unwrap();
+    let (_, mut recording) =
+        crate::sequence::layouts::open(&place.at("clip"), &Settings::default().selection()).unwrap();
     let file = place.at("clip.avi");
     fs::write(&file, "some video").unwrap();
     recording.unpacked_from = Some(file.clone());

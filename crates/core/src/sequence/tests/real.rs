@@ -1,6 +1,7 @@
 //! Tests with the real recordings, if they are available.
 
 use super::*;
+use crate::progress::unobserved;
 
 /// Returns a folder of real recordings; `None` (with a printed note) if it is absent.
 fn real(name: &str) -> Option<PathBuf> {
@@ -66,7 +67,7 @@ fn real_video_equals_its_pictures() {
 fn real_recordings_pass_the_check() {
     for name in ["cholecseg8k_raw", "endonerf_pulling"] {
         let Some(path) = real(name) else { return };
-        let report = check(&Sequence::open(&path).unwrap(), &mut |_, _| {});
+        let report = check(&Sequence::open(&path).unwrap(), &mut unobserved).unwrap();
         eprintln!("{report:#?}");
         assert!(report.ok, "{report:?}");
     }

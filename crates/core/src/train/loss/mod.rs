@@ -86,7 +86,11 @@ pub struct Truth<'a> {
     pub typical_depth: f32,
 }
 
-/// Value of each term, weighted, and their sum.
+/// Number of terms of the loss.
+pub const NUM_TERMS: usize = 5;
+
+/// Value of each term, weighted, and their sum. The term of regions is the last; all others are sums over
+/// pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct LossTerms<T> {
     /// L_C.
@@ -104,7 +108,27 @@ pub struct LossTerms<T> {
 impl<T: Real> LossTerms<T> {
     /// Sum of all terms.
     pub fn total(&self) -> T {
-        self.colour + self.depth + self.total_variation + self.features + self.region
+        self.values().into_iter().sum()
+    }
+
+    /// Values of all terms, in their order.
+    pub fn values(&self) -> [T; NUM_TERMS] {
+        [self.colour, self.depth, self.total_variation, self.features, self.region]
+    }
+
+    /// Terms of these values, in their order.
+    pub fn of([colour, depth, total_variation, features, region]: [T; NUM_TERMS]) -> Self {
+        Self { colour, depth, total_variation, features, region }
+    }
+
+    /// Terms as people tell them apart: names and values.
+    pub fn named(&self) -> [(&'static str, T); 4] {
+        [
+            ("colour", self.colour),
+            ("depth", self.depth),
+            ("words", self.features + self.region),
+            ("smoothness", self.total_variation),
+        ]
     }
 }
 
@@ -215,7 +239,7 @@ struct Plane<'a, T> {
 }
 
 /// Values and mask of a row.
-type Row<'a, T> = (&'a [T], &'a [bool]);
+type MaskedRow<'a, T> = (&'a [T], &'a [bool]);
 
 impl<'a, T: Real> Plane<'a, T> {
     fn new(values: &'a [T], mask: &'a [bool], width: usize) -> Self {
@@ -230,7 +254,7 @@ impl<'a, T: Real> Plane<'a, T> {
         y * self.width..(y + 1) * self.width
     }
 
-    fn row(&self, y: usize) -> Row<'a, T> {
+    fn row(&self, y: usize) -> MaskedRow<'a, T> {
         (&self.values[self.span(y)], &self.mask[self.span(y)])
     }
 }
@@ -292,8 +316,8 @@ impl<T: Real> RowBuffers<T> {
 #[simd]
 fn row_terms<S: Simd, T: Real>(
     simd: S,
-    here: Row<'_, T>,
-    next: Option<Row<'_, T>>,
+    here: MaskedRow<'_, T>,
+    next: Option<MaskedRow<'_, T>>,
     buffers: &mut RowBuffers<T>,
     scales: Scales<T>,
     g: &mut [T],
@@ -342,7 +366,7 @@ fn abs_sum<S: Simd, T: Real>(simd: S, values: &[T]) -> T {
 
 /// Writes a − b to `difference` where both masks are true, else 0.
 #[simd]
-fn masked_difference<S: Simd, T: Real>(_: S, a: Row<'_, T>, b: Row<'_, T>, difference: &mut [T]) {
+fn masked_difference<S: Simd, T: Real>(_: S, a: MaskedRow<'_, T>, b: MaskedRow<'_, T>, difference: &mut [T]) {
     for ((d, (a, ma)), (b, mb)) in difference.iter_mut().zip(a.0.iter().zip(a.1)).zip(b.0.iter().zip(b.1)) {
         *d = if *ma & *mb { *a - *b } else { T::zero() };
     }
@@ -350,7 +374,7 @@ fn masked_difference<S: Simd, T: Real>(_: S, a: Row<'_, T>, b: Row<'_, T>, diffe
 
 /// Writes a − b / 255 to `difference` where the mask is true, else 0.
 #[simd]
-fn byte_difference<S: Simd, T: Real>(_: S, a: Row<'_, T>, bytes: &[u8], difference: &mut [T]) {
+fn byte_difference<S: Simd, T: Real>(_: S, a: MaskedRow<'_, T>, bytes: &[u8], difference: &mut [T]) {
     let byte = T::of(1.0 / 255.0);
     for ((d, (a, mask)), b) in difference.iter_mut().zip(a.0.iter().zip(a.1)).zip(bytes) {
         *d = if *mask { *a - T::from_f32(f32::from(*b)) * byte } else { T::zero() };

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::prepare::NO_REGION;
-use crate::train::frames::Frame;
+use crate::train::frames::TrainFrame;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -11,7 +11,7 @@ const HEIGHT: usize = 6;
 const N: usize = WIDTH * HEIGHT;
 
 struct Fixture {
-    frame: Frame,
+    frame: TrainFrame,
     latents: Vec<f32>,
     planes: Vec<f64>,
 }
@@ -23,7 +23,7 @@ fn fixture() -> Fixture {
         planes[ALPHA_PLANE * N + i] = rng.random_range(0.6..1.0);
         planes[DEPTH_PLANE * N + i] = rng.random_range(20.0..60.0);
     }
-    let frame = Frame {
+    let frame = TrainFrame {
         width: WIDTH,
         height: HEIGHT,
         colour: (0..3 * N).map(|_| rng.random_range(0..255)).collect(),

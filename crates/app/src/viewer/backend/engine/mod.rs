@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Result,
     demo::{self, DemoSettings},
-    export::{ExportOptions, ExportPrompt, Source},
+    export::{ExportOptions, ExportPrompt, PictureSource},
     files::{Inputs, claim_collection},
     relevancy::RelevancySettings,
     scene::Scene,
@@ -48,9 +48,7 @@ impl Backend for EngineBackend {
     fn check(&self, path: &Path, task: &TaskContext) -> Result<Checked> {
         let material = Material::open(path)?;
         let sequence = material.sequence();
-        let report = sequence::check(sequence, &mut |done, total| {
-            task.progress("checking", done, total, String::new())
-        });
+        let report = sequence::check(sequence, &mut |p| task.follow(p))?;
         Ok(Checked { report, can_flip: sequence.has_mask_files() })
     }
 
@@ -67,9 +65,7 @@ impl Backend for EngineBackend {
             claim_collection(folder, outputs::DEMO, &Inputs::none())?;
             let settings = DemoSettings::default();
             task.update(Box::new(RecordingSource::of_demo(demo::Demo::new(&settings)?, &paths.recording)));
-            jobs::record_demo(&settings, &paths.recording, true, &mut |done, total| {
-                task.progress("recording the demo", done, total, String::new());
-            })?;
+            jobs::record_demo(&settings, &paths.recording, true, &mut |p| task.follow(p))?;
         }
         let train = TrainRequest {
             recording: paths.recording.clone(),
@@ -98,7 +94,11 @@ impl Backend for EngineBackend {
         let prompts = jobs::export_prompts(&engine).into_iter().zip(&request.prompts).map(chosen).collect();
         let options = ExportOptions {
             formats: request.formats.clone(),
-            source: if request.from_original { Source::Original } else { Source::Reconstruction },
+            source: if request.from_original {
+                PictureSource::Original
+            } else {
+                PictureSource::Reconstruction
+            },
             exclusive: request.is_exclusive,
             look: request.look,
             clean_up: request.clean_up,

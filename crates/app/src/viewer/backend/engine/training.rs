@@ -158,7 +158,7 @@ mod tests {
             frames: 4,
             ..surgtpgs_core::demo::DemoSettings::default()
         };
-        surgtpgs_core::demo::write(&tiny, &recording, &mut |_, _| {}).unwrap();
+        surgtpgs_core::demo::write(&tiny, &recording, &mut surgtpgs_core::progress::unobserved).unwrap();
         std::fs::create_dir(&prepared).unwrap();
         std::fs::write(prepared.join("mine"), "hours of work").unwrap();
         let request = TrainRequest { recording, scene: scene.clone(), iterations: 3, excluded: Vec::new() };

@@ -5,12 +5,11 @@
 //! counts `depth_unit_scale_factor` scene units (0.001 unless given). Our own additions, which other programs
 //! ignore: `label_path` per frame and the top-level list `classes` (as in `labels.json`).
 
-use super::{
-    CameraSource, Layout,
+use crate::sequence::{
     classes::{self, ClassEntry},
     labels::LabelFiles,
-    layout::{MaskRule, Recording},
     read,
+    recording::{CameraSource, MaskRule, Recording},
 };
 use crate::{
     Error, Result,
@@ -22,7 +21,7 @@ use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
 /// Name of the file that marks this layout.
-pub(super) const TRANSFORMS_FILE: &str = "transforms.json";
+const TRANSFORMS_FILE: &str = "transforms.json";
 
 #[derive(Deserialize)]
 struct Transforms {
@@ -63,6 +62,11 @@ struct Intrinsics {
     p2: Option<f64>,
 }
 
+/// Returns `true` if `folder` has the marks of this layout.
+pub(super) fn matches(folder: &Path) -> Result<bool> {
+    Ok(is_present(&folder.join(TRANSFORMS_FILE)))
+}
+
 pub(super) fn open(folder: &Path) -> Result<Recording> {
     let path = folder.join(TRANSFORMS_FILE);
     let text = read_text(&path).map_err(|e| Error::io("read the cameras", &path, e))?;
@@ -75,7 +79,7 @@ pub(super) fn open(folder: &Path) -> Result<Recording> {
     })?;
     transforms.frames.sort_by(|a, b| read::natural_order(&a.file_path, &b.file_path));
     let images: Vec<_> = transforms.frames.iter().map(|f| picture_path(folder, &f.file_path)).collect();
-    let mut recording = Recording::of_pictures(folder, Layout::Transforms, &images)?;
+    let mut recording = Recording::of_pictures(folder, &images)?;
     let size = (recording.width as f64, recording.height as f64);
     let mut known = true;
     for (i, entry) in transforms.frames.iter().enumerate() {

@@ -1,11 +1,11 @@
 //! Raw CholecSeg8K clips: `frame_K_endo.png` and beside it `frame_K_endo_watershed_mask.png`, whose grey
 //! value names the class. No poses, no depth. (Hong et al., CholecSeg8k, 2020, arXiv 2012.12453.)
 
-use super::{
-    Class, Layout,
+use crate::sequence::{
+    classes::Class,
     labels::{LabelCoding, LabelFiles},
-    layout::{Frame, MaskRule, Recording},
     read,
+    recording::{FrameFiles, MaskRule, Recording},
 };
 use crate::{Result, reading::is_present};
 use std::path::{Path, PathBuf};
@@ -48,7 +48,7 @@ const CLASSES: [(&str, [u8; 3]); 13] = [
 ];
 
 /// Returns the frames of a raw CholecSeg8K folder; empty if the folder is none.
-pub(super) fn frames(folder: &Path) -> Result<Vec<PathBuf>> {
+fn frames(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut files = read::list(folder, &["png"])?;
     files.retain(|path| {
         let name = read::file_name(path);
@@ -58,9 +58,14 @@ pub(super) fn frames(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(files)
 }
 
+/// Returns `true` if `folder` has the marks of this layout.
+pub(super) fn matches(folder: &Path) -> Result<bool> {
+    Ok(!frames(folder)?.is_empty())
+}
+
 pub(super) fn open(folder: &Path) -> Result<Recording> {
     let images = frames(folder)?;
-    let mut recording = Recording::of_pictures(folder, Layout::CholecSeg8k, &images)?;
+    let mut recording = Recording::of_pictures(folder, &images)?;
     for (frame, image) in recording.frames.iter_mut().zip(&images) {
         let watershed = image.with_file_name(format!("{}_watershed_mask.png", read::stem(image)));
         if is_present(&watershed) {
@@ -80,7 +85,7 @@ pub(super) fn open(folder: &Path) -> Result<Recording> {
     Ok(recording)
 }
 
-fn add_labels(frame: &mut Frame, watershed: PathBuf) {
+fn add_labels(frame: &mut FrameFiles, watershed: PathBuf) {
     frame.mask = Some(watershed.clone());
     frame.labels = Some(LabelFiles::Picture(watershed));
 }

@@ -1,18 +1,22 @@
 //! A plain folder of pictures, or one with `images/`. `masks/` (white = tool), `depth/`, and `labels/`
 //! with `labels.json` may lie beside them. The demo writes this layout too.
 
-use super::{
-    Layout,
-    layout::{MaskRule, Recording},
-    read,
-};
 use crate::Result;
+use crate::sequence::{
+    read,
+    recording::{MaskRule, Recording},
+};
 use std::path::Path;
+
+/// Returns `true` if `folder` holds pictures, here or in `images/`.
+pub(super) fn matches(folder: &Path) -> Result<bool> {
+    Ok(read::holds(&folder.join("images"), read::PICTURES) || read::holds(folder, read::PICTURES))
+}
 
 pub(super) fn open(folder: &Path) -> Result<Recording> {
     let inner = folder.join("images");
     let images = read::list(if inner.is_dir() { &inner } else { folder }, read::PICTURES)?;
-    let mut recording = Recording::of_pictures(folder, Layout::Images, &images)?;
+    let mut recording = Recording::of_pictures(folder, &images)?;
     recording.mask_rule = MaskRule::KeepBlack;
     recording.add_masks(&folder.join("masks"))?;
     recording.add_depth(&folder.join("depth"))?;

@@ -11,18 +11,26 @@
 //!
 //! StereoMIS is recognised by its missing near and far (15 numbers) or by `s` naming the image's centre.
 
-use super::{
-    CameraSource, Layout,
-    layout::{MaskRule, Recording},
+use crate::sequence::{
     read,
+    recording::{CameraSource, MaskRule, Recording},
 };
-use crate::{Error, Result, camera::Camera, reading::npy};
+use crate::{
+    Error, Result,
+    camera::Camera,
+    reading::{is_present, npy},
+};
 use glam::{Affine3A, DAffine3, DMat3, DVec3};
 use std::path::Path;
 
+/// Returns `true` if `folder` has the marks of this layout.
+pub(super) fn matches(folder: &Path) -> Result<bool> {
+    Ok(read::holds(&folder.join("images"), read::PICTURES) && is_present(&folder.join("poses_bounds.npy")))
+}
+
 pub(super) fn open(folder: &Path) -> Result<Recording> {
     let images = read::list(&folder.join("images"), read::PICTURES)?;
-    let mut recording = Recording::of_pictures(folder, Layout::EndoNerf, &images)?;
+    let mut recording = Recording::of_pictures(folder, &images)?;
     let poses = Poses::read(&folder.join("poses_bounds.npy"), &recording)?;
     recording.cameras = poses.cameras;
     recording.camera_source = CameraSource::Given;

@@ -2,13 +2,12 @@
 //! kept), `disps/*.npy` from a monocular network or `depth_mu/*.png`, and `test_seg/K/CLASS.png` with one
 //! mask per class for the K-th held-out frame. The camera stands still.
 
-use super::{
-    CameraSource, Class, Layout, Sequence,
-    classes::{self, ClassEntry},
+use crate::sequence::{
+    classes::{self, Class, ClassEntry},
     depth::{DepthKind, DepthRule},
     labels::LabelFiles,
-    layout::{MaskRule, Recording},
     read,
+    recording::{CameraSource, MaskRule, Recording, is_test_frame},
 };
 use crate::{Error, Result, camera::Camera};
 use std::{
@@ -21,14 +20,15 @@ const FOCAL: f32 = 1_087.412_8;
 /// Depth = focal length · baseline / disparity, in the scene's units.
 pub(crate) const BASELINE: f64 = 1.087_703_9;
 
-/// Returns `true` if `folder`, which has `images/`, has the marks of this layout.
-pub(super) fn matches(folder: &Path) -> bool {
-    ["disps", "depth_mu", "test_seg"].iter().any(|name| folder.join(name).is_dir())
+/// Returns `true` if `folder` has the marks of this layout.
+pub(super) fn matches(folder: &Path) -> Result<bool> {
+    Ok(read::holds(&folder.join("images"), read::PICTURES)
+        && (["disps", "depth_mu", "test_seg"].iter().any(|name| folder.join(name).is_dir())))
 }
 
 pub(super) fn open(folder: &Path) -> Result<Recording> {
     let images = read::list(&folder.join("images"), read::PICTURES)?;
-    let mut recording = Recording::of_pictures(folder, Layout::Reference, &images)?;
+    let mut recording = Recording::of_pictures(folder, &images)?;
     let (width, height) = (recording.width as u32, recording.height as u32);
     let camera = Camera { fx: FOCAL, fy: FOCAL, ..Camera::with_field_of_view(width, height, 60.0) };
     recording.cameras.fill(camera);
@@ -50,7 +50,7 @@ pub(super) fn open(folder: &Path) -> Result<Recording> {
 
 /// Adds the labels of held-out frames from one mask per class.
 fn add_test_masks(recording: &mut Recording, folder: &Path) -> Result<()> {
-    let test_frames: Vec<_> = (0..recording.frames.len()).filter(|&i| Sequence::is_test_frame(i)).collect();
+    let test_frames: Vec<_> = (0..recording.frames.len()).filter(|&i| is_test_frame(i)).collect();
     let per_frame: Vec<Vec<PathBuf>> = test_frames
         .iter()
         .enumerate()

@@ -2,7 +2,10 @@
 //! `labels/`, `labels.json` (here or one folder up), and `camera_calibration.txt`. (Allan et al.
 //! 2020, arXiv 2001.11190.)
 
-use super::{CameraSource, Layout, layout::Recording, read};
+use crate::sequence::{
+    read,
+    recording::{CameraSource, Recording},
+};
 use crate::{
     Error, Result,
     reading::{is_present, read_text},
@@ -10,13 +13,13 @@ use crate::{
 use std::path::Path;
 
 /// Returns `true` if `folder` has the marks of this layout.
-pub(super) fn matches(folder: &Path) -> bool {
-    read::holds(&folder.join("left_frames"), read::PICTURES)
+pub(super) fn matches(folder: &Path) -> Result<bool> {
+    Ok(read::holds(&folder.join("left_frames"), read::PICTURES))
 }
 
 pub(super) fn open(folder: &Path) -> Result<Recording> {
     let images = read::list(&folder.join("left_frames"), read::PICTURES)?;
-    let mut recording = Recording::of_pictures(folder, Layout::EndoVis18, &images)?;
+    let mut recording = Recording::of_pictures(folder, &images)?;
     let here = folder.join("labels.json");
     let above = folder.join("../labels.json");
     recording.add_labels(&folder.join("labels"), if is_present(&here) { &here } else { &above })?;

@@ -1,13 +1,11 @@
-//! The contents of a recording as its layout describes them, and the recognition of layouts.
+//! The contents of a recording, as its layout describes them.
 
 use super::{
-    CameraSource, Class, Layout, cholecseg8k, classes,
+    classes::{self, Class},
     depth::DepthRule,
-    endonerf, endovis18, images,
+    h264::H264,
     labels::{LabelCoding, LabelFiles, NumbersAre, ReadLabels, numbers_of},
-    read, reference,
-    settings::Selection,
-    transforms, video,
+    read,
 };
 use crate::{
     Error, Result,
@@ -26,14 +24,51 @@ use tempfile::TempDir;
 /// Horizontal field of view that is assumed if none is known, in degrees.
 pub(super) const ASSUMED_FOV_DEGREES: f32 = 60.0;
 
+/// Source of the cameras.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CameraSource {
+    /// Read from the recording or its `sequence.toml`.
+    Given,
+    /// Assumed: a still pinhole with this horizontal field of view, in degrees.
+    Assumed(f32),
+}
+
+/// Tells if frame `i` is one of those that an evaluation holds out.
+pub(super) fn is_test_frame(i: usize) -> bool {
+    i % 8 == 1
+}
+
+/// The recorded frames that are used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Selection {
+    pub first: usize,
+    pub last: Option<usize>,
+    pub every: usize,
+}
+
+impl Selection {
+    /// Returns the numbers of the used frames among `n`. The error says what is wrong if there are none.
+    pub(super) fn indices(&self, n: usize) -> Result<Vec<usize>, String> {
+        let last = self.last.unwrap_or(n.saturating_sub(1));
+        if self.first > last || last >= n {
+            return Err(format!(
+                "frames {} to {last} are asked for, the recording has frames 0 to {}",
+                self.first,
+                n.saturating_sub(1)
+            ));
+        }
+        Ok((self.first..=last).step_by(self.every.max(1)).collect())
+    }
+}
+
 /// Everything that `open` finds out; pictures are decoded on request.
 #[derive(Debug)]
 pub(super) struct Recording {
     pub path: PathBuf,
-    pub layout: Layout,
     pub width: usize,
     pub height: usize,
-    pub frames: Vec<Frame>,
+    pub frames: Vec<FrameFiles>,
     /// Cameras, one per frame.
     pub cameras: Vec<Camera>,
     pub camera_source: CameraSource,
@@ -53,7 +88,7 @@ pub(super) struct Recording {
 
 /// The files of one frame.
 #[derive(Debug)]
-pub(super) struct Frame {
+pub(super) struct FrameFiles {
     pub name: String,
     pub picture: Picture,
     pub mask: Option<PathBuf>,
@@ -65,7 +100,7 @@ pub(super) struct Frame {
 #[derive(Debug)]
 pub(super) enum Picture {
     File(PathBuf),
-    Video { video: Arc<video::H264>, index: usize },
+    Video { video: Arc<H264>, index: usize },
 }
 
 /// The pixels that a mask file keeps.
@@ -81,22 +116,16 @@ pub(super) enum MaskRule {
 
 impl Recording {
     /// Creates a recording of `pictures` with an assumed still camera and nothing else.
-    pub(super) fn of_pictures(path: &Path, layout: Layout, pictures: &[PathBuf]) -> Result<Self> {
+    pub(super) fn of_pictures(path: &Path, pictures: &[PathBuf]) -> Result<Self> {
         let size = read::common_size(pictures)?;
-        let frames = pictures.iter().map(|p| Frame::new(read::stem(p), Picture::File(p.clone())));
-        Ok(Self::new(path, layout, size, frames.collect()))
+        let frames = pictures.iter().map(|p| FrameFiles::new(read::stem(p), Picture::File(p.clone())));
+        Ok(Self::new(path, size, frames.collect()))
     }
 
-    pub(super) fn new(
-        path: &Path,
-        layout: Layout,
-        (width, height): (usize, usize),
-        frames: Vec<Frame>,
-    ) -> Self {
+    pub(super) fn new(path: &Path, (width, height): (usize, usize), frames: Vec<FrameFiles>) -> Self {
         let camera = Camera::with_field_of_view(width as u32, height as u32, ASSUMED_FOV_DEGREES);
         Self {
             path: path.to_owned(),
-            layout,
             width,
             height,
             cameras: vec![camera; frames.len()],
@@ -149,7 +178,7 @@ impl Recording {
         endings: &[&str],
         what: &str,
         partial: bool,
-    ) -> Result<Vec<(&mut Frame, PathBuf)>> {
+    ) -> Result<Vec<(&mut FrameFiles, PathBuf)>> {
         let files = if folder.is_dir() { read::list(folder, endings)? } else { Vec::new() };
         if files.is_empty() {
             return Ok(Vec::new());
@@ -183,7 +212,7 @@ impl Recording {
     }
 
     /// Keeps only the frames that `selection` names.
-    fn select(mut self, selection: &Selection) -> Result<Self> {
+    pub(super) fn select(mut self, selection: &Selection) -> Result<Self> {
         let keep = selection.indices(self.frames.len()).map_err(|what| {
             Error::input_at(&self.path, what, "Look at [frames] and [time] in sequence.toml.")
         })?;
@@ -281,46 +310,22 @@ impl Recording {
     }
 }
 
-impl Frame {
+impl FrameFiles {
     pub(super) fn new(name: String, picture: Picture) -> Self {
         Self { name, picture, mask: None, depth: None, labels: None }
     }
 }
 
-/// Recognises the layout of `path` by its contents and opens the selected frames.
-pub(super) fn open(path: &Path, selection: &Selection) -> Result<Recording> {
-    if path.is_file() {
-        return video::open(path, selection);
-    }
-    let images = read::holds(&path.join("images"), read::PICTURES);
-    let recording = if is_present(&path.join(transforms::TRANSFORMS_FILE)) {
-        transforms::open(path)
-    } else if images && is_present(&path.join("poses_bounds.npy")) {
-        endonerf::open(path)
-    } else if images && reference::matches(path) {
-        reference::open(path)
-    } else if endovis18::matches(path) {
-        endovis18::open(path)
-    } else if !cholecseg8k::frames(path)?.is_empty() {
-        cholecseg8k::open(path)
-    } else if images || read::holds(path, read::PICTURES) {
-        images::open(path)
-    } else if let [only] = read::list(path, video::VIDEOS)?.as_slice() {
-        return Ok(Recording { path: path.to_owned(), ..video::open(only, selection)? });
-    } else {
-        Err(not_a_recording(path))
-    }?;
-    recording.select(selection)
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-fn not_a_recording(folder: &Path) -> Error {
-    let inner = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    let mut inner: Vec<_> = inner.filter(|p| read::holds(p, read::PICTURES)).collect();
-    inner.sort_by(|a, b| read::natural_order(&read::file_name(a), &read::file_name(b)));
-    let hint = match inner.first() {
-        Some(first) => format!("The folder \"{}\" inside it does: open that one.", read::file_name(first)),
-        None => "Open a folder of PNG or JPEG frames, one of the known data set layouts, or a video file."
-            .to_owned(),
-    };
-    Error::input_at(folder, "this folder holds no frames", hint)
+    #[test]
+    fn selection_counts_from_the_first_frame_that_is_used() {
+        let selection = Selection { first: 1, last: Some(8), every: 3 };
+        assert_eq!(selection.indices(10).unwrap(), [1, 4, 7]);
+        assert!(selection.indices(8).is_err());
+        assert!(Selection { first: 5, last: Some(4), every: 1 }.indices(10).is_err());
+        assert_eq!(Selection { first: 0, last: None, every: 1 }.indices(2).unwrap(), [0, 1]);
+    }
 }

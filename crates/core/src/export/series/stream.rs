@@ -1,0 +1,25 @@
+//! A file about all frames while it is written.
+
+use crate::{
+    export::{Provenance, frame::FrameContent},
+    files::WholeFile,
+};
+use std::io;
+
+/// A file that is being written.
+pub(in crate::export) trait Series {
+    /// Adds the next frame.
+    fn add(&mut self, frame: &FrameContent<'_>) -> io::Result<()>;
+    /// Writes the rest; the file is complete then, but not in its place.
+    fn finish(self: Box<Self>) -> io::Result<WholeFile>;
+}
+
+/// Facts that are known before the first frame.
+#[derive(Clone, Copy)]
+pub(in crate::export) struct SeriesPlan<'a> {
+    pub(in crate::export) provenance: &'a Provenance,
+    /// All frames that will be added, in order; at least one.
+    pub(in crate::export) frames: &'a [usize],
+    /// Columns and rows of every frame; none is 0.
+    pub(in crate::export) size: (usize, usize),
+}

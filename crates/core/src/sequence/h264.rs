@@ -1,0 +1,448 @@
+//! H.264 in an mp4 container, decoded frame by frame.
+//!
+//! Frames can be requested in any order. Decoding starts at the last picture before the frame that needs
+//! no other (an IDR picture), or continues where the last request ended. Frames decoded on the way are
+//! kept while [`CACHE_BYTES`] allow. Colours follow BT.601 with limited range, whatever the file says.
+
+use super::{
+    mp4::{CodedPicture, Description, Mp4},
+    read,
+};
+use crate::{Error, Result, camera::check_image_size};
+use image::RgbImage;
+use openh264::{
+    OpenH264API,
+    decoder::{DecodedYUV, Decoder, DecoderConfig, Flush},
+    formats::YUVSource,
+};
+use std::{
+    collections::BTreeMap,
+    fs::File,
+    io::{BufReader, Read, Seek, SeekFrom},
+    path::{Path, PathBuf},
+    sync::{Mutex, PoisonError},
+};
+
+/// NAL unit type of a slice of an IDR picture (H.264, table 7-1).
+const IDR_SLICE: u8 = 5;
+/// Memory for decoded frames of one video.
+const CACHE_BYTES: usize = 256 << 20;
+/// Frames are unevenly spaced if the longest time between two is more than this many times the shortest.
+const UNEVEN: f64 = 1.5;
+
+/// An H.264 video in an mp4 file.
+pub(super) struct H264 {
+    path: PathBuf,
+    pub frames_per_second: Option<f32>,
+    /// A note about it for the user.
+    pub note: Option<String>,
+    /// Descriptions of how to decode samples, the first from sample 0 on.
+    pub descriptions: Vec<Description>,
+    /// All samples, in decoding order.
+    samples: Vec<CodedPicture>,
+    /// The sample of each frame that can be shown: as many as samples, or fewer if the file is cut off.
+    pub shown: Vec<usize>,
+    /// The points where decoding can start; ascending, the first at sample 0.
+    starts: Vec<Start>,
+    state: Mutex<DecoderState>,
+}
+
+/// An IDR picture: its position in decoding order and in the order of showing.
+#[derive(Clone, Copy)]
+struct Start {
+    sample: usize,
+    frame: usize,
+}
+
+#[derive(Default)]
+struct DecoderState {
+    running: Option<Running>,
+    cache: Cache,
+}
+
+/// A decoder in the middle of the video.
+struct Running {
+    decoder: Decoder,
+    file: File,
+    next_sample: usize,
+    /// The next frame that comes out.
+    next_frame: usize,
+}
+
+impl std::fmt::Debug for H264 {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("H264")
+            .field("path", &self.path)
+            .field("frames", &self.samples.len())
+            .finish_non_exhaustive()
+    }
+}
+
+impl H264 {
+    /// Decodes one frame of the track; the error says why that is not possible.
+    pub(super) fn open(path: &Path, mp4: Mp4) -> Result<Self, String> {
+        let Some(Description { width, height, .. }) = mp4.descriptions.first() else {
+            return Err("there is no H.264 video in it".to_owned());
+        };
+        check_image_size(*width, *height)?;
+        if mp4.is_turned {
+            return Err("its pictures are stored turned or mirrored".to_owned());
+        }
+        let mut units = mp4.descriptions.iter().flat_map(|description| &description.parameter_sets);
+        let is_parameters = |unit: &&Vec<u8>| unit.first().is_some_and(|b| b & 31 == SEQUENCE_PARAMETERS);
+        if units.any(|unit| is_parameters(&unit) && !is_of_420(unit)) {
+            return Err("its colours are not coded as 4:2:0".to_owned());
+        }
+        let frames_there = mp4.frames_there();
+        let mut video = Self {
+            path: path.to_owned(),
+            frames_per_second: mean_speed(&mp4),
+            note: mp4.intervals().and_then(|(shortest, longest)| uneven(shortest, longest)),
+            starts: candidates(&mp4),
+            shown: mp4.in_order_of_showing(),
+            descriptions: mp4.descriptions,
+            samples: mp4.pictures,
+            state: Mutex::default(),
+        };
+        video.samples.truncate(mp4.present);
+        video.shown.truncate(frames_there);
+        video.starts = video.find_starts().map_err(|e| e.to_string())?;
+        video.frame(0).map_err(|e| e.to_string())?;
+        Ok(video)
+    }
+
+    /// Returns the columns and rows of the first frame, which all others share.
+    pub(super) fn size(&self) -> (usize, usize) {
+        (self.descriptions[0].width, self.descriptions[0].height)
+    }
+
+    /// Returns the description with which a sample is decoded.
+    fn description(&self, sample: usize) -> &Description {
+        &self.descriptions[self.descriptions.partition_point(|d| d.from <= sample).max(1) - 1]
+    }
+
+    /// Returns those candidates that are IDR pictures: after other pictures, references may reach back.
+    fn find_starts(&self) -> Result<Vec<Start>> {
+        let mut file = BufReader::new(self.open_file()?);
+        let mut starts = Vec::new();
+        for &start in self.starts.iter().filter(|s| s.sample < self.samples.len()) {
+            if start.sample == 0 || self.is_idr(&mut file, start.sample).map_err(|e| self.unreadable(e))? {
+                starts.push(start);
+            }
+        }
+        Ok(starts)
+    }
+
+    /// Tells if a sample is an IDR picture, by the kind of its first slice; no more of it is read.
+    fn is_idr(&self, file: &mut BufReader<File>, sample: usize) -> std::io::Result<bool> {
+        let CodedPicture { offset, size, .. } = self.samples[sample];
+        let length_bytes = self.description(sample).length_bytes;
+        let here = file.stream_position()?;
+        file.seek_relative(offset as i64 - here as i64)?;
+        let mut left = size;
+        while left > length_bytes {
+            let mut head = [0; 5];
+            let head = &mut head[..=length_bytes];
+            file.read_exact(head)?;
+            match head[length_bytes] & 31 {
+                IDR_SLICE => return Ok(true),
+                1..IDR_SLICE => return Ok(false),
+                _ => {}
+            }
+            let unit = head[..length_bytes].iter().fold(0_usize, |n, &b| n << 8 | usize::from(b));
+            left = left.saturating_sub(length_bytes.saturating_add(unit));
+            file.seek_relative(unit as i64 - 1)?;
+        }
+        Ok(false)
+    }
+
+    /// Returns the place of frame `index` in decoding order.
+    pub(super) fn sample_of(&self, index: usize) -> usize {
+        self.shown[index]
+    }
+
+    /// Returns the place in decoding order at which decoding starts for frame `index`.
+    pub(super) fn start_of(&self, index: usize) -> usize {
+        self.start_before(index).sample
+    }
+
+    /// Returns the last start that is not behind frame `index`.
+    fn start_before(&self, index: usize) -> Start {
+        self.starts[self.starts.partition_point(|s| s.frame <= index).max(1) - 1]
+    }
+
+    /// Returns the number of coded bytes of some pictures, given by their places in decoding order.
+    pub(super) fn coded_bytes(&self, pictures: &[usize]) -> u64 {
+        pictures.iter().map(|&sample| self.samples[sample].size as u64).sum()
+    }
+
+    /// Reads all that decides what some pictures show: their coded bytes, and what says how these are decoded.
+    pub(super) fn read_coded(&self, pictures: &[usize], mut take: impl FnMut(&[u8])) -> Result<()> {
+        let mut file = self.open_file()?;
+        pictures.iter().try_for_each(|&sample| {
+            self.description(sample).parameter_sets.iter().for_each(|unit| take(unit));
+            take(&self.read_sample(&mut file, sample)?);
+            Ok(())
+        })
+    }
+
+    /// Returns frame `index` in the order of showing.
+    pub(super) fn frame(&self, index: usize) -> Result<RgbImage> {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(frame) = state.cache.get(index) {
+            return Ok(frame.clone());
+        }
+        let DecoderState { running, cache } = &mut *state;
+        let start = self.start_before(index);
+        let on_the_way = running.take().filter(|r| (start.frame..=index).contains(&r.next_frame));
+        let mut decoder = match on_the_way {
+            Some(decoder) => decoder,
+            None => self.start_at(start)?,
+        };
+        while decoder.next_frame <= index {
+            self.advance(&mut decoder, cache, index)?;
+        }
+        *running = Some(decoder);
+        cache.get(index).cloned().ok_or_else(|| self.damaged(index, "the decoder left it out"))
+    }
+
+    fn start_at(&self, start: Start) -> Result<Running> {
+        let config = DecoderConfig::new().flush_after_decode(Flush::NoFlush);
+        let mut decoder = Decoder::with_api_config(OpenH264API::from_source(), config)
+            .map_err(|e| self.damaged(start.frame, &e.to_string()))?;
+        let mut stream = Vec::new();
+        self.description(start.sample).parameter_sets.iter().for_each(|unit| push_unit(&mut stream, unit));
+        decoder.decode(&stream).map_err(|e| self.damaged(start.frame, &e.to_string()))?;
+        Ok(Running { decoder, file: self.open_file()?, next_sample: start.sample, next_frame: start.frame })
+    }
+
+    /// Feeds one sample to the decoder; pictures that come out go into the cache.
+    fn advance(&self, running: &mut Running, cache: &mut Cache, wanted: usize) -> Result<()> {
+        let next = running.next_sample;
+        let start = self.starts.binary_search_by_key(&next, |s| s.sample).ok().filter(|_| next > 0);
+        let start = start.map(|i| &self.starts[i]);
+        // Before a new start, and at the end, all pictures that the decoder still holds come out.
+        if start.is_some() || next == self.samples.len() {
+            self.flush(running, cache, wanted)?;
+        }
+        if let Some(start) = start {
+            if running.next_frame != start.frame {
+                return Err(self.damaged(running.next_frame, "the decoder left it out"));
+            }
+            // A new decoder is needed: the flushed one runs out of picture buffers.
+            *running = self.start_at(*start)?;
+        }
+        if next == self.samples.len() {
+            return match running.next_frame {
+                frame if frame > wanted => Ok(()),
+                frame => Err(self.damaged(wanted, &format!("the video ends after {frame} frames"))),
+            };
+        }
+        let sample = self.read_sample(&mut running.file, next)?;
+        if !units(&sample, self.description(next).length_bytes).any(is_slice) {
+            // The decoder would go on without a word, and every later picture would count as an earlier frame.
+            let frame = self.shown.iter().position(|shown| *shown == next).unwrap_or(wanted);
+            return Err(self.damaged(frame, "there is no picture in it"));
+        }
+        let mut stream = Vec::with_capacity(sample.len() + 64);
+        let Description { from, length_bytes, parameter_sets, .. } = self.description(next);
+        if *from == next && next > 0 {
+            parameter_sets.iter().for_each(|unit| push_unit(&mut stream, unit));
+        }
+        units(&sample, *length_bytes).for_each(|unit| push_unit(&mut stream, unit));
+        let picture = running.decoder.decode(&stream).map_err(|e| self.damaged(wanted, &e.to_string()))?;
+        if let Some(picture) = picture {
+            cache.insert(running.next_frame, self.to_rgb(&picture, running.next_frame)?, wanted);
+            running.next_frame += 1;
+        }
+        running.next_sample += 1;
+        Ok(())
+    }
+
+    /// Fetches the pictures that the decoder still holds back to show them in order.
+    fn flush(&self, running: &mut Running, cache: &mut Cache, wanted: usize) -> Result<()> {
+        let pictures = running.decoder.flush_remaining().map_err(|e| self.damaged(wanted, &e.to_string()))?;
+        for picture in &pictures {
+            cache.insert(running.next_frame, self.to_rgb(picture, running.next_frame)?, wanted);
+            running.next_frame += 1;
+        }
+        Ok(())
+    }
+
+    fn to_rgb(&self, picture: &DecodedYUV<'_>, index: usize) -> Result<RgbImage> {
+        let (width, height) = picture.dimensions();
+        if (width, height) != self.size() {
+            return Err(other_size(&self.path, index, (width, height), self.size()));
+        }
+        let mut frame = RgbImage::new(width as u32, height as u32);
+        picture.write_rgb8(frame.as_mut());
+        Ok(frame)
+    }
+
+    fn open_file(&self) -> Result<File> {
+        File::open(&self.path).map_err(|e| Error::io("open the video", &self.path, e))
+    }
+
+    fn read_sample(&self, file: &mut File, i: usize) -> Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        let CodedPicture { offset, size, .. } = self.samples[i];
+        file.seek(SeekFrom::Start(offset)).map_err(|e| self.unreadable(e))?;
+        file.take(size as u64).read_to_end(&mut bytes).map_err(|e| self.unreadable(e))?;
+        Ok(bytes)
+    }
+
+    fn unreadable(&self, e: std::io::Error) -> Error {
+        Error::io("read the video", &self.path, e)
+    }
+
+    fn damaged(&self, frame: usize, why: &str) -> Error {
+        Error::input_at(&self.path, format!("frame {frame} of the video cannot be decoded: {why}"), "")
+    }
+}
+
+/// Returns the frames per second between the first and the last time of showing.
+fn mean_speed(mp4: &Mp4) -> Option<f32> {
+    let times = || mp4.pictures.iter().map(|picture| picture.shown_at);
+    let ticks = times().max()?.checked_sub(times().min()?)?;
+    let speed = (mp4.pictures.len() - 1) as f64 * f64::from(mp4.timescale) / ticks as f64;
+    (speed.is_finite() && speed > 0.0).then_some(speed as f32)
+}
+
+/// Returns the sync samples with their position in the order of showing, if nothing earlier is
+/// shown after them.
+fn candidates(mp4: &Mp4) -> Vec<Start> {
+    let mut latest_before = None;
+    let mut starts = Vec::new();
+    for (sample, frame) in mp4.frame_of().into_iter().enumerate() {
+        let closed = frame == sample && latest_before.is_none_or(|latest| latest < frame);
+        if sample == 0 || (mp4.pictures[sample].is_sync && closed) {
+            starts.push(Start { sample, frame: sample });
+        }
+        latest_before = latest_before.max(Some(frame));
+    }
+    starts
+}
+
+/// Iterates over the NAL units of a sample; stops at a length that leads outside.
+fn units(sample: &[u8], length_bytes: usize) -> impl Iterator<Item = &[u8]> {
+    let mut rest = sample;
+    std::iter::from_fn(move || {
+        let (length, tail) = rest.split_at_checked(length_bytes)?;
+        let length = length.iter().fold(0_usize, |n, &b| n << 8 | usize::from(b));
+        let (unit, tail) = tail.split_at_checked(length)?;
+        rest = tail;
+        Some(unit)
+    })
+}
+
+/// Returns `true` if a NAL unit holds a part of a picture.
+fn is_slice(unit: &[u8]) -> bool {
+    unit.first().is_some_and(|head| (1..=IDR_SLICE).contains(&(head & 31)))
+}
+
+/// NAL unit type of a sequence parameter set (H.264, table 7-1).
+const SEQUENCE_PARAMETERS: u8 = 7;
+
+/// Returns `true` if a sequence parameter set says that colour has half the resolution of brightness in both
+/// directions (4:2:0), the only form that the decoder knows (H.264, 7.3.2.1.1).
+fn is_of_420(unit: &[u8]) -> bool {
+    /// Profiles that may have another form, and say so.
+    const PROFILES: [u8; 12] = [100, 110, 122, 244, 44, 83, 86, 118, 128, 138, 139, 134];
+    let Some(([_, profile, ..], rest)) = unit.split_at_checked(4) else { return false };
+    if !PROFILES.contains(profile) {
+        return true;
+    }
+    let mut bits = rest.iter().flat_map(|byte| (0..8).rev().map(move |i| byte >> i & 1));
+    let mut number = || {
+        let zeros = bits.by_ref().take(32).take_while(|bit| *bit == 0).count();
+        let tail = bits.by_ref().take(zeros).fold(0_u64, |n, bit| n << 1 | u64::from(bit));
+        (1 << zeros) - 1 + tail
+    };
+    let (_id, chroma_format) = (number(), number());
+    chroma_format == 1
+}
+
+/// Appends a NAL unit with its start code (H.264, annex B).
+fn push_unit(stream: &mut Vec<u8>, unit: &[u8]) {
+    stream.extend_from_slice(&[0, 0, 0, 1]);
+    stream.extend_from_slice(unit);
+}
+
+/// Cache of decoded frames; those farthest from the last request are removed first.
+#[derive(Default)]
+struct Cache {
+    frames: BTreeMap<usize, RgbImage>,
+    bytes: usize,
+}
+
+impl Cache {
+    fn get(&self, index: usize) -> Option<&RgbImage> {
+        self.frames.get(&index)
+    }
+
+    /// Adds a frame that was decoded on the way to `wanted`.
+    fn insert(&mut self, index: usize, frame: RgbImage, wanted: usize) {
+        self.bytes += frame.as_raw().len();
+        if let Some(old) = self.frames.insert(index, frame) {
+            self.bytes -= old.as_raw().len();
+        }
+        while self.bytes > CACHE_BYTES && self.frames.len() > 1 {
+            let (Some((&low, _)), Some((&high, _))) =
+                (self.frames.first_key_value(), self.frames.last_key_value())
+            else {
+                return;
+            };
+            let farthest = if wanted.abs_diff(low) > wanted.abs_diff(high) { low } else { high };
+            self.bytes -= self.frames.remove(&farthest).map_or(0, |f| f.as_raw().len());
+        }
+    }
+}
+
+/// Creates the error about a video of which only the first `there` frames are available.
+pub(super) fn cut_off(path: &Path, what: &str, there: usize) -> Error {
+    let mut hint = "Copy it once more from where it was recorded".to_owned();
+    if let Some(last) = there.checked_sub(1) {
+        hint += &format!(", or use what is there: {}", use_until(path, last));
+    }
+    Error::input_at(path, format!("the video is cut off or damaged: {what}"), hint + ".")
+}
+
+/// Creates the error about a video whose size changes at `frame`.
+pub(super) fn other_size(path: &Path, frame: usize, size: (usize, usize), first: (usize, usize)) -> Error {
+    let hint = frame.checked_sub(1).map_or(String::new(), |last| {
+        format!("Cut it there into two videos, or use the first part: {}.", use_until(path, last))
+    });
+    let what =
+        format!("frame {frame} of the video is {}×{}, the first is {}×{}", size.0, size.1, first.0, first.1);
+    Error::input_at(path, what, hint)
+}
+
+/// Names the setting that leaves out everything after frame `last`.
+fn use_until(path: &Path, last: usize) -> String {
+    let name = read::file_name(path);
+    format!("`last = {last}` under `[frames]` in {name}.toml beside it, or in sequence.toml of a folder")
+}
+
+/// Returns a note if frames are shown for unequal times. `shortest` and `longest` are the extremes of the
+/// time between two frames, in seconds.
+pub(super) fn uneven(shortest: f64, longest: f64) -> Option<String> {
+    (longest > UNEVEN * shortest).then(|| {
+        let [shortest, longest] = [shortest, longest].map(|seconds| 1e3 * seconds);
+        format!("The time between two frames varies from {shortest:.0} to {longest:.0} ms; they count as evenly spaced")
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_form_of_colours_is_read_from_the_parameters() {
+        let high = |bits: u8| [0x67, 100, 0, 10, bits];
+        // The number of the set is 0; the form of colours is 0 (grey), 1 (4:2:0) or 2 (4:2:2).
+        assert!(!is_of_420(&high(0b1100_0000)) && is_of_420(&high(0b1010_0000)));
+        assert!(!is_of_420(&high(0b1011_0000)) && !is_of_420(&high(0)));
+        assert!(is_of_420(&[0x67, 66, 0, 10, 0]), "the baseline has no other");
+        assert!(!is_of_420(&[0x67, 100]));
+    }
+}

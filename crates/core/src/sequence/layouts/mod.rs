@@ -1,0 +1,82 @@
+//! The layouts of recordings. A new one is a file here that recognises and reads it, and a row of `READERS`.
+
+mod cholecseg8k;
+mod endonerf;
+mod endovis18;
+mod images;
+mod reference;
+mod transforms;
+
+pub(crate) use reference::BASELINE as MONOCULAR_BASELINE;
+
+use super::{
+    read,
+    recording::{Recording, Selection},
+    video,
+};
+use crate::{Error, Result};
+use std::path::Path;
+
+/// The folder layouts that are recognised, by content and never by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Layout {
+    /// `images/ masks/ [depth/] poses_bounds.npy`.
+    EndoNerf,
+    /// The reference's CholecSeg8K / EndoVis18 layout: `images/ masks/ disps|depth_mu/ test_seg/`.
+    Reference,
+    /// Raw CholecSeg8K: `frame_*_endo.png` with `_watershed_mask`.
+    CholecSeg8k,
+    /// Raw EndoVis18: `left_frames/ labels/ labels.json`.
+    EndoVis18,
+    /// nerfstudio's `transforms.json`.
+    Transforms,
+    /// A folder of images.
+    Images,
+    /// A video file.
+    Video,
+}
+
+/// A layout of folders: tells if a folder has its marks, and reads it.
+type Reader = (Layout, fn(&Path) -> Result<bool>, fn(&Path) -> Result<Recording>);
+
+/// The layouts of folders. A folder is of the first whose marks it has.
+const READERS: [Reader; 6] = [
+    (Layout::Transforms, transforms::matches, transforms::open),
+    (Layout::EndoNerf, endonerf::matches, endonerf::open),
+    (Layout::Reference, reference::matches, reference::open),
+    (Layout::EndoVis18, endovis18::matches, endovis18::open),
+    (Layout::CholecSeg8k, cholecseg8k::matches, cholecseg8k::open),
+    (Layout::Images, images::matches, images::open),
+];
+
+/// Recognises the layout of `path` by its contents and opens the selected frames.
+pub(super) fn open(path: &Path, selection: &Selection) -> Result<(Layout, Recording)> {
+    if path.is_file() {
+        return Ok((Layout::Video, video::open(path, selection)?));
+    }
+    for (layout, matches, open) in READERS {
+        if matches(path)? {
+            return Ok((layout, open(path)?.select(selection)?));
+        }
+    }
+    match read::list(path, video::VIDEOS)?.as_slice() {
+        [only] => {
+            let recording = video::open(only, selection)?;
+            Ok((Layout::Video, Recording { path: path.to_owned(), ..recording }))
+        }
+        _ => Err(not_a_recording(path)),
+    }
+}
+
+fn not_a_recording(folder: &Path) -> Error {
+    let inner = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut inner: Vec<_> = inner.filter(|p| read::holds(p, read::PICTURES)).collect();
+    inner.sort_by(|a, b| read::natural_order(&read::file_name(a), &read::file_name(b)));
+    let hint = match inner.first() {
+        Some(first) => format!("The folder \"{}\" inside it does: open that one.", read::file_name(first)),
+        None => "Open a folder of PNG or JPEG frames, one of the known data set layouts, or a video file."
+            .to_owned(),
+    };
+    Error::input_at(folder, "this folder holds no frames", hint)
+}
