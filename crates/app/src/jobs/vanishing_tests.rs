@@ -1,8 +1,12 @@
 //! Recordings whose files vanish while they are trained on, and disks that cannot keep what is done.
 
-use super::*;
-use std::fs;
-use surgtpgs_core::demo::DemoSettings;
+use super::{progress::Progress, train::go_on};
+use std::{fs, ops::ControlFlow};
+use surgtpgs_core::{
+    demo::{self, DemoSettings},
+    sequence::Sequence,
+    train::{StepReport, TrainSettings, Trainer},
+};
 
 /// A small recording whose pictures can be taken away.
 struct Vanishing {

@@ -14,7 +14,7 @@ use super::{
 use crate::{
     engine::{self, Ask, Engine, EngineOptions, Motion, Question, Sample},
     evaluation::{self, Evaluation},
-    jobs::{self, DemoPaths, Material, PrepareOptions, Progress},
+    jobs::{self, DemoPaths, ExportQuestion, Material, PrepareOptions, Progress},
     memory::{Work, require_for},
     outputs,
 };
@@ -28,7 +28,7 @@ use std::{
 use surgtpgs_core::{
     Error, Result,
     demo::{self, DemoSettings},
-    export::{ExportOptions, ExportPrompt, Source},
+    export::{ExportOptions, Source},
     files::{Inputs, claim_collection, full_path},
     grid::{Grid, Mask},
     raster::FrameClock,
@@ -103,14 +103,12 @@ impl Backend for EngineBackend {
         };
         let options = EngineOptions { relevancy, ..Default::default() };
         let mut engine = Engine::open(&request.scene, options)?;
-        let questions: Vec<Question> = request.prompts.iter().map(|p| p.question.clone()).collect();
-        engine.set_questions(&questions)?;
-        let chosen = |(mut prompt, wanted): (ExportPrompt, &super::source::ExportPrompt)| {
-            (prompt.threshold, prompt.colour) = (wanted.threshold, wanted.colour);
-            prompt.is_instrument = wanted.is_instrument;
-            prompt
+        let question = |prompt: &super::source::ExportPrompt| ExportQuestion {
+            question: prompt.question.clone(),
+            threshold: prompt.threshold,
+            colour: prompt.colour,
+            is_instrument: prompt.is_instrument,
         };
-        let prompts = jobs::export_prompts(&engine).into_iter().zip(&request.prompts).map(chosen).collect();
         let options = ExportOptions {
             formats: request.formats.clone(),
             source: if request.from_original { Source::Original } else { Source::Reconstruction },
@@ -120,15 +118,15 @@ impl Backend for EngineBackend {
             ..Default::default()
         };
         let asked = jobs::ExportRequest {
-            scene: &request.scene,
-            folder: &request.folder,
+            scene: request.scene.clone(),
+            folder: request.folder.clone(),
             frames: request.frames(),
-            prompts,
+            questions: request.prompts.iter().map(question).collect(),
             options,
             replace: false,
             completes_same: true,
         };
-        let done = jobs::export(&mut engine, asked, &mut |p| watch(job, p))?;
+        let done = jobs::export(&mut engine, &asked, &mut |p| watch(job, p))?;
         Ok(ExportSummary {
             is_complete: done.complete,
             num_files: done.files,
@@ -147,7 +145,7 @@ impl Backend for EngineBackend {
 
     fn reconstruct(&self, request: &TrainRequest, job: &JobContext) -> Result<PathBuf> {
         let material = Material::open(&request.recording)?;
-        let inputs = outputs::inputs_of_material(&request.recording, &material);
+        let inputs = material.inputs(&request.recording);
         // The offered name is free, and the file dialog asks before it replaces a file.
         let output = outputs::scene_file(&request.scene, &inputs, true)?;
         // Temporary folder of the features. It must outlive the training, which reads from it.
@@ -179,7 +177,7 @@ impl Backend for EngineBackend {
         let trained = jobs::train_watched(
             &material,
             settings,
-            engine::Backend::Auto,
+            engine::BackendChoice::Auto,
             &mut |p| watch(job, p),
             &mut show,
         )?;
@@ -281,12 +279,12 @@ impl SceneSource {
         Self { engine, info, pivot_depth: 1.0, home_depth: None }
     }
 
-    fn engine_view(&mut self, view: &View) -> Result<engine::View> {
+    fn engine_view(&mut self, view: &View) -> Result<engine::SceneView> {
         let recorded = self.engine.view(view.frame)?;
         let full = if view.orbit.is_home() {
             recorded
         } else {
-            engine::View::free(recorded.time, view.orbit.apply(&recorded.camera, self.pivot_depth))
+            engine::SceneView::free(recorded.time, view.orbit.apply(&recorded.camera, self.pivot_depth))
         };
         let half = |n: u32| (n / 2).max(1);
         Ok(if view.is_preview {
@@ -314,7 +312,7 @@ impl SceneSource {
     }
 
     /// Returns the scores of several questions; fails if one of them cannot be asked.
-    fn ask(&mut self, view: &engine::View, questions: &[Question]) -> Result<Vec<Grid<f32>>> {
+    fn ask(&mut self, view: &engine::SceneView, questions: &[Question]) -> Result<Vec<Grid<f32>>> {
         self.engine.set_questions(questions)?;
         Ok(self.engine.show(view, Ask::Now(None), VALUES)?.scores)
     }

@@ -165,7 +165,7 @@ fn phrases_ui(ui: &mut Ui, document: &mut Document) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::args::split_words;
+    use crate::text::split_words;
     use surgtpgs_core::overlay::OverlayLook;
 
     #[test]

@@ -6,7 +6,7 @@ use super::{
     theme,
     widgets::{Icon, caption, icon_button},
 };
-use crate::{args::split_words, settings::PROMPT_COLOURS};
+use crate::{settings::PROMPT_COLOURS, text::split_words};
 use egui::{Id, Key, Popup, PopupCloseBehavior, Response, Sense, Stroke, TextEdit, Ui, WidgetInfo, vec2};
 
 /// Shows the menu of one prompt at a time, opened and closed by the buttons of the prompts' rows. All menus

@@ -8,7 +8,7 @@ use super::{
     theme,
     widgets::{caption, dialog, main_button, thousands},
 };
-use crate::evaluation::{self, Evaluation, FrameRow, Report};
+use crate::evaluation::{self, EvalReport, Evaluation, FrameRow};
 use egui::{Context, Grid, ProgressBar, RichText, ScrollArea, Ui};
 use std::{
     collections::BTreeMap,
@@ -178,7 +178,7 @@ fn evaluation_ui(ui: &mut Ui, evaluation: &Evaluation) -> Click {
     .inner
 }
 
-fn pictures_ui(ui: &mut Ui, report: &Report) {
+fn pictures_ui(ui: &mut Ui, report: &EvalReport) {
     let depth = report.depth.map(|d| format!("{:.2} scene units ({:.1} %)", d.rmse, 100.0 * d.abs_rel));
     let db = |value: Option<f64>| value.map(|v| format!("{v:.2} dB"));
     let rows = [
@@ -196,7 +196,7 @@ fn pictures_ui(ui: &mut Ui, report: &Report) {
     });
 }
 
-fn classes_ui(ui: &mut Ui, report: &Report) {
+fn classes_ui(ui: &mut Ui, report: &EvalReport) {
     ui.add_space(8.0);
     let Some(masks) = &report.masks else {
         ui.label(caption(
