@@ -1,9 +1,4 @@
-//! The program: one binary with verbs on the command line and a viewer, over one engine.
-//!
-//! ```text
-//! cli/<verb> ─▶ jobs (prepare, train, demo)  and  engine (render, ask), evaluation ─▶ standard output, files
-//!      viewer     ─▶ the same jobs and engine ─▶ window
-//! ```
+#![doc = include_str!("../README.md")]
 
 pub mod cli;
 pub mod engine;

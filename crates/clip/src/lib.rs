@@ -1,15 +1,4 @@
-//! Everything that runs through ONNX:
-//!
-//! - text encoders, from words to unit embeddings ([`TextEncoder`])
-//! - Segment Anything, from points to masks ([`SegmentAnything`])
-//! - image encoders, from masked parts of pictures to embeddings ([`ImageEncoder`])
-//! - feature maps ([`FeatureNetwork`]) and depth ([`DepthNetwork`]) of whole pictures
-//! - the perceptual distance of two pictures ([`Lpips`])
-//!
-//! A folder with `model.onnx` and `tokenizer.json` (or the small encoder inside the program) becomes a
-//! [`TextEncoder`]. The model and the tokenizer are checked against each other ([`contract`]). A mix-up
-//! gives an error that says what to do, instead of wrong masks. Models run on ONNX Runtime if its shared
-//! library is found, else on tract, which is always there ([`runtime`]).
+#![doc = include_str!("../README.md")]
 
 mod builtin;
 mod cache;

@@ -5,8 +5,8 @@ use crate::{
     model_source::ModelSource,
     network::Network,
     runtime,
-    tensor::{Input, NOT_FINITE, floats},
     settings::Pooling,
+    tensor::{Input, NOT_FINITE, floats},
 };
 use std::path::{Path, PathBuf};
 use surgtpgs_core::{Error, Result};
@@ -29,7 +29,13 @@ pub(crate) struct Model {
 
 impl Model {
     /// Makes a model from the contract that was read from the same bytes. `path` is only named in errors.
-    pub(crate) fn new(source: ModelSource, contract: Contract, pad_id: u32, context: usize, path: &Path) -> Self {
+    pub(crate) fn new(
+        source: ModelSource,
+        contract: Contract,
+        pad_id: u32,
+        context: usize,
+        path: &Path,
+    ) -> Self {
         Self { network: None, source, path: path.to_owned(), contract, pad_id, context }
     }
 

@@ -36,11 +36,11 @@ pub(super) struct PrepareArgs {
     /// (.onnx, .ort)
     #[arg(long, value_name = "DIR", requires = "image_encoder")]
     masks_model: Option<PathBuf>,
-    /// A folder with model.onnx that embeds what masks show: the other half of the text encoder
+    /// A folder with one model (.onnx, .ort) that embeds what masks show: the other half of the text encoder
     #[arg(long, value_name = "DIR", requires = "masks_model")]
     image_encoder: Option<PathBuf>,
-    /// Take features from maps of whole pictures: a folder with model.onnx, images [1,3,n,n] in, maps
-    /// [1,dim,rows,columns] out
+    /// Take features from maps of whole pictures: a folder with one model (.onnx, .ort), images [1,3,n,n] in,
+    /// maps [1,dim,rows,columns] out
     #[arg(long, value_name = "DIR")]
     dense_encoder: Option<PathBuf>,
     /// A network that estimates depth from single pictures, for a recording without depth: its .onnx

@@ -2,11 +2,19 @@
 //! encoder and the prompts.
 //!
 //! ```text
-//! set_prompts ─▶ text encoder ─▶ queries ──────────────┐
-//! view(i) or SceneView::free ─▶ render ─▶ images ─▶ scores ◀┘ ─▶ masks
+//! set_prompts ─▶ text encoder ─▶ queries ─────────────────────┐
+//! view(i) or SceneView::free ─┬▶ render ─▶ planes ─▶ scores ◀─┤ ─▶ masks
+//!                             └▶ show ◀───────────────────────┘ ─▶ picture, depth, scores
 //! ```
 //!
-//! An engine is `Send`: a worker thread can own it. The result of `scores` belongs to the images it was
+//! There are two ways to a rendered view, for two uses:
+//!
+//! - [`Engine::render`] returns all image planes as numbers in memory, and [`Engine::scores`] answers the
+//!   prompts on them. Verbs that measure and write files take this way.
+//! - [`Engine::show`] returns finished results, and only those that are wanted. On a GPU everything between
+//!   stays on the device, and scores are computed there. The window takes this way.
+//!
+//! An engine is `Send`: a worker thread can own it. The result of `scores` belongs to the planes it was
 //! given. A view that was just rendered is not rendered again.
 
 mod layers;
@@ -263,8 +271,8 @@ impl Engine {
         Ok(SceneView { time: self.scene.time(i), camera: self.scene.cameras[i], recorded: true })
     }
 
-    /// Renders a view; the features are needed for [`Engine::scores`] only. A recorded view is empty outside
-    /// the field of view, where nothing was ever seen.
+    /// Renders all planes of a view into memory; the features are needed for [`Engine::scores`] only. A
+    /// recorded view is empty outside the field of view, where nothing was ever seen.
     pub fn render(&mut self, view: &SceneView, features: bool) -> Result<Arc<Images>> {
         let features = features && self.scene.gaussians.latent_dim > 0;
         if let Some(last) = &self.last
