@@ -43,7 +43,7 @@ impl From<ProviderArg> for Provider {
 }
 
 /// Arguments that open a scene.
-#[derive(Clone, Debug, Args)]
+#[derive(Debug, Args)]
 pub(super) struct SceneArgs {
     /// Scene file
     pub(super) scene: PathBuf,
@@ -77,7 +77,7 @@ impl SceneArgs {
 }
 
 /// Arguments that decide how prompts are answered.
-#[derive(Clone, Debug, Args)]
+#[derive(Debug, Args)]
 pub(super) struct RelevancyArgs {
     /// `builtin`, or the text encoder's folder; needed only if it is not where it was when preparing
     #[arg(long, value_name = "DIR|builtin", value_hint = ValueHint::DirPath)]
@@ -173,6 +173,21 @@ impl From<MaskDensity> for MaskSettings {
             MaskDensity::Fine => Self::of_grid(32),
             MaskDensity::Paper => Self::paper(),
         }
+    }
+}
+
+/// Frames to work on.
+#[derive(Debug, Args)]
+pub(super) struct FrameArgs {
+    /// Frames, e.g. 12 or 10..20 (the end is not included)
+    #[arg(long, value_name = "A..B", value_parser = frame_range)]
+    frames: Option<FrameRange>,
+}
+
+impl FrameArgs {
+    /// Returns the frames in a recording of `num_frames`; all of them unless some were chosen.
+    pub(super) fn of(&self, num_frames: usize) -> Result<Vec<usize>> {
+        FrameRange::frames(self.frames, num_frames)
     }
 }
 

@@ -22,13 +22,13 @@ pub(super) struct DemoArgs {
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Image columns
-    #[arg(long, default_value_t = 320, value_parser = clap::value_parser!(u32).range(16..=4096))]
+    #[arg(long, default_value_t = DemoSettings::default().width as u32, value_parser = clap::value_parser!(u32).range(16..=4096))]
     width: u32,
     /// Image rows
-    #[arg(long, default_value_t = 240, value_parser = clap::value_parser!(u32).range(16..=4096))]
+    #[arg(long, default_value_t = DemoSettings::default().height as u32, value_parser = clap::value_parser!(u32).range(16..=4096))]
     height: u32,
     /// Number of frames
-    #[arg(long, default_value_t = 48, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, default_value_t = DemoSettings::default().frames as u32, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     frames: u32,
     /// Let the endoscope move
     #[arg(long)]

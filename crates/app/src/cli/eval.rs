@@ -51,18 +51,21 @@ pub(super) struct EvalArgs {
     json: bool,
 }
 
-/// An evaluation, and the folder that it is to be written into.
-type Evaluated = (Evaluation, Option<OutputFolder>);
+/// An evaluation, with notes for the user and the folder that it is to be written into.
+struct Evaluated {
+    evaluation: Evaluation,
+    output: Option<OutputFolder>,
+    notes: Vec<String>,
+}
 
 impl Run for EvalArgs {
     fn run(&self) -> Result<Exit> {
         watch_interrupts();
         let mut view = ProgressView::default();
         let mut observer = |p: &Progress<'_>| view.show(p);
-        let mut notes = Vec::new();
-        let (evaluation, output) = match (&self.masks, &self.paths[..]) {
+        let Evaluated { evaluation, output, notes } = match (&self.masks, &self.paths[..]) {
             (None, [scene, sequence]) => self.evaluate_scene(scene, sequence, &mut observer)?,
-            (Some(folder), [path]) => self.evaluate_masks(folder, path, &mut notes, &mut observer)?,
+            (Some(folder), [path]) => self.evaluate_masks(folder, path, &mut observer)?,
             (None, _) => return usage("give a scene and its recording"),
             (Some(_), _) => return usage("with --masks, give the recording alone"),
         };
@@ -106,16 +109,11 @@ impl EvalArgs {
         let mut engine = self.open(scene, sequence)?;
         let inputs = engine.inputs(scene).with("the recording", sequence);
         let output = self.claim(&inputs)?;
-        Ok((evaluate(&mut engine, self.lpips.as_deref(), observer)?, output))
+        let evaluation = evaluate(&mut engine, self.lpips.as_deref(), observer)?;
+        Ok(Evaluated { evaluation, output, notes: Vec::new() })
     }
 
-    fn evaluate_masks(
-        &self,
-        folder: &Path,
-        path: &Path,
-        notes: &mut Vec<String>,
-        observer: &mut Observer<'_>,
-    ) -> Result<Evaluated> {
+    fn evaluate_masks(&self, folder: &Path, path: &Path, observer: &mut Observer<'_>) -> Result<Evaluated> {
         let material = Material::open(path)?;
         let sequence = material.sequence();
         require_for(&Work::Reading(sequence))?;
@@ -123,8 +121,7 @@ impl EvalArgs {
         let mut masks = PredictedMasks::open(folder, sequence)?;
         let output = self.claim(&inputs)?;
         let evaluation = evaluate_masks(&mut masks, sequence, observer)?;
-        *notes = masks.notes();
-        Ok((evaluation, output))
+        Ok(Evaluated { evaluation, output, notes: masks.notes() })
     }
 
     /// Takes the folder that the files are written into, if they are wanted.

@@ -1,7 +1,7 @@
 //! `surgtpgs export`: masked frames with a record of how they were made.
 
 use super::{
-    args::{FrameRange, PromptArgs, RelevancyArgs, SceneArgs, frame_range, unit_number},
+    args::{FrameArgs, PromptArgs, RelevancyArgs, SceneArgs, unit_number},
     console::{self, ProgressView, print_report, say},
     verb::{Exit, Run},
 };
@@ -36,9 +36,9 @@ pub(super) struct ExportArgs {
     /// Files to write
     #[arg(long, visible_alias = "formats", value_parser = format_parser(), value_delimiter = ',', default_value = "cutout,overlay")]
     format: Vec<Format>,
-    /// Frames, e.g. 12 or 10..20 (the end is not included)
-    #[arg(long, value_name = "A..B", value_parser = frame_range)]
-    frames: Option<FrameRange>,
+    /// Frames to work on
+    #[command(flatten)]
+    frames: FrameArgs,
     /// Pictures to mask
     #[arg(long, value_enum, default_value_t = SourceArg::Original)]
     source: SourceArg,
@@ -176,8 +176,8 @@ pub(super) fn export(args: &ExportArgs, completes_same: bool) -> Result<(Engine,
     let request = ExportRequest {
         scene: args.scene.scene.clone(),
         folder: args.output.clone(),
-        frames: FrameRange::frames(args.frames, engine.scene().num_frames())?,
-        questions: ExportQuestion::all(questions, engine.settings().threshold),
+        frames: args.frames.of(engine.scene().num_frames())?,
+        questions: ExportQuestion::with_standard_look(questions, engine.settings().threshold),
         options: args.options(),
         replace: args.force,
         completes_same,

@@ -2,7 +2,7 @@
 
 use super::{
     answers::{Answers, PromptAnswers, ask},
-    args::{FrameRange, PromptArgs, RelevancyArgs, SceneArgs, frame_range},
+    args::{FrameArgs, PromptArgs, RelevancyArgs, SceneArgs},
     console::{print, print_data, print_json},
     objects,
     verb::{Exit, Run},
@@ -21,9 +21,9 @@ pub(super) struct QueryArgs {
     /// Prompts to look for
     #[command(flatten)]
     prompts: PromptArgs,
-    /// Frames, e.g. 12 or 10..20 (the end is not included)
-    #[arg(long, value_name = "A..B", value_parser = frame_range)]
-    frames: Option<FrameRange>,
+    /// Frames to work on
+    #[command(flatten)]
+    frames: FrameArgs,
     /// Also write the Gaussians that each prompt finds on the frame where it covers most, as a .ply for splat
     /// viewers, and their place, size and motion over time, as objects.csv and objects.json
     #[arg(long, value_name = "DIR")]
@@ -46,7 +46,7 @@ impl Run for QueryArgs {
     fn run(&self) -> Result<Exit> {
         let mut engine = self.scene.open(&self.relevancy, None)?;
         engine.set_questions(&self.prompts.questions(engine.settings())?)?;
-        let frames = FrameRange::frames(self.frames, engine.scene().num_frames())?;
+        let frames = self.frames.of(engine.scene().num_frames())?;
         let inputs = engine.inputs(&self.scene.scene);
         let take = |folder| outputs::folder(folder, outputs::OBJECTS, &inputs, self.force);
         let objects = self.gaussians.as_deref().map(take).transpose()?;

@@ -1,7 +1,7 @@
 //! `surgtpgs render`: images of a scene, and `render.json` that tells the meaning of the numbers in them.
 
 use super::{
-    args::{FrameRange, SceneArgs, frame_range},
+    args::{FrameArgs, SceneArgs},
     console::{ProgressView, print},
     verb::{Exit, Run},
 };
@@ -35,9 +35,9 @@ pub(super) struct RenderArgs {
     /// Folder to write
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Frames, e.g. 12 or 10..20 (the end is not included)
-    #[arg(long, value_name = "A..B", value_parser = frame_range)]
-    frames: Option<FrameRange>,
+    /// Frames to work on
+    #[command(flatten)]
+    frames: FrameArgs,
     /// Images to write
     #[arg(long, value_enum, value_delimiter = ',', default_value = "colour")]
     kind: Vec<ImageKind>,
@@ -65,7 +65,7 @@ enum ImageKind {
 impl Run for RenderArgs {
     fn run(&self) -> Result<Exit> {
         let mut engine = self.scene.open_to_render()?;
-        let frames = FrameRange::frames(self.frames, engine.scene().num_frames())?;
+        let frames = self.frames.of(engine.scene().num_frames())?;
         let kinds = kinds(&self.kind, &engine)?;
         let camera = sized(engine.view(frames[0])?, self.width).camera;
         check_image_size(camera.width as usize, camera.height as usize)

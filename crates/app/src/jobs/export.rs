@@ -37,7 +37,7 @@ pub struct ExportQuestion {
 
 impl ExportQuestion {
     /// Gives questions one threshold, and colours in their order. Instruments are recognised by their names.
-    pub fn all(questions: Vec<Question>, threshold: f32) -> Vec<Self> {
+    pub fn with_standard_look(questions: Vec<Question>, threshold: f32) -> Vec<Self> {
         let look = |(question, &colour): (Question, &[u8; 3])| Self {
             is_instrument: names_instrument(question.text.trim()),
             question,

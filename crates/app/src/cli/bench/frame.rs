@@ -67,7 +67,7 @@ fn image_size(text: &str) -> Result<(u32, u32), String> {
     }
 }
 
-/// The whole report; its keys are a contract.
+/// The whole report.
 #[derive(serde::Serialize)]
 struct FrameBench {
     renderer: String,

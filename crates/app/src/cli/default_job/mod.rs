@@ -98,7 +98,7 @@ fn export_found(
         scene: scene.to_owned(),
         folder: folder.to_owned(),
         frames,
-        questions: ExportQuestion::all(questions, engine.settings().threshold),
+        questions: ExportQuestion::with_standard_look(questions, engine.settings().threshold),
         options: ExportOptions { formats, ..Default::default() },
         replace: true,
         completes_same: false,
