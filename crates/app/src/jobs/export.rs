@@ -67,8 +67,8 @@ pub struct ExportRequest {
     pub completes_same: bool,
 }
 
-/// Writes masked frames. Stops when the observer says so; the next export goes on from there. The engine keeps
-/// the questions.
+/// Writes masked frames. Stops when the observer says so; the next export goes on from there. The engine
+/// keeps the questions.
 pub fn export(
     engine: &mut Engine,
     request: &ExportRequest,

@@ -1,7 +1,7 @@
 //! `surgtpgs batch`: many recordings, each from its folder to masked frames, with one report.
 //!
 //! ```text
-//! JOBS.toml ─▶ plan: command lines of prepare, train, eval, export ─▶ step: the code of these verbs
+//! JOBS.toml ─▶ plan: command lines of prepare, train, eval, export ─▶ work: the code of these verbs
 //!                       record: what is done of what ─┴▶ report.md, report.html, report.json
 //! ```
 
@@ -108,8 +108,8 @@ fn inputs(jobs_file: &Path, plan: &BatchPlan) -> Inputs {
     })
 }
 
-/// Runs the chosen steps of the chosen jobs. Returns `true` if a step failed; errors that kept a recording from
-/// being worked on are added to `troubles`.
+/// Runs the chosen steps of the chosen jobs. Returns `true` if a step failed. Errors that kept a recording
+/// from being worked on are added to `troubles`.
 fn run_jobs(args: &BatchArgs, plan: &mut BatchPlan, steps: &[Step], troubles: &mut Troubles) -> Result<bool> {
     console::watch_interrupts();
     let mut has_failed = false;
