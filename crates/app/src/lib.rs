@@ -1,11 +1,5 @@
-//! The program: one binary with verbs on the command line and a viewer, over one engine.
-//!
-//! ```text
-//! args ─▶ cli/<verb> ─▶ jobs (prepare, train, demo)  and  engine (render, ask), evaluation ─▶ standard output, files
-//!      └▶ viewer ─────▶ the same jobs and engine ─▶ window
-//! ```
+#![doc = include_str!("../README.md")]
 
-pub mod args;
 pub mod cli;
 pub mod engine;
 mod evaluation;

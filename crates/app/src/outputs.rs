@@ -1,6 +1,5 @@
 //! Kinds of results that this program writes, and the ways it recognises files of its own.
 
-use crate::{engine::Engine, jobs::Material};
 use std::path::Path;
 use surgtpgs_core::{
     Result,
@@ -37,26 +36,4 @@ pub(crate) fn scene_file(path: &Path, inputs: &Inputs, replace: bool) -> Result<
 pub(crate) fn checkpoint_file(path: &Path, inputs: &Inputs) -> Result<OutputFile> {
     let claim = FileClaim { kind: "unfinished training", inputs, replace: true, is_ours: is_checkpoint };
     OutputFile::claim(path, claim)
-}
-
-/// Returns the inputs of a run on a scene.
-pub(crate) fn inputs_of_engine(scene: &Path, engine: &Engine) -> Inputs {
-    let opened = engine.scene();
-    let encoder = opened.encoder.as_ref().and_then(|encoder| encoder.folder.as_deref());
-    let inputs = Inputs::none()
-        .with("the scene", scene)
-        .with("the scene's recording", &opened.provenance.sequence_path)
-        .with_some("the text encoder", encoder);
-    engine.sequence().into_iter().fold(inputs, Inputs::with_recording)
-}
-
-/// Returns the inputs of a run on a recording or a prepared folder.
-pub(crate) fn inputs_of_material(path: &Path, material: &Material) -> Inputs {
-    let inputs = Inputs::none().with_recording(material.sequence());
-    match material.prepared() {
-        Some(prepared) => inputs
-            .with("the prepared folder", path)
-            .with_some("the text encoder", prepared.encoder.folder.as_deref()),
-        None => inputs,
-    }
 }

@@ -15,6 +15,18 @@ pub(crate) fn in_json(json: &str) -> Cow<'_, str> {
     })
 }
 
+/// Makes a message one line, without anything that a terminal would obey. Messages from libraries may have
+/// several lines, and names of files and the text in them may hold escape sequences.
+pub(crate) fn one_line(text: &str) -> String {
+    let shown: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+    visible(&shown.split_whitespace().collect::<Vec<_>>().join(" ")).into_owned()
+}
+
+/// Splits a text at commas, without words that are empty.
+pub(crate) fn split_words(text: &str) -> Vec<String> {
+    text.split(',').map(str::trim).filter(|w| !w.is_empty()).map(str::to_owned).collect()
+}
+
 fn replaced(text: &str, escape: impl Fn(char, &mut String)) -> Cow<'_, str> {
     if !text.chars().any(is_hidden) {
         return Cow::Borrowed(text);
@@ -46,6 +58,12 @@ mod tests {
         for seen in ["患者七 é\n\tü", "می\u{200c}خواهم", "👩\u{200d}⚕️"] {
             assert_eq!(visible(seen), seen);
         }
+    }
+
+    #[test]
+    fn a_message_is_one_line_that_no_terminal_obeys() {
+        assert_eq!(one_line("a\n  b\u{1b}[31mred\u{7} \u{9b}2J é"), "a b [31mred 2J é");
+        assert_eq!(one_line("clip\u{202e}gpj.exe"), r"clip\u{202e}gpj.exe");
     }
 
     #[test]

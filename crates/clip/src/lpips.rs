@@ -2,7 +2,8 @@
 
 use crate::{
     model_file::{ModelFile, described},
-    network::{Element, Input, NOT_FINITE, Network, floats},
+    network::Network,
+    tensor::{Element, Input, NOT_FINITE, floats},
 };
 use image::RgbImage;
 use std::path::{Path, PathBuf};

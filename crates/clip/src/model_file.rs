@@ -2,10 +2,12 @@
 //! content.
 
 use crate::{
-    network::{Network, Outlet},
+    model_source::ModelSource,
+    network::Network,
     onnx::{GraphProto, ModelProto},
     operators::wrong_operator_set,
-    runtime::{self, Source},
+    runtime,
+    tensor::Outlet,
 };
 use prost::{Message, bytes::Bytes};
 use sha2::{Digest, Sha256};
@@ -51,7 +53,7 @@ impl ModelFile {
                 hash.update(read_beside(&file, path.parent(), path)?);
             }
         }
-        let network = runtime::open(&Source::File(path.to_owned()), runtime::cores(), path)?;
+        let network = runtime::open(&ModelSource::File(path.to_owned()), runtime::cores(), path)?;
         Ok(Self { path: path.to_owned(), network, sha256: hex(hash) })
     }
 

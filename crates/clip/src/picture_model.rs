@@ -2,8 +2,9 @@
 
 use crate::{
     model_file::{ModelFile, described, hex},
-    network::{Element, Input, NOT_FINITE, Network, Outlet, floats},
-    text_encoder::read_settings,
+    network::Network,
+    settings::read_settings,
+    tensor::{Element, Input, NOT_FINITE, Outlet, floats},
 };
 use image::{RgbImage, imageops};
 use sha2::{Digest, Sha256};

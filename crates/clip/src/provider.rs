@@ -22,15 +22,8 @@ pub enum Provider {
 static CHOSEN: OnceLock<Provider> = OnceLock::new();
 
 /// Makes every model of this process use `provider`; only the first call has an effect.
-///
-/// Fails if the library that runs models does not have it.
-pub fn choose_provider(provider: Provider) -> Result<()> {
-    if provider != Provider::Cpu {
-        let has_it = crate::runtime::is_onnx_runtime() && provider.is_in_library();
-        provider.require(has_it, crate::runtime::backend_name())?;
-    }
+pub(crate) fn choose(provider: Provider) {
     CHOSEN.get_or_init(|| provider);
-    Ok(())
 }
 
 /// The provider in use.
@@ -60,7 +53,8 @@ impl Provider {
         Some(provider.error_on_failure())
     }
 
-    fn is_in_library(self) -> bool {
+    /// Returns `true` if the library that is loaded has it.
+    pub(crate) fn is_in_library(self) -> bool {
         match self {
             Self::Cpu => true,
             Self::Cuda => CUDA::is_available().unwrap_or(false),
@@ -69,7 +63,8 @@ impl Provider {
         }
     }
 
-    fn require(self, has_it: bool, backend: &str) -> Result<()> {
+    /// Fails with what would have it, unless `has_it`.
+    pub(crate) fn require(self, has_it: bool, backend: &str) -> Result<()> {
         let package = match self {
             _ if has_it => return Ok(()),
             Self::Cpu | Self::Cuda => "one built for CUDA (the Python package onnxruntime-gpu holds it)",
@@ -106,12 +101,5 @@ mod tests {
                 "{error}"
             );
         }
-    }
-
-    #[test]
-    fn the_processor_is_always_there() {
-        choose_provider(Provider::Cpu).unwrap();
-        assert_eq!(chosen(), Provider::Cpu);
-        assert!(chosen().dispatch().is_none());
     }
 }

@@ -2,10 +2,13 @@
 //! always there). There is one per process, chosen when the first model is opened.
 
 use crate::{
-    library,
-    network::{Network, short},
+    library::Library,
+    model_source::ModelSource,
+    network::Network,
     onnx::ModelProto,
     operators,
+    provider::{self, Provider},
+    tensor::short,
     tract::Tract,
 };
 use ort::environment::Environment;
@@ -55,11 +58,15 @@ pub(crate) fn is_onnx_runtime() -> bool {
     runtime().is_ok_and(|runtime| runtime.library.is_some())
 }
 
-/// Source of a model.
-#[derive(Clone, Debug)]
-pub(crate) enum Source {
-    File(PathBuf),
-    Memory(&'static [u8]),
+/// Makes every model of this process use `provider`; only the first call has an effect.
+///
+/// Fails if the library that runs models does not have it.
+pub fn choose_provider(provider: Provider) -> Result<()> {
+    if provider != Provider::Cpu {
+        provider.require(is_onnx_runtime() && provider.is_in_library(), backend_name())?;
+    }
+    provider::choose(provider);
+    Ok(())
 }
 
 /// Number of cores.
@@ -68,9 +75,11 @@ pub(crate) fn cores() -> usize {
 }
 
 /// Loads a model to run on `threads` threads (the built-in backend has one). `path` is only named in errors.
-pub(crate) fn open(source: &Source, threads: usize, path: &Path) -> Result<Network> {
+pub(crate) fn open(source: &ModelSource, threads: usize, path: &Path) -> Result<Network> {
     let loaded = match &runtime()?.library {
-        Some(environment) => library::open(source, threads, environment).map_err(|e| e.message().to_owned()),
+        Some(environment) => Library::open(source, threads, environment)
+            .map(Network::Library)
+            .map_err(|e| e.message().to_owned()),
         None => Tract::open(source).map(Network::Tract),
     };
     loaded.map_err(|cause| {
@@ -84,10 +93,10 @@ pub(crate) fn open(source: &Source, threads: usize, path: &Path) -> Result<Netwo
 }
 
 /// Explains a refusal, if it is about the model's operators.
-fn about_operators(source: &Source, message: &str) -> Option<(String, &'static str)> {
+fn about_operators(source: &ModelSource, message: &str) -> Option<(String, &'static str)> {
     let model = match source {
-        Source::File(file) => ModelProto::decode(&read_regular(file, MOST_BYTES).ok()?[..]),
-        Source::Memory(bytes) => ModelProto::decode(*bytes),
+        ModelSource::File(file) => ModelProto::decode(&read_regular(file, MOST_BYTES).ok()?[..]),
+        ModelSource::Memory(bytes) => ModelProto::decode(*bytes),
     };
     operators::explain(&model.ok()?, message, backend_name())
 }
@@ -194,6 +203,13 @@ mod tests {
     #[test]
     fn no_library_gives_nothing_to_say() {
         assert_eq!(choose(&["libonnxruntime.so".into()], |_| None), (None, vec![]));
+    }
+
+    #[test]
+    fn the_processor_is_always_there() {
+        choose_provider(Provider::Cpu).unwrap();
+        assert_eq!(provider::chosen(), Provider::Cpu);
+        assert!(provider::chosen().dispatch().is_none());
     }
 
     #[test]

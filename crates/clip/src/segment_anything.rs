@@ -6,7 +6,8 @@
 
 use crate::{
     model_file::{ModelFile, described},
-    network::{Input, NOT_FINITE, Network, Outlet, Value, floats},
+    network::Network,
+    tensor::{Input, NOT_FINITE, Outlet, Value, floats},
 };
 use image::{RgbImage, imageops::FilterType};
 use sha2::{Digest, Sha256};

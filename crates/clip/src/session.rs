@@ -2,9 +2,11 @@
 
 use crate::{
     contract::{Contract, Role},
-    network::{Input, NOT_FINITE, Network, floats},
-    runtime::{self, Source},
+    model_source::ModelSource,
+    network::Network,
+    runtime,
     settings::Pooling,
+    tensor::{Input, NOT_FINITE, floats},
 };
 use std::path::{Path, PathBuf};
 use surgtpgs_core::{Error, Result};
@@ -16,7 +18,7 @@ const MAX_THREADS: usize = 2;
 pub(crate) struct Model {
     /// Loaded when it is first needed. Texts whose embeddings are cached need no model.
     network: Option<Network>,
-    source: Source,
+    source: ModelSource,
     /// Path of the model; only named in errors.
     path: PathBuf,
     contract: Contract,
@@ -27,7 +29,13 @@ pub(crate) struct Model {
 
 impl Model {
     /// Makes a model from the contract that was read from the same bytes. `path` is only named in errors.
-    pub(crate) fn new(source: Source, contract: Contract, pad_id: u32, context: usize, path: &Path) -> Self {
+    pub(crate) fn new(
+        source: ModelSource,
+        contract: Contract,
+        pad_id: u32,
+        context: usize,
+        path: &Path,
+    ) -> Self {
         Self { network: None, source, path: path.to_owned(), contract, pad_id, context }
     }
 

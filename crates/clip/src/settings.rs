@@ -1,7 +1,7 @@
 //! `encoder.toml`: settings of a model folder that its other files do not show.
 
-use std::path::Path;
-use surgtpgs_core::{Error, Result};
+use std::{io::ErrorKind, path::Path};
+use surgtpgs_core::{Error, Result, reading::read_text};
 
 /// Prompt template of the paper; `{}` stands for the words.
 pub const DEFAULT_TEMPLATE: &str = "A photo of a {} in the scene";
@@ -84,6 +84,15 @@ pub(crate) fn check_template(template: &str) -> Result<(), String> {
     match template.matches("{}").count() {
         1 => Ok(()),
         n => Err(format!("The prompt template \"{template}\" contains {{}} {n} times")),
+    }
+}
+
+/// Reads a file of settings; `None` if there is none.
+pub(crate) fn read_settings(path: &Path) -> Result<Option<String>> {
+    match read_text(path) {
+        Ok(text) => Ok(Some(text)),
+        Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
+        Err(e) => Err(Error::io("read the encoder's settings", path, e)),
     }
 }
 

@@ -5,14 +5,14 @@ use crate::{
     cache::EmbeddingCache,
     contract::Contract,
     model_file::{hex, read, read_beside},
-    runtime::Source,
+    model_source::ModelSource,
     session::Model,
-    settings::{DEFAULT_TEMPLATE, EncoderSettings, TEMPLATE_HINT, check_template},
+    settings::{DEFAULT_TEMPLATE, EncoderSettings, TEMPLATE_HINT, check_template, read_settings},
     tokenizer::PromptTokenizer,
 };
 use sha2::{Digest, Sha256};
-use std::{io::ErrorKind, path::Path};
-use surgtpgs_core::{Error, Result, prepare::EncoderIdentity, reading::read_text};
+use std::path::Path;
+use surgtpgs_core::{Error, Result, prepare::EncoderIdentity};
 
 /// A loaded text encoder (model, tokenizer and their contract).
 pub struct TextEncoder {
@@ -27,7 +27,7 @@ struct Files {
     model: Vec<u8>,
     tokenizer: Vec<u8>,
     settings: Option<String>,
-    source: Source,
+    source: ModelSource,
 }
 
 impl TextEncoder {
@@ -38,7 +38,7 @@ impl TextEncoder {
             model: builtin::MODEL.to_vec(),
             tokenizer: builtin::TOKENIZER.to_vec(),
             settings: Some(builtin::SETTINGS.to_owned()),
-            source: Source::Memory(builtin::MODEL),
+            source: ModelSource::Memory(builtin::MODEL),
         };
         Self::assemble("builtin", None, files, None)
     }
@@ -62,7 +62,7 @@ impl TextEncoder {
             model: read_part(&model_path)?,
             tokenizer: read_part(&folder.join("tokenizer.json"))?,
             settings: read_settings(&folder.join("encoder.toml"))?,
-            source: Source::File(model_path.clone()),
+            source: ModelSource::File(model_path.clone()),
         };
         let absolute = folder.canonicalize().map_err(|e| Error::io("find the folder", folder, e))?;
         let name =
@@ -191,12 +191,4 @@ fn read_part(path: &Path) -> Result<Vec<u8>> {
         return Err(Error::input_at(path, format!("The text encoder has no {name}"), hint));
     }
     read(path)
-}
-
-pub(crate) fn read_settings(path: &Path) -> Result<Option<String>> {
-    match read_text(path) {
-        Ok(text) => Ok(Some(text)),
-        Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
-        Err(e) => Err(Error::io("read the encoder's settings", path, e)),
-    }
 }

@@ -2,8 +2,8 @@
 
 use crate::{
     caught::caught,
-    network::{Element, Input, Outlet, Outputs, Value},
-    runtime::Source,
+    model_source::ModelSource,
+    tensor::{Element, Input, Outlet, Outputs, Value},
 };
 use std::sync::Arc;
 use tract_onnx::{
@@ -21,7 +21,7 @@ pub(crate) struct Tract {
 
 impl Tract {
     /// Loads a model; the error is in tract's own words.
-    pub(crate) fn open(source: &Source) -> Result<Self, String> {
+    pub(crate) fn open(source: &ModelSource) -> Result<Self, String> {
         caught(|| load(source))?.map_err(|e| e.to_string())
     }
 
@@ -38,11 +38,11 @@ impl Tract {
     }
 }
 
-fn load(source: &Source) -> TractResult<Tract> {
+fn load(source: &ModelSource) -> TractResult<Tract> {
     let onnx = tract_onnx::onnx();
     let (proto, folder) = match source {
-        Source::File(file) => (onnx.proto_model_for_path(file)?, file.parent().and_then(|f| f.to_str())),
-        Source::Memory(bytes) => (onnx.proto_model_for_read(&mut &bytes[..])?, None),
+        ModelSource::File(file) => (onnx.proto_model_for_path(file)?, file.parent().and_then(|f| f.to_str())),
+        ModelSource::Memory(bytes) => (onnx.proto_model_for_read(&mut &bytes[..])?, None),
     };
     let ParseResult { model, unresolved_inputs, .. } = onnx.parse(&proto, folder)?;
     if let Some(name) = unresolved_inputs.first() {

@@ -4,7 +4,10 @@
 use crate::{Target, expect_words};
 use clap::Parser;
 use std::{fs, path::Path};
-use surgtpgs::{args::Cli, cli, viewer::readers};
+use surgtpgs::{
+    cli::{self, Cli},
+    viewer::readers,
+};
 use surgtpgs_clip::TextEncoder;
 
 pub(crate) const TARGETS: [Target; 8] = [
@@ -32,7 +35,7 @@ fn command_lines() -> Vec<Vec<u8>> {
     [
         "train\nrecording\n-o\ns.safetensors\n--iterations\n100\n--seed\n7\n--backend\ncpu",
         "prepare\nrecording\n-o\np\n--labels\n--text-encoder\nfolder\n--eval",
-        "query\ns.safetensors\n--prompt\nliver\n--threshold\n0.5\n--frame\n3\n--json",
+        "query\ns.safetensors\n--prompt\nliver\n--threshold\n0.5\n--frames\n3\n--json",
         "export\ns.safetensors\n--prompt\nliver\n-o\nout\n--format\ncoco",
         "bench\nframe\ns.safetensors\n--frames\n2",
     ]

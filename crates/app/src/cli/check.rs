@@ -1,36 +1,45 @@
 //! `surgtpgs check`: what a recording holds, and what would make training go wrong.
 
 use super::{
-    Exit,
-    console::{ProgressView, print, print_json},
+    console::{ProgressView, print_report},
     remedy,
+    verb::{Exit, Run},
 };
 use crate::{
-    args::CheckArgs,
     jobs::Material,
     memory::{Work, require_for},
 };
+use clap::Args;
+use std::path::PathBuf;
 use surgtpgs_core::{
     Result,
     sequence::{self, CheckReport},
 };
 
-pub(super) fn run(args: &CheckArgs) -> Result<Exit> {
-    let report = match Material::open(&args.sequence) {
-        Ok(material) => {
-            require_for(&Work::Reading(material.sequence()))?;
-            let mut view = ProgressView::default();
-            sequence::check(material.sequence(), &mut |p| view.show(p))?
-        }
-        Err(error) if args.json => unreadable(remedy::message(&error)),
-        Err(error) => return Err(error),
-    };
-    if args.json {
-        print_json(&report)?;
-    } else {
-        print(&as_text(&report))?;
+/// CheckReport what a recording holds and what would make training go wrong
+#[derive(Debug, Args)]
+pub(super) struct CheckArgs {
+    /// A recording (folder or video file) or a prepared folder
+    sequence: PathBuf,
+    /// CheckReport as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+impl Run for CheckArgs {
+    fn run(&self) -> Result<Exit> {
+        let report = match Material::open(&self.sequence) {
+            Ok(material) => {
+                require_for(&Work::Reading(material.sequence()))?;
+                let mut view = ProgressView::default();
+                sequence::check(material.sequence(), &mut |p| view.show(p))?
+            }
+            Err(error) if self.json => unreadable(remedy::message(&error)),
+            Err(error) => return Err(error),
+        };
+        print_report(&report, &as_text(&report), self.json)?;
+        Ok(if report.ok { Exit::Done } else { Exit::WrongInput })
     }
-    Ok(if report.ok { Exit::Done } else { Exit::WrongInput })
 }
 
 /// Returns the report on a recording that could not even be opened.

@@ -41,6 +41,11 @@ pub fn print_json(value: &impl serde::Serialize) -> Result<()> {
     print_data(&(in_json(&serde_json::to_string_pretty(value).unwrap_or_default()) + "\n"))
 }
 
+/// Writes a report to standard output: as JSON, or as text for people.
+pub fn print_report(report: &impl serde::Serialize, text: &str, is_json: bool) -> Result<()> {
+    if is_json { print_json(report) } else { print(text) }
+}
+
 /// Writes a line to standard error.
 pub fn say(line: &str) {
     // Names of files may hold ends of lines.

@@ -1,14 +1,15 @@
 //! `surgtpgs convert`: scenes to and from files of other programs.
 
 use super::{
-    Exit,
-    console::{ProgressView, print, print_json, say},
+    args::{FrameRange, frame_range, unit_number},
+    console::{ProgressView, print_report, say},
+    verb::{Exit, Run},
 };
 use crate::{
-    args::{ConvertArgs, FrameRange, StillFormat},
     memory::{Work, require_for},
     outputs,
 };
+use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Error, Result,
@@ -17,9 +18,69 @@ use surgtpgs_core::{
     scene::{LANG_DEFORMATION_FILE, Scene},
 };
 
+/// Turn scenes into files of other programs, and back
+#[derive(Debug, Args)]
+pub(super) struct ConvertArgs {
+    /// A scene, or a .ply: ordinary Gaussian splats, or the released code's deforming ones (its feature
+    /// network is taken from a lang_deformation.safetensors beside it)
+    #[arg(value_name = "IN")]
+    input: PathBuf,
+    /// NAME.safetensors, NAME.ply or NAME.glb; a name without extension is a folder of
+    /// frame0000.ply, frame0001.ply …
+    #[arg(value_name = "OUT")]
+    output: PathBuf,
+    /// The frame whose Gaussians are written (default: the first)
+    #[arg(long, value_name = "I", conflicts_with_all = ["time", "frames"])]
+    frame: Option<usize>,
+    /// The time whose Gaussians are written, 0 to 1
+    #[arg(long, value_name = "T", value_parser = unit_number, conflicts_with = "frames")]
+    time: Option<f32>,
+    /// Frames for a folder, e.g. 12 or 10..20 (the end is not included)
+    #[arg(long, value_name = "A..B", value_parser = frame_range)]
+    frames: Option<FrameRange>,
+    /// Files in a folder
+    #[arg(long, value_enum, default_value_t = StillFormat::Ply)]
+    format: StillFormat,
+    /// Write the deforming .ply of the released code, with its feature network as
+    /// lang_deformation.safetensors beside it
+    #[arg(long, conflicts_with_all = ["frame", "time", "frames"])]
+    reference: bool,
+    /// A scene of the same recording: what a .ply does not hold (cameras, codec, classes) is taken from it
+    #[arg(long, value_name = "SCENE")]
+    like: Option<PathBuf>,
+    /// Write a scene in few bits, about a sixth of the size
+    #[arg(long, conflicts_with_all = ["frame", "time", "frames", "reference"])]
+    quantize: bool,
+    /// Overwrite what is there
+    #[arg(long)]
+    force: bool,
+    /// Report as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Files of Gaussians that do not move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum StillFormat {
+    /// 3D Gaussian splatting's .ply
+    Ply,
+    /// Binary glTF with KHR_gaussian_splatting
+    Glb,
+}
+
+impl StillFormat {
+    /// Returns the ending of file names.
+    fn extension(self) -> &'static str {
+        match self {
+            Self::Ply => "ply",
+            Self::Glb => "glb",
+        }
+    }
+}
+
 /// The JSON report; its keys are a contract.
 #[derive(serde::Serialize)]
-struct Report {
+struct Conversion {
     files: Vec<PathBuf>,
     bytes: u64,
     gaussians: usize,
@@ -37,85 +98,108 @@ enum Target {
     Folder,
 }
 
-pub(super) fn run(args: &ConvertArgs) -> Result<Exit> {
-    let target = target(args)?;
-    let scene = open(args)?;
+impl Run for ConvertArgs {
+    fn run(&self) -> Result<Exit> {
+        let target = target(self)?;
+        let scene = open(self)?;
+        let inputs = inputs(self, &scene);
+        let mut done = Conversion {
+            files: Vec::new(),
+            bytes: 0,
+            gaussians: scene.gaussians.len(),
+            left_out: scene.provenance.settings["gaussians_left_out"].as_u64().unwrap_or(0),
+            lost: Vec::new(),
+        };
+        match target {
+            Target::Scene => write_scene(self, &scene, &inputs, &mut done)?,
+            Target::Reference => write_reference(self, &scene, &inputs, &mut done)?,
+            Target::Still(format) => write_still(self, &scene, format, &inputs, &mut done)?,
+            Target::Folder => write_folder(self, &scene, &inputs, &mut done)?,
+        }
+        done.lost.iter().for_each(|what| say(&format!("not kept as it was: {what}")));
+        print_report(&done, &as_text(&done), self.json)?;
+        Ok(Exit::Done)
+    }
+
+    fn output(&self) -> Option<&Path> {
+        Some(&self.output)
+    }
+}
+
+/// Returns the files that the conversion reads.
+fn inputs(args: &ConvertArgs, scene: &Scene) -> Inputs {
     let inputs = Inputs::none()
         .with("the scene", &args.input)
         .with_some("the other scene", args.like.as_deref())
         .with("the scene's recording", &scene.provenance.sequence_path);
-    let inputs = match args.input.extension() {
+    match args.input.extension() {
         Some(ending) if ending.eq_ignore_ascii_case("ply") => {
             inputs.with("the feature network of the scene", &args.input.with_file_name(LANG_DEFORMATION_FILE))
         }
         _ => inputs,
-    };
-    let file = |path: &Path| outputs::scene_file(path, &inputs, args.force);
-    let mut report = Report {
-        files: Vec::new(),
-        bytes: 0,
-        gaussians: scene.gaussians.len(),
-        left_out: scene.provenance.settings["gaussians_left_out"].as_u64().unwrap_or(0),
-        lost: Vec::new(),
-    };
-    match target {
-        Target::Scene => {
-            let output = file(&args.output)?;
-            let bytes = if args.quantize { scene.to_quantized_bytes() } else { scene.to_bytes() }?;
-            output.write(&bytes)?;
-            report.add(args.output.clone(), &bytes);
-        }
-        Target::Reference => {
-            let weights_path = args.output.with_file_name(LANG_DEFORMATION_FILE);
-            let files = scene.to_reference_ply();
-            let weights_bytes = files.weights.to_bytes();
-            let is_another = weights_path.exists()
-                && read_regular(&weights_path, MOST_TEXT).ok().as_deref() != Some(&weights_bytes);
-            if is_another && !args.output.exists() {
-                let what =
-                    "the feature network of another scene is here, under the name that the format gives it";
-                return Err(Error::input_at(&weights_path, what, "Choose a folder for this scene alone."));
-            }
-            let (ply, weights) = (file(&args.output)?, file(&weights_path)?);
-            report.lost = files.lost;
-            ply.write(&files.ply)?;
-            weights.write(&weights_bytes)?;
-            report.add(args.output.clone(), &files.ply);
-            report.add(weights_path, &weights_bytes);
-        }
-        Target::Still(format) => {
-            let frame = args.frame.unwrap_or(0);
-            if frame >= scene.num_frames() {
-                let what = format!("there is no frame {frame}; the scene has {}, from 0", scene.num_frames());
-                return Err(Error::input(what, "Give a smaller --frame."));
-            }
-            let time = args.time.unwrap_or(scene.time(frame));
-            let output = file(&args.output)?;
-            let bytes = still(&scene, time, frame, format);
-            output.write(&bytes)?;
-            report.add(args.output.clone(), &bytes);
-        }
-        Target::Folder => {
-            let output = outputs::folder(&args.output, outputs::FRAMES, &inputs, args.force)?;
-            let mut view = ProgressView::default();
-            let frames = FrameRange::frames(args.frames, scene.num_frames())?;
-            for (done, &frame) in frames.iter().enumerate() {
-                let name = format!("frame{frame:04}.{}", args.format.extension());
-                let bytes = still(&scene, scene.time(frame), frame, args.format);
-                write_whole(&output.path().join(&name), &bytes)?;
-                report.add(args.output.join(name), &bytes);
-                view.count("converting", done + 1, frames.len());
-            }
-            output.finish()?;
-        }
     }
-    report.lost.iter().for_each(|what| say(&format!("not kept as it was: {what}")));
-    if args.json {
-        print_json(&report)?;
-    } else {
-        print(&as_text(&report))?;
+}
+
+fn write_scene(args: &ConvertArgs, scene: &Scene, inputs: &Inputs, done: &mut Conversion) -> Result<()> {
+    let output = outputs::scene_file(&args.output, inputs, args.force)?;
+    let bytes = if args.quantize { scene.to_quantized_bytes() } else { scene.to_bytes() }?;
+    output.write(&bytes)?;
+    done.add(args.output.clone(), &bytes);
+    Ok(())
+}
+
+fn write_reference(args: &ConvertArgs, scene: &Scene, inputs: &Inputs, done: &mut Conversion) -> Result<()> {
+    let weights_path = args.output.with_file_name(LANG_DEFORMATION_FILE);
+    let files = scene.to_reference_ply();
+    let weights_bytes = files.weights.to_bytes();
+    let is_another = weights_path.exists()
+        && read_regular(&weights_path, MOST_TEXT).ok().as_deref() != Some(&weights_bytes);
+    if is_another && !args.output.exists() {
+        let what = "the feature network of another scene is here, under the name that the format gives it";
+        return Err(Error::input_at(&weights_path, what, "Choose a folder for this scene alone."));
     }
-    Ok(Exit::Done)
+    let file = |path: &Path| outputs::scene_file(path, inputs, args.force);
+    let (ply, weights) = (file(&args.output)?, file(&weights_path)?);
+    done.lost = files.lost;
+    ply.write(&files.ply)?;
+    weights.write(&weights_bytes)?;
+    done.add(args.output.clone(), &files.ply);
+    done.add(weights_path, &weights_bytes);
+    Ok(())
+}
+
+fn write_still(
+    args: &ConvertArgs,
+    scene: &Scene,
+    format: StillFormat,
+    inputs: &Inputs,
+    done: &mut Conversion,
+) -> Result<()> {
+    let frame = args.frame.unwrap_or(0);
+    if frame >= scene.num_frames() {
+        let what = format!("there is no frame {frame}; the scene has {}, from 0", scene.num_frames());
+        return Err(Error::input(what, "Give a smaller --frame."));
+    }
+    let time = args.time.unwrap_or(scene.time(frame));
+    let output = outputs::scene_file(&args.output, inputs, args.force)?;
+    let bytes = still(scene, time, frame, format);
+    output.write(&bytes)?;
+    done.add(args.output.clone(), &bytes);
+    Ok(())
+}
+
+fn write_folder(args: &ConvertArgs, scene: &Scene, inputs: &Inputs, done: &mut Conversion) -> Result<()> {
+    let output = outputs::folder(&args.output, outputs::FRAMES, inputs, args.force)?;
+    let mut view = ProgressView::default();
+    let frames = FrameRange::frames(args.frames, scene.num_frames())?;
+    for (k, &frame) in frames.iter().enumerate() {
+        let name = format!("frame{frame:04}.{}", args.format.extension());
+        let bytes = still(scene, scene.time(frame), frame, args.format);
+        write_whole(&output.path().join(&name), &bytes)?;
+        done.add(args.output.join(name), &bytes);
+        view.count("converting", k + 1, frames.len());
+    }
+    output.finish()
 }
 
 fn target(args: &ConvertArgs) -> Result<Target> {
@@ -180,23 +264,23 @@ fn still(scene: &Scene, time: f32, frame: usize, format: StillFormat) -> Vec<u8>
     }
 }
 
-impl Report {
+impl Conversion {
     fn add(&mut self, path: PathBuf, bytes: &[u8]) {
         self.files.push(path);
         self.bytes += bytes.len() as u64;
     }
 }
 
-fn as_text(report: &Report) -> String {
-    let left_out = match report.left_out {
+fn as_text(done: &Conversion) -> String {
+    let left_out = match done.left_out {
         0 => String::new(),
         n => format!(", {n} left out because they are not made of numbers"),
     };
-    let files = match &report.files[..] {
-        [first, .., last] if report.files.len() > 2 => {
-            format!("{} files, {} to {}", report.files.len(), first.display(), last.display())
+    let files = match &done.files[..] {
+        [first, .., last] if done.files.len() > 2 => {
+            format!("{} files, {} to {}", done.files.len(), first.display(), last.display())
         }
         files => files.iter().map(|f| f.display().to_string()).collect::<Vec<_>>().join(", "),
     };
-    format!("{} Gaussians{left_out}, {:.1} MB: {files}\n", report.gaussians, report.bytes as f64 / 1e6)
+    format!("{} Gaussians{left_out}, {:.1} MB: {files}\n", done.gaussians, done.bytes as f64 / 1e6)
 }

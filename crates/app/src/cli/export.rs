@@ -1,83 +1,241 @@
 //! `surgtpgs export`: masked frames with a record of how they were made.
 
 use super::{
-    Exit,
-    console::{self, ProgressView, print, print_json, say},
-    open_engine,
+    args::{FrameArgs, PromptArgs, RelevancyArgs, SceneArgs, unit_number},
+    console::{self, ProgressView, print_report, say},
+    verb::{Exit, Run},
 };
 use crate::{
-    args::{ExportArgs, FrameRange},
     engine::Engine,
-    jobs::{self, ExportRequest},
+    jobs::{self, ExportQuestion, ExportRequest},
 };
+use clap::{
+    Args, ValueEnum,
+    builder::{PossibleValue, PossibleValuesParser, TypedValueParser},
+};
+use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Error, Result,
-    export::{ExportOptions, ExportSummary, num_files},
-    overlay::OverlayLook,
+    export::{ExportOptions, ExportSummary, Format, PictureSource, num_files},
+    mask::CleanUp,
+    overlay::{OverlayLook, OverlayStyle},
 };
 
-pub(super) fn run(args: &ExportArgs) -> Result<Exit> {
-    let (_, summary) = export(args, !args.force)?;
-    if args.json {
-        print_json(&summary)?;
-    } else {
-        print(&format!(
+/// Write masked frames with a record of how they were made
+#[derive(Debug, Args)]
+pub(super) struct ExportArgs {
+    /// The scene
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// Prompts to look for
+    #[command(flatten)]
+    prompts: PromptArgs,
+    /// Folder to write
+    #[arg(short, long, value_name = "DIR")]
+    pub(super) output: PathBuf,
+    /// Files to write
+    #[arg(long, visible_alias = "formats", value_parser = format_parser(), value_delimiter = ',', default_value = "cutout,overlay")]
+    format: Vec<Format>,
+    /// Frames to work on
+    #[command(flatten)]
+    frames: FrameArgs,
+    /// Pictures to mask
+    #[arg(long, value_enum, default_value_t = SourceArg::Original)]
+    source: SourceArg,
+    /// Path of the recording, if it is not where it was when training
+    #[arg(long, value_name = "SEQ")]
+    sequence: Option<PathBuf>,
+    /// Give a pixel to the best prompt only
+    #[arg(long, conflicts_with = "overlapping")]
+    exclusive: bool,
+    /// Let prompts share pixels (the default)
+    #[arg(long)]
+    overlapping: bool,
+    /// Style of overlays, videos and sheets
+    #[arg(long, value_parser = style_parser(), default_value = OverlayStyle::Outline.name())]
+    style: OverlayStyle,
+    /// Opacity of fills and heatmaps in overlays
+    #[arg(long, default_value_t = 0.35, value_parser = unit_number)]
+    opacity: f32,
+    /// Opacity of outlines
+    #[arg(long, default_value_t = 1.0, value_parser = unit_number)]
+    outline_opacity: f32,
+    /// Draw over instruments as well, not below them
+    #[arg(long)]
+    above_instruments: bool,
+    /// Changes made to masks
+    #[command(flatten)]
+    clean_up: CleanUpArgs,
+    /// Leave the research-use stamp out of overlays, outlines and videos; the record says so
+    #[arg(long)]
+    no_stamp: bool,
+    /// Replace an earlier export, once the new one is whole
+    #[arg(long)]
+    pub(super) force: bool,
+    /// Options for answering prompts
+    #[command(flatten)]
+    relevancy: RelevancyArgs,
+    /// Report as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Changes made to masks before they are written; none unless asked for.
+#[derive(Debug, Args)]
+struct CleanUpArgs {
+    /// Smooth scores over time: the mean over a frame and this many frames before and after it
+    #[arg(long, default_value_t = 0, value_name = "FRAMES")]
+    smooth: usize,
+    /// Fill holes of masks up to this area
+    #[arg(long, default_value_t = 0, value_name = "PX")]
+    fill_holes: usize,
+    /// Leave out parts of masks that are smaller than this area
+    #[arg(long, default_value_t = 0, value_name = "PX")]
+    min_area: usize,
+    /// Move the border of masks outwards, or inwards where negative
+    #[arg(long, default_value_t = 0, value_name = "PX", allow_negative_numbers = true)]
+    grow: i32,
+}
+
+/// Reads the name of a format; the names and their explanations are the formats' own.
+fn format_parser() -> impl TypedValueParser<Value = Format> {
+    let value = |format: Format| PossibleValue::new(format.name()).help(format.about());
+    PossibleValuesParser::new(Format::ALL.map(value)).try_map(|name| {
+        Format::ALL.into_iter().find(|f| f.name() == name).ok_or_else(|| format!("there is no format {name}"))
+    })
+}
+
+/// Reads the name of a style; the names and their explanations are the styles' own.
+fn style_parser() -> impl TypedValueParser<Value = OverlayStyle> {
+    let value = |style: OverlayStyle| PossibleValue::new(style.name()).help(style.about());
+    PossibleValuesParser::new(OverlayStyle::ALL.map(value)).try_map(|name| {
+        OverlayStyle::ALL
+            .into_iter()
+            .find(|s| s.name() == name)
+            .ok_or_else(|| format!("there is no style {name}"))
+    })
+}
+
+/// Pictures that an export masks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum SourceArg {
+    /// The recorded frames
+    Original,
+    /// The frames as the scene renders them
+    Reconstruction,
+}
+
+impl From<SourceArg> for PictureSource {
+    fn from(arg: SourceArg) -> Self {
+        match arg {
+            SourceArg::Original => Self::Original,
+            SourceArg::Reconstruction => Self::Reconstruction,
+        }
+    }
+}
+
+impl Run for ExportArgs {
+    fn run(&self) -> Result<Exit> {
+        let (_, summary) = export(self, !self.force)?;
+        let text = format!(
             "{} files in {} ({} frames, {} of them were there already)\n",
             summary.files,
-            args.output.display(),
+            self.output.display(),
             summary.frames,
             summary.skipped_frames
-        ))?;
+        );
+        print_report(&summary, &text, self.json)?;
+        if summary.complete {
+            Ok(Exit::Done)
+        } else {
+            say("run the same command again to go on");
+            Err(Error::Cancelled)
+        }
     }
-    if summary.complete {
-        Ok(Exit::Done)
-    } else {
-        say("run the same command again to go on");
-        Err(Error::Cancelled)
+
+    fn output(&self) -> Option<&Path> {
+        Some(&self.output)
     }
 }
 
 /// Writes the files; `completes_same` as in [`ExportRequest`]. An export that is not complete was stopped by
 /// the user. The returned engine still has the prompts.
 pub(super) fn export(args: &ExportArgs, completes_same: bool) -> Result<(Engine, ExportSummary)> {
-    let options = args.relevancy.engine_options(&args.scene, args.sequence.clone());
-    let mut engine = open_engine(&args.scene, options)?;
-    engine.set_questions(&args.prompts.questions(engine.settings())?)?;
-    let frames = FrameRange::frames(args.frames, engine.scene().num_frames())?;
+    let mut engine = args.scene.open(&args.relevancy, args.sequence.clone())?;
+    let questions = args.prompts.questions(engine.settings())?;
     let request = ExportRequest {
-        scene: &args.scene.scene,
-        folder: &args.output,
-        prompts: jobs::export_prompts(&engine),
-        options: export_options(args),
+        scene: args.scene.scene.clone(),
+        folder: args.output.clone(),
+        frames: args.frames.of(engine.scene().num_frames())?,
+        questions: ExportQuestion::with_standard_look(questions, engine.settings().threshold),
+        options: args.options(),
         replace: args.force,
         completes_same,
-        frames,
     };
     say(&format!(
         "exporting {} frames, {} prompts, {} files to {}",
         request.frames.len(),
-        request.prompts.len(),
-        num_files(&request.options.formats, request.frames.len(), request.prompts.len()),
+        request.questions.len(),
+        num_files(&request.options.formats, request.frames.len(), request.questions.len()),
         args.output.display()
     ));
     console::watch_interrupts();
     let mut view = ProgressView::default();
-    let summary = jobs::export(&mut engine, request, &mut |p| view.show(p))?;
+    let summary = jobs::export(&mut engine, &request, &mut |p| view.show(p))?;
     Ok((engine, summary))
 }
 
-fn export_options(args: &ExportArgs) -> ExportOptions {
-    ExportOptions {
-        formats: args.format.clone(),
-        source: args.source.into(),
-        exclusive: args.exclusive,
-        stamp: !args.no_stamp,
-        look: OverlayLook {
-            style: args.style,
-            opacity: args.opacity,
-            outline_opacity: args.outline_opacity,
-            below_instruments: !args.above_instruments,
-        },
-        clean_up: args.clean_up.clean_up(),
+impl ExportArgs {
+    fn options(&self) -> ExportOptions {
+        let &CleanUpArgs { smooth, fill_holes, min_area, grow } = &self.clean_up;
+        ExportOptions {
+            formats: self.format.clone(),
+            source: self.source.into(),
+            exclusive: self.exclusive,
+            stamp: !self.no_stamp,
+            look: OverlayLook {
+                style: self.style,
+                opacity: self.opacity,
+                outline_opacity: self.outline_opacity,
+                below_instruments: !self.above_instruments,
+            },
+            clean_up: CleanUp {
+                smooth_frames: smooth,
+                fill_holes_px: fill_holes,
+                min_area_px: min_area,
+                grow_px: grow,
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: ExportArgs,
+    }
+
+    #[test]
+    fn every_format_has_a_name_on_the_command_line() {
+        let line = |format| {
+            Line::try_parse_from(["export", "s", "--prompt", "liver", "-o", "out", "--format", format])
+        };
+        for format in Format::ALL {
+            assert_eq!(line(format.name()).unwrap_or_else(|e| panic!("{e}")).args.format, [format]);
+        }
+        assert!(line("mpeg").err().unwrap().to_string().contains("sheet"));
+    }
+
+    #[test]
+    fn every_style_has_a_name_on_the_command_line() {
+        for style in OverlayStyle::ALL {
+            let line = ["export", "s", "--prompt", "liver", "-o", "out", "--style", style.name()];
+            assert_eq!(Line::parse_from(line).args.style, style);
+        }
     }
 }

@@ -1,8 +1,8 @@
 //! Pictures and tables of a scene for reports.
 
 use super::{
+    answers::Answers,
     document::{escaped, number, table},
-    query,
 };
 use crate::{
     engine::Engine,
@@ -48,11 +48,7 @@ fn depth(images: &Images) -> RgbImage {
 
 /// Draws each prompt that was found, on the frame where it covers most, three in a row; `None` if nothing was
 /// found. The engine must have the prompts that were asked.
-pub(super) fn answers(
-    engine: &mut Engine,
-    answers: &query::Report,
-    panel_width: u32,
-) -> Result<Option<RgbImage>> {
+pub(super) fn answers(engine: &mut Engine, answers: &Answers, panel_width: u32) -> Result<Option<RgbImage>> {
     let found = answers.prompts.iter().enumerate().filter_map(|(k, p)| p.largest().map(|f| (k, f.frame)));
     let mut pictures = Vec::new();
     for (k, frame) in found {
@@ -81,7 +77,7 @@ pub(super) fn classes_table(iou: &Iou) -> String {
 }
 
 /// Returns the table of the frames and areas on which each prompt was found.
-pub(super) fn answers_table(answers: &query::Report) -> String {
+pub(super) fn answers_table(answers: &Answers) -> String {
     let rows = answers.prompts.iter().map(|prompt| {
         let largest = prompt
             .largest()

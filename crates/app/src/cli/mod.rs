@@ -1,5 +1,10 @@
-//! The verbs, one file each, and what they share: exit codes and the console.
+//! The command line: verbs in the order of the data flow, one file or folder each.
+//!
+//! A verb's file holds its arguments, whose comments are its help, and carries it out. The table of verbs is
+//! here.
 
+mod answers;
+mod args;
 mod batch;
 mod bench;
 mod check;
@@ -17,35 +22,71 @@ mod query;
 mod remedy;
 mod render;
 mod train;
+mod verb;
 mod view;
 
-use crate::{
-    args::{Cli, SceneArgs, Verb},
-    engine::{Engine, EngineOptions},
-    memory,
-    text::visible,
-};
 pub use batch::check_jobs_file;
-use clap::Parser;
+pub use verb::Exit;
+
+use crate::{memory, text::one_line};
+use args::CommonArgs;
+use clap::{Parser, Subcommand};
 use std::ffi::OsString;
 use surgtpgs_core::{Error, Result, files::full_path};
+use verb::Run;
 
-/// Exit code of the program; the numbers are a contract.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Exit {
-    /// Everything was done.
-    Done = 0,
-    /// The input is wrong; a message says what to do.
-    WrongInput = 1,
-    /// The command line is wrong.
-    Usage = 2,
-    /// The machine lacks something; a message says how to get it.
-    Lacking = 3,
+/// Version of the program and, in a release build, the commit it was built from.
+const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("SURGTPGS_COMMIT"), ")");
+
+/// See a deforming reconstruction of a recorded endoscopic clip, ask it for structures by name,
+/// export masked frames.
+///
+/// Without a verb: the viewer on the built-in demo; with no display, the same job into `surgtpgs-demo/`.
+/// Research use only. Not for diagnostic or intra-operative use.
+#[derive(Debug, Parser)]
+#[command(name = "surgtpgs", version = VERSION, about, max_term_width = 110, disable_help_subcommand = true)]
+#[command(after_help = "Exit codes: 0 done, 1 the input is wrong, 2 usage, 3 the machine lacks something.")]
+pub struct Cli {
+    #[command(subcommand)]
+    verb: Option<Verb>,
+    #[command(flatten)]
+    common: CommonArgs,
 }
 
-impl From<Exit> for std::process::ExitCode {
-    fn from(exit: Exit) -> Self {
-        Self::from(exit as u8)
+/// Verb of the program, with its arguments.
+#[derive(Debug, Subcommand)]
+enum Verb {
+    View(view::ViewArgs),
+    Demo(demo::DemoArgs),
+    Check(check::CheckArgs),
+    Prepare(prepare::PrepareArgs),
+    Train(train::TrainArgs),
+    Render(render::RenderArgs),
+    Query(query::QueryArgs),
+    Export(export::ExportArgs),
+    Eval(eval::EvalArgs),
+    Batch(batch::BatchArgs),
+    Bench(bench::BenchArgs),
+    Convert(convert::ConvertArgs),
+}
+
+impl Verb {
+    /// Returns the arguments.
+    fn args(&self) -> &dyn Run {
+        match self {
+            Self::View(args) => args,
+            Self::Demo(args) => args,
+            Self::Check(args) => args,
+            Self::Prepare(args) => args,
+            Self::Train(args) => args,
+            Self::Render(args) => args,
+            Self::Query(args) => args,
+            Self::Export(args) => args,
+            Self::Eval(args) => args,
+            Self::Batch(args) => args,
+            Self::Bench(args) => args,
+            Self::Convert(args) => args,
+        }
     }
 }
 
@@ -66,9 +107,9 @@ pub fn run(args: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Exit 
     };
     console::keep_writing();
     console::end_cleanly();
-    let ready =
-        memory::start_threads().and_then(|()| surgtpgs_clip::choose_provider(cli.execution_provider.into()));
-    match ready.and_then(|()| run_verb(cli.verb)) {
+    let provider = cli.common.execution_provider.into();
+    let ready = memory::start_threads().and_then(|()| surgtpgs_clip::choose_provider(provider));
+    match ready.and_then(|()| run_verb(cli.verb.as_ref().map(Verb::args))) {
         Ok(exit) => exit,
         Err(error) => {
             console::say(&format!("error: {}", one_line(&remedy::message(&error))));
@@ -77,49 +118,34 @@ pub fn run(args: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Exit 
     }
 }
 
-fn run_verb(verb: Option<Verb>) -> Result<Exit> {
-    if let Some(output) = verb.as_ref().and_then(Verb::output).filter(|output| output.is_symlink()) {
+fn run_verb(verb: Option<&dyn Run>) -> Result<Exit> {
+    let Some(verb) = verb else { return default_job::run() };
+    if let Some(output) = verb.output().filter(|output| output.is_symlink()) {
         let target = full_path(output);
         console::say(&one_line(&format!("{} is a link to {}", output.display(), target.display())));
     }
-    match verb {
-        None => default_job::run(),
-        Some(Verb::View(args)) => view::run(&args),
-        Some(Verb::Demo(args)) => demo::run(&args),
-        Some(Verb::Check(args)) => check::run(&args),
-        Some(Verb::Prepare(args)) => prepare::run(&args),
-        Some(Verb::Train(args)) => train::run(&args),
-        Some(Verb::Render(args)) => render::run(&args),
-        Some(Verb::Query(args)) => query::run(&args),
-        Some(Verb::Export(args)) => export::run(&args),
-        Some(Verb::Eval(args)) => eval::run(&args),
-        Some(Verb::Batch(args)) => batch::run(&args),
-        Some(Verb::Bench(args)) => bench::run(&args),
-        Some(Verb::Convert(args)) => convert::run(&args),
-    }
-}
-
-/// Opens a scene and says what renders it.
-fn open_engine(scene: &SceneArgs, options: EngineOptions) -> Result<Engine> {
-    let engine = Engine::open(&scene.scene, options)?;
-    console::say(&format!("rendering on {}", engine.renderer_name()));
-    Ok(engine)
-}
-
-/// Makes a message one line, without anything that a terminal would obey. Messages from libraries may have
-/// several lines, and names of files and the text in them may hold escape sequences.
-fn one_line(text: &str) -> String {
-    let shown: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-    visible(&shown.split_whitespace().collect::<Vec<_>>().join(" ")).into_owned()
+    verb.run()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use clap::CommandFactory;
 
     #[test]
-    fn a_message_is_one_line_that_no_terminal_obeys() {
-        assert_eq!(one_line("a\n  b\u{1b}[31mred\u{7} \u{9b}2J é"), "a b [31mred 2J é");
-        assert_eq!(one_line("clip\u{202e}gpj.exe"), r"clip\u{202e}gpj.exe");
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn verbs_are_listed_in_the_order_of_the_data_flow() {
+        let verbs: Vec<String> = Cli::command().get_subcommands().map(|c| c.get_name().to_owned()).collect();
+        assert_eq!(
+            verbs,
+            [
+                "view", "demo", "check", "prepare", "train", "render", "query", "export", "eval", "batch",
+                "bench", "convert"
+            ]
+        );
     }
 }

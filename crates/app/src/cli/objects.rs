@@ -1,6 +1,6 @@
 //! Objects that prompts find, in space: the Gaussians as a `.ply`, and their places over time as tables.
 
-use super::query::{GaussiansReport, PromptReport, Report};
+use super::answers::{Answers, FoundGaussians, FrameAnswer, PromptAnswers};
 use crate::{engine::Engine, tables::csv};
 use std::path::Path;
 use surgtpgs_core::{Result, deform::deform, export::slugs, files::write_whole, object::Body, scene::Scene};
@@ -31,33 +31,33 @@ struct Row<'a> {
 /// Writes the Gaussians that each prompt finds on the frame where it covers most, and follows them over all
 /// frames. Writes nothing for a prompt that found nothing. Files are written into `folder`, and reported as
 /// files of `shown`, where they will be.
-pub(super) fn write(engine: &mut Engine, report: &mut Report, folder: &Path, shown: &Path) -> Result<()> {
+pub(super) fn write(engine: &mut Engine, answers: &mut Answers, folder: &Path, shown: &Path) -> Result<()> {
     let scene = engine.scene().clone();
-    let names = slugs(report.prompts.iter().map(|p| p.text.as_str()));
+    let names = slugs(answers.prompts.iter().map(|p| p.text.as_str()));
     let mut found = Vec::new();
     for (k, name) in names.iter().enumerate() {
-        let Some(frame) = report.prompts[k].largest().map(|f| f.frame) else { continue };
+        let Some(frame) = answers.prompts[k].largest().map(|f| f.frame) else { continue };
         let time = scene.time(frame);
         let gaussians = engine.gaussians_found(time)?.swap_remove(k);
         let file = format!("{name}.ply");
         write_whole(&folder.join(&file), &scene.still(time, &gaussians).to_ply(scene.cameras.get(frame)))?;
-        report.prompts[k].gaussians =
-            Some(GaussiansReport { frame, count: gaussians.len(), file: shown.join(file) });
+        answers.prompts[k].gaussians =
+            Some(FoundGaussians { frame, count: gaussians.len(), file: shown.join(file) });
         found.push((k, gaussians));
     }
     let rows: Vec<Row<'_>> =
-        found.iter().flat_map(|(k, gaussians)| follow(&scene, &report.prompts[*k], gaussians)).collect();
+        found.iter().flat_map(|(k, gaussians)| follow(&scene, &answers.prompts[*k], gaussians)).collect();
     write_tables(folder, &rows)
 }
 
 /// Follows the object over every frame that was asked for.
-fn follow<'a>(scene: &Scene, prompt: &'a PromptReport, gaussians: &[usize]) -> Vec<Row<'a>> {
+fn follow<'a>(scene: &Scene, prompt: &'a PromptAnswers, gaussians: &[usize]) -> Vec<Row<'a>> {
     let (mut first, mut last) = (None, None);
     let distance = |a: Option<[f64; 3]>, b: Option<[f64; 3]>| {
         a.zip(b).map(|(a, b)| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt())
     };
     let fps = scene.provenance.frames_per_second.filter(|fps| *fps > 0.0);
-    let row = |f: &'a super::query::FrameReport| {
+    let row = |f: &'a FrameAnswer| {
         let now = deform(&scene.gaussians, &scene.deformation, scene.time(f.frame), false);
         let body = Body::of(&now, gaussians);
         let here = body.map(|b| b.centroid);
@@ -92,7 +92,6 @@ fn write_tables(folder: &Path, rows: &[Row<'_>]) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cli::query::FrameReport;
     use surgtpgs_core::stress;
 
     #[test]
@@ -100,7 +99,7 @@ mod tests {
         let mut scene = stress::ordinary(40);
         scene.cameras = vec![scene.cameras[0]; 4];
         scene.provenance.frames_per_second = Some(25.0);
-        let frame = |frame| FrameReport {
+        let frame = |frame| FrameAnswer {
             frame,
             found: true,
             area_px: 7,
@@ -110,7 +109,7 @@ mod tests {
             source: None,
         };
         let prompt =
-            PromptReport { text: "liver".into(), frames: (0..4).map(frame).collect(), gaussians: None };
+            PromptAnswers { text: "liver".into(), frames: (0..4).map(frame).collect(), gaussians: None };
         let rows = follow(&scene, &prompt, &[1, 5, 9, 12, 20]);
         assert_eq!((rows.len(), rows[3].time_s), (4, Some(0.12)));
         assert_eq!((rows[0].moved, rows[0].away), (None, None));

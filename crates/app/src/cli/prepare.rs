@@ -1,52 +1,172 @@
 //! `surgtpgs prepare`: features and codec in a folder beside the recording.
 
 use super::{
-    Exit,
+    args::{MaskDensity, encoder_choice},
     console::{self, ProgressView, say},
+    verb::{Exit, Run},
 };
 use crate::{
-    args::{PrepareArgs, encoder_choice},
     jobs::{self, FeatureSource, PrepareOptions},
     memory::{Work, require_for},
     outputs,
 };
+use clap::{ArgGroup, Args, ValueEnum, ValueHint};
+use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Result,
     codec::CodecSettings,
     prepare::{Prepared, write_langsplat},
+    segment::Level,
     sequence::Sequence,
 };
 
-pub(super) fn run(args: &PrepareArgs) -> Result<Exit> {
-    let sequence = Sequence::open(&args.sequence)?;
-    require_for(&Work::Reading(&sequence))?;
-    if Prepared::is_unfinished(&args.output) {
-        say("going on with an unfinished preparation");
+/// Write features and codec into a folder beside the recording, which is never modified
+#[derive(Debug, Args)]
+#[command(group(ArgGroup::new("source").required(true).args(["labels", "masks_model", "dense_encoder", "features"])))]
+pub(super) struct PrepareArgs {
+    /// A recording (folder or video file)
+    sequence: PathBuf,
+    /// Folder to write
+    #[arg(short, long, value_name = "PREP")]
+    output: PathBuf,
+    /// Take features from the recording's label masks: each pixel gets the embedding of its class name
+    #[arg(long)]
+    labels: bool,
+    /// Take features from automatic masks: a folder with encoder and decoder of a Segment Anything
+    /// (.onnx, .ort)
+    #[arg(long, value_name = "DIR", requires = "image_encoder")]
+    masks_model: Option<PathBuf>,
+    /// A folder with one model (.onnx, .ort) that embeds what masks show: the other half of the text encoder
+    #[arg(long, value_name = "DIR", requires = "masks_model")]
+    image_encoder: Option<PathBuf>,
+    /// Take features from maps of whole pictures: a folder with one model (.onnx, .ort), images [1,3,n,n] in,
+    /// maps [1,dim,rows,columns] out
+    #[arg(long, value_name = "DIR")]
+    dense_encoder: Option<PathBuf>,
+    /// A network that estimates depth from single pictures, for a recording without depth: its .onnx
+    /// file, or its folder
+    #[arg(long, value_name = "DIR|FILE")]
+    depth_model: Option<PathBuf>,
+    /// Take features that another program made: a folder with LangSplat's NAME_f.npy and NAME_s.npy, or with
+    /// dense maps NAME_agg.npy, for each frame
+    #[arg(long, value_name = "DIR")]
+    features: Option<PathBuf>,
+    /// Also write the features as LangSplat's and the paper's scripts read them
+    #[arg(long, value_name = "DIR")]
+    langsplat: Option<PathBuf>,
+    /// Density of the points at which masks are asked for
+    #[arg(long, value_enum, default_value_t = MaskDensity::Medium)]
+    mask_density: MaskDensity,
+    /// Masks that become regions
+    #[arg(long, value_enum, default_value_t = LevelArg::Default)]
+    mask_level: LevelArg,
+    /// `builtin`, or a folder with model.onnx and tokenizer.json
+    #[arg(long, value_name = "DIR|builtin", value_hint = ValueHint::DirPath, default_value = "builtin")]
+    text_encoder: String,
+    /// Hold every eighth frame out of everything, for evaluation
+    #[arg(long)]
+    eval: bool,
+    /// Latent numbers per pixel
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=16))]
+    latent_dim: u32,
+    /// Seed of the codec's weights and batches
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Replace an earlier prepared folder; its masks are used again where nothing they depend on has changed
+    #[arg(long)]
+    pub(super) force: bool,
+}
+
+/// Choice among the masks of a point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum LevelArg {
+    /// All of them
+    Default,
+    /// Parts
+    S,
+    /// Larger parts
+    M,
+    /// Wholes
+    L,
+}
+
+impl From<LevelArg> for Level {
+    fn from(level: LevelArg) -> Self {
+        match level {
+            LevelArg::Default => Self::Default,
+            LevelArg::S => Self::Small,
+            LevelArg::M => Self::Medium,
+            LevelArg::L => Self::Large,
+        }
     }
-    console::watch_interrupts();
-    let options = PrepareOptions {
-        source: source(args),
-        eval: args.eval,
-        encoder: encoder_choice(&args.text_encoder),
-        codec: CodecSettings {
-            latent_dim: args.latent_dim as usize,
-            seed: args.seed,
-            ..CodecSettings::default()
-        },
-        depth_model: args.depth_model.clone(),
-    };
-    let mut view = ProgressView::default();
-    let inputs = options.inputs().with_recording(&sequence).with("the prepared folder", &args.output);
-    let langsplat = args.langsplat.as_ref();
-    let langsplat = langsplat
-        .map(|folder| outputs::folder(folder, outputs::LANGSPLAT, &inputs, args.force))
-        .transpose()?;
-    let prepared = jobs::prepare_folder(sequence, &args.output, &options, args.force, &mut |p| view.show(p))?;
-    if let Some(output) = langsplat {
-        write_langsplat(&prepared, output.path(), &mut |p| view.show(p))?;
-        output.finish()?;
+}
+
+impl Run for PrepareArgs {
+    fn run(&self) -> Result<Exit> {
+        let sequence = Sequence::open(&self.sequence)?;
+        require_for(&Work::Reading(&sequence))?;
+        if Prepared::is_unfinished(&self.output) {
+            say("going on with an unfinished preparation");
+        }
+        console::watch_interrupts();
+        let options = self.options();
+        let mut view = ProgressView::default();
+        let inputs = options.inputs().with_recording(&sequence).with("the prepared folder", &self.output);
+        let langsplat = self.langsplat.as_ref();
+        let langsplat = langsplat
+            .map(|folder| outputs::folder(folder, outputs::LANGSPLAT, &inputs, self.force))
+            .transpose()?;
+        let prepared =
+            jobs::prepare_folder(sequence, &self.output, &options, self.force, &mut |p| view.show(p))?;
+        if let Some(output) = langsplat {
+            write_langsplat(&prepared, output.path(), &mut |p| view.show(p))?;
+            output.finish()?;
+        }
+        drop(view);
+        tell_result(&prepared, &self.output);
+        Ok(Exit::Done)
     }
-    drop(view);
+
+    fn output(&self) -> Option<&Path> {
+        Some(&self.output)
+    }
+}
+
+impl PrepareArgs {
+    fn options(&self) -> PrepareOptions {
+        PrepareOptions {
+            source: self.source(),
+            eval: self.eval,
+            encoder: encoder_choice(&self.text_encoder),
+            codec: CodecSettings {
+                latent_dim: self.latent_dim as usize,
+                seed: self.seed,
+                ..CodecSettings::default()
+            },
+            depth_model: self.depth_model.clone(),
+        }
+    }
+
+    /// Returns the source of features; the command line allows no other combination.
+    fn source(&self) -> FeatureSource {
+        let level = self.mask_level.into();
+        if let Some(network) = &self.dense_encoder {
+            return FeatureSource::Dense { network: network.clone() };
+        }
+        match (&self.masks_model, &self.image_encoder, &self.features) {
+            (_, _, Some(folder)) => FeatureSource::LangSplat { folder: folder.clone(), level },
+            (Some(model), Some(image_encoder), _) => FeatureSource::Masks {
+                model: model.clone(),
+                image_encoder: image_encoder.clone(),
+                settings: self.mask_density.into(),
+                level,
+            },
+            _ => FeatureSource::Labels,
+        }
+    }
+}
+
+fn tell_result(prepared: &Prepared, output: &Path) {
     if let Some(depth) = prepared.sequence.estimated_depth() {
         say(&format!(
             "estimated depth; the scales of single frames differed by a factor of {:.2}",
@@ -63,25 +183,35 @@ pub(super) fn run(args: &PrepareArgs) -> Result<Exit> {
         prepared.sequence.num_frames(),
         prepared.encoder.name,
         if prepared.eval { ", test frames held out," } else { "" },
-        args.output.display()
+        output.display()
     ));
-    Ok(Exit::Done)
 }
 
-/// Returns the source of features; the command line allows no other combination.
-fn source(args: &PrepareArgs) -> FeatureSource {
-    let level = args.mask_level.into();
-    if let Some(network) = &args.dense_encoder {
-        return FeatureSource::Dense { network: network.clone() };
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        _args: PrepareArgs,
     }
-    match (&args.masks_model, &args.image_encoder, &args.features) {
-        (_, _, Some(folder)) => FeatureSource::LangSplat { folder: folder.clone(), level },
-        (Some(model), Some(image_encoder), _) => FeatureSource::Masks {
-            model: model.clone(),
-            image_encoder: image_encoder.clone(),
-            settings: args.mask_density.into(),
-            level,
-        },
-        _ => FeatureSource::Labels,
+
+    #[test]
+    fn features_come_from_labels_or_from_masks_with_an_image_encoder() {
+        let parses = |args: &str| {
+            let line = format!("prepare rec -o prep {args}");
+            Line::try_parse_from(line.split_whitespace()).is_ok()
+        };
+        assert!(parses("--labels") && parses("--masks-model sam --image-encoder clip --mask-level l"));
+        assert!(!parses("") && !parses("--masks-model sam") && !parses("--image-encoder clip"));
+        assert!(!parses("--labels --masks-model sam --image-encoder clip"));
+        assert!(
+            parses("--dense-encoder net --depth-model depth.onnx") && !parses("--depth-model depth.onnx")
+        );
+        assert!(
+            parses("--features dir --mask-level s --langsplat out") && !parses("--labels --features dir")
+        );
     }
 }

@@ -1,22 +1,22 @@
 //! `surgtpgs render`: images of a scene, and `render.json` that tells the meaning of the numbers in them.
 
 use super::{
-    Exit,
+    args::{FrameArgs, SceneArgs},
     console::{ProgressView, print},
-    open_engine,
+    verb::{Exit, Run},
 };
 use crate::{
-    args::{FrameRange, ImageKind, RenderArgs},
-    engine::{Engine, EngineOptions, View},
+    engine::{Engine, SceneView},
     memory::{Work, require_for},
     outputs,
     pictures::png,
 };
+use clap::{Args, ValueEnum};
 use image::{GrayImage, ImageBuffer, Luma};
 use ndarray::ArrayView;
 use ndarray_npy::WriteNpyExt;
 use rayon::prelude::*;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Error, Result,
     camera::check_image_size,
@@ -26,36 +26,78 @@ use surgtpgs_core::{
     raster::{ALPHA_PLANE, FEATURE_PLANE, Images, MIN_DEPTH_ALPHA},
 };
 
-pub(super) fn run(args: &RenderArgs) -> Result<Exit> {
-    let options = EngineOptions { backend: args.scene.backend, ..Default::default() };
-    let mut engine = open_engine(&args.scene, options)?;
-    let frames = FrameRange::frames(args.frames, engine.scene().num_frames())?;
-    let kinds = kinds(args, &engine)?;
-    let camera = sized(engine.view(frames[0])?, args.width).camera;
-    check_image_size(camera.width as usize, camera.height as usize)
-        .map_err(|what| Error::input(what, "Choose a smaller `--width`."))?;
-    require_for(&Work::Pictures(camera.width, camera.height))?;
-    let inputs = outputs::inputs_of_engine(&args.scene.scene, &engine);
-    let output = outputs::folder(&args.output, outputs::PICTURES, &inputs, args.force)?;
-    let mut view = ProgressView::default();
-    let mut depth_range = None;
-    for (done, &frame) in frames.iter().enumerate() {
-        let images =
-            engine.render(&sized(engine.view(frame)?, args.width), kinds.contains(&ImageKind::Feature))?;
-        let range =
-            *depth_range.get_or_insert_with(|| typical_range(&images.normalised_depth(MIN_DEPTH_ALPHA)));
-        kinds.par_iter().try_for_each(|&kind| write(output.path(), kind, frame, &images, range))?;
-        view.count("rendering", done + 1, frames.len());
-    }
-    drop(view);
-    write_notes(output.path(), &engine, &kinds, depth_range)?;
-    output.finish()?;
-    print(&format!("{} frames in {} ({})\n", frames.len(), args.output.display(), engine.renderer_name()))?;
-    Ok(Exit::Done)
+/// Render colour, depth, opacity and feature images of a scene
+#[derive(Debug, Args)]
+pub(super) struct RenderArgs {
+    /// The scene
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// Folder to write
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Frames to work on
+    #[command(flatten)]
+    frames: FrameArgs,
+    /// Images to write
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "colour")]
+    kind: Vec<ImageKind>,
+    /// Image columns, if not those of the recording (rows follow)
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=8192))]
+    width: Option<u32>,
+    /// Replace an earlier result of this kind, once the new one is whole
+    #[arg(long)]
+    force: bool,
 }
 
-fn kinds(args: &RenderArgs, engine: &Engine) -> Result<Vec<ImageKind>> {
-    let mut kinds = args.kind.clone();
+/// Images that `render` writes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
+enum ImageKind {
+    /// 8-bit RGB PNG
+    Colour,
+    /// Depth in scene units, 0 in holes: .npy (f32, rows × columns) and a 16-bit PNG to look at
+    Depth,
+    /// Accumulated opacity: 8-bit grey PNG
+    Alpha,
+    /// Latent features: .npy (f32, rows × columns × latent numbers)
+    Feature,
+}
+
+impl Run for RenderArgs {
+    fn run(&self) -> Result<Exit> {
+        let mut engine = self.scene.open_to_render()?;
+        let frames = self.frames.of(engine.scene().num_frames())?;
+        let kinds = kinds(&self.kind, &engine)?;
+        let camera = sized(engine.view(frames[0])?, self.width).camera;
+        check_image_size(camera.width as usize, camera.height as usize)
+            .map_err(|what| Error::input(what, "Choose a smaller `--width`."))?;
+        require_for(&Work::Pictures(camera.width, camera.height))?;
+        let inputs = engine.inputs(&self.scene.scene);
+        let output = outputs::folder(&self.output, outputs::PICTURES, &inputs, self.force)?;
+        let has_features = kinds.contains(&ImageKind::Feature);
+        let mut view = ProgressView::default();
+        let mut depth_range = None;
+        for (done, &frame) in frames.iter().enumerate() {
+            let images = engine.render(&sized(engine.view(frame)?, self.width), has_features)?;
+            let range =
+                *depth_range.get_or_insert_with(|| typical_range(&images.normalised_depth(MIN_DEPTH_ALPHA)));
+            kinds.par_iter().try_for_each(|&kind| write(output.path(), kind, frame, &images, range))?;
+            view.count("rendering", done + 1, frames.len());
+        }
+        drop(view);
+        write_notes(output.path(), &engine, &kinds, depth_range)?;
+        output.finish()?;
+        let (count, folder) = (frames.len(), self.output.display());
+        print(&format!("{count} frames in {folder} ({})\n", engine.renderer_name()))?;
+        Ok(Exit::Done)
+    }
+
+    fn output(&self) -> Option<&Path> {
+        Some(&self.output)
+    }
+}
+
+fn kinds(asked: &[ImageKind], engine: &Engine) -> Result<Vec<ImageKind>> {
+    let mut kinds = asked.to_vec();
     kinds.sort_unstable();
     kinds.dedup();
     if kinds.contains(&ImageKind::Feature) && engine.scene().gaussians.latent_dim == 0 {
@@ -67,7 +109,7 @@ fn kinds(args: &RenderArgs, engine: &Engine) -> Result<Vec<ImageKind>> {
     Ok(kinds)
 }
 
-fn sized(view: View, width: Option<u32>) -> View {
+fn sized(view: SceneView, width: Option<u32>) -> SceneView {
     let Some(width) = width else { return view };
     let rows = f64::from(view.camera.height) * f64::from(width) / f64::from(view.camera.width.max(1));
     view.resized(width, (rows.round() as u32).max(1))

@@ -1,21 +1,89 @@
 //! `surgtpgs train`: from a prepared folder or a recording to a scene file.
 
 use super::{
-    Exit,
-    console::{self, ProgressView, print, print_json, say},
+    console::{self, ProgressView, print_report, say},
+    verb::{Exit, Run},
 };
 use crate::{
-    args::TrainArgs,
+    engine::BackendChoice,
     jobs::{self, Material, Trained},
     memory::{Work, peak_rss_bytes, require_for},
     outputs,
 };
-use std::path::Path;
-use surgtpgs_core::{Error, Result, train::Trainer};
+use clap::{Args, ValueEnum};
+use std::path::{Path, PathBuf};
+use surgtpgs_core::{
+    Error, Result,
+    train::{FeatureMode, Profile, TrainSettings, Trainer},
+};
+
+/// Reconstruct a scene from a prepared folder, or from a bare recording (then without features)
+#[derive(Debug, Args)]
+pub(super) struct TrainArgs {
+    /// A prepared folder, or a recording (then without features)
+    sequence: PathBuf,
+    /// Scene file to write, e.g. scene.safetensors
+    #[arg(short, long, value_name = "SCENE")]
+    output: PathBuf,
+    /// Hold every eighth frame out (a folder prepared with --eval does so anyway)
+    #[arg(long)]
+    eval: bool,
+    /// Optimiser steps
+    #[arg(long, default_value_t = 3000, value_parser = clap::value_parser!(u32).range(1..))]
+    iterations: u32,
+    /// Seed of everything random
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Device to train on
+    #[arg(long, value_enum, default_value_t = BackendChoice::Auto)]
+    backend: BackendChoice,
+    /// Settings to start from: our own, or those that the paper's authors released, for comparison
+    #[arg(long, value_enum, default_value_t = TrainProfile::Default)]
+    profile: TrainProfile,
+    /// Compute features in closed form after training, not by learning: faster, but constant over time
+    #[arg(long)]
+    fast_features: bool,
+    /// Go on with the unfinished training beside the scene file
+    #[arg(long, conflicts_with_all = ["eval", "iterations", "seed", "profile", "fast_features", "force"])]
+    pub(super) resume: bool,
+    /// Replace an earlier scene once the new one is whole, and begin an unfinished training anew
+    #[arg(long)]
+    pub(super) force: bool,
+    /// Report as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Settings that training starts from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum TrainProfile {
+    /// The paper's formulas, changed where another way measured better
+    Default,
+    /// The released code with its quirks
+    Paper,
+}
+
+impl TrainArgs {
+    /// Returns the settings of a training from the beginning.
+    fn settings(&self) -> TrainSettings {
+        let mut settings = TrainSettings::of(match self.profile {
+            TrainProfile::Default => Profile::Default,
+            TrainProfile::Paper => Profile::Paper,
+        });
+        settings.iterations = self.iterations as usize;
+        settings.seed = self.seed;
+        settings.eval = self.eval;
+        if self.fast_features {
+            settings.feature_mode = FeatureMode::Lifted;
+            settings.feature_motion = false;
+        }
+        settings
+    }
+}
 
 /// The JSON report; its keys are a contract.
 #[derive(serde::Serialize)]
-pub(super) struct Report {
+pub(super) struct TrainReport {
     backend: String,
     seconds: f64,
     steps: usize,
@@ -30,20 +98,22 @@ pub(super) struct Report {
     pub(super) finished: bool,
 }
 
-pub(super) fn run(args: &TrainArgs) -> Result<Exit> {
-    let report = train(args)?;
-    if args.json {
-        print_json(&report)?;
-    } else {
-        print(&as_text(&report, args))?;
+impl Run for TrainArgs {
+    fn run(&self) -> Result<Exit> {
+        let report = train(self)?;
+        print_report(&report, &as_text(&report, &self.output), self.json)?;
+        Ok(Exit::Done)
     }
-    Ok(Exit::Done)
+
+    fn output(&self) -> Option<&Path> {
+        Some(&self.output)
+    }
 }
 
 /// Trains and saves the scene. A scene that is not finished was stopped by the user.
-pub(super) fn train(args: &TrainArgs) -> Result<Report> {
+pub(super) fn train(args: &TrainArgs) -> Result<TrainReport> {
     let material = Material::open(&args.sequence)?;
-    let inputs = outputs::inputs_of_material(&args.sequence, &material);
+    let inputs = material.inputs(&args.sequence);
     let checkpoint = jobs::checkpoint_path(&args.output);
     if checkpoint == args.output {
         let what = "this is the name of the file that keeps the unfinished training";
@@ -81,8 +151,8 @@ pub(super) fn train(args: &TrainArgs) -> Result<Report> {
     })?;
     trained.scene.provenance.peak_rss_bytes = peak_rss_bytes();
     output.write(&trained.scene.to_bytes()?)?;
-    let report =
-        Report { warnings: warning.into_iter().collect(), ..report(&trained, asked, trainer.backend_name()) };
+    let mut report = TrainReport::of(&trained, asked, trainer.backend_name());
+    report.warnings.extend(warning);
     if report.finished {
         jobs::remove_file(&checkpoint)?;
     } else {
@@ -112,23 +182,25 @@ fn require_choice(args: &TrainArgs, checkpoint: &Path) -> Result<()> {
     }
 }
 
-fn report(trained: &Trained, asked: usize, backend: String) -> Report {
-    Report {
-        backend,
-        seconds: trained.seconds,
-        steps: trained.steps,
-        steps_per_second: trained.steps as f64 / trained.seconds.max(1e-9),
-        gaussians: trained.scene.gaussians.len(),
-        peak_rss_bytes: peak_rss_bytes(),
-        psnr_db: trained.psnr_db,
-        held_out: trained.scene.provenance.held_out,
-        dropped_steps: trained.dropped,
-        warnings: Vec::new(),
-        finished: trained.steps >= asked,
+impl TrainReport {
+    fn of(trained: &Trained, asked: usize, backend: String) -> Self {
+        Self {
+            backend,
+            seconds: trained.seconds,
+            steps: trained.steps,
+            steps_per_second: trained.steps as f64 / trained.seconds.max(1e-9),
+            gaussians: trained.scene.gaussians.len(),
+            peak_rss_bytes: peak_rss_bytes(),
+            psnr_db: trained.psnr_db,
+            held_out: trained.scene.provenance.held_out,
+            dropped_steps: trained.dropped,
+            warnings: Vec::new(),
+            finished: trained.steps >= asked,
+        }
     }
 }
 
-fn as_text(report: &Report, args: &TrainArgs) -> String {
+fn as_text(report: &TrainReport, output: &Path) -> String {
     let frames = if report.held_out { "held-out frames" } else { "training frames, none was held out" };
     let memory = report.peak_rss_bytes.map_or(String::new(), |b| format!(", {} MB at most", b / 1_000_000));
     format!(
@@ -138,6 +210,6 @@ fn as_text(report: &Report, args: &TrainArgs) -> String {
         report.steps_per_second,
         report.gaussians,
         report.psnr_db,
-        args.output.display()
+        output.display()
     )
 }

@@ -1,24 +1,31 @@
 //! `surgtpgs view`: the viewer on a scene, a recording or a prepared folder.
 
-use super::Exit;
-use crate::{
-    args::ViewArgs,
-    viewer::{self, ViewerInput},
-};
+use super::verb::{Exit, Run};
+use crate::viewer::{self, ViewerInput};
+use clap::Args;
+use std::path::PathBuf;
 use surgtpgs_core::{Error, Result, scene::Scene};
 
-pub(super) fn run(args: &ViewArgs) -> Result<Exit> {
-    if !args.path.exists() {
-        return Err(Error::input_at(&args.path, "there is no such file or folder", "Check the path."));
+/// Open the viewer on a scene, a recording or a prepared folder
+#[derive(Debug, Args)]
+pub(super) struct ViewArgs {
+    /// A scene file, a .ply of Gaussian splats, a recording or a prepared folder
+    path: PathBuf,
+}
+
+impl Run for ViewArgs {
+    fn run(&self) -> Result<Exit> {
+        let path = &self.path;
+        if !path.exists() {
+            return Err(Error::input_at(path, "there is no such file or folder", "Check the path."));
+        }
+        require_display()?;
+        viewer::run(match Scene::is_named_like_one(path) {
+            true => ViewerInput::Scene(path.clone()),
+            false => ViewerInput::Sequence(path.clone()),
+        })?;
+        Ok(Exit::Done)
     }
-    require_display()?;
-    let input = if Scene::is_named_like_one(&args.path) {
-        ViewerInput::Scene(args.path.clone())
-    } else {
-        ViewerInput::Sequence(args.path.clone())
-    };
-    viewer::run(input)?;
-    Ok(Exit::Done)
 }
 
 fn require_display() -> Result<()> {

@@ -1,7 +1,7 @@
 //! Layers of a view besides colours: the motion of things, their opacity, and the parts that the
 //! endoscope did not see.
 
-use super::{Engine, View};
+use super::{Engine, SceneView};
 use std::sync::Arc;
 use surgtpgs_core::{
     Result,
@@ -38,7 +38,7 @@ pub struct Motion {
 
 impl Engine {
     /// Returns how far the things that a view shows move over the recording.
-    pub fn motion(&mut self, view: &View) -> Motion {
+    pub fn motion(&mut self, view: &SceneView) -> Motion {
         let gaussians = self.travelling();
         let mut deformed = deform(&gaussians, &self.scene.deformation, view.time, false);
         deformed.features.clone_from(&gaussians.features);
@@ -73,7 +73,7 @@ impl Engine {
     }
 
     /// Returns the opacity of a view, 0–1: where it is 0, nothing was reconstructed.
-    pub fn opacity(&mut self, view: &View) -> Result<Grid<f32>> {
+    pub fn opacity(&mut self, view: &SceneView) -> Result<Grid<f32>> {
         let images = self.render(view, false)?;
         Ok(Grid::from_vec(images.width, images.height, images.plane(ALPHA_PLANE).to_vec()))
     }
@@ -82,7 +82,7 @@ impl Engine {
     /// whose depth is `recorded_depth`.
     pub fn unseen(
         &self,
-        view: &View,
+        view: &SceneView,
         depth: &Grid<f32>,
         i: usize,
         recorded_depth: &Grid<f32>,

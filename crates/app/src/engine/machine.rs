@@ -14,7 +14,7 @@ use surgtpgs_render::{AdapterChoice, Gpu, GpuRenderer, Loss};
     Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize,
 )]
 #[serde(rename_all = "snake_case")]
-pub enum Backend {
+pub enum BackendChoice {
     /// The GPU if there is a real one and it is worth it, otherwise the CPU
     #[default]
     Auto,
@@ -32,14 +32,14 @@ pub(crate) enum Machine {
 
 impl Machine {
     /// Opens the machine of choice.
-    pub(crate) fn open(backend: Backend) -> Result<Self> {
+    pub(crate) fn open(backend: BackendChoice) -> Result<Self> {
         let cpu = || Self::Cpu(Box::default());
         let gpu = |adapters| Ok(Self::Gpu(Box::new(GpuRenderer::new(Gpu::open(adapters)?)?)));
         match backend {
-            Backend::Cpu => Ok(cpu()),
-            Backend::Gpu => gpu(AdapterChoice::Any),
+            BackendChoice::Cpu => Ok(cpu()),
+            BackendChoice::Gpu => gpu(AdapterChoice::Any),
             // If no GPU works, the CPU makes the same pictures.
-            Backend::Auto => {
+            BackendChoice::Auto => {
                 let found: Option<Result<Self>> = may_have_gpu().then(|| gpu(AdapterChoice::RealGpu));
                 Ok(found.and_then(Result::ok).unwrap_or_else(cpu))
             }

@@ -2,11 +2,19 @@
 //! encoder and the prompts.
 //!
 //! ```text
-//! set_prompts ─▶ text encoder ─▶ queries ──────────────┐
-//! view(i) or View::free ─▶ render ─▶ images ─▶ scores ◀┘ ─▶ masks
+//! set_prompts ─▶ text encoder ─▶ queries ─────────────────────┐
+//! view(i) or SceneView::free ─┬▶ render ─▶ planes ─▶ scores ◀─┤ ─▶ masks
+//!                             └▶ show ◀───────────────────────┘ ─▶ picture, depth, scores
 //! ```
 //!
-//! An engine is `Send`: a worker thread can own it. The result of `scores` belongs to the images it was
+//! There are two ways to a rendered view, for two uses:
+//!
+//! - [`Engine::render`] returns all image planes as numbers in memory, and [`Engine::scores`] answers the
+//!   prompts on them. Verbs that measure and write files take this way.
+//! - [`Engine::show`] returns finished results, and only those that are wanted. On a GPU everything between
+//!   stays on the device, and scores are computed there. The window takes this way.
+//!
+//! An engine is `Send`: a worker thread can own it. The result of `scores` belongs to the planes it was
 //! given. A view that was just rendered is not rendered again.
 
 mod layers;
@@ -16,7 +24,7 @@ mod outside;
 mod question;
 
 pub use layers::Motion;
-pub use machine::Backend;
+pub use machine::BackendChoice;
 pub(crate) use machine::Machine;
 pub(crate) use machine::may_have_gpu;
 pub use question::{Negatives, Question, Sample};
@@ -35,6 +43,7 @@ use surgtpgs_core::{
     Error, Remedy, Result,
     camera::Camera,
     deform::deform,
+    files::Inputs,
     grid::{Grid, Mask},
     mask::threshold,
     overlay::{OverlayPrompt, overlay},
@@ -63,7 +72,7 @@ pub enum EncoderChoice {
 #[derive(Clone, Debug, Default)]
 pub struct EngineOptions {
     /// Device that renders.
-    pub backend: Backend,
+    pub backend: BackendChoice,
     /// Text encoder that answers prompts.
     pub encoder: EncoderChoice,
     /// Path of the recording; `None`: the place where it was when the scene was trained.
@@ -74,7 +83,7 @@ pub struct EngineOptions {
 
 /// A time and a camera to render.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct View {
+pub struct SceneView {
     /// Time, 0 to 1; frame i of N is at i / N.
     pub time: f32,
     /// The camera; its size is the size of the images.
@@ -83,7 +92,7 @@ pub struct View {
     pub recorded: bool,
 }
 
-impl View {
+impl SceneView {
     /// Creates a view that the recording never had.
     pub fn free(time: f32, camera: Camera) -> Self {
         Self { time, camera, recorded: false }
@@ -111,7 +120,7 @@ pub struct Engine {
     scene: Arc<Scene>,
     recording: Recording,
     machine: Machine,
-    backend: Backend,
+    backend: BackendChoice,
     clock: FrameClock,
     last: Option<Rendered>,
     outside: Outside,
@@ -128,7 +137,7 @@ pub struct Engine {
 
 /// The images of a view, with or without features.
 struct Rendered {
-    view: View,
+    view: SceneView,
     has_features: bool,
     images: Arc<Images>,
 }
@@ -227,6 +236,16 @@ impl Engine {
         }
     }
 
+    /// Returns the inputs of a run on the scene, which was opened at `path`.
+    pub(crate) fn inputs(&self, path: &Path) -> Inputs {
+        let encoder = self.scene.encoder.as_ref().and_then(|encoder| encoder.folder.as_deref());
+        let inputs = Inputs::none()
+            .with("the scene", path)
+            .with("the scene's recording", &self.scene.provenance.sequence_path)
+            .with_some("the text encoder", encoder);
+        self.sequence().into_iter().fold(inputs, Inputs::with_recording)
+    }
+
     /// Returns the name of the machine that renders, e.g. "CPU, 2 threads, Avx512".
     pub fn renderer_name(&self) -> String {
         self.machine.name()
@@ -243,18 +262,18 @@ impl Engine {
     }
 
     /// Returns the view of frame `i` as it was recorded; frames past the end give the last one.
-    pub fn view(&self, i: usize) -> Result<View> {
+    pub fn view(&self, i: usize) -> Result<SceneView> {
         let last =
             self.scene.num_frames().checked_sub(1).ok_or_else(|| {
                 Error::input("the scene has no frames", "Train it again from its recording.")
             })?;
         let i = i.min(last);
-        Ok(View { time: self.scene.time(i), camera: self.scene.cameras[i], recorded: true })
+        Ok(SceneView { time: self.scene.time(i), camera: self.scene.cameras[i], recorded: true })
     }
 
-    /// Renders a view; the features are needed for [`Engine::scores`] only. A recorded view is empty outside
-    /// the field of view, where nothing was ever seen.
-    pub fn render(&mut self, view: &View, features: bool) -> Result<Arc<Images>> {
+    /// Renders all planes of a view into memory; the features are needed for [`Engine::scores`] only. A
+    /// recorded view is empty outside the field of view, where nothing was ever seen.
+    pub fn render(&mut self, view: &SceneView, features: bool) -> Result<Arc<Images>> {
         let features = features && self.scene.gaussians.latent_dim > 0;
         if let Some(last) = &self.last
             && last.view == *view
@@ -280,7 +299,7 @@ impl Engine {
 
     /// Shows a view: the picture and, as `ask` says, the scores of the prompts and the found areas drawn over
     /// the picture. On a GPU only what is `wanted` leaves the device.
-    pub fn show(&mut self, view: &View, ask: Ask<'_>, wanted: Wanted) -> Result<Shown> {
+    pub fn show(&mut self, view: &SceneView, ask: Ask<'_>, wanted: Wanted) -> Result<Shown> {
         let has_lattice = self.relevancy.as_mut().is_some_and(|r| r.as_lattice().is_some());
         let asks = matches!(ask, Ask::Now(_));
         if !self.machine.is_gpu() || (asks && !has_lattice) {
@@ -304,7 +323,7 @@ impl Engine {
     }
 
     /// Does the same as [`Engine::show`] pass by pass, with the images in memory.
-    fn show_by_cpu(&mut self, view: &View, ask: Ask<'_>, wanted: Wanted) -> Result<Shown> {
+    fn show_by_cpu(&mut self, view: &SceneView, ask: Ask<'_>, wanted: Wanted) -> Result<Shown> {
         let images = self.render(view, !matches!(ask, Ask::Nothing))?;
         let (scores, marking) = match ask {
             Ask::Now(marking) => (self.scores(&images, view)?, marking),
@@ -344,8 +363,8 @@ impl Engine {
         let result = work(self);
         let Some(loss) = self.machine.loss().filter(|_| result.is_err()) else { return result };
         let backend = match self.backend {
-            Backend::Auto if loss.hangs => Backend::Cpu,
-            Backend::Gpu if loss.hangs => return result,
+            BackendChoice::Auto if loss.hangs => BackendChoice::Cpu,
+            BackendChoice::Gpu if loss.hangs => return result,
             backend => backend,
         };
         self.machine = Machine::open(backend)?;
@@ -442,7 +461,7 @@ impl Engine {
     }
 
     /// Takes a sample at a pixel of a view; `None` where nothing was reconstructed.
-    pub fn sample(&mut self, view: &View, [x, y]: [usize; 2]) -> Result<Option<Sample>> {
+    pub fn sample(&mut self, view: &SceneView, [x, y]: [usize; 2]) -> Result<Option<Sample>> {
         let images = self.render(view, true)?;
         let Some(codec) = &self.scene.codec else { return Err(no_features()) };
         let dim = images.latent_dim();
@@ -461,7 +480,7 @@ impl Engine {
 
     /// Returns one score image per prompt, from images of `view` with features: 0–1, and 0 in holes and
     /// outside the field of view.
-    pub fn scores(&mut self, images: &Images, view: &View) -> Result<Vec<Grid<f32>>> {
+    pub fn scores(&mut self, images: &Images, view: &SceneView) -> Result<Vec<Grid<f32>>> {
         if self.queries.is_empty() {
             return Ok(Vec::new());
         }

@@ -10,7 +10,7 @@ fn an_engine_can_move_to_a_worker_thread() {
 }
 
 /// Opens an engine on an ordinary scene with a codec, and sets a prompt past the text encoder.
-fn asked_engine(backend: Backend) -> Engine {
+fn asked_engine(backend: BackendChoice) -> Engine {
     use surgtpgs_core::codec::{Codec, Linear};
     let layer = |rows: usize, columns: usize| Linear {
         weight: ndarray::Array2::from_shape_fn((rows, columns), |(i, k)| ((3 * i + 5 * k) as f32).sin()),
@@ -41,7 +41,7 @@ fn shown(engine: &mut Engine, time: f32) -> Shown {
     let camera = engine.scene().cameras[0];
     let look = OverlayLook { style: OverlayStyle::Fill, opacity: 0.5, ..Default::default() };
     let marking = Marking { marks: &MARKS, look, base: None };
-    let view = View { time, camera, recorded: true };
+    let view = SceneView { time, camera, recorded: true };
     engine.show(&view, Ask::Now(Some(marking)), Wanted { pictures: true, values: true }).unwrap()
 }
 
@@ -49,13 +49,13 @@ fn shown(engine: &mut Engine, time: f32) -> Shown {
 fn gpu_engine() -> Option<Engine> {
     let is_there = Gpu::open(AdapterChoice::Any).is_ok();
     assert!(is_there || std::env::var("CI").as_deref() != Ok("true"), "CI needs a graphics adapter");
-    is_there.then(|| asked_engine(Backend::Gpu))
+    is_there.then(|| asked_engine(BackendChoice::Gpu))
 }
 
 #[test]
 fn both_machines_show_the_same() {
     let Some(mut gpu) = gpu_engine() else { return };
-    let (found, expected) = (shown(&mut gpu, 0.3), shown(&mut asked_engine(Backend::Cpu), 0.3));
+    let (found, expected) = (shown(&mut gpu, 0.3), shown(&mut asked_engine(BackendChoice::Cpu), 0.3));
     let close = |a: &[f32], b: &[f32], by: f32| {
         let far = a.iter().zip(b).filter(|(a, b)| (**a - **b).abs() > by).count();
         assert!(a.len() == b.len() && far * 100 <= a.len(), "{far} of {}", a.len());
@@ -76,7 +76,8 @@ fn both_machines_show_the_same() {
 
 #[test]
 fn a_view_asked_again_runs_no_pass_before_the_scores() {
-    for backend in [Some(Backend::Cpu), gpu_engine().map(|_| Backend::Gpu)].into_iter().flatten() {
+    for backend in [Some(BackendChoice::Cpu), gpu_engine().map(|_| BackendChoice::Gpu)].into_iter().flatten()
+    {
         let mut engine = asked_engine(backend);
         shown(&mut engine, 0.3);
         let before = engine.clock().clone();
@@ -97,29 +98,29 @@ fn a_lost_device_is_replaced_without_a_word() {
     let pairs = before.scores[0].data.iter().zip(&after.scores[0].data);
     assert!(pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-4));
     engine.gpu().unwrap().gpu().device().destroy();
-    let view = View::free(0.5, engine.scene().cameras[0]);
+    let view = SceneView::free(0.5, engine.scene().cameras[0]);
     assert!(engine.render(&view, true).is_ok());
 }
 
 #[test]
 fn where_the_device_hangs_the_cpu_takes_over_unless_a_gpu_was_asked_for() {
     let Some(mut engine) = gpu_engine() else { return };
-    let view = View::free(0.5, engine.scene().cameras[0]).resized(1600, 1200);
-    for backend in [Backend::Gpu, Backend::Auto] {
+    let view = SceneView::free(0.5, engine.scene().cameras[0]).resized(1600, 1200);
+    for backend in [BackendChoice::Gpu, BackendChoice::Auto] {
         let mut gpu = Gpu::open(AdapterChoice::Any).unwrap();
         // Without patience every device counts as hanging: none answers at once.
         gpu.set_patience(std::time::Duration::ZERO);
         engine.machine = Machine::Gpu(Box::new(GpuRenderer::new(gpu).unwrap()));
         engine.backend = backend;
         let rendered = engine.render(&view, true);
-        assert_eq!(rendered.is_ok(), backend == Backend::Auto, "{:?}", rendered.err());
-        assert_eq!(engine.renderer_name().starts_with("CPU"), backend == Backend::Auto);
+        assert_eq!(rendered.is_ok(), backend == BackendChoice::Auto, "{:?}", rendered.err());
+        assert_eq!(engine.renderer_name().starts_with("CPU"), backend == BackendChoice::Auto);
     }
 }
 
 #[test]
 fn what_is_picked_is_in_the_view_shown_last() {
-    let mut engine = asked_engine(Backend::Cpu);
+    let mut engine = asked_engine(BackendChoice::Cpu);
     assert_eq!(engine.pick([1, 1]).unwrap(), None);
     shown(&mut engine, 0.3);
     let picked = engine.pick([20, 24]).unwrap().unwrap();
@@ -128,10 +129,10 @@ fn what_is_picked_is_in_the_view_shown_last() {
 
 #[test]
 fn a_pixel_is_most_like_itself_and_not_like_what_it_is_not() {
-    for mut engine in [Some(asked_engine(Backend::Cpu)), gpu_engine()].into_iter().flatten() {
+    for mut engine in [Some(asked_engine(BackendChoice::Cpu)), gpu_engine()].into_iter().flatten() {
         shown(&mut engine, 0.3);
         let camera = engine.scene().cameras[0];
-        let view = View { time: 0.3, camera, recorded: true };
+        let view = SceneView { time: 0.3, camera, recorded: true };
         let sample = engine.sample(&view, [20, 24]).unwrap().unwrap();
         let other = engine.sample(&view, [4, 40]).unwrap().unwrap();
         assert_eq!(engine.sample(&view, [40, 24]).unwrap(), None, "outside the field of view");
@@ -153,8 +154,8 @@ fn a_pixel_is_most_like_itself_and_not_like_what_it_is_not() {
 
 #[test]
 fn what_is_still_does_not_move_and_what_is_seen_is_opaque() {
-    for mut engine in [Some(asked_engine(Backend::Cpu)), gpu_engine()].into_iter().flatten() {
-        let view = View { time: 0.3, camera: engine.scene().cameras[0], recorded: true };
+    for mut engine in [Some(asked_engine(BackendChoice::Cpu)), gpu_engine()].into_iter().flatten() {
+        let view = SceneView { time: 0.3, camera: engine.scene().cameras[0], recorded: true };
         let opacity = engine.opacity(&view).unwrap();
         assert!(opacity.data.iter().all(|a| (0.0..=1.0).contains(a)) && opacity.at(20, 24) > 0.5);
         let mut moving = Scene::clone(engine.scene());

@@ -8,7 +8,7 @@ mod report;
 mod times;
 
 pub(crate) use files::{write, write_files};
-pub(crate) use report::{Iou, Report, as_text};
+pub(crate) use report::{EvalReport, Iou, as_text};
 
 use crate::{
     engine::Engine,
@@ -47,7 +47,7 @@ pub(crate) struct FrameRow {
 
 /// Everything measured.
 pub(crate) struct Evaluation {
-    pub(crate) report: Report,
+    pub(crate) report: EvalReport,
     pub(crate) frames: Vec<FrameRow>,
     classes: Classes,
 }
@@ -93,7 +93,7 @@ pub(crate) fn evaluate(
     }
     let ms = times.medians();
     let scene = engine.scene();
-    let report = Report {
+    let report = EvalReport {
         gaussians: Some(scene.gaussians.len()),
         fps: Some(Fps::of(&ms)),
         ms: Some(ms),
@@ -104,7 +104,7 @@ pub(crate) fn evaluate(
         }),
         renderer: Some(engine.renderer_name()),
         relevancy: Some(engine.relevancy_name()),
-        ..Report::of(&rows, held_out, &classes)
+        ..EvalReport::of(&rows, held_out, &classes)
     };
     Ok(Evaluation { report, frames: rows, classes })
 }
@@ -130,7 +130,7 @@ pub(crate) fn evaluate_masks(
         observe(observer, done + 1, frames.len())?;
     }
     let held_out = frames.iter().all(|&i| Sequence::is_test_frame(i));
-    let report = Report { frames: frames.len(), ..Report::of(&[], held_out, &classes) };
+    let report = EvalReport { frames: frames.len(), ..EvalReport::of(&[], held_out, &classes) };
     Ok(Evaluation { report, frames: Vec::new(), classes })
 }
 
@@ -198,6 +198,6 @@ impl Evaluation {
             classes.threshold.add(measured.expect("masks of one size"));
         }
         let frames = vec![row(0, 30.0), row(8, 40.0)];
-        Self { report: Report::of(&frames, true, &classes), frames, classes }
+        Self { report: EvalReport::of(&frames, true, &classes), frames, classes }
     }
 }

@@ -5,7 +5,7 @@ use surgtpgs_core::metrics::{DepthErrors, IouReport, MaskSummary};
 
 /// The JSON report; its keys are a contract.
 #[derive(serde::Serialize)]
-pub(crate) struct Report {
+pub(crate) struct EvalReport {
     /// PSNR over all pixels, all channels together.
     pub(crate) psnr_db: Option<f64>,
     /// PSNR inside the supervision mask.
@@ -79,7 +79,7 @@ pub(crate) struct Training {
     pub(crate) peak_rss_bytes: Option<u64>,
 }
 
-impl Report {
+impl EvalReport {
     /// Takes the means over frames and classes.
     pub(super) fn of(rows: &[FrameRow], held_out: bool, classes: &Classes) -> Self {
         let mean_of = |value: fn(&FrameRow) -> Option<f64>| mean(rows.iter().filter_map(value));
@@ -123,7 +123,7 @@ fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
-pub(crate) fn as_text(report: &Report) -> String {
+pub(crate) fn as_text(report: &EvalReport) -> String {
     let value = |v: Option<f64>, unit: &str| v.map_or("unknown".into(), |v| format!("{v:.3}{unit}"));
     let kind = if report.held_out { "held-out" } else { "training (none was held out)" };
     let mut text = match report.gaussians {
@@ -194,7 +194,7 @@ mod tests {
     #[test]
     fn nothing_measured_is_unknown_not_zero() {
         assert_eq!((mean([].into_iter()), mean([1.0, 3.0].into_iter())), (None, Some(2.0)));
-        let empty = Report::of(&[], true, &Classes::new(&[]));
+        let empty = EvalReport::of(&[], true, &Classes::new(&[]));
         assert!(empty.psnr_db.is_none() && empty.iou.is_none() && empty.depth.is_none());
         assert!(as_text(&empty).contains("0 frames"));
     }

@@ -1,6 +1,6 @@
 //! Times of rendering and asking.
 
-use crate::engine::{Engine, View};
+use crate::engine::{Engine, SceneView};
 use std::{sync::Arc, time::Instant};
 use surgtpgs_core::{
     Result,
@@ -28,7 +28,7 @@ pub(super) struct Times {
 
 impl Times {
     /// Renders with features; the first frame is rendered twice, to warm up.
-    pub(super) fn render(&mut self, engine: &mut Engine, view: &View) -> Result<Arc<Images>> {
+    pub(super) fn render(&mut self, engine: &mut Engine, view: &SceneView) -> Result<Arc<Images>> {
         if !std::mem::replace(&mut self.warm, true) {
             engine.render(view, true)?;
             engine.forget_last();

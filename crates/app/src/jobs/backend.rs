@@ -1,6 +1,6 @@
 //! The backend that trains: the CPU, or a GPU if it is faster and comes to the same.
 
-use crate::engine::{Backend, may_have_gpu};
+use crate::engine::{BackendChoice, may_have_gpu};
 use surgtpgs_core::{
     Result,
     train::{CpuBackend, LossTerms, Trainer},
@@ -15,13 +15,15 @@ const TRIED_STEPS: usize = 8;
 const MAX_DIFFERENCE: f32 = 0.02;
 
 /// Gives the trainer the chosen backend, and returns its name with the reason for it.
-/// [`Backend::Auto`] measures a few steps of each backend and takes them back, so that the training
+/// [`BackendChoice::Auto`] measures a few steps of each backend and takes them back, so that the training
 /// does not depend on the measurement.
-pub fn choose(trainer: &mut Trainer, backend: Backend) -> Result<String> {
+pub fn choose(trainer: &mut Trainer, backend: BackendChoice) -> Result<String> {
     match backend {
-        Backend::Cpu => {}
-        Backend::Gpu => trainer.set_backend(Box::new(GpuBackend::new(Gpu::open(AdapterChoice::Any)?)?))?,
-        Backend::Auto => return automatic(trainer),
+        BackendChoice::Cpu => {}
+        BackendChoice::Gpu => {
+            trainer.set_backend(Box::new(GpuBackend::new(Gpu::open(AdapterChoice::Any)?)?))?
+        }
+        BackendChoice::Auto => return automatic(trainer),
     }
     Ok(trainer.backend_name())
 }

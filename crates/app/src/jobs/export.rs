@@ -1,11 +1,14 @@
 //! Masked frames of a scene, written to a folder.
 
-use super::{Observer, Progress};
-use crate::{engine::Engine, outputs, settings::PROMPT_COLOURS};
+use crate::{
+    engine::{Engine, Question},
+    outputs,
+    settings::PROMPT_COLOURS,
+};
 use image::RgbImage;
 use std::{
     collections::{BTreeMap, btree_map::Entry},
-    path::Path,
+    path::{Path, PathBuf},
 };
 use surgtpgs_core::{
     Error, Remedy, Result,
@@ -14,34 +17,48 @@ use surgtpgs_core::{
     grid::Grid,
     hash::file_sha256,
     mask::mean_scores,
+    progress::{Observer, Progress},
+    relevancy::Query,
     sequence::names_instrument,
 };
 
-/// Returns the engine's prompts as an export records them: the threshold is that of the engine's settings,
-/// colours come in order, and instruments are recognised by their names.
-pub fn export_prompts(engine: &Engine) -> Vec<ExportPrompt> {
-    let colours = PROMPT_COLOURS.iter().cycle();
-    let prompt = |(query, &colour): (&surgtpgs_core::relevancy::Query, &[u8; 3])| ExportPrompt {
-        text: query.prompt.clone(),
-        threshold: engine.settings().threshold,
-        colour,
-        negatives: query.negatives.iter().map(|(words, _)| words.clone()).collect(),
-        is_instrument: names_instrument(&query.prompt),
-    };
-    engine.queries().iter().zip(colours).map(prompt).collect()
+/// A question that an export answers, with the look of the answer.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExportQuestion {
+    /// Words or a sample to look for.
+    pub question: Question,
+    /// Score above which a pixel is found.
+    pub threshold: f32,
+    /// Colour of what is found.
+    pub colour: [u8; 3],
+    /// `true` for an instrument.
+    pub is_instrument: bool,
 }
 
-/// Request to export masked frames.
-#[derive(Clone, Debug)]
-pub struct ExportRequest<'a> {
+impl ExportQuestion {
+    /// Gives questions one threshold, and colours in their order. Instruments are recognised by their names.
+    pub fn with_standard_look(questions: Vec<Question>, threshold: f32) -> Vec<Self> {
+        let look = |(question, &colour): (Question, &[u8; 3])| Self {
+            is_instrument: names_instrument(question.text.trim()),
+            question,
+            threshold,
+            colour,
+        };
+        questions.into_iter().zip(PROMPT_COLOURS.iter().cycle()).map(look).collect()
+    }
+}
+
+/// Everything that an export depends on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExportRequest {
     /// The scene file that the engine has open.
-    pub scene: &'a Path,
+    pub scene: PathBuf,
     /// Folder to write.
-    pub folder: &'a Path,
+    pub folder: PathBuf,
     /// Frames, counted from 0.
     pub frames: Vec<usize>,
-    /// The engine's prompts, see [`export_prompts`].
-    pub prompts: Vec<ExportPrompt>,
+    /// Questions to answer.
+    pub questions: Vec<ExportQuestion>,
     /// Options of the export.
     pub options: ExportOptions,
     /// `true` if another export may be replaced, once this one is whole.
@@ -50,61 +67,35 @@ pub struct ExportRequest<'a> {
     pub completes_same: bool,
 }
 
-/// Writes masked frames. Stops when the observer says so; the next export goes on from there.
+/// Writes masked frames. Stops when the observer says so; the next export goes on from there. The engine
+/// keeps the questions.
 pub fn export(
     engine: &mut Engine,
-    request: ExportRequest<'_>,
+    request: &ExportRequest,
     observer: &mut Observer<'_>,
 ) -> Result<ExportSummary> {
-    let ExportRequest { scene, folder, frames, prompts, options, replace, completes_same } = request;
-    let (source, reach) = (options.source, options.clean_up.smooth_frames);
-    let mut scorer = Scorer { reach, known: BTreeMap::new() };
-    if let (PictureSource::Original, Some(why)) = (source, engine.recording_missing()) {
-        return Err(Error::input(
-            format!("the recorded frames are not at hand: {}", why.trim_end_matches('.')),
-            Remedy::FindRecording.after(""),
-        ));
-    }
-    if source == PictureSource::Original {
-        engine.require_recording()?;
-    }
-    let encoder = engine
-        .encoder_identity()
-        .cloned()
-        .ok_or_else(|| Error::input("there is no prompt to export", "Give at least one."))?;
-    let names = (engine.renderer_name(), engine.relevancy_name());
-    let hash = file_sha256(scene)?;
-    let settings = engine.settings().clone();
-    let mut provenance = Provenance::new(engine.scene(), hash, &encoder, settings, names, prompts, options);
-    // Older scenes do not hold the identity of their recording.
-    provenance.sequence_frame_names = engine.frame_sources();
-    if let (None, PictureSource::Original, Some(sequence)) =
-        (&provenance.sequence_sha256, source, engine.sequence())
-    {
-        provenance.sequence_sha256 = Some(sequence.identity()?.digest());
-    }
-    let inputs = outputs::inputs_of_engine(scene, engine);
+    let ExportRequest { scene, options, .. } = request;
+    let questions: Vec<Question> = request.questions.iter().map(|q| q.question.clone()).collect();
+    engine.set_questions(&questions)?;
+    let provenance = provenance(engine, request)?;
+    let inputs = engine.inputs(scene);
     let is_same = |there: &Path| Export::is_of(there, &provenance);
     let claim = Claim {
         unfinished: Earlier::Keep,
         is_same: &is_same,
-        completes_same,
-        ..Claim::new(outputs::EXPORT, &inputs, replace)
+        completes_same: request.completes_same,
+        ..Claim::new(outputs::EXPORT, &inputs, request.replace)
     };
-    let output = OutputFolder::claim(folder, claim)?;
-    let mut export = Export::begin(output.path(), frames, provenance.clone(), false)?;
+    let output = OutputFolder::claim(&request.folder, claim)?;
+    let mut export = Export::begin(output.path(), request.frames.clone(), provenance.clone(), false)?;
+    let mut answers = Answers::new(options);
     while let Some(frame) = export.next_frame() {
         let (done, total) = (export.frames_done(), export.num_frames());
         if observer(&Progress::new("exporting", done, total)).is_break() {
             break;
         }
-        let scores = scorer.scores(engine, frame)?;
-        let images = engine.render(&engine.view(frame)?, true)?;
+        let (picture, scores) = answers.of(engine, frame)?;
         let tools = engine.instruments(frame)?;
-        let picture: RgbImage = match source {
-            PictureSource::Original => engine.original(frame)?.unwrap_or_else(|| images.to_rgb()),
-            PictureSource::Reconstruction => images.to_rgb(),
-        };
         export.write(&picture, &scores, tools.as_ref()).map_err(|e| {
             let place = format!("the export stopped at frame {frame}, {done} of {total} are complete");
             match e {
@@ -122,17 +113,56 @@ pub fn export(
     Ok(summary)
 }
 
-/// Scores of recorded frames, smoothed over time if that is asked for. Scores that several frames
-/// need are computed once.
-struct Scorer {
-    /// Number of frames before and after a frame that count.
-    reach: usize,
-    /// Scores by frame, one image per prompt.
-    known: BTreeMap<usize, Vec<Grid<f32>>>,
+/// Returns the record of how the files are made. Fails if the recorded frames are wanted and not at hand.
+fn provenance(engine: &Engine, request: &ExportRequest) -> Result<Provenance> {
+    let ExportRequest { scene, questions, options, .. } = request;
+    let wants_recording = options.source == PictureSource::Original;
+    if let (true, Some(why)) = (wants_recording, engine.recording_missing()) {
+        return Err(not_at_hand(why));
+    }
+    if wants_recording {
+        engine.require_recording()?;
+    }
+    let encoder = engine
+        .encoder_identity()
+        .ok_or_else(|| Error::input("there is no prompt to export", "Give at least one."))?;
+    let prompt = |(asked, query): (&ExportQuestion, &Query)| ExportPrompt {
+        text: query.prompt.clone(),
+        threshold: asked.threshold,
+        colour: asked.colour,
+        negatives: query.negatives.iter().map(|(words, _)| words.clone()).collect(),
+        is_instrument: asked.is_instrument,
+    };
+    let prompts = questions.iter().zip(engine.queries()).map(prompt).collect();
+    let names = (engine.renderer_name(), engine.relevancy_name());
+    let (hash, settings) = (file_sha256(scene)?, engine.settings().clone());
+    let mut provenance =
+        Provenance::new(engine.scene(), hash, encoder, settings, names, prompts, options.clone());
+    // Older scenes do not hold the identity of their recording.
+    provenance.sequence_frame_names = engine.frame_sources();
+    if let (None, true, Some(sequence)) = (&provenance.sequence_sha256, wants_recording, engine.sequence()) {
+        provenance.sequence_sha256 = Some(sequence.identity()?.digest());
+    }
+    Ok(provenance)
 }
 
-impl Scorer {
-    fn scores(&mut self, engine: &mut Engine, frame: usize) -> Result<Vec<Grid<f32>>> {
+/// Answers on recorded frames: the picture to mask, and the scores, smoothed over time if that is asked for.
+/// A frame that several answers need is rendered once.
+struct Answers {
+    source: PictureSource,
+    /// Number of frames before and after a frame that count.
+    reach: usize,
+    /// Rendered pictures, if they are to be masked, and scores, one image per question; by frame.
+    known: BTreeMap<usize, (Option<RgbImage>, Vec<Grid<f32>>)>,
+}
+
+impl Answers {
+    fn new(options: &ExportOptions) -> Self {
+        Self { source: options.source, reach: options.clean_up.smooth_frames, known: BTreeMap::new() }
+    }
+
+    /// Returns the picture and the scores of a frame.
+    fn of(&mut self, engine: &mut Engine, frame: usize) -> Result<(RgbImage, Vec<Grid<f32>>)> {
         let last = engine.scene().num_frames().saturating_sub(1);
         let around = frame.saturating_sub(self.reach)..=(frame + self.reach).min(last);
         self.known.retain(|f, _| around.contains(f));
@@ -140,16 +170,36 @@ impl Scorer {
             if let Entry::Vacant(place) = self.known.entry(other) {
                 let view = engine.view(other)?;
                 let images = engine.render(&view, true)?;
-                place.insert(engine.scores(&images, &view)?);
+                let picture = (self.source == PictureSource::Reconstruction).then(|| images.to_rgb());
+                place.insert((picture, engine.scores(&images, &view)?));
             }
         }
-        if self.reach == 0 {
-            return Ok(self.known.remove(&frame).unwrap_or_default());
-        }
-        let neighbours = |k: usize| -> Vec<&Grid<f32>> {
-            self.known.iter().filter(|(f, _)| **f != frame).map(|(_, scores)| &scores[k]).collect()
+        let (rendered, scores) = if self.reach == 0 {
+            self.known.remove(&frame).unwrap_or_default()
+        } else {
+            self.smoothed(frame)
         };
-        let own = self.known.get(&frame).into_iter().flatten().enumerate();
-        Ok(own.map(|(k, scores)| mean_scores(scores, &neighbours(k))).collect())
+        let picture = match self.source {
+            PictureSource::Original => engine.original(frame)?,
+            PictureSource::Reconstruction => rendered,
+        };
+        Ok((picture.ok_or_else(|| not_at_hand(&format!("frame {frame} is missing")))?, scores))
     }
+
+    /// Returns the mean of the scores of a frame and of its neighbours.
+    fn smoothed(&self, frame: usize) -> (Option<RgbImage>, Vec<Grid<f32>>) {
+        let Some((picture, own)) = self.known.get(&frame) else { return Default::default() };
+        let neighbours = |k: usize| -> Vec<&Grid<f32>> {
+            self.known.iter().filter(|(f, _)| **f != frame).map(|(_, (_, scores))| &scores[k]).collect()
+        };
+        let scores = own.iter().enumerate().map(|(k, scores)| mean_scores(scores, &neighbours(k)));
+        (picture.clone(), scores.collect())
+    }
+}
+
+fn not_at_hand(why: &str) -> Error {
+    Error::input(
+        format!("the recorded frames are not at hand: {}", why.trim_end_matches('.')),
+        Remedy::FindRecording.after(""),
+    )
 }

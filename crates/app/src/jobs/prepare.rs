@@ -133,14 +133,14 @@ pub fn prepare(
         Some(model) => with_depth(sequence, folder, model, options.eval, observer)?,
         None => sequence,
     };
-    let job = Job { sequence, folder, options, text };
+    let preparation = Preparation { sequence, folder, options, text };
     match features {
-        Features::Labels => job.by_labels(observer),
+        Features::Labels => preparation.by_labels(observer),
         Features::Masks { model, image, settings, level } => {
-            job.by_masks(*model, image, settings, level, observer)
+            preparation.by_masks(*model, image, settings, level, observer)
         }
-        Features::Dense(network) => job.by_maps(network, observer),
-        Features::LangSplat { folder, level } => job.by_langsplat(folder, level, observer),
+        Features::Dense(network) => preparation.by_maps(network, observer),
+        Features::LangSplat { folder, level } => preparation.by_langsplat(folder, level, observer),
     }
 }
 
@@ -200,14 +200,14 @@ fn check_halves(text: &TextEncoder, dim: usize, folder: &Path) -> Result<()> {
 }
 
 /// Everything that each way of preparing needs.
-struct Job<'a> {
+struct Preparation<'a> {
     sequence: Sequence,
     folder: &'a Path,
     options: &'a PrepareOptions,
     text: TextEncoder,
 }
 
-impl Job<'_> {
+impl Preparation<'_> {
     fn by_labels(mut self, observer: &mut Observer<'_>) -> Result<Prepared> {
         let names: Vec<&str> = self.sequence.classes().iter().map(|c| c.name.as_str()).collect();
         let embeddings = self.text.encode_prompts(&names)?;

@@ -1,8 +1,13 @@
 //! Recordings whose files vanish while they are trained on, and disks that cannot keep what is done.
 
-use super::*;
+use super::train::go_on;
 use std::{fs, ops::ControlFlow};
-use surgtpgs_core::{demo::DemoSettings, progress::unobserved};
+use surgtpgs_core::{
+    demo::{self, DemoSettings},
+    progress::{Progress, unobserved},
+    sequence::Sequence,
+    train::{StepReport, TrainSettings, Trainer},
+};
 
 /// A small recording whose pictures can be taken away.
 struct Vanishing {

@@ -1,93 +1,140 @@
 //! `surgtpgs batch`: many recordings, each from its folder to masked frames, with one report.
 //!
 //! ```text
-//! JOBS.toml ─▶ plan: command lines of prepare, train, eval, export ─▶ step: the code of these verbs
+//! JOBS.toml ─▶ plan: command lines of prepare, train, eval, export ─▶ work: the code of these verbs
 //!                       record: what is done of what ─┴▶ report.md, report.html, report.json
 //! ```
 
+mod facts;
 mod folders;
 mod plan;
 mod record;
 mod report;
-mod step;
+mod steps;
+mod work;
 
 use super::{
-    Exit,
-    console::{self, print, print_json, say},
-    one_line, remedy,
+    console::{self, print_report, say},
+    verb::{Exit, Run},
 };
-use crate::{
-    args::{BatchArgs, Step},
-    outputs,
-};
-use plan::{Job, Plan};
+use crate::cli::remedy;
+use crate::{outputs, text::one_line};
+use clap::Args;
+use plan::{BatchJob, BatchPlan};
 use record::Status;
 use report::Troubles;
-use std::path::Path;
-use step::Outcome;
+use std::path::{Path, PathBuf};
+use steps::Step;
 use surgtpgs_core::{
     Error, Result,
     files::{Inputs, Lock, claim_collection, require_apart},
 };
+use work::Outcome;
+
+/// Prepare, train, evaluate and export many recordings, with a report; a rerun does only what changed
+#[derive(Debug, Args)]
+pub(super) struct BatchArgs {
+    /// Recordings and their settings: a TOML file with [defaults] and a [[recording]] for each; its keys are
+    /// the options of prepare, train, eval and export, with _ for -
+    #[arg(value_name = "JOBS.toml")]
+    jobs: PathBuf,
+    /// Folder to write, instead of the one that the file names (default: beside the file, with its name)
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Only this recording; may be given several times
+    #[arg(long, value_name = "NAME")]
+    only: Vec<String>,
+    /// Only these steps
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "STEP")]
+    step: Vec<Step>,
+    /// List the steps that would be run, and run nothing
+    #[arg(long)]
+    dry_run: bool,
+    /// Run nothing, write the report of the results that are there
+    #[arg(long, conflicts_with_all = ["dry_run", "only", "step"])]
+    report_only: bool,
+    /// Report as JSON
+    #[arg(long)]
+    json: bool,
+}
 
 /// Fails if a jobs file cannot be carried out as it is written.
 pub fn check_jobs_file(path: &Path) -> Result<()> {
-    Plan::read(path, None).map(drop)
+    BatchPlan::read(path, None).map(drop)
 }
 
-pub(super) fn run(args: &BatchArgs) -> Result<Exit> {
-    let mut plan = Plan::read(&args.jobs, args.output.as_deref())?;
-    require_known(&plan, &args.only)?;
-    let steps = if args.step.is_empty() { Step::ALL.to_vec() } else { args.step.clone() };
-    let is_chosen = |job: &Job| args.only.is_empty() || args.only.contains(&job.name);
-    if args.dry_run {
-        return list(args, &plan, &steps, is_chosen);
+impl Run for BatchArgs {
+    fn run(&self) -> Result<Exit> {
+        let mut plan = BatchPlan::read(&self.jobs, self.output.as_deref())?;
+        require_known(&plan, &self.only)?;
+        let steps = if self.step.is_empty() { Step::ALL.to_vec() } else { self.step.clone() };
+        if self.dry_run {
+            return list(self, &plan, &steps);
+        }
+        let inputs = inputs(&self.jobs, &plan);
+        claim_collection(&plan.output, outputs::BATCH, &inputs)?;
+        plan.jobs.iter().try_for_each(|job| require_apart(&job.folder, &inputs))?;
+        let mut troubles = Troubles::new();
+        let mut has_failed = false;
+        if !self.report_only {
+            has_failed = run_jobs(self, &mut plan, &steps, &mut troubles)?;
+        }
+        let report = report::write(&plan, &self.jobs, &troubles)?;
+        print_report(&report, &report.summary(&plan.output), self.json)?;
+        if console::interrupted() {
+            return Err(Error::Cancelled);
+        }
+        has_failed |= plan.jobs.iter().filter(|j| self.chooses(j)).any(|j| report.has_failed(&j.name));
+        Ok(if has_failed { Exit::WrongInput } else { Exit::Done })
     }
-    let inputs = Inputs::none().with("the jobs file", &args.jobs);
-    let inputs = plan.jobs.iter().fold(inputs, |inputs, job| {
+
+    fn output(&self) -> Option<&Path> {
+        self.output.as_deref()
+    }
+}
+
+impl BatchArgs {
+    fn chooses(&self, job: &BatchJob) -> bool {
+        self.only.is_empty() || self.only.contains(&job.name)
+    }
+}
+
+/// Returns the files and folders that a batch reads.
+fn inputs(jobs_file: &Path, plan: &BatchPlan) -> Inputs {
+    let inputs = Inputs::none().with("the jobs file", jobs_file);
+    plan.jobs.iter().fold(inputs, |inputs, job| {
         let read = job.tasks.iter().flat_map(|task| &task.inputs);
         let inputs = inputs.with("a recording", &job.recording);
         read.fold(inputs, |inputs, path| inputs.with("a file or folder that the jobs file names", path))
-    });
-    claim_collection(&plan.output, outputs::BATCH, &inputs)?;
-    plan.jobs.iter().try_for_each(|job| require_apart(&job.folder, &inputs))?;
-    let mut troubles = Troubles::new();
-    let mut has_failed = false;
-    if !args.report_only {
-        console::watch_interrupts();
-        let total = plan.jobs.iter().filter(|j| is_chosen(j)).count();
-        for at in 0..plan.jobs.len() {
-            if !is_chosen(&plan.jobs[at]) || console::interrupted() {
-                continue;
-            }
-            let number = 1 + plan.jobs[..at].iter().filter(|j| is_chosen(j)).count();
-            let job = &mut plan.jobs[at];
-            let label = format!("{number} of {total}, {}", one_line(&job.name));
-            match run_job(job, &steps, &label) {
-                Ok(is_done) => has_failed |= !is_done,
-                Err(error) => {
-                    say(&format!("{label}: {}", one_line(&remedy::message(&error))));
-                    troubles.insert(job.name.clone(), one_line(&remedy::message(&error)));
-                }
-            }
-            // The report is written after every recording, since long batches are looked at while they run.
-            report::write(&plan, &args.jobs, &troubles)?;
-        }
-    }
-    let report = report::write(&plan, &args.jobs, &troubles)?;
-    if args.json {
-        print_json(&report)?;
-    } else {
-        print(&report.summary(&plan.output))?;
-    }
-    if console::interrupted() {
-        return Err(Error::Cancelled);
-    }
-    has_failed |= plan.jobs.iter().filter(|j| is_chosen(j)).any(|j| report.has_failed(&j.name));
-    Ok(if has_failed { Exit::WrongInput } else { Exit::Done })
+    })
 }
 
-fn require_known(plan: &Plan, names: &[String]) -> Result<()> {
+/// Runs the chosen steps of the chosen jobs. Returns `true` if a step failed. Errors that kept a recording
+/// from being worked on are added to `troubles`.
+fn run_jobs(args: &BatchArgs, plan: &mut BatchPlan, steps: &[Step], troubles: &mut Troubles) -> Result<bool> {
+    console::watch_interrupts();
+    let mut has_failed = false;
+    let chosen: Vec<usize> = (0..plan.jobs.len()).filter(|&at| args.chooses(&plan.jobs[at])).collect();
+    for (k, &at) in chosen.iter().enumerate() {
+        if console::interrupted() {
+            break;
+        }
+        let job = &mut plan.jobs[at];
+        let label = format!("{} of {}, {}", k + 1, chosen.len(), one_line(&job.name));
+        match run_job(job, steps, &label) {
+            Ok(is_done) => has_failed |= !is_done,
+            Err(error) => {
+                say(&format!("{label}: {}", one_line(&remedy::message(&error))));
+                troubles.insert(job.name.clone(), one_line(&remedy::message(&error)));
+            }
+        }
+        // The report is written after every recording, since long batches are looked at while they run.
+        report::write(plan, &args.jobs, troubles)?;
+    }
+    Ok(has_failed)
+}
+
+fn require_known(plan: &BatchPlan, names: &[String]) -> Result<()> {
     let Some(unknown) = names.iter().find(|n| !plan.jobs.iter().any(|j| j.name == **n)) else {
         return Ok(());
     };
@@ -97,10 +144,10 @@ fn require_known(plan: &Plan, names: &[String]) -> Result<()> {
 }
 
 /// Runs the chosen steps of a job that are not done yet. Returns `false` if one of them failed.
-fn run_job(job: &mut Job, steps: &[Step], label: &str) -> Result<bool> {
-    require_recording(job)?;
-    let fingerprints = record::settle_source(job)?;
-    let Job { folder, tasks, .. } = job;
+fn run_job(job: &mut BatchJob, steps: &[Step], label: &str) -> Result<bool> {
+    job.require_recording()?;
+    let fingerprints = record::settle_recording(job)?;
+    let BatchJob { folder, tasks, .. } = job;
     let mut failed: Vec<Step> = Vec::new();
     for (i, fingerprint) in fingerprints.iter().enumerate() {
         let (before, task) = tasks.split_at_mut(i);
@@ -127,7 +174,7 @@ fn run_job(job: &mut Job, steps: &[Step], label: &str) -> Result<bool> {
             continue;
         }
         say(&format!("{label}: {name}"));
-        match step::run(folder, task, &status, fingerprint)? {
+        match work::run(folder, task, &status, fingerprint)? {
             Outcome::Failed(error) => {
                 say(&format!("{label}: {name} failed: {error}"));
                 failed.push(task.step);
@@ -137,14 +184,6 @@ fn run_job(job: &mut Job, steps: &[Step], label: &str) -> Result<bool> {
         }
     }
     Ok(failed.is_empty())
-}
-
-/// Fails if the recording is not at hand at the moment, so that its results are not thrown away.
-fn require_recording(job: &Job) -> Result<()> {
-    if job.recording.exists() {
-        return Ok(());
-    }
-    Err(Error::input_at(&job.recording, "there is no recording here", "Correct its `path` in the jobs file."))
 }
 
 /// Locks a step of a recording against other batches until the returned file is dropped.
@@ -165,9 +204,9 @@ struct Listed<'a> {
     command: String,
 }
 
-fn list(args: &BatchArgs, plan: &Plan, steps: &[Step], is_chosen: impl Fn(&Job) -> bool) -> Result<Exit> {
+fn list(args: &BatchArgs, plan: &BatchPlan, steps: &[Step]) -> Result<Exit> {
     let mut all = Vec::new();
-    for job in plan.jobs.iter().filter(|j| is_chosen(j)) {
+    for job in plan.jobs.iter().filter(|j| args.chooses(j)) {
         for (task, fingerprint) in job.tasks.iter().zip(record::fingerprints(job)) {
             if steps.contains(&task.step) {
                 let state = match record::status(&job.folder, task, &fingerprint)? {
@@ -181,13 +220,9 @@ fn list(args: &BatchArgs, plan: &Plan, steps: &[Step], is_chosen: impl Fn(&Job) 
             }
         }
     }
-    if args.json {
-        print_json(&serde_json::json!({ "output": plan.output, "steps": all }))?;
-    } else {
-        let line = |l: &Listed<'_>| {
-            format!("{}, {} ({}): {}\n", one_line(l.name), l.step.name(), l.state, l.command)
-        };
-        print(&all.iter().map(line).collect::<String>())?;
-    }
+    let line =
+        |l: &Listed<'_>| format!("{}, {} ({}): {}\n", one_line(l.name), l.step.name(), l.state, l.command);
+    let text: String = all.iter().map(line).collect();
+    print_report(&serde_json::json!({ "output": plan.output, "steps": all }), &text, args.json)?;
     Ok(Exit::Done)
 }

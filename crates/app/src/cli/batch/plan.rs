@@ -1,7 +1,10 @@
 //! The jobs file, turned into command lines. Its keys are the options of the verbs on the command line.
 
-use super::{folders::folder_names, record::Source};
-use crate::args::{Cli, Step, Verb};
+use super::{
+    facts::RecordingFacts,
+    folders::folder_names,
+    steps::{Step, StepLine, StepVerb},
+};
 use clap::{Arg, CommandFactory, Parser, ValueHint};
 use std::{
     collections::HashSet,
@@ -28,21 +31,21 @@ struct JobsFile {
 }
 
 /// Work of a whole batch.
-pub(super) struct Plan {
+pub(super) struct BatchPlan {
     /// Folder that holds the reports and the folders of the recordings.
     pub(super) output: PathBuf,
-    pub(super) jobs: Vec<Job>,
+    pub(super) jobs: Vec<BatchJob>,
 }
 
 /// Work on one recording.
-pub(super) struct Job {
+pub(super) struct BatchJob {
     pub(super) name: String,
     pub(super) recording: PathBuf,
     pub(super) folder: PathBuf,
     /// Tasks, in the order of their steps.
     pub(super) tasks: Vec<Task>,
     /// Facts about the recording, set once it was looked at.
-    pub(super) source: OnceLock<Source>,
+    pub(super) facts: OnceLock<RecordingFacts>,
 }
 
 /// A step of a job.
@@ -50,16 +53,25 @@ pub(super) struct Task {
     pub(super) step: Step,
     /// The command line as a user would type it.
     pub(super) command: Vec<OsString>,
-    pub(super) verb: Verb,
+    pub(super) verb: StepVerb,
     /// Files and folders, besides the recording, that the result depends on.
     pub(super) inputs: Vec<PathBuf>,
     /// File or folder that the task makes.
     pub(super) output: PathBuf,
 }
 
-impl Job {
+impl BatchJob {
     pub(super) fn has(&self, step: Step) -> bool {
         self.tasks.iter().any(|t| t.step == step)
+    }
+
+    /// Fails if the recording is not at hand at the moment, so that its results are not thrown away.
+    pub(super) fn require_recording(&self) -> Result<()> {
+        if self.recording.exists() {
+            return Ok(());
+        }
+        let what = "there is no recording here";
+        Err(Error::input_at(&self.recording, what, "Correct its `path` in the jobs file."))
     }
 }
 
@@ -69,7 +81,7 @@ const OWN: [&str; 8] = ["output", "sequence", "force", "resume", "json", "masks"
 /// Keys that name a source of features. One of them must be given for features, and so for prompts.
 const FEATURE_SOURCES: [&str; 4] = ["labels", "masks_model", "features", "dense_encoder"];
 
-impl Plan {
+impl BatchPlan {
     /// Reads a jobs file; `output` replaces the folder that it names.
     pub(super) fn read(path: &Path, output: Option<&Path>) -> Result<Self> {
         let text = read_text(path).map_err(|e| Error::io("read the jobs file", path, e))?;
@@ -104,12 +116,12 @@ impl Plan {
         for ((own, (name, recording)), folder) in file.recording.into_iter().zip(named).zip(folders) {
             let mut settings = file.defaults.clone();
             settings.extend(own);
-            let mut job = Job {
+            let mut job = BatchJob {
                 folder: output.join(folder),
                 name,
                 recording,
                 tasks: Vec::new(),
-                source: OnceLock::new(),
+                facts: OnceLock::new(),
             };
             job.add_tasks(&settings, beside, &verbs)
                 .map_err(|e| format!("recording \"{}\": {e}", job.name))?;
@@ -147,7 +159,7 @@ fn identity(table: &Table, beside: &Path) -> Result<(String, PathBuf), String> {
     Ok((name, beside.join(path)))
 }
 
-impl Job {
+impl BatchJob {
     fn add_tasks(&mut self, settings: &Table, beside: &Path, verbs: &Verbs) -> Result<(), String> {
         let has_any = |keys: &[&str]| keys.iter().any(|key| settings.get(*key).is_some_and(is_given));
         let has_features = has_any(&FEATURE_SOURCES);
@@ -175,8 +187,7 @@ impl Job {
                     command.extend(flags(arg, value, beside, &mut inputs)?);
                 }
             }
-            let cli = Cli::try_parse_from(&command).map_err(|e| in_short(&e))?;
-            let verb = cli.verb.ok_or("no step")?;
+            let StepLine { verb, .. } = StepLine::try_parse_from(&command).map_err(|e| in_short(&e))?;
             self.tasks.push(Task { step, command, verb, inputs, output });
         }
         Ok(())
@@ -250,11 +261,11 @@ struct Verbs(Vec<(Step, Vec<Arg>)>);
 
 impl Verbs {
     fn new() -> Self {
-        let mut cli = Cli::command();
-        cli.build();
+        let mut line = StepLine::command();
+        line.build();
         let is_free = |arg: &&Arg| arg.get_long().is_some_and(|name| !OWN.contains(&name));
         let options = |step: Step| {
-            let verb = cli.find_subcommand(step.name());
+            let verb = line.find_subcommand(step.name());
             (step, verb.into_iter().flat_map(|v| v.get_arguments()).filter(is_free).cloned().collect())
         };
         Self(Step::ALL.map(options).into())
@@ -288,11 +299,11 @@ impl Verbs {
 mod tests {
     use super::*;
 
-    fn read(text: &str) -> Result<Plan> {
+    fn read(text: &str) -> Result<BatchPlan> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("jobs.toml");
         std::fs::write(&path, text).unwrap();
-        Plan::read(&path, Some(Path::new("/out")))
+        BatchPlan::read(&path, Some(Path::new("/out")))
     }
 
     fn lines(text: &str) -> Vec<String> {
@@ -336,7 +347,7 @@ mod tests {
     #[test]
     fn the_file_to_begin_with_is_right() {
         let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/batch");
-        let plan = Plan::read(&assets.join("jobs.toml"), None).unwrap();
+        let plan = BatchPlan::read(&assets.join("jobs.toml"), None).unwrap();
         assert_eq!(plan.jobs.iter().map(|j| j.tasks.len()).collect::<Vec<_>>(), [4, 4, 4, 2]);
         assert!(plan.output.ends_with("batch/jobs") && plan.jobs[3].recording.ends_with("batch/pulling"));
     }

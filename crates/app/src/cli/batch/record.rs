@@ -1,22 +1,15 @@
 //! Records of steps: a small file beside each result, from which a later run sees what is still to be done.
 
-use super::plan::{Job, Task};
-use crate::args::Step;
-use rayon::prelude::*;
+use super::{
+    facts::{RecordingFacts, listing},
+    plan::{BatchJob, Task},
+    steps::Step,
+};
 use sha2::{Digest, Sha256};
-use std::{
-    path::{Path, PathBuf},
-    time::UNIX_EPOCH,
-};
+use std::path::{Path, PathBuf};
 use surgtpgs_core::{
-    Error, Result,
-    files::write_whole,
-    hash::{file_sha256, sha256},
-    prepare::Prepared,
-    reading::{read_regular, read_text},
-    sequence::{Identity, Sequence, settings_files},
+    Error, Result, files::write_whole, prepare::Prepared, reading::read_text, sequence::Identity,
 };
-use walkdir::{DirEntry, WalkDir};
 
 /// Record of how a step went.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
@@ -100,73 +93,16 @@ pub(super) fn status(folder: &Path, task: &Task, fingerprint: &str) -> Result<St
     })
 }
 
-/// Facts about the recording whose results are in a folder: enough to recognise it, wherever it lies.
-#[derive(Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub(super) struct Source {
-    path: PathBuf,
-    /// Hash of the names, sizes and times of its files: while it stays the same, nothing is read again.
-    listing: String,
-    /// Hash of the names and content of its files; masks, labels and depth are among them.
-    contents: String,
-    /// `None` if the recording cannot be opened.
-    identity: Option<Identity>,
-}
-
-/// Most bytes of a file that says which recording it is: that of some million frames.
-const MOST_SOURCE: u64 = 1 << 28;
-
-impl Source {
-    /// Looks at the job's recording; reads its files only if it moved, changed or could not be opened before.
-    fn of(job: &Job) -> Self {
-        let listing = listing(&places_of(&job.recording), &job.folder, true);
-        match Self::read(&job.folder) {
-            Ok(Some(known)) if known.is_whole_and_at(&job.recording) && known.listing == listing => {
-                return known;
-            }
-            _ => {}
-        }
-        let identity = Sequence::open(&job.recording).and_then(|s| s.identity()).ok();
-        let identity = identity.map(|identity| Identity::clone(&identity));
-        Self {
-            path: job.recording.clone(),
-            listing,
-            contents: contents(&places_of(&job.recording), &job.folder),
-            identity,
-        }
-    }
-
-    fn is_whole_and_at(&self, recording: &Path) -> bool {
-        self.path == recording && self.identity.is_some()
-    }
-
-    fn file(folder: &Path) -> PathBuf {
-        folder.join("steps").join("recording.json")
-    }
-
-    fn read(folder: &Path) -> Result<Option<Self>> {
-        let path = Self::file(folder);
-        let text = match read_regular(&path, MOST_SOURCE) {
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-            text => text.map_err(|e| Error::io("read what was done", &path, e))?,
-        };
-        serde_json::from_slice(&text).map(Some).map_err(|e| {
-            let what = format!("this does not say which recording the folder is of: {e}");
-            Error::input_at(&path, what, "Remove the recording's folder to do it again.")
-        })
-    }
-
-    fn write(&self, folder: &Path) -> Result<()> {
-        let text = serde_json::to_string_pretty(self).unwrap_or_default() + "\n";
-        write_whole(&Self::file(folder), text.as_bytes())
-    }
+fn facts_of(job: &BatchJob) -> &RecordingFacts {
+    job.facts.get_or_init(|| RecordingFacts::of(&job.recording, &job.folder))
 }
 
 /// Checks and records the recording of a job before its steps. Fails if the job's folder holds results of
 /// another recording. Writes down which recording the folder belongs to, points what was prepared to the
 /// recording's present place, and returns the fingerprints of the tasks.
-pub(super) fn settle_source(job: &Job) -> Result<Vec<String>> {
-    let before = Source::read(&job.folder)?;
-    let now = job.source.get_or_init(|| Source::of(job));
+pub(super) fn settle_recording(job: &BatchJob) -> Result<Vec<String>> {
+    let before = RecordingFacts::read(&job.folder)?;
+    let now = facts_of(job);
     if before.as_ref() == Some(now) {
         return Ok(fingerprints(job));
     }
@@ -187,7 +123,7 @@ pub(super) fn settle_source(job: &Job) -> Result<Vec<String>> {
 
 /// Fails if this is another recording. It counts as the same one, perhaps changed, if at least half
 /// of its frames are the same.
-fn require_same(job: &Job, before: &Source, now: &Source) -> Result<()> {
+fn require_same(job: &BatchJob, before: &RecordingFacts, now: &RecordingFacts) -> Result<()> {
     let (Some(then), Some(identity)) = (&before.identity, &now.identity) else { return Ok(()) };
     let (common, of) = (identity.frames_in_common(then), identity.num_frames().min(then.num_frames()));
     if 2 * common >= of || !job.tasks.iter().any(|task| task.output.exists()) {
@@ -202,7 +138,7 @@ fn require_same(job: &Job, before: &Source, now: &Source) -> Result<()> {
 }
 
 /// Points what was prepared to the place that the recording has moved to.
-fn follow(job: &Job, fingerprints: &[String]) -> Result<()> {
+fn follow(job: &BatchJob, fingerprints: &[String]) -> Result<()> {
     for (task, fingerprint) in job.tasks.iter().zip(fingerprints).filter(|(t, _)| t.step == Step::Prepare) {
         if let Status::Done(record) = status(&job.folder, task, fingerprint)? {
             Prepared::relocate(&task.output, &job.recording)?;
@@ -214,10 +150,10 @@ fn follow(job: &Job, fingerprints: &[String]) -> Result<()> {
 
 /// Returns a hash for each task of everything that its result depends on: the program, its command line, its
 /// inputs, the recording wherever it lies, and the steps before it.
-pub(super) fn fingerprints(job: &Job) -> Vec<String> {
+pub(super) fn fingerprints(job: &BatchJob) -> Vec<String> {
     // Nothing is read of a recording that was never begun.
-    let is_begun = job.source.get().is_some() || Source::file(&job.folder).exists();
-    let source = is_begun.then(|| job.source.get_or_init(|| Source::of(job)));
+    let is_begun = job.facts.get().is_some() || RecordingFacts::file(&job.folder).exists();
+    let facts = is_begun.then(|| facts_of(job));
     let mut known: Vec<(Step, String)> = Vec::new();
     for task in &job.tasks {
         let before = known.iter().find(|(step, _)| Some(*step) == task.step.needs());
@@ -228,8 +164,8 @@ pub(super) fn fingerprints(job: &Job) -> Vec<String> {
         };
         add(env!("CARGO_PKG_VERSION").as_bytes());
         add(before.map_or("", |(_, fingerprint)| fingerprint).as_bytes());
-        add(source.map_or("", |source| &source.contents).as_bytes());
-        let identity = source.and_then(|source| source.identity.as_ref());
+        add(facts.map_or("", |facts| &facts.contents).as_bytes());
+        let identity = facts.and_then(|facts| facts.identity.as_ref());
         add(identity.map_or(String::new(), Identity::digest).as_bytes());
         for part in &task.command {
             let is_recording = part == job.recording.as_os_str();
@@ -243,82 +179,7 @@ pub(super) fn fingerprints(job: &Job) -> Vec<String> {
     known.into_iter().map(|(_, fingerprint)| fingerprint).collect()
 }
 
+/// Hashes the names and sizes of the files that a step made.
 fn files_made(output: &Path) -> String {
     listing(&[output], Path::new(""), false)
-}
-
-/// Returns the paths of a recording and of its settings files, which may lie beside it.
-fn places_of(recording: &Path) -> Vec<PathBuf> {
-    let settings = settings_files(recording).into_iter().filter(|file| !file.starts_with(recording));
-    std::iter::once(recording.to_owned()).chain(settings).collect()
-}
-
-/// Returns the files at `places`, each with its path from there; those under `except` are left out.
-fn files_at(places: &[impl AsRef<Path>], except: &Path) -> Vec<(PathBuf, DirEntry)> {
-    let files = places.iter().flat_map(|place| {
-        let place = place.as_ref();
-        let entries = WalkDir::new(place).follow_links(true).sort_by_file_name().into_iter();
-        let files =
-            entries.filter_entry(|e| e.path() != except).flatten().filter(|e| e.file_type().is_file());
-        files.map(move |e| (e.path().strip_prefix(place).unwrap_or(e.path()).to_owned(), e))
-    });
-    files.collect()
-}
-
-/// Hashes names, sizes and, if asked for, times of the files at `places`; those under `except` are left out.
-fn listing(places: &[impl AsRef<Path>], except: &Path, with_times: bool) -> String {
-    let mut hash = Sha256::new();
-    for (name, entry) in files_at(places, except) {
-        let Ok(data) = entry.metadata() else { continue };
-        let time = data.modified().ok().and_then(|t| t.duration_since(UNIX_EPOCH).ok());
-        let nanoseconds = time.filter(|_| with_times).map_or(0, |t| t.as_nanos());
-        hash.update(name.as_os_str().as_encoded_bytes());
-        hash.update(format!("\0{} {nanoseconds}\0", data.len()));
-    }
-    format!("{:x}", hash.finalize())
-}
-
-/// Hashes the names and content of the files at `places`; those under `except` are left out.
-fn contents(places: &[PathBuf], except: &Path) -> String {
-    let line = |(name, entry): &(PathBuf, DirEntry)| {
-        // A file that cannot be read counts as empty here; its step reports the error.
-        format!("{}\0{}\0", name.to_string_lossy(), file_sha256(entry.path()).unwrap_or_default())
-    };
-    let lines: Vec<String> = files_at(places, except).par_iter().map(line).collect();
-    sha256(lines.concat().as_bytes())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::time::Duration;
-
-    #[test]
-    fn a_listing_sees_names_sizes_and_times() {
-        let folder = tempfile::tempdir().unwrap();
-        let at = |name: &str| folder.path().join(name);
-        std::fs::create_dir(at("in")).unwrap();
-        std::fs::write(at("in/a"), b"1").unwrap();
-        let list = || (listing(&[at("in")], &at("in/out"), true), files_made(&at("in")));
-        let first = list();
-        assert_eq!(first, list());
-        std::fs::create_dir(at("in/out")).unwrap();
-        std::fs::write(at("in/out/b"), b"1").unwrap();
-        assert_eq!(list().0, first.0, "results are no input");
-        std::fs::remove_file(at("in/out/b")).unwrap();
-        let file = std::fs::File::options().write(true).open(at("in/a")).unwrap();
-        // Times as of a clock that was put right, or never set.
-        let years = Duration::from_secs(60 * 365 * 86_400);
-        for time in [UNIX_EPOCH, UNIX_EPOCH - years, UNIX_EPOCH + 3 * years] {
-            file.set_modified(time).unwrap();
-            assert_ne!(list().0, first.0);
-            assert_eq!(list().1, first.1);
-        }
-        std::fs::write(at("in/a"), b"12").unwrap();
-        assert_ne!(list().1, first.1);
-        std::fs::rename(at("in/a"), at("in/b")).unwrap();
-        let renamed = list().1;
-        std::fs::remove_dir_all(at("in")).unwrap();
-        assert_ne!(list().1, renamed);
-    }
 }

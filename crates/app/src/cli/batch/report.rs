@@ -1,19 +1,20 @@
 //! The report of a batch, made from the results on disk, whoever put them there and when.
 
 use super::{
-    plan::{Job, Plan, Task},
+    plan::{BatchJob, BatchPlan, Task},
     record::{self, State, Status},
-    require_recording,
-    step::{ANSWERS, RECONSTRUCTION},
+    steps::Step,
+    work::{ANSWERS, RECONSTRUCTION},
 };
 use crate::{
-    args::Step,
     cli::{
+        answers::Answers,
         document::{escaped, number, table, write_report},
         figures::{answers_table, classes_table},
-        one_line, query, remedy,
+        remedy,
     },
     evaluation::Iou,
+    text::one_line,
 };
 use serde::Deserialize;
 use serde_json::Value;
@@ -28,7 +29,7 @@ pub(super) type Troubles = BTreeMap<String, String>;
 
 /// `report.json`; its keys are a contract.
 #[derive(serde::Serialize)]
-pub(super) struct Report {
+pub(super) struct BatchReport {
     intended_use: &'static str,
     recordings: Vec<Entry>,
 }
@@ -80,13 +81,13 @@ struct Trained {
 /// Values that the report takes from an export.
 #[derive(Deserialize)]
 struct Exported {
-    query: query::Report,
+    query: Answers,
 }
 
 /// Writes the three reports.
-pub(super) fn write(plan: &Plan, jobs_file: &Path, troubles: &Troubles) -> Result<Report> {
+pub(super) fn write(plan: &BatchPlan, jobs_file: &Path, troubles: &Troubles) -> Result<BatchReport> {
     let entries = plan.jobs.iter().map(|job| Entry::of(job, troubles));
-    let report = Report { intended_use: intended_use(), recordings: entries.collect::<Result<_>>()? };
+    let report = BatchReport { intended_use: intended_use(), recordings: entries.collect::<Result<_>>()? };
     let text = serde_json::to_string_pretty(&report).unwrap_or_default() + "\n";
     write_whole(&plan.output.join("report.json"), text.as_bytes())?;
     let name = jobs_file.file_name().unwrap_or_default().to_string_lossy();
@@ -102,7 +103,7 @@ pub(super) fn command_line(task: &Task) -> String {
 }
 
 impl Entry {
-    fn of(job: &Job, troubles: &Troubles) -> Result<Self> {
+    fn of(job: &BatchJob, troubles: &Troubles) -> Result<Self> {
         let mut steps = Vec::new();
         for (task, fingerprint) in job.tasks.iter().zip(record::fingerprints(job)) {
             let (state, record) = match record::status(&job.folder, task, &fingerprint) {
@@ -126,7 +127,7 @@ impl Entry {
                 command: command_line(task),
             });
         }
-        let missing = require_recording(job).err().map(|e| remedy::message(&e));
+        let missing = job.require_recording().err().map(|e| remedy::message(&e));
         let failed =
             steps.iter().find_map(|s| Some(format!("{} failed: {}", s.step.name(), s.error.as_ref()?)));
         let error = troubles.get(&job.name).cloned().or(missing).or(failed);
@@ -232,7 +233,7 @@ impl Entry {
     }
 }
 
-impl Report {
+impl BatchReport {
     pub(super) fn has_failed(&self, name: &str) -> bool {
         self.recordings.iter().any(|r| r.name == name && r.state == "failed")
     }

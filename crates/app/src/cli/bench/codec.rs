@@ -1,13 +1,14 @@
 //! `bench codec`: the effect of compressing text embeddings to a few numbers on classes and their prompts.
 
+use super::measure::{Files, Measure};
 use crate::{
-    args::BenchCodecArgs,
     cli::{
-        Exit,
-        console::{ProgressView, print, print_json, say},
+        console::{ProgressView, print_report, say},
+        verb::Exit,
     },
     tables,
 };
+use clap::Args;
 use ndarray::{Array2, Axis};
 use rand::{SeedableRng, seq::index::sample};
 use rand_chacha::ChaCha8Rng;
@@ -15,7 +16,7 @@ use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Error, Result,
     codec::{Codec, CodecSettings},
-    files::write_whole,
+    files::Inputs,
     num,
     progress::unobserved,
     reading::npy,
@@ -23,6 +24,29 @@ use surgtpgs_core::{
 };
 
 const HINT: &str = "Give a folder with one table of embeddings, NAME.npy [texts, dim].";
+
+/// Compress text embeddings and count which classes and prompts survive it: codec.csv
+#[derive(Debug, Args)]
+pub(super) struct BenchCodecArgs {
+    /// A folder with one table of text embeddings, NAME.npy [texts, dim]
+    #[arg(long, value_name = "DIR")]
+    embeddings: PathBuf,
+    /// Numbers of classes that a scene has
+    #[arg(long, value_delimiter = ',', default_value = "7,13,50", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    classes: Vec<u32>,
+    /// Latent numbers per pixel
+    #[arg(long, value_delimiter = ',', default_value = "3,4,8,16", value_parser = clap::value_parser!(u32).range(1..=16))]
+    latent: Vec<u32>,
+    /// Number of draws of classes from the table; results are means
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
+    draws: u32,
+    /// Folder for codec.csv
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Report as JSON
+    #[arg(long)]
+    json: bool,
+}
 
 /// Way in which classes are drawn from the table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
@@ -60,37 +84,36 @@ struct Row {
     score_error: f64,
 }
 
-pub(super) fn run(args: &BenchCodecArgs) -> Result<Exit> {
-    let file = the_table(&args.embeddings)?;
-    let table = read(&file)?;
-    let most = args.classes.iter().max().map_or(0, |n| *n as usize);
-    if most > table.nrows() {
-        let what = format!("{most} classes are asked for, the table has {}", table.nrows());
-        return Err(Error::input_at(&file, what, "Ask for fewer with `--classes`."));
-    }
-    say(&format!("{} texts of {} numbers", table.nrows(), table.ncols()));
-    let mut view = ProgressView::default();
-    let all = args.classes.len() * args.latent.len() * 2;
-    let mut rows = Vec::new();
-    for &classes in &args.classes {
-        for draw in [Draw::Random, Draw::Alike] {
-            for &latent in &args.latent {
-                view.count("training codecs", rows.len() / 2, all);
-                rows.extend(measure(&table, classes as usize, draw, latent as usize, args.draws)?);
+impl Measure for BenchCodecArgs {
+    fn run(&self, force: bool) -> Result<Exit> {
+        let inputs = Inputs::none().with("the embeddings", &self.embeddings);
+        let files = Files::claim(self.output.as_ref(), &inputs, force)?;
+        let file = the_table(&self.embeddings)?;
+        let table = read(&file)?;
+        let most = self.classes.iter().max().map_or(0, |n| *n as usize);
+        if most > table.nrows() {
+            let what = format!("{most} classes are asked for, the table has {}", table.nrows());
+            return Err(Error::input_at(&file, what, "Ask for fewer with `--classes`."));
+        }
+        say(&format!("{} texts of {} numbers", table.nrows(), table.ncols()));
+        let mut view = ProgressView::default();
+        let all = self.classes.len() * self.latent.len() * 2;
+        let mut rows = Vec::new();
+        for &classes in &self.classes {
+            for draw in [Draw::Random, Draw::Alike] {
+                for &latent in &self.latent {
+                    view.count("training codecs", rows.len() / 2, all);
+                    rows.extend(measure(&table, classes as usize, draw, latent as usize, self.draws)?);
+                }
             }
         }
+        drop(view);
+        let csv = tables::csv(&rows)?;
+        files.write("codec.csv", &csv)?;
+        print_report(&rows, &String::from_utf8_lossy(&csv), self.json)?;
+        files.finish()?;
+        Ok(Exit::Done)
     }
-    drop(view);
-    let csv = tables::csv(&rows)?;
-    if let Some(folder) = &args.output {
-        write_whole(&folder.join("codec.csv"), &csv)?;
-    }
-    if args.json {
-        print_json(&rows)?;
-    } else {
-        print(&String::from_utf8_lossy(&csv))?;
-    }
-    Ok(Exit::Done)
 }
 
 /// Returns the only `.npy` file of a folder.

@@ -2,26 +2,28 @@
 
 use super::{
     half_features::HalfFeatures,
+    measure::{Files, Measure},
     plot::{self, Point},
-    reference_error, shown,
+    reference::reference_error,
+    shown,
+    timing::{ROUNDS, Timing, time},
 };
 use crate::{
-    args::BenchFrameArgs,
     cli::{
-        Exit,
-        console::{print, print_json, say},
-        open_engine,
+        args::{RelevancyArgs, SceneArgs},
+        console::{print_report, say},
+        verb::Exit,
     },
-    engine::Engine,
+    engine::{Engine, SceneView},
 };
+use clap::Args;
 use half::f16;
-use std::{fmt::Write, sync::Arc, time::Instant};
+use std::{fmt::Write, path::PathBuf, sync::Arc, time::Instant};
 use surgtpgs_core::{
     Error, Result,
     camera::Camera,
     clock::PassName,
     deform::{Deformed, deform_by},
-    files::write_whole,
     grid::Grid,
     overlay::{OverlayLook, OverlayPrompt, overlay},
     raster::{CpuRenderer, FEATURE_PLANE, FrameClock, FramePass, Images, Renderer},
@@ -29,72 +31,88 @@ use surgtpgs_core::{
     scene::Scene,
 };
 
-/// Measurements of one way to do a pass.
-#[derive(serde::Serialize)]
-pub(super) struct Outcome {
-    pass: &'static str,
-    way: String,
-    /// Median and 95th percentile, milliseconds.
-    median_ms: f64,
-    p95_ms: f64,
-    /// Largest and mean difference of a score (or of a colour, opacity or feature) from the exact way.
-    max_error: Option<f64>,
-    mean_error: Option<f64>,
-    /// IoU with the masks of the exact way, at the thresholds 0.4 and 0.5.
-    iou_40: Option<f64>,
-    iou_50: Option<f64>,
-    /// PSNR of colours against the exact way, dB.
-    psnr_db: Option<f64>,
+/// Time every pass of a shown frame and every way to score it, with its error: frame.csv, frame.svg
+#[derive(Debug, Args)]
+pub(super) struct BenchFrameArgs {
+    /// The scene
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// Folder to write
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Frames to measure, evenly spread
+    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..))]
+    frames: u32,
+    /// Image size, if not that of the recording
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = image_size)]
+    size: Option<(u32, u32)>,
+    /// Words to look for, if not the scene's classes; may be repeated
+    #[arg(long, value_name = "TEXT")]
+    prompt: Vec<String>,
+    /// Options for answering prompts
+    #[command(flatten)]
+    relevancy: RelevancyArgs,
+    /// Report as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Reads a size such as `640x512`.
+fn image_size(text: &str) -> Result<(u32, u32), String> {
+    let number = |part: &str| part.trim().parse().ok().filter(|n| (1..=8192).contains(n));
+    let sides = text.split_once(['x', '×']).map(|(w, h)| (number(w), number(h)));
+    match sides {
+        Some((Some(width), Some(height))) => Ok((width, height)),
+        _ => Err("give width and height in pixels, such as 640x512".to_owned()),
+    }
 }
 
 /// The whole report.
 #[derive(serde::Serialize)]
-struct Report {
+struct FrameBench {
     renderer: String,
     width: usize,
     height: usize,
     gaussians: usize,
     frames: usize,
     prompts: Vec<String>,
-    rows: Vec<Outcome>,
+    rows: Vec<Timing>,
 }
 
-pub(super) fn run(args: &BenchFrameArgs) -> Result<Exit> {
-    let mut engine = open_engine(&args.scene, args.relevancy.engine_options(&args.scene, None))?;
-    let scene = engine.scene().clone();
-    let cameras: Vec<(f32, Camera)> = frames(&scene, args);
-    if cameras.is_empty() {
-        return Err(Error::input("the scene has no frames", "Train it again from its recording."));
+impl Measure for BenchFrameArgs {
+    fn run(&self, force: bool) -> Result<Exit> {
+        let mut engine = self.scene.open(&self.relevancy, None)?;
+        let inputs = engine.inputs(&self.scene.scene);
+        let files = Files::claim(self.output.as_ref(), &inputs, force)?;
+        let scene = engine.scene().clone();
+        let cameras: Vec<(f32, Camera)> = frames(&scene, self);
+        let Some((_, camera)) = cameras.first() else {
+            return Err(Error::input("the scene has no frames", "Train it again from its recording."));
+        };
+        let prompts = wanted_prompts(&scene, self);
+        let mut rows = rendering_rows(&mut engine, &scene, &cameras)?;
+        rows.iter().for_each(|row| say(&line(row)));
+        if scene.codec.is_some() && !prompts.is_empty() {
+            engine.set_prompts(&prompts)?;
+            let mut found = relevancy_rows(&engine, &scene, &cameras)?;
+            found.extend(shown::rows(&mut engine, &cameras)?);
+            found.iter().for_each(|row| say(&line(row)));
+            rows.extend(found);
+        }
+        let bench = FrameBench {
+            renderer: engine.renderer_name(),
+            width: camera.width as usize,
+            height: camera.height as usize,
+            gaussians: scene.gaussians.len(),
+            frames: cameras.len(),
+            prompts,
+            rows,
+        };
+        write(&bench, &files)?;
+        print_report(&bench, &csv(&bench), self.json)?;
+        files.finish()?;
+        Ok(Exit::Done)
     }
-    let prompts = wanted_prompts(&scene, args);
-    let mut rows = rendering_rows(&mut engine, &scene, &cameras)?;
-    rows.iter().for_each(|row| say(&line(row)));
-    if scene.codec.is_some() && !prompts.is_empty() {
-        engine.set_prompts(&prompts)?;
-        let mut found = relevancy_rows(&engine, &scene, &cameras)?;
-        found.extend(shown::rows(&mut engine, &cameras)?);
-        found.iter().for_each(|row| say(&line(row)));
-        rows.extend(found);
-    }
-    let (_, camera) = cameras[0];
-    let report = Report {
-        renderer: engine.renderer_name(),
-        width: camera.width as usize,
-        height: camera.height as usize,
-        gaussians: scene.gaussians.len(),
-        frames: cameras.len(),
-        prompts,
-        rows,
-    };
-    if let Some(folder) = &args.output {
-        write(&report, folder)?;
-    }
-    if args.json {
-        print_json(&report)?;
-    } else {
-        print(&csv(&report))?;
-    }
-    Ok(Exit::Done)
 }
 
 /// Returns times and cameras of the frames that are measured, evenly spread.
@@ -116,49 +134,7 @@ fn wanted_prompts(scene: &Scene, args: &BenchFrameArgs) -> Vec<String> {
     }
 }
 
-/// Returns the milliseconds that `work` takes for each item, after one round to warm up if `rounds` > 1.
-pub(super) fn time<T>(
-    items: &[T],
-    rounds: usize,
-    mut work: impl FnMut(&T) -> Result<()>,
-) -> Result<Vec<f64>> {
-    let mut ms = Vec::new();
-    for round in 0..rounds {
-        for item in items {
-            let started = Instant::now();
-            work(item)?;
-            if round > 0 || rounds == 1 {
-                ms.push(started.elapsed().as_secs_f64() * 1e3);
-            }
-        }
-    }
-    Ok(ms)
-}
-
-pub(super) fn outcome(pass: &'static str, way: impl Into<String>, mut ms: Vec<f64>) -> Outcome {
-    ms.sort_by(f64::total_cmp);
-    let at = |share: f64| ms.get(((ms.len().max(1) - 1) as f64 * share).round() as usize).copied();
-    Outcome {
-        pass,
-        way: way.into(),
-        median_ms: at(0.5).unwrap_or(0.0),
-        p95_ms: at(0.95).unwrap_or(0.0),
-        max_error: None,
-        mean_error: None,
-        iou_40: None,
-        iou_50: None,
-        psnr_db: None,
-    }
-}
-
-/// Number of rounds over the frames; the first one warms up.
-pub(super) const ROUNDS: usize = 3;
-
-fn rendering_rows(
-    engine: &mut Engine,
-    scene: &Arc<Scene>,
-    cameras: &[(f32, Camera)],
-) -> Result<Vec<Outcome>> {
+fn rendering_rows(engine: &mut Engine, scene: &Arc<Scene>, cameras: &[(f32, Camera)]) -> Result<Vec<Timing>> {
     let mut rows = vec![through_engine(engine, cameras)?];
     rows.extend(passes(scene, cameras)?);
     let mut kept = CpuRenderer::default();
@@ -169,32 +145,32 @@ fn rendering_rows(
     })?;
     let (t, camera) = cameras[cameras.len() / 2];
     let error = reference_error(scene, &camera, t);
-    rows.push(Outcome { max_error: Some(error), ..outcome("frame", "CPU, colour, depth, features", ms) });
+    rows.push(Timing { max_error: Some(error), ..Timing::of("frame", "CPU, colour, depth, features", ms) });
     let ms = time(cameras, ROUNDS, |(t, camera)| {
         CpuRenderer::default().render(scene, camera, *t, true).map(|_| ())
     })?;
-    rows.push(outcome("frame", "CPU, nothing kept from the last frame", ms));
+    rows.push(Timing::of("frame", "CPU, nothing kept from the last frame", ms));
     let ms = time(cameras, ROUNDS, |(t, camera)| {
         kept.render_into(scene, camera, *t, false, &mut images, &mut clock)
     })?;
-    rows.push(outcome("frame", "CPU, no prompt: no features", ms));
+    rows.push(Timing::of("frame", "CPU, no prompt: no features", ms));
     let (t, _) = cameras[0];
     let zooms: Vec<Camera> = (0..cameras.len() as u32)
         .map(|k| camera.resized(camera.width.saturating_sub(k).max(1), camera.height))
         .collect();
     let ms =
         time(&zooms, ROUNDS, |camera| kept.render_into(scene, camera, t, true, &mut images, &mut clock))?;
-    rows.push(outcome("frame", "CPU, only the camera moves: not deformed anew", ms));
+    rows.push(Timing::of("frame", "CPU, only the camera moves: not deformed anew", ms));
     rows.push(half_size(scene, cameras)?);
     Ok(rows)
 }
 
 /// Times a frame as the viewer waits for it, on whatever renders here. Checks that a view that is asked for
 /// twice is rendered only once.
-fn through_engine(engine: &mut Engine, cameras: &[(f32, Camera)]) -> Result<Outcome> {
+fn through_engine(engine: &mut Engine, cameras: &[(f32, Camera)]) -> Result<Timing> {
     let name = format!("{}, through the engine", engine.renderer_name());
     let ms = time(cameras, ROUNDS, |(t, camera)| {
-        let view = crate::engine::View { time: *t, camera: *camera, recorded: true };
+        let view = SceneView { time: *t, camera: *camera, recorded: true };
         engine.render(&view, true)?;
         let before = engine.clock().clone();
         engine.render(&view, true)?;
@@ -204,11 +180,11 @@ fn through_engine(engine: &mut Engine, cameras: &[(f32, Camera)]) -> Result<Outc
         }
         Ok(())
     })?;
-    Ok(outcome("frame", name, ms))
+    Ok(Timing::of("frame", name, ms))
 }
 
 /// Times each pass by itself, and the shortcuts within passes.
-fn passes(scene: &Scene, cameras: &[(f32, Camera)]) -> Result<Vec<Outcome>> {
+fn passes(scene: &Scene, cameras: &[(f32, Camera)]) -> Result<Vec<Timing>> {
     let (gaussians, deformation) = (&scene.gaussians, &scene.deformation);
     let n = gaussians.len();
     let mut rows = Vec::new();
@@ -226,7 +202,7 @@ fn passes(scene: &Scene, cameras: &[(f32, Camera)]) -> Result<Vec<Outcome>> {
     let names = ["deform", "project", "bin", "raster"];
     for (name, ms) in names.into_iter().zip(ms) {
         // Without the first round, which warms up.
-        rows.push(outcome(name, "as in a frame", ms[cameras.len()..].to_vec()));
+        rows.push(Timing::of(name, "as in a frame", ms[cameras.len()..].to_vec()));
     }
 
     let (mut psi, mut deformed) = (Vec::new(), Deformed::default());
@@ -247,14 +223,14 @@ fn passes(scene: &Scene, cameras: &[(f32, Camera)]) -> Result<Vec<Outcome>> {
         std::hint::black_box(deformation.psi(n, *t));
         Ok(())
     })?;
-    rows.push(outcome("deform", format!("all {} bases, and ψ once more", deformation.num_bases), all));
-    let live = outcome("deform", "live bases alone, and ψ once more", live);
-    rows.push(Outcome { max_error: Some(largest), ..live });
+    rows.push(Timing::of("deform", format!("all {} bases, and ψ once more", deformation.num_bases), all));
+    let live = Timing::of("deform", "live bases alone, and ψ once more", live);
+    rows.push(Timing { max_error: Some(largest), ..live });
     Ok(rows)
 }
 
 /// Compares half the width and height, as while scrubbing, with the full picture.
-fn half_size(scene: &Scene, cameras: &[(f32, Camera)]) -> Result<Outcome> {
+fn half_size(scene: &Scene, cameras: &[(f32, Camera)]) -> Result<Timing> {
     let (mut renderer, mut images) = (CpuRenderer::default(), Images::default());
     let half = |c: &Camera| c.resized((c.width / 2).max(1), (c.height / 2).max(1));
     let mut clock = FrameClock::default();
@@ -267,11 +243,11 @@ fn half_size(scene: &Scene, cameras: &[(f32, Camera)]) -> Result<Outcome> {
     let filter = image::imageops::FilterType::Triangle;
     let enlarged = image::imageops::resize(&small, full.width(), full.height(), filter);
     let psnr = surgtpgs_core::metrics::psnr_db(&enlarged, &full, None);
-    Ok(Outcome { psnr_db: psnr, ..outcome("frame", "CPU, half width and height, as while scrubbing", ms) })
+    Ok(Timing { psnr_db: psnr, ..Timing::of("frame", "CPU, half width and height, as while scrubbing", ms) })
 }
 
 /// Compares every way to score the engine's prompts with decoding every pixel.
-fn relevancy_rows(engine: &Engine, scene: &Scene, cameras: &[(f32, Camera)]) -> Result<Vec<Outcome>> {
+fn relevancy_rows(engine: &Engine, scene: &Scene, cameras: &[(f32, Camera)]) -> Result<Vec<Timing>> {
     let Some(codec) = scene.codec.clone() else { return Ok(Vec::new()) };
     let (queries, settings) = (engine.queries().to_vec(), engine.settings().clone());
     let mut renderer = CpuRenderer::default();
@@ -280,9 +256,10 @@ fn relevancy_rows(engine: &Engine, scene: &Scene, cameras: &[(f32, Camera)]) -> 
     images.iter_mut().for_each(|images| blank_outside(images, scene));
     let ask = Asked { images: &images, queries: &queries, settings: &settings };
     let (truth, ms) = ask.of(&mut Exact::new(codec.clone()));
-    let mut rows = vec![with_errors(outcome("relevancy", "exact: every pixel decoded", ms), &truth, &truth)];
+    let mut rows =
+        vec![with_errors(Timing::of("relevancy", "exact: every pixel decoded", ms), &truth, &truth)];
     let (scores, ms) = ask.of(&mut Folded::new(codec.clone()));
-    rows.push(with_errors(outcome("relevancy", "folded", ms), &scores, &truth));
+    rows.push(with_errors(Timing::of("relevancy", "folded", ms), &scores, &truth));
     for (way, factor) in [("", 1.0), (", 4 × the error bound", 4.0), (", 16 × the error bound", 16.0)] {
         let tolerance = factor * Lattice::TOLERANCE;
         let Some(mut lattice) = Lattice::with_tolerance(&codec, tolerance) else { break };
@@ -291,10 +268,10 @@ fn relevancy_rows(engine: &Engine, scene: &Scene, cameras: &[(f32, Camera)]) -> 
         let (scores, _) = ask.of(&mut lattice);
         let known = ask.timed(&mut lattice);
         let report = lattice.report();
-        rows.push(outcome("relevancy", format!("lattice{way}: cells made"), first));
+        rows.push(Timing::of("relevancy", format!("lattice{way}: cells made"), first));
         let way =
             format!("lattice{way}: cells known ({} of {:.0} MB)", report.cells, report.bytes as f64 / 1e6);
-        rows.push(with_errors(outcome("relevancy", way, known), &scores, &truth));
+        rows.push(with_errors(Timing::of("relevancy", way, known), &scores, &truth));
     }
     if let Some(mut lattice) = Lattice::new(&codec) {
         rows.extend(prompt_rows(&ask, &mut lattice));
@@ -302,7 +279,7 @@ fn relevancy_rows(engine: &Engine, scene: &Scene, cameras: &[(f32, Camera)]) -> 
         let ask = Asked { images: &rounded, ..ask };
         let (scores, _) = ask.of(&mut lattice);
         let ms = ask.timed(&mut lattice);
-        rows.push(with_errors(outcome("relevancy", "lattice, features in f16", ms), &scores, &truth));
+        rows.push(with_errors(Timing::of("relevancy", "lattice, features in f16", ms), &scores, &truth));
     }
     rows.push(drawing(&images, &truth));
     rows.push(half_features(scene, cameras, &ask, &truth)?);
@@ -315,7 +292,7 @@ fn half_features(
     cameras: &[(f32, Camera)],
     ask: &Asked<'_>,
     truth: &[Grid<f32>],
-) -> Result<Outcome> {
+) -> Result<Timing> {
     let (mut renderer, mut images) = (HalfFeatures::default(), Images::default());
     let ms = time(cameras, ROUNDS, |(t, camera)| renderer.render_into(scene, camera, *t, &mut images))?;
     let mut rendered = Vec::new();
@@ -325,9 +302,9 @@ fn half_features(
         blank_outside(&mut images, scene);
         rendered.push(images);
     }
-    let Some(codec) = scene.codec.clone() else { return Ok(outcome("frame", "no features", ms)) };
+    let Some(codec) = scene.codec.clone() else { return Ok(Timing::of("frame", "no features", ms)) };
     let (scores, _) = Asked { images: &rendered, ..*ask }.of(&mut Folded::new(codec));
-    let row = outcome("frame", "CPU, features at half size, enlarged along edges", ms);
+    let row = Timing::of("frame", "CPU, features at half size, enlarged along edges", ms);
     Ok(with_errors(row, &scores, truth))
 }
 
@@ -379,7 +356,7 @@ fn blank_outside(images: &mut Images, scene: &Scene) {
 }
 
 /// Times a prompt that was never asked before, and all prompts at once.
-fn prompt_rows(ask: &Asked<'_>, lattice: &mut Lattice) -> Vec<Outcome> {
+fn prompt_rows(ask: &Asked<'_>, lattice: &mut Lattice) -> Vec<Timing> {
     // All but the first prompt find the cells that the prompts before them made.
     let mut fresh = Vec::new();
     for query in ask.queries.chunks(1) {
@@ -392,7 +369,7 @@ fn prompt_rows(ask: &Asked<'_>, lattice: &mut Lattice) -> Vec<Outcome> {
     if let [_, others @ ..] = &fresh[..]
         && !others.is_empty()
     {
-        rows.push(outcome("relevancy", "lattice, the first frame of another prompt", others.to_vec()));
+        rows.push(Timing::of("relevancy", "lattice, the first frame of another prompt", others.to_vec()));
     }
     let together: Vec<f64> = ask
         .images
@@ -404,7 +381,7 @@ fn prompt_rows(ask: &Asked<'_>, lattice: &mut Lattice) -> Vec<Outcome> {
         })
         .collect();
     let way = format!("lattice, {} prompts at once", ask.queries.len());
-    rows.push(outcome("relevancy", way, together));
+    rows.push(Timing::of("relevancy", way, together));
     rows
 }
 
@@ -417,7 +394,7 @@ fn in_half_precision(images: &Images) -> Images {
 }
 
 /// Times drawing the outlines of the first prompt over every frame.
-fn drawing(images: &[Images], scores: &[Grid<f32>]) -> Outcome {
+fn drawing(images: &[Images], scores: &[Grid<f32>]) -> Timing {
     let pairs: Vec<_> = images.iter().map(Images::to_rgb).zip(scores).collect();
     let ms = pairs
         .iter()
@@ -428,10 +405,10 @@ fn drawing(images: &[Images], scores: &[Grid<f32>]) -> Outcome {
             started.elapsed().as_secs_f64() * 1e3
         })
         .collect();
-    outcome("overlay", "outline of one prompt", ms)
+    Timing::of("overlay", "outline of one prompt", ms)
 }
 
-fn with_errors(row: Outcome, found: &[Grid<f32>], truth: &[Grid<f32>]) -> Outcome {
+fn with_errors(row: Timing, found: &[Grid<f32>], truth: &[Grid<f32>]) -> Timing {
     let pairs = || found.iter().zip(truth).flat_map(|(a, b)| a.data.iter().zip(&b.data));
     let error = |(a, b): (&f32, &f32)| f64::from((a - b).abs());
     let count = pairs().count().max(1) as f64;
@@ -440,7 +417,7 @@ fn with_errors(row: Outcome, found: &[Grid<f32>], truth: &[Grid<f32>]) -> Outcom
         let either = pairs().filter(|(a, b)| **a > threshold || **b > threshold).count() as f64;
         if either > 0.0 { both / either } else { 1.0 }
     };
-    Outcome {
+    Timing {
         max_error: Some(pairs().map(error).fold(0.0, f64::max)),
         mean_error: Some(pairs().map(error).sum::<f64>() / count),
         iou_40: Some(iou(0.4)),
@@ -449,7 +426,7 @@ fn with_errors(row: Outcome, found: &[Grid<f32>], truth: &[Grid<f32>]) -> Outcom
     }
 }
 
-fn line(o: &Outcome) -> String {
+fn line(o: &Timing) -> String {
     let number = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.2e}"));
     format!(
         "{:<10} {:<52} {:>9.2} ms (95 %: {:>8.2})  largest error {}",
@@ -461,28 +438,28 @@ fn line(o: &Outcome) -> String {
     )
 }
 
-fn csv(report: &Report) -> String {
+fn csv(bench: &FrameBench) -> String {
     let mut text = format!(
         "# {}; {}×{}, {} Gaussians, {} frames, prompts: {}\n\
          pass,way,median_ms,p95_ms,max_error,mean_error,iou_40,iou_50,psnr_db\n",
-        report.renderer,
-        report.width,
-        report.height,
-        report.gaussians,
-        report.frames,
-        report.prompts.join("; ")
+        bench.renderer,
+        bench.width,
+        bench.height,
+        bench.gaussians,
+        bench.frames,
+        bench.prompts.join("; ")
     );
     let number = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:.6}"));
-    for o in &report.rows {
+    for o in &bench.rows {
         let values = [o.max_error, o.mean_error, o.iou_40, o.iou_50, o.psnr_db].map(number).join(",");
         let _ = writeln!(text, "{},\"{}\",{:.3},{:.3},{values}", o.pass, o.way, o.median_ms, o.p95_ms);
     }
     text
 }
 
-fn write(report: &Report, folder: &std::path::Path) -> Result<()> {
-    write_whole(&folder.join("frame.csv"), csv(report).as_bytes())?;
-    let scored = report.rows.iter().filter(|o| o.pass == "relevancy");
+fn write(bench: &FrameBench, files: &Files) -> Result<()> {
+    files.write("frame.csv", csv(bench).as_bytes())?;
+    let scored = bench.rows.iter().filter(|o| o.pass == "relevancy");
     let points: Vec<Point<'_>> = scored
         .filter_map(|o| {
             // The number of cells, in brackets, is only for the table.
@@ -499,7 +476,7 @@ fn write(report: &Report, folder: &std::path::Path) -> Result<()> {
         "largest error of a score, 1/255",
         &points,
     )?;
-    write_whole(&folder.join("frame.svg"), svg.as_bytes())
+    files.write("frame.svg", svg.as_bytes())
 }
 
 #[cfg(test)]
@@ -507,10 +484,18 @@ mod tests {
     use super::*;
 
     #[test]
+    fn image_sizes_are_two_numbers() {
+        assert_eq!(image_size("640x512"), Ok((640, 512)));
+        for wrong in ["640", "x512", "0x5", "640x9999", "axb", "-1x4"] {
+            assert!(image_size(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
     fn errors_and_overlaps_are_of_all_frames_together() {
         let truth = [Grid::from_vec(2, 1, vec![0.9, 0.1]), Grid::from_vec(2, 1, vec![0.45, 0.0])];
         let found = [Grid::from_vec(2, 1, vec![0.8, 0.1]), Grid::from_vec(2, 1, vec![0.35, 0.0])];
-        let row = with_errors(outcome("relevancy", "x", vec![3.0, 1.0, 2.0]), &found, &truth);
+        let row = with_errors(Timing::of("relevancy", "x", vec![3.0, 1.0, 2.0]), &found, &truth);
         assert_eq!((row.median_ms, row.p95_ms), (2.0, 3.0));
         assert!((row.max_error.unwrap() - 0.1).abs() < 1e-6 && (row.mean_error.unwrap() - 0.05).abs() < 1e-6);
         assert_eq!((row.iou_40, row.iou_50), (Some(0.5), Some(1.0)));

@@ -1,24 +1,49 @@
 //! `bench masks`: the fit of automatic masks to label masks, and the time they take, for every density.
 
+use super::measure::{Files, Measure};
 use crate::{
-    args::{BenchMasksArgs, MaskDensity},
     cli::{
-        Exit,
-        console::{ProgressView, print, print_json, say},
+        args::MaskDensity,
+        console::{ProgressView, print_report, say},
+        verb::Exit,
     },
+    jobs::Progress,
+    pictures::png,
 };
+use clap::Args;
 use image::{Rgb, RgbImage};
-use std::{fmt::Write, io::Cursor, path::Path, time::Instant};
+use std::{fmt::Write, path::PathBuf, time::Instant};
 use surgtpgs_clip::SegmentAnything;
 use surgtpgs_core::{
     Error, Result,
-    files::write_whole,
+    files::Inputs,
     grid::{Grid, Mask},
     mask,
-    progress::Progress,
     segment::{FrameMasks, Level, MaskSettings, automatic_masks},
     sequence::{Class, NO_LABEL, Sequence},
 };
+
+/// Compare automatic masks with label masks, for every density: masks.csv, and pictures of them
+#[derive(Debug, Args)]
+pub(super) struct BenchMasksArgs {
+    /// A recording with label masks
+    sequence: PathBuf,
+    /// A folder with encoder and decoder of a Segment Anything (.onnx, .ort)
+    #[arg(long, value_name = "DIR")]
+    masks_model: PathBuf,
+    /// Frames to measure, evenly spread
+    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..))]
+    frames: u32,
+    /// Density of the points at which masks are asked for
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "coarse,medium,fine")]
+    density: Vec<MaskDensity>,
+    /// Folder for masks.csv and pictures
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Report as JSON
+    #[arg(long)]
+    json: bool,
+}
 
 /// Measurements of one density on one recording.
 #[derive(serde::Serialize)]
@@ -47,35 +72,35 @@ struct Fit {
     joint_iou: f64,
 }
 
-pub(super) fn run(args: &BenchMasksArgs) -> Result<Exit> {
-    let sequence = Sequence::open(&args.sequence)?;
-    if sequence.classes().is_empty() {
-        return Err(Error::input_at(
-            sequence.path(),
-            "the recording has no label masks to compare with",
-            "Give one that has.",
-        ));
+impl Measure for BenchMasksArgs {
+    fn run(&self, force: bool) -> Result<Exit> {
+        let sequence = Sequence::open(&self.sequence)?;
+        let inputs = Inputs::none().with_recording(&sequence).with("the model", &self.masks_model);
+        let files = Files::claim(self.output.as_ref(), &inputs, force)?;
+        if sequence.classes().is_empty() {
+            return Err(Error::input_at(
+                sequence.path(),
+                "the recording has no label masks to compare with",
+                "Give one that has.",
+            ));
+        }
+        let mut model = SegmentAnything::open(&self.masks_model)?;
+        say(&format!("{} on {}", model.generation(), surgtpgs_clip::backend_name()));
+        let n = sequence.num_frames();
+        let some = n.min(self.frames as usize);
+        let frames: Vec<usize> = (0..some).map(|k| (2 * k + 1) * n / (2 * some)).collect();
+        let mut outcomes = Vec::new();
+        for &density in &self.density {
+            let outcome = measure(&mut model, &sequence, &frames, density, &files)?;
+            say(&line(&outcome));
+            outcomes.push(outcome);
+        }
+        let text = csv(&outcomes);
+        files.write("masks.csv", text.as_bytes())?;
+        print_report(&outcomes, &text, self.json)?;
+        files.finish()?;
+        Ok(Exit::Done)
     }
-    let mut model = SegmentAnything::open(&args.masks_model)?;
-    say(&format!("{} on {}", model.generation(), surgtpgs_clip::backend_name()));
-    let n = sequence.num_frames();
-    let some = n.min(args.frames as usize);
-    let frames: Vec<usize> = (0..some).map(|k| (2 * k + 1) * n / (2 * some)).collect();
-    let mut outcomes = Vec::new();
-    for &density in &args.density {
-        let outcome = measure(&mut model, &sequence, &frames, density, args.output.as_deref())?;
-        say(&line(&outcome));
-        outcomes.push(outcome);
-    }
-    if let Some(folder) = &args.output {
-        write_whole(&folder.join("masks.csv"), csv(&outcomes).as_bytes())?;
-    }
-    if args.json {
-        print_json(&outcomes)?;
-    } else {
-        print(&csv(&outcomes))?;
-    }
-    Ok(Exit::Done)
 }
 
 fn measure(
@@ -83,7 +108,7 @@ fn measure(
     sequence: &Sequence,
     frames: &[usize],
     density: MaskDensity,
-    pictures: Option<&Path>,
+    files: &Files,
 ) -> Result<Outcome> {
     let settings = MaskSettings::from(density);
     let name = density_name(density);
@@ -105,8 +130,8 @@ fn measure(
         let painted = found.painted(Level::Default);
         let inside = painted.data.iter().zip(&keep.data).filter(|(m, k)| **k && m.is_some()).count();
         covered += inside as f64 / keep.count().max(1) as f64;
-        if let Some(folder) = pictures {
-            write_picture(&folder.join(format!("{name}_{i:06}.png")), &image, &found)?;
+        if files.folder().is_some() {
+            files.write(&format!("{name}_{i:06}.png"), &png(drawn(&image, &found))?)?;
         }
         let Some(labels) = sequence.labels(i)? else { continue };
         let shown = shown_classes(&painted, &labels, &keep);
@@ -177,8 +202,8 @@ fn shown_classes(painted: &Grid<Option<u16>>, labels: &Grid<u8>, keep: &Mask) ->
     Grid::from_vec(painted.width, painted.height, data.collect())
 }
 
-/// Writes the picture with every region in a colour of its own.
-fn write_picture(path: &Path, image: &RgbImage, found: &FrameMasks) -> Result<()> {
+/// Draws every region in a colour of its own over the picture.
+fn drawn(image: &RgbImage, found: &FrameMasks) -> RgbImage {
     let painted = found.painted(Level::Default);
     let mut picture = image.clone();
     for ((_, _, pixel), region) in picture.enumerate_pixels_mut().zip(&painted.data) {
@@ -189,11 +214,7 @@ fn write_picture(path: &Path, image: &RgbImage, found: &FrameMasks) -> Result<()
             *pixel = Rgb([0, 1, 2].map(|c| (0.45 * f32::from(pixel[c]) + 0.55 * colour[c]) as u8));
         }
     }
-    let mut bytes = Cursor::new(Vec::new());
     picture
-        .write_to(&mut bytes, image::ImageFormat::Png)
-        .map_err(|e| Error::io("write the picture", path, std::io::Error::other(e)))?;
-    write_whole(path, bytes.get_ref())
 }
 
 fn line(outcome: &Outcome) -> String {

@@ -1,134 +1,64 @@
 //! `surgtpgs bench`: run time beside quality or error, as CSV and SVG.
+//!
+//! A measurement's file holds its arguments and makes it. The table of measurements is here.
 
 mod codec;
 mod frame;
 mod half_features;
 mod masks;
+mod measure;
 mod plot;
+mod reference;
 mod rows;
 mod shown;
 mod step;
 mod stress;
+mod timing;
 mod train;
 
-use super::Exit;
-use crate::{
-    args::{BenchArgs, BenchVerb},
-    jobs::Material,
-    outputs,
-};
-use surgtpgs_core::{
-    Result,
-    camera::Camera,
-    deform::deform,
-    files::{Claim, Earlier, Inputs, OutputFolder},
-    raster::{
-        Images, Packed,
-        bin::bin,
-        forward::raster,
-        project::{Splat, project_all},
-        reference::ReferenceInput,
-    },
-    scene::Scene,
-    sequence::Sequence,
-};
+use super::verb::{Exit, Run};
+use clap::{Args, Subcommand};
+use measure::Measure;
+use surgtpgs_core::Result;
 
-pub(super) fn run(args: &BenchArgs) -> Result<Exit> {
-    let mut verb = args.verb.clone();
-    let inputs = inputs(&verb)?;
-    let output = match verb.output_mut() {
-        Some(place) => {
-            // An unfinished benchmark is kept, because its rows took long, too.
-            let unfinished = Earlier::Keep;
-            let claim = Claim { unfinished, ..Claim::new(outputs::BENCHMARK, &inputs, args.force) };
-            let output = OutputFolder::claim(place, claim)?;
-            output.path().clone_into(place);
-            Some(output)
-        }
-        None => None,
-    };
-    let exit = measure(&verb)?;
-    output.map_or(Ok(()), OutputFolder::finish)?;
-    Ok(exit)
+/// Measure run time beside quality for every setting; writes CSV and SVG
+#[derive(Debug, Args)]
+pub(super) struct BenchArgs {
+    /// Measurement to make
+    #[command(subcommand)]
+    measurement: Measurement,
+    /// Replace an earlier benchmark in the folder, once the new one is whole
+    #[arg(long, global = true)]
+    force: bool,
 }
 
-/// Returns the files and folders that the benchmark reads.
-fn inputs(verb: &BenchVerb) -> Result<Inputs> {
-    Ok(match verb {
-        BenchVerb::Train(args) => {
-            outputs::inputs_of_material(&args.sequence, &Material::open(&args.sequence)?)
-        }
-        BenchVerb::Frame(args) => {
-            let scene = &args.scene.scene;
-            let recording = Scene::load(scene)?.provenance.sequence_path;
-            Inputs::none().with("the scene", scene).with("the scene's recording", &recording)
-        }
-        BenchVerb::Masks(args) => Inputs::none()
-            .with_recording(&Sequence::open(&args.sequence)?)
-            .with("the model", &args.masks_model),
-        BenchVerb::Codec(args) => Inputs::none().with("the embeddings", &args.embeddings),
-        BenchVerb::Step(_) | BenchVerb::Stress(_) => Inputs::none(),
-    })
+/// Measurement of `surgtpgs bench`, with its arguments.
+#[derive(Debug, Subcommand)]
+enum Measurement {
+    Train(train::BenchTrainArgs),
+    Step(step::BenchStepArgs),
+    Frame(frame::BenchFrameArgs),
+    Stress(stress::BenchStressArgs),
+    Masks(masks::BenchMasksArgs),
+    Codec(codec::BenchCodecArgs),
 }
 
-fn measure(verb: &BenchVerb) -> Result<Exit> {
-    match verb {
-        BenchVerb::Train(args) => train::run(args),
-        BenchVerb::Step(args) => step::run(args),
-        BenchVerb::Frame(args) => frame::run(args),
-        BenchVerb::Stress(args) => stress::run(args),
-        BenchVerb::Masks(args) => masks::run(args),
-        BenchVerb::Codec(args) => codec::run(args),
+impl Measurement {
+    /// Returns the arguments.
+    fn args(&self) -> &dyn Measure {
+        match self {
+            Self::Train(args) => args,
+            Self::Step(args) => args,
+            Self::Frame(args) => args,
+            Self::Stress(args) => args,
+            Self::Masks(args) => args,
+            Self::Codec(args) => args,
+        }
     }
 }
 
-/// Factor by which the image is reduced on each side for the comparison with the f64 twin.
-const REDUCTION: u32 = 8;
-
-/// A frame small enough for the f64 twin.
-struct Reduced {
-    splats: Vec<Splat<f32>>,
-    features: Vec<f32>,
-    latent_dim: usize,
-    packed: Packed,
-    images: Images,
-}
-
-fn reduced(scene: &Scene, camera: &Camera, time: f32) -> Reduced {
-    let camera = camera.resized((camera.width / REDUCTION).max(1), (camera.height / REDUCTION).max(1));
-    let (width, height) = (camera.width as usize, camera.height as usize);
-    let deformed = deform(&scene.gaussians, &scene.deformation, time, true);
-    let splats = project_all(&scene.gaussians, &deformed, &camera);
-    let latent_dim = scene.gaussians.latent_dim;
-    let packed = Packed::new(&splats, &deformed.features, latent_dim);
-    let images = raster(&packed, &bin(&splats, width, height), width, height);
-    Reduced { splats, features: deformed.features, latent_dim, packed, images }
-}
-
-impl Reduced {
-    /// Calls `ask` with the f64 twin of the same splats.
-    fn with_twin<T>(&self, ask: impl FnOnce(&ReferenceInput<'_, f64>) -> T) -> T {
-        let wide: Vec<Splat<f64>> = self.splats.iter().map(Splat::widened).collect();
-        let features: Vec<f64> = self.features.iter().map(|v| f64::from(*v)).collect();
-        let Images { width, height, .. } = self.images;
-        let (latent_dim, splats) = (self.latent_dim, &wide[..]);
-        ask(&ReferenceInput { splats, features: &features, latent_dim, width, height })
+impl Run for BenchArgs {
+    fn run(&self) -> Result<Exit> {
+        self.measurement.args().run(self.force)
     }
-
-    /// Returns the largest difference of a colour, opacity or feature; depth is left out, since it
-    /// has another scale.
-    fn image_error(&self) -> f64 {
-        let pixels = self.images.width * self.images.height;
-        let expected = self.with_twin(|twin| twin.forward());
-        let differences = self.images.planes.iter().zip(&expected).enumerate();
-        differences
-            .filter(|(i, _)| !(3 * pixels..4 * pixels).contains(i))
-            .map(|(_, (a, b))| (f64::from(*a) - b).abs())
-            .fold(0.0, f64::max)
-    }
-}
-
-/// Returns the largest error of a frame's images against f64.
-fn reference_error(scene: &Scene, camera: &Camera, time: f32) -> f64 {
-    reduced(scene, camera, time).image_error()
 }

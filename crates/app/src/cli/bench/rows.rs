@@ -27,7 +27,7 @@ pub(super) fn rows(iterations: usize, seed: u64) -> Vec<Row> {
     let mut rows = vec![
         row("default", "nothing", &|_| {}),
         // The paper's Table 3: deformation tracking of features × region smoothness; both is the default.
-        row("no tracking, no smoothing", "features still over time, no region smoothness", &|s| {
+        row("no tracking no smoothing", "features still over time, no region smoothness", &|s| {
             s.feature_motion = false;
             s.loss.region_smoothness = 0.0;
         }),
@@ -110,6 +110,7 @@ mod tests {
         let rows = rows(100, 7);
         let names: std::collections::BTreeSet<_> = rows.iter().map(|r| r.name).collect();
         assert_eq!(names.len(), rows.len());
+        assert!(names.iter().all(|name| !name.contains(',')), "`--rows` is a list with commas");
         assert!(rows[1..].iter().all(|r| r.settings != rows[0].settings));
         assert!(rows.iter().all(|r| r.settings.iterations == 100 && r.settings.seed == 7 && r.settings.eval));
     }

@@ -1,20 +1,27 @@
 //! `bench step`: the time of each pass of a training step, and the distance of its results from f64.
 
-use super::{Reduced, reduced};
+use super::{
+    measure::{Files, Measure},
+    reference::{Reduced, reduced},
+};
 use crate::{
-    args::BenchStepArgs,
     cli::{
-        Exit,
-        console::{print, print_json, say},
+        console::{print_report, say},
+        verb::Exit,
     },
+    engine::BackendChoice,
     jobs::{self, PrepareOptions},
 };
-use std::fmt::Write;
+use clap::Args;
+use std::{
+    fmt::Write,
+    path::{Path, PathBuf},
+};
 use surgtpgs_core::{
     Error, Result,
     clock::PassName,
     demo::{self, DemoSettings},
-    files::write_whole,
+    files::Inputs,
     prepare::Prepared,
     progress::unobserved,
     raster::{backward::raster_backward, bin::bin, project::SplatGradient},
@@ -29,6 +36,24 @@ const SIZES: [(usize, usize, usize); 2] = [(320, 256, 10_000), (640, 512, 40_000
 const FRAMES: usize = 4;
 /// Steps before the measurement, in which every frame is decoded.
 const WARM_UP: usize = 8;
+
+/// Time every pass of a training step on the demo, with its error against f64
+#[derive(Debug, Args)]
+pub(super) struct BenchStepArgs {
+    /// Folder for step.csv
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Steps to average over
+    #[arg(long, default_value_t = 40, value_parser = clap::value_parser!(u32).range(1..))]
+    steps: u32,
+    /// Device to train on
+    #[arg(long, value_enum, default_value_t = BackendChoice::Cpu)]
+    backend: BackendChoice,
+    /// Report as JSON
+    #[arg(long)]
+    json: bool,
+}
+
 /// Measurements of one way to do a step at one size.
 #[derive(serde::Serialize)]
 struct Outcome {
@@ -46,38 +71,43 @@ struct Outcome {
     gradient_error: f64,
 }
 
-pub(super) fn run(args: &BenchStepArgs) -> Result<Exit> {
-    let mut outcomes = Vec::new();
-    for (width, height, gaussians) in SIZES {
-        let folder = tempfile::tempdir().map_err(|e| Error::io("make a folder", std::env::temp_dir(), e))?;
-        let settings = DemoSettings { width, height, frames: FRAMES, ..Default::default() };
-        let recording = folder.path().join("recording");
-        demo::write(&settings, &recording, &mut unobserved)?;
-        let (sequence, to) = (Sequence::open(&recording)?, folder.path().join("prepared"));
-        let prepared = jobs::prepare(sequence, &to, &PrepareOptions::default(), &mut unobserved)?;
-        for (pixels, pixel_step, half_size_share) in
-            [("all", 1, 0.0), ("a quarter, sampled", 2, 0.0), ("half size, sampled", 2, 1.0)]
-        {
-            let settings = TrainSettings {
-                pixel_step,
-                half_size_pixel_step: pixel_step,
-                half_size_share,
-                ..base(&prepared, gaussians)?
-            };
-            let outcome = measure(&prepared, settings, pixels, args)?;
-            say(&line(&outcome));
-            outcomes.push(outcome);
+impl Measure for BenchStepArgs {
+    fn run(&self, force: bool) -> Result<Exit> {
+        let files = Files::claim(self.output.as_ref(), &Inputs::none(), force)?;
+        let mut outcomes = Vec::new();
+        for (width, height, gaussians) in SIZES {
+            let folder =
+                tempfile::tempdir().map_err(|e| Error::io("make a folder", std::env::temp_dir(), e))?;
+            let prepared = prepared(width, height, folder.path())?;
+            for (pixels, pixel_step, half_size_share) in
+                [("all", 1, 0.0), ("a quarter, sampled", 2, 0.0), ("half size, sampled", 2, 1.0)]
+            {
+                let settings = TrainSettings {
+                    pixel_step,
+                    half_size_pixel_step: pixel_step,
+                    half_size_share,
+                    ..base(&prepared, gaussians)?
+                };
+                let outcome = measure(&prepared, settings, pixels, self)?;
+                say(&line(&outcome));
+                outcomes.push(outcome);
+            }
         }
+        let text = csv(&outcomes);
+        files.write("step.csv", text.as_bytes())?;
+        print_report(&outcomes, &text, self.json)?;
+        files.finish()?;
+        Ok(Exit::Done)
     }
-    if let Some(folder) = &args.output {
-        write_whole(&folder.join("step.csv"), csv(&outcomes).as_bytes())?;
-    }
-    if args.json {
-        print_json(&outcomes)?;
-    } else {
-        print(&csv(&outcomes))?;
-    }
-    Ok(Exit::Done)
+}
+
+/// Records and prepares the demo in a folder.
+fn prepared(width: usize, height: usize, folder: &Path) -> Result<Prepared> {
+    let settings = DemoSettings { width, height, frames: FRAMES, ..Default::default() };
+    let recording = folder.join("recording");
+    demo::write(&settings, &recording, &mut unobserved)?;
+    let (sequence, to) = (Sequence::open(&recording)?, folder.join("prepared"));
+    jobs::prepare(sequence, &to, &PrepareOptions::default(), &mut unobserved)
 }
 
 /// Returns settings that make as many Gaussians as wanted at the start, and no more later.

@@ -2,23 +2,38 @@
 //! twin's. Then it makes changes to a scene that must not change its picture, and tells how far the picture
 //! is from what it must be.
 
+use super::measure::{Files, Measure};
 use crate::{
-    args::BenchStressArgs,
     cli::{
-        Exit,
-        console::{print, print_json, say},
+        console::{print_report, say},
+        verb::Exit,
     },
-    engine::Machine,
+    engine::{BackendChoice, Machine},
 };
-use std::fmt::Write;
+use clap::Args;
+use std::{fmt::Write, path::PathBuf};
 use surgtpgs_core::{
     Result,
     camera::Camera,
-    files::write_whole,
+    files::Inputs,
     raster::Renderer,
     scene::Scene,
     stress::{CUT_OFF, Case, Difference, a_million, cases, compare, invariances},
 };
+
+/// Render scenes that break renderers, and compare with f64: stress.csv
+#[derive(Debug, Args)]
+pub(super) struct BenchStressArgs {
+    /// Device to render on
+    #[arg(long, value_enum, default_value_t = BackendChoice::Auto)]
+    backend: BackendChoice,
+    /// Folder for stress.csv
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Report as JSON
+    #[arg(long)]
+    json: bool,
+}
 
 /// All cases of one family together.
 #[derive(serde::Serialize)]
@@ -33,29 +48,28 @@ struct Family {
     beyond: f64,
 }
 
-pub(super) fn run(args: &BenchStressArgs) -> Result<Exit> {
-    let mut renderer = Machine::open(args.backend)?;
-    say(&format!("rendering on {}", renderer.name()));
-    let mut families: Vec<Family> = Vec::new();
-    for case in cases().into_iter().chain([a_million()]) {
-        let Case { family: name, scene, camera, time } = &case;
-        add(&mut families, name, compare(&renderer.render(scene, camera, *time, true)?, &case));
+impl Measure for BenchStressArgs {
+    fn run(&self, force: bool) -> Result<Exit> {
+        let files = Files::claim(self.output.as_ref(), &Inputs::none(), force)?;
+        let mut renderer = Machine::open(self.backend)?;
+        say(&format!("rendering on {}", renderer.name()));
+        let mut families: Vec<Family> = Vec::new();
+        for case in cases().into_iter().chain([a_million()]) {
+            let Case { family: name, scene, camera, time } = &case;
+            add(&mut families, name, compare(&renderer.render(scene, camera, *time, true)?, &case));
+        }
+        for case in invariances() {
+            let mut render =
+                |(scene, camera): &(Scene, Camera)| renderer.render(scene, camera, case.time, true);
+            let (before, after) = (render(&case.before)?, render(&case.after)?);
+            add(&mut families, case.family, case.difference(&before, &after));
+        }
+        let text = csv(&families);
+        files.write("stress.csv", text.as_bytes())?;
+        print_report(&families, &text, self.json)?;
+        files.finish()?;
+        Ok(Exit::Done)
     }
-    for case in invariances() {
-        let mut render = |(scene, camera): &(Scene, Camera)| renderer.render(scene, camera, case.time, true);
-        let (before, after) = (render(&case.before)?, render(&case.after)?);
-        add(&mut families, case.family, case.difference(&before, &after));
-    }
-    let text = csv(&families);
-    if let Some(folder) = &args.output {
-        write_whole(&folder.join("stress.csv"), text.as_bytes())?;
-    }
-    if args.json {
-        print_json(&families)?;
-    } else {
-        print(&text)?;
-    }
-    Ok(Exit::Done)
 }
 
 fn add(families: &mut Vec<Family>, name: &'static str, found: Difference) {

@@ -1,21 +1,47 @@
 //! `bench train`: every setting of training on one recording, quality beside time.
 
 use super::{
+    measure::{Files, Measure},
     plot::{self, Point},
     rows::{Row, rows},
 };
 use crate::{
-    args::BenchTrainArgs,
     cli::{
-        Exit,
-        console::{self, ProgressView, print, print_json, say},
+        console::{self, ProgressView, print_report, say},
+        verb::Exit,
     },
-    engine::{Backend, Engine, EngineOptions},
+    engine::{BackendChoice, Engine, EngineOptions},
     evaluation::evaluate,
     jobs::{self, Material},
 };
-use std::{fmt::Write, sync::Arc};
-use surgtpgs_core::{Error, Result, clock::PassName, files::write_whole, train::Pass};
+use clap::Args;
+use std::{fmt::Write, path::PathBuf, sync::Arc};
+use surgtpgs_core::{Error, Result, clock::PassName, train::Pass};
+
+/// Train once for every setting: train.csv, train_psnr.svg, train_miou.svg
+#[derive(Debug, Args)]
+pub(super) struct BenchTrainArgs {
+    /// A folder prepared with --eval, or a recording (then without features)
+    sequence: PathBuf,
+    /// Folder to write
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Optimiser steps of every row
+    #[arg(long, default_value_t = 3000, value_parser = clap::value_parser!(u32).range(1..))]
+    iterations: u32,
+    /// Seed of everything random
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Device to train on
+    #[arg(long, value_enum, default_value_t = BackendChoice::Cpu)]
+    backend: BackendChoice,
+    /// Only these rows, e.g. default,paper
+    #[arg(long, value_delimiter = ',')]
+    rows: Vec<String>,
+    /// Report as JSON, too
+    #[arg(long)]
+    json: bool,
+}
 
 /// Measurements of one row.
 #[derive(serde::Serialize)]
@@ -36,25 +62,27 @@ struct Outcome {
     pass_ms: Vec<f64>,
 }
 
-pub(super) fn run(args: &BenchTrainArgs) -> Result<Exit> {
-    let material = Material::open(&args.sequence)?;
-    let wanted = wanted_rows(args)?;
-    console::watch_interrupts();
-    let mut outcomes = Vec::new();
-    for (k, row) in wanted.iter().enumerate() {
-        say(&format!("{} of {}: {} ({})", k + 1, wanted.len(), row.name, row.what));
-        let outcome = measure(&material, row, args)?;
-        say(&line(&outcome));
-        outcomes.push(outcome);
-        // The files are written after every row, so that an interrupted benchmark keeps what it has.
-        write(&outcomes, args)?;
+impl Measure for BenchTrainArgs {
+    fn run(&self, force: bool) -> Result<Exit> {
+        let material = Material::open(&self.sequence)?;
+        let inputs = material.inputs(&self.sequence);
+        let files = Files::claim(Some(&self.output), &inputs, force)?;
+        let wanted = wanted_rows(self)?;
+        console::watch_interrupts();
+        let mut outcomes = Vec::new();
+        for (k, row) in wanted.iter().enumerate() {
+            say(&format!("{} of {}: {} ({})", k + 1, wanted.len(), row.name, row.what));
+            let outcome = measure(&material, row, self)?;
+            say(&line(&outcome));
+            outcomes.push(outcome);
+            // The files are written after every row, so that an interrupted benchmark keeps what it has.
+            write(&outcomes, &files)?;
+        }
+        let text: String = outcomes.iter().map(|o| line(o) + "\n").collect();
+        print_report(&outcomes, &text, self.json)?;
+        files.finish()?;
+        Ok(Exit::Done)
     }
-    if args.json {
-        print_json(&outcomes)?;
-    } else {
-        print(&outcomes.iter().map(|o| line(o) + "\n").collect::<String>())?;
-    }
-    Ok(Exit::Done)
 }
 
 fn wanted_rows(args: &BenchTrainArgs) -> Result<Vec<Row>> {
@@ -87,8 +115,11 @@ fn measure(material: &Material, row: &Row, args: &BenchTrainArgs) -> Result<Outc
         return Err(Error::Cancelled);
     }
     let (seconds, steps, dropped_steps) = (trained.seconds, trained.steps, trained.dropped);
-    let options =
-        EngineOptions { backend: Backend::Cpu, sequence: Some(args.sequence.clone()), ..Default::default() };
+    let options = EngineOptions {
+        backend: BackendChoice::Cpu,
+        sequence: Some(args.sequence.clone()),
+        ..Default::default()
+    };
     let mut engine = Engine::new(Arc::new(trained.scene), None, options)?;
     let report = evaluate(&mut engine, None, &mut |p| view.show(p))?.report;
     let iou = report.iou.as_ref();
@@ -138,7 +169,7 @@ fn csv(outcomes: &[Outcome]) -> String {
         let _ = write!(
             text,
             "{},\"{}\",{:.2},{:.2},{},{},{},{},{},{},{}",
-            o.name.replace(',', ""),
+            o.name,
             o.what,
             o.seconds,
             o.steps_per_second,
@@ -158,8 +189,8 @@ fn csv(outcomes: &[Outcome]) -> String {
     text
 }
 
-fn write(outcomes: &[Outcome], args: &BenchTrainArgs) -> Result<()> {
-    write_whole(&args.output.join("train.csv"), csv(outcomes).as_bytes())?;
+fn write(outcomes: &[Outcome], files: &Files) -> Result<()> {
+    files.write("train.csv", csv(outcomes).as_bytes())?;
     let points = |value: fn(&Outcome) -> Option<f64>| -> Vec<Point<'_>> {
         let point = |o: &Outcome| value(o).map(|y| Point { name: o.name, x: o.seconds, y });
         outcomes.iter().filter_map(point).collect()
@@ -170,7 +201,7 @@ fn write(outcomes: &[Outcome], args: &BenchTrainArgs) -> Result<()> {
     ] {
         if !values.is_empty() {
             let svg = plot::scatter("Quality against training time", "training, s", label, &values)?;
-            write_whole(&args.output.join(file), svg.as_bytes())?;
+            files.write(file, svg.as_bytes())?;
         }
     }
     Ok(())

@@ -4,14 +4,15 @@
 mod report;
 
 use super::{
-    Exit,
+    answers::{Answers, ask},
     console::{self, ProgressView, print, say},
-    query, view,
+    verb::Exit,
+    view,
 };
 use crate::{
-    engine::{Engine, EngineOptions},
+    engine::{Engine, EngineOptions, Negatives, Question},
     evaluation::evaluate,
-    jobs::{self, DemoOptions, DemoPaths, ExportRequest},
+    jobs::{self, DemoOptions, DemoPaths, ExportQuestion, ExportRequest},
     outputs,
     viewer::{self, ViewerInput},
 };
@@ -65,7 +66,7 @@ fn headless(folder: &Path, options: &DemoOptions) -> Result<()> {
     drop(view);
     engine.set_prompts(&PROMPTS.map(String::from))?;
     let frames: Vec<usize> = (0..engine.scene().num_frames()).collect();
-    let answers = query::query(&mut engine, &frames)?;
+    let answers = ask(&mut engine, &frames)?;
     let found = export_found(&mut engine, &answers, &scene, &folder.join("masked-frames"), frames)?;
 
     let findings =
@@ -80,23 +81,29 @@ fn headless(folder: &Path, options: &DemoOptions) -> Result<()> {
 /// Exports the prompts that were found somewhere. Returns the number of files written.
 fn export_found(
     engine: &mut Engine,
-    answers: &query::Report,
+    answers: &Answers,
     scene: &Path,
     folder: &Path,
     frames: Vec<usize>,
 ) -> Result<usize> {
-    let found: Vec<String> =
-        answers.prompts.iter().filter(|p| p.frames_found() > 0).map(|p| p.text.clone()).collect();
+    let found: Vec<&String> =
+        answers.prompts.iter().filter(|p| p.frames_found() > 0).map(|p| &p.text).collect();
     if found.is_empty() {
         return Ok(0);
     }
-    engine.set_prompts(&found)?;
-    let options =
-        ExportOptions { formats: vec![Format::Cutout, Format::Overlay, Format::Index], ..Default::default() };
-    let prompts = jobs::export_prompts(engine);
-    let request =
-        ExportRequest { scene, folder, frames, prompts, options, replace: true, completes_same: false };
+    let negatives = Negatives::of(engine.settings());
+    let questions = found.iter().map(|text| Question::words(text.as_str(), negatives.clone())).collect();
+    let formats = vec![Format::Cutout, Format::Overlay, Format::Index];
+    let request = ExportRequest {
+        scene: scene.to_owned(),
+        folder: folder.to_owned(),
+        frames,
+        questions: ExportQuestion::with_standard_look(questions, engine.settings().threshold),
+        options: ExportOptions { formats, ..Default::default() },
+        replace: true,
+        completes_same: false,
+    };
     let mut view = ProgressView::default();
-    let summary = jobs::export(engine, request, &mut |p| view.show(p))?;
+    let summary = jobs::export(engine, &request, &mut |p| view.show(p))?;
     if summary.complete { Ok(summary.files) } else { Err(Error::Cancelled) }
 }

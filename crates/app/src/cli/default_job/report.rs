@@ -2,12 +2,12 @@
 
 use crate::{
     cli::{
+        answers::Answers,
         document::{escaped, number, table, write_report},
         figures::{answers, answers_table, classes_table, comparison},
-        query,
     },
     engine::Engine,
-    evaluation,
+    evaluation::EvalReport,
     jobs::Trained,
     pictures::png,
 };
@@ -18,8 +18,8 @@ use surgtpgs_core::{Result, export::intended_use, files::write_whole};
 /// Everything that the report tells.
 pub(super) struct Findings<'a> {
     pub(super) trained: &'a Trained,
-    pub(super) evaluation: &'a evaluation::Report,
-    pub(super) answers: &'a query::Report,
+    pub(super) evaluation: &'a EvalReport,
+    pub(super) answers: &'a Answers,
     /// Number of files of masked frames.
     pub(super) exported: usize,
 }

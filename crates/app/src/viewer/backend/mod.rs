@@ -10,17 +10,15 @@ pub(crate) mod task;
 use crate::{
     engine::{Negatives, Question, Sample},
     evaluation::Evaluation,
+    jobs::ExportRequest,
 };
 use image::RgbImage;
 use orbit::{MAX_MOVING_DEGREES, MAX_STILL_DEGREES, Orbit};
-use ranges::included;
 use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Result,
-    export::{Format, num_files},
+    export::ExportSummary,
     grid::{Grid, Mask},
-    mask::CleanUp,
-    overlay::OverlayLook,
     raster::FrameClock,
     sequence::CheckReport,
     train::LossTerms,
@@ -154,8 +152,14 @@ pub(crate) trait Backend: Send + Sync {
     fn flip_masks(&self, path: &Path) -> Result<PathBuf>;
     /// Makes sure that the built-in demo is under `folder`: its scene, or at least its recording.
     fn demo(&self, folder: &Path, task: &TaskContext<Box<dyn FrameSource>>) -> Result<Demo>;
-    /// Exports files. After a cancellation, finished files stay and the same request continues from there.
-    fn export(&self, request: &ExportRequest, task: &TaskContext) -> Result<ExportSummary>;
+    /// Exports files; `negatives` are those of prompts without exceptions of their own. After a cancellation,
+    /// finished files stay and the same request continues from there.
+    fn export(
+        &self,
+        request: &ExportRequest,
+        negatives: &Negatives,
+        task: &TaskContext,
+    ) -> Result<ExportSummary>;
     /// Compares a scene with its recording: pictures, depth and the masks of its classes.
     fn evaluate(&self, scene: &Path, task: &TaskContext) -> Result<Evaluation>;
     /// Returns the available memory, bytes; `None` where the system does not tell.
@@ -182,56 +186,6 @@ pub(crate) struct Checked {
     pub(crate) can_flip: bool,
 }
 
-/// One prompt of an export.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct ExportPrompt {
-    pub(crate) question: Question,
-    pub(crate) threshold: f32,
-    pub(crate) colour: [u8; 3],
-    pub(crate) is_instrument: bool,
-}
-
-/// Everything that an export depends on.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct ExportRequest {
-    pub(crate) scene: PathBuf,
-    pub(crate) folder: PathBuf,
-    pub(crate) formats: Vec<Format>,
-    /// First and last frame.
-    pub(crate) frames: (usize, usize),
-    /// Ranges of frames that are left out.
-    pub(crate) excluded: Vec<(usize, usize)>,
-    /// `true` to draw on recorded frames, `false` to draw on rendered ones.
-    pub(crate) from_original: bool,
-    pub(crate) prompts: Vec<ExportPrompt>,
-    /// Negatives of prompts without exceptions of their own.
-    pub(crate) negatives: Negatives,
-    /// `true` if every pixel belongs to at most one prompt.
-    pub(crate) is_exclusive: bool,
-    /// Style of the overlays.
-    pub(crate) look: OverlayLook,
-    /// Clean-up of masks.
-    pub(crate) clean_up: CleanUp,
-}
-
-impl ExportRequest {
-    /// Returns the number of files to write, without the record and the names of labels.
-    pub(crate) fn num_files(&self) -> usize {
-        num_files(&self.formats, self.frames().len(), self.prompts.len())
-    }
-
-    /// Returns the frames that are exported.
-    pub(crate) fn frames(&self) -> Vec<usize> {
-        included(self.frames, &self.excluded)
-    }
-
-    /// Returns `true` if a format needs consecutive frames, but the frames have gaps.
-    pub(crate) fn has_gaps(&self) -> bool {
-        let frames = self.frames();
-        self.formats.iter().any(|f| f.is_series()) && frames.windows(2).any(|pair| pair[0] + 1 != pair[1])
-    }
-}
-
 /// The built-in demo.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Demo {
@@ -239,15 +193,6 @@ pub(crate) struct Demo {
     pub(crate) path: PathBuf,
     /// Training that makes the scene, if there is none yet.
     pub(crate) train: Option<TrainRequest>,
-}
-
-/// Result of an export.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct ExportSummary {
-    /// `true` if all requested frames are there.
-    pub(crate) is_complete: bool,
-    pub(crate) num_files: usize,
-    pub(crate) folder: PathBuf,
 }
 
 /// Default number of optimiser steps.

@@ -1,11 +1,11 @@
 //! The export dialog: formats, frames and folder, the number of files before the start, then the progress.
 
-use crate::outputs;
 use crate::viewer::{
     action::Action,
     backend::{
-        Backend, ExportPrompt, ExportRequest, ExportSummary,
-        task::{Task, TaskEvent},
+        Backend,
+        ranges::included,
+        task::{Task, TaskContext, TaskEvent},
     },
     panels::{
         folder::free_folder,
@@ -17,19 +17,30 @@ use crate::viewer::{
     text::thousands,
     theme,
 };
+use crate::{
+    engine::Negatives,
+    jobs::{ExportQuestion, ExportRequest},
+    outputs,
+};
 use egui::{Context, DragValue, ProgressBar, RichText, Ui};
 use std::{
     path::{Path, PathBuf},
     sync::Arc,
 };
 use surgtpgs_core::{
-    export::{Format, FormatGroup},
+    export::{ExportOptions, ExportSummary, Format, FormatGroup, PictureSource, num_files},
     files::{is_free_folder, unfinished_kind},
 };
 
 /// An export, from the question to the result.
 struct Export {
     request: ExportRequest,
+    /// First and last frame.
+    range: (usize, usize),
+    /// Ranges of frames that are left out.
+    excluded: Vec<(usize, usize)>,
+    /// Negatives of prompts without exceptions of their own.
+    negatives: Negatives,
     /// Name of the open scene, after which a new folder is named.
     name: String,
     last_frame: usize,
@@ -44,7 +55,7 @@ enum State {
     Finished(ExportSummary),
 }
 
-/// The export export.
+/// The export dialog.
 #[derive(Default)]
 pub(crate) struct ExportDialog {
     export: Option<Export>,
@@ -54,28 +65,34 @@ impl Export {
     /// Makes the dialog for the visible prompts of the open scene.
     fn new(shared: &Shared) -> Option<Self> {
         let info = shared.info()?;
-        let prompt = |p: &Prompt| ExportPrompt {
+        let question = |p: &Prompt| ExportQuestion {
             question: shared.document.question(p),
             threshold: p.threshold,
             colour: p.colour,
             is_instrument: p.is_instrument,
         };
-        let shows_original = shared.document.mode == ViewMode::Original;
+        let shows_original = shared.document.mode == ViewMode::Original && info.has_original;
+        let options = ExportOptions {
+            formats: vec![Format::Overlay, Format::Binary],
+            source: if shows_original { PictureSource::Original } else { PictureSource::Reconstruction },
+            look: shared.document.overlay,
+            clean_up: shared.document.content().clean_up,
+            ..ExportOptions::default()
+        };
         let request = ExportRequest {
             scene: info.path.clone(),
             folder: free_folder(&info.output_folder, &info.name, "export"),
-            formats: vec![Format::Overlay, Format::Binary],
-            frames: shared.playback.bounds(),
-            excluded: shared.document.excluded().to_vec(),
-            from_original: shows_original && info.has_original,
-            prompts: shared.document.prompts().iter().filter(|p| p.is_visible).map(prompt).collect(),
-            negatives: shared.document.comparison().common(),
-            is_exclusive: false,
-            look: shared.document.overlay,
-            clean_up: shared.document.content().clean_up,
+            frames: Vec::new(),
+            questions: shared.document.prompts().iter().filter(|p| p.is_visible).map(question).collect(),
+            options,
+            replace: false,
+            completes_same: true,
         };
         Some(Self {
             request,
+            range: shared.playback.bounds(),
+            excluded: shared.document.excluded().to_vec(),
+            negatives: shared.document.comparison().common(),
             name: info.name.clone(),
             last_frame: info.num_frames.saturating_sub(1),
             has_original: info.has_original,
@@ -108,9 +125,16 @@ impl Export {
         None
     }
 
+    /// Returns the frames that are exported.
+    fn frames(&self) -> Vec<usize> {
+        included(self.range, &self.excluded)
+    }
+
     fn start(&mut self, backend: Arc<dyn Backend>, ctx: &Context) {
-        let request = self.request.clone();
-        self.state = State::Running(Task::start("export", ctx, move |task| backend.export(&request, task)));
+        self.request.frames = self.frames();
+        let (request, negatives) = (self.request.clone(), self.negatives.clone());
+        let work = move |task: &TaskContext| backend.export(&request, &negatives, task);
+        self.state = State::Running(Task::start("export", ctx, work));
     }
 
     fn pick_folder(&mut self, ctx: &Context) {
@@ -164,7 +188,7 @@ fn export_ui(ctx: &Context, export: &mut Export, backend: &Arc<dyn Backend>) -> 
         match &export.state {
             State::Asking => asking_ui(ui, export, backend),
             State::Running(task) => running_ui(ui, task),
-            State::Finished(summary) => finished_ui(ui, summary),
+            State::Finished(summary) => finished_ui(ui, summary, &export.request.folder),
         }
     });
     is_done || (is_closed && !export.is_running())
@@ -172,11 +196,11 @@ fn export_ui(ctx: &Context, export: &mut Export, backend: &Arc<dyn Backend>) -> 
 
 /// Shows the settings of an export; returns `true` if the dialog is to be closed.
 fn asking_ui(ui: &mut Ui, export: &mut Export, backend: &Arc<dyn Backend>) -> bool {
-    let names: Vec<_> = export.request.prompts.iter().map(|p| format!("\"{}\"", p.question.text)).collect();
+    let names: Vec<_> = export.request.questions.iter().map(|q| format!("\"{}\"", q.question.text)).collect();
     let what = if names.is_empty() { "No visible prompt".to_owned() } else { names.join(", ") };
     ui.label(RichText::new(what).color(if names.is_empty() { theme::AMBER } else { theme::TEXT_WEAK }));
     ui.add_space(6.0);
-    formats_ui(ui, &mut export.request.formats);
+    formats_ui(ui, &mut export.request.options.formats);
     ui.separator();
     frames_ui(ui, export);
     ui.horizontal(|ui| {
@@ -187,14 +211,16 @@ fn asking_ui(ui: &mut Ui, export: &mut Export, backend: &Arc<dyn Backend>) -> bo
         ui.add(egui::Label::new(caption(folder)).truncate());
     });
     ui.add_space(10.0);
-    let has_gaps = export.request.has_gaps();
+    let (frames, ExportRequest { options, questions, .. }) = (export.frames(), &export.request);
+    let is_apart = frames.windows(2).any(|pair| pair[0] + 1 != pair[1]);
+    let has_gaps = is_apart && options.formats.iter().any(|f| f.is_series());
     if has_gaps {
         let text = "Frames are left out in between: videos, tables and volumes need them in one piece. Choose frames before or \
                     behind what is left out.";
         ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
     }
-    let is_ready = !export.request.formats.is_empty() && !export.request.prompts.is_empty() && !has_gaps;
-    let count = if is_ready { export.request.num_files() } else { 0 };
+    let is_ready = !options.formats.is_empty() && !questions.is_empty() && !has_gaps;
+    let count = if is_ready { num_files(&options.formats, frames.len(), questions.len()) } else { 0 };
     ui.label(RichText::new(format!("{} files will be written", thousands(count))).strong());
     ui.label(caption("A provenance.json beside them says how they were made."));
     ui.horizontal(|ui| {
@@ -226,29 +252,30 @@ fn formats_ui(ui: &mut Ui, formats: &mut Vec<Format>) {
 }
 
 fn frames_ui(ui: &mut Ui, export: &mut Export) {
-    let request = &mut export.request;
     ui.horizontal(|ui| {
         ui.label("Frames");
         // Frames are shown from 1 and stored from 0.
-        let (mut from, mut to) = (request.frames.0 + 1, request.frames.1 + 1);
+        let (mut from, mut to) = (export.range.0 + 1, export.range.1 + 1);
         let last = export.last_frame + 1;
         ui.add(DragValue::new(&mut from).range(1..=last)).on_hover_text("First frame");
         ui.label("to");
         ui.add(DragValue::new(&mut to).range(1..=last)).on_hover_text("Last frame");
-        request.frames = (from.min(to) - 1, to.max(from) - 1);
+        export.range = (from.min(to) - 1, to.max(from) - 1);
         if ui.button("All").clicked() {
-            request.frames = (0, export.last_frame);
+            export.range = (0, export.last_frame);
         }
     });
     ui.horizontal(|ui| {
         ui.label("Pictures from");
+        let source = &mut export.request.options.source;
         ui.add_enabled_ui(export.has_original, |ui| {
-            ui.radio_value(&mut request.from_original, true, "the recording");
+            ui.radio_value(source, PictureSource::Original, "the recording");
         });
-        ui.radio_value(&mut request.from_original, false, "the reconstruction");
+        ui.radio_value(source, PictureSource::Reconstruction, "the reconstruction");
     });
-    if request.prompts.len() > 1 {
-        ui.checkbox(&mut request.is_exclusive, "Each pixel belongs to one prompt only (the highest score)");
+    if export.request.questions.len() > 1 {
+        let exclusive = &mut export.request.options.exclusive;
+        ui.checkbox(exclusive, "Each pixel belongs to one prompt only (the highest score)");
     }
 }
 
@@ -263,15 +290,15 @@ fn running_ui(ui: &mut Ui, task: &Task<ExportSummary>) -> bool {
     false
 }
 
-fn finished_ui(ui: &mut Ui, summary: &ExportSummary) -> bool {
-    let files = thousands(summary.num_files);
-    if summary.is_complete {
+fn finished_ui(ui: &mut Ui, summary: &ExportSummary, folder: &Path) -> bool {
+    let files = thousands(summary.files);
+    if summary.complete {
         ui.label(format!("{files} files are in"));
     } else {
         let text = format!("Stopped. The {files} files that were finished are complete, in");
         ui.label(RichText::new(text).color(theme::AMBER));
     }
-    ui.label(RichText::new(summary.folder.display().to_string()).color(theme::TEXT_WEAK));
+    ui.label(RichText::new(folder.display().to_string()).color(theme::TEXT_WEAK));
     ui.add(main_button("Close")).clicked()
 }
 

@@ -7,7 +7,7 @@ use crate::viewer::{
     state::content::{Prompt, PromptId},
     theme,
 };
-use crate::{args::split_words, settings::PROMPT_COLOURS};
+use crate::{settings::PROMPT_COLOURS, text::split_words};
 use egui::{Id, Key, Popup, PopupCloseBehavior, Response, Sense, Stroke, TextEdit, Ui, WidgetInfo, vec2};
 
 /// The menu of one prompt at a time.

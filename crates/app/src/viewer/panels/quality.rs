@@ -1,7 +1,7 @@
 //! Quality of a reconstruction: the match of its pictures with the recording, and of its class names with the
 //! labels. The same as `surgtpgs eval`.
 
-use crate::evaluation::{self, Evaluation, FrameRow, Report};
+use crate::evaluation::{self, EvalReport, Evaluation, FrameRow};
 use crate::viewer::{
     action::Action,
     backend::task::{Task, TaskContext, TaskEvent},
@@ -216,7 +216,7 @@ fn evaluation_ui(ui: &mut Ui, evaluation: &Evaluation) -> Click {
     .inner
 }
 
-fn pictures_ui(ui: &mut Ui, report: &Report) {
+fn pictures_ui(ui: &mut Ui, report: &EvalReport) {
     let depth = report.depth.map(|d| format!("{:.2} scene units ({:.1} %)", d.rmse, 100.0 * d.abs_rel));
     let db = |value: Option<f64>| value.map(|v| format!("{v:.2} dB"));
     let rows = [
@@ -234,7 +234,7 @@ fn pictures_ui(ui: &mut Ui, report: &Report) {
     });
 }
 
-fn classes_ui(ui: &mut Ui, report: &Report) {
+fn classes_ui(ui: &mut Ui, report: &EvalReport) {
     ui.add_space(8.0);
     let Some(masks) = &report.masks else {
         ui.label(caption(

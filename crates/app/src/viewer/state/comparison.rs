@@ -69,7 +69,7 @@ impl Document {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::args::split_words;
+    use crate::text::split_words;
     use surgtpgs_core::{overlay::OverlayLook, relevancy::RelevancySettings};
 
     #[test]

@@ -2,7 +2,7 @@
 
 use crate::viewer::{
     backend::{
-        Backend, ExportPrompt, ExportRequest, ExportSummary,
+        Backend,
         engine::EngineBackend,
         task::{Task, TaskEvent},
     },
@@ -11,6 +11,7 @@ use crate::viewer::{
 use crate::{
     cli,
     engine::{Negatives, Question},
+    jobs::{ExportQuestion, ExportRequest},
     settings::PROMPT_COLOURS,
 };
 use std::{
@@ -18,7 +19,7 @@ use std::{
     path::{Path, PathBuf},
 };
 use surgtpgs_core::{
-    export::Format,
+    export::{ExportOptions, ExportSummary, Format, PictureSource},
     mask::CleanUp,
     overlay::{OverlayLook, OverlayStyle},
     relevancy::RelevancySettings,
@@ -33,9 +34,9 @@ fn program(folder: &Path, line: &[&str]) {
     assert_eq!(cli::run(words), cli::Exit::Done, "{line:?}");
 }
 
-fn through_the_window(request: ExportRequest) -> ExportSummary {
+fn through_the_window(request: ExportRequest, negatives: Negatives) -> ExportSummary {
     let ctx = egui::Context::default();
-    let mut job = Task::start("export", &ctx, move |job| EngineBackend.export(&request, job));
+    let mut job = Task::start("export", &ctx, move |job| EngineBackend.export(&request, &negatives, job));
     loop {
         match job.poll() {
             Some(TaskEvent::Done(result)) => return result.unwrap(),
@@ -78,30 +79,33 @@ fn the_window_and_the_command_line_write_the_same_bytes() {
     let standard = RelevancySettings { class_negatives: false, ..Default::default() };
     let negatives = Negatives::of(&standard).with([&"smoke".to_owned()]);
     let own = |text: &str| if text == "liver" { vec!["fat".to_owned()] } else { Vec::new() };
-    let prompt = |(text, colour): (&'static str, &[u8; 3])| ExportPrompt {
+    let prompt = |(text, colour): (&'static str, &[u8; 3])| ExportQuestion {
         question: Question::words(text, negatives.clone().with(&own(text))),
         threshold: RelevancySettings::default().threshold,
         colour: *colour,
         is_instrument: false,
     };
-    let done = through_the_window(ExportRequest {
+    let request = ExportRequest {
         scene: folder.join("scene.safetensors"),
         folder: folder.join("window"),
-        formats: Format::ALL.into_iter().rev().collect(),
-        frames: (1, 3),
-        excluded: Vec::new(),
-        from_original: true,
-        prompts: ["liver", "bile sac"].into_iter().zip(&PROMPT_COLOURS).map(prompt).collect(),
-        negatives: negatives.clone(),
-        is_exclusive: false,
-        look: OverlayLook {
-            style: OverlayStyle::Fill,
-            opacity: 0.5,
-            outline_opacity: 0.6,
-            below_instruments: false,
+        frames: (1..4).collect(),
+        questions: ["liver", "bile sac"].into_iter().zip(&PROMPT_COLOURS).map(prompt).collect(),
+        options: ExportOptions {
+            formats: Format::ALL.into_iter().rev().collect(),
+            source: PictureSource::Original,
+            look: OverlayLook {
+                style: OverlayStyle::Fill,
+                opacity: 0.5,
+                outline_opacity: 0.6,
+                below_instruments: false,
+            },
+            clean_up: CleanUp { smooth_frames: 1, fill_holes_px: 9, min_area_px: 5, grow_px: -1 },
+            ..ExportOptions::default()
         },
-        clean_up: CleanUp { smooth_frames: 1, fill_holes_px: 9, min_area_px: 5, grow_px: -1 },
-    });
+        replace: false,
+        completes_same: true,
+    };
+    let done = through_the_window(request, negatives.clone());
     let record = std::fs::read_to_string(folder.join("window/provenance.json")).unwrap();
     let record: serde_json::Value = serde_json::from_str(&record).unwrap();
     let compared = |k: usize| record["prompts"][k]["negatives"].as_array().unwrap()[3..].to_vec();
@@ -112,7 +116,7 @@ fn the_window_and_the_command_line_write_the_same_bytes() {
     assert_eq!(record["relevancy"]["phrases"][4], "smoke");
     let (line, window) = (contents(&folder.join("line")), contents(&folder.join("window")));
     // The two records and the names of labels are not counted.
-    assert_eq!(line.len(), done.num_files + 3);
+    assert_eq!(line.len(), done.files + 3);
     assert!(line.keys().eq(window.keys()));
     for (name, bytes) in &line {
         assert!(window[name] == *bytes, "{} differs", name.display());

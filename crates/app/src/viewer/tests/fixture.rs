@@ -76,7 +76,7 @@ impl FrameSource for Fake {
 pub(super) struct FakeBackend {
     pub(super) info: Info,
     pub(super) gate: Mutex<Option<mpsc::Receiver<()>>>,
-    pub(super) exported: Mutex<Vec<ExportRequest>>,
+    pub(super) exported: Mutex<Vec<(ExportRequest, Negatives)>>,
     pub(super) trained: Mutex<Vec<TrainRequest>>,
     pub(super) available_bytes: Mutex<Option<u64>>,
     pub(super) checked: Mutex<Checked>,
@@ -118,11 +118,17 @@ impl Backend for FakeBackend {
         };
         Ok(Demo { path: folder.to_owned(), train: Some(request) })
     }
-    fn export(&self, request: &ExportRequest, task: &TaskContext) -> Result<ExportSummary> {
+    fn export(
+        &self,
+        request: &ExportRequest,
+        negatives: &Negatives,
+        task: &TaskContext,
+    ) -> Result<ExportSummary> {
         task.progress("Exporting", 1, 1, String::new());
-        self.exported.lock().unwrap().push(request.clone());
-        let folder = request.folder.clone();
-        Ok(ExportSummary { is_complete: true, num_files: request.num_files(), folder })
+        self.exported.lock().unwrap().push((request.clone(), negatives.clone()));
+        let (frames, prompts) = (request.frames.len(), request.questions.len());
+        let files = num_files(&request.options.formats, frames, prompts);
+        Ok(ExportSummary { complete: true, frames, skipped_frames: 0, files })
     }
     fn evaluate(&self, scene: &Path, task: &TaskContext) -> Result<Evaluation> {
         task.progress("evaluating", 2, 2, String::new());

@@ -77,9 +77,9 @@ fn a_prompt_says_what_it_is_compared_with_and_is_exported_so() {
     let backend = window.backend.clone();
     window.until(|_| !backend.exported.lock().unwrap().is_empty());
     let exported = backend.exported.lock().unwrap();
-    assert_eq!(exported[0].negatives.phrases, phrases);
+    assert_eq!(exported[0].1.phrases, phrases);
     assert_eq!(
-        exported[0].prompts[0].question.negatives.phrases,
+        exported[0].0.questions[0].question.negatives.phrases,
         ["object", "things", "stuff", "smoke", "fat"]
     );
 }

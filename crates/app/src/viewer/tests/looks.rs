@@ -80,7 +80,7 @@ fn masks_are_cleaned_up_in_the_window_as_in_exports_and_off_is_the_raw_mask() {
     window.click("Start export");
     let backend = window.backend.clone();
     window.until(|_| !backend.exported.lock().unwrap().is_empty());
-    assert_eq!(backend.exported.lock().unwrap()[0].clean_up, grown);
+    assert_eq!(backend.exported.lock().unwrap()[0].0.options.clean_up, grown);
     window.until_shown("files are in");
     window.click("Close");
     window.press_with(Modifiers::COMMAND, Key::Z);

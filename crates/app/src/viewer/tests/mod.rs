@@ -16,8 +16,7 @@ mod sessions;
 
 use crate::viewer::{
     backend::{
-        Backend, Checked, Demo, ExportRequest, ExportSummary, FrameSource, FrameView, Info, Rendering,
-        TrainNews, TrainRequest,
+        Backend, Checked, Demo, FrameSource, FrameView, Info, Rendering, TrainNews, TrainRequest,
         task::{NOT_SAVED, TaskContext},
     },
     panels::prompts::{ENCODING, NO_FEATURES, NOTHING},
@@ -27,8 +26,9 @@ use crate::viewer::{
     state::{autosave::Autosave, preferences::Preferences, view_mode::ViewMode},
 };
 use crate::{
-    engine::{Question, Sample},
+    engine::{Negatives, Question, Sample},
     evaluation::Evaluation,
+    jobs::ExportRequest,
 };
 use egui::{Key, Modifiers, Role, accesskit::Toggled};
 use egui_kittest::{
@@ -46,7 +46,7 @@ use std::{
 };
 use surgtpgs_core::{
     Error, Result,
-    export::intended_use,
+    export::{ExportSummary, intended_use, num_files},
     grid::{Grid, Mask},
     sequence::CheckReport,
     train::LossTerms,
@@ -311,7 +311,7 @@ fn the_export_says_how_many_files_before_it_starts() {
     window.click("Start export");
     window.until(|app| app.dialog == Some(Dialog::Export));
     window.until_shown("144 files are in");
-    assert_eq!(window.backend.exported.lock().unwrap()[0].prompts.len(), 2);
+    assert_eq!(window.backend.exported.lock().unwrap()[0].0.questions.len(), 2);
 }
 
 #[test]

@@ -154,7 +154,7 @@ fn excluded_frames_are_not_shown_not_exported_and_not_learned_from() {
     window.click("Start export");
     let backend = window.backend.clone();
     window.until(|_| !backend.exported.lock().unwrap().is_empty());
-    assert_eq!(backend.exported.lock().unwrap()[0].frames(), (2..FRAMES).collect::<Vec<_>>());
+    assert_eq!(backend.exported.lock().unwrap()[0].0.frames, (2..FRAMES).collect::<Vec<_>>());
     let session = window.harness.state().shared.session().unwrap();
     assert!(serde_json::to_string(&session).unwrap().contains("\"excluded\":[[0,1]]"));
 }

@@ -6,13 +6,12 @@ mod scene;
 mod training;
 
 use crate::viewer::backend::{
-    Backend, Checked, DEFAULT_STEPS, Demo, ExportRequest, ExportSummary, FrameSource, TrainNews,
-    TrainRequest, task::TaskContext,
+    Backend, Checked, DEFAULT_STEPS, Demo, FrameSource, TrainNews, TrainRequest, task::TaskContext,
 };
 use crate::{
-    engine::{Engine, EngineOptions, Question},
+    engine::{Engine, EngineOptions, Negatives},
     evaluation::{self, Evaluation},
-    jobs::{self, DemoPaths, Material},
+    jobs::{self, DemoPaths, ExportRequest, Material},
     memory::{Work, require_for},
     outputs,
 };
@@ -22,7 +21,7 @@ use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Result,
     demo::{self, DemoSettings},
-    export::{ExportOptions, ExportPrompt, PictureSource},
+    export::ExportSummary,
     files::{Inputs, claim_collection},
     relevancy::RelevancySettings,
     scene::Scene,
@@ -76,49 +75,20 @@ impl Backend for EngineBackend {
         Ok(Demo { path: paths.recording, train: Some(train) })
     }
 
-    fn export(&self, request: &ExportRequest, task: &TaskContext) -> Result<ExportSummary> {
+    fn export(
+        &self,
+        request: &ExportRequest,
+        negatives: &Negatives,
+        task: &TaskContext,
+    ) -> Result<ExportSummary> {
         let relevancy = RelevancySettings {
-            phrases: request.negatives.phrases.clone(),
-            class_negatives: request.negatives.uses_classes,
+            phrases: negatives.phrases.clone(),
+            class_negatives: negatives.uses_classes,
             ..Default::default()
         };
         let options = EngineOptions { relevancy, ..Default::default() };
         let mut engine = Engine::open(&request.scene, options)?;
-        let questions: Vec<Question> = request.prompts.iter().map(|p| p.question.clone()).collect();
-        engine.set_questions(&questions)?;
-        let chosen = |(mut prompt, wanted): (ExportPrompt, &crate::viewer::backend::ExportPrompt)| {
-            (prompt.threshold, prompt.colour) = (wanted.threshold, wanted.colour);
-            prompt.is_instrument = wanted.is_instrument;
-            prompt
-        };
-        let prompts = jobs::export_prompts(&engine).into_iter().zip(&request.prompts).map(chosen).collect();
-        let options = ExportOptions {
-            formats: request.formats.clone(),
-            source: if request.from_original {
-                PictureSource::Original
-            } else {
-                PictureSource::Reconstruction
-            },
-            exclusive: request.is_exclusive,
-            look: request.look,
-            clean_up: request.clean_up,
-            ..Default::default()
-        };
-        let asked = jobs::ExportRequest {
-            scene: &request.scene,
-            folder: &request.folder,
-            frames: request.frames(),
-            prompts,
-            options,
-            replace: false,
-            completes_same: true,
-        };
-        let done = jobs::export(&mut engine, asked, &mut |p| task.follow(p))?;
-        Ok(ExportSummary {
-            is_complete: done.complete,
-            num_files: done.files,
-            folder: request.folder.clone(),
-        })
+        jobs::export(&mut engine, request, &mut |p| task.follow(p))
     }
 
     fn evaluate(&self, scene: &Path, task: &TaskContext) -> Result<Evaluation> {

@@ -69,12 +69,12 @@ impl SceneSource {
         Self { engine, info, pivot_depth: 1.0, home_depth: None }
     }
 
-    fn engine_view(&mut self, view: &FrameView) -> Result<engine::View> {
+    fn engine_view(&mut self, view: &FrameView) -> Result<engine::SceneView> {
         let recorded = self.engine.view(view.frame)?;
         let full = if view.orbit.is_home() {
             recorded
         } else {
-            engine::View::free(recorded.time, view.orbit.apply(&recorded.camera, self.pivot_depth))
+            engine::SceneView::free(recorded.time, view.orbit.apply(&recorded.camera, self.pivot_depth))
         };
         let half = |n: u32| (n / 2).max(1);
         Ok(if view.is_preview {
@@ -102,7 +102,7 @@ impl SceneSource {
     }
 
     /// Returns the scores of several questions; fails if one of them cannot be asked.
-    fn ask(&mut self, view: &engine::View, questions: &[Question]) -> Result<Vec<Grid<f32>>> {
+    fn ask(&mut self, view: &engine::SceneView, questions: &[Question]) -> Result<Vec<Grid<f32>>> {
         self.engine.set_questions(questions)?;
         Ok(self.engine.show(view, Ask::Now(None), VALUES)?.scores)
     }

@@ -27,7 +27,7 @@ const FIRST_PREVIEW: usize = 60;
 /// Trains on a recording and saves the scene. After a cancellation, the scene learned so far is still saved.
 pub(super) fn reconstruct(request: &TrainRequest, task: &TaskContext<TrainNews>) -> Result<PathBuf> {
     let material = Material::open(&request.recording)?;
-    let inputs = outputs::inputs_of_material(&request.recording, &material);
+    let inputs = material.inputs(&request.recording);
     // The offered name is free, and the file dialog asks before it replaces a file.
     let output = outputs::scene_file(&request.scene, &inputs, true)?;
     // Temporary folder of the features. It must outlive the training, which reads from it.
@@ -56,8 +56,13 @@ pub(super) fn reconstruct(request: &TrainRequest, task: &TaskContext<TrainNews>)
             }
         }
     };
-    let trained =
-        jobs::train_watched(&material, settings, engine::Backend::Auto, &mut |p| task.follow(p), &mut show)?;
+    let trained = jobs::train_watched(
+        &material,
+        settings,
+        engine::BackendChoice::Auto,
+        &mut |p| task.follow(p),
+        &mut show,
+    )?;
     if trained.steps == 0 {
         return Err(Error::Cancelled);
     }

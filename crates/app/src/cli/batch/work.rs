@@ -3,12 +3,20 @@
 use super::{
     plan::Task,
     record::{Record, Status},
+    steps::StepVerb,
 };
 use crate::{
-    args::{EvalArgs, ExportArgs, Verb},
-    cli::{console::ProgressView, eval, export, figures, one_line, prepare, query, remedy, train},
+    cli::{
+        answers::ask,
+        console::ProgressView,
+        eval::EvalArgs,
+        export::{self, ExportArgs},
+        figures, remedy, train,
+        verb::Run,
+    },
     evaluation, jobs, memory, outputs,
     pictures::jpeg,
+    text::one_line,
 };
 use serde_json::{Value, json};
 use std::{
@@ -73,8 +81,8 @@ fn make_room(task: &mut Task, status: &Status) -> Result<()> {
     }
     let goes_on = matches!(status, Status::Unfinished(_));
     match &mut task.verb {
-        Verb::Prepare(args) => args.force = true,
-        Verb::Train(args) => {
+        StepVerb::Prepare(args) => args.force = true,
+        StepVerb::Train(args) => {
             let checkpoint = jobs::checkpoint_path(&task.output);
             if !goes_on && checkpoint.exists() {
                 if matches!(status, Status::New) || !is_checkpoint(&checkpoint) {
@@ -86,9 +94,8 @@ fn make_room(task: &mut Task, status: &Status) -> Result<()> {
             args.resume = checkpoint.exists();
             args.force = !args.resume;
         }
-        Verb::Eval(args) => args.force = true,
-        Verb::Export(args) => args.force = true,
-        _ => {}
+        StepVerb::Eval(args) => args.force = true,
+        StepVerb::Export(args) => args.force = true,
     }
     Ok(())
 }
@@ -99,16 +106,15 @@ fn in_the_way(path: &Path) -> Error {
 }
 
 /// Runs the step and returns its report.
-fn work(verb: &Verb) -> Result<Value> {
+fn work(verb: &StepVerb) -> Result<Value> {
     match verb {
-        Verb::Prepare(args) => prepare::run(args).map(|_| Value::Null),
-        Verb::Train(args) => {
+        StepVerb::Prepare(args) => args.run().map(|_| Value::Null),
+        StepVerb::Train(args) => {
             let report = train::train(args)?;
             if report.finished { Ok(json!(report)) } else { Err(Error::Cancelled) }
         }
-        Verb::Eval(args) => evaluate(args),
-        Verb::Export(args) => export_found(args),
-        other => Err(Error::input(format!("{other:?} is no step of a batch"), "")),
+        StepVerb::Eval(args) => evaluate(args),
+        StepVerb::Export(args) => export_found(args),
     }
 }
 
@@ -116,8 +122,8 @@ fn evaluate(args: &EvalArgs) -> Result<Value> {
     let ([scene, sequence], Some(folder)) = (&args.paths[..], &args.output) else {
         return Err(Error::input("an evaluation needs a scene, a recording and a folder", ""));
     };
-    let mut engine = eval::open(args, scene, sequence)?;
-    let inputs = outputs::inputs_of_engine(scene, &engine);
+    let mut engine = args.open(scene, sequence)?;
+    let inputs = engine.inputs(scene);
     let output = outputs::folder(folder, outputs::EVALUATION, &inputs, args.force)?;
     let mut view = ProgressView::default();
     let evaluation = evaluation::evaluate(&mut engine, args.lpips.as_deref(), &mut |p| view.show(p))?;
@@ -134,7 +140,7 @@ fn export_found(args: &ExportArgs) -> Result<Value> {
         return Err(Error::Cancelled);
     }
     let frames: Vec<usize> = (0..engine.scene().num_frames()).collect();
-    let answers = query::query(&mut engine, &frames)?;
+    let answers = ask(&mut engine, &frames)?;
     let picture = figures::answers(&mut engine, &answers, PANEL_WIDTH)?;
     if let Some(picture) = &picture {
         write_whole(&args.output.join(ANSWERS), &jpeg(picture)?)?;

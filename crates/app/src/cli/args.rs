@@ -1,0 +1,306 @@
+//! Arguments that several verbs share.
+
+use super::console::say;
+use crate::{
+    engine::{BackendChoice, EncoderChoice, Engine, EngineOptions, Negatives, Question},
+    text::split_words,
+};
+use clap::{Args, ValueEnum, ValueHint};
+use std::path::PathBuf;
+use surgtpgs_clip::Provider;
+use surgtpgs_core::{Error, Result, relevancy::RelevancySettings, segment::MaskSettings};
+
+/// Arguments of every verb.
+#[derive(Debug, Args)]
+pub(super) struct CommonArgs {
+    /// Device that ONNX Runtime runs the models on; an accelerator needs a library that was built for it
+    #[arg(long, value_enum, global = true, default_value_t = ProviderArg::Cpu)]
+    pub(super) execution_provider: ProviderArg,
+}
+
+/// Device that ONNX Runtime runs the models on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum ProviderArg {
+    /// The processor
+    Cpu,
+    /// NVIDIA's GPUs
+    Cuda,
+    /// GPUs on Windows
+    Directml,
+    /// Apple's accelerators
+    Coreml,
+}
+
+impl From<ProviderArg> for Provider {
+    fn from(arg: ProviderArg) -> Self {
+        match arg {
+            ProviderArg::Cpu => Self::Cpu,
+            ProviderArg::Cuda => Self::Cuda,
+            ProviderArg::Directml => Self::DirectMl,
+            ProviderArg::Coreml => Self::CoreMl,
+        }
+    }
+}
+
+/// Arguments that open a scene.
+#[derive(Debug, Args)]
+pub(super) struct SceneArgs {
+    /// Scene file
+    pub(super) scene: PathBuf,
+    /// Device to render on
+    #[arg(long, value_enum, default_value_t = BackendChoice::Auto)]
+    pub(super) backend: BackendChoice,
+}
+
+impl SceneArgs {
+    /// Opens the scene and says what renders it. Prompts are answered as `relevancy` says.
+    pub(super) fn open(&self, relevancy: &RelevancyArgs, sequence: Option<PathBuf>) -> Result<Engine> {
+        let encoder = relevancy.text_encoder.as_deref().map_or(EncoderChoice::OfScene, encoder_choice);
+        self.open_with(EngineOptions {
+            backend: self.backend,
+            encoder,
+            sequence,
+            relevancy: relevancy.settings(),
+        })
+    }
+
+    /// Opens the scene, for pictures alone, and says what renders it.
+    pub(super) fn open_to_render(&self) -> Result<Engine> {
+        self.open_with(EngineOptions { backend: self.backend, ..Default::default() })
+    }
+
+    fn open_with(&self, options: EngineOptions) -> Result<Engine> {
+        let engine = Engine::open(&self.scene, options)?;
+        say(&format!("rendering on {}", engine.renderer_name()));
+        Ok(engine)
+    }
+}
+
+/// Arguments that decide how prompts are answered.
+#[derive(Debug, Args)]
+pub(super) struct RelevancyArgs {
+    /// `builtin`, or the text encoder's folder; needed only if it is not where it was when preparing
+    #[arg(long, value_name = "DIR|builtin", value_hint = ValueHint::DirPath)]
+    text_encoder: Option<String>,
+    /// Score above which a pixel is found
+    #[arg(long, default_value_t = RelevancySettings::default().threshold, value_parser = unit_number)]
+    threshold: f32,
+    /// Sharpness of scores
+    #[arg(long, default_value_t = RelevancySettings::default().temperature, value_parser = positive_number)]
+    temperature: f32,
+    /// Compare prompts with these words as well; may be given several times
+    #[arg(long, value_name = "TEXT", num_args = 1.., value_parser = words)]
+    negative: Vec<String>,
+    /// Leave out the canonical phrases (object, things, stuff, texture) that prompts are compared with
+    #[arg(long)]
+    no_canonical: bool,
+    /// Leave out the scene's other classes, as the paper does
+    #[arg(long)]
+    no_class_negatives: bool,
+}
+
+impl RelevancyArgs {
+    /// Returns the settings of queries.
+    fn settings(&self) -> RelevancySettings {
+        let standard = RelevancySettings::default();
+        let phrases = if self.no_canonical { Vec::new() } else { standard.phrases };
+        let uses_classes = !self.no_class_negatives;
+        let negatives = Negatives { phrases, samples: Vec::new(), uses_classes }.with(&self.negative);
+        RelevancySettings {
+            threshold: self.threshold,
+            temperature: self.temperature,
+            phrases: negatives.phrases,
+            class_negatives: negatives.uses_classes,
+            min_alpha: standard.min_alpha,
+        }
+    }
+}
+
+/// Prompts to look for.
+#[derive(Debug, Args)]
+pub(super) struct PromptArgs {
+    /// Words to look for; may be given several times
+    #[arg(long, visible_alias = "prompts", value_name = "TEXT", required = true, num_args = 1..)]
+    prompt: Vec<String>,
+    /// Words that one prompt is not, such as "liver=fat, bile": it alone is compared with these words as well
+    #[arg(long, value_name = "PROMPT=TEXT,…", value_parser = but_not)]
+    but_not: Vec<(String, Vec<String>)>,
+}
+
+impl PromptArgs {
+    /// Returns the prompts, each compared with the negatives of `settings` and with the words that it is not.
+    pub(super) fn questions(&self, settings: &RelevancySettings) -> Result<Vec<Question>> {
+        let is_asked = |name: &String| self.prompt.iter().any(|p| p.eq_ignore_ascii_case(name));
+        if let Some((name, _)) = self.but_not.iter().find(|(name, _)| !is_asked(name)) {
+            return Err(Error::input(
+                format!("--but-not is about \"{name}\", which is no prompt"),
+                "Write one of the prompts before the equals sign.",
+            ));
+        }
+        let question = |text: &String| {
+            let own = self.but_not.iter().filter(|(name, _)| name.eq_ignore_ascii_case(text));
+            let negatives = Negatives::of(settings).with(own.flat_map(|(_, words)| words));
+            Question::words(text, negatives)
+        };
+        Ok(self.prompt.iter().map(question).collect())
+    }
+}
+
+/// Reads `builtin` or the path of a folder.
+pub(super) fn encoder_choice(arg: &str) -> EncoderChoice {
+    if arg == "builtin" { EncoderChoice::Builtin } else { EncoderChoice::Folder(arg.into()) }
+}
+
+/// Density of the points at which masks are asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum MaskDensity {
+    /// 8×8 points, and groups of points that look alike
+    Coarse,
+    /// 16×16 points, and the same groups
+    Medium,
+    /// 32×32 points, and the same groups
+    Fine,
+    /// 32×32 points on the picture and on each of four crops, as the paper's authors: many minutes a
+    /// frame on a CPU
+    Paper,
+}
+
+impl From<MaskDensity> for MaskSettings {
+    fn from(density: MaskDensity) -> Self {
+        match density {
+            MaskDensity::Coarse => Self::of_grid(8),
+            MaskDensity::Medium => Self::of_grid(16),
+            MaskDensity::Fine => Self::of_grid(32),
+            MaskDensity::Paper => Self::paper(),
+        }
+    }
+}
+
+/// Frames to work on.
+#[derive(Debug, Args)]
+pub(super) struct FrameArgs {
+    /// Frames, e.g. 12 or 10..20 (the end is not included)
+    #[arg(long, value_name = "A..B", value_parser = frame_range)]
+    frames: Option<FrameRange>,
+}
+
+impl FrameArgs {
+    /// Returns the frames in a recording of `num_frames`; all of them unless some were chosen.
+    pub(super) fn of(&self, num_frames: usize) -> Result<Vec<usize>> {
+        FrameRange::frames(self.frames, num_frames)
+    }
+}
+
+/// Frames from `start` up to, not including, `end`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct FrameRange {
+    start: usize,
+    end: usize,
+}
+
+impl FrameRange {
+    /// Returns the frames of the range in a recording of `num_frames`; all of them for `None`.
+    pub(super) fn frames(range: Option<Self>, num_frames: usize) -> Result<Vec<usize>> {
+        let Self { start, end } = range.unwrap_or(Self { start: 0, end: num_frames });
+        let end = end.min(num_frames);
+        if start >= end {
+            return Err(Error::input(
+                format!("no frame is in the range; the scene has {num_frames}, counted from 0"),
+                "Give a range such as 0..10.",
+            ));
+        }
+        Ok((start..end).collect())
+    }
+}
+
+/// Reads a frame such as `12`, or a range such as `10..20`.
+pub(super) fn frame_range(text: &str) -> Result<FrameRange, String> {
+    let number = |t: &str, empty: usize| {
+        if t.is_empty() { Ok(empty) } else { t.parse().map_err(|_| format!("\"{t}\" is not a frame number")) }
+    };
+    match text.split_once("..") {
+        Some((start, end)) => Ok(FrameRange { start: number(start, 0)?, end: number(end, usize::MAX)? }),
+        None => {
+            let start: usize =
+                text.parse().map_err(|_| "give a frame such as 12, or a range such as 10..20")?;
+            Ok(FrameRange { start, end: start.saturating_add(1) })
+        }
+    }
+}
+
+fn but_not(text: &str) -> Result<(String, Vec<String>), String> {
+    let parts = text.split_once('=').map(|(prompt, more)| (prompt.trim().to_owned(), split_words(more)));
+    let is_whole = |(prompt, more): &(String, Vec<String>)| !prompt.is_empty() && !more.is_empty();
+    parts
+        .filter(is_whole)
+        .ok_or_else(|| "give a prompt and what it is not, such as \"liver=fat, bile\"".into())
+}
+
+fn words(text: &str) -> Result<String, String> {
+    let text = text.trim();
+    if text.is_empty() { Err("give a few words".into()) } else { Ok(text.to_owned()) }
+}
+
+/// Reads a number from 0 to 1.
+pub(super) fn unit_number(text: &str) -> Result<f32, String> {
+    text.parse().ok().filter(|v| (0.0..=1.0).contains(v)).ok_or_else(|| "give a number from 0 to 1".into())
+}
+
+fn positive_number(text: &str) -> Result<f32, String> {
+    text.parse()
+        .ok()
+        .filter(|v: &f32| v.is_finite() && *v > 0.0)
+        .ok_or_else(|| "give a number above 0".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        prompts: PromptArgs,
+        #[command(flatten)]
+        relevancy: RelevancyArgs,
+    }
+
+    #[test]
+    fn frame_ranges_are_half_open_and_clipped() {
+        let frames =
+            |text| FrameRange::frames(Some(frame_range(text).unwrap()), 5).map_err(|e| e.to_string());
+        assert_eq!(frames("1..3").unwrap(), [1, 2]);
+        assert_eq!(frames("3..").unwrap(), [3, 4]);
+        assert_eq!(frames("4").unwrap(), [4]);
+        assert_eq!(frames("..99").unwrap().len(), 5);
+        assert!(frames("5..9").unwrap_err().contains("counted from 0"));
+        assert!(frame_range("a..b").is_err() && frame_range("").is_err() && frame_range("-1").is_err());
+    }
+
+    #[test]
+    fn prompts_may_be_given_together_or_apart() {
+        let line = Line::parse_from(["query", "--prompt", "liver", "fat", "--prompt", "bile sac"]);
+        assert_eq!(line.prompts.prompt, ["liver", "fat", "bile sac"]);
+    }
+
+    #[test]
+    fn a_prompt_is_compared_with_what_is_said_once() {
+        let line = |more: &[&str]| {
+            let words = ["query", "--prompt", "liver", "fat"];
+            let line = Line::parse_from(words.iter().chain(more));
+            line.prompts.questions(&line.relevancy.settings())
+        };
+        let phrases = |more: &[&str], k: usize| line(more).unwrap().swap_remove(k).negatives.phrases;
+        assert_eq!(phrases(&[], 0), RelevancySettings::default().phrases);
+        assert_eq!(phrases(&["--negative", "smoke", "Stuff"], 1)[4..], ["smoke"]);
+        assert_eq!(phrases(&["--no-canonical", "--negative", "smoke"], 0), ["smoke"]);
+        let exception = ["--but-not", "Liver=bile, smoke", "--negative", "smoke"];
+        assert_eq!(phrases(&exception, 0)[4..], ["smoke", "bile"]);
+        assert_eq!(phrases(&exception, 1)[4..], ["smoke"]);
+        assert!(line(&["--but-not", "spleen=fat"]).unwrap_err().to_string().contains("\"spleen\""));
+        for wrong in ["liver", "=fat", "liver= ,"] {
+            assert!(Line::try_parse_from(["query", "--prompt", "liver", "--but-not", wrong]).is_err());
+        }
+    }
+}

@@ -1,0 +1,50 @@
+//! Material of a training: a recording, with or without features.
+
+use std::path::Path;
+use surgtpgs_core::{Result, files::Inputs, prepare::Prepared, sequence::Sequence};
+
+/// Recording to train on, with or without features.
+pub enum Material {
+    /// A recording with features.
+    Prepared(Box<Prepared>),
+    /// A recording without features.
+    Bare(Sequence),
+}
+
+impl Material {
+    /// Opens a prepared folder or a recording.
+    pub fn open(path: &Path) -> Result<Self> {
+        if Prepared::is_prepared(path) {
+            Prepared::open(path).map(|p| Self::Prepared(Box::new(p)))
+        } else {
+            Sequence::open(path).map(Self::Bare)
+        }
+    }
+
+    /// Returns the recording.
+    pub fn sequence(&self) -> &Sequence {
+        match self {
+            Self::Prepared(prepared) => &prepared.sequence,
+            Self::Bare(sequence) => sequence,
+        }
+    }
+
+    /// Returns the features, if there are some.
+    pub fn prepared(&self) -> Option<&Prepared> {
+        match self {
+            Self::Prepared(prepared) => Some(prepared),
+            Self::Bare(_) => None,
+        }
+    }
+
+    /// Returns the inputs of a run on this material, which was opened at `path`.
+    pub(crate) fn inputs(&self, path: &Path) -> Inputs {
+        let inputs = Inputs::none().with_recording(self.sequence());
+        match self.prepared() {
+            Some(prepared) => inputs
+                .with("the prepared folder", path)
+                .with_some("the text encoder", prepared.encoder.folder.as_deref()),
+            None => inputs,
+        }
+    }
+}
