@@ -43,8 +43,9 @@ pub struct Linear {
     pub bias: Array1<f32>,
 }
 
-/// Encoder (dim → D, unit length) and decoder (D → dim, unit length). Normalisation layers of training
-/// are folded into the linear layers. There is a ReLU between layers, and none after the last.
+/// Encoder (dim → D, unit length) and decoder (D → dim, unit length). The mean and spread by which training
+/// standardises embeddings are folded into the encoder's first layer. There is a ReLU between layers, and none
+/// after the last.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Codec {
     /// Encoder layers in order.

@@ -15,7 +15,8 @@ pub enum BasisShape {
     Spline,
 }
 
-/// Bases with a smaller value at t are neither evaluated nor updated.
+/// A basis function counts as 0 at times where its value is not above this. If it is shared, its weights are
+/// not updated by frames of these times.
 pub const LIVE_BASIS: f32 = 1e-4;
 
 /// Lower limit of widths, so that the paper's form cannot divide by zero.

@@ -119,7 +119,7 @@ impl Deformation {
         self.centres.len() == self.num_bases
     }
 
-    /// Values of shared bases at `time`, and the range outside which they are below [`LIVE_BASIS`].
+    /// Values of shared bases at `time`, and the range outside which none is above [`LIVE_BASIS`].
     pub fn basis_values(&self, time: f32) -> (Vec<f32>, Range<usize>) {
         let values: Vec<f32> =
             (0..self.num_bases).map(|b| basis(self.shape, time, self.centres[b], self.widths[b])).collect();

@@ -215,7 +215,7 @@ pub fn project<T: Real>(
         return culled;
     }
     let point = footprint.point;
-    // Σ w: alpha = opacity · exp(−½ q) ≥ MIN_ALPHA ⇔ q ≤ cut.
+    // alpha = opacity · exp(−½ q) is at least MIN_ALPHA where q ≤ cut.
     let cut = T::of(2.0) * (opacity / T::from_f32(MIN_ALPHA)).ln();
     Splat {
         centre: std::array::from_fn(|i| view.focal[i] * point[i] / point[2] + view.centre[i]),

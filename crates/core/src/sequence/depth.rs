@@ -36,7 +36,7 @@ pub(super) struct DepthMap {
 }
 
 impl DepthRule {
-    /// Reads a PNG (first channel, 8 or 16 bits) or npy map. Values that are not finite or not positive
+    /// Reads a PNG (brightest channel, 8 or 16 bits) or npy map. Values that are not finite or not positive
     /// become 0, "unknown".
     pub(super) fn read(&self, path: &Path) -> Result<DepthMap> {
         let is_npy = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("npy"));

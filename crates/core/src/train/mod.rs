@@ -269,7 +269,8 @@ impl Trainer {
     }
 
     fn densify_if_due(&mut self) -> Result<()> {
-        if !self.settings.densifies_at(self.state.step) {
+        let is_last = self.state.step == self.settings.iterations;
+        if is_last || !self.settings.densifies_at(self.state.step) {
             return Ok(());
         }
         let context = context(&self.settings, self.prepared.as_ref(), &self.sequence, &self.state);

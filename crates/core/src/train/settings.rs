@@ -1,5 +1,6 @@
-//! All settings of training in one place; recorded in the scene file. Each difference from the released
-//! code has a switch of its own, so that both can be compared (method §0.1, §6, §11.1).
+//! All settings of training in one place; recorded in the scene file. Differences from the released code have
+//! switches of their own, so that both can be compared, but for those that method §0.1 calls not imitated
+//! (method §0.1, §6, §11.1).
 
 use super::loss::LossWeights;
 use crate::deform::{BasisShape, default_bases, length_warning};
@@ -71,14 +72,16 @@ pub struct LearningRates {
 pub struct DensifySettings {
     /// First step that may densify, as a share of all steps.
     pub from: f32,
-    /// Last step that may densify, as a share of all steps.
+    /// Last step that may densify, as a share of all steps. None does after the last step of all, from which
+    /// nothing would be learned.
     pub until: f32,
     /// Number of steps between two densifications.
     pub every: usize,
-    /// Share of the Gaussians that may be added each time, those of largest positional gradient first.
+    /// Share of the Gaussians that may be divided each time, those of largest mean positional gradient first.
+    /// Without effect if `threshold` is above 0.
     pub growth: f32,
-    /// If above 0: adds all Gaussians whose mean positional gradient, in half image sizes, exceeds this,
-    /// and no others.
+    /// If above 0: divides all Gaussians whose mean positional gradient, in half image sizes, is at least this,
+    /// as far as `max_gaussians` allows, and no others.
     pub threshold: f32,
     /// `true` to never clone, and to place both halves of a split at random.
     pub split_only: bool,

@@ -41,7 +41,7 @@ shader_struct! {
         has_regions: u32,
         /// 1 for depth as in the released code.
         raw_depth: u32,
-        /// 1 for total variation outside the mask too.
+        /// 1 for total variation of colour and features outside the mask too.
         unmasked_variation: u32,
         /// Number of rows of the table of features.
         num_rows: u32,

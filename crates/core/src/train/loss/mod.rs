@@ -33,7 +33,8 @@ pub struct LossWeights {
     pub raw_depth: bool,
     /// `true` for one mean over all channels of a region, as in the released code, instead of one for each.
     pub pooled_regions: bool,
-    /// `true` for total variation outside the mask too, as in the released code.
+    /// `true` for total variation of colour and features outside the mask too, as in the released code. That of
+    /// depth stays inside.
     pub unmasked_variation: bool,
 }
 
