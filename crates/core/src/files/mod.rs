@@ -14,6 +14,7 @@ mod output;
 mod output_file;
 mod place;
 mod record;
+mod temporary;
 #[cfg(test)]
 mod tests;
 mod whole;
@@ -69,5 +70,5 @@ fn is_own(path: &Path) -> bool {
     DROPPINGS.iter().any(|dropping| name == *dropping)
         || name == record::RECORD_FILE && path.parent().is_some_and(is_taken)
         || name == lock::LOCK_FILE
-        || name.to_string_lossy().starts_with(whole::TEMPORARY)
+        || name.to_string_lossy().starts_with(temporary::TEMPORARY)
 }

@@ -4,7 +4,7 @@
 //! Each line is one JSON value. A file is noted before it is written, by adding a line. A line that was
 //! cut off by a kill is skipped.
 
-use super::whole::TEMPORARY;
+use super::temporary::TEMPORARY;
 use crate::{Error, Result, reading::read_regular};
 use std::{
     collections::BTreeSet,

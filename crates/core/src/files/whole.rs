@@ -1,17 +1,14 @@
 //! Writes complete files: to a temporary neighbour, synced, then renamed into place.
 
 use super::{
-    output::sync_parent,
     record::{Record, recorded_above},
+    temporary::{TEMPORARY, sync_parent},
 };
 use crate::{Error, Result};
 use std::{
     io::{ErrorKind, Seek, SeekFrom, Write},
     path::{Path, PathBuf},
 };
-
-/// First part of the names of files that are being written.
-pub(super) const TEMPORARY: &str = ".part-";
 
 /// Writes `bytes` to `path` so that a reader sees the old file or the new one, never a part. Missing
 /// parent folders are created.

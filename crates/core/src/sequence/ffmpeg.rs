@@ -2,10 +2,10 @@
 //! pictures. Its messages about them are compared with what the file promises.
 
 use super::{
+    container::Container,
     h264::{cut_off, other_size, uneven},
     read,
     recording::{Recording, Selection},
-    video::Container,
 };
 use crate::{Error, Result};
 use std::{

@@ -103,6 +103,25 @@ pub(super) enum Picture {
     Video { video: Arc<H264>, index: usize },
 }
 
+/// A side of a mask file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Keep {
+    /// Non-zero pixels.
+    White,
+    /// Zero pixels.
+    Black,
+}
+
+impl Keep {
+    pub(super) fn rule(self) -> MaskRule {
+        match self {
+            Self::White => MaskRule::KeepWhite,
+            Self::Black => MaskRule::KeepBlack,
+        }
+    }
+}
+
 /// The pixels that a mask file keeps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum MaskRule {
