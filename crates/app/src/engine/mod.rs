@@ -54,7 +54,7 @@ use surgtpgs_core::{
     sequence::Sequence,
     summary::Summary,
 };
-use surgtpgs_render::{Asked, Frame, GpuRenderer, Mark, Marking, Shown, Wanted};
+use surgtpgs_render::{Asked, GpuRenderer, Mark, Marking, RenderInput, Shown, Wanted};
 
 /// Choice of the text encoder.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -311,14 +311,14 @@ impl Engine {
             else {
                 return engine.show_by_cpu(view, ask, wanted);
             };
-            let frame = Frame { scene, camera: &view.camera, time: view.time, features };
+            let input = RenderInput { scene, camera: &view.camera, time: view.time, features };
             let field_of_view = view.recorded.then_some(&scene.field_of_view);
             let lattice = relevancy.as_mut().and_then(|r| r.as_lattice());
             let asked = match (ask, lattice) {
                 (Ask::Now(marking), Some(lattice)) => Some(Asked { lattice, queries, settings, marking }),
                 _ => None,
             };
-            gpu.show(&frame, field_of_view, asked, wanted, clock)
+            gpu.show(&input, field_of_view, asked, wanted, clock)
         })
     }
 
