@@ -115,18 +115,24 @@ impl Type {
         let (mut align, mut end, mut i) = (1, 0, 0);
         while i < fields.len() {
             let Field { offset, of, .. } = fields[i];
-            assert!(offset == end && offset % of.align == 0, "WGSL places a field elsewhere: add padding");
+            assert!(
+                offset == end && offset.is_multiple_of(of.align),
+                "WGSL places a field elsewhere: add padding"
+            );
             align = if of.align > align { of.align } else { align };
             end = offset + of.size;
             i += 1;
         }
-        assert!(size == end && size % align == 0, "the struct has another size in WGSL: add padding");
+        assert!(
+            size == end && size.is_multiple_of(align),
+            "the struct has another size in WGSL: add padding"
+        );
         Self { name, size, align, fields }
     }
 
     /// Type of the values of an array. Refuses to compile if WGSL would put gaps between them.
     pub(crate) const fn in_array(self) -> Self {
-        assert!(self.size % self.align == 0, "WGSL places the values of this array further apart");
+        assert!(self.size.is_multiple_of(self.align), "WGSL places the values of this array further apart");
         self
     }
 }

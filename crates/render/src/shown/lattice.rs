@@ -77,8 +77,8 @@ pub(crate) struct LatticePass {
     cells: DeviceVec<u32>,
     polynomials: DeviceVec<[f32; 4]>,
     /// Identity of the tables on the device: the lattice with its version of the cells, the number of
-    /// leaves, the prompts, and the sharpness of their scores.
-    known: Option<([u64; 2], usize, (Vec<Query>, f32))>,
+    /// leaves, and the prompts.
+    known: Option<([u64; 2], usize, Prompts)>,
     shape: [u32; 3],
     /// Output, [prompts][pixels].
     pub scores: DeviceVec<f32>,
@@ -87,6 +87,9 @@ pub(crate) struct LatticePass {
     open: DeviceVec<OpenPixel>,
     patches: DeviceVec<u32>,
 }
+
+/// Prompts, and the sharpness of their scores.
+type Prompts = (Vec<Query>, f32);
 
 impl LatticePass {
     pub(crate) fn new(gpu: &Gpu) -> Result<Self> {
