@@ -7,22 +7,11 @@
 //
 // Splats are processed in batches. First a thread per pixel computes each splat's weight and dL/d(exponent),
 // then LANES threads per splat sum them up over the tile. The slots must have been cleared.
+//
+// Bindings: crates/render/src/train/step/backward.rs.
 
-#import constants
-#import shared/gaussian.wgsl
-#import shared/view.wgsl
+#import shared/alpha.wgsl
 #import shared/slot.wgsl
-
-@group(0) @binding(0) var<uniform> view: View;
-@group(0) @binding(1) var<storage, read> splats: array<SplatRow>;
-@group(0) @binding(2) var<storage, read> features: array<f32>;
-// Gaussian and slot of each pair, sorted by tile, then depth.
-@group(0) @binding(3) var<storage, read> pair_splats: array<u32>;
-@group(0) @binding(4) var<storage, read> pair_slots: array<u32>;
-@group(0) @binding(5) var<storage, read> tile_ranges: array<vec2u>;
-@group(0) @binding(6) var<storage, read> planes: array<f32>;
-@group(0) @binding(7) var<storage, read> g_planes: array<f32>;
-@group(0) @binding(8) var<storage, read_write> slots: array<f32>;
 
 const PIXELS: u32 = TILE * TILE;
 const NUM_FEATURES: u32 = max(LATENT_DIM, 1u);

@@ -9,28 +9,10 @@
 // stable, so the pairs of a tile stay front to back, ties by index. The count of pairs stays on the
 // device. Pairs beyond the capacity are not written. The host reads the count with the picture, grows the
 // buffers and repeats.
+//
+// Bindings: crates/render/src/planes/bin.rs.
 
-#import constants
 #import shared/dispatch.wgsl
-#import shared/gaussian.wgsl
-#import shared/view.wgsl
-
-@group(0) @binding(0) var<uniform> view: View;
-@group(0) @binding(1) var<storage, read> splats: array<SplatRow>;
-// Depth keys and indices of the splats; front to back after the sort.
-@group(0) @binding(2) var<storage, read_write> depth_keys_out: array<u32>;
-@group(0) @binding(3) var<storage, read_write> depth_order: array<u32>;
-// Number of tiles of each rank in depth_order; after the scan its first pair.
-@group(0) @binding(4) var<storage, read_write> first_pair: array<u32>;
-@group(0) @binding(5) var<storage, read> num_wanted: array<u32>;
-@group(0) @binding(6) var<storage, read_write> pair_tiles: array<u32>;
-@group(0) @binding(7) var<storage, read_write> pair_gaussians: array<u32>;
-// [first, end) of each tile; must have been cleared.
-@group(0) @binding(8) var<storage, read_write> tile_ranges: array<vec2u>;
-// Gaussian of each slot.
-@group(0) @binding(9) var<storage, read_write> slot_owners: array<u32>;
-// Gaussian of each pair whose slot is in pair_gaussians.
-@group(0) @binding(10) var<storage, read_write> pair_owners: array<u32>;
 
 const NO_DEPTH: u32 = 0xffffffffu;
 

@@ -3,32 +3,13 @@
 // view_colour_backward) and core::deform::move_geometry_backward.
 //
 // The parameters at rest and psi are added, so their gradients are the same numbers.
+//
+// Bindings: crates/render/src/train/step/chain.rs.
 
-#import constants
 #import shared/num.wgsl
 #import shared/dispatch.wgsl
-#import shared/gaussian.wgsl
-#import shared/view.wgsl
 #import shared/sh.wgsl
 #import shared/rotation.wgsl
-
-struct Chain {
-    // Number of colour bands above 0 that are already learned.
-    learned_bands: u32,
-    padding: u32,
-    padding_2: vec2u,
-}
-
-@group(0) @binding(0) var<uniform> view: View;
-@group(0) @binding(1) var<uniform> params: Chain;
-@group(0) @binding(2) var<storage, read> deformed: array<DeformedRow>;
-@group(0) @binding(3) var<storage, read> splats: array<SplatRow>;
-@group(0) @binding(4) var<storage, read> g_splats: array<SplatGradientRow>;
-// [N][bands][3]
-@group(0) @binding(5) var<storage, read> sh_rest: array<f32>;
-@group(0) @binding(6) var<storage, read_write> g_rest: array<RestRow>;
-@group(0) @binding(7) var<storage, read_write> g_sh_rest: array<f32>;
-@group(0) @binding(8) var<storage, read_write> status: array<atomic<u32>>;
 
 struct Geometry {
     mean: vec3f,

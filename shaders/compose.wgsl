@@ -1,25 +1,10 @@
 // Image planes -> the shown picture: colours of 8 bits, and depth divided by opacity; twin:
 // core::raster::Images (to_rgb, normalised_depth), with pixels outside the field of view blanked. One
 // invocation per pixel.
+//
+// Bindings: crates/render/src/shown/compose.rs.
 
-#import constants
 #import shared/dispatch.wgsl
-
-struct Compose {
-    num_pixels: u32,
-    // Smallest accumulated opacity of a pixel that has depth.
-    min_alpha: f32,
-    padding: vec2u,
-}
-
-@group(0) @binding(0) var<uniform> params: Compose;
-// Planes in the layout of the raster pass.
-@group(0) @binding(1) var<storage, read> planes: array<f32>;
-// Pixels inside the field of view: one bit per pixel, starting with the lowest bit of each word.
-@group(0) @binding(2) var<storage, read> inside: array<u32>;
-// One number per pixel: red in the lowest byte, then green, blue and 255.
-@group(0) @binding(3) var<storage, read_write> pixels: array<u32>;
-@group(0) @binding(4) var<storage, read_write> depths: array<f32>;
 
 fn to_byte(value: f32) -> u32 {
     return u32(clamp(value, 0.0, 1.0) * 255.0 + 0.5);

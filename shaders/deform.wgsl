@@ -6,25 +6,12 @@
 //
 // One thread per Gaussian of one part. The weights of all Gaussians may be larger than a binding, so they
 // are cut into ranges of Gaussians, each with its own [bases][rows][stride] block.
+//
+// Bindings: crates/render/src/planes/deform.rs.
 
-#import constants
 #import shared/num.wgsl
 #import shared/dispatch.wgsl
-#import shared/gaussian.wgsl
-#import shared/deform.wgsl
 #import shared/basis.wgsl
-
-@group(0) @binding(0) var<uniform> params: Deform;
-@group(0) @binding(1) var<storage, read> rest: array<RestRow>;
-@group(0) @binding(2) var<storage, read> features_at_rest: array<f32>;
-@group(0) @binding(3) var<storage, read> weights: array<f32>;
-@group(0) @binding(4) var<storage, read> centres: array<f32>;
-@group(0) @binding(5) var<storage, read> widths: array<f32>;
-// Basis values [B] (of shared bases), feature weight [D][D + 1], feature bias [D].
-@group(0) @binding(6) var<storage, read> tables: array<f32>;
-@group(0) @binding(7) var<storage, read_write> deformed: array<DeformedRow>;
-// [N][LATENT_DIM], then the opening of each one's gate, [N][LATENT_DIM].
-@group(0) @binding(8) var<storage, read_write> features: array<f32>;
 
 fn basis_value(b: u32, at: u32) -> f32 {
     if params.is_shared == 1u {

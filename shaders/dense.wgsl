@@ -3,28 +3,8 @@
 //
 // A workgroup computes a DENSE_TILE x DENSE_TILE block of the output, each invocation DENSE_EACH x
 // DENSE_EACH of it. Inputs and weights go through workgroup memory, DENSE_DEPTH columns at a time.
-
-#import constants
-
-struct Dense {
-    num_rows: u32,
-    num_in: u32,
-    num_out: u32,
-    // Row of `inputs` that is row 0 of the output.
-    first_row: u32,
-    has_relu: u32,
-    padding: u32,
-    padding_2: vec2u,
-}
-
-@group(0) @binding(0) var<uniform> params: Dense;
-// [rows][num_in]
-@group(0) @binding(1) var<storage, read> inputs: array<f32>;
-// [num_out][num_in]
-@group(0) @binding(2) var<storage, read> weights: array<f32>;
-@group(0) @binding(3) var<storage, read> biases: array<f32>;
-// [num_rows][num_out]
-@group(0) @binding(4) var<storage, read_write> outputs: array<f32>;
+//
+// Bindings: crates/render/src/relevancy.rs.
 
 const DENSE_EACH: u32 = 4u;
 const DENSE_SIDE: u32 = DENSE_TILE / DENSE_EACH;

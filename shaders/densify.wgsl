@@ -5,62 +5,13 @@
 //
 // Between the sort and `choose` the host reads the numbers of kept and of pulled Gaussians, and decides
 // how many of the latter are divided into two. It has to make room for the new rows anyway.
+//
+// Bindings: crates/render/src/train/densify.rs.
 
-#import constants
 #import shared/num.wgsl
 #import shared/dispatch.wgsl
-#import shared/gaussian.wgsl
 #import shared/rotation.wgsl
 #import shared/random.wgsl
-
-struct Densify {
-    num_gaussians: u32,
-    num_kept: u32,
-    num_children: u32,
-    // 1 to place both halves of a pair at random, with fresh moments.
-    split_only: u32,
-    min_opacity_logit: f32,
-    min_pull: f32,
-    split_log_scale: f32,
-    padding: u32,
-    // Seed of the random numbers, which also depend on the parent.
-    seed: vec2u,
-    padding_2: vec2u,
-}
-
-// An array of [planes][rows][width] numbers; this part holds the rows from `first_row` on.
-struct CopyRows {
-    num_planes: u32,
-    num_rows: u32,
-    width: u32,
-    first_row: u32,
-    // Part of the old array that is bound; its other rows are in other parts.
-    old_num_rows: u32,
-    old_first_row: u32,
-    // 1 for moments, whose fresh rows become 0.
-    clears_fresh: u32,
-    padding: u32,
-}
-
-@group(0) @binding(0) var<uniform> params: Densify;
-@group(0) @binding(1) var<storage, read> rest: array<RestRow>;
-@group(0) @binding(2) var<storage, read> pull_sums: array<f32>;
-@group(0) @binding(3) var<storage, read> times_seen: array<u32>;
-// [N + 1], the last 0: 1 if the Gaussian is kept; after the scan its row in the new set.
-@group(0) @binding(4) var<storage, read_write> places: array<u32>;
-// Keys and indices of the Gaussians; most pulled first after the sort.
-@group(0) @binding(5) var<storage, read_write> pull_keys: array<u32>;
-@group(0) @binding(6) var<storage, read_write> ranked: array<u32>;
-// Numbers of kept and of pulled Gaussians.
-@group(0) @binding(7) var<storage, read_write> counts: array<atomic<u32>>;
-// Row of the old set that each row of the new set copies, with FRESH if its moments start afresh.
-@group(0) @binding(8) var<storage, read_write> parents: array<u32>;
-@group(0) @binding(9) var<uniform> copied: CopyRows;
-@group(0) @binding(10) var<storage, read> source: array<f32>;
-@group(0) @binding(11) var<storage, read_write> rows: array<f32>;
-@group(0) @binding(12) var<storage, read_write> new_rest: array<RestRow>;
-// [N + 1], the last 0: 1 if the Gaussian is divided; after the scan the child's number.
-@group(0) @binding(13) var<storage, read_write> children: array<u32>;
 
 const FRESH: u32 = 0x80000000u;
 const NOT_PULLED: u32 = 0xffffffffu;

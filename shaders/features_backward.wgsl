@@ -1,24 +1,11 @@
 // Gradients of the features at time t -> those of the features at rest and of their gate, for each
 // Gaussian; twin: core::deform::gate_feature_backward. f' = f + (W [f; t] + bias) * open, open =
 // sigmoid(slope * psi_gate).
+//
+// Bindings: crates/render/src/train/step/chain.rs.
 
-#import constants
 #import shared/num.wgsl
 #import shared/dispatch.wgsl
-#import shared/deform.wgsl
-
-@group(0) @binding(0) var<uniform> params: Deform;
-@group(0) @binding(1) var<storage, read> features_at_rest: array<f32>;
-// Features at time t, [N][LATENT_DIM], then the opening of each one's gate, [N][LATENT_DIM].
-@group(0) @binding(2) var<storage, read> features: array<f32>;
-// Basis values [B], feature weight [D][D + 1], feature bias [D].
-@group(0) @binding(3) var<storage, read> tables: array<f32>;
-@group(0) @binding(4) var<storage, read> g_out: array<f32>;
-@group(0) @binding(5) var<storage, read_write> g_features: array<f32>;
-@group(0) @binding(6) var<storage, read_write> g_gate: array<f32>;
-// dL/df' * open: the gradient that reaches the network.
-@group(0) @binding(7) var<storage, read_write> g_opened: array<f32>;
-@group(0) @binding(8) var<storage, read_write> status: array<atomic<u32>>;
 
 @compute @workgroup_size(GROUP)
 fn features_backward(

@@ -3,31 +3,11 @@
 // core::train::Statistics::add.
 //
 // The slots of the splat with depth rank r are first_pair[r]..first_pair[r + 1].
+//
+// Bindings: crates/render/src/train/step/backward.rs.
 
-#import constants
 #import shared/dispatch.wgsl
-#import shared/gaussian.wgsl
-#import shared/view.wgsl
 #import shared/slot.wgsl
-
-struct Gather {
-    // Factors of the pull at a centre.
-    pull_scale: vec2f,
-    // 0 if the gradient of depth does not move centres.
-    depth_moves_centres: u32,
-    padding: u32,
-}
-
-@group(0) @binding(0) var<uniform> view: View;
-@group(0) @binding(1) var<uniform> params: Gather;
-@group(0) @binding(2) var<storage, read> splats: array<SplatRow>;
-@group(0) @binding(3) var<storage, read> depth_order: array<u32>;
-@group(0) @binding(4) var<storage, read> first_pair: array<u32>;
-@group(0) @binding(5) var<storage, read> num_wanted: array<u32>;
-@group(0) @binding(6) var<storage, read> slots: array<f32>;
-@group(0) @binding(7) var<storage, read_write> g_splats: array<SplatGradientRow>;
-// dL/d(feature at time t), [N][LATENT_DIM].
-@group(0) @binding(8) var<storage, read_write> g_features: array<f32>;
 
 @compute @workgroup_size(GROUP)
 fn gather(

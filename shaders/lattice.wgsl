@@ -3,42 +3,11 @@
 //
 // A pixel that no table can decide is left open: its number and its latent are appended to a list. The
 // CPU, which owns the tables, scores it and makes the cells that were missing.
+//
+// Bindings: crates/render/src/shown/lattice.rs.
 
-#import constants
 #import shared/num.wgsl
 #import shared/dispatch.wgsl
-
-struct LookUp {
-    num_pixels: u32,
-    num_prompts: u32,
-    // Number of polynomials of one prompt.
-    num_leaves: u32,
-    // Smallest accumulated opacity of a pixel that is not a hole.
-    min_alpha: f32,
-    temperature: f32,
-    padding: u32,
-    padding_2: vec2u,
-}
-
-// A pixel that no table can decide.
-struct OpenPixel {
-    latent: vec3f,
-    number: u32,
-}
-
-@group(0) @binding(0) var<uniform> params: LookUp;
-// Planes in the layout of the raster pass, with three features.
-@group(0) @binding(1) var<storage, read> planes: array<f32>;
-// Pixels inside the field of view: one bit per pixel, starting with the lowest bit of each word.
-@group(0) @binding(2) var<storage, read> inside: array<u32>;
-// Values of the coarsest cells, then brick by brick those of the cells within a cut cell.
-@group(0) @binding(3) var<storage, read> cells: array<u32>;
-// [prompts][leaves][2]: factors of 1, z, y, yz and of x, xz, xy, xyz; NaN where points must be decoded.
-@group(0) @binding(4) var<storage, read> polynomials: array<vec4f>;
-// [prompts][pixels]
-@group(0) @binding(5) var<storage, read_write> scores: array<f32>;
-@group(0) @binding(6) var<storage, read_write> num_open: atomic<u32>;
-@group(0) @binding(7) var<storage, read_write> open: array<OpenPixel>;
 
 const BRICK_MASK: u32 = (1u << LATTICE_BRICK_LEVELS) - 1u;
 
@@ -71,7 +40,7 @@ fn set_all(pixel: u32, score: f32) {
 }
 
 fn leave_open(pixel: u32, latent: vec3f) {
-    open[atomicAdd(&num_open, 1u)] = OpenPixel(latent, pixel);
+    open[atomicAdd(&num_open[0], 1u)] = OpenPixel(latent, pixel);
 }
 
 @compute @workgroup_size(GROUP)
@@ -129,9 +98,6 @@ fn look_up(
         leave_open(pixel, latent);
     }
 }
-
-// [pixels][1 + prompts]: a pixel's number, then the bits of its scores.
-@group(0) @binding(8) var<storage, read> patches: array<u32>;
 
 // Writes scores that were computed on the CPU.
 @compute @workgroup_size(GROUP)

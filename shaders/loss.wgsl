@@ -4,44 +4,11 @@
 // For each pixel: |colour - truth|, |inverse depth - truth|, |feature - wanted| if supervised, and for
 // each plane |here - neighbour| to the right and below if both count. Region smoothness is added by
 // regions.wgsl. Each workgroup writes one weighted sum of each term; settle.wgsl adds them up in order.
+//
+// Bindings: crates/render/src/train/step/loss.rs.
 
-#import constants
 #import shared/dispatch.wgsl
 #import shared/sum.wgsl
-
-struct Loss {
-    size: vec2u,
-    has_depth: u32,
-    has_regions: u32,
-    // 1 for depth as in the released code: not divided by alpha, inverted in scene units.
-    raw_depth: u32,
-    unmasked_variation: u32,
-    // Number of rows of the table of features.
-    num_rows: u32,
-    typical_depth: f32,
-    // Weight of a pixel in each term.
-    colour_difference: f32,
-    colour_variation: f32,
-    depth_difference: f32,
-    depth_variation: f32,
-    feature_difference: f32,
-    feature_variation: f32,
-    padding: vec2u,
-}
-
-@group(0) @binding(0) var<uniform> params: Loss;
-@group(0) @binding(1) var<storage, read> planes: array<f32>;
-// r, g, b in the low bytes; the highest byte is not 0 if the pixel is supervised.
-@group(0) @binding(2) var<storage, read> pixels: array<u32>;
-// z, 0 where unknown.
-@group(0) @binding(3) var<storage, read> depths: array<f32>;
-// Row of the table of features; beyond its end if there is none.
-@group(0) @binding(4) var<storage, read> regions: array<u32>;
-// [rows][LATENT_DIM]
-@group(0) @binding(5) var<storage, read> latents: array<f32>;
-@group(0) @binding(6) var<storage, read_write> g_planes: array<f32>;
-// [workgroups][TERM_QUADS]: sums of each workgroup, see quads_of.
-@group(0) @binding(7) var<storage, read_write> partial_sums: array<vec4f>;
 
 // Terms of a pixel.
 struct Terms {

@@ -2,25 +2,11 @@
 // core::deform::gate_feature_backward (g_net) and core::train::chain.
 //
 // Number (i, j) of W is the sum of g_opened_i * [f; t]_j, number i of the bias is the sum of g_opened_i.
+//
+// Bindings: crates/render/src/train/step/chain.rs.
 
-#import constants
 #import shared/num.wgsl
 #import shared/dispatch.wgsl
-
-struct Network {
-    num_gaussians: u32,
-    num_blocks: u32,
-    time: f32,
-    padding: u32,
-}
-
-@group(0) @binding(0) var<uniform> params: Network;
-@group(0) @binding(1) var<storage, read> features_at_rest: array<f32>;
-@group(0) @binding(2) var<storage, read> g_opened: array<f32>;
-// [blocks][NUMBERS]
-@group(0) @binding(3) var<storage, read_write> block_sums: array<f32>;
-@group(0) @binding(4) var<storage, read_write> g_network: array<f32>;
-@group(0) @binding(5) var<storage, read_write> status: array<atomic<u32>>;
 
 const WEIGHTS: u32 = LATENT_DIM * (LATENT_DIM + 1u);
 const NUMBERS: u32 = max(WEIGHTS + LATENT_DIM, 1u);

@@ -3,33 +3,11 @@
 // Outline and fill: pixels up to CONTOUR_WIDTH inside the border of the found region, by city-block
 // distance, are contour, and the next pixel on either side is halo. Heatmap: the highest score as colour,
 // fixed range 0-1.
+//
+// Bindings: crates/render/src/shown/overlay.rs.
 
-#import constants
 #import shared/num.wgsl
 #import shared/dispatch.wgsl
-
-struct Overlay {
-    size: vec2u,
-    num_prompts: u32,
-    // STYLE_OUTLINE, STYLE_FILL or STYLE_HEATMAP.
-    style: u32,
-    opacity: f32,
-    outline_opacity: f32,
-    padding: vec2u,
-}
-
-struct PromptRow {
-    // 0-255
-    colour: vec3f,
-    threshold: f32,
-}
-
-@group(0) @binding(0) var<uniform> params: Overlay;
-@group(0) @binding(1) var<storage, read> prompts: array<PromptRow>;
-// [prompts][rows][columns]
-@group(0) @binding(2) var<storage, read> scores: array<f32>;
-// One number per pixel: red in the lowest byte, then green, blue and 255; drawn over in place.
-@group(0) @binding(3) var<storage, read_write> pixels: array<u32>;
 
 fn score_at(prompt: u32, pixel: vec2i) -> f32 {
     let size = vec2i(params.size);

@@ -2,20 +2,13 @@
 //
 // EWA splatting: covariance = U U^T + DILATION with U = J W R S, J the Jacobian of the pinhole projection
 // evaluated within the guard. A splat that cannot be seen gets extent 0.
+//
+// Bindings: crates/render/src/planes/project.rs.
 
-#import constants
 #import shared/num.wgsl
 #import shared/dispatch.wgsl
-#import shared/gaussian.wgsl
-#import shared/view.wgsl
 #import shared/sh.wgsl
 #import shared/rotation.wgsl
-
-@group(0) @binding(0) var<uniform> view: View;
-@group(0) @binding(1) var<storage, read> deformed: array<DeformedRow>;
-// [N][bands][3]; one unread number if the degree is 0.
-@group(0) @binding(2) var<storage, read> sh_rest: array<f32>;
-@group(0) @binding(3) var<storage, read_write> splats: array<SplatRow>;
 
 fn positive(x: f32) -> f32 {
     return select(0.0, max(x, 0.0), is_finite(x));

@@ -1,23 +1,13 @@
 // Splats, tile by tile and front to back -> image planes (method section 4.3); twin: core::raster (forward).
 //
 // For each pixel: alpha = min(MAX_ALPHA, opacity exp(-d^T conic d / 2)), skipped below MIN_ALPHA. The
-// pixel stops before its transmittance would fall below MIN_TRANSMITTANCE. Planes: r, g, b, sum of w z, 1
-// - T, features. One workgroup per tile. Splats go through workgroup memory in batches (small ones keep
-//   occupancy high).
+// pixel stops before its transmittance T would fall below MIN_TRANSMITTANCE. Planes: r, g, b, sum of w z,
+// 1 - T, features. One workgroup per tile. Splats go through workgroup memory in small batches, which
+// keeps occupancy high.
+//
+// Bindings: crates/render/src/planes/raster.rs.
 
-#import constants
-#import shared/gaussian.wgsl
-#import shared/view.wgsl
-
-@group(0) @binding(0) var<uniform> view: View;
-@group(0) @binding(1) var<storage, read> splats: array<SplatRow>;
-// [N][LATENT_DIM]; one unread number if LATENT_DIM is 0.
-@group(0) @binding(2) var<storage, read> features: array<f32>;
-// Gaussian indices, sorted by tile, then depth.
-@group(0) @binding(3) var<storage, read> pair_gaussians: array<u32>;
-// [first, end) of each tile in pair_gaussians.
-@group(0) @binding(4) var<storage, read> tile_ranges: array<vec2u>;
-@group(0) @binding(5) var<storage, read_write> planes: array<f32>;
+#import shared/alpha.wgsl
 
 const NUM_FEATURES: u32 = max(LATENT_DIM, 1u);
 const PIXELS: u32 = TILE * TILE;

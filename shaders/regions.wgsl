@@ -6,52 +6,11 @@
 //   sum_values  fold_means  sum_deviations  fold_spreads  add_gradients
 //
 // Four latent numbers are processed together as one vec4f.
+//
+// Bindings: crates/render/src/train/step/loss.rs.
 
-#import constants
 #import shared/dispatch.wgsl
 #import shared/sum.wgsl
-
-struct Regions {
-    // Number of pixels of a plane.
-    num_pixels: u32,
-    num_blocks: u32,
-    num_regions: u32,
-    // 1 for one mean over all latent numbers of a region, as in the released code.
-    is_pooled: u32,
-    // Weight of a region.
-    smoothness: f32,
-    padding: u32,
-    padding_2: vec2u,
-}
-
-struct RegionBlock {
-    region: u32,
-    // [first, end) of the listed pixels.
-    first: u32,
-    end: u32,
-    padding: u32,
-}
-
-struct Region {
-    // [first, end) of the blocks.
-    first: u32,
-    end: u32,
-    num_pixels: u32,
-    padding: u32,
-}
-
-@group(0) @binding(0) var<uniform> params: Regions;
-@group(0) @binding(1) var<storage, read> planes: array<f32>;
-@group(0) @binding(2) var<storage, read> listed: array<u32>;
-@group(0) @binding(3) var<storage, read> blocks: array<RegionBlock>;
-@group(0) @binding(4) var<storage, read> regions: array<Region>;
-// [blocks][QUADS][2]: sums of values, or of |F - mean| and of its sign.
-@group(0) @binding(5) var<storage, read_write> block_sums: array<vec4f>;
-// [regions][QUADS]
-@group(0) @binding(6) var<storage, read_write> means: array<vec4f>;
-// [regions][QUADS][2]: means of |F - mean| and of its sign.
-@group(0) @binding(7) var<storage, read_write> spreads: array<vec4f>;
-@group(0) @binding(8) var<storage, read_write> g_planes: array<f32>;
 
 const QUADS: u32 = max((LATENT_DIM + 3u) / 4u, 1u);
 

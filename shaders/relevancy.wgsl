@@ -2,31 +2,11 @@
 // core::relevancy::Exact.
 //
 //   score = sigmoid(temperature * (p - max n)), p and n cosines with the prompt and the negatives
+//
+// Bindings: crates/render/src/relevancy.rs.
 
-#import constants
 #import shared/num.wgsl
 #import shared/dispatch.wgsl
-
-struct Scoring {
-    num_rows: u32,
-    embedding_dim: u32,
-    // Number of columns of `products`, over all queries.
-    num_texts: u32,
-    // Index of this query's prompt; its negatives follow.
-    first_text: u32,
-    num_negatives: u32,
-    // Index of row 0 in `scores`.
-    first_score: u32,
-    temperature: f32,
-    padding: u32,
-}
-
-@group(0) @binding(0) var<uniform> params: Scoring;
-// [num_rows][embedding_dim], not normalised
-@group(0) @binding(1) var<storage, read> embeddings: array<f32>;
-// [num_rows][num_texts]: embedding . text
-@group(0) @binding(2) var<storage, read> products: array<f32>;
-@group(0) @binding(3) var<storage, read_write> scores: array<f32>;
 
 // 1 / length; 0 if there is no direction.
 fn inverse_length(row: u32) -> f32 {

@@ -2,12 +2,10 @@
 // are scanned in the same way, one level up. `add_offsets` then adds a block's offset to its items.
 // Bindings are exactly as long as the data, so that arrayLength is the count. The sums are of integers,
 // so the order cannot change the result.
+//
+// Bindings: crates/render/src/planes/scan.rs.
 
-#import constants
 #import shared/dispatch.wgsl
-
-@group(0) @binding(0) var<storage, read_write> items: array<u32>;
-@group(0) @binding(1) var<storage, read_write> block_sums: array<u32>;
 
 const SCAN_ITEMS: u32 = SCAN_BLOCK / GROUP;
 

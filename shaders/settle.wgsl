@@ -4,43 +4,11 @@
 //
 // A step whose pairs did not fit changes nothing, nor do those after it, until the host has made room and
 // repeats them.
+//
+// Bindings: crates/render/src/train/step/update.rs.
 
-#import constants
 #import shared/num.wgsl
 #import shared/sum.wgsl
-
-struct Settle {
-    num_sums: u32,
-    num_regions: u32,
-    smoothness: f32,
-    // Number of pairs that there is room for.
-    capacity: u32,
-    // Live bases, [first_basis, last_basis).
-    first_basis: u32,
-    last_basis: u32,
-    // 1 if the network and the features learn.
-    updates_network: u32,
-    // 1 if any parameters are updated.
-    updates: u32,
-}
-
-struct Settled {
-    // In the order of core::train::LossTerms; then zeros.
-    terms: array<vec4f, 2>,
-    // 1 if the step was dropped because something was not finite.
-    is_dropped: u32,
-    padding: u32,
-    padding_2: vec2u,
-}
-
-@group(0) @binding(0) var<uniform> params: Settle;
-// [workgroups][TERM_QUADS]
-@group(0) @binding(1) var<storage, read> partial_sums: array<vec4f>;
-// [regions][QUADS][2]
-@group(0) @binding(2) var<storage, read> spreads: array<vec4f>;
-@group(0) @binding(3) var<storage, read> num_wanted: array<u32>;
-@group(0) @binding(4) var<storage, read_write> status: array<u32>;
-@group(0) @binding(5) var<storage, read_write> history: array<Settled>;
 
 const QUADS: u32 = max((LATENT_DIM + 3u) / 4u, 1u);
 

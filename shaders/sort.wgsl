@@ -1,38 +1,20 @@
 // Stable radix sort of (key, value) pairs, one 4-bit digit per pass, least significant first; twin: a
 // stable sort by key. A pass is `histogram`, an exclusive scan of the histogram (scan.wgsl), and
 // `scatter`. The number of pairs is only known on the device, so blocks beyond the end count zero.
+//
+// Bindings: crates/render/src/planes/sort.rs.
 
-#import constants
 #import shared/dispatch.wgsl
-
-struct Digit {
-    // Lowest bit of this pass's digit.
-    shift: u32,
-    num_blocks: u32,
-    // Largest number of pairs that fit the buffers.
-    capacity: u32,
-    padding: u32,
-}
-
-@group(0) @binding(0) var<uniform> digit: Digit;
-// Number of pairs that were wanted; may exceed the capacity.
-@group(0) @binding(1) var<storage, read> num_wanted: array<u32>;
-@group(0) @binding(2) var<storage, read> keys_in: array<u32>;
-@group(0) @binding(3) var<storage, read> values_in: array<u32>;
-@group(0) @binding(4) var<storage, read_write> keys_out: array<u32>;
-@group(0) @binding(5) var<storage, read_write> values_out: array<u32>;
-// [DIGITS][num_blocks]: counts; after the scan the places of each block's pairs with that digit.
-@group(0) @binding(6) var<storage, read_write> places: array<u32>;
 
 const DIGITS: u32 = 16u;
 const SORT_ITEMS: u32 = SORT_BLOCK / SORT_GROUP;
 
 fn num_pairs() -> u32 {
-    return min(num_wanted[0], digit.capacity);
+    return min(num_wanted[0], params.capacity);
 }
 
 fn digit_of(key: u32) -> u32 {
-    return (key >> digit.shift) & (DIGITS - 1u);
+    return (key >> params.shift) & (DIGITS - 1u);
 }
 
 var<workgroup> digit_counts: array<atomic<u32>, DIGITS>;
@@ -53,8 +35,8 @@ fn histogram(
         atomicAdd(&digit_counts[digit_of(keys_in[i])], 1u);
     }
     workgroupBarrier();
-    if lane < DIGITS && block < digit.num_blocks {
-        places[lane * digit.num_blocks + block] = atomicLoad(&digit_counts[lane]);
+    if lane < DIGITS && block < params.num_blocks {
+        places[lane * params.num_blocks + block] = atomicLoad(&digit_counts[lane]);
     }
 }
 
@@ -74,8 +56,8 @@ fn place_lanes(block: u32, lane: u32) {
     let lanes_per_digit = SORT_GROUP / DIGITS;
     let own_digit = lane / lanes_per_digit;
     var running = 0u;
-    if block < digit.num_blocks {
-        running = places[own_digit * digit.num_blocks + block];
+    if block < params.num_blocks {
+        running = places[own_digit * params.num_blocks + block];
     }
     for (var other = own_digit * lanes_per_digit; other < lane; other++) {
         running += partial_sums[other];

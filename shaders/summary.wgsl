@@ -1,29 +1,10 @@
 // Summary of the scores of each prompt; twin: core::summary. One invocation per pixel. All sums are of
 // integers, so that their order does not matter.
+//
+// Bindings: crates/render/src/shown/summary.rs.
 
-#import constants
 #import shared/num.wgsl
 #import shared/dispatch.wgsl
-
-struct Summarise {
-    size: vec2u,
-    num_prompts: u32,
-    padding: u32,
-}
-
-struct PromptRow {
-    // 0-255
-    colour: vec3f,
-    threshold: f32,
-}
-
-@group(0) @binding(0) var<uniform> params: Summarise;
-@group(0) @binding(1) var<storage, read> prompts: array<PromptRow>;
-// [prompts][rows][columns]
-@group(0) @binding(2) var<storage, read> scores: array<f32>;
-// [prompts]: SCORE_BINS of the histogram, the bits of the largest score, the number of found pixels of
-// each column, of each row.
-@group(0) @binding(3) var<storage, read_write> summaries: array<atomic<u32>>;
 
 @compute @workgroup_size(GROUP)
 fn summarise(

@@ -1,60 +1,10 @@
 // Adam for every group of parameters, and the statistics; twin: core::train::{Adam, Optimiser,
 // Statistics}. Nothing is changed after a step that was not good.
+//
+// Bindings: crates/render/src/train/step/update.rs.
 
-#import constants
 #import shared/dispatch.wgsl
-#import shared/gaussian.wgsl
 #import shared/basis.wgsl
-
-struct Update {
-    // Number of values to update.
-    len: u32,
-    // Index of the first of them among the parameters.
-    first: u32,
-    // Period of the learning rates: value k has the rate rate * rates[k % width].
-    width: u32,
-    // Index of the group's counter of updates in the status.
-    count: u32,
-    rate: f32,
-    // What gradients are multiplied by.
-    gain: f32,
-    // Factor of the gradients.
-    first_moment: u32,
-    // Index of the first of their moments.
-    first_row: u32,
-    // For the bases: first Gaussian of the part.
-    gate_channel: u32,
-    // Shape of bases that are not shared.
-    shape: u32,
-    time: f32,
-    padding: u32,
-}
-
-@group(0) @binding(0) var<uniform> params: Update;
-@group(0) @binding(1) var<storage, read> status: array<u32>;
-// Bias corrections of the first and second moments, indexed by the number of the update.
-@group(0) @binding(2) var<storage, read> corrections: array<vec2f>;
-@group(0) @binding(3) var<storage, read> rates: array<f32>;
-@group(0) @binding(4) var<storage, read_write> parameters: array<f32>;
-@group(0) @binding(5) var<storage, read_write> first_moments: array<f32>;
-@group(0) @binding(6) var<storage, read_write> second_moments: array<f32>;
-// Gradients, in the order of the parameters; for the bases those of the parameters at rest, [N][REST].
-@group(0) @binding(7) var<storage, read> gradients: array<f32>;
-// Gradients of the gate, [N][LATENT_DIM]; for the bases.
-@group(0) @binding(8) var<storage, read> g_gate: array<f32>;
-@group(0) @binding(9) var<storage, read> g_splats: array<SplatGradientRow>;
-@group(0) @binding(10) var<storage, read_write> pull_sums: array<f32>;
-@group(0) @binding(11) var<storage, read_write> times_seen: array<u32>;
-// Centres and widths of bases that are not shared, in the order of the weights.
-@group(0) @binding(12) var<storage, read> centres: array<f32>;
-@group(0) @binding(13) var<storage, read> widths: array<f32>;
-// dL/d(weight, centre, width) of one basis function, [rows][stride].
-@group(0) @binding(14) var<storage, read_write> g_weights: array<f32>;
-@group(0) @binding(15) var<storage, read_write> g_centres: array<f32>;
-@group(0) @binding(16) var<storage, read_write> g_widths: array<f32>;
-
-// Number of values of a row at rest.
-const REST: u32 = 16u;
 
 // Updates one value; `moment` and `at` are the indices of its moments and of the value itself.
 fn adam_step(at: u32, moment: u32, raw_gradient: f32, rate: f32) {

@@ -1,7 +1,5 @@
 // One basis function over time; twin: core::deform::{basis, basis_backward}.
 
-#import constants
-
 fn basis(shape: u32, time: f32, centre: f32, width: f32) -> f32 {
     let offset = time - centre;
     let w = max(abs(width), MIN_WIDTH);

@@ -1,8 +1,6 @@
 // Real spherical harmonics of bands 1 to 3, in the order and with the signs of 3D Gaussian splatting;
 // twin of core::raster::sh.
 
-#import constants
-
 const MAX_SH_BANDS: u32 = 15u;
 
 fn sh_bands(degree: u32, d: vec3f) -> array<f32, MAX_SH_BANDS> {

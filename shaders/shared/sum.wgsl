@@ -1,7 +1,5 @@
 // Sums over a workgroup of GROUP lanes, always in the same order.
 
-#import constants
-
 var<workgroup> lane_terms: array<vec4f, GROUP>;
 
 // Sum of all lanes' values, returned in every lane.

@@ -1,7 +1,8 @@
 //! Device buffers that grow and are reused from frame to frame, within the adapter's limits.
 
-use crate::Gpu;
+use crate::device::Gpu;
 use bytemuck::{NoUninit, Pod};
+use std::marker::PhantomData;
 use surgtpgs_core::{Error, Remedy, Result};
 
 /// A growable array of `T` on the device. Its binding is exactly as long as the array.
@@ -10,7 +11,7 @@ pub(crate) struct DeviceVec<T> {
     name: &'static str,
     buffer: wgpu::Buffer,
     len: usize,
-    marker: std::marker::PhantomData<T>,
+    marker: PhantomData<T>,
 }
 
 /// A buffer and the number of its bytes that are used.
@@ -83,10 +84,9 @@ impl<T: Pod> DeviceVec<T> {
         (self.buffer.clone(), self.num_bytes())
     }
 
-    /// Binds exactly the whole array, so that a shader's `arrayLength` is its length.
-    pub(crate) fn binding(&self) -> wgpu::BindingResource<'_> {
-        let size = wgpu::BufferSize::new(self.num_bytes());
-        wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer: &self.buffer, offset: 0, size })
+    /// The rows as bare numbers.
+    pub(crate) fn numbers(&self) -> Array<'_, f32> {
+        Array { buffer: &self.buffer, num_bytes: self.num_bytes(), marker: PhantomData }
     }
 
     /// Waits for the device and copies out the first `len` values.
@@ -96,8 +96,44 @@ impl<T: Pod> DeviceVec<T> {
     }
 }
 
-/// Makes a small constant for one dispatch.
-pub(crate) fn uniform<T: NoUninit>(gpu: &Gpu, value: &T) -> wgpu::Buffer {
+/// Values on the device as a shader sees them.
+#[derive(Clone, Copy)]
+pub(crate) struct Array<'a, T> {
+    buffer: &'a wgpu::Buffer,
+    num_bytes: u64,
+    marker: PhantomData<T>,
+}
+
+impl<'a, T: Pod> From<&'a DeviceVec<T>> for Array<'a, T> {
+    fn from(values: &'a DeviceVec<T>) -> Self {
+        Self { buffer: &values.buffer, num_bytes: values.num_bytes(), marker: PhantomData }
+    }
+}
+
+impl<'a, T> Array<'a, T> {
+    /// Binds exactly the whole array, so that a shader's `arrayLength` is its length.
+    pub(crate) fn bound_to(self, binding: u32) -> wgpu::BindGroupEntry<'a> {
+        let size = wgpu::BufferSize::new(self.num_bytes);
+        let resource = wgpu::BufferBinding { buffer: self.buffer, offset: 0, size };
+        wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::Buffer(resource) }
+    }
+}
+
+/// A small constant for one dispatch or a few.
+#[derive(Debug)]
+pub(crate) struct Uniform<T> {
+    buffer: wgpu::Buffer,
+    marker: PhantomData<T>,
+}
+
+impl<T> Uniform<T> {
+    pub(crate) fn bound_to(&self, binding: u32) -> wgpu::BindGroupEntry<'_> {
+        wgpu::BindGroupEntry { binding, resource: self.buffer.as_entire_binding() }
+    }
+}
+
+/// Makes a small constant.
+pub(crate) fn uniform<T: NoUninit>(gpu: &Gpu, value: &T) -> Uniform<T> {
     // Not created mapped, because that panics if the device was lost.
     let buffer = gpu.device().create_buffer(&wgpu::BufferDescriptor {
         label: None,
@@ -106,7 +142,7 @@ pub(crate) fn uniform<T: NoUninit>(gpu: &Gpu, value: &T) -> wgpu::Buffer {
         mapped_at_creation: false,
     });
     gpu.queue().write_buffer(&buffer, 0, bytemuck::bytes_of(value));
-    buffer
+    Uniform { buffer, marker: PhantomData }
 }
 
 fn allocate(gpu: &Gpu, name: &str, bytes: u64) -> wgpu::Buffer {

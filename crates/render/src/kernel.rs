@@ -1,6 +1,6 @@
 //! One entry point of a compute shader, ready to be dispatched.
 
-use crate::{Gpu, shader_source};
+use crate::{device::Gpu, shader::Shader};
 use surgtpgs_core::Result;
 
 /// A compiled entry point of one shader file.
@@ -12,12 +12,12 @@ pub(crate) struct Kernel {
 }
 
 impl Kernel {
-    /// Compiles `entry` of `shaders/<file>` for a latent dimension.
-    pub(crate) fn new(gpu: &Gpu, file: &str, entry: &str, latent_dim: usize) -> Result<Self> {
-        let source = shader_source::assemble(file, latent_dim)?;
+    /// Compiles `entry` of a shader for a latent dimension.
+    pub(crate) fn new(gpu: &Gpu, shader: &Shader, entry: &str, latent_dim: usize) -> Result<Self> {
+        let source = shader.wgsl(latent_dim)?;
         let device = gpu.device();
         let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
-            label: Some(file),
+            label: Some(shader.file),
             source: wgpu::ShaderSource::Wgsl(source.into()),
         });
         let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
@@ -34,12 +34,12 @@ impl Kernel {
     }
 
     /// Adds a dispatch of `groups` workgroups in a row (folded into two dimensions if there are too
-    /// many). `bindings` are those that the entry point uses, with their numbers in the shader.
+    /// many). `bindings` are those that the entry point uses, made by the functions of its `shader!`.
     pub(crate) fn dispatch(
         &self,
         gpu: &Gpu,
         pass: &mut wgpu::ComputePass<'_>,
-        bindings: &[(u32, wgpu::BindingResource<'_>)],
+        bindings: &[wgpu::BindGroupEntry<'_>],
         groups: u32,
     ) {
         // If there is nothing to do, the shader finds that out, and still writes its counts.
@@ -53,20 +53,23 @@ impl Kernel {
         &self,
         gpu: &Gpu,
         pass: &mut wgpu::ComputePass<'_>,
-        bindings: &[(u32, wgpu::BindingResource<'_>)],
+        bindings: &[wgpu::BindGroupEntry<'_>],
         groups: [u32; 2],
     ) {
-        let entries: Vec<_> = bindings
-            .iter()
-            .map(|(binding, resource)| wgpu::BindGroupEntry { binding: *binding, resource: resource.clone() })
-            .collect();
         let group = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
             label: None,
             layout: &self.layout,
-            entries: &entries,
+            entries: bindings,
         });
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, &group, &[]);
         pass.dispatch_workgroups(groups[0], groups[1], 1);
     }
+}
+
+/// Submits one compute pass.
+pub(crate) fn run(gpu: &Gpu, encode: impl FnOnce(&mut wgpu::ComputePass<'_>)) {
+    let mut encoder = gpu.device().create_command_encoder(&Default::default());
+    encode(&mut encoder.begin_compute_pass(&Default::default()));
+    gpu.queue().submit([encoder.finish()]);
 }

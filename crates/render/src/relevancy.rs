@@ -1,17 +1,86 @@
 //! Scores of prompts by decoding every point on the GPU (`shaders/dense.wgsl`, `shaders/relevancy.wgsl`).
 
 use crate::{
-    Gpu,
     buffers::{DeviceVec, max_bytes, uniform},
+    device::Gpu,
     kernel::Kernel,
-    layout::{Dense, Scoring},
-    shader_source::{DENSE_TILE, GROUP},
+    shader::{GROUP, Shader, shader, shader_struct},
 };
 use surgtpgs_core::{
     Result,
     codec::{Codec, Linear},
     relevancy::{Exact, Points, Query, Relevancy, RelevancySettings},
 };
+
+/// Shaders of these passes.
+pub(crate) const SHADERS: &[Shader] = &[DenseWgsl::SHADER, ScoreWgsl::SHADER];
+/// Edge of the output block of a layer that one workgroup computes.
+const DENSE_TILE: u32 = 64;
+
+shader! {
+    DenseWgsl = "dense.wgsl";
+    const DENSE_TILE = DENSE_TILE;
+    var<uniform> params: DenseParams;
+    /// [rows][num_in]
+    var<read> inputs: [f32];
+    /// [num_out][num_in]
+    var<read> weights: [f32];
+    var<read> biases: [f32];
+    /// [num_rows][num_out]
+    var<write> outputs: [f32];
+}
+
+shader! {
+    ScoreWgsl = "relevancy.wgsl";
+    var<uniform> params: ScoreParams;
+    /// [num_rows][embedding_dim], not normalised
+    var<read> embeddings: [f32];
+    /// [num_rows][num_texts]: embedding . text
+    var<read> products: [f32];
+    var<write> scores: [f32];
+}
+
+shader_struct! {
+    /// One layer of the decoder.
+    pub(crate) struct DenseParams {
+        /// Number of points.
+        num_rows: u32,
+        /// Number of inputs.
+        num_in: u32,
+        /// Number of outputs.
+        num_out: u32,
+        /// Row of the input that is row 0 of the output.
+        first_row: u32,
+        /// 1 if a ReLU follows.
+        has_relu: u32,
+        /// Padding to a multiple of 16 bytes.
+        padding: u32,
+        /// Padding to a multiple of 16 bytes.
+        padding_2: [u32; 2],
+    }
+}
+
+shader_struct! {
+    /// Scoring of one query.
+    pub(crate) struct ScoreParams {
+        /// Number of points.
+        num_rows: u32,
+        /// Number of values of an embedding.
+        embedding_dim: u32,
+        /// Number of texts of all queries.
+        num_texts: u32,
+        /// Index of the prompt among them; its negatives follow.
+        first_text: u32,
+        /// Number of negatives.
+        num_negatives: u32,
+        /// Index of the first score.
+        first_score: u32,
+        /// Sharpness.
+        temperature: f32,
+        /// Padding to a multiple of 16 bytes.
+        padding: u32,
+    }
+}
 
 /// The exact rung on the GPU; twin of [`Exact`].
 pub struct GpuExact {
@@ -62,8 +131,8 @@ impl GpuExact {
         gpu.guarded(|| {
             Ok(Self {
                 gpu: gpu.clone(),
-                dense: Kernel::new(gpu, "dense.wgsl", "dense", 0)?,
-                score: Kernel::new(gpu, "relevancy.wgsl", "score", 0)?,
+                dense: Kernel::new(gpu, &DenseWgsl::SHADER, "dense", 0)?,
+                score: Kernel::new(gpu, &ScoreWgsl::SHADER, "score", 0)?,
                 layers: codec.decoder.iter().map(|l| Layer::new(gpu, l)).collect::<Result<_>>()?,
                 activations: [DeviceVec::new(gpu, "activations"), DeviceVec::new(gpu, "activations")],
                 products: DeviceVec::new(gpu, "cosines"),
@@ -134,7 +203,7 @@ impl GpuExact {
             let decoded = self.encode_decoder(pass, &inputs, first, rows);
             self.encode_layer(pass, &texts_layer, decoded, &self.products, [0, rows], false);
             for (q, text) in texts.iter().enumerate() {
-                let params = Scoring {
+                let params = ScoreParams {
                     num_rows: rows as u32,
                     embedding_dim: dim as u32,
                     num_texts: num_texts as u32,
@@ -146,10 +215,10 @@ impl GpuExact {
                 };
                 let params = uniform(&gpu, &params);
                 let bindings = [
-                    (0, params.as_entire_binding()),
-                    (1, decoded.binding()),
-                    (2, self.products.binding()),
-                    (3, scores.binding()),
+                    ScoreWgsl::params(&params),
+                    ScoreWgsl::embeddings(decoded),
+                    ScoreWgsl::products(&self.products),
+                    ScoreWgsl::scores(&scores),
                 ];
                 self.score.dispatch(&gpu, pass, &bindings, (rows as u32).div_ceil(GROUP));
             }
@@ -196,7 +265,7 @@ impl GpuExact {
         [first_row, num_rows]: [usize; 2],
         has_relu: bool,
     ) {
-        let params = Dense {
+        let params = DenseParams {
             num_rows: num_rows as u32,
             num_in: layer.num_in as u32,
             num_out: layer.num_out as u32,
@@ -206,11 +275,11 @@ impl GpuExact {
         };
         let params = uniform(&self.gpu, &params);
         let bindings = [
-            (0, params.as_entire_binding()),
-            (1, from.binding()),
-            (2, layer.weight.binding()),
-            (3, layer.bias.binding()),
-            (4, to.binding()),
+            DenseWgsl::params(&params),
+            DenseWgsl::inputs(from),
+            DenseWgsl::weights(&layer.weight),
+            DenseWgsl::biases(&layer.bias),
+            DenseWgsl::outputs(to),
         ];
         let groups = [layer.num_out, num_rows].map(|n| (n as u32).div_ceil(DENSE_TILE));
         self.dense.dispatch_2d(&self.gpu, pass, &bindings, groups);

@@ -1,39 +1,20 @@
 //! The whole chain on the device, behind the trait that the CPU renderer implements too.
 
 use crate::{
-    Gpu,
-    buffers::{Part, uniform},
-    layout::View,
-    passes::{Passes, run},
+    buffers::Part,
+    device::Gpu,
+    planes::{PlanePasses, RenderInput},
     scene_buffers::SceneBuffers,
-    shown::ShownBuffers,
+    shown::{Asked, Shown, ShownPasses, Wanted},
     timer::Timer,
 };
 use surgtpgs_core::{
     Result,
     camera::Camera,
+    grid::Mask,
     raster::{FEATURE_PLANE, FrameClock, FramePass, Images, Pick, Renderer},
     scene::Scene,
 };
-
-/// Input of a frame.
-#[derive(Clone, Copy)]
-pub struct Frame<'a> {
-    /// Scene with the Gaussians.
-    pub scene: &'a Scene,
-    /// Camera to render from; its size is that of the picture.
-    pub camera: &'a Camera,
-    /// Time, 0–1.
-    pub time: f32,
-    /// `true` to render features.
-    pub features: bool,
-}
-
-impl Frame<'_> {
-    fn latent_dim(&self) -> usize {
-        if self.features { self.scene.gaussians.latent_dim } else { 0 }
-    }
-}
 
 /// Renders scenes on a GPU; twin of [`surgtpgs_core::raster::CpuRenderer`].
 ///
@@ -41,25 +22,19 @@ impl Frame<'_> {
 /// of their values. After editing a few values in place, call [`GpuRenderer::forget_scene`].
 #[derive(Debug)]
 pub struct GpuRenderer {
-    pub(crate) gpu: Gpu,
-    pub(crate) passes: Passes,
+    gpu: Gpu,
+    planes: PlanePasses,
+    shown: ShownPasses,
     scene: Option<([u64; 2], SceneBuffers)>,
-    /// Time and latent dimension of the deformed Gaussians on the device.
-    deformed_at: Option<(f32, usize)>,
-    /// View, time and latent dimension of the splats, bins and image planes on the device.
-    drawn: Option<(View, f32, usize)>,
     staging: Option<wgpu::Buffer>,
-    pub(crate) timer: Timer,
-    pub(crate) shown: ShownBuffers,
+    timer: Timer,
 }
 
 impl GpuRenderer {
     /// Compiles the passes.
     pub fn new(gpu: Gpu) -> Result<Self> {
-        let passes = Passes::new(&gpu)?;
-        let shown = ShownBuffers::new(&gpu);
-        let (scene, deformed_at, drawn, staging) = (None, None, None, None);
-        Ok(Self { gpu, passes, scene, deformed_at, drawn, staging, timer: Timer::default(), shown })
+        let (planes, shown) = (PlanePasses::new(&gpu)?, ShownPasses::new(&gpu)?);
+        Ok(Self { gpu, planes, shown, scene: None, staging: None, timer: Timer::default() })
     }
 
     /// The device it renders on.
@@ -70,14 +45,13 @@ impl GpuRenderer {
     /// Makes the next frame upload the scene anew.
     pub fn forget_scene(&mut self) {
         self.scene = None;
-        self.deformed_at = None;
-        self.drawn = None;
+        self.planes.forget();
     }
 
     /// Sets the initial room to `capacity` splat-tile pairs. It grows as needed, at the cost of a
     /// repeated frame.
     pub fn set_pair_capacity(&mut self, capacity: usize) -> Result<()> {
-        self.passes.bin.set_capacity(&self.gpu, capacity)
+        self.planes.bin.set_capacity(&self.gpu, capacity)
     }
 
     fn upload(&mut self, scene: &Scene) -> Result<()> {
@@ -90,76 +64,123 @@ impl GpuRenderer {
         Ok(())
     }
 
-    /// Adds the passes up to the image planes, except those whose results are still valid. Uploads the
-    /// scene if it has changed.
-    pub(crate) fn encode_frame(
+    /// Adds the passes up to the image planes. Uploads the scene if it has changed.
+    fn encode_planes(
         &mut self,
-        frame: &Frame<'_>,
+        input: &RenderInput<'_>,
         clock: &mut FrameClock,
     ) -> Result<wgpu::CommandEncoder> {
-        self.upload(frame.scene)?;
-        let Self { gpu, passes, scene, timer, .. } = self;
-        let mut encoder = gpu.device().create_command_encoder(&Default::default());
-        let Some((_, buffers)) = scene else { return Ok(encoder) };
-        let Frame { scene: Scene { gaussians, deformation, .. }, camera, time, .. } = *frame;
-        let (n, latent_dim) = (gaussians.len(), frame.latent_dim());
-        let view = View::new(camera, gaussians, passes.bin.capacity());
-        let must_deform = self.deformed_at != Some((time, latent_dim));
-        timer.start();
-        if self.drawn == Some((view, time, latent_dim)) {
-            return Ok(encoder);
+        self.upload(input.scene)?;
+        let mut encoder = self.gpu.device().create_command_encoder(&Default::default());
+        self.timer.start();
+        if let Some((_, buffers)) = &self.scene {
+            self.planes.encode(&mut encoder, &mut self.timer, buffers, input, clock)?;
         }
-        passes.project.prepare(gpu, n)?;
-        passes.bin.prepare(gpu, &view)?;
-        passes.raster.prepare(gpu, &view, latent_dim)?;
-        let view_buffer = uniform(gpu, &view);
-        if must_deform {
-            passes.deform.prepare(gpu, deformation, n, time, latent_dim)?;
-            let pass = &mut timer.begin(&mut encoder, "deform");
-            passes.deform.encode(gpu, pass, buffers, deformation, time, latent_dim);
-            clock.lap(FramePass::Deform);
-        }
-        {
-            let pass = &mut timer.begin(&mut encoder, "project");
-            passes.project.encode(gpu, pass, &view_buffer, &passes.deform.rows, &buffers.sh_rest, n);
-            clock.lap(FramePass::Project);
-        }
-        {
-            let pass = &mut timer.begin(&mut encoder, "bin");
-            passes.bin.encode(gpu, pass, &view_buffer, &view, &passes.project.splats);
-            clock.lap(FramePass::Bin);
-        }
-        {
-            let pass = &mut timer.begin(&mut encoder, "raster");
-            let input = passes.raster_input();
-            passes.raster.encode(gpu, pass, &view_buffer, &view, &input, latent_dim);
-            clock.lap(FramePass::Raster);
-        }
-        self.deformed_at = Some((time, latent_dim));
-        self.drawn = Some((view, time, latent_dim));
         Ok(encoder)
     }
 
     /// Renders until all pairs fit; returns the planes.
-    fn draw(&mut self, frame: &Frame<'_>, clock: &mut FrameClock) -> Result<Vec<f32>> {
+    fn draw(&mut self, input: &RenderInput<'_>, clock: &mut FrameClock) -> Result<Vec<f32>> {
         loop {
-            let encoder = self.encode_frame(frame, clock)?;
-            let planes = self.passes.raster.planes.part();
+            let encoder = self.encode_planes(input, clock)?;
+            let planes = self.planes.raster.planes.part();
             let bytes = self.submit(encoder, &[self.num_wanted(), planes])?;
             let (wanted, planes) = bytes.split_at(size_of::<u32>());
-            if !self.passes.bin.grow_if_full(&self.gpu, bytemuck::pod_read_unaligned(wanted))? {
+            if !self.planes.bin.grow_if_full(&self.gpu, bytemuck::pod_read_unaligned(wanted))? {
                 return Ok(bytemuck::pod_collect_to_vec(planes));
             }
         }
     }
 
+    /// Renders, scores the prompts, and draws the overlay, in one submission. Pixels outside `field_of_view`
+    /// are black and never found. It is sampled at the frame's size; `None` means that everything is inside.
+    pub fn show(
+        &mut self,
+        input: &RenderInput<'_>,
+        field_of_view: Option<&Mask>,
+        mut asked: Option<Asked<'_>>,
+        wanted: Wanted,
+        clock: &mut FrameClock,
+    ) -> Result<Shown> {
+        let size = [input.camera.width, input.camera.height];
+        if size.contains(&0) {
+            return Ok(Shown::default());
+        }
+        clock.start();
+        // Prompts that cannot be answered are left out.
+        asked = asked
+            .filter(|a| !a.queries.is_empty() && a.marking.is_none_or(|m| m.marks.len() == a.queries.len()));
+        let is_asked = asked.is_some();
+        let gpu = self.gpu.clone();
+        let shown = gpu.guarded(|| {
+            self.shown.set_inside(size, field_of_view)?;
+            self.show_until_right(input, asked.as_mut(), wanted, clock)
+        });
+        if shown.is_err() {
+            // The contents of the device are unknown after an error.
+            self.forget_scene();
+        }
+        clock.waited(if is_asked { FramePass::Relevancy } else { FramePass::Raster });
+        shown
+    }
+
+    /// Repeats the frame if pairs did not fit, and the overlay if the tables left pixels open.
+    fn show_until_right(
+        &mut self,
+        input: &RenderInput<'_>,
+        mut asked: Option<&mut Asked<'_>>,
+        wanted: Wanted,
+        clock: &mut FrameClock,
+    ) -> Result<Shown> {
+        let size = [input.camera.width, input.camera.height];
+        loop {
+            let mut encoder = self.encode_planes(input, clock)?;
+            if let Some(asked) = asked.as_deref_mut() {
+                let planes = &self.planes.raster.planes;
+                self.shown.encode_scores(&mut encoder, &mut self.timer, planes, asked, size)?;
+                clock.lap(FramePass::Relevancy);
+            }
+            let (shown, num_open, num_pairs) = self.finish(encoder, asked.as_deref(), size, wanted)?;
+            if self.planes.bin.grow_if_full(&self.gpu, num_pairs)? {
+                continue;
+            }
+            let Some(asked) = asked.filter(|_| num_open > 0) else { return Ok(shown) };
+            let mut encoder = self.gpu.device().create_command_encoder(&Default::default());
+            self.shown.encode_repair(&mut encoder, asked, num_open)?;
+            return Ok(self.finish(encoder, Some(asked), size, wanted)?.0);
+        }
+    }
+
+    /// Adds the passes after the scores, submits, and waits. Returns the wanted results, the number of pixels
+    /// that were left open, and the number of pairs wanted.
+    fn finish(
+        &mut self,
+        mut encoder: wgpu::CommandEncoder,
+        asked: Option<&Asked<'_>>,
+        size: [u32; 2],
+        wanted: Wanted,
+    ) -> Result<(Shown, usize, u32)> {
+        let planes = &self.planes.raster.planes;
+        self.shown.encode_pictures(&mut encoder, &mut self.timer, planes, asked, size)?;
+        let parts = self.shown.parts(asked, wanted);
+        let bytes = self.submit(encoder, &[&[self.num_wanted()], &parts[..]].concat())?;
+        let (num_pairs, mut rest) = bytes.split_at(size_of::<u32>());
+        let parts = parts.map(|(_, size)| {
+            let (part, others) = rest.split_at(size as usize);
+            rest = others;
+            part
+        });
+        let (shown, num_open) = self.shown.parse(parts, size);
+        Ok((shown, num_open, bytemuck::pod_read_unaligned(num_pairs)))
+    }
+
     /// Location of the number of pairs wanted. If it exceeds the capacity, the frame is wrong.
-    pub(crate) fn num_wanted(&self) -> Part {
-        (self.passes.bin.num_wanted().buffer().clone(), size_of::<u32>() as u64)
+    fn num_wanted(&self) -> Part {
+        (self.planes.bin.num_wanted().buffer().clone(), size_of::<u32>() as u64)
     }
 
     /// Submits, waits, and copies out the first bytes of each buffer, one after the other.
-    pub(crate) fn submit(&mut self, mut encoder: wgpu::CommandEncoder, parts: &[Part]) -> Result<Vec<u8>> {
+    fn submit(&mut self, mut encoder: wgpu::CommandEncoder, parts: &[Part]) -> Result<Vec<u8>> {
         self.timer.finish(&mut encoder);
         let size = parts.iter().map(|(_, size)| size).sum();
         if self.staging.as_ref().is_none_or(|s| s.size() < size) {
@@ -184,17 +205,8 @@ impl GpuRenderer {
 
     /// Returns the Gaussian at a pixel of the last rendered frame; `None` outside of it or if nothing
     /// contributes.
-    pub fn pick(&mut self, [x, y]: [usize; 2]) -> Result<Option<Pick>> {
-        let Self { gpu, passes, drawn: Some((view, ..)), .. } = self else { return Ok(None) };
-        if x >= view.size[0] as usize || y >= view.size[1] as usize {
-            return Ok(None);
-        }
-        gpu.guarded(|| {
-            passes.pick.prepare(gpu, [x as u32, y as u32])?;
-            let view = uniform(gpu, view);
-            run(gpu, |pass| passes.pick.encode(gpu, pass, &view, &passes.raster_input()));
-            passes.pick.read(gpu)
-        })
+    pub fn pick(&mut self, pixel: [usize; 2]) -> Result<Option<Pick>> {
+        self.gpu.guarded(|| self.planes.pick(pixel))
     }
 
     /// Switches on the timing of every pass of [`GpuRenderer::show`]; returns `false` if the adapter
@@ -227,13 +239,13 @@ impl Renderer for GpuRenderer {
     ) -> Result<()> {
         (images.width, images.height) = (camera.width as usize, camera.height as usize);
         images.planes.clear();
-        let frame = Frame { scene, camera, time, features };
+        let input = RenderInput { scene, camera, time, features };
         if images.width * images.height == 0 {
             return Ok(());
         }
         clock.start();
         let gpu = self.gpu.clone();
-        let result = gpu.guarded(|| self.draw(&frame, clock));
+        let result = gpu.guarded(|| self.draw(&input, clock));
         if result.is_err() {
             // The contents of the device are unknown after an error.
             self.forget_scene();
@@ -242,7 +254,7 @@ impl Renderer for GpuRenderer {
         clock.waited(FramePass::Raster);
         debug_assert_eq!(
             images.planes.len(),
-            images.width * images.height * (FEATURE_PLANE + frame.latent_dim())
+            images.width * images.height * (FEATURE_PLANE + input.latent_dim())
         );
         Ok(())
     }

@@ -1,9 +1,9 @@
 //! A scene on the device, uploaded once.
 
 use crate::{
-    Gpu,
     buffers::{DeviceVec, max_bytes},
-    layout::RestRow,
+    device::Gpu,
+    rows::RestRow,
 };
 use std::ops::Range;
 use surgtpgs_core::{

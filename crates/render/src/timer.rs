@@ -1,6 +1,6 @@
 //! Time of each pass on the device, if the device can measure it.
 
-use crate::Gpu;
+use crate::device::Gpu;
 use surgtpgs_core::Result;
 
 /// Largest number of passes of one frame that can be timed.

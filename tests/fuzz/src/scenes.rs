@@ -5,7 +5,7 @@ use surgtpgs_core::{
     codec::{Codec, CodecSettings},
     progress::unobserved,
     raster::{CpuRenderer, Renderer},
-    relevancy::{Query, RelevancySettings, best},
+    relevancy::{Query, Relevancy, RelevancySettings, best},
     scene::Scene,
     sequence::Class,
     stress,

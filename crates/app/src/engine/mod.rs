@@ -49,12 +49,12 @@ use surgtpgs_core::{
     overlay::{OverlayPrompt, overlay},
     prepare::EncoderIdentity,
     raster::{FrameClock, FramePass, Images, MIN_DEPTH_ALPHA, Pick, Renderer},
-    relevancy::{Points, Query, Relevancy, RelevancySettings},
+    relevancy::{Fastest, Points, Query, Relevancy, RelevancySettings},
     scene::Scene,
     sequence::Sequence,
     summary::Summary,
 };
-use surgtpgs_render::{Asked, Frame, GpuRenderer, Mark, Marking, Shown, Wanted};
+use surgtpgs_render::{Asked, GpuRenderer, Mark, Marking, RenderInput, Shown, Wanted};
 
 /// Choice of the text encoder.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -125,7 +125,7 @@ pub struct Engine {
     last: Option<Rendered>,
     outside: Outside,
     travelling: Option<layers::Travelling>,
-    relevancy: Option<Box<dyn Relevancy>>,
+    relevancy: Option<Fastest>,
     settings: RelevancySettings,
     encoder_choice: EncoderChoice,
     /// Opened when the first prompt comes: looking at a scene needs no encoder.
@@ -300,7 +300,7 @@ impl Engine {
     /// Shows a view: the picture and, as `ask` says, the scores of the prompts and the found areas drawn over
     /// the picture. On a GPU only what is `wanted` leaves the device.
     pub fn show(&mut self, view: &SceneView, ask: Ask<'_>, wanted: Wanted) -> Result<Shown> {
-        let has_lattice = self.relevancy.as_mut().is_some_and(|r| r.as_lattice().is_some());
+        let has_lattice = matches!(self.relevancy, Some(Fastest::Lattice(_)));
         let asks = matches!(ask, Ask::Now(_));
         if !self.machine.is_gpu() || (asks && !has_lattice) {
             return self.show_by_cpu(view, ask, wanted);
@@ -311,14 +311,15 @@ impl Engine {
             else {
                 return engine.show_by_cpu(view, ask, wanted);
             };
-            let frame = Frame { scene, camera: &view.camera, time: view.time, features };
+            let input = RenderInput { scene, camera: &view.camera, time: view.time, features };
             let field_of_view = view.recorded.then_some(&scene.field_of_view);
-            let lattice = relevancy.as_mut().and_then(|r| r.as_lattice());
-            let asked = match (ask, lattice) {
-                (Ask::Now(marking), Some(lattice)) => Some(Asked { lattice, queries, settings, marking }),
+            let asked = match (ask, relevancy) {
+                (Ask::Now(marking), Some(Fastest::Lattice(lattice))) => {
+                    Some(Asked { lattice, queries, settings, marking })
+                }
                 _ => None,
             };
-            gpu.show(&frame, field_of_view, asked, wanted, clock)
+            gpu.show(&input, field_of_view, asked, wanted, clock)
         })
     }
 

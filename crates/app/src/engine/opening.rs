@@ -6,7 +6,7 @@ use surgtpgs_clip::TextEncoder;
 use surgtpgs_core::{
     Error, Remedy, Result,
     prepare::Prepared,
-    relevancy::{self, Relevancy},
+    relevancy::{self, Fastest},
     scene::Scene,
     sequence::Sequence,
 };
@@ -17,7 +17,7 @@ pub fn open_text_encoder(folder: &Path) -> Result<TextEncoder> {
     TextEncoder::open_with_cache(folder, cache.as_deref())
 }
 
-pub(super) fn open_relevancy(scene: &Scene) -> Option<Box<dyn Relevancy>> {
+pub(super) fn open_relevancy(scene: &Scene) -> Option<Fastest> {
     scene.codec.clone().map(relevancy::best)
 }
 

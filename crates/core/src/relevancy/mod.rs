@@ -142,11 +142,6 @@ pub trait Relevancy: Send {
     /// Name for reports: "exact", "folded", "lattice".
     fn name(&self) -> &'static str;
 
-    /// Returns the lattice if it is one: a device can look scores up in its tables.
-    fn as_lattice(&mut self) -> Option<&mut Lattice> {
-        None
-    }
-
     /// Computes one score per point (0–1) for each query.
     fn score_points(
         &mut self,
@@ -162,11 +157,40 @@ pub trait Relevancy: Send {
     }
 }
 
-/// Fastest rung for a codec: the lattice if the latent space is 3-D, else the folded decoder.
-pub fn best(codec: Codec) -> Box<dyn Relevancy> {
+/// Fastest rung for a codec.
+pub enum Fastest {
+    /// For a latent space of 3 dimensions; a device can look scores up in its tables.
+    Lattice(Lattice),
+    /// For any other latent space.
+    Folded(Folded),
+}
+
+/// Returns the fastest rung for a codec: the lattice if the latent space is 3-D, else the folded decoder.
+pub fn best(codec: Codec) -> Fastest {
     match Lattice::new(&codec) {
-        Some(lattice) => Box::new(lattice),
-        None => Box::new(Folded::new(codec)),
+        Some(lattice) => Fastest::Lattice(lattice),
+        None => Fastest::Folded(Folded::new(codec)),
+    }
+}
+
+impl Relevancy for Fastest {
+    fn name(&self) -> &'static str {
+        match self {
+            Self::Lattice(lattice) => lattice.name(),
+            Self::Folded(folded) => folded.name(),
+        }
+    }
+
+    fn score_points(
+        &mut self,
+        points: &Points<'_>,
+        queries: &[Query],
+        settings: &RelevancySettings,
+    ) -> Vec<Vec<f32>> {
+        match self {
+            Self::Lattice(lattice) => lattice.score_points(points, queries, settings),
+            Self::Folded(folded) => folded.score_points(points, queries, settings),
+        }
     }
 }
 

@@ -3,20 +3,94 @@
 
 use super::resident::{Moments, Resident};
 use crate::{
-    Gpu,
     buffers::{DeviceVec, uniform},
-    kernel::Kernel,
-    layout::{self, CopyRows, RestRow},
-    passes::{Levels, Scan, Sort, SortBuffers, run},
+    device::Gpu,
+    kernel::{Kernel, run},
+    planes::{Levels, Scan, Sort, SortBuffers},
+    rows::RestRow,
     scene_buffers::{Planes, parts, unread},
-    shader_source::GROUP,
+    shader::{GROUP, shader, shader_struct},
 };
 use bytemuck::Pod;
 use std::{ops::Range, slice::from_ref};
 use surgtpgs_core::{
     Result,
-    train::{Densify, Model},
+    train::{self, Densify, Model},
 };
+
+shader! {
+    pub(super) Wgsl = "densify.wgsl";
+    const LN_SPLIT = train::LN_SPLIT;
+    const SPLIT_DISTANCE = train::SPLIT_DISTANCE;
+    const CLONE_DISTANCE = train::CLONE_DISTANCE;
+    var<uniform> params: DensifyParams;
+    var<read> rest: [RestRow];
+    var<read> pull_sums: [f32];
+    var<read> times_seen: [u32];
+    /// [N + 1], the last 0: 1 if the Gaussian is kept; after the scan its row in the new set.
+    var<write> places: [u32];
+    /// Keys and indices of the Gaussians; most pulled first after the sort.
+    var<write> pull_keys: [u32];
+    var<write> ranked: [u32];
+    /// Numbers of kept and of pulled Gaussians.
+    var<atomic> counts: [u32];
+    /// Row of the old set that each row of the new set copies, with FRESH if its moments start afresh.
+    var<write> parents: [u32];
+    var<uniform> copied: CopyParams;
+    var<read> source: [f32];
+    var<write> rows: [f32];
+    var<write> new_rest: [RestRow];
+    /// [N + 1], the last 0: 1 if the Gaussian is divided; after the scan the child's number.
+    var<write> children: [u32];
+}
+
+shader_struct! {
+    /// One densification.
+    pub(crate) struct DensifyParams {
+        /// Number of Gaussians, N.
+        num_gaussians: u32,
+        /// Number of Gaussians that are kept.
+        num_kept: u32,
+        /// Number of kept Gaussians that are divided into two.
+        num_children: u32,
+        /// 1 to place both halves at random, with fresh moments.
+        split_only: u32,
+        /// Smallest logit of opacity; Gaussians with a lower one are removed.
+        min_opacity_logit: f32,
+        /// Smallest pull of a Gaussian that is divided.
+        min_pull: f32,
+        /// Log-scale above which a Gaussian is split.
+        split_log_scale: f32,
+        /// Padding to a multiple of 8 bytes.
+        padding: u32,
+        /// Seed of the random numbers.
+        seed: [u32; 2],
+        /// Padding to a multiple of 8 bytes.
+        padding_2: [u32; 2],
+    }
+}
+
+shader_struct! {
+    /// An array that is rebuilt for the new set of Gaussians.
+    pub(crate) struct CopyParams {
+        /// Number of planes, each of the same number of rows.
+        num_planes: u32,
+        /// Number of rows of the new array in this part.
+        num_rows: u32,
+        /// Number of values of a row.
+        width: u32,
+        /// First row of the new array in this part.
+        first_row: u32,
+        /// Number of rows of the old array in this part.
+        old_num_rows: u32,
+        /// First row of the old array in this part.
+        old_first_row: u32,
+        /// 1 for moments, whose fresh rows become 0.
+        clears_fresh: u32,
+        /// Padding to a multiple of 16 bytes.
+        padding: u32,
+    }
+}
 
 /// The kernels, and the buffers between them.
 #[derive(Debug)]
@@ -39,7 +113,7 @@ pub(super) struct DensifyPass {
 
 impl DensifyPass {
     pub(super) fn new(gpu: &Gpu) -> Result<Self> {
-        let kernel = |entry| Kernel::new(gpu, "densify.wgsl", entry, 0);
+        let kernel = |entry| Kernel::new(gpu, &Wgsl::SHADER, entry, 0);
         let numbers = || DeviceVec::new(gpu, "Gaussians");
         Ok(Self {
             mark: kernel("mark")?,
@@ -69,7 +143,7 @@ impl DensifyPass {
         how: &Densify,
     ) -> Result<()> {
         let n = resident.num_gaussians;
-        let mut params = layout::Densify {
+        let mut params = DensifyParams {
             num_gaussians: n as u32,
             split_only: u32::from(how.split_only),
             min_opacity_logit: how.min_opacity_logit,
@@ -89,7 +163,7 @@ impl DensifyPass {
 
     /// Determines the Gaussians to keep, and the order in which Gaussians would be divided. Returns the
     /// numbers of those kept and of those pulled.
-    fn rank(&mut self, gpu: &Gpu, resident: &Resident, params: &layout::Densify) -> Result<[usize; 2]> {
+    fn rank(&mut self, gpu: &Gpu, resident: &Resident, params: &DensifyParams) -> Result<[usize; 2]> {
         let n = params.num_gaussians as usize;
         self.places.resize(gpu, n + 1)?;
         self.levels.prepare(gpu, n + 1)?;
@@ -99,14 +173,14 @@ impl DensifyPass {
         let params = uniform(gpu, params);
         run(gpu, |pass| {
             let bindings = [
-                (0, params.as_entire_binding()),
-                (1, resident.scene.rest.binding()),
-                (2, resident.pull_sums.binding()),
-                (3, resident.times_seen.binding()),
-                (4, self.places.binding()),
-                (5, self.ranked.keys().binding()),
-                (6, self.ranked.values().binding()),
-                (7, self.counts.binding()),
+                Wgsl::params(&params),
+                Wgsl::rest(&resident.scene.rest),
+                Wgsl::pull_sums(&resident.pull_sums),
+                Wgsl::times_seen(&resident.times_seen),
+                Wgsl::places(&self.places),
+                Wgsl::pull_keys(self.ranked.keys()),
+                Wgsl::ranked(self.ranked.values()),
+                Wgsl::counts(&self.counts),
             ];
             self.mark.dispatch(gpu, pass, &bindings, (n as u32 + 1).div_ceil(GROUP));
             self.scan.encode(gpu, pass, &self.places, &self.levels);
@@ -117,31 +191,31 @@ impl DensifyPass {
     }
 
     /// Lists the parents of the `new` rows.
-    fn list(&mut self, gpu: &Gpu, params: &layout::Densify, new: usize) -> Result<()> {
+    fn list(&mut self, gpu: &Gpu, params: &DensifyParams, new: usize) -> Result<()> {
         self.children.resize(gpu, params.num_gaussians as usize + 1)?;
         self.parents.resize(gpu, new)?;
         let groups = (params.num_gaussians + 1).div_ceil(GROUP);
         let params = uniform(gpu, params);
-        let (params, children) = ((0, params.as_entire_binding()), (13, self.children.binding()));
+        let common = [Wgsl::params(&params), Wgsl::children(&self.children)];
         run(gpu, |pass| {
-            let bindings = [params.clone(), (6, self.ranked.values().binding()), children.clone()];
+            let bindings = [&common[..], &[Wgsl::ranked(self.ranked.values())]].concat();
             self.choose.dispatch(gpu, pass, &bindings, groups);
             self.scan.encode(gpu, pass, &self.children, &self.levels);
-            let bindings = [params, (4, self.places.binding()), (8, self.parents.binding()), children];
-            self.list.dispatch(gpu, pass, &bindings, groups);
+            let rows = [Wgsl::places(&self.places), Wgsl::parents(&self.parents)];
+            self.list.dispatch(gpu, pass, &[common, rows].concat(), groups);
         });
         Ok(())
     }
 
     /// Moves the two Gaussians of each pair apart.
-    fn part(&self, gpu: &Gpu, resident: &Resident, params: &layout::Densify) {
+    fn part(&self, gpu: &Gpu, resident: &Resident, params: &DensifyParams) {
         let groups = params.num_gaussians.div_ceil(GROUP);
         let params = uniform(gpu, params);
         let bindings = [
-            (0, params.as_entire_binding()),
-            (4, self.places.binding()),
-            (12, resident.scene.rest.binding()),
-            (13, self.children.binding()),
+            Wgsl::params(&params),
+            Wgsl::places(&self.places),
+            Wgsl::new_rest(&resident.scene.rest),
+            Wgsl::children(&self.children),
         ];
         run(gpu, |pass| self.part.dispatch(gpu, pass, &bindings, groups));
     }
@@ -232,7 +306,7 @@ impl Follow<'_> {
         part.resize(gpu, len)?;
         let numbers = (cut.num_planes * rows.len() * cut.width) as u32;
         for (source, old_rows) in old.iter().zip(cut.old).filter(|_| numbers > 0) {
-            let params = CopyRows {
+            let params = CopyParams {
                 num_planes: cut.num_planes as u32,
                 num_rows: rows.len() as u32,
                 width: cut.width as u32,
@@ -244,10 +318,10 @@ impl Follow<'_> {
             };
             let params = uniform(gpu, &params);
             let bindings = [
-                (8, pass.parents.binding()),
-                (9, params.as_entire_binding()),
-                (10, source.binding()),
-                (11, part.binding()),
+                Wgsl::parents(&pass.parents),
+                Wgsl::copied(&params),
+                Wgsl::source(source.numbers()),
+                Wgsl::rows(part.numbers()),
             ];
             run(gpu, |commands| pass.copy_rows.dispatch(gpu, commands, &bindings, numbers.div_ceil(GROUP)));
         }

@@ -1,10 +1,6 @@
 //! Ground truth of a step, on the device.
 
-use crate::{
-    Gpu,
-    buffers::DeviceVec,
-    layout::{Region, RegionBlock},
-};
+use crate::{buffers::DeviceVec, device::Gpu, shader::shader_struct};
 use std::collections::BTreeMap;
 use surgtpgs_core::{
     Result,
@@ -14,6 +10,34 @@ use surgtpgs_core::{
 
 /// Number of pixels of a region that one workgroup sums up.
 const REGION_BLOCK: usize = 1024;
+
+shader_struct! {
+    /// A block of the listed pixels of one region.
+    pub(super) struct RegionBlock {
+        /// Index of the region.
+        region: u32,
+        /// First of the listed pixels.
+        first: u32,
+        /// End of the listed pixels.
+        end: u32,
+        /// Padding to a multiple of 16 bytes.
+        padding: u32,
+    }
+}
+
+shader_struct! {
+    /// A large region.
+    pub(super) struct Region {
+        /// First of its blocks.
+        first: u32,
+        /// End of its blocks.
+        end: u32,
+        /// Number of supervised pixels.
+        num_pixels: u32,
+        /// Padding to a multiple of 16 bytes.
+        padding: u32,
+    }
+}
 
 /// The sampled pixels of one frame.
 #[derive(Debug)]

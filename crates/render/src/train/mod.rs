@@ -12,24 +12,27 @@
 //! float atomics and all sums have a fixed order, so that two runs give the same bytes, whatever the room
 //! for pairs was.
 
+mod current;
 mod densify;
 mod frame;
-mod passes;
 mod resident;
+mod status;
+mod step;
 
 use crate::{
-    Gpu,
     buffers::uniform,
-    layout::View,
-    passes::{BinPass, DeformPass, Input, ProjectPass, RasterPass},
-    shader_source::status,
+    device::Gpu,
+    planes::{BinPass, DeformPass, ProjectPass, RasterInput, RasterPass},
+    rows::ViewParams,
+    shader::Shader,
     timer::Timer,
 };
+use current::CurrentStep;
 use densify::DensifyPass;
 use frame::FrameStore;
-use passes::{Job, StepPasses};
 use resident::{READ_EVERY, Resident};
 use std::time::Duration;
+use step::StepPasses;
 use surgtpgs_core::{
     Error, Remedy, Result,
     clock::{PassClock, PassName},
@@ -40,6 +43,11 @@ use surgtpgs_core::{
     },
     train::{Context, Densify, Gradients, LossTerms, Model, Pass, StepOutcome, StepPlan, TrainBackend},
 };
+
+/// Shaders of training, besides those of the picture.
+pub(crate) fn shaders() -> impl Iterator<Item = &'static Shader> {
+    step::SHADERS.iter().chain([&densify::Wgsl::SHADER])
+}
 
 /// Carries out training steps on a GPU.
 #[derive(Debug)]
@@ -130,15 +138,15 @@ impl GpuBackend {
         gpu.guarded(|| {
             let n = self.num_gaussians(model);
             let (dim, stride) = (step.latent_dim, model.deformation.stride);
-            let rest = step.g_rest.read(&gpu, n)?;
-            let gate = step.g_gate.read(&gpu, n * dim)?;
+            let rest = step.chain.g_rest.read(&gpu, n)?;
+            let gate = step.chain.g_gate.read(&gpu, n * dim)?;
             let mut psi = vec![0.0; n * stride];
             for (i, (row, psi)) in rest.iter().zip(psi.chunks_exact_mut(stride)).enumerate() {
                 let at_rest = [&row.mean[..], &row.rotation, &row.log_scale, &row.colour].concat();
                 psi[..GATE_CHANNEL].copy_from_slice(&at_rest);
                 psi[GATE_CHANNEL..GATE_CHANNEL + dim].copy_from_slice(&gate[i * dim..(i + 1) * dim]);
             }
-            let rows = step.g_splats.read(&gpu, n)?;
+            let rows = step.backward.g_splats.read(&gpu, n)?;
             Ok(StepTrace {
                 splats: self.project.splats.read(&gpu, n)?.into_iter().map(Splat::from).collect(),
                 features: self.deform.features.read(&gpu, n * dim)?,
@@ -148,15 +156,15 @@ impl GpuBackend {
                     planes: self.raster.planes.read(&gpu, usize::MAX)?,
                 },
                 terms: later.terms.or(now.terms).unwrap_or_default(),
-                g_planes: step.g_planes.read(&gpu, usize::MAX)?,
+                g_planes: step.loss.g_planes.read(&gpu, usize::MAX)?,
                 g_splats: rows.iter().map(SplatGradient::from).collect(),
-                g_features: step.g_features_now.read(&gpu, n * dim)?,
+                g_features: step.backward.g_features.read(&gpu, n * dim)?,
                 gradients: Gradients {
                     psi,
                     opacity_logits: rest.iter().map(|r| r.opacity_logit).collect(),
-                    sh_rest: step.g_sh_rest.read(&gpu, model.gaussians.sh_rest.len())?,
-                    features: step.g_features.read(&gpu, n * dim)?,
-                    net: step.g_network.read(&gpu, dim * (dim + 1) + dim)?,
+                    sh_rest: step.chain.g_sh_rest.read(&gpu, model.gaussians.sh_rest.len())?,
+                    features: step.chain.g_features.read(&gpu, n * dim)?,
+                    net: step.chain.g_network.read(&gpu, dim * (dim + 1) + dim)?,
                 },
             })
         })
@@ -185,8 +193,8 @@ impl GpuBackend {
         let (Some(step), Some(resident)) = (step, resident) else { return Ok(()) };
         let Model { gaussians, deformation, .. } = model;
         let (n, dim, time) = (resident.num_gaussians, step.latent_dim, plan.look.time);
-        let view = View::new(&plan.look.camera, gaussians, bin.capacity()).sampled(plan.look.sampling);
-        let view = View { num_gaussians: n as u32, ..view };
+        let view = ViewParams::new(&plan.look.camera, gaussians, bin.capacity()).sampled(plan.look.sampling);
+        let view = ViewParams { num_gaussians: n as u32, ..view };
         let view_buffer = &uniform(gpu, &view);
         let frame = frames.get(gpu, plan, context, dim)?;
         deform.set_time(gpu, deformation, time);
@@ -201,14 +209,14 @@ impl GpuBackend {
         let sh_rest = &resident.scene.sh_rest;
         project.encode(gpu, &mut timer.begin(encoder, "project"), view_buffer, &deform.rows, sh_rest, n);
         bin.encode_with_slots(gpu, &mut timer.begin(encoder, "bin"), view_buffer, &view, &project.splats)?;
-        let input = Input {
+        let input = RasterInput {
             splats: &project.splats,
             features: &deform.features,
             pairs: &bin.pair_owners,
             ranges: &bin.ranges,
         };
         raster.encode(gpu, &mut timer.begin(encoder, "raster"), view_buffer, &view, &input, dim);
-        let job = Job {
+        let now = CurrentStep {
             gpu,
             view: &view,
             view_buffer,
@@ -222,12 +230,7 @@ impl GpuBackend {
             frame,
             resident,
         };
-        step.prepare(&job)?;
-        encoder.clear_buffer(step.slots.buffer(), 0, Some(step.slots.num_bytes()));
-        step.encode_loss(&job, &mut timer.begin(encoder, "loss"));
-        step.encode_backward(&job, &mut timer.begin(encoder, "backward"));
-        step.encode_chain(&job, &mut timer.begin(encoder, "chain"));
-        step.encode_update(&job, &mut timer.begin(encoder, "adam"));
+        step.encode(&now, encoder, timer)?;
         timer.finish(encoder);
         gpu.queue().submit([commands.finish()]);
         Ok(())

@@ -1,17 +1,20 @@
 //! The parameters, moments and statistics of training, on the device.
 
+use super::status;
 use crate::{
-    Gpu,
     buffers::DeviceVec,
-    layout::{RestRow, Settled},
+    device::Gpu,
+    rows::RestRow,
     scene_buffers::{Planes, SceneBuffers, read_planes, upload_planes},
-    shader_source::status,
+    shader::shader_struct,
 };
 use std::ops::Range;
 use surgtpgs_core::{
     Result,
     deform::{COLOUR_CHANNEL, Deformation, MEAN_CHANNEL, ROTATION_CHANNEL, SCALE_CHANNEL},
-    train::{Adam, Model, OPACITY_CHANNEL, Optimiser, Statistics, WIDTH, bias_corrections},
+    train::{
+        Adam, LossTerms, Model, NUM_TERMS, OPACITY_CHANNEL, Optimiser, Statistics, WIDTH, bias_corrections,
+    },
 };
 
 /// Number of steps after which the history is read.
@@ -77,6 +80,27 @@ impl Moments<Planes> {
         }
         read_planes(gpu, &self.first, parts, stride, first.into_iter())?;
         read_planes(gpu, &self.second, parts, stride, second.into_iter())
+    }
+}
+
+shader_struct! {
+    /// Result of a step.
+    pub(super) struct Settled {
+        /// Terms of the loss, weighted, in the order of [`LossTerms`]; then zeros.
+        terms: [[f32; 4]; 2],
+        /// 1 if the step was dropped.
+        is_dropped: u32,
+        /// Padding to a multiple of 16 bytes.
+        padding: u32,
+        /// Padding to a multiple of 16 bytes.
+        padding_2: [u32; 2],
+    }
+}
+
+impl From<&Settled> for LossTerms<f32> {
+    fn from(s: &Settled) -> Self {
+        const { assert!(NUM_TERMS <= 8) };
+        Self::of(std::array::from_fn(|k| s.terms.as_flattened()[k]))
     }
 }
 

@@ -6,7 +6,7 @@ use surgtpgs_core::{
     grid::Grid,
     overlay::{OverlayLook, OverlayPrompt, OverlayStyle, overlay},
 };
-use surgtpgs_render::passes::Passes;
+use surgtpgs_render::ShownPasses;
 
 /// Smooth scores with islands, straits and a few NaN, different for each phase.
 fn scores(width: usize, height: usize, phase: f32) -> Grid<f32> {
@@ -27,7 +27,7 @@ fn frame(width: u32, height: u32) -> RgbImage {
 #[test]
 fn overlays_equal_those_of_the_cpu() {
     let Some(gpu) = gpu() else { return };
-    let passes = Passes::new(&gpu).unwrap();
+    let passes = ShownPasses::new(&gpu).unwrap();
     for (width, height) in [(150, 101), (16, 3), (1, 1)] {
         let frame = frame(width, height);
         let [first, second] = [0.3, 2.1].map(|phase| scores(width as usize, height as usize, phase));
@@ -51,7 +51,7 @@ fn overlays_equal_those_of_the_cpu() {
 #[test]
 fn an_empty_frame_stays_empty() {
     let Some(gpu) = gpu() else { return };
-    let passes = Passes::new(&gpu).unwrap();
+    let passes = ShownPasses::new(&gpu).unwrap();
     let nothing = RgbImage::new(0, 7);
     assert_eq!(passes.overlay(&nothing, &[], OverlayLook::default()).unwrap(), nothing);
 }

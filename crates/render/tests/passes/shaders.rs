@@ -1,17 +1,14 @@
-//! Every .wgsl file compiles, and Rust and WGSL agree on every struct.
+//! Every .wgsl file compiles, and says the same of every struct and binding as its declaration in Rust.
 
 use naga::{
+    AddressSpace, Handle, Module, StorageAccess, TypeInner,
     front::wgsl,
     valid::{Capabilities, ValidationFlags, Validator},
 };
 use std::{collections::BTreeSet, path::Path};
 use surgtpgs_render::{
-    layout::{
-        Chain, Compose, CopyRows, Deform, DeformedRow, Dense, Densify, Digit, Gather, LookUp, Loss, Network,
-        OpenPixel, Overlay, Picked, PromptRow, Region, RegionBlock, Regions, RestRow, Scoring, Settle,
-        Settled, ShaderStruct, SplatGradientRow, SplatRow, Summarise, Update, View,
-    },
-    shader_source::{FILES, assemble},
+    shader::{Access, Binding, Field, IMPORTED, Shader, Type},
+    shaders,
 };
 
 fn files_on_disk() -> BTreeSet<String> {
@@ -32,15 +29,22 @@ fn files_on_disk() -> BTreeSet<String> {
 }
 
 #[test]
-fn every_shader_on_disk_is_embedded() {
-    let embedded: BTreeSet<String> = FILES.iter().map(|(name, _)| name.to_string()).collect();
-    assert!(!embedded.is_empty());
-    assert_eq!(files_on_disk(), embedded);
+fn every_shader_on_disk_is_declared_or_imported() {
+    let declared: Vec<String> = shaders().map(|shader| shader.file.to_owned()).collect();
+    let known: BTreeSet<String> =
+        declared.iter().cloned().chain(IMPORTED.iter().map(|(file, _)| file.to_string())).collect();
+    assert!(!declared.is_empty());
+    assert_eq!(files_on_disk(), known);
+    assert_eq!(known.len(), declared.len() + IMPORTED.len(), "a file is declared twice");
+    for (file, _) in IMPORTED {
+        let line = format!("#import {file}\n");
+        assert!(shaders().any(|shader| shader.source.contains(&line)), "nothing imports {file}");
+    }
 }
 
-/// Parses and validates a file with nothing beyond core WGSL.
-fn parse(file: &str, latent_dim: usize) -> naga::Module {
-    let source = assemble(file, latent_dim).unwrap();
+/// Parses and validates a shader with nothing beyond core WGSL.
+fn parse(shader: &Shader, latent_dim: usize) -> Module {
+    let (file, source) = (shader.file, shader.wgsl(latent_dim).unwrap());
     let module = wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{file}: {}", e.emit_to_string(&source)));
     Validator::new(ValidationFlags::all(), Capabilities::empty())
         .validate(&module)
@@ -50,24 +54,23 @@ fn parse(file: &str, latent_dim: usize) -> naga::Module {
 
 #[test]
 fn every_shader_is_valid_core_wgsl_for_every_latent_dimension() {
-    for (file, _) in FILES {
+    for shader in shaders() {
         for latent_dim in 0..=16 {
-            let module = parse(file, latent_dim);
-            assert_eq!(module.entry_points.is_empty(), file.starts_with("shared/"), "{file}");
+            assert!(!parse(shader, latent_dim).entry_points.is_empty(), "{}", shader.file);
         }
     }
 }
 
 #[test]
 fn workgroup_memory_fits_the_smallest_adapters() {
-    for (file, _) in FILES {
-        let module = parse(file, 16);
+    for shader in shaders() {
+        let (file, module) = (shader.file, parse(shader, 16));
         let mut layouter = naga::proc::Layouter::default();
         layouter.update(module.to_ctx()).unwrap();
         let bytes: u32 = module
             .global_variables
             .iter()
-            .filter(|(_, v)| v.space == naga::AddressSpace::WorkGroup)
+            .filter(|(_, v)| v.space == AddressSpace::WorkGroup)
             .map(|(_, v)| layouter[v.ty].size)
             .sum();
         assert!(bytes <= 16_384, "{file}: {bytes} bytes of workgroup memory");
@@ -76,12 +79,12 @@ fn workgroup_memory_fits_the_smallest_adapters() {
 
 #[test]
 fn an_entry_point_binds_no_more_storage_buffers_than_the_smallest_adapters_have() {
-    for (file, _) in FILES {
-        let module = parse(file, 16);
+    for shader in shaders() {
+        let (file, module) = (shader.file, parse(shader, 16));
         let info = Validator::new(ValidationFlags::all(), Capabilities::empty()).validate(&module).unwrap();
         for (k, entry) in module.entry_points.iter().enumerate() {
             let used = info.get_entry_point(k);
-            let is_storage = |v: &naga::GlobalVariable| matches!(v.space, naga::AddressSpace::Storage { .. });
+            let is_storage = |v: &naga::GlobalVariable| matches!(v.space, AddressSpace::Storage { .. });
             let variables = module.global_variables.iter();
             let bound = variables.filter(|(handle, v)| is_storage(v) && !used[*handle].is_empty()).count();
             assert!(bound <= 8, "{file}, {}: {bound} storage buffers", entry.name);
@@ -89,68 +92,131 @@ fn an_entry_point_binds_no_more_storage_buffers_than_the_smallest_adapters_have(
     }
 }
 
-fn check_struct<T: ShaderStruct>(file: &str) {
-    let module = parse(file, 3);
-    let (_, ty) = module
-        .types
+/// Name of a type in WGSL.
+fn name_of(module: &Module, of: Handle<naga::Type>) -> String {
+    let scalar = |scalar: naga::Scalar| match scalar.kind {
+        naga::ScalarKind::Float => "f",
+        naga::ScalarKind::Uint => "u",
+        other => panic!("{other:?} is not shared"),
+    };
+    let ty = &module.types[of];
+    match ty.inner {
+        TypeInner::Scalar(of) => format!("{}32", scalar(of)),
+        TypeInner::Vector { size, scalar: of } => format!("vec{}{}", size as u8, scalar(of)),
+        TypeInner::Atomic(of) => format!("atomic<{}32>", scalar(of)),
+        TypeInner::Array { base, size: naga::ArraySize::Dynamic, .. } => {
+            format!("array<{}>", name_of(module, base))
+        }
+        TypeInner::Array { base, size: naga::ArraySize::Constant(n), .. } => {
+            format!("array<{}, {n}>", name_of(module, base))
+        }
+        TypeInner::Struct { .. } => ty.name.clone().unwrap_or_default(),
+        _ => panic!("{ty:?} is not shared"),
+    }
+}
+
+/// Compares the compiler's view of a shader with its declaration.
+fn compare(shader: &Shader, module: &Module) -> Result<(), String> {
+    let found: Vec<_> = module
+        .global_variables
         .iter()
-        .find(|(_, ty)| ty.name.as_deref() == Some(T::NAME))
-        .unwrap_or_else(|| panic!("{file} has no struct {}", T::NAME));
-    let naga::TypeInner::Struct { members, span } = &ty.inner else { panic!("{} is no struct", T::NAME) };
-    let in_shader: Vec<_> =
-        members.iter().map(|m| (m.name.as_deref().unwrap_or_default(), m.offset as usize)).collect();
-    assert_eq!(in_shader, T::FIELDS, "{}", T::NAME);
-    assert_eq!(*span as usize, T::SIZE, "size of {}", T::NAME);
+        .filter_map(|(_, v)| {
+            let at = v.binding?;
+            Some((at.group, at.binding, v.name.clone()?, v.space, name_of(module, v.ty), v.ty))
+        })
+        .collect();
+    if found.len() != shader.bindings.len() {
+        return Err(format!(
+            "{}: {} bindings instead of {}",
+            shader.file,
+            found.len(),
+            shader.bindings.len()
+        ));
+    }
+    for (number, Binding { name, access, of }) in (0..).zip(shader.bindings) {
+        let storage = |access| AddressSpace::Storage { access };
+        let read_write = StorageAccess::LOAD | StorageAccess::STORE;
+        let (space, type_name) = match access {
+            Access::Uniform => (AddressSpace::Uniform, of.name.to_owned()),
+            Access::Read => (storage(StorageAccess::LOAD), format!("array<{}>", of.name)),
+            Access::Write => (storage(read_write), format!("array<{}>", of.name)),
+            Access::Atomic => (storage(read_write), format!("array<atomic<{}>>", of.name)),
+        };
+        let expected = (0, number, name.to_string(), space, type_name);
+        let is_same = |(group, number, name, space, of, _): &&(u32, u32, String, _, String, _)| {
+            (*group, *number, name, *space, of)
+                == (expected.0, expected.1, &expected.2, expected.3, &expected.4)
+        };
+        let Some((.., handle)) = found.iter().find(is_same) else {
+            return Err(format!("{}: {expected:?} is not among {found:?}", shader.file));
+        };
+        compare_type(module, of, *handle).map_err(|e| format!("{}, {name}: {e}", shader.file))?;
+    }
+    Ok(())
+}
+
+fn compare_type(module: &Module, declared: &Type, found: Handle<naga::Type>) -> Result<(), String> {
+    let mut layouter = naga::proc::Layouter::default();
+    layouter.update(module.to_ctx()).map_err(|e| e.to_string())?;
+    let (base, stride) = match module.types[found].inner {
+        TypeInner::Array { base, stride, size: naga::ArraySize::Dynamic } => (base, stride),
+        _ => (found, layouter[found].size),
+    };
+    let mut fields = Vec::new();
+    if let TypeInner::Struct { members, .. } = &module.types[base].inner {
+        for m in members {
+            fields.push((m.name.clone().unwrap_or_default(), m.offset as usize, name_of(module, m.ty)));
+        }
+    }
+    let expected: Vec<_> =
+        declared.fields.iter().map(|f| (f.name.to_string(), f.offset, f.of.name.to_string())).collect();
+    let sizes = [layouter[base].size, stride].map(|n| n as usize);
+    if fields != expected || sizes != [declared.size; 2] {
+        return Err(format!("{fields:?} of {sizes:?} bytes instead of {expected:?} of {}", declared.size));
+    }
+    Ok(())
 }
 
 #[test]
-fn structs_have_the_same_layout_in_rust_and_in_wgsl() {
-    check_struct::<View>("shared/view.wgsl");
-    check_struct::<RestRow>("shared/gaussian.wgsl");
-    check_struct::<DeformedRow>("shared/gaussian.wgsl");
-    check_struct::<SplatRow>("shared/gaussian.wgsl");
-    check_struct::<SplatGradientRow>("shared/gaussian.wgsl");
-    check_struct::<Deform>("shared/deform.wgsl");
-    check_struct::<Digit>("sort.wgsl");
-    check_struct::<Dense>("dense.wgsl");
-    check_struct::<Scoring>("relevancy.wgsl");
-    check_struct::<Overlay>("overlay.wgsl");
-    check_struct::<PromptRow>("overlay.wgsl");
-    check_struct::<PromptRow>("summary.wgsl");
-    check_struct::<Compose>("compose.wgsl");
-    check_struct::<LookUp>("lattice.wgsl");
-    check_struct::<OpenPixel>("lattice.wgsl");
-    check_struct::<Summarise>("summary.wgsl");
-    check_struct::<Picked>("pick.wgsl");
-    check_struct::<Loss>("loss.wgsl");
-    check_struct::<Regions>("regions.wgsl");
-    check_struct::<RegionBlock>("regions.wgsl");
-    check_struct::<Region>("regions.wgsl");
-    check_struct::<Gather>("gather.wgsl");
-    check_struct::<Chain>("chain.wgsl");
-    check_struct::<Network>("network.wgsl");
-    check_struct::<Settle>("settle.wgsl");
-    check_struct::<Settled>("settle.wgsl");
-    check_struct::<Update>("update.wgsl");
-    check_struct::<Densify>("densify.wgsl");
-    check_struct::<CopyRows>("densify.wgsl");
+fn structs_and_bindings_are_the_same_in_rust_and_in_wgsl() {
+    for shader in shaders() {
+        compare(shader, &parse(shader, 3)).unwrap();
+    }
 }
 
 #[test]
-fn a_struct_that_is_too_short_or_has_a_moved_field_is_noticed() {
-    struct TooShort;
-    impl ShaderStruct for TooShort {
-        const NAME: &'static str = "Digit";
-        const FIELDS: &'static [(&'static str, usize)] = Digit::FIELDS;
-        const SIZE: usize = Digit::SIZE - 4;
-    }
-    struct Moved;
-    impl ShaderStruct for Moved {
-        const NAME: &'static str = "Digit";
-        const FIELDS: &'static [(&'static str, usize)] =
-            &[("num_blocks", 0), ("shift", 4), ("capacity", 8), ("padding", 12)];
-        const SIZE: usize = Digit::SIZE;
-    }
-    assert!(std::panic::catch_unwind(|| check_struct::<TooShort>("sort.wgsl")).is_err());
-    assert!(std::panic::catch_unwind(|| check_struct::<Moved>("sort.wgsl")).is_err());
+fn a_declaration_that_differs_from_the_shader_is_refused() {
+    let shader = shaders().find(|shader| shader.file == "lattice.wgsl").unwrap();
+    let module = parse(shader, 3);
+    compare(shader, &module).unwrap();
+    let changed = |at: usize, change: &dyn Fn(&mut Binding)| {
+        let mut bindings = shader.bindings.to_vec();
+        change(&mut bindings[at]);
+        compare(&Shader { bindings: bindings.leak(), ..*shader }, &module)
+    };
+    let field = |change: &'static dyn Fn(&mut Field)| {
+        changed(0, &move |binding| {
+            let mut fields = binding.of.fields.to_vec();
+            change(&mut fields[3]);
+            binding.of.fields = fields.leak();
+        })
+    };
+    let of = |name: &str| shader.bindings.iter().find(|b| b.of.name == name).unwrap().of;
+    let (u32_type, struct_type) = (of("u32"), of("OpenPixel"));
+    assert!(changed(0, &|_| ()).is_ok() && field(&|_| ()).is_ok());
+    assert!(changed(1, &|b| b.name = "plane").is_err(), "name of a binding");
+    assert!(changed(1, &|b| b.access = Access::Write).is_err(), "access");
+    assert!(changed(0, &|b| b.access = Access::Read).is_err(), "kind");
+    assert!(changed(1, &|b| b.of = u32_type).is_err(), "type of the values");
+    assert!(changed(0, &|b| b.of = struct_type).is_err(), "another struct");
+    assert!(changed(0, &|b| b.of.size += 16).is_err(), "size of a struct");
+    assert!(field(&|f| f.name = "max_alpha").is_err(), "name of a field");
+    assert!(field(&|f| f.offset += 4).is_err(), "offset of a field");
+    assert!(field(&|f| f.of.name = "u32").is_err(), "type of a field");
+    let mut bindings = shader.bindings.to_vec();
+    bindings.swap(1, 2);
+    assert!(compare(&Shader { bindings: bindings.leak(), ..*shader }, &module).is_err(), "numbers");
+    let source = "@group(0) @binding(9) var<storage, read> by_hand: array<u32>;\n".to_owned() + shader.source;
+    let by_hand = parse(&Shader { source: source.leak(), ..*shader }, 3);
+    assert!(compare(shader, &by_hand).is_err(), "a binding that is not declared");
 }

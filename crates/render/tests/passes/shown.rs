@@ -15,7 +15,7 @@ use surgtpgs_core::{
     scene::Scene,
     summary::Summary,
 };
-use surgtpgs_render::{Asked, Frame, GpuRenderer, Mark, Marking, Shown, Wanted};
+use surgtpgs_render::{Asked, GpuRenderer, Mark, Marking, RenderInput, Shown, Wanted};
 
 const ALL: Wanted = Wanted { pictures: true, values: true };
 
@@ -56,14 +56,14 @@ impl Stage {
         style: OverlayStyle,
         wanted: Wanted,
     ) -> Shown {
-        let frame = Frame { scene: &self.scene, camera: &self.camera, time, features: true };
+        let input = RenderInput { scene: &self.scene, camera: &self.camera, time, features: true };
         let asked = Asked {
             lattice: &mut self.lattice,
             queries: &self.queries,
             settings: &self.settings,
             marking: Some(Marking { marks: &MARKS, look: look(style), base }),
         };
-        self.renderer.show(&frame, field_of_view, Some(asked), wanted, &mut FrameClock::default()).unwrap()
+        self.renderer.show(&input, field_of_view, Some(asked), wanted, &mut FrameClock::default()).unwrap()
     }
 
     /// Reads the device's own planes, so that each later pass is compared by itself.
@@ -172,7 +172,7 @@ fn only_what_is_wanted_comes_back() {
     let nothing = stage.show_as(0.4, None, None, OverlayStyle::Outline, Wanted::default());
     assert!(nothing.picture.is_none() && nothing.marked.is_none() && nothing.depth.is_none());
     assert!(nothing.scores.is_empty() && nothing.summaries.len() == 2);
-    let frame = Frame { scene: &stage.scene, camera: &stage.camera, time: 0.4, features: true };
+    let input = RenderInput { scene: &stage.scene, camera: &stage.camera, time: 0.4, features: true };
     let asked = Asked {
         lattice: &mut stage.lattice,
         queries: &stage.queries,
@@ -181,12 +181,12 @@ fn only_what_is_wanted_comes_back() {
     };
     let clock = &mut FrameClock::default();
     let values = Wanted { pictures: false, values: true };
-    let scored = stage.renderer.show(&frame, None, Some(asked), values, clock).unwrap();
+    let scored = stage.renderer.show(&input, None, Some(asked), values, clock).unwrap();
     assert!(scored.scores.len() == 2 && scored.marked.is_none() && scored.summaries.is_empty());
     // The image planes are still valid.
     assert_eq!((clock.runs(FramePass::Raster), clock.runs(FramePass::Relevancy)), (0, 1));
-    let frame = Frame { scene: &stage.scene, camera: &stage.camera, time: 0.4, features: false };
-    let bare = stage.renderer.show(&frame, None, None, ALL, &mut FrameClock::default()).unwrap();
+    let input = RenderInput { scene: &stage.scene, camera: &stage.camera, time: 0.4, features: false };
+    let bare = stage.renderer.show(&input, None, None, ALL, &mut FrameClock::default()).unwrap();
     assert!(bare.marked.is_none() && bare.scores.is_empty() && bare.summaries.is_empty());
     let planes = stage.renderer.render(&stage.scene, &stage.camera, 0.4, false).unwrap();
     compare::pictures(&bare.picture.unwrap(), &planes.to_rgb()).unwrap();

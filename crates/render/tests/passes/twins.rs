@@ -10,10 +10,10 @@ use surgtpgs_core::{
     raster::{Images, Packed, bin::bin, forward::raster, project::project_all, reference::ReferenceInput},
     scene::Scene,
 };
-use surgtpgs_render::passes::Passes;
+use surgtpgs_render::PlanePasses;
 
-fn passes() -> Option<Passes> {
-    gpu().map(|gpu| Passes::new(&gpu).unwrap())
+fn passes() -> Option<PlanePasses> {
+    gpu().map(|gpu| PlanePasses::new(&gpu).unwrap())
 }
 
 #[test]
@@ -133,7 +133,7 @@ fn bin_of_no_and_of_invisible_splats_is_empty_even_after_a_full_frame() {
 }
 
 /// Rasters the splats, features and bins of the CPU; returns the device's image and the CPU's.
-fn rastered(passes: &mut Passes, scene: &Scene, camera: &Camera, features: bool) -> (Images, Images) {
+fn rastered(passes: &mut PlanePasses, scene: &Scene, camera: &Camera, features: bool) -> (Images, Images) {
     let deformed = deform(&scene.gaussians, &scene.deformation, 0.37, features);
     let splats = project_all(&scene.gaussians, &deformed, camera);
     let (width, height) = (camera.width as usize, camera.height as usize);

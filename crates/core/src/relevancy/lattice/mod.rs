@@ -192,10 +192,6 @@ impl Relevancy for Lattice {
         "lattice"
     }
 
-    fn as_lattice(&mut self) -> Option<&mut Lattice> {
-        Some(self)
-    }
-
     fn score_points(
         &mut self,
         points: &Points<'_>,

@@ -1,16 +1,71 @@
 //! From rendered features to scores, looked up in the tables of a lattice (`shaders/lattice.wgsl`).
 
 use crate::{
-    Gpu,
     buffers::{DeviceVec, uniform},
+    device::Gpu,
     kernel::Kernel,
-    layout::{LookUp, OpenPixel},
-    shader_source::GROUP,
+    shader::{GROUP, shader, shader_struct},
 };
 use surgtpgs_core::{
     Result,
     relevancy::{Lattice, Points, Query, Relevancy, RelevancySettings},
 };
+
+shader! {
+    pub(super) Wgsl = "lattice.wgsl";
+    const LATTICE_COARSE_BITS = Lattice::COARSE_BITS;
+    const LATTICE_BRICK_LEVELS = Lattice::BRICK_LEVELS;
+    const LATTICE_BRICK = Lattice::BRICK;
+    const LATTICE_EMPTY = Lattice::EMPTY;
+    const LATTICE_EXTENT = Lattice::EXTENT;
+    const LATTICE_FINE = Lattice::FINE as f32;
+    const LATTICE_FINE_PER_UNIT = Lattice::FINE_PER_UNIT;
+    var<uniform> params: LatticeParams;
+    /// Planes in the layout of the raster pass, with three features.
+    var<read> planes: [f32];
+    /// Pixels inside the field of view: one bit per pixel, starting with the lowest bit of each word.
+    var<read> inside: [u32];
+    /// Values of the coarsest cells, then brick by brick those of the cells within a cut cell.
+    var<read> cells: [u32];
+    /// [prompts][leaves][2]: factors of 1, z, y, yz and of x, xz, xy, xyz; NaN where points must be decoded.
+    var<read> polynomials: [[f32; 4]];
+    /// [prompts][pixels]
+    var<write> scores: [f32];
+    var<atomic> num_open: [u32];
+    var<write> open: [OpenPixel];
+    /// [pixels][1 + prompts]: a pixel's number, then the bits of its scores.
+    var<read> patches: [u32];
+}
+
+shader_struct! {
+    /// One look-up of all prompts.
+    pub(crate) struct LatticeParams {
+        /// Columns times rows.
+        num_pixels: u32,
+        /// Number of prompts to score.
+        num_prompts: u32,
+        /// Number of cells tabulated for each prompt.
+        num_leaves: u32,
+        /// Smallest accumulated opacity of a pixel that is not a hole.
+        min_alpha: f32,
+        /// Sharpness.
+        temperature: f32,
+        /// Padding to a multiple of 16 bytes.
+        padding: u32,
+        /// Padding to a multiple of 16 bytes.
+        padding_2: [u32; 2],
+    }
+}
+
+shader_struct! {
+    /// A pixel that no table can decide.
+    pub(crate) struct OpenPixel {
+        /// Feature of the pixel.
+        latent: [f32; 3],
+        /// Row-major index of the pixel.
+        number: u32,
+    }
+}
 
 /// Number of latent dimensions of a lattice.
 const DIM: usize = 3;
@@ -23,7 +78,7 @@ pub(crate) struct LatticePass {
     polynomials: DeviceVec<[f32; 4]>,
     /// Identity of the tables on the device: the lattice with its version of the cells, the number of
     /// leaves, and the prompts.
-    known: Option<([u64; 2], usize, Asked)>,
+    known: Option<([u64; 2], usize, Prompts)>,
     shape: [u32; 3],
     /// Output, [prompts][pixels].
     pub scores: DeviceVec<f32>,
@@ -34,13 +89,13 @@ pub(crate) struct LatticePass {
 }
 
 /// Prompts, and the sharpness of their scores.
-type Asked = (Vec<Query>, f32);
+type Prompts = (Vec<Query>, f32);
 
 impl LatticePass {
     pub(crate) fn new(gpu: &Gpu) -> Result<Self> {
         Ok(Self {
-            look_up: Kernel::new(gpu, "lattice.wgsl", "look_up", DIM)?,
-            patch: Kernel::new(gpu, "lattice.wgsl", "write_open", DIM)?,
+            look_up: Kernel::new(gpu, &Wgsl::SHADER, "look_up", DIM)?,
+            patch: Kernel::new(gpu, &Wgsl::SHADER, "write_open", DIM)?,
             cells: DeviceVec::new(gpu, "lattice cells"),
             polynomials: DeviceVec::new(gpu, "lattice tables"),
             known: None,
@@ -88,7 +143,7 @@ impl LatticePass {
         settings: &RelevancySettings,
     ) {
         let [num_pixels, num_prompts, num_leaves] = self.shape;
-        let params = LookUp {
+        let params = LatticeParams {
             num_pixels,
             num_prompts,
             num_leaves,
@@ -98,14 +153,14 @@ impl LatticePass {
         };
         let params = uniform(gpu, &params);
         let bindings = [
-            (0, params.as_entire_binding()),
-            (1, planes.binding()),
-            (2, inside.binding()),
-            (3, self.cells.binding()),
-            (4, self.polynomials.binding()),
-            (5, self.scores.binding()),
-            (6, self.num_open.binding()),
-            (7, self.open.binding()),
+            Wgsl::params(&params),
+            Wgsl::planes(planes),
+            Wgsl::inside(inside),
+            Wgsl::cells(&self.cells),
+            Wgsl::polynomials(&self.polynomials),
+            Wgsl::scores(&self.scores),
+            Wgsl::num_open(&self.num_open),
+            Wgsl::open(&self.open),
         ];
         self.look_up.dispatch(gpu, pass, &bindings, num_pixels.div_ceil(GROUP));
     }
@@ -134,9 +189,8 @@ impl LatticePass {
     /// Adds the writing of repaired scores.
     pub(crate) fn encode_patch(&self, gpu: &Gpu, pass: &mut wgpu::ComputePass<'_>) {
         let [num_pixels, num_prompts, _] = self.shape;
-        let params = uniform(gpu, &LookUp { num_pixels, num_prompts, ..Default::default() });
-        let bindings =
-            [(0, params.as_entire_binding()), (5, self.scores.binding()), (8, self.patches.binding())];
+        let params = uniform(gpu, &LatticeParams { num_pixels, num_prompts, ..Default::default() });
+        let bindings = [Wgsl::params(&params), Wgsl::scores(&self.scores), Wgsl::patches(&self.patches)];
         let num_patches = self.patches.len() as u32 / (1 + num_prompts);
         self.patch.dispatch(gpu, pass, &bindings, num_patches.div_ceil(GROUP));
     }

@@ -2,15 +2,47 @@
 
 use super::scan::{Levels, Scan};
 use crate::{
-    Gpu,
     buffers::{DeviceVec, uniform},
+    device::Gpu,
     kernel::Kernel,
-    layout::Digit,
-    shader_source::SORT_BLOCK,
+    shader::{shader, shader_struct},
 };
 use surgtpgs_core::Result;
 
+shader! {
+    pub(super) Wgsl = "sort.wgsl";
+    const SORT_GROUP = GROUP;
+    const SORT_BLOCK = BLOCK;
+    var<uniform> params: SortParams;
+    /// Number of pairs that were wanted; may exceed the capacity.
+    var<read> num_wanted: [u32];
+    var<read> keys_in: [u32];
+    var<read> values_in: [u32];
+    var<write> keys_out: [u32];
+    var<write> values_out: [u32];
+    /// [DIGITS][num_blocks]: counts; after the scan the places of each block's pairs with that params.
+    var<write> places: [u32];
+}
+
+shader_struct! {
+    /// One pass of the radix sort.
+    pub(crate) struct SortParams {
+        /// Lowest bit of the digit.
+        shift: u32,
+        /// Number of blocks of the whole capacity.
+        num_blocks: u32,
+        /// Number of pairs that fit.
+        capacity: u32,
+        /// Padding to a multiple of 16 bytes.
+        padding: u32,
+    }
+}
+
 const DIGIT_BITS: u32 = 4;
+/// Invocations per workgroup: few enough that their counters fit into 16 KiB of workgroup memory.
+const GROUP: u32 = 128;
+/// Number of pairs that one workgroup sorts.
+const BLOCK: u32 = 2048;
 
 #[derive(Debug)]
 pub(crate) struct Sort {
@@ -46,7 +78,7 @@ impl SortBuffers {
         for array in self.keys.iter_mut().chain(&mut self.values) {
             array.resize(gpu, capacity)?;
         }
-        let places = capacity.div_ceil(SORT_BLOCK as usize).max(1) << DIGIT_BITS;
+        let places = capacity.div_ceil(BLOCK as usize).max(1) << DIGIT_BITS;
         self.places.resize(gpu, places)?;
         self.levels.prepare(gpu, places)?;
         self.current = 0;
@@ -65,8 +97,8 @@ impl SortBuffers {
 impl Sort {
     pub(crate) fn new(gpu: &Gpu) -> Result<Self> {
         Ok(Self {
-            histogram: Kernel::new(gpu, "sort.wgsl", "histogram", 0)?,
-            scatter: Kernel::new(gpu, "sort.wgsl", "scatter", 0)?,
+            histogram: Kernel::new(gpu, &Wgsl::SHADER, "histogram", 0)?,
+            scatter: Kernel::new(gpu, &Wgsl::SHADER, "scatter", 0)?,
         })
     }
 
@@ -82,22 +114,22 @@ impl Sort {
         key_bits: u32,
     ) {
         let capacity = buffers.keys[0].len() as u32;
-        let num_blocks = capacity.div_ceil(SORT_BLOCK);
+        let num_blocks = capacity.div_ceil(BLOCK);
         for shift in (0..key_bits).step_by(DIGIT_BITS as usize) {
-            let digit = uniform(gpu, &Digit { shift, num_blocks, capacity, padding: 0 });
+            let params = uniform(gpu, &SortParams { shift, num_blocks, capacity, padding: 0 });
             let (from, to) = (buffers.current, 1 - buffers.current);
             let common = [
-                (0, digit.as_entire_binding()),
-                (1, num_wanted.binding()),
-                (2, buffers.keys[from].binding()),
-                (6, buffers.places.binding()),
+                Wgsl::params(&params),
+                Wgsl::num_wanted(num_wanted),
+                Wgsl::keys_in(&buffers.keys[from]),
+                Wgsl::places(&buffers.places),
             ];
             self.histogram.dispatch(gpu, pass, &common, num_blocks);
             scan.encode(gpu, pass, &buffers.places, &buffers.levels);
             let moved = [
-                (3, buffers.values[from].binding()),
-                (4, buffers.keys[to].binding()),
-                (5, buffers.values[to].binding()),
+                Wgsl::values_in(&buffers.values[from]),
+                Wgsl::keys_out(&buffers.keys[to]),
+                Wgsl::values_out(&buffers.values[to]),
             ];
             self.scatter.dispatch(gpu, pass, &[common.as_slice(), &moved].concat(), num_blocks);
             buffers.current = to;

@@ -1,13 +1,24 @@
 //! From Gaussians at time t to splats on the image plane (`shaders/project.wgsl`).
 
 use crate::{
-    Gpu,
-    buffers::DeviceVec,
+    buffers::{DeviceVec, Uniform},
+    device::Gpu,
     kernel::Kernel,
-    layout::{DeformedRow, SplatRow},
-    shader_source::GROUP,
+    rows::{DeformedRow, SplatRow, ViewParams},
+    shader::{GROUP, shader},
 };
-use surgtpgs_core::Result;
+use surgtpgs_core::{Result, raster};
+
+shader! {
+    pub(super) Wgsl = "project.wgsl";
+    const NEAR = raster::NEAR;
+    const MIN_EXTENT = raster::MIN_EXTENT;
+    var<uniform> view: ViewParams;
+    var<read> deformed: [DeformedRow];
+    /// [N][bands][3]; one unread number if the degree is 0.
+    var<read> sh_rest: [f32];
+    var<write> splats: [SplatRow];
+}
 
 #[derive(Debug)]
 pub(crate) struct ProjectPass {
@@ -19,7 +30,7 @@ pub(crate) struct ProjectPass {
 impl ProjectPass {
     pub(crate) fn new(gpu: &Gpu) -> Result<Self> {
         Ok(Self {
-            kernel: Kernel::new(gpu, "project.wgsl", "project", 0)?,
+            kernel: Kernel::new(gpu, &Wgsl::SHADER, "project", 0)?,
             splats: DeviceVec::new(gpu, "splats"),
         })
     }
@@ -32,17 +43,13 @@ impl ProjectPass {
         &self,
         gpu: &Gpu,
         pass: &mut wgpu::ComputePass<'_>,
-        view: &wgpu::Buffer,
+        view: &Uniform<ViewParams>,
         rows: &DeviceVec<DeformedRow>,
         sh_rest: &DeviceVec<f32>,
         n: usize,
     ) {
-        let bindings = [
-            (0, view.as_entire_binding()),
-            (1, rows.binding()),
-            (2, sh_rest.binding()),
-            (3, self.splats.binding()),
-        ];
+        let bindings =
+            [Wgsl::view(view), Wgsl::deformed(rows), Wgsl::sh_rest(sh_rest), Wgsl::splats(&self.splats)];
         self.kernel.dispatch(gpu, pass, &bindings, (n as u32).div_ceil(GROUP));
     }
 }

@@ -1,13 +1,36 @@
 //! From image planes to 8-bit colours and depth (`shaders/compose.wgsl`).
 
 use crate::{
-    Gpu,
     buffers::{DeviceVec, uniform},
+    device::Gpu,
     kernel::Kernel,
-    layout::Compose,
-    shader_source::GROUP,
+    shader::{GROUP, shader, shader_struct},
 };
 use surgtpgs_core::Result;
+
+shader! {
+    pub(super) Wgsl = "compose.wgsl";
+    var<uniform> params: ComposeParams;
+    /// Planes in the layout of the raster pass.
+    var<read> planes: [f32];
+    /// Pixels inside the field of view: one bit per pixel, starting with the lowest bit of each word.
+    var<read> inside: [u32];
+    /// One number per pixel: red in the lowest byte, then green, blue and 255.
+    var<write> pixels: [u32];
+    var<write> depths: [f32];
+}
+
+shader_struct! {
+    /// Conversion of planes to the shown picture.
+    pub(crate) struct ComposeParams {
+        /// Columns times rows.
+        num_pixels: u32,
+        /// Smallest accumulated opacity of a pixel that has depth.
+        min_alpha: f32,
+        /// Padding to a multiple of 16 bytes.
+        padding: [u32; 2],
+    }
+}
 
 #[derive(Debug)]
 pub(crate) struct ComposePass {
@@ -21,7 +44,7 @@ pub(crate) struct ComposePass {
 impl ComposePass {
     pub(crate) fn new(gpu: &Gpu) -> Result<Self> {
         Ok(Self {
-            kernel: Kernel::new(gpu, "compose.wgsl", "compose", 0)?,
+            kernel: Kernel::new(gpu, &Wgsl::SHADER, "compose", 0)?,
             pixels: DeviceVec::new(gpu, "pixels"),
             depths: DeviceVec::new(gpu, "depths"),
         })
@@ -43,13 +66,13 @@ impl ComposePass {
         min_alpha: f32,
     ) {
         let num_pixels = self.pixels.len() as u32;
-        let params = uniform(gpu, &Compose { num_pixels, min_alpha, padding: [0; 2] });
+        let params = uniform(gpu, &ComposeParams { num_pixels, min_alpha, padding: [0; 2] });
         let bindings = [
-            (0, params.as_entire_binding()),
-            (1, planes.binding()),
-            (2, inside.binding()),
-            (3, self.pixels.binding()),
-            (4, self.depths.binding()),
+            Wgsl::params(&params),
+            Wgsl::planes(planes),
+            Wgsl::inside(inside),
+            Wgsl::pixels(&self.pixels),
+            Wgsl::depths(&self.depths),
         ];
         self.kernel.dispatch(gpu, pass, &bindings, num_pixels.div_ceil(GROUP));
     }

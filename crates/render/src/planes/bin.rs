@@ -5,13 +5,33 @@ use super::{
     sort::{Sort, SortBuffers},
 };
 use crate::{
-    Gpu,
-    buffers::{DeviceVec, max_bytes},
+    buffers::{DeviceVec, Uniform, max_bytes},
+    device::Gpu,
     kernel::Kernel,
-    layout::{SplatRow, View},
-    shader_source::GROUP,
+    rows::{SplatRow, ViewParams},
+    shader::{GROUP, shader},
 };
 use surgtpgs_core::{Error, Remedy, Result, raster::bin::Bins};
+
+shader! {
+    pub(super) Wgsl = "bin.wgsl";
+    var<uniform> view: ViewParams;
+    var<read> splats: [SplatRow];
+    /// Depth keys and indices of the splats; front to back after the sort.
+    var<write> depth_keys_out: [u32];
+    var<write> depth_order: [u32];
+    /// Number of tiles of each rank in depth_order; after the scan its first pair.
+    var<write> first_pair: [u32];
+    var<read> num_wanted: [u32];
+    var<write> pair_tiles: [u32];
+    var<write> pair_gaussians: [u32];
+    /// [first, end) of each tile; must have been cleared.
+    var<write> tile_ranges: [[u32; 2]];
+    /// Gaussian of each slot.
+    var<write> slot_owners: [u32];
+    /// Gaussian of each pair whose slot is in pair_gaussians.
+    var<write> pair_owners: [u32];
+}
 
 #[derive(Debug)]
 pub(crate) struct BinPass {
@@ -42,7 +62,7 @@ const FIRST_CAPACITY: usize = 1 << 16;
 
 impl BinPass {
     pub(crate) fn new(gpu: &Gpu) -> Result<Self> {
-        let kernel = |entry| Kernel::new(gpu, "bin.wgsl", entry, 0);
+        let kernel = |entry| Kernel::new(gpu, &Wgsl::SHADER, entry, 0);
         Ok(Self {
             depth_keys: kernel("depth_keys")?,
             count_tiles: kernel("count_tiles")?,
@@ -94,7 +114,7 @@ impl BinPass {
     }
 
     /// Makes room for the frame.
-    pub(crate) fn prepare(&mut self, gpu: &Gpu, view: &View) -> Result<()> {
+    pub(crate) fn prepare(&mut self, gpu: &Gpu, view: &ViewParams) -> Result<()> {
         let n = view.num_gaussians as usize;
         self.num_splats.write(gpu, &[view.num_gaussians])?;
         self.by_depth.prepare(gpu, n)?;
@@ -125,8 +145,8 @@ impl BinPass {
         &mut self,
         gpu: &Gpu,
         pass: &mut wgpu::ComputePass<'_>,
-        view_buffer: &wgpu::Buffer,
-        view: &View,
+        view_buffer: &Uniform<ViewParams>,
+        view: &ViewParams,
         splats: &DeviceVec<SplatRow>,
     ) {
         self.emit(gpu, pass, view_buffer, view, splats);
@@ -139,23 +159,26 @@ impl BinPass {
         &mut self,
         gpu: &Gpu,
         pass: &mut wgpu::ComputePass<'_>,
-        view_buffer: &wgpu::Buffer,
-        view: &View,
+        view_buffer: &Uniform<ViewParams>,
+        view: &ViewParams,
         splats: &DeviceVec<SplatRow>,
     ) -> Result<()> {
         self.slot_owners.resize(gpu, self.capacity)?;
         self.pair_owners.resize(gpu, self.capacity)?;
         let per_pair = (self.capacity as u32).div_ceil(GROUP);
         self.emit(gpu, pass, view_buffer, view, splats);
-        let common = [(0, view_buffer.as_entire_binding()), (5, self.num_wanted().binding())];
-        let owners = (9, self.slot_owners.binding());
-        let emitted = [(7, self.pairs.values().binding()), owners.clone()];
-        self.number_pairs.dispatch(gpu, pass, &[&common[..], &emitted].concat(), per_pair);
+        let common = [Wgsl::view(view_buffer), Wgsl::num_wanted(self.num_wanted())];
+        let emitted = [Wgsl::pair_gaussians(self.pairs()), Wgsl::slot_owners(&self.slot_owners)];
+        self.number_pairs.dispatch(gpu, pass, &[common, emitted].concat(), per_pair);
         self.sort_by_tile(gpu, pass, view_buffer, view);
-        let common = [(0, view_buffer.as_entire_binding()), (5, self.num_wanted().binding())];
-        let owners = (9, self.slot_owners.binding());
-        let sorted = [(7, self.pairs.values().binding()), owners, (10, self.pair_owners.binding())];
-        self.resolve_pairs.dispatch(gpu, pass, &[&common[..], &sorted].concat(), per_pair);
+        let bindings = [
+            Wgsl::view(view_buffer),
+            Wgsl::num_wanted(self.num_wanted()),
+            Wgsl::pair_gaussians(self.pairs()),
+            Wgsl::slot_owners(&self.slot_owners),
+            Wgsl::pair_owners(&self.pair_owners),
+        ];
+        self.resolve_pairs.dispatch(gpu, pass, &bindings, per_pair);
         Ok(())
     }
 
@@ -164,52 +187,53 @@ impl BinPass {
         &mut self,
         gpu: &Gpu,
         pass: &mut wgpu::ComputePass<'_>,
-        view_buffer: &wgpu::Buffer,
-        view: &View,
+        view_buffer: &Uniform<ViewParams>,
+        view: &ViewParams,
         splats: &DeviceVec<SplatRow>,
     ) {
         let per_splat = view.num_gaussians.div_ceil(GROUP);
-        let bind_view = (0, view_buffer.as_entire_binding());
-        let bind_splats = (1, splats.binding());
+        let common = [Wgsl::view(view_buffer), Wgsl::splats(splats)];
 
-        let keys = [(2, self.by_depth.keys().binding()), (3, self.by_depth.values().binding())];
-        let bindings = [bind_view.clone(), bind_splats.clone(), keys[0].clone(), keys[1].clone()];
-        self.depth_keys.dispatch(gpu, pass, &bindings, per_splat);
+        let keys = [Wgsl::depth_keys_out(self.by_depth.keys()), Wgsl::depth_order(self.by_depth.values())];
+        self.depth_keys.dispatch(gpu, pass, &[common.clone(), keys].concat(), per_splat);
         self.sort.encode(gpu, pass, &self.scan, &mut self.by_depth, &self.num_splats, u32::BITS);
 
-        let bind_order = (3, self.by_depth.values().binding());
-        let bind_first = (4, self.first_pair.binding());
-        let bindings = [bind_view.clone(), bind_splats.clone(), bind_order.clone(), bind_first.clone()];
-        self.count_tiles.dispatch(gpu, pass, &bindings, per_splat);
+        let order = [Wgsl::depth_order(self.by_depth.values()), Wgsl::first_pair(&self.first_pair)];
+        let ordered = [common, order].concat();
+        self.count_tiles.dispatch(gpu, pass, &ordered, per_splat);
         self.scan.encode(gpu, pass, &self.first_pair, &self.levels);
 
-        let num_wanted = self.levels.total().unwrap_or(&self.num_splats);
-        let bind_wanted = (5, num_wanted.binding());
-        let pairs = [(6, self.pairs.keys().binding()), (7, self.pairs.values().binding())];
-        let bindings = [&[bind_view, bind_splats, bind_order, bind_first, bind_wanted], &pairs[..]].concat();
-        self.emit_pairs.dispatch(gpu, pass, &bindings, per_splat);
+        let pairs = [
+            Wgsl::num_wanted(self.num_wanted()),
+            Wgsl::pair_tiles(self.pairs.keys()),
+            Wgsl::pair_gaussians(self.pairs.values()),
+        ];
+        self.emit_pairs.dispatch(gpu, pass, &[&ordered[..], &pairs].concat(), per_splat);
     }
 
     fn sort_by_tile(
         &mut self,
         gpu: &Gpu,
         pass: &mut wgpu::ComputePass<'_>,
-        view_buffer: &wgpu::Buffer,
-        view: &View,
+        view_buffer: &Uniform<ViewParams>,
+        view: &ViewParams,
     ) {
-        let bind_view = (0, view_buffer.as_entire_binding());
         let num_wanted = self.levels.total().unwrap_or(&self.num_splats);
-        let bind_wanted = (5, num_wanted.binding());
         // One tile more than there are: see the end of emit_pairs.
         let tile_bits = u32::BITS - (view.tiles[0] * view.tiles[1]).leading_zeros();
         self.sort.encode(gpu, pass, &self.scan, &mut self.pairs, num_wanted, tile_bits);
 
-        let bindings = [bind_view, bind_wanted, (6, self.pairs.keys().binding()), (8, self.ranges.binding())];
+        let bindings = [
+            Wgsl::view(view_buffer),
+            Wgsl::num_wanted(num_wanted),
+            Wgsl::pair_tiles(self.pairs.keys()),
+            Wgsl::tile_ranges(&self.ranges),
+        ];
         self.find_ranges.dispatch(gpu, pass, &bindings, (self.capacity as u32).div_ceil(GROUP));
     }
 
     /// Waits for the device and copies out the result.
-    pub(crate) fn read(&self, gpu: &Gpu, view: &View) -> Result<Bins> {
+    pub(crate) fn read(&self, gpu: &Gpu, view: &ViewParams) -> Result<Bins> {
         let ranges = self.ranges.read(gpu, usize::MAX)?;
         let pairs = self.pairs().read(gpu, usize::MAX)?;
         let mut bins = Bins {

@@ -1,17 +1,41 @@
 //! From scores to a histogram, the largest score, and the found pixels of each column and row
 //! (`shaders/summary.wgsl`).
 
+use super::overlay::PromptRow;
 use crate::{
-    Gpu,
     buffers::{DeviceVec, uniform},
+    device::Gpu,
     kernel::Kernel,
-    layout::{PromptRow, Summarise},
-    shader_source::GROUP,
+    shader::{GROUP, shader, shader_struct},
 };
 use surgtpgs_core::{
     Result,
     summary::{SCORE_BINS, Summary},
 };
+
+shader! {
+    pub(super) Wgsl = "summary.wgsl";
+    const SCORE_BINS = SCORE_BINS as u32;
+    var<uniform> params: SummaryParams;
+    var<read> prompts: [PromptRow];
+    /// [prompts][rows][columns]
+    var<read> scores: [f32];
+    /// [prompts]: SCORE_BINS of the histogram, the bits of the largest score, the number of found pixels of
+    /// each column, of each row.
+    var<atomic> summaries: [u32];
+}
+
+shader_struct! {
+    /// Summary of scores.
+    pub(crate) struct SummaryParams {
+        /// Columns and rows.
+        size: [u32; 2],
+        /// Number of prompts.
+        num_prompts: u32,
+        /// Padding to a multiple of 16 bytes.
+        padding: u32,
+    }
+}
 
 #[derive(Debug)]
 pub(crate) struct SummaryPass {
@@ -24,7 +48,7 @@ pub(crate) struct SummaryPass {
 impl SummaryPass {
     pub(crate) fn new(gpu: &Gpu) -> Result<Self> {
         Ok(Self {
-            kernel: Kernel::new(gpu, "summary.wgsl", "summarise", 0)?,
+            kernel: Kernel::new(gpu, &Wgsl::SHADER, "summarise", 0)?,
             size: [0; 2],
             summaries: DeviceVec::new(gpu, "summaries"),
         })
@@ -45,12 +69,12 @@ impl SummaryPass {
         scores: &DeviceVec<f32>,
     ) {
         let num_prompts = prompts.len() as u32;
-        let params = uniform(gpu, &Summarise { size: self.size, num_prompts, padding: 0 });
+        let params = uniform(gpu, &SummaryParams { size: self.size, num_prompts, padding: 0 });
         let bindings = [
-            (0, params.as_entire_binding()),
-            (1, prompts.binding()),
-            (2, scores.binding()),
-            (3, self.summaries.binding()),
+            Wgsl::params(&params),
+            Wgsl::prompts(prompts),
+            Wgsl::scores(scores),
+            Wgsl::summaries(&self.summaries),
         ];
         self.kernel.dispatch(gpu, pass, &bindings, (self.size[0] * self.size[1]).div_ceil(GROUP));
     }

@@ -1,7 +1,17 @@
 //! Exclusive prefix sums of any length (`shaders/scan.wgsl`).
 
-use crate::{Gpu, buffers::DeviceVec, kernel::Kernel, shader_source::SCAN_BLOCK};
+use crate::{buffers::DeviceVec, device::Gpu, kernel::Kernel, shader::shader};
 use surgtpgs_core::Result;
+
+shader! {
+    pub(super) Wgsl = "scan.wgsl";
+    const SCAN_BLOCK = BLOCK;
+    var<write> items: [u32];
+    var<write> block_sums: [u32];
+}
+
+/// Number of items that one workgroup scans.
+const BLOCK: u32 = 1024;
 
 #[derive(Debug)]
 pub(crate) struct Scan {
@@ -19,7 +29,7 @@ impl Levels {
         let mut len = len;
         let mut depth = 0;
         loop {
-            len = len.div_ceil(SCAN_BLOCK as usize).max(1);
+            len = len.div_ceil(BLOCK as usize).max(1);
             if depth == self.0.len() {
                 self.0.push(DeviceVec::new(gpu, "block sums"));
             }
@@ -41,8 +51,8 @@ impl Levels {
 impl Scan {
     pub(crate) fn new(gpu: &Gpu) -> Result<Self> {
         Ok(Self {
-            scan_blocks: Kernel::new(gpu, "scan.wgsl", "scan_blocks", 0)?,
-            add_offsets: Kernel::new(gpu, "scan.wgsl", "add_offsets", 0)?,
+            scan_blocks: Kernel::new(gpu, &Wgsl::SHADER, "scan_blocks", 0)?,
+            add_offsets: Kernel::new(gpu, &Wgsl::SHADER, "add_offsets", 0)?,
         })
     }
 
@@ -57,11 +67,11 @@ impl Scan {
         let chain: Vec<&DeviceVec<u32>> = std::iter::once(items).chain(&levels.0).collect();
         let steps: Vec<_> = chain.windows(2).map(|pair| (pair[0], pair[1])).collect();
         for (items, sums) in &steps {
-            let bindings = [(0, items.binding()), (1, sums.binding())];
+            let bindings = [Wgsl::items(*items), Wgsl::block_sums(*sums)];
             self.scan_blocks.dispatch(gpu, pass, &bindings, sums.len() as u32);
         }
         for (items, sums) in steps.iter().rev().filter(|(_, sums)| sums.len() > 1) {
-            let bindings = [(0, items.binding()), (1, sums.binding())];
+            let bindings = [Wgsl::items(*items), Wgsl::block_sums(*sums)];
             self.add_offsets.dispatch(gpu, pass, &bindings, sums.len() as u32);
         }
     }

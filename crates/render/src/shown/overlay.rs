@@ -1,0 +1,137 @@
+//! Draws the found regions over a frame (`shaders/overlay.wgsl`).
+
+use crate::{
+    buffers::{DeviceVec, uniform},
+    device::Gpu,
+    kernel::{Kernel, run},
+    shader::{GROUP, shader, shader_struct},
+};
+use image::RgbImage;
+use surgtpgs_core::{
+    Result,
+    overlay::{self, OverlayLook, OverlayPrompt},
+};
+
+shader! {
+    pub(super) Wgsl = "overlay.wgsl";
+    const CONTOUR_WIDTH = overlay::CONTOUR_WIDTH;
+    const HALO_DARKNESS = overlay::HALO_DARKNESS;
+    const HEAT_WHITENING = overlay::HEAT_WHITENING;
+    var<uniform> params: OverlayParams;
+    var<read> prompts: [PromptRow];
+    /// [prompts][rows][columns]
+    var<read> scores: [f32];
+    /// One number per pixel: red in the lowest byte, then green, blue and 255; drawn over in place.
+    var<write> pixels: [u32];
+}
+
+shader_struct! {
+    /// Settings for drawing over a frame.
+    pub(crate) struct OverlayParams {
+        /// Columns and rows.
+        size: [u32; 2],
+        /// Number of prompts to draw.
+        num_prompts: u32,
+        /// [`surgtpgs_core::overlay::OverlayStyle`] as a number.
+        style: u32,
+        /// Opacity of fills and heatmaps, 0–1.
+        opacity: f32,
+        /// Opacity of contours and their halos, 0–1.
+        outline_opacity: f32,
+        /// Padding to a multiple of 16 bytes.
+        padding: [u32; 2],
+    }
+}
+
+shader_struct! {
+    /// One prompt to draw.
+    pub(crate) struct PromptRow {
+        /// Colour, 0–255.
+        colour: [f32; 3],
+        /// Score above which a pixel is found.
+        threshold: f32,
+    }
+}
+
+impl OverlayParams {
+    /// Settings for a frame of `size` with `num_prompts` prompts.
+    pub fn new(size: [u32; 2], num_prompts: usize, look: OverlayLook) -> Self {
+        let OverlayLook { style, opacity, outline_opacity, .. } = look;
+        let num_prompts = num_prompts as u32;
+        Self { size, num_prompts, style: style as u32, opacity, outline_opacity, ..Default::default() }
+    }
+}
+
+impl PromptRow {
+    pub(super) fn new(colour: [u8; 3], threshold: f32) -> Self {
+        Self { colour: colour.map(f32::from), threshold }
+    }
+}
+
+#[derive(Debug)]
+pub(crate) struct OverlayPass {
+    kernel: Kernel,
+}
+
+impl OverlayPass {
+    pub(super) fn new(gpu: &Gpu) -> Result<Self> {
+        Ok(Self { kernel: Kernel::new(gpu, &Wgsl::SHADER, "overlay", 0)? })
+    }
+
+    /// Adds the pass, which draws over `pixels` in place.
+    pub(crate) fn encode(
+        &self,
+        gpu: &Gpu,
+        pass: &mut wgpu::ComputePass<'_>,
+        params: &OverlayParams,
+        prompts: &DeviceVec<PromptRow>,
+        scores: &DeviceVec<f32>,
+        pixels: &DeviceVec<u32>,
+    ) {
+        let uniform = uniform(gpu, params);
+        let bindings =
+            [Wgsl::params(&uniform), Wgsl::prompts(prompts), Wgsl::scores(scores), Wgsl::pixels(pixels)];
+        let num_pixels = params.size[0] * params.size[1];
+        self.kernel.dispatch(gpu, pass, &bindings, num_pixels.div_ceil(GROUP));
+    }
+
+    /// Uploads, draws, and waits for the picture.
+    pub(super) fn draw(
+        &self,
+        gpu: &Gpu,
+        frame: &RgbImage,
+        prompts: &[OverlayPrompt<'_>],
+        look: OverlayLook,
+    ) -> Result<RgbImage> {
+        let size = [frame.width(), frame.height()];
+        let num_pixels = size[0] * size[1];
+        let fits = |p: &&OverlayPrompt<'_>| [p.scores.width, p.scores.height] == size.map(|s| s as usize);
+        let prompts: Vec<&OverlayPrompt<'_>> = prompts.iter().filter(fits).collect();
+        if num_pixels == 0 || prompts.is_empty() {
+            return Ok(frame.clone());
+        }
+        let rows: Vec<PromptRow> = prompts.iter().map(|p| PromptRow::new(p.colour, p.threshold)).collect();
+        let scores: Vec<f32> = prompts.iter().flat_map(|p| p.scores.data.iter().copied()).collect();
+        let params = OverlayParams::new(size, prompts.len(), look);
+        let rows = DeviceVec::from_slice(gpu, "prompts", &rows)?;
+        let scores = DeviceVec::from_slice(gpu, "scores", &scores)?;
+        let pixels = DeviceVec::from_slice(gpu, "pixels", &to_pixels(frame))?;
+        run(gpu, |pass| self.encode(gpu, pass, &params, &rows, &scores, &pixels));
+        Ok(from_pixels(size, &pixels.read(gpu, num_pixels as usize)?))
+    }
+}
+
+/// Converts to one number per pixel: red in the lowest byte, then green, blue and 255.
+pub(crate) fn to_pixels(picture: &RgbImage) -> Vec<u32> {
+    picture.pixels().map(|p| u32::from_le_bytes([p.0[0], p.0[1], p.0[2], 255])).collect()
+}
+
+/// Converts the numbers of [`to_pixels`] back to a picture of columns × rows.
+pub(crate) fn from_pixels([width, height]: [u32; 2], pixels: &[u32]) -> RgbImage {
+    let mut picture = RgbImage::new(width, height);
+    for (pixel, number) in picture.pixels_mut().zip(pixels) {
+        let [r, g, b, _] = number.to_le_bytes();
+        pixel.0 = [r, g, b];
+    }
+    picture
+}
