@@ -1,15 +1,13 @@
 //! Folders for results.
 
 use super::{
-    is_free_folder, is_own,
     lock::{Lock, short_hash},
     place::{Inputs, real_place, require_outside_of_outputs},
-    record::{RECORD_FILE, Record},
-    whole::TEMPORARY,
+    record::{RECORD_FILE, Record, TEMPORARY, is_free_folder, is_own},
+    whole::sync_parent,
 };
 use crate::{Error, Remedy, Result};
 use std::{
-    ffi::OsStr,
     io::ErrorKind,
     path::{Path, PathBuf},
 };
@@ -432,10 +430,4 @@ fn put_back_old(target: &Path) -> Result<()> {
     std::fs::rename(&aside, target).map_err(|e| Error::io("put the earlier result back", target, e))?;
     lock.move_to(target);
     Ok(())
-}
-
-/// Syncs the parent folder: without it, a power cut may undo the renaming.
-pub(super) fn sync_parent(path: &Path) {
-    let folder = path.parent().filter(|p| p.as_os_str() != OsStr::new("")).unwrap_or(Path::new("."));
-    let _ = std::fs::File::open(folder).and_then(|folder| folder.sync_all());
 }

@@ -1,17 +1,11 @@
 //! Writes complete files: to a temporary neighbour, synced, then renamed into place.
 
-use super::{
-    output::sync_parent,
-    record::{Record, recorded_above},
-};
+use super::record::{Record, TEMPORARY, recorded_above};
 use crate::{Error, Result};
 use std::{
     io::{ErrorKind, Seek, SeekFrom, Write},
     path::{Path, PathBuf},
 };
-
-/// First part of the names of files that are being written.
-pub(super) const TEMPORARY: &str = ".part-";
 
 /// Writes `bytes` to `path` so that a reader sees the old file or the new one, never a part. Missing
 /// parent folders are created.
@@ -120,4 +114,11 @@ impl Seek for WholeFile {
     fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
         self.temporary.seek(to)
     }
+}
+
+/// Syncs the parent folder: without it, a power cut may undo the renaming.
+pub(super) fn sync_parent(path: &Path) {
+    let folder =
+        path.parent().filter(|p| p.as_os_str() != std::ffi::OsStr::new("")).unwrap_or(Path::new("."));
+    let _ = std::fs::File::open(folder).and_then(|folder| folder.sync_all());
 }

@@ -160,6 +160,10 @@ impl Sequence {
     pub fn is_test_frame(i: usize) -> bool {
         recording::is_test_frame(i)
     }
+    /// Returns the frames that training may see: all, or with `eval` those that are not held out.
+    pub(crate) fn used_frames(&self, eval: bool) -> Vec<usize> {
+        (0..self.num_frames()).filter(|&i| !(eval && Self::is_test_frame(i))).collect()
+    }
     /// Returns the rate of the used frames, if known.
     pub fn frames_per_second(&self) -> Option<f32> {
         self.recording().frames_per_second

@@ -19,7 +19,10 @@
 mod compact;
 mod tensors;
 
-use super::{CAMERA_WIDTH, Problem, Provenance, Scene, camera_row, read_camera};
+use super::{
+    Problem, Provenance, Scene,
+    camera_row::{CAMERA_WIDTH, camera_row, read_camera},
+};
 use crate::{
     Error, Result,
     camera::Camera,
