@@ -4,8 +4,7 @@
 
 use super::{
     Identity, read,
-    recording::{MaskRule, Recording},
-    settings::Keep,
+    recording::{Keep, MaskRule, Recording},
 };
 use crate::{
     Error, Result,

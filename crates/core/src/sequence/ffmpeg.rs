@@ -5,7 +5,6 @@ use super::{
     h264::{cut_off, other_size, uneven},
     read,
     recording::{Recording, Selection},
-    video::Container,
 };
 use crate::{Error, Result};
 use std::{
@@ -15,6 +14,13 @@ use std::{
     process::{Command, ExitStatus, Stdio},
     sync::{Mutex, PoisonError},
 };
+
+/// Kind of file that holds a video.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Container {
+    Mp4,
+    Other,
+}
 
 /// A video that is not decoded here.
 pub(super) struct Unread<'a> {

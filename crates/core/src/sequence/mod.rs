@@ -49,10 +49,10 @@ pub(crate) use labels::{NumbersAre, PictureOfIds};
 pub use layouts::Layout;
 pub(crate) use layouts::MONOCULAR_BASELINE;
 pub(crate) use read::{lightness, npy_map};
-pub use recording::CameraSource;
+pub use recording::{CameraSource, Keep};
 pub use settings::{
-    CameraSettings, DepthSettings, FieldOfViewSetting, FrameSettings, Keep, MAX_FRAMES_PER_SECOND,
-    MaskSettings, SETTINGS_FILE, Settings, TimeSettings, settings_files,
+    CameraSettings, DepthSettings, FieldOfViewSetting, FrameSettings, MAX_FRAMES_PER_SECOND, MaskSettings,
+    SETTINGS_FILE, Settings, TimeSettings, settings_files,
 };
 
 /// A recording; see the accessors. Cheap to clone: clones share everything.

@@ -114,6 +114,25 @@ pub(super) enum MaskRule {
     DropCode(u8),
 }
 
+/// A side of a mask file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Keep {
+    /// Non-zero pixels.
+    White,
+    /// Zero pixels.
+    Black,
+}
+
+impl Keep {
+    pub(super) fn rule(self) -> MaskRule {
+        match self {
+            Self::White => MaskRule::KeepWhite,
+            Self::Black => MaskRule::KeepBlack,
+        }
+    }
+}
+
 impl Recording {
     /// Creates a recording of `pictures` with an assumed still camera and nothing else.
     pub(super) fn of_pictures(path: &Path, pictures: &[PathBuf]) -> Result<Self> {

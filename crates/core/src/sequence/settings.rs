@@ -36,7 +36,7 @@ use super::{
     depth::DepthKind,
     labels::LabelCoding,
     read,
-    recording::{CameraSource, MaskRule, Recording, Selection},
+    recording::{CameraSource, Keep, MaskRule, Recording, Selection},
 };
 use crate::{
     Error, Result,
@@ -121,25 +121,6 @@ pub struct MaskSettings {
     pub keep: Option<Keep>,
     /// Treatment of the border around the endoscopic picture.
     pub field_of_view: Option<FieldOfViewSetting>,
-}
-
-/// A side of a mask file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Keep {
-    /// Non-zero pixels.
-    White,
-    /// Zero pixels.
-    Black,
-}
-
-impl Keep {
-    pub(super) fn rule(self) -> MaskRule {
-        match self {
-            Self::White => MaskRule::KeepWhite,
-            Self::Black => MaskRule::KeepBlack,
-        }
-    }
 }
 
 /// Treatment of the border around the endoscopic picture.

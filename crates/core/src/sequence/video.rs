@@ -3,7 +3,7 @@
 //! ends before its last frame is refused by either decoder.
 
 use super::{
-    ffmpeg::{self, Unread},
+    ffmpeg::{self, Container, Unread},
     h264::{H264, cut_off, other_size},
     mp4::Mp4,
     recording::{FrameFiles, Picture, Recording, Selection},
@@ -56,13 +56,6 @@ fn open_h264(path: &Path, video: H264, selection: &Selection) -> Result<Recordin
     recording.frames_per_second = frames_per_second;
     recording.notes.extend(note);
     Ok(recording)
-}
-
-/// Kind of file that holds a video.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Container {
-    Mp4,
-    Other,
 }
 
 /// Returns an error if the first bytes belong to no known kind of video.
