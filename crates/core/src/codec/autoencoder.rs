@@ -1,8 +1,8 @@
 //! Training for many rows: an ordinary autoencoder.
 
 use super::{
-    Codec, CodecSettings, DECODER_HIDDEN, ENCODER_HIDDEN, Linear, STAGE,
-    mlp::{Adam, Parts, backward, forward, init, normal, normalise_backward, normalise_rows},
+    mlp::{Adam, Linear, Parts, backward, forward, init, normal, normalise_backward, normalise_rows},
+    settings::{CodecSettings, DECODER_HIDDEN, ENCODER_HIDDEN, STAGE},
 };
 use crate::{
     Result,
@@ -23,13 +23,14 @@ const LATENT_NOISE: f32 = 0.01;
 /// squared error is 2(1 − cosine)/dim: the same goal. Its extra cosine term was taken along the wrong axis.)
 ///
 /// Embeddings share a large common part. It is subtracted before the first layer and added after the
-/// last. Both are folded into the biases, so that the layers between see only the differences.
+/// last. Both are folded into the biases, so that the layers between see only the differences. Returns the
+/// layers of encoder and decoder.
 pub(super) fn train_autoencoder(
     rows: ArrayView2<'_, f32>,
     weights: &[f32],
     settings: &CodecSettings,
     observer: &mut Observer<'_>,
-) -> Result<Codec> {
+) -> Result<(Vec<Linear>, Vec<Linear>)> {
     let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
     let (dim, latent) = (rows.ncols(), settings.latent_dim);
     let mean = rows.mean_axis(Axis(0)).unwrap_or_else(|| Array1::zeros(dim));
@@ -59,7 +60,7 @@ pub(super) fn train_autoencoder(
     }
     let decoder = layers.split_off(split);
     fold_standardisation(&mut layers[0], &mean, spread);
-    Ok(Codec { encoder: layers, decoder })
+    Ok((layers, decoder))
 }
 
 /// Gradients of mean(1 − cosine) over one part of the batch: encoder layers, then decoder layers.

@@ -1,9 +1,11 @@
 //! Training for a handful of rows: latents spread over the sphere, and a decoder that snaps to the nearest.
 
 use super::{
-    Codec, CodecSettings, DECODER_HIDDEN, ENCODER_HIDDEN, Linear, STAGE,
     autoencoder::fold_standardisation,
-    mlp::{Adam, Parts, backward, forward, init, normal, normalise_backward, normalise_rows, zeros_like},
+    mlp::{
+        Adam, Linear, Parts, backward, forward, init, normal, normalise_backward, normalise_rows, zeros_like,
+    },
+    settings::{CodecSettings, DECODER_HIDDEN, ENCODER_HIDDEN, STAGE},
     sphere::spread_points,
 };
 use crate::{
@@ -28,12 +30,13 @@ const EMBEDDING_NOISE: f32 = 0.02;
 /// Trains the decoder as a classifier in the latent space, then multiplies its last layer by the class
 /// embeddings. The decoded vector is Σ_k s_k(z) e_k, normalised, with scores s that are nearly one-hot.
 /// Between two classes it passes from one embedding to the other and never through a third, even if the
-/// embeddings are alike (cosines of 0.9 are usual). Its rank is the number of classes.
+/// embeddings are alike (cosines of 0.9 are usual). Its rank is the number of classes. Returns the layers of
+/// encoder and decoder.
 pub(super) fn train_classes(
     rows: ArrayView2<'_, f32>,
     settings: &CodecSettings,
     observer: &mut Observer<'_>,
-) -> Result<Codec> {
+) -> Result<(Vec<Linear>, Vec<Linear>)> {
     let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
     let points = spread_points(rows.nrows(), settings.latent_dim, settings.seed);
     let encoder = train_encoder(rows, &points, &mut rng);
@@ -43,7 +46,7 @@ pub(super) fn train_classes(
         last.weight = rows.t().dot(&last.weight);
         last.bias = rows.t().dot(&last.bias);
     }
-    Ok(Codec { encoder, decoder })
+    Ok((encoder, decoder))
 }
 
 /// Trains an encoder that maps each row to its point, also if the row is a little off.

@@ -1,6 +1,5 @@
 //! A small multi-layer perceptron: forward, backward, Adam. ReLU between layers, none after the last.
 
-use super::Linear;
 use ndarray::{Array1, Array2, ArrayView2, Axis, Zip, linalg::general_mat_mul};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
@@ -11,6 +10,15 @@ use std::ops::Range;
 const PARTS: usize = 2;
 /// Lower limit of lengths before a division by them.
 const MIN_LENGTH: f32 = 1e-12;
+
+/// Linear layer `y = x Wᵀ + b`; weight is [out, in].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Linear {
+    /// [out, in].
+    pub weight: Array2<f32>,
+    /// [out].
+    pub bias: Array1<f32>,
+}
 
 /// Layers of the given widths, He-initialised (weights N(0, 2/in), biases 0).
 pub(super) fn init(widths: &[usize], rng: &mut ChaCha8Rng) -> Vec<Linear> {

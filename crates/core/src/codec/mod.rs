@@ -9,22 +9,19 @@
 mod autoencoder;
 mod classes;
 mod mlp;
+mod settings;
 mod sphere;
 
 use crate::{Error, Result, num, progress::Observer};
 use autoencoder::train_autoencoder;
 use classes::train_classes;
-use ndarray::{Array1, Array2, ArrayD, ArrayView2, ArrayViewD, Axis, Ix1, Ix2};
+use ndarray::{Array2, ArrayD, ArrayView2, ArrayViewD, Axis, Ix1, Ix2};
 use rayon::prelude::*;
 
+pub use mlp::Linear;
 pub(crate) use mlp::{apply, normal, normalise_rows};
+pub use settings::CodecSettings;
 
-/// Stage of the training in its progress.
-const STAGE: &str = "training the codec";
-/// Widths of the encoder's hidden layers.
-const ENCODER_HIDDEN: [usize; 4] = [256, 128, 64, 32];
-/// Widths of the decoder's hidden layers.
-const DECODER_HIDDEN: [usize; 6] = [16, 32, 64, 128, 256, 256];
 /// Largest number of different rows for which latents are spread over the sphere and the decoder snaps to
 /// them.
 const MAX_CLASSES: usize = 64;
@@ -33,15 +30,6 @@ const SAME_ROW_COSINE: f32 = 0.999_99;
 /// Rows that one thread decodes or encodes at once: enough for efficient matrix products, few enough for
 /// the cache.
 const ROWS_AT_ONCE: usize = 256;
-
-/// Linear layer `y = x Wᵀ + b`; weight is [out, in].
-#[derive(Clone, Debug, PartialEq)]
-pub struct Linear {
-    /// [out, in].
-    pub weight: Array2<f32>,
-    /// [out].
-    pub bias: Array1<f32>,
-}
 
 /// Encoder (dim → D, unit length) and decoder (D → dim, unit length). The mean and spread by which training
 /// standardises embeddings are folded into the encoder's first layer. There is a ReLU between layers, and none
@@ -52,23 +40,6 @@ pub struct Codec {
     pub encoder: Vec<Linear>,
     /// Decoder layers in order.
     pub decoder: Vec<Linear>,
-}
-
-/// Settings of a codec's training.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct CodecSettings {
-    /// Latent numbers per pixel, 1..=16.
-    pub latent_dim: usize,
-    /// Optimiser steps.
-    pub steps: usize,
-    /// Seed of initial weights and batches.
-    pub seed: u64,
-}
-
-impl Default for CodecSettings {
-    fn default() -> Self {
-        Self { latent_dim: 3, steps: 2000, seed: 0 }
-    }
 }
 
 impl Codec {
@@ -87,13 +58,14 @@ impl Codec {
         let rows = normalise_rows(rows.to_owned());
         let groups = same_rows(&rows);
         let num_classes = groups.iter().max().map_or(0, |g| g + 1);
-        if num_classes <= MAX_CLASSES {
+        let trained = if num_classes <= MAX_CLASSES {
             let first = |g| groups.iter().position(|&other| other == g).unwrap_or(0);
             let firsts: Vec<usize> = (0..num_classes).map(first).collect();
             train_classes(rows.select(Axis(0), &firsts).view(), settings, observer)
         } else {
             train_autoencoder(rows.view(), weights, settings, observer)
-        }
+        };
+        trained.map(|(encoder, decoder)| Self { encoder, decoder })
     }
 
     /// Latent numbers per pixel, D.

@@ -1,16 +1,13 @@
 //! Locks that keep two programs out of one output. The operating system holds them, so that they end
 //! with their owner.
 
-use super::place::is_same_file;
+use super::{paths::is_same_file, record::LOCK_FILE};
 use crate::{Error, Result, hash::sha256};
 use std::{
     fs::{File, OpenOptions, TryLockError},
     io::{Read, Write},
     path::{Path, PathBuf},
 };
-
-/// Name of the lock of an output folder, inside it.
-pub(super) const LOCK_FILE: &str = ".surgtpgs.lock";
 
 /// A lock on an output, which no other program may write to; released when dropped.
 #[derive(Debug)]

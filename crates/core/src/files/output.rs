@@ -1,11 +1,10 @@
 //! Folders for results.
 
 use super::{
-    is_free_folder, is_own,
     lock::{Lock, short_hash},
     place::{Inputs, real_place, require_outside_of_outputs},
-    record::{RECORD_FILE, Record},
-    temporary::{TEMPORARY, sync_parent},
+    record::{RECORD_FILE, Record, TEMPORARY, is_free_folder, is_own},
+    whole::sync_parent,
 };
 use crate::{Error, Remedy, Result};
 use std::{

@@ -1,9 +1,11 @@
 //! Real places of outputs once links are followed, and the inputs that they must not touch.
 
-use super::{absolute_path, full_path, record::Record};
+use super::{
+    paths::{absolute_path, full_path, is_same_file},
+    record::Record,
+};
 use crate::{Error, Result};
 use std::{
-    fs::Metadata,
     io::ErrorKind,
     path::{Path, PathBuf},
 };
@@ -70,17 +72,6 @@ pub fn require_apart(output: &Path, inputs: &Inputs) -> Result<()> {
 /// case give it several names.
 fn is_same(a: &Path, b: &Path) -> bool {
     a == b || a.metadata().ok().zip(b.metadata().ok()).is_some_and(|(a, b)| is_same_file(&a, &b))
-}
-
-#[cfg(unix)]
-pub(super) fn is_same_file(a: &Metadata, b: &Metadata) -> bool {
-    use std::os::unix::fs::MetadataExt;
-    (a.dev(), a.ino()) == (b.dev(), b.ino())
-}
-
-#[cfg(not(unix))]
-pub(super) fn is_same_file(_: &Metadata, _: &Metadata) -> bool {
-    false
 }
 
 /// Returns the place that `path` names, with links followed as far as it exists. Returns an error for

@@ -4,7 +4,6 @@
 //! Each line is one JSON value. A file is noted before it is written, by adding a line. A line that was
 //! cut off by a kill is skipped.
 
-use super::temporary::TEMPORARY;
 use crate::{Error, Result, reading::read_regular};
 use std::{
     collections::BTreeSet,
@@ -16,6 +15,12 @@ use walkdir::WalkDir;
 
 /// Name of the record inside its folder.
 pub(super) const RECORD_FILE: &str = ".surgtpgs";
+
+/// Name of the lock of an output folder, inside it.
+pub(super) const LOCK_FILE: &str = ".surgtpgs.lock";
+
+/// First part of the names of files that are being written.
+pub(super) const TEMPORARY: &str = ".part-";
 
 /// Largest size of a record in bytes: that of some million files.
 const MOST_RECORD: u64 = 1 << 28;
@@ -113,7 +118,7 @@ impl Record {
         for entry in entries {
             let entry = entry.map_err(|e| Error::io("list the folder", folder, e.into()))?;
             let is_ours = || {
-                entry.depth() == 1 && super::is_own(entry.path())
+                entry.depth() == 1 && is_own(entry.path())
                     || entry.file_name().to_string_lossy().starts_with(TEMPORARY)
                     || !entry.path_is_symlink()
                         && name_inside(folder, entry.path()).is_some_and(|name| self.files.contains(&name))
@@ -160,4 +165,39 @@ fn name_inside(folder: &Path, path: &Path) -> Option<String> {
         false => path.strip_prefix(folder).ok()?,
     };
     Some(inside.iter().map(|part| part.to_string_lossy()).collect::<Vec<_>>().join("/"))
+}
+
+/// Tells if a folder may be taken: it does not exist, or holds nothing but files that this program keeps
+/// for itself in one (its record, its lock, and remains of a killed writer).
+pub fn is_free_folder(path: &Path) -> Result<bool> {
+    let fail = |e| Error::io("list the folder", path, e);
+    let mut entries = match std::fs::read_dir(path) {
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(true),
+        entries => entries.map_err(fail)?,
+    };
+    entries.try_fold(true, |free, entry| Ok(free && is_own(&entry.map_err(fail)?.path())))
+}
+
+/// Tells if `folder` was taken for a result of this program.
+pub(crate) fn is_taken(folder: &Path) -> bool {
+    head(folder).is_some()
+}
+
+/// Returns the kind of the unfinished result that `folder` holds, if it holds one.
+pub fn unfinished_kind(folder: &Path) -> Option<String> {
+    let head = head(folder).filter(|head| !head.complete && !head.holds_outputs);
+    head.map(|head| head.kind)
+}
+
+/// Files that file managers leave in the folders they open.
+const DROPPINGS: [&str; 3] = [".DS_Store", "Thumbs.db", "desktop.ini"];
+
+/// Tells if a file is no result: it is one that this program keeps beside its own, or that
+/// file managers leave.
+pub(super) fn is_own(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default();
+    DROPPINGS.iter().any(|dropping| name == *dropping)
+        || name == RECORD_FILE && path.parent().is_some_and(is_taken)
+        || name == LOCK_FILE
+        || name.to_string_lossy().starts_with(TEMPORARY)
 }

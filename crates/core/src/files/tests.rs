@@ -1,6 +1,9 @@
 use super::*;
-use crate::Remedy;
-use std::io::Write;
+use crate::{Error, Remedy, Result};
+use std::{
+    io::Write,
+    path::{Path, PathBuf},
+};
 
 #[test]
 fn a_full_path_means_the_same_everywhere() {
@@ -198,9 +201,9 @@ fn two_programs_do_not_write_one_result_and_the_dead_hold_none() {
     drop(first);
     assert!(!place.exists(), "a folder that nothing was written into goes again");
     std::fs::create_dir(&place).unwrap();
-    std::fs::write(place.join(lock::LOCK_FILE), "process 1 on a machine that lost its power").unwrap();
+    std::fs::write(place.join(record::LOCK_FILE), "process 1 on a machine that lost its power").unwrap();
     finished(&place, "x");
-    assert!(!place.join(lock::LOCK_FILE).exists());
+    assert!(!place.join(record::LOCK_FILE).exists());
 
     let file = folder.path().join("x".repeat(250));
     let none = Inputs::none();

@@ -1,9 +1,6 @@
 //! Writes complete files: to a temporary neighbour, synced, then renamed into place.
 
-use super::{
-    record::{Record, recorded_above},
-    temporary::{TEMPORARY, sync_parent},
-};
+use super::record::{Record, TEMPORARY, recorded_above};
 use crate::{Error, Result};
 use std::{
     io::{ErrorKind, Seek, SeekFrom, Write},
@@ -117,4 +114,11 @@ impl Seek for WholeFile {
     fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
         self.temporary.seek(to)
     }
+}
+
+/// Syncs the parent folder: without it, a power cut may undo the renaming.
+pub(super) fn sync_parent(path: &Path) {
+    let folder =
+        path.parent().filter(|p| p.as_os_str() != std::ffi::OsStr::new("")).unwrap_or(Path::new("."));
+    let _ = std::fs::File::open(folder).and_then(|folder| folder.sync_all());
 }

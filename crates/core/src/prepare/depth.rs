@@ -1,7 +1,7 @@
 //! Depth that a network estimates from single pictures. It is checked, brought to one scale over time,
 //! and kept in the prepared folder as `depth/frame_000000.npy`, z in scene units at the network's size.
 
-use super::{drift::log_scales, finish::clear_folder, used_frames};
+use super::{drift::log_scales, finish::clear_folder};
 use crate::{
     Error, Result,
     files::write_whole_with,
@@ -55,7 +55,7 @@ pub fn estimate_depth(
         return Err(Error::input_at(sequence.path(), what, "Leave the depth network out."));
     }
     clear_folder(folder, sequence)?;
-    let frames = used_frames(sequence, eval);
+    let frames = sequence.used_frames(eval);
     let Estimator { network, kind, estimate } = estimator;
     let mut samples = Vec::new();
     let mut light = Correlation::default();

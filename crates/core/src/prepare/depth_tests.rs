@@ -3,6 +3,7 @@
 use super::*;
 use crate::{
     codec::CodecSettings,
+    grid::Grid,
     progress::{Progress, unobserved},
     sequence::{DepthKind, MONOCULAR_BASELINE},
 };

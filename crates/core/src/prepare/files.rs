@@ -1,6 +1,6 @@
 //! Reads and writes the files of a prepared folder.
 
-use super::{EncoderIdentity, Origin, RegionMap};
+use super::origin::{EncoderIdentity, Origin, RegionMap};
 use crate::{
     Error, Result,
     codec::{Codec, CodecSettings},
@@ -207,6 +207,11 @@ impl Manifest {
         require_sha256(&path, &bytes, self.sha256.get(name).map_or("", String::as_str), AGAIN)?;
         from_safetensors(&bytes).map_err(|e| Error::input_at(&path, e, AGAIN))
     }
+}
+
+/// Returns `true` if `folder` is a prepared folder.
+pub(super) fn is_prepared(folder: &Path) -> bool {
+    folder.join(MANIFEST).is_file()
 }
 
 /// Returns the path of the region map of frame `i`, inside the folder.

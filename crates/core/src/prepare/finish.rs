@@ -1,9 +1,6 @@
 //! The common first and last steps of every way of preparing: an empty folder, and a trained codec.
 
-use super::{
-    Prepared,
-    files::{MANIFEST, Manifest, REGIONS},
-};
+use super::files::{MANIFEST, Manifest, REGIONS, is_prepared};
 use crate::{
     Error, Result,
     codec::{Codec, CodecSettings},
@@ -15,7 +12,7 @@ use crate::{
 use ndarray::Array2;
 use std::path::Path;
 
-/// Trains the codec on the feature table, writes both and opens the finished folder. `rows` is flat, with
+/// Trains the codec on the feature table and writes both; the folder is finished then. `rows` is flat, with
 /// one row of the encoder's length per entry of the manifest's `row_pixels`.
 pub(super) fn finish(
     mut manifest: Manifest,
@@ -23,7 +20,7 @@ pub(super) fn finish(
     settings: &CodecSettings,
     folder: &Path,
     observer: &mut Observer<'_>,
-) -> Result<Prepared> {
+) -> Result<()> {
     let table = Array2::from_shape_vec((manifest.row_pixels.len(), manifest.encoder.dim), rows)
         .map_err(|e| Error::input(format!("the embeddings cannot be tabulated: {e}"), ""))?;
     let weights: Vec<f32> = manifest.row_pixels.iter().map(|&p| p as f32).collect();
@@ -35,8 +32,7 @@ pub(super) fn finish(
             manifest.sha256.insert(depth_name(i), file_sha256(&depth_file(folder, i))?);
         }
     }
-    manifest.write(folder)?;
-    Prepared::open(folder)
+    manifest.write(folder)
 }
 
 /// Creates `folder`, or empties a prepared one: nothing of an earlier preparation may stay behind.
@@ -49,7 +45,7 @@ pub(super) fn clear_folder(folder: &Path, sequence: &Sequence) -> Result<()> {
             "Choose another folder.",
         ));
     }
-    let ours = Prepared::is_prepared(folder) || is_unfinished(folder) || is_taken(folder);
+    let ours = is_prepared(folder) || is_unfinished(folder) || is_taken(folder);
     if !ours && !is_free_folder(folder)? {
         return Err(Error::input_at(
             folder,
@@ -75,7 +71,7 @@ pub(super) fn clear_folder(folder: &Path, sequence: &Sequence) -> Result<()> {
 /// Returns `true` if a preparation into `folder` was begun and not finished: it has regions but
 /// no manifest yet.
 pub(super) fn is_unfinished(folder: &Path) -> bool {
-    !Prepared::is_prepared(folder) && folder.join(REGIONS).join(MARKER).is_file()
+    !is_prepared(folder) && folder.join(REGIONS).join(MARKER).is_file()
 }
 
 /// File that tells our regions folder from folders of other programs.

@@ -34,8 +34,7 @@ pub fn prepare_from_labels(
     observer: &mut Observer<'_>,
 ) -> Result<Prepared> {
     let embeddings = checked_embeddings(&sequence, &encoder, embeddings)?;
-    let frames: Vec<usize> =
-        (0..sequence.num_frames()).filter(|&i| !(eval && Sequence::is_test_frame(i))).collect();
+    let frames = sequence.used_frames(eval);
     let pixels = count_pixels(&sequence, &frames, observer)?;
     let present: Vec<usize> = (0..sequence.classes().len()).filter(|&k| pixels[k] > 0).collect();
     if present.is_empty() {
@@ -66,7 +65,8 @@ pub fn prepare_from_labels(
     }
 
     let rows = present.iter().flat_map(|&k| embeddings[k].iter().copied()).collect();
-    finish(manifest, rows, settings, folder, observer)
+    finish(manifest, rows, settings, folder, observer)?;
+    Prepared::open(folder)
 }
 
 /// Checks that there is one unit row per class of the sequence, as long as the encoder says.

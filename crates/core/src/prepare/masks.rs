@@ -1,10 +1,9 @@
 //! Features of image regions: from automatic masks with an image encoder, or from files of other programs.
 
 use super::{
-    EncoderIdentity, NO_REGION, Prepared, RegionMap,
+    EncoderIdentity, NO_REGION, Origin, Prepared, RegionMap,
     files::{Manifest, from_safetensors, key_of, region_file, to_safetensors, write_region_map},
     finish::{clear_folder, finish},
-    used_frames,
 };
 use crate::{
     Error, Remedy, Result,
@@ -23,38 +22,6 @@ use std::path::{Path, PathBuf};
 
 /// Stage of making masks in its progress.
 const STAGE: &str = "finding masks";
-
-/// Source of the features of a prepared folder.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Origin {
-    /// Label masks and the embeddings of their classes' names.
-    #[default]
-    Labels,
-    /// Automatic masks and the embeddings of their contents.
-    Masks {
-        /// SHA-256 of the models that made the masks.
-        mask_model: String,
-        /// Settings with which they were made.
-        settings: MaskSettings,
-        /// Level of the masks that are used.
-        level: Level,
-        /// SHA-256 of the image encoder.
-        image_encoder: String,
-    },
-    /// Feature maps of whole pictures.
-    Dense {
-        /// SHA-256 of the network that made them.
-        network: String,
-    },
-    /// Files of LangSplat's kind.
-    LangSplat {
-        /// Folder of the files.
-        folder: PathBuf,
-        /// Level of the maps that is used.
-        level: Level,
-    },
-}
 
 /// The features of one frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -88,7 +55,7 @@ pub fn prepare_from_features(
     let mut manifest = Manifest::of(&sequence, folder, eval, encoder, settings)?;
     manifest.origin = origin;
     let mut table = Vec::new();
-    let frames = used_frames(&sequence, eval);
+    let frames = sequence.used_frames(eval);
     for (done, &i) in frames.iter().enumerate() {
         Progress::new("writing features", done, frames.len()).tell(observer)?;
         let Some(found) = features(i)? else { continue };
@@ -107,7 +74,8 @@ pub fn prepare_from_features(
             Remedy::CheckRecording.after("Check the polarity of the masks."),
         ));
     }
-    finish(manifest, table, settings, folder, observer)
+    finish(manifest, table, settings, folder, observer)?;
+    Prepared::open(folder)
 }
 
 /// Returns the region map of frame `i` with rows numbered from `first` on, those rows (flat, unit) and
@@ -195,7 +163,7 @@ impl MaskStore<'_> {
     ) -> Result<()> {
         // The folder is marked as ours before hours of work go into it.
         clear_folder(self.folder, self.sequence)?;
-        let frames = used_frames(self.sequence, eval);
+        let frames = self.sequence.used_frames(eval);
         for (done, &i) in frames.iter().enumerate() {
             let image = self.sequence.frame(i)?;
             let key = self.key(i, &image)?;

@@ -26,53 +26,27 @@ mod langsplat;
 #[cfg(test)]
 mod mask_tests;
 mod masks;
+mod origin;
 #[cfg(test)]
 mod tests;
 
 pub use depth::{Estimator, estimate_depth};
 pub use labels::prepare_from_labels;
 pub use langsplat::{holds_langsplat, read_langsplat, write_langsplat};
-pub use masks::{FrameFeatures, MASKS_AND_EMBEDDINGS, MaskStore, Origin, prepare_from_features};
+pub use masks::{FrameFeatures, MASKS_AND_EMBEDDINGS, MaskStore, prepare_from_features};
+pub use origin::{EncoderIdentity, NO_REGION, Origin, RegionMap};
 
 use crate::{
     Error, Result,
     codec::Codec,
-    grid::Grid,
     sequence::{Class, Identity, Sequence},
 };
-use files::{MANIFEST, Manifest, region_file};
+use files::{Manifest, region_file};
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
     sync::Arc,
 };
-
-/// Identity of the text encoder that made the embeddings; another one of the same width would
-/// be silently wrong.
-#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub struct EncoderIdentity {
-    /// "builtin" or the folder's name.
-    pub name: String,
-    /// SHA-256 over model and tokenizer files, hexadecimal.
-    pub sha256: String,
-    /// Length of an embedding.
-    pub dim: usize,
-    /// Prompt template with `{}` for the words.
-    pub template: String,
-    /// Folder that it was loaded from; `None` for the built-in one.
-    pub folder: Option<PathBuf>,
-}
-
-/// Row of the feature table per pixel; [`NO_REGION`] where there is no feature.
-pub type RegionMap = Grid<u16>;
-
-/// A pixel without a feature.
-pub const NO_REGION: u16 = u16::MAX;
-
-/// Returns the frames that training may see.
-fn used_frames(sequence: &Sequence, eval: bool) -> Vec<usize> {
-    (0..sequence.num_frames()).filter(|&i| !(eval && Sequence::is_test_frame(i))).collect()
-}
 
 /// Relation of a folder to its recording, in the words that [`Identity::require`] puts into its message.
 const WAS_PREPARED: &str = "this folder was prepared from";
@@ -108,7 +82,7 @@ pub struct Prepared {
 impl Prepared {
     /// Returns `true` if `path` is a prepared folder.
     pub fn is_prepared(path: &Path) -> bool {
-        path.join(MANIFEST).is_file()
+        files::is_prepared(path)
     }
 
     /// Returns `true` if a preparation into `path` was begun and not finished.

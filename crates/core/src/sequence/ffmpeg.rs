@@ -2,7 +2,6 @@
 //! pictures. Its messages about them are compared with what the file promises.
 
 use super::{
-    container::Container,
     h264::{cut_off, other_size, uneven},
     read,
     recording::{Recording, Selection},
@@ -15,6 +14,13 @@ use std::{
     process::{Command, ExitStatus, Stdio},
     sync::{Mutex, PoisonError},
 };
+
+/// Kind of file that holds a video.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Container {
+    Mp4,
+    Other,
+}
 
 /// A video that is not decoded here.
 pub(super) struct Unread<'a> {

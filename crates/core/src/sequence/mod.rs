@@ -19,7 +19,6 @@ use std::{
 
 mod check;
 mod classes;
-mod container;
 mod decided;
 mod depth;
 mod estimated;
@@ -160,6 +159,10 @@ impl Sequence {
     /// Returns `true` if frame `i` is one of those that an evaluation holds out: (i − 1) mod 8 = 0.
     pub fn is_test_frame(i: usize) -> bool {
         recording::is_test_frame(i)
+    }
+    /// Returns the frames that training may see: all, or with `eval` those that are not held out.
+    pub(crate) fn used_frames(&self, eval: bool) -> Vec<usize> {
+        (0..self.num_frames()).filter(|&i| !(eval && Self::is_test_frame(i))).collect()
     }
     /// Returns the rate of the used frames, if known.
     pub fn frames_per_second(&self) -> Option<f32> {

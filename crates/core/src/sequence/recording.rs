@@ -103,6 +103,17 @@ pub(super) enum Picture {
     Video { video: Arc<H264>, index: usize },
 }
 
+/// The pixels that a mask file keeps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum MaskRule {
+    /// Non-zero is kept.
+    KeepWhite,
+    /// Zero is kept: white hides.
+    KeepBlack,
+    /// The mask is a label picture; only this code is hidden.
+    DropCode(u8),
+}
+
 /// A side of a mask file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -120,17 +131,6 @@ impl Keep {
             Self::Black => MaskRule::KeepBlack,
         }
     }
-}
-
-/// The pixels that a mask file keeps.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum MaskRule {
-    /// Non-zero is kept.
-    KeepWhite,
-    /// Zero is kept: white hides.
-    KeepBlack,
-    /// The mask is a label picture; only this code is hidden.
-    DropCode(u8),
 }
 
 impl Recording {

@@ -1,13 +1,13 @@
 //! From latents to scores, eight points at a time.
 
 use super::{
-    Points,
     table::ScoreTable,
     tree::{EXTENT, FINE, FINE_PER_UNIT, MAX_LEVEL, Place, Spot, Tree, numbers},
 };
 use crate::{
     lanes::{LANES, exp2, load_block},
     mask::set_bits,
+    relevancy::Points,
 };
 use fearless_simd::{Level, dispatch, f32x8, i32x8, prelude::*, u32x8};
 use fearless_simd_macros::simd;

@@ -6,10 +6,10 @@
 //! values are its product with the stored ones: weights over time are stored as their cosine transform,
 //! most of which is small.
 
-use super::{Problem, Scene};
 use crate::{
     deform::{COLOUR_CHANNEL, GATE_CHANNEL, MEAN_CHANNEL, ROTATION_CHANNEL, SCALE_CHANNEL, num_channels},
     num::percentile,
+    scene::{Problem, Scene},
 };
 use flate2::{Compression, read::ZlibDecoder, write::ZlibEncoder};
 use glam::Vec3;

@@ -19,7 +19,10 @@
 mod compact;
 mod tensors;
 
-use super::{CAMERA_WIDTH, Problem, Provenance, Scene, camera_row, read_camera};
+use super::{
+    Problem, Provenance, Scene,
+    camera_row::{CAMERA_WIDTH, camera_row, read_camera},
+};
 use crate::{
     Error, Result,
     camera::Camera,
@@ -35,15 +38,13 @@ use compact::Steps;
 use ndarray::{Array1, Array2};
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use std::{collections::HashMap, io::Read, path::Path};
-use tensors::{Reader, Writer};
+use tensors::{MAX_BASES, Reader, Writer};
 
 /// Version of the layout above; a reader refuses a newer one.
 const VERSION: u32 = 1;
 const METADATA_KEY: &str = "surgtpgs";
 /// Largest size in bytes of the header of a safetensors file; the format allows no more.
 const MOST_HEADER: u64 = 100_000_000;
-/// Largest number of basis functions; more are taken for damage.
-const MAX_BASES: usize = 1024;
 
 #[derive(serde::Serialize, serde::Deserialize)]
 struct SceneHeader {

@@ -1,14 +1,14 @@
 //! Collects and writes named tensors, looks them up and checks them.
 
-use super::{
-    MAX_BASES, Problem,
-    compact::{self, Steps},
-};
-use crate::{Error, Result};
+use super::compact::{self, Steps};
+use crate::{Error, Result, scene::Problem};
 use half::f16;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use sha2::{Digest, Sha256};
 use std::{cell::Cell, collections::HashMap};
+
+/// Largest number of basis functions; more are taken for damage.
+pub(super) const MAX_BASES: usize = 1024;
 
 /// Tensors that are collected for writing.
 pub(super) struct Writer {

@@ -7,13 +7,10 @@ mod table;
 pub use reference::{LANG_DEFORMATION_FILE, ReferencePly, ReferenceWeights};
 
 use super::{Problem, Scene};
-use table::PlyTable;
+use table::{MADE_BY, PlyTable};
 
 /// First bytes of every `.ply`.
 pub(super) const MAGIC: &[u8] = b"ply";
-
-/// Comment in the files that this program writes.
-const MADE_BY: &str = "written by surgtpgs";
 
 /// Tells if the first bytes of a file are those of a `.ply` with the comment of this program.
 pub(super) fn is_own(start: &[u8]) -> bool {
@@ -36,9 +33,4 @@ pub(super) fn from_bytes(
     } else {
         splats::from_table(&table)
     }
-}
-
-/// Returns `name_0`, `name_1` and so on.
-fn numbered(name: &str, n: usize) -> Vec<String> {
-    (0..n).map(|i| format!("{name}_{i}")).collect()
 }

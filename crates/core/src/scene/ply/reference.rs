@@ -3,9 +3,8 @@
 //! that is never used. The weights of the feature network are in a separate file.
 
 use super::{
-    MADE_BY, Problem, numbered,
     splats::{self, CHANNELS},
-    table::PlyTable,
+    table::{MADE_BY, PlyTable, numbered},
 };
 use crate::{
     deform::{
@@ -14,7 +13,7 @@ use crate::{
     },
     gaussian::MAX_SH_BANDS,
     reading::{is_present, read_regular},
-    scene::{Scene, still::camera_at_origin},
+    scene::{Problem, Scene, still::camera_at_origin},
 };
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use std::path::Path;

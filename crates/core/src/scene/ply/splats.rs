@@ -1,10 +1,14 @@
 //! Still Gaussians in the `.ply` format of 3-D Gaussian splatting programs.
 
-use super::{MADE_BY, Problem, numbered, table::PlyTable};
+use super::table::{MADE_BY, PlyTable, numbered};
 use crate::{
     camera::Camera,
     gaussian::{Gaussians, MAX_SH_BANDS},
-    scene::{CAMERA_WIDTH, Scene, camera_row, read_camera, still::camera_before},
+    scene::{
+        Problem, Scene,
+        camera_row::{CAMERA_WIDTH, camera_row, read_camera},
+        still::camera_before,
+    },
 };
 
 /// Number of channels of a colour.

@@ -1,7 +1,9 @@
 //! The vertices of a `.ply` as a table of numbers with named columns.
 
-use super::Problem;
-use crate::reading::NumberType;
+use crate::{reading::NumberType, scene::Problem};
+
+/// Comment in the files that this program writes.
+pub(super) const MADE_BY: &str = "written by surgtpgs";
 
 /// One row per vertex.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -232,6 +234,11 @@ impl<'a> Lines<'a> {
             std::str::from_utf8(line).map_err(|_| "this is not a .ply file: its header is not text")?;
         Ok(line.trim_end())
     }
+}
+
+/// Returns `name_0`, `name_1` and so on.
+pub(super) fn numbered(name: &str, n: usize) -> Vec<String> {
+    (0..n).map(|i| format!("{name}_{i}")).collect()
 }
 
 #[cfg(test)]

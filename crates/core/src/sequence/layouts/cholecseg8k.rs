@@ -1,13 +1,16 @@
 //! Raw CholecSeg8K clips: `frame_K_endo.png` and beside it `frame_K_endo_watershed_mask.png`, whose grey
 //! value names the class. No poses, no depth. (Hong et al., CholecSeg8k, 2020, arXiv 2012.12453.)
 
-use crate::sequence::{
-    classes::Class,
-    labels::{LabelCoding, LabelFiles},
-    read,
-    recording::{FrameFiles, MaskRule, Recording},
+use crate::{
+    Result,
+    reading::is_present,
+    sequence::{
+        classes::Class,
+        labels::{LabelCoding, LabelFiles},
+        read,
+        recording::{FrameFiles, MaskRule, Recording},
+    },
 };
-use crate::{Result, reading::is_present};
 use std::path::{Path, PathBuf};
 
 /// Watershed code of the black border around the round picture.

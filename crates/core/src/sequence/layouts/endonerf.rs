@@ -11,14 +11,14 @@
 //!
 //! StereoMIS is recognised by its missing near and far (15 numbers) or by `s` naming the image's centre.
 
-use crate::sequence::{
-    read,
-    recording::{CameraSource, MaskRule, Recording},
-};
 use crate::{
     Error, Result,
     camera::Camera,
     reading::{is_present, npy},
+    sequence::{
+        read,
+        recording::{CameraSource, MaskRule, Recording},
+    },
 };
 use glam::{Affine3A, DAffine3, DMat3, DVec3};
 use std::path::Path;

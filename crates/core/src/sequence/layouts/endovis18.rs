@@ -2,13 +2,13 @@
 //! `labels/`, `labels.json` (here or one folder up), and `camera_calibration.txt`. (Allan et al.
 //! 2020, arXiv 2001.11190.)
 
-use crate::sequence::{
-    read,
-    recording::{CameraSource, Recording},
-};
 use crate::{
     Error, Result,
     reading::{is_present, read_text},
+    sequence::{
+        read,
+        recording::{CameraSource, Recording},
+    },
 };
 use std::path::Path;
 

@@ -1,10 +1,12 @@
 //! A plain folder of pictures, or one with `images/`. `masks/` (white = tool), `depth/`, and `labels/`
 //! with `labels.json` may lie beside them. The demo writes this layout too.
 
-use crate::Result;
-use crate::sequence::{
-    read,
-    recording::{MaskRule, Recording},
+use crate::{
+    Result,
+    sequence::{
+        read,
+        recording::{MaskRule, Recording},
+    },
 };
 use std::path::Path;
 

@@ -2,14 +2,17 @@
 //! kept), `disps/*.npy` from a monocular network or `depth_mu/*.png`, and `test_seg/K/CLASS.png` with one
 //! mask per class for the K-th held-out frame. The camera stands still.
 
-use crate::sequence::{
-    classes::{self, Class, ClassEntry},
-    depth::{DepthKind, DepthRule},
-    labels::LabelFiles,
-    read,
-    recording::{CameraSource, MaskRule, Recording, is_test_frame},
+use crate::{
+    Error, Result,
+    camera::Camera,
+    sequence::{
+        classes::{self, Class, ClassEntry},
+        depth::{DepthKind, DepthRule},
+        labels::LabelFiles,
+        read,
+        recording::{CameraSource, MaskRule, Recording, is_test_frame},
+    },
 };
-use crate::{Error, Result, camera::Camera};
 use std::{
     collections::BTreeSet,
     path::{Path, PathBuf},

@@ -5,16 +5,16 @@
 //! counts `depth_unit_scale_factor` scene units (0.001 unless given). Our own additions, which other programs
 //! ignore: `label_path` per frame and the top-level list `classes` (as in `labels.json`).
 
-use crate::sequence::{
-    classes::{self, ClassEntry},
-    labels::LabelFiles,
-    read,
-    recording::{CameraSource, MaskRule, Recording},
-};
 use crate::{
     Error, Result,
     camera::Camera,
     reading::{is_present, read_text},
+    sequence::{
+        classes::{self, ClassEntry},
+        labels::LabelFiles,
+        read,
+        recording::{CameraSource, MaskRule, Recording},
+    },
 };
 use glam::{DAffine3, DMat3, DVec3};
 use serde::Deserialize;

@@ -4,6 +4,10 @@
 //! supervision mask.
 
 mod regions;
+mod sums;
+mod truth;
+
+pub use truth::Truth;
 
 use crate::{
     raster::{ALPHA_PLANE, DEPTH_PLANE, FEATURE_PLANE},
@@ -14,6 +18,7 @@ use fearless_simd_macros::simd;
 use rayon::prelude::*;
 use regions::Regions;
 use std::ops::Range;
+use sums::{STRIP_ROWS, lane_sum, sign};
 
 /// Weights of the loss terms.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -63,28 +68,6 @@ impl LossWeights {
             ..self.clone()
         }
     }
-}
-
-/// Ground truth that a frame is compared with.
-#[derive(Clone, Copy, Debug)]
-pub struct Truth<'a> {
-    /// Number of columns.
-    pub width: usize,
-    /// Number of rows.
-    pub height: usize,
-    /// Colours r, g, b, plane after plane, 0–255.
-    pub colour: &'a [u8],
-    /// Pixels that are supervised: `true` = supervise.
-    pub mask: &'a [bool],
-    /// Depth: z in scene units, 0 where unknown; empty if there is no depth.
-    pub depth: &'a [f32],
-    /// Row of the latent table for each pixel, [`crate::prepare::NO_REGION`] if none; empty if there are
-    /// no features.
-    pub regions: &'a [u16],
-    /// Table of latent features, [rows][D].
-    pub latents: &'a [f32],
-    /// Typical depth (scene units), which makes the inverse-depth term independent of units.
-    pub typical_depth: f32,
 }
 
 /// Number of terms of the loss.
@@ -260,9 +243,6 @@ impl<'a, T: Real> Plane<'a, T> {
     }
 }
 
-/// Rows per parallel piece. Partial sums are added piece by piece, so that the thread count does not matter.
-const STRIP_ROWS: usize = 16;
-
 /// Σ scale·|plane − target| and Σ scale·|x_i − x_j| over horizontal and vertical neighbours that both
 /// count. Writes the gradient to `g`. `difference(y, out)` writes plane − target of row y, and 0 at
 /// pixels that are not compared.
@@ -339,25 +319,6 @@ fn row_terms<S: Simd, T: Real>(
     let sums = (abs_sum(simd, difference), abs_sum(simd, &across[1..]) + abs_sum(simd, below));
     std::mem::swap(above, below);
     sums
-}
-
-/// Sign of `v`; 0 at 0, unlike `signum`. Written so that it vectorises.
-fn sign<T: Real>(v: T) -> T {
-    let one = |yes: bool| if yes { T::one() } else { T::zero() };
-    one(v > T::zero()) - one(v < T::zero())
-}
-
-/// Σ f(v), in 16 lanes so that it vectorises.
-#[simd]
-fn lane_sum<S: Simd, T: Real, F: Fn(T) -> T>(_: S, values: &[T], f: F) -> T {
-    let (chunks, rest) = values.as_chunks::<16>();
-    let mut lanes = [T::zero(); 16];
-    for chunk in chunks {
-        for (lane, v) in lanes.iter_mut().zip(chunk) {
-            *lane += f(*v);
-        }
-    }
-    lanes.into_iter().chain(rest.iter().map(|v| f(*v))).sum()
 }
 
 #[simd]

@@ -1,6 +1,9 @@
 //! Region smoothness (method §5.4): segmented means over runs of pixels.
 
-use super::{STRIP_ROWS, Truth, lane_sum, sign};
+use super::{
+    sums::{STRIP_ROWS, lane_sum, sign},
+    truth::Truth,
+};
 use crate::real::Real;
 use fearless_simd::{Simd, dispatch};
 use fearless_simd_macros::simd;

@@ -1,0 +1,28 @@
+//! Paths, and files that have several.
+
+use std::{
+    fs::Metadata,
+    path::{Path, PathBuf},
+};
+
+/// Returns `path` from the root on, so that it means the same wherever a program is started; links stay.
+pub fn absolute_path(path: &Path) -> PathBuf {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
+}
+
+/// Returns the absolute path with links resolved, if it exists; else as [`absolute_path`].
+pub fn full_path(path: &Path) -> PathBuf {
+    path.canonicalize().unwrap_or_else(|_| absolute_path(path))
+}
+
+/// Tells if two files are the same one, by what the system says of them.
+#[cfg(unix)]
+pub(super) fn is_same_file(a: &Metadata, b: &Metadata) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    (a.dev(), a.ino()) == (b.dev(), b.ino())
+}
+
+#[cfg(not(unix))]
+pub(super) fn is_same_file(_: &Metadata, _: &Metadata) -> bool {
+    false
+}

@@ -1,0 +1,22 @@
+//! Constants of the rasterizer, shared with the shaders.
+
+/// Edge of a tile, px.
+pub const TILE: usize = 16;
+/// Gaussians nearer than this (scene units) are culled.
+pub const NEAR: f32 = 0.2;
+/// Blur that is added to the diagonal of the 2-D covariance (px²).
+pub const DILATION: f32 = 0.3;
+/// Smallest alpha of a contribution; smaller ones are skipped.
+pub const MIN_ALPHA: f32 = 1.0 / 255.0;
+/// Largest alpha, so that transmittance never reaches zero.
+pub const MAX_ALPHA: f32 = 0.99;
+/// Smallest transmittance; a pixel stops before it would fall below this.
+pub const MIN_TRANSMITTANCE: f32 = 1e-4;
+/// Guard of the EWA Jacobian, which is evaluated within this multiple of the image's half-extent.
+pub const FRUSTUM_GUARD: f32 = 1.3;
+
+/// Smallest accumulated opacity of a pixel whose depth is shown.
+pub const MIN_DEPTH_ALPHA: f32 = 0.5;
+
+/// Smallest half extent of a visible splat (px); 0 means culled.
+pub const MIN_EXTENT: f32 = 1e-6;

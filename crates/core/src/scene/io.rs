@@ -1,0 +1,58 @@
+//! Scenes in files: reads and writes them whole.
+
+use super::{Scene, file, gltf, ply, ply::ReferenceWeights};
+use crate::{
+    Error, Result,
+    files::write_whole,
+    reading::{MOST_BYTES, open_regular, read_regular},
+};
+use std::{io::Read, path::Path};
+
+/// Number of bytes at the beginning of a `.ply` or `.glb` within which it names the program that wrote it.
+const OWN_BYTES: u64 = 1 << 16;
+
+impl Scene {
+    /// Returns `true` if the file at `path` was written by this program: a scene, or a conversion of one.
+    pub fn is_own_file(path: &Path) -> bool {
+        let mut start = Vec::new();
+        let read = open_regular(path).and_then(|file| file.take(OWN_BYTES).read_to_end(&mut start));
+        read.is_ok() && (ply::is_own(&start) || gltf::is_own(&start) || file::is_own(path))
+    }
+    /// Returns the bytes of the scene file.
+    pub fn to_bytes(&self) -> Result<Vec<u8>> {
+        file::to_bytes(self, false)
+    }
+    /// Returns the bytes of the scene file in its compact form: pictures change by about 0.1 dB or less,
+    /// and it is read like any other. If the result is so small that readers would refuse its size, the
+    /// exact form is returned.
+    pub fn to_quantized_bytes(&self) -> Result<Vec<u8>> {
+        let bytes = file::to_bytes(self, true)?;
+        if file::from_bytes(&bytes).is_ok() { Ok(bytes) } else { self.to_bytes() }
+    }
+    /// Writes the complete file.
+    pub fn save(&self, path: &Path) -> Result<()> {
+        write_whole(path, &self.to_bytes()?)
+    }
+    /// Estimates the memory in bytes that [`Self::load`] takes: small files may hold large scenes. An
+    /// unreadable file takes none.
+    pub fn memory_bytes(path: &Path) -> u64 {
+        let Ok(bytes) = read_regular(path, MOST_BYTES) else { return 0 };
+        let read = if bytes.starts_with(ply::MAGIC) { None } else { file::memory_bytes(&bytes) };
+        bytes.len() as u64 + read.unwrap_or(4 * bytes.len() as u64)
+    }
+    /// Reads and validates a file: a scene, or a `.ply` of Gaussians, which is recognised by its content.
+    /// The feature network of a deforming `.ply` is taken from [`LANG_DEFORMATION_FILE`] beside it.
+    pub fn load(path: &Path) -> Result<Self> {
+        let bytes = read_regular(path, MOST_BYTES).map_err(|e| Error::io("read the scene file", path, e))?;
+        let hint = "Choose another scene file, or train the recording again.";
+        let wrong = |what| Error::input_at(path, what, hint);
+        if !bytes.starts_with(ply::MAGIC) {
+            return file::from_bytes(&bytes).map_err(wrong);
+        }
+        let mut scene = ply::from_bytes(&bytes, || ReferenceWeights::beside(path)).map_err(wrong)?;
+        scene.provenance.made_by = format!("imported by SurgTPGS {}", env!("CARGO_PKG_VERSION"));
+        scene.provenance.sequence_name =
+            path.file_stem().map_or(String::new(), |name| name.to_string_lossy().into_owned());
+        Ok(scene)
+    }
+}
