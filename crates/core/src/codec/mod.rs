@@ -32,8 +32,8 @@ const SAME_ROW_COSINE: f32 = 0.999_99;
 const ROWS_AT_ONCE: usize = 256;
 
 /// Encoder (dim → D, unit length) and decoder (D → dim, unit length). The mean and spread by which training
-/// standardises embeddings are folded into the encoder's first layer. There is a ReLU between layers, and none
-/// after the last.
+/// standardises embeddings are folded into the encoder's first layer. There is a ReLU between layers, and
+/// none after the last.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Codec {
     /// Encoder layers in order.

@@ -5,8 +5,8 @@ use std::{
     sync::atomic::{AtomicU64, Ordering},
 };
 
-/// A value with a revision. Values of equal revision are equal: each new value, and each change, gets a number
-/// that no other value of this process has. Clones keep theirs.
+/// A value with a revision. Values of equal revision are equal: each new value, and each change, gets a
+/// number that no other value of this process has. Clones keep theirs.
 #[derive(Clone, Debug)]
 pub struct Revised<T> {
     value: T,

@@ -6,6 +6,7 @@ use crate::{
     train::Step,
 };
 use surgtpgs_core::{
+    Remedy,
     raster::project::Sampling,
     train::{Densify, LossWeights, Model, TrainBackend},
 };
@@ -63,8 +64,10 @@ fn what_cannot_be_cut_is_refused_with_what_to_lower() {
     if gpu().is_none() {
         return;
     }
-    let error = train(small_gpu(64 << 10), &large_step(true)).unwrap_err().to_string();
-    for part in ["the GPU holds at most", "smaller scene or picture", "--backend cpu"] {
-        assert!(error.contains(part), "{error}");
+    let error = train(small_gpu(64 << 10), &large_step(true)).unwrap_err();
+    assert_eq!(error.remedy(), Some(Remedy::UseCpu));
+    let message = error.to_string();
+    for part in ["the GPU holds at most", "smaller scene or picture"] {
+        assert!(message.contains(part), "{message}");
     }
 }

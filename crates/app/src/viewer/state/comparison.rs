@@ -1,5 +1,5 @@
-//! Edits of what prompts are compared with: generic phrases, the recording's other classes, and a prompt's own
-//! "but not".
+//! Edits of what prompts are compared with: generic phrases, the recording's other classes, and a prompt's
+//! own "but not".
 
 use crate::engine::Question;
 use crate::viewer::state::{

@@ -1,4 +1,5 @@
-//! State of single concerns: the user's decisions, the clock, the preferences, their files, and tasks underway.
+//! State of single concerns: the user's decisions, the clock, the preferences, their files, and tasks
+//! underway.
 
 pub(crate) mod autosave;
 mod bookmarks;

@@ -11,7 +11,8 @@ use crate::{
 };
 use surgtpgs_core::Result;
 
-/// Number of splats that a tile's workgroup replays at once; the least memory of a workgroup, 16 KiB, allows 4.
+/// Number of splats that a tile's workgroup replays at once. The least memory of a workgroup, 16 KiB,
+/// allows 4.
 const BATCH: u32 = 4;
 /// Number of moments of dL/d(exponent) in a slot.
 const SLOT_MOMENTS: u32 = 6;
