@@ -62,7 +62,7 @@ pub fn export(
     if let (PictureSource::Original, Some(why)) = (source, engine.recording_missing()) {
         return Err(Error::input(
             format!("the recorded frames are not at hand: {}", why.trim_end_matches('.')),
-            Remedy::FindRecording.after(""),
+            Remedy::FindRecording,
         ));
     }
     if source == PictureSource::Original {
