@@ -38,6 +38,12 @@ impl<T: Into<String>> From<T> for Hint {
     }
 }
 
+impl From<Remedy> for Hint {
+    fn from(remedy: Remedy) -> Self {
+        remedy.after("")
+    }
+}
+
 impl Remedy {
     /// Creates a hint of this remedy and a sentence before it.
     pub fn after(self, text: impl Into<String>) -> Hint {

@@ -557,10 +557,7 @@ impl Engine {
 }
 
 fn no_features() -> Error {
-    Error::input(
-        "this scene was trained without features, so it cannot be asked for words",
-        Remedy::Prepare.after(""),
-    )
+    Error::input("this scene was trained without features, so it cannot be asked for words", Remedy::Prepare)
 }
 
 #[cfg(test)]

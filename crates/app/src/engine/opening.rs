@@ -30,7 +30,7 @@ pub(super) fn open_encoder(scene: &Scene, choice: &EncoderChoice) -> Result<Text
             return Err(Error::input_at(
                 folder,
                 "the text encoder that this scene was prepared with is not there any more",
-                Remedy::OtherEncoder.after(""),
+                Remedy::OtherEncoder,
             ));
         }
         (EncoderChoice::OfScene, Some(folder)) => open_text_encoder(folder)?,

@@ -120,7 +120,7 @@ pub(crate) fn evaluate_masks(
         return Err(Error::input_at(
             sequence.path(),
             "the recording has no label masks to compare with",
-            Remedy::CheckRecording.after(""),
+            Remedy::CheckRecording,
         ));
     }
     let size = (sequence.width(), sequence.height());

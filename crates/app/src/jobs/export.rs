@@ -200,6 +200,6 @@ impl Answers {
 fn not_at_hand(why: &str) -> Error {
     Error::input(
         format!("the recorded frames are not at hand: {}", why.trim_end_matches('.')),
-        Remedy::FindRecording.after(""),
+        Remedy::FindRecording,
     )
 }

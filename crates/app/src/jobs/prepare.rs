@@ -120,7 +120,7 @@ pub fn prepare(
         return Err(Error::input_at(
             sequence.path(),
             "the recording has no label masks to take features from",
-            Remedy::OtherFeatures.after(""),
+            Remedy::OtherFeatures,
         ));
     }
     let text = match &options.encoder {

@@ -50,14 +50,18 @@ pub(super) fn draw(frame: &FrameContent<'_>) -> Result<Vec<File>> {
     let provenance = frame.provenance;
     let slugs = slugs(provenance.prompts.iter().map(|p| p.text.as_str()));
     let draw_one = |part: PictureFile| -> Result<File> {
-        let bytes = match part {
-            (Format::Cutout, Some(p)) => png(&cutout(frame.picture, &frame.masks[p]).into())?,
-            (Format::Binary, Some(p)) => png(&binary(&frame.masks[p]).into())?,
-            (Format::Score, Some(p)) => png(&score(&frame.scores[p]).into())?,
-            (Format::Npy, Some(p)) => npy(&frame.scores[p])?,
-            (Format::Index, _) => png(&index(frame).into())?,
-            (Format::Outline, _) => outline::svg(frame).into_bytes(),
-            _ => png(&frame.overlay().clone().into())?,
+        let (format, prompt) = part;
+        // Formats that are not per prompt have none, and do not look at it.
+        let (mask, scores) = (&frame.masks[prompt.unwrap_or(0)], &frame.scores[prompt.unwrap_or(0)]);
+        let bytes = match format {
+            Format::Cutout => png(&cutout(frame.picture, mask).into())?,
+            Format::Binary => png(&binary(mask).into())?,
+            Format::Score => png(&score(scores).into())?,
+            Format::Npy => npy(scores)?,
+            Format::Overlay => png(&frame.overlay().clone().into())?,
+            Format::Index => png(&index(frame).into())?,
+            Format::Outline => outline::svg(frame).into_bytes(),
+            _ => return Err(Error::input("this format has one file about all frames", "")),
         };
         Ok(File {
             name: name(part, frame.frame, &slugs),

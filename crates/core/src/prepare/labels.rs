@@ -143,7 +143,7 @@ fn region_map(sequence: &Sequence, i: usize, rows: &[u16; 256]) -> Result<Option
                 "labels ({}×{}) or mask ({}×{}) of frame {i} differ in size from the pictures",
                 sizes[0].0, sizes[0].1, sizes[1].0, sizes[1].1
             ),
-            Remedy::CheckRecording.after(""),
+            Remedy::CheckRecording,
         ));
     }
     let row = |(&label, &keep): (&u8, &bool)| if keep { rows[usize::from(label)] } else { NO_REGION };

@@ -349,7 +349,7 @@ impl Trainer {
             values.extend(metrics::psnr_db(&self.render(i)?.to_rgb(), &self.sequence.frame(i)?, Some(&mask)));
         }
         if values.is_empty() {
-            return Err(Error::input("no frame has supervised pixels", Remedy::CheckRecording.after("")));
+            return Err(Error::input("no frame has supervised pixels", Remedy::CheckRecording));
         }
         Ok(values.iter().sum::<f64>() / values.len() as f64)
     }

@@ -244,7 +244,7 @@ impl GpuBackend {
             let done = state[status::DONE as usize] as usize;
             if done < self.pending.len() && state[status::OVERFLOWN as usize] == 0 {
                 // An error that the driver reported meanwhile says more.
-                return Err(Error::input("the GPU left out steps of the training", Remedy::UseCpu.after("")));
+                return Err(Error::input("the GPU left out steps of the training", Remedy::UseCpu));
             }
             let history = resident.history.read(&self.gpu, done)?;
             outcome.dropped += history.iter().filter(|s| s.is_dropped != 0).count();

@@ -33,13 +33,7 @@ pub(super) fn begin(format: Format, file: WholeFile, plan: SeriesPlan<'_>) -> io
         Format::Json => Box::new(table::FrameTable::begin(table::Json::begin(file, plan)?)),
         Format::Coco => Box::new(coco::Coco::begin(file, plan)?),
         Format::Nrrd => Box::new(nrrd::Nrrd::begin(file, plan)?),
-        Format::Cutout
-        | Format::Overlay
-        | Format::Binary
-        | Format::Index
-        | Format::Outline
-        | Format::Score
-        | Format::Npy => return Err(io::Error::other("this format has a file per frame")),
+        _ => return Err(io::Error::other("this format has a file per frame")),
     })
 }
 
