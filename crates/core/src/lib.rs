@@ -22,6 +22,7 @@ pub mod demo;
 
 pub mod codec;
 pub mod mask;
+pub mod meaning;
 pub mod segment;
 
 pub mod prepare;

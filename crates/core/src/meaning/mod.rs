@@ -1,0 +1,301 @@
+//! What the words of a prompt mean: which of a scene's classes, if any.
+//!
+//! Lists of words answer first ([`Vocabulary`]): the names of the classes, then other words for the same,
+//! words for a kind of thing, and all of these with a typing mistake. What is in no list is asked of the text
+//! encoder ([`Space`]), together with what the single words tell. An encoder is only trusted as far as it was
+//! measured to tell meanings apart ([`Calibration`]).
+//!
+//! A prompt without letters, vectors that are not finite or of a wrong length, and encoders that give all
+//! words one vector are no errors: they never find anything.
+
+mod calibration;
+mod classes;
+mod grammar;
+mod logistic;
+mod space;
+mod spelling;
+mod text;
+mod vocabulary;
+mod word_files;
+
+pub use calibration::{Calibration, Fit, Floors};
+pub use classes::ClassWords;
+pub use space::{Encode, Space};
+pub use vocabulary::{Concept, Vocabulary};
+
+use crate::num;
+use calibration::Query;
+use classes::Class;
+use grammar::{KeyFit, Phrase};
+use space::largest;
+use std::fmt;
+use vocabulary::Path;
+
+/// Probability above which a class is meant.
+const MEANT: f32 = 0.5;
+/// Probability that a listed word means its concept.
+const LISTED: f32 = 0.99;
+/// Probability that a word is a misspelt one.
+const MISSPELT: f32 = 0.9;
+
+/// What a prompt means in a scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Meaning {
+    /// The classes that are most probably meant, by number; several if the prompt means a kind of thing or if
+    /// classes have one name. Only classes that training frames show.
+    pub classes: Vec<usize>,
+    /// The probability that they are meant; 0 if there are none.
+    pub probability: f32,
+    /// The class that it looks like to the encoder, if it looks like one that training frames show.
+    pub nearest: Option<usize>,
+    /// What decided.
+    pub reason: Reason,
+}
+
+/// What decided on a meaning.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Reason {
+    /// It is the name of a class.
+    ClassName {
+        /// `true` if a typing mistake was mended.
+        spelled: bool,
+    },
+    /// It is listed.
+    Listed {
+        /// The name of the concept that it is listed under.
+        concept: String,
+        /// `true` if a typing mistake was mended.
+        spelled: bool,
+        /// `true` if it means all classes of a kind.
+        kind: bool,
+    },
+    /// It is in no list; the encoder and the single words decided.
+    Encoder,
+    /// It means this class, which no training frame shows.
+    UnseenClass(usize),
+    /// Nothing is known of it.
+    Unknown,
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mended = |spelled: &bool| if *spelled { ", with a typing mistake" } else { "" };
+        match self {
+            Self::ClassName { spelled } => write!(f, "the name of a class{}", mended(spelled)),
+            Self::Listed { concept, spelled, kind } => {
+                let means = if *kind { "stands for every" } else { "means" };
+                write!(f, "{means} {concept}{}", mended(spelled))
+            }
+            Self::Encoder => write!(f, "judged by the text encoder"),
+            Self::UnseenClass(_) => write!(f, "a class that no training frame shows"),
+            Self::Unknown => write!(f, "not known"),
+        }
+    }
+}
+
+impl Meaning {
+    /// Returns `true` if the prompt more probably means something in the scene than not.
+    pub fn is_found(&self) -> bool {
+        self.probability > MEANT
+    }
+
+    fn nothing(reason: Reason) -> Self {
+        Self { classes: Vec::new(), probability: 0.0, nearest: None, reason }
+    }
+}
+
+/// Tells which of a scene's classes a prompt means.
+#[derive(Clone, Debug)]
+pub struct Interpreter<'v> {
+    vocabulary: &'v Vocabulary,
+    classes: Vec<Class>,
+    calibration: Option<Calibration>,
+}
+
+impl<'v> Interpreter<'v> {
+    /// Creates an interpreter for the classes of a scene. Without a calibration, or with one of another
+    /// vocabulary, the encoder is not trusted.
+    pub fn new(
+        vocabulary: &'v Vocabulary,
+        classes: &[ClassWords],
+        calibration: Option<&Calibration>,
+    ) -> Self {
+        let fitting = calibration.filter(|c| c.vocabulary == vocabulary.sha256());
+        Self { vocabulary, classes: Class::all(vocabulary, classes), calibration: fitting.cloned() }
+    }
+
+    /// Tells what a prompt means from lists of words. `None` if they cannot tell, so that
+    /// [`Self::by_encoder`] has to.
+    pub fn by_words(&self, prompt: &str) -> Option<Meaning> {
+        let phrase = self.vocabulary.phrase(prompt);
+        if phrase.keys.is_empty() {
+            return Some(Meaning::nothing(Reason::Unknown));
+        }
+        if let Some(named) = self.named(&phrase) {
+            return Some(self.meaning(named, 1.0, Reason::ClassName { spelled: false }));
+        }
+        if let Some((concept, path)) = self.vocabulary.look_up(&phrase) {
+            return self.listed(concept, path);
+        }
+        let may_be_name = |class: &Class| class.is_misspelt_as(&phrase);
+        let misspelt = self.classes_that(may_be_name).filter(|_| self.vocabulary.may_be_misspelt(&phrase));
+        misspelt.map(|classes| self.meaning(classes, MISSPELT, Reason::ClassName { spelled: true }))
+    }
+
+    /// Tells what a prompt means from lists of words, and where these cannot tell from its embedding in the
+    /// scene's template.
+    pub fn by_encoder(&self, prompt: &str, embedding: &[f32], space: &Space<'_>) -> Meaning {
+        let by_words = self.by_words(prompt);
+        let Some(query) = self.query(embedding, space) else {
+            return by_words.unwrap_or(Meaning::nothing(Reason::Unknown));
+        };
+        let nearest = self.nearest_to(&query, space);
+        let meaning = by_words.unwrap_or_else(|| self.judged(prompt, query, space));
+        Meaning { nearest, ..meaning }
+    }
+
+    /// Returns the class that a prompt looks like to the encoder, if it is nearer to one than unrelated words
+    /// are. Only classes that training frames show count.
+    pub fn nearest(&self, embedding: &[f32], space: &Space<'_>) -> Option<usize> {
+        self.nearest_to(&self.query(embedding, space)?, space)
+    }
+
+    /// A prompt in a space; `None` if the space is of another vocabulary.
+    fn query(&self, embedding: &[f32], space: &Space<'_>) -> Option<Query> {
+        (space.vocabulary().sha256() == self.vocabulary.sha256()).then(|| space.query(embedding))
+    }
+
+    /// The meaning of a prompt of which lists of words cannot tell.
+    fn judged(&self, prompt: &str, mut query: Query, space: &Space<'_>) -> Meaning {
+        let phrase = self.vocabulary.phrase(prompt);
+        let listed = self.vocabulary.look_up(&phrase);
+        if let Some((concept, _)) = listed {
+            // What it is cannot be a rival of what it may be in this scene.
+            query.concepts[concept] = -1.0;
+        }
+        match (self.likeliest(&phrase, &query, space, listed.is_some()), listed) {
+            (Some((class, probability)), _) if listed.is_none() || probability > MEANT => {
+                let same = self.classes_that(|other| other.is_same(&self.classes[class]));
+                self.meaning(same.unwrap_or_default(), probability, Reason::Encoder)
+            }
+            (_, Some((concept, path))) => Meaning::nothing(self.reason(concept, path, false)),
+            _ => Meaning::nothing(Reason::Unknown),
+        }
+    }
+
+    fn nearest_to(&self, query: &Query, space: &Space<'_>) -> Option<usize> {
+        let calibration = self.calibration_of(space).filter(|c| c.fit.tells_apart)?;
+        let cosines = query.class_cosines(space, &self.classes).into_iter().enumerate();
+        let near = cosines.filter(|(i, cosine)| self.classes[*i].is_seen && *cosine > calibration.floor());
+        near.max_by(|a, b| a.1.total_cmp(&b.1).then_with(|| self.by_name(b.0, a.0))).map(|(i, _)| i)
+    }
+
+    /// The calibration, if it is of the encoder that a space is of.
+    fn calibration_of(&self, space: &Space<'_>) -> Option<&Calibration> {
+        self.calibration
+            .as_ref()
+            .filter(|c| c.encoder == space.encoder() && c.mean.len() == space.mean().len())
+    }
+
+    /// Order of two classes by their names, which decides between equals.
+    fn by_name(&self, a: usize, b: usize) -> std::cmp::Ordering {
+        self.classes[a].name.cmp(&self.classes[b].name)
+    }
+
+    /// The classes that a test accepts, if there are any.
+    fn classes_that(&self, accepts: impl Fn(&Class) -> bool) -> Option<Vec<usize>> {
+        let accepted: Vec<_> = (0..self.classes.len()).filter(|&i| accepts(&self.classes[i])).collect();
+        (!accepted.is_empty()).then_some(accepted)
+    }
+
+    /// The classes that a phrase names. A looser form of it that is a name does not count if a stricter one
+    /// is listed as something else.
+    fn named(&self, phrase: &Phrase) -> Option<Vec<usize>> {
+        for key in &phrase.keys {
+            let named = self.classes_that(|class| class.key == key.text);
+            if named.is_some() || self.vocabulary.at_key(&key.text).is_some() {
+                return named;
+            }
+        }
+        None
+    }
+
+    /// The meaning of words that are listed under a concept; `None` if it is not a class's, and there are
+    /// classes of which no concept is known.
+    fn listed(&self, concept: usize, path: Path) -> Option<Meaning> {
+        let concepts = self.vocabulary.concepts();
+        let reason = |kind| self.reason(concept, path, kind);
+        let probability = if path == Path::Spelling { MISSPELT } else { LISTED };
+        if let Some(same) = self.classes_that(|class| class.concept == Some(concept)) {
+            return Some(self.meaning(same, probability, reason(false)));
+        }
+        if self.vocabulary.is_kind(concept) && path == Path::Key(KeyFit::Exact) {
+            let group = &concepts[concept].group;
+            let of_kind = |class: &Class| class.concept.is_some_and(|other| concepts[other].group == *group);
+            if let Some(kind) = self.classes_that(of_kind) {
+                return Some(self.meaning(kind, probability, reason(true)));
+            }
+        }
+        let all_known = self.classes.iter().all(|class| class.concept.is_some());
+        all_known.then(|| Meaning::nothing(reason(false)))
+    }
+
+    fn reason(&self, concept: usize, path: Path, kind: bool) -> Reason {
+        let concept = self.vocabulary.concepts()[concept].name.clone();
+        Reason::Listed { concept, spelled: path == Path::Spelling, kind }
+    }
+
+    /// A meaning, in which only classes that training frames show are kept.
+    fn meaning(&self, classes: Vec<usize>, probability: f32, reason: Reason) -> Meaning {
+        let first = classes.first().copied();
+        let seen: Vec<_> = classes.into_iter().filter(|&i| self.classes[i].is_seen).collect();
+        match first {
+            Some(unseen) if seen.is_empty() && probability > MEANT => {
+                Meaning::nothing(Reason::UnseenClass(unseen))
+            }
+            _ if seen.is_empty() => Meaning::nothing(reason),
+            _ => Meaning { classes: seen, probability, nearest: None, reason },
+        }
+    }
+
+    /// The class that a phrase in no list means most probably, with the probability. If the phrase is listed
+    /// after all, only classes without a concept count.
+    fn likeliest(
+        &self,
+        phrase: &Phrase,
+        query: &Query,
+        space: &Space<'_>,
+        listed: bool,
+    ) -> Option<(usize, f32)> {
+        let untrusted = Fit::default();
+        let calibration = self.calibration_of(space);
+        let fit = calibration.map_or(&untrusted, |c| &c.fit);
+        let floor = calibration.map_or(1.0, Calibration::floor);
+        let cosines = query.class_cosines(space, &self.classes);
+        let candidates = (0..self.classes.len()).filter(|&i| !listed || self.classes[i].concept.is_none());
+        let odds = candidates.filter_map(|i| {
+            let class = &self.classes[i];
+            let words = class.content.iter().map(String::as_str).collect();
+            let clues = self.vocabulary.clues(phrase, &words, class.concept)?;
+            let lead = cosines[i] - self.best_rival(i, query, &cosines);
+            Some((i, fit.log_odds(clues, cosines[i], lead, floor)))
+        });
+        let order = |a: &(usize, f32), b: &(usize, f32)| {
+            let by_cosine = cosines[a.0].total_cmp(&cosines[b.0]);
+            a.1.total_cmp(&b.1).then(by_cosine).then_with(|| self.by_name(b.0, a.0))
+        };
+        odds.max_by(order).map(|(i, odds)| (i, num::sigmoid(odds)))
+    }
+
+    /// The largest cosine with a concept or class that is not the given class.
+    fn best_rival(&self, class: usize, query: &Query, cosines: &[f32]) -> f32 {
+        let concepts = query.concepts.iter().enumerate();
+        let other_concepts = concepts.filter(|(i, _)| Some(*i) != self.classes[class].concept);
+        let classes = cosines.iter().enumerate();
+        let other_classes = classes.filter(|(i, _)| !self.classes[*i].is_same(&self.classes[class]));
+        largest(other_concepts.chain(other_classes).map(|(_, cosine)| *cosine))
+    }
+}
+
+#[cfg(test)]
+mod tests;
