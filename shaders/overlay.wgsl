@@ -54,7 +54,16 @@ fn mix_by(a: vec3f, b: vec3f, share: f32) -> vec3f {
     return a + (b - a) * clamp(share, 0.0, 1.0);
 }
 
+// Where a dashed contour has a gap.
+fn is_gap(pixel: vec2i) -> bool {
+    return (u32(pixel.x + pixel.y) / DASH) % 2u == 1u;
+}
+
 fn draw_region(base: vec3f, prompt: u32, pixel: vec2i) -> vec3f {
+    let is_dashed = prompts[prompt].is_dashed == 1u;
+    if is_dashed && is_gap(pixel) {
+        return base;
+    }
     let halo = mix_by(base, vec3f(0.0), HALO_DARKNESS * params.outline_opacity);
     let width = i32(CONTOUR_WIDTH);
     let depth = depth_inside(prompt, pixel, width + 1);
@@ -70,7 +79,7 @@ fn draw_region(base: vec3f, prompt: u32, pixel: vec2i) -> vec3f {
     if depth == width + 1 {
         return halo;
     }
-    if params.style == STYLE_FILL {
+    if params.style == STYLE_FILL && !is_dashed {
         return mix_by(base, prompts[prompt].colour, params.opacity);
     }
     return base;

@@ -1,7 +1,8 @@
 // Decoded embeddings and their products with the texts -> scores (method section 9.2); twin:
 // core::relevancy::Exact.
 //
-//   score = sigmoid(temperature * (p - max n)), p and n cosines with the prompt and the negatives
+//   score = sigmoid(temperature * min(max p - max n, largest margin)), p and n cosines with what the prompt
+//   means and with what it is compared with
 //
 // Bindings: crates/render/src/relevancy.rs.
 
@@ -19,6 +20,15 @@ fn inverse_length(row: u32) -> f32 {
     return select(0.0, 1.0 / length, length > 1e-12 && is_finite(length));
 }
 
+// Largest of `count` products from `first` on.
+fn best_product(first: u32, count: u32) -> f32 {
+    var best = products[first];
+    for (var i = 1u; i < count; i++) {
+        best = max(best, products[first + i]);
+    }
+    return best;
+}
+
 @compute @workgroup_size(GROUP)
 fn score(
     @builtin(workgroup_id) group: vec3u,
@@ -30,13 +40,10 @@ fn score(
         return;
     }
     let own = row * params.num_texts + params.first_text;
-    var margin = products[own];
+    var margin = best_product(own, params.num_meant);
     if params.num_negatives > 0u {
-        var best = products[own + 1u];
-        for (var i = 2u; i <= params.num_negatives; i++) {
-            best = max(best, products[own + i]);
-        }
-        margin -= best;
+        margin -= best_product(own + params.num_meant, params.num_negatives);
     }
-    scores[params.first_score + row] = sigmoid(params.temperature * margin * inverse_length(row));
+    margin = min(margin * inverse_length(row), params.largest_margin);
+    scores[params.first_score + row] = sigmoid(params.temperature * margin);
 }

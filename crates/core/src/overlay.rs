@@ -106,7 +106,19 @@ pub struct OverlayPrompt<'a> {
     pub threshold: f32,
     /// The prompt's own colour.
     pub colour: [u8; 3],
+    /// `true` for a dashed contour without a fill: something that is only like what was asked for.
+    pub is_dashed: bool,
 }
+
+impl<'a> OverlayPrompt<'a> {
+    /// A prompt with a contour without gaps.
+    pub fn new(scores: &'a Grid<f32>, threshold: f32, colour: [u8; 3]) -> Self {
+        Self { scores, threshold, colour, is_dashed: false }
+    }
+}
+
+/// Length of a dash and of the gap after it, px along either axis.
+pub const DASH: u32 = 8;
 
 /// Width of a contour, px; the contour lies inside the found region.
 pub const CONTOUR_WIDTH: u32 = 2;
@@ -145,7 +157,10 @@ pub fn overlay(frame: &RgbImage, prompts: &[OverlayPrompt<'_>], look: OverlayLoo
             let pixel = &mut row[3 * x..3 * x + 3];
             let mut colour = [pixel[0], pixel[1], pixel[2]].map(f32::from);
             for (prompt, zones) in prompts.iter().zip(&zones) {
-                colour = zones.draw(x, y, colour, prompt.colour.map(f32::from), (outline_opacity, fill));
+                let fill = if prompt.is_dashed { 0.0 } else { fill };
+                if !(prompt.is_dashed && is_gap(x, y)) {
+                    colour = zones.draw(x, y, colour, prompt.colour.map(f32::from), (outline_opacity, fill));
+                }
             }
             pixel.copy_from_slice(&to_bytes(colour));
         }
@@ -179,6 +194,11 @@ pub fn overlay_layers(
         pixels.filter(|(_, is_instrument)| **is_instrument).for_each(|((drawn, own), _)| *drawn = *own);
     }
     overlay(&drawn, &instruments, look)
+}
+
+/// Returns `true` where a dashed contour has a gap.
+fn is_gap(x: usize, y: usize) -> bool {
+    (x + y) / DASH as usize % 2 == 1
 }
 
 fn to_bytes(colour: [f32; 3]) -> [u8; 3] {
@@ -280,7 +300,7 @@ mod tests {
     fn draw(scores: &Grid<f32>, style: OverlayStyle, opacity: f32) -> RgbImage {
         let frame = RgbImage::from_pixel(scores.width as u32, scores.height as u32, Rgb(GREY));
         let look = OverlayLook { style, opacity, ..Default::default() };
-        overlay(&frame, &[OverlayPrompt { scores, threshold: 0.4, colour: GREEN }], look)
+        overlay(&frame, &[OverlayPrompt::new(scores, 0.4, GREEN)], look)
     }
 
     const HEAT: OverlayLook = OverlayLook {
@@ -314,7 +334,7 @@ mod tests {
     fn a_faint_outline_lets_the_tissue_through() {
         let scores = disc(40);
         let frame = RgbImage::from_pixel(40, 40, Rgb(GREY));
-        let prompt = OverlayPrompt { scores: &scores, threshold: 0.4, colour: GREEN };
+        let prompt = OverlayPrompt::new(&scores, 0.4, GREEN);
         let at = |outline_opacity| {
             let picture = overlay(&frame, &[prompt], OverlayLook { outline_opacity, ..Default::default() });
             [6, 8].map(|x| picture.get_pixel(x, 20).0)
@@ -331,7 +351,7 @@ mod tests {
             Grid::from_vec(8, 8, (0..64).map(|i| if i % 8 < 4 { 0.9 } else { 0.1 }).collect()),
         );
         let frame = RgbImage::from_pixel(8, 8, Rgb(GREY));
-        let prompt = |scores, colour| OverlayPrompt { scores, threshold: 0.4, colour };
+        let prompt = |scores, colour| OverlayPrompt::new(scores, 0.4, colour);
         let prompts = [(prompt(&tool, [0, 0, 200]), true), (prompt(&tissue, GREEN), false)];
         let picture = overlay_layers(&frame, &prompts, None, FILL);
         assert_eq!(*picture.get_pixel(7, 0), Rgb(GREEN));
@@ -354,7 +374,7 @@ mod tests {
     fn heat_is_of_fixed_range_and_grows_with_the_score() {
         let ramp = Grid::from_vec(5, 1, vec![0.0, 0.25, 0.5, 0.75, 1.0]);
         let black = RgbImage::new(5, 1);
-        let prompt = OverlayPrompt { scores: &ramp, threshold: 0.4, colour: GREEN };
+        let prompt = OverlayPrompt::new(&ramp, 0.4, GREEN);
         let picture = overlay(&black, &[prompt], HEAT);
         let light: Vec<u32> = picture.pixels().map(|p| p.0.iter().map(|&v| u32::from(v)).sum()).collect();
         assert!(light.windows(2).all(|pair| pair[0] < pair[1]), "{light:?}");
@@ -370,7 +390,7 @@ mod tests {
     #[test]
     fn the_hotter_of_two_prompts_shows() {
         let (low, high) = (Grid::filled(1, 1, 0.3), Grid::filled(1, 1, 0.5));
-        let prompt = |scores, colour| OverlayPrompt { scores, threshold: 0.4, colour };
+        let prompt = |scores, colour| OverlayPrompt::new(scores, 0.4, colour);
         let picture =
             overlay(&RgbImage::new(1, 1), &[prompt(&high, [200, 0, 0]), prompt(&low, [0, 0, 200])], HEAT);
         assert_eq!(*picture.get_pixel(0, 0), Rgb([100, 0, 0]));
@@ -382,7 +402,7 @@ mod tests {
         let (low, nan, misfit) =
             (Grid::filled(4, 3, 0.4), Grid::filled(4, 3, f32::NAN), Grid::filled(3, 4, 0.9));
         for scores in [&low, &nan, &misfit] {
-            let prompt = OverlayPrompt { scores, threshold: 0.4, colour: GREEN };
+            let prompt = OverlayPrompt::new(scores, 0.4, GREEN);
             assert_eq!(overlay(&frame, &[prompt], FILL), frame);
         }
         assert_eq!(overlay(&frame, &[], HEAT), frame);

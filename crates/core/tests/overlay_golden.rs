@@ -28,7 +28,7 @@ fn drawn(style: OverlayStyle) -> RgbImage {
     let settings = DemoSettings { width: SIZE.0, height: SIZE.1, frames: 4, ..DemoSettings::default() };
     let frame = Demo::new(&settings).unwrap().frame(1).colour;
     let (left, right) = (disc(0.35, 0.45, 0.3), disc(0.65, 0.6, 0.25));
-    let prompt = |scores, colour| OverlayPrompt { scores, threshold: 0.5, colour };
+    let prompt = |scores, colour| OverlayPrompt::new(scores, 0.5, colour);
     let prompts = [prompt(&left, [61, 214, 255]), prompt(&right, [255, 122, 224])];
     overlay(&frame, &prompts, OverlayLook { style, ..OverlayLook::default() })
 }

@@ -69,16 +69,22 @@ shader_struct! {
         embedding_dim: u32,
         /// Number of texts of all queries.
         num_texts: u32,
-        /// Index of the prompt among them; its negatives follow.
+        /// Index of the first text of the query: what the prompt means, then what it is compared with.
         first_text: u32,
-        /// Number of negatives.
+        /// Number of texts that the prompt means, at least one.
+        num_meant: u32,
+        /// Number of texts that it is compared with.
         num_negatives: u32,
         /// Index of the first score.
         first_score: u32,
         /// Sharpness.
         temperature: f32,
+        /// Largest margin.
+        largest_margin: f32,
         /// Padding to a multiple of 16 bytes.
         padding: u32,
+        /// Padding to a multiple of 16 bytes.
+        padding_2: [u32; 2],
     }
 }
 
@@ -115,10 +121,17 @@ impl Layer {
     }
 }
 
-/// Rows of the products of one query: the prompt, then the negatives.
+/// Rows of the products of one query: what it means, then what it is compared with.
 struct Texts {
     first: usize,
+    num_meant: usize,
     num_negatives: usize,
+    largest_margin: f32,
+}
+
+/// Returns `true` if the query fits the codec and means anything.
+fn can_be_found(query: &Query, codec: &Codec) -> bool {
+    !query.meant.is_empty() && query.check(codec).is_ok()
 }
 
 /// Largest number of points that one dispatch decodes.
@@ -150,7 +163,7 @@ impl GpuExact {
     ) -> Result<Vec<Vec<f32>>> {
         let mut scores = vec![vec![0.0; points.len()]; queries.len()];
         let asked: Vec<usize> =
-            (0..queries.len()).filter(|&q| queries[q].check(&self.twin.codec).is_ok()).collect();
+            (0..queries.len()).filter(|&q| can_be_found(&queries[q], &self.twin.codec)).collect();
         if points.latent_dim() != self.twin.codec.latent_dim() || asked.is_empty() {
             return Ok(scores);
         }
@@ -181,9 +194,11 @@ impl GpuExact {
         let mut texts = Vec::new();
         let dim = self.twin.codec.embedding_dim();
         for query in queries {
-            texts.push(Texts { first: flat.len() / dim, num_negatives: query.negatives.len() });
-            flat.extend_from_slice(&query.embedding);
-            query.negatives.iter().for_each(|(_, e)| flat.extend_from_slice(e));
+            let (first, num_meant) = (flat.len() / dim, query.meant.len());
+            query.texts().for_each(|text| flat.extend_from_slice(text));
+            let num_negatives = flat.len() / dim - first - num_meant;
+            let largest_margin = query.largest_margin(temperature);
+            texts.push(Texts { first, num_meant, num_negatives, largest_margin });
         }
         let num_texts = flat.len() / dim;
         let texts_layer = Layer {
@@ -208,10 +223,12 @@ impl GpuExact {
                     embedding_dim: dim as u32,
                     num_texts: num_texts as u32,
                     first_text: text.first as u32,
+                    num_meant: text.num_meant as u32,
                     num_negatives: text.num_negatives as u32,
                     first_score: (q * n + first) as u32,
                     temperature,
-                    padding: 0,
+                    largest_margin: text.largest_margin,
+                    ..Default::default()
                 };
                 let params = uniform(&gpu, &params);
                 let bindings = [

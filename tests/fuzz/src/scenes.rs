@@ -5,7 +5,7 @@ use surgtpgs_core::{
     codec::{Codec, CodecSettings},
     progress::unobserved,
     raster::{CpuRenderer, Renderer},
-    relevancy::{Query, Relevancy, RelevancySettings, best},
+    relevancy::{Query, Relevancy, RelevancySettings, Rivals, best},
     scene::Scene,
     sequence::Class,
     stress,
@@ -40,7 +40,8 @@ fn look_at(scene: &Scene) {
     assert!(images.planes.iter().all(|v| v.is_finite()), "a scene renders to values that are not finite");
     if let (Some(codec), Some((class, embedding))) = (&scene.codec, scene.classes.first()) {
         let settings = RelevancySettings::default();
-        let query = Query::new(&class.name, embedding.clone(), &[], &scene.classes, &settings);
+        let rivals = Rivals::new(scene.classes.iter().map(|(class, e)| (class.name.as_str(), e.as_slice())));
+        let query = Query::new(&class.name, embedding.clone()).among(&rivals, vec![0]);
         if query.check(codec).is_ok() {
             let scores = best(codec.clone()).score(&images, &[query], &settings);
             assert!(scores[0].data.iter().all(|s| (0.0..=1.0).contains(s)), "a score beyond 0 to 1");

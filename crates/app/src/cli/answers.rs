@@ -1,7 +1,7 @@
 //! Answers to prompts, frame by frame.
 
 use super::console::ProgressView;
-use crate::engine::Engine;
+use crate::engine::{Answer, Engine, Negatives, Question, Verdict};
 use std::path::PathBuf;
 use surgtpgs_core::{Result, mask::Region, object::seen_area, raster::MIN_DEPTH_ALPHA};
 
@@ -18,6 +18,14 @@ pub(super) struct Answers {
 #[derive(serde::Serialize, serde::Deserialize)]
 pub(super) struct PromptAnswers {
     pub(super) text: String,
+    /// Verdict on all frames asked: the best one of theirs.
+    pub(super) answer: Verdict,
+    /// Class that is most like the words, if they mean none and any is like them.
+    pub(super) nearest: Option<String>,
+    /// Probability that the words mean something that the scene knows.
+    pub(super) certainty: f32,
+    /// Reason, in a few words.
+    pub(super) why: String,
     pub(super) frames: Vec<FrameAnswer>,
     /// Gaussians that the prompt found, if asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -37,6 +45,9 @@ pub(super) struct FoundGaussians {
 #[derive(serde::Serialize, serde::Deserialize)]
 pub(super) struct FrameAnswer {
     pub(super) frame: usize,
+    pub(super) answer: Verdict,
+    /// Class that is most like the words and is on this frame.
+    pub(super) nearest: Option<String>,
     pub(super) found: bool,
     pub(super) area_px: usize,
     pub(super) area_fraction: f64,
@@ -49,6 +60,13 @@ pub(super) struct FrameAnswer {
 }
 
 impl PromptAnswers {
+    /// Takes the verdict on all frames from those on each.
+    fn conclude(&mut self) {
+        let verdicts = [Verdict::Found, Verdict::Nearest];
+        let seen = |verdict: &Verdict| self.frames.iter().any(|f| f.answer == *verdict);
+        self.answer = verdicts.into_iter().find(seen).unwrap_or(Verdict::Absent);
+    }
+
     pub(super) fn frames_found(&self) -> usize {
         self.frames.iter().filter(|f| f.found).count()
     }
@@ -63,17 +81,22 @@ impl PromptAnswers {
     }
 }
 
-/// Asks the engine's prompts on `frames`.
-pub(super) fn ask(engine: &mut Engine, frames: &[usize]) -> Result<Answers> {
-    let mut prompts: Vec<PromptAnswers> = engine
-        .queries()
-        .iter()
-        .map(|q| PromptAnswers {
-            text: q.prompt.clone(),
-            frames: Vec::with_capacity(frames.len()),
-            gaussians: None,
-        })
-        .collect();
+/// Asks `questions` on `frames`.
+pub(super) fn ask(engine: &mut Engine, questions: &[Question], frames: &[usize]) -> Result<Answers> {
+    engine.set_questions(questions)?;
+    let answers = engine.answers().to_vec();
+    let stand_ins = StandIns::of(questions, &answers);
+    engine.set_questions(&[questions, &stand_ins.questions].concat())?;
+    let blank = |(question, answer): (&Question, &Answer)| PromptAnswers {
+        text: question.text.trim().to_owned(),
+        answer: Verdict::Absent,
+        nearest: answer.nearest.clone(),
+        certainty: answer.certainty,
+        why: answer.why.clone(),
+        frames: Vec::with_capacity(frames.len()),
+        gaussians: None,
+    };
+    let mut prompts: Vec<PromptAnswers> = questions.iter().zip(&answers).map(blank).collect();
     let sources = engine.frame_sources();
     let mut view = ProgressView::default();
     for (done, &frame) in frames.iter().enumerate() {
@@ -82,24 +105,54 @@ pub(super) fn ask(engine: &mut Engine, frames: &[usize]) -> Result<Answers> {
         let scores = engine.scores(&images, &at)?;
         let masks = engine.masks(&scores);
         let depth = images.normalised_depth(MIN_DEPTH_ALPHA);
-        for ((prompt, scores), mask) in prompts.iter_mut().zip(&scores).zip(&masks) {
-            let region = Region::of(scores, mask);
+        for (k, (prompt, answer)) in prompts.iter_mut().zip(&answers).enumerate() {
+            let region = Region::of(&scores[k], &masks[k]);
+            let shows_nearest = stand_ins.places[k].is_some_and(|place| masks[place].count() > 0);
+            let verdict = answer.verdict(region.area_px > 0, shows_nearest);
             prompt.frames.push(FrameAnswer {
                 frame,
+                answer: verdict,
+                nearest: answer.nearest.clone().filter(|_| verdict == Verdict::Nearest),
                 found: region.area_px > 0,
                 area_px: region.area_px,
                 area_fraction: region.area_fraction,
                 max_score: region.max_score,
-                seen_area: seen_area(mask, &depth, &at.camera),
+                seen_area: seen_area(&masks[k], &depth, &at.camera),
                 source: sources.get(frame).cloned(),
             });
         }
         view.count("asking", done + 1, frames.len());
     }
+    prompts.iter_mut().for_each(PromptAnswers::conclude);
+    engine.set_questions(questions)?;
     Ok(Answers {
         prompts,
         threshold: engine.settings().threshold,
         relevancy: engine.relevancy_name().into(),
         renderer: engine.renderer_name(),
     })
+}
+
+/// Classes that prompts are like, asked for themselves.
+struct StandIns {
+    questions: Vec<Question>,
+    /// Place of each prompt's class among all questions.
+    places: Vec<Option<usize>>,
+}
+
+impl StandIns {
+    fn of(questions: &[Question], answers: &[Answer]) -> Self {
+        let none = || Negatives { phrases: Vec::new(), samples: Vec::new(), uses_classes: true };
+        let mut own: Vec<Question> = Vec::new();
+        let places = answers.iter().map(|answer| {
+            let question = Question::words(answer.nearest.clone()?, none());
+            let known = own.iter().position(|other| *other == question).unwrap_or_else(|| {
+                own.push(question);
+                own.len() - 1
+            });
+            Some(questions.len() + known)
+        });
+        let places = places.collect();
+        Self { questions: own, places }
+    }
 }

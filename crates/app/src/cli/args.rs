@@ -56,12 +56,9 @@ impl SceneArgs {
     /// Opens the scene and says what renders it. Prompts are answered as `relevancy` says.
     pub(super) fn open(&self, relevancy: &RelevancyArgs, sequence: Option<PathBuf>) -> Result<Engine> {
         let encoder = relevancy.text_encoder.as_deref().map_or(EncoderChoice::OfScene, encoder_choice);
-        self.open_with(EngineOptions {
-            backend: self.backend,
-            encoder,
-            sequence,
-            relevancy: relevancy.settings(),
-        })
+        let mut engine = self.open_with(EngineOptions { backend: self.backend, encoder, sequence })?;
+        engine.change_settings(|usual| relevancy.settings(usual));
+        Ok(engine)
     }
 
     /// Opens the scene, for pictures alone, and says what renders it.
@@ -82,36 +79,49 @@ pub(super) struct RelevancyArgs {
     /// `builtin`, or the text encoder's folder; needed only if it is not where it was when preparing
     #[arg(long, value_name = "DIR|builtin", value_hint = ValueHint::DirPath)]
     text_encoder: Option<String>,
-    /// Score above which a pixel is found
-    #[arg(long, default_value_t = RelevancySettings::default().threshold, value_parser = unit_number)]
-    threshold: f32,
+    /// Way to understand prompts [default: meaning; paper for scenes of the profile "paper"]
+    #[arg(long, value_enum)]
+    ask_by: Option<AskBy>,
+    /// Score above which a pixel is found [default: 0.5, as likely as not; by the paper 0.4]
+    #[arg(long, value_parser = unit_number)]
+    threshold: Option<f32>,
     /// Sharpness of scores
     #[arg(long, default_value_t = RelevancySettings::default().temperature, value_parser = positive_number)]
     temperature: f32,
     /// Compare prompts with these words as well; may be given several times
     #[arg(long, value_name = "TEXT", num_args = 1.., value_parser = words)]
     negative: Vec<String>,
-    /// Leave out the canonical phrases (object, things, stuff, texture) that prompts are compared with
+    /// Do not use that listed classes without a pixel in training frames are known to be absent
     #[arg(long)]
-    no_canonical: bool,
-    /// Leave out the scene's other classes, as the paper does
-    #[arg(long)]
-    no_class_negatives: bool,
+    forget_unseen: bool,
+}
+
+/// Way to understand prompts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum AskBy {
+    /// The meaning of the words in the scene, against everything that means something else
+    Meaning,
+    /// The words as they are, against those of --negative alone
+    Embedding,
+    /// The paper's way: the words as they are, against the phrases object, things, stuff and texture alone
+    Paper,
 }
 
 impl RelevancyArgs {
-    /// Returns the settings of queries.
-    fn settings(&self) -> RelevancySettings {
-        let standard = RelevancySettings::default();
-        let phrases = if self.no_canonical { Vec::new() } else { standard.phrases };
-        let uses_classes = !self.no_class_negatives;
-        let negatives = Negatives { phrases, samples: Vec::new(), uses_classes }.with(&self.negative);
+    /// Returns the settings of queries; `usual` are those of the scene.
+    fn settings(&self, usual: RelevancySettings) -> RelevancySettings {
+        let standard = match self.ask_by {
+            None => usual,
+            Some(AskBy::Meaning) => RelevancySettings::default(),
+            Some(AskBy::Embedding) => RelevancySettings { class_negatives: false, ..Default::default() },
+            Some(AskBy::Paper) => RelevancySettings::paper(),
+        };
         RelevancySettings {
-            threshold: self.threshold,
+            threshold: self.threshold.unwrap_or(standard.threshold),
             temperature: self.temperature,
-            phrases: negatives.phrases,
-            class_negatives: negatives.uses_classes,
-            min_alpha: standard.min_alpha,
+            phrases: Negatives::of(&standard).with(&self.negative).phrases,
+            knows_unseen: !self.forget_unseen,
+            ..standard
         }
     }
 }
@@ -285,19 +295,33 @@ mod tests {
     }
 
     #[test]
+    fn thresholds_are_those_of_the_way_of_asking_unless_given() {
+        let threshold = |more: &[&str], usual: RelevancySettings| {
+            let line = Line::parse_from(["query", "--prompt", "liver"].iter().chain(more));
+            line.relevancy.settings(usual).threshold
+        };
+        let standard = RelevancySettings::default;
+        assert_eq!((threshold(&[], standard()), threshold(&[], RelevancySettings::paper())), (0.5, 0.4));
+        assert_eq!(threshold(&["--ask-by", "paper"], standard()), 0.4);
+        assert_eq!(threshold(&["--ask-by", "meaning"], RelevancySettings::paper()), 0.5);
+        assert_eq!(threshold(&["--threshold", "0.3"], RelevancySettings::paper()), 0.3);
+    }
+
+    #[test]
     fn a_prompt_is_compared_with_what_is_said_once() {
         let line = |more: &[&str]| {
             let words = ["query", "--prompt", "liver", "fat"];
             let line = Line::parse_from(words.iter().chain(more));
-            line.prompts.questions(&line.relevancy.settings())
+            line.prompts.questions(&line.relevancy.settings(RelevancySettings::default()))
         };
         let phrases = |more: &[&str], k: usize| line(more).unwrap().swap_remove(k).negatives.phrases;
-        assert_eq!(phrases(&[], 0), RelevancySettings::default().phrases);
-        assert_eq!(phrases(&["--negative", "smoke", "Stuff"], 1)[4..], ["smoke"]);
-        assert_eq!(phrases(&["--no-canonical", "--negative", "smoke"], 0), ["smoke"]);
+        assert!(phrases(&[], 0).is_empty());
+        assert_eq!(phrases(&["--ask-by", "paper"], 0), RelevancySettings::CANONICAL);
+        assert_eq!(phrases(&["--ask-by", "paper", "--negative", "smoke", "Stuff"], 1)[4..], ["smoke"]);
+        assert_eq!(phrases(&["--ask-by", "embedding", "--negative", "smoke"], 0), ["smoke"]);
         let exception = ["--but-not", "Liver=bile, smoke", "--negative", "smoke"];
-        assert_eq!(phrases(&exception, 0)[4..], ["smoke", "bile"]);
-        assert_eq!(phrases(&exception, 1)[4..], ["smoke"]);
+        assert_eq!(phrases(&exception, 0), ["smoke", "bile"]);
+        assert_eq!(phrases(&exception, 1), ["smoke"]);
         assert!(line(&["--but-not", "spleen=fat"]).unwrap_err().to_string().contains("\"spleen\""));
         for wrong in ["liver", "=fat", "liver= ,"] {
             assert!(Line::try_parse_from(["query", "--prompt", "liver", "--but-not", wrong]).is_err());

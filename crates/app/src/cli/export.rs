@@ -29,7 +29,7 @@ pub(super) struct ExportArgs {
     scene: SceneArgs,
     /// Prompts to look for
     #[command(flatten)]
-    prompts: PromptArgs,
+    pub(super) prompts: PromptArgs,
     /// Folder to write
     #[arg(short, long, value_name = "DIR")]
     pub(super) output: PathBuf,
@@ -66,6 +66,10 @@ pub(super) struct ExportArgs {
     /// Changes made to masks
     #[command(flatten)]
     clean_up: CleanUpArgs,
+    /// Write, for words that mean nothing in the recording, the class that is most like them, under its own
+    /// name and dashed; otherwise nothing is written for them
+    #[arg(long)]
+    nearest: bool,
     /// Leave the research-use stamp out of overlays, outlines and videos; the record says so
     #[arg(long)]
     no_stamp: bool,
@@ -182,6 +186,12 @@ pub(super) fn export(args: &ExportArgs, completes_same: bool) -> Result<(Engine,
     console::watch_interrupts();
     let mut view = ProgressView::default();
     let summary = jobs::export(&mut engine, &request, &mut |p| view.show(p))?;
+    drop(view);
+    for words in &summary.left_out {
+        let nearest =
+            words.nearest.as_ref().map_or(String::new(), |class| format!("; it looks like {class}"));
+        say(&format!("note: nothing was written for \"{}\": {}{nearest}", words.text, words.why));
+    }
     Ok((engine, summary))
 }
 
@@ -199,6 +209,7 @@ impl ExportArgs {
                 outline_opacity: self.outline_opacity,
                 below_instruments: !self.above_instruments,
             },
+            nearest: self.nearest,
             clean_up: CleanUp {
                 smooth_frames: smooth,
                 fill_holes_px: fill_holes,

@@ -58,7 +58,7 @@ pub(super) fn answers(engine: &mut Engine, answers: &Answers, panel_width: u32) 
         let picture = engine.original(frame)?.unwrap_or_else(|| images.to_rgb());
         let (threshold, colour) = (engine.settings().threshold, PROMPT_COLOURS[k % PROMPT_COLOURS.len()]);
         let drawn: Vec<OverlayPrompt<'_>> =
-            scores.get(k).into_iter().map(|scores| OverlayPrompt { scores, threshold, colour }).collect();
+            scores.get(k).into_iter().map(|scores| OverlayPrompt::new(scores, threshold, colour)).collect();
         let look = OverlayLook { style: OverlayStyle::Fill, opacity: 0.45, ..Default::default() };
         pictures.push(narrowed(overlay(&picture, &drawn, look), panel_width));
     }
@@ -79,9 +79,11 @@ pub(super) fn classes_table(iou: &Iou) -> String {
 /// Returns the table of the frames and areas on which each prompt was found.
 pub(super) fn answers_table(answers: &Answers) -> String {
     let rows = answers.prompts.iter().map(|prompt| {
-        let largest = prompt
-            .largest()
-            .map_or("nothing".into(), |f| format!("{:.1} % of frame {}", 100.0 * f.area_fraction, f.frame));
+        let largest = match (prompt.largest(), &prompt.nearest) {
+            (Some(f), _) => format!("{:.1} % of frame {}", 100.0 * f.area_fraction, f.frame),
+            (None, Some(class)) => format!("nothing; looks like {}", escaped(class)),
+            (None, None) => "nothing".into(),
+        };
         let found = format!("{} of {} frames", prompt.frames_found(), prompt.frames.len());
         vec![escaped(&prompt.text), found, largest, format!("{:.2}", prompt.max_score())]
     });

@@ -92,6 +92,7 @@ fn write_tables(folder: &Path, rows: &[Row<'_>]) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::engine::Verdict;
     use surgtpgs_core::stress;
 
     #[test]
@@ -101,6 +102,8 @@ mod tests {
         scene.provenance.frames_per_second = Some(25.0);
         let frame = |frame| FrameAnswer {
             frame,
+            answer: Verdict::Found,
+            nearest: None,
             found: true,
             area_px: 7,
             area_fraction: 0.1,
@@ -108,8 +111,15 @@ mod tests {
             seen_area: 2.0,
             source: None,
         };
-        let prompt =
-            PromptAnswers { text: "liver".into(), frames: (0..4).map(frame).collect(), gaussians: None };
+        let prompt = PromptAnswers {
+            text: "liver".into(),
+            answer: Verdict::Found,
+            nearest: None,
+            certainty: 1.0,
+            why: String::new(),
+            frames: (0..4).map(frame).collect(),
+            gaussians: None,
+        };
         let rows = follow(&scene, &prompt, &[1, 5, 9, 12, 20]);
         assert_eq!((rows.len(), rows[3].time_s), (4, Some(0.12)));
         assert_eq!((rows[0].moved, rows[0].away), (None, None));

@@ -14,7 +14,7 @@ use clap::{ArgGroup, Args, ValueEnum, ValueHint};
 use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Result,
-    codec::CodecSettings,
+    codec::{CodecKind, CodecSettings},
     prepare::{Prepared, write_langsplat},
     segment::Level,
     sequence::Sequence,
@@ -66,7 +66,10 @@ pub(super) struct PrepareArgs {
     /// Hold every eighth frame out of everything, for evaluation
     #[arg(long)]
     eval: bool,
-    /// Latent numbers per pixel
+    /// Kind of the codec that compresses features
+    #[arg(long, value_enum, default_value_t = CodecArg::Network)]
+    codec: CodecArg,
+    /// Latent numbers per pixel of the network codec
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=16))]
     latent_dim: u32,
     /// Seed of the codec's weights and batches
@@ -132,6 +135,15 @@ impl Run for PrepareArgs {
     }
 }
 
+/// Kind of the codec.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum CodecArg {
+    /// A network with few latent numbers per pixel, trained here
+    Network,
+    /// One latent number for each of up to 16 different features, without training; scores take longer
+    Codebook,
+}
+
 impl PrepareArgs {
     fn options(&self) -> PrepareOptions {
         PrepareOptions {
@@ -139,6 +151,10 @@ impl PrepareArgs {
             eval: self.eval,
             encoder: encoder_choice(&self.text_encoder),
             codec: CodecSettings {
+                kind: match self.codec {
+                    CodecArg::Network => CodecKind::Network,
+                    CodecArg::Codebook => CodecKind::Codebook,
+                },
                 latent_dim: self.latent_dim as usize,
                 seed: self.seed,
                 ..CodecSettings::default()

@@ -7,7 +7,7 @@ use super::{
     objects,
     verb::{Exit, Run},
 };
-use crate::outputs;
+use crate::{engine::Verdict, outputs};
 use clap::Args;
 use std::path::{Path, PathBuf};
 use surgtpgs_core::Result;
@@ -45,12 +45,12 @@ pub(super) struct QueryArgs {
 impl Run for QueryArgs {
     fn run(&self) -> Result<Exit> {
         let mut engine = self.scene.open(&self.relevancy, None)?;
-        engine.set_questions(&self.prompts.questions(engine.settings())?)?;
+        let questions = self.prompts.questions(engine.settings())?;
         let frames = self.frames.of(engine.scene().num_frames())?;
         let inputs = engine.inputs(&self.scene.scene);
         let take = |folder| outputs::folder(folder, outputs::OBJECTS, &inputs, self.force);
         let objects = self.gaussians.as_deref().map(take).transpose()?;
-        let mut answers = ask(&mut engine, &frames)?;
+        let mut answers = ask(&mut engine, &questions, &frames)?;
         if let Some((output, folder)) = objects.zip(self.gaussians.as_deref()) {
             objects::write(&mut engine, &mut answers, output.path(), folder)?;
             output.finish()?;
@@ -73,7 +73,7 @@ impl Run for QueryArgs {
 fn as_text(answers: &Answers, num_frames: usize) -> String {
     let line = |prompt: &PromptAnswers| {
         let found = match prompt.largest() {
-            None => "nothing above the threshold".into(),
+            None => not_found(prompt, num_frames),
             Some(largest) => format!(
                 "found on {} of {num_frames} frames, largest on frame {} ({} px, {:.1} %)",
                 prompt.frames_found(),
@@ -82,11 +82,8 @@ fn as_text(answers: &Answers, num_frames: usize) -> String {
                 100.0 * largest.area_fraction
             ),
         };
-        // A score of 0.5 is a tie with the best of the phrases that the prompt is compared with.
         let caution = match prompt.max_score() {
-            score if score < 0.5 && prompt.frames_found() > 0 => {
-                "; no pixel prefers this phrase to the others"
-            }
+            score if score < 0.5 && prompt.frames_found() > 0 => "; less likely than not",
             _ => "",
         };
         let written = prompt.gaussians.as_ref().map_or(String::new(), |g| {
@@ -97,19 +94,36 @@ fn as_text(answers: &Answers, num_frames: usize) -> String {
     answers.prompts.iter().map(line).collect()
 }
 
+/// Says where a prompt stands that was found on no frame.
+fn not_found(prompt: &PromptAnswers, num_frames: usize) -> String {
+    let nearest = prompt.frames.iter().filter(|f| f.answer == Verdict::Nearest).count();
+    match &prompt.nearest {
+        Some(class) if nearest > 0 => {
+            format!(
+                "not found; looks like {class}, which is on {nearest} of {num_frames} frames ({})",
+                prompt.why
+            )
+        }
+        _ if prompt.certainty > 0.5 => format!("on none of {num_frames} frames ({})", prompt.why),
+        _ => format!("not in this recording ({})", prompt.why),
+    }
+}
+
 fn as_csv(answers: &Answers) -> String {
-    let mut text = String::from("prompt,frame,found,area_px,area_fraction,max_score,source\n");
+    let mut text = String::from("prompt,frame,found,area_px,area_fraction,max_score,source,answer,nearest\n");
     for prompt in &answers.prompts {
         let name = quoted(&prompt.text);
         for f in &prompt.frames {
             text += &format!(
-                "{name},{},{},{},{},{},{}\n",
+                "{name},{},{},{},{},{},{},{},{}\n",
                 f.frame,
                 f.found,
                 f.area_px,
                 f.area_fraction,
                 f.max_score,
-                f.source.as_deref().map_or(String::new(), quoted)
+                f.source.as_deref().map_or(String::new(), quoted),
+                f.answer.name(),
+                f.nearest.as_deref().map_or(String::new(), quoted)
             );
         }
     }

@@ -17,12 +17,15 @@
 //! An engine is `Send`: a worker thread can own it. The result of `scores` belongs to the planes it was
 //! given. A view that was just rendered is not rendered again.
 
+mod answer;
+mod asking;
 mod layers;
 mod machine;
 mod opening;
 mod outside;
 mod question;
 
+pub use answer::{Answer, Verdict};
 pub use layers::Motion;
 pub use machine::BackendChoice;
 pub(crate) use machine::Machine;
@@ -30,15 +33,15 @@ pub(crate) use machine::may_have_gpu;
 pub use question::{Negatives, Question, Sample};
 
 use crate::memory::{Work, require_for};
+use asking::Asking;
 pub use opening::open_text_encoder;
-use opening::{find_recording, open_encoder, open_recording, open_relevancy};
+use opening::{find_recording, open_recording, open_relevancy};
 use outside::{Outside, blank};
+use serde::Deserialize;
 use std::{
-    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
     sync::Arc,
 };
-use surgtpgs_clip::TextEncoder;
 use surgtpgs_core::{
     Error, Remedy, Result,
     camera::Camera,
@@ -53,6 +56,7 @@ use surgtpgs_core::{
     scene::Scene,
     sequence::Sequence,
     summary::Summary,
+    train::Profile,
 };
 use surgtpgs_render::{Asked, GpuRenderer, Mark, Marking, RenderInput, Shown, Wanted};
 
@@ -77,8 +81,6 @@ pub struct EngineOptions {
     pub encoder: EncoderChoice,
     /// Path of the recording; `None`: the place where it was when the scene was trained.
     pub sequence: Option<PathBuf>,
-    /// Settings of queries.
-    pub relevancy: RelevancySettings,
 }
 
 /// A time and a camera to render.
@@ -127,12 +129,7 @@ pub struct Engine {
     travelling: Option<layers::Travelling>,
     relevancy: Option<Fastest>,
     settings: RelevancySettings,
-    encoder_choice: EncoderChoice,
-    /// Opened when the first prompt comes: looking at a scene needs no encoder.
-    encoder: Option<TextEncoder>,
-    prompt_embeddings: BTreeMap<String, Vec<f32>>,
-    phrase_embeddings: BTreeMap<String, Vec<f32>>,
-    queries: Vec<Query>,
+    asking: Asking,
 }
 
 /// The images of a view, with or without features.
@@ -169,8 +166,10 @@ impl Engine {
             Some(path) => Recording::Found(open_recording(&scene, path)?),
             None => find_recording(&scene, beside),
         };
+        let settings = settings_of(&scene);
         Ok(Self {
             relevancy: open_relevancy(&scene),
+            asking: Asking::new(&scene, options.encoder, &settings),
             scene,
             recording,
             machine,
@@ -179,12 +178,7 @@ impl Engine {
             last: None,
             outside: Outside::default(),
             travelling: None,
-            settings: options.relevancy,
-            encoder_choice: options.encoder,
-            encoder: None,
-            prompt_embeddings: BTreeMap::new(),
-            phrase_embeddings: BTreeMap::new(),
-            queries: Vec::new(),
+            settings,
         })
     }
 
@@ -258,7 +252,7 @@ impl Engine {
 
     /// Returns the text encoder in use; `None` before the first prompt.
     pub fn encoder_identity(&self) -> Option<&EncoderIdentity> {
-        self.encoder.as_ref().map(TextEncoder::identity)
+        self.asking.encoder()
     }
 
     /// Returns the view of frame `i` as it was recorded; frames past the end give the last one.
@@ -307,7 +301,7 @@ impl Engine {
         }
         let features = has_lattice && !matches!(ask, Ask::Nothing);
         self.on_a_working_machine(|engine| {
-            let Self { scene, machine: Machine::Gpu(gpu), relevancy, queries, settings, clock, .. } = engine
+            let Self { scene, machine: Machine::Gpu(gpu), relevancy, asking, settings, clock, .. } = engine
             else {
                 return engine.show_by_cpu(view, ask, wanted);
             };
@@ -315,7 +309,7 @@ impl Engine {
             let field_of_view = view.recorded.then_some(&scene.field_of_view);
             let asked = match (ask, relevancy) {
                 (Ask::Now(marking), Some(Fastest::Lattice(lattice))) => {
-                    Some(Asked { lattice, queries, settings, marking })
+                    Some(Asked { lattice, queries: &asking.queries, settings, marking })
                 }
                 _ => None,
             };
@@ -341,6 +335,7 @@ impl Engine {
                 scores,
                 threshold: mark.threshold,
                 colour: mark.colour,
+                is_dashed: mark.is_dashed,
             };
             let prompts: Vec<OverlayPrompt<'_>> = marked().map(prompt).collect();
             let base = base.or(picture.as_ref());
@@ -393,12 +388,24 @@ impl Engine {
 
     /// Returns the prompts being asked, in order, with what each is compared to.
     pub fn queries(&self) -> &[Query] {
-        &self.queries
+        &self.asking.queries
+    }
+
+    /// Returns what the scene says to each prompt, whatever the frame.
+    pub fn answers(&self) -> &[Answer] {
+        &self.asking.answers
     }
 
     /// Returns the settings of queries.
     pub fn settings(&self) -> &RelevancySettings {
         &self.settings
+    }
+
+    /// Changes the settings of queries, which at first are those of the profile that the scene was trained
+    /// with. The prompts are forgotten.
+    pub fn change_settings(&mut self, change: impl FnOnce(RelevancySettings) -> RelevancySettings) {
+        self.settings = change(self.settings.clone());
+        self.asking.forget(&self.scene, &self.settings);
     }
 
     /// Sets the prompts to look for, with the negatives of the settings; see [`Engine::set_questions`].
@@ -408,57 +415,13 @@ impl Engine {
         self.set_questions(&prompts.iter().map(question).collect::<Vec<_>>())
     }
 
-    /// Sets the questions to look for, each compared with its own negatives. Words that were encoded
-    /// before are not encoded again.
+    /// Sets the questions to look for: asks what their words mean in the scene, and lets each compete with
+    /// its own negatives. Words that were encoded before are not encoded again.
     ///
     /// Refuses empty words, a scene without features, and a text encoder other than the one the
     /// scene was prepared with.
     pub fn set_questions(&mut self, questions: &[Question]) -> Result<()> {
-        if questions.is_empty() {
-            self.queries.clear();
-            return Ok(());
-        }
-        if questions.iter().any(|q| q.text.trim().is_empty()) {
-            return Err(Error::input("a prompt is empty", "Give a few words, such as \"gallbladder\"."));
-        }
-        self.encode(questions)?;
-        let queries = questions.iter().map(|q| self.query(q)).collect::<Result<Vec<Query>>>()?;
-        if let Some(codec) = &self.scene.codec {
-            queries.iter().try_for_each(|q| q.check(codec))?;
-        }
-        self.queries = queries;
-        Ok(())
-    }
-
-    /// Returns the query of a question whose words are encoded.
-    fn query(&self, Question { text, like, negatives }: &Question) -> Result<Query> {
-        let text = text.trim();
-        let phrase = |p: &String| (p.clone(), self.phrase_embeddings[p].clone());
-        let mut compared: Vec<(String, Vec<f32>)> = negatives.phrases.iter().map(phrase).collect();
-        for (name, sample) in &negatives.samples {
-            compared.push((name.clone(), self.embedding_of(name, sample)?));
-        }
-        let embedding = match like {
-            Some(sample) => self.embedding_of(text, sample)?,
-            None => self.prompt_embeddings[text].clone(),
-        };
-        let settings = RelevancySettings { class_negatives: negatives.uses_classes, ..self.settings.clone() };
-        Ok(Query::new(text, embedding, &compared, &self.scene.classes, &settings))
-    }
-
-    /// Returns the embedding of a sample. A sample from another scene must be of the same text encoder.
-    fn embedding_of(&self, name: &str, sample: &Sample) -> Result<Vec<f32>> {
-        if sample.encoder_sha256 == self.encoder_sha256() {
-            return Ok(sample.embedding.clone());
-        }
-        Err(Error::input(
-            format!("\"{name}\" is from a scene that was prepared with another text encoder"),
-            "Click on a point of this scene instead.",
-        ))
-    }
-
-    fn encoder_sha256(&self) -> &str {
-        self.scene.encoder.as_ref().map_or("", |e| &e.sha256)
+        self.asking.set(&self.scene, &self.settings, questions)
     }
 
     /// Takes a sample at a pixel of a view; `None` where nothing was reconstructed.
@@ -475,19 +438,19 @@ impl Engine {
         let row = ndarray::Array2::from_shape_vec((1, dim), latent).ok().filter(|_| is_seen);
         Ok(row.map(|row| Sample {
             embedding: codec.decode(row.view()).into_raw_vec_and_offset().0,
-            encoder_sha256: self.encoder_sha256().to_owned(),
+            encoder_sha256: asking::encoder_sha256(&self.scene).to_owned(),
         }))
     }
 
     /// Returns one score image per prompt, from images of `view` with features: 0–1, and 0 in holes and
     /// outside the field of view.
     pub fn scores(&mut self, images: &Images, view: &SceneView) -> Result<Vec<Grid<f32>>> {
-        if self.queries.is_empty() {
+        if self.asking.queries.is_empty() {
             return Ok(Vec::new());
         }
         let relevancy = self.relevancy.as_mut().ok_or_else(no_features)?;
         self.clock.start();
-        let mut scores = relevancy.score(images, &self.queries, &self.settings);
+        let mut scores = relevancy.score(images, &self.asking.queries, &self.settings);
         if view.recorded {
             let outside = self.outside.ranges(images, &self.scene.field_of_view);
             scores.iter_mut().for_each(|s| blank(&mut s.data, outside));
@@ -502,7 +465,7 @@ impl Engine {
         let relevancy = self.relevancy.as_mut().ok_or_else(no_features)?;
         let deformed = deform(&self.scene.gaussians, &self.scene.deformation, time, true);
         let points = Points::of_latents(&deformed.features, self.scene.gaussians.latent_dim);
-        let scores = relevancy.score_points(&points, &self.queries, &self.settings);
+        let scores = relevancy.score_points(&points, &self.asking.queries, &self.settings);
         let RelevancySettings { threshold, min_alpha, .. } = self.settings;
         let is_found = |scores: &[f32], i: usize| scores[i] > threshold && deformed.opacities[i] >= min_alpha;
         let found = |scores: &Vec<f32>| (0..scores.len()).filter(|&i| is_found(scores, i)).collect();
@@ -523,36 +486,14 @@ impl Engine {
     pub fn instruments(&self, i: usize) -> Result<Option<Mask>> {
         self.sequence().map_or(Ok(None), |s| s.instruments(i))
     }
+}
 
-    /// Makes sure that the words of questions, and the phrases that they are compared with, have embeddings.
-    fn encode(&mut self, questions: &[Question]) -> Result<()> {
-        if self.relevancy.is_none() {
-            return Err(no_features());
-        }
-        let words = questions.iter().filter(|q| q.like.is_none());
-        let new_prompts: BTreeSet<&str> = words.map(|q| q.text.trim()).collect();
-        let new_prompts: Vec<&str> =
-            new_prompts.into_iter().filter(|p| !self.prompt_embeddings.contains_key(*p)).collect();
-        let new_phrases: BTreeSet<&String> = questions.iter().flat_map(|q| &q.negatives.phrases).collect();
-        let new_phrases: Vec<String> =
-            new_phrases.into_iter().filter(|p| !self.phrase_embeddings.contains_key(*p)).cloned().collect();
-        if new_prompts.is_empty() && new_phrases.is_empty() {
-            return Ok(());
-        }
-        if self.encoder.is_none() {
-            self.encoder = Some(open_encoder(&self.scene, &self.encoder_choice)?);
-        }
-        let Some(encoder) = &mut self.encoder else { return Ok(()) };
-        if !new_prompts.is_empty() {
-            let embeddings = encoder.encode_prompts(&new_prompts)?;
-            self.prompt_embeddings.extend(new_prompts.iter().map(|p| (*p).to_owned()).zip(embeddings));
-        }
-        if !new_phrases.is_empty() {
-            let words: Vec<&str> = new_phrases.iter().map(String::as_str).collect();
-            let embeddings = encoder.encode_bare(&words)?;
-            self.phrase_embeddings.extend(new_phrases.into_iter().zip(embeddings));
-        }
-        Ok(())
+/// Settings of queries that fit the profile which a scene was trained with.
+fn settings_of(scene: &Scene) -> RelevancySettings {
+    let profile = scene.provenance.settings.get("profile");
+    match profile.and_then(|profile| Profile::deserialize(profile).ok()) {
+        Some(Profile::Paper) => RelevancySettings::paper(),
+        _ => RelevancySettings::default(),
     }
 }
 
@@ -560,5 +501,7 @@ fn no_features() -> Error {
     Error::input("this scene was trained without features, so it cannot be asked for words", Remedy::Prepare)
 }
 
+#[cfg(test)]
+mod asking_tests;
 #[cfg(test)]
 mod tests;

@@ -12,6 +12,8 @@ pub struct Question {
     pub like: Option<Sample>,
     /// Everything else that a pixel is compared with.
     pub negatives: Negatives,
+    /// `true` to look for the class that is most like the words, if they mean none.
+    pub shows_nearest: bool,
 }
 
 /// Everything that a prompt is compared with.
@@ -21,7 +23,7 @@ pub struct Negatives {
     pub phrases: Vec<String>,
     /// Samples of pixels that the prompt is not, with their names.
     pub samples: Vec<(String, Sample)>,
-    /// `true` to compare with the scene's other classes, too.
+    /// `true` to ask what the words mean, and to compare with everything that means something else.
     pub uses_classes: bool,
 }
 
@@ -57,7 +59,7 @@ impl Hash for Sample {
 impl Question {
     /// Creates a question that looks for words.
     pub fn words(text: impl Into<String>, negatives: Negatives) -> Self {
-        Self { text: text.into(), like: None, negatives }
+        Self { text: text.into(), like: None, negatives, shows_nearest: false }
     }
 }
 

@@ -26,15 +26,11 @@ fn asked_engine(backend: BackendChoice) -> Engine {
     let text = |phase: f32| -> Vec<f32> {
         surgtpgs_core::num::normalised(&(0..8).map(|i| (phase + i as f32).sin()).collect::<Vec<_>>()).unwrap()
     };
-    engine.queries = vec![Query {
-        prompt: "liver".into(),
-        embedding: text(0.0),
-        negatives: vec![("object".into(), text(1.3))],
-    }];
+    engine.asking.queries = vec![Query::new("liver", text(0.0)).but_not(vec![("object".into(), text(1.3))])];
     engine
 }
 
-const MARKS: [Mark; 1] = [Mark { threshold: 0.25, colour: [0, 200, 80] }];
+const MARKS: [Mark; 1] = [Mark { threshold: 0.25, colour: [0, 200, 80], is_dashed: false }];
 
 fn shown(engine: &mut Engine, time: f32) -> Shown {
     use surgtpgs_core::overlay::{OverlayLook, OverlayStyle};
@@ -140,14 +136,15 @@ fn a_pixel_is_most_like_itself_and_not_like_what_it_is_not() {
         let negatives =
             Negatives { phrases: Vec::new(), samples: vec![("there".into(), other)], uses_classes: false };
         engine
-            .set_questions(&[Question { text: "here".into(), like: Some(sample.clone()), negatives }])
+            .set_questions(&[Question { like: Some(sample.clone()), ..Question::words("here", negatives) }])
             .unwrap();
         let images = engine.render(&view, true).unwrap();
         let scores = engine.scores(&images, &view).unwrap();
         assert!(scores[0].at(20, 24) > 0.5 && scores[0].at(4, 40) < 0.5);
         let strange = Sample { encoder_sha256: "of another".into(), ..sample };
         let negatives = Negatives { phrases: Vec::new(), samples: Vec::new(), uses_classes: false };
-        let asked = engine.set_questions(&[Question { text: "x".into(), like: Some(strange), negatives }]);
+        let asked =
+            engine.set_questions(&[Question { like: Some(strange), ..Question::words("x", negatives) }]);
         assert!(asked.unwrap_err().to_string().contains("another text encoder"));
     }
 }

@@ -15,6 +15,8 @@ pub(super) struct Classes {
     pub(super) threshold: MaskScores,
     /// Measures of the masks that give each pixel its best class; `None` without scores.
     pub(super) argmax: Option<Argmax>,
+    /// Measures of copied labels.
+    pub(super) copied: MaskScores,
     /// Predicted and labelled class of each pixel, of frames to look at.
     pub(super) frames: Vec<Labelled>,
 }
@@ -38,7 +40,8 @@ const MOST_PICTURES: usize = 24;
 
 impl Classes {
     pub(super) fn new(classes: &[Class]) -> Self {
-        Self { all: classes.to_vec(), threshold: MaskScores::default(), argmax: None, frames: Vec::new() }
+        let (threshold, copied) = <(MaskScores, MaskScores)>::default();
+        Self { all: classes.to_vec(), threshold, argmax: None, copied, frames: Vec::new() }
     }
 
     pub(super) fn is_empty(&self) -> bool {
@@ -96,6 +99,19 @@ impl Classes {
         }
         let (predicted, truth) = (self.indices(&masks), self.places(&labels));
         self.keep_picture(predicted, truth, sequence, frame)
+    }
+
+    /// Adds, as a guess of the labels of `frame`, those of the frame `from`. Does nothing if either has none.
+    pub(super) fn add_copy(&mut self, sequence: &Sequence, frame: usize, from: usize) -> Result<()> {
+        let (Some(truth), Some(guess)) = (sequence.labels(frame)?, sequence.labels(from)?) else {
+            return Ok(());
+        };
+        let keep = sequence.mask(frame)?;
+        for class in self.asked().map(|(_, c)| c.clone()).collect::<Vec<_>>() {
+            let [guess, truth] = [&guess, &truth].map(|labels| labels.map(|&id| id == class.id));
+            self.copied.add(ClassOnFrame::measure(frame, &class.name, &guess, &truth, &keep)?);
+        }
+        Ok(())
     }
 
     fn keep_picture(

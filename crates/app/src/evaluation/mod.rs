@@ -89,6 +89,9 @@ pub(crate) fn evaluate(
         times.scored(started, scores.len());
         let limit = engine.settings().threshold;
         classes.add_scores(&scores, |s| threshold(s, limit), &sequence, frame)?;
+        if let Some(from) = nearest_training_frame(frame, sequence.num_frames(), held_out) {
+            classes.add_copy(&sequence, frame, from)?;
+        }
         observe(observer, done + 1, frames.len())?;
     }
     let ms = times.medians();
@@ -107,6 +110,12 @@ pub(crate) fn evaluate(
         ..EvalReport::of(&rows, held_out, &classes)
     };
     Ok(Evaluation { report, frames: rows, classes })
+}
+
+/// Returns the frame nearest to `frame`, and not itself, that training may see; the earlier one of two.
+fn nearest_training_frame(frame: usize, num_frames: usize, held_out: bool) -> Option<usize> {
+    let may_see = |i: usize| i != frame && !(held_out && Sequence::is_test_frame(i));
+    (0..num_frames).filter(|&i| may_see(i)).min_by_key(|i| i.abs_diff(frame))
 }
 
 /// Scores masks that another program made, on the frames that it made some for.

@@ -28,6 +28,9 @@ pub(crate) struct EvalReport {
     /// `None` without labels or features.
     pub(crate) iou: Option<Iou>,
     pub(crate) masks: Option<Masks>,
+    /// The same measures of a copy of the labels of the nearest training frame, for comparison; `None` if no
+    /// such frame has labels.
+    pub(crate) copied_labels: Option<Copied>,
     pub(crate) ms: Option<Milliseconds>,
     pub(crate) fps: Option<Fps>,
     pub(crate) training: Option<Training>,
@@ -50,6 +53,13 @@ pub(crate) struct Masks {
     pub(crate) threshold: MaskSummary,
     /// Masks that give each pixel the class of the highest score, the background among the classes.
     pub(crate) argmax: Option<MaskSummary>,
+}
+
+/// Measures of copied labels.
+#[derive(serde::Serialize)]
+pub(crate) struct Copied {
+    pub(crate) iou: Iou,
+    pub(crate) masks: MaskSummary,
 }
 
 /// Frames per second, one after the other: rendering, one prompt on a rendered frame, both.
@@ -109,6 +119,10 @@ impl EvalReport {
                 threshold: classes.threshold.summary(),
                 argmax: classes.argmax.as_ref().map(|a| a.scores.summary()),
             }),
+            copied_labels: (has_classes && !classes.copied.rows().is_empty()).then(|| Copied {
+                iou: Iou { paper: classes.copied.paper(), strict: classes.copied.strict() },
+                masks: classes.copied.summary(),
+            }),
             ms: None,
             fps: None,
             training: None,
@@ -147,19 +161,7 @@ pub(crate) fn as_text(report: &EvalReport) -> String {
     if report.lpips.is_some() {
         text += &format!("LPIPS       {}\n", value(report.lpips, ""));
     }
-    if let Some(iou) = &report.iou {
-        text += &format!(
-            "IoU         {} (paper), {} (strict)\n",
-            value(iou.paper.mean, ""),
-            value(iou.strict.mean, "")
-        );
-        for (name, strict) in &iou.strict.classes {
-            text += &format!(
-                "  {name}: {} (paper), {strict:.3} (strict)\n",
-                value(iou.paper.classes.get(name).copied(), "")
-            );
-        }
-    }
+    text += &classes_as_text(report);
     for (name, summary) in report.masks.iter().flat_map(|m| {
         [Some(("threshold", &m.threshold)), m.argmax.as_ref().map(|a| ("argmax", a))].into_iter().flatten()
     }) {
@@ -183,6 +185,34 @@ pub(crate) fn as_text(report: &EvalReport) -> String {
             ms.frame,
             fps.frame,
         );
+    }
+    text
+}
+
+/// Writes what is found of classes: first what sceptics ask for, each figure beside that of copied labels.
+fn classes_as_text(report: &EvalReport) -> String {
+    let value = |v: Option<f64>| v.map_or("unknown".into(), |v| format!("{v:.3}"));
+    let (Some(iou), Some(masks)) = (&report.iou, &report.masks) else { return String::new() };
+    let copied = report.copied_labels.as_ref();
+    let beside = |v: fn(&Copied) -> Option<f64>| {
+        copied.map_or(String::new(), |c| format!(" (copied labels: {})", value(v(c))))
+    };
+    let absent = &masks.threshold.all.absent;
+    let mut text = format!(
+        "absent      found on {} of {} pairs of frame and class that is not there, {} with a speck{}\n\
+         IoU         {} strict{}, {} by the paper's protocol{}\n",
+        value(absent.false_find_rate),
+        absent.pairs,
+        value(absent.false_positive_rate),
+        beside(|c| c.masks.all.absent.false_find_rate),
+        value(iou.strict.mean),
+        beside(|c| c.iou.strict.mean),
+        value(iou.paper.mean),
+        beside(|c| c.iou.paper.mean),
+    );
+    for (name, strict) in &iou.strict.classes {
+        let paper = value(iou.paper.classes.get(name).copied());
+        text += &format!("  {name}: {strict:.3} strict, {paper} by the paper's protocol\n");
     }
     text
 }

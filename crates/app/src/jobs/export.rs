@@ -12,7 +12,7 @@ use std::{
 };
 use surgtpgs_core::{
     Error, Remedy, Result,
-    export::{Export, ExportOptions, ExportPrompt, ExportSummary, PictureSource, Provenance},
+    export::{Export, ExportOptions, ExportPrompt, ExportSummary, LeftOut, PictureSource, Provenance},
     files::{Claim, Earlier, OutputFolder},
     grid::Grid,
     hash::file_sha256,
@@ -75,9 +75,8 @@ pub fn export(
     observer: &mut Observer<'_>,
 ) -> Result<ExportSummary> {
     let ExportRequest { scene, options, .. } = request;
-    let questions: Vec<Question> = request.questions.iter().map(|q| q.question.clone()).collect();
-    engine.set_questions(&questions)?;
-    let provenance = provenance(engine, request)?;
+    let chosen = Chosen::of(engine, request)?;
+    let provenance = provenance(engine, request, chosen)?;
     let inputs = engine.inputs(scene);
     let is_same = |there: &Path| Export::is_of(there, &provenance);
     let claim = Claim {
@@ -113,9 +112,59 @@ pub fn export(
     Ok(summary)
 }
 
+/// The prompts that are written, which the engine is asked, and those that are not.
+struct Chosen {
+    /// Each with the words that it stands for, if it is only the class nearest to them.
+    written: Vec<(ExportQuestion, Option<String>)>,
+    left_out: Vec<LeftOut>,
+}
+
+impl Chosen {
+    /// Asks the engine, and chooses. Fails if nothing is left to write.
+    fn of(engine: &mut Engine, request: &ExportRequest) -> Result<Self> {
+        let questions: Vec<Question> = request.questions.iter().map(|q| q.question.clone()).collect();
+        engine.set_questions(&questions)?;
+        let mut chosen = Self { written: Vec::new(), left_out: Vec::new() };
+        for (asked, answer) in request.questions.iter().zip(engine.answers()) {
+            let words = asked.question.text.trim().to_owned();
+            let is_nearest = asked.question.shows_nearest || request.options.nearest;
+            match &answer.nearest {
+                _ if answer.may_be_found(asked.threshold) => chosen.written.push((asked.clone(), None)),
+                Some(class) if is_nearest => {
+                    let question = Question { shows_nearest: true, ..asked.question.clone() };
+                    let text = class.clone();
+                    let nearest = ExportQuestion { question: Question { text, ..question }, ..asked.clone() };
+                    chosen.written.push((nearest, Some(words)));
+                }
+                nearest => {
+                    let (nearest, why) = (nearest.clone(), answer.why.clone());
+                    chosen.left_out.push(LeftOut { text: words, nearest, why });
+                }
+            }
+        }
+        if chosen.written.is_empty() {
+            return Err(nothing_to_write(&chosen.left_out));
+        }
+        let questions: Vec<Question> =
+            chosen.written.iter().map(|(asked, _)| asked.question.clone()).collect();
+        engine.set_questions(&questions)?;
+        Ok(chosen)
+    }
+}
+
+fn nothing_to_write(left_out: &[LeftOut]) -> Error {
+    let one = |words: &LeftOut| match &words.nearest {
+        Some(class) => format!("\"{}\" looks like {class}", words.text),
+        None => format!("\"{}\": {}", words.text, words.why),
+    };
+    let all: Vec<String> = left_out.iter().map(one).collect();
+    let what = format!("nothing of this is in the recording ({})", all.join("; "));
+    Error::input(what, "Ask for what is there, or for the nearest class in its stead.")
+}
+
 /// Returns the record of how the files are made. Fails if the recorded frames are wanted and not at hand.
-fn provenance(engine: &Engine, request: &ExportRequest) -> Result<Provenance> {
-    let ExportRequest { scene, questions, options, .. } = request;
+fn provenance(engine: &Engine, request: &ExportRequest, chosen: Chosen) -> Result<Provenance> {
+    let ExportRequest { scene, options, .. } = request;
     let wants_recording = options.source == PictureSource::Original;
     if let (true, Some(why)) = (wants_recording, engine.recording_missing()) {
         return Err(not_at_hand(why));
@@ -126,18 +175,21 @@ fn provenance(engine: &Engine, request: &ExportRequest) -> Result<Provenance> {
     let encoder = engine
         .encoder_identity()
         .ok_or_else(|| Error::input("there is no prompt to export", "Give at least one."))?;
-    let prompt = |(asked, query): (&ExportQuestion, &Query)| ExportPrompt {
+    let prompt = |((asked, stands_for), query): ((ExportQuestion, Option<String>), &Query)| ExportPrompt {
         text: query.prompt.clone(),
         threshold: asked.threshold,
         colour: asked.colour,
-        negatives: query.negatives.iter().map(|(words, _)| words.clone()).collect(),
+        negatives: query.compared_with().map(str::to_owned).collect(),
         is_instrument: asked.is_instrument,
+        certainty: Some(query.certainty),
+        stands_for,
     };
-    let prompts = questions.iter().zip(engine.queries()).map(prompt).collect();
+    let prompts = chosen.written.into_iter().zip(engine.queries()).map(prompt).collect();
     let names = (engine.renderer_name(), engine.relevancy_name());
     let (hash, settings) = (file_sha256(scene)?, engine.settings().clone());
     let mut provenance =
         Provenance::new(engine.scene(), hash, encoder, settings, names, prompts, options.clone());
+    provenance.left_out = chosen.left_out;
     // Older scenes do not hold the identity of their recording.
     provenance.sequence_frame_names = engine.frame_sources();
     if let (None, true, Some(sequence)) = (&provenance.sequence_sha256, wants_recording, engine.sequence()) {

@@ -1,11 +1,12 @@
 //! Features and codec of a recording.
 
-use super::Observer;
+use super::{Observer, Progress};
 use crate::{
     engine::{EncoderChoice, open_text_encoder},
     memory::{Work, require_for},
     outputs,
 };
+use half::f16;
 use image::RgbImage;
 use std::path::{Path, PathBuf};
 use surgtpgs_clip::{DepthNetwork, FeatureNetwork, ImageEncoder, SegmentAnything, TextEncoder};
@@ -13,6 +14,7 @@ use surgtpgs_core::{
     Error, Remedy, Result,
     codec::CodecSettings,
     files::{Claim, Earlier, Inputs, OutputFolder, full_path},
+    meaning::{Calibration, ClassWords, Space, Vocabulary},
     prepare::{
         Estimator, FrameFeatures, MASKS_AND_EMBEDDINGS, MaskStore, Origin, Prepared, estimate_depth,
         holds_langsplat, prepare_from_features, prepare_from_labels, read_langsplat,
@@ -20,6 +22,9 @@ use surgtpgs_core::{
     segment::{BitMask, Level, MaskSettings},
     sequence::Sequence,
 };
+
+/// Number of words of the vocabulary that are encoded between two reports of progress.
+const WORDS_AT_ONCE: usize = 64;
 
 /// Options to prepare a recording with.
 #[derive(Clone, Debug, Default)]
@@ -123,7 +128,7 @@ pub fn prepare(
             Remedy::OtherFeatures,
         ));
     }
-    let text = match &options.encoder {
+    let mut text = match &options.encoder {
         EncoderChoice::Folder(folder) => open_text_encoder(folder)?,
         EncoderChoice::Builtin | EncoderChoice::OfScene => TextEncoder::builtin()?,
     };
@@ -133,15 +138,41 @@ pub fn prepare(
         Some(model) => with_depth(sequence, folder, model, options.eval, observer)?,
         None => sequence,
     };
-    let preparation = Preparation { sequence, folder, options, text };
-    match features {
+    let preparation = Preparation { sequence, folder, options, text: &mut text };
+    let mut prepared = match features {
         Features::Labels => preparation.by_labels(observer),
         Features::Masks { model, image, settings, level } => {
             preparation.by_masks(*model, image, settings, level, observer)
         }
         Features::Dense(network) => preparation.by_maps(network, observer),
         Features::LangSplat { folder, level } => preparation.by_langsplat(folder, level, observer),
-    }
+    }?;
+    calibrate(&mut prepared, &mut text, observer)?;
+    Ok(prepared)
+}
+
+/// Measures how far the text encoder tells words apart, and keeps that in the prepared folder. An encoder
+/// that cannot read the vocabulary is not measured; of its scenes only listed words are understood.
+fn calibrate(prepared: &mut Prepared, text: &mut TextEncoder, observer: &mut Observer<'_>) -> Result<()> {
+    let sha256 = text.identity().sha256.clone();
+    let mut vectors = Vec::new();
+    let mut encode = |words: &[&str]| {
+        let mut rows = Vec::with_capacity(words.len());
+        for part in words.chunks(WORDS_AT_ONCE) {
+            Progress::new("encoding words", rows.len(), words.len()).tell(observer)?;
+            rows.extend(text.encode_prompts(part)?);
+        }
+        vectors.extend(rows.iter().flatten().map(|v| f16::from_f32(*v)));
+        Ok(rows)
+    };
+    let space = match Space::new(Vocabulary::standard(), &sha256, &mut encode) {
+        Err(Error::Cancelled) => return Err(Error::Cancelled),
+        Err(_) => return Ok(()),
+        Ok(space) => space,
+    };
+    let classes: Vec<ClassWords> =
+        prepared.classes.iter().map(|(class, row)| ClassWords::seen(&class.name, row)).collect();
+    prepared.keep_words(Calibration::measure(&space, &classes), vectors)
 }
 
 /// Estimates depth, which is kept beside the features.
@@ -204,11 +235,11 @@ struct Preparation<'a> {
     sequence: Sequence,
     folder: &'a Path,
     options: &'a PrepareOptions,
-    text: TextEncoder,
+    text: &'a mut TextEncoder,
 }
 
 impl Preparation<'_> {
-    fn by_labels(mut self, observer: &mut Observer<'_>) -> Result<Prepared> {
+    fn by_labels(self, observer: &mut Observer<'_>) -> Result<Prepared> {
         let names: Vec<&str> = self.sequence.classes().iter().map(|c| c.name.as_str()).collect();
         let embeddings = self.text.encode_prompts(&names)?;
         let identity = self.text.identity().clone();

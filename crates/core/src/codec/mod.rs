@@ -4,10 +4,11 @@
 //! There are two ways of training for the same stored form. Many different rows (features of image masks)
 //! get an ordinary autoencoder, [`train_autoencoder`]. A handful of rows (the class names of labelled
 //! frames) get latents spread over the sphere and a decoder that snaps noisy and blended latents to the
-//! nearest class, [`train_classes`].
+//! nearest class, [`train_classes`]. Up to 16 rows can have a [`codebook`] instead, which needs no training.
 
 mod autoencoder;
 mod classes;
+mod codebook;
 mod mlp;
 mod settings;
 mod sphere;
@@ -15,12 +16,13 @@ mod sphere;
 use crate::{Error, Result, num, progress::Observer};
 use autoencoder::train_autoencoder;
 use classes::train_classes;
+use codebook::codebook;
 use ndarray::{Array2, ArrayD, ArrayView2, ArrayViewD, Axis, Ix1, Ix2};
 use rayon::prelude::*;
 
 pub use mlp::Linear;
 pub(crate) use mlp::{apply, normal, normalise_rows};
-pub use settings::CodecSettings;
+pub use settings::{CodecKind, CodecSettings};
 
 /// Largest number of different rows for which latents are spread over the sphere and the decoder snaps to
 /// them.
@@ -58,12 +60,15 @@ impl Codec {
         let rows = normalise_rows(rows.to_owned());
         let groups = same_rows(&rows);
         let num_classes = groups.iter().max().map_or(0, |g| g + 1);
-        let trained = if num_classes <= MAX_CLASSES {
-            let first = |g| groups.iter().position(|&other| other == g).unwrap_or(0);
-            let firsts: Vec<usize> = (0..num_classes).map(first).collect();
-            train_classes(rows.select(Axis(0), &firsts).view(), settings, observer)
-        } else {
-            train_autoencoder(rows.view(), weights, settings, observer)
+        let first = |g| groups.iter().position(|&other| other == g).unwrap_or(0);
+        let firsts: Vec<usize> = (0..num_classes).map(first).collect();
+        let distinct = rows.select(Axis(0), &firsts);
+        let trained = match settings.kind {
+            CodecKind::Codebook => codebook(distinct.view()),
+            CodecKind::Network if num_classes <= MAX_CLASSES => {
+                train_classes(distinct.view(), settings, observer)
+            }
+            CodecKind::Network => train_autoencoder(rows.view(), weights, settings, observer),
         };
         trained.map(|(encoder, decoder)| Self { encoder, decoder })
     }

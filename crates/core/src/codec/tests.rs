@@ -6,7 +6,36 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::path::PathBuf;
 
-const QUICK: CodecSettings = CodecSettings { latent_dim: 3, steps: 300, seed: 0 };
+const QUICK: CodecSettings = CodecSettings { kind: CodecKind::Network, latent_dim: 3, steps: 300, seed: 0 };
+
+#[test]
+fn a_codebook_keeps_rows_exactly_and_never_blends_two_into_a_third() {
+    let rows = alike_rows(12, 64, 0.85, 5);
+    let settings = CodecSettings { kind: CodecKind::Codebook, ..QUICK };
+    let codec = Codec::train(rows.view(), &[1.0; 12], &settings, &mut unobserved).unwrap();
+    codec.validate().unwrap();
+    let latents = codec.encode(rows.view());
+    assert_eq!(codec.latent_dim(), 12);
+    let decoded = codec.decode(latents.view());
+    for (k, row) in rows.outer_iter().enumerate() {
+        assert!(latents[[k, k]] > 0.999 && decoded.row(k).dot(&row) > 0.9999, "{k}");
+    }
+    for (a, b) in [(0, 1), (3, 7), (10, 11)] {
+        for share in [0.1, 0.3, 0.45, 0.55, 0.9_f32] {
+            let blend = (&latents.row(a) * share + &latents.row(b) * (1.0 - share)).insert_axis(Axis(0));
+            let cosines = rows.dot(&codec.decode(blend.view()).row(0));
+            let nearest = (0..12).max_by(|&i, &j| cosines[i].total_cmp(&cosines[j])).unwrap();
+            assert_eq!(nearest, if share > 0.5 { a } else { b });
+        }
+    }
+    let many = alike_rows(17, 64, 0.5, 6);
+    let refused = Codec::train(many.view(), &[1.0; 17], &settings, &mut unobserved).unwrap_err();
+    assert!(refused.to_string().contains("17"));
+    // Rows that are alike, or the same, are one entry.
+    let same = rows.select(Axis(0), &[0, 0, 1]);
+    let codec = Codec::train(same.view(), &[1.0; 3], &settings, &mut unobserved).unwrap();
+    assert_eq!(codec.latent_dim(), 2);
+}
 
 /// `n` unit rows with a shared part, so that their cosines are near `cosine`.
 fn alike_rows(n: usize, dim: usize, cosine: f32, seed: u64) -> Array2<f32> {
@@ -91,7 +120,7 @@ fn one_row_repeated_rows_and_other_latent_sizes_work() {
         let mut table = alike_rows(rows, 24, 0.6, 5);
         let again = table.row(0).to_owned();
         table.push_row(again.view()).unwrap();
-        let settings = CodecSettings { latent_dim, steps: 40, seed: 1 };
+        let settings = CodecSettings { kind: CodecKind::Network, latent_dim, steps: 40, seed: 1 };
         let codec = Codec::train(table.view(), &vec![1.0; rows + 1], &settings, &mut unobserved).unwrap();
         let latents = codec.encode(table.view());
         assert_eq!(latents.dim(), (rows + 1, latent_dim));

@@ -4,7 +4,7 @@ use super::{ExportPrompt, Provenance, stamp};
 use crate::{
     grid::{Grid, Mask},
     mask,
-    overlay::{OverlayPrompt, overlay_layers},
+    overlay::overlay_layers,
 };
 use image::{RgbImage, imageops};
 use std::{borrow::Cow, sync::OnceLock};
@@ -105,9 +105,7 @@ impl<'a> FrameContent<'a> {
 
     fn draw_over(&self, picture: &RgbImage, scores: &[Grid<f32>]) -> RgbImage {
         let options = &self.provenance.options;
-        let layer = |(scores, p): (_, &ExportPrompt)| {
-            (OverlayPrompt { scores, threshold: p.threshold, colour: p.colour }, p.is_instrument)
-        };
+        let layer = |(scores, p): (_, &ExportPrompt)| (p.drawn(scores), p.is_instrument);
         let layers: Vec<_> = scores.iter().zip(&self.provenance.prompts).map(layer).collect();
         overlay_layers(picture, &layers, self.tools, options.look)
     }

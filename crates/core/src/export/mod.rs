@@ -23,7 +23,7 @@ mod slugs;
 mod stamp;
 
 pub use format::{Format, FormatGroup, num_files};
-pub use options::{ExportOptions, ExportPrompt, PictureSource};
+pub use options::{ExportOptions, ExportPrompt, LeftOut, PictureSource};
 pub use provenance::{ExportedFile, FILE_NAME as PROVENANCE_FILE, Provenance, intended_use};
 pub use slugs::{distinct, slugs};
 
@@ -67,7 +67,7 @@ struct OpenSeries {
 }
 
 /// Result of an export.
-#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct ExportSummary {
     /// `true` if every requested frame is there.
     pub complete: bool,
@@ -77,6 +77,8 @@ pub struct ExportSummary {
     pub skipped_frames: usize,
     /// Number of files of the export, without `provenance.json` and `labels.json`.
     pub files: usize,
+    /// Words of which nothing was written, because they mean nothing in the recording.
+    pub left_out: Vec<LeftOut>,
 }
 
 impl Export {
@@ -190,6 +192,7 @@ impl Export {
             frames: self.frames.len(),
             skipped_frames: self.skipped,
             files: self.record.files.iter().filter(|f| f.name != labels_name()).count(),
+            left_out: self.record.provenance.left_out.clone(),
         })
     }
 

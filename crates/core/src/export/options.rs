@@ -1,7 +1,11 @@
 //! Options of an export.
 
 use super::format::Format;
-use crate::{mask::CleanUp, overlay::OverlayLook};
+use crate::{
+    grid::Grid,
+    mask::CleanUp,
+    overlay::{OverlayLook, OverlayPrompt},
+};
 
 /// Pictures that the masks are applied to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -29,6 +33,8 @@ pub struct ExportOptions {
     /// Style of the overlays.
     #[serde(flatten)]
     pub look: OverlayLook,
+    /// `true` to write, for words that mean nothing in the recording, the class that is most like them.
+    pub nearest: bool,
     /// Clean-up of masks before anything is written. Scores are written without it, apart from
     /// smoothing over time.
     pub clean_up: CleanUp,
@@ -42,6 +48,7 @@ impl Default for ExportOptions {
             exclusive: false,
             stamp: true,
             look: OverlayLook::default(),
+            nearest: false,
             clean_up: CleanUp::default(),
         }
     }
@@ -61,4 +68,39 @@ pub struct ExportPrompt {
     /// `true` if its regions lie over those of the other prompts.
     #[serde(default)]
     pub is_instrument: bool,
+    /// Probability that the words mean something that the scene knows, 0–1; absent in older records.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub certainty: Option<f32>,
+    /// The words that were asked for, if they mean nothing in the recording and this is only the class that is
+    /// most like them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stands_for: Option<String>,
+}
+
+impl ExportPrompt {
+    /// The prompt's scores on a frame as they are drawn: dashed if it only stands for other words.
+    pub(super) fn drawn<'a>(&self, scores: &'a Grid<f32>) -> OverlayPrompt<'a> {
+        let is_dashed = self.stands_for.is_some();
+        OverlayPrompt { scores, threshold: self.threshold, colour: self.colour, is_dashed }
+    }
+
+    /// The answer on a frame, in the words of tables: `found`, `nearest` or `absent`.
+    pub(super) fn answer(&self, is_found: bool) -> &'static str {
+        match (is_found, &self.stands_for) {
+            (true, None) => "found",
+            (true, Some(_)) => "nearest",
+            (false, _) => "absent",
+        }
+    }
+}
+
+/// Words that were asked for and of which nothing was written.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct LeftOut {
+    /// The words as typed.
+    pub text: String,
+    /// Class that is most like them, if any is.
+    pub nearest: Option<String>,
+    /// Reason, in a few words.
+    pub why: String,
 }

@@ -1,6 +1,6 @@
 //! `provenance.json`: a record of how the files of an export were made, and of their names and hashes.
 
-use super::{ExportOptions, ExportPrompt};
+use super::{ExportOptions, ExportPrompt, LeftOut};
 use crate::{
     Error, Result, files::write_whole, prepare::EncoderIdentity, relevancy::RelevancySettings, scene::Scene,
     sequence::MAX_FRAMES_PER_SECOND,
@@ -11,7 +11,7 @@ use std::path::Path;
 pub const FILE_NAME: &str = "provenance.json";
 
 /// Version of the record's layout.
-const SCHEMA: u32 = 3;
+const SCHEMA: u32 = 4;
 
 /// Frames per second of moving pictures if the recording's own speed is not known.
 const USUAL_SPEED: f32 = 25.0;
@@ -66,6 +66,13 @@ pub struct Provenance {
     pub rendered_by: String,
     /// Prompts of the export.
     pub prompts: Vec<ExportPrompt>,
+    /// Words of which nothing was written, because they mean nothing in the recording.
+    #[serde(default)]
+    pub left_out: Vec<LeftOut>,
+    /// Measure of how far the text encoder tells words apart, and what unrelated words reach with the scene's
+    /// classes; if the scene knows.
+    #[serde(default)]
+    pub calibration: serde_json::Value,
     /// Options of the export.
     pub options: ExportOptions,
 }
@@ -108,6 +115,8 @@ impl Provenance {
             relevancy_rung: rung.to_owned(),
             rendered_by,
             prompts,
+            left_out: Vec::new(),
+            calibration: scene.words.summary(),
             options,
         }
     }

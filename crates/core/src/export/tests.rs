@@ -24,6 +24,8 @@ pub(super) fn provenance(formats: &[Format], exclusive: bool) -> Provenance {
         colour,
         negatives: vec!["object".into()],
         is_instrument: false,
+        certainty: None,
+        stands_for: None,
     };
     Provenance {
         schema: 3,
@@ -44,6 +46,8 @@ pub(super) fn provenance(formats: &[Format], exclusive: bool) -> Provenance {
         relevancy_rung: "exact".into(),
         rendered_by: "CPU".into(),
         prompts: vec![prompt("Bile sac", [0, 200, 255]), prompt("liver", [230, 80, 230])],
+        left_out: Vec::new(),
+        calibration: serde_json::Value::Null,
         options: ExportOptions { formats: formats.to_vec(), exclusive, ..Default::default() },
     }
 }
@@ -149,7 +153,7 @@ fn the_record_lists_every_file_with_its_hash() {
     let folder = tempfile::tempdir().unwrap();
     let how = provenance(&[Format::Cutout, Format::Binary, Format::Index], false);
     let summary = run(folder.path(), &[0, 2], &how, false).unwrap();
-    assert_eq!(summary, ExportSummary { complete: true, frames: 2, skipped_frames: 0, files: 10 });
+    assert_eq!(summary, ExportSummary { complete: true, frames: 2, files: 10, ..Default::default() });
     let record = Record::read(folder.path()).unwrap().unwrap();
     assert!(record.complete);
     for file in &record.files {

@@ -1,11 +1,11 @@
-//! How far an encoder can be trusted, and what it makes of words that have nothing to do with a scene.
+//! Measures of an encoder: how far it can be trusted, and what unrelated words reach with a scene's classes.
 
 use super::{
     ClassWords,
     classes::Class,
     grammar::Phrase,
     logistic,
-    space::{Space, largest},
+    space::{Half, Space, centred, largest},
     vocabulary::{Clues, Vocabulary},
 };
 use crate::num;
@@ -35,13 +35,13 @@ pub(super) struct Query {
     pub concepts: Vec<f32>,
 }
 
-/// How an encoder's cosines say that two words mean the same: learned from the synonyms of the lexicon, each
-/// asked as if it were in no list.
+/// Odds, by an encoder's cosines, that two words mean the same: learned from one half of the synonyms of the
+/// lexicon, each asked as if it were in no list.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Fit {
     /// `true` if cosines say anything about meaning; without, the encoder is not asked.
     pub tells_apart: bool,
-    /// Area under the ROC curve of the cosine.
+    /// Area under the ROC curve of the cosine, on synonyms that the fit has not seen.
     pub auc: f32,
     /// Log odds: constant; weights of the cosine, of its lead over all rivals, and of the clues `telling` and
     /// `head` in the words.
@@ -62,9 +62,10 @@ struct Samples {
 
 impl Fit {
     /// Fits the words of a space.
-    pub(super) fn of(space: &Space<'_>) -> Self {
-        let samples = Samples::of(space);
-        let auc = logistic::area_under_curve(&samples.cosines, &samples.is_meant);
+    pub fn of(space: &Space<'_>) -> Self {
+        let samples = Samples::of(space, Half::Fitted);
+        let held_out = Samples::of(space, Half::HeldOut);
+        let auc = logistic::area_under_curve(&held_out.cosines, &held_out.is_meant);
         let of_encoder = logistic::fit(&samples.open, &samples.open_is_meant).map(|weight| weight as f32);
         let negatives = samples.cosines.iter().zip(&samples.is_meant).filter(|(_, is_meant)| !**is_meant);
         let mut negatives: Vec<f32> = negatives.map(|(cosine, _)| *cosine).collect();
@@ -111,7 +112,7 @@ fn features(clues: Clues, cosine: f32, lead: f32) -> [f64; 5] {
     [1.0, f64::from(cosine), f64::from(lead), clues.telling, clues.head]
 }
 
-/// How far one cosine is above all others.
+/// Lead of one cosine over all others.
 fn lead(cosines: &[f32], of: usize) -> f32 {
     let rivals = cosines.iter().enumerate().filter(|(i, _)| *i != of);
     cosines[of] - largest(rivals.map(|(_, cosine)| *cosine))
@@ -125,19 +126,19 @@ fn content_words(vocabulary: &Vocabulary, concept: usize, left_out: Option<usize
 }
 
 impl Samples {
-    /// Asks each synonym of the lexicon in random lists of concepts, once with its own concept in the list
-    /// and the word itself taken out of it, and some times with its own concept unknown; then the unrelated
-    /// words.
-    fn of(space: &Space<'_>) -> Self {
+    /// Asks each synonym of one half of the lexicon in random lists of concepts, once with its own concept in
+    /// the list and the word itself taken out of it, and some times with its own concept unknown; then the
+    /// unrelated words.
+    fn of(space: &Space<'_>, half: Half) -> Self {
         let vocabulary = space.vocabulary();
         let concepts = vocabulary.concepts();
-        let listed: Vec<usize> = (0..concepts.len()).filter(|&i| concepts[i].in_lexicon).collect();
+        let listed: Vec<usize> = (0..concepts.len()).filter(|&i| concepts[i].num_in_lexicon > 0).collect();
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         let mut list = || -> Vec<usize> {
             index::sample(&mut rng, listed.len(), LIST.min(listed.len())).iter().map(|i| listed[i]).collect()
         };
         let mut samples = Self::default();
-        space.each_synonym(|own, word, cosines| {
+        space.each_synonym(half, |own, word, cosines| {
             let phrase = vocabulary.phrase(&concepts[own].words[word]);
             let mut best = space.best_of_concepts(cosines, Some((own, word)));
             vocabulary.near(own).iter().for_each(|&near| best[near] = -1.0);
@@ -190,7 +191,7 @@ impl Samples {
     }
 }
 
-/// What is measured of an encoder and a scene's classes, once; kept in the scene file.
+/// Measures of an encoder and a scene's classes, made once and kept in the scene file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Calibration {
     /// Hash of the vocabulary.
@@ -199,9 +200,9 @@ pub struct Calibration {
     pub encoder: String,
     /// Mean of the vocabulary's concepts, which vectors lose before they are compared.
     pub mean: Vec<f32>,
-    /// How far the encoder can be trusted.
+    /// Fit that tells how far the encoder can be trusted.
     pub fit: Fit,
-    /// What unrelated words reach with the scene's classes.
+    /// Cosines that unrelated words reach with the scene's classes.
     pub floors: Floors,
 }
 
@@ -221,7 +222,7 @@ impl Calibration {
             vocabulary: space.vocabulary().sha256().to_owned(),
             encoder: space.encoder().to_owned(),
             mean: space.mean().to_vec(),
-            fit: space.fit().clone(),
+            fit: Fit::of(space),
             floors: Floors::measure(space, classes),
         }
     }
@@ -237,8 +238,10 @@ impl Floors {
     /// Measures the classes of a scene. Without classes or unrelated words, nothing is above the floors.
     pub fn measure(space: &Space<'_>, classes: &[ClassWords]) -> Self {
         let classes = Class::all(space.vocabulary(), classes);
-        let cosines: Vec<Vec<f32>> =
-            space.unrelated().map(|(_, query)| query.class_cosines(space, &classes)).collect();
+        let cosines: Vec<Vec<f32>> = space
+            .unrelated()
+            .map(|(_, query)| name_cosines(&query.embedding, space.mean(), &classes))
+            .collect();
         let quantile = |mut values: Vec<f32>, q: f64| num::percentile(&mut values, q).unwrap_or(1.0);
         let nearest = cosines.iter().filter(|row| !row.is_empty()).map(|row| largest(row.iter().copied()));
         Self {
@@ -248,6 +251,11 @@ impl Floors {
                 .collect(),
         }
     }
+}
+
+/// The cosine of a centred unit embedding with the name of each class; `mean` is what embeddings lose.
+pub(super) fn name_cosines(embedding: &[f32], mean: &[f32], classes: &[Class]) -> Vec<f32> {
+    classes.iter().map(|class| num::dot(&centred(&class.embedding, mean), embedding)).collect()
 }
 
 impl Query {

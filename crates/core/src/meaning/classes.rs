@@ -15,10 +15,22 @@ const MIN_NAME: usize = 5;
 pub struct ClassWords {
     /// Its name.
     pub name: String,
-    /// The unit embedding of its name in the scene's template.
+    /// The unit embedding of its name in the scene's template; empty if it is not known.
     pub embedding: Vec<f32>,
     /// `false` if the class is listed but no training frame has a pixel of it.
     pub is_seen: bool,
+}
+
+impl ClassWords {
+    /// A class that training frames show.
+    pub fn seen(name: &str, embedding: &[f32]) -> Self {
+        Self { name: name.to_owned(), embedding: embedding.to_vec(), is_seen: true }
+    }
+
+    /// A listed class that no training frame shows.
+    pub fn unseen(name: &str) -> Self {
+        Self { name: name.to_owned(), embedding: Vec::new(), is_seen: false }
+    }
 }
 
 /// A class and what its name means.

@@ -19,7 +19,7 @@ pub(super) struct Grammar {
 #[derive(Debug)]
 pub(super) struct Phrase {
     pub tokens: Vec<String>,
-    /// What to look the phrase up by, from strict to loose.
+    /// Keys to look the phrase up by, from strict to loose.
     pub keys: Vec<Key>,
     /// Its words without neutral and joining ones, as a key.
     pub bare: String,
@@ -38,7 +38,7 @@ pub(super) struct Key {
     pub fit: KeyFit,
 }
 
-/// How much was left out for a key.
+/// Amount that was left out for a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum KeyFit {
     /// Nothing but articles.

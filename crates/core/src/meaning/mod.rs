@@ -1,4 +1,4 @@
-//! What the words of a prompt mean: which of a scene's classes, if any.
+//! Meaning of the words of a prompt: which of a scene's classes, if any.
 //!
 //! Lists of words answer first ([`Vocabulary`]): the names of the classes, then other words for the same,
 //! words for a kind of thing, and all of these with a typing mistake. What is in no list is asked of the text
@@ -10,6 +10,7 @@
 
 mod calibration;
 mod classes;
+mod facts;
 mod grammar;
 mod logistic;
 mod space;
@@ -20,14 +21,15 @@ mod word_files;
 
 pub use calibration::{Calibration, Fit, Floors};
 pub use classes::ClassWords;
+pub use facts::WordFacts;
 pub use space::{Encode, Space};
 pub use vocabulary::{Concept, Vocabulary};
 
 use crate::num;
-use calibration::Query;
+use calibration::{Query, name_cosines};
 use classes::Class;
 use grammar::{KeyFit, Phrase};
-use space::largest;
+use space::{centred, largest};
 use std::fmt;
 use vocabulary::Path;
 
@@ -38,7 +40,7 @@ const LISTED: f32 = 0.99;
 /// Probability that a word is a misspelt one.
 const MISSPELT: f32 = 0.9;
 
-/// What a prompt means in a scene.
+/// Meaning of a prompt in a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Meaning {
     /// The classes that are most probably meant, by number; several if the prompt means a kind of thing or if
@@ -48,11 +50,11 @@ pub struct Meaning {
     pub probability: f32,
     /// The class that it looks like to the encoder, if it looks like one that training frames show.
     pub nearest: Option<usize>,
-    /// What decided.
+    /// The rule that decided.
     pub reason: Reason,
 }
 
-/// What decided on a meaning.
+/// Rule that decided on a meaning.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reason {
     /// It is the name of a class.
@@ -97,6 +99,11 @@ impl Meaning {
     /// Returns `true` if the prompt more probably means something in the scene than not.
     pub fn is_found(&self) -> bool {
         self.probability > MEANT
+    }
+
+    /// The meaning of words of which nothing is known.
+    pub fn unknown() -> Self {
+        Self::nothing(Reason::Unknown)
     }
 
     fn nothing(reason: Reason) -> Self {
@@ -149,15 +156,29 @@ impl<'v> Interpreter<'v> {
         let Some(query) = self.query(embedding, space) else {
             return by_words.unwrap_or(Meaning::nothing(Reason::Unknown));
         };
-        let nearest = self.nearest_to(&query, space);
+        let by_encoder = self.nearest(embedding);
         let meaning = by_words.unwrap_or_else(|| self.judged(prompt, query, space));
-        Meaning { nearest, ..meaning }
+        Meaning { nearest: meaning.nearest.or(by_encoder), ..meaning }
     }
 
     /// Returns the class that a prompt looks like to the encoder, if it is nearer to one than unrelated words
     /// are. Only classes that training frames show count.
-    pub fn nearest(&self, embedding: &[f32], space: &Space<'_>) -> Option<usize> {
-        self.nearest_to(&self.query(embedding, space)?, space)
+    pub fn nearest(&self, embedding: &[f32]) -> Option<usize> {
+        let calibration = self.calibration.as_ref().filter(|c| c.fit.tells_apart)?;
+        let embedding = centred(embedding, &calibration.mean);
+        let cosines = name_cosines(&embedding, &calibration.mean, &self.classes).into_iter().enumerate();
+        let near = cosines.filter(|(i, cosine)| self.classes[*i].is_seen && *cosine > calibration.floor());
+        near.max_by(|a, b| a.1.total_cmp(&b.1).then_with(|| self.by_name(b.0, a.0))).map(|(i, _)| i)
+    }
+
+    /// Returns `true` if it is known how far the encoder can be trusted.
+    pub fn is_calibrated(&self) -> bool {
+        self.calibration.is_some()
+    }
+
+    /// Returns how far the encoder can be trusted, if that is known.
+    pub fn fit(&self) -> Option<&Fit> {
+        self.calibration.as_ref().map(|calibration| &calibration.fit)
     }
 
     /// A prompt in a space; `None` if the space is of another vocabulary.
@@ -181,13 +202,6 @@ impl<'v> Interpreter<'v> {
             (_, Some((concept, path))) => Meaning::nothing(self.reason(concept, path, false)),
             _ => Meaning::nothing(Reason::Unknown),
         }
-    }
-
-    fn nearest_to(&self, query: &Query, space: &Space<'_>) -> Option<usize> {
-        let calibration = self.calibration_of(space).filter(|c| c.fit.tells_apart)?;
-        let cosines = query.class_cosines(space, &self.classes).into_iter().enumerate();
-        let near = cosines.filter(|(i, cosine)| self.classes[*i].is_seen && *cosine > calibration.floor());
-        near.max_by(|a, b| a.1.total_cmp(&b.1).then_with(|| self.by_name(b.0, a.0))).map(|(i, _)| i)
     }
 
     /// The calibration, if it is of the encoder that a space is of.
@@ -237,7 +251,15 @@ impl<'v> Interpreter<'v> {
             }
         }
         let all_known = self.classes.iter().all(|class| class.concept.is_some());
-        all_known.then(|| Meaning::nothing(reason(false)))
+        all_known.then(|| Meaning { nearest: self.kin_of(concept), ..Meaning::nothing(reason(false)) })
+    }
+
+    /// The class that a concept is a part or a kind of, or the other way round: "gallbladder fundus".
+    fn kin_of(&self, concept: usize) -> Option<usize> {
+        let near = self.vocabulary.near(concept);
+        let is_kin =
+            |class: &Class| class.is_seen && class.concept.is_some_and(|other| near.contains(&other));
+        self.classes_that(is_kin).and_then(|classes| classes.first().copied())
     }
 
     fn reason(&self, concept: usize, path: Path, kind: bool) -> Reason {

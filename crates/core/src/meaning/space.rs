@@ -4,14 +4,15 @@ use super::{
     calibration::{Fit, Query},
     vocabulary::Vocabulary,
 };
-use crate::{Error, Result, num};
-use ndarray::{Array2, ArrayView1, s};
+use crate::{Error, Result, hash::sha256, num};
+use half::f16;
+use ndarray::{Array2, ArrayView1};
 use std::ops::Range;
 
 /// A function that encodes texts as vectors of equal length.
 pub type Encode<'a> = dyn FnMut(&[&str]) -> Result<Vec<Vec<f32>>> + 'a;
 
-/// The words of a vocabulary in the space of a text encoder, and what was learned from them about it.
+/// The words of a vocabulary in the space of a text encoder.
 ///
 /// Vectors lose the mean of the concepts' names before they are compared: encoders give all texts much in
 /// common. A vector that is zero, not finite or of another length has a cosine of 0 with everything.
@@ -26,23 +27,15 @@ pub struct Space<'v> {
     rows: Vec<Range<usize>>,
     /// Unrelated words, centred, as unit rows.
     unrelated: Array2<f32>,
-    fit: Fit,
+    /// The concepts' names as they were encoded, unit rows.
+    names: Array2<f32>,
 }
 
 impl<'v> Space<'v> {
-    /// Encodes the vocabulary and fits how far the encoder can be trusted. `encode` is called once, with all
-    /// words; it puts them in the scene's template. `encoder` is the hash that the encoder goes by.
+    /// Encodes the vocabulary. `encode` is called once, with all words; it puts them in the scene's template.
+    /// `encoder` is the hash that the encoder goes by.
     pub fn new(vocabulary: &'v Vocabulary, encoder: &str, encode: &mut Encode<'_>) -> Result<Self> {
-        let concepts = vocabulary.concepts();
-        let mut texts: Vec<&str> = Vec::new();
-        let mut rows = Vec::with_capacity(concepts.len());
-        for concept in concepts {
-            let from = texts.len();
-            texts.extend(concept.words.iter().map(String::as_str));
-            rows.push(from..texts.len());
-        }
-        let listed = texts.len();
-        texts.extend(vocabulary.unrelated().iter().map(String::as_str));
+        let texts = Self::texts(vocabulary);
         let vectors = encode(&texts)?;
         let dim = vectors.first().map_or(0, Vec::len);
         if vectors.len() != texts.len() || vectors.iter().any(|v| v.len() != dim) {
@@ -53,19 +46,44 @@ impl<'v> Space<'v> {
             );
             return Err(Error::input(what, "Choose another text encoder."));
         }
+        Ok(Self::of(vocabulary, encoder, &vectors, dim))
+    }
+
+    /// Makes a space of vectors that were kept, one after the other; `None` if they do not fit the vocabulary.
+    pub fn of_kept(vocabulary: &'v Vocabulary, encoder: &str, kept: &[f16]) -> Option<Self> {
+        let count = Self::texts(vocabulary).len();
+        let dim = kept.len().checked_div(count).filter(|dim| *dim > 0 && dim * count == kept.len())?;
+        let vectors: Vec<Vec<f32>> =
+            kept.chunks_exact(dim).map(|row| row.iter().map(|v| v.to_f32()).collect()).collect();
+        Some(Self::of(vocabulary, encoder, &vectors, dim))
+    }
+
+    /// Returns the texts that a space is made of: some words of each concept, then unrelated words.
+    pub fn texts(vocabulary: &Vocabulary) -> Vec<&str> {
+        let concepts = vocabulary.concepts().iter().flat_map(|concept| concept.encoded());
+        concepts.chain(vocabulary.unrelated()).map(String::as_str).collect()
+    }
+
+    /// Makes a space of a vector of `dim` numbers for each text.
+    fn of(vocabulary: &'v Vocabulary, encoder: &str, vectors: &[Vec<f32>], dim: usize) -> Self {
+        let mut listed = 0;
+        let mut rows = Vec::with_capacity(vocabulary.concepts().len());
+        for concept in vocabulary.concepts() {
+            rows.push(listed..listed + concept.encoded().len());
+            listed += concept.encoded().len();
+        }
         let mean = mean(rows.iter().map(|r| &vectors[r.start]), dim);
         let (words, unrelated) = vectors.split_at(listed);
-        let mut space = Self {
+        let names: Vec<f32> = rows.iter().flat_map(|r| vectors[r.start].iter().copied()).collect();
+        Self {
             vocabulary,
             encoder: encoder.to_owned(),
             words: centred_rows(words, &mean),
             unrelated: centred_rows(unrelated, &mean),
+            names: Array2::from_shape_vec((rows.len(), dim), names).unwrap_or_default(),
             mean,
             rows,
-            fit: Fit::default(),
-        };
-        space.fit = Fit::of(&space);
-        Ok(space)
+        }
     }
 
     /// Returns the vocabulary that was encoded.
@@ -83,23 +101,24 @@ impl<'v> Space<'v> {
         &self.mean
     }
 
-    /// Returns how far the encoder can be trusted.
-    pub fn fit(&self) -> &Fit {
-        &self.fit
+    /// Returns the concepts' names with their embeddings.
+    pub fn concepts(&self) -> impl Iterator<Item = (&'v str, &[f32])> {
+        let rows = self.names.outer_iter().map(|row| row.to_slice().unwrap_or(&[]));
+        self.vocabulary.concepts().iter().map(|concept| concept.name.as_str()).zip(rows)
     }
 
     /// Returns the concepts that are no rivals of a prompt: the one that it is listed under and those near to
     /// it; for words in no list, the one that the encoder takes for the same.
-    pub fn same_as(&self, prompt: &str, embedding: &[f32]) -> Vec<usize> {
+    pub fn same_as(&self, fit: &Fit, prompt: &str, embedding: &[f32]) -> Vec<usize> {
         let phrase = self.vocabulary.phrase(prompt);
         let same = match self.vocabulary.look_up(&phrase) {
             Some((concept, _)) => Some(concept),
-            None => self.fit.concept_meant(self.vocabulary, &phrase, &self.query(embedding).concepts),
+            None => fit.concept_meant(self.vocabulary, &phrase, &self.query(embedding).concepts),
         };
         same.into_iter().flat_map(|concept| [&[concept], self.vocabulary.near(concept)].concat()).collect()
     }
 
-    /// Centres a vector and gives it unit length; all zeros if that is not possible.
+    /// A vector without the mean of the concepts, as a unit vector.
     pub(super) fn centred(&self, vector: &[f32]) -> Vec<f32> {
         centred(vector, &self.mean)
     }
@@ -112,14 +131,14 @@ impl<'v> Space<'v> {
         Query { embedding, concepts }
     }
 
-    /// Calls `visit` with the cosines of each word of the lexicon that is no name with all words: the
+    /// Calls `visit` with the cosines of the synonyms of the lexicon with all words, those of one half: the
     /// concept, the number of the word in it, the cosines.
-    pub(super) fn each_synonym(&self, mut visit: impl FnMut(usize, usize, ArrayView1<'_, f32>)) {
-        let concepts = self.vocabulary.concepts().iter().zip(&self.rows);
-        for (i, (_, rows)) in concepts.enumerate().filter(|(_, (concept, _))| concept.in_lexicon) {
-            let cosines = self.words.slice(s![rows.start + 1..rows.end, ..]).dot(&self.words.t());
-            for (word, cosines) in cosines.outer_iter().enumerate() {
-                visit(i, word + 1, cosines);
+    pub(super) fn each_synonym(&self, half: Half, mut visit: impl FnMut(usize, usize, ArrayView1<'_, f32>)) {
+        for (i, (concept, rows)) in self.vocabulary.concepts().iter().zip(&self.rows).enumerate() {
+            for (k, word) in concept.encoded().iter().enumerate().skip(1) {
+                if Half::of(word) == half {
+                    visit(i, k, self.words.dot(&self.words.row(rows.start + k)).view());
+                }
             }
         }
     }
@@ -145,6 +164,23 @@ impl<'v> Space<'v> {
     }
 }
 
+/// Half of the lexicon's synonyms.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Half {
+    /// Fits are made on these.
+    Fitted,
+    /// Fits are judged on these.
+    HeldOut,
+}
+
+impl Half {
+    /// Half that a word is in, by its hash.
+    fn of(word: &str) -> Self {
+        let is_even = sha256(word.as_bytes()).bytes().next().is_some_and(|digit| digit % 2 == 0);
+        if is_even { Self::Fitted } else { Self::HeldOut }
+    }
+}
+
 /// The largest number; −1 if there is none.
 pub(super) fn largest(cosines: impl Iterator<Item = f32>) -> f32 {
     cosines.fold(-1.0, f32::max)
@@ -161,7 +197,8 @@ fn mean<'a>(vectors: impl Iterator<Item = &'a Vec<f32>>, dim: usize) -> Vec<f32>
     sum.into_iter().map(|sum| (sum / n.max(1.0)) as f32).collect()
 }
 
-fn centred(vector: &[f32], mean: &[f32]) -> Vec<f32> {
+/// Takes the mean from a vector and gives it unit length; all zeros if that is not possible.
+pub(super) fn centred(vector: &[f32], mean: &[f32]) -> Vec<f32> {
     let difference: Vec<f32> = vector.iter().zip(mean).map(|(x, mean)| x - mean).collect();
     // What is left of equal vectors is rounding, which has no meaning.
     let is_usable = vector.len() == mean.len() && num::norm(&difference) > 1e-4 * num::norm(vector);

@@ -13,7 +13,7 @@ use std::{
 };
 
 /// Every how many words of the lexicon's other English one is asked of the encoder.
-const UNRELATED_EVERY: usize = 3;
+const UNRELATED_EVERY: usize = 8;
 /// Shortest token that is corrected.
 const MIN_TOKEN: usize = 4;
 /// Shortest phrase that is corrected as a whole, in letters.
@@ -28,13 +28,24 @@ pub struct Concept {
     pub group: String,
     /// All words for it, its name first.
     pub words: Vec<String>,
-    /// `true` if it is in the lexicon that the built-in encoder was trained on.
-    pub(super) in_lexicon: bool,
+    /// Number of its words, from the first on, that are in the lexicon of the built-in encoder.
+    pub(super) num_in_lexicon: usize,
     /// The content of each word.
     pub(super) contents: Vec<Vec<String>>,
 }
 
-/// How words led to a concept.
+/// Largest number of synonyms of a concept that are encoded. More take long and tell little more.
+const MOST_SYNONYMS: usize = 2;
+
+impl Concept {
+    /// The words that an encoder is asked for: the name, and some synonyms if they are in the lexicon.
+    pub(super) fn encoded(&self) -> &[String] {
+        let synonyms = self.num_in_lexicon.saturating_sub(1).min(MOST_SYNONYMS);
+        &self.words[..(1 + synonyms).min(self.words.len())]
+    }
+}
+
+/// Way from words to a concept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Path {
     /// They are listed, or were after something was left out.
@@ -43,7 +54,7 @@ pub(super) enum Path {
     Spelling,
 }
 
-/// What the single words of a prompt say of whether it means a class.
+/// Clues in the single words of a prompt to whether it means a class.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Clues {
     /// 1 if every word of content is one of the class's words.
@@ -113,13 +124,22 @@ impl Vocabulary {
                 let i = *by_name.entry(name.clone()).or_insert(self.concepts.len());
                 if i == self.concepts.len() {
                     let (name, group, words) = (name.clone(), group.clone(), vec![name.clone()]);
-                    self.concepts.push(Concept { name, group, words, in_lexicon, contents: Vec::new() });
+                    self.concepts.push(Concept {
+                        name,
+                        group,
+                        words,
+                        num_in_lexicon: 0,
+                        contents: Vec::new(),
+                    });
                 }
                 let concept = &mut self.concepts[i];
                 for word in others {
                     if !concept.words.contains(word) {
                         concept.words.push(word.clone());
                     }
+                }
+                if in_lexicon {
+                    concept.num_in_lexicon = concept.words.len();
                 }
             }
         }
@@ -255,7 +275,9 @@ impl Vocabulary {
 
     /// Tests whether a phrase has something that is not a known word.
     pub(super) fn may_be_misspelt(&self, phrase: &Phrase) -> bool {
-        !self.known.contains(&phrase.bare) && !phrase.tokens.iter().all(|token| self.known.contains(token))
+        // So short a token may be the rest of a parted word: "gal bladder".
+        let is_known = |token: &String| token.len() >= MIN_TOKEN && self.known.contains(token);
+        !self.known.contains(&phrase.bare) && !phrase.tokens.iter().all(is_known)
     }
 
     /// The listed token that an unknown one is most likely meant to be.
@@ -288,7 +310,7 @@ impl Vocabulary {
         (!self.is_generic(concept, class)).then_some(concept)
     }
 
-    /// Where the ends of a phrase's subject begin that are short enough to be listed.
+    /// Beginnings of those ends of a phrase's subject that are short enough to be listed.
     fn ends(&self, phrase: &Phrase) -> Range<usize> {
         let mut length = 0;
         let fits = |token: &&String| {
@@ -306,7 +328,7 @@ impl Vocabulary {
         self.generic.contains(&concept) || (self.is_kind(concept) && class.is_none_or(same_group))
     }
 
-    /// What the words of a phrase say of a class with the given words of content and concept. `None` if they
+    /// Clues in the words of a phrase to a class with the given words of content and concept. `None` if they
     /// say that something else is meant:
     /// - its head noun means something else: "gallbladder cancer";
     /// - a word of content is everyday English that the class does not use: "black cat";

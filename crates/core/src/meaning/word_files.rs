@@ -4,7 +4,7 @@ use crate::{Error, Result};
 use serde::{Deserialize, de::DeserializeOwned};
 use std::collections::BTreeMap;
 
-/// What the built-in text encoder knows, and English that it keeps away from that.
+/// Words that the built-in text encoder knows, and English that it keeps away from them.
 pub(super) const LEXICON: &str = include_str!("../../../../assets/text_encoder/lexicon.toml");
 /// Further concepts, and the words that do not name a thing.
 pub(super) const BANK: &str = include_str!("../../../../assets/words/bank.toml");

@@ -153,6 +153,13 @@ pub struct ClassSummary {
     pub absent: Absent,
 }
 
+/// Share of the kept pixels from which on a prediction counts as a find; fewer are specks.
+pub const LEAST_FIND: f64 = 0.0005;
+
+fn is_find(row: &ClassOnFrame) -> bool {
+    row.predicted_px > 0 && row.predicted_px as f64 >= LEAST_FIND * row.kept_px as f64
+}
+
 /// Measures of predictions on frames where a class is not labelled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Absent {
@@ -160,6 +167,8 @@ pub struct Absent {
     pub pairs: usize,
     /// Share of these pairs on which something is predicted.
     pub false_positive_rate: Option<f64>,
+    /// Share of these pairs on which at least [`LEAST_FIND`] of the kept pixels is predicted.
+    pub false_find_rate: Option<f64>,
     /// Mean share of the kept pixels that is predicted there.
     pub area_fraction: Option<f64>,
 }
@@ -185,6 +194,7 @@ impl ClassSummary {
             absent: Absent {
                 pairs: absent.len(),
                 false_positive_rate: mean(|r| Some(f64::from(r.predicted_px > 0)), &absent),
+                false_find_rate: mean(|r| Some(f64::from(is_find(r))), &absent),
                 area_fraction: mean(|r| Some(r.predicted_px as f64 / r.kept_px.max(1) as f64), &absent),
             },
         }

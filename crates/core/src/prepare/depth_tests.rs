@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::{
-    codec::CodecSettings,
+    codec::{CodecKind, CodecSettings},
     grid::Grid,
     progress::{Progress, unobserved},
     sequence::{DepthKind, MONOCULAR_BASELINE},
@@ -75,7 +75,7 @@ fn prepared_folders_keep_it_and_held_out_frames_have_none() {
             template: "{}".into(),
             folder: None,
         };
-        let quick = CodecSettings { latent_dim: 3, steps: 5, seed: 0 };
+        let quick = CodecSettings { kind: CodecKind::Network, latent_dim: 3, steps: 5, seed: 0 };
         let origin = Origin::Dense { network: "00".into() };
         let sequence = sequence.clone();
         prepare_from_features(

@@ -6,9 +6,11 @@ use crate::{
     codec::{Codec, CodecSettings},
     files::{full_path, write_whole},
     hash::{require_sha256, sha256},
+    meaning::WordFacts,
     reading::{MOST_BYTES, read_regular, values},
     sequence::{Class, EstimatedDepth, Identity, Sequence, shared_identity},
 };
+use half::f16;
 use image::{DynamicImage, ImageBuffer, Luma};
 use ndarray::{Array2, ArrayD, ArrayView2, ArrayViewD, Ix2, IxDyn};
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
@@ -23,6 +25,7 @@ pub(super) const MANIFEST: &str = "prepared.json";
 pub(super) const REGIONS: &str = "regions";
 const CODEC: &str = "codec.safetensors";
 const FEATURES: &str = "features.safetensors";
+const WORDS: &str = "words.f16";
 /// Largest size of a manifest in bytes: that of some million frames.
 const MOST_MANIFEST: u64 = 1 << 28;
 const VERSION: u32 = 1;
@@ -53,6 +56,9 @@ pub(super) struct Manifest {
     pub(super) depth: Option<EstimatedDepth>,
     /// Classes of the feature table: row k is class k.
     pub(super) classes: Vec<Class>,
+    /// Facts about words; absent in older folders.
+    #[serde(default, skip_serializing_if = "WordFacts::is_empty")]
+    pub(super) words: WordFacts,
     /// Number of pixels of each row over all training frames.
     pub(super) row_pixels: Vec<u64>,
     /// Frames with a region file, ascending.
@@ -86,6 +92,7 @@ impl Manifest {
             origin: Origin::Labels,
             depth: sequence.estimated_depth().cloned(),
             classes: Vec::new(),
+            words: WordFacts::default(),
             row_pixels: Vec::new(),
             region_frames: Vec::new(),
             codec_settings: settings.clone(),
@@ -199,6 +206,23 @@ impl Manifest {
             return wrong("the features are not all finite".into());
         }
         Ok((codec, table, latents.iter().copied().collect()))
+    }
+
+    /// Writes the vectors of words, and keeps their checksum.
+    pub(super) fn write_vectors(&mut self, folder: &Path) -> Result<()> {
+        let bytes: Vec<u8> = self.words.vectors.iter().flat_map(|v| v.to_le_bytes()).collect();
+        write_whole(&folder.join(WORDS), &bytes)?;
+        self.sha256.insert(WORDS.to_owned(), sha256(&bytes));
+        Ok(())
+    }
+
+    /// Reads the vectors of words; none if the folder is older than they are.
+    pub(super) fn read_vectors(&self, folder: &Path) -> Result<Arc<Vec<f16>>> {
+        let Some(expected) = self.sha256.get(WORDS) else { return Ok(Arc::default()) };
+        let path = folder.join(WORDS);
+        let bytes = read_regular(&path, MOST_BYTES).map_err(|e| Error::io("read the file", &path, e))?;
+        require_sha256(&path, &bytes, expected, AGAIN)?;
+        Ok(Arc::new(bytes.as_chunks().0.iter().map(|b| f16::from_le_bytes(*b)).collect()))
     }
 
     fn read_checked(&self, folder: &Path, name: &str) -> Result<BTreeMap<String, ArrayD<f32>>> {

@@ -21,9 +21,9 @@ const FRAMES_AT_ONCE: usize = 8;
 /// Turns label masks into features: every pixel gets the embedding of its class name. `embeddings` has
 /// one unit row per class of the sequence. Frames held out by `eval` leave no trace.
 ///
-/// Pixels outside the supervision mask or without a label get no feature. A class that has no pixel left in
-/// any training frame gets no row. `folder` is created; a prepared folder is overwritten, any other that is
-/// not empty is refused.
+/// Pixels outside the supervision mask or without a label get no feature. A class that training
+/// frames do not show gets no row, but is kept by name. `folder` is created; a prepared folder is
+/// overwritten, any other that is not empty is refused.
 pub fn prepare_from_labels(
     sequence: Sequence,
     encoder: EncoderIdentity,
@@ -36,7 +36,7 @@ pub fn prepare_from_labels(
     let embeddings = checked_embeddings(&sequence, &encoder, embeddings)?;
     let frames = sequence.used_frames(eval);
     let pixels = count_pixels(&sequence, &frames, observer)?;
-    let present: Vec<usize> = (0..sequence.classes().len()).filter(|&k| pixels[k] > 0).collect();
+    let present = present(&pixels, sequence.width() * sequence.height());
     if present.is_empty() {
         return Err(Error::input_at(
             sequence.path(),
@@ -48,6 +48,8 @@ pub fn prepare_from_labels(
     let mut manifest = Manifest::of(&sequence, folder, eval, encoder, settings)?;
     manifest.classes = present.iter().map(|&k| sequence.classes()[k].clone()).collect();
     manifest.row_pixels = present.iter().map(|&k| pixels[k]).collect();
+    let unseen = (0..pixels.len()).filter(|k| !present.contains(k));
+    manifest.words.unseen = unseen.map(|k| sequence.classes()[k].name.clone()).collect();
 
     let rows = rows_by_id(&sequence, &present);
     let write = |&i: &usize| -> Result<Option<(usize, String)>> {
@@ -67,6 +69,18 @@ pub fn prepare_from_labels(
     let rows = present.iter().flat_map(|&k| embeddings[k].iter().copied()).collect();
     finish(manifest, rows, settings, folder, observer)?;
     Prepared::open(folder)
+}
+
+/// Share of one picture that the pixels of a class in all training frames must come to. Fewer are mistakes of
+/// labelling: single pixels along the borders of other classes.
+const LEAST_SHARE: f64 = 0.0005;
+
+/// Classes that training frames show: those with enough pixels, or with any if none has enough.
+fn present(pixels: &[u64], picture_px: usize) -> Vec<usize> {
+    let with =
+        |least: f64| (0..pixels.len()).filter(|&k| pixels[k] > 0 && pixels[k] as f64 >= least).collect();
+    let enough: Vec<usize> = with(LEAST_SHARE * picture_px as f64);
+    if enough.is_empty() { with(0.0) } else { enough }
 }
 
 /// Checks that there is one unit row per class of the sequence, as long as the encoder says.

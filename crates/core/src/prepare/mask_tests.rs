@@ -3,7 +3,7 @@
 
 use super::*;
 use crate::{
-    codec::CodecSettings,
+    codec::{CodecKind, CodecSettings},
     grid::Grid,
     progress::{Progress, unobserved},
     segment::{BitMask, Level, MaskSettings, tests::ByColour},
@@ -12,7 +12,7 @@ use image::{Rgb, RgbImage};
 use std::{fs, ops::ControlFlow};
 
 const FRAMES: usize = 10;
-const QUICK: CodecSettings = CodecSettings { latent_dim: 3, steps: 40, seed: 0 };
+const QUICK: CodecSettings = CodecSettings { kind: CodecKind::Network, latent_dim: 3, steps: 40, seed: 0 };
 
 /// Writes frames with two halves of different colours; frame 4 has only one colour.
 fn write_clip(folder: &Path) -> Sequence {

@@ -6,6 +6,7 @@
 //! | `prepared.json` | path of the recording, what was prepared and how, checksums; written last |
 //! | `codec.safetensors` | `encoder.K.weight` [out, in], `encoder.K.bias` [out], `decoder.K.…` |
 //! | `features.safetensors` | `table` [rows, dim] (unit rows) and `latents` [rows, D] (unit rows), f32 |
+//! | `words.f16` | vectors of the vocabulary's texts, one after the other, little-endian half precision |
 //! | `regions/frame_000000.png` | 16-bit row of the table per pixel, 65535 where there is no feature |
 //! | `masks/frame_000000.json` | if features come from automatic masks: these, as pycocotools reads them |
 //! | `depth/frame_000000.npy` | if a network estimated depth: z in scene units, [h, w] of any size |
@@ -39,9 +40,11 @@ pub use origin::{EncoderIdentity, NO_REGION, Origin, RegionMap};
 use crate::{
     Error, Result,
     codec::Codec,
+    meaning::{Calibration, WordFacts},
     sequence::{Class, Identity, Sequence},
 };
 use files::{Manifest, region_file};
+use half::f16;
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
@@ -65,6 +68,8 @@ pub struct Prepared {
     /// Class names with their unit embeddings, if features come from labels: row k of the feature table
     /// is class k. Only classes that occur in training frames.
     pub classes: Vec<(Class, Vec<f32>)>,
+    /// Facts about words.
+    pub words: WordFacts,
     /// The trained codec.
     pub codec: Codec,
     /// Latents of the feature table, [rows][D] flat, unit rows.
@@ -99,7 +104,7 @@ impl Prepared {
         if let Some(identity) = &manifest.identity {
             sequence.outline().require(identity, sequence.path(), WAS_PREPARED)?;
         }
-        let sha256 = Arc::new(manifest.sha256);
+        let sha256 = Arc::new(manifest.sha256.clone());
         if let Some(depth) = &manifest.depth {
             sequence = sequence.with_estimated_depth(path, depth.clone(), sha256.clone());
         }
@@ -115,6 +120,7 @@ impl Prepared {
                 "Prepare the recording again.",
             ));
         }
+        let vectors = manifest.read_vectors(path)?;
         let classes = manifest.classes.into_iter().zip(rows.outer_iter().map(|row| row.to_vec())).collect();
         Ok(Self {
             sequence,
@@ -122,6 +128,7 @@ impl Prepared {
             encoder: manifest.encoder,
             origin: manifest.origin,
             classes,
+            words: WordFacts { vectors, ..manifest.words },
             codec,
             latents,
             folder: path.to_owned(),
@@ -149,6 +156,17 @@ impl Prepared {
         let mut manifest = Manifest::read(folder)?;
         manifest.point_to(folder, recording);
         manifest.write(folder)
+    }
+
+    /// Keeps in the prepared folder how well the text encoder tells words apart, and the vectors of the
+    /// vocabulary's texts, one after the other.
+    pub fn keep_words(&mut self, calibration: Calibration, vectors: Vec<f16>) -> Result<()> {
+        let mut manifest = Manifest::read(&self.folder)?;
+        let unseen = std::mem::take(&mut self.words.unseen);
+        self.words = WordFacts { unseen, calibration: Some(calibration), vectors: vectors.into() };
+        manifest.words.clone_from(&self.words);
+        manifest.write_vectors(&self.folder)?;
+        manifest.write(&self.folder)
     }
 
     /// Returns the number of rows of the feature table.

@@ -1,7 +1,10 @@
 //! Tests of preparing tiny CholecSeg8K folders, and of opening old and damaged ones.
 
 use super::*;
-use crate::{codec::CodecSettings, progress::unobserved};
+use crate::{
+    codec::{CodecKind, CodecSettings},
+    progress::unobserved,
+};
 use image::{GrayImage, Luma, Rgb, RgbImage};
 use std::fs;
 
@@ -9,7 +12,7 @@ const WIDTH: u32 = 32;
 const HEIGHT: u32 = 24;
 const FRAMES: usize = 10;
 const DIM: usize = 12;
-const QUICK: CodecSettings = CodecSettings { latent_dim: 3, steps: 40, seed: 0 };
+const QUICK: CodecSettings = CodecSettings { kind: CodecKind::Network, latent_dim: 3, steps: 40, seed: 0 };
 // Watershed codes.
 const LIVER: u8 = 21;
 const GRASPER: u8 = 31;

@@ -1,6 +1,6 @@
 //! The exact rung, and its common part with the folded one: decode every point, compare it with every text.
 
-use super::{Points, Query, Relevancy, RelevancySettings, margin};
+use super::{Points, Query, Relevancy, RelevancySettings, query::TextRows};
 use crate::{
     codec::{Codec, Linear, apply, normalise_rows},
     num,
@@ -35,21 +35,21 @@ impl Relevancy for Exact {
         queries: &[Query],
         settings: &RelevancySettings,
     ) -> Vec<Vec<f32>> {
-        let texts: Vec<_> = queries.iter().map(|q| q.text_rows(&self.codec)).collect();
+        let texts: Vec<_> = queries.iter().map(|q| q.rows(&self.codec, settings.temperature)).collect();
         score_by_decoding(&self.codec.decoder, points, &texts, settings.temperature)
     }
 }
 
-/// Scores of every point for each query's texts (rows; `None` scores 0). `layers` turn latents into
+/// Scores of every point for each query's texts (`None` scores 0). `layers` turn latents into
 /// vectors whose cosines with the texts count.
 pub(super) fn score_by_decoding(
     layers: &[Linear],
     points: &Points<'_>,
-    texts: &[Option<Array2<f32>>],
+    texts: &[Option<TextRows>],
     temperature: f32,
 ) -> Vec<Vec<f32>> {
     let mut scores = vec![vec![0.0; points.len()]; texts.len()];
-    let views: Vec<_> = texts.iter().flatten().map(|t| t.view()).collect();
+    let views: Vec<_> = texts.iter().flatten().map(|t| t.rows.view()).collect();
     let latent_dim = layers.first().map_or(0, |l| l.weight.ncols());
     let Ok(rows) = concatenate(Axis(0), &views) else { return scores };
     if points.latent_dim() != latent_dim {
@@ -71,10 +71,10 @@ pub(super) fn score_by_decoding(
         let mut column = 0;
         for (text, out) in texts.iter().zip(&mut scores) {
             let Some(text) = text else { continue };
-            let own = cosines.slice(s![.., column..column + text.nrows()]);
-            column += text.nrows();
+            let own = cosines.slice(s![.., column..column + text.rows.nrows()]);
+            column += text.rows.nrows();
             for (&i, row) in live.iter().zip(own.outer_iter()) {
-                out[i] = num::sigmoid(temperature * margin(&row.to_vec()));
+                out[i] = num::sigmoid(temperature * text.margin(&row.to_vec(), None));
             }
         }
     }

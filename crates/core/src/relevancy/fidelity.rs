@@ -1,12 +1,11 @@
 //! Measures the losses of classes in the codec: if a feature is still nearest to its own class, if the
 //! others keep their order, and if prompts decide as they would without compression.
 
-use super::{Exact, Points, Query, Relevancy, RelevancySettings, margin};
+use super::{Exact, Points, Query, Relevancy, RelevancySettings, Rivals};
 use crate::{
     Result,
     codec::{Codec, normal},
     num,
-    sequence::Class,
 };
 use ndarray::{Array2, ArrayView1, ArrayView2};
 use rand::SeedableRng;
@@ -38,7 +37,7 @@ pub struct Fidelity {
 }
 
 /// Sends the classes' embeddings (`rows` [n, dim], unit) through `codec`, and queries each of them by its
-/// embedding, with the negatives chosen by `phrases` and `settings`.
+/// embedding, against `phrases` and, depending on `settings`, all other classes.
 ///
 /// Fails if the embeddings do not fit the codec.
 pub fn fidelity(
@@ -47,11 +46,14 @@ pub fn fidelity(
     phrases: &[(String, Vec<f32>)],
     settings: &RelevancySettings,
 ) -> Result<Fidelity> {
-    let class = |k: usize| Class { id: 0, name: k.to_string(), colour: [0; 3] };
-    let classes: Vec<_> = rows.outer_iter().enumerate().map(|(k, row)| (class(k), row.to_vec())).collect();
-    let ask =
-        |(class, e): &(Class, Vec<f32>)| Query::new(&class.name, e.clone(), phrases, &classes, settings);
-    let queries: Vec<Query> = classes.iter().map(ask).collect();
+    let classes: Vec<(String, Vec<f32>)> =
+        rows.outer_iter().enumerate().map(|(k, row)| (k.to_string(), row.to_vec())).collect();
+    let listed = classes.iter().filter(|_| settings.class_negatives);
+    let rivals = Rivals::new(listed.map(|(name, row)| (name.as_str(), row.as_slice())));
+    let ask = |(k, (name, row)): (usize, &(String, Vec<f32>))| {
+        Query::new(name, row.clone()).but_not(phrases.to_vec()).among(&rivals, vec![k])
+    };
+    let queries: Vec<Query> = classes.iter().enumerate().map(ask).collect();
     queries.iter().try_for_each(|query| query.check(codec))?;
 
     let latents = codec.encode(rows);
@@ -78,8 +80,7 @@ pub fn fidelity(
 fn scores_of(rows: ArrayView2<'_, f32>, query: &Query, settings: &RelevancySettings) -> Vec<f32> {
     let score = |row: ArrayView1<'_, f32>| {
         let row = row.to_vec();
-        let cosines: Vec<f32> = query.texts().map(|text| num::dot(text, &row)).collect();
-        num::sigmoid(settings.temperature * margin(&cosines))
+        num::sigmoid(settings.temperature * query.margin(&row, settings.temperature))
     };
     rows.outer_iter().map(score).collect()
 }
@@ -143,7 +144,7 @@ fn ranks(values: ArrayView1<'_, f32>) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::codec::{CodecSettings, normalise_rows};
+    use crate::codec::{CodecKind, CodecSettings, normalise_rows};
     use crate::progress::unobserved;
     use ndarray::{Axis, arr1};
 
@@ -157,7 +158,7 @@ mod tests {
     }
 
     fn trained(rows: &Array2<f32>, latent_dim: usize) -> Codec {
-        let settings = CodecSettings { latent_dim, steps: 800, seed: 0 };
+        let settings = CodecSettings { kind: CodecKind::Network, latent_dim, steps: 800, seed: 0 };
         Codec::train(rows.view(), &vec![1.0; rows.nrows()], &settings, &mut unobserved).unwrap()
     }
 

@@ -1,6 +1,8 @@
 //! The folded rung: the exact values with fewer operations, by folding the texts into the last layer.
 
-use super::{Points, Query, Relevancy, RelevancySettings, decoding::score_by_decoding};
+use super::{
+    Points, Query, Relevancy, RelevancySettings, Rivals, decoding::score_by_decoding, query::TextRows,
+};
 use crate::codec::{Codec, Linear};
 use ndarray::{Array1, Array2};
 
@@ -43,9 +45,19 @@ impl Folded {
         self.basis.ncols()
     }
 
-    /// Texts of a query as folded rows, the prompt first; `None` if they do not fit.
-    pub(super) fn text_rows(&self, query: &Query) -> Option<Array2<f32>> {
-        query.text_rows(&self.codec).map(|texts| texts.dot(&self.basis))
+    /// Texts of a query as folded rows; `None` if they do not fit.
+    pub(super) fn rows(&self, query: &Query, temperature: f32) -> Option<TextRows> {
+        query.rows(&self.codec, temperature).map(|texts| texts.in_basis(&self.basis))
+    }
+
+    /// Texts of a query without its rivals as folded rows; `None` if any text does not fit.
+    pub(super) fn own_rows(&self, query: &Query, temperature: f32) -> Option<TextRows> {
+        query.own_rows(&self.codec, temperature).map(|texts| texts.in_basis(&self.basis))
+    }
+
+    /// Embeddings of rivals (which fit the codec) as folded rows.
+    pub(super) fn rival_rows(&self, rivals: &Rivals) -> Array2<f32> {
+        rivals.rows().dot(&self.basis)
     }
 }
 
@@ -60,7 +72,7 @@ impl Relevancy for Folded {
         queries: &[Query],
         settings: &RelevancySettings,
     ) -> Vec<Vec<f32>> {
-        let texts: Vec<_> = queries.iter().map(|q| self.text_rows(q)).collect();
+        let texts: Vec<_> = queries.iter().map(|q| self.rows(q, settings.temperature)).collect();
         score_by_decoding(&self.layers, points, &texts, settings.temperature)
     }
 }

@@ -1,14 +1,15 @@
 //! Compares the rungs with each other and with the written formula, on features like those of renderings.
 
 use super::*;
-use crate::codec::{CodecSettings, normalise_rows};
+use crate::codec::{CodecKind, CodecSettings, normalise_rows};
+use crate::num;
 use crate::progress::unobserved;
 use crate::raster::{ALPHA_PLANE, FEATURE_PLANE};
-use ndarray::Axis;
+use ndarray::{Array2, Axis};
 use proptest::prelude::*;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use std::sync::LazyLock;
+use std::sync::{Arc, LazyLock};
 
 const DIM: usize = 64;
 const CLASSES: usize = 8;
@@ -33,27 +34,30 @@ static WORLD: LazyLock<World> = LazyLock::new(|| {
     let phrases = ["object", "things", "stuff", "texture"].iter().enumerate();
     let phrases = phrases.map(|(i, p)| (p.to_string(), rows.row(CLASSES + i).to_vec())).collect();
     let classes = rows.select(Axis(0), &(0..CLASSES).collect::<Vec<_>>());
-    let settings = CodecSettings { latent_dim: 3, steps: 1000, seed: 0 };
+    let settings = CodecSettings { kind: CodecKind::Network, latent_dim: 3, steps: 1000, seed: 0 };
     let codec = Codec::train(classes.view(), &[1.0; CLASSES], &settings, &mut unobserved).unwrap();
     (codec, classes, phrases)
 });
 
-fn named_classes() -> Vec<(Class, Vec<f32>)> {
-    let class = |(id, row): (usize, ndarray::ArrayView1<'_, f32>)| {
-        (Class { id: id as u8, name: format!("class {id}"), colour: [0; 3] }, row.to_vec())
-    };
-    WORLD.1.outer_iter().enumerate().map(class).collect()
+fn classes() -> Arc<Rivals> {
+    static CLASSES: LazyLock<Arc<Rivals>> = LazyLock::new(|| {
+        let rows: Vec<(String, Vec<f32>)> =
+            WORLD.1.outer_iter().enumerate().map(|(k, row)| (format!("class {k}"), row.to_vec())).collect();
+        Rivals::new(rows.iter().map(|(name, row)| (name.as_str(), row.as_slice())))
+    });
+    CLASSES.clone()
 }
 
-fn query(prompt: &str, embedding: Vec<f32>) -> Query {
-    Query::new(prompt, embedding, &WORLD.2, &named_classes(), &RelevancySettings::default())
+/// A prompt against the phrases and all classes but `own`.
+fn query(prompt: &str, embedding: Vec<f32>, own: &[usize]) -> Query {
+    Query::new(prompt, embedding).but_not(WORLD.2.clone()).among(&classes(), own.to_vec())
 }
 
 /// A prompt for class `k`, a little off its embedding.
 fn query_for(k: usize) -> Query {
     let off = alike_rows(1, 0.0, 500 + k as u64);
     let row = &WORLD.1.row(k) + &(off.row(0).to_owned() * 0.15);
-    query(&format!("class {k}"), num::normalised(&row.to_vec()).unwrap())
+    query(&format!("class {k}"), num::normalised(&row.to_vec()).unwrap(), &[k])
 }
 
 /// Features like those of renderings: soft discs of class latents with noise, varying alpha, and holes.
@@ -108,12 +112,12 @@ fn score_is_the_smallest_pairwise_softmax() {
         let alpha = images.plane(ALPHA_PLANE)[i];
         let latent = Array2::from_shape_fn((1, 3), |(_, k)| images.plane(FEATURE_PLANE + k)[i] / alpha);
         let feature = codec.decode(latent.view()).row(0).to_vec();
-        let p = f64::from(num::dot(&feature, &q.embedding));
+        let p = f64::from(num::dot(&feature, &q.meant[0]));
         let softmax = |n: f64| (10.0 * p).exp() / ((10.0 * p).exp() + (10.0 * n).exp());
         let expected = q
-            .negatives
-            .iter()
-            .map(|(_, n)| softmax(f64::from(num::dot(&feature, n))))
+            .texts()
+            .skip(1)
+            .map(|n| softmax(f64::from(num::dot(&feature, n))))
             .fold(f64::INFINITY, f64::min);
         assert!((f64::from(scores[0].data[i]) - expected).abs() < 1e-5);
     }
@@ -152,10 +156,10 @@ fn lattice_keeps_its_promise_over_frames_and_prompts() {
 #[test]
 fn lattice_tabulates_a_full_rank_autoencoder_too() {
     let rows = alike_rows(90, 0.6, 3);
-    let settings = CodecSettings { latent_dim: 3, steps: 60, seed: 0 };
+    let settings = CodecSettings { kind: CodecKind::Network, latent_dim: 3, steps: 60, seed: 0 };
     let codec = Codec::train(rows.view(), &[1.0; 90], &settings, &mut unobserved).unwrap();
     let images = rendered(&codec, 64, 48, 0.02, 4);
-    let queries = [query("any", rows.row(17).to_vec())];
+    let queries = [query("any", rows.row(17).to_vec(), &[])];
     let settings = RelevancySettings::default();
     let truth = Exact::new(codec.clone()).score(&images, &queries, &settings);
     let mut lattice = Lattice::new(&codec).unwrap();
@@ -247,14 +251,13 @@ fn prompts_do_not_depend_on_their_order_or_company() {
 
 #[test]
 fn each_class_is_found_where_it_is_and_an_absent_one_nowhere() {
-    let (codec, _, phrases) = &*WORLD;
+    let (codec, _, _) = &*WORLD;
     let settings = RelevancySettings::default();
     // Only the classes 0..=4 are in the picture.
     let latents = codec.encode(WORLD.1.view());
     let flat: Vec<f32> = (0..5).flat_map(|k| latents.row(k).to_vec()).collect();
     let points = Points::of_latents(&flat, 3);
-    let ask = |embedding: Vec<f32>| Query::new("x", embedding, phrases, &named_classes(), &settings);
-    let queries: Vec<Query> = (0..CLASSES).map(|k| ask(WORLD.1.row(k).to_vec())).collect();
+    let queries: Vec<Query> = (0..CLASSES).map(|k| query("x", WORLD.1.row(k).to_vec(), &[k])).collect();
     let scores = best(codec.clone()).score_points(&points, &queries, &settings);
     for (k, scores) in scores.iter().enumerate() {
         for (pixel, &score) in scores.iter().enumerate() {
@@ -267,8 +270,8 @@ fn each_class_is_found_where_it_is_and_an_absent_one_nowhere() {
 fn queries_of_another_encoder_are_refused_and_score_zero() {
     let images = rendered(&WORLD.0, 16, 8, 0.05, 8);
     let mut broken = query_for(0);
-    broken.embedding[3] = f32::NAN;
-    let other = Query { prompt: "liver".into(), embedding: vec![0.1; 12], negatives: Vec::new() };
+    broken.meant[0][3] = f32::NAN;
+    let other = Query::new("liver", vec![0.1; 12]);
     assert!(other.check(&WORLD.0).unwrap_err().to_string().contains("12 numbers"));
     assert!(broken.check(&WORLD.0).is_err());
     for rung in &mut every_rung() {
@@ -292,39 +295,77 @@ fn images_without_features_find_nothing() {
 
 #[test]
 fn other_latent_sizes_use_the_folded_decoder() {
-    let settings = CodecSettings { latent_dim: 5, steps: 2, seed: 0 };
+    let settings = CodecSettings { kind: CodecKind::Network, latent_dim: 5, steps: 2, seed: 0 };
     let codec = Codec::train(WORLD.1.view(), &[1.0; CLASSES], &settings, &mut unobserved).unwrap();
     assert_eq!(best(codec).name(), "folded");
     assert_eq!(best(WORLD.0.clone()).name(), "lattice");
 }
 
 #[test]
-fn the_nearest_class_is_no_negative_and_the_phrases_always_are() {
-    let q = query_for(3);
-    let names: Vec<&str> = q.negatives.iter().map(|(n, _)| n.as_str()).collect();
+fn a_prompt_competes_with_all_rivals_but_its_allies() {
+    let q = query("class 3", WORLD.1.row(3).to_vec(), &[3, 5]);
+    let names: Vec<&str> = q.compared_with().collect();
     assert_eq!(names[..4], ["object", "things", "stuff", "texture"]);
-    assert!(!names.contains(&"class 3"));
-    assert_eq!(names.len(), 4 + CLASSES - 1);
-    let settings = RelevancySettings { class_negatives: false, ..Default::default() };
-    assert_eq!(
-        Query::new("x", q.embedding.clone(), &WORLD.2, &named_classes(), &settings).negatives.len(),
-        4
-    );
-    // A prompt between two classes has neither as a negative.
-    let between = &WORLD.1.row(1) + &WORLD.1.row(6);
-    let q = query("between", num::normalised(&between.to_vec()).unwrap());
-    assert!(!q.negatives.iter().any(|(n, _)| n == "class 1" || n == "class 6"));
-    // A single class is the nearest one.
-    let one = &named_classes()[..1];
-    assert_eq!(Query::new("x", q.embedding, &[], one, &RelevancySettings::default()).negatives.len(), 0);
+    assert_eq!(names.len(), 4 + CLASSES - 2);
+    assert!(!names.contains(&"class 3") && !names.contains(&"class 5"));
+    let other_length: &[f32] = &[1.0];
+    let rivals = Rivals::new([("a", &[1.0, 0.0][..]), ("b", other_length), ("c", &[]), ("d", &[0.0, 1.0])]);
+    assert_eq!(rivals.len(), 2);
+}
+
+/// Rivals enough that only some are kept per vertex, and a prompt that is an ally of the nearest ones.
+#[test]
+fn hundreds_of_rivals_are_compared_exactly_whoever_is_an_ally() {
+    let (codec, rows, _) = &*WORLD;
+    let others = alike_rows(300, 0.85, 77);
+    let names: Vec<String> = (0..300 + CLASSES).map(|k| k.to_string()).collect();
+    let all: Vec<Vec<f32>> = rows.outer_iter().chain(others.outer_iter()).map(|r| r.to_vec()).collect();
+    let rivals = Rivals::new(names.iter().map(String::as_str).zip(all.iter().map(Vec::as_slice)));
+    let images = rendered(codec, 64, 48, 0.05, 21);
+    for allies in
+        [vec![2], (0..CLASSES).collect(), (0..CLASSES + 200).collect(), (0..CLASSES + 300).collect()]
+    {
+        let query = Query::new("class 2", rows.row(2).to_vec()).among(&rivals, allies);
+        let [exact, folded, lattice] = &of_every_rung(codec, &images, &query)[..] else { panic!("three") };
+        for i in 0..exact.len() {
+            assert!((exact[i] - folded[i]).abs() < 1e-4 && (exact[i] - lattice[i]).abs() < 1.0 / 255.0);
+        }
+        assert!(exact.iter().any(|s| *s > 0.5));
+    }
+}
+
+#[test]
+fn no_score_is_above_the_certainty_and_without_a_meaning_all_are_0() {
+    let images = rendered(&WORLD.0, 48, 32, 0.05, 22);
+    let full = of_every_rung(&WORLD.0, &images, &query_for(2));
+    let certainty = 0.5 * full[0].iter().copied().fold(0.0, f32::max);
+    let limited = of_every_rung(&WORLD.0, &images, &Query { certainty, ..query_for(2) });
+    for (rung, (full, limited)) in full.iter().zip(&limited).enumerate() {
+        assert!(limited.iter().any(|s| *s > certainty - 1e-3), "rung {rung}");
+        for (a, b) in full.iter().zip(limited) {
+            assert!((a.min(certainty) - b).abs() < 1.0 / 255.0, "rung {rung}: {a} {b}");
+        }
+    }
+    let nothing = Query { meant: Vec::new(), ..query_for(2) };
+    assert!(of_every_rung(&WORLD.0, &images, &nothing).iter().flatten().all(|s| *s < 1e-6));
+    for certainty in [0.0, -3.0, f32::NAN] {
+        let scores = of_every_rung(&WORLD.0, &images, &Query { certainty, ..query_for(2) });
+        assert!(scores.iter().flatten().all(|s| *s < 1e-5), "{certainty}");
+    }
 }
 
 proptest! {
     #[test]
-    fn margin_is_prompt_minus_best_negative(mut values in proptest::collection::vec(-1.0_f32..1.0, 2..9)) {
-        let before = margin(&values);
-        values[1..].reverse();
-        prop_assert_eq!(before, margin(&values));
+    fn margin_is_prompt_minus_best_negative(values in proptest::collection::vec(-0.5_f32..0.5, 2..9)) {
+        let unit = |v: f32| vec![v, (1.0 - v * v).sqrt()];
+        let negatives = |rev: bool| -> Vec<(String, Vec<f32>)> {
+            let mut all: Vec<_> = values[1..].iter().map(|v| (String::new(), unit(*v))).collect();
+            if rev { all.reverse(); }
+            all
+        };
+        let query = Query::new("x", unit(values[0]));
+        let before = query.clone().but_not(negatives(false)).margin(&[1.0, 0.0], 1.0);
+        prop_assert_eq!(before, query.but_not(negatives(true)).margin(&[1.0, 0.0], 1.0));
         let best = values[1..].iter().copied().fold(-1.0, f32::max);
         prop_assert_eq!(before, values[0] - best);
     }
@@ -385,7 +426,7 @@ fn prompts_along_and_against_a_phrase_or_without_direction_score_what_the_formul
     let against: Vec<f32> = phrase.iter().map(|v| -v).collect();
     let ask = |embedding: Vec<f32>, negative: Vec<f32>| {
         let negatives = vec![("phrase".to_owned(), negative)];
-        of_every_rung(codec, &images, &Query { prompt: "odd".into(), embedding, negatives })
+        of_every_rung(codec, &images, &Query::new("odd", embedding).but_not(negatives))
     };
     let zero = vec![0.0; DIM];
     let cases = [

@@ -18,6 +18,7 @@ use crate::{
     deform::Deformation,
     gaussian::Gaussians,
     grid::Mask,
+    meaning::WordFacts,
     prepare::EncoderIdentity,
     sequence::{Class, Identity, shared_identity},
 };
@@ -49,6 +50,8 @@ pub struct Scene {
     pub classes: Vec<(Class, Vec<f32>)>,
     /// The text encoder the features belong to.
     pub encoder: Option<EncoderIdentity>,
+    /// Facts about words, found when the recording was prepared; nothing in older scenes.
+    pub words: WordFacts,
     /// Origin of the scene.
     pub provenance: Provenance,
 }
@@ -107,6 +110,7 @@ impl Scene {
             self.codec.clone_from(&other.codec);
             self.classes.clone_from(&other.classes);
             self.encoder.clone_from(&other.encoder);
+            self.words.clone_from(&other.words);
         }
     }
 }

@@ -6,6 +6,7 @@ use crate::{
     deform::{Deformation, deform},
     gaussian::Gaussians,
     grid::Grid,
+    meaning::WordFacts,
     num::percentile,
 };
 use glam::{Affine3A, Vec3};
@@ -56,6 +57,7 @@ impl Scene {
             codec: None,
             classes: Vec::new(),
             encoder: None,
+            words: WordFacts::default(),
             provenance: Provenance::default(),
         }
     }

@@ -2,7 +2,7 @@
 
 use crate::{
     Result,
-    codec::CodecSettings,
+    codec::{CodecKind, CodecSettings},
     demo::{self, DemoSettings},
     prepare::{EncoderIdentity, Prepared, prepare_from_labels},
     progress::unobserved,
@@ -29,7 +29,7 @@ pub fn small_clip(folder: &Path, frames: usize) -> Result<Prepared> {
         template: "{}".into(),
         folder: None,
     };
-    let codec = CodecSettings { latent_dim: 3, steps: 60, seed: 0 };
+    let codec = CodecSettings { kind: CodecKind::Network, latent_dim: 3, steps: 60, seed: 0 };
     let to = folder.join("prepared");
     prepare_from_labels(sequence, encoder, &embeddings, frames > 2, &codec, &to, &mut unobserved)
 }

@@ -312,6 +312,7 @@ impl Trainer {
             codec: prepared.map(|p| p.codec.clone()),
             classes: prepared.map(|p| p.classes.clone()).unwrap_or_default(),
             encoder: prepared.map(|p| p.encoder.clone()),
+            words: prepared.map(|p| p.words.clone()).unwrap_or_default(),
             provenance: Provenance {
                 made_by: format!("SurgTPGS {}", env!("CARGO_PKG_VERSION")),
                 sequence_name: self.sequence.name(),

@@ -113,6 +113,9 @@ pub enum FeatureMode {
 /// Training settings.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct TrainSettings {
+    /// Set of defaults that these settings began with; it also decides how the scene is asked.
+    #[serde(default)]
+    pub profile: Profile,
     /// Number of optimiser steps.
     pub iterations: usize,
     /// Seed of all random numbers.
@@ -182,6 +185,7 @@ pub struct TrainSettings {
 impl Default for TrainSettings {
     fn default() -> Self {
         Self {
+            profile: Profile::Default,
             iterations: 3000,
             seed: 0,
             eval: false,
@@ -280,6 +284,7 @@ impl TrainSettings {
     /// Constants of the released code (method §2, §3, §5, §6), as shares of its 3000 steps.
     fn paper() -> Self {
         Self {
+            profile: Profile::Paper,
             frame_order: FrameOrder::Cyclic,
             initial_opacity: 0.1,
             neighbour_sizes: true,

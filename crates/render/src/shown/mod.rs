@@ -66,6 +66,8 @@ pub struct Mark {
     pub threshold: f32,
     /// Colour of the prompt.
     pub colour: [u8; 3],
+    /// `true` for a dashed contour, see [`surgtpgs_core::overlay::OverlayPrompt`].
+    pub is_dashed: bool,
 }
 
 /// Results to be read back.
@@ -197,7 +199,7 @@ impl ShownPasses {
         compose.encode(gpu, &mut timer.begin(encoder, "compose"), planes, inside, MIN_DEPTH_ALPHA);
         let Some(marking) = asked.and_then(|a| a.marking) else { return Ok(()) };
         let rows: Vec<PromptRow> =
-            marking.marks.iter().map(|m| PromptRow::new(m.colour, m.threshold)).collect();
+            marking.marks.iter().map(|m| PromptRow::new(m.colour, m.threshold, m.is_dashed)).collect();
         marks.write(gpu, &rows)?;
         marked.resize(gpu, compose.pixels.len())?;
         match marking.base {

@@ -15,6 +15,7 @@ use surgtpgs_core::{
 shader! {
     pub(super) Wgsl = "overlay.wgsl";
     const CONTOUR_WIDTH = overlay::CONTOUR_WIDTH;
+    const DASH = overlay::DASH;
     const HALO_DARKNESS = overlay::HALO_DARKNESS;
     const HEAT_WHITENING = overlay::HEAT_WHITENING;
     var<uniform> params: OverlayParams;
@@ -50,6 +51,12 @@ shader_struct! {
         colour: [f32; 3],
         /// Score above which a pixel is found.
         threshold: f32,
+        /// 1 for a dashed contour without a fill.
+        is_dashed: u32,
+        /// Padding to a multiple of 16 bytes.
+        padding: u32,
+        /// Padding to a multiple of 16 bytes.
+        padding_2: [u32; 2],
     }
 }
 
@@ -63,8 +70,9 @@ impl OverlayParams {
 }
 
 impl PromptRow {
-    pub(super) fn new(colour: [u8; 3], threshold: f32) -> Self {
-        Self { colour: colour.map(f32::from), threshold }
+    pub(super) fn new(colour: [u8; 3], threshold: f32, is_dashed: bool) -> Self {
+        let colour = colour.map(f32::from);
+        Self { colour, threshold, is_dashed: u32::from(is_dashed), ..Default::default() }
     }
 }
 
@@ -110,7 +118,8 @@ impl OverlayPass {
         if num_pixels == 0 || prompts.is_empty() {
             return Ok(frame.clone());
         }
-        let rows: Vec<PromptRow> = prompts.iter().map(|p| PromptRow::new(p.colour, p.threshold)).collect();
+        let rows: Vec<PromptRow> =
+            prompts.iter().map(|p| PromptRow::new(p.colour, p.threshold, p.is_dashed)).collect();
         let scores: Vec<f32> = prompts.iter().flat_map(|p| p.scores.data.iter().copied()).collect();
         let params = OverlayParams::new(size, prompts.len(), look);
         let rows = DeviceVec::from_slice(gpu, "prompts", &rows)?;

@@ -32,7 +32,7 @@ fn overlays_equal_those_of_the_cpu() {
         let frame = frame(width, height);
         let [first, second] = [0.3, 2.1].map(|phase| scores(width as usize, height as usize, phase));
         let misfit = Grid::filled(2, 2, 0.9);
-        let prompt = |scores, threshold, colour| OverlayPrompt { scores, threshold, colour };
+        let prompt = |scores, threshold, colour| OverlayPrompt::new(scores, threshold, colour);
         let prompts = [
             prompt(&first, 0.4, [0, 114, 178]),
             prompt(&misfit, 0.1, [255; 3]),

@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use surgtpgs_core::{
     codec::{Codec, Linear},
     raster::{CpuRenderer, Images, Renderer},
-    relevancy::{Exact, Points, Query, Relevancy, RelevancySettings},
+    relevancy::{Exact, Points, Query, Relevancy, RelevancySettings, Rivals},
 };
 use surgtpgs_render::GpuExact;
 
@@ -40,11 +40,18 @@ pub(crate) fn codec(latent_dim: usize) -> Codec {
 pub(crate) fn query(prompt: &str, num_negatives: usize) -> Query {
     let rng = &mut ChaCha8Rng::seed_from_u64(prompt.len() as u64);
     let mut text = || surgtpgs_core::num::normalised(&numbers(rng, DIM, 1.0)).unwrap();
-    Query {
-        prompt: prompt.into(),
-        embedding: text(),
-        negatives: (0..num_negatives).map(|i| (format!("negative {i}"), text())).collect(),
-    }
+    let query = Query::new(prompt, text());
+    query.but_not((0..num_negatives).map(|i| (format!("negative {i}"), text())).collect())
+}
+
+/// A prompt that means two texts, is not certain, and competes with rivals of which one is an ally.
+pub(crate) fn uncertain() -> Query {
+    let rng = &mut ChaCha8Rng::seed_from_u64(40);
+    let mut text = || surgtpgs_core::num::normalised(&numbers(rng, DIM, 1.0)).unwrap();
+    let meant = vec![text(), text()];
+    let texts: Vec<Vec<f32>> = (0..9).map(|_| text()).collect();
+    let rivals = Rivals::new(texts.iter().map(|text| ("rival", text.as_slice())));
+    Query { meant, certainty: 0.4, ..query("tool", 1) }.among(&rivals, vec![3])
 }
 
 fn images(latent_dim: usize) -> Images {
@@ -62,8 +69,10 @@ fn scores_equal_those_of_the_cpu() {
     for latent_dim in [3, 8] {
         let (codec, images) = (codec(latent_dim), images(latent_dim));
         let mut misfit = query("of another encoder", 1);
-        misfit.embedding.pop();
-        let queries = [query("liver", 4), query("grasper", 0), misfit, query("fat", 1)];
+        misfit.meant[0].pop();
+        let meaningless = Query { meant: Vec::new(), ..query("nothing", 2) };
+        let queries =
+            [query("liver", 4), query("grasper", 0), misfit, query("fat", 1), uncertain(), meaningless];
         let settings = RelevancySettings { min_alpha: 0.9, ..Default::default() };
         let expected = Exact::new(codec.clone()).score(&images, &queries, &settings);
         let found = GpuExact::new(&gpu, codec).unwrap().score(&images, &queries, &settings);
@@ -73,6 +82,8 @@ fn scores_equal_those_of_the_cpu() {
         let holes = expected[0].data.iter().filter(|s| **s == 0.0).count();
         assert!(holes > 100 && holes < 120 * 90 - 1000, "{holes} holes");
         assert!(expected[2].data.iter().all(|s| *s == 0.0));
+        assert!(expected[4].data.iter().any(|s| *s > 0.399) && expected[4].data.iter().all(|s| *s < 0.401));
+        assert!(expected[5].data.iter().all(|s| *s < 1e-6));
     }
 }
 

@@ -3,7 +3,7 @@
 use crate::{
     compare::{self, SMOOTH, Tolerance},
     fixture::{Recipe, camera, gpu, moved_camera, scene},
-    relevancy::{codec, query},
+    relevancy::{codec, query, uncertain},
 };
 use image::{Rgb, RgbImage};
 use surgtpgs_core::{
@@ -19,8 +19,10 @@ use surgtpgs_render::{Asked, GpuRenderer, Mark, Marking, RenderInput, Shown, Wan
 
 const ALL: Wanted = Wanted { pictures: true, values: true };
 
-const MARKS: [Mark; 2] =
-    [Mark { colour: [0, 114, 178], threshold: 0.5 }, Mark { colour: [204, 121, 167], threshold: 0.45 }];
+const MARKS: [Mark; 2] = [
+    Mark { colour: [0, 114, 178], threshold: 0.5, is_dashed: false },
+    Mark { colour: [204, 121, 167], threshold: 0.3, is_dashed: true },
+];
 
 /// A renderer, a scene, and the prompts.
 struct Stage {
@@ -39,7 +41,7 @@ impl Stage {
             scene: scene(Recipe::default()),
             camera: moved_camera(121, 77),
             lattice: Lattice::new(&codec(3)).unwrap(),
-            queries: vec![query("liver", 4), query("fat", 1)],
+            queries: vec![query("liver", 4), uncertain()],
             settings: RelevancySettings::default(),
         })
     }
@@ -89,8 +91,12 @@ fn look(style: OverlayStyle) -> OverlayLook {
 }
 
 fn drawn(frame: &RgbImage, scores: &[Grid<f32>], style: OverlayStyle) -> RgbImage {
-    let prompt =
-        |(scores, mark): (_, &Mark)| OverlayPrompt { scores, threshold: mark.threshold, colour: mark.colour };
+    let prompt = |(scores, mark): (_, &Mark)| OverlayPrompt {
+        scores,
+        threshold: mark.threshold,
+        colour: mark.colour,
+        is_dashed: mark.is_dashed,
+    };
     let prompts: Vec<OverlayPrompt<'_>> = scores.iter().zip(&MARKS).map(prompt).collect();
     overlay(frame, &prompts, look(style))
 }

@@ -140,7 +140,8 @@ fn export_found(args: &ExportArgs) -> Result<Value> {
         return Err(Error::Cancelled);
     }
     let frames: Vec<usize> = (0..engine.scene().num_frames()).collect();
-    let answers = ask(&mut engine, &frames)?;
+    let questions = args.prompts.questions(engine.settings())?;
+    let answers = ask(&mut engine, &questions, &frames)?;
     let picture = figures::answers(&mut engine, &answers, PANEL_WIDTH)?;
     if let Some(picture) = &picture {
         write_whole(&args.output.join(ANSWERS), &jpeg(picture)?)?;

@@ -51,7 +51,7 @@ pub(super) struct BenchCodecArgs {
 /// Way in which classes are drawn from the table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
-enum Draw {
+pub(super) enum Draw {
     /// Any classes.
     Random,
     /// A random class and those nearest to it: the hardest to keep apart.
@@ -117,7 +117,7 @@ impl Measure for BenchCodecArgs {
 }
 
 /// Returns the only `.npy` file of a folder.
-fn the_table(folder: &Path) -> Result<PathBuf> {
+pub(super) fn the_table(folder: &Path) -> Result<PathBuf> {
     let entries = std::fs::read_dir(folder).map_err(|e| Error::io("list the folder", folder, e))?;
     let paths = entries.flatten().map(|entry| entry.path());
     let tables: Vec<PathBuf> = paths.filter(|p| p.extension().is_some_and(|e| e == "npy")).collect();
@@ -128,7 +128,7 @@ fn the_table(folder: &Path) -> Result<PathBuf> {
 }
 
 /// Reads a table and scales its rows to unit length.
-fn read(file: &Path) -> Result<Array2<f32>> {
+pub(super) fn read(file: &Path) -> Result<Array2<f32>> {
     let wrong = |what: String| Error::input_at(file, what, HINT);
     let (shape, values) = npy(file)?;
     let [n, dim] = shape[..] else {
@@ -180,7 +180,7 @@ fn values(f: &Fidelity) -> [f64; 7] {
 }
 
 /// Draws the indices of `n` different rows.
-fn drawn(table: &Array2<f32>, n: usize, draw: Draw, seed: u64) -> Vec<usize> {
+pub(super) fn drawn(table: &Array2<f32>, n: usize, draw: Draw, seed: u64) -> Vec<usize> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     match draw {
         Draw::Random => sample(&mut rng, table.nrows(), n).into_vec(),

@@ -18,16 +18,20 @@ use crate::{
 };
 use clap::Args;
 use half::f16;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use std::{fmt::Write, path::PathBuf, sync::Arc, time::Instant};
 use surgtpgs_core::{
     Error, Result,
     camera::Camera,
     clock::PassName,
+    codec::Codec,
     deform::{Deformed, deform_by},
     grid::Grid,
+    num,
     overlay::{OverlayLook, OverlayPrompt, overlay},
     raster::{CpuRenderer, FEATURE_PLANE, FrameClock, FramePass, Images, Renderer},
-    relevancy::{Exact, Folded, Lattice, Query, Relevancy, RelevancySettings},
+    relevancy::{Exact, Folded, Lattice, Query, Relevancy, RelevancySettings, Rivals},
     scene::Scene,
 };
 
@@ -281,9 +285,50 @@ fn relevancy_rows(engine: &Engine, scene: &Scene, cameras: &[(f32, Camera)]) -> 
         let ms = ask.timed(&mut lattice);
         rows.push(with_errors(Timing::of("relevancy", "lattice, features in f16", ms), &scores, &truth));
     }
+    rows.extend(crowded_rows(&ask, &codec));
     rows.push(drawing(&images, &truth));
     rows.push(half_features(scene, cameras, &ask, &truth)?);
     Ok(rows)
+}
+
+/// Number of texts that compete in [`crowded_rows`].
+const CROWD: usize = 1000;
+
+/// Times and checks prompts that compete with a thousand texts near the scene's classes.
+fn crowded_rows(ask: &Asked<'_>, codec: &Codec) -> Vec<Timing> {
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let near = |row: &[f32], rng: &mut ChaCha8Rng| -> Vec<f32> {
+        let scale = 1.0 / (row.len() as f32).sqrt();
+        row.iter().map(|v| v + scale * rng.random_range(-1.7..1.7)).collect()
+    };
+    let classes: Vec<&[f32]> = ask.queries.iter().flat_map(Query::texts).collect();
+    let crowd: Vec<Vec<f32>> = (0..CROWD)
+        .filter_map(|k| num::normalised(&near(classes.get(k % classes.len().max(1))?, &mut rng)))
+        .collect();
+    let rivals = Rivals::new(crowd.iter().map(|row| ("", row.as_slice())));
+    let queries: Vec<Query> =
+        ask.queries.iter().map(|query| query.clone().among(&rivals, vec![0, 5, 700])).collect();
+    let ask = Asked { queries: &queries, ..*ask };
+    let Some(mut lattice) = Lattice::new(codec) else { return Vec::new() };
+    let (truth, _) = ask.of(&mut Folded::new(codec.clone()));
+    let (_, first) = ask.of(&mut lattice);
+    let (scores, _) = ask.of(&mut lattice);
+    let known = ask.timed(&mut lattice);
+    let way = |what: &str| format!("lattice, {CROWD} competing texts: {what}");
+    let mut rows = vec![
+        Timing::of("relevancy", way("cells made"), first),
+        with_errors(Timing::of("relevancy", way("cells known"), known), &scores, &truth),
+    ];
+    let new: Vec<Query> = queries.iter().cloned().map(renamed).collect();
+    let images = &ask.images[..ask.images.len().min(1)];
+    let (_, ms) = Asked { images, queries: &new, ..ask }.of(&mut lattice);
+    rows.push(Timing::of("relevancy", way("a new prompt"), ms));
+    rows
+}
+
+/// The same query under another name, so that no table of before is used.
+fn renamed(query: Query) -> Query {
+    Query { prompt: format!("new {}", query.prompt), ..query }
 }
 
 /// Times the whole frame with features at half size; errors are those of the resulting scores.
@@ -400,7 +445,7 @@ fn drawing(images: &[Images], scores: &[Grid<f32>]) -> Timing {
         .iter()
         .map(|(frame, scores)| {
             let started = Instant::now();
-            let prompt = OverlayPrompt { scores, threshold: 0.4, colour: [0, 200, 80] };
+            let prompt = OverlayPrompt::new(scores, 0.4, [0, 200, 80]);
             std::hint::black_box(overlay(frame, &[prompt], OverlayLook::default()));
             started.elapsed().as_secs_f64() * 1e3
         })

@@ -15,6 +15,7 @@ mod step;
 mod stress;
 mod timing;
 mod train;
+mod words;
 
 use super::verb::{Exit, Run};
 use clap::{Args, Subcommand};
@@ -41,6 +42,7 @@ enum Measurement {
     Stress(stress::BenchStressArgs),
     Masks(masks::BenchMasksArgs),
     Codec(codec::BenchCodecArgs),
+    Words(words::BenchWordsArgs),
 }
 
 impl Measurement {
@@ -53,6 +55,7 @@ impl Measurement {
             Self::Stress(args) => args,
             Self::Masks(args) => args,
             Self::Codec(args) => args,
+            Self::Words(args) => args,
         }
     }
 }

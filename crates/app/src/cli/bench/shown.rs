@@ -12,7 +12,7 @@ pub(super) fn rows(engine: &mut Engine, cameras: &[(f32, Camera)]) -> Result<Vec
     // One prompt, as a user asks.
     let words: Vec<String> = engine.queries().iter().take(1).map(|q| q.prompt.clone()).collect();
     engine.set_prompts(&words)?;
-    let marks = [Mark { threshold: engine.settings().threshold, colour: [0, 200, 80] }];
+    let marks = [Mark { threshold: engine.settings().threshold, colour: [0, 200, 80], is_dashed: false }];
     let marking = Marking { marks: &marks, look: OverlayLook::default(), base: None };
     let views: Vec<SceneView> =
         cameras.iter().map(|&(time, camera)| SceneView { time, camera, recorded: true }).collect();

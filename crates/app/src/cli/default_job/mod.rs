@@ -64,15 +64,16 @@ fn headless(folder: &Path, options: &DemoOptions) -> Result<()> {
     let mut engine = Engine::open(&scene, EngineOptions::default())?;
     let evaluation = evaluate(&mut engine, None, &mut |p| view.show(p))?.report;
     drop(view);
-    engine.set_prompts(&PROMPTS.map(String::from))?;
+    let negatives = Negatives::of(engine.settings());
+    let questions = PROMPTS.map(|text| Question::words(text, negatives.clone()));
     let frames: Vec<usize> = (0..engine.scene().num_frames()).collect();
-    let answers = ask(&mut engine, &frames)?;
+    let answers = ask(&mut engine, &questions, &frames)?;
     let found = export_found(&mut engine, &answers, &scene, &folder.join("masked-frames"), frames)?;
 
     let findings =
         Findings { trained: &trained, evaluation: &evaluation, answers: &answers, exported: found };
     // The export has left only the prompts that were found.
-    engine.set_prompts(&PROMPTS.map(String::from))?;
+    engine.set_questions(&questions)?;
     report::write(folder, &mut engine, &findings)?;
     print(&report::summary(folder, &findings))?;
     Ok(())

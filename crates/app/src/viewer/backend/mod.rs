@@ -8,7 +8,7 @@ pub(crate) mod ranges;
 pub(crate) mod task;
 
 use crate::{
-    engine::{Negatives, Question, Sample},
+    engine::{Answer, Negatives, Question, Sample},
     evaluation::Evaluation,
     jobs::ExportRequest,
 };
@@ -123,6 +123,10 @@ pub(crate) trait FrameSource: Send {
     /// Returns one score image per question, in the view that was rendered last and of its size. An error
     /// concerns its question alone.
     fn scores(&mut self, view: &FrameView, questions: &[Question]) -> Vec<Result<Grid<f32>>>;
+    /// Returns what is said to each question, whatever the view; `None` where that is not known.
+    fn answers(&mut self, questions: &[Question]) -> Vec<Option<Answer>> {
+        questions.iter().map(|_| None).collect()
+    }
     /// Returns the distances that the contents of a view move over the recording, px, not a number where
     /// nothing is, and a description in words of what moves.
     fn motion(&mut self, view: &FrameView) -> Result<(Grid<f32>, String)>;

@@ -25,8 +25,9 @@ impl ComparisonDialog {
         let (is_done, is_closed) = dialog(ctx, "comparison", 460.0, |ui| {
             ui.heading("What prompts are compared with");
             ui.label(caption(
-            "A pixel's similarity score says how much closer it is to your words than to the closest of these. \
-             Switch one off to see what it does. A prompt's own exceptions are in its menu, under \"But not\".",
+            "A prompt competes with everything that means something else. Words that you add here compete with \
+             every prompt, too. Switch one off to see what it does. A prompt's own exceptions are in its menu, \
+             under \"But not\".",
         ));
             ui.add_space(6.0);
             phrases_ui(ui, shared, actions);
@@ -41,17 +42,24 @@ impl ComparisonDialog {
                 actions.push(Action::edit(move |d| d.add_phrase(&phrase)));
             }
             let mut uses_classes = shared.document.comparison().uses_classes;
-            if ui.checkbox(&mut uses_classes, "The recording's other classes as well").changed() {
+            if ui
+                .checkbox(&mut uses_classes, "Ask what the words mean, and let everything else compete")
+                .changed()
+            {
                 actions.push(Action::edit(move |d| d.set_uses_classes(uses_classes)));
             }
-            if !shared.document.comparison().phrases.iter().any(|p| p.is_on) {
-                let text = "Without any phrase, scores are no longer comparable with other recordings.";
+            if !uses_classes && !shared.document.comparison().phrases.iter().any(|p| p.is_on) {
+                let text = "Nothing competes: every prompt is found nearly everywhere.";
                 ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
             }
             ui.add_space(10.0);
             ui.horizontal(|ui| {
-                if ui.button("Standard phrases").clicked() {
+                if ui.button("As usual").clicked() {
                     actions.push(Action::edit(move |d| d.reset_comparison()));
+                }
+                let tip = "The words as they are, against object, things, stuff and texture alone";
+                if ui.button("As in the paper").on_hover_text(tip).clicked() {
+                    actions.push(Action::edit(move |d| d.compare_as_in_paper()));
                 }
                 ui.add(main_button("Close")).clicked()
             })

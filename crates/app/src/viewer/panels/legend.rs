@@ -66,10 +66,18 @@ fn lines(shared: &Shared) -> Vec<Line> {
         let number = shared.document.prompts().iter().position(|p| p.id == prompt.id);
         let finding = picture.findings.iter().find(|f| f.id == prompt.id);
         let found = finding.and_then(|f| f.outcome.as_ref().ok());
+        let answer = finding.and_then(|f| f.answer.as_ref());
         let value = match found {
             Some(found) if found.area_px > 0 => percent(found.area_fraction),
-            Some(_) => "not found here".into(),
+            Some(_) if answer.is_some_and(|a| !a.may_be_found(prompt.threshold)) => {
+                "not in this recording".into()
+            }
+            Some(_) => "not on this frame".into(),
             None => "no answer".into(),
+        };
+        let text = match finding.and_then(|f| f.stand_in(prompt)) {
+            Some(class) => format!("{class} (asked: {})", prompt.question.text),
+            None => prompt.question.text.clone(),
         };
         Line {
             number: if prompt.id == PREVIEW {
@@ -77,7 +85,7 @@ fn lines(shared: &Shared) -> Vec<Line> {
             } else {
                 number.map_or(String::new(), |n| (n + 1).to_string())
             },
-            text: prompt.question.text.clone(),
+            text,
             value,
             colour: prompt.colour,
             anchor: found.and_then(|f| f.anchor),
@@ -139,7 +147,7 @@ fn heat_scale(ui: &Ui, lines: &[Line], left: f32, bottom: f32) {
     for line in lines {
         let id = egui::Id::unique(("heat scale", line.colour));
         let texture = ui.ctx().data(|d| d.get_temp::<egui::TextureHandle>(id)).unwrap_or_else(|| {
-            let prompt = OverlayPrompt { scores: &scores, threshold: 2.0, colour: line.colour };
+            let prompt = OverlayPrompt::new(&scores, 2.0, line.colour);
             let grey = RgbImage::from_pixel(STEPS as u32, 1, image::Rgb([60; 3]));
             let look = OverlayLook { style: OverlayStyle::Heatmap, opacity: 1.0, ..Default::default() };
             let ramp = overlay(&grey, &[prompt], look);

@@ -1,5 +1,6 @@
 //! The panel of prompts: the prompt box, one row per prompt, and the style of the overlay.
 
+use crate::engine::Answer;
 use crate::viewer::{
     action::Action,
     command::Command,
@@ -19,8 +20,10 @@ use crate::viewer::{
 use egui::{Frame, Key, Margin, Response, RichText, ScrollArea, Sense, Stroke, TextEdit, Ui, vec2};
 use surgtpgs_core::overlay::OverlayStyle;
 
-/// Message of a prompt that finds nothing on the frame.
-pub(crate) const NOTHING: &str = "Nothing above the threshold on this frame";
+/// Message of a prompt that is known to the recording but not found on the frame.
+pub(crate) const NOTHING: &str = "Not on this frame";
+/// Message of a prompt that means nothing in the recording.
+pub(crate) const ABSENT: &str = "Not in this recording";
 /// Message of a prompt that has no answer yet.
 pub(crate) const ENCODING: &str = "Encoding…";
 /// Message where prompts cannot be asked.
@@ -173,7 +176,12 @@ fn row_ui(
         } else {
             ("Hidden".to_owned(), theme::TEXT_WEAK)
         };
-        ui.label(RichText::new(text).font(theme::small()).color(colour));
+        let why = finding.and_then(|f| f.answer.as_ref()).map_or("", |answer| &answer.why);
+        let state = ui.label(RichText::new(text).font(theme::small()).color(colour));
+        if !why.is_empty() {
+            state.on_hover_text(format!("“{}”: {why}", prompt.text));
+        }
+        nearest_ui(ui, actions, prompt, finding);
         if is_selected && prompt.is_visible {
             let found = finding.and_then(|f| f.outcome.as_ref().ok());
             threshold_row_ui(ui, shared, actions, prompt, found);
@@ -181,6 +189,18 @@ fn row_ui(
         menu_button
     });
     row.inner
+}
+
+/// Shows a switch that draws the class which is most like a prompt that means none.
+fn nearest_ui(ui: &mut Ui, actions: &mut Vec<Action>, prompt: &Prompt, finding: Option<&Finding>) {
+    let Some(class) = finding.and_then(|f| f.answer.as_ref()?.nearest.as_ref()) else { return };
+    let mut shows = prompt.shows_nearest;
+    let label = RichText::new(format!("Show {class}, dashed")).font(theme::small());
+    let tip = format!("“{}” is not in this recording. This draws what is most like it: {class}", prompt.text);
+    if ui.checkbox(&mut shows, label).on_hover_text(tip).changed() {
+        let id = prompt.id;
+        actions.push(Action::edit(move |d| d.set_shows_nearest(id, shows)));
+    }
 }
 
 /// Shows the head of a row: number, words, eye, menu and delete.
@@ -245,8 +265,8 @@ fn threshold_row_ui(
     jumps_ui(ui, shared, actions);
     let text = format!("Similarity score above {threshold:.2} counts as found");
     ui.label(caption(text));
-    if found.is_some_and(|f| f.max_score < TIE) {
-        let text = "No pixel here is closer to these words than to a generic phrase.";
+    if found.is_some_and(|f| f.max_score < TIE && f.area_px > 0) {
+        let text = "No pixel here is closer to these words than to something else.";
         ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
     }
 }
@@ -281,9 +301,22 @@ fn state_text(finding: Option<&Finding>, threshold: f32) -> (String, egui::Color
         None => (ENCODING.into(), theme::TEXT_WEAK),
         Some(Err(problem)) => (problem.clone(), theme::ERROR),
         Some(Ok(found)) if found.area_px == 0 && threshold >= found.max_score => {
-            (NOTHING.into(), theme::AMBER)
+            let answer = finding.and_then(|f| f.answer.as_ref());
+            let text = match answer.filter(|answer| !answer.may_be_found(threshold)) {
+                None => NOTHING.to_owned(),
+                Some(Answer { nearest: Some(class), .. }) => format!("{ABSENT}; looks like {class}"),
+                Some(_) => ABSENT.to_owned(),
+            };
+            (text, theme::AMBER)
         }
-        Some(Ok(found)) => (format!("{} of the frame", percent(found.area_fraction)), theme::TEXT_WEAK),
+        Some(Ok(found)) => {
+            let share = format!("{} of the frame", percent(found.area_fraction));
+            let answer = finding.and_then(|f| f.answer.as_ref()).filter(|a| !a.may_be_found(threshold));
+            match answer.and_then(|answer| answer.nearest.as_ref()) {
+                Some(class) => (format!("{ABSENT}; {class} is {share}"), theme::AMBER),
+                None => (share, theme::TEXT_WEAK),
+            }
+        }
     }
 }
 

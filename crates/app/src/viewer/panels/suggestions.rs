@@ -52,7 +52,8 @@ pub(crate) fn suggestions_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Act
             words_ui(ui, shared, actions, "Looked for before", earlier.iter().map(String::as_str));
             let classes = shared.info().map(|i| i.example_prompts.clone()).unwrap_or_default();
             words_ui(ui, shared, actions, "Classes of this recording", classes.iter().map(String::as_str));
-            for (title, words) in PRESETS {
+            // What this recording has is known where it has classes.
+            for (title, words) in PRESETS.iter().filter(|_| classes.is_empty()) {
                 words_ui(ui, shared, actions, title, words.iter().copied());
             }
         });

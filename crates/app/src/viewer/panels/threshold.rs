@@ -4,10 +4,8 @@ use crate::viewer::{picture::found::Found, theme};
 use egui::{Align2, Color32, Key, Rect, Role, Sense, Stroke, Ui, WidgetInfo, pos2, vec2};
 use surgtpgs_core::summary::SCORE_BINS;
 
-/// Score at which a pixel is as close to the prompt as to the best generic phrase.
+/// Score at which a pixel is as likely what the prompt means as something else.
 pub(crate) const TIE: f32 = 0.5;
-/// Threshold of the paper.
-pub(crate) const PAPER: f32 = 0.4;
 
 const HEIGHT: f32 = 52.0;
 const CAPTION: f32 = 17.0;
@@ -50,7 +48,7 @@ pub(crate) fn threshold_ui(
     response.on_hover_text(
         "How many pixels of this frame have which similarity score (tall bars are compressed).\n\
          Pixels to the right of the line count as found: drag it to find more or less.\n\
-         0.5: as close to the prompt as to the best generic phrase. 0.4: the threshold of the paper.",
+         0.5: as likely as not what these words mean.",
     );
     is_over
 }
@@ -75,23 +73,20 @@ fn paint(ui: &Ui, plot: Rect, threshold: f32, colour: [u8; 3], found: Option<&Fo
         }
     }
     let caption_y = plot.bottom() + 3.0;
-    for (score, text, anchor) in [(PAPER, "0.4 paper", Align2::RIGHT_TOP), (TIE, "0.5 tie", Align2::LEFT_TOP)]
-    {
-        let dash = egui::Shape::dashed_line(
-            &[pos2(x(score), plot.top()), pos2(x(score), plot.bottom() + 3.0)],
-            Stroke::new(1.0, theme::TEXT_WEAK),
-            3.0,
-            3.0,
-        );
-        painter.extend(dash);
-        painter.text(
-            pos2(x(score), caption_y),
-            anchor,
-            text,
-            egui::FontId::proportional(12.5),
-            theme::TEXT_WEAK,
-        );
-    }
+    let dash = egui::Shape::dashed_line(
+        &[pos2(x(TIE), plot.top()), pos2(x(TIE), plot.bottom() + 3.0)],
+        Stroke::new(1.0, theme::TEXT_WEAK),
+        3.0,
+        3.0,
+    );
+    painter.extend(dash);
+    painter.text(
+        pos2(x(TIE), caption_y),
+        Align2::CENTER_TOP,
+        "0.5: as likely as not",
+        egui::FontId::proportional(12.5),
+        theme::TEXT_WEAK,
+    );
     let stroke = Stroke::new(if is_hot { 3.0 } else { 2.0 }, Color32::WHITE);
     painter.vline(x(threshold), plot.y_range(), stroke);
     painter.circle_filled(

@@ -8,11 +8,15 @@ use crate::viewer::{
         legend,
         panes::{PaneView, panes},
         probe,
+        prompts::{ABSENT, NOTHING},
         ruler::Ruler,
         start,
         widgets::{choice, plate},
     },
-    picture::difference::Difference,
+    picture::{
+        difference::Difference,
+        request::{AskedPrompt, Finding},
+    },
     shared::Shared,
     state::{
         clean_up,
@@ -295,7 +299,11 @@ fn notice(shared: &Shared, with_marks: bool) -> Option<(String, Color32)> {
     }
     let answers: Vec<_> = picture.findings.iter().filter_map(|f| f.outcome.as_ref().ok()).collect();
     let is_nothing = with_marks && !answers.is_empty() && answers.iter().all(|f| f.area_px == 0);
-    is_nothing.then(|| (crate::viewer::panels::prompts::NOTHING.to_owned(), theme::AMBER))
+    let is_absent = |(f, p): (&Finding, &AskedPrompt)| {
+        f.answer.as_ref().is_some_and(|answer| !answer.may_be_found(p.threshold))
+    };
+    let all_absent = picture.findings.iter().zip(&picture.request.prompts).all(is_absent);
+    is_nothing.then(|| (if all_absent { ABSENT } else { NOTHING }.to_owned(), theme::AMBER))
 }
 
 /// Describes the picture in words, for users who cannot see it.

@@ -282,7 +282,7 @@ mod tests {
         assert_eq!(counted.next(&liver, 3), None);
         assert_eq!(counted.next(&[question("liver"), question("fat")], 3), Some((0, vec![question("fat")])));
         let mut other = question("liver");
-        other.question.negatives.phrases.clear();
+        other.question.negatives.phrases.push("smoke".into());
         assert_eq!(
             counted.next(std::slice::from_ref(&other), 3),
             Some((0, vec![other])),

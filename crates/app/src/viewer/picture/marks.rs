@@ -16,14 +16,14 @@ pub(crate) fn mark(
     tools: Option<&Mask>,
     request: &Request,
 ) -> Option<Arc<ColorImage>> {
-    let layers: Vec<(&Grid<f32>, &AskedPrompt)> = findings
+    let layers: Vec<(&Grid<f32>, &AskedPrompt, bool)> = findings
         .iter()
         .filter_map(|finding| {
             let prompt = request.prompts.iter().find(|p| p.id == finding.id)?;
-            Some((&*finding.outcome.as_ref().ok()?.cleaned, prompt))
+            Some((&*finding.outcome.as_ref().ok()?.cleaned, prompt, finding.stand_in(prompt).is_some()))
         })
         .collect();
-    let (first, _) = layers.first()?;
+    let (first, ..) = layers.first()?;
     let (width, height) = (first.width as u32, first.height as u32);
     let resized;
     let frame = if frame.dimensions() == (width, height) {
@@ -34,8 +34,9 @@ pub(crate) fn mark(
     };
     let prompts: Vec<(OverlayPrompt<'_>, bool)> = layers
         .iter()
-        .map(|(scores, p)| {
-            (OverlayPrompt { scores, threshold: p.threshold, colour: p.colour }, p.is_instrument)
+        .map(|&(scores, p, is_dashed)| {
+            let drawn = OverlayPrompt { scores, threshold: p.threshold, colour: p.colour, is_dashed };
+            (drawn, p.is_instrument)
         })
         .collect();
     Some(Arc::new(color_image(&overlay_layers(frame, &prompts, tools, request.look))))

@@ -2,7 +2,7 @@
 //! requests may need again, so that a moved threshold costs only a redraw of the overlay. It prepares the
 //! frames ahead while there is no request. It runs on the worker thread.
 
-use crate::engine::Question;
+use crate::engine::{Answer, Question};
 use crate::viewer::{
     backend::{FrameSource, FrameView, Rendering},
     picture::{
@@ -132,7 +132,9 @@ impl Pipeline {
         let tools = self.tools_below(&request, asks);
         let layer = request.layer.map(|layer| self.layer(layer, &request.view)).transpose()?;
         let Some(rendered) = self.rendered.back() else { return Ok(()) };
-        picture.findings = findings(&answers, &request);
+        let said =
+            self.source.answers(&request.prompts.iter().map(|p| p.question.clone()).collect::<Vec<_>>());
+        picture.findings = findings(&answers, &request, &said);
         picture.candidates = candidates(&answers, &request.candidates);
         if let Some(point) = request.point.filter(|_| self.source.info().has_features) {
             // The scores at the point can be shown even without a sample.
@@ -452,14 +454,16 @@ fn shared(scores: Result<Grid<f32>>) -> Scores {
     scores.map(Arc::new).map_err(|e| message(&e))
 }
 
-fn findings(answers: &[PromptScores], request: &Request) -> Vec<Finding> {
+/// Returns what was found of each prompt of a request, with what is `said` to it.
+fn findings(answers: &[PromptScores], request: &Request, said: &[Option<Answer>]) -> Vec<Finding> {
     let clean_up = request.clean_up();
-    let finding = |prompt: &AskedPrompt| {
+    let finding = |(prompt, answer): (&AskedPrompt, &Option<Answer>)| {
         let (_, scores) = answers.iter().find(|(question, _)| *question == prompt.question)?;
         let outcome = scores.clone().map(|scores| Found::new(scores, prompt.threshold, clean_up));
-        Some(Finding { id: prompt.id, text: prompt.question.text.clone(), outcome })
+        let (text, answer) = (prompt.question.text.clone(), answer.clone());
+        Some(Finding { id: prompt.id, text, answer, outcome })
     };
-    request.prompts.iter().filter_map(finding).collect()
+    request.prompts.iter().zip(said).filter_map(finding).collect()
 }
 
 /// Returns the scores of those `wanted` questions that have any.

@@ -1,6 +1,6 @@
 //! Requests for pictures, and the pictures that answer them.
 
-use crate::engine::{Question, Sample};
+use crate::engine::{Answer, Question, Sample};
 use crate::viewer::{
     backend::FrameView,
     picture::{difference::Difference, found::Found},
@@ -102,6 +102,16 @@ pub(crate) struct Picture {
 pub(crate) struct Finding {
     pub(crate) id: PromptId,
     pub(crate) text: String,
+    /// Answer to the prompt, whatever the view; `None` where that is not known.
+    pub(crate) answer: Option<Answer>,
     /// Everything found, or the reason why the question could not be asked.
     pub(crate) outcome: Result<Found, String>,
+}
+
+impl Finding {
+    /// Returns the class that is drawn in the prompt's stead, because it is most like its words.
+    pub(crate) fn stand_in(&self, prompt: &AskedPrompt) -> Option<&str> {
+        let nearest = self.answer.as_ref()?.nearest.as_deref();
+        nearest.filter(|_| prompt.question.shows_nearest)
+    }
 }

@@ -6,6 +6,7 @@ use crate::viewer::state::{
     content::{Comparison, Phrase, Prompt},
     document::Document,
 };
+use surgtpgs_core::relevancy::RelevancySettings;
 
 impl Document {
     pub(crate) fn comparison(&self) -> &Comparison {
@@ -16,7 +17,8 @@ impl Document {
     pub(crate) fn question(&self, prompt: &Prompt) -> Question {
         let mut negatives = self.comparison().common().with(&prompt.but_not);
         negatives.samples.extend(prompt.not_like.iter().map(|n| (n.name.clone(), n.sample.clone())));
-        Question { text: prompt.text.clone(), like: prompt.like.clone(), negatives }
+        let (text, like) = (prompt.text.clone(), prompt.like.clone());
+        Question { text, like, negatives, shows_nearest: prompt.shows_nearest }
     }
 
     /// Returns the question for words that are not a prompt (yet).
@@ -52,16 +54,23 @@ impl Document {
 
     pub(crate) fn set_uses_classes(&mut self, uses_classes: bool) {
         if self.comparison().uses_classes != uses_classes {
-            let name = "comparing with the other classes".to_owned();
+            let name = "asking what words mean".to_owned();
             self.edit(name, None, |content| content.comparison.uses_classes = uses_classes);
         }
     }
 
     pub(crate) fn reset_comparison(&mut self) {
-        if *self.comparison() != Comparison::default() {
-            self.edit("the standard phrases".into(), None, |content| {
-                content.comparison = Comparison::default()
-            });
+        self.compare_by("comparing as usual", &RelevancySettings::default());
+    }
+
+    pub(crate) fn compare_as_in_paper(&mut self) {
+        self.compare_by("comparing as in the paper", &RelevancySettings::paper());
+    }
+
+    fn compare_by(&mut self, name: &str, settings: &RelevancySettings) {
+        let comparison = Comparison::of(settings);
+        if *self.comparison() != comparison {
+            self.edit(name.to_owned(), None, |content| content.comparison = comparison);
         }
     }
 }
@@ -69,8 +78,9 @@ impl Document {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::engine::Negatives;
     use crate::text::split_words;
-    use surgtpgs_core::{overlay::OverlayLook, relevancy::RelevancySettings};
+    use surgtpgs_core::overlay::OverlayLook;
 
     #[test]
     fn a_prompt_is_compared_with_the_common_phrases_that_are_on_and_its_own() {
@@ -79,6 +89,8 @@ mod tests {
         let id = document.prompts()[0].id;
         let standard = document.question(&document.prompts()[0]);
         assert_eq!(standard.negatives.phrases, RelevancySettings::default().phrases);
+        document.compare_as_in_paper();
+        assert_eq!(document.bare_question("x").negatives, Negatives::of(&RelevancySettings::paper()));
         document.toggle_phrase(0);
         document.add_phrase(" smoke ");
         document.add_phrase("Smoke");
@@ -88,8 +100,8 @@ mod tests {
         assert_eq!(document.bare_question("x").negatives.phrases, ["things", "stuff", "texture", "smoke"]);
         document.reset_comparison();
         let exception = document.question(&document.prompts()[0]).negatives.phrases;
-        assert_eq!(exception, ["object", "things", "stuff", "texture", "fat"], "the prompt's own stays");
-        (0..4).for_each(|_| document.undo());
+        assert_eq!(exception, ["fat", "Things"], "the prompt's own stay");
+        (0..5).for_each(|_| document.undo());
         assert_eq!(document.question(&document.prompts()[0]), standard);
     }
 }

@@ -34,6 +34,9 @@ pub(crate) struct Prompt {
     /// Sample of a picture to look for, instead of the words.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) like: Option<Sample>,
+    /// `true` to draw the class that is most like the words, if they mean none.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub(crate) shows_nearest: bool,
     /// Samples of pictures that are not meant.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) not_like: Vec<NamedSample>,
@@ -111,16 +114,20 @@ pub(crate) struct Comparison {
 
 impl Default for Comparison {
     fn default() -> Self {
-        let standard = RelevancySettings::default();
-        let phrase = |text| Phrase { text, is_on: true };
-        Self {
-            phrases: standard.phrases.into_iter().map(phrase).collect(),
-            uses_classes: standard.class_negatives,
-        }
+        Self::of(&RelevancySettings::default())
     }
 }
 
 impl Comparison {
+    /// The comparison that settings ask for.
+    pub(crate) fn of(settings: &RelevancySettings) -> Self {
+        let phrase = |text: &String| Phrase { text: text.clone(), is_on: true };
+        Self {
+            phrases: settings.phrases.iter().map(phrase).collect(),
+            uses_classes: settings.class_negatives,
+        }
+    }
+
     /// Returns the negatives of a prompt without exceptions of its own.
     pub(crate) fn common(&self) -> Negatives {
         let on = self.phrases.iter().filter(|p| p.is_on).map(|p| &p.text);

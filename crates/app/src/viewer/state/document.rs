@@ -154,6 +154,7 @@ impl Document {
             threshold: self.default_threshold,
             but_not: Vec::new(),
             like,
+            shows_nearest: false,
             not_like: Vec::new(),
             unknown: Map::new(),
         };
@@ -212,6 +213,14 @@ impl Document {
         let kind = if is_instrument { "an instrument" } else { "no instrument" };
         let name = format!("\"{}\" is {kind}", prompt.text);
         self.edit_prompt(name, None, id, |p| p.is_instrument = is_instrument);
+    }
+
+    /// Sets whether the class that is most like a prompt is drawn in its stead.
+    pub(crate) fn set_shows_nearest(&mut self, id: PromptId, shows_nearest: bool) {
+        let Some(prompt) = self.prompt(id).filter(|p| p.shows_nearest != shows_nearest) else { return };
+        let what = if shows_nearest { "showing" } else { "hiding" };
+        let name = format!("{what} what is like \"{}\"", prompt.text);
+        self.edit_prompt(name, None, id, |p| p.shows_nearest = shows_nearest);
     }
 
     /// Sets the clean-up of masks.

@@ -55,6 +55,9 @@ impl FrameSource for Fake {
         }
         let score = |question: &Question| match question.text.as_str() {
             "broken" => Err(Error::input("the encoder cannot read this", "Use other words.")),
+            "spleen" | "banana" if !question.shows_nearest => {
+                Ok(Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 0.0))
+            }
             "nothing" => Ok(Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 0.2)),
             "polyp" => {
                 let width = 2 * (6 - view.frame.abs_diff(15).min(6) as u32);
@@ -69,6 +72,17 @@ impl FrameSource for Fake {
             }
         };
         questions.iter().map(score).collect()
+    }
+    fn answers(&mut self, questions: &[Question]) -> Vec<Option<Answer>> {
+        let answer = |question: &Question| {
+            let (certainty, nearest) = match question.text.as_str() {
+                "spleen" => (0.0, Some("liver".to_owned())),
+                "banana" => (0.0, None),
+                _ => (1.0, None),
+            };
+            Some(Answer { certainty, nearest, why: "it was made up".into() })
+        };
+        questions.iter().map(answer).collect()
     }
 }
 
@@ -128,7 +142,7 @@ impl Backend for FakeBackend {
         self.exported.lock().unwrap().push((request.clone(), negatives.clone()));
         let (frames, prompts) = (request.frames.len(), request.questions.len());
         let files = num_files(&request.options.formats, frames, prompts);
-        Ok(ExportSummary { complete: true, frames, skipped_frames: 0, files })
+        Ok(ExportSummary { complete: true, frames, files, ..Default::default() })
     }
     fn evaluate(&self, scene: &Path, task: &TaskContext) -> Result<Evaluation> {
         task.progress("evaluating", 2, 2, String::new());

@@ -26,7 +26,7 @@ use crate::viewer::{
     state::{autosave::Autosave, preferences::Preferences, view_mode::ViewMode},
 };
 use crate::{
-    engine::{Negatives, Question, Sample},
+    engine::{Answer, Negatives, Question, Sample},
     evaluation::Evaluation,
     jobs::ExportRequest,
 };
@@ -189,7 +189,24 @@ fn what_is_nowhere_is_said_to_be_nowhere() {
     window.add_prompt("nothing");
     window.until_found();
     assert!(window.harness.query_all_by_label(NOTHING).count() >= 2, "in the row and on the picture");
-    assert!(window.shows("closer to these words than to a generic phrase"));
+}
+
+#[test]
+fn what_means_something_else_says_so_and_shows_what_it_is_like_on_request() {
+    let mut window = Window::on(scene());
+    window.add_prompt("spleen");
+    window.add_prompt("banana");
+    window.until_found();
+    assert!(window.shows("Not in this recording; looks like liver") && window.shows("Not in this recording"));
+    assert_eq!(window.harness.query_all_by_label_contains("dashed").count(), 1);
+    window.click("Show liver, dashed");
+    window.until_picture(|p| p.request.prompts[0].question.shows_nearest && !p.findings.is_empty());
+    let picture = window.harness.state().shared.picture().unwrap();
+    let (prompt, finding) = (&picture.request.prompts[0], &picture.findings[0]);
+    assert_eq!(finding.stand_in(prompt), Some("liver"));
+    assert!(window.shows("Not in this recording; liver is 25 % of the frame"));
+    window.press_with(Modifiers::COMMAND, Key::Z);
+    window.until_picture(|p| !p.request.prompts[0].question.shows_nearest);
 }
 
 #[test]

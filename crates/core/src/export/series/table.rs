@@ -21,6 +21,8 @@ pub(super) struct TableRow<'a> {
     moved_px: Option<f64>,
     /// File name of the recorded frame.
     source: Option<&'a str>,
+    /// `found`, `nearest` or `absent`.
+    answer: &'static str,
 }
 
 /// A format that rows are written in.
@@ -61,6 +63,7 @@ impl<R: Rows> Series for FrameTable<R> {
                 centroid_y_px: here.map(|[_, y]| y),
                 moved_px: moved,
                 source: frame.provenance.source(frame.frame),
+                answer: prompt.answer(region.area_px > 0),
             })?;
         }
         Ok(())

@@ -84,14 +84,14 @@ fn the_tables_tell_area_place_and_motion() {
     assert_eq!(
         lines[..4],
         [
-            "frame,time_s,prompt,area_px,area_fraction,mean_score,max_score,centroid_x_px,centroid_y_px,moved_px,source",
-            "0,0.0,Bile sac,64,0.06666666666666667,0.75,0.75,4.671875,3.734375,,shot 0.png",
-            "0,0.0,liver,253,0.2635416666666667,0.8999999761581421,0.9,32.5,16.5,,shot 0.png",
-            "1,0.04,Bile sac,64,0.06666666666666667,0.75,0.75,7.671875,4.734375,3.1622776601683795,shot 1.png",
+            "frame,time_s,prompt,area_px,area_fraction,mean_score,max_score,centroid_x_px,centroid_y_px,moved_px,source,answer",
+            "0,0.0,Bile sac,64,0.06666666666666667,0.75,0.75,4.671875,3.734375,,shot 0.png,found",
+            "0,0.0,liver,253,0.2635416666666667,0.8999999761581421,0.9,32.5,16.5,,shot 0.png,found",
+            "1,0.04,Bile sac,64,0.06666666666666667,0.75,0.75,7.671875,4.734375,3.1622776601683795,shot 1.png,found",
         ]
     );
-    assert_eq!(lines[4], "1,0.04,liver,0,0.0,,0.1,,,,shot 1.png", "what is not there has no place");
-    assert_eq!(lines[6].rsplit(',').nth(1), Some("0.0"), "the way is from where it was seen last");
+    assert_eq!(lines[4], "1,0.04,liver,0,0.0,,0.1,,,,shot 1.png,absent", "what is not there has no place");
+    assert_eq!(lines[6].rsplit(',').nth(2), Some("0.0"), "the way is from where it was seen last");
     assert_eq!(lines.len(), 1 + 2 * FRAMES);
 
     let (_folder, file) = export_one(Format::Json, false);

@@ -9,19 +9,27 @@
 //!
 //! Some points cannot be tabulated: latents outside the cube, cells whose error is too large even at the
 //! finest level, and all new cells once the table is full. These are decoded exactly, point by point.
+//!
+//! The rivals that all prompts compete with are ranked once per vertex, so that hundreds of them cost a new
+//! prompt nothing.
 
 mod look_up;
+mod ranking;
 mod table;
 mod tree;
 
-use super::{Folded, Points, Query, Relevancy, RelevancySettings, decoding::score_by_decoding};
+use super::{Folded, Points, Query, Relevancy, RelevancySettings, Rivals, decoding::score_by_decoding};
 use crate::codec::Codec;
 use look_up::{Open, look_up};
+use ranking::Ranking;
+use std::sync::Arc;
 use table::ScoreTable;
 use tree::{BRICK, BRICK_LEVELS, COARSE, EMPTY, EXTENT, FINE, FINE_PER_UNIT, Tree};
 
 /// Number of prompts whose tables are kept.
 const MAX_TABLES: usize = 16;
+/// Number of sets of rivals whose rankings are kept: a scene has one, and prompts without any none.
+const MAX_RANKINGS: usize = 2;
 
 /// Scores tabulated over the latent space at the features of the scene, and interpolated.
 pub struct Lattice {
@@ -29,6 +37,8 @@ pub struct Lattice {
     tree: Tree,
     /// Tables, the most recently used last.
     tables: Vec<ScoreTable>,
+    /// Rankings of rivals, the most recently used last.
+    rankings: Vec<Ranking>,
     tolerance: f32,
     decoded_points: usize,
 }
@@ -75,7 +85,14 @@ impl Lattice {
     pub fn with_tolerance(codec: &Codec, tolerance: f32) -> Option<Self> {
         (codec.latent_dim() == 3).then(|| {
             let folded = Folded::new(codec.clone());
-            Self { tree: Tree::new(folded.rank()), folded, tables: Vec::new(), tolerance, decoded_points: 0 }
+            Self {
+                tree: Tree::new(folded.rank()),
+                folded,
+                tables: Vec::new(),
+                rankings: Vec::new(),
+                tolerance,
+                decoded_points: 0,
+            }
         })
     }
 
@@ -133,10 +150,12 @@ impl Lattice {
             let known = self.tables.iter().position(|t| t.is_for(query, temperature));
             let table = match known {
                 Some(i) => self.tables.remove(i),
-                None => ScoreTable::new(query, self.folded.text_rows(query).unwrap_or_default(), temperature),
+                None => ScoreTable::new(query, &self.folded, temperature),
             };
             self.tables.push(table);
+            self.choose_ranking(&query.rivals);
         }
+        self.rankings.drain(..self.rankings.len().saturating_sub(MAX_RANKINGS.max(queries.len())));
         let kept = MAX_TABLES.max(queries.len());
         self.tables.drain(..self.tables.len().saturating_sub(kept));
         self.tables.len() - queries.len()
@@ -148,9 +167,23 @@ impl Lattice {
         look_up(&self.tree, &self.tables[first..], points, scores)
     }
 
+    /// Moves the ranking of `rivals` to the end of the list; makes it if it is missing.
+    fn choose_ranking(&mut self, rivals: &Arc<Rivals>) {
+        if rivals.is_empty() {
+            return;
+        }
+        let ranking = match self.rankings.iter().position(|r| r.is_of(rivals)) {
+            Some(i) => self.rankings.remove(i),
+            None => Ranking::new(rivals, &self.folded),
+        };
+        self.rankings.push(ranking);
+    }
+
     /// Completes the tables from `first` on for all cells of the tree.
     fn bring_up_to_date(&mut self, first: usize) {
-        self.tables[first..].iter_mut().for_each(|table| table.update(&mut self.tree, self.tolerance));
+        self.rankings.iter_mut().for_each(|ranking| ranking.update(&self.tree));
+        let Self { tables, tree, rankings, tolerance, .. } = self;
+        tables[first..].iter_mut().for_each(|table| table.update(tree, rankings, *tolerance));
     }
 
     /// Writes the scores of `points` and tabulates the cells that are needed. Returns the points that no
@@ -214,7 +247,7 @@ impl Relevancy for Lattice {
         let undecided = self.look_up_growing(points, &asked, settings.temperature, &mut found);
         self.decoded_points = undecided.len();
         if !undecided.is_empty() {
-            let texts: Vec<_> = asked.iter().map(|q| self.folded.text_rows(q)).collect();
+            let texts: Vec<_> = asked.iter().map(|q| self.folded.rows(q, settings.temperature)).collect();
             let layers = &self.folded.layers;
             let few = points.chosen(&undecided);
             let decoded = score_by_decoding(layers, &few, &texts, settings.temperature);

@@ -1,11 +1,12 @@
 //! Scores of one prompt in every cell.
 
 use super::{
-    super::{Query, margin},
+    super::{Folded, Query, query::TextRows},
+    ranking::Ranking,
     tree::{Tree, midpoint_error, polynomial},
 };
 use half::{f16, slice::HalfFloatSliceExt};
-use ndarray::{Array2, ArrayView2};
+use ndarray::ArrayView2;
 use rayon::prelude::*;
 
 /// Number of vertices that one thread compares with the texts at once.
@@ -14,8 +15,8 @@ const VERTICES_AT_ONCE: usize = 512;
 /// Margins of one prompt at one temperature, extended as the tree grows.
 pub(super) struct ScoreTable {
     query: Query,
-    /// Texts of the query in the form of the tree's embeddings, the prompt first: [texts, rank].
-    texts: Array2<f32>,
+    /// Texts of the query without its rivals, in the form of the tree's embeddings; `None` if they do not fit.
+    texts: Option<TextRows>,
     pub(super) temperature: f32,
     /// Margin at each vertex.
     margins: Vec<f32>,
@@ -26,8 +27,8 @@ pub(super) struct ScoreTable {
 }
 
 impl ScoreTable {
-    pub(super) fn new(query: &Query, texts: Array2<f32>, temperature: f32) -> Self {
-        let query = query.clone();
+    pub(super) fn new(query: &Query, folded: &Folded, temperature: f32) -> Self {
+        let (query, texts) = (query.clone(), folded.own_rows(query, temperature));
         Self { query, texts, temperature, margins: Vec::new(), polynomials: Vec::new(), max_error: 0.0 }
     }
 
@@ -36,12 +37,16 @@ impl ScoreTable {
     }
 
     /// Tabulates new cells of the tree and cuts cells whose interpolation is off by more than `tolerance`.
-    pub(super) fn update(&mut self, tree: &mut Tree, tolerance: f32) {
+    /// `rankings` are up to date.
+    pub(super) fn update(&mut self, tree: &mut Tree, rankings: &[Ranking], tolerance: f32) {
+        let ranking = rankings.iter().find(|r| r.is_of(&self.query.rivals));
         let rank = tree.rank().max(1);
+        let known = self.margins.len();
         let parts: Vec<Vec<f32>> = tree
-            .embeddings_from(self.margins.len())
+            .embeddings_from(known)
             .par_chunks(VERTICES_AT_ONCE * rank)
-            .map(|part| self.margins_of(part, rank))
+            .enumerate()
+            .map(|(k, part)| self.margins_of(known + k * VERTICES_AT_ONCE, part, rank, ranking))
             .collect();
         self.margins.extend(parts.into_iter().flatten());
 
@@ -66,11 +71,23 @@ impl ScoreTable {
         }
     }
 
-    fn margins_of(&self, embeddings: &[f16], rank: usize) -> Vec<f32> {
+    /// Margins of vertices from number `first` on.
+    fn margins_of(
+        &self,
+        first: usize,
+        embeddings: &[f16],
+        rank: usize,
+        ranking: Option<&Ranking>,
+    ) -> Vec<f32> {
         let mut wide = vec![0.0; embeddings.len()];
         embeddings.convert_to_f32_slice(&mut wide);
         let Ok(rows) = ArrayView2::from_shape((wide.len() / rank, rank), &wide) else { return Vec::new() };
-        let cosines = rows.dot(&self.texts.t());
-        cosines.outer_iter().map(|row| row.as_slice().map_or(f32::NAN, margin)).collect()
+        let Some(texts) = &self.texts else { return vec![f32::NAN; rows.nrows()] };
+        let cosines = rows.dot(&texts.rows.t());
+        let margin = |(k, embedding): (usize, &[f32])| {
+            let rival = ranking.and_then(|r| r.best(first + k, embedding, &self.query.allies));
+            cosines.row(k).to_slice().map_or(f32::NAN, |own| texts.margin(own, rival))
+        };
+        wide.chunks_exact(rank).enumerate().map(margin).collect()
     }
 }

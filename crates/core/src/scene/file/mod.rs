@@ -14,6 +14,7 @@
 //! | `cameras` | [frames, 18] | width, height, fx, fy, cx, cy, camera_from_world as 3×4 rows |
 //! | `field_of_view` | [H, ⌈W / 8⌉] u8 | bits, most significant first |
 //! | `class_embeddings` | [classes, dim] | |
+//! | `vocabulary` | [texts · dim, 2] u8 | vectors of the vocabulary's texts as little-endian f16 |
 //! | `encoder.K.weight` `encoder.K.bias` `decoder.K.…` | | the codec's layers |
 
 mod compact;
@@ -30,14 +31,16 @@ use crate::{
     deform::{BasisShape, Deformation, GATE_CHANNEL, num_channels, stride_for},
     gaussian::Gaussians,
     grid::Mask,
+    meaning::WordFacts,
     prepare::EncoderIdentity,
     reading::open_regular,
     sequence::Class,
 };
 use compact::Steps;
+use half::f16;
 use ndarray::{Array1, Array2};
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
-use std::{collections::HashMap, io::Read, path::Path};
+use std::{collections::HashMap, io::Read, path::Path, sync::Arc};
 use tensors::{MAX_BASES, Reader, Writer};
 
 /// Version of the layout above; a reader refuses a newer one.
@@ -60,6 +63,9 @@ struct SceneHeader {
     width: usize,
     classes: Vec<Class>,
     encoder: Option<EncoderIdentity>,
+    /// Absent in older scenes.
+    #[serde(default, skip_serializing_if = "WordFacts::is_empty")]
+    words: WordFacts,
     provenance: Provenance,
     /// SHA-256 over all tensors, hexadecimal; absent in older scenes.
     #[serde(default)]
@@ -90,6 +96,11 @@ pub(super) fn to_bytes(scene: &Scene, compact: bool) -> Result<Vec<u8>> {
     let dim = scene.classes.first().map_or(0, |c| c.1.len());
     let embeddings: Vec<f32> = scene.classes.iter().flat_map(|c| c.1.iter().copied()).collect();
     w.f32("class_embeddings", &[scene.classes.len(), dim], &embeddings);
+    let vectors = &scene.words.vectors;
+    if !vectors.is_empty() {
+        let bytes: Vec<u8> = vectors.iter().flat_map(|v| v.to_le_bytes()).collect();
+        w.bytes("vocabulary", &[vectors.len(), 2], bytes);
+    }
     if let Some(codec) = &scene.codec {
         write_layers(&mut w, "encoder", &codec.encoder);
         write_layers(&mut w, "decoder", &codec.decoder);
@@ -105,6 +116,7 @@ pub(super) fn to_bytes(scene: &Scene, compact: bool) -> Result<Vec<u8>> {
         width: fov.width,
         classes: scene.classes.iter().map(|c| c.0.clone()).collect(),
         encoder: scene.encoder.clone(),
+        words: scene.words.clone(),
         provenance: scene.provenance.clone(),
         tensors_sha256: Some(w.checksum()?),
     };
@@ -250,6 +262,7 @@ pub(super) fn from_bytes(bytes: &[u8]) -> Result<Scene, Problem> {
         codec,
         classes,
         encoder: header.encoder,
+        words: WordFacts { vectors: read_vectors(&reader)?, ..header.words },
         provenance: header.provenance,
     })
 }
@@ -339,6 +352,18 @@ fn read_field_of_view(reader: &Reader<'_>, header: &SceneHeader, camera: &Camera
     Ok(Mask::from_vec(width, height, data))
 }
 
+/// Reads the vectors of the vocabulary; none from older scenes.
+fn read_vectors(reader: &Reader<'_>) -> Result<Arc<Vec<f16>>, Problem> {
+    if !reader.has("vocabulary") {
+        return Ok(Arc::default());
+    }
+    let view = reader.view("vocabulary")?;
+    if view.dtype() != Dtype::U8 {
+        return Err("tensor `vocabulary` is not made of bytes".into());
+    }
+    Ok(Arc::new(view.data().as_chunks().0.iter().map(|b| f16::from_le_bytes(*b)).collect()))
+}
+
 fn read_codec(reader: &Reader<'_>, latent_dim: usize) -> Result<Option<Codec>, Problem> {
     if latent_dim == 0 {
         return Ok(None);
@@ -412,6 +437,11 @@ mod tests {
             codec: Some(Codec { encoder: vec![layer(8, 3)], decoder: vec![layer(3, 5), layer(5, 8)] }),
             classes: vec![(Class { id: 4, name: "liver".into(), colour: [1, 2, 3] }, vec![0.5; 8])],
             encoder: None,
+            words: WordFacts {
+                unseen: vec!["hepatic vein".into()],
+                calibration: None,
+                vectors: vec![f16::from_f32(0.5), f16::from_f32(-0.25)].into(),
+            },
             provenance: Provenance { sequence_name: "café".into(), steps: 7, ..Provenance::default() },
         }
     }
@@ -427,7 +457,7 @@ mod tests {
         assert_eq!(after.cameras, before.cameras);
         assert_eq!(after.field_of_view, before.field_of_view);
         assert_eq!(after.codec, before.codec);
-        assert_eq!(after.classes, before.classes);
+        assert_eq!((after.classes, after.words), (before.classes, before.words));
         assert_eq!(after.provenance, before.provenance);
     }
 
@@ -484,8 +514,8 @@ mod tests {
                 assert!(from_bytes(&changed).unwrap_err().contains("checksum"), "byte {at}");
             }
             let before =
-                String::from_utf8_lossy(&bytes[..tensors]).replace("tensors_sha256", "tensors_sha000");
-            let older = [before.as_bytes(), &bytes[tensors..]].concat();
+                String::from_utf8_lossy(&bytes[8..tensors]).replace("tensors_sha256", "tensors_sha000");
+            let older = [&bytes[..8], before.as_bytes(), &bytes[tensors..]].concat();
             assert!(from_bytes(&older).is_ok());
         }
     }

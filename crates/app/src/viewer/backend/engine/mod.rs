@@ -81,13 +81,12 @@ impl Backend for EngineBackend {
         negatives: &Negatives,
         task: &TaskContext,
     ) -> Result<ExportSummary> {
-        let relevancy = RelevancySettings {
+        let mut engine = Engine::open(&request.scene, EngineOptions::default())?;
+        engine.change_settings(|_| RelevancySettings {
             phrases: negatives.phrases.clone(),
             class_negatives: negatives.uses_classes,
             ..Default::default()
-        };
-        let options = EngineOptions { relevancy, ..Default::default() };
-        let mut engine = Engine::open(&request.scene, options)?;
+        });
         jobs::export(&mut engine, request, &mut |p| task.follow(p))
     }
 

@@ -1,7 +1,7 @@
 //! A scene as the window's source of pictures.
 
 use super::info::{examples, output_folder};
-use crate::engine::{self, Ask, Engine, Motion, Question, Sample};
+use crate::engine::{self, Answer, Ask, Engine, Motion, Question, Sample};
 use crate::viewer::{
     backend::{FrameSource, FrameView, Info, Lens, Rendering, orbit::Orbit},
     text::thousands,
@@ -164,6 +164,14 @@ impl FrameSource for SceneSource {
         let one = |question: &Question| {
             let missing = || Error::input("there is no score for these words", "");
             self.ask(&view, std::slice::from_ref(question)).and_then(|mut s| s.pop().ok_or_else(missing))
+        };
+        questions.iter().map(one).collect()
+    }
+
+    fn answers(&mut self, questions: &[Question]) -> Vec<Option<Answer>> {
+        let one = |question: &Question| {
+            self.engine.set_questions(std::slice::from_ref(question)).ok()?;
+            self.engine.answers().first().cloned()
         };
         questions.iter().map(one).collect()
     }

@@ -1,0 +1,67 @@
+//! Answers to prompts: it is here, it looks like something else, or it is not in this recording.
+
+use surgtpgs_core::{meaning::Meaning, scene::Scene};
+
+/// One of three answers. Of a prompt that may be found, the frames decide.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// It is here.
+    Found,
+    /// It is not here, but something that is like it.
+    Nearest,
+    /// It is not here.
+    Absent,
+}
+
+impl Verdict {
+    /// Returns its name in tables and reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Found => "found",
+            Self::Nearest => "nearest",
+            Self::Absent => "absent",
+        }
+    }
+}
+
+/// Answer of a scene to a prompt, whatever the frame.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Answer {
+    /// Probability that the words mean something that the scene knows, 0–1. No score is higher.
+    pub certainty: f32,
+    /// Class that is most like the words, if any is like them at all and they do not mean one.
+    pub nearest: Option<String>,
+    /// Reason, in a few words.
+    pub why: String,
+}
+
+impl Answer {
+    /// Says what `meaning` comes to among the classes of `scene`.
+    pub(super) fn new(meaning: &Meaning, scene: &Scene) -> Self {
+        let may_be_found = meaning.probability > 0.5;
+        let nearest = meaning.nearest.filter(|_| !may_be_found).and_then(|k| scene.classes.get(k));
+        let certainty = if meaning.classes.is_empty() { 0.0 } else { meaning.probability };
+        let nearest = nearest.map(|(class, _)| class.name.clone());
+        Self { certainty, nearest, why: meaning.reason.to_string() }
+    }
+
+    /// The answer to an embedding that is compared as it is.
+    pub(super) fn compared(why: &str) -> Self {
+        Self { certainty: 1.0, nearest: None, why: why.to_owned() }
+    }
+
+    /// Returns `true` if a score above `threshold` is possible.
+    pub fn may_be_found(&self, threshold: f32) -> bool {
+        self.certainty > threshold
+    }
+
+    /// Returns the verdict on a frame, or on several: what was found there, and if the nearest class is there.
+    pub fn verdict(&self, is_found: bool, shows_nearest: bool) -> Verdict {
+        match (is_found, &self.nearest) {
+            (true, _) => Verdict::Found,
+            (false, Some(_)) if shows_nearest => Verdict::Nearest,
+            _ => Verdict::Absent,
+        }
+    }
+}

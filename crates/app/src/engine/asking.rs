@@ -1,0 +1,277 @@
+//! From questions to queries: what the words mean in a scene, and what they compete with.
+
+use super::{EncoderChoice, Question, Sample, answer::Answer, no_features, opening::open_encoder};
+use std::{
+    collections::{BTreeMap, BTreeSet, HashMap},
+    sync::Arc,
+};
+use surgtpgs_clip::TextEncoder;
+use surgtpgs_core::{
+    Error, Result,
+    meaning::{Calibration, ClassWords, Fit, Interpreter, Meaning, Space, Vocabulary},
+    num,
+    prepare::EncoderIdentity,
+    relevancy::{Query, RelevancySettings, Rivals},
+    scene::Scene,
+};
+
+/// The questions that a scene is asked, and everything that is needed to understand them.
+pub(super) struct Asking {
+    choice: EncoderChoice,
+    /// Opened when it is needed first: looking at a scene needs no encoder.
+    encoder: Option<TextEncoder>,
+    /// Embeddings of words in the template.
+    prompts: BTreeMap<String, Vec<f32>>,
+    /// Embeddings of words without it.
+    phrases: BTreeMap<String, Vec<f32>>,
+    /// The words' space of the encoder; made for the first word that is in no table.
+    space: Option<Space<'static>>,
+    interpreter: Interpreter<'static>,
+    /// The scene's classes.
+    classes: Arc<Rivals>,
+    /// Concepts of the vocabulary, for scenes without several classes.
+    concepts: Option<Arc<Rivals>>,
+    /// Questions of before.
+    understood: HashMap<Question, (Query, Answer)>,
+    pub(super) queries: Vec<Query>,
+    pub(super) answers: Vec<Answer>,
+}
+
+/// Number of questions of before that are kept.
+const MOST_UNDERSTOOD: usize = 1000;
+
+impl Asking {
+    pub(super) fn new(scene: &Scene, choice: EncoderChoice, settings: &RelevancySettings) -> Self {
+        Self {
+            choice,
+            encoder: None,
+            prompts: BTreeMap::new(),
+            phrases: BTreeMap::new(),
+            space: None,
+            interpreter: Interpreter::new(
+                Vocabulary::standard(),
+                &class_words(scene, settings),
+                scene.words.calibration.as_ref(),
+            ),
+            classes: Rivals::new(
+                scene.classes.iter().map(|(class, row)| (class.name.as_str(), row.as_slice())),
+            ),
+            concepts: None,
+            understood: HashMap::new(),
+            queries: Vec::new(),
+            answers: Vec::new(),
+        }
+    }
+
+    /// Forgets the questions, and begins anew with other settings.
+    pub(super) fn forget(&mut self, scene: &Scene, settings: &RelevancySettings) {
+        let (encoder, choice) = (self.encoder.take(), std::mem::take(&mut self.choice));
+        *self = Self { encoder, ..Self::new(scene, choice, settings) };
+    }
+
+    pub(super) fn encoder(&self) -> Option<&EncoderIdentity> {
+        self.encoder.as_ref().map(TextEncoder::identity)
+    }
+
+    /// Sets the questions, see [`super::Engine::set_questions`].
+    pub(super) fn set(
+        &mut self,
+        scene: &Scene,
+        settings: &RelevancySettings,
+        questions: &[Question],
+    ) -> Result<()> {
+        if questions.is_empty() {
+            self.queries.clear();
+            self.answers.clear();
+            return Ok(());
+        }
+        if questions.iter().any(|q| q.text.trim().is_empty()) {
+            return Err(Error::input("a prompt is empty", "Give a few words, such as \"gallbladder\"."));
+        }
+        let codec = scene.codec.as_ref().ok_or_else(no_features)?;
+        self.encode(scene, questions)?;
+        if self.understood.len() > MOST_UNDERSTOOD {
+            self.understood.clear();
+        }
+        let mut understood = Vec::with_capacity(questions.len());
+        for question in questions {
+            if !self.understood.contains_key(question) {
+                let (query, answer) = self.understand(scene, settings, question)?;
+                query.check(codec)?;
+                self.understood.insert(question.clone(), (query, answer));
+            }
+            understood.extend(self.understood.get(question).cloned());
+        }
+        (self.queries, self.answers) = understood.into_iter().unzip();
+        Ok(())
+    }
+
+    /// Returns the query of a question whose words are encoded, and what the scene says to it.
+    fn understand(
+        &mut self,
+        scene: &Scene,
+        settings: &RelevancySettings,
+        question: &Question,
+    ) -> Result<(Query, Answer)> {
+        let (text, negatives) = (question.text.trim(), &question.negatives);
+        let mut own: Vec<(String, Vec<f32>)> =
+            negatives.phrases.iter().map(|p| (p.clone(), self.phrases[p].clone())).collect();
+        for (name, sample) in &negatives.samples {
+            own.push((name.clone(), embedding_of(scene, name, sample)?));
+        }
+        let embedding = match &question.like {
+            Some(sample) => embedding_of(scene, text, sample)?,
+            None => self.prompts[text].clone(),
+        };
+        let query = Query::new(text, embedding.clone()).but_not(own);
+        let (query, answer) = match &question.like {
+            _ if !negatives.uses_classes => (query, Answer::compared("compared as it is")),
+            Some(_) => {
+                let nearest = nearest_class(scene, &embedding).into_iter().collect();
+                (query.among(&self.classes, nearest), Answer::compared("like a point of the picture"))
+            }
+            None if scene.classes.is_empty() => {
+                let (rivals, allies) = self.concepts_beside(scene, &[(text, &embedding)])?;
+                (query.among(&rivals, allies), Answer::compared("compared with all that it could mean"))
+            }
+            None => self.among_classes(scene, settings, question, query, &embedding)?,
+        };
+        Ok((query, answer))
+    }
+
+    /// Completes a query that competes with the scene's classes.
+    fn among_classes(
+        &mut self,
+        scene: &Scene,
+        settings: &RelevancySettings,
+        question: &Question,
+        query: Query,
+        embedding: &[f32],
+    ) -> Result<(Query, Answer)> {
+        let meaning = self.meaning(scene, settings, question.text.trim(), embedding)?;
+        let answer = Answer::new(&meaning, scene);
+        let (classes, certainty) = match (&answer.nearest, meaning.nearest) {
+            (Some(_), Some(nearest)) if question.shows_nearest => (vec![nearest], 1.0),
+            _ => (meaning.classes, meaning.probability),
+        };
+        let meant = classes.iter().map(|&k| scene.classes[k].1.clone()).collect();
+        let query = Query { meant, certainty, ..query };
+        let others_exist = classes.len() < scene.classes.len();
+        if others_exist {
+            return Ok((query.among(&self.classes, classes), answer));
+        }
+        // No class means something else; the concepts that do compete instead.
+        let texts: Vec<(&str, &[f32])> =
+            scene.classes.iter().map(|(class, row)| (class.name.as_str(), row.as_slice())).collect();
+        let (rivals, allies) = self.concepts_beside(scene, &texts)?;
+        Ok((query.among(&rivals, allies), answer))
+    }
+
+    /// Returns what words mean among the scene's classes.
+    fn meaning(
+        &mut self,
+        scene: &Scene,
+        settings: &RelevancySettings,
+        text: &str,
+        embedding: &[f32],
+    ) -> Result<Meaning> {
+        if let Some(meaning) = self.interpreter.by_words(text) {
+            let nearest = meaning.nearest.or_else(|| self.interpreter.nearest(embedding));
+            return Ok(Meaning { nearest, ..meaning });
+        }
+        if self.make_space(scene).is_err() {
+            // Words that are in no list are not understood then.
+            return Ok(Meaning::unknown());
+        }
+        let Some(space) = &self.space else { return Ok(Meaning::unknown()) };
+        if !self.interpreter.is_calibrated() {
+            // The scene is older than calibrations, or was prepared with other lists of words.
+            let classes = class_words(scene, settings);
+            let calibration = Calibration::measure(space, &classes);
+            self.interpreter = Interpreter::new(Vocabulary::standard(), &classes, Some(&calibration));
+        }
+        Ok(self.interpreter.by_encoder(text, embedding, space))
+    }
+
+    /// Makes sure that there is the words' space: of the scene's own vectors, or else by encoding the vocabulary.
+    fn make_space(&mut self, scene: &Scene) -> Result<()> {
+        let kept = &scene.words.vectors;
+        if self.space.is_none() && self.interpreter.is_calibrated() && !kept.is_empty() {
+            self.space = Space::of_kept(Vocabulary::standard(), encoder_sha256(scene), kept);
+        }
+        if self.space.is_none() {
+            let encoder = self.open_encoder(scene)?;
+            let sha256 = encoder.identity().sha256.clone();
+            let mut encode = |words: &[&str]| encoder.encode_prompts(words);
+            self.space = Some(Space::new(Vocabulary::standard(), &sha256, &mut encode)?);
+        }
+        Ok(())
+    }
+
+    /// Returns the concepts of the vocabulary as rivals, and the numbers of those that mean the same as one of
+    /// `texts` (words and their embeddings).
+    fn concepts_beside(
+        &mut self,
+        scene: &Scene,
+        texts: &[(&str, &[f32])],
+    ) -> Result<(Arc<Rivals>, Vec<usize>)> {
+        self.make_space(scene)?;
+        let Some(space) = &self.space else { return Ok(Default::default()) };
+        let rivals = self.concepts.get_or_insert_with(|| Rivals::new(space.concepts()));
+        let fit = self.interpreter.fit().cloned().unwrap_or_else(|| Fit::of(space));
+        let same = texts.iter().flat_map(|(words, row)| space.same_as(&fit, words, row));
+        Ok((rivals.clone(), same.collect::<BTreeSet<usize>>().into_iter().collect()))
+    }
+
+    fn open_encoder(&mut self, scene: &Scene) -> Result<&mut TextEncoder> {
+        match &mut self.encoder {
+            Some(encoder) => Ok(encoder),
+            none => Ok(none.insert(open_encoder(scene, &self.choice)?)),
+        }
+    }
+
+    /// Makes sure that the words of questions, and the phrases that they are compared with, have embeddings.
+    fn encode(&mut self, scene: &Scene, questions: &[Question]) -> Result<()> {
+        let words = questions.iter().filter(|q| q.like.is_none()).map(|q| q.text.trim());
+        let prompts: BTreeSet<&str> = words.filter(|p| !self.prompts.contains_key(*p)).collect();
+        let phrases = questions.iter().flat_map(|q| &q.negatives.phrases).map(String::as_str);
+        let phrases: BTreeSet<&str> = phrases.filter(|p| !self.phrases.contains_key(*p)).collect();
+        let [prompts, phrases] = [prompts, phrases].map(Vec::from_iter);
+        if !prompts.is_empty() {
+            let rows = self.open_encoder(scene)?.encode_prompts(&prompts)?;
+            self.prompts.extend(prompts.into_iter().map(str::to_owned).zip(rows));
+        }
+        if !phrases.is_empty() {
+            let rows = self.open_encoder(scene)?.encode_bare(&phrases)?;
+            self.phrases.extend(phrases.into_iter().map(str::to_owned).zip(rows));
+        }
+        Ok(())
+    }
+}
+
+/// Returns the class that is nearest to an embedding.
+fn nearest_class(scene: &Scene, embedding: &[f32]) -> Option<usize> {
+    let cosines = scene.classes.iter().map(|(_, row)| num::dot(row, embedding)).enumerate();
+    cosines.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(k, _)| k)
+}
+
+fn class_words(scene: &Scene, settings: &RelevancySettings) -> Vec<ClassWords> {
+    let seen = scene.classes.iter().map(|(class, row)| ClassWords::seen(&class.name, row));
+    let unseen = scene.words.unseen.iter().filter(|_| settings.knows_unseen);
+    seen.chain(unseen.map(|name| ClassWords::unseen(name))).collect()
+}
+
+/// Returns the embedding of a sample. A sample from another scene must be of the same text encoder.
+fn embedding_of(scene: &Scene, name: &str, sample: &Sample) -> Result<Vec<f32>> {
+    if sample.encoder_sha256 == encoder_sha256(scene) {
+        return Ok(sample.embedding.clone());
+    }
+    Err(Error::input(
+        format!("\"{name}\" is from a scene that was prepared with another text encoder"),
+        "Click on a point of this scene instead.",
+    ))
+}
+
+pub(super) fn encoder_sha256(scene: &Scene) -> &str {
+    scene.encoder.as_ref().map_or("", |e| &e.sha256)
+}

@@ -1,0 +1,135 @@
+//! Tests of the answers to prompts, on a scene whose Gaussians each show one class.
+
+use super::*;
+use surgtpgs_clip::TextEncoder;
+use surgtpgs_core::{
+    codec::{Codec, CodecKind, CodecSettings},
+    gaussian::Gaussians,
+    progress::unobserved,
+    sequence::Class,
+    stress,
+};
+
+/// Opens an engine on a scene with these classes, as the built-in encoder knows them.
+fn engine(names: &[&str], unseen: &[&str]) -> Engine {
+    let mut encoder = TextEncoder::builtin().unwrap();
+    let rows = encoder.encode_prompts(names).unwrap();
+    let table = ndarray::Array2::from_shape_fn((rows.len(), rows[0].len()), |(i, k)| rows[i][k]);
+    let settings = CodecSettings { kind: CodecKind::Codebook, ..CodecSettings::default() };
+    let codec = Codec::train(table.view(), &vec![1.0; names.len()], &settings, &mut unobserved).unwrap();
+    let latents = codec.encode(table.view());
+    let ordinary = stress::ordinary(200);
+    let gaussians = Gaussians {
+        latent_dim: codec.latent_dim(),
+        features: (0..200).flat_map(|i| latents.row(i % names.len()).to_vec()).collect(),
+        opacity_logits: vec![4.0; 200],
+        ..Gaussians::clone(&ordinary.gaussians)
+    };
+    let class = |(id, name): (usize, &&str)| Class { id: id as u8, name: (*name).into(), colour: [0; 3] };
+    let mut scene = Scene::of_still(gaussians, ordinary.cameras[0]);
+    scene.classes = names.iter().enumerate().map(class).zip(rows).collect();
+    scene.encoder = Some(encoder.identity().clone());
+    scene.words.unseen = unseen.iter().map(|name| (*name).to_owned()).collect();
+    scene.codec = Some(codec);
+    Engine::new(Arc::new(scene), None, EngineOptions { backend: BackendChoice::Cpu, ..Default::default() })
+        .unwrap()
+}
+
+/// Asks one prompt; returns its answer and its mask.
+fn ask(engine: &mut Engine, words: &str) -> (Answer, Mask) {
+    engine.set_prompts(&[words.to_owned()]).unwrap();
+    let view = engine.view(0).unwrap();
+    let images = engine.render(&view, true).unwrap();
+    let scores = engine.scores(&images, &view).unwrap();
+    (engine.answers()[0].clone(), engine.masks(&scores).swap_remove(0))
+}
+
+const NAMES: [&str; 6] =
+    ["abdominal wall", "liver", "gastrointestinal tract", "fat", "grasper", "gallbladder"];
+
+#[test]
+fn other_words_for_a_class_find_what_its_name_finds() {
+    let mut engine = engine(&NAMES, &["hepatic vein"]);
+    for (words, name) in [
+        ("gall bladder", "gallbladder"),
+        ("hepatic tissue", "liver"),
+        ("forceps", "grasper"),
+        ("livre", "liver"),
+    ] {
+        let (answer, mask) = ask(&mut engine, words);
+        assert!(answer.may_be_found(0.5) && answer.nearest.is_none(), "{words}: {answer:?}");
+        let (_, by_name) = ask(&mut engine, name);
+        assert!(mask.count() > 20 && mask == by_name, "{words}");
+    }
+    let (_, tools) = ask(&mut engine, "surgical instrument");
+    assert_eq!(tools, ask(&mut engine, "grasper").1);
+}
+
+#[test]
+fn words_for_what_is_absent_find_nothing_and_say_why() {
+    let mut engine = engine(&NAMES, &["hepatic vein"]);
+    let absent = [
+        "spleen",
+        "cystic duct",
+        "common bile duct",
+        "hepatic vein",
+        "scissors",
+        "banana",
+        "yellow tissue",
+        "gallbladder cancer",
+        "duct tape",
+        "asdf",
+        "!!!",
+    ];
+    for words in absent {
+        let (answer, mask) = ask(&mut engine, words);
+        assert_eq!(mask.count(), 0, "{words}: {answer:?}");
+        assert!(!answer.may_be_found(0.5) && !answer.why.is_empty(), "{words}: {answer:?}");
+    }
+    assert!(ask(&mut engine, "hepatic vein").0.why.contains("no training frame"));
+    engine.change_settings(|usual| RelevancySettings { knows_unseen: false, ..usual });
+    let (answer, mask) = ask(&mut engine, "hepatic vein");
+    assert!(mask.count() == 0 && !answer.why.contains("no training frame"), "{answer:?}");
+}
+
+#[test]
+fn what_words_look_like_is_shown_on_request_alone() {
+    let mut engine = engine(&NAMES, &[]);
+    let words = "gallbladder fundus";
+    let (answer, mask) = ask(&mut engine, words);
+    let nearest = answer.nearest.expect("a part of a class looks like it");
+    assert_eq!((nearest.as_str(), mask.count()), ("gallbladder", 0));
+    let negatives = Negatives::of(engine.settings());
+    let shown = Question { shows_nearest: true, ..Question::words(words, negatives) };
+    engine.set_questions(&[shown]).unwrap();
+    let view = engine.view(0).unwrap();
+    let images = engine.render(&view, true).unwrap();
+    let scores = engine.scores(&images, &view).unwrap();
+    let mask = engine.masks(&scores).swap_remove(0);
+    assert_eq!(mask, ask(&mut engine, &nearest).1);
+    assert_eq!(engine.answers()[0].verdict(false, true), Verdict::Absent, "a found class is not the nearest");
+}
+
+#[test]
+fn strange_lists_of_classes_never_find_by_accident() {
+    let mut one = engine(&["liver"], &[]);
+    assert!(ask(&mut one, "liver").1.count() > 20);
+    for words in ["spleen", "banana", "cystic duct"] {
+        assert_eq!(ask(&mut one, words).1.count(), 0, "{words}");
+    }
+    let mut equal = engine(&["liver", "Liver", "fat"], &[]);
+    assert!(ask(&mut equal, "liver").1.count() > 20);
+    // Names that the encoder cannot tell apart find nothing rather than each other.
+    let mut nameless = engine(&["obj1", "obj2"], &[]);
+    assert_eq!(ask(&mut nameless, "liver").1.count(), 0);
+    assert!(one.set_prompts(&["  ".to_owned()]).is_err());
+}
+
+#[test]
+fn the_paper_asks_by_the_words_themselves() {
+    let mut engine = engine(&NAMES, &[]);
+    engine.change_settings(|_| RelevancySettings::paper());
+    let (answer, mask) = ask(&mut engine, "gallbladder");
+    assert!(answer.may_be_found(0.99) && mask.count() > 20);
+    assert_eq!(engine.queries()[0].compared_with().collect::<Vec<_>>(), RelevancySettings::CANONICAL);
+}
