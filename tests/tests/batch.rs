@@ -132,6 +132,20 @@ fn a_bad_recording_stops_no_other_and_a_second_run_does_what_changed() {
 }
 
 #[test]
+fn a_recording_without_what_is_asked_for_is_done() {
+    let batch = Batch::new(
+        "[[recording]]\npath = \"good\"\niterations = 10\nlabels = true\nprompts = [\"spaceship\"]\n",
+    );
+    let report = batch.run(&["--json"]).ok().json();
+    let exported = &report["recordings"][0]["steps"][3]["report"];
+    assert_eq!(exported["export"]["left_out"][0]["text"], "spaceship");
+    assert!(
+        exported["query"]["prompts"][0]["frames"].as_array().unwrap().iter().all(|f| f["answer"] == "absent")
+    );
+    assert!(batch.read("report.md").contains("not in this recording"));
+}
+
+#[test]
 #[cfg(unix)]
 fn a_training_that_was_stopped_or_killed_is_gone_on_with() {
     let batch = Batch::new(

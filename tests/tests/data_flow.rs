@@ -184,10 +184,10 @@ fn query_speaks_csv_and_plain_words() {
     let csv =
         flow().run(&["query", "scene.safetensors", "--prompt", "liver", "--frames", "2..4", "--csv"]).ok();
     let lines: Vec<&str> = csv.stdout.lines().collect();
-    assert_eq!(lines[0], "prompt,frame,found,area_px,area_fraction,max_score,source");
+    assert_eq!(lines[0], "prompt,frame,found,area_px,area_fraction,max_score,source,answer,nearest");
     assert!(lines.len() == 3 && lines[1].starts_with("\"liver\",2,"), "{lines:?}");
     let text = flow().run(&["query", "scene.safetensors", "--prompt", "spaceship"]).ok();
-    assert!(text.stdout.contains("nothing above the threshold"), "{}", text.stdout);
+    assert!(text.stdout.contains("not in this recording"), "{}", text.stdout);
 }
 
 #[test]
@@ -290,27 +290,43 @@ fn export_masks_frames_resumes_and_never_overwrites_silently() {
 fn one_export_writes_every_format_and_they_agree() {
     let flow = flow();
     let formats = "cutout,overlay,binary,index,outline,score,npy,video,gif,sheet,csv,json,coco,nrrd";
-    let prompts = ["--prompt", "liver", "spaceship", "--json"];
+    let prompts = ["--prompt", "liver", "grasper", "spaceship", "--json"];
     let export = ["export", "scene.safetensors", "-o", "everything", "--format", formats];
     let report = flow.run(&[&export[..], &prompts].concat()).ok().json();
     // Seven formats have a file per frame, four of these a file for each of two prompts; seven have
-    // one file for all frames.
+    // one file for all frames. Nothing is written for what is not there.
     assert_eq!(report["files"], (4 * 2 + 3) * Flow::FRAMES + 7);
+    assert_eq!(report["left_out"][0]["text"], "spaceship");
     let series = |name: &str| flow.path().join("everything").join(name);
     let csv = std::fs::read_to_string(series("csv/frames_000000-000009.csv")).unwrap();
     let coco = std::fs::read(series("coco/frames_000000-000009.json")).unwrap();
     let coco: Value = serde_json::from_slice(&coco).unwrap();
     let asked = flow.run(&[&["query", "scene.safetensors"][..], &prompts].concat()).ok().json();
+    let annotations = coco["annotations"].as_array().unwrap();
     for frame in 0..Flow::FRAMES {
         let area = asked["prompts"][0]["frames"][frame]["area_px"].as_u64().unwrap();
         let row = csv.lines().nth(1 + 2 * frame).unwrap();
         assert!(row.starts_with(&format!("{frame},")) && row.contains(&format!(",liver,{area},")), "{row}");
-        // Nothing is annotated where nothing was found.
-        assert_eq!(coco["annotations"][frame]["area"], area);
+        assert!(
+            annotations.iter().any(|a| a["image_id"] == coco["images"][frame]["id"] && a["area"] == area)
+        );
     }
-    assert_eq!(coco["annotations"].as_array().unwrap().len(), Flow::FRAMES);
     let video = series("video/frames_000000-000009.mp4").display().to_string();
     assert_eq!(flow.run(&["check", &video, "--json"]).json()["frames"], Flow::FRAMES);
+}
+
+#[test]
+fn of_what_is_not_there_the_record_is_written_alone() {
+    let flow = flow();
+    let export = ["export", "scene.safetensors", "--prompt", "spaceship", "-o", "nothing", "--json"];
+    let run = flow.run(&export).ok();
+    assert!(run.stderr.contains("nothing was written for \"spaceship\""), "{}", run.stderr);
+    assert_eq!((run.json()["complete"].clone(), run.json()["files"].clone()), (true.into(), 0.into()));
+    let written = std::fs::read_dir(flow.path().join("nothing")).unwrap();
+    let mut names: Vec<_> = written.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    assert_eq!(names, [".surgtpgs", "provenance.json"]);
+    flow.run(&export).ok();
 }
 
 #[test]

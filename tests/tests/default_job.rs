@@ -27,5 +27,5 @@ fn without_a_display_the_demo_runs_into_a_folder_with_a_report() {
     };
     assert!(found("gallbladder") > 40 && found("liver") > 40, "{}", run.stdout);
     assert_eq!(found("spaceship"), 0, "{}", run.stdout);
-    assert!(run.stdout.contains("spaceship") && run.stdout.contains("not found"));
+    assert!(run.stdout.contains("spaceship") && run.stdout.contains("not in this recording"));
 }

@@ -116,6 +116,6 @@ fn a_recording_that_moved_is_the_same_and_its_frames_are_named_in_exports() {
     assert!(files.iter().any(|file| file["name"] == "index/labels.json"));
     assert_eq!(json("masked/coco/frames_000000-000009.json")["images"][3]["source"], "frame_000003.png");
     let csv = fs::read_to_string(copy.at("masked/csv/frames_000000-000009.csv")).unwrap();
-    assert!(csv.lines().next().unwrap().ends_with(",source"), "{csv}");
-    assert!(csv.lines().nth(4).unwrap().ends_with(",frame_000003.png"), "{csv}");
+    assert!(csv.lines().next().unwrap().ends_with(",source,answer"), "{csv}");
+    assert!(csv.lines().nth(4).unwrap().ends_with(",frame_000003.png,found"), "{csv}");
 }

@@ -79,6 +79,19 @@ impl PromptAnswers {
     pub(super) fn largest(&self) -> Option<&FrameAnswer> {
         self.frames.iter().filter(|f| f.found).max_by_key(|f| f.area_px)
     }
+
+    /// Says where a prompt stands that was found on no frame.
+    pub(super) fn why_not_found(&self) -> String {
+        let (total, why) = (self.frames.len(), &self.why);
+        let nearest = self.frames.iter().filter(|f| f.answer == Verdict::Nearest).count();
+        match &self.nearest {
+            Some(class) if nearest > 0 => {
+                format!("not found; looks like {class}, which is on {nearest} of {total} frames ({why})")
+            }
+            _ if self.certainty > 0.5 => format!("on none of {total} frames ({why})"),
+            _ => format!("not in this recording ({why})"),
+        }
+    }
 }
 
 /// Asks `questions` on `frames`.

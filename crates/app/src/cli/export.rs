@@ -188,9 +188,7 @@ pub(super) fn export(args: &ExportArgs, completes_same: bool) -> Result<(Engine,
     let summary = jobs::export(&mut engine, &request, &mut |p| view.show(p))?;
     drop(view);
     for words in &summary.left_out {
-        let nearest =
-            words.nearest.as_ref().map_or(String::new(), |class| format!("; it looks like {class}"));
-        say(&format!("note: nothing was written for \"{}\": {}{nearest}", words.text, words.why));
+        say(&format!("note: {words}"));
     }
     Ok((engine, summary))
 }

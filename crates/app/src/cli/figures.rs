@@ -79,10 +79,9 @@ pub(super) fn classes_table(iou: &Iou) -> String {
 /// Returns the table of the frames and areas on which each prompt was found.
 pub(super) fn answers_table(answers: &Answers) -> String {
     let rows = answers.prompts.iter().map(|prompt| {
-        let largest = match (prompt.largest(), &prompt.nearest) {
-            (Some(f), _) => format!("{:.1} % of frame {}", 100.0 * f.area_fraction, f.frame),
-            (None, Some(class)) => format!("nothing; looks like {}", escaped(class)),
-            (None, None) => "nothing".into(),
+        let largest = match prompt.largest() {
+            Some(f) => format!("{:.1} % of frame {}", 100.0 * f.area_fraction, f.frame),
+            None => escaped(&prompt.why_not_found()),
         };
         let found = format!("{} of {} frames", prompt.frames_found(), prompt.frames.len());
         vec![escaped(&prompt.text), found, largest, format!("{:.2}", prompt.max_score())]

@@ -7,7 +7,7 @@ use super::{
     objects,
     verb::{Exit, Run},
 };
-use crate::{engine::Verdict, outputs};
+use crate::outputs;
 use clap::Args;
 use std::path::{Path, PathBuf};
 use surgtpgs_core::Result;
@@ -73,7 +73,7 @@ impl Run for QueryArgs {
 fn as_text(answers: &Answers, num_frames: usize) -> String {
     let line = |prompt: &PromptAnswers| {
         let found = match prompt.largest() {
-            None => not_found(prompt, num_frames),
+            None => prompt.why_not_found(),
             Some(largest) => format!(
                 "found on {} of {num_frames} frames, largest on frame {} ({} px, {:.1} %)",
                 prompt.frames_found(),
@@ -92,21 +92,6 @@ fn as_text(answers: &Answers, num_frames: usize) -> String {
         format!("{}: {found}; best score {:.3}{caution}\n{written}", prompt.text, prompt.max_score())
     };
     answers.prompts.iter().map(line).collect()
-}
-
-/// Says where a prompt stands that was found on no frame.
-fn not_found(prompt: &PromptAnswers, num_frames: usize) -> String {
-    let nearest = prompt.frames.iter().filter(|f| f.answer == Verdict::Nearest).count();
-    match &prompt.nearest {
-        Some(class) if nearest > 0 => {
-            format!(
-                "not found; looks like {class}, which is on {nearest} of {num_frames} frames ({})",
-                prompt.why
-            )
-        }
-        _ if prompt.certainty > 0.5 => format!("on none of {num_frames} frames ({})", prompt.why),
-        _ => format!("not in this recording ({})", prompt.why),
-    }
 }
 
 fn as_csv(answers: &Answers) -> String {

@@ -17,6 +17,7 @@ use surgtpgs_core::{
     grid::Grid,
     hash::file_sha256,
     mask::mean_scores,
+    prepare::EncoderIdentity,
     progress::{Observer, Progress},
     relevancy::Query,
     sequence::names_instrument,
@@ -114,17 +115,21 @@ pub fn export(
 
 /// The prompts that are written, which the engine is asked, and those that are not.
 struct Chosen {
+    encoder: EncoderIdentity,
     /// Each with the words that it stands for, if it is only the class nearest to them.
     written: Vec<(ExportQuestion, Option<String>)>,
     left_out: Vec<LeftOut>,
 }
 
 impl Chosen {
-    /// Asks the engine, and chooses. Fails if nothing is left to write.
+    /// Asks the engine, and chooses.
     fn of(engine: &mut Engine, request: &ExportRequest) -> Result<Self> {
         let questions: Vec<Question> = request.questions.iter().map(|q| q.question.clone()).collect();
         engine.set_questions(&questions)?;
-        let mut chosen = Self { written: Vec::new(), left_out: Vec::new() };
+        let encoder = engine
+            .encoder_identity()
+            .ok_or_else(|| Error::input("there is no prompt to export", "Give at least one."))?;
+        let mut chosen = Self { encoder: encoder.clone(), written: Vec::new(), left_out: Vec::new() };
         for (asked, answer) in request.questions.iter().zip(engine.answers()) {
             let words = asked.question.text.trim().to_owned();
             let is_nearest = asked.question.shows_nearest || request.options.nearest;
@@ -142,24 +147,11 @@ impl Chosen {
                 }
             }
         }
-        if chosen.written.is_empty() {
-            return Err(nothing_to_write(&chosen.left_out));
-        }
         let questions: Vec<Question> =
             chosen.written.iter().map(|(asked, _)| asked.question.clone()).collect();
         engine.set_questions(&questions)?;
         Ok(chosen)
     }
-}
-
-fn nothing_to_write(left_out: &[LeftOut]) -> Error {
-    let one = |words: &LeftOut| match &words.nearest {
-        Some(class) => format!("\"{}\" looks like {class}", words.text),
-        None => format!("\"{}\": {}", words.text, words.why),
-    };
-    let all: Vec<String> = left_out.iter().map(one).collect();
-    let what = format!("nothing of this is in the recording ({})", all.join("; "));
-    Error::input(what, "Ask for what is there, or for the nearest class in its stead.")
 }
 
 /// Returns the record of how the files are made. Fails if the recorded frames are wanted and not at hand.
@@ -172,9 +164,6 @@ fn provenance(engine: &Engine, request: &ExportRequest, chosen: Chosen) -> Resul
     if wants_recording {
         engine.require_recording()?;
     }
-    let encoder = engine
-        .encoder_identity()
-        .ok_or_else(|| Error::input("there is no prompt to export", "Give at least one."))?;
     let prompt = |((asked, stands_for), query): ((ExportQuestion, Option<String>), &Query)| ExportPrompt {
         text: query.prompt.clone(),
         threshold: asked.threshold,
@@ -188,7 +177,7 @@ fn provenance(engine: &Engine, request: &ExportRequest, chosen: Chosen) -> Resul
     let names = (engine.renderer_name(), engine.relevancy_name());
     let (hash, settings) = (file_sha256(scene)?, engine.settings().clone());
     let mut provenance =
-        Provenance::new(engine.scene(), hash, encoder, settings, names, prompts, options.clone());
+        Provenance::new(engine.scene(), hash, &chosen.encoder, settings, names, prompts, options.clone());
     provenance.left_out = chosen.left_out;
     // Older scenes do not hold the identity of their recording.
     provenance.sequence_frame_names = engine.frame_sources();

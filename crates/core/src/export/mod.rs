@@ -84,12 +84,15 @@ pub struct ExportSummary {
 impl Export {
     /// Starts or continues the export of `frames` into `folder`.
     ///
-    /// Fails if there are no frames, prompts or formats, or if there are more prompts than labels. Fails
+    /// Where the provenance has no prompts but words that were left out, the record of them is everything that is
+    /// written.
+    ///
+    /// Fails if there are no frames, words or formats, or if there are more prompts than labels. Fails
     /// if frames in between are left out and a format has one file about all frames. Also fails if the
     /// folder holds files of another export and `overwrite` is false.
     pub fn begin(
         folder: &Path,
-        frames: Vec<usize>,
+        mut frames: Vec<usize>,
         mut provenance: Provenance,
         overwrite: bool,
     ) -> Result<Self> {
@@ -97,6 +100,9 @@ impl Export {
         provenance.options.formats.sort_unstable();
         provenance.options.formats.dedup();
         validate(&frames, &provenance)?;
+        if provenance.prompts.is_empty() {
+            frames.clear();
+        }
         let record = match Record::read(folder)? {
             Some(found) if found.provenance == provenance => found,
             Some(_) if !overwrite => {
@@ -252,7 +258,7 @@ impl Export {
     /// Returns the formats of one file about all frames whose file does not exist yet.
     fn unfinished_series(&self) -> Result<Vec<Format>> {
         let mut due = Vec::new();
-        for &format in self.record.provenance.options.formats.iter().filter(|f| f.is_series()) {
+        for format in series_formats(&self.record.provenance, &self.frames) {
             let name = series::name(format, &self.frames);
             let recorded = self.record.files.iter().find(|f| f.name == name);
             let path = self.folder.join(name);
@@ -304,7 +310,7 @@ impl Export {
     }
 
     fn write_labels(&mut self) -> Result<()> {
-        if !self.record.provenance.options.formats.contains(&Format::Index) {
+        if self.frames.is_empty() || !self.record.provenance.options.formats.contains(&Format::Index) {
             return Ok(());
         }
         let label = |(i, p): (usize, &ExportPrompt)| serde_json::json!({ "id": i + 1, "prompt": p.text, "colour": p.colour });
@@ -358,7 +364,7 @@ fn validate(frames: &[usize], provenance: &Provenance) -> Result<()> {
     let has_gaps = frames.windows(2).any(|pair| pair[0] + 1 != pair[1]);
     let fault = if frames.is_empty() {
         Some(("there is no frame to export", "Give a range inside the recording."))
-    } else if prompts == 0 {
+    } else if prompts == 0 && provenance.left_out.is_empty() {
         Some(("there is no prompt to export", "Give at least one."))
     } else if formats.is_empty() {
         Some(("no format was chosen", "Choose cutout, overlay, binary, index or another one."))
@@ -380,9 +386,8 @@ fn refuse_foreign_files(
     frames: &[usize],
     overwrite: bool,
 ) -> Result<()> {
-    let of_all = provenance.options.formats.iter().filter(|f| f.is_series());
-    let mut planned = of_all
-        .map(|&format| series::name(format, frames))
+    let mut planned = series_formats(provenance, frames)
+        .map(|format| series::name(format, frames))
         .chain(frames.iter().flat_map(|&f| pictures::names(provenance, f)));
     match planned.find(|name| !overwrite && folder.join(name).exists()) {
         None => Ok(()),
@@ -392,6 +397,12 @@ fn refuse_foreign_files(
             Remedy::Replace.after("Choose an empty folder."),
         )),
     }
+}
+
+/// Returns the formats that have one file about all frames; none if there are no frames.
+fn series_formats(provenance: &Provenance, frames: &[usize]) -> impl Iterator<Item = Format> {
+    let formats = if frames.is_empty() { &[][..] } else { &provenance.options.formats };
+    formats.iter().copied().filter(|format| format.is_series())
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use crate::{
     mask::CleanUp,
     overlay::{OverlayLook, OverlayPrompt},
 };
+use std::fmt;
 
 /// Pictures that the masks are applied to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -103,4 +104,14 @@ pub struct LeftOut {
     pub nearest: Option<String>,
     /// Reason, in a few words.
     pub why: String,
+}
+
+impl fmt::Display for LeftOut {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "nothing was written for \"{}\": {}", self.text, self.why)?;
+        match &self.nearest {
+            Some(class) => write!(f, "; it looks like {class}"),
+            None => Ok(()),
+        }
+    }
 }

@@ -184,6 +184,31 @@ fn an_export_goes_on_where_it_stopped() {
 }
 
 #[test]
+fn numbers_of_the_record_come_back_to_the_last_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    let floors: Vec<f32> = (1..2000_u16).map(|i| f32::from(i).recip().sin()).collect();
+    let how = Provenance { calibration: serde_json::json!(floors), ..provenance(&[Format::Binary], false) };
+    run(folder.path(), &[0], &how, false).unwrap();
+    assert!(Export::is_of(folder.path(), &how));
+}
+
+#[test]
+fn words_without_meaning_are_recorded_and_nothing_else_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let spleen = LeftOut { text: "spleen".into(), nearest: None, why: "not in this recording".into() };
+    let how = Provenance {
+        prompts: Vec::new(),
+        left_out: vec![spleen.clone()],
+        ..provenance(&[Format::Binary, Format::Index, Format::Video], false)
+    };
+    let expected = ExportSummary { complete: true, left_out: vec![spleen], ..Default::default() };
+    assert_eq!(run(folder.path(), &[0, 1], &how, false).unwrap(), expected);
+    assert!(Record::read(folder.path()).unwrap().unwrap().complete);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "the record is alone");
+    assert_eq!(run(folder.path(), &[0, 1], &how, false).unwrap(), expected, "and stays as it is");
+}
+
+#[test]
 fn nothing_foreign_is_overwritten_unless_asked_for() {
     let folder = tempfile::tempdir().unwrap();
     let mine = folder.path().join("binary/frame_000000_liver.png");
@@ -207,7 +232,7 @@ fn empty_requests_and_wrong_sizes_are_refused() {
     let how = provenance(&[Format::Binary], false);
     assert!(run(folder.path(), &[], &how, false).is_err());
     assert!(run(folder.path(), &[0], &provenance(&[], false), false).is_err());
-    assert!(run(folder.path(), &[0], &Provenance { prompts: vec![], ..how.clone() }, false).is_err());
+    assert!(run(folder.path(), &[0], &Provenance { prompts: Vec::new(), ..how.clone() }, false).is_err());
     let mut export = Export::begin(folder.path(), vec![0], how, false).unwrap();
     assert!(export.write(&RgbImage::new(3, 3), &scores(), None).is_err());
     assert!(export.write(&picture(), &scores()[..1], None).is_err());

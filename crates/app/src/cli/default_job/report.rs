@@ -60,10 +60,7 @@ pub(super) fn summary(folder: &Path, findings: &Findings<'_>) -> String {
     );
     for prompt in &findings.answers.prompts {
         let found = match prompt.frames_found() {
-            0 => prompt
-                .nearest
-                .as_ref()
-                .map_or("not found".into(), |class| format!("not found, looks like {class}")),
+            0 => prompt.why_not_found(),
             n => format!("found on {n} of {} frames", prompt.frames.len()),
         };
         text += &format!("  {:<14} {found}, best score {:.2}\n", prompt.text, prompt.max_score());

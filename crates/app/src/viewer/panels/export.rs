@@ -299,6 +299,9 @@ fn finished_ui(ui: &mut Ui, summary: &ExportSummary, folder: &Path) -> bool {
         ui.label(RichText::new(text).color(theme::AMBER));
     }
     ui.label(RichText::new(folder.display().to_string()).color(theme::TEXT_WEAK));
+    for words in &summary.left_out {
+        ui.label(RichText::new(format!("Note: {words}.")).color(theme::AMBER));
+    }
     ui.add(main_button("Close")).clicked()
 }
 
