@@ -197,6 +197,13 @@ fn eval_reports_its_contract_on_held_out_frames() {
         &report,
         &["psnr_db", "psnr_masked_db", "ssim", "depth_rmse", "frames", "gaussians", "iou", "ms", "held_out"],
     );
+    has_keys(&report, &["ssim_published", "lpips_published"]);
+    let of = |key: &str| report[key].as_f64().unwrap();
+    assert!(of("flow_psnr_db") > of("blend_psnr_db") && of("blend_psnr_db") > 20.0, "{report}");
+    assert!(of("train_psnr_db") > 20.0);
+    // The share is the mean over two frames that differ little.
+    let published = of("psnr_masked_db") - 10.0 * of("mask_share").log10();
+    assert!((of("psnr_published_db") - published).abs() < 0.05 && of("mask_share") < 1.0, "{report}");
     has_keys(&report["ms"], &["deform", "raster", "relevancy", "frame"]);
     assert_eq!(report["frames"], 2, "frames 1 and 9 of 10 are held out");
     assert_eq!(report["held_out"], true);

@@ -66,4 +66,9 @@ impl Mask {
     pub fn count(&self) -> usize {
         self.data.iter().filter(|&&v| v).count()
     }
+
+    /// Returns the share of the pixels that are `true`; NaN without pixels.
+    pub fn share(&self) -> f64 {
+        self.count() as f64 / self.data.len() as f64
+    }
 }

@@ -12,6 +12,7 @@ pub mod reading;
 pub mod real;
 
 pub mod camera;
+pub mod flow;
 pub mod gaussian;
 
 pub mod deform;

@@ -4,6 +4,7 @@
 mod files;
 mod masks;
 mod matrix;
+mod neighbours;
 mod report;
 mod times;
 
@@ -14,18 +15,26 @@ use crate::{
     engine::Engine,
     jobs::{Observer, Progress},
 };
+use image::RgbImage;
 use masks::Classes;
+use neighbours::Neighbours;
 use report::{Fps, Training};
 use std::{ops::ControlFlow, path::Path, time::Instant};
 use surgtpgs_clip::Lpips;
 use surgtpgs_core::{
     Error, Remedy, Result,
     mask::threshold,
-    metrics::{ClassOnFrame, DepthErrors, PredictedMasks, depth_errors, psnr_db, psnr_per_channel_db, ssim},
+    metrics::{
+        ClassOnFrame, DepthErrors, PredictedMasks, depth_errors, masked, psnr_db, psnr_per_channel_db,
+        psnr_published_db, ssim,
+    },
     raster::{Images, MIN_DEPTH_ALPHA},
     sequence::Sequence,
 };
 use times::Times;
+
+/// Most training frames that are rendered to compare them with those held out.
+const MOST_TRAIN_FRAMES: usize = 64;
 
 /// Measures of the picture and depth of one frame; a row of `frames.csv`.
 #[derive(Clone, Debug, Default, serde::Serialize)]
@@ -34,9 +43,17 @@ pub(crate) struct FrameRow {
     psnr_db: Option<f64>,
     pub(crate) psnr_masked_db: Option<f64>,
     psnr_per_channel_db: Option<f64>,
+    /// PSNR inside the masks of what the frames around tell: their blend, and the same moved by their flow.
+    blend_psnr_db: Option<f64>,
+    flow_psnr_db: Option<f64>,
     pub(crate) ssim: Option<f64>,
     ssim_inside: Option<f64>,
     lpips: Option<f64>,
+    /// Share of the picture that the mask keeps.
+    mask_share: Option<f64>,
+    psnr_published_db: Option<f64>,
+    ssim_published: Option<f64>,
+    lpips_published: Option<f64>,
     depth_rmse: Option<f64>,
     depth_abs_rel: Option<f64>,
     depth_rmse_log: Option<f64>,
@@ -83,21 +100,24 @@ pub(crate) fn evaluate(
     for (done, &frame) in frames.iter().enumerate() {
         let at = engine.view(frame)?;
         let images = times.render(engine, &at)?;
-        rows.push(row(&images, &sequence, frame, lpips.as_mut())?);
+        let neighbours = Neighbours::of(frame, sequence.num_frames(), held_out);
+        rows.push(row(&images, &sequence, neighbours, lpips.as_mut())?);
         let started = Instant::now();
         let scores = engine.scores(&images, &at)?;
         times.scored(started, scores.len());
         let limit = engine.settings().threshold;
         classes.add_scores(&scores, |s| threshold(s, limit), &sequence, frame)?;
-        if let Some(from) = nearest_training_frame(frame, sequence.num_frames(), held_out) {
+        if let Some(from) = neighbours.nearest() {
             classes.add_copy(&sequence, frame, from)?;
         }
         observe(observer, done + 1, frames.len())?;
     }
+    let train_psnr_db = if held_out { train_psnr_db(engine, &sequence)? } else { None };
     let ms = times.medians();
     let scene = engine.scene();
     let report = EvalReport {
         gaussians: Some(scene.gaussians.len()),
+        train_psnr_db,
         fps: Some(Fps::of(&ms)),
         ms: Some(ms),
         training: Some(Training {
@@ -112,10 +132,17 @@ pub(crate) fn evaluate(
     Ok(Evaluation { report, frames: rows, classes })
 }
 
-/// Returns the frame nearest to `frame`, and not itself, that training may see; the earlier one of two.
-fn nearest_training_frame(frame: usize, num_frames: usize, held_out: bool) -> Option<usize> {
-    let may_see = |i: usize| i != frame && !(held_out && Sequence::is_test_frame(i));
-    (0..num_frames).filter(|&i| may_see(i)).min_by_key(|i| i.abs_diff(frame))
+/// Returns the mean PSNR inside the masks of at most [`MOST_TRAIN_FRAMES`] frames that training saw, evenly
+/// spread.
+fn train_psnr_db(engine: &mut Engine, sequence: &Sequence) -> Result<Option<f64>> {
+    let seen: Vec<usize> = (0..sequence.num_frames()).filter(|&i| !Sequence::is_test_frame(i)).collect();
+    let mut values = Vec::new();
+    for &frame in seen.iter().step_by(seen.len().div_ceil(MOST_TRAIN_FRAMES).max(1)) {
+        let view = engine.view(frame)?;
+        let picture = engine.render(&view, false)?.to_rgb();
+        values.extend(psnr_db(&picture, &sequence.frame(frame)?, Some(&sequence.mask(frame)?)));
+    }
+    Ok(report::mean(values.into_iter()))
 }
 
 /// Scores masks that another program made, on the frames that it made some for.
@@ -162,22 +189,39 @@ fn asked_classes(engine: &mut Engine, sequence: &Sequence) -> Result<Classes> {
     Ok(classes)
 }
 
-fn row(images: &Images, sequence: &Sequence, frame: usize, lpips: Option<&mut Lpips>) -> Result<FrameRow> {
+fn row(
+    images: &Images,
+    sequence: &Sequence,
+    neighbours: Neighbours,
+    mut lpips: Option<&mut Lpips>,
+) -> Result<FrameRow> {
+    let frame = neighbours.frame;
     let (picture, truth, mask) = (images.to_rgb(), sequence.frame(frame)?, sequence.mask(frame)?);
+    let (picture_kept, truth_kept) = (masked(&picture, &mask), masked(&truth, &mask));
+    let guess = neighbours.guess(sequence)?;
+    let inside = |picture: &RgbImage| psnr_db(picture, &truth, Some(&mask));
+    let mut distance =
+        |a: &RgbImage, b: &RgbImage| lpips.as_mut().map(|lpips| lpips.distance(a, b)).transpose();
     // Depth that a network estimated is no truth to compare with.
     let is_measured = sequence.estimated_depth().is_none();
     let depth = sequence.depth(frame)?.filter(|_| is_measured).and_then(|truth| -> Option<DepthErrors> {
         depth_errors(&images.normalised_depth(MIN_DEPTH_ALPHA), &truth, Some(&mask))
     });
-    let ssim = ssim(&picture, &truth);
+    let structure = ssim(&picture, &truth);
     Ok(FrameRow {
         frame,
         psnr_db: psnr_db(&picture, &truth, None),
-        psnr_masked_db: psnr_db(&picture, &truth, Some(&mask)),
+        psnr_masked_db: inside(&picture),
         psnr_per_channel_db: psnr_per_channel_db(&picture, &truth, None),
-        ssim: ssim.map(|s| s.padded),
-        ssim_inside: ssim.map(|s| s.inside).filter(|s| s.is_finite()),
-        lpips: lpips.map(|lpips| lpips.distance(&picture, &truth)).transpose()?,
+        blend_psnr_db: guess.as_ref().and_then(|g| inside(&g.blend)),
+        flow_psnr_db: guess.as_ref().and_then(|g| inside(&g.moved)),
+        ssim: structure.map(|s| s.padded),
+        ssim_inside: structure.map(|s| s.inside).filter(|s| s.is_finite()),
+        lpips: distance(&picture, &truth)?,
+        mask_share: Some(mask.share()).filter(|s| s.is_finite()),
+        psnr_published_db: psnr_published_db(&picture, &truth, &mask),
+        ssim_published: ssim(&picture_kept, &truth_kept).map(|s| s.padded),
+        lpips_published: distance(&picture_kept, &truth_kept)?,
         depth_rmse: depth.map(|d| d.rmse),
         depth_abs_rel: depth.map(|d| d.abs_rel),
         depth_rmse_log: depth.map(|d| d.rmse_log),

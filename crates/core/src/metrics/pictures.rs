@@ -21,6 +21,21 @@ pub fn psnr_per_channel_db(image: &RgbImage, truth: &RgbImage, mask: Option<&Mas
     Some(channels.map(decibels).iter().sum::<f64>() / 3.0)
 }
 
+/// PSNR as EndoNeRF, Deform3DGS and EndoGaussian print it: pixels outside the mask count as right. It is
+/// [`psnr_db`] − 10 log₁₀ f with f the share of the mask.
+pub fn psnr_published_db(image: &RgbImage, truth: &RgbImage, mask: &Mask) -> Option<f64> {
+    Some(psnr_db(image, truth, Some(mask))? - 10.0 * mask.share().log10())
+}
+
+/// Returns the picture with black outside the mask, which has its size.
+pub fn masked(image: &RgbImage, mask: &Mask) -> RgbImage {
+    let mut masked = image.clone();
+    for (pixel, _) in masked.pixels_mut().zip(&mask.data).filter(|(_, is_kept)| !**is_kept) {
+        pixel.0 = [0; 3];
+    }
+    masked
+}
+
 fn decibels(mean_squared_error: f64) -> f64 {
     10.0 * (255.0 * 255.0 / mean_squared_error).log10()
 }
@@ -157,6 +172,9 @@ mod tests {
         let left = Mask::from_vec(2, 1, vec![true, false]);
         assert_eq!(psnr_db(&image, &truth, Some(&left)), Some(0.0));
         assert_eq!(psnr_db(&image, &truth, Some(&left.map(|v| !v))), Some(f64::INFINITY));
+        // What lies outside is published as right: half of the picture, 3 dB.
+        assert!((psnr_published_db(&image, &truth, &left).unwrap() - 2.0_f64.log10() * 10.0).abs() < 1e-12);
+        assert_eq!(masked(&image, &left.map(|v| !v)), truth);
         assert_eq!(psnr_db(&image, &truth, Some(&left.map(|_| false))), None);
         assert_eq!(psnr_db(&image, &noise(3, 1, 0), None), None);
     }

@@ -221,6 +221,21 @@ fn pictures_ui(ui: &mut Ui, report: &EvalReport) {
     let db = |value: Option<f64>| value.map(|v| format!("{v:.2} dB"));
     let rows = [
         ("PSNR", db(report.psnr_masked_db), "Inside the masks, that is without instruments"),
+        (
+            "A blend of the frames around",
+            db(report.blend_psnr_db),
+            "PSNR of the mean of the frames before and after, which training saw: a reconstruction should beat it",
+        ),
+        (
+            "The same, moved by flow",
+            db(report.flow_psnr_db),
+            "PSNR of the frames before and after, each moved half way by optical flow",
+        ),
+        (
+            "PSNR of training frames",
+            db(report.train_psnr_db),
+            "How well the frames are learned that training saw",
+        ),
         ("PSNR, whole picture", db(report.psnr_db), "Instruments, which are not reconstructed, count too"),
         ("SSIM", share(report.ssim), "How alike the structures of both pictures are, 0 to 1"),
         ("Depth error", depth, "Root of the mean square, and the mean share of the depth"),

@@ -1,0 +1,62 @@
+//! Frames around a frame, and the pictures that they alone tell of it: baselines that a reconstruction should
+//! beat.
+
+use surgtpgs_core::{
+    Result,
+    flow::{Between, between},
+    sequence::Sequence,
+};
+
+/// The nearest frames before and after a frame that training may see.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Neighbours {
+    pub(super) frame: usize,
+    before: Option<usize>,
+    after: Option<usize>,
+}
+
+impl Neighbours {
+    /// Neighbours of `frame`, which is not one of them.
+    pub(super) fn of(frame: usize, num_frames: usize, held_out: bool) -> Self {
+        let may_see = |i: &usize| !(held_out && Sequence::is_test_frame(*i));
+        let (before, after) = ((0..frame).rev().find(may_see), (frame + 1..num_frames).find(may_see));
+        Self { frame, before, after }
+    }
+
+    /// Returns the nearer one; the earlier one of two.
+    pub(super) fn nearest(&self) -> Option<usize> {
+        let both = self.before.into_iter().chain(self.after);
+        both.min_by_key(|i| i.abs_diff(self.frame))
+    }
+
+    /// Guesses at the picture of the frame. At an end of the recording the only neighbour is copied. `None` if
+    /// there is no neighbour.
+    pub(super) fn guess(&self, sequence: &Sequence) -> Result<Option<Between>> {
+        let (Some(before), Some(after)) = (self.before.or(self.after), self.after.or(self.before)) else {
+            return Ok(None);
+        };
+        let [start, here, end] = [before, self.frame, after].map(|i| sequence.time(i));
+        let share = if before == after { 0.0 } else { (here - start) / (end - start) };
+        Ok(between(&sequence.frame(before)?, &sequence.frame(after)?, share))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn neighbours_are_frames_that_training_sees() {
+        let of = |frame, held_out| {
+            let Neighbours { before, after, .. } = Neighbours::of(frame, 18, held_out);
+            (before, after)
+        };
+        assert_eq!(of(9, true), (Some(8), Some(10)));
+        assert_eq!(of(10, true), (Some(8), Some(11)));
+        assert_eq!(of(10, false), (Some(9), Some(11)));
+        assert_eq!(of(17, true), (Some(16), None), "at the end");
+        assert_eq!(Neighbours::of(9, 18, true).nearest(), Some(8));
+        assert_eq!(Neighbours::of(10, 18, true).nearest(), Some(11));
+        assert_eq!(Neighbours::of(0, 1, false).nearest(), None);
+    }
+}
