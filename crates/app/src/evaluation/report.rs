@@ -20,8 +20,8 @@ pub(crate) struct EvalReport {
     pub(crate) train_psnr_db: Option<f64>,
     /// Mean share of the picture that the masks keep.
     pub(crate) mask_share: Option<f64>,
-    /// PSNR, SSIM and LPIPS by the formulas of publications on endoscopy, to compare with their figures alone: what
-    /// the masks leave out is black in both pictures, and counts as right.
+    /// PSNR, SSIM and LPIPS by the formulas of publications on endoscopy, to compare with their figures alone:
+    /// what the masks leave out is black in both pictures, and counts as right.
     pub(crate) psnr_published_db: Option<f64>,
     pub(crate) ssim_published: Option<f64>,
     pub(crate) lpips_published: Option<f64>,

@@ -16,8 +16,8 @@ pub struct Between {
     pub moved: RgbImage,
 }
 
-/// Guesses at the picture that lies at `share` of the way from one frame to the next, 0 to 1. With a side below
-/// 16 px nothing is moved. `None` if the sizes of the frames differ.
+/// Guesses at the picture that lies at `share` of the way from one frame to the next, 0 to 1. With a side
+/// below 16 px nothing is moved. `None` if the sizes of the frames differ.
 pub fn between(before: &RgbImage, after: &RgbImage, share: f32) -> Option<Between> {
     if before.dimensions() != after.dimensions() {
         return None;
