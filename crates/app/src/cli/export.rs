@@ -141,13 +141,13 @@ impl From<SourceArg> for PictureSource {
 impl Run for ExportArgs {
     fn run(&self) -> Result<Exit> {
         let (_, summary) = export(self, !self.force)?;
-        let text = format!(
-            "{} files in {} ({} frames, {} of them were there already)\n",
-            summary.files,
-            self.output.display(),
-            summary.frames,
-            summary.skipped_frames
-        );
+        let folder = self.output.display();
+        let text = match (summary.frames, summary.files, summary.skipped_frames) {
+            (0, ..) => format!("nothing to export; the record in {folder} says why\n"),
+            (frames, files, skipped) => {
+                format!("{files} files in {folder} ({frames} frames, {skipped} of them were there already)\n")
+            }
+        };
         print_report(&summary, &text, self.json)?;
         if summary.complete {
             Ok(Exit::Done)
