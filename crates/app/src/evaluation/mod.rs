@@ -95,6 +95,8 @@ pub(crate) fn evaluate(
     let held_out = engine.scene().provenance.held_out;
     let frames: Vec<usize> =
         (0..sequence.num_frames()).filter(|&i| !held_out || Sequence::is_test_frame(i)).collect();
+    let seen = if held_out { training_frames(&sequence) } else { Vec::new() };
+    let total = frames.len() + seen.len();
     let mut classes = asked_classes(engine, &sequence)?;
     let (mut rows, mut times) = (Vec::new(), Times::default());
     for (done, &frame) in frames.iter().enumerate() {
@@ -110,14 +112,20 @@ pub(crate) fn evaluate(
         if let Some(from) = neighbours.nearest() {
             classes.add_copy(&sequence, frame, from)?;
         }
-        observe(observer, done + 1, frames.len())?;
+        observe(observer, done + 1, total)?;
     }
-    let train_psnr_db = if held_out { train_psnr_db(engine, &sequence)? } else { None };
+    let mut train_psnr_db = Vec::new();
+    for (done, &frame) in (frames.len()..).zip(&seen) {
+        let at = engine.view(frame)?;
+        let picture = engine.render(&at, false)?.to_rgb();
+        train_psnr_db.extend(psnr_db(&picture, &sequence.frame(frame)?, Some(&sequence.mask(frame)?)));
+        observe(observer, done + 1, total)?;
+    }
     let ms = times.medians();
     let scene = engine.scene();
     let report = EvalReport {
         gaussians: Some(scene.gaussians.len()),
-        train_psnr_db,
+        train_psnr_db: report::mean(train_psnr_db.into_iter()),
         fps: Some(Fps::of(&ms)),
         ms: Some(ms),
         training: Some(Training {
@@ -132,17 +140,11 @@ pub(crate) fn evaluate(
     Ok(Evaluation { report, frames: rows, classes })
 }
 
-/// Returns the mean PSNR inside the masks of at most [`MOST_TRAIN_FRAMES`] frames that training saw, evenly
-/// spread.
-fn train_psnr_db(engine: &mut Engine, sequence: &Sequence) -> Result<Option<f64>> {
+/// Returns at most [`MOST_TRAIN_FRAMES`] frames that are not held out, evenly spread.
+fn training_frames(sequence: &Sequence) -> Vec<usize> {
     let seen: Vec<usize> = (0..sequence.num_frames()).filter(|&i| !Sequence::is_test_frame(i)).collect();
-    let mut values = Vec::new();
-    for &frame in seen.iter().step_by(seen.len().div_ceil(MOST_TRAIN_FRAMES).max(1)) {
-        let view = engine.view(frame)?;
-        let picture = engine.render(&view, false)?.to_rgb();
-        values.extend(psnr_db(&picture, &sequence.frame(frame)?, Some(&sequence.mask(frame)?)));
-    }
-    Ok(report::mean(values.into_iter()))
+    let step = seen.len().div_ceil(MOST_TRAIN_FRAMES).max(1);
+    seen.into_iter().step_by(step).collect()
 }
 
 /// Scores masks that another program made, on the frames that it made some for.

@@ -9,7 +9,7 @@ use crate::{
     Result,
     camera::Camera,
     deform::length_warning,
-    grid::{Grid, Mask},
+    grid::Grid,
     progress::{Observer, Progress},
 };
 use rayon::prelude::*;
@@ -135,11 +135,11 @@ impl Facts {
         let inside = sequence.field_of_view();
         match facts.note(recording.file_mask(i)) {
             Some(Some(mask)) => {
-                facts.hidden_by_file = Some(1.0 - share(&mask));
+                facts.hidden_by_file = Some(1.0 - mask.share());
                 let kept = mask.data.iter().zip(&inside.data).filter(|(m, i)| **m && **i).count();
                 facts.kept = Some(kept as f64 / mask.data.len() as f64);
             }
-            Some(None) => facts.kept = Some(share(inside)),
+            Some(None) => facts.kept = Some(inside.share()),
             None => {}
         }
         let map =
@@ -178,10 +178,6 @@ impl DepthFacts {
             farthest: known().fold(0.0, f32::max),
         }
     }
-}
-
-fn share(mask: &Mask) -> f64 {
-    mask.count() as f64 / mask.data.len() as f64
 }
 
 fn camera(sequence: &Sequence, says: &mut Findings) -> String {

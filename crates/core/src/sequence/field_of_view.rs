@@ -85,7 +85,7 @@ impl FieldOfView {
 
     /// Describes the field of view in words, for the report.
     pub(super) fn describe(&self) -> String {
-        let share = 100.0 * self.mask.count() as f64 / self.mask.data.len() as f64;
+        let share = 100.0 * self.mask.share();
         match self.shape {
             Shape::Whole => "the whole frame".to_owned(),
             Shape::Disc(c, _) => format!(
