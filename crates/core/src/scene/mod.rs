@@ -40,8 +40,10 @@ pub struct Scene {
     pub gaussians: Revised<Gaussians>,
     /// Motion of the Gaussians.
     pub deformation: Revised<Deformation>,
-    /// Camera of each frame; frame i is at time i / N.
+    /// Camera of each frame.
     pub cameras: Vec<Camera>,
+    /// Time of each frame, 0 to 1; none in older scenes, where frame i is at i / N.
+    pub times: Vec<f32>,
     /// The area that was supervised: `true` inside the endoscopic picture.
     pub field_of_view: Mask,
     /// Embeddings ⇄ latents; `None` for a scene without features (then prompts find nothing).
@@ -94,7 +96,7 @@ impl Scene {
     }
     /// Returns the time of frame `i`.
     pub fn time(&self, i: usize) -> f32 {
-        i as f32 / self.num_frames().max(1) as f32
+        self.times.get(i).copied().unwrap_or(i as f32 / self.num_frames().max(1) as f32)
     }
     /// Returns the revision of Gaussians and motion: scenes of equal revision look the same.
     pub fn revision(&self) -> [u64; 2] {
@@ -104,6 +106,7 @@ impl Scene {
     /// field of view, class names, text encoder and provenance, and the codec if it fits.
     pub fn complete_from(&mut self, other: &Self) {
         self.cameras.clone_from(&other.cameras);
+        self.times.clone_from(&other.times);
         self.field_of_view.clone_from(&other.field_of_view);
         self.provenance.clone_from(&other.provenance);
         if other.gaussians.latent_dim == self.gaussians.latent_dim {

@@ -53,6 +53,7 @@ impl Scene {
             gaussians: gaussians.into(),
             deformation: deformation.into(),
             cameras: vec![camera],
+            times: Vec::new(),
             field_of_view: Grid::filled(camera.width as usize, camera.height as usize, true),
             codec: None,
             classes: Vec::new(),

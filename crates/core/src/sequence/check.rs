@@ -3,6 +3,7 @@
 use super::{
     NO_LABEL, Sequence,
     labels::{EXAMPLES, Way},
+    pace::{self, Glance},
     recording::MaskRule,
 };
 use crate::{
@@ -82,7 +83,7 @@ pub fn check(sequence: &Sequence, observer: &mut Observer<'_>) -> Result<CheckRe
         warnings: Vec::new(),
         errors: Vec::new(),
     };
-    repeated_frames(&facts, &mut says);
+    repeated_frames(&mut facts, &mut says);
     says.warnings.extend(length_warning(n));
     Ok(CheckReport { ok: says.errors.is_empty(), warnings: says.warnings, errors: says.errors, ..report })
 }
@@ -98,6 +99,7 @@ struct Findings {
 struct Facts {
     errors: Vec<String>,
     fingerprint: Option<u64>,
+    glance: Option<Glance>,
     /// Share of the frame that the mask file hides.
     hidden_by_file: Option<f64>,
     /// Share of the frame that is supervised.
@@ -127,11 +129,12 @@ impl Facts {
     fn of(sequence: &Sequence, i: usize) -> Self {
         let mut facts = Self::default();
         let recording = sequence.recording();
-        facts.fingerprint = facts.note(sequence.frame(i)).map(|frame| {
+        if let Some(frame) = facts.note(sequence.frame(i)) {
             let mut hasher = DefaultHasher::new();
             hasher.write(frame.as_raw());
-            hasher.finish()
-        });
+            facts.fingerprint = Some(hasher.finish());
+            facts.glance = Some(Glance::of(&frame));
+        }
         let inside = sequence.field_of_view();
         match facts.note(recording.file_mask(i)) {
             Some(Some(mask)) => {
@@ -387,12 +390,22 @@ fn strange_labels(facts: &[Facts], says: &mut Findings) {
     ));
 }
 
-fn repeated_frames(facts: &[Facts], says: &mut Findings) {
+fn repeated_frames(facts: &mut [Facts], says: &mut Findings) {
+    let glances: Vec<_> = facts.iter_mut().map(|f| f.glance.take()).collect();
+    let repeats = pace::repeats(&glances);
+    let at_once: Vec<usize> = (0..facts.len()).filter(|&i| repeats[i]).collect();
+    if !at_once.is_empty() {
+        says.warnings.push(format!(
+            "Repeated, as a change of the frame rate does it: {}. Training gives these the time of the frame \
+             before",
+            name_frames(&at_once)
+        ));
+    }
     let mut first = BTreeMap::new();
     let mut repeated = Vec::new();
     for (i, fingerprint) in facts.iter().enumerate().filter_map(|(i, f)| f.fingerprint.map(|p| (i, p))) {
         let original = *first.entry(fingerprint).or_insert(i);
-        if original != i {
+        if original != i && !repeats[i] {
             repeated.push((i, original));
         }
     }

@@ -29,6 +29,7 @@ mod identity;
 mod labels;
 mod layouts;
 mod mp4;
+pub(crate) mod pace;
 mod read;
 mod recording;
 mod settings;
@@ -152,7 +153,8 @@ impl Sequence {
         let found = Arc::new(Identity::complete(self.recording())?);
         Ok(self.inner.identity.get_or_init(|| found).clone())
     }
-    /// Returns the time of frame `i`: i / N.
+    /// Returns the place of frame `i` in the recording, 0 to 1: i / N. A scene may give it another time, see
+    /// [`crate::scene::Scene::times`].
     pub fn time(&self, i: usize) -> f32 {
         i as f32 / self.num_frames() as f32
     }

@@ -310,6 +310,33 @@ fn changing_light_is_followed_where_colour_may_change() {
 }
 
 #[test]
+fn repeated_frames_get_one_time_and_held_out_ones_are_not_read() {
+    let folder = tempfile::tempdir().unwrap();
+    demo::write(&demo_settings(24), folder.path(), &mut unobserved).unwrap();
+    let picture = |i: usize| folder.path().join(format!("images/frame_{i:06}.png"));
+    for i in [5, 13, 21] {
+        std::fs::copy(picture(i - 1), picture(i)).unwrap();
+    }
+    // Frames 1, 9 and 17 would be repeated, too, but are held out.
+    image::RgbImage::new(64, 48).save(picture(9)).unwrap();
+    let sequence = Sequence::open(folder.path()).unwrap();
+    let times = |finds_repeats| {
+        let settings = TrainSettings { eval: true, finds_repeats, ..short(1) };
+        let scene = Trainer::new(&sequence, None, settings).unwrap().scene().unwrap();
+        let path = folder.path().join("scene.safetensors");
+        scene.save(&path).unwrap();
+        let read = Scene::load(&path).unwrap();
+        assert_eq!(read.times, scene.times);
+        (0..24).map(|i| read.time(i)).collect::<Vec<f32>>()
+    };
+    let found = times(true);
+    let repeated: Vec<usize> = (1..24).filter(|&i| found[i] == found[i - 1]).collect();
+    assert_eq!(repeated, [1, 5, 9, 13, 17, 21]);
+    assert!(found.is_sorted() && found[23] == 17.0 / 18.0, "{found:?}");
+    assert_eq!(times(false)[9], 9.0 / 24.0);
+}
+
+#[test]
 fn long_recordings_cost_no_more_per_step_and_keep_to_their_memory() {
     let bases = |frames| short(1).num_bases(frames);
     assert_eq!((bases(1), bases(48), bases(80), bases(10_000)), (5, 17, 27, 64));

@@ -18,10 +18,8 @@ use std::{
 
 /// First bytes of a checkpoint; the last byte is the version of the layout. The SHA-256 of the rest of
 /// the file follows.
-const MAGIC: &[u8; 16] = b"SurgTPGS train 2";
+const MAGIC: &[u8; 16] = b"SurgTPGS train 3";
 const SUM_BYTES: usize = 32;
-/// First bytes of the previous version, which has no checksum and no identity.
-const OLD_MAGIC: &[u8; 16] = b"SurgTPGS train 1";
 
 /// Material that a checkpoint belongs to.
 #[derive(Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -112,21 +110,15 @@ pub(super) fn read(
         read_regular(path, MOST_BYTES).map_err(|e| Error::io("read the unfinished training", path, e))?;
     let damaged =
         |what: &str| Error::input_at(path, format!("the unfinished training is damaged: {what}"), AGAIN);
-    let unreadable = |e: postcard::Error| damaged(&e.to_string());
-    let checkpoint: Checkpoint = if let Some(body) = bytes.strip_prefix(OLD_MAGIC) {
-        postcard::from_bytes(body).map_err(unreadable)?
-    } else if let Some(rest) = bytes.strip_prefix(MAGIC) {
-        let (checksum, body) = rest.split_at_checked(SUM_BYTES).ok_or_else(|| damaged("it is cut off"))?;
-        if Sha256::digest(body)[..] != *checksum {
-            return Err(damaged("its checksum differs"));
-        }
-        let (begun_on, checkpoint): (Identity, Checkpoint) =
-            postcard::from_bytes(body).map_err(unreadable)?;
-        identity.require(&begun_on, sequence.path(), "the unfinished training was begun on")?;
-        checkpoint
-    } else {
-        return Err(Error::input_at(path, "this is no unfinished training of this version", AGAIN));
-    };
+    let foreign = || Error::input_at(path, "this is no unfinished training of this version", AGAIN);
+    let rest = bytes.strip_prefix(MAGIC).ok_or_else(foreign)?;
+    let (checksum, body) = rest.split_at_checked(SUM_BYTES).ok_or_else(|| damaged("it is cut off"))?;
+    if Sha256::digest(body)[..] != *checksum {
+        return Err(damaged("its checksum differs"));
+    }
+    let (begun_on, checkpoint): (Identity, Checkpoint) =
+        postcard::from_bytes(body).map_err(|e| damaged(&e.to_string()))?;
+    identity.require(&begun_on, sequence.path(), "the unfinished training was begun on")?;
     if checkpoint.source != TrainedOn::of(sequence, prepared) {
         return Err(Error::input_at(
             path,

@@ -24,6 +24,7 @@ impl Trainer {
     pub(super) fn lift_features(&mut self) -> Result<()> {
         let Some(prepared) = self.prepared.clone() else { return Ok(()) };
         self.finish()?;
+        let times: Vec<f32> = (0..self.sequence.num_frames()).map(|i| self.time(i)).collect();
         let Model { gaussians, deformation, .. } = &mut self.state.model;
         let (n, dim) = (gaussians.len(), gaussians.latent_dim);
         let mut sums = vec![0.0f32; n * dim];
@@ -35,7 +36,7 @@ impl Trainer {
                 continue;
             }
             let (width, height) = (truth.width, truth.height);
-            let time = self.sequence.time(i);
+            let time = times[i];
             let deformed = deform(gaussians, deformation, time, false);
             let splats = project_all(gaussians, &deformed, &self.sequence.camera(i));
             let packed = Packed::new(&splats, &vec![0.0; n * dim], dim);

@@ -248,7 +248,12 @@ impl Trainer {
         if sampling.step > 1 {
             sampling.first = [0; 2].map(|_| self.state.rng.random_range(0..sampling.step));
         }
-        Look { camera, time: self.sequence.time(i), half, sampling, progress }
+        Look { camera, time: self.time(i), half, sampling, progress }
+    }
+
+    /// Time of frame `i`.
+    fn time(&self, i: usize) -> f32 {
+        self.state.times.get(i).copied().unwrap_or_else(|| self.sequence.time(i))
     }
 
     /// Next frame; every frame comes once a round.
@@ -308,6 +313,7 @@ impl Trainer {
             gaussians: self.state.model.gaussians.clone().into(),
             deformation: self.state.model.deformation.clone().into(),
             cameras: (0..self.sequence.num_frames()).map(|i| self.sequence.camera(i)).collect(),
+            times: self.state.times.clone(),
             field_of_view: self.sequence.field_of_view().clone(),
             codec: prepared.map(|p| p.codec.clone()),
             classes: prepared.map(|p| p.classes.clone()).unwrap_or_default(),
@@ -331,7 +337,7 @@ impl Trainer {
     /// Renders frame `i` of the scene in its current state.
     pub fn render(&mut self, i: usize) -> Result<Images> {
         self.finish()?;
-        let (time, camera) = (self.sequence.time(i), self.sequence.camera(i));
+        let (time, camera) = (self.time(i), self.sequence.camera(i));
         let Model { gaussians, deformation, .. } = &self.state.model;
         Ok(render_deformed(gaussians, &deform(gaussians, deformation, time, true), &camera))
     }

@@ -127,6 +127,8 @@ pub struct TrainSettings {
     pub excluded: Vec<(usize, usize)>,
     /// Order of the frames.
     pub frame_order: FrameOrder,
+    /// `true` to give frames that repeat the one before the time of that one.
+    pub finds_repeats: bool,
     /// Number of supervised pixels per initial Gaussian.
     pub px_per_gaussian: f32,
     /// Opacity of an initial Gaussian.
@@ -191,6 +193,7 @@ impl Default for TrainSettings {
             eval: false,
             excluded: Vec::new(),
             frame_order: FrameOrder::Random,
+            finds_repeats: true,
             px_per_gaussian: 10.0,
             initial_opacity: 0.6,
             neighbour_sizes: false,
@@ -286,6 +289,7 @@ impl TrainSettings {
         Self {
             profile: Profile::Paper,
             frame_order: FrameOrder::Cyclic,
+            finds_repeats: false,
             initial_opacity: 0.1,
             neighbour_sizes: true,
             seed_test_frames: true,

@@ -14,7 +14,7 @@ use crate::{
     num::percentile,
     prepare::Prepared,
     raster::NEAR,
-    sequence::Sequence,
+    sequence::{Sequence, pace::frame_times},
 };
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -29,6 +29,8 @@ const SEED_FRAMES: usize = 8;
 pub(super) struct TrainState {
     pub model: Model,
     pub rng: ChaCha8Rng,
+    /// Time of every frame.
+    pub times: Vec<f32>,
     /// Frames still to be visited in this round, in random order.
     pub queue: Vec<usize>,
     pub typical_depth: f32,
@@ -54,6 +56,11 @@ impl TrainState {
         if seen.is_empty() {
             return Err(Error::input("every frame is excluded", "Take some of them back in."));
         }
+        let times = if settings.finds_repeats {
+            frame_times(sequence, &train_frames(sequence.num_frames(), settings.eval, &settings.excluded))?
+        } else {
+            Vec::new()
+        };
         let latent_dim = prepared.map_or(0, |p| p.codec.latent_dim());
         let (gaussians, typical_depth) = initial_gaussians(sequence, &seen, latent_dim, settings)?;
         let num_bases = settings.num_bases(sequence.num_frames());
@@ -79,6 +86,7 @@ impl TrainState {
             budget: budget(gaussians.len(), settings),
             model: Model::new(gaussians, deformation),
             rng,
+            times,
             queue: Vec::new(),
             typical_depth,
             step: 0,

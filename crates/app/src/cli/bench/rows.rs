@@ -38,6 +38,9 @@ pub(super) fn rows(iterations: usize, seed: u64) -> Vec<Row> {
             s.pixel_step = 1;
             s.half_size_pixel_step = 1;
         }),
+        row("repeats move", "frames that repeat the one before get a time of their own", &|s| {
+            s.finds_repeats = false;
+        }),
         row("full size", "no steps at half size", &|s| s.half_size_share = 0.0),
         row("Gaussian bases", "Gaussian basis functions instead of splines", &|s| {
             s.basis_shape = BasisShape::Gaussian;

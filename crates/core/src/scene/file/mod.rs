@@ -12,6 +12,7 @@
 //! | `basis_centres` `basis_widths` | [B], or [B, M, channels] | |
 //! | `feature_net_weight` `feature_net_bias` | [D, D + 1], [D] | |
 //! | `cameras` | [frames, 18] | width, height, fx, fy, cx, cy, camera_from_world as 3×4 rows |
+//! | `times` | [frames] | 0 to 1; frame i of N is at i / N if it is not there |
 //! | `field_of_view` | [H, ⌈W / 8⌉] u8 | bits, most significant first |
 //! | `class_embeddings` | [classes, dim] | |
 //! | `vocabulary` | [texts · dim, 2] u8 | vectors of the vocabulary's texts as little-endian f16 |
@@ -91,6 +92,9 @@ pub(super) fn to_bytes(scene: &Scene, compact: bool) -> Result<Vec<u8>> {
     write_deformation(&mut w, scene);
     let cameras: Vec<f32> = scene.cameras.iter().flat_map(camera_row).collect();
     w.f32("cameras", &[scene.cameras.len(), CAMERA_WIDTH], &cameras);
+    if !scene.times.is_empty() {
+        w.f32("times", &[scene.times.len()], &scene.times);
+    }
     let fov = &scene.field_of_view;
     w.bytes("field_of_view", &[fov.height, fov.width.div_ceil(8)], pack_bits(fov));
     let dim = scene.classes.first().map_or(0, |c| c.1.len());
@@ -246,6 +250,7 @@ pub(super) fn from_bytes(bytes: &[u8]) -> Result<Scene, Problem> {
     }
     let cameras: Vec<Camera> = cameras.chunks_exact(CAMERA_WIDTH).map(read_camera).collect();
     check_cameras(&cameras)?;
+    let times = read_times(&reader, cameras.len())?;
     let field_of_view = read_field_of_view(&reader, &header, &cameras[0])?;
     let codec = read_codec(&reader, header.latent_dim)?;
     let (shape, embeddings) = reader.f32("class_embeddings", 2)?;
@@ -258,6 +263,7 @@ pub(super) fn from_bytes(bytes: &[u8]) -> Result<Scene, Problem> {
         gaussians: gaussians.into(),
         deformation: deformation.into(),
         cameras,
+        times,
         field_of_view,
         codec,
         classes,
@@ -338,6 +344,19 @@ fn check_cameras(cameras: &[Camera]) -> Result<(), Problem> {
         return Err(format!("the cameras are damaged (first: {w}×{h}, focal length {})", cameras[0].fx));
     }
     Ok(())
+}
+
+/// Reads the times of the frames; none from older scenes.
+fn read_times(reader: &Reader<'_>, num_frames: usize) -> Result<Vec<f32>, Problem> {
+    if !reader.has("times") {
+        return Ok(Vec::new());
+    }
+    let times: Vec<f32> = reader.shaped("times", &[num_frames])?;
+    if times.iter().all(|t| (0.0..=1.0).contains(t)) {
+        Ok(times)
+    } else {
+        Err("tensor `times` has a time that is not between 0 and 1".into())
+    }
 }
 
 fn read_field_of_view(reader: &Reader<'_>, header: &SceneHeader, camera: &Camera) -> Result<Mask, Problem> {
@@ -433,6 +452,7 @@ mod tests {
             .into(),
             deformation: deformation.into(),
             cameras: vec![camera; 3],
+            times: vec![0.0, 0.5, 0.5],
             field_of_view: Mask::from_vec(13, 6, (0..78).map(|i| i % 7 < 3).collect()),
             codec: Some(Codec { encoder: vec![layer(8, 3)], decoder: vec![layer(3, 5), layer(5, 8)] }),
             classes: vec![(Class { id: 4, name: "liver".into(), colour: [1, 2, 3] }, vec![0.5; 8])],
@@ -454,7 +474,7 @@ mod tests {
         let after = from_bytes(&bytes).unwrap();
         assert_eq!(after.gaussians, before.gaussians);
         assert_eq!(after.deformation, before.deformation);
-        assert_eq!(after.cameras, before.cameras);
+        assert_eq!((after.cameras, after.times), (before.cameras, before.times));
         assert_eq!(after.field_of_view, before.field_of_view);
         assert_eq!(after.codec, before.codec);
         assert_eq!((after.classes, after.words), (before.classes, before.words));

@@ -142,6 +142,25 @@ fn mirrored_poses_and_repeated_frames_are_told() {
 }
 
 #[test]
+fn frames_that_a_change_of_the_frame_rate_repeats_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    for i in 0..12_u32 {
+        // Frames 3, 7 and 11 are the ones before, compressed a second time.
+        let (shown, error) = if i % 4 == 3 { (i - 1, u32::from(i == 7)) } else { (i, 0) };
+        let level = |x: u32, y: u32| ((x + shown) * 13 % 200 + y + error * u32::from(x == y)) as u8;
+        let picture = image::RgbImage::from_fn(40, 30, |x, y| image::Rgb([level(x, y); 3]));
+        std::fs::create_dir_all(folder.path().join("images")).unwrap();
+        picture.save(folder.path().join(format!("images/{i:02}.png"))).unwrap();
+    }
+    let found = report(folder.path());
+    assert!(
+        any(&found.warnings, "Repeated, as a change of the frame rate does it: frames 3, 7, 11."),
+        "{found:?}"
+    );
+    assert!(!any(&found.warnings, "same picture"), "{found:?}");
+}
+
+#[test]
 fn labels_that_name_no_class_or_are_read_in_another_way_are_told() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);

@@ -1,0 +1,144 @@
+//! Times at which the frames of a recording were taken.
+//!
+//! Conversion to another frame rate repeats frames. A repeated frame shows what the one before shows, so both
+//! get one time. Nothing is read of frames that are held out: the period of the others tells if these are
+//! repeated, if there is a period.
+
+use super::Sequence;
+use crate::Result;
+use image::RgbImage;
+use rayon::prelude::*;
+
+/// Number of samples of a picture that are compared.
+const SAMPLES: usize = 1 << 14;
+/// Share of the usual difference between neighbouring frames below which a frame repeats the one before.
+const REPEAT_SHARE: f32 = 0.1;
+/// Usual difference, in 8-bit levels, below which a recording is too still to tell.
+const STILL: f32 = 0.3;
+/// Smallest number of repeated frames that makes a period.
+const FEWEST_REPEATS: usize = 3;
+/// Longest period, in frames.
+const LONGEST_PERIOD: usize = 60;
+
+/// Samples of a picture, enough to tell if another one is the same.
+pub(super) struct Glance(Vec<u8>);
+
+impl Glance {
+    pub(super) fn of(picture: &RgbImage) -> Self {
+        let bytes = picture.as_raw();
+        // Odd, so that every colour and column has its turn.
+        let step = (bytes.len() / SAMPLES) | 1;
+        Self(bytes.iter().step_by(step).copied().collect())
+    }
+
+    /// Returns the mean difference in 8-bit levels; `None` if the pictures differ in size or are empty.
+    fn difference(&self, other: &Self) -> Option<f32> {
+        let sum: u32 = self.0.iter().zip(&other.0).map(|(a, b)| u32::from(a.abs_diff(*b))).sum();
+        (self.0.len() == other.0.len() && !self.0.is_empty()).then(|| sum as f32 / self.0.len() as f32)
+    }
+}
+
+/// Returns the time of every frame, 0 to 1. Nothing is read but `frames`.
+///
+/// # Errors
+/// A frame that cannot be read.
+pub(crate) fn frame_times(sequence: &Sequence, frames: &[usize]) -> Result<Vec<f32>> {
+    let glance = |&i: &usize| Ok((i, Glance::of(&sequence.frame(i)?)));
+    let mut glances: Vec<Option<Glance>> = (0..sequence.num_frames()).map(|_| None).collect();
+    for (i, glance) in frames.par_iter().map(glance).collect::<Result<Vec<_>>>()? {
+        glances[i] = Some(glance);
+    }
+    Ok(times(&repeats(&glances)))
+}
+
+/// Returns for every frame if it repeats the one before; `None` stands for frames that may not be read.
+pub(super) fn repeats(glances: &[Option<Glance>]) -> Vec<bool> {
+    let difference = |i: usize| glances[i.checked_sub(1)?].as_ref()?.difference(glances[i].as_ref()?);
+    repeats_of(&(0..glances.len()).map(difference).collect::<Vec<_>>())
+}
+
+/// Returns for every frame if it repeats the one before, from their mean differences in 8-bit levels; `None`
+/// where it is not known, and for the first frame.
+fn repeats_of(differences: &[Option<f32>]) -> Vec<bool> {
+    let mut known: Vec<f32> = differences.iter().flatten().copied().collect();
+    known.sort_by(f32::total_cmp);
+    let usual = known.get(known.len() / 2).copied().unwrap_or(0.0);
+    if usual < STILL {
+        return vec![false; differences.len()];
+    }
+    let seen: Vec<Option<bool>> = differences.iter().map(|d| d.map(|d| d < REPEAT_SHARE * usual)).collect();
+    let period = period(&seen);
+    let expected = |i: usize| period.is_some_and(|(length, phase)| i % length == phase);
+    seen.iter().enumerate().map(|(i, seen)| seen.unwrap_or_else(|| expected(i))).collect()
+}
+
+/// Returns length and phase of the shortest period that all frames keep to: frame i repeats the one before if
+/// i mod length is the phase, and not otherwise.
+fn period(seen: &[Option<bool>]) -> Option<(usize, usize)> {
+    let repeated: Vec<usize> = (0..seen.len()).filter(|&i| seen[i] == Some(true)).collect();
+    let first = *repeated.first().filter(|_| repeated.len() >= FEWEST_REPEATS)?;
+    let keeps = |length: usize| {
+        let is_due = |i: usize| i % length == first % length;
+        seen.iter().enumerate().all(|(i, seen)| seen.is_none_or(|seen| seen == is_due(i)))
+    };
+    (2..=LONGEST_PERIOD).find(|&length| keeps(length)).map(|length| (length, first % length))
+}
+
+/// Returns the time of every frame: the number of different pictures before it, by their number in all.
+/// Without repeats it is i / N.
+fn times(repeats: &[bool]) -> Vec<f32> {
+    let different = repeats.iter().filter(|r| !**r).count().max(1);
+    let mut index = 0;
+    let place = |(i, repeats): (usize, &bool)| {
+        if i > 0 && !repeats {
+            index += 1;
+        }
+        index as f32 / different as f32
+    };
+    repeats.iter().enumerate().map(place).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_that_may_not_be_read_are_told_by_the_period() {
+        let difference = |i: usize| match i {
+            0 => None,
+            i if i % 8 == 1 || i % 8 == 2 => None,
+            i if i % 6 == 0 => Some(0.02),
+            i => Some(5.0 + (i % 3) as f32),
+        };
+        let differences: Vec<_> = (0..48).map(difference).collect();
+        let found = repeats_of(&differences);
+        assert!((0..48).all(|i| found[i] == (i > 0 && i % 6 == 0)), "{found:?}");
+        let times = times(&found);
+        assert_eq!((times[17], times[5]), (times[18], times[6]));
+        assert!((times[47] - 39.0 / 40.0).abs() < 1e-6 && times[0] == 0.0);
+    }
+
+    #[test]
+    fn pictures_are_the_same_or_not() {
+        let picture = |seed: u32| {
+            RgbImage::from_fn(70, 50, |x, y| image::Rgb([(x * 3 + seed) as u8, (y * 5) as u8, (x ^ y) as u8]))
+        };
+        let [a, b, small] = [picture(0), picture(9), RgbImage::new(2, 2)].map(|p| Glance::of(&p));
+        assert_eq!(a.difference(&Glance::of(&picture(0))), Some(0.0));
+        assert!(a.difference(&b).is_some_and(|d| d > 2.0));
+        assert_eq!((a.difference(&small), small.difference(&small)), (None, Some(0.0)));
+    }
+
+    #[test]
+    fn what_has_no_period_is_not_guessed() {
+        let mut differences = vec![Some(4.0); 40];
+        for i in [5, 12, 30] {
+            differences[i] = Some(0.0);
+        }
+        differences[19] = None;
+        let found = repeats_of(&differences);
+        assert_eq!(found.iter().filter(|r| **r).count(), 3);
+        assert_eq!(repeats_of(&[None, Some(0.0), Some(0.0), Some(0.1)]), [false; 4], "a still recording");
+        assert_eq!(times(&[false; 4]), [0.0, 0.25, 0.5, 0.75]);
+    }
+}
