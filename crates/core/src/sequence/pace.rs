@@ -68,7 +68,7 @@ fn repeats_of(differences: &[Option<f32>]) -> Vec<bool> {
     }
     let seen: Vec<Option<bool>> = differences.iter().map(|d| d.map(|d| d < REPEAT_SHARE * usual)).collect();
     let period = period(&seen);
-    let expected = |i: usize| period.is_some_and(|(length, phase)| i % length == phase);
+    let expected = |i: usize| i > 0 && period.is_some_and(|(length, phase)| i % length == phase);
     seen.iter().enumerate().map(|(i, seen)| seen.unwrap_or_else(|| expected(i))).collect()
 }
 
