@@ -115,7 +115,7 @@ mod tests {
         assert!((0..48).all(|i| found[i] == (i > 0 && i % 6 == 0)), "{found:?}");
         let times = times(&found);
         assert_eq!((times[17], times[5]), (times[18], times[6]));
-        assert!((times[47] - 39.0 / 40.0).abs() < 1e-6 && times[0] == 0.0);
+        assert!((times[47] - 40.0 / 41.0).abs() < 1e-6 && times[0] == 0.0);
     }
 
     #[test]
