@@ -321,12 +321,14 @@ impl Sequence {
 
     fn found_field_of_view(&self) -> &FieldOfView {
         self.inner.field_of_view.get_or_init(|| {
-            let (width, height, n) = (self.width(), self.height(), self.num_frames());
+            let (width, height) = (self.width(), self.height());
             if !self.recording().detect_field_of_view {
                 return FieldOfView::whole(width, height);
             }
-            let some = n.min(FIELD_OF_VIEW_FRAMES);
-            let frames = (0..some).filter_map(|k| self.frame((2 * k + 1) * n / (2 * some)).ok());
+            // An evaluation may hold the others out.
+            let all = self.used_frames(true);
+            let some = all.len().min(FIELD_OF_VIEW_FRAMES);
+            let frames = (0..some).filter_map(|k| self.frame(all[(2 * k + 1) * all.len() / (2 * some)]).ok());
             FieldOfView::detect(width, height, frames)
         })
     }
