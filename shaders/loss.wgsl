@@ -1,7 +1,7 @@
 // Image planes -> loss terms and their gradient with respect to the planes (method section 5); twin:
 // core::train::loss.
 //
-// For each pixel: |colour - truth|, |inverse depth - truth|, |feature - wanted| if supervised, and for
+// For each pixel: |colour - truth| and its square, |inverse depth - truth|, |feature - wanted| if supervised, and for
 // each plane |here - neighbour| to the right and below if both count. Region smoothness is added by
 // regions.wgsl. Each workgroup writes one weighted sum of each term; settle.wgsl adds them up in order.
 //
@@ -129,9 +129,10 @@ fn pixel_terms(p: u32) -> Terms {
             difference = planes[c * plane + p] - f32((pixels[p] >> (8u * c)) & 255u) / 255.0;
         }
         let variation = plane_variation(c * plane, p, at);
-        g_planes[c * plane + p] =
-            sign_of(difference) * params.colour_difference + variation.y * params.colour_variation;
-        terms.colour += abs(difference) * params.colour_difference;
+        g_planes[c * plane + p] = sign_of(difference) * params.colour_difference
+            + 2.0 * difference * params.colour_square + variation.y * params.colour_variation;
+        terms.colour +=
+            abs(difference) * params.colour_difference + difference * difference * params.colour_square;
         terms.variation += variation.x * params.colour_variation;
     }
     let of_depth = depth_terms(p, at);

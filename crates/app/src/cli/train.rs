@@ -14,7 +14,7 @@ use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Error, Result,
-    train::{FeatureMode, Profile, TrainSettings, Trainer},
+    train::{FeatureMode, Profile, Quality, TrainSettings, Trainer},
 };
 
 /// Reconstruct a scene from a prepared folder, or from a bare recording (then without features)
@@ -28,9 +28,16 @@ pub(super) struct TrainArgs {
     /// Hold every eighth frame out (a folder prepared with --eval does so anyway)
     #[arg(long)]
     eval: bool,
-    /// Optimiser steps
-    #[arg(long, default_value_t = 3000, value_parser = clap::value_parser!(u32).range(1..))]
-    iterations: u32,
+    /// Compromise between time and quality: 600, 4000 or 9000 steps [default: standard, or 3000 steps of the
+    /// profile paper]
+    #[arg(long, value_enum)]
+    quality: Option<TrainQuality>,
+    /// Optimiser steps, instead of those of the quality
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    iterations: Option<u32>,
+    /// Most Gaussians, instead of those of the quality: 40000, or 64000 for best
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4_000_000))]
+    gaussians: Option<u32>,
     /// Seed of everything random
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -44,7 +51,7 @@ pub(super) struct TrainArgs {
     #[arg(long)]
     fast_features: bool,
     /// Go on with the unfinished training beside the scene file
-    #[arg(long, conflicts_with_all = ["eval", "iterations", "seed", "profile", "fast_features", "force"])]
+    #[arg(long, conflicts_with_all = FIXED_AT_START)]
     pub(super) resume: bool,
     /// Replace an earlier scene once the new one is whole, and begin an unfinished training anew
     #[arg(long)]
@@ -52,6 +59,21 @@ pub(super) struct TrainArgs {
     /// Report as JSON
     #[arg(long)]
     json: bool,
+}
+
+/// Arguments that an unfinished training keeps.
+const FIXED_AT_START: [&str; 8] =
+    ["eval", "quality", "iterations", "gaussians", "seed", "profile", "fast_features", "force"];
+
+/// Compromise between time and quality.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum TrainQuality {
+    /// A first look, in seconds
+    Quick,
+    /// Good enough to work with, in minutes
+    Standard,
+    /// More detail, in five times the time
+    Best,
 }
 
 /// Settings that training starts from.
@@ -70,7 +92,18 @@ impl TrainArgs {
             TrainProfile::Default => Profile::Default,
             TrainProfile::Paper => Profile::Paper,
         });
-        settings.iterations = self.iterations as usize;
+        match self.quality {
+            Some(TrainQuality::Quick) => settings = settings.with_quality(Quality::Quick),
+            Some(TrainQuality::Standard) => settings = settings.with_quality(Quality::Standard),
+            Some(TrainQuality::Best) => settings = settings.with_quality(Quality::Best),
+            None => {}
+        }
+        if let Some(steps) = self.iterations {
+            settings.iterations = steps as usize;
+        }
+        if let Some(gaussians) = self.gaussians {
+            settings.densify.max_gaussians = gaussians as usize;
+        }
         settings.seed = self.seed;
         settings.eval = self.eval;
         if self.fast_features {

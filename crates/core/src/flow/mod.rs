@@ -15,7 +15,7 @@ mod search;
 #[cfg(test)]
 mod tests;
 
-pub use between::{Between, between};
+pub use between::{Between, Colour, Timed, arriving, arriving_mask, between, ways_around};
 
 use crate::grid::Grid;
 use search::PATCH;

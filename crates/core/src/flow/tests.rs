@@ -1,4 +1,5 @@
 use super::*;
+use crate::grid::Mask;
 use image::{Rgb, RgbImage};
 
 /// Smooth random texture: waves of 12 to 40 px in all directions, moved by (right, down) px.
@@ -103,4 +104,42 @@ fn the_number_of_threads_changes_nothing() {
         pool.install(|| optical_flow(&from, &to))
     };
     assert_eq!(with(1), with(3));
+}
+
+/// Centre part of a picture, away from what moves in from outside.
+fn inner_error(a: &Grid<Colour>, b: &RgbImage, margin: usize) -> f32 {
+    let inner = |size: usize| margin..size - margin;
+    inner(a.height)
+        .flat_map(|y| inner(a.width).map(move |x| (x, y)))
+        .map(|(x, y)| (a.at(x, y)[0] - f32::from(b.get_pixel(x as u32, y as u32)[0])).abs())
+        .fold(0.0, f32::max)
+}
+
+#[test]
+fn what_speeds_up_is_found_where_it_is_between_two_frames() {
+    // Place at time t: t²/2 px to the right.
+    let at = |t: f32| picture(&texture(150, 120, [0.5 * t * t, 0.0]));
+    let frames = [0.0, 1.0, 3.0, 4.0].map(at);
+    let [earlier, before, after, later] = [0, 1, 2, 3].map(|k| (&frames[k], [0.0, 1.0, 3.0, 4.0][k]));
+    let truth = at(2.0);
+    let error = |next| {
+        let [back, forth] = ways_around([before, after], next, 2.0);
+        let missed = [(&frames[1], back), (&frames[2], forth)]
+            .map(|(f, way)| inner_error(&arriving(f, &way), &truth, 45));
+        missed[0].max(missed[1])
+    };
+    let curved = error([Some(earlier), Some(later)]);
+    assert!(curved < 4.0, "{curved} levels with four frames");
+    assert!(error([Some(earlier), None]) < 4.0 && error([None, Some(later)]) < 4.0, "a parabola needs three");
+    let straight = error([None, None]);
+    assert!(straight > 2.0 * curved, "two frames tell nothing of speed: {straight} and {curved} levels");
+}
+
+#[test]
+fn a_mask_moves_with_its_frame() {
+    let mask = Mask::from_vec(5, 1, vec![true, true, false, false, true]);
+    let way = |right: f32| Grid::filled(5, 1, [right, 0.0]);
+    assert_eq!(arriving_mask(&mask, &way(0.0)), mask);
+    assert_eq!(arriving_mask(&mask, &way(-1.0)).data, [true, true, true, false, false]);
+    assert_eq!(arriving_mask(&mask, &way(0.5)).data, [true, false, false, false, true]);
 }

@@ -7,6 +7,7 @@ mod checkpoint;
 mod cpu;
 mod densify;
 mod frames;
+mod guess;
 mod lift;
 mod loss;
 mod model;
@@ -30,7 +31,7 @@ pub use model::{Model, Statistics};
 pub use optimiser::{OPACITY_CHANNEL, Optimiser, Rates};
 pub use pass::Pass;
 pub use settings::{
-    DensifySettings, FeatureMode, FrameOrder, LearningRates, LengthUnit, Profile, TrainSettings,
+    DensifySettings, FeatureMode, FrameOrder, LearningRates, LengthUnit, Profile, Quality, TrainSettings,
 };
 
 use crate::{
@@ -123,9 +124,17 @@ impl Trainer {
         state: TrainState,
         identity: Arc<Identity>,
     ) -> Self {
+        let guesses = if settings.guesses_held_out {
+            let seen = train_frames(sequence.num_frames(), settings.eval, &settings.excluded);
+            let mut held_out = train_frames(sequence.num_frames(), false, &settings.excluded);
+            held_out.retain(|i| seen.binary_search(i).is_err());
+            guess::guesses(&held_out, &seen, |i| state.time(sequence, i))
+        } else {
+            Vec::new()
+        };
         Self {
             identity,
-            cache: FrameCache::new(sequence, settings.frame_cache_bytes),
+            cache: FrameCache::new(sequence, guesses, settings.frame_cache_bytes),
             sequence: sequence.clone(),
             prepared: prepared.cloned(),
             settings,
@@ -253,7 +262,7 @@ impl Trainer {
 
     /// Time of frame `i`.
     fn time(&self, i: usize) -> f32 {
-        self.state.times.get(i).copied().unwrap_or_else(|| self.sequence.time(i))
+        self.state.time(&self.sequence, i)
     }
 
     /// Next frame; every frame comes once a round.
@@ -261,6 +270,7 @@ impl Trainer {
         if self.state.queue.is_empty() {
             self.state.queue =
                 train_frames(self.sequence.num_frames(), self.settings.eval, &self.settings.excluded);
+            self.state.queue.extend(self.cache.guessed());
             if self.settings.frame_order == FrameOrder::Cyclic {
                 self.state.queue.reverse();
                 return self.state.queue.pop().unwrap_or(0);

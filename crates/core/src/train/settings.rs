@@ -16,6 +16,41 @@ pub enum Profile {
     Paper,
 }
 
+/// Compromise between time and quality.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Quality {
+    /// A first look.
+    Quick,
+    /// Good enough to work with.
+    #[default]
+    Standard,
+    /// More detail, in five times the time.
+    Best,
+}
+
+impl Quality {
+    /// All of them, the fastest first.
+    pub const ALL: [Self; 3] = [Self::Quick, Self::Standard, Self::Best];
+
+    /// Number of optimiser steps.
+    pub fn steps(self) -> usize {
+        match self {
+            Self::Quick => 600,
+            Self::Standard => 4000,
+            Self::Best => 9000,
+        }
+    }
+
+    /// Largest number of Gaussians.
+    pub fn gaussians(self) -> usize {
+        match self {
+            Self::Quick | Self::Standard => 40_000,
+            Self::Best => 64_000,
+        }
+    }
+}
+
 /// Order in which frames are visited.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -129,6 +164,8 @@ pub struct TrainSettings {
     pub frame_order: FrameOrder,
     /// `true` to give frames that repeat the one before the time of that one.
     pub finds_repeats: bool,
+    /// `true` to guess held-out frames from the frames around them, and to learn from the guesses.
+    pub guesses_held_out: bool,
     /// Number of supervised pixels per initial Gaussian.
     pub px_per_gaussian: f32,
     /// Opacity of an initial Gaussian.
@@ -188,13 +225,14 @@ impl Default for TrainSettings {
     fn default() -> Self {
         Self {
             profile: Profile::Default,
-            iterations: 3000,
+            iterations: Quality::Standard.steps(),
             seed: 0,
             eval: false,
             excluded: Vec::new(),
             frame_order: FrameOrder::Random,
             finds_repeats: true,
-            px_per_gaussian: 10.0,
+            guesses_held_out: true,
+            px_per_gaussian: 30.0,
             initial_opacity: 0.6,
             neighbour_sizes: false,
             seed_test_frames: false,
@@ -211,7 +249,7 @@ impl Default for TrainSettings {
             sh_when_still: false,
             sh_every: 0,
             depth_moves_centres: true,
-            half_size_share: 0.5,
+            half_size_share: 0.2,
             pixel_step: 2,
             half_size_pixel_step: 2,
             min_pixels: 20_000,
@@ -219,7 +257,7 @@ impl Default for TrainSettings {
                 unit: LengthUnit::Pixel,
                 mean: 0.02,
                 motion: 0.1,
-                motion_relative: 2.0,
+                motion_relative: 6.0,
                 uniform_motion: false,
                 final_share: 0.05,
                 rotation: 2e-3,
@@ -230,15 +268,15 @@ impl Default for TrainSettings {
                 feature: 2.5e-3,
             },
             densify: DensifySettings {
-                from: 0.1,
-                until: 0.7,
+                from: 0.05,
+                until: 0.8,
                 every: 100,
-                growth: 0.05,
+                growth: 0.07,
                 threshold: 0.0,
                 split_only: false,
                 loses_step: false,
-                max_gaussians: 32_000,
-                min_px_per_gaussian: 4.0,
+                max_gaussians: Quality::Standard.gaussians(),
+                min_px_per_gaussian: 2.0,
                 min_opacity: 0.005,
                 split_px: 1.5,
             },
@@ -255,6 +293,16 @@ impl TrainSettings {
             Profile::Default => Self::default(),
             Profile::Paper => Self::paper(),
         }
+    }
+
+    /// Takes the numbers of steps and Gaussians of `quality`; profile `paper` keeps its own limit of Gaussians.
+    #[must_use]
+    pub fn with_quality(mut self, quality: Quality) -> Self {
+        self.iterations = quality.steps();
+        if self.profile == Profile::Default {
+            self.densify.max_gaussians = quality.gaussians();
+        }
+        self
     }
 
     /// Number of basis functions for a recording of `num_frames` frames.
@@ -288,8 +336,11 @@ impl TrainSettings {
     fn paper() -> Self {
         Self {
             profile: Profile::Paper,
+            iterations: 3000,
             frame_order: FrameOrder::Cyclic,
             finds_repeats: false,
+            guesses_held_out: false,
+            px_per_gaussian: 10.0,
             initial_opacity: 0.1,
             neighbour_sizes: true,
             seed_test_frames: true,
@@ -331,6 +382,8 @@ impl TrainSettings {
                 ..Self::default().densify
             },
             loss: LossWeights {
+                absolute: 1.0,
+                square: 0.0,
                 raw_depth: true,
                 pooled_regions: true,
                 unmasked_variation: true,
@@ -344,6 +397,19 @@ impl TrainSettings {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn better_quality_takes_more_steps_and_no_fewer_gaussians() {
+        let of = |quality| {
+            let settings = TrainSettings::default().with_quality(quality);
+            (settings.iterations, settings.densify.max_gaussians)
+        };
+        let [quick, standard, best] = Quality::ALL.map(of);
+        assert!(quick.0 < standard.0 && standard.0 < best.0 && quick.1 <= standard.1 && standard.1 < best.1);
+        assert_eq!(TrainSettings::default(), TrainSettings::default().with_quality(Quality::Standard));
+        let paper = TrainSettings::of(Profile::Paper);
+        assert_eq!(paper.clone().with_quality(Quality::Best).densify, paper.densify);
+    }
 
     #[test]
     fn length_is_no_matter_where_the_number_of_bases_was_chosen() {

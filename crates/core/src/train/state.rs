@@ -95,6 +95,11 @@ impl TrainState {
         })
     }
 
+    /// Time of frame `i`.
+    pub(super) fn time(&self, sequence: &Sequence, i: usize) -> f32 {
+        self.times.get(i).copied().unwrap_or_else(|| sequence.time(i))
+    }
+
     /// Returns `true` if all arrays have the sizes that the number of Gaussians requires.
     pub(super) fn is_consistent(&self) -> bool {
         let Model { gaussians: g, deformation: d, optimiser, statistics } = &self.model;

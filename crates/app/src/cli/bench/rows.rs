@@ -41,6 +41,19 @@ pub(super) fn rows(iterations: usize, seed: u64) -> Vec<Row> {
         row("repeats move", "frames that repeat the one before get a time of their own", &|s| {
             s.finds_repeats = false;
         }),
+        row("nothing guessed", "held-out frames are not guessed from those around them", &|s| {
+            s.guesses_held_out = false;
+        }),
+        row("absolute colour", "absolute differences of colour alone, as released", &|s| {
+            s.loss.absolute = paper.loss.absolute;
+            s.loss.square = paper.loss.square;
+        }),
+        row("many at first", "three times as many first Gaussians, as released", &|s| {
+            s.px_per_gaussian = paper.px_per_gaussian;
+        }),
+        row("slow changes", "rates of colour, turn and stretch over time a third", &|s| {
+            s.rates.motion_relative /= 3.0;
+        }),
         row("full size", "no steps at half size", &|s| s.half_size_share = 0.0),
         row("Gaussian bases", "Gaussian basis functions instead of splines", &|s| {
             s.basis_shape = BasisShape::Gaussian;

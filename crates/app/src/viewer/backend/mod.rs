@@ -21,7 +21,7 @@ use surgtpgs_core::{
     grid::{Grid, Mask},
     raster::FrameClock,
     sequence::CheckReport,
-    train::LossTerms,
+    train::{LossTerms, Quality},
 };
 use task::TaskContext;
 
@@ -199,16 +199,13 @@ pub(crate) struct Demo {
     pub(crate) train: Option<TrainRequest>,
 }
 
-/// Default number of optimiser steps.
-pub(crate) const DEFAULT_STEPS: usize = 3000;
-
 /// Everything that training depends on.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct TrainRequest {
     pub(crate) recording: PathBuf,
     /// The scene file to write.
     pub(crate) scene: PathBuf,
-    pub(crate) iterations: usize,
+    pub(crate) quality: Quality,
     /// Ranges of frames that are not trained on.
     pub(crate) excluded: Vec<(usize, usize)>,
 }

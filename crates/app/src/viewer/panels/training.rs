@@ -3,7 +3,7 @@
 use crate::viewer::{
     action::Action,
     backend::{
-        DEFAULT_STEPS, Info, TrainRequest,
+        Info, TrainRequest,
         task::{Task, TaskEvent},
     },
     command::{Command, entry},
@@ -18,10 +18,15 @@ use crate::viewer::{
 };
 use egui::{Context, Frame, Margin, ProgressBar, RichText, Ui};
 use std::path::{Path, PathBuf};
-use surgtpgs_core::train::TrainSettings;
+use surgtpgs_core::train::{Quality, TrainSettings};
 
-/// Qualities to choose from: number of steps and label.
-const QUALITIES: [(usize, &str); 3] = [(600, "Quick look"), (DEFAULT_STEPS, "Standard"), (9000, "Best")];
+fn label(quality: Quality) -> &'static str {
+    match quality {
+        Quality::Quick => "Quick look",
+        Quality::Standard => "Standard",
+        Quality::Best => "Best",
+    }
+}
 
 /// Questions before training.
 struct Asked {
@@ -36,7 +41,7 @@ impl Asked {
     /// Makes the dialog; `None` where the recording is not at hand.
     fn new(info: &Info, excluded: Vec<(usize, usize)>) -> Option<Self> {
         let (recording, scene) = (info.recording.clone()?, free_file(&info.output_folder, &info.name));
-        let request = TrainRequest { recording, scene, iterations: DEFAULT_STEPS, excluded };
+        let request = TrainRequest { recording, scene, quality: Quality::default(), excluded };
         let too_long = TrainSettings::default().length_warning(info.num_frames);
         Some(Self { request, has_labels: info.has_labels, too_long, picking: None })
     }
@@ -238,12 +243,10 @@ fn asked_ui(ui: &mut Ui, asked: &mut Asked, memory_warning: Option<String>) -> (
     ui.heading("Reconstruct this recording");
     ui.label(RichText::new("You can go on watching the recording meanwhile.").color(theme::TEXT_WEAK));
     ui.add_space(8.0);
-    for (steps, label) in QUALITIES {
-        ui.radio_value(
-            &mut asked.request.iterations,
-            steps,
-            format!("{label}  ({} steps)", thousands(steps)),
-        );
+    for quality in Quality::ALL {
+        let (label, steps, most) = (label(quality), quality.steps(), quality.gaussians());
+        let text = format!("{label}  ({} steps, up to {} Gaussians)", thousands(steps), thousands(most));
+        ui.radio_value(&mut asked.request.quality, quality, text);
     }
     ui.add_space(8.0);
     let note = if asked.has_labels {

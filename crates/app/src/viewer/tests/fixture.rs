@@ -127,7 +127,7 @@ impl Backend for FakeBackend {
         let request = TrainRequest {
             recording: folder.to_owned(),
             scene: folder.join("scene"),
-            iterations: 100,
+            quality: Quality::Quick,
             excluded: Vec::new(),
         };
         Ok(Demo { path: folder.to_owned(), train: Some(request) })
@@ -155,7 +155,7 @@ impl Backend for FakeBackend {
         *self.available_bytes.lock().unwrap()
     }
     fn reconstruct(&self, request: &TrainRequest, task: &TaskContext<TrainNews>) -> Result<PathBuf> {
-        task.progress("Learning", 10, request.iterations, "100 Gaussians".into());
+        task.progress("Learning", 10, request.quality.steps(), "100 Gaussians".into());
         let (path, recording) = (request.recording.clone(), Some(request.recording.clone()));
         let info = Info { path, recording, has_reconstruction: true, ..self.info.clone() };
         task.update(TrainNews::Preview(Box::new(Fake { info, gate: None })));
@@ -165,7 +165,8 @@ impl Backend for FakeBackend {
             step += 1;
             let terms = LossTerms { colour: 1.0 / step as f32, depth: 0.01, ..Default::default() };
             task.update(TrainNews::Step(step, terms));
-            task.progress("Learning", step.min(request.iterations - 1), request.iterations, String::new());
+            let steps = request.quality.steps();
+            task.progress("Learning", step.min(steps - 1), steps, String::new());
             std::thread::sleep(std::time::Duration::from_millis(1));
         }
         let stops = task.num_stops();

@@ -49,7 +49,7 @@ use surgtpgs_core::{
     export::{ExportSummary, intended_use, num_files},
     grid::{Grid, Mask},
     sequence::CheckReport,
-    train::LossTerms,
+    train::{LossTerms, Quality},
 };
 
 use fixture::*;

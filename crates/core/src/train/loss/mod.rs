@@ -23,6 +23,10 @@ use sums::{STRIP_ROWS, lane_sum, sign};
 /// Weights of the loss terms.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct LossWeights {
+    /// Weight of |C − Ĉ| of colour.
+    pub absolute: f32,
+    /// Weight of (C − Ĉ)² of colour; colours are 0 to 1.
+    pub square: f32,
     /// λ_D of the inverse-depth term.
     pub depth: f32,
     /// λ_TV of total variation of colour, depth and features.
@@ -46,6 +50,8 @@ pub struct LossWeights {
 impl Default for LossWeights {
     fn default() -> Self {
         Self {
+            absolute: 0.3,
+            square: 10.0,
             depth: 1.0,
             total_variation: 0.01,
             features: 1.0,
@@ -77,7 +83,7 @@ pub const NUM_TERMS: usize = 5;
 /// pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct LossTerms<T> {
-    /// L_C.
+    /// L_C: absolute and squared differences of colour.
     pub colour: T,
     /// λ_D L_D.
     pub depth: T,
@@ -174,6 +180,8 @@ pub fn loss_into<T: Real>(
 pub struct Scales<T> {
     /// Weight of |here − wanted|.
     pub difference: T,
+    /// Weight of (here − wanted)².
+    pub square: T,
     /// Weight of |here − neighbour|.
     pub variation: T,
 }
@@ -201,14 +209,16 @@ impl<T: Real> TermScales<T> {
         let per_number = features * over(pixels * latent_dim);
         Self {
             colour: Scales {
-                difference: over(supervised) * third,
+                difference: T::from_f32(weights.absolute) * over(supervised) * third,
+                square: T::from_f32(weights.square) * over(supervised) * third,
                 variation: variation * per_neighbour * third,
             },
             depth: Scales {
                 difference: T::from_f32(weights.depth) * over(supervised),
+                square: T::zero(),
                 variation: variation * over(supervised),
             },
-            features: Scales { difference: per_number, variation: variation * per_number },
+            features: Scales { difference: per_number, square: T::zero(), variation: variation * per_number },
             smoothness: features * T::from_f32(weights.region_smoothness) * over(latent_dim),
         }
     }
@@ -243,7 +253,7 @@ impl<'a, T: Real> Plane<'a, T> {
     }
 }
 
-/// Σ scale·|plane − target| and Σ scale·|x_i − x_j| over horizontal and vertical neighbours that both
+/// Σ scale·|plane − target| + scale·(plane − target)² and Σ scale·|x_i − x_j| over horizontal and vertical neighbours that both
 /// count. Writes the gradient to `g`. `difference(y, out)` writes plane − target of row y, and 0 at
 /// pixels that are not compared.
 fn plane_terms<T: Real>(
@@ -273,8 +283,7 @@ fn plane_terms<T: Real>(
         sums
     });
     let sums: Vec<(T, T)> = sums.collect();
-    let total = sums.into_iter().fold((T::zero(), T::zero()), |a, b| (a.0 + b.0, a.1 + b.1));
-    (total.0 * scales.difference, total.1 * scales.variation)
+    sums.into_iter().fold((T::zero(), T::zero()), |a, b| (a.0 + b.0, a.1 + b.1))
 }
 
 /// Differences of one row: to the target, to the right neighbour (with a leading 0), to the rows above
@@ -293,7 +302,7 @@ impl<T: Real> RowBuffers<T> {
     }
 }
 
-/// Sums of one row, and its gradient. A pair of neighbours is counted by its left or upper pixel.
+/// Weighted sums of one row, and its gradient. A pair of neighbours is counted by its left or upper pixel.
 #[simd]
 fn row_terms<S: Simd, T: Real>(
     simd: S,
@@ -311,14 +320,17 @@ fn row_terms<S: Simd, T: Real>(
         Some(next) => masked_difference(simd, here, next, below),
         None => below.fill(T::zero()),
     }
+    let twice_square = scales.square + scales.square;
     let neighbours = across[..width].iter().zip(&across[1..]).zip(above.iter().zip(below.iter()));
     for ((g, d), ((left, right), (above, below))) in g.iter_mut().zip(difference.iter()).zip(neighbours) {
         let pull = sign(*right) - sign(*left) + (sign(*below) - sign(*above));
-        *g = sign(*d) * scales.difference + pull * scales.variation;
+        *g = sign(*d) * scales.difference + *d * twice_square + pull * scales.variation;
     }
-    let sums = (abs_sum(simd, difference), abs_sum(simd, &across[1..]) + abs_sum(simd, below));
+    let of_difference = abs_sum(simd, difference) * scales.difference;
+    let squares = lane_sum(simd, difference, |v| v * v) * scales.square;
+    let of_variation = (abs_sum(simd, &across[1..]) + abs_sum(simd, below)) * scales.variation;
     std::mem::swap(above, below);
-    sums
+    (of_difference + squares, of_variation)
 }
 
 #[simd]

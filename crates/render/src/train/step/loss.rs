@@ -59,6 +59,8 @@ shader_struct! {
         typical_depth: f32,
         /// Weight of |difference| to the wanted value, per value of colour.
         colour_difference: f32,
+        /// Weight of the squared difference to the wanted value, per value of colour.
+        colour_square: f32,
         /// Weight of |difference| of neighbours, per value of colour.
         colour_variation: f32,
         /// Weight of |difference| to the wanted value, for depth.
@@ -70,7 +72,7 @@ shader_struct! {
         /// Weight of |difference| of neighbours, for features.
         feature_variation: f32,
         /// Padding to a multiple of 16 bytes.
-        padding: [u32; 2],
+        padding: u32,
     }
 }
 
@@ -80,6 +82,7 @@ impl LossParams {
         let counts = |v: f32| if is_supervised { v } else { 0.0 };
         Self {
             colour_difference: counts(scales.colour.difference),
+            colour_square: counts(scales.colour.square),
             colour_variation: counts(scales.colour.variation),
             depth_difference: scales.depth.difference,
             depth_variation: scales.depth.variation,

@@ -6,7 +6,7 @@ mod scene;
 mod training;
 
 use crate::viewer::backend::{
-    Backend, Checked, DEFAULT_STEPS, Demo, FrameSource, TrainNews, TrainRequest, task::TaskContext,
+    Backend, Checked, Demo, FrameSource, TrainNews, TrainRequest, task::TaskContext,
 };
 use crate::{
     engine::{Engine, EngineOptions, Negatives},
@@ -26,6 +26,7 @@ use surgtpgs_core::{
     relevancy::RelevancySettings,
     scene::Scene,
     sequence::{self, Sequence},
+    train::Quality,
 };
 
 /// Opens, exports and trains with the program's own engine.
@@ -69,7 +70,7 @@ impl Backend for EngineBackend {
         let train = TrainRequest {
             recording: paths.recording.clone(),
             scene: paths.scene,
-            iterations: DEFAULT_STEPS,
+            quality: Quality::default(),
             excluded: Vec::new(),
         };
         Ok(Demo { path: paths.recording, train: Some(train) })

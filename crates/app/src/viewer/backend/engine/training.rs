@@ -43,8 +43,8 @@ pub(super) fn reconstruct(request: &TrainRequest, task: &TaskContext<TrainNews>)
         other => other,
     };
     task.check()?;
-    let (iterations, excluded) = (request.iterations, request.excluded.clone());
-    let settings = TrainSettings { iterations, excluded, ..Default::default() };
+    let settings = TrainSettings { excluded: request.excluded.clone(), ..Default::default() };
+    let settings = settings.with_quality(request.quality);
     let mut last_shown = Instant::now();
     let mut show = |trainer: &mut Trainer, report: &StepReport| {
         task.update(TrainNews::Step(report.step, report.terms));
@@ -111,6 +111,7 @@ fn folder_beside(file: &Path) -> Result<tempfile::TempDir> {
 mod tests {
     use super::*;
     use crate::viewer::backend::task::{Task, TaskEvent};
+    use surgtpgs_core::train::Quality;
 
     /// Waits for the result of a task. With `until_told`, returns `None` once the task reports that something
     /// is not saved yet.
@@ -166,7 +167,8 @@ mod tests {
         surgtpgs_core::demo::write(&tiny, &recording, &mut surgtpgs_core::progress::unobserved).unwrap();
         std::fs::create_dir(&prepared).unwrap();
         std::fs::write(prepared.join("mine"), "hours of work").unwrap();
-        let request = TrainRequest { recording, scene: scene.clone(), iterations: 3, excluded: Vec::new() };
+        let request =
+            TrainRequest { recording, scene: scene.clone(), quality: Quality::Quick, excluded: Vec::new() };
         let train = move |task: &TaskContext<TrainNews>| reconstruct(&request, task).map(drop);
         let mut task = Task::start("training", &egui::Context::default(), train);
         wait(&mut task, false).unwrap().unwrap();
