@@ -35,9 +35,10 @@ pub fn between(before: &RgbImage, after: &RgbImage, share: f32) -> Option<Betwee
 /// A frame and its time.
 pub type Timed<'a> = (&'a RgbImage, f32);
 
-/// Displacements, px, from the picture at `time` to the frame before and to the one after. Each point follows the
-/// polynomial through its places in the frames, so that it may speed up and slow down; the frames before the one
-/// before and after the one after are used if they are given. All frames have one size, and their times rise.
+/// Displacements, px, from the picture at `time` to the frame before and to the one after. Each point
+/// follows the polynomial through its places in the frames, so that it may speed up and slow down; the
+/// frames before the one before and after the one after are used if they are given. All frames have one
+/// size, and their times rise.
 pub fn ways_around(
     [before, after]: [Timed<'_>; 2],
     [earlier, later]: [Option<Timed<'_>>; 2],
@@ -62,8 +63,8 @@ pub fn ways_around(
     ]
 }
 
-/// Weights of places at `times` in the place at `time` on the polynomial through them (Lagrange); 0 where there is
-/// no time.
+/// Weights of places at `times` in the place at `time` on the polynomial through them (Lagrange); 0 where
+/// there is no time.
 fn weights(times: [Option<f32>; 4], time: f32) -> [f32; 4] {
     let weight = |k: usize| {
         let others = (0..4).filter(|j| *j != k).filter_map(|j| times[j]);

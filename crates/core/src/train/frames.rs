@@ -129,8 +129,8 @@ fn planar(interleaved: &[u8]) -> Vec<u8> {
     (0..3).flat_map(|c| interleaved.iter().skip(c).step_by(3).copied()).collect()
 }
 
-/// Decoded frames within a memory budget; frames that do not fit are decoded again each time. Guesses take longer
-/// than decoding, and are always kept.
+/// Decoded frames within a memory budget; frames that do not fit are decoded again each time. Guesses take
+/// longer than decoding, and are always kept.
 #[derive(Debug)]
 pub struct FrameCache {
     sequence: Sequence,

@@ -1,9 +1,9 @@
 //! Guesses at held-out frames, from the frames around them.
 //!
-//! A frame that training may not see is a gap in time, and what fills it is learned from afar: the basis functions
-//! that are live there serve the frames before and after. Short optical flow between these tells more: where both,
-//! moved to the time of the gap, look alike, their mean is something to learn from. Nothing is read of the frame
-//! itself.
+//! A frame that training may not see is a gap in time, and what fills it is learned from afar: the basis
+//! functions that are live there serve the frames before and after. Short optical flow between these tells
+//! more: where both, moved to the time of the gap, look alike, their mean is something to learn from.
+//! Nothing is read of the frame itself.
 
 use super::frames::TrainFrame;
 use crate::{
@@ -34,8 +34,8 @@ pub struct Guess {
 /// A frame that was moved: its colours, and the pixels that are to be supervised.
 type Moved = (Grid<Colour>, Mask);
 
-/// Returns a guess for each of `frames` whose neighbours are among `seen`, which is in order. A frame that repeats
-/// its neighbour, and so has its time, needs none.
+/// Returns a guess for each of `frames` whose neighbours are among `seen`, which is in order. A frame that
+/// repeats its neighbour, and so has its time, needs none.
 pub fn guesses(frames: &[usize], seen: &[usize], time: impl Fn(usize) -> f32) -> Vec<Guess> {
     let place = |i: usize| (i, time(i));
     let is_seen = |i: &usize| seen.binary_search(i).is_ok();
@@ -51,8 +51,8 @@ pub fn guesses(frames: &[usize], seen: &[usize], time: impl Fn(usize) -> f32) ->
 }
 
 impl Guess {
-    /// Guesses the frame at full size: its colours, and as mask the pixels where they can be relied on. It has
-    /// neither depth nor features.
+    /// Guesses the frame at full size: its colours, and as mask the pixels where they can be relied on. It
+    /// has neither depth nor features.
     pub fn load(&self, sequence: &Sequence) -> Result<TrainFrame> {
         let read = |(i, time): Place| Ok((sequence.frame(i)?, time));
         let [before, after] = self.nearest.map(read);
@@ -70,8 +70,8 @@ impl Guess {
     }
 }
 
-/// Makes one frame of two moved ones, of which the second weighs `share`. Where only one is to be supervised, it
-/// alone counts.
+/// Makes one frame of two moved ones, of which the second weighs `share`. Where only one is to be
+/// supervised, it alone counts.
 fn merged([(a, mask_a), (b, mask_b)]: &[Moved; 2], share: f32) -> TrainFrame {
     let n = a.data.len();
     let (mut colour, mut mask) = (vec![0; 3 * n], vec![false; n]);

@@ -110,7 +110,7 @@ pub struct DensifySettings {
     /// Last step that may densify, as a share of all steps. None does after the last step of all, from which
     /// nothing would be learned.
     pub until: f32,
-    /// Number of steps between two densifications.
+    /// Number of steps between two densifications; 0 for a fortieth of all steps, at most 100.
     pub every: usize,
     /// Share of the Gaussians that may be divided each time, those of largest mean positional gradient first.
     /// Without effect if `threshold` is above 0.
@@ -270,7 +270,7 @@ impl Default for TrainSettings {
             densify: DensifySettings {
                 from: 0.05,
                 until: 0.8,
-                every: 100,
+                every: 0,
                 growth: 0.07,
                 threshold: 0.0,
                 split_only: false,
@@ -320,7 +320,8 @@ impl TrainSettings {
     pub(super) fn densifies_at(&self, step: usize) -> bool {
         let d = &self.densify;
         let at = |share: f32| (share * self.iterations as f32) as usize;
-        step >= at(d.from) && step <= at(d.until) && step.is_multiple_of(d.every.max(1))
+        let every = if d.every > 0 { d.every } else { (self.iterations / 40).clamp(1, 100) };
+        step >= at(d.from) && step <= at(d.until) && step.is_multiple_of(every)
     }
 
     /// Number of the colour's `bands` above 0 that are learned at `step`.
@@ -374,6 +375,7 @@ impl TrainSettings {
             densify: DensifySettings {
                 from: 0.2,
                 until: 1.0,
+                every: 100,
                 threshold: 2e-4,
                 split_only: true,
                 loses_step: true,
