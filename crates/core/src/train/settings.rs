@@ -110,7 +110,7 @@ pub struct DensifySettings {
     /// Last step that may densify, as a share of all steps. None does after the last step of all, from which
     /// nothing would be learned.
     pub until: f32,
-    /// Number of steps between two densifications; 0 for a fortieth of all steps, at most 100.
+    /// Number of steps between two densifications; 0 for a fortieth of all steps, 10 to 100.
     pub every: usize,
     /// Share of the Gaussians that may be divided each time, those of largest mean positional gradient first.
     /// Without effect if `threshold` is above 0.
@@ -320,7 +320,7 @@ impl TrainSettings {
     pub(super) fn densifies_at(&self, step: usize) -> bool {
         let d = &self.densify;
         let at = |share: f32| (share * self.iterations as f32) as usize;
-        let every = if d.every > 0 { d.every } else { (self.iterations / 40).clamp(1, 100) };
+        let every = if d.every > 0 { d.every } else { (self.iterations / 40).clamp(10, 100) };
         step >= at(d.from) && step <= at(d.until) && step.is_multiple_of(every)
     }
 
