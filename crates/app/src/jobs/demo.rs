@@ -53,7 +53,7 @@ pub struct DemoOptions {
 
 impl Default for DemoOptions {
     fn default() -> Self {
-        Self { recording: DemoSettings::default(), iterations: 1500 }
+        Self { recording: DemoSettings::default(), iterations: 2000 }
     }
 }
 
