@@ -28,7 +28,7 @@ pub(super) struct TrainArgs {
     /// Hold every eighth frame out (a folder prepared with --eval does so anyway)
     #[arg(long)]
     eval: bool,
-    /// Compromise between time and quality: 600, 4000 or 9000 steps [default: standard, or 3000 steps of the
+    /// Compromise between time and quality: 600, 4000 or 12,000 steps [default: standard, or 3000 steps of the
     /// profile paper]
     #[arg(long, value_enum)]
     quality: Option<TrainQuality>,
@@ -177,12 +177,11 @@ pub(super) fn train(args: &TrainArgs) -> Result<TrainReport> {
     let mut view = ProgressView::default();
     let trained = jobs::go_on(&mut trainer, Some(&checkpoint), &mut |p| view.show(p), &mut |_, _| {});
     drop(view);
-    let mut trained = trained.inspect_err(|_| {
+    let trained = trained.inspect_err(|_| {
         if checkpoint.exists() {
             say("what was learned so far is kept, and --resume goes on from there");
         }
     })?;
-    trained.scene.provenance.peak_rss_bytes = peak_rss_bytes();
     output.write(&trained.scene.to_bytes()?)?;
     let mut report = TrainReport::of(&trained, asked, trainer.backend_name());
     report.warnings.extend(warning);

@@ -128,11 +128,7 @@ pub(crate) fn evaluate(
         train_psnr_db: report::mean(train_psnr_db.into_iter()),
         fps: Some(Fps::of(&ms)),
         ms: Some(ms),
-        training: Some(Training {
-            seconds: scene.provenance.seconds,
-            steps: scene.provenance.steps,
-            peak_rss_bytes: scene.provenance.peak_rss_bytes,
-        }),
+        training: Some(Training { steps: scene.provenance.steps }),
         renderer: Some(engine.renderer_name()),
         relevancy: Some(engine.relevancy_name()),
         ..EvalReport::of(&rows, held_out, &classes)

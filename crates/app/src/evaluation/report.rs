@@ -94,12 +94,10 @@ impl Fps {
     }
 }
 
-/// Cost of the training, as recorded in the scene.
+/// Length of the training, as recorded in the scene.
 #[derive(serde::Serialize)]
 pub(crate) struct Training {
-    pub(crate) seconds: f64,
     pub(crate) steps: usize,
-    pub(crate) peak_rss_bytes: Option<u64>,
 }
 
 impl EvalReport {

@@ -58,7 +58,8 @@ pub struct Scene {
     pub provenance: Provenance,
 }
 
-/// Record of how a scene was made.
+/// Record of how a scene was made. Nothing in it depends on the clock or the machine, so that equal trainings
+/// give equal files.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Provenance {
     /// Program and version.
@@ -76,11 +77,6 @@ pub struct Provenance {
     pub frames_per_second: Option<f32>,
     /// Number of optimiser steps done.
     pub steps: usize,
-    /// Training wall time, seconds.
-    pub seconds: f64,
-    /// Largest memory of the training process, if the system tells.
-    #[serde(default)]
-    pub peak_rss_bytes: Option<u64>,
     /// Training settings.
     pub settings: serde_json::Value,
 }

@@ -39,10 +39,9 @@ fn run(trainer: &mut Trainer, steps: usize) -> StepReport {
     (0..steps).map(|_| trainer.step().unwrap()).last().unwrap()
 }
 
-/// Bytes of the scene, except for the duration of its training.
+/// Bytes of the scene's file.
 fn scene_bytes(trainer: &mut Trainer) -> Vec<u8> {
-    let mut scene = trainer.scene().unwrap();
-    scene.provenance.seconds = 0.0;
+    let scene = trainer.scene().unwrap();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.safetensors");
     scene.save(&path).unwrap();

@@ -337,8 +337,6 @@ impl Trainer {
                 held_out: self.settings.eval,
                 frames_per_second: self.sequence.frames_per_second(),
                 steps: self.state.step,
-                seconds: self.seconds(),
-                peak_rss_bytes: None,
                 settings: serde_json::to_value(&self.settings).unwrap_or_default(),
             },
         })

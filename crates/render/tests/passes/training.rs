@@ -41,7 +41,7 @@ impl Clip {
     }
 }
 
-/// Trains; returns the scene without its training time, the PSNR and the last loss.
+/// Trains; returns the scene, the PSNR and the last loss.
 fn train(mut trainer: Trainer, backend: Option<GpuBackend>) -> (Scene, f64, f32) {
     if let Some(backend) = backend {
         trainer.set_backend(Box::new(backend)).unwrap();
@@ -52,8 +52,7 @@ fn train(mut trainer: Trainer, backend: Option<GpuBackend>) -> (Scene, f64, f32)
     }
     assert_eq!(dropped, 0);
     let psnr = trainer.psnr_db().unwrap();
-    let mut scene = trainer.scene().unwrap();
-    scene.provenance.seconds = 0.0;
+    let scene = trainer.scene().unwrap();
     let loss = trainer.last_loss();
     (scene, psnr, loss)
 }
