@@ -75,17 +75,22 @@ fn weights(times: [Option<f32>; 4], time: f32) -> [f32; 4] {
 
 /// Displacement from a time between two frames to one of them: minus the weighted sum of those from it to the
 /// other one, to the frame behind itself, and to the frame beyond the other one, which is a flow from there.
+/// The sum is known where points are in the frame, and is looked up there for points between.
 fn way(
     (across, across_weight): (&Grid<Vector>, f32),
     (behind, behind_weight): (&Grid<Vector>, f32),
     (beyond, beyond_weight): (&Grid<Vector>, f32),
 ) -> Grid<Vector> {
-    pyramid::each_pixel(across.width, across.height, |x, y| {
+    let from_frame = pyramid::each_pixel(across.width, across.height, |x, y| {
         let (here, behind) = (across.at(x, y), behind.at(x, y));
         let there = pyramid::value_at(beyond, [x as f32 + here[0], y as f32 + here[1]]);
         std::array::from_fn(|k| {
             -across_weight * here[k] - behind_weight * behind[k] - beyond_weight * (here[k] + there[k])
         })
+    });
+    pyramid::each_pixel(across.width, across.height, |x, y| {
+        let [u, v] = from_frame.at(x, y);
+        pyramid::value_at(&from_frame, [x as f32 + u, y as f32 + v])
     })
 }
 
