@@ -1,7 +1,9 @@
 //! Backends that carry out training steps: the passes of this crate, or their twins on a GPU. Schedule,
 //! policy and random numbers belong to the trainer, so that all backends follow the same decisions.
 
-use super::{LossTerms, TrainSettings, densify::Densify, frames::TrainFrame, model::Model, pass::Pass};
+use super::{
+    LossTerms, LossWeights, TrainSettings, densify::Densify, frames::TrainFrame, model::Model, pass::Pass,
+};
 use crate::{Result, camera::Camera, clock::PassClock, gaussian::Gaussians, raster::project::Sampling};
 use std::sync::Arc;
 
@@ -18,6 +20,13 @@ pub struct Look {
     pub sampling: Sampling,
     /// Share of all steps done so far.
     pub progress: f32,
+}
+
+impl Look {
+    /// Distance of neighbouring pixels, px of the full-size image.
+    pub fn spacing_px(&self) -> usize {
+        self.sampling.step * if self.half { 2 } else { 1 }
+    }
 }
 
 /// One step to be done.
@@ -49,6 +58,11 @@ pub struct Context<'a> {
 }
 
 impl Context<'_> {
+    /// Weights of the loss for the pixels of `look`.
+    pub fn loss_weights(&self, look: &Look) -> LossWeights {
+        self.settings.loss.sampled(look.spacing_px())
+    }
+
     /// Factors of the pull at a splat's centre before it is added to the statistics.
     pub fn pull_scale(&self, look: &Look) -> [f32; 2] {
         if self.settings.densify.threshold > 0.0 {

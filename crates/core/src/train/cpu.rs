@@ -124,7 +124,7 @@ impl CpuBackend {
         clock: &mut PassClock<Pass>,
     ) -> LossTerms<f32> {
         let truth = frame.truth(context.latents, context.typical_depth);
-        let weights = context.settings.loss.sampled(look.sampling.step);
+        let weights = context.loss_weights(look);
         let terms = loss_into(&self.images.planes, &truth, &weights, &mut self.g_planes);
         clock.lap(Pass::Loss);
         terms

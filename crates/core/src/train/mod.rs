@@ -95,6 +95,7 @@ impl Trainer {
         settings.eval |= prepared.is_some_and(|p| p.eval);
         let sees_around = sequence.camera_moves() || settings.sh_when_still;
         settings.sh_degree = if sees_around { settings.sh_degree.min(3) } else { 0 };
+        settings.rates.final_share = settings.final_share(sequence.num_frames());
         let identity = identity(sequence, prepared)?;
         let state = TrainState::new(sequence, prepared, &settings)?;
         Ok(Self::with_state(sequence, prepared, settings, state, identity))

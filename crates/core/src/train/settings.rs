@@ -38,7 +38,7 @@ impl Quality {
         match self {
             Self::Quick => 600,
             Self::Standard => 4000,
-            Self::Best => 9000,
+            Self::Best => 12_000,
         }
     }
 
@@ -88,6 +88,8 @@ pub struct LearningRates {
     /// Share of their start that the rates of centres and basis weights reach at the end; they fall
     /// log-linearly.
     pub final_share: f32,
+    /// `true` if they fall less where frames are visited less than 200 times: to 10 / visits, at most 0.2.
+    pub falls_by_visits: bool,
     /// Rate of quaternions.
     pub rotation: f32,
     /// Rate of log-scales.
@@ -260,6 +262,7 @@ impl Default for TrainSettings {
                 motion_relative: 6.0,
                 uniform_motion: false,
                 final_share: 0.05,
+                falls_by_visits: true,
                 rotation: 2e-3,
                 log_scale: 1e-2,
                 opacity: 0.05,
@@ -316,6 +319,14 @@ impl TrainSettings {
         if self.num_bases > 0 { None } else { length_warning(num_frames) }
     }
 
+    /// Share of their start that rates reach at the end, where `num_frames` frames are visited equally often.
+    pub(super) fn final_share(&self, num_frames: usize) -> f32 {
+        let rates = &self.rates;
+        let visits = self.iterations as f32 / num_frames.max(1) as f32;
+        let by_visits = if rates.falls_by_visits { (10.0 / visits.max(1.0)).min(0.2) } else { 0.0 };
+        rates.final_share.max(by_visits)
+    }
+
     /// Returns `true` if a densification follows step `step` (counted from 1).
     pub(super) fn densifies_at(&self, step: usize) -> bool {
         let d = &self.densify;
@@ -367,6 +378,7 @@ impl TrainSettings {
                 uniform_motion: true,
                 // The rates fall to 1 % at step 4000, of which 3000 are done.
                 final_share: 0.031_622_78,
+                falls_by_visits: false,
                 rotation: 1e-3,
                 log_scale: 5e-3,
                 colour: 2.5e-3,
@@ -411,6 +423,14 @@ mod tests {
         assert_eq!(TrainSettings::default(), TrainSettings::default().with_quality(Quality::Standard));
         let paper = TrainSettings::of(Profile::Paper);
         assert_eq!(paper.clone().with_quality(Quality::Best).densify, paper.densify);
+    }
+
+    #[test]
+    fn rates_fall_less_where_frames_are_seldom_visited() {
+        let settings = TrainSettings { iterations: 6000, ..TrainSettings::default() };
+        assert_eq!([20, 60, 5000].map(|frames| settings.final_share(frames)), [0.05, 0.1, 0.2]);
+        let paper = TrainSettings::of(Profile::Paper);
+        assert_eq!(paper.final_share(5000), paper.rates.final_share);
     }
 
     #[test]

@@ -38,7 +38,7 @@ impl CurrentStep<'_> {
     }
 
     pub(super) fn weights(&self) -> LossWeights {
-        self.context.settings.loss.sampled(self.plan.look.sampling.step)
+        self.context.loss_weights(&self.plan.look)
     }
 
     /// Number of regions to be smoothed.

@@ -147,7 +147,7 @@ impl FrameStore {
             let sampled = (sampling != Sampling::ALL).then(|| plan.frame.sampled(sampling));
             let frame = sampled.as_ref().unwrap_or(&plan.frame);
             let truth = frame.truth(context.latents, context.typical_depth);
-            let min_region_px = context.settings.loss.sampled(sampling.step).min_region_px;
+            let min_region_px = context.loss_weights(&plan.look).min_region_px;
             let buffers = FrameBuffers::new(gpu, &truth, latent_dim, min_region_px)?;
             // All frames are equally likely to be needed next, so it does not matter which are dropped.
             if self.bytes + buffers.bytes() > context.settings.frame_cache_bytes as u64 {

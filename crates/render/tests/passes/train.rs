@@ -176,7 +176,7 @@ fn check_loss(step: &Step, trace: &StepTrace) {
     let frame = step.plan.frame.sampled(sampling);
     let context = step.context();
     let truth = frame.truth(context.latents, context.typical_depth);
-    let weights = context.settings.loss.sampled(sampling.step);
+    let weights = context.loss_weights(&step.plan.look);
     let (terms, g) = loss(&trace.images.planes, &truth, &weights);
     for (found, expected) in trace.terms.values().into_iter().zip(terms.values()) {
         assert!((found - expected).abs() <= 2e-5 * expected.abs() + 1e-9, "{:?} {terms:?}", trace.terms);
@@ -329,7 +329,7 @@ fn cpu_gradients(step: &Step) -> Gradients {
     let bins = bin(&splats, width, height);
     let packed = Packed::new(&splats, &deformed.features, gaussians.latent_dim);
     let images = raster(&packed, &bins, width, height);
-    let weights = step.settings.loss.sampled(look.sampling.step);
+    let weights = step.context().loss_weights(look);
     let (_, g_planes) = loss(&images.planes, &frame.truth(&step.latents, 3.0), &weights);
     let (mut g_splats, g_features) = raster_backward(&splats, &packed, &bins, &images, &g_planes);
     g_splats.iter_mut().for_each(|g| look.sampling.apply_backward(g));

@@ -96,6 +96,9 @@ pub(super) fn rows(iterations: usize, seed: u64) -> Vec<Row> {
             s.rates.motion = paper.rates.motion;
             s.rates.uniform_motion = true;
         }),
+        row("rates fall alike", "rates fall to 5 %, however often frames are visited", &|s| {
+            s.rates.falls_by_visits = false;
+        }),
         row("slow shapes and colours", "scales and colours learn half as fast, as released", &|s| {
             s.rates.log_scale = paper.rates.log_scale;
             s.rates.colour = paper.rates.colour;

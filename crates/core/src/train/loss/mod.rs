@@ -65,12 +65,12 @@ impl Default for LossWeights {
 }
 
 impl LossWeights {
-    /// Adapts the weights to an image that has only every `step`-th pixel: its neighbours differ more,
-    /// its regions have fewer pixels.
-    pub fn sampled(&self, step: usize) -> Self {
+    /// Adapts the weights to an image whose pixels are `spacing_px` pixels of the full-size image apart: its
+    /// neighbours differ more, its regions have fewer pixels.
+    pub fn sampled(&self, spacing_px: usize) -> Self {
         Self {
-            total_variation: self.total_variation / step as f32,
-            min_region_px: self.min_region_px.div_ceil(step * step),
+            total_variation: self.total_variation / spacing_px as f32,
+            min_region_px: self.min_region_px.div_ceil(spacing_px * spacing_px),
             ..self.clone()
         }
     }
