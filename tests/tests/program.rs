@@ -25,6 +25,8 @@ mod default_job;
 mod faults;
 /// Scenes to and from what other programs read.
 mod formats;
+/// One command judges the GPU of a machine.
+mod gpu;
 /// A recording is known again by its frames.
 mod identity;
 /// Inputs, other people's files and earlier results are safe.

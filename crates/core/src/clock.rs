@@ -1,4 +1,4 @@
-//! Measures the time spent in each pass of a chain of passes.
+//! Measures the time spent in each pass of a chain of passes, and the bytes it moves.
 
 use std::{
     marker::PhantomData,
@@ -18,6 +18,7 @@ pub trait PassName: Copy + 'static {
 pub struct PassClock<P> {
     spent: Vec<Duration>,
     runs: Vec<usize>,
+    bytes: Vec<u64>,
     lap: Option<Instant>,
     passes: PhantomData<P>,
 }
@@ -25,7 +26,13 @@ pub struct PassClock<P> {
 impl<P: PassName> Default for PassClock<P> {
     fn default() -> Self {
         let n = P::ALL.len();
-        Self { spent: vec![Duration::ZERO; n], runs: vec![0; n], lap: None, passes: PhantomData }
+        Self {
+            spent: vec![Duration::ZERO; n],
+            runs: vec![0; n],
+            bytes: vec![0; n],
+            lap: None,
+            passes: PhantomData,
+        }
     }
 }
 
@@ -49,15 +56,21 @@ impl<P: PassName> PassClock<P> {
         }
     }
 
-    /// Counts a run of `pass` whose duration another clock measured.
-    pub fn add(&mut self, pass: P, spent: Duration) {
+    /// Counts a run of `pass` whose duration another clock measured, and which moved `bytes` in memory.
+    pub fn add(&mut self, pass: P, spent: Duration, bytes: u64) {
         self.runs[pass.number()] += 1;
         self.spent[pass.number()] += spent;
+        self.bytes[pass.number()] += bytes;
     }
 
     /// Returns the seconds spent in a pass.
     pub fn seconds(&self, pass: P) -> f64 {
         self.spent[pass.number()].as_secs_f64()
+    }
+
+    /// Returns the bytes that a pass has moved in memory, as far as they were counted.
+    pub fn bytes(&self, pass: P) -> u64 {
+        self.bytes[pass.number()]
     }
 
     /// Returns the number of runs of a pass.
@@ -100,6 +113,11 @@ mod tests {
         assert!(clock.seconds(Step::Second) >= 2e-3 && clock.seconds(Step::First) < 2e-3);
         clock.waited(Step::First);
         assert_eq!(clock.runs(Step::First), 1);
+        clock.add(Step::First, Duration::ZERO, 40);
+        assert_eq!(
+            (clock.runs(Step::First), clock.bytes(Step::First), clock.bytes(Step::Second)),
+            (2, 40, 0)
+        );
         assert_eq!((clock.ran_since(&earlier), clock.ran_since(&clock)), (1, 0));
     }
 }

@@ -50,13 +50,13 @@ impl<T: Pod> DeviceVec<T> {
     /// Replaces the values.
     pub(crate) fn write(&mut self, gpu: &Gpu, values: &[T]) -> Result<()> {
         self.resize(gpu, values.len())?;
-        gpu.queue().write_buffer(&self.buffer, 0, bytemuck::cast_slice(values));
+        gpu.upload(&self.buffer, 0, bytemuck::cast_slice(values));
         Ok(())
     }
 
     /// Writes some values from index `at` on, within the length.
     pub(crate) fn write_at(&self, gpu: &Gpu, at: usize, values: &[T]) {
-        gpu.queue().write_buffer(&self.buffer, (at * size_of::<T>()) as u64, bytemuck::cast_slice(values));
+        gpu.upload(&self.buffer, (at * size_of::<T>()) as u64, bytemuck::cast_slice(values));
     }
 
     /// Makes another array of the same name, of one zero.
@@ -86,7 +86,12 @@ impl<T: Pod> DeviceVec<T> {
 
     /// The rows as bare numbers.
     pub(crate) fn numbers(&self) -> Array<'_, f32> {
-        Array { buffer: &self.buffer, num_bytes: self.num_bytes(), marker: PhantomData }
+        Array::new(&self.buffer, self.num_bytes())
+    }
+
+    /// The whole array, each value of which is read and written again.
+    pub(crate) fn in_place(&self) -> Array<'_, T> {
+        Array::from(self).moving(2 * self.num_bytes())
     }
 
     /// Waits for the device and copies out the first `len` values.
@@ -101,21 +106,41 @@ impl<T: Pod> DeviceVec<T> {
 pub(crate) struct Array<'a, T> {
     buffer: &'a wgpu::Buffer,
     num_bytes: u64,
+    /// Number of bytes that a shader reads and writes.
+    moved: u64,
     marker: PhantomData<T>,
+}
+
+/// A binding, and the number of bytes behind it that a shader reads and writes.
+#[derive(Clone, Debug)]
+pub(crate) struct Bound<'a> {
+    pub entry: wgpu::BindGroupEntry<'a>,
+    pub moved: u64,
 }
 
 impl<'a, T: Pod> From<&'a DeviceVec<T>> for Array<'a, T> {
     fn from(values: &'a DeviceVec<T>) -> Self {
-        Self { buffer: &values.buffer, num_bytes: values.num_bytes(), marker: PhantomData }
+        Self::new(&values.buffer, values.num_bytes())
     }
 }
 
 impl<'a, T> Array<'a, T> {
+    fn new(buffer: &'a wgpu::Buffer, num_bytes: u64) -> Self {
+        Self { buffer, num_bytes, moved: num_bytes, marker: PhantomData }
+    }
+
+    /// The same array, of which a shader reads and writes this number of bytes: not all of it, or all of it
+    /// twice.
+    pub(crate) fn moving(self, moved: u64) -> Self {
+        Self { moved, ..self }
+    }
+
     /// Binds exactly the whole array, so that a shader's `arrayLength` is its length.
-    pub(crate) fn bound_to(self, binding: u32) -> wgpu::BindGroupEntry<'a> {
+    pub(crate) fn bound_to(self, binding: u32) -> Bound<'a> {
         let size = wgpu::BufferSize::new(self.num_bytes);
         let resource = wgpu::BufferBinding { buffer: self.buffer, offset: 0, size };
-        wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::Buffer(resource) }
+        let entry = wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::Buffer(resource) };
+        Bound { entry, moved: self.moved }
     }
 }
 
@@ -127,8 +152,9 @@ pub(crate) struct Uniform<T> {
 }
 
 impl<T> Uniform<T> {
-    pub(crate) fn bound_to(&self, binding: u32) -> wgpu::BindGroupEntry<'_> {
-        wgpu::BindGroupEntry { binding, resource: self.buffer.as_entire_binding() }
+    pub(crate) fn bound_to(&self, binding: u32) -> Bound<'_> {
+        let entry = wgpu::BindGroupEntry { binding, resource: self.buffer.as_entire_binding() };
+        Bound { entry, moved: self.buffer.size() }
     }
 }
 
@@ -141,7 +167,7 @@ pub(crate) fn uniform<T: NoUninit>(gpu: &Gpu, value: &T) -> Uniform<T> {
         usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
         mapped_at_creation: false,
     });
-    gpu.queue().write_buffer(&buffer, 0, bytemuck::bytes_of(value));
+    gpu.upload(&buffer, 0, bytemuck::bytes_of(value));
     Uniform { buffer, marker: PhantomData }
 }
 

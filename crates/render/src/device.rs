@@ -1,5 +1,6 @@
 //! Opens a graphics adapter, or says plainly why there is none.
 
+use crate::traffic::{Counters, Traffic};
 use std::{
     sync::{Arc, Mutex, PoisonError},
     time::Duration,
@@ -54,7 +55,27 @@ pub struct Gpu {
     queue: wgpu::Queue,
     lost: Arc<Mutex<Option<Loss>>>,
     patience: Duration,
+    counters: Arc<Counters>,
 }
+
+/// An adapter that a driver offers.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AdapterFacts {
+    /// Name, kind and interface, as [`Gpu::name`] has them.
+    pub name: String,
+    /// Name and version of the driver.
+    pub driver: String,
+    /// Names of those features that passes use, or could use, and that it has.
+    pub features: Vec<&'static str>,
+}
+
+/// Features of adapters that passes use or could use, with their names.
+const FEATURES: [(wgpu::Features, &str); 4] = [
+    (wgpu::Features::TIMESTAMP_QUERY, "timestamps"),
+    (wgpu::Features::SUBGROUP, "subgroups"),
+    (wgpu::Features::SHADER_F16, "f16"),
+    (wgpu::Features::SHADER_FLOAT32_ATOMIC, "float atomics"),
+];
 
 /// Reason why a device can no longer be used.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -68,8 +89,7 @@ pub struct Loss {
 impl Gpu {
     /// Opens the best adapter: discrete before integrated before virtual before software.
     pub fn open(choice: AdapterChoice) -> Result<Self, Unavailable> {
-        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
-        let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+        let mut adapters = all_adapters();
         adapters.retain(|a| {
             a.get_downlevel_capabilities().flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS)
                 && a.limits().max_compute_invocations_per_workgroup >= 256
@@ -99,11 +119,25 @@ impl Gpu {
         Ok(gpu)
     }
 
+    /// Returns all adapters that drivers offer, whether or not they can be used.
+    pub fn adapters() -> Vec<AdapterFacts> {
+        let facts = |adapter: wgpu::Adapter| {
+            let info = adapter.get_info();
+            let has = |(feature, _): &&(wgpu::Features, _)| adapter.features().contains(*feature);
+            AdapterFacts {
+                name: name_of(&info),
+                driver: driver_of(&info),
+                features: FEATURES.iter().filter(has).map(|(_, name)| *name).collect(),
+            }
+        };
+        all_adapters().into_iter().map(facts).collect()
+    }
+
     /// Uses a device opened elsewhere, e.g. the window's; its owner is informed of its loss.
     pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Self {
         let is_software = device.adapter_info().device_type == wgpu::DeviceType::Cpu;
         let patience = if is_software { 10 * PATIENCE } else { PATIENCE };
-        Self { device, queue, lost: Arc::default(), patience }
+        Self { device, queue, lost: Arc::default(), patience, counters: Arc::default() }
     }
 
     /// Sets the time after which unfinished work makes the device count as lost.
@@ -123,20 +157,22 @@ impl Gpu {
 
     /// Name, kind and interface of the adapter, e.g. "NVIDIA H200 (discrete GPU, Vulkan)".
     pub fn name(&self) -> String {
-        let info = self.device.adapter_info();
-        let kind = match info.device_type {
-            wgpu::DeviceType::DiscreteGpu => "discrete GPU",
-            wgpu::DeviceType::IntegratedGpu => "integrated GPU",
-            wgpu::DeviceType::VirtualGpu => "virtual GPU",
-            wgpu::DeviceType::Cpu => "software",
-            wgpu::DeviceType::Other => "unknown kind",
-        };
-        format!("{} ({kind}, {:?})", info.name, info.backend)
+        name_of(&self.device.adapter_info())
+    }
+
+    /// Name and version of the driver.
+    pub fn driver(&self) -> String {
+        driver_of(&self.device.adapter_info())
     }
 
     /// Returns `true` if the adapter is a program on the CPU rather than a GPU.
     pub fn is_software(&self) -> bool {
         self.device.adapter_info().device_type == wgpu::DeviceType::Cpu
+    }
+
+    /// Bytes that went to and from the device so far.
+    pub fn traffic(&self) -> Traffic {
+        self.counters.total()
     }
 
     /// Returns the reason why a new [`Gpu`] is needed, if the device was lost (driver reset, GPU
@@ -154,7 +190,7 @@ impl Gpu {
     }
 
     /// Waits for all submitted work, but not forever if the device hangs.
-    fn wait(&self) -> Result<()> {
+    pub(crate) fn wait(&self) -> Result<()> {
         let wait = wgpu::PollType::Wait { submission_index: None, timeout: Some(self.patience) };
         match self.device.poll(wait) {
             Ok(_) => {}
@@ -197,6 +233,12 @@ impl Gpu {
         }
     }
 
+    /// Writes bytes into a buffer, from byte `at` on.
+    pub(crate) fn upload(&self, buffer: &wgpu::Buffer, at: u64, bytes: &[u8]) {
+        self.counters.count_upload(bytes.len());
+        self.queue.write_buffer(buffer, at, bytes);
+    }
+
     /// Waits for the device and copies out the first `size` bytes of `buffer`.
     pub(crate) fn read_bytes(&self, buffer: &wgpu::Buffer, size: u64) -> Result<Vec<u8>> {
         let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
@@ -229,6 +271,7 @@ impl Gpu {
             .map_err(|e| self.failure("reading from the GPU failed", &e))?
             .to_vec();
         staging.unmap();
+        self.counters.count_read_back(size);
         Ok(bytes)
     }
 }
@@ -246,6 +289,26 @@ fn reported(adapter: &str, error: wgpu::Error) -> Error {
             hint: Remedy::UseCpu.after("Update the driver."),
         },
     }
+}
+
+fn all_adapters() -> Vec<wgpu::Adapter> {
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
+    pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()))
+}
+
+fn name_of(info: &wgpu::AdapterInfo) -> String {
+    let kind = match info.device_type {
+        wgpu::DeviceType::DiscreteGpu => "discrete GPU",
+        wgpu::DeviceType::IntegratedGpu => "integrated GPU",
+        wgpu::DeviceType::VirtualGpu => "virtual GPU",
+        wgpu::DeviceType::Cpu => "software",
+        wgpu::DeviceType::Other => "unknown kind",
+    };
+    format!("{} ({kind}, {:?})", info.name, info.backend)
+}
+
+fn driver_of(info: &wgpu::AdapterInfo) -> String {
+    format!("{} {}", info.driver, info.driver_info).trim().to_owned()
 }
 
 fn rank(kind: wgpu::DeviceType) -> u8 {

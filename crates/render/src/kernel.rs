@@ -1,6 +1,6 @@
 //! One entry point of a compute shader, ready to be dispatched.
 
-use crate::{device::Gpu, shader::Shader};
+use crate::{buffers::Bound, device::Gpu, shader::Shader};
 use surgtpgs_core::Result;
 
 /// A compiled entry point of one shader file.
@@ -9,6 +9,26 @@ pub(crate) struct Kernel {
     pipeline: wgpu::ComputePipeline,
     layout: wgpu::BindGroupLayout,
     max_groups: u32,
+}
+
+/// A pass that is being encoded.
+#[derive(Debug)]
+pub(crate) struct Pass<'a> {
+    commands: wgpu::ComputePass<'a>,
+    /// Number of bytes that its dispatches read and write, if that is counted.
+    moved: Option<&'a mut u64>,
+}
+
+impl<'a> Pass<'a> {
+    /// Wraps a pass; the bytes that its dispatches read and write are added to `moved`.
+    pub(crate) fn new(commands: wgpu::ComputePass<'a>, moved: Option<&'a mut u64>) -> Self {
+        Self { commands, moved }
+    }
+
+    /// Begins a pass that is neither timed nor counted.
+    pub(crate) fn begin(encoder: &'a mut wgpu::CommandEncoder) -> Self {
+        Self::new(encoder.begin_compute_pass(&Default::default()), None)
+    }
 }
 
 impl Kernel {
@@ -35,13 +55,7 @@ impl Kernel {
 
     /// Adds a dispatch of `groups` workgroups in a row (folded into two dimensions if there are too
     /// many). `bindings` are those that the entry point uses, made by the functions of its `shader!`.
-    pub(crate) fn dispatch(
-        &self,
-        gpu: &Gpu,
-        pass: &mut wgpu::ComputePass<'_>,
-        bindings: &[wgpu::BindGroupEntry<'_>],
-        groups: u32,
-    ) {
+    pub(crate) fn dispatch(&self, gpu: &Gpu, pass: &mut Pass<'_>, bindings: &[Bound<'_>], groups: u32) {
         // If there is nothing to do, the shader finds that out, and still writes its counts.
         let groups = groups.max(1);
         let columns = groups.min(self.max_groups);
@@ -52,24 +66,28 @@ impl Kernel {
     pub(crate) fn dispatch_2d(
         &self,
         gpu: &Gpu,
-        pass: &mut wgpu::ComputePass<'_>,
-        bindings: &[wgpu::BindGroupEntry<'_>],
+        pass: &mut Pass<'_>,
+        bindings: &[Bound<'_>],
         groups: [u32; 2],
     ) {
+        let entries: Vec<wgpu::BindGroupEntry<'_>> = bindings.iter().map(|b| b.entry.clone()).collect();
         let group = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
             label: None,
             layout: &self.layout,
-            entries: bindings,
+            entries: &entries,
         });
-        pass.set_pipeline(&self.pipeline);
-        pass.set_bind_group(0, &group, &[]);
-        pass.dispatch_workgroups(groups[0], groups[1], 1);
+        pass.commands.set_pipeline(&self.pipeline);
+        pass.commands.set_bind_group(0, &group, &[]);
+        pass.commands.dispatch_workgroups(groups[0], groups[1], 1);
+        if let Some(moved) = &mut pass.moved {
+            **moved += bindings.iter().map(|b| b.moved).sum::<u64>();
+        }
     }
 }
 
 /// Submits one compute pass.
-pub(crate) fn run(gpu: &Gpu, encode: impl FnOnce(&mut wgpu::ComputePass<'_>)) {
+pub(crate) fn run(gpu: &Gpu, encode: impl FnOnce(&mut Pass<'_>)) {
     let mut encoder = gpu.device().create_command_encoder(&Default::default());
-    encode(&mut encoder.begin_compute_pass(&Default::default()));
+    encode(&mut Pass::begin(&mut encoder));
     gpu.queue().submit([encoder.finish()]);
 }

@@ -11,13 +11,16 @@ mod scene_buffers;
 pub mod shader;
 mod shown;
 mod timer;
+mod traffic;
 mod train;
 
-pub use device::{AdapterChoice, Gpu, Loss, Unavailable};
+pub use device::{AdapterChoice, AdapterFacts, Gpu, Loss, Unavailable};
 pub use planes::{PlanePasses, RenderInput};
 pub use relevancy::GpuExact;
 pub use renderer::GpuRenderer;
 pub use shown::{Asked, Mark, Marking, Shown, ShownPasses, Wanted};
+pub use timer::PassCost;
+pub use traffic::Traffic;
 pub use train::{GpuBackend, StepTrace};
 
 /// Every shader with its declaration.

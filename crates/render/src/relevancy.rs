@@ -3,7 +3,7 @@
 use crate::{
     buffers::{DeviceVec, max_bytes, uniform},
     device::Gpu,
-    kernel::Kernel,
+    kernel::{Kernel, Pass},
     shader::{GROUP, Shader, shader, shader_struct},
 };
 use surgtpgs_core::{
@@ -214,7 +214,7 @@ impl GpuExact {
         let mut encoder = gpu.device().create_command_encoder(&Default::default());
         for first in (0..n).step_by(at_once) {
             let rows = at_once.min(n - first);
-            let pass = &mut encoder.begin_compute_pass(&Default::default());
+            let pass = &mut Pass::begin(&mut encoder);
             let decoded = self.encode_decoder(pass, &inputs, first, rows);
             self.encode_layer(pass, &texts_layer, decoded, &self.products, [0, rows], false);
             for (q, text) in texts.iter().enumerate() {
@@ -259,7 +259,7 @@ impl GpuExact {
     /// Adds the decoder for `rows` latents from row `first` on; returns the output for the embeddings.
     fn encode_decoder(
         &self,
-        pass: &mut wgpu::ComputePass<'_>,
+        pass: &mut Pass<'_>,
         inputs: &DeviceVec<f32>,
         first: usize,
         rows: usize,
@@ -275,7 +275,7 @@ impl GpuExact {
 
     fn encode_layer(
         &self,
-        pass: &mut wgpu::ComputePass<'_>,
+        pass: &mut Pass<'_>,
         layer: &Layer,
         from: &DeviceVec<f32>,
         to: &DeviceVec<f32>,

@@ -6,7 +6,7 @@ use crate::{
     planes::{PlanePasses, RenderInput},
     scene_buffers::SceneBuffers,
     shown::{Asked, Shown, ShownPasses, Wanted},
-    timer::Timer,
+    timer::{PassCost, Timer},
 };
 use surgtpgs_core::{
     Result,
@@ -215,8 +215,8 @@ impl GpuRenderer {
         self.timer.switch_on(&self.gpu)
     }
 
-    /// Milliseconds of each pass of the last shown frame; empty unless they are timed.
-    pub fn pass_times_ms(&self) -> Result<Vec<(&'static str, f64)>> {
+    /// Cost of each pass of the last shown frame; empty unless they are timed.
+    pub fn pass_costs(&self) -> Result<Vec<PassCost>> {
         self.timer.read(&self.gpu)
     }
 }

@@ -207,13 +207,13 @@ macro_rules! shader {
     (@type $access:ident [$of:ty]) => { <$of as $crate::shader::Shared>::TYPE.in_array() };
     (@bind [$(#[$doc:meta])*] uniform $name:ident $of:ident) => {
         $(#[$doc])*
-        fn $name(value: &$crate::buffers::Uniform<$of>) -> wgpu::BindGroupEntry<'_> {
+        fn $name(value: &$crate::buffers::Uniform<$of>) -> $crate::buffers::Bound<'_> {
             value.bound_to(const { $crate::shader::number_of(stringify!($name), Self::BINDINGS) })
         }
     };
     (@bind [$(#[$doc:meta])*] $access:ident $name:ident [$of:ty]) => {
         $(#[$doc])*
-        fn $name<'a>(array: impl Into<$crate::buffers::Array<'a, $of>>) -> wgpu::BindGroupEntry<'a> {
+        fn $name<'a>(array: impl Into<$crate::buffers::Array<'a, $of>>) -> $crate::buffers::Bound<'a> {
             array.into().bound_to(const { $crate::shader::number_of(stringify!($name), Self::BINDINGS) })
         }
     };

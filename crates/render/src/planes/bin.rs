@@ -7,7 +7,7 @@ use super::{
 use crate::{
     buffers::{DeviceVec, Uniform, max_bytes},
     device::Gpu,
-    kernel::Kernel,
+    kernel::{Kernel, Pass},
     rows::{SplatRow, ViewParams},
     shader::{GROUP, shader},
 };
@@ -144,7 +144,7 @@ impl BinPass {
     pub(crate) fn encode(
         &mut self,
         gpu: &Gpu,
-        pass: &mut wgpu::ComputePass<'_>,
+        pass: &mut Pass<'_>,
         view_buffer: &Uniform<ViewParams>,
         view: &ViewParams,
         splats: &DeviceVec<SplatRow>,
@@ -158,7 +158,7 @@ impl BinPass {
     pub(crate) fn encode_with_slots(
         &mut self,
         gpu: &Gpu,
-        pass: &mut wgpu::ComputePass<'_>,
+        pass: &mut Pass<'_>,
         view_buffer: &Uniform<ViewParams>,
         view: &ViewParams,
         splats: &DeviceVec<SplatRow>,
@@ -186,7 +186,7 @@ impl BinPass {
     fn emit(
         &mut self,
         gpu: &Gpu,
-        pass: &mut wgpu::ComputePass<'_>,
+        pass: &mut Pass<'_>,
         view_buffer: &Uniform<ViewParams>,
         view: &ViewParams,
         splats: &DeviceVec<SplatRow>,
@@ -214,7 +214,7 @@ impl BinPass {
     fn sort_by_tile(
         &mut self,
         gpu: &Gpu,
-        pass: &mut wgpu::ComputePass<'_>,
+        pass: &mut Pass<'_>,
         view_buffer: &Uniform<ViewParams>,
         view: &ViewParams,
     ) {

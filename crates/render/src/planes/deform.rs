@@ -1,9 +1,9 @@
 //! From Gaussians at rest to Gaussians at time t (`shaders/deform.wgsl`).
 
 use crate::{
-    buffers::{DeviceVec, uniform},
+    buffers::{Array, DeviceVec, uniform},
     device::Gpu,
-    kernel::Kernel,
+    kernel::{Kernel, Pass},
     rows::{DeformedRow, RestRow},
     scene_buffers::SceneBuffers,
     shader::{GROUP, shader, shader_struct},
@@ -150,7 +150,7 @@ impl DeformPass {
     pub(crate) fn encode(
         &self,
         gpu: &Gpu,
-        pass: &mut wgpu::ComputePass<'_>,
+        pass: &mut Pass<'_>,
         scene: &SceneBuffers,
         deformation: &Deformation,
         time: f32,
@@ -159,11 +159,15 @@ impl DeformPass {
         let kernel = &self.kernels[&latent_dim];
         for (k, rows) in scene.parts.iter().enumerate() {
             let params = uniform(gpu, &DeformParams::new(deformation, time, rows, &self.live));
+            let weights = &scene.weights[k];
+            // Bases that are not live are not read.
+            let live_bytes =
+                weights.num_bytes() / deformation.num_bases.max(1) as u64 * self.live.len() as u64;
             let bindings = [
                 Wgsl::params(&params),
                 Wgsl::rest(&scene.rest),
                 Wgsl::features_at_rest(&scene.features),
-                Wgsl::weights(&scene.weights[k]),
+                Wgsl::weights(Array::from(weights).moving(live_bytes)),
                 Wgsl::centres(&scene.centres[k]),
                 Wgsl::widths(&scene.widths[k]),
                 Wgsl::tables(&self.tables),

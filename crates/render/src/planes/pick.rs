@@ -4,7 +4,7 @@ use super::raster::RasterInput;
 use crate::{
     buffers::{DeviceVec, Uniform},
     device::Gpu,
-    kernel::Kernel,
+    kernel::{Kernel, Pass},
     rows::{SplatRow, ViewParams},
     shader::{shader, shader_struct},
 };
@@ -60,7 +60,7 @@ impl PickPass {
     pub(crate) fn encode(
         &self,
         gpu: &Gpu,
-        pass: &mut wgpu::ComputePass<'_>,
+        pass: &mut Pass<'_>,
         view: &Uniform<ViewParams>,
         input: &RasterInput<'_>,
     ) {

@@ -3,7 +3,7 @@
 use crate::{
     buffers::{DeviceVec, Uniform},
     device::Gpu,
-    kernel::Kernel,
+    kernel::{Kernel, Pass},
     rows::{DeformedRow, SplatRow, ViewParams},
     shader::{GROUP, shader},
 };
@@ -42,7 +42,7 @@ impl ProjectPass {
     pub(crate) fn encode(
         &self,
         gpu: &Gpu,
-        pass: &mut wgpu::ComputePass<'_>,
+        pass: &mut Pass<'_>,
         view: &Uniform<ViewParams>,
         rows: &DeviceVec<DeformedRow>,
         sh_rest: &DeviceVec<f32>,

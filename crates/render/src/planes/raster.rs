@@ -1,9 +1,9 @@
 //! From splats, tile by tile and front to back, to image planes (`shaders/raster.wgsl`).
 
 use crate::{
-    buffers::{DeviceVec, Uniform},
+    buffers::{Array, DeviceVec, Uniform},
     device::Gpu,
-    kernel::Kernel,
+    kernel::{Kernel, Pass},
     rows::{SplatRow, ViewParams},
     shader::shader,
 };
@@ -61,7 +61,7 @@ impl RasterPass {
     pub(crate) fn encode(
         &self,
         gpu: &Gpu,
-        pass: &mut wgpu::ComputePass<'_>,
+        pass: &mut Pass<'_>,
         view_buffer: &Uniform<ViewParams>,
         view: &ViewParams,
         input: &RasterInput<'_>,
@@ -70,7 +70,8 @@ impl RasterPass {
         let bindings = [
             Wgsl::view(view_buffer),
             Wgsl::splats(input.splats),
-            Wgsl::features(input.features),
+            // The second half of them are the openings of gates.
+            Wgsl::features(Array::from(input.features).moving(input.features.num_bytes() / 2)),
             Wgsl::pair_gaussians(input.pairs),
             Wgsl::tile_ranges(input.ranges),
             Wgsl::planes(&self.planes),

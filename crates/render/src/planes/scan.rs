@@ -1,6 +1,11 @@
 //! Exclusive prefix sums of any length (`shaders/scan.wgsl`).
 
-use crate::{buffers::DeviceVec, device::Gpu, kernel::Kernel, shader::shader};
+use crate::{
+    buffers::DeviceVec,
+    device::Gpu,
+    kernel::{Kernel, Pass},
+    shader::shader,
+};
 use surgtpgs_core::Result;
 
 shader! {
@@ -57,21 +62,15 @@ impl Scan {
     }
 
     /// Adds a scan of `items` in place; `levels` must have been prepared for their number.
-    pub(crate) fn encode(
-        &self,
-        gpu: &Gpu,
-        pass: &mut wgpu::ComputePass<'_>,
-        items: &DeviceVec<u32>,
-        levels: &Levels,
-    ) {
+    pub(crate) fn encode(&self, gpu: &Gpu, pass: &mut Pass<'_>, items: &DeviceVec<u32>, levels: &Levels) {
         let chain: Vec<&DeviceVec<u32>> = std::iter::once(items).chain(&levels.0).collect();
         let steps: Vec<_> = chain.windows(2).map(|pair| (pair[0], pair[1])).collect();
         for (items, sums) in &steps {
-            let bindings = [Wgsl::items(*items), Wgsl::block_sums(*sums)];
+            let bindings = [Wgsl::items(items.in_place()), Wgsl::block_sums(*sums)];
             self.scan_blocks.dispatch(gpu, pass, &bindings, sums.len() as u32);
         }
         for (items, sums) in steps.iter().rev().filter(|(_, sums)| sums.len() > 1) {
-            let bindings = [Wgsl::items(*items), Wgsl::block_sums(*sums)];
+            let bindings = [Wgsl::items(items.in_place()), Wgsl::block_sums(*sums)];
             self.add_offsets.dispatch(gpu, pass, &bindings, sums.len() as u32);
         }
     }

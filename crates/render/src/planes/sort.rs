@@ -4,7 +4,7 @@ use super::scan::{Levels, Scan};
 use crate::{
     buffers::{DeviceVec, uniform},
     device::Gpu,
-    kernel::Kernel,
+    kernel::{Kernel, Pass},
     shader::{shader, shader_struct},
 };
 use surgtpgs_core::Result;
@@ -107,7 +107,7 @@ impl Sort {
     pub(crate) fn encode(
         &self,
         gpu: &Gpu,
-        pass: &mut wgpu::ComputePass<'_>,
+        pass: &mut Pass<'_>,
         scan: &Scan,
         buffers: &mut SortBuffers,
         num_wanted: &DeviceVec<u32>,

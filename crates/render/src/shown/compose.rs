@@ -1,12 +1,12 @@
 //! From image planes to 8-bit colours and depth (`shaders/compose.wgsl`).
 
 use crate::{
-    buffers::{DeviceVec, uniform},
+    buffers::{Array, DeviceVec, uniform},
     device::Gpu,
-    kernel::Kernel,
+    kernel::{Kernel, Pass},
     shader::{GROUP, shader, shader_struct},
 };
-use surgtpgs_core::Result;
+use surgtpgs_core::{Result, raster::FEATURE_PLANE};
 
 shader! {
     pub(super) Wgsl = "compose.wgsl";
@@ -60,7 +60,7 @@ impl ComposePass {
     pub(crate) fn encode(
         &self,
         gpu: &Gpu,
-        pass: &mut wgpu::ComputePass<'_>,
+        pass: &mut Pass<'_>,
         planes: &DeviceVec<f32>,
         inside: &DeviceVec<u32>,
         min_alpha: f32,
@@ -69,7 +69,8 @@ impl ComposePass {
         let params = uniform(gpu, &ComposeParams { num_pixels, min_alpha, padding: [0; 2] });
         let bindings = [
             Wgsl::params(&params),
-            Wgsl::planes(planes),
+            // Features are not looked at.
+            Wgsl::planes(Array::from(planes).moving(FEATURE_PLANE as u64 * self.depths.num_bytes())),
             Wgsl::inside(inside),
             Wgsl::pixels(&self.pixels),
             Wgsl::depths(&self.depths),

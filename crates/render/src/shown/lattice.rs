@@ -1,9 +1,9 @@
 //! From rendered features to scores, looked up in the tables of a lattice (`shaders/lattice.wgsl`).
 
 use crate::{
-    buffers::{DeviceVec, uniform},
+    buffers::{Array, DeviceVec, uniform},
     device::Gpu,
-    kernel::Kernel,
+    kernel::{Kernel, Pass},
     shader::{GROUP, shader, shader_struct},
 };
 use surgtpgs_core::{
@@ -137,7 +137,7 @@ impl LatticePass {
     pub(crate) fn encode(
         &self,
         gpu: &Gpu,
-        pass: &mut wgpu::ComputePass<'_>,
+        pass: &mut Pass<'_>,
         planes: &DeviceVec<f32>,
         inside: &DeviceVec<u32>,
         settings: &RelevancySettings,
@@ -152,15 +152,20 @@ impl LatticePass {
             ..Default::default()
         };
         let params = uniform(gpu, &params);
+        let per_pixel = |numbers: usize| u64::from(num_pixels) * (numbers * size_of::<f32>()) as u64;
+        // A pixel looks at its opacity and features, at a cell of each size, and at one leaf for each prompt.
+        // Hardly any is left open.
+        let cells = per_pixel(3).min(self.cells.num_bytes());
+        let leaves = per_pixel(8 * num_prompts as usize).min(self.polynomials.num_bytes());
         let bindings = [
             Wgsl::params(&params),
-            Wgsl::planes(planes),
+            Wgsl::planes(Array::from(planes).moving(per_pixel(1 + DIM))),
             Wgsl::inside(inside),
-            Wgsl::cells(&self.cells),
-            Wgsl::polynomials(&self.polynomials),
+            Wgsl::cells(Array::from(&self.cells).moving(cells)),
+            Wgsl::polynomials(Array::from(&self.polynomials).moving(leaves)),
             Wgsl::scores(&self.scores),
             Wgsl::num_open(&self.num_open),
-            Wgsl::open(&self.open),
+            Wgsl::open(Array::from(&self.open).moving(0)),
         ];
         self.look_up.dispatch(gpu, pass, &bindings, num_pixels.div_ceil(GROUP));
     }
@@ -187,7 +192,7 @@ impl LatticePass {
     }
 
     /// Adds the writing of repaired scores.
-    pub(crate) fn encode_patch(&self, gpu: &Gpu, pass: &mut wgpu::ComputePass<'_>) {
+    pub(crate) fn encode_patch(&self, gpu: &Gpu, pass: &mut Pass<'_>) {
         let [num_pixels, num_prompts, _] = self.shape;
         let params = uniform(gpu, &LatticeParams { num_pixels, num_prompts, ..Default::default() });
         let bindings = [Wgsl::params(&params), Wgsl::scores(&self.scores), Wgsl::patches(&self.patches)];

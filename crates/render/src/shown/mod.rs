@@ -15,6 +15,7 @@ mod summary;
 use crate::{
     buffers::{DeviceVec, Part},
     device::Gpu,
+    kernel::Pass,
     shader::Shader,
     timer::Timer,
 };
@@ -181,7 +182,7 @@ impl ShownPasses {
     ) -> Result<()> {
         let Asked { lattice, queries, settings, .. } = asked;
         self.lattice.repair(&self.gpu, lattice, queries, settings, num_open)?;
-        self.lattice.encode_patch(&self.gpu, &mut encoder.begin_compute_pass(&Default::default()));
+        self.lattice.encode_patch(&self.gpu, &mut Pass::begin(encoder));
         Ok(())
     }
 

@@ -3,7 +3,7 @@
 use crate::{
     buffers::{DeviceVec, uniform},
     device::Gpu,
-    kernel::{Kernel, run},
+    kernel::{Kernel, Pass, run},
     shader::{GROUP, shader, shader_struct},
 };
 use image::RgbImage;
@@ -90,15 +90,19 @@ impl OverlayPass {
     pub(crate) fn encode(
         &self,
         gpu: &Gpu,
-        pass: &mut wgpu::ComputePass<'_>,
+        pass: &mut Pass<'_>,
         params: &OverlayParams,
         prompts: &DeviceVec<PromptRow>,
         scores: &DeviceVec<f32>,
         pixels: &DeviceVec<u32>,
     ) {
         let uniform = uniform(gpu, params);
-        let bindings =
-            [Wgsl::params(&uniform), Wgsl::prompts(prompts), Wgsl::scores(scores), Wgsl::pixels(pixels)];
+        let bindings = [
+            Wgsl::params(&uniform),
+            Wgsl::prompts(prompts),
+            Wgsl::scores(scores),
+            Wgsl::pixels(pixels.in_place()),
+        ];
         let num_pixels = params.size[0] * params.size[1];
         self.kernel.dispatch(gpu, pass, &bindings, num_pixels.div_ceil(GROUP));
     }

@@ -5,7 +5,7 @@ use super::overlay::PromptRow;
 use crate::{
     buffers::{DeviceVec, uniform},
     device::Gpu,
-    kernel::Kernel,
+    kernel::{Kernel, Pass},
     shader::{GROUP, shader, shader_struct},
 };
 use surgtpgs_core::{
@@ -64,7 +64,7 @@ impl SummaryPass {
     pub(crate) fn encode(
         &self,
         gpu: &Gpu,
-        pass: &mut wgpu::ComputePass<'_>,
+        pass: &mut Pass<'_>,
         prompts: &DeviceVec<PromptRow>,
         scores: &DeviceVec<f32>,
     ) {

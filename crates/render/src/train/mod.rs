@@ -119,9 +119,9 @@ impl GpuBackend {
         self.timer.switch_on(&self.gpu)
     }
 
-    fn add_pass_times(&self, clock: &mut PassClock<Pass>) -> Result<()> {
-        for (pass, (_, ms)) in Pass::ALL.iter().zip(self.timer.read(&self.gpu)?) {
-            clock.add(*pass, Duration::from_secs_f64(ms * 1e-3));
+    fn add_pass_costs(&self, clock: &mut PassClock<Pass>) -> Result<()> {
+        for (pass, cost) in Pass::ALL.iter().zip(self.timer.read(&self.gpu)?) {
+            clock.add(*pass, Duration::from_secs_f64(cost.ms * 1e-3), cost.bytes);
         }
         Ok(())
     }
@@ -284,7 +284,7 @@ impl TrainBackend for GpuBackend {
             self.submit(model, &plan, context)?;
             self.pending.push(plan);
             if self.timer.is_on() {
-                self.add_pass_times(clock)?;
+                self.add_pass_costs(clock)?;
             }
             // The first step shows how much room is needed.
             let looks = is_first || self.pending.len() >= READ_EVERY;

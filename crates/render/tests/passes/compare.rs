@@ -191,3 +191,20 @@ pub(crate) fn pictures(found: &image::RgbImage, expected: &image::RgbImage) -> V
     let allowed = found.as_raw().len() / 200;
     if off > allowed { Err(format!("{off} channels differ by a level, {allowed} may")) } else { Ok(()) }
 }
+
+/// Compares whole frames that were made on different machines. A score beside a threshold may fall to the
+/// other side of it, which moves a border by a pixel; a blended colour may be off as [`WHOLE_CHAIN`] allows.
+pub(crate) fn frames(found: &image::RgbImage, expected: &image::RgbImage) -> Verdict {
+    if found.dimensions() != expected.dimensions() {
+        return Err(format!("{:?}, expected {:?}", found.dimensions(), expected.dimensions()));
+    }
+    let differences = || found.as_raw().iter().zip(expected.as_raw()).map(|(f, e)| f.abs_diff(*e));
+    let (beyond, allowed) = (differences().filter(|d| *d > 2).count(), found.as_raw().len() / 100);
+    if beyond > allowed {
+        return Err(format!("{beyond} channels differ by more than two levels, {allowed} may"));
+    }
+    // A bias would show in the mean of the others.
+    let others = differences().filter(|d| *d <= 2).map(f64::from);
+    let mean = others.sum::<f64>() / found.as_raw().len().max(1) as f64;
+    if mean > 0.25 { Err(format!("the channels differ by {mean:.2} levels on average")) } else { Ok(()) }
+}

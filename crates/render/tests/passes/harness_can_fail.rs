@@ -140,3 +140,19 @@ fn pictures_with_one_pixel_two_levels_off_or_many_one_level_off_are_refused() {
     assert!(edit(100, 1).is_err());
     assert!(compare::pictures(&image::RgbImage::new(19, 20), &good).is_err());
 }
+
+#[test]
+fn a_frame_with_a_moved_border_is_accepted_and_one_with_other_colours_is_not() {
+    let expected =
+        image::RgbImage::from_fn(100, 50, |x, _| image::Rgb(if x < 40 { [200, 30, 30] } else { [90; 3] }));
+    assert!(compare::frames(&expected, &expected).is_ok());
+    let mut border = expected.clone();
+    (0..40).for_each(|y| border.put_pixel(39, y, image::Rgb([90; 3])));
+    assert!(compare::frames(&border, &expected).is_ok());
+    (0..40).for_each(|y| border.put_pixel(38, y, image::Rgb([90; 3])));
+    assert!(compare::frames(&border, &expected).is_err());
+    let mut shifted = expected.clone();
+    shifted.pixels_mut().for_each(|pixel| pixel.0[0] += 1);
+    assert!(compare::frames(&shifted, &expected).is_err());
+    assert!(compare::frames(&image::RgbImage::new(50, 100), &expected).is_err());
+}

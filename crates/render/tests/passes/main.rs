@@ -15,6 +15,8 @@ mod compare;
 mod densify;
 /// Scenes, cameras and the adapter.
 mod fixture;
+/// Whole frames against stored pictures.
+mod golden;
 /// Each comparer refuses values just beyond its tolerance.
 mod harness_can_fail;
 /// Adapters with low limits.

@@ -10,14 +10,14 @@ use surgtpgs_core::{
     camera::Camera,
     grid::{Grid, Mask},
     overlay::{OverlayLook, OverlayPrompt, OverlayStyle, overlay},
-    raster::{CpuRenderer, FrameClock, FramePass, Images, MIN_DEPTH_ALPHA, Renderer},
+    raster::{CpuRenderer, FEATURE_PLANE, FrameClock, FramePass, Images, MIN_DEPTH_ALPHA, Renderer},
     relevancy::{Exact, Lattice, Query, Relevancy, RelevancySettings},
     scene::Scene,
     summary::Summary,
 };
 use surgtpgs_render::{Asked, GpuRenderer, Mark, Marking, RenderInput, Shown, Wanted};
 
-const ALL: Wanted = Wanted { pictures: true, values: true };
+pub(crate) const ALL: Wanted = Wanted { pictures: true, values: true };
 
 const MARKS: [Mark; 2] = [
     Mark { colour: [0, 114, 178], threshold: 0.5, is_dashed: false },
@@ -25,17 +25,17 @@ const MARKS: [Mark; 2] = [
 ];
 
 /// A renderer, a scene, and the prompts.
-struct Stage {
+pub(crate) struct Stage {
     renderer: GpuRenderer,
-    scene: Scene,
-    camera: Camera,
-    lattice: Lattice,
-    queries: Vec<Query>,
-    settings: RelevancySettings,
+    pub scene: Scene,
+    pub camera: Camera,
+    pub lattice: Lattice,
+    pub queries: Vec<Query>,
+    pub settings: RelevancySettings,
 }
 
 impl Stage {
-    fn new() -> Option<Self> {
+    pub(crate) fn new() -> Option<Self> {
         Some(Self {
             renderer: GpuRenderer::new(gpu()?).unwrap(),
             scene: scene(Recipe::default()),
@@ -50,7 +50,7 @@ impl Stage {
         self.show_as(time, field_of_view, base, OverlayStyle::Fill, ALL)
     }
 
-    fn show_as(
+    pub(crate) fn show_as(
         &mut self,
         time: f32,
         field_of_view: Option<&Mask>,
@@ -81,7 +81,7 @@ impl Stage {
 }
 
 /// A disc as field of view, at another size than the frame.
-fn disc() -> Mask {
+pub(crate) fn disc() -> Mask {
     let is_inside = |i: usize| (i % 40).abs_diff(20).pow(2) + (i / 40).abs_diff(15).pow(2) < 160;
     Grid::from_vec(40, 30, (0..1200).map(is_inside).collect())
 }
@@ -90,7 +90,7 @@ fn look(style: OverlayStyle) -> OverlayLook {
     OverlayLook { style, ..Default::default() }
 }
 
-fn drawn(frame: &RgbImage, scores: &[Grid<f32>], style: OverlayStyle) -> RgbImage {
+pub(crate) fn drawn(frame: &RgbImage, scores: &[Grid<f32>], style: OverlayStyle) -> RgbImage {
     let prompt = |(scores, mark): (_, &Mark)| OverlayPrompt {
         scores,
         threshold: mark.threshold,
@@ -228,8 +228,13 @@ fn passes_are_timed_where_the_adapter_can() {
     }
     stage.show(0.4, None, None);
     stage.show(0.5, None, None);
-    let times = stage.renderer.pass_times_ms().unwrap();
-    let names: Vec<&str> = times.iter().map(|(name, _)| *name).collect();
+    let costs = stage.renderer.pass_costs().unwrap();
+    let names: Vec<&str> = costs.iter().map(|cost| cost.name).collect();
     assert!(names.starts_with(&["deform", "project", "bin", "raster", "lattice", "compose", "overlay"]));
-    assert!(times.iter().all(|(_, ms)| (0.0..10_000.0).contains(ms)), "{times:?}");
+    assert!(costs.iter().all(|cost| (0.0..10_000.0).contains(&cost.ms) && cost.bytes > 0), "{costs:?}");
+    // The picture and the depth are written, the planes without features and one bit per pixel are read.
+    let pixels = 121 * 77;
+    let compose = costs.iter().find(|cost| cost.name == "compose").unwrap();
+    let expected = pixels * 4 * (2 + FEATURE_PLANE as u64) + pixels.div_ceil(32) * 4;
+    assert!(compose.bytes.abs_diff(expected) < 64, "{compose:?}, expected {expected}");
 }

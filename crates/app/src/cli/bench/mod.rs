@@ -4,6 +4,7 @@
 
 mod codec;
 mod frame;
+mod gpu;
 mod half_features;
 mod masks;
 mod measure;
@@ -39,6 +40,7 @@ enum Measurement {
     Train(train::BenchTrainArgs),
     Step(step::BenchStepArgs),
     Frame(frame::BenchFrameArgs),
+    Gpu(gpu::BenchGpuArgs),
     Stress(stress::BenchStressArgs),
     Masks(masks::BenchMasksArgs),
     Codec(codec::BenchCodecArgs),
@@ -52,6 +54,7 @@ impl Measurement {
             Self::Train(args) => args,
             Self::Step(args) => args,
             Self::Frame(args) => args,
+            Self::Gpu(args) => args,
             Self::Stress(args) => args,
             Self::Masks(args) => args,
             Self::Codec(args) => args,

@@ -1,10 +1,70 @@
 //! Times of a frame as a window shows it: from Gaussians to the picture with its overlay.
 
 use super::timing::{ROUNDS, Timing, time};
-use crate::engine::{Ask, Engine, SceneView};
+use crate::{
+    engine::{Ask, Engine, SceneView},
+    settings::PROMPT_COLOURS,
+};
 use std::collections::BTreeMap;
 use surgtpgs_core::{Result, camera::Camera, overlay::OverlayLook};
-use surgtpgs_render::{Mark, Marking, Wanted};
+use surgtpgs_render::{Mark, Marking, PassCost, Wanted};
+
+/// Ways to show a frame, by what comes back from the device.
+pub(super) const WAYS: [(&str, Wanted); 3] = [
+    ("Gaussians to pictures, depth and scores", Wanted { pictures: true, values: true }),
+    ("Gaussians to the picture with its outline", Wanted { pictures: true, values: false }),
+    ("Gaussians to what was found, in numbers", Wanted { pictures: false, values: false }),
+];
+
+/// Frames to show, and marks for the prompts of an engine.
+pub(super) struct Show {
+    pub(super) views: Vec<SceneView>,
+    marks: Vec<Mark>,
+}
+
+impl Show {
+    /// Shows what the engine's prompts find, outlined.
+    pub(super) fn new(engine: &Engine, cameras: &[(f32, Camera)]) -> Self {
+        let threshold = engine.settings().threshold;
+        let colours = PROMPT_COLOURS.iter().cycle();
+        let mark = |colour: &[u8; 3]| Mark { threshold, colour: *colour, is_dashed: false };
+        Self {
+            views: cameras.iter().map(|&(time, camera)| SceneView { time, camera, recorded: true }).collect(),
+            marks: colours.map(mark).take(engine.queries().len()).collect(),
+        }
+    }
+
+    /// Asks for the scores of the prompts and their outlines.
+    pub(super) fn ask(&self) -> Ask<'_> {
+        Ask::Now(Some(Marking { marks: &self.marks, look: OverlayLook::default(), base: None }))
+    }
+
+    /// Returns the milliseconds of every frame after a round to warm up.
+    pub(super) fn time(&self, engine: &mut Engine, wanted: Wanted) -> Result<Vec<f64>> {
+        time(&self.views, ROUNDS, |view| engine.show(view, self.ask(), wanted).map(drop))
+    }
+
+    /// Returns the cost of each pass, its time the median of all frames; nothing where the device cannot time.
+    pub(super) fn pass_costs(&self, engine: &mut Engine) -> Result<Vec<PassCost>> {
+        if !engine.gpu().is_some_and(|gpu| gpu.time_passes()) {
+            return Ok(Vec::new());
+        }
+        let mut costs: Vec<Vec<PassCost>> = Vec::new();
+        for view in &self.views {
+            engine.show(view, self.ask(), Wanted::default())?;
+            costs.extend(engine.gpu().map(|gpu| gpu.pass_costs()).transpose()?);
+        }
+        let mut by_pass: BTreeMap<usize, Vec<PassCost>> = BTreeMap::new();
+        for (k, cost) in costs.iter().flat_map(|frame| frame.iter().enumerate()) {
+            by_pass.entry(k).or_default().push(*cost);
+        }
+        let median = |mut costs: Vec<PassCost>| {
+            costs.sort_by(|a, b| a.ms.total_cmp(&b.ms));
+            costs[costs.len() / 2]
+        };
+        Ok(by_pass.into_values().map(median).collect())
+    }
+}
 
 /// Times the engine's first prompt on every frame, with the transfer of the results; on a GPU each
 /// pass by itself, too.
@@ -12,40 +72,15 @@ pub(super) fn rows(engine: &mut Engine, cameras: &[(f32, Camera)]) -> Result<Vec
     // One prompt, as a user asks.
     let words: Vec<String> = engine.queries().iter().take(1).map(|q| q.prompt.clone()).collect();
     engine.set_prompts(&words)?;
-    let marks = [Mark { threshold: engine.settings().threshold, colour: [0, 200, 80], is_dashed: false }];
-    let marking = Marking { marks: &marks, look: OverlayLook::default(), base: None };
-    let views: Vec<SceneView> =
-        cameras.iter().map(|&(time, camera)| SceneView { time, camera, recorded: true }).collect();
-    let ask = Ask::Now(Some(marking));
-    let ways = [
-        ("Gaussians to pictures, depth and scores", Wanted { pictures: true, values: true }),
-        ("Gaussians to the picture with its outline", Wanted { pictures: true, values: false }),
-        ("Gaussians to what was found, in numbers", Wanted::default()),
-    ];
+    let show = Show::new(engine, cameras);
     let mut rows = Vec::new();
-    for (way, wanted) in ways {
-        let ms = time(&views, ROUNDS, |view| engine.show(view, ask, wanted).map(drop))?;
-        rows.push(Timing::of("shown", format!("from {way}"), ms));
+    for (way, wanted) in WAYS {
+        rows.push(Timing::of("shown", format!("from {way}"), show.time(engine, wanted)?));
     }
-    let still = &views[..1];
-    let ms = time(still, 20, |view| engine.show(view, ask, Wanted::default()).map(drop))?;
+    let still = &show.views[..1];
+    let ms = time(still, 20, |view| engine.show(view, show.ask(), Wanted::default()).map(drop))?;
     rows.push(Timing::of("shown", "a view that was there, asked again", ms));
-    rows.extend(pass_rows(engine, &views, ask)?);
+    let costs = show.pass_costs(engine)?;
+    rows.extend(costs.iter().map(|c| Timing::of(c.name, "by the device's own clock", vec![c.ms])));
     Ok(rows)
-}
-
-/// Times each pass by the device's own clock.
-fn pass_rows(engine: &mut Engine, views: &[SceneView], ask: Ask<'_>) -> Result<Vec<Timing>> {
-    if !engine.gpu().is_some_and(|gpu| gpu.time_passes()) {
-        return Ok(Vec::new());
-    }
-    let mut ms: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
-    for view in views {
-        engine.show(view, ask, Wanted::default())?;
-        let times = engine.gpu().map(|gpu| gpu.pass_times_ms()).transpose()?;
-        for (pass, time) in times.into_iter().flatten() {
-            ms.entry(pass).or_default().push(time);
-        }
-    }
-    Ok(ms.into_iter().map(|(pass, ms)| Timing::of(pass, "by the device's own clock", ms)).collect())
 }

@@ -31,11 +31,15 @@ use surgtpgs_core::{
 };
 
 /// Image widths and heights, with the number of Gaussians, that are measured.
-const SIZES: [(usize, usize, usize); 2] = [(320, 256, 10_000), (640, 512, 40_000)];
+const SIZES: [Size; 2] = [Size::new(320, 256, 10_000), Size::new(640, 512, 40_000)];
+/// Ways to choose the pixels of a step: a name, the edge of the squares of which one pixel is rendered, and
+/// the share of steps at half size.
+pub(super) const PIXELS: [(&str, usize, f32); 3] =
+    [("all", 1, 0.0), ("a quarter, sampled", 2, 0.0), ("half size, sampled", 2, 1.0)];
 /// Number of frames of the clip.
 const FRAMES: usize = 4;
 /// Steps before the measurement, in which every frame is decoded.
-const WARM_UP: usize = 8;
+pub(super) const WARM_UP: usize = 8;
 
 /// Time every pass of a training step on the demo, with its error against f64
 #[derive(Debug, Args)]
@@ -54,17 +58,26 @@ pub(super) struct BenchStepArgs {
     json: bool,
 }
 
+/// Speed of one way to do a step at one size.
+#[derive(serde::Serialize)]
+pub(super) struct Speed {
+    pub(super) backend: String,
+    pub(super) width: usize,
+    pub(super) height: usize,
+    pub(super) gaussians: usize,
+    pub(super) pixels: &'static str,
+    pub(super) steps_per_second: f64,
+    /// Milliseconds of each pass per step, in the order of [`Pass::ALL`].
+    pub(super) pass_ms: Vec<f64>,
+    /// Bytes that each pass has to move in memory per step; 0 on the CPU, where they are not counted.
+    pub(super) pass_bytes: Vec<f64>,
+}
+
 /// Measurements of one way to do a step at one size.
 #[derive(serde::Serialize)]
 struct Outcome {
-    backend: String,
-    width: usize,
-    height: usize,
-    gaussians: usize,
-    pixels: &'static str,
-    steps_per_second: f64,
-    /// Milliseconds of each pass per step, in the order of [`Pass::ALL`].
-    pass_ms: Vec<f64>,
+    #[serde(flatten)]
+    speed: Speed,
     /// Largest difference of a colour, opacity or feature from the f64 twin.
     image_error: f64,
     /// Root mean square difference of all gradients from the f64 twin's, relative to theirs.
@@ -75,18 +88,16 @@ impl Measure for BenchStepArgs {
     fn run(&self, force: bool) -> Result<Exit> {
         let files = Files::claim(self.output.as_ref(), &Inputs::none(), force)?;
         let mut outcomes = Vec::new();
-        for (width, height, gaussians) in SIZES {
+        for size in SIZES {
             let folder =
                 tempfile::tempdir().map_err(|e| Error::io("make a folder", std::env::temp_dir(), e))?;
-            let prepared = prepared(width, height, folder.path())?;
-            for (pixels, pixel_step, half_size_share) in
-                [("all", 1, 0.0), ("a quarter, sampled", 2, 0.0), ("half size, sampled", 2, 1.0)]
-            {
+            let prepared = prepared(size, folder.path())?;
+            for (pixels, pixel_step, half_size_share) in PIXELS {
                 let settings = TrainSettings {
                     pixel_step,
                     half_size_pixel_step: pixel_step,
                     half_size_share,
-                    ..base(&prepared, gaussians)?
+                    ..base(&prepared, size.gaussians)?
                 };
                 let outcome = measure(&prepared, settings, pixels, self)?;
                 say(&line(&outcome));
@@ -101,8 +112,23 @@ impl Measure for BenchStepArgs {
     }
 }
 
+/// Size of a picture, and the number of Gaussians that make it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Size {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    pub(super) gaussians: usize,
+}
+
+impl Size {
+    pub(super) const fn new(width: usize, height: usize, gaussians: usize) -> Self {
+        Self { width, height, gaussians }
+    }
+}
+
 /// Records and prepares the demo in a folder.
-fn prepared(width: usize, height: usize, folder: &Path) -> Result<Prepared> {
+pub(super) fn prepared(size: Size, folder: &Path) -> Result<Prepared> {
+    let Size { width, height, .. } = size;
     let settings = DemoSettings { width, height, frames: FRAMES, ..Default::default() };
     let recording = folder.join("recording");
     demo::write(&settings, &recording, &mut unobserved)?;
@@ -111,7 +137,7 @@ fn prepared(width: usize, height: usize, folder: &Path) -> Result<Prepared> {
 }
 
 /// Returns settings that make as many Gaussians as wanted at the start, and no more later.
-fn base(prepared: &Prepared, gaussians: usize) -> Result<TrainSettings> {
+pub(super) fn base(prepared: &Prepared, gaussians: usize) -> Result<TrainSettings> {
     let supervised = prepared.sequence.mask(0)?.data.iter().filter(|m| **m).count();
     let mut settings = TrainSettings {
         iterations: 1_000_000,
@@ -129,46 +155,62 @@ fn measure(
     pixels: &'static str,
     args: &BenchStepArgs,
 ) -> Result<Outcome> {
-    let steps = args.steps as usize;
     let mut trainer = Trainer::new(&prepared.sequence, Some(prepared), settings)?;
     let backend = jobs::backend::choose(&mut trainer, args.backend)?;
-    run_steps(&mut trainer, WARM_UP)?;
-    let mut before = clock_seconds(&trainer);
-    let started = std::time::Instant::now();
-    run_steps(&mut trainer, steps)?;
-    let seconds = started.elapsed().as_secs_f64();
-    if clock_seconds(&trainer) == before {
-        // The passes of a GPU are timed one step at a time, in a run of their own.
-        jobs::backend::time_passes(&mut trainer)?;
-        run_steps(&mut trainer, WARM_UP)?;
-        before = clock_seconds(&trainer);
-        run_steps(&mut trainer, steps)?;
-    }
-    let spent = clock_seconds(&trainer).into_iter().zip(before).map(|(after, before)| after - before);
+    let speed = timed(&mut trainer, backend, pixels, args.steps as usize)?;
     let (image_error, gradient_error) = errors(&trainer.scene()?);
-    Ok(Outcome {
+    Ok(Outcome { speed, image_error, gradient_error })
+}
+
+/// Times steps of a trainer that has not begun, on its backend.
+pub(super) fn timed(
+    trainer: &mut Trainer,
+    backend: String,
+    pixels: &'static str,
+    steps: usize,
+) -> Result<Speed> {
+    run_steps(trainer, WARM_UP)?;
+    let mut before = pass_sums(trainer);
+    let started = std::time::Instant::now();
+    run_steps(trainer, steps)?;
+    let seconds = started.elapsed().as_secs_f64();
+    if pass_sums(trainer) == before {
+        // The passes of a GPU are timed one step at a time, in a run of their own.
+        jobs::backend::time_passes(trainer)?;
+        run_steps(trainer, WARM_UP)?;
+        before = pass_sums(trainer);
+        run_steps(trainer, steps)?;
+    }
+    let spent = pass_sums(trainer).into_iter().zip(before);
+    let (pass_ms, pass_bytes) = spent
+        .map(|(after, before)| [after[0] - before[0], after[1] - before[1]].map(|sum| sum / steps as f64))
+        .map(|[seconds, bytes]| (seconds * 1e3, bytes))
+        .unzip();
+    let scene = trainer.scene()?;
+    let camera = scene.cameras.first();
+    Ok(Speed {
         backend,
-        width: prepared.sequence.width(),
-        height: prepared.sequence.height(),
-        gaussians: trainer.scene()?.gaussians.len(),
+        width: camera.map_or(0, |c| c.width as usize),
+        height: camera.map_or(0, |c| c.height as usize),
+        gaussians: scene.gaussians.len(),
         pixels,
         steps_per_second: steps as f64 / seconds.max(1e-9),
-        pass_ms: spent.map(|s| s * 1e3 / steps as f64).collect(),
-        image_error,
-        gradient_error,
+        pass_ms,
+        pass_bytes,
     })
 }
 
-fn run_steps(trainer: &mut Trainer, steps: usize) -> Result<()> {
+pub(super) fn run_steps(trainer: &mut Trainer, steps: usize) -> Result<()> {
     for _ in 0..steps {
         trainer.step()?;
     }
     trainer.finish()
 }
 
-/// Returns the seconds spent in each pass so far.
-fn clock_seconds(trainer: &Trainer) -> Vec<f64> {
-    Pass::ALL.iter().map(|p| trainer.clock().seconds(*p)).collect()
+/// Returns the seconds spent in each pass so far, and the bytes that it moved.
+fn pass_sums(trainer: &Trainer) -> Vec<[f64; 2]> {
+    let clock = trainer.clock();
+    Pass::ALL.iter().map(|p| [clock.seconds(*p), clock.bytes(*p) as f64]).collect()
 }
 
 /// Returns the largest error of the image, and the relative error of the gradients, against f64.
@@ -196,7 +238,13 @@ fn gradient_error(raster: &Reduced) -> f64 {
 fn line(o: &Outcome) -> String {
     format!(
         "{}×{}, {} Gaussians, pixels: {:<18} {:>6.1} steps/s, errors: image {:.1e}, gradients {:.1e}",
-        o.width, o.height, o.gaussians, o.pixels, o.steps_per_second, o.image_error, o.gradient_error
+        o.speed.width,
+        o.speed.height,
+        o.speed.gaussians,
+        o.speed.pixels,
+        o.speed.steps_per_second,
+        o.image_error,
+        o.gradient_error
     )
 }
 
@@ -207,18 +255,19 @@ fn csv(outcomes: &[Outcome]) -> String {
         passes.join(",")
     );
     for o in outcomes {
-        let ms: Vec<String> = o.pass_ms.iter().map(|ms| format!("{ms:.3}")).collect();
+        let Outcome { speed, image_error, gradient_error } = o;
+        let ms: Vec<String> = speed.pass_ms.iter().map(|ms| format!("{ms:.3}")).collect();
         let _ = writeln!(
             text,
             "{},{},{},\"{}\",{:.2},{},{:.3e},{:.3e}",
-            o.width,
-            o.height,
-            o.gaussians,
-            o.pixels,
-            o.steps_per_second,
+            speed.width,
+            speed.height,
+            speed.gaussians,
+            speed.pixels,
+            speed.steps_per_second,
             ms.join(","),
-            o.image_error,
-            o.gradient_error
+            image_error,
+            gradient_error
         );
     }
     text

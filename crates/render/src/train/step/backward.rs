@@ -2,9 +2,9 @@
 //! (`shaders/backward.wgsl`, `shaders/gather.wgsl`).
 
 use crate::{
-    buffers::{DeviceVec, uniform},
+    buffers::{Array, DeviceVec, uniform},
     device::Gpu,
-    kernel::Kernel,
+    kernel::{Kernel, Pass},
     rows::{SplatGradientRow, SplatRow, ViewParams},
     shader::{GROUP, shader, shader_struct},
     train::current::CurrentStep,
@@ -105,17 +105,13 @@ impl BackwardPass {
     }
 
     /// Adds the way from the planes' gradient to that of the splats.
-    pub(super) fn encode(
-        &self,
-        step: &CurrentStep<'_>,
-        pass: &mut wgpu::ComputePass<'_>,
-        g_planes: &DeviceVec<f32>,
-    ) {
-        let gpu = step.gpu;
+    pub(super) fn encode(&self, step: &CurrentStep<'_>, pass: &mut Pass<'_>, g_planes: &DeviceVec<f32>) {
+        let (gpu, features) = (step.gpu, &step.deform.features);
         let bindings = [
             BackwardWgsl::view(step.view_buffer),
             BackwardWgsl::splats(step.splats),
-            BackwardWgsl::features(&step.deform.features),
+            // The second half of them are the openings of gates.
+            BackwardWgsl::features(Array::from(features).moving(features.num_bytes() / 2)),
             BackwardWgsl::pair_splats(&step.bin.pair_owners),
             BackwardWgsl::pair_slots(step.bin.pairs()),
             BackwardWgsl::tile_ranges(&step.bin.ranges),

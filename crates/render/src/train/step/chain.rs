@@ -5,7 +5,7 @@ use super::backward::BackwardPass;
 use crate::{
     buffers::{DeviceVec, uniform},
     device::Gpu,
-    kernel::Kernel,
+    kernel::{Kernel, Pass},
     planes::DeformParams,
     rows::{DeformedRow, RestRow, SplatGradientRow, SplatRow, ViewParams},
     shader::{GROUP, shader, shader_struct},
@@ -145,12 +145,7 @@ impl ChainPass {
     }
 
     /// Adds the way from the splats' gradient to that of everything learned.
-    pub(super) fn encode(
-        &self,
-        step: &CurrentStep<'_>,
-        pass: &mut wgpu::ComputePass<'_>,
-        backward: &BackwardPass,
-    ) {
+    pub(super) fn encode(&self, step: &CurrentStep<'_>, pass: &mut Pass<'_>, backward: &BackwardPass) {
         let (gpu, resident) = (step.gpu, step.resident);
         let bands = (step.view.sh_degree as usize + 1).pow(2) - 1;
         let learned_bands = step.context.settings.learned_bands(bands, step.plan.step) as u32;
@@ -172,12 +167,7 @@ impl ChainPass {
         }
     }
 
-    fn encode_features(
-        &self,
-        step: &CurrentStep<'_>,
-        pass: &mut wgpu::ComputePass<'_>,
-        g_features: &DeviceVec<f32>,
-    ) {
+    fn encode_features(&self, step: &CurrentStep<'_>, pass: &mut Pass<'_>, g_features: &DeviceVec<f32>) {
         let (gpu, resident, time) = (step.gpu, step.resident, step.plan.look.time);
         let all = 0..step.num_gaussians();
         let params = uniform(gpu, &DeformParams::new(step.deformation, time, &all, &step.deform.live));

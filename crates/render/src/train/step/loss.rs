@@ -2,9 +2,9 @@
 //! `shaders/regions.wgsl`).
 
 use crate::{
-    buffers::{DeviceVec, uniform},
+    buffers::{Array, Bound, DeviceVec, uniform},
     device::Gpu,
-    kernel::Kernel,
+    kernel::{Kernel, Pass},
     shader::{GROUP, shader, shader_struct},
     train::{
         current::CurrentStep,
@@ -188,7 +188,7 @@ impl LossPass {
     }
 
     /// Adds the loss and its gradient with respect to the planes.
-    pub(super) fn encode(&self, step: &CurrentStep<'_>, pass: &mut wgpu::ComputePass<'_>) {
+    pub(super) fn encode(&self, step: &CurrentStep<'_>, pass: &mut Pass<'_>) {
         let (gpu, frame, weights) = (step.gpu, step.frame, step.weights());
         let scales = TermScales::<f32>::new(&weights, frame.supervised, step.num_pixels(), self.latent_dim);
         let params = uniform(
@@ -223,7 +223,7 @@ impl LossPass {
     fn encode_regions(
         &self,
         step: &CurrentStep<'_>,
-        pass: &mut wgpu::ComputePass<'_>,
+        pass: &mut Pass<'_>,
         weights: &LossWeights,
         smoothness: f32,
     ) {
@@ -241,17 +241,19 @@ impl LossPass {
             },
         );
         let params = &RegionsWgsl::params(&params);
-        let planes = &RegionsWgsl::planes(&step.raster.planes);
+        // Only the features of listed pixels are looked at.
+        let listed_bytes = frame.listed.num_bytes() * self.latent_dim as u64;
+        let planes = &RegionsWgsl::planes(Array::from(&step.raster.planes).moving(listed_bytes));
         let listed = &RegionsWgsl::listed(&frame.listed);
         let blocks = &RegionsWgsl::blocks(&frame.blocks);
         let regions = &RegionsWgsl::regions(&frame.large_regions);
         let sums = &RegionsWgsl::block_sums(&self.region_sums);
         let means = &RegionsWgsl::means(&self.means);
         let spreads = &RegionsWgsl::spreads(&self.spreads);
-        let g_planes = &RegionsWgsl::g_planes(&self.g_planes);
+        let g_planes = &RegionsWgsl::g_planes(Array::from(&self.g_planes).moving(2 * listed_bytes));
         let per_region = (frame.num_regions as u32).div_ceil(GROUP);
-        let mut run = |kernel: &Kernel, bindings: &[&wgpu::BindGroupEntry<'_>], groups| {
-            let bindings: Vec<_> = bindings.iter().map(|entry| (*entry).clone()).collect();
+        let mut run = |kernel: &Kernel, bindings: &[&Bound<'_>], groups| {
+            let bindings: Vec<_> = bindings.iter().map(|bound| (*bound).clone()).collect();
             kernel.dispatch(gpu, pass, &bindings, groups);
         };
         run(&self.sum_values, &[params, planes, listed, blocks, sums], num_blocks);

@@ -8,7 +8,7 @@ use super::{
 use crate::{
     buffers::{Array, DeviceVec, uniform},
     device::Gpu,
-    kernel::Kernel,
+    kernel::{Kernel, Pass},
     rows::{RestRow, SplatGradientRow},
     scene_buffers::Planes,
     shader::{GROUP, shader, shader_struct},
@@ -180,7 +180,7 @@ impl UpdatePass {
     pub(super) fn encode(
         &self,
         step: &CurrentStep<'_>,
-        pass: &mut wgpu::ComputePass<'_>,
+        pass: &mut Pass<'_>,
         loss: &LossPass,
         backward: &BackwardPass,
         chain: &ChainPass,
@@ -192,8 +192,8 @@ impl UpdatePass {
             UpdateWgsl::params(&params),
             UpdateWgsl::status(&resident.status),
             UpdateWgsl::g_splats(&backward.g_splats),
-            UpdateWgsl::pull_sums(&resident.pull_sums),
-            UpdateWgsl::times_seen(&resident.times_seen),
+            UpdateWgsl::pull_sums(resident.pull_sums.in_place()),
+            UpdateWgsl::times_seen(resident.times_seen.in_place()),
         ];
         self.add_statistics.dispatch(gpu, pass, &bindings, n.div_ceil(GROUP));
         if step.plan.updates {
@@ -202,7 +202,7 @@ impl UpdatePass {
         }
     }
 
-    fn encode_settle(&self, step: &CurrentStep<'_>, pass: &mut wgpu::ComputePass<'_>, loss: &LossPass) {
+    fn encode_settle(&self, step: &CurrentStep<'_>, pass: &mut Pass<'_>, loss: &LossPass) {
         let (gpu, resident, live) = (step.gpu, step.resident, &step.deform.live);
         let (weights, supervised) = (step.weights(), step.frame.supervised);
         let scales = TermScales::<f32>::new(&weights, supervised, step.num_pixels(), self.latent_dim);
@@ -231,7 +231,7 @@ impl UpdatePass {
     }
 
     /// Adds the update of the parameters at rest and of the network.
-    fn encode_groups(&self, step: &CurrentStep<'_>, pass: &mut wgpu::ComputePass<'_>, chain: &ChainPass) {
+    fn encode_groups(&self, step: &CurrentStep<'_>, pass: &mut Pass<'_>, chain: &ChainPass) {
         let (scene, r, settings) = (&step.resident.scene, step.resident, step.context.settings);
         let rates = &settings.rates;
         let rest = UpdateParams {
@@ -275,7 +275,7 @@ impl UpdatePass {
     fn encode_group(
         &self,
         step: &CurrentStep<'_>,
-        pass: &mut wgpu::ComputePass<'_>,
+        pass: &mut Pass<'_>,
         group: UpdateParams,
         [parameters, gradients, rates]: [Array<'_, f32>; 3],
         [first, second]: [&DeviceVec<f32>; 2],
@@ -284,11 +284,11 @@ impl UpdatePass {
         let bindings = [
             UpdateWgsl::params(&params),
             UpdateWgsl::status(&step.resident.status),
-            UpdateWgsl::corrections(&step.resident.corrections),
+            UpdateWgsl::corrections(Array::from(&step.resident.corrections).moving(0)),
             UpdateWgsl::rates(rates),
-            UpdateWgsl::parameters(parameters),
-            UpdateWgsl::first_moments(first),
-            UpdateWgsl::second_moments(second),
+            UpdateWgsl::parameters(parameters.moving(2 * num_bytes(&group))),
+            UpdateWgsl::first_moments(first.in_place()),
+            UpdateWgsl::second_moments(second.in_place()),
             UpdateWgsl::gradients(gradients),
         ];
         self.adam.dispatch(step.gpu, pass, &bindings, group.len.div_ceil(GROUP));
@@ -296,7 +296,7 @@ impl UpdatePass {
 
     /// Adds the update of the basis functions: the weights of the live ones, or everything if each
     /// Gaussian has its own.
-    fn encode_bases(&self, step: &CurrentStep<'_>, pass: &mut wgpu::ComputePass<'_>, chain: &ChainPass) {
+    fn encode_bases(&self, step: &CurrentStep<'_>, pass: &mut Pass<'_>, chain: &ChainPass) {
         let (scene, deformation, time) = (&step.resident.scene, step.deformation, step.plan.look.time);
         let decay = rates(step, self.latent_dim).decay;
         let values = deformation.is_shared().then(|| deformation.basis_values(time).0);
@@ -329,21 +329,22 @@ impl UpdatePass {
     fn encode_shared_basis(
         &self,
         step: &CurrentStep<'_>,
-        pass: &mut wgpu::ComputePass<'_>,
+        pass: &mut Pass<'_>,
         chain: &ChainPass,
         group: UpdateParams,
         part: usize,
     ) {
         let resident = step.resident;
         let params = uniform(step.gpu, &group);
+        let updated = |array| Array::from(array).moving(2 * num_bytes(&group));
         let bindings = [
             UpdateWgsl::params(&params),
             UpdateWgsl::status(&resident.status),
-            UpdateWgsl::corrections(&resident.corrections),
+            UpdateWgsl::corrections(Array::from(&resident.corrections).moving(0)),
             UpdateWgsl::rates(&self.channel_rates),
-            UpdateWgsl::parameters(&resident.scene.weights[part]),
-            UpdateWgsl::first_moments(&resident.weights.first[part]),
-            UpdateWgsl::second_moments(&resident.weights.second[part]),
+            UpdateWgsl::parameters(updated(&resident.scene.weights[part])),
+            UpdateWgsl::first_moments(updated(&resident.weights.first[part])),
+            UpdateWgsl::second_moments(updated(&resident.weights.second[part])),
             UpdateWgsl::gradients(chain.g_rest.numbers()),
             UpdateWgsl::g_gate(&chain.g_gate),
         ];
@@ -354,7 +355,7 @@ impl UpdatePass {
     fn encode_own_basis(
         &self,
         step: &CurrentStep<'_>,
-        pass: &mut wgpu::ComputePass<'_>,
+        pass: &mut Pass<'_>,
         chain: &ChainPass,
         group: UpdateParams,
         part: usize,
@@ -364,13 +365,14 @@ impl UpdatePass {
         let scene = &resident.scene;
         let params = uniform(step.gpu, &group);
         let [g_weights, g_centres, g_widths] = &self.g_own;
+        let read = |array| Array::from(array).moving(num_bytes(&group));
         let bindings = [
             UpdateWgsl::params(&params),
-            UpdateWgsl::parameters(&scene.weights[part]),
+            UpdateWgsl::parameters(read(&scene.weights[part])),
             UpdateWgsl::gradients(chain.g_rest.numbers()),
             UpdateWgsl::g_gate(&chain.g_gate),
-            UpdateWgsl::centres(&scene.centres[part]),
-            UpdateWgsl::widths(&scene.widths[part]),
+            UpdateWgsl::centres(read(&scene.centres[part])),
+            UpdateWgsl::widths(read(&scene.widths[part])),
             UpdateWgsl::g_weights(g_weights),
             UpdateWgsl::g_centres(g_centres),
             UpdateWgsl::g_widths(g_widths),
@@ -385,6 +387,11 @@ impl UpdatePass {
             self.encode_group(step, pass, group, arrays, [&moments.first[part], &moments.second[part]]);
         }
     }
+}
+
+/// Number of bytes of a group's parameters.
+fn num_bytes(group: &UpdateParams) -> u64 {
+    u64::from(group.len) * size_of::<f32>() as u64
 }
 
 fn rates(step: &CurrentStep<'_>, latent_dim: usize) -> Rates {

@@ -1,0 +1,253 @@
+#!/usr/bin/env bash
+# Judges the GPU of this machine in less than eight minutes, on one page: which adapter there is, whether every
+# pass agrees with its twin on the CPU, and how fast it is, with quality beside seconds.
+#
+#   bash tests/gpu.sh [--short] [FOLDER]    writes FOLDER/gpu.md (target/gpu without one)
+#   bash tests/gpu.sh --pack FOLDER         copies what another machine needs into FOLDER, without symbols
+#
+# Nothing is built or downloaded. The programs are those that SURGTPGS_BIN and SURGTPGS_PASSES name, or the
+# newest that lie in the target folder (cargo build --release; cargo test --release --no-run --test passes
+# --package surgtpgs-render). Recordings are looked for where SURGTPGS_DATA says, or else in ../shared/data.
+#
+# The code is 0 if everything agrees, 1 if something failed, 3 if there is no adapter or no program.
+set -euo pipefail
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+target=$(realpath --canonicalize-missing "${CARGO_TARGET_DIR:-$root/target}")
+
+# Seconds that the comparisons, and then the measurements, may take.
+tests_limit=150
+bench_limit=300
+
+say() { printf '%s\n' "$*" >&2; }
+
+# Prints the newest of the given files that can be run.
+newest() {
+  local file best=
+  for file in "$@"; do
+    if [[ -f $file && -x $file && $file != *.d && ( -z $best || $file -nt $best ) ]]; then best=$file; fi
+  done
+  printf '%s' "$best"
+}
+
+program=${SURGTPGS_BIN:-$(newest "$target"/{release,debug}/surgtpgs)}
+passes=${SURGTPGS_PASSES:-$(newest "$target"/{release,debug}/deps/passes-*)}
+data=${SURGTPGS_DATA:-$root/../shared/data}
+
+short=
+pack=
+folder=$target/gpu
+while (($#)); do
+  case $1 in
+    --short) short=yes ;;
+    --pack) pack=yes ;;
+    -*) say "usage: bash tests/gpu.sh [--short] [FOLDER] | --pack FOLDER"; exit 2 ;;
+    *) folder=$1 ;;
+  esac
+  shift
+done
+
+missing() {
+  say "error: there is no $1: $2"
+  exit 3
+}
+[[ -x $program ]] || missing "program" "build it (cargo build --release), or name it in SURGTPGS_BIN"
+
+mkdir -p "$folder"
+folder=$(cd "$folder" && pwd)
+
+if [[ $pack ]]; then
+  [[ -x $passes ]] || missing "test program" \
+    "build it (cargo test --release --no-run --package surgtpgs-render), or name it in SURGTPGS_PASSES"
+  for file in "$program:surgtpgs" "$passes:passes"; do
+    strip --strip-all -o "$folder/${file##*:}" "${file%:*}"
+  done
+  ls -l "$folder"/{surgtpgs,passes} >&2
+  say "run there: SURGTPGS_BIN=$folder/surgtpgs SURGTPGS_PASSES=$folder/passes bash tests/gpu.sh"
+  exit 0
+fi
+
+page=$folder/gpu.md
+started=$SECONDS
+: > "$folder/problems"
+: > "$folder/findings"
+problem() { printf -- '- %s\n' "$*" >> "$folder/problems"; say "problem: $*"; }
+finding() { printf '| %s | %s |\n' "$1" "$2" >> "$folder/findings"; }
+
+# Drivers. What is found, and what is missing, is said; what can be set right is set right.
+
+library() { # prints where the system finds a library
+  local place
+  # Not piped: grep -q would end the pipe early, and that counts as a failure.
+  place=$({ /sbin/ldconfig -p 2>/dev/null || ldconfig -p 2>/dev/null || true; } | awk -v name="$1" '$1 == name { print $NF }')
+  place=${place%%$'\n'*}
+  local folder
+  IFS=: read -ra folders <<< "${LD_LIBRARY_PATH:-}"
+  for folder in ${folders[@]+"${folders[@]}"} /usr/local/nvidia/lib64 /usr/local/nvidia/lib /usr/lib/x86_64-linux-gnu /usr/lib64 /usr/lib; do
+    if [[ -z $place && -n $folder && -e $folder/$1 ]]; then place=$folder/$1; fi
+  done
+  printf '%s' "$place"
+}
+
+loader=$(library libvulkan.so.1)
+nvidia_library=$(library libGLX_nvidia.so.0)
+shopt -s nullglob
+nodes=(/dev/nvidiactl /dev/dri/renderD* /dev/dxg)
+devices=
+for node in "${nodes[@]}"; do if [[ -e $node ]]; then devices+="$node "; fi; done
+# The places that the loader looks into, and one that containers use.
+manifests=(/etc/vulkan/icd.d/*.json /usr/share/vulkan/icd.d/*.json /usr/local/share/vulkan/icd.d/*.json
+  "${XDG_DATA_HOME:-${HOME:-/root}/.local/share}"/vulkan/icd.d/*.json)
+elsewhere=(/usr/local/nvidia/share/vulkan/icd.d/*.json /usr/local/nvidia/etc/vulkan/icd.d/*.json)
+shopt -u nullglob
+given=${VK_DRIVER_FILES:-${VK_ICD_FILENAMES:-}}
+
+names_nvidia() {
+  local file
+  for file in "$@"; do if [[ $file == *nvidia* ]]; then return 0; fi; done
+  return 1
+}
+
+drivers=${manifests[*]:-none}
+if [[ -n $given ]]; then
+  drivers="$given (as VK_DRIVER_FILES says)"
+elif [[ $devices == *nvidia* ]] && ! names_nvidia ${manifests[@]+"${manifests[@]}"}; then
+  if names_nvidia ${elsewhere[@]+"${elsewhere[@]}"}; then
+    export VK_DRIVER_FILES=${elsewhere[0]}
+    drivers="$VK_DRIVER_FILES (set here, because the loader does not look there)"
+  elif [[ -n $nvidia_library ]]; then
+    # A container has the library often, and the file that names it seldom.
+    printf '{"file_format_version":"1.0.1","ICD":{"library_path":"%s","api_version":"1.3.0"}}\n' \
+      "$nvidia_library" > "$folder/nvidia_icd.json"
+    export VK_DRIVER_FILES=$folder/nvidia_icd.json
+    drivers="$VK_DRIVER_FILES (made here for $nvidia_library)"
+  else
+    problem "there is an NVIDIA device and no Vulkan driver for it: start the container with" \
+      "NVIDIA_DRIVER_CAPABILITIES=all (or graphics), or install the driver's libGLX_nvidia.so.0"
+  fi
+fi
+# Containers keep the driver's libraries where the system may not look.
+for file in "$loader" "$nvidia_library"; do
+  if [[ $file == /usr/local/nvidia/* ]]; then
+    LD_LIBRARY_PATH=$(dirname "$file")${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}
+    export LD_LIBRARY_PATH
+  fi
+done
+if [[ -z $loader ]]; then
+  problem "there is no Vulkan loader (libvulkan.so.1): apt-get install libvulkan1, or unpack that package" \
+    "anywhere and name its folder in LD_LIBRARY_PATH"
+fi
+if [[ -z $devices ]]; then devices="none: only a software adapter can be found"; fi
+
+finding "Vulkan loader" "${loader:-missing}"
+finding "devices" "$devices"
+finding "drivers" "$drivers"
+if command -v nvidia-smi > /dev/null; then
+  gpus=$(nvidia-smi --query-gpu=name,driver_version,memory.total,power.limit --format=csv,noheader 2>&1 || true)
+  finding "nvidia-smi" "${gpus//$'\n'/; }"
+fi
+finding "processors" "$(nproc), $(awk -F': ' '/^model name/ { print $2; exit }' /proc/cpuinfo)"
+
+# Mesa's drivers ask for it; without it they complain on standard error.
+if [[ -z ${XDG_RUNTIME_DIR:-} ]]; then
+  XDG_RUNTIME_DIR=$(mktemp -d)
+  export XDG_RUNTIME_DIR
+  trap 'rm -rf "$XDG_RUNTIME_DIR"' EXIT
+fi
+
+# Comparisons of every pass with its twin. A test that finds no adapter fails.
+
+comparisons="not made: there is no test program (SURGTPGS_PASSES)"
+if [[ -x $passes ]]; then
+  say "comparing every pass with its twin ..."
+  filter=()
+  if [[ $short ]]; then filter=(golden twins harness_can_fail); fi
+  tests_started=$SECONDS
+  code=0
+  # They look for the shaders from the folder of their crate.
+  (cd "$root/crates/render" && CI=true RUST_BACKTRACE=0 timeout --kill-after=5 "$tests_limit" \
+    "$passes" ${filter[@]+"${filter[@]}"}) > "$folder/comparisons.txt" 2>&1 || code=$?
+  ok=$(grep -c '^test .* \.\.\. ok$' "$folder/comparisons.txt" || true)
+  failed=$(sed -n 's/^test \(.*\) \.\.\. FAILED$/\1/p' "$folder/comparisons.txt")
+  comparisons="$ok agree, $(grep -c . <<< "$failed" || true) differ, in $((SECONDS - tests_started)) s"
+  if ((code == 124 || code == 137)); then
+    comparisons+="; they were ended before they were all done"
+    problem "the comparisons took more than $tests_limit s"
+  elif ((code != 0)); then
+    without=0
+    while read -r name; do
+      if [[ -n $name ]]; then
+        reason=$(awk -v head="---- $name stdout ----" '
+          $0 == head { is_here = 1; next }
+          /^---- / || /^failures:/ || /^stack backtrace:/ { is_here = 0 }
+          is_here && !/^$|^adapter:|^note:|panicked at|^error: XDG/ { text = text " " $0 }
+          END { print substr(text, 2, 300) }' "$folder/comparisons.txt")
+        if [[ $reason == *"needs a graphics adapter"* ]]; then
+          without=$((without + 1))
+        else
+          problem "$name: ${reason:-see comparisons.txt}"
+        fi
+      fi
+    done <<< "$failed"
+    if ((without)); then problem "$without comparisons found no adapter"; fi
+    if [[ -z $failed ]]; then problem "the comparisons ended with code $code: $(tail -n 1 "$folder/comparisons.txt")"; fi
+  fi
+else
+  problem "nothing was compared: there is no test program (SURGTPGS_PASSES)"
+fi
+
+# Measurements.
+
+arguments=(--seconds "$bench_limit" -o "$folder/measured")
+rm -rf "$folder/measured"
+if [[ $short ]]; then
+  arguments+=(--short)
+else
+  # Of the clip that is there in two forms, the one without losses is taken.
+  for recording in cholecseg8k_raw endonerf_pulling pulling.mp4; do
+    if [[ -e $data/$recording && ! ( $recording == pulling.mp4 && -e $data/endonerf_pulling ) ]]; then
+      arguments+=(--recording "$data/$recording")
+    fi
+  done
+fi
+say "measuring ..."
+code=0
+{
+  timeout --kill-after=5 $((bench_limit + 25)) "$program" bench gpu "${arguments[@]}" 2>&1 >&3 |
+    tee "$folder/measured.txt" >&2
+} 3> "$folder/measured.md" || code=$?
+if ((code != 0)); then
+  reasons=$(sed -n -e 's/^failed: //p' -e 's/^error: //p' "$folder/measured.txt")
+  if ((code == 124 || code == 137)); then reasons="the measurements took more than $((bench_limit + 25)) s"; fi
+  while read -r reason; do problem "${reason}"; done <<< "${reasons:-the measurements ended with code $code}"
+  # What was measured before the program ended lies in its unfinished folder.
+  if [[ ! -s $folder/measured.md && -f $folder/measured/gpu.md ]]; then
+    cp "$folder/measured/gpu.md" "$folder/measured.md"
+  fi
+fi
+
+# The page.
+
+{
+  printf '# GPU\n\n'
+  if [[ -s $folder/problems ]]; then
+    printf '**Failed: %s**\n\n' "$(grep -c . "$folder/problems")"
+    cat "$folder/problems"
+  else
+    printf 'Nothing failed.\n'
+  fi
+  printf '\nMade by `bash tests/gpu.sh%s` in %s s. Comparisons with the CPU: %s.\n\n' \
+    "${short:+ --short}" "$((SECONDS - started))" "$comparisons"
+  printf '| machine | found |\n|---|---|\n'
+  cat "$folder/findings"
+  printf '\n'
+  cat "$folder/measured.md"
+} > "$page"
+cat "$page"
+rm -f "$folder/findings" "$folder/measured.md"
+if [[ ! -s $folder/problems ]]; then
+  rm -f "$folder/problems"
+elif ((code == 3)) && ! grep -q '^failed: ' "$folder/measured.txt"; then
+  exit 3
+else
+  exit 1
+fi

@@ -1,0 +1,81 @@
+//! `tests/gpu.sh`, which judges the GPU of a machine, on the adapter that is here.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
+use surgtpgs_tests::{Run, binary, workspace};
+
+/// Returns the newest test program of the passes, which lies beside this one if everything was built.
+fn passes() -> Option<PathBuf> {
+    let here = std::env::current_exe().unwrap();
+    let is_ours = |path: &PathBuf| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        name.starts_with("passes-") && path.extension().is_none_or(|e| e == "exe")
+    };
+    let files = fs::read_dir(here.parent().unwrap()).unwrap().map(|entry| entry.unwrap().path());
+    files.filter(is_ours).max_by_key(|path| path.metadata().and_then(|m| m.modified()).ok())
+}
+
+/// Runs the script's short form; returns what it said, and its page.
+fn judge(folder: &Path, change: impl FnOnce(&mut Command)) -> (Run, String) {
+    let mut command = Command::new("bash");
+    command.arg(workspace().join("tests/gpu.sh")).arg("--short").arg(folder).env("SURGTPGS_BIN", binary());
+    if let Some(passes) = passes() {
+        command.env("SURGTPGS_PASSES", passes);
+    }
+    change(&mut command);
+    let run = Run::from(command.output().unwrap());
+    let page = fs::read_to_string(folder.join("gpu.md")).unwrap_or_default();
+    assert_eq!(run.stdout, page, "{}", run.stderr);
+    (run, page)
+}
+
+#[test]
+fn one_command_judges_the_adapter_on_one_page() {
+    let folder = tempfile::tempdir().unwrap();
+    let (run, page) = judge(folder.path(), |_| ());
+    if run.code == 3 && std::env::var("CI").as_deref() != Ok("true") {
+        // As other tests of the GPU, this one needs a software adapter at least.
+        return;
+    }
+    let heads = ["# GPU", "## Adapter", "## Training steps", "## Trainings", "## Frames"];
+    for part in
+        heads.iter().chain(&["memory bandwidth", "| the demo, 64×48 | GPU |", "| CPU |", "short: tiny"])
+    {
+        assert!(page.contains(part), "{part} is missing: {page}\n{}", run.stderr);
+    }
+    if passes().is_some() {
+        assert_eq!(run.code, 0, "{page}\n{}", run.stderr);
+        assert!(page.contains("Nothing failed.") && page.contains(" agree, 0 differ"), "{page}");
+    } else {
+        assert!(run.code == 1 && page.contains("nothing was compared"), "{page}\n{}", run.stderr);
+    }
+    // Three sizes with two choices of pixels, and 1 and 8 prompts in three ways each.
+    assert_eq!(page.matches(" Gaussians | all | ").count(), 3, "{page}");
+    assert_eq!(page.matches("Gaussians to the picture with its outline").count(), 2, "{page}");
+    let report = fs::read_to_string(folder.path().join("measured/gpu.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    assert!(report["bandwidth"].as_f64().unwrap() > 1e8, "{report}");
+    let trainings = report["trainings"].as_array().unwrap();
+    let psnr = |k: usize| trainings[k]["psnr_masked_db"].as_f64().unwrap();
+    assert!(trainings.len() == 2 && psnr(0) > 15.0 && (psnr(0) - psnr(1)).abs() < 2.0, "{report}");
+    for frames in report["frames"].as_array().unwrap() {
+        assert!(frames["beyond_a_level"].as_f64().unwrap() < 0.02, "{frames}");
+    }
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn without_an_adapter_the_page_says_what_was_looked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let (run, page) = judge(folder.path(), |command| {
+        command.env("VK_DRIVER_FILES", "/nowhere/driver.json").env("CI", "true");
+    });
+    assert_eq!(run.code, 3, "{page}\n{}", run.stderr);
+    for part in ["Vulkan loader", "/nowhere/driver.json (as VK_DRIVER_FILES says)", "no graphics adapter"] {
+        assert!(page.contains(part), "{part} is missing: {page}\n{}", run.stderr);
+    }
+    assert!(!page.contains("Nothing failed"), "{page}");
+}
