@@ -3,7 +3,7 @@
 # pass agrees with its twin on the CPU, and how fast it is, with quality beside seconds.
 #
 #   bash tests/gpu.sh [--short] [FOLDER]    writes FOLDER/gpu.md (target/gpu without one)
-#   bash tests/gpu.sh --pack FOLDER         copies what another machine needs into FOLDER, without symbols
+#   bash tests/gpu.sh --pack FOLDER         copies the programs into FOLDER for another machine, small
 #
 # Nothing is built or downloaded. The programs are those that SURGTPGS_BIN and SURGTPGS_PASSES name, or the
 # newest that lie in the target folder (cargo build --release; cargo test --release --no-run --test passes
@@ -50,19 +50,51 @@ missing() {
   say "error: there is no $1: $2"
   exit 3
 }
-[[ -x $program ]] || missing "program" "build it (cargo build --release), or name it in SURGTPGS_BIN"
+[[ -f $program ]] || missing "program" "build it (cargo build --release), or name it in SURGTPGS_BIN"
 
 mkdir -p "$folder"
 folder=$(cd "$folder" && pwd)
 
+scratch=$(mktemp -d)
+trap 'rm -rf "$scratch"' EXIT
+
+# Prints the place of a program, which is unpacked first if it was packed.
+unpacked() {
+  local to
+  case $1 in
+    *.xz | *.gz)
+      to=$scratch/$(basename "${1%.*}")
+      case $1 in
+        *.gz) gzip -dc "$1" > "$to" ;;
+        *) xz -dc "$1" > "$to" 2> /dev/null || python3 -c '
+import lzma, shutil, sys
+shutil.copyfileobj(lzma.open(sys.argv[1]), sys.stdout.buffer)' "$1" > "$to" ;;
+      esac
+      chmod +x "$to"
+      printf '%s' "$to"
+      ;;
+    *)
+      # Copies from elsewhere may have lost the right to be run.
+      if [[ ! -x $1 ]]; then chmod +x "$1"; fi
+      printf '%s' "$1"
+      ;;
+  esac
+}
+program=$(unpacked "$program")
+if [[ -f $passes ]]; then passes=$(unpacked "$passes"); fi
+
 if [[ $pack ]]; then
   [[ -x $passes ]] || missing "test program" \
     "build it (cargo test --release --no-run --package surgtpgs-render), or name it in SURGTPGS_PASSES"
+  end=gz
+  if command -v xz > /dev/null; then end=xz; fi
   for file in "$program:surgtpgs" "$passes:passes"; do
-    strip --strip-all -o "$folder/${file##*:}" "${file%:*}"
+    to=$folder/${file##*:}
+    strip --strip-all -o "$to" "${file%:*}"
+    if [[ $end == xz ]]; then xz --threads=0 --force "$to"; else gzip --best --force "$to"; fi
   done
-  ls -l "$folder"/{surgtpgs,passes} >&2
-  say "run there: SURGTPGS_BIN=$folder/surgtpgs SURGTPGS_PASSES=$folder/passes bash tests/gpu.sh"
+  ls -l "$folder"/{surgtpgs,passes}."$end" >&2
+  say "run there: SURGTPGS_BIN=$folder/surgtpgs.$end SURGTPGS_PASSES=$folder/passes.$end bash tests/gpu.sh"
   exit 0
 fi
 
@@ -136,7 +168,12 @@ if [[ -z $loader ]]; then
   problem "there is no Vulkan loader (libvulkan.so.1): apt-get install libvulkan1, or unpack that package" \
     "anywhere and name its folder in LD_LIBRARY_PATH"
 fi
-if [[ -z $devices ]]; then devices="none: only a software adapter can be found"; fi
+if [[ -z $devices ]]; then
+  devices="none: only a software adapter can be found"
+  # It takes its time for the comparisons, and is measured at small sizes.
+  tests_limit=300
+  bench_limit=140
+fi
 
 finding "Vulkan loader" "${loader:-missing}"
 finding "devices" "$devices"
@@ -148,11 +185,7 @@ fi
 finding "processors" "$(nproc), $(awk -F': ' '/^model name/ { print $2; exit }' /proc/cpuinfo)"
 
 # Mesa's drivers ask for it; without it they complain on standard error.
-if [[ -z ${XDG_RUNTIME_DIR:-} ]]; then
-  XDG_RUNTIME_DIR=$(mktemp -d)
-  export XDG_RUNTIME_DIR
-  trap 'rm -rf "$XDG_RUNTIME_DIR"' EXIT
-fi
+export XDG_RUNTIME_DIR=${XDG_RUNTIME_DIR:-$scratch}
 
 # Comparisons of every pass with its twin. A test that finds no adapter fails.
 
