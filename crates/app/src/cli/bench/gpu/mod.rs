@@ -88,6 +88,7 @@ impl Measure for BenchGpuArgs {
         let mut bench =
             Bench { files, gpu, budget: Budget::new(self.seconds), report: Report::new(scale.name) };
         bench.run(&scale, &self.recording)?;
+        bench.write()?;
         let Bench { files, report, .. } = bench;
         print_report(&report, &report.page(), self.json)?;
         files.finish()?;
