@@ -42,6 +42,8 @@ pub mod unseen;
 pub mod export;
 pub mod metrics;
 
+pub mod marks;
+
 pub mod train;
 
 pub use error::{Error, Remedy, Result};

@@ -1,8 +1,10 @@
 //! Scene files and files of Gaussians.
 
 use crate::{Target, expect_words};
+use std::path::Path;
 use surgtpgs_core::{
     codec::{Codec, CodecSettings},
+    marks::{Canvas, Evidence, Marks},
     progress::unobserved,
     raster::{CpuRenderer, Renderer},
     relevancy::{Query, Relevancy, RelevancySettings, Rivals, best},
@@ -11,10 +13,36 @@ use surgtpgs_core::{
     stress,
 };
 
-pub(crate) const TARGETS: [Target; 2] = [
+pub(crate) const TARGETS: [Target; 3] = [
+    Target { name: "marks", run: marks, seeds: marks_seeds },
     Target { name: "scene", run: |bytes| load("scene.safetensors", bytes), seeds: scenes },
     Target { name: "ply", run: |bytes| load("scene.ply", bytes), seeds: plys },
 ];
+
+/// Reads marks, and the pixels and the evidence of those that are accepted.
+fn marks(bytes: &[u8]) {
+    let canvas = Canvas { width: 24, height: 20, frame_names: vec!["a.png".into(); 3], num_frames: 3 };
+    let text = String::from_utf8_lossy(bytes);
+    let Some(marks) = expect_words(Marks::parse(&text, Path::new("/nowhere"), &canvas)) else { return };
+    let names = marks.names();
+    assert!(names.iter().all(|name| !name.is_empty()));
+    for frame in marks.frames() {
+        Evidence::of(&marks, frame, &names, [canvas.width, canvas.height]);
+    }
+}
+
+fn marks_seeds() -> Vec<Vec<u8>> {
+    let texts = [
+        r#"{"marks": [{"frame": 1, "name": "liver", "kind": "stroke", "points_px": [[1, 2], [9.5, 3]], "radius_px": 2},
+            {"frame": 0, "name": "fat", "kind": "polygon", "add": false, "points_px": [[1, 1], [9, 1], [5, 9]]},
+            {"frame": 2, "name": "fat", "kind": "box", "points_px": [[0, 0], [24, 20]]},
+            {"frame": 2, "name": "x", "kind": "click", "points_px": [[NaN, 3]]}]}"#,
+        r#"{"categories": [{"id": 1, "name": "liver"}], "images": [{"id": 2, "frame": 1}, {"id": 3, "file_name": "a.jpg"}],
+            "annotations": [{"image_id": 2, "category_id": 1, "segmentation": {"size": [20, 24], "counts": [100, 80, 300]}},
+            {"image_id": 3, "category_id": 1, "segmentation": [[1, 1, 9, 1, 9, 9]]}]}"#,
+    ];
+    texts.map(|text| text.as_bytes().to_vec()).into()
+}
 
 /// Largest scene that is rendered, in pixels times Gaussians. Of larger ones it is enough that they load.
 const SMALL: usize = 100_000;
@@ -91,7 +119,6 @@ fn plys() -> Vec<Vec<u8>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::path::Path;
 
     #[test]
     fn the_seeds_are_good() {

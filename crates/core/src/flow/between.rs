@@ -132,6 +132,6 @@ fn colours(image: &RgbImage) -> Grid<Colour> {
 }
 
 /// Luma of ITU-R BT.601, in 8-bit levels.
-fn luminance([r, g, b]: &Colour) -> f32 {
+pub(super) fn luminance([r, g, b]: &Colour) -> f32 {
     0.299 * r + 0.587 * g + 0.114 * b
 }

@@ -14,8 +14,10 @@ mod relax;
 mod search;
 #[cfg(test)]
 mod tests;
+mod ways;
 
 pub use between::{Between, Colour, Timed, arriving, arriving_mask, between, ways_around};
+pub use ways::{halved, joined, luma, mended};
 
 use crate::grid::Grid;
 use search::PATCH;

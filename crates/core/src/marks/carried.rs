@@ -1,0 +1,412 @@
+//! Scores of marked names on every frame.
+
+use super::{
+    Evidence, Graph, Marks,
+    cells::spread_over,
+    guided::Guide,
+    seeds::Seeds,
+    seen::Seen,
+    spread::{PULL, spread},
+    trail::Trail,
+};
+use crate::{
+    Result,
+    camera::Camera,
+    flow::{Vector, halved, luma},
+    grid::{Grid, Mask},
+    scene::Scene,
+};
+use image::RgbImage;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Names whose shares are blended in one pass.
+const NAMES_AT_ONCE: usize = 16;
+/// Weight of the Gaussians' shares beside those of a marked frame that is seen well.
+const GAUSSIANS: f32 = 0.01;
+/// Difference between a pixel and the marked one at which it weighs half, 8-bit levels.
+const DIFFERENCE: f32 = 8.0;
+/// Half the side of the squares in which pictures are compared, px of half size.
+const COMPARED_PX: usize = 2;
+/// Weight of pixels of a marked frame that are not marked themselves.
+const UNMARKED: f32 = 0.3;
+/// Shortest side of pictures that are looked at, px; smaller ones are left to the Gaussians.
+const SMALLEST: usize = 4;
+/// Marked frames that are kept at most.
+const MOST_KNOWN: usize = 8;
+/// Frames that a marked frame is looked up from at most, on either side.
+const REACH: usize = 100;
+
+/// Parts of the method, each of which can be left out to measure it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CarrySettings {
+    /// `true` to look marked frames up along the optical flow, `false` for the Gaussians' shares alone.
+    pub looks_up: bool,
+    /// `true` to compare each frame with the marked one itself, so that errors of the flow do not add up.
+    pub mends: bool,
+    /// `true` to move borders to those of the picture.
+    pub refines: bool,
+}
+
+impl Default for CarrySettings {
+    fn default() -> Self {
+        Self { looks_up: true, mends: true, refines: true }
+    }
+}
+
+/// Scores of one frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameScores {
+    /// One image per name, 0–1: above one half where the name is likelier than any other and than none.
+    pub scores: Vec<Grid<f32>>,
+    /// Closeness of the two likeliest answers, 0 (sure) to 1.
+    pub doubt: Grid<f32>,
+}
+
+/// The place where one more mark would help most.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct LookHere {
+    /// The frame.
+    pub frame: usize,
+    /// The middle of the most doubtful area on it, px.
+    pub point_px: [f32; 2],
+    /// Mean doubt inside the field of view, 0–1.
+    pub doubt: f32,
+}
+
+/// Marks carried to a whole recording.
+pub struct Carried {
+    names: Vec<String>,
+    settings: CarrySettings,
+    /// Marks by frame: those frames on which marks say something.
+    evidence: BTreeMap<usize, Evidence>,
+    /// Share of each name in each Gaussian, [names][Gaussians].
+    shares: Vec<Vec<f32>>,
+    /// Marked frames that were needed last.
+    known: BTreeMap<usize, MarkedFrame>,
+}
+
+/// A marked frame at half size, with a share for every pixel.
+struct MarkedFrame {
+    luma: Grid<f32>,
+    trail: Trail,
+    /// [names][pixels].
+    shares: Vec<Vec<f32>>,
+    /// Weight of each pixel: 1 if it is marked.
+    weights: Vec<f32>,
+}
+
+/// Returns the picture of a frame: the recorded one, or the reconstruction of it.
+pub type Pictures<'a> = dyn FnMut(usize) -> Result<RgbImage> + 'a;
+
+impl Carried {
+    /// Carries marks to the Gaussians of the scene that `graph` is of.
+    pub fn new(scene: &Scene, graph: &Graph, marks: &Marks, settings: CarrySettings) -> Self {
+        let names = marks.names();
+        let evidence = Evidence::of_all(marks, &names, scene);
+        let seeds = Seeds::of(scene, names.len(), evidence.values());
+        let mut shares = spread(&graph.links, &seeds, None, PULL, true);
+        // The solver stops a little beside the solution.
+        shares.iter_mut().flatten().for_each(|share| *share = share.max(0.0));
+        Self { names, settings, evidence, shares, known: BTreeMap::new() }
+    }
+
+    /// Returns the names, in the order of the scores.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// Returns the frames with marks that say something, ascending.
+    pub fn frames(&self) -> impl Iterator<Item = usize> {
+        self.evidence.keys().copied()
+    }
+
+    /// Returns the share of each name in each Gaussian, [names][Gaussians], 0–1.
+    pub fn shares(&self) -> &[Vec<f32>] {
+        &self.shares
+    }
+
+    /// Returns the scores on a frame.
+    pub fn on_frame(
+        &mut self,
+        scene: &Scene,
+        frame: usize,
+        pictures: &mut Pictures<'_>,
+    ) -> Result<FrameScores> {
+        let camera = scene.cameras[frame];
+        let (width, height) = (camera.width as usize, camera.height as usize);
+        if width.min(height) < SMALLEST {
+            let scores = self.on_view(scene, camera, scene.time(frame));
+            return Ok(FrameScores { scores, doubt: Grid::filled(width, height, 0.0) });
+        }
+        let picture = pictures(frame)?;
+        let mut shares = self.blended(&Seen::at_half(scene, frame));
+        if self.settings.looks_up {
+            let marked = self.nearest(frame, |_| true);
+            self.look_up(scene, frame, &marked, &halved(&luma(&picture)), &mut shares, pictures)?;
+            self.forget_far(frame);
+        }
+        let mut shares = self.refined(picture, shares);
+        if let Some(evidence) = self.evidence.get(&frame) {
+            keep_marked(evidence, &mut shares);
+        }
+        Ok(scores(&shares, width, height))
+    }
+
+    /// Returns shares at full size, with borders where the picture has some.
+    fn refined(&self, picture: RgbImage, shares: Vec<Vec<f32>>) -> Vec<Vec<f32>> {
+        let (width, height) = (picture.width() as usize, picture.height() as usize);
+        if self.settings.refines {
+            let guide = Guide::new(picture);
+            return shares.par_iter().map(|plane| guide.filter(plane)).collect();
+        }
+        let whole =
+            |plane: Vec<f32>| Grid::from_vec(width / 2, height / 2, plane).sampled(width, height).data;
+        shares.into_par_iter().map(whole).collect()
+    }
+
+    /// Returns the scores on any view, of the Gaussians alone.
+    pub fn on_view(&self, scene: &Scene, camera: Camera, time: f32) -> Vec<Grid<f32>> {
+        let shares = self.blended(&Seen::of(scene, camera, time));
+        scores(&shares, camera.width as usize, camera.height as usize).scores
+    }
+
+    /// Returns the Gaussians' shares of every pixel.
+    fn blended(&self, seen: &Seen) -> Vec<Vec<f32>> {
+        let mut planes = Vec::with_capacity(self.shares.len());
+        for part in self.shares.chunks(NAMES_AT_ONCE) {
+            let values: Vec<f32> =
+                (0..part[0].len()).flat_map(|i| part.iter().map(move |share| share[i])).collect();
+            let blended = seen.blend(&values, part.len());
+            planes.extend((0..part.len()).map(|k| blended.value(k).to_vec()));
+        }
+        planes
+    }
+
+    /// Mixes the shares of a frame with those of marked frames, looked up from it.
+    fn look_up(
+        &mut self,
+        scene: &Scene,
+        frame: usize,
+        marked: &[usize],
+        luma_here: &Grid<f32>,
+        shares: &mut [Vec<f32>],
+        pictures: &mut Pictures<'_>,
+    ) -> Result<()> {
+        for marked in marked {
+            self.know(scene, *marked, pictures)?;
+        }
+        let field_of_view = scene.field_of_view.sampled(luma_here.width, luma_here.height);
+        let mut total = vec![GAUSSIANS; luma_here.data.len()];
+        shares.iter_mut().flatten().for_each(|v| *v *= GAUSSIANS);
+        // The nearer of two weighs more.
+        let far: usize = marked.iter().map(|f| f.abs_diff(frame)).sum();
+        for &marked_frame in marked {
+            let away = marked_frame.abs_diff(frame) as f32 / far.max(1) as f32;
+            let near = if marked.len() < 2 { 1.0 } else { 1.0 - away };
+            let Some(known) = self.known.get_mut(&marked_frame) else { continue };
+            let way = known.trail.way(frame, &mut |i| Ok(halved(&luma(&pictures(i)?))))?;
+            let weights = alike(luma_here, known, &way, &field_of_view, near);
+            shares.par_iter_mut().zip(&known.shares).for_each(|(plane, marked)| {
+                add_seen(plane, marked, &way, &weights);
+            });
+            total.iter_mut().zip(&weights.data).for_each(|(t, w)| *t += w);
+        }
+        shares.par_iter_mut().for_each(|plane| plane.iter_mut().zip(&total).for_each(|(v, t)| *v /= t));
+        Ok(())
+    }
+
+    /// Returns the marked frames that a frame is compared with: the nearest one on either side, or itself.
+    fn nearest(&self, frame: usize, counts: impl Fn(&usize) -> bool) -> Vec<usize> {
+        if self.evidence.contains_key(&frame) && counts(&frame) {
+            return vec![frame];
+        }
+        let before = self.evidence.range(..frame).rev().map(|(f, _)| *f).find(&counts);
+        let after = self.evidence.range(frame + 1..).map(|(f, _)| *f).find(&counts);
+        before.into_iter().chain(after).filter(|marked| marked.abs_diff(frame) <= REACH).collect()
+    }
+
+    /// Makes a marked frame known: spreads its marks over it, from what those frames tell of it on which more
+    /// names are marked.
+    fn know(&mut self, scene: &Scene, frame: usize, pictures: &mut Pictures<'_>) -> Result<()> {
+        if self.known.contains_key(&frame) {
+            return Ok(());
+        }
+        let rank = |f: &usize| (std::cmp::Reverse(self.evidence[f].num_shown()), *f);
+        let own = rank(&frame);
+        let better = self.nearest(frame, |f| rank(f) < own);
+        let picture = pictures(frame)?;
+        let luma = halved(&luma(&picture));
+        let mut before = self.blended(&Seen::at_half(scene, frame));
+        if !better.is_empty() {
+            self.look_up(scene, frame, &better, &luma, &mut before, pictures)?;
+        }
+        let evidence = &self.evidence[&frame];
+        let known = (!better.is_empty()).then_some(&before[..]);
+        let spread = spread_over(&picture, &scene.field_of_view, evidence, self.names.len(), known);
+        let [whole_width, whole_height] = [picture.width(), picture.height()].map(|side| side as usize);
+        let mut shares = self.refined(picture, spread);
+        keep_marked(evidence, &mut shares);
+        let half = |plane: Vec<f32>| halved(&Grid::from_vec(whole_width, whole_height, plane)).data;
+        let shares = shares.into_par_iter().map(half).collect();
+        let mut weights = vec![UNMARKED; luma.data.len()];
+        for i in evidence.pixels() {
+            let (x, y) = (i % whole_width / 2, i / whole_width / 2);
+            weights[y.min(luma.height - 1) * luma.width + x.min(luma.width - 1)] = 1.0;
+        }
+        let trail = Trail::new(frame, luma.clone(), self.settings.mends);
+        self.known.insert(frame, MarkedFrame { luma, trail, shares, weights });
+        Ok(())
+    }
+
+    /// Forgets marked frames that are far away, so that memory does not grow with the recording.
+    fn forget_far(&mut self, frame: usize) {
+        while self.known.len() > MOST_KNOWN {
+            let farthest = self.known.keys().copied().max_by_key(|f| (f.abs_diff(frame), *f));
+            farthest.and_then(|farthest| self.known.remove(&farthest));
+        }
+    }
+
+    /// Returns the place where one more mark would help most: on the frame with most pixels in doubt, without
+    /// those that are marked. `None` if every frame is marked.
+    pub fn look_here(&mut self, scene: &Scene, pictures: &mut Pictures<'_>) -> Result<Option<LookHere>> {
+        let mut best: Option<LookHere> = None;
+        for frame in (0..scene.num_frames()).filter(|f| !self.evidence.contains_key(f)).collect::<Vec<_>>() {
+            let doubt = self.on_frame(scene, frame, pictures)?.doubt;
+            let here = most_doubtful(frame, &doubt, &scene.field_of_view);
+            if best.as_ref().is_none_or(|best| here.doubt > best.doubt) {
+                best = Some(here);
+            }
+        }
+        Ok(best)
+    }
+}
+
+/// Sets marked pixels to what the marks say. Shares that are denied go to the other names and to none.
+pub(super) fn keep_marked(evidence: &Evidence, shares: &mut [Vec<f32>]) {
+    for i in evidence.pixels() {
+        let denied: f32 =
+            (0..shares.len()).filter(|k| evidence.at(i, *k) == (1.0, 0.0)).map(|k| shares[k][i]).sum();
+        for (k, plane) in shares.iter_mut().enumerate() {
+            plane[i] = match evidence.at(i, k) {
+                (1.0, marked) => marked,
+                _ => (plane[i] / (1.0 - denied).max(f32::EPSILON)).clamp(0.0, 1.0),
+            };
+        }
+    }
+}
+
+/// Weight of each pixel: how much a frame and a marked one, seen along `way`, look alike around it; 0 where
+/// the way leads out of the picture.
+fn alike(
+    luma: &Grid<f32>,
+    marked: &MarkedFrame,
+    way: &Grid<Vector>,
+    field_of_view: &Mask,
+    most: f32,
+) -> Grid<f32> {
+    let (width, height) = (way.width, way.height);
+    // Place that the way of pixel `i` leads to, if that is in the field of view.
+    let seen = |i: usize| {
+        let [x, y] = [(i % width) as f32 + way.data[i][0], (i / width) as f32 + way.data[i][1]];
+        let is_inside = x >= -0.5 && y >= -0.5 && x < width as f32 - 0.5 && y < height as f32 - 0.5;
+        let at = is_inside.then(|| (y + 0.5) as usize * width + (x + 0.5) as usize)?;
+        field_of_view.data.get(at).is_none_or(|v| *v).then_some(at)
+    };
+    let mut differences = vec![0.0; width * height];
+    differences.par_iter_mut().with_min_len(4096).enumerate().for_each(|(i, d)| {
+        *d = seen(i).map_or(255.0, |at| (luma.data[i] - marked.luma.data[at]).abs());
+    });
+    let mut weights = box_means(&differences, width, height);
+    weights.par_iter_mut().with_min_len(4096).enumerate().for_each(|(i, weight)| {
+        let marked = seen(i).map_or(0.0, |at| marked.weights[at]);
+        *weight = most * marked / (1.0 + (*weight / DIFFERENCE).powi(2));
+    });
+    Grid::from_vec(width, height, weights)
+}
+
+/// Means over squares of 2 [`COMPARED_PX`] + 1 pixels, cut at the border.
+fn box_means(values: &[f32], width: usize, height: usize) -> Vec<f32> {
+    let mut rows = vec![0.0; values.len()];
+    rows.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
+        let line = &values[y * width..(y + 1) * width];
+        for (x, v) in row.iter_mut().enumerate() {
+            let window = &line[x.saturating_sub(COMPARED_PX)..(x + COMPARED_PX + 1).min(width)];
+            *v = window.iter().sum::<f32>() / window.len() as f32;
+        }
+    });
+    let mut out = vec![0.0; values.len()];
+    out.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
+        let window = y.saturating_sub(COMPARED_PX)..(y + COMPARED_PX + 1).min(height);
+        let lines = window.len() as f32;
+        for other in window {
+            row.iter_mut().zip(&rows[other * width..(other + 1) * width]).for_each(|(o, v)| *o += v / lines);
+        }
+    });
+    out
+}
+
+/// Adds weight · marked(x + way) to every pixel x.
+fn add_seen(plane: &mut [f32], marked: &[f32], way: &Grid<Vector>, weights: &Grid<f32>) {
+    let (width, height) = (way.width, way.height);
+    for (i, value) in plane.iter_mut().enumerate() {
+        let [u, v] = way.data[i];
+        // `max` returns the number if the other is NaN.
+        let x = ((i % width) as f32 + u).max(0.0).min((width - 1) as f32);
+        let y = ((i / width) as f32 + v).max(0.0).min((height - 1) as f32);
+        let (left, top) = (x as usize, y as usize);
+        let (right, bottom) = ((left + 1).min(width - 1), (top + 1).min(height - 1));
+        let (across, down) = (x - left as f32, y - top as f32);
+        let at = |x: usize, y: usize| marked[y * width + x];
+        let upper = at(left, top) + across * (at(right, top) - at(left, top));
+        let lower = at(left, bottom) + across * (at(right, bottom) - at(left, bottom));
+        *value += weights.data[i] * (upper + down * (lower - upper));
+    }
+}
+
+/// Turns shares into scores: p / (p + the largest of the others), nothing being one of them.
+fn scores(shares: &[Vec<f32>], width: usize, height: usize) -> FrameScores {
+    let pixels = width * height;
+    let mut planes = vec![vec![0.0; pixels]; shares.len()];
+    let mut doubt = vec![0.0; pixels];
+    for i in 0..pixels {
+        let none = (1.0 - shares.iter().map(|plane| plane[i]).sum::<f32>()).max(0.0);
+        // The two largest, and the place of the largest.
+        let (mut first, mut second, mut place) = (none, 0.0, usize::MAX);
+        for (k, plane) in shares.iter().enumerate() {
+            if plane[i] > first {
+                (second, first, place) = (first, plane[i], k);
+            } else if plane[i] > second {
+                second = plane[i];
+            }
+        }
+        for (k, plane) in planes.iter_mut().enumerate() {
+            let (own, other) = (shares[k][i], if k == place { second } else { first });
+            plane[i] = if own > 0.0 { own / (own + other) } else { 0.0 };
+        }
+        doubt[i] = 1.0 - (first - second);
+    }
+    let grid = |data| Grid::from_vec(width, height, data);
+    FrameScores { scores: planes.into_iter().map(grid).collect(), doubt: grid(doubt) }
+}
+
+/// Side of the squares whose mean doubt is compared, px.
+const LOOKED_AT_PX: usize = 32;
+
+fn most_doubtful(frame: usize, doubt: &Grid<f32>, keep: &Mask) -> LookHere {
+    let (width, height) = (doubt.width, doubt.height);
+    let columns = width.div_ceil(LOOKED_AT_PX);
+    let mut sums = vec![0.0_f32; columns * height.div_ceil(LOOKED_AT_PX)];
+    for (i, doubt) in doubt.data.iter().enumerate().filter(|(i, _)| keep.data[*i]) {
+        sums[i / width / LOOKED_AT_PX * columns + i % width / LOOKED_AT_PX] += doubt;
+    }
+    let total: f32 = sums.iter().sum();
+    let best = (0..sums.len()).max_by(|a, b| sums[*a].total_cmp(&sums[*b])).unwrap_or(0);
+    let middle =
+        |cell: usize, size: usize| ((cell * LOOKED_AT_PX + LOOKED_AT_PX / 2).min(size - 1)) as f32 + 0.5;
+    LookHere {
+        frame,
+        point_px: [middle(best % columns, width), middle(best / columns, height)],
+        doubt: total / keep.count().max(1) as f32,
+    }
+}

@@ -1,0 +1,163 @@
+//! A marked frame as a grid of small squares, which marks are spread over: it knows the borders of its picture
+//! better than Gaussians do.
+
+use super::{
+    Evidence,
+    links::{Links, look},
+    seeds::Seeds,
+    spread::{PULL, spread},
+};
+use crate::grid::Mask;
+use image::RgbImage;
+
+/// Side of the squares, px.
+const CELL: usize = 4;
+/// Difference of roots of colours, of 0 to 1, at which neighbours weigh e^(−½).
+const COLOUR: f32 = 0.05;
+/// Power of the mean share that a share is multiplied by.
+const AREA: f32 = 0.3;
+/// Weight of what is known from other marked frames, for each square.
+const KNOWN: f32 = 0.1;
+
+/// Spreads the marks of a frame over its picture, from what is known of it: shares of each name, [names][pixels]
+/// at half size, rounded down; `known` is such, too.
+pub(super) fn spread_over(
+    picture: &RgbImage,
+    field_of_view: &Mask,
+    evidence: &Evidence,
+    num_names: usize,
+    known: Option<&[Vec<f32>]>,
+) -> Vec<Vec<f32>> {
+    let (width, height) = (picture.width() as usize, picture.height() as usize);
+    let cells = Cells { width, height, columns: width.div_ceil(CELL), rows: height.div_ceil(CELL) };
+    let mut seeds = cells.seeds(evidence, num_names);
+    if let Some(known) = known {
+        for (k, known) in known.iter().enumerate() {
+            for (cell, known) in cells.of_half(known).into_iter().enumerate() {
+                seeds.weights[k][cell] += KNOWN;
+                seeds.shares[k][cell] += KNOWN * known;
+            }
+        }
+    }
+    let links = cells.links(picture, field_of_view);
+    let mut shares = spread(&links, &seeds, None, PULL, known.is_none());
+    if known.is_none() {
+        weigh_by_area(&mut shares);
+    }
+    shares.iter().map(|share| cells.at_half(share)).collect()
+}
+
+/// Multiplies shares by a power of their mean, and keeps their sums: a walker leaves a small structure for the
+/// large one around it too late.
+fn weigh_by_area(shares: &mut [Vec<f32>]) {
+    let mean = |plane: &Vec<f32>| plane.iter().sum::<f32>() / plane.len() as f32;
+    let factors: Vec<f32> = shares.iter().map(|plane| mean(plane).max(1e-6).powf(AREA)).collect();
+    for i in 0..shares.first().map_or(0, Vec::len) {
+        let before: f32 = shares.iter().map(|plane| plane[i]).sum();
+        let after: f32 = shares.iter().zip(&factors).map(|(plane, f)| f * plane[i]).sum();
+        let scale = if after > 0.0 { before / after } else { 0.0 };
+        shares.iter_mut().zip(&factors).for_each(|(plane, f)| plane[i] *= f * scale);
+    }
+}
+
+/// The squares of a picture.
+struct Cells {
+    width: usize,
+    height: usize,
+    columns: usize,
+    rows: usize,
+}
+
+impl Cells {
+    fn of(&self, i: usize) -> usize {
+        i / self.width / CELL * self.columns + i % self.width / CELL
+    }
+
+    /// Means of the pixels of each square.
+    fn means(&self, at: impl Fn(usize) -> f32) -> Vec<f32> {
+        let mut sums = vec![(0.0, 0.0); self.columns * self.rows];
+        for i in 0..self.width * self.height {
+            let (sum, count) = &mut sums[self.of(i)];
+            (*sum, *count) = (*sum + at(i), *count + 1.0);
+        }
+        sums.into_iter().map(|(sum, count)| sum / count).collect()
+    }
+
+    fn seeds(&self, evidence: &Evidence, num_names: usize) -> Seeds {
+        let zeros = vec![vec![0.0; self.columns * self.rows]; num_names];
+        let mut seeds = Seeds { weights: zeros.clone(), shares: zeros };
+        for i in evidence.pixels() {
+            let cell = self.of(i);
+            for k in 0..num_names {
+                let (weight, share) = evidence.at(i, k);
+                seeds.weights[k][cell] += weight;
+                seeds.shares[k][cell] += weight * share;
+            }
+        }
+        seeds
+    }
+
+    /// Links each square with the eight around it that are in the field of view, too.
+    fn links(&self, picture: &RgbImage, field_of_view: &Mask) -> Links {
+        let raw = picture.as_raw();
+        let root = |c: usize| {
+            let mean = self.means(|i| f32::from(raw[3 * i + c]) / 255.0);
+            mean.into_iter().map(f32::sqrt).collect::<Vec<_>>()
+        };
+        let roots = [root(0), root(1), root(2)];
+        let inside = self.means(|i| if field_of_view.data.get(i).is_none_or(|v| *v) { 1.0 } else { 0.0 });
+        let colour = |cell: usize| [0, 1, 2].map(|c| roots[c][cell]);
+        let place = |cell: usize| {
+            [cell % self.columns, cell / self.columns].map(|at| (at * CELL) as f32 / self.width as f32)
+        };
+        let looks = (0..inside.len()).map(|cell| look(colour(cell), place(cell))).collect();
+        let link = |cell: usize, (dx, dy): (isize, usize)| {
+            let x = (cell % self.columns).checked_add_signed(dx).filter(|x| *x < self.columns)?;
+            let y = Some(cell / self.columns + dy).filter(|y| *y < self.rows)?;
+            let other = y * self.columns + x;
+            let (a, b) = (colour(cell), colour(other));
+            let difference_2: f32 = (0..3).map(|c| ((a[c] - b[c]) / COLOUR).powi(2)).sum();
+            let length = ((dx * dx) as f32 + (dy * dy) as f32).sqrt();
+            let weight = (-0.5 * difference_2).exp() / length;
+            (inside[cell] > 0.5 && inside[other] > 0.5).then_some((cell as u32, other as u32, weight))
+        };
+        let steps = [(1, 0), (0, 1), (1, 1), (-1, 1)];
+        let each =
+            (0..inside.len()).flat_map(|cell| steps.into_iter().filter_map(move |step| link(cell, step)));
+        Links::new(looks, each.collect::<Vec<_>>().into_iter())
+    }
+
+    /// Returns the size of the picture at half size.
+    fn half(&self) -> [usize; 2] {
+        [self.width / 2, self.height / 2]
+    }
+
+    /// Returns the values of an image of half size in the middle of each square.
+    fn of_half(&self, values: &[f32]) -> Vec<f32> {
+        let [width, height] = self.half();
+        let at = |cell: usize| {
+            let (x, y) = (cell % self.columns * CELL / 2, cell / self.columns * CELL / 2);
+            values[(y + CELL / 4).min(height - 1) * width + (x + CELL / 4).min(width - 1)]
+        };
+        (0..self.columns * self.rows).map(at).collect()
+    }
+
+    /// Interpolates values of squares at every pixel of half size.
+    fn at_half(&self, values: &[f32]) -> Vec<f32> {
+        let [width, height] = self.half();
+        let place = |at: usize, cells: usize| {
+            let at = ((at as f32 + 0.5) * 2.0 / CELL as f32 - 0.5).clamp(0.0, (cells - 1) as f32);
+            (at as usize, (at as usize + 1).min(cells - 1), at - at.floor())
+        };
+        let value = |i: usize| {
+            let (left, right, across) = place(i % width, self.columns);
+            let (top, bottom, down) = place(i / width, self.rows);
+            let row = |y: usize| {
+                let row = &values[y * self.columns..(y + 1) * self.columns];
+                row[left] + across * (row[right] - row[left])
+            };
+            (row(top) + down * (row(bottom) - row(top))).clamp(0.0, 1.0)
+        };
+        (0..width * height).map(value).collect()
+    }
+}

@@ -1,0 +1,80 @@
+//! What the marks on a frame say of its pixels.
+
+use super::Marks;
+use crate::scene::Scene;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Evidence of the marks on one frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Evidence {
+    /// The frame.
+    pub frame: usize,
+    /// Verdicts of each pixel, [pixels][names]: 1 for names that it shows, −1 for names that it does not,
+    /// 0 where the marks say nothing or as much for as against.
+    verdicts: Vec<i8>,
+    num_names: usize,
+}
+
+impl Evidence {
+    /// Sums up the marks on a frame. `names` are those that count, in the order of the verdicts.
+    pub fn of(marks: &Marks, frame: usize, names: &[String], [width, height]: [usize; 2]) -> Self {
+        let num_names = names.len();
+        let mut votes = vec![0_i32; width * height * num_names];
+        for mark in marks.on(frame) {
+            let Some(k) = names.iter().position(|name| *name == mark.name) else { continue };
+            let vote = if mark.add { 1 } else { -1 };
+            let pixels = mark.shape.pixels(width, height);
+            for (i, _) in pixels.data.iter().enumerate().filter(|(_, is_marked)| **is_marked) {
+                votes[i * num_names + k] += vote;
+            }
+        }
+        Self { frame, verdicts: votes.iter().map(|v| v.signum() as i8).collect(), num_names }
+    }
+
+    /// Sums up all marks, by frame: those frames on which they say something.
+    pub(super) fn of_all(marks: &Marks, names: &[String], scene: &Scene) -> BTreeMap<usize, Self> {
+        let size = scene.cameras.first().map_or([0; 2], |c| [c.width as usize, c.height as usize]);
+        let each = marks.frames().into_iter().map(|frame| (frame, Self::of(marks, frame, names, size)));
+        each.filter(|(_, evidence)| !evidence.is_empty()).collect()
+    }
+
+    /// Returns `true` if the marks say nothing of any pixel.
+    pub fn is_empty(&self) -> bool {
+        self.verdicts.iter().all(|v| *v == 0)
+    }
+
+    /// Returns the weight (0 or 1) and the share (0–1) of name `k` at pixel `i`. A pixel that shows some names
+    /// is shared by them, and shows no other.
+    pub fn at(&self, i: usize, k: usize) -> (f32, f32) {
+        let verdicts = &self.verdicts[i * self.num_names..(i + 1) * self.num_names];
+        let shown = verdicts.iter().filter(|v| **v > 0).count();
+        match (verdicts[k], shown) {
+            (1, shown) => (1.0, 1.0 / shown as f32),
+            (_, 1..) | (-1, 0) => (1.0, 0.0),
+            _ => (0.0, 0.0),
+        }
+    }
+
+    /// Returns the number of names that some pixel shows.
+    pub(super) fn num_shown(&self) -> usize {
+        let shows = |k: &usize| self.verdicts.iter().skip(*k).step_by(self.num_names).any(|v| *v > 0);
+        (0..self.num_names).filter(shows).count()
+    }
+
+    /// Returns the pixels that marks say something of.
+    pub(super) fn pixels(&self) -> impl Iterator<Item = usize> {
+        let pixels = self.verdicts.chunks_exact(self.num_names.max(1)).enumerate();
+        pixels.filter(|(_, verdicts)| verdicts.iter().any(|v| *v != 0)).map(|(i, _)| i)
+    }
+
+    /// Returns weight and share planes of the names from `first` on, at most `count`: [count][pixels] each.
+    pub(super) fn planes(&self, first: usize, count: usize) -> (Vec<f32>, Vec<f32>) {
+        let pixels = self.verdicts.len() / self.num_names.max(1);
+        let plane = |k: usize| (0..pixels).map(move |i| self.at(i, k)).unzip::<f32, f32, Vec<_>, Vec<_>>();
+        let names = first..(first + count).min(self.num_names);
+        let planes: Vec<(Vec<f32>, Vec<f32>)> = names.into_par_iter().map(plane).collect();
+        let (weights, shares): (Vec<_>, Vec<_>) = planes.into_iter().unzip();
+        (weights.concat(), shares.concat())
+    }
+}

@@ -1,0 +1,202 @@
+//! Guided filter (He, Sun and Tang 2013, "Guided image filtering"; fast form of He and Sun 2015): borders of
+//! shares move to borders of the picture.
+//!
+//! In each window q = a · I + b is fitted to the shares by least squares, with I the colours. The fit is made
+//! on a picture of a quarter of the size, to shares of half the size; its coefficients are applied to the whole
+//! picture.
+
+use crate::grid::Grid;
+use image::RgbImage;
+use rayon::prelude::*;
+
+/// Side of the squares whose means the fit uses, px; and of those of half the size.
+const CELL: usize = 4;
+const HALF_CELL: usize = CELL / 2;
+/// Half the window, in widths of the picture; at least one square.
+const REACH: f32 = 0.024;
+/// Addend to the variances of colours, of 0 to 1: slopes of less contrast are not followed.
+const SMOOTHING: f32 = 3e-4;
+
+/// A picture to filter by, with everything that does not depend on the shares.
+pub(super) struct Guide {
+    picture: RgbImage,
+    /// Mean colours of the squares.
+    small: Grid<[f32; 3]>,
+    /// Mean colour of each window, and the inverse covariance: xx, xy, xz, yy, yz, zz.
+    means: Vec<[f32; 3]>,
+    inverses: Vec<[f32; 6]>,
+}
+
+impl Guide {
+    pub(super) fn new(picture: RgbImage) -> Self {
+        let (width, height) = (picture.width() as usize, picture.height() as usize);
+        let raw = picture.as_raw();
+        // What is left over at the right and at the bottom belongs to the last squares.
+        let columns = (width / 2).div_ceil(HALF_CELL);
+        let rows = (height / 2).div_ceil(HALF_CELL);
+        let colour = |i: usize| std::array::from_fn(|c| f32::from(raw[3 * i + c]) / 255.0);
+        let small = shrunk([width, height], CELL, [columns, rows], colour);
+        let size = (small.width, small.height);
+        let products = |a: usize, b: usize| small.data.iter().map(|v| v[a] * v[b]).collect::<Vec<f32>>();
+        let first: Vec<Vec<f32>> = (0..3)
+            .map(|c| window_means(&small.data.iter().map(|v| v[c]).collect::<Vec<_>>(), size))
+            .collect();
+        let pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+        let second: Vec<Vec<f32>> =
+            pairs.par_iter().map(|(a, b)| window_means(&products(*a, *b), size)).collect();
+        let means: Vec<[f32; 3]> =
+            (0..small.data.len()).map(|i| std::array::from_fn(|c| first[c][i])).collect();
+        let inverse = |i: usize| {
+            let m = means[i];
+            let covariance: [f32; 6] = std::array::from_fn(|p| {
+                let (a, b) = pairs[p];
+                second[p][i] - m[a] * m[b] + if a == b { SMOOTHING } else { 0.0 }
+            });
+            inverse_of(covariance)
+        };
+        let inverses = (0..small.data.len()).map(inverse).collect();
+        Self { picture, small, means, inverses }
+    }
+
+    /// Filters the shares of every pixel at half size, rounded down; returns them at full size.
+    pub(super) fn filter(&self, shares: &[f32]) -> Vec<f32> {
+        let half = [self.picture.width(), self.picture.height()].map(|side| side as usize / 2);
+        let size = (self.small.width, self.small.height);
+        let small = shrunk(half, HALF_CELL, [size.0, size.1], |i| [shares[i]]);
+        let values: Vec<f32> = small.data.iter().map(|[v]| *v).collect();
+        let mean = window_means(&values, size);
+        let with = |c: usize| {
+            let products: Vec<f32> = self.small.data.iter().zip(&values).map(|(i, v)| i[c] * v).collect();
+            window_means(&products, size)
+        };
+        let products = [with(0), with(1), with(2)];
+        let fit = |i: usize| -> [f32; 4] {
+            let (m, s) = (self.means[i], self.inverses[i]);
+            let v: [f32; 3] = std::array::from_fn(|c| products[c][i] - m[c] * mean[i]);
+            let a = [
+                s[0] * v[0] + s[1] * v[1] + s[2] * v[2],
+                s[1] * v[0] + s[3] * v[1] + s[4] * v[2],
+                s[2] * v[0] + s[4] * v[1] + s[5] * v[2],
+            ];
+            [a[0], a[1], a[2], mean[i] - a[0] * m[0] - a[1] * m[1] - a[2] * m[2]]
+        };
+        let fits: Vec<[f32; 4]> = (0..values.len()).map(fit).collect();
+        let smooth: Vec<Vec<f32>> =
+            (0..4).map(|c| window_means(&fits.iter().map(|f| f[c]).collect::<Vec<_>>(), size)).collect();
+        let fits = Grid::from_vec(
+            size.0,
+            size.1,
+            (0..fits.len()).map(|i| std::array::from_fn(|c| smooth[c][i])).collect(),
+        );
+        self.apply(&fits)
+    }
+
+    /// Applies interpolated coefficients to the whole picture.
+    fn apply(&self, fits: &Grid<[f32; 4]>) -> Vec<f32> {
+        let (width, height) = (self.picture.width() as usize, self.picture.height() as usize);
+        let raw = self.picture.as_raw();
+        let mut out = vec![0.0; width * height];
+        let place = |at: usize, cells: usize| {
+            let at = ((at as f32 + 0.5) / CELL as f32 - 0.5).clamp(0.0, (cells - 1) as f32);
+            let low = at as usize;
+            (low, (low + 1).min(cells - 1), at - low as f32)
+        };
+        let columns: Vec<_> = (0..width).map(|x| place(x, fits.width)).collect();
+        out.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
+            let (top, bottom, down) = place(y, fits.height);
+            let line: Vec<[f32; 4]> = fits
+                .row(top)
+                .iter()
+                .zip(fits.row(bottom))
+                .map(|(a, b)| std::array::from_fn(|c| a[c] + down * (b[c] - a[c])))
+                .collect();
+            for (x, out) in row.iter_mut().enumerate() {
+                let (left, right, across) = columns[x];
+                let pixel = &raw[3 * (y * width + x)..3 * (y * width + x) + 3];
+                let fit = |c: usize| line[left][c] + across * (line[right][c] - line[left][c]);
+                let colour = |c: usize| f32::from(pixel[c]) / 255.0;
+                let value = fit(0) * colour(0) + fit(1) * colour(1) + fit(2) * colour(2) + fit(3);
+                *out = value.clamp(0.0, 1.0);
+            }
+        });
+        out
+    }
+}
+
+/// Means of squares of `cell`² pixels; the last ones of a row or column may be larger or smaller.
+fn shrunk<const N: usize>(
+    [width, height]: [usize; 2],
+    cell: usize,
+    [columns, rows]: [usize; 2],
+    at: impl Fn(usize) -> [f32; N],
+) -> Grid<[f32; N]> {
+    let mut sums = vec![([0.0; N], 0.0); columns * rows];
+    for y in 0..height {
+        let row = (y / cell).min(rows - 1) * columns;
+        for x in 0..width {
+            let value = at(y * width + x);
+            let (sum, count) = &mut sums[row + (x / cell).min(columns - 1)];
+            (0..N).for_each(|c| sum[c] += value[c]);
+            *count += 1.0;
+        }
+    }
+    let mean = |(sum, count): ([f32; N], f32)| sum.map(|v| v / count);
+    Grid::from_vec(columns, rows, sums.into_iter().map(mean).collect())
+}
+
+/// Means over windows of twice [`REACH`] along both axes, cut at the border.
+fn window_means(values: &[f32], (width, height): (usize, usize)) -> Vec<f32> {
+    let reach = (REACH * width as f32).round().max(1.0) as usize;
+    let mut rows = vec![0.0; values.len()];
+    for y in 0..height {
+        line_means(&values[y * width..(y + 1) * width], reach, &mut rows[y * width..(y + 1) * width]);
+    }
+    let (mut out, mut column, mut means) = (vec![0.0; values.len()], vec![0.0; height], vec![0.0; height]);
+    for x in 0..width {
+        (0..height).for_each(|y| column[y] = rows[y * width + x]);
+        line_means(&column, reach, &mut means);
+        (0..height).for_each(|y| out[y * width + x] = means[y]);
+    }
+    out
+}
+
+fn line_means(values: &[f32], reach: usize, means: &mut [f32]) {
+    for (i, mean) in means.iter_mut().enumerate() {
+        let window = &values[i.saturating_sub(reach)..(i + reach + 1).min(values.len())];
+        *mean = window.iter().sum::<f32>() / window.len() as f32;
+    }
+}
+
+/// Inverse of a symmetric matrix: xx, xy, xz, yy, yz, zz.
+fn inverse_of([a, b, c, d, e, f]: [f32; 6]) -> [f32; 6] {
+    let cofactors =
+        [d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b];
+    let determinant = a * cofactors[0] + b * cofactors[1] + c * cofactors[2];
+    cofactors.map(|v| v / determinant.max(f32::MIN_POSITIVE))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::Rgb;
+
+    #[test]
+    fn borders_move_to_those_of_the_picture() {
+        let colour = |x: u32| if x < 240 { [200, 60, 50] } else { [60, 90, 70] };
+        let guide = Guide::new(RgbImage::from_fn(480, 32, |x, _| Rgb(colour(x))));
+        // Six pixels too far to the right.
+        let shares: Vec<f32> = (0..240 * 16).map(|i| if i % 240 < 123 { 1.0 } else { 0.0 }).collect();
+        let filtered = guide.filter(&shares);
+        let row = &filtered[16 * 480..17 * 480];
+        assert!(row[238] > 0.5 && row[241] < 0.5, "{:?}", &row[230..250]);
+        assert!(row[20] > 0.95 && row[460] < 0.05);
+    }
+
+    #[test]
+    fn a_flat_picture_keeps_constant_shares() {
+        let guide = Guide::new(RgbImage::from_pixel(10, 7, Rgb([9, 9, 9])));
+        assert!(guide.filter(&[0.25; 15]).iter().all(|v| (v - 0.25).abs() < 1e-4));
+        let inverse = inverse_of([2.0, 0.0, 0.0, 4.0, 0.0, 5.0]);
+        assert_eq!(inverse, [0.5, 0.0, 0.0, 0.25, 0.0, 0.2]);
+    }
+}

@@ -1,0 +1,175 @@
+//! Marks by hand: what is marked on some frames is carried to all of them (method §12).
+//!
+//! ```text
+//! marks ─▶ pixels ─┬▶ seeds on Gaussians ─▶ spread over their graph ─────────────────┐
+//!                  │                      (place, colour, motion)                    ├─▶ mixed ─▶ refined ─▶ scores
+//!                  └▶ spread over the marked frames ─▶ looked up along optical flow ─┘
+//! ```
+//!
+//! [`Marks`] reads and checks marks, [`Evidence`] tells what they say of each pixel of a frame, and
+//! [`Carried`] answers for every frame. Nothing depends on the order of marks, and a mark and its opposite
+//! leave nothing.
+
+mod carried;
+mod cells;
+mod coco;
+mod correction;
+mod evidence;
+mod graph;
+mod guided;
+mod links;
+mod read;
+mod seeds;
+mod seen;
+mod shape;
+mod spread;
+#[cfg(test)]
+mod tests;
+mod trail;
+
+pub use carried::{Carried, CarrySettings, FrameScores, LookHere};
+pub use correction::Correction;
+pub use evidence::Evidence;
+pub use graph::Graph;
+pub use shape::Shape;
+
+use crate::{
+    Error, Result,
+    hash::sha256,
+    sequence::{Sequence, plain_words},
+};
+use std::collections::BTreeSet;
+
+/// A mark by hand on a frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mark {
+    /// The frame, counted from 0.
+    pub frame: usize,
+    /// Name of the structure, in plain lower-case words.
+    pub name: String,
+    /// `true` if the pixels show the structure, `false` if they do not.
+    pub add: bool,
+    /// The marked pixels.
+    pub shape: Shape,
+}
+
+/// The recording that marks are made on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Canvas {
+    /// Number of columns.
+    pub width: usize,
+    /// Number of rows.
+    pub height: usize,
+    /// Name of each frame, to find frames that a file names; empty if they are not known.
+    pub frame_names: Vec<String>,
+    /// Number of frames.
+    pub num_frames: usize,
+}
+
+impl Canvas {
+    /// Returns the canvas that a recording is.
+    pub fn of(sequence: &Sequence) -> Self {
+        let num_frames = sequence.num_frames();
+        let frame_names = (0..num_frames).map(|i| sequence.frame_name(i)).collect();
+        Self { width: sequence.width(), height: sequence.height(), frame_names, num_frames }
+    }
+}
+
+/// Marks that fit a recording; their order does not matter.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Marks {
+    marks: Vec<Mark>,
+}
+
+impl Mark {
+    /// Creates a mark; the name becomes plain words.
+    pub fn new(frame: usize, name: &str, add: bool, shape: Shape) -> Self {
+        Self { frame, name: plain_words(name), add, shape }
+    }
+
+    /// Returns the reason why the mark cannot be on `canvas`, if there is one.
+    fn problem(&self, canvas: &Canvas) -> Option<String> {
+        if self.name.is_empty() {
+            return Some("it has no name".into());
+        }
+        if self.frame >= canvas.num_frames {
+            let last = canvas.num_frames.saturating_sub(1);
+            return Some(format!("there is no frame {}; the last one is {last}", self.frame));
+        }
+        self.shape.problem(canvas.width, canvas.height)
+    }
+}
+
+impl Marks {
+    /// Takes marks that fit the recording.
+    ///
+    /// # Errors
+    /// The first mark that lies outside the picture, is on no frame, has no name, or is made of numbers that
+    /// are not finite; the message names it.
+    pub fn new(marks: Vec<Mark>, canvas: &Canvas) -> Result<Self> {
+        for (i, mark) in marks.iter().enumerate() {
+            if let Some(problem) = mark.problem(canvas) {
+                return Err(bad_mark(&name_of(i, &mark.name, Some(mark.frame)), &problem));
+            }
+        }
+        Ok(Self { marks })
+    }
+
+    /// Takes marks that are known to fit.
+    pub(crate) fn unchecked(marks: Vec<Mark>) -> Self {
+        Self { marks }
+    }
+
+    /// Returns the marks.
+    pub fn all(&self) -> &[Mark] {
+        &self.marks
+    }
+
+    /// Returns `true` if there are no marks.
+    pub fn is_empty(&self) -> bool {
+        self.marks.is_empty()
+    }
+
+    /// Returns the names, sorted, each once.
+    pub fn names(&self) -> Vec<String> {
+        let names: BTreeSet<&str> = self.marks.iter().map(|m| m.name.as_str()).collect();
+        names.into_iter().map(str::to_owned).collect()
+    }
+
+    /// Returns the marked frames, ascending.
+    pub fn frames(&self) -> Vec<usize> {
+        let frames: BTreeSet<usize> = self.marks.iter().map(|m| m.frame).collect();
+        frames.into_iter().collect()
+    }
+
+    /// Returns the SHA-256 over all marks in a fixed order, hexadecimal.
+    pub fn digest(&self) -> String {
+        let line = |m: &Mark| format!("{} {:?} {} {}", m.frame, m.name, m.add, m.shape.written());
+        let mut lines: Vec<String> = self.marks.iter().map(line).collect();
+        lines.sort_unstable();
+        sha256(lines.join("\n").as_bytes())
+    }
+
+    /// Returns the marks of some names.
+    pub fn named(&self, names: &[&String]) -> Self {
+        let of = |m: &&Mark| names.contains(&&m.name);
+        Self { marks: self.marks.iter().filter(of).cloned().collect() }
+    }
+
+    /// Returns the marks on a frame.
+    pub fn on(&self, frame: usize) -> impl Iterator<Item = &Mark> {
+        self.marks.iter().filter(move |m| m.frame == frame)
+    }
+}
+
+/// Returns the words that name a mark in messages.
+fn name_of(i: usize, name: &str, frame: Option<usize>) -> String {
+    let on = frame.map_or(String::new(), |frame| format!(" on frame {frame}"));
+    if name.is_empty() { format!("marks[{i}]{on}") } else { format!("marks[{i}] (\"{name}\"{on})") }
+}
+
+/// Creates the error about one mark.
+fn bad_mark(which: &str, problem: &str) -> Error {
+    let hint = "Correct this mark; frames count from 0, pixels from the upper left corner.";
+    Error::input(format!("{which} cannot be used: {problem}"), hint)
+}

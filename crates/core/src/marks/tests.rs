@@ -1,0 +1,287 @@
+use super::*;
+use crate::{
+    Result,
+    camera::Camera,
+    deform::Deformation,
+    gaussian::{Gaussians, SH_C0},
+    grid::{Grid, Mask},
+    mask::{column_runs, compressed},
+    num::logit,
+    raster::{CpuRenderer, Renderer},
+    scene::{Provenance, Scene},
+};
+use image::RgbImage;
+use proptest::prelude::*;
+use std::{path::Path, sync::Arc};
+
+const SIZE: [usize; 2] = [64, 48];
+const FRAMES: usize = 4;
+
+fn canvas() -> Canvas {
+    let frame_names = (0..FRAMES).map(|i| format!("picture_{i}.png")).collect();
+    Canvas { width: SIZE[0], height: SIZE[1], frame_names, num_frames: FRAMES }
+}
+
+/// A wall that is red on the left and green on the right.
+fn scene() -> Scene {
+    let camera = Camera::with_field_of_view(SIZE[0] as u32, SIZE[1] as u32, 60.0);
+    let places: Vec<(f32, f32)> =
+        (0..24 * 32).map(|i| ((i % 32) as f32 * 2.0 + 1.0, (i / 32) as f32 * 2.0 + 1.0)).collect();
+    let n = places.len();
+    let colour = |&(u, _): &(f32, f32)| {
+        let rgb: [f32; 3] = if u < 32.0 { [0.7, 0.2, 0.2] } else { [0.2, 0.6, 0.3] };
+        rgb.map(|c| (c - 0.5) / SH_C0)
+    };
+    let gaussians = Gaussians {
+        means: places.iter().map(|(u, v)| camera.unproject(*u, *v, 10.0).into()).collect(),
+        rotations: vec![[1.0, 0.0, 0.0, 0.0]; n],
+        log_scales: vec![[(10.0 / camera.fx).ln(); 3]; n],
+        opacity_logits: vec![logit(0.9); n],
+        colours: places.iter().map(colour).collect(),
+        ..Gaussians::default()
+    };
+    Scene {
+        gaussians: gaussians.into(),
+        deformation: Deformation::at_rest(n, 0, 5, 0.25, 2.5).into(),
+        cameras: vec![camera; FRAMES],
+        times: Vec::new(),
+        field_of_view: Mask::filled(SIZE[0], SIZE[1], true),
+        codec: None,
+        classes: Vec::new(),
+        encoder: None,
+        words: Default::default(),
+        provenance: Provenance::default(),
+    }
+}
+
+fn picture(scene: &Scene, frame: usize) -> Result<RgbImage> {
+    Ok(CpuRenderer::default().render(scene, &scene.cameras[frame], scene.time(frame), false)?.to_rgb())
+}
+
+fn scores(marks: Vec<Mark>, frame: usize) -> (Vec<String>, FrameScores) {
+    let scene = scene();
+    let marks = Marks::new(marks, &canvas()).unwrap();
+    let mut carried = Carried::new(&scene, &Graph::of(&scene), &marks, CarrySettings::default());
+    let found = carried.on_frame(&scene, frame, &mut |i| picture(&scene, i)).unwrap();
+    (carried.names().to_vec(), found)
+}
+
+fn stroke(frame: usize, name: &str, add: bool, points: &[[f32; 2]]) -> Mark {
+    Mark::new(frame, name, add, Shape::Stroke { points_px: points.to_vec(), radius_px: 1.5 })
+}
+
+#[test]
+fn a_stroke_on_each_side_finds_both_sides_on_every_frame() {
+    let marks = vec![
+        stroke(1, "Liver", true, &[[8.0, 10.0], [20.0, 40.0]]),
+        stroke(1, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]),
+    ];
+    let (names, found) = scores(marks, 3);
+    assert_eq!(names, ["fat", "liver"]);
+    let share = |k: usize, left: bool| {
+        let inside = |i: &usize| (i % SIZE[0] < SIZE[0] / 2) == left;
+        let pixels: Vec<usize> = (0..SIZE[0] * SIZE[1]).filter(inside).collect();
+        pixels.iter().filter(|i| found.scores[k].data[**i] > 0.5).count() as f32 / pixels.len() as f32
+    };
+    assert!(share(0, false) > 0.97 && share(0, true) < 0.03, "{} {}", share(0, false), share(0, true));
+    assert!(share(1, true) > 0.97 && share(1, false) < 0.03, "{} {}", share(1, true), share(1, false));
+}
+
+#[test]
+fn denied_pixels_are_not_found() {
+    let all = Shape::Box { corners_px: [[0.0, 0.0], [64.0, 48.0]] };
+    let hole = Shape::Box { corners_px: [[10.0, 10.0], [20.0, 20.0]] };
+    let marks = vec![Mark::new(0, "liver", true, all), Mark::new(2, "liver", false, hole.clone())];
+    let (_, found) = scores(marks, 2);
+    let inside = hole.pixels(SIZE[0], SIZE[1]);
+    assert!(inside.data.iter().zip(&found.scores[0].data).all(|(denied, score)| !denied || *score == 0.0));
+    assert!(found.scores[0].at(60, 44) > 0.5, "far away nothing changes");
+}
+
+#[test]
+fn a_correction_changes_its_surroundings_alone() {
+    let scene = scene();
+    let graph = Graph::of(&scene);
+    let before = vec![0.8; scene.gaussians.len()];
+    let mark = stroke(0, "liver", false, &[[6.0, 6.0], [10.0, 6.0]]);
+    let marks = Marks::new(vec![mark], &canvas()).unwrap();
+    let correction = Correction::new(&scene, &graph, &marks, &before);
+    let mut scores = Grid::filled(SIZE[0], SIZE[1], 0.8);
+    let view = (scene.cameras[3], scene.time(3));
+    correction.apply(&scene, view, Some(3), &mut scores);
+    assert!(scores.at(8, 6) < 0.5 && (scores.at(60, 44) - 0.8).abs() < 1e-3);
+    let opposite = stroke(0, "liver", true, &[[6.0, 6.0], [10.0, 6.0]]);
+    let both = Marks::new(vec![marks.all()[0].clone(), opposite], &canvas()).unwrap();
+    let mut unchanged = Grid::filled(SIZE[0], SIZE[1], 0.8);
+    Correction::new(&scene, &graph, &both, &before).apply(&scene, view, Some(0), &mut unchanged);
+    assert_eq!(unchanged, Grid::filled(SIZE[0], SIZE[1], 0.8));
+}
+
+#[test]
+fn more_threads_give_the_same_scores() {
+    let marks = || {
+        vec![
+            stroke(0, "liver", true, &[[8.0, 10.0], [20.0, 40.0]]),
+            stroke(3, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]),
+        ]
+    };
+    let with = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| scores(marks(), 1))
+    };
+    assert_eq!(with(1), with(3));
+}
+
+#[test]
+fn doubt_leads_to_a_frame_without_a_mark() {
+    let scene = scene();
+    let marks = Marks::new(vec![stroke(0, "liver", true, &[[8.0, 10.0], [20.0, 40.0]])], &canvas()).unwrap();
+    let mut carried = Carried::new(&scene, &Graph::of(&scene), &marks, CarrySettings::default());
+    let here = carried.look_here(&scene, &mut |i| picture(&scene, i)).unwrap().unwrap();
+    assert!(here.frame != 0 && (0.0..=1.0).contains(&here.doubt), "{here:?}");
+    assert!(here.point_px[0] < SIZE[0] as f32 && here.point_px[1] < SIZE[1] as f32);
+}
+
+/// Any few marks on the small canvas.
+fn any_marks() -> impl Strategy<Value = Vec<Mark>> {
+    let point = || (0.0f32..64.0, 0.0f32..48.0).prop_map(|(x, y)| [x, y]);
+    let shape = prop_oneof![
+        (point(), 0.0f32..9.0).prop_map(|(point_px, radius_px)| Shape::Click { point_px, radius_px }),
+        (proptest::collection::vec(point(), 1..4), 0.0f32..5.0)
+            .prop_map(|(points_px, radius_px)| Shape::Stroke { points_px, radius_px }),
+        Just(Shape::Box { corners_px: [[3.0, 4.0], [30.0, 20.0]] }),
+        Just(Shape::Polygon { points_px: vec![[5.0, 5.0], [60.0, 8.0], [30.0, 44.0]] }),
+    ];
+    let mark = (0..FRAMES, prop_oneof![Just("liver"), Just("fat")], any::<bool>(), shape)
+        .prop_map(|(frame, name, add, shape)| Mark::new(frame, name, add, shape));
+    proptest::collection::vec(mark, 1..5)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 12, ..ProptestConfig::default() })]
+
+    #[test]
+    fn the_order_of_marks_does_not_matter(marks in any_marks(), turn in 0usize..5, frame in 0..FRAMES) {
+        let mut turned = marks.clone();
+        turned.rotate_left(turn % marks.len());
+        turned.reverse();
+        let digest = |marks: &[Mark]| Marks::new(marks.to_vec(), &canvas()).unwrap().digest();
+        prop_assert_eq!(digest(&marks), digest(&turned));
+        prop_assert_eq!(scores(marks, frame), scores(turned, frame));
+    }
+
+    #[test]
+    fn a_mark_and_its_opposite_leave_nothing(marks in any_marks(), frame in 0..FRAMES) {
+        let opposite = |mark: &Mark| Mark { add: !mark.add, ..mark.clone() };
+        let both: Vec<Mark> = marks.iter().cloned().chain(marks.iter().map(opposite)).collect();
+        let (_, found) = scores(both, frame);
+        prop_assert!(found.scores.iter().all(|plane| plane.data.iter().all(|score| *score == 0.0)));
+    }
+
+    #[test]
+    fn an_undone_mark_never_was(marks in any_marks(), extra in any_marks(), frame in 0..FRAMES) {
+        // Undone by its opposite, over whatever else was marked there.
+        let undone: Vec<Mark> = extra
+            .iter()
+            .map(|m| Mark::new(m.frame, &marks[0].name, m.add, m.shape.clone()))
+            .flat_map(|mark| [Mark { add: !mark.add, ..mark.clone() }, mark])
+            .chain(marks.iter().cloned())
+            .collect();
+        prop_assert_eq!(scores(undone, frame), scores(marks, frame));
+    }
+}
+
+fn read(text: &str) -> Result<Marks> {
+    Marks::parse(text, Path::new("."), &canvas())
+}
+
+fn refused(mark: &str) -> String {
+    read(&format!(
+        r#"{{"marks": [{{"frame": 0, "name": "fat", "kind": "click", "points_px": [[1, 1]]}}, {mark}]}}"#
+    ))
+    .unwrap_err()
+    .to_string()
+}
+
+#[test]
+fn a_file_of_marks_is_read() {
+    let marks = read(
+        r#"{"marks": [
+            {"frame": 2, "name": "Bile_Duct", "kind": "stroke", "add": false, "points_px": [[1, 2], [3.5, 4]], "radius_px": 2},
+            {"frame": 0, "name": "liver", "kind": "click", "points_px": [[64, 48]]},
+            {"frame": 0, "name": "liver", "kind": "box", "points_px": [[1, 1], [9, 9]]}]}"#,
+    )
+    .unwrap();
+    assert_eq!((marks.names(), marks.frames()), (vec!["bile duct".into(), "liver".into()], vec![0, 2]));
+    assert!(!marks.all()[0].add && marks.all()[1].add);
+    assert_eq!(marks.all()[1].shape, Shape::Click { point_px: [64.0, 48.0], radius_px: 6.0 });
+}
+
+#[test]
+fn a_bad_mark_is_named() {
+    for (mark, says) in [
+        (r#"{"frame": 9, "name": "liver", "kind": "click", "points_px": [[1, 1]]}"#, "there is no frame 9"),
+        (r#"{"frame": 1, "name": " ", "kind": "click", "points_px": [[1, 1]]}"#, "no name"),
+        (r#"{"frame": 1, "kind": "click", "points_px": [[1, 1]]}"#, "no name"),
+        (r#"{"name": "liver", "kind": "click", "points_px": [[1, 1]]}"#, "no frame"),
+        (r#"{"frame": 1, "name": "liver", "points_px": [[1, 1]]}"#, "no kind"),
+        (r#"{"frame": 1, "name": "liver", "kind": "lasso"}"#, "lasso"),
+        (r#"{"frame": 1, "name": "liver", "kind": "click", "points_px": [[NaN, 1]]}"#, "not a number"),
+        (r#"{"frame": 1, "name": "liver", "kind": "click", "points_px": [[1, -Infinity]]}"#, "not a number"),
+        (r#"{"frame": 1, "name": "liver", "kind": "click", "points_px": [[65, 1]]}"#, "outside"),
+        (r#"{"frame": 1, "name": "liver", "kind": "click", "points_px": []}"#, "one point"),
+        (
+            r#"{"frame": 1, "name": "liver", "kind": "polygon", "points_px": [[1, 1], [2, 2]]}"#,
+            "three corners",
+        ),
+        (r#"{"frame": 1, "name": "liver", "kind": "mask", "mask": "nowhere.png"}"#, "nowhere.png"),
+        (r#"{"frame": 1, "name": "liver", "kind": "mask"}"#, "no mask picture"),
+        (r#"{"frame": 1, "name": "liver", "kind": "click", "points_px": [[1, 1]], "size": 3}"#, "size"),
+        (r#"{"frame": -1, "name": "liver", "kind": "click", "points_px": [[1, 1]]}"#, "marks[1]"),
+    ] {
+        let message = refused(mark);
+        assert!(message.contains(says) && message.starts_with("marks[1]"), "{mark}: {message}");
+    }
+    assert!(read("{}").unwrap_err().to_string().contains("no list \"marks\""));
+    assert!(read("[").unwrap_err().to_string().contains("no file of marks"));
+}
+
+#[test]
+fn names_that_hold_what_json_lacks_are_left_alone() {
+    let marks = read(
+        r#"{"marks": [{"frame": 0, "name": "NaN \" Infinity", "kind": "click", "points_px": [[1, 1]]}]}"#,
+    );
+    assert_eq!(marks.unwrap().names(), ["na n \" infinity"]);
+}
+
+#[test]
+fn coco_annotations_are_marks() {
+    let mask = Mask::from_vec(SIZE[0], SIZE[1], (0..SIZE[0] * SIZE[1]).map(|i| i % 64 > 50).collect());
+    let runs = compressed(&column_runs(&mask));
+    let file = |annotation: &str| {
+        format!(
+            r#"{{"categories": [{{"id": 1, "name": "liver"}}],
+                "images": [{{"id": 7, "file_name": "x.png", "frame": 2}}, {{"id": 8, "file_name": "picture_3.jpg"}}, {{"id": 9}}],
+                "annotations": [{annotation}]}}"#
+        )
+    };
+    let text = file(&format!(
+        r#"{{"image_id": 7, "category_id": 1, "segmentation": {{"size": [48, 64], "counts": "{runs}"}}}},
+           {{"image_id": 8, "category_id": 1, "segmentation": [[1, 1, 9, 1, 9, 9]]}}"#
+    ));
+    let marks = read(&text).unwrap();
+    assert_eq!((marks.frames(), marks.names()), (vec![2, 3], vec!["liver".to_owned()]));
+    assert_eq!(marks.all()[0].shape, Shape::Mask(Arc::new(mask)));
+    for (annotation, says) in [
+        (r#"{"image_id": 9, "category_id": 1, "segmentation": [[1, 1, 9, 1, 9, 9]]}"#, "no frame"),
+        (r#"{"image_id": 7, "category_id": 2, "segmentation": [[1, 1, 9, 1, 9, 9]]}"#, "no category"),
+        (
+            r#"{"image_id": 7, "category_id": 1, "segmentation": {"size": [4800, 64], "counts": "0"}}"#,
+            "segmentation",
+        ),
+        (r#"{"image_id": 7, "category_id": 1, "segmentation": [[1, 1, 9]]}"#, "segmentation"),
+    ] {
+        let message = read(&file(annotation)).unwrap_err().to_string();
+        assert!(message.contains(says) && message.contains("annotations[0]"), "{message}");
+    }
+}
