@@ -66,6 +66,9 @@ pub struct Provenance {
     pub rendered_by: String,
     /// Prompts of the export.
     pub prompts: Vec<ExportPrompt>,
+    /// SHA-256 over the marks by hand that the answers follow, hexadecimal; `None` without marks.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub marks_sha256: Option<String>,
     /// Words of which nothing was written, because they mean nothing in the recording.
     #[serde(default)]
     pub left_out: Vec<LeftOut>,
@@ -115,6 +118,7 @@ impl Provenance {
             relevancy_rung: rung.to_owned(),
             rendered_by,
             prompts,
+            marks_sha256: None,
             left_out: Vec::new(),
             calibration: scene.words.summary(),
             options,

@@ -24,6 +24,7 @@ mod files;
 mod finish;
 mod labels;
 mod langsplat;
+mod marks;
 #[cfg(test)]
 mod mask_tests;
 mod masks;
@@ -34,6 +35,7 @@ mod tests;
 pub use depth::{Estimator, estimate_depth};
 pub use labels::prepare_from_labels;
 pub use langsplat::{holds_langsplat, read_langsplat, write_langsplat};
+pub use marks::{MarkedNames, prepare_from_marks};
 pub use masks::{FrameFeatures, MASKS_AND_EMBEDDINGS, MaskStore, prepare_from_features};
 pub use origin::{EncoderIdentity, NO_REGION, Origin, RegionMap};
 

@@ -29,6 +29,8 @@ pub enum Origin {
     /// Label masks and the embeddings of their classes' names.
     #[default]
     Labels,
+    /// Marks by hand on some frames, and the embeddings of their names.
+    Marks,
     /// Automatic masks and the embeddings of their contents.
     Masks {
         /// SHA-256 of the models that made the masks.

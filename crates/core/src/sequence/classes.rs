@@ -44,6 +44,11 @@ const COLOURS: [[u8; 3]; 7] = [
     [213, 94, 0],
 ];
 
+/// Returns the colour of the class at a place of a list that gives none.
+pub fn class_colour(place: usize) -> [u8; 3] {
+    COLOURS[place % COLOURS.len()]
+}
+
 /// Checks a class list and turns its names into plain lower-case words.
 pub(super) fn from_entries(entries: &[ClassEntry], path: &Path) -> Result<Vec<Class>> {
     let mut classes: Vec<Class> = Vec::with_capacity(entries.len());
@@ -63,11 +68,7 @@ pub(super) fn from_entries(entries: &[ClassEntry], path: &Path) -> Result<Vec<Cl
                 "Names must not be empty and must differ.",
             ));
         }
-        classes.push(Class {
-            id: entry.id,
-            name,
-            colour: entry.colour.unwrap_or(COLOURS[i % COLOURS.len()]),
-        });
+        classes.push(Class { id: entry.id, name, colour: entry.colour.unwrap_or(class_colour(i)) });
     }
     Ok(classes)
 }

@@ -38,7 +38,7 @@ mod tests;
 mod video;
 
 pub use check::{CheckReport, check};
-pub use classes::{Class, ClassEntry, NO_LABEL, names_instrument, plain_words};
+pub use classes::{Class, ClassEntry, NO_LABEL, class_colour, names_instrument, plain_words};
 pub use depth::DepthKind;
 pub use estimated::EstimatedDepth;
 pub(crate) use estimated::{DEPTH, depth_file, depth_name};

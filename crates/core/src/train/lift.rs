@@ -7,9 +7,12 @@ use super::{FeatureMode, Model, Trainer, state::train_frames};
 use crate::{
     Result,
     deform::deform,
-    prepare::NO_REGION,
+    marks::{Carried, CarrySettings, Graph},
+    prepare::{NO_REGION, Prepared},
     raster::{FEATURE_PLANE, Images, Packed, backward::raster_backward, bin::bin, project::project_all},
+    scene::Scene,
 };
+use std::collections::BTreeMap;
 
 /// Smallest weight of a Gaussian, over all pixels together, for which its features are replaced.
 const MIN_WEIGHT: f32 = 1e-3;
@@ -23,6 +26,7 @@ impl Trainer {
     /// Replaces the features of all Gaussians by the mean of the features that they show.
     pub(super) fn lift_features(&mut self) -> Result<()> {
         let Some(prepared) = self.prepared.clone() else { return Ok(()) };
+        let carried = self.carried_regions()?;
         self.finish()?;
         let times: Vec<f32> = (0..self.sequence.num_frames()).map(|i| self.time(i)).collect();
         let Model { gaussians, deformation, .. } = &mut self.state.model;
@@ -31,7 +35,10 @@ impl Trainer {
         let mut weights = vec![0.0f32; n];
         for i in train_frames(self.sequence.num_frames(), self.settings.eval, &self.settings.excluded) {
             let frame = self.cache.get(Some(&prepared), i, false)?;
-            let truth = frame.truth(&prepared.latents, self.state.typical_depth);
+            let mut truth = frame.truth(&prepared.latents, self.state.typical_depth);
+            if let Some(regions) = carried.get(&i) {
+                truth.regions = regions;
+            }
             if truth.regions.is_empty() {
                 continue;
             }
@@ -56,6 +63,32 @@ impl Trainer {
         self.backend.forget();
         Ok(())
     }
+
+    /// Carries the marks that the recording was prepared from to all training frames: the row of each pixel's
+    /// likeliest name. Empty if features come from elsewhere.
+    fn carried_regions(&mut self) -> Result<BTreeMap<usize, Vec<u16>>> {
+        let marks = self.prepared.as_ref().map(Prepared::marks).transpose()?.flatten();
+        let Some(marks) = marks else { return Ok(BTreeMap::new()) };
+        let scene = self.scene()?;
+        let graph = Graph::of(&scene);
+        let mut carried = Carried::new(&scene, &graph, &marks, CarrySettings::default());
+        let rows: Vec<u16> = carried.names().iter().map(|name| row_of(&scene, name)).collect();
+        let mut regions = BTreeMap::new();
+        for i in train_frames(self.sequence.num_frames(), self.settings.eval, &self.settings.excluded) {
+            let found = carried.on_frame(&scene, i, &mut |i| self.sequence.frame(i))?;
+            let row = |pixel: usize| {
+                let likeliest = found.scores.iter().position(|plane| plane.data[pixel] > 0.5);
+                likeliest.map_or(NO_REGION, |k| rows[k])
+            };
+            regions.insert(i, (0..found.doubt.data.len()).map(row).collect());
+        }
+        Ok(regions)
+    }
+}
+
+/// Returns the row of the feature table that belongs to a name.
+fn row_of(scene: &Scene, name: &str) -> u16 {
+    scene.classes.iter().position(|(class, _)| class.name == name).map_or(NO_REGION, |k| k as u16)
 }
 
 /// Planes with 1 in the first plane and the wanted features in the feature planes, at pixels that have

@@ -39,7 +39,7 @@ use crate::{
     clock::PassClock,
     deform::deform,
     files, metrics,
-    prepare::Prepared,
+    prepare::{Origin, Prepared},
     raster::{Images, project::Sampling, render_deformed},
     scene::{Provenance, Scene},
     sequence::{Identity, Sequence},
@@ -93,6 +93,10 @@ impl Trainer {
     pub fn new(sequence: &Sequence, prepared: Option<&Prepared>, settings: TrainSettings) -> Result<Self> {
         let mut settings = settings;
         settings.eval |= prepared.is_some_and(|p| p.eval);
+        if prepared.is_some_and(|p| p.origin == Origin::Marks) {
+            // Marks are carried once the motion is known.
+            (settings.feature_mode, settings.feature_motion) = (FeatureMode::Lifted, false);
+        }
         let sees_around = sequence.camera_moves() || settings.sh_when_still;
         settings.sh_degree = if sees_around { settings.sh_degree.min(3) } else { 0 };
         settings.rates.final_share = settings.final_share(sequence.num_frames());

@@ -1,0 +1,115 @@
+//! Preparation from marks by hand: the marked pixels of marked frames have the embedding of the name. Training
+//! carries them to all frames once the motion is learned.
+
+use super::{
+    EncoderIdentity, NO_REGION, Origin, Prepared, RegionMap,
+    files::{Manifest, region_file, write_region_map},
+    finish::{clear_folder, finish},
+};
+use crate::{
+    Error, Result,
+    codec::CodecSettings,
+    marks::{Evidence, Mark, Marks, Shape},
+    num,
+    progress::{Observer, Progress},
+    sequence::{Class, Sequence, class_colour},
+};
+use std::{path::Path, sync::Arc};
+
+/// Marks whose names are embedded.
+#[derive(Clone, Debug)]
+pub struct MarkedNames<'a> {
+    /// The marks.
+    pub marks: &'a Marks,
+    /// The text encoder that made the embeddings.
+    pub encoder: EncoderIdentity,
+    /// One row for each of the marks' names, in their order.
+    pub embeddings: &'a [Vec<f32>],
+}
+
+/// Prepares a recording from marks. Frames held out by `eval` leave no trace, their marks neither.
+pub fn prepare_from_marks(
+    sequence: Sequence,
+    MarkedNames { marks, encoder, embeddings }: MarkedNames<'_>,
+    eval: bool,
+    settings: &CodecSettings,
+    folder: &Path,
+    observer: &mut Observer<'_>,
+) -> Result<Prepared> {
+    let names = marks.names();
+    let used = sequence.used_frames(eval);
+    let frames: Vec<usize> = marks.frames().into_iter().filter(|f| used.binary_search(f).is_ok()).collect();
+    let mut maps = Vec::with_capacity(frames.len());
+    for (done, &frame) in frames.iter().enumerate() {
+        maps.push(region_map(&sequence, marks, frame, &names)?);
+        Progress::new("reading marks", done + 1, frames.len()).tell(observer)?;
+    }
+    let mut pixels = vec![0_u64; names.len()];
+    for row in maps.iter().flat_map(|map| &map.data).filter(|row| **row != NO_REGION) {
+        pixels[usize::from(*row)] += 1;
+    }
+    let present: Vec<usize> = (0..names.len()).filter(|k| pixels[*k] > 0).collect();
+    if present.is_empty() {
+        let what = "no pixel of the training frames is marked";
+        return Err(Error::input_at(sequence.path(), what, "Mark frames that are not held out."));
+    }
+    clear_folder(folder, &sequence)?;
+    let mut manifest = Manifest::of(&sequence, folder, eval, encoder, settings)?;
+    manifest.origin = Origin::Marks;
+    let class = |(id, k): (usize, &usize)| {
+        let (id, name) = (id as u8, names[*k].clone());
+        Class { id, name, colour: class_colour(usize::from(id)) }
+    };
+    manifest.classes = present.iter().enumerate().map(class).collect();
+    manifest.row_pixels = present.iter().map(|k| pixels[*k]).collect();
+    let row_of = |k: u16| present.iter().position(|p| *p == usize::from(k)).map_or(NO_REGION, |r| r as u16);
+    for (&frame, map) in frames.iter().zip(&maps) {
+        let sha256 = write_region_map(&folder.join(region_file(frame)), map.map(|k| row_of(*k)))?;
+        manifest.region_frames.push(frame);
+        manifest.sha256.insert(region_file(frame), sha256);
+    }
+    let mut rows = Vec::new();
+    for k in present {
+        let row = embeddings.get(k).and_then(|row| num::normalised(row));
+        let row = row.filter(|row| row.len() == manifest.encoder.dim).ok_or_else(|| {
+            let what = format!("the embedding of \"{}\" is no unit vector", names[k]);
+            Error::input(what, "Check the text encoder.")
+        })?;
+        rows.extend(row);
+    }
+    finish(manifest, rows, settings, folder, observer)?;
+    Prepared::open(folder)
+}
+
+/// Returns the place among `names` of what each supervised pixel is marked as; the first one of several.
+fn region_map(sequence: &Sequence, marks: &Marks, frame: usize, names: &[String]) -> Result<RegionMap> {
+    let (width, height) = (sequence.width(), sequence.height());
+    let evidence = Evidence::of(marks, frame, names, [width, height]);
+    let keep = sequence.mask(frame)?;
+    let row = |i: usize| {
+        let shown = (0..names.len()).find(|k| keep.data[i] && evidence.at(i, *k).1 > 0.0);
+        shown.map_or(NO_REGION, |k| k as u16)
+    };
+    Ok(RegionMap::from_vec(width, height, (0..width * height).map(row).collect()))
+}
+
+impl Prepared {
+    /// Returns the marks that the folder was prepared from; each pixel belongs to one name. None if features
+    /// come from elsewhere.
+    pub(crate) fn marks(&self) -> Result<Option<Marks>> {
+        if self.origin != Origin::Marks {
+            return Ok(None);
+        }
+        let mut marks = Vec::new();
+        for &frame in &self.region_frames {
+            let Some(map) = self.regions(frame)? else { continue };
+            for (k, (class, _)) in self.classes.iter().enumerate() {
+                let mask = map.map(|row| usize::from(*row) == k);
+                if mask.count() > 0 {
+                    marks.push(Mark::new(frame, &class.name, true, Shape::Mask(Arc::new(mask))));
+                }
+            }
+        }
+        Ok(Some(Marks::unchecked(marks)))
+    }
+}
