@@ -3,7 +3,7 @@
 use super::console::ProgressView;
 use crate::engine::{Answer, Engine, Negatives, Question, Verdict};
 use std::path::PathBuf;
-use surgtpgs_core::{Result, mask::Region, object::seen_area, raster::MIN_DEPTH_ALPHA};
+use surgtpgs_core::{Result, marks::LookHere, mask::Region, object::seen_area, raster::MIN_DEPTH_ALPHA};
 
 /// Answers to all prompts, as they are reported in JSON; the keys are a contract.
 #[derive(serde::Serialize, serde::Deserialize)]
@@ -12,6 +12,9 @@ pub(super) struct Answers {
     pub(super) threshold: f32,
     pub(super) relevancy: String,
     pub(super) renderer: String,
+    /// Place where one more mark would help most; only with marks.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) look_here: Option<LookHere>,
 }
 
 /// Answers to one prompt.
@@ -143,6 +146,7 @@ pub(super) fn ask(engine: &mut Engine, questions: &[Question], frames: &[usize])
         threshold: engine.settings().threshold,
         relevancy: engine.relevancy_name().into(),
         renderer: engine.renderer_name(),
+        look_here: engine.look_here()?,
     })
 }
 

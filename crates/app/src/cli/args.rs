@@ -126,6 +126,22 @@ impl RelevancyArgs {
     }
 }
 
+/// Marks by hand.
+#[derive(Debug, Args)]
+pub(super) struct MarkArgs {
+    /// A file of marks on frames of the recording, or of COCO annotations: prompts find what they name, and
+    /// marks of a class that the scene knows correct it
+    #[arg(long, value_name = "MARKS.json")]
+    pub(super) marks: Option<PathBuf>,
+}
+
+impl MarkArgs {
+    /// Carries the marks to the scene, if there are any.
+    pub(super) fn give_to(&self, engine: &mut Engine) -> Result<()> {
+        self.marks.as_deref().map_or(Ok(()), |path| engine.read_marks(path))
+    }
+}
+
 /// Prompts to look for.
 #[derive(Debug, Args)]
 pub(super) struct PromptArgs {

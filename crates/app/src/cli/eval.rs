@@ -1,7 +1,7 @@
 //! `surgtpgs eval`: the results of an evaluation as text, JSON and files.
 
 use super::{
-    args::{RelevancyArgs, SceneArgs},
+    args::{MarkArgs, RelevancyArgs, SceneArgs},
     console::{ProgressView, print_report, say, watch_interrupts},
     verb::{Exit, Run},
 };
@@ -29,8 +29,11 @@ pub(super) struct EvalArgs {
     /// Score the masks in this folder instead of a scene: FRAME_CLASS.png or CLASS/FRAME.png (white =
     /// found), FRAME.png (class ids), or K/CLASS.png for the K-th held-out frame; a frame with no
     /// mask at all is not looked at
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", conflicts_with = "marks")]
     masks: Option<PathBuf>,
+    /// Marks by hand; then every frame without a mark is looked at
+    #[command(flatten)]
+    marks: MarkArgs,
     /// Also write tables, the report with every frame and class, and pictures of errors into this folder
     #[arg(short, long, value_name = "DIR")]
     pub(super) output: Option<PathBuf>,
@@ -72,7 +75,7 @@ impl Run for EvalArgs {
         drop(view);
         notes.iter().for_each(|note| say(&format!("note: {note}")));
         let report = &evaluation.report;
-        if !report.held_out && self.masks.is_none() {
+        if !report.held_out && self.masks.is_none() && self.marks.marks.is_none() {
             say(
                 "no frame was held out of training: these figures are of frames that the scene was trained on",
             );
@@ -107,6 +110,7 @@ impl EvalArgs {
         observer: &mut Observer<'_>,
     ) -> Result<Evaluated> {
         let mut engine = self.open(scene, sequence)?;
+        self.marks.give_to(&mut engine)?;
         let inputs = engine.inputs(scene).with("the recording", sequence);
         let output = self.claim(&inputs)?;
         let evaluation = evaluate(&mut engine, self.lpips.as_deref(), observer)?;

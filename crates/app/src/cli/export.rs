@@ -1,7 +1,7 @@
 //! `surgtpgs export`: masked frames with a record of how they were made.
 
 use super::{
-    args::{FrameArgs, PromptArgs, RelevancyArgs, SceneArgs, unit_number},
+    args::{FrameArgs, MarkArgs, PromptArgs, RelevancyArgs, SceneArgs, unit_number},
     console::{self, ProgressView, print_report, say},
     verb::{Exit, Run},
 };
@@ -30,6 +30,9 @@ pub(super) struct ExportArgs {
     /// Prompts to look for
     #[command(flatten)]
     pub(super) prompts: PromptArgs,
+    /// Marks by hand
+    #[command(flatten)]
+    marks: MarkArgs,
     /// Folder to write
     #[arg(short, long, value_name = "DIR")]
     pub(super) output: PathBuf,
@@ -166,6 +169,7 @@ impl Run for ExportArgs {
 /// the user. The returned engine still has the prompts.
 pub(super) fn export(args: &ExportArgs, completes_same: bool) -> Result<(Engine, ExportSummary)> {
     let mut engine = args.scene.open(&args.relevancy, args.sequence.clone())?;
+    args.marks.give_to(&mut engine)?;
     let questions = args.prompts.questions(engine.settings())?;
     let request = ExportRequest {
         scene: args.scene.scene.clone(),

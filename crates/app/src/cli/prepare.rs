@@ -22,7 +22,7 @@ use surgtpgs_core::{
 
 /// Write features and codec into a folder beside the recording, which is never modified
 #[derive(Debug, Args)]
-#[command(group(ArgGroup::new("source").required(true).args(["labels", "masks_model", "dense_encoder", "features"])))]
+#[command(group(ArgGroup::new("source").required(true).args(["labels", "marks", "masks_model", "dense_encoder", "features"])))]
 pub(super) struct PrepareArgs {
     /// A recording (folder or video file)
     sequence: PathBuf,
@@ -32,6 +32,10 @@ pub(super) struct PrepareArgs {
     /// Take features from the recording's label masks: each pixel gets the embedding of its class name
     #[arg(long)]
     labels: bool,
+    /// Take features from marks by hand: a file of marks on some frames, or of COCO annotations. Training
+    /// carries them to all frames, once the motion is learned
+    #[arg(long, value_name = "MARKS.json")]
+    marks: Option<PathBuf>,
     /// Take features from automatic masks: a folder with encoder and decoder of a Segment Anything
     /// (.onnx, .ort)
     #[arg(long, value_name = "DIR", requires = "image_encoder")]
@@ -169,6 +173,9 @@ impl PrepareArgs {
         if let Some(network) = &self.dense_encoder {
             return FeatureSource::Dense { network: network.clone() };
         }
+        if let Some(marks) = &self.marks {
+            return FeatureSource::Marks(marks.clone());
+        }
         match (&self.masks_model, &self.image_encoder, &self.features) {
             (_, _, Some(folder)) => FeatureSource::LangSplat { folder: folder.clone(), level },
             (Some(model), Some(image_encoder), _) => FeatureSource::Masks {
@@ -223,6 +230,7 @@ mod tests {
         assert!(parses("--labels") && parses("--masks-model sam --image-encoder clip --mask-level l"));
         assert!(!parses("") && !parses("--masks-model sam") && !parses("--image-encoder clip"));
         assert!(!parses("--labels --masks-model sam --image-encoder clip"));
+        assert!(parses("--marks marks.json") && !parses("--labels --marks marks.json"));
         assert!(
             parses("--dense-encoder net --depth-model depth.onnx") && !parses("--depth-model depth.onnx")
         );

@@ -2,7 +2,7 @@
 
 use super::{
     answers::{Answers, PromptAnswers, ask},
-    args::{FrameArgs, PromptArgs, RelevancyArgs, SceneArgs},
+    args::{FrameArgs, MarkArgs, PromptArgs, RelevancyArgs, SceneArgs},
     console::{print, print_data, print_json},
     objects,
     verb::{Exit, Run},
@@ -21,6 +21,9 @@ pub(super) struct QueryArgs {
     /// Prompts to look for
     #[command(flatten)]
     prompts: PromptArgs,
+    /// Marks by hand
+    #[command(flatten)]
+    marks: MarkArgs,
     /// Frames to work on
     #[command(flatten)]
     frames: FrameArgs,
@@ -45,6 +48,7 @@ pub(super) struct QueryArgs {
 impl Run for QueryArgs {
     fn run(&self) -> Result<Exit> {
         let mut engine = self.scene.open(&self.relevancy, None)?;
+        self.marks.give_to(&mut engine)?;
         let questions = self.prompts.questions(engine.settings())?;
         let frames = self.frames.of(engine.scene().num_frames())?;
         let inputs = engine.inputs(&self.scene.scene);
@@ -91,7 +95,11 @@ fn as_text(answers: &Answers, num_frames: usize) -> String {
         });
         format!("{}: {found}; best score {:.3}{caution}\n{written}", prompt.text, prompt.max_score())
     };
-    answers.prompts.iter().map(line).collect()
+    let look_here = answers.look_here.as_ref().map(|here| {
+        let [x, y] = here.point_px;
+        format!("look here: one more mark would help most on frame {}, around ({x:.0}, {y:.0})\n", here.frame)
+    });
+    answers.prompts.iter().map(line).chain(look_here).collect()
 }
 
 fn as_csv(answers: &Answers) -> String {

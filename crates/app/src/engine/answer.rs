@@ -1,6 +1,6 @@
 //! Answers to prompts: it is here, it looks like something else, or it is not in this recording.
 
-use surgtpgs_core::{meaning::Meaning, scene::Scene};
+use surgtpgs_core::{meaning::Meaning, sequence::Class};
 
 /// One of three answers. Of a prompt that may be found, the frames decide.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -37,10 +37,10 @@ pub struct Answer {
 }
 
 impl Answer {
-    /// Says what `meaning` comes to among the classes of `scene`.
-    pub(super) fn new(meaning: &Meaning, scene: &Scene) -> Self {
+    /// Says what `meaning` comes to among the known classes.
+    pub(super) fn new(meaning: &Meaning, known: &[(Class, Vec<f32>)]) -> Self {
         let may_be_found = meaning.probability > 0.5;
-        let nearest = meaning.nearest.filter(|_| !may_be_found).and_then(|k| scene.classes.get(k));
+        let nearest = meaning.nearest.filter(|_| !may_be_found).and_then(|k| known.get(k));
         let certainty = if meaning.classes.is_empty() { 0.0 } else { meaning.probability };
         let nearest = nearest.map(|(class, _)| class.name.clone());
         Self { certainty, nearest, why: meaning.reason.to_string() }

@@ -13,6 +13,7 @@ use surgtpgs_core::{
     prepare::EncoderIdentity,
     relevancy::{Query, RelevancySettings, Rivals},
     scene::Scene,
+    sequence::{Class, NO_LABEL},
 };
 
 /// The questions that a scene is asked, and everything that is needed to understand them.
@@ -31,10 +32,23 @@ pub(super) struct Asking {
     classes: Arc<Rivals>,
     /// Concepts of the vocabulary, for scenes without several classes.
     concepts: Option<Arc<Rivals>>,
+    /// Classes that prompts may mean: the scene's, then those that only marks name.
+    known: Vec<(Class, Vec<f32>)>,
     /// Questions of before.
-    understood: HashMap<Question, (Query, Answer)>,
+    understood: HashMap<Question, Understood>,
     pub(super) queries: Vec<Query>,
     pub(super) answers: Vec<Answer>,
+    /// Names of the classes that each question means.
+    pub(super) meant: Vec<Vec<String>>,
+}
+
+/// A question, as the scene understands it.
+#[derive(Clone)]
+struct Understood {
+    query: Query,
+    answer: Answer,
+    /// Places of what it means among the known classes.
+    meant: Vec<usize>,
 }
 
 /// Number of questions of before that are kept.
@@ -50,23 +64,51 @@ impl Asking {
             space: None,
             interpreter: Interpreter::new(
                 Vocabulary::standard(),
-                &class_words(scene, settings),
+                &class_words(scene, &scene.classes, settings),
                 scene.words.calibration.as_ref(),
             ),
             classes: Rivals::new(
                 scene.classes.iter().map(|(class, row)| (class.name.as_str(), row.as_slice())),
             ),
             concepts: None,
+            known: scene.classes.clone(),
             understood: HashMap::new(),
             queries: Vec::new(),
             answers: Vec::new(),
+            meant: Vec::new(),
         }
+    }
+
+    /// Makes the names of marks classes, beside those of the scene; forgets the questions.
+    pub(super) fn know(
+        &mut self,
+        scene: &Scene,
+        settings: &RelevancySettings,
+        names: &[String],
+    ) -> Result<()> {
+        self.forget(scene, settings);
+        let is_new = |name: &&String| !scene.classes.iter().any(|(class, _)| class.name == **name);
+        let names: Vec<&str> = names.iter().filter(is_new).map(String::as_str).collect();
+        if names.is_empty() {
+            return Ok(());
+        }
+        let rows = self.open_encoder(scene)?.encode_prompts(&names)?;
+        let class = |name: &&str| Class { id: NO_LABEL, name: (*name).to_owned(), colour: [0; 3] };
+        self.known.extend(names.iter().map(class).zip(rows));
+        let words = class_words(scene, &self.known, settings);
+        self.interpreter = Interpreter::new(Vocabulary::standard(), &words, scene.words.calibration.as_ref());
+        Ok(())
     }
 
     /// Forgets the questions, and begins anew with other settings.
     pub(super) fn forget(&mut self, scene: &Scene, settings: &RelevancySettings) {
         let (encoder, choice) = (self.encoder.take(), std::mem::take(&mut self.choice));
         *self = Self { encoder, ..Self::new(scene, choice, settings) };
+    }
+
+    /// Returns the scene's classes, which compete with each other.
+    pub(super) fn classes(&self) -> &Arc<Rivals> {
+        &self.classes
     }
 
     pub(super) fn encoder(&self) -> Option<&EncoderIdentity> {
@@ -83,12 +125,15 @@ impl Asking {
         if questions.is_empty() {
             self.queries.clear();
             self.answers.clear();
+            self.meant.clear();
             return Ok(());
         }
         if questions.iter().any(|q| q.text.trim().is_empty()) {
             return Err(Error::input("a prompt is empty", "Give a few words, such as \"gallbladder\"."));
         }
-        let codec = scene.codec.as_ref().ok_or_else(no_features)?;
+        if scene.codec.is_none() && self.known.is_empty() {
+            return Err(no_features());
+        }
         self.encode(scene, questions)?;
         if self.understood.len() > MOST_UNDERSTOOD {
             self.understood.clear();
@@ -96,13 +141,15 @@ impl Asking {
         let mut understood = Vec::with_capacity(questions.len());
         for question in questions {
             if !self.understood.contains_key(question) {
-                let (query, answer) = self.understand(scene, settings, question)?;
-                query.check(codec)?;
-                self.understood.insert(question.clone(), (query, answer));
+                let new = self.understand(scene, settings, question)?;
+                scene.codec.as_ref().map_or(Ok(()), |codec| new.query.check(codec))?;
+                self.understood.insert(question.clone(), new);
             }
             understood.extend(self.understood.get(question).cloned());
         }
-        (self.queries, self.answers) = understood.into_iter().unzip();
+        let names = |u: &Understood| u.meant.iter().map(|k| self.known[*k].0.name.clone()).collect();
+        self.meant = understood.iter().map(names).collect();
+        (self.queries, self.answers) = understood.into_iter().map(|u| (u.query, u.answer)).unzip();
         Ok(())
     }
 
@@ -112,7 +159,7 @@ impl Asking {
         scene: &Scene,
         settings: &RelevancySettings,
         question: &Question,
-    ) -> Result<(Query, Answer)> {
+    ) -> Result<Understood> {
         let (text, negatives) = (question.text.trim(), &question.negatives);
         let mut own: Vec<(String, Vec<f32>)> =
             negatives.phrases.iter().map(|p| (p.clone(), self.phrases[p].clone())).collect();
@@ -125,18 +172,21 @@ impl Asking {
         };
         let query = Query::new(text, embedding.clone()).but_not(own);
         let (query, answer) = match &question.like {
-            _ if !negatives.uses_classes => (query, Answer::compared("compared as it is")),
+            // Without features, marks are all that can be asked for.
+            _ if !negatives.uses_classes && scene.codec.is_some() => {
+                (query, Answer::compared("compared as it is"))
+            }
             Some(_) => {
                 let nearest = nearest_class(scene, &embedding).into_iter().collect();
                 (query.among(&self.classes, nearest), Answer::compared("like a point of the picture"))
             }
-            None if scene.classes.is_empty() => {
+            None if self.known.is_empty() => {
                 let (rivals, allies) = self.concepts_beside(scene, &[(text, &embedding)])?;
                 (query.among(&rivals, allies), Answer::compared("compared with all that it could mean"))
             }
-            None => self.among_classes(scene, settings, question, query, &embedding)?,
+            None => return self.among_classes(scene, settings, question, query, &embedding),
         };
-        Ok((query, answer))
+        Ok(Understood { query, answer, meant: Vec::new() })
     }
 
     /// Completes a query that competes with the scene's classes.
@@ -147,24 +197,27 @@ impl Asking {
         question: &Question,
         query: Query,
         embedding: &[f32],
-    ) -> Result<(Query, Answer)> {
+    ) -> Result<Understood> {
         let meaning = self.meaning(scene, settings, question.text.trim(), embedding)?;
-        let answer = Answer::new(&meaning, scene);
-        let (classes, certainty) = match (&answer.nearest, meaning.nearest) {
+        let answer = Answer::new(&meaning, &self.known);
+        let (meant, certainty) = match (&answer.nearest, meaning.nearest) {
             (Some(_), Some(nearest)) if question.shows_nearest => (vec![nearest], 1.0),
             _ => (meaning.classes, meaning.probability),
         };
-        let meant = classes.iter().map(|&k| scene.classes[k].1.clone()).collect();
-        let query = Query { meant, certainty, ..query };
-        let others_exist = classes.len() < scene.classes.len();
-        if others_exist {
-            return Ok((query.among(&self.classes, classes), answer));
+        // Classes that only marks name have no features to compare with.
+        let labelled = scene.classes.len();
+        let classes: Vec<usize> = meant.iter().copied().filter(|k| *k < labelled).collect();
+        let rows = classes.iter().map(|&k| scene.classes[k].1.clone()).collect();
+        let query = Query { meant: rows, certainty, ..query };
+        let understood = |query| Understood { query, answer, meant };
+        if classes.len() < labelled || scene.codec.is_none() {
+            return Ok(understood(query.among(&self.classes, classes)));
         }
         // No class means something else; the concepts that do compete instead.
         let texts: Vec<(&str, &[f32])> =
             scene.classes.iter().map(|(class, row)| (class.name.as_str(), row.as_slice())).collect();
         let (rivals, allies) = self.concepts_beside(scene, &texts)?;
-        Ok((query.among(&rivals, allies), answer))
+        Ok(understood(query.among(&rivals, allies)))
     }
 
     /// Returns what words mean among the scene's classes.
@@ -186,7 +239,7 @@ impl Asking {
         let Some(space) = &self.space else { return Ok(Meaning::unknown()) };
         if !self.interpreter.is_calibrated() {
             // The scene is older than calibrations, or was prepared with other lists of words.
-            let classes = class_words(scene, settings);
+            let classes = class_words(scene, &self.known, settings);
             let calibration = Calibration::measure(space, &classes);
             self.interpreter = Interpreter::new(Vocabulary::standard(), &classes, Some(&calibration));
         }
@@ -255,9 +308,11 @@ fn nearest_class(scene: &Scene, embedding: &[f32]) -> Option<usize> {
     cosines.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(k, _)| k)
 }
 
-fn class_words(scene: &Scene, settings: &RelevancySettings) -> Vec<ClassWords> {
-    let seen = scene.classes.iter().map(|(class, row)| ClassWords::seen(&class.name, row));
-    let unseen = scene.words.unseen.iter().filter(|_| settings.knows_unseen);
+/// Returns the words of the known classes, and those of classes that are known to be absent.
+fn class_words(scene: &Scene, known: &[(Class, Vec<f32>)], settings: &RelevancySettings) -> Vec<ClassWords> {
+    let seen = known.iter().map(|(class, row)| ClassWords::seen(&class.name, row));
+    let is_known = |name: &str| known.iter().any(|(class, _)| class.name == name);
+    let unseen = scene.words.unseen.iter().filter(|name| settings.knows_unseen && !is_known(name));
     seen.chain(unseen.map(|name| ClassWords::unseen(name))).collect()
 }
 

@@ -21,6 +21,7 @@ mod answer;
 mod asking;
 mod layers;
 mod machine;
+mod marked;
 mod opening;
 mod outside;
 mod question;
@@ -130,6 +131,9 @@ pub struct Engine {
     relevancy: Option<Fastest>,
     settings: RelevancySettings,
     asking: Asking,
+    marked: Option<marked::Marked>,
+    /// File that the marks were read from.
+    marks_file: Option<PathBuf>,
 }
 
 /// The images of a view, with or without features.
@@ -179,6 +183,8 @@ impl Engine {
             outside: Outside::default(),
             travelling: None,
             settings,
+            marked: None,
+            marks_file: None,
         })
     }
 
@@ -193,6 +199,8 @@ impl Engine {
         self.relevancy = open_relevancy(&scene);
         self.last = None;
         self.outside = Outside::default();
+        // Marks belong to the Gaussians that they were carried to.
+        self.marked = None;
         self.scene = scene;
     }
 
@@ -236,7 +244,8 @@ impl Engine {
         let inputs = Inputs::none()
             .with("the scene", path)
             .with("the scene's recording", &self.scene.provenance.sequence_path)
-            .with_some("the text encoder", encoder);
+            .with_some("the text encoder", encoder)
+            .with_some("the marks", self.marks_file.as_deref());
         self.sequence().into_iter().fold(inputs, Inputs::with_recording)
     }
 
@@ -296,7 +305,7 @@ impl Engine {
     pub fn show(&mut self, view: &SceneView, ask: Ask<'_>, wanted: Wanted) -> Result<Shown> {
         let has_lattice = matches!(self.relevancy, Some(Fastest::Lattice(_)));
         let asks = matches!(ask, Ask::Now(_));
-        if !self.machine.is_gpu() || (asks && !has_lattice) {
+        if !self.machine.is_gpu() || (asks && (!has_lattice || self.marked.is_some())) {
             return self.show_by_cpu(view, ask, wanted);
         }
         let features = has_lattice && !matches!(ask, Ask::Nothing);
@@ -448,9 +457,15 @@ impl Engine {
         if self.asking.queries.is_empty() {
             return Ok(Vec::new());
         }
-        let relevancy = self.relevancy.as_mut().ok_or_else(no_features)?;
         self.clock.start();
-        let mut scores = relevancy.score(images, &self.asking.queries, &self.settings);
+        let mut scores = match &mut self.relevancy {
+            Some(relevancy) => relevancy.score(images, &self.asking.queries, &self.settings),
+            None if self.marked.is_some() => {
+                vec![Grid::filled(images.width, images.height, 0.0); self.asking.queries.len()]
+            }
+            None => return Err(no_features()),
+        };
+        self.score_marked(view, &mut scores)?;
         if view.recorded {
             let outside = self.outside.ranges(images, &self.scene.field_of_view);
             scores.iter_mut().for_each(|s| blank(&mut s.data, outside));
@@ -462,14 +477,25 @@ impl Engine {
     /// Returns for each prompt the Gaussians that it finds at `time`: their score is above the threshold, and
     /// they are at least as opaque as a pixel has to be.
     pub fn gaussians_found(&mut self, time: f32) -> Result<Vec<Vec<usize>>> {
-        let relevancy = self.relevancy.as_mut().ok_or_else(no_features)?;
+        let marked = self.gaussians_marked();
+        let relevancy = match &mut self.relevancy {
+            Some(relevancy) => relevancy,
+            None if self.marked.is_some() => return Ok(marked),
+            None => return Err(no_features()),
+        };
         let deformed = deform(&self.scene.gaussians, &self.scene.deformation, time, true);
         let points = Points::of_latents(&deformed.features, self.scene.gaussians.latent_dim);
         let scores = relevancy.score_points(&points, &self.asking.queries, &self.settings);
         let RelevancySettings { threshold, min_alpha, .. } = self.settings;
         let is_found = |scores: &[f32], i: usize| scores[i] > threshold && deformed.opacities[i] >= min_alpha;
         let found = |scores: &Vec<f32>| (0..scores.len()).filter(|&i| is_found(scores, i)).collect();
-        Ok(scores.iter().map(found).collect())
+        let mut found: Vec<Vec<usize>> = scores.iter().map(found).collect();
+        for (found, marked) in found.iter_mut().zip(marked) {
+            found.extend(marked);
+            found.sort_unstable();
+            found.dedup();
+        }
+        Ok(found)
     }
 
     /// Returns for each prompt the mask of pixels whose score is above the threshold of the settings.

@@ -23,6 +23,7 @@ use std::{ops::ControlFlow, path::Path, time::Instant};
 use surgtpgs_clip::Lpips;
 use surgtpgs_core::{
     Error, Remedy, Result,
+    marks::Marks,
     mask::threshold,
     metrics::{
         ClassOnFrame, DepthErrors, PredictedMasks, depth_errors, masked, psnr_db, psnr_per_channel_db,
@@ -76,8 +77,9 @@ impl Evaluation {
     }
 }
 
-/// Evaluates the engine's scene on its recording: the held-out frames, or all if none was held out. With a
-/// model of LPIPS, LPIPS is measured, too. Without features or labels there are no masks to measure.
+/// Evaluates the engine's scene on its recording: the held-out frames, or all if none was held out. With marks
+/// it is every frame without one. With a model of LPIPS, LPIPS is measured, too. Without labels, or features
+/// or marks, there are no masks to measure.
 ///
 /// # Errors
 /// No recording, frames that cannot be read, or [`Error::Cancelled`].
@@ -93,8 +95,7 @@ pub(crate) fn evaluate(
         .ok_or_else(|| Error::input("the recording is not at hand", "Give it after the scene."))?;
     engine.require_recording()?;
     let held_out = engine.scene().provenance.held_out;
-    let frames: Vec<usize> =
-        (0..sequence.num_frames()).filter(|&i| !held_out || Sequence::is_test_frame(i)).collect();
+    let frames = frames_to_measure(engine, &sequence);
     let seen = if held_out { training_frames(&sequence) } else { Vec::new() };
     let total = frames.len() + seen.len();
     let mut classes = asked_classes(engine, &sequence)?;
@@ -134,6 +135,17 @@ pub(crate) fn evaluate(
         ..EvalReport::of(&rows, held_out, &classes)
     };
     Ok(Evaluation { report, frames: rows, classes })
+}
+
+/// Returns the frames without a mark if there are marks, else those held out, or all.
+fn frames_to_measure(engine: &Engine, sequence: &Sequence) -> Vec<usize> {
+    let held_out = engine.scene().provenance.held_out;
+    let marked = engine.marks().map(Marks::frames);
+    let counts = |i: &usize| match &marked {
+        Some(marked) => !marked.contains(i),
+        None => !held_out || Sequence::is_test_frame(*i),
+    };
+    (0..sequence.num_frames()).filter(counts).collect()
 }
 
 /// Returns at most [`MOST_TRAIN_FRAMES`] frames that are not held out, evenly spread.
@@ -179,7 +191,8 @@ fn observe(observer: &mut Observer<'_>, done: usize, total: usize) -> Result<()>
 /// no features or the recording no classes.
 fn asked_classes(engine: &mut Engine, sequence: &Sequence) -> Result<Classes> {
     let classes = Classes::new(sequence.classes());
-    if engine.scene().codec.is_none() || classes.is_empty() {
+    let can_be_asked = engine.scene().codec.is_some() || engine.marks().is_some();
+    if !can_be_asked || classes.is_empty() {
         return Ok(Classes::new(&[]));
     }
     let names: Vec<String> = sequence.classes().iter().map(|c| c.name.clone()).collect();

@@ -16,6 +16,7 @@ use surgtpgs_core::{
     files::{Claim, Earlier, OutputFolder},
     grid::Grid,
     hash::file_sha256,
+    marks::Marks,
     mask::mean_scores,
     prepare::EncoderIdentity,
     progress::{Observer, Progress},
@@ -179,6 +180,7 @@ fn provenance(engine: &Engine, request: &ExportRequest, chosen: Chosen) -> Resul
     let mut provenance =
         Provenance::new(engine.scene(), hash, &chosen.encoder, settings, names, prompts, options.clone());
     provenance.left_out = chosen.left_out;
+    provenance.marks_sha256 = engine.marks().map(Marks::digest);
     // Older scenes do not hold the identity of their recording.
     provenance.sequence_frame_names = engine.frame_sources();
     if let (None, true, Some(sequence)) = (&provenance.sequence_sha256, wants_recording, engine.sequence()) {

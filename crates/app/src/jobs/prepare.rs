@@ -14,10 +14,12 @@ use surgtpgs_core::{
     Error, Remedy, Result,
     codec::CodecSettings,
     files::{Claim, Earlier, Inputs, OutputFolder, full_path},
+    marks::{Canvas, Marks},
     meaning::{Calibration, ClassWords, Space, Vocabulary},
     prepare::{
-        Estimator, FrameFeatures, MASKS_AND_EMBEDDINGS, MaskStore, Origin, Prepared, estimate_depth,
-        holds_langsplat, prepare_from_features, prepare_from_labels, read_langsplat,
+        Estimator, FrameFeatures, MASKS_AND_EMBEDDINGS, MarkedNames, MaskStore, Origin, Prepared,
+        estimate_depth, holds_langsplat, prepare_from_features, prepare_from_labels, prepare_from_marks,
+        read_langsplat,
     },
     segment::{BitMask, Level, MaskSettings},
     sequence::Sequence,
@@ -47,6 +49,8 @@ pub enum FeatureSource {
     /// Label masks and class names.
     #[default]
     Labels,
+    /// Marks by hand: a file of marks, which training carries to all frames.
+    Marks(PathBuf),
     /// Automatic masks and the embeddings of what they show.
     Masks {
         /// Folder with a Segment Anything.
@@ -103,6 +107,7 @@ impl PrepareOptions {
             .with_some("the depth network", self.depth_model.as_deref());
         match &self.source {
             FeatureSource::Labels => inputs,
+            FeatureSource::Marks(path) => inputs.with("the marks", path),
             FeatureSource::Masks { model, image_encoder, .. } => {
                 inputs.with("the mask network", model).with("the image encoder", image_encoder)
             }
@@ -133,7 +138,7 @@ pub fn prepare(
         EncoderChoice::Builtin | EncoderChoice::OfScene => TextEncoder::builtin()?,
     };
     // All models are opened before hours of work begin.
-    let features = Features::open(&options.source, &text)?;
+    let features = Features::open(&options.source, &text, &sequence)?;
     let sequence = match &options.depth_model {
         Some(model) => with_depth(sequence, folder, model, options.eval, observer)?,
         None => sequence,
@@ -141,6 +146,7 @@ pub fn prepare(
     let preparation = Preparation { sequence, folder, options, text: &mut text };
     let mut prepared = match features {
         Features::Labels => preparation.by_labels(observer),
+        Features::Marks(marks) => preparation.by_marks(&marks, observer),
         Features::Masks { model, image, settings, level } => {
             preparation.by_masks(*model, image, settings, level, observer)
         }
@@ -192,6 +198,7 @@ fn with_depth(
 /// A [`FeatureSource`] with its models opened.
 enum Features<'a> {
     Labels,
+    Marks(Marks),
     Masks { model: Box<SegmentAnything>, image: ImageEncoder, settings: &'a MaskSettings, level: Level },
     Dense(FeatureNetwork),
     LangSplat { folder: &'a Path, level: Level },
@@ -199,9 +206,10 @@ enum Features<'a> {
 
 impl<'a> Features<'a> {
     /// Opens the models. Fails if embeddings of texts and images cannot be compared.
-    fn open(source: &'a FeatureSource, text: &TextEncoder) -> Result<Self> {
+    fn open(source: &'a FeatureSource, text: &TextEncoder, sequence: &Sequence) -> Result<Self> {
         Ok(match source {
             FeatureSource::Labels => Self::Labels,
+            FeatureSource::Marks(path) => Self::Marks(Marks::read(path, &Canvas::of(sequence))?),
             FeatureSource::Masks { model, image_encoder, settings, level } => {
                 let image = ImageEncoder::open(image_encoder)?;
                 check_halves(text, image.dim(), image_encoder)?;
@@ -245,6 +253,14 @@ impl Preparation<'_> {
         let identity = self.text.identity().clone();
         let (eval, codec) = (self.options.eval, &self.options.codec);
         prepare_from_labels(self.sequence, identity, &embeddings, eval, codec, self.folder, observer)
+    }
+
+    fn by_marks(self, marks: &Marks, observer: &mut Observer<'_>) -> Result<Prepared> {
+        let names = marks.names();
+        let embeddings = self.text.encode_prompts(&names.iter().map(String::as_str).collect::<Vec<_>>())?;
+        let named = MarkedNames { marks, encoder: self.text.identity().clone(), embeddings: &embeddings };
+        let (eval, codec) = (self.options.eval, &self.options.codec);
+        prepare_from_marks(self.sequence, named, eval, codec, self.folder, observer)
     }
 
     fn by_masks(

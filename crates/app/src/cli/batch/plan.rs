@@ -79,7 +79,10 @@ impl BatchJob {
 const OWN: [&str; 8] = ["output", "sequence", "force", "resume", "json", "masks", "langsplat", "help"];
 
 /// Keys that name a source of features. One of them must be given for features, and so for prompts.
-const FEATURE_SOURCES: [&str; 4] = ["labels", "masks_model", "features", "dense_encoder"];
+const FEATURE_SOURCES: [&str; 5] = ["labels", "masks_model", "features", "dense_encoder", MARKS];
+
+/// Key of the marks. Beside another source of features they correct what it finds.
+const MARKS: &str = "marks";
 
 impl BatchPlan {
     /// Reads a jobs file; `output` replaces the folder that it names.
@@ -182,7 +185,8 @@ impl BatchJob {
                 command.extend(["--sequence".into(), self.recording.clone().into_os_string()]);
             }
             let mut inputs = Vec::new();
-            for arg in verbs.options(step) {
+            let corrects = step == Step::Prepare && has_any(&FEATURE_SOURCES[..FEATURE_SOURCES.len() - 1]);
+            for arg in verbs.options(step).filter(|arg| !(corrects && arg.get_long() == Some(MARKS))) {
                 if let Some(value) = keys_of(arg).iter().find_map(|key| settings.get(key)) {
                     command.extend(flags(arg, value, beside, &mut inputs)?);
                 }
@@ -331,6 +335,16 @@ mod tests {
                 "surgtpgs eval /out/b-c/scene.safetensors /data/a -o /out/b-c/eval --text-encoder=/minilm",
             ]
         );
+    }
+
+    #[test]
+    fn marks_make_features_or_correct_those_of_labels() {
+        let all = lines("[[recording]]\npath = \"/data/a\"\nmarks = \"/m.json\"\n");
+        assert_eq!(all[0], "surgtpgs prepare /data/a -o /out/a/prepared --marks=/m.json");
+        assert!(all[2].ends_with("/out/a/eval --marks=/m.json"), "{all:?}");
+        let all = lines("[[recording]]\npath = \"/data/a\"\nmarks = \"/m.json\"\nlabels = true\n");
+        assert_eq!(all[0], "surgtpgs prepare /data/a -o /out/a/prepared --labels");
+        assert!(all[2].ends_with("/out/a/eval --marks=/m.json"), "{all:?}");
     }
 
     #[test]

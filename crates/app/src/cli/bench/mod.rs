@@ -6,6 +6,7 @@ mod codec;
 mod frame;
 mod gpu;
 mod half_features;
+mod marks;
 mod masks;
 mod measure;
 mod plot;
@@ -43,6 +44,7 @@ enum Measurement {
     Gpu(gpu::BenchGpuArgs),
     Stress(stress::BenchStressArgs),
     Masks(masks::BenchMasksArgs),
+    Marks(marks::BenchMarksArgs),
     Codec(codec::BenchCodecArgs),
     Words(words::BenchWordsArgs),
 }
@@ -57,6 +59,7 @@ impl Measurement {
             Self::Gpu(args) => args,
             Self::Stress(args) => args,
             Self::Masks(args) => args,
+            Self::Marks(args) => args,
             Self::Codec(args) => args,
             Self::Words(args) => args,
         }

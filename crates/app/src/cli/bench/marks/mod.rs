@@ -1,0 +1,306 @@
+//! `bench marks`: what is marked on a frame or a few, against the labels of all others, for every way of
+//! marking and without single parts of the method; optical flow alone beside it.
+
+mod rules;
+
+use super::measure::{Files, Measure};
+use crate::cli::{
+    console::{ProgressView, print_report, say},
+    verb::Exit,
+};
+use clap::Args;
+use rules::Rule;
+use std::{collections::BTreeMap, fmt::Write, path::PathBuf, sync::Arc, time::Instant};
+use surgtpgs_core::{
+    Error, Result,
+    files::Inputs,
+    flow::{Vector, joined, luma, optical_flow},
+    grid::{Grid, Mask},
+    marks::{Canvas, Carried, CarrySettings, Graph, Mark, Marks, Shape},
+    mask::threshold,
+    metrics::{ClassOnFrame, MaskScores},
+    scene::Scene,
+    sequence::{Class, NO_LABEL, Sequence},
+};
+
+/// Number of corrections.
+const CORRECTIONS: usize = 5;
+
+/// Compare what marks are carried to with labels, for every way of marking: marks.csv
+#[derive(Debug, Args)]
+pub(super) struct BenchMarksArgs {
+    /// A scene; its features are not used
+    scene: PathBuf,
+    /// The recording that it was trained on, with label masks
+    sequence: PathBuf,
+    /// Frame to mark [default: the one in the middle]
+    #[arg(long)]
+    frame: Option<usize>,
+    /// Folder for marks.csv
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Report as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Measures of one way of marking.
+#[derive(serde::Serialize)]
+struct Outcome {
+    way: String,
+    frames: Vec<usize>,
+    paper_iou: Option<f64>,
+    strict_iou: Option<f64>,
+    false_find_rate: Option<f64>,
+    /// Seconds until the Gaussians know the marks, and per frame.
+    marked_s: f64,
+    frame_s: f64,
+    classes: BTreeMap<String, f64>,
+}
+
+impl Measure for BenchMarksArgs {
+    fn run(&self, force: bool) -> Result<Exit> {
+        let (scene, sequence) = (Scene::load(&self.scene)?, Sequence::open(&self.sequence)?);
+        let inputs = Inputs::none().with_recording(&sequence).with("the scene", &self.scene);
+        let files = Files::claim(self.output.as_ref(), &inputs, force)?;
+        let bench = Bench::new(scene, sequence)?;
+        let n = bench.sequence.num_frames();
+        let middle = self.frame.unwrap_or(n / 2).min(n - 1);
+        let mut outcomes = Vec::new();
+        let mut add = |outcome: Outcome| {
+            say(&line(&outcome));
+            outcomes.push(outcome);
+        };
+        for (name, frame) in [("full masks", middle), ("full masks of frame 0", 0)] {
+            add(bench.by_flow(&format!("{name}, optical flow alone"), frame)?);
+            add(bench.by_rule(name, Rule::Mask, &[frame], CarrySettings::default())?);
+        }
+        for (name, settings) in parts() {
+            add(bench.by_rule(&format!("full masks, {name}"), Rule::Mask, &[middle], settings)?);
+        }
+        let whole = CarrySettings::default();
+        add(bench.by_rule("full masks, borders 5 px off", Rule::Sloppy, &[middle], whole)?);
+        add(bench.by_rule("one stroke per class", Rule::Stroke, &[middle], whole)?);
+        add(bench.by_rule("three clicks per class", Rule::Clicks, &[middle], whole)?);
+        add(bench.by_rule("strokes on three frames", Rule::Stroke, &[n / 6, middle, 5 * n / 6], whole)?);
+        bench.corrected(middle, &mut add)?;
+        let text = csv(&outcomes);
+        files.write("marks.csv", text.as_bytes())?;
+        print_report(&outcomes, &text, self.json)?;
+        files.finish()?;
+        Ok(Exit::Done)
+    }
+}
+
+/// Parts of the method that are left out, one by one.
+fn parts() -> [(&'static str, CarrySettings); 3] {
+    let whole = CarrySettings::default();
+    [
+        ("Gaussians alone", CarrySettings { looks_up: false, ..whole }),
+        ("flow not mended", CarrySettings { mends: false, ..whole }),
+        ("borders not refined", CarrySettings { refines: false, ..whole }),
+    ]
+}
+
+/// A scene and its labelled recording.
+struct Bench {
+    scene: Scene,
+    graph: Graph,
+    sequence: Sequence,
+    canvas: Canvas,
+    classes: Vec<Class>,
+}
+
+impl Bench {
+    fn new(scene: Scene, sequence: Sequence) -> Result<Self> {
+        let is_asked = |c: &&Class| !c.name.contains("background");
+        let classes: Vec<Class> = sequence.classes().iter().filter(is_asked).cloned().collect();
+        if classes.is_empty() {
+            let what = "the recording has no label masks to compare with";
+            return Err(Error::input_at(sequence.path(), what, "Give one that has."));
+        }
+        let size = scene.cameras.first().map(|c| (c.width as usize, c.height as usize));
+        if size != Some((sequence.width(), sequence.height())) || scene.num_frames() != sequence.num_frames()
+        {
+            let what = "this is not the scene's recording: sizes or numbers of frames differ";
+            return Err(Error::input_at(sequence.path(), what, "Give the recording it was trained on."));
+        }
+        let (width, height, num_frames) = (sequence.width(), sequence.height(), sequence.num_frames());
+        let canvas = Canvas { width, height, frame_names: Vec::new(), num_frames };
+        Ok(Self { graph: Graph::of(&scene), scene, sequence, canvas, classes })
+    }
+
+    /// Returns the pixels of each class on a frame.
+    fn truth(&self, frame: usize) -> Result<Vec<Mask>> {
+        let labels = self.sequence.labels(frame)?;
+        let (width, height) = (self.canvas.width, self.canvas.height);
+        let labels = labels.unwrap_or_else(|| Grid::filled(width, height, NO_LABEL));
+        Ok(self.classes.iter().map(|class| labels.map(|id| *id == class.id)).collect())
+    }
+
+    fn marks(&self, rule: Rule, frames: &[usize]) -> Result<Vec<Mark>> {
+        let mut marks = Vec::new();
+        for &frame in frames {
+            for (class, mask) in self.classes.iter().zip(self.truth(frame)?) {
+                marks.extend(rules::marks(rule, frame, &class.name, &mask));
+            }
+        }
+        Ok(marks)
+    }
+
+    fn by_rule(&self, way: &str, rule: Rule, frames: &[usize], settings: CarrySettings) -> Result<Outcome> {
+        self.by_marks(way, &Marks::new(self.marks(rule, frames)?, &self.canvas)?, settings)
+    }
+
+    fn by_marks(&self, way: &str, marks: &Marks, settings: CarrySettings) -> Result<Outcome> {
+        let started = Instant::now();
+        let mut carried = Carried::new(&self.scene, &self.graph, marks, settings);
+        let marked_s = started.elapsed().as_secs_f64();
+        let none = Mask::filled(self.canvas.width, self.canvas.height, false);
+        let found = |frame: usize| -> Result<Vec<Mask>> {
+            let scores = self.scores(&mut carried, frame)?;
+            let of = |class: &Class| {
+                let place = carried.names().iter().position(|name| *name == class.name);
+                place.map_or_else(|| none.clone(), |k| threshold(&scores[k], 0.5))
+            };
+            Ok(self.classes.iter().map(of).collect())
+        };
+        let outcome = self.measured(way, &marks.frames(), found)?;
+        Ok(Outcome { marked_s, ..outcome })
+    }
+
+    fn scores(&self, carried: &mut Carried, frame: usize) -> Result<Vec<Grid<f32>>> {
+        Ok(carried.on_frame(&self.scene, frame, &mut |i| self.sequence.frame(i))?.scores)
+    }
+
+    /// Measures what is found on all frames without a mark.
+    fn measured(
+        &self,
+        way: &str,
+        marked: &[usize],
+        mut found: impl FnMut(usize) -> Result<Vec<Mask>>,
+    ) -> Result<Outcome> {
+        let mut measures = MaskScores::default();
+        let (mut seconds, mut frames) = (0.0, 0);
+        let mut view = ProgressView::default();
+        for frame in (0..self.canvas.num_frames).filter(|f| !marked.contains(f)) {
+            let started = Instant::now();
+            let masks = found(frame)?;
+            seconds += started.elapsed().as_secs_f64();
+            frames += 1;
+            let keep = self.sequence.mask(frame)?;
+            for ((class, mask), truth) in self.classes.iter().zip(&masks).zip(self.truth(frame)?) {
+                measures.add(ClassOnFrame::measure(frame, &class.name, mask, &truth, &keep)?);
+            }
+            view.count(way, frame + 1, self.canvas.num_frames);
+        }
+        let paper = measures.paper();
+        Ok(Outcome {
+            way: way.to_owned(),
+            frames: marked.to_vec(),
+            paper_iou: paper.mean,
+            strict_iou: measures.strict().mean,
+            false_find_rate: measures.summary().all.absent.false_find_rate,
+            marked_s: 0.0,
+            frame_s: seconds / f64::from(frames.max(1)),
+            classes: paper.classes,
+        })
+    }
+
+    /// Carries the labels of a frame along the flow from frame to frame, as if there were no scene.
+    fn by_flow(&self, way: &str, marked: usize) -> Result<Outcome> {
+        let labels = self.truth(marked)?;
+        let gray = |frame: usize| -> Result<Grid<f32>> { Ok(luma(&self.sequence.frame(frame)?)) };
+        let mut ways: BTreeMap<usize, Grid<Vector>> = BTreeMap::new();
+        ways.insert(marked, Grid::filled(self.canvas.width, self.canvas.height, [0.0; 2]));
+        let after = (marked + 1..self.canvas.num_frames).map(|frame| (frame, frame - 1));
+        let before = (0..marked).rev().map(|frame| (frame, frame + 1));
+        for (frame, next) in after.chain(before) {
+            let step = optical_flow(&gray(frame)?, &gray(next)?);
+            ways.insert(frame, joined(&step, &ways[&next]));
+        }
+        let found = |frame: usize| Ok(labels.iter().map(|mask| seen_along(mask, &ways[&frame])).collect());
+        self.measured(way, &[marked], found)
+    }
+
+    /// Strokes first; then, on the frame that most doubt is on, the largest wrong part of every class is painted
+    /// over, and so on.
+    fn corrected(&self, middle: usize, add: &mut dyn FnMut(Outcome)) -> Result<()> {
+        let mut marks = self.marks(Rule::Stroke, &[middle])?;
+        for correction in 1..=CORRECTIONS {
+            let current = Marks::new(marks.clone(), &self.canvas)?;
+            let mut carried = Carried::new(&self.scene, &self.graph, &current, CarrySettings::default());
+            let here = carried.look_here(&self.scene, &mut |i| self.sequence.frame(i))?;
+            let Some(here) = here else { break };
+            let scores = self.scores(&mut carried, here.frame)?;
+            marks.extend(self.painted_over(&carried, &scores, here.frame)?);
+            let way = format!("one stroke per class, {correction} corrections");
+            add(self.by_marks(&way, &Marks::new(marks.clone(), &self.canvas)?, CarrySettings::default())?);
+        }
+        Ok(())
+    }
+
+    /// Returns marks of the missing part of every class on a frame.
+    fn painted_over(&self, carried: &Carried, scores: &[Grid<f32>], frame: usize) -> Result<Vec<Mark>> {
+        let keep = self.sequence.mask(frame)?;
+        let mut marks = Vec::new();
+        for (class, truth) in self.classes.iter().zip(self.truth(frame)?) {
+            let place = carried.names().iter().position(|name| *name == class.name);
+            let is_missing =
+                |i: usize| truth.data[i] && keep.data[i] && place.is_none_or(|k| scores[k].data[i] <= 0.5);
+            let missing =
+                Mask::from_vec(truth.width, truth.height, (0..truth.data.len()).map(is_missing).collect());
+            if missing.count() > 0 {
+                marks.push(Mark::new(frame, &class.name, true, Shape::Mask(Arc::new(missing))));
+            }
+        }
+        Ok(marks)
+    }
+}
+
+/// Returns a mask as it is seen where `way` leads from, by nearest neighbour.
+fn seen_along(mask: &Mask, way: &Grid<Vector>) -> Mask {
+    let at = |i: usize| {
+        let [u, v] = way.data[i];
+        let x = ((i % mask.width) as f32 + u + 0.5).clamp(0.0, (mask.width - 1) as f32);
+        let y = ((i / mask.width) as f32 + v + 0.5).clamp(0.0, (mask.height - 1) as f32);
+        mask.at(x as usize, y as usize)
+    };
+    Mask::from_vec(mask.width, mask.height, (0..mask.data.len()).map(at).collect())
+}
+
+fn text(value: Option<f64>) -> String {
+    value.map_or("-".into(), |v| format!("{v:.3}"))
+}
+
+fn line(outcome: &Outcome) -> String {
+    format!(
+        "{}: IoU {}, strict {}, absent found {}; {:.0} ms, and {:.0} ms a frame",
+        outcome.way,
+        text(outcome.paper_iou),
+        text(outcome.strict_iou),
+        text(outcome.false_find_rate),
+        1e3 * outcome.marked_s,
+        1e3 * outcome.frame_s
+    )
+}
+
+fn csv(outcomes: &[Outcome]) -> String {
+    let mut lines = "way,frames,paper_iou,strict_iou,false_find_rate,marked_s,frame_s\n".to_owned();
+    for o in outcomes {
+        let frames: Vec<String> = o.frames.iter().map(usize::to_string).collect();
+        // Writing into a string cannot fail.
+        let _ = writeln!(
+            lines,
+            "\"{}\",{},{},{},{},{:.4},{:.4}",
+            o.way,
+            frames.join(" "),
+            text(o.paper_iou),
+            text(o.strict_iou),
+            text(o.false_find_rate),
+            o.marked_s,
+            o.frame_s
+        );
+    }
+    lines
+}

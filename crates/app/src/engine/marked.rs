@@ -1,0 +1,177 @@
+//! Marks by hand in an engine: scores of the names that they give, and corrections of the scene's prompts.
+
+use super::{Engine, SceneView};
+use std::{collections::BTreeMap, path::Path};
+use surgtpgs_core::{
+    Result,
+    deform::deform,
+    grid::Grid,
+    marks::{Canvas, Carried, CarrySettings, Correction, Graph, LookHere, Marks},
+    relevancy::{Points, Query, Relevancy},
+};
+
+/// Marks, carried to the scene.
+pub(super) struct Marked {
+    marks: Marks,
+    graph: Graph,
+    /// Names that the scene does not have.
+    carried: Carried,
+    /// Corrections of the scene's classes, by name.
+    corrections: BTreeMap<String, Correction>,
+    /// Scores of the last frame, in the order of the carried names.
+    last: Option<(usize, Vec<Grid<f32>>)>,
+}
+
+impl Engine {
+    /// Returns the recording that marks are made on.
+    pub fn canvas(&self) -> Canvas {
+        let size = self.scene.cameras.first().map_or([0; 2], |c| [c.width, c.height]);
+        let [width, height] = size.map(|side| side as usize);
+        let frame_names = self.frame_sources();
+        Canvas { width, height, frame_names, num_frames: self.scene.num_frames() }
+    }
+
+    /// Reads a file of marks and carries them, see [`Engine::set_marks`]. The file is an input from now on.
+    pub fn read_marks(&mut self, path: &Path) -> Result<()> {
+        self.set_marks(Marks::read(path, &self.canvas())?)?;
+        self.marks_file = Some(path.to_owned());
+        Ok(())
+    }
+
+    /// Carries marks to the whole scene. From now on prompts find what was marked, and marks of the scene's own
+    /// classes correct them. The prompts are forgotten.
+    pub fn set_marks(&mut self, marks: Marks) -> Result<()> {
+        let names = marks.names();
+        self.asking.know(&self.scene, &self.settings, &names)?;
+        let earlier = self.marked.take().map(|m| m.graph).filter(|g| g.is_of(&self.scene));
+        let graph = earlier.unwrap_or_else(|| Graph::of(&self.scene));
+        let has_features = self.relevancy.is_some();
+        let is_known =
+            |name: &str| has_features && self.scene.classes.iter().any(|(class, _)| class.name == name);
+        let (known, new): (Vec<&String>, Vec<&String>) = names.iter().partition(|name| is_known(name));
+        let carried = Carried::new(&self.scene, &graph, &marks.named(&new), CarrySettings::default());
+        let mut corrections = BTreeMap::new();
+        for name in known {
+            let own = marks.named(&[name]);
+            let before = self.shares_before(name, own.frames().first().copied().unwrap_or(0));
+            corrections.insert(name.clone(), Correction::new(&self.scene, &graph, &own, &before));
+        }
+        self.marked = Some(Marked { marks, graph, carried, corrections, last: None });
+        Ok(())
+    }
+
+    /// Returns the marks.
+    pub fn marks(&self) -> Option<&Marks> {
+        self.marked.as_ref().map(|m| &m.marks)
+    }
+
+    /// Returns the score of each Gaussian for a class of the scene, at the time of a frame.
+    fn shares_before(&mut self, name: &str, frame: usize) -> Vec<f32> {
+        let scene = &self.scene;
+        let place = scene.classes.iter().position(|(class, _)| class.name == name);
+        let (Some(relevancy), Some(place)) = (&mut self.relevancy, place) else {
+            return vec![0.0; scene.gaussians.len()];
+        };
+        let deformed = deform(&scene.gaussians, &scene.deformation, scene.time(frame), true);
+        let points = Points::of_latents(&deformed.features, scene.gaussians.latent_dim);
+        let query =
+            Query::new(name, scene.classes[place].1.clone()).among(self.asking.classes(), vec![place]);
+        relevancy.score_points(&points, &[query], &self.settings).pop().unwrap_or_default()
+    }
+
+    /// Changes the scores of the prompts on a view by what was marked.
+    pub(super) fn score_marked(&mut self, view: &SceneView, scores: &mut [Grid<f32>]) -> Result<()> {
+        let Some(mut marked) = self.marked.take() else { return Ok(()) };
+        let result = self.add_marked(&mut marked, view, scores);
+        self.marked = Some(marked);
+        result
+    }
+
+    fn add_marked(&mut self, marked: &mut Marked, view: &SceneView, scores: &mut [Grid<f32>]) -> Result<()> {
+        let frame = self.frame_of(view);
+        let is_asked = |name: &String| self.asking.meant.iter().flatten().any(|meant| meant == name);
+        let new = if marked.carried.names().iter().any(is_asked) {
+            self.carried_scores(marked, view, frame)?
+        } else {
+            Vec::new()
+        };
+        for ((score, meant), query) in scores.iter_mut().zip(&self.asking.meant).zip(&self.asking.queries) {
+            for name in meant {
+                if let Some(correction) = marked.corrections.get(name) {
+                    correction.apply(&self.scene, (view.camera, view.time), frame, score);
+                }
+                let place = marked.carried.names().iter().position(|known| known == name);
+                if let Some(own) = place.and_then(|k| new.get(k)) {
+                    score.data.iter_mut().zip(&own.data).for_each(|(s, own)| *s = s.max(*own));
+                }
+            }
+            score.data.iter_mut().for_each(|s| *s = s.min(query.certainty));
+        }
+        Ok(())
+    }
+
+    /// Returns the scores of the carried names on a view. Frames that were recorded are refined by their
+    /// picture, or by the reconstruction of it where the recording is not at hand.
+    fn carried_scores(
+        &mut self,
+        marked: &mut Marked,
+        view: &SceneView,
+        frame: Option<usize>,
+    ) -> Result<Vec<Grid<f32>>> {
+        let Some(frame) = frame else {
+            return Ok(marked.carried.on_view(&self.scene, view.camera, view.time));
+        };
+        if let Some((_, scores)) = marked.last.as_ref().filter(|(last, _)| *last == frame) {
+            return Ok(scores.clone());
+        }
+        let scene = self.scene.clone();
+        let found = marked.carried.on_frame(&scene, frame, &mut |i| self.picture(i))?;
+        marked.last = Some((frame, found.scores.clone()));
+        Ok(found.scores)
+    }
+
+    /// Returns the recorded picture of a frame, or the reconstruction of it.
+    fn picture(&mut self, frame: usize) -> Result<image::RgbImage> {
+        match self.original(frame)? {
+            Some(picture) => Ok(picture),
+            None => {
+                let view = self.view(frame)?;
+                Ok(self.render(&view, false)?.to_rgb())
+            }
+        }
+    }
+
+    /// Returns the frame that a view shows as it was recorded.
+    fn frame_of(&self, view: &SceneView) -> Option<usize> {
+        let frames = 0..self.scene.num_frames();
+        frames.into_iter().find(|i| {
+            view.recorded && self.scene.time(*i) == view.time && self.scene.cameras[*i] == view.camera
+        })
+    }
+
+    /// Returns for each prompt the Gaussians that marks give it: those whose share is above one half.
+    pub(super) fn gaussians_marked(&self) -> Vec<Vec<usize>> {
+        let Some(marked) = &self.marked else { return Vec::new() };
+        let shares = marked.carried.shares();
+        let of = |meant: &Vec<String>| {
+            let places: Vec<usize> =
+                (0..shares.len()).filter(|k| meant.contains(&marked.carried.names()[*k])).collect();
+            let is_found = |i: &usize| places.iter().any(|k| shares[*k][*i] > 0.5);
+            (0..self.scene.gaussians.len()).filter(is_found).collect()
+        };
+        self.asking.meant.iter().map(of).collect()
+    }
+
+    /// Returns the place where one more mark of a new name would help most; `None` if there is no such name, or
+    /// if every frame is marked.
+    pub fn look_here(&mut self) -> Result<Option<LookHere>> {
+        let Some(mut marked) = self.marked.take() else { return Ok(None) };
+        let scene = self.scene.clone();
+        let found = match marked.carried.names() {
+            [] => Ok(None),
+            _ => marked.carried.look_here(&scene, &mut |i| self.picture(i)),
+        };
+        self.marked = Some(marked);
+        found
+    }
+}

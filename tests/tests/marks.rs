@@ -1,0 +1,138 @@
+//! Marks by hand, on the tiny demo.
+
+use serde_json::{Value, json};
+use surgtpgs_tests::{Flow, flow, run_in};
+
+/// Writes marks into the flow's folder and returns the file's name.
+fn file(name: &str, marks: &Value) -> String {
+    std::fs::write(flow().path().join(name), json!({ "marks": marks }).to_string()).unwrap();
+    name.to_owned()
+}
+
+/// Trains a scene without features, once.
+fn bare() -> &'static str {
+    static BARE: std::sync::Once = std::sync::Once::new();
+    BARE.call_once(|| {
+        flow().run(&["train", "recording", "-o", "marked.safetensors", "--iterations", "200"]).ok();
+    });
+    "marked.safetensors"
+}
+
+/// Returns the label pictures of frame 5 as a mask of one class, in a file beside the marks.
+fn mask_of(class: &str) -> String {
+    let flow = flow();
+    let classes: Value =
+        serde_json::from_str(&std::fs::read_to_string(flow.path().join("recording/labels.json")).unwrap()).unwrap();
+    let of = |entry: &&Value| entry["name"] == class;
+    let id = classes.as_array().unwrap().iter().find(of).unwrap()["id"].as_u64().unwrap() as u8;
+    let mut labels: Vec<_> =
+        std::fs::read_dir(flow.path().join("recording/labels")).unwrap().map(|e| e.unwrap().path()).collect();
+    labels.sort();
+    let labels = image::open(&labels[5]).unwrap().into_luma8();
+    let mask = image::GrayImage::from_fn(labels.width(), labels.height(), |x, y| {
+        image::Luma([if labels.get_pixel(x, y)[0] == id { 255 } else { 0 }])
+    });
+    let name = format!("{}.png", class.replace(' ', "-"));
+    mask.save(flow.path().join(&name)).unwrap();
+    name
+}
+
+fn masks() -> Value {
+    let mark = |name: &str| json!({ "frame": 5, "name": name, "kind": "mask", "mask": mask_of(name) });
+    json!([mark("liver"), mark("gallbladder")])
+}
+
+#[test]
+fn marks_of_one_frame_are_found_on_all_and_scored() {
+    let (scene, marks) = (bare(), file("eval-marks.json", &masks()));
+    let run = flow().run(&["eval", scene, "recording", "--marks", &marks, "--json"]).ok();
+    let report = run.json();
+    assert_eq!(report["frames"], Flow::FRAMES - 1, "{report}");
+    for name in ["liver", "gallbladder"] {
+        let iou = report["iou"]["paper"]["classes"][name].as_f64().unwrap();
+        assert!(iou > 0.7, "{name}: {report}");
+    }
+    assert_eq!(report["iou"]["paper"]["classes"]["fat"].as_f64().unwrap_or(0.0), 0.0, "{report}");
+}
+
+#[test]
+fn words_find_what_was_marked_and_nothing_else() {
+    let (scene, marks) = (bare(), file("query-marks.json", &masks()));
+    let line = ["query", scene, "--marks", &marks, "--prompt", "liver", "hepar", "spaceship", "--json"];
+    let report = flow().run(&line).ok().json();
+    let found = |k: usize| {
+        let frames = report["prompts"][k]["frames"].as_array().unwrap();
+        frames.iter().filter(|f| f["found"] == true).count()
+    };
+    assert_eq!([found(0), found(1), found(2)], [Flow::FRAMES, Flow::FRAMES, 0], "{report}");
+    assert_ne!(report["look_here"]["frame"], 5, "{report}");
+    let text = flow().run(&["query", scene, "--marks", &marks, "--prompt", "liver"]).ok().stdout;
+    assert!(text.contains("look here"), "{text}");
+}
+
+#[test]
+fn marks_correct_the_prompt_of_a_scene_and_no_other() {
+    let everything = json!([{ "frame": 5, "name": "liver", "kind": "box", "add": false, "points_px": [[0, 0], [64, 48]] }]);
+    let marks = file("corrections.json", &everything);
+    let areas = |more: &[&str]| {
+        let line = ["query", "scene.safetensors", "--prompt", "liver", "fat", "--json"];
+        let report = flow().run(&[&line[..], more].concat()).ok().json();
+        [0, 1].map(|k| {
+            let frames = report["prompts"][k]["frames"].as_array().unwrap();
+            frames.iter().map(|f| f["area_px"].as_u64().unwrap()).collect::<Vec<_>>()
+        })
+    };
+    let ([liver, fat], [corrected, untouched]) = (areas(&[]), areas(&["--marks", &marks]));
+    assert!(liver.iter().all(|px| *px > 0) && fat == untouched, "{fat:?} {untouched:?}");
+    assert_eq!(corrected[5], 0, "{corrected:?}");
+    assert!(corrected.iter().sum::<u64>() * 2 < liver.iter().sum(), "{liver:?} {corrected:?}");
+}
+
+#[test]
+fn exports_are_marks_again() {
+    let (scene, marks) = (bare(), file("export-marks.json", &masks()));
+    let line = ["export", scene, "--marks", &marks, "--prompt", "liver", "-o", "marked", "--format", "coco,binary"];
+    flow().run(&line).ok();
+    let record = std::fs::read_to_string(flow().path().join("marked/provenance.json")).unwrap();
+    let record: Value = serde_json::from_str(&record).unwrap();
+    assert_eq!(record["marks_sha256"].as_str().map(str::len), Some(64), "{record}");
+    let coco = std::fs::read_dir(flow().path().join("marked")).unwrap().map(|e| e.unwrap().path());
+    let coco = coco.filter(|p| p.extension().is_some_and(|e| e == "json") && !p.ends_with("provenance.json"));
+    let coco = coco.last().unwrap().display().to_string();
+    let report = flow().run(&["query", scene, "--marks", &coco, "--prompt", "liver", "--json"]).ok().json();
+    let found = report["prompts"][0]["frames"].as_array().unwrap().iter().filter(|f| f["found"] == true);
+    assert_eq!(found.count(), Flow::FRAMES, "{report}");
+}
+
+#[test]
+fn a_recording_is_prepared_from_marks_alone() {
+    let marks = file("prepare-marks.json", &masks());
+    flow().run(&["prepare", "recording", "-o", "prepared-marks", "--marks", &marks]).ok();
+    let train = ["train", "prepared-marks", "-o", "by-marks.safetensors", "--iterations", "200"];
+    flow().run(&train).ok();
+    let report = flow().run(&["query", "by-marks.safetensors", "--prompt", "liver", "--json"]).ok().json();
+    let found = report["prompts"][0]["frames"].as_array().unwrap().iter().filter(|f| f["found"] == true);
+    assert_eq!(found.count(), Flow::FRAMES, "{report}");
+}
+
+#[test]
+fn a_bad_mark_is_refused_by_its_name() {
+    let scene = bare();
+    let marks = json!([
+        { "frame": 0, "name": "liver", "kind": "click", "points_px": [[3, 3]] },
+        { "frame": 77, "name": "fat", "kind": "click", "points_px": [[3, 3]] },
+    ]);
+    let marks = file("bad-marks.json", &marks);
+    for line in [
+        vec!["query", scene, "--prompt", "liver", "--marks", &marks],
+        vec!["eval", scene, "recording", "--marks", &marks],
+        vec!["export", scene, "--prompt", "liver", "-o", "refused", "--marks", &marks],
+        vec!["prepare", "recording", "-o", "refused", "--marks", &marks],
+    ] {
+        let run = run_in(flow().path(), &line);
+        let message = run.refused(1);
+        assert!(message.contains("marks[1] (\"fat\" on frame 77)"), "{message}");
+        assert!(message.contains("bad-marks.json"), "{message}");
+    }
+    assert!(!flow().path().join("refused").exists());
+}
