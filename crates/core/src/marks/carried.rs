@@ -6,7 +6,7 @@ use super::{
     guided::Guide,
     seeds::Seeds,
     seen::Seen,
-    spread::{PULL, spread},
+    spread::{Hints, PULL, spread},
     trail::Trail,
 };
 use crate::{
@@ -105,7 +105,8 @@ impl Carried {
         let names = marks.names();
         let evidence = Evidence::of_all(marks, &names, scene);
         let seeds = Seeds::of(scene, names.len(), evidence.values());
-        let mut shares = spread(&graph.links, &seeds, None, PULL, true);
+        let hints = Hints::of(&graph.links, &seeds, &[]);
+        let mut shares = spread(&graph.links, &seeds, None, PULL, Some(&hints));
         // The solver stops a little beside the solution.
         shares.iter_mut().flatten().for_each(|share| *share = share.max(0.0));
         Self { names, settings, evidence, shares, known: BTreeMap::new() }

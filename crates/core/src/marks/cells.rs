@@ -5,7 +5,7 @@ use super::{
     Evidence,
     links::{Links, look},
     seeds::Seeds,
-    spread::{PULL, spread},
+    spread::{Hints, PULL, spread},
 };
 use crate::grid::Mask;
 use image::RgbImage;
@@ -14,6 +14,8 @@ use image::RgbImage;
 const CELL: usize = 4;
 /// Difference of roots of colours, of 0 to 1, at which neighbours weigh e^(−½).
 const COLOUR: f32 = 0.05;
+/// Rounds in which a few marks are spread.
+const ROUNDS: usize = 3;
 /// Power of the mean share that a share is multiplied by.
 const AREA: f32 = 0.3;
 /// Weight of what is known from other marked frames, for each square.
@@ -40,11 +42,24 @@ pub(super) fn spread_over(
         }
     }
     let links = cells.links(picture, field_of_view);
-    let mut shares = spread(&links, &seeds, None, PULL, known.is_none());
-    if known.is_none() {
+    let marked = evidence.pixels().count();
+    let shares = if known.is_some() || 2 * marked > width * height {
+        spread(&links, &seeds, None, PULL, None)
+    } else {
+        grown(&links, &seeds)
+    };
+    shares.iter().map(|share| cells.at_half(share)).collect()
+}
+
+/// Spreads a few marks in rounds: what clearly belongs to a name is an example of its looks in the next one.
+fn grown(links: &Links, seeds: &Seeds) -> Vec<Vec<f32>> {
+    let mut shares = Vec::new();
+    for _ in 0..ROUNDS {
+        let hints = Hints::of(links, seeds, &shares);
+        shares = spread(links, seeds, None, PULL, Some(&hints));
         weigh_by_area(&mut shares);
     }
-    shares.iter().map(|share| cells.at_half(share)).collect()
+    shares
 }
 
 /// Multiplies shares by a power of their mean, and keeps their sums: a walker leaves a small structure for the

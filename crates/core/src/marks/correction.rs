@@ -22,7 +22,7 @@ impl Correction {
         let evidence = Evidence::of_all(marks, &names, scene);
         let seeds = Seeds::of(scene, names.len(), evidence.values());
         let change =
-            spread(&graph.links, &seeds, Some(&[before.to_vec()]), PULL, false).pop().unwrap_or_default();
+            spread(&graph.links, &seeds, Some(&[before.to_vec()]), PULL, None).pop().unwrap_or_default();
         Self { change, evidence }
     }
 

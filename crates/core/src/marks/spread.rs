@@ -19,19 +19,18 @@ const TOLERANCE: f64 = 1e-3;
 const MOST_STEPS: usize = 300;
 
 /// Returns the change of the share of each name, [names][things]; `before` holds the shares before, in the
-/// same order. With `hints`, things that look like marked ones are weak seeds.
+/// same order.
 pub(super) fn spread(
     links: &Links,
     seeds: &Seeds,
     before: Option<&[Vec<f32>]>,
     pull: f32,
-    hints: bool,
+    hints: Option<&Hints>,
 ) -> Vec<Vec<f32>> {
-    let hints = if hints { Hints::of(links, seeds) } else { Hints::default() };
     let solve = |k: usize| {
         let before = before.map_or(&[][..], |before| &before[k]);
         let mut system = System::new(links, &seeds.weights[k], &seeds.shares[k], before, pull);
-        system.add(&hints, k);
+        hints.into_iter().for_each(|hints| system.add(hints, k));
         system.solve()
     };
     (0..seeds.weights.len()).into_par_iter().map(solve).collect()
@@ -44,30 +43,44 @@ const HINT: f32 = 0.02;
 /// Number of examples that tell the looks of a name well; fewer weigh less.
 const MANY: f32 = 200.0;
 
+/// Power of likeness: names whose examples are hardly further away do not share a thing.
+const CERTAIN: i32 = 3;
+/// Part of all shares from which on a thing clearly belongs to a name.
+const CLEAR: f32 = 0.8;
+
 /// Weak seeds everywhere, of things that look like marked ones: they reach parts that no mark touches.
-#[derive(Default)]
-struct Hints {
-    /// Likeness to the most similar example, [names][things]; and the largest and the sum over the names.
+pub(super) struct Hints {
+    /// Likeness to the examples of each name to the power of [`CERTAIN`], [names][things].
     likeness: Vec<Vec<f32>>,
+    /// Largest likeness of each thing, and the sum of `likeness` over the names.
     largest: Vec<f32>,
     sums: Vec<f32>,
 }
 
 impl Hints {
-    fn of(links: &Links, seeds: &Seeds) -> Self {
-        let examples = |k: usize| {
+    /// Takes as examples of a name what is marked so, and what `shares` clearly give to it, if there are some.
+    pub(super) fn of(links: &Links, seeds: &Seeds, shares: &[Vec<f32>]) -> Self {
+        let sum = |i: usize| shares.iter().map(|plane| plane[i]).sum::<f32>();
+        let is_clear = |k: usize, i: usize| {
+            links.degrees[i] > 0.0 && shares.get(k).is_some_and(|plane| plane[i] > CLEAR * sum(i))
+        };
+        let of_name = |k: usize| {
             let (weights, shares) = (&seeds.weights[k], &seeds.shares[k]);
-            let is_one = |i: &usize| weights[*i] > EXAMPLE && shares[*i] > EXAMPLE * weights[*i];
-            let examples: Vec<usize> = (0..links.len()).filter(is_one).collect();
-            let trust = (examples.len() as f32 / MANY).min(1.0);
+            let is_marked = |i: usize| weights[i] > EXAMPLE && shares[i] > EXAMPLE * weights[i];
+            let marked = (0..links.len()).filter(|i| is_marked(*i)).count();
+            let examples: Vec<usize> =
+                (0..links.len()).filter(|i| marked > 0 && (is_marked(*i) || is_clear(k, *i))).collect();
+            let trust = (marked as f32 / MANY).min(1.0);
             let mut likeness = links.likeness(&examples);
             likeness.iter_mut().for_each(|v| *v *= trust);
             likeness
         };
-        let likeness: Vec<Vec<f32>> = (0..seeds.weights.len()).map(examples).collect();
-        let over = |i: usize| likeness.iter().map(move |plane| plane[i]);
-        let largest = (0..links.len()).map(|i| over(i).fold(0.0, f32::max)).collect();
-        let sums = (0..links.len()).map(|i| over(i).sum()).collect();
+        let likeness: Vec<Vec<f32>> = (0..seeds.weights.len()).map(of_name).collect();
+        let largest =
+            (0..links.len()).map(|i| likeness.iter().map(|plane| plane[i]).fold(0.0, f32::max)).collect();
+        let certain = |plane: Vec<f32>| plane.into_iter().map(|v| v.powi(CERTAIN)).collect();
+        let likeness: Vec<Vec<f32>> = likeness.into_iter().map(certain).collect();
+        let sums = (0..links.len()).map(|i| likeness.iter().map(|plane| plane[i]).sum()).collect();
         Self { likeness, largest, sums }
     }
 }
@@ -94,8 +107,9 @@ impl<'a> System<'a> {
 
     /// Adds the hints on name `k`, if there are any. All names have the same weights.
     fn add(&mut self, hints: &Hints, k: usize) {
-        let Some(likeness) = hints.likeness.get(k) else { return };
-        for (i, likeness) in likeness.iter().enumerate() {
+        for (i, likeness) in
+            hints.likeness[k].iter().enumerate().filter(|(i, _)| self.links.degrees[*i] > 0.0)
+        {
             let weight = HINT * hints.largest[i];
             self.diagonal[i] += weight;
             self.right[i] += weight * likeness / hints.sums[i].max(f32::MIN_POSITIVE);

@@ -257,7 +257,7 @@ fn names_that_hold_what_json_lacks_are_left_alone() {
 #[test]
 fn coco_annotations_are_marks() {
     let mask = Mask::from_vec(SIZE[0], SIZE[1], (0..SIZE[0] * SIZE[1]).map(|i| i % 64 > 50).collect());
-    let runs = compressed(&column_runs(&mask));
+    let runs = serde_json::Value::from(compressed(&column_runs(&mask)));
     let file = |annotation: &str| {
         format!(
             r#"{{"categories": [{{"id": 1, "name": "liver"}}],
@@ -266,7 +266,7 @@ fn coco_annotations_are_marks() {
         )
     };
     let text = file(&format!(
-        r#"{{"image_id": 7, "category_id": 1, "segmentation": {{"size": [48, 64], "counts": "{runs}"}}}},
+        r#"{{"image_id": 7, "category_id": 1, "segmentation": {{"size": [48, 64], "counts": {runs}}}}},
            {{"image_id": 8, "category_id": 1, "segmentation": [[1, 1, 9, 1, 9, 9]]}}"#
     ));
     let marks = read(&text).unwrap();
