@@ -1,5 +1,3 @@
-//! Marks by hand, on the tiny demo.
-
 use serde_json::{Value, json};
 use surgtpgs_tests::{Flow, flow, run_in};
 
@@ -22,7 +20,8 @@ fn bare() -> &'static str {
 fn mask_of(class: &str) -> String {
     let flow = flow();
     let classes: Value =
-        serde_json::from_str(&std::fs::read_to_string(flow.path().join("recording/labels.json")).unwrap()).unwrap();
+        serde_json::from_str(&std::fs::read_to_string(flow.path().join("recording/labels.json")).unwrap())
+            .unwrap();
     let of = |entry: &&Value| entry["name"] == class;
     let id = classes.as_array().unwrap().iter().find(of).unwrap()["id"].as_u64().unwrap() as u8;
     let mut labels: Vec<_> =
@@ -91,7 +90,8 @@ fn marks_correct_the_prompt_of_a_scene_and_no_other() {
 #[test]
 fn exports_are_marks_again() {
     let (scene, marks) = (bare(), file("export-marks.json", &masks()));
-    let line = ["export", scene, "--marks", &marks, "--prompt", "liver", "-o", "marked", "--format", "coco,binary"];
+    let line =
+        ["export", scene, "--marks", &marks, "--prompt", "liver", "-o", "marked", "--format", "coco,binary"];
     flow().run(&line).ok();
     let record = std::fs::read_to_string(flow().path().join("marked/provenance.json")).unwrap();
     let record: Value = serde_json::from_str(&record).unwrap();

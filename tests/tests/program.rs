@@ -29,6 +29,8 @@ mod formats;
 mod gpu;
 /// A recording is known again by its frames.
 mod identity;
+/// Marks by hand: asked, corrected, exported, prepared, refused.
+mod marks;
 /// Inputs, other people's files and earlier results are safe.
 mod outputs;
 /// Nothing that speaks to a network is built in.

@@ -77,9 +77,9 @@ impl Evaluation {
     }
 }
 
-/// Evaluates the engine's scene on its recording: the held-out frames, or all if none was held out. With marks
-/// it is every frame without one. With a model of LPIPS, LPIPS is measured, too. Without labels, or features
-/// or marks, there are no masks to measure.
+/// Evaluates the engine's scene on its recording: the held-out frames, or all if none was held out. With
+/// marks it is every frame without one. With a model of LPIPS, LPIPS is measured, too. Without labels, or
+/// features or marks, there are no masks to measure.
 ///
 /// # Errors
 /// No recording, frames that cannot be read, or [`Error::Cancelled`].

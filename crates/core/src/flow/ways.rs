@@ -24,8 +24,8 @@ pub fn halved(image: &Grid<f32>) -> Grid<f32> {
     pyramid::halved(image)
 }
 
-/// Mends displacements: `to`, as it is seen along `way`, is compared with `from`, and the flow between both is
-/// put before `way`. Luminance is in 8-bit levels.
+/// Mends displacements: `to`, as it is seen along `way`, is compared with `from`, and the flow between both
+/// is put before `way`. Luminance is in 8-bit levels.
 pub fn mended(from: &Grid<f32>, to: &Grid<f32>, way: &Grid<Vector>) -> Grid<Vector> {
     let seen = pyramid::each_pixel(way.width, way.height, |x, y| {
         let [u, v] = way.at(x, y);

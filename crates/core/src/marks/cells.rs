@@ -1,5 +1,5 @@
-//! A marked frame as a grid of small squares, which marks are spread over: it knows the borders of its picture
-//! better than Gaussians do.
+//! A marked frame as a grid of small squares, which marks are spread over: it knows the borders of its
+//! picture better than Gaussians do.
 
 use super::{
     Evidence,
@@ -21,8 +21,8 @@ const AREA: f32 = 0.3;
 /// Weight of what is known from other marked frames, for each square.
 const KNOWN: f32 = 0.1;
 
-/// Spreads the marks of a frame over its picture, from what is known of it: shares of each name, [names][pixels]
-/// at half size, rounded down; `known` is such, too.
+/// Spreads the marks of a frame over its picture, from what is known of it: shares of each name,
+/// [names][pixels] at half size, rounded down; `known` is such, too.
 pub(super) fn spread_over(
     picture: &RgbImage,
     field_of_view: &Mask,
@@ -62,8 +62,8 @@ fn grown(links: &Links, seeds: &Seeds) -> Vec<Vec<f32>> {
     shares
 }
 
-/// Multiplies shares by a power of their mean, and keeps their sums: a walker leaves a small structure for the
-/// large one around it too late.
+/// Multiplies shares by a power of their mean, and keeps their sums: a walker leaves a small structure for
+/// the large one around it too late.
 fn weigh_by_area(shares: &mut [Vec<f32>]) {
     let mean = |plane: &Vec<f32>| plane.iter().sum::<f32>() / plane.len() as f32;
     let factors: Vec<f32> = shares.iter().map(|plane| mean(plane).max(1e-6).powf(AREA)).collect();

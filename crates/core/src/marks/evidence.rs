@@ -1,4 +1,4 @@
-//! What the marks on a frame say of its pixels.
+//! Verdicts of the marks on a frame, pixel by pixel.
 
 use super::Marks;
 use crate::scene::Scene;

@@ -2,8 +2,8 @@
 //! shares move to borders of the picture.
 //!
 //! In each window q = a · I + b is fitted to the shares by least squares, with I the colours. The fit is made
-//! on a picture of a quarter of the size, to shares of half the size; its coefficients are applied to the whole
-//! picture.
+//! on a picture of a quarter of the size, to shares of half the size; its coefficients are applied to the
+//! whole picture.
 
 use crate::grid::Grid;
 use image::RgbImage;

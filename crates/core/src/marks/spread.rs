@@ -1,10 +1,10 @@
 //! Spreads seeds over the graph: a random walker with soft seeds, and a small pull towards what was known
 //! before (Grady 2006, "Random walks for image segmentation").
 //!
-//! For each name: (D + ε + λ (deg − W)) z = D (y − x₀), with D the weights of the seeds, y their shares, W the
-//! graph, x₀ the share before (0 if nothing was known) and z its change. Without seeds z is 0. Where nothing was
-//! known, z is in 0–1 by the maximum principle, and the shares of names that are never denied add up to 1 at
-//! most, because all names share the graph.
+//! For each name: (D + ε + λ (deg − W)) z = D (y − x₀), with D the weights of the seeds, y their shares, W
+//! the graph, x₀ the share before (0 if nothing was known) and z its change. Without seeds z is 0. Where
+//! nothing was known, z is in 0–1 by the maximum principle, and the shares of names that are never denied add
+//! up to 1 at most, because all names share the graph.
 
 use super::{links::Links, seeds::Seeds};
 use rayon::prelude::*;

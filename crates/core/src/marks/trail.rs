@@ -1,7 +1,7 @@
 //! Displacements from the frames around a marked frame to it, frame by frame.
 //!
-//! The flow to the next frame on the way is put before the displacements from there, and what is left is found
-//! by comparing with the marked frame itself. So errors do not add up.
+//! The flow to the next frame on the way is put before the displacements from there, and what is left is
+//! found by comparing with the marked frame itself. So errors do not add up.
 
 use crate::{
     Result,

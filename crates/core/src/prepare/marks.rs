@@ -1,5 +1,5 @@
-//! Preparation from marks by hand: the marked pixels of marked frames have the embedding of the name. Training
-//! carries them to all frames once the motion is learned.
+//! Preparation from marks by hand: the marked pixels of marked frames have the embedding of the name.
+//! Training carries them to all frames once the motion is learned.
 
 use super::{
     EncoderIdentity, NO_REGION, Origin, Prepared, RegionMap,
