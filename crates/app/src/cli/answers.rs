@@ -55,8 +55,9 @@ pub(super) struct FrameAnswer {
     pub(super) area_px: usize,
     pub(super) area_fraction: f64,
     pub(super) max_score: f32,
-    /// Area of the found pixels at their depth, facing the camera, in scene units².
-    pub(super) seen_area: f64,
+    /// Area of the found pixels at their depth, facing the camera, in scene units²; `None` if the depth was
+    /// not measured.
+    pub(super) seen_area: Option<f64>,
     /// File name of the recorded frame, where known.
     #[serde(default)]
     pub(super) source: Option<String>,
@@ -115,6 +116,7 @@ pub(super) fn ask(engine: &mut Engine, questions: &[Question], frames: &[usize])
     let mut prompts: Vec<PromptAnswers> = questions.iter().zip(&answers).map(blank).collect();
     let sources = engine.frame_sources();
     let mut view = ProgressView::default();
+    let is_measured = engine.depth_origin().is_measured();
     for (done, &frame) in frames.iter().enumerate() {
         let at = engine.view(frame)?;
         let images = engine.render(&at, true)?;
@@ -133,7 +135,7 @@ pub(super) fn ask(engine: &mut Engine, questions: &[Question], frames: &[usize])
                 area_px: region.area_px,
                 area_fraction: region.area_fraction,
                 max_score: region.max_score,
-                seen_area: seen_area(&masks[k], &depth, &at.camera),
+                seen_area: is_measured.then(|| seen_area(&masks[k], &depth, &at.camera)),
                 source: sources.get(frame).cloned(),
             });
         }

@@ -3,9 +3,13 @@
 use super::answers::{Answers, FoundGaussians, FrameAnswer, PromptAnswers};
 use crate::{engine::Engine, tables::csv};
 use std::path::Path;
-use surgtpgs_core::{Result, deform::deform, export::slugs, files::write_whole, object::Body, scene::Scene};
+use surgtpgs_core::{
+    Result, deform::deform, export::slugs, files::write_whole, object::Body, scene::Scene,
+    sequence::DepthOrigin,
+};
 
-/// A row of `objects.csv` and `objects.json`; lengths in scene units, `None` where there is nothing.
+/// A row of `objects.csv` and `objects.json`; lengths in scene units, `None` where there is nothing, or where
+/// the depth was not measured.
 #[derive(serde::Serialize)]
 struct Row<'a> {
     prompt: &'a str,
@@ -13,7 +17,7 @@ struct Row<'a> {
     time_s: Option<f64>,
     area_px: usize,
     /// Area of the found pixels at their depth, facing the camera.
-    seen_area: f64,
+    seen_area: Option<f64>,
     /// Volume of the ellipsoid that spreads as the object's Gaussians do.
     volume_proxy: Option<f64>,
     spread: Option<f64>,
@@ -26,6 +30,14 @@ struct Row<'a> {
     away: Option<f64>,
     /// File name of the recorded frame.
     source: Option<&'a str>,
+}
+
+impl Row<'_> {
+    /// Leaves out everything that would be a length.
+    fn without_lengths(self) -> Self {
+        let (volume_proxy, spread, moved, away) = (None, None, None, None);
+        Self { seen_area: None, volume_proxy, spread, x: None, y: None, z: None, moved, away, ..self }
+    }
 }
 
 /// Writes the Gaussians that each prompt finds on the frame where it covers most, and follows them over all
@@ -45,9 +57,11 @@ pub(super) fn write(engine: &mut Engine, answers: &mut Answers, folder: &Path, s
             Some(FoundGaussians { frame, count: gaussians.len(), file: shown.join(file) });
         found.push((k, gaussians));
     }
+    let origin = engine.depth_origin();
+    let rows = found.iter().flat_map(|(k, gaussians)| follow(&scene, &answers.prompts[*k], gaussians));
     let rows: Vec<Row<'_>> =
-        found.iter().flat_map(|(k, gaussians)| follow(&scene, &answers.prompts[*k], gaussians)).collect();
-    write_tables(folder, &rows)
+        rows.map(|row| if origin.is_measured() { row } else { row.without_lengths() }).collect();
+    write_tables(folder, &rows, origin)
 }
 
 /// Follows the object over every frame that was asked for.
@@ -82,9 +96,10 @@ fn follow<'a>(scene: &Scene, prompt: &'a PromptAnswers, gaussians: &[usize]) -> 
     prompt.frames.iter().map(row).collect()
 }
 
-fn write_tables(folder: &Path, rows: &[Row<'_>]) -> Result<()> {
+fn write_tables(folder: &Path, rows: &[Row<'_>], origin: DepthOrigin) -> Result<()> {
     write_whole(&folder.join("objects.csv"), &csv(rows)?)?;
-    let json = serde_json::json!({ "length_unit": "scene units", "objects": rows });
+    let unit = origin.is_measured().then_some("scene units");
+    let json = serde_json::json!({ "length_unit": unit, "depth_origin": origin, "objects": rows });
     let text = serde_json::to_string_pretty(&json).unwrap_or_default() + "\n";
     write_whole(&folder.join("objects.json"), text.as_bytes())
 }
@@ -108,7 +123,7 @@ mod tests {
             area_px: 7,
             area_fraction: 0.1,
             max_score: 0.9,
-            seen_area: 2.0,
+            seen_area: Some(2.0),
             source: None,
         };
         let prompt = PromptAnswers {
@@ -129,6 +144,10 @@ mod tests {
         let moved = (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt();
         assert!((rows[3].moved.unwrap() - moved).abs() < 1e-12 && moved > 0.0);
         assert!(rows[2].volume_proxy.unwrap() > 0.0);
+        let row = follow(&scene, &prompt, &[1, 5, 9]).swap_remove(3).without_lengths();
+        assert_eq!((row.area_px, row.time_s), (7, Some(0.12)));
+        let lengths = [row.seen_area, row.volume_proxy, row.spread, row.x, row.y, row.z, row.moved, row.away];
+        assert_eq!(lengths, [None; 8], "the shape is guessed");
         assert!(follow(&scene, &prompt, &[]).iter().all(|row| row.x.is_none() && row.moved.is_none()));
     }
 }

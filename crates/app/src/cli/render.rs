@@ -176,7 +176,8 @@ fn write_notes(folder: &Path, engine: &Engine, kinds: &[ImageKind], range: Optio
         "intended_use": surgtpgs_core::export::intended_use(),
         "sequence_name": provenance.sequence_name,
         "rendered_by": engine.renderer_name(),
-        "depth_unit": "scene units",
+        "depth_unit": engine.depth_origin().is_measured().then_some("scene units"),
+        "depth_origin": engine.depth_origin(),
         "depth_png_range": range.filter(|_| kinds.contains(&ImageKind::Depth)),
     });
     let text = serde_json::to_string_pretty(&notes).unwrap_or_default() + "\n";

@@ -55,7 +55,7 @@ use surgtpgs_core::{
     raster::{FrameClock, FramePass, Images, MIN_DEPTH_ALPHA, Pick, Renderer},
     relevancy::{Fastest, Points, Query, Relevancy, RelevancySettings},
     scene::Scene,
-    sequence::Sequence,
+    sequence::{DepthOrigin, Sequence},
     summary::Summary,
     train::Profile,
 };
@@ -210,6 +210,12 @@ impl Engine {
             Recording::Found(sequence) => Some(sequence),
             Recording::Missing(_) => None,
         }
+    }
+
+    /// Returns the origin of the scene's depth. What is not known counts as absent.
+    pub fn depth_origin(&self) -> DepthOrigin {
+        let recorded = || self.sequence().map(Sequence::depth_origin);
+        self.scene.provenance.depth.or_else(recorded).unwrap_or(DepthOrigin::Absent)
     }
 
     /// Fails if the content of a recorded frame is not what the scene was trained on. To be called before

@@ -114,7 +114,7 @@ formats! {
         [Show 1] "Video" "The overlay pictures as a film that plays everywhere (mp4)"
     /// Small animated GIF of the overlays; it skips frames if there are many.
     Gif "gif"."gif" Series "one small animated GIF of the overlays"
-        [Show 2] "Moving picture" "A small film for slides (GIF)"
+        [Show 2] "Animation" "A small film for slides (GIF)"
     /// One PNG with small overlays of evenly spread frames.
     Sheet "sheet"."png" Series "one PNG with small overlays of up to 24 frames"
         [Show 3] "Contact sheet" "Up to 24 frames side by side on one picture"

@@ -20,7 +20,7 @@ use crate::{
     grid::Mask,
     meaning::WordFacts,
     prepare::EncoderIdentity,
-    sequence::{Class, Identity, shared_identity},
+    sequence::{Class, DepthOrigin, Identity, shared_identity},
 };
 use std::{
     path::{Path, PathBuf},
@@ -71,6 +71,9 @@ pub struct Provenance {
     /// Identity of the recording; absent in older scenes, which know it by number and size of the frames.
     #[serde(default, skip_serializing_if = "Option::is_none", with = "shared_identity")]
     pub identity: Option<Arc<Identity>>,
+    /// Origin of the depth that the scene learned from; absent in older scenes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth: Option<DepthOrigin>,
     /// `true` if test frames were held out of training.
     pub held_out: bool,
     /// Frame rate of the recording, if known.

@@ -14,6 +14,25 @@ pub enum DepthKind {
     Disparity,
 }
 
+/// Origin of the depth of a recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DepthOrigin {
+    /// The recording's own depth maps.
+    Recorded,
+    /// A network that looked at single pictures.
+    Estimated,
+    /// There is none: the shape of a scene is what its motion happens to allow.
+    Absent,
+}
+
+impl DepthOrigin {
+    /// Returns `true` if lengths in space mean something.
+    pub fn is_measured(self) -> bool {
+        self == Self::Recorded
+    }
+}
+
 /// The rule by which depth files are read.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DepthRule {

@@ -39,7 +39,7 @@ mod video;
 
 pub use check::{CheckReport, check};
 pub use classes::{Class, ClassEntry, NO_LABEL, class_colour, names_instrument, plain_words};
-pub use depth::DepthKind;
+pub use depth::{DepthKind, DepthOrigin};
 pub use estimated::EstimatedDepth;
 pub(crate) use estimated::{DEPTH, depth_file, depth_name};
 pub use ffmpeg::remove_unpacked_videos;
@@ -208,6 +208,14 @@ impl Sequence {
     /// Returns `true` if any frame has depth.
     pub fn has_depth(&self) -> bool {
         self.estimated.is_some() || self.recording().frames.iter().any(|f| f.depth.is_some())
+    }
+    /// Returns the origin of the depth.
+    pub fn depth_origin(&self) -> DepthOrigin {
+        match (self.estimated.is_some(), self.has_depth()) {
+            (true, _) => DepthOrigin::Estimated,
+            (false, true) => DepthOrigin::Recorded,
+            (false, false) => DepthOrigin::Absent,
+        }
     }
     /// Returns the depth (z) of frame `i` in scene units at the frames' size, 0 where unknown (bilinear
     /// if the file has another size); `None` if the frame has no depth.

@@ -339,6 +339,7 @@ impl Trainer {
                 sequence_name: self.sequence.name(),
                 sequence_path: files::full_path(self.sequence.path()),
                 identity: Some(self.identity.clone()),
+                depth: Some(self.sequence.depth_origin()),
                 held_out: self.settings.eval,
                 frames_per_second: self.sequence.frames_per_second(),
                 steps: self.state.step,
