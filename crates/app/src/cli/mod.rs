@@ -30,8 +30,8 @@ pub use verb::Exit;
 
 use crate::{memory, text::one_line};
 use args::CommonArgs;
-use clap::{Parser, Subcommand};
-use std::ffi::OsString;
+use clap::{CommandFactory, Parser, Subcommand};
+use std::{ffi::OsString, path::Path};
 use surgtpgs_core::{Error, Result, files::full_path};
 use verb::Run;
 
@@ -41,7 +41,7 @@ const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("SURGTPGS_CO
 /// See a deforming reconstruction of a recorded endoscopic clip, ask it for structures by name,
 /// export masked frames.
 ///
-/// Without a verb: the viewer on the built-in demo; with no display, the same job into `surgtpgs-demo/`.
+/// Without a verb: the viewer, on PATH if one is given. With no display, the demo's job into `surgtpgs-demo/`.
 /// Research use only. Not for diagnostic or intra-operative use.
 #[derive(Debug, Parser)]
 #[command(name = "surgtpgs", version = VERSION, about, max_term_width = 110, disable_help_subcommand = true)]
@@ -92,6 +92,7 @@ impl Verb {
 
 /// Runs a command line (the program's name first) and prints one plain message if it fails.
 pub fn run(args: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Exit {
+    let args = with_verb(args.into_iter().map(Into::into).collect());
     let cli = match Cli::try_parse_from(args) {
         Ok(cli) => cli,
         Err(message) => {
@@ -118,6 +119,17 @@ pub fn run(args: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Exit 
     }
 }
 
+/// Adds the verb `view` to a command line that is nothing but a path that exists. Verbs win over paths.
+fn with_verb(mut args: Vec<OsString>) -> Vec<OsString> {
+    if let [_, path] = &args[..] {
+        let is_verb = path.to_str().is_some_and(|word| Cli::command().find_subcommand(word).is_some());
+        if !is_verb && Path::new(path).exists() {
+            args.insert(1, "view".into());
+        }
+    }
+    args
+}
+
 fn run_verb(verb: Option<&dyn Run>) -> Result<Exit> {
     let Some(verb) = verb else { return default_job::run() };
     if let Some(output) = verb.output().filter(|output| output.is_symlink()) {
@@ -130,11 +142,22 @@ fn run_verb(verb: Option<&dyn Run>) -> Result<Exit> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
     #[test]
     fn the_command_line_is_consistent() {
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn a_path_that_exists_is_viewed_and_a_typing_error_is_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let words = |word: &std::ffi::OsStr| with_verb(vec!["surgtpgs".into(), word.to_owned()]).len();
+        assert_eq!(words(folder.path().as_os_str()), 3);
+        for word in ["trian", "--help", "/no/such", "train"] {
+            assert_eq!(words(word.as_ref()), 2, "{word}");
+        }
+        let typed = Cli::try_parse_from(with_verb(vec!["surgtpgs".into(), "trian".into()]));
+        assert!(typed.is_err_and(|e| e.use_stderr()));
     }
 
     #[test]

@@ -4,12 +4,12 @@ use super::verb::{Exit, Run};
 use crate::viewer::{self, ViewerInput};
 use clap::Args;
 use std::path::PathBuf;
-use surgtpgs_core::{Error, Result, scene::Scene};
+use surgtpgs_core::{Error, Result};
 
-/// Open the viewer on a scene, a recording or a prepared folder
+/// Open the viewer on a scene, a recording, a prepared folder or a session; `surgtpgs PATH` does the same
 #[derive(Debug, Args)]
 pub(super) struct ViewArgs {
-    /// A scene file, a .ply of Gaussian splats, a recording or a prepared folder
+    /// A scene file, a .ply of Gaussian splats, a recording, a prepared folder or a session
     path: PathBuf,
 }
 
@@ -20,12 +20,18 @@ impl Run for ViewArgs {
             return Err(Error::input_at(path, "there is no such file or folder", "Check the path."));
         }
         require_display()?;
-        viewer::run(match Scene::is_named_like_one(path) {
-            true => ViewerInput::Scene(path.clone()),
-            false => ViewerInput::Sequence(path.clone()),
-        })?;
+        viewer::run(ViewerInput::Path(path.clone()), demo_folder().ok())?;
         Ok(Exit::Done)
     }
+}
+
+/// Returns the user's own folder for the demo of the viewer.
+pub(super) fn demo_folder() -> Result<PathBuf> {
+    let data = dirs::data_local_dir().ok_or_else(|| Error::Missing {
+        what: "there is no folder for the user's data".into(),
+        hint: "Set HOME.".into(),
+    })?;
+    Ok(data.join("surgtpgs").join("demo"))
 }
 
 fn require_display() -> Result<()> {

@@ -2,7 +2,7 @@
 //! shown.
 
 use crate::viewer::{
-    backend::TrainRequest,
+    backend::{TrainRequest, paths::PathKind},
     command::{Command, keys},
     shared::Shared,
     state::{content::Look, document::Document, preferences::Preferences, zoom::Panes},
@@ -28,12 +28,18 @@ pub(crate) enum Action {
     Look { look: Look, is_moving: bool },
     /// Notes where the panes were painted.
     Place(Panes),
+    /// Changes the width of the side panel.
+    PanelWidth(f32),
     /// Moves the dividing line of the wipe, as share of the width.
     Wipe(f32),
     /// Probes a point of the picture, as share of width and height.
     Probe(Option<[f32; 2]>),
     /// Opens a scene, a recording or a session.
     Open(PathBuf),
+    /// Uses the path that the window's own dialog asked for.
+    Pick(PathBuf, PathKind),
+    /// Closes the window's own dialog for paths.
+    PickNothing,
     /// Changes a preference; see [`Action::prefer`].
     Prefer(Box<dyn FnOnce(&mut Preferences)>),
     /// Chooses a key for a command; `None` restores its default keys.
@@ -44,6 +50,8 @@ pub(crate) enum Action {
     ForgetFinished,
     /// Inverts which side of the recording's masks is kept.
     FlipMasks,
+    /// Offers another unsaved work first.
+    Recall(PathBuf),
     /// Restores the unsaved work that is offered first.
     Restore,
     /// Discards the unsaved work that is offered first.
@@ -54,6 +62,8 @@ pub(crate) enum Action {
     Report(String),
     /// Closes the message about a problem.
     CloseProblem,
+    /// Closes the message about what has just happened.
+    CloseToast,
     /// Closes the open dialog.
     CloseDialog,
 }
@@ -71,12 +81,23 @@ impl Action {
 }
 
 impl Shared {
+    /// Edits the document, and says so if something was taken away.
+    fn edit(&mut self, change: Box<dyn FnOnce(&mut Document)>, now: f64) {
+        let count = |d: &Document| (d.prompts().len(), d.bookmarks().len());
+        let (before, revision) = (count(&self.document), self.document.revision());
+        change(&mut self.document);
+        let after = count(&self.document);
+        if after.0 < before.0 || after.1 < before.1 {
+            self.say_edit_since(revision, now);
+        }
+    }
+
     /// Carries out an action.
     pub(crate) fn act(&mut self, action: Action, ctx: &Context) {
         let now = ctx.input(|i| i.time);
         match action {
             Action::Run(command) => self.run(command.into(), ctx),
-            Action::Edit(change) => change(&mut self.document),
+            Action::Edit(change) => self.edit(change, now),
             Action::AddPrompt(text) => self.add_prompt(&text),
             Action::Type { text, is_focused } => {
                 (self.prompt_box.text, self.prompt_box.is_focused) = (text, is_focused);
@@ -96,9 +117,12 @@ impl Shared {
                 self.viewport.is_moving |= is_moving;
             }
             Action::Place(panes) => self.viewport.panes = panes,
+            Action::PanelWidth(width) => self.preferences.panel_width = width,
             Action::Wipe(share) => self.viewport.wipe = share,
             Action::Probe(point) => self.viewport.probe = point,
             Action::Open(path) => self.open_path(&path, ctx),
+            Action::Pick(path, kind) => self.take_picked(&path, &kind, now, ctx),
+            Action::PickNothing => self.opening.asked = None,
             Action::Prefer(change) => {
                 change(&mut self.preferences);
                 self.preferences.save();
@@ -110,6 +134,7 @@ impl Shared {
             Action::Train(request) => self.start_training(request, ctx),
             Action::ForgetFinished => self.reconstruction.finished = None,
             Action::FlipMasks => self.flip_masks(ctx),
+            Action::Recall(opened) => drop(self.saving.autosave.recall(&opened)),
             Action::Restore => {
                 if let Some(session) = self.saving.autosave.restore() {
                     self.open_session(session, None, ctx);
@@ -119,6 +144,7 @@ impl Shared {
             Action::RestoreLater => self.saving.is_recovery_put_off = true,
             Action::Report(problem) => self.problem = Some(problem),
             Action::CloseProblem => self.problem = None,
+            Action::CloseToast => self.toast = None,
             Action::CloseDialog => self.dialog = None,
         }
     }

@@ -46,42 +46,30 @@ mod work;
 
 use backend::engine::EngineBackend;
 use shell::Shell;
+pub use shell::ViewerInput;
 use state::{autosave::Autosave, preferences::Preferences};
 use std::{path::PathBuf, sync::Arc};
 use surgtpgs_core::{Error, Result};
 
-/// First content of the window.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum ViewerInput {
-    /// A trained scene.
-    Scene(PathBuf),
-    /// A recording or prepared folder, to look at and to train on.
-    Sequence(PathBuf),
-    /// The built-in demo: its scene if `work_dir` has one, else the demo is built there in the background.
-    Demo {
-        /// Folder of the demo's files.
-        work_dir: PathBuf,
-    },
-}
+/// Size of the first window, points.
+const FIRST_SIZE: [f32; 2] = [1280.0, 800.0];
 
-/// Opens the window and returns when it is closed.
-pub fn run(input: ViewerInput) -> Result<()> {
+/// Opens the window and returns when it is closed. `demo_folder` is for the files of the built-in demo.
+pub fn run(input: ViewerInput, demo_folder: Option<PathBuf>) -> Result<()> {
+    let preferences = Preferences::load(Preferences::user_file());
     let viewport = egui::ViewportBuilder::default()
         .with_title("SurgTPGS")
         .with_app_id("surgtpgs")
-        .with_inner_size([1360.0, 860.0])
+        .with_inner_size(preferences.window_size.unwrap_or(FIRST_SIZE))
+        .with_clamp_size_to_monitor_size(true)
         .with_min_inner_size([900.0, 600.0])
         .with_drag_and_drop(true);
     let options = eframe::NativeOptions { viewport, ..Default::default() };
     let start = move |cc: &eframe::CreationContext<'_>| {
-        let preferences = Preferences::load(Preferences::user_file());
         let autosave = Autosave::open(Autosave::user_folder());
         let mut shell = Shell::new(&cc.egui_ctx, Arc::new(EngineBackend), preferences, autosave);
-        let shared = &mut shell.shared;
-        match &input {
-            ViewerInput::Scene(path) | ViewerInput::Sequence(path) => shared.open_path(path, &cc.egui_ctx),
-            ViewerInput::Demo { work_dir } => shared.open_demo(work_dir, &cc.egui_ctx),
-        }
+        shell.shared.opening.demo_folder.clone_from(&demo_folder);
+        shell.begin(&input, &cc.egui_ctx);
         Ok(Box::new(shell) as Box<dyn eframe::App>)
     };
     eframe::run_native("surgtpgs", options, Box::new(start)).map_err(|e| Error::Missing {

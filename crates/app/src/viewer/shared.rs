@@ -9,12 +9,24 @@ use crate::viewer::{
     },
     remedy::message,
     state::{
-        autosave::Autosave, content::Prompt, document::Document, opening::Opening, playback::Playback,
-        preferences::Preferences, reconstruction::Reconstruction, saving::Saving, zoom::Panes,
+        autosave::Autosave,
+        content::Prompt,
+        document::Document,
+        opening::Opening,
+        playback::Playback,
+        preferences::Preferences,
+        reconstruction::Reconstruction,
+        saving::Saving,
+        toast::{Back, SHOWN_SECS, Toast},
+        zoom::Panes,
     },
+    text::sentence,
 };
-use std::sync::Arc;
+use std::{path::Path, sync::Arc};
 use surgtpgs_core::{Result, relevancy::RelevancySettings};
+
+/// Name of the built-in demo.
+pub(crate) const DEMO: &str = "Demo: a made-up recording";
 
 /// State of the window. Panels draw it and hold only what concerns them alone, such as half-typed text.
 pub(crate) struct Shared {
@@ -31,6 +43,10 @@ pub(crate) struct Shared {
     pub(crate) dialog: Option<Dialog>,
     /// Latest problem, until it is dismissed.
     pub(crate) problem: Option<String>,
+    /// Message about what has just happened.
+    pub(crate) toast: Option<Toast>,
+    /// Size of the window, in points of text at its normal size; `None` where it is not known.
+    pub(crate) window_size: Option<[f32; 2]>,
 }
 
 /// State of the text field for prompts.
@@ -101,11 +117,33 @@ impl Shared {
             saving: Saving::new(autosave),
             dialog: None,
             problem: None,
+            toast: None,
+            window_size: None,
         }
     }
 
     pub(crate) fn info(&self) -> Option<&Info> {
         self.open.as_ref().map(|open| &open.info)
+    }
+
+    /// Returns `true` if a path belongs to the built-in demo.
+    pub(crate) fn is_demo(&self, path: &Path) -> bool {
+        self.opening.demo_folder.as_ref().is_some_and(|folder| path.starts_with(folder))
+    }
+
+    /// Returns the name of what is open, as the window calls it.
+    pub(crate) fn title(&self) -> String {
+        match self.info() {
+            Some(info) if self.is_demo(&info.path) => DEMO.into(),
+            Some(info) => info.name.clone(),
+            None => String::new(),
+        }
+    }
+
+    /// Returns the name of a path in lists.
+    pub(crate) fn path_name(&self, path: &Path) -> String {
+        let name = path.file_name().map(|n| n.to_string_lossy().into_owned());
+        if self.is_demo(path) { DEMO.into() } else { name.unwrap_or_else(|| path.display().to_string()) }
     }
 
     pub(crate) fn picture(&self) -> Option<&Picture> {
@@ -144,6 +182,29 @@ impl Shared {
         let unknown = || Curve { points: vec![None; info.num_frames] };
         let curve = |p: &Prompt| areas.curve(&self.measure(p), p.threshold).unwrap_or_else(unknown);
         prompts.map(|(index, p)| (index + 1, p.clone(), curve(p))).collect()
+    }
+
+    /// Says for a while what has just happened, with a way `back` from it.
+    pub(crate) fn say(&mut self, text: impl Into<String>, back: Option<Back>, now: f64) {
+        let revision = self.document.revision();
+        self.toast = Some(Toast { text: text.into(), back, until: now + SHOWN_SECS, revision });
+    }
+
+    /// Says which edit was made since a revision of the document, if any.
+    pub(crate) fn say_edit_since(&mut self, revision: u64, now: f64) {
+        if self.document.revision() != revision
+            && let Some(name) = self.document.undo_name().map(sentence)
+        {
+            self.say(name, Some(Back::Undo), now);
+        }
+    }
+
+    /// Forgets a message whose time is over, or that something newer made untrue. Returns the seconds until
+    /// the present one is over.
+    pub(crate) fn expire_toast(&mut self, now: f64) -> Option<f64> {
+        let revision = self.document.revision();
+        self.toast.take_if(|toast| now >= toast.until || toast.revision != revision);
+        self.toast.as_ref().map(|toast| toast.until - now)
     }
 
     /// Returns the value of a result, or shows its error as the problem.

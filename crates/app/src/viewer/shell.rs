@@ -8,14 +8,28 @@ use crate::viewer::{
     state::{autosave::Autosave, preferences::Preferences},
     theme,
 };
-use egui::{Context, Ui};
-use std::sync::Arc;
+use egui::{Context, Ui, ViewportCommand};
+use std::{path::PathBuf, sync::Arc};
+
+/// First content of the window.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ViewerInput {
+    /// A scene, a recording, a prepared folder or a session.
+    Path(PathBuf),
+    /// The start page. The first time, when nothing was ever opened, the built-in demo.
+    Start,
+}
 
 /// The window: its state, and the panels that show it.
 pub(crate) struct Shell {
     pub(crate) shared: Shared,
     panels: Panels,
+    /// `true` once the window was made to fit its screen.
+    fits: bool,
 }
+
+/// Share of the screen that a window takes which was larger; the rest is for the system's bars.
+const SCREEN_SHARE: f32 = 0.88;
 
 impl Shell {
     pub(crate) fn new(
@@ -28,14 +42,27 @@ impl Shell {
         // The keys for zooming are commands of the command table.
         ctx.options_mut(|o| o.zoom_with_keyboard = false);
         ctx.add_plugin(KeyRouter::default());
-        KeyRouter::set_keymap(ctx, &preferences.keys);
-        Self { shared: Shared::new(backend, preferences, autosave), panels: Panels::default() }
+        KeyRouter::tell(ctx, &preferences.keys, false);
+        Self { shared: Shared::new(backend, preferences, autosave), panels: Panels::default(), fits: false }
+    }
+
+    /// Opens the first content of the window.
+    pub(crate) fn begin(&mut self, input: &ViewerInput, ctx: &Context) {
+        let is_new = self.shared.preferences.recent.is_empty()
+            && self.shared.preferences.remembers_files
+            && self.shared.saving.autosave.left.is_empty();
+        match input {
+            ViewerInput::Path(path) => self.shared.open_path(path, ctx),
+            ViewerInput::Start if is_new => self.shared.open_demo(ctx),
+            ViewerInput::Start => {}
+        }
     }
 
     /// Updates and shows the window once.
     fn show(&mut self, ui: &mut Ui) {
         let ctx = ui.ctx().clone();
         let now = ctx.input(|i| i.time);
+        self.fit_screen(&ctx);
         self.update(now, &ctx);
         let mut actions = Vec::new();
         self.panels.ui(ui, &self.shared, &mut actions);
@@ -45,21 +72,34 @@ impl Shell {
         }
         actions.into_iter().for_each(|action| self.shared.act(action, &ctx));
         self.shared.ask(self.shared.is_peeking(&ctx));
-        if let Some(wait) = self.shared.playback.seconds_to_next(now) {
-            ctx.request_repaint_after_secs(wait as f32);
-        }
-        KeyRouter::set_keymap(&ctx, &self.shared.preferences.keys);
+        let waits = [self.shared.playback.seconds_to_next(now), self.shared.expire_toast(now)];
+        waits.into_iter().flatten().for_each(|wait| ctx.request_repaint_after_secs(wait as f32));
+        let prompt_box = &self.shared.prompt_box;
+        let is_box_empty = prompt_box.is_focused && prompt_box.text.is_empty();
+        KeyRouter::tell(&ctx, &self.shared.preferences.keys, is_box_empty);
         self.shared.keep_preferences(&ctx);
+        self.shared.keep_window_size(&ctx);
         self.shared.keep_unsaved(now, &ctx);
+    }
+
+    /// Makes a window that is larger than its screen fit, once the screen is known.
+    fn fit_screen(&mut self, ctx: &Context) {
+        let (screen, outer) = ctx.input(|i| (i.viewport().monitor_size, i.viewport().outer_rect));
+        let Some((screen, outer)) = screen.zip(outer).filter(|_| !self.fits) else { return };
+        self.fits = true;
+        if outer.width() > screen.x || outer.height() > screen.y {
+            let size = outer.size().min(SCREEN_SHARE * screen);
+            ctx.send_viewport_cmd(ViewportCommand::InnerSize(size));
+            ctx.send_viewport_cmd(ViewportCommand::OuterPosition(((screen - size) / 2.0).to_pos2()));
+        }
     }
 
     /// Takes the news of threads, keys and clock.
     fn update(&mut self, now: f64, ctx: &Context) {
         let shared = &mut self.shared;
         shared.viewport.is_moving = false;
-        shared.poll_opening(ctx);
+        shared.poll_opening(now, ctx);
         shared.poll_training(now, ctx);
-        shared.poll_saving();
         shared.hold_close(now, ctx);
         for invocation in KeyRouter::take(ctx) {
             shared.run(invocation, ctx);

@@ -14,11 +14,13 @@ pub(crate) const CONTROL: Color32 = Color32::from_rgb(0x2f, 0x35, 0x3e);
 pub(crate) const CONTROL_HOVER: Color32 = Color32::from_rgb(0x3a, 0x42, 0x4d);
 /// Colour of separators and of the borders of fields.
 pub(crate) const LINE: Color32 = Color32::from_rgb(0x3c, 0x43, 0x4d);
+/// Colour of the borders of what is under the pointer.
+pub(crate) const LINE_HOVER: Color32 = Color32::from_rgb(0x72, 0x7d, 0x8b);
 /// Colour of text.
 pub(crate) const TEXT: Color32 = Color32::from_rgb(0xea, 0xed, 0xf1);
 /// Colour of less important text.
 pub(crate) const TEXT_WEAK: Color32 = Color32::from_rgb(0xae, 0xb6, 0xc1);
-/// Colour of active elements.
+/// Colour of active elements, and of the border of what has the focus.
 pub(crate) const ACCENT: Color32 = Color32::from_rgb(0x6c, 0xbd, 0xf5);
 /// Background of selected elements.
 pub(crate) const SELECTION: Color32 = Color32::from_rgb(0x1f, 0x4a, 0x68);
@@ -84,7 +86,7 @@ fn colour(visuals: &mut egui::Visuals) {
     for (state, fill, line, text) in [
         (&mut widgets.noninteractive, PANEL, LINE, TEXT),
         (&mut widgets.inactive, CONTROL, LINE, TEXT),
-        (&mut widgets.hovered, CONTROL_HOVER, ACCENT, Color32::WHITE),
+        (&mut widgets.hovered, CONTROL_HOVER, LINE_HOVER, Color32::WHITE),
         (&mut widgets.active, SELECTION, ACCENT, Color32::WHITE),
         (&mut widgets.open, CONTROL, LINE, TEXT),
     ] {
@@ -126,6 +128,20 @@ mod tests {
                 assert!(contrast(text, ground) >= 4.5, "{text:?} on {ground:?}");
             }
         }
+    }
+
+    #[test]
+    fn what_is_under_the_pointer_does_not_look_like_what_has_the_focus() {
+        let ctx = egui::Context::default();
+        apply(&ctx);
+        let style = ctx.style_of(egui::Theme::Dark);
+        let widgets = &style.visuals.widgets;
+        // The field that is typed into is drawn with the selection's line, other widgets as active ones.
+        for focused in [style.visuals.selection.stroke.color, widgets.active.bg_stroke.color] {
+            assert_eq!(focused, ACCENT);
+            assert_ne!(widgets.hovered.bg_stroke.color, focused);
+        }
+        assert_ne!(widgets.hovered.weak_bg_fill, widgets.active.weak_bg_fill);
     }
 
     #[test]

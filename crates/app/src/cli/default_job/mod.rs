@@ -1,5 +1,5 @@
-//! `surgtpgs` without a verb: the viewer on the built-in demo. With no display, the same job runs
-//! into a folder, with a report.
+//! `surgtpgs` without a verb: the viewer, the first time on the built-in demo. With no display, the demo's
+//! job runs into a folder, with a report.
 
 mod report;
 
@@ -17,7 +17,7 @@ use crate::{
     viewer::{self, ViewerInput},
 };
 use report::Findings;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use surgtpgs_core::{
     Error, Result,
     export::{ExportOptions, Format},
@@ -33,20 +33,11 @@ const PROMPTS: [&str; 8] =
 
 pub(super) fn run() -> Result<Exit> {
     if view::has_display() {
-        viewer::run(ViewerInput::Demo { work_dir: user_folder()? })?;
+        viewer::run(ViewerInput::Start, Some(view::demo_folder()?))?;
     } else {
         headless(Path::new(FOLDER), &DemoOptions::default())?;
     }
     Ok(Exit::Done)
-}
-
-/// Returns the user's own folder for the demo of the viewer.
-fn user_folder() -> Result<PathBuf> {
-    let data = dirs::data_local_dir().ok_or_else(|| Error::Missing {
-        what: "there is no folder for the user's data".into(),
-        hint: "Set HOME.".into(),
-    })?;
-    Ok(data.join("surgtpgs").join("demo"))
 }
 
 /// Builds the demo, evaluates it, asks it, exports masked frames and writes a report, all under `folder`.

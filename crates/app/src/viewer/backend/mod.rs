@@ -4,6 +4,7 @@
 
 pub(crate) mod engine;
 pub(crate) mod orbit;
+pub(crate) mod paths;
 pub(crate) mod ranges;
 pub(crate) mod task;
 
@@ -14,6 +15,7 @@ use crate::{
 };
 use image::RgbImage;
 use orbit::{MAX_MOVING_DEGREES, MAX_STILL_DEGREES, Orbit};
+use paths::{PathAsk, Picked};
 use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Result,
@@ -61,6 +63,10 @@ pub(crate) struct Info {
     pub(crate) original_missing: Option<String>,
     /// `true` if there is a reconstruction to render.
     pub(crate) has_reconstruction: bool,
+    /// Share of its training that a reconstruction has had, 0–1; 1 where nothing is known.
+    pub(crate) learned: f32,
+    /// `true` if the depth of the reconstruction was measured, so that lengths in space mean something.
+    pub(crate) has_measured_depth: bool,
     /// `true` if prompts can be asked.
     pub(crate) has_features: bool,
     /// `true` if the recording has class labels, from which features can be made.
@@ -82,6 +88,16 @@ impl Info {
             (Some(mine), Some(theirs)) => mine == theirs,
             _ => (&self.name, self.num_frames) == (&other.name, other.num_frames),
         }
+    }
+
+    /// Returns `true` if there is a reconstruction whose depth nobody measured. It has no numbers then.
+    pub(crate) fn shape_is_guessed(&self) -> bool {
+        self.has_reconstruction && !self.has_measured_depth
+    }
+
+    /// Returns `true` if there is a reconstruction whose training was stopped before its end.
+    pub(crate) fn is_unfinished(&self) -> bool {
+        self.has_reconstruction && self.learned < 1.0
     }
 
     /// Returns the largest rotation of the view away from the endoscope's, degrees.
@@ -150,6 +166,8 @@ pub(crate) trait FrameSource: Send {
 /// Opens, exports and trains. All methods run on worker threads and take as long as they need.
 pub(crate) trait Backend: Send + Sync {
     fn open(&self, path: &Path) -> Result<Box<dyn FrameSource>>;
+    /// Asks the user for a path by a dialog of the system, and returns once it is closed.
+    fn pick(&self, ask: &PathAsk) -> Picked;
     /// Reads a whole recording and reports its contents.
     fn check(&self, path: &Path, task: &TaskContext) -> Result<Checked>;
     /// Inverts which side of a recording's masks is kept.

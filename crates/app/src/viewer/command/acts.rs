@@ -1,11 +1,15 @@
 //! Conditions and actions that several commands share, or that do not fit their rows.
 
 use crate::viewer::{
+    backend::paths::{PathAsk, PathKind},
     picture::areas::{self, Curve},
     shared::Shared,
     state::view_mode::ViewMode,
 };
 use egui::{Context, ViewportCommand};
+
+/// Extensions of files that can be opened.
+const OPENED: [&str; 7] = ["safetensors", "ply", "surgtpgs", "mp4", "mov", "mkv", "avi"];
 
 /// Circumstances in which a command is carried out.
 pub(super) struct Given<'a> {
@@ -34,6 +38,12 @@ pub(super) fn has_reconstruction(shared: &Shared) -> bool {
     shared.info().is_some_and(|i| i.has_reconstruction)
 }
 
+/// Returns `true` if the present frame has a bookmark.
+pub(super) fn is_bookmarked(shared: &Shared) -> bool {
+    let frame = shared.playback.frame();
+    shared.document.bookmarks().iter().any(|b| b.frame == frame)
+}
+
 /// Returns `true` if recorded and reconstructed frames are at hand.
 pub(super) fn can_compare(shared: &Shared) -> bool {
     shared.info().is_some_and(|i| i.has_reconstruction && i.has_original)
@@ -42,6 +52,21 @@ pub(super) fn can_compare(shared: &Shared) -> bool {
 /// Returns `true` unless a file dialog is open.
 pub(super) fn can_pick(shared: &Shared) -> bool {
     shared.opening.picking.is_none()
+}
+
+/// Asks what to open.
+pub(super) fn pick(shared: &mut Shared, is_folder: bool, ctx: &Context) {
+    shared.ask_for(what_to_open(is_folder), ctx);
+}
+
+/// Returns the question what to open: a file, or a folder.
+pub(super) fn what_to_open(is_folder: bool) -> PathAsk {
+    let (title, kind) = if is_folder {
+        ("Open a recording: a folder of frames", PathKind::Folder)
+    } else {
+        ("Open a reconstruction, a session or a video", PathKind::File(&OPENED))
+    };
+    PathAsk { title: title.into(), kind, folder: None }
 }
 
 pub(super) fn can_reconstruct(shared: &Shared) -> bool {
@@ -67,10 +92,11 @@ pub(super) fn full_screen(ctx: &Context) {
     ctx.send_viewport_cmd(ViewportCommand::Fullscreen(!is_full));
 }
 
-/// Shows a view; if it is shown already, shows the reconstruction.
+/// Shows a view; if it is shown already, goes back to the recorded frame.
 pub(super) fn switch(shared: &mut Shared, mode: ViewMode) {
+    let usual = shared.info().map(ViewMode::usual).unwrap_or_default();
     let is_shown = shared.document.mode == mode;
-    shared.document.mode = if is_shown { ViewMode::Reconstruction } else { mode };
+    shared.document.mode = if is_shown { usual } else { mode };
 }
 
 /// Plays in a direction (1 or −1). As on a video deck, makes single steps while the stop key is held down.

@@ -202,16 +202,16 @@ mod tests {
     #[test]
     fn a_chosen_key_is_taken_from_whoever_had_it() {
         let mut keymap = Keymap::new();
-        let v = KeyboardShortcut::new(Modifiers::NONE, Key::V);
+        let d = KeyboardShortcut::new(Modifiers::NONE, Key::D);
         let of = |key, keymap: &Keymap| find(key, Modifiers::NONE, keymap).map(|(entry, _)| entry.command);
-        choose(&mut keymap, Command::PlayPause, Some(v));
-        assert_eq!(of(Key::V, &keymap), Some(Command::PlayPause));
-        assert!(of(Key::Space, &keymap).is_none() && keys(entry(Command::HideOverlays), &keymap).is_empty());
-        choose(&mut keymap, Command::Bookmark, Some(v));
-        assert_eq!(of(Key::V, &keymap), Some(Command::Bookmark));
+        choose(&mut keymap, Command::PlayPause, Some(d));
+        assert_eq!(of(Key::D, &keymap), Some(Command::PlayPause));
+        assert!(of(Key::Space, &keymap).is_none() && keys(entry(Command::Depth), &keymap).is_empty());
+        choose(&mut keymap, Command::Bookmark, Some(d));
+        assert_eq!(of(Key::D, &keymap), Some(Command::Bookmark));
         assert_eq!(of(Key::Space, &keymap), Some(Command::PlayPause));
         choose(&mut keymap, Command::Bookmark, None);
-        assert_eq!(of(Key::V, &keymap), Some(Command::HideOverlays));
+        assert_eq!(of(Key::D, &keymap), Some(Command::Depth));
         assert!(keymap.is_empty() && !is_chosen(Command::Bookmark, &keymap));
     }
 

@@ -13,8 +13,8 @@ use crate::viewer::{
 };
 use acts::{
     Given, always, can_compare, can_pick, can_reconstruct, centre_orbit, copy_areas, dismiss, exclude,
-    full_screen, go_to_bookmark, go_to_found, has_features, has_reconstruction, is_counted, is_open, shuttle,
-    switch,
+    full_screen, go_to_bookmark, go_to_found, has_features, has_reconstruction, is_bookmarked, is_counted,
+    is_open, pick, shuttle, switch, what_to_open,
 };
 use egui::{Key, KeyboardShortcut, Modifiers, ViewportCommand};
 
@@ -145,16 +145,25 @@ macro_rules! commands {
 commands! {
     OpenFile: File, Always, [ctrl(Key::O)], "Open file…",
         "Open a reconstruction (.safetensors), a session (.surgtpgs) or a video",
-        when can_pick, act |s, g| s.pick(false, g.ctx);
+        when can_pick, act |s, g| pick(s, false, g.ctx);
     OpenFolder: File, Always, [ctrl_shift(Key::O)], "Open folder…",
         "Open a recording: a folder of frames",
-        when can_pick, act |s, g| s.pick(true, g.ctx);
+        when can_pick, act |s, g| pick(s, true, g.ctx);
+    OpenPath: File, Always, [], "Open by its path…",
+        "Type or choose a path in this window, without the system's dialog",
+        when can_pick, act |s, _| s.opening.asked = Some(what_to_open(false));
+    OpenDemo: File, Always, [], "Open the demo",
+        "A made-up recording with everything ready: the first time it takes some minutes",
+        when |s| s.opening.demo_folder.is_some() && !s.opening.is_making_demo(), act |s, g| s.open_demo(g.ctx);
+    StartPage: File, Always, [ctrl(Key::W)], "Start page",
+        "Close what is open and choose something else; unsaved work is kept",
+        when |s| is_open(s) && !s.is_reconstructing(), act |s, g| s.close(g.ctx);
     SaveSession: File, Always, [ctrl(Key::S)], "Save session",
         "Save prompts, bookmarks and view in a small file; pictures stay where they are",
-        when |s| is_open(s) && s.saving.picking.is_none(), act |s, g| s.save_session(false, g.ctx);
+        when |s| is_open(s) && can_pick(s), act |s, g| s.save_session(false, g.ctx);
     SaveSessionAs: File, Always, [ctrl_shift(Key::S)], "Save session as…",
         "Save the session in another file",
-        when |s| is_open(s) && s.saving.picking.is_none(), act |s, g| s.save_session(true, g.ctx);
+        when |s| is_open(s) && can_pick(s), act |s, g| s.save_session(true, g.ctx);
     Reconstruct: File, Always, [ctrl(Key::R)], "Reconstruct…",
         "Make a reconstruction of the open recording",
         when can_reconstruct, act |s, _| s.dialog = Some(Dialog::Reconstruct);
@@ -230,21 +239,24 @@ commands! {
     RangeClear: Time, Viewport, [alt(Key::I)], "Whole recording",
         "Play the whole recording again",
         when is_open, act |s, _| s.document.set_range(None);
-    Exclude: Time, Viewport, [key(Key::E)], "Leave out or take in",
+    Exclude: Time, Viewport, [ctrl_shift(Key::E)], "Leave out these frames",
         "Leave this frame, or the range that plays, out of everything; again takes it back in",
         when is_open, act |s, _| exclude(s);
-    FirstFound: Time, Viewport, [shift(Key::Home)], "First frame with it",
+    FirstFound: Time, Viewport, [shift(Key::Home)], "First frame where it is found",
         "Go to the first frame on which the selected prompt is found",
         when is_counted, act |s, g| go_to_found(s, g, Curve::first);
-    LargestFound: Time, Viewport, [key(Key::P)], "Frame with most of it",
+    LargestFound: Time, Viewport, [key(Key::P)], "Frame where it is largest",
         "Go to the frame on which the selected prompt is largest",
         when is_counted, act |s, g| go_to_found(s, g, Curve::largest);
-    LastFound: Time, Viewport, [shift(Key::End)], "Last frame with it",
+    LastFound: Time, Viewport, [shift(Key::End)], "Last frame where it is found",
         "Go to the last frame on which the selected prompt is found",
         when is_counted, act |s, g| go_to_found(s, g, Curve::last);
     Bookmark: Time, Viewport, [key(Key::M)], "Bookmark",
-        "Mark this frame, or take its mark away",
-        when is_open, act |s, _| s.document.toggle_bookmark(s.playback.frame());
+        "Mark this frame",
+        when |s| is_open(s) && !is_bookmarked(s), act |s, _| s.document.toggle_bookmark(s.playback.frame());
+    DeleteBookmark: Time, Viewport, [ctrl_shift(Key::M)], "Delete the bookmark",
+        "Take the mark of this frame away, with its note",
+        when is_bookmarked, act |s, _| s.document.toggle_bookmark(s.playback.frame());
     Bookmarks: Time, Viewport, [shift(Key::M)], "Bookmarks and notes…",
         "The list of bookmarks, with notes and flags",
         when is_open, act |s, _| s.dialog = Some(Dialog::Bookmarks);
@@ -260,7 +272,7 @@ commands! {
     Negatives: Prompts, Viewport, [key(Key::N)], "What prompts are compared with…",
         "The generic phrases that a prompt has to beat",
         when is_open, act |s, _| s.dialog = Some(Dialog::Comparison);
-    HideOverlays: Prompts, Viewport, [key(Key::V)], "Hide all overlays",
+    HideOverlays: Prompts, Always, [ctrl(Key::H)], "Hide all overlays",
         "Show or hide everything drawn over the picture",
         when is_open, act |s, _| s.document.is_hidden ^= true;
     Peek: Prompts, Hold, [key(Key::X)], "Peek at the recorded frame (hold)",
@@ -281,9 +293,9 @@ commands! {
     ThresholdUp: Prompts, Viewport, [shift(Key::T)], "Raise threshold",
         "Raise the threshold of the selected prompt by 0.01: less is found",
         when is_open, act |s, _| s.document.nudge_threshold(THRESHOLD_STEP);
-    SwapOriginal: View, Viewport, [shift(Key::B)], "Original or reconstruction",
+    SwapOriginal: View, Viewport, [shift(Key::B)], "Recorded or reconstructed",
         "Switch between the recorded frame and the reconstruction",
-        when can_compare, act |s, _| switch(s, ViewMode::Original);
+        when can_compare, act |s, _| switch(s, ViewMode::Reconstruction);
     SideBySide: View, Viewport, [shift(Key::W)], "Side by side",
         "The recorded frame beside the reconstruction",
         when can_compare, act |s, _| switch(s, ViewMode::SideBySide);
@@ -344,6 +356,23 @@ commands! {
     SoloPrompt: Prompts, Viewport, ALT_DIGITS, "Show only prompt 1–9",
         "Show only what this prompt found; again shows all",
         when is_open, act |s, g| s.document.solo(g.index);
+}
+
+/// Returns `true` if a command opens a text field or a dialog, which has the keyboard from then on.
+pub(crate) fn takes_keyboard(command: Command) -> bool {
+    use Command as C;
+    matches!(
+        command,
+        C::FocusPrompt
+            | C::GoToFrame
+            | C::Bookmarks
+            | C::Negatives
+            | C::Reconstruct
+            | C::Export
+            | C::Quality
+            | C::Shortcuts
+            | C::About
+    )
 }
 
 /// Returns the row of a command.

@@ -28,11 +28,11 @@ pub(crate) fn clean_up_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action
         };
         let areas = 0..=MAX_AREA;
         let slider = Slider::new(&mut clean_up.min_area_px, areas.clone()).logarithmic(true);
-        row(ui, slider.text("smallest part, px"), "Parts of a smaller area are left out");
+        row(ui, slider.text("smallest part, pixels"), "Parts of a smaller area are left out");
         let slider = Slider::new(&mut clean_up.fill_holes_px, areas).logarithmic(true);
-        row(ui, slider.text("fill holes, px"), "Holes up to this area are filled");
+        row(ui, slider.text("fill holes, pixels"), "Holes up to this area are filled");
         let slider = Slider::new(&mut clean_up.grow_px, -MAX_GROW..=MAX_GROW);
-        row(ui, slider.text("grow or shrink, px"), "Moves the border outwards, or inwards below 0");
+        row(ui, slider.text("grow or shrink, pixels"), "Moves the border outwards, or inwards below 0");
         let slider = Slider::new(&mut clean_up.smooth_frames, 0..=MAX_SMOOTH);
         let tip = "Scores are the mean over so many frames before, so many after, and this one";
         row(ui, slider.text("smooth over ± frames"), tip);

@@ -53,7 +53,7 @@ impl ComparisonDialog {
                 ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
             }
             ui.add_space(10.0);
-            ui.horizontal(|ui| {
+            ui.horizontal_wrapped(|ui| {
                 if ui.button("As usual").clicked() {
                     actions.push(Action::edit(move |d| d.reset_comparison()));
                 }

@@ -34,7 +34,7 @@ pub(crate) fn paint(
         }
     }
     let text = match curves.iter().all(|(.., c)| c.is_complete()) {
-        _ if top > 0.0 => percent(top),
+        _ if top > 0.0 => format!("{} of the picture", percent(top)),
         true => "nothing found".into(),
         false => "counting…".into(),
     };
@@ -85,7 +85,12 @@ pub(crate) fn describe(curves: &[(usize, Prompt, Curve)]) -> String {
         (_, false) => format!("{}: still being counted", prompt.text),
         (None, true) => format!("{}: found on no frame", prompt.text),
         (Some(frame), true) => {
-            format!("{}: largest {} at frame {}", prompt.text, percent(curve.top()), frame + 1)
+            format!(
+                "{}: largest on frame {}, {} of the picture",
+                prompt.text,
+                frame + 1,
+                percent(curve.top())
+            )
         }
     };
     format!("Area over time. {}", curves.iter().map(one).collect::<Vec<_>>().join("; "))

@@ -4,12 +4,13 @@ use crate::viewer::{
     action::Action,
     backend::{
         Backend,
+        paths::{PathAsk, PathKind, Picked},
         ranges::included,
         task::{Task, TaskContext, TaskEvent},
     },
     panels::{
         folder::free_folder,
-        widgets::{self, caption, main_button},
+        widgets::{self, NO_DIALOG, caption, main_button, path_field},
     },
     remedy::message,
     shared::{Dialog, Shared},
@@ -45,7 +46,9 @@ struct Export {
     name: String,
     last_frame: usize,
     has_original: bool,
-    picking: Option<Task<Option<PathBuf>>>,
+    picking: Option<Task<Picked>>,
+    /// `true` if the system turned out to have no file dialog.
+    has_no_dialog: bool,
     state: State,
 }
 
@@ -71,7 +74,7 @@ impl Export {
             colour: p.colour,
             is_instrument: p.is_instrument,
         };
-        let shows_original = shared.document.mode == ViewMode::Original && info.has_original;
+        let shows_original = shared.document.mode != ViewMode::Reconstruction && info.has_original;
         let options = ExportOptions {
             formats: vec![Format::Overlay, Format::Binary],
             source: if shows_original { PictureSource::Original } else { PictureSource::Reconstruction },
@@ -97,6 +100,7 @@ impl Export {
             last_frame: info.num_frames.saturating_sub(1),
             has_original: info.has_original,
             picking: None,
+            has_no_dialog: false,
             state: State::Asking,
         })
     }
@@ -109,8 +113,10 @@ impl Export {
     fn poll(&mut self) -> Option<String> {
         if let Some(TaskEvent::Done(result)) = self.picking.as_mut().and_then(Task::poll) {
             self.picking = None;
-            if let Ok(Some(folder)) = result {
-                self.request.folder = folder_in(&folder, &self.name);
+            match result {
+                Ok(Picked::Path(folder)) => self.request.folder = folder_in(&folder, &self.name),
+                Ok(Picked::Unavailable) => self.has_no_dialog = true,
+                _ => {}
             }
         }
         let State::Running(task) = &mut self.state else { return None };
@@ -137,10 +143,10 @@ impl Export {
         self.state = State::Running(Task::start("export", ctx, work));
     }
 
-    fn pick_folder(&mut self, ctx: &Context) {
-        self.picking = Some(Task::start("file dialog", ctx, |_| {
-            Ok(rfd::FileDialog::new().set_title("Export into this folder").pick_folder())
-        }));
+    fn pick_folder(&mut self, backend: Arc<dyn Backend>, ctx: &Context) {
+        let title = "Export into this folder".to_owned();
+        let ask = PathAsk { title, kind: PathKind::Folder, folder: None };
+        self.picking = Some(Task::start("file dialog", ctx, move |_| Ok(backend.pick(&ask))));
     }
 }
 
@@ -204,12 +210,15 @@ fn asking_ui(ui: &mut Ui, export: &mut Export, backend: &Arc<dyn Backend>) -> bo
     ui.separator();
     frames_ui(ui, export);
     ui.horizontal(|ui| {
-        let folder = export.request.folder.display().to_string();
-        if ui.add_enabled(export.picking.is_none(), egui::Button::new("Folder…")).clicked() {
-            export.pick_folder(&ui.ctx().clone());
+        let can_pick = export.picking.is_none() && !export.has_no_dialog;
+        if ui.add_enabled(can_pick, egui::Button::new("Folder…")).clicked() {
+            export.pick_folder(backend.clone(), &ui.ctx().clone());
         }
-        ui.add(egui::Label::new(caption(folder)).truncate());
+        path_field(ui, "Folder of the export", &mut export.request.folder);
     });
+    if export.has_no_dialog {
+        ui.label(caption(NO_DIALOG));
+    }
     ui.add_space(10.0);
     let (frames, ExportRequest { options, questions, .. }) = (export.frames(), &export.request);
     let is_apart = frames.windows(2).any(|pair| pair[0] + 1 != pair[1]);
@@ -252,7 +261,7 @@ fn formats_ui(ui: &mut Ui, formats: &mut Vec<Format>) {
 }
 
 fn frames_ui(ui: &mut Ui, export: &mut Export) {
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         ui.label("Frames");
         // Frames are shown from 1 and stored from 0.
         let (mut from, mut to) = (export.range.0 + 1, export.range.1 + 1);
@@ -265,7 +274,7 @@ fn frames_ui(ui: &mut Ui, export: &mut Export) {
             export.range = (0, export.last_frame);
         }
     });
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         ui.label("Pictures from");
         let source = &mut export.request.options.source;
         ui.add_enabled_ui(export.has_original, |ui| {

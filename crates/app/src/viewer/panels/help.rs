@@ -94,14 +94,12 @@ fn notice_ui(ctx: &Context, actions: &mut Vec<Action>) {
 
 /// Shows the shortcut sheet, which lists the command table.
 fn shortcuts_ui(ui: &mut Ui, choosing: &mut Option<Command>, shared: &Shared, actions: &mut Vec<Action>) {
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         ui.heading("Keyboard shortcuts");
-        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            let has_own = !shared.preferences.keys.is_empty();
-            if ui.add_enabled(has_own, egui::Button::new("All keys as delivered")).clicked() {
-                actions.push(Action::prefer(|p| p.keys.clear()));
-            }
-        });
+        let has_own = !shared.preferences.keys.is_empty();
+        if ui.add_enabled(has_own, egui::Button::new("Usual keys again")).clicked() {
+            actions.push(Action::prefer(|p| p.keys.clear()));
+        }
     });
     let text = match *choosing {
         Some(command) => format!("Press the new key for \"{}\". Esc leaves it as it is.", label(entry(command))),
@@ -111,18 +109,19 @@ fn shortcuts_ui(ui: &mut Ui, choosing: &mut Option<Command>, shared: &Shared, ac
     };
     let colour = if choosing.is_some() { theme::AMBER } else { theme::TEXT_WEAK };
     ui.label(RichText::new(text).font(theme::small()).color(colour));
-    let height = ui.ctx().content_rect().height() - 190.0;
-    let height = height.max(200.0);
+    let height = (ui.ctx().content_rect().height() - 270.0).max(120.0);
     // Full height from the start, or the sheet would grow under the pointer.
     let area = ScrollArea::vertical().max_height(height).min_scrolled_height(height);
     area.show(ui, |ui| {
         ui.spacing_mut().interact_size.y = 18.0;
-        ui.columns(2, |columns| {
+        let num_columns = if ui.available_width() < 700.0 { 1 } else { 2 };
+        ui.columns(num_columns, |columns| {
             for group in Group::ALL {
-                let column = usize::from(!matches!(group, Group::File | Group::Edit | Group::Time));
+                let is_second = !matches!(group, Group::File | Group::Edit | Group::Time);
+                let column = usize::from(is_second).min(num_columns - 1);
                 group_ui(&mut columns[column], choosing, shared, actions, group);
             }
-            mouse_ui(&mut columns[1]);
+            mouse_ui(&mut columns[num_columns - 1]);
         });
     });
 }
@@ -173,11 +172,8 @@ fn key_ui(
     let button = ui.add(egui::Button::new(text).frame(false));
     let name = format!("Key of {}", label(entry));
     button.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Button, true, &name));
-    let tip = if is_chosen {
-        "Choose another key; right-click for the delivered one"
-    } else {
-        "Choose another key"
-    };
+    let tip =
+        if is_chosen { "Choose another key; right-click for the usual one" } else { "Choose another key" };
     let button = button.on_hover_text(tip);
     if button.clicked() {
         *choosing = Some(entry.command);

@@ -1,7 +1,10 @@
 //! Legend of the overlay: one line per prompt, tags at what was found, colour scales.
 
 use crate::viewer::{
-    panels::widgets::{plate, swatch},
+    panels::{
+        plates::Plates,
+        widgets::{GUESSED, swatch},
+    },
     picture::{
         difference::{FULL_SCALE, difference_colour},
         layer_colours::layer_colour,
@@ -24,30 +27,37 @@ use surgtpgs_core::{
 };
 
 /// Shows the legend in the lower left corner and the tags on the pictures.
-pub(crate) fn legend_ui(ui: &mut Ui, shared: &Shared, area: Rect, panes: &[(Rect, Rect)]) {
+pub(crate) fn legend_ui(
+    ui: &mut Ui,
+    shared: &Shared,
+    area: Rect,
+    panes: &[(Rect, Rect)],
+    plates: &mut Plates,
+) {
     match shared.document.mode {
-        ViewMode::Depth | ViewMode::Motion | ViewMode::Opacity => return layer_scale(ui, shared, area),
+        ViewMode::Depth | ViewMode::Motion | ViewMode::Opacity => {
+            return layer_scale(ui, shared, area, plates);
+        }
         ViewMode::DepthBeside => {
             if let Some((pane, picture)) = panes.last() {
-                layer_scale(ui, shared, pane.intersect(*picture));
+                layer_scale(ui, shared, pane.intersect(*picture), plates);
             }
         }
-        ViewMode::Difference => return difference_scale(ui, area),
+        ViewMode::Difference => return difference_scale(ui, area, plates),
         _ => {}
     }
     let lines = lines(shared);
-    for (pane, picture) in panes {
-        let painter = ui.painter().with_clip_rect(*pane);
-        lines.iter().for_each(|line| tag(&painter, line, *picture));
-    }
-    let mut top = paint_lines(ui.painter(), &lines, area);
+    paint_lines(ui.painter(), &lines, area, plates);
     if let Some(words) = clean_up::describe(shared.document.content().clean_up).filter(|_| !lines.is_empty())
     {
-        let at = pos2(area.left() + 8.0, top - 6.0);
-        top = plate(ui.painter(), at, Align2::LEFT_BOTTOM, &words, theme::AMBER).top();
+        plates.text(ui.painter(), area, Align2::LEFT_BOTTOM, &words, theme::AMBER);
     }
     if shared.document.overlay.style.shows_scores() && !lines.is_empty() {
-        heat_scale(ui, &lines, area.left() + 8.0, top - 8.0);
+        heat_scale(ui, &lines, area, plates);
+    }
+    for (pane, picture) in panes {
+        let painter = ui.painter().with_clip_rect(*pane);
+        lines.iter().for_each(|line| tag(&painter, line, *picture, *pane, plates));
     }
 }
 
@@ -68,7 +78,7 @@ fn lines(shared: &Shared) -> Vec<Line> {
         let found = finding.and_then(|f| f.outcome.as_ref().ok());
         let answer = finding.and_then(|f| f.answer.as_ref());
         let value = match found {
-            Some(found) if found.area_px > 0 => percent(found.area_fraction),
+            Some(found) if found.area_px > 0 => format!("{} of the picture", percent(found.area_fraction)),
             Some(_) if answer.is_some_and(|a| !a.may_be_found(prompt.threshold)) => {
                 "not in this recording".into()
             }
@@ -95,31 +105,39 @@ fn lines(shared: &Shared) -> Vec<Line> {
 }
 
 /// Paints the number of a prompt on what it found, so that colour is not the only difference between prompts.
-fn tag(painter: &Painter, line: &Line, picture: Rect) {
+/// It goes to the side of a text that is in its way, or is left out.
+fn tag(painter: &Painter, line: &Line, picture: Rect, pane: Rect, plates: &mut Plates) {
     let Some([u, v]) = line.anchor else { return };
     let at = picture.min + vec2(u, v) * picture.size();
-    let rect = Rect::from_center_size(at, vec2(20.0, 20.0));
+    let rect = |k: usize| Rect::from_center_size(at + vec2(24.0 * k as f32, 0.0), vec2(20.0, 20.0));
+    let is_free = |rect: &Rect| pane.contains_rect(rect.expand(2.0)) && plates.is_free(rect.expand(2.0));
+    let Some(rect) = (0..4).map(rect).find(is_free) else { return };
+    plates.take(rect.expand(2.0));
     painter.rect_filled(rect.expand(2.0), 5.0, theme::PLATE);
     swatch(painter, rect, line.colour, &line.number);
 }
 
-/// Paints the lines from the lower left corner upwards; returns the upper end.
-fn paint_lines(painter: &Painter, lines: &[Line], area: Rect) -> f32 {
+/// Paints the lines in the lower left corner, as many as there is room for.
+fn paint_lines(painter: &Painter, lines: &[Line], area: Rect, plates: &mut Plates) {
     const HEIGHT: f32 = 24.0;
     let font = egui::FontId::proportional(14.5);
-    let left_bottom = area.left_bottom() + vec2(8.0, -8.0);
+    let fitting = ((area.height() * 0.6) / HEIGHT) as usize;
+    let lines = &lines[..lines.len().min(fitting)];
     if lines.is_empty() {
-        return left_bottom.y;
+        return;
     }
-    let texts: Vec<_> = lines
-        .iter()
-        .map(|l| {
-            painter.layout_no_wrap(format!("{}   {}", shortened(&l.text), l.value), font.clone(), theme::TEXT)
-        })
-        .collect();
+    let room = (area.width() - 66.0).max(20.0);
+    let laid_out = |line: &Line| {
+        let mut text = format!("{}   {}", shortened(&line.text), line.value);
+        if painter.layout_no_wrap(text.clone(), font.clone(), theme::TEXT).size().x > room {
+            text.clone_from(&line.value);
+        }
+        painter.layout_no_wrap(text, font.clone(), theme::TEXT)
+    };
+    let texts: Vec<_> = lines.iter().map(laid_out).collect();
     let width = texts.iter().map(|t| t.size().x).fold(0.0, f32::max) + 46.0;
     let size = vec2(width, HEIGHT * lines.len() as f32 + 8.0);
-    let plate = Rect::from_min_size(left_bottom - vec2(0.0, size.y), size);
+    let Some(plate) = plates.place(area, Align2::LEFT_BOTTOM, size) else { return };
     painter.rect_filled(plate, 6.0, theme::PLATE);
     for (i, (line, text)) in lines.iter().zip(texts).enumerate() {
         let y = plate.top() + 4.0 + HEIGHT * (i as f32 + 0.5);
@@ -127,7 +145,6 @@ fn paint_lines(painter: &Painter, lines: &[Line], area: Rect) -> f32 {
         swatch(painter, mark, line.colour, &line.number);
         painter.galley(pos2(plate.left() + 35.0, y - text.size().y / 2.0), text, theme::TEXT);
     }
-    plate.top()
 }
 
 pub(crate) fn shortened(text: &str) -> String {
@@ -140,10 +157,9 @@ pub(crate) fn shortened(text: &str) -> String {
 }
 
 /// Paints the colour scale of the heatmap, by the code of the heatmap itself, so that they cannot differ.
-fn heat_scale(ui: &Ui, lines: &[Line], left: f32, bottom: f32) {
+fn heat_scale(ui: &Ui, lines: &[Line], area: Rect, plates: &mut Plates) {
     const STEPS: usize = 101;
     let scores = Grid::from_vec(STEPS, 1, (0..STEPS).map(|i| i as f32 / (STEPS - 1) as f32).collect());
-    let mut top = bottom;
     for line in lines {
         let id = egui::Id::unique(("heat scale", line.colour));
         let texture = ui.ctx().data(|d| d.get_temp::<egui::TextureHandle>(id)).unwrap_or_else(|| {
@@ -155,27 +171,19 @@ fn heat_scale(ui: &Ui, lines: &[Line], left: f32, bottom: f32) {
             ui.ctx().data_mut(|d| d.insert_temp(id, texture.clone()));
             texture
         });
-        let rect = Rect::from_min_max(pos2(left, top - 42.0), pos2(left + 180.0, top));
-        scale(
-            ui.painter(),
-            rect,
-            &[("0", 0.0), ("0.5", 0.5), ("1", 1.0)],
-            &format!("similarity score {}", line.number),
-            |bar| {
-                let whole = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
-                ui.painter().image(texture.id(), bar, whole, Color32::WHITE);
-            },
-        );
-        top -= 66.0;
+        let captions = [("0", 0.0), ("0.5", 0.5), ("1", 1.0)];
+        let title = format!("similarity score of {}", shortened(&line.text));
+        scale(ui.painter(), area, plates, 180.0, &captions, &title, |bar| {
+            let whole = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
+            ui.painter().image(texture.id(), bar, whole, Color32::WHITE);
+        });
     }
 }
 
-fn difference_scale(ui: &Ui, area: Rect) {
-    let left_bottom = area.left_bottom() + vec2(8.0, -8.0);
-    let rect = Rect::from_min_max(left_bottom - vec2(0.0, 42.0), left_bottom + vec2(260.0, 0.0));
+fn difference_scale(ui: &Ui, area: Rect, plates: &mut Plates) {
     let most = format!("{FULL_SCALE:.0} or more");
     let ends = [("0", 0.0), (&*most, 1.0)];
-    scale(ui.painter(), rect, &ends, "difference, levels of 255", |bar| {
+    scale(ui.painter(), area, plates, 260.0, &ends, "difference, levels of 255", |bar| {
         paint_ramp(ui.painter(), bar, difference_colour);
     });
 }
@@ -187,31 +195,42 @@ fn paint_ramp(painter: &Painter, bar: Rect, colour: impl Fn(f32) -> Color32) {
     }
 }
 
-fn layer_scale(ui: &Ui, shared: &Shared, area: Rect) {
+fn layer_scale(ui: &Ui, shared: &Shared, area: Rect, plates: &mut Plates) {
     let Some(pane) = shared.picture().and_then(|p| p.layer.as_ref()) else { return };
     let (low, high) = pane.range;
-    let left_bottom = area.left_bottom() + vec2(8.0, -8.0);
-    let rect = Rect::from_min_max(left_bottom - vec2(0.0, 42.0), left_bottom + vec2(280.0, 0.0));
+    let is_known = shared.info().is_some_and(|i| !i.shape_is_guessed());
     let (title, ends) = match pane.layer {
-        Layer::Depth => ("depth, scene units", [format!("near {low:.1}"), format!("far {high:.1}")]),
-        Layer::Motion => ("way over the recording, px", ["still".into(), format!("{high:.0} or more")]),
+        Layer::Depth if is_known => {
+            ("depth, scene units", [format!("near {low:.1}"), format!("far {high:.1}")])
+        }
+        Layer::Depth => (GUESSED, ["near".into(), "far".into()]),
+        Layer::Motion => ("path over the recording, pixels", ["still".into(), format!("{high:.0} or more")]),
         Layer::Opacity => ("opacity of the reconstruction", ["0".into(), "1".into()]),
     };
     let [first, last] = &ends;
-    scale(ui.painter(), rect, &[(first, 0.0), (last, 1.0)], title, |bar| {
+    scale(ui.painter(), area, plates, 280.0, &[(first, 0.0), (last, 1.0)], title, |bar| {
         paint_ramp(ui.painter(), bar, |share| layer_colour(pane.layer, share));
     });
     if !pane.note.is_empty() {
-        let at = rect.left_top() - vec2(0.0, 24.0);
-        plate(ui.painter(), at, Align2::LEFT_BOTTOM, &pane.note, theme::TEXT);
+        plates.text(ui.painter(), area, Align2::LEFT_BOTTOM, &pane.note, theme::TEXT);
     }
 }
 
-/// Paints a bar with captions on a dark plate.
-fn scale(painter: &Painter, rect: Rect, captions: &[(&str, f32)], title: &str, paint_bar: impl FnOnce(Rect)) {
+/// Paints a bar with captions on a dark plate in the lower left corner.
+fn scale(
+    painter: &Painter,
+    area: Rect,
+    plates: &mut Plates,
+    width: f32,
+    captions: &[(&str, f32)],
+    title: &str,
+    paint_bar: impl FnOnce(Rect),
+) {
     let font = egui::FontId::proportional(12.5);
-    let title = painter.layout_no_wrap(title.to_owned(), font.clone(), theme::TEXT);
-    let rect = Rect::from_min_max(rect.min - vec2(0.0, title.size().y), rect.max);
+    let width = width.min(area.width() - 16.0);
+    let title = painter.layout(title.to_owned(), font.clone(), theme::TEXT, (width - 20.0).max(0.0));
+    let size = vec2(width, 42.0 + title.size().y);
+    let Some(rect) = plates.place(area, Align2::LEFT_BOTTOM, size) else { return };
     painter.rect_filled(rect, 6.0, theme::PLATE);
     let bottom = rect.top() + 5.0 + title.size().y;
     painter.galley(rect.min + vec2(10.0, 4.0), title, theme::TEXT);

@@ -13,14 +13,15 @@ pub(crate) fn menus_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) 
     use Command as C;
     egui::MenuBar::new().ui(ui, |ui| {
         ui.menu_button("File", |ui| {
-            [C::OpenFile, C::OpenFolder].into_iter().for_each(|c| item(ui, shared, actions, c));
+            let opens = [C::OpenFile, C::OpenFolder, C::OpenPath, C::OpenDemo];
+            opens.into_iter().for_each(|c| item(ui, shared, actions, c));
             recent_ui(ui, shared, actions);
             ui.separator();
             [C::SaveSession, C::SaveSessionAs].into_iter().for_each(|c| item(ui, shared, actions, c));
             ui.separator();
             [C::Reconstruct, C::Export, C::Quality].into_iter().for_each(|c| item(ui, shared, actions, c));
             ui.separator();
-            item(ui, shared, actions, C::Quit);
+            [C::StartPage, C::Quit].into_iter().for_each(|c| item(ui, shared, actions, c));
         });
         menu(ui, shared, actions, "Edit", &[&[C::Undo, C::Redo], &[C::CopyAreas]]);
         let views: &[&[C]] = &[
@@ -39,15 +40,14 @@ pub(crate) fn menus_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) 
             &[C::Slower, C::Faster, C::NormalSpeed],
             &[C::Loop, C::RangeStart, C::RangeEnd, C::RangeClear, C::Exclude],
             &[C::FirstFound, C::LargestFound, C::LastFound],
-            &[C::Bookmark, C::PreviousBookmark, C::NextBookmark, C::Bookmarks],
+            &[C::Bookmark, C::DeleteBookmark, C::PreviousBookmark, C::NextBookmark, C::Bookmarks],
         ];
         menu(ui, shared, actions, "Time", times);
         menu(ui, shared, actions, "Help", &[&[C::Shortcuts, C::About]]);
-        if let Some(info) = shared.info() {
-            ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-                ui.label(egui::RichText::new(&info.name).color(theme::TEXT_WEAK));
-            });
-        }
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            let title = egui::RichText::new(shared.title()).color(theme::TEXT_WEAK);
+            ui.add(egui::Label::new(title).truncate());
+        });
     });
 }
 
@@ -89,10 +89,7 @@ fn recent_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     let recent = &shared.preferences.recent;
     ui.menu_button("Recently opened", |ui| {
             for path in recent {
-                let name = path
-                    .file_name()
-                    .map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into());
-                let button = egui::Button::new(name).frame(false);
+                let button = egui::Button::new(shared.path_name(path)).frame(false);
                 if ui.add_enabled(path.exists(), button).on_hover_text(path.display().to_string()).clicked() {
                     actions.push(Action::Open(path.clone()));
                     ui.close();

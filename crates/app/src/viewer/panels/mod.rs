@@ -15,33 +15,39 @@ mod legend;
 mod loss_curve;
 mod menus;
 mod panes;
+mod picker;
+mod plates;
 mod probe;
 mod prompt_menu;
 pub(crate) mod prompts;
 mod quality;
 mod recovery;
+pub(crate) mod room;
 mod ruler;
 mod start;
 mod status;
 mod suggestions;
 mod threshold;
 pub(crate) mod timeline;
+mod toast;
 mod training;
 mod viewport;
 mod widgets;
 
 use crate::viewer::{action::Action, shared::Shared, theme};
 use comparison::ComparisonDialog;
-use egui::{CentralPanel, Frame, Margin, Panel, Ui};
+use egui::{
+    CentralPanel, CursorIcon, Frame, Margin, Panel, Rect, Sense, Stroke, Ui, UiBuilder, WidgetInfo, vec2,
+};
 use export::ExportDialog;
 use go_to::GoToDialog;
 use help::Sheets;
+use picker::Picker;
 use prompts::Prompts;
 use quality::QualityDialog;
+use room::Room;
 use training::TrainDialog;
 use viewport::ViewportPanel;
-
-const PROMPTS_WIDTH: f32 = 340.0;
 
 /// The panels that hold something of their own.
 #[derive(Default)]
@@ -54,27 +60,39 @@ pub(crate) struct Panels {
     go_to: GoToDialog,
     comparison: ComparisonDialog,
     sheets: Sheets,
+    picker: Picker,
 }
 
 impl Panels {
     /// Shows the whole window.
     pub(crate) fn ui(&mut self, ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+        let room = Room::of(ui.ctx());
         let frame = |x, y| Frame::new().fill(theme::PANEL).inner_margin(Margin::symmetric(x, y));
         Panel::top("menus").frame(frame(10, 4)).show(ui, |ui| menus::menus_ui(ui, shared, actions));
-        Panel::bottom("status").frame(frame(12, 4)).show(ui, |ui| status::status_ui(ui, shared));
+        Panel::bottom("status").frame(frame(12, 4)).show(ui, |ui| status::status_ui(ui, shared, room));
+        let mut panel = None;
         if shared.open.is_some() {
-            let time = Panel::bottom("time").frame(frame(12, 8));
-            time.show(ui, |ui| timeline::timeline_ui(ui, shared, actions));
-            let prompts = Panel::right("prompts").default_size(PROMPTS_WIDTH).size_range(300.0..=520.0);
-            prompts.frame(frame(14, 12)).show(ui, |ui| {
-                training::training_ui(ui, shared, actions);
-                import_check::import_check_ui(ui, shared, actions);
-                self.prompts.ui(ui, shared, actions);
+            let time = Panel::bottom("time").frame(frame(12, if room.is_low() { 3 } else { 8 }));
+            time.show(ui, |ui| timeline::timeline_ui(ui, shared, actions, room));
+            let width = room.panel_width(shared.preferences.panel_width);
+            let margin = if room.is_narrow() { 8 } else { 14 };
+            let prompts = Panel::right("prompts").resizable(false).exact_size(width);
+            let shown = prompts.frame(frame(margin, 10)).show(ui, |ui| {
+                // The panel keeps its width, whatever its contents would like.
+                let inner = ui.available_rect_before_wrap();
+                ui.allocate_rect(inner, Sense::hover());
+                let mut ui = ui.new_child(UiBuilder::new().max_rect(inner));
+                ui.shrink_clip_rect(inner.expand(4.0));
+                self.prompts.ui(&mut ui, shared, actions);
             });
+            panel = Some(shown.response.rect);
         }
         CentralPanel::default()
             .frame(Frame::new().fill(theme::BACKDROP))
-            .show(ui, |ui| self.viewport.ui(ui, shared, actions));
+            .show(ui, |ui| self.viewport.ui(ui, shared, actions, room));
+        if let Some(panel) = panel {
+            resize_ui(ui, panel, room, actions);
+        }
         let ctx = ui.ctx().clone();
         self.train.ui(&ctx, shared, actions);
         self.export.ui(&ctx, shared, actions);
@@ -83,6 +101,21 @@ impl Panels {
         bookmarks::bookmarks_ui(&ctx, shared, actions);
         self.comparison.ui(&ctx, shared, actions);
         recovery::recovery_ui(&ctx, shared, actions);
+        self.picker.ui(&ctx, shared, actions);
         self.sheets.ui(&ctx, shared, actions);
     }
+}
+
+/// Shows the border of the panel, which changes its width when it is dragged.
+fn resize_ui(ui: &Ui, panel: Rect, room: Room, actions: &mut Vec<Action>) {
+    let border = Rect::from_min_max(panel.left_top(), panel.left_bottom()).expand2(vec2(4.0, 0.0));
+    let response = ui.interact(border, ui.scope_id().with("width of the panel"), Sense::drag());
+    let response = response.on_hover_cursor(CursorIcon::ResizeHorizontal);
+    response.widget_info(|| WidgetInfo::slider(true, f64::from(panel.width()), "Width of the panel"));
+    if let Some(pointer) = response.interact_pointer_pos().filter(|_| response.dragged()) {
+        let width = room.panel_width(panel.right() - pointer.x);
+        actions.push(Action::PanelWidth(width));
+    }
+    let colour = if response.hovered() || response.dragged() { theme::LINE_HOVER } else { theme::LINE };
+    ui.painter().vline(panel.left(), panel.y_range(), Stroke::new(1.0, colour));
 }

@@ -5,14 +5,24 @@ use crate::viewer::{
     panels::{
         ruler::paint_cross,
         threshold::TIE,
-        widgets::{caption, card},
+        widgets::{caption, card, focus_ring},
     },
     shared::Shared,
     state::{content::NamedSample, zoom::Panes},
     theme,
 };
-use egui::{Align2, Rect, RichText, Role, Sense, Stroke, Ui, WidgetInfo, pos2, vec2};
+use egui::{
+    Align2, Rect, RichText, Role, Sense, Stroke, Ui, WidgetInfo, pos2,
+    text::{LayoutJob, TextWrapping},
+    vec2,
+};
 use surgtpgs_core::grid::Grid;
+
+/// Name of the card.
+pub(crate) const CARD: &str = "this point";
+
+/// Room for a score beside its words.
+const VALUE_WIDTH: f32 = 44.0;
 
 /// One bar of the card.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,6 +53,14 @@ fn rows(shared: &Shared, [u, v]: [f32; 2]) -> Vec<Row> {
     rows
 }
 
+/// Returns `true` if everything that the point is compared with has an answer.
+fn is_complete(shared: &Shared) -> bool {
+    let candidates = shared.candidates();
+    shared
+        .picture()
+        .is_some_and(|p| candidates.iter().all(|c| p.candidates.iter().any(|(text, _)| text == c)))
+}
+
 /// Shows the cross on every pane, and the card with the bars.
 pub(crate) fn probe_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, panes: &Panes, area: Rect) {
     let Some(point) = shared.viewport.probe else { return };
@@ -52,12 +70,8 @@ pub(crate) fn probe_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, 
     }
     // On the side away from the point.
     let is_left = crosses.first().is_some_and(|(_, at)| at.x > area.center().x);
-    let (at, anchor) = if is_left {
-        (area.left_center() + vec2(12.0, 0.0), Align2::LEFT_CENTER)
-    } else {
-        (area.right_center() + vec2(-12.0, 0.0), Align2::RIGHT_CENTER)
-    };
-    card(ui.ctx(), "this point", at, anchor, 300.0, |ui| card_ui(ui, shared, actions, point));
+    let anchor = if is_left { Align2::LEFT_CENTER } else { Align2::RIGHT_CENTER };
+    card(ui.ctx(), CARD, area, anchor, |ui| card_ui(ui, shared, actions, point));
 }
 
 fn card_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, point: [f32; 2]) {
@@ -70,7 +84,7 @@ fn card_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, point: [f32;
         });
     });
     let rows = rows(shared, point);
-    if rows.is_empty() {
+    if rows.is_empty() || !is_complete(shared) {
         let text =
             if shared.candidates().is_empty() { "No prompt to compare it with." } else { "Comparing…" };
         ui.label(caption(text));
@@ -80,15 +94,13 @@ fn card_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, point: [f32;
         ui.label(RichText::new("Nothing was reconstructed here.").color(theme::AMBER));
         return;
     }
-    ui.label(caption(
-        "Similarity score, 0 to 1. The line is the tie with a generic phrase. Click words to look for them.",
-    ));
+    ui.label(caption("How alike, 0 to 1; at the line it is as likely as not. Click words to look for them."));
     for row in &rows {
         row_ui(ui, actions, row);
     }
     sample_ui(ui, shared, actions, point);
-    if rows.iter().all(|r| r.score < TIE) {
-        let text = "Closer to a generic phrase than to any of these.";
+    if is_complete(shared) && rows.iter().all(|r| r.score < TIE) {
+        let text = "Less likely than not any of these.";
         ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
     }
 }
@@ -129,17 +141,20 @@ fn row_ui(ui: &mut Ui, actions: &mut Vec<Action>, row: &Row) {
     let (rect, response) = ui.allocate_exact_size(vec2(ui.available_width(), 25.0), Sense::click());
     let bar = Rect::from_min_max(rect.left_top() + vec2(0.0, 19.0), rect.right_bottom() - vec2(0.0, 1.0));
     let painter = ui.painter();
-    if response.hovered() || response.has_focus() {
+    if response.hovered() {
         painter.rect_filled(rect.expand(2.0), 3.0, theme::CONTROL_HOVER);
     }
+    focus_ring(painter, rect, &response);
     painter.rect_filled(bar, 2.0, theme::BACKDROP);
     let filled = Rect::from_min_max(bar.min, pos2(bar.left() + bar.width() * row.score, bar.bottom()));
     painter.rect_filled(filled, 2.0, row.colour.map_or(theme::TEXT_WEAK, theme::colour32));
     painter.vline(bar.left() + bar.width() * TIE, bar.expand(2.0).y_range(), Stroke::new(1.0, theme::TEXT));
     let text = if row.colour.is_some() { row.text.clone() } else { format!("+ {}", row.text) };
     let font = theme::small();
-    painter.text(rect.left_top() + vec2(0.0, 1.0), Align2::LEFT_TOP, text, font.clone(), theme::TEXT);
     let value = format!("{:.2}", row.score);
+    let mut words = LayoutJob::simple_singleline(text, font.clone(), theme::TEXT);
+    words.wrap = TextWrapping::truncate_at_width((rect.width() - VALUE_WIDTH).max(0.0));
+    painter.galley(rect.left_top() + vec2(0.0, 1.0), painter.layout_job(words), theme::TEXT);
     painter.text(rect.right_top() + vec2(0.0, 1.0), Align2::RIGHT_TOP, value, font, theme::TEXT);
     let spoken = format!("{} {:.2} at this point", row.text, row.score);
     response.widget_info(|| WidgetInfo::labeled(Role::Button, true, &spoken));

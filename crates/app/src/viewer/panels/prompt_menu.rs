@@ -2,7 +2,7 @@
 
 use crate::viewer::{
     action::Action,
-    panels::widgets::{Icon, caption, icon_button},
+    panels::widgets::{Icon, caption, focus_ring, icon_button},
     shared::Shared,
     state::content::{Prompt, PromptId},
     theme,
@@ -77,8 +77,9 @@ fn contents_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, prompt: 
 fn words_ui(ui: &mut Ui, actions: &mut Vec<Action>, prompt: &Prompt) {
     ui.label(caption("Words"));
     let label = format!("Words of {}", prompt.text);
-    if let Some(words) = field_ui(ui, &label, &prompt.text, ("words", prompt.id)) {
-        let id = prompt.id;
+    let id = prompt.id;
+    let field = Field { label: &label, salt: ("words", id), is_live: false };
+    if let Some(words) = field.ui(ui, &prompt.text) {
         actions.push(Action::edit(move |d| d.rename(id, &words)));
     }
 }
@@ -86,8 +87,10 @@ fn words_ui(ui: &mut Ui, actions: &mut Vec<Action>, prompt: &Prompt) {
 fn but_not_ui(ui: &mut Ui, actions: &mut Vec<Action>, prompt: &Prompt) {
     ui.label(caption("But not (words between commas)"));
     let label = format!("{} but not", prompt.text);
-    if let Some(words) = field_ui(ui, &label, &prompt.but_not.join(", "), ("but not", prompt.id)) {
-        let id = prompt.id;
+    // It acts while it is typed: neither Enter nor Esc is needed.
+    let id = prompt.id;
+    let field = Field { label: &label, salt: ("but not", id), is_live: true };
+    if let Some(words) = field.ui(ui, &prompt.but_not.join(", ")) {
         actions.push(Action::edit(move |d| d.set_but_not(id, &split_words(&words))));
     }
     for (index, not_like) in prompt.not_like.iter().enumerate() {
@@ -105,20 +108,32 @@ fn but_not_ui(ui: &mut Ui, actions: &mut Vec<Action>, prompt: &Prompt) {
     }
 }
 
-/// Shows a text field. Returns its text on Enter and on leaving the field, but not on Esc.
-fn field_ui(ui: &mut Ui, label: &str, text: &str, salt: (&'static str, PromptId)) -> Option<String> {
-    let id = ui.scope_id().with(salt);
-    let mut typed = ui.data(|d| d.get_temp::<String>(id)).unwrap_or_else(|| text.to_owned());
-    let field = ui.add(TextEdit::singleline(&mut typed).char_limit(200).desired_width(f32::INFINITY));
-    field.ctx.accesskit_node_builder(field.id, |node| node.set_label(label));
-    if field.lost_focus() {
-        ui.data_mut(|d| d.remove::<String>(id));
-        return (!ui.input(|i| i.key_pressed(Key::Escape))).then_some(typed);
+/// A text field.
+struct Field<'a> {
+    label: &'a str,
+    salt: (&'static str, PromptId),
+    /// `true` to return the text whenever it changes.
+    is_live: bool,
+}
+
+impl Field<'_> {
+    /// Shows the field. Returns its text on Enter, on leaving it, and while it changes if it is live. A field
+    /// that is not live is given up by Esc.
+    fn ui(&self, ui: &mut Ui, text: &str) -> Option<String> {
+        let id = ui.scope_id().with(self.salt);
+        let mut typed = ui.data(|d| d.get_temp::<String>(id)).unwrap_or_else(|| text.to_owned());
+        let field = ui.add(TextEdit::singleline(&mut typed).char_limit(200).desired_width(f32::INFINITY));
+        field.ctx.accesskit_node_builder(field.id, |node| node.set_label(self.label));
+        if field.lost_focus() {
+            ui.data_mut(|d| d.remove::<String>(id));
+            return (self.is_live || !ui.input(|i| i.key_pressed(Key::Escape))).then_some(typed);
+        }
+        if field.changed() {
+            ui.data_mut(|d| d.insert_temp(id, typed.clone()));
+            return self.is_live.then_some(typed);
+        }
+        None
     }
-    if field.changed() {
-        ui.data_mut(|d| d.insert_temp(id, typed));
-    }
-    None
 }
 
 fn colours_ui(ui: &mut Ui, actions: &mut Vec<Action>, prompt: &Prompt) {
@@ -131,10 +146,11 @@ fn colours_ui(ui: &mut Ui, actions: &mut Vec<Action>, prompt: &Prompt) {
             let name = format!("Colour {} for {}", number + 1, prompt.text);
             response.widget_info(|| WidgetInfo::selected(egui::Role::RadioButton, true, is_own, &name));
             ui.painter().rect_filled(rect.shrink(3.0), 4.0, theme::colour32(colour));
-            if is_own || response.has_focus() || response.hovered() {
-                let stroke = Stroke::new(2.0, if is_own { theme::TEXT } else { theme::ACCENT });
+            if is_own || response.hovered() {
+                let stroke = Stroke::new(2.0, if is_own { theme::TEXT } else { theme::LINE_HOVER });
                 ui.painter().rect_stroke(rect, 5.0, stroke, egui::StrokeKind::Inside);
             }
+            focus_ring(ui.painter(), rect, &response);
             if response.clicked() {
                 let id = prompt.id;
                 actions.push(Action::edit(move |d| d.set_colour(id, colour)));

@@ -6,9 +6,11 @@ use crate::viewer::{
     command::Command,
     panels::{
         clean_up::clean_up_ui,
+        import_check,
         prompt_menu::PromptMenu,
         suggestions::suggestions_ui,
         threshold::{TIE, threshold_ui},
+        training,
         widgets::{Icon, caption, choice, command_button, icon_button, swatch},
     },
     picture::{found::Found, request::Finding},
@@ -25,7 +27,7 @@ pub(crate) const NOTHING: &str = "Not on this frame";
 /// Message of a prompt that means nothing in the recording.
 pub(crate) const ABSENT: &str = "Not in this recording";
 /// Message of a prompt that has no answer yet.
-pub(crate) const ENCODING: &str = "Encoding…";
+pub(crate) const ENCODING: &str = "Looking for it…";
 /// Message where prompts cannot be asked.
 pub(crate) const NO_FEATURES: &str = "This recording has no text features";
 
@@ -36,35 +38,43 @@ pub(crate) struct Prompts {
 }
 
 impl Prompts {
-    /// Shows the panel.
+    /// Shows the panel. The prompt box stays in place, everything else can be scrolled.
     pub(crate) fn ui(&mut self, ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
-        ui.horizontal(|ui| {
-            ui.heading("Find");
-            if shared.info().is_some_and(|i| i.has_features) {
-                ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-                    suggestions_ui(ui, shared, actions);
-                    let button = ui.button(RichText::new("Compared with…").font(theme::small()));
-                    if button.on_hover_text(shared.tooltip(Command::Negatives)).clicked() {
-                        actions.push(Action::Run(Command::Negatives));
-                    }
-                });
-            }
-        });
-        box_ui(ui, shared, actions);
-        if shared.info().is_some_and(|i| !i.has_features) {
-            no_features_ui(ui, shared);
-            return;
+        let can_ask = shared.info().is_some_and(|i| i.has_features);
+        if can_ask {
+            find_ui(ui, shared, actions);
         }
-        preview_ui(ui, shared);
-        ui.add_space(4.0);
-        let below = 200.0;
-        ScrollArea::vertical().max_height((ui.available_height() - below).max(120.0)).show(ui, |ui| {
+        ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+            // The scroll bar covers nothing.
+            ui.set_width(ui.available_width() - 10.0);
+            training::training_ui(ui, shared, actions);
+            import_check::import_check_ui(ui, shared, actions);
+            if !can_ask {
+                find_ui(ui, shared, actions);
+                no_features_ui(ui, shared);
+                return;
+            }
+            preview_ui(ui, shared);
             rows_ui(ui, &mut self.menu, shared, actions);
-        });
-        ui.with_layout(egui::Layout::bottom_up(egui::Align::Min), |ui| {
-            ui.with_layout(egui::Layout::top_down(egui::Align::Min), |ui| overlay_ui(ui, shared, actions));
+            overlay_ui(ui, shared, actions);
         });
     }
+}
+
+/// Shows the heading, the lists of words and the prompt box.
+fn find_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    ui.horizontal_wrapped(|ui| {
+        ui.heading("Find");
+        if shared.info().is_some_and(|i| i.has_features) {
+            suggestions_ui(ui, shared, actions);
+            let button = ui.button(RichText::new("Compared with…").font(theme::small()));
+            if button.on_hover_text(shared.tooltip(Command::Negatives)).clicked() {
+                actions.push(Action::Run(Command::Negatives));
+            }
+        }
+    });
+    box_ui(ui, shared, actions);
+    ui.add_space(4.0);
 }
 
 fn box_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
@@ -75,6 +85,8 @@ fn box_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
         .id_salt("prompt box")
         .hint_text("Type what to find, e.g. gallbladder")
         .char_limit(200)
+        // Enter adds the prompt, and the next one can be typed at once.
+        .return_key(None)
         .margin(Margin::symmetric(10, 8))
         .desired_width(f32::INFINITY);
     let response = ui.add_enabled(can_ask, field).on_hover_text(shared.tooltip(Command::FocusPrompt));
@@ -83,7 +95,7 @@ fn box_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
         response.request_focus();
     }
     let is_focused = response.has_focus();
-    if response.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter)) {
+    if is_focused && ui.input(|i| i.key_pressed(Key::Enter)) {
         actions.push(Action::AddPrompt(std::mem::take(&mut text)));
     }
     if text != prompt_box.text || is_focused != prompt_box.is_focused || prompt_box.wants_focus {
@@ -99,7 +111,7 @@ fn preview_ui(ui: &mut Ui, shared: &Shared) {
         return;
     }
     let state = state_text(shared.finding(PREVIEW, live), shared.document.default_threshold());
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         let (rect, _) = ui.allocate_exact_size(vec2(14.0, 14.0), Sense::hover());
         swatch(ui.painter(), rect, shared.document.next_colour(), "");
         let text = format!("{} – Enter keeps it", state.0);
@@ -203,7 +215,8 @@ fn nearest_ui(ui: &mut Ui, actions: &mut Vec<Action>, prompt: &Prompt, finding: 
     }
 }
 
-/// Shows the head of a row: number, words, eye, menu and delete.
+/// Shows the head of a row: number, words, eye, menu and delete. In a narrow panel the buttons have a line of
+/// their own.
 fn head_ui(
     ui: &mut Ui,
     shared: &Shared,
@@ -211,39 +224,64 @@ fn head_ui(
     index: usize,
     prompt: &Prompt,
 ) -> Response {
+    const NARROW: f32 = 230.0;
+    let words_ui = |ui: &mut Ui, actions: &mut Vec<Action>| {
+        let words = egui::Label::new(RichText::new(&prompt.text).color(theme::TEXT));
+        let words = ui.add(words.truncate().selectable(false).sense(Sense::click()));
+        let tip =
+            format!("{}\nSelect: its threshold is shown, and the keys T and Shift+T change it", prompt.text);
+        if words.on_hover_text(tip).clicked() {
+            let id = prompt.id;
+            actions.push(Action::edit(move |d| d.selected = Some(id)));
+        }
+    };
+    let is_narrow = ui.available_width() < NARROW;
+    let right = egui::Layout::right_to_left(egui::Align::Center);
     let head = ui.horizontal(|ui| {
         let (rect, _) = ui.allocate_exact_size(vec2(22.0, 22.0), Sense::hover());
         swatch(ui.painter(), rect, prompt.colour, &(index + 1).to_string());
-        let right = ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            ui.spacing_mut().item_spacing.x = 2.0;
-            let name = format!("Delete {}", prompt.text);
-            let tip = "Delete this prompt (undo brings it back)";
-            if icon_button(ui, Icon::Cross, &name, tip, false, true).clicked() {
-                let id = prompt.id;
-                actions.push(Action::edit(move |d| d.remove(id)));
-            }
-            let name = format!("More about {}", prompt.text);
-            let menu_button = icon_button(ui, Icon::More, &name, "Other words, colour, order", false, true);
-            let (icon, word) =
-                if prompt.is_visible { (Icon::Eye, "Hide") } else { (Icon::EyeClosed, "Show") };
-            let name = format!("{word} {}", prompt.text);
-            if icon_button(ui, icon, &name, &shared.tooltip(Command::TogglePrompt), false, true).clicked() {
-                actions.push(Action::edit(move |d| d.toggle_visible(index)));
-            }
-            ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
-                let words = egui::Label::new(RichText::new(&prompt.text).color(theme::TEXT));
-                let words = ui.add(words.truncate().selectable(false).sense(Sense::click()));
-                let tip = "Select: its threshold is shown, and the keys T and Shift+T change it";
-                if words.on_hover_text(tip).clicked() {
-                    let id = prompt.id;
-                    actions.push(Action::edit(move |d| d.selected = Some(id)));
-                }
-            });
+        if is_narrow {
+            words_ui(ui, actions);
+            return None;
+        }
+        let buttons = ui.with_layout(right, |ui| {
+            let menu_button = buttons_ui(ui, shared, actions, index, prompt);
+            let left = egui::Layout::left_to_right(egui::Align::Center);
+            ui.with_layout(left, |ui| words_ui(ui, actions));
             menu_button
         });
-        right.inner
+        Some(buttons.inner)
     });
-    head.inner
+    let mut own_line = |ui: &mut Ui| {
+        let line = vec2(ui.available_width(), theme::CONTROL_HEIGHT);
+        ui.allocate_ui_with_layout(line, right, |ui| buttons_ui(ui, shared, actions, index, prompt)).inner
+    };
+    head.inner.unwrap_or_else(|| own_line(ui))
+}
+
+/// Shows the buttons of a row, from the right; returns the one that opens the prompt's menu.
+fn buttons_ui(
+    ui: &mut Ui,
+    shared: &Shared,
+    actions: &mut Vec<Action>,
+    index: usize,
+    prompt: &Prompt,
+) -> Response {
+    ui.spacing_mut().item_spacing.x = 2.0;
+    let name = format!("Delete {}", prompt.text);
+    let tip = "Delete this prompt (undo brings it back)";
+    if icon_button(ui, Icon::Cross, &name, tip, false, true).clicked() {
+        let id = prompt.id;
+        actions.push(Action::edit(move |d| d.remove(id)));
+    }
+    let name = format!("More about {}", prompt.text);
+    let menu_button = icon_button(ui, Icon::More, &name, "Other words, colour, order", false, true);
+    let (icon, word) = if prompt.is_visible { (Icon::Eye, "Hide") } else { (Icon::EyeClosed, "Show") };
+    let name = format!("{word} {}", prompt.text);
+    if icon_button(ui, icon, &name, &shared.tooltip(Command::TogglePrompt), false, true).clicked() {
+        actions.push(Action::edit(move |d| d.toggle_visible(index)));
+    }
+    menu_button
 }
 
 fn threshold_row_ui(
@@ -273,7 +311,7 @@ fn threshold_row_ui(
 
 /// Shows buttons to the first, largest and last appearance.
 fn jumps_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 3.0;
         for (label, command) in
             [("First", Command::FirstFound), ("Largest", Command::LargestFound), ("Last", Command::LastFound)]
@@ -287,12 +325,12 @@ fn jumps_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
                 actions.push(Action::Run(command));
             }
         }
-        if let Some(curve) = shared.selected_curve() {
-            let found = curve.points.iter().flatten().filter(|p| p.area_px > 0).count();
-            let text = format!("on {found} of {} frames", curve.points.len());
-            ui.label(caption(if curve.is_complete() { text } else { "counting…".into() }));
-        }
     });
+    if let Some(curve) = shared.selected_curve() {
+        let found = curve.points.iter().flatten().filter(|p| p.area_px > 0).count();
+        let text = format!("Found on {found} of {} frames", curve.points.len());
+        ui.label(caption(if curve.is_complete() { text } else { "Counting…".into() }));
+    }
 }
 
 /// Describes the result of a prompt in words, with a colour for their importance.
@@ -310,7 +348,7 @@ fn state_text(finding: Option<&Finding>, threshold: f32) -> (String, egui::Color
             (text, theme::AMBER)
         }
         Some(Ok(found)) => {
-            let share = format!("{} of the frame", percent(found.area_fraction));
+            let share = format!("{} of the picture", percent(found.area_fraction));
             let answer = finding.and_then(|f| f.answer.as_ref()).filter(|a| !a.may_be_found(threshold));
             match answer.and_then(|answer| answer.nearest.as_ref()) {
                 Some(class) => (format!("{ABSENT}; {class} is {share}"), theme::AMBER),
@@ -342,6 +380,8 @@ fn overlay_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
         &mut look.style,
         &OverlayStyle::ALL.map(|style| (style, style.label().0, tip(style.label().1), true)),
     );
+    // A slider has a number and a word behind it.
+    ui.spacing_mut().slider_width = (ui.available_width() - 130.0).clamp(30.0, 150.0);
     let share = |ui: &mut Ui, value, least, what| {
         ui.add(egui::Slider::new(value, least..=1.0).fixed_decimals(2).text(what));
     };
@@ -351,11 +391,11 @@ fn overlay_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     if !look.style.shows_scores() {
         share(ui, &mut look.outline_opacity, 0.1, "outline");
     }
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         let tip = "What is found lies under the instruments, as far as the recording's masks, its labels or prompts about \
                    instruments say where they are";
         ui.checkbox(&mut look.below_instruments, "Below instruments").on_hover_text(tip);
-        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| clean_up_ui(ui, shared, actions));
+        clean_up_ui(ui, shared, actions);
     });
     if look != shared.document.overlay {
         actions.push(Action::edit(move |d| d.overlay = look));

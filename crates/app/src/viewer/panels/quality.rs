@@ -20,7 +20,7 @@ use std::{
     path::{Path, PathBuf},
     sync::Arc,
 };
-use surgtpgs_core::files::Inputs;
+use surgtpgs_core::{files::Inputs, metrics::ClassSummary};
 
 /// Height of the window that the tables leave free; tables that do not fit are scrolled.
 const REST_HEIGHT: f32 = 230.0;
@@ -271,7 +271,8 @@ fn classes_ui(ui: &mut Ui, report: &EvalReport) {
         }
         ui.end_row();
         let all = std::iter::once(("All", &masks.threshold.all));
-        for (name, class) in all.chain(masks.threshold.classes.iter().map(|(n, c)| (n.as_str(), c))) {
+        let classes = masks.threshold.classes.iter().map(|(n, c)| (n.as_str(), c));
+        for (name, class) in all.chain(classes.filter(|(_, class)| !is_false(class))) {
             ui.label(name);
             for value in [class.iou, class.dice, class.boundary_f, class.precision, class.recall] {
                 ui.label(text(share(value)));
@@ -279,6 +280,22 @@ fn classes_ui(ui: &mut Ui, report: &EvalReport) {
             ui.end_row();
         }
     });
+    let names: Vec<&str> = masks
+        .threshold
+        .classes
+        .iter()
+        .filter(|(_, class)| is_false(class))
+        .map(|(n, _)| n.as_str())
+        .collect();
+    if !names.is_empty() {
+        let text = format!("Found, though nothing is labelled so on these frames: {}", names.join(", "));
+        ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
+    }
+}
+
+/// Returns `true` for a class that was found, but is labelled nowhere.
+fn is_false(class: &ClassSummary) -> bool {
+    class.labelled == 0 && class.precision.is_some()
 }
 
 /// Shows a row per frame: PSNR and SSIM, then the IoU of every class that is labelled or found there.

@@ -4,29 +4,55 @@ use crate::viewer::{
     action::Action,
     command::Command,
     panels::widgets::{dialog, main_button},
-    shared::Shared,
+    shared::{DEMO, Shared},
     state::session::Session,
     theme,
 };
-use egui::{Context, RichText};
+use egui::{Context, Frame, Margin, RichText, Ui};
 
-/// Offers at the start to restore work that was left unsaved.
+/// Shows work that was left unsaved on the start page, each with the offer to restore it.
+pub(crate) fn left_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    let left = &shared.saving.autosave.left;
+    if left.is_empty() {
+        return;
+    }
+    let frame = Frame::new().fill(theme::RAISED).corner_radius(8).inner_margin(Margin::same(12));
+    frame.show(ui, |ui| {
+        ui.set_width(ui.available_width());
+        ui.label(RichText::new("Your last work was not saved").strong().color(theme::AMBER));
+        for left in left {
+            let opened = &left.session.opened;
+            ui.label(summary(shared, &left.session));
+            ui.horizontal_wrapped(|ui| {
+                if ui.add(main_button("Restore")).on_hover_text(opened.display().to_string()).clicked() {
+                    actions.extend([Action::Recall(opened.clone()), Action::Restore]);
+                }
+                if ui.button("Discard").on_hover_text("Forget it for good").clicked() {
+                    actions.extend([Action::Recall(opened.clone()), Action::Discard]);
+                }
+            });
+        }
+    });
+    ui.add_space(12.0);
+}
+
+/// Offers to restore unsaved work on what is open.
 pub(crate) fn recovery_ui(ctx: &Context, shared: &Shared, actions: &mut Vec<Action>) {
-    if !shared.preferences.is_acknowledged {
+    if !shared.preferences.is_acknowledged || shared.open.is_none() {
         return;
     }
     let Some(left) = shared.saving.autosave.left.first().filter(|_| !shared.saving.is_recovery_put_off)
     else {
         return;
     };
-    let what = summary(&left.session);
+    let what = summary(shared, &left.session);
     let file = left.session.opened.display().to_string();
     let (answer, is_closed) = dialog(ctx, "recovery", 480.0, |ui| {
         ui.heading("Your last work was not saved");
         ui.label(what);
         ui.label(RichText::new(file).font(theme::small()).color(theme::TEXT_WEAK));
         ui.add_space(10.0);
-        ui.horizontal(|ui| {
+        ui.horizontal_wrapped(|ui| {
             let restore = ui.add(main_button("Restore")).clicked();
             let later = ui.button("Ask again next time").clicked();
             let tip = format!(
@@ -47,12 +73,12 @@ pub(crate) fn recovery_ui(ctx: &Context, shared: &Shared, actions: &mut Vec<Acti
 }
 
 /// Summarises a session, e.g. "clip: 2 prompts, 1 bookmark, at frame 8".
-fn summary(session: &Session) -> String {
+fn summary(shared: &Shared, session: &Session) -> String {
     let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
     let content = &session.content;
     format!(
         "{}: {}, {}, at frame {}",
-        session.name(),
+        if shared.is_demo(&session.opened) { DEMO.to_owned() } else { session.name() },
         count(content.prompts.len(), "prompt"),
         count(content.bookmarks.len(), "bookmark"),
         session.time.frame + 1

@@ -2,6 +2,7 @@
 
 use crate::viewer::{
     action::Action,
+    backend::Info,
     command::Command,
     panels::widgets::{caption, card, plate},
     shared::Shared,
@@ -12,6 +13,9 @@ use crate::viewer::{
     theme,
 };
 use egui::{Align2, Painter, Response, RichText, Stroke, TextEdit, Ui, pos2, vec2};
+
+/// Name of the card.
+pub(crate) const CARD: &str = "ruler";
 
 /// The ruler.
 #[derive(Clone, Debug, Default)]
@@ -60,8 +64,7 @@ impl Ruler {
                 plate(&painter, at, Align2::CENTER_TOP, &text, theme::TEXT);
             }
         }
-        let at = area.right_bottom() + vec2(-12.0, -12.0);
-        card(ui.ctx(), "ruler", at, Align2::RIGHT_BOTTOM, 300.0, |ui| {
+        card(ui.ctx(), CARD, area, Align2::RIGHT_BOTTOM, |ui| {
             self.card_ui(ui, shared, actions, measured);
         });
     }
@@ -88,9 +91,11 @@ impl Ruler {
         let frame = shared.picture().map_or(0, |p| p.request.view.frame);
         let text = measured.text(shared.document.content().scale.as_ref());
         ui.label(format!("{text}  ·  frame {}", frame + 1));
+        let is_guessed = shared.info().is_some_and(Info::shape_is_guessed);
         let warning = match measured.in_space {
             Err(NoLength::NoSurface) => Some("Nothing was reconstructed at one end."),
-            Err(NoLength::NoDepth) => Some("Pixels only: this view has no recorded depth."),
+            Err(NoLength::NoDepth) if is_guessed => Some("Pixels only: the shape is guessed."),
+            Err(NoLength::NoDepth) => Some("Pixels only: this view has no measured depth."),
             Ok(length) if length.is_at_edge => {
                 Some("Depth jumps at one end: it may belong to what lies behind.")
             }
@@ -125,9 +130,9 @@ impl Ruler {
 /// Returns the length of a line on the shown frame.
 fn measured(shared: &Shared, line: [[f32; 2]; 2]) -> Option<Measurement> {
     let (info, picture) = (shared.info()?, shared.picture()?);
-    // Turned views were never recorded, so their lengths are in pixels only.
+    // Nobody measured the depth of turned views, nor that of guessed shapes: lengths are in pixels only.
     let is_recorded = picture.request.view.orbit.is_home();
-    let depth = picture.depth_values.as_deref().filter(|_| is_recorded);
+    let depth = picture.depth_values.as_deref().filter(|_| is_recorded && info.has_measured_depth);
     Some(measure(line, (info.width, info.height), depth, info.lens))
 }
 
@@ -143,7 +148,8 @@ fn paint_line(painter: &Painter, a: egui::Pos2, b: egui::Pos2) {
 fn scale_ui(ui: &mut Ui, actions: &mut Vec<Action>, scale: &Scale) {
     ui.label(caption(format!("Scale from {}", scale.source)));
     if scale.px_per_mm.is_some() {
-        let text = "Measured in the picture, as if everything lay at one distance: what is nearer is shorter than it says.";
+        let text = "This holds where everything lies as far away as what it was measured at: what is nearer is shorter \
+                    than it says, what is farther is longer.";
         ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
     }
     if ui.button("Remove the scale").clicked() {
@@ -158,7 +164,7 @@ fn number_ui(
     [name, unit, verb]: [&str; 3],
     scale: impl Fn(f64) -> Option<Scale>,
 ) -> Option<Scale> {
-    let row = ui.horizontal(|ui| {
+    let row = ui.horizontal_wrapped(|ui| {
         let field = ui.add(TextEdit::singleline(typed).desired_width(60.0));
         field.ctx.accesskit_node_builder(field.id, |node| node.set_label(name));
         ui.label(caption(unit));

@@ -1,30 +1,49 @@
-//! The bottom line: values under the pointer, the renderer, and the limits of the intended use.
+//! The bottom line: the limits of the intended use, values under the pointer, and engineering figures behind a
+//! button.
 
-use crate::viewer::{panels::widgets::caption, shared::Shared, theme};
-use egui::{RichText, Ui};
+use crate::viewer::{
+    panels::{room::Room, widgets::caption},
+    shared::Shared,
+    theme,
+};
+use egui::{Popup, RichText, Ui};
 use surgtpgs_core::{clock::PassName, export::intended_use, raster::FramePass};
 
 /// Shows the bottom line of the window.
-pub(crate) fn status_ui(ui: &mut Ui, shared: &Shared) {
-    ui.horizontal(|ui| {
-        ui.label(RichText::new(intended_use()).font(theme::small()).color(theme::AMBER));
-        ui.separator();
-        if let Some(text) = under_pointer(shared, ui.ctx()) {
-            ui.label(caption(text));
+pub(crate) fn status_ui(ui: &mut Ui, shared: &Shared, room: Room) {
+    let layout = egui::Layout::right_to_left(egui::Align::Center);
+    ui.allocate_ui_with_layout(egui::vec2(ui.available_width(), 22.0), layout, |ui| {
+        ui.spacing_mut().interact_size.y = 20.0;
+        if shared.open.is_some() {
+            details_ui(ui, shared);
         }
-        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            let (Some(picture), Some(info)) = (shared.picture(), shared.info()) else { return };
-            for (words, why) in &info.notes {
-                ui.label(caption(words)).on_hover_text(why);
+        ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
+            let intended = RichText::new(intended_use()).font(theme::small()).color(theme::AMBER);
+            ui.add(egui::Label::new(intended).truncate());
+            if let Some(text) = under_pointer(shared, ui.ctx()).filter(|_| !room.is_narrow()) {
                 ui.separator();
-            }
-            if info.has_reconstruction {
-                let passes = format!("{} of {} passes", picture.passes_run, FramePass::ALL.len());
-                let text = format!("{passes}  ·  {:.0} ms  ·  {}", picture.took_ms, info.renderer);
-                let why = "Passes that had to run for the last picture, its time, and what made it";
-                ui.label(caption(text)).on_hover_text(why);
+                ui.add(egui::Label::new(caption(text)).truncate());
             }
         });
+    });
+}
+
+/// Shows a button that opens figures about the scene and its last picture.
+fn details_ui(ui: &mut Ui, shared: &Shared) {
+    let button = egui::Button::new(caption("Details")).frame(false);
+    let button = ui.add(button).on_hover_text("What the picture was made of, by what, and how fast");
+    Popup::from_toggle_button_response(&button).width(330.0).show(|ui| {
+        let (Some(picture), Some(info)) = (shared.picture(), shared.info()) else { return };
+        ui.label(caption(format!("{} × {} pixels, {} frames", info.width, info.height, info.num_frames)));
+        for (words, why) in &info.notes {
+            ui.label(caption(format!("{words}. {why}")));
+        }
+        if info.has_reconstruction {
+            let (run, all) = (picture.passes_run, FramePass::ALL.len());
+            let made = format!("The last picture took {:.0} ms, made by {}.", picture.took_ms, info.renderer);
+            ui.label(caption(made));
+            ui.label(caption(format!("{run} of {all} steps of drawing had to run anew for it.")));
+        }
     });
 }
 
@@ -35,7 +54,8 @@ fn under_pointer(shared: &Shared, ctx: &egui::Context) -> Option<String> {
     let (info, picture) = (shared.info()?, shared.picture()?);
     let at = |share: f32, n: usize| ((share * n as f32) as usize).min(n.saturating_sub(1));
     let mut text = format!("x {}  y {}", at(u, info.width), at(v, info.height));
-    if let Some(depth) = picture.depth_values.as_ref().filter(|d| !d.data.is_empty()) {
+    let depth = picture.depth_values.as_ref().filter(|d| info.has_measured_depth && !d.data.is_empty());
+    if let Some(depth) = depth {
         match depth.at(at(u, depth.width), at(v, depth.height)) {
             d if d > 0.0 => text += &format!("   depth {d:.1} scene units"),
             _ => text += "   no depth",

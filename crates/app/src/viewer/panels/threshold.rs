@@ -1,6 +1,6 @@
 //! The threshold slider of a prompt, under the distribution of its scores.
 
-use crate::viewer::{picture::found::Found, theme};
+use crate::viewer::{panels::widgets::focus_ring, picture::found::Found, theme};
 use egui::{Align2, Color32, Key, Rect, Role, Sense, Stroke, Ui, WidgetInfo, pos2, vec2};
 use surgtpgs_core::summary::SCORE_BINS;
 
@@ -36,14 +36,8 @@ pub(crate) fn threshold_ui(
         info.role = Role::Slider;
         info
     });
-    paint(
-        ui,
-        plot,
-        *threshold,
-        colour,
-        found,
-        response.hovered() || response.dragged() || response.has_focus(),
-    );
+    paint(ui, plot, *threshold, colour, found, response.hovered() || response.dragged());
+    focus_ring(ui.painter(), plot, &response);
     let is_over = response.drag_stopped() || response.clicked() || by_key.is_some_and(|s| s != 0.0);
     response.on_hover_text(
         "How many pixels of this frame have which similarity score (tall bars are compressed).\n\

@@ -5,7 +5,8 @@ use crate::viewer::{
     command::Command,
     panels::{
         curves,
-        widgets::{Icon, caption, command_button},
+        room::Room,
+        widgets::{Icon, caption, command_button, focus_ring},
     },
     picture::areas::Curve,
     shared::Shared,
@@ -16,57 +17,65 @@ use crate::viewer::{
 use egui::{Rect, Response, RichText, Sense, Stroke, Ui, WidgetInfo, pos2, vec2};
 
 /// Shows the buttons, the clock and the bar.
-pub(crate) fn timeline_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
-    bar_ui(ui, shared, actions);
+pub(crate) fn timeline_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, room: Room) {
+    bar_ui(ui, shared, actions, room);
     ui.add_space(2.0);
     ui.horizontal(|ui| {
-        let play = if shared.playback.is_playing() { Icon::Pause } else { Icon::Play };
-        let frame = shared.playback.frame();
-        let is_marked = shared.document.bookmarks().iter().any(|b| b.frame == frame);
-        let is_looping = shared.playback.is_looping();
-        for (icon, command, is_on) in [
-            (Icon::First, Command::First, false),
-            (Icon::HopBack, Command::HopBack, false),
-            (Icon::StepBack, Command::StepBack, false),
-            (play, Command::PlayPause, shared.playback.is_playing()),
-            (Icon::StepForward, Command::StepForward, false),
-            (Icon::HopForward, Command::HopForward, false),
-            (Icon::Last, Command::Last, false),
-            (Icon::Loop, Command::Loop, is_looping),
-            (Icon::Pin, Command::Bookmark, is_marked),
-        ] {
-            if command_button(ui, shared, icon, command, is_on) {
-                actions.push(Action::Run(command));
-            }
-        }
-        ui.add_space(8.0);
-        clock_ui(ui, shared, actions);
-        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| speed_ui(ui, shared, actions));
+        buttons_ui(ui, shared, actions, room);
+        ui.add_space(if room.is_narrow() { 0.0 } else { 8.0 });
+        clock_ui(ui, shared, actions, room);
+        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+            speed_ui(ui, shared, actions, room);
+        });
     });
 }
 
+/// Shows the buttons of a player. Where there is little room, those that the Time menu has, too, are left out.
+fn buttons_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, room: Room) {
+    let is_playing = shared.playback.is_playing();
+    let frame = shared.playback.frame();
+    let is_marked = shared.document.bookmarks().iter().any(|b| b.frame == frame);
+    let bookmark = if is_marked { Command::DeleteBookmark } else { Command::Bookmark };
+    let play = if is_playing { Icon::Pause } else { Icon::Play };
+    for (icon, command, is_on, is_needed) in [
+        (Icon::First, Command::First, false, false),
+        (Icon::HopBack, Command::HopBack, false, false),
+        (Icon::StepBack, Command::StepBack, false, true),
+        (play, Command::PlayPause, is_playing, true),
+        (Icon::StepForward, Command::StepForward, false, true),
+        (Icon::HopForward, Command::HopForward, false, false),
+        (Icon::Last, Command::Last, false, false),
+        (Icon::Loop, Command::Loop, shared.playback.is_looping(), false),
+        (Icon::Pin, bookmark, is_marked, true),
+    ] {
+        let is_shown = is_needed || !room.is_narrow();
+        if is_shown && command_button(ui, shared, icon, command, is_on) {
+            actions.push(Action::Run(command));
+        }
+    }
+}
+
 /// Shows the frame number (a click lets the user type one) and the time.
-fn clock_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+fn clock_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, room: Room) {
     let playback = &shared.playback;
     let (frame, last) = (playback.frame(), playback.num_frames() - 1);
     let text = format!("Frame {} of {}", frame + 1, last + 1);
-    let tip = format!(
-        "{}\nIn files this frame has the index {frame}: they count from 0",
-        shared.tooltip(Command::GoToFrame)
-    );
-    if ui.button(text).on_hover_text(tip).clicked() {
+    if ui.button(text).on_hover_text(shared.tooltip(Command::GoToFrame)).clicked() {
         actions.push(Action::Run(Command::GoToFrame));
     }
-    let playback = &shared.playback;
-    let time = format!("{} / {}", timecode(playback.seconds(frame)), timecode(playback.seconds(last)));
-    ui.label(RichText::new(time).monospace().color(theme::TEXT_WEAK));
+    if !room.is_narrow() {
+        let time = format!("{} / {}", timecode(playback.seconds(frame)), timecode(playback.seconds(last)));
+        ui.label(RichText::new(time).monospace().color(theme::TEXT_WEAK));
+    }
 }
 
-fn speed_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+fn speed_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, room: Room) {
     let is_assumed = shared.info().is_some_and(|i| i.frames_per_second.is_none());
     let note = if is_assumed { " (assumed)" } else { "" };
-    let fps = format!("{:.0} frames per second{note}", shared.playback.fps());
-    ui.label(caption(fps));
+    if !room.is_narrow() {
+        let fps = format!("{:.0} frames per second{note}", shared.playback.fps());
+        ui.add(egui::Label::new(caption(fps)).truncate());
+    }
     let speed = shared.playback.speed();
     if speed != 1.0 {
         let text = RichText::new(format!("speed {speed}×")).font(theme::small()).color(theme::AMBER);
@@ -77,7 +86,7 @@ fn speed_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
 }
 
 /// Shows the bar: one place per frame, the part that plays, the present frame; below it the areas over time.
-fn bar_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+fn bar_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, room: Room) {
     let width = ui.available_width();
     let (rect, response) = ui.allocate_exact_size(vec2(width, 30.0), Sense::click_and_drag());
     let line = Rect::from_min_max(rect.min + vec2(8.0, 11.0), rect.max - vec2(8.0, 11.0));
@@ -85,9 +94,10 @@ fn bar_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     let frame = shared.playback.frame();
     response.widget_info(|| WidgetInfo::slider(true, frame as f64 + 1.0, "Frame"));
     paint_bar(ui, shared, line, response.hovered() || response.dragged());
+    focus_ring(ui.painter(), line, &response);
     hover_ui(shared, response, line);
     let curves = shared.curves();
-    if !curves.is_empty() {
+    if !curves.is_empty() && !room.is_low() {
         curves_ui(ui, shared, actions, &curves, line);
     }
 }

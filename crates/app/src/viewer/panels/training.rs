@@ -3,28 +3,33 @@
 use crate::viewer::{
     action::Action,
     backend::{
-        Info, TrainRequest,
+        Backend, Info, TrainRequest,
+        paths::{PathAsk, PathKind, Picked},
         task::{Task, TaskEvent},
     },
     command::{Command, entry},
     panels::{
         loss_curve::loss_curve_ui,
-        widgets::{caption, choice, dialog, main_button},
+        widgets::{NO_DIALOG, caption, choice, dialog, main_button, path_field},
     },
     shared::{Dialog, Shared},
     state::reconstruction::Training,
     text::{duration, thousands},
     theme,
 };
-use egui::{Context, Frame, Margin, ProgressBar, RichText, Ui};
-use std::path::{Path, PathBuf};
+use egui::{CollapsingHeader, Context, Frame, Margin, ProgressBar, RichText, Ui};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 use surgtpgs_core::train::{Quality, TrainSettings};
 
-fn label(quality: Quality) -> &'static str {
+/// Returns the name of a quality, and its purpose.
+fn label(quality: Quality) -> (&'static str, &'static str) {
     match quality {
-        Quality::Quick => "Quick look",
-        Quality::Standard => "Standard",
-        Quality::Best => "Best",
+        Quality::Quick => ("Quick look", "to see whether it works"),
+        Quality::Standard => ("Standard", "good enough to work with"),
+        Quality::Best => ("Best", "more detail, in twice the time of Standard"),
     }
 }
 
@@ -32,38 +37,52 @@ fn label(quality: Quality) -> &'static str {
 struct Asked {
     request: TrainRequest,
     has_labels: bool,
+    /// Expected duration of a step, seconds; `None` before the first training on this computer.
+    seconds_per_step: Option<f64>,
     /// Warning about the quality that is lost because the recording is long.
     too_long: Option<String>,
-    picking: Option<Task<Option<PathBuf>>>,
+    picking: Option<Task<Picked>>,
+    /// `true` if the system turned out to have no file dialog.
+    has_no_dialog: bool,
 }
 
 impl Asked {
     /// Makes the dialog; `None` where the recording is not at hand.
-    fn new(info: &Info, excluded: Vec<(usize, usize)>) -> Option<Self> {
+    fn new(info: &Info, excluded: Vec<(usize, usize)>, pace: Option<f64>) -> Option<Self> {
         let (recording, scene) = (info.recording.clone()?, free_file(&info.output_folder, &info.name));
         let request = TrainRequest { recording, scene, quality: Quality::default(), excluded };
+        let seconds_per_step = pace.map(|pace| pace * (info.width * info.height) as f64);
         let too_long = TrainSettings::default().length_warning(info.num_frames);
-        Some(Self { request, has_labels: info.has_labels, too_long, picking: None })
+        Some(Self {
+            request,
+            has_labels: info.has_labels,
+            too_long,
+            seconds_per_step,
+            picking: None,
+            has_no_dialog: false,
+        })
     }
 
     /// Takes the path that the user picked.
     fn poll(&mut self) {
         if let Some(TaskEvent::Done(result)) = self.picking.as_mut().and_then(Task::poll) {
             self.picking = None;
-            if let Ok(Some(path)) = result {
-                self.request.scene = path.with_extension("safetensors");
+            match result {
+                Ok(Picked::Path(path)) => self.request.scene = path.with_extension("safetensors"),
+                Ok(Picked::Unavailable) => self.has_no_dialog = true,
+                _ => {}
             }
         }
     }
 
-    fn pick(&mut self, ctx: &Context) {
-        let at = self.request.scene.clone();
-        self.picking = Some(Task::start("file dialog", ctx, move |_| {
-            let dialog = rfd::FileDialog::new().set_title("Save the reconstruction as");
-            let dialog = dialog.set_directory(at.parent().unwrap_or(Path::new("")));
-            let name = at.file_name().unwrap_or_default().to_string_lossy();
-            Ok(dialog.set_file_name(name).add_filter("Reconstructions", &["safetensors"]).save_file())
-        }));
+    fn pick(&mut self, backend: Arc<dyn Backend>, ctx: &Context) {
+        let name = self.request.scene.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let ask = PathAsk {
+            title: "Save the reconstruction as".into(),
+            kind: PathKind::Save(name, "Reconstructions"),
+            folder: self.request.scene.parent().map(Path::to_owned),
+        };
+        self.picking = Some(Task::start("file dialog", ctx, move |_| Ok(backend.pick(&ask))));
     }
 }
 
@@ -150,7 +169,7 @@ fn progress_ui(ui: &mut Ui, training: &Training, is_about_shown: bool) {
     ui.label(RichText::new(format!("{what}: {stage}")).strong());
     ui.add(ProgressBar::new(progress.fraction()).desired_height(10.0).fill(theme::ACCENT));
     // The lines below appear, vanish and wrap; buttons must not move under the pointer.
-    ui.horizontal(|ui| stop_ui(ui, training));
+    ui.horizontal_wrapped(|ui| stop_ui(ui, training));
     preview_ui(ui, training);
     let left = match progress.seconds_left() {
         _ if progress.is_unsaved() => "tried every second".into(),
@@ -158,12 +177,8 @@ fn progress_ui(ui: &mut Ui, training: &Training, is_about_shown: bool) {
         Some(seconds) => format!("about {} left", duration(seconds)),
         None => "estimating the time…".into(),
     };
-    let steps = format!("{} of {}", thousands(progress.done), thousands(progress.total));
     let elapsed = format!("{} so far", duration(progress.seconds));
-    ui.label(caption(format!("{steps}  ·  {elapsed}  ·  {left}")));
-    if !progress.detail.is_empty() {
-        ui.label(caption(&progress.detail));
-    }
+    ui.label(caption(format!("{:.0} %  ·  {elapsed}  ·  {left}", 100.0 * progress.fraction())));
     if training.closing_since.is_some() {
         let what = "The window closes once what was learned is saved. Close it again to give that up.";
         ui.label(RichText::new(what).font(theme::small()).color(theme::AMBER));
@@ -171,7 +186,13 @@ fn progress_ui(ui: &mut Ui, training: &Training, is_about_shown: bool) {
     if let Some(warning) = training.memory.and_then(|(bytes, _)| memory_warning(bytes)) {
         ui.label(RichText::new(warning).font(theme::small()).color(theme::AMBER));
     }
-    loss_curve_ui(ui, &training.curve);
+    CollapsingHeader::new(caption("Details of the training")).show(ui, |ui| {
+        let steps = format!("step {} of {}", thousands(progress.done), thousands(progress.total));
+        let detail =
+            if progress.detail.is_empty() { steps } else { format!("{steps}  ·  {}", progress.detail) };
+        ui.label(caption(detail));
+        loss_curve_ui(ui, &training.curve);
+    });
 }
 
 fn stop_ui(ui: &mut Ui, training: &Training) {
@@ -219,7 +240,10 @@ impl TrainDialog {
             self.asked = None;
             return;
         }
-        let begin = || Asked::new(shared.info()?, shared.document.excluded().to_vec());
+        let begin = || {
+            let pace = shared.preferences.seconds_per_step_and_pixel;
+            Asked::new(shared.info()?, shared.document.excluded().to_vec(), pace)
+        };
         let Some(mut asked) = self.asked.take().or_else(begin) else {
             actions.push(Action::CloseDialog);
             return;
@@ -227,7 +251,7 @@ impl TrainDialog {
         asked.poll();
         let memory = shared.backend.available_bytes().and_then(memory_warning);
         let ((starts, is_cancelled), is_closed) =
-            dialog(ctx, "reconstruct", 460.0, |ui| asked_ui(ui, &mut asked, memory));
+            dialog(ctx, "reconstruct", 460.0, |ui| asked_ui(ui, &mut asked, &shared.backend, memory));
         if starts {
             actions.push(Action::Train(asked.request.clone()));
         }
@@ -239,20 +263,27 @@ impl TrainDialog {
 }
 
 /// Shows the questions; returns whether the buttons to start and to cancel were pressed.
-fn asked_ui(ui: &mut Ui, asked: &mut Asked, memory_warning: Option<String>) -> (bool, bool) {
+fn asked_ui(
+    ui: &mut Ui,
+    asked: &mut Asked,
+    backend: &Arc<dyn Backend>,
+    memory_warning: Option<String>,
+) -> (bool, bool) {
     ui.heading("Reconstruct this recording");
     ui.label(RichText::new("You can go on watching the recording meanwhile.").color(theme::TEXT_WEAK));
     ui.add_space(8.0);
     for quality in Quality::ALL {
-        let (label, steps, most) = (label(quality), quality.steps(), quality.gaussians());
-        let text = format!("{label}  ({} steps, up to {} Gaussians)", thousands(steps), thousands(most));
+        let (label, purpose) = label(quality);
+        let time =
+            asked.seconds_per_step.map(|s| format!(", about {}", duration(s * quality.steps() as f64)));
+        let text = format!("{label}: {purpose}{}", time.unwrap_or_default());
         ui.radio_value(&mut asked.request.quality, quality, text);
     }
     ui.add_space(8.0);
     let note = if asked.has_labels {
         "Its class labels are used, so that words can be found in it."
     } else {
-        "It has no class labels: pictures and depth will work, finding words will not."
+        "It has no class labels: its pictures will work, finding words in it will not."
     };
     ui.label(RichText::new(note).color(if asked.has_labels { theme::TEXT } else { theme::AMBER }));
     if let Some(warning) = &asked.too_long {
@@ -263,11 +294,15 @@ fn asked_ui(ui: &mut Ui, asked: &mut Asked, memory_warning: Option<String>) -> (
     }
     ui.add_space(4.0);
     ui.horizontal(|ui| {
-        if ui.add_enabled(asked.picking.is_none(), egui::Button::new("Save as…")).clicked() {
-            asked.pick(ui.ctx());
+        let can_pick = asked.picking.is_none() && !asked.has_no_dialog;
+        if ui.add_enabled(can_pick, egui::Button::new("Save as…")).clicked() {
+            asked.pick(backend.clone(), ui.ctx());
         }
-        ui.add(egui::Label::new(caption(asked.request.scene.display().to_string())).truncate());
+        path_field(ui, "File of the reconstruction", &mut asked.request.scene);
     });
+    if asked.has_no_dialog {
+        ui.label(caption(NO_DIALOG));
+    }
     ui.add_space(10.0);
     ui.horizontal(|ui| {
         let start = ui.add(main_button("Start")).clicked();

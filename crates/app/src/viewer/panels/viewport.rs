@@ -7,11 +7,13 @@ use crate::viewer::{
     panels::{
         legend,
         panes::{PaneView, panes},
+        plates::Plates,
         probe,
         prompts::{ABSENT, NOTHING},
-        ruler::Ruler,
-        start,
-        widgets::{choice, plate},
+        room::Room,
+        ruler::{self, Ruler},
+        start, toast,
+        widgets::{GUESSED, choice},
     },
     picture::{
         difference::Difference,
@@ -23,11 +25,12 @@ use crate::viewer::{
         view_mode::ViewMode,
         zoom::{Panes, Zoom},
     },
+    text::percent,
     theme,
 };
 use egui::{
-    Align2, Color32, CursorIcon, Frame, Margin, PointerButton, Pos2, Rect, Response, Role, Sense, Stroke, Ui,
-    WidgetInfo, pos2, vec2,
+    Align2, Color32, CursorIcon, Frame, Margin, PointerButton, Pos2, Rect, Response, Role, ScrollArea, Sense,
+    Stroke, Ui, WidgetInfo, pos2, vec2,
 };
 
 /// Message in place of an excluded frame.
@@ -43,7 +46,7 @@ pub(crate) struct ViewportPanel {
 
 impl ViewportPanel {
     /// Shows the panel.
-    pub(crate) fn ui(&mut self, ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    pub(crate) fn ui(&mut self, ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, room: Room) {
         if let Some(problem) = &shared.problem {
             problem_ui(ui, actions, problem);
         }
@@ -52,14 +55,19 @@ impl ViewportPanel {
             return;
         }
         let frame = Frame::new().fill(theme::PANEL).inner_margin(Margin::symmetric(12, 6));
-        frame.show(ui, |ui| toolbar_ui(ui, shared, actions));
+        // Where the window is low, the View menu has all of it.
+        if !room.is_low() {
+            frame.show(ui, |ui| toolbar_ui(ui, shared, actions));
+        }
         let area = ui.available_rect_before_wrap();
         let response = ui.allocate_rect(area, Sense::click_and_drag());
         let views = panes(shared, area, ui);
         let panes = Panes(views.iter().map(|p| (p.rect, p.picture)).collect());
         self.steer(ui, shared, actions, &response, &panes);
+        let mut plates = Plates::default();
+        cards(ui).for_each(|rect| plates.take(rect));
         for pane in &views {
-            paint_pane(ui, shared, pane);
+            paint_pane(ui, shared, pane, &mut plates);
         }
         if shared.document.mode == ViewMode::Wipe {
             wipe_ui(ui, shared, actions, area);
@@ -67,13 +75,14 @@ impl ViewportPanel {
         if let Some(pane) = views.iter().find(|p| p.is_synthesised) {
             let is_faded =
                 shared.picture().is_some_and(|p| p.unseen_share > 0.0) && pane.label == "Reconstruction";
-            paint_synthesised(ui, pane.visible(), is_faded);
+            paint_synthesised(ui, pane.visible(), is_faded, &mut plates);
         }
         let with_marks = !shared.document.is_hidden && !shared.is_peeking(ui.ctx());
+        toast::toast_ui(ui, shared, actions, &mut plates, area);
+        notices_ui(ui, shared, area, with_marks, &mut plates);
         if let Some(first) = views.first().filter(|_| with_marks) {
-            legend::legend_ui(ui, shared, first.visible(), &panes.0);
+            legend::legend_ui(ui, shared, first.visible(), &panes.0, &mut plates);
         }
-        notices_ui(ui, shared, area, with_marks);
         probe::probe_ui(ui, shared, actions, &panes, area);
         self.ruler.ui(ui, shared, actions, &panes, area);
         let description = describe(shared, &views);
@@ -98,7 +107,11 @@ impl ViewportPanel {
         let turns = is_dragged(PointerButton::Secondary) || (alt && is_dragged(PointerButton::Primary));
         let mut look = shared.document.look;
         let mut is_moving = false;
-        if turns && shared.may_orbit() {
+        let is_recorded = shared.document.mode == ViewMode::Original;
+        if turns && is_recorded && shared.info().is_some_and(|i| i.has_reconstruction) {
+            // Only the reconstruction can be looked at from elsewhere.
+            actions.push(Action::edit(|d| d.mode = ViewMode::Reconstruction));
+        } else if turns && shared.may_orbit() {
             let limit = shared.info().map_or(MAX_STILL_DEGREES, Info::orbit_limit);
             look.orbit = look.orbit.dragged(response.drag_delta().into(), limit);
             is_moving = true;
@@ -131,21 +144,20 @@ impl ViewportPanel {
 fn problem_ui(ui: &mut Ui, actions: &mut Vec<Action>, problem: &str) {
     let fill = Color32::from_rgb(0x4a, 0x1f, 0x22);
     Frame::new().fill(fill).inner_margin(Margin::symmetric(12, 8)).show(ui, |ui| {
-        ui.horizontal(|ui| {
-            ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-                if ui.button("Close").clicked() {
-                    actions.push(Action::CloseProblem);
-                }
-                ui.with_layout(egui::Layout::left_to_right(egui::Align::Center), |ui| {
-                    ui.add(egui::Label::new(egui::RichText::new(problem).color(theme::TEXT)).wrap());
-                });
-            });
+        ui.set_width(ui.available_width());
+        let height = (ui.available_height() * 0.4).max(40.0);
+        ScrollArea::vertical().max_height(height).auto_shrink([false, true]).show(ui, |ui| {
+            ui.add(egui::Label::new(egui::RichText::new(problem).color(theme::TEXT)).wrap());
+            if ui.button("Close").clicked() {
+                actions.push(Action::CloseProblem);
+            }
         });
     });
 }
 
 fn toolbar_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
-    ui.horizontal(|ui| {
+    ui.set_width(ui.available_width());
+    ui.horizontal_wrapped(|ui| {
         let command = |mode| match mode {
             ViewMode::Original | ViewMode::Reconstruction => Command::SwapOriginal,
             ViewMode::SideBySide => Command::SideBySide,
@@ -170,32 +182,54 @@ fn toolbar_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
         if mode != shared.document.mode {
             actions.push(Action::edit(move |d| d.mode = mode));
         }
-        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            if !shared.document.look.orbit.is_home() || !shared.document.look.zoom.is_home() {
-                let text = if shared.document.look.orbit.is_home() {
-                    "Whole picture"
-                } else {
-                    "Back to the endoscope"
-                };
-                if ui.button(text).on_hover_text(shared.tooltip(Command::ResetView)).clicked() {
-                    actions.push(Action::Run(Command::ResetView));
-                }
+        if !shared.document.look.orbit.is_home() || !shared.document.look.zoom.is_home() {
+            let is_home = shared.document.look.orbit.is_home();
+            let text = if is_home { "Whole picture" } else { "Back to the endoscope" };
+            if ui.button(text).on_hover_text(shared.tooltip(Command::ResetView)).clicked() {
+                actions.push(Action::Run(Command::ResetView));
             }
-        });
+        }
     });
 }
 
-fn paint_pane(ui: &Ui, shared: &Shared, pane: &PaneView) {
+/// Returns the places of the cards over the picture, as they were shown last.
+fn cards(ui: &Ui) -> impl Iterator<Item = Rect> {
+    let shown = [probe::CARD, ruler::CARD].map(|name| ui.ctx().memory(|m| shown_area(m, name)));
+    shown.into_iter().flatten()
+}
+
+fn shown_area(memory: &egui::Memory, name: &str) -> Option<Rect> {
+    let id = egui::Id::unique(name);
+    let is_shown = memory.areas().is_visible(&egui::LayerId::new(egui::Order::Middle, id));
+    memory.area_rect(id).filter(|_| is_shown)
+}
+
+fn paint_pane(ui: &Ui, shared: &Shared, pane: &PaneView, plates: &mut Plates) {
     let painter = ui.painter().with_clip_rect(pane.rect.intersect(ui.clip_rect()));
     let Some(texture) = pane.texture else { return };
     let whole = Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0));
     painter.image(texture, pane.picture, whole, Color32::WHITE);
     if shared.document.mode == ViewMode::Wipe && pane.label == "Reconstruction" {
-        paint_wiped(ui, shared, pane);
+        paint_wiped(ui, shared, pane, plates);
         return;
     }
-    let corner = pane.visible().left_top() + vec2(8.0, 8.0);
-    plate(&painter, corner, Align2::LEFT_TOP, &frame_label(shared, pane.label), theme::TEXT);
+    plates.text(&painter, pane.visible(), Align2::LEFT_TOP, &frame_label(shared, pane.label), theme::TEXT);
+    if !pane.label.starts_with("Recorded") {
+        for text in cautions(shared) {
+            plates.text(&painter, pane.visible(), Align2::LEFT_TOP, &text, theme::AMBER);
+        }
+    }
+}
+
+/// Returns what must be known about the reconstruction wherever it is seen.
+fn cautions(shared: &Shared) -> impl Iterator<Item = String> {
+    let info = shared.info();
+    let guessed = info.filter(|i| i.shape_is_guessed()).map(|_| GUESSED.to_owned());
+    let unfinished = info.filter(|i| i.is_unfinished()).map(|info| match shared.is_reconstructing() {
+        true => "Still being learned".to_owned(),
+        false => format!("Stopped early, after {:.0} % of its learning", 100.0 * info.learned),
+    });
+    unfinished.into_iter().chain(guessed)
 }
 
 /// Formats the number of the frame on the screen, which may still be the previous one while the next is made.
@@ -212,7 +246,7 @@ fn frame_label(shared: &Shared, what: &str) -> String {
 }
 
 /// Paints the recorded frame to the left of the line, over the reconstruction.
-fn paint_wiped(ui: &Ui, shared: &Shared, pane: &PaneView) {
+fn paint_wiped(ui: &Ui, shared: &Shared, pane: &PaneView, plates: &mut Plates) {
     let Some(shown) = shared.open.as_ref().and_then(|o| o.shown.as_ref()) else { return };
     let x = pane.rect.left() + pane.rect.width() * shared.viewport.wipe;
     let left = Rect::from_min_max(pane.rect.min, pos2(x, pane.rect.bottom()));
@@ -222,10 +256,11 @@ fn paint_wiped(ui: &Ui, shared: &Shared, pane: &PaneView) {
         painter.image(texture, pane.picture, whole, Color32::WHITE);
     }
     let all = ui.painter().with_clip_rect(pane.rect);
-    let corner = pane.visible().left_top() + vec2(8.0, 8.0);
-    plate(&all, corner, Align2::LEFT_TOP, &frame_label(shared, "Recorded"), theme::TEXT);
-    let corner = pane.visible().right_top() + vec2(-8.0, 8.0);
-    plate(&all, corner, Align2::RIGHT_TOP, "Reconstruction", theme::TEXT);
+    plates.text(&all, pane.visible(), Align2::LEFT_TOP, &frame_label(shared, "Recorded"), theme::TEXT);
+    plates.text(&all, pane.visible(), Align2::RIGHT_TOP, "Reconstruction", theme::TEXT);
+    for text in cautions(shared) {
+        plates.text(&all, pane.visible(), Align2::RIGHT_TOP, &text, theme::AMBER);
+    }
 }
 
 fn wipe_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, area: Rect) {
@@ -251,24 +286,21 @@ fn wipe_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, area: Rect) 
 }
 
 /// Marks a view that nobody recorded, with a frame and words.
-fn paint_synthesised(ui: &Ui, rect: Rect, is_faded: bool) {
+fn paint_synthesised(ui: &Ui, rect: Rect, is_faded: bool, plates: &mut Plates) {
     let painter = ui.painter();
     painter.rect_stroke(rect, 0.0, Stroke::new(3.0, theme::AMBER), egui::StrokeKind::Inside);
-    // Below the frame's label where both do not fit side by side.
-    let down = if rect.width() < 660.0 { 42.0 } else { 8.0 };
-    let at = rect.right_top() + vec2(-8.0, down);
     let text = "Synthesised view – not what the endoscope saw  ·  R returns";
-    let said = plate(painter, at, Align2::RIGHT_TOP, text, theme::AMBER);
+    plates.text(painter, rect, Align2::RIGHT_TOP, text, theme::AMBER);
     if is_faded {
-        plate(painter, said.right_bottom() + vec2(0.0, 4.0), Align2::RIGHT_TOP, FADED, theme::AMBER);
+        plates.text(painter, rect, Align2::RIGHT_TOP, FADED, theme::AMBER);
     }
 }
 
 /// Shows the notice about the picture as a whole, in its lower middle.
-fn notices_ui(ui: &mut Ui, shared: &Shared, area: Rect, with_marks: bool) {
-    let at = area.center_bottom() + vec2(0.0, -18.0);
+fn notices_ui(ui: &mut Ui, shared: &Shared, area: Rect, with_marks: bool, plates: &mut Plates) {
     let Some((text, colour)) = notice(shared, with_marks) else { return };
-    let rect = plate(ui.painter(), at, Align2::CENTER_BOTTOM, &text, colour);
+    let painter = ui.painter().clone();
+    let Some(rect) = plates.text(&painter, area, Align2::CENTER_BOTTOM, &text, colour) else { return };
     let response = ui.interact(rect, ui.scope_id().with("notice"), Sense::hover());
     response.widget_info(|| WidgetInfo::labeled(Role::Label, true, &text));
 }
@@ -330,6 +362,9 @@ fn describe(shared: &Shared, panes: &[PaneView]) -> String {
             text += &format!(", {FADED}");
         }
     }
+    if panes.iter().any(|p| !p.label.starts_with("Recorded")) {
+        cautions(shared).for_each(|caution| text += &format!(", {caution}"));
+    }
     if shared.document.is_hidden {
         return text + ", overlays hidden";
     }
@@ -339,7 +374,8 @@ fn describe(shared: &Shared, panes: &[PaneView]) -> String {
     }
     for finding in &picture.findings {
         if let Ok(found) = &finding.outcome {
-            text += &format!(", {} {}", finding.text, crate::viewer::text::percent(found.area_fraction));
+            let share = percent(found.area_fraction);
+            text += &format!(", {} {share} of the picture", finding.text);
         }
     }
     text

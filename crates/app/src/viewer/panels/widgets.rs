@@ -156,11 +156,12 @@ fn arc(centre: Pos2, radius: f32, from: f32, to: f32) -> Vec<Pos2> {
     (0..=20).map(|i| at(from + (to - from) * i as f32 / 20.0)).collect()
 }
 
-/// Shows several options side by side to choose one of: (value, label, tooltip, enabled).
+/// Shows several options side by side to choose one of: (value, label, tooltip, enabled). They are wrapped
+/// where there is no room.
 pub(crate) fn choice<T: Copy + PartialEq>(ui: &mut Ui, value: &mut T, options: &[(T, &str, String, bool)]) {
     ui.scope(|ui| {
-        ui.spacing_mut().item_spacing.x = 2.0;
-        ui.horizontal(|ui| {
+        ui.spacing_mut().item_spacing = vec2(2.0, 2.0);
+        ui.horizontal_wrapped(|ui| {
             for (option, label, tooltip, is_enabled) in options {
                 let button = egui::Button::selectable(*value == *option, *label);
                 let button = button.min_size(vec2(0.0, theme::CONTROL_HEIGHT)).frame_when_inactive(true);
@@ -172,8 +173,11 @@ pub(crate) fn choice<T: Copy + PartialEq>(ui: &mut Ui, value: &mut T, options: &
     });
 }
 
-/// Shows a dialog over the window, which is dimmed and does not react meanwhile. Returns the result of
-/// `content`, and `true` if Esc or a click beside the dialog closes it.
+/// Space around the contents of a dialog, points.
+const FRAME: f32 = 18.0;
+
+/// Shows a dialog over the window, which can be scrolled where the window is small. The window is dimmed and
+/// does not react meanwhile. Returns the result of `content`, and `true` if Esc or a click beside the dialog closes it.
 pub(crate) fn dialog<T>(
     ctx: &egui::Context,
     name: &'static str,
@@ -184,12 +188,25 @@ pub(crate) fn dialog<T>(
         .fill(theme::RAISED)
         .stroke(Stroke::new(1.0, theme::LINE))
         .corner_radius(10)
-        .inner_margin(22);
+        .inner_margin(FRAME);
     let modal =
         egui::Modal::new(egui::Id::unique(name)).frame(frame).backdrop_color(Color32::from_black_alpha(150));
+    let room = ctx.content_rect().size() - vec2(2.0 * FRAME + 16.0, 2.0 * FRAME + 16.0);
     let modal = modal.show(ctx, |ui| {
-        ui.set_width(width.min(ui.ctx().content_rect().width() - 80.0));
-        content(ui)
+        ui.set_width(width.min(room.x));
+        let area = egui::ScrollArea::vertical().max_height(room.y).auto_shrink([false, true]);
+        // As high as it gets from the start: it must not grow under the pointer.
+        let area = area.min_scrolled_height(room.y);
+        let shown = area.show(ui, |ui| {
+            // The scroll bar covers nothing.
+            let is_long =
+                ui.data(|d| d.get_temp::<bool>(egui::Id::unique((name, "is long"))).unwrap_or(false));
+            ui.set_width(ui.available_width() - if is_long { 12.0 } else { 0.0 });
+            content(ui)
+        });
+        let is_long = shown.content_size.y > room.y;
+        ui.data_mut(|d| d.insert_temp(egui::Id::unique((name, "is long")), is_long));
+        shown.inner
     });
     let is_closed = modal.should_close();
     (modal.inner, is_closed)
@@ -199,11 +216,13 @@ pub(crate) fn dialog<T>(
 pub(crate) fn card(
     ctx: &egui::Context,
     name: &'static str,
-    at: Pos2,
+    within: Rect,
     anchor: Align2,
-    width: f32,
     content: impl FnOnce(&mut Ui),
 ) {
+    const WIDTH: f32 = 300.0;
+    let room = (within.size() - vec2(50.0, 50.0)).max(vec2(60.0, 40.0));
+    let at = anchor.pos_in_rect(&within.shrink(12.0));
     let frame = egui::Frame::new()
         .fill(theme::RAISED)
         .stroke(Stroke::new(1.0, theme::LINE))
@@ -211,15 +230,38 @@ pub(crate) fn card(
         .inner_margin(12);
     egui::Area::new(egui::Id::unique(name)).pivot(anchor).fixed_pos(at).show(ctx, |ui| {
         frame.show(ui, |ui| {
-            ui.set_width(width);
-            content(ui);
+            ui.set_width(WIDTH.min(room.x));
+            let area = egui::ScrollArea::vertical().max_height(room.y).min_scrolled_height(room.y);
+            area.auto_shrink([false, true]).show(ui, content);
         });
     });
+}
+
+/// Paints a border around a widget that has the focus.
+pub(crate) fn focus_ring(painter: &Painter, rect: Rect, response: &Response) {
+    if response.has_focus() {
+        painter.rect_stroke(rect, 4.0, Stroke::new(1.5, theme::ACCENT), egui::StrokeKind::Outside);
+    }
 }
 
 /// Makes a dialog's main button.
 pub(crate) fn main_button(text: &str) -> egui::Button<'_> {
     egui::Button::new(text).fill(theme::SELECTION).min_size(vec2(0.0, 36.0))
+}
+
+/// Message where the depth of the reconstruction was not measured.
+pub(crate) const GUESSED: &str = "The shape is guessed";
+/// Message where the system has no file dialog.
+pub(crate) const NO_DIALOG: &str = "This computer shows no file dialog: type the path into the field.";
+
+/// Shows a field to type a path into, as wide as there is room.
+pub(crate) fn path_field(ui: &mut Ui, label: &str, path: &mut std::path::PathBuf) {
+    let mut typed = path.display().to_string();
+    let field = ui.add(egui::TextEdit::singleline(&mut typed).desired_width(f32::INFINITY));
+    field.ctx.accesskit_node_builder(field.id, |node| node.set_label(label));
+    if field.changed() {
+        *path = typed.into();
+    }
 }
 
 /// Makes less important text.

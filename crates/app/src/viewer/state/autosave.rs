@@ -191,6 +191,12 @@ impl Autosave {
         Some(left.session)
     }
 
+    /// Takes the first session left, if this window put it aside.
+    pub(crate) fn restore_own(&mut self) -> Option<Session> {
+        let is_own = self.left.first().is_some_and(|left| left.is_own);
+        if is_own { self.restore() } else { None }
+    }
+
     /// Discards the first session left behind.
     pub(crate) fn discard(&mut self) {
         self.left.drain(..1.min(self.left.len())).for_each(|left| remove(&left.place.file));

@@ -155,11 +155,10 @@ impl Content {
         anonymous(self) == anonymous(other)
     }
 
-    /// Returns `true` if there are decisions that mean nothing in another recording, e.g. about single
-    /// frames.
-    pub(crate) fn has_marks(&self) -> bool {
-        let Self { bookmarks, range, excluded, scale, .. } = self;
-        !bookmarks.is_empty() || range.is_some() || !excluded.is_empty() || scale.is_some()
+    /// Drops a scale of the space, which means nothing where the shape is guessed.
+    pub(crate) fn without_scale_in_space(self) -> Self {
+        let scale = self.scale.filter(|scale| scale.px_per_mm.is_some());
+        Self { scale, ..self }
     }
 
     /// Limits the content to what is possible for `num_frames` frames, because files may hold any values.

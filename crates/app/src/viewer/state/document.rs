@@ -20,6 +20,7 @@ pub(crate) const OPACITY_STEP: f32 = 0.2;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Joint {
     Threshold(PromptId),
+    ButNot(PromptId),
     Note(usize),
     CleanUp,
 }
@@ -98,13 +99,10 @@ impl Document {
         self.revision += 1;
     }
 
-    /// Prepares for another recording: keeps prompts and removes everything else that belongs to the previous
-    /// one.
+    /// Prepares for another recording: all decisions belong to the previous one.
     pub(crate) fn start_recording(&mut self) {
-        self.content.bookmarks.clear();
-        self.content.range = None;
-        self.content.excluded.clear();
-        self.content.scale = None;
+        self.content = Content::default();
+        self.selected = None;
         self.history = History::default();
         self.revision += 1;
     }
@@ -204,7 +202,7 @@ impl Document {
     pub(crate) fn set_but_not(&mut self, id: PromptId, but_not: &[String]) {
         let Some(prompt) = self.prompt(id).filter(|p| p.but_not != but_not) else { return };
         let name = format!("what \"{}\" is not", prompt.text);
-        self.edit_prompt(name, None, id, |p| p.but_not = but_not.to_vec());
+        self.edit_prompt(name, Some(Joint::ButNot(id)), id, |p| p.but_not = but_not.to_vec());
     }
 
     /// Sets whether a prompt is about an instrument.

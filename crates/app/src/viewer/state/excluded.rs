@@ -30,14 +30,27 @@ impl Document {
         });
     }
 
-    /// Returns the frame to show in place of an excluded one while playing: the next included frame in that
-    /// direction, wrapping around at the end.
-    pub(crate) fn next_included(&self, frame: usize, is_forwards: bool, num_frames: usize) -> Option<usize> {
-        let step = |k: usize| {
-            let to = if is_forwards { frame + k } else { frame + num_frames - k };
-            to % num_frames.max(1)
+    /// Returns `true` if anything between two frames, both included, is not left out.
+    pub(crate) fn has_included(&self, (from, to): (usize, usize)) -> bool {
+        (from..=to).any(|frame| !self.is_excluded(frame))
+    }
+
+    /// Returns the frame to show in place of an excluded one while playing: the next included one in that
+    /// direction within the `bounds`. If it `wraps`, the other end follows the end.
+    pub(crate) fn next_included(
+        &self,
+        frame: usize,
+        is_forwards: bool,
+        (first, last): (usize, usize),
+        wraps: bool,
+    ) -> Option<usize> {
+        let (ahead, around): (Vec<usize>, Vec<usize>) = if is_forwards {
+            ((frame..=last).collect(), (first..frame).collect())
+        } else {
+            ((first..=frame).rev().collect(), (frame + 1..=last).rev().collect())
         };
-        (0..num_frames).map(step).find(|frame| !self.is_excluded(*frame))
+        let around = around.into_iter().filter(|_| wraps);
+        ahead.into_iter().chain(around).find(|frame| !self.is_excluded(*frame))
     }
 }
 
@@ -73,9 +86,14 @@ mod tests {
         let mut document = Document::new(OverlayLook::default(), 0.4);
         document.toggle_excluded(7, 9);
         assert_eq!(document.undo_name(), Some("leaving out frames 8 to 10"));
-        let next = |document: &Document, frame, is_forwards| document.next_included(frame, is_forwards, 10);
+        let next = |document: &Document, frame, is_forwards| {
+            document.next_included(frame, is_forwards, (0, 9), true)
+        };
         assert_eq!((next(&document, 8, true), next(&document, 8, false)), (Some(0), Some(6)));
         assert_eq!(next(&document, 3, true), Some(3));
+        assert_eq!(document.next_included(8, true, (0, 9), false), None, "it stops at the end");
+        assert_eq!(document.next_included(8, true, (5, 9), true), Some(5), "it stays in the range");
+        assert!(!document.has_included((7, 9)) && document.has_included((6, 9)));
         document.toggle_excluded(0, 9);
         assert_eq!(next(&document, 3, true), None);
         assert_eq!(mended(vec![(5, 3), (2, 4), (4, 7), (8, 99)], 10), [(2, 7)]);

@@ -152,11 +152,8 @@ impl Measurement {
     pub(crate) fn text(&self, scale: Option<&Scale>) -> String {
         let pixels = format!("{:.1} px", self.pixels);
         if let Some(px_per_mm) = scale.and_then(|s| s.px_per_mm) {
-            let ends = std::f64::consts::SQRT_2 * POINTING_PX;
-            return format!(
-                "{pixels}  ·  {} mm",
-                with_uncertainty(self.pixels / px_per_mm, ends / px_per_mm)
-            );
+            // Without ±: how far away things are is not known, and matters most.
+            return format!("{pixels}  ·  {:.1} mm if all is equally far away", self.pixels / px_per_mm);
         }
         let Ok(length) = self.in_space else { return pixels };
         let (value, uncertainty, unit) = match scale {
@@ -234,7 +231,7 @@ mod tests {
     fn pixels_in_a_millimetre_measure_in_the_picture_alone() {
         let scale = Scale::from_px_per_mm(10.0).unwrap();
         let found = measure([[0.0, 0.0], [0.3, 0.4]], (100, 100), None, None);
-        assert_eq!(found.text(Some(&scale)), "50.0 px  ·  5.00 ± 0.07 mm");
+        assert_eq!(found.text(Some(&scale)), "50.0 px  ·  5.0 mm if all is equally far away");
         assert!(scale.is_possible() && scale.source.contains("10 pixels"));
         for wrong in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             assert_eq!(Scale::from_px_per_mm(wrong), None);

@@ -19,5 +19,6 @@ pub(crate) mod preferences;
 pub(crate) mod reconstruction;
 pub(crate) mod saving;
 pub(crate) mod session;
+pub(crate) mod toast;
 pub(crate) mod view_mode;
 pub(crate) mod zoom;

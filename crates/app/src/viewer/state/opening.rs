@@ -1,6 +1,10 @@
 //! Things that are being opened or made.
 
-use crate::viewer::backend::{Demo, FrameSource, TrainRequest, task::Task};
+use crate::viewer::backend::{
+    Demo, FrameSource, TrainRequest,
+    paths::{PathAsk, Picked},
+    task::Task,
+};
 use std::path::PathBuf;
 
 /// The task that makes the demo; it can be looked at meanwhile.
@@ -9,8 +13,12 @@ pub(crate) type DemoTask = Task<Demo, Box<dyn FrameSource>>;
 /// Things that are being opened or made, and what follows once they are there.
 #[derive(Default)]
 pub(crate) struct Opening {
-    /// File dialog that asks what to open.
-    pub(crate) picking: Option<Task<Option<PathBuf>>>,
+    /// The system's dialog that asks for a path, and what it asks.
+    pub(crate) picking: Option<(Task<Picked>, PathAsk)>,
+    /// Path that the window's own dialog asks for, because the system has none or it is to be typed.
+    pub(crate) asked: Option<PathAsk>,
+    /// Folder of the built-in demo.
+    pub(crate) demo_folder: Option<PathBuf>,
     pub(crate) demo: Option<DemoTask>,
     pub(crate) underway: Option<Underway>,
     /// Training to start, without asking, once its recording is open (for the built-in demo).

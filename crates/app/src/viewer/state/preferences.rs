@@ -19,6 +19,12 @@ pub(crate) struct Preferences {
     pub(crate) overlay: OverlayLook,
     /// Size of text and buttons, percent.
     pub(crate) scale_percent: u32,
+    /// Width of the side panel, points.
+    pub(crate) panel_width: f32,
+    /// Size of the window, in points of text at its normal size; `None` before it was ever closed.
+    pub(crate) window_size: Option<[f32; 2]>,
+    /// Duration of a step of training per pixel of a frame on this computer, seconds, once it is known.
+    pub(crate) seconds_per_step_and_pixel: Option<f64>,
     /// Paths that were opened last, newest first.
     pub(crate) recent: Vec<PathBuf>,
     /// `true` if [`Preferences::recent`] is kept. Paths may hold names of patients.
@@ -30,6 +36,10 @@ pub(crate) struct Preferences {
     file: Option<PathBuf>,
 }
 
+/// Width of the side panel before anybody changed it, points.
+const USUAL_PANEL_WIDTH: f32 = 340.0;
+/// Least and largest size of the window that is remembered, points.
+const WINDOW_SIZES: [f32; 2] = [400.0, 8000.0];
 /// Number of paths that are remembered.
 const MAX_RECENT: usize = 10;
 /// Sizes of text and buttons to choose from, percent.
@@ -41,6 +51,9 @@ impl Default for Preferences {
             is_acknowledged: false,
             overlay: OverlayLook::default(),
             scale_percent: 100,
+            panel_width: USUAL_PANEL_WIDTH,
+            window_size: None,
+            seconds_per_step_and_pixel: None,
             recent: Vec::new(),
             remembers_files: true,
             keys: Keymap::new(),
@@ -60,6 +73,12 @@ impl Preferences {
         let text = file.as_ref().and_then(|f| read_text(f).ok());
         let mut read: Self = text.and_then(|t| serde_json::from_str(&t).ok()).unwrap_or_default();
         read.overlay = read.overlay.mended();
+        let is_panel = (100.0..=4000.0).contains(&read.panel_width);
+        read.panel_width = if is_panel { read.panel_width } else { USUAL_PANEL_WIDTH };
+        let is_size = |v: &f32| (WINDOW_SIZES[0]..=WINDOW_SIZES[1]).contains(v);
+        read.window_size = read.window_size.filter(|size| size.iter().all(is_size));
+        let pace = &mut read.seconds_per_step_and_pixel;
+        *pace = pace.filter(|pace| (0.0..1.0).contains(pace));
         read.scale_percent = read.scale_percent.clamp(SCALES[0], SCALES[SCALES.len() - 1]);
         Self { file, ..read }
     }
@@ -138,6 +157,10 @@ mod tests {
         preferences.forget_files(false);
         preferences.remember(Path::new("/secret"));
         assert!(!std::fs::read_to_string(file.as_ref().unwrap()).unwrap().contains("/s"));
+        let damaged = r#"{"panel_width": -3, "window_size": [1e9, 2]}"#;
+        std::fs::write(file.as_ref().unwrap(), damaged).unwrap();
+        let mended = Preferences::load(file.clone());
+        assert_eq!((mended.panel_width, mended.window_size), (USUAL_PANEL_WIDTH, None));
         std::fs::write(file.as_ref().unwrap(), "{\"opacity\": 1e99").unwrap();
         assert!(!Preferences::load(file).is_acknowledged);
     }

@@ -59,6 +59,10 @@ pub(crate) struct Training {
     backend: Arc<dyn Backend>,
     /// Available memory, bytes, and the time of that reading, seconds.
     pub(crate) memory: Option<(u64, f64)>,
+    /// Number of steps that are planned.
+    steps: usize,
+    /// Duration of a step, seconds, once there is a pace.
+    pub(crate) seconds_per_step: Option<f64>,
     /// Time at which the window was asked to close, seconds. Closing waits until the scene is saved.
     pub(crate) closing_since: Option<f64>,
 }
@@ -66,13 +70,24 @@ pub(crate) struct Training {
 impl Training {
     pub(crate) fn start(backend: Arc<dyn Backend>, request: TrainRequest, ctx: &Context) -> Self {
         let (theirs, recording) = (backend.clone(), request.recording.clone());
+        let steps = request.quality.steps();
         let task = Task::start("training", ctx, move |task| theirs.reconstruct(&request, task));
-        Self { task, recording, curve: LossCurve::default(), backend, memory: None, closing_since: None }
+        let curve = LossCurve::default();
+        let (memory, seconds_per_step, closing_since) = (None, None, None);
+        Self { task, recording, curve, backend, memory, steps, seconds_per_step, closing_since }
     }
 
     /// Returns `true` if this is the training on the recording of `info`.
     pub(crate) fn is_about(&self, info: &Info) -> bool {
         info.recording.as_ref() == Some(&self.recording)
+    }
+
+    /// Notes the pace of the training, which later ones are estimated from.
+    pub(crate) fn note_pace(&mut self) {
+        let progress = &self.task.progress;
+        if progress.total == self.steps && progress.done * 10 > self.steps {
+            self.seconds_per_step = Some(progress.seconds / progress.done as f64);
+        }
     }
 
     /// Reads the available memory, at most once a second.

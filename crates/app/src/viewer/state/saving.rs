@@ -1,20 +1,18 @@
 //! The session file of the window, and sessions that are about to be applied or saved.
 
-use crate::viewer::{
-    backend::task::Task,
-    state::{autosave::Autosave, content::Content, session::Session},
-};
+use crate::viewer::state::{autosave::Autosave, content::Content, session::Session};
 use serde_json::{Map, Value};
 use std::path::PathBuf;
+use surgtpgs_core::overlay::OverlayLook;
 
 /// Session file, autosave, and the session that is being applied or saved.
 pub(crate) struct Saving {
     pub(crate) saved: Saved,
-    /// File dialog that asks where to save the session.
-    pub(crate) picking: Option<Task<Option<PathBuf>>>,
     /// Session to apply once its scene or recording is open, and the session's file.
     pub(crate) to_apply: Option<(Session, Option<PathBuf>)>,
     pub(crate) autosave: Autosave,
+    /// Style of the overlay and width of the panel, as the preferences were saved last.
+    pub(crate) kept_look: Option<(OverlayLook, f32)>,
     /// `true` if the offer to restore unsaved work is put off, at most until the next start.
     pub(crate) is_recovery_put_off: bool,
 }
@@ -31,6 +29,12 @@ pub(crate) struct Saved {
 
 impl Saving {
     pub(crate) fn new(autosave: Autosave) -> Self {
-        Self { saved: Saved::default(), picking: None, to_apply: None, autosave, is_recovery_put_off: false }
+        Self {
+            saved: Saved::default(),
+            kept_look: None,
+            to_apply: None,
+            autosave,
+            is_recovery_put_off: false,
+        }
     }
 }

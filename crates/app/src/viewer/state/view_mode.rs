@@ -7,9 +7,9 @@ use crate::viewer::backend::Info;
 #[serde(rename_all = "snake_case")]
 pub(crate) enum ViewMode {
     /// The frame as it was recorded.
+    #[default]
     Original,
     /// The frame as it was reconstructed.
-    #[default]
     Reconstruction,
     /// Both side by side.
     SideBySide,
@@ -52,6 +52,11 @@ impl ViewMode {
         Self::Depth,
         Self::DepthBeside,
     ];
+
+    /// Returns the mode to begin with: the recorded frame, which is sharpest, where it is at hand.
+    pub(crate) fn usual(info: &Info) -> Self {
+        if info.has_original || !info.has_reconstruction { Self::Original } else { Self::Reconstruction }
+    }
 
     pub(crate) fn label(self) -> &'static str {
         match self {

@@ -95,6 +95,8 @@ pub(super) struct FakeBackend {
     pub(super) available_bytes: Mutex<Option<u64>>,
     pub(super) checked: Mutex<Checked>,
     pub(super) is_disk_full: AtomicBool,
+    /// Answer of the system's file dialog; without it, there is none.
+    pub(super) picked: Mutex<Option<Picked>>,
 }
 
 impl Backend for FakeBackend {
@@ -113,6 +115,9 @@ impl Backend for FakeBackend {
             ..self.info.clone()
         };
         Ok(Box::new(Fake { info, gate: self.gate.lock().unwrap().take() }))
+    }
+    fn pick(&self, _: &PathAsk) -> Picked {
+        self.picked.lock().unwrap().clone().unwrap_or(Picked::Unavailable)
     }
     fn check(&self, _: &Path, task: &TaskContext) -> Result<Checked> {
         task.progress("checking", 48, 48, String::new());
@@ -191,6 +196,8 @@ pub(super) fn scene() -> Info {
         frames_per_second: Some(25.0),
         has_original: true,
         has_reconstruction: true,
+        learned: 1.0,
+        has_measured_depth: true,
         has_features: true,
         example_prompts: vec!["liver".into(), "fat".into()],
         renderer: "fake".into(),
@@ -205,10 +212,14 @@ pub(super) struct Window {
 }
 
 impl Window {
-    /// Opens a window on a scene, with its first picture shown and the notice read.
+    /// Opens a window on a scene, with the notice read and the first picture of its reconstruction shown.
     pub(super) fn on(info: Info) -> Self {
         let mut window = Self::gated(info, None);
         window.until(|app| app.picture().is_some());
+        if window.harness.state().shared.info().is_some_and(|i| i.has_reconstruction) {
+            window.harness.state_mut().shared.document.mode = ViewMode::Reconstruction;
+            window.until_picture(|p| p.reconstruction.is_some() && !p.request.needs_original);
+        }
         window
     }
 
@@ -291,9 +302,38 @@ impl Window {
         self.harness.step();
     }
 
+    /// Adds a prompt and leaves the prompt box, so that keys are commands again.
     pub(super) fn add_prompt(&mut self, text: &str) {
         self.type_prompt(text);
         self.press(Key::Enter);
+        self.press(Key::Escape);
+    }
+
+    /// Sends the events of words in one batch, as a fast typist or a slow machine makes them.
+    pub(super) fn type_at_once(&mut self, text: &str) {
+        for letter in text.chars() {
+            let name = letter.to_uppercase().to_string();
+            let key = match letter {
+                '\n' => Key::Enter,
+                '/' => Key::Slash,
+                ' ' => Key::Space,
+                _ => Key::from_name(&name).unwrap(),
+            };
+            let event = |pressed| egui::Event::Key {
+                key,
+                physical_key: None,
+                pressed,
+                repeat: false,
+                modifiers: Modifiers::NONE,
+            };
+            let events = &mut self.harness.input_mut().events;
+            events.push(event(true));
+            if letter != '\n' {
+                events.push(egui::Event::Text(letter.into()));
+            }
+            events.push(event(false));
+        }
+        (0..6).for_each(|_| self.harness.step());
     }
 
     pub(super) fn click(&mut self, label: &str) {
@@ -305,4 +345,18 @@ impl Window {
     pub(super) fn shows(&self, text: &str) -> bool {
         self.harness.query_all_by_label_contains(text).next().is_some()
     }
+}
+
+/// Returns the texts that are painted, whoever paints them.
+pub(super) fn painted(window: &Window) -> Vec<String> {
+    fn texts(shape: &egui::Shape, into: &mut Vec<String>) {
+        match shape {
+            egui::Shape::Text(text) => into.push(text.galley.text().to_owned()),
+            egui::Shape::Vec(shapes) => shapes.iter().for_each(|shape| texts(shape, into)),
+            _ => {}
+        }
+    }
+    let mut found = Vec::new();
+    window.harness.output().shapes.iter().for_each(|clipped| texts(&clipped.shape, &mut found));
+    found
 }

@@ -72,7 +72,7 @@ fn masks_are_cleaned_up_in_the_window_as_in_exports_and_off_is_the_raw_mask() {
     window.until_picture(|p| p.request.clean_up == grown);
     window.until(|app| app.selected_curve().is_some_and(|curve| curve.is_complete()));
     // 8 and 2 of 32 columns
-    assert!(window.shows("31 % of the frame") && window.shows("masks cleaned up"));
+    assert!(window.shows("31 % of the picture") && window.shows("masks cleaned up"));
     let curve = window.harness.state().shared.selected_curve().unwrap();
     assert_eq!(curve.points[5].unwrap().area_px, 10 * SIZE.1 as usize, "the curve is that of the picture");
     window.press_with(Modifiers::COMMAND, Key::E);
@@ -148,4 +148,43 @@ fn what_the_endoscope_did_not_see_is_faded_and_said() {
     window.press(Key::R);
     window.until_picture(|p| p.unseen_share == 0.0);
     assert!(!window.shows("not seen by the endoscope"));
+}
+
+#[test]
+fn the_recorded_frame_comes_first_with_prompts_drawn_on_it() {
+    let mut window = Window::gated(scene(), None);
+    window.until(|app| app.picture().is_some());
+    window.add_prompt("gallbladder");
+    window.until_found();
+    let app = &window.harness.state().shared;
+    assert_eq!(app.document.mode, ViewMode::Original);
+    let picture = app.picture().unwrap();
+    assert!(picture.original.as_ref().unwrap().marked.is_some() && picture.reconstruction.is_none());
+    assert!(window.shows("Recorded, frame 1 of 48"));
+    window.press_with(Modifiers::COMMAND, Key::E);
+    window.harness.step();
+    window.click("Start export");
+    let backend = window.backend.clone();
+    window.until(|_| !backend.exported.lock().unwrap().is_empty());
+    let source = backend.exported.lock().unwrap()[0].0.options.source;
+    assert_eq!(source, surgtpgs_core::export::PictureSource::Original, "exports show what the window shows");
+
+    let mut window = Window::gated(Info { has_original: false, ..scene() }, None);
+    window.until(|app| app.picture().is_some());
+    assert_eq!(window.harness.state().shared.document.mode, ViewMode::Reconstruction);
+}
+
+#[test]
+fn a_reconstruction_that_was_stopped_early_says_so_wherever_it_is_seen() {
+    let mut window = Window::on(Info { learned: 0.4, ..scene() });
+    let told = "Stopped early, after 40 % of its learning";
+    assert!(window.shows(told) && painted(&window).iter().any(|text| text == told));
+    window.press(Key::W);
+    window.until_picture(|p| p.original.is_some());
+    assert!(painted(&window).iter().any(|text| text == told));
+    window.press(Key::W);
+    window.until_picture(|p| p.reconstruction.is_none());
+    assert!(!window.shows(told), "the recorded frame is as it is");
+    let window = Window::on(scene());
+    assert!(!window.shows("Stopped early"));
 }

@@ -5,6 +5,7 @@
 mod exports;
 mod fixture;
 mod hazards;
+mod layout;
 mod looks;
 mod monkey;
 mod over_time;
@@ -13,10 +14,12 @@ mod pointing;
 mod quality;
 mod reconstructing;
 mod sessions;
+mod starting;
 
 use crate::viewer::{
     backend::{
         Backend, Checked, Demo, FrameSource, FrameView, Info, Rendering, TrainNews, TrainRequest,
+        paths::{PathAsk, Picked},
         task::{NOT_SAVED, TaskContext},
     },
     panels::prompts::{ENCODING, NO_FEATURES, NOTHING},
@@ -65,7 +68,7 @@ fn a_typed_prompt_becomes_a_row_with_its_area_on_the_picture() {
     assert_eq!(found.area_fraction, 0.25);
     assert_eq!(found.histogram.iter().sum::<u32>(), SIZE.0 * SIZE.1);
     assert!(picture.reconstruction.as_ref().unwrap().marked.is_some());
-    assert!(window.shows("25 % of the frame"));
+    assert!(window.shows("25 % of the picture"));
     window.harness.get_by_label("Threshold of gallbladder");
 }
 
@@ -137,7 +140,7 @@ fn a_frame_number_can_be_typed_and_the_keys_return_to_the_picture() {
 fn a_focused_text_field_owns_letters_digits_arrows_and_space() {
     let mut window = Window::on(scene());
     window.type_prompt("v");
-    for key in [Key::V, Key::Space, Key::ArrowRight, Key::End, Key::Num1, Key::O, Key::D] {
+    for key in [Key::B, Key::Space, Key::ArrowRight, Key::End, Key::Num1, Key::O, Key::D] {
         window.press(key);
     }
     let app = &window.harness.state().shared;
@@ -146,18 +149,130 @@ fn a_focused_text_field_owns_letters_digits_arrows_and_space() {
     window.press(Key::Escape);
     window.harness.step();
     assert_eq!(window.harness.state().shared.prompt_box.text, "v", "Esc leaves the field and nothing else");
-    window.press(Key::V);
-    assert!(window.harness.state().shared.document.is_hidden);
+    window.press(Key::D);
+    assert_eq!(window.harness.state().shared.document.mode, ViewMode::Depth);
 }
 
 #[test]
 fn the_slash_that_opens_the_prompt_box_is_not_typed_into_it() {
     let mut window = Window::on(scene());
-    window.harness.event(egui::Event::Text("/".into()));
-    window.press(Key::Slash);
-    window.harness.step();
+    window.type_at_once("/");
     assert!(window.harness.get_by_label("Prompt").is_focused());
     assert_eq!(window.harness.state().shared.prompt_box.text, "");
+}
+
+#[test]
+fn what_is_typed_fast_is_never_half_command_half_text() {
+    let mut window = Window::on(scene());
+    let state = |window: &Window| {
+        let app = &window.harness.state().shared;
+        (app.document.mode, app.playback.frame(), app.playback.is_playing(), app.document.content().range)
+    };
+    let before = state(&window);
+    window.type_at_once("/fat\nliver\ngallbladder vein");
+    let words: Vec<_> =
+        window.harness.state().shared.document.prompts().iter().map(|p| p.text.clone()).collect();
+    assert_eq!(words, ["fat", "liver"]);
+    assert_eq!(window.harness.state().shared.prompt_box.text, "gallbladder vein");
+    assert!(
+        window.harness.get_by_label("Prompt").is_focused(),
+        "Enter keeps the box ready for the next word"
+    );
+    assert_eq!(state(&window), before);
+    assert!(window.harness.state().shared.document.excluded().is_empty());
+
+    // The number of a frame, too, is typed behind the key that asks for it.
+    let mut window = Window::on(scene());
+    window.type_at_once("g12\n");
+    assert_eq!((window.frame(), window.harness.state().shared.dialog), (11, None));
+
+    // Where nothing can be asked, nobody takes the word, and it is no row of commands either.
+    let mut window = Window::on(Info { has_features: false, ..scene() });
+    window.type_at_once("/fad");
+    assert_eq!(state(&window), before);
+}
+
+#[test]
+fn arrows_move_through_time_while_the_prompt_box_is_empty() {
+    let mut window = Window::on(scene());
+    window.type_prompt("liver");
+    window.press(Key::ArrowRight);
+    assert_eq!(window.frame(), 0, "the cursor moves");
+    window.press(Key::Enter);
+    window.harness.step();
+    window.press(Key::ArrowRight);
+    assert_eq!(window.frame(), 1);
+    assert!(window.harness.get_by_label("Prompt").is_focused());
+}
+
+#[test]
+fn no_single_letter_loses_or_hides_work() {
+    let mut window = Window::on(scene());
+    window.add_prompt("gallbladder");
+    window.press(Key::M);
+    window.harness.state_mut().shared.document.set_note(0, "bleeding");
+    let before = window.harness.state().shared.document.content().clone();
+    for key in Key::ALL.iter().filter(|key| key.name().len() == 1 && key.name() >= "A") {
+        for modifiers in [Modifiers::NONE, Modifiers::SHIFT] {
+            window.press_with(modifiers, *key);
+            window.press(Key::Escape);
+            window.harness.step();
+            let app = &mut window.harness.state_mut().shared;
+            assert!(app.document.excluded().is_empty() && !app.document.is_hidden, "{key:?}");
+            assert_eq!(app.document.bookmarks(), &before.bookmarks[..], "{key:?}");
+            assert_eq!(app.document.prompts().len(), 1, "{key:?}");
+            assert!(app.document.prompts()[0].is_visible, "{key:?}");
+            (app.dialog, app.problem) = (None, None);
+        }
+    }
+}
+
+#[test]
+fn what_leaves_out_or_hides_says_so_and_offers_the_way_back() {
+    let mut window = Window::on(scene());
+    window.add_prompt("gallbladder");
+    let ctrl = Modifiers::COMMAND;
+    window.press_with(ctrl | Modifiers::SHIFT, Key::E);
+    window.harness.step();
+    assert!(window.shows("Leaving out frame 1"));
+    window.harness.step();
+    window.click("Undo");
+    assert!(window.harness.state().shared.document.excluded().is_empty());
+    window.press_with(ctrl, Key::H);
+    window.harness.step();
+    window.harness.step();
+    assert!(window.shows("Everything drawn over the picture is hidden"));
+    window.click("Show again");
+    assert!(!window.harness.state().shared.document.is_hidden);
+    window.click("Delete gallbladder");
+    window.harness.step();
+    assert!(window.shows("Deleting \"gallbladder\""));
+    window.click("Undo");
+    assert_eq!(window.harness.state().shared.document.prompts().len(), 1);
+    window.press(Key::Num1);
+    window.harness.step();
+    assert!(window.shows("Hiding \"gallbladder\""));
+    // The message goes by itself.
+    (0..500).for_each(|_| window.harness.step());
+    assert!(!window.shows("Hiding \"gallbladder\""));
+}
+
+#[test]
+fn every_command_that_takes_the_keyboard_is_known_to_take_it() {
+    use crate::viewer::command::{COMMANDS, Command, takes_keyboard};
+    let mut window = Window::on(Info { recording: Some("/data/r".into()), ..scene() });
+    let ctx = window.harness.ctx.clone();
+    let app = &mut window.harness.state_mut().shared;
+    let is_tried = |command| !monkey::DIALOGS.contains(&command) && command != Command::StartPage;
+    let mut num_taking = 0;
+    for command in COMMANDS.iter().map(|e| e.command).filter(|c| is_tried(*c)) {
+        (app.dialog, app.prompt_box.wants_focus) = (None, false);
+        app.run(command.into(), &ctx);
+        let takes = app.dialog.is_some() || app.prompt_box.wants_focus;
+        assert_eq!(takes, takes_keyboard(command), "{command:?}");
+        num_taking += usize::from(takes);
+    }
+    assert_eq!(num_taking, 9);
 }
 
 #[test]
@@ -166,10 +281,10 @@ fn one_key_hides_and_shows_everything_drawn() {
     window.add_prompt("gallbladder");
     window.until_found();
     assert!(!window.shows("overlays hidden"));
-    window.press(Key::V);
+    window.press_with(Modifiers::COMMAND, Key::H);
     window.harness.step();
     assert!(window.shows("overlays hidden"));
-    window.press(Key::V);
+    window.press_with(Modifiers::COMMAND, Key::H);
     window.harness.step();
     assert!(!window.shows("overlays hidden"));
 }
@@ -204,7 +319,7 @@ fn what_means_something_else_says_so_and_shows_what_it_is_like_on_request() {
     let picture = window.harness.state().shared.picture().unwrap();
     let (prompt, finding) = (&picture.request.prompts[0], &picture.findings[0]);
     assert_eq!(finding.stand_in(prompt), Some("liver"));
-    assert!(window.shows("Not in this recording; liver is 25 % of the frame"));
+    assert!(window.shows("Not in this recording; liver is 25 % of the picture"));
     window.press_with(Modifiers::COMMAND, Key::Z);
     window.until_picture(|p| !p.request.prompts[0].question.shows_nearest);
 }
@@ -216,7 +331,7 @@ fn a_prompt_that_fails_says_why_and_leaves_the_others_alone() {
     window.add_prompt("gallbladder");
     window.until_found();
     assert!(window.shows("the encoder cannot read this"));
-    assert!(window.shows("25 % of the frame"));
+    assert!(window.shows("25 % of the picture"));
 }
 
 #[test]
@@ -224,6 +339,8 @@ fn a_slow_answer_is_waited_for_in_words_and_never_drawn_on_another_frame() {
     let (permit, gate) = mpsc::channel();
     let mut window = Window::gated(scene(), Some(gate));
     window.until(|app| app.picture().is_some());
+    window.harness.state_mut().shared.document.mode = ViewMode::Reconstruction;
+    window.until_picture(|p| p.reconstruction.is_some());
     window.add_prompt("gallbladder");
     assert!(window.shows(ENCODING));
     window.press(Key::ArrowRight);
@@ -243,9 +360,10 @@ fn a_scene_without_features_says_so() {
     assert!(window.shows(NO_FEATURES));
     window.press(Key::Slash);
     window.harness.step();
-    window.press(Key::V);
-    assert!(
-        window.harness.state().shared.document.is_hidden,
+    window.press(Key::D);
+    assert_eq!(
+        window.harness.state().shared.document.mode,
+        ViewMode::Depth,
         "a prompt box that cannot be used takes no keys"
     );
 }
@@ -257,8 +375,9 @@ fn views_are_switched_by_key_and_only_where_they_exist() {
         (Modifiers::NONE, Key::W, ViewMode::Wipe),
         (Modifiers::SHIFT, Key::W, ViewMode::SideBySide),
         (Modifiers::NONE, Key::D, ViewMode::Depth),
-        (Modifiers::SHIFT, Key::B, ViewMode::Original),
+        (Modifiers::NONE, Key::D, ViewMode::Original),
         (Modifiers::SHIFT, Key::B, ViewMode::Reconstruction),
+        (Modifiers::SHIFT, Key::B, ViewMode::Original),
     ] {
         window.press_with(modifiers, key);
         assert_eq!(window.harness.state().shared.document.mode, mode);
@@ -349,9 +468,9 @@ fn a_recording_is_reconstructed_in_the_window_and_stopping_keeps_what_was_learne
     assert!(!window.shows("paused"));
     window.click("Pause");
     window.click("Stop and keep what was learned");
-    window
-        .until(|app| app.reconstruction.training.is_none() && app.document.mode == ViewMode::Reconstruction);
+    window.until(|app| app.reconstruction.training.is_none() && app.opening.underway.is_none());
     assert_eq!(window.frame(), 1, "the frame is kept");
+    assert_eq!(window.harness.state().shared.document.mode, ViewMode::Original, "it replaces nothing");
 }
 
 #[test]
@@ -359,7 +478,9 @@ fn the_demo_is_opened_and_reconstructed_without_being_asked() {
     let recording = Info { has_reconstruction: false, has_features: false, ..scene() };
     let mut window = Window::with(Arc::new(FakeBackend { info: recording, ..Default::default() }));
     let ctx = window.harness.ctx.clone();
-    window.harness.state_mut().shared.open_demo(Path::new("/data/demo"), &ctx);
+    let app = &mut window.harness.state_mut().shared;
+    app.opening.demo_folder = Some("/data/demo".into());
+    app.open_demo(&ctx);
     window.until(|app| app.reconstruction.training.is_some() && app.document.mode == ViewMode::SideBySide);
 }
 
@@ -368,7 +489,8 @@ fn whoever_opens_something_while_the_demo_is_made_keeps_it() {
     let mut window = Window::with(Arc::new(FakeBackend { info: scene(), ..Default::default() }));
     let ctx = window.harness.ctx.clone();
     let app = &mut window.harness.state_mut().shared;
-    app.open_demo(Path::new("/data/demo"), &ctx);
+    app.opening.demo_folder = Some("/data/demo".into());
+    app.open_demo(&ctx);
     app.open_path(Path::new("/data/own.safetensors"), &ctx);
     window.until(|app| app.open.is_some());
     (0..20).for_each(|_| window.harness.step());
@@ -395,7 +517,7 @@ fn the_notice_comes_first_and_the_small_one_stays() {
     window.click("I understand");
     assert!(!window.shows("For research use only"));
     assert!(window.shows(intended_use()));
-    assert!(window.shows("Open file…"));
+    assert!(window.shows("Open a video or a file…"));
 }
 
 #[test]
@@ -419,33 +541,33 @@ fn keys_can_be_chosen_and_the_sheet_shows_them() {
     (0..4).for_each(|_| window.harness.step());
     window.click("Key of Play or pause");
     assert!(window.shows("Press the new key for \"Play or pause\""));
-    window.press(Key::V);
+    window.press(Key::D);
     window.harness.step();
     assert!(
         window.harness.state().shared.dialog == Some(Dialog::Shortcuts)
-            && !window.harness.state().shared.document.is_hidden
+            && window.harness.state().shared.document.mode == ViewMode::Reconstruction
     );
-    assert_eq!(window.harness.state().shared.preferences.keys["PlayPause"], "V");
-    window.click("Key of Hide all overlays");
+    assert_eq!(window.harness.state().shared.preferences.keys["PlayPause"], "D");
+    window.click("Key of Depth");
     window.press(Key::Escape);
     window.harness.step();
     assert!(
         window.harness.state().shared.dialog == Some(Dialog::Shortcuts) && !window.shows("Press the new key")
     );
     window.click("Close");
-    window.press(Key::V);
+    window.press(Key::D);
     let app = &window.harness.state().shared;
-    assert!(app.playback.is_playing() && !app.document.is_hidden, "the key is the other command's now");
+    assert!(app.playback.is_playing() && app.document.mode != ViewMode::Depth, "the key is the other's now");
     window.press(Key::Space);
     assert!(window.harness.state().shared.playback.is_playing());
     window.press(Key::F1);
     (0..4).for_each(|_| window.harness.step());
-    window.click("All keys as delivered");
+    window.click("Usual keys again");
     window.click("Close");
     window.press(Key::Space);
     assert!(!window.harness.state().shared.playback.is_playing());
-    window.press(Key::V);
-    assert!(window.harness.state().shared.document.is_hidden);
+    window.press(Key::D);
+    assert_eq!(window.harness.state().shared.document.mode, ViewMode::Depth);
 }
 
 #[test]

@@ -40,10 +40,11 @@ const WORDS: [&str; 12] = [
     "a\u{7}b",
 ];
 /// Commands that open the system's file dialogs, which nobody answers here.
-const DIALOGS: [Command; 4] =
-    [Command::OpenFile, Command::OpenFolder, Command::SaveSession, Command::SaveSessionAs];
+pub(super) const DIALOGS: [Command; 5] =
+    [Command::OpenFile, Command::OpenFolder, Command::OpenPath, Command::SaveSession, Command::SaveSessionAs];
 /// Labels of further buttons that open such dialogs.
-const DIALOG_BUTTONS: [&str; 2] = ["Folder…", "Save as…"];
+const DIALOG_BUTTONS: [&str; 4] =
+    ["Folder…", "Save as…", "Open a video or a file…", "Open a folder of frames…"];
 /// Number of acts after which the monkey tidies up, and checks that the window still answers.
 const ACTS_PER_ROUND: usize = 250;
 /// Number of the last acts that are reported when something breaks.
@@ -248,7 +249,7 @@ impl Monkey {
         self.harness.step();
         self.harness.step();
         for label in ["Quick look", "Start"] {
-            if let Some(button) = self.harness.query_by_label(label) {
+            if let Some(button) = self.harness.query_all_by_label_contains(label).next() {
                 button.click();
             }
             self.harness.step();

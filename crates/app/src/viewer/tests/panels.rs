@@ -4,7 +4,7 @@ use super::*;
 use crate::viewer::{
     action::Action,
     command::Command,
-    panels::{go_to::GoToDialog, timeline::timeline_ui},
+    panels::{go_to::GoToDialog, room::Room, timeline::timeline_ui},
 };
 use egui::Ui;
 use std::cell::RefCell;
@@ -27,7 +27,10 @@ fn asked(
 fn the_time_bar_asks_for_its_commands_and_frames() {
     let window = Window::on(scene());
     let shared = &window.harness.state().shared;
-    let actions = asked(shared, timeline_ui, |harness| {
+    let show = |ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>| {
+        timeline_ui(ui, shared, actions, Room::of(ui.ctx()));
+    };
+    let actions = asked(shared, show, |harness| {
         harness.get_by_label("Repeat").click();
         harness.step();
         harness.get_by_role_and_label(Role::Slider, "Frame").click();

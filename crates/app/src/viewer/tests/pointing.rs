@@ -54,13 +54,13 @@ fn a_click_says_what_a_point_is_most_like_and_offers_to_look_for_it() {
     assert!(window.shows("This point"));
     // The classes of the recording are found in its left part, the prompt nowhere.
     assert!(window.shows("liver 0.80 at this point") && window.shows("nothing 0.20 at this point"));
-    assert!(!window.shows("Closer to a generic phrase than to any of these"));
+    assert!(!window.shows("Less likely than not any of these"));
     window.click("liver 0.80 at this point");
     assert!(window.harness.state().shared.document.prompts().iter().any(|p| p.text == "liver"));
     click_at(&mut window, [0.5, 0.9]);
     window.until_picture(|p| p.candidates.len() == 1);
     assert!(window.shows("liver 0.30 at this point"));
-    assert!(window.shows("Closer to a generic phrase than to any of these"));
+    assert!(window.shows("Less likely than not any of these"));
     window.press(Key::Escape);
     window.harness.step();
     assert!(!window.shows("This point"));
@@ -159,10 +159,10 @@ fn a_typed_scale_gives_millimetres_in_the_picture_and_says_so() {
     window.harness.get_by_label("Pixels in a millimetre").type_text("4");
     window.harness.step();
     window.click("Set");
-    assert!(window.shows("16.0 px  ·  4.0 ± 0.2 mm"));
+    assert!(window.shows("16.0 px  ·  4.0 mm if all is equally far away"));
     assert!(
         window.shows("4 pixels in a millimetre, as typed")
-            && window.shows("as if everything lay at one distance")
+            && window.shows("what is nearer is shorter than it says")
     );
     window.press_with(Modifiers::COMMAND, Key::Z);
     window.harness.step();
@@ -179,7 +179,7 @@ fn a_turned_view_gives_pixels_only() {
     let look = &mut window.harness.state_mut().shared.document.look;
     look.orbit = look.orbit.dragged([80.0, 0.0], 15.0);
     window.until_picture(|p| !p.request.view.orbit.is_home());
-    assert!(window.shows("Pixels only: this view has no recorded depth"));
+    assert!(window.shows("Pixels only: this view has no measured depth"));
 }
 
 #[test]
@@ -206,4 +206,46 @@ fn the_status_line_has_no_millimetres() {
     window.harness.step();
     assert!(window.shows("depth 50.0 scene units"));
     assert!(!window.shows(" mm"));
+}
+
+#[test]
+fn a_guessed_shape_has_no_lengths_in_space_and_says_so() {
+    let mut window = Window::on(Info { has_measured_depth: false, ..measurable() });
+    assert!(window.shows("The shape is guessed"));
+    let at = on_screen(&window, [0.5, 0.5]);
+    window.harness.hover_at(at);
+    window.harness.step();
+    window.harness.step();
+    assert!(!window.shows("depth 50") && !window.shows("scene units"));
+    window.press(Key::U);
+    window.harness.step();
+    drag(&mut window, [0.25, 0.5], [0.75, 0.5]);
+    assert!(window.shows("16.0 px") && window.shows("Pixels only: the shape is guessed"));
+    assert!(!window.shows("±") && !window.shows("scene units"));
+    assert!(window.harness.query_by_label("Known length in millimetres").is_none());
+    window.press(Key::Escape);
+    window.press(Key::D);
+    window.until_picture(|p| p.layer.is_some());
+    let texts = painted(&window);
+    assert!(texts.iter().any(|t| t == "near") && !texts.iter().any(|t| t.contains("50.0")), "{texts:?}");
+    assert!(texts.iter().any(|t| t == "The shape is guessed"));
+}
+
+#[test]
+fn a_session_brings_no_millimetres_into_a_guessed_shape() {
+    use crate::viewer::state::{measure::Scale, session::Session};
+    let folder = tempfile::tempdir().unwrap();
+    for (has_measured_depth, comes_back) in [(true, true), (false, false)] {
+        let file = folder.path().join("review.surgtpgs");
+        let mut session = Session::new("/data/clip.safetensors".into());
+        let scale =
+            Scale { mm_per_unit: 0.5, relative_uncertainty: 0.0, source: "x".into(), px_per_mm: None };
+        session.content.scale = Some(scale);
+        session.save(&file).unwrap();
+        let mut window = Window::on(Info { has_measured_depth, ..measurable() });
+        let ctx = window.harness.ctx.clone();
+        window.harness.state_mut().shared.open_path(&file, &ctx);
+        window.until(|app| app.saving.saved.file.is_some());
+        assert_eq!(window.harness.state().shared.document.content().scale.is_some(), comes_back);
+    }
 }

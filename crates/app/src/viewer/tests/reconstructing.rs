@@ -14,6 +14,7 @@ fn training() -> Window {
 #[test]
 fn the_loss_and_its_terms_are_a_curve_while_it_learns() {
     let mut window = training();
+    window.click("Details of the training");
     window.until_shown("Loss over the steps, now total");
     // Terms that this training does not have are not shown.
     assert!(window.shows("colour") && window.shows("depth") && !window.shows("words 0"));
@@ -100,8 +101,8 @@ fn what_was_learned_waits_for_room_also_after_stopping_until_it_is_given_up() {
     window.click("Stop and keep what was learned");
     window.until_shown("Reconstructing: not saved yet");
     window.backend.is_disk_full.store(false, Ordering::Relaxed);
-    window
-        .until(|app| app.reconstruction.training.is_none() && app.document.mode == ViewMode::Reconstruction);
+    window.until(|app| app.reconstruction.training.is_none() && app.opening.underway.is_none());
+    assert!(window.harness.state().shared.info().unwrap().has_reconstruction);
 }
 
 #[test]
@@ -183,4 +184,14 @@ fn a_window_that_is_closed_keeps_what_was_learned_first() {
         window.harness.step();
     }
     assert!(closes(&mut window));
+}
+
+#[test]
+fn the_choice_of_quality_speaks_of_minutes_not_of_steps() {
+    let mut window = Window::on(bare());
+    window.harness.state_mut().shared.preferences.seconds_per_step_and_pixel = Some(1e-4);
+    window.click("Reconstruct…");
+    // 32 × 24 pixels, 4000 steps: 307 s
+    assert!(window.shows("Standard: good enough to work with, about 5 minutes"));
+    assert!(!window.shows("steps") && !window.shows("Gaussians"));
 }

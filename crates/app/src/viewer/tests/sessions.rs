@@ -1,7 +1,7 @@
 //! Tests of sessions, undo, recovery and bookmarks.
 
 use super::*;
-use crate::viewer::state::session::Session;
+use crate::viewer::state::{content::Content, session::Session};
 
 /// Opens a window on the scene of the tests that keeps its work in `folder`.
 fn keeping(folder: &Path) -> Window {
@@ -84,12 +84,9 @@ fn unsaved_work_waits_until_its_recording_is_opened_again() {
     open(&mut window, other);
     let app = &window.harness.state().shared;
     assert!(!window.shows("Your last work was not saved"), "not now");
-    assert!(app.document.bookmarks().is_empty() && app.document.prompts().len() == 2);
-    // No decision here belongs to a single frame, so the prompts come along.
+    assert!(app.document.content().is_alike(&Content::default()), "prompts stay with their recording");
     open(&mut window, clip);
-    window.until_shown("Your last work was not saved");
-    window.click("Restore");
-    window.until(|app| app.saving.to_apply.is_none() && app.document.bookmarks().len() == 1);
+    window.until_shown("Your work on this recording is back");
     let after = window.harness.state().shared.session().unwrap();
     assert!(after.content.is_alike(&before.content));
 
@@ -142,8 +139,7 @@ fn what_was_left_can_be_discarded_or_put_off() {
     Session::new("/data/clip.safetensors".into()).save(&folder.path().join("0.surgtpgs")).unwrap();
     let mut window = keeping(folder.path());
     window.harness.step();
-    window.click("Ask again next time");
-    assert!(!window.shows("Your last work was not saved"));
+    assert!(window.shows("Your last work was not saved"), "whoever does not answer is asked again");
     drop(window);
     let mut window = keeping(folder.path());
     window.harness.step();
@@ -159,11 +155,11 @@ fn a_saved_session_opens_as_it_was_and_needs_no_recovery() {
     let mut window = keeping(&folder.path().join("unsaved"));
     open(&mut window, Path::new("/data/clip.safetensors"));
     review(&mut window);
-    window.harness.state_mut().shared.write_session(&file);
+    window.harness.state_mut().shared.write_session(&file, 0.0);
     let before = window.harness.state().shared.session().unwrap();
     assert!(!window.harness.state().shared.is_unsaved());
     window.until(|_| !folder.path().join("unsaved/0.surgtpgs").exists());
-    window.press(Key::M);
+    window.press_with(Modifiers::COMMAND | Modifiers::SHIFT, Key::M);
     assert!(window.harness.state().shared.is_unsaved());
     // With a file chosen, saving asks nothing.
     window.press_with(Modifiers::COMMAND, Key::S);
@@ -193,6 +189,7 @@ fn closing_the_window_keeps_the_work_unless_nothing_shall_be_remembered() {
         window.harness.state_mut().shared.preferences.forget_files(remembers);
         review(&mut window);
         open(&mut window, Path::new("/elsewhere/other.safetensors"));
+        window.press(Key::M);
         window.until(|_| folder.path().join("1.surgtpgs").exists());
         window.harness.state_mut().shared.keep_at_exit();
         for put_aside_or_open in ["0.surgtpgs", "1.surgtpgs"] {

@@ -29,11 +29,14 @@ impl Shared {
 
     /// Moves to the frame that is due at `now`, and skips excluded frames while playing.
     pub(crate) fn play(&mut self, now: f64) {
-        self.playback.set_range(self.document.content().range);
+        // A range of which nothing is left is none.
+        let range = self.document.content().range.filter(|range| self.document.has_included(*range));
+        self.playback.set_range(range);
         self.playback.advance(now);
-        let (frame, num_frames) = (self.playback.frame(), self.playback.num_frames());
+        let (frame, bounds) = (self.playback.frame(), self.playback.bounds());
         if self.playback.is_playing() && self.document.is_excluded(frame) {
-            match self.document.next_included(frame, self.playback.speed() > 0.0, num_frames) {
+            let (is_forwards, wraps) = (self.playback.speed() > 0.0, self.playback.is_looping());
+            match self.document.next_included(frame, is_forwards, bounds, wraps) {
                 Some(next) => self.playback.seek(next, now),
                 None => self.playback.pause(),
             }

@@ -3,6 +3,7 @@
 use crate::viewer::{
     backend::{
         FrameSource,
+        paths::{PathAsk, PathKind, Picked},
         task::{Task, TaskEvent},
     },
     picture::open::Open,
@@ -45,38 +46,45 @@ impl Shared {
         self.problem = None;
     }
 
-    /// Opens the built-in demo. If it is not in `work_dir`, it is made and reconstructed there first.
-    pub(crate) fn open_demo(&mut self, work_dir: &Path, ctx: &Context) {
-        let (backend, folder) = (self.backend.clone(), absolute_path(work_dir));
+    /// Opens the built-in demo. If it is not in its folder, it is made and reconstructed there first.
+    pub(crate) fn open_demo(&mut self, ctx: &Context) {
+        let Some(folder) = self.opening.demo_folder.clone() else { return };
+        self.problem = None;
+        let (backend, folder) = (self.backend.clone(), absolute_path(&folder));
         self.opening.demo = Some(Task::start("demo", ctx, move |task| backend.demo(&folder, task)));
     }
 
-    /// Asks for a path on a thread of its own, because a native dialog may block as long as it is open.
-    pub(crate) fn pick(&mut self, folder: bool, ctx: &Context) {
-        self.opening.picking = Some(Task::start("file dialog", ctx, move |_| {
-            let dialog = rfd::FileDialog::new();
-            let [scene, splats] = surgtpgs_core::scene::EXTENSIONS;
-            let files = [scene, splats, session::EXTENSION, "mp4", "mov", "mkv", "avi"];
-            Ok(if folder {
-                dialog.set_title("Open a recording: a folder of frames").pick_folder()
-            } else {
-                dialog
-                    .set_title("Open a reconstruction, a session or a video")
-                    .add_filter("Reconstructions, sessions and videos", &files)
-                    .add_filter("All files", &["*"])
-                    .pick_file()
-            })
-        }));
+    /// Asks for a path by the system's dialog, on a thread of its own.
+    pub(crate) fn ask_for(&mut self, ask: PathAsk, ctx: &Context) {
+        let (backend, asked) = (self.backend.clone(), ask.clone());
+        let task = Task::start("file dialog", ctx, move |_| Ok(backend.pick(&asked)));
+        self.opening.picking = Some((task, ask));
+    }
+
+    /// Takes what the system's dialog returned. If the system has none, the window asks itself.
+    fn poll_picking(&mut self, now: f64, ctx: &Context) {
+        let event = self.opening.picking.as_mut().and_then(|(task, _)| task.poll());
+        let Some(TaskEvent::Done(result)) = event else { return };
+        let Some((_, ask)) = self.opening.picking.take() else { return };
+        match self.settle(result) {
+            Some(Picked::Path(path)) => self.take_picked(&path, &ask.kind, now, ctx),
+            Some(Picked::Unavailable) => self.opening.asked = Some(ask),
+            Some(Picked::Nothing) | None => {}
+        }
+    }
+
+    /// Uses a path that the user chose: opens what exists, saves the session in what is to be written.
+    pub(crate) fn take_picked(&mut self, path: &Path, kind: &PathKind, now: f64, ctx: &Context) {
+        self.opening.asked = None;
+        match kind {
+            PathKind::File(_) | PathKind::Folder => self.open_path(path, ctx),
+            PathKind::Save(..) => self.write_session(&path.with_extension(session::EXTENSION), now),
+        }
     }
 
     /// Takes what the threads have opened or made.
-    pub(crate) fn poll_opening(&mut self, ctx: &Context) {
-        if let Some(TaskEvent::Done(result)) = self.opening.picking.as_mut().and_then(Task::poll) {
-            self.opening.picking = None;
-            if let Some(path) = self.settle(result).flatten() {
-                self.open_path(&path, ctx);
-            }
-        }
+    pub(crate) fn poll_opening(&mut self, now: f64, ctx: &Context) {
+        self.poll_picking(now, ctx);
         self.poll_demo(ctx);
         if let Some(TaskEvent::Done(result)) = self.opening.underway.as_mut().and_then(|u| u.task.poll())
             && let Some(underway) = self.opening.underway.take()
@@ -122,25 +130,34 @@ impl Shared {
         self.playback.seek(frame, 0.0);
         if !is_same_recording {
             self.document.start_recording();
+            self.prompt_box.text.clear();
             self.saving.saved = Saved::default();
         }
         self.document.look = Look::default();
-        self.document.mode =
-            if info.has_reconstruction { ViewMode::Reconstruction } else { ViewMode::Original };
+        self.document.mode = ViewMode::usual(info);
         let Viewport { probe, has_ruler, .. } = &mut self.viewport;
         (*probe, *has_ruler) = (None, false);
-        ctx.send_viewport_cmd(egui::ViewportCommand::Title(format!("{} – SurgTPGS", info.name)));
         self.open = Some(open);
+        let title = format!("{} – SurgTPGS", self.title());
+        ctx.send_viewport_cmd(egui::ViewportCommand::Title(title));
     }
 
     /// Completes opening `path` once it is shown: applies its session, and starts its training or its check.
     fn begin_with(&mut self, path: &Path, ctx: &Context) {
         let session_file = self.saving.to_apply.as_ref().and_then(|(_, file)| file.clone());
         self.preferences.remember(session_file.as_deref().unwrap_or(path));
+        let mut is_back = false;
         if self.saving.to_apply.is_none() && self.saving.autosave.recall(path) {
-            self.saving.is_recovery_put_off = false;
+            match self.saving.autosave.restore_own() {
+                Some(session) => self.saving.to_apply = Some((session, None)),
+                None => self.saving.is_recovery_put_off = false,
+            }
+            is_back = self.saving.to_apply.is_some();
         }
         self.apply_session(0.0);
+        if is_back {
+            self.say("Your work on this recording is back", None, ctx.input(|i| i.time));
+        }
         let request = self.opening.train_when_open.take().filter(|r| r.recording == *path);
         if let Some(request) = request.filter(|_| self.reconstruction.training.is_none()) {
             self.start_training(request, ctx);
@@ -148,6 +165,16 @@ impl Shared {
         let is_bare = !self.is_reconstructing() && self.info().is_some_and(|i| !i.has_reconstruction);
         let check = || ImportCheck::start(self.backend.clone(), path.to_owned(), ctx);
         self.reconstruction.check = is_bare.then(check);
+    }
+
+    /// Closes what is open and shows the start page. Unsaved work is kept, and offered there.
+    pub(crate) fn close(&mut self, ctx: &Context) {
+        self.put_unsaved_aside(false);
+        self.document.start_recording();
+        self.saving.saved = Saved::default();
+        self.reconstruction.check = None;
+        (self.open, self.problem) = (None, None);
+        ctx.send_viewport_cmd(egui::ViewportCommand::Title("SurgTPGS".into()));
     }
 
     /// Inverts which side of the checked recording's masks is kept, and opens the recording again.

@@ -1,7 +1,7 @@
 //! Sessions: saved where the user chooses, and kept automatically until then.
 
 use crate::viewer::{
-    backend::task::{Task, TaskEvent},
+    backend::paths::{PathAsk, PathKind},
     shared::Shared,
     state::{
         content::Content,
@@ -57,6 +57,7 @@ impl Shared {
             self.problem = Some(format!("{what} Check that marks and bookmarks are where they belong."));
         }
         let saved = if file.is_some() { content.clone() } else { Content::default() };
+        let content = if info.shape_is_guessed() { content.without_scale_in_space() } else { content };
         self.document.load(content, info.num_frames);
         if display.mode.is_possible(&info) {
             self.document.mode = display.mode;
@@ -79,35 +80,25 @@ impl Shared {
     /// Saves the session. Asks for the path the first time, or if the session is to be saved `elsewhere`.
     pub(crate) fn save_session(&mut self, elsewhere: bool, ctx: &Context) {
         if let Some(file) = self.saving.saved.file.clone().filter(|_| !elsewhere) {
-            self.write_session(&file);
+            self.write_session(&file, ctx.input(|i| i.time));
             return;
         }
         let Some(info) = self.info() else { return };
-        let (folder, name) = (info.output_folder.clone(), format!("{}.{}", info.name, session::EXTENSION));
-        self.saving.picking = Some(Task::start("file dialog", ctx, move |_| {
-            let dialog = rfd::FileDialog::new().set_title("Save the session as").set_directory(folder);
-            Ok(dialog.set_file_name(name).add_filter("Sessions", &[session::EXTENSION]).save_file())
-        }));
-    }
-
-    /// Takes the path that the user picked for the session.
-    pub(crate) fn poll_saving(&mut self) {
-        if let Some(TaskEvent::Done(result)) = self.saving.picking.as_mut().and_then(Task::poll) {
-            self.saving.picking = None;
-            if let Ok(Some(path)) = result {
-                self.write_session(&path.with_extension(session::EXTENSION));
-            }
-        }
+        let kind = PathKind::Save(format!("{}.{}", info.name, session::EXTENSION), "Sessions");
+        let folder = Some(info.output_folder.clone());
+        self.ask_for(PathAsk { title: "Save the session as".into(), kind, folder }, ctx);
     }
 
     /// Writes the session file.
-    pub(crate) fn write_session(&mut self, file: &Path) {
+    pub(crate) fn write_session(&mut self, file: &Path, now: f64) {
         let Some(session) = self.session() else { return };
         let saved = session.save(file);
         if self.settle(saved).is_some() {
             self.saving.saved.file = Some(file.to_owned());
             self.saving.saved.content = session.content;
             self.preferences.remember(file);
+            let name = file.file_name().unwrap_or_default().to_string_lossy();
+            self.say(format!("Saved as {name}"), None, now);
         }
     }
 
@@ -138,8 +129,7 @@ impl Shared {
 
     /// Puts unsaved work aside that would be lost when something else is shown.
     pub(crate) fn put_unsaved_aside(&mut self, is_same_recording: bool) {
-        let is_replaced =
-            self.saving.to_apply.is_some() || (!is_same_recording && self.document.content().has_marks());
+        let is_replaced = self.saving.to_apply.is_some() || !is_same_recording;
         let Some(session) = self.session().filter(|_| is_replaced && self.is_unsaved()) else { return };
         if let Err(e) = self.saving.autosave.put_aside(session) {
             let hint = "Open it again to restore it, before this window is closed.";
@@ -151,6 +141,10 @@ impl Shared {
 
     /// Keeps unsaved work at the end of the program, or removes it if nothing is to be remembered.
     pub(crate) fn keep_at_exit(&mut self) {
+        if self.window_size.is_some() && self.preferences.window_size != self.window_size {
+            self.preferences.window_size = self.window_size;
+            self.preferences.save();
+        }
         if !self.preferences.remembers_files {
             self.saving.autosave.forget();
         } else if let Some(session) = self.session().filter(|_| self.is_unsaved())
@@ -160,12 +154,27 @@ impl Shared {
         }
     }
 
-    /// Saves changed overlay choices once no mouse button is down.
+    /// Saves changed choices once no mouse button is down.
     pub(crate) fn keep_preferences(&mut self, ctx: &Context) {
-        let overlay = self.document.overlay;
-        if self.preferences.overlay != overlay && !ctx.input(|i| i.pointer.any_down()) {
-            self.preferences.overlay = overlay;
-            self.preferences.save();
+        let look = (self.document.overlay, self.preferences.panel_width);
+        if self.saving.kept_look.is_none_or(|kept| kept != look) && !ctx.input(|i| i.pointer.any_down()) {
+            let is_first = self.saving.kept_look.replace(look).is_none();
+            if !is_first || self.preferences.overlay != look.0 {
+                self.preferences.overlay = look.0;
+                self.preferences.save();
+            }
+        }
+    }
+
+    /// Remembers the size of the window, for the next start.
+    pub(crate) fn keep_window_size(&mut self, ctx: &Context) {
+        let (size, is_usual) = ctx.input(|i| {
+            let viewport = i.viewport();
+            let is_special = viewport.fullscreen == Some(true) || viewport.maximized == Some(true);
+            (viewport.inner_rect.map(|rect| rect.size() * ctx.zoom_factor()), !is_special)
+        });
+        if let Some(size) = size.filter(|_| is_usual) {
+            self.window_size = Some(size.into());
         }
     }
 }

@@ -29,7 +29,11 @@ impl Shared {
     pub(crate) fn poll_training(&mut self, now: f64, ctx: &Context) {
         while let Some(event) = self.reconstruction.training.as_mut().and_then(|t| t.task.poll()) {
             match event {
-                TaskEvent::Progress(_) => {}
+                TaskEvent::Progress(_) => {
+                    if let Some(training) = &mut self.reconstruction.training {
+                        training.note_pace();
+                    }
+                }
                 TaskEvent::Update(TrainNews::Step(step, terms)) => {
                     if let Some(training) = &mut self.reconstruction.training {
                         training.curve.push(step, terms);
@@ -61,6 +65,10 @@ impl Shared {
     fn end_training(&mut self, result: Result<PathBuf>, ctx: &Context) {
         let shows_preview = self.is_reconstructing() && self.info().is_some_and(|i| i.has_reconstruction);
         let Some(training) = self.reconstruction.training.take() else { return };
+        let pixels = self.info().filter(|i| training.is_about(i)).map(|i| (i.width * i.height).max(1));
+        if let Some((seconds, pixels)) = training.seconds_per_step.zip(pixels) {
+            self.preferences.seconds_per_step_and_pixel = Some(seconds / pixels as f64);
+        }
         let is_lost = !matches!(result, Ok(_) | Err(Error::Cancelled));
         if training.closing_since.is_some() && !is_lost {
             ctx.send_viewport_cmd(egui::ViewportCommand::Close);

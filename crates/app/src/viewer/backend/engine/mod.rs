@@ -6,7 +6,9 @@ mod scene;
 mod training;
 
 use crate::viewer::backend::{
-    Backend, Checked, Demo, FrameSource, TrainNews, TrainRequest, task::TaskContext,
+    Backend, Checked, Demo, FrameSource, TrainNews, TrainRequest,
+    paths::{self, PathAsk, Picked},
+    task::TaskContext,
 };
 use crate::{
     engine::{Engine, EngineOptions, Negatives},
@@ -43,6 +45,10 @@ impl Backend for EngineBackend {
             require_for(&Work::Reading(material.sequence()))?;
             Ok(Box::new(RecordingSource::new(&material, path.to_owned())))
         }
+    }
+
+    fn pick(&self, ask: &PathAsk) -> Picked {
+        paths::pick(ask)
     }
 
     fn check(&self, path: &Path, task: &TaskContext) -> Result<Checked> {

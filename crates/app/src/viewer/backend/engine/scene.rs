@@ -13,6 +13,7 @@ use surgtpgs_core::{
     files::full_path,
     grid::{Grid, Mask},
     raster::FrameClock,
+    scene::Scene,
     sequence::Sequence,
 };
 use surgtpgs_render::Wanted;
@@ -60,6 +61,8 @@ impl SceneSource {
             has_original: engine.sequence().is_some(),
             original_missing: engine.recording_missing().map(str::to_owned),
             has_reconstruction: true,
+            learned: learned(scene),
+            has_measured_depth: engine.depth_origin().is_measured(),
             has_features: scene.codec.is_some(),
             has_labels: engine.sequence().is_some_and(|s| !s.classes().is_empty()),
             example_prompts: examples(scene.classes.iter().map(|(class, _)| class.name.as_str())),
@@ -188,6 +191,12 @@ impl FrameSource for SceneSource {
     }
 }
 
+/// Returns the share of its training that a scene has had, 0–1; 1 where nothing is known.
+fn learned(scene: &Scene) -> f32 {
+    let planned = scene.provenance.settings.get("iterations").and_then(serde_json::Value::as_u64);
+    planned.filter(|n| *n > 0).map_or(1.0, |n| (scene.provenance.steps as f32 / n as f32).min(1.0))
+}
+
 /// Returns the median depth in the middle of the picture.
 fn middle_depth(depth: &Grid<f32>) -> Option<f32> {
     let rows = depth.height / 3..(2 * depth.height).div_ceil(3);
@@ -201,6 +210,17 @@ fn middle_depth(depth: &Grid<f32>) -> Option<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_scene_that_was_stopped_early_knows_it() {
+        let mut scene = surgtpgs_core::stress::ordinary(4);
+        assert_eq!(learned(&scene), 1.0, "nothing is known");
+        scene.provenance.settings = serde_json::json!({ "iterations": 4000 });
+        for (steps, share) in [(1000, 0.25), (4000, 1.0), (5000, 1.0)] {
+            scene.provenance.steps = steps;
+            assert_eq!(learned(&scene), share);
+        }
+    }
 
     #[test]
     fn the_pivot_is_what_the_middle_of_the_picture_shows() {

@@ -1,0 +1,63 @@
+//! Paths that the user is asked for.
+
+use std::path::PathBuf;
+
+/// A path that is asked for.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct PathAsk {
+    pub(crate) title: String,
+    pub(crate) kind: PathKind,
+    /// Folder to begin in; `None` begins where the system likes.
+    pub(crate) folder: Option<PathBuf>,
+}
+
+/// Kind of the path that is asked for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum PathKind {
+    /// A file that exists, with one of these extensions.
+    File(&'static [&'static str]),
+    /// A folder that exists.
+    Folder,
+    /// A file to write, of this name to begin with. The text names the kind of file.
+    Save(String, &'static str),
+}
+
+/// Answer to a question for a path.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Picked {
+    Path(PathBuf),
+    /// The dialog was closed without a choice.
+    Nothing,
+    /// The system has no file dialog.
+    Unavailable,
+}
+
+/// Milliseconds within which no person closes a dialog: whatever ends sooner was never shown.
+const NEVER_SHOWN_MS: u128 = 400;
+
+/// Asks by a dialog of the system, and returns once it is closed. A native dialog may block as long as it is
+/// open.
+pub(super) fn pick(ask: &PathAsk) -> Picked {
+    let began = std::time::Instant::now();
+    let dialog = rfd::FileDialog::new().set_title(&ask.title);
+    let dialog = match &ask.folder {
+        Some(folder) => dialog.set_directory(folder),
+        None => dialog,
+    };
+    let path = match &ask.kind {
+        PathKind::File(extensions) => dialog
+            .add_filter("Reconstructions, sessions and videos", extensions)
+            .add_filter("All files", &["*"])
+            .pick_file(),
+        PathKind::Folder => dialog.pick_folder(),
+        PathKind::Save(name, what) => {
+            let extension = name.rsplit('.').next().unwrap_or_default();
+            dialog.set_file_name(name).add_filter(*what, &[extension]).save_file()
+        }
+    };
+    match path {
+        Some(path) => Picked::Path(path),
+        None if began.elapsed().as_millis() < NEVER_SHOWN_MS => Picked::Unavailable,
+        None => Picked::Nothing,
+    }
+}

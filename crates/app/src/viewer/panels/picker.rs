@@ -1,0 +1,165 @@
+//! The window's own dialog for paths: a field to type in, and the contents of a folder. It serves where the
+//! system has no file dialog.
+
+use crate::viewer::{
+    action::Action,
+    backend::{
+        paths::{PathAsk, PathKind},
+        task::{Task, TaskEvent},
+    },
+    panels::widgets::{caption, dialog, main_button},
+    shared::Shared,
+    theme,
+};
+use egui::{Button, Context, Key, RichText, ScrollArea, TextEdit, Ui, vec2};
+use std::path::{Path, PathBuf};
+
+/// Number of entries of a folder that are shown.
+const MAX_ENTRIES: usize = 2000;
+
+/// A file or folder in a list.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Entry {
+    /// `false` for folders, which come first.
+    is_file: bool,
+    name: String,
+}
+
+/// The dialog.
+#[derive(Default)]
+pub(crate) struct Picker {
+    /// Path being typed.
+    typed: String,
+    /// Folder whose contents are listed.
+    folder: PathBuf,
+    entries: Vec<Entry>,
+    listing: Option<Task<Vec<Entry>>>,
+    is_open: bool,
+}
+
+impl Picker {
+    /// Shows the dialog, if a path is asked for.
+    pub(crate) fn ui(&mut self, ctx: &Context, shared: &Shared, actions: &mut Vec<Action>) {
+        let Some(ask) = &shared.opening.asked else {
+            *self = Self::default();
+            return;
+        };
+        if !std::mem::replace(&mut self.is_open, true) {
+            self.begin(ask, ctx);
+        }
+        if let Some(TaskEvent::Done(listed)) = self.listing.as_mut().and_then(Task::poll) {
+            (self.listing, self.entries) = (None, listed.unwrap_or_default());
+        }
+        let ((chosen, is_cancelled), is_closed) =
+            dialog(ctx, "picker", 620.0, |ui| self.contents_ui(ui, ask));
+        if let Some(path) = chosen {
+            actions.push(Action::Pick(path, ask.kind.clone()));
+        } else if is_cancelled || is_closed {
+            actions.push(Action::PickNothing);
+        }
+    }
+
+    fn begin(&mut self, ask: &PathAsk, ctx: &Context) {
+        let start = ask.folder.clone().or_else(dirs::home_dir).unwrap_or_else(|| PathBuf::from("/"));
+        self.enter(start, ctx);
+        if let PathKind::Save(name, _) = &ask.kind {
+            self.typed = self.folder.join(name).display().to_string();
+        }
+    }
+
+    /// Lists the contents of a folder, on a thread of its own.
+    fn enter(&mut self, folder: PathBuf, ctx: &Context) {
+        self.typed = folder.display().to_string();
+        let at = folder.clone();
+        self.listing = Some(Task::start("list", ctx, move |_| Ok(list(&at))));
+        (self.folder, self.entries) = (folder, Vec::new());
+    }
+
+    /// Shows the dialog; returns the chosen path, and `true` if the dialog is to be closed.
+    fn contents_ui(&mut self, ui: &mut Ui, ask: &PathAsk) -> (Option<PathBuf>, bool) {
+        ui.heading(&ask.title);
+        let field = TextEdit::singleline(&mut self.typed).desired_width(f32::INFINITY);
+        let field = ui.add(field.hint_text("Path").return_key(None));
+        field.ctx.accesskit_node_builder(field.id, |node| node.set_label("Path"));
+        let is_entered = field.has_focus() && ui.input(|i| i.key_pressed(Key::Enter));
+        let typed = PathBuf::from(self.typed.trim());
+        let (mut chosen, mut entered) = (None, None);
+        ui.horizontal(|ui| {
+            let up = self.folder.parent().map(Path::to_owned);
+            if ui.add_enabled(up.is_some(), Button::new("Folder above")).clicked() {
+                entered = up;
+            }
+            ui.add(egui::Label::new(caption(self.folder.display().to_string())).truncate());
+        });
+        let height = (ui.ctx().content_rect().height() - 300.0).clamp(60.0, 360.0);
+        ScrollArea::vertical().max_height(height).min_scrolled_height(height).auto_shrink(false).show(
+            ui,
+            |ui| {
+                for entry in &self.entries {
+                    let path = self.folder.join(&entry.name);
+                    if !is_wanted(entry, &path, &ask.kind) {
+                        continue;
+                    }
+                    let name = if entry.is_file { entry.name.clone() } else { format!("{}/", entry.name) };
+                    let button =
+                        Button::new(name).truncate().frame(false).min_size(vec2(ui.available_width(), 28.0));
+                    if ui.add(button).clicked() {
+                        if entry.is_file { chosen = Some(path) } else { entered = Some(path) }
+                    }
+                }
+            },
+        );
+        if let Some(why) = problem(&typed, &ask.kind) {
+            ui.label(RichText::new(why).font(theme::small()).color(theme::TEXT_WEAK));
+        }
+        let is_ready = problem(&typed, &ask.kind).is_none();
+        let verb = if matches!(ask.kind, PathKind::Save(..)) { "Save" } else { "Open" };
+        let is_cancelled = ui.horizontal(|ui| {
+            if ui.add_enabled(is_ready, main_button(verb)).clicked() || (is_ready && is_entered) {
+                chosen = Some(typed.clone());
+            }
+            ui.button("Cancel").clicked()
+        });
+        if is_entered && typed.is_dir() && chosen.is_none() {
+            entered = Some(typed);
+        }
+        if let Some(folder) = entered {
+            self.enter(folder, ui.ctx());
+        }
+        (chosen, is_cancelled.inner)
+    }
+}
+
+/// Returns `true` for entries that lead to what is asked for.
+fn is_wanted(entry: &Entry, path: &Path, kind: &PathKind) -> bool {
+    let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    match kind {
+        _ if !entry.is_file => true,
+        PathKind::File(extensions) => extensions.contains(&&*extension),
+        PathKind::Folder | PathKind::Save(..) => false,
+    }
+}
+
+/// Says why a path cannot be chosen; `None` if it can.
+fn problem(path: &Path, kind: &PathKind) -> Option<&'static str> {
+    match kind {
+        PathKind::File(_) if !path.exists() => Some("There is no such file."),
+        PathKind::Folder if !path.is_dir() => Some("There is no such folder."),
+        PathKind::Save(..) if path.is_dir() => Some("Type a name for the file behind the folder."),
+        PathKind::Save(..) if !path.parent().is_some_and(Path::is_dir) => Some("There is no such folder."),
+        _ => None,
+    }
+}
+
+/// Lists the contents of a folder without hidden entries: folders first, each in the order of names.
+fn list(folder: &Path) -> Vec<Entry> {
+    let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
+    let entry = |entry: std::fs::DirEntry| {
+        let is_file = !entry.path().is_dir();
+        Entry { is_file, name: entry.file_name().to_string_lossy().into_owned() }
+    };
+    let mut entries: Vec<Entry> =
+        entries.flatten().map(entry).filter(|e| !e.name.starts_with('.')).take(MAX_ENTRIES).collect();
+    entries.sort();
+    entries
+}

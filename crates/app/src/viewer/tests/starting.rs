@@ -1,0 +1,132 @@
+//! Tests of the start page, and of the ways to choose a path.
+
+use super::*;
+use crate::viewer::{
+    ViewerInput,
+    command::Command,
+    state::{content::Bookmark, session::Session},
+};
+
+/// Opens a window that nothing was opened in, with the notice read.
+fn bare() -> Window {
+    let mut window = Window::with(Arc::new(FakeBackend { info: scene(), ..Default::default() }));
+    let shared = &mut window.harness.state_mut().shared;
+    shared.preferences.is_acknowledged = true;
+    shared.opening.demo_folder = Some("/data/demo".into());
+    (0..2).for_each(|_| window.harness.step());
+    window
+}
+
+fn begin(window: &mut Window, input: &ViewerInput) {
+    let ctx = window.harness.ctx.clone();
+    window.harness.state_mut().begin(input, &ctx);
+    (0..3).for_each(|_| window.harness.step());
+}
+
+#[test]
+fn the_first_start_shows_the_demo_and_calls_it_so() {
+    let mut window = bare();
+    begin(&mut window, &ViewerInput::Start);
+    window.until(|app| app.open.is_some());
+    assert!(window.shows("Demo: a made-up recording"));
+}
+
+#[test]
+fn later_starts_offer_what_was_opened_last() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = bare();
+    let preferences = &mut window.harness.state_mut().shared.preferences;
+    preferences.remember(Path::new("/data/gone.mp4"));
+    preferences.remember(folder.path());
+    begin(&mut window, &ViewerInput::Start);
+    assert!(window.harness.state().shared.open.is_none());
+    for offered in ["Open a video or a file…", "Open a folder of frames…", "See the demo", "gone.mp4"] {
+        assert!(window.shows(offered), "{offered}");
+    }
+    assert!(window.shows("not there any more"));
+    let name = folder.path().file_name().unwrap().to_string_lossy().into_owned();
+    window.harness.get_by_label_contains(&name).click();
+    window.until(|app| app.open.is_some());
+    assert!(!window.shows("Demo: a made-up recording"));
+}
+
+#[test]
+fn work_left_unsaved_is_on_the_start_page() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut session = Session::new("/data/clip.safetensors".into());
+    session.content.bookmarks = vec![Bookmark::default()];
+    session.save(&folder.path().join("0.surgtpgs")).unwrap();
+    let mut window = bare();
+    window.harness.state_mut().shared.saving.autosave = Autosave::open(Some(folder.path().to_owned()));
+    begin(&mut window, &ViewerInput::Start);
+    assert!(window.harness.state().shared.open.is_none(), "work that waits is shown before the demo");
+    assert!(window.shows("clip: 0 prompts, 1 bookmark"));
+    window.click("Restore");
+    window.until(|app| app.saving.to_apply.is_none() && app.document.bookmarks().len() == 1);
+}
+
+#[test]
+fn without_a_file_dialog_the_window_asks_itself() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir(folder.path().join("clips")).unwrap();
+    std::fs::write(folder.path().join("clips/own.mp4"), "").unwrap();
+    std::fs::write(folder.path().join("clips/notes.txt"), "").unwrap();
+    let mut window = bare();
+    window.press_with(Modifiers::COMMAND, Key::O);
+    window.until(|app| app.opening.asked.is_some());
+    let shared = &mut window.harness.state_mut().shared;
+    let ask = shared.opening.asked.take().unwrap();
+    window.harness.step();
+    // Once more, in a folder that the test knows.
+    let ask = PathAsk { folder: Some(folder.path().to_owned()), ..ask };
+    window.harness.state_mut().shared.opening.asked = Some(ask);
+    window.until_shown("clips/");
+    (0..3).for_each(|_| window.harness.step());
+    window.click("clips/");
+    window.until_shown("own.mp4");
+    assert!(!window.shows("notes.txt"), "what cannot be opened is not offered");
+    window.click("own.mp4");
+    window.until(|app| app.info().is_some_and(|i| i.path.ends_with("clips/own.mp4")));
+    assert!(window.harness.state().shared.opening.asked.is_none());
+}
+
+#[test]
+fn a_session_can_be_saved_without_a_file_dialog_and_the_window_says_where() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = Window::on(Info { output_folder: folder.path().to_owned(), ..scene() });
+    window.add_prompt("liver");
+    window.press_with(Modifiers::COMMAND, Key::S);
+    window.until(|app| app.opening.asked.is_some());
+    (0..3).for_each(|_| window.harness.step());
+    window.click("Save");
+    window.harness.step();
+    assert!(window.shows("Saved as clip.surgtpgs"));
+    assert!(Session::load(&folder.path().join("clip.surgtpgs")).is_ok());
+}
+
+#[test]
+fn what_the_systems_dialog_returns_is_opened_and_closing_it_does_nothing() {
+    let mut window = bare();
+    *window.backend.picked.lock().unwrap() = Some(Picked::Nothing);
+    window.click("Open a video or a file…");
+    window.until(|app| app.opening.picking.is_none());
+    assert!(window.harness.state().shared.opening.asked.is_none());
+    *window.backend.picked.lock().unwrap() = Some(Picked::Path("/data/clip.mp4".into()));
+    window.click("Open a video or a file…");
+    window.until(|app| app.info().is_some_and(|i| i.path == Path::new("/data/clip.mp4")));
+}
+
+#[test]
+fn the_start_page_is_one_command_away_and_loses_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = Window::on(scene());
+    window.harness.state_mut().shared.saving.autosave = Autosave::open(Some(folder.path().to_owned()));
+    window.add_prompt("liver");
+    let ctx = window.harness.ctx.clone();
+    window.harness.state_mut().shared.run(Command::StartPage.into(), &ctx);
+    (0..3).for_each(|_| window.harness.step());
+    assert!(window.harness.state().shared.open.is_none());
+    assert!(window.shows("Open a video or a file…") && window.shows("clip: 1 prompt, 0 bookmarks"));
+    window.click("Restore");
+    window.until(|app| app.document.prompts().len() == 1);
+}
