@@ -41,8 +41,8 @@ const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("SURGTPGS_CO
 /// See a deforming reconstruction of a recorded endoscopic clip, ask it for structures by name,
 /// export masked frames.
 ///
-/// Without a verb: the viewer, on PATH if one is given. With no display, the demo's job into `surgtpgs-demo/`.
-/// Research use only. Not for diagnostic or intra-operative use.
+/// Without a verb: the viewer, on PATH if one is given. With no display, the demo's job into
+/// `surgtpgs-demo/`. Research use only. Not for diagnostic or intra-operative use.
 #[derive(Debug, Parser)]
 #[command(name = "surgtpgs", version = VERSION, about, max_term_width = 110, disable_help_subcommand = true)]
 #[command(after_help = "Exit codes: 0 done, 1 the input is wrong, 2 usage, 3 the machine lacks something.")]

@@ -1,13 +1,13 @@
 //! Takes the keys of commands out of the input before egui sees them.
 //!
 //! A modal dialog owns all keys. A focused text field owns all but the Ctrl chords and function keys of
-//! [`Scope::Always`]; an empty prompt box also leaves the arrows, Home and End to the picture. Another focused
-//! widget owns the arrows, Home, End, Enter, Space and Esc. All other keys belong to the viewport. egui itself
-//! would move the focus by the arrows, therefore this happens before the pass begins.
+//! [`Scope::Always`]; an empty prompt box also leaves the arrows, Home and End to the picture. Another
+//! focused widget owns the arrows, Home, End, Enter, Space and Esc. All other keys belong to the viewport.
+//! egui itself would move the focus by the arrows, therefore this happens before the pass begins.
 //!
-//! One batch of input may hold keys for two owners, such as "/fat" typed fast: a command that opens the prompt
-//! box, and a word. Everything typed behind a key that may move the focus waits for the next pass, when it is
-//! known who owns it.
+//! One batch of input may hold keys for two owners, such as "/fat" typed fast: a command that opens the
+//! prompt box, and a word. Everything typed behind a key that may move the focus waits for the next pass,
+//! when it is known who owns it.
 
 use crate::viewer::{
     command::{Command, Entry, Invocation, Scope, keys, takes_keyboard},

@@ -1,5 +1,5 @@
-//! The bottom line: the limits of the intended use, values under the pointer, and engineering figures behind a
-//! button.
+//! The bottom line: the limits of the intended use, values under the pointer, and engineering figures behind
+//! a button.
 
 use crate::viewer::{
     panels::{room::Room, widgets::caption},

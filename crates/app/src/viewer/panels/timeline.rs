@@ -30,7 +30,8 @@ pub(crate) fn timeline_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action
     });
 }
 
-/// Shows the buttons of a player. Where there is little room, those that the Time menu has, too, are left out.
+/// Shows the buttons of a player. Where there is little room, those that the Time menu has, too, are left
+/// out.
 fn buttons_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, room: Room) {
     let is_playing = shared.playback.is_playing();
     let frame = shared.playback.frame();

@@ -177,7 +177,8 @@ pub(crate) fn choice<T: Copy + PartialEq>(ui: &mut Ui, value: &mut T, options: &
 const FRAME: f32 = 18.0;
 
 /// Shows a dialog over the window, which can be scrolled where the window is small. The window is dimmed and
-/// does not react meanwhile. Returns the result of `content`, and `true` if Esc or a click beside the dialog closes it.
+/// does not react meanwhile. Returns the result of `content`, and `true` if Esc or a click beside the dialog
+/// closes it.
 pub(crate) fn dialog<T>(
     ctx: &egui::Context,
     name: &'static str,

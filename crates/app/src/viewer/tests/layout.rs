@@ -1,5 +1,5 @@
-//! Test of the layout: every state of the window, at six sizes and three sizes of text. No two texts cover each
-//! other, none is cut off at its side, and everything that is pressed can be reached.
+//! Test of the layout: every state of the window, at six sizes and three sizes of text. No two texts cover
+//! each other, none is cut off at its side, and everything that is pressed can be reached.
 
 use super::*;
 use crate::viewer::{command::Command, state::session::Session};
