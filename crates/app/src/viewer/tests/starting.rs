@@ -32,6 +32,17 @@ fn the_first_start_shows_the_demo_and_calls_it_so() {
 }
 
 #[test]
+fn a_window_with_a_place_on_the_screen_is_drawn_and_its_size_kept() {
+    let mut window = bare();
+    let viewport = window.harness.input_mut().viewports.get_mut(&egui::ViewportId::ROOT).unwrap();
+    viewport.inner_rect = Some(egui::Rect::from_min_size(egui::pos2(40.0, 20.0), egui::vec2(1000.0, 700.0)));
+    window.harness.step();
+    let ctx = window.harness.ctx.clone();
+    let shared = &window.harness.state().shared;
+    assert_eq!(shared.window_size, Some([1000.0, 700.0].map(|side| side * ctx.zoom_factor())));
+}
+
+#[test]
 fn later_starts_offer_what_was_opened_last() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = bare();

@@ -168,10 +168,12 @@ impl Shared {
 
     /// Remembers the size of the window, for the next start.
     pub(crate) fn keep_window_size(&mut self, ctx: &Context) {
+        // Before the input is locked, which the zoom would wait for.
+        let zoom = ctx.zoom_factor();
         let (size, is_usual) = ctx.input(|i| {
             let viewport = i.viewport();
             let is_special = viewport.fullscreen == Some(true) || viewport.maximized == Some(true);
-            (viewport.inner_rect.map(|rect| rect.size() * ctx.zoom_factor()), !is_special)
+            (viewport.inner_rect.map(|rect| rect.size() * zoom), !is_special)
         });
         if let Some(size) = size.filter(|_| is_usual) {
             self.window_size = Some(size.into());
