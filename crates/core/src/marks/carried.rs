@@ -30,8 +30,6 @@ const DIFFERENCE: f32 = 8.0;
 const COMPARED_PX: usize = 2;
 /// Weight of pixels of a marked frame that are not marked themselves.
 const UNMARKED: f32 = 0.3;
-/// Distance from the nearest marked frame at which doubt counts half, frames: marks beside marks help little.
-const BESIDE: f32 = 6.0;
 /// Shortest side of pictures that are looked at, px; smaller ones are left to the Gaussians.
 const SMALLEST: usize = 4;
 /// Marked frames that are kept at most.
@@ -72,7 +70,7 @@ pub struct LookHere {
     pub frame: usize,
     /// The middle of the most doubtful area on it, px.
     pub point_px: [f32; 2],
-    /// Mean doubt inside the field of view, 0–1; less beside marked frames.
+    /// Mean doubt inside the field of view, 0–1.
     pub doubt: f32,
 }
 
@@ -270,15 +268,13 @@ impl Carried {
         }
     }
 
-    /// Returns the place where one more mark would help most: on the frame with most doubt, further away from
-    /// marked frames rather than beside them. `None` if every frame is marked.
+    /// Returns the place where one more mark would help most: on the frame with most pixels in doubt, without
+    /// those that are marked. `None` if every frame is marked.
     pub fn look_here(&mut self, scene: &Scene, pictures: &mut Pictures<'_>) -> Result<Option<LookHere>> {
         let mut best: Option<LookHere> = None;
         for frame in (0..scene.num_frames()).filter(|f| !self.evidence.contains_key(f)).collect::<Vec<_>>() {
             let doubt = self.on_frame(scene, frame, pictures)?.doubt;
-            let mut here = most_doubtful(frame, &doubt, &scene.field_of_view);
-            let away = self.evidence.keys().map(|marked| marked.abs_diff(frame) as f32).reduce(f32::min);
-            here.doubt *= away.map_or(1.0, |away| away / (away + BESIDE));
+            let here = most_doubtful(frame, &doubt, &scene.field_of_view);
             if best.as_ref().is_none_or(|best| here.doubt > best.doubt) {
                 best = Some(here);
             }

@@ -17,31 +17,19 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    /// Sums up the marks on a frame. `names` are those that count, in the order of the verdicts. A name that
-    /// is marked by closed shapes alone is not shown outside of them.
+    /// Sums up the marks on a frame. `names` are those that count, in the order of the verdicts.
     pub fn of(marks: &Marks, frame: usize, names: &[String], [width, height]: [usize; 2]) -> Self {
-        let (num_names, pixels) = (names.len(), width * height);
-        // Votes of closed shapes, and of clicks and strokes.
-        let mut votes = [vec![0_i32; pixels * num_names], vec![0_i32; pixels * num_names]];
+        let num_names = names.len();
+        let mut votes = vec![0_i32; width * height * num_names];
         for mark in marks.on(frame) {
             let Some(k) = names.iter().position(|name| *name == mark.name) else { continue };
             let vote = if mark.add { 1 } else { -1 };
-            let votes = &mut votes[usize::from(!mark.shape.is_closed())];
-            let marked = mark.shape.pixels(width, height);
-            for (i, _) in marked.data.iter().enumerate().filter(|(_, is_marked)| **is_marked) {
+            let pixels = mark.shape.pixels(width, height);
+            for (i, _) in pixels.data.iter().enumerate().filter(|(_, is_marked)| **is_marked) {
                 votes[i * num_names + k] += vote;
             }
         }
-        let [closed, open] = votes;
-        let shows = |votes: &[i32], k: usize| votes.iter().skip(k).step_by(num_names).any(|v| *v > 0);
-        let is_whole: Vec<bool> = (0..num_names).map(|k| shows(&closed, k) && !shows(&open, k)).collect();
-        let verdict = |(i, (closed, open)): (usize, (&i32, &i32))| match (closed + open).signum() {
-            // The outlines of a name are all that a frame shows of it.
-            0 if is_whole[i % num_names] => -1,
-            sign => sign as i8,
-        };
-        let verdicts = closed.iter().zip(&open).enumerate().map(verdict).collect();
-        Self { frame, verdicts, num_names }
+        Self { frame, verdicts: votes.iter().map(|v| v.signum() as i8).collect(), num_names }
     }
 
     /// Sums up all marks, by frame: those frames on which they say something.

@@ -72,11 +72,6 @@ impl Shape {
         }
     }
 
-    /// Returns `true` for an outline of something, `false` for a touch of it.
-    pub(super) fn is_closed(&self) -> bool {
-        matches!(self, Self::Polygon { .. } | Self::Box { .. } | Self::Mask(_))
-    }
-
     /// Returns the shape as text; equal shapes have equal texts.
     pub(super) fn written(&self) -> String {
         match self {

@@ -45,8 +45,6 @@ const MANY: f32 = 200.0;
 
 /// Power of likeness: names whose examples are hardly further away do not share a thing.
 const CERTAIN: i32 = 3;
-/// Likeness of nothing: what is less like the examples of every name is a hint on none.
-const NOTHING: f32 = 0.1;
 /// Part of all shares from which on a thing clearly belongs to a name.
 const CLEAR: f32 = 0.8;
 
@@ -54,7 +52,7 @@ const CLEAR: f32 = 0.8;
 pub(super) struct Hints {
     /// Likeness to the examples of each name to the power of [`CERTAIN`], [names][things].
     likeness: Vec<Vec<f32>>,
-    /// Largest likeness of each thing, and the sum of `likeness` over the names; nothing is one of them.
+    /// Largest likeness of each thing, and the sum of `likeness` over the names.
     largest: Vec<f32>,
     sums: Vec<f32>,
 }
@@ -79,11 +77,10 @@ impl Hints {
         };
         let likeness: Vec<Vec<f32>> = (0..seeds.weights.len()).map(of_name).collect();
         let largest =
-            (0..links.len()).map(|i| likeness.iter().map(|plane| plane[i]).fold(NOTHING, f32::max)).collect();
+            (0..links.len()).map(|i| likeness.iter().map(|plane| plane[i]).fold(0.0, f32::max)).collect();
         let certain = |plane: Vec<f32>| plane.into_iter().map(|v| v.powi(CERTAIN)).collect();
         let likeness: Vec<Vec<f32>> = likeness.into_iter().map(certain).collect();
-        let sum = |i: usize| likeness.iter().map(|plane| plane[i]).sum::<f32>() + NOTHING.powi(CERTAIN);
-        let sums = (0..links.len()).map(sum).collect();
+        let sums = (0..links.len()).map(|i| likeness.iter().map(|plane| plane[i]).sum()).collect();
         Self { likeness, largest, sums }
     }
 }
@@ -115,7 +112,7 @@ impl<'a> System<'a> {
         {
             let weight = HINT * hints.largest[i];
             self.diagonal[i] += weight;
-            self.right[i] += weight * likeness / hints.sums[i];
+            self.right[i] += weight * likeness / hints.sums[i].max(f32::MIN_POSITIVE);
         }
     }
 

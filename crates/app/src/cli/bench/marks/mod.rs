@@ -223,8 +223,8 @@ impl Bench {
         self.measured(way, &[marked], found)
     }
 
-    /// Strokes first; then, on the frame that most doubt is on, the class with most wrong pixels is outlined, and
-    /// so on.
+    /// Strokes first; then, on the frame that most doubt is on, the largest wrong part of every class is painted
+    /// over, and so on.
     fn corrected(&self, middle: usize, add: &mut dyn FnMut(Outcome)) -> Result<()> {
         let mut marks = self.marks(Rule::Stroke, &[middle])?;
         for correction in 1..=CORRECTIONS {
@@ -233,26 +233,28 @@ impl Bench {
             let here = carried.look_here(&self.scene, &mut |i| self.sequence.frame(i))?;
             let Some(here) = here else { break };
             let scores = self.scores(&mut carried, here.frame)?;
-            marks.extend(self.outlined(&carried, &scores, here.frame)?);
+            marks.extend(self.painted_over(&carried, &scores, here.frame)?);
             let way = format!("one stroke per class, {correction} corrections");
             add(self.by_marks(&way, &Marks::new(marks.clone(), &self.canvas)?, CarrySettings::default())?);
         }
         Ok(())
     }
 
-    /// Returns an outline of the class that most pixels are wrong of.
-    fn outlined(&self, carried: &Carried, scores: &[Grid<f32>], frame: usize) -> Result<Option<Mark>> {
+    /// Returns marks of the missing part of every class on a frame.
+    fn painted_over(&self, carried: &Carried, scores: &[Grid<f32>], frame: usize) -> Result<Vec<Mark>> {
         let keep = self.sequence.mask(frame)?;
-        let wrong = |(class, truth): (&Class, Mask)| {
+        let mut marks = Vec::new();
+        for (class, truth) in self.classes.iter().zip(self.truth(frame)?) {
             let place = carried.names().iter().position(|name| *name == class.name);
-            let found = |i: usize| place.is_some_and(|k| scores[k].data[i] > 0.5);
-            let wrong =
-                (0..truth.data.len()).filter(|i| keep.data[*i] && found(*i) != truth.data[*i]).count();
-            (wrong, class.name.clone(), truth)
-        };
-        let classes = self.classes.iter().zip(self.truth(frame)?).filter(|(_, truth)| truth.count() > 0);
-        let worst = classes.map(wrong).max_by_key(|(wrong, ..)| *wrong);
-        Ok(worst.map(|(_, name, truth)| Mark::new(frame, &name, true, Shape::Mask(Arc::new(truth)))))
+            let is_missing =
+                |i: usize| truth.data[i] && keep.data[i] && place.is_none_or(|k| scores[k].data[i] <= 0.5);
+            let missing =
+                Mask::from_vec(truth.width, truth.height, (0..truth.data.len()).map(is_missing).collect());
+            if missing.count() > 0 {
+                marks.push(Mark::new(frame, &class.name, true, Shape::Mask(Arc::new(missing))));
+            }
+        }
+        Ok(marks)
     }
 }
 
