@@ -17,6 +17,7 @@ mod tests;
 mod ways;
 
 pub use between::{Between, Colour, Timed, arriving, arriving_mask, between, ways_around};
+pub(crate) use pyramid::around;
 pub use ways::{halved, joined, luma, mended};
 
 use crate::grid::Grid;

@@ -54,7 +54,7 @@ pub(super) fn value_at<const N: usize>(image: &Grid<[f32; N]>, position: [f32; 2
 }
 
 /// Offsets of the four pixels around a position in px, and their shares.
-pub(super) fn around(width: usize, height: usize, position: [f32; 2]) -> ([usize; 4], [f32; 4]) {
+pub(crate) fn around(width: usize, height: usize, position: [f32; 2]) -> ([usize; 4], [f32; 4]) {
     let ends = [width - 1, height - 1];
     // `max` returns the number if the other is NaN.
     let [x, y] = std::array::from_fn(|k| position[k].max(0.0).min(ends[k] as f32));

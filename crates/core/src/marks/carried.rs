@@ -12,7 +12,7 @@ use super::{
 use crate::{
     Result,
     camera::Camera,
-    flow::{Vector, halved, luma},
+    flow::{Vector, around, halved, luma},
     grid::{Grid, Mask},
     scene::Scene,
 };
@@ -349,19 +349,13 @@ fn box_means(values: &[f32], width: usize, height: usize) -> Vec<f32> {
 
 /// Adds weight · marked(x + way) to every pixel x.
 fn add_seen(plane: &mut [f32], marked: &[f32], way: &Grid<Vector>, weights: &Grid<f32>) {
-    let (width, height) = (way.width, way.height);
+    let width = way.width;
     for (i, value) in plane.iter_mut().enumerate() {
         let [u, v] = way.data[i];
-        // `max` returns the number if the other is NaN.
-        let x = ((i % width) as f32 + u).max(0.0).min((width - 1) as f32);
-        let y = ((i / width) as f32 + v).max(0.0).min((height - 1) as f32);
-        let (left, top) = (x as usize, y as usize);
-        let (right, bottom) = ((left + 1).min(width - 1), (top + 1).min(height - 1));
-        let (across, down) = (x - left as f32, y - top as f32);
-        let at = |x: usize, y: usize| marked[y * width + x];
-        let upper = at(left, top) + across * (at(right, top) - at(left, top));
-        let lower = at(left, bottom) + across * (at(right, bottom) - at(left, bottom));
-        *value += weights.data[i] * (upper + down * (lower - upper));
+        let place = [(i % width) as f32 + u, (i / width) as f32 + v];
+        let (offsets, parts) = around(width, way.height, place);
+        let seen: f32 = offsets.iter().zip(parts).map(|(offset, part)| part * marked[*offset]).sum();
+        *value += weights.data[i] * seen;
     }
 }
 

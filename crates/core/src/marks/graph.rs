@@ -15,6 +15,7 @@ const NEIGHBOURS: usize = 12;
 const PLACE_PX: f32 = 8.0;
 /// Difference of the square roots of colours, of 0 to 1, that does so. Roots tell dark tissue apart.
 const COLOUR: f32 = 0.05;
+
 /// Neighbours of each Gaussian, with weights of 0 to 1. Symmetric.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Graph {
