@@ -80,6 +80,8 @@ pub struct Carried {
     settings: CarrySettings,
     /// Marks by frame: those frames on which marks say something.
     evidence: BTreeMap<usize, Evidence>,
+    /// The same of the marks that grow.
+    growing: BTreeMap<usize, Evidence>,
     /// Share of each name in each Gaussian, [names][Gaussians].
     shares: Vec<Vec<f32>>,
     /// Marked frames that were needed last.
@@ -90,10 +92,53 @@ pub struct Carried {
 struct MarkedFrame {
     luma: Grid<f32>,
     trail: Trail,
-    /// [names][pixels].
-    shares: Vec<Vec<f32>>,
+    /// Shares as its own marks tell, [names][pixels].
+    own: Vec<Vec<f32>>,
+    /// The same with what the marks of the frames beside it tell, once that was asked.
+    told: Option<Vec<Vec<f32>>>,
     /// Weight of each pixel: 1 if it is marked.
     weights: Vec<f32>,
+}
+
+impl MarkedFrame {
+    fn own(&self) -> &[Vec<f32>] {
+        &self.own
+    }
+
+    /// Shares with what the frames beside it tell, if that was asked.
+    fn told(&self) -> &[Vec<f32>] {
+        self.told.as_ref().unwrap_or(&self.own)
+    }
+
+    /// Weight of this frame at each pixel of another one, from where `way` leads here; `of` is that of a pixel
+    /// here if both look the same.
+    fn weights_along(
+        &self,
+        way: &Grid<Vector>,
+        luma: &Grid<f32>,
+        field_of_view: &Mask,
+        of: impl Fn(f32) -> f32 + Sync,
+    ) -> Grid<f32> {
+        let mut weights = likeness(luma, &self.luma, way, field_of_view);
+        weights.data.par_iter_mut().with_min_len(4096).enumerate().for_each(|(i, weight)| {
+            *weight *= place(way, i).map_or(0.0, |at| of(self.weights[at]));
+        });
+        weights
+    }
+
+    /// Mixes the shares of unmarked pixels with those of marked pixels of another frame, looked up along
+    /// `way`.
+    fn hear(&self, shares: &mut [Vec<f32>], other: &Self, way: &Grid<Vector>, field_of_view: &Mask) {
+        let marked = |weight: f32| if weight > UNMARKED { weight } else { 0.0 };
+        let mut weights = other.weights_along(way, &self.luma, field_of_view, marked);
+        weights.data.iter_mut().zip(&self.weights).for_each(|(w, own)| {
+            *w = if *own > UNMARKED { 0.0 } else { *w / (UNMARKED + *w) };
+        });
+        shares.par_iter_mut().zip(&other.own).for_each(|(plane, other)| {
+            plane.iter_mut().zip(&weights.data).for_each(|(v, w)| *v *= 1.0 - w);
+            add_seen(plane, other, way, &weights);
+        });
+    }
 }
 
 /// Returns the picture of a frame: the recorded one, or the reconstruction of it.
@@ -104,12 +149,13 @@ impl Carried {
     pub fn new(scene: &Scene, graph: &Graph, marks: &Marks, settings: CarrySettings) -> Self {
         let names = marks.names();
         let evidence = Evidence::of_all(marks, &names, scene);
+        let growing = Evidence::of_all(&marks.growing(), &names, scene);
         let seeds = Seeds::of(scene, names.len(), evidence.values());
         let hints = Hints::of(&graph.links, &seeds, &[]);
         let mut shares = spread(&graph.links, &seeds, None, PULL, Some(&hints));
         // The solver stops a little beside the solution.
         shares.iter_mut().flatten().for_each(|share| *share = share.max(0.0));
-        Self { names, settings, evidence, shares, known: BTreeMap::new() }
+        Self { names, settings, evidence, growing, shares, known: BTreeMap::new() }
     }
 
     /// Returns the names, in the order of the scores.
@@ -143,8 +189,10 @@ impl Carried {
         let picture = pictures(frame)?;
         let mut shares = self.blended(&Seen::at_half(scene, frame));
         if self.settings.looks_up {
-            let marked = self.nearest(frame, |_| true);
-            self.look_up(scene, frame, &marked, &halved(&luma(&picture)), &mut shares, pictures)?;
+            let marked = self.nearest(frame);
+            marked.iter().try_for_each(|marked| self.tell(scene, *marked, pictures))?;
+            let here = (frame, &halved(&luma(&picture)));
+            self.look_up(scene, here, &marked, MarkedFrame::told, &mut shares, pictures)?;
             self.forget_far(frame);
         }
         let mut shares = self.refined(picture, shares);
@@ -184,20 +232,17 @@ impl Carried {
         planes
     }
 
-    /// Mixes the shares of a frame with those of marked frames, looked up from it.
+    /// Mixes the shares of a frame with those of marked frames (`shares_of` them), looked up from it.
     fn look_up(
         &mut self,
         scene: &Scene,
-        frame: usize,
+        (frame, luma_here): (usize, &Grid<f32>),
         marked: &[usize],
-        luma_here: &Grid<f32>,
+        shares_of: fn(&MarkedFrame) -> &[Vec<f32>],
         shares: &mut [Vec<f32>],
         pictures: &mut Pictures<'_>,
     ) -> Result<()> {
-        for marked in marked {
-            self.know(scene, *marked, pictures)?;
-        }
-        let field_of_view = scene.field_of_view.sampled(luma_here.width, luma_here.height);
+        marked.iter().try_for_each(|marked| self.know(scene, *marked, pictures))?;
         let mut total = vec![GAUSSIANS; luma_here.data.len()];
         shares.iter_mut().flatten().for_each(|v| *v *= GAUSSIANS);
         // The nearer of two weighs more.
@@ -207,8 +252,8 @@ impl Carried {
             let near = if marked.len() < 2 { 1.0 } else { 1.0 - away };
             let Some(known) = self.known.get_mut(&marked_frame) else { continue };
             let way = known.trail.way(frame, &mut |i| Ok(halved(&luma(&pictures(i)?))))?;
-            let weights = alike(luma_here, known, &way, &field_of_view, near);
-            shares.par_iter_mut().zip(&known.shares).for_each(|(plane, marked)| {
+            let weights = known.weights_along(&way, luma_here, &scene.field_of_view, |weight| near * weight);
+            shares.par_iter_mut().zip(shares_of(known)).for_each(|(plane, marked)| {
                 add_seen(plane, marked, &way, &weights);
             });
             total.iter_mut().zip(&weights.data).for_each(|(t, w)| *t += w);
@@ -218,33 +263,47 @@ impl Carried {
     }
 
     /// Returns the marked frames that a frame is compared with: the nearest one on either side, or itself.
-    fn nearest(&self, frame: usize, counts: impl Fn(&usize) -> bool) -> Vec<usize> {
-        if self.evidence.contains_key(&frame) && counts(&frame) {
+    fn nearest(&self, frame: usize) -> Vec<usize> {
+        if self.evidence.contains_key(&frame) {
             return vec![frame];
         }
-        let before = self.evidence.range(..frame).rev().map(|(f, _)| *f).find(&counts);
-        let after = self.evidence.range(frame + 1..).map(|(f, _)| *f).find(&counts);
-        before.into_iter().chain(after).filter(|marked| marked.abs_diff(frame) <= REACH).collect()
+        beside(frame, &self.evidence)
     }
 
-    /// Makes a marked frame known: spreads its marks over it, from what those frames tell of it on which more
-    /// names are marked.
+    /// Carries the marked pixels of the frames beside a marked one to it.
+    fn tell(&mut self, scene: &Scene, frame: usize, pictures: &mut Pictures<'_>) -> Result<()> {
+        self.know(scene, frame, pictures)?;
+        let Some(known) = self.known.get(&frame).filter(|known| known.told.is_none()) else { return Ok(()) };
+        let mut told = known.own.clone();
+        for other in beside(frame, &self.evidence) {
+            self.know(scene, other, pictures)?;
+            let Some(teller) = self.known.get_mut(&other) else { continue };
+            let way = teller.trail.way(frame, &mut |i| Ok(halved(&luma(&pictures(i)?))))?;
+            if let (Some(known), Some(teller)) = (self.known.get(&frame), self.known.get(&other)) {
+                known.hear(&mut told, teller, &way, &scene.field_of_view);
+            }
+        }
+        self.known.entry(frame).and_modify(|known| known.told = Some(told));
+        Ok(())
+    }
+
+    /// Makes a marked frame known: spreads the marks over it that grow, or looks up what other frames tell of
+    /// it if there are none, and sets what is marked.
     fn know(&mut self, scene: &Scene, frame: usize, pictures: &mut Pictures<'_>) -> Result<()> {
         if self.known.contains_key(&frame) {
             return Ok(());
         }
-        let rank = |f: &usize| (std::cmp::Reverse(self.evidence[f].num_shown()), *f);
-        let own = rank(&frame);
-        let better = self.nearest(frame, |f| rank(f) < own);
         let picture = pictures(frame)?;
         let luma = halved(&luma(&picture));
-        let mut before = self.blended(&Seen::at_half(scene, frame));
-        if !better.is_empty() {
-            self.look_up(scene, frame, &better, &luma, &mut before, pictures)?;
-        }
+        let spread = if let Some(growing) = self.growing.get(&frame) {
+            spread_over(&picture, &scene.field_of_view, growing, self.names.len())
+        } else {
+            let mut shares = self.blended(&Seen::at_half(scene, frame));
+            let growing = beside(frame, &self.growing);
+            self.look_up(scene, (frame, &luma), &growing, MarkedFrame::own, &mut shares, pictures)?;
+            shares
+        };
         let evidence = &self.evidence[&frame];
-        let known = (!better.is_empty()).then_some(&before[..]);
-        let spread = spread_over(&picture, &scene.field_of_view, evidence, self.names.len(), known);
         let [whole_width, whole_height] = [picture.width(), picture.height()].map(|side| side as usize);
         let mut shares = self.refined(picture, spread);
         keep_marked(evidence, &mut shares);
@@ -256,7 +315,7 @@ impl Carried {
             weights[y.min(luma.height - 1) * luma.width + x.min(luma.width - 1)] = 1.0;
         }
         let trail = Trail::new(frame, luma.clone(), self.settings.mends);
-        self.known.insert(frame, MarkedFrame { luma, trail, shares, weights });
+        self.known.insert(frame, MarkedFrame { luma, trail, own: shares, told: None, weights });
         Ok(())
     }
 
@@ -297,33 +356,37 @@ pub(super) fn keep_marked(evidence: &Evidence, shares: &mut [Vec<f32>]) {
     }
 }
 
-/// Weight of each pixel: how much a frame and a marked one, seen along `way`, look alike around it; 0 where
-/// the way leads out of the picture.
-fn alike(
-    luma: &Grid<f32>,
-    marked: &MarkedFrame,
-    way: &Grid<Vector>,
-    field_of_view: &Mask,
-    most: f32,
-) -> Grid<f32> {
+/// Returns the nearest of `frames` on either side of a frame, as far as it is looked.
+fn beside(frame: usize, frames: &BTreeMap<usize, Evidence>) -> Vec<usize> {
+    let before = frames.range(..frame).next_back();
+    let after = frames.range(frame + 1..).next();
+    let both = before.into_iter().chain(after).map(|(marked, _)| *marked);
+    both.filter(|marked| marked.abs_diff(frame) <= REACH).collect()
+}
+
+/// Returns the pixel that the way of pixel `i` leads to, if that is in the picture.
+fn place(way: &Grid<Vector>, i: usize) -> Option<usize> {
     let (width, height) = (way.width, way.height);
-    // Place that the way of pixel `i` leads to, if that is in the field of view.
-    let seen = |i: usize| {
-        let [x, y] = [(i % width) as f32 + way.data[i][0], (i / width) as f32 + way.data[i][1]];
-        let is_inside = x >= -0.5 && y >= -0.5 && x < width as f32 - 0.5 && y < height as f32 - 0.5;
-        let at = is_inside.then(|| (y + 0.5) as usize * width + (x + 0.5) as usize)?;
-        field_of_view.data.get(at).is_none_or(|v| *v).then_some(at)
-    };
+    let [x, y] = [(i % width) as f32 + way.data[i][0], (i / width) as f32 + way.data[i][1]];
+    let is_inside = x >= -0.5 && y >= -0.5 && x < width as f32 - 0.5 && y < height as f32 - 0.5;
+    is_inside.then(|| (y + 0.5) as usize * width + (x + 0.5) as usize)
+}
+
+/// Likeness of a frame and another one, seen along `way`, around each pixel, 0–1; 0 where the way leads out of
+/// the field of view.
+fn likeness(luma: &Grid<f32>, other: &Grid<f32>, way: &Grid<Vector>, field_of_view: &Mask) -> Grid<f32> {
+    let (width, height) = (way.width, way.height);
+    let field_of_view = field_of_view.sampled(width, height);
+    let seen = |i: usize| place(way, i).filter(|at| field_of_view.data.get(*at).is_none_or(|v| *v));
     let mut differences = vec![0.0; width * height];
     differences.par_iter_mut().with_min_len(4096).enumerate().for_each(|(i, d)| {
-        *d = seen(i).map_or(255.0, |at| (luma.data[i] - marked.luma.data[at]).abs());
+        *d = seen(i).map_or(255.0, |at| (luma.data[i] - other.data[at]).abs());
     });
-    let mut weights = box_means(&differences, width, height);
-    weights.par_iter_mut().with_min_len(4096).enumerate().for_each(|(i, weight)| {
-        let marked = seen(i).map_or(0.0, |at| marked.weights[at]);
-        *weight = most * marked / (1.0 + (*weight / DIFFERENCE).powi(2));
+    let mut likeness = box_means(&differences, width, height);
+    likeness.par_iter_mut().with_min_len(4096).enumerate().for_each(|(i, v)| {
+        *v = if seen(i).is_some() { 1.0 / (1.0 + (*v / DIFFERENCE).powi(2)) } else { 0.0 };
     });
-    Grid::from_vec(width, height, weights)
+    Grid::from_vec(width, height, likeness)
 }
 
 /// Means over squares of 2 [`COMPARED_PX`] + 1 pixels, cut at the border.

@@ -18,32 +18,21 @@ const COLOUR: f32 = 0.05;
 const ROUNDS: usize = 3;
 /// Power of the mean share that a share is multiplied by.
 const AREA: f32 = 0.3;
-/// Weight of what is known from other marked frames, for each square.
-const KNOWN: f32 = 0.1;
 
-/// Spreads the marks of a frame over its picture, from what is known of it: shares of each name,
-/// [names][pixels] at half size, rounded down; `known` is such, too.
+/// Spreads the marks of a frame over its picture: shares of each name, [names][pixels] at half size, rounded
+/// down.
 pub(super) fn spread_over(
     picture: &RgbImage,
     field_of_view: &Mask,
     evidence: &Evidence,
     num_names: usize,
-    known: Option<&[Vec<f32>]>,
 ) -> Vec<Vec<f32>> {
     let (width, height) = (picture.width() as usize, picture.height() as usize);
     let cells = Cells { width, height, columns: width.div_ceil(CELL), rows: height.div_ceil(CELL) };
-    let mut seeds = cells.seeds(evidence, num_names);
-    if let Some(known) = known {
-        for (k, known) in known.iter().enumerate() {
-            for (cell, known) in cells.of_half(known).into_iter().enumerate() {
-                seeds.weights[k][cell] += KNOWN;
-                seeds.shares[k][cell] += KNOWN * known;
-            }
-        }
-    }
+    let seeds = cells.seeds(evidence, num_names);
     let links = cells.links(picture, field_of_view);
     let marked = evidence.pixels().count();
-    let shares = if known.is_some() || 2 * marked > width * height {
+    let shares = if 2 * marked > width * height {
         spread(&links, &seeds, None, PULL, None)
     } else {
         grown(&links, &seeds)
@@ -145,16 +134,6 @@ impl Cells {
     /// Returns the size of the picture at half size.
     fn half(&self) -> [usize; 2] {
         [self.width / 2, self.height / 2]
-    }
-
-    /// Returns the values of an image of half size in the middle of each square.
-    fn of_half(&self, values: &[f32]) -> Vec<f32> {
-        let [width, height] = self.half();
-        let at = |cell: usize| {
-            let (x, y) = (cell % self.columns * CELL / 2, cell / self.columns * CELL / 2);
-            values[(y + CELL / 4).min(height - 1) * width + (x + CELL / 4).min(width - 1)]
-        };
-        (0..self.columns * self.rows).map(at).collect()
     }
 
     /// Interpolates values of squares at every pixel of half size.

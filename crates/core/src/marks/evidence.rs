@@ -56,12 +56,6 @@ impl Evidence {
         }
     }
 
-    /// Returns the number of names that some pixel shows.
-    pub(super) fn num_shown(&self) -> usize {
-        let shows = |k: &usize| self.verdicts.iter().skip(*k).step_by(self.num_names).any(|v| *v > 0);
-        (0..self.num_names).filter(shows).count()
-    }
-
     /// Returns the pixels that marks say something of.
     pub(super) fn pixels(&self) -> impl Iterator<Item = usize> {
         let pixels = self.verdicts.chunks_exact(self.num_names.max(1)).enumerate();

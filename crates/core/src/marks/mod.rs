@@ -156,6 +156,15 @@ impl Marks {
         Self { marks: self.marks.iter().filter(of).cloned().collect() }
     }
 
+    /// Returns the marks that grow to the whole structure: clicks and strokes. Outlines tell of their own pixels
+    /// alone, but for names that have nothing else.
+    pub(super) fn growing(&self) -> Self {
+        let pointed: BTreeSet<&str> =
+            self.marks.iter().filter(|m| !m.shape.is_outlined()).map(|m| m.name.as_str()).collect();
+        let grows = |m: &&Mark| !m.shape.is_outlined() || !pointed.contains(m.name.as_str());
+        Self { marks: self.marks.iter().filter(grows).cloned().collect() }
+    }
+
     /// Returns the marks on a frame.
     pub fn on(&self, frame: usize) -> impl Iterator<Item = &Mark> {
         self.marks.iter().filter(move |m| m.frame == frame)

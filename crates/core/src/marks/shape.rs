@@ -72,6 +72,11 @@ impl Shape {
         }
     }
 
+    /// Returns `true` if the shape has a border that somebody drew, `false` if it only points at something.
+    pub(super) fn is_outlined(&self) -> bool {
+        matches!(self, Self::Polygon { .. } | Self::Box { .. } | Self::Mask(_))
+    }
+
     /// Returns the shape as text; equal shapes have equal texts.
     pub(super) fn written(&self) -> String {
         match self {
