@@ -7,6 +7,7 @@ use crate::viewer::{
     shared::Shared,
     state::{content::Look, document::Document, preferences::Preferences, zoom::Panes},
 };
+use crate::{engine::Negatives, jobs::ExportRequest};
 use egui::{Context, KeyboardShortcut};
 use std::path::PathBuf;
 
@@ -46,6 +47,12 @@ pub(crate) enum Action {
     ChooseKey(Command, Option<KeyboardShortcut>),
     /// Starts training.
     Train(TrainRequest),
+    /// Starts an export; the negatives are those of prompts without exceptions of their own.
+    Export(Box<(ExportRequest, Negatives)>),
+    /// Closes the result of an export.
+    ForgetExport,
+    /// Shows a folder with the system's file manager.
+    ShowFolder(PathBuf),
     /// Stops offering the finished reconstruction.
     ForgetFinished,
     /// Inverts which side of the recording's masks is kept.
@@ -132,6 +139,12 @@ impl Shared {
                 self.preferences.save();
             }
             Action::Train(request) => self.start_training(request, ctx),
+            Action::Export(export) => self.start_export(export.0, export.1, ctx),
+            Action::ForgetExport => self.exporting = None,
+            Action::ShowFolder(folder) => {
+                let shown = self.backend.show_folder(&folder);
+                self.settle(shown);
+            }
             Action::ForgetFinished => self.reconstruction.finished = None,
             Action::FlipMasks => self.flip_masks(ctx),
             Action::Recall(opened) => drop(self.saving.autosave.recall(&opened)),

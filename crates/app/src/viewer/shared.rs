@@ -12,6 +12,7 @@ use crate::viewer::{
         autosave::Autosave,
         content::Prompt,
         document::Document,
+        exporting::Exporting,
         opening::Opening,
         playback::Playback,
         preferences::Preferences,
@@ -39,6 +40,8 @@ pub(crate) struct Shared {
     pub(crate) open: Option<Open>,
     pub(crate) opening: Opening,
     pub(crate) reconstruction: Reconstruction,
+    /// Export that is running, or has ended and was not looked at.
+    pub(crate) exporting: Option<Exporting>,
     pub(crate) saving: Saving,
     pub(crate) dialog: Option<Dialog>,
     /// Latest problem, until it is dismissed.
@@ -114,6 +117,7 @@ impl Shared {
             open: None,
             opening: Opening::default(),
             reconstruction: Reconstruction::default(),
+            exporting: None,
             saving: Saving::new(autosave),
             dialog: None,
             problem: None,

@@ -182,6 +182,8 @@ pub(crate) trait Backend: Send + Sync {
         negatives: &Negatives,
         task: &TaskContext,
     ) -> Result<ExportSummary>;
+    /// Shows a folder with the system's file manager.
+    fn show_folder(&self, folder: &Path) -> Result<()>;
     /// Compares a scene with its recording: pictures, depth and the masks of its classes.
     fn evaluate(&self, scene: &Path, task: &TaskContext) -> Result<Evaluation>;
     /// Returns the available memory, bytes; `None` where the system does not tell.

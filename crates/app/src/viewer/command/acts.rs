@@ -38,6 +38,11 @@ pub(super) fn has_reconstruction(shared: &Shared) -> bool {
     shared.info().is_some_and(|i| i.has_reconstruction)
 }
 
+/// Returns `true` if a picture is shown that may be seen.
+pub(super) fn has_picture(shared: &Shared) -> bool {
+    shared.picture().is_some_and(|p| !shared.document.is_excluded(p.request.view.frame))
+}
+
 /// Returns `true` if the present frame has a bookmark.
 pub(super) fn is_bookmarked(shared: &Shared) -> bool {
     let frame = shared.playback.frame();

@@ -13,8 +13,8 @@ use crate::viewer::{
 };
 use acts::{
     Given, always, can_compare, can_pick, can_reconstruct, centre_orbit, copy_areas, dismiss, exclude,
-    full_screen, go_to_bookmark, go_to_found, has_features, has_reconstruction, is_bookmarked, is_counted,
-    is_open, pick, shuttle, switch, what_to_open,
+    full_screen, go_to_bookmark, go_to_found, has_features, has_picture, has_reconstruction, is_bookmarked,
+    is_counted, is_open, pick, shuttle, switch, what_to_open,
 };
 use egui::{Key, KeyboardShortcut, Modifiers, ViewportCommand};
 
@@ -169,7 +169,8 @@ commands! {
         when can_reconstruct, act |s, _| s.dialog = Some(Dialog::Reconstruct);
     Export: File, Always, [ctrl(Key::E)], "Export…",
         "Write masked frames as files",
-        when |s| has_features(s) && !s.is_reconstructing(), act |s, _| s.dialog = Some(Dialog::Export);
+        when |s| has_features(s) && !s.is_reconstructing() && !s.is_exporting(),
+        act |s, _| s.dialog = Some(Dialog::Export);
     Quality: File, Always, [ctrl(Key::M)], "Measure quality…",
         "How well the reconstruction and what its class names find match the recording and its labels",
         when |s| can_compare(s) && !s.is_reconstructing(), act |s, _| s.dialog = Some(Dialog::Quality);
@@ -185,6 +186,9 @@ commands! {
     CopyAreas: Edit, Viewport, [], "Copy areas as a table",
         "Frame, time and area of every visible prompt as CSV, for a spreadsheet",
         when is_counted, act |s, g| copy_areas(s, g.ctx);
+    CopyPicture: Edit, Viewport, [ctrl(Key::C)], "Copy picture",
+        "Copy the picture as it is shown, with names, frame and time, to paste it into slides",
+        when has_picture, act |s, g| s.copy_picture(g.now, g.ctx);
     PlayPause: Time, Viewport, [key(Key::Space)], "Play or pause",
         "Play or pause at the recording's own speed",
         when is_open, act |s, g| s.playback.toggle(g.now);

@@ -23,7 +23,7 @@ pub(crate) fn menus_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) 
             ui.separator();
             [C::StartPage, C::Quit].into_iter().for_each(|c| item(ui, shared, actions, c));
         });
-        menu(ui, shared, actions, "Edit", &[&[C::Undo, C::Redo], &[C::CopyAreas]]);
+        menu(ui, shared, actions, "Edit", &[&[C::Undo, C::Redo], &[C::CopyPicture, C::CopyAreas]]);
         let views: &[&[C]] = &[
             &[C::SwapOriginal, C::SideBySide, C::Wipe, C::Blink, C::Difference],
             &[C::Depth, C::DepthBeside, C::Motion, C::Opacity],

@@ -9,6 +9,7 @@ use egui::{
     Align2, Color32, Painter, Pos2, Rect, Response, Role, Sense, Shape, Stroke, Ui, Vec2, WidgetInfo, pos2,
     vec2,
 };
+use surgtpgs_core::palette::Palette;
 
 /// An icon that is painted on a button.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -171,6 +172,12 @@ pub(crate) fn choice<T: Copy + PartialEq>(ui: &mut Ui, value: &mut T, options: &
             }
         });
     });
+}
+
+/// Shows the choice of the colours of a heatmap.
+pub(crate) fn palette_ui(ui: &mut Ui, palette: &mut Palette) {
+    let options = Palette::ALL.map(|p| (p, p.label(), "From dark to bright with the score".to_owned(), true));
+    choice(ui, palette, &options);
 }
 
 /// Space around the contents of a dialog, points.

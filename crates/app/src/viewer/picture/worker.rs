@@ -126,6 +126,7 @@ fn broken(request: Request) -> Picture {
         reconstruction: None,
         layer: None,
         difference: None,
+        outlines: Arc::default(),
         depth_values: None,
         findings: Vec::new(),
         candidates: Vec::new(),

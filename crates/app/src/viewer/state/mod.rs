@@ -10,6 +10,7 @@ pub(crate) mod document;
 #[cfg(test)]
 mod document_tests;
 mod excluded;
+pub(crate) mod exporting;
 mod history;
 pub(crate) mod loss_curve;
 pub(crate) mod measure;

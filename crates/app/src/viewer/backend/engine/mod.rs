@@ -97,6 +97,10 @@ impl Backend for EngineBackend {
         jobs::export(&mut engine, request, &mut |p| task.follow(p))
     }
 
+    fn show_folder(&self, folder: &Path) -> Result<()> {
+        paths::show_folder(folder)
+    }
+
     fn evaluate(&self, scene: &Path, task: &TaskContext) -> Result<Evaluation> {
         let mut engine = Engine::open(scene, EngineOptions::default())?;
         evaluation::evaluate(&mut engine, None, &mut |p| task.follow(p))
