@@ -48,8 +48,8 @@ pub fn line_width(rows: u32) -> f32 {
     (rows as f32 / ROWS_PER_PX).max(LEAST_WIDTH)
 }
 
-/// Draws outlines on a picture, whatever its size; they are given in pixels of an image with `size` columns and
-/// rows. The halos lie below all lines. `opacity` is 0–1.
+/// Draws outlines on a picture, whatever its size; they are given in pixels of an image with `size` columns
+/// and rows. The halos lie below all lines. `opacity` is 0–1.
 pub fn draw_outlines(picture: &mut RgbImage, outlines: &[Outline], size: (usize, usize), opacity: f32) {
     let (width, height) = picture.dimensions();
     let scale = [width as f32 / size.0.max(1) as f32, height as f32 / size.1.max(1) as f32];

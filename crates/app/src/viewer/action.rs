@@ -5,7 +5,7 @@ use crate::viewer::{
     backend::{TrainRequest, paths::PathKind},
     command::{Command, keys},
     shared::Shared,
-    state::{content::Look, document::Document, preferences::Preferences, zoom::Panes},
+    state::{content::Look, document::Document, preferences::Preferences, time_scale::Span, zoom::Panes},
 };
 use crate::{engine::Negatives, jobs::ExportRequest};
 use egui::{Context, KeyboardShortcut};
@@ -25,6 +25,10 @@ pub(crate) enum Action {
     GoTo(usize),
     /// Goes to a frame while the pointer is dragged.
     Scrub(usize),
+    /// Shows a part of the recording on the time bar.
+    TimeSpan(Span),
+    /// Asks for small pictures of these frames.
+    Thumbnails(Vec<usize>),
     /// Turns, moves or magnifies the picture.
     Look { look: Look, is_moving: bool },
     /// Notes where the panes were painted.
@@ -118,6 +122,14 @@ impl Shared {
                 self.playback.pause();
                 self.playback.seek(frame, now);
                 self.viewport.is_moving = true;
+            }
+            Action::TimeSpan(span) => {
+                (self.viewport.span, self.viewport.span_frame) = (span, self.playback.frame());
+            }
+            Action::Thumbnails(frames) => {
+                if let Some(open) = &mut self.open {
+                    open.want_thumbnails(frames);
+                }
             }
             Action::Look { look, is_moving } => {
                 self.document.look = look;

@@ -10,7 +10,8 @@ pub(super) const LETTER: u32 = 8;
 const INK: Rgb<u8> = Rgb([255, 255, 255]);
 const PAPER: Rgb<u8> = Rgb([0, 0, 0]);
 
-/// Writes "research use only" into the lower left corner, white on black; on several lines if one would be too wide.
+/// Writes "research use only" into the lower left corner, white on black; on several lines if one would be
+/// too wide.
 pub fn stamp(image: &mut RgbImage) {
     let size = (image.height() / 240).clamp(1, 8);
     let columns = (image.width() / (LETTER * size)) as usize;

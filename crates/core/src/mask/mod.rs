@@ -110,8 +110,8 @@ pub fn fill_holes(mask: &Mask, max_area_px: usize) -> Mask {
     filled
 }
 
-/// Rounds the border: a pixel is in the mask if most of the pixels are that are at most `radius_px` columns and
-/// rows away. Only pixels of the image count.
+/// Rounds the border: a pixel is in the mask if most of the pixels are that are at most `radius_px` columns
+/// and rows away. Only pixels of the image count.
 pub fn smoothed(mask: &Mask, radius_px: usize) -> Mask {
     let (w, h) = (mask.width, mask.height);
     // Number of found pixels above and to the left of each corner.

@@ -4,9 +4,9 @@ use crate::viewer::{
     backend::paths::{PathAsk, PathKind},
     picture::areas::{self, Curve},
     shared::Shared,
-    state::view_mode::ViewMode,
+    state::{time_scale::TimeScale, view_mode::ViewMode},
 };
-use egui::{Context, ViewportCommand};
+use egui::{Context, Rect, ViewportCommand, pos2};
 
 /// Extensions of files that can be opened.
 const OPENED: [&str; 7] = ["safetensors", "ply", "surgtpgs", "mp4", "mov", "mkv", "avi"];
@@ -118,6 +118,13 @@ pub(super) fn exclude(shared: &mut Shared) {
     let frame = shared.playback.frame();
     let (from, to) = shared.document.content().range.unwrap_or((frame, frame));
     shared.document.toggle_excluded(from, to);
+}
+
+/// Enlarges the time bar around the present frame.
+pub(super) fn magnify_time(shared: &mut Shared, by: f32) {
+    let line = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
+    let scale = TimeScale::new(line, shared.playback.num_frames() - 1, shared.viewport.span);
+    shared.viewport.span = scale.magnified(by, scale.x(shared.playback.frame()));
 }
 
 pub(super) fn go_to_found(shared: &mut Shared, given: &Given<'_>, which: fn(&Curve) -> Option<usize>) {

@@ -1,14 +1,16 @@
 //! The list of bookmarks, with notes and flags.
 
+use crate::settings::PROMPT_COLOURS;
 use crate::viewer::{
     action::Action,
     command::Command,
-    panels::widgets::{Icon, caption, dialog, icon_button, main_button},
+    panels::widgets::{Icon, caption, dialog, focus_ring, icon_button, main_button},
     shared::{Dialog, Shared},
+    state::content::Bookmark,
     text::timecode,
     theme,
 };
-use egui::{Context, RichText, ScrollArea, TextEdit, Ui};
+use egui::{Context, Popup, RichText, Role, ScrollArea, Sense, TextEdit, Ui, WidgetInfo, vec2};
 
 /// Shows the list, if it is open.
 pub(crate) fn bookmarks_ui(ctx: &Context, shared: &Shared, actions: &mut Vec<Action>) {
@@ -54,6 +56,7 @@ fn rows_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
             if icon_button(ui, Icon::Flag, &name, tip, bookmark.is_flagged, true).clicked() {
                 actions.push(Action::edit(move |d| d.toggle_flag(frame)));
             }
+            colour_ui(ui, &bookmark, actions);
             let mut note = bookmark.note.clone();
             let width = ui.available_width() - theme::CONTROL_HEIGHT - 16.0;
             let field = ui.add(TextEdit::singleline(&mut note).hint_text("Note").desired_width(width));
@@ -74,4 +77,30 @@ fn rows_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
             }
         });
     }
+}
+
+/// Shows the colour of a bookmark, as a button that offers others.
+fn colour_ui(ui: &mut Ui, bookmark: &Bookmark, actions: &mut Vec<Action>) {
+    let frame = bookmark.frame;
+    let name = format!("Colour of the bookmark at frame {}", frame + 1);
+    let side = theme::CONTROL_HEIGHT;
+    let (rect, button) = ui.allocate_exact_size(vec2(side, side), Sense::click());
+    button.widget_info(|| WidgetInfo::labeled(Role::Button, true, &name));
+    let colour = bookmark.colour.map_or(theme::TEXT, theme::colour32);
+    ui.painter().rect_filled(rect.shrink(8.0), 4.0, colour);
+    focus_ring(ui.painter(), rect, &button);
+    Popup::menu(&button.on_hover_text("Colour on the time bar")).show(|ui| {
+        ui.horizontal_wrapped(|ui| {
+            let names = ["white", "1", "2", "3", "4", "5", "6", "7", "8", "9"];
+            let colours = std::iter::once(None).chain(PROMPT_COLOURS.into_iter().map(Some));
+            for (colour, name) in colours.zip(names) {
+                let text = RichText::new("⏺").color(colour.map_or(theme::TEXT, theme::colour32)).size(20.0);
+                let button = ui.button(text);
+                button.ctx.accesskit_node_builder(button.id, |node| node.set_label(format!("Colour {name}")));
+                if button.clicked() {
+                    actions.push(Action::edit(move |d| d.set_bookmark_colour(frame, colour)));
+                }
+            }
+        });
+    });
 }

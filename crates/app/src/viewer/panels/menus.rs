@@ -41,6 +41,7 @@ pub(crate) fn menus_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) 
             &[C::Loop, C::RangeStart, C::RangeEnd, C::RangeClear, C::Exclude],
             &[C::FirstFound, C::LargestFound, C::LastFound],
             &[C::Bookmark, C::DeleteBookmark, C::PreviousBookmark, C::NextBookmark, C::Bookmarks],
+            &[C::Phases, C::TimeCloser, C::TimeFarther],
         ];
         menu(ui, shared, actions, "Time", times);
         menu(ui, shared, actions, "Help", &[&[C::Shortcuts, C::About]]);

@@ -12,11 +12,13 @@ mod folder;
 pub(crate) mod go_to;
 mod help;
 mod import_check;
+mod lanes;
 mod legend;
 mod loss_curve;
 mod menus;
 mod outlines;
 mod panes;
+mod phases;
 mod picker;
 mod plates;
 mod probe;
@@ -44,6 +46,7 @@ use egui::{
 use export::ExportDialog;
 use go_to::GoToDialog;
 use help::Sheets;
+use phases::PhasesDialog;
 use picker::Picker;
 use prompts::Prompts;
 use quality::QualityDialog;
@@ -61,6 +64,7 @@ pub(crate) struct Panels {
     quality: QualityDialog,
     go_to: GoToDialog,
     comparison: ComparisonDialog,
+    phases: PhasesDialog,
     sheets: Sheets,
     picker: Picker,
 }
@@ -101,6 +105,7 @@ impl Panels {
         self.quality.ui(&ctx, shared, actions);
         self.go_to.ui(&ctx, shared, actions);
         bookmarks::bookmarks_ui(&ctx, shared, actions);
+        self.phases.ui(&ctx, shared, actions);
         self.comparison.ui(&ctx, shared, actions);
         recovery::recovery_ui(&ctx, shared, actions);
         self.picker.ui(&ctx, shared, actions);

@@ -70,9 +70,11 @@ fn new_range(shared: &Shared) -> (usize, usize) {
 
 fn add_ui(ui: &mut Ui, asked: &mut Asked, (from, to): (usize, usize), actions: &mut Vec<Action>) {
     ui.horizontal_wrapped(|ui| {
-        let field = ui.add(TextEdit::singleline(&mut asked.name).hint_text("Name of the phase").desired_width(240.0));
+        let field =
+            ui.add(TextEdit::singleline(&mut asked.name).hint_text("Name of the phase").desired_width(240.0));
         field.ctx.accesskit_node_builder(field.id, |node| node.set_label("Name of the phase"));
-        let names = ui.button("Names…").on_hover_text("The phases of a cholecystectomy, as Cholec80 calls them");
+        let names =
+            ui.button("Names…").on_hover_text("The phases of a cholecystectomy, as Cholec80 calls them");
         Popup::menu(&names).show(|ui| {
             for name in CHOLEC80 {
                 if ui.button(name).clicked() {
@@ -98,7 +100,9 @@ fn rows_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
         ui.horizontal_wrapped(|ui| {
             let mut changed = phase.clone();
             let field = ui.add(TextEdit::singleline(&mut changed.name).desired_width(220.0));
-            field.ctx.accesskit_node_builder(field.id, |node| node.set_label(format!("Name of phase {}", index + 1)));
+            field.ctx.accesskit_node_builder(field.id, |node| {
+                node.set_label(format!("Name of phase {}", index + 1))
+            });
             // Frames are shown from 1 and stored from 0.
             let (mut first, mut end) = (phase.first + 1, phase.last + 1);
             ui.add(DragValue::new(&mut first).range(1..=end)).on_hover_text("First frame");
@@ -115,7 +119,9 @@ fn rows_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
                 actions.push(Action::CloseDialog);
             }
             let name = format!("Delete the phase {}", phase.name);
-            if icon_button(ui, Icon::Cross, &name, "Delete this phase (undo brings it back)", false, true).clicked() {
+            if icon_button(ui, Icon::Cross, &name, "Delete this phase (undo brings it back)", false, true)
+                .clicked()
+            {
                 actions.push(Action::edit(move |d| d.remove_phase(index)));
             }
         });
@@ -153,7 +159,10 @@ fn files_ui(ui: &mut Ui, asked: &mut Asked, shared: &Shared, actions: &mut Vec<A
         let colour = if *is_fault { theme::ERROR } else { theme::TEXT_WEAK };
         ui.label(RichText::new(text).font(theme::small()).color(colour));
     }
-    ui.label(caption(format!("Phases are saved with the session, too ({}).", shared.keys_text(Command::SaveSession))));
+    ui.label(caption(format!(
+        "Phases are saved with the session, too ({}).",
+        shared.keys_text(Command::SaveSession)
+    )));
 }
 
 /// Writes a new file; says where, or what is wrong, with `true` for a fault.

@@ -12,4 +12,5 @@ mod pipeline;
 mod pipeline_tests;
 pub(crate) mod request;
 pub(crate) mod textures;
+pub(crate) mod thumbnails;
 mod worker;

@@ -12,6 +12,7 @@ use crate::viewer::{
         layer_colours::colour_layer,
         marks::{color_image, fade, mark, outline},
         request::{AskedPrompt, Finding, LayerPane, Pane, Picture, Request},
+        thumbnails::small,
     },
     remedy::message,
     state::{content::PREVIEW, view_mode::Layer},
@@ -198,6 +199,15 @@ impl Pipeline {
             return is_decoded && is_rendered;
         }
         false
+    }
+
+    /// Makes a small picture of a recorded frame, which is not kept; `None` where it cannot be decoded.
+    pub(crate) fn thumbnail(&mut self, frame: usize) -> Option<ColorImage> {
+        if let Some((_, image, _)) = self.originals.iter().find(|(i, ..)| *i == frame) {
+            return Some(small(image));
+        }
+        let has_original = self.source.info().has_original;
+        has_original.then(|| self.source.original(frame).ok()).flatten().map(|image| small(&image))
     }
 
     /// Counts the areas of the last request's prompts on the next uncounted frame; `None` if there is none.
@@ -456,8 +466,8 @@ fn shared(scores: Result<Grid<f32>>) -> Scores {
     scores.map(Arc::new).map_err(|e| message(&e))
 }
 
-/// Returns what was found of each prompt of a request, with what is `said` to it. Numbers of prompts lie beside
-/// `tools` and other instruments.
+/// Returns what was found of each prompt of a request, with what is `said` to it. Numbers of prompts lie
+/// beside `tools` and other instruments.
 fn findings(
     answers: &[PromptScores],
     request: &Request,

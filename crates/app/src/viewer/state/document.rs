@@ -26,6 +26,7 @@ pub(crate) enum Joint {
     Threshold(PromptId),
     ButNot(PromptId),
     Note(usize),
+    Phase(usize),
     CleanUp,
 }
 

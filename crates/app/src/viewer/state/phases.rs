@@ -108,7 +108,8 @@ pub(crate) fn mended(phases: Vec<Phase>, num_frames: usize) -> Vec<Phase> {
 pub(crate) fn csv(phases: &[Phase], seconds: impl Fn(usize) -> f64) -> String {
     let mut text = COLUMNS.join(",") + "\n";
     for phase in phases {
-        let (name, start, end) = (phase.name.replace('"', "\"\""), seconds(phase.first), seconds(phase.last + 1));
+        let (name, start, end) =
+            (phase.name.replace('"', "\"\""), seconds(phase.first), seconds(phase.last + 1));
         // Writing into a text never fails.
         let _ = writeln!(text, "\"{name}\",{},{},{start:.3},{end:.3}", phase.first + 1, phase.last + 1);
     }
@@ -149,7 +150,8 @@ pub(crate) fn read(text: &str, num_frames: usize) -> Result<Vec<Phase>, String> 
 fn read_cholec80(text: &str) -> Result<Vec<Phase>, String> {
     let mut phases: Vec<Phase> = Vec::new();
     for (k, line) in text.lines().enumerate().skip(1).filter(|(_, line)| !line.trim().is_empty()) {
-        let row = line.split_once('\t').and_then(|(frame, name)| Some((frame.trim().parse().ok()?, name.trim())));
+        let row =
+            line.split_once('\t').and_then(|(frame, name)| Some((frame.trim().parse().ok()?, name.trim())));
         let Some((frame, name)) = row.filter(|(_, name): &(usize, &str)| !name.is_empty()) else {
             return Err(format!("Line {} is no frame number, a tab and a phase.", k + 1));
         };
@@ -164,8 +166,10 @@ fn read_cholec80(text: &str) -> Result<Vec<Phase>, String> {
 fn read_csv(text: &str) -> Result<Vec<Phase>, String> {
     let mut phases = Vec::new();
     for (k, row) in csv::Reader::from_reader(text.as_bytes()).records().enumerate() {
-        let number = |row: &csv::StringRecord, column| row.get(column)?.trim().parse::<usize>().ok()?.checked_sub(1);
-        let phase = row.ok().and_then(|row| Some(Phase::new(row.get(0)?, number(&row, 1)?, number(&row, 2)?)));
+        let number =
+            |row: &csv::StringRecord, column| row.get(column)?.trim().parse::<usize>().ok()?.checked_sub(1);
+        let phase =
+            row.ok().and_then(|row| Some(Phase::new(row.get(0)?, number(&row, 1)?, number(&row, 2)?)));
         let Some(phase) = phase else {
             return Err(format!("Line {} is no phase with its first and last frame.", k + 2));
         };
@@ -185,7 +189,11 @@ mod tests {
     }
 
     fn three() -> Vec<Phase> {
-        vec![Phase::new("Preparation", 0, 9), Phase::new("Clipping, \"cutting\"", 10, 19), Phase::new("End", 30, 39)]
+        vec![
+            Phase::new("Preparation", 0, 9),
+            Phase::new("Clipping, \"cutting\"", 10, 19),
+            Phase::new("End", 30, 39),
+        ]
     }
 
     #[test]
@@ -195,14 +203,21 @@ mod tests {
             document.add_phase(phase);
         }
         document.add_phase(Phase::new("Bleeding", 5, 12));
-        let expected = [("Preparation", 0, 4), ("Bleeding", 5, 12), ("Clipping, \"cutting\"", 13, 19), ("End", 30, 39)];
+        let expected =
+            [("Preparation", 0, 4), ("Bleeding", 5, 12), ("Clipping, \"cutting\"", 13, 19), ("End", 30, 39)];
         assert_eq!(spans(document.phases()), expected);
         assert_eq!(document.phase_at(12).unwrap().name, "Bleeding");
         assert!(document.phase_at(25).is_none());
         document.change_phase(1, Phase::new("Bleeding", 2, 3));
         assert_eq!(
             spans(document.phases()),
-            [("Preparation", 0, 1), ("Bleeding", 2, 3), ("Preparation", 4, 4), ("Clipping, \"cutting\"", 13, 19), ("End", 30, 39)]
+            [
+                ("Preparation", 0, 1),
+                ("Bleeding", 2, 3),
+                ("Preparation", 4, 4),
+                ("Clipping, \"cutting\"", 13, 19),
+                ("End", 30, 39)
+            ]
         );
         document.undo();
         assert_eq!(spans(document.phases()), expected);

@@ -352,7 +352,8 @@ impl Window {
     }
 }
 
-/// Returns the lines around what was found that are painted in a colour, with their widths. (Curves are thinner.)
+/// Returns the lines around what was found that are painted in a colour, with their widths. Curves are
+/// thinner.
 pub(super) fn painted_lines(window: &Window, colour: [u8; 3]) -> Vec<(Vec<egui::Pos2>, f32)> {
     let colour = egui::epaint::ColorMode::Solid(crate::viewer::theme::colour32(colour));
     let line = |clipped: &egui::epaint::ClippedShape| match &clipped.shape {

@@ -130,6 +130,7 @@ impl Shared {
         self.playback.seek(frame, 0.0);
         if !is_same_recording {
             self.document.start_recording(CleanUp::usual(info.width, info.height));
+            self.viewport.span = None;
             self.prompt_box.text.clear();
             // What is usual need not be saved.
             self.saving.saved = Saved { content: self.document.content().clone(), ..Saved::default() };
