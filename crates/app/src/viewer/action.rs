@@ -57,6 +57,8 @@ pub(crate) enum Action {
     ForgetExport,
     /// Shows a folder with the system's file manager.
     ShowFolder(PathBuf),
+    /// Takes a recording out of those that wait to be reconstructed.
+    Unqueue(usize),
     /// Stops offering the finished reconstruction.
     ForgetFinished,
     /// Inverts which side of the recording's masks is kept.
@@ -151,6 +153,7 @@ impl Shared {
                 self.preferences.save();
             }
             Action::Train(request) => self.start_training(request, ctx),
+            Action::Unqueue(index) => drop(self.reconstruction.queue.remove(index)),
             Action::Export(export) => self.start_export(export.0, export.1, ctx),
             Action::ForgetExport => self.exporting = None,
             Action::ShowFolder(folder) => {

@@ -75,9 +75,9 @@ pub(super) fn what_to_open(is_folder: bool) -> PathAsk {
 }
 
 pub(super) fn can_reconstruct(shared: &Shared) -> bool {
-    let is_busy = shared.reconstruction.training.is_some() || shared.opening.is_making_demo();
-    let is_at_hand = shared.info().is_some_and(|i| i.recording.is_some());
-    is_at_hand && !is_busy && !shared.reconstruction.would_be_wrong()
+    let recording = shared.info().and_then(|i| i.recording.as_ref());
+    let is_new = recording.is_some_and(|r| !shared.reconstruction.is_planned(r));
+    is_new && !shared.opening.is_making_demo() && !shared.reconstruction.would_be_wrong()
 }
 
 /// Returns `true` if the areas of the selected prompt are known on every frame.

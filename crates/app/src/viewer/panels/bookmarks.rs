@@ -4,13 +4,13 @@ use crate::settings::PROMPT_COLOURS;
 use crate::viewer::{
     action::Action,
     command::Command,
-    panels::widgets::{Icon, caption, dialog, focus_ring, icon_button, main_button},
+    panels::widgets::{Icon, caption, colour_button, dialog, icon_button, main_button},
     shared::{Dialog, Shared},
     state::content::Bookmark,
     text::timecode,
     theme,
 };
-use egui::{Context, Popup, RichText, Role, ScrollArea, Sense, TextEdit, Ui, WidgetInfo, vec2};
+use egui::{Context, Popup, RichText, ScrollArea, TextEdit, Ui};
 
 /// Shows the list, if it is open.
 pub(crate) fn bookmarks_ui(ctx: &Context, shared: &Shared, actions: &mut Vec<Action>) {
@@ -82,22 +82,15 @@ fn rows_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
 /// Shows the colour of a bookmark, as a button that offers others.
 fn colour_ui(ui: &mut Ui, bookmark: &Bookmark, actions: &mut Vec<Action>) {
     let frame = bookmark.frame;
+    let shown = |colour: Option<[u8; 3]>| colour.map_or(theme::TEXT, theme::colour32);
     let name = format!("Colour of the bookmark at frame {}", frame + 1);
-    let side = theme::CONTROL_HEIGHT;
-    let (rect, button) = ui.allocate_exact_size(vec2(side, side), Sense::click());
-    button.widget_info(|| WidgetInfo::labeled(Role::Button, true, &name));
-    let colour = bookmark.colour.map_or(theme::TEXT, theme::colour32);
-    ui.painter().rect_filled(rect.shrink(8.0), 4.0, colour);
-    focus_ring(ui.painter(), rect, &button);
+    let button = colour_button(ui, shown(bookmark.colour), false, &name);
     Popup::menu(&button.on_hover_text("Colour on the time bar")).show(|ui| {
-        ui.horizontal_wrapped(|ui| {
-            let names = ["white", "1", "2", "3", "4", "5", "6", "7", "8", "9"];
+        ui.horizontal(|ui| {
             let colours = std::iter::once(None).chain(PROMPT_COLOURS.into_iter().map(Some));
-            for (colour, name) in colours.zip(names) {
-                let text = RichText::new("⏺").color(colour.map_or(theme::TEXT, theme::colour32)).size(20.0);
-                let button = ui.button(text);
-                button.ctx.accesskit_node_builder(button.id, |node| node.set_label(format!("Colour {name}")));
-                if button.clicked() {
+            for (number, colour) in colours.enumerate() {
+                let is_own = bookmark.colour == colour;
+                if colour_button(ui, shown(colour), is_own, &format!("Colour {number}")).clicked() {
                     actions.push(Action::edit(move |d| d.set_bookmark_colour(frame, colour)));
                 }
             }

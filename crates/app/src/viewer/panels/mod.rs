@@ -16,6 +16,7 @@ mod lanes;
 mod legend;
 mod loss_curve;
 mod menus;
+mod models;
 mod outlines;
 mod panes;
 mod phases;

@@ -132,8 +132,8 @@ fn no_features_ui(ui: &mut Ui, shared: &Shared) {
             "Once it is reconstructed, words can be found in it."
         }
         Some(info) if !info.has_labels => {
-            "It has neither class labels nor features of an image model, so words cannot be found in it. \
-             Everything else works."
+            "It has no class labels. Reconstruct it with networks that find regions and tell what they show: \
+             then words can be found in it."
         }
         _ => "It was reconstructed without its class labels. Reconstruct it again to find words in it.",
     };

@@ -91,6 +91,7 @@ pub(super) struct FakeBackend {
     pub(super) info: Info,
     pub(super) gate: Mutex<Option<mpsc::Receiver<()>>>,
     pub(super) exported: Mutex<Vec<(ExportRequest, Negatives)>>,
+    pub(super) faults: Mutex<ModelFaults>,
     pub(super) folders_shown: Mutex<Vec<PathBuf>>,
     pub(super) trained: Mutex<Vec<TrainRequest>>,
     pub(super) available_bytes: Mutex<Option<u64>>,
@@ -135,6 +136,7 @@ impl Backend for FakeBackend {
             scene: folder.join("scene"),
             quality: Quality::Quick,
             excluded: Vec::new(),
+            words: Words::Labels,
         };
         Ok(Demo { path: folder.to_owned(), train: Some(request) })
     }
@@ -160,6 +162,10 @@ impl Backend for FakeBackend {
             return Err(Error::input("the recording is not at hand", "Put it back."));
         }
         Ok(Evaluation::example())
+    }
+    fn check_models(&self, _: &Models, task: &TaskContext) -> Result<ModelFaults> {
+        task.progress("trying", 1, 1, String::new());
+        Ok(self.faults.lock().unwrap().clone())
     }
     fn available_bytes(&self) -> Option<u64> {
         *self.available_bytes.lock().unwrap()

@@ -210,9 +210,7 @@ fn a_recording_before_and_during_its_reconstruction_holds() {
 fn every_dialog_holds() {
     let mut window = with_prompts(3);
     (0..12).for_each(|frame| window.harness.state_mut().shared.document.toggle_bookmark(frame));
-    for (k, name) in
-        ["Preparation", "A phase with a very long name that does not fit", "End"].iter().enumerate()
-    {
+    for (k, name) in ["Preparation", "Dissection of the gallbladder", "End"].iter().enumerate() {
         window.harness.state_mut().shared.document.add_phase(Phase::new(name, 10 * k, 10 * k + 8));
     }
     for dialog in [

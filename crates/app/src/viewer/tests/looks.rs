@@ -90,6 +90,7 @@ fn the_picture_is_copied_as_it_is_shown() {
     };
     let image = copied(&mut window).unwrap();
     assert_eq!(image.size, [SIZE.0 as usize, SIZE.1 as usize]);
+    window.harness.step();
     assert!(window.shows("The picture is copied, 32 × 24 pixels"));
     window.press_with(Modifiers::SHIFT, Key::W);
     window.until_picture(|p| p.original.is_some() && p.reconstruction.is_some());

@@ -18,7 +18,8 @@ mod starting;
 
 use crate::viewer::{
     backend::{
-        Backend, Checked, Demo, FrameSource, FrameView, Info, Rendering, TrainNews, TrainRequest,
+        Backend, Checked, Demo, FrameSource, FrameView, Info, ModelFaults, Models, Rendering, TrainNews,
+        TrainRequest, Words,
         paths::{PathAsk, Picked},
         task::{NOT_SAVED, TaskContext},
     },
@@ -272,7 +273,7 @@ fn every_command_that_takes_the_keyboard_is_known_to_take_it() {
         assert_eq!(takes, takes_keyboard(command), "{command:?}");
         num_taking += usize::from(takes);
     }
-    assert_eq!(num_taking, 9);
+    assert_eq!(num_taking, 10);
 }
 
 #[test]
