@@ -76,7 +76,7 @@ fn areas_can_be_copied_as_a_table() {
     });
     let table = copied.unwrap();
     assert_eq!(table.lines().count(), FRAMES + 1);
-    assert!(table.contains("15,0.600,\"polyp\",0.50,288,0.375000"), "{table}");
+    assert!(table.contains("16,0.600,\"polyp\",0.50,288,0.375000"), "{table}");
 }
 
 #[test]

@@ -228,7 +228,8 @@ fn networks_are_tried_at_once_and_remembered_once_they_are_used() {
     window.harness.step();
     type_into(&mut window, "Folder with a text encoder", "/no/such");
     window.until_shown("This folder has no model for regions.");
-    assert!(window.shows("There is no such folder.") && window.shows("cannot be used yet"));
+    window.until_shown("There is no such folder.");
+    window.until_shown("cannot be used yet");
     window.click("Start");
     assert!(window.harness.state().shared.reconstruction.training.is_none(), "it cannot be started");
 
