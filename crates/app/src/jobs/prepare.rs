@@ -225,8 +225,8 @@ impl<'a> Features<'a> {
     }
 }
 
-/// Opens the networks of [`FeatureSource::Masks`] and the text encoder, and returns what is wrong with each: mask
-/// network, image encoder, text encoder. That halves do not belong together is a fault of the last.
+/// Opens the networks of [`FeatureSource::Masks`] and the text encoder, and returns what is wrong with each:
+/// mask network, image encoder, text encoder. That halves do not belong together is a fault of the last.
 pub fn faults_of_models(model: &Path, image_encoder: &Path, text: &EncoderChoice) -> [Option<Error>; 3] {
     let masks = SegmentAnything::open(model).err();
     let images = ImageEncoder::open(image_encoder);

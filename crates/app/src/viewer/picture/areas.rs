@@ -198,7 +198,8 @@ impl Curve {
     }
 }
 
-/// Formats the curves as a table with a header. Frames count from 1, as in the window. Numbers have a decimal point in every system language.
+/// Formats the curves as a table with a header. Frames count from 1, as in the window. Numbers have a decimal
+/// point in every system language.
 pub(crate) fn csv<'a>(
     curves: impl Iterator<Item = (&'a str, f32, Curve)>,
     seconds: impl Fn(usize) -> f64,
