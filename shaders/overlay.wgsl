@@ -1,8 +1,8 @@
 // Draws the found regions over a frame; twin: core::overlay. One invocation per pixel.
 //
 // Outline and fill: pixels up to CONTOUR_WIDTH inside the border of the found region, by city-block
-// distance, are contour, and the next pixel on either side is halo. Heatmap: the highest score as colour,
-// fixed range 0-1.
+// distance, are contour, and the next pixel on either side is halo. Heatmap: the highest score in the
+// colours of a palette, fixed range 0-1.
 //
 // Bindings: crates/render/src/shown/overlay.rs.
 
@@ -85,22 +85,30 @@ fn draw_region(base: vec3f, prompt: u32, pixel: vec2i) -> vec3f {
     return base;
 }
 
+// Colour of a score from 0 to 1, by the polynomial of the palette.
+fn heat_colour(score: f32) -> vec3f {
+    var value = params.heat_6;
+    value = value * score + params.heat_5;
+    value = value * score + params.heat_4;
+    value = value * score + params.heat_3;
+    value = value * score + params.heat_2;
+    value = value * score + params.heat_1;
+    value = value * score + params.heat_0;
+    return 255.0 * clamp(value.xyz, vec3f(0.0), vec3f(1.0));
+}
+
 fn heat(base: vec3f, pixel: vec2i) -> vec3f {
     var best = 0.0;
-    var colour = vec3f(0.0);
     for (var prompt = 0u; prompt < params.num_prompts; prompt++) {
         let score = score_at(prompt, pixel);
         if !is_nan(score) && score > best {
             best = score;
-            colour = prompts[prompt].colour;
         }
     }
-    best = min(best, 1.0);
-    var ramp = mix_by(vec3f(0.0), colour, 2.0 * best);
-    if best >= 0.5 {
-        ramp = mix_by(colour, vec3f(255.0), HEAT_WHITENING * (2.0 * best - 1.0));
+    if best > 0.0 {
+        return mix_by(base, heat_colour(min(best, 1.0)), params.opacity);
     }
-    return mix_by(base, ramp, params.opacity * best);
+    return base;
 }
 
 @compute @workgroup_size(GROUP)

@@ -16,8 +16,8 @@ program train "$folder/prepared" -o "$folder/scene.safetensors" --iterations 400
 formats=cutout,overlay,binary,index,outline,score,npy,video,gif,sheet,csv,json,coco,nrrd
 # The third prompt finds nothing.
 prompts=(--prompt liver "grasping tool" spaceship)
-program export "$folder/scene.safetensors" -o "$folder/overlapping" --format $formats "${prompts[@]}" --threshold 0.3
-program export "$folder/scene.safetensors" -o "$folder/exclusive" --format $formats "${prompts[@]}" --exclusive
+program export "$folder/scene.safetensors" -o "$folder/overlapping" --format $formats "${prompts[@]}" --threshold 0.3 --raw
+program export "$folder/scene.safetensors" -o "$folder/exclusive" --format $formats "${prompts[@]}" --exclusive --raw
 
 program convert "$folder/scene.safetensors" "$folder/frame.ply" --frame 4
 program convert "$folder/scene.safetensors" "$folder/frame.glb" --frame 4

@@ -35,7 +35,9 @@ pub mod stress;
 
 pub mod object;
 pub mod overlay;
+pub mod palette;
 pub mod relevancy;
+pub mod strokes;
 pub mod summary;
 pub mod unseen;
 

@@ -1,8 +1,10 @@
-//! Draws found regions on top of a frame; the CPU twin of `shaders/overlay.wgsl`.
+//! Draws found regions on top of a frame; [`overlay`] is the CPU twin of `shaders/overlay.wgsl`.
 
 use crate::{
     grid::{Grid, Mask},
-    mask::{self, Bits, set_bits},
+    mask::{self, Bits, border_lines, set_bits},
+    palette::Palette,
+    strokes::Outline,
 };
 use image::RgbImage;
 use rayon::prelude::*;
@@ -75,8 +77,12 @@ impl OverlayStyle {
 pub struct OverlayLook {
     /// Contours, fills or heatmap.
     pub style: OverlayStyle,
-    /// Opacity of fills and heatmaps, 0–1.
+    /// Opacity of fills, 0–1.
     pub opacity: f32,
+    /// Opacity of heatmaps, 0–1.
+    pub heat_opacity: f32,
+    /// Colours of heatmaps.
+    pub palette: Palette,
     /// Opacity of contours and their halos, 0–1.
     pub outline_opacity: f32,
     /// `true` if instruments are drawn over the found regions; see [`overlay_layers`].
@@ -85,7 +91,14 @@ pub struct OverlayLook {
 
 impl Default for OverlayLook {
     fn default() -> Self {
-        Self { style: OverlayStyle::Outline, opacity: 0.35, outline_opacity: 1.0, below_instruments: true }
+        Self {
+            style: OverlayStyle::Outline,
+            opacity: 0.35,
+            heat_opacity: 0.65,
+            palette: Palette::default(),
+            outline_opacity: 1.0,
+            below_instruments: true,
+        }
     }
 }
 
@@ -93,7 +106,12 @@ impl OverlayLook {
     /// Clamps the opacities to values that are valid and visible, whatever a file says.
     pub fn mended(self) -> Self {
         let share = |v: f32, least: f32| if v.is_finite() { v.clamp(least, 1.0) } else { 1.0 };
-        Self { opacity: share(self.opacity, 0.05), outline_opacity: share(self.outline_opacity, 0.1), ..self }
+        Self {
+            opacity: share(self.opacity, 0.05),
+            heat_opacity: share(self.heat_opacity, 0.05),
+            outline_opacity: share(self.outline_opacity, 0.1),
+            ..self
+        }
     }
 }
 
@@ -125,8 +143,6 @@ pub const CONTOUR_WIDTH: u32 = 2;
 /// Amount by which the halo, 1 px on either side of a contour, darkens the frame. It keeps contours
 /// visible on any tissue.
 pub const HALO_DARKNESS: f32 = 0.6;
-/// Share of white mixed into the colour of a full score.
-pub const HEAT_WHITENING: f32 = 0.6;
 
 /// Draws `prompts` over `frame`, later ones over earlier ones. Contours are [`CONTOUR_WIDTH`] px wide at
 /// the frame's size. A prompt whose scores have another size is not drawn. NaN counts as not found.
@@ -142,7 +158,7 @@ pub fn overlay(frame: &RgbImage, prompts: &[OverlayPrompt<'_>], look: OverlayLoo
     if style.shows_scores() {
         out.par_chunks_mut(3).with_min_len(4096).enumerate().for_each(|(i, pixel)| {
             let colour = [pixel[0], pixel[1], pixel[2]].map(f32::from);
-            pixel.copy_from_slice(&to_bytes(heat(colour, &prompts, i, opacity)));
+            pixel.copy_from_slice(&to_bytes(heat(colour, &prompts, i, look)));
         });
         return out;
     }
@@ -168,32 +184,82 @@ pub fn overlay(frame: &RgbImage, prompts: &[OverlayPrompt<'_>], look: OverlayLoo
     out
 }
 
-/// Draws `prompts` as [`overlay`] does. If the look says so, they lie below the instruments, whose pixels
-/// stay as they are in the frame. Instruments are the pixels of `tools` (sampled at the frame's size) and
-/// those found by the prompts marked as instruments (`true`). Those prompts are drawn on top.
+/// Draws the fills or the heatmap of `prompts`; their lines are [`outlines`]. If the look says so, they lie
+/// below the instruments, whose pixels stay as they are in the frame. Instruments are the pixels of `tools`
+/// (sampled at the frame's size) and those found by the prompts marked as instruments (`true`). Those
+/// prompts are drawn on top.
 pub fn overlay_layers(
     frame: &RgbImage,
     prompts: &[(OverlayPrompt<'_>, bool)],
     tools: Option<&Mask>,
     look: OverlayLook,
 ) -> RgbImage {
-    if !look.below_instruments {
+    let drawn = |frame: &RgbImage, prompts: &[OverlayPrompt<'_>]| match look.style {
+        OverlayStyle::Outline => frame.clone(),
+        OverlayStyle::Fill => fill(frame, prompts, look.opacity),
+        OverlayStyle::Heatmap => overlay(frame, prompts, look),
+    };
+    // A heatmap shows scores wherever they are.
+    if !look.below_instruments || look.style != OverlayStyle::Fill {
         let prompts: Vec<OverlayPrompt<'_>> = prompts.iter().map(|(p, _)| *p).collect();
-        return overlay(frame, &prompts, look);
+        return drawn(frame, &prompts);
     }
     let of = |wanted: bool| -> Vec<OverlayPrompt<'_>> {
         prompts.iter().filter(|(_, is_instrument)| *is_instrument == wanted).map(|(p, _)| *p).collect()
     };
     let (tissue, instruments) = (of(false), of(true));
-    let mut drawn = overlay(frame, &tissue, look);
+    let mut picture = drawn(frame, &tissue);
     let found = instruments.iter().map(|p| mask::threshold(p.scores, p.threshold));
     let size = (frame.width() as usize, frame.height() as usize);
     let tools = tools.map(|t| t.sampled(size.0, size.1));
     for mask in tools.into_iter().chain(found).filter(|m| (m.width, m.height) == size) {
-        let pixels = drawn.pixels_mut().zip(frame.pixels()).zip(&mask.data);
+        let pixels = picture.pixels_mut().zip(frame.pixels()).zip(&mask.data);
         pixels.filter(|(_, is_instrument)| **is_instrument).for_each(|((drawn, own), _)| *drawn = *own);
     }
-    overlay(&drawn, &instruments, look)
+    drawn(&picture, &instruments)
+}
+
+/// Returns the smooth lines around what `prompts` found, one outline per prompt; instruments and order as in
+/// [`overlay_layers`]. Lines have no size yet: they are as wide on an enlarged picture as on a small one.
+/// Heatmaps have no lines, and neither have prompts whose scores have another size than the first.
+pub fn outlines(
+    prompts: &[(OverlayPrompt<'_>, bool)],
+    tools: Option<&Mask>,
+    look: OverlayLook,
+) -> Vec<Outline> {
+    let Some((first, _)) = prompts.first().filter(|_| !look.style.shows_scores()) else { return Vec::new() };
+    let (width, height) = (first.scores.width, first.scores.height);
+    let found = |(p, _): &(OverlayPrompt<'_>, bool)| {
+        let fits = (p.scores.width, p.scores.height) == (width, height);
+        if fits { mask::threshold(p.scores, p.threshold) } else { Grid::filled(width, height, false) }
+    };
+    let masks: Vec<Mask> = prompts.iter().map(found).collect();
+    let tools = tools.map(|t| t.sampled(width, height));
+    let hidden = |k: usize, x: usize, y: usize| {
+        let of_tools = tools.iter().chain(masks.iter().zip(prompts).filter(|(_, p)| p.1).map(|(m, _)| m));
+        look.below_instruments && !prompts[k].1 && of_tools.into_iter().any(|mask| mask.at(x, y))
+    };
+    let lines = border_lines(&masks, hidden);
+    let outline = |((p, _), lines): (&(OverlayPrompt<'_>, bool), _)| Outline {
+        lines,
+        colour: p.colour,
+        is_dashed: p.is_dashed,
+    };
+    prompts.iter().zip(lines).map(outline).collect()
+}
+
+/// Tints what `prompts` found, later ones over earlier ones; what is drawn dashed has no tint.
+fn fill(frame: &RgbImage, prompts: &[OverlayPrompt<'_>], opacity: f32) -> RgbImage {
+    let size = (frame.width() as usize, frame.height() as usize);
+    let mut drawn = frame.clone();
+    for prompt in prompts.iter().filter(|p| !p.is_dashed && (p.scores.width, p.scores.height) == size) {
+        let own = prompt.colour.map(f32::from);
+        let pixels = drawn.pixels_mut().zip(&prompt.scores.data);
+        pixels.filter(|(_, score)| **score > prompt.threshold).for_each(|(pixel, _)| {
+            pixel.0 = to_bytes(mix(pixel.0.map(f32::from), own, opacity));
+        });
+    }
+    drawn
 }
 
 /// Returns `true` where a dashed contour has a gap.
@@ -252,26 +318,12 @@ impl Zones {
     }
 }
 
-/// Draws the highest score of a pixel as colour: from black through the prompt's colour to white, so that it
-/// can be read without hue. The higher the score, the more opaque. Several prompts differ by their hues.
-fn heat(base: [f32; 3], prompts: &[&OverlayPrompt<'_>], i: usize, opacity: f32) -> [f32; 3] {
-    let mut best: Option<(f32, [u8; 3])> = None;
-    for prompt in prompts {
-        let score = prompt.scores.data[i];
-        // Also false for NaN.
-        if score > best.map_or(0.0, |b| b.0) {
-            best = Some((score, prompt.colour));
-        }
-    }
-    let Some((score, colour)) = best else { return base };
-    let score = score.min(1.0);
-    let colour = colour.map(f32::from);
-    let ramp = if score < 0.5 {
-        mix([0.0; 3], colour, 2.0 * score)
-    } else {
-        mix(colour, [255.0; 3], HEAT_WHITENING * (2.0 * score - 1.0))
-    };
-    mix(base, ramp, opacity * score)
+/// Draws the highest score of a pixel in the colours of the palette. Equal scores have equal colours on every
+/// frame; what was not seen stays as it is.
+fn heat(base: [f32; 3], prompts: &[&OverlayPrompt<'_>], i: usize, look: OverlayLook) -> [f32; 3] {
+    // NaN is no maximum.
+    let best = prompts.iter().map(|p| p.scores.data[i]).fold(0.0, f32::max);
+    if best > 0.0 { mix(base, look.palette.colour(best.min(1.0)), look.heat_opacity) } else { base }
 }
 
 /// Returns `a` if `share` is 0 and `b` if it is 1.
@@ -306,6 +358,8 @@ mod tests {
     const HEAT: OverlayLook = OverlayLook {
         style: OverlayStyle::Heatmap,
         opacity: 1.0,
+        heat_opacity: 1.0,
+        palette: Palette::Inferno,
         outline_opacity: 1.0,
         below_instruments: true,
     };
@@ -364,27 +418,54 @@ mod tests {
         let picture = overlay_layers(&frame, &prompts[1..], Some(&lower), FILL);
         assert_eq!((*picture.get_pixel(0, 3), *picture.get_pixel(0, 4)), (Rgb(GREEN), Rgb(GREY)));
         let all = overlay_layers(&frame, &prompts[1..], None, FILL);
-        assert_eq!(all, overlay(&frame, &[prompts[1].0], FILL));
+        assert!(all.pixels().all(|p| *p == Rgb(GREEN)));
         let above = OverlayLook { below_instruments: false, ..FILL };
+        assert_eq!(overlay_layers(&frame, &prompts, Some(&lower), above), all, "the later one covers both");
+        let outlined = OverlayLook { style: OverlayStyle::Outline, ..FILL };
+        assert_eq!(overlay_layers(&frame, &prompts, None, outlined), frame, "lines are drawn apart");
         let both = [prompts[0].0, prompts[1].0];
-        assert_eq!(overlay_layers(&frame, &prompts, Some(&lower), above), overlay(&frame, &both, FILL));
+        assert_eq!(overlay_layers(&frame, &prompts, Some(&lower), HEAT), overlay(&frame, &both, HEAT));
     }
 
     #[test]
-    fn heat_is_of_fixed_range_and_grows_with_the_score() {
+    fn lines_stop_at_instruments_and_run_around_them() {
+        let half = |right: bool| {
+            let score = |i: usize| if (i % 20 >= 10) == right { 0.9 } else { 0.1 };
+            Grid::from_vec(20, 12, (0..240).map(score).collect())
+        };
+        let (left, right) = (half(false), half(true));
+        let prompt = |scores, colour| OverlayPrompt::new(scores, 0.4, colour);
+        let prompts = [(prompt(&left, GREEN), false), (prompt(&right, [0, 0, 200]), true)];
+        let drawn = |tools: Option<&Mask>, look| -> Vec<usize> {
+            outlines(&prompts, tools, look)
+                .iter()
+                .map(|o| o.lines.iter().map(|l| l.points_px.len()).sum())
+                .collect()
+        };
+        let outlined = OverlayLook { style: OverlayStyle::Outline, ..FILL };
+        assert_eq!(drawn(None, outlined), [12, 12]);
+        let upper = Grid::from_vec(1, 2, vec![true, false]);
+        assert_eq!(drawn(Some(&upper), FILL), [6, 12], "a fill has lines, too");
+        assert_eq!(drawn(Some(&upper), OverlayLook { below_instruments: false, ..FILL }), [12, 12]);
+        assert!(outlines(&prompts, None, HEAT).is_empty() && outlines(&[], None, FILL).is_empty());
+    }
+
+    #[test]
+    fn heat_is_of_fixed_range_and_of_the_chosen_palette() {
         let ramp = Grid::from_vec(5, 1, vec![0.0, 0.25, 0.5, 0.75, 1.0]);
-        let black = RgbImage::new(5, 1);
+        let frame = RgbImage::from_pixel(5, 1, Rgb(GREY));
         let prompt = OverlayPrompt::new(&ramp, 0.4, GREEN);
-        let picture = overlay(&black, &[prompt], HEAT);
-        let light: Vec<u32> = picture.pixels().map(|p| p.0.iter().map(|&v| u32::from(v)).sum()).collect();
-        assert!(light.windows(2).all(|pair| pair[0] < pair[1]), "{light:?}");
-        assert_eq!(light[0], 0);
-        assert_eq!(*picture.get_pixel(2, 0), Rgb([0, 100, 40]));
+        for palette in Palette::ALL {
+            let picture = overlay(&frame, &[prompt], OverlayLook { palette, ..HEAT });
+            let expected = |i: usize| Rgb(to_bytes(palette.colour(i as f32 / 4.0)));
+            assert_eq!(*picture.get_pixel(0, 0), Rgb(GREY), "what was not seen stays");
+            assert!((1..5).all(|i| *picture.get_pixel(i as u32, 0) == expected(i)), "{palette:?}");
+        }
         // A score looks the same whatever else is in the picture.
         let alone = Grid::from_vec(1, 1, vec![0.25]);
         let prompt = OverlayPrompt { scores: &alone, ..prompt };
         let small = overlay(&RgbImage::new(1, 1), &[prompt], HEAT);
-        assert_eq!(small.get_pixel(0, 0), picture.get_pixel(1, 0));
+        assert_eq!(small.get_pixel(0, 0).0, to_bytes(Palette::Inferno.colour(0.25)));
     }
 
     #[test]
@@ -393,7 +474,7 @@ mod tests {
         let prompt = |scores, colour| OverlayPrompt::new(scores, 0.4, colour);
         let picture =
             overlay(&RgbImage::new(1, 1), &[prompt(&high, [200, 0, 0]), prompt(&low, [0, 0, 200])], HEAT);
-        assert_eq!(*picture.get_pixel(0, 0), Rgb([100, 0, 0]));
+        assert_eq!(picture.get_pixel(0, 0).0, to_bytes(Palette::Inferno.colour(0.5)));
     }
 
     #[test]

@@ -10,7 +10,7 @@ use surgtpgs::{
 };
 use surgtpgs_clip::TextEncoder;
 
-pub(crate) const TARGETS: [Target; 8] = [
+pub(crate) const TARGETS: [Target; 9] = [
     Target { name: "arguments", run: arguments, seeds: command_lines },
     Target { name: "prompt", run: prompt, seeds: prompts },
     Target { name: "model", run: |bytes| encoder("model.onnx", bytes), seeds: models },
@@ -18,6 +18,7 @@ pub(crate) const TARGETS: [Target; 8] = [
     Target { name: "encoder_settings", run: |bytes| encoder("encoder.toml", bytes), seeds: encoder_settings },
     Target { name: "jobs_file", run: |bytes| in_file(bytes, cli::check_jobs_file), seeds: jobs_files },
     Target { name: "session", run: |bytes| in_file(bytes, readers::session), seeds: sessions },
+    Target { name: "phases", run: |bytes| readers::phases(&String::from_utf8_lossy(bytes)), seeds: phases },
     Target { name: "preferences", run: |bytes| in_file(bytes, read_preferences), seeds: preferences },
 ];
 
@@ -123,6 +124,13 @@ fn sessions() -> Vec<Vec<u8>> {
         [{"frame": 7, "note": "clip"}], "range": [2, 9]}, "display": {"opacity": 0.5, "wipe": 0.25, "look": {}},
         "time": {"frame": 3, "speed": -2.0, "repeats": false}, "earlier_prompts": ["fat"], "reviewed_by": "two"}"#;
     [small, large].map(|text| text.as_bytes().to_vec()).to_vec()
+}
+
+fn phases() -> Vec<Vec<u8>> {
+    let lines = "Frame\tPhase\n0\tPreparation\n1\tPreparation\n2\tClippingCutting\n";
+    let table =
+        "phase,first_frame_from_1,last_frame_from_1,start_s,end_s\n\"a, b\",1,20,0.0,0.8\nc,21,30,0.8,1.2\n";
+    [lines, table].map(|text| text.as_bytes().to_vec()).to_vec()
 }
 
 fn preferences() -> Vec<Vec<u8>> {

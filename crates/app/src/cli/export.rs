@@ -19,6 +19,7 @@ use surgtpgs_core::{
     export::{ExportOptions, ExportSummary, Format, PictureSource, num_files},
     mask::CleanUp,
     overlay::{OverlayLook, OverlayStyle},
+    palette::Palette,
 };
 
 /// Write masked frames with a record of how they were made
@@ -57,15 +58,27 @@ pub(super) struct ExportArgs {
     /// Style of overlays, videos and sheets
     #[arg(long, value_parser = style_parser(), default_value = OverlayStyle::Outline.name())]
     style: OverlayStyle,
-    /// Opacity of fills and heatmaps in overlays
-    #[arg(long, default_value_t = 0.35, value_parser = unit_number)]
+    /// Opacity of fills in overlays
+    #[arg(long, default_value_t = OverlayLook::default().opacity, value_parser = unit_number)]
     opacity: f32,
+    /// Opacity of heatmaps
+    #[arg(long, default_value_t = OverlayLook::default().heat_opacity, value_parser = unit_number)]
+    heat_opacity: f32,
+    /// Colours of heatmaps
+    #[arg(long, value_parser = palette_parser(), default_value = Palette::default().name())]
+    palette: Palette,
     /// Opacity of outlines
     #[arg(long, default_value_t = 1.0, value_parser = unit_number)]
     outline_opacity: f32,
     /// Draw over instruments as well, not below them
     #[arg(long)]
     above_instruments: bool,
+    /// Columns of overlays and videos; masks and data keep the size of the recording
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(64..=7680))]
+    width: Option<u32>,
+    /// Leave names, frame number and time out of overlays, videos and animations
+    #[arg(long)]
+    no_captions: bool,
     /// Changes made to masks
     #[command(flatten)]
     clean_up: CleanUpArgs,
@@ -87,9 +100,13 @@ pub(super) struct ExportArgs {
     json: bool,
 }
 
-/// Changes made to masks before they are written; none unless asked for.
+/// Changes made to masks before they are written. Unless any is given, specks go, small holes are filled, and
+/// borders are rounded, as in the window.
 #[derive(Debug, Args)]
 struct CleanUpArgs {
+    /// Leave masks as they are
+    #[arg(long, conflicts_with_all = ["smooth", "fill_holes", "min_area", "round", "grow"])]
+    raw: bool,
     /// Smooth scores over time: the mean over a frame and this many frames before and after it
     #[arg(long, default_value_t = 0, value_name = "FRAMES")]
     smooth: usize,
@@ -99,6 +116,9 @@ struct CleanUpArgs {
     /// Leave out parts of masks that are smaller than this area
     #[arg(long, default_value_t = 0, value_name = "PX")]
     min_area: usize,
+    /// Round the border of masks over this distance
+    #[arg(long, default_value_t = 0, value_name = "PX", value_parser = clap::value_parser!(u16).range(..=100))]
+    round: u16,
     /// Move the border of masks outwards, or inwards where negative
     #[arg(long, default_value_t = 0, value_name = "PX", allow_negative_numbers = true)]
     grow: i32,
@@ -109,6 +129,29 @@ fn format_parser() -> impl TypedValueParser<Value = Format> {
     let value = |format: Format| PossibleValue::new(format.name()).help(format.about());
     PossibleValuesParser::new(Format::ALL.map(value)).try_map(|name| {
         Format::ALL.into_iter().find(|f| f.name() == name).ok_or_else(|| format!("there is no format {name}"))
+    })
+}
+
+impl CleanUpArgs {
+    /// The clean-up for pictures of a size.
+    fn clean_up(&self, width: usize, height: usize) -> CleanUp {
+        let &Self { raw, smooth, fill_holes, min_area, round, grow } = self;
+        let given = CleanUp {
+            smooth_frames: smooth,
+            fill_holes_px: fill_holes,
+            min_area_px: min_area,
+            round_px: round.into(),
+            grow_px: grow,
+        };
+        if given.is_off() && !raw { CleanUp::usual(width, height) } else { given }
+    }
+}
+
+/// Reads the name of a palette.
+fn palette_parser() -> impl TypedValueParser<Value = Palette> {
+    PossibleValuesParser::new(Palette::ALL.map(Palette::name)).try_map(|name| {
+        let palette = Palette::ALL.into_iter().find(|p| p.name() == name);
+        palette.ok_or_else(|| format!("there is no palette {name}"))
     })
 }
 
@@ -176,7 +219,7 @@ pub(super) fn export(args: &ExportArgs, completes_same: bool) -> Result<(Engine,
         folder: args.output.clone(),
         frames: args.frames.of(engine.scene().num_frames())?,
         questions: ExportQuestion::with_standard_look(questions, engine.settings().threshold),
-        options: args.options(),
+        options: args.options(&engine)?,
         replace: args.force,
         completes_same,
     };
@@ -198,27 +241,26 @@ pub(super) fn export(args: &ExportArgs, completes_same: bool) -> Result<(Engine,
 }
 
 impl ExportArgs {
-    fn options(&self) -> ExportOptions {
-        let &CleanUpArgs { smooth, fill_holes, min_area, grow } = &self.clean_up;
-        ExportOptions {
+    fn options(&self, engine: &Engine) -> Result<ExportOptions> {
+        let view = engine.view(0)?;
+        Ok(ExportOptions {
             formats: self.format.clone(),
             source: self.source.into(),
             exclusive: self.exclusive,
             stamp: !self.no_stamp,
+            captions: !self.no_captions,
+            width_px: self.width,
             look: OverlayLook {
                 style: self.style,
                 opacity: self.opacity,
+                heat_opacity: self.heat_opacity,
+                palette: self.palette,
                 outline_opacity: self.outline_opacity,
                 below_instruments: !self.above_instruments,
             },
             nearest: self.nearest,
-            clean_up: CleanUp {
-                smooth_frames: smooth,
-                fill_holes_px: fill_holes,
-                min_area_px: min_area,
-                grow_px: grow,
-            },
-        }
+            clean_up: self.clean_up.clean_up(view.camera.width as usize, view.camera.height as usize),
+        })
     }
 }
 
@@ -242,6 +284,19 @@ mod tests {
             assert_eq!(line(format.name()).unwrap_or_else(|e| panic!("{e}")).args.format, [format]);
         }
         assert!(line("mpeg").err().unwrap().to_string().contains("sheet"));
+    }
+
+    #[test]
+    fn masks_are_cleaned_up_unless_they_are_to_stay_raw() {
+        let clean_up = |words: &[&str]| {
+            let line = ["export", "s", "--prompt", "liver", "-o", "out"];
+            Line::parse_from(line.iter().chain(words)).args.clean_up.clean_up(854, 480)
+        };
+        assert_eq!(clean_up(&[]), CleanUp::usual(854, 480));
+        assert!(clean_up(&["--raw"]).is_off());
+        assert_eq!(clean_up(&["--round", "2"]), CleanUp { round_px: 2, ..Default::default() });
+        let both = ["export", "s", "--prompt", "liver", "-o", "out", "--raw", "--grow", "1"];
+        assert!(Line::try_parse_from(both).is_err());
     }
 
     #[test]

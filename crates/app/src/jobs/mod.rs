@@ -14,6 +14,6 @@ mod vanishing_tests;
 pub use demo::{DemoOptions, DemoPaths, build_demo, record_demo};
 pub use export::{ExportQuestion, ExportRequest, export};
 pub use material::Material;
-pub use prepare::{FeatureSource, PrepareOptions, prepare, prepare_folder};
+pub use prepare::{FeatureSource, PrepareOptions, faults_of_models, prepare, prepare_folder};
 pub use surgtpgs_core::progress::{Observer, Progress};
 pub use train::{Trained, checkpoint_path, go_on, remove_file, train, train_watched};

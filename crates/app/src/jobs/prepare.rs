@@ -225,6 +225,22 @@ impl<'a> Features<'a> {
     }
 }
 
+/// Opens the networks of [`FeatureSource::Masks`] and the text encoder, and returns what is wrong with each:
+/// mask network, image encoder, text encoder. That halves do not belong together is a fault of the last.
+pub fn faults_of_models(model: &Path, image_encoder: &Path, text: &EncoderChoice) -> [Option<Error>; 3] {
+    let masks = SegmentAnything::open(model).err();
+    let images = ImageEncoder::open(image_encoder);
+    let text = match text {
+        EncoderChoice::Folder(folder) => open_text_encoder(folder),
+        EncoderChoice::Builtin | EncoderChoice::OfScene => TextEncoder::builtin(),
+    };
+    let halves = match (&images, &text) {
+        (Ok(images), Ok(text)) => check_halves(text, images.dim(), image_encoder).err(),
+        _ => None,
+    };
+    [masks, images.err(), text.err().or(halves)]
+}
+
 /// Fails if embeddings of texts and images cannot be compared.
 fn check_halves(text: &TextEncoder, dim: usize, folder: &Path) -> Result<()> {
     let text = text.identity();

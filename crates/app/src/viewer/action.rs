@@ -5,8 +5,9 @@ use crate::viewer::{
     backend::{TrainRequest, paths::PathKind},
     command::{Command, keys},
     shared::Shared,
-    state::{content::Look, document::Document, preferences::Preferences, zoom::Panes},
+    state::{content::Look, document::Document, preferences::Preferences, time_scale::Span, zoom::Panes},
 };
+use crate::{engine::Negatives, jobs::ExportRequest};
 use egui::{Context, KeyboardShortcut};
 use std::path::PathBuf;
 
@@ -24,6 +25,10 @@ pub(crate) enum Action {
     GoTo(usize),
     /// Goes to a frame while the pointer is dragged.
     Scrub(usize),
+    /// Shows a part of the recording on the time bar.
+    TimeSpan(Span),
+    /// Asks for small pictures of these frames.
+    Thumbnails(Vec<usize>),
     /// Turns, moves or magnifies the picture.
     Look { look: Look, is_moving: bool },
     /// Notes where the panes were painted.
@@ -46,6 +51,14 @@ pub(crate) enum Action {
     ChooseKey(Command, Option<KeyboardShortcut>),
     /// Starts training.
     Train(TrainRequest),
+    /// Starts an export; the negatives are those of prompts without exceptions of their own.
+    Export(Box<(ExportRequest, Negatives)>),
+    /// Closes the result of an export.
+    ForgetExport,
+    /// Shows a folder with the system's file manager.
+    ShowFolder(PathBuf),
+    /// Takes a recording out of those that wait to be reconstructed.
+    Unqueue(usize),
     /// Stops offering the finished reconstruction.
     ForgetFinished,
     /// Inverts which side of the recording's masks is kept.
@@ -112,6 +125,14 @@ impl Shared {
                 self.playback.seek(frame, now);
                 self.viewport.is_moving = true;
             }
+            Action::TimeSpan(span) => {
+                (self.viewport.span, self.viewport.span_frame) = (span, self.playback.frame());
+            }
+            Action::Thumbnails(frames) => {
+                if let Some(open) = &mut self.open {
+                    open.want_thumbnails(frames);
+                }
+            }
             Action::Look { look, is_moving } => {
                 self.document.look = look;
                 self.viewport.is_moving |= is_moving;
@@ -132,6 +153,13 @@ impl Shared {
                 self.preferences.save();
             }
             Action::Train(request) => self.start_training(request, ctx),
+            Action::Unqueue(index) => drop(self.reconstruction.queue.remove(index)),
+            Action::Export(export) => self.start_export(export.0, export.1, ctx),
+            Action::ForgetExport => self.exporting = None,
+            Action::ShowFolder(folder) => {
+                let shown = self.backend.show_folder(&folder);
+                self.settle(shown);
+            }
             Action::ForgetFinished => self.reconstruction.finished = None,
             Action::FlipMasks => self.flip_masks(ctx),
             Action::Recall(opened) => drop(self.saving.autosave.recall(&opened)),

@@ -2,7 +2,7 @@
 
 use super::{
     command::{COMMANDS, keys},
-    state::{preferences::Preferences, session::Session},
+    state::{phases, preferences::Preferences, session::Session},
 };
 use std::path::Path;
 use surgtpgs_core::Result;
@@ -19,6 +19,18 @@ pub fn session(file: &Path) -> Result<()> {
     let again = Session::load(&copy).map(|again| Session { version: read.version, ..again });
     assert!(again.as_ref().is_ok_and(|again| *again == read), "{read:?} became {again:?}");
     Ok(())
+}
+
+/// Reads phases of an operation, and writes and reads them again.
+///
+/// # Panics
+/// If they overlap, or differ after that.
+pub fn phases(text: &str) {
+    const FRAMES: usize = 1000;
+    let Ok(read) = phases::read(text, FRAMES) else { return };
+    assert!(read.windows(2).all(|pair| pair[0].last < pair[1].first), "phases that overlap: {read:?}");
+    let again = phases::read(&phases::csv(&read, |frame| frame as f64), FRAMES);
+    assert_eq!(again.as_ref(), Ok(&read));
 }
 
 /// Reads preferences and applies their keys. Damaged preferences become those of a first start.

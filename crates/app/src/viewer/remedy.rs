@@ -8,8 +8,8 @@ pub(crate) fn message(error: &Error) -> String {
         Remedy::Replace => "The window replaces nothing: remove it first.",
         Remedy::UseCpu => "The command line can do it on the CPU.",
         Remedy::CheckRecording => "Open the recording: its check says what it holds.",
-        Remedy::Prepare => "Reconstruct a recording with labels, or one that the command line has prepared.",
-        Remedy::OtherFeatures => "The command line can take features from automatic masks.",
+        Remedy::Prepare => "Reconstruct the recording with its labels, or with networks.",
+        Remedy::OtherFeatures => "Choose networks that find regions and tell what they show.",
         Remedy::OtherEncoder => "Put it back where it was, or give its folder on the command line.",
         Remedy::FindRecording => "Open the recording first, or export pictures from the reconstruction.",
     })

@@ -12,11 +12,13 @@ use crate::viewer::{
         autosave::Autosave,
         content::Prompt,
         document::Document,
+        exporting::Exporting,
         opening::Opening,
         playback::Playback,
         preferences::Preferences,
         reconstruction::Reconstruction,
         saving::Saving,
+        time_scale::Span,
         toast::{Back, SHOWN_SECS, Toast},
         zoom::Panes,
     },
@@ -39,6 +41,8 @@ pub(crate) struct Shared {
     pub(crate) open: Option<Open>,
     pub(crate) opening: Opening,
     pub(crate) reconstruction: Reconstruction,
+    /// Export that is running, or has ended and was not looked at.
+    pub(crate) exporting: Option<Exporting>,
     pub(crate) saving: Saving,
     pub(crate) dialog: Option<Dialog>,
     /// Latest problem, until it is dismissed.
@@ -75,6 +79,10 @@ pub(crate) struct Viewport {
     pub(crate) wipe: f32,
     /// Point of the picture that is probed, as share of its width and height.
     pub(crate) probe: Option<[f32; 2]>,
+    /// Part of the recording that the time bar shows.
+    pub(crate) span: Span,
+    /// The present frame when that part was chosen; another one is followed.
+    pub(crate) span_frame: usize,
     /// `true` while the ruler is in use.
     pub(crate) has_ruler: bool,
     /// `true` if the user moves time or view during this update.
@@ -83,7 +91,15 @@ pub(crate) struct Viewport {
 
 impl Default for Viewport {
     fn default() -> Self {
-        Self { panes: Panes::default(), wipe: 0.5, probe: None, has_ruler: false, is_moving: false }
+        Self {
+            panes: Panes::default(),
+            wipe: 0.5,
+            probe: None,
+            span: None,
+            span_frame: 0,
+            has_ruler: false,
+            is_moving: false,
+        }
     }
 }
 
@@ -95,6 +111,7 @@ pub(crate) enum Dialog {
     Quality,
     GoToFrame,
     Bookmarks,
+    Phases,
     /// Phrases that prompts are compared with.
     Comparison,
     Shortcuts,
@@ -114,6 +131,7 @@ impl Shared {
             open: None,
             opening: Opening::default(),
             reconstruction: Reconstruction::default(),
+            exporting: None,
             saving: Saving::new(autosave),
             dialog: None,
             problem: None,

@@ -100,6 +100,7 @@ impl Shell {
         shared.viewport.is_moving = false;
         shared.poll_opening(now, ctx);
         shared.poll_training(now, ctx);
+        shared.poll_export();
         shared.hold_close(now, ctx);
         for invocation in KeyRouter::take(ctx) {
             shared.run(invocation, ctx);

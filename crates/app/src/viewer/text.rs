@@ -1,10 +1,6 @@
 //! Numbers as people read them.
 
-/// Formats seconds as m:ss.hh.
-pub(crate) fn timecode(seconds: f64) -> String {
-    let hundredths = (seconds.max(0.0) * 100.0).round() as u64;
-    format!("{}:{:02}.{:02}", hundredths / 6000, hundredths / 100 % 60, hundredths % 100)
-}
+pub(crate) use surgtpgs_core::export::timecode;
 
 /// Begins a text with a capital letter.
 pub(crate) fn sentence(text: &str) -> String {
@@ -52,8 +48,6 @@ mod tests {
 
     #[test]
     fn times_and_numbers_in_words() {
-        assert_eq!(timecode(61.456), "1:01.46");
-        assert_eq!(timecode(59.999), "1:00.00");
         assert_eq!(duration(3.0), "a few seconds");
         assert_eq!(duration(44.0), "40 seconds");
         assert_eq!(duration(100.0), "2 minutes");

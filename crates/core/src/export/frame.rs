@@ -1,10 +1,11 @@
 //! The content of an exported frame. Intermediate results that several formats need are computed once.
 
-use super::{ExportPrompt, Provenance, stamp};
+use super::{ExportPrompt, Provenance, caption, stamp};
 use crate::{
     grid::{Grid, Mask},
     mask,
-    overlay::overlay_layers,
+    overlay::{outlines, overlay_layers},
+    strokes::draw_outlines,
 };
 use image::{RgbImage, imageops};
 use std::{borrow::Cow, sync::OnceLock};
@@ -67,28 +68,45 @@ impl<'a> FrameContent<'a> {
         disjoint.iter().position(|m| m.data[pixel]).map_or(0, |prompt| (prompt + 1) as u8)
     }
 
-    /// Returns the picture with all prompts drawn over it, stamped if the options say so.
+    /// Returns the picture with all prompts drawn over it, at the size and with the words that the options
+    /// say.
     pub(super) fn overlay(&self) -> &RgbImage {
         self.overlay.get_or_init(|| {
-            let mut drawn = self.draw_over(self.picture, &self.kept_scores());
-            if self.provenance.options.stamp {
+            let options = &self.provenance.options;
+            let mut drawn = self.drawn(options.width_px.unwrap_or(self.picture.width()));
+            if options.look.style.shows_scores() {
+                caption::draw_scale(&mut drawn, options.look.palette);
+            }
+            if options.captions {
+                caption::write_caption(&mut drawn, self);
+            }
+            if options.stamp {
                 stamp::stamp(&mut drawn);
             }
             drawn
         })
     }
 
-    /// Returns the overlay at most `max_width` columns wide and without the stamp. Prompts are drawn at
-    /// the small size, because their lines would fade in a reduced picture.
+    /// Returns the overlay at most `max_width` columns wide, without words.
     pub(super) fn small_overlay(&self, max_width: u32) -> RgbImage {
-        let (width, height) = small_size(self.picture.dimensions(), max_width);
-        if width == self.picture.width() {
-            return self.draw_over(self.picture, &self.kept_scores());
+        self.drawn(self.picture.width().min(max_width))
+    }
+
+    /// Draws all prompts over the picture, `width` columns wide. Lines are drawn at this size: those of a
+    /// larger picture would fade or show its pixels.
+    fn drawn(&self, width: u32) -> RgbImage {
+        let options = &self.provenance.options;
+        let scores = self.kept_scores();
+        let layer = |(scores, p): (_, &ExportPrompt)| (p.drawn(scores), p.is_instrument);
+        let layers: Vec<_> = scores.iter().zip(&self.provenance.prompts).map(layer).collect();
+        let mut drawn = overlay_layers(self.picture, &layers, self.tools, options.look);
+        let (width, height) = scaled_size(self.picture.dimensions(), width);
+        if (width, height) != drawn.dimensions() {
+            drawn = imageops::resize(&drawn, width, height, imageops::FilterType::Triangle);
         }
-        let small = imageops::resize(self.picture, width, height, imageops::FilterType::Triangle);
-        let scores: Vec<_> =
-            self.kept_scores().iter().map(|s| s.sampled(width as usize, height as usize)).collect();
-        self.draw_over(&small, &scores)
+        let lines = outlines(&layers, self.tools, options.look);
+        draw_outlines(&mut drawn, &lines, self.size(), options.look.outline_opacity);
+        drawn
     }
 
     /// Returns the scores to draw. If prompts exclude each other, scores of pixels that another prompt
@@ -102,13 +120,6 @@ impl<'a> FrameContent<'a> {
         }
         kept
     }
-
-    fn draw_over(&self, picture: &RgbImage, scores: &[Grid<f32>]) -> RgbImage {
-        let options = &self.provenance.options;
-        let layer = |(scores, p): (_, &ExportPrompt)| (p.drawn(scores), p.is_instrument);
-        let layers: Vec<_> = scores.iter().zip(&self.provenance.prompts).map(layer).collect();
-        overlay_layers(picture, &layers, self.tools, options.look)
-    }
 }
 
 /// Returns one mask per prompt, from its scores and threshold; disjoint if `exclusive`.
@@ -121,9 +132,13 @@ fn masks(scores: &[Cow<'_, Grid<f32>>], prompts: &[ExportPrompt], exclusive: boo
     }
 }
 
+/// Returns the size of a picture that is made `width` columns wide and keeps its shape.
+pub(super) fn scaled_size(size: (u32, u32), width: u32) -> (u32, u32) {
+    let rows = (u64::from(size.1) * u64::from(width) + u64::from(size.0) / 2) / u64::from(size.0.max(1));
+    (width.max(1), (rows as u32).max(1))
+}
+
 /// Scales `size` down to at most `max_width` columns and keeps its shape.
-pub(super) fn small_size((width, height): (u32, u32), max_width: u32) -> (u32, u32) {
-    let small = width.min(max_width);
-    let rows = (u64::from(height) * u64::from(small) + u64::from(width) / 2) / u64::from(width.max(1));
-    (small, (rows as u32).max(1))
+pub(super) fn small_size(size: (u32, u32), max_width: u32) -> (u32, u32) {
+    scaled_size(size, size.0.min(max_width))
 }

@@ -12,6 +12,7 @@
 //! anew unless they are finished. A file that does not belong to this export is never overwritten unless
 //! that is asked for.
 
+mod caption;
 mod format;
 mod frame;
 mod options;
@@ -22,10 +23,12 @@ mod series;
 mod slugs;
 mod stamp;
 
+pub use caption::{caption, draw_scale, frame_words, timecode};
 pub use format::{Format, FormatGroup, num_files};
 pub use options::{ExportOptions, ExportPrompt, LeftOut, PictureSource};
 pub use provenance::{ExportedFile, FILE_NAME as PROVENANCE_FILE, Provenance, intended_use};
 pub use slugs::{distinct, slugs};
+pub use stamp::stamp;
 
 use crate::{
     Error, Remedy, Result,

@@ -31,6 +31,10 @@ pub struct ExportOptions {
     pub exclusive: bool,
     /// `true` if pictures with prompts drawn over them say "research use only".
     pub stamp: bool,
+    /// `true` if they say which frame they show, at what time, and which prompts were found on it.
+    pub captions: bool,
+    /// Number of columns of overlays and videos, px; `None` for the size of the recording.
+    pub width_px: Option<u32>,
     /// Style of the overlays.
     #[serde(flatten)]
     pub look: OverlayLook,
@@ -48,6 +52,8 @@ impl Default for ExportOptions {
             source: PictureSource::Original,
             exclusive: false,
             stamp: true,
+            captions: false,
+            width_px: None,
             look: OverlayLook::default(),
             nearest: false,
             clean_up: CleanUp::default(),

@@ -14,7 +14,7 @@ pub const FILE_NAME: &str = "provenance.json";
 const SCHEMA: u32 = 4;
 
 /// Frames per second of moving pictures if the recording's own speed is not known.
-const USUAL_SPEED: f32 = 25.0;
+pub(super) const USUAL_SPEED: f32 = 25.0;
 /// Lowest frames per second of moving pictures: the times of slower mp4 files cannot be stored.
 const SLOWEST: f32 = 1e-3;
 
@@ -133,6 +133,12 @@ impl Provenance {
     /// Returns the seconds from the recording's beginning to `frame`; `None` if its speed is not known.
     pub fn seconds(&self, frame: usize) -> Option<f64> {
         self.frames_per_second.map(|speed| frame as f64 / f64::from(speed))
+    }
+
+    /// Returns the seconds of [`Provenance::seconds`], by the usual speed where the recording's is not known, as
+    /// the window does.
+    pub fn shown_seconds(&self, frame: usize) -> f64 {
+        self.seconds(frame).unwrap_or(frame as f64 / f64::from(USUAL_SPEED))
     }
 
     /// Returns the frames per second at which moving pictures of the export play: those of the recording,

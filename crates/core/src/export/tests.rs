@@ -150,6 +150,31 @@ fn overlays_lie_below_instruments_unless_said_otherwise() {
 }
 
 #[test]
+fn overlays_have_the_size_and_the_words_that_were_asked_for() {
+    let drawn = |options: &dyn Fn(&mut ExportOptions)| {
+        let folder = tempfile::tempdir().unwrap();
+        let mut how = provenance(&[Format::Overlay, Format::Binary], false);
+        how.options.stamp = false;
+        options(&mut how.options);
+        run(folder.path(), &[11], &how, false).unwrap();
+        let mask = image::open(folder.path().join("binary/frame_000011_liver.png")).unwrap();
+        assert_eq!((mask.width(), mask.height()), (40, 24), "masks keep the recording's size");
+        image::open(folder.path().join("overlay/frame_000011.png")).unwrap().to_rgb8()
+    };
+    assert_eq!(drawn(&|_| {}).dimensions(), (40, 24));
+    let large = drawn(&|o| o.width_px = Some(400));
+    assert_eq!(large.dimensions(), (400, 240));
+    let ink = |image: &RgbImage| image.pixels().filter(|p| p.0 == [255, 255, 255]).count();
+    let captioned = drawn(&|o| (o.width_px, o.captions) = (Some(400), true));
+    assert!(ink(&large) == 0 && ink(&captioned) > 300, "{}", ink(&captioned));
+    let has = |colour: [u8; 3]| (2..8).any(|x| (10..30).any(|y| captioned.get_pixel(x, y).0 == colour));
+    assert!(has([0, 200, 255]) && has([230, 80, 230]), "a swatch for each prompt");
+    let heat = drawn(&|o| (o.width_px, o.look.style) = (Some(400), OverlayStyle::Heatmap));
+    let palette = OverlayLook::default().palette;
+    assert_eq!(heat.get_pixel(399, 225).0, palette.colour(1.0).map(|v| v as u8), "the scale");
+}
+
+#[test]
 fn the_record_lists_every_file_with_its_hash() {
     let folder = tempfile::tempdir().unwrap();
     let how = provenance(&[Format::Cutout, Format::Binary, Format::Index], false);

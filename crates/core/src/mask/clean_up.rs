@@ -1,6 +1,6 @@
 //! Clean-up of masks at the user's request; the same for the window and the exports.
 
-use super::{Bits, Mask, fill_holes, remove_small, threshold};
+use super::{Bits, Mask, fill_holes, remove_small, smoothed, threshold};
 use crate::grid::Grid;
 use std::borrow::Cow;
 
@@ -14,11 +14,26 @@ pub struct CleanUp {
     pub fill_holes_px: usize,
     /// Connected parts of a smaller area are removed, px.
     pub min_area_px: usize,
+    /// Radius in pixels over which the border is rounded.
+    pub round_px: usize,
     /// Distance that the border moves outwards, px by city-block distance; negative moves it inwards.
     pub grow_px: i32,
 }
 
+/// Parts and holes below one in so many of a picture's pixels are no structure of their own.
+const PIXELS_PER_SPECK: usize = 1000;
+/// Number of rows of a picture for each pixel of the radius over which borders are rounded.
+const ROWS_PER_ROUND_PX: usize = 160;
+
 impl CleanUp {
+    /// The clean-up for pictures to look at, in the window and in exports: no specks, no small holes, round
+    /// borders. It leaves very small pictures as they are.
+    pub fn usual(width: usize, height: usize) -> Self {
+        let speck = width * height / PIXELS_PER_SPECK;
+        let round_px = width.min(height) / ROWS_PER_ROUND_PX;
+        Self { fill_holes_px: speck, min_area_px: speck, round_px, ..Self::default() }
+    }
+
     /// Returns `true` if masks stay unchanged, to the bit.
     pub fn is_off(&self) -> bool {
         *self == Self::default()
@@ -31,12 +46,13 @@ impl CleanUp {
         Self {
             fill_holes_px: area(self.fill_holes_px),
             min_area_px: area(self.min_area_px),
+            round_px: length(self.round_px as f32) as usize,
             grow_px: length(self.grow_px as f32) as i32,
             ..*self
         }
     }
 
-    /// Returns the mask without holes and specks, its border moved. The image's edge is no border.
+    /// Returns the mask without holes and specks, its border rounded and moved. The image's edge is no border.
     pub fn mask(&self, mask: &Mask) -> Mask {
         let mut mask = Cow::Borrowed(mask);
         if self.fill_holes_px > 0 {
@@ -44,6 +60,9 @@ impl CleanUp {
         }
         if self.min_area_px > 1 {
             mask = Cow::Owned(remove_small(&mask, self.min_area_px));
+        }
+        if self.round_px > 0 {
+            mask = Cow::Owned(smoothed(&mask, self.round_px));
         }
         if self.grow_px != 0 {
             let bits = Bits::of(mask.width, mask.height, |i| mask.data[i]);
@@ -129,6 +148,19 @@ mod tests {
     }
 
     #[test]
+    fn the_usual_clean_up_takes_specks_away_and_rounds_borders() {
+        let usual = CleanUp::usual(854, 480);
+        let expected = CleanUp { fill_holes_px: 409, min_area_px: 409, round_px: 3, ..Default::default() };
+        assert_eq!(usual, expected);
+        assert!(CleanUp::usual(32, 24).is_off());
+        let stair = |i: usize| (i % 200) + 2 * (i / 200 / 4 * 2) < 150 || i == 199;
+        let found = Grid::from_vec(200, 160, (0..200 * 160).map(stair).collect());
+        let clean = CleanUp::usual(200, 160).mask(&found);
+        assert!(found.data[199] && !clean.data[199], "a speck");
+        assert!(found.data.iter().zip(&clean.data).filter(|(a, b)| a != b).count() < 200, "little else");
+    }
+
+    #[test]
     fn what_was_not_seen_is_not_found_by_growing() {
         let scores = Grid::from_vec(4, 1, vec![0.9, 0.0, f32::NAN, 0.2]);
         let grown = CleanUp { grow_px: 3, ..Default::default() };
@@ -137,8 +169,9 @@ mod tests {
 
     #[test]
     fn at_half_size_lengths_are_half_and_areas_a_quarter() {
-        let clean = CleanUp { smooth_frames: 2, fill_holes_px: 40, min_area_px: 100, grow_px: -4 };
-        let half = CleanUp { smooth_frames: 2, fill_holes_px: 10, min_area_px: 25, grow_px: -2 };
+        let clean =
+            CleanUp { smooth_frames: 2, fill_holes_px: 40, min_area_px: 100, round_px: 6, grow_px: -4 };
+        let half = CleanUp { smooth_frames: 2, fill_holes_px: 10, min_area_px: 25, round_px: 3, grow_px: -2 };
         assert_eq!(clean.at_size(0.5), half);
         assert_eq!(clean.at_size(1.0), clean);
     }
@@ -157,11 +190,11 @@ mod tests {
         #[test]
         fn the_scores_say_what_the_mask_says(
             scores in proptest::collection::vec(0.01_f32..1.0, 48),
-            clean in (0_usize..4, 0_usize..5, -2_i32..3),
+            clean in (0_usize..4, 0_usize..5, 0_usize..2, -2_i32..3),
             limit in 0_u8..=100,
         ) {
-            let (fill_holes_px, min_area_px, grow_px) = clean;
-            let clean = CleanUp { smooth_frames: 0, fill_holes_px, min_area_px, grow_px };
+            let (fill_holes_px, min_area_px, round_px, grow_px) = clean;
+            let clean = CleanUp { smooth_frames: 0, fill_holes_px, min_area_px, round_px, grow_px };
             let (scores, limit) = (Grid::from_vec(8, 6, scores), f32::from(limit) / 100.0);
             let expected = clean.mask(&threshold(&scores, limit));
             prop_assert_eq!(threshold(&clean.scores(&scores, limit), limit), expected);

@@ -1,11 +1,13 @@
 //! Masks from scores: threshold, outline, overlap, measures, and the clean-up at the user's request.
 
 mod bits;
+mod border;
 mod clean_up;
 mod contour;
 mod region;
 mod rle;
 
+pub use border::{BorderLine, border_lines};
 pub use clean_up::{CleanUp, mean_scores};
 pub use contour::{Corner, contours};
 pub use region::Region;
@@ -108,6 +110,49 @@ pub fn fill_holes(mask: &Mask, max_area_px: usize) -> Mask {
     filled
 }
 
+/// Rounds the border: a pixel is in the mask if most of the pixels are that are at most `radius_px` columns
+/// and rows away. Only pixels of the image count.
+pub fn smoothed(mask: &Mask, radius_px: usize) -> Mask {
+    let (w, h) = (mask.width, mask.height);
+    // Number of found pixels above and to the left of each corner.
+    let mut sums = vec![0_u32; (w + 1) * (h + 1)];
+    for y in 0..h {
+        let mut row = 0;
+        for x in 0..w {
+            row += u32::from(mask.data[y * w + x]);
+            sums[(y + 1) * (w + 1) + x + 1] = sums[y * (w + 1) + x + 1] + row;
+        }
+    }
+    let is_found = |i: usize| {
+        let (x, y) = (i % w, i / w);
+        let (x0, x1) = (x.saturating_sub(radius_px), (x + radius_px + 1).min(w));
+        let (y0, y1) = (y.saturating_sub(radius_px), (y + radius_px + 1).min(h));
+        let at = |x: usize, y: usize| sums[y * (w + 1) + x];
+        let found = at(x1, y1) + at(x0, y0) - at(x0, y1) - at(x1, y0);
+        2 * found as usize > (x1 - x0) * (y1 - y0)
+    };
+    Grid::from_vec(w, h, (0..w * h).map(is_found).collect())
+}
+
+/// Returns column and row of the pixel of the mask that is farthest from its border, by city-block distance;
+/// the first one of several. Beyond the image there is no mask. `None` for an empty mask.
+pub fn innermost(mask: &Mask) -> Option<(usize, usize)> {
+    let (w, h) = (mask.width, mask.height);
+    let mut depth = vec![0_u32; w * h];
+    for i in (0..w * h).filter(|i| mask.data[*i]) {
+        let left = if i % w > 0 { depth[i - 1] } else { 0 };
+        let above = if i >= w { depth[i - w] } else { 0 };
+        depth[i] = left.min(above) + 1;
+    }
+    for i in (0..w * h).rev().filter(|i| mask.data[*i]) {
+        let right = if i % w + 1 < w { depth[i + 1] } else { 0 };
+        let below = if i + w < w * h { depth[i + w] } else { 0 };
+        depth[i] = depth[i].min(right.min(below) + 1);
+    }
+    let best = (0..w * h).filter(|i| depth[*i] > 0).max_by_key(|i| (depth[*i], std::cmp::Reverse(*i)))?;
+    Some((best % w, best / w))
+}
+
 /// A connected part of a mask.
 struct Component {
     pixels: Vec<usize>,
@@ -197,6 +242,26 @@ mod tests {
         let ring = mask(&["####.", "#..#.", "#.##.", "####."]);
         assert_eq!(fill_holes(&ring, 3).count(), 16);
         assert_eq!(fill_holes(&ring, 2), ring);
+    }
+
+    #[test]
+    fn rounding_takes_away_what_is_thin_and_fills_notches() {
+        let image = mask(&["........", "....#...", "########", "###.####", "########", "........"]);
+        assert_eq!(
+            smoothed(&image, 1),
+            mask(&["........", "........", "########", "########", "########", "........"])
+        );
+        assert_eq!(smoothed(&image, 0), image);
+        assert_eq!(smoothed(&Grid::filled(0, 0, true), 2).data.len(), 0);
+    }
+
+    #[test]
+    fn the_innermost_pixel_is_far_from_every_border() {
+        let image = mask(&["#########", "##.######", "#########", "#########", "#########"]);
+        assert_eq!(innermost(&image), Some((4, 2)));
+        let crescent = mask(&["#####.", "#.....", "#.....", "######", "######", "######"]);
+        assert_eq!(innermost(&crescent), Some((1, 4)), "a pixel of the mask, though the middle is none");
+        assert_eq!(innermost(&mask(&["...."])), None);
     }
 
     #[test]

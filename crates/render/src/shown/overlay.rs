@@ -17,7 +17,6 @@ shader! {
     const CONTOUR_WIDTH = overlay::CONTOUR_WIDTH;
     const DASH = overlay::DASH;
     const HALO_DARKNESS = overlay::HALO_DARKNESS;
-    const HEAT_WHITENING = overlay::HEAT_WHITENING;
     var<uniform> params: OverlayParams;
     var<read> prompts: [PromptRow];
     /// [prompts][rows][columns]
@@ -41,6 +40,20 @@ shader_struct! {
         outline_opacity: f32,
         /// Padding to a multiple of 16 bytes.
         padding: [u32; 2],
+        /// Factors of the powers of a score in the colour of a heatmap, red, green, blue and 0.
+        heat_0: [f32; 4],
+        /// As `heat_0`, for the first power.
+        heat_1: [f32; 4],
+        /// As `heat_0`, for the second power.
+        heat_2: [f32; 4],
+        /// As `heat_0`, for the third power.
+        heat_3: [f32; 4],
+        /// As `heat_0`, for the fourth power.
+        heat_4: [f32; 4],
+        /// As `heat_0`, for the fifth power.
+        heat_5: [f32; 4],
+        /// As `heat_0`, for the sixth power.
+        heat_6: [f32; 4],
     }
 }
 
@@ -63,9 +76,25 @@ shader_struct! {
 impl OverlayParams {
     /// Settings for a frame of `size` with `num_prompts` prompts.
     pub fn new(size: [u32; 2], num_prompts: usize, look: OverlayLook) -> Self {
-        let OverlayLook { style, opacity, outline_opacity, .. } = look;
-        let num_prompts = num_prompts as u32;
-        Self { size, num_prompts, style: style as u32, opacity, outline_opacity, ..Default::default() }
+        let OverlayLook { style, outline_opacity, .. } = look;
+        let opacity = if style.shows_scores() { look.heat_opacity } else { look.opacity };
+        let heat = look.palette.coefficients().map(|[r, g, b]| [r, g, b, 0.0]);
+        let [heat_0, heat_1, heat_2, heat_3, heat_4, heat_5, heat_6] = heat;
+        Self {
+            size,
+            num_prompts: num_prompts as u32,
+            style: style as u32,
+            opacity,
+            outline_opacity,
+            padding: [0; 2],
+            heat_0,
+            heat_1,
+            heat_2,
+            heat_3,
+            heat_4,
+            heat_5,
+            heat_6,
+        }
     }
 }
 

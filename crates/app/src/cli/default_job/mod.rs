@@ -22,6 +22,7 @@ use surgtpgs_core::{
     Error, Result,
     export::{ExportOptions, Format},
     files::{Inputs, claim_collection},
+    mask::CleanUp,
 };
 
 /// Folder that the headless job writes, in the current folder.
@@ -86,12 +87,14 @@ fn export_found(
     let negatives = Negatives::of(engine.settings());
     let questions = found.iter().map(|text| Question::words(text.as_str(), negatives.clone())).collect();
     let formats = vec![Format::Cutout, Format::Overlay, Format::Index];
+    let camera = engine.view(0)?.camera;
+    let clean_up = CleanUp::usual(camera.width as usize, camera.height as usize);
     let request = ExportRequest {
         scene: scene.to_owned(),
         folder: folder.to_owned(),
         frames,
         questions: ExportQuestion::with_standard_look(questions, engine.settings().threshold),
-        options: ExportOptions { formats, ..Default::default() },
+        options: ExportOptions { formats, captions: true, clean_up, ..Default::default() },
         replace: true,
         completes_same: false,
     };

@@ -182,12 +182,16 @@ pub(crate) trait Backend: Send + Sync {
         negatives: &Negatives,
         task: &TaskContext,
     ) -> Result<ExportSummary>;
+    /// Shows a folder with the system's file manager.
+    fn show_folder(&self, folder: &Path) -> Result<()>;
     /// Compares a scene with its recording: pictures, depth and the masks of its classes.
     fn evaluate(&self, scene: &Path, task: &TaskContext) -> Result<Evaluation>;
     /// Returns the available memory, bytes; `None` where the system does not tell.
     fn available_bytes(&self) -> Option<u64> {
         None
     }
+    /// Opens the networks that make a recording searchable, and reports what is wrong with each.
+    fn check_models(&self, models: &Models, task: &TaskContext) -> Result<ModelFaults>;
     /// Trains and saves a scene. After a cancellation, the scene learned so far is still saved and returned.
     fn reconstruct(&self, request: &TrainRequest, task: &TaskContext<TrainNews>) -> Result<PathBuf>;
 }
@@ -226,4 +230,65 @@ pub(crate) struct TrainRequest {
     pub(crate) quality: Quality,
     /// Ranges of frames that are not trained on.
     pub(crate) excluded: Vec<(usize, usize)>,
+    /// Source of what words are found by.
+    pub(crate) words: Words,
+}
+
+/// Source of what words are found by in a reconstruction. A prepared folder has its own.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) enum Words {
+    /// The recording's class labels, if it has some.
+    #[default]
+    Labels,
+    /// Networks that find regions and tell what they show.
+    Models(Models),
+    /// Nothing: pictures alone.
+    Nothing,
+}
+
+/// Networks that make a recording without labels searchable.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default)]
+pub(crate) struct Models {
+    /// Folder with a Segment Anything, which finds regions.
+    pub(crate) masks: PathBuf,
+    /// Folder with an image encoder, which tells what regions show.
+    pub(crate) images: PathBuf,
+    /// Folder with the text encoder that belongs to it; empty for the built-in one.
+    pub(crate) texts: PathBuf,
+    /// Number of points along each side of a picture at which regions are looked for.
+    pub(crate) points_per_side: usize,
+}
+
+impl Default for Models {
+    fn default() -> Self {
+        let none = PathBuf::new;
+        Self { masks: none(), images: none(), texts: none(), points_per_side: 16 }
+    }
+}
+
+/// Faults of models, each in words; `None` where one can be used.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct ModelFaults {
+    pub(crate) masks: Option<String>,
+    pub(crate) images: Option<String>,
+    pub(crate) texts: Option<String>,
+}
+
+impl ModelFaults {
+    /// Returns `true` if all models can be used together.
+    pub(crate) fn is_none(&self) -> bool {
+        self.masks.is_none() && self.images.is_none() && self.texts.is_none()
+    }
+}
+
+/// Beginning of the names of stages before the training itself.
+pub(crate) const PREPARING: &str = "preparing";
+
+impl TrainRequest {
+    /// Returns the folder of what networks find, which stays, so that the work goes on there after a stop.
+    pub(crate) fn features_folder(&self) -> PathBuf {
+        let name = self.scene.file_stem().unwrap_or_default().to_string_lossy();
+        self.scene.with_file_name(format!("{name}-features"))
+    }
 }

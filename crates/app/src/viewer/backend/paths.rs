@@ -1,6 +1,10 @@
 //! Paths that the user is asked for.
 
-use std::path::PathBuf;
+use std::{
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+};
+use surgtpgs_core::{Error, Result};
 
 /// A path that is asked for.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,6 +38,29 @@ pub(crate) enum Picked {
 
 /// Milliseconds within which no person closes a dialog: whatever ends sooner was never shown.
 const NEVER_SHOWN_MS: u128 = 400;
+
+/// Program that opens folders with the system's file manager.
+const FILE_MANAGER: &str = if cfg!(target_os = "windows") {
+    "explorer"
+} else if cfg!(target_os = "macos") {
+    "open"
+} else {
+    "xdg-open"
+};
+
+/// Shows a folder with the system's file manager, and does not wait for it.
+pub(super) fn show_folder(folder: &Path) -> Result<()> {
+    let mut command = Command::new(FILE_MANAGER);
+    command.arg(folder).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    let mut child = command.spawn().map_err(|e| Error::Missing {
+        what: format!("the folder {} could not be shown: {e}", folder.display()),
+        hint: "Open it with your file manager.".into(),
+    })?;
+    // Nobody waits for it otherwise.
+    let waiting = std::thread::Builder::new().name("file manager".into());
+    drop(waiting.spawn(move || child.wait()));
+    Ok(())
+}
 
 /// Asks by a dialog of the system, and returns once it is closed. A native dialog may block as long as it is
 /// open.

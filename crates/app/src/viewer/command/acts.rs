@@ -4,9 +4,9 @@ use crate::viewer::{
     backend::paths::{PathAsk, PathKind},
     picture::areas::{self, Curve},
     shared::Shared,
-    state::view_mode::ViewMode,
+    state::{time_scale::TimeScale, view_mode::ViewMode},
 };
-use egui::{Context, ViewportCommand};
+use egui::{Context, Rect, ViewportCommand, pos2};
 
 /// Extensions of files that can be opened.
 const OPENED: [&str; 7] = ["safetensors", "ply", "surgtpgs", "mp4", "mov", "mkv", "avi"];
@@ -36,6 +36,11 @@ pub(super) fn has_features(shared: &Shared) -> bool {
 
 pub(super) fn has_reconstruction(shared: &Shared) -> bool {
     shared.info().is_some_and(|i| i.has_reconstruction)
+}
+
+/// Returns `true` if a picture is shown that may be seen.
+pub(super) fn has_picture(shared: &Shared) -> bool {
+    shared.picture().is_some_and(|p| !shared.document.is_excluded(p.request.view.frame))
 }
 
 /// Returns `true` if the present frame has a bookmark.
@@ -70,9 +75,9 @@ pub(super) fn what_to_open(is_folder: bool) -> PathAsk {
 }
 
 pub(super) fn can_reconstruct(shared: &Shared) -> bool {
-    let is_busy = shared.reconstruction.training.is_some() || shared.opening.is_making_demo();
-    let is_at_hand = shared.info().is_some_and(|i| i.recording.is_some());
-    is_at_hand && !is_busy && !shared.reconstruction.would_be_wrong()
+    let recording = shared.info().and_then(|i| i.recording.as_ref());
+    let is_new = recording.is_some_and(|r| !shared.reconstruction.is_planned(r));
+    is_new && !shared.opening.is_making_demo() && !shared.reconstruction.would_be_wrong()
 }
 
 /// Returns `true` if the areas of the selected prompt are known on every frame.
@@ -113,6 +118,13 @@ pub(super) fn exclude(shared: &mut Shared) {
     let frame = shared.playback.frame();
     let (from, to) = shared.document.content().range.unwrap_or((frame, frame));
     shared.document.toggle_excluded(from, to);
+}
+
+/// Enlarges the time bar around the present frame.
+pub(super) fn magnify_time(shared: &mut Shared, by: f32) {
+    let line = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
+    let scale = TimeScale::new(line, shared.playback.num_frames() - 1, shared.viewport.span);
+    shared.viewport.span = scale.magnified(by, scale.x(shared.playback.frame()));
 }
 
 pub(super) fn go_to_found(shared: &mut Shared, given: &Given<'_>, which: fn(&Curve) -> Option<usize>) {

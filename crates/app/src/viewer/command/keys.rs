@@ -126,6 +126,8 @@ fn key_name(key: Key) -> &'static str {
     match key {
         Key::ArrowLeft => "Left",
         Key::ArrowRight => "Right",
+        Key::ArrowUp => "Up",
+        Key::ArrowDown => "Down",
         Key::Escape => "Esc",
         Key::OpenBracket => "[",
         Key::CloseBracket => "]",

@@ -13,8 +13,8 @@ use crate::viewer::{
 };
 use acts::{
     Given, always, can_compare, can_pick, can_reconstruct, centre_orbit, copy_areas, dismiss, exclude,
-    full_screen, go_to_bookmark, go_to_found, has_features, has_reconstruction, is_bookmarked, is_counted,
-    is_open, pick, shuttle, switch, what_to_open,
+    full_screen, go_to_bookmark, go_to_found, has_features, has_picture, has_reconstruction, is_bookmarked,
+    is_counted, is_open, magnify_time, pick, shuttle, switch, what_to_open,
 };
 use egui::{Key, KeyboardShortcut, Modifiers, ViewportCommand};
 
@@ -169,7 +169,8 @@ commands! {
         when can_reconstruct, act |s, _| s.dialog = Some(Dialog::Reconstruct);
     Export: File, Always, [ctrl(Key::E)], "Export…",
         "Write masked frames as files",
-        when |s| has_features(s) && !s.is_reconstructing(), act |s, _| s.dialog = Some(Dialog::Export);
+        when |s| has_features(s) && !s.is_reconstructing() && !s.is_exporting(),
+        act |s, _| s.dialog = Some(Dialog::Export);
     Quality: File, Always, [ctrl(Key::M)], "Measure quality…",
         "How well the reconstruction and what its class names find match the recording and its labels",
         when |s| can_compare(s) && !s.is_reconstructing(), act |s, _| s.dialog = Some(Dialog::Quality);
@@ -185,6 +186,9 @@ commands! {
     CopyAreas: Edit, Viewport, [], "Copy areas as a table",
         "Frame, time and area of every visible prompt as CSV, for a spreadsheet",
         when is_counted, act |s, g| copy_areas(s, g.ctx);
+    CopyPicture: Edit, Viewport, [ctrl(Key::C)], "Copy picture",
+        "Copy the picture as it is shown, with names, frame and time, to paste it into slides",
+        when has_picture, act |s, g| s.copy_picture(g.now, g.ctx);
     PlayPause: Time, Viewport, [key(Key::Space)], "Play or pause",
         "Play or pause at the recording's own speed",
         when is_open, act |s, g| s.playback.toggle(g.now);
@@ -260,6 +264,15 @@ commands! {
     Bookmarks: Time, Viewport, [shift(Key::M)], "Bookmarks and notes…",
         "The list of bookmarks, with notes and flags",
         when is_open, act |s, _| s.dialog = Some(Dialog::Bookmarks);
+    Phases: Time, Viewport, [shift(Key::P)], "Phases…",
+        "Name the parts of the recording; save and read them as files",
+        when is_open, act |s, _| s.dialog = Some(Dialog::Phases);
+    TimeCloser: Time, Viewport, [alt(Key::ArrowUp)], "Enlarge the time bar",
+        "Show fewer frames on the time bar, around this one; the mouse wheel over it does the same",
+        when is_open, act |s, _| magnify_time(s, 2.0);
+    TimeFarther: Time, Viewport, [alt(Key::ArrowDown)], "Reduce the time bar",
+        "Show more frames on the time bar",
+        when |s| s.viewport.span.is_some(), act |s, _| magnify_time(s, 0.5);
     PreviousBookmark: Time, Viewport, [ctrl(Key::ArrowLeft)], "Previous bookmark",
         "Go to the bookmark before this frame",
         when |s| !s.document.bookmarks().is_empty(), act |s, g| go_to_bookmark(s, g, -1);
@@ -366,6 +379,7 @@ pub(crate) fn takes_keyboard(command: Command) -> bool {
         C::FocusPrompt
             | C::GoToFrame
             | C::Bookmarks
+            | C::Phases
             | C::Negatives
             | C::Reconstruct
             | C::Export

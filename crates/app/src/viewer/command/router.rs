@@ -99,6 +99,10 @@ impl Plugin for KeyRouter {
             self.waited(owner).into_iter().chain(std::mem::take(&mut input.events)).collect();
         for event in events {
             match event {
+                // The system's keys for copying come as this event, which belongs to selected text first.
+                Event::Copy if !takes_text && !must_wait => {
+                    self.pressed.extend(self.command(owner, Key::C, Modifiers::COMMAND));
+                }
                 Event::Text(_) if std::mem::take(&mut is_used) || !(takes_text || must_wait) => continue,
                 ref typed if must_wait && is_typed(typed) => {
                     is_used = false;

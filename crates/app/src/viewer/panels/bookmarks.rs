@@ -1,14 +1,16 @@
 //! The list of bookmarks, with notes and flags.
 
+use crate::settings::PROMPT_COLOURS;
 use crate::viewer::{
     action::Action,
     command::Command,
-    panels::widgets::{Icon, caption, dialog, icon_button, main_button},
+    panels::widgets::{Icon, caption, colour_button, dialog, icon_button, main_button},
     shared::{Dialog, Shared},
+    state::content::Bookmark,
     text::timecode,
     theme,
 };
-use egui::{Context, RichText, ScrollArea, TextEdit, Ui};
+use egui::{Context, Popup, RichText, ScrollArea, TextEdit, Ui};
 
 /// Shows the list, if it is open.
 pub(crate) fn bookmarks_ui(ctx: &Context, shared: &Shared, actions: &mut Vec<Action>) {
@@ -54,6 +56,7 @@ fn rows_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
             if icon_button(ui, Icon::Flag, &name, tip, bookmark.is_flagged, true).clicked() {
                 actions.push(Action::edit(move |d| d.toggle_flag(frame)));
             }
+            colour_ui(ui, &bookmark, actions);
             let mut note = bookmark.note.clone();
             let width = ui.available_width() - theme::CONTROL_HEIGHT - 16.0;
             let field = ui.add(TextEdit::singleline(&mut note).hint_text("Note").desired_width(width));
@@ -74,4 +77,23 @@ fn rows_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
             }
         });
     }
+}
+
+/// Shows the colour of a bookmark, as a button that offers others.
+fn colour_ui(ui: &mut Ui, bookmark: &Bookmark, actions: &mut Vec<Action>) {
+    let frame = bookmark.frame;
+    let shown = |colour: Option<[u8; 3]>| colour.map_or(theme::TEXT, theme::colour32);
+    let name = format!("Colour of the bookmark at frame {}", frame + 1);
+    let button = colour_button(ui, shown(bookmark.colour), false, &name);
+    Popup::menu(&button.on_hover_text("Colour on the time bar")).show(|ui| {
+        ui.horizontal(|ui| {
+            let colours = std::iter::once(None).chain(PROMPT_COLOURS.into_iter().map(Some));
+            for (number, colour) in colours.enumerate() {
+                let is_own = bookmark.colour == colour;
+                if colour_button(ui, shown(colour), is_own, &format!("Colour {number}")).clicked() {
+                    actions.push(Action::edit(move |d| d.set_bookmark_colour(frame, colour)));
+                }
+            }
+        });
+    });
 }

@@ -5,7 +5,7 @@ use crate::viewer::{
     action::Action,
     panels::widgets::caption,
     shared::Shared,
-    state::clean_up::{MAX_AREA, MAX_GROW, MAX_SMOOTH},
+    state::clean_up::{MAX_AREA, MAX_GROW, MAX_ROUND, MAX_SMOOTH},
     theme,
 };
 use egui::{Popup, PopupCloseBehavior, RichText, Slider, Ui};
@@ -15,13 +15,16 @@ use surgtpgs_core::mask::CleanUp;
 pub(crate) fn clean_up_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     let mut clean_up = shared.document.content().clean_up;
     let text = RichText::new("Clean up masks…").font(theme::small());
-    let text = if clean_up.is_off() { text } else { text.color(theme::AMBER) };
-    let tip = "Leave out specks, fill holes, move borders, smooth over time; exports do the same";
+    let usual = shared.info().map(|info| CleanUp::usual(info.width, info.height)).unwrap_or_default();
+    let text = if clean_up == usual { text } else { text.color(theme::AMBER) };
+    let tip = "Leave out specks, fill holes, round and move borders, smooth over time; exports do the same";
     let button = ui.button(text).on_hover_text(tip);
     let menu = Popup::from_toggle_button_response(&button);
     let mut is_over = false;
     menu.close_behavior(PopupCloseBehavior::CloseOnClickOutside).width(330.0).show(|ui| {
-        ui.label(caption("Off leaves masks as they are. Exports do what is set here, and say so."));
+        ui.label(caption(
+            "Off leaves masks as they are. Exports do what is set here, and their record says so.",
+        ));
         let mut row = |ui: &mut Ui, slider: Slider<'_>, tip: &str| {
             let response = ui.add(slider).on_hover_text(tip);
             is_over |= response.drag_stopped() || response.lost_focus();
@@ -31,6 +34,8 @@ pub(crate) fn clean_up_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action
         row(ui, slider.text("smallest part, pixels"), "Parts of a smaller area are left out");
         let slider = Slider::new(&mut clean_up.fill_holes_px, areas).logarithmic(true);
         row(ui, slider.text("fill holes, pixels"), "Holes up to this area are filled");
+        let slider = Slider::new(&mut clean_up.round_px, 0..=MAX_ROUND);
+        row(ui, slider.text("round borders, pixels"), "Evens out borders over so many pixels");
         let slider = Slider::new(&mut clean_up.grow_px, -MAX_GROW..=MAX_GROW);
         row(ui, slider.text("grow or shrink, pixels"), "Moves the border outwards, or inwards below 0");
         let slider = Slider::new(&mut clean_up.smooth_frames, 0..=MAX_SMOOTH);
@@ -40,10 +45,14 @@ pub(crate) fn clean_up_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action
             let text = "What is found is then no longer of this frame alone: what moves fast smears.";
             ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
         }
-        if ui.add_enabled(!clean_up.is_off(), egui::Button::new("Off")).clicked() {
-            clean_up = CleanUp::default();
-            is_over = true;
-        }
+        ui.horizontal(|ui| {
+            for (label, chosen) in [("As usual", usual), ("Off", CleanUp::default())] {
+                if ui.add_enabled(clean_up != chosen, egui::Button::new(label)).clicked() {
+                    clean_up = chosen;
+                    is_over = true;
+                }
+            }
+        });
     });
     if clean_up != shared.document.content().clean_up {
         actions.push(Action::edit(move |d| d.set_clean_up(clean_up)));

@@ -15,7 +15,7 @@ pub(crate) fn paint(
     rect: Rect,
     x: &dyn Fn(usize) -> f32,
 ) {
-    let painter = ui.painter();
+    let painter = &ui.painter().with_clip_rect(rect.intersect(ui.clip_rect()));
     painter.rect_filled(rect, 4.0, theme::BACKDROP);
     let top = curves.iter().map(|(.., c)| c.top()).fold(0.0, f32::max);
     let inner = rect.shrink2(egui::vec2(0.0, 4.0));
@@ -29,7 +29,7 @@ pub(crate) fn paint(
             }
             painter.add(Shape::line(part, Stroke::new(if is_selected { 2.0 } else { 1.3 }, colour)));
         }
-        if let Some(frame) = curve.largest() {
+        if let Some(frame) = curve.largest().filter(|frame| rect.x_range().contains(x(*frame))) {
             number_at(painter, pos2(x(frame), y(curve.top())), rect, *number, prompt.colour);
         }
     }

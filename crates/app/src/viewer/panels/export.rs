@@ -1,4 +1,4 @@
-//! The export dialog: formats, frames and folder, the number of files before the start, then the progress.
+//! The export dialog: formats, look, frames and folder, and the number of files before the start.
 
 use crate::viewer::{
     action::Action,
@@ -6,13 +6,12 @@ use crate::viewer::{
         Backend,
         paths::{PathAsk, PathKind, Picked},
         ranges::included,
-        task::{Task, TaskContext, TaskEvent},
+        task::{Task, TaskEvent},
     },
     panels::{
         folder::free_folder,
-        widgets::{self, NO_DIALOG, caption, main_button, path_field},
+        widgets::{self, NO_DIALOG, caption, choice, main_button, palette_ui, path_field},
     },
-    remedy::message,
     shared::{Dialog, Shared},
     state::{content::Prompt, view_mode::ViewMode},
     text::thousands,
@@ -23,17 +22,21 @@ use crate::{
     jobs::{ExportQuestion, ExportRequest},
     outputs,
 };
-use egui::{Context, DragValue, ProgressBar, RichText, Ui};
+use egui::{Context, DragValue, RichText, Ui};
 use std::{
     path::{Path, PathBuf},
     sync::Arc,
 };
 use surgtpgs_core::{
-    export::{ExportOptions, ExportSummary, Format, FormatGroup, PictureSource, num_files},
+    export::{ExportOptions, Format, FormatGroup, PictureSource, num_files},
     files::{is_free_folder, unfinished_kind},
+    overlay::OverlayStyle,
 };
 
-/// An export, from the question to the result.
+/// Widths of exported overlays to choose from, px; `None` is the size of the recording.
+const WIDTHS: [Option<u32>; 4] = [None, Some(960), Some(1280), Some(1920)];
+
+/// The questions before an export.
 struct Export {
     request: ExportRequest,
     /// First and last frame.
@@ -49,13 +52,6 @@ struct Export {
     picking: Option<Task<Picked>>,
     /// `true` if the system turned out to have no file dialog.
     has_no_dialog: bool,
-    state: State,
-}
-
-enum State {
-    Asking,
-    Running(Task<ExportSummary>),
-    Finished(ExportSummary),
 }
 
 /// The export dialog.
@@ -80,6 +76,7 @@ impl Export {
             source: if shows_original { PictureSource::Original } else { PictureSource::Reconstruction },
             look: shared.document.overlay,
             clean_up: shared.document.content().clean_up,
+            captions: true,
             ..ExportOptions::default()
         };
         let request = ExportRequest {
@@ -101,16 +98,11 @@ impl Export {
             has_original: info.has_original,
             picking: None,
             has_no_dialog: false,
-            state: State::Asking,
         })
     }
 
-    fn is_running(&self) -> bool {
-        matches!(self.state, State::Running(_))
-    }
-
-    /// Takes the results of the threads; returns a problem to show.
-    fn poll(&mut self) -> Option<String> {
+    /// Takes the answer of the system's dialog.
+    fn poll(&mut self) {
         if let Some(TaskEvent::Done(result)) = self.picking.as_mut().and_then(Task::poll) {
             self.picking = None;
             match result {
@@ -119,28 +111,11 @@ impl Export {
                 _ => {}
             }
         }
-        let State::Running(task) = &mut self.state else { return None };
-        let Some(TaskEvent::Done(result)) = task.poll() else { return None };
-        match result {
-            Ok(summary) => self.state = State::Finished(summary),
-            Err(e) => {
-                self.state = State::Asking;
-                return Some(message(&e));
-            }
-        }
-        None
     }
 
     /// Returns the frames that are exported.
     fn frames(&self) -> Vec<usize> {
         included(self.range, &self.excluded)
-    }
-
-    fn start(&mut self, backend: Arc<dyn Backend>, ctx: &Context) {
-        self.request.frames = self.frames();
-        let (request, negatives) = (self.request.clone(), self.negatives.clone());
-        let work = move |task: &TaskContext| backend.export(&request, &negatives, task);
-        self.state = State::Running(Task::start("export", ctx, work));
     }
 
     fn pick_folder(&mut self, backend: Arc<dyn Backend>, ctx: &Context) {
@@ -165,8 +140,7 @@ impl ExportDialog {
     pub(crate) fn ui(&mut self, ctx: &Context, shared: &Shared, actions: &mut Vec<Action>) {
         let is_wanted = shared.dialog == Some(Dialog::Export);
         let opened = shared.info().map(|info| &info.path);
-        // A running export holds everything that it needs; any other is about the open scene alone.
-        let is_valid = |e: &mut Export| is_wanted && (e.is_running() || Some(&e.request.scene) == opened);
+        let is_valid = |e: &mut Export| is_wanted && Some(&e.request.scene) == opened;
         let kept = self.export.take_if(is_valid);
         let had_other = self.export.take().is_some();
         if !is_wanted {
@@ -177,36 +151,33 @@ impl ExportDialog {
             actions.push(Action::CloseDialog);
             return;
         };
-        if let Some(problem) = export.poll() {
-            actions.push(Action::Report(problem));
-        }
-        if export_ui(ctx, &mut export, &shared.backend) {
+        export.poll();
+        let backend = &shared.backend;
+        let (is_done, is_closed) = widgets::dialog(ctx, "export", 560.0, |ui| {
+            ui.heading("Export masked frames");
+            asking_ui(ui, &mut export, backend, actions)
+        });
+        if is_done || is_closed {
             actions.push(Action::CloseDialog);
         }
         self.export = Some(export);
     }
 }
 
-/// Shows an export; returns `true` if the dialog is to be closed. A running export is not closed by Esc.
-fn export_ui(ctx: &Context, export: &mut Export, backend: &Arc<dyn Backend>) -> bool {
-    let (is_done, is_closed) = widgets::dialog(ctx, "export", 560.0, |ui| {
-        ui.heading("Export masked frames");
-        match &export.state {
-            State::Asking => asking_ui(ui, export, backend),
-            State::Running(task) => running_ui(ui, task),
-            State::Finished(summary) => finished_ui(ui, summary, &export.request.folder),
-        }
-    });
-    is_done || (is_closed && !export.is_running())
-}
-
 /// Shows the settings of an export; returns `true` if the dialog is to be closed.
-fn asking_ui(ui: &mut Ui, export: &mut Export, backend: &Arc<dyn Backend>) -> bool {
+fn asking_ui(
+    ui: &mut Ui,
+    export: &mut Export,
+    backend: &Arc<dyn Backend>,
+    actions: &mut Vec<Action>,
+) -> bool {
     let names: Vec<_> = export.request.questions.iter().map(|q| format!("\"{}\"", q.question.text)).collect();
     let what = if names.is_empty() { "No visible prompt".to_owned() } else { names.join(", ") };
     ui.label(RichText::new(what).color(if names.is_empty() { theme::AMBER } else { theme::TEXT_WEAK }));
     ui.add_space(6.0);
     formats_ui(ui, &mut export.request.options.formats);
+    ui.separator();
+    look_ui(ui, &mut export.request.options);
     ui.separator();
     frames_ui(ui, export);
     ui.horizontal(|ui| {
@@ -234,7 +205,8 @@ fn asking_ui(ui: &mut Ui, export: &mut Export, backend: &Arc<dyn Backend>) -> bo
     ui.label(caption("A provenance.json beside them says how they were made."));
     ui.horizontal(|ui| {
         if ui.add_enabled(is_ready, main_button("Start export")).clicked() {
-            export.start(backend.clone(), &ui.ctx().clone());
+            let request = ExportRequest { frames, ..export.request.clone() };
+            actions.push(Action::Export(Box::new((request, export.negatives.clone()))));
         }
         ui.button("Cancel").clicked()
     })
@@ -258,6 +230,37 @@ fn formats_ui(ui: &mut Ui, formats: &mut Vec<Format>) {
         });
         ui.add_space(4.0);
     }
+}
+
+/// Shows the look of pictures with prompts drawn over them.
+fn look_ui(ui: &mut Ui, options: &mut ExportOptions) {
+    ui.horizontal_wrapped(|ui| {
+        ui.label("Drawn as");
+        let look = &mut options.look;
+        choice(
+            ui,
+            &mut look.style,
+            &OverlayStyle::ALL.map(|s| (s, s.label().0, s.label().1.to_owned(), true)),
+        );
+        if look.style.shows_scores() {
+            palette_ui(ui, &mut look.palette);
+        }
+    });
+    ui.horizontal_wrapped(|ui| {
+        ui.label("Size");
+        let label = |width: Option<u32>| match width {
+            None => "as recorded",
+            Some(960) => "960 wide",
+            Some(1280) => "1280 wide",
+            Some(_) => "1920 wide",
+        };
+        let tip = "Size of overlays and videos; lines and words stay sharp. Masks and data keep the recording's size";
+        choice(ui, &mut options.width_px, &WIDTHS.map(|width| (width, label(width), tip.to_owned(), true)));
+    });
+    let tip = "Written into the upper left corner of overlays, videos and animations";
+    ui.checkbox(&mut options.captions, "Write names, frame number and time").on_hover_text(tip);
+    let tip = "Pictures travel without their caption; the record says it if it was left out";
+    ui.checkbox(&mut options.stamp, "Write \"research use only\"").on_hover_text(tip);
 }
 
 fn frames_ui(ui: &mut Ui, export: &mut Export) {
@@ -286,32 +289,6 @@ fn frames_ui(ui: &mut Ui, export: &mut Export) {
         let exclusive = &mut export.request.options.exclusive;
         ui.checkbox(exclusive, "Each pixel belongs to one prompt only (the highest score)");
     }
-}
-
-fn running_ui(ui: &mut Ui, task: &Task<ExportSummary>) -> bool {
-    let progress = &task.progress;
-    ui.label(format!("{} of {} frames", thousands(progress.done), thousands(progress.total)));
-    ui.add(ProgressBar::new(progress.fraction()).desired_height(10.0).fill(theme::ACCENT));
-    let label = if task.is_cancelling() { "Stopping…" } else { "Stop" };
-    if ui.add_enabled(!task.is_cancelling(), egui::Button::new(label)).clicked() {
-        task.cancel();
-    }
-    false
-}
-
-fn finished_ui(ui: &mut Ui, summary: &ExportSummary, folder: &Path) -> bool {
-    let files = thousands(summary.files);
-    if summary.complete {
-        ui.label(format!("{files} files are in"));
-    } else {
-        let text = format!("Stopped. The {files} files that were finished are complete, in");
-        ui.label(RichText::new(text).color(theme::AMBER));
-    }
-    ui.label(RichText::new(folder.display().to_string()).color(theme::TEXT_WEAK));
-    for words in &summary.left_out {
-        ui.label(RichText::new(format!("Note: {words}.")).color(theme::AMBER));
-    }
-    ui.add(main_button("Close")).clicked()
 }
 
 #[cfg(test)]

@@ -7,8 +7,8 @@ use crate::viewer::{
     },
     picture::{
         difference::{FULL_SCALE, difference_colour},
+        found::Found,
         layer_colours::layer_colour,
-        marks::color_image,
     },
     shared::Shared,
     state::{
@@ -19,12 +19,8 @@ use crate::viewer::{
     text::percent,
     theme,
 };
-use egui::{Align2, Color32, Painter, Rect, TextureOptions, Ui, pos2, vec2};
-use image::RgbImage;
-use surgtpgs_core::{
-    grid::Grid,
-    overlay::{OverlayLook, OverlayPrompt, OverlayStyle, overlay},
-};
+use egui::{Align2, Color32, Painter, Rect, Ui, pos2, vec2};
+use surgtpgs_core::{mask::CleanUp, palette::Palette};
 
 /// Shows the legend in the lower left corner and the tags on the pictures.
 pub(crate) fn legend_ui(
@@ -48,12 +44,11 @@ pub(crate) fn legend_ui(
     }
     let lines = lines(shared);
     paint_lines(ui.painter(), &lines, area, plates);
-    if let Some(words) = clean_up::describe(shared.document.content().clean_up).filter(|_| !lines.is_empty())
-    {
+    if let Some(words) = clean_up_words(shared).filter(|_| !lines.is_empty()) {
         plates.text(ui.painter(), area, Align2::LEFT_BOTTOM, &words, theme::AMBER);
     }
     if shared.document.overlay.style.shows_scores() && !lines.is_empty() {
-        heat_scale(ui, &lines, area, plates);
+        heat_scale(ui, shared.document.overlay.palette, area, plates);
     }
     for (pane, picture) in panes {
         let painter = ui.painter().with_clip_rect(*pane);
@@ -61,16 +56,24 @@ pub(crate) fn legend_ui(
     }
 }
 
-struct Line {
+/// Describes a clean-up of masks that is not the usual one.
+pub(crate) fn clean_up_words(shared: &Shared) -> Option<String> {
+    let clean_up = shared.document.content().clean_up;
+    let usual = shared.info().map(|info| CleanUp::usual(info.width, info.height));
+    clean_up::describe(clean_up).filter(|_| usual != Some(clean_up))
+}
+
+struct Line<'a> {
     number: String,
     text: String,
     value: String,
     colour: [u8; 3],
-    anchor: Option<[f32; 2]>,
+    threshold: f32,
+    found: Option<&'a Found>,
 }
 
 /// Returns one line per prompt of the shown picture.
-fn lines(shared: &Shared) -> Vec<Line> {
+fn lines(shared: &Shared) -> Vec<Line<'_>> {
     let Some(picture) = shared.picture() else { return Vec::new() };
     let line = |prompt: &crate::viewer::picture::request::AskedPrompt| {
         let number = shared.document.prompts().iter().position(|p| p.id == prompt.id);
@@ -98,27 +101,32 @@ fn lines(shared: &Shared) -> Vec<Line> {
             text,
             value,
             colour: prompt.colour,
-            anchor: found.and_then(|f| f.anchor),
+            threshold: prompt.threshold,
+            found,
         }
     };
     picture.request.prompts.iter().map(line).collect()
 }
 
 /// Paints the number of a prompt on what it found, so that colour is not the only difference between prompts.
-/// It goes to the side of a text that is in its way, or is left out.
-fn tag(painter: &Painter, line: &Line, picture: Rect, pane: Rect, plates: &mut Plates) {
-    let Some([u, v]) = line.anchor else { return };
+/// It goes to the side of a text that is in its way, as far as that was found, too, or is left out.
+fn tag(painter: &Painter, line: &Line<'_>, picture: Rect, pane: Rect, plates: &mut Plates) {
+    let Some((found, [u, v])) = line.found.and_then(|f| Some((f, f.anchor?))) else { return };
     let at = picture.min + vec2(u, v) * picture.size();
-    let rect = |k: usize| Rect::from_center_size(at + vec2(24.0 * k as f32, 0.0), vec2(20.0, 20.0));
-    let is_free = |rect: &Rect| pane.contains_rect(rect.expand(2.0)) && plates.is_free(rect.expand(2.0));
-    let Some(rect) = (0..4).map(rect).find(is_free) else { return };
+    let rect = |k: i32| Rect::from_center_size(at + vec2(24.0 * k as f32, 0.0), vec2(20.0, 20.0));
+    let is_free = |rect: &Rect| {
+        let place = (rect.center() - picture.min) / picture.size();
+        let is_found = rect.center() == at || found.is_found_at(place.into(), line.threshold);
+        is_found && pane.contains_rect(rect.expand(2.0)) && plates.is_free(rect.expand(2.0))
+    };
+    let Some(rect) = [0, 1, -1, 2, -2, 3, -3].into_iter().map(rect).find(is_free) else { return };
     plates.take(rect.expand(2.0));
     painter.rect_filled(rect.expand(2.0), 5.0, theme::PLATE);
     swatch(painter, rect, line.colour, &line.number);
 }
 
 /// Paints the lines in the lower left corner, as many as there is room for.
-fn paint_lines(painter: &Painter, lines: &[Line], area: Rect, plates: &mut Plates) {
+fn paint_lines(painter: &Painter, lines: &[Line<'_>], area: Rect, plates: &mut Plates) {
     const HEIGHT: f32 = 24.0;
     let font = egui::FontId::proportional(14.5);
     let fitting = ((area.height() * 0.6) / HEIGHT) as usize;
@@ -127,7 +135,7 @@ fn paint_lines(painter: &Painter, lines: &[Line], area: Rect, plates: &mut Plate
         return;
     }
     let room = (area.width() - 66.0).max(20.0);
-    let laid_out = |line: &Line| {
+    let laid_out = |line: &Line<'_>| {
         let mut text = format!("{}   {}", shortened(&line.text), line.value);
         if painter.layout_no_wrap(text.clone(), font.clone(), theme::TEXT).size().x > room {
             text.clone_from(&line.value);
@@ -156,28 +164,12 @@ pub(crate) fn shortened(text: &str) -> String {
     }
 }
 
-/// Paints the colour scale of the heatmap, by the code of the heatmap itself, so that they cannot differ.
-fn heat_scale(ui: &Ui, lines: &[Line], area: Rect, plates: &mut Plates) {
-    const STEPS: usize = 101;
-    let scores = Grid::from_vec(STEPS, 1, (0..STEPS).map(|i| i as f32 / (STEPS - 1) as f32).collect());
-    for line in lines {
-        let id = egui::Id::unique(("heat scale", line.colour));
-        let texture = ui.ctx().data(|d| d.get_temp::<egui::TextureHandle>(id)).unwrap_or_else(|| {
-            let prompt = OverlayPrompt::new(&scores, 2.0, line.colour);
-            let grey = RgbImage::from_pixel(STEPS as u32, 1, image::Rgb([60; 3]));
-            let look = OverlayLook { style: OverlayStyle::Heatmap, opacity: 1.0, ..Default::default() };
-            let ramp = overlay(&grey, &[prompt], look);
-            let texture = ui.ctx().load_texture("heat scale", color_image(&ramp), TextureOptions::LINEAR);
-            ui.ctx().data_mut(|d| d.insert_temp(id, texture.clone()));
-            texture
-        });
-        let captions = [("0", 0.0), ("0.5", 0.5), ("1", 1.0)];
-        let title = format!("similarity score of {}", shortened(&line.text));
-        scale(ui.painter(), area, plates, 180.0, &captions, &title, |bar| {
-            let whole = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
-            ui.painter().image(texture.id(), bar, whole, Color32::WHITE);
-        });
-    }
+/// Paints the colour scale of the heatmap.
+fn heat_scale(ui: &Ui, palette: Palette, area: Rect, plates: &mut Plates) {
+    let captions = [("0", 0.0), ("0.5", 0.5), ("1", 1.0)];
+    scale(ui.painter(), area, plates, 180.0, &captions, "similarity score, fixed scale", |bar| {
+        paint_ramp(ui.painter(), bar, |share| theme::colour32(palette.colour(share).map(|v| v as u8)));
+    });
 }
 
 fn difference_scale(ui: &Ui, area: Rect, plates: &mut Plates) {

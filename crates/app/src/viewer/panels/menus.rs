@@ -23,7 +23,7 @@ pub(crate) fn menus_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) 
             ui.separator();
             [C::StartPage, C::Quit].into_iter().for_each(|c| item(ui, shared, actions, c));
         });
-        menu(ui, shared, actions, "Edit", &[&[C::Undo, C::Redo], &[C::CopyAreas]]);
+        menu(ui, shared, actions, "Edit", &[&[C::Undo, C::Redo], &[C::CopyPicture, C::CopyAreas]]);
         let views: &[&[C]] = &[
             &[C::SwapOriginal, C::SideBySide, C::Wipe, C::Blink, C::Difference],
             &[C::Depth, C::DepthBeside, C::Motion, C::Opacity],
@@ -41,6 +41,7 @@ pub(crate) fn menus_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) 
             &[C::Loop, C::RangeStart, C::RangeEnd, C::RangeClear, C::Exclude],
             &[C::FirstFound, C::LargestFound, C::LastFound],
             &[C::Bookmark, C::DeleteBookmark, C::PreviousBookmark, C::NextBookmark, C::Bookmarks],
+            &[C::Phases, C::TimeCloser, C::TimeFarther],
         ];
         menu(ui, shared, actions, "Time", times);
         menu(ui, shared, actions, "Help", &[&[C::Shortcuts, C::About]]);

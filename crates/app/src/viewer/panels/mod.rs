@@ -7,14 +7,19 @@ mod clean_up;
 mod comparison;
 mod curves;
 pub(crate) mod export;
+mod exporting;
 mod folder;
 pub(crate) mod go_to;
 mod help;
 mod import_check;
+mod lanes;
 mod legend;
 mod loss_curve;
 mod menus;
+mod models;
+mod outlines;
 mod panes;
+mod phases;
 mod picker;
 mod plates;
 mod probe;
@@ -42,6 +47,7 @@ use egui::{
 use export::ExportDialog;
 use go_to::GoToDialog;
 use help::Sheets;
+use phases::PhasesDialog;
 use picker::Picker;
 use prompts::Prompts;
 use quality::QualityDialog;
@@ -59,6 +65,7 @@ pub(crate) struct Panels {
     quality: QualityDialog,
     go_to: GoToDialog,
     comparison: ComparisonDialog,
+    phases: PhasesDialog,
     sheets: Sheets,
     picker: Picker,
 }
@@ -99,6 +106,7 @@ impl Panels {
         self.quality.ui(&ctx, shared, actions);
         self.go_to.ui(&ctx, shared, actions);
         bookmarks::bookmarks_ui(&ctx, shared, actions);
+        self.phases.ui(&ctx, shared, actions);
         self.comparison.ui(&ctx, shared, actions);
         recovery::recovery_ui(&ctx, shared, actions);
         self.picker.ui(&ctx, shared, actions);

@@ -15,6 +15,8 @@ pub(crate) struct PaneView {
     pub(crate) texture: Option<TextureId>,
     pub(crate) label: &'static str,
     pub(crate) is_synthesised: bool,
+    /// `true` if lines around what was found belong on the picture.
+    pub(crate) has_outlines: bool,
 }
 
 impl PaneView {
@@ -42,6 +44,7 @@ pub(crate) fn panes(shared: &Shared, area: Rect, ui: &Ui) -> Vec<PaneView> {
         texture,
         label,
         is_synthesised,
+        has_outlines: with_marks && ["Recorded", "Reconstruction"].contains(&label),
     };
     let reconstruction = (shown.reconstruction.id(with_marks), "Reconstruction");
     let depth = match shown.layer() {

@@ -2,13 +2,13 @@
 
 use crate::viewer::{
     action::Action,
-    panels::widgets::{Icon, caption, focus_ring, icon_button},
+    panels::widgets::{Icon, caption, colour_button, icon_button},
     shared::Shared,
     state::content::{Prompt, PromptId},
     theme,
 };
 use crate::{settings::PROMPT_COLOURS, text::split_words};
-use egui::{Id, Key, Popup, PopupCloseBehavior, Response, Sense, Stroke, TextEdit, Ui, WidgetInfo, vec2};
+use egui::{Id, Key, Popup, PopupCloseBehavior, Response, TextEdit, Ui, vec2};
 
 /// The menu of one prompt at a time.
 #[derive(Default)]
@@ -141,17 +141,8 @@ fn colours_ui(ui: &mut Ui, actions: &mut Vec<Action>, prompt: &Prompt) {
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;
         for (number, colour) in PROMPT_COLOURS.into_iter().enumerate() {
-            let (rect, response) = ui.allocate_exact_size(vec2(26.0, 26.0), Sense::click());
-            let is_own = prompt.colour == colour;
             let name = format!("Colour {} for {}", number + 1, prompt.text);
-            response.widget_info(|| WidgetInfo::selected(egui::Role::RadioButton, true, is_own, &name));
-            ui.painter().rect_filled(rect.shrink(3.0), 4.0, theme::colour32(colour));
-            if is_own || response.hovered() {
-                let stroke = Stroke::new(2.0, if is_own { theme::TEXT } else { theme::LINE_HOVER });
-                ui.painter().rect_stroke(rect, 5.0, stroke, egui::StrokeKind::Inside);
-            }
-            focus_ring(ui.painter(), rect, &response);
-            if response.clicked() {
+            if colour_button(ui, theme::colour32(colour), prompt.colour == colour, &name).clicked() {
                 let id = prompt.id;
                 actions.push(Action::edit(move |d| d.set_colour(id, colour)));
             }

@@ -6,12 +6,13 @@ use crate::viewer::{
     command::Command,
     panels::{
         clean_up::clean_up_ui,
+        exporting::exporting_ui,
         import_check,
         prompt_menu::PromptMenu,
         suggestions::suggestions_ui,
         threshold::{TIE, threshold_ui},
         training,
-        widgets::{Icon, caption, choice, command_button, icon_button, swatch},
+        widgets::{Icon, caption, choice, command_button, icon_button, palette_ui, swatch},
     },
     picture::{found::Found, request::Finding},
     shared::Shared,
@@ -47,6 +48,7 @@ impl Prompts {
         ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             // The scroll bar covers nothing.
             ui.set_width(ui.available_width() - 10.0);
+            exporting_ui(ui, shared, actions);
             training::training_ui(ui, shared, actions);
             import_check::import_check_ui(ui, shared, actions);
             if !can_ask {
@@ -130,8 +132,8 @@ fn no_features_ui(ui: &mut Ui, shared: &Shared) {
             "Once it is reconstructed, words can be found in it."
         }
         Some(info) if !info.has_labels => {
-            "It has neither class labels nor features of an image model, so words cannot be found in it. \
-             Everything else works."
+            "It has no class labels. Reconstruct it with networks that find regions and tell what they show: \
+             then words can be found in it."
         }
         _ => "It was reconstructed without its class labels. Reconstruct it again to find words in it.",
     };
@@ -385,10 +387,13 @@ fn overlay_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     let share = |ui: &mut Ui, value, least, what| {
         ui.add(egui::Slider::new(value, least..=1.0).fixed_decimals(2).text(what));
     };
-    if look.style.has_fill() {
-        share(ui, &mut look.opacity, 0.05, "opacity");
-    }
-    if !look.style.shows_scores() {
+    if look.style.shows_scores() {
+        share(ui, &mut look.heat_opacity, 0.05, "opacity");
+        palette_ui(ui, &mut look.palette);
+    } else {
+        if look.style.has_fill() {
+            share(ui, &mut look.opacity, 0.05, "opacity");
+        }
         share(ui, &mut look.outline_opacity, 0.1, "outline");
     }
     ui.horizontal_wrapped(|ui| {

@@ -4,17 +4,20 @@ use crate::viewer::{
     action::Action,
     command::Command,
     panels::{
-        curves,
+        curves, lanes,
         room::Room,
         widgets::{Icon, caption, command_button, focus_ring},
     },
-    picture::areas::Curve,
+    picture::thumbnails,
     shared::Shared,
-    state::content::Prompt,
+    state::{content::Bookmark, time_scale::TimeScale},
     text::timecode,
     theme,
 };
 use egui::{Rect, Response, RichText, Sense, Stroke, Ui, WidgetInfo, pos2, vec2};
+
+/// Most small pictures along the bar.
+const MAX_SLOTS: f32 = 40.0;
 
 /// Shows the buttons, the clock and the bar.
 pub(crate) fn timeline_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, room: Room) {
@@ -86,58 +89,88 @@ fn speed_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, room: Room)
     }
 }
 
-/// Shows the bar: one place per frame, the part that plays, the present frame; below it the areas over time.
+/// Shows small pictures, the bar with one place per frame, phases, where prompts were found, and their areas.
 fn bar_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, room: Room) {
-    let width = ui.available_width();
-    let (rect, response) = ui.allocate_exact_size(vec2(width, 30.0), Sense::click_and_drag());
-    let line = Rect::from_min_max(rect.min + vec2(8.0, 11.0), rect.max - vec2(8.0, 11.0));
-    scrub(shared, actions, &response, line);
-    let frame = shared.playback.frame();
-    response.widget_info(|| WidgetInfo::slider(true, frame as f64 + 1.0, "Frame"));
-    paint_bar(ui, shared, line, response.hovered() || response.dragged());
-    focus_ring(ui.painter(), line, &response);
-    hover_ui(shared, response, line);
+    let (last, frame) = (shared.playback.num_frames() - 1, shared.playback.frame());
+    let left = ui.cursor().left() + 8.0;
+    let line = Rect::from_x_y_ranges(left..=left + ui.available_width() - 16.0, 0.0..=0.0);
+    let scale = TimeScale::new(line, last, shared.viewport.span);
+    let mut row = |ui: &mut Ui, height: f32, paint: &mut dyn FnMut(&mut Ui, Rect, &Response)| {
+        let size = vec2(ui.available_width(), height);
+        let (rect, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
+        magnify(ui, actions, &response, &scale);
+        scrub(actions, &response, &scale);
+        paint(ui, rect, &response);
+        hover_ui(shared, response, &scale);
+    };
+    if has_thumbnails(shared, room) {
+        row(ui, thumbnails::HEIGHT_PX as f32, &mut |ui, rect, _| paint_thumbnails(ui, shared, rect, &scale));
+    }
+    row(ui, 30.0, &mut |ui, rect, response| {
+        let bar = Rect::from_x_y_ranges(line.x_range(), rect.top() + 11.0..=rect.bottom() - 11.0);
+        response.widget_info(|| WidgetInfo::slider(true, frame as f64 + 1.0, "Frame"));
+        paint_bar(ui, shared, bar, &scale, response.hovered() || response.dragged());
+        focus_ring(ui.painter(), bar, response);
+    });
+    if !shared.document.phases().is_empty() && !room.is_low() {
+        row(ui, lanes::PHASES_HEIGHT, &mut |ui, rect, response| {
+            lanes::paint_phases(ui.painter(), shared, rect, &scale);
+            let words = lanes::describe_phases(shared);
+            response.widget_info(|| WidgetInfo::labeled(egui::Role::GraphicsDocument, true, &words));
+        });
+    }
     let curves = shared.curves();
     if !curves.is_empty() && !room.is_low() {
-        curves_ui(ui, shared, actions, &curves, line);
+        row(ui, lanes::height(curves.len()), &mut |ui, rect, _| {
+            lanes::paint_found(ui.painter(), &curves, rect, &scale);
+        });
+        row(ui, curves::HEIGHT, &mut |ui, rect, response| {
+            let plot = Rect::from_x_y_ranges(line.x_range(), rect.y_range());
+            curves::paint(ui, shared, &curves, plot, &|frame| scale.x(frame));
+            let painter = ui.painter().with_clip_rect(plot);
+            painter.vline(scale.x(frame), plot.y_range(), Stroke::new(1.5, theme::TEXT));
+            let words = curves::describe(&curves);
+            response.widget_info(|| WidgetInfo::labeled(egui::Role::GraphicsDocument, true, &words));
+        });
+    }
+    if shared.viewport.span.is_some() && shared.viewport.span_frame != frame {
+        actions.push(Action::TimeSpan(scale.following(frame)));
+    }
+    if let Some(wanted) = wanted_thumbnails(shared, &scale, room) {
+        actions.push(Action::Thumbnails(wanted));
     }
 }
 
-fn curves_ui(
-    ui: &mut Ui,
-    shared: &Shared,
-    actions: &mut Vec<Action>,
-    curves: &[(usize, Prompt, Curve)],
-    line: Rect,
-) {
-    let size = vec2(ui.available_width(), curves::HEIGHT);
-    let (rect, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
-    scrub(shared, actions, &response, line);
-    let last = shared.playback.num_frames() - 1;
-    let x = |frame: usize| frame_x(line, frame, last);
-    let plot = Rect::from_min_max(pos2(line.left(), rect.top()), pos2(line.right(), rect.bottom()));
-    curves::paint(ui, shared, curves, plot, &x);
-    ui.painter().vline(x(shared.playback.frame()), plot.y_range(), Stroke::new(1.5, theme::TEXT));
-    response
-        .widget_info(|| WidgetInfo::labeled(egui::Role::GraphicsDocument, true, curves::describe(curves)));
-    hover_ui(shared, response, line);
+/// Enlarges the bar with the wheel, and moves it with a wheel to the side.
+fn magnify(ui: &Ui, actions: &mut Vec<Action>, response: &Response, scale: &TimeScale) {
+    let Some(pointer) = response.hover_pos().filter(|_| response.hovered()) else { return };
+    let (scroll, pinch) = ui.input(|i| (i.smooth_scroll_delta(), i.zoom_delta()));
+    let by = pinch * (scroll.y / 200.0).exp();
+    if by != 1.0 {
+        actions.push(Action::TimeSpan(scale.magnified(by, pointer.x)));
+    } else if scroll.x != 0.0 {
+        actions.push(Action::TimeSpan(scale.moved(-scroll.x)));
+    }
 }
 
 /// Goes to the frame under the pointer while it is pressed.
-fn scrub(shared: &Shared, actions: &mut Vec<Action>, response: &Response, line: Rect) {
+fn scrub(actions: &mut Vec<Action>, response: &Response, scale: &TimeScale) {
     if let Some(pointer) = response.interact_pointer_pos() {
-        let frame = frame_at(line, pointer.x, shared.playback.num_frames() - 1);
+        let frame = scale.frame(pointer.x);
         actions.push(if response.dragged() { Action::Scrub(frame) } else { Action::GoTo(frame) });
     }
 }
 
-/// Shows number, time and note of the frame under the pointer.
-fn hover_ui(shared: &Shared, response: Response, line: Rect) {
+/// Shows number, time, phase and note of the frame under the pointer.
+fn hover_ui(shared: &Shared, response: Response, scale: &TimeScale) {
     let Some(pointer) = response.hover_pos() else { return };
-    let under = frame_at(line, pointer.x, shared.playback.num_frames() - 1);
+    let under = scale.frame(pointer.x);
     let mut text = format!("Frame {}  ·  {}", under + 1, timecode(shared.playback.seconds(under)));
     if shared.document.is_excluded(under) {
         text += "\nLeft out of everything";
+    }
+    if let Some(phase) = shared.document.phase_at(under) {
+        text += &format!("\n{}", phase.name);
     }
     if let Some(bookmark) = shared.document.bookmarks().iter().find(|b| b.frame == under) {
         text += if bookmark.is_flagged { "\nBookmark, flagged" } else { "\nBookmark" };
@@ -146,42 +179,82 @@ fn hover_ui(shared: &Shared, response: Response, line: Rect) {
     response.on_hover_text_at_pointer(text);
 }
 
-fn frame_at(line: Rect, x: f32, last: usize) -> usize {
-    let share = ((x - line.left()) / line.width().max(1.0)).clamp(0.0, 1.0);
-    (share * last as f32).round() as usize
-}
-
-fn frame_x(line: Rect, frame: usize, last: usize) -> f32 {
-    line.left() + line.width() * frame as f32 / last.max(1) as f32
-}
-
-fn paint_bar(ui: &Ui, shared: &Shared, line: Rect, is_hot: bool) {
-    let painter = ui.painter();
-    let last = shared.playback.num_frames() - 1;
-    let x = |frame: usize| frame_x(line, frame, last);
+fn paint_bar(ui: &Ui, shared: &Shared, line: Rect, scale: &TimeScale, is_hot: bool) {
+    let painter = ui.painter().with_clip_rect(line.expand(11.0).intersect(ui.clip_rect()));
+    let x = |frame: usize| scale.x(frame);
     painter.rect_filled(line, 4.0, theme::CONTROL);
+    let part = |first: usize, last: usize, more: f32| {
+        let (from, to) = (x(first).max(line.left()) - more, x(last).min(line.right()) + more);
+        Rect::from_x_y_ranges(from..=to.max(from), line.y_range())
+    };
     if let Some((start, end)) = shared.playback.range() {
-        let part = Rect::from_min_max(pos2(x(start), line.top()), pos2(x(end), line.bottom()));
-        painter.rect_filled(part.expand2(vec2(1.0, 0.0)), 4.0, theme::SELECTION);
+        painter.rect_filled(part(start, end, 1.0), 4.0, theme::SELECTION);
     }
     for &(from, to) in shared.document.excluded() {
-        let part = Rect::from_min_max(pos2(x(from), line.top()), pos2(x(to), line.bottom()));
-        paint_excluded(painter, part.expand2(vec2(2.0, 0.0)));
+        if x(to) >= line.left() && x(from) <= line.right() {
+            paint_excluded(&painter, part(from, to, 2.0));
+        }
     }
-    let done = Rect::from_min_max(line.min, pos2(x(shared.playback.frame()), line.bottom()));
-    painter.rect_filled(done, 4.0, theme::ACCENT.gamma_multiply(0.55));
+    painter.rect_filled(part(0, shared.playback.frame(), 0.0), 4.0, theme::ACCENT.gamma_multiply(0.55));
     // One tick per ten frames, or per more frames where the ticks would be too dense.
-    let every =
-        [10_usize, 50, 100, 500, 1000].into_iter().find(|n| x(*n) - line.left() > 14.0).unwrap_or(5000);
-    for frame in (every..shared.playback.num_frames()).step_by(every) {
+    let every = [1_usize, 10, 50, 100, 500, 1000].into_iter().find(|n| x(*n) - x(0) > 14.0).unwrap_or(5000);
+    let (first, last) = scale.shown();
+    for frame in (first.next_multiple_of(every).max(every)..=last).step_by(every) {
         let stroke = Stroke::new(1.0, theme::TEXT_WEAK.gamma_multiply(0.6));
         painter.vline(x(frame), line.bottom() + 2.0..=line.bottom() + 6.0, stroke);
     }
+    if shared.viewport.span.is_some() {
+        // The part of the whole recording that is shown.
+        let end = shared.playback.num_frames().max(2) as f32 - 1.0;
+        let at = |frame: usize| line.left() + line.width() * frame as f32 / end;
+        painter.hline(line.x_range(), line.bottom() + 8.5, Stroke::new(2.0, theme::CONTROL));
+        painter.hline(at(first)..=at(last), line.bottom() + 8.5, Stroke::new(2.0, theme::ACCENT));
+    }
     for bookmark in shared.document.bookmarks() {
-        paint_bookmark(painter, pos2(x(bookmark.frame), line.top() - 2.0), bookmark.is_flagged);
+        paint_bookmark(&painter, pos2(x(bookmark.frame), line.top() - 2.0), bookmark);
     }
     let head = pos2(x(shared.playback.frame()), line.center().y);
     painter.circle(head, if is_hot { 9.0 } else { 7.5 }, theme::TEXT, Stroke::new(2.0, theme::PANEL));
+}
+
+/// Returns `true` if there is room and something for small pictures.
+fn has_thumbnails(shared: &Shared, room: Room) -> bool {
+    !room.is_low() && shared.info().is_some_and(|info| info.has_original)
+}
+
+/// Returns the places of small pictures from left to right, each with the frame in its middle.
+fn slots(shared: &Shared, scale: &TimeScale) -> Vec<(Rect, usize)> {
+    let Some(info) = shared.info() else { return Vec::new() };
+    let height = thumbnails::HEIGHT_PX as f32;
+    let width = (height * info.width as f32 / info.height.max(1) as f32).max(8.0);
+    let count = (scale.line.width() / width).floor().clamp(1.0, MAX_SLOTS);
+    let step = scale.line.width() / count;
+    let slot = |k: usize| {
+        let rect = Rect::from_min_size(pos2(scale.line.left() + k as f32 * step, 0.0), vec2(step, height));
+        (rect, scale.frame(rect.center().x))
+    };
+    (0..count as usize).map(slot).collect()
+}
+
+/// Returns the frames whose small pictures are missing and have not been asked for.
+fn wanted_thumbnails(shared: &Shared, scale: &TimeScale, room: Room) -> Option<Vec<usize>> {
+    let open = shared.open.as_ref().filter(|_| has_thumbnails(shared, room))?;
+    let frames: Vec<usize> = slots(shared, scale).into_iter().map(|(_, frame)| frame).collect();
+    let missing = open.thumbnails.missing(&frames);
+    let is_new = missing.iter().any(|frame| !open.wanted.contains(frame));
+    is_new.then_some(missing)
+}
+
+fn paint_thumbnails(ui: &Ui, shared: &Shared, rect: Rect, scale: &TimeScale) {
+    let Some(open) = &shared.open else { return };
+    let whole = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
+    for (slot, frame) in slots(shared, scale) {
+        let place = slot.translate(vec2(0.0, rect.top())).shrink2(vec2(0.5, 1.0));
+        match open.thumbnails.id(frame).filter(|_| !shared.document.is_excluded(frame)) {
+            Some(id) => drop(ui.painter().image(id, place, whole, egui::Color32::WHITE)),
+            None => drop(ui.painter().rect_filled(place, 2.0, theme::BACKDROP)),
+        }
+    }
 }
 
 /// Paints a part as crossed out: hatched, and dark below the hatches.
@@ -196,13 +269,15 @@ fn paint_excluded(painter: &egui::Painter, part: Rect) {
     }
 }
 
-/// Paints a pin above the bar; a flagged one has another shape as well as another colour.
-fn paint_bookmark(painter: &egui::Painter, tip: egui::Pos2, is_flagged: bool) {
+/// Paints a pin above the bar; a flagged one has another shape.
+fn paint_bookmark(painter: &egui::Painter, tip: egui::Pos2, bookmark: &Bookmark) {
     let at = |dx: f32, dy: f32| tip + vec2(dx, dy);
-    let (points, colour) = if is_flagged {
-        (vec![at(0.0, 0.0), at(0.0, -9.0), at(8.0, -6.5), at(0.0, -4.0)], theme::AMBER)
+    let usual = if bookmark.is_flagged { theme::AMBER } else { theme::TEXT };
+    let colour = bookmark.colour.map_or(usual, theme::colour32);
+    let points = if bookmark.is_flagged {
+        vec![at(0.0, 0.0), at(0.0, -9.0), at(8.0, -6.5), at(0.0, -4.0)]
     } else {
-        (vec![at(0.0, 0.0), at(-4.5, -8.0), at(4.5, -8.0)], theme::TEXT)
+        vec![at(0.0, 0.0), at(-4.5, -8.0), at(4.5, -8.0)]
     };
     painter.add(egui::Shape::convex_polygon(points, colour, Stroke::new(1.0, theme::PANEL)));
 }

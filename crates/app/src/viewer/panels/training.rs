@@ -3,14 +3,15 @@
 use crate::viewer::{
     action::Action,
     backend::{
-        Backend, Info, TrainRequest,
+        Backend, PREPARING, TrainRequest, Words,
         paths::{PathAsk, PathKind, Picked},
         task::{Task, TaskEvent},
     },
     command::{Command, entry},
     panels::{
         loss_curve::loss_curve_ui,
-        widgets::{NO_DIALOG, caption, choice, dialog, main_button, path_field},
+        models::{ModelsForm, words_ui},
+        widgets::{Icon, NO_DIALOG, caption, choice, dialog, icon_button, main_button, path_field},
     },
     shared::{Dialog, Shared},
     state::reconstruction::Training,
@@ -41,6 +42,8 @@ struct Asked {
     seconds_per_step: Option<f64>,
     /// Warning about the quality that is lost because the recording is long.
     too_long: Option<String>,
+    /// The networks to choose, and their check.
+    models: ModelsForm,
     picking: Option<Task<Picked>>,
     /// `true` if the system turned out to have no file dialog.
     has_no_dialog: bool,
@@ -48,16 +51,27 @@ struct Asked {
 
 impl Asked {
     /// Makes the dialog; `None` where the recording is not at hand.
-    fn new(info: &Info, excluded: Vec<(usize, usize)>, pace: Option<f64>) -> Option<Self> {
-        let (recording, scene) = (info.recording.clone()?, free_file(&info.output_folder, &info.name));
-        let request = TrainRequest { recording, scene, quality: Quality::default(), excluded };
-        let seconds_per_step = pace.map(|pace| pace * (info.width * info.height) as f64);
-        let too_long = TrainSettings::default().length_warning(info.num_frames);
+    fn new(shared: &Shared) -> Option<Self> {
+        let info = shared.info()?;
+        let (recording, name) = (info.recording.clone()?, &info.name);
+        let scene = free_file(&info.output_folder, name, &shared.reconstruction.planned_scenes());
+        let models = ModelsForm::new(shared.preferences.models.clone());
+        let words = if info.has_labels {
+            Words::Labels
+        } else if models.is_known() {
+            Words::Models(models.chosen.clone())
+        } else {
+            Words::Nothing
+        };
+        let excluded = shared.document.excluded().to_vec();
+        let request = TrainRequest { recording, scene, quality: Quality::default(), excluded, words };
+        let pace = shared.preferences.seconds_per_step_and_pixel;
         Some(Self {
             request,
             has_labels: info.has_labels,
-            too_long,
-            seconds_per_step,
+            too_long: TrainSettings::default().length_warning(info.num_frames),
+            seconds_per_step: pace.map(|pace| pace * (info.width * info.height) as f64),
+            models,
             picking: None,
             has_no_dialog: false,
         })
@@ -87,10 +101,10 @@ impl Asked {
 }
 
 /// Returns the path of a scene file that does not exist yet, so that nothing is overwritten.
-fn free_file(folder: &Path, name: &str) -> PathBuf {
+fn free_file(folder: &Path, name: &str, planned: &[PathBuf]) -> PathBuf {
     let numbered = |i: usize| if i == 1 { name.to_owned() } else { format!("{name}-{i}") };
     let path = |i| folder.join(format!("{}.safetensors", numbered(i)));
-    (1..1000).map(path).find(|p| !p.exists()).unwrap_or_else(|| path(1000))
+    (1..1000).map(path).find(|p| !p.exists() && !planned.contains(p)).unwrap_or_else(|| path(1000))
 }
 
 /// Available memory below which the system may end training, bytes.
@@ -119,7 +133,10 @@ pub(crate) fn training_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action
     frame.show(ui, |ui| {
         ui.set_width(ui.available_width());
         match training {
-            Some(training) => progress_ui(ui, training, is_about_shown),
+            Some(training) => {
+                progress_ui(ui, training, is_about_shown);
+                queue_ui(ui, shared, actions);
+            }
             None => offer_ui(ui, shared, actions),
         }
     });
@@ -166,7 +183,13 @@ fn progress_ui(ui: &mut Ui, training: &Training, is_about_shown: bool) {
         _ => "Reconstructing".into(),
     };
     let stage = if progress.stage.is_empty() { "Starting" } else { &progress.stage };
-    ui.label(RichText::new(format!("{what}: {stage}")).strong());
+    let is_preparing = stage.starts_with(PREPARING);
+    let part = match (&training.features, is_preparing) {
+        (None, _) => "",
+        (Some(_), true) => " (part 1 of 2)",
+        (Some(_), false) => " (part 2 of 2)",
+    };
+    ui.label(RichText::new(format!("{what}: {stage}{part}")).strong());
     ui.add(ProgressBar::new(progress.fraction()).desired_height(10.0).fill(theme::ACCENT));
     // The lines below appear, vanish and wrap; buttons must not move under the pointer.
     ui.horizontal_wrapped(|ui| stop_ui(ui, training));
@@ -195,6 +218,21 @@ fn progress_ui(ui: &mut Ui, training: &Training, is_about_shown: bool) {
     });
 }
 
+/// Shows the recordings that wait to be reconstructed.
+fn queue_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    for (index, request) in shared.reconstruction.queue.iter().enumerate() {
+        ui.horizontal(|ui| {
+            let name = shared.path_name(&request.recording);
+            let label = format!("Do not reconstruct {name}");
+            if icon_button(ui, Icon::Cross, &label, "Takes it out of those that wait", false, true).clicked()
+            {
+                actions.push(Action::Unqueue(index));
+            }
+            ui.add(egui::Label::new(caption(format!("Then {name}"))).truncate());
+        });
+    }
+}
+
 fn stop_ui(ui: &mut Ui, training: &Training) {
     let task = &training.task;
     let is_unsaved = task.progress.is_unsaved();
@@ -208,6 +246,7 @@ fn stop_ui(ui: &mut Ui, training: &Training) {
     let label = match (is_unsaved, is_stopping) {
         (true, _) => "Give up what was learned",
         (_, true) => "Stopping…",
+        _ if task.progress.stage.starts_with(PREPARING) => "Stop and keep what was found",
         _ => "Stop and keep what was learned",
     };
     if ui.add_enabled(!is_stopping, egui::Button::new(label)).clicked() {
@@ -240,19 +279,20 @@ impl TrainDialog {
             self.asked = None;
             return;
         }
-        let begin = || {
-            let pace = shared.preferences.seconds_per_step_and_pixel;
-            Asked::new(shared.info()?, shared.document.excluded().to_vec(), pace)
-        };
-        let Some(mut asked) = self.asked.take().or_else(begin) else {
+        let Some(mut asked) = self.asked.take().or_else(|| Asked::new(shared)) else {
             actions.push(Action::CloseDialog);
             return;
         };
         asked.poll();
         let memory = shared.backend.available_bytes().and_then(memory_warning);
-        let ((starts, is_cancelled), is_closed) =
-            dialog(ctx, "reconstruct", 460.0, |ui| asked_ui(ui, &mut asked, &shared.backend, memory));
+        let ((starts, is_cancelled), is_closed) = dialog(ctx, "reconstruct", 560.0, |ui| {
+            let waits = shared.reconstruction.training.is_some();
+            asked_ui(ui, &mut asked, &shared.backend, memory, waits)
+        });
         if starts {
+            if let Words::Models(models) = asked.request.words.clone() {
+                actions.push(Action::prefer(move |p| p.models = models));
+            }
             actions.push(Action::Train(asked.request.clone()));
         }
         if starts || is_cancelled || is_closed {
@@ -268,6 +308,7 @@ fn asked_ui(
     asked: &mut Asked,
     backend: &Arc<dyn Backend>,
     memory_warning: Option<String>,
+    waits: bool,
 ) -> (bool, bool) {
     ui.heading("Reconstruct this recording");
     ui.label(RichText::new("You can go on watching the recording meanwhile.").color(theme::TEXT_WEAK));
@@ -280,12 +321,7 @@ fn asked_ui(
         ui.radio_value(&mut asked.request.quality, quality, text);
     }
     ui.add_space(8.0);
-    let note = if asked.has_labels {
-        "Its class labels are used, so that words can be found in it."
-    } else {
-        "It has no class labels: its pictures will work, finding words in it will not."
-    };
-    ui.label(RichText::new(note).color(if asked.has_labels { theme::TEXT } else { theme::AMBER }));
+    let is_ready = words_ui(ui, &mut asked.request.words, asked.has_labels, &mut asked.models, backend);
     if let Some(warning) = &asked.too_long {
         ui.label(RichText::new(warning).font(theme::small()).color(theme::AMBER));
     }
@@ -305,7 +341,8 @@ fn asked_ui(
     }
     ui.add_space(10.0);
     ui.horizontal(|ui| {
-        let start = ui.add(main_button("Start")).clicked();
+        let label = if waits { "Start after the others" } else { "Start" };
+        let start = ui.add_enabled(is_ready, main_button(label)).clicked();
         (start, ui.button("Cancel").clicked())
     })
     .inner
@@ -318,8 +355,11 @@ mod tests {
     #[test]
     fn no_scene_is_written_over() {
         let folder = tempfile::tempdir().unwrap();
-        assert_eq!(free_file(folder.path(), "clip"), folder.path().join("clip.safetensors"));
-        std::fs::write(folder.path().join("clip.safetensors"), "").unwrap();
-        assert_eq!(free_file(folder.path(), "clip"), folder.path().join("clip-2.safetensors"));
+        let [first, second, third] =
+            ["clip", "clip-2", "clip-3"].map(|n| folder.path().join(format!("{n}.safetensors")));
+        assert_eq!(free_file(folder.path(), "clip", &[]), first);
+        std::fs::write(&first, "").unwrap();
+        assert_eq!(free_file(folder.path(), "clip", &[]), second);
+        assert_eq!(free_file(folder.path(), "clip", &[second]), third);
     }
 }

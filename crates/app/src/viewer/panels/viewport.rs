@@ -6,6 +6,7 @@ use crate::viewer::{
     command::Command,
     panels::{
         legend,
+        outlines::paint_outlines,
         panes::{PaneView, panes},
         plates::Plates,
         probe,
@@ -21,11 +22,10 @@ use crate::viewer::{
     },
     shared::Shared,
     state::{
-        clean_up,
         view_mode::ViewMode,
         zoom::{Panes, Zoom},
     },
-    text::percent,
+    text::{percent, timecode},
     theme,
 };
 use egui::{
@@ -209,8 +209,14 @@ fn paint_pane(ui: &Ui, shared: &Shared, pane: &PaneView, plates: &mut Plates) {
     let Some(texture) = pane.texture else { return };
     let whole = Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0));
     painter.image(texture, pane.picture, whole, Color32::WHITE);
-    if shared.document.mode == ViewMode::Wipe && pane.label == "Reconstruction" {
+    let is_wiped = shared.document.mode == ViewMode::Wipe && pane.label == "Reconstruction";
+    if is_wiped {
         paint_wiped(ui, shared, pane, plates);
+    }
+    if let Some(picture) = shared.picture().filter(|_| pane.has_outlines) {
+        paint_outlines(&painter, pane.picture, &picture.outlines);
+    }
+    if is_wiped {
         return;
     }
     plates.text(&painter, pane.visible(), Align2::LEFT_TOP, &frame_label(shared, pane.label), theme::TEXT);
@@ -235,7 +241,8 @@ fn cautions(shared: &Shared) -> impl Iterator<Item = String> {
 /// Formats the number of the frame on the screen, which may still be the previous one while the next is made.
 fn frame_label(shared: &Shared, what: &str) -> String {
     let shown = shared.picture().map_or(0, |p| p.request.view.frame);
-    let text = format!("{what}  ·  frame {}", shown + 1);
+    let time = timecode(shared.playback.seconds(shown));
+    let text = format!("{what}  ·  frame {}  ·  {time}", shown + 1);
     match shared.picture().and_then(|p| p.difference.as_ref()).filter(|_| what == "Difference") {
         Some(Difference { psnr_db: Some(psnr), .. }) => {
             format!("{text}  ·  PSNR {psnr:.1} dB (whole picture)")
@@ -368,8 +375,7 @@ fn describe(shared: &Shared, panes: &[PaneView]) -> String {
     if shared.document.is_hidden {
         return text + ", overlays hidden";
     }
-    if let Some(words) = clean_up::describe(picture.request.clean_up).filter(|_| !picture.findings.is_empty())
-    {
+    if let Some(words) = legend::clean_up_words(shared).filter(|_| !picture.findings.is_empty()) {
         text += &format!(", {words}");
     }
     for finding in &picture.findings {

@@ -9,6 +9,7 @@ use egui::{
     Align2, Color32, Painter, Pos2, Rect, Response, Role, Sense, Shape, Stroke, Ui, Vec2, WidgetInfo, pos2,
     vec2,
 };
+use surgtpgs_core::palette::Palette;
 
 /// An icon that is painted on a button.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -171,6 +172,25 @@ pub(crate) fn choice<T: Copy + PartialEq>(ui: &mut Ui, value: &mut T, options: &
             }
         });
     });
+}
+
+/// Shows a small button that stands for a colour; `name` is for users who cannot see it.
+pub(crate) fn colour_button(ui: &mut Ui, colour: Color32, is_own: bool, name: &str) -> Response {
+    let (rect, response) = ui.allocate_exact_size(vec2(26.0, 26.0), Sense::click());
+    response.widget_info(|| WidgetInfo::selected(Role::RadioButton, true, is_own, name));
+    ui.painter().rect_filled(rect.shrink(3.0), 4.0, colour);
+    if is_own || response.hovered() {
+        let stroke = Stroke::new(2.0, if is_own { theme::TEXT } else { theme::LINE_HOVER });
+        ui.painter().rect_stroke(rect, 5.0, stroke, egui::StrokeKind::Inside);
+    }
+    focus_ring(ui.painter(), rect, &response);
+    response
+}
+
+/// Shows the choice of the colours of a heatmap.
+pub(crate) fn palette_ui(ui: &mut Ui, palette: &mut Palette) {
+    let options = Palette::ALL.map(|p| (p, p.label(), "From dark to bright with the score".to_owned(), true));
+    choice(ui, palette, &options);
 }
 
 /// Space around the contents of a dialog, points.

@@ -198,18 +198,19 @@ impl Curve {
     }
 }
 
-/// Formats the curves as a table with a header. Numbers have a decimal point in every system language.
+/// Formats the curves as a table with a header. Frames count from 1, as in the window. Numbers have a decimal
+/// point in every system language.
 pub(crate) fn csv<'a>(
     curves: impl Iterator<Item = (&'a str, f32, Curve)>,
     seconds: impl Fn(usize) -> f64,
 ) -> String {
-    let mut text = String::from("frame,time_s,prompt,threshold,area_px,area_fraction\n");
+    let mut text = String::from("frame_from_1,time_s,prompt,threshold,area_px,area_fraction\n");
     for (prompt, threshold, curve) in curves {
         let prompt = prompt.replace('"', "\"\"");
         for (frame, point) in curve.points.iter().enumerate() {
             if let Some(point) = point {
                 let (time, area, share) = (seconds(frame), point.area_px, point.share());
-                text += &format!("{frame},{time:.3},\"{prompt}\",{threshold:.2},{area},{share:.6}\n");
+                text += &format!("{},{time:.3},\"{prompt}\",{threshold:.2},{area},{share:.6}\n", frame + 1);
             }
         }
     }
@@ -305,8 +306,8 @@ mod tests {
         areas.take(measured(1, 3));
         let curve = areas.curve(&question("liver"), 0.4).unwrap();
         let table = csv([("a \"quoted\" liver", 0.4, curve)].into_iter(), |f| f as f64 / 25.0);
-        let expected = "frame,time_s,prompt,threshold,area_px,area_fraction\n\
-                        1,0.040,\"a \"\"quoted\"\" liver\",0.40,3,0.300000\n";
+        let expected = "frame_from_1,time_s,prompt,threshold,area_px,area_fraction\n\
+                        2,0.040,\"a \"\"quoted\"\" liver\",0.40,3,0.300000\n";
         assert_eq!(table, expected);
     }
 }

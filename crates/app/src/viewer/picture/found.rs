@@ -2,8 +2,8 @@
 
 use std::{borrow::Cow, sync::Arc};
 use surgtpgs_core::{
-    grid::Grid,
-    mask::CleanUp,
+    grid::{Grid, Mask},
+    mask::{self, CleanUp},
     summary::{SCORE_BINS, Summary},
 };
 
@@ -18,7 +18,7 @@ pub(crate) struct Found {
     pub(crate) max_score: f32,
     /// Number of pixels of the reconstruction by score, in equal steps from 0 to 1.
     pub(crate) histogram: [u32; SCORE_BINS],
-    /// Found pixel near the middle of everything found, as share of width and height.
+    /// Found pixel far from the border of everything found, as share of width and height.
     pub(crate) anchor: Option<[f32; 2]>,
     pub(crate) scores: Arc<Grid<f32>>,
     /// Scores after the clean-up of masks: a pixel is found if its cleaned score is above the threshold.
@@ -42,23 +42,35 @@ impl Found {
             area_fraction: area_px as f32 / scores.data.len().max(1) as f32,
             max_score: summary.max_score,
             histogram: summary.histogram,
-            anchor: found.centre().and_then(|c| nearest_found(&cleaned, threshold, c)),
+            anchor: anchor(&mask::threshold(&cleaned, threshold)),
             scores,
             cleaned,
         }
     }
+
+    /// Moves the anchor to where none of `covered` lies over what was found, if there is such a place.
+    pub(crate) fn place_number(&mut self, threshold: f32, covered: &[Mask]) {
+        let mut free = mask::threshold(&self.cleaned, threshold);
+        for mask in covered.iter().map(|mask| mask.sampled(free.width, free.height)) {
+            free.data.iter_mut().zip(mask.data).for_each(|(free, covered)| *free &= !covered);
+        }
+        self.anchor = anchor(&free).or(self.anchor);
+    }
+
+    /// Returns `true` if a place, as share of width and height, is found.
+    pub(crate) fn is_found_at(&self, [u, v]: [f32; 2], threshold: f32) -> bool {
+        let Grid { width, height, data } = &*self.cleaned;
+        let (x, y) = (u * *width as f32, v * *height as f32);
+        let is_inside = (0.0..*width as f32).contains(&x) && (0.0..*height as f32).contains(&y);
+        is_inside && data[y as usize * width + x as usize] > threshold
+    }
 }
 
-/// Returns the found pixel nearest to `centre`, as share of width and height.
-fn nearest_found(scores: &Grid<f32>, threshold: f32, centre: [f64; 2]) -> Option<[f32; 2]> {
-    let found = (0..scores.data.len()).filter(|&i| scores.data[i] > threshold);
-    let distance = |i: &usize| {
-        let (dx, dy) = ((i % scores.width) as f64 - centre[0], (i / scores.width) as f64 - centre[1]);
-        dx * dx + dy * dy
-    };
-    let i = found.min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
+/// Returns the place of a prompt's number: the innermost pixel, as share of width and height.
+fn anchor(mask: &Mask) -> Option<[f32; 2]> {
+    let (x, y) = mask::innermost(mask)?;
     let share = |v: usize, n: usize| (v as f32 + 0.5) / n as f32;
-    Some([share(i % scores.width, scores.width), share(i / scores.width, scores.height)])
+    Some([share(x, mask.width), share(y, mask.height)])
 }
 
 #[cfg(test)]
@@ -84,9 +96,16 @@ mod tests {
     }
 
     #[test]
-    fn the_anchor_is_a_found_pixel_even_where_the_middle_is_not_found() {
-        let scores = Grid::from_vec(5, 1, vec![0.9, 0.9, 0.1, 0.1, 0.9]);
-        assert_eq!(Found::new(Arc::new(scores), 0.4, CleanUp::default()).anchor, Some([0.3, 0.5]));
+    fn the_number_lies_inside_of_what_was_found_and_beside_what_covers_it() {
+        let row = |scores: Vec<f32>| Arc::new(Grid::from_vec(7, 1, scores));
+        let scores = row(vec![0.9, 0.9, 0.9, 0.9, 0.1, 0.9, 0.9]);
+        let mut found = Found::new(scores, 0.4, CleanUp::default());
+        assert!(found.is_found_at(found.anchor.unwrap(), 0.4) && !found.is_found_at([4.5 / 7.0, 0.5], 0.4));
+        let left = Grid::from_vec(7, 1, (0..7).map(|x| x < 4).collect());
+        found.place_number(0.4, &[left]);
+        assert_eq!(found.anchor, Some([5.5 / 7.0, 0.5]), "where nothing covers it");
+        found.place_number(0.4, &[Grid::filled(7, 1, true)]);
+        assert_eq!(found.anchor, Some([5.5 / 7.0, 0.5]), "better covered than nowhere");
         assert_eq!(Found::new(Arc::new(Grid::filled(3, 3, f32::NAN)), 0.4, CleanUp::default()).anchor, None);
     }
 }

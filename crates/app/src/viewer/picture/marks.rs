@@ -1,30 +1,35 @@
 //! Rendered and recorded frames as the window shows them.
 
-use crate::viewer::picture::request::{AskedPrompt, Finding, Request};
+use crate::viewer::picture::request::{Finding, Outlines, Request};
 use egui::ColorImage;
 use image::RgbImage;
 use std::sync::Arc;
 use surgtpgs_core::{
     grid::{Grid, Mask},
-    overlay::{OverlayPrompt, overlay_layers},
+    overlay::{OverlayPrompt, OverlayStyle, outlines, overlay_layers},
 };
 
-/// Draws everything found over the frame; returns `None` if there is nothing to draw.
+/// Returns the lines around everything found.
+pub(crate) fn outline(findings: &[Finding], tools: Option<&Mask>, request: &Request) -> Arc<Outlines> {
+    let layers = layers(findings, request);
+    let size = layers.first().map_or((0, 0), |(p, _)| (p.scores.width, p.scores.height));
+    let lines = outlines(&layers, tools, request.look);
+    Arc::new(Outlines { lines, size, opacity: request.look.outline_opacity })
+}
+
+/// Draws the fills or the heatmap of everything found over the frame; returns `None` if there are none.
 pub(crate) fn mark(
     frame: &RgbImage,
     findings: &[Finding],
     tools: Option<&Mask>,
     request: &Request,
 ) -> Option<Arc<ColorImage>> {
-    let layers: Vec<(&Grid<f32>, &AskedPrompt, bool)> = findings
-        .iter()
-        .filter_map(|finding| {
-            let prompt = request.prompts.iter().find(|p| p.id == finding.id)?;
-            Some((&*finding.outcome.as_ref().ok()?.cleaned, prompt, finding.stand_in(prompt).is_some()))
-        })
-        .collect();
-    let (first, ..) = layers.first()?;
-    let (width, height) = (first.width as u32, first.height as u32);
+    if request.look.style == OverlayStyle::Outline {
+        return None;
+    }
+    let layers = layers(findings, request);
+    let (first, _) = layers.first()?;
+    let (width, height) = (first.scores.width as u32, first.scores.height as u32);
     let resized;
     let frame = if frame.dimensions() == (width, height) {
         frame
@@ -32,14 +37,22 @@ pub(crate) fn mark(
         resized = image::imageops::thumbnail(frame, width, height);
         &resized
     };
-    let prompts: Vec<(OverlayPrompt<'_>, bool)> = layers
-        .iter()
-        .map(|&(scores, p, is_dashed)| {
-            let drawn = OverlayPrompt { scores, threshold: p.threshold, colour: p.colour, is_dashed };
-            (drawn, p.is_instrument)
-        })
-        .collect();
-    Some(Arc::new(color_image(&overlay_layers(frame, &prompts, tools, request.look))))
+    Some(Arc::new(color_image(&overlay_layers(frame, &layers, tools, request.look))))
+}
+
+/// Returns what is drawn of each prompt that has an answer, and `true` for instruments.
+fn layers<'a>(findings: &'a [Finding], request: &Request) -> Vec<(OverlayPrompt<'a>, bool)> {
+    let layer = |finding: &'a Finding| {
+        let prompt = request.prompts.iter().find(|p| p.id == finding.id)?;
+        let drawn = OverlayPrompt {
+            scores: &finding.outcome.as_ref().ok()?.cleaned,
+            threshold: prompt.threshold,
+            colour: prompt.colour,
+            is_dashed: finding.stand_in(prompt).is_some(),
+        };
+        Some((drawn, prompt.is_instrument))
+    };
+    findings.iter().filter_map(layer).collect()
 }
 
 /// Share of its colour that a pixel keeps if the endoscope did not see it.

@@ -1,6 +1,7 @@
 //! From a request to textures on the screen: decode or render, score, find, draw.
 
 pub(crate) mod areas;
+pub(crate) mod copy;
 pub(crate) mod difference;
 pub(crate) mod found;
 pub(crate) mod layer_colours;
@@ -11,4 +12,5 @@ mod pipeline;
 mod pipeline_tests;
 pub(crate) mod request;
 pub(crate) mod textures;
+pub(crate) mod thumbnails;
 mod worker;

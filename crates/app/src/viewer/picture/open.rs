@@ -6,6 +6,7 @@ use crate::viewer::{
         areas::Areas,
         request::{Finding, Picture, Request},
         textures::Shown,
+        thumbnails::Thumbnails,
         worker::Worker,
     },
 };
@@ -24,6 +25,9 @@ pub(crate) struct Open {
     /// training.
     pub(crate) areas: Option<Areas>,
     pub(crate) shown: Option<Shown>,
+    pub(crate) thumbnails: Thumbnails,
+    /// Frames whose small pictures were asked for.
+    pub(crate) wanted: Vec<usize>,
     /// Duration of the last picture at full size, milliseconds.
     full_ms: f64,
 }
@@ -34,7 +38,16 @@ impl Open {
         let info = source.info().clone();
         let areas = Some(Areas::new(info.num_frames));
         let worker = Worker::start(source, ctx)?;
-        Ok(Self { info, worker, asked: None, areas, shown: None, full_ms: 0.0 })
+        Ok(Self {
+            info,
+            worker,
+            asked: None,
+            areas,
+            shown: None,
+            thumbnails: Thumbnails::default(),
+            wanted: Vec::new(),
+            full_ms: 0.0,
+        })
     }
 
     /// Continues with a passing state of the same recording.
@@ -52,6 +65,9 @@ impl Open {
                 areas.take(measured);
             }
         }
+        for (frame, image) in self.worker.take_thumbnails() {
+            self.thumbnails.take(frame, image, ctx);
+        }
         let Some(picture) = self.worker.take() else { return };
         if !picture.request.view.is_preview {
             self.full_ms = picture.took_ms;
@@ -68,6 +84,12 @@ impl Open {
             self.worker.submit(request.clone());
             self.asked = Some(request);
         }
+    }
+
+    /// Asks for small pictures of frames, which are made while nothing else is to be done.
+    pub(crate) fn want_thumbnails(&mut self, frames: Vec<usize>) {
+        self.worker.want_thumbnails(&frames);
+        self.wanted = frames;
     }
 
     /// Returns `true` if pictures take so long that they are made at half size while something moves.

@@ -10,8 +10,9 @@ use crate::viewer::{
         difference::Difference,
         found::Found,
         layer_colours::colour_layer,
-        marks::{color_image, fade, mark},
+        marks::{color_image, fade, mark, outline},
         request::{AskedPrompt, Finding, LayerPane, Pane, Picture, Request},
+        thumbnails::small,
     },
     remedy::message,
     state::{content::PREVIEW, view_mode::Layer},
@@ -22,7 +23,7 @@ use std::{collections::VecDeque, sync::Arc, time::Instant};
 use surgtpgs_core::{
     Error, Result,
     grid::{Grid, Mask},
-    mask::mean_scores,
+    mask::{mean_scores, threshold},
 };
 
 /// Number of frames that are prepared ahead of the shown one.
@@ -97,6 +98,7 @@ impl Pipeline {
             reconstruction: None,
             layer: None,
             difference: None,
+            outlines: Arc::default(),
             depth_values: None,
             findings: Vec::new(),
             candidates: Vec::new(),
@@ -134,7 +136,8 @@ impl Pipeline {
         let Some(rendered) = self.rendered.back() else { return Ok(()) };
         let said =
             self.source.answers(&request.prompts.iter().map(|p| p.question.clone()).collect::<Vec<_>>());
-        picture.findings = findings(&answers, &request, &said);
+        picture.findings = findings(&answers, &request, &said, tools.as_deref());
+        picture.outlines = outline(&picture.findings, tools.as_deref(), &request);
         picture.candidates = candidates(&answers, &request.candidates);
         if let Some(point) = request.point.filter(|_| self.source.info().has_features) {
             // The scores at the point can be shown even without a sample.
@@ -196,6 +199,15 @@ impl Pipeline {
             return is_decoded && is_rendered;
         }
         false
+    }
+
+    /// Makes a small picture of a recorded frame, which is not kept; `None` where it cannot be decoded.
+    pub(crate) fn thumbnail(&mut self, frame: usize) -> Option<ColorImage> {
+        if let Some((_, image, _)) = self.originals.iter().find(|(i, ..)| *i == frame) {
+            return Some(small(image));
+        }
+        let has_original = self.source.info().has_original;
+        has_original.then(|| self.source.original(frame).ok()).flatten().map(|image| small(&image))
     }
 
     /// Counts the areas of the last request's prompts on the next uncounted frame; `None` if there is none.
@@ -454,8 +466,14 @@ fn shared(scores: Result<Grid<f32>>) -> Scores {
     scores.map(Arc::new).map_err(|e| message(&e))
 }
 
-/// Returns what was found of each prompt of a request, with what is `said` to it.
-fn findings(answers: &[PromptScores], request: &Request, said: &[Option<Answer>]) -> Vec<Finding> {
+/// Returns what was found of each prompt of a request, with what is `said` to it. Numbers of prompts lie
+/// beside `tools` and other instruments.
+fn findings(
+    answers: &[PromptScores],
+    request: &Request,
+    said: &[Option<Answer>],
+    tools: Option<&Mask>,
+) -> Vec<Finding> {
     let clean_up = request.clean_up();
     let finding = |(prompt, answer): (&AskedPrompt, &Option<Answer>)| {
         let (_, scores) = answers.iter().find(|(question, _)| *question == prompt.question)?;
@@ -463,7 +481,21 @@ fn findings(answers: &[PromptScores], request: &Request, said: &[Option<Answer>]
         let (text, answer) = (prompt.question.text.clone(), answer.clone());
         Some(Finding { id: prompt.id, text, answer, outcome })
     };
-    request.prompts.iter().zip(said).filter_map(finding).collect()
+    let mut findings: Vec<Finding> = request.prompts.iter().zip(said).filter_map(finding).collect();
+    let prompt = |id| request.prompts.iter().find(|p| p.id == id);
+    let covered: Vec<Mask> = findings
+        .iter()
+        .filter_map(|f| Some((prompt(f.id).filter(|p| p.is_instrument)?, f.outcome.as_ref().ok()?)))
+        .map(|(p, found)| threshold(&found.cleaned, p.threshold))
+        .chain(tools.cloned())
+        .collect();
+    for finding in &mut findings {
+        let tissue = prompt(finding.id).filter(|p| !p.is_instrument && !covered.is_empty());
+        if let (Some(prompt), Ok(found)) = (tissue, &mut finding.outcome) {
+            found.place_number(prompt.threshold, &covered);
+        }
+    }
+    findings
 }
 
 /// Returns the scores of those `wanted` questions that have any.

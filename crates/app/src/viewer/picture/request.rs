@@ -8,7 +8,7 @@ use crate::viewer::{
 };
 use egui::ColorImage;
 use std::sync::Arc;
-use surgtpgs_core::{grid::Grid, mask::CleanUp, overlay::OverlayLook};
+use surgtpgs_core::{grid::Grid, mask::CleanUp, overlay::OverlayLook, strokes::Outline};
 
 /// A prompt that is to be looked for.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,12 +53,21 @@ impl Request {
     }
 }
 
-/// A picture without and with everything found drawn over it. All of it is of one frame.
+/// A picture without and with what was found drawn over it. All of it is of one frame.
 #[derive(Clone, Debug)]
 pub(crate) struct Pane {
     pub(crate) bare: Arc<ColorImage>,
-    /// `None` without prompts.
+    /// The picture with fills or a heatmap, if there are any. Lines are [`Outlines`].
     pub(crate) marked: Option<Arc<ColorImage>>,
+}
+
+/// Lines around everything found. They have no width yet, which does not depend on the zoom.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Outlines {
+    pub(crate) lines: Vec<Outline>,
+    /// Columns and rows of the scores, in whose pixels the lines are given.
+    pub(crate) size: (usize, usize),
+    pub(crate) opacity: f32,
 }
 
 /// A layer of values as colours, with their meaning.
@@ -80,6 +89,7 @@ pub(crate) struct Picture {
     pub(crate) reconstruction: Option<Pane>,
     pub(crate) layer: Option<LayerPane>,
     pub(crate) difference: Option<Difference>,
+    pub(crate) outlines: Arc<Outlines>,
     /// Depth of every pixel, scene units; 0 where unknown.
     pub(crate) depth_values: Option<Arc<Grid<f32>>>,
     pub(crate) findings: Vec<Finding>,

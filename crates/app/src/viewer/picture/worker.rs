@@ -25,12 +25,15 @@ struct Shared {
     wake: Condvar,
     outbox: Mutex<Option<Picture>>,
     measured: Mutex<Vec<Measured>>,
+    thumbnails: Mutex<Vec<(usize, egui::ColorImage)>>,
 }
 
 #[derive(Default)]
 struct Inbox {
     request: Option<Request>,
     source: Option<Box<dyn FrameSource>>,
+    /// Frames whose small pictures are wanted, the first one at the end.
+    wanted: Vec<usize>,
     is_closed: bool,
 }
 
@@ -66,6 +69,17 @@ impl Worker {
         std::mem::take(&mut *lock(&self.shared.measured))
     }
 
+    /// Asks for small pictures of frames, which are made in idle time; earlier wishes are dropped.
+    pub(crate) fn want_thumbnails(&self, frames: &[usize]) {
+        lock(&self.shared.inbox).wanted = frames.iter().rev().copied().collect();
+        self.shared.wake.notify_one();
+    }
+
+    /// Takes the small pictures that were made since the last call.
+    pub(crate) fn take_thumbnails(&self) -> Vec<(usize, egui::ColorImage)> {
+        std::mem::take(&mut *lock(&self.shared.thumbnails))
+    }
+
     /// Takes the newest picture, if it has not been taken yet.
     pub(crate) fn take(&self) -> Option<Picture> {
         lock(&self.shared.outbox).take()
@@ -85,7 +99,8 @@ fn work(shared: &Shared, mut pipeline: Pipeline, ctx: &egui::Context) {
     loop {
         let (source, request) = {
             let is_idle = |inbox: &mut Inbox| {
-                inbox.request.is_none() && inbox.source.is_none() && !inbox.is_closed && !is_preparing
+                let has_work = inbox.request.is_some() || inbox.source.is_some() || !inbox.wanted.is_empty();
+                !has_work && !inbox.is_closed && !is_preparing
             };
             let waited = shared.wake.wait_while(lock(&shared.inbox), is_idle);
             let mut inbox = waited.unwrap_or_else(PoisonError::into_inner);
@@ -104,10 +119,24 @@ fn work(shared: &Shared, mut pipeline: Pipeline, ctx: &egui::Context) {
             ctx.request_repaint();
             is_preparing = true;
         } else {
-            let idle_work = || pipeline.prepare_ahead() || count_next(shared, &mut pipeline, ctx);
+            let idle_work = || {
+                pipeline.prepare_ahead()
+                    || next_thumbnail(shared, &mut pipeline, ctx)
+                    || count_next(shared, &mut pipeline, ctx)
+            };
             is_preparing = std::panic::catch_unwind(AssertUnwindSafe(idle_work)).unwrap_or(false);
         }
     }
+}
+
+/// Makes the next small picture; returns `false` if none is wanted.
+fn next_thumbnail(shared: &Shared, pipeline: &mut Pipeline, ctx: &egui::Context) -> bool {
+    let Some(frame) = lock(&shared.inbox).wanted.pop() else { return false };
+    if let Some(image) = pipeline.thumbnail(frame) {
+        lock(&shared.thumbnails).push((frame, image));
+        ctx.request_repaint();
+    }
+    true
 }
 
 /// Counts the areas on another frame; returns `false` if there is none left.
@@ -126,6 +155,7 @@ fn broken(request: Request) -> Picture {
         reconstruction: None,
         layer: None,
         difference: None,
+        outlines: Arc::default(),
         depth_values: None,
         findings: Vec::new(),
         candidates: Vec::new(),

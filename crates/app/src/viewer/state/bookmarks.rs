@@ -36,6 +36,11 @@ impl Document {
         self.change(frame, None, "the flag at", |b| b.is_flagged ^= true);
     }
 
+    /// Gives a bookmark a colour of its own, or none.
+    pub(crate) fn set_bookmark_colour(&mut self, frame: usize, colour: Option<[u8; 3]>) {
+        self.change(frame, None, "the colour of the bookmark at", |b| b.colour = colour);
+    }
+
     /// Returns the nearest bookmarked frame before (`-1`) or after (`1`) `frame`.
     pub(crate) fn bookmark_beside(&self, frame: usize, direction: isize) -> Option<usize> {
         let mut frames = self.bookmarks().iter().map(|b| b.frame);

@@ -6,6 +6,8 @@ use surgtpgs_core::mask::CleanUp;
 pub(crate) const MAX_SMOOTH: usize = 5;
 /// Largest area of removed parts and filled holes, px.
 pub(crate) const MAX_AREA: usize = 20_000;
+/// Largest radius over which borders are rounded, px.
+pub(crate) const MAX_ROUND: usize = 20;
 /// Largest distance that a border moves, px.
 pub(crate) const MAX_GROW: i32 = 20;
 
@@ -15,6 +17,7 @@ pub(crate) fn mended(clean_up: CleanUp) -> CleanUp {
         smooth_frames: clean_up.smooth_frames.min(MAX_SMOOTH),
         fill_holes_px: clean_up.fill_holes_px.min(MAX_AREA),
         min_area_px: clean_up.min_area_px.min(MAX_AREA),
+        round_px: clean_up.round_px.min(MAX_ROUND),
         grow_px: clean_up.grow_px.clamp(-MAX_GROW, MAX_GROW),
     }
 }

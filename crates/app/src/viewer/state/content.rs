@@ -3,7 +3,12 @@
 use crate::engine::{Negatives, Sample};
 use crate::viewer::{
     backend::{orbit::Orbit, ranges},
-    state::{clean_up, measure::Scale, zoom::Zoom},
+    state::{
+        clean_up,
+        measure::Scale,
+        phases::{self, Phase},
+        zoom::Zoom,
+    },
 };
 use serde_json::{Map, Value};
 use surgtpgs_core::{mask::CleanUp, relevancy::RelevancySettings};
@@ -59,6 +64,9 @@ pub(crate) struct Content {
     pub(crate) prompts: Vec<Prompt>,
     /// Bookmarks in the order of their frames, at most one per frame.
     pub(crate) bookmarks: Vec<Bookmark>,
+    /// Phases of the operation, in order; none overlap.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(crate) phases: Vec<Phase>,
     /// First and last frame of the part that plays.
     pub(crate) range: Option<(usize, usize)>,
     /// Phrases and classes that all prompts are compared with.
@@ -92,6 +100,9 @@ pub(crate) struct Bookmark {
     /// `true` if the frame needs another look.
     #[serde(default)]
     pub(crate) is_flagged: bool,
+    /// Colour of its own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) colour: Option<[u8; 3]>,
     /// Fields that a newer program wrote.
     #[serde(flatten)]
     pub(crate) unknown: Map<String, Value>,
@@ -171,6 +182,7 @@ impl Content {
         self.scale = self.scale.filter(Scale::is_possible);
         self.clean_up = clean_up::mended(self.clean_up);
         self.excluded = ranges::mended(self.excluded, num_frames);
+        self.phases = phases::mended(self.phases, num_frames);
         self.range = self.range.filter(|(from, to)| from <= to && *to < num_frames);
         self
     }

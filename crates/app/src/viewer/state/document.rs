@@ -9,7 +9,11 @@ use crate::viewer::state::{
 };
 use crate::{engine::Sample, settings::PROMPT_COLOURS};
 use serde_json::Map;
-use surgtpgs_core::{mask::CleanUp, overlay::OverlayLook, sequence::names_instrument};
+use surgtpgs_core::{
+    mask::CleanUp,
+    overlay::{OverlayLook, OverlayStyle},
+    sequence::names_instrument,
+};
 
 /// Change of the threshold by a threshold key.
 pub(crate) const THRESHOLD_STEP: f32 = 0.01;
@@ -22,6 +26,7 @@ pub(crate) enum Joint {
     Threshold(PromptId),
     ButNot(PromptId),
     Note(usize),
+    Phase(usize),
     CleanUp,
 }
 
@@ -99,9 +104,9 @@ impl Document {
         self.revision += 1;
     }
 
-    /// Prepares for another recording: all decisions belong to the previous one.
-    pub(crate) fn start_recording(&mut self) {
-        self.content = Content::default();
+    /// Prepares for another recording, with a clean-up of its masks: all decisions belong to the previous one.
+    pub(crate) fn start_recording(&mut self, clean_up: CleanUp) {
+        self.content = Content { clean_up, ..Content::default() };
         self.selected = None;
         self.history = History::default();
         self.revision += 1;
@@ -293,8 +298,12 @@ impl Document {
 
     /// Makes the overlay more opaque by one step; the least opaque step follows the most opaque one.
     pub(crate) fn next_opacity(&mut self) {
-        let OverlayLook { style, opacity, outline_opacity, .. } = &mut self.overlay;
-        let opacity = if style.has_fill() { opacity } else { outline_opacity };
+        let OverlayLook { style, opacity, heat_opacity, outline_opacity, .. } = &mut self.overlay;
+        let opacity = match style {
+            OverlayStyle::Outline => outline_opacity,
+            OverlayStyle::Fill => opacity,
+            OverlayStyle::Heatmap => heat_opacity,
+        };
         let next = *opacity + OPACITY_STEP;
         *opacity = if next > 1.01 { OPACITY_STEP } else { next.min(1.0) };
     }

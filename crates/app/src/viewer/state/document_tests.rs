@@ -2,7 +2,7 @@
 
 use crate::viewer::state::{content::Content, document::Document};
 use proptest::prelude::*;
-use surgtpgs_core::overlay::OverlayLook;
+use surgtpgs_core::{mask::CleanUp, overlay::OverlayLook};
 
 fn document(prompts: &[&str]) -> Document {
     let mut document = Document::new(OverlayLook::default(), 0.4);
@@ -113,7 +113,7 @@ fn what_belongs_to_frames_is_not_taken_to_another_recording() {
     let mut document = document(&["liver"]);
     document.toggle_bookmark(3);
     document.set_range(Some((1, 2)));
-    document.start_recording();
+    document.start_recording(CleanUp::default());
     assert!(document.content().is_alike(&Content::default()));
     assert_eq!((document.selected, document.undo_name()), (None, None));
 }

@@ -10,15 +10,18 @@ pub(crate) mod document;
 #[cfg(test)]
 mod document_tests;
 mod excluded;
+pub(crate) mod exporting;
 mod history;
 pub(crate) mod loss_curve;
 pub(crate) mod measure;
 pub(crate) mod opening;
+pub(crate) mod phases;
 pub(crate) mod playback;
 pub(crate) mod preferences;
 pub(crate) mod reconstruction;
 pub(crate) mod saving;
 pub(crate) mod session;
+pub(crate) mod time_scale;
 pub(crate) mod toast;
 pub(crate) mod view_mode;
 pub(crate) mod zoom;

@@ -1,5 +1,6 @@
 //! Choices that the window remembers between starts, in one small file. It never holds pixels or prompts.
 
+use crate::viewer::backend::Models;
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
@@ -25,6 +26,8 @@ pub(crate) struct Preferences {
     pub(crate) window_size: Option<[f32; 2]>,
     /// Duration of a step of training per pixel of a frame on this computer, seconds, once it is known.
     pub(crate) seconds_per_step_and_pixel: Option<f64>,
+    /// Networks that were chosen last to make recordings searchable.
+    pub(crate) models: Models,
     /// Paths that were opened last, newest first.
     pub(crate) recent: Vec<PathBuf>,
     /// `true` if [`Preferences::recent`] is kept. Paths may hold names of patients.
@@ -54,6 +57,7 @@ impl Default for Preferences {
             panel_width: USUAL_PANEL_WIDTH,
             window_size: None,
             seconds_per_step_and_pixel: None,
+            models: Models::default(),
             recent: Vec::new(),
             remembers_files: true,
             keys: Keymap::new(),

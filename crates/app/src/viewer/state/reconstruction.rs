@@ -2,25 +2,43 @@
 
 use crate::viewer::{
     backend::{
-        Backend, Checked, Info, TrainNews, TrainRequest,
+        Backend, Checked, Info, TrainNews, TrainRequest, Words,
         task::{Task, TaskEvent},
     },
     remedy::message,
     state::loss_curve::LossCurve,
 };
 use egui::Context;
-use std::{path::PathBuf, sync::Arc};
+use std::{
+    collections::VecDeque,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 /// Check, training and result of reconstructions.
 #[derive(Default)]
 pub(crate) struct Reconstruction {
     pub(crate) check: Option<ImportCheck>,
     pub(crate) training: Option<Training>,
+    /// Trainings that begin when the present one has ended, the next one first.
+    pub(crate) queue: VecDeque<TrainRequest>,
     /// Finished reconstruction that was not opened, because something else was shown or the window was busy.
     pub(crate) finished: Option<PathBuf>,
 }
 
 impl Reconstruction {
+    /// Returns `true` if a recording is being reconstructed or waits for it.
+    pub(crate) fn is_planned(&self, recording: &Path) -> bool {
+        let is_running = self.training.as_ref().is_some_and(|t| t.recording == recording);
+        is_running || self.queue.iter().any(|request| request.recording == recording)
+    }
+
+    /// Returns the scene files that are being made or will be.
+    pub(crate) fn planned_scenes(&self) -> Vec<PathBuf> {
+        let running = self.training.iter().map(|t| t.scene.clone());
+        running.chain(self.queue.iter().map(|request| request.scene.clone())).collect()
+    }
+
     /// Returns `true` if the check of the open recording found that a reconstruction would be wrong.
     pub(crate) fn would_be_wrong(&self) -> bool {
         let outcome = self.check.as_ref().and_then(|check| check.outcome.as_ref());
@@ -55,6 +73,10 @@ impl ImportCheck {
 pub(crate) struct Training {
     pub(crate) task: Task<PathBuf, TrainNews>,
     pub(crate) recording: PathBuf,
+    /// The scene file that is being made.
+    pub(crate) scene: PathBuf,
+    /// Folder of what networks found so far, which stays; `None` without networks.
+    pub(crate) features: Option<PathBuf>,
     pub(crate) curve: LossCurve,
     backend: Arc<dyn Backend>,
     /// Available memory, bytes, and the time of that reading, seconds.
@@ -69,12 +91,24 @@ pub(crate) struct Training {
 
 impl Training {
     pub(crate) fn start(backend: Arc<dyn Backend>, request: TrainRequest, ctx: &Context) -> Self {
-        let (theirs, recording) = (backend.clone(), request.recording.clone());
+        let (theirs, recording, scene) = (backend.clone(), request.recording.clone(), request.scene.clone());
+        let features = matches!(request.words, Words::Models(_)).then(|| request.features_folder());
         let steps = request.quality.steps();
         let task = Task::start("training", ctx, move |task| theirs.reconstruct(&request, task));
         let curve = LossCurve::default();
         let (memory, seconds_per_step, closing_since) = (None, None, None);
-        Self { task, recording, curve, backend, memory, steps, seconds_per_step, closing_since }
+        Self {
+            task,
+            recording,
+            scene,
+            features,
+            curve,
+            backend,
+            memory,
+            steps,
+            seconds_per_step,
+            closing_since,
+        }
     }
 
     /// Returns `true` if this is the training on the recording of `info`.

@@ -157,7 +157,7 @@ mod tests {
     fn session(opened: PathBuf) -> Session {
         let content = r#"{"prompts": [{"text": "liver", "colour": [1, 2, 3], "is_visible": false, "threshold": 0.45,
             "synonyms": ["hepar"]}], "bookmarks": [{"frame": 7, "note": "clip", "author": "x"}], "range": [2, 9],
-            "phases": [1]}"#;
+            "landmarks": [1]}"#;
         let unknown = Map::from_iter([("reviewed_by".to_owned(), Value::from("two people"))]);
         let time = Time { frame: 7, speed: -2.0, repeats: false };
         Session { content: serde_json::from_str(content).unwrap(), time, unknown, ..Session::new(opened) }
@@ -171,7 +171,7 @@ mod tests {
         saved.save(&file).unwrap();
         assert_eq!(Session::load(&file).unwrap(), saved);
         let text = std::fs::read_to_string(&file).unwrap();
-        for kept in ["reviewed_by", "synonyms", "author", "phases"] {
+        for kept in ["reviewed_by", "synonyms", "author", "landmarks"] {
             assert!(text.contains(kept), "{kept}");
         }
     }

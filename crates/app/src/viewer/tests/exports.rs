@@ -22,6 +22,7 @@ use surgtpgs_core::{
     export::{ExportOptions, ExportSummary, Format, PictureSource},
     mask::CleanUp,
     overlay::{OverlayLook, OverlayStyle},
+    palette::Palette,
     relevancy::RelevancySettings,
 };
 
@@ -70,11 +71,11 @@ fn the_window_and_the_command_line_write_the_same_bytes() {
     program(folder, &["train", "@prepared", "-o", "@scene.safetensors", "--iterations", "20"]);
     let names = Format::ALL.map(Format::name).join(",");
     let prompts = ["--prompt", "liver", "bile sac", "--style", "fill", "--opacity", "0.5"];
-    let cleaned =
-        ["--smooth", "1", "--fill-holes", "9", "--min-area", "5", "--grow", "-1", "--outline-opacity", "0.6"];
+    let cleaned = ["--smooth", "1", "--fill-holes", "9", "--min-area", "5", "--round", "1", "--grow", "-1"];
+    let look = ["--outline-opacity", "0.6", "--palette", "viridis", "--width", "96"];
     let negatives = ["--negative", "smoke", "--but-not", "liver=fat", "--ask-by", "embedding"];
     let export = ["export", "@scene.safetensors", "-o", "@line", "--frames", "1..4", "--format", &names];
-    program(folder, &[&export[..], &prompts, &cleaned, &["--above-instruments"], &negatives].concat());
+    program(folder, &[&export[..], &prompts, &cleaned, &look, &["--above-instruments"], &negatives].concat());
 
     let standard = RelevancySettings { class_negatives: false, ..Default::default() };
     let negatives = Negatives::of(&standard).with([&"smoke".to_owned()]);
@@ -98,8 +99,18 @@ fn the_window_and_the_command_line_write_the_same_bytes() {
                 opacity: 0.5,
                 outline_opacity: 0.6,
                 below_instruments: false,
+                palette: Palette::Viridis,
+                ..OverlayLook::default()
             },
-            clean_up: CleanUp { smooth_frames: 1, fill_holes_px: 9, min_area_px: 5, grow_px: -1 },
+            captions: true,
+            width_px: Some(96),
+            clean_up: CleanUp {
+                smooth_frames: 1,
+                fill_holes_px: 9,
+                min_area_px: 5,
+                round_px: 1,
+                grow_px: -1,
+            },
             ..ExportOptions::default()
         },
         replace: false,

@@ -91,6 +91,8 @@ pub(super) struct FakeBackend {
     pub(super) info: Info,
     pub(super) gate: Mutex<Option<mpsc::Receiver<()>>>,
     pub(super) exported: Mutex<Vec<(ExportRequest, Negatives)>>,
+    pub(super) faults: Mutex<ModelFaults>,
+    pub(super) folders_shown: Mutex<Vec<PathBuf>>,
     pub(super) trained: Mutex<Vec<TrainRequest>>,
     pub(super) available_bytes: Mutex<Option<u64>>,
     pub(super) checked: Mutex<Checked>,
@@ -134,6 +136,7 @@ impl Backend for FakeBackend {
             scene: folder.join("scene"),
             quality: Quality::Quick,
             excluded: Vec::new(),
+            words: Words::Labels,
         };
         Ok(Demo { path: folder.to_owned(), train: Some(request) })
     }
@@ -149,12 +152,20 @@ impl Backend for FakeBackend {
         let files = num_files(&request.options.formats, frames, prompts);
         Ok(ExportSummary { complete: true, frames, files, ..Default::default() })
     }
+    fn show_folder(&self, folder: &Path) -> Result<()> {
+        self.folders_shown.lock().unwrap().push(folder.to_owned());
+        Ok(())
+    }
     fn evaluate(&self, scene: &Path, task: &TaskContext) -> Result<Evaluation> {
         task.progress("evaluating", 2, 2, String::new());
         if scene.ends_with("gone") {
             return Err(Error::input("the recording is not at hand", "Put it back."));
         }
         Ok(Evaluation::example())
+    }
+    fn check_models(&self, _: &Models, task: &TaskContext) -> Result<ModelFaults> {
+        task.progress("trying", 1, 1, String::new());
+        Ok(self.faults.lock().unwrap().clone())
     }
     fn available_bytes(&self) -> Option<u64> {
         *self.available_bytes.lock().unwrap()
@@ -345,6 +356,19 @@ impl Window {
     pub(super) fn shows(&self, text: &str) -> bool {
         self.harness.query_all_by_label_contains(text).next().is_some()
     }
+}
+
+/// Returns the lines around what was found that are painted in a colour, with their widths. Curves are
+/// thinner.
+pub(super) fn painted_lines(window: &Window, colour: [u8; 3]) -> Vec<(Vec<egui::Pos2>, f32)> {
+    let colour = egui::epaint::ColorMode::Solid(crate::viewer::theme::colour32(colour));
+    let line = |clipped: &egui::epaint::ClippedShape| match &clipped.shape {
+        egui::Shape::Path(path) if path.stroke.color == colour && path.stroke.width > 2.2 => {
+            Some((path.points.clone(), path.stroke.width))
+        }
+        _ => None,
+    };
+    window.harness.output().shapes.iter().filter_map(line).collect()
 }
 
 /// Returns the texts that are painted, whoever paints them.

@@ -2,7 +2,10 @@
 //! each other, none is cut off at its side, and everything that is pressed can be reached.
 
 use super::*;
-use crate::viewer::{command::Command, state::session::Session};
+use crate::viewer::{
+    command::Command,
+    state::{phases::Phase, session::Session},
+};
 use egui::{Pos2, Rect, Shape, pos2, vec2};
 use surgtpgs_core::overlay::OverlayStyle;
 
@@ -207,11 +210,15 @@ fn a_recording_before_and_during_its_reconstruction_holds() {
 fn every_dialog_holds() {
     let mut window = with_prompts(3);
     (0..12).for_each(|frame| window.harness.state_mut().shared.document.toggle_bookmark(frame));
+    for (k, name) in ["Preparation", "Dissection of the gallbladder", "End"].iter().enumerate() {
+        window.harness.state_mut().shared.document.add_phase(Phase::new(name, 10 * k, 10 * k + 8));
+    }
     for dialog in [
         Dialog::Export,
         Dialog::Quality,
         Dialog::GoToFrame,
         Dialog::Bookmarks,
+        Dialog::Phases,
         Dialog::Comparison,
         Dialog::Shortcuts,
         Dialog::About,

@@ -1,8 +1,12 @@
 //! Tests of the overlay: opacity, instruments, cleaned masks.
 
 use super::*;
+use crate::viewer::picture::{
+    copy::{Shown, copy},
+    request::Pane,
+};
 use egui::Color32;
-use surgtpgs_core::mask::CleanUp;
+use surgtpgs_core::{mask::CleanUp, overlay::OverlayStyle, palette::Palette};
 
 /// Returns a pixel of the picture without and with everything found.
 fn pixel(window: &Window, x: usize, y: usize) -> [Color32; 2] {
@@ -15,24 +19,124 @@ fn is_drawn(window: &Window, x: usize, y: usize) -> bool {
     bare != marked
 }
 
-/// Opens a window with one prompt, and waits for its result.
+/// Opens a window with one prompt, whose fill is drawn, and waits for its result.
 fn with_prompt(info: Info, prompt: &str) -> Window {
     let mut window = Window::on(info);
+    window.harness.state_mut().shared.document.overlay.style = OverlayStyle::Fill;
     window.add_prompt(prompt);
     window.until_found();
+    window.until_picture(|p| p.request.look.style == OverlayStyle::Fill);
     window
 }
 
 #[test]
 fn outlines_have_an_opacity_of_their_own() {
     let mut window = with_prompt(scene(), "gallbladder");
+    window.harness.state_mut().shared.document.overlay.style = OverlayStyle::Outline;
+    window.until_picture(|p| p.request.look.style == OverlayStyle::Outline);
     let own = window.harness.state().shared.document.prompts()[0].colour;
-    assert_eq!(pixel(&window, 7, 12)[1], Color32::from_rgb(own[0], own[1], own[2]));
+    assert_eq!(painted_lines(&window, own).len(), 1);
     window.press_with(Modifiers::SHIFT, Key::O);
     window.until_picture(|p| p.request.look.outline_opacity < 0.3);
-    let fifth = own.map(|v| (0.2 * f32::from(v)).round() as u8);
-    assert_eq!(pixel(&window, 7, 12)[1], Color32::from_rgb(fifth[0], fifth[1], fifth[2]), "on black");
+    assert!(painted_lines(&window, own).is_empty(), "fainter than its colour");
     assert!(window.shows("outline"));
+}
+
+#[test]
+fn lines_are_as_wide_on_an_enlarged_picture_as_on_the_whole_one() {
+    let mut window = with_prompt(scene(), "gallbladder");
+    let own = window.harness.state().shared.document.prompts()[0].colour;
+    let before = painted_lines(&window, own);
+    let panes = window.harness.state().shared.viewport.panes.clone();
+    let look = &mut window.harness.state_mut().shared.document.look;
+    look.zoom.magnify(4.0, panes.0[0].0.center(), &panes);
+    (0..3).for_each(|_| window.harness.step());
+    let after = painted_lines(&window, own);
+    let height = |lines: &[(Vec<egui::Pos2>, f32)]| {
+        let points = &lines[0].0;
+        (points[0].y - points[points.len() - 1].y).abs()
+    };
+    assert!(height(&after) > 3.0 * height(&before));
+    assert_eq!(after[0].1, before[0].1, "the width");
+}
+
+#[test]
+fn a_heatmap_has_a_palette_to_choose_and_a_scale() {
+    let mut window = with_prompt(scene(), "gallbladder");
+    window.click("Heatmap");
+    window.until_picture(|p| p.request.look.style == OverlayStyle::Heatmap);
+    assert!(window.harness.state().shared.picture().unwrap().outlines.lines.is_empty());
+    assert!(painted(&window).iter().any(|text| text.starts_with("similarity score")));
+    let hot = pixel(&window, 2, 12)[1];
+    window.click("Viridis");
+    window.until_picture(|p| p.request.look.palette == Palette::Viridis);
+    let expected = Palette::Viridis.colour(0.8).map(|v| (0.65 * v).round());
+    let drawn = pixel(&window, 2, 12)[1];
+    let near = |a: u8, b: f32| (f32::from(a) - b).abs() <= 1.0;
+    assert!(hot != drawn && near(drawn.r(), expected[0]) && near(drawn.g(), expected[1]), "{drawn:?}");
+}
+
+#[test]
+fn the_picture_is_copied_as_it_is_shown() {
+    let mut window = with_prompt(scene(), "gallbladder");
+    let copied = |window: &mut Window| {
+        window.harness.input_mut().events.push(egui::Event::Copy);
+        window.harness.step();
+        let commands = &window.harness.output().platform_output.commands;
+        commands.iter().find_map(|command| match command {
+            egui::OutputCommand::CopyImage(image) => Some(image.clone()),
+            _ => None,
+        })
+    };
+    let image = copied(&mut window).unwrap();
+    assert_eq!(image.size, [SIZE.0 as usize, SIZE.1 as usize]);
+    window.harness.step();
+    assert!(window.shows("The picture is copied, 32 × 24 pixels"));
+    window.press_with(Modifiers::SHIFT, Key::W);
+    window.until_picture(|p| p.original.is_some() && p.reconstruction.is_some());
+    assert_eq!(copied(&mut window).unwrap().size, [2 * SIZE.0 as usize, SIZE.1 as usize]);
+    window.type_prompt("fat");
+    assert!(copied(&mut window).is_none(), "text that is typed has the keys");
+}
+
+#[test]
+fn a_copy_has_what_was_found_and_its_name_and_is_cut_to_what_is_seen() {
+    let window = with_prompt(scene(), "gallbladder");
+    let mut picture = window.harness.state().shared.picture().unwrap().clone();
+    let image = |colour| Arc::new(egui::ColorImage::filled([320, 240], colour));
+    let (bare, marked) = (image(Color32::BLUE), Some(image(Color32::GREEN)));
+    picture.reconstruction = Some(Pane { bare, marked });
+    let shown = Shown { mode: ViewMode::Reconstruction, is_hidden: false, wipe: 0.5, seconds: 0.0 };
+    let own = window.harness.state().shared.document.prompts()[0].colour;
+    let own = Color32::from_rgb(own[0], own[1], own[2]);
+    let whole = copy(&picture, shown, &[]).unwrap();
+    let count = |image: &egui::ColorImage, colour| image.pixels.iter().filter(|p| **p == colour).count();
+    assert!(whole.size == [320, 240] && count(&whole, Color32::GREEN) > 60_000);
+    assert!(count(&whole, own) > 200, "the line, and the swatch of its name");
+    let hidden = copy(&picture, Shown { is_hidden: true, ..shown }, &[]).unwrap();
+    assert_eq!((count(&hidden, own), count(&hidden, Color32::GREEN)), (0, 0));
+    let seen = egui::Rect::from_min_max(egui::pos2(0.5, 0.25), egui::pos2(1.0, 0.75));
+    assert_eq!(copy(&picture, shown, &[seen]).unwrap().size, [160, 120]);
+}
+
+#[test]
+fn masks_are_cleaned_up_from_the_beginning_and_sessions_keep_what_was_chosen() {
+    let large = Info { width: 854, height: 480, ..scene() };
+    let mut window = Window::on(large);
+    window.add_prompt("gallbladder");
+    window.until_found();
+    let shared = &window.harness.state().shared;
+    assert_eq!(shared.document.content().clean_up, CleanUp::usual(854, 480));
+    assert!(!window.shows("masks cleaned up"), "nothing unusual");
+    window.harness.state_mut().shared.document.set_clean_up(CleanUp::default());
+    let session = window.harness.state().shared.session().unwrap();
+    let text = serde_json::to_string(&session).unwrap();
+    assert!(text.contains("\"round_px\":0"), "{text}");
+    let mut window = Window::on(Info { width: 854, height: 480, ..scene() });
+    assert!(!window.harness.state().shared.is_unsaved(), "what is usual need not be saved");
+    let ctx = window.harness.ctx.clone();
+    window.harness.state_mut().shared.open_session(session, None, &ctx);
+    window.until(|app| app.document.content().clean_up.is_off() && !app.document.prompts().is_empty());
 }
 
 #[test]
@@ -66,7 +170,7 @@ fn a_prompt_about_an_instrument_lies_above_the_others() {
 #[test]
 fn masks_are_cleaned_up_in_the_window_as_in_exports_and_off_is_the_raw_mask() {
     let mut window = with_prompt(scene(), "gallbladder");
-    let raw = window.harness.state().shared.picture().unwrap().reconstruction.clone().unwrap().marked;
+    let raw = window.harness.state().shared.picture().unwrap().outlines.clone();
     let grown = CleanUp { grow_px: 2, ..CleanUp::default() };
     window.harness.state_mut().shared.document.set_clean_up(grown);
     window.until_picture(|p| p.request.clean_up == grown);
@@ -85,7 +189,7 @@ fn masks_are_cleaned_up_in_the_window_as_in_exports_and_off_is_the_raw_mask() {
     window.click("Close");
     window.press_with(Modifiers::COMMAND, Key::Z);
     window.until_picture(|p| p.request.clean_up.is_off());
-    assert_eq!(window.harness.state().shared.picture().unwrap().reconstruction.clone().unwrap().marked, raw);
+    assert_eq!(window.harness.state().shared.picture().unwrap().outlines, raw);
     assert!(!window.shows("masks cleaned up"));
 }
 
@@ -159,7 +263,9 @@ fn the_recorded_frame_comes_first_with_prompts_drawn_on_it() {
     let app = &window.harness.state().shared;
     assert_eq!(app.document.mode, ViewMode::Original);
     let picture = app.picture().unwrap();
-    assert!(picture.original.as_ref().unwrap().marked.is_some() && picture.reconstruction.is_none());
+    assert!(picture.outlines.lines[0].lines.len() == 1 && picture.reconstruction.is_none());
+    let own = app.document.prompts()[0].colour;
+    assert_eq!(painted_lines(&window, own).len(), 1);
     assert!(window.shows("Recorded, frame 1 of 48"));
     window.press_with(Modifiers::COMMAND, Key::E);
     window.harness.step();

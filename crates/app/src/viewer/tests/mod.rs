@@ -18,7 +18,8 @@ mod starting;
 
 use crate::viewer::{
     backend::{
-        Backend, Checked, Demo, FrameSource, FrameView, Info, Rendering, TrainNews, TrainRequest,
+        Backend, Checked, Demo, FrameSource, FrameView, Info, ModelFaults, Models, Rendering, TrainNews,
+        TrainRequest, Words,
         paths::{PathAsk, Picked},
         task::{NOT_SAVED, TaskContext},
     },
@@ -67,7 +68,7 @@ fn a_typed_prompt_becomes_a_row_with_its_area_on_the_picture() {
     let found = picture.findings[0].outcome.as_ref().unwrap();
     assert_eq!(found.area_fraction, 0.25);
     assert_eq!(found.histogram.iter().sum::<u32>(), SIZE.0 * SIZE.1);
-    assert!(picture.reconstruction.as_ref().unwrap().marked.is_some());
+    assert_eq!(picture.outlines.lines[0].lines.len(), 1);
     assert!(window.shows("25 % of the picture"));
     window.harness.get_by_label("Threshold of gallbladder");
 }
@@ -272,7 +273,7 @@ fn every_command_that_takes_the_keyboard_is_known_to_take_it() {
         assert_eq!(takes, takes_keyboard(command), "{command:?}");
         num_taking += usize::from(takes);
     }
-    assert_eq!(num_taking, 9);
+    assert_eq!(num_taking, 10);
 }
 
 #[test]
@@ -445,9 +446,13 @@ fn the_export_says_how_many_files_before_it_starts() {
     assert!(window.shows("144 files will be written"));
     assert!(window.backend.exported.lock().unwrap().is_empty());
     window.click("Start export");
-    window.until(|app| app.dialog == Some(Dialog::Export));
     window.until_shown("144 files are in");
+    assert_eq!(window.harness.state().shared.dialog, None, "the window is not held up");
     assert_eq!(window.backend.exported.lock().unwrap()[0].0.questions.len(), 2);
+    window.click("Open folder");
+    assert_eq!(*window.backend.folders_shown.lock().unwrap(), [Path::new("/data/clip-export")]);
+    window.click("Close");
+    assert!(!window.shows("files are in"));
 }
 
 #[test]

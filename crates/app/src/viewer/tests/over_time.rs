@@ -76,7 +76,7 @@ fn areas_can_be_copied_as_a_table() {
     });
     let table = copied.unwrap();
     assert_eq!(table.lines().count(), FRAMES + 1);
-    assert!(table.contains("15,0.600,\"polyp\",0.50,288,0.375000"), "{table}");
+    assert!(table.contains("16,0.600,\"polyp\",0.50,288,0.375000"), "{table}");
 }
 
 #[test]
@@ -189,4 +189,89 @@ fn playing_never_sticks_on_a_range_that_is_left_out() {
         shown.insert(window.frame());
     }
     assert!(shown.len() > 30 && !shown.contains(&10) && !shown.contains(&11), "{shown:?}");
+}
+
+#[test]
+fn small_pictures_along_the_bar_come_while_nothing_else_is_to_be_done() {
+    let mut window = Window::on(scene());
+    window.until(|app| {
+        let open = app.open.as_ref().unwrap();
+        !open.wanted.is_empty() && open.thumbnails.missing(&open.wanted).is_empty()
+    });
+    let frames = window.harness.state().shared.open.as_ref().unwrap().wanted.clone();
+    assert!(frames.len() > 10 && frames.is_sorted() && frames[frames.len() - 1] > 40, "{frames:?}");
+    let window = Window::on(Info { has_original: false, ..scene() });
+    assert!(window.harness.state().shared.open.as_ref().unwrap().wanted.is_empty());
+}
+
+#[test]
+fn the_time_bar_is_enlarged_around_the_present_frame_and_follows_it() {
+    let mut window = Window::on(scene());
+    window.harness.state_mut().shared.playback.seek(24, 0.0);
+    (0..2).for_each(|_| window.press_with(Modifiers::ALT, Key::ArrowUp));
+    let (first, last) = window.harness.state().shared.viewport.span.unwrap();
+    assert!((last - first - 47.0 / 4.0).abs() < 0.01 && first < 24.0 && last > 24.0, "{first} to {last}");
+    window.harness.get_by_role_and_label(Role::Slider, "Frame").click();
+    (0..3).for_each(|_| window.harness.step());
+    assert!((23..=25).contains(&window.frame()), "the middle of what is shown, not {}", window.frame());
+    window.press(Key::End);
+    (0..3).for_each(|_| window.harness.step());
+    let (_, last) = window.harness.state().shared.viewport.span.unwrap();
+    assert_eq!(last, 47.0, "what is shown is seen");
+    (0..2).for_each(|_| window.press_with(Modifiers::ALT, Key::ArrowDown));
+    assert_eq!(window.harness.state().shared.viewport.span, None);
+}
+
+#[test]
+fn phases_are_named_kept_with_the_session_and_read_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = Window::on(Info { output_folder: folder.path().to_owned(), ..scene() });
+    window.press(Key::I);
+    window.harness.state_mut().shared.document.set_range(Some((3, 12)));
+    window.harness.step();
+    window.press_with(Modifiers::SHIFT, Key::P);
+    window.harness.step();
+    window.harness.get_by_label("Name of the phase").focus();
+    window.harness.step();
+    window.harness.get_by_label("Name of the phase").type_text("Preparation");
+    window.harness.step();
+    window.click("Add");
+    let phases = |window: &Window| -> Vec<(String, usize, usize)> {
+        let phases = window.harness.state().shared.document.phases();
+        phases.iter().map(|p| (p.name.clone(), p.first, p.last)).collect()
+    };
+    let expected = vec![("Preparation".to_owned(), 3, 12)];
+    assert_eq!(phases(&window), expected);
+    window.click("Save as Cholec80");
+    window.click("Save as table");
+    assert!(window.shows("Saved as"));
+    window.click("Save as table");
+    assert!(window.shows("is there already"), "nothing is written over");
+    let written = std::fs::read_to_string(folder.path().join("clip-phases.txt")).unwrap();
+    assert!(written.starts_with("Frame\tPhase\n3\tPreparation\n"));
+    window.harness.state_mut().shared.document.remove_phase(0);
+    window.click("Read");
+    assert_eq!(phases(&window), expected, "from the table");
+    window.harness.state_mut().shared.document.undo();
+    assert!(phases(&window).is_empty());
+    window.harness.state_mut().shared.document.redo();
+    window.click("Close");
+    assert!(window.shows("Phases. Preparation: frames 4 to 13"));
+    let session = window.harness.state().shared.session().unwrap();
+    let text = serde_json::to_string(&session).unwrap();
+    assert!(text.contains(r#""phases":[{"name":"Preparation","first":3,"last":12}]"#), "{text}");
+}
+
+#[test]
+fn bookmarks_have_colours_of_their_own() {
+    let mut window = Window::on(scene());
+    window.press(Key::M);
+    window.press_with(Modifiers::SHIFT, Key::M);
+    window.harness.step();
+    window.click("Colour of the bookmark at frame 1");
+    window.click("Colour 3");
+    let colour = window.harness.state().shared.document.bookmarks()[0].colour;
+    assert_eq!(colour, Some(crate::settings::PROMPT_COLOURS[2]));
+    window.harness.state_mut().shared.document.undo();
+    assert_eq!(window.harness.state().shared.document.bookmarks()[0].colour, None);
 }

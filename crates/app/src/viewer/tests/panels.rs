@@ -36,6 +36,8 @@ fn the_time_bar_asks_for_its_commands_and_frames() {
         harness.get_by_role_and_label(Role::Slider, "Frame").click();
         harness.step();
     });
+    let is_asked = |action: &Action| !matches!(action, Action::Thumbnails(_));
+    let actions: Vec<Action> = actions.into_iter().filter(is_asked).collect();
     let [Action::Run(Command::Loop), went @ ..] = &actions[..] else { panic!("{}", actions.len()) };
     assert!(!went.is_empty() && went.iter().all(|a| matches!(a, Action::GoTo(24))));
     assert!(shared.playback.is_looping(), "a panel changes nothing itself");

@@ -195,3 +195,87 @@ fn the_choice_of_quality_speaks_of_minutes_not_of_steps() {
     assert!(window.shows("Standard: good enough to work with, about 5 minutes"));
     assert!(!window.shows("steps") && !window.shows("Gaussians"));
 }
+
+fn type_into(window: &mut Window, field: &str, text: &str) {
+    window.harness.get_by_role_and_label(Role::TextInput, field).focus();
+    window.harness.step();
+    window.harness.get_by_role_and_label(Role::TextInput, field).type_text(text);
+    window.harness.step();
+}
+
+/// Opens the questions before the reconstruction of a recording without labels, with networks chosen.
+fn with_models(folder: &Path) -> Window {
+    let mut window = Window::on(Info { has_labels: false, ..bare() });
+    let models = ["sam", "clip"].map(|name| folder.join(name));
+    models.iter().for_each(|folder| std::fs::create_dir_all(folder).unwrap());
+    window.click("Reconstruct…");
+    window.click("by networks that find regions and tell what they show");
+    assert!(window.shows("Choose a folder."));
+    for (field, folder) in
+        ["Folder with a Segment Anything", "Folder with an image encoder"].iter().zip(&models)
+    {
+        type_into(&mut window, field, &folder.display().to_string());
+    }
+    window
+}
+
+#[test]
+fn networks_are_tried_at_once_and_remembered_once_they_are_used() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = with_models(folder.path());
+    let fault = Some("This folder has no model for regions.".to_owned());
+    *window.backend.faults.lock().unwrap() = ModelFaults { masks: fault, ..Default::default() };
+    window.harness.step();
+    type_into(&mut window, "Folder with a text encoder", "/no/such");
+    window.until_shown("This folder has no model for regions.");
+    window.until_shown("There is no such folder.");
+    window.until_shown("cannot be used yet");
+    window.click("Start");
+    assert!(window.harness.state().shared.reconstruction.training.is_none(), "it cannot be started");
+
+    *window.backend.faults.lock().unwrap() = ModelFaults::default();
+    window.press(Key::Escape);
+    let mut window = with_models(folder.path());
+    window.until_shown("These networks can be used.");
+    window.click("Coarse");
+    window.click("Start");
+    window.until(|app| app.reconstruction.training.is_some());
+    let shared = &window.harness.state().shared;
+    let models = &shared.preferences.models;
+    assert_eq!((models.masks.clone(), models.points_per_side), (folder.path().join("sam"), 8));
+    window.until_shown("part 2 of 2");
+    window.click("Stop and keep what was learned");
+    window.until(|app| app.reconstruction.training.is_none());
+    let request = window.backend.trained.lock().unwrap()[0].clone();
+    assert!(matches!(&request.words, Words::Models(models) if models.images == folder.path().join("clip")));
+    assert_eq!(request.features_folder(), Path::new("/data/clip-features"));
+}
+
+#[test]
+fn recordings_wait_for_each_other_and_can_be_taken_out() {
+    let mut window = training();
+    let ctx = window.harness.ctx.clone();
+    for name in ["/elsewhere/second", "/elsewhere/third"] {
+        window.harness.state_mut().shared.open_path(Path::new(name), &ctx);
+        window.until(|app| app.info().is_some_and(|i| i.path == Path::new(name)));
+        window.press_with(Modifiers::COMMAND, Key::R);
+        window.harness.step();
+        window.click("Start after the others");
+    }
+    assert!(window.shows("Then second") && window.shows("Then third"));
+    let app = &window.harness.state().shared;
+    assert!(!app.is_enabled(crate::viewer::command::Command::Reconstruct), "not twice");
+    let scenes = app.reconstruction.planned_scenes();
+    assert_eq!(scenes.iter().collect::<std::collections::BTreeSet<_>>().len(), 3, "{scenes:?}");
+    window.click("Do not reconstruct third");
+    assert!(!window.shows("Then third"));
+    window.click("Stop and keep what was learned");
+    let is_second = |app: &Shared| {
+        app.reconstruction.training.as_ref().is_some_and(|t| t.recording == Path::new("/elsewhere/second"))
+    };
+    window.until(is_second);
+    assert!(window.harness.state().shared.reconstruction.queue.is_empty());
+    window.harness.state().shared.reconstruction.training.as_ref().unwrap().task.cancel();
+    window.until(|app| app.reconstruction.training.is_none());
+    assert_eq!(window.backend.trained.lock().unwrap().len(), 2);
+}

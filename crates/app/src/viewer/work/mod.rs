@@ -2,6 +2,7 @@
 //! [`Shared`](crate::viewer::shared::Shared).
 
 mod asking;
+mod exporting;
 mod opening;
 mod saving;
 mod training;

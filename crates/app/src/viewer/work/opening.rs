@@ -20,7 +20,7 @@ use crate::viewer::{
 };
 use egui::Context;
 use std::path::Path;
-use surgtpgs_core::files::absolute_path;
+use surgtpgs_core::{files::absolute_path, mask::CleanUp};
 
 impl Shared {
     /// Opens a scene, a recording or a session in the background.
@@ -129,9 +129,11 @@ impl Shared {
         self.playback = Playback::new(info.num_frames, info.frames_per_second);
         self.playback.seek(frame, 0.0);
         if !is_same_recording {
-            self.document.start_recording();
+            self.document.start_recording(CleanUp::usual(info.width, info.height));
+            self.viewport.span = None;
             self.prompt_box.text.clear();
-            self.saving.saved = Saved::default();
+            // What is usual need not be saved.
+            self.saving.saved = Saved { content: self.document.content().clone(), ..Saved::default() };
         }
         self.document.look = Look::default();
         self.document.mode = ViewMode::usual(info);
@@ -170,7 +172,7 @@ impl Shared {
     /// Closes what is open and shows the start page. Unsaved work is kept, and offered there.
     pub(crate) fn close(&mut self, ctx: &Context) {
         self.put_unsaved_aside(false);
-        self.document.start_recording();
+        self.document.start_recording(CleanUp::default());
         self.saving.saved = Saved::default();
         self.reconstruction.check = None;
         (self.open, self.problem) = (None, None);

@@ -13,8 +13,14 @@ use surgtpgs_core::{Error, Result};
 const CLOSES_AFTER: f64 = 5.0;
 
 impl Shared {
-    /// Starts training in the background.
+    /// Starts training in the background, after those that are running or waiting.
     pub(crate) fn start_training(&mut self, request: TrainRequest, ctx: &Context) {
+        if self.reconstruction.training.is_some() {
+            let text = format!("{} is reconstructed next", self.path_name(&request.recording));
+            self.reconstruction.queue.push_back(request);
+            self.say(text, None, ctx.input(|i| i.time));
+            return;
+        }
         self.reconstruction.training = Some(Training::start(self.backend.clone(), request, ctx));
     }
 
@@ -73,6 +79,10 @@ impl Shared {
         if training.closing_since.is_some() && !is_lost {
             ctx.send_viewport_cmd(egui::ViewportCommand::Close);
         }
+        let next = self.reconstruction.queue.pop_front().filter(|_| training.closing_since.is_none());
+        if let Some(next) = next {
+            self.start_training(next, ctx);
+        }
         if let Ok(scene) = &result {
             self.preferences.remember(scene);
         }
@@ -84,6 +94,11 @@ impl Shared {
             }
             Some(scene) => self.reconstruction.finished = Some(scene),
             // No file holds what the last preview shows, so the recording is opened again.
+            None if training.features.is_some() && !is_lost => {
+                self.problem = None;
+                let what = "Stopped. What was found so far is kept: reconstructing again goes on from there";
+                self.say(what, None, ctx.input(|i| i.time));
+            }
             None if shows_preview => {
                 let problem = self.problem.take();
                 self.open_path(&training.recording, ctx);

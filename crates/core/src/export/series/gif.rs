@@ -3,6 +3,7 @@
 use super::{Series, SeriesPlan};
 use crate::{
     export::{
+        caption,
         frame::{FrameContent, small_size},
         stamp,
     },
@@ -57,6 +58,9 @@ impl Series for Gif {
             return Ok(());
         }
         let mut small = frame.small_overlay(MAX_WIDTH);
+        if frame.provenance.options.captions {
+            caption::write_caption(&mut small, frame);
+        }
         if frame.provenance.options.stamp {
             stamp::stamp(&mut small);
         }

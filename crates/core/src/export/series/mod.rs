@@ -29,7 +29,7 @@ pub(super) fn begin(format: Format, file: WholeFile, plan: SeriesPlan<'_>) -> io
         Format::Video => Box::new(video::Video::begin(file, plan)?),
         Format::Gif => Box::new(gif::Gif::begin(file, plan)?),
         Format::Sheet => Box::new(sheet::Sheet::begin(file, plan)),
-        Format::Csv => Box::new(table::FrameTable::begin(table::Csv::begin(file))),
+        Format::Csv => Box::new(table::FrameTable::begin(table::Csv::begin(file, plan)?)),
         Format::Json => Box::new(table::FrameTable::begin(table::Json::begin(file, plan)?)),
         Format::Coco => Box::new(coco::Coco::begin(file, plan)?),
         Format::Nrrd => Box::new(nrrd::Nrrd::begin(file, plan)?),

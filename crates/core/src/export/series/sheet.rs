@@ -3,6 +3,7 @@
 use super::{Series, SeriesPlan};
 use crate::{
     export::{
+        caption,
         frame::{FrameContent, small_size},
         pictures, stamp,
     },
@@ -60,10 +61,7 @@ impl Series for Sheet {
         let left = GAP + column * (self.tile.0 + GAP);
         let top = GAP + row * (self.tile.1 + LINE);
         imageops::replace(&mut self.picture, &frame.small_overlay(TILE_WIDTH), left.into(), top.into());
-        let words = match frame.provenance.seconds(frame.frame) {
-            Some(seconds) => format!("{}  {seconds:.2} s", frame.frame),
-            None => frame.frame.to_string(),
-        };
+        let words = caption::frame_words(frame.frame, frame.provenance.shown_seconds(frame.frame));
         stamp::write(&mut self.picture, &words, (left, top + self.tile.1 + GAP), self.letters);
         Ok(())
     }

@@ -1,7 +1,10 @@
 //! A file about all frames while it is written.
 
 use crate::{
-    export::{Provenance, frame::FrameContent},
+    export::{
+        Provenance,
+        frame::{FrameContent, scaled_size},
+    },
     files::WholeFile,
 };
 use std::io;
@@ -22,4 +25,12 @@ pub(in crate::export) struct SeriesPlan<'a> {
     pub(in crate::export) frames: &'a [usize],
     /// Columns and rows of every frame; none is 0.
     pub(in crate::export) size: (usize, usize),
+}
+
+impl SeriesPlan<'_> {
+    /// Returns columns and rows of pictures with prompts drawn over them.
+    pub(in crate::export) fn drawn_size(&self) -> (u32, u32) {
+        let size = (self.size.0 as u32, self.size.1 as u32);
+        scaled_size(size, self.provenance.options.width_px.unwrap_or(size.0))
+    }
 }

@@ -1,15 +1,23 @@
-//! Area, scores, position and motion of found regions, a row per frame and prompt, as CSV or JSON.
+//! Area, scores, position and motion of found regions, a row per frame and prompt, as CSV or JSON. CSV is for
+//! people: frames count from 1 and have a time, as in the window; the names of its columns say so.
 
 use super::{Series, SeriesPlan, list::JsonList};
-use crate::{export::frame::FrameContent, files::WholeFile, mask::Region};
+use crate::{
+    export::{frame::FrameContent, provenance::USUAL_SPEED},
+    files::WholeFile,
+    mask::Region,
+};
 use serde_json::json;
 use std::io;
 
-/// The columns; both formats take their names from here. Numbers that do not exist are empty or null.
+/// A row, with the names of JSON. Numbers that do not exist are empty or null.
 #[derive(serde::Serialize)]
 pub(super) struct TableRow<'a> {
     frame: usize,
     time_s: Option<f64>,
+    /// The time that the window shows, which may be by an assumed speed.
+    #[serde(skip)]
+    shown_time_s: f64,
     prompt: &'a str,
     area_px: usize,
     area_fraction: f64,
@@ -54,6 +62,7 @@ impl<R: Rows> Series for FrameTable<R> {
             self.rows.push(&TableRow {
                 frame: frame.frame,
                 time_s: frame.provenance.seconds(frame.frame),
+                shown_time_s: frame.provenance.shown_seconds(frame.frame),
                 prompt: &prompt.text,
                 area_px: region.area_px,
                 area_fraction: region.area_fraction,
@@ -76,15 +85,37 @@ impl<R: Rows> Series for FrameTable<R> {
 
 pub(super) struct Csv(csv::Writer<WholeFile>);
 
+/// Names of the columns of CSV behind those of frame and time.
+const COLUMNS: [&str; 10] = [
+    "prompt",
+    "area_px",
+    "area_fraction",
+    "mean_score",
+    "max_score",
+    "centroid_x_px",
+    "centroid_y_px",
+    "moved_px",
+    "source",
+    "answer",
+];
+
 impl Csv {
-    pub(super) fn begin(file: WholeFile) -> Self {
-        Self(csv::Writer::from_writer(file))
+    pub(super) fn begin(file: WholeFile, plan: SeriesPlan<'_>) -> io::Result<Self> {
+        let mut rows = csv::WriterBuilder::new().has_headers(false).from_writer(file);
+        let time = match plan.provenance.frames_per_second {
+            Some(_) => "time_s".to_owned(),
+            None => format!("time_s_if_{USUAL_SPEED}_fps"),
+        };
+        rows.write_record(["frame_from_1", &time].into_iter().chain(COLUMNS))?;
+        Ok(Self(rows))
     }
 }
 
 impl Rows for Csv {
     fn push(&mut self, row: &TableRow<'_>) -> io::Result<()> {
-        Ok(self.0.serialize(row)?)
+        let place = (row.centroid_x_px, row.centroid_y_px, row.moved_px);
+        let found = (row.prompt, row.area_px, row.area_fraction, row.mean_score, row.max_score);
+        Ok(self.0.serialize((row.frame + 1, row.shown_time_s, found, place, row.source, row.answer))?)
     }
 
     fn finish(self) -> io::Result<WholeFile> {

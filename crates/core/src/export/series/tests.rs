@@ -84,13 +84,13 @@ fn the_tables_tell_area_place_and_motion() {
     assert_eq!(
         lines[..4],
         [
-            "frame,time_s,prompt,area_px,area_fraction,mean_score,max_score,centroid_x_px,centroid_y_px,moved_px,source,answer",
-            "0,0.0,Bile sac,64,0.06666666666666667,0.75,0.75,4.671875,3.734375,,shot 0.png,found",
-            "0,0.0,liver,253,0.2635416666666667,0.8999999761581421,0.9,32.5,16.5,,shot 0.png,found",
-            "1,0.04,Bile sac,64,0.06666666666666667,0.75,0.75,7.671875,4.734375,3.1622776601683795,shot 1.png,found",
+            "frame_from_1,time_s,prompt,area_px,area_fraction,mean_score,max_score,centroid_x_px,centroid_y_px,moved_px,source,answer",
+            "1,0.0,Bile sac,64,0.06666666666666667,0.75,0.75,4.671875,3.734375,,shot 0.png,found",
+            "1,0.0,liver,253,0.2635416666666667,0.8999999761581421,0.9,32.5,16.5,,shot 0.png,found",
+            "2,0.04,Bile sac,64,0.06666666666666667,0.75,0.75,7.671875,4.734375,3.1622776601683795,shot 1.png,found",
         ]
     );
-    assert_eq!(lines[4], "1,0.04,liver,0,0.0,,0.1,,,,shot 1.png,absent", "what is not there has no place");
+    assert_eq!(lines[4], "2,0.04,liver,0,0.0,,0.1,,,,shot 1.png,absent", "what is not there has no place");
     assert_eq!(lines[6].rsplit(',').nth(2), Some("0.0"), "the way is from where it was seen last");
     assert_eq!(lines.len(), 1 + 2 * FRAMES);
 
@@ -101,7 +101,9 @@ fn the_tables_tell_area_place_and_motion() {
     let names: Vec<&str> = lines[0].split(',').collect();
     for (row, line) in rows.iter().zip(&lines[1..]) {
         assert_eq!(row.as_object().unwrap().len(), names.len());
-        for (name, field) in names.iter().zip(line.split(',')) {
+        let number: u64 = line.split(',').next().unwrap().parse().unwrap();
+        assert_eq!(row["frame"], number - 1, "JSON counts from 0");
+        for (name, field) in names.iter().zip(line.split(',')).skip(1) {
             let same = match &row[*name] {
                 Value::Null => field.is_empty(),
                 Value::String(text) => text == field,
@@ -111,6 +113,16 @@ fn the_tables_tell_area_place_and_motion() {
         }
     }
     assert_eq!(rows.len(), lines.len() - 1);
+}
+
+#[test]
+fn times_by_an_assumed_speed_are_said_to_be() {
+    let folder = tempfile::tempdir().unwrap();
+    let how = Provenance { frames_per_second: None, ..provenance(&[Format::Csv], false) };
+    assert!(export(folder.path(), &how, FRAMES).complete);
+    let csv = std::fs::read_to_string(folder.path().join(super::name(Format::Csv, &[0, 1, 2, 3]))).unwrap();
+    assert!(csv.starts_with("frame_from_1,time_s_if_25_fps,prompt,"), "{csv}");
+    assert!(csv.lines().nth(3).unwrap().starts_with("2,0.04,Bile sac"), "{csv}");
 }
 
 /// Reads header and voxels.

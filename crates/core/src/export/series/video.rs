@@ -48,7 +48,8 @@ impl Video {
         let speed = plan.provenance.playing_speed();
         // The encoder supports no lower rate; playback follows the times of the file.
         let coded_speed = speed.max(1.0);
-        let bits = BITS * (plan.size.0 * plan.size.1) as f64 * f64::from(coded_speed);
+        let (width, height) = plan.drawn_size();
+        let bits = BITS * f64::from(width) * f64::from(height) * f64::from(coded_speed);
         // One thread: the bytes must not depend on the machine. Quality is kept whatever the rate, and no
         // frame is skipped, because the video must have the same frames as the other files.
         let config = EncoderConfig::new()

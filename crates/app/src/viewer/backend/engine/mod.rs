@@ -6,10 +6,11 @@ mod scene;
 mod training;
 
 use crate::viewer::backend::{
-    Backend, Checked, Demo, FrameSource, TrainNews, TrainRequest,
+    Backend, Checked, Demo, FrameSource, ModelFaults, Models, TrainNews, TrainRequest, Words,
     paths::{self, PathAsk, Picked},
     task::TaskContext,
 };
+use crate::viewer::remedy::message;
 use crate::{
     engine::{Engine, EngineOptions, Negatives},
     evaluation::{self, Evaluation},
@@ -78,6 +79,7 @@ impl Backend for EngineBackend {
             scene: paths.scene,
             quality: Quality::default(),
             excluded: Vec::new(),
+            words: Words::Labels,
         };
         Ok(Demo { path: paths.recording, train: Some(train) })
     }
@@ -97,9 +99,20 @@ impl Backend for EngineBackend {
         jobs::export(&mut engine, request, &mut |p| task.follow(p))
     }
 
+    fn show_folder(&self, folder: &Path) -> Result<()> {
+        paths::show_folder(folder)
+    }
+
     fn evaluate(&self, scene: &Path, task: &TaskContext) -> Result<Evaluation> {
         let mut engine = Engine::open(scene, EngineOptions::default())?;
         evaluation::evaluate(&mut engine, None, &mut |p| task.follow(p))
+    }
+
+    fn check_models(&self, models: &Models, task: &TaskContext) -> Result<ModelFaults> {
+        let faults = jobs::faults_of_models(&models.masks, &models.images, &training::text_encoder(models));
+        task.check()?;
+        let [masks, images, texts] = faults.map(|fault| fault.map(|e| message(&e)));
+        Ok(ModelFaults { masks, images, texts })
     }
 
     fn available_bytes(&self) -> Option<u64> {

@@ -2,12 +2,12 @@
 
 use super::scene::SceneSource;
 use crate::viewer::backend::{
-    TrainNews, TrainRequest,
+    Models, PREPARING, TrainNews, TrainRequest, Words,
     task::{NOT_SAVED, TaskContext},
 };
 use crate::{
-    engine::{self, Engine, EngineOptions},
-    jobs::{self, Material, PrepareOptions},
+    engine::{self, EncoderChoice, Engine, EngineOptions},
+    jobs::{self, FeatureSource, Material, PrepareOptions},
     outputs,
 };
 use std::{
@@ -17,7 +17,10 @@ use std::{
 };
 use surgtpgs_core::{
     Error, Result,
+    prepare::Prepared,
     scene::Scene,
+    segment::{Level, MaskSettings},
+    sequence::Sequence,
     train::{StepReport, TrainSettings, Trainer},
 };
 
@@ -32,15 +35,18 @@ pub(super) fn reconstruct(request: &TrainRequest, task: &TaskContext<TrainNews>)
     let output = outputs::scene_file(&request.scene, &inputs, true)?;
     // Temporary folder of the features. It must outlive the training, which reads from it.
     let mut features = None;
-    let material = match material {
-        Material::Bare(sequence) if !sequence.classes().is_empty() => {
+    let material = match (material, &request.words) {
+        (Material::Bare(sequence), Words::Models(models)) => {
+            Material::Prepared(Box::new(prepared_by_models(sequence, request, models, task)?))
+        }
+        (Material::Bare(sequence), Words::Labels) if !sequence.classes().is_empty() => {
             let folder = features.insert(folder_beside(&request.scene)?);
             let options = PrepareOptions::default();
             Material::Prepared(Box::new(jobs::prepare(sequence, folder.path(), &options, &mut |p| {
                 task.follow(p)
             })?))
         }
-        other => other,
+        (other, _) => other,
     };
     task.check()?;
     let settings = TrainSettings { excluded: request.excluded.clone(), ..Default::default() };
@@ -68,6 +74,35 @@ pub(super) fn reconstruct(request: &TrainRequest, task: &TaskContext<TrainNews>)
     }
     save_with_patience(trained.steps, &|| output.write(&trained.scene.to_bytes()?), task)?;
     Ok(request.scene.clone())
+}
+
+/// Prepares a recording with networks, in a folder beside the scene that stays: after a stop, or with other
+/// settings, masks and embeddings that are there are used again.
+fn prepared_by_models(
+    sequence: Sequence,
+    request: &TrainRequest,
+    models: &Models,
+    task: &TaskContext<TrainNews>,
+) -> Result<Prepared> {
+    let options = PrepareOptions {
+        source: FeatureSource::Masks {
+            model: models.masks.clone(),
+            image_encoder: models.images.clone(),
+            settings: MaskSettings::of_grid(models.points_per_side),
+            level: Level::Default,
+        },
+        encoder: text_encoder(models),
+        ..PrepareOptions::default()
+    };
+    jobs::prepare_folder(sequence, &request.features_folder(), &options, true, &mut |p| {
+        task.follow(&jobs::Progress { stage: &format!("{PREPARING}, {}", p.stage), ..*p })
+    })
+}
+
+/// Returns the text encoder of models.
+pub(super) fn text_encoder(models: &Models) -> EncoderChoice {
+    let is_chosen = !models.texts.as_os_str().is_empty();
+    if is_chosen { EncoderChoice::Folder(models.texts.clone()) } else { EncoderChoice::Builtin }
 }
 
 /// Makes a source that shows a scene during its training.
@@ -107,10 +142,17 @@ fn folder_beside(file: &Path) -> Result<tempfile::TempDir> {
     folder.map_err(|e| Error::io("make a folder", parent, e))
 }
 
+/// Small networks of every contract.
+#[cfg(test)]
+#[path = "../../../../../clip/tests/models/mod.rs"]
+mod models;
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::viewer::backend::task::{Task, TaskEvent};
+    use crate::viewer::backend::{Backend, engine::EngineBackend};
+    use image::{Rgb, RgbImage};
     use surgtpgs_core::train::Quality;
 
     /// Waits for the result of a task. With `until_told`, returns `None` once the task reports that something
@@ -167,13 +209,100 @@ mod tests {
         surgtpgs_core::demo::write(&tiny, &recording, &mut surgtpgs_core::progress::unobserved).unwrap();
         std::fs::create_dir(&prepared).unwrap();
         std::fs::write(prepared.join("mine"), "hours of work").unwrap();
-        let request =
-            TrainRequest { recording, scene: scene.clone(), quality: Quality::Quick, excluded: Vec::new() };
+        let request = TrainRequest {
+            recording,
+            scene: scene.clone(),
+            quality: Quality::Quick,
+            excluded: Vec::new(),
+            words: Words::Labels,
+        };
         let train = move |task: &TaskContext<TrainNews>| reconstruct(&request, task).map(drop);
         let mut task = Task::start("training", &egui::Context::default(), train);
         wait(&mut task, false).unwrap().unwrap();
         assert!(Scene::load(&scene).unwrap().codec.is_some());
         assert_eq!(std::fs::read_to_string(prepared.join("mine")).unwrap(), "hours of work");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 3, "and no other");
+    }
+
+    /// Writes a recording of two colours, and networks that tell colours apart.
+    fn recording_and_models(folder: &Path) -> (PathBuf, Models) {
+        let write = |name: &str, bytes: Vec<u8>| {
+            let path = folder.join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, bytes).unwrap();
+        };
+        let dim = surgtpgs_clip::TextEncoder::builtin().unwrap().identity().dim;
+        let colours: Vec<f32> = (0..3 * dim).map(|i| (i as f32 * 1.7).sin()).collect();
+        write("sam/encoder.onnx", models::encoder(&["image_embed", "high_res_feats_0"]).into_bytes());
+        write("sam/decoder.onnx", models::sam2_decoder().into_bytes());
+        write("clip/model.onnx", models::image_encoder(&colours, None, &["image_embeds"]).into_bytes());
+        write("clip/encoder.toml", b"mean = [0.0, 0.0, 0.0]\nstd = [1.0, 1.0, 1.0]\n".to_vec());
+        write("other/model.onnx", models::image_encoder(&[0.5; 15], None, &["image_embeds"]).into_bytes());
+        let recording = folder.join("recording");
+        std::fs::create_dir_all(&recording).unwrap();
+        for frame in 0..4 {
+            let colour = |x: u32| if x < 20 + frame { Rgb([150, 30, 30]) } else { Rgb([230, 210, 60]) };
+            let picture = RgbImage::from_fn(48, 32, |x, _| colour(x));
+            picture.save(recording.join(format!("frame_{frame}.png"))).unwrap();
+        }
+        let (masks, images) = (folder.join("sam"), folder.join("clip"));
+        (recording, Models { masks, images, points_per_side: 8, ..Models::default() })
+    }
+
+    #[test]
+    fn faults_of_models_are_told_each_in_words() {
+        let folder = tempfile::tempdir().unwrap();
+        let (_, models) = recording_and_models(folder.path());
+        let faults = |models: Models| {
+            let check = move |task: &TaskContext| EngineBackend.check_models(&models, task);
+            let mut task = Task::start("models", &egui::Context::default(), check);
+            loop {
+                match task.poll() {
+                    Some(TaskEvent::Done(result)) => return result.unwrap(),
+                    _ => std::thread::yield_now(),
+                }
+            }
+        };
+        assert!(faults(models.clone()).is_none());
+        let swapped = faults(Models { masks: models.images.clone(), ..models.clone() });
+        assert!(swapped.masks.is_some() && swapped.images.is_none() && swapped.texts.is_none());
+        let unlike = faults(Models { images: folder.path().join("other"), ..models.clone() });
+        assert!(unlike.texts.unwrap().contains("Image embeddings have 5 values"));
+        let gone = faults(Models { images: folder.path().join("gone"), ..models });
+        assert!(gone.images.is_some() && gone.texts.is_none());
+    }
+
+    #[test]
+    fn a_recording_without_labels_is_prepared_and_learned_and_goes_on_after_a_stop() {
+        let folder = tempfile::tempdir().unwrap();
+        let (recording, models) = recording_and_models(folder.path());
+        let request = TrainRequest {
+            recording,
+            scene: folder.path().join("clip.safetensors"),
+            quality: Quality::Quick,
+            excluded: Vec::new(),
+            words: Words::Models(models),
+        };
+        let start = || {
+            let request = request.clone();
+            let work = move |task: &TaskContext<TrainNews>| reconstruct(&request, task);
+            Task::start("training", &egui::Context::default(), work)
+        };
+        let wait = |task: &mut Task<PathBuf, TrainNews>, stop_at: &str| loop {
+            let event = task.poll();
+            if !stop_at.is_empty() && task.progress.stage.starts_with(stop_at) && task.progress.done > 0 {
+                task.cancel();
+            }
+            match event {
+                Some(TaskEvent::Done(result)) => return result,
+                _ => std::thread::yield_now(),
+            }
+        };
+        let stopped = wait(&mut start(), PREPARING);
+        assert!(matches!(stopped, Err(Error::Cancelled)) || stopped.is_ok(), "{stopped:?}");
+        assert!(request.features_folder().join("masks").is_dir(), "what was found is kept");
+        let scene = wait(&mut start(), "training").unwrap();
+        let scene = Scene::load(&scene).unwrap();
+        assert!(scene.codec.is_some(), "words can be asked");
     }
 }

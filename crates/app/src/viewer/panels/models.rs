@@ -1,0 +1,201 @@
+//! The choice of what words are found by, and of the networks for it, which are checked at once.
+
+use crate::viewer::{
+    backend::{
+        Backend, ModelFaults, Models, Words,
+        paths::{PathAsk, PathKind, Picked},
+        task::{Task, TaskEvent},
+    },
+    panels::widgets::{NO_DIALOG, caption, choice, path_field},
+    remedy::message,
+    theme,
+};
+use egui::{Button, Context, RichText, Ui};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+/// Networks to choose, with the check of them.
+pub(crate) struct ModelsForm {
+    pub(crate) chosen: Models,
+    /// Check that is underway, with what it is about.
+    check: Option<(Models, Task<ModelFaults>)>,
+    /// Latest result, with what it is about.
+    checked: Option<(Models, Result<ModelFaults, String>)>,
+    /// Dialog of the system that is open, and the field that it is for.
+    picking: Option<(Task<Picked>, usize)>,
+    has_no_dialog: bool,
+}
+
+/// Numbers of points along each side of a picture, with their names.
+const DENSITIES: [(usize, &str, &str); 3] = [
+    (8, "Coarse", "Large structures; the fastest"),
+    (16, "Medium", "Smaller structures, too; several times slower"),
+    (32, "Fine", "As much as can be found; many times slower"),
+];
+
+impl ModelsForm {
+    pub(crate) fn new(chosen: Models) -> Self {
+        Self { chosen, check: None, checked: None, picking: None, has_no_dialog: false }
+    }
+
+    /// Returns `true` if networks were chosen before.
+    pub(crate) fn is_known(&self) -> bool {
+        !self.chosen.masks.as_os_str().is_empty() && !self.chosen.images.as_os_str().is_empty()
+    }
+
+    /// Takes the results of the threads, and checks what has changed.
+    fn update(&mut self, backend: &Arc<dyn Backend>, ctx: &Context) {
+        if let Some(TaskEvent::Done(result)) = self.picking.as_mut().and_then(|(task, _)| task.poll())
+            && let Some((_, field)) = self.picking.take()
+        {
+            match result {
+                Ok(Picked::Path(folder)) => *self.field(field) = folder,
+                Ok(Picked::Unavailable) => self.has_no_dialog = true,
+                _ => {}
+            }
+        }
+        if let Some(TaskEvent::Done(result)) = self.check.as_mut().and_then(|(_, task)| task.poll())
+            && let Some((about, _)) = self.check.take()
+        {
+            self.checked = Some((about, result.map_err(|e| message(&e))));
+        }
+        let is_about = |about: &Models| have_same_folders(about, &self.chosen);
+        let is_checked = self.checked.as_ref().is_some_and(|(about, _)| is_about(about));
+        let is_underway = self.check.as_ref().is_some_and(|(about, _)| is_about(about));
+        if self.is_known() && !is_checked && !is_underway {
+            let (backend, models) = (backend.clone(), self.chosen.clone());
+            let task = Task::start("models", ctx, move |task| backend.check_models(&models, task));
+            self.check = Some((self.chosen.clone(), task));
+        }
+    }
+
+    fn field(&mut self, index: usize) -> &mut PathBuf {
+        match index {
+            0 => &mut self.chosen.masks,
+            1 => &mut self.chosen.images,
+            _ => &mut self.chosen.texts,
+        }
+    }
+
+    /// Returns the result of the check of what is chosen now.
+    fn result(&self) -> Option<&Result<ModelFaults, String>> {
+        let checked = self.checked.as_ref().filter(|(about, _)| have_same_folders(about, &self.chosen));
+        checked.map(|(_, result)| result)
+    }
+
+    fn pick(&mut self, field: usize, title: &str, backend: Arc<dyn Backend>, ctx: &Context) {
+        let ask = PathAsk { title: title.to_owned(), kind: PathKind::Folder, folder: None };
+        let task = Task::start("file dialog", ctx, move |_| Ok(backend.pick(&ask)));
+        self.picking = Some((task, field));
+    }
+}
+
+/// Returns `true` if a check of one says everything about the other.
+fn have_same_folders(a: &Models, b: &Models) -> bool {
+    (&a.masks, &a.images, &a.texts) == (&b.masks, &b.images, &b.texts)
+}
+
+/// Shows the choice of what words are found by; returns `true` if it can be used.
+pub(crate) fn words_ui(
+    ui: &mut Ui,
+    words: &mut Words,
+    has_labels: bool,
+    form: &mut ModelsForm,
+    backend: &Arc<dyn Backend>,
+) -> bool {
+    ui.label(RichText::new("Words are found in it").strong());
+    ui.add_enabled_ui(has_labels, |ui| {
+        let label = if has_labels { "by its class labels" } else { "by class labels: it has none" };
+        if ui.radio(*words == Words::Labels, label).clicked() {
+            *words = Words::Labels;
+        }
+    });
+    if ui
+        .radio(matches!(words, Words::Models(_)), "by networks that find regions and tell what they show")
+        .clicked()
+    {
+        *words = Words::Models(form.chosen.clone());
+    }
+    if ui.radio(*words == Words::Nothing, "not at all: its pictures will work").clicked() {
+        *words = Words::Nothing;
+    }
+    let Words::Models(models) = words else { return true };
+    form.update(backend, ui.ctx());
+    let is_ready = ui.indent("models", |ui| models_ui(ui, form, backend)).inner;
+    models.clone_from(&form.chosen);
+    is_ready
+}
+
+/// Shows the fields of the networks and what is wrong with them; returns `true` if nothing is.
+fn models_ui(ui: &mut Ui, form: &mut ModelsForm, backend: &Arc<dyn Backend>) -> bool {
+    let faults = form.result().cloned();
+    let fault = |of: fn(&ModelFaults) -> &Option<String>| match &faults {
+        Some(Ok(faults)) => of(faults).clone(),
+        _ => None,
+    };
+    let rows = [
+        (
+            "Regions: folder with a Segment Anything",
+            "Folder with a Segment Anything",
+            fault(|f| &f.masks),
+            true,
+        ),
+        (
+            "What they show: folder with an image encoder",
+            "Folder with an image encoder",
+            fault(|f| &f.images),
+            true,
+        ),
+        (
+            "Words: folder with its text encoder; none for the built-in one",
+            "Folder with a text encoder",
+            fault(|f| &f.texts),
+            false,
+        ),
+    ];
+    for (index, (title, name, fault, is_needed)) in rows.into_iter().enumerate() {
+        ui.label(caption(title));
+        ui.horizontal(|ui| {
+            let can_pick = form.picking.is_none() && !form.has_no_dialog;
+            let button = ui.add_enabled(can_pick, Button::new("Choose…"));
+            if button.on_hover_text(name).clicked() {
+                form.pick(index, name, backend.clone(), ui.ctx());
+            }
+            path_field(ui, name, form.field(index));
+        });
+        let missing = missing(form.field(index), is_needed);
+        if let Some(text) = missing.or(fault) {
+            ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
+        }
+    }
+    if form.has_no_dialog {
+        ui.label(caption(NO_DIALOG));
+    }
+    ui.horizontal_wrapped(|ui| {
+        ui.label(caption("Regions"));
+        let options = DENSITIES.map(|(points, label, tip)| (points, label, tip.to_owned(), true));
+        choice(ui, &mut form.chosen.points_per_side, &options);
+    });
+    let is_ready = matches!(&faults, Some(Ok(faults)) if faults.is_none());
+    let (text, colour) = match &faults {
+        _ if !form.is_known() => {
+            ("The page about models says where such networks come from.".to_owned(), theme::TEXT_WEAK)
+        }
+        None => ("Trying the networks…".to_owned(), theme::TEXT_WEAK),
+        Some(Err(problem)) => (problem.clone(), theme::ERROR),
+        Some(Ok(_)) if is_ready => ("These networks can be used.".to_owned(), theme::TEXT),
+        Some(Ok(_)) => ("These networks cannot be used yet.".to_owned(), theme::AMBER),
+    };
+    ui.label(RichText::new(text).font(theme::small()).color(colour));
+    is_ready
+}
+
+/// Returns what is missing about a folder, which can be seen without opening anything.
+fn missing(folder: &Path, is_needed: bool) -> Option<String> {
+    if folder.as_os_str().is_empty() {
+        return is_needed.then(|| "Choose a folder.".to_owned());
+    }
+    (!folder.exists()).then(|| "There is no such folder.".to_owned())
+}

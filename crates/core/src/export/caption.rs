@@ -1,0 +1,100 @@
+//! Words in exported pictures: frame and time, the prompts that were found, the scale of a heatmap.
+
+use super::{ExportPrompt, frame::FrameContent, stamp};
+use crate::palette::Palette;
+use image::{Rgb, RgbImage};
+
+/// Rows of a picture for each pixel of a letter's dots.
+const ROWS_PER_DOT: u32 = 300;
+/// Space between lines and around swatches, dots.
+const GAP: u32 = 2;
+/// Columns of the scale of a heatmap, letters.
+const SCALE_LETTERS: u32 = 16;
+
+/// Formats seconds as m:ss.hh.
+pub fn timecode(seconds: f64) -> String {
+    let hundredths = (seconds.max(0.0) * 100.0).round() as u64;
+    format!("{}:{:02}.{:02}", hundredths / 6000, hundredths / 100 % 60, hundredths % 100)
+}
+
+/// Names a frame as the window does, counted from 1, with its time.
+pub fn frame_words(frame: usize, seconds: f64) -> String {
+    format!("frame {}  {}", frame + 1, timecode(seconds))
+}
+
+/// Writes frame, time and the prompts that were found on an exported picture.
+pub(super) fn write_caption(picture: &mut RgbImage, frame: &FrameContent<'_>) {
+    let words = |prompt: &ExportPrompt| match &prompt.stands_for {
+        Some(asked) => format!("{} (asked: {asked})", prompt.text),
+        None => prompt.text.clone(),
+    };
+    let found = frame.found().filter(|(_, mask)| mask.count() > 0);
+    let found: Vec<_> = found.map(|(prompt, _)| (words(prompt), prompt.colour)).collect();
+    caption(picture, &frame_words(frame.frame, frame.provenance.shown_seconds(frame.frame)), &found);
+}
+
+/// Writes a title into the upper left corner, and below it what was found, each with its colour.
+pub fn caption(picture: &mut RgbImage, title: &str, found: &[(String, [u8; 3])]) {
+    let dot = (picture.height() / ROWS_PER_DOT).clamp(1, 8);
+    let line = (stamp::LETTER + GAP) * dot;
+    stamp::write(picture, title, (0, 0), dot);
+    for (k, (words, colour)) in found.iter().enumerate() {
+        let top = (k as u32 + 1) * line;
+        fill(picture, (0, top), (line, stamp::LETTER * dot), |_| [0; 3]);
+        let side = (stamp::LETTER - GAP) * dot;
+        fill(picture, (GAP * dot, top + GAP * dot / 2), (side, side), |_| *colour);
+        stamp::write(picture, words, (line, top), dot);
+    }
+}
+
+/// Draws the scale of a heatmap into the lower right corner: the colours of scores from 0 to 1.
+pub fn draw_scale(picture: &mut RgbImage, palette: Palette) {
+    let dot = (picture.height() / ROWS_PER_DOT).clamp(1, 8);
+    let (width, height) = (SCALE_LETTERS * stamp::LETTER * dot, stamp::LETTER * dot);
+    let (left, top) = match (picture.width().checked_sub(width), picture.height().checked_sub(2 * height)) {
+        (Some(left), Some(top)) => (left, top),
+        // The picture is too small for a scale.
+        _ => return,
+    };
+    fill(picture, (left, top), (width, height), |x| {
+        palette.colour(x as f32 / (width - 1).max(1) as f32).map(|v| v as u8)
+    });
+    stamp::write(picture, "0  similarity  1", (left, top + height), dot);
+}
+
+/// Fills a rectangle; `colour` is asked for each column. Pixels outside the picture are left out.
+fn fill(
+    picture: &mut RgbImage,
+    (left, top): (u32, u32),
+    (w, h): (u32, u32),
+    colour: impl Fn(u32) -> [u8; 3],
+) {
+    for (x, y) in (0..w).flat_map(|x| (0..h).map(move |y| (x, y))) {
+        if let Some(pixel) = picture.get_pixel_mut_checked(left + x, top + y) {
+            *pixel = Rgb(colour(x));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_in_minutes() {
+        assert_eq!(timecode(61.456), "1:01.46");
+        assert_eq!(timecode(59.999), "1:00.00");
+        assert_eq!(timecode(-1.0), "0:00.00");
+    }
+
+    #[test]
+    fn the_scale_runs_from_dark_to_bright_and_small_pictures_have_none() {
+        let mut picture = RgbImage::new(200, 60);
+        draw_scale(&mut picture, Palette::Viridis);
+        assert_eq!(picture.get_pixel(72, 44).0, Palette::Viridis.colour(0.0).map(|v| v as u8));
+        assert_eq!(picture.get_pixel(199, 44).0, Palette::Viridis.colour(1.0).map(|v| v as u8));
+        let mut small = RgbImage::new(40, 24);
+        draw_scale(&mut small, Palette::Viridis);
+        assert_eq!(small, RgbImage::new(40, 24));
+    }
+}
