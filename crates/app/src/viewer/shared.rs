@@ -12,6 +12,7 @@ use crate::viewer::{
         autosave::Autosave,
         content::Prompt,
         document::Document,
+        marking::Marking,
         opening::Opening,
         playback::Playback,
         preferences::Preferences,
@@ -77,13 +78,22 @@ pub(crate) struct Viewport {
     pub(crate) probe: Option<[f32; 2]>,
     /// `true` while the ruler is in use.
     pub(crate) has_ruler: bool,
+    /// The tool that marks are made with.
+    pub(crate) marking: Marking,
     /// `true` if the user moves time or view during this update.
     pub(crate) is_moving: bool,
 }
 
 impl Default for Viewport {
     fn default() -> Self {
-        Self { panes: Panes::default(), wipe: 0.5, probe: None, has_ruler: false, is_moving: false }
+        Self {
+            panes: Panes::default(),
+            wipe: 0.5,
+            probe: None,
+            has_ruler: false,
+            marking: Marking::default(),
+            is_moving: false,
+        }
     }
 }
 
@@ -175,7 +185,7 @@ impl Shared {
     /// Returns the visible prompts with their numbers and curves. A curve is there before anything of it is
     /// counted: if it came later, the picture would move while the user points at it.
     pub(crate) fn curves(&self) -> Vec<(usize, Prompt, Curve)> {
-        let Some((areas, info)) = self.areas().zip(self.info()).filter(|(_, info)| info.has_features) else {
+        let Some((areas, info)) = self.areas().zip(self.info()).filter(|_| self.can_ask()) else {
             return Vec::new();
         };
         let prompts = self.document.prompts().iter().enumerate().filter(|(_, p)| p.is_visible);

@@ -91,6 +91,7 @@ fn export_found(
         folder: folder.to_owned(),
         frames,
         questions: ExportQuestion::with_standard_look(questions, engine.settings().threshold),
+        marks: Vec::new(),
         options: ExportOptions { formats, ..Default::default() },
         replace: true,
         completes_same: false,

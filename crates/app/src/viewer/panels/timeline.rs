@@ -177,6 +177,9 @@ fn paint_bar(ui: &Ui, shared: &Shared, line: Rect, is_hot: bool) {
         let stroke = Stroke::new(1.0, theme::TEXT_WEAK.gamma_multiply(0.6));
         painter.vline(x(frame), line.bottom() + 2.0..=line.bottom() + 6.0, stroke);
     }
+    for frame in shared.document.marks().frames() {
+        paint_marked(painter, pos2(x(frame), line.bottom() + 5.0));
+    }
     for bookmark in shared.document.bookmarks() {
         paint_bookmark(painter, pos2(x(bookmark.frame), line.top() - 2.0), bookmark.is_flagged);
     }
@@ -194,6 +197,12 @@ fn paint_excluded(painter: &egui::Painter, part: Rect) {
         painter.line_segment(ends, Stroke::new(1.5, theme::AMBER));
         left += 6.0;
     }
+}
+
+/// Paints a diamond below the bar, on a frame with marks by hand.
+fn paint_marked(painter: &egui::Painter, at: egui::Pos2) {
+    let points = [(0.0, -4.5), (4.5, 0.0), (0.0, 4.5), (-4.5, 0.0)].map(|(dx, dy)| at + vec2(dx, dy));
+    painter.add(egui::Shape::convex_polygon(points.to_vec(), theme::ACCENT, Stroke::new(1.0, theme::PANEL)));
 }
 
 /// Paints a pin above the bar; a flagged one has another shape as well as another colour.

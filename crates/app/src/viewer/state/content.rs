@@ -3,7 +3,7 @@
 use crate::engine::{Negatives, Sample};
 use crate::viewer::{
     backend::{orbit::Orbit, ranges},
-    state::{clean_up, measure::Scale, zoom::Zoom},
+    state::{clean_up, marks::MarkList, measure::Scale, zoom::Zoom},
 };
 use serde_json::{Map, Value};
 use surgtpgs_core::{mask::CleanUp, relevancy::RelevancySettings};
@@ -69,6 +69,9 @@ pub(crate) struct Content {
     pub(crate) clean_up: CleanUp,
     /// First and last frame of each range that is left out of everything, in order.
     pub(crate) excluded: Vec<(usize, usize)>,
+    /// Marks by hand.
+    #[serde(skip_serializing_if = "MarkList::is_empty")]
+    pub(crate) marks: MarkList,
     /// Fields that a newer program wrote.
     #[serde(flatten)]
     pub(crate) unknown: Map<String, Value>,

@@ -12,6 +12,8 @@ mod document_tests;
 mod excluded;
 mod history;
 pub(crate) mod loss_curve;
+pub(crate) mod marking;
+pub(crate) mod marks;
 pub(crate) mod measure;
 pub(crate) mod opening;
 pub(crate) mod playback;

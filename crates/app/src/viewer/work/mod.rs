@@ -2,6 +2,7 @@
 //! [`Shared`](crate::viewer::shared::Shared).
 
 mod asking;
+mod marking;
 mod opening;
 mod saving;
 mod training;
