@@ -338,8 +338,8 @@ commands! {
     Mark: View, Viewport, [key(Key::S)], "Mark by hand",
         "Mark a structure on a frame; it is then found on all of them",
         when is_open, act |s, _| s.toggle_marking();
-    LookHere: View, Viewport, [shift(Key::S)], "Where a mark would help most",
-        "Go to the frame on which one more mark would help most",
+    LookHere: View, Viewport, [shift(Key::S)], "Look here",
+        "Go where one more mark would help most",
         when |s| s.areas().is_some_and(|areas| areas.look_here().is_some()), act |s, g| look_here(s, g);
     Dismiss: View, Viewport, [key(Key::Escape)], "Close what is open",
         "Close the message, the point's scores, the ruler or the tool for marking",

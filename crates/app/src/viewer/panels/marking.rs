@@ -36,14 +36,6 @@ pub(crate) fn marking_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>
     let frame = Frame::new().fill(theme::RAISED).corner_radius(8).inner_margin(Margin::symmetric(10, 8));
     frame.stroke(Stroke::new(1.0, theme::ACCENT)).show(ui, |ui| {
         ui.set_width(ui.available_width());
-        ui.horizontal(|ui| {
-            ui.label(RichText::new("Mark by hand").strong());
-            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-                if ui.button("Done").on_hover_text(shared.tooltip(Command::Mark)).clicked() {
-                    actions.push(Action::Run(Command::Mark));
-                }
-            });
-        });
         name_ui(ui, shared, actions);
         tool_ui(ui, shared, actions);
         state_ui(ui, shared, actions);
@@ -55,11 +47,18 @@ pub(crate) fn marking_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>
 fn name_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     let marking = &shared.viewport.marking;
     let mut name = marking.name.clone();
-    let field = TextEdit::singleline(&mut name)
-        .hint_text("What do you mark? E.g. grasper")
-        .char_limit(200)
-        .desired_width(f32::INFINITY);
-    let response = ui.add(field);
+    let row = ui.horizontal(|ui| {
+        let right_to_left = Layout::right_to_left(Align::Center);
+        ui.with_layout(right_to_left, |ui| {
+            if ui.button("Done").on_hover_text(shared.tooltip(Command::Mark)).clicked() {
+                actions.push(Action::Run(Command::Mark));
+            }
+            let field = TextEdit::singleline(&mut name).hint_text("What do you mark?").char_limit(200);
+            ui.add(field.margin(Margin::symmetric(8, 6)).desired_width(f32::INFINITY))
+        })
+        .inner
+    });
+    let response = row.inner;
     response.ctx.accesskit_node_builder(response.id, |node| node.set_label("Name of what is marked"));
     if marking.wants_name {
         response.request_focus();
@@ -93,6 +92,12 @@ fn tool_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     if tool != marking.tool {
         actions.push(Action::marking(move |m| (m.tool, m.draft) = (tool, None)));
     }
+    side_ui(ui, shared, actions);
+}
+
+/// Shows the choice between what it is and what it is not, and the radius.
+fn side_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    let marking = &shared.viewport.marking;
     let mut adds = marking.adds;
     let tip = |what: &str| format!("{what}. With Shift held, the other");
     let options = [
@@ -104,15 +109,17 @@ fn tool_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
         actions.push(Action::marking(move |m| (m.adds, m.draft) = (adds, None)));
     }
     if marking.tool.has_radius() {
-        ui.spacing_mut().slider_width = (ui.available_width() - 150.0).clamp(30.0, 150.0);
+        // A number stands behind the slider.
+        ui.spacing_mut().slider_width = (ui.available_width() - 80.0).clamp(30.0, 150.0);
         let mut radius = marking.radius_px;
-        let range = RADII_PX[0]..=RADII_PX[1];
-        ui.add(Slider::new(&mut radius, range).logarithmic(true).fixed_decimals(0).text("radius, px"));
+        let slider = Slider::new(&mut radius, RADII_PX[0]..=RADII_PX[1]).logarithmic(true);
+        let response = ui.add(slider.fixed_decimals(0).suffix(" px"));
+        response.ctx.accesskit_node_builder(response.id, |node| node.set_label("Radius of the brush"));
+        response.on_hover_text("Radius of the brush and of clicks, pixels of the recording");
         if radius != marking.radius_px {
             actions.push(Action::marking(move |m| m.radius_px = radius));
         }
     }
-    ui.label(caption(format!("{}.", marking.tool.label().1)));
 }
 
 /// Shows what is marked, and what can be done with it.
@@ -124,16 +131,16 @@ fn state_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
             shared.with_keys("Marks are made on the endoscope's own view: go back", Command::ResetView);
         ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
     }
-    let here = marks.on(frame).count();
-    let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
-    let (all, frames) = (count(marks.all().len(), "mark"), count(marks.frames().len(), "frame"));
-    ui.label(caption(format!("{} here, {all} on {frames} in all.", count(here, "mark"))));
+    let (here, all) = (marks.on(frame).count(), marks.all().len());
+    let how = shared.viewport.marking.tool.label().1;
+    ui.label(caption(format!("{how}. Marks on this frame: {here}, in all: {all}.")));
+    let is_alone = marks.names().len() == 1 && marks.all().iter().all(|mark| mark.add);
     if shared.has_waiting_marks() {
         waits_ui(ui, shared);
-    } else if marks.names().len() == 1 {
+    } else if is_alone && !shared.info().is_some_and(|i| i.has_features) {
         let text =
-            "Mark what lies beside it, too: what looks like nothing else goes to the names that are there.";
-        ui.label(caption(text));
+            "Now show what it is not: draw with \"Not this\", or mark what lies beside it by another name.";
+        ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
     }
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing = vec2(4.0, 4.0);
@@ -142,12 +149,10 @@ fn state_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
         if ui.add_enabled(here > 0, clear).on_hover_text(tip).clicked() {
             actions.push(Action::edit(move |d| d.clear_marks(frame)));
         }
-        for command in [Command::LookHere, Command::OpenMarks, Command::SaveMarks] {
-            let button = Button::new(RichText::new(entry(command).label).font(theme::small()));
-            let is_enabled = shared.is_enabled(command);
-            if ui.add_enabled(is_enabled, button).on_hover_text(shared.tooltip(command)).clicked() {
-                actions.push(Action::Run(command));
-            }
+        let look = Button::new(RichText::new(entry(Command::LookHere).label).font(theme::small()));
+        let tip = shared.tooltip(Command::LookHere);
+        if ui.add_enabled(shared.is_enabled(Command::LookHere), look).on_hover_text(tip).clicked() {
+            actions.push(Action::Run(Command::LookHere));
         }
     });
     if shared.areas().is_some_and(|areas| areas.look_here_on(frame).is_some()) {

@@ -54,7 +54,10 @@ impl Prompts {
             if !can_ask {
                 find_ui(ui, shared, actions);
                 no_features_ui(ui, shared);
-                if !shared.document.prompts().is_empty() {
+                let text = "Or mark a structure by hand on one frame: it is then found on all of them.";
+                if shared.document.prompts().is_empty() {
+                    ui.label(caption(text));
+                } else {
                     rows_ui(ui, &mut self.menu, shared, actions);
                 }
                 return;

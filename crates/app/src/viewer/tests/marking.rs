@@ -237,7 +237,7 @@ fn the_window_goes_where_a_mark_would_help_most() {
     drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
     window.until(|app| app.selected_curve().is_some_and(|curve| curve.is_complete()));
     window.harness.step();
-    window.click("Where a mark would help most");
+    window.click("Look here");
     assert_eq!(window.frame(), 17);
     window.until_shown("The ring is around what is least sure");
     window.until_picture(|p| p.request.view.frame == 17);
