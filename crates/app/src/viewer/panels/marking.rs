@@ -9,6 +9,7 @@ use crate::viewer::{
     theme,
 };
 use egui::{Align, Button, Frame, Layout, Margin, RichText, Slider, Stroke, TextEdit, Ui, vec2};
+use surgtpgs_core::sequence::plain_words;
 
 /// Message while marks wait.
 pub(crate) const WAITS: &str = "Marked; waits for the reconstruction";
@@ -134,10 +135,9 @@ fn state_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     let (here, all) = (marks.on(frame).count(), marks.all().len());
     let how = shared.viewport.marking.tool.label().1;
     ui.label(caption(format!("{how}. Marks on this frame: {here}, in all: {all}.")));
-    let is_alone = marks.names().len() == 1 && marks.all().iter().all(|mark| mark.add);
     if shared.has_waiting_marks() {
         waits_ui(ui, shared);
-    } else if is_alone && !shared.info().is_some_and(|i| i.has_features) {
+    } else if is_alone(shared) {
         let text =
             "Now show what it is not: draw with \"Not this\", or mark what lies beside it by another name.";
         ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
@@ -158,6 +158,16 @@ fn state_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     if shared.areas().is_some_and(|areas| areas.look_here_on(frame).is_some()) {
         ui.label(caption("The ring is around what is least sure on this frame."));
     }
+}
+
+/// Returns `true` if one structure is marked that the recording has no class for, and nothing says what it is
+/// not: it is found everywhere then.
+fn is_alone(shared: &Shared) -> bool {
+    let marks = shared.document.marks();
+    let classes = shared.info().map(|i| i.example_prompts.as_slice()).unwrap_or_default();
+    let is_new = |name: &&str| !classes.iter().any(|class| plain_words(class) == *name);
+    let new: Vec<&str> = marks.names().into_iter().filter(is_new).collect();
+    matches!(new[..], [name] if marks.all().iter().all(|mark| mark.add || mark.name != name))
 }
 
 /// Says that marks wait for a reconstruction.
