@@ -6,20 +6,19 @@ use surgtpgs_core::{
     Result,
     deform::deform,
     grid::Grid,
-    marks::{Canvas, Carried, CarrySettings, Correction, Graph, LookHere, Marks},
+    marks::{Canvas, Carried, CarrySettings, Correction, FrameScores, Graph, LookHere, Marks},
     relevancy::{Points, Query, Relevancy},
 };
 
 /// Marks, carried to the scene.
 pub(super) struct Marked {
     marks: Marks,
-    graph: Graph,
     /// Names that the scene does not have.
     carried: Carried,
     /// Corrections of the scene's classes, by name.
     corrections: BTreeMap<String, Correction>,
     /// Scores of the last frame, in the order of the carried names.
-    last: Option<(usize, Vec<Grid<f32>>)>,
+    last: Option<(usize, FrameScores)>,
 }
 
 impl Engine {
@@ -38,25 +37,37 @@ impl Engine {
         Ok(())
     }
 
-    /// Carries marks to the whole scene. From now on prompts find what was marked, and marks of the scene's own
-    /// classes correct them. The prompts are forgotten.
+    /// Carries marks to the whole scene, in place of earlier ones. From now on prompts find what was marked,
+    /// and marks of the scene's own classes correct them. If there are other names than before, the prompts
+    /// are forgotten.
     pub fn set_marks(&mut self, marks: Marks) -> Result<()> {
+        let earlier = self.marked.take();
         let names = marks.names();
-        self.asking.know(&self.scene, &self.settings, &names)?;
-        let earlier = self.marked.take().map(|m| m.graph).filter(|g| g.is_of(&self.scene));
-        let graph = earlier.unwrap_or_else(|| Graph::of(&self.scene));
+        if names != earlier.as_ref().map(|m| m.marks.names()).unwrap_or_default() {
+            self.asking.know(&self.scene, &self.settings, &names)?;
+        }
+        if marks.is_empty() {
+            return Ok(());
+        }
+        let earlier_graph = self.graph.take().filter(|g| g.is_of(&self.scene));
+        let graph = earlier_graph.unwrap_or_else(|| Graph::of(&self.scene));
         let has_features = self.relevancy.is_some();
         let is_known =
             |name: &str| has_features && self.scene.classes.iter().any(|(class, _)| class.name == name);
         let (known, new): (Vec<&String>, Vec<&String>) = names.iter().partition(|name| is_known(name));
         let carried = Carried::new(&self.scene, &graph, &marks.named(&new), CarrySettings::default());
+        let carried = match earlier {
+            Some(earlier) => carried.with_displacements_of(earlier.carried),
+            None => carried,
+        };
         let mut corrections = BTreeMap::new();
         for name in known {
             let own = marks.named(&[name]);
             let before = self.shares_before(name, own.frames().first().copied().unwrap_or(0));
             corrections.insert(name.clone(), Correction::new(&self.scene, &graph, &own, &before));
         }
-        self.marked = Some(Marked { marks, graph, carried, corrections, last: None });
+        self.graph = Some(graph);
+        self.marked = Some(Marked { marks, carried, corrections, last: None });
         Ok(())
     }
 
@@ -89,6 +100,8 @@ impl Engine {
 
     fn add_marked(&mut self, marked: &mut Marked, view: &SceneView, scores: &mut [Grid<f32>]) -> Result<()> {
         let frame = self.frame_of(view);
+        // Marked pixels are known at the size of the recording.
+        let whole = frame.filter(|i| self.scene.cameras[*i] == view.camera);
         let is_asked = |name: &String| self.asking.meant.iter().flatten().any(|meant| meant == name);
         let new = if marked.carried.names().iter().any(is_asked) {
             self.carried_scores(marked, view, frame)?
@@ -98,7 +111,7 @@ impl Engine {
         for ((score, meant), query) in scores.iter_mut().zip(&self.asking.meant).zip(&self.asking.queries) {
             for name in meant {
                 if let Some(correction) = marked.corrections.get(name) {
-                    correction.apply(&self.scene, (view.camera, view.time), frame, score);
+                    correction.apply(&self.scene, (view.camera, view.time), whole, score);
                 }
                 let place = marked.carried.names().iter().position(|known| known == name);
                 if let Some(own) = place.and_then(|k| new.get(k)) {
@@ -121,13 +134,23 @@ impl Engine {
         let Some(frame) = frame else {
             return Ok(marked.carried.on_view(&self.scene, view.camera, view.time));
         };
-        if let Some((_, scores)) = marked.last.as_ref().filter(|(last, _)| *last == frame) {
-            return Ok(scores.clone());
-        }
+        let [width, height] = [view.camera.width, view.camera.height].map(|side| side as usize);
+        let at_size = |scores: &Grid<f32>| match (scores.width, scores.height) == (width, height) {
+            true => scores.clone(),
+            false => scores.sampled(width, height),
+        };
+        Ok(self.carried_on(marked, frame)?.scores.iter().map(at_size).collect())
+    }
+
+    /// Returns the scores of the carried names on a frame.
+    fn carried_on<'a>(&mut self, marked: &'a mut Marked, frame: usize) -> Result<&'a FrameScores> {
+        let known = marked.last.take().filter(|(last, _)| *last == frame);
         let scene = self.scene.clone();
-        let found = marked.carried.on_frame(&scene, frame, &mut |i| self.picture(i))?;
-        marked.last = Some((frame, found.scores.clone()));
-        Ok(found.scores)
+        let found = match known {
+            Some((_, found)) => found,
+            None => marked.carried.on_frame(&scene, frame, &mut |i| self.picture(i))?,
+        };
+        Ok(&marked.last.insert((frame, found)).1)
     }
 
     /// Returns the recorded picture of a frame, or the reconstruction of it.
@@ -141,11 +164,12 @@ impl Engine {
         }
     }
 
-    /// Returns the frame that a view shows as it was recorded.
+    /// Returns the frame that a view shows as it was recorded, at any size.
     fn frame_of(&self, view: &SceneView) -> Option<usize> {
         let frames = 0..self.scene.num_frames();
         frames.into_iter().find(|i| {
-            view.recorded && self.scene.time(*i) == view.time && self.scene.cameras[*i] == view.camera
+            let recorded = || self.scene.cameras[*i].resized(view.camera.width, view.camera.height);
+            view.recorded && self.scene.time(*i) == view.time && recorded() == view.camera
         })
     }
 
@@ -160,6 +184,22 @@ impl Engine {
             (0..self.scene.gaussians.len()).filter(is_found).collect()
         };
         self.asking.meant.iter().map(of).collect()
+    }
+
+    /// Returns the place on a frame where one more mark of a new name would help most; `None` if there is no
+    /// such name, or if the frame is marked.
+    pub fn look_here_on(&mut self, frame: usize) -> Result<Option<LookHere>> {
+        let Some(mut marked) = self.marked.take() else { return Ok(None) };
+        let is_marked = marked.carried.frames().any(|other| other == frame);
+        let found = if marked.carried.names().is_empty() || is_marked {
+            Ok(None)
+        } else {
+            let scene = self.scene.clone();
+            let found = self.carried_on(&mut marked, frame);
+            found.map(|found| Some(found.look_here(frame, &scene.field_of_view)))
+        };
+        self.marked = Some(marked);
+        found
     }
 
     /// Returns the place where one more mark of a new name would help most; `None` if there is no such name, or

@@ -49,6 +49,7 @@ use surgtpgs_core::{
     deform::deform,
     files::Inputs,
     grid::{Grid, Mask},
+    marks::Graph,
     mask::threshold,
     overlay::{OverlayPrompt, overlay},
     prepare::EncoderIdentity,
@@ -132,6 +133,8 @@ pub struct Engine {
     settings: RelevancySettings,
     asking: Asking,
     marked: Option<marked::Marked>,
+    /// Graph of the scene's Gaussians, which marks spread over; made for the first marks.
+    graph: Option<Graph>,
     /// File that the marks were read from.
     marks_file: Option<PathBuf>,
 }
@@ -184,6 +187,7 @@ impl Engine {
             travelling: None,
             settings,
             marked: None,
+            graph: None,
             marks_file: None,
         })
     }

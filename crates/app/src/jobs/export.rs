@@ -16,7 +16,7 @@ use surgtpgs_core::{
     files::{Claim, Earlier, OutputFolder},
     grid::Grid,
     hash::file_sha256,
-    marks::Marks,
+    marks::{Mark, Marks},
     mask::mean_scores,
     prepare::EncoderIdentity,
     progress::{Observer, Progress},
@@ -61,6 +61,8 @@ pub struct ExportRequest {
     pub frames: Vec<usize>,
     /// Questions to answer.
     pub questions: Vec<ExportQuestion>,
+    /// Marks by hand to carry to the scene first. If there are none, those of the engine stay.
+    pub marks: Vec<Mark>,
     /// Options of the export.
     pub options: ExportOptions,
     /// `true` if another export may be replaced, once this one is whole.
@@ -77,6 +79,9 @@ pub fn export(
     observer: &mut Observer<'_>,
 ) -> Result<ExportSummary> {
     let ExportRequest { scene, options, .. } = request;
+    if !request.marks.is_empty() {
+        engine.set_marks(Marks::new(request.marks.clone(), &engine.canvas())?)?;
+    }
     let chosen = Chosen::of(engine, request)?;
     let provenance = provenance(engine, request, chosen)?;
     let inputs = engine.inputs(scene);

@@ -5,7 +5,10 @@ use crate::viewer::{
     backend::{TrainRequest, paths::PathKind},
     command::{Command, keys},
     shared::Shared,
-    state::{content::Look, document::Document, preferences::Preferences, time_scale::Span, zoom::Panes},
+    state::{
+        content::Look, document::Document, marking::Marking, preferences::Preferences, time_scale::Span,
+        zoom::Panes,
+    },
 };
 use crate::{engine::Negatives, jobs::ExportRequest};
 use egui::{Context, KeyboardShortcut};
@@ -33,6 +36,8 @@ pub(crate) enum Action {
     Look { look: Look, is_moving: bool },
     /// Notes where the panes were painted.
     Place(Panes),
+    /// Changes the tool that marks are made with; see [`Action::marking`].
+    Marking(Box<dyn FnOnce(&mut Marking)>),
     /// Changes the width of the side panel.
     PanelWidth(f32),
     /// Moves the dividing line of the wipe, as share of the width.
@@ -87,6 +92,11 @@ impl Action {
         Self::Edit(Box::new(change))
     }
 
+    /// Makes a change of the tool that marks are made with.
+    pub(crate) fn marking(change: impl FnOnce(&mut Marking) + 'static) -> Self {
+        Self::Marking(Box::new(change))
+    }
+
     /// Makes a change of the preferences, which are saved afterwards.
     pub(crate) fn prefer(change: impl FnOnce(&mut Preferences) + 'static) -> Self {
         Self::Prefer(Box::new(change))
@@ -96,11 +106,11 @@ impl Action {
 impl Shared {
     /// Edits the document, and says so if something was taken away.
     fn edit(&mut self, change: Box<dyn FnOnce(&mut Document)>, now: f64) {
-        let count = |d: &Document| (d.prompts().len(), d.bookmarks().len());
+        let count = |d: &Document| (d.prompts().len(), d.bookmarks().len(), d.marks().all().len());
         let (before, revision) = (count(&self.document), self.document.revision());
         change(&mut self.document);
         let after = count(&self.document);
-        if after.0 < before.0 || after.1 < before.1 {
+        if after.0 < before.0 || after.1 < before.1 || after.2 < before.2 {
             self.say_edit_since(revision, now);
         }
     }
@@ -138,6 +148,7 @@ impl Shared {
                 self.viewport.is_moving |= is_moving;
             }
             Action::Place(panes) => self.viewport.panes = panes,
+            Action::Marking(change) => change(&mut self.viewport.marking),
             Action::PanelWidth(width) => self.preferences.panel_width = width,
             Action::Wipe(share) => self.viewport.wipe = share,
             Action::Probe(point) => self.viewport.probe = point,

@@ -13,6 +13,7 @@ use crate::viewer::{
         content::Prompt,
         document::Document,
         exporting::Exporting,
+        marking::Marking,
         opening::Opening,
         playback::Playback,
         preferences::Preferences,
@@ -85,6 +86,8 @@ pub(crate) struct Viewport {
     pub(crate) span_frame: usize,
     /// `true` while the ruler is in use.
     pub(crate) has_ruler: bool,
+    /// The tool that marks are made with.
+    pub(crate) marking: Marking,
     /// `true` if the user moves time or view during this update.
     pub(crate) is_moving: bool,
 }
@@ -98,6 +101,7 @@ impl Default for Viewport {
             span: None,
             span_frame: 0,
             has_ruler: false,
+            marking: Marking::default(),
             is_moving: false,
         }
     }
@@ -193,7 +197,7 @@ impl Shared {
     /// Returns the visible prompts with their numbers and curves. A curve is there before anything of it is
     /// counted: if it came later, the picture would move while the user points at it.
     pub(crate) fn curves(&self) -> Vec<(usize, Prompt, Curve)> {
-        let Some((areas, info)) = self.areas().zip(self.info()).filter(|(_, info)| info.has_features) else {
+        let Some((areas, info)) = self.areas().zip(self.info()).filter(|_| self.can_ask()) else {
             return Vec::new();
         };
         let prompts = self.document.prompts().iter().enumerate().filter(|(_, p)| p.is_visible);

@@ -86,6 +86,8 @@ pub struct Carried {
     shares: Vec<Vec<f32>>,
     /// Marked frames that were needed last.
     known: BTreeMap<usize, MarkedFrame>,
+    /// Displacements to marked frames that are not known yet, found for earlier marks.
+    trails: BTreeMap<usize, Trail>,
 }
 
 /// A marked frame at half size, with a share for every pixel.
@@ -155,7 +157,18 @@ impl Carried {
         let mut shares = spread(&graph.links, &seeds, None, PULL, Some(&hints));
         // The solver stops a little beside the solution.
         shares.iter_mut().flatten().for_each(|share| *share = share.max(0.0));
-        Self { names, settings, evidence, growing, shares, known: BTreeMap::new() }
+        Self { names, settings, evidence, growing, shares, known: BTreeMap::new(), trails: BTreeMap::new() }
+    }
+
+    /// Takes over the displacements that were found for earlier marks on the same recording. The scores stay
+    /// the same and take less time.
+    pub fn with_displacements_of(mut self, earlier: Self) -> Self {
+        let found = earlier.known.into_iter().map(|(frame, known)| (frame, known.trail));
+        let found = found.chain(earlier.trails).filter(|(frame, trail)| {
+            self.evidence.contains_key(frame) && trail.mends() == self.settings.mends
+        });
+        self.trails = found.take(MOST_KNOWN).collect();
+        self
     }
 
     /// Returns the names, in the order of the scores.
@@ -314,7 +327,8 @@ impl Carried {
             let (x, y) = (i % whole_width / 2, i / whole_width / 2);
             weights[y.min(luma.height - 1) * luma.width + x.min(luma.width - 1)] = 1.0;
         }
-        let trail = Trail::new(frame, luma.clone(), self.settings.mends);
+        let earlier = self.trails.remove(&frame);
+        let trail = earlier.unwrap_or_else(|| Trail::new(frame, luma.clone(), self.settings.mends));
         self.known.insert(frame, MarkedFrame { luma, trail, own: shares, told: None, weights });
         Ok(())
     }
@@ -332,8 +346,7 @@ impl Carried {
     pub fn look_here(&mut self, scene: &Scene, pictures: &mut Pictures<'_>) -> Result<Option<LookHere>> {
         let mut best: Option<LookHere> = None;
         for frame in (0..scene.num_frames()).filter(|f| !self.evidence.contains_key(f)).collect::<Vec<_>>() {
-            let doubt = self.on_frame(scene, frame, pictures)?.doubt;
-            let here = most_doubtful(frame, &doubt, &scene.field_of_view);
+            let here = self.on_frame(scene, frame, pictures)?.look_here(frame, &scene.field_of_view);
             if best.as_ref().is_none_or(|best| here.doubt > best.doubt) {
                 best = Some(here);
             }
@@ -451,20 +464,26 @@ fn scores(shares: &[Vec<f32>], width: usize, height: usize) -> FrameScores {
 /// Side of the squares whose mean doubt is compared, px.
 const LOOKED_AT_PX: usize = 32;
 
-fn most_doubtful(frame: usize, doubt: &Grid<f32>, keep: &Mask) -> LookHere {
-    let (width, height) = (doubt.width, doubt.height);
-    let columns = width.div_ceil(LOOKED_AT_PX);
-    let mut sums = vec![0.0_f32; columns * height.div_ceil(LOOKED_AT_PX)];
-    for (i, doubt) in doubt.data.iter().enumerate().filter(|(i, _)| keep.data[*i]) {
-        sums[i / width / LOOKED_AT_PX * columns + i % width / LOOKED_AT_PX] += doubt;
-    }
-    let total: f32 = sums.iter().sum();
-    let best = (0..sums.len()).max_by(|a, b| sums[*a].total_cmp(&sums[*b])).unwrap_or(0);
-    let middle =
-        |cell: usize, size: usize| ((cell * LOOKED_AT_PX + LOOKED_AT_PX / 2).min(size - 1)) as f32 + 0.5;
-    LookHere {
-        frame,
-        point_px: [middle(best % columns, width), middle(best / columns, height)],
-        doubt: total / keep.count().max(1) as f32,
+impl FrameScores {
+    /// Returns the place on a frame with these scores where one more mark would help most. Pixels outside
+    /// the field of view, which `keep` is, do not count.
+    pub fn look_here(&self, frame: usize, keep: &Mask) -> LookHere {
+        let doubt = &self.doubt;
+        let (width, height) = (doubt.width, doubt.height);
+        let columns = width.div_ceil(LOOKED_AT_PX);
+        let mut sums = vec![0.0_f32; columns * height.div_ceil(LOOKED_AT_PX)];
+        for (i, doubt) in doubt.data.iter().enumerate().filter(|(i, _)| keep.data.get(*i).is_none_or(|v| *v))
+        {
+            sums[i / width / LOOKED_AT_PX * columns + i % width / LOOKED_AT_PX] += doubt;
+        }
+        let total: f32 = sums.iter().sum();
+        let best = (0..sums.len()).max_by(|a, b| sums[*a].total_cmp(&sums[*b])).unwrap_or(0);
+        let middle =
+            |cell: usize, size: usize| ((cell * LOOKED_AT_PX + LOOKED_AT_PX / 2).min(size - 1)) as f32 + 0.5;
+        LookHere {
+            frame,
+            point_px: [middle(best % columns, width), middle(best / columns, height)],
+            doubt: total / keep.count().max(1) as f32,
+        }
     }
 }

@@ -14,6 +14,7 @@ mod carried;
 mod cells;
 mod coco;
 mod correction;
+mod entry;
 mod evidence;
 mod graph;
 mod guided;
@@ -41,7 +42,8 @@ use crate::{
 use std::collections::BTreeSet;
 
 /// A mark by hand on a frame.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(into = "entry::MarkEntry", try_from = "entry::MarkEntry")]
 pub struct Mark {
     /// The frame, counted from 0.
     pub frame: usize,
@@ -85,6 +87,11 @@ impl Mark {
     /// Creates a mark; the name becomes plain words.
     pub fn new(frame: usize, name: &str, add: bool, shape: Shape) -> Self {
         Self { frame, name: plain_words(name), add, shape }
+    }
+
+    /// Returns `true` if the mark can be on `canvas`.
+    pub fn fits(&self, canvas: &Canvas) -> bool {
+        self.problem(canvas).is_none()
     }
 
     /// Returns the reason why the mark cannot be on `canvas`, if there is one.

@@ -1,50 +1,16 @@
 //! Files of marks: our own, and COCO annotations.
 
-use super::{Canvas, Mark, Marks, Shape, bad_mark, coco, name_of};
+use super::{Canvas, Mark, Marks, bad_mark, coco, entry::MarkEntry, name_of};
 use crate::{
     Error, Result,
     grid::Mask,
     reading::{picture, picture_size, read_text},
 };
 use serde_json::Value;
-use std::{path::Path, sync::Arc};
-
-/// Radius of clicks and strokes that give none, px.
-const RADIUS_PX: f32 = 6.0;
+use std::path::Path;
 
 const FORM: &str = "It is {\"marks\": [{\"frame\": 24, \"name\": \"liver\", \"kind\": \"click\", \"points_px\": [[320, 200]]}]}, \
                     or a file of COCO annotations.";
-
-/// A mark as it is written.
-#[derive(serde::Deserialize)]
-#[serde(deny_unknown_fields)]
-struct MarkEntry {
-    frame: Option<usize>,
-    #[serde(default)]
-    name: String,
-    kind: Option<Kind>,
-    #[serde(default = "yes")]
-    add: bool,
-    #[serde(default)]
-    points_px: Vec<[Option<f32>; 2]>,
-    radius_px: Option<f32>,
-    mask: Option<String>,
-}
-
-fn yes() -> bool {
-    true
-}
-
-/// Kind of a mark.
-#[derive(Clone, Copy, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-enum Kind {
-    Click,
-    Stroke,
-    Polygon,
-    Box,
-    Mask,
-}
 
 impl Marks {
     /// Reads a file of marks, or of COCO annotations as exports write them. Mask pictures are named relative to
@@ -77,6 +43,14 @@ impl Marks {
         };
         Self::new(marks, canvas)
     }
+
+    /// Returns the text of a file with these marks, which [`Marks::parse`] reads. Masks are part of the text.
+    pub fn to_text(&self) -> Result<String> {
+        let line = |mark: &Mark| serde_json::to_string(mark);
+        let lines = self.all().iter().map(line).collect::<Result<Vec<_>, _>>();
+        let lines = lines.map_err(|e| Error::input(format!("the marks cannot be written: {e}"), ""))?;
+        Ok(format!("{{\"marks\": [\n{}\n]}}\n", lines.join(",\n")))
+    }
 }
 
 fn mark(i: usize, entry: &Value, folder: &Path, canvas: &Canvas) -> Result<Mark> {
@@ -85,33 +59,8 @@ fn mark(i: usize, entry: &Value, folder: &Path, canvas: &Canvas) -> Result<Mark>
     let which = name_of(i, name, frame);
     let entry: MarkEntry =
         serde_json::from_value(entry.clone()).map_err(|e| bad_mark(&which, &e.to_string()))?;
-    let shape = shape(&entry, folder, canvas).map_err(|problem| bad_mark(&which, &problem))?;
-    match entry.frame {
-        Some(frame) => Ok(Mark::new(frame, &entry.name, entry.add, shape)),
-        None => Err(bad_mark(&which, "it has no frame")),
-    }
-}
-
-fn shape(entry: &MarkEntry, folder: &Path, canvas: &Canvas) -> Result<Shape, String> {
-    let point = |p: &[Option<f32>; 2]| match p {
-        [Some(x), Some(y)] => Ok([*x, *y]),
-        _ => Err("a coordinate is not a number".to_owned()),
-    };
-    let points_px = entry.points_px.iter().map(point).collect::<Result<Vec<_>, _>>()?;
-    let radius_px = entry.radius_px.unwrap_or(RADIUS_PX);
-    match (entry.kind, points_px.as_slice()) {
-        (None, _) => Err("it has no kind".into()),
-        (Some(Kind::Click), [point_px]) => Ok(Shape::Click { point_px: *point_px, radius_px }),
-        (Some(Kind::Click), points) => Err(format!("a click has one point, not {}", points.len())),
-        (Some(Kind::Box), [a, b]) => Ok(Shape::Box { corners_px: [*a, *b] }),
-        (Some(Kind::Box), points) => Err(format!("a box has two points, not {}", points.len())),
-        (Some(Kind::Stroke), _) => Ok(Shape::Stroke { points_px, radius_px }),
-        (Some(Kind::Polygon), _) => Ok(Shape::Polygon { points_px }),
-        (Some(Kind::Mask), _) => {
-            let name = entry.mask.as_deref().ok_or("it names no mask picture")?;
-            mask(&folder.join(name), canvas).map(|mask| Shape::Mask(Arc::new(mask)))
-        }
-    }
+    let read_mask = |name: &str| mask(&folder.join(name), canvas);
+    entry.mark(read_mask).map_err(|problem| bad_mark(&which, &problem))
 }
 
 /// Reads a mask picture of the recording's size.

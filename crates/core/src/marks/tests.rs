@@ -218,6 +218,46 @@ fn a_file_of_marks_is_read() {
 }
 
 #[test]
+fn marks_are_read_as_they_were_written() {
+    let mask = Mask::from_vec(SIZE[0], SIZE[1], (0..SIZE[0] * SIZE[1]).map(|i| i % 7 > 2).collect());
+    let marks = [
+        Shape::Click { point_px: [1.1, 2.0], radius_px: 0.5 },
+        Shape::Stroke { points_px: vec![[1.0 / 3.0, 2.0], [64.0, 48.0]], radius_px: 4.0 },
+        Shape::Polygon { points_px: vec![[5.0, 5.0], [60.0, 8.0], [30.0, 44.0]] },
+        Shape::Box { corners_px: [[9.0, 9.0], [1.0, 1.0]] },
+        Shape::Mask(Arc::new(mask)),
+    ];
+    let marks: Vec<Mark> = marks
+        .into_iter()
+        .enumerate()
+        .map(|(i, shape)| Mark::new(i % FRAMES, "bile duct", i % 2 > 0, shape))
+        .collect();
+    let marks = Marks::new(marks, &canvas()).unwrap();
+    assert_eq!(read(&marks.to_text().unwrap()).unwrap(), marks);
+    let runs = r#"{"frame": 1, "name": "fat", "kind": "mask", "mask": {"size": [48, 64], "counts": "1"}}"#;
+    assert!(refused(runs).contains("its mask is none"));
+}
+
+#[test]
+fn displacements_found_before_change_no_score() {
+    let scene = scene();
+    let graph = Graph::of(&scene);
+    let carried = |marks: &[Mark]| {
+        let marks = Marks::new(marks.to_vec(), &canvas()).unwrap();
+        Carried::new(&scene, &graph, &marks, CarrySettings::default())
+    };
+    let marks = [
+        stroke(0, "liver", true, &[[8.0, 10.0], [20.0, 40.0]]),
+        stroke(3, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]),
+    ];
+    let on_frame = |carried: &mut Carried| carried.on_frame(&scene, 2, &mut |i| picture(&scene, i)).unwrap();
+    let mut earlier = carried(&marks[..1]);
+    on_frame(&mut earlier);
+    let mut later = carried(&marks).with_displacements_of(earlier);
+    assert_eq!(on_frame(&mut later), on_frame(&mut carried(&marks)));
+}
+
+#[test]
 fn a_bad_mark_is_named() {
     for (mark, says) in [
         (r#"{"frame": 9, "name": "liver", "kind": "click", "points_px": [[1, 1]]}"#, "there is no frame 9"),

@@ -30,6 +30,11 @@ impl Trail {
         Self { marked, luma, ends, ways: BTreeMap::from([(marked, still)]), mends }
     }
 
+    /// Returns `true` if frames are compared with the marked one itself.
+    pub(super) fn mends(&self) -> bool {
+        self.mends
+    }
+
     /// Returns the displacements from a frame to the marked one. `luma` gives the luminance of frames.
     pub(super) fn way(
         &mut self,

@@ -94,6 +94,7 @@ fn export_found(
         folder: folder.to_owned(),
         frames,
         questions: ExportQuestion::with_standard_look(questions, engine.settings().threshold),
+        marks: Vec::new(),
         options: ExportOptions { formats, captions: true, clean_up, ..Default::default() },
         replace: true,
         completes_same: false,

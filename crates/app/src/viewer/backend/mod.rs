@@ -16,11 +16,15 @@ use crate::{
 use image::RgbImage;
 use orbit::{MAX_MOVING_DEGREES, MAX_STILL_DEGREES, Orbit};
 use paths::{PathAsk, Picked};
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 use surgtpgs_core::{
     Result,
     export::ExportSummary,
     grid::{Grid, Mask},
+    marks::{LookHere, Mark},
     raster::FrameClock,
     sequence::CheckReport,
     train::{LossTerms, Quality},
@@ -51,6 +55,8 @@ pub(crate) struct Info {
     /// Hash of the names and sizes of the recording's frames; `None` where they are not known.
     pub(crate) frames_sha256: Option<String>,
     pub(crate) num_frames: usize,
+    /// File names of the frames, by which files of annotations name them; empty where they are not known.
+    pub(crate) frame_names: Arc<[String]>,
     pub(crate) width: usize,
     pub(crate) height: usize,
     pub(crate) frames_per_second: Option<f32>,
@@ -151,6 +157,15 @@ pub(crate) trait FrameSource: Send {
     /// Returns the sample at a point of a view, the point as share of width and height; `None` where nothing
     /// was reconstructed.
     fn sample(&mut self, _: &FrameView, _: [f32; 2]) -> Result<Option<Sample>> {
+        Ok(None)
+    }
+    /// Carries marks by hand to the whole recording, in place of earlier ones: questions then find what they
+    /// name. A recording without a reconstruction has nothing to carry them to.
+    fn set_marks(&mut self, _: &[Mark]) -> Result<()> {
+        Ok(())
+    }
+    /// Returns the place on a frame where one more mark would help most; `None` where that is not known.
+    fn look_here(&mut self, _: usize) -> Result<Option<LookHere>> {
         Ok(None)
     }
     /// Returns `true` if views may be requested before anybody wants to see them.

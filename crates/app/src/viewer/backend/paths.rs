@@ -22,6 +22,10 @@ pub(crate) enum PathKind {
     File(&'static [&'static str]),
     /// A folder that exists.
     Folder,
+    /// A file of marks that exists.
+    Marks,
+    /// A file of marks to write, of this name to begin with.
+    SaveMarks(String),
     /// A file to write, of this name to begin with. The text names the kind of file.
     Save(String, &'static str),
 }
@@ -77,6 +81,10 @@ pub(super) fn pick(ask: &PathAsk) -> Picked {
             .add_filter("All files", &["*"])
             .pick_file(),
         PathKind::Folder => dialog.pick_folder(),
+        PathKind::Marks => {
+            dialog.add_filter("Marks and annotations", &["json"]).add_filter("All files", &["*"]).pick_file()
+        }
+        PathKind::SaveMarks(name) => dialog.set_file_name(name).add_filter("Marks", &["json"]).save_file(),
         PathKind::Save(name, what) => {
             let extension = name.rsplit('.').next().unwrap_or_default();
             dialog.set_file_name(name).add_filter(*what, &[extension]).save_file()

@@ -3,7 +3,7 @@
 use crate::viewer::{
     backend::paths::{PathAsk, PathKind},
     picture::areas::{self, Curve},
-    shared::Shared,
+    shared::{Shared, Viewport},
     state::{time_scale::TimeScale, view_mode::ViewMode},
 };
 use egui::{Context, Rect, ViewportCommand, pos2};
@@ -30,8 +30,22 @@ pub(super) fn is_open(shared: &Shared) -> bool {
     shared.open.is_some()
 }
 
-pub(super) fn has_features(shared: &Shared) -> bool {
-    shared.info().is_some_and(|i| i.has_features)
+/// Returns `true` if prompts can be asked.
+pub(super) fn can_ask(shared: &Shared) -> bool {
+    shared.can_ask()
+}
+
+/// Returns `true` if there are marks and no file dialog is open.
+pub(super) fn can_save_marks(shared: &Shared) -> bool {
+    can_pick(shared) && !shared.document.marks().is_empty() && is_open(shared)
+}
+
+/// Goes to the frame where one more mark would help most.
+pub(super) fn look_here(shared: &mut Shared, given: &Given<'_>) {
+    if let Some(frame) = shared.areas().and_then(|areas| areas.look_here()).map(|here| here.frame) {
+        shared.playback.pause();
+        shared.playback.seek(frame, given.now);
+    }
 }
 
 pub(super) fn has_reconstruction(shared: &Shared) -> bool {
@@ -87,8 +101,10 @@ pub(super) fn is_counted(shared: &Shared) -> bool {
 
 /// Dismisses one thing, the topmost.
 pub(super) fn dismiss(shared: &mut Shared) {
-    if shared.problem.take().is_none() && shared.viewport.probe.take().is_none() {
-        shared.viewport.has_ruler = false;
+    let Viewport { probe, has_ruler, marking, .. } = &mut shared.viewport;
+    let is_done = shared.problem.take().is_some() || probe.take().is_some() || marking.draft.take().is_some();
+    if !is_done {
+        (*has_ruler, marking.is_on) = (false, false);
     }
 }
 

@@ -12,9 +12,9 @@ use crate::viewer::{
     state::{document::THRESHOLD_STEP, playback::HOP, view_mode::ViewMode},
 };
 use acts::{
-    Given, always, can_compare, can_pick, can_reconstruct, centre_orbit, copy_areas, dismiss, exclude,
-    full_screen, go_to_bookmark, go_to_found, has_features, has_picture, has_reconstruction, is_bookmarked,
-    is_counted, is_open, magnify_time, pick, shuttle, switch, what_to_open,
+    Given, always, can_ask, can_compare, can_pick, can_reconstruct, can_save_marks, centre_orbit, copy_areas,
+    dismiss, exclude, full_screen, go_to_bookmark, go_to_found, has_picture, has_reconstruction,
+    is_bookmarked, is_counted, is_open, look_here, magnify_time, pick, shuttle, switch, what_to_open,
 };
 use egui::{Key, KeyboardShortcut, Modifiers, ViewportCommand};
 
@@ -164,12 +164,18 @@ commands! {
     SaveSessionAs: File, Always, [ctrl_shift(Key::S)], "Save session as…",
         "Save the session in another file",
         when |s| is_open(s) && can_pick(s), act |s, g| s.save_session(true, g.ctx);
+    OpenMarks: File, Always, [], "Open marks…",
+        "Add the marks of a file that was saved here, or of COCO annotations",
+        when |s| is_open(s) && can_pick(s), act |s, g| s.open_marks(g.ctx);
+    SaveMarks: File, Always, [], "Save marks…",
+        "Write all marks to a file, which the command line reads, too",
+        when can_save_marks, act |s, g| s.save_marks(g.ctx);
     Reconstruct: File, Always, [ctrl(Key::R)], "Reconstruct…",
         "Make a reconstruction of the open recording",
         when can_reconstruct, act |s, _| s.dialog = Some(Dialog::Reconstruct);
     Export: File, Always, [ctrl(Key::E)], "Export…",
         "Write masked frames as files",
-        when |s| has_features(s) && !s.is_reconstructing() && !s.is_exporting(),
+        when |s| can_ask(s) && !s.is_reconstructing() && !s.is_exporting(),
         act |s, _| s.dialog = Some(Dialog::Export);
     Quality: File, Always, [ctrl(Key::M)], "Measure quality…",
         "How well the reconstruction and what its class names find match the recording and its labels",
@@ -281,7 +287,7 @@ commands! {
         when |s| !s.document.bookmarks().is_empty(), act |s, g| go_to_bookmark(s, g, 1);
     FocusPrompt: Prompts, Always, [key(Key::Slash), ctrl(Key::L)], "Type a prompt",
         "Go to the prompt box",
-        when has_features, act |s, _| s.prompt_box.wants_focus = true;
+        when can_ask, act |s, _| s.prompt_box.wants_focus = true;
     Negatives: Prompts, Viewport, [key(Key::N)], "What prompts are compared with…",
         "The generic phrases that a prompt has to beat",
         when is_open, act |s, _| s.dialog = Some(Dialog::Comparison);
@@ -338,9 +344,18 @@ commands! {
         when is_open, act centre_orbit;
     Measure: View, Viewport, [key(Key::U)], "Ruler",
         "Measure on the picture: drag from one point to another",
-        when is_open, act |s, _| s.viewport.has_ruler ^= true;
+        when is_open, act |s, _| {
+            s.viewport.has_ruler ^= true;
+            s.viewport.marking.is_on = false;
+        };
+    Mark: View, Viewport, [key(Key::S)], "Mark by hand",
+        "Mark a structure on a frame; it is then found on all of them",
+        when is_open, act |s, _| s.toggle_marking();
+    LookHere: View, Viewport, [shift(Key::S)], "Look here",
+        "Go where one more mark would help most",
+        when |s| s.areas().is_some_and(|areas| areas.look_here().is_some()), act |s, g| look_here(s, g);
     Dismiss: View, Viewport, [key(Key::Escape)], "Close what is open",
-        "Close the message, the point's scores or the ruler",
+        "Close the message, the point's scores, the ruler or the tool for marking",
         when always, act |s, _| dismiss(s);
     ResetView: View, Viewport, [key(Key::R)], "Back to the endoscope",
         "Back to the endoscope's own view, without zoom",

@@ -84,6 +84,7 @@ impl Export {
             folder: free_folder(&info.output_folder, &info.name, "export"),
             frames: Vec::new(),
             questions: shared.document.prompts().iter().filter(|p| p.is_visible).map(question).collect(),
+            marks: shared.document.marks().all().to_vec(),
             options,
             replace: false,
             completes_same: true,

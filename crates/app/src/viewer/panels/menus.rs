@@ -19,6 +19,8 @@ pub(crate) fn menus_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) 
             ui.separator();
             [C::SaveSession, C::SaveSessionAs].into_iter().for_each(|c| item(ui, shared, actions, c));
             ui.separator();
+            [C::OpenMarks, C::SaveMarks].into_iter().for_each(|c| item(ui, shared, actions, c));
+            ui.separator();
             [C::Reconstruct, C::Export, C::Quality].into_iter().for_each(|c| item(ui, shared, actions, c));
             ui.separator();
             [C::StartPage, C::Quit].into_iter().for_each(|c| item(ui, shared, actions, c));
@@ -29,6 +31,7 @@ pub(crate) fn menus_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) 
             &[C::Depth, C::DepthBeside, C::Motion, C::Opacity],
             &[C::Negatives],
             &[C::HideOverlays, C::CycleStyle, C::MoreOpacity, C::BelowInstruments],
+            &[C::Mark, C::LookHere],
             &[C::CentreOrbit, C::Measure],
             &[C::ResetView, C::FullScreen],
             &[C::Larger, C::Smaller, C::NormalSize],

@@ -62,7 +62,7 @@ impl Picker {
     fn begin(&mut self, ask: &PathAsk, ctx: &Context) {
         let start = ask.folder.clone().or_else(dirs::home_dir).unwrap_or_else(|| PathBuf::from("/"));
         self.enter(start, ctx);
-        if let PathKind::Save(name, _) = &ask.kind {
+        if let PathKind::Save(name, _) | PathKind::SaveMarks(name) = &ask.kind {
             self.typed = self.folder.join(name).display().to_string();
         }
     }
@@ -113,7 +113,8 @@ impl Picker {
             ui.label(RichText::new(why).font(theme::small()).color(theme::TEXT_WEAK));
         }
         let is_ready = problem(&typed, &ask.kind).is_none();
-        let verb = if matches!(ask.kind, PathKind::Save(..)) { "Save" } else { "Open" };
+        let verb =
+            if matches!(ask.kind, PathKind::Save(..) | PathKind::SaveMarks(_)) { "Save" } else { "Open" };
         let is_cancelled = ui.horizontal(|ui| {
             if ui.add_enabled(is_ready, main_button(verb)).clicked() || (is_ready && is_entered) {
                 chosen = Some(typed.clone());
@@ -136,17 +137,22 @@ fn is_wanted(entry: &Entry, path: &Path, kind: &PathKind) -> bool {
     match kind {
         _ if !entry.is_file => true,
         PathKind::File(extensions) => extensions.contains(&&*extension),
-        PathKind::Folder | PathKind::Save(..) => false,
+        PathKind::Marks => extension == "json",
+        PathKind::Folder | PathKind::Save(..) | PathKind::SaveMarks(_) => false,
     }
 }
 
 /// Says why a path cannot be chosen; `None` if it can.
 fn problem(path: &Path, kind: &PathKind) -> Option<&'static str> {
     match kind {
-        PathKind::File(_) if !path.exists() => Some("There is no such file."),
+        PathKind::File(_) | PathKind::Marks if !path.exists() => Some("There is no such file."),
         PathKind::Folder if !path.is_dir() => Some("There is no such folder."),
-        PathKind::Save(..) if path.is_dir() => Some("Type a name for the file behind the folder."),
-        PathKind::Save(..) if !path.parent().is_some_and(Path::is_dir) => Some("There is no such folder."),
+        PathKind::Save(..) | PathKind::SaveMarks(_) if path.is_dir() => {
+            Some("Type a name for the file behind the folder.")
+        }
+        PathKind::Save(..) | PathKind::SaveMarks(_) if !path.parent().is_some_and(Path::is_dir) => {
+            Some("There is no such folder.")
+        }
         _ => None,
     }
 }

@@ -8,6 +8,7 @@ use crate::viewer::{
         clean_up::clean_up_ui,
         exporting::exporting_ui,
         import_check,
+        marking::{self, WAITS},
         prompt_menu::PromptMenu,
         suggestions::suggestions_ui,
         threshold::{TIE, threshold_ui},
@@ -41,7 +42,7 @@ pub(crate) struct Prompts {
 impl Prompts {
     /// Shows the panel. The prompt box stays in place, everything else can be scrolled.
     pub(crate) fn ui(&mut self, ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
-        let can_ask = shared.info().is_some_and(|i| i.has_features);
+        let can_ask = shared.can_ask();
         if can_ask {
             find_ui(ui, shared, actions);
         }
@@ -49,11 +50,18 @@ impl Prompts {
             // The scroll bar covers nothing.
             ui.set_width(ui.available_width() - 10.0);
             exporting_ui(ui, shared, actions);
+            marking::marking_ui(ui, shared, actions);
             training::training_ui(ui, shared, actions);
             import_check::import_check_ui(ui, shared, actions);
             if !can_ask {
                 find_ui(ui, shared, actions);
                 no_features_ui(ui, shared);
+                let text = "Or mark a structure by hand on one frame: it is then found on all of them.";
+                if shared.document.prompts().is_empty() {
+                    ui.label(caption(text));
+                } else {
+                    rows_ui(ui, &mut self.menu, shared, actions);
+                }
                 return;
             }
             preview_ui(ui, shared);
@@ -67,7 +75,8 @@ impl Prompts {
 fn find_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     ui.horizontal_wrapped(|ui| {
         ui.heading("Find");
-        if shared.info().is_some_and(|i| i.has_features) {
+        marking::mark_button_ui(ui, shared, actions);
+        if shared.can_ask() {
             suggestions_ui(ui, shared, actions);
             let button = ui.button(RichText::new("Compared with…").font(theme::small()));
             if button.on_hover_text(shared.tooltip(Command::Negatives)).clicked() {
@@ -80,7 +89,7 @@ fn find_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
 }
 
 fn box_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
-    let can_ask = shared.info().is_some_and(|i| i.has_features);
+    let can_ask = shared.can_ask();
     let prompt_box = &shared.prompt_box;
     let mut text = prompt_box.text.clone();
     let field = TextEdit::singleline(&mut text)
@@ -185,10 +194,15 @@ fn row_ui(
         ui.set_width(ui.available_width());
         let menu_button = head_ui(ui, shared, actions, index, prompt);
         let finding = shared.finding(prompt.id, &prompt.text);
-        let (text, colour) = if prompt.is_visible {
-            state_text(finding, prompt.threshold)
-        } else {
+        let is_marked = shared.document.marks().names().into_iter().any(|name| prompt.is_marked_as(name));
+        let (text, colour) = if !prompt.is_visible {
             ("Hidden".to_owned(), theme::TEXT_WEAK)
+        } else if is_marked && shared.has_waiting_marks() {
+            (WAITS.to_owned(), theme::TEXT_WEAK)
+        } else if !shared.can_ask() {
+            ("Cannot be looked for here".to_owned(), theme::TEXT_WEAK)
+        } else {
+            state_text(finding, prompt.threshold)
         };
         let why = finding.and_then(|f| f.answer.as_ref()).map_or("", |answer| &answer.why);
         let state = ui.label(RichText::new(text).font(theme::small()).color(colour));

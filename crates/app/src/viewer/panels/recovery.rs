@@ -77,10 +77,15 @@ fn summary(shared: &Shared, session: &Session) -> String {
     let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
     let content = &session.content;
     format!(
-        "{}: {}, {}, at frame {}",
+        "{}: {}, {}{}, at frame {}",
         if shared.is_demo(&session.opened) { DEMO.to_owned() } else { session.name() },
         count(content.prompts.len(), "prompt"),
         count(content.bookmarks.len(), "bookmark"),
+        if content.marks.is_empty() {
+            String::new()
+        } else {
+            format!(", {}", count(content.marks.all().len(), "mark"))
+        },
         session.time.frame + 1
     )
 }

@@ -50,7 +50,11 @@ pub(crate) fn suggestions_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Act
             let is_new = |text: &&String| !shared.document.prompts().iter().any(|p| p.text == **text);
             let earlier: Vec<String> = shared.prompt_box.earlier.iter().filter(is_new).cloned().collect();
             words_ui(ui, shared, actions, "Looked for before", earlier.iter().map(String::as_str));
-            let classes = shared.info().map(|i| i.example_prompts.clone()).unwrap_or_default();
+            let mut classes = shared.info().map(|i| i.example_prompts.clone()).unwrap_or_default();
+            let is_new = |name: &&str| !classes.iter().any(|class| class == name);
+            let marked: Vec<String> =
+                shared.document.marks().names().into_iter().filter(is_new).map(str::to_owned).collect();
+            classes.extend(marked);
             words_ui(ui, shared, actions, "Classes of this recording", classes.iter().map(String::as_str));
             // What this recording has is known where it has classes.
             for (title, words) in PRESETS.iter().filter(|_| classes.is_empty()) {

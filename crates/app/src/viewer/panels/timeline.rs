@@ -210,6 +210,9 @@ fn paint_bar(ui: &Ui, shared: &Shared, line: Rect, scale: &TimeScale, is_hot: bo
         painter.hline(line.x_range(), line.bottom() + 8.5, Stroke::new(2.0, theme::CONTROL));
         painter.hline(at(first)..=at(last), line.bottom() + 8.5, Stroke::new(2.0, theme::ACCENT));
     }
+    for frame in shared.document.marks().frames() {
+        paint_marked(&painter, pos2(x(frame), line.bottom() + 5.0));
+    }
     for bookmark in shared.document.bookmarks() {
         paint_bookmark(&painter, pos2(x(bookmark.frame), line.top() - 2.0), bookmark);
     }
@@ -267,6 +270,12 @@ fn paint_excluded(painter: &egui::Painter, part: Rect) {
         painter.line_segment(ends, Stroke::new(1.5, theme::AMBER));
         left += 6.0;
     }
+}
+
+/// Paints a diamond below the bar, on a frame with marks by hand.
+fn paint_marked(painter: &egui::Painter, at: egui::Pos2) {
+    let points = [(0.0, -4.5), (4.5, 0.0), (0.0, 4.5), (-4.5, 0.0)].map(|(dx, dy)| at + vec2(dx, dy));
+    painter.add(egui::Shape::convex_polygon(points.to_vec(), theme::ACCENT, Stroke::new(1.0, theme::PANEL)));
 }
 
 /// Paints a pin above the bar; a flagged one has another shape.

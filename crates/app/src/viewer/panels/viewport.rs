@@ -5,6 +5,7 @@ use crate::viewer::{
     backend::{Info, orbit::MAX_STILL_DEGREES},
     command::Command,
     panels::{
+        drawing::{self, Drawing},
         legend,
         outlines::paint_outlines,
         panes::{PaneView, panes},
@@ -42,6 +43,7 @@ const FADED: &str = "Faded: not seen by the endoscope on this frame";
 #[derive(Default)]
 pub(crate) struct ViewportPanel {
     ruler: Ruler,
+    drawing: Drawing,
 }
 
 impl ViewportPanel {
@@ -69,6 +71,10 @@ impl ViewportPanel {
         for pane in &views {
             paint_pane(ui, shared, pane, &mut plates);
         }
+        let with_marks = !shared.document.is_hidden && !shared.is_peeking(ui.ctx());
+        if with_marks {
+            self.drawing.ui(ui, shared, &views);
+        }
         if shared.document.mode == ViewMode::Wipe {
             wipe_ui(ui, shared, actions, area);
         }
@@ -77,7 +83,6 @@ impl ViewportPanel {
                 shared.picture().is_some_and(|p| p.unseen_share > 0.0) && pane.label == "Reconstruction";
             paint_synthesised(ui, pane.visible(), is_faded, &mut plates);
         }
-        let with_marks = !shared.document.is_hidden && !shared.is_peeking(ui.ctx());
         toast::toast_ui(ui, shared, actions, &mut plates, area);
         notices_ui(ui, shared, area, with_marks, &mut plates);
         if let Some(first) = views.first().filter(|_| with_marks) {
@@ -115,6 +120,11 @@ impl ViewportPanel {
             let limit = shared.info().map_or(MAX_STILL_DEGREES, Info::orbit_limit);
             look.orbit = look.orbit.dragged(response.drag_delta().into(), limit);
             is_moving = true;
+        } else if !turns
+            && !is_dragged(PointerButton::Middle)
+            && drawing::draw(shared, actions, panes, response)
+        {
+            // The tool for marking has the mouse.
         } else if !turns && self.ruler.drag(shared, panes, response) {
             // The ruler has the mouse.
         } else if response.clicked() && shared.info().is_some_and(|i| i.has_features) {
@@ -123,7 +133,7 @@ impl ViewportPanel {
         } else if !turns && response.dragged() && !look.zoom.is_home() {
             look.zoom.pan(response.drag_delta(), panes);
         }
-        if response.double_clicked() {
+        if response.double_clicked() && !shared.viewport.marking.is_on {
             look.zoom = Zoom::default();
         }
         if response.hovered()

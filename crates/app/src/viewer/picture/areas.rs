@@ -2,9 +2,9 @@
 //!
 //! Areas are kept for all thresholds at once: moving a threshold redraws the curve and computes nothing.
 
-use crate::engine::Question;
+use crate::{engine::Question, viewer::state::marks::MarkList};
 use std::collections::HashMap;
-use surgtpgs_core::{grid::Grid, mask::CleanUp};
+use surgtpgs_core::{grid::Grid, marks::LookHere, mask::CleanUp};
 
 /// A quantity that is counted on every frame: the area of a question. Where masks are cleaned up, the area
 /// depends on the clean-up and the threshold, and is counted for that threshold alone.
@@ -85,6 +85,10 @@ pub(crate) struct Measured {
     pub(crate) frame: usize,
     /// `None` where the prompt has no answer.
     pub(crate) prompts: Vec<(Measure, Option<Levels>)>,
+    /// Marks by hand that the prompts were answered with.
+    pub(crate) marks: MarkList,
+    /// Place where one more mark would help most; `None` without marks, and where the frame is marked.
+    pub(crate) look_here: Option<LookHere>,
 }
 
 /// Record of the frames counted so far for each prompt, on the thread that counts.
@@ -118,20 +122,36 @@ impl Counted {
 pub(crate) struct Areas {
     num_frames: usize,
     prompts: HashMap<Measure, Vec<Option<Levels>>>,
+    /// Places where one more mark would help most, in the order of their counting.
+    look_here: Vec<LookHere>,
 }
 
 impl Areas {
     pub(crate) fn new(num_frames: usize) -> Self {
-        Self { num_frames, prompts: HashMap::new() }
+        Self { num_frames, prompts: HashMap::new(), look_here: Vec::new() }
     }
 
     pub(crate) fn take(&mut self, measured: Measured) {
+        self.look_here.retain(|here| here.frame != measured.frame);
+        self.look_here.extend(measured.look_here);
         for (measure, levels) in measured.prompts {
             let frames = self.prompts.entry(measure).or_insert_with(|| vec![None; self.num_frames]);
             if let Some(place) = frames.get_mut(measured.frame) {
                 *place = levels;
             }
         }
+    }
+
+    /// Returns the place on a frame where one more mark would help most, once it is known.
+    pub(crate) fn look_here_on(&self, frame: usize) -> Option<&LookHere> {
+        self.look_here.iter().find(|here| here.frame == frame)
+    }
+
+    /// Returns the place of all counted frames where one more mark would help most.
+    pub(crate) fn look_here(&self) -> Option<&LookHere> {
+        let by_doubt =
+            |a: &&LookHere, b: &&LookHere| a.doubt.total_cmp(&b.doubt).then_with(|| b.frame.cmp(&a.frame));
+        self.look_here.iter().max_by(by_doubt)
     }
 
     /// Returns the area of a prompt over time; `None` before the first frame was counted.
@@ -250,7 +270,12 @@ mod tests {
     fn measured(frame: usize, area: usize) -> Measured {
         let scores = (0..10).map(|i| if i < area { 0.9 } else { 0.1 }).collect();
         let levels = Levels::of(&Grid::from_vec(10, 1, scores));
-        Measured { frame, prompts: vec![(question("liver"), Some(levels))] }
+        Measured {
+            frame,
+            prompts: vec![(question("liver"), Some(levels))],
+            marks: MarkList::default(),
+            look_here: None,
+        }
     }
 
     #[test]

@@ -61,7 +61,8 @@ impl Open {
     /// Takes what the thread has made.
     pub(crate) fn poll(&mut self, ctx: &Context) {
         for measured in self.worker.take_measured() {
-            if let Some(areas) = &mut self.areas {
+            let is_of_present = self.asked.as_ref().is_some_and(|asked| asked.marks == measured.marks);
+            if let Some(areas) = self.areas.as_mut().filter(|_| is_of_present) {
                 areas.take(measured);
             }
         }
@@ -81,6 +82,11 @@ impl Open {
     /// Requests a picture, unless it has been requested already.
     pub(crate) fn ask(&mut self, request: Request) {
         if self.asked.as_ref() != Some(&request) {
+            let is_marked_alike = self.asked.as_ref().is_none_or(|asked| asked.marks == request.marks);
+            if let Some(areas) = self.areas.as_mut().filter(|_| !is_marked_alike) {
+                // What was counted was found with other marks.
+                *areas = Areas::new(self.info.num_frames);
+            }
             self.worker.submit(request.clone());
             self.asked = Some(request);
         }

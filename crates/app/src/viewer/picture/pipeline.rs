@@ -15,7 +15,7 @@ use crate::viewer::{
         thumbnails::small,
     },
     remedy::message,
-    state::{content::PREVIEW, view_mode::Layer},
+    state::{content::PREVIEW, marks::MarkList, view_mode::Layer},
 };
 use egui::ColorImage;
 use image::RgbImage;
@@ -49,6 +49,8 @@ pub(crate) struct Pipeline {
     last: Option<Request>,
     /// `None` for a passing state of a scene, such as one that is being trained.
     counted: Option<Counted>,
+    /// Marks that the source has.
+    marks: MarkList,
 }
 
 /// A score image, or why there is none.
@@ -77,6 +79,7 @@ impl Pipeline {
             motion_top: None,
             last: None,
             counted: Some(Counted::default()),
+            marks: MarkList::default(),
         }
     }
 
@@ -86,6 +89,7 @@ impl Pipeline {
         self.rendered.clear();
         self.motion_top = None;
         self.counted = None;
+        self.marks = MarkList::default();
     }
 
     /// Makes the picture. A failure becomes [`Picture::problem`].
@@ -109,7 +113,8 @@ impl Pipeline {
             passes_run: 0,
             request,
         };
-        if let Err(e) = self.fill(&mut picture) {
+        let marked = self.take_marks(&picture.request.marks);
+        if let Err(e) = self.fill(&mut picture).and(marked) {
             picture.problem = Some(message(&e));
         }
         let is_drawn = !picture.findings.is_empty();
@@ -157,9 +162,28 @@ impl Pipeline {
         Ok(())
     }
 
+    /// Gives the source other marks. All scores so far are those of earlier marks then.
+    fn take_marks(&mut self, marks: &MarkList) -> Result<()> {
+        if self.marks == *marks {
+            return Ok(());
+        }
+        self.marks = MarkList::default();
+        self.rendered.iter_mut().for_each(|rendered| rendered.scores.clear());
+        self.counted = self.counted.as_ref().map(|_| Counted::default());
+        self.source.set_marks(marks.all())?;
+        self.marks = marks.clone();
+        Ok(())
+    }
+
+    /// Returns `true` if the source can answer prompts.
+    fn can_ask(&self) -> bool {
+        let info = self.source.info();
+        info.has_features || (info.has_reconstruction && !self.marks.is_empty())
+    }
+
     fn needs(&self, request: &Request) -> Needs {
         let info = self.source.info();
-        let asks = info.has_features && !(request.prompts.is_empty() && request.candidates.is_empty());
+        let asks = self.can_ask() && !(request.prompts.is_empty() && request.candidates.is_empty());
         let renders = request.needs_reconstruction || request.layer.is_some() || asks;
         Needs {
             decodes: info.has_original && request.needs_original,
@@ -213,11 +237,10 @@ impl Pipeline {
     /// Counts the areas of the last request's prompts on the next uncounted frame; `None` if there is none.
     pub(crate) fn count_next(&mut self) -> Option<Measured> {
         let last = self.last.as_ref().filter(|l| !l.view.is_preview)?;
-        let info = self.source.info();
-        if !info.has_features || !self.source.prepares_ahead() {
+        if !self.can_ask() || !self.source.prepares_ahead() {
             return None;
         }
-        let num_frames = info.num_frames;
+        let num_frames = self.source.info().num_frames;
         let measure = |p: &AskedPrompt| Measure::new(p.question.clone(), last.clean_up, p.threshold);
         let prompts: Vec<Measure> = last.prompts.iter().filter(|p| p.id != PREVIEW).map(measure).collect();
         let (frame, new) = self.counted.as_ref()?.next(&prompts, num_frames)?;
@@ -225,7 +248,9 @@ impl Pipeline {
         let answers = self.answers_unkept(frame, &questions, new.iter().map(Measure::reach).max()?);
         let levels = |(k, measure): (usize, &Measure)| Some(measure.levels(answers.get(k)?.as_ref().ok()?));
         let levels: Vec<_> = new.iter().enumerate().map(levels).collect();
-        let measured = Measured { frame, prompts: new.into_iter().zip(levels).collect() };
+        let marks = self.marks.clone();
+        let look_here = if marks.is_empty() { None } else { self.source.look_here(frame).ok().flatten() };
+        let measured = Measured { frame, prompts: new.into_iter().zip(levels).collect(), marks, look_here };
         self.counted.as_mut()?.note(&measured, num_frames);
         Some(measured)
     }

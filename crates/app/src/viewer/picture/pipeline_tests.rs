@@ -87,6 +87,7 @@ fn request(frame: usize) -> Request {
         look: OverlayLook::default(),
         clean_up: CleanUp::default(),
         point: None,
+        marks: Default::default(),
     }
 }
 

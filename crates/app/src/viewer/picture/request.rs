@@ -4,7 +4,7 @@ use crate::engine::{Answer, Question, Sample};
 use crate::viewer::{
     backend::FrameView,
     picture::{difference::Difference, found::Found},
-    state::{content::PromptId, view_mode::Layer},
+    state::{content::PromptId, marks::MarkList, view_mode::Layer},
 };
 use egui::ColorImage;
 use std::sync::Arc;
@@ -39,6 +39,8 @@ pub(crate) struct Request {
     pub(crate) clean_up: CleanUp,
     /// Point that is probed, as share of width and height.
     pub(crate) point: Option<[f32; 2]>,
+    /// Marks by hand that prompts can find.
+    pub(crate) marks: MarkList,
 }
 
 impl Request {

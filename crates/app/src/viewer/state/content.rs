@@ -5,6 +5,7 @@ use crate::viewer::{
     backend::{orbit::Orbit, ranges},
     state::{
         clean_up,
+        marks::MarkList,
         measure::Scale,
         phases::{self, Phase},
         zoom::Zoom,
@@ -77,6 +78,9 @@ pub(crate) struct Content {
     pub(crate) clean_up: CleanUp,
     /// First and last frame of each range that is left out of everything, in order.
     pub(crate) excluded: Vec<(usize, usize)>,
+    /// Marks by hand.
+    #[serde(skip_serializing_if = "MarkList::is_empty")]
+    pub(crate) marks: MarkList,
     /// Fields that a newer program wrote.
     #[serde(flatten)]
     pub(crate) unknown: Map<String, Value>,

@@ -148,8 +148,17 @@ impl Document {
             }
             return;
         }
-        let prompt = Prompt {
-            id: self.next_id,
+        let prompt = self.new_prompt(text, like);
+        self.selected = Some(prompt.id);
+        self.edit(format!("adding \"{text}\""), None, |content| content.prompts.push(prompt));
+    }
+
+    /// Makes a prompt with a new id.
+    pub(super) fn new_prompt(&mut self, text: &str, like: Option<Sample>) -> Prompt {
+        let id = self.next_id;
+        self.next_id += 1;
+        Prompt {
+            id,
             text: text.to_owned(),
             colour: self.next_colour(),
             is_visible: true,
@@ -160,16 +169,19 @@ impl Document {
             shows_nearest: false,
             not_like: Vec::new(),
             unknown: Map::new(),
-        };
-        self.next_id += 1;
-        self.selected = Some(prompt.id);
-        self.edit(format!("adding \"{text}\""), None, |content| content.prompts.push(prompt));
+        }
     }
 
+    /// Deletes a prompt, and the marks of its name.
     pub(crate) fn remove(&mut self, id: PromptId) {
         let Some(prompt) = self.prompt(id) else { return };
-        let name = format!("deleting \"{}\"", prompt.text);
-        self.edit(name, None, |content| content.prompts.retain(|p| p.id != id));
+        let marks = self.marks().kept(|mark| !prompt.is_marked_as(&mark.name));
+        let with = if marks == *self.marks() { "" } else { " and its marks" };
+        let name = format!("deleting \"{}\"{with}", prompt.text);
+        self.edit(name, None, |content| {
+            content.prompts.retain(|p| p.id != id);
+            content.marks = marks;
+        });
         self.mend_selection();
     }
 
@@ -310,7 +322,12 @@ impl Document {
 
     /// Returns the colour for the next prompt: the first of the least used colours of the palette.
     pub(crate) fn next_colour(&self) -> [u8; 3] {
-        let uses = |c: &[u8; 3]| self.prompts().iter().filter(|p| p.colour == *c).count();
+        self.free_colour(&[])
+    }
+
+    /// Returns the colour for the next prompt, if `more` are added before it.
+    pub(super) fn free_colour(&self, more: &[Prompt]) -> [u8; 3] {
+        let uses = |c: &[u8; 3]| self.prompts().iter().chain(more).filter(|p| p.colour == *c).count();
         PROMPT_COLOURS.into_iter().min_by_key(uses).unwrap_or([255; 3])
     }
 

@@ -13,6 +13,8 @@ mod excluded;
 pub(crate) mod exporting;
 mod history;
 pub(crate) mod loss_curve;
+pub(crate) mod marking;
+pub(crate) mod marks;
 pub(crate) mod measure;
 pub(crate) mod opening;
 pub(crate) mod phases;

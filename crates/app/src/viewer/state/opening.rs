@@ -6,6 +6,7 @@ use crate::viewer::backend::{
     task::Task,
 };
 use std::path::PathBuf;
+use surgtpgs_core::marks::Marks;
 
 /// The task that makes the demo; it can be looked at meanwhile.
 pub(crate) type DemoTask = Task<Demo, Box<dyn FrameSource>>;
@@ -21,6 +22,8 @@ pub(crate) struct Opening {
     pub(crate) demo_folder: Option<PathBuf>,
     pub(crate) demo: Option<DemoTask>,
     pub(crate) underway: Option<Underway>,
+    /// Task that reads a file of marks.
+    pub(crate) marks: Option<Task<Marks>>,
     /// Training to start, without asking, once its recording is open (for the built-in demo).
     pub(crate) train_when_open: Option<TrainRequest>,
 }

@@ -80,6 +80,15 @@ impl Panes {
         Some([share.x, share.y])
     }
 
+    /// Returns the point of a picture of `size` pixels under a screen position, in the pane that shows
+    /// `within`. Positions beside the picture give a point of its border.
+    pub(crate) fn pixel(&self, at: Pos2, within: Pos2, size: [usize; 2]) -> Option<[f32; 2]> {
+        let is_there = |(pane, picture): &&(Rect, Rect)| pane.contains(within) && picture.contains(within);
+        let (_, picture) = self.0.iter().find(is_there)?;
+        let share = ((at - picture.min) / picture.size()).clamp(Vec2::ZERO, Vec2::splat(1.0));
+        Some([share.x * size[0] as f32, share.y * size[1] as f32])
+    }
+
     /// Returns the screen position of a point of the picture in every pane.
     pub(crate) fn screen_positions(&self, [u, v]: [f32; 2]) -> impl Iterator<Item = (Rect, Pos2)> {
         self.0.iter().map(move |(pane, picture)| (*pane, picture.min + vec2(u, v) * picture.size()))

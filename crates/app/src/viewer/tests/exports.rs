@@ -20,13 +20,14 @@ use std::{
 };
 use surgtpgs_core::{
     export::{ExportOptions, ExportSummary, Format, PictureSource},
+    marks::{Canvas, Mark, Marks, Shape},
     mask::CleanUp,
     overlay::{OverlayLook, OverlayStyle},
     palette::Palette,
     relevancy::RelevancySettings,
 };
 
-fn program(folder: &Path, line: &[&str]) {
+pub(super) fn program(folder: &Path, line: &[&str]) {
     let at = |word: &&str| match word.strip_prefix('@') {
         Some(name) => folder.join(name).display().to_string(),
         None => (*word).to_owned(),
@@ -91,6 +92,7 @@ fn the_window_and_the_command_line_write_the_same_bytes() {
         folder: folder.join("window"),
         frames: (1..4).collect(),
         questions: ["liver", "bile sac"].into_iter().zip(&PROMPT_COLOURS).map(prompt).collect(),
+        marks: Vec::new(),
         options: ExportOptions {
             formats: Format::ALL.into_iter().rev().collect(),
             source: PictureSource::Original,
@@ -129,6 +131,54 @@ fn the_window_and_the_command_line_write_the_same_bytes() {
     for (name, bytes) in &line {
         assert!(window[name] == *bytes, "{} differs", name.display());
     }
+}
+
+#[test]
+fn what_is_marked_is_exported_by_the_window_as_by_the_command_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    program(folder, &["demo", "-o", "@recording", "--width", "64", "--height", "48", "--frames", "4"]);
+    program(folder, &["train", "@recording", "-o", "@scene.safetensors", "--iterations", "20"]);
+    let click = |name: &str, x: f32| {
+        let shape = Shape::Click { point_px: [x, 24.0], radius_px: 6.0 };
+        Mark::new(1, name, true, shape)
+    };
+    let canvas = Canvas { width: 64, height: 48, frame_names: Vec::new(), num_frames: 4 };
+    let marks = Marks::new(vec![click("grasper", 12.5), click("liver", 50.0)], &canvas).unwrap();
+    std::fs::write(folder.join("marks.json"), marks.to_text().unwrap()).unwrap();
+    let export = [
+        "export",
+        "@scene.safetensors",
+        "-o",
+        "@line",
+        "--marks",
+        "@marks.json",
+        "--format",
+        "binary,overlay",
+    ];
+    program(folder, &[&export[..], &["--prompt", "grasper", "hepatic tissue"]].concat());
+
+    let standard = RelevancySettings::default();
+    let question = |text: &&str| Question::words(*text, Negatives::of(&standard));
+    let questions = ["grasper", "hepatic tissue"].iter().map(question).collect();
+    let request = ExportRequest {
+        scene: folder.join("scene.safetensors"),
+        folder: folder.join("window"),
+        frames: (0..4).collect(),
+        questions: ExportQuestion::with_standard_look(questions, standard.threshold),
+        marks: marks.all().to_vec(),
+        options: ExportOptions { formats: vec![Format::Binary, Format::Overlay], ..ExportOptions::default() },
+        replace: false,
+        completes_same: true,
+    };
+    through_the_window(request, Negatives::of(&standard));
+    let (line, window) = (contents(&folder.join("line")), contents(&folder.join("window")));
+    assert!(line.len() > 12 && line.keys().eq(window.keys()));
+    for (name, bytes) in &line {
+        assert!(window[name] == *bytes, "{} differs", name.display());
+    }
+    let record: serde_json::Value = serde_json::from_slice(&window[Path::new("provenance.json")]).unwrap();
+    assert_eq!(record["marks_sha256"], marks.digest());
 }
 
 #[test]

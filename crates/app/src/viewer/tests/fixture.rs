@@ -9,6 +9,31 @@ pub(super) struct Fake {
     pub(super) info: Info,
     /// Gate that gives out scores one permission at a time, if there is one.
     pub(super) gate: Option<mpsc::Receiver<()>>,
+    /// Marks, which are carried as if nothing moved.
+    pub(super) marks: Vec<Mark>,
+}
+
+impl Fake {
+    /// Returns the scores of what is marked: high on marked pixels; `None` for words that no mark names.
+    fn marked(&self, words: &str) -> Option<Grid<f32>> {
+        let name = plain_words(words);
+        self.marks.iter().find(|mark| mark.name == name)?;
+        let (width, height) = (SIZE.0 as usize, SIZE.1 as usize);
+        let mut votes = vec![0; width * height];
+        for mark in self.marks.iter().filter(|mark| mark.name == name) {
+            let pixels = mark.shape.pixels(width, height).data;
+            votes
+                .iter_mut()
+                .zip(pixels)
+                .filter(|(_, p)| *p)
+                .for_each(|(v, _)| *v += if mark.add { 1 } else { -1 });
+        }
+        Some(Grid::from_vec(
+            width,
+            height,
+            votes.into_iter().map(|v| if v > 0 { 0.9 } else { 0.1 }).collect(),
+        ))
+    }
 }
 
 impl FrameSource for Fake {
@@ -42,6 +67,15 @@ impl FrameSource for Fake {
     fn prepares_ahead(&self) -> bool {
         self.gate.is_none()
     }
+    fn set_marks(&mut self, marks: &[Mark]) -> Result<()> {
+        self.marks = marks.to_vec();
+        Ok(())
+    }
+    fn look_here(&mut self, frame: usize) -> Result<Option<LookHere>> {
+        let is_marked = self.marks.iter().any(|mark| mark.frame == frame);
+        let doubt = if frame == 17 { 0.5 } else { 0.1 };
+        Ok((!is_marked).then_some(LookHere { frame, point_px: [8.0, 6.0], doubt }))
+    }
     fn motion(&mut self, view: &FrameView) -> Result<(Grid<f32>, String)> {
         let travel = (0..SIZE.0 * SIZE.1).map(|i| (i % SIZE.0) as f32 + view.frame as f32).collect();
         Ok((Grid::from_vec(SIZE.0 as usize, SIZE.1 as usize, travel), "3 of 5 Gaussians move".into()))
@@ -54,6 +88,8 @@ impl FrameSource for Fake {
             let _ = gate.recv();
         }
         let score = |question: &Question| match question.text.as_str() {
+            words if self.marked(words).is_some() => Ok(self.marked(words).unwrap_or_default()),
+            _ if !self.info.has_features => Ok(Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 0.0)),
             "broken" => Err(Error::input("the encoder cannot read this", "Use other words.")),
             "spleen" | "banana" if !question.shows_nearest => {
                 Ok(Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 0.0))
@@ -116,7 +152,7 @@ impl Backend for FakeBackend {
             has_features: self.info.has_features || trained,
             ..self.info.clone()
         };
-        Ok(Box::new(Fake { info, gate: self.gate.lock().unwrap().take() }))
+        Ok(Box::new(Fake { info, gate: self.gate.lock().unwrap().take(), marks: Vec::new() }))
     }
     fn pick(&self, _: &PathAsk) -> Picked {
         self.picked.lock().unwrap().clone().unwrap_or(Picked::Unavailable)
@@ -174,7 +210,7 @@ impl Backend for FakeBackend {
         task.progress("Learning", 10, request.quality.steps(), "100 Gaussians".into());
         let (path, recording) = (request.recording.clone(), Some(request.recording.clone()));
         let info = Info { path, recording, has_reconstruction: true, ..self.info.clone() };
-        task.update(TrainNews::Preview(Box::new(Fake { info, gate: None })));
+        task.update(TrainNews::Preview(Box::new(Fake { info, gate: None, marks: Vec::new() })));
         let mut step = 10;
         while !task.is_cancelled() {
             task.rest_while_paused();

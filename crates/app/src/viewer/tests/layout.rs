@@ -252,6 +252,29 @@ fn cards_and_messages_over_the_picture_hold() {
 }
 
 #[test]
+fn marking_by_hand_holds() {
+    let mark = |frame: usize, name: &str| {
+        let shape = surgtpgs_core::marks::Shape::Click { point_px: [9.0, 9.0], radius_px: 4.0 };
+        Mark::new(frame, name, true, shape)
+    };
+    let mut window = with_prompts(3);
+    let shared = &mut window.harness.state_mut().shared;
+    shared.viewport.marking.is_on = true;
+    check("the tool for marking", &mut window);
+    let shared = &mut window.harness.state_mut().shared;
+    shared.viewport.marking.name = "liver".into();
+    shared.document.add_mark(mark(0, "the second long instrument that comes from the right side"));
+    shared.document.add_mark(mark(7, "liver"));
+    window.until_found();
+    check("marks", &mut window);
+    let mut window = Window::on(bare());
+    window.harness.state_mut().shared.document.add_mark(mark(3, "tool"));
+    check("marks that wait", &mut window);
+    window.harness.state_mut().shared.viewport.marking.is_on = true;
+    check("the tool on a recording", &mut window);
+}
+
+#[test]
 fn the_side_panel_keeps_its_width_whatever_it_says() {
     let mut window = Window::on(scene());
     let width = |window: &Window| window.harness.get_by_label("Prompt").rect().width();

@@ -7,6 +7,7 @@ mod fixture;
 mod hazards;
 mod layout;
 mod looks;
+mod marking;
 mod monkey;
 mod over_time;
 mod panels;
@@ -52,7 +53,8 @@ use surgtpgs_core::{
     Error, Result,
     export::{ExportSummary, intended_use, num_files},
     grid::{Grid, Mask},
-    sequence::CheckReport,
+    marks::{LookHere, Mark},
+    sequence::{CheckReport, plain_words},
     train::{LossTerms, Quality},
 };
 

@@ -11,7 +11,7 @@ use crate::{
     viewer::{
         backend::engine::EngineBackend,
         command::{COMMANDS, Command, Entry, Scope, entry, keys},
-        state::content::Content,
+        state::{content::Content, marking::Tool, marks::canvas},
     },
 };
 use egui::{Event, MouseWheelUnit, PointerButton, Pos2, Vec2, pos2, vec2};
@@ -40,8 +40,15 @@ const WORDS: [&str; 12] = [
     "a\u{7}b",
 ];
 /// Commands that open the system's file dialogs, which nobody answers here.
-pub(super) const DIALOGS: [Command; 5] =
-    [Command::OpenFile, Command::OpenFolder, Command::OpenPath, Command::SaveSession, Command::SaveSessionAs];
+pub(super) const DIALOGS: [Command; 7] = [
+    Command::OpenFile,
+    Command::OpenFolder,
+    Command::OpenPath,
+    Command::SaveSession,
+    Command::SaveSessionAs,
+    Command::OpenMarks,
+    Command::SaveMarks,
+];
 /// Labels of further buttons that open such dialogs.
 const DIALOG_BUTTONS: [&str; 4] =
     ["Folder…", "Save as…", "Open a video or a file…", "Open a folder of frames…"];
@@ -112,7 +119,8 @@ impl Monkey {
             0..30 => self.press_some_key(),
             30..50 => self.click_something(),
             50..62 => self.type_something(),
-            62..78 => self.drag_somewhere(),
+            62..75 => self.drag_somewhere(),
+            75..78 => self.mark_something(),
             78..82 => self.scroll(),
             82..86 => self.resize(),
             86..92 => self.undo_and_redo(),
@@ -203,6 +211,16 @@ impl Monkey {
         self.harness.event(press(to, false));
     }
 
+    /// Takes the tool for marking in hand, with some name, and draws with it.
+    fn mark_something(&mut self) {
+        let (name, tool, adds) = (self.one_of(&WORDS), self.one_of(&Tool::ALL), self.rng.random_bool(0.8));
+        self.note(format!("mark {name:?} by {tool:?}"));
+        let marking = &mut self.harness.state_mut().shared.viewport.marking;
+        (marking.is_on, marking.tool, marking.adds, marking.name) = (true, tool, adds, name.into());
+        self.harness.step();
+        self.drag_somewhere();
+    }
+
     fn scroll(&mut self) {
         let at = self.somewhere();
         let delta = vec2(self.rng.random_range(-60.0..60.0), self.rng.random_range(-200.0..200.0));
@@ -279,6 +297,8 @@ impl Monkey {
         }
         let Some(info) = app.info() else { return };
         assert!(app.playback.frame() < info.num_frames.max(1), "frame {}", app.playback.frame());
+        let canvas = canvas(info);
+        assert!(app.document.marks().all().iter().all(|mark| mark.fits(&canvas)), "all marks are possible");
         let Some(picture) = app.picture() else { return };
         assert!(picture.findings.len() <= picture.request.prompts.len());
         for pane in [&picture.original, &picture.reconstruction].into_iter().flatten() {

@@ -5,16 +5,16 @@ use crate::viewer::backend::Lens;
 use egui::Pos2;
 
 /// Returns the screen position of a point of the picture.
-fn on_screen(window: &Window, point: [f32; 2]) -> Pos2 {
+pub(super) fn on_screen(window: &Window, point: [f32; 2]) -> Pos2 {
     window.harness.state().shared.viewport.panes.screen_positions(point).next().unwrap().1
 }
 
-fn button(pos: Pos2, pressed: bool) -> egui::Event {
+pub(super) fn button(pos: Pos2, pressed: bool) -> egui::Event {
     let button = egui::PointerButton::Primary;
     egui::Event::PointerButton { pos, button, pressed, modifiers: Modifiers::NONE }
 }
 
-fn click_at(window: &mut Window, point: [f32; 2]) {
+pub(super) fn click_at(window: &mut Window, point: [f32; 2]) {
     let at = on_screen(window, point);
     window.harness.hover_at(at);
     window.harness.step();
@@ -25,7 +25,7 @@ fn click_at(window: &mut Window, point: [f32; 2]) {
     window.harness.step();
 }
 
-fn drag(window: &mut Window, from: [f32; 2], to: [f32; 2]) {
+pub(super) fn drag(window: &mut Window, from: [f32; 2], to: [f32; 2]) {
     let (from, to) = (on_screen(window, from), on_screen(window, to));
     window.harness.hover_at(from);
     window.harness.step();

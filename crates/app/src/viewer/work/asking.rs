@@ -6,6 +6,7 @@ use crate::viewer::{
     shared::Shared,
     state::{
         content::{PREVIEW, Prompt},
+        marks::MarkList,
         view_mode::ViewMode,
     },
 };
@@ -83,11 +84,12 @@ impl Shared {
             needs_reconstruction: mode.needs_reconstruction(),
             layer: mode.layer(),
             needs_difference: mode == ViewMode::Difference,
-            prompts: if open.info.has_features { self.asked_prompts() } else { Vec::new() },
+            prompts: if self.can_ask() { self.asked_prompts() } else { Vec::new() },
             candidates: self.unmarked_words().iter().map(|text| self.document.bare_question(text)).collect(),
             look: self.document.overlay,
             clean_up: self.document.content().clean_up,
             point: self.viewport.probe.filter(|_| open.info.has_features),
+            marks: if self.carries_marks() { self.marks_shown() } else { MarkList::default() },
         })
     }
 

@@ -3,6 +3,7 @@
 
 mod asking;
 mod exporting;
+mod marking;
 mod opening;
 mod saving;
 mod training;

@@ -10,6 +10,7 @@ use crate::viewer::{
     shared::{Shared, Viewport},
     state::{
         content::Look,
+        marking::Marking,
         opening::Underway,
         playback::Playback,
         reconstruction::ImportCheck,
@@ -78,6 +79,8 @@ impl Shared {
         self.opening.asked = None;
         match kind {
             PathKind::File(_) | PathKind::Folder => self.open_path(path, ctx),
+            PathKind::Marks => self.read_marks(path, ctx),
+            PathKind::SaveMarks(_) => self.write_marks(&path.with_extension("json"), now),
             PathKind::Save(..) => self.write_session(&path.with_extension(session::EXTENSION), now),
         }
     }
@@ -85,6 +88,7 @@ impl Shared {
     /// Takes what the threads have opened or made.
     pub(crate) fn poll_opening(&mut self, now: f64, ctx: &Context) {
         self.poll_picking(now, ctx);
+        self.poll_marks(now);
         self.poll_demo(ctx);
         if let Some(TaskEvent::Done(result)) = self.opening.underway.as_mut().and_then(|u| u.task.poll())
             && let Some(underway) = self.opening.underway.take()
@@ -137,8 +141,11 @@ impl Shared {
         }
         self.document.look = Look::default();
         self.document.mode = ViewMode::usual(info);
-        let Viewport { probe, has_ruler, .. } = &mut self.viewport;
-        (*probe, *has_ruler) = (None, false);
+        let Viewport { probe, has_ruler, marking, .. } = &mut self.viewport;
+        (*probe, *has_ruler, marking.draft) = (None, false, None);
+        if !is_same_recording {
+            *marking = Marking::default();
+        }
         self.open = Some(open);
         let title = format!("{} – SurgTPGS", self.title());
         ctx.send_viewport_cmd(egui::ViewportCommand::Title(title));

@@ -5,6 +5,7 @@ use crate::viewer::{
     shared::Shared,
     state::{
         content::Content,
+        marks::canvas,
         saving::Saved,
         session::{self, Display, Session, Time},
     },
@@ -58,7 +59,9 @@ impl Shared {
         }
         let saved = if file.is_some() { content.clone() } else { Content::default() };
         let content = if info.shape_is_guessed() { content.without_scale_in_space() } else { content };
-        self.document.load(content, info.num_frames);
+        let canvas = canvas(&info);
+        let marks = content.marks.kept(|mark| mark.fits(&canvas));
+        self.document.load(Content { marks, ..content }, info.num_frames);
         if display.mode.is_possible(&info) {
             self.document.mode = display.mode;
         }

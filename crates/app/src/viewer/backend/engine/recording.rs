@@ -29,6 +29,7 @@ impl RecordingSource {
             sequence: Some(full_path(sequence.path())),
             frames_sha256: Some(sequence.outline().outline_digest()),
             num_frames: sequence.num_frames(),
+            frame_names: sequence.outline().names().map(str::to_owned).collect(),
             width: sequence.width(),
             height: sequence.height(),
             frames_per_second: sequence.frames_per_second(),

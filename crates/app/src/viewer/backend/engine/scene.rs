@@ -12,6 +12,7 @@ use surgtpgs_core::{
     Error, Result,
     files::full_path,
     grid::{Grid, Mask},
+    marks::{LookHere, Mark, Marks},
     raster::FrameClock,
     scene::Scene,
     sequence::Sequence,
@@ -53,6 +54,7 @@ impl SceneSource {
             sequence: Some(sequence).filter(|p| !p.as_os_str().is_empty()),
             frames_sha256: identity.map(|identity| identity.outline_digest()),
             num_frames: scene.num_frames(),
+            frame_names: engine.frame_sources().into(),
             width: size.0,
             height: size.1,
             frames_per_second: scene.provenance.frames_per_second,
@@ -184,6 +186,15 @@ impl FrameSource for SceneSource {
         let [x, y] = [(point[0], view.camera.width), (point[1], view.camera.height)]
             .map(|(share, n)| ((share * n as f32) as usize).min(n.saturating_sub(1) as usize));
         self.engine.sample(&view, [x, y])
+    }
+
+    fn set_marks(&mut self, marks: &[Mark]) -> Result<()> {
+        let marks = Marks::new(marks.to_vec(), &self.engine.canvas())?;
+        self.engine.set_marks(marks)
+    }
+
+    fn look_here(&mut self, frame: usize) -> Result<Option<LookHere>> {
+        self.engine.look_here_on(frame)
     }
 
     fn clock(&self) -> FrameClock {

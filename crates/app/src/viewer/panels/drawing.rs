@@ -1,0 +1,289 @@
+//! Marks on the picture: those of the shown frame, and the one that is being drawn.
+
+use crate::viewer::{
+    action::Action,
+    panels::panes::PaneView,
+    shared::Shared,
+    state::{
+        marking::{Draft, Tool},
+        marks::{MarkList, canvas},
+        zoom::Panes,
+    },
+    theme,
+};
+use egui::{
+    Color32, ColorImage, Painter, PointerButton, Pos2, Rect, Response, Stroke, TextureHandle, TextureOptions,
+    Ui, pos2,
+};
+use surgtpgs_core::marks::{Mark, Shape};
+
+/// Least distance of two points of an outline, px of the recording: while it is drawn, and between clicks.
+const STEP_PX: f32 = 2.0;
+const CORNER_PX: f32 = 4.0;
+/// Opacity of marked pixels, and of what surrounds those that are not meant.
+const FILL: u8 = 0x60;
+/// Width of the stripes on pixels that are not meant, px of the recording.
+const STRIPE_PX: usize = 3;
+
+/// Marks of a frame as they were painted last.
+#[derive(Clone, PartialEq)]
+struct Painted {
+    frame: usize,
+    marks: MarkList,
+    colours: Vec<[u8; 3]>,
+    size: [usize; 2],
+}
+
+/// The picture of the marks.
+#[derive(Default)]
+pub(crate) struct Drawing {
+    painted: Option<(Painted, TextureHandle)>,
+}
+
+impl Drawing {
+    /// Paints the marks of the shown frame over every pane, and the tool where it is in use.
+    pub(crate) fn ui(&mut self, ui: &Ui, shared: &Shared, panes: &[PaneView]) {
+        let Some(frame) = shown_frame(shared) else { return };
+        self.update(ui, shared, frame);
+        for pane in panes {
+            let painter = ui.painter().with_clip_rect(pane.rect.intersect(ui.clip_rect()));
+            if let Some((_, texture)) = &self.painted {
+                let whole = Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0));
+                painter.image(texture.id(), pane.picture, whole, Color32::WHITE);
+            }
+            if shared.viewport.marking.is_on {
+                paint_tool(ui, &painter, shared, pane, frame);
+            }
+        }
+    }
+
+    /// Makes the picture of the marks anew if they have changed.
+    fn update(&mut self, ui: &Ui, shared: &Shared, frame: usize) {
+        let Some(info) = shared.info() else { return };
+        let marks = shared.marks_shown();
+        let names: Vec<&str> = marks.names().into_iter().collect();
+        let colours = names.iter().map(|name| shared.document.colour_of(name)).collect();
+        let wanted = Painted { frame, colours, size: [info.width, info.height], marks: marks.clone() };
+        if self.painted.as_ref().is_some_and(|(painted, _)| *painted == wanted) {
+            return;
+        }
+        if marks.on(frame).next().is_none() {
+            self.painted = None;
+            return;
+        }
+        let mut image = ColorImage::filled(wanted.size, Color32::TRANSPARENT);
+        for (name, colour) in names.iter().zip(&wanted.colours) {
+            let own: Vec<&Mark> = marks.on(frame).filter(|mark| mark.name == *name).collect();
+            paint_votes(&mut image, &votes(&own, wanted.size), theme::colour32(*colour));
+        }
+        let texture = ui.ctx().load_texture("marks", image, TextureOptions::LINEAR);
+        self.painted = Some((wanted, texture));
+    }
+}
+
+/// Returns the frame on the screen, if it is shown as it was recorded.
+fn shown_frame(shared: &Shared) -> Option<usize> {
+    let view = shared.picture()?.request.view;
+    (view.orbit.is_home() && !shared.document.is_excluded(view.frame)).then_some(view.frame)
+}
+
+/// Returns for each pixel how many marks show it, less those that deny it.
+fn votes(marks: &[&Mark], [width, height]: [usize; 2]) -> Vec<i32> {
+    let mut votes = vec![0; width * height];
+    for mark in marks {
+        let pixels = mark.shape.pixels(width, height);
+        let vote = if mark.add { 1 } else { -1 };
+        votes.iter_mut().zip(&pixels.data).filter(|(_, is_marked)| **is_marked).for_each(|(v, _)| *v += vote);
+    }
+    votes
+}
+
+/// Paints pixels that are meant in a colour, and those that are not meant dark, with stripes of it.
+fn paint_votes(image: &mut ColorImage, votes: &[i32], colour: Color32) {
+    let [width, height] = image.size;
+    let verdict = |x: usize, y: usize| votes[y * width + x].signum();
+    let [r, g, b, _] = colour.to_array();
+    let veil = Color32::from_rgba_unmultiplied(r, g, b, FILL);
+    for y in 0..height {
+        for x in 0..width {
+            let own = verdict(x, y);
+            if own == 0 {
+                continue;
+            }
+            let is_border = x == 0
+                || y == 0
+                || x + 1 == width
+                || y + 1 == height
+                || [verdict(x - 1, y), verdict(x + 1, y), verdict(x, y - 1), verdict(x, y + 1)]
+                    .iter()
+                    .any(|other| *other != own);
+            let is_stripe = ((x + y) / STRIPE_PX).is_multiple_of(3);
+            image.pixels[y * width + x] = match (is_border, own > 0, is_stripe) {
+                (true, ..) | (_, false, true) => colour,
+                (_, true, _) => veil,
+                _ => Color32::from_black_alpha(2 * FILL),
+            };
+        }
+    }
+}
+
+/// Paints the outline being drawn, the size of the brush, and the place that is least sure.
+fn paint_tool(ui: &Ui, painter: &Painter, shared: &Shared, pane: &PaneView, frame: usize) {
+    let (marking, Some(info)) = (&shared.viewport.marking, shared.info()) else { return };
+    let scale = pane.picture.width() / info.width.max(1) as f32;
+    let on_screen = |[x, y]: [f32; 2]| pane.picture.min + scale * egui::vec2(x, y);
+    if let Some(here) = shared.areas().and_then(|areas| areas.look_here_on(frame)) {
+        for (width, colour) in [(5.0, theme::PLATE), (2.5, theme::AMBER)] {
+            painter.circle_stroke(on_screen(here.point_px), 20.0, Stroke::new(width, colour));
+        }
+    }
+    if let Some(Shape::Polygon { points_px }) = marking.draft_on(frame).map(|draft| &draft.mark.shape) {
+        let points: Vec<Pos2> = points_px.iter().map(|p| on_screen(*p)).collect();
+        for (width, colour) in [(4.0, theme::PLATE), (2.0, theme::TEXT)] {
+            painter.add(egui::Shape::line(points.clone(), Stroke::new(width, colour)));
+            for at in &points {
+                painter.circle_filled(*at, width, colour);
+            }
+        }
+    }
+    let pointer = ui.ctx().pointer_hover_pos().filter(|at| pane.visible().contains(*at));
+    if let Some(at) = pointer.filter(|_| marking.tool.has_radius()) {
+        for (width, colour) in [(3.0, theme::PLATE), (1.5, theme::TEXT)] {
+            painter.circle_stroke(at, (marking.radius_px * scale).max(2.0), Stroke::new(width, colour));
+        }
+    }
+}
+
+/// Draws with the mouse; returns `true` if the tool has it.
+pub(crate) fn draw(shared: &Shared, actions: &mut Vec<Action>, panes: &Panes, response: &Response) -> bool {
+    let marking = &shared.viewport.marking;
+    if !marking.is_on {
+        return false;
+    }
+    let is_touched = response.clicked() || response.dragged_by(PointerButton::Primary);
+    let (Some(frame), Some(info)) = (shown_frame(shared), shared.info()) else { return true };
+    if is_touched && marking.plain_name().is_empty() {
+        actions.push(Action::marking(|m| m.wants_name = true));
+        return true;
+    }
+    let draft = marking.draft_on(frame);
+    let size = [info.width, info.height];
+    let at = response.interact_pointer_pos();
+    let pressed = response.ctx.input(|i| i.pointer.press_origin()).or(at);
+    let pixel = |at: Pos2| pressed.and_then(|within| panes.pixel(at, within, size));
+    let to = at.and_then(pixel);
+    let is_denied = response.ctx.input(|i| i.modifiers.shift) == marking.adds;
+    let add = draft.map_or(!is_denied, |draft| draft.mark.add);
+    let made = |shape: Shape| {
+        let mark = Mark::new(frame, &marking.name, add, shape);
+        Draft { fits: mark.fits(&canvas(info)), mark }
+    };
+    if response.dragged_by(PointerButton::Primary)
+        && let (Some(from), Some(to)) = (pressed.and_then(pixel), to)
+    {
+        if draft.is_none() {
+            // The mark belongs to the frame that is seen.
+            actions.push(Action::GoTo(frame));
+        }
+        let draft = made(dragged(marking.tool, marking.radius_px, draft, from, to));
+        actions.push(Action::marking(move |m| m.draft = Some(draft)));
+    } else if response.drag_stopped_by(PointerButton::Primary) {
+        finish(actions, draft);
+    } else if response.clicked()
+        && let Some(to) = to
+    {
+        match clicked(marking.tool, marking.radius_px, draft, to) {
+            None => {}
+            Some(shape) if marking.tool == Tool::Outline => {
+                // Two fast clicks on different places are two corners.
+                let is_same = draft.is_some_and(|draft| draft.mark.shape == shape);
+                let is_closed = response.double_clicked() && is_same;
+                let draft = made(shape);
+                actions.push(Action::GoTo(frame));
+                match is_closed {
+                    true => finish(actions, Some(&draft)),
+                    false => actions.push(Action::marking(move |m| m.draft = Some(draft))),
+                }
+            }
+            Some(shape) => {
+                actions.push(Action::GoTo(frame));
+                finish(actions, Some(&made(shape)));
+            }
+        }
+    }
+    true
+}
+
+/// Makes the drawn mark one of the document, if it marks anything.
+fn finish(actions: &mut Vec<Action>, draft: Option<&Draft>) {
+    if let Some(mark) = draft.filter(|draft| draft.fits).map(|draft| draft.mark.clone()) {
+        actions.push(Action::edit(move |d| d.add_mark(mark)));
+    }
+    actions.push(Action::marking(|m| m.draft = None));
+}
+
+/// Returns the shape after the mouse was dragged on to a point.
+fn dragged(tool: Tool, radius_px: f32, draft: Option<&Draft>, from: [f32; 2], to: [f32; 2]) -> Shape {
+    let shape = draft.map(|draft| draft.mark.shape.clone());
+    let with = |points: Vec<[f32; 2]>, step: f32| extended(points, to, step);
+    match (tool, shape) {
+        (Tool::Brush, Some(Shape::Stroke { points_px, radius_px })) => {
+            Shape::Stroke { points_px: with(points_px, (radius_px / 3.0).max(1.0)), radius_px }
+        }
+        (Tool::Brush, _) => Shape::Stroke { points_px: with(vec![from], 1.0), radius_px },
+        (Tool::Outline, Some(Shape::Polygon { points_px })) => {
+            Shape::Polygon { points_px: with(points_px, STEP_PX) }
+        }
+        (Tool::Outline, _) => Shape::Polygon { points_px: with(vec![from], STEP_PX) },
+        (Tool::Box, _) => Shape::Box { corners_px: [from, to] },
+        (Tool::Click, _) => Shape::Click { point_px: to, radius_px },
+    }
+}
+
+/// Returns the shape after a click; `None` where a click means nothing.
+fn clicked(tool: Tool, radius_px: f32, draft: Option<&Draft>, at: [f32; 2]) -> Option<Shape> {
+    match (tool, draft.map(|draft| &draft.mark.shape)) {
+        (Tool::Brush, _) => Some(Shape::Stroke { points_px: vec![at], radius_px }),
+        (Tool::Click, _) => Some(Shape::Click { point_px: at, radius_px }),
+        (Tool::Outline, Some(Shape::Polygon { points_px })) => {
+            Some(Shape::Polygon { points_px: extended(points_px.clone(), at, CORNER_PX) })
+        }
+        (Tool::Outline, _) => Some(Shape::Polygon { points_px: vec![at] }),
+        (Tool::Box, _) => None,
+    }
+}
+
+/// Adds a point that is a step or more away from the last one.
+fn extended(mut points: Vec<[f32; 2]>, to: [f32; 2], step: f32) -> Vec<[f32; 2]> {
+    let is_far = |last: &[f32; 2]| (last[0] - to[0]).hypot(last[1] - to[1]) >= step;
+    if points.last().is_none_or(is_far) {
+        points.push(to);
+    }
+    points
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mark_and_its_opposite_paint_nothing() {
+        let mark = |add| Mark::new(0, "fat", add, Shape::Box { corners_px: [[1.0, 1.0], [4.0, 3.0]] });
+        let (this, other) = (mark(true), mark(false));
+        let painted = |marks: &[&Mark]| {
+            let mut image = ColorImage::filled([6, 4], Color32::TRANSPARENT);
+            paint_votes(&mut image, &votes(marks, [6, 4]), Color32::RED);
+            image.pixels.iter().filter(|pixel| **pixel != Color32::TRANSPARENT).count()
+        };
+        assert_eq!((painted(&[&this]), painted(&[&other]), painted(&[&this, &other])), (6, 6, 0));
+    }
+
+    #[test]
+    fn a_shaking_hand_adds_no_points() {
+        let mut points = vec![[5.0, 5.0]];
+        for to in [[5.5, 5.0], [5.2, 5.9], [9.0, 5.0], [9.1, 5.0]] {
+            points = extended(points, to, 2.0);
+        }
+        assert_eq!(points, [[5.0, 5.0], [9.0, 5.0]]);
+    }
+}

@@ -1,0 +1,182 @@
+//! Controls of the tool for marking, in the side panel while it is in use.
+
+use crate::viewer::{
+    action::Action,
+    command::{Command, entry},
+    panels::widgets::{caption, choice},
+    shared::Shared,
+    state::marking::{RADII_PX, Tool},
+    theme,
+};
+use egui::{Align, Button, Frame, Layout, Margin, RichText, Slider, Stroke, TextEdit, Ui, vec2};
+use surgtpgs_core::sequence::plain_words;
+
+/// Message while marks wait.
+pub(crate) const WAITS: &str = "Marked; waits for the reconstruction";
+/// Number of names that are offered.
+const MAX_NAMES: usize = 14;
+
+/// Shows a button that takes the tool in hand.
+pub(crate) fn mark_button_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    let is_on = shared.viewport.marking.is_on;
+    let button = Button::selectable(is_on, RichText::new(entry(Command::Mark).label).font(theme::small()));
+    let response = ui.add(button.frame_when_inactive(true));
+    if response.on_hover_text(shared.tooltip(Command::Mark)).clicked() {
+        actions.push(Action::Run(Command::Mark));
+    }
+}
+
+/// Shows the controls, if the tool is in use.
+pub(crate) fn marking_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    if !shared.viewport.marking.is_on {
+        if shared.has_waiting_marks() {
+            waits_ui(ui, shared);
+        }
+        return;
+    }
+    let frame = Frame::new().fill(theme::RAISED).corner_radius(8).inner_margin(Margin::symmetric(10, 8));
+    frame.stroke(Stroke::new(1.0, theme::ACCENT)).show(ui, |ui| {
+        ui.set_width(ui.available_width());
+        name_ui(ui, shared, actions);
+        tool_ui(ui, shared, actions);
+        state_ui(ui, shared, actions);
+    });
+    ui.add_space(6.0);
+}
+
+/// Shows the field of the name, and names to choose from.
+fn name_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    let marking = &shared.viewport.marking;
+    let mut name = marking.name.clone();
+    let row = ui.horizontal(|ui| {
+        let right_to_left = Layout::right_to_left(Align::Center);
+        ui.with_layout(right_to_left, |ui| {
+            if ui.button("Done").on_hover_text(shared.tooltip(Command::Mark)).clicked() {
+                actions.push(Action::Run(Command::Mark));
+            }
+            let field = TextEdit::singleline(&mut name).hint_text("What do you mark?").char_limit(200);
+            ui.add(field.margin(Margin::symmetric(8, 6)).desired_width(f32::INFINITY))
+        })
+        .inner
+    });
+    let response = row.inner;
+    response.ctx.accesskit_node_builder(response.id, |node| node.set_label("Name of what is marked"));
+    if marking.wants_name {
+        response.request_focus();
+        actions.push(Action::marking(|m| m.wants_name = false));
+    }
+    if name != marking.name {
+        actions.push(Action::marking(move |m| m.name = name));
+    }
+    if marking.plain_name().is_empty() {
+        ui.label(RichText::new("Give it a name first.").font(theme::small()).color(theme::AMBER));
+    }
+    ui.horizontal_wrapped(|ui| {
+        ui.spacing_mut().item_spacing = vec2(4.0, 4.0);
+        for known in shared.known_names().into_iter().take(MAX_NAMES) {
+            let is_own = known.eq_ignore_ascii_case(marking.name.trim());
+            let button = Button::selectable(is_own, RichText::new(&known).font(theme::small())).truncate();
+            let response = ui.add(button.frame_when_inactive(true));
+            if response.on_hover_text(format!("Mark {known}")).clicked() {
+                actions.push(Action::marking(move |m| m.name = known));
+            }
+        }
+    });
+}
+
+/// Shows the choice of tools.
+fn tool_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    let marking = &shared.viewport.marking;
+    let mut tool = marking.tool;
+    let options = Tool::ALL.map(|tool| (tool, tool.label().0, tool.label().1.to_owned(), true));
+    choice(ui, &mut tool, &options);
+    if tool != marking.tool {
+        actions.push(Action::marking(move |m| (m.tool, m.draft) = (tool, None)));
+    }
+    side_ui(ui, shared, actions);
+}
+
+/// Shows the choice between what it is and what it is not, and the radius.
+fn side_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    let marking = &shared.viewport.marking;
+    let mut adds = marking.adds;
+    let tip = |what: &str| format!("{what}. With Shift held, the other");
+    let options = [
+        (true, "This", tip("What you draw on is it"), true),
+        (false, "Not this", tip("What you draw on is not it; over marks of your own, it erases them"), true),
+    ];
+    choice(ui, &mut adds, &options);
+    if adds != marking.adds {
+        actions.push(Action::marking(move |m| (m.adds, m.draft) = (adds, None)));
+    }
+    if marking.tool.has_radius() {
+        // A number stands behind the slider.
+        ui.spacing_mut().slider_width = (ui.available_width() - 80.0).clamp(30.0, 150.0);
+        let mut radius = marking.radius_px;
+        let slider = Slider::new(&mut radius, RADII_PX[0]..=RADII_PX[1]).logarithmic(true);
+        let response = ui.add(slider.fixed_decimals(0).suffix(" px"));
+        response.ctx.accesskit_node_builder(response.id, |node| node.set_label("Radius of the brush"));
+        response.on_hover_text("Radius of the brush and of clicks, pixels of the recording");
+        if radius != marking.radius_px {
+            actions.push(Action::marking(move |m| m.radius_px = radius));
+        }
+    }
+}
+
+/// Shows what is marked, and what can be done with it.
+fn state_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+    let marks = shared.document.marks();
+    let frame = shared.picture().map_or(0, |p| p.request.view.frame);
+    if shared.picture().is_some_and(|p| !p.request.view.orbit.is_home()) {
+        let text =
+            shared.with_keys("Marks are made on the endoscope's own view: go back", Command::ResetView);
+        ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
+    }
+    let (here, all) = (marks.on(frame).count(), marks.all().len());
+    let how = shared.viewport.marking.tool.label().1;
+    ui.label(caption(format!("{how}. Marks on this frame: {here}, in all: {all}.")));
+    if shared.has_waiting_marks() {
+        waits_ui(ui, shared);
+    } else if is_alone(shared) {
+        let text =
+            "Now show what it is not: draw with \"Not this\", or mark what lies beside it by another name.";
+        ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
+    }
+    ui.horizontal_wrapped(|ui| {
+        ui.spacing_mut().item_spacing = vec2(4.0, 4.0);
+        let clear = Button::new(RichText::new("Clear this frame").font(theme::small()));
+        let tip = "Take all marks of this frame away (undo brings them back)";
+        if ui.add_enabled(here > 0, clear).on_hover_text(tip).clicked() {
+            actions.push(Action::edit(move |d| d.clear_marks(frame)));
+        }
+        let look = Button::new(RichText::new(entry(Command::LookHere).label).font(theme::small()));
+        let tip = shared.tooltip(Command::LookHere);
+        if ui.add_enabled(shared.is_enabled(Command::LookHere), look).on_hover_text(tip).clicked() {
+            actions.push(Action::Run(Command::LookHere));
+        }
+    });
+    if shared.areas().is_some_and(|areas| areas.look_here_on(frame).is_some()) {
+        ui.label(caption("The ring is around what is least sure on this frame."));
+    }
+}
+
+/// Returns `true` if one structure is marked that the recording has no class for, and nothing says what it is
+/// not: it is found everywhere then.
+fn is_alone(shared: &Shared) -> bool {
+    let marks = shared.document.marks();
+    let classes = shared.info().map(|i| i.example_prompts.as_slice()).unwrap_or_default();
+    let is_new = |name: &&str| !classes.iter().any(|class| plain_words(class) == *name);
+    let new: Vec<&str> = marks.names().into_iter().filter(is_new).collect();
+    matches!(new[..], [name] if marks.all().iter().all(|mark| mark.add || mark.name != name))
+}
+
+/// Says that marks wait for a reconstruction.
+fn waits_ui(ui: &mut Ui, shared: &Shared) {
+    let text = if shared.is_reconstructing() {
+        "What you marked is found on every frame as soon as the reconstruction is ready."
+    } else {
+        "What you marked is found on every frame once this recording is reconstructed: press Reconstruct."
+    };
+    ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
+    ui.add_space(4.0);
+}

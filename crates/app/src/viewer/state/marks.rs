@@ -1,0 +1,204 @@
+//! Marks by hand: what the user says frames show, and what they do not.
+
+use crate::settings::PROMPT_COLOURS;
+use crate::viewer::{
+    backend::Info,
+    state::{content::Prompt, document::Document},
+};
+use serde_json::Value;
+use std::{collections::BTreeSet, sync::Arc};
+use surgtpgs_core::{
+    marks::{Canvas, Mark},
+    sequence::plain_words,
+};
+
+/// Marks in the order in which they were made; copies share them.
+#[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
+#[serde(from = "Vec<Value>", into = "Vec<Mark>")]
+pub(crate) struct MarkList(Arc<Vec<Mark>>);
+
+impl PartialEq for MarkList {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0) || self.0 == other.0
+    }
+}
+
+/// Reads marks from a session. Those that cannot be read are left out, because files may hold any values.
+impl From<Vec<Value>> for MarkList {
+    fn from(values: Vec<Value>) -> Self {
+        Self::of(values.into_iter().filter_map(|value| serde_json::from_value(value).ok()).collect())
+    }
+}
+
+impl From<MarkList> for Vec<Mark> {
+    fn from(list: MarkList) -> Self {
+        list.0.to_vec()
+    }
+}
+
+impl MarkList {
+    pub(crate) fn of(marks: Vec<Mark>) -> Self {
+        Self(Arc::new(marks))
+    }
+
+    pub(crate) fn all(&self) -> &[Mark] {
+        &self.0
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Returns these marks and more.
+    pub(crate) fn with(&self, more: impl IntoIterator<Item = Mark>) -> Self {
+        Self::of(self.0.iter().cloned().chain(more).collect())
+    }
+
+    /// Returns the marks that are to stay; the same list if all are.
+    pub(crate) fn kept(&self, stays: impl Fn(&Mark) -> bool) -> Self {
+        if self.0.iter().all(&stays) {
+            return self.clone();
+        }
+        Self::of(self.0.iter().filter(|mark| stays(mark)).cloned().collect())
+    }
+
+    /// Returns the names, sorted, each once.
+    pub(crate) fn names(&self) -> BTreeSet<&str> {
+        self.0.iter().map(|mark| mark.name.as_str()).collect()
+    }
+
+    /// Returns the marked frames.
+    pub(crate) fn frames(&self) -> BTreeSet<usize> {
+        self.0.iter().map(|mark| mark.frame).collect()
+    }
+
+    pub(crate) fn on(&self, frame: usize) -> impl Iterator<Item = &Mark> {
+        self.0.iter().filter(move |mark| mark.frame == frame)
+    }
+}
+
+/// Returns the recording that marks are made on.
+pub(crate) fn canvas(info: &Info) -> Canvas {
+    Canvas {
+        width: info.width,
+        height: info.height,
+        frame_names: info.frame_names.to_vec(),
+        num_frames: info.num_frames,
+    }
+}
+
+impl Prompt {
+    /// Returns `true` if marks of this name belong to the prompt.
+    pub(crate) fn is_marked_as(&self, name: &str) -> bool {
+        self.like.is_none() && plain_words(&self.text) == name
+    }
+}
+
+impl Document {
+    pub(crate) fn marks(&self) -> &MarkList {
+        &self.content().marks
+    }
+
+    /// Returns the colour of a structure that is marked: that of its prompt, or the one that its prompt will
+    /// get.
+    pub(crate) fn colour_of(&self, name: &str) -> [u8; 3] {
+        let own = self.prompts().iter().find(|p| p.is_marked_as(name)).map(|p| p.colour);
+        let place = self.marks().names().iter().position(|known| *known == name);
+        let nameless = || place.map(|k| PROMPT_COLOURS[k % PROMPT_COLOURS.len()]);
+        own.or_else(nameless).unwrap_or_else(|| self.next_colour())
+    }
+
+    /// Adds a mark. A structure that has no prompt yet gets one, by the same edit.
+    pub(crate) fn add_mark(&mut self, mark: Mark) {
+        let verb = if mark.add { "marking" } else { "marking what is not" };
+        let name = format!("{verb} \"{}\" on frame {}", mark.name, mark.frame + 1);
+        self.add_marks(name, vec![mark]);
+    }
+
+    /// Adds marks by one edit of this name, without those that are there already.
+    pub(crate) fn add_marks(&mut self, name: String, mut marks: Vec<Mark>) {
+        marks.retain(|mark| !self.marks().all().contains(mark));
+        if marks.is_empty() {
+            return;
+        }
+        let list = self.marks().with(marks);
+        let mut new: Vec<Prompt> = Vec::new();
+        for words in list.names() {
+            let is_there = |p: &Prompt| p.is_marked_as(words);
+            if !self.prompts().iter().chain(&new).any(is_there) {
+                let colour = self.free_colour(&new);
+                new.push(Prompt { colour, ..self.new_prompt(words, None) });
+            }
+        }
+        self.selected = new.last().map(|p| p.id).or(self.selected);
+        self.edit(name, None, |content| {
+            content.marks = list;
+            content.prompts.extend(new);
+        });
+    }
+
+    /// Takes all marks of a frame away.
+    pub(crate) fn clear_marks(&mut self, frame: usize) {
+        let rest = self.marks().kept(|mark| mark.frame != frame);
+        if rest != *self.marks() {
+            let name = format!("taking the marks of frame {} away", frame + 1);
+            self.edit(name, None, |content| content.marks = rest);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surgtpgs_core::{marks::Shape, overlay::OverlayLook};
+
+    fn click(frame: usize, name: &str, add: bool) -> Mark {
+        Mark::new(frame, name, add, Shape::Click { point_px: [3.5, 4.0], radius_px: 2.0 })
+    }
+
+    #[test]
+    fn a_mark_brings_its_prompt_and_both_go_by_one_undo() {
+        let mut document = Document::new(OverlayLook::default(), 0.5);
+        document.add("Bile Duct");
+        document.add_mark(click(2, "grasper", true));
+        assert_eq!(document.undo_name(), Some("marking \"grasper\" on frame 3"));
+        let texts = |d: &Document| d.prompts().iter().map(|p| p.text.clone()).collect::<Vec<_>>();
+        assert_eq!(texts(&document), ["Bile Duct", "grasper"]);
+        assert!(document.prompts()[1].is_instrument && document.selected == Some(document.prompts()[1].id));
+        document.add_mark(click(4, "bile duct", false));
+        assert_eq!(texts(&document), ["Bile Duct", "grasper"], "the prompt was there");
+        assert_eq!(document.colour_of("bile duct"), document.prompts()[0].colour);
+        document.add_mark(click(4, "bile duct", false));
+        assert_eq!(document.marks().all().len(), 2, "the same mark again says nothing new");
+        document.undo();
+        document.undo();
+        assert_eq!((texts(&document), document.marks().is_empty()), (vec!["Bile Duct".to_owned()], true));
+        document.redo();
+        assert_eq!(document.marks().frames(), BTreeSet::from([2]));
+    }
+
+    #[test]
+    fn deleting_a_marked_prompt_takes_its_marks_away() {
+        let mut document = Document::new(OverlayLook::default(), 0.5);
+        document.add_marks("opening marks".into(), vec![click(0, "fat", true), click(1, "liver", true)]);
+        let colours: BTreeSet<[u8; 3]> = document.prompts().iter().map(|p| p.colour).collect();
+        assert_eq!((document.prompts().len(), colours.len()), (2, 2), "each has a colour of its own");
+        document.remove(document.prompts()[0].id);
+        assert_eq!(document.undo_name(), Some("deleting \"fat\" and its marks"));
+        assert_eq!(document.marks().names(), BTreeSet::from(["liver"]));
+        document.undo();
+        document.clear_marks(1);
+        assert_eq!(document.marks().frames(), BTreeSet::from([0]));
+    }
+
+    #[test]
+    fn marks_come_back_from_a_session_without_what_cannot_be_read() {
+        let list = MarkList::of(vec![click(0, "fat", true), click(1, "liver", false)]);
+        let mut told = serde_json::to_value(&list).unwrap();
+        assert_eq!(serde_json::from_value::<MarkList>(told.clone()).unwrap(), list);
+        let entries = told.as_array_mut().unwrap();
+        entries[0]["kind"] = "spray".into();
+        entries.push(Value::from(7));
+        assert_eq!(serde_json::from_value::<MarkList>(told).unwrap().all(), &list.all()[1..]);
+    }
+}

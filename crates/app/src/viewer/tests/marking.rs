@@ -1,0 +1,341 @@
+//! Tests of marking by hand: drawing, the prompts that it makes, files, sessions, and the real engine.
+
+use super::{
+    pointing::{button, click_at, drag, on_screen},
+    *,
+};
+use crate::viewer::{
+    backend::engine::EngineBackend,
+    command::Command,
+    state::{marking::Tool, session::Session},
+};
+use surgtpgs_core::marks::Shape;
+
+fn bare() -> Info {
+    Info { has_features: false, example_prompts: Vec::new(), ..scene() }
+}
+
+/// Takes the tool in hand and names what is to be marked.
+fn take_tool(window: &mut Window, name: &str) {
+    let marking = &mut window.harness.state_mut().shared.viewport.marking;
+    (marking.is_on, marking.name, marking.radius_px) = (true, name.into(), 2.0);
+    window.harness.step();
+}
+
+fn marks(window: &Window) -> Vec<Mark> {
+    window.harness.state().shared.document.marks().all().to_vec()
+}
+
+fn texts(window: &Window) -> Vec<String> {
+    window.harness.state().shared.document.prompts().iter().map(|p| p.text.clone()).collect()
+}
+
+/// Waits until a prompt is answered with all marks; returns the share of the picture that it finds.
+fn share(window: &mut Window, text: &str) -> f32 {
+    let all = window.harness.state().shared.document.marks().clone();
+    window.until_picture(|p| {
+        p.request.marks == all && !p.request.view.is_preview && p.findings.iter().any(|f| f.text == text)
+    });
+    let picture = window.harness.state().shared.picture().unwrap();
+    let finding = picture.findings.iter().find(|f| f.text == text).unwrap();
+    finding.outcome.as_ref().unwrap().area_fraction
+}
+
+#[test]
+fn a_stroke_becomes_a_prompt_and_undo_takes_both_back() {
+    let mut window = Window::on(bare());
+    assert!(window.harness.state().shared.document.prompts().is_empty() && !window.shows("Compared with"));
+    window.press(Key::S);
+    window.until_shown("Give it a name first.");
+    window.harness.get_by_label("Name of what is marked").type_text("Tool");
+    window.harness.step();
+    drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
+    let made = marks(&window);
+    let [Mark { frame: 0, name, add: true, shape: Shape::Stroke { points_px, radius_px } }] = &made[..]
+    else {
+        panic!("{made:?}");
+    };
+    assert_eq!((name.as_str(), *radius_px), ("tool", 8.0));
+    let ends = [points_px[0], points_px[points_px.len() - 1]];
+    assert!((ends[0][0] - 6.4).abs() < 0.1 && (ends[1][0] - 19.2).abs() < 3.0, "{ends:?}");
+    assert_eq!(texts(&window), ["tool"]);
+    assert!(share(&mut window, "tool") > 0.5);
+    window.until(|app| app.selected_curve().is_some_and(|curve| curve.is_complete()));
+    assert!(window.shows("Found on 48 of 48 frames"));
+    assert_eq!(window.harness.state().shared.document.undo_name(), Some("marking \"tool\" on frame 1"));
+    // The field of the name has the keyboard.
+    window.press(Key::Escape);
+    window.press_with(Modifiers::COMMAND, Key::Z);
+    assert!(marks(&window).is_empty() && texts(&window).is_empty());
+    window.press_with(Modifiers::COMMAND, Key::Y);
+    assert_eq!((marks(&window).len(), texts(&window)), (1, vec!["tool".to_owned()]));
+}
+
+#[test]
+fn each_tool_makes_its_mark_and_shift_turns_it_round() {
+    let mut window = Window::on(scene());
+    take_tool(&mut window, "liver");
+    let set = |window: &mut Window, tool| window.harness.state_mut().shared.viewport.marking.tool = tool;
+    set(&mut window, Tool::Click);
+    click_at(&mut window, [0.5, 0.5]);
+    // The curve of the new prompt takes its room below the picture.
+    window.until_found();
+    set(&mut window, Tool::Box);
+    drag(&mut window, [0.25, 0.25], [0.75, 0.75]);
+    set(&mut window, Tool::Outline);
+    for corner in [[0.1, 0.1], [0.9, 0.1]] {
+        click_at(&mut window, corner);
+    }
+    assert_eq!(marks(&window).len(), 2, "an outline is open until it is closed");
+    drag(&mut window, [0.9, 0.9], [0.5, 0.95]);
+    set(&mut window, Tool::Brush);
+    let at = on_screen(&window, [0.3, 0.3]);
+    window.harness.hover_at(at);
+    window.harness.event(egui::Event::ModifiersChanged(Modifiers::SHIFT));
+    window.harness.event(button(at, true));
+    window.harness.step();
+    window.harness.event(button(at, false));
+    window.harness.step();
+    window.harness.step();
+    let made = marks(&window);
+    let [a, b, c, d] = &made[..] else { panic!("{made:?}") };
+    assert!(
+        matches!(a.shape, Shape::Click { point_px: [x, y], .. } if (x - 16.0).abs() + (y - 12.0).abs() < 0.1)
+    );
+    assert!(
+        matches!(b.shape, Shape::Box { corners_px: [[x, _], [_, y]] } if (x - 8.0).abs() + (y - 18.0).abs() < 0.1)
+    );
+    assert!(matches!(&c.shape, Shape::Polygon { points_px } if points_px.len() > 3));
+    assert!(matches!(d.shape, Shape::Stroke { .. }) && !d.add && a.add);
+    assert!(window.harness.state().shared.viewport.probe.is_none(), "the tool has the mouse");
+}
+
+#[test]
+fn the_shown_frame_answers_while_one_draws() {
+    let mut window = Window::on(bare());
+    take_tool(&mut window, "tool");
+    let (from, to) = (on_screen(&window, [0.2, 0.5]), on_screen(&window, [0.7, 0.5]));
+    window.harness.hover_at(from);
+    window.harness.step();
+    window.harness.event(button(from, true));
+    window.harness.step();
+    window.harness.hover_at(to);
+    window.harness.step();
+    window.until_picture(|p| p.request.marks.all().len() == 1);
+    assert!(marks(&window).is_empty(), "not yet");
+    window.press(Key::Escape);
+    window.until_picture(|p| p.request.marks.is_empty());
+    window.harness.event(button(to, false));
+    window.harness.step();
+    assert!(marks(&window).is_empty(), "what was given up stays away");
+}
+
+#[test]
+fn a_mark_and_its_opposite_leave_nothing() {
+    let mut window = Window::on(bare());
+    take_tool(&mut window, "tool");
+    drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
+    assert!(share(&mut window, "tool") > 0.0);
+    let stroke = marks(&window).pop().unwrap();
+    let opposite = Mark { add: false, ..stroke };
+    window.harness.state_mut().shared.document.add_mark(opposite);
+    assert_eq!(share(&mut window, "tool"), 0.0);
+}
+
+#[test]
+fn marks_wait_for_a_reconstruction_and_answer_when_it_is_there() {
+    let recording = Info { has_reconstruction: false, has_features: false, ..scene() };
+    let mut window = Window::on(recording);
+    take_tool(&mut window, "tool");
+    drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
+    window.harness.step();
+    assert!(window.shows("once this recording is reconstructed: press Reconstruct"));
+    assert!(window.shows("Marked; waits for the reconstruction"));
+    assert!(window.harness.state().shared.picture().unwrap().request.prompts.is_empty());
+    window.press_with(Modifiers::COMMAND, Key::R);
+    window.harness.step();
+    window.harness.step();
+    window.click("Start");
+    window.until(|app| app.info().is_some_and(|i| i.has_reconstruction));
+    assert!(window.shows("as soon as the reconstruction is ready"));
+    assert!(window.harness.state().shared.picture().is_some_and(|p| p.request.marks.is_empty()));
+    window.click("Stop and keep what was learned");
+    window.until(|app| !app.is_reconstructing() && app.opening.underway.is_none());
+    assert!(share(&mut window, "tool") > 0.0);
+    assert!(!window.shows("waits for the reconstruction"));
+}
+
+#[test]
+fn marks_are_saved_opened_and_part_of_the_session() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("clip-marks.json");
+    let mut window = Window::on(scene());
+    take_tool(&mut window, "Cystic_Duct");
+    drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
+    window.harness.state_mut().shared.playback.seek(3, 0.0);
+    window.until_picture(|p| p.request.view.frame == 3);
+    click_at(&mut window, [0.5, 0.5]);
+    let made = marks(&window);
+    assert_eq!(
+        made.iter().map(|m| (m.frame, m.name.as_str())).collect::<Vec<_>>(),
+        [(0, "cystic duct"), (3, "cystic duct")]
+    );
+    *window.backend.picked.lock().unwrap() = Some(Picked::Path(file.clone()));
+    let ctx = window.harness.ctx.clone();
+    window.harness.state_mut().shared.run(Command::SaveMarks.into(), &ctx);
+    window.until_shown("Marks saved as clip-marks.json");
+    let session = window.harness.state().shared.session().unwrap();
+    let told = serde_json::to_string(&session).unwrap();
+    let read: Session = serde_json::from_str(&told).unwrap();
+    assert!(read.content.is_alike(&session.content) && told.contains("\"kind\":\"stroke\""));
+
+    let mut window = Window::on(scene());
+    *window.backend.picked.lock().unwrap() = Some(Picked::Path(file.clone()));
+    let ctx = window.harness.ctx.clone();
+    window.harness.state_mut().shared.run(Command::OpenMarks.into(), &ctx);
+    window.until(|app| !app.document.marks().is_empty());
+    assert_eq!((marks(&window), texts(&window)), (made, vec!["cystic duct".to_owned()]));
+    assert!(window.shows("Opening 2 marks"));
+    window.harness.state_mut().shared.run(Command::OpenMarks.into(), &ctx);
+    window.until(|app| app.opening.picking.is_none() && app.opening.marks.is_none());
+    assert_eq!(marks(&window).len(), 2, "the same marks again say nothing new");
+    std::fs::write(
+        &file,
+        r#"{"marks": [{"frame": 999, "name": "fat", "kind": "click", "points_px": [[1, 1]]}]}"#,
+    )
+    .unwrap();
+    window.harness.state_mut().shared.run(Command::OpenMarks.into(), &ctx);
+    window.until(|app| app.problem.is_some());
+    let problem = window.harness.state().shared.problem.clone().unwrap();
+    assert!(problem.contains("there is no frame 999"), "{problem}");
+}
+
+#[test]
+fn a_session_with_impossible_marks_brings_the_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("review.surgtpgs");
+    let mark = |frame: usize, x: f32| {
+        let shape = Shape::Click { point_px: [x, 1.0], radius_px: 1.0 };
+        Mark::new(frame, "fat", true, shape)
+    };
+    let mut session = Session::new("/data/clip.safetensors".into());
+    let list = [mark(2, 5.0), mark(2, 5000.0), mark(FRAMES, 5.0)];
+    session.content.marks = crate::viewer::state::marks::MarkList::of(list.to_vec());
+    session.save(&file).unwrap();
+    let mut window = Window::on(scene());
+    let ctx = window.harness.ctx.clone();
+    window.harness.state_mut().shared.open_path(&file, &ctx);
+    window.until(|app| app.saving.saved.file.is_some());
+    assert_eq!(marks(&window), list[..1]);
+}
+
+#[test]
+fn the_window_goes_where_a_mark_would_help_most() {
+    let mut window = Window::on(bare());
+    assert!(!window.harness.state().shared.is_enabled(Command::LookHere));
+    take_tool(&mut window, "tool");
+    drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
+    window.until(|app| app.selected_curve().is_some_and(|curve| curve.is_complete()));
+    window.harness.step();
+    window.click("Look here");
+    assert_eq!(window.frame(), 17);
+    window.until_shown("The ring is around what is least sure");
+    window.until_picture(|p| p.request.view.frame == 17);
+    drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
+    window.until(|app| app.areas().is_some_and(|areas| areas.look_here().is_some_and(|h| h.frame != 17)));
+}
+
+#[test]
+fn typed_words_find_what_is_marked_and_nothing_else() {
+    let mut window = Window::on(bare());
+    take_tool(&mut window, "tool");
+    drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
+    let own = share(&mut window, "tool");
+    window.press(Key::Escape);
+    window.harness.step();
+    window.click("Delete tool");
+    assert!(marks(&window).is_empty(), "its marks go with it");
+    window.click("Undo");
+    assert_eq!((marks(&window).len(), share(&mut window, "tool")), (1, own));
+    window.press(Key::Escape);
+    window.add_prompt("banana");
+    assert_eq!(share(&mut window, "banana"), 0.0);
+    window.click("Suggestions");
+    window.until_shown("Classes of this recording");
+}
+
+/// Makes the demo's recording and a scene without features of it, and opens a window on the scene.
+fn real(folder: &Path) -> Window {
+    for line in [
+        &["demo", "-o", "@recording", "--width", "64", "--height", "48", "--frames", "6"][..],
+        &["train", "@recording", "-o", "@scene.safetensors", "--iterations", "200"],
+    ] {
+        super::exports::program(folder, line);
+    }
+    let harness =
+        Harness::builder().with_size(egui::vec2(1280.0, 800.0)).with_step_dt(1.0 / 60.0).build_eframe(|cc| {
+            let mut preferences = Preferences::load(None);
+            preferences.is_acknowledged = true;
+            Shell::new(&cc.egui_ctx, Arc::new(EngineBackend), preferences, Autosave::default())
+        });
+    let mut window = Window { harness, backend: Arc::default() };
+    let ctx = window.harness.ctx.clone();
+    window.harness.state_mut().shared.open_path(&folder.join("scene.safetensors"), &ctx);
+    window.until(|app| app.picture().is_some());
+    window
+}
+
+/// Returns a stroke through a class of the demo, along the row where it is widest.
+fn stroke_on(folder: &Path, class: &str, frame: usize) -> Vec<[f32; 2]> {
+    let sequence = surgtpgs_core::sequence::Sequence::open(&folder.join("recording")).unwrap();
+    let id = sequence.classes().iter().find(|c| c.name == class).unwrap().id;
+    let labels = sequence.labels(frame).unwrap().unwrap();
+    let width = |y: usize| labels.row(y).iter().filter(|label| **label == id).count();
+    let y = (0..labels.height).max_by_key(|y| width(*y)).unwrap();
+    let columns: Vec<usize> = (0..labels.width).filter(|x| labels.at(*x, y) == id).collect();
+    let inner = &columns[columns.len() / 5..columns.len() - columns.len() / 5];
+    let share = |x: usize| [(x as f32 + 0.5) / labels.width as f32, (y as f32 + 0.5) / labels.height as f32];
+    vec![share(inner[0]), share(inner[inner.len() - 1])]
+}
+
+#[test]
+fn strokes_on_the_demo_find_their_structures_on_all_frames_and_words_find_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = real(folder.path());
+    let sequence = surgtpgs_core::sequence::Sequence::open(&folder.path().join("recording")).unwrap();
+    let classes: Vec<String> = sequence.classes().iter().map(|c| c.name.clone()).collect();
+    for class in &classes {
+        take_tool(&mut window, class);
+        let line = stroke_on(folder.path(), class, 0);
+        drag(&mut window, line[0], line[1]);
+    }
+    assert_eq!(marks(&window).len(), classes.len());
+    let shares: Vec<f32> = classes.iter().map(|class| share(&mut window, class)).collect();
+    let labels = sequence.labels(0).unwrap().unwrap();
+    for (class, share) in sequence.classes().iter().zip(&shares) {
+        let own = labels.data.iter().filter(|l| **l == class.id).count() as f32 / labels.data.len() as f32;
+        assert!(
+            share / own > 0.5 && share / own < 2.0,
+            "{}: {share} of the picture, labelled {own}",
+            class.name
+        );
+    }
+    window.harness.state_mut().shared.playback.seek(5, 0.0);
+    window.until_picture(|p| p.request.view.frame == 5 && p.findings.iter().all(|f| f.outcome.is_ok()));
+    assert!(share(&mut window, &classes[0]) > 0.0);
+    // The order of marks does not matter.
+    let document = &mut window.harness.state_mut().shared.document;
+    let mut turned = document.marks().all().to_vec();
+    turned.reverse();
+    let mut content = document.content().clone();
+    content.marks = crate::viewer::state::marks::MarkList::of(turned);
+    document.load(content, 6);
+    window.harness.state_mut().shared.playback.seek(0, 0.0);
+    window.until_picture(|p| p.request.view.frame == 0);
+    assert_eq!(classes.iter().map(|class| share(&mut window, class)).collect::<Vec<_>>(), shares);
+    window.press(Key::Escape);
+    for (words, is_found) in [("hepatic tissue", true), ("banana", false)] {
+        window.add_prompt(words);
+        assert_eq!(share(&mut window, words) > 0.0, is_found, "{words}");
+    }
+}

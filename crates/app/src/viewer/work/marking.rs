@@ -1,0 +1,120 @@
+//! Marks by hand: which of them prompts can find, the tool that makes them, and their files.
+
+use crate::viewer::{
+    backend::{
+        paths::{PathAsk, PathKind},
+        task::{Task, TaskEvent},
+    },
+    shared::Shared,
+    state::marks::{MarkList, canvas},
+};
+use egui::Context;
+use std::path::Path;
+use surgtpgs_core::{files::write_whole, marks::Marks};
+
+impl Shared {
+    /// Returns `true` if prompts can be asked: the reconstruction has features, or marks can be carried to it.
+    pub(crate) fn can_ask(&self) -> bool {
+        let has_features = self.info().is_some_and(|i| i.has_features);
+        has_features || (self.carries_marks() && !self.marks_shown().is_empty())
+    }
+
+    /// Returns `true` if what is marked can be found: there is a reconstruction, and it is finished.
+    pub(crate) fn carries_marks(&self) -> bool {
+        self.info().is_some_and(|i| i.has_reconstruction) && !self.is_reconstructing()
+    }
+
+    /// Returns `true` if there are marks that wait for a reconstruction.
+    pub(crate) fn has_waiting_marks(&self) -> bool {
+        self.open.is_some() && !self.document.marks().is_empty() && !self.carries_marks()
+    }
+
+    /// Returns all marks, with the one that is being drawn.
+    pub(crate) fn marks_shown(&self) -> MarkList {
+        let (marks, marking) = (self.document.marks(), &self.viewport.marking);
+        match marking.draft.as_ref().filter(|draft| marking.is_on && draft.fits) {
+            Some(draft) => marks.with([draft.mark.clone()]),
+            None => marks.clone(),
+        }
+    }
+
+    /// Returns the names of all that may be marked or looked for here: prompts, marks, classes.
+    pub(crate) fn known_names(&self) -> Vec<String> {
+        let prompts = self.document.prompts().iter().filter(|p| p.like.is_none()).map(|p| p.text.as_str());
+        let classes = self.info().map(|i| i.example_prompts.as_slice()).unwrap_or_default();
+        let mut names: Vec<String> = Vec::new();
+        for name in prompts.chain(self.document.marks().names()).chain(classes.iter().map(String::as_str)) {
+            if !names.iter().any(|known| known.eq_ignore_ascii_case(name)) {
+                names.push(name.to_owned());
+            }
+        }
+        names
+    }
+
+    /// Takes the tool for marking in hand, or puts it away.
+    pub(crate) fn toggle_marking(&mut self) {
+        let selected = self.document.selected.and_then(|id| self.document.prompt(id));
+        let name = selected.filter(|p| p.like.is_none()).map(|p| p.text.clone());
+        let marking = &mut self.viewport.marking;
+        (marking.is_on, marking.draft) = (!marking.is_on, None);
+        if !marking.is_on {
+            return;
+        }
+        if let Some(name) = name.filter(|_| marking.name.is_empty()) {
+            marking.name = name;
+        }
+        marking.wants_name = marking.name.is_empty();
+        (self.viewport.has_ruler, self.viewport.probe) = (false, None);
+        if !self.document.look.orbit.is_home() {
+            self.document.reset_look();
+        }
+    }
+
+    /// Asks where to save the marks.
+    pub(crate) fn save_marks(&mut self, ctx: &Context) {
+        let Some(info) = self.info() else { return };
+        let kind = PathKind::SaveMarks(format!("{}-marks.json", info.name));
+        let folder = Some(info.output_folder.clone());
+        self.ask_for(PathAsk { title: "Save the marks as".into(), kind, folder }, ctx);
+    }
+
+    /// Writes all marks to a file.
+    pub(crate) fn write_marks(&mut self, file: &Path, now: f64) {
+        let Some(info) = self.info() else { return };
+        let marks = Marks::new(self.document.marks().all().to_vec(), &canvas(info));
+        let written = marks.and_then(|marks| write_whole(file, marks.to_text()?.as_bytes()));
+        if self.settle(written).is_some() {
+            let name = file.file_name().unwrap_or_default().to_string_lossy();
+            self.say(format!("Marks saved as {name}"), None, now);
+        }
+    }
+
+    /// Asks for a file of marks to open.
+    pub(crate) fn open_marks(&mut self, ctx: &Context) {
+        let folder = self.info().map(|info| info.output_folder.clone());
+        let title = "Open marks: a file that was saved here, or COCO annotations".into();
+        self.ask_for(PathAsk { title, kind: PathKind::Marks, folder }, ctx);
+    }
+
+    /// Reads a file of marks in the background.
+    pub(crate) fn read_marks(&mut self, file: &Path, ctx: &Context) {
+        let Some(canvas) = self.info().map(canvas) else { return };
+        let at = file.to_owned();
+        self.opening.marks = Some(Task::start("marks", ctx, move |_| Marks::read(&at, &canvas)));
+    }
+
+    /// Takes the marks that were read, beside those that are there.
+    pub(crate) fn poll_marks(&mut self, now: f64) {
+        let event = self.opening.marks.as_mut().and_then(Task::poll);
+        let Some(TaskEvent::Done(result)) = event else { return };
+        self.opening.marks = None;
+        let (Some(marks), Some(info)) = (self.settle(result), self.info()) else { return };
+        // Something else may be open by now.
+        let canvas = canvas(info);
+        let marks: Vec<_> = marks.all().iter().filter(|mark| mark.fits(&canvas)).cloned().collect();
+        let name = format!("opening {} marks", marks.len());
+        let revision = self.document.revision();
+        self.document.add_marks(name, marks);
+        self.say_edit_since(revision, now);
+    }
+}
