@@ -247,28 +247,30 @@ impl Rates {
         progress: f32,
         world_per_px: f32,
     ) -> Self {
-        let decay = settings.rates.final_share.powf(progress);
+        let cooldown = settings.rates.cooldown_at(progress);
+        let decay = cooldown * settings.rates.final_share.powf(progress);
         let length = match settings.rates.unit {
             LengthUnit::Pixel => world_per_px,
             LengthUnit::Scene => 1.0,
         };
         Self {
             decay,
-            rest: rest_rates(settings, length * decay),
+            rest: rest_rates(settings, length * decay, cooldown),
             channels: channel_rates(settings, stride, latent_dim, length),
         }
     }
 }
 
-/// Learning rates of the parameters at rest; `length` is the unit of lengths, after decay.
-fn rest_rates(settings: &TrainSettings, length: f32) -> [f32; WIDTH] {
+/// Learning rates of the parameters at rest; `length` is the unit of lengths, after decay, `cooldown` the share of
+/// the other rates.
+fn rest_rates(settings: &TrainSettings, length: f32, cooldown: f32) -> [f32; WIDTH] {
     let r = &settings.rates;
     let mut rates = [0.0; WIDTH];
     rates[MEAN_CHANNEL..ROTATION_CHANNEL].fill(r.mean * length);
-    rates[ROTATION_CHANNEL..SCALE_CHANNEL].fill(r.rotation);
-    rates[SCALE_CHANNEL..COLOUR_CHANNEL].fill(r.log_scale);
-    rates[COLOUR_CHANNEL..OPACITY_CHANNEL].fill(r.colour);
-    rates[OPACITY_CHANNEL] = r.opacity;
+    rates[ROTATION_CHANNEL..SCALE_CHANNEL].fill(r.rotation * cooldown);
+    rates[SCALE_CHANNEL..COLOUR_CHANNEL].fill(r.log_scale * cooldown);
+    rates[COLOUR_CHANNEL..OPACITY_CHANNEL].fill(r.colour * cooldown);
+    rates[OPACITY_CHANNEL] = r.opacity * cooldown;
     rates
 }
 

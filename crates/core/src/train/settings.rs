@@ -90,6 +90,9 @@ pub struct LearningRates {
     pub final_share: f32,
     /// `true` if they fall less where frames are visited less than 200 times: to 10 / visits, at most 0.2.
     pub falls_by_visits: bool,
+    /// Share of all steps, at the end, over which the rates of everything but features fall to zero, in a line:
+    /// the last steps settle what the ones before leave shaking. 0 for none.
+    pub cooldown: f32,
     /// Rate of quaternions.
     pub rotation: f32,
     /// Rate of log-scales.
@@ -102,6 +105,13 @@ pub struct LearningRates {
     pub sh_rest: f32,
     /// Rate of latent features and the feature network.
     pub feature: f32,
+}
+
+impl LearningRates {
+    /// Share of their rates that falling at the end leaves at the share `progress` of training.
+    pub fn cooldown_at(&self, progress: f32) -> f32 {
+        if self.cooldown > 0.0 { ((1.0 - progress) / self.cooldown).clamp(0.0, 1.0) } else { 1.0 }
+    }
 }
 
 /// Schedule and rules for adding and removing Gaussians.
@@ -263,6 +273,7 @@ impl Default for TrainSettings {
                 uniform_motion: false,
                 final_share: 0.05,
                 falls_by_visits: true,
+                cooldown: 0.1,
                 rotation: 2e-3,
                 log_scale: 1e-2,
                 opacity: 0.05,
@@ -379,6 +390,7 @@ impl TrainSettings {
                 // The rates fall to 1 % at step 4000, of which 3000 are done.
                 final_share: 0.031_622_78,
                 falls_by_visits: false,
+                cooldown: 0.0,
                 rotation: 1e-3,
                 log_scale: 5e-3,
                 colour: 2.5e-3,
@@ -431,6 +443,13 @@ mod tests {
         assert_eq!([20, 60, 5000].map(|frames| settings.final_share(frames)), [0.05, 0.1, 0.2]);
         let paper = TrainSettings::of(Profile::Paper);
         assert_eq!(paper.final_share(5000), paper.rates.final_share);
+    }
+
+    #[test]
+    fn rates_fall_to_zero_at_the_end() {
+        let rates = LearningRates { cooldown: 0.25, ..TrainSettings::default().rates };
+        assert_eq!([0.0, 0.75, 0.875, 1.0].map(|progress| rates.cooldown_at(progress)), [1.0, 1.0, 0.5, 0.0]);
+        assert_eq!(TrainSettings::of(Profile::Paper).rates.cooldown_at(1.0), 1.0);
     }
 
     #[test]
