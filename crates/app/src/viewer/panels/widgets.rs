@@ -278,7 +278,9 @@ pub(crate) const NO_DIALOG: &str = "This computer shows no file dialog: type the
 /// Shows a field to type a path into, as wide as there is room.
 pub(crate) fn path_field(ui: &mut Ui, label: &str, path: &mut std::path::PathBuf) {
     let mut typed = path.display().to_string();
-    let field = ui.add(egui::TextEdit::singleline(&mut typed).desired_width(f32::INFINITY));
+    // An id of its own: the field keeps the focus when a message appears above it.
+    let field = egui::TextEdit::singleline(&mut typed).id(egui::Id::unique(("path field", label)));
+    let field = ui.add(field.desired_width(f32::INFINITY));
     field.ctx.accesskit_node_builder(field.id, |node| node.set_label(label));
     if field.changed() {
         *path = typed.into();
