@@ -151,7 +151,7 @@ impl Carried {
     pub fn new(scene: &Scene, graph: &Graph, marks: &Marks, settings: CarrySettings) -> Self {
         let names = marks.names();
         let evidence = Evidence::of_all(marks, &names, scene);
-        let growing = Evidence::of_all(&marks.growing(), &names, scene);
+        let growing = Evidence::of_growing(marks, &names, scene);
         let seeds = Seeds::of(scene, names.len(), evidence.values());
         let hints = Hints::of(&graph.links, &seeds, &[]);
         let mut shares = spread(&graph.links, &seeds, None, PULL, Some(&hints));
@@ -385,8 +385,8 @@ fn place(way: &Grid<Vector>, i: usize) -> Option<usize> {
     is_inside.then(|| (y + 0.5) as usize * width + (x + 0.5) as usize)
 }
 
-/// Likeness of a frame and another one, seen along `way`, around each pixel, 0–1; 0 where the way leads out of
-/// the field of view.
+/// Likeness of a frame and another one, seen along `way`, around each pixel, 0–1; 0 where the way leads out
+/// of the field of view.
 fn likeness(luma: &Grid<f32>, other: &Grid<f32>, way: &Grid<Vector>, field_of_view: &Mask) -> Grid<f32> {
     let (width, height) = (way.width, way.height);
     let field_of_view = field_of_view.sampled(width, height);

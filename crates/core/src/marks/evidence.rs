@@ -1,6 +1,6 @@
 //! Verdicts of the marks on a frame, pixel by pixel.
 
-use super::Marks;
+use super::{Mark, Marks};
 use crate::scene::Scene;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -37,6 +37,22 @@ impl Evidence {
         let size = scene.cameras.first().map_or([0; 2], |c| [c.width as usize, c.height as usize]);
         let each = marks.frames().into_iter().map(|frame| (frame, Self::of(marks, frame, names, size)));
         each.filter(|(_, evidence)| !evidence.is_empty()).collect()
+    }
+
+    /// Sums up the marks that grow to whole structures, by frame: clicks and strokes. Outlines tell of their own
+    /// pixels alone, but for names that no click or stroke shows.
+    pub(super) fn of_growing(marks: &Marks, names: &[String], scene: &Scene) -> BTreeMap<usize, Self> {
+        let pointed = Self::of_all(&marks.filtered(|mark| !mark.shape.is_outlined()), names, scene);
+        let is_pointed_at = |k: usize| pointed.values().any(|evidence| evidence.shows(k));
+        let outlined: Vec<&String> =
+            names.iter().enumerate().filter(|(k, _)| !is_pointed_at(*k)).map(|(_, name)| name).collect();
+        let grows = |mark: &Mark| !mark.shape.is_outlined() || outlined.contains(&&mark.name);
+        Self::of_all(&marks.filtered(grows), names, scene)
+    }
+
+    /// Returns `true` if some pixel shows name `k`.
+    fn shows(&self, k: usize) -> bool {
+        self.verdicts.iter().skip(k).step_by(self.num_names).any(|verdict| *verdict > 0)
     }
 
     /// Returns `true` if the marks say nothing of any pixel.

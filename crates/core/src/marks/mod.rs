@@ -159,17 +159,12 @@ impl Marks {
 
     /// Returns the marks of some names.
     pub fn named(&self, names: &[&String]) -> Self {
-        let of = |m: &&Mark| names.contains(&&m.name);
-        Self { marks: self.marks.iter().filter(of).cloned().collect() }
+        self.filtered(|mark| names.contains(&&mark.name))
     }
 
-    /// Returns the marks that grow to the whole structure: clicks and strokes. Outlines tell of their own pixels
-    /// alone, but for names that have nothing else.
-    pub(super) fn growing(&self) -> Self {
-        let pointed: BTreeSet<&str> =
-            self.marks.iter().filter(|m| !m.shape.is_outlined()).map(|m| m.name.as_str()).collect();
-        let grows = |m: &&Mark| !m.shape.is_outlined() || !pointed.contains(m.name.as_str());
-        Self { marks: self.marks.iter().filter(grows).cloned().collect() }
+    /// Returns those marks that `is_wanted`.
+    pub(super) fn filtered(&self, is_wanted: impl Fn(&Mark) -> bool) -> Self {
+        Self { marks: self.marks.iter().filter(|mark| is_wanted(mark)).cloned().collect() }
     }
 
     /// Returns the marks on a frame.

@@ -261,8 +261,8 @@ impl Rates {
     }
 }
 
-/// Learning rates of the parameters at rest; `length` is the unit of lengths, after decay, `cooldown` the share of
-/// the other rates.
+/// Learning rates of the parameters at rest; `length` is the unit of lengths, after decay, `cooldown` the
+/// share of the other rates.
 fn rest_rates(settings: &TrainSettings, length: f32, cooldown: f32) -> [f32; WIDTH] {
     let r = &settings.rates;
     let mut rates = [0.0; WIDTH];

@@ -155,6 +155,8 @@ fn what_is_marked_is_exported_by_the_window_as_by_the_command_line() {
         "@marks.json",
         "--format",
         "binary,overlay",
+        "--raw",
+        "--no-captions",
     ];
     program(folder, &[&export[..], &["--prompt", "grasper", "hepatic tissue"]].concat());
 

@@ -389,6 +389,14 @@ impl Window {
         (0..3).for_each(|_| self.harness.step());
     }
 
+    /// Scrolls to a widget, as one does whose panel is long, and clicks it.
+    pub(super) fn scroll_and_click(&mut self, label: &str) {
+        self.harness.get_by_label(label).scroll_to_me();
+        // Scrolling takes a moment.
+        (0..60).for_each(|_| self.harness.step());
+        self.click(label);
+    }
+
     pub(super) fn shows(&self, text: &str) -> bool {
         self.harness.query_all_by_label_contains(text).next().is_some()
     }

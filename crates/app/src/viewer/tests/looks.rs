@@ -146,7 +146,7 @@ fn what_is_found_lies_below_the_instruments_until_it_is_to_lie_above() {
     window.press_with(Modifiers::ALT, Key::O);
     window.until_picture(|p| !p.request.look.below_instruments);
     assert!(is_drawn(&window, 7, 3) && is_drawn(&window, 7, 20));
-    window.click("Below instruments");
+    window.scroll_and_click("Below instruments");
     window.until_picture(|p| p.request.look.below_instruments);
     // The recorded mask does not tell the place of instruments in a turned view.
     let look = &mut window.harness.state_mut().shared.document.look;
@@ -196,7 +196,7 @@ fn masks_are_cleaned_up_in_the_window_as_in_exports_and_off_is_the_raw_mask() {
 #[test]
 fn smoothing_over_time_says_so_on_the_picture() {
     let mut window = with_prompt(scene(), "polyp");
-    window.click("Clean up masks…");
+    window.scroll_and_click("Clean up masks…");
     assert!(window.shows("smooth over ± frames"));
     let smooth = CleanUp { smooth_frames: 2, ..CleanUp::default() };
     window.harness.state_mut().shared.document.set_clean_up(smooth);
