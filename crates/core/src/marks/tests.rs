@@ -88,6 +88,38 @@ fn a_stroke_on_each_side_finds_both_sides_on_every_frame() {
 }
 
 #[test]
+fn one_stroke_alone_does_not_flood_what_looks_different() {
+    let (_, found) = scores(vec![stroke(1, "liver", true, &[[8.0, 10.0], [20.0, 40.0]])], 3);
+    assert!(found.scores[0].at(12, 20) > 0.5, "{}", found.scores[0].at(12, 20));
+    assert!(found.scores[0].at(56, 20) < 0.5, "{}", found.scores[0].at(56, 20));
+}
+
+#[test]
+fn outlines_correct_strokes_where_they_are_and_grow_no_further() {
+    let outline = Shape::Box { corners_px: [[4.0, 4.0], [16.0, 16.0]] };
+    let scene = scene();
+    let marks = vec![
+        stroke(0, "liver", true, &[[8.0, 20.0], [20.0, 40.0]]),
+        stroke(0, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]),
+        Mark::new(3, "fat", true, outline),
+    ];
+    let marks = Marks::new(marks, &canvas()).unwrap();
+    // The box has no border in the picture.
+    let settings = CarrySettings { refines: false, ..CarrySettings::default() };
+    let on = |frames: &[usize]| {
+        let mut carried = Carried::new(&scene, &Graph::of(&scene), &marks, settings);
+        let each = frames.iter().map(|f| carried.on_frame(&scene, *f, &mut |i| picture(&scene, i)).unwrap());
+        each.last().unwrap()
+    };
+    for frame in 0..FRAMES {
+        let fat = &on(&[frame]).scores[0];
+        assert!(fat.at(10, 10) > 0.5, "{} on frame {frame}", fat.at(10, 10));
+        assert!(fat.at(24, 30) < 0.5 && fat.at(50, 30) > 0.5, "on frame {frame}");
+    }
+    assert_eq!(on(&[2]), on(&[0, 3, 1, 2]), "what was looked at before does not matter");
+}
+
+#[test]
 fn denied_pixels_are_not_found() {
     let all = Shape::Box { corners_px: [[0.0, 0.0], [64.0, 48.0]] };
     let hole = Shape::Box { corners_px: [[10.0, 10.0], [20.0, 20.0]] };

@@ -99,6 +99,7 @@ pub(super) fn rows(iterations: usize, seed: u64) -> Vec<Row> {
         row("rates fall alike", "rates fall to 5 %, however often frames are visited", &|s| {
             s.rates.falls_by_visits = false;
         }),
+        row("no cooldown", "rates do not fall to zero at the end", &|s| s.rates.cooldown = 0.0),
         row("slow shapes and colours", "scales and colours learn half as fast, as released", &|s| {
             s.rates.log_scale = paper.rates.log_scale;
             s.rates.colour = paper.rates.colour;
