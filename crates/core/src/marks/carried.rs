@@ -204,7 +204,7 @@ impl Carried {
         if self.settings.looks_up {
             let marked = self.nearest(frame);
             marked.iter().try_for_each(|marked| self.tell(scene, *marked, pictures))?;
-            let here = (frame, &halved(&luma(&picture)));
+            let here = (frame, &luma_of(&picture));
             self.look_up(scene, here, &marked, MarkedFrame::told, &mut shares, pictures)?;
             self.forget_far(frame);
         }
@@ -264,7 +264,7 @@ impl Carried {
             let away = marked_frame.abs_diff(frame) as f32 / far.max(1) as f32;
             let near = if marked.len() < 2 { 1.0 } else { 1.0 - away };
             let Some(known) = self.known.get_mut(&marked_frame) else { continue };
-            let way = known.trail.way(frame, &mut |i| Ok(halved(&luma(&pictures(i)?))))?;
+            let way = known.trail.way(frame, &mut |i| Ok(luma_of(&pictures(i)?)))?;
             let weights = known.weights_along(&way, luma_here, &scene.field_of_view, |weight| near * weight);
             shares.par_iter_mut().zip(shares_of(known)).for_each(|(plane, marked)| {
                 add_seen(plane, marked, &way, &weights);
@@ -291,7 +291,7 @@ impl Carried {
         for other in beside(frame, &self.evidence) {
             self.know(scene, other, pictures)?;
             let Some(teller) = self.known.get_mut(&other) else { continue };
-            let way = teller.trail.way(frame, &mut |i| Ok(halved(&luma(&pictures(i)?))))?;
+            let way = teller.trail.way(frame, &mut |i| Ok(luma_of(&pictures(i)?)))?;
             if let (Some(known), Some(teller)) = (self.known.get(&frame), self.known.get(&other)) {
                 known.hear(&mut told, teller, &way, &scene.field_of_view);
             }
@@ -307,7 +307,7 @@ impl Carried {
             return Ok(());
         }
         let picture = pictures(frame)?;
-        let luma = halved(&luma(&picture));
+        let luma = luma_of(&picture);
         let spread = if let Some(growing) = self.growing.get(&frame) {
             spread_over(&picture, &scene.field_of_view, growing, self.names.len())
         } else {
@@ -367,6 +367,11 @@ pub(super) fn keep_marked(evidence: &Evidence, shares: &mut [Vec<f32>]) {
             };
         }
     }
+}
+
+/// Returns the luminance of a picture at half size, 0–255.
+fn luma_of(picture: &RgbImage) -> Grid<f32> {
+    halved(&luma(picture))
 }
 
 /// Returns the nearest of `frames` on either side of a frame, as far as it is looked.

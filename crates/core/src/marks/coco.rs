@@ -1,11 +1,7 @@
 //! COCO annotations as marks: each adds the pixels of its mask to the name of its category.
 
-use super::{Canvas, Mark, Shape};
-use crate::{
-    Error, Result,
-    grid::Mask,
-    mask::{decompressed, from_column_runs},
-};
+use super::{Canvas, Mark, Shape, entry::Runs};
+use crate::{Error, Result};
 use serde_json::Value;
 use std::{collections::BTreeMap, sync::Arc};
 
@@ -36,13 +32,6 @@ struct Annotation {
     image_id: u64,
     category_id: u64,
     segmentation: Value,
-}
-
-/// Run lengths of a mask: [height, width], and the runs as numbers or text.
-#[derive(serde::Deserialize)]
-struct Runs {
-    size: [usize; 2],
-    counts: Value,
 }
 
 /// Returns the marks of a COCO file.
@@ -81,17 +70,8 @@ fn shapes(segmentation: &Value) -> Option<Vec<Shape>> {
     if let Value::Array(polygons) = segmentation {
         return polygons.iter().map(polygon).collect();
     }
-    let Runs { size: [height, width], counts } = serde_json::from_value(segmentation.clone()).ok()?;
-    let runs = match &counts {
-        Value::String(text) => decompressed(text)?,
-        list => serde_json::from_value(list.clone()).ok()?,
-    };
-    // The runs vouch for the size.
-    let total: u64 = runs.iter().map(|run| u64::from(*run)).sum();
-    (width.checked_mul(height)? as u64 == total && total <= crate::camera::MAX_IMAGE_PIXELS as u64)
-        .then_some(())?;
-    let mask: Mask = from_column_runs(width, height, &runs)?;
-    Some(vec![Shape::Mask(Arc::new(mask))])
+    let runs: Runs = serde_json::from_value(segmentation.clone()).ok()?;
+    Some(vec![Shape::Mask(Arc::new(runs.mask()?))])
 }
 
 fn polygon(flat: &Value) -> Option<Shape> {

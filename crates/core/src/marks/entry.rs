@@ -51,23 +51,34 @@ pub(super) enum MaskEntry {
     Runs(Runs),
 }
 
-/// Compressed run lengths of the columns of a mask.
+/// Run lengths of the columns of a mask.
 #[derive(Clone, serde::Serialize, serde::Deserialize)]
 pub(super) struct Runs {
     /// Height and width.
     size: [usize; 2],
-    counts: String,
+    counts: Counts,
+}
+
+/// Lengths of runs, compressed or as numbers.
+#[derive(Clone, serde::Serialize, serde::Deserialize)]
+#[serde(untagged)]
+enum Counts {
+    Compressed(String),
+    Numbers(Vec<u32>),
 }
 
 impl Runs {
     fn of(mask: &Mask) -> Self {
-        Self { size: [mask.height, mask.width], counts: compressed(&column_runs(mask)) }
+        Self { size: [mask.height, mask.width], counts: Counts::Compressed(compressed(&column_runs(mask))) }
     }
 
     /// Returns the mask; the runs vouch for its size.
-    fn mask(&self) -> Option<Mask> {
+    pub(super) fn mask(&self) -> Option<Mask> {
         let [height, width] = self.size;
-        let runs = decompressed(&self.counts)?;
+        let runs = match &self.counts {
+            Counts::Compressed(text) => decompressed(text)?,
+            Counts::Numbers(runs) => runs.clone(),
+        };
         let total: u64 = runs.iter().map(|run| u64::from(*run)).sum();
         let is_sound =
             width.checked_mul(height)? as u64 == total && total <= crate::camera::MAX_IMAGE_PIXELS as u64;
