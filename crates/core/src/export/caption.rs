@@ -1,15 +1,15 @@
 //! Words in exported pictures: frame and time, the prompts that were found, the scale of a heatmap.
 
-use super::{ExportPrompt, frame::FrameContent, stamp};
+use super::{
+    ExportPrompt,
+    frame::FrameContent,
+    lettering::{line_px, width_px, write},
+};
 use crate::palette::Palette;
 use image::{Rgb, RgbImage};
 
-/// Rows of a picture for each pixel of a letter's dots.
-const ROWS_PER_DOT: u32 = 300;
-/// Space between lines and around swatches, dots.
-const GAP: u32 = 2;
-/// Columns of the scale of a heatmap, letters.
-const SCALE_LETTERS: u32 = 16;
+/// Words below the scale of a heatmap.
+const SCALE_WORDS: &str = "0    similarity    1";
 
 /// Formats seconds as m:ss.hh.
 pub fn timecode(seconds: f64) -> String {
@@ -35,22 +35,21 @@ pub(super) fn write_caption(picture: &mut RgbImage, frame: &FrameContent<'_>) {
 
 /// Writes a title into the upper left corner, and below it what was found, each with its colour.
 pub fn caption(picture: &mut RgbImage, title: &str, found: &[(String, [u8; 3])]) {
-    let dot = (picture.height() / ROWS_PER_DOT).clamp(1, 8);
-    let line = (stamp::LETTER + GAP) * dot;
-    stamp::write(picture, title, (0, 0), dot);
+    let line = line_px(picture.height());
+    write(picture, title, (0, 0), line);
     for (k, (words, colour)) in found.iter().enumerate() {
         let top = (k as u32 + 1) * line;
-        fill(picture, (0, top), (line, stamp::LETTER * dot), |_| [0; 3]);
-        let side = (stamp::LETTER - GAP) * dot;
-        fill(picture, (GAP * dot, top + GAP * dot / 2), (side, side), |_| *colour);
-        stamp::write(picture, words, (line, top), dot);
+        fill(picture, (0, top), (line, line), |_| [0; 3]);
+        let gap = line / 5;
+        fill(picture, (gap, top + gap), (line - 2 * gap, line - 2 * gap), |_| *colour);
+        write(picture, words, (line, top), line);
     }
 }
 
 /// Draws the scale of a heatmap into the lower right corner: the colours of scores from 0 to 1.
 pub fn draw_scale(picture: &mut RgbImage, palette: Palette) {
-    let dot = (picture.height() / ROWS_PER_DOT).clamp(1, 8);
-    let (width, height) = (SCALE_LETTERS * stamp::LETTER * dot, stamp::LETTER * dot);
+    let height = line_px(picture.height());
+    let width = width_px(SCALE_WORDS, height);
     let (left, top) = match (picture.width().checked_sub(width), picture.height().checked_sub(2 * height)) {
         (Some(left), Some(top)) => (left, top),
         // The picture is too small for a scale.
@@ -59,7 +58,7 @@ pub fn draw_scale(picture: &mut RgbImage, palette: Palette) {
     fill(picture, (left, top), (width, height), |x| {
         palette.colour(x as f32 / (width - 1).max(1) as f32).map(|v| v as u8)
     });
-    stamp::write(picture, "0  similarity  1", (left, top + height), dot);
+    write(picture, SCALE_WORDS, (left, top + height), height);
 }
 
 /// Fills a rectangle; `colour` is asked for each column. Pixels outside the picture are left out.
@@ -91,8 +90,9 @@ mod tests {
     fn the_scale_runs_from_dark_to_bright_and_small_pictures_have_none() {
         let mut picture = RgbImage::new(200, 60);
         draw_scale(&mut picture, Palette::Viridis);
-        assert_eq!(picture.get_pixel(72, 44).0, Palette::Viridis.colour(0.0).map(|v| v as u8));
-        assert_eq!(picture.get_pixel(199, 44).0, Palette::Viridis.colour(1.0).map(|v| v as u8));
+        let left = 200 - width_px(SCALE_WORDS, 12);
+        assert_eq!(picture.get_pixel(left, 40).0, Palette::Viridis.colour(0.0).map(|v| v as u8));
+        assert_eq!(picture.get_pixel(199, 40).0, Palette::Viridis.colour(1.0).map(|v| v as u8));
         let mut small = RgbImage::new(40, 24);
         draw_scale(&mut small, Palette::Viridis);
         assert_eq!(small, RgbImage::new(40, 24));

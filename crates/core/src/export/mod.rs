@@ -15,6 +15,7 @@
 mod caption;
 mod format;
 mod frame;
+mod lettering;
 mod options;
 mod outline;
 mod pictures;

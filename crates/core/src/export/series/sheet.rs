@@ -5,7 +5,7 @@ use crate::{
     export::{
         caption,
         frame::{FrameContent, small_size},
-        pictures, stamp,
+        lettering, pictures, stamp,
     },
     files::WholeFile,
 };
@@ -19,16 +19,16 @@ const IN_A_ROW: usize = 6;
 const TILE_WIDTH: u32 = 320;
 /// Space between tiles, px.
 const GAP: u32 = 4;
-/// Height of the text line below a tile, px.
-const LINE: u32 = 2 * stamp::LETTER + GAP;
+/// Height of the words below a tile, px.
+const WORDS: u32 = 16;
+/// Height of the line below a tile, px.
+const LINE: u32 = WORDS + GAP;
 
 pub(super) struct Sheet {
     file: WholeFile,
     picture: RgbImage,
     tile: (u32, u32),
     columns: usize,
-    /// Pixels per dot of a letter.
-    letters: u32,
     /// Frames that are shown, in order.
     shown: Vec<usize>,
 }
@@ -45,12 +45,11 @@ impl Sheet {
         let footer = if plan.provenance.options.stamp { LINE } else { 0 };
         let width = columns as u32 * (tile.0 + GAP) + GAP;
         let height = rows * (tile.1 + LINE) + GAP + footer;
-        let letters = if tile.0 < TILE_WIDTH / 2 { 1 } else { 2 };
         let mut picture = RgbImage::new(width, height);
         if footer > 0 {
-            stamp::write(&mut picture, stamp::WORDS, (GAP, height - LINE), letters);
+            lettering::write(&mut picture, stamp::WORDS, (GAP, height - LINE), WORDS);
         }
-        Self { file, picture, tile, columns, letters, shown }
+        Self { file, picture, tile, columns, shown }
     }
 }
 
@@ -62,7 +61,7 @@ impl Series for Sheet {
         let top = GAP + row * (self.tile.1 + LINE);
         imageops::replace(&mut self.picture, &frame.small_overlay(TILE_WIDTH), left.into(), top.into());
         let words = caption::frame_words(frame.frame, frame.provenance.shown_seconds(frame.frame));
-        stamp::write(&mut self.picture, &words, (left, top + self.tile.1 + GAP), self.letters);
+        lettering::write(&mut self.picture, &words, (left, top + self.tile.1 + GAP), WORDS);
         Ok(())
     }
 
