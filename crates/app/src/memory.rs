@@ -173,7 +173,7 @@ fn training_bytes(sequence: &Sequence, settings: &TrainSettings) -> u64 {
 }
 
 /// Latent dimension of most recordings.
-const LATENT_DIM: usize = 3;
+pub(crate) const LATENT_DIM: usize = 3;
 
 fn require(work: &str, bytes: u64, available: Option<u64>) -> Result<()> {
     match available {

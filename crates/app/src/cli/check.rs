@@ -7,21 +7,22 @@ use super::{
 };
 use crate::{
     jobs::Material,
-    memory::{Work, require_for},
+    memory::{LATENT_DIM, Work, require_for},
 };
 use clap::Args;
 use std::path::PathBuf;
 use surgtpgs_core::{
     Result,
     sequence::{self, CheckReport},
+    train::Quality,
 };
 
-/// CheckReport what a recording holds and what would make training go wrong
+/// Report what a recording holds and what would make training go wrong
 #[derive(Debug, Args)]
 pub(super) struct CheckArgs {
     /// A recording (folder or video file) or a prepared folder
     sequence: PathBuf,
-    /// CheckReport as JSON
+    /// Report as JSON
     #[arg(long)]
     json: bool,
 }
@@ -37,9 +38,26 @@ impl Run for CheckArgs {
             Err(error) if self.json => unreadable(remedy::message(&error)),
             Err(error) => return Err(error),
         };
+        let size = [report.width, report.height];
+        let report = Whole {
+            training_seconds: Quality::Standard.expected_seconds(size, None),
+            scene_bytes: Quality::Standard.expected_bytes(report.frames, LATENT_DIM),
+            report,
+        };
         print_report(&report, &as_text(&report), self.json)?;
-        Ok(if report.ok { Exit::Done } else { Exit::WrongInput })
+        Ok(if report.report.ok { Exit::Done } else { Exit::WrongInput })
     }
+}
+
+/// The report, with what to expect of a reconstruction with standard quality.
+#[derive(serde::Serialize)]
+struct Whole {
+    #[serde(flatten)]
+    report: CheckReport,
+    /// Expected duration of the training on two processor cores, seconds.
+    training_seconds: f64,
+    /// Expected size of the scene file at most, bytes.
+    scene_bytes: usize,
 }
 
 /// Returns the report on a recording that could not even be opened.
@@ -53,18 +71,26 @@ fn unreadable(error: String) -> CheckReport {
         depth: String::new(),
         masks: String::new(),
         labels: String::new(),
+        cuts: Vec::new(),
+        without_tissue: Vec::new(),
         warnings: Vec::new(),
         errors: vec![error],
     }
 }
 
-fn as_text(report: &CheckReport) -> String {
+fn as_text(whole: &Whole) -> String {
+    let report = &whole.report;
     let mut lines = vec![
         format!("frames   {} of {}×{}", report.frames, report.width, report.height),
         format!("camera   {}", report.camera),
         format!("depth    {}", report.depth),
         format!("masks    {}", report.masks),
         format!("labels   {}", report.labels),
+        format!(
+            "training about {:.0} minutes on two processor cores; a scene of up to {} MB",
+            (whole.training_seconds / 60.0).ceil(),
+            whole.scene_bytes.div_ceil(1_000_000)
+        ),
     ];
     lines.extend(report.warnings.iter().map(|w| format!("note     {w}")));
     lines.extend(report.errors.iter().map(|e| format!("WRONG    {e}")));

@@ -3,8 +3,9 @@
 use super::{
     NO_LABEL, Sequence,
     labels::{EXAMPLES, Way},
-    pace::{self, Glance},
+    pace,
     recording::MaskRule,
+    shots::{self, Seen, Shot},
 };
 use crate::{
     Result,
@@ -51,6 +52,10 @@ pub struct CheckReport {
     pub masks: String,
     /// Classes and the number of frames in which each occurs, in words.
     pub labels: String,
+    /// The first frame of every shot but the first.
+    pub cuts: Vec<usize>,
+    /// Runs of frames that show no tissue, as far as colours tell; both ends included.
+    pub without_tissue: Vec<(usize, usize)>,
     /// Findings that the user should know.
     pub warnings: Vec<String>,
     /// Findings that would make training wrong.
@@ -62,17 +67,23 @@ pub struct CheckReport {
 pub fn check(sequence: &Sequence, observer: &mut Observer<'_>) -> Result<CheckReport> {
     let n = sequence.num_frames();
     let mut facts = Vec::with_capacity(n);
+    let mut last = None;
     Progress::new(STAGE, 0, n).tell(observer)?;
     for start in (0..n).step_by(BATCH) {
         let batch = start..(start + BATCH).min(n);
+        let first = batch.start;
         facts.par_extend(batch.into_par_iter().map(|i| Facts::of(sequence, i)));
+        last = compare(&mut facts[first..], last);
         Progress::new(STAGE, facts.len(), n).tell(observer)?;
     }
     let recording = sequence.recording();
     let mut says = Findings { warnings: recording.notes.clone(), errors: Vec::new() };
     says.errors.extend(facts.iter().flat_map(|f| f.errors.iter().cloned()));
+    let shots: Vec<Shot> = facts.iter().map(|f| f.shot).collect();
     let report = CheckReport {
         ok: false,
+        cuts: shots::cuts(&shots),
+        without_tissue: shots::without_tissue(&shots),
         frames: n,
         width: sequence.width(),
         height: sequence.height(),
@@ -83,7 +94,8 @@ pub fn check(sequence: &Sequence, observer: &mut Observer<'_>) -> Result<CheckRe
         warnings: Vec::new(),
         errors: Vec::new(),
     };
-    repeated_frames(&mut facts, &mut says);
+    repeated_frames(&facts, &mut says);
+    strange_parts(&report, &mut says);
     says.warnings.extend(length_warning(n));
     Ok(CheckReport { ok: says.errors.is_empty(), warnings: says.warnings, errors: says.errors, ..report })
 }
@@ -99,7 +111,9 @@ struct Findings {
 struct Facts {
     errors: Vec<String>,
     fingerprint: Option<u64>,
-    glance: Option<Glance>,
+    /// A look at the frame, until it was compared with the one before.
+    seen: Option<Seen>,
+    shot: Shot,
     /// Share of the frame that the mask file hides.
     hidden_by_file: Option<f64>,
     /// Share of the frame that is supervised.
@@ -133,7 +147,7 @@ impl Facts {
             let mut hasher = DefaultHasher::new();
             hasher.write(frame.as_raw());
             facts.fingerprint = Some(hasher.finish());
-            facts.glance = Some(Glance::of(&frame));
+            facts.seen = Some(Seen::of(&frame));
         }
         let inside = sequence.field_of_view();
         match facts.note(recording.file_mask(i)) {
@@ -390,14 +404,43 @@ fn strange_labels(facts: &[Facts], says: &mut Findings) {
     ));
 }
 
-fn repeated_frames(facts: &mut [Facts], says: &mut Findings) {
-    let glances: Vec<_> = facts.iter_mut().map(|f| f.glance.take()).collect();
-    let repeats = pace::repeats(&glances);
+/// Compares frames with the ones before, of which `last` is the last. Returns the look at the last frame.
+fn compare(facts: &mut [Facts], mut last: Option<Seen>) -> Option<Seen> {
+    for facts in facts {
+        let seen = facts.seen.take();
+        facts.shot = seen.as_ref().map_or(Shot::UNREAD, |seen| seen.after(last.as_ref()));
+        last = seen;
+    }
+    last
+}
+
+/// Tells of cuts, and of parts that show no tissue.
+fn strange_parts(report: &CheckReport, says: &mut Findings) {
+    if !report.cuts.is_empty() {
+        says.warnings.push(format!(
+            "The shot changes at {}. A reconstruction is of one shot: choose the frames of one under [frames] in \
+             sequence.toml, or leave the others out.",
+            name_frames(&report.cuts)
+        ));
+    }
+    if let [first, others @ ..] = &report.without_tissue[..] {
+        let more =
+            if others.is_empty() { String::new() } else { format!(" and {} more parts", others.len()) };
+        says.warnings.push(format!(
+            "Frames {} to {}{more} are probably seen outside of the body, or show nothing. Leave them out.",
+            first.0, first.1
+        ));
+    }
+}
+
+fn repeated_frames(facts: &[Facts], says: &mut Findings) {
+    let differences: Vec<_> = facts.iter().map(|f| f.shot.difference).collect();
+    let repeats = pace::repeats(&differences);
     let at_once: Vec<usize> = (0..facts.len()).filter(|&i| repeats[i]).collect();
     if !at_once.is_empty() {
         says.warnings.push(format!(
-            "Repeated, as a change of the frame rate does it: {}. Training gives these the time of the frame \
-             before",
+            "Pictures that show the one before again, as a changed frame rate leaves them: {}. Training gives \
+             them the time of that one",
             name_frames(&at_once)
         ));
     }

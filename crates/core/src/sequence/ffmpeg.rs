@@ -90,8 +90,8 @@ pub(super) fn open(program: &Path, video: &Unread<'_>, selection: &Selection) ->
     recording.frames_per_second = told.frames_per_second;
     recording.notes.extend(notes);
     recording.notes.extend(told.shortest.and_then(|shortest| uneven(shortest, told.longest)));
-    recording.scratch = Some(scratch);
-    recording.unpacked_from = Some(path.to_owned());
+    recording.scratch.push(scratch);
+    recording.unpacked_from.push(path.to_owned());
     Ok(recording)
 }
 
@@ -115,7 +115,8 @@ fn unpack(
     input.push(video.path);
     command.arg("-i").arg(input).args(["-map", "0:v:0", "-vf"]);
     // A new, steady clock. With its own clock ffmpeg would repeat and drop frames to keep a steady rate.
-    command.arg(format!("showinfo,select='{range}*not(mod(n-{first},{every}))',settb=1/25,setpts=N"));
+    // Two fields of one picture show two times; what is not interlaced stays as it is.
+    command.arg(format!("bwdif=mode=send_frame:deint=interlaced,showinfo,select='{range}*not(mod(n-{first},{every}))',settb=1/25,setpts=N"));
     command.args(["-r", "25", "-pix_fmt", "rgb24", "-compression_level", "1", "-start_number", "0"]);
     if let Some(last) = last.filter(|last| *last >= first) {
         command.args(["-frames:v", &((last - first) / every.max(1) + 1).to_string()]);

@@ -20,12 +20,12 @@ use std::{
     fs::File,
     io::{BufReader, Read, Seek, SeekFrom},
     path::{Path, PathBuf},
-    sync::{Mutex, PoisonError},
+    sync::{Arc, Mutex, PoisonError},
 };
 
 /// NAL unit type of a slice of an IDR picture (H.264, table 7-1).
 const IDR_SLICE: u8 = 5;
-/// Memory for decoded frames of one video.
+/// Memory for decoded frames of one recording.
 const CACHE_BYTES: usize = 256 << 20;
 /// Frames are unevenly spaced if the longest time between two is more than this many times the shortest.
 const UNEVEN: f64 = 1.5;
@@ -44,7 +44,8 @@ pub(super) struct H264 {
     pub shown: Vec<usize>,
     /// The points where decoding can start; ascending, the first at sample 0.
     starts: Vec<Start>,
-    state: Mutex<DecoderState>,
+    /// Shared by the videos of one recording, of which one at a time is decoded.
+    state: Arc<Mutex<DecoderState>>,
 }
 
 /// An IDR picture: its position in decoding order and in the order of showing.
@@ -54,10 +55,22 @@ struct Start {
     frame: usize,
 }
 
+/// A decoder in the middle of a video, and what came out of it.
 #[derive(Default)]
-struct DecoderState {
+pub(super) struct DecoderState {
+    /// The video that is decoded.
+    path: PathBuf,
     running: Option<Running>,
     cache: Cache,
+}
+
+impl DecoderState {
+    /// Forgets what is of another video than this one.
+    fn turn_to(&mut self, path: &Path) {
+        if self.path != path {
+            *self = Self { path: path.to_owned(), ..Self::default() };
+        }
+    }
 }
 
 /// A decoder in the middle of the video.
@@ -79,8 +92,9 @@ impl std::fmt::Debug for H264 {
 }
 
 impl H264 {
-    /// Decodes one frame of the track; the error says why that is not possible.
-    pub(super) fn open(path: &Path, mp4: Mp4) -> Result<Self, String> {
+    /// Decodes one frame of the track; the error says why that is not possible. `state` is that of the videos
+    /// of the same recording.
+    pub(super) fn open(path: &Path, mp4: Mp4, state: Arc<Mutex<DecoderState>>) -> Result<Self, String> {
         let Some(Description { width, height, .. }) = mp4.descriptions.first() else {
             return Err("there is no H.264 video in it".to_owned());
         };
@@ -102,7 +116,7 @@ impl H264 {
             shown: mp4.in_order_of_showing(),
             descriptions: mp4.descriptions,
             samples: mp4.pictures,
-            state: Mutex::default(),
+            state,
         };
         video.samples.truncate(mp4.present);
         video.shown.truncate(frames_there);
@@ -189,10 +203,11 @@ impl H264 {
     /// Returns frame `index` in the order of showing.
     pub(super) fn frame(&self, index: usize) -> Result<RgbImage> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        state.turn_to(&self.path);
         if let Some(frame) = state.cache.get(index) {
             return Ok(frame.clone());
         }
-        let DecoderState { running, cache } = &mut *state;
+        let DecoderState { running, cache, .. } = &mut *state;
         let start = self.start_before(index);
         let on_the_way = running.take().filter(|r| (start.frame..=index).contains(&r.next_frame));
         let mut decoder = match on_the_way {

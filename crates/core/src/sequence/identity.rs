@@ -16,7 +16,8 @@ use std::{
     collections::{HashMap, HashSet},
     fmt::Display,
     fs::File,
-    path::Path,
+    path::{Path, PathBuf},
+    sync::Arc,
 };
 
 /// Number of frames of a video, evenly spread, whose content is read when the video is opened. At most
@@ -28,7 +29,7 @@ const MOST_SPOT_BYTES: u64 = 64 << 20;
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Identity {
     frames: Vec<FileIdentity>,
-    /// The file that frames were unpacked from, if they have no bytes of their own in it.
+    /// The file, or all files together, that frames were unpacked from, if they have no bytes of their own there.
     #[serde(default)]
     file: Option<FileIdentity>,
 }
@@ -79,21 +80,18 @@ impl Identity {
 
     fn of(recording: &Recording, is_hashed: impl Fn(usize) -> bool + Sync) -> Result<Self> {
         let frames = &recording.frames;
-        if let Some(path) = &recording.unpacked_from {
-            let part = |frame: &FrameFiles| FileIdentity { name: frame.name.clone(), bytes: 0, sha256: None };
-            // Unpacking has already read all of the file.
-            let file = FileIdentity { name: String::new(), ..FileIdentity::of_file(path, true)? };
-            return Ok(Self { frames: frames.iter().map(part).collect(), file: Some(file) });
-        }
         let coded = coded_pictures(frames);
         let part = |i: usize| match &frames[i].picture {
+            Picture::File(_) if !recording.unpacked_from.is_empty() => {
+                Ok(FileIdentity { name: frames[i].name.clone(), bytes: 0, sha256: None })
+            }
             Picture::File(path) => FileIdentity::of_file(path, is_hashed(i)),
             Picture::Video { video, .. } => {
                 FileIdentity::of_coded(&frames[i].name, video, &coded[i], is_hashed(i))
             }
         };
         let frames = (0..frames.len()).into_par_iter().map(part).collect::<Result<_>>()?;
-        Ok(Self { frames, file: None })
+        Ok(Self { frames, file: FileIdentity::of_unpacked(&recording.unpacked_from)? })
     }
 
     /// Number of frames.
@@ -211,6 +209,16 @@ impl Identity {
 /// order: its own, and those decoded before it that no frame of the recording shows. Frames in files have
 /// none.
 fn coded_pictures(frames: &[FrameFiles]) -> Vec<Vec<usize>> {
+    let is_same_video = |a: &FrameFiles, b: &FrameFiles| match (&a.picture, &b.picture) {
+        (Picture::Video { video: a, .. }, Picture::Video { video: b, .. }) => Arc::ptr_eq(a, b),
+        (Picture::File(_), Picture::File(_)) => true,
+        _ => false,
+    };
+    frames.chunk_by(is_same_video).flat_map(coded_pictures_of_one).collect()
+}
+
+/// Does the same for frames of one video.
+fn coded_pictures_of_one(frames: &[FrameFiles]) -> Vec<Vec<usize>> {
     let own = |frame: &FrameFiles| match &frame.picture {
         Picture::Video { video, index } => Some((video.sample_of(*index), video.start_of(*index))),
         Picture::File(_) => None,
@@ -237,6 +245,22 @@ impl FileIdentity {
         };
         let sha256 = is_hashed.then(hash).transpose().map_err(fail)?;
         Ok(Self { name: read::file_name(path), bytes, sha256 })
+    }
+
+    /// Creates the part of the files that frames were unpacked from, which unpacking has already read; `None`
+    /// without any.
+    fn of_unpacked(paths: &[PathBuf]) -> Result<Option<Self>> {
+        let files = paths.iter().map(|path| Self::of_file(path, true)).collect::<Result<Vec<_>>>()?;
+        Ok(match &files[..] {
+            [] => None,
+            [only] => Some(Self { name: String::new(), ..only.clone() }),
+            several => {
+                let mut hash = Sha256::new();
+                several.iter().filter_map(|file| file.sha256).for_each(|sha256| hash.update(sha256));
+                let bytes = several.iter().map(|file| file.bytes).sum();
+                Some(Self { name: String::new(), bytes, sha256: Some(hash.finalize().into()) })
+            }
+        })
     }
 
     /// Creates the part of a video frame from the coded pictures that it stands for.

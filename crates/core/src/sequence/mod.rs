@@ -33,6 +33,7 @@ pub(crate) mod pace;
 mod read;
 mod recording;
 mod settings;
+mod shots;
 #[cfg(test)]
 mod tests;
 mod video;

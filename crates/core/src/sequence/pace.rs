@@ -17,6 +17,8 @@ const REPEAT_SHARE: f32 = 0.1;
 const STILL: f32 = 0.3;
 /// Smallest number of repeated frames that makes a period.
 const FEWEST_REPEATS: usize = 3;
+/// Number of frames that are read in parallel; no more are in memory.
+const BATCH: usize = 64;
 /// Longest period, in frames.
 const LONGEST_PERIOD: usize = 60;
 
@@ -32,34 +34,33 @@ impl Glance {
     }
 
     /// Returns the mean difference in 8-bit levels; `None` if the pictures differ in size or are empty.
-    fn difference(&self, other: &Self) -> Option<f32> {
+    pub(super) fn difference(&self, other: &Self) -> Option<f32> {
         let sum: u32 = self.0.iter().zip(&other.0).map(|(a, b)| u32::from(a.abs_diff(*b))).sum();
         (self.0.len() == other.0.len() && !self.0.is_empty()).then(|| sum as f32 / self.0.len() as f32)
     }
 }
 
-/// Returns the time of every frame, 0 to 1. Nothing is read but `frames`.
+/// Returns the time of every frame, 0 to 1. Nothing is read but `frames`, which are in ascending order.
 ///
 /// # Errors
 /// A frame that cannot be read.
 pub(crate) fn frame_times(sequence: &Sequence, frames: &[usize]) -> Result<Vec<f32>> {
     let glance = |&i: &usize| Ok((i, Glance::of(&sequence.frame(i)?)));
-    let mut glances: Vec<Option<Glance>> = (0..sequence.num_frames()).map(|_| None).collect();
-    for (i, glance) in frames.par_iter().map(glance).collect::<Result<Vec<_>>>()? {
-        glances[i] = Some(glance);
+    let mut differences = vec![None; sequence.num_frames()];
+    let mut last: Option<(usize, Glance)> = None;
+    for batch in frames.chunks(BATCH) {
+        for (i, glance) in batch.par_iter().map(glance).collect::<Result<Vec<_>>>()? {
+            let before = last.as_ref().filter(|(before, _)| before + 1 == i);
+            differences[i] = before.and_then(|(_, before)| before.difference(&glance));
+            last = Some((i, glance));
+        }
     }
-    Ok(times(&repeats(&glances)))
-}
-
-/// Returns for every frame if it repeats the one before; `None` stands for frames that may not be read.
-pub(super) fn repeats(glances: &[Option<Glance>]) -> Vec<bool> {
-    let difference = |i: usize| glances[i.checked_sub(1)?].as_ref()?.difference(glances[i].as_ref()?);
-    repeats_of(&(0..glances.len()).map(difference).collect::<Vec<_>>())
+    Ok(times(&repeats(&differences)))
 }
 
 /// Returns for every frame if it repeats the one before, from their mean differences in 8-bit levels; `None`
 /// where it is not known, and for the first frame.
-fn repeats_of(differences: &[Option<f32>]) -> Vec<bool> {
+pub(super) fn repeats(differences: &[Option<f32>]) -> Vec<bool> {
     let mut known: Vec<f32> = differences.iter().flatten().copied().collect();
     known.sort_by(f32::total_cmp);
     let usual = known.get(known.len() / 2).copied().unwrap_or(0.0);
@@ -111,7 +112,7 @@ mod tests {
             i => Some(5.0 + (i % 3) as f32),
         };
         let differences: Vec<_> = (0..48).map(difference).collect();
-        let found = repeats_of(&differences);
+        let found = repeats(&differences);
         assert!((0..48).all(|i| found[i] == (i > 0 && i % 6 == 0)), "{found:?}");
         let times = times(&found);
         assert_eq!((times[17], times[5]), (times[18], times[6]));
@@ -136,9 +137,9 @@ mod tests {
             differences[i] = Some(0.0);
         }
         differences[19] = None;
-        let found = repeats_of(&differences);
+        let found = repeats(&differences);
         assert_eq!(found.iter().filter(|r| **r).count(), 3);
-        assert_eq!(repeats_of(&[None, Some(0.0), Some(0.0), Some(0.1)]), [false; 4], "a still recording");
+        assert_eq!(repeats(&[None, Some(0.0), Some(0.0), Some(0.1)]), [false; 4], "a still recording");
         assert_eq!(times(&[false; 4]), [0.0, 0.25, 0.5, 0.75]);
     }
 }

@@ -21,6 +21,8 @@ use std::{
 };
 use tempfile::TempDir;
 
+/// Difference of frame rates, as a share of them, that is none.
+const SAME_SPEED: f32 = 0.01;
 /// Horizontal field of view that is assumed if none is known, in degrees.
 pub(super) const ASSUMED_FOV_DEGREES: f32 = 60.0;
 
@@ -48,6 +50,9 @@ pub(super) struct Selection {
 }
 
 impl Selection {
+    /// Everything.
+    pub(super) const ALL: Self = Self { first: 0, last: None, every: 1 };
+
     /// Returns the numbers of the used frames among `n`. The error says what is wrong if there are none.
     pub(super) fn indices(&self, n: usize) -> Result<Vec<usize>, String> {
         let last = self.last.unwrap_or(n.saturating_sub(1));
@@ -80,10 +85,10 @@ pub(super) struct Recording {
     pub frames_per_second: Option<f32>,
     /// Notes for the user about how the files were understood.
     pub notes: Vec<String>,
-    /// Folder of the unpacked frames of a video; removed with the recording.
-    pub scratch: Option<TempDir>,
-    /// The video that the frames were unpacked from.
-    pub unpacked_from: Option<PathBuf>,
+    /// Folders of the unpacked frames of videos; removed with the recording.
+    pub scratch: Vec<TempDir>,
+    /// The videos that frames were unpacked from.
+    pub unpacked_from: Vec<PathBuf>,
 }
 
 /// The files of one frame.
@@ -157,9 +162,44 @@ impl Recording {
             classes: Vec::new(),
             frames_per_second: None,
             notes: Vec::new(),
-            scratch: None,
-            unpacked_from: None,
+            scratch: Vec::new(),
+            unpacked_from: Vec::new(),
         }
+    }
+
+    /// Appends the frames of a video file; the recording is empty, or made of such files.
+    pub(super) fn append(&mut self, file: &Path, part: Self) -> Result<()> {
+        let size = (part.width, part.height);
+        if self.frames.is_empty() {
+            (self.width, self.height) = size;
+            self.frames_per_second = part.frames_per_second;
+        } else if (self.width, self.height) != size {
+            let what = format!(
+                "the pictures of this video are {}×{}, those of the first are {}×{}",
+                size.0, size.1, self.width, self.height
+            );
+            return Err(Error::input_at(file, what, "Open it by itself, or move it elsewhere."));
+        }
+        let (name, first) = (read::stem(file), self.frames.len());
+        if let (Some(speed), Some(other)) = (self.frames_per_second, part.frames_per_second)
+            && (speed - other).abs() > SAME_SPEED * speed
+        {
+            self.notes.push(format!(
+                "{name} has {other:.2} frames per second, the first video {speed:.2}, which counts for all"
+            ));
+        }
+        let last = first + part.frames.len().saturating_sub(1);
+        self.notes.push(format!("Frames {first} to {last} are those of {name}"));
+        self.notes.extend(part.notes.into_iter().map(|note| format!("{name}: {note}")));
+        self.frames.extend(
+            part.frames
+                .into_iter()
+                .map(|frame| FrameFiles { name: format!("{name}_{}", frame.name), ..frame }),
+        );
+        self.cameras.extend(part.cameras);
+        self.scratch.extend(part.scratch);
+        self.unpacked_from.extend(part.unpacked_from);
+        Ok(())
     }
 
     /// Gives every frame its mask from `folder`, if that exists.

@@ -4,18 +4,44 @@
 
 use super::{
     ffmpeg::{self, Container, Unread},
-    h264::{H264, cut_off, other_size},
+    h264::{DecoderState, H264, cut_off, other_size},
     mp4::Mp4,
     recording::{FrameFiles, Picture, Recording, Selection},
 };
 use crate::{Error, Result};
-use std::{fs::File, io::Read, path::Path, sync::Arc};
+use std::{
+    fs::File,
+    io::Read,
+    path::{Path, PathBuf},
+    sync::{Arc, Mutex},
+};
 
-/// File name endings (lower case) of videos, for folders that hold a single one.
+/// File name endings (lower case) of videos, for folders that hold some.
 pub(super) const VIDEOS: &[&str] =
-    &["mp4", "m4v", "mov", "mkv", "avi", "webm", "mpg", "mpeg", "ts", "wmv", "flv"];
+    &["mp4", "m4v", "mov", "mkv", "avi", "webm", "mpg", "mpeg", "ts", "mts", "m2ts", "wmv", "flv"];
 
+/// Opens a video file.
 pub(super) fn open(path: &Path, selection: &Selection) -> Result<Recording> {
+    open_part(path, selection, Arc::default())
+}
+
+/// Opens the videos of a folder, in this order, as one recording.
+///
+/// # Errors
+/// A file that cannot be read, or whose pictures have another size than those of the first.
+pub(super) fn open_folder(folder: &Path, files: &[PathBuf], selection: &Selection) -> Result<Recording> {
+    if let [only] = files {
+        return Ok(Recording { path: folder.to_owned(), ..open(only, selection)? });
+    }
+    let state = Arc::default();
+    let mut whole = Recording::new(folder, (0, 0), Vec::new());
+    for file in files {
+        whole.append(file, open_part(file, &Selection::ALL, Arc::clone(&state))?)?;
+    }
+    whole.select(selection)
+}
+
+fn open_part(path: &Path, selection: &Selection, state: Arc<Mutex<DecoderState>>) -> Result<Recording> {
     let kind = expect_video(path)?;
     let index = Mp4::read(path);
     if let Ok(mp4) = &index {
@@ -24,7 +50,7 @@ pub(super) fn open(path: &Path, selection: &Selection) -> Result<Recording> {
     // ffmpeg may choose another one of several tracks.
     let is_clear = |mp4: &&Mp4| !mp4.is_open_ended && mp4.num_tracks == 1;
     let promised = index.as_ref().ok().filter(is_clear).map(|mp4| mp4.pictures.len());
-    match index.and_then(|mp4| H264::open(path, mp4)) {
+    match index.and_then(|mp4| H264::open(path, mp4, state)) {
         Ok(video) => open_h264(path, video, selection),
         Err(why_not_here) => {
             ffmpeg::open(Path::new("ffmpeg"), &Unread { path, kind, promised, why_not_here }, selection)
@@ -74,6 +100,10 @@ fn expect_video(path: &Path) -> Result<Container> {
         b"FLV",                  // Flash
         b"\x30\x26\xb2\x75\x8e", // Windows Media
     ];
+    // Cameras put four bytes of time before each packet of a transport stream.
+    if head.get(4) == Some(&0x47) {
+        return Ok(Container::Other);
+    }
     if head.get(4..8) == Some(b"ftyp") {
         return Ok(Container::Mp4);
     }

@@ -33,7 +33,7 @@ pub enum Layout {
     Transforms,
     /// A folder of images.
     Images,
-    /// A video file.
+    /// A video file, or several that follow each other.
     Video,
 }
 
@@ -61,11 +61,8 @@ pub(super) fn open(path: &Path, selection: &Selection) -> Result<(Layout, Record
         }
     }
     match read::list(path, video::VIDEOS)?.as_slice() {
-        [only] => {
-            let recording = video::open(only, selection)?;
-            Ok((Layout::Video, Recording { path: path.to_owned(), ..recording }))
-        }
-        _ => Err(not_a_recording(path)),
+        [] => Err(not_a_recording(path)),
+        files => Ok((Layout::Video, video::open_folder(path, files, selection)?)),
     }
 }
 

@@ -142,3 +142,26 @@ fn a_missing_picture_is_an_error_and_shifts_no_other() {
     let difference = sequence.identity().unwrap().difference(&before).unwrap();
     assert!(difference.to_string().contains("frame 5"), "{difference}");
 }
+
+#[test]
+fn videos_of_one_folder_follow_each_other_in_natural_order() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["part 10.mp4", "part 2.mp4", "part 1.mp4"] {
+        write_video(&folder.path().join(name));
+    }
+    let sequence = Sequence::open(folder.path()).unwrap();
+    assert_eq!((sequence.layout(), sequence.num_frames()), (Layout::Video, 3 * FRAMES));
+    let name = |i: usize| sequence.frame_name(i);
+    assert_eq!(
+        [name(0), name(FRAMES), name(2 * FRAMES + 3)],
+        ["part 1_000000", "part 2_000000", "part 10_000003"]
+    );
+    // One decoder goes from file to file.
+    for i in [FRAMES + 7, 7, 2 * FRAMES + 20, FRAMES - 1, FRAMES] {
+        assert!(psnr(&sequence.frame(i).unwrap(), &blob(i % FRAMES)) > 30.0, "frame {i}");
+    }
+    assert!(sequence.identity().is_ok());
+    std::fs::write(folder.path().join("sequence.toml"), "[frames]\nfirst = 20\nlast = 30\n").unwrap();
+    let some = Sequence::open(folder.path()).unwrap();
+    assert_eq!((some.num_frames(), some.frame_name(10)), (11, "part 2_000005".to_owned()));
+}

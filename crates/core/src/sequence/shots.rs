@@ -1,0 +1,129 @@
+//! Changes of the shot, and runs of frames that show no tissue, from a glance at every frame.
+
+use super::pace::Glance;
+use image::RgbImage;
+
+/// Difference of neighbouring frames, in 8-bit levels, from which on it may be a cut.
+const CUT_LEVELS: f32 = 12.0;
+/// The same as a multiple of the usual difference around it.
+const CUT_TIMES: f32 = 3.0;
+/// Number of frames on either side that tell what is usual.
+const AROUND: usize = 12;
+/// Brightness of a pixel's brightest channel from which on its colour counts, 8-bit levels.
+const DARK: u8 = 40;
+/// Share of pixels whose colour counts, below which nothing is seen.
+const FEWEST: f32 = 0.02;
+/// Share of red in all light below which a frame shows no tissue. Tissue has 0.41 to 0.49, grey 0.33.
+const LEAST_RED: f32 = 0.36;
+/// Shortest run of frames without tissue that is told.
+const SHORTEST: usize = 5;
+
+/// A look at one frame beside the one before.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Shot {
+    /// Mean difference from the frame before, 8-bit levels; `None` for the first one, and where one of the two
+    /// could not be read.
+    pub(super) difference: Option<f32>,
+    /// `true` if the frame shows tissue, as far as its colours tell.
+    pub(super) is_tissue: bool,
+}
+
+impl Shot {
+    /// A frame that could not be read: nothing is known of it.
+    pub(super) const UNREAD: Self = Self { difference: None, is_tissue: true };
+}
+
+/// A frame as it was read: enough of it to compare the next one with.
+pub(super) struct Seen {
+    pub(super) glance: Glance,
+    is_tissue: bool,
+}
+
+impl Seen {
+    pub(super) fn of(picture: &RgbImage) -> Self {
+        Self { glance: Glance::of(picture), is_tissue: shows_tissue(picture) }
+    }
+
+    /// Compares the frame with the one before.
+    pub(super) fn after(&self, before: Option<&Self>) -> Shot {
+        let difference = before.and_then(|before| before.glance.difference(&self.glance));
+        Shot { difference, is_tissue: self.is_tissue }
+    }
+}
+
+/// Returns `true` if the light of a picture is as red as that of tissue.
+fn shows_tissue(picture: &RgbImage) -> bool {
+    let (mut sums, mut count, mut all) = ([0_u64; 3], 0_usize, 0_usize);
+    // Every seventh pixel is enough, and is in every column.
+    for pixel in picture.pixels().step_by(7) {
+        all += 1;
+        if pixel.0.iter().any(|v| *v > DARK) {
+            count += 1;
+            sums.iter_mut().zip(pixel.0).for_each(|(sum, v)| *sum += u64::from(v));
+        }
+    }
+    let is_seen = count as f32 >= FEWEST * all.max(1) as f32;
+    is_seen && sums[0] as f32 >= LEAST_RED * sums.iter().sum::<u64>() as f32
+}
+
+/// Returns the first frames of new shots: they differ far more from the frame before than frames around them
+/// do. A single bright or dark frame is none.
+pub(super) fn cuts(shots: &[Shot]) -> Vec<usize> {
+    let is_sudden = |i: usize| {
+        let Some(own) = shots.get(i).and_then(|shot| shot.difference) else { return false };
+        let around = shots[i.saturating_sub(AROUND)..(i + AROUND + 1).min(shots.len())].iter().enumerate();
+        let others = around.filter(|(k, _)| i.saturating_sub(AROUND) + k != i);
+        let mut others: Vec<f32> = others.filter_map(|(_, shot)| shot.difference).collect();
+        others.sort_by(f32::total_cmp);
+        let usual = others.get(others.len() / 2).copied().unwrap_or(0.0);
+        own > CUT_LEVELS && own > CUT_TIMES * usual
+    };
+    let sudden: Vec<bool> = (0..shots.len()).map(is_sudden).collect();
+    let is_next_to_another = |i: usize| (i > 0 && sudden[i - 1]) || sudden.get(i + 1) == Some(&true);
+    (0..shots.len()).filter(|i| sudden[*i] && !is_next_to_another(*i)).collect()
+}
+
+/// Returns the runs of frames that show no tissue, both ends included.
+pub(super) fn without_tissue(shots: &[Shot]) -> Vec<(usize, usize)> {
+    let mut at = 0;
+    let runs = shots.chunk_by(|a, b| a.is_tissue == b.is_tissue).filter_map(move |run| {
+        let first = at;
+        at += run.len();
+        (!run[0].is_tissue && run.len() >= SHORTEST).then(|| (first, at - 1))
+    });
+    runs.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::Rgb;
+
+    fn shots(differences: &[f32]) -> Vec<Shot> {
+        let shot = |d: &f32| Shot { difference: Some(*d), is_tissue: true };
+        let mut shots: Vec<Shot> = differences.iter().map(shot).collect();
+        shots[0].difference = None;
+        shots
+    }
+
+    #[test]
+    fn cuts_stand_out_and_fast_motion_and_flashes_do_not() {
+        let mut differences = vec![5.0; 60];
+        differences[20] = 40.0;
+        (40..50).for_each(|i| differences[i] = 25.0);
+        assert_eq!(cuts(&shots(&differences)), [20]);
+        differences[21] = 40.0;
+        assert_eq!(cuts(&shots(&differences)), [0; 0], "one frame that is bright by itself");
+        assert_eq!(cuts(&shots(&[0.0; 30])), [0; 0]);
+        assert_eq!(cuts(&[]), [0; 0]);
+    }
+
+    #[test]
+    fn frames_without_red_light_show_no_tissue() {
+        let of = |colour| Seen::of(&RgbImage::from_pixel(40, 30, Rgb(colour))).after(None).is_tissue;
+        assert!(of([180, 90, 80]) && !of([120, 130, 140]) && !of([3, 2, 2]));
+        let run = |is_tissue, n| vec![Shot { difference: None, is_tissue }; n];
+        let all = [run(true, 3), run(false, 6), run(true, 9), run(false, 2)].concat();
+        assert_eq!(without_tissue(&all), [(3, 8)], "two frames are no part");
+    }
+}
