@@ -78,6 +78,8 @@ fn colour(visuals: &mut egui::Visuals) {
     visuals.faint_bg_color = RAISED;
     visuals.weak_text_color = Some(TEXT_WEAK);
     visuals.warn_fg_color = AMBER;
+    // A window at rest draws nothing, and a cursor that blinks is drawn.
+    visuals.text_cursor.blink = false;
     visuals.error_fg_color = ERROR;
     visuals.hyperlink_color = ACCENT;
     visuals.selection.bg_fill = SELECTION;

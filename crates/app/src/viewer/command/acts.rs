@@ -35,6 +35,11 @@ pub(super) fn can_ask(shared: &Shared) -> bool {
     shared.can_ask()
 }
 
+/// Returns `true` if prompts can be typed.
+pub(super) fn takes_prompts(shared: &Shared) -> bool {
+    shared.takes_prompts()
+}
+
 /// Returns `true` if there are marks and no file dialog is open.
 pub(super) fn can_save_marks(shared: &Shared) -> bool {
     can_pick(shared) && !shared.document.marks().is_empty() && is_open(shared)

@@ -14,7 +14,8 @@ use crate::viewer::{
 use acts::{
     Given, always, can_ask, can_compare, can_pick, can_reconstruct, can_save_marks, centre_orbit, copy_areas,
     dismiss, exclude, full_screen, go_to_bookmark, go_to_found, has_picture, has_reconstruction,
-    is_bookmarked, is_counted, is_open, look_here, magnify_time, pick, shuttle, switch, what_to_open,
+    is_bookmarked, is_counted, is_open, look_here, magnify_time, pick, shuttle, switch, takes_prompts,
+    what_to_open,
 };
 use egui::{Key, KeyboardShortcut, Modifiers, ViewportCommand};
 
@@ -287,7 +288,7 @@ commands! {
         when |s| !s.document.bookmarks().is_empty(), act |s, g| go_to_bookmark(s, g, 1);
     FocusPrompt: Prompts, Always, [key(Key::Slash), ctrl(Key::L)], "Type a prompt",
         "Go to the prompt box",
-        when can_ask, act |s, _| s.prompt_box.wants_focus = true;
+        when takes_prompts, act |s, _| s.prompt_box.wants_focus = true;
     Negatives: Prompts, Viewport, [key(Key::N)], "What prompts are compared with…",
         "The generic phrases that a prompt has to beat",
         when is_open, act |s, _| s.dialog = Some(Dialog::Comparison);

@@ -1,4 +1,4 @@
-//! The menu bar.
+//! The menu bar. A menu that is higher than the window scrolls.
 
 use crate::viewer::{
     action::Action,
@@ -6,13 +6,16 @@ use crate::viewer::{
     shared::Shared,
     theme,
 };
-use egui::Ui;
+use egui::{ScrollArea, Ui};
+
+/// Height of a window that its menus leave free: the menu bar and their frame, points.
+const ROOM_AROUND: f32 = 60.0;
 
 /// Shows the menus, whose entries are commands.
 pub(crate) fn menus_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     use Command as C;
     egui::MenuBar::new().ui(ui, |ui| {
-        ui.menu_button("File", |ui| {
+        scrolling_menu(ui, "File", |ui| {
             let opens = [C::OpenFile, C::OpenFolder, C::OpenPath, C::OpenDemo];
             opens.into_iter().for_each(|c| item(ui, shared, actions, c));
             recent_ui(ui, shared, actions);
@@ -55,8 +58,16 @@ pub(crate) fn menus_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) 
     });
 }
 
-fn menu(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, title: &str, groups: &[&[Command]]) {
+/// Shows a button with a menu that is never higher than the window.
+fn scrolling_menu(ui: &mut Ui, title: &str, content: impl FnOnce(&mut Ui)) {
     ui.menu_button(title, |ui| {
+        let room = ui.ctx().content_rect().height() - ROOM_AROUND;
+        ScrollArea::vertical().max_height(room).min_scrolled_height(room).show(ui, content);
+    });
+}
+
+fn menu(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, title: &str, groups: &[&[Command]]) {
+    scrolling_menu(ui, title, |ui| {
         for (i, group) in groups.iter().enumerate() {
             if i > 0 {
                 ui.separator();

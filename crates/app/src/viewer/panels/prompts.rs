@@ -42,10 +42,7 @@ pub(crate) struct Prompts {
 impl Prompts {
     /// Shows the panel. The prompt box stays in place, everything else can be scrolled.
     pub(crate) fn ui(&mut self, ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
-        let can_ask = shared.can_ask();
-        if can_ask {
-            find_ui(ui, shared, actions);
-        }
+        find_ui(ui, shared, actions);
         ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             // The scroll bar covers nothing.
             ui.set_width(ui.available_width() - 10.0);
@@ -53,20 +50,15 @@ impl Prompts {
             marking::marking_ui(ui, shared, actions);
             training::training_ui(ui, shared, actions);
             import_check::import_check_ui(ui, shared, actions);
-            if !can_ask {
-                find_ui(ui, shared, actions);
-                no_features_ui(ui, shared);
-                let text = "Or mark a structure by hand on one frame: it is then found on all of them.";
-                if shared.document.prompts().is_empty() {
-                    ui.label(caption(text));
-                } else {
-                    rows_ui(ui, &mut self.menu, shared, actions);
-                }
-                return;
+            if shared.can_ask() {
+                preview_ui(ui, shared);
+            } else {
+                unanswered_ui(ui, shared);
             }
-            preview_ui(ui, shared);
             rows_ui(ui, &mut self.menu, shared, actions);
-            overlay_ui(ui, shared, actions);
+            if shared.can_ask() {
+                overlay_ui(ui, shared, actions);
+            }
         });
     }
 }
@@ -89,7 +81,6 @@ fn find_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
 }
 
 fn box_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
-    let can_ask = shared.can_ask();
     let prompt_box = &shared.prompt_box;
     let mut text = prompt_box.text.clone();
     let field = TextEdit::singleline(&mut text)
@@ -100,7 +91,8 @@ fn box_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
         .return_key(None)
         .margin(Margin::symmetric(10, 8))
         .desired_width(f32::INFINITY);
-    let response = ui.add_enabled(can_ask, field).on_hover_text(shared.tooltip(Command::FocusPrompt));
+    let response =
+        ui.add_enabled(shared.takes_prompts(), field).on_hover_text(shared.tooltip(Command::FocusPrompt));
     response.ctx.accesskit_node_builder(response.id, |node| node.set_label("Prompt"));
     if prompt_box.wants_focus {
         response.request_focus();
@@ -130,27 +122,32 @@ fn preview_ui(ui: &mut Ui, shared: &Shared) {
     });
 }
 
-fn no_features_ui(ui: &mut Ui, shared: &Shared) {
-    ui.add_space(6.0);
-    ui.label(RichText::new(NO_FEATURES).color(theme::AMBER));
-    let advice = match shared.info() {
-        Some(info) if !info.has_reconstruction && shared.is_reconstructing() && info.has_labels => {
-            "Words can be found in it as soon as the first preview is there."
+/// Says how words come to be found, where they are not yet.
+fn unanswered_ui(ui: &mut Ui, shared: &Shared) {
+    let Some(info) = shared.info() else { return };
+    if info.has_reconstruction {
+        ui.label(RichText::new(NO_FEATURES).color(theme::AMBER));
+    }
+    let advice = match (info.has_reconstruction, info.has_labels) {
+        (false, true) if shared.is_reconstructing() => {
+            "Words are found in it as soon as the first preview is there."
         }
-        Some(info) if !info.has_reconstruction && info.has_labels => {
-            "Once it is reconstructed, words can be found in it."
-        }
-        Some(info) if !info.has_labels => {
+        (false, true) => "Words are found in it once it is reconstructed.",
+        (_, false) => {
             "It has no class labels. Reconstruct it with networks that find regions and tell what they show: \
              then words can be found in it."
         }
-        _ => "It was reconstructed without its class labels. Reconstruct it again to find words in it.",
+        (true, true) => {
+            "It was reconstructed without its class labels. Reconstruct it again to find words in it."
+        }
     };
     ui.label(caption(advice));
+    ui.label(caption("Or mark a structure by hand on one frame: it is then found on all of them."));
+    ui.add_space(6.0);
 }
 
 fn rows_ui(ui: &mut Ui, menu: &mut PromptMenu, shared: &Shared, actions: &mut Vec<Action>) {
-    if shared.document.prompts().is_empty() {
+    if shared.document.prompts().is_empty() && shared.takes_prompts() {
         examples_ui(ui, shared, actions);
     }
     let prompts = shared.document.prompts();
@@ -199,6 +196,8 @@ fn row_ui(
             ("Hidden".to_owned(), theme::TEXT_WEAK)
         } else if is_marked && shared.has_waiting_marks() {
             (WAITS.to_owned(), theme::TEXT_WEAK)
+        } else if !shared.can_ask() && shared.awaits_reconstruction() {
+            ("Waits for the reconstruction".to_owned(), theme::TEXT_WEAK)
         } else if !shared.can_ask() {
             ("Cannot be looked for here".to_owned(), theme::TEXT_WEAK)
         } else {

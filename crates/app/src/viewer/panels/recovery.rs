@@ -67,7 +67,10 @@ pub(crate) fn recovery_ui(ctx: &Context, shared: &Shared, actions: &mut Vec<Acti
     match answer {
         (true, ..) => actions.push(Action::Restore),
         (_, _, true) => actions.push(Action::Discard),
-        (_, is_later, _) if is_later || is_closed => actions.push(Action::RestoreLater),
+        // A click beside the question answers nothing.
+        (_, is_later, _) if is_later || (is_closed && ctx.input(|i| i.key_pressed(egui::Key::Escape))) => {
+            actions.push(Action::RestoreLater)
+        }
         _ => {}
     }
 }

@@ -3,7 +3,7 @@
 use crate::viewer::{
     action::Action,
     backend::{
-        Backend, PREPARING, TrainRequest, Words,
+        Backend, TrainRequest, Words,
         paths::{PathAsk, PathKind, Picked},
         task::{Task, TaskEvent},
     },
@@ -30,7 +30,7 @@ fn label(quality: Quality) -> (&'static str, &'static str) {
     match quality {
         Quality::Quick => ("Quick look", "to see whether it works"),
         Quality::Standard => ("Standard", "good enough to work with"),
-        Quality::Best => ("Best", "more detail, in twice the time of Standard"),
+        Quality::Best => ("Best", "more detail"),
     }
 }
 
@@ -38,8 +38,8 @@ fn label(quality: Quality) -> (&'static str, &'static str) {
 struct Asked {
     request: TrainRequest,
     has_labels: bool,
-    /// Expected duration of a step, seconds; `None` before the first training on this computer.
-    seconds_per_step: Option<f64>,
+    /// Expected duration of each quality, seconds.
+    expected_seconds: [f64; Quality::ALL.len()],
     /// Warning about the quality that is lost because the recording is long.
     too_long: Option<String>,
     /// The networks to choose, and their check.
@@ -70,7 +70,8 @@ impl Asked {
             request,
             has_labels: info.has_labels,
             too_long: TrainSettings::default().length_warning(info.num_frames),
-            seconds_per_step: pace.map(|pace| pace * (info.width * info.height) as f64),
+            expected_seconds: Quality::ALL
+                .map(|quality| quality.expected_seconds([info.width, info.height], pace)),
             models,
             picking: None,
             has_no_dialog: false,
@@ -183,25 +184,19 @@ fn progress_ui(ui: &mut Ui, training: &Training, is_about_shown: bool) {
         _ => "Reconstructing".into(),
     };
     let stage = if progress.stage.is_empty() { "Starting" } else { &progress.stage };
-    let is_preparing = stage.starts_with(PREPARING);
-    let part = match (&training.features, is_preparing) {
-        (None, _) => "",
-        (Some(_), true) => " (part 1 of 2)",
-        (Some(_), false) => " (part 2 of 2)",
-    };
-    ui.label(RichText::new(format!("{what}: {stage}{part}")).strong());
-    ui.add(ProgressBar::new(progress.fraction()).desired_height(10.0).fill(theme::ACCENT));
+    ui.label(RichText::new(format!("{what}: {stage}")).strong());
+    ui.add(ProgressBar::new(training.fraction()).desired_height(10.0).fill(theme::ACCENT));
     // The lines below appear, vanish and wrap; buttons must not move under the pointer.
     ui.horizontal_wrapped(|ui| stop_ui(ui, training));
     preview_ui(ui, training);
-    let left = match progress.seconds_left() {
+    let left = match training.seconds_left() {
         _ if progress.is_unsaved() => "tried every second".into(),
         _ if training.task.is_paused() => "paused".into(),
         Some(seconds) => format!("about {} left", duration(seconds)),
         None => "estimating the time…".into(),
     };
-    let elapsed = format!("{} so far", duration(progress.seconds));
-    ui.label(caption(format!("{:.0} %  ·  {elapsed}  ·  {left}", 100.0 * progress.fraction())));
+    let elapsed = format!("{} so far", duration(training.seconds()));
+    ui.label(caption(format!("{:.0} %  ·  {elapsed}  ·  {left}", 100.0 * training.fraction())));
     if training.closing_since.is_some() {
         let what = "The window closes once what was learned is saved. Close it again to give that up.";
         ui.label(RichText::new(what).font(theme::small()).color(theme::AMBER));
@@ -246,7 +241,8 @@ fn stop_ui(ui: &mut Ui, training: &Training) {
     let label = match (is_unsaved, is_stopping) {
         (true, _) => "Give up what was learned",
         (_, true) => "Stopping…",
-        _ if task.progress.stage.starts_with(PREPARING) => "Stop and keep what was found",
+        _ if training.is_preparing() && training.features.is_some() => "Stop and keep what was found",
+        _ if training.is_preparing() => "Stop",
         _ => "Stop and keep what was learned",
     };
     if ui.add_enabled(!is_stopping, egui::Button::new(label)).clicked() {
@@ -313,11 +309,9 @@ fn asked_ui(
     ui.heading("Reconstruct this recording");
     ui.label(RichText::new("You can go on watching the recording meanwhile.").color(theme::TEXT_WEAK));
     ui.add_space(8.0);
-    for quality in Quality::ALL {
+    for (quality, seconds) in Quality::ALL.into_iter().zip(asked.expected_seconds) {
         let (label, purpose) = label(quality);
-        let time =
-            asked.seconds_per_step.map(|s| format!(", about {}", duration(s * quality.steps() as f64)));
-        let text = format!("{label}: {purpose}{}", time.unwrap_or_default());
+        let text = format!("{label}: {purpose}, about {}", duration(seconds));
         ui.radio_value(&mut asked.request.quality, quality, text);
     }
     ui.add_space(8.0);

@@ -30,6 +30,12 @@ impl Document {
         });
     }
 
+    /// Excludes ranges of frames, as one edit of this name.
+    pub(crate) fn exclude(&mut self, name: &str, ranges: &[(usize, usize)]) {
+        let all = ranges.iter().fold(self.excluded().to_vec(), |all, range| joined(all, *range));
+        self.edit(name.to_owned(), None, |content| content.excluded = all);
+    }
+
     /// Returns `true` if anything between two frames, both included, is not left out.
     pub(crate) fn has_included(&self, (from, to): (usize, usize)) -> bool {
         (from..=to).any(|frame| !self.is_excluded(frame))

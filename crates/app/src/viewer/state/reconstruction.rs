@@ -2,8 +2,8 @@
 
 use crate::viewer::{
     backend::{
-        Backend, Checked, Info, TrainNews, TrainRequest, Words,
-        task::{Task, TaskEvent},
+        Backend, Checked, Info, PREPARING, TrainNews, TrainRequest, Words,
+        task::{Progress, Task, TaskEvent},
     },
     remedy::message,
     state::loss_curve::LossCurve,
@@ -14,6 +14,7 @@ use std::{
     path::{Path, PathBuf},
     sync::Arc,
 };
+use surgtpgs_core::train::Quality;
 
 /// Check, training and result of reconstructions.
 #[derive(Default)]
@@ -69,7 +70,7 @@ impl ImportCheck {
     }
 }
 
-/// Training in the background.
+/// Training in the background, with all that comes before it.
 pub(crate) struct Training {
     pub(crate) task: Task<PathBuf, TrainNews>,
     pub(crate) recording: PathBuf,
@@ -81,19 +82,27 @@ pub(crate) struct Training {
     backend: Arc<dyn Backend>,
     /// Available memory, bytes, and the time of that reading, seconds.
     pub(crate) memory: Option<(u64, f64)>,
-    /// Number of steps that are planned.
-    steps: usize,
-    /// Duration of a step, seconds, once there is a pace.
+    quality: Quality,
+    /// Expected duration of the training itself, seconds.
+    expected_seconds: f64,
+    whole: WholeWork,
+    /// Duration of a step of [`Quality::Standard`], seconds, once there is a pace.
     pub(crate) seconds_per_step: Option<f64>,
     /// Time at which the window was asked to close, seconds. Closing waits until the scene is saved.
     pub(crate) closing_since: Option<f64>,
 }
 
 impl Training {
-    pub(crate) fn start(backend: Arc<dyn Backend>, request: TrainRequest, ctx: &Context) -> Self {
+    pub(crate) fn start(
+        backend: Arc<dyn Backend>,
+        request: TrainRequest,
+        expected_seconds: f64,
+        ctx: &Context,
+    ) -> Self {
         let (theirs, recording, scene) = (backend.clone(), request.recording.clone(), request.scene.clone());
         let features = matches!(request.words, Words::Models(_)).then(|| request.features_folder());
-        let steps = request.quality.steps();
+        let whole = WholeWork::of(&request.words);
+        let quality = request.quality;
         let task = Task::start("training", ctx, move |task| theirs.reconstruct(&request, task));
         let curve = LossCurve::default();
         let (memory, seconds_per_step, closing_since) = (None, None, None);
@@ -105,7 +114,9 @@ impl Training {
             curve,
             backend,
             memory,
-            steps,
+            quality,
+            expected_seconds,
+            whole,
             seconds_per_step,
             closing_since,
         }
@@ -116,12 +127,37 @@ impl Training {
         info.recording.as_ref() == Some(&self.recording)
     }
 
-    /// Notes the pace of the training, which later ones are estimated from.
-    pub(crate) fn note_pace(&mut self) {
+    /// Returns `true` during the work before the training itself.
+    pub(crate) fn is_preparing(&self) -> bool {
+        self.task.progress.stage.starts_with(PREPARING)
+    }
+
+    /// Takes the latest progress: how far the whole work is, and the pace that later trainings are estimated
+    /// from.
+    pub(crate) fn follow(&mut self) {
+        let is_preparing = self.is_preparing();
         let progress = &self.task.progress;
-        if progress.total == self.steps && progress.done * 10 > self.steps {
-            self.seconds_per_step = Some(progress.seconds / progress.done as f64);
+        self.whole.follow(progress, is_preparing);
+        let steps = self.quality.steps();
+        if progress.total == steps && progress.done * 10 > steps {
+            self.seconds_per_step = Some(progress.seconds / progress.done as f64 / self.quality.step_cost());
         }
+    }
+
+    /// Returns the finished share of the whole work, 0–1.
+    pub(crate) fn fraction(&self) -> f32 {
+        self.whole.fraction
+    }
+
+    /// Returns the seconds that the whole work has taken, without pauses.
+    pub(crate) fn seconds(&self) -> f64 {
+        self.whole.seconds_before + self.task.progress.seconds
+    }
+
+    /// Returns the seconds that the whole work will still take; `None` before there is a pace.
+    pub(crate) fn seconds_left(&self) -> Option<f64> {
+        let later = if self.is_preparing() { self.expected_seconds } else { 0.0 };
+        self.task.progress.seconds_left().map(|left| left + later)
     }
 
     /// Reads the available memory, at most once a second.
@@ -129,5 +165,75 @@ impl Training {
         if self.memory.is_none_or(|(_, at)| now >= at + 1.0) {
             self.memory = self.backend.available_bytes().map(|bytes| (bytes, now));
         }
+    }
+}
+
+/// Progress of work in several stages as one.
+#[derive(Default)]
+struct WholeWork {
+    /// Share of the work before the training, and the number of its stages.
+    before: (f32, usize),
+    /// Stages so far, in their order.
+    stages: Vec<String>,
+    /// Duration of the stages that are over, and of the present one, seconds.
+    seconds_before: f64,
+    seconds: f64,
+    fraction: f32,
+}
+
+impl WholeWork {
+    /// Plans the work by what makes words known: labels are read in a moment, networks take most of the time.
+    fn of(words: &Words) -> Self {
+        let before = match words {
+            Words::Nothing => (0.0, 1),
+            Words::Labels => (0.1, 4),
+            Words::Models(_) => (0.6, 6),
+        };
+        Self { before, ..Self::default() }
+    }
+
+    /// Takes the progress of a stage. The whole never goes back.
+    fn follow(&mut self, progress: &Progress, is_before: bool) {
+        if self.stages.last() != Some(&progress.stage) {
+            self.seconds_before += self.seconds;
+            self.stages.push(progress.stage.clone());
+        }
+        self.seconds = progress.seconds;
+        let (share, num_stages) = self.before;
+        let fraction = if is_before {
+            let stages = (self.stages.len() - 1) as f32 + progress.fraction();
+            share * (stages / num_stages as f32).min(1.0)
+        } else {
+            share + (1.0 - share) * progress.fraction()
+        };
+        self.fraction = self.fraction.max(fraction);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stages_make_one_progress_that_never_goes_back() {
+        let mut whole = WholeWork::of(&Words::Labels);
+        let mut last = 0.0;
+        let stages =
+            [("reading", true), ("codec", true), ("a", true), ("b", true), ("c", true), ("training", false)];
+        for (stage, is_before) in stages {
+            for done in 0..=10 {
+                let progress = Progress {
+                    stage: stage.into(),
+                    done,
+                    total: 10,
+                    detail: String::new(),
+                    seconds: done as f64,
+                };
+                whole.follow(&progress, is_before);
+                assert!((last..=1.0).contains(&whole.fraction), "{stage} {done}");
+                last = whole.fraction;
+            }
+        }
+        assert_eq!((whole.fraction, whole.seconds_before), (1.0, 50.0));
     }
 }

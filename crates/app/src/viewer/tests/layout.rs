@@ -3,7 +3,7 @@
 
 use super::*;
 use crate::viewer::{
-    command::Command,
+    command::{Command, entry},
     state::{phases::Phase, session::Session},
 };
 use egui::{Pos2, Rect, Shape, pos2, vec2};
@@ -156,6 +156,30 @@ fn a_scene_with_and_without_prompts_holds() {
     for count in [0, 3, 9] {
         let mut window = with_prompts(count);
         check(&format!("{count} prompts"), &mut window);
+    }
+}
+
+#[test]
+fn every_entry_of_every_menu_can_be_reached() {
+    let mut window = with_prompts(1);
+    window.harness.set_size(vec2(900.0, 600.0) / 2.0);
+    (0..STEPS).for_each(|_| window.harness.step());
+    let screen = window.harness.ctx.content_rect();
+    for (menu, last) in [
+        ("File", Command::Quit),
+        ("Edit", Command::CopyAreas),
+        ("View", Command::NormalSize),
+        ("Time", Command::TimeFarther),
+        ("Help", Command::About),
+    ] {
+        window.click(menu);
+        (0..STEPS).for_each(|_| window.harness.step());
+        window.harness.get_by_label_contains(entry(last).label).scroll_to_me();
+        (0..STEPS * 4).for_each(|_| window.harness.step());
+        let rect = window.harness.get_by_label_contains(entry(last).label).rect();
+        assert!(screen.contains_rect(rect), "{menu}: {} is at {rect:?}", entry(last).label);
+        window.press(Key::Escape);
+        window.harness.step();
     }
 }
 

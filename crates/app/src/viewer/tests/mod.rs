@@ -372,6 +372,27 @@ fn a_scene_without_features_says_so() {
 }
 
 #[test]
+fn prompts_wait_for_the_reconstruction() {
+    let mut window =
+        Window::on(Info { has_reconstruction: false, has_features: false, has_labels: true, ..scene() });
+    assert!(!window.shows(NO_FEATURES), "nothing is wrong yet");
+    window.type_at_once("/liver\nfat\n");
+    assert!(window.shows("Waits for the reconstruction"));
+    let typed = |app: &Shared| app.document.prompts().iter().map(|p| p.text.clone()).collect::<Vec<_>>();
+    assert_eq!(typed(&window.harness.state().shared), ["liver", "fat"]);
+    window.press_with(Modifiers::COMMAND, Key::R);
+    window.harness.step();
+    window.harness.step();
+    window.click("Start");
+    window.until(|app| app.info().is_some_and(|i| i.has_reconstruction));
+    window.click("Stop and keep what was learned");
+    window.until(|app| !app.is_reconstructing() && app.opening.underway.is_none());
+    window.until_picture(|p| p.findings.len() == 2);
+    assert!(!window.shows("Waits for the reconstruction"));
+    assert_eq!(typed(&window.harness.state().shared), ["liver", "fat"]);
+}
+
+#[test]
 fn views_are_switched_by_key_and_only_where_they_exist() {
     let mut window = Window::on(scene());
     for (modifiers, key, mode) in [
@@ -582,9 +603,12 @@ fn nothing_changes_nothing_is_painted() {
     let mut window = Window::on(scene());
     window.add_prompt("gallbladder");
     window.until(|app| app.selected_curve().is_some_and(|curve| curve.is_complete()));
+    // Not even a cursor blinks.
+    window.press(Key::Slash);
     for _ in 0..120 {
         window.harness.step();
     }
+    assert!(window.harness.get_by_label("Prompt").is_focused());
     let delay = window.harness.output().viewport_output[&egui::ViewportId::ROOT].repaint_delay;
     assert_eq!(delay, std::time::Duration::MAX);
 }

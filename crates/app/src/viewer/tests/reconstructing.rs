@@ -187,12 +187,50 @@ fn a_window_that_is_closed_keeps_what_was_learned_first() {
 }
 
 #[test]
+fn parts_outside_of_the_body_and_other_shots_are_left_out_at_a_click() {
+    let mut window = Window::on(bare());
+    let frames = window.harness.state().shared.info().unwrap().num_frames;
+    let report = CheckReport {
+        ok: true,
+        frames,
+        cuts: vec![frames - 4],
+        without_tissue: vec![(0, 1)],
+        ..CheckReport::default()
+    };
+    let outcome = Some(Ok(Checked { report, can_flip: false }));
+    window.harness.state_mut().shared.reconstruction.check.as_mut().unwrap().outcome = outcome;
+    window.harness.step();
+    let excluded = |window: &Window| window.harness.state().shared.document.excluded().to_vec();
+    window.click("Leave out what is outside of the body");
+    assert_eq!(excluded(&window), [(0, 1)]);
+    assert!(!window.shows("Leave out what is outside of the body"));
+    window.click("Keep this shot alone");
+    assert_eq!(excluded(&window), [(0, 1), (frames - 4, frames - 1)]);
+    window.press_with(Modifiers::COMMAND, Key::Z);
+    assert_eq!(excluded(&window), [(0, 1)]);
+}
+
+#[test]
+fn the_pace_of_a_training_is_remembered_for_the_next_one() {
+    let mut window = training();
+    assert!(window.harness.state().shared.preferences.seconds_per_step_and_pixel.is_none());
+    // A tenth of the steps says what one takes.
+    window.until(|app| app.reconstruction.training.as_ref().is_some_and(|t| t.seconds_per_step.is_some()));
+    window.click("Stop and keep what was learned");
+    window.until(|app| app.reconstruction.training.is_none());
+    assert!(
+        window.harness.state().shared.preferences.seconds_per_step_and_pixel.is_some_and(|pace| pace > 0.0)
+    );
+}
+
+#[test]
 fn the_choice_of_quality_speaks_of_minutes_not_of_steps() {
     let mut window = Window::on(bare());
     window.harness.state_mut().shared.preferences.seconds_per_step_and_pixel = Some(1e-4);
     window.click("Reconstruct…");
     // 32 × 24 pixels, 4000 steps: 307 s
     assert!(window.shows("Standard: good enough to work with, about 5 minutes"));
+    assert!(window.shows("Best: more detail, about 38 minutes"));
     assert!(!window.shows("steps") && !window.shows("Gaussians"));
 }
 
@@ -243,7 +281,8 @@ fn networks_are_tried_at_once_and_remembered_once_they_are_used() {
     let shared = &window.harness.state().shared;
     let models = &shared.preferences.models;
     assert_eq!((models.masks.clone(), models.points_per_side), (folder.path().join("sam"), 8));
-    window.until_shown("part 2 of 2");
+    // Networks took most of the time, and are done.
+    window.until(|app| app.reconstruction.training.as_ref().is_some_and(|t| t.fraction() >= 0.6));
     window.click("Stop and keep what was learned");
     window.until(|app| app.reconstruction.training.is_none());
     let request = window.backend.trained.lock().unwrap()[0].clone();

@@ -19,6 +19,16 @@ impl Shared {
         has_features || (self.carries_marks() && !self.marks_shown().is_empty())
     }
 
+    /// Returns `true` if prompts can be typed: they are answered now, or wait for the reconstruction.
+    pub(crate) fn takes_prompts(&self) -> bool {
+        self.can_ask() || self.awaits_reconstruction()
+    }
+
+    /// Returns `true` if what is open is a recording without a reconstruction.
+    pub(crate) fn awaits_reconstruction(&self) -> bool {
+        self.info().is_some_and(|i| !i.has_reconstruction)
+    }
+
     /// Returns `true` if what is marked can be found: there is a reconstruction, and it is finished.
     pub(crate) fn carries_marks(&self) -> bool {
         self.info().is_some_and(|i| i.has_reconstruction) && !self.is_reconstructing()

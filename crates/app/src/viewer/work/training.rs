@@ -21,7 +21,10 @@ impl Shared {
             self.say(text, None, ctx.input(|i| i.time));
             return;
         }
-        self.reconstruction.training = Some(Training::start(self.backend.clone(), request, ctx));
+        let pace = self.preferences.seconds_per_step_and_pixel;
+        let size = self.info().map_or([0; 2], |info| [info.width, info.height]);
+        let expected = request.quality.expected_seconds(size, pace);
+        self.reconstruction.training = Some(Training::start(self.backend.clone(), request, expected, ctx));
     }
 
     /// Returns `true` if the shown recording is being reconstructed: it or its latest preview is shown, but
@@ -35,11 +38,8 @@ impl Shared {
     pub(crate) fn poll_training(&mut self, now: f64, ctx: &Context) {
         while let Some(event) = self.reconstruction.training.as_mut().and_then(|t| t.task.poll()) {
             match event {
-                TaskEvent::Progress(_) => {
-                    if let Some(training) = &mut self.reconstruction.training {
-                        training.note_pace();
-                    }
-                }
+                // The task keeps it.
+                TaskEvent::Progress(_) => {}
                 TaskEvent::Update(TrainNews::Step(step, terms)) => {
                     if let Some(training) = &mut self.reconstruction.training {
                         training.curve.push(step, terms);
@@ -53,6 +53,7 @@ impl Shared {
             }
         }
         if let Some(training) = &mut self.reconstruction.training {
+            training.follow();
             training.watch_memory(now);
         }
     }

@@ -11,6 +11,7 @@ use crate::{
     outputs,
 };
 use std::{
+    ops::ControlFlow,
     path::{Path, PathBuf},
     sync::Arc,
     time::{Duration, Instant},
@@ -42,9 +43,8 @@ pub(super) fn reconstruct(request: &TrainRequest, task: &TaskContext<TrainNews>)
         (Material::Bare(sequence), Words::Labels) if !sequence.classes().is_empty() => {
             let folder = features.insert(folder_beside(&request.scene)?);
             let options = PrepareOptions::default();
-            Material::Prepared(Box::new(jobs::prepare(sequence, folder.path(), &options, &mut |p| {
-                task.follow(p)
-            })?))
+            let observer = &mut |p: &jobs::Progress<'_>| follow_preparing(task, p);
+            Material::Prepared(Box::new(jobs::prepare(sequence, folder.path(), &options, observer)?))
         }
         (other, _) => other,
     };
@@ -95,8 +95,13 @@ fn prepared_by_models(
         ..PrepareOptions::default()
     };
     jobs::prepare_folder(sequence, &request.features_folder(), &options, true, &mut |p| {
-        task.follow(&jobs::Progress { stage: &format!("{PREPARING}, {}", p.stage), ..*p })
+        follow_preparing(task, p)
     })
+}
+
+/// Reports the progress of work before the training, under a name that says so.
+fn follow_preparing(task: &TaskContext<TrainNews>, p: &jobs::Progress<'_>) -> ControlFlow<()> {
+    task.follow(&jobs::Progress { stage: &format!("{PREPARING}, {}", p.stage), ..*p })
 }
 
 /// Returns the text encoder of models.
