@@ -1,7 +1,7 @@
 //! Marks by hand in an engine: scores of the names that they give, and corrections of the scene's prompts.
 
 use super::{Engine, SceneView};
-use std::{collections::BTreeMap, path::Path};
+use std::{collections::BTreeMap, path::Path, sync::Arc};
 use surgtpgs_core::{
     Result,
     deform::deform,
@@ -50,12 +50,13 @@ impl Engine {
             return Ok(());
         }
         let earlier_graph = self.graph.take().filter(|g| g.is_of(&self.scene));
-        let graph = earlier_graph.unwrap_or_else(|| Graph::of(&self.scene));
+        let graph = earlier_graph.unwrap_or_else(|| Arc::new(Graph::of(&self.scene)));
         let has_features = self.relevancy.is_some();
         let is_known =
             |name: &str| has_features && self.scene.classes.iter().any(|(class, _)| class.name == name);
         let (known, new): (Vec<&String>, Vec<&String>) = names.iter().partition(|name| is_known(name));
-        let carried = Carried::new(&self.scene, &graph, &marks.named(&new), CarrySettings::default());
+        let carried =
+            Carried::new(&self.scene, Arc::clone(&graph), &marks.named(&new), CarrySettings::default());
         let carried = match earlier {
             Some(earlier) => carried.with_displacements_of(earlier.carried),
             None => carried,
@@ -176,7 +177,7 @@ impl Engine {
     /// Returns for each prompt the Gaussians that marks give it: those whose share is above one half.
     pub(super) fn gaussians_marked(&self) -> Vec<Vec<usize>> {
         let Some(marked) = &self.marked else { return Vec::new() };
-        let shares = marked.carried.shares();
+        let shares = marked.carried.shares(&self.scene);
         let of = |meant: &Vec<String>| {
             let places: Vec<usize> =
                 (0..shares.len()).filter(|k| meant.contains(&marked.carried.names()[*k])).collect();

@@ -134,7 +134,7 @@ pub struct Engine {
     asking: Asking,
     marked: Option<marked::Marked>,
     /// Graph of the scene's Gaussians, which marks spread over; made for the first marks.
-    graph: Option<Graph>,
+    graph: Option<Arc<Graph>>,
     /// File that the marks were read from.
     marks_file: Option<PathBuf>,
 }

@@ -18,7 +18,10 @@ use crate::{
 };
 use image::RgbImage;
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, OnceLock},
+};
 
 /// Names whose shares are blended in one pass.
 const NAMES_AT_ONCE: usize = 16;
@@ -82,8 +85,10 @@ pub struct Carried {
     evidence: BTreeMap<usize, Evidence>,
     /// The same of the marks that grow.
     growing: BTreeMap<usize, Evidence>,
-    /// Share of each name in each Gaussian, [names][Gaussians].
-    shares: Vec<Vec<f32>>,
+    /// What the marks are carried over.
+    graph: Arc<Graph>,
+    /// Share of each name in each Gaussian, [names][Gaussians], once something needs it: a marked frame does not.
+    shares: OnceLock<Vec<Vec<f32>>>,
     /// Marked frames that were needed last.
     known: BTreeMap<usize, MarkedFrame>,
     /// Displacements to marked frames that are not known yet, found for earlier marks.
@@ -96,7 +101,9 @@ struct MarkedFrame {
     trail: Trail,
     /// Shares as its own marks tell, [names][pixels].
     own: Vec<Vec<f32>>,
-    /// The same with what the marks of the frames beside it tell, once that was asked.
+    /// The same at full size, on the frame that became known last.
+    whole: Option<Vec<Vec<f32>>>,
+    /// `own` with what the marks of the frames beside it tell, once that was asked; `None` if there are none.
     told: Option<Vec<Vec<f32>>>,
     /// Weight of each pixel: 1 if it is marked.
     weights: Vec<f32>,
@@ -147,17 +154,13 @@ impl MarkedFrame {
 pub type Pictures<'a> = dyn FnMut(usize) -> Result<RgbImage> + 'a;
 
 impl Carried {
-    /// Carries marks to the Gaussians of the scene that `graph` is of.
-    pub fn new(scene: &Scene, graph: &Graph, marks: &Marks, settings: CarrySettings) -> Self {
+    /// Takes marks on the recording of a scene that `graph` is of.
+    pub fn new(scene: &Scene, graph: Arc<Graph>, marks: &Marks, settings: CarrySettings) -> Self {
         let names = marks.names();
         let evidence = Evidence::of_all(marks, &names, scene);
-        let growing = Evidence::of_growing(marks, &names, scene);
-        let seeds = Seeds::of(scene, names.len(), evidence.values());
-        let hints = Hints::of(&graph.links, &seeds, &[]);
-        let mut shares = spread(&graph.links, &seeds, None, PULL, Some(&hints));
-        // The solver stops a little beside the solution.
-        shares.iter_mut().flatten().for_each(|share| *share = share.max(0.0));
-        Self { names, settings, evidence, growing, shares, known: BTreeMap::new(), trails: BTreeMap::new() }
+        let growing = Evidence::of_growing(marks, &evidence, &names, scene);
+        let (known, trails) = (BTreeMap::new(), BTreeMap::new());
+        Self { names, settings, evidence, growing, graph, shares: OnceLock::new(), known, trails }
     }
 
     /// Takes over the displacements that were found for earlier marks on the same recording. The scores stay
@@ -182,8 +185,15 @@ impl Carried {
     }
 
     /// Returns the share of each name in each Gaussian, [names][Gaussians], 0–1.
-    pub fn shares(&self) -> &[Vec<f32>] {
-        &self.shares
+    pub fn shares(&self, scene: &Scene) -> &[Vec<f32>] {
+        self.shares.get_or_init(|| {
+            let seeds = Seeds::of(scene, self.names.len(), self.evidence.values());
+            let hints = Hints::of(&self.graph.links, &seeds, &[]);
+            let mut shares = spread(&self.graph.links, &seeds, None, PULL, Some(&hints));
+            // The solver stops a little beside the solution.
+            shares.iter_mut().flatten().for_each(|share| *share = share.max(0.0));
+            shares
+        })
     }
 
     /// Returns the scores on a frame.
@@ -200,14 +210,24 @@ impl Carried {
             return Ok(FrameScores { scores, doubt: Grid::filled(width, height, 0.0) });
         }
         let picture = pictures(frame)?;
-        let mut shares = self.blended(&Seen::at_half(scene, frame));
-        if self.settings.looks_up {
-            let marked = self.nearest(frame);
+        let shares = if !self.settings.looks_up {
+            self.blended(scene, &Seen::at_half(scene, frame))
+        } else if self.evidence.contains_key(&frame) {
+            self.tell(scene, frame, pictures)?;
+            let known = self.known.get(&frame);
+            if let Some(whole) = known.filter(|k| k.told.is_none()).and_then(|k| k.whole.as_ref()) {
+                return Ok(scores(whole, width, height));
+            }
+            known.map(|known| known.told().to_vec()).unwrap_or_default()
+        } else {
+            let marked = beside(frame, &self.evidence);
             marked.iter().try_for_each(|marked| self.tell(scene, *marked, pictures))?;
+            let mut shares = self.blended(scene, &Seen::at_half(scene, frame));
             let here = (frame, &luma_of(&picture));
             self.look_up(scene, here, &marked, MarkedFrame::told, &mut shares, pictures)?;
-            self.forget_far(frame);
-        }
+            shares
+        };
+        self.forget_far(frame);
         let mut shares = self.refined(picture, shares);
         if let Some(evidence) = self.evidence.get(&frame) {
             keep_marked(evidence, &mut shares);
@@ -229,14 +249,15 @@ impl Carried {
 
     /// Returns the scores on any view, of the Gaussians alone.
     pub fn on_view(&self, scene: &Scene, camera: Camera, time: f32) -> Vec<Grid<f32>> {
-        let shares = self.blended(&Seen::of(scene, camera, time));
+        let shares = self.blended(scene, &Seen::of(scene, camera, time));
         scores(&shares, camera.width as usize, camera.height as usize).scores
     }
 
     /// Returns the Gaussians' shares of every pixel.
-    fn blended(&self, seen: &Seen) -> Vec<Vec<f32>> {
-        let mut planes = Vec::with_capacity(self.shares.len());
-        for part in self.shares.chunks(NAMES_AT_ONCE) {
+    fn blended(&self, scene: &Scene, seen: &Seen) -> Vec<Vec<f32>> {
+        let shares = self.shares(scene);
+        let mut planes = Vec::with_capacity(shares.len());
+        for part in shares.chunks(NAMES_AT_ONCE) {
             let values: Vec<f32> =
                 (0..part[0].len()).flat_map(|i| part.iter().map(move |share| share[i])).collect();
             let blended = seen.blend(&values, part.len());
@@ -275,20 +296,16 @@ impl Carried {
         Ok(())
     }
 
-    /// Returns the marked frames that a frame is compared with: the nearest one on either side, or itself.
-    fn nearest(&self, frame: usize) -> Vec<usize> {
-        if self.evidence.contains_key(&frame) {
-            return vec![frame];
-        }
-        beside(frame, &self.evidence)
-    }
-
     /// Carries the marked pixels of the frames beside a marked one to it.
     fn tell(&mut self, scene: &Scene, frame: usize, pictures: &mut Pictures<'_>) -> Result<()> {
         self.know(scene, frame, pictures)?;
         let Some(known) = self.known.get(&frame).filter(|known| known.told.is_none()) else { return Ok(()) };
+        let others = beside(frame, &self.evidence);
+        if others.is_empty() {
+            return Ok(());
+        }
         let mut told = known.own.clone();
-        for other in beside(frame, &self.evidence) {
+        for other in others {
             self.know(scene, other, pictures)?;
             let Some(teller) = self.known.get_mut(&other) else { continue };
             let way = teller.trail.way(frame, &mut |i| Ok(luma_of(&pictures(i)?)))?;
@@ -311,7 +328,7 @@ impl Carried {
         let spread = if let Some(growing) = self.growing.get(&frame) {
             spread_over(&picture, &scene.field_of_view, growing, self.names.len())
         } else {
-            let mut shares = self.blended(&Seen::at_half(scene, frame));
+            let mut shares = self.blended(scene, &Seen::at_half(scene, frame));
             let growing = beside(frame, &self.growing);
             self.look_up(scene, (frame, &luma), &growing, MarkedFrame::own, &mut shares, pictures)?;
             shares
@@ -320,8 +337,8 @@ impl Carried {
         let [whole_width, whole_height] = [picture.width(), picture.height()].map(|side| side as usize);
         let mut shares = self.refined(picture, spread);
         keep_marked(evidence, &mut shares);
-        let half = |plane: Vec<f32>| halved(&Grid::from_vec(whole_width, whole_height, plane)).data;
-        let shares = shares.into_par_iter().map(half).collect();
+        let half = |plane: &Vec<f32>| halved(&Grid::from_vec(whole_width, whole_height, plane.clone())).data;
+        let own = shares.par_iter().map(half).collect();
         let mut weights = vec![UNMARKED; luma.data.len()];
         for i in evidence.pixels() {
             let (x, y) = (i % whole_width / 2, i / whole_width / 2);
@@ -329,7 +346,9 @@ impl Carried {
         }
         let earlier = self.trails.remove(&frame);
         let trail = earlier.unwrap_or_else(|| Trail::new(frame, luma.clone(), self.settings.mends));
-        self.known.insert(frame, MarkedFrame { luma, trail, own: shares, told: None, weights });
+        // At full size they take much memory, and are wanted of the shown frame alone.
+        self.known.values_mut().for_each(|known| known.whole = None);
+        self.known.insert(frame, MarkedFrame { luma, trail, own, whole: Some(shares), told: None, weights });
         Ok(())
     }
 

@@ -41,7 +41,16 @@ impl Evidence {
 
     /// Sums up the marks that grow to whole structures, by frame: clicks and strokes. Outlines tell of their own
     /// pixels alone, but for names that no click or stroke shows.
-    pub(super) fn of_growing(marks: &Marks, names: &[String], scene: &Scene) -> BTreeMap<usize, Self> {
+    /// `all` is the evidence of all marks.
+    pub(super) fn of_growing(
+        marks: &Marks,
+        all: &BTreeMap<usize, Self>,
+        names: &[String],
+        scene: &Scene,
+    ) -> BTreeMap<usize, Self> {
+        if !marks.all().iter().any(|mark| mark.shape.is_outlined()) {
+            return all.clone();
+        }
         let pointed = Self::of_all(&marks.filtered(|mark| !mark.shape.is_outlined()), names, scene);
         let is_pointed_at = |k: usize| pointed.values().any(|evidence| evidence.shows(k));
         let outlined: Vec<&String> =

@@ -48,11 +48,12 @@ const CERTAIN: i32 = 3;
 /// Part of all shares from which on a thing clearly belongs to a name.
 const CLEAR: f32 = 0.8;
 
-/// Weak seeds everywhere, of things that look like marked ones: they reach parts that no mark touches.
+/// Weak seeds everywhere, of things that look like marked ones: they reach parts that no mark touches. What looks
+/// like nothing that is marked is a hint on no name.
 pub(super) struct Hints {
     /// Likeness to the examples of each name to the power of [`CERTAIN`], [names][things].
     likeness: Vec<Vec<f32>>,
-    /// Largest likeness of each thing, and the sum of `likeness` over the names; no name may be one of them.
+    /// Largest likeness of each thing, and the sum of `likeness` over the names; no name is one of them.
     largest: Vec<f32>,
     sums: Vec<f32>,
 }
@@ -60,10 +61,8 @@ pub(super) struct Hints {
 impl Hints {
     /// Takes as examples of a name what is marked so, and what `shares` clearly give to it, if there are some.
     pub(super) fn of(links: &Links, seeds: &Seeds, shares: &[Vec<f32>]) -> Self {
-        let is_alone = is_alone(seeds);
-        let sum = |i: usize| if is_alone { 1.0 } else { shares.iter().map(|plane| plane[i]).sum::<f32>() };
         let is_clear = |k: usize, i: usize| {
-            links.degrees[i] > 0.0 && shares.get(k).is_some_and(|plane| plane[i] > CLEAR * sum(i))
+            links.degrees[i] > 0.0 && shares.get(k).is_some_and(|plane| plane[i] > CLEAR)
         };
         let of_name = |k: usize| {
             let (weights, shares) = (&seeds.weights[k], &seeds.shares[k]);
@@ -71,36 +70,24 @@ impl Hints {
             let marked = (0..links.len()).filter(|i| is_marked(*i)).count();
             let examples: Vec<usize> =
                 (0..links.len()).filter(|i| marked > 0 && (is_marked(*i) || is_clear(k, *i))).collect();
-            let trust = (marked as f32 / MANY).min(1.0);
-            let mut likeness = links.likeness(&examples);
-            likeness.iter_mut().for_each(|v| *v *= trust);
-            likeness
+            (links.likeness(&examples), (marked as f32 / MANY).min(1.0))
         };
-        let likeness: Vec<Vec<f32>> = (0..seeds.weights.len()).map(of_name).collect();
-        // Where nothing else is marked, what looks different is a hint on no name.
-        let largest_at = |i: usize| likeness.iter().map(|plane| plane[i]).fold(0.0, f32::max);
-        let none: Vec<f32> =
-            (0..links.len()).map(|i| if is_alone { 1.0 - largest_at(i) } else { 0.0 }).collect();
-        let largest = none.iter().enumerate().map(|(i, none)| largest_at(i).max(*none)).collect();
-        let certain = |plane: Vec<f32>| plane.into_iter().map(|v| v.powi(CERTAIN)).collect();
-        let likeness: Vec<Vec<f32>> = likeness.into_iter().map(certain).collect();
+        let names: Vec<(Vec<f32>, f32)> = (0..seeds.weights.len()).map(of_name).collect();
+        // A few examples tell little, of what is unlike them, too.
+        let most_trust = names.iter().map(|(_, trust)| *trust).fold(0.0, f32::max);
+        let unlike = |i: usize| 1.0 - names.iter().map(|(plane, _)| plane[i]).fold(0.0, f32::max);
+        let none: Vec<f32> = (0..links.len()).map(|i| most_trust * unlike(i)).collect();
+        let trusted = |(plane, trust): &(Vec<f32>, f32)| plane.iter().map(|v| v * trust).collect();
+        let mut likeness: Vec<Vec<f32>> = names.iter().map(trusted).collect();
+        let largest_at = |i: usize| likeness.iter().map(|plane| plane[i]).fold(none[i], f32::max);
+        let largest = (0..links.len()).map(largest_at).collect();
+        likeness.iter_mut().flatten().for_each(|v| *v = v.powi(CERTAIN));
         let sum = |(i, none): (usize, &f32)| {
             none.powi(CERTAIN) + likeness.iter().map(|plane| plane[i]).sum::<f32>()
         };
         let sums = none.iter().enumerate().map(sum).collect();
         Self { likeness, largest, sums }
     }
-}
-
-/// Returns `true` if the seeds show one name and deny none: nothing tells where it ends.
-fn is_alone(seeds: &Seeds) -> bool {
-    let names = || seeds.weights.iter().zip(&seeds.shares);
-    let things = |(weights, shares): (&'_ Vec<f32>, &'_ Vec<f32>), is: fn(f32, f32) -> bool| {
-        weights.iter().zip(shares).any(|(weight, share)| is(*weight, *share))
-    };
-    let shown = names().filter(|name| things(*name, |weight, share| share > EXAMPLE * weight)).count();
-    shown == 1
-        && names().all(|name| !things(name, |weight, share| weight > EXAMPLE && share <= EXAMPLE * weight))
 }
 
 /// The linear system of one name.

@@ -61,7 +61,7 @@ fn picture(scene: &Scene, frame: usize) -> Result<RgbImage> {
 fn scores(marks: Vec<Mark>, frame: usize) -> (Vec<String>, FrameScores) {
     let scene = scene();
     let marks = Marks::new(marks, &canvas()).unwrap();
-    let mut carried = Carried::new(&scene, &Graph::of(&scene), &marks, CarrySettings::default());
+    let mut carried = Carried::new(&scene, Arc::new(Graph::of(&scene)), &marks, CarrySettings::default());
     let found = carried.on_frame(&scene, frame, &mut |i| picture(&scene, i)).unwrap();
     (carried.names().to_vec(), found)
 }
@@ -107,7 +107,7 @@ fn outlines_correct_strokes_where_they_are_and_grow_no_further() {
     // The box has no border in the picture.
     let settings = CarrySettings { refines: false, ..CarrySettings::default() };
     let on = |frames: &[usize]| {
-        let mut carried = Carried::new(&scene, &Graph::of(&scene), &marks, settings);
+        let mut carried = Carried::new(&scene, Arc::new(Graph::of(&scene)), &marks, settings);
         let each = frames.iter().map(|f| carried.on_frame(&scene, *f, &mut |i| picture(&scene, i)).unwrap());
         each.last().unwrap()
     };
@@ -133,7 +133,7 @@ fn denied_pixels_are_not_found() {
 #[test]
 fn a_correction_changes_its_surroundings_alone() {
     let scene = scene();
-    let graph = Graph::of(&scene);
+    let graph = Arc::new(Graph::of(&scene));
     let before = vec![0.8; scene.gaussians.len()];
     let mark = stroke(0, "liver", false, &[[6.0, 6.0], [10.0, 6.0]]);
     let marks = Marks::new(vec![mark], &canvas()).unwrap();
@@ -168,7 +168,7 @@ fn more_threads_give_the_same_scores() {
 fn doubt_leads_to_a_frame_without_a_mark() {
     let scene = scene();
     let marks = Marks::new(vec![stroke(0, "liver", true, &[[8.0, 10.0], [20.0, 40.0]])], &canvas()).unwrap();
-    let mut carried = Carried::new(&scene, &Graph::of(&scene), &marks, CarrySettings::default());
+    let mut carried = Carried::new(&scene, Arc::new(Graph::of(&scene)), &marks, CarrySettings::default());
     let here = carried.look_here(&scene, &mut |i| picture(&scene, i)).unwrap().unwrap();
     assert!(here.frame != 0 && (0.0..=1.0).contains(&here.doubt), "{here:?}");
     assert!(here.point_px[0] < SIZE[0] as f32 && here.point_px[1] < SIZE[1] as f32);
@@ -273,10 +273,10 @@ fn marks_are_read_as_they_were_written() {
 #[test]
 fn displacements_found_before_change_no_score() {
     let scene = scene();
-    let graph = Graph::of(&scene);
+    let graph = Arc::new(Graph::of(&scene));
     let carried = |marks: &[Mark]| {
         let marks = Marks::new(marks.to_vec(), &canvas()).unwrap();
-        Carried::new(&scene, &graph, &marks, CarrySettings::default())
+        Carried::new(&scene, Arc::clone(&graph), &marks, CarrySettings::default())
     };
     let marks = [
         stroke(0, "liver", true, &[[8.0, 10.0], [20.0, 40.0]]),

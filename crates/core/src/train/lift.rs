@@ -12,7 +12,7 @@ use crate::{
     raster::{FEATURE_PLANE, Images, Packed, backward::raster_backward, bin::bin, project::project_all},
     scene::Scene,
 };
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, sync::Arc};
 
 /// Smallest weight of a Gaussian, over all pixels together, for which its features are replaced.
 const MIN_WEIGHT: f32 = 1e-3;
@@ -70,8 +70,8 @@ impl Trainer {
         let marks = self.prepared.as_ref().map(Prepared::marks).transpose()?.flatten();
         let Some(marks) = marks else { return Ok(BTreeMap::new()) };
         let scene = self.scene()?;
-        let graph = Graph::of(&scene);
-        let mut carried = Carried::new(&scene, &graph, &marks, CarrySettings::default());
+        let graph = Arc::new(Graph::of(&scene));
+        let mut carried = Carried::new(&scene, Arc::clone(&graph), &marks, CarrySettings::default());
         let rows: Vec<u16> = carried.names().iter().map(|name| row_of(&scene, name)).collect();
         let mut regions = BTreeMap::new();
         for i in train_frames(self.sequence.num_frames(), self.settings.eval, &self.settings.excluded) {

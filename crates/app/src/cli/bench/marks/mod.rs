@@ -105,7 +105,7 @@ fn parts() -> [(&'static str, CarrySettings); 3] {
 /// A scene and its labelled recording.
 struct Bench {
     scene: Scene,
-    graph: Graph,
+    graph: Arc<Graph>,
     sequence: Sequence,
     canvas: Canvas,
     classes: Vec<Class>,
@@ -127,7 +127,7 @@ impl Bench {
         }
         let (width, height, num_frames) = (sequence.width(), sequence.height(), sequence.num_frames());
         let canvas = Canvas { width, height, frame_names: Vec::new(), num_frames };
-        Ok(Self { graph: Graph::of(&scene), scene, sequence, canvas, classes })
+        Ok(Self { graph: Arc::new(Graph::of(&scene)), scene, sequence, canvas, classes })
     }
 
     /// Returns the pixels of each class on a frame.
@@ -154,7 +154,7 @@ impl Bench {
 
     fn by_marks(&self, way: &str, marks: &Marks, settings: CarrySettings) -> Result<Outcome> {
         let started = Instant::now();
-        let mut carried = Carried::new(&self.scene, &self.graph, marks, settings);
+        let mut carried = Carried::new(&self.scene, Arc::clone(&self.graph), marks, settings);
         let marked_s = started.elapsed().as_secs_f64();
         let none = Mask::filled(self.canvas.width, self.canvas.height, false);
         let found = |frame: usize| -> Result<Vec<Mask>> {
@@ -229,7 +229,8 @@ impl Bench {
         let mut marks = self.marks(Rule::Stroke, &[middle])?;
         for correction in 1..=CORRECTIONS {
             let current = Marks::new(marks.clone(), &self.canvas)?;
-            let mut carried = Carried::new(&self.scene, &self.graph, &current, CarrySettings::default());
+            let mut carried =
+                Carried::new(&self.scene, Arc::clone(&self.graph), &current, CarrySettings::default());
             let here = carried.look_here(&self.scene, &mut |i| self.sequence.frame(i))?;
             let Some(here) = here else { break };
             let scores = self.scores(&mut carried, here.frame)?;
