@@ -6,8 +6,8 @@
 //! egui itself would move the focus by the arrows, therefore this happens before the pass begins.
 //!
 //! One batch of input may hold keys for two owners, such as "/fat" typed fast: a command that opens the
-//! prompt box, and a word. Everything typed behind a key that may move the focus waits for the next pass,
-//! when it is known who owns it.
+//! prompt box, and a word. Everything typed behind a key or click that may move the focus waits for the next
+//! pass, when it is known who owns it.
 
 use crate::viewer::{
     command::{Command, Entry, Invocation, Scope, keys, takes_keyboard},
@@ -121,6 +121,8 @@ impl Plugin for KeyRouter {
                         continue;
                     }
                 }
+                // A click may move the focus, too.
+                Event::PointerButton { .. } => must_wait = true,
                 _ => {}
             }
             input.events.push(event);

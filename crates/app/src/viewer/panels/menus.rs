@@ -62,7 +62,11 @@ pub(crate) fn menus_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) 
 fn scrolling_menu(ui: &mut Ui, title: &str, content: impl FnOnce(&mut Ui)) {
     ui.menu_button(title, |ui| {
         let room = ui.ctx().content_rect().height() - ROOM_AROUND;
-        ScrollArea::vertical().max_height(room).min_scrolled_height(room).show(ui, content);
+        ScrollArea::vertical().max_height(room).min_scrolled_height(room).show(ui, |ui| {
+            // The scroll bar covers no keys.
+            ui.set_max_width(ui.available_width() - 10.0);
+            content(ui);
+        });
     });
 }
 

@@ -118,7 +118,7 @@ pub(crate) fn words_ui(
     {
         *words = Words::Models(form.chosen.clone());
     }
-    if ui.radio(*words == Words::Nothing, "not at all: its pictures will work").clicked() {
+    if ui.radio(*words == Words::Nothing, "only what you mark by hand").clicked() {
         *words = Words::Nothing;
     }
     let Words::Models(models) = words else { return true };

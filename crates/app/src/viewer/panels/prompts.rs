@@ -209,7 +209,7 @@ fn row_ui(
             state.on_hover_text(format!("“{}”: {why}", prompt.text));
         }
         nearest_ui(ui, actions, prompt, finding);
-        if is_selected && prompt.is_visible {
+        if is_selected && prompt.is_visible && (shared.can_ask() || !shared.awaits_reconstruction()) {
             let found = finding.and_then(|f| f.outcome.as_ref().ok());
             threshold_row_ui(ui, shared, actions, prompt, found);
         }

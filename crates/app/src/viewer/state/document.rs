@@ -12,7 +12,7 @@ use serde_json::Map;
 use surgtpgs_core::{
     mask::CleanUp,
     overlay::{OverlayLook, OverlayStyle},
-    sequence::names_instrument,
+    sequence::{names_instrument, plain_words},
 };
 
 /// Change of the threshold by a threshold key.
@@ -185,7 +185,7 @@ impl Document {
         self.mend_selection();
     }
 
-    /// Gives a prompt other words; refuses empty ones and those of another prompt.
+    /// Gives a prompt other words, and its marks their name; refuses empty words and those of another prompt.
     pub(crate) fn rename(&mut self, id: PromptId, text: &str) {
         let text = text.trim();
         let Some(prompt) = self.prompt(id).filter(|p| p.text != text && !text.is_empty()) else { return };
@@ -193,7 +193,14 @@ impl Document {
             return;
         }
         let name = format!("changing \"{}\" to \"{text}\"", prompt.text);
-        self.edit_prompt(name, None, id, |p| p.text = text.to_owned());
+        let marks = match prompt.like {
+            None => self.marks().renamed(&plain_words(&prompt.text), &plain_words(text)),
+            Some(_) => self.marks().clone(),
+        };
+        self.edit(name, None, |content| {
+            content.prompts.iter_mut().filter(|p| p.id == id).for_each(|p| p.text = text.to_owned());
+            content.marks = marks;
+        });
     }
 
     /// Moves a prompt up (−1) or down (+1) in the list, which is also the order of drawing.

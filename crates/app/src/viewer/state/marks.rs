@@ -62,6 +62,18 @@ impl MarkList {
         Self::of(self.0.iter().filter(|mark| stays(mark)).cloned().collect())
     }
 
+    /// Returns these marks, those of one name with another one; the same list if there are none.
+    pub(crate) fn renamed(&self, name: &str, new: &str) -> Self {
+        if new.is_empty() || !self.0.iter().any(|mark| mark.name == name) {
+            return self.clone();
+        }
+        let renamed = |mark: &Mark| match mark.name == name {
+            true => Mark { name: new.to_owned(), ..mark.clone() },
+            false => mark.clone(),
+        };
+        Self::of(self.0.iter().map(renamed).collect())
+    }
+
     /// Returns the names, sorted, each once.
     pub(crate) fn names(&self) -> BTreeSet<&str> {
         self.0.iter().map(|mark| mark.name.as_str()).collect()
@@ -154,6 +166,17 @@ mod tests {
 
     fn click(frame: usize, name: &str, add: bool) -> Mark {
         Mark::new(frame, name, add, Shape::Click { point_px: [3.5, 4.0], radius_px: 2.0 })
+    }
+
+    #[test]
+    fn marks_keep_to_a_prompt_whose_words_change() {
+        let mut document = Document::new(OverlayLook::default(), 0.5);
+        document.add_mark(click(2, "grasper", true));
+        document.rename(document.prompts()[0].id, "Left Grasper");
+        assert_eq!(document.marks().names(), BTreeSet::from(["left grasper"]));
+        assert!(document.prompts()[0].is_marked_as("left grasper"));
+        document.undo();
+        assert_eq!(document.marks().names(), BTreeSet::from(["grasper"]));
     }
 
     #[test]

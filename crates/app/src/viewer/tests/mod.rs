@@ -184,6 +184,18 @@ fn what_is_typed_fast_is_never_half_command_half_text() {
     assert_eq!(state(&window), before);
     assert!(window.harness.state().shared.document.excluded().is_empty());
 
+    // A click into the box and a word may come in one batch on a slow machine.
+    let mut window = Window::on(scene());
+    let pos = window.harness.get_by_label("Prompt").rect().center();
+    let (button, modifiers) = (egui::PointerButton::Primary, Modifiers::NONE);
+    let click = [true, false].map(|pressed| egui::Event::PointerButton { pos, button, pressed, modifiers });
+    let events = &mut window.harness.input_mut().events;
+    events.push(egui::Event::PointerMoved(pos));
+    events.extend(click);
+    window.type_at_once("fat\n");
+    assert_eq!(window.harness.state().shared.document.prompts()[0].text, "fat");
+    assert_eq!(state(&window), before);
+
     // The number of a frame, too, is typed behind the key that asks for it.
     let mut window = Window::on(scene());
     window.type_at_once("g12\n");
