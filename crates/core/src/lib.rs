@@ -17,6 +17,7 @@ pub mod gaussian;
 
 pub mod deform;
 
+mod dicom;
 pub mod sequence;
 
 pub mod demo;

@@ -1,7 +1,7 @@
 //! `surgtpgs prepare`: features and codec in a folder beside the recording.
 
 use super::{
-    args::{MaskDensity, encoder_choice},
+    args::{HideArgs, MaskDensity, encoder_choice},
     console::{self, ProgressView, say},
     verb::{Exit, Run},
 };
@@ -29,6 +29,9 @@ pub(super) struct PrepareArgs {
     /// Folder to write
     #[arg(short, long, value_name = "PREP")]
     output: PathBuf,
+    /// Parts of the frames to hide
+    #[command(flatten)]
+    hide: HideArgs,
     /// Take features from the recording's label masks: each pixel gets the embedding of its class name
     #[arg(long)]
     labels: bool,
@@ -110,7 +113,7 @@ impl From<LevelArg> for Level {
 
 impl Run for PrepareArgs {
     fn run(&self) -> Result<Exit> {
-        let sequence = Sequence::open(&self.sequence)?;
+        let sequence = Sequence::open_hiding(&self.sequence, &self.hide.hide)?;
         require_for(&Work::Reading(&sequence))?;
         if Prepared::is_unfinished(&self.output) {
             say("going on with an unfinished preparation");

@@ -64,7 +64,7 @@ macro_rules! formats {
         /// Format of exported files; each format has its own folder. Some formats have a file per frame (and
         /// prompt), others have one file about all frames of the export.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
-        #[serde(rename_all = "snake_case")]
+        #[serde(rename_all = "kebab-case")]
         pub enum Format {
             $($(#[$doc])* $format,)*
         }
@@ -130,6 +130,9 @@ formats! {
     /// Segmentation of 3-D Slicer: a volume of x, y and frame.
     Nrrd "nrrd"."seg.nrrd" Series "one .seg.nrrd for 3D Slicer: a volume of x, y and frame"
         [Data 3] "3D Slicer segmentation" "One volume of all frames with names and colours (.seg.nrrd)"
+    /// Segmentation object of DICOM: a segment per prompt, with references to the recording if that is DICOM.
+    DicomSeg "dicom-seg"."dcm" Series "one DICOM segmentation: a segment per prompt, with codes and references"
+        [Data 7] "DICOM segmentation" "One object for archives and viewers of hospitals (DICOM SEG)"
 }
 
 impl Format {

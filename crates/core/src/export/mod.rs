@@ -26,7 +26,7 @@ mod stamp;
 
 pub use caption::{caption, draw_scale, frame_words, timecode};
 pub use format::{Format, FormatGroup, num_files};
-pub use options::{ExportOptions, ExportPrompt, LeftOut, PictureSource};
+pub use options::{ExportOptions, ExportPrompt, LeftOut, PictureSource, SegType};
 pub use provenance::{ExportedFile, FILE_NAME as PROVENANCE_FILE, Provenance, intended_use};
 pub use slugs::{distinct, slugs};
 pub use stamp::stamp;
@@ -36,6 +36,7 @@ use crate::{
     files::{WholeFile, write_whole},
     grid::{Grid, Mask},
     hash::{file_sha256, sha256},
+    sequence::SourceReferences,
 };
 use frame::FrameContent;
 use image::RgbImage;
@@ -62,6 +63,8 @@ pub struct Export {
     series: Vec<OpenSeries>,
     /// Columns and rows, from the first frame on.
     size: Option<(usize, usize)>,
+    /// The DICOM files that the frames come from.
+    sources: Option<SourceReferences>,
 }
 
 /// An unfinished file about all frames.
@@ -133,11 +136,18 @@ impl Export {
             due: Vec::new(),
             series: Vec::new(),
             size: None,
+            sources: None,
         };
         export.due = export.unfinished_series()?;
         export.write_labels()?;
         export.save(false)?;
         Ok(export)
+    }
+
+    /// Gives the DICOM files that the frames come from, for references. Their digest must be in the provenance.
+    pub fn with_sources(mut self, sources: Option<SourceReferences>) -> Self {
+        self.sources = sources;
+        self
     }
 
     /// Returns `true` if `folder` holds an export with this provenance, complete or in part.
@@ -234,7 +244,12 @@ impl Export {
         if self.size.replace(size).is_some() {
             return Ok(());
         }
-        let plan = series::SeriesPlan { provenance: &self.record.provenance, frames: &self.frames, size };
+        let plan = series::SeriesPlan {
+            provenance: &self.record.provenance,
+            frames: &self.frames,
+            size,
+            sources: self.sources.as_ref(),
+        };
         for &format in &self.due {
             let name = series::name(format, &self.frames);
             let path = self.folder.join(&name);
@@ -364,7 +379,7 @@ fn is_to_be_written(path: &Path, sha256: &str, overwrite: bool) -> Result<bool> 
 fn validate(frames: &[usize], provenance: &Provenance) -> Result<()> {
     let prompts = provenance.prompts.len();
     let formats = &provenance.options.formats;
-    let has_labels = formats.iter().any(|f| matches!(f, Format::Index | Format::Nrrd));
+    let has_labels = formats.iter().any(|f| matches!(f, Format::Index | Format::Nrrd | Format::DicomSeg));
     let has_gaps = frames.windows(2).any(|pair| pair[0] + 1 != pair[1]);
     let fault = if frames.is_empty() {
         Some(("there is no frame to export", "Give a range inside the recording."))
@@ -410,4 +425,4 @@ fn series_formats(provenance: &Provenance, frames: &[usize]) -> impl Iterator<It
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

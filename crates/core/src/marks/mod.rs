@@ -22,6 +22,7 @@ mod links;
 mod read;
 mod seeds;
 mod seen;
+mod segmentation;
 mod shape;
 mod spread;
 #[cfg(test)]

@@ -1,8 +1,9 @@
-//! Files of marks: our own, and COCO annotations.
+//! Files of marks: our own, COCO annotations, and DICOM segmentations.
 
-use super::{Canvas, Mark, Marks, bad_mark, coco, entry::MarkEntry, name_of};
+use super::{Canvas, Mark, Marks, bad_mark, coco, entry::MarkEntry, name_of, segmentation};
 use crate::{
     Error, Result,
+    dicom::is_dicom,
     grid::Mask,
     reading::{picture, picture_size, read_text},
 };
@@ -13,12 +14,15 @@ const FORM: &str = "It is {\"marks\": [{\"frame\": 24, \"name\": \"liver\", \"ki
                     or a file of COCO annotations.";
 
 impl Marks {
-    /// Reads a file of marks, or of COCO annotations as exports write them. Mask pictures are named relative to
+    /// Reads a file of marks, a DICOM segmentation, or COCO annotations as exports write them. Mask pictures are named relative to
     /// the file; half of the brightest value and more is marked.
     ///
     /// # Errors
     /// A file that cannot be read, and the first mark that does not fit the recording; the message names it.
     pub fn read(path: &Path, canvas: &Canvas) -> Result<Self> {
+        if is_dicom(path) {
+            return Self::new(segmentation::marks(path, canvas)?, canvas);
+        }
         let text = read_text(path).map_err(|e| Error::io("read the marks", path, e))?;
         let folder = path.parent().unwrap_or(Path::new("."));
         Self::parse(&text, folder, canvas).map_err(|e| match e {

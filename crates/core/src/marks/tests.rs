@@ -357,3 +357,32 @@ fn coco_annotations_are_marks() {
         assert!(message.contains(says) && message.contains("annotations[0]"), "{message}");
     }
 }
+
+#[test]
+fn dicom_segmentations_are_marks_and_labels() {
+    let folder = tempfile::tempdir().unwrap();
+    let mask = Mask::from_vec(SIZE[0], SIZE[1], (0..SIZE[0] * SIZE[1]).map(|i| i % 64 > 50).collect());
+    let file = crate::export::tests::segmentation_of(folder.path(), &mask, 2);
+    let marks = Marks::read(&file, &canvas()).unwrap();
+    assert_eq!((marks.frames(), marks.names()), (vec![2], vec!["liver".to_owned()]));
+    assert_eq!(marks.all()[0].shape, Shape::Mask(Arc::new(mask.clone())));
+    let small = Canvas { width: 8, ..canvas() };
+    assert!(Marks::read(&file, &small).unwrap_err().to_string().contains("64×48"));
+    let short = Canvas { num_frames: 2, frame_names: Vec::new(), ..canvas() };
+    assert!(Marks::read(&file, &short).unwrap_err().to_string().contains("no frame"));
+
+    let recording = folder.path().join("recording");
+    std::fs::create_dir(&recording).unwrap();
+    for i in 0..4 {
+        let picture =
+            image::RgbImage::from_pixel(SIZE[0] as u32, SIZE[1] as u32, image::Rgb([90 + i, 80, 70]));
+        picture.save(recording.join(format!("{i}.png"))).unwrap();
+    }
+    let file = file.strip_prefix(folder.path()).unwrap();
+    let toml = format!("[labels]\nfile = \"../{}\"\n", file.display());
+    std::fs::write(recording.join("sequence.toml"), toml).unwrap();
+    let sequence = crate::sequence::Sequence::open(&recording).unwrap();
+    assert_eq!((sequence.classes()[0].name.as_str(), sequence.classes()[0].id), ("liver", 1));
+    assert_eq!(sequence.labels(1).unwrap(), None);
+    assert_eq!(sequence.labels(2).unwrap().unwrap().map(|id| *id == 1), mask);
+}

@@ -7,6 +7,7 @@ use super::{
 };
 use crate::{
     Result,
+    dicom::Segmentation,
     grid::Grid,
     reading::{self, Values},
 };
@@ -14,6 +15,7 @@ use std::{
     cmp::Ordering,
     collections::BTreeSet,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 /// Class ids per pixel; [`NO_LABEL`] where unknown.
@@ -26,6 +28,8 @@ pub(super) enum LabelFiles {
     Picture(PathBuf),
     /// One mask per class id (non-zero = this class); later ones win.
     PerClass(Vec<(u8, PathBuf)>),
+    /// Frames of a DICOM segmentation; the number of a segment is its class id, and later frames win.
+    Segmentation(Arc<Segmentation>, Vec<usize>),
 }
 
 /// The way in which the values of a label picture name classes.
@@ -74,6 +78,14 @@ pub(super) struct ReadLabels {
     pub examples: BTreeSet<String>,
 }
 
+impl ReadLabels {
+    /// Wraps labels that hold nothing but class ids.
+    fn of(ids: LabelMap) -> Self {
+        let known = ids.data.iter().filter(|id| **id != NO_LABEL).count();
+        Self { ids, way: Way::Ordinary, known, strangers: 0, examples: BTreeSet::new() }
+    }
+}
+
 /// Number of unknown values that are named in messages.
 pub(super) const EXAMPLES: usize = 5;
 
@@ -102,9 +114,18 @@ impl LabelFiles {
                         *label = *id;
                     }
                 }
-                let known = labels.data.iter().filter(|id| **id != NO_LABEL).count();
-                let examples = BTreeSet::new();
-                Ok(ReadLabels { ids: labels, way: Way::Ordinary, known, strangers: 0, examples })
+                Ok(ReadLabels::of(labels))
+            }
+            Self::Segmentation(file, frames) => {
+                let mut labels = Grid::filled(width, height, NO_LABEL);
+                for &i in frames {
+                    let shown = file.shown(i)?;
+                    let of_class = |number: u16| classes.iter().find(|c| u16::from(c.id) == number);
+                    for (label, number) in labels.data.iter_mut().zip(&shown.data).filter(|(_, n)| **n != 0) {
+                        *label = of_class(*number).map_or(*label, |class| class.id);
+                    }
+                }
+                Ok(ReadLabels::of(labels))
             }
         }
     }
@@ -114,6 +135,7 @@ impl LabelFiles {
         match self {
             Self::Picture(path) => vec![path],
             Self::PerClass(files) => files.iter().map(|(_, path)| path.as_path()).collect(),
+            Self::Segmentation(file, _) => vec![file.path()],
         }
     }
 }

@@ -1,9 +1,11 @@
 //! The contents of a recording, as its layout describes them.
 
 use super::{
-    classes::{self, Class},
+    classes::{self, Class, NO_LABEL},
     depth::DepthRule,
+    dicom::{DicomPictures, Origin},
     h264::H264,
+    hidden::{self, HiddenRectangle},
     labels::{LabelCoding, LabelFiles, NumbersAre, ReadLabels, numbers_of},
     read,
 };
@@ -89,6 +91,10 @@ pub(super) struct Recording {
     pub scratch: Vec<TempDir>,
     /// The videos that frames were unpacked from.
     pub unpacked_from: Vec<PathBuf>,
+    /// The DICOM files that the frames come from.
+    pub dicom: Option<Origin>,
+    /// Parts of every frame that are black, whatever the files show there.
+    pub hidden: Vec<HiddenRectangle>,
 }
 
 /// The files of one frame.
@@ -106,6 +112,7 @@ pub(super) struct FrameFiles {
 pub(super) enum Picture {
     File(PathBuf),
     Video { video: Arc<H264>, index: usize },
+    Dicom { frames: Arc<DicomPictures>, index: usize },
 }
 
 /// The pixels that a mask file keeps.
@@ -164,6 +171,8 @@ impl Recording {
             notes: Vec::new(),
             scratch: Vec::new(),
             unpacked_from: Vec::new(),
+            dicom: None,
+            hidden: Vec::new(),
         }
     }
 
@@ -278,6 +287,9 @@ impl Recording {
         let mut frames: Vec<_> = self.frames.into_iter().map(Some).collect();
         self.frames = keep.iter().filter_map(|&i| frames[i].take()).collect();
         self.cameras = keep.iter().map(|&i| self.cameras[i]).collect();
+        if let Some(origin) = &mut self.dicom {
+            origin.select(&keep);
+        }
         Ok(self)
     }
 
@@ -291,6 +303,8 @@ impl Recording {
                 "Add labels.json beside the folder, or [[classes]] to sequence.toml.",
             ));
         }
+        hidden::require_inside(&self.hidden, (self.width, self.height))
+            .map_err(|what| Error::input_at(&self.path, what, "Look at what is to be hidden."))?;
         for (i, camera) in self.cameras.iter().enumerate() {
             let intrinsics = [camera.fx, camera.fy, camera.cx, camera.cy];
             if !intrinsics.iter().all(|v| v.is_finite()) || camera.fx <= 0.0 || camera.fy <= 0.0 {
@@ -310,22 +324,31 @@ impl Recording {
 
     /// Returns the files of all frames, but for videos.
     pub(super) fn files(&self) -> impl Iterator<Item = &Path> {
-        self.frames.iter().flat_map(|frame| {
+        let dicom = self.dicom.iter().flat_map(Origin::files).map(PathBuf::as_path);
+        dicom.chain(self.frames.iter().flat_map(|frame| {
             let picture = match &frame.picture {
                 Picture::File(path) => Some(path.as_path()),
-                Picture::Video { .. } => None,
+                Picture::Video { .. } | Picture::Dicom { .. } => None,
             };
             let maps = [frame.mask.as_deref(), frame.depth.as_deref(), picture];
             let labels = frame.labels.iter().flat_map(LabelFiles::paths);
             maps.into_iter().flatten().chain(labels)
-        })
+        }))
     }
 
-    /// Decodes frame `i`.
+    /// Decodes frame `i`; hidden parts are black.
     pub(super) fn frame(&self, i: usize) -> Result<RgbImage> {
+        let mut frame = self.frame_in_full(i)?;
+        hidden::blacken(&mut frame, &self.hidden);
+        Ok(frame)
+    }
+
+    /// Decodes frame `i` with its hidden parts, which nobody may see.
+    pub(super) fn frame_in_full(&self, i: usize) -> Result<RgbImage> {
         match &self.frames[i].picture {
             Picture::File(path) => read::frame(path, self.width, self.height),
             Picture::Video { video, index } => video.frame(*index),
+            Picture::Dicom { frames, index } => frames.frame(*index),
         }
     }
 
@@ -343,8 +366,10 @@ impl Recording {
 
     /// Reads the labels of frame `i`; `None` if it has none.
     pub(super) fn labels(&self, i: usize, numbers: NumbersAre) -> Result<Option<ReadLabels>> {
-        let labels = self.frames[i].labels.as_ref();
-        labels.map(|l| l.read(&self.coding, numbers, &self.classes, (self.width, self.height))).transpose()
+        let Some(files) = &self.frames[i].labels else { return Ok(None) };
+        let mut labels = files.read(&self.coding, numbers, &self.classes, (self.width, self.height))?;
+        hidden::fill(&mut labels.ids, &self.hidden, NO_LABEL);
+        Ok(Some(labels))
     }
 
     /// Decides the meaning of the numbers of its label pictures, from `some` of them, evenly spread.
@@ -365,7 +390,9 @@ impl Recording {
     /// Reads the depth of frame `i` at the frames' size, 0 where unknown.
     pub(super) fn depth(&self, i: usize) -> Result<Option<Grid<f32>>> {
         let Some(path) = &self.frames[i].depth else { return Ok(None) };
-        Ok(Some(self.depth_rule.read(path)?.resized(self.width, self.height)))
+        let mut depth = self.depth_rule.read(path)?.resized(self.width, self.height);
+        hidden::fill(&mut depth, &self.hidden, 0.0);
+        Ok(Some(depth))
     }
 }
 

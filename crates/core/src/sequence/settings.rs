@@ -22,6 +22,15 @@
 //! first = 0                   # numbers of the first and last file that are used, counted from 0
 //! last = 79
 //!
+//! [labels]
+//! file = "labels.dcm"         # a DICOM segmentation of the recording; its segments become the classes
+//!
+//! [[hidden]]                  # a part of every frame that is black, in pixels: burnt-in names, for example
+//! x = 10
+//! y = 8
+//! width = 200
+//! height = 24
+//!
 //! [[classes]]                 # replaces the class list; ids are values of the label files
 //! id = 1
 //! name = "liver"
@@ -34,9 +43,11 @@ use super::{
     classes::{self, ClassEntry},
     decided,
     depth::DepthKind,
+    hidden::HiddenRectangle,
     labels::LabelCoding,
     read,
     recording::{CameraSource, Keep, MaskRule, Recording, Selection},
+    segmentation,
 };
 use crate::{
     Error, Result,
@@ -86,6 +97,12 @@ pub struct Settings {
     /// `[frames]`
     #[serde(skip_serializing_if = "is_default")]
     pub frames: FrameSettings,
+    /// `[labels]`
+    #[serde(skip_serializing_if = "is_default")]
+    pub labels: LabelSettings,
+    /// `[[hidden]]`
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub hidden: Vec<HiddenRectangle>,
     /// `[[classes]]`
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub classes: Vec<ClassEntry>,
@@ -152,6 +169,14 @@ pub struct FrameSettings {
     pub last: Option<usize>,
 }
 
+/// `[labels]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LabelSettings {
+    /// A DICOM segmentation with labels, relative to the settings file.
+    pub file: Option<PathBuf>,
+}
+
 fn is_default<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
@@ -212,6 +237,7 @@ impl Settings {
     /// Overrides what the layout found. `path` is the settings file, for messages.
     pub(super) fn apply(&self, recording: &mut Recording, path: &Path) -> Result<()> {
         self.apply_camera(recording);
+        recording.hidden.clone_from(&self.hidden);
         recording.depth_rule.kind = self.depth.kind.unwrap_or(recording.depth_rule.kind);
         recording.depth_rule.scale = self.depth.scale.unwrap_or(recording.depth_rule.scale);
         match (self.masks.keep, recording.mask_rule) {
@@ -234,6 +260,10 @@ impl Settings {
         }
         let frames_per_second = self.time.frames_per_second.or(recording.frames_per_second);
         recording.frames_per_second = frames_per_second.map(|fps| fps / every);
+        if let Some(file) = &self.labels.file {
+            let folder = path.parent().unwrap_or(Path::new("."));
+            segmentation::add_labels(recording, &folder.join(file))?;
+        }
         if !self.classes.is_empty() {
             recording.classes = classes::from_entries(&self.classes, path)?;
             recording.coding = LabelCoding::IdsOrColours;
@@ -306,6 +336,8 @@ mod tests {
             masks: MaskSettings { keep: Some(Keep::White), field_of_view: Some(FieldOfViewSetting::Whole) },
             time: TimeSettings { frames_per_second: Some(25.0), every: Some(2) },
             frames: FrameSettings { first: Some(1), last: Some(9) },
+            labels: LabelSettings { file: Some("labels.dcm".into()) },
+            hidden: vec![HiddenRectangle { x: 1, y: 2, width: 3, height: 4 }],
             classes: vec![ClassEntry { id: 3, name: "fat".into(), colour: None }],
         };
         assert_eq!(read(&toml::to_string(&settings).unwrap()).unwrap(), settings);

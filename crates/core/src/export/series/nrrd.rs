@@ -48,7 +48,7 @@ fn has_layers(plan: SeriesPlan<'_>) -> bool {
 }
 
 fn header(plan: SeriesPlan<'_>, has_layers: bool) -> String {
-    let SeriesPlan { provenance, frames, size: (width, height) } = plan;
+    let SeriesPlan { provenance, frames, size: (width, height), .. } = plan;
     let (prompts, depth) = (provenance.prompts.len(), frames.len());
     // Slicer needs three spatial axes, even for a single frame; the layers come first.
     let (dimension, layers, none, list) =
