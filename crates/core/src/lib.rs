@@ -17,12 +17,15 @@ pub mod gaussian;
 
 pub mod deform;
 
+pub mod mask;
+
+pub mod annotations;
+
 pub mod sequence;
 
 pub mod demo;
 
 pub mod codec;
-pub mod mask;
 pub mod meaning;
 pub mod segment;
 

@@ -7,6 +7,7 @@ use super::{
 };
 use crate::{
     Result,
+    annotations::Shape,
     grid::Grid,
     reading::{self, Values},
 };
@@ -26,6 +27,8 @@ pub(super) enum LabelFiles {
     Picture(PathBuf),
     /// One mask per class id (non-zero = this class); later ones win.
     PerClass(Vec<(u8, PathBuf)>),
+    /// Shapes of a file of annotations, with class ids; later ones win.
+    Shapes(Vec<(u8, Shape)>),
 }
 
 /// The way in which the values of a label picture name classes.
@@ -102,19 +105,36 @@ impl LabelFiles {
                         *label = *id;
                     }
                 }
-                let known = labels.data.iter().filter(|id| **id != NO_LABEL).count();
-                let examples = BTreeSet::new();
-                Ok(ReadLabels { ids: labels, way: Way::Ordinary, known, strangers: 0, examples })
+                Ok(ReadLabels::certain(labels))
+            }
+            Self::Shapes(shapes) => {
+                let mut labels = Grid::filled(width, height, NO_LABEL);
+                for (id, shape) in shapes {
+                    let mask = shape.pixels(width, height);
+                    for (label, _) in labels.data.iter_mut().zip(&mask.data).filter(|(_, m)| **m) {
+                        *label = *id;
+                    }
+                }
+                Ok(ReadLabels::certain(labels))
             }
         }
     }
 
-    /// Returns the paths of the files, for messages.
+    /// Returns the paths of the files that are the recording's own.
     pub(super) fn paths(&self) -> Vec<&Path> {
         match self {
             Self::Picture(path) => vec![path],
             Self::PerClass(files) => files.iter().map(|(_, path)| path.as_path()).collect(),
+            Self::Shapes(_) => Vec::new(),
         }
+    }
+}
+
+impl ReadLabels {
+    /// Takes class ids whose meaning is certain.
+    fn certain(ids: LabelMap) -> Self {
+        let known = ids.data.iter().filter(|id| **id != NO_LABEL).count();
+        Self { ids, way: Way::Ordinary, known, strangers: 0, examples: BTreeSet::new() }
     }
 }
 

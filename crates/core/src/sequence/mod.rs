@@ -52,8 +52,8 @@ pub(crate) use layouts::MONOCULAR_BASELINE;
 pub(crate) use read::{lightness, npy_map};
 pub use recording::{CameraSource, Keep};
 pub use settings::{
-    CameraSettings, DepthSettings, FieldOfViewSetting, FrameSettings, MAX_FRAMES_PER_SECOND, MaskSettings,
-    SETTINGS_FILE, Settings, TimeSettings, settings_files,
+    CameraSettings, DepthSettings, FieldOfViewSetting, FrameSettings, LabelSettings, MAX_FRAMES_PER_SECOND,
+    MaskSettings, SETTINGS_FILE, Settings, TimeSettings, settings_files,
 };
 
 /// A recording; see the accessors. Cheap to clone: clones share everything.
@@ -85,6 +85,12 @@ impl Sequence {
     /// Opens a folder or a video file; the layout is recognised by content. Only file names, picture
     /// headers and small tables are read here.
     pub fn open(path: &Path) -> Result<Self> {
+        Self::open_labelled(path, None)
+    }
+
+    /// Opens a recording as [`Sequence::open`] does, with the labels of a file of annotations
+    /// ([`crate::annotations`]) instead of its own, if one is given.
+    pub fn open_labelled(path: &Path, labels: Option<&Path>) -> Result<Self> {
         if let Some(kind) = unfinished_kind(path) {
             let what = format!("this folder holds an unfinished {kind}");
             return Err(Error::input_at(path, what, "Run the command again that makes it."));
@@ -93,6 +99,8 @@ impl Sequence {
         let settings = Settings::read(&file)?;
         let (layout, mut recording) = layouts::open(path, &settings.selection())?;
         settings.apply(&mut recording, &file)?;
+        let named = settings.labels.file.as_ref().map(|name| file.with_file_name(name));
+        labels.or(named.as_deref()).map_or(Ok(()), |file| recording.take_labels(file))?;
         Self::from_recording(layout, recording.validate()?)
     }
 

@@ -9,6 +9,7 @@ use super::{
 };
 use crate::{
     Error, Result,
+    annotations::{self, Canvas},
     camera::Camera,
     grid::{Grid, Mask},
     reading::is_present,
@@ -185,6 +186,25 @@ impl Recording {
         }
         if is_present(list) {
             self.classes = classes::read_json(list)?;
+        }
+        Ok(())
+    }
+
+    /// Takes the labels of all frames from a file of annotations instead of the recording's own. A class keeps its
+    /// id and colour if the recording has one of the same name.
+    pub(super) fn take_labels(&mut self, file: &Path) -> Result<()> {
+        let frame_names = self.frames.iter().map(|frame| frame.name.clone()).collect();
+        let (width, height, num_frames) = (self.width, self.height, self.frames.len());
+        let annotations = annotations::read(file, &Canvas { width, height, frame_names, num_frames })?;
+        self.classes = classes::named(&annotations, &self.classes, file)?;
+        self.frames.iter_mut().for_each(|frame| frame.labels = None);
+        for annotation in annotations {
+            let name = classes::plain_words(&annotation.name);
+            let Some(class) = self.classes.iter().find(|class| class.name == name) else { continue };
+            let labels = &mut self.frames[annotation.frame].labels;
+            if let LabelFiles::Shapes(shapes) = labels.get_or_insert(LabelFiles::Shapes(Vec::new())) {
+                shapes.push((class.id, annotation.shape));
+            }
         }
         Ok(())
     }

@@ -14,6 +14,9 @@
 //! keep = "white"              # which side of the mask files is tissue: "white" or "black"
 //! field_of_view = "detect"    # or "whole": no border is looked for
 //!
+//! [labels]
+//! file = "annotations.xml"    # labels of another program instead of the recording's own, beside this file
+//!
 //! [time]
 //! frames_per_second = 25.0    # of the files
 //! every = 2                   # use each second frame
@@ -80,6 +83,9 @@ pub struct Settings {
     /// `[masks]`
     #[serde(skip_serializing_if = "is_default")]
     pub masks: MaskSettings,
+    /// `[labels]`
+    #[serde(skip_serializing_if = "is_default")]
+    pub labels: LabelSettings,
     /// `[time]`
     #[serde(skip_serializing_if = "is_default")]
     pub time: TimeSettings,
@@ -131,6 +137,14 @@ pub enum FieldOfViewSetting {
     Detect,
     /// Everything is inside.
     Whole,
+}
+
+/// `[labels]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LabelSettings {
+    /// File of annotations with the labels, seen from the settings file.
+    pub file: Option<PathBuf>,
 }
 
 /// `[time]`
@@ -304,6 +318,7 @@ mod tests {
             camera: CameraSettings { fx: Some(300.5), ..Default::default() },
             depth: DepthSettings { scale: Some(0.01), kind: Some(DepthKind::Disparity) },
             masks: MaskSettings { keep: Some(Keep::White), field_of_view: Some(FieldOfViewSetting::Whole) },
+            labels: LabelSettings { file: Some("tasks.json".into()) },
             time: TimeSettings { frames_per_second: Some(25.0), every: Some(2) },
             frames: FrameSettings { first: Some(1), last: Some(9) },
             classes: vec![ClassEntry { id: 3, name: "fat".into(), colour: None }],
