@@ -66,7 +66,7 @@ pub(super) fn open_recording(scene: &Scene, path: &Path) -> Result<Sequence> {
     let sequence = if Prepared::is_prepared(path) {
         Prepared::open(path)?.sequence
     } else {
-        Sequence::open_hiding(path, then.map_or(&[], |then| then.hidden()))?
+        Sequence::open_with(path, None, then.map_or(&[], |then| then.hidden()))?
     };
     if let Some(difference) = then.and_then(|then| sequence.outline().difference(then)) {
         return Err(Error::input_at(path, format!("this is not the scene's recording: {difference}"), GIVE));

@@ -26,7 +26,7 @@ impl Material {
     /// any is given is an error.
     pub fn open_hiding(path: &Path, hidden: &[HiddenRectangle]) -> Result<Self> {
         if !Prepared::is_prepared(path) {
-            return Sequence::open_hiding(path, hidden).map(Self::Bare);
+            return Sequence::open_with(path, None, hidden).map(Self::Bare);
         }
         if !hidden.is_empty() {
             let what = "what is hidden was decided when this folder was prepared";

@@ -23,6 +23,7 @@ mod provenance;
 mod series;
 mod slugs;
 mod stamp;
+mod yolo;
 
 pub use caption::{caption, draw_scale, frame_words, timecode};
 pub use format::{Format, FormatGroup, num_files};
@@ -82,7 +83,7 @@ pub struct ExportSummary {
     pub frames: usize,
     /// Number of frames that existed already and were left alone.
     pub skipped_frames: usize,
-    /// Number of files of the export, without `provenance.json` and `labels.json`.
+    /// Number of files of the export, without `provenance.json`, `labels.json` and `data.yaml`.
     pub files: usize,
     /// Words of which nothing was written, because they mean nothing in the recording.
     pub left_out: Vec<LeftOut>,
@@ -211,7 +212,7 @@ impl Export {
             complete,
             frames: self.frames.len(),
             skipped_frames: self.skipped,
-            files: self.record.files.iter().filter(|f| f.name != labels_name()).count(),
+            files: self.record.files.iter().filter(|f| !is_labels(&f.name)).count(),
             left_out: self.record.provenance.left_out.clone(),
         })
     }
@@ -328,16 +329,16 @@ impl Export {
         }
     }
 
+    /// Writes the files that say which number stands for which prompt.
     fn write_labels(&mut self) -> Result<()> {
-        if self.frames.is_empty() || !self.record.provenance.options.formats.contains(&Format::Index) {
-            return Ok(());
+        let provenance = &self.record.provenance;
+        let formats = if self.frames.is_empty() { &[][..] } else { &provenance.options.formats };
+        let texts = formats.iter().filter_map(|f| Some((labels_name(*f)?, labels_text(*f, provenance))));
+        for (name, text) in texts.collect::<Vec<_>>() {
+            write_whole(&self.folder.join(&name), text.as_bytes())?;
+            let sha256 = sha256(text.as_bytes());
+            self.record.add_series(ExportedFile { name, sha256, frame: None, prompt: None });
         }
-        let label = |(i, p): (usize, &ExportPrompt)| serde_json::json!({ "id": i + 1, "prompt": p.text, "colour": p.colour });
-        let labels: Vec<_> = self.record.provenance.prompts.iter().enumerate().map(label).collect();
-        let text = provenance::pretty(&serde_json::json!({ "background": 0, "labels": labels }));
-        let (name, sha256) = (labels_name(), sha256(text.as_bytes()));
-        write_whole(&self.folder.join(&name), text.as_bytes())?;
-        self.record.add_series(ExportedFile { name, sha256, frame: None, prompt: None });
         Ok(())
     }
 
@@ -348,9 +349,27 @@ impl Export {
     }
 }
 
-/// Returns the path, inside the export, of the file that names the labels of label pictures.
-fn labels_name() -> String {
-    format!("{}/labels.json", Format::Index.name())
+/// Returns the path, inside the export, of the file that says which number of a format stands for which prompt.
+fn labels_name(format: Format) -> Option<String> {
+    match format {
+        Format::Index => Some(format!("{}/labels.json", format.name())),
+        Format::Yolo => Some(format!("{}/data.yaml", format.name())),
+        _ => None,
+    }
+}
+
+/// Returns `true` for the name of such a file.
+fn is_labels(name: &str) -> bool {
+    Format::ALL.into_iter().filter_map(labels_name).any(|labels| labels == name)
+}
+
+fn labels_text(format: Format, provenance: &Provenance) -> String {
+    if format == Format::Yolo {
+        return yolo::names(provenance);
+    }
+    let label = |(i, p): (usize, &ExportPrompt)| serde_json::json!({ "id": i + 1, "prompt": p.text, "colour": p.colour });
+    let labels: Vec<_> = provenance.prompts.iter().enumerate().map(label).collect();
+    provenance::pretty(&serde_json::json!({ "background": 0, "labels": labels }))
 }
 
 fn write_file(folder: &Path, frame: usize, file: pictures::File, overwrite: bool) -> Result<ExportedFile> {

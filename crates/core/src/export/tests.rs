@@ -65,6 +65,11 @@ pub(crate) fn segmentation_of(folder: &Path, mask: &Mask, frame: usize) -> PathB
     folder.join(series::name(Format::DicomSeg, &[frame]))
 }
 
+/// Returns the provenance of an export without clean-up and formats.
+pub(crate) fn plain_provenance() -> Provenance {
+    provenance(&[], false)
+}
+
 fn run(folder: &Path, frames: &[usize], provenance: &Provenance, force: bool) -> Result<ExportSummary> {
     let mut export = Export::begin(folder, frames.to_vec(), provenance.clone(), force)?;
     while export.next_frame().is_some() {

@@ -12,7 +12,7 @@ use crate::{
 };
 use image::RgbImage;
 use proptest::prelude::*;
-use std::{path::Path, sync::Arc};
+use std::path::Path;
 
 const SIZE: [usize; 2] = [64, 48];
 const FRAMES: usize = 4;
@@ -224,7 +224,7 @@ proptest! {
 }
 
 fn read(text: &str) -> Result<Marks> {
-    Marks::parse(text, Path::new("."), &canvas())
+    Marks::parse(text.as_bytes(), Path::new("."), &canvas())
 }
 
 fn refused(mark: &str) -> String {
@@ -257,7 +257,7 @@ fn marks_are_read_as_they_were_written() {
         Shape::Stroke { points_px: vec![[1.0 / 3.0, 2.0], [64.0, 48.0]], radius_px: 4.0 },
         Shape::Polygon { points_px: vec![[5.0, 5.0], [60.0, 8.0], [30.0, 44.0]] },
         Shape::Box { corners_px: [[9.0, 9.0], [1.0, 1.0]] },
-        Shape::Mask(Arc::new(mask)),
+        Shape::from(&mask),
     ];
     let marks: Vec<Mark> = marks
         .into_iter()
@@ -315,7 +315,8 @@ fn a_bad_mark_is_named() {
         assert!(message.contains(says) && message.starts_with("marks[1]"), "{mark}: {message}");
     }
     assert!(read("{}").unwrap_err().to_string().contains("no list \"marks\""));
-    assert!(read("[").unwrap_err().to_string().contains("no file of marks"));
+    assert!(read("{").unwrap_err().to_string().contains("no file of marks"));
+    assert!(read("[").unwrap_err().to_string().contains("Label Studio"));
 }
 
 #[test]
@@ -343,7 +344,7 @@ fn coco_annotations_are_marks() {
     ));
     let marks = read(&text).unwrap();
     assert_eq!((marks.frames(), marks.names()), (vec![2, 3], vec!["liver".to_owned()]));
-    assert_eq!(marks.all()[0].shape, Shape::Mask(Arc::new(mask)));
+    assert_eq!(marks.all()[0].shape, Shape::from(&mask));
     for (annotation, says) in [
         (r#"{"image_id": 9, "category_id": 1, "segmentation": [[1, 1, 9, 1, 9, 9]]}"#, "no frame"),
         (r#"{"image_id": 7, "category_id": 2, "segmentation": [[1, 1, 9, 1, 9, 9]]}"#, "no category"),

@@ -7,6 +7,7 @@ use super::{
 };
 use crate::{
     Result,
+    annotations::Shape,
     dicom::Segmentation,
     grid::Grid,
     reading::{self, Values},
@@ -30,6 +31,8 @@ pub(super) enum LabelFiles {
     PerClass(Vec<(u8, PathBuf)>),
     /// Frames of a DICOM segmentation; the number of a segment is its class id, and later frames win.
     Segmentation(Arc<Segmentation>, Vec<usize>),
+    /// Shapes of a file of annotations, with class ids; later ones win.
+    Shapes(Vec<(u8, Shape)>),
 }
 
 /// The way in which the values of a label picture name classes.
@@ -78,14 +81,6 @@ pub(super) struct ReadLabels {
     pub examples: BTreeSet<String>,
 }
 
-impl ReadLabels {
-    /// Wraps labels that hold nothing but class ids.
-    fn of(ids: LabelMap) -> Self {
-        let known = ids.data.iter().filter(|id| **id != NO_LABEL).count();
-        Self { ids, way: Way::Ordinary, known, strangers: 0, examples: BTreeSet::new() }
-    }
-}
-
 /// Number of unknown values that are named in messages.
 pub(super) const EXAMPLES: usize = 5;
 
@@ -114,7 +109,7 @@ impl LabelFiles {
                         *label = *id;
                     }
                 }
-                Ok(ReadLabels::of(labels))
+                Ok(ReadLabels::certain(labels))
             }
             Self::Segmentation(file, frames) => {
                 let mut labels = Grid::filled(width, height, NO_LABEL);
@@ -125,18 +120,37 @@ impl LabelFiles {
                         *label = of_class(*number).map_or(*label, |class| class.id);
                     }
                 }
-                Ok(ReadLabels::of(labels))
+                Ok(ReadLabels::certain(labels))
+            }
+            Self::Shapes(shapes) => {
+                let mut labels = Grid::filled(width, height, NO_LABEL);
+                for (id, shape) in shapes {
+                    let mask = shape.pixels(width, height);
+                    for (label, _) in labels.data.iter_mut().zip(&mask.data).filter(|(_, m)| **m) {
+                        *label = *id;
+                    }
+                }
+                Ok(ReadLabels::certain(labels))
             }
         }
     }
 
-    /// Returns the paths of the files, for messages.
+    /// Returns the paths of the files that are the recording's own.
     pub(super) fn paths(&self) -> Vec<&Path> {
         match self {
             Self::Picture(path) => vec![path],
             Self::PerClass(files) => files.iter().map(|(_, path)| path.as_path()).collect(),
             Self::Segmentation(file, _) => vec![file.path()],
+            Self::Shapes(_) => Vec::new(),
         }
+    }
+}
+
+impl ReadLabels {
+    /// Takes class ids whose meaning is certain.
+    fn certain(ids: LabelMap) -> Self {
+        let known = ids.data.iter().filter(|id| **id != NO_LABEL).count();
+        Self { ids, way: Way::Ordinary, known, strangers: 0, examples: BTreeSet::new() }
     }
 }
 

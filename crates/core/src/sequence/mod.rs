@@ -92,12 +92,13 @@ impl Sequence {
     /// Opens a folder or a video file; the layout is recognised by content. Only file names, picture
     /// headers and small tables are read here.
     pub fn open(path: &Path) -> Result<Self> {
-        Self::open_hiding(path, &[])
+        Self::open_with(path, None, &[])
     }
 
-    /// Opens a recording as [`Sequence::open`] does. Besides the rectangles that its settings hide, `more` are
-    /// black in every frame.
-    pub fn open_hiding(path: &Path, more: &[HiddenRectangle]) -> Result<Self> {
+    /// Opens a recording as [`Sequence::open`] does. The labels are those of a file of annotations
+    /// ([`crate::annotations`]) or of a DICOM segmentation instead of its own, if one is given. Besides the
+    /// rectangles that its settings hide, `hidden` are black in every frame.
+    pub fn open_with(path: &Path, labels: Option<&Path>, hidden: &[HiddenRectangle]) -> Result<Self> {
         if let Some(kind) = unfinished_kind(path) {
             let what = format!("this folder holds an unfinished {kind}");
             return Err(Error::input_at(path, what, "Run the command again that makes it."));
@@ -106,9 +107,11 @@ impl Sequence {
         let settings = Settings::read(&file)?;
         let (layout, mut recording) = layouts::open(path, &settings.selection())?;
         settings.apply(&mut recording, &file)?;
-        recording.hidden.extend(more);
+        recording.hidden.extend(hidden);
         recording.hidden.sort_unstable();
         recording.hidden.dedup();
+        let named = settings.labels.file.as_ref().map(|name| file.with_file_name(name));
+        labels.or(named.as_deref()).map_or(Ok(()), |file| recording.take_labels(file))?;
         Self::from_recording(layout, recording.validate()?)
     }
 

@@ -7,11 +7,13 @@ use super::{
     h264::H264,
     hidden::{self, HiddenRectangle},
     labels::{LabelCoding, LabelFiles, NumbersAre, ReadLabels, numbers_of},
-    read,
+    read, segmentation,
 };
 use crate::{
     Error, Result,
+    annotations::{self, Canvas},
     camera::Camera,
+    dicom::is_dicom,
     grid::{Grid, Mask},
     reading::is_present,
 };
@@ -234,6 +236,29 @@ impl Recording {
         }
         if is_present(list) {
             self.classes = classes::read_json(list)?;
+        }
+        Ok(())
+    }
+
+    /// Takes the labels of all frames from a file of annotations, or from a DICOM segmentation, instead of the
+    /// recording's own. A class of annotations keeps its id and colour if the recording has one of the same name.
+    pub(super) fn take_labels(&mut self, file: &Path) -> Result<()> {
+        if is_dicom(file) {
+            self.frames.iter_mut().for_each(|frame| frame.labels = None);
+            return segmentation::add_labels(self, file);
+        }
+        let frame_names = self.frames.iter().map(|frame| frame.name.clone()).collect();
+        let (width, height, num_frames) = (self.width, self.height, self.frames.len());
+        let annotations = annotations::read(file, &Canvas { width, height, frame_names, num_frames })?;
+        self.classes = classes::named(&annotations, &self.classes, file)?;
+        self.frames.iter_mut().for_each(|frame| frame.labels = None);
+        for annotation in annotations {
+            let name = classes::plain_words(&annotation.name);
+            let Some(class) = self.classes.iter().find(|class| class.name == name) else { continue };
+            let labels = &mut self.frames[annotation.frame].labels;
+            if let LabelFiles::Shapes(shapes) = labels.get_or_insert(LabelFiles::Shapes(Vec::new())) {
+                shapes.push((class.id, annotation.shape));
+            }
         }
         Ok(())
     }

@@ -14,6 +14,9 @@
 //! keep = "white"              # which side of the mask files is tissue: "white" or "black"
 //! field_of_view = "detect"    # or "whole": no border is looked for
 //!
+//! [labels]
+//! file = "annotations.xml"    # labels of another program, or a DICOM segmentation, instead of the recording's own
+//!
 //! [time]
 //! frames_per_second = 25.0    # of the files
 //! every = 2                   # use each second frame
@@ -21,9 +24,6 @@
 //! [frames]
 //! first = 0                   # numbers of the first and last file that are used, counted from 0
 //! last = 79
-//!
-//! [labels]
-//! file = "labels.dcm"         # a DICOM segmentation of the recording; its segments become the classes
 //!
 //! [[hidden]]                  # a part of every frame that is black, in pixels: burnt-in names, for example
 //! x = 10
@@ -47,7 +47,6 @@ use super::{
     labels::LabelCoding,
     read,
     recording::{CameraSource, Keep, MaskRule, Recording, Selection},
-    segmentation,
 };
 use crate::{
     Error, Result,
@@ -91,15 +90,15 @@ pub struct Settings {
     /// `[masks]`
     #[serde(skip_serializing_if = "is_default")]
     pub masks: MaskSettings,
+    /// `[labels]`
+    #[serde(skip_serializing_if = "is_default")]
+    pub labels: LabelSettings,
     /// `[time]`
     #[serde(skip_serializing_if = "is_default")]
     pub time: TimeSettings,
     /// `[frames]`
     #[serde(skip_serializing_if = "is_default")]
     pub frames: FrameSettings,
-    /// `[labels]`
-    #[serde(skip_serializing_if = "is_default")]
-    pub labels: LabelSettings,
     /// `[[hidden]]`
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub hidden: Vec<HiddenRectangle>,
@@ -150,6 +149,14 @@ pub enum FieldOfViewSetting {
     Whole,
 }
 
+/// `[labels]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LabelSettings {
+    /// File of annotations, or DICOM segmentation, with the labels, seen from the settings file.
+    pub file: Option<PathBuf>,
+}
+
 /// `[time]`
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -167,14 +174,6 @@ pub struct TimeSettings {
 pub struct FrameSettings {
     pub first: Option<usize>,
     pub last: Option<usize>,
-}
-
-/// `[labels]`
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct LabelSettings {
-    /// A DICOM segmentation with labels, relative to the settings file.
-    pub file: Option<PathBuf>,
 }
 
 fn is_default<T: Default + PartialEq>(value: &T) -> bool {
@@ -260,10 +259,6 @@ impl Settings {
         }
         let frames_per_second = self.time.frames_per_second.or(recording.frames_per_second);
         recording.frames_per_second = frames_per_second.map(|fps| fps / every);
-        if let Some(file) = &self.labels.file {
-            let folder = path.parent().unwrap_or(Path::new("."));
-            segmentation::add_labels(recording, &folder.join(file))?;
-        }
         if !self.classes.is_empty() {
             recording.classes = classes::from_entries(&self.classes, path)?;
             recording.coding = LabelCoding::IdsOrColours;
@@ -334,9 +329,9 @@ mod tests {
             camera: CameraSettings { fx: Some(300.5), ..Default::default() },
             depth: DepthSettings { scale: Some(0.01), kind: Some(DepthKind::Disparity) },
             masks: MaskSettings { keep: Some(Keep::White), field_of_view: Some(FieldOfViewSetting::Whole) },
+            labels: LabelSettings { file: Some("tasks.json".into()) },
             time: TimeSettings { frames_per_second: Some(25.0), every: Some(2) },
             frames: FrameSettings { first: Some(1), last: Some(9) },
-            labels: LabelSettings { file: Some("labels.dcm".into()) },
             hidden: vec![HiddenRectangle { x: 1, y: 2, width: 3, height: 4 }],
             classes: vec![ClassEntry { id: 3, name: "fat".into(), colour: None }],
         };

@@ -296,7 +296,7 @@ fn every_format_stopped_and_begun_again_is_the_same_bytes() {
 
     let stopped = tempfile::tempdir().unwrap();
     let partly = export(stopped.path(), &how, 2);
-    assert_eq!((partly.complete, partly.files), (false, 2 * (4 * 2 + 3)));
+    assert_eq!((partly.complete, partly.files), (false, 2 * (4 * 2 + 4)));
     assert!(
         contents(stopped.path()).keys().all(|name| !name.starts_with("coco")),
         "no part of a file is left"

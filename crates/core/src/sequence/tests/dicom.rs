@@ -518,7 +518,7 @@ fn what_is_hidden_is_black_not_supervised_and_part_of_the_identity() {
     fs::write(folder.path().join("file.dcm.toml"), toml).unwrap();
     let hidden = Sequence::open(&path).unwrap();
     fs::remove_file(folder.path().join("file.dcm.toml")).unwrap();
-    let again = Sequence::open_hiding(&path, &[rectangle, rectangle]).unwrap();
+    let again = Sequence::open_with(&path, None, &[rectangle, rectangle]).unwrap();
     for i in 0..3 {
         let (before, after) = (open.frame(i).unwrap(), hidden.frame(i).unwrap());
         let mask = hidden.mask(i).unwrap();
@@ -536,5 +536,5 @@ fn what_is_hidden_is_black_not_supervised_and_part_of_the_identity() {
     assert_ne!(then.digest(), now.digest());
     assert_eq!(hidden.name(), open.name());
     let outside = HiddenRectangle { x: 8, ..rectangle };
-    assert!(message(Sequence::open_hiding(&path, &[outside])).contains("hides nothing"));
+    assert!(message(Sequence::open_with(&path, None, &[outside])).contains("hides nothing"));
 }
