@@ -301,14 +301,14 @@ fn export_masks_frames_resumes_and_never_overwrites_silently() {
 #[test]
 fn one_export_writes_every_format_and_they_agree() {
     let flow = flow();
-    let formats = "cutout,overlay,binary,index,outline,score,npy,video,gif,sheet,csv,json,coco,nrrd";
+    let formats = "cutout,overlay,binary,index,outline,score,npy,video,gif,sheet,csv,json,coco,nrrd,cvat,label-studio,yolo";
     let prompts = ["--prompt", "liver", "grasper", "spaceship", "--json"];
     // Masks as they are: those that `query` counts.
     let export = ["export", "scene.safetensors", "-o", "everything", "--raw", "--format", formats];
     let report = flow.run(&[&export[..], &prompts].concat()).ok().json();
-    // Seven formats have a file per frame, four of these a file for each of two prompts; seven have
+    // Eight formats have a file per frame, four of these a file for each of two prompts; nine have
     // one file for all frames. Nothing is written for what is not there.
-    assert_eq!(report["files"], (4 * 2 + 3) * Flow::FRAMES + 7);
+    assert_eq!(report["files"], (4 * 2 + 4) * Flow::FRAMES + 9);
     assert_eq!(report["left_out"][0]["text"], "spaceship");
     let series = |name: &str| flow.path().join("everything").join(name);
     let csv = std::fs::read_to_string(series("csv/frames_000000-000009.csv")).unwrap();

@@ -20,6 +20,8 @@ mod batch;
 mod data_flow;
 /// The headless job of a bare `surgtpgs`.
 mod default_job;
+/// Recordings in DICOM, and what is kept of them.
+mod dicom;
 /// Full disks, kills and readers that go away.
 #[cfg(target_os = "linux")]
 mod faults;

@@ -17,12 +17,16 @@ pub mod gaussian;
 
 pub mod deform;
 
+pub mod mask;
+
+pub mod annotations;
+
+mod dicom;
 pub mod sequence;
 
 pub mod demo;
 
 pub mod codec;
-pub mod mask;
 pub mod meaning;
 pub mod segment;
 

@@ -5,6 +5,7 @@
 //! `tests/short_run.rs` runs them in CI, on all regressions and on seeded mutations of the seeds; `libfuzzer`
 //! runs them guided by coverage (see README.md).
 
+mod dicom;
 mod mutate;
 #[cfg(feature = "program")]
 mod program;
@@ -35,6 +36,7 @@ pub fn targets() -> Vec<Target> {
     let mut targets = Vec::from(scenes::TARGETS);
     targets.extend(recordings::TARGETS);
     targets.extend(structured::TARGETS);
+    targets.extend(dicom::TARGETS);
     #[cfg(feature = "program")]
     targets.extend(program::TARGETS);
     targets

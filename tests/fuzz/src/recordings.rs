@@ -56,7 +56,7 @@ pub(crate) fn replaced(file: &str, bytes: &[u8]) {
 }
 
 /// Opens a recording, checks it and reads its first frames whole.
-fn look_at(path: &Path) {
+pub(crate) fn look_at(path: &Path) {
     let Some(sequence) = expect_words(Sequence::open(path)) else { return };
     let size = (sequence.width(), sequence.height());
     for i in 0..sequence.num_frames().min(3) {
@@ -78,7 +78,7 @@ fn look_at(path: &Path) {
     sequence::check(&sequence, &mut unobserved).expect("nobody stops it");
 }
 
-fn write(folder: &Path, file: &str, bytes: &[u8]) {
+pub(crate) fn write(folder: &Path, file: &str, bytes: &[u8]) {
     let path = folder.join(file);
     let written = path.parent().map_or(Ok(()), fs::create_dir_all).and_then(|()| fs::write(&path, bytes));
     assert!(written.is_ok(), "{}: {written:?}", path.display());

@@ -22,8 +22,7 @@ pub(crate) const TARGETS: [Target; 3] = [
 /// Reads marks, and the pixels and the evidence of those that are accepted.
 fn marks(bytes: &[u8]) {
     let canvas = Canvas { width: 24, height: 20, frame_names: vec!["a.png".into(); 3], num_frames: 3 };
-    let text = String::from_utf8_lossy(bytes);
-    let Some(marks) = expect_words(Marks::parse(&text, Path::new("/nowhere"), &canvas)) else { return };
+    let Some(marks) = expect_words(Marks::parse(bytes, Path::new("/nowhere"), &canvas)) else { return };
     let names = marks.names();
     assert!(names.iter().all(|name| !name.is_empty()));
     for frame in marks.frames() {
@@ -40,6 +39,14 @@ fn marks_seeds() -> Vec<Vec<u8>> {
         r#"{"categories": [{"id": 1, "name": "liver"}], "images": [{"id": 2, "frame": 1}, {"id": 3, "file_name": "a.jpg"}],
             "annotations": [{"image_id": 2, "category_id": 1, "segmentation": {"size": [20, 24], "counts": [100, 80, 300]}},
             {"image_id": 3, "category_id": 1, "segmentation": [[1, 1, 9, 1, 9, 9]]}]}"#,
+        r#"<annotations><track label="liver"><mask frame="1" outside="0" rle="1, 2, 3" left="4" top="5" width="3" height="2"/></track>
+            <image name="a.png" width="24" height="20"><polygon label="fat" points="1,1;9,1;9,9"/><box label="a &amp; b" xtl="1" ytl="1"
+            xbr="9" ybr="9" rotation="10"/></image></annotations>"#,
+        r#"[{"data": {"frame": 1}, "annotations": [{"result": [{"type": "polygonlabels", "original_width": 24, "original_height": 20,
+            "value": {"points": [[10, 10], [90, 10], [50, 90]], "polygonlabels": ["liver"]}}, {"type": "brushlabels", "value":
+            {"rle": [0, 0, 7, 128, 57, 31, 127, 255, 56, 0, 192, 7, 127, 248, 0], "brushlabels": ["fat"]}}]}]}]"#,
+        "NRRD0004\ntype: unsigned char\nsizes: 3 2 1\nencoding: raw\nSegmentation_ReferenceImageExtentOffset:=4 5 1\n\
+         Segment0_Name:=liver\nSegment0_LabelValue:=1\n\n\x01\x00\x01\x01\x00\x00",
     ];
     texts.map(|text| text.as_bytes().to_vec()).into()
 }

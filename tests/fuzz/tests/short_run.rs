@@ -22,6 +22,7 @@ fn executions(target: &Target) -> usize {
     asked.unwrap_or(match target.name {
         // These load a network or decode video each time.
         "model" | "tokenizer" | "encoder_settings" | "video" => 20,
+        "dicom" => 100,
         _ => 300,
     })
 }

@@ -8,7 +8,9 @@ use crate::{
 use clap::{Args, ValueEnum, ValueHint};
 use std::path::PathBuf;
 use surgtpgs_clip::Provider;
-use surgtpgs_core::{Error, Result, relevancy::RelevancySettings, segment::MaskSettings};
+use surgtpgs_core::{
+    Error, Result, relevancy::RelevancySettings, segment::MaskSettings, sequence::HiddenRectangle,
+};
 
 /// Arguments of every verb.
 #[derive(Debug, Args)]
@@ -40,6 +42,15 @@ impl From<ProviderArg> for Provider {
             ProviderArg::Coreml => Self::CoreMl,
         }
     }
+}
+
+/// Parts of a recording that nobody may see.
+#[derive(Debug, Args)]
+pub(super) struct HideArgs {
+    /// Part of every frame to make black, in pixels, such as a burnt-in name; may be given several times. What is
+    /// made of the recording remembers it
+    #[arg(long, value_name = "X,Y,W,H")]
+    pub(super) hide: Vec<HiddenRectangle>,
 }
 
 /// Arguments that open a scene.
@@ -129,9 +140,9 @@ impl RelevancyArgs {
 /// Marks by hand.
 #[derive(Debug, Args)]
 pub(super) struct MarkArgs {
-    /// A file of marks on frames of the recording, or of COCO annotations: prompts find what they name, and
-    /// marks of a class that the scene knows correct it
-    #[arg(long, value_name = "MARKS.json")]
+    /// A file of marks on frames of the recording, or of annotations (COCO, CVAT, Label Studio, .seg.nrrd):
+    /// prompts find what they name, and marks of a class that the scene knows correct it
+    #[arg(long, value_name = "MARKS")]
     pub(super) marks: Option<PathBuf>,
 }
 

@@ -1,6 +1,7 @@
 //! `surgtpgs check`: what a recording holds, and what would make training go wrong.
 
 use super::{
+    args::HideArgs,
     console::{ProgressView, print_report},
     remedy,
     verb::{Exit, Run},
@@ -22,6 +23,9 @@ use surgtpgs_core::{
 pub(super) struct CheckArgs {
     /// A recording (folder or video file) or a prepared folder
     sequence: PathBuf,
+    /// Parts of the frames to hide
+    #[command(flatten)]
+    hide: HideArgs,
     /// Report as JSON
     #[arg(long)]
     json: bool,
@@ -29,7 +33,7 @@ pub(super) struct CheckArgs {
 
 impl Run for CheckArgs {
     fn run(&self) -> Result<Exit> {
-        let report = match Material::open(&self.sequence) {
+        let report = match Material::open_hiding(&self.sequence, &self.hide.hide) {
             Ok(material) => {
                 require_for(&Work::Reading(material.sequence()))?;
                 let mut view = ProgressView::default();

@@ -16,7 +16,7 @@ use clap::{
 use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Error, Result,
-    export::{ExportOptions, ExportSummary, Format, PictureSource, num_files},
+    export::{ExportOptions, ExportSummary, Format, PictureSource, SegType, num_files},
     mask::CleanUp,
     overlay::{OverlayLook, OverlayStyle},
     palette::Palette,
@@ -40,6 +40,9 @@ pub(super) struct ExportArgs {
     /// Files to write
     #[arg(long, visible_alias = "formats", value_parser = format_parser(), value_delimiter = ',', default_value = "cutout,overlay")]
     format: Vec<Format>,
+    /// Kind of DICOM segmentation
+    #[arg(long, value_parser = seg_type_parser(), default_value = SegType::default().label().0)]
+    seg_type: SegType,
     /// Frames to work on
     #[command(flatten)]
     frames: FrameArgs,
@@ -145,6 +148,15 @@ impl CleanUpArgs {
         };
         if given.is_off() && !raw { CleanUp::usual(width, height) } else { given }
     }
+}
+
+/// Reads the name of a kind of DICOM segmentation.
+fn seg_type_parser() -> impl TypedValueParser<Value = SegType> {
+    let value = |kind: SegType| PossibleValue::new(kind.label().0).help(kind.label().1);
+    PossibleValuesParser::new(SegType::ALL.map(value)).try_map(|name| {
+        let kind = SegType::ALL.into_iter().find(|kind| kind.label().0 == name);
+        kind.ok_or_else(|| format!("there is no kind {name}"))
+    })
 }
 
 /// Reads the name of a palette.
@@ -260,6 +272,7 @@ impl ExportArgs {
                 below_instruments: !self.above_instruments,
             },
             nearest: self.nearest,
+            seg_type: self.seg_type,
             clean_up: self.clean_up.clean_up(view.camera.width as usize, view.camera.height as usize),
         })
     }

@@ -1,7 +1,7 @@
 //! `surgtpgs prepare`: features and codec in a folder beside the recording.
 
 use super::{
-    args::{MaskDensity, encoder_choice},
+    args::{HideArgs, MaskDensity, encoder_choice},
     console::{self, ProgressView, say},
     verb::{Exit, Run},
 };
@@ -22,19 +22,26 @@ use surgtpgs_core::{
 
 /// Write features and codec into a folder beside the recording, which is never modified
 #[derive(Debug, Args)]
-#[command(group(ArgGroup::new("source").required(true).args(["labels", "marks", "masks_model", "dense_encoder", "features"])))]
+#[command(group(ArgGroup::new("source").required(true).args(["labels", "labels_from", "marks", "masks_model", "dense_encoder", "features"])))]
 pub(super) struct PrepareArgs {
     /// A recording (folder or video file)
     sequence: PathBuf,
     /// Folder to write
     #[arg(short, long, value_name = "PREP")]
     output: PathBuf,
+    /// Parts of the frames to hide
+    #[command(flatten)]
+    hide: HideArgs,
     /// Take features from the recording's label masks: each pixel gets the embedding of its class name
     #[arg(long)]
     labels: bool,
-    /// Take features from marks by hand: a file of marks on some frames, or of COCO annotations. Training
-    /// carries them to all frames, once the motion is learned
-    #[arg(long, value_name = "MARKS.json")]
+    /// As --labels, with the labels of a file of annotations instead of the recording's own: COCO, CVAT, Label
+    /// Studio or .seg.nrrd
+    #[arg(long, value_name = "FILE")]
+    labels_from: Option<PathBuf>,
+    /// Take features from marks by hand: a file of marks on some frames, or of annotations as for
+    /// --labels-from. Training carries them to all frames, once the motion is learned
+    #[arg(long, value_name = "MARKS")]
     marks: Option<PathBuf>,
     /// Take features from automatic masks: a folder with encoder and decoder of a Segment Anything
     /// (.onnx, .ort)
@@ -110,7 +117,7 @@ impl From<LevelArg> for Level {
 
 impl Run for PrepareArgs {
     fn run(&self) -> Result<Exit> {
-        let sequence = Sequence::open(&self.sequence)?;
+        let sequence = Sequence::open_with(&self.sequence, self.labels_from.as_deref(), &self.hide.hide)?;
         require_for(&Work::Reading(&sequence))?;
         if Prepared::is_unfinished(&self.output) {
             say("going on with an unfinished preparation");
@@ -164,6 +171,7 @@ impl PrepareArgs {
                 ..CodecSettings::default()
             },
             depth_model: self.depth_model.clone(),
+            labels_from: self.labels_from.clone(),
         }
     }
 
@@ -230,6 +238,7 @@ mod tests {
         assert!(parses("--labels") && parses("--masks-model sam --image-encoder clip --mask-level l"));
         assert!(!parses("") && !parses("--masks-model sam") && !parses("--image-encoder clip"));
         assert!(!parses("--labels --masks-model sam --image-encoder clip"));
+        assert!(parses("--labels-from tasks.json") && !parses("--labels --labels-from tasks.json"));
         assert!(parses("--marks marks.json") && !parses("--labels --marks marks.json"));
         assert!(
             parses("--dense-encoder net --depth-model depth.onnx") && !parses("--depth-model depth.onnx")

@@ -1,6 +1,7 @@
 //! `surgtpgs train`: from a prepared folder or a recording to a scene file.
 
 use super::{
+    args::HideArgs,
     console::{self, ProgressView, print_report, say},
     verb::{Exit, Run},
 };
@@ -25,6 +26,9 @@ pub(super) struct TrainArgs {
     /// Scene file to write, e.g. scene.safetensors
     #[arg(short, long, value_name = "SCENE")]
     output: PathBuf,
+    /// Parts of the frames to hide
+    #[command(flatten)]
+    hide: HideArgs,
     /// Hold every eighth frame out (a folder prepared with --eval does so anyway)
     #[arg(long)]
     eval: bool,
@@ -145,7 +149,7 @@ impl Run for TrainArgs {
 
 /// Trains and saves the scene. A scene that is not finished was stopped by the user.
 pub(super) fn train(args: &TrainArgs) -> Result<TrainReport> {
-    let material = Material::open(&args.sequence)?;
+    let material = Material::open_hiding(&args.sequence, &args.hide.hide)?;
     let inputs = material.inputs(&args.sequence);
     let checkpoint = jobs::checkpoint_path(&args.output);
     if checkpoint == args.output {

@@ -61,10 +61,13 @@ pub(super) fn open_encoder(scene: &Scene, choice: &EncoderChoice) -> Result<Text
 
 /// Opens a recording and makes sure that it fits the scene.
 pub(super) fn open_recording(scene: &Scene, path: &Path) -> Result<Sequence> {
-    let sequence =
-        if Prepared::is_prepared(path) { Prepared::open(path)?.sequence } else { Sequence::open(path)? };
     const GIVE: &str = "Give the recording that the scene was trained on.";
     let then = scene.provenance.identity.as_ref();
+    let sequence = if Prepared::is_prepared(path) {
+        Prepared::open(path)?.sequence
+    } else {
+        Sequence::open_with(path, None, then.map_or(&[], |then| then.hidden()))?
+    };
     if let Some(difference) = then.and_then(|then| sequence.outline().difference(then)) {
         return Err(Error::input_at(path, format!("this is not the scene's recording: {difference}"), GIVE));
     }

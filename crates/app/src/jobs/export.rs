@@ -12,7 +12,9 @@ use std::{
 };
 use surgtpgs_core::{
     Error, Remedy, Result,
-    export::{Export, ExportOptions, ExportPrompt, ExportSummary, LeftOut, PictureSource, Provenance},
+    export::{
+        Export, ExportOptions, ExportPrompt, ExportSummary, Format, LeftOut, PictureSource, Provenance,
+    },
     files::{Claim, Earlier, OutputFolder},
     grid::Grid,
     hash::file_sha256,
@@ -21,7 +23,7 @@ use surgtpgs_core::{
     prepare::EncoderIdentity,
     progress::{Observer, Progress},
     relevancy::Query,
-    sequence::names_instrument,
+    sequence::{SourceReferences, blacken, names_instrument},
 };
 
 /// A question that an export answers, with the look of the answer.
@@ -83,7 +85,9 @@ pub fn export(
         engine.set_marks(Marks::new(request.marks.clone(), &engine.canvas())?)?;
     }
     let chosen = Chosen::of(engine, request)?;
-    let provenance = provenance(engine, request, chosen)?;
+    let mut provenance = provenance(engine, request, chosen)?;
+    let sources = source_references(engine, options)?;
+    provenance.dicom_sources_sha256 = sources.as_ref().map(SourceReferences::digest);
     let inputs = engine.inputs(scene);
     let is_same = |there: &Path| Export::is_of(there, &provenance);
     let claim = Claim {
@@ -93,7 +97,8 @@ pub fn export(
         ..Claim::new(outputs::EXPORT, &inputs, request.replace)
     };
     let output = OutputFolder::claim(&request.folder, claim)?;
-    let mut export = Export::begin(output.path(), request.frames.clone(), provenance.clone(), false)?;
+    let export = Export::begin(output.path(), request.frames.clone(), provenance.clone(), false)?;
+    let mut export = export.with_sources(sources);
     let mut answers = Answers::new(options);
     while let Some(frame) = export.next_frame() {
         let (done, total) = (export.frames_done(), export.num_frames());
@@ -194,6 +199,12 @@ fn provenance(engine: &Engine, request: &ExportRequest, chosen: Chosen) -> Resul
     Ok(provenance)
 }
 
+/// Reads the identifiers of the recording's DICOM files, if a format needs them and the recording is at hand.
+fn source_references(engine: &Engine, options: &ExportOptions) -> Result<Option<SourceReferences>> {
+    let sequence = engine.sequence().filter(|_| options.formats.contains(&Format::DicomSeg));
+    sequence.map_or(Ok(None), |sequence| sequence.source_references())
+}
+
 /// Answers on recorded frames: the picture to mask, and the scores, smoothed over time if that is asked for.
 /// A frame that several answers need is rendered once.
 struct Answers {
@@ -218,7 +229,12 @@ impl Answers {
             if let Entry::Vacant(place) = self.known.entry(other) {
                 let view = engine.view(other)?;
                 let images = engine.render(&view, true)?;
-                let picture = (self.source == PictureSource::Reconstruction).then(|| images.to_rgb());
+                let picture = (self.source == PictureSource::Reconstruction).then(|| {
+                    let mut picture = images.to_rgb();
+                    let identity = engine.scene().provenance.identity.as_ref();
+                    blacken(&mut picture, identity.map_or(&[], |identity| identity.hidden()));
+                    picture
+                });
                 place.insert((picture, engine.scores(&images, &view)?));
             }
         }

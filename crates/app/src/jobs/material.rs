@@ -1,7 +1,12 @@
 //! Material of a training: a recording, with or without features.
 
 use std::path::Path;
-use surgtpgs_core::{Result, files::Inputs, prepare::Prepared, sequence::Sequence};
+use surgtpgs_core::{
+    Error, Result,
+    files::Inputs,
+    prepare::Prepared,
+    sequence::{HiddenRectangle, Sequence},
+};
 
 /// Recording to train on, with or without features.
 pub enum Material {
@@ -14,11 +19,20 @@ pub enum Material {
 impl Material {
     /// Opens a prepared folder or a recording.
     pub fn open(path: &Path) -> Result<Self> {
-        if Prepared::is_prepared(path) {
-            Prepared::open(path).map(|p| Self::Prepared(Box::new(p)))
-        } else {
-            Sequence::open(path).map(Self::Bare)
+        Self::open_hiding(path, &[])
+    }
+
+    /// Opens a recording whose rectangles `hidden` are black. A prepared folder knows itself what is hidden: that
+    /// any is given is an error.
+    pub fn open_hiding(path: &Path, hidden: &[HiddenRectangle]) -> Result<Self> {
+        if !Prepared::is_prepared(path) {
+            return Sequence::open_with(path, None, hidden).map(Self::Bare);
         }
+        if !hidden.is_empty() {
+            let what = "what is hidden was decided when this folder was prepared";
+            return Err(Error::input_at(path, what, "Prepare the recording again with other rectangles."));
+        }
+        Prepared::open(path).map(|p| Self::Prepared(Box::new(p)))
     }
 
     /// Returns the recording.

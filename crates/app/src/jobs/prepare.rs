@@ -41,6 +41,8 @@ pub struct PrepareOptions {
     pub codec: CodecSettings,
     /// A depth network, or a folder with one, for recordings without depth.
     pub depth_model: Option<PathBuf>,
+    /// The file of annotations that the recording was opened with, if its labels are from one.
+    pub labels_from: Option<PathBuf>,
 }
 
 /// Source of the features.
@@ -104,7 +106,8 @@ impl PrepareOptions {
             if let EncoderChoice::Folder(folder) = &self.encoder { Some(folder.as_path()) } else { None };
         let inputs = Inputs::none()
             .with_some("the text encoder", folder)
-            .with_some("the depth network", self.depth_model.as_deref());
+            .with_some("the depth network", self.depth_model.as_deref())
+            .with_some("the labels", self.labels_from.as_deref());
         match &self.source {
             FeatureSource::Labels => inputs,
             FeatureSource::Marks(path) => inputs.with("the marks", path),

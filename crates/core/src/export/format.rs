@@ -64,7 +64,7 @@ macro_rules! formats {
         /// Format of exported files; each format has its own folder. Some formats have a file per frame (and
         /// prompt), others have one file about all frames of the export.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
-        #[serde(rename_all = "snake_case")]
+        #[serde(rename_all = "kebab-case")]
         pub enum Format {
             $($(#[$doc])* $format,)*
         }
@@ -109,6 +109,9 @@ formats! {
     /// NumPy array per prompt: the unchanged scores, f32, rows × columns.
     Npy "npy"."npy" PerPrompt "NumPy file per frame and prompt: scores as f32"
         [Data 6] "Score arrays" "The similarity score as numbers (NumPy)"
+    /// YOLO's segmentation labels: a polygon per part that was found, in shares of the picture.
+    Yolo "yolo"."txt" PerFrame "YOLO labels per frame: polygons in shares of the picture, named in data.yaml"
+        [Data 7] "YOLO labels" "Polygons to train YOLO with; masks are not kept to the pixel"
     /// H.264 video of the overlays.
     Video "video"."mp4" Series "one H.264 mp4 of the overlays"
         [Show 1] "Video" "The overlay pictures as a film that plays everywhere (mp4)"
@@ -127,9 +130,18 @@ formats! {
     /// COCO annotations: one per frame and prompt that was found on it, compressed column-major run lengths.
     Coco "coco"."json" Series "one COCO JSON: a run-length mask, box and area per frame and prompt"
         [Data 4] "COCO annotations" "Masks as most programs that learn from pictures read them (JSON)"
+    /// CVAT for video: one track per mask, run lengths inside its box.
+    Cvat "cvat"."xml" Series "one XML of CVAT for video: a mask per frame and prompt"
+        [Data 8] "CVAT annotations" "Masks to correct in CVAT (XML for video)"
+    /// Label Studio's tasks, one per frame, with brush masks as predictions.
+    LabelStudio "label-studio"."json" Series "one JSON of Label Studio's tasks: brush masks as predictions"
+        [Data 9] "Label Studio tasks" "Masks to correct in Label Studio (JSON)"
     /// Segmentation of 3-D Slicer: a volume of x, y and frame.
     Nrrd "nrrd"."seg.nrrd" Series "one .seg.nrrd for 3D Slicer: a volume of x, y and frame"
         [Data 3] "3D Slicer segmentation" "One volume of all frames with names and colours (.seg.nrrd)"
+    /// Segmentation object of DICOM: a segment per prompt, with references to the recording if that is DICOM.
+    DicomSeg "dicom-seg"."dcm" Series "one DICOM segmentation: a segment per prompt, with codes and references"
+        [Data 7] "DICOM segmentation" "One object for archives and viewers of hospitals (DICOM SEG)"
 }
 
 impl Format {

@@ -23,10 +23,11 @@ mod provenance;
 mod series;
 mod slugs;
 mod stamp;
+mod yolo;
 
 pub use caption::{caption, draw_scale, frame_words, timecode};
 pub use format::{Format, FormatGroup, num_files};
-pub use options::{ExportOptions, ExportPrompt, LeftOut, PictureSource};
+pub use options::{ExportOptions, ExportPrompt, LeftOut, PictureSource, SegType};
 pub use provenance::{ExportedFile, FILE_NAME as PROVENANCE_FILE, Provenance, intended_use};
 pub use slugs::{distinct, slugs};
 pub use stamp::stamp;
@@ -36,6 +37,7 @@ use crate::{
     files::{WholeFile, write_whole},
     grid::{Grid, Mask},
     hash::{file_sha256, sha256},
+    sequence::SourceReferences,
 };
 use frame::FrameContent;
 use image::RgbImage;
@@ -62,6 +64,8 @@ pub struct Export {
     series: Vec<OpenSeries>,
     /// Columns and rows, from the first frame on.
     size: Option<(usize, usize)>,
+    /// The DICOM files that the frames come from.
+    sources: Option<SourceReferences>,
 }
 
 /// An unfinished file about all frames.
@@ -79,7 +83,7 @@ pub struct ExportSummary {
     pub frames: usize,
     /// Number of frames that existed already and were left alone.
     pub skipped_frames: usize,
-    /// Number of files of the export, without `provenance.json` and `labels.json`.
+    /// Number of files of the export, without `provenance.json`, `labels.json` and `data.yaml`.
     pub files: usize,
     /// Words of which nothing was written, because they mean nothing in the recording.
     pub left_out: Vec<LeftOut>,
@@ -133,11 +137,18 @@ impl Export {
             due: Vec::new(),
             series: Vec::new(),
             size: None,
+            sources: None,
         };
         export.due = export.unfinished_series()?;
         export.write_labels()?;
         export.save(false)?;
         Ok(export)
+    }
+
+    /// Gives the DICOM files that the frames come from, for references. Their digest must be in the provenance.
+    pub fn with_sources(mut self, sources: Option<SourceReferences>) -> Self {
+        self.sources = sources;
+        self
     }
 
     /// Returns `true` if `folder` holds an export with this provenance, complete or in part.
@@ -201,7 +212,7 @@ impl Export {
             complete,
             frames: self.frames.len(),
             skipped_frames: self.skipped,
-            files: self.record.files.iter().filter(|f| f.name != labels_name()).count(),
+            files: self.record.files.iter().filter(|f| !is_labels(&f.name)).count(),
             left_out: self.record.provenance.left_out.clone(),
         })
     }
@@ -234,7 +245,12 @@ impl Export {
         if self.size.replace(size).is_some() {
             return Ok(());
         }
-        let plan = series::SeriesPlan { provenance: &self.record.provenance, frames: &self.frames, size };
+        let plan = series::SeriesPlan {
+            provenance: &self.record.provenance,
+            frames: &self.frames,
+            size,
+            sources: self.sources.as_ref(),
+        };
         for &format in &self.due {
             let name = series::name(format, &self.frames);
             let path = self.folder.join(&name);
@@ -313,16 +329,16 @@ impl Export {
         }
     }
 
+    /// Writes the files that say which number stands for which prompt.
     fn write_labels(&mut self) -> Result<()> {
-        if self.frames.is_empty() || !self.record.provenance.options.formats.contains(&Format::Index) {
-            return Ok(());
+        let provenance = &self.record.provenance;
+        let formats = if self.frames.is_empty() { &[][..] } else { &provenance.options.formats };
+        let texts = formats.iter().filter_map(|f| Some((labels_name(*f)?, labels_text(*f, provenance))));
+        for (name, text) in texts.collect::<Vec<_>>() {
+            write_whole(&self.folder.join(&name), text.as_bytes())?;
+            let sha256 = sha256(text.as_bytes());
+            self.record.add_series(ExportedFile { name, sha256, frame: None, prompt: None });
         }
-        let label = |(i, p): (usize, &ExportPrompt)| serde_json::json!({ "id": i + 1, "prompt": p.text, "colour": p.colour });
-        let labels: Vec<_> = self.record.provenance.prompts.iter().enumerate().map(label).collect();
-        let text = provenance::pretty(&serde_json::json!({ "background": 0, "labels": labels }));
-        let (name, sha256) = (labels_name(), sha256(text.as_bytes()));
-        write_whole(&self.folder.join(&name), text.as_bytes())?;
-        self.record.add_series(ExportedFile { name, sha256, frame: None, prompt: None });
         Ok(())
     }
 
@@ -333,9 +349,27 @@ impl Export {
     }
 }
 
-/// Returns the path, inside the export, of the file that names the labels of label pictures.
-fn labels_name() -> String {
-    format!("{}/labels.json", Format::Index.name())
+/// Returns the path, inside the export, of the file that says which number of a format stands for which prompt.
+fn labels_name(format: Format) -> Option<String> {
+    match format {
+        Format::Index => Some(format!("{}/labels.json", format.name())),
+        Format::Yolo => Some(format!("{}/data.yaml", format.name())),
+        _ => None,
+    }
+}
+
+/// Returns `true` for the name of such a file.
+fn is_labels(name: &str) -> bool {
+    Format::ALL.into_iter().filter_map(labels_name).any(|labels| labels == name)
+}
+
+fn labels_text(format: Format, provenance: &Provenance) -> String {
+    if format == Format::Yolo {
+        return yolo::names(provenance);
+    }
+    let label = |(i, p): (usize, &ExportPrompt)| serde_json::json!({ "id": i + 1, "prompt": p.text, "colour": p.colour });
+    let labels: Vec<_> = provenance.prompts.iter().enumerate().map(label).collect();
+    provenance::pretty(&serde_json::json!({ "background": 0, "labels": labels }))
 }
 
 fn write_file(folder: &Path, frame: usize, file: pictures::File, overwrite: bool) -> Result<ExportedFile> {
@@ -364,7 +398,7 @@ fn is_to_be_written(path: &Path, sha256: &str, overwrite: bool) -> Result<bool> 
 fn validate(frames: &[usize], provenance: &Provenance) -> Result<()> {
     let prompts = provenance.prompts.len();
     let formats = &provenance.options.formats;
-    let has_labels = formats.iter().any(|f| matches!(f, Format::Index | Format::Nrrd));
+    let has_labels = formats.iter().any(|f| matches!(f, Format::Index | Format::Nrrd | Format::DicomSeg));
     let has_gaps = frames.windows(2).any(|pair| pair[0] + 1 != pair[1]);
     let fault = if frames.is_empty() {
         Some(("there is no frame to export", "Give a range inside the recording."))
@@ -410,4 +444,4 @@ fn series_formats(provenance: &Provenance, frames: &[usize]) -> impl Iterator<It
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -19,6 +19,33 @@ pub enum PictureSource {
     Reconstruction,
 }
 
+/// Kind of a DICOM segmentation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SegType {
+    /// A mask per prompt and frame.
+    #[default]
+    Binary,
+    /// Scores per prompt and frame, in 255 steps.
+    Fractional,
+    /// A label picture per frame; a pixel has the best prompt.
+    Labelmap,
+}
+
+impl SegType {
+    /// All kinds.
+    pub const ALL: [Self; 3] = [Self::Binary, Self::Fractional, Self::Labelmap];
+
+    /// Returns its name on the command line and in the window, and an explanation.
+    pub fn label(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Binary => ("binary", "Masks, one per prompt; every viewer of segmentations reads them"),
+            Self::Fractional => ("fractional", "Scores, as probabilities"),
+            Self::Labelmap => ("labelmap", "One number per pixel; small, but only new viewers read it"),
+        }
+    }
+}
+
 /// Options of an export.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default)]
@@ -40,6 +67,8 @@ pub struct ExportOptions {
     pub look: OverlayLook,
     /// `true` to write, for words that mean nothing in the recording, the class that is most like them.
     pub nearest: bool,
+    /// Kind of DICOM segmentations.
+    pub seg_type: SegType,
     /// Clean-up of masks before anything is written. Scores are written without it, apart from
     /// smoothing over time.
     pub clean_up: CleanUp,
@@ -56,6 +85,7 @@ impl Default for ExportOptions {
             width_px: None,
             look: OverlayLook::default(),
             nearest: false,
+            seg_type: SegType::default(),
             clean_up: CleanUp::default(),
         }
     }

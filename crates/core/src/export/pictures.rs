@@ -1,6 +1,6 @@
 //! The files of a single frame.
 
-use super::{Format, Provenance, frame::FrameContent, outline, slugs};
+use super::{Format, Provenance, frame::FrameContent, outline, slugs, yolo};
 use crate::{
     Error, Result,
     grid::{Grid, Mask},
@@ -60,6 +60,7 @@ pub(super) fn draw(frame: &FrameContent<'_>) -> Result<Vec<File>> {
             Format::Npy => npy(scores)?,
             Format::Overlay => png(&frame.overlay().clone().into())?,
             Format::Index => png(&index(frame).into())?,
+            Format::Yolo => yolo::labels(frame).into_bytes(),
             Format::Outline => outline::svg(frame).into_bytes(),
             _ => return Err(Error::input("this format has one file about all frames", "")),
         };

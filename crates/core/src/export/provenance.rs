@@ -69,6 +69,10 @@ pub struct Provenance {
     /// SHA-256 over the marks by hand that the answers follow, hexadecimal; `None` without marks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub marks_sha256: Option<String>,
+    /// SHA-256 over the identifiers of the DICOM files that a segmentation refers to, hexadecimal; `None` without
+    /// references. The identifiers themselves are in the segmentation alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dicom_sources_sha256: Option<String>,
     /// Words of which nothing was written, because they mean nothing in the recording.
     #[serde(default)]
     pub left_out: Vec<LeftOut>,
@@ -119,6 +123,7 @@ impl Provenance {
             rendered_by,
             prompts,
             marks_sha256: None,
+            dicom_sources_sha256: None,
             left_out: Vec::new(),
             calibration: scene.words.summary(),
             options,

@@ -48,9 +48,26 @@ pub(super) fn provenance(formats: &[Format], exclusive: bool) -> Provenance {
         prompts: vec![prompt("Bile sac", [0, 200, 255]), prompt("liver", [230, 80, 230])],
         left_out: Vec::new(),
         marks_sha256: None,
+        dicom_sources_sha256: None,
         calibration: serde_json::Value::Null,
         options: ExportOptions { formats: formats.to_vec(), exclusive, ..Default::default() },
     }
+}
+
+/// Writes a DICOM segmentation of "liver" on one frame, and returns its path.
+pub(crate) fn segmentation_of(folder: &Path, mask: &Mask, frame: usize) -> PathBuf {
+    let mut how = provenance(&[Format::DicomSeg], false);
+    how.prompts.remove(0);
+    let mut export = Export::begin(folder, vec![frame], how, false).unwrap();
+    let picture = RgbImage::new(mask.width as u32, mask.height as u32);
+    export.write(&picture, &[mask.map(|is_in| f32::from(u8::from(*is_in)))], None).unwrap();
+    export.finish().unwrap();
+    folder.join(series::name(Format::DicomSeg, &[frame]))
+}
+
+/// Returns the provenance of an export without clean-up and formats.
+pub(crate) fn plain_provenance() -> Provenance {
+    provenance(&[], false)
 }
 
 fn run(folder: &Path, frames: &[usize], provenance: &Provenance, force: bool) -> Result<ExportSummary> {

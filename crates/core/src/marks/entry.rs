@@ -1,10 +1,7 @@
 //! Marks as they are written in files and sessions.
 
 use super::{Mark, Shape};
-use crate::{
-    grid::Mask,
-    mask::{column_runs, compressed, decompressed, from_column_runs},
-};
+use crate::{annotations::RunsEntry, grid::Mask};
 use std::sync::Arc;
 
 /// Radius of clicks and strokes that give none, px.
@@ -48,42 +45,7 @@ pub(super) enum Kind {
 #[serde(untagged)]
 pub(super) enum MaskEntry {
     File(String),
-    Runs(Runs),
-}
-
-/// Run lengths of the columns of a mask.
-#[derive(Clone, serde::Serialize, serde::Deserialize)]
-pub(super) struct Runs {
-    /// Height and width.
-    size: [usize; 2],
-    counts: Counts,
-}
-
-/// Lengths of runs, compressed or as numbers.
-#[derive(Clone, serde::Serialize, serde::Deserialize)]
-#[serde(untagged)]
-enum Counts {
-    Compressed(String),
-    Numbers(Vec<u32>),
-}
-
-impl Runs {
-    fn of(mask: &Mask) -> Self {
-        Self { size: [mask.height, mask.width], counts: Counts::Compressed(compressed(&column_runs(mask))) }
-    }
-
-    /// Returns the mask; the runs vouch for its size.
-    pub(super) fn mask(&self) -> Option<Mask> {
-        let [height, width] = self.size;
-        let runs = match &self.counts {
-            Counts::Compressed(text) => decompressed(text)?,
-            Counts::Numbers(runs) => runs.clone(),
-        };
-        let total: u64 = runs.iter().map(|run| u64::from(*run)).sum();
-        let is_sound =
-            width.checked_mul(height)? as u64 == total && total <= crate::camera::MAX_IMAGE_PIXELS as u64;
-        is_sound.then(|| from_column_runs(width, height, &runs))?
-    }
+    Runs(RunsEntry),
 }
 
 impl MarkEntry {
@@ -111,10 +73,10 @@ impl MarkEntry {
             (Some(Kind::Polygon), _) => Ok(Shape::Polygon { points_px }),
             (Some(Kind::Mask), _) => match &self.mask {
                 None => Err("it names no mask picture".into()),
-                Some(MaskEntry::File(name)) => read_mask(name).map(|mask| Shape::Mask(Arc::new(mask))),
-                Some(MaskEntry::Runs(runs)) => {
-                    let mask = runs.mask().ok_or("its mask is none")?;
-                    Ok(Shape::Mask(Arc::new(mask)))
+                Some(MaskEntry::File(name)) => read_mask(name).map(|mask| Shape::from(&mask)),
+                Some(MaskEntry::Runs(entry)) => {
+                    let runs = entry.runs().ok_or("its mask is none")?;
+                    Ok(Shape::Mask(Arc::new(runs)))
                 }
             },
         }
@@ -128,7 +90,9 @@ impl From<Mark> for MarkEntry {
             Shape::Stroke { points_px, radius_px } => (Kind::Stroke, points_px, Some(radius_px), None),
             Shape::Polygon { points_px } => (Kind::Polygon, points_px, None, None),
             Shape::Box { corners_px } => (Kind::Box, corners_px.to_vec(), None, None),
-            Shape::Mask(mask) => (Kind::Mask, Vec::new(), None, Some(MaskEntry::Runs(Runs::of(&mask)))),
+            Shape::Mask(mask) => {
+                (Kind::Mask, Vec::new(), None, Some(MaskEntry::Runs(RunsEntry::from(&*mask))))
+            }
         };
         let points_px = points_px.into_iter().map(|point| point.map(Some)).collect();
         let (frame, kind) = (Some(mark.frame), Some(kind));

@@ -12,7 +12,6 @@
 
 mod carried;
 mod cells;
-mod coco;
 mod correction;
 mod entry;
 mod evidence;
@@ -22,17 +21,17 @@ mod links;
 mod read;
 mod seeds;
 mod seen;
-mod shape;
+mod segmentation;
 mod spread;
 #[cfg(test)]
 mod tests;
 mod trail;
 
+pub use crate::annotations::{Canvas, Shape};
 pub use carried::{Carried, CarrySettings, FrameScores, LookHere};
 pub use correction::Correction;
 pub use evidence::Evidence;
 pub use graph::Graph;
-pub use shape::Shape;
 
 use crate::{
     Error, Result,
@@ -53,19 +52,6 @@ pub struct Mark {
     pub add: bool,
     /// The marked pixels.
     pub shape: Shape,
-}
-
-/// The recording that marks are made on.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Canvas {
-    /// Number of columns.
-    pub width: usize,
-    /// Number of rows.
-    pub height: usize,
-    /// Name of each frame, to find frames that a file names; empty if they are not known.
-    pub frame_names: Vec<String>,
-    /// Number of frames.
-    pub num_frames: usize,
 }
 
 impl Canvas {

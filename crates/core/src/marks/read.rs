@@ -1,47 +1,47 @@
-//! Files of marks: our own, and COCO annotations.
+//! Files of marks: our own, annotations of other programs, and DICOM segmentations.
 
-use super::{Canvas, Mark, Marks, bad_mark, coco, entry::MarkEntry, name_of};
+use super::{Canvas, Mark, Marks, bad_mark, entry::MarkEntry, name_of, segmentation};
 use crate::{
-    Error, Result,
+    Error, Result, annotations,
+    dicom::is_dicom,
     grid::Mask,
-    reading::{picture, picture_size, read_text},
+    reading::{picture, picture_size},
 };
 use serde_json::Value;
 use std::path::Path;
 
 const FORM: &str = "It is {\"marks\": [{\"frame\": 24, \"name\": \"liver\", \"kind\": \"click\", \"points_px\": [[320, 200]]}]}, \
-                    or a file of COCO annotations.";
+                    or a file of annotations: COCO, CVAT, Label Studio or .seg.nrrd.";
 
 impl Marks {
-    /// Reads a file of marks, or of COCO annotations as exports write them. Mask pictures are named relative to
-    /// the file; half of the brightest value and more is marked.
+    /// Reads a file of marks, a DICOM segmentation, or [annotations](crate::annotations). Mask pictures are named
+    /// relative to the file; half of the brightest value and more is marked.
     ///
     /// # Errors
     /// A file that cannot be read, and the first mark that does not fit the recording; the message names it.
     pub fn read(path: &Path, canvas: &Canvas) -> Result<Self> {
-        let text = read_text(path).map_err(|e| Error::io("read the marks", path, e))?;
+        if is_dicom(path) {
+            return Self::new(segmentation::marks(path, canvas)?, canvas);
+        }
+        let bytes = annotations::bytes_of(path)?;
         let folder = path.parent().unwrap_or(Path::new("."));
-        Self::parse(&text, folder, canvas).map_err(|e| match e {
-            Error::Input { what, hint, path: None } => {
-                Error::Input { what, hint, path: Some(path.to_owned()) }
-            }
-            other => other,
-        })
+        Self::parse(&bytes, folder, canvas).map_err(|e| annotations::in_file(e, path))
     }
 
-    /// Reads marks from the text of a file; `folder` is where it lies.
-    pub fn parse(text: &str, folder: &Path, canvas: &Canvas) -> Result<Self> {
-        let json: Value = serde_json::from_str(&without_nan(text))
-            .map_err(|e| Error::input(format!("this is no file of marks: {e}"), FORM))?;
-        let marks = match (json.get("marks"), json.get("annotations")) {
-            (Some(Value::Array(entries)), _) => {
-                let each = entries.iter().enumerate().map(|(i, entry)| mark(i, entry, folder, canvas));
-                each.collect::<Result<Vec<_>>>()?
-            }
-            (None, Some(_)) => coco::marks(&json, canvas)?,
-            _ => return Err(Error::input("this is no file of marks: it has no list \"marks\"", FORM)),
+    /// Reads marks from the bytes of a file; `folder` is where it lies.
+    pub fn parse(bytes: &[u8], folder: &Path, canvas: &Canvas) -> Result<Self> {
+        if let Some(found) = annotations::parse(bytes, canvas)? {
+            let mark = |a: annotations::Annotation| Mark::new(a.frame, &a.name, true, a.shape);
+            return Self::new(found.into_iter().map(mark).collect(), canvas);
+        }
+        let none = |e: &dyn std::fmt::Display| Error::input(format!("this is no file of marks: {e}"), FORM);
+        let text = str::from_utf8(bytes).map_err(|e| none(&e))?;
+        let json: Value = serde_json::from_str(&without_nan(text)).map_err(|e| none(&e))?;
+        let Some(Value::Array(entries)) = json.get("marks") else {
+            return Err(none(&"it has no list \"marks\""));
         };
-        Self::new(marks, canvas)
+        let each = entries.iter().enumerate().map(|(i, entry)| mark(i, entry, folder, canvas));
+        Self::new(each.collect::<Result<Vec<_>>>()?, canvas)
     }
 
     /// Returns the text of a file with these marks, which [`Marks::parse`] reads. Masks are part of the text.

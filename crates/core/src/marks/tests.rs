@@ -12,7 +12,7 @@ use crate::{
 };
 use image::RgbImage;
 use proptest::prelude::*;
-use std::{path::Path, sync::Arc};
+use std::path::Path;
 
 const SIZE: [usize; 2] = [64, 48];
 const FRAMES: usize = 4;
@@ -224,7 +224,7 @@ proptest! {
 }
 
 fn read(text: &str) -> Result<Marks> {
-    Marks::parse(text, Path::new("."), &canvas())
+    Marks::parse(text.as_bytes(), Path::new("."), &canvas())
 }
 
 fn refused(mark: &str) -> String {
@@ -257,7 +257,7 @@ fn marks_are_read_as_they_were_written() {
         Shape::Stroke { points_px: vec![[1.0 / 3.0, 2.0], [64.0, 48.0]], radius_px: 4.0 },
         Shape::Polygon { points_px: vec![[5.0, 5.0], [60.0, 8.0], [30.0, 44.0]] },
         Shape::Box { corners_px: [[9.0, 9.0], [1.0, 1.0]] },
-        Shape::Mask(Arc::new(mask)),
+        Shape::from(&mask),
     ];
     let marks: Vec<Mark> = marks
         .into_iter()
@@ -315,7 +315,8 @@ fn a_bad_mark_is_named() {
         assert!(message.contains(says) && message.starts_with("marks[1]"), "{mark}: {message}");
     }
     assert!(read("{}").unwrap_err().to_string().contains("no list \"marks\""));
-    assert!(read("[").unwrap_err().to_string().contains("no file of marks"));
+    assert!(read("{").unwrap_err().to_string().contains("no file of marks"));
+    assert!(read("[").unwrap_err().to_string().contains("Label Studio"));
 }
 
 #[test]
@@ -343,7 +344,7 @@ fn coco_annotations_are_marks() {
     ));
     let marks = read(&text).unwrap();
     assert_eq!((marks.frames(), marks.names()), (vec![2, 3], vec!["liver".to_owned()]));
-    assert_eq!(marks.all()[0].shape, Shape::Mask(Arc::new(mask)));
+    assert_eq!(marks.all()[0].shape, Shape::from(&mask));
     for (annotation, says) in [
         (r#"{"image_id": 9, "category_id": 1, "segmentation": [[1, 1, 9, 1, 9, 9]]}"#, "no frame"),
         (r#"{"image_id": 7, "category_id": 2, "segmentation": [[1, 1, 9, 1, 9, 9]]}"#, "no category"),
@@ -356,4 +357,33 @@ fn coco_annotations_are_marks() {
         let message = read(&file(annotation)).unwrap_err().to_string();
         assert!(message.contains(says) && message.contains("annotations[0]"), "{message}");
     }
+}
+
+#[test]
+fn dicom_segmentations_are_marks_and_labels() {
+    let folder = tempfile::tempdir().unwrap();
+    let mask = Mask::from_vec(SIZE[0], SIZE[1], (0..SIZE[0] * SIZE[1]).map(|i| i % 64 > 50).collect());
+    let file = crate::export::tests::segmentation_of(folder.path(), &mask, 2);
+    let marks = Marks::read(&file, &canvas()).unwrap();
+    assert_eq!((marks.frames(), marks.names()), (vec![2], vec!["liver".to_owned()]));
+    assert_eq!(marks.all()[0].shape, Shape::Mask(Arc::new(mask.clone())));
+    let small = Canvas { width: 8, ..canvas() };
+    assert!(Marks::read(&file, &small).unwrap_err().to_string().contains("64×48"));
+    let short = Canvas { num_frames: 2, frame_names: Vec::new(), ..canvas() };
+    assert!(Marks::read(&file, &short).unwrap_err().to_string().contains("no frame"));
+
+    let recording = folder.path().join("recording");
+    std::fs::create_dir(&recording).unwrap();
+    for i in 0..4 {
+        let picture =
+            image::RgbImage::from_pixel(SIZE[0] as u32, SIZE[1] as u32, image::Rgb([90 + i, 80, 70]));
+        picture.save(recording.join(format!("{i}.png"))).unwrap();
+    }
+    let file = file.strip_prefix(folder.path()).unwrap();
+    let toml = format!("[labels]\nfile = \"../{}\"\n", file.display());
+    std::fs::write(recording.join("sequence.toml"), toml).unwrap();
+    let sequence = crate::sequence::Sequence::open(&recording).unwrap();
+    assert_eq!((sequence.classes()[0].name.as_str(), sequence.classes()[0].id), ("liver", 1));
+    assert_eq!(sequence.labels(1).unwrap(), None);
+    assert_eq!(sequence.labels(2).unwrap().unwrap().map(|id| *id == 1), mask);
 }

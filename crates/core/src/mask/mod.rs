@@ -11,7 +11,7 @@ pub use border::{BorderLine, border_lines};
 pub use clean_up::{CleanUp, mean_scores};
 pub use contour::{Corner, contours};
 pub use region::Region;
-pub use rle::{column_runs, compressed, decompressed, from_column_runs};
+pub use rle::{Runs, column_runs, compressed, decompressed};
 
 pub(crate) use bits::{Bits, set_bits};
 

@@ -1,23 +1,106 @@
 //! Run lengths of a mask as COCO writes them: column by column, beginning with a run of `false`.
 
 use super::Mask;
+use crate::camera::MAX_IMAGE_PIXELS;
+
+/// A mask as run lengths of its columns. It takes as much memory as the mask has borders.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Runs {
+    width: usize,
+    height: usize,
+    lengths: Vec<u32>,
+}
+
+impl Runs {
+    /// Takes the runs of a mask.
+    pub fn of(mask: &Mask) -> Self {
+        Self::placed(mask, (0, 0), (mask.width, mask.height))
+    }
+
+    /// Takes the runs of a picture of `size` that shows `part` at `(left, top)` and is `false` elsewhere. The part
+    /// must lie inside.
+    pub(crate) fn placed(part: &Mask, (left, top): (usize, usize), size: (usize, usize)) -> Self {
+        let (width, height) = size;
+        let mut lengths = Lengths::default();
+        lengths.push(false, left * height);
+        for x in 0..part.width {
+            lengths.push(false, top);
+            (0..part.height).for_each(|y| lengths.push(part.at(x, y), 1));
+            lengths.push(false, height - top - part.height);
+        }
+        lengths.push(false, (width - left - part.width) * height);
+        Self { width, height, lengths: lengths.0 }
+    }
+
+    /// Takes run lengths, alternating `false` and `true`; `None` if their sum is not the number of pixels, or no
+    /// picture has as many.
+    pub fn new(width: usize, height: usize, lengths: &[u32]) -> Option<Self> {
+        let total: u64 = lengths.iter().map(|run| u64::from(*run)).sum();
+        if total != width.checked_mul(height)? as u64 || total > MAX_IMAGE_PIXELS as u64 {
+            return None;
+        }
+        let mut merged = Lengths::default();
+        lengths.iter().enumerate().for_each(|(i, run)| merged.push(i % 2 == 1, *run as usize));
+        Some(Self { width, height, lengths: merged.0 })
+    }
+
+    /// Returns columns and rows of the mask.
+    pub fn size(&self) -> (usize, usize) {
+        (self.width, self.height)
+    }
+
+    /// Returns the lengths of the runs, alternating `false` and `true`; only the first may be 0.
+    pub fn lengths(&self) -> &[u32] {
+        &self.lengths
+    }
+
+    /// Returns `true` if no pixel is `true`.
+    pub fn is_empty(&self) -> bool {
+        self.lengths.len() < 2
+    }
+
+    /// Returns the mask.
+    pub fn mask(&self) -> Mask {
+        let mut mask = Mask::filled(self.width, self.height, false);
+        let mut at = 0;
+        for (i, &run) in self.lengths.iter().enumerate() {
+            let next = at + run as usize;
+            if i % 2 == 1 {
+                (at..next).for_each(|k| mask.set(k / self.height, k % self.height, true));
+            }
+            at = next;
+        }
+        mask
+    }
+}
+
+/// Run lengths while they are collected.
+struct Lengths(Vec<u32>);
+
+impl Default for Lengths {
+    fn default() -> Self {
+        Self(vec![0])
+    }
+}
+
+impl Lengths {
+    /// Adds `count` pixels of one value.
+    fn push(&mut self, value: bool, count: usize) {
+        if count == 0 {
+            return;
+        }
+        if value != self.0.len().is_multiple_of(2) {
+            self.0.push(0);
+        }
+        if let Some(run) = self.0.last_mut() {
+            *run += count as u32;
+        }
+    }
+}
 
 /// Lengths of the runs, alternating `false` and `true`; the first is 0 if the mask begins with `true`.
 pub fn column_runs(mask: &Mask) -> Vec<u32> {
-    let mut runs = vec![0];
-    let mut value = false;
-    for x in 0..mask.width {
-        for y in 0..mask.height {
-            if mask.at(x, y) != value {
-                value = !value;
-                runs.push(0);
-            }
-            if let Some(run) = runs.last_mut() {
-                *run += 1;
-            }
-        }
-    }
-    runs
+    Runs::of(mask).lengths
 }
 
 /// Text form of run lengths that COCO calls compressed. From the fourth on, each length is stored as the
@@ -67,24 +150,6 @@ pub fn decompressed(text: &str) -> Option<Vec<u32>> {
     if shift == 0 { runs } else { None }
 }
 
-/// Inverse of [`column_runs`]; `None` if the sum of the runs is not the number of pixels.
-pub fn from_column_runs(width: usize, height: usize, runs: &[u32]) -> Option<Mask> {
-    let total: u64 = runs.iter().map(|run| u64::from(*run)).sum();
-    if total != (width * height) as u64 {
-        return None;
-    }
-    let mut mask = Mask::filled(width, height, false);
-    let mut at = 0;
-    for (i, &run) in runs.iter().enumerate() {
-        let next = at + run as usize;
-        if i % 2 == 1 {
-            (at..next).for_each(|k| mask.set(k / height, k % height, true));
-        }
-        at = next;
-    }
-    Some(mask)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -131,8 +196,15 @@ mod tests {
             assert_eq!(decompressed(text), None, "{text}");
         }
         assert_eq!(decompressed(""), Some(vec![]));
-        assert_eq!(from_column_runs(2, 2, &[1, 2]), None);
-        assert_eq!(from_column_runs(2, 2, &[u32::MAX, 2]), None);
+        assert_eq!(Runs::new(2, 2, &[1, 2]), None);
+        assert_eq!(Runs::new(2, 2, &[u32::MAX, 2]), None);
+    }
+
+    #[test]
+    fn a_part_lies_where_it_is_placed() {
+        let part = of(2, 2, |x, y| (x, y) != (1, 0));
+        let whole = of(5, 4, |x, y| [(2, 1), (2, 2), (3, 2)].contains(&(x, y)));
+        assert_eq!(Runs::placed(&part, (2, 1), (5, 4)), Runs::of(&whole));
     }
 
     proptest! {
@@ -144,7 +216,11 @@ mod tests {
         #[test]
         fn runs_read_back(width in 0_usize..9, height in 0_usize..9, seed in any::<u64>()) {
             let mask = of(width, height, |x, y| seed.rotate_left((7 * x + 13 * y) as u32) & 5 == 1);
-            prop_assert_eq!(from_column_runs(width, height, &column_runs(&mask)), Some(mask));
+            let runs = Runs::of(&mask);
+            prop_assert_eq!(runs.mask(), mask.clone());
+            prop_assert_eq!(runs.is_empty(), mask.count() == 0);
+            let split: Vec<u32> = runs.lengths().iter().flat_map(|run| [run / 2, 0, run - run / 2]).collect();
+            prop_assert_eq!(Runs::new(width, height, &split), Some(runs));
         }
     }
 }

@@ -148,7 +148,11 @@ impl Manifest {
         let beside = self.recording_relative.as_ref().map(|r| folder.join(r));
         let places = beside.into_iter().chain([self.recording.clone()]);
         match places.into_iter().find(|p| p.exists()) {
-            Some(path) => Sequence::open(&path),
+            Some(path) => Sequence::open_with(
+                &path,
+                None,
+                self.identity.as_ref().map_or(&[], |identity| identity.hidden()),
+            ),
             None => Err(Error::input_at(
                 &self.recording,
                 "the recording that this folder was prepared from is not there any more",

@@ -14,7 +14,7 @@ use crate::{
     progress::{Observer, Progress},
     sequence::{Class, Sequence, class_colour},
 };
-use std::{path::Path, sync::Arc};
+use std::path::Path;
 
 /// Marks whose names are embedded.
 #[derive(Clone, Debug)]
@@ -106,7 +106,7 @@ impl Prepared {
             for (k, (class, _)) in self.classes.iter().enumerate() {
                 let mask = map.map(|row| usize::from(*row) == k);
                 if mask.count() > 0 {
-                    marks.push(Mark::new(frame, &class.name, true, Shape::Mask(Arc::new(mask))));
+                    marks.push(Mark::new(frame, &class.name, true, Shape::from(&mask)));
                 }
             }
         }

@@ -4,11 +4,14 @@
 mod npy;
 mod number;
 mod picture;
+mod pieces;
 
 pub use npy::npy;
 pub(crate) use npy::npy_f32;
 pub(crate) use number::NumberType;
+pub(crate) use picture::jpeg;
 pub use picture::{Values, picture, picture_size, values};
+pub(crate) use pieces::{Piece, Pieces, PiecesReader};
 
 use std::{
     fs::File,

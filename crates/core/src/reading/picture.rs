@@ -109,13 +109,30 @@ impl OpenPicture {
         let is_whole = has_jpeg_end(&bytes);
         let mut decoder = JpegDecoder::new(Cursor::new(bytes)).map_err(wrong)?;
         fits(decoder.dimensions())?;
-        let mut limits = Limits::default();
-        limits.max_image_width = Some(MAX_IMAGE_SIDE as u32);
-        limits.max_image_height = Some(MAX_IMAGE_SIDE as u32);
-        limits.max_alloc = Some(MOST_BYTES as u64);
-        decoder.set_limits(limits).map_err(wrong)?;
+        decoder.set_limits(limits()).map_err(wrong)?;
         Ok(Self::Jpeg(Box::new(decoder), is_whole))
     }
+}
+
+/// Limits for decoders of JPEG.
+fn limits() -> Limits {
+    let mut limits = Limits::default();
+    limits.max_image_width = Some(MAX_IMAGE_SIDE as u32);
+    limits.max_image_height = Some(MAX_IMAGE_SIDE as u32);
+    limits.max_alloc = Some(MOST_BYTES as u64);
+    limits
+}
+
+/// Decodes a JPEG stream. The error says why that is not possible.
+pub(crate) fn jpeg(bytes: &[u8]) -> Result<DynamicImage, String> {
+    let mut decoder = JpegDecoder::new(Cursor::new(bytes)).map_err(|e| e.to_string())?;
+    let (width, height) = decoder.dimensions();
+    check_image_size(width as usize, height as usize)?;
+    decoder.set_limits(limits()).map_err(|e| e.to_string())?;
+    if !has_jpeg_end(bytes) {
+        return Err("it is cut off".to_owned());
+    }
+    DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())
 }
 
 /// Returns an error unless a palette consists of 1 to 256 complete colours, with at most one opacity for

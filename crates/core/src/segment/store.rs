@@ -74,7 +74,7 @@ impl FrameMasks {
         let (width, height) = (stored.width, stored.height);
         let found = |entry: Entry| {
             let runs = mask::decompressed(&entry.segmentation.counts)?;
-            let mask = BitMask::of(&mask::from_column_runs(width, height, &runs)?)?;
+            let mask = BitMask::of(&mask::Runs::new(width, height, &runs)?.mask())?;
             Some(FoundMask { mask, predicted_iou: entry.predicted_iou, stability: entry.stability_score })
         };
         let level = |entries: Vec<Entry>| entries.into_iter().map(found).collect::<Option<Vec<_>>>();

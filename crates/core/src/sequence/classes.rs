@@ -1,8 +1,8 @@
 //! Class lists: EndoVis18's and our own `labels.json`, `[[classes]]` of `sequence.toml`.
 
-use crate::{Error, Result, reading::read_text};
+use crate::{Error, Result, annotations::Annotation, reading::read_text};
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::{collections::BTreeSet, path::Path};
 
 /// A kind of tissue or instrument.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -83,6 +83,25 @@ pub(super) fn read_json(path: &Path) -> Result<Vec<Class>> {
             "It is a list of entries like {\"id\": 1, \"name\": \"liver\", \"colour\": [255, 114, 114]}.",
         )
     })?;
+    from_entries(&entries, path)
+}
+
+/// Returns the classes that annotations name, in the order of their names. Those that are `known` keep id and
+/// colour, the others get the lowest ids that are free.
+pub(super) fn named(annotations: &[Annotation], known: &[Class], path: &Path) -> Result<Vec<Class>> {
+    let names: BTreeSet<String> = annotations.iter().map(|a| plain_words(&a.name)).collect();
+    let old = |name: &str| known.iter().find(|class| class.name == name);
+    let taken: Vec<u8> = names.iter().filter_map(|name| old(name)).map(|class| class.id).collect();
+    let mut free = (1..NO_LABEL).filter(|id| !taken.contains(id));
+    let mut entries = Vec::new();
+    for name in names {
+        let (id, colour) = match old(&name) {
+            Some(class) => (Some(class.id), Some(class.colour)),
+            None => (free.next(), None),
+        };
+        let id = id.ok_or_else(|| Error::input_at(path, "there are more than 254 names", "At most 254."))?;
+        entries.push(ClassEntry { id, name, colour });
+    }
     from_entries(&entries, path)
 }
 

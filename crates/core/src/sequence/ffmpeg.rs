@@ -14,6 +14,7 @@ use std::{
     process::{Command, ExitStatus, Stdio},
     sync::{Mutex, PoisonError},
 };
+use tempfile::TempDir;
 
 /// Kind of file that holds a video.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,6 +26,10 @@ pub(super) enum Container {
 /// A video that is not decoded here.
 pub(super) struct Unread<'a> {
     pub path: &'a Path,
+    /// The file that ffmpeg reads: `path`, or what was taken out of it.
+    pub input: &'a Path,
+    /// ffmpeg's name of the form of that file, if the file does not say it.
+    pub form: Option<&'static str>,
     pub kind: Container,
     /// Number of frames that its index lists, if it has one.
     pub promised: Option<usize>,
@@ -50,13 +55,18 @@ pub fn remove_unpacked_videos() {
     }
 }
 
+/// Makes a temporary folder that [`remove_unpacked_videos`] removes, too.
+pub(super) fn scratch_folder() -> Result<TempDir> {
+    let scratch = tempfile::Builder::new().prefix("surgtpgs-video-").tempdir();
+    let scratch = scratch.map_err(|e| Error::io("make a temporary folder", std::env::temp_dir(), e))?;
+    UNPACKED.lock().unwrap_or_else(PoisonError::into_inner).push(scratch.path().to_owned());
+    Ok(scratch)
+}
+
 /// Unpacks the selected frames into a temporary folder that lives as long as the recording.
 pub(super) fn open(program: &Path, video: &Unread<'_>, selection: &Selection) -> Result<Recording> {
     let Unread { path, promised, .. } = *video;
-    let places = std::env::temp_dir();
-    let scratch = tempfile::Builder::new().prefix("surgtpgs-video-").tempdir();
-    let scratch = scratch.map_err(|e| Error::io("make a temporary folder", &places, e))?;
-    UNPACKED.lock().unwrap_or_else(PoisonError::into_inner).push(scratch.path().to_owned());
+    let (places, scratch) = (std::env::temp_dir(), scratch_folder()?);
     let Selection { first, last, .. } = *selection;
     if last.is_some_and(|last| last < first || promised.is_some_and(|all| last >= all)) {
         let there = promised.map_or(String::new(), |all| format!(", the video has {all}"));
@@ -112,7 +122,10 @@ fn unpack(
     }
     // Names such as `concat:a` would be read as something else than a file.
     let mut input = OsString::from("file:");
-    input.push(video.path);
+    input.push(video.input);
+    if let Some(form) = video.form {
+        command.args(["-f", form]);
+    }
     command.arg("-i").arg(input).args(["-map", "0:v:0", "-vf"]);
     // A new, steady clock. With its own clock ffmpeg would repeat and drop frames to keep a steady rate.
     // Two fields of one picture show two times; what is not interlaced stays as it is.

@@ -1,14 +1,19 @@
-//! H.264 in an mp4 container, decoded frame by frame.
+//! H.264 in an mp4 container or as a bare stream, decoded frame by frame.
 //!
 //! Frames can be requested in any order. Decoding starts at the last picture before the frame that needs
 //! no other (an IDR picture), or continues where the last request ended. Frames decoded on the way are
 //! kept while [`CACHE_BYTES`] allow. Colours follow BT.601 with limited range, whatever the file says.
 
 use super::{
-    mp4::{CodedPicture, Description, Mp4},
+    annex_b,
+    mp4::{CodedPicture, Description, Framing, Mp4},
     read,
 };
-use crate::{Error, Result, camera::check_image_size};
+use crate::{
+    Error, Result,
+    camera::check_image_size,
+    reading::{Pieces, PiecesReader},
+};
 use image::RgbImage;
 use openh264::{
     OpenH264API,
@@ -17,22 +22,21 @@ use openh264::{
 };
 use std::{
     collections::BTreeMap,
-    fs::File,
     io::{BufReader, Read, Seek, SeekFrom},
     path::{Path, PathBuf},
     sync::{Arc, Mutex, PoisonError},
 };
 
 /// NAL unit type of a slice of an IDR picture (H.264, table 7-1).
-const IDR_SLICE: u8 = 5;
+pub(super) const IDR_SLICE: u8 = 5;
 /// Memory for decoded frames of one recording.
 const CACHE_BYTES: usize = 256 << 20;
 /// Frames are unevenly spaced if the longest time between two is more than this many times the shortest.
 const UNEVEN: f64 = 1.5;
 
-/// An H.264 video in an mp4 file.
+/// An H.264 video.
 pub(super) struct H264 {
-    path: PathBuf,
+    file: Pieces,
     pub frames_per_second: Option<f32>,
     /// A note about it for the user.
     pub note: Option<String>,
@@ -76,7 +80,7 @@ impl DecoderState {
 /// A decoder in the middle of the video.
 struct Running {
     decoder: Decoder,
-    file: File,
+    file: PiecesReader,
     next_sample: usize,
     /// The next frame that comes out.
     next_frame: usize,
@@ -85,7 +89,7 @@ struct Running {
 impl std::fmt::Debug for H264 {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("H264")
-            .field("path", &self.path)
+            .field("path", &self.file.path())
             .field("frames", &self.samples.len())
             .finish_non_exhaustive()
     }
@@ -94,7 +98,7 @@ impl std::fmt::Debug for H264 {
 impl H264 {
     /// Decodes one frame of the track; the error says why that is not possible. `state` is that of the videos
     /// of the same recording.
-    pub(super) fn open(path: &Path, mp4: Mp4, state: Arc<Mutex<DecoderState>>) -> Result<Self, String> {
+    pub(super) fn open(file: &Pieces, mp4: Mp4, state: Arc<Mutex<DecoderState>>) -> Result<Self, String> {
         let Some(Description { width, height, .. }) = mp4.descriptions.first() else {
             return Err("there is no H.264 video in it".to_owned());
         };
@@ -109,7 +113,7 @@ impl H264 {
         }
         let frames_there = mp4.frames_there();
         let mut video = Self {
-            path: path.to_owned(),
+            file: file.clone(),
             frames_per_second: mean_speed(&mp4),
             note: mp4.intervals().and_then(|(shortest, longest)| uneven(shortest, longest)),
             starts: candidates(&mp4),
@@ -148,9 +152,9 @@ impl H264 {
     }
 
     /// Tells if a sample is an IDR picture, by the kind of its first slice; no more of it is read.
-    fn is_idr(&self, file: &mut BufReader<File>, sample: usize) -> std::io::Result<bool> {
-        let CodedPicture { offset, size, .. } = self.samples[sample];
-        let length_bytes = self.description(sample).length_bytes;
+    fn is_idr(&self, file: &mut BufReader<PiecesReader>, sample: usize) -> std::io::Result<bool> {
+        let CodedPicture { offset, size, is_sync, .. } = self.samples[sample];
+        let Framing::Lengths(length_bytes) = self.description(sample).framing else { return Ok(is_sync) };
         let here = file.stream_position()?;
         file.seek_relative(offset as i64 - here as i64)?;
         let mut left = size;
@@ -203,7 +207,7 @@ impl H264 {
     /// Returns frame `index` in the order of showing.
     pub(super) fn frame(&self, index: usize) -> Result<RgbImage> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        state.turn_to(&self.path);
+        state.turn_to(self.file.path());
         if let Some(frame) = state.cache.get(index) {
             return Ok(frame.clone());
         }
@@ -254,17 +258,17 @@ impl H264 {
             };
         }
         let sample = self.read_sample(&mut running.file, next)?;
-        if !units(&sample, self.description(next).length_bytes).any(is_slice) {
+        if !units(&sample, self.description(next).framing).any(is_slice) {
             // The decoder would go on without a word, and every later picture would count as an earlier frame.
             let frame = self.shown.iter().position(|shown| *shown == next).unwrap_or(wanted);
             return Err(self.damaged(frame, "there is no picture in it"));
         }
         let mut stream = Vec::with_capacity(sample.len() + 64);
-        let Description { from, length_bytes, parameter_sets, .. } = self.description(next);
+        let Description { from, framing, parameter_sets, .. } = self.description(next);
         if *from == next && next > 0 {
             parameter_sets.iter().for_each(|unit| push_unit(&mut stream, unit));
         }
-        units(&sample, *length_bytes).for_each(|unit| push_unit(&mut stream, unit));
+        units(&sample, *framing).for_each(|unit| push_unit(&mut stream, unit));
         let picture = running.decoder.decode(&stream).map_err(|e| self.damaged(wanted, &e.to_string()))?;
         if let Some(picture) = picture {
             cache.insert(running.next_frame, self.to_rgb(&picture, running.next_frame)?, wanted);
@@ -287,18 +291,18 @@ impl H264 {
     fn to_rgb(&self, picture: &DecodedYUV<'_>, index: usize) -> Result<RgbImage> {
         let (width, height) = picture.dimensions();
         if (width, height) != self.size() {
-            return Err(other_size(&self.path, index, (width, height), self.size()));
+            return Err(other_size(self.file.path(), index, (width, height), self.size()));
         }
         let mut frame = RgbImage::new(width as u32, height as u32);
         picture.write_rgb8(frame.as_mut());
         Ok(frame)
     }
 
-    fn open_file(&self) -> Result<File> {
-        File::open(&self.path).map_err(|e| Error::io("open the video", &self.path, e))
+    fn open_file(&self) -> Result<PiecesReader> {
+        self.file.open().map_err(|e| Error::io("open the video", self.file.path(), e))
     }
 
-    fn read_sample(&self, file: &mut File, i: usize) -> Result<Vec<u8>> {
+    fn read_sample(&self, file: &mut PiecesReader, i: usize) -> Result<Vec<u8>> {
         let mut bytes = Vec::new();
         let CodedPicture { offset, size, .. } = self.samples[i];
         file.seek(SeekFrom::Start(offset)).map_err(|e| self.unreadable(e))?;
@@ -307,11 +311,11 @@ impl H264 {
     }
 
     fn unreadable(&self, e: std::io::Error) -> Error {
-        Error::io("read the video", &self.path, e)
+        Error::io("read the video", self.file.path(), e)
     }
 
     fn damaged(&self, frame: usize, why: &str) -> Error {
-        Error::input_at(&self.path, format!("frame {frame} of the video cannot be decoded: {why}"), "")
+        Error::input_at(self.file.path(), format!("frame {frame} of the video cannot be decoded: {why}"), "")
     }
 }
 
@@ -339,24 +343,35 @@ fn candidates(mp4: &Mp4) -> Vec<Start> {
 }
 
 /// Iterates over the NAL units of a sample; stops at a length that leads outside.
-fn units(sample: &[u8], length_bytes: usize) -> impl Iterator<Item = &[u8]> {
+fn units(sample: &[u8], framing: Framing) -> impl Iterator<Item = &[u8]> {
     let mut rest = sample;
-    std::iter::from_fn(move || {
-        let (length, tail) = rest.split_at_checked(length_bytes)?;
-        let length = length.iter().fold(0_usize, |n, &b| n << 8 | usize::from(b));
-        let (unit, tail) = tail.split_at_checked(length)?;
-        rest = tail;
-        Some(unit)
+    std::iter::from_fn(move || match framing {
+        Framing::Lengths(length_bytes) => {
+            let (length, tail) = rest.split_at_checked(length_bytes)?;
+            let length = length.iter().fold(0_usize, |n, &b| n << 8 | usize::from(b));
+            let (unit, tail) = tail.split_at_checked(length)?;
+            rest = tail;
+            Some(unit)
+        }
+        Framing::StartCodes => {
+            let begin = annex_b::start_code(rest)? + annex_b::START_CODE.len();
+            let length = annex_b::start_code(&rest[begin..]).unwrap_or(rest.len() - begin);
+            let (unit, tail) = rest[begin..].split_at(length);
+            rest = tail;
+            // Zeros after a unit belong to the next start code.
+            let end = unit.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1);
+            Some(&unit[..end])
+        }
     })
 }
 
 /// Returns `true` if a NAL unit holds a part of a picture.
-fn is_slice(unit: &[u8]) -> bool {
+pub(super) fn is_slice(unit: &[u8]) -> bool {
     unit.first().is_some_and(|head| (1..=IDR_SLICE).contains(&(head & 31)))
 }
 
 /// NAL unit type of a sequence parameter set (H.264, table 7-1).
-const SEQUENCE_PARAMETERS: u8 = 7;
+pub(super) const SEQUENCE_PARAMETERS: u8 = 7;
 
 /// Returns `true` if a sequence parameter set says that colour has half the resolution of brightness in both
 /// directions (4:2:0), the only form that the decoder knows (H.264, 7.3.2.1.1).

@@ -1,11 +1,13 @@
 //! The identity of a recording, wherever it lies: the name, the size and the content of every frame.
 //!
-//! All results made from a recording keep its identity. Names and sizes are known as soon as a
+//! All results made from a recording keep its identity, and with it the parts of the frames that are hidden. Names and sizes are known as soon as a
 //! recording is open. Content is hashed before a result is made from it. Masks, labels and depth are
 //! not part of the identity.
 
 use super::{
+    dicom::DicomPictures,
     h264::H264,
+    hidden::HiddenRectangle,
     read,
     recording::{FrameFiles, Picture, Recording},
 };
@@ -32,6 +34,9 @@ pub struct Identity {
     /// The file, or all files together, that frames were unpacked from, if they have no bytes of their own there.
     #[serde(default)]
     file: Option<FileIdentity>,
+    /// The rectangles that are black in every frame.
+    #[serde(default)]
+    hidden: Vec<HiddenRectangle>,
 }
 
 /// A frame, or a whole file. It is written as one line of text.
@@ -67,6 +72,10 @@ impl Identity {
                 bytes += video.coded_bytes(&coded[*spot]);
                 bytes <= MOST_SPOT_BYTES
             }
+            Picture::Dicom { frames, index } => {
+                bytes += frames.coded_bytes(*index);
+                bytes <= MOST_SPOT_BYTES
+            }
             Picture::File(_) => false,
         };
         let spots: HashSet<usize> = spots.filter(is_read).collect();
@@ -79,7 +88,7 @@ impl Identity {
     }
 
     fn of(recording: &Recording, is_hashed: impl Fn(usize) -> bool + Sync) -> Result<Self> {
-        let frames = &recording.frames;
+        let (frames, hidden) = (&recording.frames, recording.hidden.clone());
         let coded = coded_pictures(frames);
         let part = |i: usize| match &frames[i].picture {
             Picture::File(_) if !recording.unpacked_from.is_empty() => {
@@ -89,9 +98,12 @@ impl Identity {
             Picture::Video { video, .. } => {
                 FileIdentity::of_coded(&frames[i].name, video, &coded[i], is_hashed(i))
             }
+            Picture::Dicom { frames: pictures, index } => {
+                FileIdentity::of_dicom(&frames[i].name, pictures, *index, is_hashed(i))
+            }
         };
         let frames = (0..frames.len()).into_par_iter().map(part).collect::<Result<_>>()?;
-        Ok(Self { frames, file: FileIdentity::of_unpacked(&recording.unpacked_from)? })
+        Ok(Self { frames, file: FileIdentity::of_unpacked(&recording.unpacked_from)?, hidden })
     }
 
     /// Number of frames.
@@ -114,9 +126,20 @@ impl Identity {
         self.hashed(|part| FileIdentity { sha256: None, ..part.clone() }.to_string())
     }
 
+    /// Returns the rectangles that are black in every frame.
+    pub fn hidden(&self) -> &[HiddenRectangle] {
+        &self.hidden
+    }
+
+    /// Returns the digest without what is hidden, by which a recording can be named.
+    pub(super) fn content_digest(&self) -> String {
+        Self { hidden: Vec::new(), ..self.clone() }.digest()
+    }
+
     fn hashed(&self, line: impl Fn(&FileIdentity) -> String) -> String {
         let mut hash = Sha256::new();
         self.frames.iter().chain(&self.file).for_each(|part| hash.update(line(part) + "\n"));
+        self.hidden.iter().for_each(|rectangle| hash.update(format!("hidden {rectangle}\n")));
         format!("{:x}", hash.finalize())
     }
 
@@ -149,7 +172,8 @@ impl Identity {
         };
         let (count, earlier) = (self.frames.len(), then.frames.len());
         if files && count == earlier && self.frames.iter().zip(&then.frames).all(is_same) {
-            return None;
+            let is_hidden = self.hidden == then.hidden;
+            return (!is_hidden).then(|| Difference("other parts of its frames are hidden".to_owned()));
         }
         let what = if self.frames_in_common(then) == 0 {
             "it is another one, no frame is the same".to_owned()
@@ -221,7 +245,7 @@ fn coded_pictures(frames: &[FrameFiles]) -> Vec<Vec<usize>> {
 fn coded_pictures_of_one(frames: &[FrameFiles]) -> Vec<Vec<usize>> {
     let own = |frame: &FrameFiles| match &frame.picture {
         Picture::Video { video, index } => Some((video.sample_of(*index), video.start_of(*index))),
-        Picture::File(_) => None,
+        Picture::File(_) | Picture::Dicom { .. } => None,
     };
     let shown: HashSet<usize> = frames.iter().filter_map(own).map(|(sample, _)| sample).collect();
     let mut known = 0;
@@ -272,6 +296,13 @@ impl FileIdentity {
             Ok(hash.finalize().into())
         };
         Ok(Self { name: name.to_owned(), bytes, sha256: is_hashed.then(hash).transpose()? })
+    }
+
+    /// Creates the part of a frame that is decoded from a DICOM file.
+    fn of_dicom(name: &str, pictures: &DicomPictures, index: usize, is_hashed: bool) -> Result<Self> {
+        let hash = || Ok::<_, Error>(Sha256::digest(pictures.read_coded(index)?).into());
+        let sha256 = is_hashed.then(hash).transpose()?;
+        Ok(Self { name: name.to_owned(), bytes: pictures.coded_bytes(index), sha256 })
     }
 
     /// Returns `true` if the sizes are equal and, where both are known, the contents too.

@@ -7,6 +7,8 @@ use super::{
 };
 use crate::{
     Result,
+    annotations::Shape,
+    dicom::Segmentation,
     grid::Grid,
     reading::{self, Values},
 };
@@ -14,6 +16,7 @@ use std::{
     cmp::Ordering,
     collections::BTreeSet,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 /// Class ids per pixel; [`NO_LABEL`] where unknown.
@@ -26,6 +29,10 @@ pub(super) enum LabelFiles {
     Picture(PathBuf),
     /// One mask per class id (non-zero = this class); later ones win.
     PerClass(Vec<(u8, PathBuf)>),
+    /// Frames of a DICOM segmentation; the number of a segment is its class id, and later frames win.
+    Segmentation(Arc<Segmentation>, Vec<usize>),
+    /// Shapes of a file of annotations, with class ids; later ones win.
+    Shapes(Vec<(u8, Shape)>),
 }
 
 /// The way in which the values of a label picture name classes.
@@ -102,19 +109,48 @@ impl LabelFiles {
                         *label = *id;
                     }
                 }
-                let known = labels.data.iter().filter(|id| **id != NO_LABEL).count();
-                let examples = BTreeSet::new();
-                Ok(ReadLabels { ids: labels, way: Way::Ordinary, known, strangers: 0, examples })
+                Ok(ReadLabels::certain(labels))
+            }
+            Self::Segmentation(file, frames) => {
+                let mut labels = Grid::filled(width, height, NO_LABEL);
+                for &i in frames {
+                    let shown = file.shown(i)?;
+                    let of_class = |number: u16| classes.iter().find(|c| u16::from(c.id) == number);
+                    for (label, number) in labels.data.iter_mut().zip(&shown.data).filter(|(_, n)| **n != 0) {
+                        *label = of_class(*number).map_or(*label, |class| class.id);
+                    }
+                }
+                Ok(ReadLabels::certain(labels))
+            }
+            Self::Shapes(shapes) => {
+                let mut labels = Grid::filled(width, height, NO_LABEL);
+                for (id, shape) in shapes {
+                    let mask = shape.pixels(width, height);
+                    for (label, _) in labels.data.iter_mut().zip(&mask.data).filter(|(_, m)| **m) {
+                        *label = *id;
+                    }
+                }
+                Ok(ReadLabels::certain(labels))
             }
         }
     }
 
-    /// Returns the paths of the files, for messages.
+    /// Returns the paths of the files that are the recording's own.
     pub(super) fn paths(&self) -> Vec<&Path> {
         match self {
             Self::Picture(path) => vec![path],
             Self::PerClass(files) => files.iter().map(|(_, path)| path.as_path()).collect(),
+            Self::Segmentation(file, _) => vec![file.path()],
+            Self::Shapes(_) => Vec::new(),
         }
+    }
+}
+
+impl ReadLabels {
+    /// Takes class ids whose meaning is certain.
+    fn certain(ids: LabelMap) -> Self {
+        let known = ids.data.iter().filter(|id| **id != NO_LABEL).count();
+        Self { ids, way: Way::Ordinary, known, strangers: 0, examples: BTreeSet::new() }
     }
 }
 

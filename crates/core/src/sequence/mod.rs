@@ -17,14 +17,17 @@ use std::{
     sync::{Arc, OnceLock},
 };
 
+mod annex_b;
 mod check;
 mod classes;
 mod decided;
 mod depth;
+mod dicom;
 mod estimated;
 mod ffmpeg;
 mod field_of_view;
 mod h264;
+mod hidden;
 mod identity;
 mod labels;
 mod layouts;
@@ -32,6 +35,7 @@ mod mp4;
 pub(crate) mod pace;
 mod read;
 mod recording;
+mod segmentation;
 mod settings;
 mod shots;
 #[cfg(test)]
@@ -41,9 +45,11 @@ mod video;
 pub use check::{CheckReport, check};
 pub use classes::{Class, ClassEntry, NO_LABEL, class_colour, names_instrument, plain_words};
 pub use depth::{DepthKind, DepthOrigin};
+pub use dicom::{SourceFrame, SourceInstance, SourceReferences};
 pub use estimated::EstimatedDepth;
 pub(crate) use estimated::{DEPTH, depth_file, depth_name};
 pub use ffmpeg::remove_unpacked_videos;
+pub use hidden::{HiddenRectangle, blacken};
 pub(crate) use identity::shared as shared_identity;
 pub use identity::{Difference, Identity};
 pub use labels::LabelMap;
@@ -53,8 +59,8 @@ pub(crate) use layouts::MONOCULAR_BASELINE;
 pub(crate) use read::{lightness, npy_map};
 pub use recording::{CameraSource, Keep};
 pub use settings::{
-    CameraSettings, DepthSettings, FieldOfViewSetting, FrameSettings, MAX_FRAMES_PER_SECOND, MaskSettings,
-    SETTINGS_FILE, Settings, TimeSettings, settings_files,
+    CameraSettings, DepthSettings, FieldOfViewSetting, FrameSettings, LabelSettings, MAX_FRAMES_PER_SECOND,
+    MaskSettings, SETTINGS_FILE, Settings, TimeSettings, settings_files,
 };
 
 /// A recording; see the accessors. Cheap to clone: clones share everything.
@@ -86,6 +92,13 @@ impl Sequence {
     /// Opens a folder or a video file; the layout is recognised by content. Only file names, picture
     /// headers and small tables are read here.
     pub fn open(path: &Path) -> Result<Self> {
+        Self::open_with(path, None, &[])
+    }
+
+    /// Opens a recording as [`Sequence::open`] does. The labels are those of a file of annotations
+    /// ([`crate::annotations`]) or of a DICOM segmentation instead of its own, if one is given. Besides the
+    /// rectangles that its settings hide, `hidden` are black in every frame.
+    pub fn open_with(path: &Path, labels: Option<&Path>, hidden: &[HiddenRectangle]) -> Result<Self> {
         if let Some(kind) = unfinished_kind(path) {
             let what = format!("this folder holds an unfinished {kind}");
             return Err(Error::input_at(path, what, "Run the command again that makes it."));
@@ -94,6 +107,11 @@ impl Sequence {
         let settings = Settings::read(&file)?;
         let (layout, mut recording) = layouts::open(path, &settings.selection())?;
         settings.apply(&mut recording, &file)?;
+        recording.hidden.extend(hidden);
+        recording.hidden.sort_unstable();
+        recording.hidden.dedup();
+        let named = settings.labels.file.as_ref().map(|name| file.with_file_name(name));
+        labels.or(named.as_deref()).map_or(Ok(()), |file| recording.take_labels(file))?;
         Self::from_recording(layout, recording.validate()?)
     }
 
@@ -116,8 +134,12 @@ impl Sequence {
     pub fn path(&self) -> &Path {
         &self.recording().path
     }
-    /// Returns the folder or file name, for titles.
+    /// Returns the folder or file name, for titles and results. DICOM files are often called by the name of a
+    /// patient: what comes from them is called by a hash of its content.
     pub fn name(&self) -> String {
+        if self.inner.layout == Layout::Dicom {
+            return format!("dicom-{}", &self.outline().content_digest()[..8]);
+        }
         let path = self.path();
         let whole = path.canonicalize().unwrap_or_else(|_| path.to_owned());
         read::file_name(&whole)
@@ -182,6 +204,15 @@ impl Sequence {
     /// Returns `true` if the camera's pose changes during the recording.
     pub fn camera_moves(&self) -> bool {
         self.inner.camera_moves
+    }
+    /// Returns the rectangles that are black in every frame.
+    pub fn hidden(&self) -> &[HiddenRectangle] {
+        &self.recording().hidden
+    }
+    /// Reads the identifiers of the DICOM files that the recording comes from; `None` if it comes from no such
+    /// files. They are for references from a segmentation alone.
+    pub fn source_references(&self) -> Result<Option<SourceReferences>> {
+        self.recording().dicom.as_ref().map_or(Ok(None), |origin| origin.references())
     }
     /// Decodes frame `i`.
     pub fn frame(&self, i: usize) -> Result<RgbImage> {
@@ -328,17 +359,24 @@ impl Sequence {
         parents.into_iter().map(full_path).filter(|folder| !whole.starts_with(folder)).collect()
     }
 
+    fn detect_field_of_view(&self) -> FieldOfView {
+        let (width, height) = (self.width(), self.height());
+        if !self.recording().detect_field_of_view {
+            return FieldOfView::whole(width, height);
+        }
+        // An evaluation may hold the others out.
+        let all = self.used_frames(true);
+        let some = all.len().min(FIELD_OF_VIEW_FRAMES);
+        let spread = (0..some).map(|k| all[(2 * k + 1) * all.len() / (2 * some)]);
+        // A black rectangle could be taken for a border.
+        FieldOfView::detect(width, height, spread.filter_map(|i| self.recording().frame_in_full(i).ok()))
+    }
+
     fn found_field_of_view(&self) -> &FieldOfView {
         self.inner.field_of_view.get_or_init(|| {
-            let (width, height) = (self.width(), self.height());
-            if !self.recording().detect_field_of_view {
-                return FieldOfView::whole(width, height);
-            }
-            // An evaluation may hold the others out.
-            let all = self.used_frames(true);
-            let some = all.len().min(FIELD_OF_VIEW_FRAMES);
-            let frames = (0..some).filter_map(|k| self.frame(all[(2 * k + 1) * all.len() / (2 * some)]).ok());
-            FieldOfView::detect(width, height, frames)
+            let mut found = self.detect_field_of_view();
+            hidden::leave_out(&mut found.mask, self.hidden());
+            found
         })
     }
 }

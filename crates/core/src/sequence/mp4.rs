@@ -1,6 +1,7 @@
 //! Reads the tables of an mp4 file, plain or in fragments: the places of the coded pictures of its video
 //! track. Tells if the file is long enough to hold them all.
 
+use crate::reading::{Pieces, PiecesReader};
 use shiguredo_mp4::{
     Decode, TrackKind,
     boxes::{AvccBox, MoovBox, SampleEntry, TkhdBox},
@@ -11,9 +12,7 @@ use shiguredo_mp4::{
 };
 use std::{
     collections::BTreeMap,
-    fs::File,
     io::{Read, Seek, SeekFrom},
-    path::Path,
 };
 
 /// Largest number of pictures: two days of video.
@@ -22,7 +21,8 @@ const MAX_PICTURES: u64 = 1 << 22;
 /// parser may ask for them one after the other.
 const MOST_REPEATS: usize = 3;
 
-/// The H.264 track of a file, or its first video track of any kind.
+/// The H.264 track of a file, or its first video track of any kind. Also the pictures of a bare H.264 stream, see
+/// [`super::annex_b`].
 pub(super) struct Mp4 {
     /// Descriptions of how to decode its pictures, the first from picture 0 on; empty unless it is H.264.
     pub descriptions: Vec<Description>,
@@ -35,7 +35,7 @@ pub(super) struct Mp4 {
     /// Number of pictures, counted from the first, that are in the file.
     pub present: usize,
     /// Total size of all pictures.
-    bytes: u64,
+    pub bytes: u64,
     /// `true` if the file ends within its tables, so that the number of pictures is unknown.
     pub is_open_ended: bool,
     /// Number of video tracks in the file.
@@ -49,10 +49,18 @@ pub(super) struct Description {
     pub from: usize,
     pub width: usize,
     pub height: usize,
-    /// Size in bytes of the length field before each NAL unit.
-    pub length_bytes: usize,
+    pub framing: Framing,
     /// NAL units: the sequence parameter sets, then the picture parameter sets.
     pub parameter_sets: Vec<Vec<u8>>,
+}
+
+/// The marks between the NAL units of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Framing {
+    /// A length before each unit, of so many bytes.
+    Lengths(usize),
+    /// Start codes (H.264, annex B).
+    StartCodes,
 }
 
 /// The bytes of one coded picture.
@@ -67,9 +75,9 @@ pub(super) struct CodedPicture {
 
 impl Mp4 {
     /// Reads the tables. The error says why that is not possible, without a full stop.
-    pub(super) fn read(path: &Path) -> Result<Self, String> {
-        let file = File::open(path).map_err(|e| e.to_string())?;
-        let len = file.metadata().map_err(|e| e.to_string())?.len();
+    pub(super) fn read(file: &Pieces) -> Result<Self, String> {
+        let len = file.len();
+        let file = file.open().map_err(|e| e.to_string())?;
         let mut source = BoundedFile { file, len, last: None, repeats: 0 };
         let kind = source.kind()?;
         let turned = source.turned_tracks().unwrap_or_default();
@@ -223,7 +231,7 @@ impl Description {
             from,
             width: usize::from(avc1.visual.width),
             height: usize::from(avc1.visual.height),
-            length_bytes: usize::from(length_size_minus_one.get()) + 1,
+            framing: Framing::Lengths(usize::from(length_size_minus_one.get()) + 1),
             parameter_sets: sps_list.iter().chain(pps_list).cloned().collect(),
         })
     }
@@ -260,7 +268,7 @@ demuxer!(Fmp4FileDemuxer);
 
 /// The file. It is never read beyond its end, nor twice in a row at the same place.
 struct BoundedFile {
-    file: File,
+    file: PiecesReader,
     len: u64,
     last: Option<RequiredInput>,
     /// Number of times that the last request was made again.
@@ -310,7 +318,7 @@ impl BoundedFile {
     fn bytes(&mut self, at: u64, size: u64) -> Option<Vec<u8>> {
         let mut data = Vec::new();
         self.file.seek(SeekFrom::Start(at)).ok()?;
-        (&self.file).take(size).read_to_end(&mut data).ok()?;
+        (&mut self.file).take(size).read_to_end(&mut data).ok()?;
         Some(data)
     }
 
@@ -324,7 +332,7 @@ impl BoundedFile {
         let rest = self.len - required.position;
         let size = required.size.map_or(rest, |size| rest.min(size as u64));
         let mut data = Vec::new();
-        (&self.file).take(size).read_to_end(&mut data).map_err(|e| e.to_string())?;
+        (&mut self.file).take(size).read_to_end(&mut data).map_err(|e| e.to_string())?;
         Ok(data)
     }
 }

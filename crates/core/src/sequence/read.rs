@@ -45,12 +45,19 @@ fn leading_digits(text: &str) -> (&str, &str) {
 
 /// Returns the visible files of `folder` with one of the given endings, in natural order of their names.
 pub(super) fn list(folder: &Path, endings: &[&str]) -> Result<Vec<PathBuf>> {
+    list_where(folder, |path| {
+        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+        endings.contains(&ending.as_str())
+    })
+}
+
+/// Returns the visible files of `folder` that are `wanted`, in natural order of their names.
+pub(super) fn list_where(folder: &Path, wanted: impl Fn(&Path) -> bool) -> Result<Vec<PathBuf>> {
     let fail = |e| Error::io("list the folder", folder, e);
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(fail)? {
         let path = entry.map_err(fail)?.path();
-        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-        if endings.contains(&ending.as_str()) && !file_name(&path).starts_with('.') && !path.is_dir() {
+        if wanted(&path) && !file_name(&path).starts_with('.') && !path.is_dir() {
             if !path.is_file() {
                 return Err(Error::input_at(
                     &path,

@@ -1,15 +1,19 @@
 //! The contents of a recording, as its layout describes them.
 
 use super::{
-    classes::{self, Class},
+    classes::{self, Class, NO_LABEL},
     depth::DepthRule,
+    dicom::{DicomPictures, Origin},
     h264::H264,
+    hidden::{self, HiddenRectangle},
     labels::{LabelCoding, LabelFiles, NumbersAre, ReadLabels, numbers_of},
-    read,
+    read, segmentation,
 };
 use crate::{
     Error, Result,
+    annotations::{self, Canvas},
     camera::Camera,
+    dicom::is_dicom,
     grid::{Grid, Mask},
     reading::is_present,
 };
@@ -89,6 +93,10 @@ pub(super) struct Recording {
     pub scratch: Vec<TempDir>,
     /// The videos that frames were unpacked from.
     pub unpacked_from: Vec<PathBuf>,
+    /// The DICOM files that the frames come from.
+    pub dicom: Option<Origin>,
+    /// Parts of every frame that are black, whatever the files show there.
+    pub hidden: Vec<HiddenRectangle>,
 }
 
 /// The files of one frame.
@@ -106,6 +114,7 @@ pub(super) struct FrameFiles {
 pub(super) enum Picture {
     File(PathBuf),
     Video { video: Arc<H264>, index: usize },
+    Dicom { frames: Arc<DicomPictures>, index: usize },
 }
 
 /// The pixels that a mask file keeps.
@@ -164,6 +173,8 @@ impl Recording {
             notes: Vec::new(),
             scratch: Vec::new(),
             unpacked_from: Vec::new(),
+            dicom: None,
+            hidden: Vec::new(),
         }
     }
 
@@ -229,6 +240,29 @@ impl Recording {
         Ok(())
     }
 
+    /// Takes the labels of all frames from a file of annotations, or from a DICOM segmentation, instead of the
+    /// recording's own. A class of annotations keeps its id and colour if the recording has one of the same name.
+    pub(super) fn take_labels(&mut self, file: &Path) -> Result<()> {
+        if is_dicom(file) {
+            self.frames.iter_mut().for_each(|frame| frame.labels = None);
+            return segmentation::add_labels(self, file);
+        }
+        let frame_names = self.frames.iter().map(|frame| frame.name.clone()).collect();
+        let (width, height, num_frames) = (self.width, self.height, self.frames.len());
+        let annotations = annotations::read(file, &Canvas { width, height, frame_names, num_frames })?;
+        self.classes = classes::named(&annotations, &self.classes, file)?;
+        self.frames.iter_mut().for_each(|frame| frame.labels = None);
+        for annotation in annotations {
+            let name = classes::plain_words(&annotation.name);
+            let Some(class) = self.classes.iter().find(|class| class.name == name) else { continue };
+            let labels = &mut self.frames[annotation.frame].labels;
+            if let LabelFiles::Shapes(shapes) = labels.get_or_insert(LabelFiles::Shapes(Vec::new())) {
+                shapes.push((class.id, annotation.shape));
+            }
+        }
+        Ok(())
+    }
+
     /// Pairs the files of `folder` with frames. Equal names match; if no name is shared and the numbers
     /// agree, files match by order. `partial` allows frames without a file.
     fn companions(
@@ -278,6 +312,9 @@ impl Recording {
         let mut frames: Vec<_> = self.frames.into_iter().map(Some).collect();
         self.frames = keep.iter().filter_map(|&i| frames[i].take()).collect();
         self.cameras = keep.iter().map(|&i| self.cameras[i]).collect();
+        if let Some(origin) = &mut self.dicom {
+            origin.select(&keep);
+        }
         Ok(self)
     }
 
@@ -291,6 +328,8 @@ impl Recording {
                 "Add labels.json beside the folder, or [[classes]] to sequence.toml.",
             ));
         }
+        hidden::require_inside(&self.hidden, (self.width, self.height))
+            .map_err(|what| Error::input_at(&self.path, what, "Look at what is to be hidden."))?;
         for (i, camera) in self.cameras.iter().enumerate() {
             let intrinsics = [camera.fx, camera.fy, camera.cx, camera.cy];
             if !intrinsics.iter().all(|v| v.is_finite()) || camera.fx <= 0.0 || camera.fy <= 0.0 {
@@ -310,22 +349,31 @@ impl Recording {
 
     /// Returns the files of all frames, but for videos.
     pub(super) fn files(&self) -> impl Iterator<Item = &Path> {
-        self.frames.iter().flat_map(|frame| {
+        let dicom = self.dicom.iter().flat_map(Origin::files).map(PathBuf::as_path);
+        dicom.chain(self.frames.iter().flat_map(|frame| {
             let picture = match &frame.picture {
                 Picture::File(path) => Some(path.as_path()),
-                Picture::Video { .. } => None,
+                Picture::Video { .. } | Picture::Dicom { .. } => None,
             };
             let maps = [frame.mask.as_deref(), frame.depth.as_deref(), picture];
             let labels = frame.labels.iter().flat_map(LabelFiles::paths);
             maps.into_iter().flatten().chain(labels)
-        })
+        }))
     }
 
-    /// Decodes frame `i`.
+    /// Decodes frame `i`; hidden parts are black.
     pub(super) fn frame(&self, i: usize) -> Result<RgbImage> {
+        let mut frame = self.frame_in_full(i)?;
+        hidden::blacken(&mut frame, &self.hidden);
+        Ok(frame)
+    }
+
+    /// Decodes frame `i` with its hidden parts, which nobody may see.
+    pub(super) fn frame_in_full(&self, i: usize) -> Result<RgbImage> {
         match &self.frames[i].picture {
             Picture::File(path) => read::frame(path, self.width, self.height),
             Picture::Video { video, index } => video.frame(*index),
+            Picture::Dicom { frames, index } => frames.frame(*index),
         }
     }
 
@@ -343,8 +391,10 @@ impl Recording {
 
     /// Reads the labels of frame `i`; `None` if it has none.
     pub(super) fn labels(&self, i: usize, numbers: NumbersAre) -> Result<Option<ReadLabels>> {
-        let labels = self.frames[i].labels.as_ref();
-        labels.map(|l| l.read(&self.coding, numbers, &self.classes, (self.width, self.height))).transpose()
+        let Some(files) = &self.frames[i].labels else { return Ok(None) };
+        let mut labels = files.read(&self.coding, numbers, &self.classes, (self.width, self.height))?;
+        hidden::fill(&mut labels.ids, &self.hidden, NO_LABEL);
+        Ok(Some(labels))
     }
 
     /// Decides the meaning of the numbers of its label pictures, from `some` of them, evenly spread.
@@ -365,7 +415,9 @@ impl Recording {
     /// Reads the depth of frame `i` at the frames' size, 0 where unknown.
     pub(super) fn depth(&self, i: usize) -> Result<Option<Grid<f32>>> {
         let Some(path) = &self.frames[i].depth else { return Ok(None) };
-        Ok(Some(self.depth_rule.read(path)?.resized(self.width, self.height)))
+        let mut depth = self.depth_rule.read(path)?.resized(self.width, self.height);
+        hidden::fill(&mut depth, &self.hidden, 0.0);
+        Ok(Some(depth))
     }
 }
 

@@ -14,6 +14,9 @@
 //! keep = "white"              # which side of the mask files is tissue: "white" or "black"
 //! field_of_view = "detect"    # or "whole": no border is looked for
 //!
+//! [labels]
+//! file = "annotations.xml"    # labels of another program, or a DICOM segmentation, instead of the recording's own
+//!
 //! [time]
 //! frames_per_second = 25.0    # of the files
 //! every = 2                   # use each second frame
@@ -21,6 +24,12 @@
 //! [frames]
 //! first = 0                   # numbers of the first and last file that are used, counted from 0
 //! last = 79
+//!
+//! [[hidden]]                  # a part of every frame that is black, in pixels: burnt-in names, for example
+//! x = 10
+//! y = 8
+//! width = 200
+//! height = 24
 //!
 //! [[classes]]                 # replaces the class list; ids are values of the label files
 //! id = 1
@@ -34,6 +43,7 @@ use super::{
     classes::{self, ClassEntry},
     decided,
     depth::DepthKind,
+    hidden::HiddenRectangle,
     labels::LabelCoding,
     read,
     recording::{CameraSource, Keep, MaskRule, Recording, Selection},
@@ -80,12 +90,18 @@ pub struct Settings {
     /// `[masks]`
     #[serde(skip_serializing_if = "is_default")]
     pub masks: MaskSettings,
+    /// `[labels]`
+    #[serde(skip_serializing_if = "is_default")]
+    pub labels: LabelSettings,
     /// `[time]`
     #[serde(skip_serializing_if = "is_default")]
     pub time: TimeSettings,
     /// `[frames]`
     #[serde(skip_serializing_if = "is_default")]
     pub frames: FrameSettings,
+    /// `[[hidden]]`
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub hidden: Vec<HiddenRectangle>,
     /// `[[classes]]`
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub classes: Vec<ClassEntry>,
@@ -131,6 +147,14 @@ pub enum FieldOfViewSetting {
     Detect,
     /// Everything is inside.
     Whole,
+}
+
+/// `[labels]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LabelSettings {
+    /// File of annotations, or DICOM segmentation, with the labels, seen from the settings file.
+    pub file: Option<PathBuf>,
 }
 
 /// `[time]`
@@ -212,6 +236,7 @@ impl Settings {
     /// Overrides what the layout found. `path` is the settings file, for messages.
     pub(super) fn apply(&self, recording: &mut Recording, path: &Path) -> Result<()> {
         self.apply_camera(recording);
+        recording.hidden.clone_from(&self.hidden);
         recording.depth_rule.kind = self.depth.kind.unwrap_or(recording.depth_rule.kind);
         recording.depth_rule.scale = self.depth.scale.unwrap_or(recording.depth_rule.scale);
         match (self.masks.keep, recording.mask_rule) {
@@ -304,8 +329,10 @@ mod tests {
             camera: CameraSettings { fx: Some(300.5), ..Default::default() },
             depth: DepthSettings { scale: Some(0.01), kind: Some(DepthKind::Disparity) },
             masks: MaskSettings { keep: Some(Keep::White), field_of_view: Some(FieldOfViewSetting::Whole) },
+            labels: LabelSettings { file: Some("tasks.json".into()) },
             time: TimeSettings { frames_per_second: Some(25.0), every: Some(2) },
             frames: FrameSettings { first: Some(1), last: Some(9) },
+            hidden: vec![HiddenRectangle { x: 1, y: 2, width: 3, height: 4 }],
             classes: vec![ClassEntry { id: 3, name: "fat".into(), colour: None }],
         };
         assert_eq!(read(&toml::to_string(&settings).unwrap()).unwrap(), settings);

@@ -8,7 +8,7 @@ use super::{
     mp4::Mp4,
     recording::{FrameFiles, Picture, Recording, Selection},
 };
-use crate::{Error, Result};
+use crate::{Error, Result, reading::Pieces};
 use std::{
     fs::File,
     io::Read,
@@ -43,23 +43,25 @@ pub(super) fn open_folder(folder: &Path, files: &[PathBuf], selection: &Selectio
 
 fn open_part(path: &Path, selection: &Selection, state: Arc<Mutex<DecoderState>>) -> Result<Recording> {
     let kind = expect_video(path)?;
-    let index = Mp4::read(path);
+    let file = Pieces::whole(path).map_err(|e| Error::io("open the file", path, e))?;
+    let index = Mp4::read(&file);
     if let Ok(mp4) = &index {
         expect_whole(path, mp4, selection)?;
     }
     // ffmpeg may choose another one of several tracks.
     let is_clear = |mp4: &&Mp4| !mp4.is_open_ended && mp4.num_tracks == 1;
     let promised = index.as_ref().ok().filter(is_clear).map(|mp4| mp4.pictures.len());
-    match index.and_then(|mp4| H264::open(path, mp4, state)) {
+    match index.and_then(|mp4| H264::open(&file, mp4, state)) {
         Ok(video) => open_h264(path, video, selection),
         Err(why_not_here) => {
-            ffmpeg::open(Path::new("ffmpeg"), &Unread { path, kind, promised, why_not_here }, selection)
+            let video = Unread { path, input: path, form: None, kind, promised, why_not_here };
+            ffmpeg::open(Path::new("ffmpeg"), &video, selection)
         }
     }
 }
 
 /// Returns an error if the file ends before its last frame, unless none of the requested frames is missing.
-fn expect_whole(path: &Path, mp4: &Mp4, selection: &Selection) -> Result<()> {
+pub(super) fn expect_whole(path: &Path, mp4: &Mp4, selection: &Selection) -> Result<()> {
     let there = mp4.frames_there();
     match mp4.cut_off() {
         Some(what) if selection.last.is_none_or(|last| last >= there) => Err(cut_off(path, &what, there)),
@@ -67,7 +69,7 @@ fn expect_whole(path: &Path, mp4: &Mp4, selection: &Selection) -> Result<()> {
     }
 }
 
-fn open_h264(path: &Path, video: H264, selection: &Selection) -> Result<Recording> {
+pub(super) fn open_h264(path: &Path, video: H264, selection: &Selection) -> Result<Recording> {
     let size = video.size();
     let (frames_per_second, note) = (video.frames_per_second, video.note.clone());
     let indices = selection.indices(video.shown.len()).map_err(|what| Error::input_at(path, what, ""))?;

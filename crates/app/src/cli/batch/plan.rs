@@ -79,7 +79,8 @@ impl BatchJob {
 const OWN: [&str; 8] = ["output", "sequence", "force", "resume", "json", "masks", "langsplat", "help"];
 
 /// Keys that name a source of features. One of them must be given for features, and so for prompts.
-const FEATURE_SOURCES: [&str; 5] = ["labels", "masks_model", "features", "dense_encoder", MARKS];
+const FEATURE_SOURCES: [&str; 6] =
+    ["labels", "labels_from", "masks_model", "features", "dense_encoder", MARKS];
 
 /// Key of the marks. Beside another source of features they correct what it finds.
 const MARKS: &str = "marks";

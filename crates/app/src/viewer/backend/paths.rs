@@ -81,9 +81,10 @@ pub(super) fn pick(ask: &PathAsk) -> Picked {
             .add_filter("All files", &["*"])
             .pick_file(),
         PathKind::Folder => dialog.pick_folder(),
-        PathKind::Marks => {
-            dialog.add_filter("Marks and annotations", &["json"]).add_filter("All files", &["*"]).pick_file()
-        }
+        PathKind::Marks => dialog
+            .add_filter("Marks and annotations", &["json", "dcm"])
+            .add_filter("All files", &["*"])
+            .pick_file(),
         PathKind::SaveMarks(name) => dialog.set_file_name(name).add_filter("Marks", &["json"]).save_file(),
         PathKind::Save(name, what) => {
             let extension = name.rsplit('.').next().unwrap_or_default();

@@ -28,7 +28,7 @@ use std::{
     sync::Arc,
 };
 use surgtpgs_core::{
-    export::{ExportOptions, Format, FormatGroup, PictureSource, num_files},
+    export::{ExportOptions, Format, FormatGroup, PictureSource, SegType, num_files},
     files::{is_free_folder, unfinished_kind},
     overlay::OverlayStyle,
 };
@@ -177,6 +177,7 @@ fn asking_ui(
     ui.label(RichText::new(what).color(if names.is_empty() { theme::AMBER } else { theme::TEXT_WEAK }));
     ui.add_space(6.0);
     formats_ui(ui, &mut export.request.options.formats);
+    seg_type_ui(ui, &mut export.request.options);
     ui.separator();
     look_ui(ui, &mut export.request.options);
     ui.separator();
@@ -230,6 +231,17 @@ fn formats_ui(ui: &mut Ui, formats: &mut Vec<Format>) {
             }
         });
         ui.add_space(4.0);
+    }
+}
+
+/// Shows the kinds of DICOM segmentations, if one is to be written.
+fn seg_type_ui(ui: &mut Ui, options: &mut ExportOptions) {
+    if options.formats.contains(&Format::DicomSeg) {
+        ui.horizontal_wrapped(|ui| {
+            ui.label("DICOM segmentation as");
+            let kinds = SegType::ALL.map(|kind| (kind, kind.label().0, kind.label().1.to_owned(), true));
+            choice(ui, &mut options.seg_type, &kinds);
+        });
     }
 }
 

@@ -17,7 +17,7 @@ pub(super) struct Coco {
 
 impl Coco {
     pub(super) fn begin(file: WholeFile, plan: SeriesPlan<'_>) -> io::Result<Self> {
-        let SeriesPlan { provenance, frames, size: (width, height) } = plan;
+        let SeriesPlan { provenance, frames, size: (width, height), .. } = plan;
         let image = |&frame: &usize| {
             json!({
                 "id": frame, "file_name": format!("frame_{frame:06}.png"), "width": width, "height": height,

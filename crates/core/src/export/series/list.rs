@@ -1,4 +1,4 @@
-//! A JSON object whose last member is a list that is written item by item.
+//! A JSON list that is written item by item, by itself or as the last member of an object.
 
 use crate::files::WholeFile;
 use std::io::{self, BufWriter, Write};
@@ -6,6 +6,7 @@ use std::io::{self, BufWriter, Write};
 pub(super) struct JsonList {
     file: BufWriter<WholeFile>,
     is_empty: bool,
+    end: &'static [u8],
 }
 
 impl JsonList {
@@ -17,7 +18,14 @@ impl JsonList {
             writeln!(file, "{}: {value},", serde_json::Value::from(key.as_str()))?;
         }
         write!(file, "\"{name}\": [")?;
-        Ok(Self { file, is_empty: true })
+        Ok(Self { file, is_empty: true, end: b"\n]}\n" })
+    }
+
+    /// Begins a file that is nothing but the list.
+    pub(super) fn bare(file: WholeFile) -> io::Result<Self> {
+        let mut file = BufWriter::new(file);
+        file.write_all(b"[")?;
+        Ok(Self { file, is_empty: true, end: b"\n]\n" })
     }
 
     pub(super) fn push(&mut self, item: &impl serde::Serialize) -> io::Result<()> {
@@ -27,7 +35,7 @@ impl JsonList {
     }
 
     pub(super) fn finish(mut self) -> io::Result<WholeFile> {
-        self.file.write_all(b"\n]}\n")?;
+        self.file.write_all(self.end)?;
         Ok(self.file.into_inner()?)
     }
 }

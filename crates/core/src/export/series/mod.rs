@@ -3,7 +3,10 @@
 //! export that stops before leaves none of them.
 
 mod coco;
+mod cvat;
+mod dicom_seg;
 mod gif;
+mod label_studio;
 mod list;
 mod nrrd;
 mod sheet;
@@ -32,6 +35,9 @@ pub(super) fn begin(format: Format, file: WholeFile, plan: SeriesPlan<'_>) -> io
         Format::Csv => Box::new(table::FrameTable::begin(table::Csv::begin(file, plan)?)),
         Format::Json => Box::new(table::FrameTable::begin(table::Json::begin(file, plan)?)),
         Format::Coco => Box::new(coco::Coco::begin(file, plan)?),
+        Format::DicomSeg => Box::new(dicom_seg::DicomSeg::begin(file, plan)?),
+        Format::Cvat => Box::new(cvat::Cvat::begin(file, plan)?),
+        Format::LabelStudio => Box::new(label_studio::LabelStudio::begin(file, plan)?),
         Format::Nrrd => Box::new(nrrd::Nrrd::begin(file, plan)?),
         _ => return Err(io::Error::other("this format has a file per frame")),
     })

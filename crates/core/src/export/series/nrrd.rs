@@ -1,7 +1,10 @@
 //! A segmentation for 3-D Slicer: `.seg.nrrd`, a volume of x, y and frame with names and colours of segments.
 
 use super::{Series, SeriesPlan};
-use crate::{export::frame::FrameContent, files::WholeFile};
+use crate::{
+    export::{Provenance, frame::FrameContent},
+    files::WholeFile,
+};
 use flate2::{Compression, write::GzEncoder};
 use std::io::{self, BufWriter, Write};
 
@@ -48,7 +51,7 @@ fn has_layers(plan: SeriesPlan<'_>) -> bool {
 }
 
 fn header(plan: SeriesPlan<'_>, has_layers: bool) -> String {
-    let SeriesPlan { provenance, frames, size: (width, height) } = plan;
+    let SeriesPlan { provenance, frames, size: (width, height), .. } = plan;
     let (prompts, depth) = (provenance.prompts.len(), frames.len());
     // Slicer needs three spatial axes, even for a single frame; the layers come first.
     let (dimension, layers, none, list) =
@@ -91,13 +94,27 @@ fn header(plan: SeriesPlan<'_>, has_layers: bool) -> String {
     }
     let first = frames.first().copied().unwrap_or(0);
     text += &format!(
-        "axis_units:=x and y count pixels, the third axis counts frames (frame {first} first); none is in millimetres\n\
+        "segment_names:={}\n\
+         first_frame:={first}\n\
+         axis_units:=x and y count pixels, the third axis counts frames (frame {first} first); none is in millimetres\n\
          frames_per_second:={}\n\
          intended_use:={}\n\n",
+        names_in_ascii(provenance),
         provenance.frames_per_second.map_or("unknown".to_owned(), |speed| speed.to_string()),
         value(&provenance.intended_use),
     );
     text
+}
+
+/// Returns the names of all segments as a JSON list in ASCII: pynrrd drops other letters from headers.
+fn names_in_ascii(provenance: &Provenance) -> String {
+    let names: Vec<&str> = provenance.prompts.iter().map(|prompt| prompt.text.as_str()).collect();
+    let json = serde_json::Value::from(names).to_string();
+    let escaped = |c: char| match c.is_ascii() {
+        true => c.to_string(),
+        false => c.encode_utf16(&mut [0; 2]).iter().map(|unit| format!("\\u{unit:04x}")).collect(),
+    };
+    json.chars().map(escaped).collect()
 }
 
 /// Returns the value of a header's key, on one line.

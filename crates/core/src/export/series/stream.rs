@@ -6,6 +6,7 @@ use crate::{
         frame::{FrameContent, scaled_size},
     },
     files::WholeFile,
+    sequence::SourceReferences,
 };
 use std::io;
 
@@ -25,6 +26,8 @@ pub(in crate::export) struct SeriesPlan<'a> {
     pub(in crate::export) frames: &'a [usize],
     /// Columns and rows of every frame; none is 0.
     pub(in crate::export) size: (usize, usize),
+    /// The DICOM files that the frames come from.
+    pub(in crate::export) sources: Option<&'a SourceReferences>,
 }
 
 impl SeriesPlan<'_> {

@@ -127,7 +127,7 @@ pub(super) struct Json(JsonList);
 
 impl Json {
     pub(super) fn begin(file: WholeFile, plan: SeriesPlan<'_>) -> io::Result<Self> {
-        let SeriesPlan { provenance, frames, size: (width, height) } = plan;
+        let SeriesPlan { provenance, frames, size: (width, height), .. } = plan;
         let head = json!({
             "sequence": provenance.sequence_name,
             "frames_per_second": provenance.frames_per_second,

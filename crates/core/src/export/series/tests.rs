@@ -1,13 +1,14 @@
 //! Tests that read back the files about all frames.
 
 use crate::{
+    dicom::Segmentation,
     export::{
-        Export, ExportSummary, Format, PROVENANCE_FILE, Provenance, num_files,
+        Export, ExportSummary, Format, PROVENANCE_FILE, Provenance, SegType, num_files,
         tests::{picture, provenance},
     },
     grid::{Grid, Mask},
     mask::{column_runs, compressed, threshold},
-    sequence::Sequence,
+    sequence::{Sequence, SourceFrame, SourceInstance, SourceReferences},
 };
 use serde_json::Value;
 use std::{
@@ -295,7 +296,7 @@ fn every_format_stopped_and_begun_again_is_the_same_bytes() {
 
     let stopped = tempfile::tempdir().unwrap();
     let partly = export(stopped.path(), &how, 2);
-    assert_eq!((partly.complete, partly.files), (false, 2 * (4 * 2 + 3)));
+    assert_eq!((partly.complete, partly.files), (false, 2 * (4 * 2 + 4)));
     assert!(
         contents(stopped.path()).keys().all(|name| !name.starts_with("coco")),
         "no part of a file is left"
@@ -345,4 +346,93 @@ fn gaps_and_changing_sizes_are_refused() {
     let error = export.write(&image::RgbImage::new(4, 4), &[small.clone(), small], None).unwrap_err();
     assert!(error.to_string().contains("those before it were 40×24"), "{error}");
     assert!(!export.finish().unwrap().complete);
+}
+
+/// Exports a DICOM segmentation of a kind and reads it back.
+fn segmentation(seg_type: SegType, exclusive: bool) -> (tempfile::TempDir, PathBuf, Segmentation) {
+    let folder = tempfile::tempdir().unwrap();
+    let mut how = provenance(&[Format::DicomSeg], exclusive);
+    how.options.seg_type = seg_type;
+    assert!(export(folder.path(), &how, FRAMES).complete);
+    let file = folder.path().join(super::name(Format::DicomSeg, &[0, 1, 2, 3]));
+    let read = Segmentation::open(&file).unwrap();
+    (folder, file, read)
+}
+
+#[test]
+fn dicom_segmentations_hold_the_masks_of_every_frame() {
+    for (seg_type, exclusive) in [
+        (SegType::Binary, false),
+        (SegType::Binary, true),
+        (SegType::Fractional, false),
+        (SegType::Labelmap, true),
+    ] {
+        let (_folder, file, read) = segmentation(seg_type, exclusive);
+        let mut shown = 0;
+        for (i, frame) in read.frames.iter().enumerate() {
+            let recorded = frame.position.unwrap() as usize - 1;
+            for number in (1..=2_u16).filter(|n| frame.segment.is_none_or(|own| own == *n)) {
+                let mask = read.mask(i, number).unwrap();
+                let expected = match (seg_type, exclusive) {
+                    (SegType::Fractional, _) | (_, false) => masks(recorded)[usize::from(number) - 1].clone(),
+                    _ => exclusive_masks(recorded)[usize::from(number) - 1].clone(),
+                };
+                assert_eq!(mask, expected, "{seg_type:?}, frame {recorded}, segment {number}");
+                shown += mask.count();
+            }
+        }
+        let all = (0..FRAMES).map(|i| if exclusive { exclusive_masks(i) } else { masks(i) });
+        assert_eq!(shown, all.flatten().map(|mask| mask.count()).sum::<usize>(), "{seg_type:?}");
+        let labels: Vec<_> =
+            read.segments.iter().filter(|s| s.number > 0).map(|s| s.label.as_str()).collect();
+        assert_eq!(labels, ["Bile sac", "liver"]);
+        let bytes = std::fs::read(&file).unwrap();
+        let holds = |text: &str| bytes.windows(text.len()).any(|window| window == text.as_bytes());
+        assert!(holds("Research use only") && holds("10200004") && !holds("shot 1"), "{seg_type:?}");
+        assert_eq!(std::fs::read(segmentation(seg_type, exclusive).1).unwrap(), bytes, "{seg_type:?} again");
+    }
+}
+
+fn exclusive_masks(frame: usize) -> Vec<Mask> {
+    let scores = scores(frame);
+    crate::mask::exclusive(&scores.iter().collect::<Vec<_>>(), &[0.5, 0.5])
+}
+
+#[test]
+fn a_dicom_segmentation_of_nothing_has_one_empty_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut export =
+        Export::begin(folder.path(), vec![0], provenance(&[Format::DicomSeg], false), false).unwrap();
+    export.write(&picture(), &[Grid::filled(40, 24, 0.1), Grid::filled(40, 24, f32::NAN)], None).unwrap();
+    export.finish().unwrap();
+    let read = Segmentation::open(&folder.path().join(super::name(Format::DicomSeg, &[0]))).unwrap();
+    assert_eq!((read.frames.len(), read.mask(0, 1).unwrap().count()), (1, 0));
+}
+
+#[test]
+fn dicom_segmentations_refer_to_their_sources() {
+    let folder = tempfile::tempdir().unwrap();
+    let how = provenance(&[Format::DicomSeg], false);
+    let instance = SourceInstance { class_uid: "1.2.3".into(), instance_uid: "1.2.3.77".into() };
+    let sources = SourceReferences {
+        study_uid: Some("1.2.3.4".into()),
+        series_uid: "1.2.3.5".into(),
+        instances: vec![instance],
+        frames: (0..FRAMES).map(|i| SourceFrame { instance: 0, number: Some(10 + i as u32) }).collect(),
+        spacing_mm: Some([0.1, 0.2]),
+        lossy: Some(("12.5".into(), "ISO_14496_10".into())),
+    };
+    let mut export =
+        Export::begin(folder.path(), (0..FRAMES).collect(), how, false).unwrap().with_sources(Some(sources));
+    for frame in 0..FRAMES {
+        export.write(&picture(), &scores(frame), None).unwrap();
+    }
+    export.finish().unwrap();
+    let read = Segmentation::open(&folder.path().join(super::name(Format::DicomSeg, &[0, 1, 2, 3]))).unwrap();
+    for frame in &read.frames {
+        assert_eq!(frame.instance.as_deref(), Some("1.2.3.77"));
+        assert_eq!(frame.number.unwrap(), frame.position.unwrap() + 9);
+    }
+    let record = std::fs::read_to_string(folder.path().join(PROVENANCE_FILE)).unwrap();
+    assert!(!record.contains("1.2.3."), "{record}");
 }

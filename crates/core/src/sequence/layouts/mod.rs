@@ -10,7 +10,7 @@ mod transforms;
 pub(crate) use reference::BASELINE as MONOCULAR_BASELINE;
 
 use super::{
-    read,
+    dicom, read,
     recording::{Recording, Selection},
     video,
 };
@@ -35,6 +35,8 @@ pub enum Layout {
     Images,
     /// A video file, or several that follow each other.
     Video,
+    /// DICOM files.
+    Dicom,
 }
 
 /// A layout of folders: tells if a folder has its marks, and reads it.
@@ -52,6 +54,9 @@ const READERS: [Reader; 6] = [
 
 /// Recognises the layout of `path` by its contents and opens the selected frames.
 pub(super) fn open(path: &Path, selection: &Selection) -> Result<(Layout, Recording)> {
+    if path.is_file() && dicom::is_file(path) {
+        return Ok((Layout::Dicom, dicom::open(path, selection)?));
+    }
     if path.is_file() {
         return Ok((Layout::Video, video::open(path, selection)?));
     }
@@ -61,6 +66,7 @@ pub(super) fn open(path: &Path, selection: &Selection) -> Result<(Layout, Record
         }
     }
     match read::list(path, video::VIDEOS)?.as_slice() {
+        _ if dicom::matches(path) => Ok((Layout::Dicom, dicom::open(path, selection)?)),
         [] => Err(not_a_recording(path)),
         files => Ok((Layout::Video, video::open_folder(path, files, selection)?)),
     }
@@ -72,8 +78,10 @@ fn not_a_recording(folder: &Path) -> Error {
     inner.sort_by(|a, b| read::natural_order(&read::file_name(a), &read::file_name(b)));
     let hint = match inner.first() {
         Some(first) => format!("The folder \"{}\" inside it does: open that one.", read::file_name(first)),
-        None => "Open a folder of PNG or JPEG frames, one of the known data set layouts, or a video file."
-            .to_owned(),
+        None => {
+            "Open a folder of PNG or JPEG frames, one of the known data set layouts, a video file, or DICOM."
+                .to_owned()
+        }
     };
     Error::input_at(folder, "this folder holds no frames", hint)
 }

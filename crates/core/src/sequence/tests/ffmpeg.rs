@@ -26,7 +26,14 @@ const ALL: Selection = Selection { first: 0, last: None, every: 1 };
 fn said(text: &str, promised: Option<usize>, selection: &Selection) -> Result<Vec<String>> {
     let told = Told::listen(text.as_bytes());
     let path = Path::new("clip.avi");
-    let video = Unread { path, kind: Container::Other, promised, why_not_here: String::new() };
+    let video = Unread {
+        path,
+        input: path,
+        form: None,
+        kind: Container::Other,
+        promised,
+        why_not_here: String::new(),
+    };
     let asked = selection.last.map_or(usize::MAX, |last| last - selection.first + 1);
     compare(&video, selection, &told, told.frames.min(asked))
 }
@@ -102,7 +109,14 @@ fn opened(script: &str, selection: &Selection) -> Result<Recording> {
     std::fs::write(&program, text).unwrap();
     std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
     let path = Path::new("clip.avi");
-    let video = Unread { path, kind: Container::Other, promised: None, why_not_here: "why".into() };
+    let video = Unread {
+        path,
+        input: path,
+        form: None,
+        kind: Container::Other,
+        promised: None,
+        why_not_here: "why".into(),
+    };
     open(&program, &video, selection)
 }
 

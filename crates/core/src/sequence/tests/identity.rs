@@ -1,6 +1,7 @@
 //! Tests with changed and unchanged recordings.
 
 use super::{videos::write_video, *};
+use crate::reading::Pieces;
 use std::fs;
 
 const NAMES: [&str; 4] = ["a_1.png", "a_2.png", "a_3.png", "a_4.png"];
@@ -105,7 +106,7 @@ fn chosen_frames_keep_their_names() {
 
 /// Changes a byte of a coded frame.
 fn damage_frame(path: &Path, frame: usize) {
-    let sample = &crate::sequence::mp4::Mp4::read(path).unwrap().pictures[frame];
+    let sample = &crate::sequence::mp4::Mp4::read(&Pieces::whole(path).unwrap()).unwrap().pictures[frame];
     let at = sample.offset as usize + sample.size - 1;
     let mut bytes = fs::read(path).unwrap();
     bytes[at] ^= 1;

@@ -5,6 +5,7 @@ use image::{GrayImage, Luma, Rgb};
 use std::path::PathBuf;
 
 mod checks;
+mod dicom;
 mod identity;
 mod layouts;
 mod real;

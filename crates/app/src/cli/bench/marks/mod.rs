@@ -10,7 +10,7 @@ use crate::cli::{
 };
 use clap::Args;
 use rules::Rule;
-use std::{collections::BTreeMap, fmt::Write, path::PathBuf, sync::Arc, time::Instant};
+use std::{collections::BTreeMap, fmt::Write, path::PathBuf, time::Instant};
 use surgtpgs_core::{
     Error, Result,
     files::Inputs,
@@ -252,7 +252,7 @@ impl Bench {
             let missing =
                 Mask::from_vec(truth.width, truth.height, (0..truth.data.len()).map(is_missing).collect());
             if missing.count() > 0 {
-                marks.push(Mark::new(frame, &class.name, true, Shape::Mask(Arc::new(missing))));
+                marks.push(Mark::new(frame, &class.name, true, Shape::from(&missing)));
             }
         }
         Ok(marks)

@@ -1,6 +1,5 @@
 //! Marks made from labels by rule, as a hand would make them.
 
-use std::sync::Arc;
 use surgtpgs_core::{
     grid::Mask,
     marks::{Mark, Shape},
@@ -33,8 +32,8 @@ pub(super) fn marks(rule: Rule, frame: usize, name: &str, class: &Mask) -> Vec<M
         return Vec::new();
     }
     let shapes = match rule {
-        Rule::Mask => vec![Shape::Mask(Arc::new(class.clone()))],
-        Rule::Sloppy => vec![Shape::Mask(Arc::new(sloppy(class)))],
+        Rule::Mask => vec![Shape::from(class)],
+        Rule::Sloppy => vec![Shape::from(&sloppy(class))],
         Rule::Stroke => vec![stroke(class)],
         Rule::Clicks => clicks(class),
     };

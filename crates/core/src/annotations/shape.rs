@@ -1,8 +1,8 @@
-//! Shapes of marks, and their pixels.
+//! Shapes of annotations and marks, and their pixels.
 
 use crate::{
     grid::Mask,
-    mask::{column_runs, compressed},
+    mask::{Runs, compressed},
 };
 use std::sync::Arc;
 
@@ -37,12 +37,18 @@ pub enum Shape {
         corners_px: [Point; 2],
     },
     /// The pixels that are `true`.
-    Mask(Arc<Mask>),
+    Mask(Arc<Runs>),
+}
+
+impl From<&Mask> for Shape {
+    fn from(mask: &Mask) -> Self {
+        Self::Mask(Arc::new(Runs::of(mask)))
+    }
 }
 
 impl Shape {
     /// Returns the reason why a picture of this size cannot have the shape, if there is one.
-    pub(super) fn problem(&self, width: usize, height: usize) -> Option<String> {
+    pub(crate) fn problem(&self, width: usize, height: usize) -> Option<String> {
         let points = match self {
             Self::Click { point_px, .. } => std::slice::from_ref(point_px),
             Self::Stroke { points_px, .. } | Self::Polygon { points_px } => points_px,
@@ -73,15 +79,16 @@ impl Shape {
     }
 
     /// Returns `true` if the shape has a border that somebody drew, `false` if it only points at something.
-    pub(super) fn is_outlined(&self) -> bool {
+    pub(crate) fn is_outlined(&self) -> bool {
         matches!(self, Self::Polygon { .. } | Self::Box { .. } | Self::Mask(_))
     }
 
     /// Returns the shape as text; equal shapes have equal texts.
-    pub(super) fn written(&self) -> String {
+    pub(crate) fn written(&self) -> String {
         match self {
             Self::Mask(mask) => {
-                format!("Mask {}×{} {}", mask.width, mask.height, compressed(&column_runs(mask)))
+                let (width, height) = mask.size();
+                format!("Mask {width}×{height} {}", compressed(mask.lengths()))
             }
             other => format!("{other:?}"),
         }
@@ -102,18 +109,18 @@ impl Shape {
             Self::Box { corners_px: [[x0, y0], [x1, y1]] } => {
                 fill(&mut mask, &[[*x0, *y0], [*x1, *y0], [*x1, *y1], [*x0, *y1]]);
             }
-            Self::Mask(pixels) => mask.clone_from(pixels),
+            Self::Mask(runs) => mask = runs.mask(),
         }
         mask
     }
 }
 
-fn problem_of_mask(mask: &Mask, width: usize, height: usize) -> Option<String> {
-    if (mask.width, mask.height) != (width, height) {
-        let found = format!("{}×{}", mask.width, mask.height);
+fn problem_of_mask(mask: &Runs, width: usize, height: usize) -> Option<String> {
+    if mask.size() != (width, height) {
+        let found = format!("{}×{}", mask.size().0, mask.size().1);
         return Some(format!("its mask has {found} pixels, the frames have {width}×{height}"));
     }
-    (mask.count() == 0).then(|| "its mask is empty".into())
+    mask.is_empty().then(|| "its mask is empty".into())
 }
 
 /// Sets the pixels whose centre is within `radius` of a line, and the pixels that its ends lie in.
@@ -200,7 +207,7 @@ mod tests {
         assert!(problem(Shape::Polygon { points_px: vec![[0.0; 2]; 2] }).contains("three corners"));
         assert!(problem(Shape::Box { corners_px: [[1.0; 2]; 2] }).contains("no pixel"));
         assert!(problem(Shape::Stroke { points_px: vec![], radius_px: 1.0 }).contains("no point"));
-        let mask = |w| Shape::Mask(Arc::new(Mask::filled(w, 4, false)));
+        let mask = |w| Shape::from(&Mask::filled(w, 4, false));
         assert!(problem(mask(5)).contains("5×4") && problem(mask(6)).contains("empty"));
     }
 }

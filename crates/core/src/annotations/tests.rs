@@ -1,0 +1,248 @@
+use super::*;
+use crate::{
+    export::{Export, ExportOptions, ExportPrompt, Format, Provenance},
+    grid::{Grid, Mask},
+    sequence::Sequence,
+};
+use proptest::prelude::*;
+
+const SIZE: [usize; 2] = [37, 23];
+const FRAMES: usize = 5;
+/// The frames that are exported.
+const EXPORTED: std::ops::Range<usize> = 1..4;
+/// A name with everything that XML, JSON and the header of a volume have to escape.
+const NAMES: [&str; 2] = ["gall \"<&\\ 胆囊", "liver"];
+
+fn canvas() -> Canvas {
+    let frame_names = (0..FRAMES).map(|i| format!("shot {i}")).collect();
+    Canvas { width: SIZE[0], height: SIZE[1], frame_names, num_frames: FRAMES }
+}
+
+/// Returns the mask of a prompt on a frame: specks and blocks that reach the borders; one is empty.
+fn mask(frame: usize, prompt: usize, seed: u64) -> Mask {
+    let is_set = |i: usize| {
+        let (x, y) = (i % SIZE[0], i / SIZE[0]);
+        let speck = (seed | 1).wrapping_mul((i + 7 * frame + 1) as u64).rotate_left(23).is_multiple_of(7);
+        let block = if prompt == 0 { x < 9 + frame && y > 3 } else { x + y > 30 || x > 33 };
+        (frame, prompt) != (2, 1) && (speck && y % 3 == 0) != block
+    };
+    Mask::from_vec(SIZE[0], SIZE[1], (0..SIZE[0] * SIZE[1]).map(is_set).collect())
+}
+
+/// Exports the masks in one format and returns the bytes of its file.
+fn exported(format: Format, exclusive: bool, seed: u64) -> Vec<u8> {
+    let prompt = |text: &&str| ExportPrompt {
+        text: (*text).into(),
+        threshold: 0.5,
+        colour: [200, 20, 100],
+        negatives: Vec::new(),
+        is_instrument: false,
+        certainty: None,
+        stands_for: None,
+    };
+    let provenance = Provenance {
+        prompts: NAMES.iter().map(prompt).collect(),
+        sequence_frames: FRAMES,
+        sequence_frame_names: (0..FRAMES).map(|i| format!("shot {i}.png")).collect(),
+        options: ExportOptions { formats: vec![format], exclusive, ..Default::default() },
+        ..crate::export::tests::plain_provenance()
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let mut export = Export::begin(folder.path(), EXPORTED.collect(), provenance, false).unwrap();
+    let picture = image::RgbImage::new(SIZE[0] as u32, SIZE[1] as u32);
+    while let Some(frame) = export.next_frame() {
+        // The first prompt wins where both are.
+        let scores = [0.9, 0.8].into_iter().enumerate();
+        let scores: Vec<Grid<f32>> =
+            scores.map(|(k, score)| mask(frame, k, seed).map(|set| if *set { score } else { 0.1 })).collect();
+        export.write(&picture, &scores, None).unwrap();
+    }
+    export.finish().unwrap();
+    let name = format!("{}/frames_000001-000003.{}", format.name(), format.extension());
+    std::fs::read(folder.path().join(name)).unwrap()
+}
+
+/// Returns frame, name and mask of all annotations, sorted.
+fn masks_in(bytes: &[u8]) -> Vec<(usize, String, Mask)> {
+    let found = checked(parse(bytes, &canvas()).unwrap().unwrap(), &canvas()).unwrap();
+    let pixels = |a: Annotation| (a.frame, a.name, a.shape.pixels(SIZE[0], SIZE[1]));
+    let mut found: Vec<_> = found.into_iter().map(pixels).collect();
+    found.sort_by(|a, b| (a.0, &a.1).cmp(&(b.0, &b.1)));
+    found
+}
+
+fn expected(exclusive: bool, seed: u64) -> Vec<(usize, String, Mask)> {
+    let mut masks = Vec::new();
+    for frame in EXPORTED {
+        let first = mask(frame, 0, seed);
+        let mut second = mask(frame, 1, seed);
+        if exclusive {
+            second.data.iter_mut().zip(&first.data).for_each(|(b, a)| *b &= !a);
+        }
+        masks.extend([(frame, NAMES[0].into(), first), (frame, NAMES[1].into(), second)]);
+    }
+    masks.retain(|(_, _, mask): &(_, String, Mask)| mask.count() > 0);
+    masks
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(16))]
+    #[test]
+    fn every_format_gives_the_same_masks_back(seed in any::<u64>(), exclusive in any::<bool>()) {
+        for format in [Format::Coco, Format::Cvat, Format::LabelStudio, Format::Nrrd] {
+            let found = masks_in(&exported(format, exclusive, seed));
+            prop_assert_eq!(found, expected(exclusive, seed), "{}", format.name());
+        }
+    }
+
+    #[test]
+    fn damaged_files_are_refused_or_understood(
+        which in 0..4_usize, at in any::<prop::sample::Index>(), byte in any::<u8>(), cuts in any::<bool>()
+    ) {
+        let format = [Format::Coco, Format::Cvat, Format::LabelStudio, Format::Nrrd][which];
+        let mut bytes = exported(format, false, 3);
+        let at = at.index(bytes.len());
+        if cuts { bytes.truncate(at) } else { bytes[at] = byte }
+        if let Ok(Some(found)) = parse(&bytes, &canvas()) {
+            prop_assert!(found.iter().all(|a| a.frame < FRAMES || format == Format::Coco));
+        }
+    }
+}
+
+/// Wraps elements as CVAT does.
+fn cvat(inner: &str) -> String {
+    format!("<?xml version=\"1.0\"?>\n<annotations><version>1.1</version>{inner}</annotations>")
+}
+
+fn shapes_of(text: &str) -> Vec<(usize, String, usize)> {
+    masks_in(text.as_bytes()).into_iter().map(|(frame, name, mask)| (frame, name, mask.count())).collect()
+}
+
+#[test]
+fn polygons_and_boxes_of_cvat_are_read() {
+    let images = cvat(
+        r#"<image id="7" name="deep/shot 3.jpg" width="37" height="23">
+            <box label="fat" xtl="1.0" ytl="1.0" xbr="5.0" ybr="4.0"/>
+            <box label="fat" xtl="10" ytl="10" xbr="14" ybr="18" rotation="90"/>
+            <polygon label="liver" points="20.0,0.0;30.0,0.0;30.0,10.0;20.0,10.0"><attribute name="a">b</attribute></polygon>
+            </image>"#,
+    );
+    let expected = [(3, "fat".to_owned(), 12), (3, "fat".into(), 32), (3, "liver".into(), 100)];
+    assert_eq!(shapes_of(&images), expected);
+    let track = cvat(
+        r#"<track id="0" label="fat"><box frame="2" outside="0" xtl="0" ytl="0" xbr="2" ybr="2"/>
+            <box frame="3" outside="1" xtl="0" ytl="0" xbr="2" ybr="2"/></track>"#,
+    );
+    assert_eq!(shapes_of(&track), [(2, "fat".into(), 4)]);
+}
+
+#[test]
+fn what_cvat_files_lack_is_named() {
+    let mask = |attributes: &str| cvat(&format!("<track label=\"fat\"><mask {attributes}/></track>"));
+    for (text, says) in [
+        ("<html></html>".to_owned(), "no element \"annotations\""),
+        ("<annotations".to_owned(), "no XML file of CVAT"),
+        (mask("frame=\"9\" rle=\"1\" left=\"0\" top=\"0\" width=\"1\" height=\"1\""), "no such frame"),
+        (mask("frame=\"1\" rle=\"2\" left=\"0\" top=\"0\" width=\"1\" height=\"1\""), "run lengths"),
+        (mask("frame=\"1\" rle=\"1,99\" left=\"30\" top=\"0\" width=\"10\" height=\"10\""), "run lengths"),
+        (mask("frame=\"1\" rle=\"1\" left=\"0\" top=\"0\" width=\"1\""), "a mask has no height"),
+        (mask("frame=\"1\" rle=\"1\" left=\"99999999999999999999\" top=\"0\""), "left is"),
+        (mask("rle=\"1\""), "a mask has no frame"),
+        (cvat("<mask frame=\"1\"/>"), "a mask has no label"),
+        (cvat("<track label=\"fat\"><ellipse frame=\"1\"/></track>"), "ellipse"),
+        (cvat("<image name=\"other.png\"/>"), "\"other.png\" is no frame"),
+        (cvat("<image name=\"shot 1.png\" width=\"9\" height=\"9\"/>"), "pictures of 9×9"),
+        (cvat("<image name=\"shot 1.png\"><polygon label=\"x\" points=\"1,a\"/></image>"), "points"),
+    ] {
+        let message = parse(text.as_bytes(), &canvas()).unwrap_err().to_string();
+        assert!(message.contains(says), "{text}: {message}");
+    }
+}
+
+#[test]
+fn corrected_regions_of_label_studio_count() {
+    let region = |kind: &str, value: &str| {
+        format!(
+            r#"{{"type": "{kind}", "original_width": 37, "original_height": 23, "value": {{{value}, "{kind}": ["fat"]}}}}"#
+        )
+    };
+    let square = region("rectanglelabels", r#""x": 0, "y": 0, "width": 50, "height": 100, "rotation": 0"#);
+    let polygon = region("polygonlabels", r#""points": [[0, 0], [100, 0], [100, 100], [0, 100]]"#);
+    let task = |image: &str, predicted: &str, corrected: &str| {
+        format!(
+            r#"[{{"data": {{"image": "{image}"}}, "predictions": [{{"result": [{predicted}]}}], "annotations": [{corrected}]}}]"#
+        )
+    };
+    let corrected = format!(
+        r#"{{"was_cancelled": true, "result": []}}, {{"result": [{polygon}, {{"type": "choices", "value": {{"choices": ["x"]}}}}]}}"#
+    );
+    let text = task("/data/upload/3/1a2b3c4d-shot 4.png", &square, &corrected);
+    assert_eq!(shapes_of(&text), [(4, "fat".into(), 37 * 23)]);
+    let predicted = task("/data/local-files/?d=a/shot 2.png", &square, "");
+    // The middle of the picture is the middle of a column, which counts to the right.
+    assert_eq!(shapes_of(&predicted), [(2, "fat".into(), 18 * 23)]);
+    for (text, says) in [
+        (task("nowhere.png", &square, ""), "no frame of the recording"),
+        (task("shot 1.png", &region("ellipselabels", "\"x\": 1"), ""), "no area"),
+        (task("shot 1.png", &region("brushlabels", "\"rle\": [0, 1, 2]"), ""), "its mask is none"),
+        (task("shot 1.png", &region("brushlabels", "\"rle\": [300]"), ""), "no file of Label Studio"),
+        (task("shot 1.png", &square.replace("37", "38"), ""), "pictures of 38×23"),
+        (task("shot 1.png", &square.replace("\"fat\"", ""), ""), "no label"),
+        ("[{]".into(), "no file of Label Studio"),
+    ] {
+        let message = parse(text.as_bytes(), &canvas()).unwrap_err().to_string();
+        assert!(message.contains(says), "{text}: {message}");
+    }
+}
+
+#[test]
+fn cropped_volumes_of_slicer_are_placed() {
+    let header = "NRRD0004\n# Slicer\ntype: unsigned char\ndimension: 3\nsizes: 3 2 2\nencoding: raw\nendian: little\n\
+                  Segmentation_ReferenceImageExtentOffset:=30 20 2\nSegment0_Name:=fat\nSegment0_LabelValue:=4\n\
+                  Segment1_Name:=liver\nSegment1_LabelValue:=9\n\n";
+    let voxels = [4, 0, 9, 9, 9, 0, 0, 0, 0, 0, 0, 4];
+    let volume = |header: &str| [header.as_bytes(), &voxels].concat();
+    let found = masks_in(&volume(header));
+    let places: Vec<_> =
+        found.iter().map(|(frame, name, mask)| (*frame, name.as_str(), mask.count())).collect();
+    assert_eq!(places, [(2, "fat", 1), (2, "liver", 3), (3, "fat", 1)]);
+    assert!(found[0].2.at(30, 20) && found[1].2.at(32, 20) && found[2].2.at(32, 21));
+    for (from, to, says) in [
+        ("raw", "bzip2", "encoding"),
+        ("unsigned char", "float", "of the type"),
+        ("3 2 2", "3 2 3000000000", "do not fit"),
+        ("3 2 2", "300 2 2 2", "do not fit"),
+        ("3 2 2", "3 2 3", "voxels cannot be read"),
+        ("30 20 2", "35 20 2", "do not fit"),
+        ("Segment0_Name", "Segment2_Name", "names no segment"),
+        ("LabelValue:=4", "LabelValue:=0", "no label"),
+    ] {
+        let message = parse(&volume(&header.replace(from, to)), &canvas()).unwrap_err().to_string();
+        assert!(message.contains(says), "{to}: {message}");
+    }
+}
+
+#[test]
+fn labels_of_a_recording_come_from_annotations() {
+    let folder = tempfile::tempdir().unwrap();
+    let rec = folder.path().join("rec");
+    std::fs::create_dir(&rec).unwrap();
+    for i in 0..FRAMES {
+        image::RgbImage::new(SIZE[0] as u32, SIZE[1] as u32).save(rec.join(format!("shot {i}.png"))).unwrap();
+    }
+    let file = folder.path().join("annotations.xml");
+    std::fs::write(&file, exported(Format::Cvat, true, 5)).unwrap();
+    let sequence = Sequence::open_with(&rec, Some(&file), &[]).unwrap();
+    let names: Vec<&str> = sequence.classes().iter().map(|class| class.name.as_str()).collect();
+    assert_eq!(names, ["gall \"<&\\ 胆囊", "liver"]);
+    assert!(sequence.labels(0).unwrap().is_none());
+    let labels = sequence.labels(1).unwrap().unwrap();
+    for (k, class) in sequence.classes().iter().enumerate() {
+        let wanted = &expected(true, 5)[k].2;
+        assert_eq!(&labels.map(|id| *id == class.id), wanted, "{}", class.name);
+    }
+    std::fs::write(rec.join("sequence.toml"), "[labels]\nfile = \"../annotations.xml\"\n").unwrap();
+    assert_eq!(Sequence::open(&rec).unwrap().labels(1).unwrap(), Some(labels));
+    std::fs::write(&file, "nothing").unwrap();
+    assert!(Sequence::open(&rec).unwrap_err().to_string().contains("no file of annotations"));
+}

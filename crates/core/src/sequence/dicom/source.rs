@@ -1,0 +1,219 @@
+//! Chooses how the pictures of files are decoded.
+
+use super::{
+    numbered,
+    object::{Object, Pixels},
+    pictures::{Coding, DicomPictures},
+    references::Origin,
+    stored::Form,
+};
+use crate::{
+    Error, Result,
+    dicom::{LeftUnread, uid},
+    reading::Pieces,
+    sequence::{
+        annex_b,
+        ffmpeg::{self, Container, Unread, scratch_folder},
+        h264::{self, H264, uneven},
+        mp4::Mp4,
+        recording::{Picture, Recording, Selection},
+        video,
+    },
+};
+use std::{
+    io::Read,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+/// Decoder of a transfer syntax.
+enum Decoder {
+    Plain,
+    RunLengths,
+    Jpeg,
+    /// Frames of a kind of picture that ffmpeg reads from a file with one after the other: its name of the form.
+    Unpacked(&'static str),
+    H264,
+    /// A stream that ffmpeg reads.
+    Stream,
+}
+
+/// Returns the decoder of a transfer syntax (PS3.6, A); `None` if there is none.
+fn decoder(syntax: &str) -> Option<Decoder> {
+    const ENCAPSULATED: &str = "1.2.840.10008.1.2.4.";
+    if [uid::IMPLICIT, uid::EXPLICIT].contains(&syntax) {
+        return Some(Decoder::Plain);
+    }
+    if syntax == "1.2.840.10008.1.2.5" {
+        return Some(Decoder::RunLengths);
+    }
+    // Streams that may be in several fragments have names that end in ".1".
+    let number = syntax.strip_prefix(ENCAPSULATED)?.split('.').next()?.parse().ok()?;
+    match number {
+        50 | 51 => Some(Decoder::Jpeg),
+        57 | 70 => Some(Decoder::Unpacked("jpeg_pipe")),
+        80 | 81 => Some(Decoder::Unpacked("jpegls_pipe")),
+        90 | 91 => Some(Decoder::Unpacked("j2k_pipe")),
+        100 | 101 | 107 | 108 => Some(Decoder::Stream),
+        102..=106 => Some(Decoder::H264),
+        _ => None,
+    }
+}
+
+/// Opens the selected frames of the files of a series, in their order.
+pub(super) fn open(path: &Path, series: &[Object], selection: &Selection) -> Result<Recording> {
+    let mut pictures = Vec::new();
+    for object in series {
+        let decoder = decoder(&object.syntax)
+            .ok_or_else(|| object.unreadable("they are coded in a way that is not known here"))?;
+        let coding = match decoder {
+            Decoder::Plain => Coding::Plain(Form::of(object).map_err(|why| object.unreadable(&why))?),
+            Decoder::RunLengths => {
+                let form = Form::of(object).map_err(|why| object.unreadable(&why))?;
+                Coding::RunLengths(form.by_pixels())
+            }
+            Decoder::Jpeg => Coding::Jpeg { is_rgb: object.photometric() == "RGB" },
+            Decoder::H264 | Decoder::Stream | Decoder::Unpacked(_) => {
+                let [only] = series else {
+                    let hint = "Open its files one by one.";
+                    return Err(Error::input_at(path, "the series consists of several videos", hint));
+                };
+                return stream(path, only, &decoder, selection);
+            }
+        };
+        let frames = Arc::new(DicomPictures::open(object, coding)?);
+        let picture = |index| Picture::Dicom { frames: frames.clone(), index };
+        pictures.extend((0..frames.num_frames()).map(picture));
+    }
+    let mut recording = Recording::new(path, series[0].size, numbered(pictures));
+    recording.dicom = Some(Origin::of(series));
+    let first = recording.frames.first();
+    if let Some(Picture::Dicom { frames, .. }) = first.map(|frame| &frame.picture) {
+        // A picture that cannot be decoded at all is reported at once.
+        frames.frame(0)?;
+    }
+    recording.select(selection)
+}
+
+/// Opens a video.
+fn stream(path: &Path, object: &Object, decoder: &Decoder, selection: &Selection) -> Result<Recording> {
+    let Pixels::Fragments { fragments, .. } = object.pixels()? else {
+        return Err(object.unreadable("they are not stored as the file says"));
+    };
+    let file = Pieces::of(&object.path, fragments);
+    let why_not_here = match decoder {
+        Decoder::H264 => match h264(object, &file, selection) {
+            Ok(found) => return found.map(|recording| with_origin(recording, path, object)),
+            Err(why) => why,
+        },
+        _ => "its coding is another one than H.264".to_owned(),
+    };
+    let scratch = scratch_folder()?;
+    let input = taken_out(&file, scratch.path().join("stream"))?;
+    let form = match decoder {
+        Decoder::Unpacked(form) => Some(*form),
+        _ => None,
+    };
+    let promised = Some(object.num_frames);
+    let kind = if is_mp4(&file) { Container::Mp4 } else { Container::Other };
+    let video = Unread { path: &object.path, input: &input, form, kind, promised, why_not_here };
+    let recording = ffmpeg::open(Path::new("ffmpeg"), &video, selection)?;
+    if (recording.width, recording.height) != object.size {
+        let (width, height) = object.size;
+        let what = format!("they are {}×{} instead of {width}×{height}", recording.width, recording.height);
+        return Err(object.unreadable(&what));
+    }
+    Ok(with_origin(recording, path, object))
+}
+
+/// Opens an H.264 stream, in mp4 or bare; the outer error says why that is not possible here.
+fn h264(object: &Object, file: &Pieces, selection: &Selection) -> Result<Result<Recording>, String> {
+    let mp4 = if is_mp4(file) {
+        Mp4::read(file)?
+    } else if annex_b::is_bare(&head(file)) {
+        annex_b::index(file, object.size)?
+    } else {
+        return Err("its container is neither mp4 nor a bare stream".to_owned());
+    };
+    let there = mp4.frames_there();
+    let promised = object.num_frames;
+    if let Err(e) = video::expect_whole(&object.path, &mp4, selection) {
+        return Ok(Err(e));
+    }
+    if there < promised && selection.last.is_none_or(|last| last >= there) {
+        let what = format!("it lists {promised} frames and holds {there} of them");
+        return Ok(Err(h264::cut_off(&object.path, &what, there)));
+    }
+    let video = H264::open(file, mp4, Arc::default())?;
+    if video.size() != object.size {
+        let ((width, height), (w, h)) = (object.size, video.size());
+        return Err(format!("its pictures are {w}×{h} instead of {width}×{height}"));
+    }
+    let mut opened = video::open_h264(&object.path, video, selection);
+    if let Ok(recording) = &mut opened
+        && there > promised
+    {
+        recording
+            .notes
+            .push(format!("The file lists {promised} frames; its video has {there}, and all are used"));
+    }
+    Ok(opened)
+}
+
+fn with_origin(mut recording: Recording, path: &Path, object: &Object) -> Recording {
+    let numbers = recording.frames.iter().filter_map(|frame| frame.name.parse().ok()).collect();
+    recording.dicom = Some(Origin::of_video(object, numbers));
+    path.clone_into(&mut recording.path);
+    recording
+}
+
+fn head(file: &Pieces) -> Vec<u8> {
+    let mut head = Vec::new();
+    // What cannot be read is reported by those that read the whole.
+    let _ = file.open().and_then(|reader| reader.take(16).read_to_end(&mut head));
+    head
+}
+
+fn is_mp4(file: &Pieces) -> bool {
+    head(file).get(4..8) == Some(b"ftyp")
+}
+
+/// Copies a stream into a file of its own.
+fn taken_out(file: &Pieces, to: PathBuf) -> Result<PathBuf> {
+    let fail = |e| Error::io("take the video out of", file.path(), e);
+    let mut out = std::fs::File::create(&to).map_err(fail)?;
+    std::io::copy(&mut file.open().map_err(fail)?, &mut out).map_err(fail)?;
+    Ok(to)
+}
+
+/// Facts about a series that are not pictures.
+pub(super) struct Facts {
+    speed: Option<(f64, [f64; 2])>,
+    spacing_mm: Option<[f64; 2]>,
+}
+
+impl Facts {
+    pub(super) fn of(series: &[Object]) -> Self {
+        let first = &series[0];
+        Self { speed: first.speed(), spacing_mm: first.spacing_mm() }
+    }
+
+    /// Gives a recording its speed, and notes for the user.
+    pub(super) fn add_to(&self, recording: &mut Recording, left_unread: LeftUnread) {
+        if let Some((rate, [shortest, longest])) = self.speed {
+            recording.frames_per_second = Some(rate as f32);
+            recording.notes.extend(uneven(1e-3 * shortest, 1e-3 * longest));
+        }
+        if let Some([rows, columns]) = self.spacing_mm {
+            recording.notes.push(format!("By the file, pixels are {columns} × {rows} mm"));
+        }
+        if let Some(left) = left_unread.describe() {
+            recording
+                .notes
+                .push(format!("Left unread in the DICOM files: {left} (their values are not kept)"));
+        }
+        if let Some(origin) = &mut recording.dicom {
+            origin.spacing_mm = self.spacing_mm;
+        }
+    }
+}
