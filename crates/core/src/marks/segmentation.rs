@@ -5,7 +5,7 @@ use crate::{
     Error, Result,
     dicom::{Segmentation, SegmentationFrame},
 };
-use std::{path::Path, sync::Arc};
+use std::path::Path;
 
 /// Returns the marks of a DICOM segmentation.
 pub(super) fn marks(path: &Path, canvas: &Canvas) -> Result<Vec<Mark>> {
@@ -35,7 +35,7 @@ pub(super) fn marks(path: &Path, canvas: &Canvas) -> Result<Vec<Mark>> {
             }
             let mask = file.mask(i, segment.number)?;
             if mask.data.contains(&true) {
-                marks.push(Mark::new(place, &segment.label, true, Shape::Mask(Arc::new(mask))));
+                marks.push(Mark::new(place, &segment.label, true, Shape::from(&mask)));
             }
         }
     }

@@ -12,7 +12,7 @@ use crate::{
 };
 use image::RgbImage;
 use proptest::prelude::*;
-use std::path::Path;
+use std::{path::Path, sync::Arc};
 
 const SIZE: [usize; 2] = [64, 48];
 const FRAMES: usize = 4;
@@ -366,7 +366,7 @@ fn dicom_segmentations_are_marks_and_labels() {
     let file = crate::export::tests::segmentation_of(folder.path(), &mask, 2);
     let marks = Marks::read(&file, &canvas()).unwrap();
     assert_eq!((marks.frames(), marks.names()), (vec![2], vec!["liver".to_owned()]));
-    assert_eq!(marks.all()[0].shape, Shape::Mask(Arc::new(mask.clone())));
+    assert_eq!(marks.all()[0].shape, Shape::from(&mask));
     let small = Canvas { width: 8, ..canvas() };
     assert!(Marks::read(&file, &small).unwrap_err().to_string().contains("64×48"));
     let short = Canvas { num_frames: 2, frame_names: Vec::new(), ..canvas() };

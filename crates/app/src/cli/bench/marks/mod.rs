@@ -10,7 +10,7 @@ use crate::cli::{
 };
 use clap::Args;
 use rules::Rule;
-use std::{collections::BTreeMap, fmt::Write, path::PathBuf, time::Instant};
+use std::{collections::BTreeMap, fmt::Write, path::PathBuf, sync::Arc, time::Instant};
 use surgtpgs_core::{
     Error, Result,
     files::Inputs,
