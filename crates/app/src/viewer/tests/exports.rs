@@ -125,8 +125,8 @@ fn the_window_and_the_command_line_write_the_same_bytes() {
     assert_eq!((compared(0), compared(1)), (vec!["smoke".into(), "fat".into()], vec!["smoke".into()]));
     assert_eq!(record["relevancy"]["phrases"][0], "smoke");
     let (line, window) = (contents(&folder.join("line")), contents(&folder.join("window")));
-    // The two records and the names of labels are not counted.
-    assert_eq!(line.len(), done.files + 3);
+    // The two records, the names of labels, and those for YOLO are not counted.
+    assert_eq!(line.len(), done.files + 4);
     assert!(line.keys().eq(window.keys()));
     for (name, bytes) in &line {
         assert!(window[name] == *bytes, "{} differs", name.display());
