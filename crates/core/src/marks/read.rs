@@ -14,7 +14,7 @@ const FORM: &str = "It is {\"marks\": [{\"frame\": 24, \"name\": \"liver\", \"ki
                     or a file of annotations: COCO, CVAT, Label Studio or .seg.nrrd.";
 
 impl Marks {
-    /// Reads a file of marks, a DICOM segmentation, or [annotations](crate::annotations). Mask pictures are named
+    /// Reads a file of marks, a DICOM segmentation, or [`annotations`]. Mask pictures are named
     /// relative to the file; half of the brightest value and more is marked.
     ///
     /// # Errors
