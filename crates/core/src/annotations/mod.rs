@@ -7,7 +7,8 @@
 //! | Label Studio tasks (JSON) | `frame` of the task's data, or the name of its image | brush masks, polygons, boxes |
 //! | 3D Slicer segmentation (`.seg.nrrd`) | place along the third axis, after `first_frame` | masks |
 //!
-//! Formats are recognised by content. Masks are kept as run lengths, so that memory follows the size of the file.
+//! Formats are recognised by content. Masks are kept as run lengths, so that memory follows the size of the
+//! file.
 
 mod coco;
 mod cvat;
@@ -56,8 +57,8 @@ pub struct Annotation {
 /// Reads a file of annotations.
 ///
 /// # Errors
-/// A file that cannot be read or is none, and the first annotation that does not fit the recording; the message
-/// names it.
+/// A file that cannot be read or is none, and the first annotation that does not fit the recording; the
+/// message names it.
 pub fn read(path: &Path, canvas: &Canvas) -> Result<Vec<Annotation>> {
     let bytes = bytes_of(path)?;
     let at = |e| in_file(e, path);

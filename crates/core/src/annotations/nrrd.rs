@@ -6,8 +6,8 @@ use crate::{Error, Result, grid::Mask, mask::Runs};
 use flate2::read::GzDecoder;
 use std::{collections::BTreeMap, io::Read, sync::Arc};
 
-/// Largest number of runs in all masks: a million masks with a border like a coast do not have as many. Few bytes
-/// can unpack to any number of them.
+/// Largest number of runs in all masks: a million masks with a border like a coast do not have as many. Few
+/// bytes can unpack to any number of them.
 const MOST_RUNS: usize = 1 << 26;
 /// Largest number of layers.
 const MOST_LAYERS: usize = 255;

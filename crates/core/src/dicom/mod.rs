@@ -1,5 +1,5 @@
-//! Files of DICOM, as far as recordings and segmentations need them: reading and writing of data elements, and
-//! identifiers. The numbers of sections are those of the standard's parts PS3.3, PS3.5 and PS3.10.
+//! Files of DICOM, as far as recordings and segmentations need them: reading and writing of data elements,
+//! and identifiers. The numbers of sections are those of the standard's parts PS3.3, PS3.5 and PS3.10.
 //!
 //! A file can hold anything about a patient. The reader therefore keeps only the attributes that it is asked
 //! for. It counts the others by their kind and never keeps their values.

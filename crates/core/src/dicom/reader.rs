@@ -1,5 +1,5 @@
-//! Reading of data sets (PS3.5, chapter 7; PS3.10, chapter 7). Values that nobody asked for are skipped, so that
-//! memory depends on what is kept. What is kept is never larger than the file.
+//! Reading of data sets (PS3.5, chapter 7; PS3.10, chapter 7). Values that nobody asked for are skipped, so
+//! that memory depends on what is kept. What is kept is never larger than the file.
 
 use super::{
     LeftUnread,

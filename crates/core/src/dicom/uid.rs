@@ -11,8 +11,8 @@ pub(crate) const SEGMENTATION: &str = "1.2.840.10008.5.1.4.1.1.66.4";
 /// Label Map Segmentation Storage.
 pub(crate) const LABEL_MAP: &str = "1.2.840.10008.5.1.4.1.1.66.7";
 
-/// Returns the identifier that stands for `parts`: 2.25. and 122 bits of their SHA-256, in the form of a random
-/// UUID (PS3.5, B.2). Equal parts have equal identifiers.
+/// Returns the identifier that stands for `parts`: 2.25. and 122 bits of their SHA-256, in the form of a
+/// random UUID (PS3.5, B.2). Equal parts have equal identifiers.
 pub(crate) fn of_hash(parts: &[&[u8]]) -> String {
     let mut hash = Sha256::new();
     for part in parts {

@@ -4,7 +4,8 @@
 //! stop at any point:
 //!
 //! ```text
-//! Export::begin ─▶ next_frame ─▶ (the caller renders and scores it) ─▶ write ─▶ … ─▶ finish ─▶ provenance.json
+//! Export::begin ─▶ next_frame ─▶ (the caller renders and scores it) ─▶ write ─▶ … ─▶ finish ─▶
+//! provenance.json
 //! ```
 //!
 //! Files are written completely or not at all. Beginning again in the same folder with the same request
@@ -349,7 +350,8 @@ impl Export {
     }
 }
 
-/// Returns the path, inside the export, of the file that says which number of a format stands for which prompt.
+/// Returns the path, inside the export, of the file that says which number of a format stands for which
+/// prompt.
 fn labels_name(format: Format) -> Option<String> {
     match format {
         Format::Index => Some(format!("{}/labels.json", format.name())),

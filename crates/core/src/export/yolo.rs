@@ -1,8 +1,9 @@
-//! YOLO's segmentation labels: a line per part of what was found, with the number of its prompt and a polygon.
+//! YOLO's segmentation labels: a line per part of what was found, with the number of its prompt and a
+//! polygon.
 //!
 //! The corners are the centres of the border's pixels, as trainers fill polygons with their border. Holes are
-//! joined to the border around them by a line. What touches itself or is thinner than its border changes by some
-//! pixels: this format does not keep masks exactly.
+//! joined to the border around them by a line. What touches itself or is thinner than its border changes by
+//! some pixels: this format does not keep masks exactly.
 
 use super::{Provenance, frame::FrameContent};
 use crate::{

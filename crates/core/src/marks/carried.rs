@@ -85,7 +85,7 @@ pub struct Carried {
     evidence: BTreeMap<usize, Evidence>,
     /// The same of the marks that grow.
     growing: BTreeMap<usize, Evidence>,
-    /// What the marks are carried over.
+    /// Graph of the Gaussians that the marks are carried over.
     graph: Arc<Graph>,
     /// Share of each name in each Gaussian, [names][Gaussians], once something needs it: a marked frame does not.
     shares: OnceLock<Vec<Vec<f32>>>,

@@ -48,8 +48,8 @@ const CERTAIN: i32 = 3;
 /// Part of all shares from which on a thing clearly belongs to a name.
 const CLEAR: f32 = 0.8;
 
-/// Weak seeds everywhere, of things that look like marked ones: they reach parts that no mark touches. What looks
-/// like nothing that is marked is a hint on no name.
+/// Weak seeds everywhere, of things that look like marked ones: they reach parts that no mark touches. What
+/// looks like nothing that is marked is a hint on no name.
 pub(super) struct Hints {
     /// Likeness to the examples of each name to the power of [`CERTAIN`], [names][things].
     likeness: Vec<Vec<f32>>,

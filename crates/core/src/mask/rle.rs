@@ -17,8 +17,8 @@ impl Runs {
         Self::placed(mask, (0, 0), (mask.width, mask.height))
     }
 
-    /// Takes the runs of a picture of `size` that shows `part` at `(left, top)` and is `false` elsewhere. The part
-    /// must lie inside.
+    /// Takes the runs of a picture of `size` that shows `part` at `(left, top)` and is `false` elsewhere. The
+    /// part must lie inside.
     pub(crate) fn placed(part: &Mask, (left, top): (usize, usize), size: (usize, usize)) -> Self {
         let (width, height) = size;
         let mut lengths = Lengths::default();

@@ -1,5 +1,5 @@
-//! Bare streams of H.264 (H.264, annex B): finds the coded pictures, without times. Frames are numbered in the
-//! order in which a decoder shows them.
+//! Bare streams of H.264 (H.264, annex B): finds the coded pictures, without times. Frames are numbered in
+//! the order in which a decoder shows them.
 
 use super::{
     h264::{IDR_SLICE, SEQUENCE_PARAMETERS, is_slice},
@@ -15,7 +15,8 @@ const BEGINNINGS: [u8; 9] = [6, 7, 8, 9, 14, 15, 16, 17, 18];
 const PICTURE_PARAMETERS: u8 = 8;
 /// Number of bytes read at once.
 const CHUNK: usize = 1 << 20;
-/// Number of bytes of a unit that tell its kind and its place: the head, and the number of the first macroblock.
+/// Number of bytes of a unit that tell its kind and its place: the head, and the number of the first
+/// macroblock.
 const HEAD: usize = 2;
 /// Largest parameter set, bytes.
 const MOST_PARAMETERS: usize = 1 << 12;
@@ -109,8 +110,8 @@ impl Pictures {
     }
 }
 
-/// Goes through the units of a stream: `take` is told where each begins, and its first bytes; of parameter sets,
-/// all of them.
+/// Goes through the units of a stream: `take` is told where each begins, and its first bytes; of parameter
+/// sets, all of them.
 fn scan(file: &Pieces, mut take: impl FnMut(u64, &[u8])) -> std::io::Result<()> {
     let mut source = file.open()?;
     // Bytes from `at` on that are not gone through yet.

@@ -1,5 +1,5 @@
-//! Rectangles that are black in every frame, whatever the files show there: names and numbers that were burnt in.
-//! They count as outside of the field of view, so that nothing is learned or found there either.
+//! Rectangles that are black in every frame, whatever the files show there: names and numbers that were burnt
+//! in. They count as outside of the field of view, so that nothing is learned or found there either.
 
 use crate::{
     Error,

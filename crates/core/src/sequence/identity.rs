@@ -1,8 +1,8 @@
 //! The identity of a recording, wherever it lies: the name, the size and the content of every frame.
 //!
-//! All results made from a recording keep its identity, and with it the parts of the frames that are hidden. Names and sizes are known as soon as a
-//! recording is open. Content is hashed before a result is made from it. Masks, labels and depth are
-//! not part of the identity.
+//! All results made from a recording keep its identity, and with it the parts of the frames that are hidden.
+//! Names and sizes are known as soon as a recording is open. Content is hashed before a result is made from
+//! it. Masks, labels and depth are not part of the identity.
 
 use super::{
     dicom::DicomPictures,

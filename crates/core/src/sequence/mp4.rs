@@ -21,8 +21,8 @@ const MAX_PICTURES: u64 = 1 << 22;
 /// parser may ask for them one after the other.
 const MOST_REPEATS: usize = 3;
 
-/// The H.264 track of a file, or its first video track of any kind. Also the pictures of a bare H.264 stream, see
-/// [`super::annex_b`].
+/// The H.264 track of a file, or its first video track of any kind. Also the pictures of a bare H.264 stream,
+/// see [`super::annex_b`].
 pub(super) struct Mp4 {
     /// Descriptions of how to decode its pictures, the first from picture 0 on; empty unless it is H.264.
     pub descriptions: Vec<Description>,

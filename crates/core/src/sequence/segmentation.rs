@@ -11,8 +11,8 @@ use crate::{
 };
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 
-/// Gives frames the labels of a DICOM segmentation. Frames are found by the reference to their file, by the number
-/// in it, or by the position in time. Segments become classes.
+/// Gives frames the labels of a DICOM segmentation. Frames are found by the reference to their file, by the
+/// number in it, or by the position in time. Segments become classes.
 pub(super) fn add_labels(recording: &mut Recording, path: &Path) -> Result<()> {
     let file = Arc::new(Segmentation::open(path)?);
     let (found, expected) = (file.size(), (recording.width, recording.height));

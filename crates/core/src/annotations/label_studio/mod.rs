@@ -1,5 +1,5 @@
-//! Label Studio's tasks as it exports them: brush masks, polygons and boxes on the image of each task. Corrected
-//! annotations count; where a task has none, its predictions do.
+//! Label Studio's tasks as it exports them: brush masks, polygons and boxes on the image of each task.
+//! Corrected annotations count; where a task has none, its predictions do.
 
 pub(crate) mod packed;
 

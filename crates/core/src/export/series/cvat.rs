@@ -1,4 +1,5 @@
-//! CVAT for video: XML with one track per mask, because CVAT takes masks from the first frame of a track alone.
+//! CVAT for video: XML with one track per mask, because CVAT takes masks from the first frame of a track
+//! alone.
 
 use super::{Series, SeriesPlan};
 use crate::{

@@ -1,5 +1,5 @@
-//! Recordings in DICOM: videos, pictures of several frames, and series of single pictures; files, folders, and
-//! what a DICOMDIR lists.
+//! Recordings in DICOM: videos, pictures of several frames, and series of single pictures; files, folders,
+//! and what a DICOMDIR lists.
 //!
 //! Only the technical attributes of [`object`] are read. Names, dates, identifiers, and names of files, which
 //! often say more than they should, go no further than this folder.

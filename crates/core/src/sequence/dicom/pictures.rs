@@ -103,8 +103,8 @@ fn plain_frames(object: &Object, all: Piece, form: &Form) -> Result<Vec<Vec<Piec
     Ok((0..n as u64).map(|i| vec![Piece { offset: all.offset + i * len, len }]).collect())
 }
 
-/// Returns the fragments of each frame. Where a frame begins is told by the extended table of offsets or by the
-/// basic one (PS3.5, A.4); without either, each fragment is a frame, or all are one.
+/// Returns the fragments of each frame. Where a frame begins is told by the extended table of offsets or by
+/// the basic one (PS3.5, A.4); without either, each fragment is a frame, or all are one.
 fn coded_frames(object: &Object, offsets: Piece, fragments: &[Piece]) -> Result<Vec<Vec<Piece>>> {
     let n = object.num_frames;
     if n == 1 {

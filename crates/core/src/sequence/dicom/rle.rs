@@ -4,8 +4,8 @@
 const HEAD: usize = 64;
 const MOST_SEGMENTS: usize = 15;
 
-/// Unpacks a frame of `segments` segments with `len` bytes each, one after the other. The error says why that is
-/// not possible.
+/// Unpacks a frame of `segments` segments with `len` bytes each, one after the other. The error says why that
+/// is not possible.
 pub(super) fn unpack(frame: &[u8], segments: usize, len: usize) -> Result<Vec<Vec<u8>>, String> {
     let head = frame.get(..HEAD).ok_or("a frame is cut off")?;
     let numbers = || head.as_chunks::<4>().0.iter().map(|four| u32::from_le_bytes(*four) as usize);

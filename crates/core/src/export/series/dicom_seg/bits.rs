@@ -1,5 +1,5 @@
-//! Packing of masks, one bit per pixel, the lowest bit of a byte first (PS3.5, 8.1.1 and D). Frames follow each
-//! other without a gap, so that one may begin within a byte.
+//! Packing of masks, one bit per pixel, the lowest bit of a byte first (PS3.5, 8.1.1 and D). Frames follow
+//! each other without a gap, so that one may begin within a byte.
 
 /// The bits that do not fill a byte yet.
 #[derive(Default)]

@@ -16,7 +16,8 @@ use std::io::{self, Write};
 /// A date and a time must be there, and a clock would make equal exports differ: this is no date of anything.
 const NO_DATE: &str = "19700101";
 const NO_TIME: &str = "000000";
-/// Every segmentation must lie in space, and a video does not: pixels of unknown size and frames are 1 mm apart.
+/// Every segmentation must lie in space, and a video does not: pixels of unknown size and frames are 1 mm
+/// apart.
 const NO_LENGTH: &str =
     "No length in this object is measured: frames, and pixels of unknown size, count as 1 mm.";
 /// Most characters of a long string and of a short one (PS3.5, 6.2).

@@ -2,8 +2,8 @@
 //! frames where these are DICOM.
 //!
 //! The pixels come last in the file, but a number for each of their frames comes before. They are therefore
-//! collected in a temporary file. Memory holds a few bytes per frame. Identifiers follow from hashes and dates are
-//! constant, so that equal inputs give equal bytes.
+//! collected in a temporary file. Memory holds a few bytes per frame. Identifiers follow from hashes and
+//! dates are constant, so that equal inputs give equal bytes.
 
 mod bits;
 mod codes;
