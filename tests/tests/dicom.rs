@@ -1,5 +1,9 @@
 //! Recordings in DICOM: who they are about is in nothing that is made of them.
 
+#[path = "../../crates/core/src/dicom/elements.rs"]
+mod elements;
+
+use elements::element;
 use image::RgbImage;
 use std::{fs, path::Path};
 use surgtpgs_tests::{Flow, flow, run_in};
@@ -10,19 +14,11 @@ const SECRETS: [&str; 7] =
 /// Identifiers, which may be in a segmentation alone.
 const IDENTIFIERS: [&str; 4] = ["1.2.276.99.1", "1.2.276.99.2", "1.2.276.99.3", "1.2.276.99.4"];
 
-fn element((group, number): (u16, u16), vr: &str, value: &[u8]) -> Vec<u8> {
-    let mut bytes = [group.to_le_bytes(), number.to_le_bytes()].concat();
-    bytes.extend(vr.as_bytes());
+/// Returns a data element whose value is filled up to an even length.
+fn filled(tag: (u16, u16), vr: &str, value: &[u8]) -> Vec<u8> {
     let mut value = value.to_vec();
     value.resize(value.len().next_multiple_of(2), if vr == "UI" { 0 } else { b' ' });
-    if ["OB", "SQ", "UN"].contains(&vr) {
-        bytes.extend([0, 0]);
-        bytes.extend((value.len() as u32).to_le_bytes());
-    } else {
-        bytes.extend((value.len() as u16).to_le_bytes());
-    }
-    bytes.extend(value);
-    bytes
+    element(tag, vr, &value)
 }
 
 /// Writes the demo's frames as one DICOM file with every identifying attribute set.
@@ -32,8 +28,8 @@ fn write_recording(path: &Path) {
     frames.sort();
     let frames: Vec<RgbImage> = frames.iter().map(|path| image::open(path).unwrap().into_rgb8()).collect();
     let (width, height) = Flow::SIZE;
-    let text = |tag, vr, value: &str| element(tag, vr, value.as_bytes());
-    let short = |tag, value: u16| element(tag, "US", &value.to_le_bytes());
+    let text = |tag, vr, value: &str| filled(tag, vr, value.as_bytes());
+    let short = |tag, value: u16| filled(tag, "US", &value.to_le_bytes());
     let nested =
         [vec![0xfe, 0xff, 0x00, 0xe0, 22, 0, 0, 0], text((0x0010, 0x0010), "PN", "Mustermann^E^")].concat();
     let parts = [
@@ -50,7 +46,7 @@ fn write_recording(path: &Path) {
         text((0x0008, 0x1030), "LO", "Mustermann gallbladder"),
         text((0x0008, 0x103e), "LO", "Mustermann 1"),
         text((0x0008, 0x1050), "PN", "Chefarzt^Hans"),
-        element((0x0008, 0x1110), "SQ", &nested),
+        filled((0x0008, 0x1110), "SQ", &nested),
         text((0x0009, 0x0010), "LO", "Geheimfach"),
         text((0x0009, 0x1001), "LO", "Geheimfach 19610203"),
         text((0x0010, 0x0010), "PN", "Mustermann^Erika"),
@@ -73,7 +69,7 @@ fn write_recording(path: &Path) {
         short((0x0028, 0x0011), width as u16),
         short((0x0028, 0x0100), 8),
         text((0x0040, 0xa123), "PN", "Chefarzt^Hans"),
-        element((0x7fe0, 0x0010), "OB", &frames.iter().flat_map(|f| f.as_raw().clone()).collect::<Vec<_>>()),
+        filled((0x7fe0, 0x0010), "OB", &frames.iter().flat_map(|f| f.as_raw().clone()).collect::<Vec<_>>()),
     ];
     let file = [vec![0; 128], b"DICM".to_vec(), parts.concat()].concat();
     fs::write(path, file).unwrap();

@@ -1,6 +1,10 @@
 //! Files of DICOM: recordings, and segmentations as marks.
 
+#[path = "../../../crates/core/src/dicom/elements.rs"]
+mod elements;
+
 use crate::{Target, expect_words, recordings};
+use elements::element;
 use surgtpgs_core::marks::{Canvas, Marks};
 
 pub(crate) const TARGETS: [Target; 2] = [
@@ -25,20 +29,6 @@ fn segmentation(bytes: &[u8]) {
     if let Some(marks) = expect_words(Marks::read(&folder.path().join("marks.dcm"), &canvas)) {
         assert!(marks.all().iter().all(|mark| mark.fits(&canvas)), "a mark that does not fit");
     }
-}
-
-/// An element: tag, type, value.
-fn element((group, number): (u16, u16), vr: &str, value: &[u8]) -> Vec<u8> {
-    let mut bytes = [group.to_le_bytes(), number.to_le_bytes()].concat();
-    bytes.extend(vr.as_bytes());
-    if ["OB", "OW", "SQ"].contains(&vr) {
-        bytes.extend([0, 0]);
-        bytes.extend((value.len() as u32).to_le_bytes());
-    } else {
-        bytes.extend((value.len() as u16).to_le_bytes());
-    }
-    bytes.extend(value);
-    bytes
 }
 
 fn text(tag: (u16, u16), vr: &str, value: &str) -> Vec<u8> {

@@ -14,7 +14,7 @@ use surgtpgs_core::{
     Error, Remedy, Result,
     codec::CodecSettings,
     files::{Claim, Earlier, Inputs, OutputFolder, full_path},
-    marks::{Canvas, Marks},
+    marks::Marks,
     meaning::{Calibration, ClassWords, Space, Vocabulary},
     prepare::{
         Estimator, FrameFeatures, MASKS_AND_EMBEDDINGS, MarkedNames, MaskStore, Origin, Prepared,
@@ -212,7 +212,7 @@ impl<'a> Features<'a> {
     fn open(source: &'a FeatureSource, text: &TextEncoder, sequence: &Sequence) -> Result<Self> {
         Ok(match source {
             FeatureSource::Labels => Self::Labels,
-            FeatureSource::Marks(path) => Self::Marks(Marks::read(path, &Canvas::of(sequence))?),
+            FeatureSource::Marks(path) => Self::Marks(Marks::read(path, &sequence.canvas())?),
             FeatureSource::Masks { model, image_encoder, settings, level } => {
                 let image = ImageEncoder::open(image_encoder)?;
                 check_halves(text, image.dim(), image_encoder)?;

@@ -5,6 +5,7 @@
 //! | COCO annotations (JSON) | `frame`, or `source` or `file_name` of the image | run lengths, polygons |
 //! | CVAT for video, or for images (XML) | number of the frame; name of the image | masks, polygons, boxes |
 //! | Label Studio tasks (JSON) | `frame` of the task's data, or the name of its image | brush masks, polygons, boxes |
+//! | DICOM segmentation | number in the reference to the recording, or position in time | masks |
 //! | 3D Slicer segmentation (`.seg.nrrd`) | place along the third axis, after `first_frame` | masks |
 //!
 //! Formats are recognised by content. Masks are kept as run lengths, so that memory follows the size of the
@@ -15,15 +16,17 @@ mod cvat;
 mod label_studio;
 mod nrrd;
 mod runs;
+mod segmentation;
 mod shape;
 #[cfg(test)]
 mod tests;
 
 pub(crate) use label_studio::packed;
 pub(crate) use runs::RunsEntry;
+pub(crate) use segmentation::{References, placed};
 pub use shape::Shape;
 
-use crate::{Error, Result, reading::read_regular};
+use crate::{Error, Result, dicom::is_dicom, reading::read_regular};
 use serde::de::IgnoredAny;
 use std::path::Path;
 
@@ -60,12 +63,16 @@ pub struct Annotation {
 /// A file that cannot be read or is none, and the first annotation that does not fit the recording; the
 /// message names it.
 pub fn read(path: &Path, canvas: &Canvas) -> Result<Vec<Annotation>> {
-    let bytes = bytes_of(path)?;
     let at = |e| in_file(e, path);
-    match parse(&bytes, canvas).map_err(at)? {
+    // Only the frames that are about the recording are read.
+    let found = match is_dicom(path) {
+        true => segmentation::read(path, canvas).map(Some),
+        false => parse(&bytes_of(path)?, canvas),
+    };
+    match found.map_err(at)? {
         Some(annotations) => checked(annotations, canvas).map_err(at),
         None => {
-            let hint = "COCO, CVAT for video or for images, Label Studio and .seg.nrrd can be read.";
+            let hint = "COCO, CVAT for video or for images, Label Studio, .seg.nrrd and DICOM segmentations can be read.";
             Err(Error::input_at(path, "this is no file of annotations that can be read", hint))
         }
     }

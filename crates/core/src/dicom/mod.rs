@@ -5,6 +5,8 @@
 //! for. It counts the others by their kind and never keeps their values.
 
 pub(crate) mod colour;
+#[cfg(test)]
+pub(crate) mod elements;
 mod left_unread;
 mod reader;
 mod segmentation;
@@ -15,6 +17,6 @@ mod writer;
 
 pub(crate) use left_unread::LeftUnread;
 pub(crate) use reader::{DicomFile, is_dicom, read};
-pub(crate) use segmentation::{Segment, Segmentation, SegmentationFrame};
+pub(crate) use segmentation::{Segment, Segmentation};
 pub(crate) use set::{Set, Value};
 pub(crate) use writer::{Vr, Writer};

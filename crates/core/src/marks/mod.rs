@@ -21,7 +21,6 @@ mod links;
 mod read;
 mod seeds;
 mod seen;
-mod segmentation;
 mod spread;
 #[cfg(test)]
 mod tests;
@@ -33,11 +32,7 @@ pub use correction::Correction;
 pub use evidence::Evidence;
 pub use graph::Graph;
 
-use crate::{
-    Error, Result,
-    hash::sha256,
-    sequence::{Sequence, plain_words},
-};
+use crate::{Error, Result, hash::sha256, sequence::plain_words};
 use std::collections::BTreeSet;
 
 /// A mark by hand on a frame.
@@ -52,15 +47,6 @@ pub struct Mark {
     pub add: bool,
     /// The marked pixels.
     pub shape: Shape,
-}
-
-impl Canvas {
-    /// Returns the canvas that a recording is.
-    pub fn of(sequence: &Sequence) -> Self {
-        let num_frames = sequence.num_frames();
-        let frame_names = (0..num_frames).map(|i| sequence.frame_name(i)).collect();
-        Self { width: sequence.width(), height: sequence.height(), frame_names, num_frames }
-    }
 }
 
 /// Marks that fit a recording; their order does not matter.

@@ -1,8 +1,9 @@
-//! Files of marks: our own, annotations of other programs, and DICOM segmentations.
+//! Files of marks: our own, and annotations of other programs.
 
-use super::{Canvas, Mark, Marks, bad_mark, entry::MarkEntry, name_of, segmentation};
+use super::{Canvas, Mark, Marks, bad_mark, entry::MarkEntry, name_of};
 use crate::{
-    Error, Result, annotations,
+    Error, Result,
+    annotations::{self, Annotation},
     dicom::is_dicom,
     grid::Mask,
     reading::{picture, picture_size},
@@ -11,17 +12,17 @@ use serde_json::Value;
 use std::path::Path;
 
 const FORM: &str = "It is {\"marks\": [{\"frame\": 24, \"name\": \"liver\", \"kind\": \"click\", \"points_px\": [[320, 200]]}]}, \
-                    or a file of annotations: COCO, CVAT, Label Studio or .seg.nrrd.";
+                    or a file of annotations: COCO, CVAT, Label Studio, .seg.nrrd or a DICOM segmentation.";
 
 impl Marks {
-    /// Reads a file of marks, a DICOM segmentation, or [`annotations`]. Mask pictures are named
-    /// relative to the file; half of the brightest value and more is marked.
+    /// Reads a file of marks, or of [`annotations`]. Mask pictures are named relative to the file; half of the
+    /// brightest value and more is marked.
     ///
     /// # Errors
     /// A file that cannot be read, and the first mark that does not fit the recording; the message names it.
     pub fn read(path: &Path, canvas: &Canvas) -> Result<Self> {
         if is_dicom(path) {
-            return Self::new(segmentation::marks(path, canvas)?, canvas);
+            return Self::of_annotations(annotations::read(path, canvas)?, canvas);
         }
         let bytes = annotations::bytes_of(path)?;
         let folder = path.parent().unwrap_or(Path::new("."));
@@ -31,8 +32,7 @@ impl Marks {
     /// Reads marks from the bytes of a file; `folder` is where it lies.
     pub fn parse(bytes: &[u8], folder: &Path, canvas: &Canvas) -> Result<Self> {
         if let Some(found) = annotations::parse(bytes, canvas)? {
-            let mark = |a: annotations::Annotation| Mark::new(a.frame, &a.name, true, a.shape);
-            return Self::new(found.into_iter().map(mark).collect(), canvas);
+            return Self::of_annotations(found, canvas);
         }
         let none = |e: &dyn std::fmt::Display| Error::input(format!("this is no file of marks: {e}"), FORM);
         let text = str::from_utf8(bytes).map_err(|e| none(&e))?;
@@ -42,6 +42,11 @@ impl Marks {
         };
         let each = entries.iter().enumerate().map(|(i, entry)| mark(i, entry, folder, canvas));
         Self::new(each.collect::<Result<Vec<_>>>()?, canvas)
+    }
+
+    fn of_annotations(found: Vec<Annotation>, canvas: &Canvas) -> Result<Self> {
+        let mark = |a: Annotation| Mark::new(a.frame, &a.name, true, a.shape);
+        Self::new(found.into_iter().map(mark).collect(), canvas)
     }
 
     /// Returns the text of a file with these marks, which [`Marks::parse`] reads. Masks are part of the text.

@@ -59,24 +59,36 @@ pub(super) struct Hints {
 }
 
 impl Hints {
-    /// Takes as examples of a name what is marked so, and what `shares` clearly give to it, if there are some.
+    /// Takes as examples of a name what is marked so, and what `shares` clearly give to it, if there are some. What
+    /// is denied and shows no other name is an example of no name.
     pub(super) fn of(links: &Links, seeds: &Seeds, shares: &[Vec<f32>]) -> Self {
+        let num_names = seeds.weights.len();
+        let is_marked = |k: usize, i: usize| {
+            let (weight, share) = (seeds.weights[k][i], seeds.shares[k][i]);
+            weight > EXAMPLE && share > EXAMPLE * weight
+        };
         let is_clear = |k: usize, i: usize| {
             links.degrees[i] > 0.0 && shares.get(k).is_some_and(|plane| plane[i] > CLEAR)
         };
+        let trust = |marked: usize| (marked as f32 / MANY).min(1.0);
         let of_name = |k: usize| {
-            let (weights, shares) = (&seeds.weights[k], &seeds.shares[k]);
-            let is_marked = |i: usize| weights[i] > EXAMPLE && shares[i] > EXAMPLE * weights[i];
-            let marked = (0..links.len()).filter(|i| is_marked(*i)).count();
+            let marked = (0..links.len()).filter(|i| is_marked(k, *i)).count();
             let examples: Vec<usize> =
-                (0..links.len()).filter(|i| marked > 0 && (is_marked(*i) || is_clear(k, *i))).collect();
-            (links.likeness(&examples), (marked as f32 / MANY).min(1.0))
+                (0..links.len()).filter(|i| marked > 0 && (is_marked(k, *i) || is_clear(k, *i))).collect();
+            (links.likeness(&examples), trust(marked))
         };
-        let names: Vec<(Vec<f32>, f32)> = (0..seeds.weights.len()).map(of_name).collect();
+        let names: Vec<(Vec<f32>, f32)> = (0..num_names).map(of_name).collect();
+        let is_denied = |i: &usize| {
+            (0..num_names).any(|k| seeds.weights[k][*i] > EXAMPLE)
+                && !(0..num_names).any(|k| is_marked(k, *i))
+        };
+        let denied: Vec<usize> = (0..links.len()).filter(is_denied).collect();
+        let (like_denied, denied_trust) = (links.likeness(&denied), trust(denied.len()));
         // A few examples tell little, of what is unlike them, too.
         let most_trust = names.iter().map(|(_, trust)| *trust).fold(0.0, f32::max);
         let unlike = |i: usize| 1.0 - names.iter().map(|(plane, _)| plane[i]).fold(0.0, f32::max);
-        let none: Vec<f32> = (0..links.len()).map(|i| most_trust * unlike(i)).collect();
+        let none_at = |i: usize| (most_trust * unlike(i)).max(denied_trust * like_denied[i]);
+        let none: Vec<f32> = (0..links.len()).map(none_at).collect();
         let trusted = |(plane, trust): &(Vec<f32>, f32)| plane.iter().map(|v| v * trust).collect();
         let mut likeness: Vec<Vec<f32>> = names.iter().map(trusted).collect();
         let largest_at = |i: usize| likeness.iter().map(|plane| plane[i]).fold(none[i], f32::max);
@@ -158,4 +170,26 @@ impl<'a> System<'a> {
 
 fn dot(a: &[f32], b: &[f32]) -> f64 {
     a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::marks::links::look;
+
+    #[test]
+    fn things_that_look_like_denied_ones_are_not_found() {
+        // Marked ones, some that may be denied, and two that lie elsewhere and look more like the latter.
+        let counts = [(0.50, 300), (0.58, 300), (0.56, 2)];
+        let looks = counts.iter().flat_map(|(colour, n)| vec![look([*colour; 3], [0.5; 2]); *n]).collect();
+        let links = Links::new(looks, std::iter::once((600, 601, 1e-3)));
+        let share = |denied: f32| {
+            let weights = [vec![1.0; 300], vec![denied; 300], vec![0.0; 2]].concat();
+            let shares = [vec![1.0; 300], vec![0.0; 302]].concat();
+            let seeds = Seeds { weights: vec![weights], shares: vec![shares] };
+            let hints = Hints::of(&links, &seeds, &[]);
+            spread(&links, &seeds, None, PULL, Some(&hints))[0][600]
+        };
+        assert!(share(0.0) > 0.5 && share(1.0) < 0.5, "{} {}", share(0.0), share(1.0));
+    }
 }

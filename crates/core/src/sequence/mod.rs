@@ -2,6 +2,7 @@
 
 use crate::{
     Error, Result,
+    annotations::Canvas,
     camera::Camera,
     files::{Inputs, full_path, unfinished_kind},
     grid::{Grid, Mask},
@@ -128,6 +129,11 @@ impl Sequence {
 
     fn recording(&self) -> &Recording {
         &self.inner.recording
+    }
+
+    /// Returns what marks and annotations are made on.
+    pub fn canvas(&self) -> Canvas {
+        self.recording().canvas()
     }
 
     /// Returns the folder or file that was opened.

@@ -240,6 +240,12 @@ impl Recording {
         Ok(())
     }
 
+    /// Returns what annotations of the recording are made on.
+    pub(super) fn canvas(&self) -> Canvas {
+        let frame_names = self.frames.iter().map(|frame| frame.name.clone()).collect();
+        Canvas { width: self.width, height: self.height, frame_names, num_frames: self.frames.len() }
+    }
+
     /// Takes the labels of all frames from a file of annotations, or from a DICOM segmentation, instead of the
     /// recording's own. A class of annotations keeps its id and colour if the recording has one of the same name.
     pub(super) fn take_labels(&mut self, file: &Path) -> Result<()> {
@@ -247,9 +253,7 @@ impl Recording {
             self.frames.iter_mut().for_each(|frame| frame.labels = None);
             return segmentation::add_labels(self, file);
         }
-        let frame_names = self.frames.iter().map(|frame| frame.name.clone()).collect();
-        let (width, height, num_frames) = (self.width, self.height, self.frames.len());
-        let annotations = annotations::read(file, &Canvas { width, height, frame_names, num_frames })?;
+        let annotations = annotations::read(file, &self.canvas())?;
         self.classes = classes::named(&annotations, &self.classes, file)?;
         self.frames.iter_mut().for_each(|frame| frame.labels = None);
         for annotation in annotations {

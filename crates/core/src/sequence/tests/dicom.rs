@@ -1,7 +1,10 @@
 //! Tests with files of DICOM, which are made here element by element.
 
 use super::{videos::write_video, *};
-use crate::sequence::{HiddenRectangle, layouts::Layout};
+use crate::{
+    dicom::elements::element,
+    sequence::{HiddenRectangle, layouts::Layout},
+};
 use openh264::{
     OpenH264API,
     encoder::{BitRate, Encoder, EncoderConfig, IntraFramePeriod},
@@ -134,19 +137,6 @@ impl File {
         fs::write(path, self.bytes()).unwrap();
         Sequence::open(path)
     }
-}
-
-fn element((group, number): (u16, u16), vr: &str, value: &[u8]) -> Vec<u8> {
-    let mut bytes = [group.to_le_bytes(), number.to_le_bytes()].concat();
-    bytes.extend(vr.as_bytes());
-    if ["OB", "OW", "SQ", "UN", "UT"].contains(&vr) {
-        bytes.extend([0, 0]);
-        bytes.extend((value.len() as u32).to_le_bytes());
-    } else {
-        bytes.extend((value.len() as u16).to_le_bytes());
-    }
-    bytes.extend(value);
-    bytes
 }
 
 fn implicit((group, number): (u16, u16), _: &str, value: &[u8]) -> Vec<u8> {
