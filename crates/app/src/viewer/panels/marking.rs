@@ -137,7 +137,7 @@ fn state_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     ui.label(caption(format!("{how}. Marks on this frame: {here}, in all: {all}.")));
     if shared.has_waiting_marks() {
         waits_ui(ui, shared);
-    } else if is_alone(shared) {
+    } else if lacks_opposite(shared) {
         let text =
             "Now show what it is not: draw with \"Not this\", or mark what lies beside it by another name.";
         ui.label(RichText::new(text).font(theme::small()).color(theme::AMBER));
@@ -160,14 +160,23 @@ fn state_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     }
 }
 
-/// Returns `true` if one structure is marked that the recording has no class for, and nothing says what it is
-/// not: it is found everywhere then.
-fn is_alone(shared: &Shared) -> bool {
+/// Share of the picture from which on a structure probably takes what is not of it.
+const LARGE: f32 = 0.4;
+
+/// Returns `true` if something is marked that the recording has no class for, nothing says what it is not, and it
+/// is alone or found nearly everywhere.
+fn lacks_opposite(shared: &Shared) -> bool {
     let marks = shared.document.marks();
     let classes = shared.info().map(|i| i.example_prompts.as_slice()).unwrap_or_default();
     let is_new = |name: &&str| !classes.iter().any(|class| plain_words(class) == *name);
     let new: Vec<&str> = marks.names().into_iter().filter(is_new).collect();
-    matches!(new[..], [name] if marks.all().iter().all(|mark| mark.add || mark.name != name))
+    let is_large = |name: &str| {
+        let prompt = shared.document.prompts().iter().find(|p| p.is_marked_as(name));
+        let finding = prompt.and_then(|p| shared.finding(p.id, &p.text));
+        finding.and_then(|f| f.outcome.as_ref().ok()).is_some_and(|found| found.area_fraction > LARGE)
+    };
+    let is_denied = |name: &str| marks.all().iter().any(|mark| !mark.add && mark.name == name);
+    new.iter().any(|name| !is_denied(name) && (new.len() == 1 || is_large(name)))
 }
 
 /// Says that marks wait for a reconstruction.

@@ -339,3 +339,26 @@ fn strokes_on_the_demo_find_their_structures_on_all_frames_and_words_find_them()
         assert_eq!(share(&mut window, words) > 0.0, is_found, "{words}");
     }
 }
+
+#[test]
+fn what_takes_nearly_everything_asks_for_its_opposite() {
+    const ADVICE: &str = "Now show what it is not";
+    let mut window = Window::on(bare());
+    let all = Shape::Box { corners_px: [[0.0, 0.0], [31.0, 20.0]] };
+    let few = Shape::Box { corners_px: [[0.0, 21.0], [9.0, 23.0]] };
+    let add = |window: &mut Window, name: &str, add: bool, shape: &Shape| {
+        let mark = Mark::new(0, name, add, shape.clone());
+        window.harness.state_mut().shared.document.add_mark(mark);
+    };
+    take_tool(&mut window, "tool");
+    add(&mut window, "tool", true, &few);
+    assert!(share(&mut window, "tool") < 0.2 && window.shows(ADVICE), "it is alone");
+    add(&mut window, "fat", true, &few);
+    share(&mut window, "fat");
+    assert!(!window.shows(ADVICE), "two tell each other apart");
+    add(&mut window, "fat", true, &all);
+    assert!(share(&mut window, "fat") > 0.4 && window.shows(ADVICE));
+    add(&mut window, "fat", false, &few);
+    share(&mut window, "fat");
+    assert!(!window.shows(ADVICE));
+}
