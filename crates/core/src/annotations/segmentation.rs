@@ -4,8 +4,8 @@ use super::{Annotation, Canvas, Shape};
 use crate::{Error, Result, dicom::Segmentation};
 use std::{collections::BTreeMap, path::Path};
 
-/// Frames of a recording by the DICOM files that they come from: the identifier of the file, and the number of
-/// the frame in it, from 1.
+/// Frames of a recording by the DICOM files that they come from: the identifier of the file, and the number
+/// of the frame in it, from 1.
 pub(crate) type References = BTreeMap<(String, Option<u32>), usize>;
 
 /// Returns the annotations of a segmentation: each frame adds its pixels to the name of its segment.

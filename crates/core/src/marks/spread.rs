@@ -59,8 +59,8 @@ pub(super) struct Hints {
 }
 
 impl Hints {
-    /// Takes as examples of a name what is marked so, and what `shares` clearly give to it, if there are some. What
-    /// is denied and shows no other name is an example of no name.
+    /// Takes as examples of a name what is marked so, and what `shares` clearly give to it, if there are some.
+    /// What is denied and shows no other name is an example of no name.
     pub(super) fn of(links: &Links, seeds: &Seeds, shares: &[Vec<f32>]) -> Self {
         let num_names = seeds.weights.len();
         let is_marked = |k: usize, i: usize| {

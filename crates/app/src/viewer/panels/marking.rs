@@ -163,8 +163,8 @@ fn state_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
 /// Share of the picture from which on a structure probably takes what is not of it.
 const LARGE: f32 = 0.4;
 
-/// Returns `true` if something is marked that the recording has no class for, nothing says what it is not, and it
-/// is alone or found nearly everywhere.
+/// Returns `true` if something is marked that the recording has no class for, nothing says what it is not,
+/// and it is alone or found nearly everywhere.
 fn lacks_opposite(shared: &Shared) -> bool {
     let marks = shared.document.marks();
     let classes = shared.info().map(|i| i.example_prompts.as_slice()).unwrap_or_default();
