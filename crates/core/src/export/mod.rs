@@ -4,8 +4,7 @@
 //! stop at any point:
 //!
 //! ```text
-//! Export::begin ─▶ next_frame ─▶ (the caller renders and scores it) ─▶ write ─▶ … ─▶ finish ─▶
-//! provenance.json
+//! Export::begin ─▶ next_frame ─▶ (the caller renders and scores it) ─▶ write ─▶ … ─▶ finish ─▶ provenance.json
 //! ```
 //!
 //! Files are written completely or not at all. Beginning again in the same folder with the same request

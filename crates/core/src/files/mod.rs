@@ -2,8 +2,7 @@
 //! only on request.
 //!
 //! ```text
-//! Inputs ─▶ OutputFolder::claim | OutputFile::claim ─▶ write_whole, WholeFile ─▶ finish: the result is in
-//! its place
+//! Inputs ─▶ OutputFolder::claim | OutputFile::claim ─▶ write_whole, WholeFile ─▶ finish: the result is in its place
 //!                   (lock, record)                     (temporary, sync, rename)
 //! ```
 //!

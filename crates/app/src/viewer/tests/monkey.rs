@@ -2,9 +2,8 @@
 //! it does.
 //!
 //! `cargo test` runs a few hundred acts. For a long run:
-//! `MONKEY_MINUTES=30 MONKEY_SEED=1 cargo test --release -p surgtpgs monkey_for_long -- --ignored
-//! --nocapture` (with `--release`: otherwise egui keeps the names of all ids for its messages, and memory
-//! grows).
+//! `MONKEY_MINUTES=30 MONKEY_SEED=1 cargo test --release -p surgtpgs monkey_for_long -- --ignored --nocapture`
+//! (with `--release`: otherwise egui keeps the names of all ids for its messages, and memory grows).
 
 use super::*;
 use crate::{

@@ -253,9 +253,9 @@ impl<'a, T: Real> Plane<'a, T> {
     }
 }
 
-/// Σ scale·|plane − target| + scale·(plane − target)² and Σ scale·|x_i − x_j| over horizontal and vertical
-/// neighbours that both count. Writes the gradient to `g`. `difference(y, out)` writes plane − target of row
-/// y, and 0 at pixels that are not compared.
+/// Σ scale·|plane − target| + scale·(plane − target)² and Σ scale·|x_i − x_j| over horizontal and vertical neighbours that both
+/// count. Writes the gradient to `g`. `difference(y, out)` writes plane − target of row y, and 0 at
+/// pixels that are not compared.
 fn plane_terms<T: Real>(
     plane: &Plane<'_, T>,
     scales: Scales<T>,
