@@ -25,6 +25,7 @@ mod dicom;
 pub mod sequence;
 
 pub mod demo;
+pub mod poses;
 
 pub mod codec;
 pub mod meaning;

@@ -45,6 +45,15 @@ pub fn percentile(values: &mut [f32], q: f64) -> Option<f32> {
     Some((a + (b - a) * (position - low as f64)) as f32)
 }
 
+/// The median; the mean of the two middle values of an even number. `None` if empty. NaN must be filtered out
+/// before the call.
+pub(crate) fn median(values: &mut [f64]) -> Option<f64> {
+    values.sort_unstable_by(f64::total_cmp);
+    let middle = values.len() / 2;
+    let upper = *values.get(middle)?;
+    Some(if values.len() % 2 == 1 { upper } else { 0.5 * (upper + values[middle - 1]) })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

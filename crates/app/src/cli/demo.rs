@@ -33,6 +33,12 @@ pub(super) struct DemoArgs {
     /// Let the endoscope move
     #[arg(long)]
     moving_camera: bool,
+    /// Let tissue and instrument stand still
+    #[arg(long)]
+    rigid: bool,
+    /// Blur every fifth frame, as quick motion of the endoscope does
+    #[arg(long)]
+    blurred: bool,
     /// Seed of textures and noise
     #[arg(long, default_value_t = SEED)]
     seed: u64,
@@ -49,6 +55,8 @@ impl Run for DemoArgs {
             height: self.height as usize,
             frames: self.frames as usize,
             moving_camera: self.moving_camera,
+            rigid: self.rigid,
+            blurred: self.blurred,
             seed: self.seed,
         };
         let mut view = ProgressView::default();

@@ -5,6 +5,7 @@ use super::material::{Material, material};
 use super::noise::smoothstep;
 use super::shape::{Anatomy, ScenePart};
 use glam::{Vec2, Vec3};
+use image::{Rgb, RgbImage};
 use rayon::prelude::*;
 
 /// Number of rows of samples that one task draws.
@@ -252,4 +253,17 @@ fn mirror(material: &Material, normal: Vec3, to_eye: Vec3, to_lamp: Vec3) -> Vec
     let facing = normal.dot(to_lamp).max(0.0);
     let lamp = 0.25 * highlight(seen.dot(to_lamp), 2) + 0.9 * highlight(seen.dot(to_lamp), 5);
     material.albedo * (0.08 + 0.5 * facing) + material.gloss * (around + Vec3::splat(lamp))
+}
+
+/// Returns the picture as a quick motion to the side blurs it: each pixel is the mean of those around it in its
+/// row, over a twentieth of the width.
+pub(super) fn blurred(picture: &RgbImage) -> RgbImage {
+    let (width, height) = picture.dimensions();
+    let reach = width / 40;
+    RgbImage::from_fn(width, height, |x, y| {
+        let row = x.saturating_sub(reach)..=(x + reach).min(width - 1);
+        let count = row.clone().count() as u32;
+        let sum = |c: usize| row.clone().map(|x| u32::from(picture.get_pixel(x, y)[c])).sum::<u32>();
+        Rgb([0, 1, 2].map(|c| (sum(c) / count) as u8))
+    })
 }

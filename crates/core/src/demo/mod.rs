@@ -38,13 +38,25 @@ pub struct DemoSettings {
     pub frames: usize,
     /// `true` if the endoscope moves (then the cameras are in `transforms.json`).
     pub moving_camera: bool,
+    /// `true` if tissue and instrument stand still.
+    pub rigid: bool,
+    /// `true` if every fifth frame, from the fourth on, is blurred as by a quick motion of the endoscope.
+    pub blurred: bool,
     /// Seed of textures and noise.
     pub seed: u64,
 }
 
 impl Default for DemoSettings {
     fn default() -> Self {
-        Self { width: 320, height: 240, frames: 48, moving_camera: false, seed: 11 }
+        Self {
+            width: 320,
+            height: 240,
+            frames: 48,
+            moving_camera: false,
+            rigid: false,
+            blurred: false,
+            seed: 11,
+        }
     }
 }
 
@@ -169,6 +181,9 @@ impl Demo {
         let pixels = view.map_rows(SAMPLES, |row, hits| artist.pixels(row / SAMPLES, hits));
         let mut colour = RgbImage::new(width as u32, height as u32);
         colour.pixels_mut().zip(&pixels).for_each(|(to, p)| *to = Rgb(p.colour));
+        if self.settings.blurred && i % 5 == 3 {
+            colour = draw::blurred(&colour);
+        }
         let grid = Grid::from_vec(width, height, pixels);
         DemoFrame {
             colour,
@@ -181,7 +196,7 @@ impl Demo {
 
     /// Returns the camera of frame `i`, and all vertices at that time, in its axes.
     fn points(&self, i: usize) -> (Camera, Vec<Vec3>) {
-        let (camera, moment) = (self.camera(i), Moment::at(i as f32));
+        let (camera, moment) = (self.camera(i), Moment::at(if self.settings.rigid { 0.0 } else { i as f32 }));
         let vertices = self.anatomy.rest.iter().zip(&self.anatomy.part);
         let place = |(&rest, &part)| camera.camera_from_world.transform_point3(moment.place(part, rest));
         (camera, vertices.map(place).collect())

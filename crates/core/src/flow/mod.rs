@@ -17,8 +17,8 @@ mod tests;
 mod ways;
 
 pub use between::{Between, Colour, Timed, arriving, arriving_mask, between, ways_around};
-pub(crate) use pyramid::around;
-pub use ways::{halved, joined, luma, mended};
+pub(crate) use pyramid::{around, halved};
+pub use ways::{joined, luma, mended};
 
 use crate::grid::Grid;
 use search::PATCH;

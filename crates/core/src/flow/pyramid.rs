@@ -26,7 +26,7 @@ pub(super) fn halvings(image: &Grid<f32>) -> Vec<Grid<f32>> {
 }
 
 /// Means of 2×2 pixels; an odd last column or row is left out.
-pub(super) fn halved(image: &Grid<f32>) -> Grid<f32> {
+pub(crate) fn halved(image: &Grid<f32>) -> Grid<f32> {
     each_pixel(image.width / 2, image.height / 2, |x, y| {
         let pair = |y: usize| image.at(2 * x, y) + image.at(2 * x + 1, y);
         (pair(2 * y) + pair(2 * y + 1)) / 4.0

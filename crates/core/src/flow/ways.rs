@@ -19,11 +19,6 @@ pub fn joined(first: &Grid<Vector>, then: &Grid<Vector>) -> Grid<Vector> {
     })
 }
 
-/// Returns half the image: means of 2×2 pixels; an odd last column or row is left out.
-pub fn halved(image: &Grid<f32>) -> Grid<f32> {
-    pyramid::halved(image)
-}
-
 /// Mends displacements: `to`, as it is seen along `way`, is compared with `from`, and the flow between both
 /// is put before `way`. Luminance is in 8-bit levels.
 pub fn mended(from: &Grid<f32>, to: &Grid<f32>, way: &Grid<Vector>) -> Grid<Vector> {

@@ -201,6 +201,7 @@ fn camera(sequence: &Sequence, says: &mut Findings) -> String {
     let first = sequence.camera(0);
     let source = match sequence.camera_source() {
         super::CameraSource::Given => "given",
+        super::CameraSource::Lens => "given but for its poses",
         super::CameraSource::Assumed(degrees) => {
             says.warnings.push(format!(
                 "The camera is unknown: a horizontal field of view of {degrees:.0}° is assumed. Give the true \

@@ -9,6 +9,7 @@ use crate::{
 };
 use estimated::Estimated;
 use field_of_view::FieldOfView;
+use glam::Affine3A;
 use image::RgbImage;
 use labels::{LabelCoding, ReadLabels};
 use recording::{MaskRule, Recording};
@@ -70,6 +71,8 @@ pub struct Sequence {
     inner: Arc<Inner>,
     /// Depth from another source than the recording.
     estimated: Option<Arc<Estimated>>,
+    /// `camera_from_world` of every frame, where they were estimated.
+    poses: Option<Arc<[Affine3A]>>,
 }
 
 #[derive(Debug)]
@@ -124,7 +127,7 @@ impl Sequence {
         let (field_of_view, label_numbers, identity) = (OnceLock::new(), OnceLock::new(), OnceLock::new());
         let inner =
             Inner { layout, recording, camera_moves, field_of_view, label_numbers, outline, identity };
-        Ok(Self { inner: Arc::new(inner), estimated: None })
+        Ok(Self { inner: Arc::new(inner), estimated: None, poses: None })
     }
 
     fn recording(&self) -> &Recording {
@@ -201,7 +204,9 @@ impl Sequence {
     }
     /// Returns the camera of frame `i`.
     pub fn camera(&self, i: usize) -> Camera {
-        self.recording().cameras[i]
+        let camera = self.recording().cameras[i];
+        let camera_from_world = self.poses.as_ref().map_or(camera.camera_from_world, |poses| poses[i]);
+        Camera { camera_from_world, ..camera }
     }
     /// Returns the source of the cameras.
     pub fn camera_source(&self) -> CameraSource {
@@ -209,7 +214,12 @@ impl Sequence {
     }
     /// Returns `true` if the camera's pose changes during the recording.
     pub fn camera_moves(&self) -> bool {
-        self.inner.camera_moves
+        self.inner.camera_moves || self.poses.is_some()
+    }
+    /// Returns the same recording with estimated poses, `camera_from_world` of every frame. Their number is
+    /// that of the frames.
+    pub(crate) fn with_poses(self, poses: &[Affine3A]) -> Self {
+        Self { poses: Some(poses.into()), ..self }
     }
     /// Returns the rectangles that are black in every frame.
     pub fn hidden(&self) -> &[HiddenRectangle] {

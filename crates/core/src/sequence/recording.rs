@@ -34,8 +34,10 @@ pub(super) const ASSUMED_FOV_DEGREES: f32 = 60.0;
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CameraSource {
-    /// Read from the recording or its `sequence.toml`.
+    /// Lens and poses were read from the recording.
     Given,
+    /// The lens was read from the recording or its `sequence.toml`; the camera is assumed to stand still.
+    Lens,
     /// Assumed: a still pinhole with this horizontal field of view, in degrees.
     Assumed(f32),
 }

@@ -286,7 +286,9 @@ impl Settings {
         for camera in &mut recording.cameras {
             *camera = Camera { camera_from_world: camera.camera_from_world, ..intrinsics };
         }
-        recording.camera_source = CameraSource::Given;
+        if let CameraSource::Assumed(_) = recording.camera_source {
+            recording.camera_source = CameraSource::Lens;
+        }
     }
 }
 

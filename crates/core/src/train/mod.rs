@@ -97,11 +97,9 @@ impl Trainer {
             // Marks are carried once the motion is known.
             (settings.feature_mode, settings.feature_motion) = (FeatureMode::Lifted, false);
         }
-        let sees_around = sequence.camera_moves() || settings.sh_when_still;
-        settings.sh_degree = if sees_around { settings.sh_degree.min(3) } else { 0 };
         settings.rates.final_share = settings.final_share(sequence.num_frames());
         let identity = identity(sequence, prepared)?;
-        let state = TrainState::new(sequence, prepared, &settings)?;
+        let state = TrainState::new(sequence, prepared, &mut settings)?;
         Ok(Self::with_state(sequence, prepared, settings, state, identity))
     }
 
@@ -140,7 +138,7 @@ impl Trainer {
         Self {
             identity,
             cache: FrameCache::new(sequence, guesses, settings.frame_cache_bytes),
-            sequence: sequence.clone(),
+            sequence: state.posed(sequence),
             prepared: prepared.cloned(),
             settings,
             state,

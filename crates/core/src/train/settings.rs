@@ -202,6 +202,8 @@ pub struct TrainSettings {
     pub frame_order: FrameOrder,
     /// `true` to give frames that repeat the one before the time of that one.
     pub finds_repeats: bool,
+    /// `true` to estimate the poses of the camera where they are not known, and it moves.
+    pub finds_path: bool,
     /// `true` to guess held-out frames from the frames around them, and to learn from the guesses.
     pub guesses_held_out: bool,
     /// Number of supervised pixels per initial Gaussian.
@@ -269,6 +271,7 @@ impl Default for TrainSettings {
             excluded: Vec::new(),
             frame_order: FrameOrder::Random,
             finds_repeats: true,
+            finds_path: true,
             guesses_held_out: true,
             px_per_gaussian: 30.0,
             initial_opacity: 0.6,
@@ -388,6 +391,7 @@ impl TrainSettings {
             iterations: 3000,
             frame_order: FrameOrder::Cyclic,
             finds_repeats: false,
+            finds_path: false,
             guesses_held_out: false,
             px_per_gaussian: 10.0,
             initial_opacity: 0.1,

@@ -6,16 +6,20 @@ use super::{
 };
 use crate::{
     Error, Remedy, Result,
+    camera::Camera,
     deform::{Deformation, SCALE_CHANNEL, stride_for},
     gaussian::{
         Gaussians,
         init::{self, SeedSettings},
     },
     num::percentile,
+    poses::{self, ScopePath, Timeline},
     prepare::Prepared,
+    progress::unobserved,
     raster::NEAR,
-    sequence::{Sequence, pace::frame_times},
+    sequence::{CameraSource, Sequence, pace::frame_times},
 };
+use glam::Affine3A;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -31,6 +35,8 @@ pub(super) struct TrainState {
     pub rng: ChaCha8Rng,
     /// Time of every frame.
     pub times: Vec<f32>,
+    /// Estimated `camera_from_world` of every frame; empty if the recording's own are used.
+    pub poses: Vec<Affine3A>,
     /// Frames still to be visited in this round, in random order.
     pub queue: Vec<usize>,
     pub typical_depth: f32,
@@ -46,7 +52,7 @@ impl TrainState {
     pub(super) fn new(
         sequence: &Sequence,
         prepared: Option<&Prepared>,
-        settings: &TrainSettings,
+        settings: &mut TrainSettings,
     ) -> Result<Self> {
         let seen = train_frames(
             sequence.num_frames(),
@@ -62,7 +68,10 @@ impl TrainState {
             Vec::new()
         };
         let latent_dim = prepared.map_or(0, |p| p.codec.latent_dim());
-        let (gaussians, typical_depth) = initial_gaussians(sequence, &seen, latent_dim, settings)?;
+        let path = path(sequence, &times, settings)?;
+        let sees_around = sequence.camera_moves() || !path.poses.is_empty() || settings.sh_when_still;
+        settings.sh_degree = if sees_around { settings.sh_degree.min(3) } else { 0 };
+        let (gaussians, typical_depth) = initial_gaussians(sequence, &path, &seen, latent_dim, settings)?;
         let num_bases = settings.num_bases(sequence.num_frames());
         let width = settings.basis_width / (num_bases - 1) as f32;
         let mut deformation =
@@ -87,6 +96,7 @@ impl TrainState {
             model: Model::new(gaussians, deformation),
             rng,
             times,
+            poses: path.poses,
             queue: Vec::new(),
             typical_depth,
             step: 0,
@@ -98,6 +108,11 @@ impl TrainState {
     /// Time of frame `i`.
     pub(super) fn time(&self, sequence: &Sequence, i: usize) -> f32 {
         self.times.get(i).copied().unwrap_or_else(|| sequence.time(i))
+    }
+
+    /// Returns the recording with the poses that were estimated.
+    pub(super) fn posed(&self, sequence: &Sequence) -> Sequence {
+        if self.poses.is_empty() { sequence.clone() } else { sequence.clone().with_poses(&self.poses) }
     }
 
     /// Returns `true` if all arrays have the sizes that the number of Gaussians requires.
@@ -148,21 +163,36 @@ pub(super) fn spread(frames: &[usize], count: usize) -> Vec<usize> {
     picked
 }
 
+/// Estimates the path of a camera that is not known; it has no poses if it is known or stands still.
+fn path(sequence: &Sequence, times: &[f32], settings: &TrainSettings) -> Result<ScopePath> {
+    let is_known = sequence.camera_source() == CameraSource::Given || sequence.camera_moves();
+    if !settings.finds_path || is_known || sequence.has_depth() {
+        return Ok(ScopePath::default());
+    }
+    let frames = train_frames(sequence.num_frames(), settings.eval, &settings.excluded);
+    let own: Vec<f32> = (0..sequence.num_frames()).map(|i| sequence.time(i)).collect();
+    let times = if times.is_empty() { &own } else { times };
+    poses::estimate(sequence, Timeline { frames: &frames, times }, DEFAULT_DEPTH, &mut unobserved)
+}
+
 /// Seeds Gaussians from a few training frames, the middle one first; also returns the typical depth.
 fn initial_gaussians(
     sequence: &Sequence,
+    path: &ScopePath,
     frames: &[usize],
     latent_dim: usize,
     settings: &TrainSettings,
 ) -> Result<(Gaussians, f32)> {
     let mut seeds = Vec::new();
     for i in spread(frames, SEED_FRAMES) {
-        seeds.push(init::SeedFrame {
-            camera: sequence.camera(i),
-            colour: sequence.frame(i)?,
-            mask: sequence.mask(i)?,
-            depth: sequence.depth(i)?,
-        });
+        let recorded = sequence.camera(i);
+        let camera =
+            path.poses.get(i).map_or(recorded, |pose| Camera { camera_from_world: *pose, ..recorded });
+        let depth = match sequence.depth(i)? {
+            Some(depth) => Some(depth),
+            None => path.depth(&camera, i),
+        };
+        seeds.push(init::SeedFrame { camera, colour: sequence.frame(i)?, mask: sequence.mask(i)?, depth });
     }
     let mut known: Vec<f32> = seeds
         .iter()

@@ -29,7 +29,7 @@ pub(super) fn open(folder: &Path) -> Result<Recording> {
         for camera in &mut recording.cameras {
             (camera.fx, camera.fy, camera.cx, camera.cy) = (fx, fy, cx, cy);
         }
-        recording.camera_source = CameraSource::Given;
+        recording.camera_source = CameraSource::Lens;
     }
     Ok(recording)
 }

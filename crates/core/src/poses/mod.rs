@@ -1,0 +1,360 @@
+//! The endoscope's path, estimated from pictures alone.
+//!
+//! Points are followed through the frames ([`tracks`]); poses and points that explain their ways together are
+//! found by bundle adjustment ([`adjust`], [`build`]). A scope that stands still is recognised: then most
+//! points come back to where they were, and nothing is estimated.
+
+mod adjust;
+mod build;
+mod linear;
+mod surface;
+#[cfg(test)]
+mod tests;
+mod tracks;
+
+use crate::{
+    Result,
+    camera::Camera,
+    flow::{halved, luma},
+    grid::{Grid, Mask},
+    num::median,
+    progress::{Observer, Progress},
+    sequence::Sequence,
+};
+use adjust::{Comparison, Landmark, Sight};
+use build::Builder;
+use glam::{Affine3A, DAffine3, DQuat, DVec2, DVec3, Quat, Vec3};
+use tracks::{Follower, Track, View};
+
+/// Longest side of the pictures that are looked at, px; larger ones are halved.
+const LONGEST_SIDE: usize = 720;
+/// Fewest frames of a track.
+const SHORTEST_TRACK: usize = 4;
+/// Number of points that the depth of a pixel is taken from.
+const NEAREST_POINTS: usize = 12;
+/// Difference up to which a sight is explained, px of the pictures that are looked at.
+const EXPLAINED_PX: f64 = 1.5;
+/// Share of the sights that a path explains at least.
+const LEAST_EXPLAINED: f64 = 0.55;
+/// Share of the sights that a path explains more than a camera that stands still, at least.
+const LEAST_GAIN: f64 = 0.2;
+/// Largest ratio of a far to a near depth of a surface.
+const LARGEST_DEPTH_RANGE: f64 = 12.0;
+/// Sharpness, as a share of the usual one around, below which a frame is passed over as blurred.
+const BLURRED: f32 = 0.55;
+/// Number of frames around that the usual sharpness is taken from.
+const AROUND: usize = 12;
+
+/// The judgement on a recording's camera.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    #[default]
+    /// It stands still, or nothing says otherwise.
+    Still,
+    /// It moves along a path that explains what is seen.
+    Moves,
+    /// Something moves that neither a still camera nor a path explains.
+    Unclear,
+    /// The path breaks off at this frame: nothing that was seen before is seen there.
+    Lost(usize),
+}
+
+/// Judgement on a recording's camera, and its path if it moves.
+#[derive(Clone, Debug, Default)]
+pub struct ScopePath {
+    /// The judgement.
+    pub verdict: Verdict,
+    /// Share of the points' sights within 1.5 px of where a still camera would see them.
+    pub still_share: f64,
+    /// The same with the path.
+    pub moving_share: f64,
+    /// Frames that were passed over because they are blurred.
+    pub blurred: Vec<usize>,
+    /// `camera_from_world` of every frame; empty unless the camera moves. The median depth of all sights is
+    /// `typical_depth`, and the first frame's camera is the world.
+    pub poses: Vec<Affine3A>,
+    /// Points of the surface in the world, each with the first and the last frame that saw it.
+    pub points: Vec<(Vec3, [usize; 2])>,
+}
+
+impl ScopePath {
+    /// Returns the depth of every pixel of frame `i`, seen by `camera`: a smooth surface through the points that
+    /// are seen there. `None` if there are too few.
+    pub(crate) fn depth(&self, camera: &Camera, i: usize) -> Option<Grid<f32>> {
+        let seen = self.points.iter().filter(|(_, [first, last])| (*first..=*last).contains(&i));
+        let seen: Vec<[f32; 3]> =
+            seen.filter_map(|(p, _)| camera.project(*p).map(<[f32; 3]>::from)).collect();
+        (seen.len() >= NEAREST_POINTS)
+            .then(|| surface::through(&seen, camera.width as usize, camera.height as usize))
+    }
+}
+
+/// Frames to be used and their times.
+#[derive(Clone, Copy, Debug)]
+pub struct Timeline<'a> {
+    /// Frames that may be read, in ascending order.
+    pub frames: &'a [usize],
+    /// Time of every frame of the recording; equal for frames that show the same.
+    pub times: &'a [f32],
+}
+
+/// Estimates the path of a recording's camera. Only `timeline.frames` are read; the poses of others lie
+/// between those of their neighbours in time.
+///
+/// # Errors
+/// A frame that cannot be read, or the observer's wish to stop.
+pub fn estimate(
+    sequence: &Sequence,
+    timeline: Timeline<'_>,
+    typical_depth: f32,
+    observer: &mut Observer<'_>,
+) -> Result<ScopePath> {
+    let mut distinct = timeline.frames.to_vec();
+    distinct.dedup_by(|later, earlier| timeline.times[*later] <= timeline.times[*earlier]);
+    let camera = sequence.camera(0);
+    let (blurred, used) = sharp_frames(sequence, &distinct)?;
+    let mut follower = Follower::default();
+    let mut shrink = 1;
+    for (slot, &frame) in used.iter().enumerate() {
+        Progress::new("following points", slot, used.len()).tell(observer)?;
+        let (view, by) = view(sequence, frame)?;
+        shrink = by;
+        follower.take(slot, view);
+    }
+    let tracks = follower.finish(SHORTEST_TRACK);
+    let lens = Lens { camera, shrink: f64::from(shrink) };
+    let still_share = still_share(&tracks);
+    let mut path = ScopePath {
+        verdict: Verdict::Still,
+        still_share,
+        moving_share: still_share,
+        blurred,
+        poses: Vec::new(),
+        points: Vec::new(),
+    };
+    if used.len() < SHORTEST_TRACK || 1.0 - still_share < LEAST_GAIN {
+        return Ok(path);
+    }
+    Progress::new("finding the scope's path", 0, 1).tell(observer)?;
+    let mut builder = Builder::new(used.len(), lens.landmarks(&tracks), lens.focal_px());
+    if let Some(slot) = builder.build() {
+        path.verdict = Verdict::Lost(used[slot]);
+        return Ok(path);
+    }
+    path.moving_share = moving_share(&builder, &lens);
+    path.verdict = verdict(&path, &builder);
+    if path.verdict == Verdict::Moves {
+        let scale = f64::from(typical_depth) / median_depth(&builder);
+        let known: Vec<(f32, DAffine3)> = used
+            .iter()
+            .zip(&builder.poses)
+            .map(|(&frame, pose)| (timeline.times[frame], scaled(pose, scale)))
+            .collect();
+        path.poses = timeline.times.iter().map(|t| single(&pose_at(&known, *t))).collect();
+        path.points = points(&builder, &lens, scale, &used);
+    }
+    Ok(path)
+}
+
+/// Returns the frame as points are followed in it, and by how much it was shrunk.
+fn view(sequence: &Sequence, frame: usize) -> Result<(View, u32)> {
+    let mut view = View { luma: luma(&sequence.frame(frame)?), mask: sequence.mask(frame)? };
+    let mut shrink = 1;
+    while view.luma.width.max(view.luma.height) > LONGEST_SIDE {
+        view.luma = halved(&view.luma);
+        view.mask = halved_mask(&view.mask);
+        shrink *= 2;
+    }
+    Ok((view, shrink))
+}
+
+/// Halves a mask: `true` where all four pixels are.
+fn halved_mask(mask: &Mask) -> Mask {
+    let (width, height) = (mask.width / 2, mask.height / 2);
+    let all = |k: usize| {
+        let (x, y) = (2 * (k % width), 2 * (k / width));
+        mask.at(x, y) && mask.at(x + 1, y) && mask.at(x, y + 1) && mask.at(x + 1, y + 1)
+    };
+    Grid::from_vec(width, height, (0..width * height).map(all).collect())
+}
+
+/// Separates frames that are much less sharp than those around them: (blurred, the others).
+fn sharp_frames(sequence: &Sequence, frames: &[usize]) -> Result<(Vec<usize>, Vec<usize>)> {
+    use rayon::prelude::*;
+    let sharpness: Vec<f32> =
+        frames.par_iter().map(|&i| Ok(sharpness(&view(sequence, i)?.0))).collect::<Result<_>>()?;
+    let usual = |k: usize| {
+        let mut around: Vec<f64> = sharpness[k.saturating_sub(AROUND)..(k + AROUND + 1).min(frames.len())]
+            .iter()
+            .map(|v| f64::from(*v))
+            .collect();
+        median(&mut around).unwrap_or(0.0) as f32
+    };
+    let is_blurred = |k: usize| sharpness[k] < BLURRED * usual(k);
+    let (blurred, sharp): (Vec<usize>, Vec<usize>) = (0..frames.len()).partition(|&k| is_blurred(k));
+    let numbers = |slots: Vec<usize>| slots.into_iter().map(|k| frames[k]).collect::<Vec<_>>();
+    Ok((numbers(blurred), numbers(sharp)))
+}
+
+/// Mean squared difference between neighbouring pixels inside the mask, levels².
+fn sharpness(view: &View) -> f32 {
+    let (width, height) = (view.luma.width, view.luma.height);
+    let (mut sum, mut count) = (0.0f64, 0usize);
+    for y in 0..height.saturating_sub(1) {
+        for x in 0..width.saturating_sub(1) {
+            if view.mask.at(x, y) && view.mask.at(x + 1, y) && view.mask.at(x, y + 1) {
+                let here = view.luma.at(x, y);
+                let [across, down] = [view.luma.at(x + 1, y) - here, view.luma.at(x, y + 1) - here];
+                sum += f64::from(across * across + down * down);
+                count += 1;
+            }
+        }
+    }
+    (sum / count.max(1) as f64) as f32
+}
+
+/// Maps positions in the pictures that are looked at to the plane at depth 1.
+struct Lens {
+    camera: Camera,
+    shrink: f64,
+}
+
+impl Lens {
+    fn focal_px(&self) -> f64 {
+        f64::from(self.camera.fx) / self.shrink
+    }
+
+    fn sight(&self, frame: usize, at: [f32; 2]) -> Sight {
+        let [u, v] = at.map(|p| (f64::from(p) + 0.5) * self.shrink);
+        let Camera { fx, fy, cx, cy, .. } = self.camera;
+        let at = DVec2::new((u - f64::from(cx)) / f64::from(fx), (v - f64::from(cy)) / f64::from(fy));
+        Sight { frame, at }
+    }
+
+    fn landmarks(&self, tracks: &[Track]) -> Vec<Landmark> {
+        let landmark = |track: &Track| Landmark {
+            place: None,
+            sights: track.iter().map(|(frame, at)| self.sight(*frame, *at)).collect(),
+        };
+        tracks.iter().map(landmark).collect()
+    }
+}
+
+/// Share of all sights that lie near the median place of their point in the picture.
+fn still_share(tracks: &[Track]) -> f64 {
+    let (mut near, mut all) = (0, 0);
+    for track in tracks {
+        let middle: [f64; 2] = std::array::from_fn(|k| {
+            median(&mut track.iter().map(|(_, at)| f64::from(at[k])).collect::<Vec<_>>()).unwrap_or(0.0)
+        });
+        let is_near = |at: &[f32; 2]| {
+            (f64::from(at[0]) - middle[0]).hypot(f64::from(at[1]) - middle[1]) <= EXPLAINED_PX
+        };
+        near += track.iter().filter(|(_, at)| is_near(at)).count();
+        all += track.len();
+    }
+    if all == 0 { 1.0 } else { f64::from(near as u32) / all as f64 }
+}
+
+/// Share of all sights that the path explains.
+fn moving_share(builder: &Builder, lens: &Lens) -> f64 {
+    let compare = Comparison { focal_px: lens.focal_px(), cauchy_px: 1.0 };
+    let (mut near, mut all) = (0, 0);
+    for mark in &builder.landmarks {
+        near += mark.place.map_or(0, |place| {
+            let seen = mark.sights.iter();
+            seen.filter(|s| {
+                let there = builder.poses[s.frame].transform_point3(place);
+                compare.difference(s, there).length() <= EXPLAINED_PX
+            })
+            .count()
+        });
+        all += mark.sights.len();
+    }
+    near as f64 / all.max(1) as f64
+}
+
+/// Judges a finished path. One that explains much, but by depths that no surface inside of a body has, follows
+/// tissue that moves by itself.
+fn verdict(path: &ScopePath, builder: &Builder) -> Verdict {
+    let gain = path.moving_share - path.still_share;
+    let is_surface = depth_range(builder) <= LARGEST_DEPTH_RANGE;
+    match (gain >= LEAST_GAIN, path.moving_share >= LEAST_EXPLAINED && is_surface) {
+        (true, true) => Verdict::Moves,
+        (true, false) => Verdict::Unclear,
+        (false, _) => Verdict::Still,
+    }
+}
+
+/// Ratio of a far to a near depth, of points where they were seen first: the 98th percentile to the 2nd.
+fn depth_range(builder: &Builder) -> f64 {
+    let depth = |mark: &Landmark| {
+        let first = mark.sights.first()?;
+        Some(builder.poses[first.frame].transform_point3(mark.place?).z)
+    };
+    let mut depths: Vec<f64> = builder.landmarks.iter().filter_map(depth).collect();
+    depths.sort_by(f64::total_cmp);
+    let at = |share: f64| depths.get((share * depths.len() as f64) as usize).copied().unwrap_or(1.0);
+    at(0.98) / at(0.02).max(1e-6)
+}
+
+/// Median depth of all sights.
+fn median_depth(builder: &Builder) -> f64 {
+    let marks = builder.landmarks.iter().filter_map(|mark| Some((mark.place?, mark)));
+    let depths = marks.flat_map(|(place, mark)| {
+        mark.sights.iter().map(move |s| builder.poses[s.frame].transform_point3(place).z)
+    });
+    median(&mut depths.collect::<Vec<_>>()).filter(|z| *z > 0.0).unwrap_or(1.0)
+}
+
+/// Points that the path explains in most of their frames.
+fn points(builder: &Builder, lens: &Lens, scale: f64, used: &[usize]) -> Vec<(Vec3, [usize; 2])> {
+    let compare = Comparison { focal_px: lens.focal_px(), cauchy_px: 1.0 };
+    let point = |mark: &Landmark| {
+        let place = mark.place?;
+        let mut differences: Vec<f64> = mark
+            .sights
+            .iter()
+            .map(|s| compare.difference(s, builder.poses[s.frame].transform_point3(place)).length())
+            .collect();
+        let (first, last) = (mark.sights.first()?.frame, mark.sights.last()?.frame);
+        let is_explained = median(&mut differences).is_some_and(|d| d <= EXPLAINED_PX);
+        is_explained.then(|| ((place * scale).as_vec3(), [used[first], used[last]]))
+    };
+    builder.landmarks.iter().filter_map(point).collect()
+}
+
+fn scaled(pose: &DAffine3, scale: f64) -> DAffine3 {
+    DAffine3 { translation: pose.translation * scale, ..*pose }
+}
+
+fn single(pose: &DAffine3) -> Affine3A {
+    let turn = DQuat::from_mat3(&pose.matrix3).normalize();
+    let turn = Quat::from_xyzw(turn.x as f32, turn.y as f32, turn.z as f32, turn.w as f32).normalize();
+    Affine3A::from_rotation_translation(turn, pose.translation.as_vec3())
+}
+
+/// Pose at `time` on the cubic through the four known poses around it; beyond the ends the last one.
+fn pose_at(known: &[(f32, DAffine3)], time: f32) -> DAffine3 {
+    let after = known.partition_point(|(t, _)| *t < time);
+    if known.get(after).is_some_and(|(t, _)| *t == time) || after == 0 {
+        return known[after.min(known.len() - 1)].1;
+    }
+    if after == known.len() {
+        return known[after - 1].1;
+    }
+    let around = &known[after.saturating_sub(2)..(after + 2).min(known.len())];
+    let base = known[after - 1].1;
+    let mut turn = DVec3::ZERO;
+    let mut place = DVec3::ZERO;
+    for (k, (t, pose)) in around.iter().enumerate() {
+        let others = around.iter().enumerate().filter(|(j, _)| *j != k);
+        let weight: f64 = others.map(|(_, (o, _))| f64::from(time - o) / f64::from(t - o)).product();
+        let relative = DQuat::from_mat3(&(pose.matrix3 * base.matrix3.transpose()));
+        turn += weight * relative.to_scaled_axis();
+        place += weight * pose.inverse().translation;
+    }
+    let matrix3 = glam::DMat3::from_quat(DQuat::from_scaled_axis(turn) * DQuat::from_mat3(&base.matrix3));
+    DAffine3 { matrix3, translation: -(matrix3 * place) }
+}
