@@ -120,7 +120,7 @@ def check_corrections(program, work, export, laid):
 
 def check_names(program, work):
     """Names of any letters: in ASCII for pynrrd, and back after it has dropped letters."""
-    corners = [[[2, 2], [12, 10]], [[15, 12], [25, 20]], [[40, 30], [50, 40]]]
+    corners = [[[2, 2], [45, 35]], [[50, 2], [94, 35]], [[2, 38], [94, 70]]]
     marks = [{"frame": 4, "name": n, "kind": "box", "points_px": c} for n, c in zip(NAMES, corners)]
     (work / "marks.json").write_text(json.dumps({"marks": marks}), "utf-8")
     prompts = [text for name in NAMES for text in ("--prompt", name)]

@@ -178,6 +178,14 @@ fn names_of_any_letters_come_back_from_slicer_volumes() {
     let found = annotations::read(&file, &canvas).unwrap();
     let found: BTreeSet<&str> = found.iter().map(|a| a.name.as_str()).collect();
     assert_eq!(found, names.map(str::trim).into());
+    // As pynrrd reads the file and writes it again.
+    let bytes = std::fs::read(&file).unwrap();
+    let end = bytes.windows(2).position(|pair| pair == b"\n\n").unwrap();
+    let header: Vec<u8> = bytes[..end].iter().copied().filter(u8::is_ascii).collect();
+    std::fs::write(&file, [&header, &bytes[end..]].concat()).unwrap();
+    let found = annotations::read(&file, &canvas).unwrap();
+    let found: BTreeSet<&str> = found.iter().map(|a| a.name.as_str()).collect();
+    assert_eq!(found, names.map(str::trim).into());
 }
 
 #[test]
