@@ -5,6 +5,8 @@ the deforming .ply must say the same. Exits with 1 at the first thing that does 
 file.
 """
 
+import contextlib
+import io
 import json
 import re
 import struct
@@ -17,46 +19,47 @@ import pygltflib
 from plyfile import PlyData
 from safetensors import safe_open
 
+ASSETS = Path(__file__).parents[2] / "assets"
+sys.path.insert(0, str(ASSETS))
+
+from read_scene import BAND_0, Scene  # noqa: E402
+
 
 def check(is_right, what):
     if not is_right:
         sys.exit(f"wrong: {what}")
 
 
-def snippet(scene):
-    """Runs the Python of crates/app/README.md on a scene; returns the names that it defines."""
-    text = (Path(__file__).parents[2] / "crates/app/README.md").read_text("utf-8")
-    code = re.search(r"```python\n(.*?)```", text, re.S)[1].replace('"scene.safetensors"', repr(str(scene)))
+def must_fail(test, *arguments):
+    """A check that nothing can fail checks nothing."""
+    try:
+        test(*arguments)
+    except SystemExit:
+        return
+    sys.exit(f"wrong: {test.__name__} does not see what was changed")
+
+
+def open_scene(path):
+    """Opens a scene with the reader of assets/, whose tensors must be those of the safetensors package."""
+    scene = Scene(path)
+    with safe_open(path, "np") as f:
+        check(set(f.keys()) == set(scene.tensors.entries), "names of tensors")
+        check(all((f.get_tensor(n) == scene.tensors.raw(n)).all() for n in f.keys()), "tensors")
+        check(f.metadata() == scene.tensors.metadata, "metadata")
+    check(scene.header["basis_shape"] == "spline", "the demo's bases are splines")
+    check(len(scene.rest["means"]) == scene.header["gaussians"], "the number of Gaussians")
+    return scene
+
+
+def run_example(path):
+    """Runs the Python of crates/app/README.md on a scene."""
+    text = (ASSETS.parent / "crates/app/README.md").read_text("utf-8")
+    code = re.search(r"```python\n(.*?)```", text, re.S)[1].replace('"scene.safetensors"', repr(str(path)))
     names = {}
-    exec(code, names)
-    return names
-
-
-def spline(u):
-    u = np.abs(u)
-    return (np.maximum(2 - u, 0) ** 3 - 4 * np.maximum(1 - u, 0) ** 3) / 6
-
-
-class Scene:
-    def __init__(self, path):
-        names = snippet(path)
-        with safe_open(path, "np") as f:
-            wanted = ["means", "rotations", "log_scales", "opacity_logits", "colours", "basis_weights"]
-            self.tensors = {n: names["read"](f, n).astype(np.float64) for n in wanted + ["basis_centres", "basis_widths"]}
-        self.tensors["moving"] = names["moving"]
-        check(names["header"]["basis_shape"] == "spline", "the demo's bases are splines")
-        check(len(self.tensors["means"]) == names["header"]["gaussians"], "the number of Gaussians")
-        check((names["means"] == self.tensors["means"].astype(names["means"].dtype)).all(), "means")
-
-    def at(self, time):
-        """Places, unit quaternions, log-scales and colours."""
-        t = self.tensors
-        basis = spline((time - t["basis_centres"]) / t["basis_widths"])
-        psi = np.zeros((len(t["means"]), t["basis_weights"].shape[2]))
-        psi[t["moving"].astype(int)] = np.tensordot(basis, t["basis_weights"], 1)
-        turned = t["rotations"] + psi[:, 3:7]
-        turned /= np.linalg.norm(turned, axis=1, keepdims=True)
-        return t["means"] + psi[:, :3], turned, t["log_scales"] + psi[:, 7:10], t["colours"] + psi[:, 10:13]
+    with contextlib.redirect_stdout(io.StringIO()):
+        exec(code, names)
+    check(names["liver"].any(), "the example finds liver")
+    return "the example of the manual runs"
 
 
 def columns(vertex, *names):
@@ -73,13 +76,42 @@ def worst(a, b):
 
 
 def check_ply(scene, path, time):
-    vertex = PlyData.read(path)["vertex"]
-    places, turned, log_scales, colours = scene.at(time)
-    found = [columns(vertex, *"xyz"), columns(vertex, *numbered("rot", 4)), columns(vertex, *numbered("scale", 3))]
-    errors = [worst(a, b) for a, b in zip([*found, columns(vertex, *numbered("f_dc", 3))], [places, turned, log_scales, colours])]
-    check(max(errors) < 1e-4, f"the .ply is the scene at that time, not {errors} away")
-    check(worst(vertex["opacity"], scene.tensors["opacity_logits"]) < 1e-6, "opacity")
+    vertex, now = PlyData.read(path)["vertex"], scene.at(time)
+    rgb = np.maximum(0.5 + BAND_0 * columns(vertex, *numbered("f_dc", 3)), 0)
+    pairs = {
+        "places": (columns(vertex, *"xyz"), now.positions),
+        "quaternions": (columns(vertex, *numbered("rot", 4)), now.rotations),
+        "log-scales": (columns(vertex, *numbered("scale", 3)), np.log(now.scales)),
+        "colours": (rgb, now.colours),
+        "opacities": (1 / (1 + np.exp(-columns(vertex, "opacity")[:, 0])), now.opacities),
+    }
+    for name, (written, computed) in pairs.items():
+        error = worst(written, computed)
+        check(error < 2e-5 * max(1, np.abs(computed).max()), f"{name} of the .ply are the scene's, not {error} away")
     return f"{len(vertex)} Gaussians of the .ply are those that NumPy computes from the scene"
+
+
+def check_scores(scene, folder, answers):
+    """The Gaussians that `query --gaussians` found are those whose scores NumPy computes above one half. The
+    program looks scores up to 1/255."""
+    found = 0
+    for prompt in json.loads(answers.read_text("utf-8"))["prompts"]:
+        written = prompt["gaussians"]
+        now = scene.at(scene.times[written["frame"]])
+        scores = scene.class_scores(now)[:, scene.classes.index(prompt["text"])]
+        scores = np.where(now.opacities >= 0.5, scores, 0)
+        vertex = PlyData.read(folder / Path(written["file"]).name)["vertex"]
+        check(len(vertex) == written["count"], "count")
+        distances = np.linalg.norm(columns(vertex, *"xyz")[:, None] - now.positions, axis=2)
+        check(distances.min(1).max() < 1e-3, "what was found lies where the scene has it")
+        is_found = np.zeros(len(scores), bool)
+        is_found[distances.argmin(1)] = True
+        check(is_found.sum() == len(vertex), "each Gaussian is written once")
+        is_clear = np.abs(scores - 0.5) > 1 / 255
+        check((is_found == (scores > 0.5))[is_clear].all(), f"scores of {prompt['text']}")
+        found += len(vertex)
+    check(found > 0, "something was found")
+    return f"{found} Gaussians that prompts found are those that NumPy scores above one half"
 
 
 def check_glb(path, ply):
@@ -110,38 +142,79 @@ def check_glb(path, ply):
     return "the .glb holds the same numbers, as glTF has them"
 
 
-def check_reference(scene, path, times):
+def check_reference(scene, read_back, path, times):
+    """The released code's formula on the .ply gives the places of the scene that the program reads from it, and
+    those are near to the original's; pictures are fitted, so that single Gaussians may go elsewhere."""
     vertex = PlyData.read(path)["vertex"]
     names = [p.name for p in vertex.properties]
     check(len(names) == 576, f"576 properties, not {len(names)}")
+    check((columns(vertex, "nx") == 0).all(), "normals are zero")
     coefficients = columns(vertex, *numbered("coefs", 510)).reshape(-1, 10, 3, 17)
     weights, centres, widths = (coefficients[:, :, k] for k in range(3))
-    errors = []
+    spread = np.linalg.norm(scene.rest["means"].std(0))
     for time in times:
         e = (time - centres) ** 2 / (widths**2 + 1e-4)
         psi = (weights * np.exp(-(e**2))).sum(-1)
-        errors.append(np.sqrt(((columns(vertex, *"xyz") + psi[:, :3] - scene.at(time)[0]) ** 2).sum(1).mean()))
-    check((columns(vertex, "opacity", "nx")[:, 1] == 0).all(), "normals are zero")
-    spread = np.linalg.norm(scene.tensors["means"].std(0))
-    # 17 bases that lie apart stand in for ours, worst at the ends: less than a hundredth of the scene.
-    check(max(errors) < 1e-2 * spread, f"centres deform as ours, not {max(errors)} of {spread} away")
-    return f"576 properties, motion right to {1e3 * max(errors) / spread:.1f} thousandths of the scene"
+        now = read_back.at(time)
+        error = worst(columns(vertex, *"xyz") + psi[:, :3], now.positions)
+        # The program leaves out values below 1e-4.
+        check(error < 1e-3 * spread, f"centres deform as the formula says, not {error} of {spread} away")
+        error = worst(columns(vertex, *numbered("scale", 3)) + psi[:, 7:10], np.log(now.scales))
+        check(error < 1e-2, f"scales deform as the formula says, not {error} away")
+        away = np.median(np.linalg.norm(now.positions - scene.at(time).positions, axis=1))
+        check(away < 0.05 * spread, f"centres are near to the scene's, not {away} of {spread} away")
+    return "576 properties, which deform as the released code does"
 
 
 def check_quantised(scene, small):
-    steps = {"means": None, "rotations": 0.01, "log_scales": 0.02, "opacity_logits": 0.03, "colours": 0.01}
+    steps = {"rotations": 0.01, "log_scales": 0.02, "opacity_logits": 0.03, "colours": 0.01}
     for name, step in steps.items():
-        if step:
-            error = worst(scene.tensors[name], small.tensors[name])
-            check(error < 0.51 * step, f"{name} are right to half a step, not {error}")
-    return "the quantised scene is right to half a step"
+        error = worst(scene.rest[name], small.rest[name])
+        check(error < 0.51 * step, f"{name} are right to half a step, not {error}")
+    times = np.arange(10) / 10
+    spread = np.linalg.norm(scene.rest["means"].std(0))
+    error = max(worst(scene.at(t).positions, small.at(t).positions) for t in times)
+    check(error < 5e-3 * spread, f"it moves as the scene does, not {error} of {spread} away")
+    return "the quantised scene is right to half a step, and moves as the scene does"
+
+
+def check_that_checks_fail(folder, time):
+    """Changes one number each time; the check that it is of must see it."""
+    def changed(change):
+        scene = Scene(folder / "scene.safetensors")
+        change(scene)
+        return scene
+
+    def weight(scene):
+        basis = int(scene.basis(time).ravel().argmax())
+        scene.bases["weights"] = scene.bases["weights"].copy()
+        scene.bases["weights"][basis, 7, 0] += 0.1
+
+    def colour(scene):
+        scene.rest["colours"] = scene.rest["colours"] + np.eye(len(scene.rest["colours"]), 3) * 1e-3
+
+    def classes(scene):
+        scene.class_embeddings = scene.class_embeddings[::-1]
+
+    for change in [weight, colour]:
+        must_fail(check_ply, changed(change), folder / "frame.ply", time)
+    must_fail(check_reference, scene, scene, folder / "point_cloud.ply", [time])
+    must_fail(check_scores, changed(classes), folder / "objects", folder / "answers.json")
+    must_fail(check_quantised, changed(lambda s: None), changed(lambda s: s.rest.update(means=s.rest["means"] + 1)))
+    return "each check fails where a number is changed"
 
 
 if __name__ == "__main__":
     print(", ".join(f"{n} {version(n)}" for n in ["numpy", "safetensors", "plyfile", "pygltflib"]))
     folder, time = Path(sys.argv[1]), float(sys.argv[2])
-    scene, small = Scene(folder / "scene.safetensors"), Scene(folder / "small.safetensors")
+    scene, small = open_scene(folder / "scene.safetensors"), open_scene(folder / "small.safetensors")
+    print(f"{len(scene.rest['means'])} Gaussians, {len(scene.moving)} of them move")
     print(check_ply(scene, folder / "frame.ply", time))
+    print(check_ply(scene, folder / "between.ply", 0.4321))
     print(check_glb(folder / "frame.glb", folder / "frame.ply"))
-    print(check_reference(scene, folder / "point_cloud.ply", np.arange(10) / 10))
+    read_back = Scene(folder / "released.safetensors")
+    print(check_reference(scene, read_back, folder / "point_cloud.ply", np.arange(10) / 10))
     print(check_quantised(scene, small))
+    print(check_scores(scene, folder / "objects", folder / "answers.json"))
+    print(run_example(folder / "small.safetensors"))
+    print(check_that_checks_fail(folder, time))

@@ -14,15 +14,18 @@ program demo -o "$folder/recording" --width 64 --height 48 --frames 10
 program prepare "$folder/recording" -o "$folder/prepared" --labels
 program train "$folder/prepared" -o "$folder/scene.safetensors" --iterations 400
 formats=cutout,overlay,binary,index,outline,score,npy,video,gif,sheet,csv,json,coco,nrrd
-# The third prompt finds nothing.
+# The third prompt means nothing in the scene, so that nothing is written for it.
 prompts=(--prompt liver "grasping tool" spaceship)
 program export "$folder/scene.safetensors" -o "$folder/overlapping" --format $formats "${prompts[@]}" --threshold 0.3 --raw
 program export "$folder/scene.safetensors" -o "$folder/exclusive" --format $formats "${prompts[@]}" --exclusive --raw
 
 program convert "$folder/scene.safetensors" "$folder/frame.ply" --frame 4
+program convert "$folder/scene.safetensors" "$folder/between.ply" --time 0.4321
 program convert "$folder/scene.safetensors" "$folder/frame.glb" --frame 4
 program convert "$folder/scene.safetensors" "$folder/point_cloud.ply" --reference
+program convert "$folder/point_cloud.ply" "$folder/released.safetensors" --like "$folder/scene.safetensors"
 program convert "$folder/scene.safetensors" "$folder/small.safetensors" --quantize
+"$binary" query "$folder/scene.safetensors" --prompt liver gallbladder --gaussians "$folder/objects" --json > "$folder/answers.json"
 
 "$python" tests/oracle/metrics.py | diff tests/oracle/metrics.json -
 "$python" tests/oracle/read_exports.py "$folder/overlapping" "$folder/exclusive" > "$folder/output.txt"

@@ -93,6 +93,12 @@ fn the_released_codes_files_go_both_ways() {
     let query = ["query", "back.safetensors", "--prompt", "liver", "--json"];
     let found = run_in(folder, &query).ok().json();
     assert!(found["prompts"][0]["frames"].as_array().unwrap().iter().all(|f| f["found"] == true), "{found}");
+    let db = |scene: &str| {
+        let measured = run_in(folder, &["eval", scene, &flow.at("recording"), "--json"]).ok().json();
+        measured["psnr_masked_db"].as_f64().unwrap()
+    };
+    let lost = db(&scene) - db("back.safetensors");
+    assert!(lost < 0.5, "{lost} dB");
     // The scene that came back has the released code's motion: the second conversion loses nothing.
     let again =
         run_in(folder, &["convert", "back.safetensors", "again.ply", "--reference", "--json", "--force"])

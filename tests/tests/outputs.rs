@@ -45,7 +45,7 @@ const VERBS: [Verb; 13] = [
     ),
     verb(&["eval", SCENE, "prepared", "-o", "OUT"], "", ""),
     verb(&["convert", SCENE, "OUT"], ".safetensors", ""),
-    verb(&["convert", SCENE, "OUT", "--reference"], ".ply", ""),
+    verb(&["convert", SCENE, "OUT", "--reference", "--fit-steps", "2"], ".ply", ""),
     verb(&["convert", SCENE, "OUT"], "", ""),
     Verb { args: &["batch", "jobs.toml", "-o", "OUT"], ending: "", own: "", has_force: false },
 ];

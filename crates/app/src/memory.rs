@@ -3,7 +3,11 @@
 
 use std::path::Path;
 use surgtpgs_core::{
-    Error, Result, deform::stride_for, scene::Scene, sequence::Sequence, train::TrainSettings,
+    Error, Result,
+    deform::stride_for,
+    scene::{RELEASED_BASES, Scene},
+    sequence::Sequence,
+    train::{REFIT_FRAME_BYTES, TrainSettings},
 };
 
 /// Returns the most memory this process has had, bytes.
@@ -121,6 +125,8 @@ pub enum Work<'a> {
     Recording(u32, u32),
     /// A recording is trained on.
     Training(&'a Sequence, &'a TrainSettings),
+    /// Another form of a scene is fitted to its pictures.
+    Fitting(&'a Scene),
 }
 
 /// Fails if the work takes more than the memory that is left; every verb and the window ask before it begins.
@@ -138,6 +144,9 @@ pub fn require_for(work: &Work<'_>) -> Result<()> {
         }
         Work::Training(sequence, settings) => {
             (format!("training on {} pixels", size(sequence)), training_bytes(sequence, settings))
+        }
+        Work::Fitting(scene) => {
+            (format!("fitting {} Gaussians", scene.gaussians.len()), fitting_bytes(scene))
         }
     };
     require(&what, bytes.saturating_add(ANY_WORK), available_bytes())?;
@@ -170,6 +179,13 @@ fn training_bytes(sequence: &Sequence, settings: &TrainSettings) -> u64 {
     let gaussians = (room as u64).min(densify.max_gaussians as u64);
     let weights = settings.num_bases(frames) as u64 * stride_for(LATENT_DIM) as u64 * size_of::<f32>() as u64;
     pixels * TRAINED_PIXEL + cached + gaussians * weights * LEARNED
+}
+
+fn fitting_bytes(scene: &Scene) -> u64 {
+    let pixels = scene.cameras.first().map_or(0, |c| u64::from(c.width) * u64::from(c.height));
+    let frames = (pixels * scene.num_frames() as u64 * CACHED_PIXEL).min(REFIT_FRAME_BYTES as u64);
+    let weights = (RELEASED_BASES * stride_for(LATENT_DIM) * size_of::<f32>()) as u64;
+    pixels * TRAINED_PIXEL + frames + scene.gaussians.len() as u64 * weights * LEARNED
 }
 
 /// Latent dimension of most recordings.

@@ -120,7 +120,7 @@ fn plys() -> Vec<Vec<u8>> {
     let scene = scene(3);
     let text = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
                 property float opacity\nend_header\n0 0 1 2\n";
-    vec![scene.all_still(0.5).to_ply(Some(&scene.cameras[0])), scene.to_reference_ply().ply, text.into()]
+    vec![scene.all_still(0.5).to_ply(Some(&scene.cameras[0])), scene.to_reference_ply(), text.into()]
 }
 
 #[cfg(test)]

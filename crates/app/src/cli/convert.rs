@@ -2,7 +2,7 @@
 
 use super::{
     args::{FrameRange, frame_range, unit_number},
-    console::{ProgressView, print_report, say},
+    console::{ProgressView, print_report, say, watch_interrupts},
     verb::{Exit, Run},
 };
 use crate::{
@@ -15,7 +15,8 @@ use surgtpgs_core::{
     Error, Result,
     files::{Inputs, write_whole},
     reading::{MOST_TEXT, read_regular},
-    scene::{LANG_DEFORMATION_FILE, Scene},
+    scene::{LANG_DEFORMATION_FILE, Released, Scene},
+    train::{REFIT_STEPS, refit},
 };
 
 /// Turn scenes into files of other programs, and back
@@ -45,6 +46,9 @@ pub(super) struct ConvertArgs {
     /// lang_deformation.safetensors beside it
     #[arg(long, conflicts_with_all = ["frame", "time", "frames"])]
     reference: bool,
+    /// Steps of fitting the pictures of --reference to the scene's; 0 for none
+    #[arg(long, value_name = "N", requires = "reference", default_value_t = REFIT_STEPS)]
+    fit_steps: usize,
     /// A scene of the same recording: what a .ply does not hold (cameras, codec, classes) is taken from it
     #[arg(long, value_name = "SCENE")]
     like: Option<PathBuf>,
@@ -150,8 +154,8 @@ fn write_scene(args: &ConvertArgs, scene: &Scene, inputs: &Inputs, done: &mut Co
 
 fn write_reference(args: &ConvertArgs, scene: &Scene, inputs: &Inputs, done: &mut Conversion) -> Result<()> {
     let weights_path = args.output.with_file_name(LANG_DEFORMATION_FILE);
-    let files = scene.to_reference_ply();
-    let weights_bytes = files.weights.to_bytes();
+    let mut released = scene.released();
+    let weights_bytes = released.scene.reference_weights().to_bytes();
     let is_another = weights_path.exists()
         && read_regular(&weights_path, MOST_TEXT).ok().as_deref() != Some(&weights_bytes);
     if is_another && !args.output.exists() {
@@ -160,11 +164,29 @@ fn write_reference(args: &ConvertArgs, scene: &Scene, inputs: &Inputs, done: &mu
     }
     let file = |path: &Path| outputs::scene_file(path, inputs, args.force);
     let (ply, weights) = (file(&args.output)?, file(&weights_path)?);
-    done.lost = files.lost;
-    ply.write(&files.ply)?;
+    if !released.lost.is_empty() && args.fit_steps > 0 {
+        fit(&mut released, scene, args.fit_steps)?;
+    }
+    let ply_bytes = released.scene.to_reference_ply();
+    done.lost = released.lost;
+    ply.write(&ply_bytes)?;
     weights.write(&weights_bytes)?;
-    done.add(args.output.clone(), &files.ply);
+    done.add(args.output.clone(), &ply_bytes);
     done.add(weights_path, &weights_bytes);
+    Ok(())
+}
+
+/// Brings the pictures of the released form as near to the scene's as the form allows.
+fn fit(released: &mut Released, scene: &Scene, steps: usize) -> Result<()> {
+    require_for(&Work::Fitting(scene))?;
+    watch_interrupts();
+    let mut view = ProgressView::default();
+    let likeness = refit(&mut released.scene, scene, steps, &mut |p| view.show(p))?;
+    if let [Some(before), Some(after)] = likeness {
+        released.lost.push(format!(
+            "pictures were fitted to the scene's: PSNR against them is {after:.1} dB, {before:.1} dB before"
+        ));
+    }
     Ok(())
 }
 

@@ -175,18 +175,59 @@ fn segments(header: &Header, layers: usize) -> Result<Vec<Segment>> {
         let number = text.map_or(Ok(otherwise), |text| text.parse());
         number.map_err(|_| malformed(format!("Segment{i}_{what} is no number")))
     };
+    let whole = header.get("segment_names").and_then(|json| serde_json::from_str(json).ok());
+    let whole: Vec<String> = whole.unwrap_or_default();
     let mut segments = Vec::new();
     while let Some(name) = header.get(&format!("Segment{}_Name", segments.len())) {
         let i = segments.len();
         let (layer, value) = (number(i, "Layer", 0)?, number(i, "LabelValue", i + 1)?);
         let value = u16::try_from(value).ok().filter(|value| *value > 0 && layer < layers);
         let value = value.ok_or_else(|| malformed(format!("segment {i} is in no layer, or has no label")))?;
-        segments.push(Segment { name: unescaped(name), layer, value });
+        segments.push(Segment { name: with_letters(unescaped(name), whole.get(i)), layer, value });
     }
     if segments.is_empty() { Err(malformed("it names no segment")) } else { Ok(segments) }
 }
 
+/// Returns the name of a segment, with the letters that programs like pynrrd dropped when they wrote the file
+/// again. A name that was changed on purpose stays as it is.
+fn with_letters(name: String, whole: Option<&String>) -> String {
+    let in_ascii = |whole: &String| whole.chars().filter(char::is_ascii).collect::<String>();
+    whole.filter(|whole| in_ascii(whole).trim() == name).map_or(name, |whole| whole.trim().to_owned())
+}
+
 /// Returns the text of a value whose line breaks and backslashes are escaped.
 fn unescaped(value: &str) -> String {
-    value.replace("\\n", "\n").replace("\\\\", "\\")
+    let mut text = String::with_capacity(value.len());
+    let mut letters = value.chars();
+    while let Some(c) = letters.next() {
+        match (c, letters.clone().next()) {
+            ('\\', Some(escaped @ ('n' | '\\'))) => {
+                text.push(if escaped == 'n' { '\n' } else { '\\' });
+                letters.next();
+            }
+            _ => text.push(c),
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn escapes_are_undone_once() {
+        let pairs = [(r"a\nb", "a\nb"), (r"C:\\new", r"C:\new"), (r"\t\", r"\t\"), (r"\\\n:=", "\\\n:=")];
+        for (written, read) in pairs {
+            assert_eq!(unescaped(written), read);
+        }
+    }
+
+    #[test]
+    fn letters_that_were_dropped_come_back() {
+        let whole = "Gallenblase ü".to_owned();
+        let name = |written: &str| with_letters(written.into(), Some(&whole));
+        assert_eq!((name("Gallenblase"), name("Gallenblase ü")), (whole.clone(), whole.clone()));
+        assert_eq!((name("Leber"), with_letters("Leber".into(), None)), ("Leber".into(), "Leber".into()));
+    }
 }

@@ -15,6 +15,10 @@ const FORM: &str = "It is {\"marks\": [{\"frame\": 24, \"name\": \"liver\", \"ki
                     or a file of annotations: COCO, CVAT, Label Studio, .seg.nrrd or a DICOM segmentation.";
 
 impl Marks {
+    /// Endings of the names of files that [`Marks::read`] reads. Files are recognised by content, whatever
+    /// their names are; DICOM files often have no ending.
+    pub const EXTENSIONS: [&str; 4] = ["json", "xml", "nrrd", "dcm"];
+
     /// Reads a file of marks, or of [`annotations`]. Mask pictures are named relative to the file; half of the
     /// brightest value and more is marked.
     ///

@@ -4,6 +4,7 @@ use crate::{
     Error, Result,
     export::slugs,
     grid::Mask,
+    meaning::{ClassWords, Interpreter, Meaning, Vocabulary},
     reading::{is_present, read_text},
     sequence::{Class, NO_LABEL, NumbersAre, PictureOfIds, Sequence, lightness, plain_words},
 };
@@ -23,6 +24,9 @@ const MOST_FOREIGN: usize = 8;
 /// - `FRAME.png`, label pictures: the value of a pixel is the id of its class in the recording, or a
 ///   value as in the recording's own label pictures. If a `labels.json` beside them names the ids, as in
 ///   the export `index` of this program, classes are found by these names.
+///
+/// CLASS is the name of a class, or listed words that mean one class of the recording and no other, as prompts
+/// are understood.
 ///
 /// FRAME is the name of the recorded frame, or ends in its number, counted from 0.
 #[derive(Clone, Debug)]
@@ -61,8 +65,9 @@ impl PredictedMasks {
     /// silently left out.
     pub fn open(folder: &Path, sequence: &Sequence) -> Result<Self> {
         let mut frames: BTreeMap<usize, Vec<Prediction>> = BTreeMap::new();
+        let names = Names::of(sequence);
         for path in pictures(folder)? {
-            let (frame, prediction) = place(&path, folder, sequence).ok_or_else(|| {
+            let (frame, prediction) = place(&path, folder, sequence, &names).ok_or_else(|| {
                 Error::input_at(
                     &path,
                     "it cannot be told from its name which frame and class this mask is of",
@@ -87,7 +92,7 @@ impl PredictedMasks {
             notes: Vec::new(),
             foreign: BTreeSet::new(),
         };
-        opened.read_names()?;
+        opened.read_names(&names)?;
         Ok(opened)
     }
 
@@ -99,7 +104,7 @@ impl PredictedMasks {
     }
 
     /// Reads each `labels.json` beside label pictures.
-    fn read_names(&mut self) -> Result<()> {
+    fn read_names(&mut self, known: &Names<'_>) -> Result<()> {
         let labels = self.frames.values().flatten().filter_map(Prediction::labels);
         let folders: BTreeSet<PathBuf> = labels.filter_map(Path::parent).map(Path::to_owned).collect();
         for folder in folders {
@@ -108,11 +113,7 @@ impl PredictedMasks {
                 continue;
             }
             let names = names(&list)?;
-            let class = |name: &str| {
-                let words = plain_words(name);
-                self.sequence.classes().iter().find(|c| c.name == words).map(|c| c.id)
-            };
-            let ids: Vec<_> = names.iter().map(|(id, name)| (*id, class(name))).collect();
+            let ids: Vec<_> = names.iter().map(|(id, name)| (*id, known.class(name))).collect();
             let foreign: Vec<&str> = names
                 .iter()
                 .zip(&ids)
@@ -255,14 +256,11 @@ fn pictures(folder: &Path) -> Result<Vec<PathBuf>> {
 }
 
 /// Returns the frame and class of a picture.
-fn place(path: &Path, root: &Path, sequence: &Sequence) -> Option<(usize, Prediction)> {
+fn place(path: &Path, root: &Path, sequence: &Sequence, names: &Names<'_>) -> Option<(usize, Prediction)> {
     let stem = path.file_stem()?.to_str()?;
     let parent = path.parent().filter(|p| *p != root).and_then(|p| p.file_name()).and_then(|n| n.to_str());
     let of_class = |id: u8| Prediction::OfClass(id, path.to_owned());
-    let class = |name: &str| {
-        let words = plain_words(name);
-        sequence.classes().iter().find(|c| c.name == words).map(|c| c.id)
-    };
+    let class = |name: &str| names.class(name);
     if let (Some(k), Some(id)) = (parent.and_then(|p| p.parse::<usize>().ok()), class(stem)) {
         let frame = (0..sequence.num_frames()).filter(|&i| Sequence::is_test_frame(i)).nth(k)?;
         return Some((frame, of_class(id)));
@@ -270,13 +268,44 @@ fn place(path: &Path, root: &Path, sequence: &Sequence) -> Option<(usize, Predic
     if let Some(id) = parent.and_then(class) {
         return Some((frame_of(stem, sequence)?, of_class(id)));
     }
-    let names = slugs(sequence.classes().iter().map(|c| c.name.as_str()));
-    for (class, slug) in sequence.classes().iter().zip(&names) {
+    let slugs = slugs(sequence.classes().iter().map(|c| c.name.as_str()));
+    for (class, slug) in sequence.classes().iter().zip(&slugs) {
         if let Some(frame) = stem.strip_suffix(&format!("_{slug}")) {
             return Some((frame_of(frame, sequence)?, of_class(class.id)));
         }
     }
-    Some((frame_of(stem, sequence)?, Prediction::Labels(path.to_owned())))
+    if let Some(frame) = frame_of(stem, sequence) {
+        return Some((frame, Prediction::Labels(path.to_owned())));
+    }
+    let (frame, words) = stem.rsplit_once('_')?;
+    Some((frame_of(frame, sequence)?, of_class(class(words)?)))
+}
+
+/// The classes of a recording, by their names and by other words for them.
+struct Names<'a> {
+    classes: &'a [Class],
+    interpreter: Interpreter<'static>,
+}
+
+impl<'a> Names<'a> {
+    fn of(sequence: &'a Sequence) -> Self {
+        let classes = sequence.classes();
+        let words: Vec<ClassWords> = classes.iter().map(|class| ClassWords::seen(&class.name, &[])).collect();
+        Self { classes, interpreter: Interpreter::new(Vocabulary::standard(), &words, None) }
+    }
+
+    /// Returns the id of the one class that a name means.
+    fn class(&self, name: &str) -> Option<u8> {
+        let words = plain_words(name);
+        if let Some(class) = self.classes.iter().find(|class| class.name == words) {
+            return Some(class.id);
+        }
+        let meaning = self.interpreter.by_words(&words).filter(Meaning::is_found)?;
+        match meaning.classes[..] {
+            [only] => Some(self.classes[only].id),
+            _ => None,
+        }
+    }
 }
 
 fn frame_of(name: &str, sequence: &Sequence) -> Option<usize> {
@@ -389,6 +418,26 @@ mod tests {
         list(format!(r#"[{{"id":{other},"name":"liver"}}]"#));
         save(folder.path(), "frame_000009.png", 0);
         assert_eq!(liver_px(&mut open().unwrap()).unwrap(), 0);
+    }
+
+    #[test]
+    fn other_words_for_a_class_are_understood() {
+        let (_kept, sequence) = recording();
+        let px_of = |folder: &Path, name: &str| {
+            let class = sequence.classes().iter().find(|c| c.name == name).unwrap();
+            let mut masks = PredictedMasks::open(folder, &sequence).unwrap();
+            assert_eq!(masks.notes(), Vec::<String>::new());
+            masks.masks(9, std::slice::from_ref(class), (32, 24)).unwrap()[0].count()
+        };
+        // Both as exports name them whose prompt is "grasping forceps".
+        let folder = tempfile::tempdir().unwrap();
+        save(folder.path(), "binary/frame_000009_grasping-forceps.png", 255);
+        assert_eq!((px_of(folder.path(), "grasper"), px_of(folder.path(), "liver")), (32 * 24, 0));
+        let folder = tempfile::tempdir().unwrap();
+        save(folder.path(), "index/frame_000009.png", 1);
+        let list = r#"{"background":0,"labels":[{"id":1,"prompt":"grasping forceps","colour":[1,2,3]}]}"#;
+        std::fs::write(folder.path().join("index/labels.json"), list).unwrap();
+        assert_eq!((px_of(folder.path(), "grasper"), px_of(folder.path(), "liver")), (32 * 24, 0));
     }
 
     #[test]

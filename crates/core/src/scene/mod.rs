@@ -6,10 +6,12 @@ mod file;
 mod gltf;
 mod io;
 mod ply;
+mod released;
 mod revised;
 mod still;
 
-pub use ply::{LANG_DEFORMATION_FILE, ReferencePly, ReferenceWeights};
+pub use ply::{LANG_DEFORMATION_FILE, ReferenceWeights};
+pub use released::{RELEASED_BASES, Released};
 pub use revised::Revised;
 
 use crate::{

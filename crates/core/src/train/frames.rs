@@ -119,13 +119,14 @@ impl TrainFrame {
         planes.chunks_exact(self.width * self.height).flat_map(of_plane).collect()
     }
 
-    fn bytes(&self) -> usize {
+    /// Memory that it takes.
+    pub(super) fn bytes(&self) -> usize {
         self.colour.len() + self.mask.len() + 4 * self.depth.len() + 2 * self.regions.len()
     }
 }
 
 /// Converts r, g, b from interleaved to plane after plane.
-fn planar(interleaved: &[u8]) -> Vec<u8> {
+pub(super) fn planar(interleaved: &[u8]) -> Vec<u8> {
     (0..3).flat_map(|c| interleaved.iter().skip(c).step_by(3).copied()).collect()
 }
 

@@ -14,6 +14,7 @@ mod model;
 mod optimiser;
 mod pass;
 mod random;
+mod refit;
 mod settings;
 mod state;
 
@@ -30,6 +31,7 @@ pub use loss::{
 pub use model::{Model, Statistics};
 pub use optimiser::{OPACITY_CHANNEL, Optimiser, Rates};
 pub use pass::Pass;
+pub use refit::{REFIT_FRAME_BYTES, REFIT_STEPS, refit};
 pub use settings::{
     DensifySettings, FeatureMode, FrameOrder, LearningRates, LengthUnit, Profile, Quality, TrainSettings,
 };

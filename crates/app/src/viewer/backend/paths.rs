@@ -4,7 +4,7 @@ use std::{
     path::{Path, PathBuf},
     process::{Command, Stdio},
 };
-use surgtpgs_core::{Error, Result};
+use surgtpgs_core::{Error, Result, marks::Marks};
 
 /// A path that is asked for.
 #[derive(Clone, Debug, PartialEq)]
@@ -82,7 +82,7 @@ pub(super) fn pick(ask: &PathAsk) -> Picked {
             .pick_file(),
         PathKind::Folder => dialog.pick_folder(),
         PathKind::Marks => dialog
-            .add_filter("Marks and annotations", &["json", "dcm"])
+            .add_filter("Marks and annotations", &Marks::EXTENSIONS)
             .add_filter("All files", &["*"])
             .pick_file(),
         PathKind::SaveMarks(name) => dialog.set_file_name(name).add_filter("Marks", &["json"]).save_file(),

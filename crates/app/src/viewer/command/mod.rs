@@ -166,7 +166,7 @@ commands! {
         "Save the session in another file",
         when |s| is_open(s) && can_pick(s), act |s, g| s.save_session(true, g.ctx);
     OpenMarks: File, Always, [], "Open marks…",
-        "Add the marks of a file that was saved here, or of COCO annotations",
+        "Add the marks of a file that was saved here, or annotations of another program",
         when |s| is_open(s) && can_pick(s), act |s, g| s.open_marks(g.ctx);
     SaveMarks: File, Always, [], "Save marks…",
         "Write all marks to a file, which the command line reads, too",

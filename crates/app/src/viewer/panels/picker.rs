@@ -13,6 +13,7 @@ use crate::viewer::{
 };
 use egui::{Button, Context, Key, RichText, ScrollArea, TextEdit, Ui, vec2};
 use std::path::{Path, PathBuf};
+use surgtpgs_core::marks::Marks;
 
 /// Number of entries of a folder that are shown.
 const MAX_ENTRIES: usize = 2000;
@@ -137,7 +138,7 @@ fn is_wanted(entry: &Entry, path: &Path, kind: &PathKind) -> bool {
     match kind {
         _ if !entry.is_file => true,
         PathKind::File(extensions) => extensions.contains(&&*extension),
-        PathKind::Marks => extension == "json",
+        PathKind::Marks => Marks::EXTENSIONS.contains(&&*extension),
         PathKind::Folder | PathKind::Save(..) | PathKind::SaveMarks(_) => false,
     }
 }
@@ -168,4 +169,20 @@ fn list(folder: &Path) -> Vec<Entry> {
         entries.flatten().map(entry).filter(|e| !e.name.starts_with('.')).take(MAX_ENTRIES).collect();
     entries.sort();
     entries
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_form_of_marks_is_offered() {
+        let is_offered = |name: &str| {
+            let entry = Entry { is_file: true, name: name.into() };
+            is_wanted(&entry, Path::new(name), &PathKind::Marks)
+        };
+        let offered = ["marks.json", "annotations.xml", "liver.seg.nrrd", "seg.dcm", "EXPORT.JSON", "A.DCM"];
+        assert!(offered.into_iter().all(is_offered));
+        assert!(!["scene.safetensors", "frame.png", "notes"].into_iter().any(is_offered));
+    }
 }

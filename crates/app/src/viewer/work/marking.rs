@@ -102,7 +102,7 @@ impl Shared {
     /// Asks for a file of marks to open.
     pub(crate) fn open_marks(&mut self, ctx: &Context) {
         let folder = self.info().map(|info| info.output_folder.clone());
-        let title = "Open marks: a file that was saved here, or COCO annotations".into();
+        let title = "Open marks: a file that was saved here, or annotations of another program".into();
         self.ask_for(PathAsk { title, kind: PathKind::Marks, folder }, ctx);
     }
 

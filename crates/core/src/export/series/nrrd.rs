@@ -106,15 +106,17 @@ fn header(plan: SeriesPlan<'_>, has_layers: bool) -> String {
     text
 }
 
-/// Returns the names of all segments as a JSON list in ASCII: pynrrd drops other letters from headers.
+/// Returns the names of all segments as a JSON list in ASCII: pynrrd drops other letters from headers. Readers
+/// that undo the escapes of NRRD, `\n` and `\\`, and those that do not find the same text, since it has neither.
 fn names_in_ascii(provenance: &Provenance) -> String {
-    let names: Vec<&str> = provenance.prompts.iter().map(|prompt| prompt.text.as_str()).collect();
-    let json = serde_json::Value::from(names).to_string();
-    let escaped = |c: char| match c.is_ascii() {
+    let is_plain = |c: char| matches!(c, ' '..='~') && c != '"' && c != '\\';
+    let escaped = |c: char| match is_plain(c) {
         true => c.to_string(),
         false => c.encode_utf16(&mut [0; 2]).iter().map(|unit| format!("\\u{unit:04x}")).collect(),
     };
-    json.chars().map(escaped).collect()
+    let quoted = |text: &str| format!("\"{}\"", text.chars().map(escaped).collect::<String>());
+    let names: Vec<String> = provenance.prompts.iter().map(|prompt| quoted(&prompt.text)).collect();
+    format!("[{}]", names.join(","))
 }
 
 /// Returns the value of a header's key, on one line.

@@ -1,6 +1,7 @@
 //! Tests that read back the files about all frames.
 
 use crate::{
+    annotations::{self, Canvas},
     dicom::Segmentation,
     export::{
         Export, ExportSummary, Format, PROVENANCE_FILE, Provenance, SegType, num_files,
@@ -12,7 +13,7 @@ use crate::{
 };
 use serde_json::Value;
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     io::Read,
     path::{Path, PathBuf},
 };
@@ -157,6 +158,34 @@ fn slicer_volumes_have_three_axes_and_named_segments() {
         let label = |(a, b): (&bool, &bool)| if *b { 2 } else { u8::from(*a) };
         assert_eq!(slice, a.data.iter().zip(&b.data).map(label).collect::<Vec<_>>());
     }
+}
+
+#[test]
+fn names_of_any_letters_come_back_from_slicer_volumes() {
+    let names = ["Gallenblase ü, \"links\": 胆囊 🫀", " a:=b\\new\nline\\"];
+    let folder = tempfile::tempdir().unwrap();
+    let mut how = provenance(&[Format::Nrrd], false);
+    how.prompts.iter_mut().zip(names).for_each(|(prompt, name)| prompt.text = name.into());
+    assert!(export(folder.path(), &how, FRAMES).complete);
+    let file = folder.path().join(super::name(Format::Nrrd, &[0, 1, 2, 3]));
+    let (header, _) = read_nrrd(&file);
+    let line = header.lines().find_map(|line| line.strip_prefix("segment_names:=")).unwrap();
+    let read: Vec<String> = serde_json::from_str(line).unwrap();
+    assert_eq!(read, names);
+    // Neither of the two escapes of NRRD, which some readers undo and others do not.
+    assert!(line.is_ascii() && !line.contains(r"\n") && !line.contains(r"\\"), "{line}");
+    let canvas = Canvas { width: 40, height: 24, frame_names: Vec::new(), num_frames: FRAMES };
+    let found = annotations::read(&file, &canvas).unwrap();
+    let found: BTreeSet<&str> = found.iter().map(|a| a.name.as_str()).collect();
+    assert_eq!(found, names.map(str::trim).into());
+    // As pynrrd reads the file and writes it again.
+    let bytes = std::fs::read(&file).unwrap();
+    let end = bytes.windows(2).position(|pair| pair == b"\n\n").unwrap();
+    let header: Vec<u8> = bytes[..end].iter().copied().filter(u8::is_ascii).collect();
+    std::fs::write(&file, [&header, &bytes[end..]].concat()).unwrap();
+    let found = annotations::read(&file, &canvas).unwrap();
+    let found: BTreeSet<&str> = found.iter().map(|a| a.name.as_str()).collect();
+    assert_eq!(found, names.map(str::trim).into());
 }
 
 #[test]

@@ -4,7 +4,8 @@ mod reference;
 mod splats;
 mod table;
 
-pub use reference::{LANG_DEFORMATION_FILE, ReferencePly, ReferenceWeights};
+pub(super) use reference::{DIM, GATE_SLOPE, GEOMETRY};
+pub use reference::{LANG_DEFORMATION_FILE, ReferenceWeights};
 
 use super::{Problem, Scene};
 use table::{MADE_BY, PlyTable};

@@ -8,31 +8,25 @@ use super::{
 };
 use crate::{
     deform::{
-        BasisShape, COLOUR_CHANNEL, Deformation, GATE_CHANNEL, MEAN_CHANNEL, SCALE_CHANNEL, basis, deform,
-        num_channels, stride_for,
+        BasisShape, COLOUR_CHANNEL, Deformation, GATE_CHANNEL, SCALE_CHANNEL, num_channels, stride_for,
     },
     gaussian::MAX_SH_BANDS,
     reading::{is_present, read_regular},
-    scene::{Problem, Scene, still::camera_at_origin},
+    scene::{Problem, RELEASED_BASES as BASES, Scene, still::camera_at_origin},
 };
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use std::path::Path;
 
 /// Number of deformed channels in the released configuration: centre, quaternion, log-scale, in our order.
-const GEOMETRY: usize = COLOUR_CHANNEL;
-/// Number of its basis functions.
-const BASES: usize = 17;
+pub(in crate::scene) const GEOMETRY: usize = COLOUR_CHANNEL;
 /// Kinds of coefficients: weights, centres, widths.
 const KINDS: usize = 3;
 /// Number of its latent values.
-const DIM: usize = 3;
+pub(in crate::scene) const DIM: usize = 3;
 /// δ of its gate, which reads the channels of scale (method §3.3).
-const GATE_SLOPE: f32 = 1.5;
+pub(in crate::scene) const GATE_SLOPE: f32 = 1.5;
 /// Number of frames of a scene that comes without its recording: that of a CholecSeg8K clip.
 const FRAMES: usize = 80;
-/// √(σ² + 1e-4) of bases that replace others, in units of the distance between two centres. Of values
-/// from 0.7 to 2.2 this one follows splines best.
-const FITTED_WIDTH: f32 = 1.0;
 /// The feature network's file beside the `.ply`: `safetensors.torch.save_file` of the contents of
 /// `lang_deformation.pth`.
 pub const LANG_DEFORMATION_FILE: &str = "lang_deformation.safetensors";
@@ -131,27 +125,27 @@ impl ReferenceWeights {
     }
 }
 
-/// A scene in the files of the released code.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ReferencePly {
-    /// `point_cloud.ply`.
-    pub ply: Vec<u8>,
-    /// `lang_deformation`.
-    pub weights: ReferenceWeights,
-    /// Properties of the scene that these files cannot express, each a clause.
-    pub lost: Vec<String>,
+/// Returns the motion with as many basis functions as the format has, separate for every Gaussian.
+fn spread(deformation: &Deformation, n: usize) -> Deformation {
+    let mut own = deformation.clone();
+    if own.is_shared() {
+        own = own.with_own_bases();
+    }
+    for values in [&mut own.weights, &mut own.centres, &mut own.widths] {
+        values.resize(BASES * n * own.stride, 0.0);
+    }
+    own
 }
 
 impl Scene {
     /// Returns the scene in the released code's format: 576 properties per Gaussian. Scenes that were
-    /// trained like the released code are kept to the last bit. Other motion is fitted with its bases.
-    /// Changes that the format cannot hold are averaged over time.
-    pub fn to_reference_ply(&self) -> ReferencePly {
-        let mut lost = Vec::new();
-        let motion = self.reference_motion(&mut lost);
-        let still = self.averaged(&mut lost);
-        let weights = self.reference_weights();
-        let (n, d) = (self.gaussians.len(), &motion);
+    /// trained like the released code are kept to the last bit. Others are written in their
+    /// [released form](Self::released).
+    pub fn to_reference_ply(&self) -> Vec<u8> {
+        let scene = self.released().scene;
+        let weights = scene.reference_weights();
+        let (n, still) = (scene.gaussians.len(), &scene);
+        let d = &spread(&scene.deformation, n);
         let mut values =
             Vec::with_capacity(n * (17 + MAX_SH_BANDS * CHANNELS + GEOMETRY * KINDS * BASES + 4));
         for i in 0..n {
@@ -173,134 +167,17 @@ impl Scene {
         ]
         .concat();
         let comments = vec![MADE_BY.to_owned(), weights.to_comment()];
-        ReferencePly { ply: PlyTable { names, comments, values }.to_bytes(), weights, lost }
+        PlyTable { names, comments, values }.to_bytes()
     }
 
-    /// Returns the motion in the released code's bases: 17 quartic ones, separate for every Gaussian.
-    fn reference_motion(&self, lost: &mut Vec<String>) -> Deformation {
-        let (d, n) = (&*self.deformation, self.gaussians.len());
-        if d.shape == BasisShape::Quartic && d.num_bases <= BASES {
-            let mut same = if d.is_shared() { d.clone().with_own_bases() } else { d.clone() };
-            for values in [&mut same.weights, &mut same.centres, &mut same.widths] {
-                values.resize(BASES * n * d.stride, 0.0);
-            }
-            return same;
-        }
-        let mut fitted = Deformation::at_rest(n, self.gaussians.latent_dim, BASES, 0.0, GATE_SLOPE);
-        fitted.shape = BasisShape::Quartic;
-        let spacing = FITTED_WIDTH / (BASES - 1) as f32;
-        fitted.widths.fill((spacing * spacing - 1e-4).max(0.0).sqrt());
-        let samples = self.num_frames().max(4 * BASES);
-        let times: Vec<f32> = (0..samples).map(|k| k as f32 / samples as f32).collect();
-        for (time, row) in times.iter().zip(least_squares(&fitted, &times)) {
-            let psi = d.psi(n, *time);
-            for (plane, factor) in fitted.weights.chunks_exact_mut(psi.len().max(1)).zip(row) {
-                plane.iter_mut().zip(&psi).for_each(|(w, p)| *w += factor * p);
-            }
-        }
-        let error = motion_error(d, &fitted, n, &times);
-        lost.push(format!(
-            "motion is fitted with {BASES} bases: centres are right to {error:.2e} scene units (root mean square)"
-        ));
-        fitted.with_own_bases()
-    }
-
-    /// Returns the Gaussians with colours averaged over the frames. Features are averaged too if the
-    /// released code could not deform them the same way.
-    fn averaged(&self, lost: &mut Vec<String>) -> Self {
-        let mut still = self.clone();
-        let (g, frames) = (&mut *still.gaussians, self.num_frames().max(1));
-        let mut colours = vec![0.0; g.colours.len() * CHANNELS];
-        let mut features = vec![0.0; g.features.len()];
-        for i in 0..frames {
-            let now = deform(&self.gaussians, &self.deformation, self.time(i), true);
-            let share = 1.0 / frames as f32;
-            colours.iter_mut().zip(now.colours.as_flattened()).for_each(|(sum, c)| *sum += share * c);
-            features.iter_mut().zip(&now.features).for_each(|(sum, f)| *sum += share * f);
-        }
-        if self.changes(COLOUR_CHANNEL..COLOUR_CHANNEL + CHANNELS) {
-            g.colours = colours.as_chunks().0.to_vec();
-            lost.push("colour is that of the middle of its change over time".into());
-        }
-        match g.latent_dim {
-            0 => {}
-            DIM if self.has_reference_gate() => {}
-            DIM => {
-                g.features = features;
-                lost.push("features are averaged over time".into());
-            }
-            other => {
-                g.features.clear();
-                lost.push(format!("features have {other} numbers instead of {DIM} and are left out"));
-            }
-        }
-        still
-    }
-
-    fn reference_weights(&self) -> ReferenceWeights {
+    /// Returns the feature network of a scene in [released form](Self::released); zeros if it has none.
+    pub fn reference_weights(&self) -> ReferenceWeights {
         let d = &self.deformation;
-        if self.has_reference_gate() {
-            ReferenceWeights { weight: d.feature_weight.clone(), bias: d.feature_bias.clone() }
-        } else {
-            ReferenceWeights { weight: vec![0.0; DIM * (DIM + 1)], bias: vec![0.0; DIM] }
-        }
+        let (mut weight, mut bias) = (d.feature_weight.clone(), d.feature_bias.clone());
+        weight.resize(DIM * (DIM + 1), 0.0);
+        bias.resize(DIM, 0.0);
+        ReferenceWeights { weight, bias }
     }
-
-    fn has_reference_gate(&self) -> bool {
-        let d = &self.deformation;
-        self.gaussians.latent_dim == DIM && d.gate_channel == SCALE_CHANNEL && d.gate_slope == GATE_SLOPE
-    }
-
-    /// Returns `true` if any of these channels moves.
-    fn changes(&self, channels: std::ops::Range<usize>) -> bool {
-        let d = &self.deformation;
-        d.weights.chunks_exact(d.stride).any(|row| row[channels.clone()].iter().any(|w| *w != 0.0))
-    }
-}
-
-/// Computes (QᵀQ + λ)⁻¹Qᵀ for the values Q [times][bases] of shared bases, as [times][bases]. The small λ
-/// keeps it defined if there are fewer times than bases.
-fn least_squares(deformation: &Deformation, times: &[f32]) -> Vec<Vec<f32>> {
-    let d = deformation;
-    let value = |t: f32, b: usize| f64::from(basis(d.shape, t, d.centres[b], d.widths[b]));
-    let q: Vec<Vec<f64>> = times.iter().map(|t| (0..d.num_bases).map(|b| value(*t, b)).collect()).collect();
-    let gram = |a: usize, b: usize| q.iter().map(|row| row[a] * row[b]).sum::<f64>();
-    let mut gram: Vec<Vec<f64>> =
-        (0..d.num_bases).map(|a| (0..d.num_bases).map(|b| gram(a, b)).collect()).collect();
-    (0..d.num_bases).for_each(|b| gram[b][b] += 1e-6 * times.len() as f64);
-    let rows = q.iter().map(|row| solved(gram.clone(), row.clone()));
-    rows.map(|row| row.into_iter().map(|v| v as f32).collect()).collect()
-}
-
-/// Solves Ax = b for x by elimination, for positive definite A.
-fn solved(mut a: Vec<Vec<f64>>, mut b: Vec<f64>) -> Vec<f64> {
-    let n = b.len();
-    for k in 0..n {
-        let (above, below) = a.split_at_mut(k + 1);
-        for (row, i) in below.iter_mut().zip(k + 1..) {
-            let factor = row[k] / above[k][k];
-            row.iter_mut().zip(&above[k]).skip(k).for_each(|(v, pivot)| *v -= factor * pivot);
-            b[i] -= factor * b[k];
-        }
-    }
-    for k in (0..n).rev() {
-        let known: f64 = (k + 1..n).map(|j| a[k][j] * b[j]).sum();
-        b[k] = (b[k] - known) / a[k][k];
-    }
-    b
-}
-
-/// Returns the root mean square distance between two motions of the centres.
-fn motion_error(a: &Deformation, b: &Deformation, n: usize, times: &[f32]) -> f64 {
-    let mut sum = 0.0;
-    for time in times {
-        let (a_psi, b_psi) = (a.psi(n, *time), b.psi(n, *time));
-        let rows = a_psi.chunks_exact(a.stride).zip(b_psi.chunks_exact(b.stride));
-        sum += rows
-            .flat_map(|(a, b)| (MEAN_CHANNEL..MEAN_CHANNEL + 3).map(|c| f64::from(a[c] - b[c]).powi(2)))
-            .sum::<f64>();
-    }
-    (sum / (n * times.len()).max(1) as f64).sqrt()
 }
 
 /// Reads a deforming scene of [`FRAMES`] frames, seen from the origin.
@@ -365,7 +242,7 @@ pub(super) fn from_table(table: &PlyTable, weights: Option<ReferenceWeights>) ->
 #[cfg(test)]
 mod tests {
     use super::{super::from_bytes, *};
-    use crate::stress;
+    use crate::{deform::deform, stress};
 
     /// Returns a scene as the `paper` profile trains it: own quartic bases, the gate on scale,
     /// constant colours.
@@ -387,16 +264,16 @@ mod tests {
     #[test]
     fn a_scene_of_the_released_kind_is_kept_to_the_last_bit() {
         let scene = released();
-        let files = scene.to_reference_ply();
-        assert_eq!(files.lost, Vec::<String>::new());
-        let table = PlyTable::from_bytes(&files.ply).unwrap();
+        let (ply, weights) = (scene.to_reference_ply(), scene.reference_weights());
+        assert_eq!(scene.released().lost, Vec::<String>::new());
+        let table = PlyTable::from_bytes(&ply).unwrap();
         assert_eq!((table.names.len(), table.num_rows()), (576, 7));
-        let read = from_bytes(&files.ply, || Ok(Some(files.weights.clone()))).unwrap();
+        let read = from_bytes(&ply, || Ok(Some(weights))).unwrap();
         assert_eq!(read.gaussians, scene.gaussians);
         let values = |d: &Deformation| [0.0, 0.3, 0.99].map(|t| d.psi(7, t));
         assert_eq!(values(&read.deformation), values(&scene.deformation));
         assert_eq!(read.deformation.feature_net().weight, scene.deformation.feature_net().weight);
-        assert_eq!(read.to_reference_ply().ply, files.ply, "written again it is the same file");
+        assert_eq!(read.to_reference_ply(), ply, "written again it is the same file");
         // The coefficients of Gaussian 2 begin at column 62: the weight of basis 1, channel 4 is at
         // 62 + 4 · 51 + 1.
         assert_eq!(table.names[62], "coefs_0");
@@ -408,9 +285,9 @@ mod tests {
     fn other_motion_is_fitted() {
         let mut scene = stress::ordinary(20);
         scene.cameras = vec![scene.cameras[0]; 30];
-        let files = scene.to_reference_ply();
-        assert_eq!(files.lost.len(), 3, "{:?}", files.lost);
-        let read = from_bytes(&files.ply, || Ok(Some(files.weights.clone()))).unwrap();
+        let lost = scene.released().lost;
+        assert_eq!(lost.len(), 3, "{lost:?}");
+        let read = from_bytes(&scene.to_reference_ply(), || Ok(None)).unwrap();
         for time in [0.0, 0.37, 0.9] {
             let [a, b] = [&scene, &read].map(|s| deform(&s.gaussians, &s.deformation, time, true));
             let worst = a.means.as_flattened().iter().zip(b.means.as_flattened());
@@ -423,8 +300,18 @@ mod tests {
     }
 
     #[test]
+    fn a_scene_that_stands_still_loses_nothing() {
+        let scene = stress::ordinary(9);
+        let still = Scene::of_still(scene.all_still(0.4), scene.cameras[0]);
+        assert_eq!(still.released().lost, Vec::<String>::new());
+        let read = from_bytes(&still.to_reference_ply(), || Ok(None)).unwrap();
+        assert_eq!(read.gaussians.means, still.gaussians.means);
+        assert!(read.deformation.psi(9, 0.7).iter().all(|v| *v == 0.0));
+    }
+
+    #[test]
     fn a_gate_of_its_own_and_no_features_are_read() {
-        let mut table = PlyTable::from_bytes(&released().to_reference_ply().ply).unwrap();
+        let mut table = PlyTable::from_bytes(&released().to_reference_ply()).unwrap();
         let keep = table.names.len() - 4;
         let without = PlyTable {
             values: (0..7).flat_map(|i| table.row(i)[..keep].to_vec()).collect(),
@@ -445,7 +332,7 @@ mod tests {
         let ply = folder.path().join("point_cloud.ply");
         assert_eq!(ReferenceWeights::beside(&ply).unwrap(), None);
         // Those of this program are whole by themselves.
-        let own = released().to_reference_ply().ply;
+        let own = released().to_reference_ply();
         std::fs::write(&ply, &own).unwrap();
         assert_eq!(Scene::load(&ply).unwrap().deformation.feature_weight, weights.weight);
         let comment = weights.to_comment();
@@ -458,12 +345,5 @@ mod tests {
         assert_eq!(Scene::load(&ply).unwrap().deformation.feature_weight, weights.weight);
         std::fs::write(folder.path().join(LANG_DEFORMATION_FILE), b"PK").unwrap();
         assert!(Scene::load(&ply).unwrap_err().to_string().contains("save_file"));
-    }
-
-    #[test]
-    fn the_system_of_equations_is_solved() {
-        let x =
-            solved(vec![vec![4.0, 1.0, 0.5], vec![1.0, 3.0, 0.2], vec![0.5, 0.2, 2.0]], vec![7.5, 7.6, 6.9]);
-        assert!(x.iter().zip([1.0, 2.0, 3.0]).all(|(a, b)| (a - b).abs() < 1e-12), "{x:?}");
     }
 }
