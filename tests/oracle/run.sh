@@ -23,8 +23,11 @@ program convert "$folder/scene.safetensors" "$folder/frame.ply" --frame 4
 program convert "$folder/scene.safetensors" "$folder/frame.glb" --frame 4
 program convert "$folder/scene.safetensors" "$folder/point_cloud.ply" --reference
 program convert "$folder/scene.safetensors" "$folder/small.safetensors" --quantize
+program convert "$folder/scene.safetensors" "$folder/page.html" --prompt liver spaceship
+program render "$folder/scene.safetensors" -o "$folder/rendered"
 
 "$python" tests/oracle/metrics.py | diff tests/oracle/metrics.json -
 "$python" tests/oracle/read_exports.py "$folder/overlapping" "$folder/exclusive" > "$folder/output.txt"
 "$python" tests/oracle/read_scenes.py "$folder" 0.4 >> "$folder/output.txt"
+"$python" tests/oracle/page.py "$folder/page.html" "$folder/rendered/colour" 0 4 9 >> "$folder/output.txt"
 diff tests/oracle/output.txt "$folder/output.txt" && echo "the output is as stored"

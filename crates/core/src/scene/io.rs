@@ -1,6 +1,6 @@
 //! Scenes in files: reads and writes them whole.
 
-use super::{Scene, file, gltf, ply, ply::ReferenceWeights};
+use super::{Scene, file, gltf, ply, ply::ReferenceWeights, web};
 use crate::{
     Error, Result,
     files::write_whole,
@@ -8,7 +8,7 @@ use crate::{
 };
 use std::{io::Read, path::Path};
 
-/// Number of bytes at the beginning of a `.ply` or `.glb` within which it names the program that wrote it.
+/// Number of bytes at the beginning of a `.ply`, `.glb` or page within which it names the program that wrote it.
 const OWN_BYTES: u64 = 1 << 16;
 
 impl Scene {
@@ -16,7 +16,11 @@ impl Scene {
     pub fn is_own_file(path: &Path) -> bool {
         let mut start = Vec::new();
         let read = open_regular(path).and_then(|file| file.take(OWN_BYTES).read_to_end(&mut start));
-        read.is_ok() && (ply::is_own(&start) || gltf::is_own(&start) || file::is_own(path))
+        read.is_ok()
+            && (ply::is_own(&start)
+                || gltf::is_own(&start)
+                || web::is_own(&start)
+                || file::is_own(path))
     }
     /// Returns the bytes of the scene file.
     pub fn to_bytes(&self) -> Result<Vec<u8>> {

@@ -3,14 +3,17 @@
 
 mod camera_row;
 mod file;
+mod fit;
 mod gltf;
 mod io;
 mod ply;
 mod revised;
 mod still;
+mod web;
 
 pub use ply::{LANG_DEFORMATION_FILE, ReferencePly, ReferenceWeights};
 pub use revised::Revised;
+pub use web::PagePrompt;
 
 use crate::{
     camera::Camera,
