@@ -111,6 +111,20 @@ class Painter {
     this.fill(this.order, gl.R32UI, TEXELS, rows, gl.RED_INTEGER, gl.UNSIGNED_INT, texels);
   }
 
+  // Calls `act` once everything is drawn.
+  whenDone(act) {
+    const { gl } = this, fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    if (!fence) return;
+    gl.flush();
+    const look = () => {
+      if (gl.isContextLost()) return;
+      if (gl.getSyncParameter(fence, gl.SYNC_STATUS) !== gl.SIGNALED) return setTimeout(look, 4);
+      gl.deleteSync(fence);
+      act();
+    };
+    setTimeout(look, 0);
+  }
+
   // Lays the shares of up to three prompts into red, green and blue.
   takeShares(prompts) {
     const { gl, scene } = this, texels = new Uint8Array(scene.rows * TEXELS);

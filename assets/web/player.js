@@ -1,9 +1,10 @@
 // The page: playback, the view, prompts and keys.
 
 const USUAL_SPEED = 25; // frames per second, where the recording's own speed is not known
-const MOST_DETAIL = 3; // pixels of the canvas along a recorded one
-const SLOW = 50; // milliseconds of a frame beyond which a playing picture is drawn coarser
-const LEAST_DETAIL = 0.75;
+// Pixels of the canvas along a recorded one: at most, at least, and at first.
+const MOST_DETAIL = 3, LEAST_DETAIL = 0.75, FIRST_DETAIL = 1.5;
+const SLOW = 40; // milliseconds of a frame beyond which a picture that changes is drawn coarser
+const REST = 250; // milliseconds without a change after which it is drawn sharply
 const RADIANS_PER_POINT = 0.0021;
 
 const byId = (id) => document.getElementById(id);
@@ -12,7 +13,7 @@ const canvas = document.querySelector("canvas");
 class Player {
   constructor(scene) {
     const asked = new URLSearchParams(location.hash.slice(1));
-    Object.assign(this, { scene, plays: false, drawn: -1, detail: MOST_DETAIL, orbit: { yaw: 0, pitch: 0 }, shown: new Set() });
+    Object.assign(this, { scene, plays: false, drawn: -1, detail: FIRST_DETAIL, orbit: { yaw: 0, pitch: 0 }, shown: new Set() });
     this.last = scene.frames.length - 1;
     this.frame = this.clamped(parseInt(asked.get("frame"), 10) || 0);
     this.isExact = asked.has("recorded"); // as many pixels as recorded
@@ -41,30 +42,43 @@ class Player {
     this.due ??= requestAnimationFrame(() => this.draw());
   }
 
-  draw() {
+  // A picture that rests is drawn sharply, one that changes no finer than this machine draws fast.
+  draw(rests = false) {
     this.due = undefined;
     const { scene, frame, painter } = this, recorded = cameraOf(scene.frames[frame].camera);
+    const start = performance.now(), size = this.fit(recorded.size, rests ? MOST_DETAIL : this.detail);
+    if (rests && size[0] === painter.width && size[1] === painter.height) return;
     const camera = this.isRecorded ? recorded : turned(recorded, this.orbit, scene.pivot_depth);
     if (this.drawn !== frame || scene.bands) {
       scene.move(frame, positionOf(camera));
       painter.takeGaussians();
     }
     const prompts = scene.prompts.filter((prompt) => this.shown.has(prompt) && prompt.frames[frame] === "found");
-    painter.draw(resized(camera, ...this.fit(recorded.size)), this.isRecorded, prompts);
+    painter.draw(resized(camera, ...size), this.isRecorded, prompts);
     this.drawn = frame;
+    clearTimeout(this.resting);
+    if (!rests) {
+      if (!this.plays) this.resting = setTimeout(() => this.draw(true), REST);
+      painter.whenDone(() => this.adapt(size[0] / recorded.size[0], performance.now() - start));
+    }
     this.say();
     document.body.dataset.drawn = frame;
   }
 
+  // Chooses the detail of the next picture by the time that one took.
+  adapt(pixels, milliseconds) {
+    const detail = pixels * Math.sqrt(SLOW / Math.max(1, milliseconds));
+    this.detail = Math.max(LEAST_DETAIL, Math.min(MOST_DETAIL, 0.5 * (this.detail + detail)));
+  }
+
   // Fits the picture into the stage; returns its number of pixels.
-  fit([width, height]) {
+  fit([width, height], most) {
     const { clientWidth, clientHeight } = byId("stage"), scale = Math.min(clientWidth / width, clientHeight / height);
     canvas.style.width = `${Math.max(1, Math.floor(width * scale))}px`;
     canvas.style.height = `${Math.max(1, Math.floor(height * scale))}px`;
-    const detail = this.isExact ? 1 : Math.min(this.detail, Math.max(0.5, scale * devicePixelRatio));
+    const detail = this.isExact ? 1 : Math.min(most, Math.max(0.5, scale * devicePixelRatio));
     const side = this.painter.gl.getParameter(this.painter.gl.MAX_RENDERBUFFER_SIZE) / Math.max(width, height);
-    this.pixels = Math.min(detail, side);
-    return [width, height].map((n) => Math.max(1, Math.round(n * this.pixels)));
+    return [width, height].map((n) => Math.max(1, Math.round(n * Math.min(detail, side))));
   }
 
   say() {
@@ -86,16 +100,11 @@ class Player {
     byId("play").classList.toggle("plays", plays);
     byId("play").setAttribute("aria-label", plays ? "Pause" : "Play");
     cancelAnimationFrame(this.ticking);
-    if (!plays) {
-      this.detail = MOST_DETAIL;
-      return this.drawSoon();
-    }
+    if (!plays) return this.drawSoon();
     const speed = this.scene.fps || USUAL_SPEED, from = this.frame === this.last ? 0 : this.frame;
-    let start, before;
+    let start;
     const tick = (now) => {
       start ??= now;
-      if (now - before > SLOW) this.detail = Math.max(LEAST_DETAIL, this.pixels * Math.max(0.5, Math.sqrt(SLOW / (now - before))));
-      before = now;
       const frame = (from + Math.floor(((now - start) / 1000) * speed)) % (this.last + 1);
       if (frame !== this.drawn) {
         this.frame = frame;

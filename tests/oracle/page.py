@@ -162,7 +162,7 @@ def look(browser, url, frame, folder):
     for name, size in SIZES.items():
         browser.size(*size)
         browser.open(f"{url}#frame={frame}")
-        time.sleep(0.3)
+        time.sleep(2)
         browser.screenshot(folder / f"{name}.png")
     browser.size(*SIZES["screen"])
     browser.drag(90, 30)
