@@ -21,6 +21,9 @@ program export "$folder/scene.safetensors" -o "$folder/exclusive" --format $form
 
 program convert "$folder/scene.safetensors" "$folder/frame.ply" --frame 4
 program convert "$folder/scene.safetensors" "$folder/frame.glb" --frame 4
+program convert "$folder/scene.safetensors" "$folder/frame.spz" --frame 4
+"$python" -c 'import gsply, sys; gsply.write_spz(sys.argv[2], gsply.read_spz(sys.argv[1]), version=3)' "$folder"/{frame,third}.spz
+program convert "$folder/third.spz" "$folder/third.ply"
 program convert "$folder/scene.safetensors" "$folder/point_cloud.ply" --reference
 program convert "$folder/scene.safetensors" "$folder/small.safetensors" --quantize
 program convert "$folder/scene.safetensors" "$folder/page.html" --prompt liver spaceship

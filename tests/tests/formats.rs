@@ -128,6 +128,26 @@ fn a_page_is_whole_and_asks_for_nothing() {
 }
 
 #[test]
+fn an_spz_looks_nearly_the_same() {
+    let (flow, elsewhere) = (flow(), tempfile::tempdir().unwrap());
+    let (folder, scene) = (elsewhere.path(), flow.at("scene.safetensors"));
+    for name in ["frame.spz", "frame.ply"] {
+        run_in(folder, &["convert", &scene, name, "--frame", "6"]).ok();
+    }
+    let size = |name: &str| fs::metadata(folder.join(name)).unwrap().len();
+    assert!(size("frame.spz") * 3 < size("frame.ply"));
+    run_in(folder, &["convert", "frame.spz", "still.safetensors", "--like", &scene]).ok();
+    run_in(folder, &["render", &scene, "-o", "moving", "--frames", "6"]).ok();
+    run_in(folder, &["render", "still.safetensors", "-o", "still", "--frames", "6"]).ok();
+    let [moving, still] =
+        ["moving", "still"].map(|name| picture(&folder.join(name).join("colour/frame_000006.png")));
+    assert!(likeness(&moving, &still) > 30.0, "{}", likeness(&moving, &still));
+    let whole = fs::read(folder.join("frame.spz")).unwrap();
+    fs::write(folder.join("cut.spz"), &whole[..whole.len() / 2]).unwrap();
+    assert!(run_in(folder, &["convert", "cut.spz", "x.safetensors"]).refused(1).contains("cut.spz"));
+}
+
+#[test]
 fn conversions_that_make_no_sense_are_refused() {
     let flow = flow();
     let refused = |args: &[&str]| {

@@ -25,12 +25,12 @@ use surgtpgs_core::{
 /// Turn scenes into files of other programs, and back
 #[derive(Debug, Args)]
 pub(super) struct ConvertArgs {
-    /// A scene, or a .ply: ordinary Gaussian splats, or the released code's deforming ones (its feature
+    /// A scene, an .spz, or a .ply: ordinary Gaussian splats, or the released code's deforming ones (its feature
     /// network is taken from a lang_deformation.safetensors beside it)
     #[arg(value_name = "IN")]
     input: PathBuf,
-    /// NAME.safetensors, NAME.ply, NAME.glb, or NAME.html for a page that plays in a browser; a name without
-    /// extension is a folder of frame0000.ply, frame0001.ply …
+    /// NAME.safetensors, NAME.ply, NAME.spz, NAME.glb, or NAME.html for a page that plays in a browser; a name
+    /// without extension is a folder of frame0000.ply, frame0001.ply …
     #[arg(value_name = "OUT")]
     output: PathBuf,
     /// The frame whose Gaussians are written (default: the first)
@@ -71,6 +71,8 @@ pub(super) struct ConvertArgs {
 enum StillFormat {
     /// 3D Gaussian splatting's .ply
     Ply,
+    /// Niantic's compressed .spz, about a quarter of the size
+    Spz,
     /// Binary glTF with KHR_gaussian_splatting
     Glb,
 }
@@ -80,6 +82,7 @@ impl StillFormat {
     fn extension(self) -> &'static str {
         match self {
             Self::Ply => "ply",
+            Self::Spz => "spz",
             Self::Glb => "glb",
         }
     }
@@ -191,7 +194,7 @@ fn write_still(
     }
     let time = args.time.unwrap_or(scene.time(frame));
     let output = outputs::scene_file(&args.output, inputs, args.force)?;
-    let bytes = still(scene, time, frame, format);
+    let bytes = still(scene, time, frame, format, done);
     output.write(&bytes)?;
     done.add(args.output.clone(), &bytes);
     Ok(())
@@ -203,7 +206,7 @@ fn write_folder(args: &ConvertArgs, scene: &Scene, inputs: &Inputs, done: &mut C
     let frames = FrameRange::frames(args.frames, scene.num_frames())?;
     for (k, &frame) in frames.iter().enumerate() {
         let name = format!("frame{frame:04}.{}", args.format.extension());
-        let bytes = still(scene, scene.time(frame), frame, args.format);
+        let bytes = still(scene, scene.time(frame), frame, args.format, done);
         write_whole(&output.path().join(&name), &bytes)?;
         done.add(args.output.join(name), &bytes);
         view.count("converting", k + 1, frames.len());
@@ -226,6 +229,7 @@ fn target(args: &ConvertArgs) -> Result<Target> {
         Some("safetensors") => Target::Scene,
         Some("ply") if args.reference => Target::Reference,
         Some("ply") => Target::Still(StillFormat::Ply),
+        Some("spz") => Target::Still(StillFormat::Spz),
         Some("glb") => Target::Still(StillFormat::Glb),
         Some("html" | "htm") => Target::Page,
         None => Target::Folder,
@@ -233,7 +237,7 @@ fn target(args: &ConvertArgs) -> Result<Target> {
             return Err(Error::input_at(
                 &args.output,
                 "this is not a form that scenes are written in",
-                "Give a name that ends in .safetensors, .ply, .glb or .html, or a folder.",
+                "Give a name that ends in .safetensors, .ply, .spz, .glb or .html, or a folder.",
             ));
         }
     };
@@ -281,10 +285,19 @@ fn open(args: &ConvertArgs) -> Result<Scene> {
     Ok(scene)
 }
 
-fn still(scene: &Scene, time: f32, frame: usize, format: StillFormat) -> Vec<u8> {
+fn still(scene: &Scene, time: f32, frame: usize, format: StillFormat, done: &mut Conversion) -> Vec<u8> {
     let (gaussians, camera) = (scene.all_still(time), scene.cameras.get(frame));
     match format {
         StillFormat::Ply => gaussians.to_ply(camera),
+        StillFormat::Spz => {
+            let beyond = gaussians.beyond_spz();
+            if beyond > 0 {
+                done.lost.push(format!(
+                    "{beyond} Gaussians of frame {frame} are larger or smaller than .spz can tell"
+                ));
+            }
+            gaussians.to_spz()
+        }
         StillFormat::Glb => gaussians.to_glb(camera),
     }
 }

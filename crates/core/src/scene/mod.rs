@@ -8,6 +8,7 @@ mod gltf;
 mod io;
 mod ply;
 mod revised;
+mod spz;
 mod still;
 mod web;
 
@@ -31,7 +32,7 @@ use std::{
 };
 
 /// Extensions of files that [`Scene::load`] reads.
-pub const EXTENSIONS: [&str; 2] = ["safetensors", "ply"];
+pub const EXTENSIONS: [&str; 3] = ["safetensors", "ply", "spz"];
 
 /// Description of a problem with a file, without a full stop.
 type Problem = String;

@@ -5,6 +5,7 @@ mod splats;
 mod table;
 
 pub use reference::{LANG_DEFORMATION_FILE, ReferencePly, ReferenceWeights};
+pub(super) use splats::drop_empty_bands;
 
 use super::{Problem, Scene};
 use table::{MADE_BY, PlyTable};
