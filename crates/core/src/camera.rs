@@ -20,8 +20,8 @@ pub fn check_image_size(width: usize, height: usize) -> Result<(), String> {
     ))
 }
 
-/// Largest rotation of a view away from the recorded one, in degrees, where the camera never moved. Beyond it,
-/// surfaces would show that nobody ever saw.
+/// Largest rotation of a view away from the recorded one, in degrees, where the camera never moved. Beyond
+/// it, surfaces would show that nobody ever saw.
 pub const MAX_STILL_DEGREES: f32 = 15.0;
 
 /// Largest rotation of a view away from the recorded one, in degrees, where the camera moved.

@@ -331,7 +331,8 @@ mod tests {
         bytes.truncate(32);
         bytes.extend((3_u32 << 30 | 511 << 20 | (512 | 511) << 10).to_le_bytes());
         let [w, x, y, z] = from_bytes(&deflated(&bytes)).unwrap().gaussians.rotations[0];
-        assert!(w.abs() < 1e-3 && (x - 0.7071).abs() < 1e-3 && (y - 0.7071).abs() < 1e-3 && z == 0.0);
+        let root = std::f32::consts::FRAC_1_SQRT_2;
+        assert!(w.abs() < 1e-3 && (x - root).abs() < 1e-3 && (y - root).abs() < 1e-3 && z == 0.0);
     }
 
     #[test]

@@ -97,7 +97,7 @@ impl Arrays {
 
 impl Scene {
     /// Returns the scene as one HTML file that plays in a browser. It asks for nothing outside of itself, and
-    /// holds no path of this machine. Motion whose bases are not shared by all Gaussians is fitted by shared ones.
+    /// holds no path of this machine. Bases that are not shared by all Gaussians are replaced by such ones.
     pub fn to_page(&self, prompts: &[PagePrompt]) -> Vec<u8> {
         let motion = self.shared_motion();
         let arrays = self.arrays(&motion, prompts);
