@@ -293,7 +293,8 @@ fn still(scene: &Scene, time: f32, frame: usize, format: StillFormat, done: &mut
             let beyond = gaussians.beyond_spz();
             if beyond > 0 {
                 done.lost.push(format!(
-                    "{beyond} Gaussians of frame {frame} are larger or smaller than .spz can tell"
+                    "the sizes of {beyond} of {} Gaussians, on frame {frame}, are cut to what .spz can tell",
+                    gaussians.len()
                 ));
             }
             gaussians.to_spz()

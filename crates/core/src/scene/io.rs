@@ -8,8 +8,8 @@ use crate::{
 };
 use std::{io::Read, path::Path};
 
-/// Number of bytes at the beginning of a `.ply`, `.spz`, `.glb` or page within which it names the program that
-/// wrote it.
+/// Number of bytes at the beginning of a `.ply`, `.spz`, `.glb` or page within which it names the program
+/// that wrote it.
 const OWN_BYTES: u64 = 1 << 16;
 
 impl Scene {

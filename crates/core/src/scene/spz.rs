@@ -302,7 +302,8 @@ mod tests {
             );
             let opacities = |g: &Gaussians| g.opacity_logits.iter().map(|o| sigmoid(*o)).collect::<Vec<_>>();
             assert!(worst(&opacities(&there), &opacities(&back)) <= 0.5001 / 255.0);
-            assert!(worst(&there.sh_rest, &back.sh_rest) <= 1.0 / 16.0 + 1e-3);
+            // Bands are rounded twice: to 1/128, then to their step.
+            assert!(worst(&there.sh_rest, &back.sh_rest) <= 8.51 / 128.0);
             for (a, b) in there.rotations.iter().zip(&back.rotations) {
                 let cosine = a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>().abs();
                 assert!(cosine > 0.9995, "{a:?} became {b:?}");
