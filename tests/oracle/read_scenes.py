@@ -14,6 +14,7 @@ import sys
 from importlib.metadata import version
 from pathlib import Path
 
+import gsply
 import numpy as np
 import pygltflib
 from plyfile import PlyData
@@ -166,6 +167,35 @@ def check_reference(scene, read_back, path, times):
     return "576 properties, which deform as the released code does"
 
 
+def alike(a, b):
+    """Cosines between quaternions, whatever their signs."""
+    return np.abs((a * b).sum(1)).min()
+
+
+def check_spz(scene, path, time):
+    """The axes of .spz are right, up and back."""
+    read, flip = gsply.read_spz(path), np.array([1.0, -1, -1])
+    places, turned, log_scales, colours = scene.at(time)
+    check(worst(read.means * flip, places) < 1e-4, "places of the .spz")
+    check(worst(read.scales, log_scales.clip(-10, -10 + 255 / 16)) < 0.51 / 16, "log-scales of the .spz")
+    check(worst(read.sh0, colours) < 0.51 / (255 * 0.15), "colours of the .spz")
+    opacities = [1 / (1 + np.exp(-v)) for v in (read.opacities, scene.tensors["opacity_logits"])]
+    check(worst(*opacities) < 0.51 / 255 + 1e-4, "opacities of the .spz")
+    check(alike(read.quats * np.array([1.0, 1, -1, -1]), turned) > 0.999, "quaternions of the .spz")
+    return f"{len(read.means)} Gaussians of the .spz are those that NumPy computes, to half a step"
+
+
+def check_third_version(path, ply):
+    """The .ply that the program made of an .spz of version 3, which gsply wrote."""
+    read, vertex = gsply.read_spz(path), PlyData.read(ply)["vertex"]
+    flip = np.array([1.0, -1, -1])
+    check(worst(columns(vertex, *"xyz"), read.means * flip) < 1e-5, "places of version 3")
+    turned = columns(vertex, *numbered("rot", 4)) * np.array([1.0, 1, -1, -1])
+    check(alike(turned, read.quats) > 1 - 1e-5, "quaternions of version 3")
+    check(worst(columns(vertex, *numbered("scale", 3)), read.scales) < 1e-5, "log-scales of version 3")
+    return "an .spz of version 3 is read as gsply reads it"
+
+
 def check_quantised(scene, small):
     steps = {"rotations": 0.01, "log_scales": 0.02, "opacity_logits": 0.03, "colours": 0.01}
     for name, step in steps.items():
@@ -205,7 +235,7 @@ def check_that_checks_fail(folder, time):
 
 
 if __name__ == "__main__":
-    print(", ".join(f"{n} {version(n)}" for n in ["numpy", "safetensors", "plyfile", "pygltflib"]))
+    print(", ".join(f"{n} {version(n)}" for n in ["numpy", "safetensors", "plyfile", "pygltflib", "gsply"]))
     folder, time = Path(sys.argv[1]), float(sys.argv[2])
     scene, small = open_scene(folder / "scene.safetensors"), open_scene(folder / "small.safetensors")
     print(f"{len(scene.rest['means'])} Gaussians, {len(scene.moving)} of them move")
@@ -215,6 +245,8 @@ if __name__ == "__main__":
     read_back = Scene(folder / "released.safetensors")
     print(check_reference(scene, read_back, folder / "point_cloud.ply", np.arange(10) / 10))
     print(check_quantised(scene, small))
+    print(check_spz(scene, folder / "frame.spz", time))
+    print(check_third_version(folder / "third.spz", folder / "third.ply"))
     print(check_scores(scene, folder / "objects", folder / "answers.json"))
     print(run_example(folder / "small.safetensors"))
     print(check_that_checks_fail(folder, time))

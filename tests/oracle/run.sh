@@ -22,12 +22,18 @@ program export "$folder/scene.safetensors" -o "$folder/exclusive" --format $form
 program convert "$folder/scene.safetensors" "$folder/frame.ply" --frame 4
 program convert "$folder/scene.safetensors" "$folder/between.ply" --time 0.4321
 program convert "$folder/scene.safetensors" "$folder/frame.glb" --frame 4
+program convert "$folder/scene.safetensors" "$folder/frame.spz" --frame 4
+"$python" -c 'import gsply, sys; gsply.write_spz(sys.argv[2], gsply.read_spz(sys.argv[1]), version=3)' "$folder"/{frame,third}.spz
+program convert "$folder/third.spz" "$folder/third.ply"
 program convert "$folder/scene.safetensors" "$folder/point_cloud.ply" --reference
 program convert "$folder/point_cloud.ply" "$folder/released.safetensors" --like "$folder/scene.safetensors"
 program convert "$folder/scene.safetensors" "$folder/small.safetensors" --quantize
 "$binary" query "$folder/scene.safetensors" --prompt liver gallbladder --gaussians "$folder/objects" --json > "$folder/answers.json"
+program convert "$folder/scene.safetensors" "$folder/page.html" --prompt liver spaceship
+program render "$folder/scene.safetensors" -o "$folder/rendered"
 
 "$python" tests/oracle/metrics.py | diff tests/oracle/metrics.json -
 "$python" tests/oracle/read_exports.py "$folder/overlapping" "$folder/exclusive" > "$folder/output.txt"
 "$python" tests/oracle/read_scenes.py "$folder" 0.4 >> "$folder/output.txt"
+"$python" tests/oracle/page.py "$folder/page.html" "$folder/rendered/colour" 0 4 9 >> "$folder/output.txt"
 diff tests/oracle/output.txt "$folder/output.txt" && echo "the output is as stored"

@@ -109,6 +109,51 @@ fn the_released_codes_files_go_both_ways() {
 }
 
 #[test]
+fn a_page_is_whole_and_asks_for_nothing() {
+    let (flow, elsewhere) = (flow(), tempfile::tempdir().unwrap());
+    let (folder, scene) = (elsewhere.path(), flow.at("scene.safetensors"));
+    let convert =
+        |name: &str| run_in(folder, &["convert", &scene, name, "--prompt", "liver", "--prompt", "spaceship"]);
+    convert("page.html").ok();
+    convert("again.html").ok();
+    let page = fs::read_to_string(folder.join("page.html")).unwrap();
+    assert!(page == fs::read_to_string(folder.join("again.html")).unwrap(), "equal scenes give equal pages");
+    assert!(page.starts_with("<!doctype html>") && page.trim_end().ends_with("</html>"));
+    assert!(page.len() < 1_000_000, "{}", page.len());
+    assert!(page.contains("default-src 'none'") && !page.contains("://") && !page.contains("@import"));
+    assert!(!page.contains(&flow.at("")) && !page.contains("sequence_path"));
+    assert!(page.contains("Research use only. Not for diagnostic or intra-operative use.</footer>"));
+    let header = page.split_once(r#"id="scene">"#).unwrap().1.split_once("</script>").unwrap().0;
+    let header: serde_json::Value = serde_json::from_str(header).unwrap();
+    assert_eq!(header["frames"].as_array().unwrap().len(), surgtpgs_tests::Flow::FRAMES);
+    let [liver, spaceship] = [0, 1].map(|k| &header["prompts"][k]);
+    assert!(liver["frames"].as_array().unwrap().iter().all(|is| is == "found") && liver["note"] == "");
+    assert!(spaceship["note"].as_str().unwrap().starts_with("not in this recording"), "{spaceship}");
+    assert!(convert("page.html").refused(1).contains("--force"));
+    run_in(folder, &["convert", &scene, "page.html", "--force"]).ok();
+}
+
+#[test]
+fn an_spz_looks_nearly_the_same() {
+    let (flow, elsewhere) = (flow(), tempfile::tempdir().unwrap());
+    let (folder, scene) = (elsewhere.path(), flow.at("scene.safetensors"));
+    for name in ["frame.spz", "frame.ply"] {
+        run_in(folder, &["convert", &scene, name, "--frame", "6"]).ok();
+    }
+    let size = |name: &str| fs::metadata(folder.join(name)).unwrap().len();
+    assert!(size("frame.spz") * 3 < size("frame.ply"));
+    run_in(folder, &["convert", "frame.spz", "still.safetensors", "--like", &scene]).ok();
+    run_in(folder, &["render", &scene, "-o", "moving", "--frames", "6"]).ok();
+    run_in(folder, &["render", "still.safetensors", "-o", "still", "--frames", "6"]).ok();
+    let [moving, still] =
+        ["moving", "still"].map(|name| picture(&folder.join(name).join("colour/frame_000006.png")));
+    assert!(likeness(&moving, &still) > 30.0, "{}", likeness(&moving, &still));
+    let whole = fs::read(folder.join("frame.spz")).unwrap();
+    fs::write(folder.join("cut.spz"), &whole[..whole.len() / 2]).unwrap();
+    assert!(run_in(folder, &["convert", "cut.spz", "x.safetensors"]).refused(1).contains("cut.spz"));
+}
+
+#[test]
 fn conversions_that_make_no_sense_are_refused() {
     let flow = flow();
     let refused = |args: &[&str]| {
@@ -119,6 +164,8 @@ fn conversions_that_make_no_sense_are_refused() {
     assert!(refused(&["x.safetensors", "--frame", "1"]).contains("all times"));
     assert!(refused(&["x.glb", "--reference"]).contains(".ply"));
     assert!(refused(&["x.ply", "--quantize"]).contains("quantised"));
+    assert!(refused(&["x.html", "--frame", "1"]).contains("all frames"));
+    assert!(refused(&["x.ply", "--prompt", "liver"]).contains("only pages"));
     assert!(refused(&["x.ply", "--frames", "1..3"]).contains("one frame"));
     let folder = tempfile::tempdir().unwrap();
     let ply = fs::read(flow.at("scene.safetensors")).unwrap();

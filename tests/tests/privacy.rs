@@ -80,6 +80,7 @@ fn no_verb_opens_a_socket_to_another_machine() {
         "export scene.safetensors --prompt liver -o exported",
         "eval scene.safetensors prepared",
         "convert scene.safetensors scene.ply",
+        "convert scene.safetensors page.html --prompt liver",
     ] {
         let command: Vec<&str> = iter::once(program).chain(line.split(' ')).collect();
         let (others, _) = sockets(folder.path(), &[], &command);

@@ -20,6 +20,13 @@ pub fn check_image_size(width: usize, height: usize) -> Result<(), String> {
     ))
 }
 
+/// Largest rotation of a view away from the recorded one, in degrees, where the camera never moved. Beyond
+/// it, surfaces would show that nobody ever saw.
+pub const MAX_STILL_DEGREES: f32 = 15.0;
+
+/// Largest rotation of a view away from the recorded one, in degrees, where the camera moved.
+pub const MAX_MOVING_DEGREES: f32 = 40.0;
+
 /// A pinhole camera of known size and pose.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Camera {

@@ -1,7 +1,11 @@
 //! Scene files and files of Gaussians.
 
 use crate::{Target, expect_words};
-use std::path::Path;
+use flate2::{Compression, read::GzDecoder, write::GzEncoder};
+use std::{
+    io::{Read, Write},
+    path::Path,
+};
 use surgtpgs_core::{
     codec::{Codec, CodecSettings},
     marks::{Canvas, Evidence, Marks},
@@ -13,10 +17,11 @@ use surgtpgs_core::{
     stress,
 };
 
-pub(crate) const TARGETS: [Target; 3] = [
+pub(crate) const TARGETS: [Target; 4] = [
     Target { name: "marks", run: marks, seeds: marks_seeds },
     Target { name: "scene", run: |bytes| load("scene.safetensors", bytes), seeds: scenes },
     Target { name: "ply", run: |bytes| load("scene.ply", bytes), seeds: plys },
+    Target { name: "spz", run: spz, seeds: spzs },
 ];
 
 /// Reads marks, and the pixels and the evidence of those that are accepted.
@@ -123,14 +128,32 @@ fn plys() -> Vec<Vec<u8>> {
     vec![scene.all_still(0.5).to_ply(Some(&scene.cameras[0])), scene.to_reference_ply(), text.into()]
 }
 
+/// Reads an `.spz` as it is, and what the bytes are behind a gzip header that is whole.
+fn spz(bytes: &[u8]) {
+    load("scene.spz", bytes);
+    let mut gzip = GzEncoder::new(Vec::new(), Compression::fast());
+    if let Ok(packed) = gzip.write_all(bytes).and_then(|()| gzip.finish()) {
+        load("packed.spz", &packed);
+    }
+}
+
+fn spzs() -> Vec<Vec<u8>> {
+    let still = scene(3).all_still(0.5).to_spz();
+    let mut unpacked = Vec::new();
+    let read = GzDecoder::new(&still[..]).read_to_end(&mut unpacked);
+    debug_assert!(read.is_ok(), "it was just packed");
+    vec![still, unpacked]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn the_seeds_are_good() {
-        for (target, seeds) in [("scene.safetensors", scenes()), ("scene.ply", plys())] {
-            assert_eq!(seeds.len(), 3);
+        let spz = spzs()[..1].to_vec();
+        for (target, seeds) in [("scene.safetensors", scenes()), ("scene.ply", plys()), ("scene.spz", spz)] {
+            assert!(!seeds.is_empty());
             let folder = tempfile::tempdir().unwrap();
             let path: &Path = &folder.path().join(target);
             for (i, seed) in seeds.iter().enumerate().take(2) {

@@ -34,7 +34,7 @@ static MEMORY: Cap<System> = Cap::new(System, usize::MAX);
 /// fails and ends the process.
 fn most_memory(target: &Target) -> usize {
     match target.name {
-        "scene" | "ply" | "quantised_scene" | "npy_header" | "langsplat" => 192 << 20,
+        "scene" | "ply" | "spz" | "quantised_scene" | "npy_header" | "langsplat" => 192 << 20,
         // A picture of the largest size, decoded and converted.
         _ => 1 << 30,
     }

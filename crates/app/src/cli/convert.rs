@@ -3,6 +3,7 @@
 use super::{
     args::{FrameRange, frame_range, unit_number},
     console::{ProgressView, print_report, say, watch_interrupts},
+    page,
     verb::{Exit, Run},
 };
 use crate::{
@@ -10,7 +11,10 @@ use crate::{
     outputs,
 };
 use clap::{Args, ValueEnum};
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 use surgtpgs_core::{
     Error, Result,
     files::{Inputs, write_whole},
@@ -22,12 +26,12 @@ use surgtpgs_core::{
 /// Turn scenes into files of other programs, and back
 #[derive(Debug, Args)]
 pub(super) struct ConvertArgs {
-    /// A scene, or a .ply: ordinary Gaussian splats, or the released code's deforming ones (its feature
+    /// A scene, an .spz, or a .ply: ordinary Gaussian splats, or the released code's deforming ones (its feature
     /// network is taken from a lang_deformation.safetensors beside it)
     #[arg(value_name = "IN")]
     input: PathBuf,
-    /// NAME.safetensors, NAME.ply or NAME.glb; a name without extension is a folder of
-    /// frame0000.ply, frame0001.ply …
+    /// NAME.safetensors, NAME.ply, NAME.spz, NAME.glb, or NAME.html for a page that plays in a browser; a name
+    /// without extension is a folder of frame0000.ply, frame0001.ply …
     #[arg(value_name = "OUT")]
     output: PathBuf,
     /// The frame whose Gaussians are written (default: the first)
@@ -55,6 +59,9 @@ pub(super) struct ConvertArgs {
     /// Write a scene in few bits, about a sixth of the size
     #[arg(long, conflicts_with_all = ["frame", "time", "frames", "reference"])]
     quantize: bool,
+    /// Words to show in a page, with what they find; may be given several times
+    #[arg(long, visible_alias = "prompts", value_name = "TEXT", num_args = 1..)]
+    prompt: Vec<String>,
     /// Overwrite what is there
     #[arg(long)]
     force: bool,
@@ -68,6 +75,8 @@ pub(super) struct ConvertArgs {
 enum StillFormat {
     /// 3D Gaussian splatting's .ply
     Ply,
+    /// Niantic's compressed .spz, about a quarter of the size
+    Spz,
     /// Binary glTF with KHR_gaussian_splatting
     Glb,
 }
@@ -77,6 +86,7 @@ impl StillFormat {
     fn extension(self) -> &'static str {
         match self {
             Self::Ply => "ply",
+            Self::Spz => "spz",
             Self::Glb => "glb",
         }
     }
@@ -100,6 +110,7 @@ enum Target {
     Reference,
     Still(StillFormat),
     Folder,
+    Page,
 }
 
 impl Run for ConvertArgs {
@@ -119,6 +130,7 @@ impl Run for ConvertArgs {
             Target::Reference => write_reference(self, &scene, &inputs, &mut done)?,
             Target::Still(format) => write_still(self, &scene, format, &inputs, &mut done)?,
             Target::Folder => write_folder(self, &scene, &inputs, &mut done)?,
+            Target::Page => write_page(self, scene, &inputs, &mut done)?,
         }
         done.lost.iter().for_each(|what| say(&format!("not kept as it was: {what}")));
         print_report(&done, &as_text(&done), self.json)?;
@@ -204,7 +216,7 @@ fn write_still(
     }
     let time = args.time.unwrap_or(scene.time(frame));
     let output = outputs::scene_file(&args.output, inputs, args.force)?;
-    let bytes = still(scene, time, frame, format);
+    let bytes = still(scene, time, frame, format, done);
     output.write(&bytes)?;
     done.add(args.output.clone(), &bytes);
     Ok(())
@@ -216,12 +228,21 @@ fn write_folder(args: &ConvertArgs, scene: &Scene, inputs: &Inputs, done: &mut C
     let frames = FrameRange::frames(args.frames, scene.num_frames())?;
     for (k, &frame) in frames.iter().enumerate() {
         let name = format!("frame{frame:04}.{}", args.format.extension());
-        let bytes = still(scene, scene.time(frame), frame, args.format);
+        let bytes = still(scene, scene.time(frame), frame, args.format, done);
         write_whole(&output.path().join(&name), &bytes)?;
         done.add(args.output.join(name), &bytes);
         view.count("converting", k + 1, frames.len());
     }
     output.finish()
+}
+
+fn write_page(args: &ConvertArgs, scene: Scene, inputs: &Inputs, done: &mut Conversion) -> Result<()> {
+    let output = outputs::scene_file(&args.output, inputs, args.force)?;
+    let scene = Arc::new(scene);
+    let bytes = scene.to_page(&page::prompts(&scene, &args.prompt)?);
+    output.write(&bytes)?;
+    done.add(args.output.clone(), &bytes);
+    Ok(())
 }
 
 fn target(args: &ConvertArgs) -> Result<Target> {
@@ -230,13 +251,15 @@ fn target(args: &ConvertArgs) -> Result<Target> {
         Some("safetensors") => Target::Scene,
         Some("ply") if args.reference => Target::Reference,
         Some("ply") => Target::Still(StillFormat::Ply),
+        Some("spz") => Target::Still(StillFormat::Spz),
         Some("glb") => Target::Still(StillFormat::Glb),
+        Some("html" | "htm") => Target::Page,
         None => Target::Folder,
         Some(_) => {
             return Err(Error::input_at(
                 &args.output,
                 "this is not a form that scenes are written in",
-                "Give a name that ends in .safetensors, .ply or .glb, or a folder.",
+                "Give a name that ends in .safetensors, .ply, .spz, .glb or .html, or a folder.",
             ));
         }
     };
@@ -245,17 +268,23 @@ fn target(args: &ConvertArgs) -> Result<Target> {
         Target::Scene if args.frame.is_some() || args.time.is_some() || args.frames.is_some() => {
             refuse("a scene file holds all times", "Leave out --frame, --time and --frames.")
         }
+        Target::Page if args.frame.is_some() || args.time.is_some() || args.frames.is_some() => {
+            refuse("a page holds all frames", "Leave out --frame, --time and --frames.")
+        }
         Target::Still(_) if args.frames.is_some() => {
             refuse("one file holds one frame", "Give --frame, or a folder as OUT.")
         }
         Target::Folder if args.frame.is_some() || args.time.is_some() => {
             refuse("a folder holds a file per frame", "Give --frames, or a file as OUT.")
         }
-        Target::Scene | Target::Still(_) | Target::Folder if args.reference => {
+        Target::Scene | Target::Still(_) | Target::Folder | Target::Page if args.reference => {
             refuse("the released code reads .ply files only", "Give a name that ends in .ply.")
         }
-        Target::Still(_) | Target::Folder | Target::Reference if args.quantize => {
+        Target::Still(_) | Target::Folder | Target::Reference | Target::Page if args.quantize => {
             refuse("only scene files are quantised", "Give a name that ends in .safetensors.")
+        }
+        Target::Scene | Target::Still(_) | Target::Folder | Target::Reference if !args.prompt.is_empty() => {
+            refuse("only pages show prompts", "Give a name that ends in .html.")
         }
         target => Ok(target),
     }
@@ -278,10 +307,20 @@ fn open(args: &ConvertArgs) -> Result<Scene> {
     Ok(scene)
 }
 
-fn still(scene: &Scene, time: f32, frame: usize, format: StillFormat) -> Vec<u8> {
+fn still(scene: &Scene, time: f32, frame: usize, format: StillFormat, done: &mut Conversion) -> Vec<u8> {
     let (gaussians, camera) = (scene.all_still(time), scene.cameras.get(frame));
     match format {
         StillFormat::Ply => gaussians.to_ply(camera),
+        StillFormat::Spz => {
+            let beyond = gaussians.beyond_spz();
+            if beyond > 0 {
+                done.lost.push(format!(
+                    "the sizes of {beyond} of {} Gaussians, on frame {frame}, are cut to what .spz can tell",
+                    gaussians.len()
+                ));
+            }
+            gaussians.to_spz()
+        }
         StillFormat::Glb => gaussians.to_glb(camera),
     }
 }

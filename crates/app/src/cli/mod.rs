@@ -17,6 +17,7 @@ mod eval;
 mod export;
 mod figures;
 mod objects;
+mod page;
 mod prepare;
 mod query;
 mod remedy;

@@ -51,6 +51,7 @@ use surgtpgs_core::{
     grid::{Grid, Mask},
     marks::Graph,
     mask::threshold,
+    num::sigmoid,
     overlay::{OverlayPrompt, overlay},
     prepare::EncoderIdentity,
     raster::{FrameClock, FramePass, Images, MIN_DEPTH_ALPHA, Pick, Renderer},
@@ -488,16 +489,14 @@ impl Engine {
     /// they are at least as opaque as a pixel has to be.
     pub fn gaussians_found(&mut self, time: f32) -> Result<Vec<Vec<usize>>> {
         let marked = self.gaussians_marked();
-        let relevancy = match &mut self.relevancy {
-            Some(relevancy) => relevancy,
-            None if self.marked.is_some() => return Ok(marked),
-            None => return Err(no_features()),
-        };
-        let deformed = deform(&self.scene.gaussians, &self.scene.deformation, time, true);
-        let points = Points::of_latents(&deformed.features, self.scene.gaussians.latent_dim);
-        let scores = relevancy.score_points(&points, &self.asking.queries, &self.settings);
+        if self.relevancy.is_none() && self.marked.is_some() {
+            return Ok(marked);
+        }
+        let scores = self.gaussian_scores(time)?;
         let RelevancySettings { threshold, min_alpha, .. } = self.settings;
-        let is_found = |scores: &[f32], i: usize| scores[i] > threshold && deformed.opacities[i] >= min_alpha;
+        let opacities = self.scene.gaussians.opacity_logits.iter().map(|o| sigmoid(*o));
+        let opacities: Vec<f32> = opacities.collect();
+        let is_found = |scores: &[f32], i: usize| scores[i] > threshold && opacities[i] >= min_alpha;
         let found = |scores: &Vec<f32>| (0..scores.len()).filter(|&i| is_found(scores, i)).collect();
         let mut found: Vec<Vec<usize>> = scores.iter().map(found).collect();
         for (found, marked) in found.iter_mut().zip(marked) {
@@ -506,6 +505,14 @@ impl Engine {
             found.dedup();
         }
         Ok(found)
+    }
+
+    /// Returns for each prompt the score of each Gaussian at `time`, whatever its opacity. Marks do not count.
+    pub fn gaussian_scores(&mut self, time: f32) -> Result<Vec<Vec<f32>>> {
+        let Some(relevancy) = &mut self.relevancy else { return Err(no_features()) };
+        let deformed = deform(&self.scene.gaussians, &self.scene.deformation, time, true);
+        let points = Points::of_latents(&deformed.features, self.scene.gaussians.latent_dim);
+        Ok(relevancy.score_points(&points, &self.asking.queries, &self.settings))
     }
 
     /// Returns for each prompt the mask of pixels whose score is above the threshold of the settings.

@@ -1,6 +1,6 @@
 //! Scenes in files: reads and writes them whole.
 
-use super::{Scene, file, gltf, ply, ply::ReferenceWeights};
+use super::{Scene, file, gltf, ply, ply::ReferenceWeights, spz, web};
 use crate::{
     Error, Result,
     files::write_whole,
@@ -8,7 +8,8 @@ use crate::{
 };
 use std::{io::Read, path::Path};
 
-/// Number of bytes at the beginning of a `.ply` or `.glb` within which it names the program that wrote it.
+/// Number of bytes at the beginning of a `.ply`, `.spz`, `.glb` or page within which it names the program
+/// that wrote it.
 const OWN_BYTES: u64 = 1 << 16;
 
 impl Scene {
@@ -16,7 +17,12 @@ impl Scene {
     pub fn is_own_file(path: &Path) -> bool {
         let mut start = Vec::new();
         let read = open_regular(path).and_then(|file| file.take(OWN_BYTES).read_to_end(&mut start));
-        read.is_ok() && (ply::is_own(&start) || gltf::is_own(&start) || file::is_own(path))
+        read.is_ok()
+            && (ply::is_own(&start)
+                || gltf::is_own(&start)
+                || spz::is_own(&start)
+                || web::is_own(&start)
+                || file::is_own(path))
     }
     /// Returns the bytes of the scene file.
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
@@ -37,19 +43,27 @@ impl Scene {
     /// unreadable file takes none.
     pub fn memory_bytes(path: &Path) -> u64 {
         let Ok(bytes) = read_regular(path, MOST_BYTES) else { return 0 };
-        let read = if bytes.starts_with(ply::MAGIC) { None } else { file::memory_bytes(&bytes) };
+        let read = match &bytes[..] {
+            bytes if bytes.starts_with(ply::MAGIC) => None,
+            bytes if bytes.starts_with(spz::MAGIC) => spz::memory_bytes(bytes),
+            bytes => file::memory_bytes(bytes),
+        };
         bytes.len() as u64 + read.unwrap_or(4 * bytes.len() as u64)
     }
-    /// Reads and validates a file: a scene, or a `.ply` of Gaussians, which is recognised by its content.
+    /// Reads and validates a file: a scene, or a `.ply` or `.spz` of Gaussians, recognised by its content.
     /// The feature network of a deforming `.ply` is taken from [`LANG_DEFORMATION_FILE`] beside it.
     pub fn load(path: &Path) -> Result<Self> {
         let bytes = read_regular(path, MOST_BYTES).map_err(|e| Error::io("read the scene file", path, e))?;
         let hint = "Choose another scene file, or train the recording again.";
         let wrong = |what| Error::input_at(path, what, hint);
-        if !bytes.starts_with(ply::MAGIC) {
-            return file::from_bytes(&bytes).map_err(wrong);
-        }
-        let mut scene = ply::from_bytes(&bytes, || ReferenceWeights::beside(path)).map_err(wrong)?;
+        let read = match &bytes[..] {
+            bytes if bytes.starts_with(ply::MAGIC) => {
+                ply::from_bytes(bytes, || ReferenceWeights::beside(path))
+            }
+            bytes if bytes.starts_with(spz::MAGIC) => spz::from_bytes(bytes),
+            bytes => return file::from_bytes(bytes).map_err(wrong),
+        };
+        let mut scene = read.map_err(wrong)?;
         scene.provenance.made_by = format!("imported by SurgTPGS {}", env!("CARGO_PKG_VERSION"));
         scene.provenance.sequence_name =
             path.file_stem().map_or(String::new(), |name| name.to_string_lossy().into_owned());

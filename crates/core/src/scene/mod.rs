@@ -3,16 +3,20 @@
 
 mod camera_row;
 mod file;
+mod fit;
 mod gltf;
 mod io;
 mod ply;
 mod released;
 mod revised;
+mod spz;
 mod still;
+mod web;
 
 pub use ply::{LANG_DEFORMATION_FILE, ReferenceWeights};
 pub use released::{RELEASED_BASES, Released};
 pub use revised::Revised;
+pub use web::PagePrompt;
 
 use crate::{
     camera::Camera,
@@ -30,7 +34,7 @@ use std::{
 };
 
 /// Extensions of files that [`Scene::load`] reads.
-pub const EXTENSIONS: [&str; 2] = ["safetensors", "ply"];
+pub const EXTENSIONS: [&str; 3] = ["safetensors", "ply", "spz"];
 
 /// Description of a problem with a file, without a full stop.
 type Problem = String;

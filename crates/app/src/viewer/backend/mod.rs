@@ -14,7 +14,7 @@ use crate::{
     jobs::ExportRequest,
 };
 use image::RgbImage;
-use orbit::{MAX_MOVING_DEGREES, MAX_STILL_DEGREES, Orbit};
+use orbit::Orbit;
 use paths::{PathAsk, Picked};
 use std::{
     path::{Path, PathBuf},
@@ -22,6 +22,7 @@ use std::{
 };
 use surgtpgs_core::{
     Result,
+    camera::{MAX_MOVING_DEGREES, MAX_STILL_DEGREES},
     export::ExportSummary,
     grid::{Grid, Mask},
     marks::{LookHere, Mark},

@@ -15,11 +15,6 @@ pub(crate) struct Orbit {
     pub(crate) pivot: Option<[f32; 3]>,
 }
 
-/// Largest rotation where the camera never moved. Beyond it, surfaces would show that nobody ever saw.
-pub(crate) const MAX_STILL_DEGREES: f32 = 15.0;
-/// Largest rotation where the camera moved.
-pub(crate) const MAX_MOVING_DEGREES: f32 = 40.0;
-
 impl Orbit {
     /// Returns `true` if this is the endoscope's own view.
     pub(crate) fn is_home(&self) -> bool {
@@ -100,6 +95,7 @@ mod tests {
 
     #[test]
     fn no_drag_leads_beyond_the_limit() {
+        use surgtpgs_core::camera::MAX_STILL_DEGREES;
         let mut orbit = Orbit::default();
         for _ in 0..1000 {
             orbit = orbit.dragged([30.0, -50.0], MAX_STILL_DEGREES);

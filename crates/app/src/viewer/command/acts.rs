@@ -9,7 +9,7 @@ use crate::viewer::{
 use egui::{Context, Rect, ViewportCommand, pos2};
 
 /// Extensions of files that can be opened.
-const OPENED: [&str; 8] = ["safetensors", "ply", "surgtpgs", "mp4", "mov", "mkv", "avi", "dcm"];
+const OPENED: [&str; 9] = ["safetensors", "ply", "spz", "surgtpgs", "mp4", "mov", "mkv", "avi", "dcm"];
 
 /// Circumstances in which a command is carried out.
 pub(super) struct Given<'a> {

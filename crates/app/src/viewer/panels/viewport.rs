@@ -2,7 +2,7 @@
 
 use crate::viewer::{
     action::Action,
-    backend::{Info, orbit::MAX_STILL_DEGREES},
+    backend::Info,
     command::Command,
     panels::{
         drawing::{self, Drawing},
@@ -33,6 +33,7 @@ use egui::{
     Align2, Color32, CursorIcon, Frame, Margin, PointerButton, Pos2, Rect, Response, Role, ScrollArea, Sense,
     Stroke, Ui, WidgetInfo, pos2, vec2,
 };
+use surgtpgs_core::camera::MAX_STILL_DEGREES;
 
 /// Message in place of an excluded frame.
 pub(crate) const EXCLUDED: &str = "This frame is left out of everything";

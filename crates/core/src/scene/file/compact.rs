@@ -45,11 +45,11 @@ const MAX_COUNT: f32 = (1_u32 << 29) as f32;
 const PLANES: usize = 4;
 
 /// Rounding steps of the columns of each tensor.
-pub(super) struct Steps(BTreeMap<&'static str, Vec<f32>>);
+pub(in crate::scene) struct Steps(BTreeMap<&'static str, Vec<f32>>);
 
 impl Steps {
     /// Chooses steps such that the pictures of `scene` change by less than their own error.
-    pub(super) fn for_scene(scene: &Scene) -> Self {
+    pub(in crate::scene) fn for_scene(scene: &Scene) -> Self {
         let (pixel, dim) = (pixel_size(scene), scene.gaussians.latent_dim);
         let mut over_time = vec![GATE_OVER_TIME; num_channels(dim)];
         for (channels, step) in [
@@ -81,7 +81,7 @@ impl Steps {
     }
 
     /// Returns the steps of the columns of a tensor; `None` if it is kept unchanged.
-    pub(super) fn of(&self, name: &str) -> Option<&[f32]> {
+    pub(in crate::scene) fn of(&self, name: &str) -> Option<&[f32]> {
         self.0.get(name).map(Vec::as_slice)
     }
 }
@@ -97,7 +97,7 @@ fn pixel_size(scene: &Scene) -> f32 {
 
 /// Returns the cosine transform of `n` values as a matrix of rows, whose transpose undoes it
 /// (DCT-II, orthonormal).
-pub(super) fn cosines(n: usize) -> Vec<f32> {
+pub(in crate::scene) fn cosines(n: usize) -> Vec<f32> {
     let value = |i: usize| {
         let (k, x) = ((i / n) as f64, (i % n) as f64 + 0.5);
         let length = if k == 0.0 { 1.0 } else { 2.0 } / n as f64;
@@ -115,7 +115,7 @@ pub(super) fn transposed(matrix: &[f32], n: usize) -> Vec<f32> {
 const MIXED_AT_ONCE: usize = 1 << 12;
 
 /// Multiplies an n × n matrix with values along their first axis, n.
-pub(super) fn mix(matrix: &[f32], n: usize, values: &mut [f32]) {
+pub(in crate::scene) fn mix(matrix: &[f32], n: usize, values: &mut [f32]) {
     let len = values.len() / n.max(1);
     for start in (0..len).step_by(MIXED_AT_ONCE) {
         let width = MIXED_AT_ONCE.min(len - start);
@@ -132,14 +132,14 @@ pub(super) fn mix(matrix: &[f32], n: usize, values: &mut [f32]) {
 }
 
 /// Deflated whole numbers.
-pub(super) struct Packed {
-    pub(super) bytes: Vec<u8>,
+pub(in crate::scene) struct Packed {
+    pub(in crate::scene) bytes: Vec<u8>,
     /// Offsets of the columns.
-    pub(super) offsets: Vec<f32>,
+    pub(in crate::scene) offsets: Vec<f32>,
 }
 
 /// Rounds rows of `steps.len()` columns. Numbers more than 2²⁹ steps away are clamped.
-pub(super) fn pack(values: &[f32], steps: &[f32]) -> Packed {
+pub(in crate::scene) fn pack(values: &[f32], steps: &[f32]) -> Packed {
     let columns = steps.len();
     let mut offsets = Vec::with_capacity(columns);
     let mut counts = Vec::with_capacity(values.len());
@@ -158,7 +158,8 @@ pub(super) fn pack(values: &[f32], steps: &[f32]) -> Packed {
     Packed { bytes: deflated(&(0..PLANES).flat_map(plane).collect::<Vec<u8>>()), offsets }
 }
 
-fn deflated(bytes: &[u8]) -> Vec<u8> {
+/// Returns a zlib stream of bytes.
+pub(in crate::scene) fn deflated(bytes: &[u8]) -> Vec<u8> {
     let mut encoder = ZlibEncoder::new(Vec::new(), Compression::best());
     let written = encoder.write_all(bytes).and_then(|()| encoder.finish());
     debug_assert!(written.is_ok(), "writing to memory does not fail");

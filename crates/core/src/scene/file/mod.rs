@@ -18,7 +18,7 @@
 //! | `vocabulary` | [texts · dim, 2] u8 | vectors of the vocabulary's texts as little-endian f16 |
 //! | `encoder.K.weight` `encoder.K.bias` `decoder.K.…` | | the codec's layers |
 
-mod compact;
+pub(super) mod compact;
 mod tensors;
 
 use super::{
@@ -166,7 +166,8 @@ fn write_layers(w: &mut Writer, name: &str, layers: &[Linear]) {
     }
 }
 
-fn pack_bits(mask: &Mask) -> Vec<u8> {
+/// Returns the bits of a mask, row by row in whole bytes, most significant first.
+pub(super) fn pack_bits(mask: &Mask) -> Vec<u8> {
     let pack =
         |bits: &[bool]| bits.iter().enumerate().fold(0u8, |byte, (i, b)| byte | u8::from(*b) << (7 - i));
     (0..mask.height).flat_map(|y| mask.row(y).chunks(8).map(pack).collect::<Vec<_>>()).collect()

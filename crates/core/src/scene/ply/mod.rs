@@ -6,6 +6,7 @@ mod table;
 
 pub(super) use reference::{DIM, GATE_SLOPE, GEOMETRY};
 pub use reference::{LANG_DEFORMATION_FILE, ReferenceWeights};
+pub(super) use splats::drop_empty_bands;
 
 use super::{Problem, Scene};
 use table::{MADE_BY, PlyTable};

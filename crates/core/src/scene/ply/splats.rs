@@ -122,7 +122,7 @@ fn degree_of(bands: usize) -> usize {
 }
 
 /// Removes bands that are 0 everywhere: files often hold degree 3 but use only degree 0.
-fn drop_empty_bands(gaussians: &mut Gaussians) {
+pub(in crate::scene) fn drop_empty_bands(gaussians: &mut Gaussians) {
     let bands = gaussians.sh_bands();
     let used = |row: &[f32]| row.iter().rposition(|v| *v != 0.0).map_or(0, |last| last / CHANNELS + 1);
     let most = gaussians.sh_rest.chunks_exact((bands * CHANNELS).max(1)).map(used).max().unwrap_or(0);
