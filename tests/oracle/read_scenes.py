@@ -175,13 +175,15 @@ def alike(a, b):
 def check_spz(scene, path, time):
     """The axes of .spz are right, up and back."""
     read, flip = gsply.read_spz(path), np.array([1.0, -1, -1])
-    places, turned, log_scales, colours = scene.at(time)
-    check(worst(read.means * flip, places) < 1e-4, "places of the .spz")
-    check(worst(read.scales, log_scales.clip(-10, -10 + 255 / 16)) < 0.51 / 16, "log-scales of the .spz")
-    check(worst(read.sh0, colours) < 0.51 / (255 * 0.15), "colours of the .spz")
-    opacities = [1 / (1 + np.exp(-v)) for v in (read.opacities, scene.tensors["opacity_logits"])]
-    check(worst(*opacities) < 0.51 / 255 + 1e-4, "opacities of the .spz")
-    check(alike(read.quats * np.array([1.0, 1, -1, -1]), turned) > 0.999, "quaternions of the .spz")
+    now = scene.at(time)
+    check(worst(read.means * flip, now.positions) < 1e-4, "places of the .spz")
+    log_scales = np.log(now.scales).clip(-10, -10 + 255 / 16)
+    check(worst(read.scales, log_scales) < 0.51 / 16, "log-scales of the .spz")
+    colours = np.maximum(0.5 + BAND_0 * read.sh0, 0)
+    check(worst(colours, now.colours) < BAND_0 * 0.51 / (255 * 0.15), "colours of the .spz")
+    opacities = 1 / (1 + np.exp(-read.opacities))
+    check(worst(opacities, now.opacities) < 0.51 / 255 + 1e-4, "opacities of the .spz")
+    check(alike(read.quats * np.array([1.0, 1, -1, -1]), now.rotations) > 0.999, "quaternions of the .spz")
     return f"{len(read.means)} Gaussians of the .spz are those that NumPy computes, to half a step"
 
 

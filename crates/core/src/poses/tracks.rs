@@ -166,7 +166,7 @@ fn carried(flow: &Grid<Vector>, at: [f32; 2]) -> [f32; 2] {
 fn is_inside(view: &View, at: [f32; 2]) -> bool {
     let [x, y] = at.map(|v| v.round() as i32);
     let (width, height) = (view.luma.width as i32, view.luma.height as i32);
-    let fits = x >= REACH + 1 && y >= REACH + 1 && x + REACH + 1 < width && y + REACH + 1 < height;
+    let fits = x > REACH && y > REACH && x + REACH + 1 < width && y + REACH + 1 < height;
     fits && view.mask.at(x as usize, y as usize)
 }
 
