@@ -28,6 +28,9 @@ const DEFAULT_DEPTH: f32 = 100.0;
 /// Number of frames that the first Gaussians are taken from.
 const SEED_FRAMES: usize = 8;
 
+/// Largest number of frames for which the camera's path is estimated; a frame takes some 50 ms.
+const MOST_POSED_FRAMES: usize = 3000;
+
 /// State of training. Together with the settings and the recording it determines all later steps.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub(super) struct TrainState {
@@ -166,7 +169,8 @@ pub(super) fn spread(frames: &[usize], count: usize) -> Vec<usize> {
 /// Estimates the path of a camera that is not known; it has no poses if it is known or stands still.
 fn path(sequence: &Sequence, times: &[f32], settings: &TrainSettings) -> Result<ScopePath> {
     let is_known = sequence.camera_source() == CameraSource::Given || sequence.camera_moves();
-    if !settings.finds_path || is_known || sequence.has_depth() {
+    let is_long = sequence.num_frames() > MOST_POSED_FRAMES;
+    if !settings.finds_path || is_known || sequence.has_depth() || is_long {
         return Ok(ScopePath::default());
     }
     let frames = train_frames(sequence.num_frames(), settings.eval, &settings.excluded);
