@@ -255,8 +255,8 @@ fn mirror(material: &Material, normal: Vec3, to_eye: Vec3, to_lamp: Vec3) -> Vec
     material.albedo * (0.08 + 0.5 * facing) + material.gloss * (around + Vec3::splat(lamp))
 }
 
-/// Returns the picture as a quick motion to the side blurs it: each pixel is the mean of those around it in its
-/// row, over a twentieth of the width.
+/// Returns the picture as a quick motion to the side blurs it: each pixel is the mean of those around it in
+/// its row, over a twentieth of the width.
 pub(super) fn blurred(picture: &RgbImage) -> RgbImage {
     let (width, height) = picture.dimensions();
     let reach = width / 40;

@@ -25,8 +25,8 @@ const MOST_FOREIGN: usize = 8;
 ///   value as in the recording's own label pictures. If a `labels.json` beside them names the ids, as in
 ///   the export `index` of this program, classes are found by these names.
 ///
-/// CLASS is the name of a class, or listed words that mean one class of the recording and no other, as prompts
-/// are understood.
+/// CLASS is the name of a class, or listed words that mean one class of the recording and no other, as
+/// prompts are understood.
 ///
 /// FRAME is the name of the recorded frame, or ends in its number, counted from 0.
 #[derive(Clone, Debug)]

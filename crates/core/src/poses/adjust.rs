@@ -31,7 +31,7 @@ impl Landmark {
     }
 }
 
-/// How to compare.
+/// Measure of differences between sights and points.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Comparison {
     /// Focal length, px: differences are in these pixels.
@@ -122,7 +122,7 @@ pub(super) struct Adjustment<'a> {
     pub landmarks: Vec<&'a mut Landmark>,
     /// Frames whose poses may change; later ones are not looked at.
     pub free: std::ops::Range<usize>,
-    /// How to compare.
+    /// Measure of differences.
     pub compare: Comparison,
 }
 

@@ -275,8 +275,8 @@ fn moving_share(builder: &Builder, lens: &Lens) -> f64 {
     near as f64 / all.max(1) as f64
 }
 
-/// Judges a finished path. One that explains much, but by depths that no surface inside of a body has, follows
-/// tissue that moves by itself.
+/// Judges a finished path. One that explains much, but by depths that no surface inside of a body has,
+/// follows tissue that moves by itself.
 fn verdict(path: &ScopePath, builder: &Builder) -> Verdict {
     let gain = path.moving_share - path.still_share;
     let is_surface = depth_range(builder) <= LARGEST_DEPTH_RANGE;

@@ -30,8 +30,8 @@ const LENGTHS: f32 = 0.3;
 const COMPARED_FRAMES: usize = 8;
 
 /// Improves `scene` until its pictures, depths and features are as near to those of `like` as `steps` steps
-/// bring them. Places, shapes, colours, opacities and features change, and the weights of shared bases. Colours
-/// stay constant over time. No recording is needed. Equal scenes give equal results. Returns how
+/// bring them. Places, shapes, colours, opacities and features change, and the weights of shared bases.
+/// Colours stay constant over time. No recording is needed. Equal scenes give equal results. Returns how
 /// near they were and are, as PSNR in dB; a scene that does not come nearer stays as it was.
 ///
 /// # Errors
@@ -69,7 +69,8 @@ fn fitted(scene: &Scene, like: &Scene, steps: usize, observer: &mut Observer<'_>
     Ok(Scene { gaussians: model.gaussians.into(), deformation: model.deformation.into(), ..scene.clone() })
 }
 
-/// Returns how near the pictures of two scenes are, as PSNR in dB inside the field of view, over a few frames.
+/// Returns how near the pictures of two scenes are, as PSNR in dB inside the field of view, over a few
+/// frames.
 fn likeness_db(scene: &Scene, like: &Scene) -> Option<f64> {
     let step = like.num_frames().div_ceil(COMPARED_FRAMES).max(1);
     let compare = |i: usize| {
@@ -168,8 +169,8 @@ impl<'a> Examples<'a> {
     }
 }
 
-/// Grid of latent features that those of pixels are rounded to, because a frame names a row of a table for each
-/// pixel.
+/// Grid of latent features that those of pixels are rounded to, because a frame names a row of a table for
+/// each pixel.
 struct Palette {
     dim: usize,
     /// Number of grid points along each axis, from −`reach` to `reach`.

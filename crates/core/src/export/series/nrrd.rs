@@ -106,8 +106,8 @@ fn header(plan: SeriesPlan<'_>, has_layers: bool) -> String {
     text
 }
 
-/// Returns the names of all segments as a JSON list in ASCII: pynrrd drops other letters from headers. Readers
-/// that undo the escapes of NRRD, `\n` and `\\`, and those that do not find the same text, since it has neither.
+/// Returns the names of all segments as a JSON list in ASCII: pynrrd drops other letters from headers. It has
+/// neither of the escapes of NRRD, `\n` and `\\`, so that readers that undo them find the same text.
 fn names_in_ascii(provenance: &Provenance) -> String {
     let is_plain = |c: char| matches!(c, ' '..='~') && c != '"' && c != '\\';
     let escaped = |c: char| match is_plain(c) {
