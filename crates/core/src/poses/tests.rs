@@ -8,14 +8,14 @@ use crate::{
 };
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 
-const FRAMES: usize = 16;
+const FRAMES: usize = 24;
 
 /// Writes a rigid demo, and estimates its path from pictures alone; frame 7 is not read.
 fn estimated(moving_camera: bool) -> (Sequence, super::ScopePath) {
     let folder = tempfile::tempdir().unwrap();
     let settings = DemoSettings {
-        width: 192,
-        height: 144,
+        width: 320,
+        height: 240,
         frames: FRAMES,
         moving_camera,
         rigid: true,

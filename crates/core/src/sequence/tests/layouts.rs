@@ -62,7 +62,7 @@ fn what_the_demo_writes_opens_with_depth_labels_and_settings() {
     assert_eq!(sequence.frames_per_second(), Some(15.0));
     let camera = sequence.camera(0);
     assert_eq!((camera.fx, camera.fy, camera.cx, camera.cy), (10.0, 10.0, 4.0, 3.0));
-    assert_eq!(sequence.camera_source(), CameraSource::Given);
+    assert_eq!(sequence.camera_source(), CameraSource::Lens);
     let depth = sequence.depth(1).unwrap().unwrap();
     assert_eq!((depth.at(0, 5), depth.at(1, 5)), (0.0, 501.5));
     let labels = sequence.labels(0).unwrap().unwrap();
