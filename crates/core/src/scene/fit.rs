@@ -1,6 +1,7 @@
 //! Motion fitted by basis functions of another kind.
 
 use crate::deform::{Deformation, basis};
+use std::ops::Range;
 
 /// Returns times spread evenly over a recording.
 pub(super) fn sample_times(samples: usize) -> Vec<f32> {
@@ -8,12 +9,22 @@ pub(super) fn sample_times(samples: usize) -> Vec<f32> {
 }
 
 /// Adds to the weights of `fitted`, whose bases are shared, those that come nearest to the motion of `n`
-/// Gaussians at `times`.
-pub(super) fn fit_motion(fitted: &mut Deformation, motion: &Deformation, n: usize, times: &[f32]) {
-    for (time, row) in times.iter().zip(least_squares(fitted, times)) {
+/// Gaussians at `times`, in `channels`.
+pub(super) fn fit_motion(
+    fitted: &mut Deformation,
+    motion: &Deformation,
+    n: usize,
+    times: &[f32],
+    channels: Range<usize>,
+) {
+    let (stride, plane) = (fitted.stride, (n * fitted.stride).max(1));
+    for (time, factors) in times.iter().zip(least_squares(fitted, times)) {
         let psi = motion.psi(n, *time);
-        for (plane, factor) in fitted.weights.chunks_exact_mut(psi.len().max(1)).zip(row) {
-            plane.iter_mut().zip(&psi).for_each(|(w, p)| *w += factor * p);
+        for (plane, factor) in fitted.weights.chunks_exact_mut(plane).zip(factors) {
+            for (row, psi) in plane.chunks_exact_mut(stride).zip(psi.chunks_exact(motion.stride)) {
+                let wanted = row[channels.clone()].iter_mut().zip(&psi[channels.clone()]);
+                wanted.for_each(|(weight, psi)| *weight += factor * psi);
+            }
         }
     }
 }

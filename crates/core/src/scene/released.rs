@@ -3,10 +3,11 @@
 
 use super::{
     Scene,
+    fit::fit_motion,
     ply::{DIM, GATE_SLOPE, GEOMETRY},
 };
 use crate::deform::{
-    BasisShape, COLOUR_CHANNEL, Deformation, GATE_CHANNEL, MEAN_CHANNEL, SCALE_CHANNEL, basis, deform,
+    BasisShape, COLOUR_CHANNEL, Deformation, GATE_CHANNEL, MEAN_CHANNEL, SCALE_CHANNEL, deform,
 };
 use std::ops::Range;
 
@@ -122,50 +123,9 @@ fn fitted(d: &Deformation, n: usize, latent_dim: usize, times: &[f32]) -> (Defor
     }
     let spacing = FITTED_WIDTH / (RELEASED_BASES - 1) as f32;
     fitted.widths.fill((spacing * spacing - 1e-4).max(0.0).sqrt());
-    let plane = (n * fitted.stride).max(1);
-    for (time, factors) in times.iter().zip(least_squares(&fitted, times)) {
-        let psi = d.psi(n, *time);
-        for (plane, factor) in fitted.weights.chunks_exact_mut(plane).zip(factors) {
-            for (row, psi) in plane.chunks_exact_mut(fitted.stride).zip(psi.chunks_exact(d.stride)) {
-                let geometry = row[..GEOMETRY].iter_mut().zip(psi);
-                geometry.for_each(|(weight, psi)| *weight += factor * psi);
-            }
-        }
-    }
+    fit_motion(&mut fitted, d, n, times, 0..GEOMETRY);
     let error = motion_error(d, &fitted, n, times);
     (fitted, error)
-}
-
-/// Computes (QᵀQ + λ)⁻¹Qᵀ for the values Q [times][bases] of shared bases, as [times][bases]. The small λ
-/// keeps it defined if there are fewer times than bases.
-fn least_squares(deformation: &Deformation, times: &[f32]) -> Vec<Vec<f32>> {
-    let d = deformation;
-    let value = |t: f32, b: usize| f64::from(basis(d.shape, t, d.centres[b], d.widths[b]));
-    let q: Vec<Vec<f64>> = times.iter().map(|t| (0..d.num_bases).map(|b| value(*t, b)).collect()).collect();
-    let gram = |a: usize, b: usize| q.iter().map(|row| row[a] * row[b]).sum::<f64>();
-    let mut gram: Vec<Vec<f64>> =
-        (0..d.num_bases).map(|a| (0..d.num_bases).map(|b| gram(a, b)).collect()).collect();
-    (0..d.num_bases).for_each(|b| gram[b][b] += 1e-6 * times.len() as f64);
-    let rows = q.iter().map(|row| solved(gram.clone(), row.clone()));
-    rows.map(|row| row.into_iter().map(|v| v as f32).collect()).collect()
-}
-
-/// Solves Ax = b for x by elimination, for positive definite A.
-fn solved(mut a: Vec<Vec<f64>>, mut b: Vec<f64>) -> Vec<f64> {
-    let n = b.len();
-    for k in 0..n {
-        let (above, below) = a.split_at_mut(k + 1);
-        for (row, i) in below.iter_mut().zip(k + 1..) {
-            let factor = row[k] / above[k][k];
-            row.iter_mut().zip(&above[k]).skip(k).for_each(|(v, pivot)| *v -= factor * pivot);
-            b[i] -= factor * b[k];
-        }
-    }
-    for k in (0..n).rev() {
-        let known: f64 = (k + 1..n).map(|j| a[k][j] * b[j]).sum();
-        b[k] = (b[k] - known) / a[k][k];
-    }
-    b
 }
 
 /// Returns the root mean square distance between two motions of the centres.
@@ -179,16 +139,4 @@ fn motion_error(a: &Deformation, b: &Deformation, n: usize, times: &[f32]) -> f6
             .sum::<f64>();
     }
     (sum / (n * times.len()).max(1) as f64).sqrt()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_system_of_equations_is_solved() {
-        let x =
-            solved(vec![vec![4.0, 1.0, 0.5], vec![1.0, 3.0, 0.2], vec![0.5, 0.2, 2.0]], vec![7.5, 7.6, 6.9]);
-        assert!(x.iter().zip([1.0, 2.0, 3.0]).all(|(a, b)| (a - b).abs() < 1e-12), "{x:?}");
-    }
 }

@@ -132,7 +132,8 @@ impl Scene {
         let mut fitted = Deformation::at_rest(n, self.gaussians.latent_dim, bases, 1.0, d.gate_slope);
         fitted.shape = BasisShape::Spline;
         fitted.widths.fill(1.0 / (bases - 1) as f32);
-        fit_motion(&mut fitted, d, n, &sample_times(self.num_frames().max(2 * bases)));
+        let channels = 0..fitted.stride.min(d.stride);
+        fit_motion(&mut fitted, d, n, &sample_times(self.num_frames().max(2 * bases)), channels);
         Cow::Owned(fitted)
     }
 
