@@ -175,6 +175,8 @@ pub(super) fn train(args: &TrainArgs) -> Result<TrainReport> {
         // An earlier training must not be gone on with once another one has begun.
         trainer.save_checkpoint(&checkpoint)?;
     }
+    let scope = trainer.scope().note();
+    scope.iter().for_each(|note| say(note));
     say(&format!("training on {backend}"));
     let asked = trainer.settings().iterations;
     console::watch_interrupts();
@@ -188,7 +190,7 @@ pub(super) fn train(args: &TrainArgs) -> Result<TrainReport> {
     })?;
     output.write(&trained.scene.to_bytes()?)?;
     let mut report = TrainReport::of(&trained, asked, trainer.backend_name());
-    report.warnings.extend(warning);
+    report.warnings.extend(warning.into_iter().chain(scope));
     if report.finished {
         jobs::remove_file(&checkpoint)?;
     } else {

@@ -46,7 +46,7 @@ const BLURRED: f32 = 0.55;
 const AROUND: usize = 12;
 
 /// The judgement on a recording's camera.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
     #[default]
@@ -58,6 +58,23 @@ pub enum Verdict {
     Unclear,
     /// The path breaks off at this frame: nothing that was seen before is seen there.
     Lost(usize),
+}
+
+impl Verdict {
+    /// Returns a sentence for users; `None` if the camera stands still, as they expect.
+    pub fn note(&self) -> Option<String> {
+        let still = "the scope is taken to stand still";
+        match self {
+            Self::Still => None,
+            Self::Moves => Some("The scope moves: its path was estimated from the pictures".to_owned()),
+            Self::Unclear => {
+                Some(format!("Something moves that neither a still scope nor a moving one explains: {still}"))
+            }
+            Self::Lost(frame) => Some(format!(
+                "The scope's path breaks off at frame {frame}, where nothing is seen that was seen before: {still}"
+            )),
+        }
+    }
 }
 
 /// Judgement on a recording's camera, and its path if it moves.

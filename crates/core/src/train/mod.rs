@@ -41,6 +41,7 @@ use crate::{
     clock::PassClock,
     deform::deform,
     files, metrics,
+    poses::Verdict,
     prepare::{Origin, Prepared},
     raster::{Images, project::Sampling, render_deformed},
     scene::{Provenance, Scene},
@@ -313,6 +314,11 @@ impl Trainer {
     /// Number of steps known to be dropped so far because something was not finite.
     pub fn dropped(&self) -> usize {
         self.state.dropped
+    }
+
+    /// Judgement on the recording's camera; still too if its poses are known.
+    pub fn scope(&self) -> &Verdict {
+        &self.state.scope
     }
 
     /// Number of steps done.

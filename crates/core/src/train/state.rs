@@ -13,7 +13,7 @@ use crate::{
         init::{self, SeedSettings},
     },
     num::percentile,
-    poses::{self, ScopePath, Timeline},
+    poses::{self, ScopePath, Timeline, Verdict},
     prepare::Prepared,
     progress::unobserved,
     raster::NEAR,
@@ -38,6 +38,8 @@ pub(super) struct TrainState {
     pub rng: ChaCha8Rng,
     /// Time of every frame.
     pub times: Vec<f32>,
+    /// Judgement on a camera whose path is not known.
+    pub scope: Verdict,
     /// Estimated `camera_from_world` of every frame; empty if the recording's own are used.
     pub poses: Vec<Affine3A>,
     /// Frames still to be visited in this round, in random order.
@@ -99,6 +101,7 @@ impl TrainState {
             model: Model::new(gaussians, deformation),
             rng,
             times,
+            scope: path.verdict,
             poses: path.poses,
             queue: Vec::new(),
             typical_depth,
