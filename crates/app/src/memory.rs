@@ -132,7 +132,7 @@ pub enum Work<'a> {
 /// Fails if the work takes more than the memory that is left; every verb and the window ask before it begins.
 pub fn require_for(work: &Work<'_>) -> Result<()> {
     let (what, bytes) = match *work {
-        Work::Scene(path) => ("reading the scene".into(), 3 * file_len(path)),
+        Work::Scene(path) => ("reading the scene".into(), 3 * Scene::read_bytes(path)),
         Work::Pictures(width, height) => {
             (format!("rendering {width}×{height} pixels"), u64::from(width) * u64::from(height) * SHOWN_PIXEL)
         }
@@ -159,10 +159,6 @@ pub fn require_for(work: &Work<'_>) -> Result<()> {
     }
 }
 
-fn file_len(path: &Path) -> u64 {
-    path.metadata().map_or(0, |about| about.len())
-}
-
 fn pixels(sequence: &Sequence) -> u64 {
     (sequence.width() * sequence.height()) as u64
 }
@@ -172,7 +168,7 @@ fn size(sequence: &Sequence) -> String {
 }
 
 fn training_bytes(sequence: &Sequence, settings: &TrainSettings) -> u64 {
-    let (pixels, frames) = (pixels(sequence), sequence.num_frames());
+    let (pixels, frames) = (pixels(sequence), settings.frames_together(sequence.num_frames()));
     let cached = (pixels * frames as u64 * CACHED_PIXEL).min(settings.frame_cache_bytes as u64);
     let densify = &settings.densify;
     let room = pixels as f64 / f64::from(densify.min_px_per_gaussian.max(1.0));

@@ -44,7 +44,7 @@ impl Run for CheckArgs {
         };
         let size = [report.width, report.height];
         let report = Whole {
-            training_seconds: Quality::Standard.expected_seconds(size, None),
+            training_seconds: Quality::Standard.expected_seconds(report.frames, size, None),
             scene_bytes: Quality::Standard.expected_bytes(report.frames, LATENT_DIM),
             report,
         };

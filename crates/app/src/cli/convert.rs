@@ -43,6 +43,9 @@ pub(super) struct ConvertArgs {
     /// Frames for a folder, e.g. 12 or 10..20 (the end is not included)
     #[arg(long, value_name = "A..B", value_parser = frame_range)]
     frames: Option<FrameRange>,
+    /// The chapter of a long scene that a page or the released form shows, from 0
+    #[arg(long, value_name = "K", conflicts_with_all = ["frame", "time", "frames", "quantize"])]
+    chapter: Option<usize>,
     /// Files in a folder
     #[arg(long, value_enum, default_value_t = StillFormat::Ply)]
     format: StillFormat,
@@ -116,7 +119,7 @@ enum Target {
 impl Run for ConvertArgs {
     fn run(&self) -> Result<Exit> {
         let target = target(self)?;
-        let scene = open(self)?;
+        let scene = part(self, &target, open(self)?)?;
         let inputs = inputs(self, &scene);
         let mut done = Conversion {
             files: Vec::new(),
@@ -142,6 +145,23 @@ impl Run for ConvertArgs {
     }
 }
 
+/// Returns the chapter that is asked for, or the scene if it has no chapters, or none has to be chosen.
+fn part(args: &ConvertArgs, target: &Target, scene: Scene) -> Result<Scene> {
+    let holds_one = matches!(target, Target::Reference | Target::Page);
+    let count = scene.chapters.iter().len();
+    match args.chapter {
+        Some(_) if !holds_one => {
+            Err(Error::input("only pages and the released form show one chapter", "Leave out --chapter."))
+        }
+        Some(index) => scene.chapter_alone(index),
+        None if holds_one && count > 1 => {
+            let what = format!("this form holds one chapter, and the scene has {count}, from 0");
+            Err(Error::input(what, "Choose one with --chapter."))
+        }
+        None => Ok(scene),
+    }
+}
+
 /// Returns the files that the conversion reads.
 fn inputs(args: &ConvertArgs, scene: &Scene) -> Inputs {
     let inputs = Inputs::none()
@@ -158,10 +178,8 @@ fn inputs(args: &ConvertArgs, scene: &Scene) -> Inputs {
 
 fn write_scene(args: &ConvertArgs, scene: &Scene, inputs: &Inputs, done: &mut Conversion) -> Result<()> {
     let output = outputs::scene_file(&args.output, inputs, args.force)?;
-    let bytes = if args.quantize { scene.to_quantized_bytes() } else { scene.to_bytes() }?;
-    output.write(&bytes)?;
-    done.add(args.output.clone(), &bytes);
-    Ok(())
+    output.write_with(|file| scene.write(file, args.quantize))?;
+    done.add_file(&args.output)
 }
 
 fn write_reference(args: &ConvertArgs, scene: &Scene, inputs: &Inputs, done: &mut Conversion) -> Result<()> {
@@ -216,7 +234,7 @@ fn write_still(
     }
     let time = args.time.unwrap_or(scene.time(frame));
     let output = outputs::scene_file(&args.output, inputs, args.force)?;
-    let bytes = still(scene, time, frame, format, done);
+    let bytes = still(&scene.at(time)?, time, frame, format, done);
     output.write(&bytes)?;
     done.add(args.output.clone(), &bytes);
     Ok(())
@@ -226,9 +244,13 @@ fn write_folder(args: &ConvertArgs, scene: &Scene, inputs: &Inputs, done: &mut C
     let output = outputs::folder(&args.output, outputs::FRAMES, inputs, args.force)?;
     let mut view = ProgressView::default();
     let frames = FrameRange::frames(args.frames, scene.num_frames())?;
+    let mut now = scene.clone();
     for (k, &frame) in frames.iter().enumerate() {
         let name = format!("frame{frame:04}.{}", args.format.extension());
-        let bytes = still(scene, scene.time(frame), frame, args.format, done);
+        if !now.is_at(scene.time(frame)) {
+            now = scene.at(scene.time(frame))?;
+        }
+        let bytes = still(&now, scene.time(frame), frame, args.format, done);
         write_whole(&output.path().join(&name), &bytes)?;
         done.add(args.output.join(name), &bytes);
         view.count("converting", k + 1, frames.len());
@@ -307,7 +329,13 @@ fn open(args: &ConvertArgs) -> Result<Scene> {
     Ok(scene)
 }
 
-fn still(scene: &Scene, time: f32, frame: usize, format: StillFormat, done: &mut Conversion) -> Vec<u8> {
+fn still(
+    scene: &Scene,
+    time: f32,
+    frame: usize,
+    format: StillFormat,
+    done: &mut Conversion,
+) -> Vec<u8> {
     let (gaussians, camera) = (scene.all_still(time), scene.cameras.get(frame));
     match format {
         StillFormat::Ply => gaussians.to_ply(camera),
@@ -329,6 +357,14 @@ impl Conversion {
     fn add(&mut self, path: PathBuf, bytes: &[u8]) {
         self.files.push(path);
         self.bytes += bytes.len() as u64;
+    }
+
+    /// Adds a file that was written bit by bit.
+    fn add_file(&mut self, path: &Path) -> Result<()> {
+        let about = path.metadata().map_err(|e| Error::io("look at the file", path, e))?;
+        self.files.push(path.to_owned());
+        self.bytes += about.len();
+        Ok(())
     }
 }
 

@@ -39,6 +39,9 @@ pub(super) struct DemoArgs {
     /// Blur every fifth frame, as quick motion of the endoscope does
     #[arg(long)]
     blurred: bool,
+    /// Let motion go on without ever repeating
+    #[arg(long)]
+    wandering: bool,
     /// Seed of textures and noise
     #[arg(long, default_value_t = SEED)]
     seed: u64,
@@ -57,6 +60,7 @@ impl Run for DemoArgs {
             moving_camera: self.moving_camera,
             rigid: self.rigid,
             blurred: self.blurred,
+            wanders: self.wandering,
             seed: self.seed,
         };
         let mut view = ProgressView::default();

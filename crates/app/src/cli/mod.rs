@@ -16,6 +16,7 @@ mod document;
 mod eval;
 mod export;
 mod figures;
+mod join;
 mod objects;
 mod page;
 mod prepare;
@@ -62,6 +63,7 @@ enum Verb {
     Check(check::CheckArgs),
     Prepare(prepare::PrepareArgs),
     Train(train::TrainArgs),
+    Join(join::JoinArgs),
     Render(render::RenderArgs),
     Query(query::QueryArgs),
     Export(export::ExportArgs),
@@ -80,6 +82,7 @@ impl Verb {
             Self::Check(args) => args,
             Self::Prepare(args) => args,
             Self::Train(args) => args,
+            Self::Join(args) => args,
             Self::Render(args) => args,
             Self::Query(args) => args,
             Self::Export(args) => args,

@@ -44,27 +44,27 @@ impl Row<'_> {
 /// frames. Writes nothing for a prompt that found nothing. Files are written into `folder`, and reported as
 /// files of `shown`, where they will be.
 pub(super) fn write(engine: &mut Engine, answers: &mut Answers, folder: &Path, shown: &Path) -> Result<()> {
-    let scene = engine.scene().clone();
     let names = slugs(answers.prompts.iter().map(|p| p.text.as_str()));
     let mut found = Vec::new();
     for (k, name) in names.iter().enumerate() {
         let Some(frame) = answers.prompts[k].largest().map(|f| f.frame) else { continue };
-        let time = scene.time(frame);
+        let time = engine.scene().time(frame);
         let gaussians = engine.gaussians_found(time)?.swap_remove(k);
+        let scene = engine.scene().clone();
         let file = format!("{name}.ply");
         write_whole(&folder.join(&file), &scene.still(time, &gaussians).to_ply(scene.cameras.get(frame)))?;
         answers.prompts[k].gaussians =
             Some(FoundGaussians { frame, count: gaussians.len(), file: shown.join(file) });
-        found.push((k, gaussians));
+        found.push((k, gaussians, scene));
     }
     let origin = engine.depth_origin();
-    let rows = found.iter().flat_map(|(k, gaussians)| follow(&scene, &answers.prompts[*k], gaussians));
+    let rows = found.iter().flat_map(|(k, gaussians, scene)| follow(scene, &answers.prompts[*k], gaussians));
     let rows: Vec<Row<'_>> =
         rows.map(|row| if origin.is_measured() { row } else { row.without_lengths() }).collect();
     write_tables(folder, &rows, origin)
 }
 
-/// Follows the object over every frame that was asked for.
+/// Follows the object over every frame that was asked for. In a scene in chapters it has no place outside of its own.
 fn follow<'a>(scene: &Scene, prompt: &'a PromptAnswers, gaussians: &[usize]) -> Vec<Row<'a>> {
     let (mut first, mut last) = (None, None);
     let distance = |a: Option<[f64; 3]>, b: Option<[f64; 3]>| {
@@ -72,8 +72,10 @@ fn follow<'a>(scene: &Scene, prompt: &'a PromptAnswers, gaussians: &[usize]) -> 
     };
     let fps = scene.provenance.frames_per_second.filter(|fps| *fps > 0.0);
     let row = |f: &'a FrameAnswer| {
-        let now = deform(&scene.gaussians, &scene.deformation, scene.time(f.frame), false);
-        let body = Body::of(&now, gaussians);
+        // The frames of other chapters of a long scene are shown by other Gaussians.
+        let is_here = scene.frames_here().contains(&f.frame);
+        let now = is_here.then(|| deform(&scene.gaussians, &scene.deformation, scene.time(f.frame), false));
+        let body = now.and_then(|now| Body::of(&now, gaussians));
         let here = body.map(|b| b.centroid);
         let (moved, away) = (distance(last, here), distance(first, here));
         (first, last) = (first.or(here), here);

@@ -7,7 +7,7 @@ use super::{
 };
 use crate::{
     engine::BackendChoice,
-    jobs::{self, Material, Trained},
+    jobs::{self, Course, Material, Trained},
     memory::{Work, peak_rss_bytes, require_for},
     outputs,
 };
@@ -15,7 +15,8 @@ use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Error, Result,
-    train::{FeatureMode, Profile, Quality, TrainSettings, Trainer},
+    files::OutputFile,
+    train::{FeatureMode, Plan, Profile, Quality, TrainSettings, Trainer},
 };
 
 /// Reconstruct a scene from a prepared folder, or from a bare recording (then without features)
@@ -42,6 +43,12 @@ pub(super) struct TrainArgs {
     /// Most Gaussians, instead of those of the quality: 40000, or 64000 for best
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4_000_000))]
     gaussians: Option<u32>,
+    /// Train this chapter of a long recording alone, from 0; `join` makes a scene of all of them
+    #[arg(long, value_name = "K")]
+    chapter: Option<usize>,
+    /// Most frames of a chapter; 0 to reconstruct a recording of any length as a whole [default: 96]
+    #[arg(long, value_name = "N")]
+    chapter_frames: Option<usize>,
     /// Seed of everything random
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -66,8 +73,17 @@ pub(super) struct TrainArgs {
 }
 
 /// Arguments that an unfinished training keeps.
-const FIXED_AT_START: [&str; 8] =
-    ["eval", "quality", "iterations", "gaussians", "seed", "profile", "fast_features", "force"];
+const FIXED_AT_START: [&str; 9] = [
+    "eval",
+    "quality",
+    "iterations",
+    "gaussians",
+    "chapter_frames",
+    "seed",
+    "profile",
+    "fast_features",
+    "force",
+];
 
 /// Compromise between time and quality.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -108,6 +124,7 @@ impl TrainArgs {
         if let Some(gaussians) = self.gaussians {
             settings.densify.max_gaussians = gaussians as usize;
         }
+        settings.chapter_frames = self.chapter_frames.unwrap_or(settings.chapter_frames);
         settings.seed = self.seed;
         settings.eval = self.eval;
         if self.fast_features {
@@ -126,6 +143,7 @@ pub(super) struct TrainReport {
     steps: usize,
     steps_per_second: f64,
     gaussians: usize,
+    chapters: usize,
     peak_rss_bytes: Option<u64>,
     psnr_db: f64,
     held_out: bool,
@@ -156,7 +174,7 @@ pub(super) fn train(args: &TrainArgs) -> Result<TrainReport> {
         let what = "this is the name of the file that keeps the unfinished training";
         return Err(Error::input_at(&args.output, what, "Give a name that ends in .safetensors."));
     }
-    require_choice(args, &checkpoint)?;
+    require_choice(args, &args.output, &checkpoint)?;
     let output = outputs::scene_file(&args.output, &inputs, args.force || args.resume)?;
     let checkpoint = jobs::checkpoint_path(output.path());
     let _checkpoint = outputs::checkpoint_file(&checkpoint, &inputs)?;
@@ -166,36 +184,18 @@ pub(super) fn train(args: &TrainArgs) -> Result<TrainReport> {
     require_for(&Work::Training(material.sequence(), &args.settings()))?;
     let warning = args.settings().length_warning(material.sequence().num_frames());
     warning.iter().for_each(|warning| say(&format!("note: {warning}")));
-    let mut trainer = match args.resume {
-        true => Trainer::resume(material.sequence(), material.prepared(), &checkpoint)?,
-        false => Trainer::new(material.sequence(), material.prepared(), args.settings())?,
+    let place = Place { scene: output.path(), checkpoint: &checkpoint };
+    let mut report = match begin(args, &material, &place)? {
+        Begun::Whole(trainer) => train_whole(args, *trainer, &place, &output)?,
+        Begun::InChapters(settings) => train_chapters(args, &material, settings, &place, &output)?,
     };
-    let backend = jobs::backend::choose(&mut trainer, args.backend)?;
-    if !args.resume && checkpoint.exists() {
-        // An earlier training must not be gone on with once another one has begun.
-        trainer.save_checkpoint(&checkpoint)?;
-    }
-    let scope = trainer.scope().note();
-    scope.iter().for_each(|note| say(note));
-    say(&format!("training on {backend}"));
-    let asked = trainer.settings().iterations;
-    console::watch_interrupts();
-    let mut view = ProgressView::default();
-    let trained = jobs::go_on(&mut trainer, Some(&checkpoint), &mut |p| view.show(p), &mut |_, _| {});
-    drop(view);
-    let trained = trained.inspect_err(|_| {
-        if checkpoint.exists() {
-            say("what was learned so far is kept, and --resume goes on from there");
-        }
-    })?;
-    output.write(&trained.scene.to_bytes()?)?;
-    let mut report = TrainReport::of(&trained, asked, trainer.backend_name());
-    report.warnings.extend(warning.into_iter().chain(scope));
+    report.warnings.extend(warning);
     if report.finished {
         jobs::remove_file(&checkpoint)?;
+        jobs::remove_chapters(output.path())?;
     } else {
-        let then = if checkpoint.exists() { ", and --resume goes on from here" } else { "" };
-        say(&format!("stopped after {} of {asked} steps; the scene is saved{then}", report.steps));
+        let then = if place.has_unfinished() { ", and --resume goes on from here" } else { "" };
+        say(&format!("stopped after {} steps; the scene is saved{then}", report.steps));
     }
     if report.dropped_steps > 0 {
         say(&format!("{} steps were dropped because they were not finite", report.dropped_steps));
@@ -203,9 +203,136 @@ pub(super) fn train(args: &TrainArgs) -> Result<TrainReport> {
     Ok(report)
 }
 
+/// Files of a training.
+struct Place<'a> {
+    scene: &'a Path,
+    checkpoint: &'a Path,
+}
+
+impl Place<'_> {
+    /// Returns `true` if there is something to go on from.
+    fn has_unfinished(&self) -> bool {
+        self.checkpoint.exists() || jobs::chapter_path(self.scene, 0).exists()
+    }
+
+    /// Says that work is kept, after an error.
+    fn say_kept(&self) {
+        if self.has_unfinished() {
+            say("what was learned so far is kept, and --resume goes on from there");
+        }
+    }
+}
+
+/// A training that has begun, or goes on.
+enum Begun {
+    /// All frames, or one chapter, together.
+    Whole(Box<Trainer>),
+    /// Chapter by chapter.
+    InChapters(TrainSettings),
+}
+
+fn begin(args: &TrainArgs, material: &Material, place: &Place<'_>) -> Result<Begun> {
+    let (sequence, prepared) = (material.sequence(), material.prepared());
+    if args.resume {
+        let of_chapters = jobs::settings_of_chapters(place.scene)?;
+        if let (Some(settings), None) = (of_chapters, args.chapter) {
+            return Ok(Begun::InChapters(settings));
+        }
+        let trainer = Trainer::resume(sequence, prepared, place.checkpoint)?;
+        let settings = trainer.settings();
+        let first = settings.chapter.as_ref().filter(|chapter| chapter.index == 0);
+        return Ok(match args.chapter.is_none() && first.is_some() {
+            true => Begun::InChapters(TrainSettings { chapter: None, ..settings.clone() }),
+            false => Begun::Whole(Box::new(trainer)),
+        });
+    }
+    jobs::remove_chapters(place.scene)?;
+    let settings = args.settings();
+    let mut trainer = match args.chapter {
+        Some(index) => {
+            let plan = Plan::of(sequence, prepared, &settings)?;
+            let chapter = plan.chapters.get(index).ok_or_else(|| no_chapter(index, plan.chapters.len()))?;
+            Trainer::of_chapter(sequence, prepared, settings, &plan, chapter)?
+        }
+        None if settings.has_chapters(sequence.num_frames()) => {
+            jobs::remove_file(place.checkpoint)?;
+            return Ok(Begun::InChapters(settings));
+        }
+        None => Trainer::new(sequence, prepared, settings)?,
+    };
+    if place.checkpoint.exists() {
+        // An earlier training must not be gone on with once another one has begun.
+        trainer.save_checkpoint(place.checkpoint)?;
+    }
+    Ok(Begun::Whole(Box::new(trainer)))
+}
+
+fn no_chapter(index: usize, count: usize) -> Error {
+    let what = match count {
+        0 => "the recording is short: it is reconstructed as a whole, not in chapters".to_owned(),
+        _ => format!("there is no chapter {index}; the recording has {count}, from 0"),
+    };
+    Error::input(what, "Give another --chapter, or leave it out.")
+}
+
+fn train_whole(
+    args: &TrainArgs,
+    mut trainer: Trainer,
+    place: &Place<'_>,
+    output: &OutputFile,
+) -> Result<TrainReport> {
+    let backend = jobs::backend::choose(&mut trainer, args.backend)?;
+    let scope = trainer.scope().note();
+    scope.iter().for_each(|note| say(note));
+    say(&format!("training on {backend}"));
+    let asked = trainer.settings().iterations;
+    console::watch_interrupts();
+    let mut view = ProgressView::default();
+    let trained = jobs::go_on(&mut trainer, Some(place.checkpoint), &mut |p| view.show(p), &mut |_, _| {});
+    drop(view);
+    let trained = trained.inspect_err(|_| place.say_kept())?;
+    output.write(&trained.scene.to_bytes()?)?;
+    let mut report = TrainReport::of(&trained, trained.steps >= asked, trainer.backend_name());
+    report.warnings.extend(scope);
+    Ok(report)
+}
+
+fn train_chapters(
+    args: &TrainArgs,
+    material: &Material,
+    settings: TrainSettings,
+    place: &Place<'_>,
+    output: &OutputFile,
+) -> Result<TrainReport> {
+    let frames = material.sequence().num_frames();
+    say(&format!("the recording has {frames} frames and is reconstructed in chapters"));
+    console::watch_interrupts();
+    let course = Course {
+        material,
+        settings,
+        backend: args.backend,
+        scene: place.scene,
+        checkpoint: Some(place.checkpoint),
+    };
+    let mut backend = String::new();
+    let mut view = ProgressView::default();
+    let trained = course.train(&mut |p| view.show(p), &mut |watched, _| {
+        if backend.is_empty() {
+            backend = watched.trainer.backend_name();
+        }
+    });
+    drop(view);
+    let trained = trained.inspect_err(|_| place.say_kept())?;
+    output.write_with(|file| trained.scene.write(file, false))?;
+    let is_whole = trained.scene.provenance.steps >= course.settings.iterations;
+    let mut report = TrainReport::of(&trained, is_whole, backend);
+    report.warnings.extend(trained.notes);
+    Ok(report)
+}
+
 /// Fails if it is not clear whether to go on with an unfinished training: it is never lost by accident.
-fn require_choice(args: &TrainArgs, checkpoint: &Path) -> Result<()> {
-    match (args.resume, checkpoint.exists()) {
+fn require_choice(args: &TrainArgs, scene: &Path, checkpoint: &Path) -> Result<()> {
+    match (args.resume, Place { scene, checkpoint }.has_unfinished()) {
         (true, false) => Err(Error::input_at(
             checkpoint,
             "there is no unfinished training to go on with",
@@ -221,19 +348,20 @@ fn require_choice(args: &TrainArgs, checkpoint: &Path) -> Result<()> {
 }
 
 impl TrainReport {
-    fn of(trained: &Trained, asked: usize, backend: String) -> Self {
+    fn of(trained: &Trained, finished: bool, backend: String) -> Self {
         Self {
             backend,
             seconds: trained.seconds,
             steps: trained.steps,
             steps_per_second: trained.steps as f64 / trained.seconds.max(1e-9),
-            gaussians: trained.scene.gaussians.len(),
+            gaussians: trained.gaussians,
+            chapters: trained.scene.chapters.iter().len().max(1),
             peak_rss_bytes: peak_rss_bytes(),
             psnr_db: trained.psnr_db,
             held_out: trained.scene.provenance.held_out,
             dropped_steps: trained.dropped,
             warnings: Vec::new(),
-            finished: trained.steps >= asked,
+            finished,
         }
     }
 }

@@ -38,7 +38,8 @@ pub struct Motion {
 
 impl Engine {
     /// Returns how far the things that a view shows move over the recording.
-    pub fn motion(&mut self, view: &SceneView) -> Motion {
+    pub fn motion(&mut self, view: &SceneView) -> Result<Motion> {
+        self.turn_to(view.time)?;
         let gaussians = self.travelling();
         let mut deformed = deform(&gaussians, &self.scene.deformation, view.time, false);
         deformed.features.clone_from(&gaussians.features);
@@ -46,11 +47,11 @@ impl Engine {
         let pixels = images.plane(FEATURE_PLANE).iter().zip(images.plane(ALPHA_PLANE));
         let travel =
             pixels.map(|(sum, alpha)| if *alpha >= MIN_DEPTH_ALPHA { sum / alpha } else { f32::NAN });
-        Motion {
+        Ok(Motion {
             travel_px: Grid::from_vec(images.width, images.height, travel.collect()),
             num_moving: gaussians.features.iter().filter(|px| **px >= MOVES_PX).count(),
             num_gaussians: gaussians.len(),
-        }
+        })
     }
 
     fn travelling(&mut self) -> Arc<Gaussians> {
@@ -59,10 +60,10 @@ impl Engine {
             return known.gaussians.clone();
         }
         let scene = &self.scene;
-        let frames = scene.num_frames();
-        let some = frames.min(MAX_TIMES);
-        let times: Vec<f32> =
-            (0..some).map(|k| scene.time(k * frames.saturating_sub(1) / (some - 1).max(1))).collect();
+        let frames = scene.frames_here();
+        let some = frames.len().min(MAX_TIMES);
+        let place = |k: usize| frames.start + k * frames.len().saturating_sub(1) / (some - 1).max(1);
+        let times: Vec<f32> = (0..some).map(|k| scene.time(place(k))).collect();
         let features = scene
             .cameras
             .first()

@@ -21,6 +21,13 @@ pub(super) struct Marked {
     last: Option<(usize, FrameScores)>,
 }
 
+impl Marked {
+    /// Returns the marks as they were set.
+    pub(super) fn into_marks(self) -> Marks {
+        self.marks
+    }
+}
+
 impl Engine {
     /// Returns the recording that marks are made on.
     pub fn canvas(&self) -> Canvas {

@@ -209,6 +209,19 @@ impl Engine {
         self.scene = scene;
     }
 
+    /// Takes the chapter of a long scene that is shown at `time`.
+    pub(crate) fn turn_to(&mut self, time: f32) -> Result<()> {
+        if self.scene.is_at(time) {
+            return Ok(());
+        }
+        self.scene = Arc::new(self.scene.at(time)?);
+        // Marks belong to the Gaussians that they were carried to.
+        match self.marked.take() {
+            Some(marked) => self.set_marks(marked.into_marks()),
+            None => Ok(()),
+        }
+    }
+
     /// Returns the recording, if it was found.
     pub fn sequence(&self) -> Option<&Sequence> {
         match &self.recording {
@@ -288,6 +301,7 @@ impl Engine {
     /// Renders all planes of a view into memory; the features are needed for [`Engine::scores`] only. A
     /// recorded view is empty outside the field of view, where nothing was ever seen.
     pub fn render(&mut self, view: &SceneView, features: bool) -> Result<Arc<Images>> {
+        self.turn_to(view.time)?;
         let features = features && self.scene.gaussians.latent_dim > 0;
         if let Some(last) = &self.last
             && last.view == *view
@@ -314,6 +328,7 @@ impl Engine {
     /// Shows a view: the picture and, as `ask` says, the scores of the prompts and the found areas drawn over
     /// the picture. On a GPU only what is `wanted` leaves the device.
     pub fn show(&mut self, view: &SceneView, ask: Ask<'_>, wanted: Wanted) -> Result<Shown> {
+        self.turn_to(view.time)?;
         let has_lattice = matches!(self.relevancy, Some(Fastest::Lattice(_)));
         let asks = matches!(ask, Ask::Now(_));
         if !self.machine.is_gpu() || (asks && (!has_lattice || self.marked.is_some())) {
@@ -488,6 +503,7 @@ impl Engine {
     /// Returns for each prompt the Gaussians that it finds at `time`: their score is above the threshold, and
     /// they are at least as opaque as a pixel has to be.
     pub fn gaussians_found(&mut self, time: f32) -> Result<Vec<Vec<usize>>> {
+        self.turn_to(time)?;
         let marked = self.gaussians_marked();
         if self.relevancy.is_none() && self.marked.is_some() {
             return Ok(marked);
@@ -509,6 +525,7 @@ impl Engine {
 
     /// Returns for each prompt the score of each Gaussian at `time`, whatever its opacity. Marks do not count.
     pub fn gaussian_scores(&mut self, time: f32) -> Result<Vec<Vec<f32>>> {
+        self.turn_to(time)?;
         let Some(relevancy) = &mut self.relevancy else { return Err(no_features()) };
         let deformed = deform(&self.scene.gaussians, &self.scene.deformation, time, true);
         let points = Points::of_latents(&deformed.features, self.scene.gaussians.latent_dim);

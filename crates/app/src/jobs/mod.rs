@@ -3,6 +3,7 @@
 //! A job reports through a callback and stops when the callback says so; what is finished is kept.
 
 pub mod backend;
+mod chapters;
 mod demo;
 mod export;
 mod material;
@@ -11,6 +12,7 @@ mod train;
 #[cfg(test)]
 mod vanishing_tests;
 
+pub use chapters::{Course, Watched, chapter_path, join, remove_chapters, settings_of_chapters};
 pub use demo::{DemoOptions, DemoPaths, build_demo, record_demo};
 pub use export::{ExportQuestion, ExportRequest, export};
 pub use material::Material;

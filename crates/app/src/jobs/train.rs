@@ -1,6 +1,6 @@
 //! Training, from a recording to a scene.
 
-use super::{backend, material::Material};
+use super::{backend, chapters::Watched, material::Material};
 use crate::{
     engine::BackendChoice,
     memory::{Work, require_for},
@@ -17,7 +17,9 @@ use surgtpgs_core::{
 pub struct Trained {
     /// The scene.
     pub scene: Scene,
-    /// Number of steps done.
+    /// Number of Gaussians, of all chapters.
+    pub gaussians: usize,
+    /// Number of steps done, of all chapters.
     pub steps: usize,
     /// Wall time of the training, seconds, reading the recording included.
     pub seconds: f64,
@@ -25,6 +27,8 @@ pub struct Trained {
     pub psnr_db: f64,
     /// Number of steps dropped because their loss or gradient was not finite.
     pub dropped: usize,
+    /// What was found of the scope in each chapter.
+    pub notes: Vec<String>,
 }
 
 /// Trains until all steps are done or the observer asks to stop.
@@ -37,14 +41,14 @@ pub fn train(
     train_watched(material, settings, backend, observer, &mut |_, _| {})
 }
 
-/// Same as [`train`]; `watch` sees the trainer and the report of each step after it, to show how far
+/// Same as [`train`] of the recording as a whole; `watch` sees the trainer and the report of each step after it, to show how far
 /// the training is.
 pub fn train_watched(
     material: &Material,
     settings: TrainSettings,
     backend: BackendChoice,
     observer: &mut Observer<'_>,
-    watch: &mut dyn FnMut(&mut Trainer, &StepReport),
+    watch: &mut dyn FnMut(&mut Watched<'_>, &StepReport),
 ) -> Result<Trained> {
     require_for(&Work::Training(material.sequence(), &settings))?;
     let mut trainer = Trainer::new(material.sequence(), material.prepared(), settings)?;
@@ -67,7 +71,7 @@ pub fn go_on(
     trainer: &mut Trainer,
     checkpoint: Option<&Path>,
     observer: &mut Observer<'_>,
-    watch: &mut dyn FnMut(&mut Trainer, &StepReport),
+    watch: &mut dyn FnMut(&mut Watched<'_>, &StepReport),
 ) -> Result<Trained> {
     let first_step = trainer.steps_done();
     let trained = steps(trainer, checkpoint, observer, watch);
@@ -84,7 +88,7 @@ fn steps(
     trainer: &mut Trainer,
     checkpoint: Option<&Path>,
     observer: &mut Observer<'_>,
-    watch: &mut dyn FnMut(&mut Trainer, &StepReport),
+    watch: &mut dyn FnMut(&mut Watched<'_>, &StepReport),
 ) -> Result<Trained> {
     let total = trainer.settings().iterations;
     let psnr_every = (total / 6).max(250);
@@ -100,7 +104,7 @@ fn steps(
         if report.step.is_multiple_of(psnr_every) && report.step < total {
             psnr = format!(", {:.2} dB", trainer.psnr_db()?);
         }
-        watch(trainer, &report);
+        watch(&mut Watched { trainer, done: None }, &report);
         let done_here = (report.step - first_step) as f64;
         let per_second = done_here / training_started.elapsed().as_secs_f64().max(1e-9);
         let detail =
@@ -125,7 +129,9 @@ fn steps(
     trainer.finish()?;
     let (seconds, dropped) = (trainer.seconds(), trainer.dropped());
     let psnr_db = trainer.psnr_db()?;
-    Ok(Trained { scene: trainer.scene()?, steps: trainer.steps_done(), seconds, psnr_db, dropped })
+    let scene = trainer.scene()?;
+    let (steps, gaussians) = (trainer.steps_done(), scene.gaussians.len());
+    Ok(Trained { scene, gaussians, steps, seconds, psnr_db, dropped, notes: Vec::new() })
 }
 
 /// Removes a file that this program made; a missing one is fine.

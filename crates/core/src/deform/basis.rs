@@ -20,7 +20,7 @@ pub enum BasisShape {
 pub const LIVE_BASIS: f32 = 1e-4;
 
 /// Lower limit of widths, so that the paper's form cannot divide by zero.
-pub const MIN_WIDTH: f64 = 1e-4;
+pub const MIN_WIDTH: f64 = 1e-7;
 
 /// Added to σ² in the quartic form, as in the released code.
 pub const QUARTIC_EPSILON: f64 = 1e-4;

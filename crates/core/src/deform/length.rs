@@ -5,7 +5,7 @@ const FRAMES_PER_BASIS: usize = 3;
 /// Largest number of basis functions.
 const MAX_BASES: usize = 64;
 /// Length of the longest recording that has as many basis functions as it needs.
-const LONGEST: usize = MAX_BASES * FRAMES_PER_BASIS - 1;
+pub(crate) const LONGEST: usize = MAX_BASES * FRAMES_PER_BASIS - 1;
 /// Held-out PSNR in dB of the demo after 1500 steps, for several numbers of frames.
 const PSNR_OF_LENGTH: [(f64, f64); 5] =
     [(48.0, 36.7), (96.0, 34.9), (200.0, 32.7), (800.0, 24.6), (2000.0, 24.4)];
@@ -39,7 +39,7 @@ pub(crate) fn default_bases(num_frames: usize) -> usize {
 
 /// Warning about the loss on a recording of `num_frames` frames, with the default number of basis functions;
 /// `None` if it is not too long.
-pub fn length_warning(num_frames: usize) -> Option<String> {
+pub(crate) fn length_warning(num_frames: usize) -> Option<String> {
     if num_frames <= LONGEST {
         return None;
     }

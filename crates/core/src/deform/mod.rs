@@ -11,8 +11,8 @@ pub use apply::{
     FeatureNet, Geometry, MAX_LOG_SCALE, MAX_SCALE, Moved, gate_feature, gate_feature_backward,
     move_geometry, move_geometry_backward,
 };
-pub(crate) use length::default_bases;
-pub use length::length_warning;
+pub(crate) use length::{LONGEST, default_bases};
+pub(crate) use length::length_warning;
 pub use travel::travel_px;
 
 pub use basis::{BasisShape, LIVE_BASIS, MIN_WIDTH, QUARTIC_EPSILON, basis, basis_backward};
@@ -22,6 +22,9 @@ use fearless_simd::{Level, Simd, dispatch};
 use fearless_simd_macros::simd;
 use rayon::prelude::*;
 use std::ops::Range;
+
+/// Length of time, as a share of a recording, that basis functions are spread over at least.
+const SHORTEST_SPAN: f32 = 1e-5;
 
 /// First channel of each deformed quantity; gate channels follow [`COLOUR_CHANNEL`] + 3.
 pub const MEAN_CHANNEL: usize = 0;
@@ -103,6 +106,24 @@ impl Deformation {
             gate_channel: GATE_CHANNEL,
             feature_weight: vec![0.0; latent_dim * (latent_dim + 1)],
             feature_bias: vec![0.0; latent_dim],
+        }
+    }
+
+    /// Squeezes all basis functions from the times 0 to 1 into `from` to `to`.
+    pub(crate) fn squeeze(&mut self, from: f32, to: f32) {
+        let length = (to - from).max(SHORTEST_SPAN);
+        self.centres.iter_mut().for_each(|centre| *centre = from + length * *centre);
+        self.widths.iter_mut().for_each(|width| *width *= length);
+    }
+
+    /// Changes the unit of time: what was at `first` is at 0, and what was `len` later is at 1.
+    pub(crate) fn begin_at(&mut self, first: f32, len: f32) {
+        self.centres.iter_mut().for_each(|centre| *centre = (*centre - first) / len);
+        self.widths.iter_mut().for_each(|width| *width /= len);
+        let dim = self.feature_bias.len();
+        for (row, bias) in self.feature_weight.chunks_exact_mut(dim + 1).zip(&mut self.feature_bias) {
+            *bias += row[dim] * first;
+            row[dim] *= len;
         }
     }
 

@@ -42,6 +42,8 @@ pub struct DemoSettings {
     pub rigid: bool,
     /// `true` if every fifth frame, from the fourth on, is blurred as by a quick motion of the endoscope.
     pub blurred: bool,
+    /// `true` if motion never repeats, that of the endoscope too.
+    pub wanders: bool,
     /// Seed of textures and noise.
     pub seed: u64,
 }
@@ -55,12 +57,13 @@ impl Default for DemoSettings {
             moving_camera: false,
             rigid: false,
             blurred: false,
+            wanders: false,
             seed: 11,
         }
     }
 }
 
-/// Playing speed of the clip; the breathing and the instrument repeat after 48 frames.
+/// Playing speed of the clip; the breathing and the instrument repeat after 48 frames unless they wander.
 pub const FRAMES_PER_SECOND: f32 = 25.0;
 
 /// Class names and display colours; a class's id is its index here.
@@ -137,7 +140,7 @@ impl Demo {
     /// Returns the camera of frame `i`.
     pub fn camera(&self, i: usize) -> Camera {
         let s = &self.settings;
-        motion::camera(s.width as u32, s.height as u32, s.moving_camera, i as f32)
+        motion::camera([s.width as u32, s.height as u32], s.moving_camera, s.wanders, i as f32)
     }
 
     /// Returns the round field of view, the same in every frame; `true` = inside.
@@ -194,9 +197,13 @@ impl Demo {
         }
     }
 
+    fn moment(&self, i: usize) -> Moment {
+        if self.settings.rigid { Moment::at(0.0, false) } else { Moment::at(i as f32, self.settings.wanders) }
+    }
+
     /// Returns the camera of frame `i`, and all vertices at that time, in its axes.
     fn points(&self, i: usize) -> (Camera, Vec<Vec3>) {
-        let (camera, moment) = (self.camera(i), Moment::at(if self.settings.rigid { 0.0 } else { i as f32 }));
+        let (camera, moment) = (self.camera(i), self.moment(i));
         let vertices = self.anatomy.rest.iter().zip(&self.anatomy.part);
         let place = |(&rest, &part)| camera.camera_from_world.transform_point3(moment.place(part, rest));
         (camera, vertices.map(place).collect())

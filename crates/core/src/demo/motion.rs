@@ -1,5 +1,6 @@
 //! Motion of the scene: breathing, a fold that is pulled and released, the instrument, the endoscope. All
-//! motion is smooth in time and repeats after [`CYCLE`] frames, so that the clip can be played in a loop.
+//! motion is smooth in time and repeats after [`CYCLE`] frames, so that the clip can be played in a loop, unless it
+//! is asked to wander.
 
 use super::noise::{cosine, sine, smoothstep};
 use super::shape::{HINGE_MM, ScenePart};
@@ -14,6 +15,15 @@ const BREATH: f32 = 24.0;
 const GRIP: Vec3 = Vec3::new(10.0, 10.6, 88.6);
 /// Displacement of the pulled fold, in millimetres.
 const PULL: Vec3 = Vec3::new(6.0, -4.5, -4.5);
+/// Number of frames of one turn of each slow motion that goes on without ever coming back to where it was, and the
+/// displacement at its turning points, in millimetres.
+const WANDERING: [(f32, Vec3); 3] = [
+    (173.2, Vec3::new(2.2, 0.6, 0.8)),
+    (311.8, Vec3::new(-1.0, 1.8, -1.2)),
+    (97.4, Vec3::new(0.5, -0.7, 0.9)),
+];
+/// Number of frames of one turn of the depth of breathing and of the strength of the pull, where they wander.
+const CHANGES: [f32; 2] = [223.6, 141.4];
 /// Point at which the instrument passes through the abdominal wall, in millimetres.
 const TROCAR: Vec3 = Vec3::new(88.0, -8.0, 46.0);
 
@@ -21,6 +31,10 @@ const TROCAR: Vec3 = Vec3::new(88.0, -8.0, 46.0);
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Moment {
     frame: f32,
+    /// Displacement of all tissue, in millimetres.
+    drift: Vec3,
+    /// Depth of breathing as a share of the usual one.
+    breath: f32,
     /// Displacement of the gripped fold, in millimetres.
     pull: Vec3,
     /// The instrument's axes (columns) and tip, in scene axes.
@@ -32,11 +46,15 @@ pub(super) struct Moment {
 
 impl Moment {
     /// Returns the state at frame `frame` (fractions are times between frames).
-    pub(super) fn at(frame: f32) -> Self {
+    pub(super) fn at(frame: f32, wanders: bool) -> Self {
         let f = frame - CYCLE * (frame / CYCLE).floor();
         let during = |start, full, fade, end| smoothstep(start, full, f) - smoothstep(fade, end, f);
-        let pull = PULL * during(13.0, 25.0, 26.0, 37.0);
-        let mut moment = Self { frame: f, pull, axes: Mat3::IDENTITY, tip: GRIP, opening: 0.0 };
+        let strength = |period: f32| if wanders { 0.85 + 0.3 * sine(frame / period) } else { 1.0 };
+        let [breath, pull] = CHANGES.map(strength);
+        let pull = pull * PULL * during(13.0, 25.0, 26.0, 37.0);
+        let drift = if wanders { wandering(frame) } else { Vec3::ZERO };
+        let mut moment =
+            Self { frame: f, drift, breath, pull, axes: Mat3::IDENTITY, tip: GRIP, opening: 0.0 };
         let away = 1.0 - during(-0.5, 11.5, 37.0, 47.5);
         // While it holds the tissue, the tip moves with it; before and after that it comes from the side
         // and returns there.
@@ -55,7 +73,10 @@ impl Moment {
             ScenePart::Shaft => self.axes * rest + self.tip,
             ScenePart::UpperJaw => self.axes * self.open_jaw(rest, 1.0) + self.tip,
             ScenePart::LowerJaw => self.axes * self.open_jaw(rest, -1.0) + self.tip,
-            _ => rest + self.breathing(part, rest) + self.pull * give(part) * hold(rest),
+            _ => {
+                let breathing = self.breath * self.breathing(part, rest);
+                rest + self.drift + breathing + self.pull * give(part) * hold(rest)
+            }
         }
     }
 
@@ -88,6 +109,11 @@ impl Moment {
     }
 }
 
+/// Returns a displacement that never repeats, 0 at frame 0, in millimetres.
+fn wandering(frame: f32) -> Vec3 {
+    WANDERING.iter().map(|(period, way)| *way * sine(frame / period)).sum()
+}
+
 /// Returns the share of the pull that a part follows.
 fn give(part: ScenePart) -> f32 {
     match part {
@@ -108,8 +134,9 @@ fn hold(rest: Vec3) -> f32 {
 }
 
 /// Returns the camera of frame `frame`: still, or on a gentle loop around the middle of the scene
-/// that starts at rest.
-pub(super) fn camera(width: u32, height: u32, moving: bool, frame: f32) -> Camera {
+/// that starts at rest, or one that goes on and on.
+pub(super) fn camera(size: [u32; 2], moving: bool, wanders: bool, frame: f32) -> Camera {
+    let [width, height] = size;
     // The focal length of a 60° wide picture of 4:3, so that other shapes show the same round field.
     let focal = 0.866_025_4 * width.min(height * 4 / 3) as f32;
     let mut camera = Camera {
@@ -124,6 +151,7 @@ pub(super) fn camera(width: u32, height: u32, moving: bool, frame: f32) -> Camer
     if moving {
         let turn = frame / CYCLE;
         let eye = Vec3::new(5.0 * sine(turn), 1.5 * sine(2.0 * turn), 3.0 * (1.0 - cosine(turn)));
+        let eye = if wanders { eye + 2.0 * wandering(frame) } else { eye };
         let z = (Vec3::new(0.0, 0.0, 100.0) - eye).normalize();
         let x = Vec3::Y.cross(z).normalize();
         let world_from_camera = Mat3::from_cols(x, z.cross(x), z);

@@ -110,10 +110,10 @@ fn motion_is_the_derivative_of_the_moving_points() {
         [shape::ScenePart::Liver, shape::ScenePart::Gallbladder, shape::ScenePart::Omentum].iter().enumerate()
     {
         let p = Vec3::new(5.0 * i as f32, 9.0, 92.0);
-        for f in 0..96 {
-            let at = |shift: f32| Moment::at(f as f32 + shift).place(part, p);
+        for (f, wanders) in (0..96).flat_map(|f| [(f, false), (f, true)]) {
+            let at = |shift: f32| Moment::at(f as f32 + shift, wanders).place(part, p);
             let bend = at(1.0) - 2.0 * at(0.5) + at(0.0);
-            assert!(bend.length() < 0.12, "frame {f}: {bend}");
+            assert!(bend.length() < 0.12, "frame {f}, {wanders}: {bend}");
             assert!(at(1.0).distance(at(0.0)) < 2.0);
         }
     }
@@ -125,6 +125,18 @@ fn the_clip_repeats_after_48_frames() {
     let (first, again) = (demo.frame(0), demo.frame(48));
     let differ = first.labels.data.iter().zip(&again.labels.data).filter(|(a, b)| a != b).count();
     assert!(differ < 20, "{differ} labels differ");
+}
+
+#[test]
+fn motion_that_wanders_does_not_come_back() {
+    let settings = DemoSettings { width: 32, height: 24, moving_camera: true, wanders: true, ..Default::default() };
+    let demo = Demo::new(&settings).unwrap();
+    let place = |f: usize| Moment::at(f as f32, true).place(shape::ScenePart::Liver, Vec3::new(0.0, 9.0, 92.0));
+    for f in (48..960).step_by(48) {
+        assert!(place(f).distance(place(0)) > 0.3, "frame {f}");
+        assert_ne!(demo.camera(f), demo.camera(0));
+    }
+    assert_eq!(place(0), Moment::at(0.0, false).place(shape::ScenePart::Liver, Vec3::new(0.0, 9.0, 92.0)));
 }
 
 #[test]

@@ -145,13 +145,14 @@ fn transforms(demo: &Demo) -> serde_json::Value {
 }
 
 fn readme(settings: &DemoSettings) -> String {
-    let DemoSettings { width, height, frames, moving_camera, rigid, blurred, seed } = settings;
+    let DemoSettings { width, height, frames, moving_camera, rigid, blurred, wanders, seed } = settings;
     let camera = if *moving_camera { "moving" } else { "still" };
     let tissue = if *rigid { ", nothing else moves" } else { "" };
+    let wander = if *wanders { ", motion that never repeats" } else { "" };
     let blur = if *blurred { ", every fifth frame blurred" } else { "" };
     format!(
         "A synthetic laparoscopic clip, written by SurgTPGS. No patient data.\n\
-         {frames} frames of {width}x{height} pixels, {camera} camera{tissue}{blur}, seed {seed}. Lengths are millimetres.\n\n\
+         {frames} frames of {width}x{height} pixels, {camera} camera{tissue}{wander}{blur}, seed {seed}. Lengths are millimetres.\n\n\
          images/         colour\n\
          depth/          distance along the camera's axis, 16 bit; one count is {DEPTH_SCALE} mm, 0 is unknown\n\
          labels/         class of each pixel (see labels.json), 255 is none\n\

@@ -64,12 +64,17 @@ impl OutputFile {
     /// Writes the complete file, over an earlier one; returns an error if another program has put a file
     /// there since the claim.
     pub fn write(&self, bytes: &[u8]) -> Result<()> {
+        self.write_with(|file| file.write_all(bytes).map_err(|e| Error::io("write the file", &self.path, e)))
+    }
+
+    /// Does the same as [`OutputFile::write`], for writers that stream into the file.
+    pub fn write_with(&self, write: impl FnOnce(&mut WholeFile) -> Result<()>) -> Result<()> {
         let is_there = self.is_there.load(Ordering::Relaxed);
         if is_there && self.path.exists() && !(self.is_ours)(&self.path) {
             return Err(foreign(&self.path, &self.kind));
         }
         let mut file = WholeFile::create(&self.path)?;
-        file.write_all(bytes).map_err(|e| Error::io("write the file", &self.path, e))?;
+        write(&mut file)?;
         if is_there { file.commit() } else { file.commit_new() }?;
         self.is_there.store(true, Ordering::Relaxed);
         Ok(())

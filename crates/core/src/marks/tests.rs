@@ -43,6 +43,7 @@ fn scene() -> Scene {
     Scene {
         gaussians: gaussians.into(),
         deformation: Deformation::at_rest(n, 0, 5, 0.25, 2.5).into(),
+        chapters: crate::scene::Chapters::default(),
         cameras: vec![camera; FRAMES],
         times: Vec::new(),
         field_of_view: Mask::filled(SIZE[0], SIZE[1], true),

@@ -1,9 +1,9 @@
 //! Scenes in files: reads and writes them whole.
 
-use super::{Scene, file, gltf, ply, ply::ReferenceWeights, spz, web};
+use super::{Scene, file, file::chapters::ChapterFile, gltf, ply, ply::ReferenceWeights, spz, web};
 use crate::{
     Error, Result,
-    files::write_whole,
+    files::WholeFile,
     reading::{MOST_BYTES, open_regular, read_regular},
 };
 use std::{io::Read, path::Path};
@@ -37,11 +37,23 @@ impl Scene {
     }
     /// Writes the complete file.
     pub fn save(&self, path: &Path) -> Result<()> {
-        write_whole(path, &self.to_bytes()?)
+        let mut file = WholeFile::create(path)?;
+        self.write(&mut file, false)?;
+        file.commit()
+    }
+    /// Returns the number of bytes of a scene file that are read at once: all, or those of its largest chapter.
+    pub fn read_bytes(path: &Path) -> u64 {
+        let Ok(file) = open_regular(path) else { return 0 };
+        let len = file.metadata().map_or(0, |about| about.len());
+        ChapterFile::open(path, file).ok().flatten().map_or(len, |chapters| chapters.largest_bytes())
     }
     /// Estimates the memory in bytes that [`Self::load`] takes: small files may hold large scenes. An
     /// unreadable file takes none.
     pub fn memory_bytes(path: &Path) -> u64 {
+        let chapters = open_regular(path).ok().and_then(|file| ChapterFile::open(path, file).ok().flatten());
+        if let Some(chapters) = chapters {
+            return chapters.memory_bytes();
+        }
         let Ok(bytes) = read_regular(path, MOST_BYTES) else { return 0 };
         let read = match &bytes[..] {
             bytes if bytes.starts_with(ply::MAGIC) => None,
@@ -53,6 +65,10 @@ impl Scene {
     /// Reads and validates a file: a scene, or a `.ply` or `.spz` of Gaussians, recognised by its content.
     /// The feature network of a deforming `.ply` is taken from [`LANG_DEFORMATION_FILE`] beside it.
     pub fn load(path: &Path) -> Result<Self> {
+        let file = open_regular(path).map_err(|e| Error::io("read the scene file", path, e))?;
+        if let Some(chapters) = ChapterFile::open(path, file)? {
+            return chapters.scene();
+        }
         let bytes = read_regular(path, MOST_BYTES).map_err(|e| Error::io("read the scene file", path, e))?;
         let hint = "Choose another scene file, or train the recording again.";
         let wrong = |what| Error::input_at(path, what, hint);
@@ -61,7 +77,7 @@ impl Scene {
                 ply::from_bytes(bytes, || ReferenceWeights::beside(path))
             }
             bytes if bytes.starts_with(spz::MAGIC) => spz::from_bytes(bytes),
-            bytes => return file::from_bytes(bytes).map_err(wrong),
+            bytes => return file::from_bytes(bytes).map(Self::as_chapter).map_err(wrong),
         };
         let mut scene = read.map_err(wrong)?;
         scene.provenance.made_by = format!("imported by SurgTPGS {}", env!("CARGO_PKG_VERSION"));

@@ -2,6 +2,7 @@
 //! of other programs.
 
 mod camera_row;
+mod chapters;
 mod file;
 mod fit;
 mod gltf;
@@ -13,6 +14,7 @@ mod spz;
 mod still;
 mod web;
 
+pub use chapters::{Chapter, Chapters};
 pub use ply::{LANG_DEFORMATION_FILE, ReferenceWeights};
 pub use released::{RELEASED_BASES, Released};
 pub use revised::Revised;
@@ -46,6 +48,8 @@ pub struct Scene {
     pub gaussians: Revised<Gaussians>,
     /// Motion of the Gaussians.
     pub deformation: Revised<Deformation>,
+    /// Chapters of a long scene, one of which the Gaussians and their motion belong to.
+    pub chapters: Chapters,
     /// Camera of each frame.
     pub cameras: Vec<Camera>,
     /// Time of each frame, 0 to 1; none in older scenes, where frame i is at i / N.
@@ -84,7 +88,7 @@ pub struct Provenance {
     pub held_out: bool,
     /// Frame rate of the recording, if known.
     pub frames_per_second: Option<f32>,
-    /// Number of optimiser steps done.
+    /// Number of optimiser steps done; of chapters, their mean.
     pub steps: usize,
     /// Training settings.
     pub settings: serde_json::Value,

@@ -1,6 +1,6 @@
 //! Gaussians at a single time, taken from a scene, and scenes made of such Gaussians.
 
-use super::{Provenance, Scene};
+use super::{Chapters, Provenance, Scene};
 use crate::{
     camera::Camera,
     deform::{Deformation, deform},
@@ -52,6 +52,7 @@ impl Scene {
         Self {
             gaussians: gaussians.into(),
             deformation: deformation.into(),
+            chapters: Chapters::default(),
             cameras: vec![camera],
             times: Vec::new(),
             field_of_view: Grid::filled(camera.width as usize, camera.height as usize, true),

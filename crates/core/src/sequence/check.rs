@@ -10,7 +10,6 @@ use super::{
 use crate::{
     Result,
     camera::Camera,
-    deform::length_warning,
     grid::Grid,
     progress::{Observer, Progress},
 };
@@ -96,7 +95,6 @@ pub fn check(sequence: &Sequence, observer: &mut Observer<'_>) -> Result<CheckRe
     };
     repeated_frames(&facts, &mut says);
     strange_parts(&report, &mut says);
-    says.warnings.extend(length_warning(n));
     Ok(CheckReport { ok: says.errors.is_empty(), warnings: says.warnings, errors: says.errors, ..report })
 }
 

@@ -39,7 +39,7 @@ mod read;
 mod recording;
 mod segmentation;
 mod settings;
-mod shots;
+pub(crate) mod shots;
 #[cfg(test)]
 mod tests;
 mod video;

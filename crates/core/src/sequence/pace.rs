@@ -40,22 +40,31 @@ impl Glance {
     }
 }
 
-/// Returns the time of every frame, 0 to 1. Nothing is read but `frames`, which are in ascending order.
+/// Returns the mean difference of each frame from the one of `frames` before it, in 8-bit levels; `None` for the
+/// first one and for others than `frames`, which are in ascending order. No others are read.
 ///
 /// # Errors
 /// A frame that cannot be read.
-pub(crate) fn frame_times(sequence: &Sequence, frames: &[usize]) -> Result<Vec<f32>> {
+pub(crate) fn differences(sequence: &Sequence, frames: &[usize]) -> Result<Vec<Option<f32>>> {
     let glance = |&i: &usize| Ok((i, Glance::of(&sequence.frame(i)?)));
     let mut differences = vec![None; sequence.num_frames()];
-    let mut last: Option<(usize, Glance)> = None;
+    let mut last: Option<Glance> = None;
     for batch in frames.chunks(BATCH) {
         for (i, glance) in batch.par_iter().map(glance).collect::<Result<Vec<_>>>()? {
-            let before = last.as_ref().filter(|(before, _)| before + 1 == i);
-            differences[i] = before.and_then(|(_, before)| before.difference(&glance));
-            last = Some((i, glance));
+            differences[i] = last.as_ref().and_then(|before| before.difference(&glance));
+            last = Some(glance);
         }
     }
-    Ok(times(&repeats(&differences)))
+    Ok(differences)
+}
+
+/// Returns the time of every frame, 0 to 1, from the [`differences`] of `frames`.
+pub(crate) fn frame_times(differences: &[Option<f32>], frames: &[usize]) -> Vec<f32> {
+    let mut from_next = vec![None; differences.len()];
+    for pair in frames.windows(2).filter(|pair| pair[0] + 1 == pair[1]) {
+        from_next[pair[1]] = differences[pair[1]];
+    }
+    times(&repeats(&from_next))
 }
 
 /// Returns for every frame if it repeats the one before, from their mean differences in 8-bit levels; `None`

@@ -83,6 +83,13 @@ pub(super) fn cuts(shots: &[Shot]) -> Vec<usize> {
     (0..shots.len()).filter(|i| sudden[*i] && !is_next_to_another(*i)).collect()
 }
 
+/// Returns the first frames of new shots from the mean differences of frames from the ones before, in 8-bit
+/// levels; `None` where it is not known.
+pub(crate) fn cuts_of(differences: &[Option<f32>]) -> Vec<usize> {
+    let shot = |difference: &Option<f32>| Shot { difference: *difference, is_tissue: true };
+    cuts(&differences.iter().map(shot).collect::<Vec<_>>())
+}
+
 /// Returns the runs of frames that show no tissue, both ends included.
 pub(super) fn without_tissue(shots: &[Shot]) -> Vec<(usize, usize)> {
     let mut at = 0;

@@ -3,7 +3,7 @@
 //! fᵢ = Σ w f̂ / Σ w over the supervised pixels of all training frames, with w the Gaussian's weight in
 //! the pixel. Both sums are the results of the backward raster pass for gradients f̂ and 1.
 
-use super::{FeatureMode, Model, Trainer, state::train_frames};
+use super::{FeatureMode, Model, Trainer};
 use crate::{
     Result,
     deform::deform,
@@ -33,7 +33,7 @@ impl Trainer {
         let (n, dim) = (gaussians.len(), gaussians.latent_dim);
         let mut sums = vec![0.0f32; n * dim];
         let mut weights = vec![0.0f32; n];
-        for i in train_frames(self.sequence.num_frames(), self.settings.eval, &self.settings.excluded) {
+        for i in self.settings.frames(self.sequence.num_frames()) {
             let frame = self.cache.get(Some(&prepared), i, false)?;
             let mut truth = frame.truth(&prepared.latents, self.state.typical_depth);
             if let Some(regions) = carried.get(&i) {
@@ -74,7 +74,7 @@ impl Trainer {
         let mut carried = Carried::new(&scene, Arc::clone(&graph), &marks, CarrySettings::default());
         let rows: Vec<u16> = carried.names().iter().map(|name| row_of(&scene, name)).collect();
         let mut regions = BTreeMap::new();
-        for i in train_frames(self.sequence.num_frames(), self.settings.eval, &self.settings.excluded) {
+        for i in self.settings.frames(self.sequence.num_frames()) {
             let found = carried.on_frame(&scene, i, &mut |i| self.sequence.frame(i))?;
             let row = |pixel: usize| {
                 let likeliest = found.scores.iter().position(|plane| plane.data[pixel] > 0.5);

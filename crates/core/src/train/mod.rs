@@ -3,6 +3,7 @@
 mod adam;
 mod backend;
 mod chain;
+mod chapters;
 mod checkpoint;
 mod cpu;
 mod densify;
@@ -21,6 +22,7 @@ mod state;
 pub use adam::{Adam, BETA1, BETA2, EPSILON, WIDTH, bias_corrections};
 pub use backend::{Context, Look, StepOutcome, StepPlan, TrainBackend};
 pub use chain::{FrameState, Gradients, backward as chain_backward};
+pub use chapters::Plan;
 pub use checkpoint::is_checkpoint;
 pub use cpu::CpuBackend;
 pub use densify::{CLONE_DISTANCE, Densify, LN_SPLIT, SPLIT_DISTANCE, densify};
@@ -44,12 +46,12 @@ use crate::{
     poses::Verdict,
     prepare::{Origin, Prepared},
     raster::{Images, project::Sampling, render_deformed},
-    scene::{Provenance, Scene},
+    scene::{Chapter, Chapters, Provenance, Scene},
     sequence::{Identity, Sequence},
 };
 use frames::FrameCache;
 use rand::Rng;
-use state::{TrainState, spread, train_frames};
+use state::{TrainState, spread};
 use std::{path::Path, sync::Arc};
 
 /// Number of frames that [`Trainer::psnr_db`] uses if none is held out.
@@ -94,15 +96,39 @@ impl Trainer {
     /// Reads the recording and places the initial Gaussians. Features are trained if `prepared` is given
     /// (then `sequence` is `prepared.sequence`).
     pub fn new(sequence: &Sequence, prepared: Option<&Prepared>, settings: TrainSettings) -> Result<Self> {
-        let mut settings = settings;
+        let identity = identity(sequence, prepared)?;
+        let plan = Plan::whole(sequence, prepared, &settings)?;
+        Self::with_times(sequence, prepared, settings, identity, plan.times)
+    }
+
+    /// Reads a chapter of the recording that a plan has cut into chapters, else as [`Trainer::new`]. Frames have the
+    /// plan's times.
+    pub fn of_chapter(
+        sequence: &Sequence,
+        prepared: Option<&Prepared>,
+        settings: TrainSettings,
+        plan: &Plan,
+        chapter: &Chapter,
+    ) -> Result<Self> {
+        let settings = TrainSettings { chapter: Some(chapter.clone()), ..settings };
+        let identity = identity(sequence, prepared)?;
+        Self::with_times(sequence, prepared, settings, identity, plan.times.clone())
+    }
+
+    fn with_times(
+        sequence: &Sequence,
+        prepared: Option<&Prepared>,
+        mut settings: TrainSettings,
+        identity: Arc<Identity>,
+        times: Vec<f32>,
+    ) -> Result<Self> {
         settings.eval |= prepared.is_some_and(|p| p.eval);
         if prepared.is_some_and(|p| p.origin == Origin::Marks) {
             // Marks are carried once the motion is known.
             (settings.feature_mode, settings.feature_motion) = (FeatureMode::Lifted, false);
         }
-        settings.rates.final_share = settings.final_share(sequence.num_frames());
-        let identity = identity(sequence, prepared)?;
-        let state = TrainState::new(sequence, prepared, &mut settings)?;
+        settings.rates.final_share = settings.final_share(settings.window(sequence.num_frames()).len());
+        let state = TrainState::new(sequence, prepared, &mut settings, times)?;
         Ok(Self::with_state(sequence, prepared, settings, state, identity))
     }
 
@@ -131,8 +157,8 @@ impl Trainer {
         identity: Arc<Identity>,
     ) -> Self {
         let guesses = if settings.guesses_held_out {
-            let seen = train_frames(sequence.num_frames(), settings.eval, &settings.excluded);
-            let mut held_out = train_frames(sequence.num_frames(), false, &settings.excluded);
+            let seen = settings.frames(sequence.num_frames());
+            let mut held_out = settings.frames_and_held_out(sequence.num_frames());
             held_out.retain(|i| seen.binary_search(i).is_err());
             guess::guesses(&held_out, &seen, |i| state.time(sequence, i))
         } else {
@@ -274,8 +300,7 @@ impl Trainer {
     /// Next frame; every frame comes once a round.
     fn next_frame(&mut self) -> usize {
         if self.state.queue.is_empty() {
-            self.state.queue =
-                train_frames(self.sequence.num_frames(), self.settings.eval, &self.settings.excluded);
+            self.state.queue = self.settings.frames(self.sequence.num_frames());
             self.state.queue.extend(self.cache.guessed());
             if self.settings.frame_order == FrameOrder::Cyclic {
                 self.state.queue.reverse();
@@ -333,6 +358,7 @@ impl Trainer {
         Ok(Scene {
             gaussians: self.state.model.gaussians.clone().into(),
             deformation: self.state.model.deformation.clone().into(),
+            chapters: Chapters::default(),
             cameras: (0..self.sequence.num_frames()).map(|i| self.sequence.camera(i)).collect(),
             times: self.state.times.clone(),
             field_of_view: self.sequence.field_of_view().clone(),
@@ -365,21 +391,53 @@ impl Trainer {
     /// Mean PSNR in dB inside the supervision mask over the held-out frames, or over a few frames if none
     /// is held out.
     pub fn psnr_db(&mut self) -> Result<f64> {
-        let n = self.sequence.num_frames();
+        let shown = self.settings.chapter.as_ref().map(|chapter| chapter.shown.clone());
+        let shown: Vec<usize> = shown.unwrap_or(0..self.sequence.num_frames()).collect();
         let held_out: Vec<usize> =
-            (0..n).filter(|&i| self.settings.eval && Sequence::is_test_frame(i)).collect();
-        let frames =
-            if held_out.is_empty() { spread(&(0..n).collect::<Vec<_>>(), PSNR_FRAMES) } else { held_out };
-        let mut values = Vec::new();
-        for i in frames {
-            let mask = self.sequence.mask(i)?;
-            values.extend(metrics::psnr_db(&self.render(i)?.to_rgb(), &self.sequence.frame(i)?, Some(&mask)));
-        }
-        if values.is_empty() {
-            return Err(Error::input("no frame has supervised pixels", Remedy::CheckRecording));
-        }
-        Ok(values.iter().sum::<f64>() / values.len() as f64)
+            shown.iter().copied().filter(|i| self.settings.eval && Sequence::is_test_frame(*i)).collect();
+        let frames = if held_out.is_empty() { spread(&shown, PSNR_FRAMES) } else { held_out };
+        let sequence = self.sequence.clone();
+        mean_psnr_db(&sequence, &frames, |i| self.render(i))
     }
+}
+
+/// Returns the mean PSNR in dB of a scene in chapters, of frames as in [`Trainer::psnr_db`].
+///
+/// # Errors
+/// A frame or a chapter that cannot be read.
+pub fn psnr_db(scene: &Scene, sequence: &Sequence) -> Result<f64> {
+    let shown: Vec<usize> = scene.chapters.iter().flat_map(|chapter| chapter.shown.clone()).collect();
+    let is_held_out = |i: &usize| scene.provenance.held_out && Sequence::is_test_frame(*i);
+    let held_out: Vec<usize> = shown.iter().copied().filter(is_held_out).collect();
+    let frames = if held_out.is_empty() { spread(&shown, PSNR_FRAMES) } else { held_out };
+    let mut frames = frames;
+    frames.sort_unstable();
+    let mut now = scene.clone();
+    mean_psnr_db(sequence, &frames, |i| {
+        let time = scene.time(i);
+        if !now.is_at(time) {
+            now = scene.at(time)?;
+        }
+        let deformed = deform(&now.gaussians, &now.deformation, time, false);
+        Ok(render_deformed(&now.gaussians, &deformed, &scene.cameras[i]))
+    })
+}
+
+/// Mean PSNR in dB of rendered frames inside the supervision mask.
+fn mean_psnr_db(
+    sequence: &Sequence,
+    frames: &[usize],
+    mut render: impl FnMut(usize) -> Result<Images>,
+) -> Result<f64> {
+    let mut values = Vec::new();
+    for &i in frames {
+        let mask = sequence.mask(i)?;
+        values.extend(metrics::psnr_db(&render(i)?.to_rgb(), &sequence.frame(i)?, Some(&mask)));
+    }
+    if values.is_empty() {
+        return Err(Error::input("no frame has supervised pixels", Remedy::CheckRecording));
+    }
+    Ok(values.iter().sum::<f64>() / values.len() as f64)
 }
 
 fn context<'a>(

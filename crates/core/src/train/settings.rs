@@ -2,8 +2,13 @@
 //! switches of their own, so that both can be compared, but for those that method §0.1 calls not imitated
 //! (method §0.1, §6, §11.1).
 
-use super::loss::LossWeights;
-use crate::deform::{BasisShape, default_bases, length_warning, stride_for};
+use super::{chapters::OVERLAP, loss::LossWeights};
+use crate::{
+    deform::{BasisShape, LONGEST, default_bases, length_warning, stride_for},
+    scene::Chapter,
+    sequence::Sequence,
+};
+use std::ops::Range;
 
 /// Sets of defaults.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -50,17 +55,21 @@ impl Quality {
         }
     }
 
-    /// Returns the expected duration of a training on frames of columns × rows, seconds. `pace` is the duration
-    /// of a step of [`Quality::Standard`] per pixel, seconds, if it is known.
-    pub fn expected_seconds(self, [width, height]: [usize; 2], pace: Option<f64>) -> f64 {
-        pace.unwrap_or(USUAL_PACE) * (width * height) as f64 * self.steps() as f64 * self.step_cost()
+    /// Returns the expected duration of a training on `num_frames` frames of columns × rows, seconds. `pace` is the
+    /// duration of a step of [`Quality::Standard`] per pixel, seconds, if it is known.
+    pub fn expected_seconds(self, num_frames: usize, [width, height]: [usize; 2], pace: Option<f64>) -> f64 {
+        let chapters = TrainSettings::default().expected_chapters(num_frames);
+        let steps = (chapters * self.steps()) as f64;
+        pace.unwrap_or(USUAL_PACE) * (width * height) as f64 * steps * self.step_cost()
     }
 
     /// Returns the size of the scene file of `num_frames` frames to expect at most, bytes.
     pub fn expected_bytes(self, num_frames: usize, latent_dim: usize) -> usize {
+        let settings = TrainSettings::default();
         let at_rest = FLOATS_AT_REST + latent_dim;
-        let moving = default_bases(num_frames) * stride_for(latent_dim);
-        self.gaussians() * size_of::<f32>() * (at_rest + moving)
+        let moving = default_bases(settings.frames_together(num_frames)) * stride_for(latent_dim);
+        let of_chapter = self.gaussians() * size_of::<f32>() * (at_rest + moving);
+        settings.expected_chapters(num_frames) * of_chapter
     }
 
     /// Largest number of Gaussians.
@@ -72,6 +81,8 @@ impl Quality {
     }
 }
 
+/// Number of frames of a chapter at most.
+pub(super) const CHAPTER_FRAMES: usize = 96;
 /// Duration of a step of [`Quality::Standard`] per pixel of a frame, seconds, on two processor cores.
 const USUAL_PACE: f64 = 5.6e-8;
 /// Numbers of a Gaussian at rest, without its features: centre, rotation, scale, opacity, colour.
@@ -198,6 +209,13 @@ pub struct TrainSettings {
     /// Ranges of frames that nothing is learned from, both ends included; e.g. those seen outside of the
     /// body.
     pub excluded: Vec<(usize, usize)>,
+    /// Number of frames that a long recording's chapters have at most; 0 to learn a recording of any length as a
+    /// whole.
+    #[serde(default)]
+    pub chapter_frames: usize,
+    /// The chapter that is learned; `None` for the whole recording.
+    #[serde(default)]
+    pub chapter: Option<Chapter>,
     /// Order of the frames.
     pub frame_order: FrameOrder,
     /// `true` to give frames that repeat the one before the time of that one.
@@ -269,6 +287,8 @@ impl Default for TrainSettings {
             seed: 0,
             eval: false,
             excluded: Vec::new(),
+            chapter_frames: CHAPTER_FRAMES,
+            chapter: None,
             frame_order: FrameOrder::Random,
             finds_repeats: true,
             finds_path: true,
@@ -348,15 +368,63 @@ impl TrainSettings {
         self
     }
 
+    /// Frames that are learned from, whether they may be seen or not.
+    pub(super) fn window(&self, num_frames: usize) -> Range<usize> {
+        self.chapter.as_ref().map_or(0..num_frames, |chapter| chapter.learned.clone())
+    }
+
+    /// Frames of a recording of `num_frames` that are learned from.
+    pub(super) fn frames(&self, num_frames: usize) -> Vec<usize> {
+        let mut frames = self.frames_and_held_out(num_frames);
+        frames.retain(|i| !(self.eval && Sequence::is_test_frame(*i)));
+        frames
+    }
+
+    /// The same and those that are held out.
+    pub(super) fn frames_and_held_out(&self, num_frames: usize) -> Vec<usize> {
+        let is_excluded = |i: usize| self.excluded.iter().any(|(from, to)| (*from..=*to).contains(&i));
+        self.window(num_frames).filter(|i| !is_excluded(*i)).collect()
+    }
+
     /// Number of basis functions for a recording of `num_frames` frames.
     pub fn num_bases(&self, num_frames: usize) -> usize {
         if self.num_bases > 0 { self.num_bases.max(2) } else { default_bases(num_frames) }
     }
 
-    /// Warning about the loss on a recording of `num_frames` frames. `None` if it is not too long, or if
-    /// the number of basis functions was chosen.
+    /// Returns `true` if a recording of `num_frames` frames is learned in chapters.
+    pub fn has_chapters(&self, num_frames: usize) -> bool {
+        self.chapter_frames > 0 && num_frames > LONGEST.max(self.chapter_frames)
+    }
+
+    /// Number of chapters of a recording of `num_frames` frames without cuts; 1 if it is learned as a whole.
+    pub fn expected_chapters(&self, num_frames: usize) -> usize {
+        if self.has_chapters(num_frames) { num_frames.div_ceil(self.chapter_frames) } else { 1 }
+    }
+
+    /// Largest number of frames that are learned together, of a recording of `num_frames` frames.
+    pub fn frames_together(&self, num_frames: usize) -> usize {
+        if self.has_chapters(num_frames) { self.chapter_frames + 2 * OVERLAP } else { num_frames }
+    }
+
+    /// Warning about the loss on a recording of `num_frames` frames. `None` if it is not too long, if it is learned
+    /// in chapters, or if the number of basis functions was chosen.
     pub fn length_warning(&self, num_frames: usize) -> Option<String> {
-        if self.num_bases > 0 { None } else { length_warning(num_frames) }
+        let is_cared_for = self.num_bases > 0 || self.has_chapters(num_frames);
+        if is_cared_for { None } else { length_warning(num_frames) }
+    }
+
+    /// Returns `true` if trainings of a chapter with these settings and with `other` come to the same. Which chapter
+    /// that is, and what the recording decides, does not count.
+    pub fn agrees_with(&self, other: &Self) -> bool {
+        let asked = |settings: &Self| Self {
+            chapter: None,
+            feature_mode: FeatureMode::Learned,
+            feature_motion: true,
+            sh_degree: 0,
+            rates: LearningRates { final_share: 0.0, ..settings.rates.clone() },
+            ..settings.clone()
+        };
+        asked(self) == asked(other)
     }
 
     /// Share of their start that rates reach at the end, where `num_frames` frames are visited equally often.
@@ -389,6 +457,7 @@ impl TrainSettings {
         Self {
             profile: Profile::Paper,
             iterations: 3000,
+            chapter_frames: 0,
             frame_order: FrameOrder::Cyclic,
             finds_repeats: false,
             finds_path: false,
@@ -485,13 +554,17 @@ mod tests {
     #[test]
     fn length_is_no_matter_where_the_number_of_bases_was_chosen() {
         let settings = TrainSettings::default();
-        assert_eq!(settings.length_warning(800), length_warning(800));
-        assert_eq!(TrainSettings { num_bases: 17, ..settings }.length_warning(800), None);
+        let whole = TrainSettings { chapter_frames: 0, ..settings.clone() };
+        assert_eq!(whole.length_warning(800), length_warning(800));
+        assert_eq!(TrainSettings { num_bases: 17, ..whole }.length_warning(800), None);
+        assert_eq!(settings.length_warning(800), None, "it is learned in chapters");
+        let expected = [48, LONGEST, 800].map(|n| (settings.expected_chapters(n), settings.frames_together(n)));
+        assert_eq!(expected, [(1, 48), (1, LONGEST), (9, CHAPTER_FRAMES + 2 * OVERLAP)]);
     }
 
     #[test]
     fn time_and_size_are_expected_as_they_were_measured() {
-        let minutes = |pace, quality: Quality| quality.expected_seconds([854, 480], pace) / 60.0;
+        let minutes = |pace, quality: Quality| quality.expected_seconds(48, [854, 480], pace) / 60.0;
         assert!((1.0..2.0).contains(&minutes(None, Quality::Standard)));
         assert!((9.0..13.0).contains(&minutes(None, Quality::Best)));
         assert!(minutes(Some(1e-7), Quality::Standard) > minutes(None, Quality::Standard));

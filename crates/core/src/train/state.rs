@@ -17,7 +17,7 @@ use crate::{
     prepare::Prepared,
     progress::unobserved,
     raster::NEAR,
-    sequence::{CameraSource, Sequence, pace::frame_times},
+    sequence::{CameraSource, Sequence},
 };
 use glam::Affine3A;
 use rand::{Rng, SeedableRng};
@@ -58,30 +58,30 @@ impl TrainState {
         sequence: &Sequence,
         prepared: Option<&Prepared>,
         settings: &mut TrainSettings,
+        times: Vec<f32>,
     ) -> Result<Self> {
-        let seen = train_frames(
-            sequence.num_frames(),
-            settings.eval && !settings.seed_test_frames,
-            &settings.excluded,
-        );
+        let seen = match settings.seed_test_frames {
+            true => settings.frames_and_held_out(sequence.num_frames()),
+            false => settings.frames(sequence.num_frames()),
+        };
         if seen.is_empty() {
             return Err(Error::input("every frame is excluded", "Take some of them back in."));
         }
-        let times = if settings.finds_repeats {
-            frame_times(sequence, &train_frames(sequence.num_frames(), settings.eval, &settings.excluded))?
-        } else {
-            Vec::new()
-        };
         let latent_dim = prepared.map_or(0, |p| p.codec.latent_dim());
         let path = path(sequence, &times, settings)?;
         let sees_around = sequence.camera_moves() || !path.poses.is_empty() || settings.sh_when_still;
         settings.sh_degree = if sees_around { settings.sh_degree.min(3) } else { 0 };
         let (gaussians, typical_depth) = initial_gaussians(sequence, &path, &seen, latent_dim, settings)?;
-        let num_bases = settings.num_bases(sequence.num_frames());
+        let window = settings.window(sequence.num_frames());
+        let num_bases = settings.num_bases(window.len());
         let width = settings.basis_width / (num_bases - 1) as f32;
         let mut deformation =
             Deformation::at_rest(gaussians.len(), latent_dim, num_bases, width, settings.gate_slope);
         deformation.shape = settings.basis_shape;
+        if settings.chapter.is_some() {
+            let time = |i: usize| times.get(i).copied().unwrap_or_else(|| sequence.time(i));
+            deformation.squeeze(time(window.start), time(window.end - 1));
+        }
         if settings.own_bases {
             deformation = deformation.with_own_bases();
         }
@@ -151,12 +151,6 @@ fn budget(first: usize, settings: &TrainSettings) -> usize {
     d.max_gaussians.min((by_pixels as usize).max(first))
 }
 
-/// Frames that training may use.
-pub(super) fn train_frames(num_frames: usize, eval: bool, excluded: &[(usize, usize)]) -> Vec<usize> {
-    let is_excluded = |i: usize| excluded.iter().any(|(from, to)| (*from..=*to).contains(&i));
-    (0..num_frames).filter(|&i| !(is_excluded(i) || eval && Sequence::is_test_frame(i))).collect()
-}
-
 /// Chooses at most `count` of `frames`, evenly spread, the middle one first.
 pub(super) fn spread(frames: &[usize], count: usize) -> Vec<usize> {
     let n = frames.len();
@@ -172,11 +166,11 @@ pub(super) fn spread(frames: &[usize], count: usize) -> Vec<usize> {
 /// Estimates the path of a camera that is not known; it has no poses if it is known or stands still.
 fn path(sequence: &Sequence, times: &[f32], settings: &TrainSettings) -> Result<ScopePath> {
     let is_known = sequence.camera_source() == CameraSource::Given || sequence.camera_moves();
-    let is_long = sequence.num_frames() > MOST_POSED_FRAMES;
+    let frames = settings.frames(sequence.num_frames());
+    let is_long = frames.len() > MOST_POSED_FRAMES;
     if !settings.finds_path || is_known || sequence.has_depth() || is_long {
         return Ok(ScopePath::default());
     }
-    let frames = train_frames(sequence.num_frames(), settings.eval, &settings.excluded);
     let own: Vec<f32> = (0..sequence.num_frames()).map(|i| sequence.time(i)).collect();
     let times = if times.is_empty() { &own } else { times };
     poses::estimate(sequence, Timeline { frames: &frames, times }, DEFAULT_DEPTH, &mut unobserved)

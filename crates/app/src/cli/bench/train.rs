@@ -106,9 +106,9 @@ fn measure(material: &Material, row: &Row, args: &BenchTrainArgs) -> Result<Outc
         row.settings.clone(),
         args.backend,
         &mut |p| view.show(p),
-        &mut |trainer, _| {
-            let per_step = 1e3 / trainer.steps_done().max(1) as f64;
-            pass_ms = Pass::ALL.iter().map(|p| trainer.clock().seconds(*p) * per_step).collect();
+        &mut |watched, _| {
+            let per_step = 1e3 / watched.trainer.steps_done().max(1) as f64;
+            pass_ms = Pass::ALL.iter().map(|p| watched.trainer.clock().seconds(*p) * per_step).collect();
         },
     )?;
     if trained.steps < row.settings.iterations {

@@ -71,7 +71,7 @@ impl Asked {
             has_labels: info.has_labels,
             too_long: TrainSettings::default().length_warning(info.num_frames),
             expected_seconds: Quality::ALL
-                .map(|quality| quality.expected_seconds([info.width, info.height], pace)),
+                .map(|quality| quality.expected_seconds(info.num_frames, [info.width, info.height], pace)),
             models,
             picking: None,
             has_no_dialog: false,

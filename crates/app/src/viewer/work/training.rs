@@ -22,8 +22,8 @@ impl Shared {
             return;
         }
         let pace = self.preferences.seconds_per_step_and_pixel;
-        let size = self.info().map_or([0; 2], |info| [info.width, info.height]);
-        let expected = request.quality.expected_seconds(size, pace);
+        let (frames, size) = self.info().map_or((0, [0; 2]), |i| (i.num_frames, [i.width, i.height]));
+        let expected = request.quality.expected_seconds(frames, size, pace);
         self.reconstruction.training = Some(Training::start(self.backend.clone(), request, expected, ctx));
     }
 

@@ -18,11 +18,12 @@
 //! | `vocabulary` | [texts · dim, 2] u8 | vectors of the vocabulary's texts as little-endian f16 |
 //! | `encoder.K.weight` `encoder.K.bias` `decoder.K.…` | | the codec's layers |
 
+pub(super) mod chapters;
 pub(super) mod compact;
 mod tensors;
 
 use super::{
-    Problem, Provenance, Scene,
+    Chapters, Problem, Provenance, Scene,
     camera_row::{CAMERA_WIDTH, camera_row, read_camera},
 };
 use crate::{
@@ -263,6 +264,7 @@ pub(super) fn from_bytes(bytes: &[u8]) -> Result<Scene, Problem> {
     Ok(Scene {
         gaussians: gaussians.into(),
         deformation: deformation.into(),
+        chapters: Chapters::default(),
         cameras,
         times,
         field_of_view,
@@ -452,6 +454,7 @@ mod tests {
             }
             .into(),
             deformation: deformation.into(),
+            chapters: Chapters::default(),
             cameras: vec![camera; 3],
             times: vec![0.0, 0.5, 0.5],
             field_of_view: Mask::from_vec(13, 6, (0..78).map(|i| i % 7 < 3).collect()),

@@ -147,7 +147,7 @@ impl FrameSource for SceneSource {
 
     fn motion(&mut self, view: &FrameView) -> Result<(Grid<f32>, String)> {
         let view = self.engine_view(view)?;
-        let Motion { travel_px, num_moving, num_gaussians } = self.engine.motion(&view);
+        let Motion { travel_px, num_moving, num_gaussians } = self.engine.motion(&view)?;
         let [moving, all] = [num_moving, num_gaussians].map(thousands);
         Ok((travel_px, format!("{moving} of {all} Gaussians move by a pixel or more")))
     }

@@ -7,7 +7,7 @@ use crate::viewer::backend::{
 };
 use crate::{
     engine::{self, EncoderChoice, Engine, EngineOptions},
-    jobs::{self, FeatureSource, Material, PrepareOptions},
+    jobs::{self, Course, FeatureSource, Material, PrepareOptions, Watched},
     outputs,
 };
 use std::{
@@ -22,7 +22,7 @@ use surgtpgs_core::{
     scene::Scene,
     segment::{Level, MaskSettings},
     sequence::Sequence,
-    train::{StepReport, TrainSettings, Trainer},
+    train::{StepReport, TrainSettings},
 };
 
 /// Number of steps before the first state that is worth showing.
@@ -52,27 +52,29 @@ pub(super) fn reconstruct(request: &TrainRequest, task: &TaskContext<TrainNews>)
     let settings = TrainSettings { excluded: request.excluded.clone(), ..Default::default() };
     let settings = settings.with_quality(request.quality);
     let mut last_shown = Instant::now();
-    let mut show = |trainer: &mut Trainer, report: &StepReport| {
+    let mut show = |watched: &mut Watched<'_>, report: &StepReport| {
         task.update(TrainNews::Step(report.step, report.terms));
         let is_due = |every| report.step > FIRST_PREVIEW && last_shown.elapsed() >= every;
         if report.step == FIRST_PREVIEW || task.preview_every().is_some_and(is_due) {
             last_shown = Instant::now();
-            if let Ok(source) = trainer.scene().and_then(|scene| preview(scene, &request.recording)) {
+            if let Ok(source) = watched.scene().and_then(|scene| preview(scene, &request.recording)) {
                 task.update(TrainNews::Preview(Box::new(source)));
             }
         }
     };
-    let trained = jobs::train_watched(
-        &material,
+    let course = Course {
+        material: &material,
         settings,
-        engine::BackendChoice::Auto,
-        &mut |p| task.follow(p),
-        &mut show,
-    )?;
+        backend: engine::BackendChoice::Auto,
+        scene: output.path(),
+        checkpoint: None,
+    };
+    let trained = course.train(&mut |p| task.follow(p), &mut show)?;
     if trained.steps == 0 {
         return Err(Error::Cancelled);
     }
-    save_with_patience(trained.steps, &|| output.write(&trained.scene.to_bytes()?), task)?;
+    save_with_patience(trained.steps, &|| output.write_with(|file| trained.scene.write(file, false)), task)?;
+    course.clear(&trained)?;
     Ok(request.scene.clone())
 }
 

@@ -1,0 +1,233 @@
+//! Training of long recordings, chapter by chapter.
+
+use super::{
+    backend,
+    material::Material,
+    train::{Trained, go_on, remove_file, train_watched},
+};
+use crate::{
+    engine::BackendChoice,
+    memory::{Work, require_for},
+    outputs,
+};
+use std::path::{Path, PathBuf};
+use surgtpgs_core::{
+    Error, Result,
+    progress::{Observer, Progress},
+    scene::{Chapter, Scene},
+    train::{Plan, StepReport, TrainSettings, Trainer, psnr_db},
+};
+
+/// A training in chapters.
+pub struct Course<'a> {
+    /// The recording.
+    pub material: &'a Material,
+    /// Settings of each chapter.
+    pub settings: TrainSettings,
+    /// Device to train on.
+    pub backend: BackendChoice,
+    /// Scene file to be written at the end. What is done of it is kept beside it.
+    pub scene: &'a Path,
+    /// File that keeps the unfinished chapter; `None` to keep whole ones alone.
+    pub checkpoint: Option<&'a Path>,
+}
+
+/// Training as it is watched.
+pub struct Watched<'a> {
+    /// The trainer at work.
+    pub trainer: &'a mut Trainer,
+    /// The chapters that are done.
+    pub done: Option<&'a Scene>,
+}
+
+impl Watched<'_> {
+    /// Returns the scene as far as it is learned.
+    pub fn scene(&mut self) -> Result<Scene> {
+        let scene = self.trainer.scene()?.as_chapter();
+        if scene.chapters.is_empty() { Ok(scene) } else { Ok(Scene::joined(self.done.cloned(), scene)) }
+    }
+}
+
+/// Returns the path of the file that keeps a chapter until the scene is whole.
+pub fn chapter_path(scene: &Path, index: usize) -> PathBuf {
+    scene.with_extension(format!("chapter-{index:04}.safetensors"))
+}
+
+/// Returns the settings of a training of which chapters are done, and lie beside a scene file; `None` if there are
+/// none.
+pub fn settings_of_chapters(scene: &Path) -> Result<Option<TrainSettings>> {
+    let path = chapter_path(scene, 0);
+    if !path.exists() {
+        return Ok(None);
+    }
+    let settings = settings(&Scene::load_chapter(&path)?).ok_or_else(|| {
+        Error::input_at(&path, "the settings of this chapter cannot be read", "Begin the training anew.")
+    })?;
+    Ok(Some(TrainSettings { chapter: None, ..settings }))
+}
+
+/// Removes the chapters that lie beside a scene file.
+pub fn remove_chapters(scene: &Path) -> Result<()> {
+    let paths = (0..).map(|index| chapter_path(scene, index));
+    paths.take_while(|path| Scene::is_own_file(path)).try_for_each(|path| remove_file(&path))
+}
+
+/// Reads scenes that were trained on a chapter each, of the same training, as one scene. Gaussians stay in the files.
+///
+/// # Errors
+/// A file that is no such scene, or one of another training.
+pub fn join(paths: &[PathBuf]) -> Result<Scene> {
+    let mut parts = Vec::new();
+    for path in paths {
+        parts.push((path, Scene::load_chapter(path)?));
+    }
+    parts.sort_by_key(|(_, part)| part.chapters.current().map(|chapter| chapter.index));
+    let first = parts.first().map(|(_, part)| (settings(part), part.provenance.identity.clone()));
+    let mut scene: Option<Scene> = None;
+    for (path, part) in parts {
+        let agrees = first.as_ref().is_some_and(|(settings_of_first, identity)| {
+            let agree = settings(&part).zip(settings_of_first.as_ref()).is_some_and(|(a, b)| a.agrees_with(b));
+            agree && part.provenance.identity == *identity
+        });
+        let count = part.chapters.current().map(|chapter| chapter.count);
+        let earlier = scene.as_ref().and_then(|scene| scene.chapters.iter().next().map(|first| first.count));
+        if !agrees || earlier.is_some_and(|earlier| Some(earlier) != count) {
+            let what = "this chapter is of another training than the first one";
+            return Err(Error::input_at(path, what, "Join chapters of one recording and equal settings."));
+        }
+        scene = Some(Scene::joined(scene, part));
+    }
+    scene.ok_or_else(|| Error::input("there is no chapter to join", "Give scenes of chapters."))
+}
+
+/// Settings that a scene was trained with.
+fn settings(scene: &Scene) -> Option<TrainSettings> {
+    serde_json::from_value(scene.provenance.settings.clone()).ok()
+}
+
+impl Course<'_> {
+    /// Trains the recording, in chapters if it is long, or until the observer asks to stop. Chapters that lie beside
+    /// the scene file and were trained in the same way are not trained again: the result is the same.
+    pub fn train(
+        &self,
+        observer: &mut Observer<'_>,
+        watch: &mut dyn FnMut(&mut Watched<'_>, &StepReport),
+    ) -> Result<Trained> {
+        let (sequence, prepared) = (self.material.sequence(), self.material.prepared());
+        if !self.settings.has_chapters(sequence.num_frames()) {
+            return train_watched(self.material, self.settings.clone(), self.backend, observer, watch);
+        }
+        require_for(&Work::Training(sequence, &self.settings))?;
+        let plan = Plan::of(sequence, prepared, &self.settings)?;
+        self.train_plan(&plan, observer, watch)
+    }
+
+    /// Removes the chapters that lie beside the scene file, once it is whole.
+    pub fn clear(&self, trained: &Trained) -> Result<()> {
+        let is_whole = trained.scene.chapters.num_missing(trained.scene.num_frames()) == 0;
+        if is_whole { remove_chapters(self.scene) } else { Ok(()) }
+    }
+
+    fn train_plan(
+        &self,
+        plan: &Plan,
+        observer: &mut Observer<'_>,
+        watch: &mut dyn FnMut(&mut Watched<'_>, &StepReport),
+    ) -> Result<Trained> {
+        let count = plan.chapters.len();
+        let mut whole: Option<Trained> = None;
+        for (k, chapter) in plan.chapters.iter().enumerate() {
+            if let Some(part) = self.kept(chapter)? {
+                whole = Some(Trained::with_chapter(whole, Trained::kept(part)));
+                continue;
+            }
+            let mut trainer = self.trainer(plan, chapter)?;
+            backend::choose(&mut trainer, self.backend)?;
+            let note = trainer.scope().note().map(|note| format!("Chapter {} of {count}: {note}", k + 1));
+            let steps = trainer.settings().iterations;
+            let mut observer = |p: &Progress<'_>| {
+                let detail = format!("chapter {} of {count}, {}", k + 1, p.detail);
+                observer(&Progress { stage: p.stage, done: k * steps + p.done, total: count * steps, detail: &detail })
+            };
+            let done = whole.as_ref().map(|whole| &whole.scene);
+            let mut watch = |watched: &mut Watched<'_>, report: &StepReport| {
+                watch(&mut Watched { trainer: watched.trainer, done }, report)
+            };
+            let mut trained = go_on(&mut trainer, self.checkpoint, &mut observer, &mut watch)?;
+            let is_stopped = trained.steps < steps;
+            trained.notes.extend(note);
+            trained.scene = trained.scene.as_chapter();
+            if !is_stopped {
+                trained.scene = self.keep(&trained.scene, chapter)?;
+                self.checkpoint.map_or(Ok(()), remove_file)?;
+            }
+            whole = Some(Trained::with_chapter(whole, trained));
+            if is_stopped {
+                break;
+            }
+        }
+        let whole = whole.ok_or_else(|| Error::input("there is no chapter to train", ""))?;
+        Ok(Trained { psnr_db: psnr_db(&whole.scene, self.material.sequence())?, ..whole })
+    }
+
+    /// Returns a trainer for a chapter; an unfinished one goes on.
+    fn trainer(&self, plan: &Plan, chapter: &Chapter) -> Result<Trainer> {
+        let (sequence, prepared) = (self.material.sequence(), self.material.prepared());
+        if let Some(path) = self.checkpoint.filter(|path| path.exists()) {
+            let trainer = Trainer::resume(sequence, prepared, path)?;
+            if trainer.settings().chapter.as_ref() == Some(chapter)
+                && trainer.settings().agrees_with(&self.settings)
+            {
+                return Ok(trainer);
+            }
+        }
+        Trainer::of_chapter(sequence, prepared, self.settings.clone(), plan, chapter)
+    }
+
+    /// Reads a chapter that is done.
+    fn kept(&self, chapter: &Chapter) -> Result<Option<Scene>> {
+        let path = chapter_path(self.scene, chapter.index);
+        if !path.exists() {
+            return Ok(None);
+        }
+        let part = Scene::load_chapter(&path)?;
+        let is_same = settings(&part).is_some_and(|s| s.agrees_with(&self.settings))
+            && part.chapters.current() == Some(chapter)
+            && part.provenance.identity.as_ref() == Some(&self.material.sequence().identity()?);
+        if is_same {
+            return Ok(Some(part));
+        }
+        let what = "this chapter was trained on another recording, or in another way";
+        Err(Error::input_at(&path, what, "Remove it, or give the scene another name."))
+    }
+
+    /// Writes a chapter beside the scene file; what is returned does not hold its Gaussians in memory.
+    fn keep(&self, part: &Scene, chapter: &Chapter) -> Result<Scene> {
+        let path = chapter_path(self.scene, chapter.index);
+        let inputs = self.material.inputs(self.material.sequence().path());
+        outputs::scene_file(&path, &inputs, false)?.write_with(|file| part.write(file, false))?;
+        Scene::load_chapter(&path)
+    }
+}
+
+impl Trained {
+    /// A chapter that was trained earlier.
+    fn kept(part: Scene) -> Self {
+        let (steps, gaussians) = (part.provenance.steps, part.gaussians.len());
+        Self { steps, gaussians, scene: part, seconds: 0.0, psnr_db: 0.0, dropped: 0, notes: Vec::new() }
+    }
+
+    /// Adds a chapter to those before it.
+    fn with_chapter(earlier: Option<Self>, chapter: Self) -> Self {
+        let Some(earlier) = earlier else { return Self { scene: Scene::joined(None, chapter.scene), ..chapter } };
+        Self {
+            scene: Scene::joined(Some(earlier.scene), chapter.scene),
+            steps: earlier.steps + chapter.steps,
+            seconds: earlier.seconds + chapter.seconds,
+            psnr_db: chapter.psnr_db,
+            dropped: earlier.dropped + chapter.dropped,
+            gaussians: earlier.gaussians + chapter.gaussians,
+            notes: earlier.notes.into_iter().chain(chapter.notes).collect(),
+        }
+    }
+}

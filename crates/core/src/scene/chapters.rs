@@ -1,0 +1,322 @@
+//! Chapters of a long scene. Only one is in memory; the others are read when their time comes.
+
+use super::{Problem, Revised, Scene, file};
+use crate::{
+    Error, Result,
+    deform::Deformation,
+    gaussian::Gaussians,
+    reading::{MOST_BYTES, open_regular},
+};
+use std::{
+    fs::File,
+    io::{Read, Seek, SeekFrom, Write},
+    ops::Range,
+    path::{Path, PathBuf},
+    sync::{Arc, Mutex},
+};
+
+/// Key of the chapter in the settings of a scene that was trained on one alone.
+const CHAPTER: &str = "chapter";
+/// Advice where a chapter cannot be read.
+const HINT: &str = "Choose another scene file, or train the recording again.";
+
+/// A part of a recording with Gaussians of its own.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Chapter {
+    /// Its place among the chapters.
+    pub index: usize,
+    /// Number of chapters.
+    pub count: usize,
+    /// Frames that it is shown on.
+    pub shown: Range<usize>,
+    /// Frames that it is learned from: those, and some around them.
+    pub learned: Range<usize>,
+}
+
+/// Chapters of a scene; none if it is one whole.
+#[derive(Clone, Debug, Default)]
+pub struct Chapters {
+    all: Vec<Place>,
+    /// Place in `all` of the chapter whose Gaussians the scene holds; `None` for none.
+    current: Option<usize>,
+}
+
+/// A chapter, and where it is.
+#[derive(Clone, Debug)]
+struct Place {
+    chapter: Chapter,
+    /// Number of optimiser steps done.
+    steps: usize,
+    source: Source,
+}
+
+/// Source of a chapter's Gaussians and motion.
+#[derive(Clone, Debug)]
+enum Source {
+    Memory(Arc<(Revised<Gaussians>, Revised<Deformation>)>),
+    File(Part),
+}
+
+/// A scene file, or a part of a file that is one. The file stays open, so that it can be replaced meanwhile.
+#[derive(Clone, Debug)]
+pub(super) struct Part {
+    path: PathBuf,
+    file: Arc<Mutex<File>>,
+    start: u64,
+    len: u64,
+}
+
+impl Part {
+    /// Takes bytes `start` to `start + len` of an open file.
+    pub(super) fn new(path: &Path, file: &Arc<Mutex<File>>, [start, len]: [u64; 2]) -> Self {
+        Self { path: path.to_owned(), file: file.clone(), start, len }
+    }
+
+    /// Returns the number of bytes.
+    pub(super) fn len(&self) -> u64 {
+        self.len
+    }
+
+    /// Reads the bytes.
+    pub(super) fn bytes(&self) -> std::io::Result<Vec<u8>> {
+        if self.len > MOST_BYTES {
+            return Err(std::io::ErrorKind::FileTooLarge.into());
+        }
+        let mut file = self.file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        file.seek(SeekFrom::Start(self.start))?;
+        let mut bytes = Vec::new();
+        bytes.try_reserve_exact(self.len as usize)?;
+        Read::by_ref(&mut *file).take(self.len).read_to_end(&mut bytes)?;
+        Ok(bytes)
+    }
+
+    /// Reads the scene.
+    pub(super) fn scene(&self) -> Result<Scene> {
+        let bytes = self.bytes().map_err(|e| Error::io("read a part of the scene", &self.path, e))?;
+        file::from_bytes(&bytes).map_err(|what| Error::input_at(&self.path, what, HINT))
+    }
+}
+
+impl Chapters {
+    /// Returns the chapters in order.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = &Chapter> {
+        self.all.iter().map(|place| &place.chapter)
+    }
+
+    /// Returns `true` if the scene is one whole.
+    pub fn is_empty(&self) -> bool {
+        self.all.is_empty()
+    }
+
+    /// Returns the chapter whose Gaussians the scene holds.
+    pub fn current(&self) -> Option<&Chapter> {
+        self.current.map(|k| &self.all[k].chapter)
+    }
+
+    /// Returns the number of frames that no chapter shows, of `num_frames`.
+    pub fn num_missing(&self, num_frames: usize) -> usize {
+        num_frames.saturating_sub(self.iter().map(|chapter| chapter.shown.len()).sum())
+    }
+
+    /// Adds a chapter, in place of an earlier one of its number.
+    fn put(&mut self, place: Place) {
+        let found = self.all.binary_search_by_key(&place.chapter.index, |known| known.chapter.index);
+        let (Ok(k) | Err(k)) = found;
+        match found {
+            Ok(_) => self.all[k] = place,
+            Err(_) => self.all.insert(k, place),
+        }
+        self.current = Some(k);
+    }
+
+    pub(super) fn of_parts(parts: Vec<(Chapter, Part)>, steps: usize) -> Self {
+        let place = |(chapter, part)| Place { chapter, steps, source: Source::File(part) };
+        let all = parts.into_iter().map(place);
+        Self { all: all.collect(), current: None }
+    }
+}
+
+impl Scene {
+    /// Returns the place of the chapter that is shown at `time`; `None` if there is none.
+    fn place_at(&self, time: f32) -> Option<usize> {
+        let n = self.num_frames();
+        let frame = match self.times.len() {
+            // A frame's time is rounded.
+            0 => (f64::from(time) * n as f64 + 0.01).max(0.0) as usize,
+            _ => self.times.partition_point(|t| *t <= time).saturating_sub(1),
+        };
+        let frame = frame.min(n.saturating_sub(1));
+        self.chapters.iter().position(|chapter| chapter.shown.contains(&frame))
+    }
+
+    /// Returns the frames that are shown by the Gaussians that the scene holds.
+    pub fn frames_here(&self) -> Range<usize> {
+        match self.chapters.current() {
+            Some(chapter) => chapter.shown.clone(),
+            None if self.chapters.is_empty() => 0..self.num_frames(),
+            None => 0..0,
+        }
+    }
+
+    /// Returns `true` if the scene holds what is shown at `time`.
+    pub fn is_at(&self, time: f32) -> bool {
+        self.chapters.is_empty() || self.place_at(time) == self.chapters.current
+    }
+
+    /// Returns the scene with the Gaussians of the chapter that is shown at `time`. Where none is, it has none.
+    ///
+    /// # Errors
+    /// The chapter cannot be read.
+    pub fn at(&self, time: f32) -> Result<Self> {
+        if self.is_at(time) { Ok(self.clone()) } else { self.with_place(self.place_at(time)) }
+    }
+
+    /// Returns the scene with the Gaussians of a chapter.
+    ///
+    /// # Errors
+    /// The chapter cannot be read.
+    pub fn of_chapter(&self, index: usize) -> Result<Self> {
+        self.with_place(self.chapters.iter().position(|chapter| chapter.index == index))
+    }
+
+    /// Returns a chapter as a scene of its own, whose only frames are those of the chapter.
+    ///
+    /// # Errors
+    /// There is no such chapter, or it cannot be read.
+    pub fn chapter_alone(&self, index: usize) -> Result<Self> {
+        let mut scene = self.of_chapter(index)?;
+        let Some(shown) = scene.chapters.current().map(|chapter| chapter.shown.clone()) else {
+            let what = format!("there is no chapter {index}; the scene has {}, from 0", self.chapters.iter().len());
+            return Err(Error::input(what, "Give another --chapter."));
+        };
+        let times: Vec<f32> = shown.clone().map(|i| self.time(i)).collect();
+        let (first, last) = (times[0], times[times.len() - 1]);
+        let len = (shown.len() as f32 / self.num_frames() as f32).max(last - first);
+        scene.deformation.begin_at(first, len);
+        scene.times = times.iter().map(|time| ((time - first) / len).clamp(0.0, 1.0)).collect();
+        scene.cameras = self.cameras[shown].to_vec();
+        scene.chapters = Chapters::default();
+        Ok(scene)
+    }
+
+    fn with_place(&self, place: Option<usize>) -> Result<Self> {
+        let (gaussians, deformation) = match place.map(|k| &self.chapters.all[k].source) {
+            Some(Source::Memory(both)) => (both.0.clone(), both.1.clone()),
+            Some(Source::File(part)) => {
+                let part = part.scene()?;
+                (part.gaussians, part.deformation)
+            }
+            None => self.nothing(),
+        };
+        if gaussians.latent_dim != self.gaussians.latent_dim {
+            return Err(Error::input("a chapter of the scene has features of another kind", HINT));
+        }
+        Ok(Self {
+            gaussians,
+            deformation,
+            chapters: Chapters { current: place, ..self.chapters.clone() },
+            cameras: self.cameras.clone(),
+            times: self.times.clone(),
+            field_of_view: self.field_of_view.clone(),
+            codec: self.codec.clone(),
+            classes: self.classes.clone(),
+            encoder: self.encoder.clone(),
+            words: self.words.clone(),
+            provenance: self.provenance.clone(),
+        })
+    }
+
+    /// No Gaussians, with features of the scene's kind.
+    fn nothing(&self) -> (Revised<Gaussians>, Revised<Deformation>) {
+        let (g, d) = (&self.gaussians, &self.deformation);
+        let gaussians =
+            Gaussians { latent_dim: g.latent_dim, sh_degree: g.sh_degree, ..Gaussians::default() };
+        let mut deformation = Deformation::at_rest(0, g.latent_dim, 2, 1.0, d.gate_slope);
+        (deformation.shape, deformation.gate_channel) = (d.shape, d.gate_channel);
+        (gaussians.into(), deformation.into())
+    }
+
+    /// Returns everything but the Gaussians and their motion.
+    pub(super) fn without_gaussians(&self) -> Self {
+        let (gaussians, deformation) = self.nothing();
+        Self { gaussians, deformation, chapters: Chapters::default(), ..self.clone() }
+    }
+
+    /// Returns the chapter that the scene was trained on alone.
+    pub(super) fn own_chapter(&self) -> Option<Chapter> {
+        serde_json::from_value(self.provenance.settings.get(CHAPTER)?.clone()).ok()
+    }
+
+    /// Makes a scene of one chapter a scene that shows nothing else.
+    #[must_use]
+    pub fn as_chapter(mut self) -> Self {
+        let fits = |chapter: &Chapter| chapter.shown.end <= self.num_frames();
+        if let Some(chapter) = self.own_chapter().filter(fits) {
+            let source = Source::Memory(Arc::new((self.gaussians.clone(), self.deformation.clone())));
+            let place = Place { chapter, steps: self.provenance.steps, source };
+            self.chapters = Chapters { all: vec![place], current: Some(0) };
+        }
+        self
+    }
+
+    /// Joins a scene of one chapter with those of chapters before it, of the same training. The result holds the
+    /// Gaussians of that chapter; where a chapter is missing, it has none.
+    #[must_use]
+    pub fn joined(earlier: Option<Self>, part: Self) -> Self {
+        let mut scene = earlier.unwrap_or_else(|| part.clone());
+        for place in part.chapters.all {
+            let shown = place.chapter.shown.clone();
+            if let (Some(to), Some(from)) = (scene.cameras.get_mut(shown.clone()), part.cameras.get(shown)) {
+                to.copy_from_slice(from);
+            }
+            scene.chapters.put(place);
+        }
+        (scene.gaussians, scene.deformation) = (part.gaussians, part.deformation);
+        let (steps, count) = scene.chapters.all.iter().fold((0, 1), |(steps, count), place| {
+            (steps + place.steps, count.max(place.chapter.count))
+        });
+        scene.provenance.steps = steps / count;
+        if let Some(settings) = scene.provenance.settings.as_object_mut() {
+            settings.insert(CHAPTER.into(), serde_json::Value::Null);
+        }
+        scene
+    }
+
+    /// Reads a scene of one chapter that is to be shown with others; its Gaussians stay in the file.
+    ///
+    /// # Errors
+    /// The file is no scene of a chapter.
+    pub fn load_chapter(path: &Path) -> Result<Self> {
+        let fail = |e| Error::io("read the scene file", path, e);
+        let file = open_regular(path).map_err(fail)?;
+        let len = file.metadata().map_err(fail)?.len();
+        let part = Part::new(path, &Arc::new(Mutex::new(file)), [0, len]);
+        let mut scene = part.scene()?.as_chapter();
+        match scene.chapters.all.first_mut() {
+            Some(place) => place.source = Source::File(part),
+            None => {
+                let what = "this scene is not one of a chapter";
+                return Err(Error::input_at(path, what, "Give scenes that were trained with --chapter."));
+            }
+        }
+        Ok(scene)
+    }
+
+    /// Writes the scene file, in the compact form of [`Scene::to_quantized_bytes`] if asked for. One chapter at a
+    /// time is in memory.
+    ///
+    /// # Errors
+    /// A chapter that cannot be read, or a file that cannot be written.
+    pub fn write(&self, to: &mut (impl Write + Seek), compact: bool) -> Result<()> {
+        if !self.chapters.is_empty() && self.own_chapter().is_none() {
+            return file::chapters::write(self, to, compact);
+        }
+        let bytes = if compact { self.to_quantized_bytes() } else { self.to_bytes() }?;
+        to.write_all(&bytes).map_err(|e| Error::io("write the scene", Path::new(""), e))
+    }
+}
+
+/// Says why a file of chapters cannot be read.
+pub(super) fn wrong(path: &Path, what: Problem) -> Error {
+    Error::input_at(path, what, HINT)
+}

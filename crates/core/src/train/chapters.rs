@@ -1,0 +1,123 @@
+//! Chapters: parts of a long recording, each with Gaussians of its own.
+//!
+//! Motion is learned in full up to a certain length, and what one set of Gaussians can show ends, too. A longer
+//! recording is cut where the shot changes, and else into parts of equal length. Each chapter also learns from a few
+//! frames of its neighbours, so that it knows what goes on at its ends.
+
+use super::TrainSettings;
+use crate::{
+    Error, Result,
+    prepare::Prepared,
+    scene::Chapter,
+    sequence::{Sequence, pace, shots},
+};
+
+/// Number of frames of a neighbour that a chapter learns from.
+pub(super) const OVERLAP: usize = 8;
+/// Number of frames that a shot has at least to be a chapter of its own.
+const SHORTEST: usize = 8;
+
+/// Times and chapters of a recording.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Plan {
+    /// Time of every frame, 0 to 1; none if frame i of N is at i / N.
+    pub times: Vec<f32>,
+    /// The chapters in order; none if the recording is learned as a whole.
+    pub chapters: Vec<Chapter>,
+}
+
+impl Plan {
+    /// Plans the training of a recording; reads all frames that may be learned from.
+    ///
+    /// # Errors
+    /// A frame that cannot be read.
+    pub fn of(sequence: &Sequence, prepared: Option<&Prepared>, settings: &TrainSettings) -> Result<Self> {
+        let n = sequence.num_frames();
+        if !settings.has_chapters(n) {
+            return Self::whole(sequence, prepared, settings);
+        }
+        let frames = seen_frames(sequence, prepared, settings);
+        let differences = pace::differences(sequence, &frames)?;
+        let mut ends = shots::cuts_of(&differences);
+        // What is left out separates, too.
+        ends.extend(settings.excluded.iter().flat_map(|(from, to)| [*from, to.saturating_add(1)]));
+        let chapters = chapters(n, settings.chapter_frames, ends);
+        let is_seen = |chapter: &Chapter| frames.iter().any(|i| chapter.learned.contains(i));
+        let chapters = chapters.into_iter().filter(is_seen).enumerate();
+        let mut chapters: Vec<Chapter> = chapters.map(|(index, c)| Chapter { index, ..c }).collect();
+        let count = chapters.len();
+        chapters.iter_mut().for_each(|chapter| chapter.count = count);
+        if chapters.is_empty() {
+            return Err(Error::input("every frame is excluded", "Take some of them back in."));
+        }
+        let times = if settings.finds_repeats { pace::frame_times(&differences, &frames) } else { Vec::new() };
+        Ok(Self { times, chapters })
+    }
+
+    /// Plans the training of a recording as a whole.
+    pub(super) fn whole(
+        sequence: &Sequence,
+        prepared: Option<&Prepared>,
+        settings: &TrainSettings,
+    ) -> Result<Self> {
+        if !settings.finds_repeats {
+            return Ok(Self::default());
+        }
+        let frames = seen_frames(sequence, prepared, settings);
+        let differences = pace::differences(sequence, &frames)?;
+        Ok(Self { times: pace::frame_times(&differences, &frames), chapters: Vec::new() })
+    }
+}
+
+/// Frames that may be learned from.
+fn seen_frames(sequence: &Sequence, prepared: Option<&Prepared>, settings: &TrainSettings) -> Vec<usize> {
+    let eval = settings.eval || prepared.is_some_and(|p| p.eval);
+    TrainSettings { eval, ..settings.clone() }.frames(sequence.num_frames())
+}
+
+/// Cuts `n` frames into chapters of at most `longest`, at all of `ends` that leave enough frames between them.
+fn chapters(n: usize, longest: usize, mut ends: Vec<usize>) -> Vec<Chapter> {
+    ends.sort_unstable();
+    let mut borders = vec![0];
+    for end in ends {
+        if end >= borders[borders.len() - 1] + SHORTEST && end + SHORTEST <= n {
+            borders.push(end);
+        }
+    }
+    borders.push(n);
+    let mut chapters = Vec::new();
+    for shot in borders.windows(2) {
+        let (first, len) = (shot[0], shot[1] - shot[0]);
+        let count = len.div_ceil(longest.max(1));
+        for k in 0..count {
+            let shown = first + k * len / count..first + (k + 1) * len / count;
+            let learned =
+                shown.start.saturating_sub(OVERLAP).max(shot[0])..(shown.end + OVERLAP).min(shot[1]);
+            chapters.push(Chapter { index: chapters.len(), count: 0, shown, learned });
+        }
+    }
+    chapters
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::ops::Range;
+
+    #[test]
+    fn chapters_follow_each_other_and_learn_from_their_neighbours() {
+        let found = chapters(250, 96, Vec::new());
+        let shown: Vec<Range<usize>> = found.iter().map(|c| c.shown.clone()).collect();
+        assert_eq!(shown, [0..83, 83..166, 166..250]);
+        assert_eq!(found[1].learned, 75..174);
+        assert_eq!((found[0].learned.clone(), found[2].learned.clone()), (0..91, 158..250));
+        assert_eq!(found.iter().map(|c| c.index).collect::<Vec<_>>(), [0, 1, 2]);
+    }
+
+    #[test]
+    fn nothing_is_learned_across_a_cut() {
+        let found = chapters(200, 96, vec![120, 123, 2, 199]);
+        let ranges: Vec<_> = found.iter().map(|c| (c.shown.clone(), c.learned.clone())).collect();
+        assert_eq!(ranges, [(0..60, 0..68), (60..120, 52..120), (120..200, 120..200)]);
+    }
+}
