@@ -329,13 +329,7 @@ fn open(args: &ConvertArgs) -> Result<Scene> {
     Ok(scene)
 }
 
-fn still(
-    scene: &Scene,
-    time: f32,
-    frame: usize,
-    format: StillFormat,
-    done: &mut Conversion,
-) -> Vec<u8> {
+fn still(scene: &Scene, time: f32, frame: usize, format: StillFormat, done: &mut Conversion) -> Vec<u8> {
     let (gaussians, camera) = (scene.all_still(time), scene.cameras.get(frame));
     match format {
         StillFormat::Ply => gaussians.to_ply(camera),

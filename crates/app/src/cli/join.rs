@@ -46,7 +46,8 @@ impl Run for JoinArgs {
         let scene = jobs::join(&self.parts)?;
         let inputs = self.parts.iter().fold(Inputs::none(), |inputs, part| inputs.with("a chapter", part));
         let inputs = inputs.with("the scene's recording", &scene.provenance.sequence_path);
-        outputs::scene_file(&self.output, &inputs, self.force)?.write_with(|file| scene.write(file, false))?;
+        outputs::scene_file(&self.output, &inputs, self.force)?
+            .write_with(|file| scene.write(file, false))?;
         let frames = scene.num_frames();
         let report = JoinReport {
             chapters: scene.chapters.iter().len(),

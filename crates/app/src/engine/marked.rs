@@ -6,13 +6,17 @@ use surgtpgs_core::{
     Result,
     deform::deform,
     grid::Grid,
-    marks::{Canvas, Carried, CarrySettings, Correction, FrameScores, Graph, LookHere, Marks},
+    marks::{Canvas, Carried, CarrySettings, Correction, FrameScores, Graph, Handed, LookHere, Marks},
+    raster::render_deformed,
     relevancy::{Points, Query, Relevancy},
+    scene::Scene,
 };
 
 /// Marks, carried to the scene.
 pub(super) struct Marked {
     marks: Marks,
+    /// Marks that count in each chapter of a long scene.
+    handed: Handed,
     /// Names that the scene does not have.
     carried: Carried,
     /// Corrections of the scene's classes, by name.
@@ -21,11 +25,10 @@ pub(super) struct Marked {
     last: Option<(usize, FrameScores)>,
 }
 
-impl Marked {
-    /// Returns the marks as they were set.
-    pub(super) fn into_marks(self) -> Marks {
-        self.marks
-    }
+/// Renders a frame of a scene in memory.
+fn reconstruction(scene: &Scene, frame: usize) -> image::RgbImage {
+    let deformed = deform(&scene.gaussians, &scene.deformation, scene.time(frame), false);
+    render_deformed(&scene.gaussians, &deformed, &scene.cameras[frame]).to_rgb()
 }
 
 impl Engine {
@@ -56,6 +59,24 @@ impl Engine {
         if marks.is_empty() {
             return Ok(());
         }
+        self.carry(marks, Handed::default(), earlier)
+    }
+
+    /// Carries the marks to a chapter of a long scene that was turned to.
+    pub(super) fn carry_on(&mut self) -> Result<()> {
+        match self.marked.take() {
+            Some(Marked { marks, handed, .. }) => self.carry(marks, handed, None),
+            None => Ok(()),
+        }
+    }
+
+    fn carry(&mut self, all: Marks, mut handed: Handed, earlier: Option<Marked>) -> Result<()> {
+        let scene = self.scene.clone();
+        let marks = handed.marks(&scene, &all, &mut |i| match self.original(i)? {
+            Some(picture) => Ok(picture),
+            None => Ok(reconstruction(&scene.at(scene.time(i))?, i)),
+        })?;
+        let names = marks.names();
         let earlier_graph = self.graph.take().filter(|g| g.is_of(&self.scene));
         let graph = earlier_graph.unwrap_or_else(|| Arc::new(Graph::of(&self.scene)));
         let has_features = self.relevancy.is_some();
@@ -75,7 +96,7 @@ impl Engine {
             corrections.insert(name.clone(), Correction::new(&self.scene, &graph, &own, &before));
         }
         self.graph = Some(graph);
-        self.marked = Some(Marked { marks, carried, corrections, last: None });
+        self.marked = Some(Marked { marks: all, handed, carried, corrections, last: None });
         Ok(())
     }
 
@@ -162,13 +183,10 @@ impl Engine {
     }
 
     /// Returns the recorded picture of a frame, or the reconstruction of it.
-    fn picture(&mut self, frame: usize) -> Result<image::RgbImage> {
+    fn picture(&self, frame: usize) -> Result<image::RgbImage> {
         match self.original(frame)? {
             Some(picture) => Ok(picture),
-            None => {
-                let view = self.view(frame)?;
-                Ok(self.render(&view, false)?.to_rgb())
-            }
+            None => Ok(reconstruction(&self.scene, frame)),
         }
     }
 
@@ -197,6 +215,7 @@ impl Engine {
     /// Returns the place on a frame where one more mark of a new name would help most; `None` if there is no
     /// such name, or if the frame is marked.
     pub fn look_here_on(&mut self, frame: usize) -> Result<Option<LookHere>> {
+        self.turn_to(self.scene.time(frame))?;
         let Some(mut marked) = self.marked.take() else { return Ok(None) };
         let is_marked = marked.carried.frames().any(|other| other == frame);
         let found = if marked.carried.names().is_empty() || is_marked {

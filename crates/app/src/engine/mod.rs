@@ -216,10 +216,7 @@ impl Engine {
         }
         self.scene = Arc::new(self.scene.at(time)?);
         // Marks belong to the Gaussians that they were carried to.
-        match self.marked.take() {
-            Some(marked) => self.set_marks(marked.into_marks()),
-            None => Ok(()),
-        }
+        self.carry_on()
     }
 
     /// Returns the recording, if it was found.
@@ -483,6 +480,7 @@ impl Engine {
         if self.asking.queries.is_empty() {
             return Ok(Vec::new());
         }
+        self.turn_to(view.time)?;
         self.clock.start();
         let mut scores = match &mut self.relevancy {
             Some(relevancy) => relevancy.score(images, &self.asking.queries, &self.settings),

@@ -86,7 +86,8 @@ pub fn join(paths: &[PathBuf]) -> Result<Scene> {
     let mut scene: Option<Scene> = None;
     for (path, part) in parts {
         let agrees = first.as_ref().is_some_and(|(settings_of_first, identity)| {
-            let agree = settings(&part).zip(settings_of_first.as_ref()).is_some_and(|(a, b)| a.agrees_with(b));
+            let agree =
+                settings(&part).zip(settings_of_first.as_ref()).is_some_and(|(a, b)| a.agrees_with(b));
             agree && part.provenance.identity == *identity
         });
         let count = part.chapters.current().map(|chapter| chapter.count);
@@ -147,7 +148,12 @@ impl Course<'_> {
             let steps = trainer.settings().iterations;
             let mut observer = |p: &Progress<'_>| {
                 let detail = format!("chapter {} of {count}, {}", k + 1, p.detail);
-                observer(&Progress { stage: p.stage, done: k * steps + p.done, total: count * steps, detail: &detail })
+                observer(&Progress {
+                    stage: p.stage,
+                    done: k * steps + p.done,
+                    total: count * steps,
+                    detail: &detail,
+                })
             };
             let done = whole.as_ref().map(|whole| &whole.scene);
             let mut watch = |watched: &mut Watched<'_>, report: &StepReport| {
@@ -219,7 +225,9 @@ impl Trained {
 
     /// Adds a chapter to those before it.
     fn with_chapter(earlier: Option<Self>, chapter: Self) -> Self {
-        let Some(earlier) = earlier else { return Self { scene: Scene::joined(None, chapter.scene), ..chapter } };
+        let Some(earlier) = earlier else {
+            return Self { scene: Scene::joined(None, chapter.scene), ..chapter };
+        };
         Self {
             scene: Scene::joined(Some(earlier.scene), chapter.scene),
             steps: earlier.steps + chapter.steps,
@@ -229,5 +237,111 @@ impl Trained {
             gaussians: earlier.gaussians + chapter.gaussians,
             notes: earlier.notes.into_iter().chain(chapter.notes).collect(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::ops::ControlFlow;
+    use surgtpgs_core::{
+        demo::{self, DemoSettings},
+        progress::unobserved,
+    };
+
+    const STEPS: usize = 6;
+
+    struct Place {
+        folder: tempfile::TempDir,
+        material: Material,
+    }
+
+    impl Place {
+        fn new() -> Self {
+            let folder = tempfile::tempdir().unwrap();
+            let small = DemoSettings { width: 48, height: 32, frames: 20, ..DemoSettings::default() };
+            let recording = folder.path().join("recording");
+            demo::write(&small, &recording, &mut unobserved).unwrap();
+            Self { material: Material::open(&recording).unwrap(), folder }
+        }
+
+        fn course<'a>(&'a self, scene: &'a Path, checkpoint: Option<&'a Path>) -> Course<'a> {
+            let settings = TrainSettings {
+                iterations: STEPS,
+                chapter_frames: 8,
+                eval: true,
+                ..TrainSettings::default()
+            };
+            Course { material: &self.material, settings, backend: BackendChoice::Cpu, scene, checkpoint }
+        }
+
+        fn bytes(&self, scene: &Scene) -> Vec<u8> {
+            let path = self.folder.path().join("bytes.safetensors");
+            scene.save(&path).unwrap();
+            std::fs::read(path).unwrap()
+        }
+    }
+
+    #[test]
+    fn chapters_in_one_go_alone_or_with_an_interruption_give_the_same_bytes() {
+        let here = Place::new();
+        let [whole, stopped] =
+            ["a", "b"].map(|name| here.folder.path().join(name).with_extension("safetensors"));
+        let checkpoint = here.folder.path().join("b.unfinished");
+        let course = here.course(&whole, None);
+        let trained = course.train(&mut unobserved, &mut |_, _| {}).unwrap();
+        assert_eq!((trained.steps, trained.scene.chapters.iter().len()), (3 * STEPS, 3));
+        let bytes = here.bytes(&trained.scene);
+        course.clear(&trained).unwrap();
+        assert!(!chapter_path(&whole, 0).exists());
+
+        // Stopped in the second chapter.
+        let course = here.course(&stopped, Some(&checkpoint));
+        let mut stop = |p: &Progress<'_>| match p.done {
+            9 => ControlFlow::Break(()),
+            _ => ControlFlow::Continue(()),
+        };
+        let part = course.train(&mut stop, &mut |_, _| {}).unwrap();
+        assert_eq!((part.steps, part.scene.provenance.steps), (9, 3));
+        assert!(part.scene.chapters.num_missing(20) > 0 && checkpoint.exists());
+        let missing = part.scene.at(part.scene.time(19)).unwrap();
+        assert!(missing.gaussians.is_empty());
+        let settings = settings_of_chapters(&stopped).unwrap().unwrap();
+        let course = Course { settings, ..course };
+        let mut first = None;
+        let resumed = course.train(&mut unobserved, &mut |watched, report| {
+            let seen = watched.scene().map(|scene| scene.chapters.iter().len());
+            first.get_or_insert((report.step, seen.unwrap()));
+        });
+        assert_eq!(first, Some((4, 2)), "the second chapter goes on, and the first is shown with it");
+        assert!(here.bytes(&resumed.unwrap().scene) == bytes);
+
+        // One after the other, as jobs of their own.
+        let (sequence, settings) = (here.material.sequence(), &course.settings);
+        let plan = Plan::of(sequence, None, settings).unwrap();
+        let mut paths = Vec::new();
+        for chapter in plan.chapters.iter().rev() {
+            let mut trainer = Trainer::of_chapter(sequence, None, settings.clone(), &plan, chapter).unwrap();
+            let alone = go_on(&mut trainer, None, &mut unobserved, &mut |_, _| {}).unwrap();
+            paths.push(here.folder.path().join(format!("part{}.safetensors", chapter.index)));
+            alone.scene.save(&paths[paths.len() - 1]).unwrap();
+        }
+        assert!(here.bytes(&join(&paths).unwrap()) == bytes);
+    }
+
+    #[test]
+    fn chapters_of_another_training_are_not_joined() {
+        let here = Place::new();
+        let scene = here.folder.path().join("a.safetensors");
+        let mut course = here.course(&scene, None);
+        course.train(&mut unobserved, &mut |_, _| {}).unwrap();
+        let paths = [0, 1].map(|index| chapter_path(&scene, index));
+        std::fs::rename(&paths[0], here.folder.path().join("first.safetensors")).unwrap();
+        course.settings.seed = 1;
+        let error = course.train(&mut unobserved, &mut |_, _| {}).err().unwrap().to_string();
+        assert!(error.contains("in another way"), "{error}");
+        // The first chapter was there to be trained, with the other seed.
+        let mixed = [paths[0].clone(), paths[1].clone()];
+        assert!(join(&mixed).unwrap_err().to_string().contains("another training"));
     }
 }

@@ -1,6 +1,6 @@
 //! Recordings whose files vanish while they are trained on, and disks that cannot keep what is done.
 
-use super::train::go_on;
+use super::{chapters::Watched, train::go_on};
 use std::{fs, ops::ControlFlow};
 use surgtpgs_core::{
     demo::{self, DemoSettings},
@@ -46,7 +46,7 @@ fn training_whose_recording_vanishes_is_kept_and_goes_on_as_if_nothing_had_happe
         let here = Vanishing::new();
         let whole = go_on(&mut here.trainer(iterations), None, &mut unobserved, &mut |_, _| {}).unwrap();
         let checkpoint = here.folder.path().join("scene.unfinished");
-        let mut vanish = |_: &mut Trainer, report: &StepReport| {
+        let mut vanish = |_: &mut Watched<'_>, report: &StepReport| {
             if report.step == last_step {
                 here.take_away();
             }

@@ -11,7 +11,9 @@ pub use apply::{
     FeatureNet, Geometry, MAX_LOG_SCALE, MAX_SCALE, Moved, gate_feature, gate_feature_backward,
     move_geometry, move_geometry_backward,
 };
-pub(crate) use length::{LONGEST, default_bases};
+#[cfg(test)]
+pub(crate) use length::LONGEST;
+pub(crate) use length::default_bases;
 pub(crate) use length::length_warning;
 pub use travel::travel_px;
 

@@ -361,10 +361,10 @@ impl Carried {
     }
 
     /// Returns the place where one more mark would help most: on the frame with most pixels in doubt, without
-    /// those that are marked. `None` if every frame is marked.
+    /// those that are marked, and without those of other chapters. `None` if every frame is marked.
     pub fn look_here(&mut self, scene: &Scene, pictures: &mut Pictures<'_>) -> Result<Option<LookHere>> {
         let mut best: Option<LookHere> = None;
-        for frame in (0..scene.num_frames()).filter(|f| !self.evidence.contains_key(f)).collect::<Vec<_>>() {
+        for frame in scene.frames_here().filter(|f| !self.evidence.contains_key(f)).collect::<Vec<_>>() {
             let here = self.on_frame(scene, frame, pictures)?.look_here(frame, &scene.field_of_view);
             if best.as_ref().is_none_or(|best| here.doubt > best.doubt) {
                 best = Some(here);

@@ -57,8 +57,9 @@ impl Graph {
 fn points(scene: &Scene) -> Vec<[f32; DIM]> {
     let n = scene.gaussians.len();
     let mut points = vec![[0.0; DIM]; n];
-    let last = scene.num_frames().saturating_sub(1);
-    for (k, frame) in [0, last / 2, last].into_iter().enumerate() {
+    let shown = scene.frames_here();
+    let last = shown.end.saturating_sub(1);
+    for (k, frame) in [shown.start, shown.start.midpoint(last), last].into_iter().enumerate() {
         let Some(camera) = scene.cameras.get(frame) else { continue };
         let deformed = deform(&scene.gaussians, &scene.deformation, scene.time(frame), false);
         for (i, point) in points.iter_mut().enumerate() {

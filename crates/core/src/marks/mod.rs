@@ -17,6 +17,7 @@ mod entry;
 mod evidence;
 mod graph;
 mod guided;
+mod handed;
 mod links;
 mod read;
 mod seeds;
@@ -31,6 +32,7 @@ pub use carried::{Carried, CarrySettings, FrameScores, LookHere};
 pub use correction::Correction;
 pub use evidence::Evidence;
 pub use graph::Graph;
+pub use handed::Handed;
 
 use crate::{Error, Result, hash::sha256, sequence::plain_words};
 use std::collections::BTreeSet;

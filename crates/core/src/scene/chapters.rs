@@ -186,7 +186,8 @@ impl Scene {
     pub fn chapter_alone(&self, index: usize) -> Result<Self> {
         let mut scene = self.of_chapter(index)?;
         let Some(shown) = scene.chapters.current().map(|chapter| chapter.shown.clone()) else {
-            let what = format!("there is no chapter {index}; the scene has {}, from 0", self.chapters.iter().len());
+            let what =
+                format!("there is no chapter {index}; the scene has {}, from 0", self.chapters.iter().len());
             return Err(Error::input(what, "Give another --chapter."));
         };
         let times: Vec<f32> = shown.clone().map(|i| self.time(i)).collect();
@@ -272,9 +273,11 @@ impl Scene {
             scene.chapters.put(place);
         }
         (scene.gaussians, scene.deformation) = (part.gaussians, part.deformation);
-        let (steps, count) = scene.chapters.all.iter().fold((0, 1), |(steps, count), place| {
-            (steps + place.steps, count.max(place.chapter.count))
-        });
+        let (steps, count) = scene
+            .chapters
+            .all
+            .iter()
+            .fold((0, 1), |(steps, count), place| (steps + place.steps, count.max(place.chapter.count)));
         scene.provenance.steps = steps / count;
         if let Some(settings) = scene.provenance.settings.as_object_mut() {
             settings.insert(CHAPTER.into(), serde_json::Value::Null);
@@ -319,4 +322,117 @@ impl Scene {
 /// Says why a file of chapters cannot be read.
 pub(super) fn wrong(path: &Path, what: Problem) -> Error {
     Error::input_at(path, what, HINT)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stress::ordinary;
+
+    /// Scenes of two chapters of a recording of nine frames; frames 3 and 4 are in none.
+    fn parts() -> [Scene; 2] {
+        let shown: [Range<usize>; 2] = [0..3, 5..9];
+        [0, 1].map(|index| {
+            let mut scene = ordinary(6 + index);
+            scene.cameras = vec![scene.cameras[0]; 9];
+            let pose = glam::Affine3A::from_translation(glam::Vec3::X * index as f32);
+            scene.cameras.iter_mut().for_each(|camera| camera.camera_from_world = pose);
+            let shown = shown[index].clone();
+            let learned = shown.start.saturating_sub(1)..(shown.end + 1).min(9);
+            let chapter = Chapter { index, count: 2, shown, learned };
+            scene.provenance.settings = serde_json::json!({ "chapter": chapter });
+            scene.provenance.steps = 100;
+            scene.as_chapter()
+        })
+    }
+
+    fn counts(scene: &Scene) -> Vec<usize> {
+        (0..9).map(|i| scene.at(scene.time(i)).unwrap().gaussians.len()).collect()
+    }
+
+    const COUNTS: [usize; 9] = [6, 6, 6, 0, 0, 7, 7, 7, 7];
+
+    #[test]
+    fn every_frame_is_shown_by_its_chapter_in_memory_and_in_a_file() {
+        let [first, second] = parts();
+        assert_eq!(counts(&second), [0, 0, 0, 0, 0, 7, 7, 7, 7]);
+        let scene = Scene::joined(Some(Scene::joined(None, first.clone())), second.clone());
+        assert_eq!((counts(&scene), scene.provenance.steps), (COUNTS.to_vec(), 100));
+        assert_eq!(scene.chapters.num_missing(9), 2);
+        assert_eq!([2, 6].map(|i| scene.cameras[i]), [first.cameras[2], second.cameras[6]]);
+        let folder = tempfile::tempdir().unwrap();
+        for compact in [false, true] {
+            let path = folder.path().join(format!("{compact}.safetensors"));
+            scene.write(&mut File::create(&path).unwrap(), compact).unwrap();
+            let read = Scene::load(&path).unwrap();
+            assert_eq!(counts(&read), COUNTS);
+            assert_eq!((&read.cameras, read.provenance.steps), (&scene.cameras, 100));
+            let last = read.at(read.time(8)).unwrap();
+            assert!(compact || *last.gaussians == *second.gaussians);
+            assert!(Scene::is_own_file(&path) && Scene::memory_bytes(&path) > 0);
+            assert!(Scene::read_bytes(&path) < path.metadata().unwrap().len());
+            // A file that is replaced meanwhile is still read.
+            std::fs::remove_file(&path).unwrap();
+            assert_eq!(counts(&read), COUNTS);
+        }
+    }
+
+    #[test]
+    fn chapters_stay_in_their_files_until_they_are_shown() {
+        let folder = tempfile::tempdir().unwrap();
+        let paths = [0, 1].map(|k| folder.path().join(format!("{k}.safetensors")));
+        for (part, path) in parts().iter().zip(&paths) {
+            part.save(path).unwrap();
+        }
+        let [first, second] = paths.each_ref().map(|path| Scene::load_chapter(path).unwrap());
+        let joined = Scene::joined(Some(Scene::joined(None, second)), first);
+        assert_eq!(counts(&joined), COUNTS, "whatever the order");
+        ordinary(3).save(&paths[0]).unwrap();
+        assert!(Scene::load_chapter(&paths[0]).unwrap_err().to_string().contains("not one of a chapter"));
+    }
+
+    #[test]
+    fn a_chapter_alone_moves_as_it_does_in_the_scene() {
+        let [first, second] = parts();
+        let scene = Scene::joined(Some(Scene::joined(None, first)), second);
+        let alone = scene.chapter_alone(1).unwrap();
+        assert_eq!((alone.num_frames(), alone.chapters.is_empty()), (4, true));
+        let whole = scene.of_chapter(1).unwrap();
+        for i in 0..4 {
+            let there = crate::deform::deform(&whole.gaussians, &whole.deformation, scene.time(5 + i), true);
+            let here = crate::deform::deform(&alone.gaussians, &alone.deformation, alone.time(i), true);
+            let pairs = there.means.as_flattened().iter().zip(here.means.as_flattened());
+            assert!(
+                pairs.chain(there.features.iter().zip(&here.features)).all(|(a, b)| (a - b).abs() < 1e-3)
+            );
+        }
+        assert!(scene.chapter_alone(2).unwrap_err().to_string().contains("there is no chapter 2"));
+    }
+
+    #[test]
+    fn damaged_files_of_chapters_are_refused() {
+        let [first, second] = parts();
+        let scene = Scene::joined(Some(Scene::joined(None, first)), second);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scene.safetensors");
+        scene.save(&path).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let refused = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            Scene::load(&path).and_then(|scene| scene.at(scene.time(8))).unwrap_err().to_string()
+        };
+        assert!(refused(&bytes[..bytes.len() - 1]).contains("not a complete scene file"));
+        // One bit in each of the chapters and in the index.
+        for at in [0.3, 0.6, 0.9].map(|share| (share * bytes.len() as f64) as usize) {
+            let mut changed = bytes.clone();
+            changed[at] ^= 4;
+            let what = refused(&changed);
+            assert!(["checksum", "damaged", "not a complete"].iter().any(|w| what.contains(w)), "{what}");
+        }
+        let swapped =
+            String::from_utf8_lossy(&bytes[8..2000]).replacen("\\\"start\\\":5", "\\\"start\\\":2", 1);
+        let mut changed = bytes.clone();
+        changed[8..2000].copy_from_slice(swapped.as_bytes());
+        assert!(refused(&changed).contains("the list of chapters is damaged"));
+    }
 }

@@ -50,7 +50,8 @@ impl Plan {
         if chapters.is_empty() {
             return Err(Error::input("every frame is excluded", "Take some of them back in."));
         }
-        let times = if settings.finds_repeats { pace::frame_times(&differences, &frames) } else { Vec::new() };
+        let times =
+            if settings.finds_repeats { pace::frame_times(&differences, &frames) } else { Vec::new() };
         Ok(Self { times, chapters })
     }
 

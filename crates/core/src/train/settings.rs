@@ -4,7 +4,7 @@
 
 use super::{chapters::OVERLAP, loss::LossWeights};
 use crate::{
-    deform::{BasisShape, LONGEST, default_bases, length_warning, stride_for},
+    deform::{BasisShape, default_bases, length_warning, stride_for},
     scene::Chapter,
     sequence::Sequence,
 };
@@ -209,8 +209,8 @@ pub struct TrainSettings {
     /// Ranges of frames that nothing is learned from, both ends included; e.g. those seen outside of the
     /// body.
     pub excluded: Vec<(usize, usize)>,
-    /// Number of frames that a long recording's chapters have at most; 0 to learn a recording of any length as a
-    /// whole.
+    /// Number of frames that a chapter has at most; 0 to learn a recording of any length as a whole. One of less
+    /// than two chapters is learned as a whole, too.
     #[serde(default)]
     pub chapter_frames: usize,
     /// The chapter that is learned; `None` for the whole recording.
@@ -393,7 +393,7 @@ impl TrainSettings {
 
     /// Returns `true` if a recording of `num_frames` frames is learned in chapters.
     pub fn has_chapters(&self, num_frames: usize) -> bool {
-        self.chapter_frames > 0 && num_frames > LONGEST.max(self.chapter_frames)
+        self.chapter_frames > 0 && num_frames >= 2 * self.chapter_frames
     }
 
     /// Number of chapters of a recording of `num_frames` frames without cuts; 1 if it is learned as a whole.
@@ -522,6 +522,7 @@ impl TrainSettings {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::deform::LONGEST;
 
     #[test]
     fn better_quality_takes_more_steps_and_no_fewer_gaussians() {
@@ -558,7 +559,9 @@ mod tests {
         assert_eq!(whole.length_warning(800), length_warning(800));
         assert_eq!(TrainSettings { num_bases: 17, ..whole }.length_warning(800), None);
         assert_eq!(settings.length_warning(800), None, "it is learned in chapters");
-        let expected = [48, LONGEST, 800].map(|n| (settings.expected_chapters(n), settings.frames_together(n)));
+        const { assert!(2 * CHAPTER_FRAMES == LONGEST + 1) };
+        let expected =
+            [48, LONGEST, 800].map(|n| (settings.expected_chapters(n), settings.frames_together(n)));
         assert_eq!(expected, [(1, 48), (1, LONGEST), (9, CHAPTER_FRAMES + 2 * OVERLAP)]);
     }
 

@@ -145,8 +145,7 @@ pub(in crate::scene) fn write(scene: &Scene, to: &mut (impl Write + Seek), compa
     let (mut tensors, mut at) = (BTreeMap::new(), 0);
     let mut put = |name: String, bytes: &[u8]| {
         let end = at + bytes.len() as u64;
-        let entry =
-            Entry { dtype: "U8".into(), shape: vec![bytes.len() as u64], data_offsets: [at, end] };
+        let entry = Entry { dtype: "U8".into(), shape: vec![bytes.len() as u64], data_offsets: [at, end] };
         tensors.insert(name, entry);
         at = end;
         to.write_all(bytes).map_err(fail)
