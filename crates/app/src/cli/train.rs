@@ -7,7 +7,7 @@ use super::{
 };
 use crate::{
     engine::BackendChoice,
-    jobs::{self, Course, Material, Trained},
+    jobs::{self, Course, Material, Trained, Watched},
     memory::{Work, peak_rss_bytes, require_for},
     outputs,
 };
@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use surgtpgs_core::{
     Error, Result,
     files::OutputFile,
-    train::{FeatureMode, Plan, Profile, Quality, TrainSettings, Trainer},
+    train::{FeatureMode, Plan, Profile, Quality, StepReport, TrainSettings, Trainer},
 };
 
 /// Reconstruct a scene from a prepared folder, or from a bare recording (then without features)
@@ -187,7 +187,9 @@ pub(super) fn train(args: &TrainArgs) -> Result<TrainReport> {
     let place = Place { scene: output.path(), checkpoint: &checkpoint };
     let mut report = match begin(args, &material, &place)? {
         Begun::Whole(trainer) => train_whole(args, *trainer, &place, &output)?,
-        Begun::InChapters(settings) => train_chapters(args, &material, settings, &place, &output)?,
+        Begun::InChapters(settings, plan) => {
+            train_chapters(args, &material, settings, plan, &place, &output)?
+        }
     };
     report.warnings.extend(warning);
     if report.finished {
@@ -227,8 +229,8 @@ impl Place<'_> {
 enum Begun {
     /// All frames, or one chapter, together.
     Whole(Box<Trainer>),
-    /// Chapter by chapter.
-    InChapters(TrainSettings),
+    /// Chapter by chapter, by a plan if it was made already.
+    InChapters(TrainSettings, Option<Plan>),
 }
 
 fn begin(args: &TrainArgs, material: &Material, place: &Place<'_>) -> Result<Begun> {
@@ -236,30 +238,31 @@ fn begin(args: &TrainArgs, material: &Material, place: &Place<'_>) -> Result<Beg
     if args.resume {
         let of_chapters = jobs::settings_of_chapters(place.scene)?;
         if let (Some(settings), None) = (of_chapters, args.chapter) {
-            return Ok(Begun::InChapters(settings));
+            return Ok(Begun::InChapters(settings, None));
         }
         let trainer = Trainer::resume(sequence, prepared, place.checkpoint)?;
         let settings = trainer.settings();
         let first = settings.chapter.as_ref().filter(|chapter| chapter.index == 0);
         return Ok(match args.chapter.is_none() && first.is_some() {
-            true => Begun::InChapters(TrainSettings { chapter: None, ..settings.clone() }),
+            true => Begun::InChapters(TrainSettings { chapter: None, ..settings.clone() }, None),
             false => Begun::Whole(Box::new(trainer)),
         });
     }
     jobs::remove_chapters(place.scene)?;
     let settings = args.settings();
-    let mut trainer = match args.chapter {
+    let plan = Plan::of(sequence, prepared, &settings)?;
+    let chapter = match args.chapter {
         Some(index) => {
-            let plan = Plan::of(sequence, prepared, &settings)?;
-            let chapter = plan.chapters.get(index).ok_or_else(|| no_chapter(index, plan.chapters.len()))?;
-            Trainer::of_chapter(sequence, prepared, settings, &plan, chapter)?
+            let chapter = plan.chapters.get(index);
+            Some(chapter.ok_or_else(|| no_chapter(index, plan.chapters.len()))?)
         }
-        None if settings.has_chapters(sequence.num_frames()) => {
+        None if !plan.chapters.is_empty() => {
             jobs::remove_file(place.checkpoint)?;
-            return Ok(Begun::InChapters(settings));
+            return Ok(Begun::InChapters(settings, Some(plan)));
         }
-        None => Trainer::new(sequence, prepared, settings)?,
+        None => None,
     };
+    let mut trainer = Trainer::planned(sequence, prepared, settings, &plan, chapter)?;
     if place.checkpoint.exists() {
         // An earlier training must not be gone on with once another one has begun.
         trainer.save_checkpoint(place.checkpoint)?;
@@ -269,7 +272,7 @@ fn begin(args: &TrainArgs, material: &Material, place: &Place<'_>) -> Result<Beg
 
 fn no_chapter(index: usize, count: usize) -> Error {
     let what = match count {
-        0 => "the recording is short: it is reconstructed as a whole, not in chapters".to_owned(),
+        0 => "the recording is one short shot: it is reconstructed as a whole, not in chapters".to_owned(),
         _ => format!("there is no chapter {index}; the recording has {count}, from 0"),
     };
     Error::input(what, "Give another --chapter, or leave it out.")
@@ -301,11 +304,11 @@ fn train_chapters(
     args: &TrainArgs,
     material: &Material,
     settings: TrainSettings,
+    plan: Option<Plan>,
     place: &Place<'_>,
     output: &OutputFile,
 ) -> Result<TrainReport> {
-    let frames = material.sequence().num_frames();
-    say(&format!("the recording has {frames} frames and is reconstructed in chapters"));
+    say("the recording is long or has several shots, and is reconstructed in chapters");
     console::watch_interrupts();
     let course = Course {
         material,
@@ -316,11 +319,16 @@ fn train_chapters(
     };
     let mut backend = String::new();
     let mut view = ProgressView::default();
-    let trained = course.train(&mut |p| view.show(p), &mut |watched, _| {
+    let observer = &mut |p: &jobs::Progress<'_>| view.show(p);
+    let watch = &mut |watched: &mut Watched<'_>, _: &StepReport| {
         if backend.is_empty() {
             backend = watched.trainer.backend_name();
         }
-    });
+    };
+    let trained = match plan {
+        Some(plan) => course.train_planned(&plan, observer, watch),
+        None => course.train(observer, watch),
+    };
     drop(view);
     let trained = trained.inspect_err(|_| place.say_kept())?;
     output.write_with(|file| trained.scene.write(file, false))?;

@@ -3,7 +3,7 @@
 use super::{
     backend,
     material::Material,
-    train::{Trained, go_on, remove_file, train_watched},
+    train::{Trained, go_on, remove_file},
 };
 use crate::{
     engine::BackendChoice,
@@ -107,7 +107,7 @@ fn settings(scene: &Scene) -> Option<TrainSettings> {
 }
 
 impl Course<'_> {
-    /// Trains the recording, in chapters if it is long, or until the observer asks to stop. Chapters that lie beside
+    /// Trains the recording, in chapters if it is long or has several shots, or until the observer asks to stop. Chapters that lie beside
     /// the scene file and were trained in the same way are not trained again: the result is the same.
     pub fn train(
         &self,
@@ -115,12 +115,25 @@ impl Course<'_> {
         watch: &mut dyn FnMut(&mut Watched<'_>, &StepReport),
     ) -> Result<Trained> {
         let (sequence, prepared) = (self.material.sequence(), self.material.prepared());
-        if !self.settings.has_chapters(sequence.num_frames()) {
-            return train_watched(self.material, self.settings.clone(), self.backend, observer, watch);
-        }
         require_for(&Work::Training(sequence, &self.settings))?;
         let plan = Plan::of(sequence, prepared, &self.settings)?;
-        self.train_plan(&plan, observer, watch)
+        self.train_planned(&plan, observer, watch)
+    }
+
+    /// Does the same as [`Course::train`] with a plan that was made before.
+    pub fn train_planned(
+        &self,
+        plan: &Plan,
+        observer: &mut Observer<'_>,
+        watch: &mut dyn FnMut(&mut Watched<'_>, &StepReport),
+    ) -> Result<Trained> {
+        if !plan.chapters.is_empty() {
+            return self.train_chapters(plan, observer, watch);
+        }
+        let (sequence, prepared) = (self.material.sequence(), self.material.prepared());
+        let mut trainer = Trainer::planned(sequence, prepared, self.settings.clone(), plan, None)?;
+        backend::choose(&mut trainer, self.backend)?;
+        go_on(&mut trainer, self.checkpoint, observer, watch)
     }
 
     /// Removes the chapters that lie beside the scene file, once it is whole.
@@ -129,7 +142,7 @@ impl Course<'_> {
         if is_whole { remove_chapters(self.scene) } else { Ok(()) }
     }
 
-    fn train_plan(
+    fn train_chapters(
         &self,
         plan: &Plan,
         observer: &mut Observer<'_>,
@@ -187,7 +200,7 @@ impl Course<'_> {
                 return Ok(trainer);
             }
         }
-        Trainer::of_chapter(sequence, prepared, self.settings.clone(), plan, chapter)
+        Trainer::planned(sequence, prepared, self.settings.clone(), plan, Some(chapter))
     }
 
     /// Reads a chapter that is done.
@@ -321,7 +334,8 @@ mod tests {
         let plan = Plan::of(sequence, None, settings).unwrap();
         let mut paths = Vec::new();
         for chapter in plan.chapters.iter().rev() {
-            let mut trainer = Trainer::of_chapter(sequence, None, settings.clone(), &plan, chapter).unwrap();
+            let mut trainer =
+                Trainer::planned(sequence, None, settings.clone(), &plan, Some(chapter)).unwrap();
             let alone = go_on(&mut trainer, None, &mut unobserved, &mut |_, _| {}).unwrap();
             paths.push(here.folder.path().join(format!("part{}.safetensors", chapter.index)));
             alone.scene.save(&paths[paths.len() - 1]).unwrap();

@@ -417,8 +417,7 @@ fn compare(facts: &mut [Facts], mut last: Option<Seen>) -> Option<Seen> {
 fn strange_parts(report: &CheckReport, says: &mut Findings) {
     if !report.cuts.is_empty() {
         says.warnings.push(format!(
-            "The shot changes at {}. A reconstruction is of one shot: choose the frames of one under [frames] in \
-             sequence.toml, or leave the others out.",
+            "The shot changes at {}. Each shot is reconstructed as a part of its own.",
             name_frames(&report.cuts)
         ));
     }

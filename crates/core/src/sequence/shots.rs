@@ -83,11 +83,12 @@ pub(super) fn cuts(shots: &[Shot]) -> Vec<usize> {
     (0..shots.len()).filter(|i| sudden[*i] && !is_next_to_another(*i)).collect()
 }
 
-/// Returns the first frames of new shots from the mean differences of frames from the ones before, in 8-bit
-/// levels; `None` where it is not known.
+/// Returns the first frames of new shots from the mean differences of frames from the ones that were read before,
+/// in 8-bit levels; `None` for frames that were not read.
 pub(crate) fn cuts_of(differences: &[Option<f32>]) -> Vec<usize> {
-    let shot = |difference: &Option<f32>| Shot { difference: *difference, is_tissue: true };
-    cuts(&differences.iter().map(shot).collect::<Vec<_>>())
+    let read: Vec<usize> = (0..differences.len()).filter(|i| differences[*i].is_some()).collect();
+    let shot = |i: &usize| Shot { difference: differences[*i], is_tissue: true };
+    cuts(&read.iter().map(shot).collect::<Vec<_>>()).into_iter().map(|k| read[k]).collect()
 }
 
 /// Returns the runs of frames that show no tissue, both ends included.
@@ -123,6 +124,12 @@ mod tests {
         assert_eq!(cuts(&shots(&differences)), [0; 0], "one frame that is bright by itself");
         assert_eq!(cuts(&shots(&[0.0; 30])), [0; 0]);
         assert_eq!(cuts(&[]), [0; 0]);
+        let mut known: Vec<Option<f32>> = vec![Some(5.0); 40];
+        (1..40).step_by(8).for_each(|i| known[i] = None);
+        known[24] = Some(40.0);
+        assert_eq!(cuts_of(&known), [24]);
+        known[26] = Some(40.0);
+        assert_eq!(cuts_of(&known), [0; 0], "frame 25 was not read");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Chapters: parts of a long recording, each with Gaussians of its own.
 //!
-//! Motion is learned in full up to a certain length, and what one set of Gaussians can show ends, too. A longer
-//! recording is cut where the shot changes, and else into parts of equal length. Each chapter also learns from a few
+//! Motion is learned in full up to a certain length, and what one set of Gaussians can show ends, too. A recording is
+//! cut where the shot changes, and if it is long into parts of equal length. Each chapter also learns from a few
 //! frames of its neighbours, so that it knows what goes on at its ends.
 
 use super::TrainSettings;
@@ -32,16 +32,22 @@ impl Plan {
     /// # Errors
     /// A frame that cannot be read.
     pub fn of(sequence: &Sequence, prepared: Option<&Prepared>, settings: &TrainSettings) -> Result<Self> {
-        let n = sequence.num_frames();
-        if !settings.has_chapters(n) {
+        if settings.chapter_frames == 0 {
             return Self::whole(sequence, prepared, settings);
         }
+        let n = sequence.num_frames();
         let frames = seen_frames(sequence, prepared, settings);
         let differences = pace::differences(sequence, &frames)?;
+        let times =
+            if settings.finds_repeats { pace::frame_times(&differences, &frames) } else { Vec::new() };
         let mut ends = shots::cuts_of(&differences);
-        // What is left out separates, too.
-        ends.extend(settings.excluded.iter().flat_map(|(from, to)| [*from, to.saturating_add(1)]));
-        let chapters = chapters(n, settings.chapter_frames, ends);
+        let is_long = settings.is_long(n);
+        let longest = if is_long { settings.chapter_frames } else { n };
+        if is_long {
+            // What is left out separates, too.
+            ends.extend(settings.excluded.iter().flat_map(|(from, to)| [*from, to.saturating_add(1)]));
+        }
+        let chapters = chapters(n, longest, ends);
         let is_seen = |chapter: &Chapter| frames.iter().any(|i| chapter.learned.contains(i));
         let chapters = chapters.into_iter().filter(is_seen).enumerate();
         let mut chapters: Vec<Chapter> = chapters.map(|(index, c)| Chapter { index, ..c }).collect();
@@ -50,9 +56,7 @@ impl Plan {
         if chapters.is_empty() {
             return Err(Error::input("every frame is excluded", "Take some of them back in."));
         }
-        let times =
-            if settings.finds_repeats { pace::frame_times(&differences, &frames) } else { Vec::new() };
-        Ok(Self { times, chapters })
+        Ok(Self { times, chapters: if chapters.len() > 1 { chapters } else { Vec::new() } })
     }
 
     /// Plans the training of a recording as a whole.

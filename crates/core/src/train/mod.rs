@@ -101,16 +101,16 @@ impl Trainer {
         Self::with_times(sequence, prepared, settings, identity, plan.times)
     }
 
-    /// Reads a chapter of the recording that a plan has cut into chapters, else as [`Trainer::new`]. Frames have the
+    /// Reads one of the plan's chapters, or a recording that has none, as [`Trainer::new`] does. Frames have the
     /// plan's times.
-    pub fn of_chapter(
+    pub fn planned(
         sequence: &Sequence,
         prepared: Option<&Prepared>,
         settings: TrainSettings,
         plan: &Plan,
-        chapter: &Chapter,
+        chapter: Option<&Chapter>,
     ) -> Result<Self> {
-        let settings = TrainSettings { chapter: Some(chapter.clone()), ..settings };
+        let settings = TrainSettings { chapter: chapter.cloned(), ..settings };
         let identity = identity(sequence, prepared)?;
         Self::with_times(sequence, prepared, settings, identity, plan.times.clone())
     }

@@ -209,8 +209,8 @@ pub struct TrainSettings {
     /// Ranges of frames that nothing is learned from, both ends included; e.g. those seen outside of the
     /// body.
     pub excluded: Vec<(usize, usize)>,
-    /// Number of frames that a chapter has at most; 0 to learn a recording of any length as a whole. One of less
-    /// than two chapters is learned as a whole, too.
+    /// Number of frames that a chapter has at most; 0 to learn any recording as a whole. A recording of less than
+    /// two chapters is cut where the shot changes alone.
     #[serde(default)]
     pub chapter_frames: usize,
     /// The chapter that is learned; `None` for the whole recording.
@@ -391,25 +391,25 @@ impl TrainSettings {
         if self.num_bases > 0 { self.num_bases.max(2) } else { default_bases(num_frames) }
     }
 
-    /// Returns `true` if a recording of `num_frames` frames is learned in chapters.
-    pub fn has_chapters(&self, num_frames: usize) -> bool {
+    /// Returns `true` if a recording of `num_frames` frames is learned in chapters even if it is one shot.
+    pub fn is_long(&self, num_frames: usize) -> bool {
         self.chapter_frames > 0 && num_frames >= 2 * self.chapter_frames
     }
 
     /// Number of chapters of a recording of `num_frames` frames without cuts; 1 if it is learned as a whole.
     pub fn expected_chapters(&self, num_frames: usize) -> usize {
-        if self.has_chapters(num_frames) { num_frames.div_ceil(self.chapter_frames) } else { 1 }
+        if self.is_long(num_frames) { num_frames.div_ceil(self.chapter_frames) } else { 1 }
     }
 
     /// Largest number of frames that are learned together, of a recording of `num_frames` frames.
     pub fn frames_together(&self, num_frames: usize) -> usize {
-        if self.has_chapters(num_frames) { self.chapter_frames + 2 * OVERLAP } else { num_frames }
+        if self.is_long(num_frames) { self.chapter_frames + 2 * OVERLAP } else { num_frames }
     }
 
     /// Warning about the loss on a recording of `num_frames` frames. `None` if it is not too long, if it is learned
     /// in chapters, or if the number of basis functions was chosen.
     pub fn length_warning(&self, num_frames: usize) -> Option<String> {
-        let is_cared_for = self.num_bases > 0 || self.has_chapters(num_frames);
+        let is_cared_for = self.num_bases > 0 || self.is_long(num_frames);
         if is_cared_for { None } else { length_warning(num_frames) }
     }
 

@@ -6,6 +6,7 @@ mod codec;
 mod frame;
 mod gpu;
 mod half_features;
+mod long;
 mod marks;
 mod masks;
 mod measure;
@@ -45,6 +46,7 @@ enum Measurement {
     Stress(stress::BenchStressArgs),
     Masks(masks::BenchMasksArgs),
     Marks(marks::BenchMarksArgs),
+    Long(long::BenchLongArgs),
     Codec(codec::BenchCodecArgs),
     Words(words::BenchWordsArgs),
 }
@@ -60,6 +62,7 @@ impl Measurement {
             Self::Stress(args) => args,
             Self::Masks(args) => args,
             Self::Marks(args) => args,
+            Self::Long(args) => args,
             Self::Codec(args) => args,
             Self::Words(args) => args,
         }

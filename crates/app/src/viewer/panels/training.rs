@@ -40,8 +40,8 @@ struct Asked {
     has_labels: bool,
     /// Expected duration of each quality, seconds.
     expected_seconds: [f64; Quality::ALL.len()],
-    /// Warning about the quality that is lost because the recording is long.
-    too_long: Option<String>,
+    /// Number of parts that the recording is learned in.
+    chapters: usize,
     /// The networks to choose, and their check.
     models: ModelsForm,
     picking: Option<Task<Picked>>,
@@ -69,7 +69,7 @@ impl Asked {
         Some(Self {
             request,
             has_labels: info.has_labels,
-            too_long: TrainSettings::default().length_warning(info.num_frames),
+            chapters: TrainSettings::default().expected_chapters(info.num_frames),
             expected_seconds: Quality::ALL
                 .map(|quality| quality.expected_seconds(info.num_frames, [info.width, info.height], pace)),
             models,
@@ -316,8 +316,12 @@ fn asked_ui(
     }
     ui.add_space(8.0);
     let is_ready = words_ui(ui, &mut asked.request.words, asked.has_labels, &mut asked.models, backend);
-    if let Some(warning) = &asked.too_long {
-        ui.label(RichText::new(warning).font(theme::small()).color(theme::AMBER));
+    if asked.chapters > 1 {
+        ui.label(caption(&format!(
+            "It is long, and is reconstructed in about {} parts, one after the other. Parts that are done can be \
+             watched and searched while the next ones are made.",
+            asked.chapters
+        )));
     }
     if let Some(warning) = memory_warning {
         ui.label(RichText::new(warning).color(theme::AMBER));

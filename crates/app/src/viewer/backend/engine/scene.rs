@@ -39,6 +39,16 @@ impl SceneSource {
             |c: &surgtpgs_core::camera::Camera| c.camera_from_world != scene.cameras[0].camera_from_world;
         let count = format!("{} Gaussians", thousands(scene.gaussians.len()));
         let mut notes = vec![(count, "What the reconstruction is made of.".to_owned())];
+        let (chapters, missing) =
+            (scene.chapters.iter().len(), scene.chapters.num_missing(scene.num_frames()));
+        if chapters > 0 {
+            let why = "A long recording is reconstructed in parts, each with Gaussians of its own.";
+            notes.push((format!("{chapters} parts"), why.to_owned()));
+        }
+        if chapters > 0 && missing > 0 {
+            let why = "These frames are in none of the parts that are done.";
+            notes.push((format!("{} frames are not reconstructed", thousands(missing)), why.to_owned()));
+        }
         if !scene.provenance.held_out {
             let why = "No frame was held out, so none is left to test the reconstruction on.";
             notes.push(("trained on all frames".to_owned(), why.to_owned()));

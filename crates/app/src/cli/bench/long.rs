@@ -1,0 +1,217 @@
+//! `bench long`: recordings of several lengths, whose motion never repeats.
+
+use super::{
+    measure::{Files, Measure},
+    plot::{self, Point},
+};
+use crate::{
+    cli::{
+        console::{self, ProgressView, print_report, say},
+        verb::Exit,
+    },
+    engine::{BackendChoice, Engine, EngineOptions},
+    evaluation::evaluate,
+    jobs::{self, Course, Material},
+    memory::peak_rss_bytes,
+};
+use clap::Args;
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
+use surgtpgs_core::{
+    Error, Result, deform::deform, demo::DemoSettings, files::Inputs, metrics, raster::render_deformed,
+    scene::Scene, train::TrainSettings,
+};
+
+/// Train on synthetic recordings of several lengths: long.csv, long_psnr.svg, long_seconds.svg
+#[derive(Debug, Args)]
+pub(super) struct BenchLongArgs {
+    /// Folder to write
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Numbers of frames
+    #[arg(long, value_delimiter = ',', default_value = "48,200,800")]
+    frames: Vec<u32>,
+    /// Image columns
+    #[arg(long, default_value_t = 320, value_parser = clap::value_parser!(u32).range(16..=4096))]
+    width: u32,
+    /// Image rows
+    #[arg(long, default_value_t = 240, value_parser = clap::value_parser!(u32).range(16..=4096))]
+    height: u32,
+    /// Optimiser steps of each chapter
+    #[arg(long, default_value_t = 4000, value_parser = clap::value_parser!(u32).range(1..))]
+    iterations: u32,
+    /// Most frames of a chapter; 0 for none
+    #[arg(long, value_name = "N")]
+    chapter_frames: Option<usize>,
+    /// Let the endoscope move, by poses that are known
+    #[arg(long)]
+    moving_camera: bool,
+    /// Device to train on
+    #[arg(long, value_enum, default_value_t = BackendChoice::Cpu)]
+    backend: BackendChoice,
+    /// Report as JSON, too
+    #[arg(long)]
+    json: bool,
+}
+
+/// Measurements of one length.
+#[derive(serde::Serialize)]
+struct Outcome {
+    frames: usize,
+    chapters: usize,
+    steps: usize,
+    seconds: f64,
+    seconds_per_frame: f64,
+    /// PSNR of held-out frames, and of the frames around them, moved by flow.
+    psnr_masked_db: Option<f64>,
+    flow_psnr_db: Option<f64>,
+    /// Likeness of the two chapters at a seam, on its frame; the mean of all seams.
+    seam_psnr_db: Option<f64>,
+    /// Largest memory of this process so far.
+    peak_rss_bytes: Option<u64>,
+    scene_bytes: u64,
+    /// From the file to its first picture, seconds.
+    open_s: f64,
+    /// Reading of another chapter, milliseconds, mean.
+    turn_ms: Option<f64>,
+}
+
+impl Measure for BenchLongArgs {
+    fn run(&self, force: bool) -> Result<Exit> {
+        let files = Files::claim(Some(&self.output), &Inputs::none(), force)?;
+        console::watch_interrupts();
+        let mut outcomes = Vec::new();
+        for &frames in &self.frames {
+            let outcome = self.measure(frames as usize)?;
+            say(line(&outcome).trim_end());
+            outcomes.push(outcome);
+            // The files are written after every row, so that an interrupted benchmark keeps what it has.
+            write(&outcomes, &files)?;
+        }
+        let text: String = outcomes.iter().map(line).collect();
+        print_report(&outcomes, &text, self.json)?;
+        files.finish()?;
+        Ok(Exit::Done)
+    }
+}
+
+impl BenchLongArgs {
+    fn measure(&self, frames: usize) -> Result<Outcome> {
+        let folder = tempfile::tempdir().map_err(|e| Error::io("make a folder", Path::new(""), e))?;
+        let (recording, path) = (folder.path().join("recording"), folder.path().join("scene.safetensors"));
+        let settings = DemoSettings {
+            width: self.width as usize,
+            height: self.height as usize,
+            frames,
+            moving_camera: self.moving_camera,
+            wanders: true,
+            ..DemoSettings::default()
+        };
+        let mut view = ProgressView::default();
+        jobs::record_demo(&settings, &recording, false, &mut |p| view.show(p))?;
+        let material = Material::open(&recording)?;
+        let usual = TrainSettings::default();
+        let settings = TrainSettings {
+            iterations: self.iterations as usize,
+            eval: true,
+            chapter_frames: self.chapter_frames.unwrap_or(usual.chapter_frames),
+            ..usual
+        };
+        let (backend, scene) = (self.backend, path.as_path());
+        let course = Course { material: &material, settings, backend, scene, checkpoint: None };
+        let trained = course.train(&mut |p| view.show(p), &mut |_, _| {})?;
+        let peak_rss_bytes = peak_rss_bytes();
+        trained.scene.save(&path)?;
+        let started = Instant::now();
+        let mut engine = Engine::open(&path, EngineOptions { backend, ..EngineOptions::default() })?;
+        engine.render(&engine.view(0)?, false)?;
+        let open_s = started.elapsed().as_secs_f64();
+        let scene = engine.scene().clone();
+        let report = evaluate(&mut engine, None, &mut |p| view.show(p))?.report;
+        let chapters = scene.chapters.iter().len();
+        Ok(Outcome {
+            frames,
+            chapters: chapters.max(1),
+            steps: trained.steps,
+            seconds: trained.seconds,
+            seconds_per_frame: trained.seconds / frames as f64,
+            psnr_masked_db: report.psnr_masked_db,
+            flow_psnr_db: report.flow_psnr_db,
+            seam_psnr_db: seam_psnr_db(&scene)?,
+            peak_rss_bytes,
+            scene_bytes: path.metadata().map_or(0, |about| about.len()),
+            open_s,
+            turn_ms: turn_ms(&scene)?,
+        })
+    }
+}
+
+/// Renders the first frame of every chapter by that chapter and by the one before, and compares them.
+fn seam_psnr_db(scene: &Scene) -> Result<Option<f64>> {
+    let chapters: Vec<_> = scene.chapters.iter().cloned().collect();
+    let mut values = Vec::new();
+    for pair in chapters.windows(2) {
+        let frame = pair[1].shown.start;
+        let by = |index: usize| -> Result<_> {
+            let scene = scene.of_chapter(index)?;
+            let deformed = deform(&scene.gaussians, &scene.deformation, scene.time(frame), false);
+            Ok(render_deformed(&scene.gaussians, &deformed, &scene.cameras[frame]).to_rgb())
+        };
+        let keep = Some(&scene.field_of_view);
+        values.extend(metrics::psnr_db(&by(pair[0].index)?, &by(pair[1].index)?, keep));
+    }
+    Ok((!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64))
+}
+
+fn turn_ms(scene: &Scene) -> Result<Option<f64>> {
+    let started = Instant::now();
+    let mut count = 0;
+    for chapter in scene.chapters.iter() {
+        scene.of_chapter(chapter.index)?;
+        count += 1;
+    }
+    Ok((count > 0).then(|| started.elapsed().as_secs_f64() * 1e3 / f64::from(count)))
+}
+
+fn number(value: Option<f64>) -> String {
+    value.map_or(String::new(), |v| format!("{v:.2}"))
+}
+
+fn line(o: &Outcome) -> String {
+    format!(
+        "{:>5} frames, {:>2} chapters: {:>7.1} s ({:.2} a frame), PSNR {} dB (flow {}, seams {}), {} MB at most, \
+         scene {} MB, first picture {:.2} s, next chapter {} ms\n",
+        o.frames,
+        o.chapters,
+        o.seconds,
+        o.seconds_per_frame,
+        number(o.psnr_masked_db),
+        number(o.flow_psnr_db),
+        number(o.seam_psnr_db),
+        o.peak_rss_bytes.unwrap_or(0) / 1_000_000,
+        o.scene_bytes / 1_000_000,
+        o.open_s,
+        number(o.turn_ms)
+    )
+}
+
+fn write(outcomes: &[Outcome], files: &Files) -> Result<()> {
+    files.write("long.csv", &crate::tables::csv(outcomes)?)?;
+    let names: Vec<String> = outcomes.iter().map(|o| format!("{} frames", o.frames)).collect();
+    let points = |value: fn(&Outcome) -> Option<f64>| -> Vec<Point<'_>> {
+        let named = outcomes.iter().zip(&names);
+        named.filter_map(|(o, name)| value(o).map(|y| Point { name, x: o.frames as f64, y })).collect()
+    };
+    for (file, label, values) in [
+        ("long_psnr.svg", "PSNR of held-out frames, dB", points(|o| o.psnr_masked_db)),
+        ("long_seconds.svg", "training per frame, s", points(|o| Some(o.seconds_per_frame))),
+    ] {
+        if !values.is_empty() {
+            let svg = plot::scatter("Length of recordings", "frames", label, &values)?;
+            files.write(file, svg.as_bytes())?;
+        }
+    }
+    Ok(())
+}
