@@ -316,6 +316,7 @@ fn train_chapters(
         backend: args.backend,
         scene: place.scene,
         checkpoint: Some(place.checkpoint),
+        look_at: None,
     };
     let mut backend = String::new();
     let mut view = ProgressView::default();

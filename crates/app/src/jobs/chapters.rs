@@ -30,6 +30,8 @@ pub struct Course<'a> {
     pub scene: &'a Path,
     /// File that keeps the unfinished chapter; `None` to keep whole ones alone.
     pub checkpoint: Option<&'a Path>,
+    /// Returns the frame whose chapter is to be trained next; `None` to go from the first to the last.
+    pub look_at: Option<&'a dyn Fn() -> usize>,
 }
 
 /// Training as it is watched.
@@ -138,7 +140,7 @@ impl Course<'_> {
 
     /// Removes the chapters that lie beside the scene file, once it is whole.
     pub fn clear(&self, trained: &Trained) -> Result<()> {
-        let is_whole = trained.scene.chapters.num_missing(trained.scene.num_frames()) == 0;
+        let is_whole = trained.scene.provenance.steps >= self.settings.iterations;
         if is_whole { remove_chapters(self.scene) } else { Ok(()) }
     }
 
@@ -150,17 +152,22 @@ impl Course<'_> {
     ) -> Result<Trained> {
         let count = plan.chapters.len();
         let mut whole: Option<Trained> = None;
-        for (k, chapter) in plan.chapters.iter().enumerate() {
+        let mut left: Vec<&Chapter> = plan.chapters.iter().collect();
+        for k in 0..count {
+            let chapter = left.remove(self.next(&left));
             if let Some(part) = self.kept(chapter)? {
                 whole = Some(Trained::with_chapter(whole, Trained::kept(part)));
                 continue;
             }
             let mut trainer = self.trainer(plan, chapter)?;
             backend::choose(&mut trainer, self.backend)?;
-            let note = trainer.scope().note().map(|note| format!("Chapter {} of {count}: {note}", k + 1));
+            let note = trainer
+                .scope()
+                .note()
+                .map(|note| format!("Chapter {} of {count}: {note}", chapter.index + 1));
             let steps = trainer.settings().iterations;
             let mut observer = |p: &Progress<'_>| {
-                let detail = format!("chapter {} of {count}, {}", k + 1, p.detail);
+                let detail = format!("chapter {} of {count}, {}", chapter.index + 1, p.detail);
                 observer(&Progress {
                     stage: p.stage,
                     done: k * steps + p.done,
@@ -185,8 +192,21 @@ impl Course<'_> {
                 break;
             }
         }
-        let whole = whole.ok_or_else(|| Error::input("there is no chapter to train", ""))?;
+        let mut whole = whole.ok_or_else(|| Error::input("there is no chapter to train", ""))?;
+        if whole.scene.provenance.steps >= self.settings.iterations {
+            // The order in which chapters were trained leaves no trace.
+            let paths: Vec<PathBuf> =
+                plan.chapters.iter().map(|chapter| chapter_path(self.scene, chapter.index)).collect();
+            whole.scene = join(&paths)?;
+        }
         Ok(Trained { psnr_db: psnr_db(&whole.scene, self.material.sequence())?, ..whole })
+    }
+
+    /// Returns the place of the chapter to train next.
+    fn next(&self, left: &[&Chapter]) -> usize {
+        let frame = self.look_at.map_or(0, |look_at| look_at());
+        // The one under the play head, else the one after it, else the first.
+        left.iter().position(|chapter| frame < chapter.shown.end).unwrap_or(0)
     }
 
     /// Returns a trainer for a chapter; an unfinished one goes on.
@@ -285,7 +305,14 @@ mod tests {
                 eval: true,
                 ..TrainSettings::default()
             };
-            Course { material: &self.material, settings, backend: BackendChoice::Cpu, scene, checkpoint }
+            Course {
+                material: &self.material,
+                settings,
+                backend: BackendChoice::Cpu,
+                scene,
+                checkpoint,
+                look_at: None,
+            }
         }
 
         fn bytes(&self, scene: &Scene) -> Vec<u8> {
@@ -316,7 +343,7 @@ mod tests {
         };
         let part = course.train(&mut stop, &mut |_, _| {}).unwrap();
         assert_eq!((part.steps, part.scene.provenance.steps), (9, 3));
-        assert!(part.scene.chapters.num_missing(20) > 0 && checkpoint.exists());
+        assert!(!part.scene.chapters.gaps(20).is_empty() && checkpoint.exists());
         let missing = part.scene.at(part.scene.time(19)).unwrap();
         assert!(missing.gaussians.is_empty());
         let settings = settings_of_chapters(&stopped).unwrap().unwrap();

@@ -113,9 +113,18 @@ impl Chapters {
         self.current.map(|k| &self.all[k].chapter)
     }
 
-    /// Returns the number of frames that no chapter shows, of `num_frames`.
-    pub fn num_missing(&self, num_frames: usize) -> usize {
-        num_frames.saturating_sub(self.iter().map(|chapter| chapter.shown.len()).sum())
+    /// Returns the runs of frames that no chapter shows, of `num_frames`; none if the scene is one whole.
+    pub fn gaps(&self, num_frames: usize) -> Vec<Range<usize>> {
+        let mut next = 0;
+        let mut gaps = Vec::new();
+        let ends = self.iter().map(|chapter| chapter.shown.clone());
+        for shown in ends.chain((!self.is_empty()).then_some(num_frames..num_frames)) {
+            if shown.start > next {
+                gaps.push(next..shown.start);
+            }
+            next = shown.end;
+        }
+        gaps
     }
 
     /// Adds a chapter, in place of an earlier one of its number.
@@ -230,8 +239,7 @@ impl Scene {
     /// No Gaussians, with features of the scene's kind.
     fn nothing(&self) -> (Revised<Gaussians>, Revised<Deformation>) {
         let (g, d) = (&self.gaussians, &self.deformation);
-        let gaussians =
-            Gaussians { latent_dim: g.latent_dim, sh_degree: g.sh_degree, ..Gaussians::default() };
+        let gaussians = Gaussians { latent_dim: g.latent_dim, ..Gaussians::default() };
         let mut deformation = Deformation::at_rest(0, g.latent_dim, 2, 1.0, d.gate_slope);
         (deformation.shape, deformation.gate_channel) = (d.shape, d.gate_channel);
         (gaussians.into(), deformation.into())
@@ -358,7 +366,9 @@ mod tests {
         assert_eq!(counts(&second), [0, 0, 0, 0, 0, 7, 7, 7, 7]);
         let scene = Scene::joined(Some(Scene::joined(None, first.clone())), second.clone());
         assert_eq!((counts(&scene), scene.provenance.steps), (COUNTS.to_vec(), 100));
-        assert_eq!(scene.chapters.num_missing(9), 2);
+        assert_eq!(scene.chapters.gaps(9), [3..5]);
+        assert_eq!(first.chapters.gaps(9), [3..9]);
+        assert_eq!(ordinary(3).chapters.gaps(9), []);
         assert_eq!([2, 6].map(|i| scene.cameras[i]), [first.cameras[2], second.cameras[6]]);
         let folder = tempfile::tempdir().unwrap();
         for compact in [false, true] {

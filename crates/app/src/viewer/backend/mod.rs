@@ -72,6 +72,8 @@ pub(crate) struct Info {
     pub(crate) has_reconstruction: bool,
     /// Share of its training that a reconstruction has had, 0–1; 1 where nothing is known.
     pub(crate) learned: f32,
+    /// Frames of a long recording that are not reconstructed yet.
+    pub(crate) unlearned: Vec<std::ops::Range<usize>>,
     /// `true` if the depth of the reconstruction was measured, so that lengths in space mean something.
     pub(crate) has_measured_depth: bool,
     /// `true` if prompts can be asked.

@@ -69,7 +69,7 @@ pub(crate) struct TaskContext<U = ()> {
     report: Box<dyn Fn(News<U>) + Send + Sync>,
     stops: Arc<AtomicU32>,
     pause: Arc<Pause>,
-    preview_every: Arc<AtomicU32>,
+    wishes: Arc<Wishes>,
     stage_began: Mutex<(String, std::time::Instant)>,
 }
 
@@ -93,8 +93,13 @@ impl<U> TaskContext<U> {
 
     /// Returns the time between two previews; `None` if nobody wants to see them.
     pub(crate) fn preview_every(&self) -> Option<Duration> {
-        let seconds = self.preview_every.load(Ordering::Relaxed);
+        let seconds = self.wishes.preview_every.load(Ordering::Relaxed);
         (seconds > 0).then(|| Duration::from_secs(seconds.into()))
+    }
+
+    /// Returns the frame that the user looks at.
+    pub(crate) fn play_head(&self) -> usize {
+        self.wishes.play_head.load(Ordering::Relaxed) as usize
     }
 
     /// Returns `true` if the user asked to stop.
@@ -130,6 +135,14 @@ impl<U> TaskContext<U> {
     }
 }
 
+/// What the user wants of a task while it runs.
+struct Wishes {
+    /// Seconds between two previews; 0 means never.
+    preview_every: AtomicU32,
+    /// Frame that the user looks at.
+    play_head: AtomicU32,
+}
+
 /// Pause switch of a task.
 #[derive(Default)]
 struct Pause {
@@ -155,7 +168,7 @@ pub(crate) struct Task<T, U = ()> {
     events: Receiver<TaskEvent<T, U>>,
     stops: Arc<AtomicU32>,
     pause: Arc<Pause>,
-    preview_every: Arc<AtomicU32>,
+    wishes: Arc<Wishes>,
     /// The latest progress.
     pub(crate) progress: Progress,
 }
@@ -170,9 +183,11 @@ impl<T: Send + 'static, U: Send + 'static> Task<T, U> {
         let (sender, events) = channel();
         let stops = Arc::new(AtomicU32::new(0));
         let pause = Arc::new(Pause::default());
-        let preview_every = Arc::new(AtomicU32::new(USUAL_PREVIEW_SECONDS));
-        let context =
-            context(sender.clone(), ctx.clone(), stops.clone(), pause.clone(), preview_every.clone());
+        let wishes = Arc::new(Wishes {
+            preview_every: AtomicU32::new(USUAL_PREVIEW_SECONDS),
+            play_head: AtomicU32::new(0),
+        });
+        let context = context(sender.clone(), ctx.clone(), stops.clone(), pause.clone(), wishes.clone());
         let (at_end, repaint) = (sender.clone(), ctx.clone());
         let body = move || {
             let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| work(&context)));
@@ -186,7 +201,7 @@ impl<T: Send + 'static, U: Send + 'static> Task<T, U> {
                 hint: "Close other programs and try again.".into(),
             })));
         }
-        Self { events, stops, pause, preview_every, progress: Progress::default() }
+        Self { events, stops, pause, wishes, progress: Progress::default() }
     }
 
     /// Asks the task to stop at the next opportunity.
@@ -207,11 +222,16 @@ impl<T: Send + 'static, U: Send + 'static> Task<T, U> {
 
     /// Sets the number of seconds between two previews; 0 means never.
     pub(crate) fn set_preview_seconds(&self, seconds: u32) {
-        self.preview_every.store(seconds, Ordering::Relaxed);
+        self.wishes.preview_every.store(seconds, Ordering::Relaxed);
     }
 
     pub(crate) fn preview_seconds(&self) -> u32 {
-        self.preview_every.load(Ordering::Relaxed)
+        self.wishes.preview_every.load(Ordering::Relaxed)
+    }
+
+    /// Tells the task which frame the user looks at.
+    pub(crate) fn set_play_head(&self, frame: usize) {
+        self.wishes.play_head.store(frame as u32, Ordering::Relaxed);
     }
 
     pub(crate) fn is_cancelling(&self) -> bool {
@@ -242,7 +262,7 @@ fn context<T: Send + 'static, U: Send + 'static>(
     repaint: egui::Context,
     stops: Arc<AtomicU32>,
     pause: Arc<Pause>,
-    preview_every: Arc<AtomicU32>,
+    wishes: Arc<Wishes>,
 ) -> TaskContext<U> {
     let report = move |news: News<U>| {
         let event = match news {
@@ -254,7 +274,7 @@ fn context<T: Send + 'static, U: Send + 'static>(
         }
     };
     let stage_began = Mutex::new((String::new(), std::time::Instant::now()));
-    TaskContext { report: Box::new(report), stops, pause, preview_every, stage_began }
+    TaskContext { report: Box::new(report), stops, pause, wishes, stage_began }
 }
 
 fn broken() -> Error {

@@ -242,7 +242,11 @@ fn paint_pane(ui: &Ui, shared: &Shared, pane: &PaneView, plates: &mut Plates) {
 fn cautions(shared: &Shared) -> impl Iterator<Item = String> {
     let info = shared.info();
     let guessed = info.filter(|i| i.shape_is_guessed()).map(|_| GUESSED.to_owned());
+    let shown = shared.picture().map_or(0, |p| p.request.view.frame);
     let unfinished = info.filter(|i| i.is_unfinished()).map(|info| match shared.is_reconstructing() {
+        _ if info.unlearned.iter().any(|frames| frames.contains(&shown)) => {
+            "This part is not reconstructed yet".to_owned()
+        }
         true => "Still being learned".to_owned(),
         false => format!("Stopped early, after {:.0} % of its learning", 100.0 * info.learned),
     });

@@ -244,6 +244,7 @@ pub(super) fn scene() -> Info {
         has_original: true,
         has_reconstruction: true,
         learned: 1.0,
+        unlearned: Vec::new(),
         has_measured_depth: true,
         has_features: true,
         example_prompts: vec!["liver".into(), "fat".into()],

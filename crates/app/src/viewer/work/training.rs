@@ -52,7 +52,11 @@ impl Shared {
                 TaskEvent::Done(result) => self.end_training(result, ctx),
             }
         }
+        let looked_at = self.is_reconstructing().then(|| self.playback.frame());
         if let Some(training) = &mut self.reconstruction.training {
+            if let Some(frame) = looked_at {
+                training.task.set_play_head(frame);
+            }
             training.follow();
             training.watch_memory(now);
         }

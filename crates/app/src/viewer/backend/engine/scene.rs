@@ -39,8 +39,8 @@ impl SceneSource {
             |c: &surgtpgs_core::camera::Camera| c.camera_from_world != scene.cameras[0].camera_from_world;
         let count = format!("{} Gaussians", thousands(scene.gaussians.len()));
         let mut notes = vec![(count, "What the reconstruction is made of.".to_owned())];
-        let (chapters, missing) =
-            (scene.chapters.iter().len(), scene.chapters.num_missing(scene.num_frames()));
+        let chapters = scene.chapters.iter().len();
+        let missing: usize = scene.chapters.gaps(scene.num_frames()).iter().map(|gap| gap.len()).sum();
         if chapters > 0 {
             let why = "A long recording is reconstructed in parts, each with Gaussians of its own.";
             notes.push((format!("{chapters} parts"), why.to_owned()));
@@ -74,6 +74,7 @@ impl SceneSource {
             original_missing: engine.recording_missing().map(str::to_owned),
             has_reconstruction: true,
             learned: learned(scene),
+            unlearned: scene.chapters.gaps(scene.num_frames()),
             has_measured_depth: engine.depth_origin().is_measured(),
             has_features: scene.codec.is_some(),
             has_labels: engine.sequence().is_some_and(|s| !s.classes().is_empty()),

@@ -68,6 +68,7 @@ pub(super) fn reconstruct(request: &TrainRequest, task: &TaskContext<TrainNews>)
         backend: engine::BackendChoice::Auto,
         scene: output.path(),
         checkpoint: None,
+        look_at: Some(&|| task.play_head()),
     };
     let trained = course.train(&mut |p| task.follow(p), &mut show)?;
     if trained.steps == 0 {
