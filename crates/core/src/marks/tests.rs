@@ -388,3 +388,42 @@ fn dicom_segmentations_are_marks_and_labels() {
     assert_eq!(sequence.labels(1).unwrap(), None);
     assert_eq!(sequence.labels(2).unwrap().unwrap().map(|id| *id == 1), mask);
 }
+
+/// The wall as a scene of three chapters; frame 2 belongs to the second alone, so that a cut parts the third.
+fn in_chapters() -> Scene {
+    let ranges = [(0..2, 0..3), (2..3, 1..3), (3..4, 3..4)];
+    let parts = ranges.into_iter().enumerate().map(|(index, (shown, learned))| {
+        let mut part = scene();
+        let chapter = crate::scene::Chapter { index, count: 3, shown, learned };
+        part.provenance.settings = serde_json::json!({ "chapter": chapter });
+        part.as_chapter()
+    });
+    parts.fold(None, |earlier, part| Some(Scene::joined(earlier, part))).unwrap()
+}
+
+#[test]
+fn marks_reach_the_next_chapter_as_masks_and_end_at_a_cut() {
+    let marks = vec![
+        stroke(0, "liver", true, &[[8.0, 10.0], [20.0, 40.0]]),
+        stroke(0, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]),
+    ];
+    let marks = Marks::new(marks, &canvas()).unwrap();
+    let mut handed = Handed::default();
+    let mut in_chapter = |index: usize| {
+        let scene = in_chapters().of_chapter(index).unwrap();
+        handed.marks(&scene, &marks, &mut |i| picture(&scene, i)).unwrap()
+    };
+    assert_eq!(in_chapter(0), marks);
+    let next = in_chapter(1);
+    assert_eq!((next.frames(), next.names()), (vec![2], marks.names()));
+    assert!(in_chapter(2).is_empty());
+    let shown = |name: &str, add: bool| {
+        let mark = next.all().iter().find(|mark| mark.name == name && mark.add == add).unwrap();
+        mark.shape.pixels(SIZE[0], SIZE[1])
+    };
+    let liver = shown("liver", true);
+    assert!(liver.at(12, 20) && !liver.at(56, 20));
+    assert!(shown("fat", true).at(56, 20) && shown("fat", false).at(12, 20));
+    let whole = scene();
+    assert_eq!(Handed::default().marks(&whole, &marks, &mut |i| picture(&whole, i)).unwrap(), marks);
+}
