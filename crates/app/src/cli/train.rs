@@ -188,7 +188,7 @@ pub(super) fn train(args: &TrainArgs) -> Result<TrainReport> {
     let mut report = match begin(args, &material, &place)? {
         Begun::Whole(trainer) => train_whole(args, *trainer, &place, &output)?,
         Begun::InChapters(settings, plan) => {
-            train_chapters(args, &material, settings, plan, &place, &output)?
+            train_chapters(args, &material, *settings, plan, &place, &output)?
         }
     };
     report.warnings.extend(warning);
@@ -230,7 +230,7 @@ enum Begun {
     /// All frames, or one chapter, together.
     Whole(Box<Trainer>),
     /// Chapter by chapter, by a plan if it was made already.
-    InChapters(TrainSettings, Option<Plan>),
+    InChapters(Box<TrainSettings>, Option<Plan>),
 }
 
 fn begin(args: &TrainArgs, material: &Material, place: &Place<'_>) -> Result<Begun> {
@@ -238,13 +238,13 @@ fn begin(args: &TrainArgs, material: &Material, place: &Place<'_>) -> Result<Beg
     if args.resume {
         let of_chapters = jobs::settings_of_chapters(place.scene)?;
         if let (Some(settings), None) = (of_chapters, args.chapter) {
-            return Ok(Begun::InChapters(settings, None));
+            return Ok(Begun::InChapters(Box::new(settings), None));
         }
         let trainer = Trainer::resume(sequence, prepared, place.checkpoint)?;
         let settings = trainer.settings();
         let first = settings.chapter.as_ref().filter(|chapter| chapter.index == 0);
         return Ok(match args.chapter.is_none() && first.is_some() {
-            true => Begun::InChapters(TrainSettings { chapter: None, ..settings.clone() }, None),
+            true => Begun::InChapters(Box::new(TrainSettings { chapter: None, ..settings.clone() }), None),
             false => Begun::Whole(Box::new(trainer)),
         });
     }
@@ -258,7 +258,7 @@ fn begin(args: &TrainArgs, material: &Material, place: &Place<'_>) -> Result<Beg
         }
         None if !plan.chapters.is_empty() => {
             jobs::remove_file(place.checkpoint)?;
-            return Ok(Begun::InChapters(settings, Some(plan)));
+            return Ok(Begun::InChapters(Box::new(settings), Some(plan)));
         }
         None => None,
     };

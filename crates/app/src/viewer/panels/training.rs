@@ -317,7 +317,7 @@ fn asked_ui(
     ui.add_space(8.0);
     let is_ready = words_ui(ui, &mut asked.request.words, asked.has_labels, &mut asked.models, backend);
     if asked.chapters > 1 {
-        ui.label(caption(&format!(
+        ui.label(caption(format!(
             "It is long, and is reconstructed in about {} parts, one after the other. Parts that are done can be \
              watched and searched while the next ones are made.",
             asked.chapters
