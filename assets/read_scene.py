@@ -7,6 +7,9 @@ scores of what the scene knows by name.
     liver = scene.class_scores(now)[:, scene.classes.index("liver")]
     mine = now.positions[(liver > 0.5) & (now.opacities >= 0.5)]
 
+    for chapter in chapters("long.safetensors"):        # a long scene has Gaussians of its own in each chapter
+        part = Scene("long.safetensors", chapter["index"])
+
     python read_scene.py scene.safetensors 0.25         # prints what is in it, at this time
 
 The file is an ordinary safetensors file. `crates/core/src/scene/file/mod.rs` lists its tensors, and
@@ -44,9 +47,7 @@ def unit_rows(rows, without_direction=0.0):
 class Tensors:
     """The tensors of a safetensors file by name, as float64 where they are numbers of the scene."""
 
-    def __init__(self, path):
-        with open(path, "rb") as file:
-            data = file.read()
+    def __init__(self, data):
         start = 8 + int.from_bytes(data[:8], "little")
         self.entries = json.loads(data[8:start])
         self.metadata = self.entries.pop("__metadata__", {})
@@ -74,11 +75,27 @@ class Tensors:
         return np.tensordot(self[name + ".mix"], values, 1) if name + ".mix" in self else values
 
 
-class Scene:
-    """A scene; `header` has everything that is not a tensor, such as who made it from what."""
+def read(path):
+    with open(path, "rb") as file:
+        return Tensors(file.read())
 
-    def __init__(self, path):
-        t = self.tensors = Tensors(path)
+
+def chapters(path):
+    """The chapters of a scene, each with its `index` and the frames from `shown.start` to before `shown.end`; none
+    if it is one whole."""
+    known = read(path).metadata.get("surgtpgs_chapters")
+    return json.loads(known)["chapters"] if known else []
+
+
+class Scene:
+    """A scene, or a chapter of one; `header` has everything that is not a tensor, such as who made it from what."""
+
+    def __init__(self, path, chapter=0):
+        t = part = read(path)
+        if "surgtpgs_chapters" in t.metadata:
+            # Chapters are scene files inside of the file; what they share is in another one.
+            t, part = (Tensors(t.raw(name).tobytes()) for name in ["index", f"chapter.{chapter}"])
+        self.tensors, self.part = t, part
         if "surgtpgs" not in t.metadata:
             raise ValueError(f"{path} is no scene of SurgTPGS")
         self.header = json.loads(t.metadata["surgtpgs"])
@@ -92,10 +109,11 @@ class Scene:
         self.classes = [c["name"] for c in self.header["classes"]]
         self.class_embeddings = t["class_embeddings"]
         self.encoder, self.decoder = self._layers("encoder"), self._layers("decoder")
-        self.rest = {n: t[n] for n in ["means", "rotations", "log_scales", "opacity_logits", "colours", "features"]}
-        self.bases = {n: t["basis_" + n] for n in ["weights", "centres", "widths"]}
+        self.gates = json.loads(part.metadata["surgtpgs"])
+        self.rest = {n: part[n] for n in ["means", "rotations", "log_scales", "opacity_logits", "colours", "features"]}
+        self.bases = {n: part["basis_" + n] for n in ["weights", "centres", "widths"]}
         n = len(self.rest["means"])
-        self.moving = t.raw("moving").astype(int) if "moving" in t else np.arange(n)
+        self.moving = part.raw("moving").astype(int) if "moving" in part else np.arange(n)
 
     def _layers(self, half):
         layers = []
@@ -108,8 +126,8 @@ class Scene:
         centres, widths = self.bases["centres"], self.bases["widths"]
         if centres.ndim == 1:
             centres, widths = centres[:, None, None], widths[:, None, None]
-        d, width = time - centres, np.maximum(np.abs(widths), 1e-4)
-        shape = self.header["basis_shape"]
+        d, width = time - centres, np.maximum(np.abs(widths), 1e-7)
+        shape = self.gates["basis_shape"]
         if shape == "spline":
             u = np.abs(d / width)
             value = (np.maximum(2 - u, 0) ** 3 - 4 * np.maximum(1 - u, 0) ** 3) / 6
@@ -139,10 +157,10 @@ class Scene:
         )
 
     def _features(self, time, psi):
-        rest, first = self.rest["features"], self.header.get("gate_channel", 13)
-        weight, bias = self.tensors["feature_net_weight"], self.tensors["feature_net_bias"]
+        rest, first = self.rest["features"], self.gates.get("gate_channel", 13)
+        weight, bias = self.part["feature_net_weight"], self.part["feature_net_bias"]
         change = np.column_stack([rest, np.full(len(rest), time)]) @ weight.T + bias
-        gate = sigmoid(self.header["gate_slope"] * psi[:, first : first + rest.shape[1]])
+        gate = sigmoid(self.gates["gate_slope"] * psi[:, first : first + rest.shape[1]])
         return rest + change * gate
 
     def decode(self, features):

@@ -26,7 +26,7 @@ const fn verb(args: &'static [&'static str], ending: &'static str, own: &'static
 
 const SCENE: &str = "scene.safetensors";
 
-const VERBS: [Verb; 13] = [
+const VERBS: [Verb; 14] = [
     verb(&["demo", "-o", "OUT", "--width", "32", "--height", "24", "--frames", "2"], "", "recording"),
     verb(&["prepare", "recording", "-o", "OUT", "--labels"], "", "prepared"),
     verb(&["prepare", "recording", "-o", "spare", "--labels", "--langsplat", "OUT"], "", ""),
@@ -36,6 +36,7 @@ const VERBS: [Verb; 13] = [
         ".safetensors",
         SCENE,
     ),
+    verb(&["join", "chapter.safetensors", "-o", "OUT"], ".safetensors", SCENE),
     verb(&["render", SCENE, "-o", "OUT", "--frames", "0"], "", "pictures"),
     verb(&["query", SCENE, "--prompt", "liver", "--frames", "0", "--gaussians", "OUT"], "", ""),
     verb(

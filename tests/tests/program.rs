@@ -16,6 +16,8 @@ mod any_recording;
 mod bad_input;
 /// Many recordings, one report.
 mod batch;
+/// Long recordings, chapter by chapter.
+mod chapters;
 /// From a recording to masked frames, and what each verb reports.
 mod data_flow;
 /// The headless job of a bare `surgtpgs`.

@@ -1,11 +1,11 @@
-//! A folder with a recording, the folder prepared from it, and a scene, for tests that write.
+//! A folder with a recording, the folder prepared from it, a scene and a chapter of one, for tests that write.
 
 use std::{
     collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
 };
-use surgtpgs_tests::flow;
+use surgtpgs_tests::{flow, run_in};
 
 /// Jobs file of the batch.
 const JOBS: &str = "[defaults]\nlabels = true\niterations = 2\nbackend = \"cpu\"\nprompts = [\"liver\"]\n\
@@ -49,5 +49,8 @@ pub(crate) fn workplace() -> tempfile::TempDir {
     fs::remove_file(folder.path().join("recording/.surgtpgs")).unwrap();
     fs::copy(flow().at("scene.safetensors"), folder.path().join("scene.safetensors")).unwrap();
     fs::write(folder.path().join("jobs.toml"), JOBS).unwrap();
+    let chapter = ["--chapter", "0", "--chapter-frames", "5", "--iterations", "2", "--backend", "cpu"];
+    let train = [&["train", "prepared", "-o", "chapter.safetensors"][..], &chapter].concat();
+    run_in(folder.path(), &train).ok();
     folder
 }

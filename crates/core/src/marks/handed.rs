@@ -48,7 +48,7 @@ impl Handed {
         let Some(place) = chapters.iter().position(|chapter| chapter.index == index) else {
             return Ok(Marks::default());
         };
-        let mut marks = own(all, &chapters[place]);
+        let mut marks = all.within(&chapters[place].learned);
         let mut missing = all.names();
         missing.retain(|name| !marks.names().contains(name));
         for (beside, names) in givers(all, &chapters, place, missing) {
@@ -66,11 +66,6 @@ impl Handed {
     }
 }
 
-/// Returns the marks on the frames that a chapter knows.
-fn own(all: &Marks, chapter: &Chapter) -> Marks {
-    all.filtered(|mark| chapter.learned.contains(&mark.frame))
-}
-
 /// Returns the neighbours, by their place among the chapters, that names come from: those on the way to the nearest
 /// chapter where the name is marked.
 fn givers(
@@ -81,7 +76,8 @@ fn givers(
 ) -> BTreeMap<usize, Vec<String>> {
     let mut givers: BTreeMap<usize, Vec<String>> = BTreeMap::new();
     for name in names {
-        let is_marked = |k: &usize| own(all, &chapters[*k]).all().iter().any(|mark| mark.name == name);
+        let is_marked =
+            |k: &usize| all.within(&chapters[*k].learned).all().iter().any(|mark| mark.name == name);
         let nearest = (0..chapters.len()).filter(is_marked).min_by_key(|k| k.abs_diff(place));
         if let Some(nearest) = nearest.filter(|k| *k != place) {
             let beside = if nearest < place { place - 1 } else { place + 1 };

@@ -35,7 +35,7 @@ pub use graph::Graph;
 pub use handed::Handed;
 
 use crate::{Error, Result, hash::sha256, sequence::plain_words};
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, ops::Range};
 
 /// A mark by hand on a frame.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -134,6 +134,11 @@ impl Marks {
     /// Returns the marks of some names.
     pub fn named(&self, names: &[&String]) -> Self {
         self.filtered(|mark| names.contains(&&mark.name))
+    }
+
+    /// Returns the marks on some frames.
+    pub(crate) fn within(&self, frames: &Range<usize>) -> Self {
+        self.filtered(|mark| frames.contains(&mark.frame))
     }
 
     /// Returns those marks that `is_wanted`.

@@ -69,6 +69,11 @@ impl Trainer {
     fn carried_regions(&mut self) -> Result<BTreeMap<usize, Vec<u16>>> {
         let marks = self.prepared.as_ref().map(Prepared::marks).transpose()?.flatten();
         let Some(marks) = marks else { return Ok(BTreeMap::new()) };
+        // A chapter knows nothing of other frames.
+        let marks = marks.within(&self.settings.window(self.sequence.num_frames()));
+        if marks.is_empty() {
+            return Ok(BTreeMap::new());
+        }
         let scene = self.scene()?;
         let graph = Arc::new(Graph::of(&scene));
         let mut carried = Carried::new(&scene, Arc::clone(&graph), &marks, CarrySettings::default());

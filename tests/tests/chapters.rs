@@ -1,0 +1,99 @@
+//! Long recordings: trained, joined, asked and exported chapter by chapter.
+
+use std::{fs, path::Path};
+use surgtpgs_tests::{run_in, signal, start_until_training};
+
+const TRAIN: [&str; 8] =
+    ["train", "prepared", "--chapter-frames", "8", "--iterations", "40", "--backend", "cpu"];
+
+fn train(folder: &Path, args: &[&str]) -> surgtpgs_tests::Run {
+    run_in(folder, &[&TRAIN[..], args].concat())
+}
+
+/// A small prepared recording of three chapters.
+fn place() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let demo =
+        ["demo", "-o", "recording", "--width", "64", "--height", "48", "--frames", "20", "--wandering"];
+    run_in(folder.path(), &demo).ok();
+    run_in(folder.path(), &["prepare", "recording", "-o", "prepared", "--labels", "--eval"]).ok();
+    folder
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).unwrap();
+    let mut names: Vec<String> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.retain(|name| !name.starts_with('.'));
+    names.sort();
+    names
+}
+
+#[test]
+fn chapters_as_jobs_of_their_own_in_one_process_or_interrupted_come_to_the_same_bytes() {
+    let place = place();
+    let folder = place.path();
+    let report = train(folder, &["-o", "scene.safetensors", "--json"]).ok().json();
+    assert_eq!((&report["chapters"], &report["steps"]), (&3.into(), &120.into()));
+    assert_eq!(names(folder), ["prepared", "recording", "scene.safetensors"]);
+    let scene = fs::read(folder.join("scene.safetensors")).unwrap();
+    for chapter in ["2", "0", "1"] {
+        train(folder, &["-o", &format!("part{chapter}.safetensors"), "--chapter", chapter]).ok();
+    }
+    let parts = ["part1.safetensors", "part0.safetensors", "part2.safetensors"];
+    run_in(folder, &[&["join", "-o", "joined.safetensors"][..], &parts].concat()).ok();
+    assert!(fs::read(folder.join("joined.safetensors")).unwrap() == scene);
+    let some = run_in(folder, &["join", "-o", "some.safetensors", parts[0], "--json"]).ok().json();
+    assert_eq!((&some["chapters"], &some["missing_frames"]), (&1.into(), &14.into()));
+    let error = train(folder, &["-o", "part3.safetensors", "--chapter", "3"]);
+    assert!(error.refused(1).contains("there is no chapter 3; the recording has 3"));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_killed_training_goes_on_with_the_chapter_it_was_in() {
+    let place = place();
+    let folder = place.path();
+    // Enough steps that it is not over before it is killed.
+    let longer = TRAIN.map(|arg| if arg == "40" { "600" } else { arg });
+    run_in(folder, &[&longer[..], &["-o", "scene.safetensors"]].concat()).ok();
+    let args = [&longer[..], &["-o", "again.safetensors"]].concat();
+    let mut child = start_until_training(folder, &args, 1);
+    while !folder.join("again.chapter-0000.safetensors").exists() {
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    signal(&child, "-KILL");
+    child.wait().unwrap();
+    assert!(!folder.join("again.safetensors").exists(), "it was over already");
+    let error = train(folder, &["-o", "again.safetensors"]);
+    assert!(error.refused(1).contains("unfinished"));
+    run_in(folder, &["train", "prepared", "-o", "again.safetensors", "--resume", "--backend", "cpu"]).ok();
+    let [scene, again] = ["scene", "again"].map(|name| fs::read(folder.join(format!("{name}.safetensors"))));
+    assert!(scene.unwrap() == again.unwrap());
+    assert_eq!(names(folder), ["again.safetensors", "prepared", "recording", "scene.safetensors"]);
+}
+
+#[test]
+fn a_scene_in_chapters_is_asked_exported_measured_and_converted_as_any_other() {
+    let place = place();
+    let folder = place.path();
+    train(folder, &["-o", "scene.safetensors"]).ok();
+    let scene = "scene.safetensors";
+    let found = run_in(folder, &["query", scene, "--prompt", "liver", "--json"]).ok().json();
+    assert_eq!(found["prompts"][0]["frames"].as_array().unwrap().len(), 20);
+    run_in(folder, &["export", scene, "--prompt", "liver", "-o", "export"]).ok();
+    run_in(folder, &["eval", scene, "prepared", "-o", "quality"]).ok();
+    run_in(folder, &["convert", scene, "small.safetensors", "--quantize"]).ok();
+    run_in(folder, &["convert", scene, "frame.ply", "--frame", "19"]).ok();
+    run_in(folder, &["convert", scene, "frames", "--frames", "4..9"]).ok();
+    let page = run_in(folder, &["convert", scene, "page.html", "--prompt", "liver"]);
+    assert!(page.refused(1).contains("holds one chapter, and the scene has 3"));
+    run_in(folder, &["convert", scene, "page.html", "--prompt", "liver", "--chapter", "2"]).ok();
+    let sizes = [scene, "small.safetensors"].map(|name| folder.join(name).metadata().unwrap().len());
+    assert!(2 * sizes[1] < sizes[0], "{sizes:?}");
+    // The same picture of the last chapter in every form.
+    for name in [scene, "small.safetensors"] {
+        let out = format!("pictures of {name}");
+        run_in(folder, &["render", name, "-o", &out, "--frames", "18..20"]).ok();
+        assert!(folder.join(out).join("colour/frame_000019.png").is_file());
+    }
+}
