@@ -10,7 +10,7 @@ scores of what the scene knows by name.
     for chapter in chapters("long.safetensors"):        # a long scene has Gaussians of its own in each chapter
         part = Scene("long.safetensors", chapter["index"])
 
-    python read_scene.py scene.safetensors 0.25         # prints what is in it, at this time
+    python read_scene.py scene.safetensors 0.25 2       # prints what is in its third chapter, at this time
 
 The file is an ordinary safetensors file. `crates/core/src/scene/file/mod.rs` lists its tensors, and
 `crates/core/README.md` has the formulas (sections 3, 7 and 9.2). Words that are no class of the scene need the
@@ -190,7 +190,7 @@ class Scene:
 
 
 if __name__ == "__main__":
-    scene = Scene(sys.argv[1])
+    scene = Scene(sys.argv[1], int(sys.argv[3]) if len(sys.argv) > 3 else 0)
     now = scene.at(float(sys.argv[2]) if len(sys.argv) > 2 else scene.times[0])
     camera = scene.cameras[0]
     print(f"{len(now.positions)} Gaussians, {len(scene.moving)} of them move")

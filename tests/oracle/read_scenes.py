@@ -23,7 +23,7 @@ from safetensors import safe_open
 ASSETS = Path(__file__).parents[2] / "assets"
 sys.path.insert(0, str(ASSETS))
 
-from read_scene import BAND_0, Scene  # noqa: E402
+from read_scene import BAND_0, Scene, chapters  # noqa: E402
 
 
 def check(is_right, what):
@@ -210,6 +210,16 @@ def check_quantised(scene, small):
     return "the quantised scene is right to half a step, and moves as the scene does"
 
 
+def check_chapters(path, ply):
+    """Every frame is shown by one chapter; the last one has the Gaussians of the last frame."""
+    shown = [range(c["shown"]["start"], c["shown"]["end"]) for c in chapters(path)]
+    last = Scene(path, len(shown) - 1)
+    check([i for frames in shown for i in frames] == list(range(len(last.cameras))), "every frame is shown once")
+    check_ply(last, ply, last.times[-1])
+    must_fail(check_ply, Scene(path, 0), ply, last.times[-1])
+    return f"{len(shown)} chapters, of which the last shows the last frame"
+
+
 def check_that_checks_fail(folder, time):
     """Changes one number each time; the check that it is of must see it."""
     def changed(change):
@@ -250,5 +260,6 @@ if __name__ == "__main__":
     print(check_spz(scene, folder / "frame.spz", time))
     print(check_third_version(folder / "third.spz", folder / "third.ply"))
     print(check_scores(scene, folder / "objects", folder / "answers.json"))
+    print(check_chapters(folder / "long.safetensors", folder / "last.ply"))
     print(run_example(folder / "small.safetensors"))
     print(check_that_checks_fail(folder, time))

@@ -13,6 +13,8 @@ program() { "$binary" "$@" > /dev/null 2>> "$folder/log" || { cat "$folder/log";
 program demo -o "$folder/recording" --width 64 --height 48 --frames 10
 program prepare "$folder/recording" -o "$folder/prepared" --labels
 program train "$folder/prepared" -o "$folder/scene.safetensors" --iterations 400
+program train "$folder/prepared" -o "$folder/long.safetensors" --iterations 100 --chapter-frames 4
+program convert "$folder/long.safetensors" "$folder/last.ply" --frame 9
 formats=cutout,overlay,binary,index,outline,score,npy,video,gif,sheet,csv,json,coco,nrrd
 # The third prompt means nothing in the scene, so that nothing is written for it.
 prompts=(--prompt liver "grasping tool" spaceship)

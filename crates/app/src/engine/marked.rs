@@ -25,6 +25,13 @@ pub(super) struct Marked {
     last: Option<(usize, FrameScores)>,
 }
 
+impl Marked {
+    /// Returns what another chapter needs of the marks.
+    pub(super) fn to_carry(&self) -> (Marks, Handed) {
+        (self.marks.clone(), self.handed.clone())
+    }
+}
+
 /// Renders a frame of a scene in memory.
 fn reconstruction(scene: &Scene, frame: usize) -> image::RgbImage {
     let deformed = deform(&scene.gaussians, &scene.deformation, scene.time(frame), false);
@@ -52,6 +59,7 @@ impl Engine {
     /// are forgotten.
     pub fn set_marks(&mut self, marks: Marks) -> Result<()> {
         let earlier = self.marked.take();
+        self.turned_from = None;
         let names = marks.names();
         if names != earlier.as_ref().map(|m| m.marks.names()).unwrap_or_default() {
             self.asking.know(&self.scene, &self.settings, &names)?;
@@ -62,15 +70,8 @@ impl Engine {
         self.carry(marks, Handed::default(), earlier)
     }
 
-    /// Carries the marks to a chapter of a long scene that was turned to.
-    pub(super) fn carry_on(&mut self) -> Result<()> {
-        match self.marked.take() {
-            Some(Marked { marks, handed, .. }) => self.carry(marks, handed, None),
-            None => Ok(()),
-        }
-    }
-
-    fn carry(&mut self, all: Marks, mut handed: Handed, earlier: Option<Marked>) -> Result<()> {
+    /// Carries marks to the scene, or to the chapter of it that it holds.
+    pub(super) fn carry(&mut self, all: Marks, mut handed: Handed, earlier: Option<Marked>) -> Result<()> {
         let scene = self.scene.clone();
         let marks = handed.marks(&scene, &all, &mut |i| match self.original(i)? {
             Some(picture) => Ok(picture),

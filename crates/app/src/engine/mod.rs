@@ -136,6 +136,8 @@ pub struct Engine {
     marked: Option<marked::Marked>,
     /// Graph of the scene's Gaussians, which marks spread over; made for the first marks.
     graph: Option<Arc<Graph>>,
+    /// Chapter of a long scene that was turned from last, with its marks.
+    turned_from: Option<(Arc<Scene>, Option<marked::Marked>, Option<Arc<Graph>>)>,
     /// File that the marks were read from.
     marks_file: Option<PathBuf>,
 }
@@ -189,6 +191,7 @@ impl Engine {
             settings,
             marked: None,
             graph: None,
+            turned_from: None,
             marks_file: None,
         })
     }
@@ -206,6 +209,7 @@ impl Engine {
         self.outside = Outside::default();
         // Marks belong to the Gaussians that they were carried to.
         self.marked = None;
+        self.turned_from = None;
         self.scene = scene;
     }
 
@@ -214,9 +218,20 @@ impl Engine {
         if self.scene.is_at(time) {
             return Ok(());
         }
-        self.scene = Arc::new(self.scene.at(time)?);
+        if let Some((scene, marked, graph)) = self.turned_from.take_if(|(scene, ..)| scene.is_at(time)) {
+            self.turned_from = Some((
+                std::mem::replace(&mut self.scene, scene),
+                std::mem::replace(&mut self.marked, marked),
+                std::mem::replace(&mut self.graph, graph),
+            ));
+            return Ok(());
+        }
+        let next = Arc::new(self.scene.at(time)?);
+        let marks = self.marked.as_ref().map(marked::Marked::to_carry);
+        let last = std::mem::replace(&mut self.scene, next);
+        self.turned_from = Some((last, self.marked.take(), self.graph.take()));
         // Marks belong to the Gaussians that they were carried to.
-        self.carry_on()
+        marks.map_or(Ok(()), |(marks, handed)| self.carry(marks, handed, None))
     }
 
     /// Returns the recording, if it was found.

@@ -44,17 +44,19 @@ pub(crate) fn paint(
     painter.galley(plate.min, galley, theme::TEXT_WEAK);
 }
 
-/// Splits a curve into lines over consecutive known frames; a single frame becomes a short line.
+/// Splits a curve into lines over known frames that follow each other, or are near enough while it is counted; a
+/// single frame becomes a short line.
 fn known_parts(curve: &Curve, x: &dyn Fn(usize) -> f32, y: &impl Fn(f32) -> f32) -> Vec<Vec<Pos2>> {
-    let mut parts: Vec<Vec<Pos2>> = vec![Vec::new()];
-    for (frame, point) in curve.points.iter().enumerate() {
-        match (point, parts.last_mut()) {
-            (Some(point), Some(part)) => part.push(pos2(x(frame), y(point.share()))),
-            (None, Some(part)) if !part.is_empty() => parts.push(Vec::new()),
-            _ => {}
+    let mut parts: Vec<Vec<Pos2>> = Vec::new();
+    let (reach, mut last) = (curve.reach(), None);
+    for (frame, point) in curve.points.iter().enumerate().filter_map(|(i, p)| Some((i, p.as_ref()?))) {
+        let at = pos2(x(frame), y(point.share()));
+        match parts.last_mut() {
+            Some(part) if last.is_some_and(|last| frame - last <= reach) => part.push(at),
+            _ => parts.push(vec![at]),
         }
+        last = Some(frame);
     }
-    parts.retain(|part| !part.is_empty());
     parts.iter_mut().filter(|p| p.len() == 1).for_each(|p| p.push(p[0] + egui::vec2(1.0, 0.0)));
     parts
 }

@@ -91,27 +91,57 @@ pub(crate) struct Measured {
     pub(crate) look_here: Option<LookHere>,
 }
 
+/// Number of frames above which a curve appears coarse first.
+const LONG: usize = 512;
+/// Distances of the frames that are counted one after the other in a long recording.
+const STRIDES: [usize; 3] = [COARSEST, 8, 1];
+/// Distance of the frames that are counted first in a long recording.
+pub(crate) const COARSEST: usize = 64;
+
 /// Record of the frames counted so far for each prompt, on the thread that counts.
 #[derive(Debug, Default)]
 pub(crate) struct Counted {
-    frames: HashMap<Measure, Vec<bool>>,
+    /// Frames in the order in which they are counted.
+    order: Vec<usize>,
+    prompts: HashMap<Measure, Done>,
+}
+
+/// Frames counted for one prompt.
+#[derive(Debug)]
+struct Done {
+    frames: Vec<bool>,
+    /// Number of frames in the order of counting before the first that is not counted.
+    first_open: usize,
 }
 
 impl Counted {
-    /// Returns the first frame that has not been counted for all of `prompts`, and the prompts that it lacks.
-    pub(crate) fn next(&self, prompts: &[Measure], num_frames: usize) -> Option<(usize, Vec<Measure>)> {
-        (0..num_frames).find_map(|frame| {
-            let is_counted = |q| self.frames.get(q).and_then(|f| f.get(frame)).is_some_and(|done| *done);
-            let new: Vec<Measure> = prompts.iter().filter(|q| !is_counted(*q)).cloned().collect();
-            (!new.is_empty()).then_some((frame, new))
-        })
+    pub(crate) fn new(num_frames: usize) -> Self {
+        let strides = if num_frames > LONG { &STRIDES[..] } else { &[1] };
+        let mut order = Vec::with_capacity(num_frames);
+        for (k, stride) in strides.iter().enumerate() {
+            let is_new = |frame: &usize| strides[..k].iter().all(|coarser| frame % coarser != 0);
+            order.extend((0..num_frames).step_by(*stride).filter(is_new));
+        }
+        Self { order, prompts: HashMap::new() }
     }
 
-    pub(crate) fn note(&mut self, measured: &Measured, num_frames: usize) {
+    /// Returns the first frame that has not been counted for all of `prompts`, and the prompts that it lacks.
+    pub(crate) fn next(&self, prompts: &[Measure]) -> Option<(usize, Vec<Measure>)> {
+        let first_open = |q: &Measure| self.prompts.get(q).map_or(0, |done| done.first_open);
+        let frame = *self.order.get(prompts.iter().map(first_open).min()?)?;
+        let is_counted = |q: &&Measure| self.prompts.get(*q).is_some_and(|done| done.frames[frame]);
+        Some((frame, prompts.iter().filter(|q| !is_counted(q)).cloned().collect()))
+    }
+
+    pub(crate) fn note(&mut self, measured: &Measured) {
         for (measure, _) in &measured.prompts {
-            let frames = self.frames.entry(measure.clone()).or_insert_with(|| vec![false; num_frames]);
-            if let Some(done) = frames.get_mut(measured.frame) {
-                *done = true;
+            let nothing = || Done { frames: vec![false; self.order.len()], first_open: 0 };
+            let done = self.prompts.entry(measure.clone()).or_insert_with(nothing);
+            if let Some(frame) = done.frames.get_mut(measured.frame) {
+                *frame = true;
+            }
+            while self.order.get(done.first_open).is_some_and(|frame| done.frames[*frame]) {
+                done.first_open += 1;
             }
         }
     }
@@ -186,6 +216,12 @@ pub(crate) struct Curve {
 }
 
 impl Curve {
+    /// Returns the largest distance of two known frames that a line is drawn between: that of the frames which are
+    /// counted first, until all are known.
+    pub(crate) fn reach(&self) -> usize {
+        if self.points.len() > LONG && !self.is_complete() { COARSEST } else { 1 }
+    }
+
     /// Returns `true` if all frames are known.
     pub(crate) fn is_complete(&self) -> bool {
         self.points.iter().all(Option::is_some)
@@ -299,21 +335,36 @@ mod tests {
 
     #[test]
     fn every_frame_is_counted_once_for_every_prompt() {
-        let mut counted = Counted::default();
+        let mut counted = Counted::new(3);
         let liver = [question("liver")];
         for frame in 0..3 {
-            assert_eq!(counted.next(&liver, 3), Some((frame, liver.to_vec())));
-            counted.note(&measured(frame, 1), 3);
+            assert_eq!(counted.next(&liver), Some((frame, liver.to_vec())));
+            counted.note(&measured(frame, 1));
         }
-        assert_eq!(counted.next(&liver, 3), None);
-        assert_eq!(counted.next(&[question("liver"), question("fat")], 3), Some((0, vec![question("fat")])));
+        assert_eq!(counted.next(&liver), None);
+        assert_eq!(counted.next(&[question("liver"), question("fat")]), Some((0, vec![question("fat")])));
         let mut other = question("liver");
         other.question.negatives.phrases.push("smoke".into());
         assert_eq!(
-            counted.next(std::slice::from_ref(&other), 3),
+            counted.next(std::slice::from_ref(&other)),
             Some((0, vec![other])),
             "compared with something else"
         );
+    }
+
+    #[test]
+    fn a_long_recording_is_counted_coarse_first_and_every_frame_once() {
+        let mut counted = Counted::new(1000);
+        let liver = [question("liver")];
+        let mut frames = Vec::new();
+        while let Some((frame, _)) = counted.next(&liver) {
+            frames.push(frame);
+            counted.note(&measured(frame, 1));
+        }
+        assert_eq!(frames[..3], [0, 64, 128]);
+        assert_eq!(frames[16..19], [8, 16, 24]);
+        frames.sort_unstable();
+        assert!(frames.into_iter().eq(0..1000));
     }
 
     #[test]

@@ -71,6 +71,7 @@ struct Rendered {
 impl Pipeline {
     pub(crate) fn new(source: Box<dyn FrameSource>) -> Self {
         Self {
+            counted: Some(Counted::new(source.info().num_frames)),
             source,
             originals: VecDeque::new(),
             rendered: VecDeque::new(),
@@ -78,7 +79,6 @@ impl Pipeline {
             depth_range: None,
             motion_top: None,
             last: None,
-            counted: Some(Counted::default()),
             marks: MarkList::default(),
         }
     }
@@ -169,7 +169,8 @@ impl Pipeline {
         }
         self.marks = MarkList::default();
         self.rendered.iter_mut().for_each(|rendered| rendered.scores.clear());
-        self.counted = self.counted.as_ref().map(|_| Counted::default());
+        let num_frames = self.source.info().num_frames;
+        self.counted = self.counted.as_ref().map(|_| Counted::new(num_frames));
         self.source.set_marks(marks.all())?;
         self.marks = marks.clone();
         Ok(())
@@ -240,10 +241,9 @@ impl Pipeline {
         if !self.can_ask() || !self.source.prepares_ahead() {
             return None;
         }
-        let num_frames = self.source.info().num_frames;
         let measure = |p: &AskedPrompt| Measure::new(p.question.clone(), last.clean_up, p.threshold);
         let prompts: Vec<Measure> = last.prompts.iter().filter(|p| p.id != PREVIEW).map(measure).collect();
-        let (frame, new) = self.counted.as_ref()?.next(&prompts, num_frames)?;
+        let (frame, new) = self.counted.as_ref()?.next(&prompts)?;
         let questions: Vec<Question> = new.iter().map(|m| m.question.clone()).collect();
         let answers = self.answers_unkept(frame, &questions, new.iter().map(Measure::reach).max()?);
         let levels = |(k, measure): (usize, &Measure)| Some(measure.levels(answers.get(k)?.as_ref().ok()?));
@@ -251,7 +251,7 @@ impl Pipeline {
         let marks = self.marks.clone();
         let look_here = if marks.is_empty() { None } else { self.source.look_here(frame).ok().flatten() };
         let measured = Measured { frame, prompts: new.into_iter().zip(levels).collect(), marks, look_here };
-        self.counted.as_mut()?.note(&measured, num_frames);
+        self.counted.as_mut()?.note(&measured);
         Some(measured)
     }
 
