@@ -316,6 +316,7 @@ fn train_chapters(
         backend: args.backend,
         scene: place.scene,
         checkpoint: Some(place.checkpoint),
+        replaces: false,
         look_at: None,
     };
     let mut backend = String::new();

@@ -30,6 +30,8 @@ pub struct Course<'a> {
     pub scene: &'a Path,
     /// File that keeps the unfinished chapter; `None` to keep whole ones alone.
     pub checkpoint: Option<&'a Path>,
+    /// `true` to replace chapters beside the scene file that are not of this training; else they are an error.
+    pub replaces: bool,
     /// Returns the frame whose chapter is to be trained next; `None` to go from the first to the last.
     pub look_at: Option<&'a dyn Fn() -> usize>,
 }
@@ -229,12 +231,15 @@ impl Course<'_> {
         if !path.exists() {
             return Ok(None);
         }
-        let part = Scene::load_chapter(&path)?;
+        let part = match Scene::load_chapter(&path) {
+            Err(_) if self.replaces => return Ok(None),
+            part => part?,
+        };
         let is_same = settings(&part).is_some_and(|s| s.agrees_with(&self.settings))
             && part.chapters.current() == Some(chapter)
             && part.provenance.identity.as_ref() == Some(&self.material.sequence().identity()?);
-        if is_same {
-            return Ok(Some(part));
+        if is_same || self.replaces {
+            return Ok(is_same.then_some(part));
         }
         let what = "this chapter was trained on another recording, or in another way";
         Err(Error::input_at(&path, what, "Remove it, or give the scene another name."))
@@ -244,7 +249,7 @@ impl Course<'_> {
     fn keep(&self, part: &Scene, chapter: &Chapter) -> Result<Scene> {
         let path = chapter_path(self.scene, chapter.index);
         let inputs = self.material.inputs(self.material.sequence().path());
-        outputs::scene_file(&path, &inputs, false)?.write_with(|file| part.write(file, false))?;
+        outputs::scene_file(&path, &inputs, self.replaces)?.write_with(|file| part.write(file, false))?;
         Scene::load_chapter(&path)
     }
 }
@@ -311,6 +316,7 @@ mod tests {
                 backend: BackendChoice::Cpu,
                 scene,
                 checkpoint,
+                replaces: false,
                 look_at: None,
             }
         }
@@ -384,5 +390,8 @@ mod tests {
         // The first chapter was there to be trained, with the other seed.
         let mixed = [paths[0].clone(), paths[1].clone()];
         assert!(join(&mixed).unwrap_err().to_string().contains("another training"));
+        course.replaces = true;
+        let all = course.train(&mut unobserved, &mut |_, _| {}).unwrap();
+        assert_eq!((all.steps, settings(&all.scene).unwrap().seed), (3 * STEPS, 1));
     }
 }

@@ -120,8 +120,15 @@ impl BenchLongArgs {
             ..usual
         };
         let (backend, scene) = (self.backend, path.as_path());
-        let course =
-            Course { material: &material, settings, backend, scene, checkpoint: None, look_at: None };
+        let course = Course {
+            material: &material,
+            settings,
+            backend,
+            scene,
+            checkpoint: None,
+            replaces: false,
+            look_at: None,
+        };
         let trained = course.train(&mut |p| view.show(p), &mut |_, _| {})?;
         let peak_rss_bytes = peak_rss_bytes();
         trained.scene.save(&path)?;

@@ -68,6 +68,8 @@ pub(super) fn reconstruct(request: &TrainRequest, task: &TaskContext<TrainNews>)
         backend: engine::BackendChoice::Auto,
         scene: output.path(),
         checkpoint: None,
+        // The dialog asked before it took the name.
+        replaces: true,
         look_at: Some(&|| task.play_head()),
     };
     let trained = course.train(&mut |p| task.follow(p), &mut show)?;
