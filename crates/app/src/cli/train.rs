@@ -250,7 +250,9 @@ fn begin(args: &TrainArgs, material: &Material, place: &Place<'_>) -> Result<Beg
     }
     jobs::remove_chapters(place.scene)?;
     let settings = args.settings();
-    let plan = Plan::of(sequence, prepared, &settings)?;
+    let mut view = ProgressView::default();
+    let plan = Plan::of(sequence, prepared, &settings, &mut |p| view.show(p))?;
+    drop(view);
     let chapter = match args.chapter {
         Some(index) => {
             let chapter = plan.chapters.get(index);

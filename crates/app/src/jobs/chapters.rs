@@ -120,7 +120,7 @@ impl Course<'_> {
     ) -> Result<Trained> {
         let (sequence, prepared) = (self.material.sequence(), self.material.prepared());
         require_for(&Work::Training(sequence, &self.settings))?;
-        let plan = Plan::of(sequence, prepared, &self.settings)?;
+        let plan = Plan::of(sequence, prepared, &self.settings, observer)?;
         self.train_planned(&plan, observer, watch)
     }
 
@@ -364,7 +364,7 @@ mod tests {
 
         // One after the other, as jobs of their own.
         let (sequence, settings) = (here.material.sequence(), &course.settings);
-        let plan = Plan::of(sequence, None, settings).unwrap();
+        let plan = Plan::of(sequence, None, settings, &mut unobserved).unwrap();
         let mut paths = Vec::new();
         for chapter in plan.chapters.iter().rev() {
             let mut trainer =

@@ -5,7 +5,10 @@
 //! repeated, if there is a period.
 
 use super::Sequence;
-use crate::Result;
+use crate::{
+    Result,
+    progress::{Observer, Progress},
+};
 use image::RgbImage;
 use rayon::prelude::*;
 
@@ -44,12 +47,17 @@ impl Glance {
 /// first one and for others than `frames`, which are in ascending order. No others are read.
 ///
 /// # Errors
-/// A frame that cannot be read.
-pub(crate) fn differences(sequence: &Sequence, frames: &[usize]) -> Result<Vec<Option<f32>>> {
+/// A frame that cannot be read, or the observer's wish to stop.
+pub(crate) fn differences(
+    sequence: &Sequence,
+    frames: &[usize],
+    observer: &mut Observer<'_>,
+) -> Result<Vec<Option<f32>>> {
     let glance = |&i: &usize| Ok((i, Glance::of(&sequence.frame(i)?)));
     let mut differences = vec![None; sequence.num_frames()];
     let mut last: Option<Glance> = None;
-    for batch in frames.chunks(BATCH) {
+    for (k, batch) in frames.chunks(BATCH).enumerate() {
+        Progress::new("looking at the frames", k * BATCH, frames.len()).tell(observer)?;
         for (i, glance) in batch.par_iter().map(glance).collect::<Result<Vec<_>>>()? {
             differences[i] = last.as_ref().and_then(|before| before.difference(&glance));
             last = Some(glance);

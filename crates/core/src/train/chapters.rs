@@ -8,6 +8,7 @@ use super::TrainSettings;
 use crate::{
     Error, Result,
     prepare::Prepared,
+    progress::Observer,
     scene::Chapter,
     sequence::{Sequence, pace, shots},
 };
@@ -30,14 +31,19 @@ impl Plan {
     /// Plans the training of a recording; reads all frames that may be learned from.
     ///
     /// # Errors
-    /// A frame that cannot be read.
-    pub fn of(sequence: &Sequence, prepared: Option<&Prepared>, settings: &TrainSettings) -> Result<Self> {
+    /// A frame that cannot be read, or the observer's wish to stop.
+    pub fn of(
+        sequence: &Sequence,
+        prepared: Option<&Prepared>,
+        settings: &TrainSettings,
+        observer: &mut Observer<'_>,
+    ) -> Result<Self> {
         if settings.chapter_frames == 0 {
-            return Self::whole(sequence, prepared, settings);
+            return Self::whole(sequence, prepared, settings, observer);
         }
         let n = sequence.num_frames();
         let frames = seen_frames(sequence, prepared, settings);
-        let differences = pace::differences(sequence, &frames)?;
+        let differences = pace::differences(sequence, &frames, observer)?;
         let times =
             if settings.finds_repeats { pace::frame_times(&differences, &frames) } else { Vec::new() };
         let mut ends = shots::cuts_of(&differences);
@@ -64,12 +70,13 @@ impl Plan {
         sequence: &Sequence,
         prepared: Option<&Prepared>,
         settings: &TrainSettings,
+        observer: &mut Observer<'_>,
     ) -> Result<Self> {
         if !settings.finds_repeats {
             return Ok(Self::default());
         }
         let frames = seen_frames(sequence, prepared, settings);
-        let differences = pace::differences(sequence, &frames)?;
+        let differences = pace::differences(sequence, &frames, observer)?;
         Ok(Self { times: pace::frame_times(&differences, &frames), chapters: Vec::new() })
     }
 }

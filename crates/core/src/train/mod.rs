@@ -45,6 +45,7 @@ use crate::{
     files, metrics,
     poses::Verdict,
     prepare::{Origin, Prepared},
+    progress::unobserved,
     raster::{Images, project::Sampling, render_deformed},
     scene::{Chapter, Chapters, Provenance, Scene},
     sequence::{Identity, Sequence},
@@ -97,7 +98,7 @@ impl Trainer {
     /// (then `sequence` is `prepared.sequence`).
     pub fn new(sequence: &Sequence, prepared: Option<&Prepared>, settings: TrainSettings) -> Result<Self> {
         let identity = identity(sequence, prepared)?;
-        let plan = Plan::whole(sequence, prepared, &settings)?;
+        let plan = Plan::whole(sequence, prepared, &settings, &mut unobserved)?;
         Self::with_times(sequence, prepared, settings, identity, plan.times)
     }
 
