@@ -170,8 +170,8 @@ mod tests {
         assert_eq!(
             verbs,
             [
-                "view", "demo", "check", "prepare", "train", "render", "query", "export", "eval", "batch",
-                "bench", "convert"
+                "view", "demo", "check", "prepare", "train", "join", "render", "query", "export", "eval",
+                "batch", "bench", "convert"
             ]
         );
     }

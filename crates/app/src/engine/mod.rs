@@ -137,9 +137,16 @@ pub struct Engine {
     /// Graph of the scene's Gaussians, which marks spread over; made for the first marks.
     graph: Option<Arc<Graph>>,
     /// Chapter of a long scene that was turned from last, with its marks.
-    turned_from: Option<(Arc<Scene>, Option<marked::Marked>, Option<Arc<Graph>>)>,
+    turned_from: Option<TurnedFrom>,
     /// File that the marks were read from.
     marks_file: Option<PathBuf>,
+}
+
+/// A chapter that was turned from, with its marks.
+struct TurnedFrom {
+    scene: Arc<Scene>,
+    marked: Option<marked::Marked>,
+    graph: Option<Arc<Graph>>,
 }
 
 /// The images of a view, with or without features.
@@ -218,18 +225,17 @@ impl Engine {
         if self.scene.is_at(time) {
             return Ok(());
         }
-        if let Some((scene, marked, graph)) = self.turned_from.take_if(|(scene, ..)| scene.is_at(time)) {
-            self.turned_from = Some((
-                std::mem::replace(&mut self.scene, scene),
-                std::mem::replace(&mut self.marked, marked),
-                std::mem::replace(&mut self.graph, graph),
-            ));
+        if let Some(mut other) = self.turned_from.take_if(|other| other.scene.is_at(time)) {
+            std::mem::swap(&mut self.scene, &mut other.scene);
+            std::mem::swap(&mut self.marked, &mut other.marked);
+            std::mem::swap(&mut self.graph, &mut other.graph);
+            self.turned_from = Some(other);
             return Ok(());
         }
         let next = Arc::new(self.scene.at(time)?);
         let marks = self.marked.as_ref().map(marked::Marked::to_carry);
-        let last = std::mem::replace(&mut self.scene, next);
-        self.turned_from = Some((last, self.marked.take(), self.graph.take()));
+        let scene = std::mem::replace(&mut self.scene, next);
+        self.turned_from = Some(TurnedFrom { scene, marked: self.marked.take(), graph: self.graph.take() });
         // Marks belong to the Gaussians that they were carried to.
         marks.map_or(Ok(()), |(marks, handed)| self.carry(marks, handed, None))
     }

@@ -234,6 +234,11 @@ impl<T: Send + 'static, U: Send + 'static> Task<T, U> {
         self.wishes.play_head.store(frame as u32, Ordering::Relaxed);
     }
 
+    #[cfg(test)]
+    pub(crate) fn play_head(&self) -> usize {
+        self.wishes.play_head.load(Ordering::Relaxed) as usize
+    }
+
     pub(crate) fn is_cancelling(&self) -> bool {
         self.stops.load(Ordering::Relaxed) > 0
     }

@@ -119,7 +119,7 @@ impl Counted {
         let strides = if num_frames > LONG { &STRIDES[..] } else { &[1] };
         let mut order = Vec::with_capacity(num_frames);
         for (k, stride) in strides.iter().enumerate() {
-            let is_new = |frame: &usize| strides[..k].iter().all(|coarser| frame % coarser != 0);
+            let is_new = |frame: &usize| strides[..k].iter().all(|coarser| !frame.is_multiple_of(*coarser));
             order.extend((0..num_frames).step_by(*stride).filter(is_new));
         }
         Self { order, prompts: HashMap::new() }

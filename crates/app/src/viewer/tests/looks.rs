@@ -293,4 +293,9 @@ fn a_reconstruction_that_was_stopped_early_says_so_wherever_it_is_seen() {
     assert!(!window.shows(told), "the recorded frame is as it is");
     let window = Window::on(scene());
     assert!(!window.shows("Stopped early"));
+    // A long recording of which the part on the screen is missing.
+    let window = Window::on(Info { learned: 0.4, unlearned: vec![0..3, 8..9], ..scene() });
+    assert!(window.shows("This part is not reconstructed yet") && !window.shows(told));
+    let window = Window::on(Info { learned: 0.4, unlearned: std::iter::once(8..9).collect(), ..scene() });
+    assert!(window.shows(told));
 }

@@ -34,6 +34,24 @@ fn previews_can_be_rarer_or_off() {
 }
 
 #[test]
+fn the_part_under_the_play_head_is_asked_for() {
+    let mut window = training();
+    window.press(Key::End);
+    window.harness.step();
+    let shared = &window.harness.state().shared;
+    let wanted = shared.reconstruction.training.as_ref().unwrap().task.play_head();
+    assert!(wanted > 0 && wanted == shared.playback.frame());
+}
+
+#[test]
+fn a_long_recording_is_announced_as_several_parts() {
+    let recording = Info { num_frames: 800, ..bare() };
+    let mut window = Window::on(recording);
+    window.click("Reconstruct…");
+    window.until_shown("reconstructed in about 9 parts");
+}
+
+#[test]
 fn little_memory_is_said_before_the_system_ends_the_program() {
     let mut window = training();
     assert!(!window.shows("of memory are left"));
