@@ -1,4 +1,5 @@
-//! A folder with a recording, the folder prepared from it, a scene and a chapter of one, for tests that write.
+//! A folder with a recording, the folder prepared from it, a scene and a chapter of one, for tests that
+//! write.
 
 use std::{
     collections::BTreeMap,

@@ -64,7 +64,8 @@ pub(super) fn write(engine: &mut Engine, answers: &mut Answers, folder: &Path, s
     write_tables(folder, &rows, origin)
 }
 
-/// Follows the object over every frame that was asked for. In a scene in chapters it has no place outside of its own.
+/// Follows the object over every frame that was asked for. In a scene in chapters it has no place outside of
+/// its own.
 fn follow<'a>(scene: &Scene, prompt: &'a PromptAnswers, gaussians: &[usize]) -> Vec<Row<'a>> {
     let (mut first, mut last) = (None, None);
     let distance = |a: Option<[f64; 3]>, b: Option<[f64; 3]>| {

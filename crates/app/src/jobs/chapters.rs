@@ -57,8 +57,8 @@ pub fn chapter_path(scene: &Path, index: usize) -> PathBuf {
     scene.with_extension(format!("chapter-{index:04}.safetensors"))
 }
 
-/// Returns the settings of a training of which chapters are done, and lie beside a scene file; `None` if there are
-/// none.
+/// Returns the settings of a training of which chapters are done, and lie beside a scene file; `None` if
+/// there are none.
 pub fn settings_of_chapters(scene: &Path) -> Result<Option<TrainSettings>> {
     let path = chapter_path(scene, 0);
     if !path.exists() {
@@ -76,7 +76,8 @@ pub fn remove_chapters(scene: &Path) -> Result<()> {
     paths.take_while(|path| Scene::is_own_file(path)).try_for_each(|path| remove_file(&path))
 }
 
-/// Reads scenes that were trained on a chapter each, of the same training, as one scene. Gaussians stay in the files.
+/// Reads scenes that were trained on a chapter each, of the same training, as one scene. Gaussians stay in
+/// the files.
 ///
 /// # Errors
 /// A file that is no such scene, or one of another training.
@@ -111,8 +112,9 @@ fn settings(scene: &Scene) -> Option<TrainSettings> {
 }
 
 impl Course<'_> {
-    /// Trains the recording, in chapters if it is long or has several shots, or until the observer asks to stop. Chapters that lie beside
-    /// the scene file and were trained in the same way are not trained again: the result is the same.
+    /// Trains the recording, in chapters if it is long or has several shots, or until the observer asks to stop.
+    /// Chapters that lie beside the scene file and were trained in the same way are not trained again: the result
+    /// is the same.
     pub fn train(
         &self,
         observer: &mut Observer<'_>,

@@ -27,7 +27,7 @@ pub struct Trained {
     pub psnr_db: f64,
     /// Number of steps dropped because their loss or gradient was not finite.
     pub dropped: usize,
-    /// What was found of the scope in each chapter.
+    /// Notes on the scope, of each chapter.
     pub notes: Vec<String>,
 }
 
@@ -41,8 +41,8 @@ pub fn train(
     train_watched(material, settings, backend, observer, &mut |_, _| {})
 }
 
-/// Same as [`train`] of the recording as a whole; `watch` sees the trainer and the report of each step after it, to show how far
-/// the training is.
+/// Same as [`train`] of the recording as a whole; `watch` sees the trainer and the report of each step after
+/// it, to show how far the training is.
 pub fn train_watched(
     material: &Material,
     settings: TrainSettings,

@@ -1,6 +1,6 @@
 //! Motion of the scene: breathing, a fold that is pulled and released, the instrument, the endoscope. All
-//! motion is smooth in time and repeats after [`CYCLE`] frames, so that the clip can be played in a loop, unless it
-//! is asked to wander.
+//! motion is smooth in time and repeats after [`CYCLE`] frames, so that the clip can be played in a loop,
+//! unless it is asked to wander.
 
 use super::noise::{cosine, sine, smoothstep};
 use super::shape::{HINGE_MM, ScenePart};
@@ -15,8 +15,8 @@ const BREATH: f32 = 24.0;
 const GRIP: Vec3 = Vec3::new(10.0, 10.6, 88.6);
 /// Displacement of the pulled fold, in millimetres.
 const PULL: Vec3 = Vec3::new(6.0, -4.5, -4.5);
-/// Number of frames of one turn of each slow motion that goes on without ever coming back to where it was, and the
-/// displacement at its turning points, in millimetres.
+/// Number of frames of one turn of each slow motion that goes on without ever coming back to where it was,
+/// and the displacement at its turning points, in millimetres.
 const WANDERING: [(f32, Vec3); 3] = [
     (173.2, Vec3::new(2.2, 0.6, 0.8)),
     (311.8, Vec3::new(-1.0, 1.8, -1.2)),

@@ -1,5 +1,5 @@
-//! Marks of a scene in chapters: from one chapter to the next, what was marked is handed on as masks of the frame
-//! between them.
+//! Marks of a scene in chapters: from one chapter to the next, what was marked is handed on as masks of the
+//! frame between them.
 
 use super::{Carried, CarrySettings, Graph, Mark, Marks, carried::Pictures};
 use crate::{
@@ -21,8 +21,8 @@ pub struct Handed {
 
 impl Handed {
     /// Returns the marks that count in the chapter that `scene` holds: those on its frames and, of names that are
-    /// marked in other chapters alone, masks of the first or the last frame, wherever the two chapters of a frame are
-    /// not parted by a cut. A scene that is one whole keeps all marks.
+    /// marked in other chapters alone, masks of the first or the last frame, wherever the two chapters of a frame
+    /// are not parted by a cut. A scene that is one whole keeps all marks.
     ///
     /// # Errors
     /// A chapter or a picture that cannot be read.
@@ -66,8 +66,8 @@ impl Handed {
     }
 }
 
-/// Returns the neighbours, by their place among the chapters, that names come from: those on the way to the nearest
-/// chapter where the name is marked.
+/// Returns the neighbours, by their place among the chapters, that names come from: those on the way to the
+/// nearest chapter where the name is marked.
 fn givers(
     all: &Marks,
     chapters: &[Chapter],

@@ -43,8 +43,8 @@ impl Glance {
     }
 }
 
-/// Returns the mean difference of each frame from the one of `frames` before it, in 8-bit levels; `None` for the
-/// first one and for others than `frames`, which are in ascending order. No others are read.
+/// Returns the mean difference of each frame from the one of `frames` before it, in 8-bit levels; `None` for
+/// the first one and for others than `frames`, which are in ascending order. No others are read.
 ///
 /// # Errors
 /// A frame that cannot be read, or the observer's wish to stop.

@@ -83,8 +83,8 @@ pub(super) fn cuts(shots: &[Shot]) -> Vec<usize> {
     (0..shots.len()).filter(|i| sudden[*i] && !is_next_to_another(*i)).collect()
 }
 
-/// Returns the first frames of new shots from the mean differences of frames from the ones that were read before,
-/// in 8-bit levels; `None` for frames that were not read.
+/// Returns the first frames of new shots from the mean differences of frames from the ones that were read
+/// before, in 8-bit levels; `None` for frames that were not read.
 pub(crate) fn cuts_of(differences: &[Option<f32>]) -> Vec<usize> {
     let read: Vec<usize> = (0..differences.len()).filter(|i| differences[*i].is_some()).collect();
     let shot = |i: &usize| Shot { difference: differences[*i], is_tissue: true };

@@ -1,8 +1,8 @@
 //! Chapters: parts of a long recording, each with Gaussians of its own.
 //!
-//! Motion is learned in full up to a certain length, and what one set of Gaussians can show ends, too. A recording is
-//! cut where the shot changes, and if it is long into parts of equal length. Each chapter also learns from a few
-//! frames of its neighbours, so that it knows what goes on at its ends.
+//! Motion is learned in full up to a certain length, and what one set of Gaussians can show ends, too. A
+//! recording is cut where the shot changes, and if it is long into parts of equal length. Each chapter also
+//! learns from a few frames of its neighbours, so that it knows what goes on at its ends.
 
 use super::TrainSettings;
 use crate::{
@@ -87,7 +87,8 @@ fn seen_frames(sequence: &Sequence, prepared: Option<&Prepared>, settings: &Trai
     TrainSettings { eval, ..settings.clone() }.frames(sequence.num_frames())
 }
 
-/// Cuts `n` frames into chapters of at most `longest`, at all of `ends` that leave enough frames between them.
+/// Cuts `n` frames into chapters of at most `longest`, at all of `ends` that leave enough frames between
+/// them.
 fn chapters(n: usize, longest: usize, mut ends: Vec<usize>) -> Vec<Chapter> {
     ends.sort_unstable();
     let mut borders = vec![0];

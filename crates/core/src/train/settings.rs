@@ -55,8 +55,8 @@ impl Quality {
         }
     }
 
-    /// Returns the expected duration of a training on `num_frames` frames of columns × rows, seconds. `pace` is the
-    /// duration of a step of [`Quality::Standard`] per pixel, seconds, if it is known.
+    /// Returns the expected duration of a training on `num_frames` frames of columns × rows, seconds. `pace` is
+    /// the duration of a step of [`Quality::Standard`] per pixel, seconds, if it is known.
     pub fn expected_seconds(self, num_frames: usize, [width, height]: [usize; 2], pace: Option<f64>) -> f64 {
         let chapters = TrainSettings::default().expected_chapters(num_frames);
         let steps = (chapters * self.steps()) as f64;
@@ -406,15 +406,15 @@ impl TrainSettings {
         if self.is_long(num_frames) { self.chapter_frames + 2 * OVERLAP } else { num_frames }
     }
 
-    /// Warning about the loss on a recording of `num_frames` frames. `None` if it is not too long, if it is learned
-    /// in chapters, or if the number of basis functions was chosen.
+    /// Warning about the loss on a recording of `num_frames` frames. `None` if it is not too long, if it is
+    /// learned in chapters, or if the number of basis functions was chosen.
     pub fn length_warning(&self, num_frames: usize) -> Option<String> {
         let is_cared_for = self.num_bases > 0 || self.is_long(num_frames);
         if is_cared_for { None } else { length_warning(num_frames) }
     }
 
-    /// Returns `true` if trainings of a chapter with these settings and with `other` come to the same. Which chapter
-    /// that is, and what the recording decides, does not count.
+    /// Returns `true` if trainings of a chapter with these settings and with `other` come to the same. Which
+    /// chapter that is, and what the recording decides, does not count.
     pub fn agrees_with(&self, other: &Self) -> bool {
         let asked = |settings: &Self| Self {
             chapter: None,

@@ -135,7 +135,7 @@ impl<U> TaskContext<U> {
     }
 }
 
-/// What the user wants of a task while it runs.
+/// Wishes of the user while a task runs.
 struct Wishes {
     /// Seconds between two previews; 0 means never.
     preview_every: AtomicU32,

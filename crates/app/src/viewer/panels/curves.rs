@@ -44,8 +44,8 @@ pub(crate) fn paint(
     painter.galley(plate.min, galley, theme::TEXT_WEAK);
 }
 
-/// Splits a curve into lines over known frames that follow each other, or are near enough while it is counted; a
-/// single frame becomes a short line.
+/// Splits a curve into lines over known frames that follow each other, or are near enough while it is
+/// counted; a single frame becomes a short line.
 fn known_parts(curve: &Curve, x: &dyn Fn(usize) -> f32, y: &impl Fn(f32) -> f32) -> Vec<Vec<Pos2>> {
     let mut parts: Vec<Vec<Pos2>> = Vec::new();
     let (reach, mut last) = (curve.reach(), None);

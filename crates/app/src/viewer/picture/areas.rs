@@ -216,8 +216,8 @@ pub(crate) struct Curve {
 }
 
 impl Curve {
-    /// Returns the largest distance of two known frames that a line is drawn between: that of the frames which are
-    /// counted first, until all are known.
+    /// Returns the largest distance of two known frames that a line is drawn between: that of the frames which
+    /// are counted first, until all are known.
     pub(crate) fn reach(&self) -> usize {
         if self.points.len() > LONG && !self.is_complete() { COARSEST } else { 1 }
     }

@@ -1,5 +1,5 @@
-//! The file of a scene in chapters: a safetensors file whose tensors are scene files. `chapter.K` holds the Gaussians
-//! and the motion of a chapter, `index` everything else. A list of the chapters is in the metadata.
+//! The file of a scene in chapters: a safetensors file whose tensors are scene files. `chapter.K` holds the
+//! Gaussians and the motion of a chapter, `index` everything else. A list of the chapters is in the metadata.
 
 use super::{MOST_HEADER, from_bytes, memory_bytes, to_bytes};
 use crate::{
