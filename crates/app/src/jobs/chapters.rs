@@ -82,28 +82,31 @@ pub fn remove_chapters(scene: &Path) -> Result<()> {
 /// # Errors
 /// A file that is no such scene, or one of another training.
 pub fn join(paths: &[PathBuf]) -> Result<Scene> {
-    let mut parts = Vec::new();
+    // One at a time is in memory, so that they are read once more in their order.
+    let mut ordered = Vec::new();
     for path in paths {
-        parts.push((path, Scene::load_chapter(path)?));
+        ordered.push((Scene::load_chapter(path)?.chapters.current().map(|chapter| chapter.index), path));
     }
-    parts.sort_by_key(|(_, part)| part.chapters.current().map(|chapter| chapter.index));
-    let first = parts.first().map(|(_, part)| (settings(part), part.provenance.identity.clone()));
+    ordered.sort_unstable();
     let mut scene: Option<Scene> = None;
-    for (path, part) in parts {
-        let agrees = first.as_ref().is_some_and(|(settings_of_first, identity)| {
-            let agree =
-                settings(&part).zip(settings_of_first.as_ref()).is_some_and(|(a, b)| a.agrees_with(b));
-            agree && part.provenance.identity == *identity
-        });
-        let count = part.chapters.current().map(|chapter| chapter.count);
-        let earlier = scene.as_ref().and_then(|scene| scene.chapters.iter().next().map(|first| first.count));
-        if !agrees || earlier.is_some_and(|earlier| Some(earlier) != count) {
+    for (_, path) in ordered {
+        let part = Scene::load_chapter(path)?;
+        if scene.as_ref().is_some_and(|scene| !are_of_one_training(scene, &part)) {
             let what = "this chapter is of another training than the first one";
             return Err(Error::input_at(path, what, "Join chapters of one recording and equal settings."));
         }
         scene = Some(Scene::joined(scene, part));
     }
     scene.ok_or_else(|| Error::input("there is no chapter to join", "Give scenes of chapters."))
+}
+
+/// Returns `true` if two scenes of chapters come from one plan, one recording with its features, and equal
+/// settings.
+fn are_of_one_training(a: &Scene, b: &Scene) -> bool {
+    let count = |scene: &Scene| scene.chapters.iter().next().map(|chapter| chapter.count);
+    let settings_agree = settings(a).zip(settings(b)).is_some_and(|(a, b)| a.agrees_with(&b));
+    let (of_a, of_b) = (&a.provenance.identity, &b.provenance.identity);
+    settings_agree && count(a) == count(b) && of_a == of_b && a.codec == b.codec
 }
 
 /// Settings that a scene was trained with.
@@ -239,6 +242,7 @@ impl Course<'_> {
         };
         let is_same = settings(&part).is_some_and(|s| s.agrees_with(&self.settings))
             && part.chapters.current() == Some(chapter)
+            && part.codec.as_ref() == self.material.prepared().map(|prepared| &prepared.codec)
             && part.provenance.identity.as_ref() == Some(&self.material.sequence().identity()?);
         if is_same || self.replaces {
             return Ok(is_same.then_some(part));
