@@ -7,12 +7,13 @@ use std::{
     path::Path,
 };
 use surgtpgs_core::{
+    Result,
     codec::{Codec, CodecSettings},
     marks::{Canvas, Evidence, Marks},
     progress::unobserved,
     raster::{CpuRenderer, Renderer},
     relevancy::{Query, Relevancy, RelevancySettings, Rivals, best},
-    scene::Scene,
+    scene::{Chapter, Scene},
     sequence::Class,
     stress,
 };
@@ -56,6 +57,8 @@ fn marks_seeds() -> Vec<Vec<u8>> {
     texts.map(|text| text.as_bytes().to_vec()).into()
 }
 
+/// Number of chapters that are looked at.
+const MOST_CHAPTERS: usize = 3;
 /// Largest scene that is rendered, in pixels times Gaussians. Of larger ones it is enough that they load.
 const SMALL: usize = 100_000;
 
@@ -65,6 +68,10 @@ pub(crate) fn load(name: &str, bytes: &[u8]) {
     assert!(std::fs::write(&path, bytes).is_ok());
     if let Some(scene) = expect_words(Scene::load(&path)) {
         look_at(&scene);
+        // Each chapter is another file.
+        for chapter in scene.chapters.iter().take(MOST_CHAPTERS) {
+            expect_words(scene.of_chapter(chapter.index)).iter().for_each(look_at);
+        }
     }
 }
 
@@ -109,10 +116,25 @@ fn scene(n: usize) -> Scene {
 
 fn scenes() -> Vec<Vec<u8>> {
     let scene = scene(5);
-    [scene.to_bytes(), scene.to_quantized_bytes(), stress::ordinary(1).to_bytes()]
+    [scene.to_bytes(), scene.to_quantized_bytes(), stress::ordinary(1).to_bytes(), in_chapters(scene)]
         .into_iter()
         .flatten()
         .collect()
+}
+
+/// Returns the bytes of a scene in two chapters.
+fn in_chapters(mut scene: Scene) -> Result<Vec<u8>> {
+    scene.cameras = vec![scene.cameras[0]; 3];
+    let part = |index: usize| {
+        let shown = 2 * index..index + 2;
+        let chapter = Chapter { index, count: 2, shown: shown.clone(), learned: shown };
+        let mut part = scene.clone();
+        part.provenance.settings = serde_json::json!({ "chapter": chapter });
+        part.as_chapter()
+    };
+    let joined = Scene::joined(Some(Scene::joined(None, part(0))), part(1));
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    joined.write(&mut bytes, false).map(|()| bytes.into_inner())
 }
 
 /// Returns the bytes of a quantised scene.

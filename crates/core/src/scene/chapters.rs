@@ -259,7 +259,8 @@ impl Scene {
     /// Makes a scene of one chapter a scene that shows nothing else.
     #[must_use]
     pub fn as_chapter(mut self) -> Self {
-        let fits = |chapter: &Chapter| chapter.shown.end <= self.num_frames();
+        let n = self.num_frames();
+        let fits = |chapter: &Chapter| !chapter.shown.is_empty() && chapter.shown.end <= n;
         if let Some(chapter) = self.own_chapter().filter(fits) {
             let source = Source::Memory(Arc::new((self.gaussians.clone(), self.deformation.clone())));
             let place = Place { chapter, steps: self.provenance.steps, source };

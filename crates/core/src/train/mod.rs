@@ -392,8 +392,7 @@ impl Trainer {
     /// Mean PSNR in dB inside the supervision mask over the held-out frames, or over a few frames if none
     /// is held out.
     pub fn psnr_db(&mut self) -> Result<f64> {
-        let shown = self.settings.chapter.as_ref().map(|chapter| chapter.shown.clone());
-        let shown: Vec<usize> = shown.unwrap_or(0..self.sequence.num_frames()).collect();
+        let shown: Vec<usize> = self.settings.shown(self.sequence.num_frames()).collect();
         let held_out: Vec<usize> =
             shown.iter().copied().filter(|i| self.settings.eval && Sequence::is_test_frame(*i)).collect();
         let frames = if held_out.is_empty() { spread(&shown, PSNR_FRAMES) } else { held_out };

@@ -370,7 +370,12 @@ impl TrainSettings {
 
     /// Frames that are learned from, whether they may be seen or not.
     pub(super) fn window(&self, num_frames: usize) -> Range<usize> {
-        self.chapter.as_ref().map_or(0..num_frames, |chapter| chapter.learned.clone())
+        self.chapter.as_ref().map_or(0..num_frames, |chapter| within(&chapter.learned, num_frames))
+    }
+
+    /// Frames that what is learned is shown on.
+    pub(super) fn shown(&self, num_frames: usize) -> Range<usize> {
+        self.chapter.as_ref().map_or(0..num_frames, |chapter| within(&chapter.shown, num_frames))
     }
 
     /// Frames of a recording of `num_frames` that are learned from.
@@ -517,6 +522,11 @@ impl TrainSettings {
             ..Self::default()
         }
     }
+}
+
+/// A range of frames without those beyond `num_frames`.
+fn within(frames: &Range<usize>, num_frames: usize) -> Range<usize> {
+    frames.start.min(num_frames)..frames.end.min(num_frames)
 }
 
 #[cfg(test)]
