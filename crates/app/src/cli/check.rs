@@ -7,16 +7,12 @@ use super::{
     verb::{Exit, Run},
 };
 use crate::{
-    jobs::Material,
+    jobs::{self, Material},
     memory::{LATENT_DIM, Work, require_for},
 };
 use clap::Args;
 use std::path::PathBuf;
-use surgtpgs_core::{
-    Result,
-    sequence::{self, CheckReport},
-    train::Quality,
-};
+use surgtpgs_core::{Result, sequence::CheckReport, train::Quality};
 
 /// Report what a recording holds and what would make training go wrong
 #[derive(Debug, Args)]
@@ -37,7 +33,7 @@ impl Run for CheckArgs {
             Ok(material) => {
                 require_for(&Work::Reading(material.sequence()))?;
                 let mut view = ProgressView::default();
-                sequence::check(material.sequence(), &mut |p| view.show(p))?
+                jobs::check(material.sequence(), &mut |p| view.show(p))?
             }
             Err(error) if self.json => unreadable(remedy::message(&error)),
             Err(error) => return Err(error),

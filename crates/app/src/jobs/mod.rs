@@ -4,6 +4,7 @@
 
 pub mod backend;
 mod chapters;
+mod check;
 mod demo;
 mod export;
 mod material;
@@ -13,6 +14,7 @@ mod train;
 mod vanishing_tests;
 
 pub use chapters::{Course, Watched, chapter_path, join, remove_chapters, settings_of_chapters};
+pub use check::check;
 pub use demo::{DemoOptions, DemoPaths, build_demo, record_demo};
 pub use export::{ExportQuestion, ExportRequest, export};
 pub use material::Material;

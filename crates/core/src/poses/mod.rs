@@ -19,7 +19,7 @@ use crate::{
     grid::{Grid, Mask},
     num::median,
     progress::{Observer, Progress},
-    sequence::Sequence,
+    sequence::{CameraSource, Sequence},
 };
 use adjust::{Comparison, Landmark, Sight};
 use build::Builder;
@@ -105,6 +105,12 @@ impl ScopePath {
         (seen.len() >= NEAREST_POINTS)
             .then(|| surface::through(&seen, camera.width as usize, camera.height as usize))
     }
+}
+
+/// Returns `true` if nothing is known of where a recording's camera was, so that its path may be estimated.
+pub fn are_wanted(sequence: &Sequence) -> bool {
+    let is_known = sequence.camera_source() == CameraSource::Given || sequence.camera_moves();
+    !is_known && !sequence.has_depth()
 }
 
 /// Frames to be used and their times.

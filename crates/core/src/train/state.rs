@@ -17,7 +17,7 @@ use crate::{
     prepare::Prepared,
     progress::unobserved,
     raster::NEAR,
-    sequence::{CameraSource, Sequence},
+    sequence::Sequence,
 };
 use glam::Affine3A;
 use rand::{Rng, SeedableRng};
@@ -165,10 +165,9 @@ pub(super) fn spread(frames: &[usize], count: usize) -> Vec<usize> {
 
 /// Estimates the path of a camera that is not known; it has no poses if it is known or stands still.
 fn path(sequence: &Sequence, times: &[f32], settings: &TrainSettings) -> Result<ScopePath> {
-    let is_known = sequence.camera_source() == CameraSource::Given || sequence.camera_moves();
     let frames = settings.frames(sequence.num_frames());
     let is_long = frames.len() > MOST_POSED_FRAMES;
-    if !settings.finds_path || is_known || sequence.has_depth() || is_long {
+    if !settings.finds_path || !poses::are_wanted(sequence) || is_long {
         return Ok(ScopePath::default());
     }
     let own: Vec<f32> = (0..sequence.num_frames()).map(|i| sequence.time(i)).collect();

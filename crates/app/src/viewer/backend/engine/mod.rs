@@ -28,7 +28,7 @@ use surgtpgs_core::{
     files::{Inputs, claim_collection},
     relevancy::RelevancySettings,
     scene::Scene,
-    sequence::{self, Sequence},
+    sequence::Sequence,
     train::Quality,
 };
 
@@ -55,7 +55,7 @@ impl Backend for EngineBackend {
     fn check(&self, path: &Path, task: &TaskContext) -> Result<Checked> {
         let material = Material::open(path)?;
         let sequence = material.sequence();
-        let report = sequence::check(sequence, &mut |p| task.follow(p))?;
+        let report = jobs::check(sequence, &mut |p| task.follow(p))?;
         Ok(Checked { report, can_flip: sequence.has_mask_files() })
     }
 

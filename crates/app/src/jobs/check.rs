@@ -1,0 +1,78 @@
+//! The check of a recording before anything is made of it.
+
+use surgtpgs_core::{
+    Error, Result,
+    poses::{self, Timeline, Verdict},
+    progress::Observer,
+    sequence::{self, CheckReport, Sequence},
+};
+
+/// Number of frames that a scope's motion is judged by at most; a frame takes some 50 ms.
+const LOOKED_AT: usize = 96;
+/// Depth that points are taken to have; the judgement does not depend on it.
+const ANY_DEPTH: f32 = 100.0;
+
+/// Checks a recording, and judges if its scope moves where nothing is known of that.
+///
+/// # Errors
+/// The observer's wish to stop; wrong files become entries of the report.
+pub fn check(sequence: &Sequence, observer: &mut Observer<'_>) -> Result<CheckReport> {
+    let mut report = sequence::check(sequence, observer)?;
+    if report.ok && poses::are_wanted(sequence) {
+        report.warnings.extend(scope(sequence, &report, observer)?);
+    }
+    Ok(report)
+}
+
+/// Says if the scope moves in the first shot, or that it cannot be told; `None` if it stands still.
+fn scope(sequence: &Sequence, report: &CheckReport, observer: &mut Observer<'_>) -> Result<Option<String>> {
+    let end = report.cuts.first().copied().unwrap_or(report.frames).min(LOOKED_AT);
+    let frames: Vec<usize> = (0..end).collect();
+    let times: Vec<f32> = (0..report.frames).map(|i| sequence.time(i)).collect();
+    let timeline = Timeline { frames: &frames, times: &times };
+    let verdict = match poses::estimate(sequence, timeline, ANY_DEPTH, observer) {
+        Ok(path) => path.verdict,
+        Err(Error::Cancelled) => return Err(Error::Cancelled),
+        // A frame that cannot be read is told by the check itself.
+        Err(_) => return Ok(None),
+    };
+    let last = end.saturating_sub(1);
+    Ok(match verdict {
+        Verdict::Moves => Some(format!(
+            "The scope moves, as far as frames 0 to {last} tell. Its path will be estimated from the pictures"
+        )),
+        other => other.note().map(|note| format!("{note} (judged by frames 0 to {last})")),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surgtpgs_core::{
+        demo::{self, DemoSettings},
+        progress::unobserved,
+    };
+
+    /// Checks the pictures of a rigid demo, without its poses and depth.
+    fn warnings(moving_camera: bool) -> Vec<String> {
+        let folder = tempfile::tempdir().unwrap();
+        let settings = DemoSettings { frames: 24, moving_camera, rigid: true, ..DemoSettings::default() };
+        demo::write(&settings, &folder.path().join("all"), &mut unobserved).unwrap();
+        let images = folder.path().join("recording");
+        std::fs::rename(folder.path().join("all/images"), &images).unwrap();
+        let report = check(&Sequence::open(&images).unwrap(), &mut unobserved).unwrap();
+        assert!(report.ok, "{:?}", report.errors);
+        report.warnings
+    }
+
+    #[test]
+    fn a_scope_that_moves_is_told_and_one_that_stands_still_is_not() {
+        let moving = warnings(true);
+        assert!(
+            moving.iter().any(|w| w.starts_with("The scope moves, as far as frames 0 to 23")),
+            "{moving:?}"
+        );
+        let still = warnings(false);
+        assert!(!still.iter().any(|w| w.contains("scope")), "{still:?}");
+    }
+}
