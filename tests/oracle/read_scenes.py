@@ -216,7 +216,7 @@ def check_chapters(path, ply):
     last = Scene(path, len(shown) - 1)
     check([i for frames in shown for i in frames] == list(range(len(last.cameras))), "every frame is shown once")
     check_ply(last, ply, last.times[-1])
-    must_fail(check_ply, Scene(path, 0), ply, last.times[-1])
+    must_fail(check_ply, last, ply, last.times[0])
     return f"{len(shown)} chapters, of which the last shows the last frame"
 
 
