@@ -52,7 +52,7 @@ impl Run for JoinArgs {
         let report = JoinReport {
             chapters: scene.chapters.iter().len(),
             frames,
-            missing_frames: scene.chapters.gaps(frames).into_iter().map(|gap| gap.len()).sum(),
+            missing_frames: scene.chapters.num_missing(frames),
             bytes: self.output.metadata().map_or(0, |about| about.len()),
         };
         if report.missing_frames > 0 {

@@ -214,7 +214,7 @@ struct Place<'a> {
 impl Place<'_> {
     /// Returns `true` if there is something to go on from.
     fn has_unfinished(&self) -> bool {
-        self.checkpoint.exists() || jobs::chapter_path(self.scene, 0).exists()
+        self.checkpoint.exists() || !jobs::chapters_beside(self.scene).is_empty()
     }
 
     /// Says that work is kept, after an error.
@@ -336,8 +336,7 @@ fn train_chapters(
     drop(view);
     let trained = trained.inspect_err(|_| place.say_kept())?;
     output.write_with(|file| trained.scene.write(file, false))?;
-    let is_whole = trained.scene.provenance.steps >= course.settings.iterations;
-    let mut report = TrainReport::of(&trained, is_whole, backend);
+    let mut report = TrainReport::of(&trained, course.is_whole(&trained), backend);
     report.warnings.extend(trained.notes);
     Ok(report)
 }

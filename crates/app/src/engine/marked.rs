@@ -7,9 +7,8 @@ use surgtpgs_core::{
     deform::deform,
     grid::Grid,
     marks::{Canvas, Carried, CarrySettings, Correction, FrameScores, Graph, Handed, LookHere, Marks},
-    raster::render_deformed,
+    raster::render_frame,
     relevancy::{Points, Query, Relevancy},
-    scene::Scene,
 };
 
 /// Marks, carried to the scene.
@@ -30,12 +29,6 @@ impl Marked {
     pub(super) fn to_carry(&self) -> (Marks, Handed) {
         (self.marks.clone(), self.handed.clone())
     }
-}
-
-/// Renders a frame of a scene in memory.
-fn reconstruction(scene: &Scene, frame: usize) -> image::RgbImage {
-    let deformed = deform(&scene.gaussians, &scene.deformation, scene.time(frame), false);
-    render_deformed(&scene.gaussians, &deformed, &scene.cameras[frame]).to_rgb()
 }
 
 impl Engine {
@@ -75,7 +68,7 @@ impl Engine {
         let scene = self.scene.clone();
         let marks = handed.marks(&scene, &all, &mut |i| match self.original(i)? {
             Some(picture) => Ok(picture),
-            None => Ok(reconstruction(&scene.at(scene.time(i))?, i)),
+            None => Ok(render_frame(&scene.at(scene.time(i))?, i).to_rgb()),
         })?;
         let names = marks.names();
         let earlier_graph = self.graph.take().filter(|g| g.is_of(&self.scene));
@@ -187,7 +180,7 @@ impl Engine {
     fn picture(&self, frame: usize) -> Result<image::RgbImage> {
         match self.original(frame)? {
             Some(picture) => Ok(picture),
-            None => Ok(reconstruction(&self.scene, frame)),
+            None => Ok(render_frame(&self.scene, frame).to_rgb()),
         }
     }
 

@@ -52,18 +52,32 @@ impl Watched<'_> {
     }
 }
 
+/// Part of the name of a file that keeps a chapter, before its number.
+const CHAPTER: &str = "chapter-";
+
 /// Returns the path of the file that keeps a chapter until the scene is whole.
-pub fn chapter_path(scene: &Path, index: usize) -> PathBuf {
-    scene.with_extension(format!("chapter-{index:04}.safetensors"))
+fn chapter_path(scene: &Path, index: usize) -> PathBuf {
+    scene.with_extension(format!("{CHAPTER}{index:04}.safetensors"))
+}
+
+/// Returns the chapters that lie beside a scene file, whichever they are: the window trains in any order.
+pub fn chapters_beside(scene: &Path) -> Vec<PathBuf> {
+    let start = scene.with_extension(CHAPTER);
+    let Some(start) = start.file_name().map(|name| name.to_string_lossy().into_owned()) else {
+        return Vec::new();
+    };
+    let folder = scene.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let names = |path: &PathBuf| path.file_name().is_some_and(|n| n.to_string_lossy().starts_with(&start));
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut paths: Vec<PathBuf> = entries.filter(|path| names(path) && Scene::is_own_file(path)).collect();
+    paths.sort_unstable();
+    paths
 }
 
 /// Returns the settings of a training of which chapters are done, and lie beside a scene file; `None` if
 /// there are none.
 pub fn settings_of_chapters(scene: &Path) -> Result<Option<TrainSettings>> {
-    let path = chapter_path(scene, 0);
-    if !path.exists() {
-        return Ok(None);
-    }
+    let Some(path) = chapters_beside(scene).into_iter().next() else { return Ok(None) };
     let settings = settings(&Scene::load_chapter(&path)?).ok_or_else(|| {
         Error::input_at(&path, "the settings of this chapter cannot be read", "Begin the training anew.")
     })?;
@@ -72,8 +86,7 @@ pub fn settings_of_chapters(scene: &Path) -> Result<Option<TrainSettings>> {
 
 /// Removes the chapters that lie beside a scene file.
 pub fn remove_chapters(scene: &Path) -> Result<()> {
-    let paths = (0..).map(|index| chapter_path(scene, index));
-    paths.take_while(|path| Scene::is_own_file(path)).try_for_each(|path| remove_file(&path))
+    chapters_beside(scene).iter().try_for_each(|path| remove_file(path))
 }
 
 /// Reads scenes that were trained on a chapter each, of the same training, as one scene. Gaussians stay in
@@ -145,10 +158,14 @@ impl Course<'_> {
         go_on(&mut trainer, self.checkpoint, observer, watch)
     }
 
+    /// Returns `true` if all chapters are done.
+    pub fn is_whole(&self, trained: &Trained) -> bool {
+        trained.scene.provenance.steps >= self.settings.iterations
+    }
+
     /// Removes the chapters that lie beside the scene file, once it is whole.
     pub fn clear(&self, trained: &Trained) -> Result<()> {
-        let is_whole = trained.scene.provenance.steps >= self.settings.iterations;
-        if is_whole { remove_chapters(self.scene) } else { Ok(()) }
+        if self.is_whole(trained) { remove_chapters(self.scene) } else { Ok(()) }
     }
 
     fn train_chapters(
@@ -200,7 +217,7 @@ impl Course<'_> {
             }
         }
         let mut whole = whole.ok_or_else(|| Error::input("there is no chapter to train", ""))?;
-        if whole.scene.provenance.steps >= self.settings.iterations {
+        if self.is_whole(&whole) {
             // The order in which chapters were trained leaves no trace.
             let paths: Vec<PathBuf> =
                 plan.chapters.iter().map(|chapter| chapter_path(self.scene, chapter.index)).collect();
@@ -393,11 +410,17 @@ mod tests {
         course.settings.seed = 1;
         let error = course.train(&mut unobserved, &mut |_, _| {}).err().unwrap().to_string();
         assert!(error.contains("in another way"), "{error}");
+        assert_eq!(chapters_beside(&scene).len(), 3);
         // The first chapter was there to be trained, with the other seed.
         let mixed = [paths[0].clone(), paths[1].clone()];
         assert!(join(&mixed).unwrap_err().to_string().contains("another training"));
         course.replaces = true;
         let all = course.train(&mut unobserved, &mut |_, _| {}).unwrap();
         assert_eq!((all.steps, settings(&all.scene).unwrap().seed), (3 * STEPS, 1));
+        // Those of a window that began in the middle are known, too.
+        std::fs::remove_file(&paths[0]).unwrap();
+        assert_eq!(settings_of_chapters(&scene).unwrap().unwrap().seed, 1);
+        remove_chapters(&scene).unwrap();
+        assert!(chapters_beside(&scene).is_empty());
     }
 }

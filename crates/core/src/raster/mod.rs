@@ -20,7 +20,12 @@ pub use pick::{Pick, pick};
 pub use renderer::{CpuRenderer, FrameClock, FramePass, Renderer};
 pub use tile::Packed;
 
-use crate::{camera::Camera, deform::Deformed, gaussian::Gaussians};
+use crate::{
+    camera::Camera,
+    deform::{Deformed, deform},
+    gaussian::Gaussians,
+    scene::Scene,
+};
 
 /// Runs project → bin → raster for Gaussians already at time t; renders features if `deformed` has them.
 pub fn render_deformed(gaussians: &Gaussians, deformed: &Deformed, camera: &Camera) -> Images {
@@ -30,6 +35,12 @@ pub fn render_deformed(gaussians: &Gaussians, deformed: &Deformed, camera: &Came
     let with_features = deformed.features.len() == gaussians.features.len();
     let latent_dim = if with_features { gaussians.latent_dim } else { 0 };
     forward::raster(&Packed::new(&splats, &deformed.features, latent_dim), &bins, width, height)
+}
+
+/// Renders a recorded frame of a scene without features, by the Gaussians that the scene holds.
+pub fn render_frame(scene: &Scene, frame: usize) -> Images {
+    let deformed = deform(&scene.gaussians, &scene.deformation, scene.time(frame), false);
+    render_deformed(&scene.gaussians, &deformed, &scene.cameras[frame])
 }
 
 #[cfg(test)]

@@ -127,6 +127,11 @@ impl Chapters {
         gaps
     }
 
+    /// Returns the number of frames that no chapter shows, of `num_frames`.
+    pub fn num_missing(&self, num_frames: usize) -> usize {
+        self.gaps(num_frames).into_iter().map(|gap| gap.len()).sum()
+    }
+
     /// Adds a chapter, in place of an earlier one of its number.
     fn put(&mut self, place: Place) {
         let found = self.all.binary_search_by_key(&place.chapter.index, |known| known.chapter.index);

@@ -46,7 +46,7 @@ use crate::{
     poses::Verdict,
     prepare::{Origin, Prepared},
     progress::unobserved,
-    raster::{Images, project::Sampling, render_deformed},
+    raster::{Images, project::Sampling, render_deformed, render_frame},
     scene::{Chapter, Chapters, Provenance, Scene},
     sequence::{Identity, Sequence},
 };
@@ -418,8 +418,7 @@ pub fn psnr_db(scene: &Scene, sequence: &Sequence) -> Result<f64> {
         if !now.is_at(time) {
             now = scene.at(time)?;
         }
-        let deformed = deform(&now.gaussians, &now.deformation, time, false);
-        Ok(render_deformed(&now.gaussians, &deformed, &scene.cameras[i]))
+        Ok(render_frame(&now, i))
     })
 }
 

@@ -20,8 +20,8 @@ use std::{
     time::Instant,
 };
 use surgtpgs_core::{
-    Error, Result, deform::deform, demo::DemoSettings, files::Inputs, metrics, raster::render_deformed,
-    scene::Scene, train::TrainSettings,
+    Error, Result, demo::DemoSettings, files::Inputs, metrics, raster::render_frame, scene::Scene,
+    train::TrainSettings,
 };
 
 /// Train on synthetic recordings of several lengths: long.csv, long_psnr.svg, long_seconds.svg
@@ -162,11 +162,7 @@ fn seam_psnr_db(scene: &Scene) -> Result<Option<f64>> {
     let mut values = Vec::new();
     for pair in chapters.windows(2) {
         let frame = pair[1].shown.start;
-        let by = |index: usize| -> Result<_> {
-            let scene = scene.of_chapter(index)?;
-            let deformed = deform(&scene.gaussians, &scene.deformation, scene.time(frame), false);
-            Ok(render_deformed(&scene.gaussians, &deformed, &scene.cameras[frame]).to_rgb())
-        };
+        let by = |index: usize| scene.of_chapter(index).map(|chapter| render_frame(&chapter, frame).to_rgb());
         let keep = Some(&scene.field_of_view);
         values.extend(metrics::psnr_db(&by(pair[0].index)?, &by(pair[1].index)?, keep));
     }

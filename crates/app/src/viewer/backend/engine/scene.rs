@@ -40,7 +40,7 @@ impl SceneSource {
         let count = format!("{} Gaussians", thousands(scene.gaussians.len()));
         let mut notes = vec![(count, "What the reconstruction is made of.".to_owned())];
         let chapters = scene.chapters.iter().len();
-        let missing: usize = scene.chapters.gaps(scene.num_frames()).iter().map(|gap| gap.len()).sum();
+        let missing = scene.chapters.num_missing(scene.num_frames());
         if chapters > 0 {
             let why = "A long recording is reconstructed in parts, each with Gaussians of its own.";
             notes.push((format!("{chapters} parts"), why.to_owned()));
