@@ -137,7 +137,6 @@ impl Course<'_> {
         watch: &mut dyn FnMut(&mut Watched<'_>, &StepReport),
     ) -> Result<Trained> {
         let (sequence, prepared) = (self.material.sequence(), self.material.prepared());
-        require_for(&Work::Training(sequence, &self.settings))?;
         let plan = Plan::of(sequence, prepared, &self.settings, observer)?;
         self.train_planned(&plan, observer, watch)
     }
@@ -149,6 +148,7 @@ impl Course<'_> {
         observer: &mut Observer<'_>,
         watch: &mut dyn FnMut(&mut Watched<'_>, &StepReport),
     ) -> Result<Trained> {
+        require_for(&Work::Training(self.material.sequence(), &self.settings))?;
         if !plan.chapters.is_empty() {
             return self.train_chapters(plan, observer, watch);
         }
@@ -177,9 +177,12 @@ impl Course<'_> {
         let count = plan.chapters.len();
         let mut whole: Option<Trained> = None;
         let mut left: Vec<&Chapter> = plan.chapters.iter().collect();
-        for k in 0..count {
+        // Chapters that are there already take no time, and are no progress.
+        let (mut trained_before, mut kept) = (0, 0);
+        while !left.is_empty() {
             let chapter = left.remove(self.next(&left));
             if let Some(part) = self.kept(chapter)? {
+                kept += 1;
                 whole = Some(Trained::with_chapter(whole, Trained::kept(part)));
                 continue;
             }
@@ -194,8 +197,8 @@ impl Course<'_> {
                 let detail = format!("chapter {} of {count}, {}", chapter.index + 1, p.detail);
                 observer(&Progress {
                     stage: p.stage,
-                    done: k * steps + p.done,
-                    total: count * steps,
+                    done: trained_before * steps + p.done,
+                    total: (count - kept) * steps,
                     detail: &detail,
                 })
             };
@@ -205,6 +208,7 @@ impl Course<'_> {
             };
             let mut trained = go_on(&mut trainer, self.checkpoint, &mut observer, &mut watch)?;
             let is_stopped = trained.steps < steps;
+            trained_before += 1;
             trained.notes.extend(note);
             trained.scene = trained.scene.as_chapter();
             if !is_stopped {

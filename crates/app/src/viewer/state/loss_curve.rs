@@ -23,10 +23,14 @@ impl Default for LossCurve {
 }
 
 impl LossCurve {
-    /// Adds a step. A step whose loss is not finite is left out, because nothing was learned from it.
+    /// Adds a step. A step whose loss is not finite is left out, because nothing was learned from it. One that is not
+    /// after the last begins the next part of a long recording, whose curve is another one.
     pub(crate) fn push(&mut self, step: usize, terms: LossTerms<f32>) {
         if !terms.total().is_finite() {
             return;
+        }
+        if self.points.last().is_some_and(|(last, _)| step <= *last) {
+            *self = Self::default();
         }
         self.open = (self.open.0 + 1, combined(self.open.1, terms, 1.0));
         if self.open.0 < self.every {
@@ -74,6 +78,17 @@ mod tests {
         assert!((mean.colour - (1 + step) as f32 / 2.0).abs() < 1e-3, "{step} {mean:?}");
         assert!((mean.depth - 2.0 * mean.colour).abs() < 1e-3);
         assert!(curve.points.windows(2).all(|p| p[1].0 - p[0].0 == curve.every));
+    }
+
+    #[test]
+    fn every_part_of_a_long_recording_has_a_curve_of_its_own() {
+        let mut curve = LossCurve::default();
+        (1..=1001).for_each(|step| curve.push(step, terms(9.0)));
+        curve.push(1, terms(1.0));
+        curve.push(2, terms(2.0));
+        let points: Vec<(usize, f32)> =
+            curve.points.iter().map(|(step, mean)| (*step, mean.colour)).collect();
+        assert_eq!(points, [(1, 1.0), (2, 2.0)]);
     }
 
     #[test]

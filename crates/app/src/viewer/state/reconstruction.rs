@@ -138,9 +138,8 @@ impl Training {
         let is_preparing = self.is_preparing();
         let progress = &self.task.progress;
         self.whole.follow(progress, is_preparing);
-        let steps = self.quality.steps();
-        if progress.total == steps && progress.done * 10 > steps {
-            self.seconds_per_step = Some(progress.seconds / progress.done as f64 / self.quality.step_cost());
+        if !is_preparing {
+            self.seconds_per_step = pace(progress, self.quality).or(self.seconds_per_step);
         }
     }
 
@@ -168,6 +167,15 @@ impl Training {
     }
 }
 
+/// Returns the duration of a step of [`Quality::Standard`], seconds, once there is a pace. A long recording takes
+/// the steps of the quality for each of its parts.
+fn pace(progress: &Progress, quality: Quality) -> Option<f64> {
+    let steps = quality.steps();
+    let is_training = progress.total > 0 && progress.total.is_multiple_of(steps);
+    let has_pace = is_training && progress.done * 10 > steps;
+    has_pace.then(|| progress.seconds / progress.done as f64 / quality.step_cost())
+}
+
 /// Progress of work in several stages as one.
 #[derive(Default)]
 struct WholeWork {
@@ -186,8 +194,8 @@ impl WholeWork {
     fn of(words: &Words) -> Self {
         let before = match words {
             Words::Nothing => (0.0, 1),
-            Words::Labels => (0.1, 4),
-            Words::Models(_) => (0.6, 6),
+            Words::Labels => (0.1, 5),
+            Words::Models(_) => (0.6, 7),
         };
         Self { before, ..Self::default() }
     }
@@ -213,6 +221,23 @@ impl WholeWork {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_pace_is_known_after_a_tenth_of_the_steps_of_one_part_or_of_several() {
+        let steps = Quality::Standard.steps();
+        let pace = |done, total| {
+            pace(&Progress { done, total, seconds: 8.0, ..Progress::default() }, Quality::Standard)
+        };
+        assert_eq!([pace(steps / 10, steps), pace(800, 800), pace(0, 0)], [None; 3]);
+        assert_eq!([pace(800, steps), pace(800, 9 * steps)], [Some(0.01); 2]);
+    }
+
+    #[test]
+    fn looking_at_a_recording_without_words_is_no_progress_of_its_training() {
+        let mut whole = WholeWork::of(&Words::Nothing);
+        whole.follow(&Progress { done: 9, total: 10, ..Progress::default() }, true);
+        assert_eq!(whole.fraction, 0.0);
+    }
 
     #[test]
     fn stages_make_one_progress_that_never_goes_back() {

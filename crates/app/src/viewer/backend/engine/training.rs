@@ -22,7 +22,7 @@ use surgtpgs_core::{
     scene::Scene,
     segment::{Level, MaskSettings},
     sequence::Sequence,
-    train::{StepReport, TrainSettings},
+    train::{Plan, StepReport, TrainSettings},
 };
 
 /// Number of steps before the first state that is worth showing.
@@ -72,7 +72,9 @@ pub(super) fn reconstruct(request: &TrainRequest, task: &TaskContext<TrainNews>)
         replaces: true,
         look_at: Some(&|| task.play_head()),
     };
-    let trained = course.train(&mut |p| task.follow(p), &mut show)?;
+    let (sequence, prepared) = (material.sequence(), material.prepared());
+    let plan = Plan::of(sequence, prepared, &course.settings, &mut |p| follow_preparing(task, p))?;
+    let trained = course.train_planned(&plan, &mut |p| task.follow(p), &mut show)?;
     if trained.steps == 0 {
         return Err(Error::Cancelled);
     }
