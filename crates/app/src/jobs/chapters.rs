@@ -210,11 +210,15 @@ impl Course<'_> {
             let is_stopped = trained.steps < steps;
             trained_before += 1;
             trained.notes.extend(note);
-            trained.scene = trained.scene.as_chapter();
-            if !is_stopped {
-                trained.scene = self.keep(&trained.scene, chapter)?;
+            trained.scene = if is_stopped {
+                trained.scene.as_chapter()
+            } else {
+                let path = self.keep(trained.scene, chapter)?;
                 self.checkpoint.map_or(Ok(()), remove_file)?;
-            }
+                // Before the chapter is read again there is room for it.
+                drop(trainer);
+                Scene::load_chapter(&path)?
+            };
             whole = Some(Trained::with_chapter(whole, trained));
             if is_stopped {
                 break;
@@ -272,12 +276,12 @@ impl Course<'_> {
         Err(Error::input_at(&path, what, "Remove it, or give the scene another name."))
     }
 
-    /// Writes a chapter beside the scene file; what is returned does not hold its Gaussians in memory.
-    fn keep(&self, part: &Scene, chapter: &Chapter) -> Result<Scene> {
+    /// Writes a chapter beside the scene file, and returns where.
+    fn keep(&self, part: Scene, chapter: &Chapter) -> Result<PathBuf> {
         let path = chapter_path(self.scene, chapter.index);
         let inputs = self.material.inputs(self.material.sequence().path());
         outputs::scene_file(&path, &inputs, self.replaces)?.write_with(|file| part.write(file, false))?;
-        Scene::load_chapter(&path)
+        Ok(path)
     }
 }
 
