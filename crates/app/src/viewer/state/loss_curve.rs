@@ -23,8 +23,8 @@ impl Default for LossCurve {
 }
 
 impl LossCurve {
-    /// Adds a step. A step whose loss is not finite is left out, because nothing was learned from it. One that is not
-    /// after the last begins the next part of a long recording, whose curve is another one.
+    /// Adds a step. A step whose loss is not finite is left out, because nothing was learned from it. One
+    /// that is not after the last begins the next part of a long recording, whose curve is another one.
     pub(crate) fn push(&mut self, step: usize, terms: LossTerms<f32>) {
         if !terms.total().is_finite() {
             return;

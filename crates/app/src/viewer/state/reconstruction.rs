@@ -167,8 +167,8 @@ impl Training {
     }
 }
 
-/// Returns the duration of a step of [`Quality::Standard`], seconds, once there is a pace. A long recording takes
-/// the steps of the quality for each of its parts.
+/// Returns the duration of a step of [`Quality::Standard`], seconds, once there is a pace. A long recording
+/// takes the steps of the quality for each of its parts.
 fn pace(progress: &Progress, quality: Quality) -> Option<f64> {
     let steps = quality.steps();
     let is_training = progress.total > 0 && progress.total.is_multiple_of(steps);
