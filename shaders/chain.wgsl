@@ -10,11 +10,19 @@
 #import shared/dispatch.wgsl
 #import shared/sh.wgsl
 #import shared/rotation.wgsl
+#import shared/sum.wgsl
 
 struct Geometry {
     mean: vec3f,
     rotation: vec4f,
     scale: vec3f,
+    camera: Twist,
+}
+
+// A motion of the camera: turn about its axes, then shift along them.
+struct Twist {
+    turn: vec3f,
+    shift: vec3f,
 }
 
 // Conic = covariance^-1 gives dL/dcovariance = -C G C, and covariance = U U^T + DILATION gives dL/dU = 2
@@ -56,6 +64,23 @@ fn axis_backward(axis: u32, point: vec3f, slope: f32, is_inside: bool, g_centre:
     return out;
 }
 
+// A direction in the world as one in the camera.
+fn to_camera(direction: vec3f) -> vec3f {
+    let rows = view.camera_from_world;
+    return vec3f(dot(rows[0].xyz, direction), dot(rows[1].xyz, direction), dot(rows[2].xyz, direction));
+}
+
+// A turn w of the camera moves the point in it by cross(w, p), and every column of its rotation W by its
+// cross product with w. dL/dW W^T = J^T dL/dJ, given by the rows of dL/dJ; its odd part holds their sum.
+fn turn_backward(point: vec3f, slope: vec2f, g_point: vec3f, g_x: vec3f, g_y: vec3f) -> vec3f {
+    let per_depth = view.focal / point.z;
+    let along_x = per_depth.x * g_x;
+    let along_y = per_depth.y * g_y;
+    let along_z = -slope.x * along_x - slope.y * along_y;
+    let by_rotation = vec3f(along_z.y - along_y.z, along_x.z - along_z.x, along_y.x - along_x.y);
+    return cross(point, g_point) + by_rotation;
+}
+
 fn project_backward(geometry: DeformedRow, g: SplatGradientRow) -> Geometry {
     let rows = view.camera_from_world;
     let mean = vec4f(geometry.mean, 1.0);
@@ -83,12 +108,13 @@ fn project_backward(geometry: DeformedRow, g: SplatGradientRow) -> Geometry {
     out.rotation = rotation_matrix_backward(geometry.rotation, g_matrix);
     let g_jw_x = rotation * g_oriented_x;
     let g_jw_y = rotation * g_oriented_y;
-    let row_x = vec2f(dot(rows[0].xyz, g_jw_x), dot(rows[2].xyz, g_jw_x));
-    let row_y = vec2f(dot(rows[1].xyz, g_jw_y), dot(rows[2].xyz, g_jw_y));
-    let x = axis_backward(0u, point, slope.x, is_inside.x, g.centre.x, row_x);
-    let y = axis_backward(1u, point, slope.y, is_inside.y, g.centre.y, row_y);
+    let g_x = to_camera(g_jw_x);
+    let g_y = to_camera(g_jw_y);
+    let x = axis_backward(0u, point, slope.x, is_inside.x, g.centre.x, g_x.xz);
+    let y = axis_backward(1u, point, slope.y, is_inside.y, g.centre.y, g_y.yz);
     let g_point = vec3f(x.x, y.x, g.depth + x.y + y.y);
     out.mean = rows[0].xyz * g_point.x + rows[1].xyz * g_point.y + rows[2].xyz * g_point.z;
+    out.camera = Twist(turn_backward(point, slope, g_point, g_x, g_y), g_point);
     return out;
 }
 
@@ -123,7 +149,8 @@ fn is_free(scale: vec3f) -> vec3<bool> {
     return (scale < vec3f(MAX_SCALE)) & (scale > vec3f(1.0 / MAX_SCALE));
 }
 
-fn one_backward(n: u32) -> RestRow {
+// Writes the gradients of Gaussian n; returns its part of the camera's.
+fn one_backward(n: u32) -> Twist {
     let geometry = deformed[n];
     let splat = splats[n];
     var g_splat = g_splats[n];
@@ -138,7 +165,8 @@ fn one_backward(n: u32) -> RestRow {
         g_seen = bands_backward(n, geometry.mean, g_colour);
     }
     if !is_visible {
-        return out;
+        g_rest[n] = out;
+        return Twist();
     }
     let g = project_backward(geometry, g_splat);
     out.mean = g.mean + g_seen;
@@ -149,11 +177,24 @@ fn one_backward(n: u32) -> RestRow {
     out.log_scale = select(vec3f(0.0), g.scale * geometry.scale, is_free(geometry.scale));
     out.colour = g_colour * SH_C0;
     out.opacity_logit = g_splat.opacity * splat.opacity * (1.0 - splat.opacity);
-    return out;
+    g_rest[n] = out;
+    // A turn about the camera changes no viewing direction, a shift does.
+    return Twist(g.camera.turn, g.camera.shift + to_camera(g_seen));
 }
 
 fn are_finite(v: vec3f) -> bool {
     return is_finite(v.x) && is_finite(v.y) && is_finite(v.z);
+}
+
+// Notes a gradient that is not finite.
+fn check(n: u32) {
+    let g = g_rest[n];
+    let is_good = are_finite(g.mean) && are_finite(g.rotation.xyz) && is_finite(g.rotation.w)
+        && are_finite(g.log_scale) && are_finite(g.colour) && is_finite(g.opacity_logit)
+        && are_finite(g_splats[n].colour);
+    if !is_good {
+        atomicOr(&status[STATUS_BAD], 1u);
+    }
 }
 
 @compute @workgroup_size(GROUP)
@@ -162,16 +203,17 @@ fn chain(
     @builtin(num_workgroups) num_groups: vec3u,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let n = flat_group(group, num_groups) * GROUP + lane;
-    if n >= view.num_gaussians {
-        return;
+    let block = flat_group(group, num_groups);
+    let n = block * GROUP + lane;
+    var camera = Twist();
+    if n < view.num_gaussians {
+        camera = one_backward(n);
+        check(n);
     }
-    let g = one_backward(n);
-    g_rest[n] = g;
-    let is_good = are_finite(g.mean) && are_finite(g.rotation.xyz) && is_finite(g.rotation.w)
-        && are_finite(g.log_scale) && are_finite(g.colour) && is_finite(g.opacity_logit)
-        && are_finite(g_splats[n].colour);
-    if !is_good {
-        atomicOr(&status[STATUS_BAD], 1u);
+    let turn = workgroup_sum(vec4f(camera.turn, 0.0), lane);
+    let shift = workgroup_sum(vec4f(camera.shift, 0.0), lane);
+    if lane == 0u && block * GROUP < view.num_gaussians {
+        g_cameras[2u * block] = turn;
+        g_cameras[2u * block + 1u] = shift;
     }
 }

@@ -1,6 +1,6 @@
-// Judges a step: sums the loss terms and checks that all gradients were finite and all pairs fitted;
-// twin: the decisions of core::train::CpuBackend::step. One workgroup. Everything stays on the device;
-// the host reads the history now and then.
+// Judges a step: sums the loss terms and the camera's gradient, and checks that all gradients were finite
+// and all pairs fitted; twin: the decisions of core::train::CpuBackend::step. One workgroup. Everything stays
+// on the device; the host reads the history now and then.
 //
 // A step whose pairs did not fit changes nothing, nor do those after it, until the host has made room and
 // repeats them.
@@ -12,7 +12,7 @@
 
 const QUADS: u32 = max((LATENT_DIM + 3u) / 4u, 1u);
 
-fn decide(terms: array<vec4f, 2>) {
+fn decide(terms: array<vec4f, 2>, camera: array<vec4f, 2>) {
     let is_bad = status[STATUS_BAD] != 0u;
     status[STATUS_BAD] = 0u;
     status[STATUS_OK] = 0u;
@@ -26,7 +26,7 @@ fn decide(terms: array<vec4f, 2>) {
     let total = dot(terms[0] + terms[1], vec4f(1.0));
     let is_dropped = is_bad || !is_finite(total);
     let at = status[STATUS_DONE];
-    history[at] = Settled(terms, select(0u, 1u, is_dropped), 0u, vec2u(0u));
+    history[at] = Settled(terms, camera, select(0u, 1u, is_dropped), 0u, vec2u(0u));
     status[STATUS_DONE] = at + 1u;
     if is_dropped {
         return;
@@ -58,7 +58,15 @@ fn settle(@builtin(local_invocation_index) lane: u32) {
         spread += spreads[2u * i];
     }
     terms[REGION_TERM / 4u][REGION_TERM % 4u] = dot(workgroup_sum(spread, lane), vec4f(params.smoothness));
+    var camera = array<vec4f, 2>();
+    for (var half = 0u; half < 2u; half++) {
+        var sum = vec4f(0.0);
+        for (var i = lane; i < params.num_camera_sums; i += GROUP) {
+            sum += g_cameras[2u * i + half];
+        }
+        camera[half] = workgroup_sum(sum, lane);
+    }
     if lane == 0u {
-        decide(terms);
+        decide(terms, camera);
     }
 }

@@ -1,6 +1,6 @@
 //! Pinhole cameras: OpenCV axes (x right, y down, z forward), pixel centres at +0.5.
 
-use glam::{Affine3A, Vec3};
+use glam::{Affine3A, Quat, Vec3};
 
 /// Longest side of an image, in pixels.
 pub const MAX_IMAGE_SIDE: usize = 16384;
@@ -101,6 +101,37 @@ impl Camera {
     /// Returns the position of the camera in the world.
     pub fn position_in_world(&self) -> Vec3 {
         self.camera_from_world.inverse().translation.into()
+    }
+}
+
+/// A small motion of a camera in its own axes, or a gradient with respect to it. A point p in the camera
+/// comes to lie at R(turn) p + shift.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Twist<T> {
+    /// Turn about x, y and z, rad.
+    pub turn: [T; 3],
+    /// Shift along x, y and z, scene units.
+    pub shift: [T; 3],
+}
+
+impl<T: Copy> Twist<T> {
+    /// Turn, then shift.
+    pub fn to_array(self) -> [T; 6] {
+        let ([a, b, c], [x, y, z]) = (self.turn, self.shift);
+        [a, b, c, x, y, z]
+    }
+
+    /// The twist of [`Twist::to_array`].
+    pub fn of([a, b, c, x, y, z]: [T; 6]) -> Self {
+        Self { turn: [a, b, c], shift: [x, y, z] }
+    }
+}
+
+impl Twist<f32> {
+    /// Returns `camera_from_world` of the camera that was moved.
+    pub fn moved(&self, camera_from_world: Affine3A) -> Affine3A {
+        let turn = Quat::from_scaled_axis(Vec3::from_array(self.turn));
+        Affine3A::from_rotation_translation(turn, Vec3::from_array(self.shift)) * camera_from_world
     }
 }
 

@@ -77,6 +77,12 @@ pub fn transform_transposed<T: Real, const R: usize, const C: usize>(
     std::array::from_fn(|j| sum::<T, R>(|i| a[i][j] * v[i]))
 }
 
+/// a × b.
+#[inline]
+pub fn cross<T: Real>(a: Vector<T, 3>, b: Vector<T, 3>) -> Vector<T, 3> {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
 /// A B.
 #[inline]
 pub fn multiply<T: Real, const R: usize, const K: usize, const C: usize>(

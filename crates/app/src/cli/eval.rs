@@ -7,7 +7,7 @@ use super::{
 };
 use crate::{
     engine::{BackendChoice, Engine},
-    evaluation::{Evaluation, as_text, evaluate, evaluate_masks, write_files},
+    evaluation::{Evaluation, Extras, as_text, evaluate, evaluate_masks, write_files},
     jobs::{Material, Observer, Progress},
     memory::{Work, require_for},
     outputs,
@@ -43,6 +43,9 @@ pub(super) struct EvalArgs {
     /// Also measure LPIPS with this model: two float images [1,3,height,width] of -1 to 1 in, one number out
     #[arg(long, value_name = "MODEL.onnx", conflicts_with = "masks")]
     pub(super) lpips: Option<PathBuf>,
+    /// Also measure PSNR with cameras that are fitted to the very frames: what the estimated path costs
+    #[arg(long, conflicts_with = "masks")]
+    fit_cameras: bool,
     /// Device to render on
     #[arg(long, value_enum, default_value_t = BackendChoice::Auto)]
     backend: BackendChoice,
@@ -103,6 +106,11 @@ impl EvalArgs {
         scene.open(&self.relevancy, Some(sequence.to_owned()))
     }
 
+    /// Measures that are taken beside the usual ones.
+    pub(super) fn extras(&self) -> Extras<'_> {
+        Extras { lpips: self.lpips.as_deref(), fits_cameras: self.fit_cameras }
+    }
+
     fn evaluate_scene(
         &self,
         scene: &Path,
@@ -113,7 +121,7 @@ impl EvalArgs {
         self.marks.give_to(&mut engine)?;
         let inputs = engine.inputs(scene).with("the recording", sequence);
         let output = self.claim(&inputs)?;
-        let evaluation = evaluate(&mut engine, self.lpips.as_deref(), observer)?;
+        let evaluation = evaluate(&mut engine, self.extras(), observer)?;
         Ok(Evaluated { evaluation, output, notes: Vec::new() })
     }
 

@@ -49,6 +49,9 @@ pub(super) struct TrainArgs {
     /// Most frames of a chapter; 0 to reconstruct a recording of any length as a whole [default: 96]
     #[arg(long, value_name = "N")]
     chapter_frames: Option<usize>,
+    /// Also correct poses that the recording has; those estimated from its pictures always are
+    #[arg(long)]
+    refine_poses: bool,
     /// Seed of everything random
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -73,12 +76,13 @@ pub(super) struct TrainArgs {
 }
 
 /// Arguments that an unfinished training keeps.
-const FIXED_AT_START: [&str; 9] = [
+const FIXED_AT_START: [&str; 10] = [
     "eval",
     "quality",
     "iterations",
     "gaussians",
     "chapter_frames",
+    "refine_poses",
     "seed",
     "profile",
     "fast_features",
@@ -125,6 +129,7 @@ impl TrainArgs {
             settings.densify.max_gaussians = gaussians as usize;
         }
         settings.chapter_frames = self.chapter_frames.unwrap_or(settings.chapter_frames);
+        settings.refines_poses = self.refine_poses;
         settings.seed = self.seed;
         settings.eval = self.eval;
         if self.fast_features {

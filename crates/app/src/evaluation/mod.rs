@@ -12,7 +12,7 @@ pub(crate) use files::{write, write_files};
 pub(crate) use report::{EvalReport, Iou, as_text};
 
 use crate::{
-    engine::Engine,
+    engine::{Engine, SceneView},
     jobs::{Observer, Progress},
 };
 use image::RgbImage;
@@ -31,6 +31,7 @@ use surgtpgs_core::{
     },
     raster::{Images, MIN_DEPTH_ALPHA},
     sequence::Sequence,
+    train::fit_camera,
 };
 use times::Times;
 
@@ -43,6 +44,8 @@ pub(crate) struct FrameRow {
     pub(crate) frame: usize,
     psnr_db: Option<f64>,
     pub(crate) psnr_masked_db: Option<f64>,
+    /// PSNR inside the masks from where the scene looks most like the frame.
+    fitted_camera_psnr_db: Option<f64>,
     psnr_per_channel_db: Option<f64>,
     /// PSNR inside the masks of what the frames around tell: their blend, and the same moved by their flow.
     blend_psnr_db: Option<f64>,
@@ -77,18 +80,26 @@ impl Evaluation {
     }
 }
 
+/// Measures that are taken if asked for.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Extras<'a> {
+    /// Model of LPIPS.
+    pub(crate) lpips: Option<&'a Path>,
+    /// `true` to measure PSNR from where the scene looks most like each frame, too.
+    pub(crate) fits_cameras: bool,
+}
+
 /// Evaluates the engine's scene on its recording: the held-out frames, or all if none was held out. With
-/// marks it is every frame without one. With a model of LPIPS, LPIPS is measured, too. Without labels, or
-/// features or marks, there are no masks to measure.
+/// marks it is every frame without one. Without labels, or features or marks, there are no masks to measure.
 ///
 /// # Errors
 /// No recording, frames that cannot be read, or [`Error::Cancelled`].
 pub(crate) fn evaluate(
     engine: &mut Engine,
-    lpips: Option<&Path>,
+    extras: Extras<'_>,
     observer: &mut Observer<'_>,
 ) -> Result<Evaluation> {
-    let mut lpips = lpips.map(Lpips::open).transpose()?;
+    let mut lpips = extras.lpips.map(Lpips::open).transpose()?;
     let sequence = engine
         .sequence()
         .cloned()
@@ -104,11 +115,18 @@ pub(crate) fn evaluate(
         let at = engine.view(frame)?;
         let images = times.render(engine, &at)?;
         let neighbours = Neighbours::of(frame, sequence.num_frames(), held_out);
-        rows.push(row(&images, &sequence, neighbours, lpips.as_mut())?);
+        let mut measured = row(&images, &sequence, neighbours, lpips.as_mut())?;
         let started = Instant::now();
         let scores = engine.scores(&images, &at)?;
         times.scored(started, scores.len());
         let limit = engine.settings().threshold;
+        if extras.fits_cameras {
+            let camera = fit_camera(engine.scene(), &sequence, frame)?;
+            let picture = engine.render(&SceneView { camera, ..at }, false)?.to_rgb();
+            measured.fitted_camera_psnr_db =
+                psnr_db(&picture, &sequence.frame(frame)?, Some(&sequence.mask(frame)?));
+        }
+        rows.push(measured);
         classes.add_scores(&scores, |s| threshold(s, limit), &sequence, frame)?;
         if let Some(from) = neighbours.nearest() {
             classes.add_copy(&sequence, frame, from)?;
@@ -223,6 +241,7 @@ fn row(
         frame,
         psnr_db: psnr_db(&picture, &truth, None),
         psnr_masked_db: inside(&picture),
+        fitted_camera_psnr_db: None,
         psnr_per_channel_db: psnr_per_channel_db(&picture, &truth, None),
         blend_psnr_db: guess.as_ref().and_then(|g| inside(&g.blend)),
         flow_psnr_db: guess.as_ref().and_then(|g| inside(&g.moved)),

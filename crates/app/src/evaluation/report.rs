@@ -10,6 +10,9 @@ pub(crate) struct EvalReport {
     pub(crate) psnr_db: Option<f64>,
     /// PSNR inside the supervision mask.
     pub(crate) psnr_masked_db: Option<f64>,
+    /// PSNR inside the masks with cameras that were fitted to the very frames; `None` if not asked for. Not to be
+    /// compared with figures of frames that nothing was read of.
+    pub(crate) fitted_camera_psnr_db: Option<f64>,
     /// PSNR as the paper's code has it: each channel by itself, then the mean.
     pub(crate) psnr_per_channel_db: Option<f64>,
     /// PSNR inside the masks of the blend of the frames around, which training may see; a baseline.
@@ -115,6 +118,7 @@ impl EvalReport {
         Self {
             psnr_db: mean_of(|r| r.psnr_db),
             psnr_masked_db: mean_of(|r| r.psnr_masked_db),
+            fitted_camera_psnr_db: mean_of(|r| r.fitted_camera_psnr_db),
             psnr_per_channel_db: mean_of(|r| r.psnr_per_channel_db),
             blend_psnr_db: mean_of(|r| r.blend_psnr_db),
             flow_psnr_db: mean_of(|r| r.flow_psnr_db),
@@ -186,6 +190,12 @@ pub(crate) fn as_text(report: &EvalReport) -> String {
         ),
         None => format!("masks of {} frames\n", report.frames),
     };
+    if report.fitted_camera_psnr_db.is_some() {
+        text += &format!(
+            "fitted      PSNR {} inside the masks, with cameras fitted to these frames\n",
+            value(report.fitted_camera_psnr_db, " dB")
+        );
+    }
     if report.lpips.is_some() {
         text += &format!("LPIPS       {}\n", value(report.lpips, ""));
     }

@@ -247,6 +247,11 @@ pub fn deform_by(
 }
 
 impl Deformed {
+    /// Returns centre, rotation and scale of Gaussian `i`.
+    pub fn geometry(&self, i: usize) -> Geometry<f32> {
+        Geometry { mean: self.means[i], rotation: self.rotations[i], scale: self.scales[i] }
+    }
+
     /// Makes room for `n` Gaussians; the contents have no meaning.
     fn resize(&mut self, n: usize) {
         self.means.resize(n, [0.0; 3]);

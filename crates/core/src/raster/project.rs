@@ -3,12 +3,12 @@
 
 use super::{DILATION, FRUSTUM_GUARD, MIN_ALPHA, MIN_EXTENT, NEAR, sh};
 use crate::{
-    camera::Camera,
+    camera::{Camera, Twist},
     deform::{Deformed, Geometry},
     gaussian::{Gaussians, MAX_SH_BANDS, SH_C0},
     real::{
-        Matrix, Real, Vector, dot, multiply, rotation_matrix, rotation_matrix_backward, sum, transform,
-        transform_transposed,
+        Matrix, Real, Vector, cross, dot, multiply, rotation_matrix, rotation_matrix_backward, sum,
+        transform, transform_transposed, transpose,
     },
 };
 
@@ -42,6 +42,23 @@ impl<T: Real> CameraView<T> {
             centre: [T::from_f32(camera.cx), T::from_f32(camera.cy)],
             guard: [guard(camera.width, camera.fx, camera.cx), guard(camera.height, camera.fy, camera.cy)],
         }
+    }
+
+    /// The view after a small motion; exact to first order.
+    #[cfg(test)]
+    pub(crate) fn moved(&self, motion: &Twist<T>) -> Self {
+        let [x, y, z] = motion.turn.map(|angle| angle * T::of(0.5));
+        let turn = rotation_matrix(crate::real::unit_quaternion([T::one(), x, y, z]).0);
+        let mut view = Self { rotation: multiply(&turn, &self.rotation), ..*self };
+        view.translation = transform(&turn, self.translation);
+        view.translation.iter_mut().zip(motion.shift).for_each(|(at, by)| *at += by);
+        view.position = transform_transposed(&view.rotation, view.translation.map(|v| -v));
+        view
+    }
+
+    /// Returns a direction in the world as one in the camera.
+    pub fn to_camera(&self, direction: Vector<T, 3>) -> Vector<T, 3> {
+        transform(&self.rotation, direction)
     }
 }
 
@@ -152,6 +169,7 @@ struct Footprint<T> {
     point: Vector<T, 3>,
     /// x/z and y/z, clamped to the guard, each with `true` if it was inside.
     slope: [(T, bool); 2],
+    jacobian: Matrix<T, 2, 3>,
     jacobian_world: Matrix<T, 2, 3>,
     oriented: Matrix<T, 2, 3>,
     root: Matrix<T, 2, 3>,
@@ -178,7 +196,7 @@ impl<T: Real> Footprint<T> {
         let jacobian_world = multiply(&jacobian, &view.rotation);
         let oriented = multiply(&jacobian_world, &rotation_matrix(geometry.rotation));
         let root = oriented.map(|row| std::array::from_fn(|j| row[j] * geometry.scale[j]));
-        Some(Self { point, slope, jacobian_world, oriented, root })
+        Some(Self { point, slope, jacobian, jacobian_world, oriented, root })
     }
 
     /// 2-D covariance (xx, xy, yy), including the pixel's own blur.
@@ -190,10 +208,7 @@ impl<T: Real> Footprint<T> {
     /// Determinant of the covariance, as a sum of positive numbers: xx yy − xy² would cancel for needles.
     fn determinant(&self) -> T {
         let ([u, v], blur) = (self.root, T::from_f32(DILATION));
-        let across: Vector<T, 3> = std::array::from_fn(|i| {
-            let (j, k) = ((i + 1) % 3, (i + 2) % 3);
-            u[j] * v[k] - u[k] * v[j]
-        });
+        let across = cross(u, v);
         dot(across, across) + blur * (dot(u, u) + dot(v, v)) + blur * blur
     }
 }
@@ -227,14 +242,16 @@ pub fn project<T: Real>(
     }
 }
 
-/// Gradients with respect to mean, unit quaternion and scale.
+/// Gradients with respect to mean, unit quaternion and scale, and to a motion of the camera.
 pub fn project_backward<T: Real>(
     view: &CameraView<T>,
     geometry: &Geometry<T>,
     g: &SplatGradient<T>,
-) -> Geometry<T> {
+) -> (Geometry<T>, Twist<T>) {
     let zero = Geometry { mean: [T::zero(); 3], rotation: [T::zero(); 4], scale: [T::zero(); 3] };
-    let Some(footprint) = Footprint::new(view, geometry) else { return zero };
+    let Some(footprint) = Footprint::new(view, geometry) else {
+        return (zero, Twist { turn: [T::zero(); 3], shift: [T::zero(); 3] });
+    };
     let g_root = covariance_root_backward(&footprint, g.conic);
     let scale = std::array::from_fn(|j| sum::<T, 2>(|i| g_root[i][j] * footprint.oriented[i][j]));
     let g_oriented: Matrix<T, 2, 3> = g_root.map(|row| std::array::from_fn(|j| row[j] * geometry.scale[j]));
@@ -245,11 +262,26 @@ pub fn project_backward<T: Real>(
     let g_jacobian_world: Matrix<T, 2, 3> = std::array::from_fn(|i| transform(&matrix, g_oriented[i]));
     let g_jacobian: Matrix<T, 2, 3> = std::array::from_fn(|i| transform(&view.rotation, g_jacobian_world[i]));
     let g_point = point_backward(view, &footprint, &g_jacobian, g);
-    Geometry {
+    let g_geometry = Geometry {
         mean: transform_transposed(&view.rotation, g_point),
         rotation: rotation_matrix_backward(geometry.rotation, &g_matrix),
         scale,
-    }
+    };
+    (g_geometry, camera_backward(&footprint, &g_jacobian, g_point))
+}
+
+/// Gradient of the camera's motion. A turn ω moves the point in the camera by ω × p, and every column of the
+/// camera's rotation W, which the Jacobian is multiplied by, by its cross product with ω.
+fn camera_backward<T: Real>(
+    footprint: &Footprint<T>,
+    g_jacobian: &Matrix<T, 2, 3>,
+    g_point: Vector<T, 3>,
+) -> Twist<T> {
+    let by_point = cross(footprint.point, g_point);
+    // ∂L/∂W Wᵀ = Jᵀ ∂L/∂J; its odd part holds the sum of the cross products.
+    let a = multiply(&transpose(&footprint.jacobian), g_jacobian);
+    let by_rotation = [a[2][1] - a[1][2], a[0][2] - a[2][0], a[1][0] - a[0][1]];
+    Twist { turn: std::array::from_fn(|k| by_point[k] + by_rotation[k]), shift: g_point }
 }
 
 /// Gradient of U from that of the conic: C = Σ⁻¹ gives ∂L/∂Σ = −C G C, and Σ = U Uᵀ + blur gives ∂L/∂U =
@@ -368,10 +400,9 @@ pub fn project_into(
     splats.resize(gaussians.len(), Splat::default());
     splats.par_iter_mut().with_min_len(1024).enumerate().for_each(|(n, splat)| {
         let mean = deformed.means[n];
-        let geometry = Geometry { mean, rotation: deformed.rotations[n], scale: deformed.scales[n] };
         let rest = &gaussians.sh_rest[n * bands..(n + 1) * bands];
         let colour = view_colour(&view, mean, deformed.colours[n], gaussians.sh_degree, rest);
-        *splat = project(&view, &geometry, deformed.opacities[n], colour);
+        *splat = project(&view, &deformed.geometry(n), deformed.opacities[n], colour);
         sampling.apply(splat);
     });
 }
@@ -406,7 +437,7 @@ mod tests {
             depth: 0.4,
             ..Default::default()
         };
-        let analytic = project_backward(&view, &geometry, &g);
+        let (analytic, by_camera) = project_backward(&view, &geometry, &g);
         let at = |edit: &dyn Fn(&mut Geometry<f64>)| {
             let mut moved = geometry;
             edit(&mut moved);
@@ -426,6 +457,16 @@ mod tests {
         }
         for i in 0..4 {
             compare("rotation", analytic.rotation[i], &|m, h| m.rotation[i] += h);
+        }
+        for i in 0..6 {
+            let h = 1e-6;
+            let seen = |h: f64| {
+                let motion = Twist::of(std::array::from_fn(|k| if k == i { h } else { 0.0 }));
+                weighted(&project(&view.moved(&motion), &geometry, 0.7, [0.0; 3]))
+            };
+            let (numeric, analytic) = ((seen(h) - seen(-h)) / (2.0 * h), by_camera.to_array()[i]);
+            let close = (analytic - numeric).abs() <= 1e-5 * (1.0 + numeric.abs());
+            assert!(close, "camera {i}: {analytic} against {numeric}");
         }
     }
 

@@ -4,7 +4,13 @@
 use super::{
     LossTerms, LossWeights, TrainSettings, densify::Densify, frames::TrainFrame, model::Model, pass::Pass,
 };
-use crate::{Result, camera::Camera, clock::PassClock, gaussian::Gaussians, raster::project::Sampling};
+use crate::{
+    Result,
+    camera::{Camera, Twist},
+    clock::PassClock,
+    gaussian::Gaussians,
+    raster::project::Sampling,
+};
 use std::sync::Arc;
 
 /// View of the scene in one step.
@@ -81,12 +87,14 @@ impl Context<'_> {
 }
 
 /// Result of a step.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct StepOutcome {
     /// Loss of the last step, if it is known already.
     pub terms: Option<LossTerms<f32>>,
     /// Number of steps found dropped since the last outcome, because something was not finite.
     pub dropped: usize,
+    /// Frames visited since the last outcome, each with the loss's gradient to a motion of its camera.
+    pub cameras: Vec<(usize, Twist<f32>)>,
 }
 
 /// Carries out training steps.
@@ -108,6 +116,9 @@ pub trait TrainBackend: Send {
 
     /// Returns the current number of Gaussians.
     fn num_gaussians(&self, model: &Model) -> usize;
+
+    /// Waits for all steps and tells what is new of them; the model may stay out of date.
+    fn settle(&mut self, model: &mut Model, context: &Context<'_>) -> Result<StepOutcome>;
 
     /// Brings the model up to date.
     fn finish(&mut self, model: &mut Model, context: &Context<'_>) -> Result<StepOutcome>;

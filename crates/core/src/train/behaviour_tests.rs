@@ -97,6 +97,7 @@ fn going_on_gives_the_same_bytes_as_never_stopping() {
     for profile in [Profile::Default, Profile::Paper] {
         let settings = TrainSettings {
             iterations: 60,
+            refines_poses: true,
             densify: DensifySettings { every: 10, ..TrainSettings::of(profile).densify },
             ..TrainSettings::of(profile)
         };

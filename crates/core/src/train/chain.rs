@@ -1,12 +1,12 @@
 //! From gradients of splats back to the parameters at rest, for each Gaussian.
 
 use crate::{
-    camera::Camera,
+    camera::{Camera, Twist},
     deform::{
         COLOUR_CHANNEL, Deformation, Deformed, GATE_CHANNEL, Geometry, MEAN_CHANNEL, Moved, ROTATION_CHANNEL,
         SCALE_CHANNEL, gate_feature_backward, move_geometry_backward,
     },
-    gaussian::Gaussians,
+    gaussian::{Gaussians, MAX_SH_BANDS},
     raster::project::{CameraView, Splat, SplatGradient, project_backward, view_colour_backward},
     real::unit_quaternion,
 };
@@ -26,6 +26,8 @@ pub struct Gradients {
     pub features: Vec<f32>,
     /// ∂L/∂ the feature network: W flat, then b.
     pub net: Vec<f32>,
+    /// ∂L/∂ a motion of the camera.
+    pub camera: Twist<f32>,
 }
 
 /// Number of Gaussians per chunk. Partial sums of the network's gradient are added chunk by chunk, in order.
@@ -74,32 +76,38 @@ pub fn backward(
         chunks_or_empty(&mut out.sh_rest, CHUNK * bands, n),
         chunks_or_empty(&mut out.features, CHUNK * dim, n),
     );
-    let results: Vec<(Vec<f32>, bool)> = chunks
+    let results: Vec<(Vec<f32>, [f32; 6], bool)> = chunks
         .into_par_iter()
         .enumerate()
         .map(|(k, (psi, opacity, rest, features))| {
             psi.fill(0.0);
             rest.fill(0.0);
             let mut net = vec![0.0; net_len];
+            let mut camera = [0.0; 6];
             for (j, (g_psi, g_opacity)) in psi.chunks_exact_mut(stride).zip(opacity.iter_mut()).enumerate() {
                 let i = k * CHUNK + j;
                 let g_rest = &mut rest[j * bands..(j + 1) * bands];
-                *g_opacity = geometry_and_colour(state, &view, i, &g_splats[i], g_rest, g_psi);
+                let (g_logit, g_camera) = geometry_and_colour(state, &view, i, &g_splats[i], g_rest, g_psi);
+                *g_opacity = g_logit;
+                camera.iter_mut().zip(g_camera.to_array()).for_each(|(total, part)| *total += part);
                 if learns_features {
                     let g_out = &g_features[i * dim..(i + 1) * dim];
                     feature(state, i, g_out, &mut features[j * dim..(j + 1) * dim], g_psi, &mut net);
                 }
             }
             let finite = [&*psi, opacity, rest, features, &net].into_iter().all(are_finite);
-            (net, finite)
+            (net, camera, finite)
         })
         .collect();
     out.net.clear();
     out.net.resize(net_len, 0.0);
-    for (net, _) in &results {
+    let mut camera = [0.0; 6];
+    for (net, part, _) in &results {
         out.net.iter_mut().zip(net).for_each(|(a, b)| *a += b);
+        camera.iter_mut().zip(part).for_each(|(a, b)| *a += b);
     }
-    results.iter().all(|(_, finite)| *finite)
+    out.camera = Twist::of(camera);
+    results.iter().all(|(_, _, finite)| *finite)
 }
 
 /// Splits into chunks of `size`. An empty array gives as many empty chunks as there are chunks of Gaussians.
@@ -121,7 +129,8 @@ fn are_finite(values: &[f32]) -> bool {
     lanes.iter().chain(rest).all(|v| v.is_finite())
 }
 
-/// Writes one Gaussian's gradients except those of its features; returns that of its opacity logit.
+/// Writes one Gaussian's gradients except those of its features; returns that of its opacity logit and its
+/// part of the camera's.
 fn geometry_and_colour(
     state: &FrameState<'_>,
     view: &CameraView<f32>,
@@ -129,30 +138,82 @@ fn geometry_and_colour(
     g: &SplatGradient<f32>,
     g_rest: &mut [f32],
     g_psi: &mut [f32],
-) -> f32 {
+) -> (f32, Twist<f32>) {
     let (gaussians, deformed, splat) = (state.gaussians, state.deformed, &state.splats[i]);
     if !splat.is_visible() {
-        return 0.0;
+        return Default::default();
     }
     let psi = &state.psi[i * state.deformation.stride..(i + 1) * state.deformation.stride];
-    let mean = deformed.means[i];
-    let geometry = Geometry { mean, rotation: deformed.rotations[i], scale: deformed.scales[i] };
     let turned = std::array::from_fn(|k| gaussians.rotations[i][k] + psi[ROTATION_CHANNEL + k]);
-    let moved = Moved { geometry, quaternion_length: unit_quaternion(turned).1 };
-    let mut g_geometry: Geometry<f32> = project_backward(view, &moved.geometry, g);
+    let moved = Moved { geometry: deformed.geometry(i), quaternion_length: unit_quaternion(turned).1 };
     let rest = &gaussians.sh_rest[i * g_rest.len()..(i + 1) * g_rest.len()];
-    let (g_mean, g_colour) =
-        view_colour_backward(view, mean, gaussians.sh_degree, rest, splat.colour, g.colour, g_rest);
-    for (total, part) in g_geometry.mean.iter_mut().zip(g_mean) {
-        *total += part;
-    }
+    let seen = Seen { view, degree: gaussians.sh_degree, rest, splat };
+    let (g_geometry, g_camera, g_colour) = seen.backward(&moved.geometry, g, g_rest);
     let raw = move_geometry_backward(&moved, &g_geometry);
     g_psi[MEAN_CHANNEL..MEAN_CHANNEL + 3].copy_from_slice(&raw.mean);
     g_psi[ROTATION_CHANNEL..ROTATION_CHANNEL + 4].copy_from_slice(&raw.rotation);
     g_psi[SCALE_CHANNEL..SCALE_CHANNEL + 3].copy_from_slice(&raw.scale);
     g_psi[COLOUR_CHANNEL..COLOUR_CHANNEL + 3].copy_from_slice(&g_colour);
     let opacity = splat.opacity;
-    g.opacity * opacity * (1.0 - opacity)
+    (g.opacity * opacity * (1.0 - opacity), g_camera)
+}
+
+/// Gradient of the camera's motion alone, for Gaussians at one time that stay as they are.
+pub(super) fn camera_backward(
+    gaussians: &Gaussians,
+    deformed: &Deformed,
+    splats: &[Splat<f32>],
+    camera: &Camera,
+    g_splats: &[SplatGradient<f32>],
+) -> Twist<f32> {
+    let view = CameraView::new(camera);
+    let bands = gaussians.sh_bands() * 3;
+    let of_chunk = |k: usize| {
+        let mut sum = [0.0; 6];
+        let mut g_rest = [0.0; MAX_SH_BANDS * 3];
+        for i in (k * CHUNK..splats.len().min((k + 1) * CHUNK)).filter(|&i| splats[i].is_visible()) {
+            let rest = &gaussians.sh_rest[i * bands..(i + 1) * bands];
+            let seen = Seen { view: &view, degree: gaussians.sh_degree, rest, splat: &splats[i] };
+            let (_, camera, _) = seen.backward(&deformed.geometry(i), &g_splats[i], &mut g_rest[..bands]);
+            sum.iter_mut().zip(camera.to_array()).for_each(|(total, part)| *total += part);
+        }
+        sum
+    };
+    let sums: Vec<[f32; 6]> = (0..splats.len().div_ceil(CHUNK)).into_par_iter().map(of_chunk).collect();
+    Twist::of(sums.iter().fold([0.0; 6], |total, part| std::array::from_fn(|k| total[k] + part[k])))
+}
+
+/// A Gaussian as a camera sees it.
+struct Seen<'a> {
+    view: &'a CameraView<f32>,
+    degree: usize,
+    /// Its colour bands above 0.
+    rest: &'a [f32],
+    splat: &'a Splat<f32>,
+}
+
+impl Seen<'_> {
+    /// Gradients with respect to geometry, a motion of the camera, and band 0 of the colour; adds those of the
+    /// other bands to `g_rest`.
+    fn backward(
+        &self,
+        geometry: &Geometry<f32>,
+        g: &SplatGradient<f32>,
+        g_rest: &mut [f32],
+    ) -> (Geometry<f32>, Twist<f32>, [f32; 3]) {
+        let Self { view, degree, rest, splat } = *self;
+        let (mut g_geometry, mut g_camera) = project_backward(view, geometry, g);
+        let (g_mean, g_colour) =
+            view_colour_backward(view, geometry.mean, degree, rest, splat.colour, g.colour, g_rest);
+        // A turn about the camera changes no viewing direction, a shift does.
+        for (total, part) in g_geometry.mean.iter_mut().zip(g_mean) {
+            *total += part;
+        }
+        for (total, part) in g_camera.shift.iter_mut().zip(view.to_camera(g_mean)) {
+            *total += part;
+        }
+        (g_geometry, g_camera, g_colour)
+    }
 }
 
 fn feature(

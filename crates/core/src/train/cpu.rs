@@ -50,7 +50,7 @@ impl TrainBackend for CpuBackend {
         context: &Context<'_>,
         clock: &mut PassClock<Pass>,
     ) -> Result<StepOutcome> {
-        let StepPlan { look, step, updates, .. } = &plan;
+        let StepPlan { index, look, step, updates, .. } = &plan;
         let sampled;
         let frame = if look.sampling == Sampling::ALL {
             &*plan.frame
@@ -69,7 +69,8 @@ impl TrainBackend for CpuBackend {
             }
             clock.lap(Pass::Adam);
         }
-        Ok(StepOutcome { terms: Some(terms), dropped: usize::from(!finite) })
+        let cameras = if finite { vec![(*index, self.gradients.camera)] } else { Vec::new() };
+        Ok(StepOutcome { terms: Some(terms), dropped: usize::from(!finite), cameras })
     }
 
     fn densify(&mut self, model: &mut Model, how: &Densify, _: &Context<'_>) -> Result<StepOutcome> {
@@ -79,6 +80,10 @@ impl TrainBackend for CpuBackend {
 
     fn num_gaussians(&self, model: &Model) -> usize {
         model.gaussians.len()
+    }
+
+    fn settle(&mut self, _: &mut Model, _: &Context<'_>) -> Result<StepOutcome> {
+        Ok(StepOutcome::default())
     }
 
     fn finish(&mut self, _: &mut Model, _: &Context<'_>) -> Result<StepOutcome> {

@@ -7,6 +7,7 @@ mod chapters;
 mod checkpoint;
 mod cpu;
 mod densify;
+mod fit_camera;
 mod frames;
 mod guess;
 mod lift;
@@ -14,6 +15,7 @@ mod loss;
 mod model;
 mod optimiser;
 mod pass;
+mod poses;
 mod random;
 mod refit;
 mod settings;
@@ -26,6 +28,7 @@ pub use chapters::Plan;
 pub use checkpoint::is_checkpoint;
 pub use cpu::CpuBackend;
 pub use densify::{CLONE_DISTANCE, Densify, LN_SPLIT, SPLIT_DISTANCE, densify};
+pub use fit_camera::fit_camera;
 pub use frames::TrainFrame;
 pub use loss::{
     LossTerms, LossWeights, MIN_DEPTH, MIN_DEPTH_ALPHA, NUM_TERMS, Scales, TermScales, Truth, loss,
@@ -226,6 +229,9 @@ impl Trainer {
 
     /// Plans the next step: the frame and its pixels.
     fn next_plan(&mut self) -> Result<StepPlan> {
+        if self.state.queue.is_empty() {
+            self.update_poses()?;
+        }
         let before = (self.state.queue.clone(), self.state.rng.clone());
         let index = self.next_frame();
         let look = self.next_look(index);
@@ -248,7 +254,31 @@ impl Trainer {
 
     fn take_in(&mut self, outcome: StepOutcome) {
         self.state.dropped += outcome.dropped;
+        self.state.learned_poses.gather(&outcome.cameras);
         self.terms = outcome.terms.unwrap_or(self.terms);
+    }
+
+    /// Moves the cameras by what was learned in a whole round.
+    fn update_poses(&mut self) -> Result<()> {
+        if !self.state.learned_poses.are_learned() || self.state.step == 0 {
+            return Ok(());
+        }
+        let context = context(&self.settings, self.prepared.as_ref(), &self.sequence, &self.state);
+        let outcome = self.backend.settle(&mut self.state.model, &context)?;
+        let progress = self.progress();
+        let rates =
+            poses::rates(&self.settings.rates, progress, &self.sequence.camera(0), context.world_per_px);
+        self.take_in(outcome);
+        let num_frames = self.sequence.num_frames();
+        let times: Vec<f32> = (0..num_frames).map(|i| self.time(i)).collect();
+        self.state.learned_poses.update(&self.settings.frames(num_frames), &times, rates);
+        self.sequence = self.state.posed(&self.sequence);
+        Ok(())
+    }
+
+    /// Share of the steps that are done.
+    fn progress(&self) -> f32 {
+        self.state.step as f32 / self.settings.iterations.max(1) as f32
     }
 
     /// Takes `steps` steps on `backend` and undoes them. Returns their duration in seconds, without the
@@ -268,6 +298,7 @@ impl Trainer {
         })();
         self.backend = own;
         (self.state, self.terms) = (before, terms);
+        self.sequence = self.state.posed(&self.sequence);
         self.backend.forget();
         tried
     }
@@ -276,7 +307,7 @@ impl Trainer {
     /// `pixel_step`².
     fn next_look(&mut self, i: usize) -> Look {
         let mut camera = self.sequence.camera(i);
-        let progress = self.state.step as f32 / self.settings.iterations.max(1) as f32;
+        let progress = self.progress();
         let half = progress < self.settings.half_size_share && camera.width > 1 && camera.height > 1;
         let mut sampling = Sampling { step: self.settings.pixel_step.max(1), ..Sampling::ALL };
         if half {
@@ -460,5 +491,7 @@ fn world_per_px(sequence: &Sequence, state: &TrainState) -> f32 {
 
 #[cfg(test)]
 mod behaviour_tests;
+#[cfg(test)]
+mod pose_tests;
 #[cfg(test)]
 mod tests;

@@ -142,6 +142,9 @@ pub struct LearningRates {
     pub sh_rest: f32,
     /// Rate of latent features and the feature network.
     pub feature: f32,
+    /// Rate of a camera's pose, px of the picture for each round of all frames; it falls as that of centres
+    /// does. 0 if poses stay as they are.
+    pub pose: f32,
 }
 
 impl LearningRates {
@@ -258,6 +261,8 @@ pub struct TrainSettings {
     pub sh_when_still: bool,
     /// Number of steps after which the next degree is learned too; 0 for all from the start.
     pub sh_every: usize,
+    /// `true` to learn poses with the Gaussians that are known, too. Estimated ones always are.
+    pub refines_poses: bool,
     /// `true` if the gradient of depth moves centres.
     pub depth_moves_centres: bool,
     /// Share of the steps that are done at half size, at the start.
@@ -309,6 +314,7 @@ impl Default for TrainSettings {
             sh_degree: 1,
             sh_when_still: false,
             sh_every: 0,
+            refines_poses: false,
             depth_moves_centres: true,
             half_size_share: 0.2,
             pixel_step: 2,
@@ -329,6 +335,7 @@ impl Default for TrainSettings {
                 colour: 5e-3,
                 sh_rest: 1.25e-4,
                 feature: 2.5e-3,
+                pose: 0.05,
             },
             densify: DensifySettings {
                 from: 0.05,
@@ -498,6 +505,7 @@ impl TrainSettings {
                 rotation: 1e-3,
                 log_scale: 5e-3,
                 colour: 2.5e-3,
+                pose: 0.0,
                 ..Self::default().rates
             },
             densify: DensifySettings {

@@ -2,6 +2,7 @@
 
 use super::{
     model::Model,
+    poses::LearnedPoses,
     settings::{FeatureMode, TrainSettings},
 };
 use crate::{
@@ -42,6 +43,8 @@ pub(super) struct TrainState {
     pub scope: Verdict,
     /// Estimated `camera_from_world` of every frame; empty if the recording's own are used.
     pub poses: Vec<Affine3A>,
+    /// Poses that are learned; none if they stay as they are.
+    pub learned_poses: LearnedPoses,
     /// Frames still to be visited in this round, in random order.
     pub queue: Vec<usize>,
     pub typical_depth: f32,
@@ -69,8 +72,17 @@ impl TrainState {
         }
         let latent_dim = prepared.map_or(0, |p| p.codec.latent_dim());
         let path = path(sequence, &times, settings)?;
-        let sees_around = sequence.camera_moves() || !path.poses.is_empty() || settings.sh_when_still;
+        let sees_around = sequence.camera_moves()
+            || !path.poses.is_empty()
+            || settings.refines_poses
+            || settings.sh_when_still;
         settings.sh_degree = if sees_around { settings.sh_degree.min(3) } else { 0 };
+        let known = || (0..sequence.num_frames()).map(|i| sequence.camera(i).camera_from_world).collect();
+        let learned_poses = match (settings.rates.pose > 0.0, path.poses.is_empty()) {
+            (true, false) => LearnedPoses::new(path.poses.clone()),
+            (true, true) if settings.refines_poses => LearnedPoses::new(known()),
+            _ => LearnedPoses::default(),
+        };
         let (gaussians, typical_depth) = initial_gaussians(sequence, &path, &seen, latent_dim, settings)?;
         let window = settings.window(sequence.num_frames());
         let num_bases = settings.num_bases(window.len());
@@ -102,6 +114,7 @@ impl TrainState {
             rng,
             times,
             scope: path.verdict,
+            learned_poses,
             poses: path.poses,
             queue: Vec::new(),
             typical_depth,
@@ -118,7 +131,12 @@ impl TrainState {
 
     /// Returns the recording with the poses that were estimated.
     pub(super) fn posed(&self, sequence: &Sequence) -> Sequence {
-        if self.poses.is_empty() { sequence.clone() } else { sequence.clone().with_poses(&self.poses) }
+        let sequence = sequence.clone();
+        match (self.learned_poses.are_learned(), self.poses.is_empty()) {
+            (true, _) => sequence.with_poses(&self.learned_poses.poses()),
+            (false, true) => sequence,
+            (false, false) => sequence.with_poses(&self.poses),
+        }
     }
 
     /// Returns `true` if all arrays have the sizes that the number of Gaussians requires.
@@ -128,7 +146,8 @@ impl TrainState {
         let rows = [g.rotations.len(), g.log_scales.len(), g.opacity_logits.len(), g.colours.len()];
         let block = d.num_bases * n * d.stride;
         let basis = if d.is_shared() { d.num_bases } else { block };
-        rows.iter().all(|len| *len == n)
+        self.learned_poses.is_consistent()
+            && rows.iter().all(|len| *len == n)
             && g.sh_degree <= 3
             && g.sh_rest.len() == n * g.sh_bands() * 3
             && g.features.len() == n * g.latent_dim

@@ -10,7 +10,7 @@ use super::{
     settings::{Profile, TrainSettings},
 };
 use crate::{
-    camera::Camera,
+    camera::{Camera, Twist},
     deform::{
         BasisShape, COLOUR_CHANNEL, Deformation, Deformed, FeatureNet, GATE_CHANNEL, MEAN_CHANNEL,
         ROTATION_CHANNEL, SCALE_CHANNEL, basis, deform_by, gate_feature, move_geometry, num_channels,
@@ -135,15 +135,29 @@ impl Fixture {
             ("network", wide(&[d.feature_weight.clone(), d.feature_bias.clone()].concat())),
             ("basis centres", wide(&d.centres)),
             ("basis widths", wide(&d.widths)),
+            ("camera", vec![0.0; 6]),
         ]
     }
 
     /// Loss of a step in f64, as a function of all parameters.
     fn twin(&self, p: &[(&'static str, Vec<f64>)]) -> f64 {
-        let [means, rotations, log_scales, opacity, colours, bands, features, weights, net, centres, widths] =
-            std::array::from_fn(|k| p[k].1.as_slice());
+        let [
+            means,
+            rotations,
+            log_scales,
+            opacity,
+            colours,
+            bands,
+            features,
+            weights,
+            net,
+            centres,
+            widths,
+            motion,
+        ] = std::array::from_fn(|k| p[k].1.as_slice());
         let (n, stride, time) = (self.gaussians.len(), self.deformation.stride, f64::from(TIME));
-        let view = CameraView::<f64>::new(&self.camera);
+        let motion = Twist::of(std::array::from_fn(|k| motion[k]));
+        let view = CameraView::<f64>::new(&self.camera).moved(&motion);
         let (net_weight, net_bias) = net.split_at(DIM * (DIM + 1));
         let net =
             FeatureNet { weight: net_weight, bias: net_bias, slope: f64::from(self.deformation.gate_slope) };
@@ -237,6 +251,7 @@ impl Fixture {
             // Shared centres and widths are fixed.
             if self.deformation.is_shared() { Vec::new() } else { own(1) },
             if self.deformation.is_shared() { Vec::new() } else { own(2) },
+            g.camera.to_array().to_vec(),
         ]
     }
 }

@@ -131,7 +131,7 @@ impl GpuBackend {
         let size = plan.look.sampling.size(plan.frame.size().0, plan.frame.size().1);
         let now = self.step(model, plan, context, &mut PassClock::default())?;
         let gpu = self.gpu.clone();
-        let later = gpu.guarded(|| self.settle(model, context))?;
+        let later = gpu.guarded(|| self.read_history(model, context))?;
         let Some(step) = &self.step else {
             return Err(Error::input("no step was done", "Do one first."));
         };
@@ -165,6 +165,7 @@ impl GpuBackend {
                     sh_rest: step.chain.g_sh_rest.read(&gpu, model.gaussians.sh_rest.len())?,
                     features: step.chain.g_features.read(&gpu, n * dim)?,
                     net: step.chain.g_network.read(&gpu, dim * (dim + 1) + dim)?,
+                    camera: later.cameras.last().or(now.cameras.last()).map(|c| c.1).unwrap_or_default(),
                 },
             })
         })
@@ -237,7 +238,7 @@ impl GpuBackend {
     }
 
     /// Reads the results of the submitted steps and repeats those whose pairs did not fit.
-    fn settle(&mut self, model: &Model, context: &Context<'_>) -> Result<StepOutcome> {
+    fn read_history(&mut self, model: &Model, context: &Context<'_>) -> Result<StepOutcome> {
         let mut outcome = StepOutcome::default();
         while let Some(resident) = self.resident.as_ref().filter(|_| !self.pending.is_empty()) {
             let mut state = resident.status.read(&self.gpu, status::COUNT_REST as usize)?;
@@ -256,6 +257,10 @@ impl GpuBackend {
             // Makes room before it is needed: a scene grows slowly.
             self.bin.grow_if_full(&self.gpu, wanted.saturating_add(wanted / 8))?;
             let left = self.pending.split_off(done);
+            let visited = self.pending.iter().zip(&history);
+            outcome
+                .cameras
+                .extend(visited.filter_map(|(plan, settled)| Some((plan.index, settled.camera()?))));
             self.pending = left.clone();
             for plan in &left {
                 self.submit(model, plan, context)?;
@@ -288,14 +293,14 @@ impl TrainBackend for GpuBackend {
             }
             // The first step shows how much room is needed.
             let looks = is_first || self.pending.len() >= READ_EVERY;
-            if looks { self.settle(model, context) } else { Ok(StepOutcome::default()) }
+            if looks { self.read_history(model, context) } else { Ok(StepOutcome::default()) }
         })
     }
 
     fn densify(&mut self, model: &mut Model, how: &Densify, context: &Context<'_>) -> Result<StepOutcome> {
         let gpu = self.gpu.clone();
         gpu.guarded(|| {
-            let outcome = self.settle(model, context)?;
+            let outcome = self.read_history(model, context)?;
             self.load(model, context)?;
             if self.densify.is_none() {
                 self.densify = Some(DensifyPass::new(&gpu)?);
@@ -314,10 +319,15 @@ impl TrainBackend for GpuBackend {
         self.resident.as_ref().map_or(model.gaussians.len(), |resident| resident.num_gaussians)
     }
 
+    fn settle(&mut self, model: &mut Model, context: &Context<'_>) -> Result<StepOutcome> {
+        let gpu = self.gpu.clone();
+        gpu.guarded(|| self.read_history(model, context))
+    }
+
     fn finish(&mut self, model: &mut Model, context: &Context<'_>) -> Result<StepOutcome> {
         let gpu = self.gpu.clone();
         gpu.guarded(|| {
-            let outcome = self.settle(model, context)?;
+            let outcome = self.read_history(model, context)?;
             if let Some(resident) = self.resident.as_mut().filter(|r| !r.is_known) {
                 let tables = self.deform.tables.read(&gpu, usize::MAX)?;
                 resident.read_into(&gpu, model, &tables[model.deformation.num_bases..])?;

@@ -11,6 +11,7 @@ use crate::{
 use std::ops::Range;
 use surgtpgs_core::{
     Result,
+    camera::Twist,
     deform::{COLOUR_CHANNEL, Deformation, MEAN_CHANNEL, ROTATION_CHANNEL, SCALE_CHANNEL},
     train::{
         Adam, LossTerms, Model, NUM_TERMS, OPACITY_CHANNEL, Optimiser, Statistics, WIDTH, bias_corrections,
@@ -88,6 +89,8 @@ shader_struct! {
     pub(super) struct Settled {
         /// Terms of the loss, weighted, in the order of [`LossTerms`]; then zeros.
         terms: [[f32; 4]; 2],
+        /// Gradient of the camera's turn, then of its shift; then zeros.
+        camera: [[f32; 4]; 2],
         /// 1 if the step was dropped.
         is_dropped: u32,
         /// Padding to a multiple of 16 bytes.
@@ -101,6 +104,14 @@ impl From<&Settled> for LossTerms<f32> {
     fn from(s: &Settled) -> Self {
         const { assert!(NUM_TERMS <= 8) };
         Self::of(std::array::from_fn(|k| s.terms.as_flattened()[k]))
+    }
+}
+
+impl Settled {
+    /// Gradient with respect to a motion of the camera; `None` if the step was dropped.
+    pub(super) fn camera(&self) -> Option<Twist<f32>> {
+        let [[a, b, c, _], [x, y, z, _]] = self.camera;
+        (self.is_dropped == 0).then_some(Twist { turn: [a, b, c], shift: [x, y, z] })
     }
 }
 

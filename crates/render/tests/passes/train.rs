@@ -232,6 +232,8 @@ fn check_chain(step: &Step, trace: &StepTrace, psi: &[f32], deformed: &Deformed)
     close_as_a_whole("opacity", &trace.gradients.opacity_logits, &expected.opacity_logits, 1e-5);
     close_as_a_whole("bands", &trace.gradients.sh_rest, &expected.sh_rest, 1e-5);
     close_as_a_whole("features", &trace.gradients.features, &expected.features, 1e-5);
+    let [found, wanted] = [&trace.gradients, &expected].map(|g| g.camera.to_array());
+    close_as_a_whole("camera", &found, &wanted, 5e-4);
     if step.model.gaussians.latent_dim > 0 {
         close_as_a_whole("network", &trace.gradients.net, &expected.net, 1e-5);
     }
@@ -312,6 +314,8 @@ fn the_gradients_of_a_whole_step_are_those_of_the_cpu() {
         close_as_a_whole("opacity", &trace.gradients.opacity_logits, &expected.opacity_logits, 1e-4);
         close_as_a_whole("features", &trace.gradients.features, &expected.features, 1e-4);
         close_as_a_whole("network", &trace.gradients.net, &expected.net, 1e-4);
+        let [found, wanted] = [&trace.gradients, &expected].map(|g| g.camera.to_array());
+        close_as_a_whole("camera", &found, &wanted, 1e-4);
     }
 }
 

@@ -91,6 +91,32 @@ fn both_backends_end_nearly_alike_where_gaussians_come_and_go() {
     assert!(apart <= 0.3, "{apart} dB");
 }
 
+/// Tolerance: poses move by up to 0.05 px a round, at first in the direction of the signs of tiny gradients.
+#[test]
+fn poses_are_learned_alike_on_both_backends() {
+    let Some(gpu) = gpu() else { return };
+    let clip = Clip::new();
+    let settings = TrainSettings { iterations: STEPS, refines_poses: true, ..TrainSettings::default() };
+    let trainer = || Trainer::new(&clip.prepared.sequence, Some(&clip.prepared), settings.clone()).unwrap();
+    let still = clip.prepared.sequence.camera(0);
+    // Where the middle of the picture, at the depth of the organs, came to lie.
+    let middle = still.unproject(still.cx, still.cy, 60.0);
+    let places = |backend| -> Vec<f32> {
+        let (scene, ..) = train(trainer(), backend);
+        scene
+            .cameras
+            .iter()
+            .flat_map(|c| c.project(middle).map(|(u, v, _)| [u - c.cx, v - c.cy]))
+            .flatten()
+            .collect()
+    };
+    let [cpu, gpu] = [places(None), places(Some(GpuBackend::new(gpu).unwrap()))];
+    let norm = |v: &mut dyn Iterator<Item = f32>| v.map(|x| x * x).sum::<f32>().sqrt();
+    let moved = norm(&mut cpu.iter().copied());
+    let apart = norm(&mut cpu.iter().zip(&gpu).map(|(a, b)| a - b));
+    assert!(moved > 0.1 && apart < 0.2 * moved, "{moved} px, {apart} px apart");
+}
+
 #[test]
 fn a_training_goes_on_on_another_backend() {
     let Some(gpu) = gpu() else { return };

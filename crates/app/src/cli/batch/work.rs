@@ -126,7 +126,7 @@ fn evaluate(args: &EvalArgs) -> Result<Value> {
     let inputs = engine.inputs(scene);
     let output = outputs::folder(folder, outputs::EVALUATION, &inputs, args.force)?;
     let mut view = ProgressView::default();
-    let evaluation = evaluation::evaluate(&mut engine, args.lpips.as_deref(), &mut |p| view.show(p))?;
+    let evaluation = evaluation::evaluate(&mut engine, args.extras(), &mut |p| view.show(p))?;
     evaluation::write_files(output.path(), &evaluation)?;
     let picture = figures::comparison(&mut engine, SHOWN_FRAMES, PANEL_WIDTH)?;
     write_whole(&output.path().join(RECONSTRUCTION), &jpeg(&picture)?)?;

@@ -10,7 +10,7 @@ use crate::{
         verb::Exit,
     },
     engine::{BackendChoice, Engine, EngineOptions},
-    evaluation::evaluate,
+    evaluation::{Extras, evaluate},
     jobs::{self, Course, Material},
     memory::peak_rss_bytes,
 };
@@ -137,7 +137,7 @@ impl BenchLongArgs {
         engine.render(&engine.view(0)?, false)?;
         let open_s = started.elapsed().as_secs_f64();
         let scene = engine.scene().clone();
-        let report = evaluate(&mut engine, None, &mut |p| view.show(p))?.report;
+        let report = evaluate(&mut engine, Extras::default(), &mut |p| view.show(p))?.report;
         let chapters = scene.chapters.iter().len();
         Ok(Outcome {
             frames,

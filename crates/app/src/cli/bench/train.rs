@@ -11,7 +11,7 @@ use crate::{
         verb::Exit,
     },
     engine::{BackendChoice, Engine, EngineOptions},
-    evaluation::evaluate,
+    evaluation::{Extras, evaluate},
     jobs::{self, Material},
 };
 use clap::Args;
@@ -121,7 +121,7 @@ fn measure(material: &Material, row: &Row, args: &BenchTrainArgs) -> Result<Outc
         ..Default::default()
     };
     let mut engine = Engine::new(Arc::new(trained.scene), None, options)?;
-    let report = evaluate(&mut engine, None, &mut |p| view.show(p))?.report;
+    let report = evaluate(&mut engine, Extras::default(), &mut |p| view.show(p))?.report;
     let iou = report.iou.as_ref();
     Ok(Outcome {
         name: row.name,

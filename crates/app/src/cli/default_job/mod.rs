@@ -11,7 +11,7 @@ use super::{
 };
 use crate::{
     engine::{Engine, EngineOptions, Negatives, Question},
-    evaluation::evaluate,
+    evaluation::{Extras, evaluate},
     jobs::{self, DemoOptions, DemoPaths, ExportQuestion, ExportRequest},
     outputs,
     viewer::{self, ViewerInput},
@@ -54,7 +54,7 @@ fn headless(folder: &Path, options: &DemoOptions) -> Result<()> {
 
     let scene = DemoPaths::under(folder).scene;
     let mut engine = Engine::open(&scene, EngineOptions::default())?;
-    let evaluation = evaluate(&mut engine, None, &mut |p| view.show(p))?.report;
+    let evaluation = evaluate(&mut engine, Extras::default(), &mut |p| view.show(p))?.report;
     drop(view);
     let negatives = Negatives::of(engine.settings());
     let questions = PROMPTS.map(|text| Question::words(text, negatives.clone()));

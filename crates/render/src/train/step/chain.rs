@@ -29,6 +29,8 @@ shader! {
     var<read> sh_rest: [f32];
     var<write> g_rest: [RestRow];
     var<write> g_sh_rest: [f32];
+    /// [workgroups][2]: dL/d(turn of the camera), dL/d(its shift).
+    var<write> g_cameras: [[f32; 4]];
     var<atomic> status: [u32];
 }
 
@@ -96,6 +98,8 @@ pub(in crate::train) struct ChainPass {
     features_backward: Kernel,
     sum_network: Kernel,
     fold_network: Kernel,
+    /// Output: sums of each workgroup of ∂L/∂(turn, shift) of the camera.
+    pub g_cameras: DeviceVec<[f32; 4]>,
     g_opened: DeviceVec<f32>,
     network_sums: DeviceVec<f32>,
     /// Output: ∂L/∂parameters at rest, [N].
@@ -121,6 +125,7 @@ impl ChainPass {
             features_backward: kernel(&FeaturesWgsl::SHADER, "features_backward")?,
             sum_network: kernel(&NetworkWgsl::SHADER, "sum_blocks")?,
             fold_network: kernel(&NetworkWgsl::SHADER, "fold_blocks")?,
+            g_cameras: DeviceVec::new(gpu, "gradients of the camera"),
             g_opened: features(),
             network_sums: network(),
             g_rest: DeviceVec::new(gpu, "gradients of Gaussians"),
@@ -136,6 +141,7 @@ impl ChainPass {
         let (gpu, dim, n) = (step.gpu, self.latent_dim, step.num_gaussians());
         let numbers = dim * (dim + 1) + dim;
         self.g_rest.resize(gpu, n)?;
+        self.g_cameras.resize(gpu, 2 * n.div_ceil(GROUP as usize))?;
         self.g_sh_rest.resize(gpu, step.resident.scene.sh_rest.len())?;
         self.g_features.resize(gpu, n * dim)?;
         self.g_gate.resize(gpu, n * dim)?;
@@ -159,6 +165,7 @@ impl ChainPass {
             ChainWgsl::sh_rest(&resident.scene.sh_rest),
             ChainWgsl::g_rest(&self.g_rest),
             ChainWgsl::g_sh_rest(&self.g_sh_rest),
+            ChainWgsl::g_cameras(&self.g_cameras),
             ChainWgsl::status(&resident.status),
         ];
         self.chain.dispatch(gpu, pass, &bindings, step.view.num_gaussians.div_ceil(GROUP));

@@ -42,6 +42,8 @@ shader! {
     var<read> partial_sums: [[f32; 4]];
     /// [regions][QUADS][2]
     var<read> spreads: [[f32; 4]];
+    /// [workgroups][2]
+    var<read> g_cameras: [[f32; 4]];
     var<read> num_wanted: [u32];
     var<write> status: [u32];
     var<write> history: [Settled];
@@ -66,6 +68,12 @@ shader_struct! {
         updates_network: u32,
         /// 1 if any parameters are updated.
         updates: u32,
+        /// Number of sums of the camera's gradient.
+        num_camera_sums: u32,
+        /// Padding to a multiple of 16 bytes.
+        padding: u32,
+        /// Padding to a multiple of 16 bytes.
+        padding_2: [u32; 2],
     }
 }
 
@@ -185,7 +193,7 @@ impl UpdatePass {
         backward: &BackwardPass,
         chain: &ChainPass,
     ) {
-        self.encode_settle(step, pass, loss);
+        self.encode_settle(step, pass, loss, chain);
         let (gpu, resident, n) = (step.gpu, step.resident, step.view.num_gaussians);
         let params = uniform(gpu, &UpdateParams { len: n, ..Default::default() });
         let bindings = [
@@ -202,7 +210,7 @@ impl UpdatePass {
         }
     }
 
-    fn encode_settle(&self, step: &CurrentStep<'_>, pass: &mut Pass<'_>, loss: &LossPass) {
+    fn encode_settle(&self, step: &CurrentStep<'_>, pass: &mut Pass<'_>, loss: &LossPass, chain: &ChainPass) {
         let (gpu, resident, live) = (step.gpu, step.resident, &step.deform.live);
         let (weights, supervised) = (step.weights(), step.frame.supervised);
         let scales = TermScales::<f32>::new(&weights, supervised, step.num_pixels(), self.latent_dim);
@@ -217,12 +225,15 @@ impl UpdatePass {
                 last_basis: live.end as u32,
                 updates_network: u32::from(step.context.settings.feature_motion),
                 updates: u32::from(step.plan.updates),
+                num_camera_sums: step.view.num_gaussians.div_ceil(GROUP),
+                ..Default::default()
             },
         );
         let bindings = [
             SettleWgsl::params(&params),
             SettleWgsl::partial_sums(&loss.sums),
             SettleWgsl::spreads(&loss.spreads),
+            SettleWgsl::g_cameras(&chain.g_cameras),
             SettleWgsl::num_wanted(step.bin.num_wanted()),
             SettleWgsl::status(&resident.status),
             SettleWgsl::history(&resident.history),

@@ -4,7 +4,7 @@ use super::scale::Scale;
 use crate::{
     cli::console::interrupted,
     engine::{BackendChoice, Engine, EngineOptions},
-    evaluation::evaluate,
+    evaluation::{Extras, evaluate},
     jobs::{self, Material, PrepareOptions},
 };
 use std::{
@@ -108,7 +108,7 @@ impl Studio {
             ..Default::default()
         };
         let mut engine = Engine::new(scene.clone(), None, options)?;
-        let report = evaluate(&mut engine, None, &mut unobserved)?.report;
+        let report = evaluate(&mut engine, Extras::default(), &mut unobserved)?.report;
         let iou = report.iou.as_ref();
         let sequence = self.material.sequence();
         let row = TrainingRow {

@@ -13,7 +13,7 @@ use crate::viewer::backend::{
 use crate::viewer::remedy::message;
 use crate::{
     engine::{Engine, EngineOptions, Negatives},
-    evaluation::{self, Evaluation},
+    evaluation::{self, Evaluation, Extras},
     jobs::{self, DemoPaths, ExportRequest, Material},
     memory::{Work, require_for},
     outputs,
@@ -105,7 +105,7 @@ impl Backend for EngineBackend {
 
     fn evaluate(&self, scene: &Path, task: &TaskContext) -> Result<Evaluation> {
         let mut engine = Engine::open(scene, EngineOptions::default())?;
-        evaluation::evaluate(&mut engine, None, &mut |p| task.follow(p))
+        evaluation::evaluate(&mut engine, Extras::default(), &mut |p| task.follow(p))
     }
 
     fn check_models(&self, models: &Models, task: &TaskContext) -> Result<ModelFaults> {

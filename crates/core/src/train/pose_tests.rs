@@ -1,0 +1,106 @@
+//! Poses that are learned, and cameras that are fitted, on a rigid demo whose true poses are known.
+
+use super::*;
+use crate::{
+    camera::Twist,
+    demo::{DemoSettings, write},
+    progress::unobserved,
+};
+use glam::Affine3A;
+use tempfile::TempDir;
+
+const FRAMES: usize = 10;
+/// Frame whose pose is wrong.
+const WRONG: usize = 4;
+/// Error of that pose: 2 px.
+const TURN: f32 = 2.0 / 110.0;
+
+/// The demo, and the folder that it is read from.
+fn demo() -> (Sequence, TempDir) {
+    let folder = tempfile::tempdir().unwrap();
+    let settings = DemoSettings {
+        width: 128,
+        height: 96,
+        frames: FRAMES,
+        moving_camera: true,
+        rigid: true,
+        ..DemoSettings::default()
+    };
+    write(&settings, folder.path(), &mut unobserved).unwrap();
+    (Sequence::open(folder.path()).unwrap(), folder)
+}
+
+/// Trains from start to end.
+fn run(sequence: &Sequence, settings: TrainSettings) -> Scene {
+    let steps = settings.iterations;
+    let mut trainer = Trainer::new(sequence, None, settings).unwrap();
+    for _ in 0..steps {
+        trainer.step().unwrap();
+    }
+    trainer.scene().unwrap()
+}
+
+fn true_poses(sequence: &Sequence) -> Vec<Affine3A> {
+    (0..FRAMES).map(|i| sequence.camera(i).camera_from_world).collect()
+}
+
+fn turned(pose: Affine3A) -> Affine3A {
+    Twist { turn: [0.0, TURN, 0.0], shift: [0.0; 3] }.moved(pose)
+}
+
+/// Trains with a wrong pose of frame [`WRONG`].
+fn trained(sequence: &Sequence, refines_poses: bool) -> Scene {
+    let mut poses = true_poses(sequence);
+    poses[WRONG] = turned(poses[WRONG]);
+    let mut settings = TrainSettings { iterations: 300, refines_poses, ..TrainSettings::default() };
+    settings.rates.pose = 0.3;
+    run(&sequence.clone().with_poses(&poses), settings)
+}
+
+/// Distance in px of the picture's middle from where the true pose sees it, beside the mean of the others:
+/// together they may lie anywhere.
+fn error_px(sequence: &Sequence, cameras: &[crate::camera::Camera]) -> f32 {
+    let off = |i: usize| {
+        let camera = sequence.camera(i);
+        let middle = camera.unproject(camera.cx, camera.cy, 60.0);
+        cameras[i].project(middle).map_or(f32::INFINITY, |(u, _, _)| u - camera.cx)
+    };
+    let others: f32 = (0..FRAMES).filter(|i| *i != WRONG).map(off).sum();
+    (off(WRONG) - others / (FRAMES - 1) as f32).abs()
+}
+
+#[test]
+fn a_pose_that_is_off_is_corrected_where_that_is_asked_for() {
+    let (sequence, _folder) = demo();
+    let [kept, refined] = [false, true].map(|refines| trained(&sequence, refines));
+    let [before, after] = [&kept, &refined].map(|scene| error_px(&sequence, &scene.cameras));
+    assert!(before > 1.5 && after < 0.5 * before, "{before} px, then {after} px");
+}
+
+#[test]
+fn known_poses_are_kept_where_nothing_is_asked() {
+    let (sequence, _folder) = demo();
+    let scene = run(&sequence, TrainSettings { iterations: 30, ..Default::default() });
+    let found: Vec<Affine3A> = scene.cameras.iter().map(|c| c.camera_from_world).collect();
+    assert_eq!(found, true_poses(&sequence));
+}
+
+#[test]
+fn a_camera_is_fitted_to_a_picture_and_never_to_a_worse_one() {
+    let (sequence, _folder) = demo();
+    let mut scene = run(&sequence, TrainSettings { iterations: 300, ..Default::default() });
+    let likeness = |scene: &Scene| {
+        let (picture, mask) = (sequence.frame(WRONG).unwrap(), sequence.mask(WRONG).unwrap());
+        metrics::psnr_db(&render_frame(scene, WRONG).to_rgb(), &picture, Some(&mask)).unwrap()
+    };
+    let from_truth = likeness(&scene);
+    scene.cameras[WRONG].camera_from_world = turned(scene.cameras[WRONG].camera_from_world);
+    let from_wrong = likeness(&scene);
+    scene.cameras[WRONG] = fit_camera(&scene, &sequence, WRONG).unwrap();
+    let fitted = likeness(&scene);
+    assert!(from_wrong < from_truth - 3.0, "{from_wrong} dB, {from_truth} dB");
+    assert!(fitted > from_truth - 0.3, "{fitted} dB instead of {from_truth} dB");
+    let again = fit_camera(&scene, &sequence, WRONG).unwrap();
+    scene.cameras[WRONG] = again;
+    assert!(likeness(&scene) >= fitted);
+}
