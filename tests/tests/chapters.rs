@@ -48,6 +48,42 @@ fn chapters_as_jobs_of_their_own_in_one_process_or_interrupted_come_to_the_same_
     assert!(error.refused(1).contains("there is no chapter 3; the recording has 3"));
 }
 
+#[test]
+fn chapters_as_jobs_of_a_batch_come_to_the_same_bytes_as_the_batch_alone() {
+    let place = place();
+    let folder = place.path();
+    let jobs = "[defaults]\neval = true\nlabels = true\nchapter_frames = 8\niterations = 40\nbackend = \"cpu\"\n\
+                [[recording]]\npath = \"recording\"\n";
+    for name in ["alone", "apart"] {
+        fs::write(folder.join(format!("{name}.toml")), jobs).unwrap();
+    }
+    let batch = |args: &[&str]| run_in(folder, &[&["batch"], args].concat());
+    batch(&["alone.toml", "--step", "prepare,train"]).ok();
+    let one = ["apart.toml", "--only", "recording"];
+    let of_one = |args: &[&str]| batch(&[&one[..], args].concat());
+    let early = of_one(&["--chapter", "0"]);
+    assert!(early.refused(1).contains("train needs the result of prepare"));
+    of_one(&["--step", "prepare"]).ok();
+    let counted = of_one(&["--count-chapters", "--json"]).ok().json();
+    assert_eq!(counted["chapters"], 3);
+    for chapter in ["2", "0"] {
+        of_one(&["--chapter", chapter]).ok();
+    }
+    let again = of_one(&["--chapter", "0"]).ok();
+    assert!(again.stderr.contains("chapter 0 is done"), "{}", again.stderr);
+    let error = of_one(&["--chapter", "3"]);
+    assert!(error.refused(1).contains("there is no chapter 3; the recording has 3"));
+    let made = |name: &str| folder.join("apart/recording").join(name).metadata().and_then(|m| m.modified());
+    let part = made("scene.chapter-0002.safetensors").unwrap();
+    let log = of_one(&["--step", "train"]).ok();
+    assert!(!log.stderr.contains("unfinished") && part < made("scene.safetensors").unwrap());
+    let scenes =
+        ["alone", "apart"].map(|name| fs::read(folder.join(name).join("recording/scene.safetensors")));
+    let [alone, apart] = scenes.map(Result::unwrap);
+    assert!(alone == apart);
+    assert!(!names(&folder.join("apart/recording")).iter().any(|name| name.contains("chapter-")));
+}
+
 #[cfg(unix)]
 #[test]
 fn a_killed_training_goes_on_with_the_chapter_it_was_in() {

@@ -110,6 +110,14 @@ enum TrainProfile {
 }
 
 impl TrainArgs {
+    /// Trains a chapter alone, and goes on with it or replaces it; it lies beside the file `scene`.
+    pub(super) fn take_chapter(&mut self, index: usize, scene: &Path) {
+        self.chapter = Some(index);
+        self.output = jobs::chapter_path(scene, index);
+        self.resume = jobs::checkpoint_path(&self.output).exists();
+        self.force = !self.resume;
+    }
+
     /// Returns the settings of a training from the beginning.
     fn settings(&self) -> TrainSettings {
         let mut settings = TrainSettings::of(match self.profile {
@@ -208,6 +216,23 @@ pub(super) fn train(args: &TrainArgs) -> Result<TrainReport> {
         say(&format!("{} steps were dropped because they were not finite", report.dropped_steps));
     }
     Ok(report)
+}
+
+/// Returns the number of chapters that the recording is trained in; 0 if it is trained as a whole.
+pub(super) fn count_chapters(args: &TrainArgs) -> Result<usize> {
+    let material = Material::open_hiding(&args.sequence, &args.hide.hide)?;
+    let mut view = ProgressView::default();
+    let (sequence, prepared) = (material.sequence(), material.prepared());
+    Ok(Plan::of(sequence, prepared, &args.settings(), &mut |p| view.show(p))?.chapters.len())
+}
+
+/// Returns `true` if the chapter to be trained is there, whole, and of these settings.
+pub(super) fn is_finished(args: &TrainArgs) -> Result<bool> {
+    if jobs::checkpoint_path(&args.output).exists() || !args.output.exists() {
+        return Ok(false);
+    }
+    let material = Material::open_hiding(&args.sequence, &args.hide.hide)?;
+    jobs::is_finished_chapter(&args.output, &material, &args.settings())
 }
 
 /// Files of a training.

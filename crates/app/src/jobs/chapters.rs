@@ -56,7 +56,7 @@ impl Watched<'_> {
 const CHAPTER: &str = "chapter-";
 
 /// Returns the path of the file that keeps a chapter until the scene is whole.
-fn chapter_path(scene: &Path, index: usize) -> PathBuf {
+pub fn chapter_path(scene: &Path, index: usize) -> PathBuf {
     scene.with_extension(format!("{CHAPTER}{index:04}.safetensors"))
 }
 
@@ -82,6 +82,23 @@ pub fn settings_of_chapters(scene: &Path) -> Result<Option<TrainSettings>> {
         Error::input_at(&path, "the settings of this chapter cannot be read", "Begin the training anew.")
     })?;
     Ok(Some(TrainSettings { chapter: None, ..settings }))
+}
+
+/// Returns `true` if a scene file holds a chapter that was trained to the end with these settings.
+///
+/// # Errors
+/// A file that is no such scene.
+pub fn is_finished_chapter(path: &Path, material: &Material, wanted: &TrainSettings) -> Result<bool> {
+    let part = Scene::load_chapter(path)?;
+    let wanted = settings_for(material, wanted);
+    let agrees = settings(&part).is_some_and(|settings| settings.agrees_with(&wanted));
+    Ok(agrees && part.provenance.steps >= wanted.iterations)
+}
+
+/// Settings that a training with these on `material` records.
+fn settings_for(material: &Material, settings: &TrainSettings) -> TrainSettings {
+    let is_held_out = material.prepared().is_some_and(|prepared| prepared.eval);
+    TrainSettings { eval: settings.eval || is_held_out, ..settings.clone() }
 }
 
 /// Removes the chapters that lie beside a scene file.
@@ -247,7 +264,7 @@ impl Course<'_> {
         if let Some(path) = self.checkpoint.filter(|path| path.exists()) {
             let trainer = Trainer::resume(sequence, prepared, path)?;
             if trainer.settings().chapter.as_ref() == Some(chapter)
-                && trainer.settings().agrees_with(&self.settings)
+                && trainer.settings().agrees_with(&settings_for(self.material, &self.settings))
             {
                 return Ok(trainer);
             }
@@ -265,7 +282,11 @@ impl Course<'_> {
             Err(_) if self.replaces => return Ok(None),
             part => part?,
         };
-        let is_same = settings(&part).is_some_and(|s| s.agrees_with(&self.settings))
+        if part.provenance.steps < self.settings.iterations {
+            return Ok(None);
+        }
+        let wanted = settings_for(self.material, &self.settings);
+        let is_same = settings(&part).is_some_and(|s| s.agrees_with(&wanted))
             && part.chapters.current() == Some(chapter)
             && part.codec.as_ref() == self.material.prepared().map(|prepared| &prepared.codec)
             && part.provenance.identity.as_ref() == Some(&self.material.sequence().identity()?);
@@ -280,7 +301,8 @@ impl Course<'_> {
     fn keep(&self, part: Scene, chapter: &Chapter) -> Result<PathBuf> {
         let path = chapter_path(self.scene, chapter.index);
         let inputs = self.material.inputs(self.material.sequence().path());
-        outputs::scene_file(&path, &inputs, self.replaces)?.write_with(|file| part.write(file, false))?;
+        // An unfinished one may lie there.
+        outputs::scene_file(&path, &inputs, true)?.write_with(|file| part.write(file, false))?;
         Ok(path)
     }
 }

@@ -13,7 +13,10 @@ mod train;
 #[cfg(test)]
 mod vanishing_tests;
 
-pub use chapters::{Course, Watched, chapters_beside, join, remove_chapters, settings_of_chapters};
+pub use chapters::{
+    Course, Watched, chapter_path, chapters_beside, is_finished_chapter, join, remove_chapters,
+    settings_of_chapters,
+};
 pub use check::check;
 pub use demo::{DemoOptions, DemoPaths, build_demo, record_demo};
 pub use export::{ExportQuestion, ExportRequest, export};

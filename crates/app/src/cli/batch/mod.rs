@@ -5,6 +5,7 @@
 //!                       record: what is done of what ─┴▶ report.md, report.html, report.json
 //! ```
 
+mod chapters;
 mod facts;
 mod folders;
 mod plan;
@@ -20,7 +21,7 @@ use super::{
 use crate::cli::remedy;
 use crate::{outputs, text::one_line};
 use clap::Args;
-use plan::{BatchJob, BatchPlan};
+use plan::{BatchJob, BatchPlan, Task};
 use record::Status;
 use report::Troubles;
 use std::path::{Path, PathBuf};
@@ -47,6 +48,12 @@ pub(super) struct BatchArgs {
     /// Only these steps
     #[arg(long, value_enum, value_delimiter = ',', value_name = "STEP")]
     step: Vec<Step>,
+    /// Train this chapter of the recording alone; the step `train` takes what is there
+    #[arg(long, value_name = "K", requires = "only", conflicts_with_all = ["step", "dry_run"])]
+    chapter: Option<usize>,
+    /// Print in how many chapters the recording is trained: 0 if as a whole
+    #[arg(long, requires = "only", conflicts_with_all = ["step", "dry_run", "chapter"])]
+    count_chapters: bool,
     /// List the steps that would be run, and run nothing
     #[arg(long)]
     dry_run: bool,
@@ -74,6 +81,9 @@ impl Run for BatchArgs {
         let inputs = inputs(&self.jobs, &plan);
         claim_collection(&plan.output, outputs::BATCH, &inputs)?;
         plan.jobs.iter().try_for_each(|job| require_apart(&job.folder, &inputs))?;
+        if self.count_chapters || self.chapter.is_some() {
+            return self.run_chapters(&mut plan);
+        }
         let mut troubles = Troubles::new();
         let mut has_failed = false;
         if !self.report_only {
@@ -96,6 +106,26 @@ impl Run for BatchArgs {
 impl BatchArgs {
     fn chooses(&self, job: &BatchJob) -> bool {
         self.only.is_empty() || self.only.contains(&job.name)
+    }
+
+    /// Counts the chapters of the chosen recordings, or trains one of them.
+    fn run_chapters(&self, plan: &mut BatchPlan) -> Result<Exit> {
+        console::watch_interrupts();
+        for job in plan.jobs.iter_mut().filter(|job| self.chooses(job)) {
+            match self.chapter {
+                Some(index) => chapters::train(job, index, &one_line(&job.name.clone()))?,
+                None => {
+                    let count = chapters::count(job)?;
+                    let text = format!("{}: {count}\n", one_line(&job.name));
+                    print_report(
+                        &serde_json::json!({ "name": job.name, "chapters": count }),
+                        &text,
+                        self.json,
+                    )?;
+                }
+            }
+        }
+        Ok(Exit::Done)
     }
 }
 
@@ -160,14 +190,8 @@ fn run_job(job: &mut BatchJob, steps: &[Step], label: &str) -> Result<bool> {
         if !steps.contains(&task.step) {
             continue;
         }
-        let _lock = lock(folder, task.step)?;
-        if let Some((needed, fingerprint)) =
-            before.iter().zip(&fingerprints).find(|(t, _)| Some(t.step) == needs)
-            && !matches!(record::status(folder, needed, fingerprint)?, Status::Done(_))
-        {
-            let what = format!("{name} needs the result of {}, which is not there", needed.step.name());
-            return Err(Error::input(what, "Run that step, too."));
-        }
+        let _lock = lock(folder, name)?;
+        require_needed(folder, before, &fingerprints, task.step)?;
         let status = record::status(folder, task, fingerprint)?;
         if matches!(status, Status::Done(_)) {
             say(&format!("{label}: {name} is done"));
@@ -186,11 +210,23 @@ fn run_job(job: &mut BatchJob, steps: &[Step], label: &str) -> Result<bool> {
     Ok(failed.is_empty())
 }
 
-/// Locks a step of a recording against other batches until the returned file is dropped.
-fn lock(folder: &Path, step: Step) -> Result<Lock> {
+/// Fails if the step that `step` works on, one of the tasks `before` it, is not done.
+fn require_needed(folder: &Path, before: &[Task], fingerprints: &[String], step: Step) -> Result<()> {
+    let needed = before.iter().zip(fingerprints).find(|(task, _)| Some(task.step) == step.needs());
+    if let Some((needed, fingerprint)) = needed
+        && !matches!(record::status(folder, needed, fingerprint)?, Status::Done(_))
+    {
+        let what = format!("{} needs the result of {}, which is not there", step.name(), needed.step.name());
+        return Err(Error::input(what, "Run that step, too."));
+    }
+    Ok(())
+}
+
+/// Locks the work called `name` on a recording against other batches until the returned file is dropped.
+fn lock(folder: &Path, name: &str) -> Result<Lock> {
     let steps = folder.join("steps");
     std::fs::create_dir_all(&steps).map_err(|e| Error::io("reserve the folder", &steps, e))?;
-    Lock::acquire(steps.join(format!("{}.lock", step.name())), folder)
+    Lock::acquire(steps.join(format!("{name}.lock")), folder)
 }
 
 /// A step in the output of `--dry-run --json`; the keys are a contract.

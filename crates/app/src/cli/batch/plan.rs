@@ -76,7 +76,8 @@ impl BatchJob {
 }
 
 /// Options that the batch sets itself, or that have no place in a batch.
-const OWN: [&str; 8] = ["output", "sequence", "force", "resume", "json", "masks", "langsplat", "help"];
+const OWN: [&str; 9] =
+    ["output", "sequence", "chapter", "force", "resume", "json", "masks", "langsplat", "help"];
 
 /// Keys that name a source of features. One of them must be given for features, and so for prompts.
 const FEATURE_SOURCES: [&str; 6] =

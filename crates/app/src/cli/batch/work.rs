@@ -75,7 +75,7 @@ fn of_panic(cause: &(dyn Any + Send)) -> Error {
 
 /// Lets the verb replace the result of an earlier run with other settings, or go on with an unfinished run
 /// with the same settings. Fails if the output is there and no batch made it.
-fn make_room(task: &mut Task, status: &Status) -> Result<()> {
+pub(super) fn make_room(task: &mut Task, status: &Status) -> Result<()> {
     if matches!(status, Status::New) && task.output.exists() {
         return Err(in_the_way(&task.output));
     }
@@ -91,7 +91,8 @@ fn make_room(task: &mut Task, status: &Status) -> Result<()> {
                 // It is of other settings, or of another recording.
                 jobs::remove_file(&checkpoint)?;
             }
-            args.resume = checkpoint.exists();
+            // Chapters that lie beside the scene are of these settings, too.
+            args.resume = checkpoint.exists() || goes_on && !jobs::chapters_beside(&task.output).is_empty();
             args.force = !args.resume;
         }
         StepVerb::Eval(args) => args.force = true,
