@@ -154,6 +154,7 @@ pub(super) struct TrainReport {
     backend: String,
     seconds: f64,
     steps: usize,
+    /// Of the steps of this training; those of chapters that lay there already do not count.
     steps_per_second: f64,
     gaussians: usize,
     chapters: usize,
@@ -394,7 +395,7 @@ impl TrainReport {
             backend,
             seconds: trained.seconds,
             steps: trained.steps,
-            steps_per_second: trained.steps as f64 / trained.seconds.max(1e-9),
+            steps_per_second: (trained.steps - trained.steps_kept) as f64 / trained.seconds.max(1e-9),
             gaussians: trained.gaussians,
             chapters: trained.scene.chapters.iter().len().max(1),
             peak_rss_bytes: peak_rss_bytes(),

@@ -311,7 +311,8 @@ impl Trained {
     /// A chapter that was trained earlier.
     fn kept(part: Scene) -> Self {
         let (steps, gaussians) = (part.provenance.steps, part.gaussians.len());
-        Self { steps, gaussians, scene: part, seconds: 0.0, psnr_db: 0.0, dropped: 0, notes: Vec::new() }
+        let (seconds, psnr_db, dropped, notes) = (0.0, 0.0, 0, Vec::new());
+        Self { steps, steps_kept: steps, gaussians, scene: part, seconds, psnr_db, dropped, notes }
     }
 
     /// Adds a chapter to those before it.
@@ -322,6 +323,7 @@ impl Trained {
         Self {
             scene: Scene::joined(Some(earlier.scene), chapter.scene),
             steps: earlier.steps + chapter.steps,
+            steps_kept: earlier.steps_kept + chapter.steps_kept,
             seconds: earlier.seconds + chapter.seconds,
             psnr_db: chapter.psnr_db,
             dropped: earlier.dropped + chapter.dropped,

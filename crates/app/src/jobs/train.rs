@@ -21,7 +21,9 @@ pub struct Trained {
     pub gaussians: usize,
     /// Number of steps done, of all chapters.
     pub steps: usize,
-    /// Wall time of the training, seconds, reading the recording included.
+    /// Number of them that chapters took which lay there already. Their time is not known.
+    pub steps_kept: usize,
+    /// Wall time of the other steps, seconds, reading the recording included.
     pub seconds: f64,
     /// PSNR in dB over the held-out frames, inside the supervision mask.
     pub psnr_db: f64,
@@ -131,7 +133,8 @@ fn steps(
     let psnr_db = trainer.psnr_db()?;
     let scene = trainer.scene()?;
     let (steps, gaussians) = (trainer.steps_done(), scene.gaussians.len());
-    Ok(Trained { scene, gaussians, steps, seconds, psnr_db, dropped, notes: Vec::new() })
+    let (steps_kept, notes) = (0, Vec::new());
+    Ok(Trained { scene, gaussians, steps, steps_kept, seconds, psnr_db, dropped, notes })
 }
 
 /// Removes a file that this program made; a missing one is fine.

@@ -254,13 +254,14 @@ impl Trainer {
 
     fn take_in(&mut self, outcome: StepOutcome) {
         self.state.dropped += outcome.dropped;
-        self.state.learned_poses.gather(&outcome.cameras);
+        self.state.poses.gather(&outcome.cameras);
         self.terms = outcome.terms.unwrap_or(self.terms);
     }
 
     /// Moves the cameras by what was learned in a whole round.
     fn update_poses(&mut self) -> Result<()> {
-        if !self.state.learned_poses.are_learned() || self.state.step == 0 {
+        let is_still = self.state.poses.is_empty() || self.settings.rates.pose == 0.0;
+        if is_still || self.state.step == 0 {
             return Ok(());
         }
         let context = context(&self.settings, self.prepared.as_ref(), &self.sequence, &self.state);
@@ -271,7 +272,7 @@ impl Trainer {
         self.take_in(outcome);
         let num_frames = self.sequence.num_frames();
         let times: Vec<f32> = (0..num_frames).map(|i| self.time(i)).collect();
-        self.state.learned_poses.update(&self.settings.frames(num_frames), &times, rates);
+        self.state.poses.update(&self.settings.frames(num_frames), &times, rates);
         self.sequence = self.state.posed(&self.sequence);
         Ok(())
     }

@@ -7,8 +7,8 @@ use super::{
 use crate::camera::{Camera, Twist};
 use glam::Affine3A;
 
-/// Corrections of a camera's poses. Gradients are gathered while frames are visited, and all poses change
-/// together when every frame had its turn: it does not matter how late a backend tells gradients.
+/// Poses of all frames and their corrections. Gradients are gathered while frames are visited, and all poses
+/// change together when every frame had its turn: it does not matter how late a backend tells gradients.
 #[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
 pub(super) struct LearnedPoses {
     /// `camera_from_world` of every frame at the start.
@@ -31,9 +31,9 @@ impl LearnedPoses {
         }
     }
 
-    /// Returns `true` if there are poses to be learned.
-    pub(super) fn are_learned(&self) -> bool {
-        !self.start.is_empty()
+    /// Returns `true` if there are none.
+    pub(super) fn is_empty(&self) -> bool {
+        self.start.is_empty()
     }
 
     /// Returns `true` if there is as much of everything as there are frames.
@@ -47,9 +47,8 @@ impl LearnedPoses {
     pub(super) fn gather(&mut self, visited: &[(usize, Twist<f32>)]) {
         for (frame, gradient) in visited {
             let gradient = gradient.to_array();
-            if let Some(sum) =
-                self.gradients.get_mut(*frame).filter(|_| gradient.iter().all(|v| v.is_finite()))
-            {
+            let is_finite = gradient.iter().all(|v| v.is_finite());
+            if let Some(sum) = self.gradients.get_mut(*frame).filter(|_| is_finite) {
                 sum.iter_mut().zip(gradient).for_each(|(total, part)| *total += part);
             }
         }
@@ -60,9 +59,6 @@ impl LearnedPoses {
     pub(super) fn update(&mut self, frames: &[usize], times: &[f32], rates: [f32; 6]) {
         let mut gradients = std::mem::take(&mut self.gradients);
         self.gradients = vec![[0.0; 6]; gradients.len()];
-        if rates == [0.0; 6] {
-            return;
-        }
         let is_learned = |i: &usize| frames.binary_search(i).is_ok();
         (0..gradients.len()).filter(|i| !is_learned(i)).for_each(|i| gradients[i] = [0.0; 6]);
         // Adam takes rates in multiples of its own width.
@@ -86,7 +82,7 @@ impl LearnedPoses {
     }
 
     /// `camera_from_world` of every frame.
-    pub(super) fn poses(&self) -> Vec<Affine3A> {
+    pub(super) fn now(&self) -> Vec<Affine3A> {
         let moved = |(start, by): (&Affine3A, &[f32; 6])| Twist::of(*by).moved(*start);
         self.start.iter().zip(&self.corrections).map(moved).collect()
     }

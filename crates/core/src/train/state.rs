@@ -20,7 +20,6 @@ use crate::{
     raster::NEAR,
     sequence::Sequence,
 };
-use glam::Affine3A;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -41,10 +40,8 @@ pub(super) struct TrainState {
     pub times: Vec<f32>,
     /// Judgement on a camera whose path is not known.
     pub scope: Verdict,
-    /// Estimated `camera_from_world` of every frame; empty if the recording's own are used.
-    pub poses: Vec<Affine3A>,
-    /// Poses that are learned; none if they stay as they are.
-    pub learned_poses: LearnedPoses,
+    /// Poses that were estimated, or that are learned; none if the recording's own are used.
+    pub poses: LearnedPoses,
     /// Frames still to be visited in this round, in random order.
     pub queue: Vec<usize>,
     pub typical_depth: f32,
@@ -77,11 +74,11 @@ impl TrainState {
             || settings.refines_poses
             || settings.sh_when_still;
         settings.sh_degree = if sees_around { settings.sh_degree.min(3) } else { 0 };
-        let known = || (0..sequence.num_frames()).map(|i| sequence.camera(i).camera_from_world).collect();
-        let learned_poses = match (settings.rates.pose > 0.0, path.poses.is_empty()) {
-            (true, false) => LearnedPoses::new(path.poses.clone()),
-            (true, true) if settings.refines_poses => LearnedPoses::new(known()),
-            _ => LearnedPoses::default(),
+        let is_known = path.poses.is_empty();
+        let known = (0..sequence.num_frames()).map(|i| sequence.camera(i).camera_from_world);
+        let poses = match is_known && settings.refines_poses {
+            true => LearnedPoses::new(known.collect()),
+            false => LearnedPoses::new(path.poses.clone()),
         };
         let (gaussians, typical_depth) = initial_gaussians(sequence, &path, &seen, latent_dim, settings)?;
         let window = settings.window(sequence.num_frames());
@@ -114,8 +111,7 @@ impl TrainState {
             rng,
             times,
             scope: path.verdict,
-            learned_poses,
-            poses: path.poses,
+            poses,
             queue: Vec::new(),
             typical_depth,
             step: 0,
@@ -129,14 +125,10 @@ impl TrainState {
         self.times.get(i).copied().unwrap_or_else(|| sequence.time(i))
     }
 
-    /// Returns the recording with the poses that were estimated.
+    /// Returns the recording with the poses as they are now.
     pub(super) fn posed(&self, sequence: &Sequence) -> Sequence {
         let sequence = sequence.clone();
-        match (self.learned_poses.are_learned(), self.poses.is_empty()) {
-            (true, _) => sequence.with_poses(&self.learned_poses.poses()),
-            (false, true) => sequence,
-            (false, false) => sequence.with_poses(&self.poses),
-        }
+        if self.poses.is_empty() { sequence } else { sequence.with_poses(&self.poses.now()) }
     }
 
     /// Returns `true` if all arrays have the sizes that the number of Gaussians requires.
@@ -146,7 +138,7 @@ impl TrainState {
         let rows = [g.rotations.len(), g.log_scales.len(), g.opacity_logits.len(), g.colours.len()];
         let block = d.num_bases * n * d.stride;
         let basis = if d.is_shared() { d.num_bases } else { block };
-        self.learned_poses.is_consistent()
+        self.poses.is_consistent()
             && rows.iter().all(|len| *len == n)
             && g.sh_degree <= 3
             && g.sh_rest.len() == n * g.sh_bands() * 3

@@ -93,10 +93,25 @@ pub(crate) struct Measured {
 
 /// Number of frames above which a curve appears coarse first.
 const LONG: usize = 512;
-/// Distances of the frames that are counted one after the other in a long recording.
-const STRIDES: [usize; 3] = [COARSEST, 8, 1];
-/// Distance of the frames that are counted first in a long recording.
-pub(crate) const COARSEST: usize = 64;
+/// Distances of the frames that are counted one after the other in a long recording, and the factor to further
+/// ones.
+const STRIDES: [usize; 3] = [64, 8, 1];
+const COARSER: usize = 8;
+/// Number of frames that are counted first at most: the curve of hours shall appear in seconds, and each of
+/// these frames has a chapter to be read.
+const FIRST_FRAMES: usize = 32;
+
+/// Returns the distances of the frames that are counted one after the other.
+fn strides(num_frames: usize) -> Vec<usize> {
+    if num_frames <= LONG {
+        return vec![1];
+    }
+    let mut strides = STRIDES.to_vec();
+    while num_frames / strides[0] > FIRST_FRAMES {
+        strides.insert(0, strides[0] * COARSER);
+    }
+    strides
+}
 
 /// Record of the frames counted so far for each prompt, on the thread that counts.
 #[derive(Debug, Default)]
@@ -116,7 +131,7 @@ struct Done {
 
 impl Counted {
     pub(crate) fn new(num_frames: usize) -> Self {
-        let strides = if num_frames > LONG { &STRIDES[..] } else { &[1] };
+        let strides = strides(num_frames);
         let mut order = Vec::with_capacity(num_frames);
         for (k, stride) in strides.iter().enumerate() {
             let is_new = |frame: &usize| strides[..k].iter().all(|coarser| !frame.is_multiple_of(*coarser));
@@ -219,7 +234,7 @@ impl Curve {
     /// Returns the largest distance of two known frames that a line is drawn between: that of the frames which
     /// are counted first, until all are known.
     pub(crate) fn reach(&self) -> usize {
-        if self.points.len() > LONG && !self.is_complete() { COARSEST } else { 1 }
+        if self.is_complete() { 1 } else { strides(self.points.len())[0] }
     }
 
     /// Returns `true` if all frames are known.
@@ -365,6 +380,18 @@ mod tests {
         assert_eq!(frames[16..19], [8, 16, 24]);
         frames.sort_unstable();
         assert!(frames.into_iter().eq(0..1000));
+    }
+
+    #[test]
+    fn the_curve_of_hours_begins_with_few_frames() {
+        assert_eq!([512, 513, 2111].map(strides), [vec![1], vec![64, 8, 1], vec![64, 8, 1]]);
+        for num_frames in [2112, 50_000, 180_000, 4_000_000] {
+            let strides = strides(num_frames);
+            assert!(num_frames / strides[0] <= FIRST_FRAMES && strides.ends_with(&STRIDES));
+            assert!(strides.windows(2).all(|pair| pair[0] == pair[1] * COARSER));
+        }
+        let nowhere = Curve { points: vec![None; 50_000] };
+        assert_eq!(nowhere.reach(), 4096);
     }
 
     #[test]
