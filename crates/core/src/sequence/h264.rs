@@ -29,8 +29,8 @@ use std::{
 
 /// NAL unit type of a slice of an IDR picture (H.264, table 7-1).
 pub(super) const IDR_SLICE: u8 = 5;
-/// Memory for decoded frames of one recording: 100 of 640×512 pixels. Stepping back further begins at a key frame
-/// again, once for as many frames.
+/// Memory for decoded frames of one recording: 100 of 640×512 pixels. Stepping back further begins at a key
+/// frame again, once for as many frames.
 const CACHE_BYTES: usize = 96 << 20;
 /// Frames are unevenly spaced if the longest time between two is more than this many times the shortest.
 const UNEVEN: f64 = 1.5;

@@ -93,8 +93,8 @@ pub(crate) struct Measured {
 
 /// Number of frames above which a curve appears coarse first.
 const LONG: usize = 512;
-/// Distances of the frames that are counted one after the other in a long recording, and the factor to further
-/// ones.
+/// Distances of the frames that are counted one after the other in a long recording, and the factor to
+/// further ones.
 const STRIDES: [usize; 3] = [64, 8, 1];
 const COARSER: usize = 8;
 /// Number of frames that are counted first at most: the curve of hours shall appear in seconds, and each of
