@@ -11,12 +11,13 @@ use crate::{
     num::percentile,
     scene::{Problem, Scene},
 };
-use flate2::{Compression, read::ZlibDecoder, write::ZlibEncoder};
+use flate2::read::ZlibDecoder;
 use glam::Vec3;
-use std::{
-    collections::BTreeMap,
-    io::{Read, Write},
+use miniz_oxide::deflate::core::{
+    CompressionStrategy, CompressorOxide, TDEFLFlush, TDEFLStatus, compress_to_output,
+    create_comp_flags_from_zip_params,
 };
+use std::{collections::BTreeMap, io::Read};
 
 /// Number of Gaussians at which the steps below are used unchanged. Smaller scenes are stored more
 /// finely, larger ones less finely: the fewer Gaussians, the more of the picture each covers, and the
@@ -158,12 +159,23 @@ pub(in crate::scene) fn pack(values: &[f32], steps: &[f32]) -> Packed {
     Packed { bytes: deflated(&(0..PLANES).flat_map(plane).collect::<Vec<u8>>()), offsets }
 }
 
-/// Returns a zlib stream of bytes.
+/// Effort of the search for codes, the largest of zlib.
+const BEST: i32 = 9;
+/// Size of the window of a zlib stream, bits.
+const WINDOW_BITS: i32 = 15;
+
+/// Returns a zlib stream of bytes. Of repetitions only runs of one byte are looked for: numbers that look
+/// random repeat by chance, and naming such repetitions takes more room than the bytes do.
 pub(in crate::scene) fn deflated(bytes: &[u8]) -> Vec<u8> {
-    let mut encoder = ZlibEncoder::new(Vec::new(), Compression::best());
-    let written = encoder.write_all(bytes).and_then(|()| encoder.finish());
-    debug_assert!(written.is_ok(), "writing to memory does not fail");
-    written.unwrap_or_default()
+    let flags = create_comp_flags_from_zip_params(BEST, WINDOW_BITS, CompressionStrategy::RLE as i32);
+    let mut out = Vec::new();
+    let (status, _) =
+        compress_to_output(&mut CompressorOxide::new(flags), bytes, TDEFLFlush::Finish, |part| {
+            out.extend_from_slice(part);
+            true
+        });
+    debug_assert_eq!(status, TDEFLStatus::Done, "writing to memory does not fail");
+    out
 }
 
 /// Returns `len` values, the inverse of [`pack`] up to rounding. The caller has reserved memory for them.
