@@ -8,7 +8,7 @@ use crate::viewer::{
     state::{autosave::Autosave, preferences::Preferences},
     theme,
 };
-use egui::{Context, Ui, ViewportCommand};
+use egui::{Context, Ui, ViewportCommand, Visuals};
 use std::{path::PathBuf, sync::Arc};
 
 /// First content of the window.
@@ -116,6 +116,10 @@ impl Shell {
 impl eframe::App for Shell {
     fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
         self.show(ui);
+    }
+
+    fn clear_color(&self, visuals: &Visuals) -> [f32; 4] {
+        visuals.panel_fill.to_normalized_gamma_f32()
     }
 
     fn on_exit(&mut self) {

@@ -76,7 +76,8 @@ impl Panels {
     /// Shows the whole window.
     pub(crate) fn ui(&mut self, ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
         let room = Room::of(ui.ctx());
-        let frame = |x, y| Frame::new().fill(theme::PANEL).inner_margin(Margin::symmetric(x, y));
+        // The window is cleared in the colour of panels: without a GPU every filled pixel costs.
+        let frame = |x, y| Frame::new().inner_margin(Margin::symmetric(x, y));
         Panel::top("menus").frame(frame(10, 4)).show(ui, |ui| menus::menus_ui(ui, shared, actions));
         Panel::bottom("status").frame(frame(12, 4)).show(ui, |ui| status::status_ui(ui, shared, room));
         let mut panel = None;
@@ -97,7 +98,7 @@ impl Panels {
             panel = Some(shown.response.rect);
         }
         CentralPanel::default()
-            .frame(Frame::new().fill(theme::BACKDROP))
+            .frame(Frame::new())
             .show(ui, |ui| self.viewport.ui(ui, shared, actions, room));
         if let Some(panel) = panel {
             resize_ui(ui, panel, room, actions);

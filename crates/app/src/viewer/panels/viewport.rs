@@ -54,10 +54,11 @@ impl ViewportPanel {
             problem_ui(ui, actions, problem);
         }
         if shared.open.is_none() {
+            ui.painter().rect_filled(ui.available_rect_before_wrap(), 0.0, theme::BACKDROP);
             start::start_ui(ui, shared, actions);
             return;
         }
-        let frame = Frame::new().fill(theme::PANEL).inner_margin(Margin::symmetric(12, 6));
+        let frame = Frame::new().inner_margin(Margin::symmetric(12, 6));
         // Where the window is low, the View menu has all of it.
         if !room.is_low() {
             frame.show(ui, |ui| toolbar_ui(ui, shared, actions));
@@ -65,6 +66,7 @@ impl ViewportPanel {
         let area = ui.available_rect_before_wrap();
         let response = ui.allocate_rect(area, Sense::click_and_drag());
         let views = panes(shared, area, ui);
+        paint_backdrop(ui, area, &views);
         let panes = Panes(views.iter().map(|p| (p.rect, p.picture)).collect());
         self.steer(ui, shared, actions, &response, &panes);
         let mut plates = Plates::default();
@@ -213,6 +215,27 @@ fn shown_area(memory: &egui::Memory, name: &str) -> Option<Rect> {
     let id = egui::Id::unique(name);
     let is_shown = memory.areas().is_visible(&egui::LayerId::new(egui::Order::Middle, id));
     memory.area_rect(id).filter(|_| is_shown)
+}
+
+/// Fills the area around the pictures. What they cover is left out but for a point at their borders, which
+/// may lie within a pixel.
+fn paint_backdrop(ui: &Ui, area: Rect, views: &[PaneView]) {
+    let fill = |rect: Rect| _ = ui.painter().rect_filled(rect, 0.0, theme::BACKDROP);
+    if views.is_empty() {
+        fill(area);
+    }
+    for pane in views {
+        let Rect { min, max } = pane.rect;
+        let covered = pane.visible().shrink(1.0);
+        if pane.texture.is_none() || !covered.is_positive() {
+            fill(pane.rect);
+            continue;
+        }
+        fill(Rect::from_min_max(min, pos2(max.x, covered.top())));
+        fill(Rect::from_min_max(pos2(min.x, covered.bottom()), max));
+        fill(Rect::from_min_max(pos2(min.x, covered.top()), covered.left_bottom()));
+        fill(Rect::from_min_max(covered.right_top(), pos2(max.x, covered.bottom())));
+    }
 }
 
 fn paint_pane(ui: &Ui, shared: &Shared, pane: &PaneView, plates: &mut Plates) {

@@ -48,12 +48,11 @@ impl Found {
         }
     }
 
-    /// Moves the anchor to where none of `covered` lies over what was found, if there is such a place.
-    pub(crate) fn place_number(&mut self, threshold: f32, covered: &[Mask]) {
+    /// Moves the anchor to where nothing that is `covered` lies over what was found, if there is such a place.
+    pub(crate) fn place_number(&mut self, threshold: f32, covered: &Mask) {
         let mut free = mask::threshold(&self.cleaned, threshold);
-        for mask in covered.iter().map(|mask| mask.sampled(free.width, free.height)) {
-            free.data.iter_mut().zip(mask.data).for_each(|(free, covered)| *free &= !covered);
-        }
+        let covered = covered.sampled(free.width, free.height);
+        free.data.iter_mut().zip(covered.data).for_each(|(free, covered)| *free &= !covered);
         self.anchor = anchor(&free).or(self.anchor);
     }
 
@@ -102,9 +101,9 @@ mod tests {
         let mut found = Found::new(scores, 0.4, CleanUp::default());
         assert!(found.is_found_at(found.anchor.unwrap(), 0.4) && !found.is_found_at([4.5 / 7.0, 0.5], 0.4));
         let left = Grid::from_vec(7, 1, (0..7).map(|x| x < 4).collect());
-        found.place_number(0.4, &[left]);
+        found.place_number(0.4, &left);
         assert_eq!(found.anchor, Some([5.5 / 7.0, 0.5]), "where nothing covers it");
-        found.place_number(0.4, &[Grid::filled(7, 1, true)]);
+        found.place_number(0.4, &Grid::filled(7, 1, true));
         assert_eq!(found.anchor, Some([5.5 / 7.0, 0.5]), "better covered than nowhere");
         assert_eq!(Found::new(Arc::new(Grid::filled(3, 3, f32::NAN)), 0.4, CleanUp::default()).anchor, None);
     }

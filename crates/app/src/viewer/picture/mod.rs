@@ -3,6 +3,7 @@
 pub(crate) mod areas;
 pub(crate) mod copy;
 pub(crate) mod difference;
+mod findings;
 pub(crate) mod found;
 pub(crate) mod layer_colours;
 pub(crate) mod marks;

@@ -2,16 +2,16 @@
 //! requests may need again, so that a moved threshold costs only a redraw of the overlay. It prepares the
 //! frames ahead while there is no request. It runs on the worker thread.
 
-use crate::engine::{Answer, Question};
+use crate::engine::Question;
 use crate::viewer::{
     backend::{FrameSource, FrameView, Rendering},
     picture::{
         areas::{Counted, Measure, Measured},
         difference::Difference,
-        found::Found,
+        findings::{FoundLast, PromptScores, Scores},
         layer_colours::colour_layer,
         marks::{color_image, fade, mark, outline},
-        request::{AskedPrompt, Finding, LayerPane, Pane, Picture, Request},
+        request::{AskedPrompt, LayerPane, Pane, Picture, Request},
         thumbnails::small,
     },
     remedy::message,
@@ -23,7 +23,7 @@ use std::{collections::VecDeque, sync::Arc, time::Instant};
 use surgtpgs_core::{
     Error, Result,
     grid::{Grid, Mask},
-    mask::{mean_scores, threshold},
+    mask::mean_scores,
 };
 
 /// Number of frames that are prepared ahead of the shown one.
@@ -40,6 +40,8 @@ pub(crate) struct Pipeline {
     originals: VecDeque<(usize, Arc<RgbImage>, Arc<ColorImage>)>,
     /// Rendered views, the most recently used at the end.
     rendered: VecDeque<Rendered>,
+    /// Results of the last picture.
+    found: FoundLast,
     /// Masks of instruments on recorded frames, `None` where they are not known; the newest at the end.
     tools: VecDeque<(usize, Option<Arc<Mask>>)>,
     depth_range: Option<(f32, f32)>,
@@ -52,11 +54,6 @@ pub(crate) struct Pipeline {
     /// Marks that the source has.
     marks: MarkList,
 }
-
-/// A score image, or why there is none.
-type Scores = Result<Arc<Grid<f32>>, String>;
-/// A question with its scores.
-type PromptScores = (Question, Scores);
 
 struct Rendered {
     view: FrameView,
@@ -75,6 +72,7 @@ impl Pipeline {
             source,
             originals: VecDeque::new(),
             rendered: VecDeque::new(),
+            found: FoundLast::default(),
             tools: VecDeque::new(),
             depth_range: None,
             motion_top: None,
@@ -141,7 +139,7 @@ impl Pipeline {
         let Some(rendered) = self.rendered.back() else { return Ok(()) };
         let said =
             self.source.answers(&request.prompts.iter().map(|p| p.question.clone()).collect::<Vec<_>>());
-        picture.findings = findings(&answers, &request, &said, tools.as_deref());
+        picture.findings = self.found.findings(&answers, &request, &said, tools.as_deref());
         picture.outlines = outline(&picture.findings, tools.as_deref(), &request);
         picture.candidates = candidates(&answers, &request.candidates);
         if let Some(point) = request.point.filter(|_| self.source.info().has_features) {
@@ -489,38 +487,6 @@ impl Rendered {
 
 fn shared(scores: Result<Grid<f32>>) -> Scores {
     scores.map(Arc::new).map_err(|e| message(&e))
-}
-
-/// Returns what was found of each prompt of a request, with what is `said` to it. Numbers of prompts lie
-/// beside `tools` and other instruments.
-fn findings(
-    answers: &[PromptScores],
-    request: &Request,
-    said: &[Option<Answer>],
-    tools: Option<&Mask>,
-) -> Vec<Finding> {
-    let clean_up = request.clean_up();
-    let finding = |(prompt, answer): (&AskedPrompt, &Option<Answer>)| {
-        let (_, scores) = answers.iter().find(|(question, _)| *question == prompt.question)?;
-        let outcome = scores.clone().map(|scores| Found::new(scores, prompt.threshold, clean_up));
-        let (text, answer) = (prompt.question.text.clone(), answer.clone());
-        Some(Finding { id: prompt.id, text, answer, outcome })
-    };
-    let mut findings: Vec<Finding> = request.prompts.iter().zip(said).filter_map(finding).collect();
-    let prompt = |id| request.prompts.iter().find(|p| p.id == id);
-    let covered: Vec<Mask> = findings
-        .iter()
-        .filter_map(|f| Some((prompt(f.id).filter(|p| p.is_instrument)?, f.outcome.as_ref().ok()?)))
-        .map(|(p, found)| threshold(&found.cleaned, p.threshold))
-        .chain(tools.cloned())
-        .collect();
-    for finding in &mut findings {
-        let tissue = prompt(finding.id).filter(|p| !p.is_instrument && !covered.is_empty());
-        if let (Some(prompt), Ok(found)) = (tissue, &mut finding.outcome) {
-            found.place_number(prompt.threshold, &covered);
-        }
-    }
-    findings
 }
 
 /// Returns the scores of those `wanted` questions that have any.

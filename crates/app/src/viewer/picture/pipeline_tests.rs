@@ -209,3 +209,21 @@ fn other_negatives_are_another_question() {
     is_all_of(&pipeline.produce(asked), 3);
     assert_eq!(*rendered.lock().unwrap(), [3], "asked anew, not rendered anew");
 }
+
+#[test]
+fn results_of_other_prompts_are_kept_while_words_are_typed() {
+    let (mut pipeline, _) = pipeline(8);
+    let cleaned = |picture: &Picture| picture.findings[0].outcome.as_ref().unwrap().cleaned.clone();
+    let mut asked = Request { clean_up: CleanUp { min_area_px: 2, ..CleanUp::default() }, ..request(3) };
+    let first = cleaned(&pipeline.produce(asked.clone()));
+    let fat =
+        AskedPrompt { id: 2, question: question("fat"), is_instrument: true, ..asked.prompts[0].clone() };
+    asked.prompts.push(fat);
+    let both = pipeline.produce(asked.clone());
+    assert_eq!(both.findings.len(), 2);
+    assert!(Arc::ptr_eq(&first, &cleaned(&both)));
+    asked.prompts[0].threshold = 0.02;
+    assert!(!Arc::ptr_eq(&first, &cleaned(&pipeline.produce(asked.clone()))));
+    asked.view.frame = 4;
+    is_all_of(&pipeline.produce(asked), 4);
+}
