@@ -39,6 +39,8 @@ fn sockets(folder: &Path, around: &[&str], command: &[&str]) -> (Vec<String>, us
     run.args(&all[1..])
         .env_remove("DISPLAY")
         .env_remove("WAYLAND_DISPLAY")
+        // What the window remembers is not to mix with what the user of this machine has opened.
+        .envs(["XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_CACHE_HOME"].map(|name| (name, folder)))
         .current_dir(folder)
         .output()
         .unwrap();
