@@ -158,11 +158,8 @@ impl Engine {
             return Ok(marked.carried.on_view(&self.scene, view.camera, view.time));
         };
         let [width, height] = [view.camera.width, view.camera.height].map(|side| side as usize);
-        let at_size = |scores: &Grid<f32>| match (scores.width, scores.height) == (width, height) {
-            true => scores.clone(),
-            false => scores.sampled(width, height),
-        };
-        Ok(self.carried_on(marked, frame)?.scores.iter().map(at_size).collect())
+        let scores = &self.carried_on(marked, frame)?.scores;
+        Ok(scores.iter().map(|scores| scores.sampled(width, height)).collect())
     }
 
     /// Returns the scores of the carried names on a frame.
