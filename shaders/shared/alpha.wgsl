@@ -4,7 +4,8 @@
 fn unclamped_alpha_at(splat: SplatRow, position: vec2f) -> f32 {
     let d = position - splat.centre;
     let q = splat.conic.x * d.x * d.x + 2.0 * splat.conic.y * d.x * d.y + splat.conic.z * d.y * d.y;
-    return select(splat.opacity * exp(-0.5 * q), 0.0, q < 0.0);
+    // Of a needle, q is a difference of large numbers: rounding can make it negative on the needle's axis.
+    return splat.opacity * exp(-0.5 * q);
 }
 
 // Alpha of a splat at the pixel at `position`; below MIN_ALPHA it counts as 0.

@@ -175,7 +175,7 @@ pub struct Difference {
 pub const CUT_OFF: f64 = 1e-3;
 
 /// Largest share of a picture's values that may fall on another side of a cut-off.
-pub const MAX_BEYOND: f64 = 2e-3;
+pub const MAX_BEYOND: f64 = 1e-3;
 
 /// Compares rendered images with those of the f64 twin.
 pub fn compare(images: &Images, case: &Case) -> Difference {
