@@ -79,6 +79,8 @@ const SHARE_OF_THREADS: u64 = 4;
 /// Starts the threads that compute: one for each processor, fewer if a limit on addresses leaves no room for
 /// them. The addresses that they set aside are taken at once, so that [`available_bytes`] counts them.
 pub fn start_threads() -> Result<()> {
+    // A thread that finds no memory for its stack ends the program.
+    require("any work", ANY_WORK + ARENA, available_bytes())?;
     let all = std::thread::available_parallelism().map_or(1, usize::from);
     let room = address_space_left().map_or(u64::MAX, |left| left / SHARE_OF_THREADS / ARENA).max(1);
     let mut pool = rayon::ThreadPoolBuilder::new();

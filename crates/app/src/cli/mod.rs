@@ -111,10 +111,7 @@ pub fn run(args: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Exit 
         }
     };
     console::keep_writing();
-    console::end_cleanly();
-    let provider = cli.common.execution_provider.into();
-    let ready = memory::start_threads().and_then(|()| surgtpgs_clip::choose_provider(provider));
-    match ready.and_then(|()| run_verb(cli.verb.as_ref().map(Verb::args))) {
+    match run_verb(&cli) {
         Ok(exit) => exit,
         Err(error) => {
             console::say(&format!("error: {}", one_line(&remedy::message(&error))));
@@ -134,8 +131,12 @@ fn with_verb(mut args: Vec<OsString>) -> Vec<OsString> {
     args
 }
 
-fn run_verb(verb: Option<&dyn Run>) -> Result<Exit> {
-    let Some(verb) = verb else { return default_job::run() };
+fn run_verb(cli: &Cli) -> Result<Exit> {
+    // These come first: they find out whether there is memory for any thread.
+    memory::start_threads()?;
+    console::end_cleanly();
+    surgtpgs_clip::choose_provider(cli.common.execution_provider.into())?;
+    let Some(verb) = cli.verb.as_ref().map(Verb::args) else { return default_job::run() };
     if let Some(output) = verb.output().filter(|output| output.is_symlink()) {
         let target = full_path(output);
         console::say(&one_line(&format!("{} is a link to {}", output.display(), target.display())));
