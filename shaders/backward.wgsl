@@ -5,8 +5,10 @@
 // pixel: transmittance T and rest = sum over the splats not yet visited of w (c . g), which starts as
 // (image . g). Then dL/dalpha = T (c . g) - rest / (1 - alpha).
 //
-// Splats are processed in batches. First a thread per pixel computes each splat's weight and dL/d(exponent),
-// then LANES threads per splat sum them up over the tile. The slots must have been cleared.
+// Splats are replayed in small batches. First a thread per pixel computes each splat's weight and
+// dL/d(exponent). Then the threads change their roles: one for each splat, kind of number and column of the
+// tile sums down that column. At last a thread for each number of a slot adds up the columns. Slots of pairs
+// that no pixel reaches must have been cleared.
 //
 // Bindings: crates/render/src/train/step/backward.rs.
 
@@ -15,23 +17,34 @@
 
 const PIXELS: u32 = TILE * TILE;
 const NUM_FEATURES: u32 = max(LATENT_DIM, 1u);
-// Threads that sum up one splat, and pixels of each thread.
-const LANES: u32 = PIXELS / BACKWARD_BATCH;
-const LANE_PIXELS: u32 = PIXELS / LANES;
-// Numbers of a slot that fit into the shared memory at once.
-const ROUND: u32 = 2u * BACKWARD_BATCH;
+// Kinds of numbers: the moments, and equal shares of the channels.
+const KINDS: u32 = PIXELS / (BACKWARD_BATCH * TILE);
+const SHARE: u32 = (SLOT_CHANNELS + KINDS - 2u) / (KINDS - 1u);
+// Room for the columns' sums of one number. One more than there are, so that threads that read the same column
+// of neighbouring numbers do not wait for each other.
+const COLUMNS: u32 = TILE + 1u;
+// Number of splats that are loaded at once: a multiple of the batch that the least memory of a workgroup,
+// 16 KiB, has room for.
+const SPLAT_BYTES: u32 = 4u * (13u + NUM_FEATURES);
+const ROOM: u32 = 16000u - 4u * BACKWARD_BATCH * (2u * PIXELS + SLOT * COLUMNS);
+const LOADED: u32 = min(32u, ROOM / SPLAT_BYTES / BACKWARD_BATCH * BACKWARD_BATCH);
 
-var<workgroup> batch: array<SplatRow, BACKWARD_BATCH>;
-var<workgroup> batch_features: array<f32, BACKWARD_BATCH * NUM_FEATURES>;
-// (weight, dL/d(exponent)) of each splat and pixel; then the lanes' sums.
+var<workgroup> loaded: array<SplatRow, LOADED>;
+var<workgroup> loaded_features: array<f32, LOADED * NUM_FEATURES>;
+var<workgroup> loaded_slots: array<u32, LOADED>;
+// Weight and dL/d(exponent) of each splat of the batch at each pixel.
 var<workgroup> replayed: array<vec2f, BACKWARD_BATCH * PIXELS>;
+// Sums of the columns, [splat of the batch][number of its slot][column].
+var<workgroup> column_sums: array<f32, BACKWARD_BATCH * SLOT * COLUMNS>;
 var<workgroup> range: vec2u;
 var<workgroup> num_done: atomic<u32>;
 var<workgroup> all_done: u32;
 
 struct Pixel {
     // dL/d(channel) and dL/d(alpha).
-    g: array<f32, SLOT_CHANNELS>,
+    g_colour: vec3f,
+    g_depth: f32,
+    g_features: array<f32, NUM_FEATURES>,
     g_alpha: f32,
     transmittance: f32,
     rest: f32,
@@ -43,6 +56,16 @@ fn plane_of(channel: u32) -> u32 {
     return channel + select(0u, 1u, channel >= ALPHA_PLANE);
 }
 
+// dL/d(channel) at pixel p; adds its part of the pixel's sum of image . g.
+fn gradient_at(channel: u32, p: u32, pixel: ptr<function, Pixel>) -> f32 {
+    let at = plane_of(channel) * view.size.x * view.size.y + p;
+    let g = g_planes[at];
+    (*pixel).rest += g * planes[at];
+    // Not a comparison of the sum with 0: NaN must reach the gradients, so that it is noticed there.
+    (*pixel).is_done = (*pixel).is_done && g == 0.0;
+    return g;
+}
+
 fn load_pixel(at: vec2u) -> Pixel {
     var pixel: Pixel;
     pixel.transmittance = 1.0;
@@ -50,34 +73,24 @@ fn load_pixel(at: vec2u) -> Pixel {
     if at.x >= view.size.x || at.y >= view.size.y {
         return pixel;
     }
-    let plane = view.size.x * view.size.y;
     let p = at.y * view.size.x + at.x;
-    pixel.g_alpha = g_planes[ALPHA_PLANE * plane + p];
-    pixel.rest = pixel.g_alpha * planes[ALPHA_PLANE * plane + p];
-    // Not a comparison of the sum with 0: NaN must reach the gradients, so that it is noticed there.
+    let alpha = ALPHA_PLANE * view.size.x * view.size.y + p;
+    pixel.g_alpha = g_planes[alpha];
+    pixel.rest = pixel.g_alpha * planes[alpha];
     pixel.is_done = pixel.g_alpha == 0.0;
-    for (var c = 0u; c < SLOT_CHANNELS; c++) {
-        let g = g_planes[plane_of(c) * plane + p];
-        pixel.g[c] = g;
-        pixel.rest += g * planes[plane_of(c) * plane + p];
-        pixel.is_done = pixel.is_done && g == 0.0;
+    pixel.g_colour.x = gradient_at(0u, p, &pixel);
+    pixel.g_colour.y = gradient_at(1u, p, &pixel);
+    pixel.g_colour.z = gradient_at(2u, p, &pixel);
+    pixel.g_depth = gradient_at(3u, p, &pixel);
+    for (var d = 0u; d < LATENT_DIM; d++) {
+        pixel.g_features[d] = gradient_at(SLOT_BASE_CHANNELS + d, p, &pixel);
     }
     return pixel;
 }
 
-fn channel_of(k: u32, c: u32) -> f32 {
-    if c < 3u {
-        return batch[k].colour[c];
-    }
-    if c == 3u {
-        return batch[k].depth;
-    }
-    return batch_features[k * NUM_FEATURES + c - SLOT_BASE_CHANNELS];
-}
-
-// Blends splat k of the batch into the pixel; returns its weight and dL/d(exponent).
+// Blends loaded splat k into the pixel; returns its weight and dL/d(exponent).
 fn replay(k: u32, position: vec2f, pixel: ptr<function, Pixel>) -> vec2f {
-    let raw = unclamped_alpha_at(batch[k], position);
+    let raw = unclamped_alpha_at(loaded[k], position);
     let alpha = min(raw, MAX_ALPHA);
     if alpha < MIN_ALPHA {
         return vec2f(0.0);
@@ -89,9 +102,9 @@ fn replay(k: u32, position: vec2f, pixel: ptr<function, Pixel>) -> vec2f {
         (*pixel).is_done = true;
         return vec2f(0.0);
     }
-    var value = (*pixel).g_alpha;
-    for (var c = 0u; c < SLOT_CHANNELS; c++) {
-        value += channel_of(k, c) * (*pixel).g[c];
+    var value = (*pixel).g_alpha + dot(loaded[k].colour, (*pixel).g_colour) + loaded[k].depth * (*pixel).g_depth;
+    for (var d = 0u; d < LATENT_DIM; d++) {
+        value += loaded_features[k * NUM_FEATURES + d] * (*pixel).g_features[d];
     }
     (*pixel).rest -= weight * value;
     (*pixel).transmittance = next;
@@ -100,39 +113,50 @@ fn replay(k: u32, position: vec2f, pixel: ptr<function, Pixel>) -> vec2f {
     return vec2f(weight, select(0.0, g_alpha * alpha, raw <= MAX_ALPHA));
 }
 
-// One lane's part of the slot of splat k: moments of dL/d(exponent) about its centre, then the channels.
-fn lane_sums(k: u32, lane: u32, origin: vec2u) -> array<f32, SLOT> {
-    var sums = array<f32, SLOT>();
-    let plane = view.size.x * view.size.y;
-    for (var i = 0u; i < LANE_PIXELS; i++) {
-        let number = i * LANES + lane;
-        let found = replayed[k * PIXELS + number];
-        let at = origin + vec2u(number % TILE, number / TILE);
-        let d = vec2f(at) + 0.5 - batch[k].centre;
-        let moment = found.y * d;
-        sums[0] += found.y;
-        sums[1] += moment.x;
-        sums[2] += moment.y;
-        sums[3] += moment.x * d.x;
-        sums[4] += moment.x * d.y;
-        sums[5] += moment.y * d.y;
-        // Pixels beyond the picture have weight 0.
-        let inside = min(at, view.size - 1u);
-        let p = inside.y * view.size.x + inside.x;
-        for (var c = 0u; c < SLOT_CHANNELS; c++) {
-            sums[SLOT_MOMENTS + c] += found.x * g_planes[plane_of(c) * plane + p];
-        }
+// Sums down a column the moments of dL/d(exponent) about the centre of splat k of the batch.
+fn sum_moments(k: u32, column: u32, centre: vec2f, origin: vec2u) {
+    let first = vec2f(origin + vec2u(column, 0u)) + 0.5 - centre;
+    var sums = vec3f(0.0);
+    for (var row = 0u; row < TILE; row++) {
+        let dy = first.y + f32(row);
+        sums += replayed[k * PIXELS + row * TILE + column].y * vec3f(1.0, dy, dy * dy);
     }
-    return sums;
+    let at = k * SLOT * COLUMNS + column;
+    column_sums[at] = sums.x;
+    column_sums[at + COLUMNS] = first.x * sums.x;
+    column_sums[at + 2u * COLUMNS] = sums.y;
+    column_sums[at + 3u * COLUMNS] = first.x * first.x * sums.x;
+    column_sums[at + 4u * COLUMNS] = first.x * sums.y;
+    column_sums[at + 5u * COLUMNS] = sums.z;
 }
 
-fn load_batch(first: u32, count: u32, thread: u32) {
+// Sums down a column a share of the channels' gradients for splat k of the batch.
+fn sum_channels(k: u32, column: u32, first: u32, origin: vec2u) {
+    let plane = view.size.x * view.size.y;
+    var sums = array<f32, SHARE>();
+    for (var row = 0u; row < TILE; row++) {
+        let weight = replayed[k * PIXELS + row * TILE + column].x;
+        // Pixels beyond the picture have weight 0.
+        let inside = min(origin + vec2u(column, row), view.size - 1u);
+        let p = inside.y * view.size.x + inside.x;
+        for (var i = 0u; i < SHARE; i++) {
+            let channel = min(first + i, SLOT_CHANNELS - 1u);
+            sums[i] += weight * g_planes[plane_of(channel) * plane + p];
+        }
+    }
+    for (var i = 0u; i < SHARE && first + i < SLOT_CHANNELS; i++) {
+        column_sums[(k * SLOT + SLOT_MOMENTS + first + i) * COLUMNS + column] = sums[i];
+    }
+}
+
+fn load(first: u32, count: u32, thread: u32) {
     if thread < count {
-        batch[thread] = splats[pair_splats[first + thread]];
+        loaded[thread] = splats[pair_splats[first + thread]];
+        loaded_slots[thread] = pair_slots[first + thread];
     }
     for (var i = thread; i < count * NUM_FEATURES && LATENT_DIM > 0u; i += PIXELS) {
         let splat = pair_splats[first + i / NUM_FEATURES];
-        batch_features[i] = features[splat * NUM_FEATURES + i % NUM_FEATURES];
+        loaded_features[i] = features[splat * NUM_FEATURES + i % NUM_FEATURES];
     }
 }
 
@@ -147,65 +171,52 @@ fn backward(
         atomicStore(&num_done, 0u);
     }
     let span = workgroupUniformLoad(&range);
+    let origin = tile.xy * TILE;
     let position = vec2f(at.xy) + 0.5;
+    let column = thread % TILE;
+    let own_splat = thread / TILE % BACKWARD_BATCH;
+    let kind = thread / (TILE * BACKWARD_BATCH);
     var pixel = load_pixel(at.xy);
     if pixel.is_done {
         atomicAdd(&num_done, 1u);
     }
-    for (var first = span.x; first < span.y; first += BACKWARD_BATCH) {
-        let count = min(BACKWARD_BATCH, span.y - first);
+    for (var first = span.x; first < span.y; first += LOADED) {
+        let num_loaded = min(LOADED, span.y - first);
         workgroupBarrier();
-        load_batch(first, count, thread);
+        load(first, num_loaded, thread);
         if thread == 0u {
             all_done = atomicLoad(&num_done);
         }
         if workgroupUniformLoad(&all_done) == PIXELS {
             break;
         }
-        for (var k = 0u; k < count; k++) {
-            var found = vec2f(0.0);
-            if !pixel.is_done {
-                found = replay(k, position, &pixel);
-                if pixel.is_done {
-                    atomicAdd(&num_done, 1u);
+        for (var batch = 0u; batch < num_loaded; batch += BACKWARD_BATCH) {
+            let count = min(BACKWARD_BATCH, num_loaded - batch);
+            for (var k = 0u; k < count; k++) {
+                var found = vec2f(0.0);
+                if !pixel.is_done {
+                    found = replay(batch + k, position, &pixel);
+                    if pixel.is_done {
+                        atomicAdd(&num_done, 1u);
+                    }
                 }
-            }
-            replayed[k * PIXELS + thread] = found;
-        }
-        workgroupBarrier();
-        var sums = array<f32, SLOT>();
-        let splat = thread / LANES;
-        if splat < count {
-            sums = lane_sums(splat, thread % LANES, tile.xy * TILE);
-        }
-        // Adds the lanes' sums, ROUND numbers of the slot at a time.
-        for (var start = 0u; start < SLOT; start += ROUND) {
-            workgroupBarrier();
-            for (var j = 0u; j < BACKWARD_BATCH; j++) {
-                var pair = vec2f(0.0);
-                if start + 2u * j < SLOT {
-                    pair.x = sums[start + 2u * j];
-                }
-                if start + 2u * j + 1u < SLOT {
-                    pair.y = sums[start + 2u * j + 1u];
-                }
-                replayed[j * PIXELS + thread] = pair;
+                replayed[k * PIXELS + thread] = found;
             }
             workgroupBarrier();
-            for (var i = thread; i < count * BACKWARD_BATCH; i += PIXELS) {
-                let k = i / BACKWARD_BATCH;
-                let j = i % BACKWARD_BATCH;
-                var sum = vec2f(0.0);
-                for (var lane = 0u; lane < LANES; lane++) {
-                    sum += replayed[j * PIXELS + k * LANES + lane];
+            if own_splat < count {
+                if kind == 0u {
+                    sum_moments(own_splat, column, loaded[batch + own_splat].centre, origin);
+                } else {
+                    sum_channels(own_splat, column, (kind - 1u) * SHARE, origin);
                 }
-                let slot = pair_slots[first + k] * SLOT + start + 2u * j;
-                if start + 2u * j < SLOT {
-                    slots[slot] = sum.x;
+            }
+            workgroupBarrier();
+            for (var i = thread; i < count * SLOT; i += PIXELS) {
+                var sum = 0.0;
+                for (var c = 0u; c < TILE; c++) {
+                    sum += column_sums[i * COLUMNS + c];
                 }
-                if start + 2u * j + 1u < SLOT {
-                    slots[slot + 1u] = sum.y;
-                }
+                slots[loaded_slots[batch + i / SLOT] * SLOT + i % SLOT] = sum;
             }
         }
     }

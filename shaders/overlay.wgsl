@@ -26,6 +26,9 @@ fn is_found(prompt: u32, pixel: vec2i) -> bool {
 
 // City-block distance to the nearest pixel of the frame that is not found, up to `limit`, else `limit` + 1.
 fn depth_inside(prompt: u32, pixel: vec2i, limit: i32) -> i32 {
+    if !is_found(prompt, pixel) {
+        return 0;
+    }
     var depth = limit + 1;
     for (var dy = -limit; dy <= limit; dy++) {
         let reach = limit - abs(dy);

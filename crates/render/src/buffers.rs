@@ -148,27 +148,75 @@ impl<'a, T> Array<'a, T> {
 #[derive(Debug)]
 pub(crate) struct Uniform<T> {
     buffer: wgpu::Buffer,
+    offset: u64,
     marker: PhantomData<T>,
 }
 
 impl<T> Uniform<T> {
     pub(crate) fn bound_to(&self, binding: u32) -> Bound<'_> {
-        let entry = wgpu::BindGroupEntry { binding, resource: self.buffer.as_entire_binding() };
-        Bound { entry, moved: self.buffer.size() }
+        let size = size_of::<T>() as u64;
+        let resource = wgpu::BufferBinding {
+            buffer: &self.buffer,
+            offset: self.offset,
+            size: wgpu::BufferSize::new(size),
+        };
+        let entry = wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::Buffer(resource) };
+        Bound { entry, moved: size }
     }
 }
 
-/// Makes a small constant.
+/// Makes a small constant. It reaches the device with the commands that [`Gpu::submit`] submits next.
 pub(crate) fn uniform<T: NoUninit>(gpu: &Gpu, value: &T) -> Uniform<T> {
-    // Not created mapped, because that panics if the device was lost.
-    let buffer = gpu.device().create_buffer(&wgpu::BufferDescriptor {
-        label: None,
-        size: size_of::<T>() as u64,
-        usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
-        mapped_at_creation: false,
-    });
-    gpu.upload(&buffer, 0, bytemuck::bytes_of(value));
-    Uniform { buffer, marker: PhantomData }
+    let (buffer, offset) = gpu.constants().add(gpu, bytemuck::bytes_of(value));
+    Uniform { buffer, offset, marker: PhantomData }
+}
+
+/// Constants, one after the other in buffers that are never written over: a buffer and an upload for each
+/// constant would take longer than everything else that the host does for a step.
+#[derive(Debug, Default)]
+pub(crate) struct Constants {
+    buffer: Option<wgpu::Buffer>,
+    /// The buffer's contents so far.
+    bytes: Vec<u8>,
+    /// Number of bytes that the device has.
+    flushed: usize,
+}
+
+impl Constants {
+    /// Size of a buffer, enough for the constants of a few steps.
+    const CAPACITY: usize = 1 << 16;
+
+    /// Adds a constant; returns its place.
+    fn add(&mut self, gpu: &Gpu, constant: &[u8]) -> (wgpu::Buffer, u64) {
+        let alignment = gpu.device().limits().min_uniform_buffer_offset_alignment.max(4) as usize;
+        let mut offset = self.bytes.len().next_multiple_of(alignment);
+        if offset + constant.len() > Self::CAPACITY {
+            self.flush(gpu);
+            *self = Self::default();
+            offset = 0;
+        }
+        // Not created mapped, because that panics if the device was lost.
+        let buffer = self.buffer.get_or_insert_with(|| {
+            gpu.device().create_buffer(&wgpu::BufferDescriptor {
+                label: Some("constants"),
+                size: Self::CAPACITY as u64,
+                usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            })
+        });
+        self.bytes.resize(offset, 0);
+        self.bytes.extend_from_slice(constant);
+        (buffer.clone(), offset as u64)
+    }
+
+    /// Uploads what the device does not have.
+    pub(crate) fn flush(&mut self, gpu: &Gpu) {
+        if let Some(buffer) = self.buffer.as_ref().filter(|_| self.flushed < self.bytes.len()) {
+            self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
+            gpu.upload(buffer, self.flushed as u64, &self.bytes[self.flushed..]);
+            self.flushed = self.bytes.len();
+        }
+    }
 }
 
 fn allocate(gpu: &Gpu, name: &str, bytes: u64) -> wgpu::Buffer {

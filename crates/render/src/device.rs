@@ -1,8 +1,11 @@
 //! Opens a graphics adapter, or says plainly why there is none.
 
-use crate::traffic::{Counters, Traffic};
+use crate::{
+    buffers::Constants,
+    traffic::{Counters, Traffic},
+};
 use std::{
-    sync::{Arc, Mutex, PoisonError},
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
     time::Duration,
 };
 use surgtpgs_core::{Error, Remedy, Result};
@@ -56,6 +59,7 @@ pub struct Gpu {
     lost: Arc<Mutex<Option<Loss>>>,
     patience: Duration,
     counters: Arc<Counters>,
+    constants: Arc<Mutex<Constants>>,
 }
 
 /// An adapter that a driver offers.
@@ -137,7 +141,8 @@ impl Gpu {
     pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Self {
         let is_software = device.adapter_info().device_type == wgpu::DeviceType::Cpu;
         let patience = if is_software { 10 * PATIENCE } else { PATIENCE };
-        Self { device, queue, lost: Arc::default(), patience, counters: Arc::default() }
+        let (lost, counters, constants) = Default::default();
+        Self { device, queue, lost, patience, counters, constants }
     }
 
     /// Sets the time after which unfinished work makes the device count as lost.
@@ -233,6 +238,17 @@ impl Gpu {
         }
     }
 
+    /// The constants of commands.
+    pub(crate) fn constants(&self) -> MutexGuard<'_, Constants> {
+        self.constants.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Submits commands, after their constants.
+    pub(crate) fn submit(&self, commands: wgpu::CommandEncoder) {
+        self.constants().flush(self);
+        self.queue.submit([commands.finish()]);
+    }
+
     /// Writes bytes into a buffer, from byte `at` on.
     pub(crate) fn upload(&self, buffer: &wgpu::Buffer, at: u64, bytes: &[u8]) {
         self.counters.count_upload(bytes.len());
@@ -249,7 +265,7 @@ impl Gpu {
         });
         let mut encoder = self.device.create_command_encoder(&Default::default());
         encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, size);
-        self.queue.submit([encoder.finish()]);
+        self.submit(encoder);
         self.read_staging(&staging, size)
     }
 

@@ -25,5 +25,6 @@ pub use train::{GpuBackend, StepTrace};
 
 /// Every shader with its declaration.
 pub fn shaders() -> impl Iterator<Item = &'static shader::Shader> {
-    [planes::SHADERS, shown::SHADERS, relevancy::SHADERS].into_iter().flatten().chain(train::shaders())
+    let others = [planes::SHADERS, shown::SHADERS, relevancy::SHADERS].into_iter().flatten();
+    others.chain(train::shaders()).chain([&traffic::Wgsl::SHADER])
 }

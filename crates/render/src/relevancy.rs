@@ -240,7 +240,7 @@ impl GpuExact {
                 self.score.dispatch(&gpu, pass, &bindings, (rows as u32).div_ceil(GROUP));
             }
         }
-        gpu.queue().submit([encoder.finish()]);
+        gpu.submit(encoder);
         scores.read(&gpu, n * queries.len())
     }
 

@@ -199,7 +199,7 @@ impl GpuRenderer {
             encoder.copy_buffer_to_buffer(buffer, 0, staging, at, *size);
             at += size;
         }
-        self.gpu.queue().submit([encoder.finish()]);
+        self.gpu.submit(encoder);
         self.gpu.read_staging(staging, size)
     }
 

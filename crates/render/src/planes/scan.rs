@@ -15,8 +15,8 @@ shader! {
     var<write> block_sums: [u32];
 }
 
-/// Number of items that one workgroup scans.
-const BLOCK: u32 = 1024;
+/// Number of items that one workgroup scans: enough that the counts of half a million pairs are one block.
+const BLOCK: u32 = 4096;
 
 #[derive(Debug)]
 pub(crate) struct Scan {

@@ -233,7 +233,7 @@ impl GpuBackend {
         };
         step.encode(&now, encoder, timer)?;
         timer.finish(encoder);
-        gpu.queue().submit([commands.finish()]);
+        gpu.submit(commands);
         Ok(())
     }
 

@@ -62,6 +62,41 @@ fn every_shader_is_valid_core_wgsl_for_every_latent_dimension() {
     }
 }
 
+/// Returns `true` if the loop that begins in a line counts up to a number, or halves down to 0.
+fn counts_to_an_end(line: &str) -> bool {
+    let Some((_, head)) = line.split_once("for (") else { return false };
+    let parts: Vec<&str> = head.split(';').map(str::trim).collect();
+    let &[_, condition, change] = &parts[..] else { return false };
+    let counter: String = change.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
+    let grows = ["++", " += ", " <<= 1u"].iter().any(|by| change[counter.len()..].starts_with(by));
+    let halves = change[counter.len()..].starts_with(" /= 2u");
+    let ends =
+        |relation: &str| condition.split(" && ").any(|c| c.starts_with(&format!("{counter}{relation}")));
+    grows && (ends(" < ") || ends(" <= ")) || halves && ends(" > 0u")
+}
+
+#[test]
+fn every_loop_ends_by_itself_because_nothing_else_ends_it() {
+    for file in files_on_disk() {
+        let source = std::fs::read_to_string(Path::new("../../shaders").join(&file)).unwrap();
+        for line in source.lines().filter_map(|line| line.split("//").next()) {
+            let is_loop = |word: &str| ["for", "loop", "while"].contains(&word);
+            if line.split(|c: char| !c.is_alphanumeric() && c != '_').any(is_loop) {
+                assert!(counts_to_an_end(line), "{file}: {line}");
+            }
+        }
+    }
+    for endless in [
+        "loop {",
+        "while true {",
+        "for (;;) {",
+        "for (var i = 0u; i < 9u; j++) {",
+        "for (var i = 9u; i > 0u; i++) {",
+    ] {
+        assert!(!counts_to_an_end(endless), "{endless}");
+    }
+}
+
 #[test]
 fn workgroup_memory_fits_the_smallest_adapters() {
     for shader in shaders() {

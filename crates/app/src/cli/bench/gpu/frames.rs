@@ -3,7 +3,7 @@
 
 use super::steps::PassRow;
 use crate::{
-    cli::bench::shown::{Show, WAYS},
+    cli::bench::shown::{AGAIN, Show, WAYS},
     engine::{BackendChoice, Engine, EngineOptions},
 };
 use image::RgbImage;
@@ -67,10 +67,12 @@ pub(super) fn measure(
     };
     let (mut gpu, mut cpu) = (open(BackendChoice::Gpu)?, open(BackendChoice::Cpu)?);
     let show = Show::new(&gpu, &cameras);
-    let ways: Vec<WayRow> = WAYS
+    let mut ways: Vec<WayRow> = WAYS
         .into_iter()
         .map(|(way, wanted)| way_row(way, wanted, &show, &mut gpu, &mut cpu))
         .collect::<Result<_>>()?;
+    let (again, wanted) = AGAIN;
+    ways.push(way_row(again, wanted, &show.again(), &mut gpu, &mut cpu)?);
     let [beyond_a_level, mean_levels] = differences(&show, &mut gpu, &mut cpu)?;
     let of = format!("frame of {name}, {num_prompts} prompts");
     let costs = show.pass_costs(&mut gpu)?;
