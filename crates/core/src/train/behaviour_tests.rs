@@ -396,3 +396,59 @@ fn long_recordings_cost_no_more_per_step_and_keep_to_their_memory() {
     run(&mut trainer, 40);
     assert!(trainer.cache.used_bytes() <= 100_000);
 }
+
+/// A backend that notes which pixels of which frame each step takes.
+struct Noting(CpuBackend, std::sync::Arc<std::sync::Mutex<Vec<(usize, Look)>>>);
+
+impl TrainBackend for Noting {
+    fn name(&self) -> String {
+        self.0.name()
+    }
+
+    fn step(
+        &mut self,
+        model: &mut Model,
+        plan: StepPlan,
+        context: &Context<'_>,
+        clock: &mut PassClock<Pass>,
+    ) -> Result<StepOutcome> {
+        self.1.lock().unwrap().push((plan.index, plan.look.clone()));
+        self.0.step(model, plan, context, clock)
+    }
+
+    fn densify(&mut self, model: &mut Model, how: &Densify, context: &Context<'_>) -> Result<StepOutcome> {
+        self.0.densify(model, how, context)
+    }
+
+    fn num_gaussians(&self, model: &Model) -> usize {
+        self.0.num_gaussians(model)
+    }
+
+    fn settle(&mut self, model: &mut Model, context: &Context<'_>) -> Result<StepOutcome> {
+        self.0.settle(model, context)
+    }
+
+    fn finish(&mut self, model: &mut Model, context: &Context<'_>) -> Result<StepOutcome> {
+        self.0.finish(model, context)
+    }
+
+    fn forget(&mut self) {
+        self.0.forget();
+    }
+}
+
+#[test]
+fn a_backend_is_tried_on_what_takes_longest_with_everything_at_hand() {
+    let clip = Clip::new(6);
+    let mut trainer = clip.trainer(short(400));
+    let looks = std::sync::Arc::default();
+    let noting = Noting(CpuBackend::default(), std::sync::Arc::clone(&looks));
+    trainer.try_out(Box::new(noting), 8).unwrap();
+    let looks = looks.lock().unwrap();
+    assert_eq!(looks.len(), 16);
+    let pixels = |(frame, look): &(usize, Look)| (*frame, look.half, look.sampling.first);
+    let (first, timed) = looks.split_at(8);
+    assert!(first.iter().map(pixels).eq(timed.iter().map(pixels)), "{looks:?}");
+    assert!(timed.iter().all(|(_, look)| !look.half && look.progress >= 0.75), "{looks:?}");
+    assert_eq!(trainer.state.step, 0);
+}

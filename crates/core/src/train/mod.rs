@@ -244,6 +244,14 @@ impl Trainer {
         Ok(StepPlan { index, frame, look, step: self.state.step, updates })
     }
 
+    /// Waits for the results of the steps that were taken.
+    fn settle(&mut self) -> Result<()> {
+        let context = context(&self.settings, self.prepared.as_ref(), &self.sequence, &self.state);
+        let outcome = self.backend.settle(&mut self.state.model, &context)?;
+        self.take_in(outcome);
+        Ok(())
+    }
+
     /// Waits for the backend and brings the model up to date with its results.
     pub fn finish(&mut self) -> Result<()> {
         let context = context(&self.settings, self.prepared.as_ref(), &self.sequence, &self.state);
@@ -264,12 +272,11 @@ impl Trainer {
         if is_still || self.state.step == 0 {
             return Ok(());
         }
-        let context = context(&self.settings, self.prepared.as_ref(), &self.sequence, &self.state);
-        let outcome = self.backend.settle(&mut self.state.model, &context)?;
+        self.settle()?;
         let progress = self.progress();
+        let context = context(&self.settings, self.prepared.as_ref(), &self.sequence, &self.state);
         let rates =
             poses::rates(&self.settings.rates, progress, &self.sequence.camera(0), context.world_per_px);
-        self.take_in(outcome);
         let num_frames = self.sequence.num_frames();
         let times: Vec<f32> = (0..num_frames).map(|i| self.time(i)).collect();
         self.state.poses.update(&self.settings.frames(num_frames), &times, rates);
@@ -282,19 +289,23 @@ impl Trainer {
         self.state.step as f32 / self.settings.iterations.max(1) as f32
     }
 
-    /// Takes `steps` steps on `backend` and undoes them. Returns their duration in seconds, without the
-    /// first steps for warming up, and the loss of the last.
+    /// Takes `steps` steps on `backend` and undoes them. Returns their duration in seconds, and the loss of the
+    /// last. They are steps of the last quarter of the training, where most time is spent, and are taken twice:
+    /// the first time everything that they need is decoded, compiled and uploaded.
     pub fn try_out(&mut self, backend: Box<dyn TrainBackend>, steps: usize) -> Result<(f64, LossTerms<f32>)> {
-        const WARM_UP: usize = 3;
         self.finish()?;
         let (before, terms) = (self.state.clone(), self.terms);
         let own = std::mem::replace(&mut self.backend, backend);
+        let most = self.settings.iterations.saturating_sub(steps + 1);
+        self.state.step = self.state.step.max((self.settings.iterations / 4 * 3).min(most));
         let tried = (|| {
-            (0..WARM_UP).try_for_each(|_| self.step().map(drop))?;
-            self.finish()?;
+            let (first, queue, rng) = (self.state.step, self.state.queue.clone(), self.state.rng.clone());
+            (0..steps).try_for_each(|_| self.step().map(drop))?;
+            self.settle()?;
+            (self.state.step, self.state.queue, self.state.rng) = (first, queue, rng);
             let started = std::time::Instant::now();
             (0..steps).try_for_each(|_| self.step().map(drop))?;
-            self.finish()?;
+            self.settle()?;
             Ok((started.elapsed().as_secs_f64(), self.terms))
         })();
         self.backend = own;
