@@ -20,8 +20,8 @@ const NUM_FEATURES: u32 = max(LATENT_DIM, 1u);
 // Kinds of numbers: the moments, and equal shares of the channels.
 const KINDS: u32 = PIXELS / (BACKWARD_BATCH * TILE);
 const SHARE: u32 = (SLOT_CHANNELS + KINDS - 2u) / (KINDS - 1u);
-// Room for the columns' sums of one number. One more than there are, so that threads that read the same column
-// of neighbouring numbers do not wait for each other.
+// Room for the columns' sums of one number. One more than there are, so that threads that read the same
+// column of neighbouring numbers do not wait for each other.
 const COLUMNS: u32 = TILE + 1u;
 // Number of splats that are loaded at once: a multiple of the batch that the least memory of a workgroup,
 // 16 KiB, has room for.

@@ -40,7 +40,7 @@ pub(super) struct TrainArgs {
     /// Optimiser steps, instead of those of the quality
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     iterations: Option<u32>,
-    /// Most Gaussians, instead of those of the quality: 40000, or 64000 for best
+    /// Most Gaussians, instead of those of the quality: 40000, or 100000 for best
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4_000_000))]
     gaussians: Option<u32>,
     /// Train this chapter of a long recording alone, from 0; `join` makes a scene of all of them
@@ -96,7 +96,7 @@ enum TrainQuality {
     Quick,
     /// Good enough to work with, in minutes
     Standard,
-    /// More detail, in five times the time
+    /// More detail, in seven times the time
     Best,
 }
 

@@ -76,7 +76,7 @@ impl Quality {
     pub fn gaussians(self) -> usize {
         match self {
             Self::Quick | Self::Standard => 40_000,
-            Self::Best => 64_000,
+            Self::Best => 100_000,
         }
     }
 }
