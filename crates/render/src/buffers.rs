@@ -171,8 +171,8 @@ pub(crate) fn uniform<T: NoUninit>(gpu: &Gpu, value: &T) -> Uniform<T> {
     Uniform { buffer, offset, marker: PhantomData }
 }
 
-/// Constants, one after the other in buffers that are never written over: a buffer and an upload for each
-/// constant would take longer than everything else that the host does for a step.
+/// Constants, one after the other in buffers that are never written over. A training step has about thirty,
+/// and uploads them at once.
 #[derive(Debug, Default)]
 pub(crate) struct Constants {
     buffer: Option<wgpu::Buffer>,
