@@ -132,7 +132,7 @@ impl Asking {
             return Err(Error::input("a prompt is empty", "Give a few words, such as \"gallbladder\"."));
         }
         if scene.codec.is_none() && self.known.is_empty() {
-            return Err(no_features());
+            return Err(no_features(scene));
         }
         self.encode(scene, questions)?;
         if self.understood.len() > MOST_UNDERSTOOD {

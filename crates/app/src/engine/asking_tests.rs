@@ -133,3 +133,67 @@ fn the_paper_asks_by_the_words_themselves() {
     assert!(answer.may_be_found(0.99) && mask.count() > 20);
     assert_eq!(engine.queries()[0].compared_with().collect::<Vec<_>>(), RelevancySettings::CANONICAL);
 }
+
+/// Returns still Gaussians as a `.ply` with LangSplat's columns of features, which are `times` as long.
+fn langsplat_ply(gaussians: &Gaussians, times: f32) -> Vec<u8> {
+    let plain = gaussians.to_ply(None);
+    let end = plain.windows(11).position(|part| part == b"end_header\n").unwrap();
+    let header = String::from_utf8(plain[..end].to_vec()).unwrap();
+    let columns: String =
+        (0..gaussians.latent_dim).map(|k| format!("property float language_feature_{k}\n")).collect();
+    let row_bytes = 4 * header.matches("property float").count();
+    let mut ply = format!("{header}{columns}end_header\n").into_bytes();
+    let features = gaussians.features.chunks(gaussians.latent_dim);
+    for (row, feature) in plain[end + 11..].chunks(row_bytes).zip(features) {
+        ply.extend(row);
+        ply.extend(feature.iter().flat_map(|v| (times * v).to_le_bytes()));
+    }
+    ply
+}
+
+/// Returns a codec as the safetensors that PyTorch would make of it.
+fn autoencoder(codec: &Codec) -> Vec<u8> {
+    let (mut about, mut data) = (serde_json::Map::new(), Vec::new());
+    for (name, values) in codec.tensors() {
+        let start = data.len();
+        data.extend(values.iter().flat_map(|v| v.to_le_bytes()));
+        let offsets = [start, data.len()];
+        let of = serde_json::json!({"dtype": "F32", "shape": values.shape(), "data_offsets": offsets});
+        about.insert(name, of);
+    }
+    let about = serde_json::Value::from(about).to_string();
+    [&(about.len() as u64).to_le_bytes()[..], about.as_bytes(), &data].concat()
+}
+
+#[test]
+fn a_ply_with_features_and_their_autoencoder_is_asked_by_words() {
+    let mut scene = Scene::clone(engine(&NAMES, &[]).scene());
+    // A .ply names no classes.
+    scene.classes.clear();
+    let codec = scene.codec.as_ref().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("point_cloud.ply");
+    std::fs::write(&path, langsplat_ply(&scene.gaussians, 7.0)).unwrap();
+    let options = || EngineOptions { backend: BackendChoice::Cpu, ..Default::default() };
+    let mut without = Engine::open(&path, options()).unwrap();
+    let why = without.set_prompts(&["liver".into()]).unwrap_err().to_string();
+    assert!(why.contains("autoencoder.safetensors"), "{why}");
+
+    let beside = folder.path().join(surgtpgs_core::codec::AUTOENCODER_FILE);
+    std::fs::write(&beside, autoencoder(codec)).unwrap();
+    let mut read = Scene::load(&path).unwrap();
+    assert_eq!(read.gaussians.latent_dim, codec.latent_dim());
+    read.cameras.clone_from(&scene.cameras);
+    read.field_of_view.clone_from(&scene.field_of_view);
+    let mut asked = Engine::new(Arc::new(read), None, options()).unwrap();
+    let mut own = Engine::new(Arc::new(scene.clone()), None, options()).unwrap();
+    for words in ["liver", "fat", "grasper"] {
+        let (answer, mask) = ask(&mut asked, words);
+        let (_, expected) = ask(&mut own, words);
+        let differing = mask.data.iter().zip(&expected.data).filter(|(a, b)| a != b).count();
+        assert!(answer.may_be_found(0.5) && expected.count() > 20, "{words}: {answer:?}");
+        assert!(differing < 5, "{words}: {differing} of {}", expected.count());
+    }
+    std::fs::write(&beside, b"PK").unwrap();
+    assert!(Scene::load(&path).unwrap_err().to_string().contains("best_ckpt.pth"));
+}

@@ -46,6 +46,7 @@ use std::{
 use surgtpgs_core::{
     Error, Remedy, Result,
     camera::Camera,
+    codec::AUTOENCODER_FILE,
     deform::deform,
     files::Inputs,
     grid::{Grid, Mask},
@@ -480,7 +481,7 @@ impl Engine {
     /// Takes a sample at a pixel of a view; `None` where nothing was reconstructed.
     pub fn sample(&mut self, view: &SceneView, [x, y]: [usize; 2]) -> Result<Option<Sample>> {
         let images = self.render(view, true)?;
-        let Some(codec) = &self.scene.codec else { return Err(no_features()) };
+        let Some(codec) = &self.scene.codec else { return Err(no_features(&self.scene)) };
         let dim = images.latent_dim();
         if x >= images.width || y >= images.height || dim != codec.latent_dim() {
             return Ok(None);
@@ -508,7 +509,7 @@ impl Engine {
             None if self.marked.is_some() => {
                 vec![Grid::filled(images.width, images.height, 0.0); self.asking.queries.len()]
             }
-            None => return Err(no_features()),
+            None => return Err(no_features(&self.scene)),
         };
         self.score_marked(view, &mut scores)?;
         if view.recorded {
@@ -545,7 +546,7 @@ impl Engine {
     /// Returns for each prompt the score of each Gaussian at `time`, whatever its opacity. Marks do not count.
     pub fn gaussian_scores(&mut self, time: f32) -> Result<Vec<Vec<f32>>> {
         self.turn_to(time)?;
-        let Some(relevancy) = &mut self.relevancy else { return Err(no_features()) };
+        let Some(relevancy) = &mut self.relevancy else { return Err(no_features(&self.scene)) };
         let deformed = deform(&self.scene.gaussians, &self.scene.deformation, time, true);
         let points = Points::of_latents(&deformed.features, self.scene.gaussians.latent_dim);
         Ok(relevancy.score_points(&points, &self.asking.queries, &self.settings))
@@ -576,7 +577,13 @@ fn settings_of(scene: &Scene) -> RelevancySettings {
     }
 }
 
-fn no_features() -> Error {
+fn no_features(scene: &Scene) -> Error {
+    if scene.gaussians.latent_dim > 0 {
+        return Error::input(
+            "the network that this scene's features were compressed with is not known",
+            format!("Put it beside the .ply, as {AUTOENCODER_FILE}."),
+        );
+    }
     Error::input("this scene was trained without features, so it cannot be asked for words", Remedy::Prepare)
 }
 

@@ -10,6 +10,7 @@ mod autoencoder;
 mod classes;
 mod codebook;
 mod mlp;
+mod released;
 mod settings;
 mod sphere;
 
@@ -22,8 +23,11 @@ use rayon::prelude::*;
 
 pub use mlp::Linear;
 pub(crate) use mlp::{apply, normal, normalise_rows};
+pub use released::AUTOENCODER_FILE;
 pub use settings::{CodecKind, CodecSettings};
 
+/// Most latent numbers of a codec.
+pub(crate) const MAX_LATENT_DIM: usize = 16;
 /// Largest number of different rows for which latents are spread over the sphere and the decoder snaps to
 /// them.
 const MAX_CLASSES: usize = 64;
@@ -81,6 +85,16 @@ impl Codec {
     /// Length of an embedding.
     pub fn embedding_dim(&self) -> usize {
         self.decoder.last().map_or(0, |l| l.weight.nrows())
+    }
+
+    /// Returns the codec if it makes as many latent numbers as Gaussians have; otherwise says what differs,
+    /// without a full stop.
+    pub(crate) fn of_latents(self, latent_dim: usize) -> Result<Self, String> {
+        let encoded = self.encoder.last().map_or(0, |l| l.weight.nrows());
+        match self.latent_dim() {
+            own if own == latent_dim && own == encoded => Ok(self),
+            own => Err(format!("the codec has {own} latent numbers, the Gaussians {latent_dim}")),
+        }
     }
 
     /// Encodes [n, dim] → [n, D], unit rows. Rows without a direction (zero, not finite) give zeros.
@@ -151,7 +165,7 @@ impl Codec {
         }
         let ends = |layers: &[Linear]| (layers[0].weight.ncols(), layers[layers.len() - 1].weight.nrows());
         let ((dim, latent), (latent_in, dim_out)) = (ends(&self.encoder), ends(&self.decoder));
-        if dim != dim_out || latent != latent_in || !(1..=16).contains(&latent) {
+        if dim != dim_out || latent != latent_in || !(1..=MAX_LATENT_DIM).contains(&latent) {
             return Err(broken(format!(
                 "its encoder maps {dim} numbers to {latent}, its decoder {latent_in} to {dim_out}"
             )));
@@ -165,10 +179,11 @@ fn broken(what: String) -> Error {
 }
 
 fn check_training_input(rows: ArrayView2<'_, f32>, weights: &[f32], settings: &CodecSettings) -> Result<()> {
-    if !(1..=16).contains(&settings.latent_dim) || settings.steps == 0 {
+    if !(1..=MAX_LATENT_DIM).contains(&settings.latent_dim) || settings.steps == 0 {
         return Err(Error::input(
             format!(
-                "the codec settings ask for {} latent numbers and {} steps; expected 1 to 16 and at least 1",
+                "the codec settings ask for {} latent numbers and {} steps; expected 1 to {MAX_LATENT_DIM} and \
+                 at least 1",
                 settings.latent_dim, settings.steps
             ),
             "Change the settings.",

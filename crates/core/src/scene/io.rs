@@ -3,6 +3,7 @@
 use super::{Scene, file, file::chapters::ChapterFile, gltf, ply, ply::ReferenceWeights, spz, web};
 use crate::{
     Error, Result,
+    codec::Codec,
     files::WholeFile,
     reading::{MOST_BYTES, open_regular, read_regular},
 };
@@ -63,7 +64,8 @@ impl Scene {
         bytes.len() as u64 + read.unwrap_or(4 * bytes.len() as u64)
     }
     /// Reads and validates a file: a scene, or a `.ply` or `.spz` of Gaussians, recognised by its content.
-    /// The feature network of a deforming `.ply` is taken from [`LANG_DEFORMATION_FILE`] beside it.
+    /// Networks of a `.ply` are in files beside it: that of deforming features in [`LANG_DEFORMATION_FILE`],
+    /// and the codec in [`AUTOENCODER_FILE`].
     pub fn load(path: &Path) -> Result<Self> {
         let file = open_regular(path).map_err(|e| Error::io("read the scene file", path, e))?;
         if let Some(chapters) = ChapterFile::open(path, file)? {
@@ -80,6 +82,11 @@ impl Scene {
             bytes => return file::from_bytes(bytes).map(Self::as_chapter).map_err(wrong),
         };
         let mut scene = read.map_err(wrong)?;
+        if scene.gaussians.latent_dim > 0 {
+            let codec = Codec::beside(path).map_err(wrong)?;
+            let of_scene = |codec: Codec| codec.of_latents(scene.gaussians.latent_dim);
+            scene.codec = codec.map(of_scene).transpose().map_err(wrong)?;
+        }
         scene.provenance.made_by = format!("imported by SurgTPGS {}", env!("CARGO_PKG_VERSION"));
         scene.provenance.sequence_name =
             path.file_stem().map_or(String::new(), |name| name.to_string_lossy().into_owned());

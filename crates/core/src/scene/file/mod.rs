@@ -29,7 +29,7 @@ use super::{
 use crate::{
     Error, Result,
     camera::Camera,
-    codec::{Codec, Linear},
+    codec::{Codec, Linear, MAX_LATENT_DIM},
     deform::{BasisShape, Deformation, GATE_CHANNEL, num_channels, stride_for},
     gaussian::Gaussians,
     grid::Mask,
@@ -217,7 +217,7 @@ pub(super) fn memory_bytes(bytes: &[u8]) -> Option<u64> {
         Err(_) => reader.rank(name).is_some_and(|rank| rank > 1),
     });
     let tables = if has_own_bases { 3 } else { 1 };
-    let stride = stride_for(header.latent_dim.min(16));
+    let stride = stride_for(header.latent_dim.min(MAX_LATENT_DIM));
     let weights = product(&[header.gaussians, bases, stride, tables].map(|n| n as u64));
     Some(stored.saturating_mul(2).saturating_add(weights).saturating_mul(4))
 }
@@ -236,9 +236,11 @@ pub(super) fn from_bytes(bytes: &[u8]) -> Result<Scene, Problem> {
             header.version
         ));
     }
-    if !(header.latent_dim <= 16 && header.sh_degree <= 3) {
+    if !(header.latent_dim <= MAX_LATENT_DIM && header.sh_degree <= 3) {
         let (d, sh) = (header.latent_dim, header.sh_degree);
-        return Err(format!("latent dimension {d} (0 to 16) or colour degree {sh} (0 to 3) is out of range"));
+        return Err(format!(
+            "latent dimension {d} (0 to {MAX_LATENT_DIM}) or colour degree {sh} (0 to 3) is out of range"
+        ));
     }
     let reader = Reader::new(bytes).map_err(damaged)?;
     if header.tensors_sha256.as_ref().is_some_and(|written| *written != reader.checksum()) {
@@ -395,15 +397,7 @@ fn read_codec(reader: &Reader<'_>, latent_dim: usize) -> Result<Option<Codec>, P
     if encoder.is_empty() && decoder.is_empty() {
         return Ok(None);
     }
-    let codec = Codec { encoder, decoder };
-    if codec.latent_dim() != latent_dim || codec.encoder.last().is_none_or(|l| l.weight.nrows() != latent_dim)
-    {
-        return Err(format!(
-            "the codec has {} latent numbers, the Gaussians {latent_dim}",
-            codec.latent_dim()
-        ));
-    }
-    Ok(Some(codec))
+    Codec { encoder, decoder }.of_latents(latent_dim).map(Some)
 }
 
 fn read_layers(reader: &Reader<'_>, name: &str) -> Result<Vec<Linear>, Problem> {

@@ -3,7 +3,7 @@
 //! that is never used. The weights of the feature network are in a separate file.
 
 use super::{
-    splats::{self, CHANNELS},
+    splats::{self, CHANNELS, RELEASED},
     table::{MADE_BY, PlyTable, numbered},
 };
 use crate::{
@@ -162,7 +162,7 @@ impl Scene {
         let names = [
             splats::names(MAX_SH_BANDS),
             numbered("coefs", GEOMETRY * KINDS * BASES),
-            numbered("lang", DIM),
+            numbered(RELEASED, DIM),
             vec!["opa_lang".to_owned()],
         ]
         .concat();
@@ -182,9 +182,11 @@ impl Scene {
 
 /// Reads a deforming scene of [`FRAMES`] frames, seen from the origin.
 pub(super) fn from_table(table: &PlyTable, weights: Option<ReferenceWeights>) -> Result<Scene, Problem> {
-    let (coefficients, latent_dim) = (table.count_numbered("coefs"), table.count_numbered("lang"));
+    let (coefficients, latent_dim) = (table.count_numbered("coefs"), table.count_numbered(RELEASED));
     if ![0, DIM].contains(&latent_dim) {
-        return Err(format!("the vertices have {latent_dim} properties `lang_…`, expected none or {DIM}"));
+        return Err(format!(
+            "the vertices have {latent_dim} properties `{RELEASED}_…`, expected none or {DIM}"
+        ));
     }
     // With 13 channels the last three are the features' gate (the paper's Θ^f).
     let channels = match coefficients {
@@ -197,10 +199,7 @@ pub(super) fn from_table(table: &PlyTable, weights: Option<ReferenceWeights>) ->
         }
     };
     let coefs = table.columns(&numbered("coefs", coefficients))?;
-    let lang = table.columns(&numbered("lang", latent_dim))?;
-    let (mut gaussians, rows) = splats::gaussians(table, &[&coefs[..], &lang].concat())?;
-    gaussians.latent_dim = latent_dim;
-    gaussians.features = rows.iter().flat_map(|&k| lang.iter().map(move |&c| table.row(k)[c])).collect();
+    let (gaussians, rows) = splats::gaussians(table, RELEASED, &coefs)?;
     let num_bases = coefficients / (KINDS * channels);
     let (n, stride) = (rows.len(), stride_for(latent_dim));
     let mut kinds = vec![vec![0.0; num_bases * n * stride]; KINDS];

@@ -3,7 +3,9 @@
 use super::table::{MADE_BY, PlyTable, numbered};
 use crate::{
     camera::Camera,
+    codec::MAX_LATENT_DIM,
     gaussian::{Gaussians, MAX_SH_BANDS},
+    num,
     scene::{
         Problem, Scene,
         camera_row::{CAMERA_WIDTH, camera_row, read_camera},
@@ -15,6 +17,10 @@ use crate::{
 pub(super) const CHANNELS: usize = 3;
 /// Largest logit of opacity that is kept; files may have an infinite one.
 const MAX_LOGIT: f32 = 40.0;
+/// Name of the columns of features, without their numbers, in files of the released code.
+pub(super) const RELEASED: &str = "lang";
+/// The same in files of LangSplat.
+const LANGSPLAT: &str = "language_feature";
 /// Beginning of the comment that holds the camera, as 18 numbers in the scene file's order.
 const CAMERA_COMMENT: &str = "surgtpgs camera";
 
@@ -71,7 +77,8 @@ pub(super) fn names(bands: usize) -> Vec<String> {
 /// Reads a still scene; Gaussians with a number that is not finite are left out and counted
 /// in the provenance.
 pub(super) fn from_table(table: &PlyTable) -> Result<Scene, Problem> {
-    let (gaussians, rows) = gaussians(table, &[])?;
+    let features = if table.count_numbered(RELEASED) > 0 { RELEASED } else { LANGSPLAT };
+    let (gaussians, rows) = gaussians(table, features, &[])?;
     let camera = camera(table).unwrap_or_else(|| camera_before(&gaussians.means));
     let mut scene = Scene::of_still(gaussians, camera);
     scene.provenance.settings = serde_json::json!({
@@ -81,9 +88,21 @@ pub(super) fn from_table(table: &PlyTable) -> Result<Scene, Problem> {
     Ok(scene)
 }
 
-/// Reads the Gaussians, and returns the rows they are in: those in which the ordinary columns and those
-/// in `also` are finite.
-pub(super) fn gaussians(table: &PlyTable, also: &[usize]) -> Result<(Gaussians, Vec<usize>), Problem> {
+/// Reads the Gaussians with features of the name, and returns the rows they are in: those in which the
+/// ordinary columns, those of features and those in `also` are finite.
+pub(super) fn gaussians(
+    table: &PlyTable,
+    features: &str,
+    also: &[usize],
+) -> Result<(Gaussians, Vec<usize>), Problem> {
+    let latent_dim = table.count_numbered(features);
+    if latent_dim > MAX_LATENT_DIM {
+        return Err(format!(
+            "the vertices have {latent_dim} properties `{features}_…`, expected at most {MAX_LATENT_DIM}: \
+             embeddings are read compressed only"
+        ));
+    }
+    let feature_columns = table.columns(&numbered(features, latent_dim))?;
     let bands = match table.count_numbered("f_rest") {
         n if [0, 9, 24, 45].contains(&n) => n / CHANNELS,
         n => return Err(format!("the vertices have {n} properties `f_rest_…`, expected 0, 9, 24 or 45")),
@@ -100,10 +119,12 @@ pub(super) fn gaussians(table: &PlyTable, also: &[usize]) -> Result<(Gaussians, 
             shape[0] = MAX_LOGIT.copysign(shape[0]);
         }
         let all_finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
-        if !(all_finite(head) && all_finite(shape) && also.iter().all(|&c| row[c].is_finite())) {
+        let mut others = also.iter().chain(&feature_columns);
+        if !(all_finite(head) && all_finite(shape) && others.all(|&c| row[c].is_finite())) {
             continue;
         }
         rows.push(k);
+        gaussians.features.extend(feature(feature_columns.iter().map(|&c| row[c]).collect(), features));
         gaussians.means.push([head[0], head[1], head[2]]);
         gaussians.colours.push([head[3], head[4], head[5]]);
         let rest = &head[6..];
@@ -112,9 +133,18 @@ pub(super) fn gaussians(table: &PlyTable, also: &[usize]) -> Result<(Gaussians, 
         gaussians.log_scales.push([shape[1], shape[2], shape[3]]);
         gaussians.rotations.push([shape[4], shape[5], shape[6], shape[7]]);
     }
+    gaussians.latent_dim = latent_dim;
     gaussians.sh_degree = degree_of(bands);
     drop_empty_bands(&mut gaussians);
     Ok((gaussians, rows))
+}
+
+/// Returns the feature of a Gaussian. LangSplat's count by their direction alone.
+fn feature(values: Vec<f32>, name: &str) -> Vec<f32> {
+    match num::normalised(&values) {
+        Some(direction) if name == LANGSPLAT => direction,
+        _ => values,
+    }
 }
 
 fn degree_of(bands: usize) -> usize {
@@ -202,6 +232,27 @@ mod tests {
         let scene = from_bytes(&gaussians.to_ply(None), no_weights).unwrap();
         assert_eq!(scene.gaussians.opacity_logits, [MAX_LOGIT]);
         assert_eq!(scene.provenance.settings["gaussians_left_out"], 1);
+    }
+
+    /// The file of [`still`] with columns of features of this name, as many as there are values.
+    fn with_features(name: &str, values: &[f32]) -> Vec<u8> {
+        let plain = PlyTable::from_bytes(&still().to_ply(None)).unwrap();
+        let names = [plain.names.clone(), numbered(name, values.len())].concat();
+        let rows = (0..plain.num_rows()).flat_map(|k| [plain.row(k), values].concat()).collect();
+        PlyTable { names, comments: Vec::new(), values: rows }.to_bytes()
+    }
+
+    #[test]
+    fn features_of_the_released_code_are_kept_and_those_of_langsplat_are_directions() {
+        let read = |name: &str, values: &[f32]| from_bytes(&with_features(name, values), no_weights);
+        let kept = read("lang", &[0.0, 3.0, 4.0]).unwrap().gaussians;
+        assert_eq!((kept.latent_dim, &kept.features[3..]), (3, &[0.0, 3.0, 4.0][..]));
+        let directions = read("language_feature", &[0.0, 3.0, 4.0]).unwrap().gaussians;
+        assert_eq!((directions.latent_dim, &directions.features[3..]), (3, &[0.0, 0.6, 0.8][..]));
+        let nothing = read("language_feature", &[0.0; 3]).unwrap().gaussians;
+        assert_eq!(nothing.features, [0.0; 6]);
+        assert!(read("lang", &[0.0, f32::NAN]).unwrap().gaussians.is_empty());
+        assert!(read("language_feature", &[0.1; 17]).unwrap_err().contains("17"));
     }
 
     #[test]
