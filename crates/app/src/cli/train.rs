@@ -33,14 +33,14 @@ pub(super) struct TrainArgs {
     /// Hold every eighth frame out (a folder prepared with --eval does so anyway)
     #[arg(long)]
     eval: bool,
-    /// Compromise between time and quality: 600, 4000 or 12,000 steps [default: standard, or 3000 steps of the
+    /// Compromise between time and quality: 600, 4000 or 10,000 steps [default: standard, or 3000 steps of the
     /// profile paper]
     #[arg(long, value_enum)]
     quality: Option<TrainQuality>,
     /// Optimiser steps, instead of those of the quality
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     iterations: Option<u32>,
-    /// Most Gaussians, instead of those of the quality: 40000, or 100000 for best
+    /// Most Gaussians, instead of those of the quality: 40000, or 150000 for best
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4_000_000))]
     gaussians: Option<u32>,
     /// Train this chapter of a long recording alone, from 0; `join` makes a scene of all of them
@@ -96,7 +96,7 @@ enum TrainQuality {
     Quick,
     /// Good enough to work with, in minutes
     Standard,
-    /// More detail, in seven times the time
+    /// More detail, in eight times the time
     Best,
 }
 

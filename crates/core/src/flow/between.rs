@@ -48,11 +48,11 @@ pub fn ways_around(
     let [near, far] = [gray(before), gray(after)];
     let size = (near.width, near.height);
     let to = |from: &Grid<f32>, to: Option<Timed<'_>>| match to {
-        Some(frame) => optical_flow(from, &gray(frame)),
+        Some(frame) => even_flow(from, &gray(frame)),
         None => Grid::filled(size.0, size.1, [0.0; 2]),
     };
     let ((forth, back), (first, last)) = rayon::join(
-        || rayon::join(|| optical_flow(&near, &far), || optical_flow(&far, &near)),
+        || rayon::join(|| even_flow(&near, &far), || even_flow(&far, &near)),
         || rayon::join(|| to(&near, earlier), || to(&far, later)),
     );
     let times = [earlier, Some(before), Some(after), later].map(|frame| frame.map(|f| f.1));
@@ -61,6 +61,19 @@ pub fn ways_around(
         way((&forth, after_weight), (&first, first_weight), (&last, last_weight)),
         way((&back, before_weight), (&last, last_weight), (&first, first_weight)),
     ]
+}
+
+/// Optical flow that leans to no side. Patches and pixels are visited in order, from the upper left or the
+/// lower right: the flow of the images turned by half a turn leans the other way, and this is the mean.
+fn even_flow(from: &Grid<f32>, to: &Grid<f32>) -> Grid<Vector> {
+    let turned = |image: &Grid<f32>| {
+        Grid::from_vec(image.width, image.height, image.data.iter().rev().copied().collect())
+    };
+    let (upright, turned) =
+        rayon::join(|| optical_flow(from, to), || optical_flow(&turned(from), &turned(to)));
+    let mean = |(a, b): (&Vector, &Vector)| [0, 1].map(|k| (a[k] - b[k]) / 2.0);
+    let data = upright.data.iter().zip(turned.data.iter().rev()).map(mean).collect();
+    Grid::from_vec(upright.width, upright.height, data)
 }
 
 /// Weights of places at `times` in the place at `time` on the polynomial through them (Lagrange); 0 where

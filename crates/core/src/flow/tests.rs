@@ -136,6 +136,19 @@ fn what_speeds_up_is_found_where_it_is_between_two_frames() {
 }
 
 #[test]
+fn ways_lean_to_no_side() {
+    let frames = [[0.0, 0.0], [2.3, -1.1]].map(|place| picture(&texture(120, 96, place)));
+    let ways = |frames: &[RgbImage; 2]| ways_around([(&frames[0], 0.0), (&frames[1], 1.0)], [None; 2], 0.5);
+    let upright = ways(&frames);
+    let turned = ways(&[0, 1].map(|k| image::imageops::rotate180(&frames[k])));
+    for (a, b) in upright.iter().zip(&turned) {
+        let apart = a.data.iter().zip(b.data.iter().rev());
+        let worst = apart.flat_map(|(a, b)| [0, 1].map(|k| (a[k] + b[k]).abs())).fold(0.0, f32::max);
+        assert!(worst < 1e-3, "{worst} px");
+    }
+}
+
+#[test]
 fn a_mask_moves_with_its_frame() {
     let mask = Mask::from_vec(5, 1, vec![true, true, false, false, true]);
     let way = |right: f32| Grid::filled(5, 1, [right, 0.0]);

@@ -310,6 +310,22 @@ fn changing_light_is_followed_where_colour_may_change() {
 }
 
 #[test]
+fn depth_changes_only_where_something_tells_of_it() {
+    let folder = tempfile::tempdir().unwrap();
+    demo::write(&demo_settings(9), folder.path(), &mut unobserved).unwrap();
+    let moves = |path: &Path| {
+        let settings = TrainSettings { finds_path: false, ..short(60) };
+        let mut trainer = Trainer::new(&Sequence::open(path).unwrap(), None, settings).unwrap();
+        run(&mut trainer, 60);
+        let d = &trainer.state.model.deformation;
+        let is_moved = |axis: usize| d.weights.iter().skip(axis).step_by(d.stride).any(|w| *w != 0.0);
+        [0, 1, 2].map(is_moved)
+    };
+    assert_eq!(moves(folder.path()), [true; 3]);
+    assert_eq!(moves(&folder.path().join("images")), [true, true, false], "pictures alone");
+}
+
+#[test]
 fn held_out_frames_are_guessed_and_never_read() {
     let folder = tempfile::tempdir().unwrap();
     demo::write(&demo_settings(24), folder.path(), &mut unobserved).unwrap();

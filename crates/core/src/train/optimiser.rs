@@ -281,6 +281,9 @@ fn channel_rates(settings: &TrainSettings, stride: usize, latent_dim: usize, len
     let relative = |rate: f32| if r.uniform_motion { motion } else { rate * r.motion_relative };
     let mut rates = vec![0.0; stride];
     rates[..ROTATION_CHANNEL].fill(motion);
+    if !settings.depth_over_time {
+        rates[MEAN_CHANNEL + 2] = 0.0;
+    }
     rates[ROTATION_CHANNEL..SCALE_CHANNEL].fill(relative(r.rotation));
     rates[SCALE_CHANNEL..COLOUR_CHANNEL].fill(relative(r.log_scale));
     if settings.colour_over_time {

@@ -92,6 +92,7 @@ fn settings(steps: usize, has_shared_bases: bool) -> TrainSettings {
     let mut settings = TrainSettings {
         iterations: steps,
         colour_over_time: false,
+        depth_over_time: true,
         feature_motion: false,
         loss: LossWeights { total_variation: 0.0, region_smoothness: 0.0, ..LossWeights::default() },
         ..TrainSettings::default()

@@ -30,7 +30,7 @@ pub enum Quality {
     /// Good enough to work with.
     #[default]
     Standard,
-    /// More detail, in seven times the time.
+    /// More detail, in eight times the time.
     Best,
 }
 
@@ -43,7 +43,7 @@ impl Quality {
         match self {
             Self::Quick => 600,
             Self::Standard => 4000,
-            Self::Best => 12_000,
+            Self::Best => 10_000,
         }
     }
 
@@ -51,7 +51,7 @@ impl Quality {
     pub fn step_cost(self) -> f64 {
         match self {
             Self::Quick | Self::Standard => 1.0,
-            Self::Best => 2.5,
+            Self::Best => 3.1,
         }
     }
 
@@ -76,7 +76,7 @@ impl Quality {
     pub fn gaussians(self) -> usize {
         match self {
             Self::Quick | Self::Standard => 40_000,
-            Self::Best => 100_000,
+            Self::Best => 150_000,
         }
     }
 }
@@ -247,6 +247,9 @@ pub struct TrainSettings {
     pub own_bases: bool,
     /// `true` if colour may change over time.
     pub colour_over_time: bool,
+    /// `true` if centres may move along the world's z axis over time. They always may where depth or a moving
+    /// camera tells of it.
+    pub depth_over_time: bool,
     /// Slope δ of the feature gate (2.5 in the paper).
     pub gate_slope: f32,
     /// `true` if the gate reads the channels of scale instead of its own.
@@ -307,6 +310,7 @@ impl Default for TrainSettings {
             basis_width: 1.0,
             own_bases: false,
             colour_over_time: true,
+            depth_over_time: false,
             gate_slope: 2.5,
             gate_on_scale: false,
             feature_mode: FeatureMode::Learned,
@@ -484,6 +488,7 @@ impl TrainSettings {
             basis_width: 0.16,
             own_bases: true,
             colour_over_time: false,
+            depth_over_time: true,
             gate_slope: 1.5,
             gate_on_scale: true,
             sh_degree: 3,

@@ -69,11 +69,10 @@ impl TrainState {
         }
         let latent_dim = prepared.map_or(0, |p| p.codec.latent_dim());
         let path = path(sequence, &times, settings)?;
-        let sees_around = sequence.camera_moves()
-            || !path.poses.is_empty()
-            || settings.refines_poses
-            || settings.sh_when_still;
-        settings.sh_degree = if sees_around { settings.sh_degree.min(3) } else { 0 };
+        let sees_around = sequence.camera_moves() || !path.poses.is_empty() || settings.refines_poses;
+        let has_bands = sees_around || settings.sh_when_still;
+        settings.sh_degree = if has_bands { settings.sh_degree.min(3) } else { 0 };
+        settings.depth_over_time |= sees_around || sequence.has_depth();
         let is_known = path.poses.is_empty();
         let known = (0..sequence.num_frames()).map(|i| sequence.camera(i).camera_from_world);
         let poses = match is_known && settings.refines_poses {

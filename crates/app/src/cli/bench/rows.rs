@@ -81,6 +81,9 @@ pub(super) fn rows(iterations: usize, seed: u64) -> Vec<Row> {
             s.gate_slope = paper.gate_slope;
         }),
         row("colour still", "colour does not change over time", &|s| s.colour_over_time = false),
+        row("depth moves", "centres move along z over time, though nothing tells of it", &|s| {
+            s.depth_over_time = true;
+        }),
         row("pooled regions", "one mean over all channels of a region", &|s| s.loss.pooled_regions = true),
         row("raw depth", "depth not divided by opacity, and it does not move centres", &|s| {
             s.loss.raw_depth = true;
