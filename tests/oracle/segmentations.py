@@ -65,7 +65,7 @@ def expected(out, kind, name, frame):
         return np.array(Image.open(out / f"index/frame_{frame:06}.png"))
     if kind == "fractional":
         scores = np.load(out / f"npy/frame_{frame:06}_{name}.npy")
-        return np.round(scores * 255).astype(np.uint8)
+        return np.floor(scores * 255 + np.float32(0.5)).astype(np.uint8)
     path = out / f"binary/frame_{frame:06}_{name}.png"
     return (np.array(Image.open(path)) > 0).astype(np.uint8) if path.exists() else None
 
@@ -86,8 +86,9 @@ def compare(out, kind):
         if len(found) != compared:
             sys.exit(f"{path}: {compared} frames, but {len(found)} masks")
     read = highdicom.seg.segread(path)
-    if read.number_of_segments != len(names) or read.segmentation_type.value != kind.upper():
-        sys.exit(f"{path}: highdicom reads {read.number_of_segments} segments, {read.segmentation_type}")
+    # Zero is the background of label maps.
+    if list(read.segment_numbers) != [number for number in names if number] or read.segmentation_type.value != kind.upper():
+        sys.exit(f"{path}: highdicom reads segments {list(read.segment_numbers)}, {read.segmentation_type}")
     return compared
 
 
