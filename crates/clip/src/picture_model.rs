@@ -187,7 +187,7 @@ fn the_model(folder: &Path, role: &Role) -> Result<PathBuf> {
     match files.as_slice() {
         [file] => Ok(file.clone()),
         _ => {
-            let what = format!("The folder holds {} model files, {} is one", files.len(), role.what);
+            let what = format!("The folder should hold one model file, {}, not {}", role.what, files.len());
             Err(Error::input_at(folder, what, role.hint))
         }
     }

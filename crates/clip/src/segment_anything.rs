@@ -79,7 +79,10 @@ impl SegmentAnything {
     pub fn open(folder: &Path) -> Result<Self> {
         let files = ModelFile::list(folder, "models for masks", HINT)?;
         let [a, b] = files.as_slice() else {
-            let what = format!("The folder holds {} model files, not an encoder and a decoder", files.len());
+            let what = format!(
+                "The folder should hold two model files, an encoder and a decoder, not {}",
+                files.len()
+            );
             return Err(Error::input_at(folder, what, HINT));
         };
         let (a, b) = (ModelFile::open(a)?, ModelFile::open(b)?);

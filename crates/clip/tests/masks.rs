@@ -149,7 +149,7 @@ fn mask_folders_that_are_none_are_explained() {
     let open = |files: &[(&str, Vec<u8>)]| SegmentAnything::open(folder(files).path());
     let (encoder_a, decoder) = (|| encoder(&["image_embed"]).into_bytes(), || sam2_decoder().into_bytes());
     assert_error(SegmentAnything::open(Path::new("/nowhere/sam")), &["no such folder with models for masks"]);
-    assert_error(open(&[("only.onnx", encoder_a())]), &["holds 1 model files, not an encoder and a decoder"]);
+    assert_error(open(&[("only.onnx", encoder_a())]), &["two model files, an encoder and a decoder, not 1"]);
     assert_error(
         open(&[("a.onnx", encoder_a()), ("b.onnx", encoder_a())]),
         &["Both models read images", "`image` [1,3,64,64]"],
@@ -254,7 +254,7 @@ fn image_encoders_that_are_none_are_explained() {
     assert_error(open("output = \"c\""), &["asks for the output `c`", "`a` [?,4]"]);
     assert_error(open("std = [1.0, 0.0, 1.0]"), &["not a usable number"]);
     assert_error(open("sise = 3"), &["encoder.toml could not be read", "sise"]);
-    assert_error(ImageEncoder::open(sam2().path()), &["holds 2 model files, an image encoder is one"]);
+    assert_error(ImageEncoder::open(sam2().path()), &["one model file, an image encoder, not 2"]);
     let unknown = Graph::default()
         .input("pixel_values", FLOAT, &[None, Some(3), Some(32), Some(32)])
         .output("image_embeds", FLOAT, &[None, Some(3)])

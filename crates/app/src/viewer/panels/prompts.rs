@@ -42,10 +42,13 @@ pub(crate) struct Prompts {
 impl Prompts {
     /// Shows the panel. The prompt box stays in place, everything else can be scrolled.
     pub(crate) fn ui(&mut self, ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
-        find_ui(ui, shared, actions);
+        ui.heading("Find");
+        box_ui(ui, shared, actions);
+        ui.add_space(4.0);
         ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             // The scroll bar covers nothing.
             ui.set_width(ui.available_width() - 10.0);
+            ways_ui(ui, shared, actions);
             exporting_ui(ui, shared, actions);
             marking::marking_ui(ui, shared, actions);
             training::training_ui(ui, shared, actions);
@@ -63,10 +66,9 @@ impl Prompts {
     }
 }
 
-/// Shows the heading, the lists of words and the prompt box.
-fn find_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+/// Shows other ways to say what to find, and what words are compared with.
+fn ways_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     ui.horizontal_wrapped(|ui| {
-        ui.heading("Find");
         marking::mark_button_ui(ui, shared, actions);
         if shared.can_ask() {
             suggestions_ui(ui, shared, actions);
@@ -76,7 +78,6 @@ fn find_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
             }
         }
     });
-    box_ui(ui, shared, actions);
     ui.add_space(4.0);
 }
 
