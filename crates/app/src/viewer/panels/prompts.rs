@@ -42,7 +42,6 @@ pub(crate) struct Prompts {
 impl Prompts {
     /// Shows the panel. The prompt box stays in place, everything else can be scrolled.
     pub(crate) fn ui(&mut self, ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
-        ui.heading("Find");
         box_ui(ui, shared, actions);
         ui.add_space(4.0);
         ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
