@@ -436,6 +436,7 @@ impl TrainSettings {
             chapter: None,
             feature_mode: FeatureMode::Learned,
             feature_motion: true,
+            depth_over_time: false,
             sh_degree: 0,
             rates: LearningRates { final_share: 0.0, ..settings.rates.clone() },
             ..settings.clone()
