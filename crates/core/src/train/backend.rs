@@ -97,7 +97,8 @@ pub struct StepOutcome {
     pub cameras: Vec<(usize, Twist<f32>)>,
 }
 
-/// Carries out training steps.
+/// Carries out training steps. A backend that does all of a step in the model at once has nothing to settle,
+/// finish or forget.
 pub trait TrainBackend: Send {
     /// Name of the device it runs on.
     fn name(&self) -> String;
@@ -115,14 +116,20 @@ pub trait TrainBackend: Send {
     fn densify(&mut self, model: &mut Model, how: &Densify, context: &Context<'_>) -> Result<StepOutcome>;
 
     /// Returns the current number of Gaussians.
-    fn num_gaussians(&self, model: &Model) -> usize;
+    fn num_gaussians(&self, model: &Model) -> usize {
+        model.gaussians.len()
+    }
 
     /// Waits for all steps and tells what is new of them; the model may stay out of date.
-    fn settle(&mut self, model: &mut Model, context: &Context<'_>) -> Result<StepOutcome>;
+    fn settle(&mut self, _model: &mut Model, _context: &Context<'_>) -> Result<StepOutcome> {
+        Ok(StepOutcome::default())
+    }
 
     /// Brings the model up to date.
-    fn finish(&mut self, model: &mut Model, context: &Context<'_>) -> Result<StepOutcome>;
+    fn finish(&mut self, _model: &mut Model, _context: &Context<'_>) -> Result<StepOutcome> {
+        Ok(StepOutcome::default())
+    }
 
     /// Tells the backend that the model was changed from outside after [`TrainBackend::finish`].
-    fn forget(&mut self);
+    fn forget(&mut self) {}
 }

@@ -436,20 +436,6 @@ impl TrainBackend for Noting {
     fn densify(&mut self, _: &mut Model, _: &Densify, _: &Context<'_>) -> Result<StepOutcome> {
         Ok(StepOutcome::default())
     }
-
-    fn num_gaussians(&self, model: &Model) -> usize {
-        model.gaussians.len()
-    }
-
-    fn settle(&mut self, _: &mut Model, _: &Context<'_>) -> Result<StepOutcome> {
-        Ok(StepOutcome::default())
-    }
-
-    fn finish(&mut self, _: &mut Model, _: &Context<'_>) -> Result<StepOutcome> {
-        Ok(StepOutcome::default())
-    }
-
-    fn forget(&mut self) {}
 }
 
 #[test]

@@ -77,20 +77,6 @@ impl TrainBackend for CpuBackend {
         densify(model, how);
         Ok(StepOutcome::default())
     }
-
-    fn num_gaussians(&self, model: &Model) -> usize {
-        model.gaussians.len()
-    }
-
-    fn settle(&mut self, _: &mut Model, _: &Context<'_>) -> Result<StepOutcome> {
-        Ok(StepOutcome::default())
-    }
-
-    fn finish(&mut self, _: &mut Model, _: &Context<'_>) -> Result<StepOutcome> {
-        Ok(StepOutcome::default())
-    }
-
-    fn forget(&mut self) {}
 }
 
 impl CpuBackend {
