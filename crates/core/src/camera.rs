@@ -84,6 +84,17 @@ impl Camera {
         }
     }
 
+    /// Returns the fields of view, horizontal and vertical, degrees.
+    pub fn field_of_view_degrees(&self) -> [f32; 2] {
+        [(self.width, self.fx), (self.height, self.fy)]
+            .map(|(size, focal)| 2.0 * (0.5 * size as f32 / focal).atan().to_degrees())
+    }
+
+    /// Returns the camera with a focal length that is `zoom` times as large.
+    pub fn zoomed(&self, zoom: f32) -> Self {
+        Self { fx: self.fx * zoom, fy: self.fy * zoom, ..*self }
+    }
+
     /// Returns the world point seen at continuous pixel position (u, v) at depth `z` (scene units). The
     /// centre of pixel (i, j) is (i + 0.5, j + 0.5).
     pub fn unproject(&self, u: f32, v: f32, z: f32) -> Vec3 {

@@ -38,9 +38,13 @@ fn scope(sequence: &Sequence, report: &CheckReport, observer: &mut Observer<'_>)
     };
     let last = end.saturating_sub(1);
     Ok(match verdict {
-        Verdict::Moves => Some(format!(
-            "The scope moves, as far as frames 0 to {last} tell. Its path will be estimated from the pictures"
-        )),
+        Verdict::Moves { fov_x_degrees } => {
+            let lens = fov_x_degrees.map(|fov| format!(", and its field of view, which is about {fov:.0}°"));
+            Some(format!(
+                "The scope moves, as far as frames 0 to {last} tell. Its path will be estimated from the pictures{}",
+                lens.unwrap_or_default()
+            ))
+        }
         other => other.note().map(|note| format!("{note} (judged by frames 0 to {last})")),
     })
 }

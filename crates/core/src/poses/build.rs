@@ -128,6 +128,11 @@ impl Builder {
         }
     }
 
+    /// Cost of all frames, px².
+    pub(super) fn cost(&mut self) -> f64 {
+        self.adjust(0..self.poses.len(), 2, 0)
+    }
+
     fn places(&self) -> Vec<Option<DVec3>> {
         self.landmarks.iter().map(|m| m.place).collect()
     }

@@ -6,6 +6,7 @@
 
 mod adjust;
 mod build;
+mod lens;
 mod linear;
 mod surface;
 #[cfg(test)]
@@ -21,9 +22,10 @@ use crate::{
     progress::{Observer, Progress},
     sequence::{CameraSource, Sequence},
 };
-use adjust::{Comparison, Landmark, Sight};
+use adjust::{Comparison, Landmark};
 use build::Builder;
-use glam::{Affine3A, DAffine3, DQuat, DVec2, DVec3, Quat, Vec3};
+use glam::{Affine3A, DAffine3, DQuat, DVec3, Quat, Vec3};
+use lens::{Lens, find_zoom};
 use tracks::{Follower, Track, View};
 
 /// Longest side of the pictures that are looked at, px; larger ones are halved.
@@ -53,7 +55,10 @@ pub enum Verdict {
     /// It stands still, or nothing says otherwise.
     Still,
     /// It moves along a path that explains what is seen.
-    Moves,
+    Moves {
+        /// Horizontal field of view, degrees, if that was estimated, too.
+        fov_x_degrees: Option<f32>,
+    },
     /// Something moves that neither a still camera nor a path explains.
     Unclear,
     /// The path breaks off at this frame: nothing that was seen before is seen there.
@@ -66,7 +71,11 @@ impl Verdict {
         let still = "the scope is taken to stand still";
         match self {
             Self::Still => None,
-            Self::Moves => Some("The scope moves: its path was estimated from the pictures".to_owned()),
+            Self::Moves { fov_x_degrees } => {
+                let lens = fov_x_degrees.map(|fov| format!(", and its field of view as {fov:.0}°"));
+                let lens = lens.unwrap_or_default();
+                Some(format!("The scope moves: its path was estimated from the pictures{lens}"))
+            }
             Self::Unclear => {
                 Some(format!("Something moves that neither a still scope nor a moving one explains: {still}"))
             }
@@ -86,6 +95,9 @@ pub struct ScopePath {
     pub still_share: f64,
     /// The same with the path.
     pub moving_share: f64,
+    /// Factor from the assumed focal length to the one that explains what is seen; `None` where the lens is
+    /// known, or nothing tells.
+    pub zoom: Option<f32>,
     /// Frames that were passed over because they are blurred.
     pub blurred: Vec<usize>,
     /// `camera_from_world` of every frame; empty unless the camera moves. The median depth of all sights is
@@ -146,12 +158,13 @@ pub fn estimate(
         follower.take(slot, view);
     }
     let tracks = follower.finish(SHORTEST_TRACK);
-    let lens = Lens { camera, shrink: f64::from(shrink) };
+    let mut lens = Lens { camera, shrink: f64::from(shrink) };
     let still_share = still_share(&tracks);
     let mut path = ScopePath {
         verdict: Verdict::Still,
         still_share,
         moving_share: still_share,
+        zoom: None,
         blurred,
         poses: Vec::new(),
         points: Vec::new(),
@@ -160,6 +173,9 @@ pub fn estimate(
         return Ok(path);
     }
     Progress::new("finding the scope's path", 0, 1).tell(observer)?;
+    let is_assumed = matches!(sequence.camera_source(), CameraSource::Assumed(_));
+    let zoom = if is_assumed { find_zoom(&tracks, &lens) } else { None };
+    lens = zoom.map_or(lens, |zoom| lens.zoomed(zoom));
     let mut builder = Builder::new(used.len(), lens.landmarks(&tracks), lens.focal_px());
     if let Some(slot) = builder.build() {
         path.verdict = Verdict::Lost(used[slot]);
@@ -167,7 +183,9 @@ pub fn estimate(
     }
     path.moving_share = moving_share(&builder, &lens);
     path.verdict = verdict(&path, &builder);
-    if path.verdict == Verdict::Moves {
+    if let Verdict::Moves { fov_x_degrees } = &mut path.verdict {
+        *fov_x_degrees = zoom.map(|_| lens.camera.field_of_view_degrees()[0]);
+        path.zoom = zoom.map(|zoom| zoom as f32);
         let scale = f64::from(typical_depth) / median_depth(&builder);
         let known: Vec<(f32, DAffine3)> = used
             .iter()
@@ -237,33 +255,6 @@ fn sharpness(view: &View) -> f32 {
     (sum / count.max(1) as f64) as f32
 }
 
-/// Maps positions in the pictures that are looked at to the plane at depth 1.
-struct Lens {
-    camera: Camera,
-    shrink: f64,
-}
-
-impl Lens {
-    fn focal_px(&self) -> f64 {
-        f64::from(self.camera.fx) / self.shrink
-    }
-
-    fn sight(&self, frame: usize, at: [f32; 2]) -> Sight {
-        let [u, v] = at.map(|p| (f64::from(p) + 0.5) * self.shrink);
-        let Camera { fx, fy, cx, cy, .. } = self.camera;
-        let at = DVec2::new((u - f64::from(cx)) / f64::from(fx), (v - f64::from(cy)) / f64::from(fy));
-        Sight { frame, at }
-    }
-
-    fn landmarks(&self, tracks: &[Track]) -> Vec<Landmark> {
-        let landmark = |track: &Track| Landmark {
-            place: None,
-            sights: track.iter().map(|(frame, at)| self.sight(*frame, *at)).collect(),
-        };
-        tracks.iter().map(landmark).collect()
-    }
-}
-
 /// Share of all sights that lie near the median place of their point in the picture.
 fn still_share(tracks: &[Track]) -> f64 {
     let (mut near, mut all) = (0, 0);
@@ -304,7 +295,7 @@ fn verdict(path: &ScopePath, builder: &Builder) -> Verdict {
     let gain = path.moving_share - path.still_share;
     let is_surface = depth_range(builder) <= LARGEST_DEPTH_RANGE;
     match (gain >= LEAST_GAIN, path.moving_share >= LEAST_EXPLAINED && is_surface) {
-        (true, true) => Verdict::Moves,
+        (true, true) => Verdict::Moves { fov_x_degrees: None },
         (true, false) => Verdict::Unclear,
         (false, _) => Verdict::Still,
     }

@@ -33,7 +33,7 @@ fn estimated(moving_camera: bool) -> (Sequence, super::ScopePath) {
 #[test]
 fn a_moving_scope_is_found_between_the_frames_that_are_read_too() {
     let (truth, path) = estimated(true);
-    assert_eq!(path.verdict, Verdict::Moves);
+    assert_eq!(path.verdict, Verdict::Moves { fov_x_degrees: None }, "the lens is given");
     assert!(path.moving_share > 0.9 && path.points.len() > 100, "{}", path.moving_share);
     // The demo's first camera is the world's axes too, but its scale is not known.
     let places: Vec<Vec3> = path.poses.iter().map(|pose| pose.inverse().translation.into()).collect();
@@ -45,6 +45,32 @@ fn a_moving_scope_is_found_between_the_frames_that_are_read_too() {
         let error = (*found * scale).distance(*true_place);
         assert!(error < 0.05 * length, "frame {i} is {error} mm from its place on a path of {length} mm");
     }
+}
+
+#[test]
+fn a_lens_that_is_not_known_is_found_with_the_path() {
+    let folder = tempfile::tempdir().unwrap();
+    // A wide picture of the same round field: its field of view is 75°, and 60° is assumed.
+    let settings = DemoSettings {
+        width: 320,
+        height: 180,
+        frames: FRAMES,
+        moving_camera: true,
+        rigid: true,
+        ..DemoSettings::default()
+    };
+    write(&settings, folder.path(), &mut unobserved).unwrap();
+    let truth = Sequence::open(folder.path()).unwrap().camera(0);
+    let pictures = Sequence::open(&folder.path().join("images")).unwrap();
+    let frames: Vec<usize> = (0..FRAMES).collect();
+    let times: Vec<f32> = frames.iter().map(|i| *i as f32 / FRAMES as f32).collect();
+    let timeline = Timeline { frames: &frames, times: &times };
+    let path = estimate(&pictures, timeline, 100.0, &mut unobserved).unwrap();
+    let Verdict::Moves { fov_x_degrees: Some(fov) } = path.verdict else { panic!("{:?}", path.verdict) };
+    let [true_fov, _] = truth.field_of_view_degrees();
+    assert!((fov - true_fov).abs() < 4.0, "{fov}° instead of {true_fov}°");
+    let focal = path.zoom.unwrap() * pictures.camera(0).fx;
+    assert!((focal / truth.fx - 1.0).abs() < 0.07, "{focal} px instead of {} px", truth.fx);
 }
 
 #[test]

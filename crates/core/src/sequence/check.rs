@@ -218,17 +218,11 @@ fn camera(sequence: &Sequence, says: &mut Findings) -> String {
         }
     }
     let motion = if sequence.camera_moves() { "moving" } else { "still" };
+    let [across, down] = first.field_of_view_degrees();
     format!(
-        "{source}, {motion}, focal length {:.1} × {:.1} pixels, field of view {:.0}° × {:.0}°",
-        first.fx,
-        first.fy,
-        degrees(first.width, first.fx),
-        degrees(first.height, first.fy)
+        "{source}, {motion}, focal length {:.1} × {:.1} pixels, field of view {across:.0}° × {down:.0}°",
+        first.fx, first.fy
     )
-}
-
-fn degrees(size: u32, focal: f32) -> f32 {
-    2.0 * (0.5 * size as f32 / focal).atan().to_degrees()
 }
 
 fn is_rotation(camera: &Camera) -> bool {

@@ -73,6 +73,8 @@ pub struct Sequence {
     estimated: Option<Arc<Estimated>>,
     /// `camera_from_world` of every frame, where they were estimated.
     poses: Option<Arc<[Affine3A]>>,
+    /// Factor from the recording's focal length to the estimated one.
+    zoom: f32,
 }
 
 #[derive(Debug)]
@@ -127,7 +129,7 @@ impl Sequence {
         let (field_of_view, label_numbers, identity) = (OnceLock::new(), OnceLock::new(), OnceLock::new());
         let inner =
             Inner { layout, recording, camera_moves, field_of_view, label_numbers, outline, identity };
-        Ok(Self { inner: Arc::new(inner), estimated: None, poses: None })
+        Ok(Self { inner: Arc::new(inner), estimated: None, poses: None, zoom: 1.0 })
     }
 
     fn recording(&self) -> &Recording {
@@ -206,7 +208,7 @@ impl Sequence {
     pub fn camera(&self, i: usize) -> Camera {
         let camera = self.recording().cameras[i];
         let camera_from_world = self.poses.as_ref().map_or(camera.camera_from_world, |poses| poses[i]);
-        Camera { camera_from_world, ..camera }
+        Camera { camera_from_world, ..camera.zoomed(self.zoom) }
     }
     /// Returns the source of the cameras.
     pub fn camera_source(&self) -> CameraSource {
@@ -220,6 +222,10 @@ impl Sequence {
     /// that of the frames.
     pub(crate) fn with_poses(self, poses: &[Affine3A]) -> Self {
         Self { poses: Some(poses.into()), ..self }
+    }
+    /// Returns the same recording with focal lengths that are `zoom` times those it came with.
+    pub(crate) fn with_zoom(self, zoom: f32) -> Self {
+        Self { zoom, ..self }
     }
     /// Returns the rectangles that are black in every frame.
     pub fn hidden(&self) -> &[HiddenRectangle] {

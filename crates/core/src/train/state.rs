@@ -42,6 +42,8 @@ pub(super) struct TrainState {
     pub scope: Verdict,
     /// Poses that were estimated, or that are learned; none if the recording's own are used.
     pub poses: LearnedPoses,
+    /// Factor from the recording's focal length to the estimated one; 1 if the lens is known.
+    pub zoom: f32,
     /// Frames still to be visited in this round, in random order.
     pub queue: Vec<usize>,
     pub typical_depth: f32,
@@ -69,6 +71,8 @@ impl TrainState {
         }
         let latent_dim = prepared.map_or(0, |p| p.codec.latent_dim());
         let path = path(sequence, &times, settings)?;
+        let zoom = path.zoom.unwrap_or(1.0);
+        let sequence = &sequence.clone().with_zoom(zoom);
         let sees_around = sequence.camera_moves() || !path.poses.is_empty() || settings.refines_poses;
         let has_bands = sees_around || settings.sh_when_still;
         settings.sh_degree = if has_bands { settings.sh_degree.min(3) } else { 0 };
@@ -111,6 +115,7 @@ impl TrainState {
             times,
             scope: path.verdict,
             poses,
+            zoom,
             queue: Vec::new(),
             typical_depth,
             step: 0,
@@ -124,9 +129,9 @@ impl TrainState {
         self.times.get(i).copied().unwrap_or_else(|| sequence.time(i))
     }
 
-    /// Returns the recording with the poses as they are now.
+    /// Returns the recording with the lens and the poses as they are now.
     pub(super) fn posed(&self, sequence: &Sequence) -> Sequence {
-        let sequence = sequence.clone();
+        let sequence = sequence.clone().with_zoom(self.zoom);
         if self.poses.is_empty() { sequence } else { sequence.with_poses(&self.poses.now()) }
     }
 
@@ -137,7 +142,8 @@ impl TrainState {
         let rows = [g.rotations.len(), g.log_scales.len(), g.opacity_logits.len(), g.colours.len()];
         let block = d.num_bases * n * d.stride;
         let basis = if d.is_shared() { d.num_bases } else { block };
-        self.poses.is_consistent()
+        (self.zoom.is_finite() && self.zoom > 0.0)
+            && self.poses.is_consistent()
             && rows.iter().all(|len| *len == n)
             && g.sh_degree <= 3
             && g.sh_rest.len() == n * g.sh_bands() * 3

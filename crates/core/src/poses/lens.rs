@@ -1,0 +1,98 @@
+//! The lens: from positions in pictures to directions, and its focal length where it is not known.
+
+use super::{
+    SHORTEST_TRACK,
+    adjust::{Landmark, Sight},
+    build::Builder,
+    tracks::Track,
+};
+use crate::camera::Camera;
+use glam::DVec2;
+use rayon::prelude::*;
+
+/// Factors of the focal length that are tried, in ascending order.
+const ZOOMS: [f64; 9] = [0.5, 0.62, 0.75, 0.88, 1.0, 1.15, 1.35, 1.6, 1.9];
+/// Number of frames, and of points, that they are tried with at most.
+const FRAMES: usize = 64;
+const POINTS: usize = 500;
+/// Fewest points that tell something.
+const FEWEST_POINTS: usize = 60;
+/// Ratio of the cost at both ends to the lowest, from which on the lowest is believed: tissue that breathes
+/// makes a shallow valley at a wrong place.
+const LEAST_RISE: f64 = 1.05;
+
+/// Maps positions in the pictures that are looked at to the plane at depth 1.
+#[derive(Clone, Copy)]
+pub(super) struct Lens {
+    pub camera: Camera,
+    /// Number of pixels of the recording, along a side, for each pixel of the pictures.
+    pub shrink: f64,
+}
+
+impl Lens {
+    /// Returns the lens with a focal length that is `zoom` times as large.
+    pub(super) fn zoomed(self, zoom: f64) -> Self {
+        Self { camera: self.camera.zoomed(zoom as f32), ..self }
+    }
+
+    pub(super) fn focal_px(&self) -> f64 {
+        f64::from(self.camera.fx) / self.shrink
+    }
+
+    fn sight(&self, frame: usize, at: [f32; 2]) -> Sight {
+        let [u, v] = at.map(|p| (f64::from(p) + 0.5) * self.shrink);
+        let Camera { fx, fy, cx, cy, .. } = self.camera;
+        let at = DVec2::new((u - f64::from(cx)) / f64::from(fx), (v - f64::from(cy)) / f64::from(fy));
+        Sight { frame, at }
+    }
+
+    pub(super) fn landmarks(&self, tracks: &[Track]) -> Vec<Landmark> {
+        let landmark = |track: &Track| Landmark {
+            place: None,
+            sights: track.iter().map(|(frame, at)| self.sight(*frame, *at)).collect(),
+        };
+        tracks.iter().map(landmark).collect()
+    }
+}
+
+/// Returns the factor from the focal length of `lens` to the one that explains the tracks best. `None` unless
+/// what is left unexplained rises all the way on both sides of it, and clearly: then the tracks do not tell.
+pub(super) fn find_zoom(tracks: &[Track], lens: &Lens) -> Option<f64> {
+    let begun: Vec<Track> = tracks.iter().map(first_frames).filter(|t| t.len() >= SHORTEST_TRACK).collect();
+    let every = begun.len().div_ceil(POINTS).max(1);
+    let chosen: Vec<Track> = begun.into_iter().step_by(every).collect();
+    if chosen.len() < FEWEST_POINTS {
+        return None;
+    }
+    let costs: Vec<f64> = ZOOMS.par_iter().map(|zoom| cost(&chosen, &lens.zoomed(*zoom))).collect();
+    lowest(&costs)
+}
+
+/// Returns the sights of a track in the first frames.
+fn first_frames(track: &Track) -> Track {
+    track.iter().copied().filter(|(frame, _)| *frame < FRAMES).collect()
+}
+
+/// Returns the cost of the best path with a lens, px²; infinite if there is none.
+fn cost(tracks: &[Track], lens: &Lens) -> f64 {
+    let frames = tracks.iter().filter_map(|track| track.last()).map(|(frame, _)| frame + 1).max();
+    let mut builder = Builder::new(frames.unwrap_or(0), lens.landmarks(tracks), lens.focal_px());
+    if builder.build().is_some() { f64::INFINITY } else { builder.cost() }
+}
+
+/// Returns the zoom at the bottom of a valley of costs, on a parabola through the lowest and those beside it;
+/// `None` if the costs form no valley.
+fn lowest(costs: &[f64]) -> Option<f64> {
+    let k = (0..costs.len()).min_by(|a, b| costs[*a].total_cmp(&costs[*b]))?;
+    let falls = costs[..=k].windows(2).all(|pair| pair[0] > pair[1] || pair[0].is_infinite());
+    let rises = costs[k..].windows(2).all(|pair| pair[0] < pair[1] || pair[1].is_infinite());
+    let is_deep = costs[0].min(costs[costs.len() - 1]) > LEAST_RISE * costs[k];
+    if k == 0 || k + 1 == costs.len() || !falls || !rises || !is_deep {
+        return None;
+    }
+    let [a, b, c] = [k - 1, k, k + 1].map(|k| ZOOMS[k].ln());
+    let (left, right) = ((costs[k - 1] - costs[k]) / (b - a), (costs[k + 1] - costs[k]) / (c - b));
+    // Slopes are those in the middle between two zooms.
+    let bottom = 0.5 * (a + b) + 0.5 * (c - a) * left / (left + right);
+    bottom.is_finite().then(|| bottom.exp())
+}
