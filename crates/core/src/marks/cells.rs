@@ -10,8 +10,8 @@ use super::{
 use crate::grid::Mask;
 use image::RgbImage;
 
-/// Side of the squares, px.
-const CELL: usize = 4;
+/// Number of squares across a picture, about: how far marks spread does not depend on its resolution.
+const ACROSS: usize = 213;
 /// Difference of roots of colours, of 0 to 1, at which neighbours weigh e^(−½).
 const COLOUR: f32 = 0.05;
 /// Rounds in which a few marks are spread.
@@ -28,7 +28,7 @@ pub(super) fn spread_over(
     num_names: usize,
 ) -> Vec<Vec<f32>> {
     let (width, height) = (picture.width() as usize, picture.height() as usize);
-    let cells = Cells { width, height, columns: width.div_ceil(CELL), rows: height.div_ceil(CELL) };
+    let cells = Cells::of_picture(width, height);
     let seeds = cells.seeds(evidence, num_names);
     let links = cells.links(picture, field_of_view);
     let marked = evidence.pixels().count();
@@ -66,6 +66,8 @@ fn weigh_by_area(shares: &mut [Vec<f32>]) {
 
 /// The squares of a picture.
 struct Cells {
+    /// Side of the squares, px.
+    side: usize,
     width: usize,
     height: usize,
     columns: usize,
@@ -73,8 +75,14 @@ struct Cells {
 }
 
 impl Cells {
+    /// Divides a picture of this size.
+    fn of_picture(width: usize, height: usize) -> Self {
+        let side = ((width + ACROSS / 2) / ACROSS).max(1);
+        Self { side, width, height, columns: width.div_ceil(side), rows: height.div_ceil(side) }
+    }
+
     fn of(&self, i: usize) -> usize {
-        i / self.width / CELL * self.columns + i % self.width / CELL
+        i / self.width / self.side * self.columns + i % self.width / self.side
     }
 
     /// Means of the pixels of each square.
@@ -112,7 +120,7 @@ impl Cells {
         let inside = self.means(|i| if field_of_view.data.get(i).is_none_or(|v| *v) { 1.0 } else { 0.0 });
         let colour = |cell: usize| [0, 1, 2].map(|c| roots[c][cell]);
         let place = |cell: usize| {
-            [cell % self.columns, cell / self.columns].map(|at| (at * CELL) as f32 / self.width as f32)
+            [cell % self.columns, cell / self.columns].map(|at| (at * self.side) as f32 / self.width as f32)
         };
         let looks = (0..inside.len()).map(|cell| look(colour(cell), place(cell))).collect();
         let link = |cell: usize, (dx, dy): (isize, usize)| {
@@ -140,7 +148,7 @@ impl Cells {
     fn at_half(&self, values: &[f32]) -> Vec<f32> {
         let [width, height] = self.half();
         let place = |at: usize, cells: usize| {
-            let at = ((at as f32 + 0.5) * 2.0 / CELL as f32 - 0.5).clamp(0.0, (cells - 1) as f32);
+            let at = ((at as f32 + 0.5) * 2.0 / self.side as f32 - 0.5).clamp(0.0, (cells - 1) as f32);
             (at as usize, (at as usize + 1).min(cells - 1), at - at.floor())
         };
         let value = |i: usize| {
@@ -153,5 +161,16 @@ impl Cells {
             (row(top) + down * (row(bottom) - row(top))).clamp(0.0, 1.0)
         };
         (0..width * height).map(value).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn squares_grow_with_the_picture() {
+        let side = |width: usize| Cells::of_picture(width, width / 2).side;
+        assert_eq!([40, 320, 427, 640, 854, 1280, 1920].map(side), [1, 2, 2, 3, 4, 6, 9]);
     }
 }
