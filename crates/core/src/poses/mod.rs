@@ -158,7 +158,7 @@ pub fn estimate(
         follower.take(slot, view);
     }
     let tracks = follower.finish(SHORTEST_TRACK);
-    let mut lens = Lens { camera, shrink: f64::from(shrink) };
+    let lens = Lens { camera, shrink: f64::from(shrink) };
     let still_share = still_share(&tracks);
     let mut path = ScopePath {
         verdict: Verdict::Still,
@@ -175,7 +175,7 @@ pub fn estimate(
     Progress::new("finding the scope's path", 0, 1).tell(observer)?;
     let is_assumed = matches!(sequence.camera_source(), CameraSource::Assumed(_));
     let zoom = if is_assumed { find_zoom(&tracks, &lens) } else { None };
-    lens = zoom.map_or(lens, |zoom| lens.zoomed(zoom));
+    let lens = zoom.map_or(lens, |zoom| lens.zoomed(zoom));
     let mut builder = Builder::new(used.len(), lens.landmarks(&tracks), lens.focal_px());
     if let Some(slot) = builder.build() {
         path.verdict = Verdict::Lost(used[slot]);

@@ -19,7 +19,8 @@ use crate::viewer::{
     text::percent,
     theme,
 };
-use egui::{Align2, Color32, Painter, Rect, Ui, pos2, vec2};
+use egui::{Align2, Color32, Galley, Painter, Rect, Ui, Vec2, pos2, vec2};
+use std::sync::Arc;
 use surgtpgs_core::{mask::CleanUp, palette::Palette};
 
 /// Shows the legend in the lower left corner and the tags on the pictures.
@@ -125,33 +126,68 @@ fn tag(painter: &Painter, line: &Line<'_>, picture: Rect, pane: Rect, plates: &m
     swatch(painter, rect, line.colour, &line.number);
 }
 
+/// Share of the picture that the lines cover at most; on a smaller picture they are set smaller.
+const LARGEST_SHARE: f32 = 0.3;
+
+/// Size of the lines.
+#[derive(Clone, Copy)]
+struct LineSize {
+    height: f32,
+    font: f32,
+    /// `true` to give the area of what was found, too.
+    has_area: bool,
+}
+
+impl LineSize {
+    const USUAL: Self = Self { height: 24.0, font: 14.5, has_area: true };
+    const SMALL: Self = Self { height: 18.0, font: 11.5, has_area: false };
+
+    /// Returns the room to the left of the words.
+    fn indent(self) -> f32 {
+        self.height + 11.0
+    }
+
+    /// Lays out the words of a line: without its value where both are too long, but for what is not found.
+    fn words(self, painter: &Painter, line: &Line<'_>, room: f32) -> Arc<Galley> {
+        let lay_out =
+            |text: String| painter.layout_no_wrap(text, egui::FontId::proportional(self.font), theme::TEXT);
+        let (name, is_found) = (shortened(&line.text), line.found.is_some_and(|found| found.area_px > 0));
+        if is_found && !self.has_area {
+            return lay_out(name);
+        }
+        let both = lay_out(format!("{name}   {}", line.value));
+        match (both.size().x > room, is_found) {
+            (true, true) => lay_out(name),
+            (true, false) => lay_out(line.value.clone()),
+            (false, _) => both,
+        }
+    }
+}
+
 /// Paints the lines in the lower left corner, as many as there is room for.
 fn paint_lines(painter: &Painter, lines: &[Line<'_>], area: Rect, plates: &mut Plates) {
-    const HEIGHT: f32 = 24.0;
-    let font = egui::FontId::proportional(14.5);
-    let fitting = ((area.height() * 0.6) / HEIGHT) as usize;
-    let lines = &lines[..lines.len().min(fitting)];
+    let layout = |size: LineSize| {
+        let fitting = ((area.height() * 0.6) / size.height) as usize;
+        let lines = &lines[..lines.len().min(fitting)];
+        let room = (area.width() - size.indent() - 31.0).max(20.0);
+        let texts: Vec<_> = lines.iter().map(|line| size.words(painter, line, room)).collect();
+        let width = texts.iter().map(|t| t.size().x).fold(0.0, f32::max) + size.indent() + 11.0;
+        (size, lines, texts, vec2(width, size.height * lines.len() as f32 + 8.0))
+    };
+    let is_small = |plate: Vec2| plate.x * plate.y <= LARGEST_SHARE * area.area();
+    let usual = layout(LineSize::USUAL);
+    let (size, lines, texts, plate) = if is_small(usual.3) { usual } else { layout(LineSize::SMALL) };
     if lines.is_empty() {
         return;
     }
-    let room = (area.width() - 66.0).max(20.0);
-    let laid_out = |line: &Line<'_>| {
-        let mut text = format!("{}   {}", shortened(&line.text), line.value);
-        if painter.layout_no_wrap(text.clone(), font.clone(), theme::TEXT).size().x > room {
-            text.clone_from(&line.value);
-        }
-        painter.layout_no_wrap(text, font.clone(), theme::TEXT)
-    };
-    let texts: Vec<_> = lines.iter().map(laid_out).collect();
-    let width = texts.iter().map(|t| t.size().x).fold(0.0, f32::max) + 46.0;
-    let size = vec2(width, HEIGHT * lines.len() as f32 + 8.0);
-    let Some(plate) = plates.place(area, Align2::LEFT_BOTTOM, size) else { return };
+    let Some(plate) = plates.place(area, Align2::LEFT_BOTTOM, plate) else { return };
     painter.rect_filled(plate, 6.0, theme::PLATE);
     for (i, (line, text)) in lines.iter().zip(texts).enumerate() {
-        let y = plate.top() + 4.0 + HEIGHT * (i as f32 + 0.5);
-        let mark = Rect::from_center_size(pos2(plate.left() + 18.0, y), vec2(18.0, 18.0));
+        let y = plate.top() + 4.0 + size.height * (i as f32 + 0.5);
+        let side = size.height - 6.0;
+        let mark = Rect::from_center_size(pos2(plate.left() + 9.0 + 0.5 * side, y), vec2(side, side));
         swatch(painter, mark, line.colour, &line.number);
-        painter.galley(pos2(plate.left() + 35.0, y - text.size().y / 2.0), text, theme::TEXT);
+        painter.galley(pos2(plate.left() + size.indent(), y - text.size().y / 2.0), text, theme::TEXT);
     }
 }
 

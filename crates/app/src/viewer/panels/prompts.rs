@@ -33,6 +33,9 @@ pub(crate) const ENCODING: &str = "Looking for it…";
 /// Message where prompts cannot be asked.
 pub(crate) const NO_FEATURES: &str = "This recording has no text features";
 
+/// Height of the panel below its prompt box, points, under which what was found goes before the buttons.
+const LOW: f32 = 200.0;
+
 /// The right-hand panel.
 #[derive(Default)]
 pub(crate) struct Prompts {
@@ -44,10 +47,13 @@ impl Prompts {
     pub(crate) fn ui(&mut self, ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
         box_ui(ui, shared, actions);
         ui.add_space(4.0);
+        let is_low = ui.available_height() < LOW;
         ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             // The scroll bar covers nothing.
             ui.set_width(ui.available_width() - 10.0);
-            ways_ui(ui, shared, actions);
+            if !is_low {
+                ways_ui(ui, shared, actions);
+            }
             exporting_ui(ui, shared, actions);
             marking::marking_ui(ui, shared, actions);
             training::training_ui(ui, shared, actions);
@@ -58,6 +64,9 @@ impl Prompts {
                 unanswered_ui(ui, shared);
             }
             rows_ui(ui, &mut self.menu, shared, actions);
+            if is_low {
+                ways_ui(ui, shared, actions);
+            }
             if shared.can_ask() {
                 overlay_ui(ui, shared, actions);
             }

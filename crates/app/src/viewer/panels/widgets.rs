@@ -308,7 +308,7 @@ pub(crate) fn swatch(painter: &Painter, rect: Rect, colour: [u8; 3], number: &st
         rect.center(),
         Align2::CENTER_CENTER,
         number,
-        egui::FontId::proportional(13.0),
+        egui::FontId::proportional((0.72 * rect.height()).min(13.0)),
         Color32::BLACK,
     );
 }
