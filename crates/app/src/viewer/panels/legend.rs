@@ -19,7 +19,7 @@ use crate::viewer::{
     text::percent,
     theme,
 };
-use egui::{Align2, Color32, Galley, Painter, Rect, Ui, Vec2, pos2, vec2};
+use egui::{Align2, Color32, Galley, Painter, Rect, Ui, pos2, vec2};
 use std::sync::Arc;
 use surgtpgs_core::{mask::CleanUp, palette::Palette};
 
@@ -164,30 +164,53 @@ impl LineSize {
     }
 }
 
-/// Paints the lines in the lower left corner, as many as there is room for.
-fn paint_lines(painter: &Painter, lines: &[Line<'_>], area: Rect, plates: &mut Plates) {
-    let layout = |size: LineSize| {
+/// Lines that are laid out, with the rectangle that each takes, from the upper left corner of all.
+struct LaidOut {
+    size: LineSize,
+    rows: Vec<(Arc<Galley>, Rect)>,
+}
+
+impl LaidOut {
+    /// Lays out as many lines as there is room for.
+    fn new(size: LineSize, painter: &Painter, lines: &[Line<'_>], area: Rect) -> Self {
         let fitting = ((area.height() * 0.6) / size.height) as usize;
-        let lines = &lines[..lines.len().min(fitting)];
         let room = (area.width() - size.indent() - 31.0).max(20.0);
-        let texts: Vec<_> = lines.iter().map(|line| size.words(painter, line, room)).collect();
-        let width = texts.iter().map(|t| t.size().x).fold(0.0, f32::max) + size.indent() + 11.0;
-        (size, lines, texts, vec2(width, size.height * lines.len() as f32 + 8.0))
-    };
-    let is_small = |plate: Vec2| plate.x * plate.y <= LARGEST_SHARE * area.area();
-    let usual = layout(LineSize::USUAL);
-    let (size, lines, texts, plate) = if is_small(usual.3) { usual } else { layout(LineSize::SMALL) };
-    if lines.is_empty() {
-        return;
+        let row = |(i, line): (usize, &Line<'_>)| {
+            let words = size.words(painter, line, room);
+            let at = pos2(0.0, i as f32 * size.height);
+            let plate = Rect::from_min_size(at, vec2(words.size().x + size.indent() + 11.0, size.height));
+            (words, plate)
+        };
+        Self { size, rows: lines.iter().take(fitting).enumerate().map(row).collect() }
     }
-    let Some(plate) = plates.place(area, Align2::LEFT_BOTTOM, plate) else { return };
-    painter.rect_filled(plate, 6.0, theme::PLATE);
-    for (i, (line, text)) in lines.iter().zip(texts).enumerate() {
-        let y = plate.top() + 4.0 + size.height * (i as f32 + 0.5);
-        let side = size.height - 6.0;
+
+    /// Returns what the lines cover, points².
+    fn covered(&self) -> f32 {
+        self.rows.iter().map(|(_, plate)| plate.area()).sum()
+    }
+
+    fn bounds(&self) -> Option<Rect> {
+        self.rows.iter().map(|(_, plate)| *plate).reduce(Rect::union)
+    }
+}
+
+/// Paints the lines in the lower left corner. Each has a plate of its own, so that a long one hides no more of
+/// the picture than its words.
+fn paint_lines(painter: &Painter, lines: &[Line<'_>], area: Rect, plates: &mut Plates) {
+    let mut laid_out = LaidOut::new(LineSize::USUAL, painter, lines, area);
+    if laid_out.covered() > LARGEST_SHARE * area.area() {
+        laid_out = LaidOut::new(LineSize::SMALL, painter, lines, area);
+    }
+    let place = laid_out.bounds().and_then(|bounds| plates.place(area, Align2::LEFT_BOTTOM, bounds.size()));
+    let Some(place) = place else { return };
+    let size = laid_out.size;
+    for (line, (words, plate)) in lines.iter().zip(laid_out.rows) {
+        let plate = plate.translate(place.min.to_vec2());
+        painter.rect_filled(plate, 6.0, theme::PLATE);
+        let (y, side) = (plate.center().y, size.height - 6.0);
         let mark = Rect::from_center_size(pos2(plate.left() + 9.0 + 0.5 * side, y), vec2(side, side));
         swatch(painter, mark, line.colour, &line.number);
-        painter.galley(pos2(plate.left() + size.indent(), y - text.size().y / 2.0), text, theme::TEXT);
+        painter.galley(pos2(plate.left() + size.indent(), y - words.size().y / 2.0), words, theme::TEXT);
     }
 }
 

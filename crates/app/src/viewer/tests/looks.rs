@@ -77,6 +77,44 @@ fn a_heatmap_has_a_palette_to_choose_and_a_scale() {
 }
 
 #[test]
+fn the_legend_is_smaller_on_a_small_picture_and_says_all_that_was_not_found() {
+    let mut window = Window::on(scene());
+    ["gallbladder", "spleen", "nothing"].iter().for_each(|words| window.add_prompt(words));
+    window.until_found();
+    let says = |window: &mut Window, size: [f32; 2]| {
+        window.harness.set_size(size.into());
+        (0..5).for_each(|_| window.harness.step());
+        painted(window)
+    };
+    let has = |texts: &[String], words: &str| texts.iter().any(|text| text == words);
+    let large = says(&mut window, [1360.0, 860.0]);
+    assert!(has(&large, "gallbladder   25 % of the picture"), "{large:?}");
+    // A window of 900 × 600 with text of twice the size.
+    let small = says(&mut window, [450.0, 300.0]);
+    assert!(has(&small, "gallbladder") && !has(&small, "gallbladder   25 % of the picture"), "{small:?}");
+    // Where both are too long, the number stands for the name.
+    for (name, gone) in [("spleen", "not in this recording"), ("nothing", "not on this frame")] {
+        assert!(has(&large, &format!("{name}   {gone}")), "{large:?}");
+        assert!(small.iter().any(|text| text.ends_with(gone)), "{small:?}");
+    }
+}
+
+#[test]
+fn in_a_low_panel_what_was_found_goes_before_the_buttons() {
+    let mut window = Window::on(scene());
+    window.add_prompt("gallbladder");
+    window.until_found();
+    let mut is_first = |size: [f32; 2]| {
+        window.harness.set_size(size.into());
+        (0..5).for_each(|_| window.harness.step());
+        let [row, button] = ["Delete gallbladder", "Compared with…"]
+            .map(|label| window.harness.get_by_label(label).rect().top());
+        row < button
+    };
+    assert!(!is_first([1360.0, 860.0]) && is_first([450.0, 300.0]));
+}
+
+#[test]
 fn the_picture_is_copied_as_it_is_shown() {
     let mut window = with_prompt(scene(), "gallbladder");
     let copied = |window: &mut Window| {
