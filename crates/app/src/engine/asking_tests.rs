@@ -12,6 +12,11 @@ use surgtpgs_core::{
 
 /// Opens an engine on a scene with these classes, as the built-in encoder knows them.
 fn engine(names: &[&str], unseen: &[&str]) -> Engine {
+    engine_on(BackendChoice::Cpu, names, unseen)
+}
+
+/// Opens an engine on a machine.
+pub(crate) fn engine_on(backend: BackendChoice, names: &[&str], unseen: &[&str]) -> Engine {
     let mut encoder = TextEncoder::builtin().unwrap();
     let rows = encoder.encode_prompts(names).unwrap();
     let table = ndarray::Array2::from_shape_fn((rows.len(), rows[0].len()), |(i, k)| rows[i][k]);
@@ -31,8 +36,7 @@ fn engine(names: &[&str], unseen: &[&str]) -> Engine {
     scene.encoder = Some(encoder.identity().clone());
     scene.words.unseen = unseen.iter().map(|name| (*name).to_owned()).collect();
     scene.codec = Some(codec);
-    Engine::new(Arc::new(scene), None, EngineOptions { backend: BackendChoice::Cpu, ..Default::default() })
-        .unwrap()
+    Engine::new(Arc::new(scene), None, EngineOptions { backend, ..Default::default() }).unwrap()
 }
 
 /// Asks one prompt; returns its answer and its mask.

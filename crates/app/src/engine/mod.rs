@@ -380,7 +380,7 @@ impl Engine {
         };
         self.clock.start();
         let picture = wanted.pictures.then(|| images.to_rgb());
-        let depth = wanted.values.then(|| images.normalised_depth(MIN_DEPTH_ALPHA));
+        let depth = wanted.depth.then(|| images.normalised_depth(MIN_DEPTH_ALPHA));
         let mut shown = Shown { depth, ..Shown::default() };
         if let Some(Marking { marks, look, base }) = marking {
             let marked = || scores.iter().zip(marks);
@@ -396,7 +396,7 @@ impl Engine {
             shown.marked = base.map(|base| overlay(base, &prompts, look));
             self.clock.lap(FramePass::Overlay);
         }
-        Ok(Shown { picture, scores: if wanted.values { scores } else { Vec::new() }, ..shown })
+        Ok(Shown { picture, scores: if wanted.scores { scores } else { Vec::new() }, ..shown })
     }
 
     /// Returns the Gaussian that adds most to a pixel of the view rendered or shown last.
@@ -588,6 +588,6 @@ fn no_features(scene: &Scene) -> Error {
 }
 
 #[cfg(test)]
-mod asking_tests;
+pub(crate) mod asking_tests;
 #[cfg(test)]
 mod tests;

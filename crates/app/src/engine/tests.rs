@@ -38,7 +38,7 @@ fn shown(engine: &mut Engine, time: f32) -> Shown {
     let look = OverlayLook { style: OverlayStyle::Fill, opacity: 0.5, ..Default::default() };
     let marking = Marking { marks: &MARKS, look, base: None };
     let view = SceneView { time, camera, recorded: true };
-    engine.show(&view, Ask::Now(Some(marking)), Wanted { pictures: true, values: true }).unwrap()
+    engine.show(&view, Ask::Now(Some(marking)), Wanted::ALL).unwrap()
 }
 
 /// Returns `None` without an adapter, so that nothing is compared; under `CI=true` that is a failure.

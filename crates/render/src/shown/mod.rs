@@ -76,8 +76,15 @@ pub struct Mark {
 pub struct Wanted {
     /// `true` for the rendered picture and the one with the overlay.
     pub pictures: bool,
-    /// `true` for depth and scores of every pixel.
-    pub values: bool,
+    /// `true` for the depth of every pixel.
+    pub depth: bool,
+    /// `true` for the scores of every pixel.
+    pub scores: bool,
+}
+
+impl Wanted {
+    /// Everything there is.
+    pub const ALL: Self = Self { pictures: true, depth: true, scores: true };
 }
 
 /// Results that were read back.
@@ -227,8 +234,8 @@ impl ShownPasses {
             (is_marked, self.summary.summaries.part()),
             (wanted.pictures, self.compose.pixels.part()),
             (wanted.pictures && is_marked, self.marked.part()),
-            (wanted.values, self.compose.depths.part()),
-            (wanted.values && is_asked, self.lattice.scores.part()),
+            (wanted.depth, self.compose.depths.part()),
+            (wanted.scores && is_asked, self.lattice.scores.part()),
         ]
         .map(|(is_wanted, part)| if is_wanted { part } else { (part.0, 0) })
     }

@@ -12,6 +12,7 @@ use surgtpgs_core::{
     raster::{CpuRenderer, Renderer},
     relevancy::Relevancy,
 };
+use surgtpgs_render::Wanted;
 
 /// A frame: the file that stores it, the time, `true` for a field of view, the style.
 struct Frame {
@@ -80,7 +81,7 @@ fn frames_look_as_they_did_on_the_cpu_and_on_the_gpu() {
         let say = |machine: &str, reason: String| format!("{} on the {machine}: {reason}", frame.file);
         compare::frames(&by_cpu, &frame.stored()).map_err(|e| say("CPU", e)).unwrap();
         let field_of_view = frame.field_of_view();
-        let shown = stage.show_as(frame.time, field_of_view.as_ref(), None, frame.style, crate::shown::ALL);
+        let shown = stage.show_as(frame.time, field_of_view.as_ref(), None, frame.style, Wanted::ALL);
         compare::frames(&shown.marked.unwrap(), &frame.stored()).map_err(|e| say("GPU", e)).unwrap();
     }
 }

@@ -17,8 +17,6 @@ use surgtpgs_core::{
 };
 use surgtpgs_render::{Asked, GpuRenderer, Mark, Marking, RenderInput, Shown, Wanted};
 
-pub(crate) const ALL: Wanted = Wanted { pictures: true, values: true };
-
 const MARKS: [Mark; 2] = [
     Mark { colour: [0, 114, 178], threshold: 0.5, is_dashed: false },
     Mark { colour: [204, 121, 167], threshold: 0.3, is_dashed: true },
@@ -47,7 +45,7 @@ impl Stage {
     }
 
     fn show(&mut self, time: f32, field_of_view: Option<&Mask>, base: Option<&RgbImage>) -> Shown {
-        self.show_as(time, field_of_view, base, OverlayStyle::Fill, ALL)
+        self.show_as(time, field_of_view, base, OverlayStyle::Fill, Wanted::ALL)
     }
 
     pub(crate) fn show_as(
@@ -111,7 +109,7 @@ fn every_pass_after_the_raster_equals_its_twin() {
         (0.7, Some(&mask), Some(&recorded), OverlayStyle::Heatmap),
     ];
     for (time, field_of_view, base, style) in views {
-        let shown = stage.show_as(time, field_of_view, base, style, ALL);
+        let shown = stage.show_as(time, field_of_view, base, style, Wanted::ALL);
         let planes = stage.planes(time, field_of_view);
         let picture = planes.to_rgb();
         compare::pictures(shown.picture.as_ref().unwrap(), &picture).unwrap();
@@ -186,13 +184,18 @@ fn only_what_is_wanted_comes_back() {
         marking: None,
     };
     let clock = &mut FrameClock::default();
-    let values = Wanted { pictures: false, values: true };
-    let scored = stage.renderer.show(&input, None, Some(asked), values, clock).unwrap();
-    assert!(scored.scores.len() == 2 && scored.marked.is_none() && scored.summaries.is_empty());
+    let scores = Wanted { scores: true, ..Wanted::default() };
+    let scored = stage.renderer.show(&input, None, Some(asked), scores, clock).unwrap();
+    assert!(
+        scored.scores.len() == 2
+            && scored.depth.is_none()
+            && scored.marked.is_none()
+            && scored.summaries.is_empty()
+    );
     // The image planes are still valid.
     assert_eq!((clock.runs(FramePass::Raster), clock.runs(FramePass::Relevancy)), (0, 1));
     let input = RenderInput { scene: &stage.scene, camera: &stage.camera, time: 0.4, features: false };
-    let bare = stage.renderer.show(&input, None, None, ALL, &mut FrameClock::default()).unwrap();
+    let bare = stage.renderer.show(&input, None, None, Wanted::ALL, &mut FrameClock::default()).unwrap();
     assert!(bare.marked.is_none() && bare.scores.is_empty() && bare.summaries.is_empty());
     let planes = stage.renderer.render(&stage.scene, &stage.camera, 0.4, false).unwrap();
     compare::pictures(&bare.picture.unwrap(), &planes.to_rgb()).unwrap();

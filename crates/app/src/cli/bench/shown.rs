@@ -9,16 +9,20 @@ use std::collections::BTreeMap;
 use surgtpgs_core::{Result, camera::Camera, overlay::OverlayLook};
 use surgtpgs_render::{Mark, Marking, PassCost, Wanted};
 
+/// The picture with its outline, and nothing else.
+const PICTURES: Wanted = Wanted { pictures: true, depth: false, scores: false };
+/// Nothing but the summaries.
+const NUMBERS: Wanted = Wanted { pictures: false, depth: false, scores: false };
+
 /// Ways to show a frame, by what comes back from the device.
 pub(super) const WAYS: [(&str, Wanted); 3] = [
-    ("Gaussians to pictures, depth and scores", Wanted { pictures: true, values: true }),
-    ("Gaussians to the picture with its outline", Wanted { pictures: true, values: false }),
-    ("Gaussians to what was found, in numbers", Wanted { pictures: false, values: false }),
+    ("Gaussians to pictures, depth and scores", Wanted::ALL),
+    ("Gaussians to the picture with its outline", PICTURES),
+    ("Gaussians to what was found, in numbers", NUMBERS),
 ];
 
 /// Way to show a frame that was shown before: only the prompts are answered.
-pub(super) const AGAIN: (&str, Wanted) =
-    ("a rendered frame to what was found, in numbers", Wanted { pictures: false, values: false });
+pub(super) const AGAIN: (&str, Wanted) = ("a rendered frame to what was found, in numbers", NUMBERS);
 
 /// Frames to show, and marks for the prompts of an engine.
 pub(super) struct Show {

@@ -124,13 +124,34 @@ pub(crate) struct FrameView {
     pub(crate) is_preview: bool,
 }
 
+/// Parts of a rendered view that are wanted. What is not wanted is not made, and not read back from a GPU.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Parts {
+    /// `true` if [`FrameSource::scores`] of the view will follow.
+    pub(crate) features: bool,
+    pub(crate) colour: bool,
+    pub(crate) depth: bool,
+}
+
+impl Parts {
+    /// Returns those of these parts that are not `there`.
+    pub(crate) fn without(self, there: Self) -> Self {
+        Self {
+            features: self.features && !there.features,
+            colour: self.colour && !there.colour,
+            depth: self.depth && !there.depth,
+        }
+    }
+}
+
 /// A rendered view.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Rendering {
-    pub(crate) colour: RgbImage,
-    /// Depth in scene units; 0 where there is nothing.
-    pub(crate) depth: Grid<f32>,
-    /// Mask of the pixels that the endoscope did not see; `None` for the endoscope's own view.
+    /// The picture, if it was wanted.
+    pub(crate) colour: Option<RgbImage>,
+    /// Depth in scene units, if it was wanted; 0 where there is nothing.
+    pub(crate) depth: Option<Grid<f32>>,
+    /// Mask of the pixels of the picture that the endoscope did not see; `None` for the endoscope's own view.
     pub(crate) unseen: Option<Mask>,
 }
 
@@ -143,8 +164,8 @@ pub(crate) trait FrameSource: Send {
     fn instruments(&mut self, _: usize) -> Result<Option<Mask>> {
         Ok(None)
     }
-    /// Renders a view; `with_features` promises that [`FrameSource::scores`] of this view will follow.
-    fn render(&mut self, view: &FrameView, with_features: bool) -> Result<Rendering>;
+    /// Renders the wanted parts of a view.
+    fn render(&mut self, view: &FrameView, parts: Parts) -> Result<Rendering>;
     /// Returns one score image per question, in the view that was rendered last and of its size. An error
     /// concerns its question alone.
     fn scores(&mut self, view: &FrameView, questions: &[Question]) -> Vec<Result<Grid<f32>>>;

@@ -4,7 +4,7 @@
 
 use crate::engine::Question;
 use crate::viewer::{
-    backend::{FrameSource, FrameView, Rendering},
+    backend::{FrameSource, FrameView, Parts, Rendering},
     picture::{
         areas::{Counted, Measure, Measured},
         difference::Difference,
@@ -58,11 +58,16 @@ pub(crate) struct Pipeline {
 struct Rendered {
     view: FrameView,
     has_features: bool,
-    colour: RgbImage,
-    bare: Arc<ColorImage>,
-    depth: Arc<Grid<f32>>,
+    colour: Option<Colour>,
+    depth: Option<Arc<Grid<f32>>>,
     unseen_share: f32,
     scores: Vec<PromptScores>,
+}
+
+/// A picture, also as it is shown.
+struct Colour {
+    image: RgbImage,
+    bare: Arc<ColorImage>,
 }
 
 impl Pipeline {
@@ -123,17 +128,15 @@ impl Pipeline {
 
     fn fill(&mut self, picture: &mut Picture) -> Result<()> {
         let request = picture.request.clone();
-        let Needs { decodes, renders, asks } = self.needs(&request);
+        let Needs { decodes, parts, asks } = self.needs(&request);
         // The recorded frame comes first, so that it can be shown even if rendering fails.
         let original = if decodes { Some(self.original(request.view.frame)?) } else { None };
         if let Some((_, bare)) = &original {
             picture.original = Some(Pane { bare: bare.clone(), marked: None });
         }
-        if !renders {
-            return Ok(());
-        }
+        let Some(parts) = parts else { return Ok(()) };
         let questions = if asks { request.questions() } else { Vec::new() };
-        let answers = self.answers(&request.view, &questions, request.clean_up.smooth_frames)?;
+        let answers = self.answers(&request.view, parts, &questions, request.clean_up.smooth_frames)?;
         let tools = self.tools_below(&request, asks);
         let layer = request.layer.map(|layer| self.layer(layer, &request.view)).transpose()?;
         let Some(rendered) = self.rendered.back() else { return Ok(()) };
@@ -146,16 +149,18 @@ impl Pipeline {
             // The scores at the point can be shown even without a sample.
             picture.sample = self.source.sample(&request.view, point).ok().flatten();
         }
-        picture.depth_values = Some(rendered.depth.clone());
+        picture.depth_values = rendered.depth.clone();
         picture.layer = layer;
         picture.unseen_share = rendered.unseen_share;
-        if request.needs_reconstruction {
-            let marked = mark(&rendered.colour, &picture.findings, tools.as_deref(), &request);
-            picture.reconstruction = Some(Pane { bare: rendered.bare.clone(), marked });
+        let colour = rendered.colour.as_ref();
+        if let Some(Colour { image, bare }) = colour.filter(|_| request.needs_reconstruction) {
+            let marked = mark(image, &picture.findings, tools.as_deref(), &request);
+            picture.reconstruction = Some(Pane { bare: bare.clone(), marked });
         }
         if let (Some((frame, _)), Some(pane)) = (&original, &mut picture.original) {
             pane.marked = mark(frame, &picture.findings, tools.as_deref(), &request);
-            picture.difference = request.needs_difference.then(|| Difference::of(frame, &rendered.colour));
+            let compared = colour.filter(|_| request.needs_difference);
+            picture.difference = compared.map(|colour| Difference::of(frame, &colour.image));
         }
         Ok(())
     }
@@ -184,9 +189,16 @@ impl Pipeline {
         let info = self.source.info();
         let asks = self.can_ask() && !(request.prompts.is_empty() && request.candidates.is_empty());
         let renders = request.needs_reconstruction || request.layer.is_some() || asks;
+        // What the endoscope did not see is faded, for which its depth is needed.
+        let is_turned = !request.view.orbit.is_home();
+        let parts = Parts {
+            features: asks,
+            colour: request.needs_reconstruction || request.needs_difference || is_turned,
+            depth: request.layer == Some(Layer::Depth) || info.has_measured_depth || is_turned,
+        };
         Needs {
             decodes: info.has_original && request.needs_original,
-            renders: info.has_reconstruction && renders,
+            parts: (info.has_reconstruction && renders).then_some(parts),
             asks,
         }
     }
@@ -202,12 +214,12 @@ impl Pipeline {
         for frame in last.view.frame + 1..end {
             let view = FrameView { frame, ..last.view };
             let request = Request { view, candidates: Vec::new(), ..last.clone() };
-            let Needs { decodes, renders, asks } = self.needs(&request);
+            let Needs { decodes, parts, asks } = self.needs(&request);
             let decodes = decodes && !self.originals.iter().any(|(i, ..)| *i == frame);
-            let known = self.rendered.iter().find(|r| r.is_of(&view, asks));
-            let renders =
-                renders && known.is_none_or(|r| asks && !r.new_questions(&request.questions()).is_empty());
-            if !decodes && !renders {
+            let known = |parts: &Parts| self.rendered.iter().find(|r| r.view == view && r.has(*parts));
+            let is_new = |r: &Rendered| asks && !r.new_questions(&request.questions()).is_empty();
+            let parts = parts.filter(|parts| known(parts).is_none_or(is_new));
+            if !decodes && parts.is_none() {
                 continue;
             }
             // Pictures that will be needed sooner must not be dropped for this one.
@@ -215,8 +227,8 @@ impl Pipeline {
                 return false;
             }
             let is_decoded = !decodes || self.original(frame).is_ok();
-            let is_rendered = !renders || self.render(&view, asks).is_ok();
-            if is_rendered && renders && asks {
+            let is_rendered = parts.is_none_or(|parts| self.render(&view, parts).is_ok());
+            if is_rendered && parts.is_some() && asks {
                 self.score(&view, &request.questions());
             }
             return is_decoded && is_rendered;
@@ -257,12 +269,13 @@ impl Pipeline {
     /// because nobody asked to see it, unless neighbouring frames will need it.
     fn answers_unkept(&mut self, frame: usize, questions: &[Question], reach: usize) -> Vec<Scores> {
         let view = FrameView { frame, ..FrameView::default() };
+        let parts = Parts { features: true, ..Parts::default() };
         if reach > 0 {
-            let answers = self.answers(&view, questions, reach).unwrap_or_default();
+            let answers = self.answers(&view, parts, questions, reach).unwrap_or_default();
             return answers.into_iter().map(|(_, scores)| scores).collect();
         }
         let kept = self.rendered.iter().find(|r| r.view == view).and_then(|r| r.known(questions));
-        kept.unwrap_or_else(|| match self.source.render(&view, true) {
+        kept.unwrap_or_else(|| match self.source.render(&view, parts) {
             Ok(_) => self.source.scores(&view, questions).into_iter().map(shared).collect(),
             Err(_) => Vec::new(),
         })
@@ -273,6 +286,7 @@ impl Pipeline {
     fn answers(
         &mut self,
         view: &FrameView,
+        parts: Parts,
         questions: &[Question],
         reach: usize,
     ) -> Result<Vec<PromptScores>> {
@@ -283,11 +297,11 @@ impl Pipeline {
         let mut neighbours: Vec<Vec<Scores>> = Vec::new();
         for frame in around.filter(|frame| *frame != view.frame) {
             let beside = FrameView { frame, ..*view };
-            self.render(&beside, true)?;
+            self.render(&beside, Parts { features: true, ..Parts::default() })?;
             self.score(&beside, questions);
             neighbours.extend(self.rendered.back().and_then(|r| r.known(questions)));
         }
-        self.render(view, asks)?;
+        self.render(view, parts)?;
         self.score(view, questions);
         let own = self.rendered.back().and_then(|r| r.known(questions)).unwrap_or_default();
         let smoothed = |(k, scores): (usize, Scores)| match scores {
@@ -334,26 +348,22 @@ impl Pipeline {
         newest.ok_or_else(|| Error::input("the recorded frame is not at hand", ""))
     }
 
-    /// Makes sure that the view is the last of the rendered ones.
-    fn render(&mut self, view: &FrameView, with_features: bool) -> Result<()> {
-        if let Some(k) = self.rendered.iter().position(|r| r.is_of(view, with_features)) {
-            let known = self.rendered.remove(k);
-            self.rendered.extend(known);
-            return Ok(());
+    /// Makes sure that the view is the last of the rendered ones, with these parts.
+    fn render(&mut self, view: &FrameView, parts: Parts) -> Result<()> {
+        let known = self.rendered.iter().position(|r| r.view == *view);
+        let mut rendered = known.and_then(|k| self.rendered.remove(k)).unwrap_or_else(|| Rendered::of(view));
+        if !rendered.has(parts) {
+            let missing = parts.without(rendered.parts());
+            match self.source.render(view, missing) {
+                Ok(rendering) => rendered.add(rendering, missing),
+                Err(e) => {
+                    self.rendered.extend(known.is_some().then_some(rendered));
+                    return Err(e);
+                }
+            }
+            self.make_room();
         }
-        self.rendered.retain(|r| r.view != *view);
-        let Rendering { mut colour, depth, unseen } = self.source.render(view, with_features)?;
-        let unseen_share = unseen.map_or(0.0, |unseen| fade(&mut colour, &depth, &unseen));
-        self.make_room();
-        self.rendered.push_back(Rendered {
-            view: *view,
-            has_features: with_features,
-            bare: Arc::new(color_image(&colour)),
-            colour,
-            depth: Arc::new(depth),
-            unseen_share,
-            scores: Vec::new(),
-        });
+        self.rendered.push_back(rendered);
         Ok(())
     }
 
@@ -414,7 +424,7 @@ impl Pipeline {
         let (values, range, note) = match layer {
             Layer::Depth => {
                 let range = self.depth_range();
-                let depth = self.rendered.back().map(|r| r.depth.clone()).unwrap_or_default();
+                let depth = self.rendered.back().and_then(|r| r.depth.clone()).unwrap_or_default();
                 (depth, range, String::new())
             }
             Layer::Motion => {
@@ -432,7 +442,8 @@ impl Pipeline {
     /// the same on all frames.
     fn depth_range(&mut self) -> (f32, f32) {
         if self.depth_range.is_none() {
-            let depth = self.rendered.back().map(|r| &r.depth).filter(|d| d.data.iter().any(|z| *z > 0.0));
+            let depth = self.rendered.back().and_then(|r| r.depth.as_ref());
+            let depth = depth.filter(|d| d.data.iter().any(|z| *z > 0.0));
             self.depth_range = depth.map(|d| (percentile(d, 0.02), percentile(d, 0.98)));
         }
         self.depth_range.unwrap_or((0.0, 1.0))
@@ -449,14 +460,36 @@ fn percentile(values: &Grid<f32>, share: f32) -> f32 {
 /// Stages that a request needs.
 struct Needs {
     decodes: bool,
-    renders: bool,
+    /// Parts to render; `None` if nothing is rendered.
+    parts: Option<Parts>,
     asks: bool,
 }
 
 impl Rendered {
-    /// Returns `true` if this is the view that was asked for, with the features if they were asked for.
-    fn is_of(&self, view: &FrameView, with_features: bool) -> bool {
-        self.view == *view && (self.has_features || !with_features)
+    fn of(view: &FrameView) -> Self {
+        let (colour, depth, scores) = (None, None, Vec::new());
+        Self { view: *view, has_features: false, colour, depth, unseen_share: 0.0, scores }
+    }
+
+    fn parts(&self) -> Parts {
+        let (colour, depth) = (self.colour.is_some(), self.depth.is_some());
+        Parts { features: self.has_features, colour, depth }
+    }
+
+    fn has(&self, parts: Parts) -> bool {
+        parts.without(self.parts()) == Parts::default()
+    }
+
+    /// Adds the parts that were rendered.
+    fn add(&mut self, Rendering { colour, depth, unseen }: Rendering, parts: Parts) {
+        self.has_features |= parts.features;
+        self.depth = depth.map(Arc::new).or(self.depth.take());
+        if let Some(mut image) = colour {
+            if let (Some(depth), Some(unseen)) = (&self.depth, unseen) {
+                self.unseen_share = fade(&mut image, depth, &unseen);
+            }
+            self.colour = Some(Colour { bare: Arc::new(color_image(&image)), image });
+        }
     }
 
     /// Returns those questions that have not been asked for this view yet.
@@ -480,8 +513,11 @@ impl Rendered {
     }
 
     fn bytes(&self) -> usize {
-        // Bytes per pixel: colour as RGB and RGBA, depth, scores.
-        self.depth.data.len() * (3 + 4 + 4 + 4 * self.scores.len())
+        // A picture is kept as RGB and RGBA.
+        let colour = self.colour.as_ref().map_or(0, |colour| 7 * colour.image.as_raw().len() / 3);
+        let scores = self.scores.iter().filter_map(|(_, scores)| scores.as_ref().ok());
+        let values: usize = scores.chain(&self.depth).map(|grid| grid.data.len()).sum();
+        colour + size_of::<f32>() * values
     }
 }
 

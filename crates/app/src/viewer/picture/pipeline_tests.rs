@@ -2,11 +2,12 @@
 
 use crate::engine::{Negatives, Question};
 use crate::viewer::{
-    backend::{FrameSource, FrameView, Info, Rendering},
+    backend::{FrameSource, FrameView, Info, Parts, Rendering},
     picture::{
         pipeline::Pipeline,
         request::{AskedPrompt, Picture, Request},
     },
+    state::view_mode::Layer,
 };
 use image::{Rgb, RgbImage};
 use std::sync::{Arc, Mutex};
@@ -14,11 +15,13 @@ use surgtpgs_core::{Result, grid::Grid, mask::CleanUp, overlay::OverlayLook, rel
 
 const FRAMES: usize = 40;
 
-/// Source whose pictures and scores tell their frame. It records the frames that were rendered.
+/// Source whose pictures and scores tell their frame. It records the frames that were rendered, and the parts
+/// that were wanted of each.
 struct Telling {
     info: Info,
     side: u32,
     rendered: Arc<Mutex<Vec<usize>>>,
+    parts: Arc<Mutex<Vec<Parts>>>,
 }
 
 impl FrameSource for Telling {
@@ -28,12 +31,14 @@ impl FrameSource for Telling {
     fn original(&mut self, frame: usize) -> Result<RgbImage> {
         Ok(RgbImage::from_pixel(self.side, self.side, Rgb([frame as u8, 1, 1])))
     }
-    fn render(&mut self, view: &FrameView, _: bool) -> Result<Rendering> {
+    fn render(&mut self, view: &FrameView, parts: Parts) -> Result<Rendering> {
         self.rendered.lock().unwrap().push(view.frame);
+        self.parts.lock().unwrap().push(parts);
         let side = self.side as usize;
+        let colour = || RgbImage::from_pixel(self.side, self.side, Rgb([view.frame as u8; 3]));
         Ok(Rendering {
-            colour: RgbImage::from_pixel(self.side, self.side, Rgb([view.frame as u8; 3])),
-            depth: Grid::filled(side, side, view.frame as f32 + 1.0),
+            colour: parts.colour.then(colour),
+            depth: parts.depth.then(|| Grid::filled(side, side, view.frame as f32 + 1.0)),
             unseen: None,
         })
     }
@@ -53,16 +58,22 @@ fn score_of(frame: usize) -> f32 {
     (frame + 1) as f32 / 100.0
 }
 
-fn pipeline(side: u32) -> (Pipeline, Arc<Mutex<Vec<usize>>>) {
-    let rendered = Arc::new(Mutex::new(Vec::new()));
+fn telling(side: u32) -> Telling {
     let info = Info {
         num_frames: FRAMES,
         has_original: true,
         has_reconstruction: true,
         has_features: true,
+        has_measured_depth: true,
         ..Info::default()
     };
-    (Pipeline::new(Box::new(Telling { info, side, rendered: rendered.clone() })), rendered)
+    Telling { info, side, rendered: Arc::default(), parts: Arc::default() }
+}
+
+fn pipeline(side: u32) -> (Pipeline, Arc<Mutex<Vec<usize>>>) {
+    let source = telling(side);
+    let rendered = source.rendered.clone();
+    (Pipeline::new(Box::new(source)), rendered)
 }
 
 fn question(text: &str) -> Question {
@@ -143,6 +154,28 @@ fn memory_is_bounded_and_what_is_shown_stays() {
     is_all_of(&pipeline.produce(request(3)), 3);
     while pipeline.prepare_ahead() {}
     assert!(*rendered.lock().unwrap().iter().max().unwrap() > prepared);
+}
+
+#[test]
+fn a_part_is_rendered_once_it_is_shown_and_what_is_known_stays() {
+    let mut source = telling(8);
+    source.info.has_measured_depth = false;
+    let parts = source.parts.clone();
+    let mut pipeline = Pipeline::new(Box::new(source));
+    let recorded = Request { needs_reconstruction: false, ..request(3) };
+    let mut wanted = |request: &Request| {
+        let picture = pipeline.produce(request.clone());
+        assert_eq!(picture.findings[0].outcome.as_ref().unwrap().max_score, score_of(3));
+        std::mem::take(&mut *parts.lock().unwrap())
+    };
+    let none = Parts::default();
+    assert_eq!(wanted(&recorded), [Parts { features: true, ..none }], "the recorded frame is shown");
+    assert_eq!(wanted(&request(3)), [Parts { colour: true, ..none }]);
+    let with_depth = Request { layer: Some(Layer::Depth), ..request(3) };
+    assert_eq!(wanted(&with_depth), [Parts { depth: true, ..none }]);
+    for known in [recorded, request(3), with_depth] {
+        assert!(wanted(&known).is_empty());
+    }
 }
 
 #[test]

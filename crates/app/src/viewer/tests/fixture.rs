@@ -49,10 +49,10 @@ impl FrameSource for Fake {
             || Grid::from_vec(SIZE.0 as usize, SIZE.1 as usize, (0..SIZE.0 * SIZE.1).map(is_upper).collect());
         Ok((self.info.name == "with tools").then(mask))
     }
-    fn render(&mut self, view: &FrameView, _: bool) -> Result<Rendering> {
+    fn render(&mut self, view: &FrameView, _: Parts) -> Result<Rendering> {
         Ok(Rendering {
-            colour: RgbImage::from_pixel(SIZE.0, SIZE.1, Rgb([view.frame as u8; 3])),
-            depth: Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 50.0),
+            colour: Some(RgbImage::from_pixel(SIZE.0, SIZE.1, Rgb([view.frame as u8; 3]))),
+            depth: Some(Grid::filled(SIZE.0 as usize, SIZE.1 as usize, 50.0)),
             // In a turned view, the part to the right of the middle is unseen.
             unseen: (!view.orbit.is_home()).then(|| {
                 let is_right = (0..SIZE.0 * SIZE.1).map(|i| i % SIZE.0 >= SIZE.0 / 2).collect();

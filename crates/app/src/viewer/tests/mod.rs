@@ -19,8 +19,8 @@ mod starting;
 
 use crate::viewer::{
     backend::{
-        Backend, Checked, Demo, FrameSource, FrameView, Info, ModelFaults, Models, Rendering, TrainNews,
-        TrainRequest, Words,
+        Backend, Checked, Demo, FrameSource, FrameView, Info, ModelFaults, Models, Parts, Rendering,
+        TrainNews, TrainRequest, Words,
         paths::{PathAsk, Picked},
         task::{NOT_SAVED, TaskContext},
     },

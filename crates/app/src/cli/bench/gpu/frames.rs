@@ -136,7 +136,7 @@ fn median(mut ms: Vec<f64>) -> f64 {
 
 /// Compares the marked pictures of both: the share of channels beyond a level, and the mean difference.
 fn differences(show: &Show, gpu: &mut Engine, cpu: &mut Engine) -> Result<[f64; 2]> {
-    let pictures = Wanted { pictures: true, values: false };
+    let pictures = Wanted { pictures: true, ..Wanted::default() };
     let (mut beyond, mut sum, mut count) = (0_u64, 0_u64, 0_usize);
     for view in &show.views {
         let marked = |engine: &mut Engine| -> Result<RgbImage> {

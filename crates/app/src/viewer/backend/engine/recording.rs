@@ -1,7 +1,7 @@
 //! A recording that is not reconstructed yet, as the window's source of pictures.
 
 use super::info::{examples, output_folder};
-use crate::viewer::backend::{FrameSource, FrameView, Info, Rendering};
+use crate::viewer::backend::{FrameSource, FrameView, Info, Parts, Rendering};
 use crate::{engine::Question, jobs::Material};
 use image::RgbImage;
 use std::path::{Path, PathBuf};
@@ -71,7 +71,7 @@ impl FrameSource for RecordingSource {
     fn original(&mut self, frame: usize) -> Result<RgbImage> {
         (self.frame)(frame)
     }
-    fn render(&mut self, _: &FrameView, _: bool) -> Result<Rendering> {
+    fn render(&mut self, _: &FrameView, _: Parts) -> Result<Rendering> {
         Err(not_reconstructed())
     }
     fn motion(&mut self, _: &FrameView) -> Result<(Grid<f32>, String)> {

@@ -3,7 +3,7 @@
 use super::info::{examples, output_folder};
 use crate::engine::{self, Answer, Ask, Engine, Motion, Question, Sample};
 use crate::viewer::{
-    backend::{FrameSource, FrameView, Info, Lens, Rendering, orbit::Orbit},
+    backend::{FrameSource, FrameView, Info, Lens, Parts, Rendering, orbit::Orbit},
     text::thousands,
 };
 use image::RgbImage;
@@ -17,16 +17,15 @@ use surgtpgs_core::{
     scene::Scene,
     sequence::Sequence,
 };
-use surgtpgs_render::Wanted;
+use surgtpgs_render::{Shown, Wanted};
 
-/// Request for depth and scores without pictures.
-const VALUES: Wanted = Wanted { pictures: false, values: true };
 /// A scene, with its recording if that is still there.
 pub(super) struct SceneSource {
     engine: Engine,
     info: Info,
-    /// Distance to the point that the endoscope looks at, scene units. Views turn around this point.
-    pivot_depth: f32,
+    /// Turn of the view that was turned last, and distance to the point that the endoscope looks at, scene
+    /// units, on the frame where it was turned so. Views turn around this point.
+    pivot: Option<(Orbit, f32)>,
     /// Depth of the endoscope's own view, for the view that was turned last.
     home_depth: Option<(FrameView, Arc<Grid<f32>>)>,
 }
@@ -82,7 +81,7 @@ impl SceneSource {
             renderer: engine.renderer_name(),
             notes,
         };
-        Self { engine, info, pivot_depth: 1.0, home_depth: None }
+        Self { engine, info, pivot: None, home_depth: None }
     }
 
     fn engine_view(&mut self, view: &FrameView) -> Result<engine::SceneView> {
@@ -90,7 +89,8 @@ impl SceneSource {
         let full = if view.orbit.is_home() {
             recorded
         } else {
-            engine::SceneView::free(recorded.time, view.orbit.apply(&recorded.camera, self.pivot_depth))
+            let pivot_depth = self.pivot_depth(view)?;
+            engine::SceneView::free(recorded.time, view.orbit.apply(&recorded.camera, pivot_depth))
         };
         let half = |n: u32| (n / 2).max(1);
         Ok(if view.is_preview {
@@ -100,18 +100,26 @@ impl SceneSource {
         })
     }
 
-    /// Returns the depth of the endoscope's own view on the frame of a turned view, at the size of the turned
-    /// view. Empty if `view` is the endoscope's own.
-    fn recorded_depth(&mut self, view: &FrameView) -> Result<Arc<Grid<f32>>> {
-        if view.orbit.is_home() {
-            return Ok(Arc::default());
+    /// Returns the distance to the point that a turned view turns around. It stays while other frames are shown
+    /// from the same side.
+    fn pivot_depth(&mut self, view: &FrameView) -> Result<f32> {
+        if let Some((_, depth)) = self.pivot.filter(|(orbit, _)| *orbit == view.orbit) {
+            return Ok(depth);
         }
+        let depth = middle_depth(&*self.recorded_depth(view)?).unwrap_or(1.0);
+        self.pivot = Some((view.orbit, depth));
+        Ok(depth)
+    }
+
+    /// Returns the depth of the endoscope's own view on the frame of a view, at the view's size.
+    fn recorded_depth(&mut self, view: &FrameView) -> Result<Arc<Grid<f32>>> {
         let home = FrameView { orbit: Orbit::default(), ..*view };
         if let Some((_, depth)) = self.home_depth.as_ref().filter(|(of, _)| *of == home) {
             return Ok(depth.clone());
         }
         let engine_view = self.engine_view(&home)?;
-        let shown = self.engine.show(&engine_view, Ask::Nothing, VALUES)?;
+        let wanted = Wanted { depth: true, ..Wanted::default() };
+        let shown = self.engine.show(&engine_view, Ask::Nothing, wanted)?;
         let depth = Arc::new(shown.depth.unwrap_or_default());
         self.home_depth = Some((home, depth.clone()));
         Ok(depth)
@@ -120,7 +128,8 @@ impl SceneSource {
     /// Returns the scores of several questions; fails if one of them cannot be asked.
     fn ask(&mut self, view: &engine::SceneView, questions: &[Question]) -> Result<Vec<Grid<f32>>> {
         self.engine.set_questions(questions)?;
-        Ok(self.engine.show(view, Ask::Now(None), VALUES)?.scores)
+        let wanted = Wanted { scores: true, ..Wanted::default() };
+        Ok(self.engine.show(view, Ask::Now(None), wanted)?.scores)
     }
 }
 
@@ -139,21 +148,17 @@ impl FrameSource for SceneSource {
         self.engine.instruments(frame)
     }
 
-    fn render(&mut self, view: &FrameView, with_features: bool) -> Result<Rendering> {
+    fn render(&mut self, view: &FrameView, parts: Parts) -> Result<Rendering> {
         let engine_view = self.engine_view(view)?;
-        let recorded_depth = self.recorded_depth(view)?;
-        let ask = if with_features { Ask::Later } else { Ask::Nothing };
-        let shown = self.engine.show(&engine_view, ask, Wanted { pictures: true, values: true })?;
-        let missing = || Error::input("the picture did not come back", "");
-        let colour = shown.picture.ok_or_else(missing)?;
-        let depth = shown.depth.ok_or_else(missing)?;
-        let unseen = if view.orbit.is_home() {
-            self.pivot_depth = middle_depth(&depth).unwrap_or(self.pivot_depth);
-            None
-        } else {
-            Some(self.engine.unseen(&engine_view, &depth, view.frame, &recorded_depth)?)
-        };
-        Ok(Rendering { colour, depth, unseen })
+        // A picture is told which of its pixels the endoscope did not see.
+        let is_turned = parts.colour && !view.orbit.is_home();
+        let recorded_depth = if is_turned { self.recorded_depth(view)? } else { Arc::default() };
+        let ask = if parts.features { Ask::Later } else { Ask::Nothing };
+        let wanted = Wanted { pictures: parts.colour, depth: parts.depth || is_turned, scores: false };
+        let Shown { picture, depth, .. } = self.engine.show(&engine_view, ask, wanted)?;
+        let unseen = |depth| self.engine.unseen(&engine_view, depth, view.frame, &recorded_depth);
+        let unseen = depth.as_ref().filter(|_| is_turned).map(unseen).transpose()?;
+        Ok(Rendering { colour: picture, depth, unseen })
     }
 
     fn motion(&mut self, view: &FrameView) -> Result<(Grid<f32>, String)> {
@@ -219,7 +224,7 @@ fn learned(scene: &Scene) -> f32 {
     planned.filter(|n| *n > 0).map_or(1.0, |n| (scene.provenance.steps as f32 / n as f32).min(1.0))
 }
 
-/// Returns the median depth in the middle of the picture.
+/// Returns the median depth in the middle of the picture; `None` where nothing is there.
 fn middle_depth(depth: &Grid<f32>) -> Option<f32> {
     let rows = depth.height / 3..(2 * depth.height).div_ceil(3);
     let columns = depth.width / 3..(2 * depth.width).div_ceil(3);
@@ -232,6 +237,48 @@ fn middle_depth(depth: &Grid<f32>) -> Option<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::engine::{BackendChoice, Negatives, asking_tests::engine_on};
+    use surgtpgs_core::relevancy::RelevancySettings;
+    use surgtpgs_render::{AdapterChoice, Gpu, Traffic};
+
+    #[test]
+    fn only_what_is_shown_is_read_back_from_a_gpu() {
+        let is_there = Gpu::open(AdapterChoice::Any).is_ok();
+        assert!(is_there || std::env::var("CI").as_deref() != Ok("true"), "CI needs a graphics adapter");
+        if !is_there {
+            return;
+        }
+        let engine = engine_on(BackendChoice::Gpu, &["liver", "fat", "grasper"], &[]);
+        let camera = engine.scene().cameras[0];
+        let pixels = u64::from(camera.width * camera.height);
+        let mut source = SceneSource::new(engine, PathBuf::new(), None);
+        let traffic = |source: &mut SceneSource| source.engine.gpu().unwrap().gpu().traffic();
+        let read_back = |source: &mut SceneSource, before: Traffic| traffic(source).since(&before).read_back;
+        let negatives = Negatives::of(&RelevancySettings::default());
+        let questions = ["liver", "fat"].map(|words| Question::words(words, negatives.clone()));
+        let (view, none) = (FrameView::default(), Parts::default());
+        // Counts of pairs and of open pixels.
+        const COUNTS: u64 = 64;
+        for (parts, values) in [
+            (Parts { features: true, ..none }, 0),
+            (Parts { features: true, colour: true, depth: false }, 1),
+            (Parts { features: true, colour: true, depth: true }, 2),
+        ] {
+            let before = traffic(&mut source);
+            let rendering = source.render(&view, parts).unwrap();
+            assert_eq!((rendering.colour.is_some(), rendering.depth.is_some()), (parts.colour, parts.depth));
+            let bytes = read_back(&mut source, before);
+            assert!(
+                (4 * values * pixels..4 * values * pixels + COUNTS).contains(&bytes),
+                "{parts:?}: {bytes}"
+            );
+        }
+        let before = traffic(&mut source);
+        assert!(source.scores(&view, &questions).iter().all(Result::is_ok));
+        let bytes = read_back(&mut source, before);
+        // Scores alone; twice, and which pixels, where some were left open.
+        assert!(bytes < 5 * 4 * pixels, "{bytes}");
+    }
 
     #[test]
     fn a_scene_that_was_stopped_early_knows_it() {
