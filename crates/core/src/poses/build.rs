@@ -1,6 +1,6 @@
 //! The path of a camera from tracks: a first stretch at once, then frame by frame, then all again.
 
-use super::adjust::{Adjustment, Comparison, Landmark, pose_of};
+use super::adjust::{Adjustment, Comparison, Landmark, Sight, pose_of};
 use crate::num::median;
 use glam::{DAffine3, DVec3};
 
@@ -78,6 +78,26 @@ impl Builder {
             }
             start += TOGETHER / 2;
         }
+    }
+
+    /// Finds the places of the points that cameras with these poses, `camera_from_world`, see move. Returns the
+    /// typical depth in their units, which becomes the unit; `None` if no point is seen to move.
+    pub(super) fn place_points(&mut self, poses: Vec<DAffine3>) -> Option<f64> {
+        self.poses = poses;
+        let mut depths = Vec::new();
+        for mark in &mut self.landmarks {
+            mark.place = crossing(&self.poses, &mark.sights);
+            depths.extend(mark.place.map(|p| self.poses[mark.sights[0].frame].transform_point3(p).z));
+        }
+        let typical = median(&mut depths)?;
+        self.poses.iter_mut().for_each(|pose| pose.translation /= typical);
+        self.landmarks.iter_mut().filter_map(|mark| mark.place.as_mut()).for_each(|place| *place /= typical);
+        let frames = self.poses.len();
+        for stage in 0..CAUCHY_PX.len() {
+            let (compare, landmarks) = (self.compare(stage), self.landmarks.iter_mut().collect());
+            Adjustment { poses: &mut self.poses, landmarks, free: frames..frames, compare }.solve(20);
+        }
+        Some(typical)
     }
 
     /// Number of frames of the first stretch: until the points have moved enough, or too many are gone.
@@ -178,4 +198,24 @@ impl Builder {
         let landmarks = chosen.map(|(mark, _)| mark).collect();
         Adjustment { poses: &mut self.poses, landmarks, free, compare }.solve(steps)
     }
+}
+
+/// Smallest angle between two sights of a point, radians, that tells how far it is.
+const LEAST_ANGLE: f64 = 0.01;
+
+/// Returns the point on the first sight's ray that is nearest to the ray of the sight from farthest away; `None`
+/// if they are almost parallel, or part in front of the camera.
+fn crossing(poses: &[DAffine3], sights: &[Sight]) -> Option<DVec3> {
+    let ray = |sight: &Sight| {
+        let world_from_camera = poses[sight.frame].inverse();
+        (world_from_camera.translation, world_from_camera.transform_vector3(sight.at.extend(1.0)))
+    };
+    let (from, along) = ray(sights.first()?);
+    let rays = sights[1..].iter().map(ray);
+    let (other, other_along) =
+        rays.max_by(|a, b| (a.0 - from).length_squared().total_cmp(&(b.0 - from).length_squared()))?;
+    let normal = along.cross(other_along);
+    let is_wide = normal.length() > LEAST_ANGLE * along.length() * other_along.length();
+    let depth = (other - from).cross(other_along).dot(normal) / normal.length_squared();
+    (is_wide && depth > 0.0).then(|| from + along * depth)
 }

@@ -11,7 +11,7 @@ use glam::DVec2;
 use rayon::prelude::*;
 
 /// Factors of the focal length that are tried, in ascending order.
-const ZOOMS: [f64; 9] = [0.5, 0.62, 0.75, 0.88, 1.0, 1.15, 1.35, 1.6, 1.9];
+const ZOOMS: [f64; 11] = [0.33, 0.41, 0.5, 0.62, 0.75, 0.88, 1.0, 1.15, 1.35, 1.6, 1.9];
 /// Number of frames, and of points, that they are tried with at most.
 const FRAMES: usize = 64;
 const POINTS: usize = 500;
@@ -83,9 +83,10 @@ fn cost(tracks: &[Track], lens: &Lens) -> f64 {
 /// Returns the zoom at the bottom of a valley of costs, on a parabola through the lowest and those beside it;
 /// `None` if the costs form no valley.
 fn lowest(costs: &[f64]) -> Option<f64> {
+    let costs = &without_peaks(costs)[..];
     let k = (0..costs.len()).min_by(|a, b| costs[*a].total_cmp(&costs[*b]))?;
-    let falls = costs[..=k].windows(2).all(|pair| pair[0] > pair[1] || pair[0].is_infinite());
-    let rises = costs[k..].windows(2).all(|pair| pair[0] < pair[1] || pair[1].is_infinite());
+    let falls = costs[..=k].windows(2).all(|pair| pair[0] >= pair[1]);
+    let rises = costs[k..].windows(2).all(|pair| pair[0] <= pair[1]);
     let is_deep = costs[0].min(costs[costs.len() - 1]) > LEAST_RISE * costs[k];
     if k == 0 || k + 1 == costs.len() || !falls || !rises || !is_deep {
         return None;
@@ -95,4 +96,34 @@ fn lowest(costs: &[f64]) -> Option<f64> {
     // Slopes are those in the middle between two zooms.
     let bottom = 0.5 * (a + b) + 0.5 * (c - a) * left / (left + right);
     bottom.is_finite().then(|| bottom.exp())
+}
+
+/// Lowers costs that are above both beside them: there the search for the path ended at a worse one.
+fn without_peaks(costs: &[f64]) -> Vec<f64> {
+    let lowered = |k: usize| match costs.get(k.wrapping_sub(1)..k + 2) {
+        Some([before, own, after]) => own.min(before.max(*after)),
+        _ => costs[k],
+    };
+    (0..costs.len()).map(lowered).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_valley_has_a_bottom_between_the_lowest_and_one_bad_search_hides_nothing() {
+        let valley = |at: f64| ZOOMS.map(|zoom| 1000.0 + 500.0 * (zoom / at).ln().powi(2)).to_vec();
+        let mut costs = valley(0.8);
+        assert!((lowest(&costs).unwrap() - 0.8).abs() < 0.02);
+        costs[8] *= 1.5;
+        assert!((lowest(&costs).unwrap() - 0.8).abs() < 0.02);
+        costs[9] *= 1.5;
+        costs[6] *= 1.3;
+        costs[7] *= 1.2;
+        assert_eq!(lowest(&costs), None, "two valleys");
+        assert_eq!(lowest(&valley(0.1)), None, "it only rises");
+        assert_eq!(lowest(&ZOOMS.map(|zoom| 1000.0 + 50.0 * zoom.ln().powi(2))), None, "shallow");
+        assert_eq!(lowest(&[f64::INFINITY; ZOOMS.len()]), None);
+    }
 }

@@ -43,7 +43,7 @@ const LEAST_GAIN: f64 = 0.2;
 /// Largest ratio of a far to a near depth of a surface.
 const LARGEST_DEPTH_RANGE: f64 = 12.0;
 /// Sharpness, as a share of the usual one around, below which a frame is passed over as blurred.
-const BLURRED: f32 = 0.55;
+const BLURRED: f32 = 0.65;
 /// Number of frames around that the usual sharpness is taken from.
 const AROUND: usize = 12;
 
@@ -125,6 +125,11 @@ pub fn are_wanted(sequence: &Sequence) -> bool {
     !is_known && !sequence.has_depth()
 }
 
+/// Returns `true` if a recording's camera is known to move, and depth is not known, so that points may be placed.
+pub(crate) fn can_place(sequence: &Sequence) -> bool {
+    sequence.camera_moves() && !sequence.has_depth()
+}
+
 /// Frames to be used and their times.
 #[derive(Clone, Copy, Debug)]
 pub struct Timeline<'a> {
@@ -145,20 +150,7 @@ pub fn estimate(
     typical_depth: f32,
     observer: &mut Observer<'_>,
 ) -> Result<ScopePath> {
-    let mut distinct = timeline.frames.to_vec();
-    distinct.dedup_by(|later, earlier| timeline.times[*later] <= timeline.times[*earlier]);
-    let camera = sequence.camera(0);
-    let (blurred, used) = sharp_frames(sequence, &distinct)?;
-    let mut follower = Follower::default();
-    let mut shrink = 1;
-    for (slot, &frame) in used.iter().enumerate() {
-        Progress::new("following points", slot, used.len()).tell(observer)?;
-        let (view, by) = view(sequence, frame)?;
-        shrink = by;
-        follower.take(slot, view);
-    }
-    let tracks = follower.finish(SHORTEST_TRACK);
-    let lens = Lens { camera, shrink: f64::from(shrink) };
+    let Followed { tracks, lens, used, blurred } = Followed::new(sequence, timeline, observer)?;
     let still_share = still_share(&tracks);
     let mut path = ScopePath {
         verdict: Verdict::Still,
@@ -196,6 +188,53 @@ pub fn estimate(
         path.points = points(&builder, &lens, scale, &used);
     }
     Ok(path)
+}
+
+/// Finds points of the surface that a camera with known poses sees move, in the units of the poses. It has no
+/// points if there are too few for a typical depth.
+///
+/// # Errors
+/// As [`estimate`].
+pub(crate) fn place(
+    sequence: &Sequence,
+    timeline: Timeline<'_>,
+    observer: &mut Observer<'_>,
+) -> Result<ScopePath> {
+    let Followed { tracks, lens, used, .. } = Followed::new(sequence, timeline, observer)?;
+    let pose = |&frame: &usize| double(&sequence.camera(frame).camera_from_world);
+    let mut builder = Builder::new(used.len(), lens.landmarks(&tracks), lens.focal_px());
+    let scale = builder.place_points(used.iter().map(pose).collect());
+    let is_explained = moving_share(&builder, &lens) >= LEAST_EXPLAINED;
+    let points = scale.filter(|_| is_explained).map(|scale| points(&builder, &lens, scale, &used));
+    Ok(ScopePath { points: points.unwrap_or_default(), ..ScopePath::default() })
+}
+
+/// Points that were followed through a recording.
+struct Followed {
+    /// Tracks by slots, which number the frames that were used.
+    tracks: Vec<Track>,
+    lens: Lens,
+    /// Frames that were used, and those that were passed over because they are blurred.
+    used: Vec<usize>,
+    blurred: Vec<usize>,
+}
+
+impl Followed {
+    fn new(sequence: &Sequence, timeline: Timeline<'_>, observer: &mut Observer<'_>) -> Result<Self> {
+        let mut distinct = timeline.frames.to_vec();
+        distinct.dedup_by(|later, earlier| timeline.times[*later] <= timeline.times[*earlier]);
+        let (blurred, used) = sharp_frames(sequence, &distinct)?;
+        let mut follower = Follower::default();
+        let mut shrink = 1;
+        for (slot, &frame) in used.iter().enumerate() {
+            Progress::new("following points", slot, used.len()).tell(observer)?;
+            let (view, by) = view(sequence, frame)?;
+            shrink = by;
+            follower.take(slot, view);
+        }
+        let lens = Lens { camera: sequence.camera(0), shrink: f64::from(shrink) };
+        Ok(Self { tracks: follower.finish(SHORTEST_TRACK), lens, used, blurred })
+    }
 }
 
 /// Returns the frame as points are followed in it, and by how much it was shrunk.
@@ -238,8 +277,16 @@ fn sharp_frames(sequence: &Sequence, frames: &[usize]) -> Result<(Vec<usize>, Ve
     Ok((numbers(blurred), numbers(sharp)))
 }
 
-/// Mean squared difference between neighbouring pixels inside the mask, levels².
+/// Returns how sharp a frame is: the strength of its slopes as a share of those of a picture of a quarter of the
+/// size, which blur leaves as they are. What is in view, glare above all, changes both alike.
 fn sharpness(view: &View) -> f32 {
+    let half = View { luma: halved(&view.luma), mask: halved_mask(&view.mask) };
+    let quarter = View { luma: halved(&half.luma), mask: halved_mask(&half.mask) };
+    slopes(view) / slopes(&quarter).max(f32::MIN_POSITIVE)
+}
+
+/// Mean squared difference between neighbouring pixels inside the mask, levels².
+fn slopes(view: &View) -> f32 {
     let (width, height) = (view.luma.width, view.luma.height);
     let (mut sum, mut count) = (0.0f64, 0usize);
     for y in 0..height.saturating_sub(1) {
@@ -341,6 +388,11 @@ fn points(builder: &Builder, lens: &Lens, scale: f64, used: &[usize]) -> Vec<(Ve
 
 fn scaled(pose: &DAffine3, scale: f64) -> DAffine3 {
     DAffine3 { translation: pose.translation * scale, ..*pose }
+}
+
+fn double(pose: &Affine3A) -> DAffine3 {
+    let turn = Quat::from_mat3a(&pose.matrix3).as_dquat().normalize();
+    DAffine3::from_rotation_translation(turn, Vec3::from(pose.translation).as_dvec3())
 }
 
 fn single(pose: &DAffine3) -> Affine3A {

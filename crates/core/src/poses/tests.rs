@@ -1,8 +1,11 @@
 //! Paths of generated recordings, whose true poses are known.
 
-use super::{Timeline, Verdict, adjust, estimate};
+use super::{BLURRED, ScopePath, Timeline, Verdict, View, adjust, estimate, place, sharpness};
 use crate::{
+    Result,
     demo::{DemoSettings, write},
+    grid::Grid,
+    num::median,
     progress::unobserved,
     sequence::Sequence,
 };
@@ -10,29 +13,32 @@ use glam::{DAffine3, DQuat, DVec3, Vec3};
 
 const FRAMES: usize = 24;
 
-/// Writes a rigid demo, and estimates its path from pictures alone; frame 7 is not read.
-fn estimated(moving_camera: bool) -> (Sequence, super::ScopePath) {
+/// Writes a rigid demo of a size.
+fn demo([width, height]: [usize; 2], moving_camera: bool) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let settings = DemoSettings {
-        width: 320,
-        height: 240,
-        frames: FRAMES,
-        moving_camera,
-        rigid: true,
-        ..DemoSettings::default()
-    };
+    let frames = FRAMES;
+    let settings =
+        DemoSettings { width, height, frames, moving_camera, rigid: true, ..DemoSettings::default() };
     write(&settings, folder.path(), &mut unobserved).unwrap();
-    let truth = Sequence::open(folder.path()).unwrap();
+    folder
+}
+
+/// Does `work` with the frames that may be read: all but frame 7.
+fn on_frames<T>(work: impl FnOnce(Timeline<'_>) -> Result<T>) -> T {
     let frames: Vec<usize> = (0..FRAMES).filter(|i| *i != 7).collect();
     let times: Vec<f32> = (0..FRAMES).map(|i| i as f32 / FRAMES as f32).collect();
-    let timeline = Timeline { frames: &frames, times: &times };
-    let path = estimate(&truth, timeline, 100.0, &mut unobserved).unwrap();
-    (truth, path)
+    work(Timeline { frames: &frames, times: &times }).unwrap()
+}
+
+fn estimated(sequence: &Sequence) -> ScopePath {
+    on_frames(|timeline| estimate(sequence, timeline, 100.0, &mut unobserved))
 }
 
 #[test]
 fn a_moving_scope_is_found_between_the_frames_that_are_read_too() {
-    let (truth, path) = estimated(true);
+    let folder = demo([320, 240], true);
+    let truth = Sequence::open(folder.path()).unwrap();
+    let path = estimated(&truth);
     assert_eq!(path.verdict, Verdict::Moves { fov_x_degrees: None }, "the lens is given");
     assert!(path.moving_share > 0.9 && path.points.len() > 100, "{}", path.moving_share);
     // The demo's first camera is the world's axes too, but its scale is not known.
@@ -49,23 +55,11 @@ fn a_moving_scope_is_found_between_the_frames_that_are_read_too() {
 
 #[test]
 fn a_lens_that_is_not_known_is_found_with_the_path() {
-    let folder = tempfile::tempdir().unwrap();
     // A wide picture of the same round field: its field of view is 75°, and 60° is assumed.
-    let settings = DemoSettings {
-        width: 320,
-        height: 180,
-        frames: FRAMES,
-        moving_camera: true,
-        rigid: true,
-        ..DemoSettings::default()
-    };
-    write(&settings, folder.path(), &mut unobserved).unwrap();
+    let folder = demo([320, 180], true);
     let truth = Sequence::open(folder.path()).unwrap().camera(0);
     let pictures = Sequence::open(&folder.path().join("images")).unwrap();
-    let frames: Vec<usize> = (0..FRAMES).collect();
-    let times: Vec<f32> = frames.iter().map(|i| *i as f32 / FRAMES as f32).collect();
-    let timeline = Timeline { frames: &frames, times: &times };
-    let path = estimate(&pictures, timeline, 100.0, &mut unobserved).unwrap();
+    let path = estimated(&pictures);
     let Verdict::Moves { fov_x_degrees: Some(fov) } = path.verdict else { panic!("{:?}", path.verdict) };
     let [true_fov, _] = truth.field_of_view_degrees();
     assert!((fov - true_fov).abs() < 4.0, "{fov}° instead of {true_fov}°");
@@ -75,9 +69,57 @@ fn a_lens_that_is_not_known_is_found_with_the_path() {
 
 #[test]
 fn a_scope_that_stands_still_stays_where_it_is() {
-    let (_, path) = estimated(false);
+    let folder = demo([320, 240], false);
+    let path = estimated(&Sequence::open(folder.path()).unwrap());
     assert_eq!(path.verdict, Verdict::Still);
     assert!(path.poses.is_empty() && path.still_share > 0.9, "{}", path.still_share);
+}
+
+#[test]
+fn points_are_placed_by_known_poses_in_their_units() {
+    let folder = demo([320, 240], true);
+    let truth = Sequence::open(folder.path()).unwrap();
+    let path = on_frames(|timeline| place(&truth, timeline, &mut unobserved));
+    assert!(path.poses.is_empty() && path.points.len() > 100, "{}", path.points.len());
+    for frame in [2, 12, 20] {
+        let camera = truth.camera(frame);
+        let (found, depth) = (path.depth(&camera, frame).unwrap(), truth.depth(frame).unwrap().unwrap());
+        let both = found.data.iter().zip(&depth.data).filter(|(_, true_depth)| **true_depth > 0.0);
+        let mut errors: Vec<f64> = both.map(|(z, t)| f64::from((z / t - 1.0).abs())).collect();
+        let error = median(&mut errors).unwrap();
+        assert!(error < 0.02, "the depth of frame {frame} is off by {error}");
+    }
+    let still = demo([320, 240], false);
+    let still = Sequence::open(still.path()).unwrap();
+    assert!(on_frames(|timeline| place(&still, timeline, &mut unobserved)).points.is_empty());
+}
+
+#[test]
+fn blur_makes_a_frame_less_sharp_and_glare_does_not() {
+    const SIDE: usize = 96;
+    let picture = |glare: f32| -> Grid<f32> {
+        let level = |i: usize| {
+            let (x, y) = ((i % SIDE) as f32, (i / SIDE) as f32);
+            let waves = [0.2f32, 0.45, 1.1].map(|f| (f * x + 2.0 * f).sin() * (f * y).cos() / f.sqrt());
+            let spot = (x % 32.0 - 16.0).hypot(y % 32.0 - 16.0);
+            if spot < glare { 255.0 } else { 120.0 + 15.0 * waves.iter().sum::<f32>() }
+        };
+        Grid::from_vec(SIDE, SIDE, (0..SIDE * SIDE).map(level).collect())
+    };
+    let blurred = |sharp: &Grid<f32>| -> Grid<f32> {
+        let level = |i: usize| {
+            let (x, y) = (i % SIDE, i / SIDE);
+            (0..5).map(|k| sharp.at((x + k).saturating_sub(2).min(SIDE - 1), y)).sum::<f32>() / 5.0
+        };
+        Grid::from_vec(SIDE, SIDE, (0..SIDE * SIDE).map(level).collect())
+    };
+    let sharpness = |luma: Grid<f32>| sharpness(&View { luma, mask: Grid::filled(SIDE, SIDE, true) });
+    let usual = sharpness(picture(0.0));
+    for glare in [0.0, 5.0, 12.0] {
+        let sharp = picture(glare);
+        assert!(sharpness(blurred(&sharp)) < BLURRED * usual, "{glare}");
+        assert!(sharpness(sharp) > BLURRED * usual, "{glare}");
+    }
 }
 
 #[test]

@@ -179,16 +179,23 @@ pub(super) fn spread(frames: &[usize], count: usize) -> Vec<usize> {
     picked
 }
 
-/// Estimates the path of a camera that is not known; it has no poses if it is known or stands still.
+/// Estimates the path of a camera that is not known, or points that a known one sees; it has no poses if the
+/// camera is known or stands still.
 fn path(sequence: &Sequence, times: &[f32], settings: &TrainSettings) -> Result<ScopePath> {
     let frames = settings.frames(sequence.num_frames());
     let is_long = frames.len() > MOST_POSED_FRAMES;
-    if !settings.finds_path || !poses::are_wanted(sequence) || is_long {
+    if !settings.finds_path || is_long {
         return Ok(ScopePath::default());
     }
     let own: Vec<f32> = (0..sequence.num_frames()).map(|i| sequence.time(i)).collect();
-    let times = if times.is_empty() { &own } else { times };
-    poses::estimate(sequence, Timeline { frames: &frames, times }, DEFAULT_DEPTH, &mut unobserved)
+    let timeline = Timeline { frames: &frames, times: if times.is_empty() { &own } else { times } };
+    if poses::are_wanted(sequence) {
+        poses::estimate(sequence, timeline, DEFAULT_DEPTH, &mut unobserved)
+    } else if poses::can_place(sequence) {
+        poses::place(sequence, timeline, &mut unobserved)
+    } else {
+        Ok(ScopePath::default())
+    }
 }
 
 /// Seeds Gaussians from a few training frames, the middle one first; also returns the typical depth.
@@ -223,7 +230,11 @@ fn initial_gaussians(
                 "the recording's typical depth is {typical_depth}, and what is nearer than the near plane at {NEAR} is \
                  not seen"
             ),
-            "Give its depth in millimetres: set a larger `[depth] scale` in sequence.toml.",
+            if sequence.has_depth() {
+                "Give its depth in millimetres: set a larger `[depth] scale` in sequence.toml."
+            } else {
+                "Give the places of its cameras in millimetres."
+            },
         ));
     }
     let spacing = settings.px_per_gaussian.max(1.0).sqrt();
