@@ -203,8 +203,8 @@ impl Builder {
 /// Smallest angle between two sights of a point, radians, that tells how far it is.
 const LEAST_ANGLE: f64 = 0.01;
 
-/// Returns the point on the first sight's ray that is nearest to the ray of the sight from farthest away; `None`
-/// if they are almost parallel, or part in front of the camera.
+/// Returns the point on the first sight's ray that is nearest to the ray of the sight from farthest away.
+/// `None` if they are almost parallel, or part in front of the camera.
 fn crossing(poses: &[DAffine3], sights: &[Sight]) -> Option<DVec3> {
     let ray = |sight: &Sight| {
         let world_from_camera = poses[sight.frame].inverse();

@@ -125,7 +125,7 @@ pub fn are_wanted(sequence: &Sequence) -> bool {
     !is_known && !sequence.has_depth()
 }
 
-/// Returns `true` if a recording's camera is known to move, and depth is not known, so that points may be placed.
+/// Returns `true` if points may be placed: a recording's camera is known to move, and depth is not known.
 pub(crate) fn can_place(sequence: &Sequence) -> bool {
     sequence.camera_moves() && !sequence.has_depth()
 }
@@ -277,8 +277,8 @@ fn sharp_frames(sequence: &Sequence, frames: &[usize]) -> Result<(Vec<usize>, Ve
     Ok((numbers(blurred), numbers(sharp)))
 }
 
-/// Returns how sharp a frame is: the strength of its slopes as a share of those of a picture of a quarter of the
-/// size, which blur leaves as they are. What is in view, glare above all, changes both alike.
+/// Returns how sharp a frame is: the strength of its slopes as a share of those of a picture of a quarter of
+/// the size, which blur leaves as they are. What is in view, glare above all, changes both alike.
 fn sharpness(view: &View) -> f32 {
     let half = View { luma: halved(&view.luma), mask: halved_mask(&view.mask) };
     let quarter = View { luma: halved(&half.luma), mask: halved_mask(&half.mask) };

@@ -194,8 +194,8 @@ impl LaidOut {
     }
 }
 
-/// Paints the lines in the lower left corner. Each has a plate of its own, so that a long one hides no more of
-/// the picture than its words.
+/// Paints the lines in the lower left corner. Each has a plate of its own, so that a long one hides no more
+/// of the picture than its words.
 fn paint_lines(painter: &Painter, lines: &[Line<'_>], area: Rect, plates: &mut Plates) {
     let mut laid_out = LaidOut::new(LineSize::USUAL, painter, lines, area);
     if laid_out.covered() > LARGEST_SHARE * area.area() {
