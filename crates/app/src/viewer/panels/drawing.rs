@@ -12,14 +12,16 @@ use crate::viewer::{
     theme,
 };
 use egui::{
-    Color32, ColorImage, Painter, PointerButton, Pos2, Rect, Response, Stroke, TextureHandle, TextureOptions,
-    Ui, pos2,
+    Color32, ColorImage, Event, Painter, PointerButton, Pos2, Rect, Response, Stroke, TextureHandle,
+    TextureOptions, Ui, pos2,
 };
 use surgtpgs_core::marks::{Mark, Shape};
 
 /// Least distance of two points of an outline, px of the recording: while it is drawn, and between clicks.
 const STEP_PX: f32 = 2.0;
 const CORNER_PX: f32 = 4.0;
+/// Distance up to which a press and a release are a click, points.
+const CLICK_POINTS: f32 = 6.0;
 /// Opacity of marked pixels, and of what surrounds those that are not meant.
 const FILL: u8 = 0x60;
 /// Width of the stripes on pixels that are not meant, px of the recording.
@@ -160,7 +162,9 @@ pub(crate) fn draw(shared: &Shared, actions: &mut Vec<Action>, panes: &Panes, re
     if !marking.is_on {
         return false;
     }
-    let is_touched = response.clicked() || response.dragged_by(PointerButton::Primary);
+    let way = Way::of(response);
+    let is_dragged = response.dragged_by(PointerButton::Primary) || way.whole_from.is_some();
+    let is_touched = response.clicked() || is_dragged;
     let (Some(frame), Some(info)) = (shown_frame(shared), shared.info()) else { return true };
     if is_touched && marking.plain_name().is_empty() {
         actions.push(Action::marking(|m| m.wants_name = true));
@@ -169,7 +173,7 @@ pub(crate) fn draw(shared: &Shared, actions: &mut Vec<Action>, panes: &Panes, re
     let draft = marking.draft_on(frame);
     let size = [info.width, info.height];
     let at = response.interact_pointer_pos();
-    let pressed = response.ctx.input(|i| i.pointer.press_origin()).or(at);
+    let pressed = way.whole_from.or(response.ctx.input(|i| i.pointer.press_origin())).or(at);
     let pixel = |at: Pos2| pressed.and_then(|within| panes.pixel(at, within, size));
     let to = at.and_then(pixel);
     let is_denied = response.ctx.input(|i| i.modifiers.shift) == marking.adds;
@@ -178,17 +182,22 @@ pub(crate) fn draw(shared: &Shared, actions: &mut Vec<Action>, panes: &Panes, re
         let mark = Mark::new(frame, &marking.name, add, shape);
         Draft { fits: mark.fits(&canvas(info)), mark }
     };
-    if response.dragged_by(PointerButton::Primary)
-        && let (Some(from), Some(to)) = (pressed.and_then(pixel), to)
-    {
+    let is_stopped = response.drag_stopped_by(PointerButton::Primary);
+    if is_dragged || is_stopped {
         if draft.is_none() {
             // The mark belongs to the frame that is seen.
             actions.push(Action::GoTo(frame));
         }
-        let draft = made(dragged(marking.tool, marking.radius_px, draft, from, to));
-        actions.push(Action::marking(move |m| m.draft = Some(draft)));
-    } else if response.drag_stopped_by(PointerButton::Primary) {
-        finish(actions, draft);
+        let from = pressed.and_then(pixel);
+        let mut drawn = draft.cloned();
+        for to in way.points.into_iter().filter_map(pixel) {
+            let from = from.unwrap_or(to);
+            drawn = Some(made(dragged(marking.tool, marking.radius_px, drawn.as_ref(), from, to)));
+        }
+        match is_stopped || way.whole_from.is_some() {
+            true => finish(actions, drawn.as_ref()),
+            false => actions.push(Action::marking(move |m| m.draft = drawn)),
+        }
     } else if response.clicked()
         && let Some(to) = to
     {
@@ -214,6 +223,42 @@ pub(crate) fn draw(shared: &Shared, actions: &mut Vec<Action>, panes: &Panes, re
     true
 }
 
+/// Way of the pointer since the last frame of the window. Where those are slow, it may be a whole stroke.
+struct Way {
+    points: Vec<Pos2>,
+    /// Where the button was pressed, if it was also released, somewhere else.
+    whole_from: Option<Pos2>,
+}
+
+impl Way {
+    fn of(response: &Response) -> Self {
+        let (mut points, mut pressed_at, mut whole_from) = (Vec::new(), None, None);
+        response.ctx.input(|input| {
+            for event in &input.events {
+                match *event {
+                    Event::PointerMoved(at) => points.push(at),
+                    Event::PointerButton { pos, button: PointerButton::Primary, pressed, .. } if pressed => {
+                        points.clear();
+                        pressed_at = Some(pos);
+                    }
+                    Event::PointerButton { pos, button: PointerButton::Primary, .. } => {
+                        points.push(pos);
+                        whole_from = pressed_at;
+                        break;
+                    }
+                    _ => {}
+                }
+            }
+        });
+        let is_far = |from: Pos2| points.iter().any(|at| at.distance(from) > CLICK_POINTS);
+        let is_here = |from: Pos2| {
+            response.rect.contains(from) && response.ctx.layer_id_at(from) == Some(response.layer_id)
+        };
+        let whole_from = whole_from.filter(|from| is_far(*from) && is_here(*from));
+        Self { points, whole_from }
+    }
+}
+
 /// Makes the drawn mark one of the document, if it marks anything.
 fn finish(actions: &mut Vec<Action>, draft: Option<&Draft>) {
     if let Some(mark) = draft.filter(|draft| draft.fits).map(|draft| draft.mark.clone()) {
@@ -235,6 +280,7 @@ fn dragged(tool: Tool, radius_px: f32, draft: Option<&Draft>, from: [f32; 2], to
             Shape::Polygon { points_px: with(points_px, STEP_PX) }
         }
         (Tool::Outline, _) => Shape::Polygon { points_px: with(vec![from], STEP_PX) },
+        (Tool::Box, Some(Shape::Box { corners_px: [from, _] })) => Shape::Box { corners_px: [from, to] },
         (Tool::Box, _) => Shape::Box { corners_px: [from, to] },
         (Tool::Click, _) => Shape::Click { point_px: to, radius_px },
     }
