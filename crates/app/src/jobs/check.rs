@@ -24,20 +24,21 @@ pub fn check(sequence: &Sequence, observer: &mut Observer<'_>) -> Result<CheckRe
     Ok(report)
 }
 
-/// Says if the scope moves in the first shot, or that it cannot be told; `None` if it stands still.
-fn scope(sequence: &Sequence, report: &CheckReport, observer: &mut Observer<'_>) -> Result<Option<String>> {
+/// Says if the scope moves in the first shot, or that it cannot be told, but not that it stands still; and which
+/// frames are blurred.
+fn scope(sequence: &Sequence, report: &CheckReport, observer: &mut Observer<'_>) -> Result<Vec<String>> {
     let end = report.cuts.first().copied().unwrap_or(report.frames).min(LOOKED_AT);
     let frames: Vec<usize> = (0..end).collect();
     let times: Vec<f32> = (0..report.frames).map(|i| sequence.time(i)).collect();
     let timeline = Timeline { frames: &frames, times: &times };
-    let verdict = match poses::estimate(sequence, timeline, ANY_DEPTH, observer) {
-        Ok(path) => path.verdict,
+    let path = match poses::estimate(sequence, timeline, ANY_DEPTH, observer) {
+        Ok(path) => path,
         Err(Error::Cancelled) => return Err(Error::Cancelled),
         // A frame that cannot be read is told by the check itself.
-        Err(_) => return Ok(None),
+        Err(_) => return Ok(Vec::new()),
     };
     let last = end.saturating_sub(1);
-    Ok(match verdict {
+    let verdict = match path.verdict {
         Verdict::Moves { fov_x_degrees } => {
             let lens = fov_x_degrees.map(|fov| format!(", and its field of view, which is about {fov:.0}°"));
             Some(format!(
@@ -46,7 +47,11 @@ fn scope(sequence: &Sequence, report: &CheckReport, observer: &mut Observer<'_>)
             ))
         }
         other => other.note().map(|note| format!("{note} (judged by frames 0 to {last})")),
-    })
+    };
+    let blurred = (!path.blurred.is_empty()).then(|| {
+        format!("Blurred, and of no use for the scope's path: {}", sequence::name_frames(&path.blurred))
+    });
+    Ok(verdict.into_iter().chain(blurred).collect())
 }
 
 #[cfg(test)]
@@ -58,9 +63,10 @@ mod tests {
     };
 
     /// Checks the pictures of a rigid demo, without its poses and depth.
-    fn warnings(moving_camera: bool) -> Vec<String> {
+    fn warnings(moving_camera: bool, blurred: bool) -> Vec<String> {
         let folder = tempfile::tempdir().unwrap();
-        let settings = DemoSettings { frames: 24, moving_camera, rigid: true, ..DemoSettings::default() };
+        let settings =
+            DemoSettings { frames: 24, moving_camera, rigid: true, blurred, ..DemoSettings::default() };
         demo::write(&settings, &folder.path().join("all"), &mut unobserved).unwrap();
         let images = folder.path().join("recording");
         std::fs::rename(folder.path().join("all/images"), &images).unwrap();
@@ -71,12 +77,19 @@ mod tests {
 
     #[test]
     fn a_scope_that_moves_is_told_and_one_that_stands_still_is_not() {
-        let moving = warnings(true);
+        let moving = warnings(true, false);
         assert!(
             moving.iter().any(|w| w.starts_with("The scope moves, as far as frames 0 to 23")),
             "{moving:?}"
         );
-        let still = warnings(false);
+        let still = warnings(false, false);
         assert!(!still.iter().any(|w| w.contains("scope")), "{still:?}");
+    }
+
+    #[test]
+    fn blurred_frames_are_named() {
+        let told = warnings(true, true);
+        let expected = "Blurred, and of no use for the scope's path: frames 3, 8, 13, 18, 23";
+        assert!(told.iter().any(|w| w == expected), "{told:?}");
     }
 }

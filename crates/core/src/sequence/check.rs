@@ -461,7 +461,7 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// Names frames in words: "frame 3", "frames 3, 4, 5", "frames 3, 4, 5, 6, 7 and 12 more".
-fn name_frames(frames: &[usize]) -> String {
+pub fn name_frames(frames: &[usize]) -> String {
     const NAMED: usize = 5;
     let named: Vec<_> = frames.iter().take(NAMED).map(ToString::to_string).collect();
     let more = frames.len().saturating_sub(NAMED);

@@ -44,7 +44,7 @@ pub(crate) mod shots;
 mod tests;
 mod video;
 
-pub use check::{CheckReport, check};
+pub use check::{CheckReport, check, name_frames};
 pub use classes::{Class, ClassEntry, NO_LABEL, class_colour, names_instrument, plain_words};
 pub use depth::{DepthKind, DepthOrigin};
 pub use dicom::{SourceFrame, SourceInstance, SourceReferences};
