@@ -191,10 +191,12 @@ impl Pipeline {
         let renders = request.needs_reconstruction || request.layer.is_some() || asks;
         // What the endoscope did not see is faded, for which its depth is needed.
         let is_turned = !request.view.orbit.is_home();
+        // A reconstruction can be turned around a point of it.
+        let is_solid = request.needs_reconstruction || request.layer == Some(Layer::Depth) || is_turned;
         let parts = Parts {
             features: asks,
             colour: request.needs_reconstruction || request.needs_difference || is_turned,
-            depth: request.layer == Some(Layer::Depth) || info.has_measured_depth || is_turned,
+            depth: is_solid || info.has_measured_depth,
         };
         Needs {
             decodes: info.has_original && request.needs_original,
