@@ -24,8 +24,8 @@ pub fn check(sequence: &Sequence, observer: &mut Observer<'_>) -> Result<CheckRe
     Ok(report)
 }
 
-/// Says if the scope moves in the first shot, or that it cannot be told, but not that it stands still; and which
-/// frames are blurred.
+/// Says if the scope moves in the first shot, or that it cannot be told, but not that it stands still. Also
+/// says which frames are blurred.
 fn scope(sequence: &Sequence, report: &CheckReport, observer: &mut Observer<'_>) -> Result<Vec<String>> {
     let end = report.cuts.first().copied().unwrap_or(report.frames).min(LOOKED_AT);
     let frames: Vec<usize> = (0..end).collect();

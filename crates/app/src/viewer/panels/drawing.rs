@@ -226,7 +226,7 @@ pub(crate) fn draw(shared: &Shared, actions: &mut Vec<Action>, panes: &Panes, re
 /// Way of the pointer since the last frame of the window. Where those are slow, it may be a whole stroke.
 struct Way {
     points: Vec<Pos2>,
-    /// Where the button was pressed, if it was also released, somewhere else.
+    /// Place where the button was pressed, if it was also released, somewhere else.
     whole_from: Option<Pos2>,
 }
 
