@@ -20,8 +20,6 @@ use surgtpgs_core::marks::{Mark, Shape};
 /// Least distance of two points of an outline, px of the recording: while it is drawn, and between clicks.
 const STEP_PX: f32 = 2.0;
 const CORNER_PX: f32 = 4.0;
-/// Distance up to which a press and a release are a click, points.
-const CLICK_POINTS: f32 = 6.0;
 /// Opacity of marked pixels, and of what surrounds those that are not meant.
 const FILL: u8 = 0x60;
 /// Width of the stripes on pixels that are not meant, px of the recording.
@@ -237,7 +235,7 @@ impl Way {
             for event in &input.events {
                 match *event {
                     Event::PointerMoved(at) => points.push(at),
-                    Event::PointerButton { pos, button: PointerButton::Primary, pressed, .. } if pressed => {
+                    Event::PointerButton { pos, button: PointerButton::Primary, pressed: true, .. } => {
                         points.clear();
                         pressed_at = Some(pos);
                     }
@@ -250,7 +248,8 @@ impl Way {
                 }
             }
         });
-        let is_far = |from: Pos2| points.iter().any(|at| at.distance(from) > CLICK_POINTS);
+        let click_points = response.ctx.options(|options| options.input_options.max_click_dist);
+        let is_far = |from: Pos2| points.iter().any(|at| at.distance(from) > click_points);
         let is_here = |from: Pos2| {
             response.rect.contains(from) && response.ctx.layer_id_at(from) == Some(response.layer_id)
         };
