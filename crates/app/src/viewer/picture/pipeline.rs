@@ -217,6 +217,8 @@ impl Pipeline {
             let view = FrameView { frame, ..last.view };
             let request = Request { view, candidates: Vec::new(), ..last.clone() };
             let Needs { decodes, parts, asks } = self.needs(&request);
+            // While a word is typed, the next letter comes sooner than the next frame.
+            let parts = parts.filter(|_| !last.is_typing);
             let decodes = decodes && !self.originals.iter().any(|(i, ..)| *i == frame);
             let known = |parts: &Parts| self.rendered.iter().find(|r| r.view == view && r.has(*parts));
             let is_new = |r: &Rendered| asks && !r.new_questions(&request.questions()).is_empty();
@@ -236,6 +238,16 @@ impl Pipeline {
             return is_decoded && is_rendered;
         }
         false
+    }
+
+    /// Renders the shown view once more if others were rendered since, so that the next word is looked for in
+    /// what is there. A failure will be reported when the view is requested.
+    pub(crate) fn come_back(&mut self) {
+        let shown = self.last.as_ref().map(|last| last.view).filter(|view| !view.is_preview);
+        if let Some(view) = shown.filter(|_| self.source.info().has_features && self.source.prepares_ahead())
+        {
+            let _ = self.source.render(&view, Parts { features: true, ..Parts::default() });
+        }
     }
 
     /// Makes a small picture of a recorded frame, which is not kept; `None` where it cannot be decoded.

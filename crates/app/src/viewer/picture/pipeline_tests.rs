@@ -99,6 +99,7 @@ fn request(frame: usize) -> Request {
         clean_up: CleanUp::default(),
         point: None,
         marks: Default::default(),
+        is_typing: false,
     }
 }
 
@@ -125,6 +126,27 @@ fn frames_ahead_are_prepared_once_and_then_nothing_runs() {
     assert_eq!(rendered.lock().unwrap().len(), 13, "what was prepared is not rendered again");
     is_all_of(&pipeline.produce(request(FRAMES - 1)), FRAMES - 1);
     assert!(!pipeline.prepare_ahead(), "nothing comes after the last frame");
+}
+
+#[test]
+fn the_next_letter_is_looked_for_in_the_view_that_is_there() {
+    let (mut pipeline, rendered) = pipeline(8);
+    let typed = |words: &str| {
+        let mut typed = Request { is_typing: true, ..request(3) };
+        typed.prompts[0].question = question(words);
+        typed
+    };
+    for words in ["l", "li", "liv"] {
+        is_all_of(&pipeline.produce(typed(words)), 3);
+        while pipeline.prepare_ahead() {}
+        assert_eq!(*rendered.lock().unwrap(), [3], "no other frame is rendered between letters");
+    }
+    pipeline.produce(request(3));
+    while pipeline.prepare_ahead() {}
+    while pipeline.count_next().is_some() {}
+    assert_ne!(rendered.lock().unwrap().last(), Some(&3));
+    pipeline.come_back();
+    assert_eq!(rendered.lock().unwrap().last(), Some(&3), "the shown view is there for the next word");
 }
 
 #[test]

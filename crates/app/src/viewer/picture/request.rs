@@ -41,6 +41,8 @@ pub(crate) struct Request {
     pub(crate) point: Option<[f32; 2]>,
     /// Marks by hand that prompts can find.
     pub(crate) marks: MarkList,
+    /// `true` if a word is being typed: its next letter is likely to come before another frame.
+    pub(crate) is_typing: bool,
 }
 
 impl Request {

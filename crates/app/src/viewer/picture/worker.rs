@@ -123,6 +123,7 @@ fn work(shared: &Shared, mut pipeline: Pipeline, ctx: &egui::Context) {
                 pipeline.prepare_ahead()
                     || next_thumbnail(shared, &mut pipeline, ctx)
                     || count_next(shared, &mut pipeline, ctx)
+                    || come_back(&mut pipeline)
             };
             is_preparing = std::panic::catch_unwind(AssertUnwindSafe(idle_work)).unwrap_or(false);
         }
@@ -145,6 +146,12 @@ fn count_next(shared: &Shared, pipeline: &mut Pipeline, ctx: &egui::Context) -> 
     lock(&shared.measured).push(measured);
     ctx.request_repaint();
     true
+}
+
+/// Ends idle work; returns `false`.
+fn come_back(pipeline: &mut Pipeline) -> bool {
+    pipeline.come_back();
+    false
 }
 
 /// Makes the picture to show after a fault of the program itself; the next request is tried as usual.

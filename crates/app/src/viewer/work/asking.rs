@@ -90,6 +90,7 @@ impl Shared {
             clean_up: self.document.content().clean_up,
             point: self.viewport.probe.filter(|_| open.info.has_features),
             marks: if self.carries_marks() { self.marks_shown() } else { MarkList::default() },
+            is_typing: !self.prompt_box.live().is_empty() && !self.playback.is_playing(),
         })
     }
 
