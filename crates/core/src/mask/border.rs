@@ -9,6 +9,14 @@ const ROUNDS: usize = 12;
 /// Fewest points of a part of a border that is drawn: what peeps out from under an instrument is no line.
 const LEAST_PIECE: usize = 5;
 
+/// Fewest corners of a closed line as it is drawn, about.
+const LEAST_CORNERS: f32 = 8.0;
+
+/// Steps in which a smoothed line may be outside of its mask, px.
+const SMOOTHED: usize = 2;
+/// Largest way across a mask that is looked for, px.
+const WIDEST: usize = 64;
+
 /// A smooth line along a border, or along a part of one. Where it is closed, the last point joins the first.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BorderLine {
@@ -16,30 +24,93 @@ pub struct BorderLine {
     pub points_px: Vec<[f32; 2]>,
     /// Number of earlier masks with the same border at each point: the line runs inside of theirs.
     lanes: Vec<f32>,
+    /// Way from each point to the middle of the mask, px: no lane runs beyond it.
+    rooms_px: Vec<f32>,
     /// `true` for a line all around.
     pub is_closed: bool,
 }
 
+/// A point of a line as it is drawn, with its lane and its room.
+type Placed = ([f32; 2], f32, f32);
+
 impl BorderLine {
     /// Returns the points where a line of `width` is drawn: inside of the mask, along its border, beside the
-    /// lines of earlier masks with the same border. `place` maps the mask's pixels to the drawing.
+    /// lines of earlier masks with the same border. `place` maps the mask's pixels to the drawing. Details
+    /// that are smaller than the line is wide are left out, because wide lines have spikes there.
     pub fn placed(&self, width: f32, place: impl Fn([f32; 2]) -> [f32; 2]) -> Vec<[f32; 2]> {
-        let points: Vec<[f32; 2]> = self.points_px.iter().map(|p| place(*p)).collect();
-        let last = points.len().saturating_sub(1);
-        let beside = |i: usize, forwards: bool| match (forwards, self.is_closed) {
-            (true, true) => (i + 1) % points.len(),
-            (false, true) => (i + last) % points.len(),
-            (true, false) => (i + 1).min(last),
-            (false, false) => i.saturating_sub(1),
+        let points = (0..self.points_px.len()).map(|i| {
+            let ([x, y], room) = (self.points_px[i], self.rooms_px[i]);
+            let point = place([x, y]);
+            (point, self.lanes[i], distance(point, place([x + room, y])))
+        });
+        // The further inside a line runs, the sharper it turns.
+        let mean_lane = self.lanes.iter().sum::<f32>() / self.lanes.len().max(1) as f32;
+        let step = 0.5 * width * (1.0 + mean_lane);
+        let points = self.thinned(&points.collect::<Vec<Placed>>(), step);
+        let moved = |i: usize| {
+            let ([x, y], lane, room) = points[i];
+            let [nx, ny] = inwards(i, self.is_closed, points.len(), |i| points[i].0);
+            let by = ((0.5 + lane) * width).min(room.max(0.5 * width));
+            [x + by * nx, y + by * ny]
         };
-        let inside = |i: usize| {
-            let ([x0, y0], [x1, y1]) = (points[beside(i, false)], points[beside(i, true)]);
-            let (dx, dy) = (x1 - x0, y1 - y0);
-            let by = (0.5 + self.lanes[i]) * width / dx.hypot(dy).max(f32::MIN_POSITIVE);
-            [points[i][0] - dy * by, points[i][1] + dx * by]
+        let moved: Vec<[f32; 2]> = (0..points.len()).map(moved).collect();
+        // A line inside of a tight turn would run backwards.
+        let is_backwards = |i: usize, j: usize| {
+            let along = |c: usize| (points[j].0[c] - points[i].0[c]) * (moved[j][c] - moved[i][c]);
+            along(0) + along(1) < 0.0
         };
-        (0..points.len()).map(inside).collect()
+        let runs_on = |i: usize| {
+            let [before, after] = beside(i, self.is_closed, points.len());
+            !is_backwards(before, i) && !is_backwards(i, after)
+        };
+        let kept: Vec<[f32; 2]> = (0..moved.len()).filter(|i| runs_on(*i)).map(|i| moved[i]).collect();
+        // Around what is smaller than the line is wide there is no room inside.
+        let is_too_small = kept.len() < if self.is_closed { 3 } else { 2 };
+        if is_too_small { points.into_iter().map(|(point, ..)| point).collect() } else { kept }
     }
+
+    /// Replaces points that are closer together than `step` by their means. The ends of an open line stay, and
+    /// a closed line keeps [`LEAST_CORNERS`].
+    fn thinned(&self, points: &[Placed], step: f32) -> Vec<Placed> {
+        let way = |pair: &[Placed]| distance(pair[0].0, pair[1].0);
+        let around = || points.windows(2).map(way).sum::<f32>();
+        let step = if self.is_closed { step.min(around() / LEAST_CORNERS) } else { step };
+        let mut ways = points.windows(2).map(way);
+        let mut gone = 0.0;
+        let parts = points.chunk_by(|_, _| {
+            gone += ways.next().unwrap_or_default();
+            let goes_on = gone < step;
+            gone = if goes_on { gone } else { 0.0 };
+            goes_on
+        });
+        let mean = |part: &[Placed]| {
+            let of = |value: fn(&Placed) -> f32| part.iter().map(value).sum::<f32>() / part.len() as f32;
+            ([of(|p| p.0[0]), of(|p| p.0[1])], of(|p| p.1), of(|p| p.2))
+        };
+        let mut means: Vec<Placed> = parts.map(mean).collect();
+        if let (false, [first, .., last]) = (self.is_closed, points) {
+            means[0] = *first;
+            let end = means.len().max(2) - 1;
+            means.splice(end.., [*last]);
+        }
+        means
+    }
+}
+
+/// Returns the points before and after one of `n`; the ends of an open line are their own neighbours.
+fn beside(i: usize, is_closed: bool, n: usize) -> [usize; 2] {
+    if is_closed { [(i + n - 1) % n, (i + 1) % n] } else { [i.saturating_sub(1), (i + 1).min(n - 1)] }
+}
+
+/// Returns the direction from a point of a line into the mask, of length 1.
+fn inwards(i: usize, is_closed: bool, n: usize, point: impl Fn(usize) -> [f32; 2]) -> [f32; 2] {
+    let [[x0, y0], [x1, y1]] = beside(i, is_closed, n).map(point);
+    let length = (x1 - x0).hypot(y1 - y0).max(f32::MIN_POSITIVE);
+    [(y0 - y1) / length, (x1 - x0) / length]
+}
+
+fn distance([x0, y0]: [f32; 2], [x1, y1]: [f32; 2]) -> f32 {
+    (x1 - x0).hypot(y1 - y0)
 }
 
 /// An edge between two pixels of a border, with the pixel of the mask beside it.
@@ -68,7 +139,9 @@ pub fn border_lines(masks: &[Mask], hidden: impl Fn(usize, usize, usize) -> bool
             let drawn: Vec<bool> = edges.iter().map(is_drawn).collect();
             let point = |e: &Edge| [e.middle[0], e.middle[1], f32::from(used[e.index])];
             let points: Vec<[f32; 3]> = edges.iter().map(point).collect();
-            lines.extend(pieces(&points, &drawn).into_iter().map(|(points, closed)| smooth(points, closed)));
+            lines.extend(
+                pieces(&points, &drawn).into_iter().map(|(points, closed)| smooth(points, closed, mask)),
+            );
             taken.extend(edges.iter().zip(&drawn).filter(|(_, drawn)| **drawn).map(|(e, _)| e.index));
         }
         taken.into_iter().for_each(|index| used[index] = used[index].saturating_add(1));
@@ -139,20 +212,34 @@ fn pieces(points: &[[f32; 3]], drawn: &[bool]) -> Vec<(Vec<[f32; 3]>, bool)> {
 }
 
 /// Moves each point towards its neighbours. The ends of an open line stay, and a short line keeps its shape.
-fn smooth(mut points: Vec<[f32; 3]>, is_closed: bool) -> BorderLine {
+fn smooth(mut points: Vec<[f32; 3]>, is_closed: bool, mask: &Mask) -> BorderLine {
     let n = points.len();
     for _ in 0..ROUNDS.min(n / 4) {
         let before = points.clone();
         for i in 0..n {
             let is_end = !is_closed && (i == 0 || i + 1 == n);
             if !is_end {
-                let (a, b) = (before[(i + n - 1) % n], before[(i + 1) % n]);
+                let [a, b] = beside(i, is_closed, n).map(|j| before[j]);
                 points[i] = std::array::from_fn(|c| 0.25 * (a[c] + b[c]) + 0.5 * before[i][c]);
             }
         }
     }
     let lanes = points.iter().map(|p| p[2]).collect();
-    BorderLine { points_px: points.into_iter().map(|[x, y, _]| [x, y]).collect(), lanes, is_closed }
+    let points_px: Vec<[f32; 2]> = points.into_iter().map(|[x, y, _]| [x, y]).collect();
+    let room = |i: usize| room(mask, points_px[i], inwards(i, is_closed, n, |i| points_px[i]));
+    let rooms_px = (0..n).map(room).collect();
+    BorderLine { points_px, lanes, rooms_px, is_closed }
+}
+
+/// Returns half the way from a point of the border to the other side of the mask, px.
+fn room(mask: &Mask, [x, y]: [f32; 2], [nx, ny]: [f32; 2]) -> f32 {
+    let is_inside = |step: usize| {
+        let at = |p: f32, n: f32| p + (step as f32 - 0.5) * n;
+        let (x, y) = (at(x, nx), at(y, ny));
+        let is_in_image = x >= 0.0 && y >= 0.0 && x < mask.width as f32 && y < mask.height as f32;
+        is_in_image && mask.at(x as usize, y as usize)
+    };
+    0.5 * (1..=WIDEST).take_while(|step| *step <= SMOOTHED || is_inside(*step)).count() as f32
 }
 
 #[cfg(test)]
@@ -209,6 +296,25 @@ mod tests {
         let lines = border_lines(&touching, |_, _, _| false);
         let x = |k: usize| lines[k][0].placed(2.0, |p| p)[0][0];
         assert_eq!((x(0), x(1)), (7.0, 9.0));
+    }
+
+    #[test]
+    fn wide_lines_side_by_side_around_a_ragged_mask_have_no_spikes() {
+        // Drawn at half its size, as in a small window, the teeth are narrower than the lines.
+        let comb = || mask(120, 50, |x, y| (5..115).contains(&x) && (18..26 + 3 * (x / 3 % 4)).contains(&y));
+        let lines = border_lines(&[comb(), comb(), comb()], |_, _, _| false);
+        let length = |points: &[[f32; 2]]| -> f32 {
+            let next = points.iter().cycle().skip(1);
+            points.iter().zip(next).map(|(a, b)| (b[0] - a[0]).hypot(b[1] - a[1])).sum()
+        };
+        for (width, scale) in [(5.0, 0.5), (2.5, 0.5), (2.5, 1.0), (2.5, 4.0)] {
+            for line in lines.concat() {
+                let border: Vec<[f32; 2]> = line.points_px.iter().map(|p| p.map(|v| scale * v)).collect();
+                let placed = line.placed(width, |p| p.map(|v| scale * v));
+                let [drawn, border] = [&placed, &border].map(|points| length(points));
+                assert!(drawn < 1.2 * border, "{drawn} along {border}: width {width}, scale {scale}");
+            }
+        }
     }
 
     #[test]
