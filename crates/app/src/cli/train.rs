@@ -283,7 +283,6 @@ fn begin(args: &TrainArgs, material: &Material, place: &Place<'_>) -> Result<Beg
     let settings = args.settings();
     let mut view = ProgressView::default();
     let plan = Plan::of(sequence, prepared, &settings, &mut |p| view.show(p))?;
-    drop(view);
     let chapter = match args.chapter {
         Some(index) => {
             let chapter = plan.chapters.get(index);
@@ -295,7 +294,7 @@ fn begin(args: &TrainArgs, material: &Material, place: &Place<'_>) -> Result<Beg
         }
         None => None,
     };
-    let mut trainer = Trainer::planned(sequence, prepared, settings, &plan, chapter)?;
+    let mut trainer = Trainer::planned(sequence, prepared, settings, &plan, chapter, &mut |p| view.show(p))?;
     if place.checkpoint.exists() {
         // An earlier training must not be gone on with once another one has begun.
         trainer.save_checkpoint(place.checkpoint)?;

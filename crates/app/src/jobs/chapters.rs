@@ -170,7 +170,7 @@ impl Course<'_> {
             return self.train_chapters(plan, observer, watch);
         }
         let (sequence, prepared) = (self.material.sequence(), self.material.prepared());
-        let mut trainer = Trainer::planned(sequence, prepared, self.settings.clone(), plan, None)?;
+        let mut trainer = Trainer::planned(sequence, prepared, self.settings.clone(), plan, None, observer)?;
         backend::choose(&mut trainer, self.backend)?;
         go_on(&mut trainer, self.checkpoint, observer, watch)
     }
@@ -203,7 +203,7 @@ impl Course<'_> {
                 whole = Some(Trained::with_chapter(whole, Trained::kept(part)));
                 continue;
             }
-            let mut trainer = self.trainer(plan, chapter)?;
+            let mut trainer = self.trainer(plan, chapter, observer)?;
             backend::choose(&mut trainer, self.backend)?;
             let note = trainer
                 .scope()
@@ -259,7 +259,7 @@ impl Course<'_> {
     }
 
     /// Returns a trainer for a chapter; an unfinished one goes on.
-    fn trainer(&self, plan: &Plan, chapter: &Chapter) -> Result<Trainer> {
+    fn trainer(&self, plan: &Plan, chapter: &Chapter, observer: &mut Observer<'_>) -> Result<Trainer> {
         let (sequence, prepared) = (self.material.sequence(), self.material.prepared());
         if let Some(path) = self.checkpoint.filter(|path| path.exists()) {
             let trainer = Trainer::resume(sequence, prepared, path)?;
@@ -269,7 +269,7 @@ impl Course<'_> {
                 return Ok(trainer);
             }
         }
-        Trainer::planned(sequence, prepared, self.settings.clone(), plan, Some(chapter))
+        Trainer::planned(sequence, prepared, self.settings.clone(), plan, Some(chapter), observer)
     }
 
     /// Reads a chapter that is done.
@@ -423,7 +423,8 @@ mod tests {
         let mut paths = Vec::new();
         for chapter in plan.chapters.iter().rev() {
             let mut trainer =
-                Trainer::planned(sequence, None, settings.clone(), &plan, Some(chapter)).unwrap();
+                Trainer::planned(sequence, None, settings.clone(), &plan, Some(chapter), &mut unobserved)
+                    .unwrap();
             let alone = go_on(&mut trainer, None, &mut unobserved, &mut |_, _| {}).unwrap();
             paths.push(here.folder.path().join(format!("part{}.safetensors", chapter.index)));
             alone.scene.save(&paths[paths.len() - 1]).unwrap();

@@ -48,7 +48,7 @@ use crate::{
     files, metrics,
     poses::Verdict,
     prepare::{Origin, Prepared},
-    progress::unobserved,
+    progress::{Observer, unobserved},
     raster::{Images, project::Sampling, render_deformed, render_frame},
     scene::{Chapter, Chapters, Provenance, Scene},
     sequence::{Identity, Sequence},
@@ -102,21 +102,22 @@ impl Trainer {
     pub fn new(sequence: &Sequence, prepared: Option<&Prepared>, settings: TrainSettings) -> Result<Self> {
         let identity = identity(sequence, prepared)?;
         let plan = Plan::whole(sequence, prepared, &settings, &mut unobserved)?;
-        Self::with_times(sequence, prepared, settings, identity, plan.times)
+        Self::with_times(sequence, prepared, settings, identity, plan.times, &mut unobserved)
     }
 
     /// Reads one of the plan's chapters, or a recording that has none, as [`Trainer::new`] does. Frames have the
-    /// plan's times.
+    /// plan's times. The observer hears of the search for the path of a moving scope.
     pub fn planned(
         sequence: &Sequence,
         prepared: Option<&Prepared>,
         settings: TrainSettings,
         plan: &Plan,
         chapter: Option<&Chapter>,
+        observer: &mut Observer<'_>,
     ) -> Result<Self> {
         let settings = TrainSettings { chapter: chapter.cloned(), ..settings };
         let identity = identity(sequence, prepared)?;
-        Self::with_times(sequence, prepared, settings, identity, plan.times.clone())
+        Self::with_times(sequence, prepared, settings, identity, plan.times.clone(), observer)
     }
 
     fn with_times(
@@ -125,6 +126,7 @@ impl Trainer {
         mut settings: TrainSettings,
         identity: Arc<Identity>,
         times: Vec<f32>,
+        observer: &mut Observer<'_>,
     ) -> Result<Self> {
         settings.eval |= prepared.is_some_and(|p| p.eval);
         if prepared.is_some_and(|p| p.origin == Origin::Marks) {
@@ -132,7 +134,7 @@ impl Trainer {
             (settings.feature_mode, settings.feature_motion) = (FeatureMode::Lifted, false);
         }
         settings.rates.final_share = settings.final_share(settings.window(sequence.num_frames()).len());
-        let state = TrainState::new(sequence, prepared, &mut settings, times)?;
+        let state = TrainState::new(sequence, prepared, &mut settings, times, observer)?;
         Ok(Self::with_state(sequence, prepared, settings, state, identity))
     }
 

@@ -4,9 +4,10 @@ use super::*;
 use crate::{
     camera::Twist,
     demo::{DemoSettings, write},
-    progress::unobserved,
+    progress::{Progress, unobserved},
 };
 use glam::Affine3A;
+use std::ops::ControlFlow;
 use tempfile::TempDir;
 
 const FRAMES: usize = 10;
@@ -67,6 +68,22 @@ fn error_px(sequence: &Sequence, cameras: &[crate::camera::Camera]) -> f32 {
     };
     let others: f32 = (0..FRAMES).filter(|i| *i != WRONG).map(off).sum();
     (off(WRONG) - others / (FRAMES - 1) as f32).abs()
+}
+
+#[test]
+fn the_search_for_the_path_says_how_far_it_is_and_can_be_stopped() {
+    let (_, folder) = demo();
+    let pictures = Sequence::open(&folder.path().join("images")).unwrap();
+    let settings = TrainSettings::default();
+    let plan = Plan::whole(&pictures, None, &settings, &mut unobserved).unwrap();
+    let mut stages = Vec::new();
+    let mut observer = |p: &Progress<'_>| {
+        stages.push((p.stage.to_owned(), p.done));
+        if stages.len() > 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    };
+    let begun = Trainer::planned(&pictures, None, settings, &plan, None, &mut observer);
+    assert!(matches!(begun.err(), Some(Error::Cancelled)), "{stages:?}");
+    assert_eq!(stages, (0..4).map(|i| ("following points".to_owned(), i)).collect::<Vec<_>>());
 }
 
 #[test]

@@ -16,7 +16,7 @@ use crate::{
     num::percentile,
     poses::{self, ScopePath, Timeline, Verdict},
     prepare::Prepared,
-    progress::unobserved,
+    progress::Observer,
     raster::NEAR,
     sequence::Sequence,
 };
@@ -61,6 +61,7 @@ impl TrainState {
         prepared: Option<&Prepared>,
         settings: &mut TrainSettings,
         times: Vec<f32>,
+        observer: &mut Observer<'_>,
     ) -> Result<Self> {
         let seen = match settings.seed_test_frames {
             true => settings.frames_and_held_out(sequence.num_frames()),
@@ -70,7 +71,7 @@ impl TrainState {
             return Err(Error::input("every frame is excluded", "Take some of them back in."));
         }
         let latent_dim = prepared.map_or(0, |p| p.codec.latent_dim());
-        let path = path(sequence, &times, settings)?;
+        let path = path(sequence, &times, settings, observer)?;
         let zoom = path.zoom.unwrap_or(1.0);
         let sequence = &sequence.clone().with_zoom(zoom);
         let sees_around = sequence.camera_moves() || !path.poses.is_empty() || settings.refines_poses;
@@ -181,7 +182,12 @@ pub(super) fn spread(frames: &[usize], count: usize) -> Vec<usize> {
 
 /// Estimates the path of a camera that is not known, or points that a known one sees; it has no poses if the
 /// camera is known or stands still.
-fn path(sequence: &Sequence, times: &[f32], settings: &TrainSettings) -> Result<ScopePath> {
+fn path(
+    sequence: &Sequence,
+    times: &[f32],
+    settings: &TrainSettings,
+    observer: &mut Observer<'_>,
+) -> Result<ScopePath> {
     let frames = settings.frames(sequence.num_frames());
     let is_long = frames.len() > MOST_POSED_FRAMES;
     if !settings.finds_path || is_long {
@@ -190,9 +196,9 @@ fn path(sequence: &Sequence, times: &[f32], settings: &TrainSettings) -> Result<
     let own: Vec<f32> = (0..sequence.num_frames()).map(|i| sequence.time(i)).collect();
     let timeline = Timeline { frames: &frames, times: if times.is_empty() { &own } else { times } };
     if poses::are_wanted(sequence) {
-        poses::estimate(sequence, timeline, DEFAULT_DEPTH, &mut unobserved)
+        poses::estimate(sequence, timeline, DEFAULT_DEPTH, observer)
     } else if poses::can_place(sequence) {
-        poses::place(sequence, timeline, &mut unobserved)
+        poses::place(sequence, timeline, observer)
     } else {
         Ok(ScopePath::default())
     }
