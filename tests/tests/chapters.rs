@@ -116,6 +116,15 @@ fn a_scene_in_chapters_is_asked_exported_measured_and_converted_as_any_other() {
     let scene = "scene.safetensors";
     let found = run_in(folder, &["query", scene, "--prompt", "liver", "--json"]).ok().json();
     assert_eq!(found["prompts"][0]["frames"].as_array().unwrap().len(), 20);
+    // One mark is carried through all chapters, and only what is asked is looked at.
+    let mark = r#"{"marks": [{"frame": 1, "name": "suture", "kind": "click", "add": true, "points_px": [[20, 20]]}]}"#;
+    fs::write(folder.join("marks.json"), mark).unwrap();
+    let suture = ["query", scene, "--prompt", "suture", "--marks", "marks.json", "--json", "--frames"];
+    for (asked, frames) in [("4..6", 4..6), ("15..18", 15..18)] {
+        let found = run_in(folder, &[&suture[..], &[asked]].concat()).ok().json();
+        let frame = found["look_here"]["frame"].as_u64().unwrap();
+        assert!(frames.contains(&frame), "{found}");
+    }
     run_in(folder, &["export", scene, "--prompt", "liver", "-o", "export"]).ok();
     run_in(folder, &["eval", scene, "prepared", "-o", "quality"]).ok();
     run_in(folder, &["convert", scene, "small.safetensors", "--quantize"]).ok();

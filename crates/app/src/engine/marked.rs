@@ -219,17 +219,4 @@ impl Engine {
         self.marked = Some(marked);
         found
     }
-
-    /// Returns the place where one more mark of a new name would help most; `None` if there is no such name, or
-    /// if every frame is marked.
-    pub fn look_here(&mut self) -> Result<Option<LookHere>> {
-        let Some(mut marked) = self.marked.take() else { return Ok(None) };
-        let scene = self.scene.clone();
-        let found = match marked.carried.names() {
-            [] => Ok(None),
-            _ => marked.carried.look_here(&scene, &mut |i| self.picture(i)),
-        };
-        self.marked = Some(marked);
-        found
-    }
 }
