@@ -25,7 +25,40 @@ pub(crate) fn paint_outlines(painter: &Painter, rect: Rect, outlines: &Outlines)
     }
 }
 
+/// Makes a line of points. Ends of a closed one meet where it is straightest: egui cuts off the sharp corners of
+/// open lines alone, and others grow spikes.
 fn shape(points: &[[f32; 2]], is_closed: bool, stroke: Stroke) -> Shape {
-    let points: Vec<Pos2> = points.iter().map(|[x, y]| pos2(*x, *y)).collect();
-    if is_closed { Shape::closed_line(points, stroke) } else { Shape::line(points, stroke) }
+    let mut points: Vec<Pos2> = points.iter().map(|[x, y]| pos2(*x, *y)).collect();
+    if is_closed && points.len() > 2 {
+        let start = straightest(&points);
+        points.rotate_left(start);
+        points.push(points[0]);
+    }
+    Shape::line(points, stroke)
+}
+
+/// Returns the point of a closed line where it turns least.
+fn straightest(points: &[Pos2]) -> usize {
+    let n = points.len();
+    let cosine = |i: usize| {
+        let [before, after] = [points[i] - points[(i + n - 1) % n], points[(i + 1) % n] - points[i]];
+        before.normalized().dot(after.normalized())
+    };
+    (0..n).max_by(|a, b| cosine(*a).total_cmp(&cosine(*b))).unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_closed_line_ends_where_it_is_straightest() {
+        // A sliver: two sharp tips, and a bend of a few degrees on one side.
+        let sliver = [[0.0, 0.0], [50.0, 2.0], [100.0, 0.0], [50.0, -9.0]];
+        let Shape::Path(path) = shape(&sliver, true, Stroke::new(2.0, Color32::WHITE)) else { panic!() };
+        assert!(!path.closed && path.points.len() == 5);
+        assert_eq!([path.points[0], path.points[4]], [pos2(50.0, 2.0); 2]);
+        let Shape::Path(open) = shape(&sliver, false, Stroke::new(2.0, Color32::WHITE)) else { panic!() };
+        assert_eq!((open.points.len(), open.points[0]), (4, pos2(0.0, 0.0)));
+    }
 }
