@@ -25,8 +25,8 @@ pub(crate) fn paint_outlines(painter: &Painter, rect: Rect, outlines: &Outlines)
     }
 }
 
-/// Makes a line of points. Ends of a closed one meet where it is straightest: egui cuts off the sharp corners of
-/// open lines alone, and others grow spikes.
+/// Makes a line of points. The ends of a closed one meet where it is straightest: egui cuts off the sharp
+/// corners of open lines alone, and others grow spikes.
 fn shape(points: &[[f32; 2]], is_closed: bool, stroke: Stroke) -> Shape {
     let mut points: Vec<Pos2> = points.iter().map(|[x, y]| pos2(*x, *y)).collect();
     if is_closed && points.len() > 2 {
