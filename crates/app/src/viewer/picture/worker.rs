@@ -120,10 +120,13 @@ fn work(shared: &Shared, mut pipeline: Pipeline, ctx: &egui::Context) {
             is_preparing = true;
         } else {
             let idle_work = || {
-                pipeline.prepare_ahead()
+                let has_worked = pipeline.prepare_ahead()
                     || next_thumbnail(shared, &mut pipeline, ctx)
-                    || count_next(shared, &mut pipeline, ctx)
-                    || come_back(&mut pipeline)
+                    || count_next(shared, &mut pipeline, ctx);
+                if !has_worked {
+                    pipeline.come_back();
+                }
+                has_worked
             };
             is_preparing = std::panic::catch_unwind(AssertUnwindSafe(idle_work)).unwrap_or(false);
         }
@@ -146,12 +149,6 @@ fn count_next(shared: &Shared, pipeline: &mut Pipeline, ctx: &egui::Context) -> 
     lock(&shared.measured).push(measured);
     ctx.request_repaint();
     true
-}
-
-/// Ends idle work; returns `false`.
-fn come_back(pipeline: &mut Pipeline) -> bool {
-    pipeline.come_back();
-    false
 }
 
 /// Makes the picture to show after a fault of the program itself; the next request is tried as usual.
