@@ -6,6 +6,7 @@ pub mod files;
 pub mod grid;
 pub mod hash;
 mod lanes;
+mod linear;
 pub mod num;
 pub mod progress;
 pub mod reading;

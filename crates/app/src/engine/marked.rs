@@ -80,7 +80,7 @@ impl Engine {
         let carried =
             Carried::new(&self.scene, Arc::clone(&graph), &marks.named(&new), CarrySettings::default());
         let carried = match earlier {
-            Some(earlier) => carried.with_displacements_of(earlier.carried),
+            Some(earlier) => carried.after(earlier.carried),
             None => carried,
         };
         let mut corrections = BTreeMap::new();
@@ -155,7 +155,7 @@ impl Engine {
         frame: Option<usize>,
     ) -> Result<Vec<Grid<f32>>> {
         let Some(frame) = frame else {
-            return Ok(marked.carried.on_view(&self.scene, view.camera, view.time));
+            return marked.carried.on_view(&self.scene, view.camera, view.time, &mut |i| self.picture(i));
         };
         let [width, height] = [view.camera.width, view.camera.height].map(|side| side as usize);
         let scores = &self.carried_on(marked, frame)?.scores;
@@ -191,16 +191,18 @@ impl Engine {
     }
 
     /// Returns for each prompt the Gaussians that marks give it: those whose share is above one half.
-    pub(super) fn gaussians_marked(&self) -> Vec<Vec<usize>> {
-        let Some(marked) = &self.marked else { return Vec::new() };
-        let shares = marked.carried.shares(&self.scene);
+    pub(super) fn gaussians_marked(&mut self) -> Result<Vec<Vec<usize>>> {
+        let Some(mut marked) = self.marked.take() else { return Ok(Vec::new()) };
+        let shares = marked.carried.shares(&self.scene, &mut |i| self.picture(i)).map(<[_]>::to_vec);
+        let names = marked.carried.names().to_vec();
+        self.marked = Some(marked);
+        let shares = shares?;
         let of = |meant: &Vec<String>| {
-            let places: Vec<usize> =
-                (0..shares.len()).filter(|k| meant.contains(&marked.carried.names()[*k])).collect();
+            let places: Vec<usize> = (0..shares.len()).filter(|k| meant.contains(&names[*k])).collect();
             let is_found = |i: &usize| places.iter().any(|k| shares[*k][*i] > 0.5);
             (0..self.scene.gaussians.len()).filter(is_found).collect()
         };
-        self.asking.meant.iter().map(of).collect()
+        Ok(self.asking.meant.iter().map(of).collect())
     }
 
     /// Returns the place on a frame where one more mark of a new name would help most; `None` if there is no

@@ -524,7 +524,7 @@ impl Engine {
     /// they are at least as opaque as a pixel has to be.
     pub fn gaussians_found(&mut self, time: f32) -> Result<Vec<Vec<usize>>> {
         self.turn_to(time)?;
-        let marked = self.gaussians_marked();
+        let marked = self.gaussians_marked()?;
         if self.relevancy.is_none() && self.marked.is_some() {
             return Ok(marked);
         }

@@ -1,38 +1,32 @@
 //! Scores of marked names on every frame.
 
 use super::{
-    Evidence, Graph, Marks,
+    Evidence, FrameScores, Graph, LookHere, Marks,
     cells::spread_over,
     guided::Guide,
+    hints::Hints,
+    known::{MarkedFrame, add_seen, weights},
+    scores::scores,
     seeds::Seeds,
     seen::Seen,
-    spread::{Hints, PULL, spread},
+    spread::{PULL, spread},
     trail::Trail,
 };
 use crate::{
     Result,
     camera::Camera,
-    flow::{Vector, around, halved, luma},
-    grid::{Grid, Mask},
+    flow::{halved, luma},
+    grid::Grid,
     scene::Scene,
 };
 use image::RgbImage;
 use rayon::prelude::*;
-use std::{
-    collections::BTreeMap,
-    sync::{Arc, OnceLock},
-};
+use std::{collections::BTreeMap, sync::Arc};
 
 /// Names whose shares are blended in one pass.
 const NAMES_AT_ONCE: usize = 16;
 /// Weight of the Gaussians' shares beside those of a marked frame that is seen well.
 const GAUSSIANS: f32 = 0.01;
-/// Difference between a pixel and the marked one at which it weighs half, 8-bit levels.
-const DIFFERENCE: f32 = 8.0;
-/// Half the side of the squares in which pictures are compared, px of half size.
-const COMPARED_PX: usize = 2;
-/// Weight of pixels of a marked frame that are not marked themselves.
-const UNMARKED: f32 = 0.3;
 /// Shortest side of pictures that are looked at, px; smaller ones are left to the Gaussians.
 const SMALLEST: usize = 4;
 /// Marked frames that are kept at most.
@@ -57,26 +51,6 @@ impl Default for CarrySettings {
     }
 }
 
-/// Scores of one frame.
-#[derive(Clone, Debug, PartialEq)]
-pub struct FrameScores {
-    /// One image per name, 0–1: above one half where the name is likelier than any other and than none.
-    pub scores: Vec<Grid<f32>>,
-    /// Closeness of the two likeliest answers, 0 (sure) to 1.
-    pub doubt: Grid<f32>,
-}
-
-/// The place where one more mark would help most.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct LookHere {
-    /// The frame.
-    pub frame: usize,
-    /// The middle of the most doubtful area on it, px.
-    pub point_px: [f32; 2],
-    /// Mean doubt inside the field of view, 0–1.
-    pub doubt: f32,
-}
-
 /// Marks carried to a whole recording.
 pub struct Carried {
     names: Vec<String>,
@@ -88,66 +62,11 @@ pub struct Carried {
     /// Graph of the Gaussians that the marks are carried over.
     graph: Arc<Graph>,
     /// Share of each name in each Gaussian, [names][Gaussians], once something needs it: a marked frame does not.
-    shares: OnceLock<Vec<Vec<f32>>>,
+    shares: Option<Vec<Vec<f32>>>,
     /// Marked frames that were needed last.
     known: BTreeMap<usize, MarkedFrame>,
     /// Displacements to marked frames that are not known yet, found for earlier marks.
     trails: BTreeMap<usize, Trail>,
-}
-
-/// A marked frame at half size, with a share for every pixel.
-struct MarkedFrame {
-    luma: Grid<f32>,
-    trail: Trail,
-    /// Shares as its own marks tell, [names][pixels].
-    own: Vec<Vec<f32>>,
-    /// The same at full size, on the frame that became known last.
-    whole: Option<Vec<Vec<f32>>>,
-    /// `own` with what the marks of the frames beside it tell, once that was asked; `None` if there are none.
-    told: Option<Vec<Vec<f32>>>,
-    /// Weight of each pixel: 1 if it is marked.
-    weights: Vec<f32>,
-}
-
-impl MarkedFrame {
-    fn own(&self) -> &[Vec<f32>] {
-        &self.own
-    }
-
-    /// Shares with what the frames beside it tell, if that was asked.
-    fn told(&self) -> &[Vec<f32>] {
-        self.told.as_ref().unwrap_or(&self.own)
-    }
-
-    /// Weight of this frame at each pixel of another one, from where `way` leads here; `of` is that of a pixel
-    /// here if both look the same.
-    fn weights_along(
-        &self,
-        way: &Grid<Vector>,
-        luma: &Grid<f32>,
-        field_of_view: &Mask,
-        of: impl Fn(f32) -> f32 + Sync,
-    ) -> Grid<f32> {
-        let mut weights = likeness(luma, &self.luma, way, field_of_view);
-        weights.data.par_iter_mut().with_min_len(4096).enumerate().for_each(|(i, weight)| {
-            *weight *= place(way, i).map_or(0.0, |at| of(self.weights[at]));
-        });
-        weights
-    }
-
-    /// Mixes the shares of unmarked pixels with those of marked pixels of another frame, looked up along
-    /// `way`.
-    fn hear(&self, shares: &mut [Vec<f32>], other: &Self, way: &Grid<Vector>, field_of_view: &Mask) {
-        let marked = |weight: f32| if weight > UNMARKED { weight } else { 0.0 };
-        let mut weights = other.weights_along(way, &self.luma, field_of_view, marked);
-        weights.data.iter_mut().zip(&self.weights).for_each(|(w, own)| {
-            *w = if *own > UNMARKED { 0.0 } else { *w / (UNMARKED + *w) };
-        });
-        shares.par_iter_mut().zip(&other.own).for_each(|(plane, other)| {
-            plane.iter_mut().zip(&weights.data).for_each(|(v, w)| *v *= 1.0 - w);
-            add_seen(plane, other, way, &weights);
-        });
-    }
 }
 
 /// Returns the picture of a frame: the recorded one, or the reconstruction of it.
@@ -160,17 +79,30 @@ impl Carried {
         let evidence = Evidence::of_all(marks, &names, scene);
         let growing = Evidence::of_growing(marks, &evidence, &names, scene);
         let (known, trails) = (BTreeMap::new(), BTreeMap::new());
-        Self { names, settings, evidence, growing, graph, shares: OnceLock::new(), known, trails }
+        Self { names, settings, evidence, growing, graph, shares: None, known, trails }
     }
 
-    /// Takes over the displacements that were found for earlier marks on the same recording. The scores stay
-    /// the same and take less time.
-    pub fn with_displacements_of(mut self, earlier: Self) -> Self {
-        let found = earlier.known.into_iter().map(|(frame, known)| (frame, known.trail));
-        let found = found.chain(earlier.trails).filter(|(frame, trail)| {
-            self.evidence.contains_key(frame) && trail.mends() == self.settings.mends
-        });
-        self.trails = found.take(MOST_KNOWN).collect();
+    /// Takes over what was found for earlier marks on the same recording and still holds: frames whose marks
+    /// are the same, and displacements. The scores stay the same and take less time.
+    pub fn after(mut self, earlier: Self) -> Self {
+        let is_same = self.names == earlier.names
+            && self.settings == earlier.settings
+            && Arc::ptr_eq(&self.graph, &earlier.graph);
+        let is_marked_so = |frame: &usize| {
+            self.evidence.get(frame) == earlier.evidence.get(frame)
+                && self.growing.get(frame).is_some_and(|own| Some(own) == earlier.growing.get(frame))
+        };
+        let mut trails = earlier.trails;
+        for (frame, known) in earlier.known {
+            if is_same && is_marked_so(&frame) {
+                self.known.insert(frame, MarkedFrame { told: None, ..known });
+            } else {
+                trails.insert(frame, known.trail);
+            }
+        }
+        trails
+            .retain(|frame, trail| self.evidence.contains_key(frame) && trail.mends() == self.settings.mends);
+        self.trails = trails.into_iter().take(MOST_KNOWN).collect();
         self
     }
 
@@ -184,16 +116,27 @@ impl Carried {
         self.evidence.keys().copied()
     }
 
-    /// Returns the share of each name in each Gaussian, [names][Gaussians], 0–1.
-    pub fn shares(&self, scene: &Scene) -> &[Vec<f32>] {
-        self.shares.get_or_init(|| {
-            let seeds = Seeds::of(scene, self.names.len(), self.evidence.values());
-            let hints = Hints::of(&self.graph.links, &seeds, &[]);
+    /// Returns the share of each name in each Gaussian, [names][Gaussians], 0–1. Marks that grow are spread over
+    /// their frames first.
+    pub fn shares(&mut self, scene: &Scene, pictures: &mut Pictures<'_>) -> Result<&[Vec<f32>]> {
+        if self.shares.is_none() {
+            let mut seeds = Seeds::none(scene, self.names.len());
+            for frame in self.evidence.keys().copied().collect::<Vec<_>>() {
+                if self.growing.contains_key(&frame) && is_looked_at(scene) {
+                    self.know(scene, frame, pictures)?;
+                    self.known[&frame].seed(&mut seeds, scene, frame);
+                    self.forget_far(frame);
+                } else {
+                    seeds.add(scene, &self.evidence[&frame]);
+                }
+            }
+            let hints = Hints::of(&self.graph.looks, &self.graph.links, &seeds, &[]);
             let mut shares = spread(&self.graph.links, &seeds, None, PULL, Some(&hints));
             // The solver stops a little beside the solution.
             shares.iter_mut().flatten().for_each(|share| *share = share.max(0.0));
-            shares
-        })
+            self.shares = Some(shares);
+        }
+        Ok(self.shares.as_deref().unwrap_or_default())
     }
 
     /// Returns the scores on a frame.
@@ -205,13 +148,13 @@ impl Carried {
     ) -> Result<FrameScores> {
         let camera = scene.cameras[frame];
         let (width, height) = (camera.width as usize, camera.height as usize);
-        if width.min(height) < SMALLEST {
-            let scores = self.on_view(scene, camera, scene.time(frame));
+        if !is_looked_at(scene) {
+            let scores = self.on_view(scene, camera, scene.time(frame), pictures)?;
             return Ok(FrameScores { scores, doubt: Grid::filled(width, height, 0.0) });
         }
         let picture = pictures(frame)?;
         let shares = if !self.settings.looks_up {
-            self.blended(scene, &Seen::at_half(scene, frame))
+            self.blended(scene, &Seen::at_half(scene, frame), pictures)?
         } else if self.evidence.contains_key(&frame) {
             self.tell(scene, frame, pictures)?;
             let known = self.known.get(&frame);
@@ -222,7 +165,7 @@ impl Carried {
         } else {
             let marked = beside(frame, &self.evidence);
             marked.iter().try_for_each(|marked| self.tell(scene, *marked, pictures))?;
-            let mut shares = self.blended(scene, &Seen::at_half(scene, frame));
+            let mut shares = self.blended(scene, &Seen::at_half(scene, frame), pictures)?;
             let here = (frame, &luma_of(&picture));
             self.look_up(scene, here, &marked, MarkedFrame::told, &mut shares, pictures)?;
             shares
@@ -248,14 +191,20 @@ impl Carried {
     }
 
     /// Returns the scores on any view, of the Gaussians alone.
-    pub fn on_view(&self, scene: &Scene, camera: Camera, time: f32) -> Vec<Grid<f32>> {
-        let shares = self.blended(scene, &Seen::of(scene, camera, time));
-        scores(&shares, camera.width as usize, camera.height as usize).scores
+    pub fn on_view(
+        &mut self,
+        scene: &Scene,
+        camera: Camera,
+        time: f32,
+        pictures: &mut Pictures<'_>,
+    ) -> Result<Vec<Grid<f32>>> {
+        let shares = self.blended(scene, &Seen::of(scene, camera, time), pictures)?;
+        Ok(scores(&shares, camera.width as usize, camera.height as usize).scores)
     }
 
     /// Returns the Gaussians' shares of every pixel.
-    fn blended(&self, scene: &Scene, seen: &Seen) -> Vec<Vec<f32>> {
-        let shares = self.shares(scene);
+    fn blended(&mut self, scene: &Scene, seen: &Seen, pictures: &mut Pictures<'_>) -> Result<Vec<Vec<f32>>> {
+        let shares = self.shares(scene, pictures)?;
         let mut planes = Vec::with_capacity(shares.len());
         for part in shares.chunks(NAMES_AT_ONCE) {
             let values: Vec<f32> =
@@ -263,7 +212,7 @@ impl Carried {
             let blended = seen.blend(&values, part.len());
             planes.extend((0..part.len()).map(|k| blended.value(k).to_vec()));
         }
-        planes
+        Ok(planes)
     }
 
     /// Mixes the shares of a frame with those of marked frames (`shares_of` them), looked up from it.
@@ -328,7 +277,7 @@ impl Carried {
         let spread = if let Some(growing) = self.growing.get(&frame) {
             spread_over(&picture, &scene.field_of_view, growing, self.names.len())
         } else {
-            let mut shares = self.blended(scene, &Seen::at_half(scene, frame));
+            let mut shares = self.blended(scene, &Seen::at_half(scene, frame), pictures)?;
             let growing = beside(frame, &self.growing);
             self.look_up(scene, (frame, &luma), &growing, MarkedFrame::own, &mut shares, pictures)?;
             shares
@@ -339,11 +288,7 @@ impl Carried {
         keep_marked(evidence, &mut shares);
         let half = |plane: &Vec<f32>| halved(&Grid::from_vec(whole_width, whole_height, plane.clone())).data;
         let own = shares.par_iter().map(half).collect();
-        let mut weights = vec![UNMARKED; luma.data.len()];
-        for i in evidence.pixels() {
-            let (x, y) = (i % whole_width / 2, i / whole_width / 2);
-            weights[y.min(luma.height - 1) * luma.width + x.min(luma.width - 1)] = 1.0;
-        }
+        let weights = weights(evidence, &luma, whole_width);
         let earlier = self.trails.remove(&frame);
         let trail = earlier.unwrap_or_else(|| Trail::new(frame, luma.clone(), self.settings.mends));
         // At full size they take much memory, and are wanted of the shown frame alone.
@@ -388,6 +333,11 @@ pub(super) fn keep_marked(evidence: &Evidence, shares: &mut [Vec<f32>]) {
     }
 }
 
+/// Returns `true` if pictures are large enough to be looked at.
+fn is_looked_at(scene: &Scene) -> bool {
+    scene.cameras.first().is_some_and(|c| c.width.min(c.height) as usize >= SMALLEST)
+}
+
 /// Returns the luminance of a picture at half size, 0–255.
 fn luma_of(picture: &RgbImage) -> Grid<f32> {
     halved(&luma(picture))
@@ -399,115 +349,4 @@ fn beside(frame: usize, frames: &BTreeMap<usize, Evidence>) -> Vec<usize> {
     let after = frames.range(frame + 1..).next();
     let both = before.into_iter().chain(after).map(|(marked, _)| *marked);
     both.filter(|marked| marked.abs_diff(frame) <= REACH).collect()
-}
-
-/// Returns the pixel that the way of pixel `i` leads to, if that is in the picture.
-fn place(way: &Grid<Vector>, i: usize) -> Option<usize> {
-    let (width, height) = (way.width, way.height);
-    let [x, y] = [(i % width) as f32 + way.data[i][0], (i / width) as f32 + way.data[i][1]];
-    let is_inside = x >= -0.5 && y >= -0.5 && x < width as f32 - 0.5 && y < height as f32 - 0.5;
-    is_inside.then(|| (y + 0.5) as usize * width + (x + 0.5) as usize)
-}
-
-/// Likeness of a frame and another one, seen along `way`, around each pixel, 0–1; 0 where the way leads out
-/// of the field of view.
-fn likeness(luma: &Grid<f32>, other: &Grid<f32>, way: &Grid<Vector>, field_of_view: &Mask) -> Grid<f32> {
-    let (width, height) = (way.width, way.height);
-    let field_of_view = field_of_view.sampled(width, height);
-    let seen = |i: usize| place(way, i).filter(|at| field_of_view.data.get(*at).is_none_or(|v| *v));
-    let mut differences = vec![0.0; width * height];
-    differences.par_iter_mut().with_min_len(4096).enumerate().for_each(|(i, d)| {
-        *d = seen(i).map_or(255.0, |at| (luma.data[i] - other.data[at]).abs());
-    });
-    let mut likeness = box_means(&differences, width, height);
-    likeness.par_iter_mut().with_min_len(4096).enumerate().for_each(|(i, v)| {
-        *v = if seen(i).is_some() { 1.0 / (1.0 + (*v / DIFFERENCE).powi(2)) } else { 0.0 };
-    });
-    Grid::from_vec(width, height, likeness)
-}
-
-/// Means over squares of 2 [`COMPARED_PX`] + 1 pixels, cut at the border.
-fn box_means(values: &[f32], width: usize, height: usize) -> Vec<f32> {
-    let mut rows = vec![0.0; values.len()];
-    rows.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
-        let line = &values[y * width..(y + 1) * width];
-        for (x, v) in row.iter_mut().enumerate() {
-            let window = &line[x.saturating_sub(COMPARED_PX)..(x + COMPARED_PX + 1).min(width)];
-            *v = window.iter().sum::<f32>() / window.len() as f32;
-        }
-    });
-    let mut out = vec![0.0; values.len()];
-    out.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
-        let window = y.saturating_sub(COMPARED_PX)..(y + COMPARED_PX + 1).min(height);
-        let lines = window.len() as f32;
-        for other in window {
-            row.iter_mut().zip(&rows[other * width..(other + 1) * width]).for_each(|(o, v)| *o += v / lines);
-        }
-    });
-    out
-}
-
-/// Adds weight · marked(x + way) to every pixel x.
-fn add_seen(plane: &mut [f32], marked: &[f32], way: &Grid<Vector>, weights: &Grid<f32>) {
-    let width = way.width;
-    for (i, value) in plane.iter_mut().enumerate() {
-        let [u, v] = way.data[i];
-        let place = [(i % width) as f32 + u, (i / width) as f32 + v];
-        let (offsets, parts) = around(width, way.height, place);
-        let seen: f32 = offsets.iter().zip(parts).map(|(offset, part)| part * marked[*offset]).sum();
-        *value += weights.data[i] * seen;
-    }
-}
-
-/// Turns shares into scores: p / (p + the largest of the others), nothing being one of them.
-fn scores(shares: &[Vec<f32>], width: usize, height: usize) -> FrameScores {
-    let pixels = width * height;
-    let mut planes = vec![vec![0.0; pixels]; shares.len()];
-    let mut doubt = vec![0.0; pixels];
-    for i in 0..pixels {
-        let none = (1.0 - shares.iter().map(|plane| plane[i]).sum::<f32>()).max(0.0);
-        // The two largest, and the place of the largest.
-        let (mut first, mut second, mut place) = (none, 0.0, usize::MAX);
-        for (k, plane) in shares.iter().enumerate() {
-            if plane[i] > first {
-                (second, first, place) = (first, plane[i], k);
-            } else if plane[i] > second {
-                second = plane[i];
-            }
-        }
-        for (k, plane) in planes.iter_mut().enumerate() {
-            let (own, other) = (shares[k][i], if k == place { second } else { first });
-            plane[i] = if own > 0.0 { own / (own + other) } else { 0.0 };
-        }
-        doubt[i] = 1.0 - (first - second);
-    }
-    let grid = |data| Grid::from_vec(width, height, data);
-    FrameScores { scores: planes.into_iter().map(grid).collect(), doubt: grid(doubt) }
-}
-
-/// Side of the squares whose mean doubt is compared, px.
-const LOOKED_AT_PX: usize = 32;
-
-impl FrameScores {
-    /// Returns the place on a frame with these scores where one more mark would help most. Pixels outside
-    /// the field of view, which `keep` is, do not count.
-    pub fn look_here(&self, frame: usize, keep: &Mask) -> LookHere {
-        let doubt = &self.doubt;
-        let (width, height) = (doubt.width, doubt.height);
-        let columns = width.div_ceil(LOOKED_AT_PX);
-        let mut sums = vec![0.0_f32; columns * height.div_ceil(LOOKED_AT_PX)];
-        for (i, doubt) in doubt.data.iter().enumerate().filter(|(i, _)| keep.data.get(*i).is_none_or(|v| *v))
-        {
-            sums[i / width / LOOKED_AT_PX * columns + i % width / LOOKED_AT_PX] += doubt;
-        }
-        let total: f32 = sums.iter().sum();
-        let best = (0..sums.len()).max_by(|a, b| sums[*a].total_cmp(&sums[*b])).unwrap_or(0);
-        let middle =
-            |cell: usize, size: usize| ((cell * LOOKED_AT_PX + LOOKED_AT_PX / 2).min(size - 1)) as f32 + 0.5;
-        LookHere {
-            frame,
-            point_px: [middle(best % columns, width), middle(best / columns, height)],
-            doubt: total / keep.count().max(1) as f32,
-        }
-    }
 }

@@ -3,21 +3,27 @@
 
 use super::{
     Evidence,
-    links::{Links, look},
+    hints::Hints,
+    links::Links,
+    looks::{Appearance, Looks, opponents},
+    means::window_means,
     seeds::Seeds,
-    spread::{Hints, PULL, spread},
+    spread::{PULL, spread},
 };
 use crate::grid::Mask;
 use image::RgbImage;
 
 /// Number of squares across a picture, about: how far marks spread does not depend on its resolution.
 const ACROSS: usize = 213;
-/// Difference of roots of colours, of 0 to 1, at which neighbours weigh e^(−½).
-const COLOUR: f32 = 0.05;
+/// Difference of brightness at which neighbours weigh e^(−½), and of hue, as [`opponents`] gives them.
+const BRIGHTNESS: f32 = 0.041;
+const HUE: f32 = 0.033;
+/// Half the side of the surroundings of a square, in squares.
+const AROUND: usize = 2;
 /// Rounds in which a few marks are spread.
-const ROUNDS: usize = 3;
+const ROUNDS: usize = 2;
 /// Power of the mean share that a share is multiplied by.
-const AREA: f32 = 0.3;
+const AREA: f32 = 0.2;
 
 /// Spreads the marks of a frame over its picture: shares of each name, [names][pixels] at half size, rounded
 /// down.
@@ -30,21 +36,22 @@ pub(super) fn spread_over(
     let (width, height) = (picture.width() as usize, picture.height() as usize);
     let cells = Cells::of_picture(width, height);
     let seeds = cells.seeds(evidence, num_names);
-    let links = cells.links(picture, field_of_view);
+    let colours = cells.colours(picture);
+    let links = cells.links(&colours, field_of_view);
     let marked = evidence.pixels().count();
     let shares = if 2 * marked > width * height {
         spread(&links, &seeds, None, PULL, None)
     } else {
-        grown(&links, &seeds)
+        grown(&cells.looks(&colours), &links, &seeds)
     };
     shares.iter().map(|share| cells.at_half(share)).collect()
 }
 
 /// Spreads a few marks in rounds: what clearly belongs to a name is an example of its looks in the next one.
-fn grown(links: &Links, seeds: &Seeds) -> Vec<Vec<f32>> {
+fn grown(looks: &Looks, links: &Links, seeds: &Seeds) -> Vec<Vec<f32>> {
     let mut shares = Vec::new();
     for _ in 0..ROUNDS {
-        let hints = Hints::of(links, seeds, &shares);
+        let hints = Hints::of(looks, links, seeds, &shares);
         shares = spread(links, seeds, None, PULL, Some(&hints));
         weigh_by_area(&mut shares);
     }
@@ -109,26 +116,40 @@ impl Cells {
         seeds
     }
 
-    /// Links each square with the eight around it that are in the field of view, too.
-    fn links(&self, picture: &RgbImage, field_of_view: &Mask) -> Links {
+    /// Returns the mean colours of the squares: red, green, blue, as [`opponents`].
+    fn colours(&self, picture: &RgbImage) -> Vec<[f32; 3]> {
         let raw = picture.as_raw();
-        let root = |c: usize| {
-            let mean = self.means(|i| f32::from(raw[3 * i + c]) / 255.0);
-            mean.into_iter().map(f32::sqrt).collect::<Vec<_>>()
+        let [r, g, b] = [0, 1, 2].map(|c| self.means(|i| f32::from(raw[3 * i + c]) / 255.0));
+        (0..r.len()).map(|i| opponents([r[i], g[i], b[i]].map(f32::sqrt))).collect()
+    }
+
+    /// Returns the looks of the squares.
+    fn looks(&self, colours: &[[f32; 3]]) -> Looks {
+        let around = |value: &dyn Fn(&[f32; 3]) -> f32| {
+            let values: Vec<f32> = colours.iter().map(value).collect();
+            window_means(&values, [self.columns, self.rows], AROUND)
         };
-        let roots = [root(0), root(1), root(2)];
+        let means = [0, 1, 2].map(|c| around(&|colour| colour[c]));
+        let squares = around(&|colour| colour[0] * colour[0]);
+        let appearance = |i: usize| Appearance {
+            colour: colours[i],
+            around: [0, 1, 2].map(|c| means[c][i]),
+            roughness: (squares[i] - means[0][i] * means[0][i]).max(0.0).sqrt(),
+            place: [i % self.columns, i / self.columns].map(|at| (at * self.side) as f32 / self.width as f32),
+        };
+        Looks::new((0..colours.len()).map(appearance))
+    }
+
+    /// Links each square with the eight around it that are in the field of view, too.
+    fn links(&self, colours: &[[f32; 3]], field_of_view: &Mask) -> Links {
         let inside = self.means(|i| if field_of_view.data.get(i).is_none_or(|v| *v) { 1.0 } else { 0.0 });
-        let colour = |cell: usize| [0, 1, 2].map(|c| roots[c][cell]);
-        let place = |cell: usize| {
-            [cell % self.columns, cell / self.columns].map(|at| (at * self.side) as f32 / self.width as f32)
-        };
-        let looks = (0..inside.len()).map(|cell| look(colour(cell), place(cell))).collect();
         let link = |cell: usize, (dx, dy): (isize, usize)| {
             let x = (cell % self.columns).checked_add_signed(dx).filter(|x| *x < self.columns)?;
             let y = Some(cell / self.columns + dy).filter(|y| *y < self.rows)?;
             let other = y * self.columns + x;
-            let (a, b) = (colour(cell), colour(other));
-            let difference_2: f32 = (0..3).map(|c| ((a[c] - b[c]) / COLOUR).powi(2)).sum();
+            let [light, red, yellow]: [f32; 3] =
+                std::array::from_fn(|c| colours[cell][c] - colours[other][c]);
+            let difference_2 = (light / BRIGHTNESS).powi(2) + (red / HUE).powi(2) + (yellow / HUE).powi(2);
             let length = ((dx * dx) as f32 + (dy * dy) as f32).sqrt();
             let weight = (-0.5 * difference_2).exp() / length;
             (inside[cell] > 0.5 && inside[other] > 0.5).then_some((cell as u32, other as u32, weight))
@@ -136,7 +157,7 @@ impl Cells {
         let steps = [(1, 0), (0, 1), (1, 1), (-1, 1)];
         let each =
             (0..inside.len()).flat_map(|cell| steps.into_iter().filter_map(move |step| link(cell, step)));
-        Links::new(looks, each.collect::<Vec<_>>().into_iter())
+        Links::new(inside.len(), each.collect::<Vec<_>>().into_iter())
     }
 
     /// Returns the size of the picture at half size.

@@ -3,7 +3,7 @@
 use super::{Mark, Marks};
 use crate::scene::Scene;
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, ops::Range};
 
 /// Evidence of the marks on one frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -87,11 +87,10 @@ impl Evidence {
         pixels.filter(|(_, verdicts)| verdicts.iter().any(|v| *v != 0)).map(|(i, _)| i)
     }
 
-    /// Returns weight and share planes of the names from `first` on, at most `count`: [count][pixels] each.
-    pub(super) fn planes(&self, first: usize, count: usize) -> (Vec<f32>, Vec<f32>) {
+    /// Returns weight and share planes of some names: [names][pixels] each.
+    pub(super) fn planes(&self, names: Range<usize>) -> (Vec<f32>, Vec<f32>) {
         let pixels = self.verdicts.len() / self.num_names.max(1);
         let plane = |k: usize| (0..pixels).map(move |i| self.at(i, k)).unzip::<f32, f32, Vec<_>, Vec<_>>();
-        let names = first..(first + count).min(self.num_names);
         let planes: Vec<(Vec<f32>, Vec<f32>)> = names.into_par_iter().map(plane).collect();
         let (weights, shares): (Vec<_>, Vec<_>) = planes.into_iter().unzip();
         (weights.concat(), shares.concat())

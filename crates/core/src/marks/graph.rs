@@ -1,6 +1,9 @@
 //! The graph of Gaussians that look alike, lie near and move together.
 
-use super::links::{Links, Look, look};
+use super::{
+    links::Links,
+    looks::{Appearance, Looks, opponents},
+};
 use crate::{deform::deform, gaussian::SH_C0, scene::Scene};
 use glam::Vec3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
@@ -22,6 +25,7 @@ pub struct Graph {
     /// Revision of the scene that the graph is of.
     revision: [u64; 2],
     pub(super) links: Links,
+    pub(super) looks: Looks,
 }
 
 impl Graph {
@@ -29,12 +33,11 @@ impl Graph {
     /// and part are far from each other.
     pub fn of(scene: &Scene) -> Self {
         let points = points(scene);
-        let looks = looks(scene, &points);
         let linked = |(i, near): (usize, Vec<(u32, f32)>)| {
             near.into_iter().map(move |(j, distance_2)| (i as u32, j, (-0.5 * distance_2).exp()))
         };
-        let links = Links::new(looks, nearest(&points).into_iter().enumerate().flat_map(linked));
-        Self { revision: scene.revision(), links }
+        let links = Links::new(points.len(), nearest(&points).into_iter().enumerate().flat_map(linked));
+        Self { revision: scene.revision(), links, looks: looks(scene, &points) }
     }
 
     /// Returns `true` if this is the graph of `scene` as it is now.
@@ -76,12 +79,15 @@ fn points(scene: &Scene) -> Vec<[f32; DIM]> {
     points
 }
 
-/// Returns the looks; places are those of the middle frame.
-fn looks(scene: &Scene, points: &[[f32; DIM]]) -> Vec<Look> {
+/// Returns the looks; places are those of the middle frame. A Gaussian has no roughness.
+fn looks(scene: &Scene, points: &[[f32; DIM]]) -> Looks {
     let width = scene.cameras.first().map_or(1.0, |camera| camera.width as f32);
     let place = PLACE_PX * 3.0_f32.sqrt() / width;
-    let of = |p: &[f32; DIM]| look([6, 7, 8].map(|c| p[c] * COLOUR), [2, 3].map(|c| p[c] * place));
-    points.iter().map(of).collect()
+    let appearance = |p: &[f32; DIM]| {
+        let colour = opponents([6, 7, 8].map(|c| p[c] * COLOUR));
+        Appearance { colour, around: colour, roughness: 0.0, place: [2, 3].map(|c| p[c] * place) }
+    };
+    Looks::new(points.iter().map(appearance))
 }
 
 fn finite(value: f32) -> f32 {

@@ -5,6 +5,7 @@
 //! on a picture of a quarter of the size, to shares of half the size; its coefficients are applied to the
 //! whole picture.
 
+use super::means::window_means;
 use crate::grid::Grid;
 use image::RgbImage;
 use rayon::prelude::*;
@@ -16,6 +17,11 @@ const HALF_CELL: usize = CELL / 2;
 const REACH: f32 = 0.024;
 /// Addend to the variances of colours, of 0 to 1: slopes of less contrast are not followed.
 const SMOOTHING: f32 = 3e-4;
+
+/// Returns half the window in squares.
+fn reach(columns: usize) -> usize {
+    (REACH * columns as f32).round().max(1.0) as usize
+}
 
 /// A picture to filter by, with everything that does not depend on the shares.
 pub(super) struct Guide {
@@ -36,14 +42,15 @@ impl Guide {
         let rows = (height / 2).div_ceil(HALF_CELL);
         let colour = |i: usize| std::array::from_fn(|c| f32::from(raw[3 * i + c]) / 255.0);
         let small = shrunk([width, height], CELL, [columns, rows], colour);
-        let size = (small.width, small.height);
+        let size = [small.width, small.height];
+        let reach = reach(small.width);
         let products = |a: usize, b: usize| small.data.iter().map(|v| v[a] * v[b]).collect::<Vec<f32>>();
         let first: Vec<Vec<f32>> = (0..3)
-            .map(|c| window_means(&small.data.iter().map(|v| v[c]).collect::<Vec<_>>(), size))
+            .map(|c| window_means(&small.data.iter().map(|v| v[c]).collect::<Vec<_>>(), size, reach))
             .collect();
         let pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
         let second: Vec<Vec<f32>> =
-            pairs.par_iter().map(|(a, b)| window_means(&products(*a, *b), size)).collect();
+            pairs.par_iter().map(|(a, b)| window_means(&products(*a, *b), size, reach)).collect();
         let means: Vec<[f32; 3]> =
             (0..small.data.len()).map(|i| std::array::from_fn(|c| first[c][i])).collect();
         let inverse = |i: usize| {
@@ -61,13 +68,14 @@ impl Guide {
     /// Filters the shares of every pixel at half size, rounded down; returns them at full size.
     pub(super) fn filter(&self, shares: &[f32]) -> Vec<f32> {
         let half = [self.picture.width(), self.picture.height()].map(|side| side as usize / 2);
-        let size = (self.small.width, self.small.height);
-        let small = shrunk(half, HALF_CELL, [size.0, size.1], |i| [shares[i]]);
+        let size = [self.small.width, self.small.height];
+        let reach = reach(size[0]);
+        let small = shrunk(half, HALF_CELL, size, |i| [shares[i]]);
         let values: Vec<f32> = small.data.iter().map(|[v]| *v).collect();
-        let mean = window_means(&values, size);
+        let mean = window_means(&values, size, reach);
         let with = |c: usize| {
             let products: Vec<f32> = self.small.data.iter().zip(&values).map(|(i, v)| i[c] * v).collect();
-            window_means(&products, size)
+            window_means(&products, size, reach)
         };
         let products = [with(0), with(1), with(2)];
         let fit = |i: usize| -> [f32; 4] {
@@ -81,11 +89,12 @@ impl Guide {
             [a[0], a[1], a[2], mean[i] - a[0] * m[0] - a[1] * m[1] - a[2] * m[2]]
         };
         let fits: Vec<[f32; 4]> = (0..values.len()).map(fit).collect();
-        let smooth: Vec<Vec<f32>> =
-            (0..4).map(|c| window_means(&fits.iter().map(|f| f[c]).collect::<Vec<_>>(), size)).collect();
+        let smooth: Vec<Vec<f32>> = (0..4)
+            .map(|c| window_means(&fits.iter().map(|f| f[c]).collect::<Vec<_>>(), size, reach))
+            .collect();
         let fits = Grid::from_vec(
-            size.0,
-            size.1,
+            size[0],
+            size[1],
             (0..fits.len()).map(|i| std::array::from_fn(|c| smooth[c][i])).collect(),
         );
         self.apply(&fits)
@@ -142,29 +151,6 @@ fn shrunk<const N: usize>(
     }
     let mean = |(sum, count): ([f32; N], f32)| sum.map(|v| v / count);
     Grid::from_vec(columns, rows, sums.into_iter().map(mean).collect())
-}
-
-/// Means over windows of twice [`REACH`] along both axes, cut at the border.
-fn window_means(values: &[f32], (width, height): (usize, usize)) -> Vec<f32> {
-    let reach = (REACH * width as f32).round().max(1.0) as usize;
-    let mut rows = vec![0.0; values.len()];
-    for y in 0..height {
-        line_means(&values[y * width..(y + 1) * width], reach, &mut rows[y * width..(y + 1) * width]);
-    }
-    let (mut out, mut column, mut means) = (vec![0.0; values.len()], vec![0.0; height], vec![0.0; height]);
-    for x in 0..width {
-        (0..height).for_each(|y| column[y] = rows[y * width + x]);
-        line_means(&column, reach, &mut means);
-        (0..height).for_each(|y| out[y * width + x] = means[y]);
-    }
-    out
-}
-
-fn line_means(values: &[f32], reach: usize, means: &mut [f32]) {
-    for (i, mean) in means.iter_mut().enumerate() {
-        let window = &values[i.saturating_sub(reach)..(i + reach + 1).min(values.len())];
-        *mean = window.iter().sum::<f32>() / window.len() as f32;
-    }
 }
 
 /// Inverse of a symmetric matrix: xx, xy, xz, yy, yz, zz.

@@ -18,8 +18,13 @@ mod evidence;
 mod graph;
 mod guided;
 mod handed;
+mod hints;
+mod known;
 mod links;
+mod looks;
+mod means;
 mod read;
+mod scores;
 mod seeds;
 mod seen;
 mod spread;
@@ -28,11 +33,12 @@ mod tests;
 mod trail;
 
 pub use crate::annotations::{Canvas, Shape};
-pub use carried::{Carried, CarrySettings, FrameScores, LookHere};
+pub use carried::{Carried, CarrySettings};
 pub use correction::Correction;
 pub use evidence::Evidence;
 pub use graph::Graph;
 pub use handed::Handed;
+pub use scores::{FrameScores, LookHere};
 
 use crate::{Error, Result, hash::sha256, sequence::plain_words};
 use std::{collections::BTreeSet, ops::Range};

@@ -6,7 +6,7 @@
 //! nothing was known, z is in 0–1 by the maximum principle, and the shares of names that are never denied add
 //! up to 1 at most, because all names share the graph.
 
-use super::{links::Links, seeds::Seeds};
+use super::{hints::Hints, links::Links, seeds::Seeds};
 use rayon::prelude::*;
 
 /// Pull of no change, ε: what a walker has to overcome at each thing.
@@ -36,71 +36,8 @@ pub(super) fn spread(
     (0..seeds.weights.len()).into_par_iter().map(solve).collect()
 }
 
-/// Share of a name from which on a thing is an example of the name's looks.
-const EXAMPLE: f32 = 0.5;
-/// Weight of a thing that looks just like an example: far less than that of a mark.
+/// Weight of a hint that is sure: far less than that of a mark.
 const HINT: f32 = 0.02;
-/// Number of examples that tell the looks of a name well; fewer weigh less.
-const MANY: f32 = 200.0;
-
-/// Power of likeness: names whose examples are hardly further away do not share a thing.
-const CERTAIN: i32 = 3;
-/// Part of all shares from which on a thing clearly belongs to a name.
-const CLEAR: f32 = 0.8;
-
-/// Weak seeds everywhere, of things that look like marked ones: they reach parts that no mark touches. What
-/// looks like nothing that is marked is a hint on no name.
-pub(super) struct Hints {
-    /// Likeness to the examples of each name to the power of [`CERTAIN`], [names][things].
-    likeness: Vec<Vec<f32>>,
-    /// Largest likeness of each thing, and the sum of `likeness` over the names; no name is one of them.
-    largest: Vec<f32>,
-    sums: Vec<f32>,
-}
-
-impl Hints {
-    /// Takes as examples of a name what is marked so, and what `shares` clearly give to it, if there are some.
-    /// What is denied and shows no other name is an example of no name.
-    pub(super) fn of(links: &Links, seeds: &Seeds, shares: &[Vec<f32>]) -> Self {
-        let num_names = seeds.weights.len();
-        let is_marked = |k: usize, i: usize| {
-            let (weight, share) = (seeds.weights[k][i], seeds.shares[k][i]);
-            weight > EXAMPLE && share > EXAMPLE * weight
-        };
-        let is_clear = |k: usize, i: usize| {
-            links.degrees[i] > 0.0 && shares.get(k).is_some_and(|plane| plane[i] > CLEAR)
-        };
-        let trust = |marked: usize| (marked as f32 / MANY).min(1.0);
-        let of_name = |k: usize| {
-            let marked = (0..links.len()).filter(|i| is_marked(k, *i)).count();
-            let examples: Vec<usize> =
-                (0..links.len()).filter(|i| marked > 0 && (is_marked(k, *i) || is_clear(k, *i))).collect();
-            (links.likeness(&examples), trust(marked))
-        };
-        let names: Vec<(Vec<f32>, f32)> = (0..num_names).map(of_name).collect();
-        let is_denied = |i: &usize| {
-            (0..num_names).any(|k| seeds.weights[k][*i] > EXAMPLE)
-                && !(0..num_names).any(|k| is_marked(k, *i))
-        };
-        let denied: Vec<usize> = (0..links.len()).filter(is_denied).collect();
-        let (like_denied, denied_trust) = (links.likeness(&denied), trust(denied.len()));
-        // A few examples tell little, of what is unlike them, too.
-        let most_trust = names.iter().map(|(_, trust)| *trust).fold(0.0, f32::max);
-        let unlike = |i: usize| 1.0 - names.iter().map(|(plane, _)| plane[i]).fold(0.0, f32::max);
-        let none_at = |i: usize| (most_trust * unlike(i)).max(denied_trust * like_denied[i]);
-        let none: Vec<f32> = (0..links.len()).map(none_at).collect();
-        let trusted = |(plane, trust): &(Vec<f32>, f32)| plane.iter().map(|v| v * trust).collect();
-        let mut likeness: Vec<Vec<f32>> = names.iter().map(trusted).collect();
-        let largest_at = |i: usize| likeness.iter().map(|plane| plane[i]).fold(none[i], f32::max);
-        let largest = (0..links.len()).map(largest_at).collect();
-        likeness.iter_mut().flatten().for_each(|v| *v = v.powi(CERTAIN));
-        let sum = |(i, none): (usize, &f32)| {
-            none.powi(CERTAIN) + likeness.iter().map(|plane| plane[i]).sum::<f32>()
-        };
-        let sums = none.iter().enumerate().map(sum).collect();
-        Self { likeness, largest, sums }
-    }
-}
 
 /// The linear system of one name.
 struct System<'a> {
@@ -122,14 +59,12 @@ impl<'a> System<'a> {
         Self { links, diagonal, right }
     }
 
-    /// Adds the hints on name `k`, if there are any. All names have the same weights.
+    /// Adds the hints on name `k`. All names have the same weights.
     fn add(&mut self, hints: &Hints, k: usize) {
-        for (i, likeness) in
-            hints.likeness[k].iter().enumerate().filter(|(i, _)| self.links.degrees[*i] > 0.0)
-        {
-            let weight = HINT * hints.largest[i];
+        for i in (0..self.right.len()).filter(|i| self.links.degrees[*i] > 0.0) {
+            let weight = HINT * hints.weights[i];
             self.diagonal[i] += weight;
-            self.right[i] += weight * likeness / hints.sums[i].max(f32::MIN_POSITIVE);
+            self.right[i] += weight * hints.shares[k][i];
         }
     }
 
@@ -175,19 +110,26 @@ fn dot(a: &[f32], b: &[f32]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::marks::links::look;
+    use crate::marks::looks::{Appearance, Looks};
 
     #[test]
     fn things_that_look_like_denied_ones_are_not_found() {
         // Marked ones, some that may be denied, and two that lie elsewhere and look more like the latter.
-        let counts = [(0.50, 300), (0.58, 300), (0.56, 2)];
-        let looks = counts.iter().flat_map(|(colour, n)| vec![look([*colour; 3], [0.5; 2]); *n]).collect();
-        let links = Links::new(looks, std::iter::once((600, 601, 1e-3)));
+        let counts = [(0.50, 300), (0.80, 300), (0.72, 2)];
+        let appearance = |light: f32| Appearance {
+            colour: [light, 0.0, 0.0],
+            around: [light, 0.0, 0.0],
+            roughness: 0.0,
+            place: [0.5; 2],
+        };
+        let looks =
+            Looks::new(counts.into_iter().flat_map(|(light, n)| (0..n).map(move |_| appearance(light))));
+        let links = Links::new(602, std::iter::once((600, 601, 1e-3)));
         let share = |denied: f32| {
             let weights = [vec![1.0; 300], vec![denied; 300], vec![0.0; 2]].concat();
             let shares = [vec![1.0; 300], vec![0.0; 302]].concat();
             let seeds = Seeds { weights: vec![weights], shares: vec![shares] };
-            let hints = Hints::of(&links, &seeds, &[]);
+            let hints = Hints::of(&looks, &links, &seeds, &[]);
             spread(&links, &seeds, None, PULL, Some(&hints))[0][600]
         };
         assert!(share(0.0) > 0.5 && share(1.0) < 0.5, "{} {}", share(0.0), share(1.0));

@@ -272,7 +272,7 @@ fn marks_are_read_as_they_were_written() {
 }
 
 #[test]
-fn displacements_found_before_change_no_score() {
+fn what_was_found_before_changes_no_score() {
     let scene = scene();
     let graph = Arc::new(Graph::of(&scene));
     let carried = |marks: &[Mark]| {
@@ -286,7 +286,7 @@ fn displacements_found_before_change_no_score() {
     let on_frame = |carried: &mut Carried| carried.on_frame(&scene, 2, &mut |i| picture(&scene, i)).unwrap();
     let mut earlier = carried(&marks[..1]);
     on_frame(&mut earlier);
-    let mut later = carried(&marks).with_displacements_of(earlier);
+    let mut later = carried(&marks).after(earlier);
     assert_eq!(on_frame(&mut later), on_frame(&mut carried(&marks)));
 }
 

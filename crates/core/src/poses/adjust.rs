@@ -3,7 +3,7 @@
 //! eliminated (Schur complement). Differences are weighed by Cauchy's function, so that tissue that moves by
 //! itself tells little of the camera.
 
-use super::linear::{Symmetric, inverse3};
+use crate::linear::{Symmetric, inverse3};
 use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
 
 /// A point as one frame sees it.

@@ -7,7 +7,6 @@
 mod adjust;
 mod build;
 mod lens;
-mod linear;
 mod surface;
 #[cfg(test)]
 mod tests;

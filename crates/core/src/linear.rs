@@ -3,7 +3,8 @@
 use glam::DMat3;
 
 /// A symmetric matrix, of which the lower half is stored.
-pub(super) struct Symmetric {
+#[derive(Clone)]
+pub(crate) struct Symmetric {
     n: usize,
     /// Values, row by row; those right of the diagonal are not used.
     values: Vec<f64>,
@@ -11,12 +12,21 @@ pub(super) struct Symmetric {
 
 impl Symmetric {
     /// Creates a matrix of zeros.
-    pub(super) fn zero(n: usize) -> Self {
+    pub(crate) fn zero(n: usize) -> Self {
         Self { n, values: vec![0.0; n * n] }
     }
 
+    /// Creates a matrix of `value(row, column)`, which is asked for `column` ≤ `row`.
+    pub(crate) fn from_fn(n: usize, value: impl Fn(usize, usize) -> f64) -> Self {
+        let mut matrix = Self::zero(n);
+        for row in 0..n {
+            (0..=row).for_each(|column| matrix.values[row * n + column] = value(row, column));
+        }
+        matrix
+    }
+
     /// Adds weight · Σ row rowᵀ to the 6×6 block on the diagonal at `start`.
-    pub(super) fn add_outer(&mut self, start: usize, rows: &[[f64; 6]; 2], weight: f64) {
+    pub(crate) fn add_outer(&mut self, start: usize, rows: &[[f64; 6]; 2], weight: f64) {
         for a in 0..6 {
             for b in 0..=a {
                 let product: f64 = rows.iter().map(|row| row[a] * row[b]).sum();
@@ -26,7 +36,7 @@ impl Symmetric {
     }
 
     /// Subtracts `value(a, b)` from the 6×6 block at (`row`, `column`), `column` ≤ `row`.
-    pub(super) fn subtract(&mut self, row: usize, column: usize, value: impl Fn(usize, usize) -> f64) {
+    pub(crate) fn subtract(&mut self, row: usize, column: usize, value: impl Fn(usize, usize) -> f64) {
         for a in 0..6 {
             let line = &mut self.values[(row + a) * self.n + column..][..6];
             line.iter_mut().enumerate().for_each(|(b, v)| *v -= value(a, b));
@@ -34,7 +44,7 @@ impl Symmetric {
     }
 
     /// Multiplies the diagonal by 1 + `by`.
-    pub(super) fn damp(&mut self, by: f64) {
+    pub(crate) fn damp(&mut self, by: f64) {
         for k in 0..self.n {
             let diagonal = &mut self.values[k * self.n + k];
             *diagonal += by * *diagonal + 1e-12;
@@ -43,7 +53,7 @@ impl Symmetric {
 
     /// Solves matrix · x = `right` in place (Cholesky); returns `false` if the matrix is not positive definite.
     /// The matrix is overwritten.
-    pub(super) fn solve(&mut self, right: &mut [f64]) -> bool {
+    pub(crate) fn solve(&mut self, right: &mut [f64]) -> bool {
         let n = self.n;
         for i in 0..n {
             let (above, from_row) = self.values.split_at_mut(i * n);
@@ -82,7 +92,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// Returns the inverse of a symmetric positive definite matrix; `None` if it has none.
-pub(super) fn inverse3(matrix: &DMat3) -> Option<DMat3> {
+pub(crate) fn inverse3(matrix: &DMat3) -> Option<DMat3> {
     (matrix.determinant() > 0.0).then(|| matrix.inverse()).filter(DMat3::is_finite)
 }
 
@@ -92,12 +102,8 @@ mod tests {
 
     #[test]
     fn equations_are_solved_or_refused() {
-        let mut matrix = Symmetric::zero(7);
-        for i in 0..7 {
-            for j in 0..=i {
-                matrix.values[i * 7 + j] = if i == j { 4.0 + i as f64 } else { 1.0 / (1 + i - j) as f64 };
-            }
-        }
+        let value = |i: usize, j: usize| if i == j { 4.0 + i as f64 } else { 1.0 / (1 + i - j) as f64 };
+        let mut matrix = Symmetric::from_fn(7, value);
         let at = |i: usize, j: usize| matrix.values[i.max(j) * 7 + i.min(j)];
         let truth: Vec<f64> = (0..7).map(|i| f64::from(i) - 2.5).collect();
         let mut right: Vec<f64> = (0..7).map(|i| (0..7).map(|j| at(i, j) * truth[j]).sum()).collect();

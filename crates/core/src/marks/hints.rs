@@ -1,0 +1,63 @@
+//! Weak seeds everywhere, of things that look like marked ones: they reach parts that no mark touches.
+
+use super::{links::Links, looks::Looks, seeds::Seeds};
+
+/// Share of a name from which on a marked thing is an example of the name's looks.
+const EXAMPLE: f32 = 0.5;
+/// Part of all shares from which on a thing that is not marked is one.
+const CLEAR: f32 = 0.7;
+/// Number of marked things of a name that tell its looks well; fewer weigh less.
+const MANY: f32 = 200.0;
+/// Power of answers: names that are hardly less sure do not share a thing.
+const CERTAIN: i32 = 2;
+
+/// A share of each name for each thing, as its looks tell, and how sure that is. What looks like nothing that is
+/// marked has a share of no name.
+pub(super) struct Hints {
+    /// [names][things].
+    pub(super) shares: Vec<Vec<f32>>,
+    /// Weight of each thing, 0–1.
+    pub(super) weights: Vec<f32>,
+}
+
+impl Hints {
+    /// Takes as examples of a name what is marked so, and what `shares` clearly give to it, if there are some.
+    /// What is denied and shows no other name is an example of no name.
+    pub(super) fn of(looks: &Looks, links: &Links, seeds: &Seeds, shares: &[Vec<f32>]) -> Self {
+        let names = 0..seeds.weights.len();
+        let is_marked = |k: usize, i: usize| {
+            let (weight, share) = (seeds.weights[k][i], seeds.shares[k][i]);
+            weight > EXAMPLE && share > EXAMPLE * weight
+        };
+        let is_clear = |k: usize, i: usize| {
+            links.degrees[i] > 0.0 && shares.get(k).is_some_and(|plane| plane[i] > CLEAR)
+        };
+        let marked = |k: usize| (0..links.len()).filter(|i| is_marked(k, *i)).count();
+        let counts: Vec<usize> = names.clone().map(marked).collect();
+        let examples = |k: usize| -> Vec<usize> {
+            (0..links.len()).filter(|i| counts[k] > 0 && (is_marked(k, *i) || is_clear(k, *i))).collect()
+        };
+        let is_denied = |i: &usize| {
+            names.clone().any(|k| seeds.weights[k][*i] > EXAMPLE) && !names.clone().any(|k| is_marked(k, *i))
+        };
+        let denied: Vec<usize> = (0..links.len()).filter(is_denied).collect();
+        let answers = looks.answers(&names.clone().map(examples).collect::<Vec<_>>(), &denied);
+        let shown = counts.iter().filter(|count| **count > 0).count().max(1);
+        let marked = counts.iter().sum::<usize>() as f32 / shown as f32;
+        Self::weighed(answers, (marked / MANY).min(1.0))
+    }
+
+    /// Makes answers shares; `trust` is the weight of a sure one.
+    fn weighed(mut answers: Vec<Vec<f32>>, trust: f32) -> Self {
+        let mut weights = vec![0.0; answers.first().map_or(0, Vec::len)];
+        for (i, weight) in weights.iter_mut().enumerate() {
+            let none = (1.0 - answers.iter().map(|plane| plane[i]).sum::<f32>()).max(0.0);
+            let largest = answers.iter().map(|plane| plane[i]).fold(none, f32::max);
+            *weight = trust * largest;
+            answers.iter_mut().for_each(|plane| plane[i] = plane[i].powi(CERTAIN));
+            let sum = answers.iter().map(|plane| plane[i]).sum::<f32>() + none.powi(CERTAIN);
+            answers.iter_mut().for_each(|plane| plane[i] /= sum.max(f32::MIN_POSITIVE));
+        }
+        Self { shares: answers, weights }
+    }
+}

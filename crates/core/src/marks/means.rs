@@ -1,0 +1,39 @@
+//! Means over windows of an image.
+
+use rayon::prelude::*;
+
+/// Returns means over squares of 2 `reach` + 1 pixels, cut at the border.
+pub(super) fn window_means(values: &[f32], [width, height]: [usize; 2], reach: usize) -> Vec<f32> {
+    let window = |at: usize, size: usize| at.saturating_sub(reach)..(at + reach + 1).min(size);
+    let mut rows = vec![0.0; values.len()];
+    rows.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
+        let line = &values[y * width..(y + 1) * width];
+        for (x, mean) in row.iter_mut().enumerate() {
+            let window = &line[window(x, width)];
+            *mean = window.iter().sum::<f32>() / window.len() as f32;
+        }
+    });
+    let mut out = vec![0.0; values.len()];
+    out.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
+        let window = window(y, height);
+        let lines = window.len() as f32;
+        for other in window {
+            row.iter_mut().zip(&rows[other * width..(other + 1) * width]).for_each(|(o, v)| *o += v / lines);
+        }
+    });
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn windows_end_at_the_border() {
+        let values: Vec<f32> = (0..12).map(|i| i as f32).collect();
+        let means = window_means(&values, [4, 3], 1);
+        // Corner, edge and middle.
+        assert_eq!([means[0], means[1], means[5]], [2.5, 3.0, 5.0]);
+        assert_eq!(window_means(&values, [4, 3], 9), [5.5; 12]);
+    }
+}

@@ -1,0 +1,76 @@
+//! Scores of one frame, and where they are in doubt.
+
+use crate::grid::{Grid, Mask};
+
+/// Side of the squares whose mean doubt is compared, px.
+const LOOKED_AT_PX: usize = 32;
+
+/// Scores of one frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameScores {
+    /// One image per name, 0–1: above one half where the name is likelier than any other and than none.
+    pub scores: Vec<Grid<f32>>,
+    /// Closeness of the two likeliest answers, 0 (sure) to 1.
+    pub doubt: Grid<f32>,
+}
+
+/// The place where one more mark would help most.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct LookHere {
+    /// The frame.
+    pub frame: usize,
+    /// The middle of the most doubtful area on it, px.
+    pub point_px: [f32; 2],
+    /// Mean doubt inside the field of view, 0–1.
+    pub doubt: f32,
+}
+
+impl FrameScores {
+    /// Returns the place on a frame with these scores where one more mark would help most. Pixels outside
+    /// the field of view, which `keep` is, do not count.
+    pub fn look_here(&self, frame: usize, keep: &Mask) -> LookHere {
+        let doubt = &self.doubt;
+        let (width, height) = (doubt.width, doubt.height);
+        let columns = width.div_ceil(LOOKED_AT_PX);
+        let mut sums = vec![0.0_f32; columns * height.div_ceil(LOOKED_AT_PX)];
+        for (i, doubt) in doubt.data.iter().enumerate().filter(|(i, _)| keep.data.get(*i).is_none_or(|v| *v))
+        {
+            sums[i / width / LOOKED_AT_PX * columns + i % width / LOOKED_AT_PX] += doubt;
+        }
+        let total: f32 = sums.iter().sum();
+        let best = (0..sums.len()).max_by(|a, b| sums[*a].total_cmp(&sums[*b])).unwrap_or(0);
+        let middle =
+            |cell: usize, size: usize| ((cell * LOOKED_AT_PX + LOOKED_AT_PX / 2).min(size - 1)) as f32 + 0.5;
+        LookHere {
+            frame,
+            point_px: [middle(best % columns, width), middle(best / columns, height)],
+            doubt: total / keep.count().max(1) as f32,
+        }
+    }
+}
+
+/// Turns shares into scores: p / (p + the largest of the others), nothing being one of them.
+pub(super) fn scores(shares: &[Vec<f32>], width: usize, height: usize) -> FrameScores {
+    let pixels = width * height;
+    let mut planes = vec![vec![0.0; pixels]; shares.len()];
+    let mut doubt = vec![0.0; pixels];
+    for i in 0..pixels {
+        let none = (1.0 - shares.iter().map(|plane| plane[i]).sum::<f32>()).max(0.0);
+        // The two largest, and the place of the largest.
+        let (mut first, mut second, mut place) = (none, 0.0, usize::MAX);
+        for (k, plane) in shares.iter().enumerate() {
+            if plane[i] > first {
+                (second, first, place) = (first, plane[i], k);
+            } else if plane[i] > second {
+                second = plane[i];
+            }
+        }
+        for (k, plane) in planes.iter_mut().enumerate() {
+            let (own, other) = (shares[k][i], if k == place { second } else { first });
+            plane[i] = if own > 0.0 { own / (own + other) } else { 0.0 };
+        }
+        doubt[i] = 1.0 - (first - second);
+    }
+    let grid = |data| Grid::from_vec(width, height, data);
+    FrameScores { scores: planes.into_iter().map(grid).collect(), doubt: grid(doubt) }
+}
