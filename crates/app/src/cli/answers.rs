@@ -117,7 +117,7 @@ pub(super) fn ask(engine: &mut Engine, questions: &[Question], frames: &[usize])
     let sources = engine.frame_sources();
     let mut view = ProgressView::default();
     let is_measured = engine.depth_origin().is_measured();
-    let mut look_here: Option<LookHere> = None;
+    let mut in_doubt: Vec<LookHere> = Vec::new();
     for (done, &frame) in frames.iter().enumerate() {
         let at = engine.view(frame)?;
         let images = engine.render(&at, true)?;
@@ -140,10 +140,7 @@ pub(super) fn ask(engine: &mut Engine, questions: &[Question], frames: &[usize])
                 source: sources.get(frame).cloned(),
             });
         }
-        let is_most = |here: &LookHere| look_here.as_ref().is_none_or(|best| here.doubt > best.doubt);
-        if let Some(here) = engine.look_here_on(frame)?.filter(is_most) {
-            look_here = Some(here);
-        }
+        in_doubt.extend(engine.look_here_on(frame)?);
         view.count("asking", done + 1, frames.len());
     }
     prompts.iter_mut().for_each(PromptAnswers::conclude);
@@ -153,7 +150,7 @@ pub(super) fn ask(engine: &mut Engine, questions: &[Question], frames: &[usize])
         threshold: engine.settings().threshold,
         relevancy: engine.relevancy_name().into(),
         renderer: engine.renderer_name(),
-        look_here,
+        look_here: LookHere::best(&in_doubt).cloned(),
     })
 }
 

@@ -305,17 +305,14 @@ impl Carried {
         }
     }
 
-    /// Returns the place where one more mark would help most: on the frame with most pixels in doubt, without
-    /// those that are marked, and without those of other chapters. `None` if every frame is marked.
-    pub fn look_here(&mut self, scene: &Scene, pictures: &mut Pictures<'_>) -> Result<Option<LookHere>> {
-        let mut best: Option<LookHere> = None;
-        for frame in scene.frames_here().filter(|f| !self.evidence.contains_key(f)).collect::<Vec<_>>() {
-            let here = self.on_frame(scene, frame, pictures)?.look_here(frame, &scene.field_of_view);
-            if best.as_ref().is_none_or(|best| here.doubt > best.doubt) {
-                best = Some(here);
-            }
-        }
-        Ok(best)
+    /// Returns the most doubtful place of each frame that is not marked, in the order of frames;
+    /// [`LookHere::best`] is where one more mark would help most. Frames of other chapters do not count.
+    pub fn in_doubt(&mut self, scene: &Scene, pictures: &mut Pictures<'_>) -> Result<Vec<LookHere>> {
+        let frames: Vec<usize> = scene.frames_here().filter(|f| !self.evidence.contains_key(f)).collect();
+        let on_frame = |frame: usize| -> Result<LookHere> {
+            Ok(self.on_frame(scene, frame, pictures)?.look_here(frame, &scene.field_of_view))
+        };
+        frames.into_iter().map(on_frame).collect()
     }
 }
 

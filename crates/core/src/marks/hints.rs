@@ -41,17 +41,20 @@ impl Hints {
             names.clone().any(|k| seeds.weights[k][*i] > EXAMPLE) && !names.clone().any(|k| is_marked(k, *i))
         };
         let denied: Vec<usize> = (0..links.len()).filter(is_denied).collect();
-        let answers = looks.answers(&names.clone().map(examples).collect::<Vec<_>>(), &denied);
+        let examples: Vec<Vec<usize>> = names.clone().map(examples).collect();
+        let answers = looks.answers(&examples, &denied);
+        let known = looks.known_by(&examples.concat());
         let shown = counts.iter().filter(|count| **count > 0).count().max(1);
         let marked = counts.iter().sum::<usize>() as f32 / shown as f32;
-        Self::weighed(answers, (marked / MANY).min(1.0))
+        Self::weighed(answers, &known, (marked / MANY).min(1.0))
     }
 
-    /// Makes answers shares; `trust` is the weight of a sure one.
-    fn weighed(mut answers: Vec<Vec<f32>>, trust: f32) -> Self {
-        let mut weights = vec![0.0; answers.first().map_or(0, Vec::len)];
+    /// Makes answers shares, and leaves what is not `known` to no name; `trust` is the weight of a sure one.
+    fn weighed(mut answers: Vec<Vec<f32>>, known: &[f32], trust: f32) -> Self {
+        let mut weights = vec![0.0; known.len()];
         for (i, weight) in weights.iter_mut().enumerate() {
-            let none = (1.0 - answers.iter().map(|plane| plane[i]).sum::<f32>()).max(0.0);
+            let answered: f32 = answers.iter().map(|plane| plane[i]).sum();
+            let none = 1.0 - known[i].min(answered.min(1.0));
             let largest = answers.iter().map(|plane| plane[i]).fold(none, f32::max);
             *weight = trust * largest;
             answers.iter_mut().for_each(|plane| plane[i] = plane[i].powi(CERTAIN));

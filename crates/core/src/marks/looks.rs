@@ -2,7 +2,9 @@
 //! 2006, "Gaussian Processes for Machine Learning", equation 2.25).
 
 use crate::linear::Symmetric;
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
+use std::num::NonZeroUsize;
 
 /// Numbers by which looks are compared.
 const DIM: usize = 9;
@@ -25,6 +27,10 @@ const MOST_EXAMPLES: usize = 256;
 const FEWEST: usize = 8;
 /// Variance of an example's answer: a single one may be a mistake.
 const NOISE: f64 = 0.03;
+/// The example that a thing has to be near to be known, by distance: a single one may be a mistake here, too.
+const KNOWN_BY: usize = 3;
+/// Distance, in those that answers are alike over, at which a thing is half known.
+const KNOWN: f32 = 0.6;
 
 /// Returns mean and two differences of the roots of red, green and blue: a change of light alone changes the
 /// first one most.
@@ -61,6 +67,20 @@ impl Looks {
             look
         };
         Self(things.map(look).collect())
+    }
+
+    /// Returns how well each thing is known by some examples, 0–1: whether it is near to them.
+    pub(super) fn known_by(&self, examples: &[usize]) -> Vec<f32> {
+        let examples: Vec<Look> = examples.iter().map(|i| self.0[*i]).collect();
+        let Ok(tree) = ImmutableKdTree::<f32, DIM>::new_from_slice(&examples) else {
+            return vec![0.0; self.0.len()];
+        };
+        let count = NonZeroUsize::new(KNOWN_BY.min(examples.len())).unwrap_or(NonZeroUsize::MIN);
+        let known = |look: &Look| {
+            let nearest = tree.query(look).nearest_n::<SquaredEuclidean<f32>>(count).execute();
+            nearest.last().map_or(0.0, |last| (-last.distance / (KNOWN * KNOWN)).exp2())
+        };
+        self.0.par_iter().map(known).collect()
     }
 
     /// Returns for every thing how sure it shows what the examples show, 0–1: [answers][things]. What looks
@@ -135,7 +155,7 @@ mod tests {
             place: [0.5; 2],
         };
         // Two kinds, one thing between them, and one that is like neither.
-        let lights = [0.1, 0.12, 0.14, 0.5, 0.52, 0.54, 0.31, 3.0];
+        let lights = [0.1, 0.12, 0.14, 0.5, 0.52, 0.54, 0.32, 3.0];
         let looks = Looks::new(lights.into_iter().map(seen));
         let answers = looks.answers(&[vec![0, 1, 2], vec![3, 4, 5]], &[]);
         assert!(answers[0][1] > 0.9 && answers[1][4] > 0.9, "{answers:?}");
@@ -145,6 +165,9 @@ mod tests {
         let denied = looks.answers(&[vec![0, 1, 2]], &[3, 4, 5]);
         assert!(denied[0][4] < 0.1, "{denied:?}");
         assert!(looks.answers(&[Vec::new()], &[])[0].iter().all(|v| *v == 0.0));
+        let known = looks.known_by(&[0, 1, 2]);
+        assert!(known[1] > 0.9 && known[6] < 0.5 && known[7] < 1e-3, "{known:?}");
+        assert_eq!(looks.known_by(&[]), [0.0; 8]);
         assert_eq!(some_of(&[3, 5, 7, 9], 2).collect::<Vec<_>>(), [3, 7]);
     }
 }

@@ -25,6 +25,25 @@ pub struct LookHere {
     pub doubt: f32,
 }
 
+/// Frames on either side that a mark helps less and less.
+const HELPED: usize = 8;
+
+impl LookHere {
+    /// Returns the place, of one on each of some frames, where a mark would help most: on the frame whose
+    /// surroundings are in most doubt. `places` are in the order of their frames.
+    pub fn best(places: &[Self]) -> Option<&Self> {
+        let helped = |here: &Self| -> f32 {
+            let first = places.partition_point(|other| other.frame + HELPED <= here.frame);
+            let near = places[first..].iter().take_while(|other| other.frame < here.frame + HELPED);
+            near.map(|other| other.doubt * (HELPED - other.frame.abs_diff(here.frame)) as f32).sum()
+        };
+        let sums: Vec<f32> = places.iter().map(helped).collect();
+        // The first of equal ones.
+        let best = (0..sums.len()).rev().max_by(|a, b| sums[*a].total_cmp(&sums[*b]))?;
+        places.get(best)
+    }
+}
+
 impl FrameScores {
     /// Returns the place on a frame with these scores where one more mark would help most. Pixels outside
     /// the field of view, which `keep` is, do not count.

@@ -170,9 +170,21 @@ fn doubt_leads_to_a_frame_without_a_mark() {
     let scene = scene();
     let marks = Marks::new(vec![stroke(0, "liver", true, &[[8.0, 10.0], [20.0, 40.0]])], &canvas()).unwrap();
     let mut carried = Carried::new(&scene, Arc::new(Graph::of(&scene)), &marks, CarrySettings::default());
-    let here = carried.look_here(&scene, &mut |i| picture(&scene, i)).unwrap().unwrap();
+    let places = carried.in_doubt(&scene, &mut |i| picture(&scene, i)).unwrap();
+    assert_eq!(places.iter().map(|here| here.frame).collect::<Vec<_>>(), [1, 2, 3]);
+    let here = LookHere::best(&places).unwrap();
     assert!(here.frame != 0 && (0.0..=1.0).contains(&here.doubt), "{here:?}");
     assert!(here.point_px[0] < SIZE[0] as f32 && here.point_px[1] < SIZE[1] as f32);
+}
+
+#[test]
+fn one_frame_in_doubt_counts_less_than_several_beside_each_other() {
+    let here = |(frame, doubt): (usize, f32)| LookHere { frame, point_px: [0.0; 2], doubt };
+    let doubts = [(0, 0.1), (1, 0.1), (9, 0.5), (10, 0.6), (11, 0.5), (40, 0.7)];
+    let places: Vec<LookHere> = doubts.into_iter().map(here).collect();
+    assert_eq!(LookHere::best(&places).map(|best| best.frame), Some(10));
+    assert_eq!(LookHere::best(&places[5..]).map(|best| best.frame), Some(40));
+    assert_eq!(LookHere::best(&[]), None);
 }
 
 /// Any few marks on the small canvas.

@@ -354,7 +354,7 @@ commands! {
         when is_open, act |s, _| s.toggle_marking();
     LookHere: View, Viewport, [shift(Key::S)], "Look here",
         "Go where one more mark would help most",
-        when |s| s.areas().is_some_and(|areas| areas.look_here().is_some()), act |s, g| look_here(s, g);
+        when |s| s.areas().is_some_and(|areas| areas.knows_where_to_look()), act |s, g| look_here(s, g);
     Dismiss: View, Viewport, [key(Key::Escape)], "Close what is open",
         "Close the message, the point's scores, the ruler or the tool for marking",
         when always, act |s, _| dismiss(s);

@@ -167,7 +167,7 @@ impl Counted {
 pub(crate) struct Areas {
     num_frames: usize,
     prompts: HashMap<Measure, Vec<Option<Levels>>>,
-    /// Places where one more mark would help most, in the order of their counting.
+    /// Places where one more mark would help most, in the order of their frames.
     look_here: Vec<LookHere>,
 }
 
@@ -177,8 +177,13 @@ impl Areas {
     }
 
     pub(crate) fn take(&mut self, measured: Measured) {
-        self.look_here.retain(|here| here.frame != measured.frame);
-        self.look_here.extend(measured.look_here);
+        let found = self.look_here.binary_search_by_key(&measured.frame, |here| here.frame);
+        match (found, measured.look_here) {
+            (Ok(place), Some(here)) => self.look_here[place] = here,
+            (Ok(place), None) => drop(self.look_here.remove(place)),
+            (Err(place), Some(here)) => self.look_here.insert(place, here),
+            (Err(_), None) => {}
+        }
         for (measure, levels) in measured.prompts {
             let frames = self.prompts.entry(measure).or_insert_with(|| vec![None; self.num_frames]);
             if let Some(place) = frames.get_mut(measured.frame) {
@@ -189,14 +194,18 @@ impl Areas {
 
     /// Returns the place on a frame where one more mark would help most, once it is known.
     pub(crate) fn look_here_on(&self, frame: usize) -> Option<&LookHere> {
-        self.look_here.iter().find(|here| here.frame == frame)
+        let found = self.look_here.binary_search_by_key(&frame, |here| here.frame);
+        found.ok().map(|place| &self.look_here[place])
     }
 
     /// Returns the place of all counted frames where one more mark would help most.
     pub(crate) fn look_here(&self) -> Option<&LookHere> {
-        let by_doubt =
-            |a: &&LookHere, b: &&LookHere| a.doubt.total_cmp(&b.doubt).then_with(|| b.frame.cmp(&a.frame));
-        self.look_here.iter().max_by(by_doubt)
+        LookHere::best(&self.look_here)
+    }
+
+    /// Returns `true` if there is such a place.
+    pub(crate) fn knows_where_to_look(&self) -> bool {
+        !self.look_here.is_empty()
     }
 
     /// Returns the area of a prompt over time; `None` before the first frame was counted.

@@ -10,13 +10,19 @@ use crate::cli::{
 };
 use clap::Args;
 use rules::Rule;
-use std::{collections::BTreeMap, fmt::Write, path::PathBuf, sync::Arc, time::Instant};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fmt::Write,
+    path::PathBuf,
+    sync::Arc,
+    time::Instant,
+};
 use surgtpgs_core::{
     Error, Result,
     files::Inputs,
     flow::{Vector, joined, luma, optical_flow},
     grid::{Grid, Mask},
-    marks::{Canvas, Carried, CarrySettings, Graph, Mark, Marks, Shape},
+    marks::{Canvas, Carried, CarrySettings, Graph, LookHere, Mark, Marks, Shape},
     mask::threshold,
     metrics::{ClassOnFrame, MaskScores},
     scene::Scene,
@@ -83,7 +89,10 @@ impl Measure for BenchMarksArgs {
         add(bench.by_rule("one stroke per class", Rule::Stroke, &[middle], whole)?);
         add(bench.by_rule("three clicks per class", Rule::Clicks, &[middle], whole)?);
         add(bench.by_rule("strokes on three frames", Rule::Stroke, &[n / 6, middle, 5 * n / 6], whole)?);
-        bench.corrected(middle, &mut add)?;
+        bench.corrected("", middle, |_| true, &mut add)?;
+        let complete = bench.frames_like(middle)?;
+        let on_complete = " on completely labelled frames";
+        bench.corrected(on_complete, middle, |frame| complete.contains(&frame), &mut add)?;
         let text = csv(&outcomes);
         files.write("marks.csv", text.as_bytes())?;
         print_report(&outcomes, &text, self.json)?;
@@ -223,19 +232,41 @@ impl Bench {
         self.measured(way, &[marked], found)
     }
 
-    /// Strokes first; then, on the frame that most doubt is on, the largest wrong part of every class is painted
-    /// over, and so on.
-    fn corrected(&self, middle: usize, add: &mut dyn FnMut(Outcome)) -> Result<()> {
+    /// Returns the frames whose labels show every class that those of `frame` show.
+    fn frames_like(&self, frame: usize) -> Result<BTreeSet<usize>> {
+        let is_shown = |frame: usize| -> Result<Vec<bool>> {
+            Ok(self.truth(frame)?.iter().map(|mask| mask.count() > 0).collect())
+        };
+        let wanted = is_shown(frame)?;
+        let mut frames = BTreeSet::new();
+        for other in 0..self.canvas.num_frames {
+            if is_shown(other)?.iter().zip(&wanted).all(|(shown, wanted)| *shown || !wanted) {
+                frames.insert(other);
+            }
+        }
+        Ok(frames)
+    }
+
+    /// Strokes first; then, on the frame where one more mark would help most, of those that `may` be marked, the
+    /// missing part of every class is painted over, and so on.
+    fn corrected(
+        &self,
+        which: &str,
+        middle: usize,
+        may: impl Fn(usize) -> bool,
+        add: &mut dyn FnMut(Outcome),
+    ) -> Result<()> {
         let mut marks = self.marks(Rule::Stroke, &[middle])?;
         for correction in 1..=CORRECTIONS {
             let current = Marks::new(marks.clone(), &self.canvas)?;
             let mut carried =
                 Carried::new(&self.scene, Arc::clone(&self.graph), &current, CarrySettings::default());
-            let here = carried.look_here(&self.scene, &mut |i| self.sequence.frame(i))?;
-            let Some(here) = here else { break };
+            let mut places = carried.in_doubt(&self.scene, &mut |i| self.sequence.frame(i))?;
+            places.retain(|here| may(here.frame));
+            let Some(here) = LookHere::best(&places) else { break };
             let scores = self.scores(&mut carried, here.frame)?;
             marks.extend(self.painted_over(&carried, &scores, here.frame)?);
-            let way = format!("one stroke per class, {correction} corrections");
+            let way = format!("one stroke per class, {correction} corrections{which}");
             add(self.by_marks(&way, &Marks::new(marks.clone(), &self.canvas)?, CarrySettings::default())?);
         }
         Ok(())
