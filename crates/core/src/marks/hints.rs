@@ -6,6 +6,8 @@ use super::{links::Links, looks::Looks, seeds::Seeds};
 const EXAMPLE: f32 = 0.5;
 /// Part of all shares from which on a thing that is not marked is one.
 const CLEAR: f32 = 0.7;
+/// Part of all shares that no name has, from which on the name of a thing that is not marked is open.
+const OPEN: f32 = 0.3;
 /// Number of marked things of a name that tell its looks well; fewer weigh less.
 const MANY: f32 = 200.0;
 /// Power of answers: names that are hardly less sure do not share a thing.
@@ -37,12 +39,14 @@ impl Hints {
         let examples = |k: usize| -> Vec<usize> {
             (0..links.len()).filter(|i| counts[k] > 0 && (is_marked(k, *i) || is_clear(k, *i))).collect()
         };
-        let is_denied = |i: &usize| {
-            names.clone().any(|k| seeds.weights[k][*i] > EXAMPLE) && !names.clone().any(|k| is_marked(k, *i))
-        };
+        let says = |i: usize| names.clone().any(|k| seeds.weights[k][i] > EXAMPLE);
+        let is_denied = |i: &usize| says(*i) && !names.clone().any(|k| is_marked(k, *i));
+        let is_left = |i: usize| shares.iter().map(|plane| plane[i]).sum::<f32>() < 1.0 - OPEN;
+        let is_open = |i: &usize| links.degrees[*i] > 0.0 && !says(*i) && is_left(*i);
         let denied: Vec<usize> = (0..links.len()).filter(is_denied).collect();
+        let open: Vec<usize> = (0..links.len()).filter(is_open).collect();
         let examples: Vec<Vec<usize>> = names.clone().map(examples).collect();
-        let answers = looks.answers(&examples, &denied);
+        let answers = looks.answers(&examples, &denied, &open);
         let known = looks.known_by(&examples.concat());
         let shown = counts.iter().filter(|count| **count > 0).count().max(1);
         let marked = counts.iter().sum::<usize>() as f32 / shown as f32;

@@ -25,6 +25,8 @@ const WIDTHS: f32 = 2.0 / 3.0;
 /// Examples of looks at most, of all answers together, but for [`FEWEST`] of each.
 const MOST_EXAMPLES: usize = 256;
 const FEWEST: usize = 8;
+/// Things at most whose answer is open.
+const MOST_OPEN: usize = 128;
 /// Variance of an example's answer: a single one may be a mistake.
 const NOISE: f64 = 0.03;
 /// The example that a thing has to be near to be known, by distance: a single one may be a mistake here, too.
@@ -84,20 +86,30 @@ impl Looks {
     }
 
     /// Returns for every thing how sure it shows what the examples show, 0–1: [answers][things]. What looks
-    /// like no example shows nothing. The examples of `nothing` show no answer.
-    pub(super) fn answers(&self, examples: &[Vec<usize>], nothing: &[usize]) -> Vec<Vec<f32>> {
+    /// like no example shows nothing. Things of `nothing` show no answer, and those of `open` none that is known,
+    /// which counts little: the more answers there are, the likelier it is one of them.
+    pub(super) fn answers(
+        &self,
+        examples: &[Vec<usize>],
+        nothing: &[usize],
+        open: &[usize],
+    ) -> Vec<Vec<f32>> {
         let all = examples.iter().map(Vec::as_slice).chain([nothing]);
         let count: usize = all.clone().map(<[usize]>::len).sum();
-        let chosen: Vec<(usize, usize)> = all
+        let mut chosen: Vec<(usize, usize)> = all
             .enumerate()
             .flat_map(|(answer, of)| {
                 let most = (MOST_EXAMPLES * of.len() / count.max(1)).max(FEWEST);
                 some_of(of, most).map(move |thing| (answer, thing))
             })
             .collect();
+        let num_told = chosen.len();
+        chosen.extend(some_of(open, MOST_OPEN).map(|thing| (usize::MAX, thing)));
+        let num_shown = examples.iter().filter(|of| !of.is_empty()).count();
+        let variance = |a: usize| if a < num_told { NOISE } else { (num_shown * num_shown) as f64 };
         let looks: Vec<Look> = chosen.iter().map(|(_, thing)| self.0[*thing]).collect();
         let kernel = Symmetric::from_fn(looks.len(), |a, b| {
-            f64::from(likeness(&looks[a], &looks[b])) + if a == b { NOISE } else { 0.0 }
+            f64::from(likeness(&looks[a], &looks[b])) + if a == b { variance(a) } else { 0.0 }
         });
         let weights = |answer: usize| -> Vec<f32> {
             let mut weights: Vec<f64> =
@@ -157,14 +169,16 @@ mod tests {
         // Two kinds, one thing between them, and one that is like neither.
         let lights = [0.1, 0.12, 0.14, 0.5, 0.52, 0.54, 0.32, 3.0];
         let looks = Looks::new(lights.into_iter().map(seen));
-        let answers = looks.answers(&[vec![0, 1, 2], vec![3, 4, 5]], &[]);
+        let answers = looks.answers(&[vec![0, 1, 2], vec![3, 4, 5]], &[], &[]);
         assert!(answers[0][1] > 0.9 && answers[1][4] > 0.9, "{answers:?}");
         assert!(answers[0][4] < 0.1 && answers[1][1] < 0.1, "{answers:?}");
         assert!((answers[0][6] - answers[1][6]).abs() < 0.1, "{answers:?}");
         assert!(answers[0][7] + answers[1][7] < 0.01, "{answers:?}");
-        let denied = looks.answers(&[vec![0, 1, 2]], &[3, 4, 5]);
+        let denied = looks.answers(&[vec![0, 1, 2]], &[3, 4, 5], &[]);
         assert!(denied[0][4] < 0.1, "{denied:?}");
-        assert!(looks.answers(&[Vec::new()], &[])[0].iter().all(|v| *v == 0.0));
+        let [alone, open] = [&[][..], &[3, 4, 5]].map(|open| looks.answers(&[vec![0, 1, 2]], &[], open));
+        assert!(open[0][6] < alone[0][6] - 0.1 && open[0][1] > 0.9, "{open:?}, {alone:?}");
+        assert!(looks.answers(&[Vec::new()], &[], &[6, 7])[0].iter().all(|v| *v == 0.0));
         let known = looks.known_by(&[0, 1, 2]);
         assert!(known[1] > 0.9 && known[6] < 0.5 && known[7] < 1e-3, "{known:?}");
         assert_eq!(looks.known_by(&[]), [0.0; 8]);
