@@ -106,7 +106,7 @@ impl Looks {
         let num_told = chosen.len();
         chosen.extend(some_of(open, MOST_OPEN).map(|thing| (usize::MAX, thing)));
         let num_shown = examples.iter().filter(|of| !of.is_empty()).count();
-        let variance = |a: usize| if a < num_told { NOISE } else { (num_shown * num_shown) as f64 };
+        let variance = |a: usize| if a < num_told { NOISE } else { num_shown.pow(3) as f64 };
         let looks: Vec<Look> = chosen.iter().map(|(_, thing)| self.0[*thing]).collect();
         let kernel = Symmetric::from_fn(looks.len(), |a, b| {
             f64::from(likeness(&looks[a], &looks[b])) + if a == b { variance(a) } else { 0.0 }
