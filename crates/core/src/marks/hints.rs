@@ -1,6 +1,10 @@
 //! Weak seeds everywhere, of things that look like marked ones: they reach parts that no mark touches.
 
-use super::{links::Links, looks::Looks, seeds::Seeds};
+use super::{
+    links::Links,
+    looks::{Answers, Looks},
+    seeds::Seeds,
+};
 
 /// Share of a name from which on a marked thing is an example of the name's looks.
 const EXAMPLE: f32 = 0.5;
@@ -47,24 +51,23 @@ impl Hints {
         let open: Vec<usize> = (0..links.len()).filter(is_open).collect();
         let examples: Vec<Vec<usize>> = names.clone().map(examples).collect();
         let answers = looks.answers(&examples, &denied, &open);
-        let known = looks.known_by(&examples.concat());
         let shown = counts.iter().filter(|count| **count > 0).count().max(1);
         let marked = counts.iter().sum::<usize>() as f32 / shown as f32;
-        Self::weighed(answers, &known, (marked / MANY).min(1.0))
+        Self::weighed(answers, (marked / MANY).min(1.0))
     }
 
-    /// Makes answers shares, and leaves what is not `known` to no name; `trust` is the weight of a sure one.
-    fn weighed(mut answers: Vec<Vec<f32>>, known: &[f32], trust: f32) -> Self {
+    /// Makes answers shares, and leaves what is not known to no name; `trust` is the weight of a sure one.
+    fn weighed(Answers { mut sure, known }: Answers, trust: f32) -> Self {
         let mut weights = vec![0.0; known.len()];
         for (i, weight) in weights.iter_mut().enumerate() {
-            let answered: f32 = answers.iter().map(|plane| plane[i]).sum();
+            let answered: f32 = sure.iter().map(|plane| plane[i]).sum();
             let none = 1.0 - known[i].min(answered.min(1.0));
-            let largest = answers.iter().map(|plane| plane[i]).fold(none, f32::max);
+            let largest = sure.iter().map(|plane| plane[i]).fold(none, f32::max);
             *weight = trust * largest;
-            answers.iter_mut().for_each(|plane| plane[i] = plane[i].powi(CERTAIN));
-            let sum = answers.iter().map(|plane| plane[i]).sum::<f32>() + none.powi(CERTAIN);
-            answers.iter_mut().for_each(|plane| plane[i] /= sum.max(f32::MIN_POSITIVE));
+            sure.iter_mut().for_each(|plane| plane[i] = plane[i].powi(CERTAIN));
+            let sum = sure.iter().map(|plane| plane[i]).sum::<f32>() + none.powi(CERTAIN);
+            sure.iter_mut().for_each(|plane| plane[i] /= sum.max(f32::MIN_POSITIVE));
         }
-        Self { shares: answers, weights }
+        Self { shares: sure, weights }
     }
 }

@@ -2,9 +2,8 @@
 //! 2006, "Gaussian Processes for Machine Learning", equation 2.25).
 
 use crate::linear::Symmetric;
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
-use std::num::NonZeroUsize;
+use std::f32::consts::LN_2;
 
 /// Numbers by which looks are compared.
 const DIM: usize = 9;
@@ -29,9 +28,7 @@ const FEWEST: usize = 8;
 const MOST_OPEN: usize = 128;
 /// Variance of an example's answer: a single one may be a mistake.
 const NOISE: f64 = 0.03;
-/// The example that a thing has to be near to be known, by distance: a single one may be a mistake here, too.
-const KNOWN_BY: usize = 3;
-/// Distance, in those that answers are alike over, at which a thing is half known.
+/// Distance to the nearest example at which a thing is half known.
 const KNOWN: f32 = 0.6;
 
 /// Returns mean and two differences of the roots of red, green and blue: a change of light alone changes the
@@ -50,6 +47,14 @@ pub(super) struct Appearance {
     pub(super) roughness: f32,
     /// Place in widths of the picture.
     pub(super) place: [f32; 2],
+}
+
+/// Answers of all things.
+pub(super) struct Answers {
+    /// How sure a thing shows what the examples of an answer show, 0–1: [answers][things].
+    pub(super) sure: Vec<Vec<f32>>,
+    /// Nearness of each thing to an example of any answer, 0–1.
+    pub(super) known: Vec<f32>,
 }
 
 /// Looks of all things of one kind.
@@ -71,29 +76,9 @@ impl Looks {
         Self(things.map(look).collect())
     }
 
-    /// Returns how well each thing is known by some examples, 0–1: whether it is near to them.
-    pub(super) fn known_by(&self, examples: &[usize]) -> Vec<f32> {
-        let examples: Vec<Look> = examples.iter().map(|i| self.0[*i]).collect();
-        let Ok(tree) = ImmutableKdTree::<f32, DIM>::new_from_slice(&examples) else {
-            return vec![0.0; self.0.len()];
-        };
-        let count = NonZeroUsize::new(KNOWN_BY.min(examples.len())).unwrap_or(NonZeroUsize::MIN);
-        let known = |look: &Look| {
-            let nearest = tree.query(look).nearest_n::<SquaredEuclidean<f32>>(count).execute();
-            nearest.last().map_or(0.0, |last| (-last.distance / (KNOWN * KNOWN)).exp2())
-        };
-        self.0.par_iter().map(known).collect()
-    }
-
-    /// Returns for every thing how sure it shows what the examples show, 0–1: [answers][things]. What looks
-    /// like no example shows nothing. Things of `nothing` show no answer, and those of `open` none that is known,
+    /// Returns for every thing how sure it shows what the examples show. What looks like no example shows nothing. Things of `nothing` show no answer, and those of `open` none that is known,
     /// which counts little: the more answers there are, the likelier it is one of them.
-    pub(super) fn answers(
-        &self,
-        examples: &[Vec<usize>],
-        nothing: &[usize],
-        open: &[usize],
-    ) -> Vec<Vec<f32>> {
+    pub(super) fn answers(&self, examples: &[Vec<usize>], nothing: &[usize], open: &[usize]) -> Answers {
         let all = examples.iter().map(Vec::as_slice).chain([nothing]);
         let count: usize = all.clone().map(<[usize]>::len).sum();
         let mut chosen: Vec<(usize, usize)> = all
@@ -103,6 +88,7 @@ impl Looks {
                 some_of(of, most).map(move |thing| (answer, thing))
             })
             .collect();
+        let num_shown_by = chosen.iter().filter(|(answer, _)| *answer < examples.len()).count();
         let num_told = chosen.len();
         chosen.extend(some_of(open, MOST_OPEN).map(|thing| (usize::MAX, thing)));
         let num_shown = examples.iter().filter(|of| !of.is_empty()).count();
@@ -122,24 +108,27 @@ impl Looks {
             }
         };
         let weights: Vec<Vec<f32>> = (0..examples.len()).into_par_iter().map(weights).collect();
-        self.sums(&looks, &weights)
+        self.sums(&looks, &weights, num_shown_by)
     }
 
-    /// Returns Σ weight · likeness over the examples, 0–1: [answers][things].
-    fn sums(&self, examples: &[Look], weights: &[Vec<f32>]) -> Vec<Vec<f32>> {
-        let mut rows = vec![0.0; self.0.len() * weights.len()];
-        let each = rows.par_chunks_exact_mut(weights.len().max(1)).zip(&self.0).with_min_len(256);
+    /// Sums weight · likeness over the examples; things are known by the first `num_shown_by` of them.
+    fn sums(&self, examples: &[Look], weights: &[Vec<f32>], num_shown_by: usize) -> Answers {
+        let columns = weights.len() + 1;
+        let mut rows = vec![0.0; self.0.len() * columns];
+        let each = rows.par_chunks_exact_mut(columns).zip(&self.0).with_min_len(256);
         each.for_each_init(
             || vec![0.0; examples.len()],
             |alike, (row, look)| {
                 alike.iter_mut().zip(examples).for_each(|(v, example)| *v = likeness(look, example));
+                let nearest = alike[..num_shown_by].iter().copied().fold(0.0, f32::max);
+                row[weights.len()] = nearest.powf(2.0 * LN_2 / (KNOWN * KNOWN));
                 for (sum, weights) in row.iter_mut().zip(weights) {
                     *sum = weights.iter().zip(&*alike).map(|(w, v)| w * v).sum::<f32>().clamp(0.0, 1.0);
                 }
             },
         );
-        let plane = |k: usize| rows.iter().skip(k).step_by(weights.len()).copied().collect();
-        (0..weights.len()).map(plane).collect()
+        let plane = |k: usize| rows.iter().skip(k).step_by(columns).copied().collect();
+        Answers { sure: (0..weights.len()).map(plane).collect(), known: plane(weights.len()) }
     }
 }
 
@@ -169,19 +158,19 @@ mod tests {
         // Two kinds, one thing between them, and one that is like neither.
         let lights = [0.1, 0.12, 0.14, 0.5, 0.52, 0.54, 0.32, 3.0];
         let looks = Looks::new(lights.into_iter().map(seen));
-        let answers = looks.answers(&[vec![0, 1, 2], vec![3, 4, 5]], &[], &[]);
-        assert!(answers[0][1] > 0.9 && answers[1][4] > 0.9, "{answers:?}");
-        assert!(answers[0][4] < 0.1 && answers[1][1] < 0.1, "{answers:?}");
-        assert!((answers[0][6] - answers[1][6]).abs() < 0.1, "{answers:?}");
-        assert!(answers[0][7] + answers[1][7] < 0.01, "{answers:?}");
-        let denied = looks.answers(&[vec![0, 1, 2]], &[3, 4, 5], &[]);
-        assert!(denied[0][4] < 0.1, "{denied:?}");
-        let [alone, open] = [&[][..], &[3, 4, 5]].map(|open| looks.answers(&[vec![0, 1, 2]], &[], open));
-        assert!(open[0][6] < alone[0][6] - 0.1 && open[0][1] > 0.9, "{open:?}, {alone:?}");
-        assert!(looks.answers(&[Vec::new()], &[], &[6, 7])[0].iter().all(|v| *v == 0.0));
-        let known = looks.known_by(&[0, 1, 2]);
+        let both = [vec![0, 1, 2], vec![3, 4, 5]];
+        let Answers { sure, known } = looks.answers(&both, &[], &[]);
+        assert!(sure[0][1] > 0.9 && sure[1][4] > 0.9, "{sure:?}");
+        assert!(sure[0][4] < 0.1 && sure[1][1] < 0.1, "{sure:?}");
+        assert!((sure[0][6] - sure[1][6]).abs() < 0.1, "{sure:?}");
+        assert!(sure[0][7] + sure[1][7] < 0.01, "{sure:?}");
         assert!(known[1] > 0.9 && known[6] < 0.5 && known[7] < 1e-3, "{known:?}");
-        assert_eq!(looks.known_by(&[]), [0.0; 8]);
+        let denied = looks.answers(&both[..1], &[3, 4, 5], &[]);
+        assert!(denied.sure[0][4] < 0.1 && denied.known[4] < 0.1, "{:?}", denied.sure);
+        let [alone, open] = [&[][..], &[3, 4, 5]].map(|open| looks.answers(&both[..1], &[], open).sure);
+        assert!(open[0][4] < 0.5 * alone[0][4] && open[0][1] > 0.9, "{open:?}, {alone:?}");
+        let nothing = looks.answers(&[Vec::new()], &[], &[6, 7]);
+        assert_eq!((&nothing.sure[0], &nothing.known), (&vec![0.0; 8], &vec![0.0; 8]));
         assert_eq!(some_of(&[3, 5, 7, 9], 2).collect::<Vec<_>>(), [3, 7]);
     }
 }
