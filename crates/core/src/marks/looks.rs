@@ -29,7 +29,7 @@ const MOST_OPEN: usize = 128;
 /// Variance of an example's answer: a single one may be a mistake.
 const NOISE: f64 = 0.03;
 /// Distance to the nearest example at which a thing is half known.
-const KNOWN: f32 = 0.6;
+const KNOWN: f32 = 0.65;
 
 /// Returns mean and two differences of the roots of red, green and blue: a change of light alone changes the
 /// first one most.
