@@ -17,8 +17,8 @@ const MANY: f32 = 200.0;
 /// Power of answers: names that are hardly less sure do not share a thing.
 const CERTAIN: i32 = 2;
 
-/// A share of each name for each thing, as its looks tell, and how sure that is. What looks like nothing that is
-/// marked has a share of no name.
+/// A share of each name for each thing, as its looks tell, and how sure that is. What looks like nothing that
+/// is marked has a share of no name.
 pub(super) struct Hints {
     /// [names][things].
     pub(super) shares: Vec<Vec<f32>>,

@@ -1,5 +1,5 @@
-//! Looks of things, and their answers to what marked ones show: kernel ridge regression (Rasmussen and Williams
-//! 2006, "Gaussian Processes for Machine Learning", equation 2.25).
+//! Looks of things, and their answers to what marked ones show: kernel ridge regression (Rasmussen and
+//! Williams 2006, "Gaussian Processes for Machine Learning", equation 2.25).
 
 use crate::linear::Symmetric;
 use rayon::prelude::*;
@@ -51,7 +51,7 @@ pub(super) struct Appearance {
 
 /// Answers of all things.
 pub(super) struct Answers {
-    /// How sure a thing shows what the examples of an answer show, 0–1: [answers][things].
+    /// Certainty that a thing shows what the examples of an answer show, 0–1: [answers][things].
     pub(super) sure: Vec<Vec<f32>>,
     /// Nearness of each thing to an example of any answer, 0–1.
     pub(super) known: Vec<f32>,
@@ -76,7 +76,8 @@ impl Looks {
         Self(things.map(look).collect())
     }
 
-    /// Returns for every thing how sure it shows what the examples show. What looks like no example shows nothing. Things of `nothing` show no answer, and those of `open` none that is known,
+    /// Returns for every thing how sure it shows what the examples show. What looks like no example shows
+    /// nothing. Things of `nothing` show no answer, and those of `open` none that is known,
     /// which counts little: the more answers there are, the likelier it is one of them.
     pub(super) fn answers(&self, examples: &[Vec<usize>], nothing: &[usize], open: &[usize]) -> Answers {
         let all = examples.iter().map(Vec::as_slice).chain([nothing]);
