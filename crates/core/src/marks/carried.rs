@@ -152,6 +152,10 @@ impl Carried {
             let scores = self.on_view(scene, camera, scene.time(frame), pictures)?;
             return Ok(FrameScores { scores, doubt: Grid::filled(width, height, 0.0) });
         }
+        // Before frames are told of each other: spreading over many of them forgets some.
+        if !self.growing.contains_key(&frame) || self.growing.len() < self.evidence.len() {
+            self.shares(scene, pictures)?;
+        }
         let picture = pictures(frame)?;
         let shares = if !self.settings.looks_up {
             self.blended(scene, &Seen::at_half(scene, frame), pictures)?

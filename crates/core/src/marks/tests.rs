@@ -303,6 +303,28 @@ fn what_was_found_before_changes_no_score() {
 }
 
 #[test]
+fn more_marked_frames_than_are_kept_give_the_same_scores_in_any_order() {
+    const MANY: usize = 12;
+    let scene = Scene { cameras: vec![scene().cameras[0]; MANY], ..scene() };
+    let canvas = Canvas { num_frames: MANY, frame_names: Vec::new(), ..canvas() };
+    let outline = Shape::Box { corners_px: [[40.0, 4.0], [56.0, 16.0]] };
+    let mut marks = vec![Mark::new(0, "fat", true, outline)];
+    marks.extend((1..MANY - 1).map(|i| stroke(i, "liver", true, &[[8.0, 10.0], [20.0, 40.0]])));
+    marks.push(stroke(5, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]));
+    let marks = Marks::new(marks, &canvas).unwrap();
+    let on = |frames: &[usize]| {
+        let mut carried = Carried::new(&scene, Arc::new(Graph::of(&scene)), &marks, CarrySettings::default());
+        let each = frames.iter().map(|f| carried.on_frame(&scene, *f, &mut |i| picture(&scene, i)).unwrap());
+        each.last().unwrap()
+    };
+    for frame in [0, 5, 11] {
+        let found = on(&[frame]);
+        assert_eq!(found.scores.len(), 2, "on frame {frame}");
+        assert_eq!(found, on(&[11, 3, 0, frame]), "on frame {frame}");
+    }
+}
+
+#[test]
 fn a_bad_mark_is_named() {
     for (mark, says) in [
         (r#"{"frame": 9, "name": "liver", "kind": "click", "points_px": [[1, 1]]}"#, "there is no frame 9"),
