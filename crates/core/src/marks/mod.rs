@@ -1,9 +1,9 @@
 //! Marks by hand: what is marked on some frames is carried to all of them (method §12).
 //!
 //! ```text
-//! marks ─▶ pixels ─┬▶ seeds on Gaussians ─▶ spread over their graph ─────────────────┐
-//!                  │                      (place, colour, motion)                    ├─▶ mixed ─▶ refined ─▶ scores
-//!                  └▶ spread over the marked frames ─▶ looked up along optical flow ─┘
+//! marks ─▶ pixels ─▶ spread over the marked frames ─┬▶ looked up along optical flow ─────┐
+//!                    (place, looks)                  └▶ seeds on Gaussians ─▶ spread over ─┴▶ mixed, refined ─▶ scores
+//!                                                       their graph (place, colour, motion)
 //! ```
 //!
 //! [`Marks`] reads and checks marks, [`Evidence`] tells what they say of each pixel of a frame, and
