@@ -3,7 +3,6 @@
 use glam::DMat3;
 
 /// A symmetric matrix, of which the lower half is stored.
-#[derive(Clone)]
 pub(crate) struct Symmetric {
     n: usize,
     /// Values, row by row; those right of the diagonal are not used.
@@ -51,9 +50,14 @@ impl Symmetric {
         }
     }
 
-    /// Solves matrix · x = `right` in place (Cholesky); returns `false` if the matrix is not positive definite.
+    /// Solves matrix · x = `right` in place; returns `false` if the matrix is not positive definite.
     /// The matrix is overwritten.
     pub(crate) fn solve(&mut self, right: &mut [f64]) -> bool {
+        self.factorize() && self.substitute(right)
+    }
+
+    /// Replaces the matrix by its Cholesky factor; returns `false` if it is not positive definite.
+    pub(crate) fn factorize(&mut self) -> bool {
         let n = self.n;
         for i in 0..n {
             let (above, from_row) = self.values.split_at_mut(i * n);
@@ -68,13 +72,21 @@ impl Symmetric {
             }
             row[i] = square.sqrt();
         }
+        true
+    }
+
+    /// Solves factor · factorᵀ · x = `right` in place; returns `false` if x is not finite.
+    pub(crate) fn substitute(&self, right: &mut [f64]) -> bool {
+        let n = self.n;
         for i in 0..n {
             let row = &self.values[i * n..=i * n + i];
             right[i] = (right[i] - dot(&row[..i], &right[..i])) / row[i];
         }
         for i in (0..n).rev() {
-            let below: f64 = (i + 1..n).map(|j| self.values[j * n + i] * right[j]).sum();
-            right[i] = (right[i] - below) / self.values[i * n + i];
+            let row = &self.values[i * n..=i * n + i];
+            right[i] /= row[i];
+            let solved = right[i];
+            right[..i].iter_mut().zip(row).for_each(|(r, v)| *r -= v * solved);
         }
         right.iter().all(|v| v.is_finite())
     }

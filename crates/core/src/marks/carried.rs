@@ -9,7 +9,7 @@ use super::{
     scores::scores,
     seeds::Seeds,
     seen::Seen,
-    spread::{PULL, spread},
+    spread::{Before, PULL, spread},
     trail::Trail,
 };
 use crate::{
@@ -131,7 +131,7 @@ impl Carried {
                 }
             }
             let hints = Hints::of(&self.graph.looks, &self.graph.links, &seeds, &[]);
-            let mut shares = spread(&self.graph.links, &seeds, None, PULL, Some(&hints));
+            let mut shares = spread(&self.graph.links, &seeds, Before::Nothing, PULL, Some(&hints));
             // The solver stops a little beside the solution.
             shares.iter_mut().flatten().for_each(|share| *share = share.max(0.0));
             self.shares = Some(shares);

@@ -8,10 +8,11 @@ use super::{
     looks::{Appearance, Looks, opponents},
     means::window_means,
     seeds::Seeds,
-    spread::{PULL, spread},
+    spread::{Before, PULL, spread},
 };
 use crate::grid::Mask;
 use image::RgbImage;
+use rayon::prelude::*;
 
 /// Number of squares across a picture, about: how far marks spread does not depend on its resolution.
 const ACROSS: usize = 213;
@@ -40,35 +41,38 @@ pub(super) fn spread_over(
     let links = cells.links(&colours, field_of_view);
     let marked = evidence.pixels().count();
     let shares = if 2 * marked > width * height {
-        spread(&links, &seeds, None, PULL, None)
+        spread(&links, &seeds, Before::Nothing, PULL, None)
     } else {
         grown(&cells.looks(&colours), &links, &seeds)
     };
-    shares.iter().map(|share| cells.at_half(share)).collect()
+    shares.par_iter().map(|share| cells.at_half(share)).collect()
 }
 
 /// Spreads a few marks in rounds: what clearly belongs to a name is an example of its looks in the next one.
 fn grown(looks: &Looks, links: &Links, seeds: &Seeds) -> Vec<Vec<f32>> {
-    let mut shares = Vec::new();
-    for _ in 0..ROUNDS {
+    let (mut walked, mut shares) = (Vec::new(), Vec::new());
+    for round in 0..ROUNDS {
         let hints = Hints::of(looks, links, seeds, &shares);
-        shares = spread(links, seeds, None, PULL, Some(&hints));
-        weigh_by_area(&mut shares);
+        let before = if round == 0 { Before::Nothing } else { Before::Nearly(&walked) };
+        walked = spread(links, seeds, before, PULL, Some(&hints));
+        shares = weighed_by_area(&walked);
     }
     shares
 }
 
 /// Multiplies shares by a power of their mean, and keeps their sums: a walker leaves a small structure for
 /// the large one around it too late.
-fn weigh_by_area(shares: &mut [Vec<f32>]) {
+fn weighed_by_area(shares: &[Vec<f32>]) -> Vec<Vec<f32>> {
     let mean = |plane: &Vec<f32>| plane.iter().sum::<f32>() / plane.len() as f32;
     let factors: Vec<f32> = shares.iter().map(|plane| mean(plane).max(1e-6).powf(AREA)).collect();
+    let mut weighed = shares.to_vec();
     for i in 0..shares.first().map_or(0, Vec::len) {
         let before: f32 = shares.iter().map(|plane| plane[i]).sum();
         let after: f32 = shares.iter().zip(&factors).map(|(plane, f)| f * plane[i]).sum();
         let scale = if after > 0.0 { before / after } else { 0.0 };
-        shares.iter_mut().zip(&factors).for_each(|(plane, f)| plane[i] *= f * scale);
+        weighed.iter_mut().zip(&factors).for_each(|(plane, f)| plane[i] *= f * scale);
     }
+    weighed
 }
 
 /// The squares of a picture.
@@ -93,13 +97,17 @@ impl Cells {
     }
 
     /// Means of the pixels of each square.
-    fn means(&self, at: impl Fn(usize) -> f32) -> Vec<f32> {
-        let mut sums = vec![(0.0, 0.0); self.columns * self.rows];
-        for i in 0..self.width * self.height {
-            let (sum, count) = &mut sums[self.of(i)];
-            (*sum, *count) = (*sum + at(i), *count + 1.0);
-        }
-        sums.into_iter().map(|(sum, count)| sum / count).collect()
+    fn means(&self, at: impl Fn(usize) -> f32 + Sync) -> Vec<f32> {
+        let mut means = vec![0.0; self.columns * self.rows];
+        means.par_chunks_mut(self.columns.max(1)).enumerate().for_each(|(row, means)| {
+            let ys = row * self.side..((row + 1) * self.side).min(self.height);
+            for (column, mean) in means.iter_mut().enumerate() {
+                let xs = column * self.side..((column + 1) * self.side).min(self.width);
+                let pixels = ys.clone().flat_map(|y| xs.clone().map(move |x| y * self.width + x));
+                *mean = pixels.map(&at).sum::<f32>() / (ys.len() * xs.len()) as f32;
+            }
+        });
+        means
     }
 
     fn seeds(&self, evidence: &Evidence, num_names: usize) -> Seeds {
@@ -160,28 +168,26 @@ impl Cells {
         Links::new(inside.len(), each.collect::<Vec<_>>().into_iter())
     }
 
-    /// Returns the size of the picture at half size.
-    fn half(&self) -> [usize; 2] {
-        [self.width / 2, self.height / 2]
-    }
-
     /// Interpolates values of squares at every pixel of half size.
     fn at_half(&self, values: &[f32]) -> Vec<f32> {
-        let [width, height] = self.half();
+        let [width, height] = [self.width / 2, self.height / 2];
         let place = |at: usize, cells: usize| {
             let at = ((at as f32 + 0.5) * 2.0 / self.side as f32 - 0.5).clamp(0.0, (cells - 1) as f32);
-            (at as usize, (at as usize + 1).min(cells - 1), at - at.floor())
+            let low = at as usize;
+            (low, (low + 1).min(cells - 1), at - low as f32)
         };
-        let value = |i: usize| {
-            let (left, right, across) = place(i % width, self.columns);
-            let (top, bottom, down) = place(i / width, self.rows);
-            let row = |y: usize| {
-                let row = &values[y * self.columns..(y + 1) * self.columns];
-                row[left] + across * (row[right] - row[left])
+        let places: Vec<_> = (0..width).map(|x| place(x, self.columns)).collect();
+        let mut out = Vec::with_capacity(width * height);
+        for y in 0..height {
+            let (top, bottom, down) = place(y, self.rows);
+            let [top, bottom] = [top, bottom].map(|y| &values[y * self.columns..(y + 1) * self.columns]);
+            let value = |&(left, right, across): &(usize, usize, f32)| {
+                let [top, bottom] = [top, bottom].map(|row| row[left] + across * (row[right] - row[left]));
+                (top + down * (bottom - top)).clamp(0.0, 1.0)
             };
-            (row(top) + down * (row(bottom) - row(top))).clamp(0.0, 1.0)
-        };
-        (0..width * height).map(value).collect()
+            out.extend(places.iter().map(value));
+        }
+        out
     }
 }
 

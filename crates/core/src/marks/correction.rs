@@ -1,6 +1,12 @@
 //! Corrections of a class that the scene knows by its features.
 
-use super::{Evidence, Graph, Marks, carried::keep_marked, seeds::Seeds, seen::Seen, spread::spread};
+use super::{
+    Evidence, Graph, Marks,
+    carried::keep_marked,
+    seeds::Seeds,
+    seen::Seen,
+    spread::{Before, spread},
+};
 use crate::{camera::Camera, grid::Grid, scene::Scene};
 use std::collections::BTreeMap;
 
@@ -21,8 +27,9 @@ impl Correction {
         let names = marks.names();
         let evidence = Evidence::of_all(marks, &names, scene);
         let seeds = Seeds::of(scene, names.len(), evidence.values());
+        let before = [before.to_vec()];
         let change =
-            spread(&graph.links, &seeds, Some(&[before.to_vec()]), PULL, None).pop().unwrap_or_default();
+            spread(&graph.links, &seeds, Before::Shares(&before), PULL, None).pop().unwrap_or_default();
         Self { change, evidence }
     }
 

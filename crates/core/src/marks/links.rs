@@ -34,10 +34,10 @@ impl Links {
         self.degrees.len()
     }
 
-    /// Returns Σ weight · value over the links of thing `i`.
-    pub(super) fn sum_around(&self, i: usize, values: &[f32]) -> f32 {
+    /// Returns the links of thing `i`: the other thing, and the weight.
+    #[inline]
+    pub(super) fn around(&self, i: usize) -> impl Iterator<Item = (usize, f32)> {
         let links = self.first[i] as usize..self.first[i + 1] as usize;
-        let neighbours = self.to[links.clone()].iter().zip(&self.weights[links]);
-        neighbours.map(|(j, weight)| weight * values[*j as usize]).sum()
+        self.to[links.clone()].iter().zip(&self.weights[links]).map(|(j, weight)| (*j as usize, *weight))
     }
 }

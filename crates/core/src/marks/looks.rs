@@ -1,9 +1,14 @@
 //! Looks of things, and their answers to what marked ones show: kernel ridge regression (Rasmussen and
 //! Williams 2006, "Gaussian Processes for Machine Learning", equation 2.25).
 
-use crate::linear::Symmetric;
+use crate::{
+    lanes::{LANES, exp2},
+    linear::Symmetric,
+};
+use fearless_simd::{Level, dispatch, f32x8, prelude::*};
+use fearless_simd_macros::simd;
 use rayon::prelude::*;
-use std::f32::consts::LN_2;
+use std::f32::consts::{LN_2, LOG2_E};
 
 /// Numbers by which looks are compared.
 const DIM: usize = 9;
@@ -95,42 +100,76 @@ impl Looks {
         let num_shown = examples.iter().filter(|of| !of.is_empty()).count();
         let variance = |a: usize| if a < num_told { NOISE } else { num_shown.pow(3) as f64 };
         let looks: Vec<Look> = chosen.iter().map(|(_, thing)| self.0[*thing]).collect();
-        let kernel = Symmetric::from_fn(looks.len(), |a, b| {
+        let mut kernel = Symmetric::from_fn(looks.len(), |a, b| {
             f64::from(likeness(&looks[a], &looks[b])) + if a == b { variance(a) } else { 0.0 }
         });
-        let weights = |answer: usize| -> Vec<f32> {
-            let mut weights: Vec<f64> =
+        // The noise keeps the kernel far from singular.
+        let is_solved = kernel.factorize();
+        let mut weights = vec![vec![0.0; examples.len()]; chosen.len()];
+        for answer in 0..examples.len() {
+            let mut answers: Vec<f64> =
                 chosen.iter().map(|(of, _)| if *of == answer { 1.0 } else { 0.0 }).collect();
-            // The noise keeps the kernel far from singular.
-            if kernel.clone().solve(&mut weights) {
-                weights.into_iter().map(|w| w as f32).collect()
-            } else {
-                vec![0.0; chosen.len()]
+            if is_solved && kernel.substitute(&mut answers) {
+                weights.iter_mut().zip(answers).for_each(|(weights, w)| weights[answer] = w as f32);
             }
-        };
-        let weights: Vec<Vec<f32>> = (0..examples.len()).into_par_iter().map(weights).collect();
-        self.sums(&looks, &weights, num_shown_by)
+        }
+        self.sums(&looks, (&weights, examples.len()), num_shown_by)
     }
 
-    /// Sums weight · likeness over the examples; things are known by the first `num_shown_by` of them.
-    fn sums(&self, examples: &[Look], weights: &[Vec<f32>], num_shown_by: usize) -> Answers {
-        let columns = weights.len() + 1;
-        let mut rows = vec![0.0; self.0.len() * columns];
-        let each = rows.par_chunks_exact_mut(columns).zip(&self.0).with_min_len(256);
-        each.for_each_init(
-            || vec![0.0; examples.len()],
-            |alike, (row, look)| {
-                alike.iter_mut().zip(examples).for_each(|(v, example)| *v = likeness(look, example));
-                let nearest = alike[..num_shown_by].iter().copied().fold(0.0, f32::max);
-                row[weights.len()] = nearest.powf(2.0 * LN_2 / (KNOWN * KNOWN));
-                for (sum, weights) in row.iter_mut().zip(weights) {
-                    *sum = weights.iter().zip(&*alike).map(|(w, v)| w * v).sum::<f32>().clamp(0.0, 1.0);
-                }
-            },
-        );
-        let plane = |k: usize| rows.iter().skip(k).step_by(columns).copied().collect();
-        Answers { sure: (0..weights.len()).map(plane).collect(), known: plane(weights.len()) }
+    /// Sums weight · likeness over the examples, with weights [examples][answers]; things are known by the
+    /// first `num_shown_by` examples.
+    fn sums(
+        &self,
+        examples: &[Look],
+        (weights, num_answers): (&[Vec<f32>], usize),
+        num_shown_by: usize,
+    ) -> Answers {
+        // Eight things beside each other: [blocks][answers, known][lanes].
+        let columns = num_answers + 1;
+        let mut sums = vec![[0.0; LANES]; self.0.len().div_ceil(LANES) * columns];
+        let level = Level::new();
+        let blocks = sums.par_chunks_exact_mut(columns).zip(self.0.par_chunks(LANES)).with_min_len(64);
+        blocks.for_each(|(sums, things)| {
+            dispatch!(level, simd => sum_block(simd, things, examples, weights, num_shown_by, sums));
+        });
+        let plane = |k: usize| -> Vec<f32> {
+            (0..self.0.len()).map(|i| sums[i / LANES * columns + k][i % LANES]).collect()
+        };
+        Answers { sure: (0..num_answers).map(plane).collect(), known: plane(num_answers) }
     }
+}
+
+/// Sums weight · likeness for at most eight things; the last of the `sums` is how well they are known.
+#[simd]
+fn sum_block<S: Simd>(
+    simd: S,
+    things: &[Look],
+    examples: &[Look],
+    weights: &[Vec<f32>],
+    num_shown_by: usize,
+    sums: &mut [[f32; LANES]],
+) {
+    let own: [f32x8<S>; DIM] =
+        std::array::from_fn(|d| f32x8::from_fn(simd, |i| things.get(i).map_or(0.0, |look| look[d])));
+    let mut nearest = f32x8::splat(simd, 0.0);
+    let Some((known, sums)) = sums.split_last_mut() else { return };
+    for (i, (example, weights)) in examples.iter().zip(weights).enumerate() {
+        let mut distance_2 = f32x8::splat(simd, 0.0);
+        for (own, other) in own.iter().zip(example) {
+            let difference = *own - *other;
+            distance_2 = difference.mul_add(difference, distance_2);
+        }
+        let alike = exp2(simd, (distance_2 * (-0.5 * LOG2_E)).max(f32x8::splat(simd, -126.0)));
+        if i < num_shown_by {
+            nearest = nearest.max(alike);
+        }
+        for (sum, weight) in sums.iter_mut().zip(weights) {
+            let so_far = f32x8::load_array_ref(simd, sum);
+            *sum = alike.mul_add(f32x8::splat(simd, *weight), so_far).to_array();
+        }
+    }
+    sums.iter_mut().flatten().for_each(|sum| *sum = sum.clamp(0.0, 1.0));
+    *known = nearest.to_array().map(|v| v.powf(2.0 * LN_2 / (KNOWN * KNOWN)));
 }
 
 /// Returns at most `most` of some things, evenly spread over them.

@@ -12,6 +12,7 @@
 
 mod carried;
 mod cells;
+mod conjugate;
 mod correction;
 mod entry;
 mod evidence;

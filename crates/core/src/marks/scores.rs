@@ -1,6 +1,7 @@
 //! Scores of one frame, and where they are in doubt.
 
 use crate::grid::{Grid, Mask};
+use rayon::prelude::*;
 
 /// Side of the squares whose mean doubt is compared, px.
 const LOOKED_AT_PX: usize = 32;
@@ -70,12 +71,9 @@ impl FrameScores {
 
 /// Turns shares into scores: p / (p + the largest of the others), nothing being one of them.
 pub(super) fn scores(shares: &[Vec<f32>], width: usize, height: usize) -> FrameScores {
-    let pixels = width * height;
-    let mut planes = vec![vec![0.0; pixels]; shares.len()];
-    let mut doubt = vec![0.0; pixels];
-    for i in 0..pixels {
+    // The two largest of each pixel, and the place of the largest.
+    let likeliest = |i: usize| {
         let none = (1.0 - shares.iter().map(|plane| plane[i]).sum::<f32>()).max(0.0);
-        // The two largest, and the place of the largest.
         let (mut first, mut second, mut place) = (none, 0.0, usize::MAX);
         for (k, plane) in shares.iter().enumerate() {
             if plane[i] > first {
@@ -84,12 +82,20 @@ pub(super) fn scores(shares: &[Vec<f32>], width: usize, height: usize) -> FrameS
                 second = plane[i];
             }
         }
-        for (k, plane) in planes.iter_mut().enumerate() {
-            let (own, other) = (shares[k][i], if k == place { second } else { first });
-            plane[i] = if own > 0.0 { own / (own + other) } else { 0.0 };
-        }
-        doubt[i] = 1.0 - (first - second);
+        (first, second, place)
+    };
+    let likeliest: Vec<(f32, f32, usize)> =
+        (0..width * height).into_par_iter().with_min_len(4096).map(likeliest).collect();
+    let plane = |(k, shares): (usize, &Vec<f32>)| {
+        let score = |(own, (first, second, place)): (&f32, &(f32, f32, usize))| {
+            let other = if k == *place { second } else { first };
+            if *own > 0.0 { own / (own + other) } else { 0.0 }
+        };
+        Grid::from_vec(width, height, shares.iter().zip(&likeliest).map(score).collect())
+    };
+    let doubt = likeliest.iter().map(|(first, second, _)| 1.0 - (first - second)).collect();
+    FrameScores {
+        scores: shares.par_iter().enumerate().map(plane).collect(),
+        doubt: Grid::from_vec(width, height, doubt),
     }
-    let grid = |data| Grid::from_vec(width, height, data);
-    FrameScores { scores: planes.into_iter().map(grid).collect(), doubt: grid(doubt) }
 }
