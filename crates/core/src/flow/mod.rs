@@ -32,15 +32,38 @@ const SHORTEST: usize = 2 * PATCH;
 /// Computes the displacement of every pixel: `to` at x + flow(x) looks like `from` at x. Luminance is
 /// 0 to 255; other values are clamped, NaN is 0. Images of two sizes, or with a side below 16 px, give zeros.
 pub fn optical_flow(from: &Grid<f32>, to: &Grid<f32>) -> Grid<Vector> {
+    coarse_to_fine(from, to, |from, to, start| refine::refined(from, to, search::searched(from, to, start)))
+}
+
+/// Computes [`optical_flow`] without its refinement, in 0.4 of the time. Things that part keep sharper borders,
+/// so that what is carried along the flow over many frames stays where it belongs.
+pub fn patch_flow(from: &Grid<f32>, to: &Grid<f32>) -> Grid<Vector> {
+    coarse_to_fine(from, to, search::searched)
+}
+
+/// Computes a flow of a few px, at full size alone.
+fn small_flow(from: &Grid<f32>, to: &Grid<f32>) -> Grid<Vector> {
+    let still = Grid::filled(from.width, from.height, [0.0; 2]);
+    if from.width.min(from.height) < SHORTEST { still } else { search::searched(from, to, &still) }
+}
+
+/// Computes a flow from the coarsest size to the half; `at` computes it at one size, near a given one.
+fn coarse_to_fine(
+    from: &Grid<f32>,
+    to: &Grid<f32>,
+    at: impl Fn(&Grid<f32>, &Grid<f32>, &Grid<Vector>) -> Grid<Vector> + Sync,
+) -> Grid<Vector> {
     let (width, height) = (from.width, from.height);
     if (width, height) != (to.width, to.height) || width.min(height) < SHORTEST {
         return Grid::filled(width, height, [0.0; 2]);
     }
-    let [from, to] = [from, to].map(pyramid::halvings);
-    let still = Grid::filled(1, 1, [0.0; 2]);
-    let half = from.iter().zip(&to).rev().fold(still, |coarse, (from, to)| {
-        let start = pyramid::doubled(&coarse, from.width, from.height);
-        refine::refined(from, to, search::searched(from, to, &start))
-    });
-    pyramid::doubled(&half, width, height)
+    // Its many short passes begin at once inside the pool.
+    rayon::scope(|_| {
+        let [from, to] = [from, to].map(pyramid::halvings);
+        let still = Grid::filled(1, 1, [0.0; 2]);
+        let half = from.iter().zip(&to).rev().fold(still, |coarse, (from, to)| {
+            at(from, to, &pyramid::doubled(&coarse, from.width, from.height))
+        });
+        pyramid::doubled(&half, width, height)
+    })
 }

@@ -4,6 +4,14 @@ use super::{Vector, search::PATCH};
 use crate::grid::Grid;
 use rayon::prelude::*;
 
+/// Pixels at least that one thread takes at once.
+const PIXELS_AT_ONCE: usize = 4096;
+
+/// Returns the number of rows that one thread takes at once.
+pub(super) fn rows_at_once(width: usize) -> usize {
+    PIXELS_AT_ONCE.div_ceil(width.max(1))
+}
+
 /// Computes every pixel by itself, rows in parallel.
 pub(super) fn each_pixel<T: Copy + Default + Send>(
     width: usize,
@@ -11,7 +19,8 @@ pub(super) fn each_pixel<T: Copy + Default + Send>(
     at: impl Fn(usize, usize) -> T + Sync,
 ) -> Grid<T> {
     let mut grid = Grid::filled(width, height, T::default());
-    grid.data.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
+    let rows = grid.data.par_chunks_mut(width.max(1)).with_min_len(rows_at_once(width));
+    rows.enumerate().for_each(|(y, row)| {
         row.iter_mut().enumerate().for_each(|(x, value)| *value = at(x, y));
     });
     grid

@@ -1,6 +1,6 @@
 //! Successive over-relaxation of a system with four neighbours and two unknowns for each pixel.
 
-use super::Vector;
+use super::{Vector, pyramid::rows_at_once};
 use crate::grid::Grid;
 use rayon::prelude::*;
 
@@ -66,7 +66,7 @@ pub(super) fn relax(cells: &Grid<Cell>, flow: &mut Grid<Vector>) {
 fn relax_half(cells: &Grid<Cell>, first: usize, half: &mut [Vector], others: &[Vector]) {
     let width = cells.width;
     let last = others.len() / width - 1;
-    half.par_chunks_exact_mut(width).enumerate().for_each(|(k, row)| {
+    half.par_chunks_exact_mut(width).with_min_len(rows_at_once(width)).enumerate().for_each(|(k, row)| {
         let cells = cells.row(2 * k + first);
         let [above, below] = [(k + first).saturating_sub(1), (k + first).min(last)]
             .map(|other| &others[other * width..][..width]);

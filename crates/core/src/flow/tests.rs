@@ -43,9 +43,23 @@ fn largest_error(flow: &Grid<Vector>, truth: Vector, margin: usize) -> f32 {
 fn a_shift_is_found() {
     for shift in [[0.6, -0.3], [2.3, -1.6], [-9.4, 6.7]] {
         let (from, to) = (texture(141, 118, [0.0; 2]), texture(141, 118, shift));
-        let error = largest_error(&optical_flow(&from, &to), shift, 40);
-        assert!(error < 0.05, "{shift:?} is missed by {error} px");
+        let flows = [(optical_flow(&from, &to), 0.05), (patch_flow(&from, &to), 0.25)];
+        for (flow, most) in flows {
+            let error = largest_error(&flow, shift, 40);
+            assert!(error < most, "{shift:?} is missed by {error} px");
+        }
     }
+}
+
+#[test]
+fn what_a_way_is_off_is_mended() {
+    let (from, to) = (texture(141, 118, [0.0; 2]), texture(141, 118, [5.3, -3.6]));
+    let way = Grid::filled(141, 118, [4.0, -2.0]);
+    assert!(largest_error(&way, [5.3, -3.6], 40) > 1.0);
+    let error = largest_error(&mended(&from, &to, &way), [5.3, -3.6], 40);
+    assert!(error < 0.25, "missed by {error} px");
+    let tiny = Grid::filled(9, 9, [1.0, 0.0]);
+    assert_eq!(mended(&texture(9, 9, [0.0; 2]), &texture(9, 9, [0.0; 2]), &tiny), tiny);
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Displacements one after the other, and what is left of them.
 
-use super::{Vector, optical_flow, pyramid};
+use super::{Vector, pyramid, small_flow};
 use crate::grid::Grid;
 use image::RgbImage;
 
@@ -19,12 +19,12 @@ pub fn joined(first: &Grid<Vector>, then: &Grid<Vector>) -> Grid<Vector> {
     })
 }
 
-/// Mends displacements: `to`, as it is seen along `way`, is compared with `from`, and the flow between both
-/// is put before `way`. Luminance is in 8-bit levels.
+/// Mends displacements: `to`, as it is seen along `way`, is compared with `from`, and the few px between both
+/// are put before `way`. Luminance is in 8-bit levels.
 pub fn mended(from: &Grid<f32>, to: &Grid<f32>, way: &Grid<Vector>) -> Grid<Vector> {
     let seen = pyramid::each_pixel(way.width, way.height, |x, y| {
         let [u, v] = way.at(x, y);
         pyramid::level_at(to, [x as f32 + u, y as f32 + v])
     });
-    joined(&optical_flow(from, &seen), way)
+    joined(&small_flow(from, &seen), way)
 }

@@ -14,8 +14,8 @@ use crate::grid::Mask;
 use image::RgbImage;
 use rayon::prelude::*;
 
-/// Number of squares across a picture, about: how far marks spread does not depend on its resolution.
-const ACROSS: usize = 213;
+/// Number of squares of a picture, about: how far marks spread does not depend on its resolution.
+const SQUARES: f32 = 25_600.0;
 /// Difference of brightness at which neighbours weigh e^(−½), and of hue, as [`opponents`] gives them.
 const BRIGHTNESS: f32 = 0.041;
 const HUE: f32 = 0.033;
@@ -88,7 +88,7 @@ struct Cells {
 impl Cells {
     /// Divides a picture of this size.
     fn of_picture(width: usize, height: usize) -> Self {
-        let side = ((width + ACROSS / 2) / ACROSS).max(1);
+        let side = ((width * height) as f32 / SQUARES).sqrt().round().max(1.0) as usize;
         Self { side, width, height, columns: width.div_ceil(side), rows: height.div_ceil(side) }
     }
 
@@ -197,7 +197,8 @@ mod tests {
 
     #[test]
     fn squares_grow_with_the_picture() {
-        let side = |width: usize| Cells::of_picture(width, width / 2).side;
-        assert_eq!([40, 320, 427, 640, 854, 1280, 1920].map(side), [1, 2, 2, 3, 4, 6, 9]);
+        let side = |size: [usize; 2]| Cells::of_picture(size[0], size[1]).side;
+        let sizes = [[40, 20], [320, 256], [427, 240], [640, 512], [854, 480], [1280, 720], [1920, 1080]];
+        assert_eq!(sizes.map(side), [1, 2, 2, 4, 4, 6, 9]);
     }
 }

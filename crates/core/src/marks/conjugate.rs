@@ -127,3 +127,34 @@ fn turn_some<S: Simd>(_: S, way: &mut [Lanes], states: &mut [State], step: Lanes
 fn total(sums: Vec<Lanes>) -> [f64; LANES] {
     std::array::from_fn(|k| sums.iter().map(|part| f64::from(part[k])).sum())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_between_two_seeds_lie_on_a_line() {
+        const N: usize = 300;
+        let links = Links::new(N, (1..N as u32).map(|i| (i - 1, i, 1.0)));
+        // The first system is 1 at the first thing and 0 at the last one, the second one the other way round.
+        let equation = |i: usize| {
+            let seed = if i == 0 || i == N - 1 { 1e3 } else { 0.0 };
+            let mut right = [0.0; LANES];
+            (right[0], right[1]) = if i == 0 { (seed, 0.0) } else { (0.0, seed) };
+            Equation { diagonal: [seed + links.degrees[i]; LANES], right, x: [0.0; LANES] }
+        };
+        let solved = solve(&links, (0..N).map(equation).collect());
+        for (i, values) in solved.iter().enumerate() {
+            let along = i as f32 / (N - 1) as f32;
+            assert!(
+                (values[0] - (1.0 - along)).abs() < 0.01 && (values[1] - along).abs() < 0.01,
+                "{values:?}"
+            );
+            assert_eq!(values[2..], [0.0; LANES - 2]);
+        }
+        let start = |i: usize| Equation { x: solved[i], ..equation(i) };
+        let again = solve(&links, (0..N).map(start).collect());
+        let change = again.iter().flatten().zip(solved.iter().flatten()).map(|(a, b)| (a - b).abs());
+        assert!(change.fold(0.0, f32::max) < 1e-3);
+    }
+}

@@ -7,6 +7,8 @@
 
 use super::means::window_means;
 use crate::grid::Grid;
+use fearless_simd::{Level, Simd, dispatch};
+use fearless_simd_macros::simd;
 use image::RgbImage;
 use rayon::prelude::*;
 
@@ -105,31 +107,55 @@ impl Guide {
         let (width, height) = (self.picture.width() as usize, self.picture.height() as usize);
         let raw = self.picture.as_raw();
         let mut out = vec![0.0; width * height];
-        let place = |at: usize, cells: usize| {
-            let at = ((at as f32 + 0.5) / CELL as f32 - 0.5).clamp(0.0, (cells - 1) as f32);
-            let low = at as usize;
-            (low, (low + 1).min(cells - 1), at - low as f32)
-        };
-        let columns: Vec<_> = (0..width).map(|x| place(x, fits.width)).collect();
+        let level = Level::new();
         out.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
-            let (top, bottom, down) = place(y, fits.height);
-            let line: Vec<[f32; 4]> = fits
-                .row(top)
-                .iter()
-                .zip(fits.row(bottom))
-                .map(|(a, b)| std::array::from_fn(|c| a[c] + down * (b[c] - a[c])))
-                .collect();
-            for (x, out) in row.iter_mut().enumerate() {
-                let (left, right, across) = columns[x];
-                let pixel = &raw[3 * (y * width + x)..3 * (y * width + x) + 3];
-                let fit = |c: usize| line[left][c] + across * (line[right][c] - line[left][c]);
-                let colour = |c: usize| f32::from(pixel[c]) / 255.0;
-                let value = fit(0) * colour(0) + fit(1) * colour(1) + fit(2) * colour(2) + fit(3);
-                *out = value.clamp(0.0, 1.0);
-            }
+            let at = ((y as f32 + 0.5) / CELL as f32 - 0.5).clamp(0.0, (fits.height - 1) as f32);
+            let (top, down) = (at as usize, at.fract());
+            let bottom = (top + 1).min(fits.height - 1);
+            let pairs = fits.row(top).iter().zip(fits.row(bottom));
+            let line: Vec<[f32; 4]> =
+                pairs.map(|(a, b)| std::array::from_fn(|c| a[c] + down * (b[c] - a[c]))).collect();
+            let pixels = raw[3 * y * width..3 * (y + 1) * width].as_chunks().0;
+            dispatch!(level, simd => apply_row(simd, &line, pixels, row));
         });
         out
     }
+}
+
+/// Applies coefficients at the middles of squares to a row of pixels.
+#[simd]
+fn apply_row<S: Simd>(_: S, fits: &[[f32; 4]], pixels: &[[u8; 3]], out: &mut [f32]) {
+    // Left of the first middle, between each two, and what is left over.
+    let first = (CELL / 2).min(out.len());
+    let (head, tail) = out.split_at_mut(first);
+    let (head_pixels, tail_pixels) = pixels.split_at(first);
+    let (blocks, rest) = tail.as_chunks_mut::<CELL>();
+    let (pixel_blocks, rest_pixels) = tail_pixels.as_chunks::<CELL>();
+    let num_blocks = blocks.len();
+    let between = |k: usize| [fits[k.min(fits.len() - 1)], fits[(k + 1).min(fits.len() - 1)]];
+    let some = |fits: [[f32; 4]; 2], pixels: &[[u8; 3]], out: &mut [f32]| {
+        let mut block = [[0; 3]; CELL];
+        block[..pixels.len()].copy_from_slice(pixels);
+        out.copy_from_slice(&applied(fits, &block)[..out.len()]);
+    };
+    some([fits[0]; 2], head_pixels, head);
+    for (k, (out, pixels)) in blocks.iter_mut().zip(pixel_blocks).enumerate() {
+        *out = applied(between(k), pixels);
+    }
+    some(between(num_blocks), rest_pixels, rest);
+}
+
+/// Applies coefficients to the pixels between two middles.
+#[inline(always)]
+fn applied([left, right]: [[f32; 4]; 2], pixels: &[[u8; 3]; CELL]) -> [f32; CELL] {
+    let fit = |c: usize, j: usize| left[c] + (j as f32 + 0.5) / CELL as f32 * (right[c] - left[c]);
+    let mut values: [f32; CELL] = std::array::from_fn(|j| fit(3, j));
+    for c in 0..3 {
+        for j in 0..CELL {
+            values[j] += fit(c, j) * (f32::from(pixels[j][c]) / 255.0);
+        }
+    }
+    values.map(|value| value.clamp(0.0, 1.0))
 }
 
 /// Means of squares of `cell`² pixels; the last ones of a row or column may be larger or smaller.
@@ -137,20 +163,26 @@ fn shrunk<const N: usize>(
     [width, height]: [usize; 2],
     cell: usize,
     [columns, rows]: [usize; 2],
-    at: impl Fn(usize) -> [f32; N],
+    at: impl Fn(usize) -> [f32; N] + Sync,
 ) -> Grid<[f32; N]> {
-    let mut sums = vec![([0.0; N], 0.0); columns * rows];
-    for y in 0..height {
-        let row = (y / cell).min(rows - 1) * columns;
-        for x in 0..width {
-            let value = at(y * width + x);
-            let (sum, count) = &mut sums[row + (x / cell).min(columns - 1)];
-            (0..N).for_each(|c| sum[c] += value[c]);
-            *count += 1.0;
+    let pixels =
+        |k: usize, count: usize, size: usize| k * cell..if k + 1 == count { size } else { (k + 1) * cell };
+    let mut means = Grid::filled(columns, rows, [0.0; N]);
+    means.data.par_chunks_mut(columns.max(1)).with_min_len(16).enumerate().for_each(|(row, means)| {
+        let ys = pixels(row, rows, height);
+        for (column, mean) in means.iter_mut().enumerate() {
+            let xs = pixels(column, columns, width);
+            for y in ys.clone() {
+                for x in xs.clone() {
+                    let value = at(y * width + x);
+                    (0..N).for_each(|c| mean[c] += value[c]);
+                }
+            }
+            let count = (xs.len() * ys.len()) as f32;
+            mean.iter_mut().for_each(|v| *v /= count);
         }
-    }
-    let mean = |(sum, count): ([f32; N], f32)| sum.map(|v| v / count);
-    Grid::from_vec(columns, rows, sums.into_iter().map(mean).collect())
+    });
+    means
 }
 
 /// Inverse of a symmetric matrix: xx, xy, xz, yy, yz, zz.

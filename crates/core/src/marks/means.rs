@@ -2,24 +2,37 @@
 
 use rayon::prelude::*;
 
+/// Rows that one thread takes at once.
+const ROWS_AT_ONCE: usize = 16;
+
 /// Returns means over squares of 2 `reach` + 1 pixels, cut at the border.
 pub(super) fn window_means(values: &[f32], [width, height]: [usize; 2], reach: usize) -> Vec<f32> {
     let window = |at: usize, size: usize| at.saturating_sub(reach)..(at + reach + 1).min(size);
     let mut rows = vec![0.0; values.len()];
-    rows.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
-        let line = &values[y * width..(y + 1) * width];
+    let lines = rows.par_chunks_mut(width.max(1)).zip(values.par_chunks(width.max(1)));
+    lines.with_min_len(ROWS_AT_ONCE).for_each_init(Vec::new, |sums, (row, line)| {
+        // Sums of all values before each one.
+        sums.clear();
+        sums.push(0.0);
+        let mut sum = 0.0;
+        sums.extend(line.iter().map(|v| {
+            sum += f64::from(*v);
+            sum
+        }));
         for (x, mean) in row.iter_mut().enumerate() {
-            let window = &line[window(x, width)];
-            *mean = window.iter().sum::<f32>() / window.len() as f32;
+            let window = window(x, width);
+            *mean = ((sums[window.end] - sums[window.start]) / window.len() as f64) as f32;
         }
     });
     let mut out = vec![0.0; values.len()];
-    out.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
+    let lines = out.par_chunks_mut(width.max(1)).with_min_len(ROWS_AT_ONCE);
+    lines.enumerate().for_each(|(y, row)| {
         let window = window(y, height);
-        let lines = window.len() as f32;
+        let part = 1.0 / window.len() as f32;
         for other in window {
-            row.iter_mut().zip(&rows[other * width..(other + 1) * width]).for_each(|(o, v)| *o += v / lines);
+            row.iter_mut().zip(&rows[other * width..(other + 1) * width]).for_each(|(o, v)| *o += v);
         }
+        row.iter_mut().for_each(|o| *o *= part);
     });
     out
 }

@@ -5,7 +5,7 @@
 
 use crate::{
     Result,
-    flow::{Vector, joined, mended, optical_flow},
+    flow::{Vector, joined, mended, patch_flow},
     grid::Grid,
 };
 use std::collections::BTreeMap;
@@ -46,7 +46,7 @@ impl Trail {
             let (next, end) = if frame > last { (last + 1, 1) } else { (last - 1, 0) };
             if !self.ways.contains_key(&next) {
                 let here = luma(next)?;
-                let mut way = joined(&optical_flow(&here, &self.ends[end]), &self.ways[&last]);
+                let mut way = joined(&patch_flow(&here, &self.ends[end]), &self.ways[&last]);
                 if self.mends {
                     way = mended(&here, &self.luma, &way);
                 }

@@ -1,5 +1,5 @@
 //! `bench marks`: what is marked on a frame or a few, against the labels of all others, for every way of
-//! marking and without single parts of the method; optical flow alone beside it.
+//! marking and without single parts of the method; flow alone beside it.
 
 mod rules;
 
@@ -20,7 +20,7 @@ use std::{
 use surgtpgs_core::{
     Error, Result,
     files::Inputs,
-    flow::{Vector, joined, luma, optical_flow},
+    flow::{Vector, joined, luma, optical_flow, patch_flow},
     grid::{Grid, Mask},
     marks::{Canvas, Carried, CarrySettings, Graph, LookHere, Mark, Marks, Shape},
     mask::threshold,
@@ -78,7 +78,8 @@ impl Measure for BenchMarksArgs {
             outcomes.push(outcome);
         };
         for (name, frame) in [("full masks", middle), ("full masks of frame 0", 0)] {
-            add(bench.by_flow(&format!("{name}, optical flow alone"), frame)?);
+            add(bench.by_flow(&format!("{name}, optical flow alone"), frame, optical_flow)?);
+            add(bench.by_flow(&format!("{name}, patch flow alone"), frame, patch_flow)?);
             add(bench.by_rule(name, Rule::Mask, &[frame], CarrySettings::default())?);
         }
         for (name, settings) in parts() {
@@ -110,6 +111,9 @@ fn parts() -> [(&'static str, CarrySettings); 3] {
         ("borders not refined", CarrySettings { refines: false, ..whole }),
     ]
 }
+
+/// Displacement of every pixel of one frame in another one.
+type Flow = fn(&Grid<f32>, &Grid<f32>) -> Grid<Vector>;
 
 /// A scene and its labelled recording.
 struct Bench {
@@ -220,7 +224,7 @@ impl Bench {
     }
 
     /// Carries the labels of a frame along the flow from frame to frame, as if there were no scene.
-    fn by_flow(&self, way: &str, marked: usize) -> Result<Outcome> {
+    fn by_flow(&self, way: &str, marked: usize, flow: Flow) -> Result<Outcome> {
         let labels = self.truth(marked)?;
         let gray = |frame: usize| -> Result<Grid<f32>> { Ok(luma(&self.sequence.frame(frame)?)) };
         let mut ways: BTreeMap<usize, Grid<Vector>> = BTreeMap::new();
@@ -228,7 +232,7 @@ impl Bench {
         let after = (marked + 1..self.canvas.num_frames).map(|frame| (frame, frame - 1));
         let before = (0..marked).rev().map(|frame| (frame, frame + 1));
         for (frame, next) in after.chain(before) {
-            let step = optical_flow(&gray(frame)?, &gray(next)?);
+            let step = flow(&gray(frame)?, &gray(next)?);
             ways.insert(frame, joined(&step, &ways[&next]));
         }
         let found = |frame: usize| Ok(labels.iter().map(|mask| seen_along(mask, &ways[&frame])).collect());
