@@ -149,13 +149,11 @@ fn apply_row<S: Simd>(_: S, fits: &[[f32; 4]], pixels: &[[u8; 3]], out: &mut [f3
 #[inline(always)]
 fn applied([left, right]: [[f32; 4]; 2], pixels: &[[u8; 3]; CELL]) -> [f32; CELL] {
     let fit = |c: usize, j: usize| left[c] + (j as f32 + 0.5) / CELL as f32 * (right[c] - left[c]);
-    let mut values: [f32; CELL] = std::array::from_fn(|j| fit(3, j));
-    for c in 0..3 {
-        for j in 0..CELL {
-            values[j] += fit(c, j) * (f32::from(pixels[j][c]) / 255.0);
-        }
-    }
-    values.map(|value| value.clamp(0.0, 1.0))
+    let value = |j: usize| {
+        let colour = pixels[j].map(|level| f32::from(level) / 255.0);
+        fit(3, j) + fit(0, j) * colour[0] + fit(1, j) * colour[1] + fit(2, j) * colour[2]
+    };
+    std::array::from_fn(|j| value(j).clamp(0.0, 1.0))
 }
 
 /// Means of squares of `cell`² pixels; the last ones of a row or column may be larger or smaller.
