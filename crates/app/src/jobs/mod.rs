@@ -23,4 +23,4 @@ pub use export::{ExportQuestion, ExportRequest, export};
 pub use material::Material;
 pub use prepare::{FeatureSource, PrepareOptions, faults_of_models, prepare, prepare_folder};
 pub use surgtpgs_core::progress::{Observer, Progress};
-pub use train::{Trained, checkpoint_path, go_on, remove_file, train, train_watched};
+pub use train::{TRAINING, Trained, checkpoint_path, go_on, remove_file, train, train_watched};

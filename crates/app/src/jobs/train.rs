@@ -63,6 +63,9 @@ pub fn checkpoint_path(scene: &Path) -> PathBuf {
     scene.with_extension("unfinished")
 }
 
+/// Stage of the training itself.
+pub const TRAINING: &str = "training";
+
 /// Seconds between two checkpoints.
 const CHECKPOINT_SECONDS: f64 = 120.0;
 
@@ -111,7 +114,7 @@ fn steps(
         let per_second = done_here / training_started.elapsed().as_secs_f64().max(1e-9);
         let detail =
             format!("loss {:.4}, {} Gaussians, {per_second:.0} steps/s{psnr}", report.loss, report.gaussians);
-        let progress = Progress { stage: "training", done: report.step, total, detail: &detail };
+        let progress = Progress { stage: TRAINING, done: report.step, total, detail: &detail };
         let stop = observer(&progress).is_break() && report.step < total;
         if let Some(path) = checkpoint
             && (stop || trainer.seconds() > kept_at + CHECKPOINT_SECONDS)

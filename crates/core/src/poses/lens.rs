@@ -6,7 +6,11 @@ use super::{
     build::Builder,
     tracks::Track,
 };
-use crate::camera::Camera;
+use crate::{
+    Result,
+    camera::Camera,
+    progress::{Observer, Progress},
+};
 use glam::DVec2;
 use rayon::prelude::*;
 
@@ -57,15 +61,23 @@ impl Lens {
 
 /// Returns the factor from the focal length of `lens` to the one that explains the tracks best. `None` unless
 /// what is left unexplained rises all the way on both sides of it, and clearly: then the tracks do not tell.
-pub(super) fn find_zoom(tracks: &[Track], lens: &Lens) -> Option<f64> {
+///
+/// # Errors
+/// The observer's wish to stop.
+pub(super) fn find_zoom(tracks: &[Track], lens: &Lens, observer: &mut Observer<'_>) -> Result<Option<f64>> {
     let begun: Vec<Track> = tracks.iter().map(first_frames).filter(|t| t.len() >= SHORTEST_TRACK).collect();
     let every = begun.len().div_ceil(POINTS).max(1);
     let chosen: Vec<Track> = begun.into_iter().step_by(every).collect();
     if chosen.len() < FEWEST_POINTS {
-        return None;
+        return Ok(None);
     }
-    let costs: Vec<f64> = ZOOMS.par_iter().map(|zoom| cost(&chosen, &lens.zoomed(*zoom))).collect();
-    lowest(&costs)
+    let mut costs: Vec<f64> = Vec::with_capacity(ZOOMS.len());
+    // As many at once as there are threads, so that a wish to stop is heard between them.
+    for zooms in ZOOMS.chunks(rayon::current_num_threads()) {
+        Progress::new("looking for the lens", costs.len(), ZOOMS.len()).tell(observer)?;
+        costs.par_extend(zooms.par_iter().map(|zoom| cost(&chosen, &lens.zoomed(*zoom))));
+    }
+    Ok(lowest(&costs))
 }
 
 /// Returns the sights of a track in the first frames.

@@ -163,9 +163,9 @@ pub fn estimate(
     if used.len() < SHORTEST_TRACK || 1.0 - still_share < LEAST_GAIN {
         return Ok(path);
     }
-    Progress::new("finding the scope's path", 0, 1).tell(observer)?;
     let is_assumed = matches!(sequence.camera_source(), CameraSource::Assumed(_));
-    let zoom = if is_assumed { find_zoom(&tracks, &lens) } else { None };
+    let zoom = if is_assumed { find_zoom(&tracks, &lens, observer)? } else { None };
+    Progress::new("finding the scope's path", 0, 1).tell(observer)?;
     let lens = zoom.map_or(lens, |zoom| lens.zoomed(zoom));
     let mut builder = Builder::new(used.len(), lens.landmarks(&tracks), lens.focal_px());
     if let Some(slot) = builder.build() {

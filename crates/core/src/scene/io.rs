@@ -1,6 +1,8 @@
 //! Scenes in files: reads and writes them whole.
 
-use super::{Scene, file, file::chapters::ChapterFile, gltf, ply, ply::ReferenceWeights, spz, web};
+use super::{
+    Provenance, Scene, file, file::chapters::ChapterFile, gltf, ply, ply::ReferenceWeights, spz, web,
+};
 use crate::{
     Error, Result,
     codec::Codec,
@@ -24,6 +26,13 @@ impl Scene {
                 || spz::is_own(&start)
                 || web::is_own(&start)
                 || file::is_own(path))
+    }
+    /// Reads the record of how the scene in a file was made, without its Gaussians; `None` if there is none.
+    pub fn provenance_of(path: &Path) -> Option<Provenance> {
+        match ChapterFile::open(path, open_regular(path).ok()?).ok()? {
+            Some(chapters) => chapters.provenance(),
+            None => file::provenance(path),
+        }
     }
     /// Returns the bytes of the scene file.
     pub fn to_bytes(&self) -> Result<Vec<u8>> {

@@ -88,6 +88,8 @@ pub(crate) struct Info {
     pub(crate) notes: Vec<(String, String)>,
     /// Folder that can be written to, for files made of the scene or recording.
     pub(crate) output_folder: PathBuf,
+    /// Newest reconstruction of a recording under a name that is offered for it.
+    pub(crate) made_before: Option<PathBuf>,
 }
 
 impl Info {
@@ -319,6 +321,12 @@ impl ModelFaults {
     pub(crate) fn is_none(&self) -> bool {
         self.masks.is_none() && self.images.is_none() && self.texts.is_none()
     }
+}
+
+/// Returns the path that is offered for the `number`th reconstruction of a recording, from 1 on.
+pub(crate) fn scene_path(folder: &Path, name: &str, number: usize) -> PathBuf {
+    let number = if number == 1 { String::new() } else { format!("-{number}") };
+    folder.join(format!("{name}{number}.safetensors"))
 }
 
 /// Beginning of the names of stages before the training itself.

@@ -21,7 +21,7 @@ pub(crate) const NOT_SAVED: &str = "not saved yet";
 /// Progress of a task.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Progress {
-    /// Name of the stage, e.g. "Learning".
+    /// Name of the stage, e.g. "training".
     pub(crate) stage: String,
     pub(crate) done: usize,
     pub(crate) total: usize,
@@ -62,7 +62,12 @@ pub(crate) enum TaskEvent<T, U = ()> {
 enum News<U> {
     Progress(Progress),
     Update(U),
+    Note(U),
 }
+
+/// Time within which progress is shown. A step of a training takes less than drawing the window may take on a
+/// computer without a GPU, which would leave no processor to the training.
+const PROGRESS_WITHIN: Duration = Duration::from_millis(500);
 
 /// The task's own side of a [`Task`].
 pub(crate) struct TaskContext<U = ()> {
@@ -89,6 +94,11 @@ impl<U> TaskContext<U> {
     /// Tells the window an intermediate state, or other news.
     pub(crate) fn update(&self, update: U) {
         (self.report)(News::Update(update));
+    }
+
+    /// Tells the window news that can wait until it draws the next progress.
+    pub(crate) fn note(&self, note: U) {
+        (self.report)(News::Note(note));
     }
 
     /// Returns the time between two previews; `None` if nobody wants to see them.
@@ -174,7 +184,8 @@ pub(crate) struct Task<T, U = ()> {
 }
 
 impl<T: Send + 'static, U: Send + 'static> Task<T, U> {
-    /// Starts `work` on a thread of its own; `ctx` is repainted whenever the task reports something.
+    /// Starts `work` on a thread of its own; `ctx` is repainted when the task reports something, and soon when
+    /// that is progress.
     pub(crate) fn start(
         name: &str,
         ctx: &egui::Context,
@@ -270,12 +281,13 @@ fn context<T: Send + 'static, U: Send + 'static>(
     wishes: Arc<Wishes>,
 ) -> TaskContext<U> {
     let report = move |news: News<U>| {
-        let event = match news {
-            News::Progress(progress) => TaskEvent::Progress(progress),
-            News::Update(update) => TaskEvent::Update(update),
+        let (event, shown_within) = match news {
+            News::Progress(progress) => (TaskEvent::Progress(progress), Some(PROGRESS_WITHIN)),
+            News::Update(update) => (TaskEvent::Update(update), Some(Duration::ZERO)),
+            News::Note(note) => (TaskEvent::Update(note), None),
         };
-        if sender.send(event).is_ok() {
-            repaint.request_repaint();
+        if let (Ok(()), Some(within)) = (sender.send(event), shown_within) {
+            repaint.request_repaint_after(within);
         }
     };
     let stage_began = Mutex::new((String::new(), std::time::Instant::now()));
@@ -310,6 +322,34 @@ mod tests {
         });
         assert!(matches!(wait(&mut task), TaskEvent::Done(Ok(7))));
         assert_eq!((task.progress.done, task.progress.fraction()), (3, 0.75));
+    }
+
+    #[test]
+    fn progress_is_drawn_soon_and_news_at_once() {
+        let ctx = egui::Context::default();
+        let delays = Arc::new(Mutex::new(Vec::new()));
+        let asked = delays.clone();
+        ctx.set_request_repaint_callback(move |info| lock(&asked).push(info.delay));
+        let mut task = Task::start("test", &ctx, |task: &TaskContext<i32>| {
+            (0..100).for_each(|step| {
+                task.note(step);
+                task.progress("counting", step as usize, 100, String::new());
+            });
+            task.update(7);
+            Ok(())
+        });
+        let mut news = Vec::new();
+        loop {
+            match task.poll() {
+                Some(TaskEvent::Update(update)) => news.push(update),
+                Some(_) => break,
+                None => std::thread::yield_now(),
+            }
+        }
+        assert_eq!(news, (0..100).chain([7]).collect::<Vec<_>>());
+        let delays = lock(&delays);
+        assert_eq!((delays[0], delays.last()), (PROGRESS_WITHIN, Some(&Duration::ZERO)));
+        assert!(delays.len() < 5, "{delays:?}");
     }
 
     #[test]

@@ -5,6 +5,7 @@ use crate::viewer::{
     backend::{
         Backend, TrainRequest, Words,
         paths::{PathAsk, PathKind, Picked},
+        scene_path,
         task::{Task, TaskEvent},
     },
     command::{Command, entry},
@@ -103,8 +104,7 @@ impl Asked {
 
 /// Returns the path of a scene file that does not exist yet, so that nothing is overwritten.
 fn free_file(folder: &Path, name: &str, planned: &[PathBuf]) -> PathBuf {
-    let numbered = |i: usize| if i == 1 { name.to_owned() } else { format!("{name}-{i}") };
-    let path = |i| folder.join(format!("{}.safetensors", numbered(i)));
+    let path = |i| scene_path(folder, name, i);
     (1..1000).map(path).find(|p| !p.exists() && !planned.contains(p)).unwrap_or_else(|| path(1000))
 }
 
@@ -150,12 +150,23 @@ fn offer_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
         ui.label(caption("It is reconstructed as soon as it is there."));
         return;
     }
-    ui.label("This recording has not been reconstructed yet.");
-    ui.add_space(4.0);
-    let button = egui::Button::new(RichText::new(entry(Command::Reconstruct).label).size(17.0));
     let size = [ui.available_width(), 40.0];
+    let large = |label: &str| egui::Button::new(RichText::new(label).size(17.0)).fill(theme::SELECTION);
+    let reconstruct = entry(Command::Reconstruct).label;
     let can_start = shared.is_enabled(Command::Reconstruct);
-    let response = ui.add_enabled_ui(can_start, |ui| ui.add_sized(size, button.fill(theme::SELECTION))).inner;
+    let response = if let Some(made) = shared.info().and_then(|info| info.made_before.as_ref()) {
+        ui.label("This recording was reconstructed before.");
+        ui.add_space(4.0);
+        let response = ui.add_sized(size, large("Open the reconstruction"));
+        if response.on_hover_text(shared.path_name(made)).clicked() {
+            actions.push(Action::Open(made.clone()));
+        }
+        ui.add_enabled(can_start, egui::Button::new(reconstruct))
+    } else {
+        ui.label("This recording has not been reconstructed yet.");
+        ui.add_space(4.0);
+        ui.add_enabled_ui(can_start, |ui| ui.add_sized(size, large(reconstruct))).inner
+    };
     if response.on_hover_text(shared.tooltip(Command::Reconstruct)).clicked() {
         actions.push(Action::Run(Command::Reconstruct));
     }

@@ -1,12 +1,15 @@
 //! The reconstruction of a recording: its check before, its training, and what was finished meanwhile.
 
-use crate::viewer::{
-    backend::{
-        Backend, Checked, Info, PREPARING, TrainNews, TrainRequest, Words,
-        task::{Progress, Task, TaskEvent},
+use crate::{
+    jobs::TRAINING,
+    viewer::{
+        backend::{
+            Backend, Checked, Info, TrainNews, TrainRequest, Words,
+            task::{Progress, Task, TaskEvent},
+        },
+        remedy::message,
+        state::loss_curve::LossCurve,
     },
-    remedy::message,
-    state::loss_curve::LossCurve,
 };
 use egui::Context;
 use std::{
@@ -129,16 +132,15 @@ impl Training {
 
     /// Returns `true` during the work before the training itself.
     pub(crate) fn is_preparing(&self) -> bool {
-        self.task.progress.stage.starts_with(PREPARING)
+        !self.whole.has_begun
     }
 
     /// Takes the latest progress: how far the whole work is, and the pace that later trainings are estimated
     /// from.
     pub(crate) fn follow(&mut self) {
-        let is_preparing = self.is_preparing();
         let progress = &self.task.progress;
-        self.whole.follow(progress, is_preparing);
-        if !is_preparing {
+        self.whole.follow(progress);
+        if progress.stage == TRAINING {
             self.seconds_per_step = pace(progress, self.quality).or(self.seconds_per_step);
         }
     }
@@ -155,8 +157,12 @@ impl Training {
 
     /// Returns the seconds that the whole work will still take; `None` before there is a pace.
     pub(crate) fn seconds_left(&self) -> Option<f64> {
-        let later = if self.is_preparing() { self.expected_seconds } else { 0.0 };
-        self.task.progress.seconds_left().map(|left| left + later)
+        let left = self.task.progress.seconds_left()?;
+        if self.task.progress.stage == TRAINING {
+            return Some(left);
+        }
+        // Between two parts of a long recording, the time of those that follow is not known.
+        self.is_preparing().then_some(left + self.expected_seconds)
     }
 
     /// Reads the available memory, at most once a second.
@@ -187,32 +193,38 @@ struct WholeWork {
     seconds_before: f64,
     seconds: f64,
     fraction: f32,
+    /// `true` once the training itself has begun.
+    has_begun: bool,
 }
 
 impl WholeWork {
     /// Plans the work by what makes words known: labels are read in a moment, networks take most of the time.
     fn of(words: &Words) -> Self {
         let before = match words {
-            Words::Nothing => (0.0, 1),
-            Words::Labels => (0.1, 5),
-            Words::Models(_) => (0.6, 7),
+            Words::Nothing => (0.1, 4),
+            Words::Labels => (0.1, 8),
+            Words::Models(_) => (0.6, 10),
         };
         Self { before, ..Self::default() }
     }
 
-    /// Takes the progress of a stage. The whole never goes back.
-    fn follow(&mut self, progress: &Progress, is_before: bool) {
+    /// Takes the progress of a stage. The whole never goes back. Each part of a long recording has stages before
+    /// its training; they count for the first part alone.
+    fn follow(&mut self, progress: &Progress) {
         if self.stages.last() != Some(&progress.stage) {
             self.seconds_before += self.seconds;
             self.stages.push(progress.stage.clone());
         }
         self.seconds = progress.seconds;
         let (share, num_stages) = self.before;
-        let fraction = if is_before {
+        let fraction = if progress.stage == TRAINING {
+            self.has_begun = true;
+            share + (1.0 - share) * progress.fraction()
+        } else if self.has_begun {
+            self.fraction
+        } else {
             let stages = (self.stages.len() - 1) as f32 + progress.fraction();
             share * (stages / num_stages as f32).min(1.0)
-        } else {
-            share + (1.0 - share) * progress.fraction()
         };
         self.fraction = self.fraction.max(fraction);
     }
@@ -233,32 +245,27 @@ mod tests {
     }
 
     #[test]
-    fn looking_at_a_recording_without_words_is_no_progress_of_its_training() {
-        let mut whole = WholeWork::of(&Words::Nothing);
-        whole.follow(&Progress { done: 9, total: 10, ..Progress::default() }, true);
-        assert_eq!(whole.fraction, 0.0);
-    }
-
-    #[test]
     fn stages_make_one_progress_that_never_goes_back() {
-        let mut whole = WholeWork::of(&Words::Labels);
-        let mut last = 0.0;
-        let stages =
-            [("reading", true), ("codec", true), ("a", true), ("b", true), ("c", true), ("training", false)];
-        for (stage, is_before) in stages {
-            for done in 0..=10 {
-                let progress = Progress {
-                    stage: stage.into(),
-                    done,
-                    total: 10,
-                    detail: String::new(),
-                    seconds: done as f64,
-                };
-                whole.follow(&progress, is_before);
-                assert!((last..=1.0).contains(&whole.fraction), "{stage} {done}");
-                last = whole.fraction;
+        let stages = ["looking", "path", "points", TRAINING, "points", TRAINING];
+        for words in [Words::Nothing, Words::Labels] {
+            let mut whole = WholeWork::of(&words);
+            let mut last = 0.0;
+            for (k, stage) in stages.into_iter().enumerate() {
+                for done in 0..=10 {
+                    let (done, total) = match (stage, k) {
+                        (TRAINING, 3) => (done, 20),
+                        (TRAINING, _) => (done + 10, 20),
+                        _ => (done, 10),
+                    };
+                    whole.follow(&Progress { stage: stage.into(), done, total, ..Progress::default() });
+                    assert!((last..=1.0).contains(&whole.fraction), "{stage} {done}");
+                    last = whole.fraction;
+                }
+                let most = [0.1, 0.1, 0.1, 0.55, 0.55, 1.0][k];
+                assert!(whole.fraction <= most + 1e-6, "{} after {k} stages", whole.fraction);
+                assert_eq!(whole.has_begun, k >= 3);
             }
+            assert_eq!(whole.fraction, 1.0);
         }
-        assert_eq!((whole.fraction, whole.seconds_before), (1.0, 50.0));
     }
 }

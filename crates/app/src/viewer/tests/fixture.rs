@@ -1,6 +1,7 @@
 //! A fake that answers in place of the engine, and a window on it.
 
 use super::*;
+use crate::jobs::TRAINING;
 
 pub(super) const SIZE: (u32, u32) = (32, 24);
 pub(super) const FRAMES: usize = 48;
@@ -207,7 +208,7 @@ impl Backend for FakeBackend {
         *self.available_bytes.lock().unwrap()
     }
     fn reconstruct(&self, request: &TrainRequest, task: &TaskContext<TrainNews>) -> Result<PathBuf> {
-        task.progress("Learning", 10, request.quality.steps(), "100 Gaussians".into());
+        task.progress(TRAINING, 10, request.quality.steps(), "100 Gaussians".into());
         let (path, recording) = (request.recording.clone(), Some(request.recording.clone()));
         let info = Info { path, recording, has_reconstruction: true, ..self.info.clone() };
         task.update(TrainNews::Preview(Box::new(Fake { info, gate: None, marks: Vec::new() })));
@@ -218,7 +219,7 @@ impl Backend for FakeBackend {
             let terms = LossTerms { colour: 1.0 / step as f32, depth: 0.01, ..Default::default() };
             task.update(TrainNews::Step(step, terms));
             let steps = request.quality.steps();
-            task.progress("Learning", step.min(steps - 1), steps, String::new());
+            task.progress(TRAINING, step.min(steps - 1), steps, String::new());
             std::thread::sleep(std::time::Duration::from_millis(1));
         }
         let stops = task.num_stops();

@@ -498,7 +498,7 @@ fn a_recording_is_reconstructed_in_the_window_and_stopping_keeps_what_was_learne
     window.click("Reconstruct…");
     window.click("Start");
     window.until(|app| app.document.mode == ViewMode::SideBySide);
-    assert!(window.shows("Reconstructing: Learning"));
+    assert!(window.shows("Reconstructing: training"));
     window.press(Key::ArrowRight);
     window.until_picture(|p| p.request.view.frame == 1 && p.reconstruction.is_some());
     window.click("Pause");

@@ -67,6 +67,15 @@ fn bare() -> Info {
 }
 
 #[test]
+fn what_was_reconstructed_before_is_offered_first() {
+    let made = Path::new("/data/clip.safetensors");
+    let mut window = Window::on(Info { made_before: Some(made.into()), ..bare() });
+    assert!(window.shows("was reconstructed before") && window.shows("Reconstruct…"));
+    window.click("Open the reconstruction");
+    window.until(|app| app.info().is_some_and(|i| i.path == made));
+}
+
+#[test]
 fn a_recording_is_checked_when_it_is_opened_and_its_masks_can_be_flipped() {
     let inverted = CheckReport {
         ok: false,
@@ -115,7 +124,7 @@ fn what_was_learned_waits_for_room_also_after_stopping_until_it_is_given_up() {
     window.press(Key::Escape);
     window.click("Reconstruct…");
     window.click("Start");
-    window.until_shown("Reconstructing: Learning");
+    window.until_shown("Reconstructing: training");
     window.click("Stop and keep what was learned");
     window.until_shown("Reconstructing: not saved yet");
     window.backend.is_disk_full.store(false, Ordering::Relaxed);
@@ -128,7 +137,7 @@ fn whatever_else_is_opened_stays_and_the_reconstruction_is_offered() {
     let mut window = training();
     let ctx = window.harness.ctx.clone();
     window.harness.state_mut().shared.open_path(Path::new("/data/other.safetensors"), &ctx);
-    window.until_shown("Reconstructing clip.safetensors: Learning");
+    window.until_shown("Reconstructing clip.safetensors: training");
     let is_other = |app: &Shared| app.info().is_some_and(|i| i.path == Path::new("/data/other.safetensors"));
     assert!(is_other(&window.harness.state().shared));
     window.click("Stop and keep what was learned");
@@ -145,7 +154,7 @@ fn a_scene_is_reconstructed_again_from_its_recording_and_shown_meanwhile() {
     window.press_with(Modifiers::COMMAND, Key::R);
     window.harness.step();
     window.click("Start");
-    window.until_shown("Reconstructing: Learning");
+    window.until_shown("Reconstructing: training");
     let app = &window.harness.state().shared;
     assert_eq!(app.info().unwrap().path, Path::new("/data/clip.safetensors"));
     assert!(app.is_enabled(crate::viewer::command::Command::Export));

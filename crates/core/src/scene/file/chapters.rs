@@ -119,6 +119,11 @@ impl ChapterFile {
         first.map_or(Ok(scene.clone()), |first| scene.of_chapter(first))
     }
 
+    /// Reads the record of the scene; `None` if it cannot be read.
+    pub(in crate::scene) fn provenance(&self) -> Option<Provenance> {
+        self.index.scene().ok().map(|scene| scene.provenance)
+    }
+
     /// Returns the number of bytes of the largest chapter.
     pub(in crate::scene) fn largest_bytes(&self) -> u64 {
         self.chapters.iter().map(|(_, part)| part.len()).max().unwrap_or(0)

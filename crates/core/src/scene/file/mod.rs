@@ -176,6 +176,17 @@ pub(super) fn pack_bits(mask: &Mask) -> Vec<u8> {
 
 /// Tells if the file at `path` is a safetensors file that names this program in its metadata.
 pub(super) fn is_own(path: &Path) -> bool {
+    metadata(path).is_some_and(|metadata| metadata.keys().any(|key| key.starts_with(METADATA_KEY)))
+}
+
+/// Reads the record of a scene file, and nothing else of it; `None` if there is none.
+pub(super) fn provenance(path: &Path) -> Option<Provenance> {
+    let header: SceneHeader = serde_json::from_str(metadata(path)?.get(METADATA_KEY)?).ok()?;
+    Some(header.provenance)
+}
+
+/// Reads the metadata of a safetensors file.
+fn metadata(path: &Path) -> Option<HashMap<String, String>> {
     #[derive(serde::Deserialize)]
     struct Names {
         #[serde(rename = "__metadata__")]
@@ -189,8 +200,7 @@ pub(super) fn is_own(path: &Path) -> bool {
         file.take(u64::from_le_bytes(len).min(MOST_HEADER)).read_to_end(&mut header)?;
         std::io::Result::Ok(header)
     };
-    let names = header().ok().and_then(|header| serde_json::from_slice::<Names>(&header).ok());
-    names.is_some_and(|names| names.metadata.keys().any(|key| key.starts_with(METADATA_KEY)))
+    serde_json::from_slice::<Names>(&header().ok()?).ok().map(|names| names.metadata)
 }
 
 /// Estimates the memory of a file's contents: its tensors twice, as stored and as used, and the weights

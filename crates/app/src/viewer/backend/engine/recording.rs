@@ -1,7 +1,7 @@
 //! A recording that is not reconstructed yet, as the window's source of pictures.
 
 use super::info::{examples, output_folder};
-use crate::viewer::backend::{FrameSource, FrameView, Info, Parts, Rendering};
+use crate::viewer::backend::{FrameSource, FrameView, Info, Parts, Rendering, scene_path};
 use crate::{engine::Question, jobs::Material};
 use image::RgbImage;
 use std::path::{Path, PathBuf};
@@ -10,6 +10,8 @@ use surgtpgs_core::{
     demo::{self, DemoSettings},
     files::full_path,
     grid::Grid,
+    scene::Scene,
+    sequence::Sequence,
 };
 
 /// A recording that is not reconstructed yet.
@@ -21,9 +23,11 @@ pub(super) struct RecordingSource {
 impl RecordingSource {
     pub(super) fn new(material: &Material, path: PathBuf) -> Self {
         let sequence = material.sequence().clone();
+        let folder = output_folder(&path);
         let info = Info {
+            made_before: made_before(&sequence, &folder),
             name: sequence.name(),
-            output_folder: output_folder(&path),
+            output_folder: folder,
             recording: Some(path.clone()),
             path,
             sequence: Some(full_path(sequence.path())),
@@ -83,6 +87,19 @@ impl FrameSource for RecordingSource {
     fn scores(&mut self, _: &FrameView, questions: &[Question]) -> Vec<Result<Grid<f32>>> {
         questions.iter().map(|_| Err(not_reconstructed())).collect()
     }
+}
+
+/// Returns the newest reconstruction of a recording under a name that is offered for it.
+fn made_before(sequence: &Sequence, folder: &Path) -> Option<PathBuf> {
+    let frames = sequence.outline().outline_digest();
+    let is_of_it = |path: &PathBuf| {
+        let identity = Scene::provenance_of(path).and_then(|provenance| provenance.identity);
+        identity.is_some_and(|identity| identity.outline_digest() == frames)
+    };
+    let modified = |path: &PathBuf| path.metadata().and_then(|about| about.modified()).ok();
+    let name = sequence.name();
+    let there = (1..100).map(|number| scene_path(folder, &name, number)).filter(|path| path.exists());
+    there.filter(is_of_it).max_by_key(modified)
 }
 
 fn not_reconstructed() -> Error {

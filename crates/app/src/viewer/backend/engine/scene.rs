@@ -58,6 +58,7 @@ impl SceneSource {
         let info = Info {
             name: scene.provenance.sequence_name.clone(),
             output_folder: output_folder(&path),
+            made_before: None,
             path,
             recording,
             sequence: Some(sequence).filter(|p| !p.as_os_str().is_empty()),

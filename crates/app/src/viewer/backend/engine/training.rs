@@ -53,7 +53,7 @@ pub(super) fn reconstruct(request: &TrainRequest, task: &TaskContext<TrainNews>)
     let settings = settings.with_quality(request.quality);
     let mut last_shown = Instant::now();
     let mut show = |watched: &mut Watched<'_>, report: &StepReport| {
-        task.update(TrainNews::Step(report.step, report.terms));
+        task.note(TrainNews::Step(report.step, report.terms));
         let is_due = |every| report.step > FIRST_PREVIEW && last_shown.elapsed() >= every;
         if report.step == FIRST_PREVIEW || task.preview_every().is_some_and(is_due) {
             last_shown = Instant::now();
@@ -163,7 +163,10 @@ mod models;
 mod tests {
     use super::*;
     use crate::viewer::backend::task::{Task, TaskEvent};
-    use crate::viewer::backend::{Backend, engine::EngineBackend};
+    use crate::viewer::backend::{
+        Backend, FrameSource,
+        engine::{EngineBackend, recording::RecordingSource},
+    };
     use image::{Rgb, RgbImage};
     use surgtpgs_core::train::Quality;
 
@@ -221,8 +224,13 @@ mod tests {
         surgtpgs_core::demo::write(&tiny, &recording, &mut surgtpgs_core::progress::unobserved).unwrap();
         std::fs::create_dir(&prepared).unwrap();
         std::fs::write(prepared.join("mine"), "hours of work").unwrap();
+        let made_before = |path: &Path| {
+            let source = RecordingSource::new(&Material::open(path).unwrap(), path.to_owned());
+            source.info().made_before.clone()
+        };
+        assert_eq!(made_before(&recording), None);
         let request = TrainRequest {
-            recording,
+            recording: recording.clone(),
             scene: scene.clone(),
             quality: Quality::Quick,
             excluded: Vec::new(),
@@ -234,6 +242,12 @@ mod tests {
         assert!(Scene::load(&scene).unwrap().codec.is_some());
         assert_eq!(std::fs::read_to_string(prepared.join("mine")).unwrap(), "hours of work");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 3, "and no other");
+        assert_eq!(made_before(&recording), Some(scene.clone()));
+        let other = folder.path().join("other");
+        let fewer = surgtpgs_core::demo::DemoSettings { frames: 3, ..tiny };
+        surgtpgs_core::demo::write(&fewer, &other, &mut surgtpgs_core::progress::unobserved).unwrap();
+        std::fs::copy(&scene, folder.path().join("other.safetensors")).unwrap();
+        assert_eq!(made_before(&other), None, "another recording's");
     }
 
     /// Writes a recording of two colours, and networks that tell colours apart.
