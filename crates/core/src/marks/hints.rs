@@ -12,6 +12,9 @@ const EXAMPLE: f32 = 0.5;
 const CLEAR: f32 = 0.7;
 /// Part of all shares that no name has, from which on the name of a thing that is not marked is open.
 const OPEN: f32 = 0.3;
+/// Variance of an open thing's answer where half of the picture has a name. Where less has, most that is open
+/// shows nothing that was marked, and counts more.
+const NAMED: f64 = 3.0;
 /// Number of marked things of a name that tell its looks well; fewer weigh less.
 const MANY: f32 = 200.0;
 /// Power of answers: names that are hardly less sure do not share a thing.
@@ -50,8 +53,16 @@ impl Hints {
         let denied: Vec<usize> = (0..links.len()).filter(is_denied).collect();
         let open: Vec<usize> = (0..links.len()).filter(is_open).collect();
         let examples: Vec<Vec<usize>> = names.clone().map(examples).collect();
-        let answers = looks.answers(&examples, &denied, &open);
         let shown = counts.iter().filter(|count| **count > 0).count().max(1);
+        let variance = if shares.is_empty() {
+            // The more names there are, the likelier a thing shows one of them.
+            shown.pow(3) as f64
+        } else {
+            let inside = links.degrees.iter().filter(|degree| **degree > 0.0).count();
+            let odds = inside.saturating_sub(open.len()) as f64 / open.len().max(1) as f64;
+            NAMED * odds.powi(3)
+        };
+        let answers = looks.answers(&examples, &denied, (&open, variance));
         let marked = counts.iter().sum::<usize>() as f32 / shown as f32;
         Self::weighed(answers, (marked / MANY).min(1.0))
     }

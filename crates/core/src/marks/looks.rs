@@ -33,6 +33,8 @@ const FEWEST: usize = 8;
 const MOST_OPEN: usize = 128;
 /// Variance of an example's answer: a single one may be a mistake.
 const NOISE: f64 = 0.03;
+/// Least variance of any answer: the kernel stays far from singular.
+const LEAST_NOISE: f64 = 1e-4;
 /// Distance to the nearest example at which a thing is half known.
 const KNOWN: f32 = 0.65;
 
@@ -82,9 +84,14 @@ impl Looks {
     }
 
     /// Returns for every thing how sure it shows what the examples show. What looks like no example shows
-    /// nothing. Things of `nothing` show no answer, and those of `open` none that is known,
-    /// which counts little: the more answers there are, the likelier it is one of them.
-    pub(super) fn answers(&self, examples: &[Vec<usize>], nothing: &[usize], open: &[usize]) -> Answers {
+    /// nothing. Things of `nothing` show no answer, and those of `open` none that is known, with a variance of
+    /// their own.
+    pub(super) fn answers(
+        &self,
+        examples: &[Vec<usize>],
+        nothing: &[usize],
+        (open, variance_of_open): (&[usize], f64),
+    ) -> Answers {
         let all = examples.iter().map(Vec::as_slice).chain([nothing]);
         let count: usize = all.clone().map(<[usize]>::len).sum();
         let mut chosen: Vec<(usize, usize)> = all
@@ -97,13 +104,11 @@ impl Looks {
         let num_shown_by = chosen.iter().filter(|(answer, _)| *answer < examples.len()).count();
         let num_told = chosen.len();
         chosen.extend(some_of(open, MOST_OPEN).map(|thing| (usize::MAX, thing)));
-        let num_shown = examples.iter().filter(|of| !of.is_empty()).count();
-        let variance = |a: usize| if a < num_told { NOISE } else { num_shown.pow(3) as f64 };
+        let variance = |a: usize| if a < num_told { NOISE } else { variance_of_open.max(LEAST_NOISE) };
         let looks: Vec<Look> = chosen.iter().map(|(_, thing)| self.0[*thing]).collect();
         let mut kernel = Symmetric::from_fn(looks.len(), |a, b| {
             f64::from(likeness(&looks[a], &looks[b])) + if a == b { variance(a) } else { 0.0 }
         });
-        // The noise keeps the kernel far from singular.
         let is_solved = kernel.factorize();
         let mut weights = vec![vec![0.0; examples.len()]; chosen.len()];
         for answer in 0..examples.len() {
@@ -199,17 +204,18 @@ mod tests {
         let lights = [0.1, 0.12, 0.14, 0.5, 0.52, 0.54, 0.32, 3.0];
         let looks = Looks::new(lights.into_iter().map(seen));
         let both = [vec![0, 1, 2], vec![3, 4, 5]];
-        let Answers { sure, known } = looks.answers(&both, &[], &[]);
+        let Answers { sure, known } = looks.answers(&both, &[], (&[], 1.0));
         assert!(sure[0][1] > 0.9 && sure[1][4] > 0.9, "{sure:?}");
         assert!(sure[0][4] < 0.1 && sure[1][1] < 0.1, "{sure:?}");
         assert!((sure[0][6] - sure[1][6]).abs() < 0.1, "{sure:?}");
         assert!(sure[0][7] + sure[1][7] < 0.01, "{sure:?}");
         assert!(known[1] > 0.9 && known[6] < 0.5 && known[7] < 1e-3, "{known:?}");
-        let denied = looks.answers(&both[..1], &[3, 4, 5], &[]);
+        let denied = looks.answers(&both[..1], &[3, 4, 5], (&[], 1.0));
         assert!(denied.sure[0][4] < 0.1 && denied.known[4] < 0.1, "{:?}", denied.sure);
-        let [alone, open] = [&[][..], &[3, 4, 5]].map(|open| looks.answers(&both[..1], &[], open).sure);
+        let [alone, open] =
+            [&[][..], &[3, 4, 5]].map(|open| looks.answers(&both[..1], &[], (open, 1.0)).sure);
         assert!(open[0][4] < 0.5 * alone[0][4] && open[0][1] > 0.9, "{open:?}, {alone:?}");
-        let nothing = looks.answers(&[Vec::new()], &[], &[6, 7]);
+        let nothing = looks.answers(&[Vec::new()], &[], (&[6, 7], 1.0));
         assert_eq!((&nothing.sure[0], &nothing.known), (&vec![0.0; 8], &vec![0.0; 8]));
         assert_eq!(some_of(&[3, 5, 7, 9], 2).collect::<Vec<_>>(), [3, 7]);
     }

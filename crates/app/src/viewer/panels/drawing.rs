@@ -221,7 +221,8 @@ pub(crate) fn draw(shared: &Shared, actions: &mut Vec<Action>, panes: &Panes, re
     true
 }
 
-/// Way of the pointer since the last frame of the window. Where those are slow, it may be a whole stroke.
+/// Way of the pointer since the last frame of the window. Where those are slow, it may be a whole stroke, or all
+/// of it but the press, neither of which is a drag.
 struct Way {
     points: Vec<Pos2>,
     /// Place where the button was pressed, if it was also released, somewhere else.
@@ -230,7 +231,9 @@ struct Way {
 
 impl Way {
     fn of(response: &Response) -> Self {
-        let (mut points, mut pressed_at, mut whole_from) = (Vec::new(), None, None);
+        let id = response.id.with("pressed at");
+        let mut pressed_at: Option<Pos2> = response.ctx.data(|data| data.get_temp(id));
+        let (mut points, mut whole_from) = (Vec::new(), None);
         response.ctx.input(|input| {
             for event in &input.events {
                 match *event {
@@ -241,12 +244,16 @@ impl Way {
                     }
                     Event::PointerButton { pos, button: PointerButton::Primary, .. } => {
                         points.push(pos);
-                        whole_from = pressed_at;
+                        whole_from = pressed_at.take();
                         break;
                     }
                     _ => {}
                 }
             }
+        });
+        response.ctx.data_mut(|data| match pressed_at {
+            Some(at) => data.insert_temp(id, at),
+            None => data.remove::<Pos2>(id),
         });
         let click_points = response.ctx.options(|options| options.input_options.max_click_dist);
         let is_far = |from: Pos2| points.iter().any(|at| at.distance(from) > click_points);
