@@ -66,9 +66,11 @@ pub(super) fn solve(links: &Links, equations: Vec<Equation>) -> Vec<Lanes> {
 
 /// Sets `product` to matrix · way, and returns way · matrix · way.
 fn multiply(level: Level, links: &Links, states: &mut [State], way: &[Lanes]) -> [f64; LANES] {
-    let parts = states.par_chunks_mut(AT_ONCE).enumerate();
-    let part = |(k, states): (usize, &mut [State])| dispatch!(level, simd => multiply_some(simd, links, states, way, k * AT_ONCE));
-    total(parts.map(part).collect())
+    let part = |(k, states): (usize, &mut [State])| {
+        let first = k * AT_ONCE;
+        dispatch!(level, simd => multiply_some(simd, links, states, way, first))
+    };
+    total(states.par_chunks_mut(AT_ONCE).enumerate().map(part).collect())
 }
 
 #[simd]

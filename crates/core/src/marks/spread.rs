@@ -22,7 +22,7 @@ const MOST_WEIGHT: f32 = 30.0;
 /// Weight of a hint that is sure: far less than that of a mark.
 const HINT: f32 = 0.02;
 
-/// What is known before the walk: shares of each name, [names][things].
+/// Knowledge before the walk: shares of each name, [names][things].
 #[derive(Clone, Copy)]
 pub(super) enum Before<'a> {
     /// Nothing.
