@@ -17,6 +17,9 @@ pub(crate) fn paint(
 ) {
     let painter = &ui.painter().with_clip_rect(rect.intersect(ui.clip_rect()));
     painter.rect_filled(rect, 4.0, theme::BACKDROP);
+    if curves.is_empty() {
+        return;
+    }
     let top = curves.iter().map(|(.., c)| c.top()).fold(0.0, f32::max);
     let inner = rect.shrink2(egui::vec2(0.0, 4.0));
     let y = |share: f32| inner.bottom() - inner.height() * share / top.max(f32::MIN_POSITIVE);

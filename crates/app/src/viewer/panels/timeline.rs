@@ -120,8 +120,10 @@ fn bar_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, room: Room) {
         });
     }
     let curves = shared.curves();
-    if !curves.is_empty() && !room.is_low() {
-        row(ui, lanes::height(curves.len()), &mut |ui, rect, _| {
+    // A first mark must not move the picture under the next one.
+    let is_awaited = shared.viewport.marking.is_on && shared.carries_marks();
+    if (is_awaited || !curves.is_empty()) && !room.is_low() {
+        row(ui, lanes::height(curves.len().max(1)), &mut |ui, rect, _| {
             lanes::paint_found(ui.painter(), &curves, rect, &scale);
         });
         row(ui, curves::HEIGHT, &mut |ui, rect, response| {

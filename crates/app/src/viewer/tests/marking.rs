@@ -72,6 +72,18 @@ fn a_stroke_becomes_a_prompt_and_undo_takes_both_back() {
 }
 
 #[test]
+fn the_first_mark_leaves_the_picture_where_it_is() {
+    let mut window = Window::on(bare());
+    take_tool(&mut window, "tool");
+    window.harness.step();
+    let corners = |window: &Window| [[0.0, 0.0], [1.0, 1.0]].map(|at| on_screen(window, at));
+    let before = corners(&window);
+    drag(&mut window, [0.2, 0.5], [0.6, 0.5]);
+    assert!(share(&mut window, "tool") > 0.5);
+    assert_eq!(corners(&window), before);
+}
+
+#[test]
 fn a_stroke_that_a_slow_window_gets_at_once_or_after_its_press_is_drawn_as_it_was() {
     let mut window = Window::on(bare());
     take_tool(&mut window, "tool");
@@ -80,7 +92,6 @@ fn a_stroke_that_a_slow_window_gets_at_once_or_after_its_press_is_drawn_as_it_wa
     for (tool, is_pressed_before) in cases {
         window.harness.state_mut().shared.viewport.marking.tool = tool;
         window.harness.step();
-        // The first mark brings a lane below the picture, which makes it smaller.
         let way = corners.map(|at| on_screen(&window, at));
         window.harness.hover_at(way[0]);
         window.harness.step();
