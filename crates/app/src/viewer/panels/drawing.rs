@@ -232,7 +232,7 @@ struct Way {
 impl Way {
     fn of(response: &Response) -> Self {
         let id = response.id.with("pressed at");
-        let mut pressed_at: Option<Pos2> = response.ctx.data(|data| data.get_temp(id));
+        let mut pressed_at = response.ctx.data(|data| data.get_temp::<Option<Pos2>>(id)).flatten();
         let (mut points, mut whole_from) = (Vec::new(), None);
         response.ctx.input(|input| {
             for event in &input.events {
@@ -251,10 +251,7 @@ impl Way {
                 }
             }
         });
-        response.ctx.data_mut(|data| match pressed_at {
-            Some(at) => data.insert_temp(id, at),
-            None => data.remove::<Pos2>(id),
-        });
+        response.ctx.data_mut(|data| data.insert_temp(id, pressed_at));
         let click_points = response.ctx.options(|options| options.input_options.max_click_dist);
         let is_far = |from: Pos2| points.iter().any(|at| at.distance(from) > click_points);
         let is_here = |from: Pos2| {
