@@ -251,7 +251,9 @@ impl Way {
                 }
             }
         });
-        response.ctx.data_mut(|data| data.insert_temp(id, pressed_at));
+        // From here on a drag is told as one, and may be given up.
+        let kept = pressed_at.filter(|_| !response.dragged_by(PointerButton::Primary));
+        response.ctx.data_mut(|data| data.insert_temp(id, kept));
         let click_points = response.ctx.options(|options| options.input_options.max_click_dist);
         let is_far = |from: Pos2| points.iter().any(|at| at.distance(from) > click_points);
         let is_here = |from: Pos2| {
