@@ -67,7 +67,7 @@ enum News<U> {
 
 /// Time within which progress is shown. A step of a training takes less than drawing the window may take on a
 /// computer without a GPU, which would leave no processor to the training.
-const PROGRESS_WITHIN: Duration = Duration::from_millis(500);
+const PROGRESS_WITHIN: Duration = Duration::from_secs(1);
 
 /// The task's own side of a [`Task`].
 pub(crate) struct TaskContext<U = ()> {
