@@ -35,8 +35,8 @@ pub fn optical_flow(from: &Grid<f32>, to: &Grid<f32>) -> Grid<Vector> {
     coarse_to_fine(from, to, |from, to, start| refine::refined(from, to, search::searched(from, to, start)))
 }
 
-/// Computes [`optical_flow`] without its refinement, in 0.4 of the time. Things that part keep sharper borders,
-/// so that what is carried along the flow over many frames stays where it belongs.
+/// Computes [`optical_flow`] without its refinement, in 0.4 of the time. Things that part keep sharper
+/// borders, so that what is carried along the flow over many frames stays where it belongs.
 pub fn patch_flow(from: &Grid<f32>, to: &Grid<f32>) -> Grid<Vector> {
     coarse_to_fine(from, to, search::searched)
 }

@@ -221,8 +221,8 @@ pub(crate) fn draw(shared: &Shared, actions: &mut Vec<Action>, panes: &Panes, re
     true
 }
 
-/// Way of the pointer since the last frame of the window. Where those are slow, it may be a whole stroke, or all
-/// of it but the press, neither of which is a drag.
+/// Way of the pointer since the last frame of the window. Where those are slow, it may be a whole stroke, or
+/// all of it but the press, neither of which is a drag.
 struct Way {
     points: Vec<Pos2>,
     /// Place where the button was pressed, if it was also released, somewhere else.
