@@ -257,15 +257,17 @@ mod tests {
                         (TRAINING, _) => (done + 10, 20),
                         _ => (done, 10),
                     };
-                    whole.follow(&Progress { stage: stage.into(), done, total, ..Progress::default() });
-                    assert!((last..=1.0).contains(&whole.fraction), "{stage} {done}");
+                    let seconds = if stage == TRAINING && k > 3 { done - 10 } else { done } as f64;
+                    let (stage, detail) = (stage.into(), String::new());
+                    whole.follow(&Progress { stage, done, total, detail, seconds });
+                    assert!((last..=1.0).contains(&whole.fraction), "stage {k}, {done}");
                     last = whole.fraction;
                 }
                 let most = [0.1, 0.1, 0.1, 0.55, 0.55, 1.0][k];
                 assert!(whole.fraction <= most + 1e-6, "{} after {k} stages", whole.fraction);
                 assert_eq!(whole.has_begun, k >= 3);
             }
-            assert_eq!(whole.fraction, 1.0);
+            assert_eq!((whole.fraction, whole.seconds_before), (1.0, 50.0));
         }
     }
 }
