@@ -45,6 +45,7 @@ mod theme;
 mod work;
 
 use backend::engine::EngineBackend;
+use picture::texture;
 use shell::Shell;
 pub use shell::ViewerInput;
 use state::{autosave::Autosave, preferences::Preferences};
@@ -66,6 +67,7 @@ pub fn run(input: ViewerInput, demo_folder: Option<PathBuf>) -> Result<()> {
         .with_drag_and_drop(true);
     let options = eframe::NativeOptions { viewport, ..Default::default() };
     let start = move |cc: &eframe::CreationContext<'_>| {
+        cc.wgpu_render_state.as_ref().into_iter().for_each(texture::install);
         let autosave = Autosave::open(Autosave::user_folder());
         let mut shell = Shell::new(&cc.egui_ctx, Arc::new(EngineBackend), preferences, autosave);
         shell.shared.opening.demo_folder.clone_from(&demo_folder);

@@ -3,6 +3,7 @@
 use crate::viewer::{
     action::Action,
     panels::panes::PaneView,
+    picture::texture::Texture,
     shared::Shared,
     state::{
         marking::{Draft, Tool},
@@ -11,10 +12,7 @@ use crate::viewer::{
     },
     theme,
 };
-use egui::{
-    Color32, ColorImage, Event, Painter, PointerButton, Pos2, Rect, Response, Stroke, TextureHandle,
-    TextureOptions, Ui, pos2,
-};
+use egui::{Color32, ColorImage, Event, Painter, PointerButton, Pos2, Response, Stroke, Ui};
 use surgtpgs_core::marks::{Mark, Shape};
 
 /// Least distance of two points of an outline, px of the recording: while it is drawn, and between clicks.
@@ -37,19 +35,18 @@ struct Painted {
 /// The picture of the marks.
 #[derive(Default)]
 pub(crate) struct Drawing {
-    painted: Option<(Painted, TextureHandle)>,
+    painted: Option<(Painted, Texture)>,
 }
 
 impl Drawing {
     /// Paints the marks of the shown frame over every pane, and the tool where it is in use.
     pub(crate) fn ui(&mut self, ui: &Ui, shared: &Shared, panes: &[PaneView]) {
         let Some(frame) = shown_frame(shared) else { return };
-        self.update(ui, shared, frame);
+        self.update(shared, frame);
         for pane in panes {
             let painter = ui.painter().with_clip_rect(pane.rect.intersect(ui.clip_rect()));
             if let Some((_, texture)) = &self.painted {
-                let whole = Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0));
-                painter.image(texture.id(), pane.picture, whole, Color32::WHITE);
+                texture.paint(&painter, pane.picture);
             }
             if shared.viewport.marking.is_on {
                 paint_tool(ui, &painter, shared, pane, frame);
@@ -58,7 +55,7 @@ impl Drawing {
     }
 
     /// Makes the picture of the marks anew if they have changed.
-    fn update(&mut self, ui: &Ui, shared: &Shared, frame: usize) {
+    fn update(&mut self, shared: &Shared, frame: usize) {
         let Some(info) = shared.info() else { return };
         let marks = shared.marks_shown();
         let names: Vec<&str> = marks.names().into_iter().collect();
@@ -76,8 +73,7 @@ impl Drawing {
             let own: Vec<&Mark> = marks.on(frame).filter(|mark| mark.name == *name).collect();
             paint_votes(&mut image, &votes(&own, wanted.size), theme::colour32(*colour));
         }
-        let texture = ui.ctx().load_texture("marks", image, TextureOptions::LINEAR);
-        self.painted = Some((wanted, texture));
+        self.painted = Some((wanted, Texture::new(image)));
     }
 }
 

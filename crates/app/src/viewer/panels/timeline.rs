@@ -252,11 +252,10 @@ fn wanted_thumbnails(shared: &Shared, scale: &TimeScale, room: Room) -> Option<V
 
 fn paint_thumbnails(ui: &Ui, shared: &Shared, rect: Rect, scale: &TimeScale) {
     let Some(open) = &shared.open else { return };
-    let whole = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
     for (slot, frame) in slots(shared, scale) {
         let place = slot.translate(vec2(0.0, rect.top())).shrink2(vec2(0.5, 1.0));
-        match open.thumbnails.id(frame).filter(|_| !shared.document.is_excluded(frame)) {
-            Some(id) => drop(ui.painter().image(id, place, whole, egui::Color32::WHITE)),
+        match open.thumbnails.texture(frame).filter(|_| !shared.document.is_excluded(frame)) {
+            Some(texture) => texture.paint(ui.painter(), place),
             None => drop(ui.painter().rect_filled(place, 2.0, theme::BACKDROP)),
         }
     }

@@ -20,6 +20,7 @@ use crate::viewer::{
     picture::{
         difference::Difference,
         request::{AskedPrompt, Finding},
+        texture,
     },
     shared::Shared,
     state::{
@@ -30,7 +31,7 @@ use crate::viewer::{
     theme,
 };
 use egui::{
-    Align2, Color32, CursorIcon, Frame, Margin, PointerButton, Pos2, Rect, Response, Role, ScrollArea, Sense,
+    Align2, Color32, CursorIcon, Frame, Margin, PointerButton, Rect, Response, Role, ScrollArea, Sense,
     Stroke, Ui, WidgetInfo, pos2, vec2,
 };
 use surgtpgs_core::camera::MAX_STILL_DEGREES;
@@ -54,7 +55,6 @@ impl ViewportPanel {
             problem_ui(ui, actions, problem);
         }
         if shared.open.is_none() {
-            ui.painter().rect_filled(ui.available_rect_before_wrap(), 0.0, theme::BACKDROP);
             start::start_ui(ui, shared, actions);
             return;
         }
@@ -220,7 +220,7 @@ fn shown_area(memory: &egui::Memory, name: &str) -> Option<Rect> {
 /// Fills the area around the pictures. What they cover is left out but for a point at their borders, which
 /// may lie within a pixel.
 fn paint_backdrop(ui: &Ui, area: Rect, views: &[PaneView]) {
-    let fill = |rect: Rect| _ = ui.painter().rect_filled(rect, 0.0, theme::BACKDROP);
+    let fill = |rect: Rect| texture::fill(ui.painter(), rect, theme::BACKDROP);
     if views.is_empty() {
         fill(area);
     }
@@ -240,9 +240,8 @@ fn paint_backdrop(ui: &Ui, area: Rect, views: &[PaneView]) {
 
 fn paint_pane(ui: &Ui, shared: &Shared, pane: &PaneView, plates: &mut Plates) {
     let painter = ui.painter().with_clip_rect(pane.rect.intersect(ui.clip_rect()));
-    let Some(texture) = pane.texture else { return };
-    let whole = Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0));
-    painter.image(texture, pane.picture, whole, Color32::WHITE);
+    let Some(texture) = &pane.texture else { return };
+    texture.paint(&painter, pane.picture);
     let is_wiped = shared.document.mode == ViewMode::Wipe && pane.label == "Reconstruction";
     if is_wiped {
         paint_wiped(ui, shared, pane, plates);
@@ -295,10 +294,9 @@ fn paint_wiped(ui: &Ui, shared: &Shared, pane: &PaneView, plates: &mut Plates) {
     let Some(shown) = shared.open.as_ref().and_then(|o| o.shown.as_ref()) else { return };
     let x = pane.rect.left() + pane.rect.width() * shared.viewport.wipe;
     let left = Rect::from_min_max(pane.rect.min, pos2(x, pane.rect.bottom()));
-    let whole = Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0));
     let painter = ui.painter().with_clip_rect(left.intersect(ui.clip_rect()));
-    if let Some(texture) = shown.original.id(!shared.document.is_hidden) {
-        painter.image(texture, pane.picture, whole, Color32::WHITE);
+    if let Some(texture) = shown.original.texture(!shared.document.is_hidden) {
+        texture.paint(&painter, pane.picture);
     }
     let all = ui.painter().with_clip_rect(pane.rect);
     plates.text(&all, pane.visible(), Align2::LEFT_TOP, &frame_label(shared, "Recorded"), theme::TEXT);

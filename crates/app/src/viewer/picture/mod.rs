@@ -12,6 +12,7 @@ mod pipeline;
 #[cfg(test)]
 mod pipeline_tests;
 pub(crate) mod request;
+pub(crate) mod texture;
 pub(crate) mod textures;
 pub(crate) mod thumbnails;
 mod worker;

@@ -59,7 +59,7 @@ impl Open {
     }
 
     /// Takes what the thread has made.
-    pub(crate) fn poll(&mut self, ctx: &Context) {
+    pub(crate) fn poll(&mut self) {
         for measured in self.worker.take_measured() {
             let is_of_present = self.asked.as_ref().is_some_and(|asked| asked.marks == measured.marks);
             if let Some(areas) = self.areas.as_mut().filter(|_| is_of_present) {
@@ -67,15 +67,15 @@ impl Open {
             }
         }
         for (frame, image) in self.worker.take_thumbnails() {
-            self.thumbnails.take(frame, image, ctx);
+            self.thumbnails.take(frame, image);
         }
         let Some(picture) = self.worker.take() else { return };
         if !picture.request.view.is_preview {
             self.full_ms = picture.took_ms;
         }
         match &mut self.shown {
-            Some(shown) => shown.update(picture, ctx),
-            none => *none = Some(Shown::new(picture, ctx)),
+            Some(shown) => shown.update(picture),
+            none => *none = Some(Shown::new(picture)),
         }
     }
 

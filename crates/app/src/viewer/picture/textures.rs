@@ -1,10 +1,13 @@
 //! The picture on the screen, as textures. Only changed images are sent to the graphics card.
 
 use crate::viewer::{
-    picture::request::{Pane, Picture},
+    picture::{
+        request::{Pane, Picture},
+        texture::Texture,
+    },
     state::view_mode::Layer,
 };
-use egui::{ColorImage, Context, TextureHandle, TextureId, TextureOptions};
+use egui::ColorImage;
 use std::sync::Arc;
 
 /// The newest finished picture.
@@ -23,13 +26,8 @@ pub(crate) struct PaneTextures {
     marked: Option<Texture>,
 }
 
-struct Texture {
-    handle: TextureHandle,
-    image: Arc<ColorImage>,
-}
-
 impl Shown {
-    pub(crate) fn new(picture: Picture, ctx: &Context) -> Self {
+    pub(crate) fn new(picture: Picture) -> Self {
         let mut shown = Self {
             picture,
             original: Default::default(),
@@ -37,58 +35,50 @@ impl Shown {
             layer: None,
             difference: None,
         };
-        shown.upload(ctx);
+        shown.upload();
         shown
     }
 
     /// Shows another picture. All its parts change together, so that no part of another frame remains.
-    pub(crate) fn update(&mut self, picture: Picture, ctx: &Context) {
+    pub(crate) fn update(&mut self, picture: Picture) {
         self.picture = picture;
-        self.upload(ctx);
+        self.upload();
     }
 
     /// Returns the shown layer and its texture.
-    pub(crate) fn layer(&self) -> Option<(Layer, TextureId)> {
+    pub(crate) fn layer(&self) -> Option<(Layer, &Texture)> {
         let layer = self.picture.layer.as_ref()?.layer;
-        self.layer.as_ref().map(|t| (layer, t.handle.id()))
+        self.layer.as_ref().map(|texture| (layer, texture))
     }
 
-    pub(crate) fn difference(&self) -> Option<TextureId> {
-        self.difference.as_ref().map(|t| t.handle.id())
+    pub(crate) fn difference(&self) -> Option<&Texture> {
+        self.difference.as_ref()
     }
 
-    fn upload(&mut self, ctx: &Context) {
-        upload(&mut self.difference, self.picture.difference.as_ref().map(|d| &d.image), ctx);
-        self.original.upload(self.picture.original.as_ref(), ctx);
-        self.reconstruction.upload(self.picture.reconstruction.as_ref(), ctx);
-        upload(&mut self.layer, self.picture.layer.as_ref().map(|l| &l.image), ctx);
+    fn upload(&mut self) {
+        upload(&mut self.difference, self.picture.difference.as_ref().map(|d| &d.image));
+        self.original.upload(self.picture.original.as_ref());
+        self.reconstruction.upload(self.picture.reconstruction.as_ref());
+        upload(&mut self.layer, self.picture.layer.as_ref().map(|l| &l.image));
     }
 }
 
 impl PaneTextures {
     /// Returns the picture with everything found, if there is one and it is wanted, else the bare picture.
-    pub(crate) fn id(&self, with_marks: bool) -> Option<TextureId> {
+    pub(crate) fn texture(&self, with_marks: bool) -> Option<&Texture> {
         let marked = if with_marks { self.marked.as_ref() } else { None };
-        marked.or(self.bare.as_ref()).map(|t| t.handle.id())
+        marked.or(self.bare.as_ref())
     }
 
-    fn upload(&mut self, pane: Option<&Pane>, ctx: &Context) {
-        upload(&mut self.bare, pane.map(|p| &p.bare), ctx);
-        upload(&mut self.marked, pane.and_then(|p| p.marked.as_ref()), ctx);
+    fn upload(&mut self, pane: Option<&Pane>) {
+        upload(&mut self.bare, pane.map(|p| &p.bare));
+        upload(&mut self.marked, pane.and_then(|p| p.marked.as_ref()));
     }
 }
 
-fn upload(texture: &mut Option<Texture>, image: Option<&Arc<ColorImage>>, ctx: &Context) {
-    match (texture.as_mut(), image) {
-        (_, None) => *texture = None,
-        (Some(texture), Some(image)) if Arc::ptr_eq(&texture.image, image) => {}
-        (Some(texture), Some(image)) => {
-            texture.handle.set(image.clone(), TextureOptions::LINEAR);
-            texture.image = image.clone();
-        }
-        (None, Some(image)) => {
-            let handle = ctx.load_texture("picture", image.clone(), TextureOptions::LINEAR);
-            *texture = Some(Texture { handle, image: image.clone() });
-        }
+fn upload(texture: &mut Option<Texture>, image: Option<&Arc<ColorImage>>) {
+    let is_same = |image| texture.as_ref().is_some_and(|texture| texture.is_of(image));
+    if !image.is_some_and(is_same) {
+        *texture = image.map(|image| Texture::new(image.clone()));
     }
 }

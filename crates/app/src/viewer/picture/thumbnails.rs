@@ -1,6 +1,7 @@
 //! Small pictures of recorded frames for the time bar.
 
-use egui::{ColorImage, Context, TextureHandle, TextureId, TextureOptions};
+use crate::viewer::picture::texture::Texture;
+use egui::ColorImage;
 use image::{RgbImage, imageops};
 use std::collections::BTreeMap;
 
@@ -12,14 +13,13 @@ const MAX_KEPT: usize = 160;
 /// The small pictures that there are, by frame.
 #[derive(Default)]
 pub(crate) struct Thumbnails {
-    textures: BTreeMap<usize, TextureHandle>,
+    textures: BTreeMap<usize, Texture>,
 }
 
 impl Thumbnails {
     /// Adds a picture. If there are too many, the one farthest from this frame goes.
-    pub(crate) fn take(&mut self, frame: usize, image: ColorImage, ctx: &Context) {
-        let texture = ctx.load_texture("thumbnail", image, TextureOptions::LINEAR);
-        self.textures.insert(frame, texture);
+    pub(crate) fn take(&mut self, frame: usize, image: ColorImage) {
+        self.textures.insert(frame, Texture::new(image));
         while self.textures.len() > MAX_KEPT {
             let farthest = self.textures.keys().copied().max_by_key(|other| other.abs_diff(frame));
             farthest.and_then(|other| self.textures.remove(&other));
@@ -27,8 +27,8 @@ impl Thumbnails {
     }
 
     /// Returns the picture of a frame, if it is there.
-    pub(crate) fn id(&self, frame: usize) -> Option<TextureId> {
-        self.textures.get(&frame).map(TextureHandle::id)
+    pub(crate) fn texture(&self, frame: usize) -> Option<&Texture> {
+        self.textures.get(&frame)
     }
 
     /// Returns those frames of `wanted` that have no picture yet.
@@ -50,14 +50,13 @@ mod tests {
 
     #[test]
     fn no_more_are_kept_than_there_is_memory_for() {
-        let ctx = Context::default();
         let mut thumbnails = Thumbnails::default();
         for frame in 0..MAX_KEPT + 20 {
-            thumbnails.take(frame, small(&RgbImage::new(32, 24)), &ctx);
+            thumbnails.take(frame, small(&RgbImage::new(32, 24)));
         }
         assert_eq!(thumbnails.textures.len(), MAX_KEPT);
         assert_eq!(thumbnails.missing(&[0, 19, 20, 100]), [0, 19], "the farthest went");
-        assert!(thumbnails.id(100).is_some() && thumbnails.id(0).is_none());
+        assert!(thumbnails.texture(100).is_some() && thumbnails.texture(0).is_none());
         assert_eq!(small(&RgbImage::new(854, 480)).size, [71, 40]);
     }
 }

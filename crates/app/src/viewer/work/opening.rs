@@ -105,7 +105,7 @@ impl Shared {
             check.poll();
         }
         if let Some(open) = &mut self.open {
-            open.poll(ctx);
+            open.poll();
         }
     }
 
