@@ -5,7 +5,7 @@ use crate::grid::Grid;
 use rayon::prelude::*;
 
 /// Number of pixels in a word.
-const WORD: usize = u64::BITS as usize;
+pub(super) const WORD: usize = u64::BITS as usize;
 
 /// The mask, row by row in whole words; bits beyond the last column are 0.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,6 +27,11 @@ impl Bits {
             }
         });
         Self { width, words_per_row, words }
+    }
+
+    /// Words of all rows, one after the other.
+    pub(crate) fn rows(&self) -> &[u64] {
+        &self.words
     }
 
     /// Words of a row.

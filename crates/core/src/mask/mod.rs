@@ -4,6 +4,7 @@ mod bits;
 mod border;
 mod clean_up;
 mod contour;
+mod parts;
 mod region;
 mod rle;
 
@@ -14,8 +15,10 @@ pub use region::Region;
 pub use rle::{Runs, column_runs, compressed, decompressed};
 
 pub(crate) use bits::{Bits, set_bits};
+pub(crate) use parts::{Run, Touching, area, parts};
 
 use crate::grid::{Grid, Mask};
+use rayon::prelude::*;
 
 /// Pixels whose score is above `threshold` (strictly); NaN never is.
 pub fn threshold(scores: &Grid<f32>, threshold: f32) -> Mask {
@@ -93,9 +96,8 @@ pub fn bounding_box(mask: &Mask) -> Option<PixelRect> {
 /// Removes connected parts (8-neighbourhood) of fewer than `min_area_px` pixels.
 pub fn remove_small(mask: &Mask, min_area_px: usize) -> Mask {
     let mut kept = mask.clone();
-    for part in parts(mask, true, true).into_iter().filter(|p| p.pixels.len() < min_area_px) {
-        part.pixels.into_iter().for_each(|i| kept.data[i] = false);
-    }
+    let parts = parts_of(mask, true, Touching::Corners);
+    parts.iter().filter(|part| area(part) < min_area_px).for_each(|part| set(&mut kept, part, false));
     kept
 }
 
@@ -103,11 +105,23 @@ pub fn remove_small(mask: &Mask, min_area_px: usize) -> Mask {
 /// no holes.
 pub fn fill_holes(mask: &Mask, max_area_px: usize) -> Mask {
     let mut filled = mask.clone();
-    let is_hole = |p: &Component| !p.touches_border && p.pixels.len() <= max_area_px;
-    for part in parts(mask, false, false).into_iter().filter(is_hole) {
-        part.pixels.into_iter().for_each(|i| filled.data[i] = true);
-    }
+    let (width, height) = (mask.width, mask.height);
+    let at_border = |run: &Run| run.y == 0 || run.y + 1 == height || run.from == 0 || run.to == width;
+    let is_hole = |part: &&Vec<Run>| area(part) <= max_area_px && !part.iter().any(at_border);
+    let parts = parts_of(mask, false, Touching::Sides);
+    parts.iter().filter(is_hole).for_each(|part| set(&mut filled, part, true));
     filled
+}
+
+fn parts_of(mask: &Mask, value: bool, touching: Touching) -> Vec<Vec<Run>> {
+    let bits = Bits::of(mask.width, mask.height, |i| mask.data[i]);
+    parts(bits.rows(), mask.width, value, touching)
+}
+
+fn set(mask: &mut Mask, part: &[Run], value: bool) {
+    for run in part {
+        mask.data[run.y * mask.width..][run.from..run.to].fill(value);
+    }
 }
 
 /// Rounds the border: a pixel is in the mask if most of the pixels are that are at most `radius_px` columns
@@ -123,15 +137,17 @@ pub fn smoothed(mask: &Mask, radius_px: usize) -> Mask {
             sums[(y + 1) * (w + 1) + x + 1] = sums[y * (w + 1) + x + 1] + row;
         }
     }
-    let is_found = |i: usize| {
-        let (x, y) = (i % w, i / w);
-        let (x0, x1) = (x.saturating_sub(radius_px), (x + radius_px + 1).min(w));
+    let mut rounded = Grid::filled(w, h, false);
+    rounded.data.par_chunks_mut(w.max(1)).with_min_len(16).enumerate().for_each(|(y, row)| {
         let (y0, y1) = (y.saturating_sub(radius_px), (y + radius_px + 1).min(h));
-        let at = |x: usize, y: usize| sums[y * (w + 1) + x];
-        let found = at(x1, y1) + at(x0, y0) - at(x0, y1) - at(x1, y0);
-        2 * found as usize > (x1 - x0) * (y1 - y0)
-    };
-    Grid::from_vec(w, h, (0..w * h).map(is_found).collect())
+        let [above, below] = [y0, y1].map(|y| &sums[y * (w + 1)..][..w + 1]);
+        for (x, is_found) in row.iter_mut().enumerate() {
+            let (x0, x1) = (x.saturating_sub(radius_px), (x + radius_px + 1).min(w));
+            let found = below[x1] + above[x0] - below[x0] - above[x1];
+            *is_found = 2 * found as usize > (x1 - x0) * (y1 - y0);
+        }
+    });
+    rounded
 }
 
 /// Returns column and row of the pixel of the mask that is farthest from its border, by city-block distance;
@@ -151,44 +167,6 @@ pub fn innermost(mask: &Mask) -> Option<(usize, usize)> {
     }
     let best = (0..w * h).filter(|i| depth[*i] > 0).max_by_key(|i| (depth[*i], std::cmp::Reverse(*i)))?;
     Some((best % w, best / w))
-}
-
-/// A connected part of a mask.
-struct Component {
-    pixels: Vec<usize>,
-    touches_border: bool,
-}
-
-/// Connected parts of pixels equal to `value`, in order of their first pixel.
-fn parts(mask: &Mask, value: bool, diagonal: bool) -> Vec<Component> {
-    const STEPS: [(isize, isize); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)];
-    let steps = &STEPS[..if diagonal { 8 } else { 4 }];
-    let (w, h) = (mask.width, mask.height);
-    let mut open: Vec<bool> = mask.data.iter().map(|&v| v == value).collect();
-    let mut found = Vec::new();
-    for start in 0..open.len() {
-        if !std::mem::take(&mut open[start]) {
-            continue;
-        }
-        let mut part = Component { pixels: vec![start], touches_border: false };
-        let mut next = 0;
-        while let Some(&i) = part.pixels.get(next) {
-            next += 1;
-            let (x, y) = (i % w, i / w);
-            for &(dx, dy) in steps {
-                match (x.checked_add_signed(dx), y.checked_add_signed(dy)) {
-                    (Some(nx), Some(ny)) if nx < w && ny < h => {
-                        if std::mem::take(&mut open[ny * w + nx]) {
-                            part.pixels.push(ny * w + nx);
-                        }
-                    }
-                    _ => part.touches_border = true,
-                }
-            }
-        }
-        found.push(part);
-    }
-    found
 }
 
 #[cfg(test)]

@@ -28,21 +28,18 @@ pub(crate) struct Found {
 impl Found {
     pub(crate) fn new(scores: Arc<Grid<f32>>, threshold: f32, clean_up: CleanUp) -> Self {
         let summary = Summary::new(&scores, threshold);
-        let (cleaned, found) = match clean_up.scores(&scores, threshold) {
-            Cow::Borrowed(_) => (scores.clone(), None),
-            Cow::Owned(cleaned) => {
-                let found = Summary::new(&cleaned, threshold);
-                (Arc::new(cleaned), Some(found))
-            }
+        let cleaned = match clean_up.scores(&scores, threshold) {
+            Cow::Borrowed(_) => scores.clone(),
+            Cow::Owned(cleaned) => Arc::new(cleaned),
         };
-        let found = found.as_ref().unwrap_or(&summary);
-        let area_px = found.area_px();
+        let found = mask::threshold(&cleaned, threshold);
+        let area_px = found.count();
         Self {
             area_px,
             area_fraction: area_px as f32 / scores.data.len().max(1) as f32,
             max_score: summary.max_score,
             histogram: summary.histogram,
-            anchor: anchor(&mask::threshold(&cleaned, threshold)),
+            anchor: anchor(&found),
             scores,
             cleaned,
         }
