@@ -4,8 +4,9 @@ use super::{
     Evidence, FrameScores, Graph, LookHere, Marks,
     cells::spread_over,
     guided::Guide,
-    hints::Hints,
+    hints::{Hints, Told},
     known::{MarkedFrame, add_seen, weights},
+    plan::{Plan, beside},
     scores::scores,
     seeds::Seeds,
     seen::Seen,
@@ -27,12 +28,12 @@ use std::{collections::BTreeMap, sync::Arc};
 const NAMES_AT_ONCE: usize = 16;
 /// Weight of the Gaussians' shares beside those of a marked frame that is seen well.
 const GAUSSIANS: f32 = 0.01;
+/// Weight of what other frames tell a frame that shows all names itself, beside that of any other.
+const TOLD_BESIDE_ALL: f32 = 0.2;
 /// Shortest side of pictures that are looked at, px; smaller ones are left to the Gaussians.
 const SMALLEST: usize = 4;
 /// Marked frames that are kept at most.
 const MOST_KNOWN: usize = 8;
-/// Frames that a marked frame is looked up from at most, on either side.
-const REACH: usize = 100;
 
 /// Parts of the method, each of which can be left out to measure it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,6 +60,7 @@ pub struct Carried {
     evidence: BTreeMap<usize, Evidence>,
     /// The same of the marks that grow.
     growing: BTreeMap<usize, Evidence>,
+    plan: Plan,
     /// Graph of the Gaussians that the marks are carried over.
     graph: Arc<Graph>,
     /// Share of each name in each Gaussian, [names][Gaussians], once something needs it: a marked frame does not.
@@ -78,8 +80,9 @@ impl Carried {
         let names = marks.names();
         let evidence = Evidence::of_all(marks, &names, scene);
         let growing = Evidence::of_growing(marks, &evidence, &names, scene);
+        let plan = Plan::of(&growing, names.len());
         let (known, trails) = (BTreeMap::new(), BTreeMap::new());
-        Self { names, settings, evidence, growing, graph, shares: None, known, trails }
+        Self { names, settings, evidence, growing, plan, graph, shares: None, known, trails }
     }
 
     /// Takes over what was found for earlier marks on the same recording and still holds: frames whose marks
@@ -89,13 +92,17 @@ impl Carried {
             && self.settings == earlier.settings
             && Arc::ptr_eq(&self.graph, &earlier.graph);
         let is_marked_so = |frame: &usize| {
+            let is_told = |plan: &Plan| !plan.tellers(*frame).is_empty();
             self.evidence.get(frame) == earlier.evidence.get(frame)
                 && self.growing.get(frame).is_some_and(|own| Some(own) == earlier.growing.get(frame))
+                && !is_told(&self.plan)
+                && !is_told(&earlier.plan)
         };
         let mut trails = earlier.trails;
         for (frame, known) in earlier.known {
             if is_same && is_marked_so(&frame) {
-                self.known.insert(frame, MarkedFrame { told: None, ..known });
+                let is_whole = self.plan.is_whole(frame);
+                self.known.insert(frame, MarkedFrame { told: None, is_whole, ..known });
             } else {
                 trails.insert(frame, known.trail);
             }
@@ -170,8 +177,9 @@ impl Carried {
             let marked = beside(frame, &self.evidence);
             marked.iter().try_for_each(|marked| self.tell(scene, *marked, pictures))?;
             let mut shares = self.blended(scene, &Seen::at_half(scene, frame), pictures)?;
-            let here = (frame, &luma_of(&picture));
-            self.look_up(scene, here, &marked, MarkedFrame::told, &mut shares, pictures)?;
+            let luma = luma_of(&picture);
+            let total = vec![GAUSSIANS; luma.data.len()];
+            self.look_up(scene, (frame, &luma), (&marked, true), total, &mut shares, pictures)?;
             shares
         };
         self.forget_far(frame);
@@ -219,19 +227,19 @@ impl Carried {
         Ok(planes)
     }
 
-    /// Mixes the shares of a frame with those of marked frames (`shares_of` them), looked up from it.
+    /// Mixes the shares of a frame, of weight `total`, with those of marked frames, looked up from it. Marked
+    /// frames answer with what they were told, too, or with their own shares alone. Returns the new weight.
     fn look_up(
         &mut self,
         scene: &Scene,
         (frame, luma_here): (usize, &Grid<f32>),
-        marked: &[usize],
-        shares_of: fn(&MarkedFrame) -> &[Vec<f32>],
+        (marked, with_told): (&[usize], bool),
+        mut total: Vec<f32>,
         shares: &mut [Vec<f32>],
         pictures: &mut Pictures<'_>,
-    ) -> Result<()> {
+    ) -> Result<Vec<f32>> {
         marked.iter().try_for_each(|marked| self.know(scene, *marked, pictures))?;
-        let mut total = vec![GAUSSIANS; luma_here.data.len()];
-        shares.iter_mut().flatten().for_each(|v| *v *= GAUSSIANS);
+        shares.par_iter_mut().for_each(|plane| plane.iter_mut().zip(&total).for_each(|(v, t)| *v *= t));
         // The nearer of two weighs more.
         let far: usize = marked.iter().map(|f| f.abs_diff(frame)).sum();
         for &marked_frame in marked {
@@ -240,13 +248,39 @@ impl Carried {
             let Some(known) = self.known.get_mut(&marked_frame) else { continue };
             let way = known.trail.way(frame, &mut |i| Ok(luma_of(&pictures(i)?)))?;
             let weights = known.weights_along(&way, luma_here, &scene.field_of_view, |weight| near * weight);
-            shares.par_iter_mut().zip(shares_of(known)).for_each(|(plane, marked)| {
+            let answer = known.told.as_ref().filter(|_| with_told);
+            shares.par_iter_mut().zip(answer.unwrap_or(&known.own)).for_each(|(plane, marked)| {
                 add_seen(plane, marked, &way, &weights);
             });
-            total.iter_mut().zip(&weights.data).for_each(|(t, w)| *t += w);
+            if known.is_whole || answer.is_some() {
+                total.iter_mut().zip(&weights.data).for_each(|(t, w)| *t += w);
+            } else {
+                add_seen(&mut total, &known.sure(), &way, &weights);
+            }
         }
-        shares.par_iter_mut().for_each(|plane| plane.iter_mut().zip(&total).for_each(|(v, t)| *v /= t));
-        Ok(())
+        let share = |(v, t): (&mut f32, &f32)| *v /= t.max(f32::MIN_POSITIVE);
+        shares.par_iter_mut().for_each(|plane| plane.iter_mut().zip(&total).for_each(share));
+        Ok(total)
+    }
+
+    /// Returns what other frames tell a frame with growing marks; `None` if there is none.
+    fn told(
+        &mut self,
+        scene: &Scene,
+        here: (usize, &Grid<f32>),
+        pictures: &mut Pictures<'_>,
+    ) -> Result<Option<Told>> {
+        let tellers = self.plan.tellers(here.0).to_vec();
+        if tellers.is_empty() || !self.settings.looks_up {
+            return Ok(None);
+        }
+        let nothing = vec![0.0; here.1.data.len()];
+        let mut shares = vec![nothing.clone(); self.names.len()];
+        let mut weights = self.look_up(scene, here, (&tellers, false), nothing, &mut shares, pictures)?;
+        if self.plan.shows_all(here.0) {
+            weights.iter_mut().for_each(|weight| *weight *= TOLD_BESIDE_ALL);
+        }
+        Ok(Some(Told { shares, weights }))
     }
 
     /// Carries the marked pixels of the frames beside a marked one to it.
@@ -258,6 +292,11 @@ impl Carried {
             return Ok(());
         }
         let mut told = known.own.clone();
+        if !known.is_whole {
+            let (luma, sure) = (known.luma.clone(), known.sure());
+            let growing = beside(frame, &self.growing);
+            self.look_up(scene, (frame, &luma), (&growing, false), sure, &mut told, pictures)?;
+        }
         for other in others {
             self.know(scene, other, pictures)?;
             let Some(teller) = self.known.get_mut(&other) else { continue };
@@ -278,12 +317,14 @@ impl Carried {
         }
         let picture = pictures(frame)?;
         let luma = luma_of(&picture);
+        let told = self.told(scene, (frame, &luma), pictures)?;
         let spread = if let Some(growing) = self.growing.get(&frame) {
-            spread_over(&picture, &scene.field_of_view, growing, self.names.len())
+            spread_over(&picture, &scene.field_of_view, growing, self.names.len(), told)
         } else {
             let mut shares = self.blended(scene, &Seen::at_half(scene, frame), pictures)?;
             let growing = beside(frame, &self.growing);
-            self.look_up(scene, (frame, &luma), &growing, MarkedFrame::own, &mut shares, pictures)?;
+            let total = vec![GAUSSIANS; luma.data.len()];
+            self.look_up(scene, (frame, &luma), (&growing, false), total, &mut shares, pictures)?;
             shares
         };
         let evidence = &self.evidence[&frame];
@@ -297,7 +338,9 @@ impl Carried {
         let trail = earlier.unwrap_or_else(|| Trail::new(frame, luma.clone(), self.settings.mends));
         // At full size they take much memory, and are wanted of the shown frame alone.
         self.known.values_mut().for_each(|known| known.whole = None);
-        self.known.insert(frame, MarkedFrame { luma, trail, own, whole: Some(shares), told: None, weights });
+        let is_whole = self.plan.is_whole(frame);
+        let (whole, told) = (Some(shares), None);
+        self.known.insert(frame, MarkedFrame { luma, trail, own, whole, told, weights, is_whole });
         Ok(())
     }
 
@@ -342,12 +385,4 @@ fn is_looked_at(scene: &Scene) -> bool {
 /// Returns the luminance of a picture at half size, 0–255.
 fn luma_of(picture: &RgbImage) -> Grid<f32> {
     halved(&luma(picture))
-}
-
-/// Returns the nearest of `frames` on either side of a frame, as far as it is looked.
-fn beside(frame: usize, frames: &BTreeMap<usize, Evidence>) -> Vec<usize> {
-    let before = frames.range(..frame).next_back();
-    let after = frames.range(frame + 1..).next();
-    let both = before.into_iter().chain(after).map(|(marked, _)| *marked);
-    both.filter(|marked| marked.abs_diff(frame) <= REACH).collect()
 }

@@ -3,7 +3,7 @@
 
 use super::{
     Evidence,
-    hints::Hints,
+    hints::{Hints, Told},
     links::Links,
     looks::{Appearance, Looks, opponents},
     means::window_means,
@@ -27,12 +27,13 @@ const ROUNDS: usize = 2;
 const AREA: f32 = 0.2;
 
 /// Spreads the marks of a frame over its picture: shares of each name, [names][pixels] at half size, rounded
-/// down.
+/// down. `told` is what other frames tell, of pixels of the same size.
 pub(super) fn spread_over(
     picture: &RgbImage,
     field_of_view: &Mask,
     evidence: &Evidence,
     num_names: usize,
+    told: Option<Told>,
 ) -> Vec<Vec<f32>> {
     let (width, height) = (picture.width() as usize, picture.height() as usize);
     let cells = Cells::of_picture(width, height);
@@ -40,19 +41,21 @@ pub(super) fn spread_over(
     let colours = cells.colours(picture);
     let links = cells.links(&colours, field_of_view);
     let marked = evidence.pixels().count();
+    let told = told.map(|told| cells.told(&told));
     let shares = if 2 * marked > width * height {
-        spread(&links, &seeds, Before::Nothing, PULL, None)
+        spread(&links, &seeds, Before::Nothing, PULL, told.as_ref().map(Hints::of_told).as_ref())
     } else {
-        grown(&cells.looks(&colours), &links, &seeds)
+        grown(&cells.looks(&colours), &links, &seeds, told.as_ref())
     };
     shares.par_iter().map(|share| cells.at_half(share)).collect()
 }
 
 /// Spreads a few marks in rounds: what clearly belongs to a name is an example of its looks in the next one.
-fn grown(looks: &Looks, links: &Links, seeds: &Seeds) -> Vec<Vec<f32>> {
+fn grown(looks: &Looks, links: &Links, seeds: &Seeds, told: Option<&Told>) -> Vec<Vec<f32>> {
     let (mut walked, mut shares) = (Vec::new(), Vec::new());
     for round in 0..ROUNDS {
         let hints = Hints::of(looks, links, seeds, &shares);
+        let hints = told.into_iter().fold(hints, Hints::with_told);
         let before = if round == 0 { Before::Nothing } else { Before::Nearly(&walked) };
         walked = spread(links, seeds, before, PULL, Some(&hints));
         shares = weighed_by_area(&walked);
@@ -122,6 +125,21 @@ impl Cells {
             }
         }
         seeds
+    }
+
+    /// Returns the means of what is told of the pixels of half size in each square.
+    fn told(&self, told: &Told) -> Told {
+        let width = self.width / 2;
+        let half = |i: usize| {
+            let (x, y) = (i % self.width / 2, i / self.width / 2);
+            y.min(self.height / 2 - 1) * width + x.min(width - 1)
+        };
+        let weights = self.means(|i| told.weights[half(i)]);
+        let share = |plane: &Vec<f32>| -> Vec<f32> {
+            let sums = self.means(|i| told.weights[half(i)] * plane[half(i)]);
+            sums.iter().zip(&weights).map(|(sum, weight)| sum / weight.max(f32::MIN_POSITIVE)).collect()
+        };
+        Told { shares: told.shares.iter().map(share).collect(), weights }
     }
 
     /// Returns the mean colours of the squares: red, green, blue, as [`opponents`].

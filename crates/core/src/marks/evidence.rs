@@ -60,7 +60,7 @@ impl Evidence {
     }
 
     /// Returns `true` if some pixel shows name `k`.
-    fn shows(&self, k: usize) -> bool {
+    pub(super) fn shows(&self, k: usize) -> bool {
         self.verdicts.iter().skip(k).step_by(self.num_names).any(|verdict| *verdict > 0)
     }
 

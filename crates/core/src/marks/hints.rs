@@ -19,13 +19,23 @@ const NAMED: f64 = 3.0;
 const MANY: f32 = 200.0;
 /// Power of answers: names that are hardly less sure do not share a thing.
 const CERTAIN: i32 = 2;
+/// Weight of what another frame tells surely of a thing, beside that of looks.
+const TOLD: f32 = 100.0;
 
 /// A share of each name for each thing, as its looks tell, and how sure that is. What looks like nothing that
 /// is marked has a share of no name.
 pub(super) struct Hints {
     /// [names][things].
     pub(super) shares: Vec<Vec<f32>>,
-    /// Weight of each thing, 0–1.
+    /// Weight of each thing: up to 1 for its looks, more with what is told.
+    pub(super) weights: Vec<f32>,
+}
+
+/// Shares that other marked frames tell.
+pub(super) struct Told {
+    /// [names][things].
+    pub(super) shares: Vec<Vec<f32>>,
+    /// Certainty of the shares of each thing, about 0–1.
     pub(super) weights: Vec<f32>,
 }
 
@@ -65,6 +75,25 @@ impl Hints {
         let answers = looks.answers(&examples, &denied, (&open, variance));
         let marked = counts.iter().sum::<usize>() as f32 / shown as f32;
         Self::weighed(answers, (marked / MANY).min(1.0))
+    }
+
+    /// Takes what other frames tell alone.
+    pub(super) fn of_told(told: &Told) -> Self {
+        let nothing = vec![0.0; told.weights.len()];
+        Self { shares: vec![nothing.clone(); told.shares.len()], weights: nothing }.with_told(told)
+    }
+
+    /// Adds what other frames tell of each thing: shares, [names][things], and how sure they are.
+    pub(super) fn with_told(mut self, told: &Told) -> Self {
+        for (i, weight) in self.weights.iter_mut().enumerate() {
+            let other = TOLD * told.weights[i];
+            let sum = (*weight + other).max(f32::MIN_POSITIVE);
+            for (own, told) in self.shares.iter_mut().zip(&told.shares) {
+                own[i] = (*weight * own[i] + other * told[i]) / sum;
+            }
+            *weight += other;
+        }
+        self
     }
 
     /// Makes answers shares, and leaves what is not known to no name; `trust` is the weight of a sure one.

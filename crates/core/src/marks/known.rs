@@ -28,13 +28,12 @@ pub(super) struct MarkedFrame {
     pub(super) told: Option<Vec<Vec<f32>>>,
     /// Weight of each pixel: 1 if it is marked.
     pub(super) weights: Vec<f32>,
+    /// `true` if the frame knows of all names, by its own marks or by what was told; else it does not know
+    /// what is left.
+    pub(super) is_whole: bool,
 }
 
 impl MarkedFrame {
-    pub(super) fn own(&self) -> &[Vec<f32>] {
-        &self.own
-    }
-
     /// Shares with what the frames beside it tell, if that was asked.
     pub(super) fn told(&self) -> &[Vec<f32>] {
         self.told.as_ref().unwrap_or(&self.own)
@@ -56,15 +55,25 @@ impl MarkedFrame {
         weights
     }
 
+    /// Returns the part of each pixel that is known: what is left may show names that the frame does not know.
+    pub(super) fn sure(&self) -> Vec<f32> {
+        let known = |(i, weight): (usize, &f32)| {
+            let is_known = self.is_whole || *weight > UNMARKED;
+            if is_known { 1.0 } else { self.own.iter().map(|plane| plane[i]).sum::<f32>().min(1.0) }
+        };
+        self.weights.iter().enumerate().map(known).collect()
+    }
+
     /// Adds what this frame tells of the Gaussians. Pixels outside the field of view tell nothing.
     pub(super) fn seed(&self, seeds: &mut Seeds, scene: &Scene, frame: usize) {
         let (width, height) = (self.luma.width, self.luma.height);
         let field_of_view = scene.field_of_view.sampled(width, height);
         let weight = |(w, inside): (&f32, &bool)| if *inside { *w } else { 0.0 };
         let weights: Vec<f32> = self.weights.iter().zip(&field_of_view.data).map(weight).collect();
+        let sure: Vec<f32> = weights.iter().zip(self.sure()).map(|(weight, sure)| weight * sure).collect();
         let planes = |names: Range<usize>| {
             let shares = self.own[names.clone()].iter().flat_map(|plane| plane.iter().zip(&weights));
-            (weights.repeat(names.len()), shares.map(|(share, weight)| share * weight).collect())
+            (sure.repeat(names.len()), shares.map(|(share, weight)| share * weight).collect())
         };
         let camera = scene.cameras[frame].resized(width as u32, height as u32);
         seeds.add_pixels(scene, camera, scene.time(frame), planes);

@@ -24,6 +24,7 @@ mod known;
 mod links;
 mod looks;
 mod means;
+mod plan;
 mod read;
 mod scores;
 mod seeds;

@@ -79,13 +79,50 @@ fn a_stroke_on_each_side_finds_both_sides_on_every_frame() {
     ];
     let (names, found) = scores(marks, 3);
     assert_eq!(names, ["fat", "liver"]);
-    let share = |k: usize, left: bool| {
-        let inside = |i: &usize| (i % SIZE[0] < SIZE[0] / 2) == left;
-        let pixels: Vec<usize> = (0..SIZE[0] * SIZE[1]).filter(inside).collect();
-        pixels.iter().filter(|i| found.scores[k].data[**i] > 0.5).count() as f32 / pixels.len() as f32
-    };
+    let share = |k: usize, left: bool| share_of_half(&found.scores[k], left);
     assert!(share(0, false) > 0.97 && share(0, true) < 0.03, "{} {}", share(0, false), share(0, true));
     assert!(share(1, true) > 0.97 && share(1, false) < 0.03, "{} {}", share(1, true), share(1, false));
+}
+
+/// Share of the left or the right half where something is found.
+fn share_of_half(scores: &Grid<f32>, left: bool) -> f32 {
+    let inside = |i: &usize| (i % SIZE[0] < SIZE[0] / 2) == left;
+    let pixels: Vec<usize> = (0..SIZE[0] * SIZE[1]).filter(inside).collect();
+    pixels.iter().filter(|i| scores.data[**i] > 0.5).count() as f32 / pixels.len() as f32
+}
+
+#[test]
+fn one_more_mark_on_another_frame_takes_nothing_else_away() {
+    let first = [
+        stroke(0, "liver", true, &[[8.0, 10.0], [20.0, 40.0]]),
+        stroke(0, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]),
+    ];
+    for more in [
+        stroke(3, "liver", false, &[[26.0, 10.0], [28.0, 14.0]]),
+        stroke(3, "liver", true, &[[8.0, 10.0], [20.0, 40.0]]),
+        stroke(3, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]),
+    ] {
+        let marks = [first.to_vec(), vec![more.clone()]].concat();
+        for frame in [2, 3] {
+            let (_, found) = scores(marks.clone(), frame);
+            let (fat, liver) =
+                (share_of_half(&found.scores[0], false), share_of_half(&found.scores[1], true));
+            assert!(fat > 0.97 && liver > 0.9, "{fat} {liver} on frame {frame} after {more:?}");
+        }
+    }
+}
+
+#[test]
+fn names_marked_on_different_frames_are_found_beside_each_other() {
+    let marks = vec![
+        stroke(0, "liver", true, &[[8.0, 10.0], [20.0, 40.0]]),
+        stroke(3, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]),
+    ];
+    for frame in 0..FRAMES {
+        let (_, found) = scores(marks.clone(), frame);
+        let (fat, liver) = (share_of_half(&found.scores[0], false), share_of_half(&found.scores[1], true));
+        assert!(fat > 0.9 && liver > 0.9, "{fat} {liver} on frame {frame}");
+    }
 }
 
 #[test]

@@ -9,7 +9,7 @@ use crate::cli::{
     verb::Exit,
 };
 use clap::Args;
-use rules::Rule;
+use rules::{LEAST_PX, Rule, largest_part, stroke};
 use std::{
     collections::{BTreeMap, BTreeSet},
     fmt::Write,
@@ -90,10 +90,13 @@ impl Measure for BenchMarksArgs {
         add(bench.by_rule("one stroke per class", Rule::Stroke, &[middle], whole)?);
         add(bench.by_rule("three clicks per class", Rule::Clicks, &[middle], whole)?);
         add(bench.by_rule("strokes on three frames", Rule::Stroke, &[n / 6, middle, 5 * n / 6], whole)?);
-        bench.corrected("", middle, |_| true, &mut add)?;
+        bench.corrected("corrections", middle, |_| true, Bench::painted_over, &mut add)?;
         let complete = bench.frames_like(middle)?;
-        let on_complete = " on completely labelled frames";
-        bench.corrected(on_complete, middle, |frame| complete.contains(&frame), &mut add)?;
+        let may = |frame: usize| complete.contains(&frame);
+        let which = "corrections on completely labelled frames";
+        bench.corrected(which, middle, may, Bench::painted_over, &mut add)?;
+        let which = "more strokes on completely labelled frames";
+        bench.corrected(which, middle, may, Bench::stroked, &mut add)?;
         let text = csv(&outcomes);
         files.write("marks.csv", text.as_bytes())?;
         print_report(&outcomes, &text, self.json)?;
@@ -111,6 +114,9 @@ fn parts() -> [(&'static str, CarrySettings); 3] {
         ("borders not refined", CarrySettings { refines: false, ..whole }),
     ]
 }
+
+/// A way to correct what is found on a frame.
+type Correct = fn(&Bench, &Carried, &[Grid<f32>], usize) -> Result<Vec<Mark>>;
 
 /// Displacement of every pixel of one frame in another one.
 type Flow = fn(&Grid<f32>, &Grid<f32>) -> Grid<Vector>;
@@ -254,13 +260,14 @@ impl Bench {
         Ok(frames)
     }
 
-    /// Strokes first; then, on the frame where one more mark would help most, of those that `may` be marked, the
-    /// missing part of every class is painted over, and so on.
+    /// Strokes first; then marks of a way to `correct` on the frame where one more would help most, of those that
+    /// `may` be marked, and so on.
     fn corrected(
         &self,
         which: &str,
         middle: usize,
         may: impl Fn(usize) -> bool,
+        correct: Correct,
         add: &mut dyn FnMut(Outcome),
     ) -> Result<()> {
         let mut marks = self.marks(Rule::Stroke, &[middle])?;
@@ -272,8 +279,8 @@ impl Bench {
             places.retain(|here| may(here.frame));
             let Some(here) = LookHere::best(&places) else { break };
             let scores = self.scores(&mut carried, here.frame)?;
-            marks.extend(self.painted_over(&carried, &scores, here.frame)?);
-            let way = format!("one stroke per class, {correction} corrections{which}");
+            marks.extend(correct(self, &carried, &scores, here.frame)?);
+            let way = format!("one stroke per class, {correction} {which}");
             add(self.by_marks(&way, &Marks::new(marks.clone(), &self.canvas)?, CarrySettings::default())?);
         }
         Ok(())
@@ -294,6 +301,26 @@ impl Bench {
             }
         }
         Ok(marks)
+    }
+
+    /// Returns a stroke through the largest part of a frame that is wrong: this, or not this.
+    fn stroked(&self, carried: &Carried, scores: &[Grid<f32>], frame: usize) -> Result<Vec<Mark>> {
+        let keep = self.sequence.mask(frame)?;
+        let mut largest: Option<(usize, Mark)> = None;
+        for (class, truth) in self.classes.iter().zip(self.truth(frame)?) {
+            let place = carried.names().iter().position(|name| *name == class.name);
+            let found = |i: usize| place.is_some_and(|k| scores[k].data[i] > 0.5);
+            for add in [true, false] {
+                let is_wrong = |i: usize| keep.data[i] && truth.data[i] == add && found(i) != add;
+                let wrong = (0..truth.data.len()).map(is_wrong).collect();
+                let part = largest_part(&Mask::from_vec(truth.width, truth.height, wrong));
+                let area = part.count();
+                if area >= LEAST_PX && largest.as_ref().is_none_or(|(most, _)| area > *most) {
+                    largest = Some((area, Mark::new(frame, &class.name, add, stroke(&part))));
+                }
+            }
+        }
+        Ok(largest.into_iter().map(|(_, mark)| mark).collect())
     }
 }
 

@@ -92,7 +92,8 @@ pub(super) fn largest_part(mask: &Mask) -> Mask {
     remove_small(mask, low)
 }
 
-fn stroke(class: &Mask) -> Shape {
+/// Returns a stroke through the largest part of a mask, along its longest axis.
+pub(super) fn stroke(class: &Mask) -> Shape {
     let part = largest_part(class);
     let (width, depths) = (part.width, depths(&part));
     let inside: Vec<usize> = (0..part.data.len()).filter(|i| part.data[*i]).collect();

@@ -1,0 +1,116 @@
+//! The order in which frames with growing marks become known. A mark is often one more on a second frame, for
+//! one structure alone: what it does not speak of is told by frames that show more.
+
+use super::Evidence;
+use std::{
+    cmp::Reverse,
+    collections::{BTreeMap, BTreeSet},
+};
+
+/// Frames that a marked frame is looked up from at most, on either side.
+pub(super) const REACH: usize = 100;
+
+/// Tellers of each frame: of the frames on either side that show more names than it does, those that show
+/// most, and the nearest of them. Of frames that show as many, the earlier one tells the later one.
+#[derive(Default)]
+pub(super) struct Plan {
+    places: BTreeMap<usize, Place>,
+    /// Number of names that marks show.
+    num_names: usize,
+}
+
+struct Place {
+    tellers: Vec<usize>,
+    num_shown: usize,
+    /// Names that the frame shows or is told.
+    known: BTreeSet<usize>,
+}
+
+impl Plan {
+    /// Makes the plan for marks of some names that grow.
+    pub(super) fn of(growing: &BTreeMap<usize, Evidence>, num_names: usize) -> Self {
+        let names = |evidence: &Evidence| (0..num_names).filter(|k| evidence.shows(*k)).collect();
+        let mut shown: Vec<(usize, BTreeSet<usize>)> =
+            growing.iter().map(|(frame, evidence)| (*frame, names(evidence))).collect();
+        shown.sort_by_key(|(frame, names)| (Reverse(names.len()), *frame));
+        let all: BTreeSet<usize> = shown.iter().flat_map(|(_, names)| names.iter().copied()).collect();
+        let mut plan = Self { places: BTreeMap::new(), num_names: all.len() };
+        for (frame, mut known) in shown {
+            let num_shown = known.len();
+            let tellers = plan.richest_beside(frame);
+            known.extend(tellers.iter().flat_map(|teller| &plan.places[teller].known));
+            plan.places.insert(frame, Place { tellers, num_shown, known });
+        }
+        plan
+    }
+
+    /// Returns the frames on either side that show most names, of those that have a place.
+    fn richest_beside(&self, frame: usize) -> Vec<usize> {
+        let richest = |frames: &mut dyn Iterator<Item = (&usize, &Place)>| {
+            let rank = |(other, place): &(&usize, &Place)| (place.num_shown, Reverse(other.abs_diff(frame)));
+            frames.max_by_key(rank).map(|(other, _)| *other)
+        };
+        let before = richest(&mut self.places.range(frame.saturating_sub(REACH)..frame));
+        let after = richest(&mut self.places.range(frame + 1..=frame + REACH));
+        before.into_iter().chain(after).collect()
+    }
+
+    /// Returns the frames that tell a frame what its marks do not.
+    pub(super) fn tellers(&self, frame: usize) -> &[usize] {
+        self.places.get(&frame).map_or(&[], |place| &place.tellers)
+    }
+
+    /// Returns `true` if the marks on a frame show all names.
+    pub(super) fn shows_all(&self, frame: usize) -> bool {
+        self.places.get(&frame).is_some_and(|place| place.num_shown == self.num_names)
+    }
+
+    /// Returns `true` if a frame knows of all names; else it does not know what is left by those that it knows.
+    pub(super) fn is_whole(&self, frame: usize) -> bool {
+        self.places.get(&frame).is_none_or(|place| place.known.len() == self.num_names)
+    }
+}
+
+/// Returns the nearest of `frames` on either side of a frame, as far as it is looked.
+pub(super) fn beside<T>(frame: usize, frames: &BTreeMap<usize, T>) -> Vec<usize> {
+    let before = frames.range(..frame).next_back();
+    let after = frames.range(frame + 1..).next();
+    let both = before.into_iter().chain(after).map(|(marked, _)| *marked);
+    both.filter(|marked| marked.abs_diff(frame) <= REACH).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::marks::{Mark, Marks, Shape};
+
+    fn plan(marks: &[(usize, &str, bool)]) -> Plan {
+        let click = Shape::Click { point_px: [2.5, 2.5], radius_px: 1.0 };
+        let mark = |&(frame, name, add): &(usize, &str, bool)| Mark::new(frame, name, add, click.clone());
+        let marks = Marks { marks: marks.iter().map(mark).collect() };
+        let names = marks.names();
+        let of = |frame| (frame, Evidence::of(&marks, frame, &names, [8, 8]));
+        Plan::of(&marks.frames().into_iter().map(of).collect(), names.len())
+    }
+
+    #[test]
+    fn frames_that_show_most_tell_the_others() {
+        let whole = [(10, "liver", true), (10, "fat", true), (14, "liver", true), (14, "fat", true)];
+        let more = [(4, "fat", true), (6, "liver", false), (12, "liver", true), (300, "fat", true)];
+        let plan = plan(&[&whole[..], &more[..]].concat());
+        let tellers = [(10, &[][..]), (14, &[10]), (4, &[10]), (6, &[4, 10]), (12, &[10, 14]), (300, &[])];
+        for (frame, tellers) in tellers {
+            assert_eq!(plan.tellers(frame), tellers, "{frame}");
+        }
+        assert!([4, 6, 10, 12].iter().all(|frame| plan.is_whole(*frame)));
+        assert!(plan.shows_all(14) && !plan.shows_all(12));
+        assert!(!plan.is_whole(300), "too far away");
+    }
+
+    #[test]
+    fn where_no_frame_shows_all_names_the_first_does_not_know_what_is_left() {
+        let plan = plan(&[(3, "liver", true), (9, "fat", true)]);
+        assert_eq!((plan.tellers(3), plan.tellers(9)), (&[][..], &[3][..]));
+        assert!(!plan.is_whole(3) && plan.is_whole(9));
+    }
+}
