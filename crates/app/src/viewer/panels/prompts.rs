@@ -78,7 +78,8 @@ impl Prompts {
 fn ways_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     ui.horizontal_wrapped(|ui| {
         marking::mark_button_ui(ui, shared, actions);
-        if shared.can_ask() {
+        // The first mark makes words possible, and must not move the tool under the hand.
+        if shared.can_ask() && !shared.viewport.marking.is_on {
             suggestions_ui(ui, shared, actions);
             let button = ui.button(RichText::new("Compared with…").font(theme::small()));
             if button.on_hover_text(shared.tooltip(Command::Negatives)).clicked() {
