@@ -86,21 +86,20 @@ impl Carried {
     }
 
     /// Takes over what was found for earlier marks on the same recording and still holds: frames whose marks
-    /// are the same, and displacements. The scores stay the same and take less time.
+    /// and tellers are the same, and displacements. The scores stay the same and take less time.
     pub fn after(mut self, earlier: Self) -> Self {
         let is_same = self.names == earlier.names
             && self.settings == earlier.settings
             && Arc::ptr_eq(&self.graph, &earlier.graph);
         let is_marked_so = |frame: &usize| {
-            let is_told = |plan: &Plan| !plan.tellers(*frame).is_empty();
             self.evidence.get(frame) == earlier.evidence.get(frame)
                 && self.growing.get(frame).is_some_and(|own| Some(own) == earlier.growing.get(frame))
-                && !is_told(&self.plan)
-                && !is_told(&earlier.plan)
+                && self.plan.is_as_in(&earlier.plan, *frame)
         };
+        let holds = |frame: usize| self.plan.with_tellers(frame).iter().all(is_marked_so);
         let mut trails = earlier.trails;
         for (frame, known) in earlier.known {
-            if is_same && is_marked_so(&frame) {
+            if is_same && holds(frame) {
                 let is_whole = self.plan.is_whole(frame);
                 self.known.insert(frame, MarkedFrame { told: None, is_whole, ..known });
             } else {

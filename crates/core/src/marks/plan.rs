@@ -60,6 +60,24 @@ impl Plan {
         self.places.get(&frame).map_or(&[], |place| &place.tellers)
     }
 
+    /// Returns a frame, those that tell it, those that tell these, and so on.
+    pub(super) fn with_tellers(&self, frame: usize) -> BTreeSet<usize> {
+        let mut all = BTreeSet::new();
+        let mut next = vec![frame];
+        while let Some(frame) = next.pop() {
+            if all.insert(frame) {
+                next.extend(self.tellers(frame));
+            }
+        }
+        all
+    }
+
+    /// Returns `true` if another plan has the same place for a frame.
+    pub(super) fn is_as_in(&self, other: &Self, frame: usize) -> bool {
+        let place = |plan: &Self| (plan.tellers(frame).to_vec(), plan.shows_all(frame));
+        place(self) == place(other)
+    }
+
     /// Returns `true` if the marks on a frame show all names.
     pub(super) fn shows_all(&self, frame: usize) -> bool {
         self.places.get(&frame).is_some_and(|place| place.num_shown == self.num_names)
@@ -104,6 +122,7 @@ mod tests {
         }
         assert!([4, 6, 10, 12].iter().all(|frame| plan.is_whole(*frame)));
         assert!(plan.shows_all(14) && !plan.shows_all(12));
+        assert_eq!(plan.with_tellers(6), [4, 6, 10].into());
         assert!(!plan.is_whole(300), "too far away");
     }
 
