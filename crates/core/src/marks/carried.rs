@@ -79,8 +79,8 @@ impl Carried {
     pub fn new(scene: &Scene, graph: Arc<Graph>, marks: &Marks, settings: CarrySettings) -> Self {
         let names = marks.names();
         let evidence = Evidence::of_all(marks, &names, scene);
-        let growing = Evidence::of_growing(marks, &evidence, &names, scene);
-        let plan = Plan::of(&growing, names.len());
+        let (growing, pointed) = Evidence::of_growing(marks, &evidence, &names, scene);
+        let plan = Plan::of(&growing, &pointed, names.len());
         let (known, trails) = (BTreeMap::new(), BTreeMap::new());
         Self { names, settings, evidence, growing, plan, graph, shares: None, known, trails }
     }

@@ -3,7 +3,10 @@
 use super::{Mark, Marks};
 use crate::scene::Scene;
 use rayon::prelude::*;
-use std::{collections::BTreeMap, ops::Range};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    ops::Range,
+};
 
 /// Evidence of the marks on one frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,22 +44,22 @@ impl Evidence {
 
     /// Sums up the marks that grow to whole structures, by frame: clicks and strokes. Outlines tell of their own
     /// pixels alone, but for names that no click or stroke shows.
-    /// `all` is the evidence of all marks.
+    /// `all` is the evidence of all marks. Returns the frames, too, on which clicks or strokes say something.
     pub(super) fn of_growing(
         marks: &Marks,
         all: &BTreeMap<usize, Self>,
         names: &[String],
         scene: &Scene,
-    ) -> BTreeMap<usize, Self> {
+    ) -> (BTreeMap<usize, Self>, BTreeSet<usize>) {
         if !marks.all().iter().any(|mark| mark.shape.is_outlined()) {
-            return all.clone();
+            return (all.clone(), all.keys().copied().collect());
         }
         let pointed = Self::of_all(&marks.filtered(|mark| !mark.shape.is_outlined()), names, scene);
         let is_pointed_at = |k: usize| pointed.values().any(|evidence| evidence.shows(k));
         let outlined: Vec<&String> =
             names.iter().enumerate().filter(|(k, _)| !is_pointed_at(*k)).map(|(_, name)| name).collect();
         let grows = |mark: &Mark| !mark.shape.is_outlined() || outlined.contains(&&mark.name);
-        Self::of_all(&marks.filtered(grows), names, scene)
+        (Self::of_all(&marks.filtered(grows), names, scene), pointed.into_keys().collect())
     }
 
     /// Returns `true` if some pixel shows name `k`.

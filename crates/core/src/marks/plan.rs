@@ -9,9 +9,12 @@ use std::{
 
 /// Frames that a marked frame is looked up from at most, on either side.
 pub(super) const REACH: usize = 100;
+/// Frames that tell each other in a row at most, of those that show as many names.
+const MOST_STEPS: usize = 8;
 
 /// Tellers of each frame: of the frames on either side that show more names than it does, those that show
-/// most, and the nearest of them. Of frames that show as many, the earlier one tells the later one.
+/// most, and the nearest of them. Of frames that show as many, the earlier one tells the later one. Frames
+/// with outlines alone are not told: outlines say where structures end.
 #[derive(Default)]
 pub(super) struct Plan {
     places: BTreeMap<usize, Place>,
@@ -22,13 +25,20 @@ pub(super) struct Plan {
 struct Place {
     tellers: Vec<usize>,
     num_shown: usize,
+    /// Number of frames in a row that told it.
+    num_steps: usize,
     /// Names that the frame shows or is told.
     known: BTreeSet<usize>,
 }
 
 impl Plan {
-    /// Makes the plan for marks of some names that grow.
-    pub(super) fn of(growing: &BTreeMap<usize, Evidence>, num_names: usize) -> Self {
+    /// Makes the plan for the evidence of marks that grow. Clicks or strokes say something on the frames of
+    /// `pointed`.
+    pub(super) fn of(
+        growing: &BTreeMap<usize, Evidence>,
+        pointed: &BTreeSet<usize>,
+        num_names: usize,
+    ) -> Self {
         let names = |evidence: &Evidence| (0..num_names).filter(|k| evidence.shows(*k)).collect();
         let mut shown: Vec<(usize, BTreeSet<usize>)> =
             growing.iter().map(|(frame, evidence)| (*frame, names(evidence))).collect();
@@ -37,18 +47,28 @@ impl Plan {
         let mut plan = Self { places: BTreeMap::new(), num_names: all.len() };
         for (frame, mut known) in shown {
             let num_shown = known.len();
-            let tellers = plan.richest_beside(frame);
-            known.extend(tellers.iter().flat_map(|teller| &plan.places[teller].known));
-            plan.places.insert(frame, Place { tellers, num_shown, known });
+            let mut tellers = Vec::new();
+            if pointed.contains(&frame) {
+                tellers = plan.richest_beside(frame, num_shown);
+                known.extend(tellers.iter().flat_map(|teller| &plan.places[teller].known));
+            } else {
+                known.clone_from(&all);
+            }
+            let steps = tellers.iter().map(|teller| plan.places[teller].num_steps + 1);
+            let num_steps = steps.max().unwrap_or(0);
+            plan.places.insert(frame, Place { tellers, num_shown, num_steps, known });
         }
         plan
     }
 
-    /// Returns the frames on either side that show most names, of those that have a place.
-    fn richest_beside(&self, frame: usize) -> Vec<usize> {
+    /// Returns the frames on either side of one that shows `num_shown` names that show most names, of those that
+    /// have a place.
+    fn richest_beside(&self, frame: usize, num_shown: usize) -> Vec<usize> {
         let richest = |frames: &mut dyn Iterator<Item = (&usize, &Place)>| {
             let rank = |(other, place): &(&usize, &Place)| (place.num_shown, Reverse(other.abs_diff(frame)));
-            frames.max_by_key(rank).map(|(other, _)| *other)
+            let best = frames.max_by_key(rank);
+            let is_near = |place: &Place| place.num_shown > num_shown || place.num_steps < MOST_STEPS;
+            best.filter(|(_, place)| is_near(place)).map(|(other, _)| *other)
         };
         let before = richest(&mut self.places.range(frame.saturating_sub(REACH)..frame));
         let after = richest(&mut self.places.range(frame + 1..=frame + REACH));
@@ -108,7 +128,8 @@ mod tests {
         let marks = Marks { marks: marks.iter().map(mark).collect() };
         let names = marks.names();
         let of = |frame| (frame, Evidence::of(&marks, frame, &names, [8, 8]));
-        Plan::of(&marks.frames().into_iter().map(of).collect(), names.len())
+        let frames = marks.frames();
+        Plan::of(&frames.iter().copied().map(of).collect(), &frames.into_iter().collect(), names.len())
     }
 
     #[test]
@@ -124,6 +145,24 @@ mod tests {
         assert!(plan.shows_all(14) && !plan.shows_all(12));
         assert_eq!(plan.with_tellers(6), [4, 6, 10].into());
         assert!(!plan.is_whole(300), "too far away");
+    }
+
+    #[test]
+    fn many_marked_frames_are_told_in_short_rows() {
+        let marks: Vec<(usize, &str, bool)> = (0..5000).map(|frame| (frame, "liver", true)).collect();
+        let plan = plan(&marks);
+        assert_eq!((plan.tellers(0), plan.tellers(1), plan.tellers(9)), (&[][..], &[0][..], &[][..]));
+        assert!((0..5000).all(|frame| plan.with_tellers(frame).len() <= MOST_STEPS + 1));
+    }
+
+    #[test]
+    fn frames_with_outlines_alone_speak_for_themselves() {
+        let outline = Shape::Box { corners_px: [[1.0, 1.0], [6.0, 6.0]] };
+        let marks = [3, 4].map(|frame| Mark::new(frame, "liver", true, outline.clone()));
+        let marks = Marks { marks: marks.into() };
+        let evidence = [3, 4].map(|frame| (frame, Evidence::of(&marks, frame, &marks.names(), [8, 8])));
+        let plan = Plan::of(&evidence.into(), &BTreeSet::new(), 1);
+        assert!(plan.tellers(4).is_empty() && plan.is_whole(4));
     }
 
     #[test]
