@@ -15,7 +15,6 @@ const MOST_STEPS: usize = 8;
 /// Tellers of each frame: of the frames on either side that show more names than it does, those that show
 /// most, and the nearest of them. Of frames that show as many, the earlier one tells the later one. Frames
 /// with outlines alone are not told: outlines say where structures end.
-#[derive(Default)]
 pub(super) struct Plan {
     places: BTreeMap<usize, Place>,
     /// Number of names that marks show.
