@@ -308,9 +308,10 @@ mod tests {
         let input =
             RawInput { screen_rect: Some(Rect::from_min_size(Pos2::ZERO, size)), ..Default::default() };
         let (ctx, texture) = (Context::default(), Texture::new(image));
-        let output = ctx.run_ui(input, |ui| {
+        let mut output = ctx.run_ui(input, |ui| {
             texture.paint(&ui.ctx().layer_painter(LayerId::background()).with_clip_rect(clip), at);
         });
+        output.textures_delta.clear();
         let jobs = ctx.tessellate(output.shapes, 1.0);
         let mut renderer = Renderer::new(device, format, RendererOptions::default());
         renderer.callback_resources.insert(Quads::new(device, format));
