@@ -45,7 +45,7 @@ mod theme;
 mod work;
 
 use backend::engine::EngineBackend;
-use picture::texture;
+use picture::{fills::Fills, texture};
 use shell::Shell;
 pub use shell::ViewerInput;
 use state::{autosave::Autosave, preferences::Preferences};
@@ -67,7 +67,10 @@ pub fn run(input: ViewerInput, demo_folder: Option<PathBuf>) -> Result<()> {
         .with_drag_and_drop(true);
     let options = eframe::NativeOptions { viewport, ..Default::default() };
     let start = move |cc: &eframe::CreationContext<'_>| {
-        cc.wgpu_render_state.as_ref().into_iter().for_each(texture::install);
+        if let Some(state) = &cc.wgpu_render_state {
+            texture::install(state);
+            cc.egui_ctx.add_plugin(Fills);
+        }
         let autosave = Autosave::open(Autosave::user_folder());
         let mut shell = Shell::new(&cc.egui_ctx, Arc::new(EngineBackend), preferences, autosave);
         shell.shared.opening.demo_folder.clone_from(&demo_folder);

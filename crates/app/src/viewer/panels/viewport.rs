@@ -20,7 +20,6 @@ use crate::viewer::{
     picture::{
         difference::Difference,
         request::{AskedPrompt, Finding},
-        texture,
     },
     shared::Shared,
     state::{
@@ -220,7 +219,9 @@ fn shown_area(memory: &egui::Memory, name: &str) -> Option<Rect> {
 /// Fills the area around the pictures. What they cover is left out but for a point at their borders, which
 /// may lie within a pixel.
 fn paint_backdrop(ui: &Ui, area: Rect, views: &[PaneView]) {
-    let fill = |rect: Rect| texture::fill(ui.painter(), rect, theme::BACKDROP);
+    let fill = |rect: Rect| {
+        ui.painter().rect_filled(rect, 0.0, theme::BACKDROP);
+    };
     if views.is_empty() {
         fill(area);
     }

@@ -3,6 +3,7 @@
 pub(crate) mod areas;
 pub(crate) mod copy;
 pub(crate) mod difference;
+pub(crate) mod fills;
 mod findings;
 pub(crate) mod found;
 pub(crate) mod layer_colours;
