@@ -45,7 +45,7 @@ mod theme;
 mod work;
 
 use backend::engine::EngineBackend;
-use picture::{fills::Fills, texture};
+use picture::{meshes, texture};
 use shell::Shell;
 pub use shell::ViewerInput;
 use state::{autosave::Autosave, preferences::Preferences};
@@ -69,7 +69,7 @@ pub fn run(input: ViewerInput, demo_folder: Option<PathBuf>) -> Result<()> {
     let start = move |cc: &eframe::CreationContext<'_>| {
         if let Some(state) = &cc.wgpu_render_state {
             texture::install(state);
-            cc.egui_ctx.add_plugin(Fills);
+            meshes::install(state, &cc.egui_ctx);
         }
         let autosave = Autosave::open(Autosave::user_folder());
         let mut shell = Shell::new(&cc.egui_ctx, Arc::new(EngineBackend), preferences, autosave);

@@ -3,11 +3,13 @@
 pub(crate) mod areas;
 pub(crate) mod copy;
 pub(crate) mod difference;
-pub(crate) mod fills;
 mod findings;
 pub(crate) mod found;
 pub(crate) mod layer_colours;
 pub(crate) mod marks;
+pub(crate) mod meshes;
+#[cfg(test)]
+mod on_adapter;
 pub(crate) mod open;
 mod pipeline;
 #[cfg(test)]

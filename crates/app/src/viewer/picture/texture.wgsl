@@ -1,18 +1,14 @@
-// Draws a part of a picture, or one colour, into a rectangle of the window.
+// Draws a part of a picture into a rectangle of the window.
 
 struct Quad {
     // Left, top, right and bottom of the rectangle in the window, -1 to 1, upwards.
     place: vec4<f32>,
-    // Left, top, right and bottom of the part of the picture that is shown there, 0 to 1, downwards.
+    // Left, top, right and bottom of the part of the picture, 0 to 1, downwards.
     part: vec4<f32>,
     // Size of a pixel of the window in the picture, 0 to 1.
     step: vec2<f32>,
     // Number of samples per pixel of the window, across and down.
     samples: vec2<f32>,
-    // Colour where there is no picture, premultiplied.
-    colour: vec4<f32>,
-    // Radius of the corners, pixels, four times.
-    radius: vec4<f32>,
 }
 
 @group(0) @binding(0) var<uniform> quad: Quad;
@@ -48,14 +44,4 @@ fn averaged(corner: Corner) -> @location(0) vec4<f32> {
         }
     }
     return sum / (quad.samples.x * quad.samples.y);
-}
-
-// Draws one colour. Pixels at round corners are covered in part.
-@fragment
-fn filled(corner: Corner) -> @location(0) vec4<f32> {
-    let extent = 0.5 / quad.step;
-    let radius = min(quad.radius.x, min(extent.x, extent.y));
-    let beyond = abs(corner.at - 0.5) / quad.step - (extent - radius);
-    let outside = length(max(beyond, vec2<f32>(0.0))) + min(max(beyond.x, beyond.y), 0.0) - radius;
-    return quad.colour * clamp(0.5 - outside, 0.0, 1.0);
 }
