@@ -1,4 +1,4 @@
-//! Long work on named threads, with progress and cancellation. The window polls and never waits.
+//! Long work on named threads, with progress and cancellation. The window polls and does not wait.
 
 use crate::jobs;
 use std::{

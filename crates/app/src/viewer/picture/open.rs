@@ -11,16 +11,22 @@ use crate::viewer::{
     },
 };
 use egui::Context;
+use std::time::Duration;
 use surgtpgs_core::Result;
 
 /// Duration above which pictures are made at half size while something moves, milliseconds.
 const SLOW_MS: f64 = 60.0;
+
+/// Longest time that a frame of the window waits for the answer to a letter.
+const PATIENCE: Duration = Duration::from_millis(80);
 
 /// The open scene or recording.
 pub(crate) struct Open {
     pub(crate) info: Info,
     worker: Worker,
     asked: Option<Request>,
+    /// Whether the answer to a letter is on its way, and was not waited for.
+    is_due: bool,
     /// Areas of all prompts on every frame; `None` while a passing state is shown, such as a preview of
     /// training.
     pub(crate) areas: Option<Areas>,
@@ -42,6 +48,7 @@ impl Open {
             info,
             worker,
             asked: None,
+            is_due: false,
             areas,
             shown: None,
             thumbnails: Thumbnails::default(),
@@ -58,6 +65,14 @@ impl Open {
         self.areas = None;
     }
 
+    /// Waits briefly for the answer to a letter, once. A frame without it would be drawn in vain, which takes
+    /// the time of the answer where there is no GPU.
+    pub(crate) fn wait_for_letter(&mut self) {
+        if std::mem::take(&mut self.is_due) {
+            self.worker.wait(PATIENCE);
+        }
+    }
+
     /// Takes what the thread has made.
     pub(crate) fn poll(&mut self) {
         for measured in self.worker.take_measured() {
@@ -70,6 +85,7 @@ impl Open {
             self.thumbnails.take(frame, image);
         }
         let Some(picture) = self.worker.take() else { return };
+        self.is_due = false;
         if !picture.request.view.is_preview {
             self.full_ms = picture.took_ms;
         }
@@ -87,6 +103,7 @@ impl Open {
                 // What was counted was found with other marks.
                 *areas = Areas::new(self.info.num_frames);
             }
+            self.is_due = request.is_typing;
             self.worker.submit(request.clone());
             self.asked = Some(request);
         }

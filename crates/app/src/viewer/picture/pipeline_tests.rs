@@ -6,11 +6,15 @@ use crate::viewer::{
     picture::{
         pipeline::Pipeline,
         request::{AskedPrompt, Picture, Request},
+        worker::Worker,
     },
     state::view_mode::Layer,
 };
 use image::{Rgb, RgbImage};
-use std::sync::{Arc, Mutex};
+use std::{
+    sync::{Arc, Mutex},
+    time::Duration,
+};
 use surgtpgs_core::{Result, grid::Grid, mask::CleanUp, overlay::OverlayLook, relevancy::RelevancySettings};
 
 const FRAMES: usize = 40;
@@ -126,6 +130,16 @@ fn frames_ahead_are_prepared_once_and_then_nothing_runs() {
     assert_eq!(rendered.lock().unwrap().len(), 13, "what was prepared is not rendered again");
     is_all_of(&pipeline.produce(request(FRAMES - 1)), FRAMES - 1);
     assert!(!pipeline.prepare_ahead(), "nothing comes after the last frame");
+}
+
+#[test]
+fn a_picture_can_be_waited_for() {
+    let worker = Worker::start(Box::new(telling(8)), &egui::Context::default()).unwrap();
+    worker.wait(Duration::from_millis(1));
+    assert!(worker.take().is_none(), "nothing was asked");
+    worker.submit(request(3));
+    worker.wait(Duration::from_secs(600));
+    is_all_of(&worker.take().unwrap(), 3);
 }
 
 #[test]

@@ -11,6 +11,7 @@ use crate::viewer::{
 use std::{
     panic::AssertUnwindSafe,
     sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError},
+    time::Duration,
 };
 use surgtpgs_core::{Error, Result};
 
@@ -24,6 +25,7 @@ struct Shared {
     inbox: Mutex<Inbox>,
     wake: Condvar,
     outbox: Mutex<Option<Picture>>,
+    made: Condvar,
     measured: Mutex<Vec<Measured>>,
     thumbnails: Mutex<Vec<(usize, egui::ColorImage)>>,
 }
@@ -80,6 +82,12 @@ impl Worker {
         std::mem::take(&mut *lock(&self.shared.thumbnails))
     }
 
+    /// Waits until there is a picture to take, for a limited time.
+    pub(crate) fn wait(&self, limit: Duration) {
+        let is_missing = |outbox: &mut Option<Picture>| outbox.is_none();
+        drop(self.shared.made.wait_timeout_while(lock(&self.shared.outbox), limit, is_missing));
+    }
+
     /// Takes the newest picture, if it has not been taken yet.
     pub(crate) fn take(&self) -> Option<Picture> {
         lock(&self.shared.outbox).take()
@@ -116,6 +124,7 @@ fn work(shared: &Shared, mut pipeline: Pipeline, ctx: &egui::Context) {
             let asked = request.clone();
             let made = std::panic::catch_unwind(AssertUnwindSafe(|| pipeline.produce(request)));
             *lock(&shared.outbox) = Some(made.unwrap_or_else(|_| broken(asked)));
+            shared.made.notify_one();
             ctx.request_repaint();
             is_preparing = true;
         } else {

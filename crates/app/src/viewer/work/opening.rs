@@ -19,7 +19,7 @@ use crate::viewer::{
         view_mode::ViewMode,
     },
 };
-use egui::Context;
+use egui::{Context, Event};
 use std::path::Path;
 use surgtpgs_core::{files::absolute_path, mask::CleanUp};
 
@@ -105,6 +105,11 @@ impl Shared {
             check.poll();
         }
         if let Some(open) = &mut self.open {
+            // The next letter is shown first.
+            let is_release = |event: &Event| matches!(event, Event::Key { pressed: false, .. });
+            if ctx.input(|i| i.raw.events.iter().all(is_release)) {
+                open.wait_for_letter();
+            }
             open.poll();
         }
     }
