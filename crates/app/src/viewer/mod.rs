@@ -23,9 +23,9 @@
 //! | `backend` | the seam to the engine, and tasks on threads of their own |
 //!
 //! The thread of the window polls and does not wait, but for a moment for the answer to a letter: pictures
-//! come from a worker thread; opening, training and exporting are tasks. A picture carries the request that it
-//! answers. All its parts are of one frame, so that nothing found on another frame is ever drawn. When nothing
-//! changes, nothing is requested and nothing is painted.
+//! come from a worker thread; opening, training and exporting are tasks. A picture carries the request that
+//! it answers. All its parts are of one frame, so that nothing found on another frame is ever drawn. When
+//! nothing changes, nothing is requested and nothing is painted.
 
 mod action;
 mod backend;

@@ -25,7 +25,7 @@ pub(crate) struct Open {
     pub(crate) info: Info,
     worker: Worker,
     asked: Option<Request>,
-    /// Whether the answer to a letter is on its way, and was not waited for.
+    /// `true` while the answer to a letter is on its way and has not been waited for.
     is_due: bool,
     /// Areas of all prompts on every frame; `None` while a passing state is shown, such as a preview of
     /// training.
