@@ -288,7 +288,8 @@ impl Carried {
         let Some(known) = self.known.get(&frame).filter(|known| known.told.is_none()) else { return Ok(()) };
         let others = beside(frame, &self.evidence);
         if others.is_empty() {
-            return Ok(());
+            // Alone, it is shown as it was found at full size.
+            return if known.whole.is_none() { self.know_anew(scene, frame, pictures) } else { Ok(()) };
         }
         let mut told = known.own.clone();
         if !known.is_whole {
@@ -341,6 +342,14 @@ impl Carried {
         let (whole, told) = (Some(shares), None);
         self.known.insert(frame, MarkedFrame { luma, trail, own, whole, told, weights, is_whole });
         Ok(())
+    }
+
+    /// Makes a frame known again that lost its shares at full size.
+    fn know_anew(&mut self, scene: &Scene, frame: usize, pictures: &mut Pictures<'_>) -> Result<()> {
+        if let Some(known) = self.known.remove(&frame) {
+            self.trails.insert(frame, known.trail);
+        }
+        self.know(scene, frame, pictures)
     }
 
     /// Forgets marked frames that are far away, so that memory does not grow with the recording.

@@ -239,8 +239,50 @@ fn any_marks() -> impl Strategy<Value = Vec<Mark>> {
     proptest::collection::vec(mark, 1..5)
 }
 
+/// Returns what is found on a frame for some of six marks: after others were looked for, and from nothing.
+fn took_over_and_anew(before: &[usize], asked: &[usize], after: &[usize], frame: usize) -> [FrameScores; 2] {
+    let scene = scene();
+    let graph = Arc::new(Graph::of(&scene));
+    let [liver, fat] = [[[8.0, 10.0], [20.0, 40.0]], [[50.0, 10.0], [44.0, 40.0]]];
+    let pool = [
+        stroke(0, "liver", true, &liver),
+        stroke(0, "fat", true, &fat),
+        stroke(3, "fat", true, &fat),
+        stroke(3, "liver", true, &liver),
+        stroke(1, "liver", false, &[[26.0, 10.0], [28.0, 14.0]]),
+        Mark::new(2, "fat", true, Shape::Box { corners_px: [[40.0, 4.0], [56.0, 16.0]] }),
+    ];
+    let carried = |chosen: &[usize]| {
+        let marks = Marks::new(chosen.iter().map(|i| pool[*i].clone()).collect(), &canvas()).unwrap();
+        Carried::new(&scene, Arc::clone(&graph), &marks, CarrySettings::default())
+    };
+    let on = |carried: &mut Carried, frame: usize| {
+        carried.on_frame(&scene, frame, &mut |i| picture(&scene, i)).unwrap()
+    };
+    let mut earlier = carried(before);
+    asked.iter().for_each(|frame| drop(on(&mut earlier, *frame)));
+    [on(&mut carried(after).after(earlier), frame), on(&mut carried(after), frame)]
+}
+
+#[test]
+fn a_marked_frame_whose_neighbours_lose_their_marks_is_found_as_before() {
+    let [took_over, anew] = took_over_and_anew(&[0, 1, 2], &[2], &[0, 1], 0);
+    assert_eq!(took_over, anew);
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 12, ..ProptestConfig::default() })]
+
+    #[test]
+    fn what_was_found_before_changes_no_score(
+        before in prop::sample::subsequence((0..6).collect::<Vec<usize>>(), 1..6),
+        asked in prop::collection::vec(0..FRAMES, 1..3),
+        after in prop::sample::subsequence((0..6).collect::<Vec<usize>>(), 1..6),
+        frame in 0..FRAMES,
+    ) {
+        let [took_over, anew] = took_over_and_anew(&before, &asked, &after, frame);
+        prop_assert_eq!(took_over, anew);
+    }
 
     #[test]
     fn the_order_of_marks_does_not_matter(marks in any_marks(), turn in 0usize..5, frame in 0..FRAMES) {
@@ -318,25 +360,6 @@ fn marks_are_read_as_they_were_written() {
     assert_eq!(read(&marks.to_text().unwrap()).unwrap(), marks);
     let runs = r#"{"frame": 1, "name": "fat", "kind": "mask", "mask": {"size": [48, 64], "counts": "1"}}"#;
     assert!(refused(runs).contains("its mask is none"));
-}
-
-#[test]
-fn what_was_found_before_changes_no_score() {
-    let scene = scene();
-    let graph = Arc::new(Graph::of(&scene));
-    let carried = |marks: &[Mark]| {
-        let marks = Marks::new(marks.to_vec(), &canvas()).unwrap();
-        Carried::new(&scene, Arc::clone(&graph), &marks, CarrySettings::default())
-    };
-    let marks = [
-        stroke(0, "liver", true, &[[8.0, 10.0], [20.0, 40.0]]),
-        stroke(3, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]),
-    ];
-    let on_frame = |carried: &mut Carried| carried.on_frame(&scene, 2, &mut |i| picture(&scene, i)).unwrap();
-    let mut earlier = carried(&marks[..1]);
-    on_frame(&mut earlier);
-    let mut later = carried(&marks).after(earlier);
-    assert_eq!(on_frame(&mut later), on_frame(&mut carried(&marks)));
 }
 
 #[test]
