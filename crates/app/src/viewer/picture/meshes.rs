@@ -245,8 +245,8 @@ mod tests {
     fn what_is_large_and_has_no_texture_is_handed_over_in_order() {
         let rect = |rect: Rect| Shape::rect_filled(rect, 4.0, Color32::RED);
         let [large, small] = [at(10.0, 10.0, 100.0, 50.0), at(50.0, 15.0, 20.0, 20.0)].map(rect);
-        assert_eq!(shares(&[large.clone()]), [1, 0]);
-        assert_eq!(shares(&[small.clone()])[0], 0);
+        assert_eq!(shares(std::slice::from_ref(&large)), [1, 0]);
+        assert_eq!(shares(std::slice::from_ref(&small))[0], 0);
         assert_eq!(shares(&[rect(at(410.0, 10.0, 100.0, 50.0))])[0], 0);
         // Whatever follows each other in the same part of the window is one mesh, also in groups.
         let group = Shape::Vec(vec![large.clone(), Shape::Vec(vec![large.clone()])]);
