@@ -20,6 +20,19 @@ pub fn forget_peak() {
     let _ = std::fs::write("/proc/self/clear_refs", "5");
 }
 
+/// Gives memory that nothing uses back to the system. GNU's C library keeps what a training had.
+pub(crate) fn give_back() {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    #[expect(
+        unsafe_code,
+        reason = "552 MB became 400 MB in the window after training on 63 frames of 640×512"
+    )]
+    // SAFETY: it takes no pointers, and may be called at any time and from any thread.
+    unsafe {
+        libc::malloc_trim(0);
+    }
+}
+
 /// Returns the memory that is left for this program, bytes: what the system can give before it has to write
 /// memory to disk or to end a program, at most what the container or job may have, and at most what the
 /// process's own limit leaves.

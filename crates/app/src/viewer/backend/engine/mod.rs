@@ -15,7 +15,7 @@ use crate::{
     engine::{Engine, EngineOptions, Negatives},
     evaluation::{self, Evaluation, Extras},
     jobs::{self, DemoPaths, ExportRequest, Material},
-    memory::{Work, require_for},
+    memory::{self, Work, require_for},
     outputs,
 };
 use recording::RecordingSource;
@@ -120,6 +120,8 @@ impl Backend for EngineBackend {
     }
 
     fn reconstruct(&self, request: &TrainRequest, task: &TaskContext<TrainNews>) -> Result<PathBuf> {
-        training::reconstruct(request, task)
+        let scene = training::reconstruct(request, task);
+        memory::give_back();
+        scene
     }
 }
