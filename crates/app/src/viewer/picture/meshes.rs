@@ -2,6 +2,7 @@
 //! outlines and curves. egui's shader looks into its texture for every pixel, in two ways where there is no
 //! GPU.
 
+use crate::viewer::picture::draw::{begin, pipeline};
 use eframe::{
     egui_wgpu::{Callback, CallbackResources, CallbackTrait, RenderState, ScreenDescriptor},
     wgpu::{self, util::DeviceExt as _},
@@ -58,6 +59,7 @@ impl Sorting {
     fn add(&mut self, clipped: ClippedShape) {
         let ClippedShape { clip_rect, shape, transform_after_tessellation: transform } = clipped;
         match shape {
+            Shape::Noop => {}
             Shape::Vec(shapes) => shapes.into_iter().for_each(|shape| {
                 self.add(ClippedShape { clip_rect, shape, transform_after_tessellation: transform });
             }),
@@ -113,31 +115,9 @@ impl Shader {
             step_mode: wgpu::VertexStepMode::Vertex,
             attributes: &attributes,
         };
-        Self(device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-            label: Some("mesh"),
-            layout: None,
-            vertex: wgpu::VertexState {
-                module: &module,
-                entry_point: Some("vertex"),
-                compilation_options: wgpu::PipelineCompilationOptions::default(),
-                buffers: &[Some(buffer)],
-            },
-            primitive: wgpu::PrimitiveState::default(),
-            depth_stencil: None,
-            multisample: wgpu::MultisampleState::default(),
-            fragment: Some(wgpu::FragmentState {
-                module: &module,
-                entry_point: Some(if target.is_srgb() { "linear" } else { "gamma" }),
-                compilation_options: wgpu::PipelineCompilationOptions::default(),
-                targets: &[Some(wgpu::ColorTargetState {
-                    format: target,
-                    blend: Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING),
-                    write_mask: wgpu::ColorWrites::ALL,
-                })],
-            }),
-            multiview_mask: None,
-            cache: None,
-        }))
+        let entry = if target.is_srgb() { "linear" } else { "gamma" };
+        let list = wgpu::PrimitiveTopology::TriangleList;
+        Self(pipeline(device, &module, entry, &[Some(buffer)], list, target))
     }
 }
 
@@ -200,9 +180,7 @@ impl CallbackTrait for Drawn {
         resources: &CallbackResources,
     ) {
         let (Some(shader), Some(buffers)) = (resources.get::<Shader>(), self.bound.get()) else { return };
-        let [width, height] = info.screen_size_px.map(|n| n as f32);
-        pass.set_viewport(0.0, 0.0, width, height, 0.0, 1.0);
-        pass.set_pipeline(&shader.0);
+        begin(pass, &info, &shader.0);
         pass.set_vertex_buffer(0, buffers.vertices.slice(..));
         pass.set_index_buffer(buffers.indices.slice(..), wgpu::IndexFormat::Uint32);
         pass.draw_indexed(0..self.mesh.indices.len() as u32, 0, 0..1);

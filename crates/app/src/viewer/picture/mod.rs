@@ -3,6 +3,7 @@
 pub(crate) mod areas;
 pub(crate) mod copy;
 pub(crate) mod difference;
+mod draw;
 mod findings;
 pub(crate) mod found;
 pub(crate) mod layer_colours;

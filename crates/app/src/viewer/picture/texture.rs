@@ -2,6 +2,7 @@
 //! two ways to filter, and a driver without a GPU computes both for every pixel, which takes most of the time
 //! of a large picture. Ours also averages where a picture is shown smaller than it is.
 
+use crate::viewer::picture::draw::{begin, pipeline};
 use eframe::{
     egui_wgpu::{Callback, CallbackResources, CallbackTrait, RenderState, ScreenDescriptor},
     wgpu,
@@ -121,49 +122,15 @@ impl Quads {
         } else {
             wgpu::TextureFormat::Rgba8Unorm
         };
-        let [plain, averaged] = ["plain", "averaged"].map(|entry| pipeline(device, &shader, entry, target));
+        let strip = wgpu::PrimitiveTopology::TriangleStrip;
+        let [plain, averaged] =
+            ["plain", "averaged"].map(|entry| pipeline(device, &shader, entry, &[], strip, target));
         Self { plain, averaged, sampler, format }
     }
 
     fn pipeline(&self, is_plain: bool) -> &wgpu::RenderPipeline {
         if is_plain { &self.plain } else { &self.averaged }
     }
-}
-
-fn pipeline(
-    device: &wgpu::Device,
-    shader: &wgpu::ShaderModule,
-    entry: &str,
-    target: wgpu::TextureFormat,
-) -> wgpu::RenderPipeline {
-    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("picture"),
-        layout: None,
-        vertex: wgpu::VertexState {
-            module: shader,
-            entry_point: Some("vertex"),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
-            buffers: &[],
-        },
-        primitive: wgpu::PrimitiveState {
-            topology: wgpu::PrimitiveTopology::TriangleStrip,
-            ..Default::default()
-        },
-        depth_stencil: None,
-        multisample: wgpu::MultisampleState::default(),
-        fragment: Some(wgpu::FragmentState {
-            module: shader,
-            entry_point: Some(entry),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
-            targets: &[Some(wgpu::ColorTargetState {
-                format: target,
-                blend: Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING),
-                write_mask: wgpu::ColorWrites::ALL,
-            })],
-        }),
-        multiview_mask: None,
-        cache: None,
-    })
 }
 
 /// A texture to be drawn.
@@ -266,9 +233,7 @@ impl CallbackTrait for Quad {
         resources: &CallbackResources,
     ) {
         let (Some(quads), Some(bound)) = (resources.get::<Quads>(), self.bound.get()) else { return };
-        let [width, height] = info.screen_size_px.map(|n| n as f32);
-        pass.set_viewport(0.0, 0.0, width, height, 0.0, 1.0);
-        pass.set_pipeline(quads.pipeline(bound.is_plain));
+        begin(pass, &info, quads.pipeline(bound.is_plain));
         pass.set_bind_group(0, &bound.group, &[]);
         pass.draw(0..4, 0..1);
     }
