@@ -5,7 +5,7 @@ use super::{
     cells::spread_over,
     guided::Guide,
     hints::{Hints, Told},
-    known::{MarkedFrame, add_seen, weights},
+    known::{MarkedFrame, add_seen, at_half, likeness, place, weights},
     plan::{Plan, beside},
     scores::scores,
     seeds::Seeds,
@@ -30,6 +30,9 @@ const NAMES_AT_ONCE: usize = 16;
 const GAUSSIANS: f32 = 0.01;
 /// Weight of what other frames tell a frame that shows all names itself, beside that of any other.
 const TOLD_BESIDE_ALL: f32 = 0.2;
+/// Likeness from which on a marked pixel is carried to a frame that knows nothing of its name: instruments
+/// shine otherwise on each.
+const LENT: f32 = 0.05;
 /// Shortest side of pictures that are looked at, px; smaller ones are left to the Gaussians.
 const SMALLEST: usize = 4;
 /// Marked frames that are kept at most.
@@ -100,7 +103,7 @@ impl Carried {
         let mut trails = earlier.trails;
         for (frame, known) in earlier.known {
             if is_same && holds(frame) {
-                let is_whole = self.plan.is_whole(frame);
+                let is_whole = self.plan.is_whole(frame, &known.lent);
                 self.known.insert(frame, MarkedFrame { told: None, is_whole, ..known });
             } else {
                 trails.insert(frame, known.trail);
@@ -282,6 +285,31 @@ impl Carried {
         Ok(Some(Told { shares, weights }))
     }
 
+    /// Carries marks of names that a frame knows nothing of to it. Returns pixels of half size, each with the
+    /// name that it shows.
+    fn lent(
+        &mut self,
+        scene: &Scene,
+        (frame, luma): (usize, &Grid<f32>),
+        pictures: &mut Pictures<'_>,
+    ) -> Result<Vec<(usize, usize)>> {
+        let (mut lent, mends) = (Vec::new(), self.settings.mends);
+        let lenders = if self.settings.looks_up { self.plan.lenders(frame) } else { BTreeMap::new() };
+        for (lender, names) in lenders {
+            let (evidence, picture) = (&self.growing[&lender], pictures(lender)?);
+            let trail = self.trails.entry(frame).or_insert_with(|| Trail::new(frame, luma.clone(), mends));
+            let way = trail.way(lender, &mut |i| Ok(luma_of(&pictures(i)?)))?;
+            let alike = likeness(&luma_of(&picture), luma, &way, &scene.field_of_view);
+            for i in evidence.pixels() {
+                let from = at_half(i, picture.width() as usize, luma);
+                let name = evidence.shown_at(i).filter(|name| names.contains(name));
+                let pixel = place(&way, from).filter(|_| alike.data[from] > LENT);
+                lent.extend(pixel.zip(name));
+            }
+        }
+        Ok(lent)
+    }
+
     /// Carries the marked pixels of the frames beside a marked one to it.
     fn tell(&mut self, scene: &Scene, frame: usize, pictures: &mut Pictures<'_>) -> Result<()> {
         self.know(scene, frame, pictures)?;
@@ -318,8 +346,9 @@ impl Carried {
         let picture = pictures(frame)?;
         let luma = luma_of(&picture);
         let told = self.told(scene, (frame, &luma), pictures)?;
+        let lent = self.lent(scene, (frame, &luma), pictures)?;
         let spread = if let Some(growing) = self.growing.get(&frame) {
-            spread_over(&picture, &scene.field_of_view, growing, self.names.len(), told)
+            spread_over(&picture, &scene.field_of_view, (growing, &lent), self.names.len(), told)
         } else {
             let mut shares = self.blended(scene, &Seen::at_half(scene, frame), pictures)?;
             let growing = beside(frame, &self.growing);
@@ -338,9 +367,10 @@ impl Carried {
         let trail = earlier.unwrap_or_else(|| Trail::new(frame, luma.clone(), self.settings.mends));
         // At full size they take much memory, and are wanted of the shown frame alone.
         self.known.values_mut().for_each(|known| known.whole = None);
-        let is_whole = self.plan.is_whole(frame);
+        let lent = lent.into_iter().map(|(_, name)| name).collect();
+        let is_whole = self.plan.is_whole(frame, &lent);
         let (whole, told) = (Some(shares), None);
-        self.known.insert(frame, MarkedFrame { luma, trail, own, whole, told, weights, is_whole });
+        self.known.insert(frame, MarkedFrame { luma, trail, own, whole, told, weights, lent, is_whole });
         Ok(())
     }
 

@@ -27,17 +27,19 @@ const ROUNDS: usize = 2;
 const AREA: f32 = 0.2;
 
 /// Spreads the marks of a frame over its picture: shares of each name, [names][pixels] at half size, rounded
-/// down. `told` is what other frames tell, of pixels of the same size.
+/// down. `told` is what other frames tell, of pixels of the same size; `lent` are such pixels that marks of
+/// other frames were carried to, each with its name.
 pub(super) fn spread_over(
     picture: &RgbImage,
     field_of_view: &Mask,
-    evidence: &Evidence,
+    (evidence, lent): (&Evidence, &[(usize, usize)]),
     num_names: usize,
     told: Option<Told>,
 ) -> Vec<Vec<f32>> {
     let (width, height) = (picture.width() as usize, picture.height() as usize);
     let cells = Cells::of_picture(width, height);
-    let seeds = cells.seeds(evidence, num_names);
+    let mut seeds = cells.seeds(evidence, num_names);
+    cells.lend(&mut seeds, lent);
     let colours = cells.colours(picture);
     let links = cells.links(&colours, field_of_view);
     let marked = evidence.pixels().count();
@@ -125,6 +127,20 @@ impl Cells {
             }
         }
         seeds
+    }
+
+    /// Adds pixels of half size, each with the name that it shows, where nothing is marked.
+    fn lend(&self, seeds: &mut Seeds, lent: &[(usize, usize)]) {
+        let is_marked: Vec<bool> =
+            (0..self.columns * self.rows).map(|cell| seeds.weights.iter().any(|w| w[cell] > 0.0)).collect();
+        let width = self.width / 2;
+        for &(i, name) in lent {
+            let cell = self.of(2 * (i / width) * self.width + 2 * (i % width));
+            if !is_marked[cell] {
+                seeds.weights.iter_mut().for_each(|weights| weights[cell] += 1.0);
+                seeds.shares[name][cell] += 1.0;
+            }
+        }
     }
 
     /// Returns the means of what is told of the pixels of half size in each square.

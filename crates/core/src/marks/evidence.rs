@@ -67,6 +67,11 @@ impl Evidence {
         self.verdicts.iter().skip(k).step_by(self.num_names).any(|verdict| *verdict > 0)
     }
 
+    /// Returns the name that pixel `i` shows, if it shows one.
+    pub(super) fn shown_at(&self, i: usize) -> Option<usize> {
+        self.verdicts[i * self.num_names..(i + 1) * self.num_names].iter().position(|verdict| *verdict > 0)
+    }
+
     /// Returns `true` if the marks say nothing of any pixel.
     pub fn is_empty(&self) -> bool {
         self.verdicts.iter().all(|v| *v == 0)

@@ -7,7 +7,7 @@ use crate::{
     scene::Scene,
 };
 use rayon::prelude::*;
-use std::ops::Range;
+use std::{collections::BTreeSet, ops::Range};
 
 /// Difference between a pixel and the marked one at which it weighs half, 8-bit levels.
 const DIFFERENCE: f32 = 8.0;
@@ -28,8 +28,10 @@ pub(super) struct MarkedFrame {
     pub(super) told: Option<Vec<Vec<f32>>>,
     /// Weight of each pixel: 1 if it is marked.
     pub(super) weights: Vec<f32>,
-    /// `true` if the frame knows of all names, by its own marks or by what was told; else it does not know
-    /// what is left.
+    /// Names whose marks were carried here from other frames.
+    pub(super) lent: BTreeSet<usize>,
+    /// `true` if the frame knows of all names, by its own marks or by what was told or lent; else it does not
+    /// know what is left.
     pub(super) is_whole: bool,
 }
 
@@ -104,14 +106,19 @@ impl MarkedFrame {
 pub(super) fn weights(evidence: &Evidence, luma: &Grid<f32>, whole_width: usize) -> Vec<f32> {
     let mut weights = vec![UNMARKED; luma.data.len()];
     for i in evidence.pixels() {
-        let (x, y) = (i % whole_width / 2, i / whole_width / 2);
-        weights[y.min(luma.height - 1) * luma.width + x.min(luma.width - 1)] = 1.0;
+        weights[at_half(i, whole_width, luma)] = 1.0;
     }
     weights
 }
 
+/// Returns the pixel of half size that holds pixel `i` of a picture that is `whole_width` wide.
+pub(super) fn at_half(i: usize, whole_width: usize, half: &Grid<f32>) -> usize {
+    let (x, y) = (i % whole_width / 2, i / whole_width / 2);
+    y.min(half.height - 1) * half.width + x.min(half.width - 1)
+}
+
 /// Returns the pixel that the way of pixel `i` leads to, if that is in the picture.
-fn place(way: &Grid<Vector>, i: usize) -> Option<usize> {
+pub(super) fn place(way: &Grid<Vector>, i: usize) -> Option<usize> {
     let (width, height) = (way.width, way.height);
     let [x, y] = [(i % width) as f32 + way.data[i][0], (i / width) as f32 + way.data[i][1]];
     let is_inside = x >= -0.5 && y >= -0.5 && x < width as f32 - 0.5 && y < height as f32 - 0.5;
@@ -120,7 +127,12 @@ fn place(way: &Grid<Vector>, i: usize) -> Option<usize> {
 
 /// Likeness of a frame and another one, seen along `way`, around each pixel, 0–1; 0 where the way leads out
 /// of the field of view.
-fn likeness(luma: &Grid<f32>, other: &Grid<f32>, way: &Grid<Vector>, field_of_view: &Mask) -> Grid<f32> {
+pub(super) fn likeness(
+    luma: &Grid<f32>,
+    other: &Grid<f32>,
+    way: &Grid<Vector>,
+    field_of_view: &Mask,
+) -> Grid<f32> {
     let (width, height) = (way.width, way.height);
     let field_of_view = field_of_view.sampled(width, height);
     let seen = |i: usize| place(way, i).filter(|at| field_of_view.data.get(*at).is_none_or(|v| *v));

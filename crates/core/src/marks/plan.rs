@@ -1,5 +1,6 @@
 //! The order in which frames with growing marks become known. A mark is often one more on a second frame, for
-//! one structure alone: what it does not speak of is told by frames that show more.
+//! one structure alone: what it does not speak of is told by frames that show more. What none of these speaks
+//! of either is lent: the marks themselves are carried over from the nearest frames that have some.
 
 use super::Evidence;
 use std::{
@@ -23,6 +24,8 @@ pub(super) struct Plan {
 
 struct Place {
     tellers: Vec<usize>,
+    /// Frames whose marks of these names are carried here.
+    lenders: BTreeMap<usize, BTreeSet<usize>>,
     num_shown: usize,
     /// Number of frames in a row that told it.
     num_steps: usize,
@@ -42,20 +45,29 @@ impl Plan {
         let mut shown: Vec<(usize, BTreeSet<usize>)> =
             growing.iter().map(|(frame, evidence)| (*frame, names(evidence))).collect();
         shown.sort_by_key(|(frame, names)| (Reverse(names.len()), *frame));
-        let all: BTreeSet<usize> = shown.iter().flat_map(|(_, names)| names.iter().copied()).collect();
-        let mut plan = Self { places: BTreeMap::new(), num_names: all.len() };
+        let mut frames_of: BTreeMap<usize, BTreeMap<usize, ()>> = BTreeMap::new();
+        for (frame, names) in &shown {
+            names.iter().for_each(|name| {
+                frames_of.entry(*name).or_default().insert(*frame, ());
+            });
+        }
+        let mut plan = Self { places: BTreeMap::new(), num_names: frames_of.len() };
         for (frame, mut known) in shown {
             let num_shown = known.len();
-            let mut tellers = Vec::new();
-            if pointed.contains(&frame) {
-                tellers = plan.richest_beside(frame, num_shown);
-                known.extend(tellers.iter().flat_map(|teller| &plan.places[teller].known));
-            } else {
-                known.clone_from(&all);
+            let is_told = pointed.contains(&frame);
+            let tellers = if is_told { plan.richest_beside(frame, num_shown) } else { Vec::new() };
+            for teller in tellers.iter().map(|teller| &plan.places[teller]) {
+                known.extend(teller.known.iter().chain(teller.lenders.values().flatten()));
+            }
+            let mut lenders: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
+            for (name, frames) in frames_of.iter().filter(|(name, _)| !known.contains(name)) {
+                for lender in beside(frame, frames) {
+                    lenders.entry(lender).or_default().insert(*name);
+                }
             }
             let steps = tellers.iter().map(|teller| plan.places[teller].num_steps + 1);
             let num_steps = steps.max().unwrap_or(0);
-            plan.places.insert(frame, Place { tellers, num_shown, num_steps, known });
+            plan.places.insert(frame, Place { tellers, lenders, num_shown, num_steps, known });
         }
         plan
     }
@@ -79,7 +91,12 @@ impl Plan {
         self.places.get(&frame).map_or(&[], |place| &place.tellers)
     }
 
-    /// Returns a frame, those that tell it, those that tell these, and so on.
+    /// Returns the frames whose marks are carried to a frame, with the names that count.
+    pub(super) fn lenders(&self, frame: usize) -> BTreeMap<usize, BTreeSet<usize>> {
+        self.places.get(&frame).map(|place| place.lenders.clone()).unwrap_or_default()
+    }
+
+    /// Returns a frame, those that tell it, those that tell these, and so on, and those that lend them marks.
     pub(super) fn with_tellers(&self, frame: usize) -> BTreeSet<usize> {
         let mut all = BTreeSet::new();
         let mut next = vec![frame];
@@ -88,12 +105,14 @@ impl Plan {
                 next.extend(self.tellers(frame));
             }
         }
+        let lenders: Vec<usize> = all.iter().flat_map(|frame| self.lenders(*frame).into_keys()).collect();
+        all.extend(lenders);
         all
     }
 
     /// Returns `true` if another plan has the same place for a frame.
     pub(super) fn is_as_in(&self, other: &Self, frame: usize) -> bool {
-        let place = |plan: &Self| (plan.tellers(frame).to_vec(), plan.shows_all(frame));
+        let place = |plan: &Self| (plan.tellers(frame).to_vec(), plan.lenders(frame), plan.shows_all(frame));
         place(self) == place(other)
     }
 
@@ -102,9 +121,10 @@ impl Plan {
         self.places.get(&frame).is_some_and(|place| place.num_shown == self.num_names)
     }
 
-    /// Returns `true` if a frame knows of all names; else it does not know what is left by those that it knows.
-    pub(super) fn is_whole(&self, frame: usize) -> bool {
-        self.places.get(&frame).is_none_or(|place| place.known.len() == self.num_names)
+    /// Returns `true` if a frame that marks of the names `lent` were carried to knows of all names; else it does
+    /// not know what is left by those that it knows.
+    pub(super) fn is_whole(&self, frame: usize, lent: &BTreeSet<usize>) -> bool {
+        self.places.get(&frame).is_none_or(|place| place.known.union(lent).count() == self.num_names)
     }
 }
 
@@ -140,10 +160,10 @@ mod tests {
         for (frame, tellers) in tellers {
             assert_eq!(plan.tellers(frame), tellers, "{frame}");
         }
-        assert!([4, 6, 10, 12].iter().all(|frame| plan.is_whole(*frame)));
+        assert!([4, 6, 10, 12].iter().all(|frame| plan.is_whole(*frame, &BTreeSet::new())));
         assert!(plan.shows_all(14) && !plan.shows_all(12));
         assert_eq!(plan.with_tellers(6), [4, 6, 10].into());
-        assert!(!plan.is_whole(300), "too far away");
+        assert!(!plan.is_whole(300, &BTreeSet::new()) && plan.lenders(300).is_empty(), "too far away");
     }
 
     #[test]
@@ -161,13 +181,17 @@ mod tests {
         let marks = Marks { marks: marks.into() };
         let evidence = [3, 4].map(|frame| (frame, Evidence::of(&marks, frame, &marks.names(), [8, 8])));
         let plan = Plan::of(&evidence.into(), &BTreeSet::new(), 1);
-        assert!(plan.tellers(4).is_empty() && plan.is_whole(4));
+        assert!(plan.tellers(4).is_empty() && plan.is_whole(4, &BTreeSet::new()));
     }
 
     #[test]
-    fn where_no_frame_shows_all_names_the_first_does_not_know_what_is_left() {
-        let plan = plan(&[(3, "liver", true), (9, "fat", true)]);
+    fn where_no_frame_shows_all_names_marks_are_lent() {
+        let plan = plan(&[(3, "liver", true), (9, "fat", true), (14, "fat", true), (99, "clip", true)]);
+        let [clip, fat] = [0, 1].map(|name| BTreeSet::from([name]));
         assert_eq!((plan.tellers(3), plan.tellers(9)), (&[][..], &[3][..]));
-        assert!(!plan.is_whole(3) && plan.is_whole(9));
+        assert_eq!(plan.lenders(3), [(9, fat.clone()), (99, clip.clone())].into(), "the nearest frames");
+        assert!(plan.lenders(9).is_empty() && plan.is_whole(9, &BTreeSet::new()), "the first told it");
+        assert!(!plan.is_whole(3, &fat) && plan.is_whole(3, &(&fat | &clip)));
+        assert_eq!(plan.with_tellers(9), [3, 9, 99].into());
     }
 }

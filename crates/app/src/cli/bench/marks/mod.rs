@@ -89,6 +89,11 @@ impl Measure for BenchMarksArgs {
         add(bench.by_rule("full masks, borders 5 px off", Rule::Sloppy, &[middle], whole)?);
         add(bench.by_rule("one stroke per class", Rule::Stroke, &[middle], whole)?);
         add(bench.by_rule("three clicks per class", Rule::Clicks, &[middle], whole)?);
+        for (name, rule) in [("full masks", Rule::Mask), ("one stroke per class", Rule::Stroke)] {
+            let way = format!("{name}, every other class on another frame");
+            let marks = Marks::new(bench.alternately(rule, [middle, 5 * n / 6])?, &bench.canvas)?;
+            add(bench.by_marks(&way, &marks, whole)?);
+        }
         add(bench.by_rule("strokes on three frames", Rule::Stroke, &[n / 6, middle, 5 * n / 6], whole)?);
         bench.corrected("corrections", middle, |_| true, Bench::painted_over, &mut add)?;
         let complete = bench.frames_like(middle)?;
@@ -165,6 +170,13 @@ impl Bench {
             }
         }
         Ok(marks)
+    }
+
+    /// Marks classes that follow each other on one frame and on the other in turn.
+    fn alternately(&self, rule: Rule, frames: [usize; 2]) -> Result<Vec<Mark>> {
+        let place = |mark: &Mark| self.classes.iter().position(|class| class.name == mark.name);
+        let is_here = |mark: &Mark| place(mark).is_some_and(|k| frames[k % 2] == mark.frame);
+        Ok(self.marks(rule, &frames)?.into_iter().filter(is_here).collect())
     }
 
     fn by_rule(&self, way: &str, rule: Rule, frames: &[usize], settings: CarrySettings) -> Result<Outcome> {
