@@ -1,7 +1,10 @@
 //! Summary of the scores of a prompt in one picture; twin of `shaders/summary.wgsl`.
 
 use crate::grid::Grid;
+use rayon::prelude::*;
 
+/// Rows that one thread summarises at once.
+const ROWS_AT_ONCE: usize = 32;
 /// Number of bins of a histogram of scores.
 pub const SCORE_BINS: usize = 50;
 
@@ -22,23 +25,41 @@ pub struct Summary {
 impl Summary {
     /// Summarises `scores`. Pixels strictly above `threshold` are found. NaN counts as not seen.
     pub fn new(scores: &Grid<f32>, threshold: f32) -> Self {
-        let (columns, rows) = (vec![0; scores.width], vec![0; scores.height]);
-        let mut summary = Self { histogram: [0; SCORE_BINS], max_score: 0.0, columns, rows };
-        for (y, row) in scores.data.chunks_exact(scores.width.max(1)).enumerate() {
-            for (x, &score) in row.iter().enumerate() {
-                // Also false for NaN.
-                if !(score > 0.0) {
-                    continue;
-                }
-                summary.histogram[((score * SCORE_BINS as f32) as usize).min(SCORE_BINS - 1)] += 1;
-                summary.max_score = summary.max_score.max(score);
-                if score > threshold {
-                    summary.columns[x] += 1;
-                    summary.rows[y] += 1;
-                }
+        let nothing = || Self::nothing(scores.width);
+        let rows = scores.data.par_chunks_exact(scores.width.max(1)).with_min_len(ROWS_AT_ONCE);
+        rows.fold(nothing, |summary, row| summary.with_row(row, threshold)).reduce(nothing, Self::with_rows)
+    }
+
+    /// Summarises no rows of this width.
+    fn nothing(width: usize) -> Self {
+        Self { histogram: [0; SCORE_BINS], max_score: 0.0, columns: vec![0; width], rows: Vec::new() }
+    }
+
+    /// Adds the next row.
+    fn with_row(mut self, row: &[f32], threshold: f32) -> Self {
+        let (mut found, mut max_score) = (0, self.max_score);
+        for (&score, column) in row.iter().zip(&mut self.columns) {
+            // Also false for NaN.
+            if score > 0.0 {
+                self.histogram[((score * SCORE_BINS as f32) as usize).min(SCORE_BINS - 1)] += 1;
             }
+            max_score = max_score.max(score);
+            let is_found = u32::from(score > threshold && score > 0.0);
+            *column += is_found;
+            found += is_found;
         }
-        summary
+        self.max_score = max_score;
+        self.rows.push(found);
+        self
+    }
+
+    /// Adds the rows below.
+    fn with_rows(mut self, below: Self) -> Self {
+        let add = |sums: &mut [u32], more: &[u32]| sums.iter_mut().zip(more).for_each(|(a, b)| *a += b);
+        add(&mut self.histogram, &below.histogram);
+        add(&mut self.columns, &below.columns);
+        self.rows.extend(below.rows);
+        Self { max_score: self.max_score.max(below.max_score), ..self }
     }
 
     /// Returns the number of pixels above the threshold.

@@ -1,6 +1,7 @@
 //! Smooth lines along the borders of masks, for drawing at any size.
 
 use super::{Corner, Mask, contours};
+use rayon::prelude::*;
 
 /// Number of rounds in which each point moves towards its neighbours: steps of pixels vanish, corners become
 /// round over some three pixels.
@@ -123,31 +124,47 @@ struct Edge {
     is_at_image_border: bool,
 }
 
+/// A part of a border, points with their lanes; `true` for a whole line.
+type Piece = (Vec<[f32; 3]>, bool);
+
 /// Draws one set of lines around each mask; the image's own border is none. All masks have one size. Nothing
 /// is drawn where `hidden` covers a mask's border. Where several masks have the same border, their lines run
 /// side by side.
-pub fn border_lines(masks: &[Mask], hidden: impl Fn(usize, usize, usize) -> bool) -> Vec<Vec<BorderLine>> {
+pub fn border_lines(
+    masks: &[Mask],
+    hidden: impl Fn(usize, usize, usize) -> bool + Sync,
+) -> Vec<Vec<BorderLine>> {
     let Some((width, height)) = masks.first().map(|m| (m.width, m.height)) else { return Vec::new() };
-    let mut used = vec![0_u8; 4 * (width + 1) * (height + 1)];
-    let mut all = Vec::new();
-    for (k, mask) in masks.iter().enumerate() {
-        let mut lines = Vec::new();
-        let mut taken = Vec::new();
-        for contour in contours(mask) {
-            let edges = edges(&contour, (width, height));
-            let is_drawn = |e: &Edge| !e.is_at_image_border && !hidden(k, e.pixel.0, e.pixel.1);
+    let edges_of = |(k, mask): (usize, &Mask)| {
+        let edges = contours(mask).into_iter().map(|contour| edges(&contour, (width, height)));
+        let is_drawn = |e: &Edge| !e.is_at_image_border && !hidden(k, e.pixel.0, e.pixel.1);
+        let with_drawn = |edges: Vec<Edge>| {
             let drawn: Vec<bool> = edges.iter().map(is_drawn).collect();
-            let point = |e: &Edge| [e.middle[0], e.middle[1], f32::from(used[e.index])];
+            (edges, drawn)
+        };
+        edges.map(with_drawn).collect::<Vec<_>>()
+    };
+    let contours: Vec<Vec<(Vec<Edge>, Vec<bool>)>> = masks.par_iter().enumerate().map(edges_of).collect();
+    // Masks that had each edge before.
+    let mut used = vec![0_u8; 4 * (width + 1) * (height + 1)];
+    let mut all: Vec<Vec<Piece>> = Vec::new();
+    for contours in &contours {
+        let point = |e: &Edge| [e.middle[0], e.middle[1], f32::from(used[e.index])];
+        let pieces = contours.iter().flat_map(|(edges, drawn)| {
             let points: Vec<[f32; 3]> = edges.iter().map(point).collect();
-            lines.extend(
-                pieces(&points, &drawn).into_iter().map(|(points, closed)| smooth(points, closed, mask)),
-            );
-            taken.extend(edges.iter().zip(&drawn).filter(|(_, drawn)| **drawn).map(|(e, _)| e.index));
+            pieces(&points, drawn)
+        });
+        all.push(pieces.collect());
+        for (edge, _) in
+            contours.iter().flat_map(|(edges, drawn)| edges.iter().zip(drawn)).filter(|(_, d)| **d)
+        {
+            used[edge.index] = used[edge.index].saturating_add(1);
         }
-        taken.into_iter().for_each(|index| used[index] = used[index].saturating_add(1));
-        all.push(lines);
     }
-    all
+    let smooth = |(pieces, mask): (Vec<Piece>, &Mask)| {
+        pieces.into_par_iter().map(|(points, is_closed)| smooth(points, is_closed, mask)).collect()
+    };
+    all.into_par_iter().zip(masks).map(smooth).collect()
 }
 
 /// Divides a contour into edges of one pixel.
@@ -195,9 +212,9 @@ fn signum(from: usize, to: usize) -> isize {
 }
 
 /// Splits a closed line into the pieces that are drawn; `true` for a whole line.
-fn pieces(points: &[[f32; 3]], drawn: &[bool]) -> Vec<(Vec<[f32; 3]>, bool)> {
+fn pieces(points: &[[f32; 3]], drawn: &[bool]) -> Vec<Piece> {
     let Some(gap) = drawn.iter().position(|drawn| !drawn) else { return vec![(points.to_vec(), true)] };
-    let mut pieces: Vec<(Vec<[f32; 3]>, bool)> = Vec::new();
+    let mut pieces: Vec<Piece> = Vec::new();
     let mut is_going_on = false;
     for i in (gap..points.len()).chain(0..gap) {
         match pieces.last_mut().filter(|_| is_going_on && drawn[i]) {

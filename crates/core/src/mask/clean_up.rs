@@ -2,6 +2,7 @@
 
 use super::{Bits, Mask, fill_holes, remove_small, smoothed, threshold};
 use crate::grid::Grid;
+use rayon::prelude::*;
 use std::borrow::Cow;
 
 /// Steps of the clean-up of a prompt's mask, in the order of the fields. The default changes nothing.
@@ -88,7 +89,7 @@ impl CleanUp {
             (true, true) => score.max(just_above),
             (true, false) => score.min(threshold_score),
         };
-        let data = scores.data.iter().zip(&found.data).map(agreed).collect();
+        let data = scores.data.par_iter().zip(&found.data).with_min_len(1 << 14).map(agreed).collect();
         Cow::Owned(Grid::from_vec(scores.width, scores.height, data))
     }
 }

@@ -124,27 +124,35 @@ fn set(mask: &mut Mask, part: &[Run], value: bool) {
     }
 }
 
+/// Rows of a mask that one thread rounds at once.
+const BAND: usize = 32;
+
 /// Rounds the border: a pixel is in the mask if most of the pixels are that are at most `radius_px` columns
 /// and rows away. Only pixels of the image count.
 pub fn smoothed(mask: &Mask, radius_px: usize) -> Mask {
     let (w, h) = (mask.width, mask.height);
-    // Number of found pixels above and to the left of each corner.
-    let mut sums = vec![0_u32; (w + 1) * (h + 1)];
-    for y in 0..h {
-        let mut row = 0;
-        for x in 0..w {
-            row += u32::from(mask.data[y * w + x]);
-            sums[(y + 1) * (w + 1) + x + 1] = sums[y * (w + 1) + x + 1] + row;
-        }
-    }
+    let near = |at: usize, end: usize| at.saturating_sub(radius_px)..(at + radius_px + 1).min(end);
+    let row = |y: usize| mask.row(y).iter().map(|found| u32::from(*found));
     let mut rounded = Grid::filled(w, h, false);
-    rounded.data.par_chunks_mut(w.max(1)).with_min_len(16).enumerate().for_each(|(y, row)| {
-        let (y0, y1) = (y.saturating_sub(radius_px), (y + radius_px + 1).min(h));
-        let [above, below] = [y0, y1].map(|y| &sums[y * (w + 1)..][..w + 1]);
-        for (x, is_found) in row.iter_mut().enumerate() {
-            let (x0, x1) = (x.saturating_sub(radius_px), (x + radius_px + 1).min(w));
-            let found = below[x1] + above[x0] - below[x0] - above[x1];
-            *is_found = 2 * found as usize > (x1 - x0) * (y1 - y0);
+    rounded.data.par_chunks_mut(w.max(1) * BAND).enumerate().for_each(|(band, out)| {
+        // Number of found pixels in the rows that are near, of each column.
+        let mut columns = vec![0_u32; w];
+        let mut rows = 0..0;
+        for (y, out) in (band * BAND..).zip(out.chunks_exact_mut(w)) {
+            let now = near(y, h);
+            for y in rows.start..now.start.min(rows.end) {
+                columns.iter_mut().zip(row(y)).for_each(|(sum, found)| *sum -= found);
+            }
+            for y in rows.end.max(now.start)..now.end {
+                columns.iter_mut().zip(row(y)).for_each(|(sum, found)| *sum += found);
+            }
+            rows = now;
+            let mut found: u32 = columns.iter().take(radius_px).sum();
+            for (x, out) in out.iter_mut().enumerate() {
+                found += columns.get(x + radius_px).copied().unwrap_or(0);
+                found -= x.checked_sub(radius_px + 1).map_or(0, |x| columns[x]);
+                *out = 2 * found as usize > near(x, w).len() * rows.len();
+            }
         }
     });
     rounded
@@ -160,13 +168,16 @@ pub fn innermost(mask: &Mask) -> Option<(usize, usize)> {
         let above = if i >= w { depth[i - w] } else { 0 };
         depth[i] = left.min(above) + 1;
     }
+    let mut best = (0, 0);
     for i in (0..w * h).rev().filter(|i| mask.data[*i]) {
         let right = if i % w + 1 < w { depth[i + 1] } else { 0 };
         let below = if i + w < w * h { depth[i + w] } else { 0 };
         depth[i] = depth[i].min(right.min(below) + 1);
+        if depth[i] >= best.0 {
+            best = (depth[i], i);
+        }
     }
-    let best = (0..w * h).filter(|i| depth[*i] > 0).max_by_key(|i| (depth[*i], std::cmp::Reverse(*i)))?;
-    Some((best % w, best / w))
+    (best.0 > 0).then(|| (best.1 % w, best.1 / w))
 }
 
 #[cfg(test)]

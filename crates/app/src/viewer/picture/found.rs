@@ -27,19 +27,22 @@ pub(crate) struct Found {
 
 impl Found {
     pub(crate) fn new(scores: Arc<Grid<f32>>, threshold: f32, clean_up: CleanUp) -> Self {
-        let summary = Summary::new(&scores, threshold);
-        let cleaned = match clean_up.scores(&scores, threshold) {
-            Cow::Borrowed(_) => scores.clone(),
-            Cow::Owned(cleaned) => Arc::new(cleaned),
+        let clean = || {
+            let cleaned = match clean_up.scores(&scores, threshold) {
+                Cow::Borrowed(_) => scores.clone(),
+                Cow::Owned(cleaned) => Arc::new(cleaned),
+            };
+            let found = mask::threshold(&cleaned, threshold);
+            (cleaned, found.count(), anchor(&found))
         };
-        let found = mask::threshold(&cleaned, threshold);
-        let area_px = found.count();
+        let summarise = || Summary::new(&scores, threshold);
+        let ((cleaned, area_px, anchor), summary) = rayon::join(clean, summarise);
         Self {
             area_px,
             area_fraction: area_px as f32 / scores.data.len().max(1) as f32,
             max_score: summary.max_score,
             histogram: summary.histogram,
-            anchor: anchor(&found),
+            anchor,
             scores,
             cleaned,
         }
