@@ -266,13 +266,18 @@ impl Gpu {
         let mut encoder = self.device.create_command_encoder(&Default::default());
         encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, size);
         self.submit(encoder);
-        self.read_staging(&staging, size)
+        self.read_staging(&staging, size, <[u8]>::to_vec)
     }
 
-    /// Waits for all submitted work and copies out the first `size` bytes of a mappable buffer.
-    pub(crate) fn read_staging(&self, staging: &wgpu::Buffer, size: u64) -> Result<Vec<u8>> {
+    /// Waits for all submitted work and reads the first `size` bytes of a mappable buffer, where they lie.
+    pub(crate) fn read_staging<T>(
+        &self,
+        staging: &wgpu::Buffer,
+        size: u64,
+        read: impl FnOnce(&[u8]) -> T,
+    ) -> Result<T> {
         if size == 0 {
-            return Ok(Vec::new());
+            return Ok(read(&[]));
         }
         let (sender, receiver) = std::sync::mpsc::sync_channel(1);
         staging.map_async(wgpu::MapMode::Read, ..size, move |result| {
@@ -282,13 +287,13 @@ impl Gpu {
         self.wait()?;
         let mapped = receiver.recv().map_err(|e| self.failure("reading from the GPU failed", &e))?;
         mapped.map_err(|e| self.failure("reading from the GPU failed", &e))?;
-        let bytes = staging
-            .get_mapped_range(..size)
-            .map_err(|e| self.failure("reading from the GPU failed", &e))?
-            .to_vec();
+        let bytes =
+            staging.get_mapped_range(..size).map_err(|e| self.failure("reading from the GPU failed", &e))?;
+        let value = read(&bytes);
+        drop(bytes);
         staging.unmap();
         self.counters.count_read_back(size);
-        Ok(bytes)
+        Ok(value)
     }
 }
 

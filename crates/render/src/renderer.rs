@@ -28,13 +28,15 @@ pub struct GpuRenderer {
     scene: Option<([u64; 2], SceneBuffers)>,
     staging: Option<wgpu::Buffer>,
     timer: Timer,
+    /// `true` if the tables left pixels of the last frame open.
+    had_open: bool,
 }
 
 impl GpuRenderer {
     /// Compiles the passes.
     pub fn new(gpu: Gpu) -> Result<Self> {
         let (planes, shown) = (PlanePasses::new(&gpu)?, ShownPasses::new(&gpu)?);
-        Ok(Self { gpu, planes, shown, scene: None, staging: None, timer: Timer::default() })
+        Ok(Self { gpu, planes, shown, scene: None, staging: None, timer: Timer::default(), had_open: false })
     }
 
     /// The device it renders on.
@@ -82,12 +84,16 @@ impl GpuRenderer {
     /// Renders until all pairs fit; returns the planes.
     fn draw(&mut self, input: &RenderInput<'_>, clock: &mut FrameClock) -> Result<Vec<f32>> {
         loop {
-            let encoder = self.encode_planes(input, clock)?;
+            let mut encoder = self.encode_planes(input, clock)?;
             let planes = self.planes.raster.planes.part();
-            let bytes = self.submit(encoder, &[self.num_wanted(), planes])?;
-            let (wanted, planes) = bytes.split_at(size_of::<u32>());
-            if !self.planes.bin.grow_if_full(&self.gpu, bytemuck::pod_read_unaligned(wanted))? {
-                return Ok(bytemuck::pod_collect_to_vec(planes));
+            let parts = [self.num_wanted(), planes];
+            self.timer.finish(&mut encoder);
+            let (wanted, planes) =
+                submit(&self.gpu, &mut self.staging, encoder, &parts, |[wanted, planes]| {
+                    (bytemuck::pod_read_unaligned(wanted), bytemuck::pod_collect_to_vec(planes))
+                })?;
+            if !self.planes.bin.grow_if_full(&self.gpu, wanted)? {
+                return Ok(planes);
             }
         }
     }
@@ -140,13 +146,21 @@ impl GpuRenderer {
                 self.shown.encode_scores(&mut encoder, &mut self.timer, planes, asked, size)?;
                 clock.lap(FramePass::Relevancy);
             }
-            let (shown, num_open, num_pairs) = self.finish(encoder, asked.as_deref(), size, wanted)?;
+            // What is likely to be repaired is not read back before.
+            let read = if asked.is_some() && self.had_open { Wanted::default() } else { wanted };
+            let (shown, num_open, num_pairs) = self.finish(encoder, asked.as_deref(), size, read)?;
             if self.planes.bin.grow_if_full(&self.gpu, num_pairs)? {
                 continue;
             }
-            let Some(asked) = asked.filter(|_| num_open > 0) else { return Ok(shown) };
+            let Some(asked) = asked else { return Ok(shown) };
+            self.had_open = num_open > 0;
+            if !self.had_open && read == wanted {
+                return Ok(shown);
+            }
             let mut encoder = self.gpu.device().create_command_encoder(&Default::default());
-            self.shown.encode_repair(&mut encoder, asked, num_open)?;
+            if self.had_open {
+                self.shown.encode_repair(&mut encoder, asked, num_open)?;
+            }
             return Ok(self.finish(encoder, Some(asked), size, wanted)?.0);
         }
     }
@@ -162,45 +176,18 @@ impl GpuRenderer {
     ) -> Result<(Shown, usize, u32)> {
         let planes = &self.planes.raster.planes;
         self.shown.encode_pictures(&mut encoder, &mut self.timer, planes, asked, size)?;
-        let parts = self.shown.parts(asked, wanted);
-        let bytes = self.submit(encoder, &[&[self.num_wanted()], &parts[..]].concat())?;
-        let (num_pairs, mut rest) = bytes.split_at(size_of::<u32>());
-        let parts = parts.map(|(_, size)| {
-            let (part, others) = rest.split_at(size as usize);
-            rest = others;
-            part
-        });
-        let (shown, num_open) = self.shown.parse(parts, size);
-        Ok((shown, num_open, bytemuck::pod_read_unaligned(num_pairs)))
+        let [a, b, c, d, e, f] = self.shown.parts(asked, wanted);
+        let parts = [self.num_wanted(), a, b, c, d, e, f];
+        self.timer.finish(&mut encoder);
+        submit(&self.gpu, &mut self.staging, encoder, &parts, |[num_pairs, parts @ ..]| {
+            let (shown, num_open) = self.shown.parse(parts, size);
+            (shown, num_open, bytemuck::pod_read_unaligned(num_pairs))
+        })
     }
 
     /// Location of the number of pairs wanted. If it exceeds the capacity, the frame is wrong.
     fn num_wanted(&self) -> Part {
         (self.planes.bin.num_wanted().buffer().clone(), size_of::<u32>() as u64)
-    }
-
-    /// Submits, waits, and copies out the first bytes of each buffer, one after the other.
-    fn submit(&mut self, mut encoder: wgpu::CommandEncoder, parts: &[Part]) -> Result<Vec<u8>> {
-        self.timer.finish(&mut encoder);
-        let size = parts.iter().map(|(_, size)| size).sum();
-        if self.staging.as_ref().is_none_or(|s| s.size() < size) {
-            self.staging = None;
-        }
-        let staging = self.staging.get_or_insert_with(|| {
-            self.gpu.device().create_buffer(&wgpu::BufferDescriptor {
-                label: Some("readback"),
-                size,
-                usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
-                mapped_at_creation: false,
-            })
-        });
-        let mut at = 0;
-        for (buffer, size) in parts {
-            encoder.copy_buffer_to_buffer(buffer, 0, staging, at, *size);
-            at += size;
-        }
-        self.gpu.submit(encoder);
-        self.gpu.read_staging(staging, size)
     }
 
     /// Returns the Gaussian at a pixel of the last rendered frame; `None` outside of it or if nothing
@@ -258,4 +245,39 @@ impl Renderer for GpuRenderer {
         );
         Ok(())
     }
+}
+
+/// Submits, waits, and reads the first bytes of each buffer by way of `staging`.
+fn submit<T, const N: usize>(
+    gpu: &Gpu,
+    staging: &mut Option<wgpu::Buffer>,
+    mut encoder: wgpu::CommandEncoder,
+    parts: &[Part; N],
+    read: impl FnOnce([&[u8]; N]) -> T,
+) -> Result<T> {
+    let size = parts.iter().map(|(_, size)| size).sum();
+    if staging.as_ref().is_none_or(|s| s.size() < size) {
+        *staging = None;
+    }
+    let staging = staging.get_or_insert_with(|| {
+        gpu.device().create_buffer(&wgpu::BufferDescriptor {
+            label: Some("readback"),
+            size,
+            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        })
+    });
+    let mut at = 0;
+    for (buffer, size) in parts {
+        encoder.copy_buffer_to_buffer(buffer, 0, staging, at, *size);
+        at += size;
+    }
+    gpu.submit(encoder);
+    gpu.read_staging(staging, size, |mut rest| {
+        read(parts.each_ref().map(|(_, size)| {
+            let (part, others) = rest.split_at(*size as usize);
+            rest = others;
+            part
+        }))
+    })
 }

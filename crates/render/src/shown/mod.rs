@@ -23,6 +23,8 @@ use compose::ComposePass;
 use image::RgbImage;
 use lattice::LatticePass;
 use overlay::{OverlayParams, OverlayPass, PromptRow, from_pixels, to_pixels};
+use rayon::prelude::*;
+use std::borrow::Cow;
 use summary::SummaryPass;
 use surgtpgs_core::{
     Result,
@@ -242,21 +244,27 @@ impl ShownPasses {
 
     /// Converts the bytes of [`Self::parts`] to results, and the number of pixels that were left open.
     pub(crate) fn parse(&self, parts: [&[u8]; 6], size: [u32; 2]) -> (Shown, usize) {
-        let [num_open, summaries, picture, marked, depth, scores] =
-            parts.map(bytemuck::pod_collect_to_vec::<u8, u32>);
-        let picture_of = |pixels: Vec<u32>| (!pixels.is_empty()).then(|| from_pixels(size, &pixels));
+        let parts = parts.map(words);
+        let [num_open, summaries, picture, marked, depth, scores] = parts.each_ref().map(|words| &**words);
+        let picture_of = |pixels: &[u32]| (!pixels.is_empty()).then(|| from_pixels(size, pixels));
         let [width, height] = size.map(|n| n as usize);
-        let grids = |numbers: Vec<u32>| -> Vec<Grid<f32>> {
-            let grid = |bits: &[u32]| bits.iter().copied().map(f32::from_bits).collect();
-            numbers.chunks_exact(width * height).map(|n| Grid::from_vec(width, height, grid(n))).collect()
+        let grids = |numbers: &[u32]| -> Vec<Grid<f32>> {
+            let grid = |bits: &[u32]| Grid::from_vec(width, height, bytemuck::cast_slice(bits).to_vec());
+            numbers.par_chunks_exact((width * height).max(1)).map(grid).collect()
         };
         let shown = Shown {
             picture: picture_of(picture),
             marked: picture_of(marked),
             depth: grids(depth).pop(),
             scores: grids(scores),
-            summaries: self.summary.parse(&summaries),
+            summaries: self.summary.parse(summaries),
         };
         (shown, num_open.first().map_or(0, |n| *n as usize))
     }
+}
+
+/// Returns bytes as numbers, where they lie if a number may begin there.
+fn words(bytes: &[u8]) -> Cow<'_, [u32]> {
+    let unaligned = |_| Cow::Owned(bytemuck::pod_collect_to_vec(bytes));
+    bytemuck::try_cast_slice(bytes).map_or_else(unaligned, Cow::Borrowed)
 }

@@ -7,10 +7,14 @@ use crate::{
     shader::{GROUP, shader, shader_struct},
 };
 use image::RgbImage;
+use rayon::prelude::*;
 use surgtpgs_core::{
     Result,
     overlay::{self, OverlayLook, OverlayPrompt},
 };
+
+/// Pixels that one thread converts at once.
+const PIXELS_AT_ONCE: usize = 1 << 15;
 
 shader! {
     pub(super) Wgsl = "overlay.wgsl";
@@ -171,9 +175,7 @@ pub(crate) fn to_pixels(picture: &RgbImage) -> Vec<u32> {
 /// Converts the numbers of [`to_pixels`] back to a picture of columns × rows.
 pub(crate) fn from_pixels([width, height]: [u32; 2], pixels: &[u32]) -> RgbImage {
     let mut picture = RgbImage::new(width, height);
-    for (pixel, number) in picture.pixels_mut().zip(pixels) {
-        let [r, g, b, _] = number.to_le_bytes();
-        pixel.0 = [r, g, b];
-    }
+    let colours = picture.par_chunks_exact_mut(3).zip(pixels).with_min_len(PIXELS_AT_ONCE);
+    colours.for_each(|(colour, number)| colour.copy_from_slice(&number.to_le_bytes()[..3]));
     picture
 }
