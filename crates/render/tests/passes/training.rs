@@ -92,11 +92,14 @@ fn both_backends_end_nearly_alike_where_gaussians_come_and_go() {
 }
 
 /// Tolerance: poses move by up to 0.05 px a round, at first in the direction of the signs of tiny gradients.
+/// No Gaussians come and go: these would be two different trainings from then on.
 #[test]
 fn poses_are_learned_alike_on_both_backends() {
     let Some(gpu) = gpu() else { return };
     let clip = Clip::new();
-    let settings = TrainSettings { iterations: STEPS, refines_poses: true, ..TrainSettings::default() };
+    let default = TrainSettings::default();
+    let densify = DensifySettings { every: STEPS + 1, ..default.densify };
+    let settings = TrainSettings { iterations: STEPS, refines_poses: true, densify, ..default };
     let trainer = || Trainer::new(&clip.prepared.sequence, Some(&clip.prepared), settings.clone()).unwrap();
     let still = clip.prepared.sequence.camera(0);
     // Where the middle of the picture, at the depth of the organs, came to lie.
@@ -114,6 +117,7 @@ fn poses_are_learned_alike_on_both_backends() {
     let norm = |v: &mut dyn Iterator<Item = f32>| v.map(|x| x * x).sum::<f32>().sqrt();
     let moved = norm(&mut cpu.iter().copied());
     let apart = norm(&mut cpu.iter().zip(&gpu).map(|(a, b)| a - b));
+    eprintln!("{moved} px, {apart} px apart");
     assert!(moved > 0.1 && apart < 0.2 * moved, "{moved} px, {apart} px apart");
 }
 
