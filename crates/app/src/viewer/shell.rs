@@ -124,5 +124,8 @@ impl eframe::App for Shell {
 
     fn on_exit(&mut self) {
         self.shared.keep_at_exit();
+        if let Some(open) = &self.shared.open {
+            open.end();
+        }
     }
 }

@@ -20,6 +20,9 @@ const SLOW_MS: f64 = 60.0;
 /// Longest time that a frame of the window waits for the answer to a letter.
 const PATIENCE: Duration = Duration::from_millis(80);
 
+/// Longest time that the end of the program waits for the picture in progress.
+const LAST_PICTURE: Duration = Duration::from_secs(3);
+
 /// The open scene or recording.
 pub(crate) struct Open {
     pub(crate) info: Info,
@@ -55,6 +58,11 @@ impl Open {
             wanted: Vec::new(),
             full_ms: 0.0,
         })
+    }
+
+    /// Waits at the end of the program until no picture is being made any more.
+    pub(crate) fn end(&self) {
+        self.worker.end(LAST_PICTURE);
     }
 
     /// Continues with a passing state of the same recording.

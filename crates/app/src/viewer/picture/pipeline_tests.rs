@@ -143,6 +143,16 @@ fn a_picture_can_be_waited_for() {
 }
 
 #[test]
+fn nothing_is_drawn_any_more_at_the_end() {
+    let source = telling(8);
+    let rendered = source.rendered.clone();
+    let worker = Worker::start(Box::new(source), &egui::Context::default()).unwrap();
+    worker.submit(request(3));
+    worker.end(Duration::from_secs(600));
+    assert_eq!(Arc::strong_count(&rendered), 1, "the source is gone");
+}
+
+#[test]
 fn the_next_letter_is_looked_for_in_the_view_that_is_there() {
     let (mut pipeline, rendered) = pipeline(8);
     let typed = |words: &str| {

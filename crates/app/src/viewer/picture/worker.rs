@@ -11,14 +11,19 @@ use crate::viewer::{
 use std::{
     panic::AssertUnwindSafe,
     sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError},
-    time::Duration,
+    thread::JoinHandle,
+    time::{Duration, Instant},
 };
 use surgtpgs_core::{Error, Result};
 
 /// The window's side of the thread. Dropping it ends the thread after the picture in progress.
 pub(crate) struct Worker {
     shared: Arc<Shared>,
+    thread: JoinHandle<()>,
 }
+
+/// Time between two looks at a thread that is to end.
+const LOOKS: Duration = Duration::from_millis(5);
 
 #[derive(Default)]
 struct Shared {
@@ -44,14 +49,14 @@ impl Worker {
     pub(crate) fn start(source: Box<dyn FrameSource>, ctx: &egui::Context) -> Result<Self> {
         let shared = Arc::new(Shared::default());
         let (theirs, repaint) = (shared.clone(), ctx.clone());
-        std::thread::Builder::new()
+        let thread = std::thread::Builder::new()
             .name("pictures".into())
             .spawn(move || work(&theirs, Pipeline::new(source), &repaint))
             .map_err(|e| Error::Missing {
                 what: format!("no thread could be started: {e}"),
                 hint: "Close other programs and try again.".into(),
             })?;
-        Ok(Self { shared })
+        Ok(Self { shared, thread })
     }
 
     /// Requests a picture; replaces a request that has not begun.
@@ -88,6 +93,21 @@ impl Worker {
         drop(self.shared.made.wait_timeout_while(lock(&self.shared.outbox), limit, is_missing));
     }
 
+    /// Ends the thread and waits until it has ended, for a limited time: drivers of graphics cards crash where
+    /// the program ends while a thread draws.
+    pub(crate) fn end(&self, limit: Duration) {
+        self.close();
+        let began = Instant::now();
+        while !self.thread.is_finished() && began.elapsed() < limit {
+            std::thread::sleep(LOOKS);
+        }
+    }
+
+    fn close(&self) {
+        lock(&self.shared.inbox).is_closed = true;
+        self.shared.wake.notify_one();
+    }
+
     /// Takes the newest picture, if it has not been taken yet.
     pub(crate) fn take(&self) -> Option<Picture> {
         lock(&self.shared.outbox).take()
@@ -96,8 +116,7 @@ impl Worker {
 
 impl Drop for Worker {
     fn drop(&mut self) {
-        lock(&self.shared.inbox).is_closed = true;
-        self.shared.wake.notify_one();
+        self.close();
     }
 }
 
