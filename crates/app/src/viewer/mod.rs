@@ -45,6 +45,7 @@ mod theme;
 mod work;
 
 use backend::engine::EngineBackend;
+pub(crate) use picture::timed::time_pictures;
 use picture::{meshes, texture};
 use shell::Shell;
 pub use shell::ViewerInput;

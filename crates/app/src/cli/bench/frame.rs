@@ -15,6 +15,7 @@ use crate::{
         verb::Exit,
     },
     engine::{Engine, SceneView},
+    viewer::time_pictures,
 };
 use clap::Args;
 use half::f16;
@@ -89,7 +90,7 @@ impl Measure for BenchFrameArgs {
         let inputs = engine.inputs(&self.scene.scene);
         let files = Files::claim(self.output.as_ref(), &inputs, force)?;
         let scene = engine.scene().clone();
-        let cameras: Vec<(f32, Camera)> = frames(&scene, self);
+        let cameras: Vec<(f32, Camera)> = cameras(&scene, self);
         let Some((_, camera)) = cameras.first() else {
             return Err(Error::input("the scene has no frames", "Train it again from its recording."));
         };
@@ -100,6 +101,10 @@ impl Measure for BenchFrameArgs {
             engine.set_prompts(&prompts)?;
             let mut found = relevancy_rows(&engine, &scene, &cameras)?;
             found.extend(shown::rows(&mut engine, &cameras)?);
+            if self.size.is_none() {
+                let engine = self.scene.open(&self.relevancy, None)?;
+                found.extend(window_rows(engine, &prompts, &frames(&scene, self))?);
+            }
             found.iter().for_each(|row| say(&line(row)));
             rows.extend(found);
         }
@@ -119,14 +124,30 @@ impl Measure for BenchFrameArgs {
     }
 }
 
-/// Returns times and cameras of the frames that are measured, evenly spread.
-fn frames(scene: &Scene, args: &BenchFrameArgs) -> Vec<(f32, Camera)> {
+/// Returns the frames that are measured, evenly spread.
+fn frames(scene: &Scene, args: &BenchFrameArgs) -> Vec<usize> {
     let (n, wanted) = (scene.num_frames(), (args.frames as usize).min(scene.num_frames()));
+    (0..wanted).map(|k| k * n / wanted).collect()
+}
+
+/// Returns times and cameras of the frames that are measured.
+fn cameras(scene: &Scene, args: &BenchFrameArgs) -> Vec<(f32, Camera)> {
     let camera = |i: usize| {
         let camera = scene.cameras[i];
         args.size.map_or(camera, |(width, height)| camera.resized(width, height))
     };
-    (0..wanted).map(|k| k * n / wanted).map(|i| (scene.time(i), camera(i))).collect()
+    frames(scene, args).into_iter().map(|i| (scene.time(i), camera(i))).collect()
+}
+
+/// Times the window's pictures, with what it takes besides rendering and scoring.
+fn window_rows(engine: Engine, prompts: &[String], frames: &[usize]) -> Result<[Timing; 3]> {
+    let times = time_pictures(engine, prompts, frames)?;
+    let row = |way: &str, ms| Timing::of("window", way, ms);
+    Ok([
+        row("picture of another frame", times.whole),
+        row("the same, neither cleaned nor outlined", times.source),
+        row("picture at another threshold", times.again),
+    ])
 }
 
 /// Returns the prompts that were asked for, or the classes of the scene.

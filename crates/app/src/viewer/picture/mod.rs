@@ -19,4 +19,5 @@ pub(crate) mod request;
 pub(crate) mod texture;
 pub(crate) mod textures;
 pub(crate) mod thumbnails;
+pub(crate) mod timed;
 mod worker;

@@ -5,6 +5,7 @@ use super::steps::PassRow;
 use crate::{
     cli::bench::shown::{AGAIN, Show, WAYS},
     engine::{BackendChoice, Engine, EngineOptions},
+    viewer::time_pictures,
 };
 use image::RgbImage;
 use std::sync::Arc;
@@ -56,7 +57,8 @@ pub(super) fn measure(
         return Ok(None);
     }
     let words: Vec<String> = prompts(&scene).take(num_prompts).collect();
-    let cameras = spread(&scene, num_frames);
+    let frames = spread(&scene, num_frames);
+    let cameras: Vec<(f32, Camera)> = frames.iter().map(|&i| (scene.time(i), scene.cameras[i])).collect();
     let Some(&(_, camera)) = cameras.first() else {
         return Err(Error::input("the scene has no frames", ""));
     };
@@ -76,6 +78,7 @@ pub(super) fn measure(
     let [beyond_a_level, mean_levels] = differences(&show, &mut gpu, &mut cpu)?;
     let of = format!("frame of {name}, {num_prompts} prompts");
     let costs = show.pass_costs(&mut gpu)?;
+    ways.extend(window_rows(gpu, cpu, &words, &frames)?);
     Ok(Some(Frames {
         scene: name.to_owned(),
         width: camera.width,
@@ -98,10 +101,10 @@ fn prompts(scene: &Scene) -> impl Iterator<Item = String> {
     classes.chain(MORE_WORDS.map(str::to_owned))
 }
 
-/// Returns times and cameras of frames that are spread evenly.
-fn spread(scene: &Scene, num_frames: usize) -> Vec<(f32, Camera)> {
+/// Returns frames that are spread evenly.
+fn spread(scene: &Scene, num_frames: usize) -> Vec<usize> {
     let (n, wanted) = (scene.num_frames(), num_frames.min(scene.num_frames()));
-    (0..wanted).map(|k| k * n / wanted).map(|i| (scene.time(i), scene.cameras[i])).collect()
+    (0..wanted).map(|k| k * n / wanted).collect()
 }
 
 fn way_row(
@@ -127,6 +130,25 @@ fn way_row(
         uploaded: crossed.uploaded as f64 / frames,
         read_back: crossed.read_back as f64 / frames,
     })
+}
+
+/// Times the window's pictures, which are cleaned and outlined as well. Their scores come back from a device.
+fn window_rows(gpu: Engine, cpu: Engine, words: &[String], frames: &[usize]) -> Result<[WayRow; 3]> {
+    let on_gpu = time_pictures(gpu, words, frames)?;
+    let on_cpu = time_pictures(cpu, words, frames)?;
+    let row = |way, gpu: Vec<f64>, cpu: Vec<f64>, [uploaded, read_back]: [f64; 2]| WayRow {
+        way,
+        gpu_ms: median(gpu),
+        cpu_ms: median(cpu),
+        uploaded,
+        read_back,
+    };
+    let crossed = [on_gpu.uploaded, on_gpu.read_back];
+    Ok([
+        row("Gaussians to the window's picture", on_gpu.whole, on_cpu.whole, crossed),
+        row("the same, neither cleaned nor outlined", on_gpu.source, on_cpu.source, crossed),
+        row("another threshold to the window's picture", on_gpu.again, on_cpu.again, [0.0; 2]),
+    ])
 }
 
 fn median(mut ms: Vec<f64>) -> f64 {

@@ -32,6 +32,11 @@ use surgtpgs_core::{
     train::Quality,
 };
 
+/// Returns the source of pictures of a scene in memory, without its recording.
+pub(crate) fn source_of(engine: Engine) -> Box<dyn FrameSource> {
+    Box::new(SceneSource::new(engine, PathBuf::new(), None))
+}
+
 /// Opens, exports and trains with the program's own engine.
 pub(crate) struct EngineBackend;
 
