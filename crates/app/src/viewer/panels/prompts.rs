@@ -107,6 +107,10 @@ fn box_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
     if prompt_box.wants_focus {
         response.request_focus();
     }
+    // The key that goes to the box, pressed in it.
+    if let Some(words) = text.strip_prefix('/') {
+        text = words.to_owned();
+    }
     let is_focused = response.has_focus();
     if is_focused && ui.input(|i| i.key_pressed(Key::Enter)) {
         actions.push(Action::AddPrompt(std::mem::take(&mut text)));

@@ -84,7 +84,7 @@ fn what_is_typed_is_looked_for_at_once_and_kept_by_enter() {
         window.harness.state().shared.picture().unwrap().findings.is_empty(),
         "a rehearsal draws nothing"
     );
-    window.type_prompt("gall");
+    window.type_prompt("/gall");
     window.until_picture(|p| p.findings.iter().any(|f| f.text == "gall"));
     assert!(window.shows("Enter keeps it"));
     assert!(window.harness.state().shared.document.prompts().is_empty());
