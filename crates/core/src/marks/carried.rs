@@ -2,10 +2,10 @@
 
 use super::{
     Evidence, FrameScores, Graph, LookHere, Marks,
-    cells::spread_over,
+    cells::{Squares, spread_over},
     guided::Guide,
     hints::{Hints, Told},
-    known::{MarkedFrame, add_seen, at_half, likeness, place, weights},
+    known::{MarkedFrame, add_seen, at_half, at_whole, likeness, place, weights},
     plan::{Plan, beside},
     scores::scores,
     seeds::Seeds,
@@ -33,6 +33,10 @@ const TOLD_BESIDE_ALL: f32 = 0.2;
 /// Likeness from which on a marked pixel is carried to a frame that knows nothing of its name: instruments
 /// shine otherwise on each.
 const LENT: f32 = 0.05;
+/// Likeness of looks from which on the place that it is carried to looks the same.
+const SAME_LOOKS: f32 = 0.78;
+/// Part of the marked pixels of a name that lead to what looks the same, where it is still there.
+const MOSTLY: f32 = 0.3;
 /// Shortest side of pictures that are looked at, px; smaller ones are left to the Gaussians.
 const SMALLEST: usize = 4;
 /// Marked frames that are kept at most.
@@ -286,25 +290,41 @@ impl Carried {
     }
 
     /// Carries marks of names that a frame knows nothing of to it. Returns pixels of half size, each with the
-    /// name that it shows.
+    /// name that it shows. Names whose marks mostly lead to what looks otherwise are not there yet, or no more.
     fn lent(
         &mut self,
         scene: &Scene,
-        (frame, luma): (usize, &Grid<f32>),
+        (frame, picture, luma): (usize, &RgbImage, &Grid<f32>),
         pictures: &mut Pictures<'_>,
     ) -> Result<Vec<(usize, usize)>> {
         let (mut lent, mends) = (Vec::new(), self.settings.mends);
         let lenders = if self.settings.looks_up { self.plan.lenders(frame) } else { BTreeMap::new() };
+        if lenders.is_empty() {
+            return Ok(lent);
+        }
+        let here = Squares::of(picture);
+        let width = picture.width() as usize;
         for (lender, names) in lenders {
             let (evidence, picture) = (&self.growing[&lender], pictures(lender)?);
             let trail = self.trails.entry(frame).or_insert_with(|| Trail::new(frame, luma.clone(), mends));
             let way = trail.way(lender, &mut |i| Ok(luma_of(&pictures(i)?)))?;
             let alike = likeness(&luma_of(&picture), luma, &way, &scene.field_of_view);
+            let there = Squares::of(&picture);
+            // Number of marked pixels, and the places of those that look the same, of each name.
+            let mut found: BTreeMap<usize, (usize, Vec<usize>)> = BTreeMap::new();
             for i in evidence.pixels() {
-                let from = at_half(i, picture.width() as usize, luma);
-                let name = evidence.shown_at(i).filter(|name| names.contains(name));
-                let pixel = place(&way, from).filter(|_| alike.data[from] > LENT);
-                lent.extend(pixel.zip(name));
+                let Some(name) = evidence.shown_at(i).filter(|name| names.contains(name)) else { continue };
+                let (count, places) = found.entry(name).or_default();
+                *count += 1;
+                let from = at_half(i, width, luma);
+                let to = place(&way, from).filter(|_| alike.data[from] > LENT);
+                let looks_so = |to: &usize| there.likeness(i, &here, at_whole(*to, width, luma)) > SAME_LOOKS;
+                places.extend(to.filter(looks_so));
+            }
+            for (name, (count, places)) in found {
+                if places.len() as f32 > MOSTLY * count as f32 {
+                    lent.extend(places.into_iter().map(|place| (place, name)));
+                }
             }
         }
         Ok(lent)
@@ -346,7 +366,7 @@ impl Carried {
         let picture = pictures(frame)?;
         let luma = luma_of(&picture);
         let told = self.told(scene, (frame, &luma), pictures)?;
-        let lent = self.lent(scene, (frame, &luma), pictures)?;
+        let lent = self.lent(scene, (frame, &picture, &luma), pictures)?;
         let spread = if let Some(growing) = self.growing.get(&frame) {
             spread_over(&picture, &scene.field_of_view, (growing, &lent), self.names.len(), told)
         } else {

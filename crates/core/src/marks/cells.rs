@@ -26,6 +26,26 @@ const ROUNDS: usize = 2;
 /// Power of the mean share that a share is multiplied by.
 const AREA: f32 = 0.2;
 
+/// The squares of a picture, with their looks.
+pub(super) struct Squares {
+    cells: Cells,
+    looks: Looks,
+}
+
+impl Squares {
+    pub(super) fn of(picture: &RgbImage) -> Self {
+        let cells = Cells::of_picture(picture.width() as usize, picture.height() as usize);
+        let looks = cells.looks(&cells.colours(picture));
+        Self { cells, looks }
+    }
+
+    /// Returns the likeness of the looks around a pixel and around one of another picture, wherever they are,
+    /// 0–1.
+    pub(super) fn likeness(&self, pixel: usize, other: &Self, other_pixel: usize) -> f32 {
+        self.looks.likeness(self.cells.of(pixel), &other.looks, other.cells.of(other_pixel))
+    }
+}
+
 /// Spreads the marks of a frame over its picture: shares of each name, [names][pixels] at half size, rounded
 /// down. `told` is what other frames tell, of pixels of the same size; `lent` are such pixels that marks of
 /// other frames were carried to, each with its name.

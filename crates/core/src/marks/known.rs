@@ -117,6 +117,11 @@ pub(super) fn at_half(i: usize, whole_width: usize, half: &Grid<f32>) -> usize {
     y.min(half.height - 1) * half.width + x.min(half.width - 1)
 }
 
+/// Returns the first of the pixels, of a picture that is `whole_width` wide, in pixel `i` of half size.
+pub(super) fn at_whole(i: usize, whole_width: usize, half: &Grid<f32>) -> usize {
+    2 * (i / half.width) * whole_width + 2 * (i % half.width)
+}
+
 /// Returns the pixel that the way of pixel `i` leads to, if that is in the picture.
 pub(super) fn place(way: &Grid<Vector>, i: usize) -> Option<usize> {
     let (width, height) = (way.width, way.height);

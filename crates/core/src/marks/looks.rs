@@ -12,6 +12,8 @@ use std::f32::consts::{LN_2, LOG2_E};
 
 /// Numbers by which looks are compared.
 const DIM: usize = 9;
+/// First number of the place.
+const PLACE: usize = 7;
 /// Look of a thing. Two looks at a distance of d are alike by e^(−d²/2).
 type Look = [f32; DIM];
 
@@ -77,10 +79,15 @@ impl Looks {
             look[..3].copy_from_slice(&own);
             look[3..6].copy_from_slice(&around.map(|v| AROUND * v));
             look[6] = seen.roughness / ROUGHNESS;
-            look[7..].copy_from_slice(&seen.place.map(|v| v / WIDTHS));
+            look[PLACE..].copy_from_slice(&seen.place.map(|v| v / WIDTHS));
             look
         };
         Self(things.map(look).collect())
+    }
+
+    /// Returns the likeness of a thing and one of others, their places aside, 0–1.
+    pub(super) fn likeness(&self, thing: usize, others: &Self, other: usize) -> f32 {
+        likeness(&self.0[thing][..PLACE], &others.0[other][..PLACE])
     }
 
     /// Returns for every thing how sure it shows what the examples show. What looks like no example shows
@@ -183,7 +190,7 @@ fn some_of(things: &[usize], most: usize) -> impl Iterator<Item = usize> {
     (0..count).map(move |i| things[i * things.len() / count])
 }
 
-fn likeness(a: &Look, b: &Look) -> f32 {
+fn likeness(a: &[f32], b: &[f32]) -> f32 {
     let distance_2: f32 = a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum();
     (-0.5 * distance_2).exp()
 }

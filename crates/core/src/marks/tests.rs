@@ -126,6 +126,38 @@ fn names_marked_on_different_frames_are_found_beside_each_other() {
 }
 
 #[test]
+fn what_comes_in_later_is_not_found_before() {
+    let scene = scene();
+    // A bright tool lies over both halves from the third frame on.
+    let [columns, rows] = [20..44, 16..30];
+    let is_tool = |x: usize, y: usize| columns.contains(&x) && rows.contains(&y);
+    let with_tool = |frame: usize| {
+        let mut picture = picture(&scene, frame)?;
+        for (x, y, pixel) in picture.enumerate_pixels_mut().filter(|_| frame >= 2) {
+            if is_tool(x as usize, y as usize) {
+                pixel.0 = [200, 205, 215];
+            }
+        }
+        Ok(picture)
+    };
+    let marks = vec![
+        stroke(0, "liver", true, &[[8.0, 6.0], [14.0, 40.0]]),
+        stroke(0, "fat", true, &[[54.0, 6.0], [50.0, 40.0]]),
+        stroke(3, "tool", true, &[[23.0, 23.0], [40.0, 23.0]]),
+    ];
+    let marks = Marks::new(marks, &canvas()).unwrap();
+    let mut carried = Carried::new(&scene, Arc::new(Graph::of(&scene)), &marks, CarrySettings::default());
+    let tool = carried.names().iter().position(|name| name == "tool").unwrap();
+    for frame in 0..FRAMES {
+        let found = carried.on_frame(&scene, frame, &mut |i| with_tool(i)).unwrap();
+        let is_found = |i: &usize| found.scores[tool].data[*i] > 0.5;
+        let area = (0..SIZE[0] * SIZE[1]).filter(is_found).count();
+        let wanted = if frame >= 2 { 250..450 } else { 0..20 };
+        assert!(wanted.contains(&area), "{area} px on frame {frame}");
+    }
+}
+
+#[test]
 fn one_stroke_alone_does_not_flood_what_looks_different() {
     let (_, found) = scores(vec![stroke(1, "liver", true, &[[8.0, 10.0], [20.0, 40.0]])], 3);
     assert!(found.scores[0].at(12, 20) > 0.5, "{}", found.scores[0].at(12, 20));
