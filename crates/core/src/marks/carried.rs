@@ -289,7 +289,7 @@ impl Carried {
         Ok(Some(Told { shares, weights }))
     }
 
-    /// Carries marks of names that a frame knows nothing of to it. Returns pixels of half size, each with the
+    /// Carries marks of names that a frame knows nothing of to it. Returns pixels of its picture, each with the
     /// name that it shows. Names whose marks mostly lead to what looks otherwise are not there yet, or no more.
     fn lent(
         &mut self,
@@ -318,8 +318,8 @@ impl Carried {
                 *count += 1;
                 let from = at_half(i, width, luma);
                 let to = place(&way, from).filter(|_| alike.data[from] > LENT);
-                let looks_so = |to: &usize| there.likeness(i, &here, at_whole(*to, width, luma)) > SAME_LOOKS;
-                places.extend(to.filter(looks_so));
+                let to = to.map(|to| at_whole(to, width, luma));
+                places.extend(to.filter(|to| there.likeness(i, &here, *to) > SAME_LOOKS));
             }
             for (name, (count, places)) in found {
                 if places.len() as f32 > MOSTLY * count as f32 {

@@ -47,8 +47,8 @@ impl Squares {
 }
 
 /// Spreads the marks of a frame over its picture: shares of each name, [names][pixels] at half size, rounded
-/// down. `told` is what other frames tell, of pixels of the same size; `lent` are such pixels that marks of
-/// other frames were carried to, each with its name.
+/// down. `told` is what other frames tell, of pixels of the same size; `lent` are pixels of the picture that
+/// marks of other frames were carried to, each with its name.
 pub(super) fn spread_over(
     picture: &RgbImage,
     field_of_view: &Mask,
@@ -149,13 +149,12 @@ impl Cells {
         seeds
     }
 
-    /// Adds pixels of half size, each with the name that it shows, where nothing is marked.
+    /// Adds pixels, each with the name that it shows, where nothing is marked.
     fn lend(&self, seeds: &mut Seeds, lent: &[(usize, usize)]) {
         let is_marked: Vec<bool> =
             (0..self.columns * self.rows).map(|cell| seeds.weights.iter().any(|w| w[cell] > 0.0)).collect();
-        let width = self.width / 2;
         for &(i, name) in lent {
-            let cell = self.of(2 * (i / width) * self.width + 2 * (i % width));
+            let cell = self.of(i);
             if !is_marked[cell] {
                 seeds.weights.iter_mut().for_each(|weights| weights[cell] += 1.0);
                 seeds.shares[name][cell] += 1.0;

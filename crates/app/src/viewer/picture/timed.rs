@@ -1,4 +1,4 @@
-//! Times of the window's pictures, for `bench gpu`.
+//! Times of the window's pictures, for `bench frame` and `bench gpu`.
 
 use crate::{
     engine::{Answer, Engine, Negatives, Question},
