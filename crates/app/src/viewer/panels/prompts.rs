@@ -15,7 +15,7 @@ use crate::viewer::{
         training,
         widgets::{Icon, caption, choice, command_button, icon_button, palette_ui, swatch},
     },
-    picture::{found::Found, request::Finding},
+    picture::{areas::Curve, found::Found, request::Finding},
     shared::Shared,
     state::content::{PREVIEW, Prompt},
     text::percent,
@@ -329,7 +329,7 @@ fn threshold_row_ui(
     if is_over {
         actions.push(Action::edit(move |d| d.end_gesture()));
     }
-    jumps_ui(ui, shared, actions);
+    jumps_ui(ui, shared, actions, prompt);
     let text = format!("Similarity score above {threshold:.2} counts as found");
     ui.label(caption(text));
     if found.is_some_and(|f| f.max_score < TIE && f.area_px > 0) {
@@ -339,7 +339,7 @@ fn threshold_row_ui(
 }
 
 /// Shows buttons to the first, largest and last appearance.
-fn jumps_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
+fn jumps_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>, prompt: &Prompt) {
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 3.0;
         for (label, command) in
@@ -355,10 +355,13 @@ fn jumps_ui(ui: &mut Ui, shared: &Shared, actions: &mut Vec<Action>) {
             }
         }
     });
-    if let Some(curve) = shared.selected_curve() {
-        let found = curve.points.iter().flatten().filter(|p| p.area_px > 0).count();
-        let text = format!("Found on {found} of {} frames", curve.points.len());
-        ui.label(caption(if curve.is_complete() { text } else { "Counting…".into() }));
+    // The line is there before the count, so that nothing moves when it comes.
+    if prompt.is_visible && shared.can_ask() && shared.areas().is_some() {
+        let counted = shared.selected_curve().filter(Curve::is_complete).map(|curve| {
+            let found = curve.points.iter().flatten().filter(|p| p.area_px > 0).count();
+            format!("Found on {found} of {} frames", curve.points.len())
+        });
+        ui.label(caption(counted.unwrap_or_else(|| "Counting…".into())));
     }
 }
 
