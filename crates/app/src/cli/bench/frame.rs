@@ -103,7 +103,7 @@ impl Measure for BenchFrameArgs {
             found.extend(shown::rows(&mut engine, &cameras)?);
             if self.size.is_none() {
                 let engine = self.scene.open(&self.relevancy, None)?;
-                found.extend(window_rows(engine, &prompts, &frames(&scene, self))?);
+                found.extend(window_rows(engine, &prompts, &shown::spread(&scene, self.frames as usize))?);
             }
             found.iter().for_each(|row| say(&line(row)));
             rows.extend(found);
@@ -124,19 +124,13 @@ impl Measure for BenchFrameArgs {
     }
 }
 
-/// Returns the frames that are measured, evenly spread.
-fn frames(scene: &Scene, args: &BenchFrameArgs) -> Vec<usize> {
-    let (n, wanted) = (scene.num_frames(), (args.frames as usize).min(scene.num_frames()));
-    (0..wanted).map(|k| k * n / wanted).collect()
-}
-
 /// Returns times and cameras of the frames that are measured.
 fn cameras(scene: &Scene, args: &BenchFrameArgs) -> Vec<(f32, Camera)> {
     let camera = |i: usize| {
         let camera = scene.cameras[i];
         args.size.map_or(camera, |(width, height)| camera.resized(width, height))
     };
-    frames(scene, args).into_iter().map(|i| (scene.time(i), camera(i))).collect()
+    shown::spread(scene, args.frames as usize).into_iter().map(|i| (scene.time(i), camera(i))).collect()
 }
 
 /// Times the window's pictures, with what it takes besides rendering and scoring.

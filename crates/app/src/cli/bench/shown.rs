@@ -6,7 +6,7 @@ use crate::{
     settings::PROMPT_COLOURS,
 };
 use std::collections::BTreeMap;
-use surgtpgs_core::{Result, camera::Camera, overlay::OverlayLook};
+use surgtpgs_core::{Result, camera::Camera, overlay::OverlayLook, scene::Scene};
 use surgtpgs_render::{Mark, Marking, PassCost, Wanted};
 
 /// The picture with its outline, and nothing else.
@@ -23,6 +23,12 @@ pub(super) const WAYS: [(&str, Wanted); 3] = [
 
 /// Way to show a frame that was shown before: only the prompts are answered.
 pub(super) const AGAIN: (&str, Wanted) = ("a rendered frame to what was found, in numbers", NUMBERS);
+
+/// Returns at most so many frames of a scene, evenly spread.
+pub(super) fn spread(scene: &Scene, num_frames: usize) -> Vec<usize> {
+    let (n, wanted) = (scene.num_frames(), num_frames.min(scene.num_frames()));
+    (0..wanted).map(|k| k * n / wanted).collect()
+}
 
 /// Frames to show, and marks for the prompts of an engine.
 pub(super) struct Show {

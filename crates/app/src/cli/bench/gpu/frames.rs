@@ -3,7 +3,7 @@
 
 use super::steps::PassRow;
 use crate::{
-    cli::bench::shown::{AGAIN, Show, WAYS},
+    cli::bench::shown::{AGAIN, Show, WAYS, spread},
     engine::{BackendChoice, Engine, EngineOptions},
     viewer::time_pictures,
 };
@@ -99,12 +99,6 @@ pub(super) fn measure(
 fn prompts(scene: &Scene) -> impl Iterator<Item = String> {
     let classes = scene.classes.iter().map(|(class, _)| class.name.clone());
     classes.chain(MORE_WORDS.map(str::to_owned))
-}
-
-/// Returns frames that are spread evenly.
-fn spread(scene: &Scene, num_frames: usize) -> Vec<usize> {
-    let (n, wanted) = (scene.num_frames(), num_frames.min(scene.num_frames()));
-    (0..wanted).map(|k| k * n / wanted).collect()
 }
 
 fn way_row(
