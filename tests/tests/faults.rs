@@ -253,7 +253,9 @@ fn training_with_ffmpeg(script: Option<&str>) -> (tempfile::TempDir, Command) {
     fs::create_dir(&scratch).unwrap();
     if let Some(script) = script {
         let program = programs.join("ffmpeg");
-        let text = format!("#!/bin/bash\nout=$(/usr/bin/dirname \"${{@: -1}}\")\n{script}\n");
+        // It lists no packets, so that frames are unpacked.
+        let listing = "[ \"${@: -1}\" = - ] && exit 1";
+        let text = format!("#!/bin/bash\n{listing}\nout=$(/usr/bin/dirname \"${{@: -1}}\")\n{script}\n");
         fs::write(&program, text).unwrap();
         fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
     }

@@ -71,7 +71,6 @@ fn follow<'a>(scene: &Scene, prompt: &'a PromptAnswers, gaussians: &[usize]) -> 
     let distance = |a: Option<[f64; 3]>, b: Option<[f64; 3]>| {
         a.zip(b).map(|(a, b)| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt())
     };
-    let fps = scene.provenance.frames_per_second.filter(|fps| *fps > 0.0);
     let row = |f: &'a FrameAnswer| {
         // The frames of other chapters of a long scene are shown by other Gaussians.
         let is_here = scene.frames_here().contains(&f.frame);
@@ -83,7 +82,7 @@ fn follow<'a>(scene: &Scene, prompt: &'a PromptAnswers, gaussians: &[usize]) -> 
         Row {
             prompt: &prompt.text,
             frame: f.frame,
-            time_s: fps.map(|fps| f.frame as f64 / f64::from(fps)),
+            time_s: scene.provenance.seconds(f.frame),
             area_px: f.area_px,
             seen_area: f.seen_area,
             volume_proxy: body.map(|b| b.volume),

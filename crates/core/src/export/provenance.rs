@@ -2,8 +2,12 @@
 
 use super::{ExportOptions, ExportPrompt, LeftOut};
 use crate::{
-    Error, Result, files::write_whole, prepare::EncoderIdentity, relevancy::RelevancySettings, scene::Scene,
-    sequence::MAX_FRAMES_PER_SECOND,
+    Error, Result,
+    files::write_whole,
+    prepare::EncoderIdentity,
+    relevancy::RelevancySettings,
+    scene::Scene,
+    sequence::{MAX_FRAMES_PER_SECOND, seconds_of, shown_for},
 };
 use std::path::Path;
 
@@ -47,6 +51,9 @@ pub struct Provenance {
     pub sequence_frame_names: Vec<String>,
     /// Its frame rate, if known; finite and above 0.
     pub frames_per_second: Option<f32>,
+    /// Time of every frame after the first, seconds; empty if the frame rate tells it, or nothing does.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub frame_seconds: Vec<f64>,
     /// `true` if test frames were held out of training.
     pub held_out: bool,
     /// Program, steps and settings that the scene was trained with.
@@ -111,6 +118,7 @@ impl Provenance {
                 .flat_map(|identity| identity.names().map(str::to_owned))
                 .collect(),
             frames_per_second: made.frames_per_second.filter(|speed| speed.is_finite() && *speed > 0.0),
+            frame_seconds: made.frame_seconds.clone(),
             held_out: made.held_out,
             training: serde_json::json!({
                 "made_by": made.made_by, "steps": made.steps, "settings": made.settings,
@@ -137,7 +145,7 @@ impl Provenance {
 
     /// Returns the seconds from the recording's beginning to `frame`; `None` if its speed is not known.
     pub fn seconds(&self, frame: usize) -> Option<f64> {
-        self.frames_per_second.map(|speed| frame as f64 / f64::from(speed))
+        seconds_of(frame, &self.frame_seconds, self.frames_per_second)
     }
 
     /// Returns the seconds of [`Provenance::seconds`], by the usual speed where the recording's is not known, as
@@ -150,6 +158,18 @@ impl Provenance {
     /// if a player supports them.
     pub fn playing_speed(&self) -> f32 {
         self.frames_per_second.unwrap_or(USUAL_SPEED).clamp(SLOWEST, MAX_FRAMES_PER_SECOND)
+    }
+
+    /// Returns the seconds at which each of `frames` appears where the export plays, and those of the end. Each
+    /// is shown as long as in the recording.
+    pub fn starts(&self, frames: &[usize]) -> Vec<f64> {
+        let usual = 1.0 / f64::from(self.playing_speed());
+        let lasts = |frame: usize| shown_for(frame, &self.frame_seconds).unwrap_or(usual);
+        let after = |at: &mut f64, frame: &usize| {
+            *at += lasts(*frame);
+            Some(*at)
+        };
+        std::iter::once(0.0).chain(frames.iter().scan(0.0, after)).collect()
     }
 }
 

@@ -37,6 +37,7 @@ pub(super) fn provenance(formats: &[Format], exclusive: bool) -> Provenance {
         sequence_sha256: Some("22".into()),
         sequence_frame_names: (0..10).map(|i| format!("shot {i}.png")).collect(),
         frames_per_second: Some(25.0),
+        frame_seconds: Vec::new(),
         held_out: false,
         training: serde_json::json!({ "steps": 3 }),
         encoder: "builtin".into(),

@@ -28,7 +28,7 @@ use crate::{
     grid::Mask,
     meaning::WordFacts,
     prepare::EncoderIdentity,
-    sequence::{Class, DepthOrigin, Identity, shared_identity},
+    sequence::{Class, DepthOrigin, Identity, seconds_of, shared_identity},
 };
 use std::{
     path::{Path, PathBuf},
@@ -88,10 +88,21 @@ pub struct Provenance {
     pub held_out: bool,
     /// Frame rate of the recording, if known.
     pub frames_per_second: Option<f32>,
+    /// Time of every frame after the first, seconds; empty if the frame rate tells it, or nothing does.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub frame_seconds: Vec<f64>,
     /// Number of optimiser steps done; of chapters, their mean.
     pub steps: usize,
     /// Training settings.
     pub settings: serde_json::Value,
+}
+
+impl Provenance {
+    /// Returns the seconds from the first frame to `frame`; `None` if nothing tells them.
+    pub fn seconds(&self, frame: usize) -> Option<f64> {
+        let speed = self.frames_per_second.filter(|speed| speed.is_finite() && *speed > 0.0);
+        seconds_of(frame, &self.frame_seconds, speed)
+    }
 }
 
 impl Scene {

@@ -2,6 +2,7 @@
 
 use super::{
     NO_LABEL, Sequence,
+    ffmpeg::damage,
     labels::{EXAMPLES, Way},
     pace,
     recording::MaskRule,
@@ -13,7 +14,7 @@ use crate::{
     grid::Grid,
     progress::{Observer, Progress},
 };
-use rayon::prelude::*;
+use image::RgbImage;
 use std::{
     collections::{BTreeMap, BTreeSet},
     hash::{DefaultHasher, Hasher},
@@ -69,14 +70,14 @@ pub fn check(sequence: &Sequence, observer: &mut Observer<'_>) -> Result<CheckRe
     let mut last = None;
     Progress::new(STAGE, 0, n).tell(observer)?;
     for start in (0..n).step_by(BATCH) {
-        let batch = start..(start + BATCH).min(n);
-        let first = batch.start;
-        facts.par_extend(batch.into_par_iter().map(|i| Facts::of(sequence, i)));
-        last = compare(&mut facts[first..], last);
+        let batch: Vec<usize> = (start..(start + BATCH).min(n)).collect();
+        facts.extend(sequence.map_frames(&batch, |i, frame| Facts::of(sequence, i, frame)));
+        last = compare(&mut facts[start..], last);
         Progress::new(STAGE, facts.len(), n).tell(observer)?;
     }
     let recording = sequence.recording();
     let mut says = Findings { warnings: recording.notes.clone(), errors: Vec::new() };
+    says.warnings.extend(recording.complaints().into_iter().map(|what| damage(&what)));
     says.errors.extend(facts.iter().flat_map(|f| f.errors.iter().cloned()));
     let shots: Vec<Shot> = facts.iter().map(|f| f.shot).collect();
     let report = CheckReport {
@@ -138,10 +139,10 @@ struct LabelFacts {
 }
 
 impl Facts {
-    fn of(sequence: &Sequence, i: usize) -> Self {
+    fn of(sequence: &Sequence, i: usize, frame: Result<RgbImage>) -> Self {
         let mut facts = Self::default();
         let recording = sequence.recording();
-        if let Some(frame) = facts.note(sequence.frame(i)) {
+        if let Some(frame) = facts.note(frame) {
             let mut hasher = DefaultHasher::new();
             hasher.write(frame.as_raw());
             facts.fingerprint = Some(hasher.finish());

@@ -2,10 +2,11 @@
 //!
 //! Frames can be requested in any order. Decoding starts at the last picture before the frame that needs
 //! no other (an IDR picture), or continues where the last request ended. Frames decoded on the way are
-//! kept while [`CACHE_BYTES`] allow. Colours follow BT.601 with limited range, whatever the file says.
+//! kept in a [`Cache`]. Colours follow BT.601 with limited range, whatever the file says.
 
 use super::{
     annex_b,
+    decoding::{Cache, Decoding},
     mp4::{CodedPicture, Description, Framing, Mp4},
     read,
 };
@@ -21,26 +22,20 @@ use openh264::{
     formats::YUVSource,
 };
 use std::{
-    collections::BTreeMap,
     io::{BufReader, Read, Seek, SeekFrom},
-    path::{Path, PathBuf},
+    path::Path,
     sync::{Arc, Mutex, PoisonError},
 };
 
 /// NAL unit type of a slice of an IDR picture (H.264, table 7-1).
 pub(super) const IDR_SLICE: u8 = 5;
-/// Memory for decoded frames of one recording: 100 of 640×512 pixels. Stepping back further begins at a key
-/// frame again, once for as many frames.
-const CACHE_BYTES: usize = 96 << 20;
-/// Frames are unevenly spaced if the longest time between two is more than this many times the shortest.
-const UNEVEN: f64 = 1.5;
 
 /// An H.264 video.
 pub(super) struct H264 {
     file: Pieces,
     pub frames_per_second: Option<f32>,
-    /// A note about it for the user.
-    pub note: Option<String>,
+    /// Seconds per tick of the times of pictures.
+    tick_s: f64,
     /// Descriptions of how to decode samples, the first from sample 0 on.
     pub descriptions: Vec<Description>,
     /// All samples, in decoding order.
@@ -50,7 +45,7 @@ pub(super) struct H264 {
     /// The points where decoding can start; ascending, the first at sample 0.
     starts: Vec<Start>,
     /// Shared by the videos of one recording, of which one at a time is decoded.
-    state: Arc<Mutex<DecoderState>>,
+    state: Arc<Mutex<Decoding<Running>>>,
 }
 
 /// An IDR picture: its position in decoding order and in the order of showing.
@@ -60,26 +55,8 @@ struct Start {
     frame: usize,
 }
 
-/// A decoder in the middle of a video, and what came out of it.
-#[derive(Default)]
-pub(super) struct DecoderState {
-    /// The video that is decoded.
-    path: PathBuf,
-    running: Option<Running>,
-    cache: Cache,
-}
-
-impl DecoderState {
-    /// Forgets what is of another video than this one.
-    fn turn_to(&mut self, path: &Path) {
-        if self.path != path {
-            *self = Self { path: path.to_owned(), ..Self::default() };
-        }
-    }
-}
-
 /// A decoder in the middle of the video.
-struct Running {
+pub(super) struct Running {
     decoder: Decoder,
     file: PiecesReader,
     next_sample: usize,
@@ -99,7 +76,11 @@ impl std::fmt::Debug for H264 {
 impl H264 {
     /// Decodes one frame of the track; the error says why that is not possible. `state` is that of the videos
     /// of the same recording.
-    pub(super) fn open(file: &Pieces, mp4: Mp4, state: Arc<Mutex<DecoderState>>) -> Result<Self, String> {
+    pub(super) fn open(
+        file: &Pieces,
+        mp4: Mp4,
+        state: Arc<Mutex<Decoding<Running>>>,
+    ) -> Result<Self, String> {
         let Some(Description { width, height, .. }) = mp4.descriptions.first() else {
             return Err("there is no H.264 video in it".to_owned());
         };
@@ -116,7 +97,7 @@ impl H264 {
         let mut video = Self {
             file: file.clone(),
             frames_per_second: mean_speed(&mp4),
-            note: mp4.intervals().and_then(|(shortest, longest)| uneven(shortest, longest)),
+            tick_s: 1.0 / f64::from(mp4.timescale),
             starts: candidates(&mp4),
             shown: mp4.in_order_of_showing(),
             descriptions: mp4.descriptions,
@@ -175,6 +156,16 @@ impl H264 {
         Ok(false)
     }
 
+    /// Returns the last frame up to `index` at which decoding starts.
+    pub(super) fn entry_before(&self, index: usize) -> usize {
+        self.start_before(index).frame
+    }
+
+    /// Returns the time at which frame `index` is shown, seconds on the file's own clock.
+    pub(super) fn seconds(&self, index: usize) -> f64 {
+        self.tick_s * self.samples[self.shown[index]].shown_at as f64
+    }
+
     /// Returns the place of frame `index` in decoding order.
     pub(super) fn sample_of(&self, index: usize) -> usize {
         self.shown[index]
@@ -212,7 +203,7 @@ impl H264 {
         if let Some(frame) = state.cache.get(index) {
             return Ok(frame.clone());
         }
-        let DecoderState { running, cache, .. } = &mut *state;
+        let Decoding { running, cache, .. } = &mut *state;
         let start = self.start_before(index);
         let on_the_way = running.take().filter(|r| (start.frame..=index).contains(&r.next_frame));
         let mut decoder = match on_the_way {
@@ -399,36 +390,6 @@ fn push_unit(stream: &mut Vec<u8>, unit: &[u8]) {
     stream.extend_from_slice(unit);
 }
 
-/// Cache of decoded frames; those farthest from the last request are removed first.
-#[derive(Default)]
-struct Cache {
-    frames: BTreeMap<usize, RgbImage>,
-    bytes: usize,
-}
-
-impl Cache {
-    fn get(&self, index: usize) -> Option<&RgbImage> {
-        self.frames.get(&index)
-    }
-
-    /// Adds a frame that was decoded on the way to `wanted`.
-    fn insert(&mut self, index: usize, frame: RgbImage, wanted: usize) {
-        self.bytes += frame.as_raw().len();
-        if let Some(old) = self.frames.insert(index, frame) {
-            self.bytes -= old.as_raw().len();
-        }
-        while self.bytes > CACHE_BYTES && self.frames.len() > 1 {
-            let (Some((&low, _)), Some((&high, _))) =
-                (self.frames.first_key_value(), self.frames.last_key_value())
-            else {
-                return;
-            };
-            let farthest = if wanted.abs_diff(low) > wanted.abs_diff(high) { low } else { high };
-            self.bytes -= self.frames.remove(&farthest).map_or(0, |f| f.as_raw().len());
-        }
-    }
-}
-
 /// Creates the error about a video of which only the first `there` frames are available.
 pub(super) fn cut_off(path: &Path, what: &str, there: usize) -> Error {
     let mut hint = "Copy it once more from where it was recorded".to_owned();
@@ -452,15 +413,6 @@ pub(super) fn other_size(path: &Path, frame: usize, size: (usize, usize), first:
 fn use_until(path: &Path, last: usize) -> String {
     let name = read::file_name(path);
     format!("`last = {last}` under `[frames]` in {name}.toml beside it, or in sequence.toml of a folder")
-}
-
-/// Returns a note if frames are shown for unequal times. `shortest` and `longest` are the extremes of the
-/// time between two frames, in seconds.
-pub(super) fn uneven(shortest: f64, longest: f64) -> Option<String> {
-    (longest > UNEVEN * shortest).then(|| {
-        let [shortest, longest] = [shortest, longest].map(|seconds| 1e3 * seconds);
-        format!("The time between two frames varies from {shortest:.0} to {longest:.0} ms; they count as evenly spaced")
-    })
 }
 
 #[cfg(test)]

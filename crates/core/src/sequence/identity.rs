@@ -31,7 +31,7 @@ const MOST_SPOT_BYTES: u64 = 64 << 20;
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Identity {
     frames: Vec<FileIdentity>,
-    /// The file, or all files together, that frames were unpacked from, if they have no bytes of their own there.
+    /// The video, or all of them together, if frames have no bytes of their own there.
     #[serde(default)]
     file: Option<FileIdentity>,
     /// The rectangles that are black in every frame.
@@ -76,23 +76,33 @@ impl Identity {
                 bytes += frames.coded_bytes(*index);
                 bytes <= MOST_SPOT_BYTES
             }
-            Picture::File(_) => false,
+            Picture::File(_) | Picture::Stream { .. } => false,
         };
         let spots: HashSet<usize> = spots.filter(is_read).collect();
-        Self::of(recording, |i| spots.contains(&i))
+        let sizes = recording.read_by_ffmpeg.iter().map(|path| Ok(std::fs::metadata(path)?.len()));
+        // Whoever reads it next says why a file cannot be read.
+        let is_small = sizes.sum::<std::io::Result<u64>>().is_ok_and(|bytes| bytes <= MOST_SPOT_BYTES);
+        Self::of(recording, |i| spots.contains(&i), is_small)
     }
 
     /// Returns the complete identity; every frame is read.
     pub(super) fn complete(recording: &Recording) -> Result<Self> {
-        Self::of(recording, |_| true)
+        Self::of(recording, |_| true, true)
     }
 
-    fn of(recording: &Recording, is_hashed: impl Fn(usize) -> bool + Sync) -> Result<Self> {
+    /// `is_hashed` says of which frames the content is read; `is_file_hashed`, if that of files is whose frames
+    /// have no bytes of their own.
+    fn of(
+        recording: &Recording,
+        is_hashed: impl Fn(usize) -> bool + Sync,
+        is_file_hashed: bool,
+    ) -> Result<Self> {
         let (frames, hidden) = (&recording.frames, recording.hidden.clone());
         let coded = coded_pictures(frames);
         let part = |i: usize| match &frames[i].picture {
-            Picture::File(_) if !recording.unpacked_from.is_empty() => {
-                Ok(FileIdentity { name: frames[i].name.clone(), bytes: 0, sha256: None })
+            Picture::Stream { .. } => Ok(FileIdentity::without_bytes(&frames[i].name)),
+            Picture::File(_) if !recording.read_by_ffmpeg.is_empty() => {
+                Ok(FileIdentity::without_bytes(&frames[i].name))
             }
             Picture::File(path) => FileIdentity::of_file(path, is_hashed(i)),
             Picture::Video { video, .. } => {
@@ -103,7 +113,8 @@ impl Identity {
             }
         };
         let frames = (0..frames.len()).into_par_iter().map(part).collect::<Result<_>>()?;
-        Ok(Self { frames, file: FileIdentity::of_unpacked(&recording.unpacked_from)?, hidden })
+        let file = FileIdentity::of_videos(&recording.read_by_ffmpeg, is_file_hashed)?;
+        Ok(Self { frames, file, hidden })
     }
 
     /// Number of frames.
@@ -245,7 +256,7 @@ fn coded_pictures(frames: &[FrameFiles]) -> Vec<Vec<usize>> {
 fn coded_pictures_of_one(frames: &[FrameFiles]) -> Vec<Vec<usize>> {
     let own = |frame: &FrameFiles| match &frame.picture {
         Picture::Video { video, index } => Some((video.sample_of(*index), video.start_of(*index))),
-        Picture::File(_) | Picture::Dicom { .. } => None,
+        Picture::File(_) | Picture::Stream { .. } | Picture::Dicom { .. } => None,
     };
     let shown: HashSet<usize> = frames.iter().filter_map(own).map(|(sample, _)| sample).collect();
     let mut known = 0;
@@ -271,10 +282,14 @@ impl FileIdentity {
         Ok(Self { name: read::file_name(path), bytes, sha256 })
     }
 
-    /// Creates the part of the files that frames were unpacked from, which unpacking has already read; `None`
-    /// without any.
-    fn of_unpacked(paths: &[PathBuf]) -> Result<Option<Self>> {
-        let files = paths.iter().map(|path| Self::of_file(path, true)).collect::<Result<Vec<_>>>()?;
+    /// Creates the part of a frame that has no bytes of its own.
+    fn without_bytes(name: &str) -> Self {
+        Self { name: name.to_owned(), bytes: 0, sha256: None }
+    }
+
+    /// Creates the part of videos whose frames have no bytes of their own; `None` without any.
+    fn of_videos(paths: &[PathBuf], is_hashed: bool) -> Result<Option<Self>> {
+        let files = paths.iter().map(|path| Self::of_file(path, is_hashed)).collect::<Result<Vec<_>>>()?;
         Ok(match &files[..] {
             [] => None,
             [only] => Some(Self { name: String::new(), ..only.clone() }),
@@ -282,7 +297,8 @@ impl FileIdentity {
                 let mut hash = Sha256::new();
                 several.iter().filter_map(|file| file.sha256).for_each(|sha256| hash.update(sha256));
                 let bytes = several.iter().map(|file| file.bytes).sum();
-                Some(Self { name: String::new(), bytes, sha256: Some(hash.finalize().into()) })
+                let sha256 = is_hashed.then(|| hash.finalize().into());
+                Some(Self { name: String::new(), bytes, sha256 })
             }
         })
     }

@@ -12,6 +12,7 @@ use field_of_view::FieldOfView;
 use glam::Affine3A;
 use image::RgbImage;
 use labels::{LabelCoding, ReadLabels};
+use rayon::prelude::*;
 use recording::{MaskRule, Recording};
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -23,6 +24,7 @@ mod annex_b;
 mod check;
 mod classes;
 mod decided;
+mod decoding;
 mod depth;
 mod dicom;
 mod estimated;
@@ -42,6 +44,7 @@ mod settings;
 pub(crate) mod shots;
 #[cfg(test)]
 mod tests;
+mod times;
 mod video;
 
 pub use check::{CheckReport, check, name_frames};
@@ -64,6 +67,7 @@ pub use settings::{
     CameraSettings, DepthSettings, FieldOfViewSetting, FrameSettings, LabelSettings, MAX_FRAMES_PER_SECOND,
     MaskSettings, SETTINGS_FILE, Settings, TimeSettings, settings_files,
 };
+pub use times::{seconds_of, shown_for};
 
 /// A recording; see the accessors. Cheap to clone: clones share everything.
 #[derive(Clone, Debug)]
@@ -82,6 +86,8 @@ struct Inner {
     layout: Layout,
     recording: Recording,
     camera_moves: bool,
+    /// Places of the frames in the recording, 0 to 1, if they are not evenly spaced.
+    places: Vec<f32>,
     field_of_view: OnceLock<FieldOfView>,
     label_numbers: OnceLock<NumbersAre>,
     /// The identity as far as it is known when the recording is opened.
@@ -126,9 +132,20 @@ impl Sequence {
         let camera_moves = recording.cameras.iter().any(|c| !c.camera_from_world.abs_diff_eq(first, 1e-6));
         let outline = Arc::new(Identity::opened(&recording)?);
         decided::apply(&mut recording, &outline)?;
+        recording.seconds = times::uneven(&recording.seconds, recording.frames_per_second);
+        recording.notes.extend(times::describe(&recording.seconds));
+        let places = pace::places(&recording.seconds);
         let (field_of_view, label_numbers, identity) = (OnceLock::new(), OnceLock::new(), OnceLock::new());
-        let inner =
-            Inner { layout, recording, camera_moves, field_of_view, label_numbers, outline, identity };
+        let inner = Inner {
+            layout,
+            recording,
+            camera_moves,
+            places,
+            field_of_view,
+            label_numbers,
+            outline,
+            identity,
+        };
         Ok(Self { inner: Arc::new(inner), estimated: None, poses: None, zoom: 1.0 })
     }
 
@@ -187,10 +204,15 @@ impl Sequence {
         let found = Arc::new(Identity::complete(self.recording())?);
         Ok(self.inner.identity.get_or_init(|| found).clone())
     }
-    /// Returns the place of frame `i` in the recording, 0 to 1: i / N. A scene may give it another time, see
-    /// [`crate::scene::Scene::times`].
+    /// Returns the place of frame `i` in the recording, 0 to 1: i / N, unless frames are unevenly spaced. A scene
+    /// may give it another time, see [`crate::scene::Scene::times`].
     pub fn time(&self, i: usize) -> f32 {
-        i as f32 / self.num_frames() as f32
+        self.inner.places.get(i).copied().unwrap_or(i as f32 / self.num_frames() as f32)
+    }
+    /// Returns the time of every frame after the first, seconds; empty if [`Self::frames_per_second`] tells it,
+    /// or nothing does.
+    pub fn frame_seconds(&self) -> &[f64] {
+        &self.recording().seconds
     }
     /// Returns `true` if frame `i` is one of those that an evaluation holds out: (i − 1) mod 8 = 0.
     pub fn is_test_frame(i: usize) -> bool {
@@ -239,6 +261,22 @@ impl Sequence {
     /// Decodes frame `i`.
     pub fn frame(&self, i: usize) -> Result<RgbImage> {
         self.recording().frame(i)
+    }
+    /// Decodes frames and hands each to `f`, on all cores. Returns the results in the order of `frames`. Those of
+    /// a video are decoded one after the other: nothing is decoded twice if they are in order.
+    pub(crate) fn map_frames<T: Send>(
+        &self,
+        frames: &[usize],
+        f: impl Fn(usize, Result<RgbImage>) -> T + Sync,
+    ) -> Vec<T> {
+        if self.recording().is_decoded_in_order() {
+            let decoded = frames.iter().enumerate().map(|(k, &i)| (k, i, self.frame(i)));
+            let mut results: Vec<(usize, T)> =
+                decoded.par_bridge().map(|(k, i, frame)| (k, f(i, frame))).collect();
+            results.sort_unstable_by_key(|(k, _)| *k);
+            return results.into_iter().map(|(_, result)| result).collect();
+        }
+        frames.par_iter().map(|&i| f(i, self.frame(i))).collect()
     }
     /// Takes depth from the prepared folder `folder` instead of the recording.
     pub(crate) fn with_estimated_depth(
@@ -390,6 +428,9 @@ impl Sequence {
         let all = self.used_frames(true);
         let some = all.len().min(FIELD_OF_VIEW_FRAMES);
         let spread = (0..some).map(|k| all[(2 * k + 1) * all.len() / (2 * some)]);
+        // Of long videos, those frames near to them that are decoded quickly.
+        let near = |i: usize| self.recording().entry_near(i, self.num_frames() / (8 * some));
+        let spread = spread.map(near).map(|i| if Self::is_test_frame(i) { i + 1 } else { i });
         // A black rectangle could be taken for a border.
         FieldOfView::detect(width, height, spread.filter_map(|i| self.recording().frame_in_full(i).ok()))
     }

@@ -180,15 +180,6 @@ impl Mp4 {
         Ok(())
     }
 
-    /// Returns the shortest and the longest time between two frames, seconds.
-    pub(super) fn intervals(&self) -> Option<(f64, f64)> {
-        let mut times: Vec<i64> = self.pictures.iter().map(|picture| picture.shown_at).collect();
-        times.sort_unstable();
-        let seconds = |pair: &[i64]| pair[1].saturating_sub(pair[0]) as f64 / f64::from(self.timescale);
-        let all = || times.windows(2).map(seconds);
-        Some((all().reduce(f64::min)?, all().reduce(f64::max)?))
-    }
-
     /// Returns the pictures in the order of showing.
     pub(super) fn in_order_of_showing(&self) -> Vec<usize> {
         let mut by_time: Vec<_> = (0..self.pictures.len()).collect();

@@ -7,10 +7,10 @@
 use super::Sequence;
 use crate::{
     Result,
+    num::median,
     progress::{Observer, Progress},
 };
 use image::RgbImage;
-use rayon::prelude::*;
 
 /// Number of samples of a picture that are compared.
 const SAMPLES: usize = 1 << 14;
@@ -22,6 +22,9 @@ const STILL: f32 = 0.3;
 const FEWEST_REPEATS: usize = 3;
 /// Number of frames that are read in parallel; no more are in memory.
 const BATCH: usize = 64;
+/// Longest time between two frames that counts as it is, as a multiple of the usual one: a pause of the
+/// recording is no time in which tissue could be followed.
+const LONGEST_STEP: f64 = 4.0;
 /// Longest period, in frames.
 const LONGEST_PERIOD: usize = 60;
 
@@ -53,12 +56,12 @@ pub(crate) fn differences(
     frames: &[usize],
     observer: &mut Observer<'_>,
 ) -> Result<Vec<Option<f32>>> {
-    let glance = |&i: &usize| Ok((i, Glance::of(&sequence.frame(i)?)));
+    let glance = |i: usize, frame: Result<RgbImage>| Ok((i, Glance::of(&frame?)));
     let mut differences = vec![None; sequence.num_frames()];
     let mut last: Option<Glance> = None;
     for (k, batch) in frames.chunks(BATCH).enumerate() {
         Progress::new("looking at the frames", k * BATCH, frames.len()).tell(observer)?;
-        for (i, glance) in batch.par_iter().map(glance).collect::<Result<Vec<_>>>()? {
+        for (i, glance) in sequence.map_frames(batch, glance).into_iter().collect::<Result<Vec<_>>>()? {
             differences[i] = last.as_ref().and_then(|before| before.difference(&glance));
             last = Some(glance);
         }
@@ -66,13 +69,14 @@ pub(crate) fn differences(
     Ok(differences)
 }
 
-/// Returns the time of every frame, 0 to 1, from the [`differences`] of `frames`.
-pub(crate) fn frame_times(differences: &[Option<f32>], frames: &[usize]) -> Vec<f32> {
+/// Returns the time of every frame, 0 to 1, from the [`differences`] of `frames` and from the seconds of all
+/// frames, if they are not evenly spaced.
+pub(crate) fn frame_times(differences: &[Option<f32>], frames: &[usize], seconds: &[f64]) -> Vec<f32> {
     let mut from_next = vec![None; differences.len()];
     for pair in frames.windows(2).filter(|pair| pair[0] + 1 == pair[1]) {
         from_next[pair[1]] = differences[pair[1]];
     }
-    times(&repeats(&from_next))
+    times(&repeats(&from_next), seconds)
 }
 
 /// Returns for every frame if it repeats the one before, from their mean differences in 8-bit levels; `None`
@@ -102,18 +106,27 @@ fn period(seen: &[Option<bool>]) -> Option<(usize, usize)> {
     (2..=LONGEST_PERIOD).find(|&length| keeps(length)).map(|length| (length, first % length))
 }
 
+/// Returns the place of every frame, 0 to 1, from the seconds of frames that are not evenly spaced.
+pub(super) fn places(seconds: &[f64]) -> Vec<f32> {
+    times(&vec![false; seconds.len()], seconds)
+}
+
 /// Returns the time of every frame: the number of different pictures before it, by their number in all.
-/// Without repeats it is i / N.
-fn times(repeats: &[bool]) -> Vec<f32> {
-    let different = repeats.iter().filter(|r| !**r).count().max(1);
-    let mut index = 0;
-    let place = |(i, repeats): (usize, &bool)| {
-        if i > 0 && !repeats {
-            index += 1;
-        }
-        index as f32 / different as f32
-    };
-    repeats.iter().enumerate().map(place).collect()
+/// Without repeats it is i / N. Where the `seconds` of frames are given, a step between two is as long as they
+/// say.
+fn times(repeats: &[bool], seconds: &[f64]) -> Vec<f32> {
+    let between = |i: usize| Some(seconds.get(i)? - seconds.get(i - 1)?);
+    let mut known: Vec<f64> = (1..repeats.len()).filter_map(between).filter(|step| *step > 0.0).collect();
+    let usual = median(&mut known).unwrap_or(1.0);
+    let step = |i: usize| between(i).map_or(1.0, |step| (step / usual).min(LONGEST_STEP));
+    let mut at = 0.0;
+    let places = repeats.iter().enumerate().map(|(i, repeats)| {
+        at += if i == 0 || *repeats { 0.0 } else { step(i) };
+        at
+    });
+    let places: Vec<f64> = places.collect();
+    let whole = places.last().map_or(1.0, |last| last + 1.0);
+    places.into_iter().map(|place| (place / whole) as f32).collect()
 }
 
 #[cfg(test)]
@@ -131,7 +144,7 @@ mod tests {
         let differences: Vec<_> = (0..48).map(difference).collect();
         let found = repeats(&differences);
         assert!((0..48).all(|i| found[i] == (i > 0 && i % 6 == 0)), "{found:?}");
-        let times = times(&found);
+        let times = times(&found, &[]);
         assert_eq!((times[17], times[5]), (times[18], times[6]));
         assert!((times[47] - 40.0 / 41.0).abs() < 1e-6 && times[0] == 0.0);
     }
@@ -157,6 +170,16 @@ mod tests {
         let found = repeats(&differences);
         assert_eq!(found.iter().filter(|r| **r).count(), 3);
         assert_eq!(repeats(&[None, Some(0.0), Some(0.0), Some(0.1)]), [false; 4], "a still recording");
-        assert_eq!(times(&[false; 4]), [0.0, 0.25, 0.5, 0.75]);
+        assert_eq!(times(&[false; 4], &[]), [0.0, 0.25, 0.5, 0.75]);
+    }
+
+    #[test]
+    fn uneven_frames_are_as_far_apart_as_their_seconds_and_a_pause_is_short() {
+        let seconds = [0.0, 0.1, 0.2, 0.5, 0.6, 60.0];
+        let places = places(&seconds);
+        let expected = [0.0, 1.0, 2.0, 5.0, 6.0, 10.0].map(|at: f32| at / 11.0);
+        assert!(places.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{places:?}");
+        let repeated = times(&[false, false, true, false, false, false], &seconds);
+        assert_eq!((repeated[1], repeated[5]), (repeated[2], 0.9));
     }
 }

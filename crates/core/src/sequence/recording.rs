@@ -4,6 +4,7 @@ use super::{
     classes::{self, Class, NO_LABEL},
     depth::DepthRule,
     dicom::{DicomPictures, Origin},
+    ffmpeg::Stream,
     h264::H264,
     hidden::{self, HiddenRectangle},
     labels::{LabelCoding, LabelFiles, NumbersAre, ReadLabels, numbers_of},
@@ -89,12 +90,14 @@ pub(super) struct Recording {
     pub coding: LabelCoding,
     pub classes: Vec<Class>,
     pub frames_per_second: Option<f32>,
+    /// Times of all frames, seconds on the clock of the files; empty if they are not known.
+    pub seconds: Vec<f64>,
     /// Notes for the user about how the files were understood.
     pub notes: Vec<String>,
-    /// Folders of the unpacked frames of videos; removed with the recording.
+    /// Folders of what was unpacked of videos; removed with the recording.
     pub scratch: Vec<TempDir>,
-    /// The videos that frames were unpacked from.
-    pub unpacked_from: Vec<PathBuf>,
+    /// The videos that ffmpeg reads: their frames have no bytes of their own.
+    pub read_by_ffmpeg: Vec<PathBuf>,
     /// The DICOM files that the frames come from.
     pub dicom: Option<Origin>,
     /// Parts of every frame that are black, whatever the files show there.
@@ -116,6 +119,7 @@ pub(super) struct FrameFiles {
 pub(super) enum Picture {
     File(PathBuf),
     Video { video: Arc<H264>, index: usize },
+    Stream { stream: Arc<Stream>, index: usize },
     Dicom { frames: Arc<DicomPictures>, index: usize },
 }
 
@@ -172,9 +176,10 @@ impl Recording {
             coding: LabelCoding::IdsOrColours,
             classes: Vec::new(),
             frames_per_second: None,
+            seconds: Vec::new(),
             notes: Vec::new(),
             scratch: Vec::new(),
-            unpacked_from: Vec::new(),
+            read_by_ffmpeg: Vec::new(),
             dicom: None,
             hidden: Vec::new(),
         }
@@ -183,6 +188,7 @@ impl Recording {
     /// Appends the frames of a video file; the recording is empty, or made of such files.
     pub(super) fn append(&mut self, file: &Path, part: Self) -> Result<()> {
         let size = (part.width, part.height);
+        self.append_times(&part);
         if self.frames.is_empty() {
             (self.width, self.height) = size;
             self.frames_per_second = part.frames_per_second;
@@ -211,8 +217,22 @@ impl Recording {
         );
         self.cameras.extend(part.cameras);
         self.scratch.extend(part.scratch);
-        self.unpacked_from.extend(part.unpacked_from);
+        self.read_by_ffmpeg.extend(part.read_by_ffmpeg);
         Ok(())
+    }
+
+    /// Appends the times of the frames of `part`, which begins when the last frame has been shown.
+    fn append_times(&mut self, part: &Self) {
+        let is_known = part.seconds.len() == part.frames.len() && self.seconds.len() == self.frames.len();
+        let offset = match (self.seconds.last(), part.seconds.first(), self.frames_per_second) {
+            (None, _, _) => Some(0.0),
+            (Some(end), Some(begin), Some(speed)) => Some(end + 1.0 / f64::from(speed) - begin),
+            _ => None,
+        };
+        match offset.filter(|_| is_known) {
+            Some(offset) => self.seconds.extend(part.seconds.iter().map(|t| t + offset)),
+            None => self.seconds.clear(),
+        }
     }
 
     /// Gives every frame its mask from `folder`, if that exists.
@@ -318,6 +338,9 @@ impl Recording {
         let mut frames: Vec<_> = self.frames.into_iter().map(Some).collect();
         self.frames = keep.iter().filter_map(|&i| frames[i].take()).collect();
         self.cameras = keep.iter().map(|&i| self.cameras[i]).collect();
+        if !self.seconds.is_empty() {
+            self.seconds = keep.iter().map(|&i| self.seconds[i]).collect();
+        }
         if let Some(origin) = &mut self.dicom {
             origin.select(&keep);
         }
@@ -359,12 +382,46 @@ impl Recording {
         dicom.chain(self.frames.iter().flat_map(|frame| {
             let picture = match &frame.picture {
                 Picture::File(path) => Some(path.as_path()),
-                Picture::Video { .. } | Picture::Dicom { .. } => None,
+                Picture::Video { .. } | Picture::Stream { .. } | Picture::Dicom { .. } => None,
             };
             let maps = [frame.mask.as_deref(), frame.depth.as_deref(), picture];
             let labels = frame.labels.iter().flat_map(LabelFiles::paths);
             maps.into_iter().flatten().chain(labels)
         }))
+    }
+
+    /// Returns `true` if a frame is decoded from the one before it.
+    pub(super) fn is_decoded_in_order(&self) -> bool {
+        self.frames
+            .iter()
+            .any(|frame| matches!(frame.picture, Picture::Video { .. } | Picture::Stream { .. }))
+    }
+
+    /// Returns a frame at or before frame `i` that is decoded quickly, if one is not farther than `most` frames
+    /// away; else `i`.
+    pub(super) fn entry_near(&self, i: usize, most: usize) -> usize {
+        let (index, entry) = match &self.frames[i].picture {
+            Picture::Video { video, index } => (*index, video.entry_before(*index)),
+            Picture::Stream { stream, index } => (*index, stream.entry_before(*index)),
+            Picture::File(_) | Picture::Dicom { .. } => return i,
+        };
+        let Some(near) = i.checked_sub(index - entry).filter(|near| i - near <= most) else { return i };
+        let is_it = match &self.frames[near].picture {
+            Picture::Video { index, .. } | Picture::Stream { index, .. } => *index == entry,
+            Picture::File(_) | Picture::Dicom { .. } => false,
+        };
+        if is_it { near } else { i }
+    }
+
+    /// Returns the complaints of ffmpeg about the contents of frames that were decoded, once for each video.
+    pub(super) fn complaints(&self) -> Vec<String> {
+        let streams = self.frames.iter().filter_map(|frame| match &frame.picture {
+            Picture::Stream { stream, .. } => Some(stream),
+            _ => None,
+        });
+        let mut streams: Vec<_> = streams.collect();
+        streams.dedup_by(|a, b| Arc::ptr_eq(a, b));
+        streams.into_iter().filter_map(|stream| stream.complaint()).collect()
     }
 
     /// Decodes frame `i`; hidden parts are black.
@@ -379,6 +436,7 @@ impl Recording {
         match &self.frames[i].picture {
             Picture::File(path) => read::frame(path, self.width, self.height),
             Picture::Video { video, index } => video.frame(*index),
+            Picture::Stream { stream, index } => stream.frame(*index),
             Picture::Dicom { frames, index } => frames.frame(*index),
         }
     }

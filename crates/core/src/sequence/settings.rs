@@ -258,6 +258,9 @@ impl Settings {
                 "The video claims {speed:.0} frames per second, which is not believed: its speed counts as unknown"
             ));
         }
+        if self.time.frames_per_second.is_some() || recording.frames_per_second.is_none() {
+            recording.seconds.clear();
+        }
         let frames_per_second = self.time.frames_per_second.or(recording.frames_per_second);
         recording.frames_per_second = frames_per_second.map(|fps| fps / every);
         if !self.classes.is_empty() {

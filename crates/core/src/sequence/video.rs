@@ -1,14 +1,16 @@
-//! Video files. H.264 in an mp4 container is decoded here, frame by frame on request. All other videos
-//! are unpacked once into lossless pictures by an installed `ffmpeg` program. A video that
-//! ends before its last frame is refused by either decoder.
+//! Video files. H.264 in an mp4 container is decoded here, frame by frame on request. All other videos are
+//! decoded by an installed `ffmpeg` program. A video that ends before its last frame is refused by either
+//! decoder.
 
 use super::{
+    decoding::Decoding,
     ffmpeg::{self, Container, Unread},
-    h264::{DecoderState, H264, cut_off, other_size},
+    h264::{self, H264, cut_off, other_size},
     mp4::Mp4,
     recording::{FrameFiles, Picture, Recording, Selection},
 };
 use crate::{Error, Result, reading::Pieces};
+use rayon::prelude::*;
 use std::{
     fs::File,
     io::Read,
@@ -20,9 +22,16 @@ use std::{
 pub(super) const VIDEOS: &[&str] =
     &["mp4", "m4v", "mov", "mkv", "avi", "webm", "mpg", "mpeg", "ts", "mts", "m2ts", "wmv", "flv"];
 
+/// Decoders that the videos of one recording share.
+#[derive(Clone, Default)]
+struct Decoders {
+    h264: Arc<Mutex<Decoding<h264::Running>>>,
+    ffmpeg: ffmpeg::Shared,
+}
+
 /// Opens a video file.
 pub(super) fn open(path: &Path, selection: &Selection) -> Result<Recording> {
-    open_part(path, selection, Arc::default())
+    open_part(path, selection, Decoders::default())
 }
 
 /// Opens the videos of a folder, in this order, as one recording.
@@ -33,15 +42,17 @@ pub(super) fn open_folder(folder: &Path, files: &[PathBuf], selection: &Selectio
     if let [only] = files {
         return Ok(Recording { path: folder.to_owned(), ..open(only, selection)? });
     }
-    let state = Arc::default();
+    let decoders = Decoders::default();
     let mut whole = Recording::new(folder, (0, 0), Vec::new());
-    for file in files {
-        whole.append(file, open_part(file, &Selection::ALL, Arc::clone(&state))?)?;
+    let open = |file: &PathBuf| open_part(file, &Selection::ALL, decoders.clone());
+    let parts: Vec<_> = files.par_iter().map(open).collect();
+    for (file, part) in files.iter().zip(parts) {
+        whole.append(file, part?)?;
     }
     whole.select(selection)
 }
 
-fn open_part(path: &Path, selection: &Selection, state: Arc<Mutex<DecoderState>>) -> Result<Recording> {
+fn open_part(path: &Path, selection: &Selection, decoders: Decoders) -> Result<Recording> {
     let kind = expect_video(path)?;
     let file = Pieces::whole(path).map_err(|e| Error::io("open the file", path, e))?;
     let index = Mp4::read(&file);
@@ -51,11 +62,13 @@ fn open_part(path: &Path, selection: &Selection, state: Arc<Mutex<DecoderState>>
     // ffmpeg may choose another one of several tracks.
     let is_clear = |mp4: &&Mp4| !mp4.is_open_ended && mp4.num_tracks == 1;
     let promised = index.as_ref().ok().filter(is_clear).map(|mp4| mp4.pictures.len());
-    match index.and_then(|mp4| H264::open(&file, mp4, state)) {
+    match index.and_then(|mp4| H264::open(&file, mp4, decoders.h264)) {
         Ok(video) => open_h264(path, video, selection),
         Err(why_not_here) => {
-            let video = Unread { path, input: path, form: None, kind, promised, why_not_here };
-            ffmpeg::open(Path::new("ffmpeg"), &video, selection)
+            let (path, input) = (path.to_owned(), path.to_owned());
+            let program = PathBuf::from(ffmpeg::PROGRAM);
+            let video = Unread { program, path, input, form: None, kind, promised, why_not_here };
+            ffmpeg::open(video, selection, decoders.ffmpeg)
         }
     }
 }
@@ -71,18 +84,19 @@ pub(super) fn expect_whole(path: &Path, mp4: &Mp4, selection: &Selection) -> Res
 
 pub(super) fn open_h264(path: &Path, video: H264, selection: &Selection) -> Result<Recording> {
     let size = video.size();
-    let (frames_per_second, note) = (video.frames_per_second, video.note.clone());
+    let frames_per_second = video.frames_per_second;
     let indices = selection.indices(video.shown.len()).map_err(|what| Error::input_at(path, what, ""))?;
     let changed = video.descriptions.iter().find(|d| (d.width, d.height) != size);
     if let Some(d) = changed.filter(|d| indices.last().is_some_and(|last| *last >= d.from)) {
         return Err(other_size(path, d.from, (d.width, d.height), size));
     }
+    let seconds = indices.iter().map(|&i| video.seconds(i)).collect();
     let video = Arc::new(video);
     let frame =
         |index| FrameFiles::new(format!("{index:06}"), Picture::Video { video: Arc::clone(&video), index });
     let mut recording = Recording::new(path, size, indices.into_iter().map(frame).collect());
     recording.frames_per_second = frames_per_second;
-    recording.notes.extend(note);
+    recording.seconds = seconds;
     Ok(recording)
 }
 

@@ -44,8 +44,11 @@ impl Plan {
         let n = sequence.num_frames();
         let frames = seen_frames(sequence, prepared, settings);
         let differences = pace::differences(sequence, &frames, observer)?;
-        let times =
-            if settings.finds_repeats { pace::frame_times(&differences, &frames) } else { Vec::new() };
+        let times = if settings.finds_repeats {
+            pace::frame_times(&differences, &frames, sequence.frame_seconds())
+        } else {
+            Vec::new()
+        };
         let mut ends = shots::cuts_of(&differences);
         let is_long = settings.is_long(n);
         let longest = if is_long { settings.chapter_frames } else { n };
@@ -77,7 +80,8 @@ impl Plan {
         }
         let frames = seen_frames(sequence, prepared, settings);
         let differences = pace::differences(sequence, &frames, observer)?;
-        Ok(Self { times: pace::frame_times(&differences, &frames), chapters: Vec::new() })
+        let times = pace::frame_times(&differences, &frames, sequence.frame_seconds());
+        Ok(Self { times, chapters: Vec::new() })
     }
 }
 

@@ -420,6 +420,7 @@ impl Trainer {
                 depth: Some(self.sequence.depth_origin()),
                 held_out: self.settings.eval,
                 frames_per_second: self.sequence.frames_per_second(),
+                frame_seconds: self.sequence.frame_seconds().to_vec(),
                 steps: self.state.step,
                 settings: serde_json::to_value(&self.settings).unwrap_or_default(),
             },

@@ -61,6 +61,8 @@ pub(crate) struct Info {
     pub(crate) width: usize,
     pub(crate) height: usize,
     pub(crate) frames_per_second: Option<f32>,
+    /// Time of every frame after the first, seconds; empty if the frame rate tells it, or nothing does.
+    pub(crate) frame_seconds: Arc<[f64]>,
     pub(crate) camera_moves: bool,
     /// Optics of the camera, for lengths in space.
     pub(crate) lens: Option<Lens>,

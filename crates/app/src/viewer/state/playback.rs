@@ -1,8 +1,13 @@
 //! The playback clock, from time to frame. It knows no window and no thread, so a test can be its clock.
 
+use std::sync::Arc;
+use surgtpgs_core::sequence::{seconds_of, shown_for};
+
 /// Frames per second where the recording does not state them.
 pub(crate) const ASSUMED_FPS: f64 = 25.0;
 
+/// Time without a repaint, seconds, after which rounds that were missed are not walked through.
+const LONG_AGO_S: f64 = 60.0;
 /// Number of frames of the long step.
 pub(crate) const HOP: isize = 10;
 /// Speeds that the keys step through, as multiples of the recording's speed.
@@ -13,14 +18,16 @@ const SPEEDS: [f64; 7] = [0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
 pub(crate) struct Playback {
     num_frames: usize,
     fps: f64,
+    /// Time of every frame, seconds after the first; empty if `fps` tells it.
+    frame_seconds: Arc<[f64]>,
     /// Multiple of the recording's speed; negative plays backwards.
     speed: f64,
     looping: bool,
     /// First and last frame of the part that plays.
     range: Option<(usize, usize)>,
     frame: usize,
-    /// Time and frame from which it plays; `None` while it stands still.
-    playing_since: Option<(f64, usize)>,
+    /// Time since which the present frame is shown; `None` while it stands still.
+    playing_since: Option<f64>,
 }
 
 impl Playback {
@@ -30,6 +37,7 @@ impl Playback {
         Self {
             num_frames: num_frames.max(1),
             fps,
+            frame_seconds: Arc::default(),
             speed: 1.0,
             looping: true,
             range: None,
@@ -60,37 +68,56 @@ impl Playback {
         self.range
     }
 
+    /// Gives every frame its own time, seconds after the first; none if there are not as many as frames.
+    pub(crate) fn with_times(self, frame_seconds: &Arc<[f64]>) -> Self {
+        let is_whole = frame_seconds.len() == self.num_frames;
+        Self { frame_seconds: if is_whole { frame_seconds.clone() } else { Arc::default() }, ..self }
+    }
+
     /// Returns the seconds from the start of the recording to `frame`.
     pub(crate) fn seconds(&self, frame: usize) -> f64 {
-        frame as f64 / self.fps
+        seconds_of(frame, &self.frame_seconds, None).unwrap_or(frame as f64 / self.fps)
+    }
+
+    /// Returns the seconds for which `frame` is shown at the present speed.
+    fn shown_for(&self, frame: usize) -> f64 {
+        shown_for(frame, &self.frame_seconds).unwrap_or(1.0 / self.fps) / self.speed.abs()
     }
 
     /// Moves to the frame that is due at `now`. If the machine is too slow, frames are skipped: playback
     /// never slows down.
     pub(crate) fn advance(&mut self, now: f64) {
-        let Some((since, from)) = self.playing_since else { return };
+        let Some(mut since) = self.playing_since else { return };
         let (first, last) = self.bounds();
-        // The small addition keeps a tick that is due exactly at `now` from being lost to rounding.
-        let ticks = ((now - since).max(0.0) * self.fps * self.speed.abs() + 1e-6).floor() as i64;
-        let target = from as i64 + ticks * if self.speed < 0.0 { -1 } else { 1 };
-        let (first_i, last_i) = (first as i64, last as i64);
-        let is_inside = (first_i..=last_i).contains(&target);
-        if is_inside {
-            self.frame = target as usize;
-        } else if self.looping {
-            self.frame = (first_i + (target - first_i).rem_euclid(last_i - first_i + 1)) as usize;
-        } else {
-            self.frame = if target < first_i { first } else { last };
-            self.playing_since = None;
+        if self.looping && now - since > LONG_AGO_S {
+            let whole: f64 = (first..=last).map(|i| self.shown_for(i)).sum();
+            since += ((now - since) / whole).floor() * whole;
         }
+        loop {
+            let lasts = self.shown_for(self.frame);
+            // The small addition keeps a frame that is due exactly at `now` from being lost to rounding.
+            if since + lasts > now + 1e-6 * lasts.max(1e-3) {
+                break;
+            }
+            let (end, begin) = if self.speed < 0.0 { (first, last) } else { (last, first) };
+            let is_at_end = if self.speed < 0.0 { self.frame <= end } else { self.frame >= end };
+            if is_at_end && !self.looping {
+                self.pause();
+                return;
+            }
+            self.frame = match (is_at_end, self.speed < 0.0) {
+                (true, _) => begin,
+                (false, true) => self.frame - 1,
+                (false, false) => self.frame + 1,
+            };
+            since += lasts;
+        }
+        self.playing_since = Some(since);
     }
 
     /// Returns the seconds until another frame is due; `None` while it stands still.
     pub(crate) fn seconds_to_next(&self, now: f64) -> Option<f64> {
-        let (since, _) = self.playing_since?;
-        let rate = self.fps * self.speed.abs();
-        let ticks = ((now - since).max(0.0) * rate + 1e-6).floor();
-        Some((since + (ticks + 1.0) / rate - now).max(0.0))
+        Some((self.playing_since? + self.shown_for(self.frame) - now).max(0.0))
     }
 
     /// Starts or stops. Starting at the end begins again at the start.
@@ -106,7 +133,7 @@ impl Playback {
         } else if self.speed < 0.0 && (self.frame == first || is_outside) {
             self.frame = last;
         }
-        self.playing_since = Some((now, self.frame));
+        self.playing_since = Some(now);
     }
 
     pub(crate) fn pause(&mut self) {
@@ -192,7 +219,7 @@ impl Playback {
     /// Restarts the clock at the present frame and time, if it plays.
     fn restart(&mut self, now: f64) {
         if let Some(since) = &mut self.playing_since {
-            *since = (now, self.frame);
+            *since = now;
         }
     }
 }
@@ -284,6 +311,25 @@ mod tests {
             clock.change_speed(-1, 2.0);
         }
         assert_eq!(clock.speed(), 0.1);
+    }
+
+    #[test]
+    fn uneven_frames_are_shown_as_long_as_they_were_taken() {
+        let times: Arc<[f64]> = [0.0, 0.1, 0.5, 0.6].into();
+        let mut clock = Playback::new(4, Some(10.0)).with_times(&times);
+        assert_eq!(clock.seconds(2), 0.5);
+        clock.play(0.0);
+        let mut shown = |ms: u32| {
+            clock.advance(f64::from(ms) / 1e3);
+            clock.frame()
+        };
+        assert_eq!([50, 100, 450, 500, 600, 699, 700, 1250].map(&mut shown), [0, 1, 1, 2, 3, 3, 0, 2]);
+        clock.shuttle(-1.0, 1.25);
+        clock.advance(1.35);
+        assert_eq!(clock.frame(), 1);
+        clock.advance(1.70);
+        assert_eq!((clock.frame(), clock.seconds_to_next(1.7).map(|s| (1e3 * s).round())), (1, Some(50.0)));
+        assert_eq!(Playback::new(9, None).with_times(&times).seconds(5), 0.2, "of another recording");
     }
 
     #[test]

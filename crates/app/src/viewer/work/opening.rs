@@ -135,7 +135,8 @@ impl Shared {
         let is_same_recording = self.info().is_some_and(|i| i.is_same_recording(info));
         self.put_unsaved_aside(is_same_recording);
         let frame = if is_same_recording { self.playback.frame() } else { 0 };
-        self.playback = Playback::new(info.num_frames, info.frames_per_second);
+        self.playback =
+            Playback::new(info.num_frames, info.frames_per_second).with_times(&info.frame_seconds);
         self.playback.seek(frame, 0.0);
         if !is_same_recording {
             self.document.start_recording(CleanUp::usual(info.width, info.height));

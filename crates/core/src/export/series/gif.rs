@@ -24,9 +24,9 @@ pub(super) struct Gif {
     encoder: gif::Encoder<BufWriter<WholeFile>>,
     /// One in this many frames is shown.
     step: usize,
-    speed: f64,
+    /// Times at which frames appear, and the end, hundredths of a second. Rounding errors do not add up.
+    starts: Vec<f64>,
     added: usize,
-    frames: usize,
 }
 
 impl Gif {
@@ -40,13 +40,8 @@ impl Gif {
         let mut encoder =
             gif::Encoder::new(BufWriter::new(file), width, height, &[]).map_err(io::Error::other)?;
         encoder.set_repeat(gif::Repeat::Infinite).map_err(io::Error::other)?;
-        Ok(Self { encoder, step, speed, added: 0, frames: plan.frames.len() })
-    }
-
-    /// Returns the time at which frame `i` of the export appears, hundredths of a second. Rounding
-    /// errors do not add up.
-    fn start(&self, i: usize) -> f64 {
-        (100.0 * i as f64 / self.speed).round()
+        let starts = plan.provenance.starts(plan.frames).into_iter().map(|s| (100.0 * s).round()).collect();
+        Ok(Self { encoder, step, starts, added: 0 })
     }
 }
 
@@ -70,7 +65,8 @@ impl Series for Gif {
             small.as_raw(),
             COLOUR_SPEED,
         );
-        let duration = self.start((i + self.step).min(self.frames)) - self.start(i);
+        let [start, end] = [i, i + self.step].map(|i| self.starts[i.min(self.starts.len() - 1)]);
+        let duration = end - start;
         picture.delay = duration.max(100.0 / MAX_SPEED) as u16;
         self.encoder.write_frame(&picture).map_err(io::Error::other)
     }

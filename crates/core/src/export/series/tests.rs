@@ -127,6 +127,23 @@ fn times_by_an_assumed_speed_are_said_to_be() {
     assert!(csv.lines().nth(3).unwrap().starts_with("2,0.04,Bile sac"), "{csv}");
 }
 
+#[test]
+fn uneven_frames_keep_their_times_in_tables_and_videos() {
+    let folder = tempfile::tempdir().unwrap();
+    let frame_seconds = vec![0.0, 0.1, 0.5, 0.6];
+    let how = Provenance {
+        frame_seconds: frame_seconds.clone(),
+        ..provenance(&[Format::Csv, Format::Video], false)
+    };
+    assert!(export(folder.path(), &how, FRAMES).complete);
+    let file = |format| folder.path().join(super::name(format, &[0, 1, 2, 3]));
+    let csv = std::fs::read_to_string(file(Format::Csv)).unwrap();
+    assert!(csv.lines().nth(5).unwrap().starts_with("3,0.5,Bile sac"), "{csv}");
+    let video = Sequence::open(&file(Format::Video)).unwrap();
+    assert_eq!(video.frame_seconds(), frame_seconds);
+    assert!((video.time(2) - 5.0 / 7.0).abs() < 1e-6, "{}", video.time(2));
+}
+
 /// Reads header and voxels.
 fn read_nrrd(file: &Path) -> (String, Vec<u8>) {
     let bytes = std::fs::read(file).unwrap();

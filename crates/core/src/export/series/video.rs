@@ -38,9 +38,9 @@ pub(super) struct Video {
     muxer: Mp4FileMuxer,
     /// Number of bytes written.
     position: u64,
-    /// Duration of a frame.
-    duration: u32,
-    added: u64,
+    /// Times at which frames appear, and the end.
+    starts: Vec<u64>,
+    added: usize,
 }
 
 impl Video {
@@ -70,8 +70,9 @@ impl Video {
         let mut file = BufWriter::new(file);
         file.write_all(muxer.initial_boxes_bytes())?;
         let position = muxer.initial_boxes_bytes().len() as u64;
-        let duration = (f64::from(TIMESCALE.get()) / f64::from(speed)).round().max(1.0) as u32;
-        Ok(Self { file, encoder, muxer, position, duration, added: 0 })
+        let starts = plan.provenance.starts(plan.frames);
+        let starts = starts.into_iter().map(|s| (f64::from(TIMESCALE.get()) * s).round() as u64).collect();
+        Ok(Self { file, encoder, muxer, position, starts, added: 0 })
     }
 }
 
@@ -80,7 +81,8 @@ impl Series for Video {
         let picture = even(frame.overlay());
         let size = (picture.width() as usize, picture.height() as usize);
         let yuv = YUVBuffer::from_rgb8_source(RgbSliceU8::new(picture.as_raw(), size));
-        let milliseconds = 1000 * self.added * u64::from(self.duration) / u64::from(TIMESCALE.get());
+        let [start, end] = [self.added, self.added + 1].map(|i| self.starts[i.min(self.starts.len() - 1)]);
+        let milliseconds = 1000 * start / u64::from(TIMESCALE.get());
         let coded =
             self.encoder.encode_at(&yuv, Timestamp::from_millis(milliseconds)).map_err(io::Error::other)?;
         let keyframe = matches!(coded.frame_type(), FrameType::IDR);
@@ -93,7 +95,7 @@ impl Series for Video {
             sample_entry,
             keyframe,
             timescale: TIMESCALE,
-            duration: self.duration,
+            duration: end.saturating_sub(start).max(1) as u32,
             composition_time_offset: None,
             data_offset: self.position,
             data_size: data.len(),

@@ -9,6 +9,7 @@ use crate::{
         uid,
     },
     reading::Piece,
+    sequence::times,
 };
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
@@ -123,20 +124,27 @@ impl Object {
         given.filter_map(valid).find(|pair| pair.iter().all(|v| v.is_finite() && *v > 0.0))
     }
 
-    /// Returns frames per second and, in milliseconds, the shortest and the longest time between two frames.
-    pub(super) fn speed(&self) -> Option<(f64, [f64; 2])> {
-        let even = |rate: f64| (rate, [1e3 / rate; 2]);
-        // The first time is none: it is that since the frame before the first.
-        let times: Vec<f64> = self.set.numbers(tag::FRAME_TIME_VECTOR).into_iter().skip(1).collect();
-        let total: f64 = times.iter().sum();
-        if !times.is_empty() && total.is_finite() && total > 0.0 && times.iter().all(|t| *t >= 0.0) {
-            let extreme = |f: fn(f64, f64) -> f64| times.iter().copied().reduce(f).unwrap_or(total);
-            return Some((1e3 * times.len() as f64 / total, [extreme(f64::min), extreme(f64::max)]));
-        }
-        let time = self.set.positive(tag::FRAME_TIME).map(|time| 1e3 / time);
+    /// Returns frames per second.
+    pub(super) fn speed(&self) -> Option<f64> {
+        let listed = times::mean_speed(&self.seconds()).map(f64::from);
+        let time = || self.set.positive(tag::FRAME_TIME).map(|time| 1e3 / time);
         let rate =
             || [tag::CINE_RATE, tag::DISPLAY_FRAME_RATE].into_iter().find_map(|t| self.set.positive(t));
-        time.or_else(rate).map(even)
+        listed.or_else(time).or_else(rate)
+    }
+
+    /// Returns the time of every frame, seconds from the first one; empty if it is not listed.
+    pub(super) fn seconds(&self) -> Vec<f64> {
+        // The first time is none: it is that since the frame before the first.
+        let steps: Vec<f64> = self.set.numbers(tag::FRAME_TIME_VECTOR).into_iter().skip(1).collect();
+        if steps.is_empty() || !steps.iter().all(|t| *t >= 0.0 && t.is_finite()) {
+            return Vec::new();
+        }
+        let after = |seconds: &mut f64, step: f64| {
+            *seconds += 1e-3 * step;
+            Some(*seconds)
+        };
+        std::iter::once(0.0).chain(steps.into_iter().scan(0.0, after)).collect()
     }
 
     /// Returns the photometric interpretation.

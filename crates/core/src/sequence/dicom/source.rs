@@ -14,7 +14,7 @@ use crate::{
     sequence::{
         annex_b,
         ffmpeg::{self, Container, Unread, scratch_folder},
-        h264::{self, H264, uneven},
+        h264::{self, H264},
         mp4::Mp4,
         recording::{Picture, Recording, Selection},
         video,
@@ -116,8 +116,10 @@ fn stream(path: &Path, object: &Object, decoder: &Decoder, selection: &Selection
     };
     let promised = Some(object.num_frames);
     let kind = if is_mp4(&file) { Container::Mp4 } else { Container::Other };
-    let video = Unread { path: &object.path, input: &input, form, kind, promised, why_not_here };
-    let recording = ffmpeg::open(Path::new("ffmpeg"), &video, selection)?;
+    let (program, path_of_object) = (PathBuf::from(ffmpeg::PROGRAM), object.path.clone());
+    let video = Unread { program, path: path_of_object, input, form, kind, promised, why_not_here };
+    let mut recording = ffmpeg::open(video, selection, ffmpeg::Shared::default())?;
+    recording.scratch.push(scratch);
     if (recording.width, recording.height) != object.size {
         let (width, height) = object.size;
         let what = format!("they are {}×{} instead of {width}×{height}", recording.width, recording.height);
@@ -188,21 +190,27 @@ fn taken_out(file: &Pieces, to: PathBuf) -> Result<PathBuf> {
 
 /// Facts about a series that are not pictures.
 pub(super) struct Facts {
-    speed: Option<(f64, [f64; 2])>,
+    speed: Option<f64>,
+    /// Times of the frames of the first file, seconds; empty if they are not listed.
+    seconds: Vec<f64>,
     spacing_mm: Option<[f64; 2]>,
 }
 
 impl Facts {
     pub(super) fn of(series: &[Object]) -> Self {
         let first = &series[0];
-        Self { speed: first.speed(), spacing_mm: first.spacing_mm() }
+        let seconds = if series.len() == 1 { first.seconds() } else { Vec::new() };
+        Self { speed: first.speed(), seconds, spacing_mm: first.spacing_mm() }
     }
 
     /// Gives a recording its speed, and notes for the user.
     pub(super) fn add_to(&self, recording: &mut Recording, left_unread: LeftUnread) {
-        if let Some((rate, [shortest, longest])) = self.speed {
+        if let Some(rate) = self.speed {
             recording.frames_per_second = Some(rate as f32);
-            recording.notes.extend(uneven(1e-3 * shortest, 1e-3 * longest));
+            // The times of a video that lies in the file are not those of the operation.
+            let numbers = recording.frames.iter().map(|frame| frame.name.parse::<usize>().ok());
+            let times = numbers.map(|number| self.seconds.get(number?).copied());
+            recording.seconds = times.collect::<Option<_>>().unwrap_or_default();
         }
         if let Some([rows, columns]) = self.spacing_mm {
             recording.notes.push(format!("By the file, pixels are {columns} × {rows} mm"));

@@ -1,6 +1,11 @@
 //! Tests of how ffmpeg's messages are interpreted; a stand-in program says and writes what a test wants.
 
 use super::*;
+use crate::sequence::{
+    ffmpeg::{Container, Shared, open},
+    recording::Recording,
+};
+use std::path::Path;
 
 const WHOLE: &str = "\
 [avi @ 0x5] [info] Input #0, avi, from 'clip.avi':
@@ -23,17 +28,21 @@ fn frames(n: usize) -> String {
 
 const ALL: Selection = Selection { first: 0, last: None, every: 1 };
 
-fn said(text: &str, promised: Option<usize>, selection: &Selection) -> Result<Vec<String>> {
-    let told = Told::listen(text.as_bytes());
-    let path = Path::new("clip.avi");
-    let video = Unread {
-        path,
-        input: path,
+fn clip(program: &Path) -> Unread {
+    Unread {
+        program: program.to_owned(),
+        path: "clip.avi".into(),
+        input: "clip.avi".into(),
         form: None,
         kind: Container::Other,
-        promised,
-        why_not_here: String::new(),
-    };
+        promised: None,
+        why_not_here: "why".into(),
+    }
+}
+
+fn said(text: &str, promised: Option<usize>, selection: &Selection) -> Result<Vec<String>> {
+    let told = Told::listen(text.as_bytes());
+    let video = Unread { promised, ..clip(Path::new("ffmpeg")) };
     let asked = selection.last.map_or(usize::MAX, |last| last - selection.first + 1);
     compare(&video, selection, &told, told.frames.min(asked))
 }
@@ -105,19 +114,15 @@ fn opened(script: &str, selection: &Selection) -> Result<Recording> {
     let folder = tempfile::tempdir().unwrap();
     let (program, picture) = (folder.path().join("ffmpeg"), folder.path().join("frame.png"));
     image::RgbImage::new(64, 48).save(&picture).unwrap();
-    let text = format!("#!/bin/bash\nout=$(dirname \"${{@: -1}}\"); frame={}\n{script}\n", picture.display());
+    // It lists no packets, so that frames are unpacked.
+    let listing = "[ \"${@: -1}\" = - ] && exit 1";
+    let text = format!(
+        "#!/bin/bash\n{listing}\nout=$(dirname \"${{@: -1}}\"); frame={}\n{script}\n",
+        picture.display()
+    );
     std::fs::write(&program, text).unwrap();
     std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
-    let path = Path::new("clip.avi");
-    let video = Unread {
-        path,
-        input: path,
-        form: None,
-        kind: Container::Other,
-        promised: None,
-        why_not_here: "why".into(),
-    };
-    open(&program, &video, selection)
+    open(clip(&program), selection, Shared::default())
 }
 
 #[cfg(unix)]

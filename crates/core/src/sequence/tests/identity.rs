@@ -156,7 +156,7 @@ fn what_ffmpeg_unpacked_is_known_by_its_file() {
         crate::sequence::layouts::open(&place.at("clip"), &Settings::default().selection()).unwrap();
     let file = place.at("clip.avi");
     fs::write(&file, "some video").unwrap();
-    recording.unpacked_from = vec![file.clone()];
+    recording.read_by_ffmpeg = vec![file.clone()];
     let before = Identity::complete(&recording).unwrap();
     assert_eq!(Identity::opened(&recording).unwrap().difference(&before), None);
     for other in ["same video", "a longer video"] {

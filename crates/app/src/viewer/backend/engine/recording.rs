@@ -37,6 +37,7 @@ impl RecordingSource {
             width: sequence.width(),
             height: sequence.height(),
             frames_per_second: sequence.frames_per_second(),
+            frame_seconds: sequence.frame_seconds().into(),
             camera_moves: sequence.camera_moves(),
             has_original: true,
             has_labels: material.prepared().is_some() || !sequence.classes().is_empty(),

@@ -68,6 +68,7 @@ impl SceneSource {
             width: size.0,
             height: size.1,
             frames_per_second: scene.provenance.frames_per_second,
+            frame_seconds: scene.provenance.frame_seconds.as_slice().into(),
             camera_moves: scene.cameras.iter().any(moves),
             lens: scene.cameras.first().map(|c| Lens { fx: c.fx, fy: c.fy, cx: c.cx, cy: c.cy }),
             has_original: engine.sequence().is_some(),

@@ -1,0 +1,82 @@
+//! Times at which frames were taken, as the files of the recording tell.
+
+/// Difference from an even pace that is none, seconds: clocks of files round to a millisecond.
+const SAME_TIME_S: f64 = 1.5e-3;
+/// Frames are said to be unevenly spaced if the longest time between two is more than this many times the
+/// shortest.
+const UNEVEN: f64 = 1.5;
+
+/// Returns the frames per second from the first to the last of some times, seconds.
+pub(super) fn mean_speed(seconds: &[f64]) -> Option<f32> {
+    let speed = (seconds.len().checked_sub(1)?) as f64 / (seconds.last()? - seconds.first()?);
+    (speed.is_finite() && speed > 0.0).then_some(speed as f32)
+}
+
+/// Returns the times of all frames after the first, seconds, unless frames follow each other at a known speed
+/// anyway. Times that run backwards tell nothing.
+pub(super) fn uneven(seconds: &[f64], frames_per_second: Option<f32>) -> Vec<f64> {
+    let Some(first) = seconds.first() else { return Vec::new() };
+    // To a millionth: nothing measures them better, and they are written into files.
+    let since_first: Vec<f64> = seconds.iter().map(|t| (1e6 * (t - first)).round() / 1e6).collect();
+    let expected = |i: usize| frames_per_second.map(|speed| i as f64 / f64::from(speed));
+    let is_late = |(i, t): (usize, &f64)| expected(i).is_none_or(|e| (t - e).abs() > SAME_TIME_S);
+    let is_known = since_first.is_sorted() && since_first.iter().all(|t| t.is_finite());
+    if is_known && since_first.iter().enumerate().any(is_late) { since_first } else { Vec::new() }
+}
+
+/// Returns a note if frames are shown for very unequal times.
+pub(super) fn describe(seconds: &[f64]) -> Option<String> {
+    let between = || seconds.windows(2).map(|pair| pair[1] - pair[0]);
+    let (shortest, longest) = (between().reduce(f64::min)?, between().reduce(f64::max)?);
+    (longest > UNEVEN * shortest).then(|| {
+        let [shortest, longest] = [shortest, longest].map(|seconds| 1e3 * seconds);
+        format!(
+            "The time between two frames varies from {shortest:.0} to {longest:.0} ms; each keeps its own"
+        )
+    })
+}
+
+/// Returns the seconds from the first frame to `frame`: by the times of all frames if there are some, else by
+/// the speed, if that is known.
+pub fn seconds_of(frame: usize, frame_seconds: &[f64], frames_per_second: Option<f32>) -> Option<f64> {
+    let even = || frames_per_second.map(|speed| frame as f64 / f64::from(speed));
+    frame_seconds.get(frame).copied().or_else(even)
+}
+
+/// Returns the seconds for which a player shows `frame`, by the times of all frames; `None` for the last one,
+/// and without such times.
+pub fn shown_for(frame: usize, frame_seconds: &[f64]) -> Option<f64> {
+    /// Longest time that one frame is shown, whatever the pause after it, seconds.
+    const LONGEST_SHOWN_S: f64 = 2.0;
+    let lasts = frame_seconds.get(frame + 1)? - frame_seconds.get(frame)?;
+    Some(lasts.clamp(0.0, LONGEST_SHOWN_S))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_times_that_a_speed_does_not_tell_are_kept() {
+        let even: Vec<f64> = (0..50).map(|i| 7.0 + (40.0 * f64::from(i)).round() / 1e3).collect();
+        assert_eq!(uneven(&even, Some(25.0)), [0.0; 0]);
+        assert_eq!(mean_speed(&even), Some(25.0));
+        let mut late = even.clone();
+        late[20..].iter_mut().for_each(|t| *t += 0.5);
+        let kept = uneven(&late, mean_speed(&late));
+        assert!((kept[0], kept.len()) == (0.0, 50) && (kept[20] - 1.3).abs() < 1e-9);
+        assert!(describe(&kept).unwrap().contains("from 40 to 540 ms"));
+        assert_eq!(describe(&even), None);
+        assert_eq!(uneven(&even, None).len(), 50, "the speed is not known");
+        late.swap(3, 9);
+        assert_eq!(uneven(&late, None), [0.0; 0], "times that run backwards");
+        assert_eq!((mean_speed(&[]), mean_speed(&[1.0]), mean_speed(&[1.0, 1.0])), (None, None, None));
+    }
+
+    #[test]
+    fn seconds_are_those_of_the_frame_or_of_the_speed() {
+        assert_eq!(seconds_of(2, &[0.0, 0.1, 0.5], Some(25.0)), Some(0.5));
+        assert_eq!((seconds_of(50, &[], Some(25.0)), seconds_of(50, &[], None)), (Some(2.0), None));
+        assert_eq!([0, 1, 2].map(|i| shown_for(i, &[0.0, 0.5, 60.0])), [Some(0.5), Some(2.0), None]);
+    }
+}
