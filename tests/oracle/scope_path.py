@@ -3,8 +3,9 @@
     scope_path.py PROGRAM FOLDER
 
 A tube with folds, as a bowel, and a cavity, each seen by a scope that carries its light: brightness and glare
-change with every frame. They share nothing with the program's own demo. The program is given the pictures
-alone, then with the lens, then with lens and poses. Nothing was tuned on them but what the figures say.
+change with every frame. They share nothing with the program's own demo. In some the tissue breathes, here more
+and there less. The program is given the pictures alone, then with the lens, then with lens and poses.
+Nothing was tuned on them but what the figures say.
 """
 
 import json
@@ -24,9 +25,10 @@ WIDTH, HEIGHT, FRAMES = 320, 256, 60
 class Recording:
     """A surface, seen along a path."""
 
-    def __init__(self, seed, is_tube, fov_degrees):
+    def __init__(self, seed, is_tube, fov_degrees, breath_frames=None):
         self.random = np.random.default_rng(seed)
         self.is_tube = is_tube
+        self.breath_frames = breath_frames
         self.lattice = self.random.random((64, 64, 64)).astype(np.float32)
         self.phases = self.random.random(8) * 2 * np.pi
         self.focal = WIDTH / 2 / np.tan(np.radians(fov_degrees / 2))
@@ -75,6 +77,14 @@ class Recording:
             -1,
         )
 
+    def at_rest(self, p, frame):
+        """Where the tissue that is at p on a frame was before it breathed in."""
+        if self.breath_frames is None:
+            return p
+        strength = (0.5 - 0.5 * np.cos(2 * np.pi * frame / self.breath_frames)) ** 1.5
+        here = 0.55 + 0.45 * np.sin(p[..., 0] / 25 + self.phases[7]) * np.cos(p[..., 1] / 30)
+        return p - strength * here[..., None] * np.array([0.6, 2.8, -2.4])
+
     def sway(self, size, period):
         t = np.arange(FRAMES) / period
         waves = [np.sin(1.3 * (k + 1) * t + self.random.random() * 6.28) / (k + 1) for k in range(3)]
@@ -101,7 +111,7 @@ class Recording:
             pose[:3, 3] = place
         return poses
 
-    def picture(self, pose):
+    def picture(self, pose, frame):
         u, v = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
         rays = np.stack(
             [(u - WIDTH / 2) / self.focal, (v - HEIGHT / 2) / self.focal, np.ones_like(u)], -1
@@ -109,8 +119,9 @@ class Recording:
         rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True) @ pose[:3, :3].T
         far = np.full((HEIGHT, WIDTH), 0.5)
         for _ in range(60):
-            far = np.clip(far + 0.6 * self.distance(pose[:3, 3] + rays * far[..., None]), 0.2, 200)
-        points = pose[:3, 3] + rays * far[..., None]
+            here = self.at_rest(pose[:3, 3] + rays * far[..., None], frame)
+            far = np.clip(far + 0.6 * self.distance(here), 0.2, 200)
+        points = self.at_rest(pose[:3, 3] + rays * far[..., None], frame)
         step = 0.05 * np.eye(3)
         normal = np.stack(
             [self.distance(points + step[k]) - self.distance(points - step[k]) for k in range(3)], -1
@@ -140,7 +151,7 @@ def write(recording, folder):
     (folder / "pictures/images").mkdir()
     for i, pose in enumerate(poses):
         name = f"images/{i:05d}.png"
-        recording.picture(pose).save(folder / "pictures" / name)
+        recording.picture(pose, i).save(folder / "pictures" / name)
         # The format's cameras look along -z, y up.
         matrix = pose @ np.diag([1, -1, -1, 1])
         frames.append({"file_path": name, "transform_matrix": matrix.tolist()})
@@ -169,14 +180,16 @@ def error(places, cameras):
 
 
 def main(program, folder):
-    for name, seed, is_tube, fov in [
-        ("tube", 1, True, 80),
-        ("tube, wide", 3, True, 100),
-        ("cavity", 2, False, 70),
-        ("cavity, narrow", 4, False, 50),
+    for name, seed, is_tube, fov, breath_frames in [
+        ("tube", 1, True, 80, None),
+        ("tube, wide", 3, True, 100, None),
+        ("cavity", 2, False, 70, None),
+        ("cavity, narrow", 4, False, 50, None),
+        ("cavity, breath of 17 frames", 5, False, 70, 17),
+        ("cavity, breath of 26 frames", 6, False, 60, 26),
     ]:
-        at = Path(folder) / name.replace(", ", "-")
-        places = write(Recording(seed, is_tube, fov), at)
+        at = Path(folder) / name.replace(", ", "-").replace(" ", "-")
+        places = write(Recording(seed, is_tube, fov, breath_frames), at)
         for part in ("pictures", "lens", "poses"):
             scene = at / f"{part}.safetensors"
             train = [program, "train", at / part, "-o", scene, "--eval", "--iterations", "1500"]

@@ -25,7 +25,7 @@ impl Symmetric {
     }
 
     /// Adds weight · Σ row rowᵀ to the 6×6 block on the diagonal at `start`.
-    pub(crate) fn add_outer(&mut self, start: usize, rows: &[[f64; 6]; 2], weight: f64) {
+    pub(crate) fn add_outer(&mut self, start: usize, rows: &[[f64; 6]], weight: f64) {
         for a in 0..6 {
             for b in 0..=a {
                 let product: f64 = rows.iter().map(|row| row[a] * row[b]).sum();

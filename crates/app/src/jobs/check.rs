@@ -39,11 +39,13 @@ fn scope(sequence: &Sequence, report: &CheckReport, observer: &mut Observer<'_>)
     };
     let last = end.saturating_sub(1);
     let verdict = match path.verdict {
-        Verdict::Moves { fov_x_degrees } => {
+        Verdict::Moves { fov_x_degrees, period_frames } => {
             let lens = fov_x_degrees.map(|fov| format!(", and its field of view, which is about {fov:.0}°"));
+            let sway = period_frames.map(Verdict::sway_note);
             Some(format!(
-                "The scope moves, as far as frames 0 to {last} tell. Its path will be estimated from the pictures{}",
-                lens.unwrap_or_default()
+                "The scope moves, as far as frames 0 to {last} tell. Its path will be estimated from the pictures{}{}",
+                lens.unwrap_or_default(),
+                sway.unwrap_or_default()
             ))
         }
         other => other.note().map(|note| format!("{note} (judged by frames 0 to {last})")),

@@ -19,12 +19,15 @@ pub use travel::travel_px;
 
 pub use basis::{BasisShape, LIVE_BASIS, MIN_WIDTH, QUARTIC_EPSILON, basis, basis_backward};
 
-use crate::{gaussian::Gaussians, num::sigmoid};
+use crate::{gaussian::Gaussians, linear::Symmetric, num::sigmoid};
 use fearless_simd::{Level, Simd, dispatch};
 use fearless_simd_macros::simd;
+use glam::{Affine3A, Mat3A};
 use rayon::prelude::*;
 use std::ops::Range;
 
+/// Share by which the diagonal is enlarged where motion is fitted: bases that no frame tells of stay at rest.
+const FOLLOW_DAMPING: f64 = 1e-4;
 /// Length of time, as a share of a recording, that basis functions are spread over at least.
 const SHORTEST_SPAN: f32 = 1e-5;
 
@@ -126,6 +129,45 @@ impl Deformation {
         for (row, bias) in self.feature_weight.chunks_exact_mut(dim + 1).zip(&mut self.feature_bias) {
             *bias += row[dim] * first;
             row[dim] *= len;
+        }
+    }
+
+    /// Makes Gaussians that rest at `means` move with the world, whose motions are given with their times, as
+    /// well as the shared basis functions allow. Each of these then moves centres by an affine function of where
+    /// they rest, the least-squares fit to all times.
+    pub(crate) fn follow(&mut self, means: &[[f32; 3]], motions: &[(f32, Affine3A)]) {
+        if motions.is_empty() {
+            return;
+        }
+        let values: Vec<Vec<f32>> = motions.iter().map(|(time, _)| self.basis_values(*time).0).collect();
+        let product = |a: usize, b: usize| values.iter().map(|v| f64::from(v[a]) * f64::from(v[b])).sum();
+        let mut matrix = Symmetric::from_fn(self.num_bases, product);
+        matrix.damp(FOLLOW_DAMPING);
+        if !matrix.factorize() {
+            return;
+        }
+        // Motion less rest, as twelve numbers that are fitted one by one: the columns, then the shift.
+        let moved = |(_, motion): &(f32, Affine3A)| {
+            let still = Affine3A { matrix3: motion.matrix3 - Mat3A::IDENTITY, ..*motion };
+            still.to_cols_array()
+        };
+        let moved: Vec<[f32; 12]> = motions.iter().map(moved).collect();
+        let mut maps = vec![[0.0_f32; 12]; self.num_bases];
+        for k in 0..12 {
+            let along =
+                |b: usize| moved.iter().zip(&values).map(|(m, v)| f64::from(m[k]) * f64::from(v[b])).sum();
+            let mut weights: Vec<f64> = (0..self.num_bases).map(along).collect();
+            if matrix.substitute(&mut weights) {
+                maps.iter_mut().zip(weights).for_each(|(map, w)| map[k] = w as f32);
+            }
+        }
+        let block = means.len() * self.stride;
+        for (weights, map) in self.weights.chunks_exact_mut(block.max(1)).zip(&maps) {
+            let map = Affine3A::from_cols_array(map);
+            for (row, mean) in weights.chunks_exact_mut(self.stride).zip(means) {
+                let way = map.transform_point3((*mean).into());
+                row[MEAN_CHANNEL..MEAN_CHANNEL + 3].copy_from_slice(&way.to_array());
+            }
         }
     }
 
@@ -296,6 +338,34 @@ mod tests {
         assert_eq!(d.scales[0][0], 1.0);
         assert_eq!(d.opacities, vec![0.5]);
         assert_eq!(d.features, gaussians.features);
+    }
+
+    #[test]
+    fn gaussians_follow_a_motion_of_the_world() {
+        let gaussians = Gaussians {
+            means: vec![[1.0, 2.0, 3.0], [-20.0, 5.0, 90.0]],
+            rotations: vec![[1.0, 0.0, 0.0, 0.0]; 2],
+            log_scales: vec![[0.0; 3]; 2],
+            opacity_logits: vec![0.0; 2],
+            colours: vec![[0.0; 3]; 2],
+            ..Default::default()
+        };
+        let mut deformation = Deformation::at_rest(2, 0, 21, 0.05, 2.5);
+        deformation.shape = BasisShape::Spline;
+        let motion = |time: f32| {
+            let phase = 12.0 * time;
+            let turn = Affine3A::from_axis_angle(glam::Vec3::Y, 0.02 * phase.sin());
+            Affine3A::from_translation(glam::Vec3::new(0.0, 2.0 * phase.cos(), 1.0)) * turn
+        };
+        let motions: Vec<_> = (0..48).map(|i| i as f32 / 48.0).map(|time| (time, motion(time))).collect();
+        deformation.follow(&gaussians.means, &motions);
+        for (time, motion) in &motions {
+            let moved = deform(&gaussians, &deformation, *time, false).means;
+            for (rest, there) in gaussians.means.iter().zip(moved) {
+                let expected = motion.transform_point3((*rest).into());
+                assert!(expected.distance(there.into()) < 0.12, "{there:?} instead of {expected} at {time}");
+            }
+        }
     }
 
     #[test]

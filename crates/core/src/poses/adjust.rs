@@ -13,6 +13,8 @@ pub(super) struct Sight {
     pub frame: usize,
     /// Position on the plane at depth 1 of the frame's camera: (x/z, y/z).
     pub at: DVec2,
+    /// Depth there if it was measured, in units of the typical depth.
+    pub depth: Option<f64>,
 }
 
 /// A point and where it was seen.
@@ -43,6 +45,8 @@ pub(super) struct Comparison {
 /// Weight of the wish that a point is at the typical depth where it was seen first, px per relative
 /// difference: enough to hold what has no parallax, less than a pixel of parallax.
 const DEPTH_PRIOR_PX: f64 = 0.3;
+/// Weight of a measured depth, px per relative difference: an error of 5 % is as bad as a pixel.
+const DEPTH_PX: f64 = 20.0;
 /// Nearest depth of a point, in units of the typical depth.
 const NEAREST: f64 = 0.02;
 /// Difference that stands for a point behind the camera, px.
@@ -60,12 +64,18 @@ impl Comparison {
         1.0 / (1.0 + squared_px / (self.cauchy_px * self.cauchy_px))
     }
 
-    /// Returns the difference between a sight and a point at `in_camera`, px.
-    pub(super) fn difference(self, sight: &Sight, in_camera: DVec3) -> DVec2 {
+    /// Returns the difference between a sight and a point at `in_camera` in the picture, px.
+    pub(super) fn in_picture(self, sight: &Sight, in_camera: DVec3) -> DVec2 {
         if in_camera.z < NEAREST {
             return DVec2::splat(BEHIND_PX);
         }
         (in_camera.truncate() / in_camera.z - sight.at) * self.focal_px
+    }
+
+    /// Returns that difference, and the one in depth where it was measured, in the same unit.
+    fn difference(self, sight: &Sight, in_camera: DVec3) -> DVec3 {
+        let depth = sight.depth.map_or(0.0, |depth| DEPTH_PX * (in_camera.z / depth - 1.0));
+        self.in_picture(sight, in_camera).extend(depth)
     }
 
     /// Returns the cost of one landmark at `place`, px².
@@ -73,22 +83,32 @@ impl Comparison {
         let seen = sights
             .iter()
             .map(|s| self.cost(self.difference(s, poses[s.frame].transform_point3(place)).length_squared()));
-        let first =
-            sights.first().map_or(0.0, |s| DEPTH_PRIOR_PX * (poses[s.frame].transform_point3(place).z - 1.0));
+        let first = unmeasured(sights)
+            .map_or(0.0, |s| DEPTH_PRIOR_PX * (poses[s.frame].transform_point3(place).z - 1.0));
         seen.sum::<f64>() + first * first
     }
 }
 
-/// Derivatives of a sight's difference: by the pose (turn, then shift, both in the camera's axes), and by the
-/// point. Rows are u and v, px.
-struct Slopes {
-    pose: [[f64; 6]; 2],
-    point: [[f64; 3]; 2],
+/// Returns the first of a point's sights if its depth was not measured.
+fn unmeasured(sights: &[Sight]) -> Option<&Sight> {
+    sights.first().filter(|sight| sight.depth.is_none())
 }
 
-fn slopes(focal_px: f64, pose: &DAffine3, p: DVec3) -> Slopes {
+/// Derivatives of a sight's difference: by the pose (turn, then shift, both in the camera's axes), and by the
+/// point. Rows are u, v and depth, px.
+struct Slopes {
+    pose: [[f64; 6]; 3],
+    point: [[f64; 3]; 3],
+}
+
+fn slopes(focal_px: f64, pose: &DAffine3, sight: &Sight, p: DVec3) -> Slopes {
     let scale = focal_px / p.z;
-    let rows = [DVec3::new(scale, 0.0, -scale * p.x / p.z), DVec3::new(0.0, scale, -scale * p.y / p.z)];
+    let deeper = sight.depth.map_or(0.0, |depth| DEPTH_PX / depth);
+    let rows = [
+        DVec3::new(scale, 0.0, -scale * p.x / p.z),
+        DVec3::new(0.0, scale, -scale * p.y / p.z),
+        DVec3::new(0.0, 0.0, deeper),
+    ];
     // A turn ω moves p by ω × p: row · (ω × p) = ω · (p × row).
     let by_pose = rows.map(|row| {
         let turn = p.cross(row);
@@ -211,7 +231,7 @@ impl Adjustment<'_> {
             }
             let difference = self.compare.difference(sight, p);
             let weight = self.compare.weight(difference.length_squared());
-            let slopes = slopes(self.compare.focal_px, pose, p);
+            let slopes = slopes(self.compare.focal_px, pose, sight, p);
             for (row, d) in slopes.point.iter().zip(difference.to_array()) {
                 let row = DVec3::from(*row);
                 block.gradient += weight * d * row;
@@ -225,13 +245,13 @@ impl Adjustment<'_> {
                 }
                 let mixed = std::array::from_fn(|a| {
                     std::array::from_fn(|b| {
-                        weight * (0..2).map(|k| slopes.pose[k][a] * slopes.point[k][b]).sum::<f64>()
+                        weight * (0..3).map(|k| slopes.pose[k][a] * slopes.point[k][b]).sum::<f64>()
                     })
                 });
                 block.mixed.push((column, mixed));
             }
         }
-        if let Some(first) = sights.first() {
+        if let Some(first) = unmeasured(sights) {
             let pose = &self.poses[first.frame];
             let row = pose.matrix3.transpose().z_axis * DEPTH_PRIOR_PX;
             block.gradient += row * DEPTH_PRIOR_PX * (pose.transform_point3(place).z - 1.0);
@@ -293,7 +313,7 @@ pub(super) fn pose_of(
             }
             let difference = compare.difference(sight, p);
             let weight = compare.weight(difference.length_squared());
-            let by_pose = slopes(compare.focal_px, &pose, p).pose;
+            let by_pose = slopes(compare.focal_px, &pose, sight, p).pose;
             matrix.add_outer(0, &by_pose, weight);
             for (row, d) in by_pose.iter().zip(difference.to_array()) {
                 (0..6).for_each(|a| gradient[a] -= weight * d * row[a]);

@@ -123,14 +123,19 @@ impl Builder {
         frames
     }
 
-    /// Solves the first `frames` frames: every point starts at the typical depth. What is solved could also
-    /// be the mirror image in depth; the better one is kept.
+    /// Solves the first `frames` frames: every point starts at its depth, or at the typical one. Where no depth
+    /// was measured, what is solved could also be the mirror image in depth; the better one is kept.
     fn begin(&mut self, frames: usize) {
         for mark in &mut self.landmarks {
             let is_seen = mark.before(frames).len() >= SIGHTS_FOR_PLACE;
-            mark.place = is_seen.then(|| mark.sights[0].at.extend(1.0));
+            // The first camera is the world.
+            let depth = mark.sights[0].depth.unwrap_or(1.0);
+            mark.place = is_seen.then(|| mark.sights[0].at.extend(1.0) * depth);
         }
         let cost = (0..3).map(|stage| self.adjust(1..frames, stage, 20)).last();
+        if self.landmarks.iter().any(|mark| mark.sights.iter().any(|sight| sight.depth.is_some())) {
+            return;
+        }
         let found = (self.poses.clone(), self.places());
         let mut depths: Vec<f64> = self.landmarks.iter().filter_map(|m| m.place.map(|p| p.z)).collect();
         let middle = median(&mut depths).unwrap_or(1.0);
@@ -182,7 +187,7 @@ impl Builder {
             near.sort_by(|a, b| a.0.total_cmp(&b.0));
             near.truncate(NEIGHBOURS);
             let mut depths: Vec<f64> = near.into_iter().map(|(_, z)| z).collect();
-            if let Some(z) = median(&mut depths) {
+            if let Some(z) = sight.depth.or_else(|| median(&mut depths)) {
                 let place = pose.inverse().transform_point3(sight.at.extend(1.0) * z);
                 self.landmarks[k].place = Some(place);
             }

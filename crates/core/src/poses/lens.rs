@@ -43,11 +43,16 @@ impl Lens {
         f64::from(self.camera.fx) / self.shrink
     }
 
+    /// Returns the position in the recording of a position in the pictures that are looked at, px.
+    pub(super) fn pixel(&self, at: [f32; 2]) -> [f64; 2] {
+        at.map(|p| (f64::from(p) + 0.5) * self.shrink)
+    }
+
     fn sight(&self, frame: usize, at: [f32; 2]) -> Sight {
-        let [u, v] = at.map(|p| (f64::from(p) + 0.5) * self.shrink);
+        let [u, v] = self.pixel(at);
         let Camera { fx, fy, cx, cy, .. } = self.camera;
         let at = DVec2::new((u - f64::from(cx)) / f64::from(fx), (v - f64::from(cy)) / f64::from(fy));
-        Sight { frame, at }
+        Sight { frame, at, depth: None }
     }
 
     pub(super) fn landmarks(&self, tracks: &[Track]) -> Vec<Landmark> {

@@ -1,12 +1,14 @@
-//! The endoscope's path, estimated from pictures alone.
+//! The endoscope's path, estimated from pictures, and from depth where that was measured.
 //!
 //! Points are followed through the frames ([`tracks`]); poses and points that explain their ways together are
 //! found by bundle adjustment ([`adjust`], [`build`]). A scope that stands still is recognised: then most
 //! points come back to where they were, and nothing is estimated.
 
 mod adjust;
+mod breath;
 mod build;
 mod lens;
+mod measured;
 mod surface;
 #[cfg(test)]
 mod tests;
@@ -24,6 +26,7 @@ use crate::{
 use adjust::{Comparison, Landmark};
 use build::Builder;
 use glam::{Affine3A, DAffine3, DQuat, DVec3, Quat, Vec3};
+use image::RgbImage;
 use lens::{Lens, find_zoom};
 use tracks::{Follower, Track, View};
 
@@ -57,6 +60,10 @@ pub enum Verdict {
     Moves {
         /// Horizontal field of view, degrees, if that was estimated, too.
         fov_x_degrees: Option<f32>,
+        /// Number of frames after which the tissue comes back, if it was seen to come back again and again: what
+        /// of the path does, too, is not in it.
+        #[serde(default)]
+        period_frames: Option<f32>,
     },
     /// Something moves that neither a still camera nor a path explains.
     Unclear,
@@ -65,15 +72,23 @@ pub enum Verdict {
 }
 
 impl Verdict {
+    /// Says, at the end of a sentence, that what sways with a period is taken for tissue.
+    pub fn sway_note(period_frames: f32) -> String {
+        format!(
+            "; what comes again every {period_frames:.0} frames is taken for tissue that breathes or beats"
+        )
+    }
+
     /// Returns a sentence for users; `None` if the camera stands still, as they expect.
     pub fn note(&self) -> Option<String> {
         let still = "the scope is taken to stand still";
         match self {
             Self::Still => None,
-            Self::Moves { fov_x_degrees } => {
+            Self::Moves { fov_x_degrees, period_frames } => {
                 let lens = fov_x_degrees.map(|fov| format!(", and its field of view as {fov:.0}°"));
                 let lens = lens.unwrap_or_default();
-                Some(format!("The scope moves: its path was estimated from the pictures{lens}"))
+                let sway = period_frames.map(Self::sway_note).unwrap_or_default();
+                Some(format!("The scope moves: its path was estimated from the pictures{lens}{sway}"))
             }
             Self::Unclear => {
                 Some(format!("Something moves that neither a still scope nor a moving one explains: {still}"))
@@ -99,14 +114,32 @@ pub struct ScopePath {
     pub zoom: Option<f32>,
     /// Frames that were passed over because they are blurred.
     pub blurred: Vec<usize>,
-    /// `camera_from_world` of every frame; empty unless the camera moves. The median depth of all sights is
-    /// `typical_depth`, and the first frame's camera is the world.
+    /// `camera_from_world` of every frame; empty unless the camera moves. The unit is that of the recording's
+    /// depth, or such that the median depth of all sights is `typical_depth`. The first frame's camera is the
+    /// world.
     pub poses: Vec<Affine3A>,
-    /// Points of the surface in the world, each with the first and the last frame that saw it.
+    /// The path as it was found, if part of it was the motion of tissue that comes again and again: then `poses`
+    /// are without that. If all of it was, the scope stands still.
+    pub swaying: Vec<Affine3A>,
+    /// Points of the surface in the world, each with the first and the last frame that saw it. To a camera of
+    /// `swaying`, if there is one, they stand still.
     pub points: Vec<(Vec3, [usize; 2])>,
 }
 
 impl ScopePath {
+    /// Returns the pose, `camera_from_world`, to which tissue at rest is what frame `i` shows; `recorded` without
+    /// a path.
+    pub(crate) fn pose_to_tissue(&self, i: usize, recorded: Affine3A) -> Affine3A {
+        self.swaying.get(i).or(self.poses.get(i)).copied().unwrap_or(recorded)
+    }
+
+    /// Returns how the tissue has moved by frame `i`, as far as the path first took that for its own; `recorded`
+    /// is the pose of a camera that stands still.
+    pub(crate) fn sway(&self, i: usize, recorded: Affine3A) -> Option<Affine3A> {
+        let pose = self.poses.get(i).copied().unwrap_or(recorded);
+        Some(pose.inverse() * *self.swaying.get(i)?)
+    }
+
     /// Returns the depth of every pixel of frame `i`, seen by `camera`: a smooth surface through the points that
     /// are seen there. `None` if there are too few.
     pub(crate) fn depth(&self, camera: &Camera, i: usize) -> Option<Grid<f32>> {
@@ -120,8 +153,7 @@ impl ScopePath {
 
 /// Returns `true` if nothing is known of where a recording's camera was, so that its path may be estimated.
 pub fn are_wanted(sequence: &Sequence) -> bool {
-    let is_known = sequence.camera_source() == CameraSource::Given || sequence.camera_moves();
-    !is_known && !sequence.has_depth()
+    sequence.camera_source() != CameraSource::Given && !sequence.camera_moves()
 }
 
 /// Returns `true` if points may be placed: a recording's camera is known to move, and depth is not known.
@@ -158,6 +190,7 @@ pub fn estimate(
         zoom: None,
         blurred,
         poses: Vec::new(),
+        swaying: Vec::new(),
         points: Vec::new(),
     };
     if used.len() < SHORTEST_TRACK || 1.0 - still_share < LEAST_GAIN {
@@ -167,25 +200,46 @@ pub fn estimate(
     let zoom = if is_assumed { find_zoom(&tracks, &lens, observer)? } else { None };
     Progress::new("finding the scope's path", 0, 1).tell(observer)?;
     let lens = zoom.map_or(lens, |zoom| lens.zoomed(zoom));
-    let mut builder = Builder::new(used.len(), lens.landmarks(&tracks), lens.focal_px());
+    let mut landmarks = lens.landmarks(&tracks);
+    let known_depth = measured::take(&mut landmarks, &tracks, &lens, sequence, &used)?;
+    let mut builder = Builder::new(used.len(), landmarks, lens.focal_px());
     if let Some(slot) = builder.build() {
         path.verdict = Verdict::Lost(used[slot]);
         return Ok(path);
     }
     path.moving_share = moving_share(&builder, &lens);
     path.verdict = verdict(&path, &builder);
-    if let Verdict::Moves { fov_x_degrees } = &mut path.verdict {
-        *fov_x_degrees = zoom.map(|_| lens.camera.field_of_view_degrees()[0]);
-        path.zoom = zoom.map(|zoom| zoom as f32);
-        let scale = f64::from(typical_depth) / median_depth(&builder);
-        let known: Vec<(f32, DAffine3)> = used
-            .iter()
-            .zip(&builder.poses)
-            .map(|(&frame, pose)| (timeline.times[frame], scaled(pose, scale)))
-            .collect();
-        path.poses = timeline.times.iter().map(|t| single(&pose_at(&known, *t))).collect();
-        path.points = points(&builder, &lens, scale, &used);
+    if !matches!(path.verdict, Verdict::Moves { .. }) {
+        return Ok(path);
     }
+    let times: Vec<f32> = used.iter().map(|&frame| timeline.times[frame]).collect();
+    // With measured depth, the unit is the typical one already.
+    let unit = if sequence.depth_origin().is_measured() { 1.0 } else { median_depth(&builder) };
+    let scale = known_depth.unwrap_or(f64::from(typical_depth)) / unit;
+    let of_all_frames = |poses: &[DAffine3]| -> Vec<Affine3A> {
+        let poses = poses.iter().map(|pose| scaled(pose, scale));
+        let known: Vec<(f32, DAffine3)> = times.iter().copied().zip(poses).collect();
+        timeline.times.iter().map(|t| single(&pose_at(&known, *t))).collect()
+    };
+    let found = of_all_frames(&builder.poses);
+    let steadied = breath::steady(&builder, lens.focal_px(), &times);
+    if steadied.as_ref().is_some_and(|steadied| steadied.is_still) {
+        path.verdict = Verdict::Still;
+        let still = sequence.camera(0).camera_from_world;
+        path.swaying = found.into_iter().map(|pose| pose * still).collect();
+        return Ok(path);
+    }
+    let num_frames = timeline.times.len() as f64;
+    path.verdict = Verdict::Moves {
+        fov_x_degrees: zoom.map(|_| lens.camera.field_of_view_degrees()[0]),
+        period_frames: steadied.as_ref().map(|steadied| (steadied.period * num_frames) as f32),
+    };
+    path.zoom = zoom.map(|zoom| zoom as f32);
+    path.points = points(&builder, &lens, scale, &used);
+    (path.poses, path.swaying) = match steadied {
+        Some(steadied) => (of_all_frames(&steadied.poses), found),
+        None => (found, Vec::new()),
+    };
     Ok(path)
 }
 
@@ -238,7 +292,12 @@ impl Followed {
 
 /// Returns the frame as points are followed in it, and by how much it was shrunk.
 fn view(sequence: &Sequence, frame: usize) -> Result<(View, u32)> {
-    let mut view = View { luma: luma(&sequence.frame(frame)?), mask: sequence.mask(frame)? };
+    view_of(sequence, frame, &sequence.frame(frame)?)
+}
+
+/// Does the same with the picture of the frame.
+fn view_of(sequence: &Sequence, frame: usize, picture: &RgbImage) -> Result<(View, u32)> {
+    let mut view = View { luma: luma(picture), mask: sequence.mask(frame)? };
     let mut shrink = 1;
     while view.luma.width.max(view.luma.height) > LONGEST_SIDE {
         view.luma = halved(&view.luma);
@@ -260,9 +319,8 @@ fn halved_mask(mask: &Mask) -> Mask {
 
 /// Separates frames that are much less sharp than those around them: (blurred, the others).
 fn sharp_frames(sequence: &Sequence, frames: &[usize]) -> Result<(Vec<usize>, Vec<usize>)> {
-    use rayon::prelude::*;
-    let sharpness: Vec<f32> =
-        frames.par_iter().map(|&i| Ok(sharpness(&view(sequence, i)?.0))).collect::<Result<_>>()?;
+    let sharpness = |i: usize, frame: Result<RgbImage>| Ok(sharpness(&view_of(sequence, i, &frame?)?.0));
+    let sharpness: Vec<f32> = sequence.map_frames(frames, sharpness).into_iter().collect::<Result<_>>()?;
     let usual = |k: usize| {
         let mut around: Vec<f64> = sharpness[k.saturating_sub(AROUND)..(k + AROUND + 1).min(frames.len())]
             .iter()
@@ -326,7 +384,7 @@ fn moving_share(builder: &Builder, lens: &Lens) -> f64 {
             let seen = mark.sights.iter();
             seen.filter(|s| {
                 let there = builder.poses[s.frame].transform_point3(place);
-                compare.difference(s, there).length() <= EXPLAINED_PX
+                compare.in_picture(s, there).length() <= EXPLAINED_PX
             })
             .count()
         });
@@ -341,7 +399,7 @@ fn verdict(path: &ScopePath, builder: &Builder) -> Verdict {
     let gain = path.moving_share - path.still_share;
     let is_surface = depth_range(builder) <= LARGEST_DEPTH_RANGE;
     match (gain >= LEAST_GAIN, path.moving_share >= LEAST_EXPLAINED && is_surface) {
-        (true, true) => Verdict::Moves { fov_x_degrees: None },
+        (true, true) => Verdict::Moves { fov_x_degrees: None, period_frames: None },
         (true, false) => Verdict::Unclear,
         (false, _) => Verdict::Still,
     }
@@ -376,7 +434,7 @@ fn points(builder: &Builder, lens: &Lens, scale: f64, used: &[usize]) -> Vec<(Ve
         let mut differences: Vec<f64> = mark
             .sights
             .iter()
-            .map(|s| compare.difference(s, builder.poses[s.frame].transform_point3(place)).length())
+            .map(|s| compare.in_picture(s, builder.poses[s.frame].transform_point3(place)).length())
             .collect();
         let (first, last) = (mark.sights.first()?.frame, mark.sights.last()?.frame);
         let is_explained = median(&mut differences).is_some_and(|d| d <= EXPLAINED_PX);

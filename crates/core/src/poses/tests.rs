@@ -9,7 +9,7 @@ use crate::{
     progress::unobserved,
     sequence::Sequence,
 };
-use glam::{DAffine3, DQuat, DVec3, Vec3};
+use glam::{Affine3A, DAffine3, DQuat, DVec3, Quat, Vec3};
 
 const FRAMES: usize = 24;
 
@@ -38,11 +38,17 @@ fn estimated(sequence: &Sequence) -> ScopePath {
 fn a_moving_scope_is_found_between_the_frames_that_are_read_too() {
     let folder = demo([320, 240], true);
     let truth = Sequence::open(folder.path()).unwrap();
-    let path = estimated(&truth);
-    assert_eq!(path.verdict, Verdict::Moves { fov_x_degrees: None }, "the lens is given");
+    let images = folder.path().join("images");
+    std::fs::write(images.join("sequence.toml"), "[camera]\nfov_x_degrees = 60\n").unwrap();
+    let path = estimated(&Sequence::open(&images).unwrap());
+    assert_eq!(
+        path.verdict,
+        Verdict::Moves { fov_x_degrees: None, period_frames: None },
+        "the lens is given"
+    );
     assert!(path.moving_share > 0.9 && path.points.len() > 100, "{}", path.moving_share);
-    // The demo's first camera is the world's axes too, but its scale is not known.
-    let places: Vec<Vec3> = path.poses.iter().map(|pose| pose.inverse().translation.into()).collect();
+    // The demo's first camera is the world's axes too.
+    let places = places(&path.poses);
     let true_places: Vec<Vec3> = (0..FRAMES).map(|i| truth.camera(i).position_in_world()).collect();
     let scale = places.iter().zip(&true_places).map(|(a, b)| a.dot(*b)).sum::<f32>()
         / places.iter().map(|a| a.length_squared()).sum::<f32>();
@@ -53,6 +59,87 @@ fn a_moving_scope_is_found_between_the_frames_that_are_read_too() {
     }
 }
 
+/// Places of cameras in the world.
+fn places(poses: &[Affine3A]) -> Vec<Vec3> {
+    poses.iter().map(|pose| pose.inverse().translation.into()).collect()
+}
+
+/// Returns the root mean square distance of places from true ones, after moving, turning and, if `is_scaled`,
+/// scaling them, as a share of the true path's length.
+fn path_error(found: &[Vec3], truth: &[Vec3], is_scaled: bool) -> f32 {
+    let n = found.len() as f32;
+    let centred = |v: &[Vec3]| -> Vec<Vec3> {
+        let middle = v.iter().sum::<Vec3>() / n;
+        v.iter().map(|p| *p - middle).collect()
+    };
+    let (a, b) = (centred(found), centred(truth));
+    // Small turns, one after the other: the cross products of both point along the turn that is left.
+    let mut turned = a;
+    for _ in 0..200 {
+        let way: Vec3 = turned.iter().zip(&b).map(|(a, b)| a.cross(*b)).sum();
+        let stiffness: f32 = turned.iter().zip(&b).map(|(a, b)| a.dot(*b).abs()).sum();
+        let turn = Quat::from_scaled_axis(way / stiffness.max(1e-9));
+        turned.iter_mut().for_each(|p| *p = turn * *p);
+    }
+    let together: f32 = turned.iter().zip(&b).map(|(a, b)| a.dot(*b)).sum();
+    let scale =
+        if is_scaled { together / turned.iter().map(|p| p.length_squared()).sum::<f32>() } else { 1.0 };
+    let error: f32 = turned.iter().zip(&b).map(|(a, b)| (*a * scale - *b).length_squared()).sum();
+    let length: f32 = truth.windows(2).map(|pair| pair[0].distance(pair[1])).sum();
+    (error / n).sqrt() / length
+}
+
+#[test]
+fn a_recorded_depth_gives_the_path_its_scale() {
+    let folder = demo([320, 240], true);
+    let truth = Sequence::open(folder.path()).unwrap();
+    let true_places: Vec<Vec3> = (0..FRAMES).map(|i| truth.camera(i).position_in_world()).collect();
+    let path = estimated(&truth);
+    assert!(path_error(&places(&path.poses), &true_places, false) < 0.01, "it is in millimetres");
+}
+
+/// Returns a demo of two breaths, and its path.
+fn breathing(moving_camera: bool) -> (Sequence, ScopePath) {
+    let folder = tempfile::tempdir().unwrap();
+    let settings = DemoSettings { width: 240, height: 180, moving_camera, ..DemoSettings::default() };
+    write(&settings, folder.path(), &mut unobserved).unwrap();
+    let sequence = Sequence::open(folder.path()).unwrap();
+    let n = sequence.num_frames();
+    let frames: Vec<usize> = (0..n).collect();
+    let times: Vec<f32> = (0..n).map(|i| sequence.time(i)).collect();
+    let timeline = Timeline { frames: &frames, times: &times };
+    let path = estimate(&sequence, timeline, 100.0, &mut unobserved).unwrap();
+    (sequence, path)
+}
+
+#[test]
+fn a_scope_that_stands_still_before_breathing_tissue_is_recognised() {
+    let (_, path) = breathing(false);
+    assert_eq!((path.verdict, path.poses.len(), path.swaying.len()), (Verdict::Still, 0, 48));
+    let ways = (0..48).map(|i| path.sway(i, Affine3A::IDENTITY).unwrap().translation.length());
+    assert!(ways.fold(0.0, f32::max) > 1.0, "the tissue moves by millimetres");
+}
+
+#[test]
+fn breath_is_told_from_the_way_of_the_scope() {
+    let (truth, path) = breathing(true);
+    let n = truth.num_frames();
+    let Verdict::Moves { period_frames: Some(period), .. } = path.verdict else {
+        panic!("{:?}", path.verdict)
+    };
+    assert!((period - 24.0).abs() < 2.0, "a breath of {period} instead of 24 frames");
+    let true_places: Vec<Vec3> = (0..n).map(|i| truth.camera(i).position_in_world()).collect();
+    let error = |poses: &[Affine3A]| path_error(&places(poses), &true_places, true);
+    let (before, after) = (error(&path.swaying), error(&path.poses));
+    assert!(
+        after < 0.05 && after < 0.8 * before,
+        "off by {after} of its length, by {before} with the breath"
+    );
+    // What was taken out of the path is the motion of the tissue.
+    let camera_sees = path.poses[11] * path.sway(11, Affine3A::IDENTITY).unwrap();
+    assert!(camera_sees.abs_diff_eq(path.swaying[11], 1e-3));
+}
+
 #[test]
 fn a_lens_that_is_not_known_is_found_with_the_path() {
     // A wide picture of the same round field: its field of view is 75°, and 60° is assumed.
@@ -60,7 +147,7 @@ fn a_lens_that_is_not_known_is_found_with_the_path() {
     let truth = Sequence::open(folder.path()).unwrap().camera(0);
     let pictures = Sequence::open(&folder.path().join("images")).unwrap();
     let path = estimated(&pictures);
-    let Verdict::Moves { fov_x_degrees: Some(fov) } = path.verdict else { panic!("{:?}", path.verdict) };
+    let Verdict::Moves { fov_x_degrees: Some(fov), .. } = path.verdict else { panic!("{:?}", path.verdict) };
     let [true_fov, _] = truth.field_of_view_degrees();
     assert!((fov - true_fov).abs() < 4.0, "{fov}° instead of {true_fov}°");
     let focal = path.zoom.unwrap() * pictures.camera(0).fx;
@@ -71,7 +158,7 @@ fn a_lens_that_is_not_known_is_found_with_the_path() {
 fn a_scope_that_stands_still_stays_where_it_is() {
     let folder = demo([320, 240], false);
     let path = estimated(&Sequence::open(folder.path()).unwrap());
-    assert_eq!(path.verdict, Verdict::Still);
+    assert_eq!((path.verdict, path.swaying.len()), (Verdict::Still, 0));
     assert!(path.poses.is_empty() && path.still_share > 0.9, "{}", path.still_share);
 }
 
@@ -136,7 +223,7 @@ fn a_pose_is_found_from_points_of_which_a_third_move() {
                 1.0 + f64::from(k % 5) / 9.0,
             );
             let seen = truth.transform_point3(place) + DVec3::X * if k % 3 == 0 { 0.1 } else { 0.0 };
-            let sight = adjust::Sight { frame: 0, at: seen.truncate() / seen.z };
+            let sight = adjust::Sight { frame: 0, at: seen.truncate() / seen.z, depth: None };
             adjust::Landmark { place: Some(place), sights: vec![sight] }
         })
         .collect();

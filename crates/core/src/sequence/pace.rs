@@ -112,8 +112,7 @@ pub(super) fn places(seconds: &[f64]) -> Vec<f32> {
 }
 
 /// Returns the time of every frame: the number of different pictures before it, by their number in all.
-/// Without repeats it is i / N. Where the `seconds` of frames are given, a step between two is as long as they
-/// say.
+/// Without repeats it is i / N. If there are `seconds` of frames, a step between two is as long as they say.
 fn times(repeats: &[bool], seconds: &[f64]) -> Vec<f32> {
     let between = |i: usize| Some(seconds.get(i)? - seconds.get(i - 1)?);
     let mut known: Vec<f64> = (1..repeats.len()).filter_map(between).filter(|step| *step > 0.0).collect();

@@ -91,10 +91,16 @@ impl TrainState {
         let mut deformation =
             Deformation::at_rest(gaussians.len(), latent_dim, num_bases, width, settings.gate_slope);
         deformation.shape = settings.basis_shape;
+        let time = |i: usize| times.get(i).copied().unwrap_or_else(|| sequence.time(i));
         if settings.chapter.is_some() {
-            let time = |i: usize| times.get(i).copied().unwrap_or_else(|| sequence.time(i));
             deformation.squeeze(time(window.start), time(window.end - 1));
         }
+        let sways = window.clone().filter_map(|i| {
+            let recorded = sequence.camera(i).camera_from_world;
+            Some((time(i), path.sway(i, recorded)?))
+        });
+        let sways: Vec<_> = sways.collect();
+        deformation.follow(&gaussians.means, &sways);
         if settings.own_bases {
             deformation = deformation.with_own_bases();
         }
@@ -215,8 +221,8 @@ fn initial_gaussians(
     let mut seeds = Vec::new();
     for i in spread(frames, SEED_FRAMES) {
         let recorded = sequence.camera(i);
-        let camera =
-            path.poses.get(i).map_or(recorded, |pose| Camera { camera_from_world: *pose, ..recorded });
+        let pose = path.pose_to_tissue(i, recorded.camera_from_world);
+        let camera = Camera { camera_from_world: pose, ..recorded };
         let depth = match sequence.depth(i)? {
             Some(depth) => Some(depth),
             None => path.depth(&camera, i),
