@@ -115,7 +115,7 @@ fn breathing(moving_camera: bool) -> (Sequence, ScopePath) {
 #[test]
 fn a_scope_that_stands_still_before_breathing_tissue_is_recognised() {
     let (_, path) = breathing(false);
-    assert_eq!((path.verdict, path.poses.len(), path.swaying.len()), (Verdict::Still, 0, 48));
+    assert_eq!((&path.verdict, path.poses.len(), path.swaying.len()), (&Verdict::Still, 0, 48));
     let ways = (0..48).map(|i| path.sway(i, Affine3A::IDENTITY).unwrap().translation.length());
     assert!(ways.fold(0.0, f32::max) > 1.0, "the tissue moves by millimetres");
 }
