@@ -30,6 +30,8 @@ const LEAST_PX: f64 = 0.35;
 const LEAST_GAIN: f64 = 0.45;
 const LOWER: f64 = 0.6;
 const BESIDE: f64 = 1.5;
+/// Largest number of tracks that are looked at.
+const MOST_TRACKS: usize = 4000;
 /// Share of all tracks that are long enough, which move so.
 const LEAST_SHARE: f64 = 0.2;
 /// Largest motion that is taken out of a path whole, as a multiple of what sways unexplained in the median,
@@ -93,7 +95,7 @@ pub(super) fn steady(builder: &Builder, focal_px: f64, times: &[f32]) -> Option<
 
 /// Finds the period of what is left unexplained; `None` if there is none that most of it has.
 fn period(tracks: &[Unexplained], times: &[f64]) -> Option<f64> {
-    let span = times.last()? - times.first()?;
+    let span = Some(times.last()? - times.first()?).filter(|span| *span > 0.0)?;
     let shortest = SHORTEST_STEPS * span / (times.len() - 1).max(1) as f64;
     let gain_of = |period: f64| {
         let long: Vec<&Unexplained> = long(tracks, period).collect();
@@ -134,7 +136,8 @@ fn unexplained(builder: &Builder, focal_px: f64, times: &[f64]) -> Vec<Unexplain
             px: in_camera(mark.sights.first()?).z / focal_px,
         })
     };
-    builder.landmarks.iter().filter_map(of).collect()
+    let every = builder.landmarks.len().div_ceil(MOST_TRACKS).max(1);
+    builder.landmarks.iter().step_by(every).filter_map(of).collect()
 }
 
 impl Unexplained {
