@@ -336,6 +336,7 @@ impl Trained {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::jobs::TRAINING;
     use std::ops::ControlFlow;
     use surgtpgs_core::{
         demo::{self, DemoSettings},
@@ -398,8 +399,8 @@ mod tests {
 
         // Stopped in the second chapter.
         let course = here.course(&stopped, Some(&checkpoint));
-        let mut stop = |p: &Progress<'_>| match p.done {
-            9 => ControlFlow::Break(()),
+        let mut stop = |p: &Progress<'_>| match (p.stage == TRAINING, p.done) {
+            (true, 9) => ControlFlow::Break(()),
             _ => ControlFlow::Continue(()),
         };
         let part = course.train(&mut stop, &mut |_, _| {}).unwrap();
