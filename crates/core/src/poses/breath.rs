@@ -78,19 +78,26 @@ pub(super) fn steady(builder: &Builder, focal_px: f64, times: &[f32]) -> Option<
         long(&tracks, period).filter_map(|track| track.amplitude(period)).collect();
     let of_tissue = median(&mut amplitudes)?;
     let without = |share: f64| without(&builder.poses, &times, period, share);
-    let places =
-        |poses: &[DAffine3]| -> Vec<DVec3> { poses.iter().map(|p| p.inverse().translation).collect() };
-    let moved = places(&builder.poses).into_iter().zip(places(&without(1.0)));
-    let of_path = (moved.map(|(a, b)| (a - b).length_squared()).sum::<f64>() / times.len() as f64).sqrt();
+    let of_path = rms(builder.poses.iter().zip(&without(1.0)).map(|(a, b)| place(a) - place(b)));
     let share = (MOST_TAKEN * of_tissue / of_path).powi(4).min(1.0);
     if share < LEAST_TAKEN {
         return None;
     }
     let poses = without(share);
-    let left = places(&poses);
-    let middle = left.iter().sum::<DVec3>() / left.len() as f64;
-    let left = left.iter().map(|place| (*place - middle).length_squared()).sum::<f64>() / left.len() as f64;
-    Some(Steadied { period, poses, is_still: left.sqrt() < LEAST_LEFT * share * of_path })
+    let middle = poses.iter().map(place).sum::<DVec3>() / poses.len() as f64;
+    let left = rms(poses.iter().map(|pose| place(pose) - middle));
+    Some(Steadied { period, poses, is_still: left < LEAST_LEFT * share * of_path })
+}
+
+/// Place of a camera in the world.
+fn place(pose: &DAffine3) -> DVec3 {
+    pose.inverse().translation
+}
+
+/// Root mean square length.
+fn rms(ways: impl ExactSizeIterator<Item = DVec3>) -> f64 {
+    let n = ways.len().max(1) as f64;
+    (ways.map(DVec3::length_squared).sum::<f64>() / n).sqrt()
 }
 
 /// Finds the period of what is left unexplained; `None` if there is none that most of it has.
@@ -197,8 +204,12 @@ fn without(poses: &[DAffine3], times: &[f64], period: f64, share: f64) -> Vec<DA
         |pose: &DAffine3| DQuat::from_mat3(&(pose.matrix3 * first.matrix3.transpose())).to_scaled_axis();
     let mut curves = vec![vec![0.0; poses.len()]; 6];
     for (k, pose) in poses.iter().enumerate() {
-        let place = pose.inverse().translation.to_array();
-        place.into_iter().chain(turn(pose).to_array()).enumerate().for_each(|(c, v)| curves[c][k] = v);
+        place(pose)
+            .to_array()
+            .into_iter()
+            .chain(turn(pose).to_array())
+            .enumerate()
+            .for_each(|(c, v)| curves[c][k] = v);
     }
     for curve in &mut curves {
         let sway = sway(curve, times, period);
@@ -258,7 +269,7 @@ mod tests {
         let poses: Vec<DAffine3> = poses.collect();
         let steadied = without(&poses, &times, 24.0, 1.0);
         for (t, pose) in times.iter().zip(&steadied) {
-            let place = pose.inverse().translation;
+            let place = place(pose);
             assert!((place.x - slow(*t)).abs() < 0.15, "{t}: {} instead of {}", place.x, slow(*t));
             assert!((place.y - slow(*t)).abs() < 0.1 && (place.z - 1.0).abs() < 1e-7, "{t}: {place}");
         }

@@ -1,6 +1,7 @@
 //! The decoder that the videos of one recording share: one at a time is decoded, and frames that came out
 //! are kept.
 
+use crate::Result;
 use image::RgbImage;
 use std::{
     collections::BTreeMap,
@@ -16,8 +17,8 @@ const CACHE_BYTES: usize = 96 << 20;
 pub(super) struct Decoding<R> {
     /// The video that is decoded.
     path: PathBuf,
-    pub(super) running: Option<R>,
-    pub(super) cache: Cache,
+    running: Option<R>,
+    cache: Cache,
 }
 
 impl<R> Default for Decoding<R> {
@@ -26,12 +27,40 @@ impl<R> Default for Decoding<R> {
     }
 }
 
-impl<R> Decoding<R> {
-    /// Forgets what is of another video than this one.
-    pub(super) fn turn_to(&mut self, path: &Path) {
+/// A decoder in the middle of a video.
+pub(super) trait Position {
+    /// Returns the frame that comes out next.
+    fn next_frame(&self) -> usize;
+}
+
+impl<R: Position> Decoding<R> {
+    /// Returns frame `index` of a video; `None` if the decoder leaves it out. It goes on from where it is if its
+    /// next frame is not before `earliest`, and is started anew otherwise. `advance` puts frames that come out
+    /// into the cache.
+    pub(super) fn frame(
+        &mut self,
+        path: &Path,
+        (earliest, index): (usize, usize),
+        start: impl FnOnce() -> Result<R>,
+        mut advance: impl FnMut(&mut R, &mut Cache) -> Result<()>,
+    ) -> Result<Option<RgbImage>> {
         if self.path != path {
+            // What is of another video is forgotten.
             *self = Self { path: path.to_owned(), ..Self::default() };
         }
+        if let Some(frame) = self.cache.get(index) {
+            return Ok(Some(frame.clone()));
+        }
+        let is_on_the_way = |running: &R| (earliest..=index).contains(&running.next_frame());
+        let mut running = match self.running.take().filter(is_on_the_way) {
+            Some(running) => running,
+            None => start()?,
+        };
+        while running.next_frame() <= index {
+            advance(&mut running, &mut self.cache)?;
+        }
+        self.running = Some(running);
+        Ok(self.cache.get(index).cloned())
     }
 }
 
@@ -43,7 +72,7 @@ pub(super) struct Cache {
 }
 
 impl Cache {
-    pub(super) fn get(&self, index: usize) -> Option<&RgbImage> {
+    fn get(&self, index: usize) -> Option<&RgbImage> {
         self.frames.get(&index)
     }
 

@@ -6,7 +6,7 @@
 
 use super::{
     annex_b,
-    decoding::{Cache, Decoding},
+    decoding::{Cache, Decoding, Position},
     mp4::{CodedPicture, Description, Framing, Mp4},
     read,
 };
@@ -62,6 +62,12 @@ pub(super) struct Running {
     next_sample: usize,
     /// The next frame that comes out.
     next_frame: usize,
+}
+
+impl Position for Running {
+    fn next_frame(&self) -> usize {
+        self.next_frame
+    }
 }
 
 impl std::fmt::Debug for H264 {
@@ -199,22 +205,14 @@ impl H264 {
     /// Returns frame `index` in the order of showing.
     pub(super) fn frame(&self, index: usize) -> Result<RgbImage> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        state.turn_to(self.file.path());
-        if let Some(frame) = state.cache.get(index) {
-            return Ok(frame.clone());
-        }
-        let Decoding { running, cache, .. } = &mut *state;
         let start = self.start_before(index);
-        let on_the_way = running.take().filter(|r| (start.frame..=index).contains(&r.next_frame));
-        let mut decoder = match on_the_way {
-            Some(decoder) => decoder,
-            None => self.start_at(start)?,
-        };
-        while decoder.next_frame <= index {
-            self.advance(&mut decoder, cache, index)?;
-        }
-        *running = Some(decoder);
-        cache.get(index).cloned().ok_or_else(|| self.damaged(index, "the decoder left it out"))
+        let frame = state.frame(
+            self.file.path(),
+            (start.frame, index),
+            || self.start_at(start),
+            |running, cache| self.advance(running, cache, index),
+        )?;
+        frame.ok_or_else(|| self.damaged(index, "the decoder left it out"))
     }
 
     fn start_at(&self, start: Start) -> Result<Running> {

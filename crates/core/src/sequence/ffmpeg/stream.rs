@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    sequence::{decoding::Decoding, h264::other_size},
+    sequence::{decoding::Position, h264::other_size},
 };
 use image::RgbImage;
 use std::{
@@ -56,6 +56,12 @@ pub(in super::super) struct Process {
     next_frame: usize,
 }
 
+impl Position for Process {
+    fn next_frame(&self) -> usize {
+        self.next_frame
+    }
+}
+
 impl Drop for Process {
     fn drop(&mut self) {
         // It may have ended by itself.
@@ -87,23 +93,18 @@ impl Stream {
     /// Returns frame `index` in the order of showing.
     pub(in super::super) fn frame(&self, index: usize) -> Result<RgbImage> {
         let mut state = self.shared.lock().unwrap_or_else(PoisonError::into_inner);
-        state.turn_to(&self.video.path);
-        let Decoding { running, cache, .. } = &mut *state;
-        if let Some(frame) = cache.get(index) {
-            return Ok(frame.clone());
-        }
         let earliest = self.listing.key_before(index).min(index.saturating_sub(NEAR));
-        let on_the_way = running.take().filter(|process| (earliest..=index).contains(&process.next_frame));
-        let mut process = match on_the_way {
-            Some(process) => process,
-            None => self.start_at(index)?,
-        };
-        while process.next_frame <= index {
-            let next = process.next_frame;
-            cache.insert(next, self.next(&mut process)?, index);
-        }
-        *running = Some(process);
-        cache.get(index).cloned().ok_or_else(|| self.damaged(index, "it did not come"))
+        let frame = state.frame(
+            &self.video.path,
+            (earliest, index),
+            || self.start_at(index),
+            |process, cache| {
+                let next = process.next_frame;
+                cache.insert(next, self.next(process)?, index);
+                Ok(())
+            },
+        )?;
+        frame.ok_or_else(|| self.damaged(index, "it did not come"))
     }
 
     /// Starts ffmpeg so that frame `index` comes next.
