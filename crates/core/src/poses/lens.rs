@@ -10,10 +10,13 @@ use crate::{
     Result,
     camera::Camera,
     progress::{Observer, Progress},
+    sequence::Sequence,
 };
 use glam::DVec2;
 use rayon::prelude::*;
 
+/// Angle across the round picture of an endoscope, degrees, that is likely: rigid ones have 70 to 80.
+const DISC_DEGREES: f64 = 75.0;
 /// Factors of the focal length that are tried, in ascending order.
 const ZOOMS: [f64; 11] = [0.33, 0.41, 0.5, 0.62, 0.75, 0.88, 1.0, 1.15, 1.35, 1.6, 1.9];
 /// Number of frames, and of points, that they are tried with at most.
@@ -64,12 +67,29 @@ impl Lens {
     }
 }
 
+/// Returns the factor from the focal length that is assumed of a recording to the likely one: the one that
+/// explains the tracks best, else that of a usual endoscope if the picture is round. `None` if nothing tells.
+///
+/// # Errors
+/// The observer's wish to stop.
+pub(super) fn likely_zoom(
+    sequence: &Sequence,
+    tracks: &[Track],
+    assumed: &Lens,
+    observer: &mut Observer<'_>,
+) -> Result<Option<f64>> {
+    let usual =
+        |radius_px: f64| radius_px / (0.5 * DISC_DEGREES.to_radians()).tan() / f64::from(assumed.camera.fx);
+    let found = find_zoom(tracks, assumed, observer)?;
+    Ok(found.or_else(|| sequence.disc_radius_px().map(usual)))
+}
+
 /// Returns the factor from the focal length of `lens` to the one that explains the tracks best. `None` unless
 /// what is left unexplained rises all the way on both sides of it, and clearly: then the tracks do not tell.
 ///
 /// # Errors
 /// The observer's wish to stop.
-pub(super) fn find_zoom(tracks: &[Track], lens: &Lens, observer: &mut Observer<'_>) -> Result<Option<f64>> {
+fn find_zoom(tracks: &[Track], lens: &Lens, observer: &mut Observer<'_>) -> Result<Option<f64>> {
     let begun: Vec<Track> = tracks.iter().map(first_frames).filter(|t| t.len() >= SHORTEST_TRACK).collect();
     let every = begun.len().div_ceil(POINTS).max(1);
     let chosen: Vec<Track> = begun.into_iter().step_by(every).collect();

@@ -17,20 +17,21 @@ mod tracks;
 use crate::{
     Result,
     camera::Camera,
-    flow::{halved, luma},
-    grid::{Grid, Mask},
+    flow::luma,
+    grid::Grid,
+    mask::bounding_box,
     num::median,
     progress::{Observer, Progress},
     sequence::{CameraSource, Sequence},
 };
-use adjust::{Comparison, Landmark};
+use adjust::{Comparison, Landmark, Sight};
 use build::Builder;
 use glam::{Affine3A, DAffine3, DQuat, DVec3, Quat, Vec3};
 use image::RgbImage;
-use lens::{Lens, find_zoom};
+use lens::{Lens, likely_zoom};
 use tracks::{Follower, Track, View};
 
-/// Longest side of the pictures that are looked at, px; larger ones are halved.
+/// Longest side of what is in view in the pictures that are looked at, px; larger ones are halved.
 const LONGEST_SIDE: usize = 720;
 /// Fewest frames of a track.
 const SHORTEST_TRACK: usize = 4;
@@ -44,6 +45,8 @@ const LEAST_EXPLAINED: f64 = 0.55;
 const LEAST_GAIN: f64 = 0.2;
 /// Largest ratio of a far to a near depth of a surface.
 const LARGEST_DEPTH_RANGE: f64 = 12.0;
+/// Angle between two views of a point, radians, from which on they tell its depth.
+const TELLING_ANGLE: f64 = 0.02;
 /// Sharpness, as a share of the usual one around, below which a frame is passed over as blurred.
 const BLURRED: f32 = 0.65;
 /// Number of frames around that the usual sharpness is taken from.
@@ -197,9 +200,9 @@ pub fn estimate(
         return Ok(path);
     }
     let is_assumed = matches!(sequence.camera_source(), CameraSource::Assumed(_));
-    let zoom = if is_assumed { find_zoom(&tracks, &lens, observer)? } else { None };
-    Progress::new("finding the scope's path", 0, 1).tell(observer)?;
+    let zoom = if is_assumed { likely_zoom(sequence, &tracks, &lens, observer)? } else { None };
     let lens = zoom.map_or(lens, |zoom| lens.zoomed(zoom));
+    Progress::new("finding the scope's path", 0, 1).tell(observer)?;
     let mut landmarks = lens.landmarks(&tracks);
     let known_depth = measured::take(&mut landmarks, &tracks, &lens, sequence, &used)?;
     let mut builder = Builder::new(used.len(), landmarks, lens.focal_px());
@@ -208,7 +211,7 @@ pub fn estimate(
         return Ok(path);
     }
     path.moving_share = moving_share(&builder, &lens);
-    path.verdict = verdict(&path, &builder);
+    path.verdict = verdict(&path, &builder, &lens);
     if !matches!(path.verdict, Verdict::Moves { .. }) {
         return Ok(path);
     }
@@ -276,50 +279,37 @@ impl Followed {
     fn new(sequence: &Sequence, timeline: Timeline<'_>, observer: &mut Observer<'_>) -> Result<Self> {
         let mut distinct = timeline.frames.to_vec();
         distinct.dedup_by(|later, earlier| timeline.times[*later] <= timeline.times[*earlier]);
-        let (blurred, used) = sharp_frames(sequence, &distinct)?;
+        let halvings = halvings(sequence);
+        let (blurred, used) = sharp_frames(sequence, &distinct, halvings)?;
         let mut follower = Follower::default();
-        let mut shrink = 1;
         for (slot, &frame) in used.iter().enumerate() {
             Progress::new("following points", slot, used.len()).tell(observer)?;
-            let (view, by) = view(sequence, frame)?;
-            shrink = by;
-            follower.take(slot, view);
+            follower.take(slot, view(sequence, frame, &sequence.frame(frame)?, halvings)?);
         }
-        let lens = Lens { camera: sequence.camera(0), shrink: f64::from(shrink) };
+        let lens = Lens { camera: sequence.camera(0), shrink: f64::from(1 << halvings) };
         Ok(Self { tracks: follower.finish(SHORTEST_TRACK), lens, used, blurred })
     }
 }
 
-/// Returns the frame as points are followed in it, and by how much it was shrunk.
-fn view(sequence: &Sequence, frame: usize) -> Result<(View, u32)> {
-    view_of(sequence, frame, &sequence.frame(frame)?)
+/// Returns how often pictures are halved before they are looked at. A black border does not count: half of a
+/// wide picture may be that.
+fn halvings(sequence: &Sequence) -> u32 {
+    let seen = bounding_box(sequence.field_of_view()).map_or(0, |rect| rect.width.max(rect.height));
+    seen.div_ceil(LONGEST_SIDE).next_power_of_two().trailing_zeros()
 }
 
-/// Does the same with the picture of the frame.
-fn view_of(sequence: &Sequence, frame: usize, picture: &RgbImage) -> Result<(View, u32)> {
+/// Returns the picture of a frame as points are followed in it.
+fn view(sequence: &Sequence, frame: usize, picture: &RgbImage, halvings: u32) -> Result<View> {
     let mut view = View { luma: luma(picture), mask: sequence.mask(frame)? };
-    let mut shrink = 1;
-    while view.luma.width.max(view.luma.height) > LONGEST_SIDE {
-        view.luma = halved(&view.luma);
-        view.mask = halved_mask(&view.mask);
-        shrink *= 2;
+    for _ in 0..halvings {
+        view = view.halved();
     }
-    Ok((view, shrink))
-}
-
-/// Halves a mask: `true` where all four pixels are.
-fn halved_mask(mask: &Mask) -> Mask {
-    let (width, height) = (mask.width / 2, mask.height / 2);
-    let all = |k: usize| {
-        let (x, y) = (2 * (k % width), 2 * (k / width));
-        mask.at(x, y) && mask.at(x + 1, y) && mask.at(x, y + 1) && mask.at(x + 1, y + 1)
-    };
-    Grid::from_vec(width, height, (0..width * height).map(all).collect())
+    Ok(view)
 }
 
 /// Separates frames that are much less sharp than those around them: (blurred, the others).
-fn sharp_frames(sequence: &Sequence, frames: &[usize]) -> Result<(Vec<usize>, Vec<usize>)> {
-    let sharpness = |i: usize, frame: Result<RgbImage>| Ok(sharpness(&view_of(sequence, i, &frame?)?.0));
+fn sharp_frames(sequence: &Sequence, frames: &[usize], halvings: u32) -> Result<(Vec<usize>, Vec<usize>)> {
+    let sharpness = |i: usize, frame: Result<RgbImage>| Ok(sharpness(&view(sequence, i, &frame?, halvings)?));
     let sharpness: Vec<f32> = sequence.map_frames(frames, sharpness).into_iter().collect::<Result<_>>()?;
     let usual = |k: usize| {
         let mut around: Vec<f64> = sharpness[k.saturating_sub(AROUND)..(k + AROUND + 1).min(frames.len())]
@@ -337,8 +327,7 @@ fn sharp_frames(sequence: &Sequence, frames: &[usize]) -> Result<(Vec<usize>, Ve
 /// Returns how sharp a frame is: the strength of its slopes as a share of those of a picture of a quarter of
 /// the size, which blur leaves as they are. What is in view, glare above all, changes both alike.
 fn sharpness(view: &View) -> f32 {
-    let half = View { luma: halved(&view.luma), mask: halved_mask(&view.mask) };
-    let quarter = View { luma: halved(&half.luma), mask: halved_mask(&half.mask) };
+    let quarter = view.halved().halved();
     slopes(view) / slopes(&quarter).max(f32::MIN_POSITIVE)
 }
 
@@ -395,9 +384,9 @@ fn moving_share(builder: &Builder, lens: &Lens) -> f64 {
 
 /// Judges a finished path. One that explains much, but by depths that no surface inside of a body has,
 /// follows tissue that moves by itself.
-fn verdict(path: &ScopePath, builder: &Builder) -> Verdict {
+fn verdict(path: &ScopePath, builder: &Builder, lens: &Lens) -> Verdict {
     let gain = path.moving_share - path.still_share;
-    let is_surface = depth_range(builder) <= LARGEST_DEPTH_RANGE;
+    let is_surface = depth_range(builder, lens) <= LARGEST_DEPTH_RANGE;
     match (gain >= LEAST_GAIN, path.moving_share >= LEAST_EXPLAINED && is_surface) {
         (true, true) => Verdict::Moves { fov_x_degrees: None, period_frames: None },
         (true, false) => Verdict::Unclear,
@@ -405,11 +394,15 @@ fn verdict(path: &ScopePath, builder: &Builder) -> Verdict {
     }
 }
 
-/// Ratio of a far to a near depth, of points where they were seen first: the 98th percentile to the 2nd.
-fn depth_range(builder: &Builder) -> f64 {
+/// Ratio of a far to a near depth, of points where they were seen first: the 98th percentile to the 2nd. Only
+/// points whose depth is told count: bland tissue has tracks that lead anywhere.
+fn depth_range(builder: &Builder, lens: &Lens) -> f64 {
     let depth = |mark: &Landmark| {
+        let place = mark.place.filter(|_| is_explained(mark, builder, lens))?;
+        let towards = |sight: &Sight| builder.poses[sight.frame].inverse().translation - place;
         let first = mark.sights.first()?;
-        Some(builder.poses[first.frame].transform_point3(mark.place?).z)
+        let is_told = mark.sights.iter().any(|s| towards(s).angle_between(towards(first)) > TELLING_ANGLE);
+        is_told.then(|| builder.poses[first.frame].transform_point3(place).z)
     };
     let mut depths: Vec<f64> = builder.landmarks.iter().filter_map(depth).collect();
     depths.sort_by(f64::total_cmp);
@@ -426,19 +419,21 @@ fn median_depth(builder: &Builder) -> f64 {
     median(&mut depths.collect::<Vec<_>>()).filter(|z| *z > 0.0).unwrap_or(1.0)
 }
 
-/// Points that the path explains in most of their frames.
-fn points(builder: &Builder, lens: &Lens, scale: f64, used: &[usize]) -> Vec<(Vec3, [usize; 2])> {
+/// Returns `true` if the path explains a point in most of its frames.
+fn is_explained(mark: &Landmark, builder: &Builder, lens: &Lens) -> bool {
+    let Some(place) = mark.place else { return false };
     let compare = Comparison { focal_px: lens.focal_px(), cauchy_px: 1.0 };
+    let difference =
+        |s: &Sight| compare.in_picture(s, builder.poses[s.frame].transform_point3(place)).length();
+    median(&mut mark.sights.iter().map(difference).collect::<Vec<_>>()).is_some_and(|d| d <= EXPLAINED_PX)
+}
+
+/// Points that the path explains.
+fn points(builder: &Builder, lens: &Lens, scale: f64, used: &[usize]) -> Vec<(Vec3, [usize; 2])> {
     let point = |mark: &Landmark| {
-        let place = mark.place?;
-        let mut differences: Vec<f64> = mark
-            .sights
-            .iter()
-            .map(|s| compare.in_picture(s, builder.poses[s.frame].transform_point3(place)).length())
-            .collect();
+        let place = mark.place.filter(|_| is_explained(mark, builder, lens))?;
         let (first, last) = (mark.sights.first()?.frame, mark.sights.last()?.frame);
-        let is_explained = median(&mut differences).is_some_and(|d| d <= EXPLAINED_PX);
-        is_explained.then(|| ((place * scale).as_vec3(), [used[first], used[last]]))
+        Some(((place * scale).as_vec3(), [used[first], used[last]]))
     };
     builder.landmarks.iter().filter_map(point).collect()
 }

@@ -1,6 +1,12 @@
 //! Paths of generated recordings, whose true poses are known.
 
-use super::{BLURRED, ScopePath, Timeline, Verdict, View, adjust, estimate, place, sharpness};
+use super::{
+    BLURRED, ScopePath, Timeline, Verdict, View, adjust,
+    build::Builder,
+    depth_range, estimate, halvings,
+    lens::{Lens, likely_zoom},
+    place, sharpness,
+};
 use crate::{
     Result,
     demo::{DemoSettings, write},
@@ -152,6 +158,68 @@ fn a_lens_that_is_not_known_is_found_with_the_path() {
     assert!((fov - true_fov).abs() < 4.0, "{fov}° instead of {true_fov}°");
     let focal = path.zoom.unwrap() * pictures.camera(0).fx;
     assert!((focal / truth.fx - 1.0).abs() < 0.07, "{focal} px instead of {} px", truth.fx);
+}
+
+/// Writes two frames that show a bright disc of a radius.
+fn disc([width, height]: [u32; 2], radius: f32) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let [middle_x, middle_y] = [width, height].map(|side| side as f32 / 2.0);
+    let level = |x: u32, y: u32| {
+        let distance = (x as f32 + 0.5 - middle_x).hypot(y as f32 + 0.5 - middle_y);
+        image::Rgb([if distance < radius { 150 } else { 0 }; 3])
+    };
+    let picture = image::RgbImage::from_fn(width, height, level);
+    (0..2).for_each(|i| picture.save(folder.path().join(format!("{i}.png"))).unwrap());
+    folder
+}
+
+#[test]
+fn a_black_border_makes_no_picture_coarser() {
+    let folder = disc([1000, 400], 150.0);
+    assert_eq!(halvings(&Sequence::open(folder.path()).unwrap()), 0);
+    let folder = disc([1500, 800], 390.0);
+    assert_eq!(halvings(&Sequence::open(folder.path()).unwrap()), 1);
+}
+
+#[test]
+fn a_round_picture_tells_the_likely_lens() {
+    let folder = disc([640, 360], 150.0);
+    let sequence = Sequence::open(folder.path()).unwrap();
+    let assumed = Lens { camera: sequence.camera(0), shrink: 1.0 };
+    let zoom = likely_zoom(&sequence, &[], &assumed, &mut unobserved).unwrap().unwrap();
+    let across = 2.0 * (150.0 / assumed.zoomed(zoom).focal_px()).atan().to_degrees();
+    assert!((across - 75.0).abs() < 1.0, "{across}° across the disc");
+}
+
+#[test]
+fn depths_that_nothing_tells_do_not_count() {
+    let camera = Lens { camera: crate::camera::Camera::with_field_of_view(320, 240, 60.0), shrink: 1.0 };
+    let pose = |frame: usize| DAffine3::from_translation(DVec3::X * (0.02 * frame as f64));
+    let mark = |place: DVec3| {
+        let sight = |frame: usize| {
+            let seen = pose(frame).transform_point3(place);
+            adjust::Sight { frame, at: seen.truncate() / seen.z, depth: None }
+        };
+        adjust::Landmark { place: Some(place), sights: (0..5).map(sight).collect() }
+    };
+    let near =
+        (0..60).map(|k| DVec3::new(f64::from(k % 8) / 9.0, f64::from(k / 8) / 9.0, 1.0 + f64::from(k % 3)));
+    let far = (0..20).map(|k| DVec3::new(f64::from(k), 0.0, 60.0));
+    let mut builder = Builder::new(5, near.clone().chain(far).map(mark).collect(), camera.focal_px());
+    builder.poses = (0..5).map(pose).collect();
+    assert!((depth_range(&builder, &camera) - 3.0).abs() < 1e-6);
+    // Those that are seen from different sides do.
+    let deep = near.map(|p| if p.x > 0.7 { p * 20.0 } else { p });
+    let mut builder = Builder::new(5, deep.map(mark).collect(), camera.focal_px());
+    builder.poses = (0..5).map(|k| DAffine3::from_translation(DVec3::X * (0.5 * k as f64))).collect();
+    let poses = builder.poses.clone();
+    for mark in &mut builder.landmarks {
+        for sight in &mut mark.sights {
+            let seen = poses[sight.frame].transform_point3(mark.place.unwrap());
+            sight.at = seen.truncate() / seen.z;
+        }
+    }
+    assert!(depth_range(&builder, &camera) > 30.0);
 }
 
 #[test]

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 const REACH: i32 = 6;
 /// Number of pixels of a patch.
 const AREA: usize = ((2 * REACH + 1) * (2 * REACH + 1)) as usize;
-/// Number of cells of a frame, each of which has one point.
+/// Number of cells of what is in view, each of which has one point.
 const CELLS: f32 = 700.0;
 /// Mean squared slope, levels²/px², that a patch has in every direction.
 const LEAST_SLOPE: f32 = 1.0;
@@ -34,6 +34,20 @@ pub(super) struct View {
     pub luma: Grid<f32>,
     /// Pixels that points may lie in: `true` = yes.
     pub mask: Mask,
+}
+
+impl View {
+    /// Returns the frame at half its size: a pixel is in the mask where all four are.
+    pub(super) fn halved(&self) -> Self {
+        let (width, height) = (self.mask.width / 2, self.mask.height / 2);
+        let all = |k: usize| {
+            let (x, y) = (2 * (k % width), 2 * (k / width));
+            let is_in = |x, y| self.mask.at(x, y);
+            is_in(x, y) && is_in(x + 1, y) && is_in(x, y + 1) && is_in(x + 1, y + 1)
+        };
+        let mask = Grid::from_vec(width, height, (0..width * height).map(all).collect());
+        Self { luma: halved(&self.luma), mask }
+    }
 }
 
 /// A followed point: (number of the frame, position of a pixel centre's kind, px), in the order of frames.
@@ -101,7 +115,7 @@ impl Follower {
     /// Starts a point in every cell without one, where the patch can be found best.
     fn seed(&mut self, index: usize, view: &View) {
         let (width, height) = (view.luma.width, view.luma.height);
-        let side = ((width * height) as f32 / CELLS).sqrt().max(8.0);
+        let side = (view.mask.count() as f32 / CELLS).sqrt().max(8.0);
         let columns = (width as f32 / side).ceil() as usize;
         let rows = (height as f32 / side).ceil() as usize;
         let mut taken = vec![false; columns * rows];

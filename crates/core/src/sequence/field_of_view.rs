@@ -83,6 +83,14 @@ impl FieldOfView {
         Self { shape, mask }
     }
 
+    /// Radius of the disc, px; `None` if there is none.
+    pub(super) fn disc_radius_px(&self) -> Option<f64> {
+        match self.shape {
+            Shape::Disc(circle, _) => Some(circle.radius),
+            Shape::Whole | Shape::Rectangle(_) => None,
+        }
+    }
+
     /// Describes the field of view in words, for the report.
     pub(super) fn describe(&self) -> String {
         let share = 100.0 * self.mask.share();

@@ -331,6 +331,11 @@ impl Sequence {
     pub fn field_of_view(&self) -> &Mask {
         &self.found_field_of_view().mask
     }
+
+    /// Radius of the disc that the endoscope shows, px; `None` if no round border was found.
+    pub fn disc_radius_px(&self) -> Option<f64> {
+        self.found_field_of_view().disc_radius_px()
+    }
     /// Returns the class labels of frame `i`; `None` if the recording has none for it.
     pub fn labels(&self, i: usize) -> Result<Option<LabelMap>> {
         Ok(self.read_labels(i)?.map(|labels| labels.ids))
