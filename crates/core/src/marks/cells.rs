@@ -5,12 +5,12 @@ use super::{
     Evidence,
     hints::{Hints, Told},
     links::Links,
-    looks::{Appearance, Looks, opponents},
+    looks::{Answers, Appearance, Looks, opponents},
     means::window_means,
     seeds::Seeds,
     spread::{Before, PULL, spread},
 };
-use crate::grid::Mask;
+use crate::{camera::Camera, grid::Mask};
 use image::RgbImage;
 use rayon::prelude::*;
 
@@ -23,16 +23,28 @@ const HUE: f32 = 0.033;
 const AROUND: usize = 2;
 /// Rounds in which a few marks are spread.
 const ROUNDS: usize = 2;
+/// Share of a name from which on a square of an example shows it.
+const SHOWN: f32 = 0.7;
+/// Variance of the answer of an example's square that shows no name.
+const OPEN_VARIANCE: f64 = 0.1;
+/// Certainty from which on a square looks as an example's.
+const SURE: f32 = 0.6;
 /// Power of the mean share that a share is multiplied by.
 const AREA: f32 = 0.2;
 
 /// The squares of a picture, with their looks.
+#[derive(Debug)]
 pub(super) struct Squares {
     cells: Cells,
     looks: Looks,
 }
 
 impl Squares {
+    /// Side of the squares of a camera's pictures, px.
+    pub(super) fn side_of(camera: &Camera) -> usize {
+        Cells::of_picture(camera.width as usize, camera.height as usize).side
+    }
+
     pub(super) fn of(picture: &RgbImage) -> Self {
         let cells = Cells::of_picture(picture.width() as usize, picture.height() as usize);
         let looks = cells.looks(&cells.colours(picture));
@@ -62,14 +74,70 @@ pub(super) fn spread_over(
     cells.lend(&mut seeds, lent);
     let colours = cells.colours(picture);
     let links = cells.links(&colours, field_of_view);
-    let marked = evidence.pixels().count();
     let told = told.map(|told| cells.told(&told));
-    let shares = if 2 * marked > width * height {
+    let shares = if cells.is_mostly_marked(evidence) {
         spread(&links, &seeds, Before::Nothing, PULL, told.as_ref().map(Hints::of_told).as_ref())
     } else {
         grown(&cells.looks(&colours), &links, &seeds, told.as_ref())
     };
     shares.par_iter().map(|share| cells.at_half(share)).collect()
+}
+
+/// A marked picture as an example: what its squares show, and how that looks.
+#[derive(Debug)]
+pub(super) struct Example {
+    squares: Squares,
+    /// Squares that clearly show each name, and those that show none.
+    shown: Vec<Vec<usize>>,
+    open: Vec<usize>,
+}
+
+impl Example {
+    /// Spreads the marks of a frame over its picture.
+    pub(super) fn of(
+        picture: &RgbImage,
+        field_of_view: &Mask,
+        evidence: &Evidence,
+        num_names: usize,
+    ) -> Self {
+        let squares = Squares::of(picture);
+        let Squares { cells, looks } = &squares;
+        let seeds = cells.seeds(evidence, num_names);
+        let links = cells.links(&cells.colours(picture), field_of_view);
+        let shares = if cells.is_mostly_marked(evidence) {
+            spread(&links, &seeds, Before::Nothing, PULL, None)
+        } else {
+            grown(looks, &links, &seeds, None)
+        };
+        let inside = || (0..links.len()).filter(|i| links.degrees[*i] > 0.0);
+        let shown = shares.iter().map(|plane| inside().filter(|i| plane[*i] > SHOWN).collect()).collect();
+        let is_open = |i: &usize| shares.iter().map(|plane| plane[*i]).sum::<f32>() < SHOWN;
+        let open = inside().filter(is_open).collect();
+        Self { squares, shown, open }
+    }
+
+    /// Returns the squares of a picture of the same size that surely look as those that show each name.
+    pub(super) fn likes(&self, picture: &Squares, field_of_view: &Mask) -> Vec<Mask> {
+        let (looks, open) = (&self.squares.looks, (self.open.as_slice(), OPEN_VARIANCE));
+        let Answers { sure, known } = looks.answers_of(&picture.looks, &self.shown, &[], open);
+        let cells = &picture.cells;
+        let inside = cells.inside(field_of_view);
+        let is_sure = |plane: &Vec<f32>, i: usize| inside[i] > 0.5 && plane[i].min(known[i]) > SURE;
+        let mask = |plane: &Vec<f32>| {
+            Mask::from_vec(cells.columns, cells.rows, (0..known.len()).map(|i| is_sure(plane, i)).collect())
+        };
+        sure.iter().map(mask).collect()
+    }
+
+    /// Area that a name has, px.
+    pub(super) fn area_px(&self, name: usize) -> usize {
+        self.shown[name].len() * self.squares.cells.side.pow(2)
+    }
+
+    /// Returns the same of the example itself.
+    pub(super) fn own(&self, field_of_view: &Mask) -> Vec<Mask> {
+        self.likes(&self.squares, field_of_view)
+    }
 }
 
 /// Spreads a few marks in rounds: what clearly belongs to a name is an example of its looks in the next one.
@@ -101,6 +169,7 @@ fn weighed_by_area(shares: &[Vec<f32>]) -> Vec<Vec<f32>> {
 }
 
 /// The squares of a picture.
+#[derive(Debug)]
 struct Cells {
     /// Side of the squares, px.
     side: usize,
@@ -133,6 +202,15 @@ impl Cells {
             }
         });
         means
+    }
+
+    /// Share of each square that is in the field of view.
+    fn inside(&self, field_of_view: &Mask) -> Vec<f32> {
+        self.means(|i| if field_of_view.data.get(i).is_none_or(|v| *v) { 1.0 } else { 0.0 })
+    }
+
+    fn is_mostly_marked(&self, evidence: &Evidence) -> bool {
+        2 * evidence.pixels().count() > self.width * self.height
     }
 
     fn seeds(&self, evidence: &Evidence, num_names: usize) -> Seeds {
@@ -203,7 +281,7 @@ impl Cells {
 
     /// Links each square with the eight around it that are in the field of view, too.
     fn links(&self, colours: &[[f32; 3]], field_of_view: &Mask) -> Links {
-        let inside = self.means(|i| if field_of_view.data.get(i).is_none_or(|v| *v) { 1.0 } else { 0.0 });
+        let inside = self.inside(field_of_view);
         let link = |cell: usize, (dx, dy): (isize, usize)| {
             let x = (cell % self.columns).checked_add_signed(dx).filter(|x| *x < self.columns)?;
             let y = Some(cell / self.columns + dy).filter(|y| *y < self.rows)?;

@@ -1,7 +1,7 @@
 //! Marks of a scene in chapters: from one chapter to the next, what was marked is handed on as masks of the
 //! frame between them.
 
-use super::{Carried, CarrySettings, Graph, Mark, Marks, carried::Pictures};
+use super::{Carried, CarrySettings, Graph, Mark, Marks, again::Examples, carried::Pictures};
 use crate::{
     Result,
     annotations::Shape,
@@ -17,6 +17,7 @@ const SHOWN: f32 = 0.5;
 #[derive(Clone, Debug, Default)]
 pub struct Handed {
     by_chapter: BTreeMap<usize, Marks>,
+    examples: Examples,
 }
 
 impl Handed {
@@ -51,6 +52,7 @@ impl Handed {
         let mut marks = all.within(&chapters[place].learned);
         let mut missing = all.names();
         missing.retain(|name| !marks.names().contains(name));
+        let mut handed = Vec::new();
         for (beside, names) in givers(all, &chapters, place, missing) {
             let (here, there) = (&chapters[place], &chapters[beside]);
             let between = if beside < place { here.shown.start } else { here.shown.end - 1 };
@@ -59,11 +61,25 @@ impl Handed {
             }
             let given = self.of_chapter(scene, there.index, all, pictures)?;
             let given = given.filtered(|mark| names.contains(&mark.name));
-            marks.marks.extend(on_frame(&scene.of_chapter(there.index)?, &given, between, pictures)?);
+            handed.extend(on_frame(&scene.of_chapter(there.index)?, &given, between, pictures)?);
         }
+        let (frames, by_hand) = (&chapters[place].shown, (scene, all));
+        let handed = self.examples.without_rests(handed, by_hand, frames, pictures)?;
+        // Names that came this far, and are not seen where they came from.
+        let handed = Marks { marks: handed };
+        let is_seen = |name: &String| handed.all().iter().any(|mark| mark.add && mark.name == *name);
+        let mut unseen = handed.names();
+        unseen.retain(|name| !is_seen(name) && !is_known(scene, name));
+        marks.marks.extend(handed.marks);
+        marks.marks.extend(self.examples.found_again(&unseen, by_hand, frames, pictures)?);
         self.by_chapter.insert(index, marks.clone());
         Ok(marks)
     }
+}
+
+/// Returns `true` if a scene finds a name by its features.
+fn is_known(scene: &Scene, name: &str) -> bool {
+    scene.codec.is_some() && scene.classes.iter().any(|(class, _)| class.name == name)
 }
 
 /// Returns the neighbours, by their place among the chapters, that names come from: those on the way to the

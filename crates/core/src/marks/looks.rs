@@ -97,6 +97,17 @@ impl Looks {
         &self,
         examples: &[Vec<usize>],
         nothing: &[usize],
+        open: (&[usize], f64),
+    ) -> Answers {
+        self.answers_of(self, examples, nothing, open)
+    }
+
+    /// Does the same for other things.
+    pub(super) fn answers_of(
+        &self,
+        things: &Self,
+        examples: &[Vec<usize>],
+        nothing: &[usize],
         (open, variance_of_open): (&[usize], f64),
     ) -> Answers {
         let all = examples.iter().map(Vec::as_slice).chain([nothing]);
@@ -125,7 +136,7 @@ impl Looks {
                 weights.iter_mut().zip(answers).for_each(|(weights, w)| weights[answer] = w as f32);
             }
         }
-        self.sums(&looks, (&weights, examples.len()), num_shown_by)
+        things.sums(&looks, (&weights, examples.len()), num_shown_by)
     }
 
     /// Sums weight · likeness over the examples, with weights [examples][answers]; things are known by the

@@ -10,6 +10,7 @@
 //! [`Carried`] answers for every frame. Nothing depends on the order of marks, and a mark and its opposite
 //! leave nothing.
 
+mod again;
 mod carried;
 mod cells;
 mod conjugate;

@@ -12,7 +12,7 @@ use crate::{
 };
 use image::RgbImage;
 use proptest::prelude::*;
-use std::{path::Path, sync::Arc};
+use std::{ops::Range, path::Path, sync::Arc};
 
 const SIZE: [usize; 2] = [64, 48];
 const FRAMES: usize = 4;
@@ -515,12 +515,11 @@ fn dicom_segmentations_are_marks_and_labels() {
     assert_eq!(sequence.labels(2).unwrap().unwrap().map(|id| *id == 1), mask);
 }
 
-/// The wall as a scene of three chapters; frame 2 belongs to the second alone, so that a cut parts the third.
-fn in_chapters() -> Scene {
-    let ranges = [(0..2, 0..3), (2..3, 1..3), (3..4, 3..4)];
+/// The wall as a scene of chapters, each with the frames that it shows and learned.
+fn in_chapters<const N: usize>(ranges: [(Range<usize>, Range<usize>); N]) -> Scene {
     let parts = ranges.into_iter().enumerate().map(|(index, (shown, learned))| {
         let mut part = scene();
-        let chapter = crate::scene::Chapter { index, count: 3, shown, learned };
+        let chapter = crate::scene::Chapter { index, count: N, shown, learned };
         part.provenance.settings = serde_json::json!({ "chapter": chapter });
         part.as_chapter()
     });
@@ -535,8 +534,10 @@ fn marks_reach_the_next_chapter_as_masks_and_end_at_a_cut() {
     ];
     let marks = Marks::new(marks, &canvas()).unwrap();
     let mut handed = Handed::default();
+    // Frame 2 belongs to the second chapter alone, so that a cut parts the third.
+    let chapters = in_chapters([(0..2, 0..3), (2..3, 1..3), (3..4, 3..4)]);
     let mut in_chapter = |index: usize| {
-        let scene = in_chapters().of_chapter(index).unwrap();
+        let scene = chapters.of_chapter(index).unwrap();
         handed.marks(&scene, &marks, &mut |i| picture(&scene, i)).unwrap()
     };
     assert_eq!(in_chapter(0), marks);
@@ -552,4 +553,49 @@ fn marks_reach_the_next_chapter_as_masks_and_end_at_a_cut() {
     assert!(shown("fat", true).at(56, 20) && shown("fat", false).at(12, 20));
     let whole = scene();
     assert_eq!(Handed::default().marks(&whole, &marks, &mut |i| picture(&whole, i)).unwrap(), marks);
+}
+
+#[test]
+fn what_has_left_the_view_is_found_again_by_its_looks() {
+    let strokes = vec![
+        stroke(0, "liver", true, &[[6.0, 10.0], [12.0, 40.0]]),
+        stroke(0, "fat", true, &[[58.0, 10.0], [52.0, 40.0]]),
+        stroke(0, "clip", true, &[[24.0, 20.0], [26.0, 26.0]]),
+    ];
+    let (scene, marks) = (scene(), Marks::new(strokes, &canvas()).unwrap());
+    // A blue clip is seen at first, and later elsewhere.
+    let pictures = |i: usize, clip: Option<[u32; 2]>| {
+        let mut picture = picture(&scene, i)?;
+        if let Some([left, top]) = clip {
+            let pixels = (0..16 * 16).map(|k| (left + k % 16, top + k / 16));
+            pixels.for_each(|(x, y)| picture.put_pixel(x, y, image::Rgb([40, 60, 220])));
+        }
+        Ok(picture)
+    };
+    let (mut examples, clip) = (again::Examples::default(), ["clip".to_owned()]);
+    let mut found = |later: [u32; 2]| {
+        let seen = |i: usize| if i == 0 { Some([18, 14]) } else { Some(later).filter(|_| i == 3) };
+        let mut pictures = |i: usize| pictures(i, seen(i));
+        examples.found_again(&clip, (&scene, &marks), &(1..4), &mut pictures).unwrap()
+    };
+    let back = found([22, 20]);
+    let [mark] = &back[..] else { panic!("{} marks", back.len()) };
+    let pixels = mark.shape.pixels(SIZE[0], SIZE[1]);
+    let is_clip = |i: usize| (22..38).contains(&(i % SIZE[0])) && (20..36).contains(&(i / SIZE[0]));
+    let right = (0..pixels.data.len()).filter(|i| pixels.data[*i] && is_clip(*i)).count();
+    assert_eq!((mark.frame, mark.add, mark.name.as_str()), (3, true, "clip"));
+    assert!(right == pixels.count() && right > 100, "{right} of {}", pixels.count());
+    // Of what has left the view but for a rest, the rest does not count.
+    let mut kept = |pixels: usize| {
+        let mask = Mask::from_vec(SIZE[0], SIZE[1], (0..SIZE[0] * SIZE[1]).map(|i| i < pixels).collect());
+        let mark = Mark::new(1, "clip", true, Shape::from(&mask));
+        let mut pictures = |i: usize| pictures(i, Some([18, 14]));
+        let kept = examples.without_rests(vec![mark], (&scene, &marks), &(1..4), &mut pictures);
+        kept.unwrap().len()
+    };
+    assert_eq!([kept(3), kept(60)], [0, 1]);
+    let nowhere = again::Examples::default().found_again(&clip, (&scene, &marks), &(1..4), &mut |i| {
+        pictures(i, Some([18, 14]).filter(|_| i == 0))
+    });
+    assert!(nowhere.unwrap().is_empty());
 }

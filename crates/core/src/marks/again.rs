@@ -1,0 +1,162 @@
+//! Structures that come back: a name that is not seen between two chapters may be seen later in the second.
+//! It is found by its looks, and marked there by a mask.
+
+use super::{
+    Evidence, Mark, Marks,
+    carried::Pictures,
+    cells::{Example, Squares},
+};
+use crate::{
+    Result,
+    annotations::Shape,
+    camera::Camera,
+    grid::Mask,
+    mask::{Bits, remove_small},
+    scene::Scene,
+};
+use std::{collections::BTreeMap, ops::Range, sync::Arc};
+
+/// Largest distance of the frames that are looked at, and their least number.
+const EVERY: usize = 12;
+const FEWEST: usize = 4;
+/// Least area of what is found, without its border, squares; and as a part of that on the marked frame.
+const LEAST_SQUARES: usize = 8;
+const LEAST_PART: f32 = 0.15;
+/// Part of the area on the marked frame below which a name has left the view.
+const REST: f32 = 0.05;
+
+/// Marked frames as examples of looks, as far as they were needed.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Examples {
+    by_frame: BTreeMap<usize, Arc<Example>>,
+}
+
+impl Examples {
+    /// Returns the marked frame that is nearest to some frames, of those that show a name.
+    fn nearest(all: &Marks, name: &str, frames: &Range<usize>) -> Option<usize> {
+        let shown = all.all().iter().filter(|mark| mark.add && mark.name == name).map(|mark| mark.frame);
+        shown.min_by_key(|frame| frame.abs_diff(frames.start).min(frame.abs_diff(frames.end)))
+    }
+
+    /// Returns a marked frame as an example of all names.
+    fn on(
+        &mut self,
+        frame: usize,
+        scene: &Scene,
+        all: &Marks,
+        pictures: &mut Pictures<'_>,
+    ) -> Result<Arc<Example>> {
+        if let Some(known) = self.by_frame.get(&frame) {
+            return Ok(known.clone());
+        }
+        let picture = pictures(frame)?;
+        let size = [picture.width(), picture.height()].map(|side| side as usize);
+        let names = all.names();
+        let evidence = Evidence::of(all, frame, &names, size);
+        let example = Arc::new(Example::of(&picture, &scene.field_of_view, &evidence, names.len()));
+        self.by_frame.insert(frame, example.clone());
+        Ok(example)
+    }
+
+    /// Removes from the marks of a chapter what is left of names that have all but left the view.
+    ///
+    /// # Errors
+    /// A picture that cannot be read.
+    pub(super) fn without_rests(
+        &mut self,
+        marks: Vec<Mark>,
+        (scene, all): (&Scene, &Marks),
+        frames: &Range<usize>,
+        pictures: &mut Pictures<'_>,
+    ) -> Result<Vec<Mark>> {
+        let mut kept = Vec::new();
+        for mark in marks {
+            let is_rest = match Self::nearest(all, &mark.name, frames).filter(|_| mark.add) {
+                Some(frame) => {
+                    let example = self.on(frame, scene, all, pictures)?;
+                    let camera = scene.cameras[mark.frame];
+                    let area = mark.shape.pixels(camera.width as usize, camera.height as usize).count();
+                    let shown = all.names().iter().position(|name| *name == mark.name);
+                    (area as f32) < REST * shown.map_or(0.0, |place| example.area_px(place) as f32)
+                }
+                None => false,
+            };
+            kept.extend((!is_rest).then_some(mark));
+        }
+        Ok(kept)
+    }
+
+    /// Looks for names on some of the `frames` of the chapter that `scene` holds. Returns a mask of each
+    /// name that is found, on that frame which shows most of it. `all` are the marks by hand.
+    ///
+    /// # Errors
+    /// A picture that cannot be read.
+    pub(super) fn found_again(
+        &mut self,
+        names: &[String],
+        (scene, all): (&Scene, &Marks),
+        frames: &Range<usize>,
+        pictures: &mut Pictures<'_>,
+    ) -> Result<Vec<Mark>> {
+        let all_names = all.names();
+        let mut sought = Vec::new();
+        for name in names {
+            let place = all_names.iter().position(|other| other == name);
+            let Some((place, frame)) = place.zip(Self::nearest(all, name, frames)) else { continue };
+            let example = self.on(frame, scene, all, pictures)?;
+            let own = without_border(&example.own(&scene.field_of_view)[place], 1).count();
+            let least = LEAST_SQUARES.max((LEAST_PART * own as f32) as usize);
+            sought.push(Sought { name, place, frame, example, least, best: None });
+        }
+        if sought.is_empty() {
+            return Ok(Vec::new());
+        }
+        let step = (frames.len() / FEWEST).clamp(1, EVERY);
+        for frame in frames.clone().step_by(step) {
+            let squares = Squares::of(&pictures(frame)?);
+            let mut likes: BTreeMap<usize, Vec<Mask>> = BTreeMap::new();
+            for sought in &mut sought {
+                let example = || sought.example.likes(&squares, &scene.field_of_view);
+                let likes = likes.entry(sought.frame).or_insert_with(example);
+                let found = without_border(&likes[sought.place], sought.least);
+                let area = found.count();
+                if area > sought.best.as_ref().map_or(0, |(most, ..)| *most) {
+                    sought.best = Some((area, frame, found));
+                }
+            }
+        }
+        let marks = sought.into_iter().filter_map(|sought| Some((sought.name, sought.best?)));
+        let marks = marks.map(|(name, (_, frame, found))| {
+            Mark::new(frame, name, true, Shape::from(&pixels(&found, &scene.cameras[frame])))
+        });
+        Ok(marks.collect())
+    }
+}
+
+/// A name that is looked for.
+struct Sought<'a> {
+    name: &'a str,
+    /// Place among all names.
+    place: usize,
+    /// The marked frame that is its example.
+    frame: usize,
+    example: Arc<Example>,
+    /// Least area that counts, squares.
+    least: usize,
+    /// Area, frame and squares that it was found on.
+    best: Option<(usize, usize, Mask)>,
+}
+
+/// Returns what is left of a mask without its border, in parts of a least area.
+fn without_border(mask: &Mask, least: usize) -> Mask {
+    let bits = Bits::of(mask.width, mask.height, |i| mask.data[i]);
+    remove_small(&bits.eroded().to_mask(), least)
+}
+
+/// Returns the pixels of squares.
+fn pixels(squares: &Mask, camera: &Camera) -> Mask {
+    let (width, height) = (camera.width as usize, camera.height as usize);
+    let side = Squares::side_of(camera);
+    let data = (0..width * height).map(|i| squares.at(i % width / side, i / width / side)).collect();
+    Mask::from_vec(width, height, data)
+}
