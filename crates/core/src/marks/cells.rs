@@ -129,14 +129,14 @@ impl Example {
         sure.iter().map(mask).collect()
     }
 
-    /// Area that a name has, px.
-    pub(super) fn area_px(&self, name: usize) -> usize {
-        self.shown[name].len() * self.squares.cells.side.pow(2)
-    }
-
     /// Returns the same of the example itself.
     pub(super) fn own(&self, field_of_view: &Mask) -> Vec<Mask> {
         self.likes(&self.squares, field_of_view)
+    }
+
+    /// Area that a name has, px.
+    pub(super) fn area_px(&self, name: usize) -> usize {
+        self.shown[name].len() * self.squares.cells.side.pow(2)
     }
 }
 

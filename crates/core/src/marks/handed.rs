@@ -23,7 +23,8 @@ pub struct Handed {
 impl Handed {
     /// Returns the marks that count in the chapter that `scene` holds: those on its frames and, of names that are
     /// marked in other chapters alone, masks of the first or the last frame, wherever the two chapters of a frame
-    /// are not parted by a cut. A scene that is one whole keeps all marks.
+    /// are not parted by a cut; of those that are not seen there, masks of what looks like them later. A scene
+    /// that is one whole keeps all marks.
     ///
     /// # Errors
     /// A chapter or a picture that cannot be read.
