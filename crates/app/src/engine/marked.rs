@@ -60,7 +60,8 @@ impl Engine {
         if marks.is_empty() {
             return Ok(());
         }
-        self.carry(marks, Handed::default(), earlier)
+        let handed = earlier.as_ref().map(|m| m.handed.clone().for_marks(&self.scene, &m.marks, &marks));
+        self.carry(marks, handed.unwrap_or_default(), earlier)
     }
 
     /// Carries marks to the scene, or to the chapter of it that it holds.

@@ -32,13 +32,20 @@ pub(super) struct Examples {
 }
 
 impl Examples {
-    /// Returns the marked frame that is nearest to some frames, of those that show a name.
+    /// Forgets frames whose marks are others now.
+    pub(super) fn retain(&mut self, is_same: impl Fn(usize) -> bool) {
+        self.by_frame.retain(|frame, _| is_same(*frame));
+    }
+
+    /// Returns the marked frame that is nearest to some frames, of those that show a name and another one: by
+    /// itself, nothing tells what it looks unlike.
     fn nearest(all: &Marks, name: &str, frames: &Range<usize>) -> Option<usize> {
         let shown = all.all().iter().filter(|mark| mark.add && mark.name == name).map(|mark| mark.frame);
+        let shown = shown.filter(|frame| names_on(all, *frame).len() > 1);
         shown.min_by_key(|frame| frame.abs_diff(frames.start).min(frame.abs_diff(frames.end)))
     }
 
-    /// Returns a marked frame as an example of all names.
+    /// Returns a marked frame as an example of the names on it.
     fn on(
         &mut self,
         frame: usize,
@@ -51,7 +58,7 @@ impl Examples {
         }
         let picture = pictures(frame)?;
         let size = [picture.width(), picture.height()].map(|side| side as usize);
-        let names = all.names();
+        let names = names_on(all, frame);
         let evidence = Evidence::of(all, frame, &names, size);
         let example = Arc::new(Example::of(&picture, &scene.field_of_view, &evidence, names.len()));
         self.by_frame.insert(frame, example.clone());
@@ -76,8 +83,8 @@ impl Examples {
                     let example = self.on(frame, scene, all, pictures)?;
                     let camera = scene.cameras[mark.frame];
                     let area = mark.shape.pixels(camera.width as usize, camera.height as usize).count();
-                    let shown = all.names().iter().position(|name| *name == mark.name);
-                    (area as f32) < REST * shown.map_or(0.0, |place| example.area_px(place) as f32)
+                    let shown = place_of(&mark.name, all, frame).map(|place| example.area_px(place));
+                    (area as f32) < REST * shown.unwrap_or(0) as f32
                 }
                 None => false,
             };
@@ -98,11 +105,10 @@ impl Examples {
         frames: &Range<usize>,
         pictures: &mut Pictures<'_>,
     ) -> Result<Vec<Mark>> {
-        let all_names = all.names();
         let mut sought = Vec::new();
         for name in names {
-            let place = all_names.iter().position(|other| other == name);
-            let Some((place, frame)) = place.zip(Self::nearest(all, name, frames)) else { continue };
+            let Some(frame) = Self::nearest(all, name, frames) else { continue };
+            let Some(place) = place_of(name, all, frame) else { continue };
             let example = self.on(frame, scene, all, pictures)?;
             let own = without_border(&example.own(&scene.field_of_view)[place], 1).count();
             let least = LEAST_SQUARES.max((LEAST_PART * own as f32) as usize);
@@ -133,10 +139,20 @@ impl Examples {
     }
 }
 
+/// Returns the names on a marked frame, sorted.
+fn names_on(all: &Marks, frame: usize) -> Vec<String> {
+    all.within(&(frame..frame + 1)).names()
+}
+
+/// Returns the place of a name among those on a marked frame.
+fn place_of(name: &str, all: &Marks, frame: usize) -> Option<usize> {
+    names_on(all, frame).iter().position(|other| other == name)
+}
+
 /// A name that is looked for.
 struct Sought<'a> {
     name: &'a str,
-    /// Place among all names.
+    /// Place among the names of its example.
     place: usize,
     /// The marked frame that is its example.
     frame: usize,

@@ -227,13 +227,15 @@ impl Cells {
         seeds
     }
 
-    /// Adds pixels, each with the name that it shows, where nothing is marked.
+    /// Adds pixels, each with the name that it shows, where no mark shows a name or speaks of this one.
     fn lend(&self, seeds: &mut Seeds, lent: &[(usize, usize)]) {
-        let is_marked: Vec<bool> =
-            (0..self.columns * self.rows).map(|cell| seeds.weights.iter().any(|w| w[cell] > 0.0)).collect();
+        let is_shown: Vec<bool> =
+            (0..self.columns * self.rows).map(|cell| seeds.shares.iter().any(|s| s[cell] > 0.0)).collect();
+        let is_spoken_of: Vec<Vec<bool>> =
+            seeds.weights.iter().map(|weights| weights.iter().map(|w| *w > 0.0).collect()).collect();
         for &(i, name) in lent {
             let cell = self.of(i);
-            if !is_marked[cell] {
+            if !is_shown[cell] && !is_spoken_of[name][cell] {
                 seeds.weights.iter_mut().for_each(|weights| weights[cell] += 1.0);
                 seeds.shares[name][cell] += 1.0;
             }

@@ -8,16 +8,64 @@ use crate::{
     grid::{Grid, Mask},
     scene::{Chapter, Scene},
 };
-use std::{collections::BTreeMap, sync::Arc};
+use std::{
+    cmp::Reverse,
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
 
 /// Score above which a pixel of the frame between chapters shows a name.
 const SHOWN: f32 = 0.5;
 
 /// Marks of each chapter, as far as they were needed.
+///
+/// Chapters where names are marked by hand are sources, and one that shows more names comes first. What a
+/// source hands on competes with the names of earlier sources alone: so no chapter waits for itself, and one
+/// more mark changes little of what is known.
 #[derive(Clone, Debug, Default)]
 pub struct Handed {
-    by_chapter: BTreeMap<usize, Marks>,
+    /// Marks that count in a chapter, by its place and the sources that were heard, in their order.
+    of: BTreeMap<(usize, Vec<usize>), Marks>,
+    /// Masks that a chapter hands on, by its place, their frame and the sources.
+    on: BTreeMap<(usize, usize, Vec<usize>), Marks>,
     examples: Examples,
+}
+
+/// A scene in chapters, and the marks by hand.
+#[derive(Clone, Copy)]
+struct Marked<'a> {
+    scene: &'a Scene,
+    chapters: &'a [Chapter],
+    all: &'a Marks,
+}
+
+impl Marked<'_> {
+    /// Returns the marks by hand in a chapter.
+    fn within(&self, place: usize) -> Marks {
+        self.all.within(&self.chapters[place].learned)
+    }
+
+    /// Returns the places of all sources, in their order.
+    fn sources(&self) -> Vec<usize> {
+        let num_names = |place: usize| self.within(place).names().len();
+        let mut sources: Vec<usize> = (0..self.chapters.len()).filter(|k| num_names(*k) > 0).collect();
+        sources.sort_by_key(|place| (Reverse(num_names(*place)), *place));
+        sources
+    }
+
+    /// Returns the names that a chapter lacks, by the nearest of the sources that has them, as its number.
+    fn lacking(&self, place: usize, sources: &[usize]) -> BTreeMap<usize, Vec<String>> {
+        let own = self.within(place).names();
+        let names: Vec<Vec<String>> = sources.iter().map(|source| self.within(*source).names()).collect();
+        let mut lacking: BTreeMap<usize, Vec<String>> = BTreeMap::new();
+        for name in self.all.names().into_iter().filter(|name| !own.contains(name)) {
+            let with_name = (0..sources.len()).filter(|k| names[*k].contains(&name));
+            if let Some(nearest) = with_name.min_by_key(|k| sources[*k].abs_diff(place)) {
+                lacking.entry(nearest).or_default().push(name);
+            }
+        }
+        lacking
+    }
 }
 
 impl Handed {
@@ -29,51 +77,105 @@ impl Handed {
     /// # Errors
     /// A chapter or a picture that cannot be read.
     pub fn marks(&mut self, scene: &Scene, all: &Marks, pictures: &mut Pictures<'_>) -> Result<Marks> {
-        match scene.chapters.current() {
-            Some(chapter) => self.of_chapter(scene, chapter.index, all, pictures),
-            None if scene.chapters.is_empty() => Ok(all.clone()),
+        let Some(current) = scene.chapters.current() else {
+            return Ok(if scene.chapters.is_empty() { all.clone() } else { Marks::default() });
+        };
+        let chapters: Vec<Chapter> = scene.chapters.iter().cloned().collect();
+        let marked = Marked { scene, chapters: &chapters, all };
+        match chapters.iter().position(|chapter| chapter.index == current.index) {
+            Some(place) => self.of(place, &marked.sources(), marked, pictures),
             None => Ok(Marks::default()),
         }
     }
 
-    fn of_chapter(
+    /// Returns what of this still holds if other marks take the place of `before`.
+    pub fn for_marks(mut self, scene: &Scene, before: &Marks, after: &Marks) -> Self {
+        let frames: BTreeSet<usize> = before.frames().into_iter().chain(after.frames()).collect();
+        let on = |marks: &Marks, frame: usize| marks.within(&(frame..frame + 1)).digest();
+        let is_changed = |frame: &usize| on(before, *frame) != on(after, *frame);
+        let changed: Vec<usize> = frames.into_iter().filter(is_changed).collect();
+        let chapters: Vec<&Chapter> = scene.chapters.iter().collect();
+        // All chapters on the way from the sources count.
+        let holds = |place: usize, sources: &[usize]| {
+            let learned = || sources.iter().chain([&place]).filter_map(|k| Some(&chapters.get(*k)?.learned));
+            let from = learned().map(|frames| frames.start).min().unwrap_or(0);
+            let to = learned().map(|frames| frames.end).max().unwrap_or(0);
+            !changed.iter().any(|frame| (from..to).contains(frame))
+        };
+        self.of.retain(|(place, sources), _| holds(*place, sources));
+        self.on.retain(|(place, _, sources), _| holds(*place, sources));
+        self.examples.retain(|frame| !changed.contains(&frame));
+        self
+    }
+
+    /// Returns the marks that count in a chapter: its own, and those of other names that come from `sources`.
+    fn of(
         &mut self,
-        scene: &Scene,
-        index: usize,
-        all: &Marks,
+        place: usize,
+        sources: &[usize],
+        marked: Marked<'_>,
         pictures: &mut Pictures<'_>,
     ) -> Result<Marks> {
-        if let Some(known) = self.by_chapter.get(&index) {
+        let key = (place, sources.to_vec());
+        if let Some(known) = self.of.get(&key) {
             return Ok(known.clone());
         }
-        let chapters: Vec<Chapter> = scene.chapters.iter().cloned().collect();
-        let Some(place) = chapters.iter().position(|chapter| chapter.index == index) else {
-            return Ok(Marks::default());
-        };
-        let mut marks = all.within(&chapters[place].learned);
-        let mut missing = all.names();
-        missing.retain(|name| !marks.names().contains(name));
-        let mut handed = Vec::new();
-        for (beside, names) in givers(all, &chapters, place, missing) {
-            let (here, there) = (&chapters[place], &chapters[beside]);
-            let between = if beside < place { here.shown.start } else { here.shown.end - 1 };
-            if !there.learned.contains(&between) {
-                continue;
-            }
-            let given = self.of_chapter(scene, there.index, all, pictures)?;
+        let mut marks = marked.within(place);
+        for (nearest, names) in marked.lacking(place, sources) {
+            let heard = &sources[..=nearest];
+            let beside = if sources[nearest] < place { place - 1 } else { place + 1 };
+            let given = self.on(place, beside, heard, marked, pictures)?;
             let given = given.filtered(|mark| names.contains(&mark.name));
-            handed.extend(on_frame(&scene.of_chapter(there.index)?, &given, between, pictures)?);
+            marks.marks.extend(self.in_view(place, given, heard, marked, pictures)?.marks);
         }
-        let (frames, by_hand) = (&chapters[place].shown, (scene, all));
-        let handed = self.examples.without_rests(handed, by_hand, frames, pictures)?;
-        // Names that came this far, and are not seen where they came from.
-        let handed = Marks { marks: handed };
-        let is_seen = |name: &String| handed.all().iter().any(|mark| mark.add && mark.name == *name);
-        let mut unseen = handed.names();
+        self.of.insert(key, marks.clone());
+        Ok(marks)
+    }
+
+    /// Returns masks of all names on the frame between two chapters, as the one `beside` hands them on.
+    fn on(
+        &mut self,
+        place: usize,
+        beside: usize,
+        sources: &[usize],
+        marked: Marked<'_>,
+        pictures: &mut Pictures<'_>,
+    ) -> Result<Marks> {
+        let (here, there) = (&marked.chapters[place], &marked.chapters[beside]);
+        let between = if beside < place { here.shown.start } else { here.shown.end - 1 };
+        if !there.learned.contains(&between) {
+            return Ok(Marks::default());
+        }
+        let key = (beside, between, sources.to_vec());
+        if let Some(known) = self.on.get(&key) {
+            return Ok(known.clone());
+        }
+        let given = self.of(beside, sources, marked, pictures)?;
+        let marks = on_frame(&marked.scene.of_chapter(there.index)?, &given, between, pictures)?;
+        let marks = Marks { marks };
+        self.on.insert(key, marks.clone());
+        Ok(marks)
+    }
+
+    /// Replaces marks that were handed to a chapter, of names that have left the view, by those of where they
+    /// come back.
+    fn in_view(
+        &mut self,
+        place: usize,
+        given: Marks,
+        sources: &[usize],
+        marked: Marked<'_>,
+        pictures: &mut Pictures<'_>,
+    ) -> Result<Marks> {
+        let Marked { scene, chapters, .. } = marked;
+        let by_hand = Marks { marks: sources.iter().flat_map(|k| marked.within(*k).marks).collect() };
+        let (by_hand, frames) = ((scene, &by_hand), &chapters[place].shown);
+        let marks = self.examples.without_rests(given.marks, by_hand, frames, pictures)?;
+        let mut marks = Marks { marks };
+        let is_seen = |name: &String| marks.all().iter().any(|mark| mark.add && mark.name == *name);
+        let mut unseen = marks.names();
         unseen.retain(|name| !is_seen(name) && !is_known(scene, name));
-        marks.marks.extend(handed.marks);
         marks.marks.extend(self.examples.found_again(&unseen, by_hand, frames, pictures)?);
-        self.by_chapter.insert(index, marks.clone());
         Ok(marks)
     }
 }
@@ -81,27 +183,6 @@ impl Handed {
 /// Returns `true` if a scene finds a name by its features.
 fn is_known(scene: &Scene, name: &str) -> bool {
     scene.codec.is_some() && scene.classes.iter().any(|(class, _)| class.name == name)
-}
-
-/// Returns the neighbours, by their place among the chapters, that names come from: those on the way to the
-/// nearest chapter where the name is marked.
-fn givers(
-    all: &Marks,
-    chapters: &[Chapter],
-    place: usize,
-    names: Vec<String>,
-) -> BTreeMap<usize, Vec<String>> {
-    let mut givers: BTreeMap<usize, Vec<String>> = BTreeMap::new();
-    for name in names {
-        let is_marked =
-            |k: &usize| all.within(&chapters[*k].learned).all().iter().any(|mark| mark.name == name);
-        let nearest = (0..chapters.len()).filter(is_marked).min_by_key(|k| k.abs_diff(place));
-        if let Some(nearest) = nearest.filter(|k| *k != place) {
-            let beside = if nearest < place { place - 1 } else { place + 1 };
-            givers.entry(beside).or_default().push(name);
-        }
-    }
-    givers
 }
 
 /// Carries marks to a frame and returns masks of what is found there, and of what is not.

@@ -517,8 +517,10 @@ fn dicom_segmentations_are_marks_and_labels() {
 
 /// The wall as a scene of chapters, each with the frames that it shows and learned.
 fn in_chapters<const N: usize>(ranges: [(Range<usize>, Range<usize>); N]) -> Scene {
+    let num_frames = ranges[N - 1].0.end;
     let parts = ranges.into_iter().enumerate().map(|(index, (shown, learned))| {
         let mut part = scene();
+        part.cameras = vec![part.cameras[0]; num_frames];
         let chapter = crate::scene::Chapter { index, count: N, shown, learned };
         part.provenance.settings = serde_json::json!({ "chapter": chapter });
         part.as_chapter()
@@ -553,6 +555,43 @@ fn marks_reach_the_next_chapter_as_masks_and_end_at_a_cut() {
     assert!(shown("fat", true).at(56, 20) && shown("fat", false).at(12, 20));
     let whole = scene();
     assert_eq!(Handed::default().marks(&whole, &marks, &mut |i| picture(&whole, i)).unwrap(), marks);
+}
+
+#[test]
+fn marks_reach_a_chapter_from_both_sides() {
+    let chapters = in_chapters([(0..2, 0..3), (2..4, 1..5), (4..6, 3..6)]);
+    let canvas = Canvas { num_frames: 6, frame_names: Vec::new(), ..canvas() };
+    let liver = stroke(0, "liver", true, &[[8.0, 10.0], [20.0, 40.0]]);
+    let fat = stroke(5, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]);
+    let marks = Marks::new(vec![liver.clone(), fat.clone()], &canvas).unwrap();
+    // Returns the marks of a chapter, and the frames that were looked at for them.
+    let of = |handed: &mut Handed, index: usize, marks: &Marks| {
+        let scene = chapters.of_chapter(index).unwrap();
+        let mut frames = Vec::new();
+        let mut pictures = |i| {
+            frames.push(i);
+            picture(&scene, i)
+        };
+        let found = handed.marks(&scene, marks, &mut pictures).unwrap();
+        (found, frames)
+    };
+    let mut handed = Handed::default();
+    for (index, by_hand) in [(0, vec!["liver"]), (1, vec![]), (2, vec!["fat"])] {
+        let (found, _) = of(&mut handed, index, &marks);
+        assert_eq!(found.names(), marks.names());
+        for name in ["liver", "fat"] {
+            let mut shown = found.all().iter().filter(|mark| mark.name == name && mark.add);
+            assert!(
+                shown.any(|mark| mark.shape.is_outlined() != by_hand.contains(&name)),
+                "{name} in {index}"
+            );
+        }
+    }
+    // Another mark at the end leaves what came from the beginning, and not what it may change.
+    let more = Marks::new(vec![liver, fat, stroke(5, "fat", true, &[[60.0, 8.0]])], &canvas).unwrap();
+    let mut handed = handed.for_marks(&chapters, &marks, &more);
+    assert!(of(&mut handed, 2, &more).1.is_empty(), "it is known already");
+    assert!(!of(&mut handed, 0, &more).1.is_empty());
 }
 
 #[test]
