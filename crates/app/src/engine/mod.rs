@@ -241,6 +241,13 @@ impl Engine {
         marks.map_or(Ok(()), |(marks, handed)| self.carry(marks, handed, None))
     }
 
+    /// Returns `false` if marks have to be carried to another chapter before frame `i` can be asked.
+    pub(crate) fn answers_at_once(&self, i: usize) -> bool {
+        let time = self.scene.time(i);
+        let is_near = self.turned_from.as_ref().is_some_and(|other| other.scene.is_at(time));
+        self.marked.is_none() || self.scene.is_at(time) || is_near
+    }
+
     /// Returns the recording, if it was found.
     pub fn sequence(&self) -> Option<&Sequence> {
         match &self.recording {

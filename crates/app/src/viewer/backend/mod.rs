@@ -196,6 +196,10 @@ pub(crate) trait FrameSource: Send {
     fn look_here(&mut self, _: usize) -> Result<Option<LookHere>> {
         Ok(None)
     }
+    /// Returns `false` if questions on a view have to wait for seconds, until marks are carried to it.
+    fn answers_at_once(&self, _: &FrameView) -> bool {
+        true
+    }
     /// Returns `true` if views may be requested before anybody wants to see them.
     fn prepares_ahead(&self) -> bool {
         true

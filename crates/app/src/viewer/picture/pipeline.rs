@@ -126,6 +126,17 @@ impl Pipeline {
         picture
     }
 
+    /// Makes the recorded frame alone, if that is what the request shows and its prompts take long.
+    pub(crate) fn first_look(&mut self, request: &Request) -> Option<Picture> {
+        let shows_more = request.needs_reconstruction || request.needs_difference || request.layer.is_some();
+        let has_frame = request.needs_original && self.source.info().has_original && !shows_more;
+        let is_asked = !request.prompts.is_empty() && self.can_ask();
+        let waits = has_frame && is_asked && !self.source.answers_at_once(&request.view);
+        let alone =
+            || Request { prompts: Vec::new(), candidates: Vec::new(), point: None, ..request.clone() };
+        waits.then(|| self.produce(alone()))
+    }
+
     fn fill(&mut self, picture: &mut Picture) -> Result<()> {
         let request = picture.request.clone();
         let Needs { decodes, parts, asks } = self.needs(&request);

@@ -56,6 +56,9 @@ impl FrameSource for Telling {
         let side = self.side as usize;
         questions.iter().map(|_| Ok(Grid::filled(side, side, score_of(view.frame)))).collect()
     }
+    fn answers_at_once(&self, view: &FrameView) -> bool {
+        view.frame < FRAMES / 2
+    }
 }
 
 fn score_of(frame: usize) -> f32 {
@@ -115,6 +118,19 @@ fn is_all_of(picture: &Picture, frame: usize) {
     assert_eq!(usize::from(red(&picture.reconstruction)), frame);
     assert_eq!(picture.depth_values.as_ref().unwrap().data[0], frame as f32 + 1.0);
     assert_eq!(picture.findings[0].outcome.as_ref().unwrap().max_score, score_of(frame));
+}
+
+#[test]
+fn the_recorded_frame_is_shown_while_its_prompts_wait_for_marks() {
+    let (mut pipeline, rendered) = pipeline(8);
+    let recorded = |frame: usize| Request { needs_reconstruction: false, ..request(frame) };
+    let first = pipeline.first_look(&recorded(30)).unwrap();
+    assert_eq!(first.original.unwrap().bare.pixels[0].r(), 30);
+    assert!(first.findings.is_empty() && rendered.lock().unwrap().is_empty());
+    assert_eq!(pipeline.produce(recorded(30)).findings.len(), 1);
+    assert!(pipeline.first_look(&recorded(3)).is_none(), "it takes no time");
+    assert!(pipeline.first_look(&request(30)).is_none(), "the reconstruction would be missing");
+    assert!(pipeline.first_look(&Request { prompts: Vec::new(), ..recorded(30) }).is_none());
 }
 
 #[test]

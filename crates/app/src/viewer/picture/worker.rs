@@ -141,6 +141,12 @@ fn work(shared: &Shared, mut pipeline: Pipeline, ctx: &egui::Context) {
         }
         if let Some(request) = request {
             let asked = request.clone();
+            let first = std::panic::catch_unwind(AssertUnwindSafe(|| pipeline.first_look(&request)));
+            if let Some(first) = first.ok().flatten() {
+                *lock(&shared.outbox) = Some(first);
+                shared.made.notify_one();
+                ctx.request_repaint();
+            }
             let made = std::panic::catch_unwind(AssertUnwindSafe(|| pipeline.produce(request)));
             *lock(&shared.outbox) = Some(made.unwrap_or_else(|_| broken(asked)));
             shared.made.notify_one();

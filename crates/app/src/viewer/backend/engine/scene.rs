@@ -215,6 +215,10 @@ impl FrameSource for SceneSource {
         self.engine.look_here_on(frame)
     }
 
+    fn answers_at_once(&self, view: &FrameView) -> bool {
+        self.engine.answers_at_once(view.frame)
+    }
+
     fn clock(&self) -> FrameClock {
         self.engine.clock().clone()
     }
