@@ -51,7 +51,7 @@ impl Engine {
     /// and marks of the scene's own classes correct them. If there are other names than before, the prompts
     /// are forgotten.
     pub fn set_marks(&mut self, marks: Marks) -> Result<()> {
-        let earlier = self.marked.take();
+        let mut earlier = self.marked.take();
         self.turned_from = None;
         let names = marks.names();
         if names != earlier.as_ref().map(|m| m.marks.names()).unwrap_or_default() {
@@ -60,7 +60,8 @@ impl Engine {
         if marks.is_empty() {
             return Ok(());
         }
-        let handed = earlier.as_ref().map(|m| m.handed.clone().for_marks(&self.scene, &m.marks, &marks));
+        let handed =
+            earlier.as_mut().map(|m| std::mem::take(&mut m.handed).for_marks(&self.scene, &m.marks, &marks));
         self.carry(marks, handed.unwrap_or_default(), earlier)
     }
 

@@ -13,6 +13,7 @@ use super::{
 use crate::{camera::Camera, grid::Mask};
 use image::RgbImage;
 use rayon::prelude::*;
+use std::borrow::Cow;
 
 /// Number of squares of a picture, about: how far marks spread does not depend on its resolution.
 const SQUARES: f32 = 25_600.0;
@@ -75,11 +76,8 @@ pub(super) fn spread_over(
     let colours = cells.colours(picture);
     let links = cells.links(&colours, field_of_view);
     let told = told.map(|told| cells.told(&told));
-    let shares = if cells.is_mostly_marked(evidence) {
-        spread(&links, &seeds, Before::Nothing, PULL, told.as_ref().map(Hints::of_told).as_ref())
-    } else {
-        grown(&cells.looks(&colours), &links, &seeds, told.as_ref())
-    };
+    let looks = || Cow::Owned(cells.looks(&colours));
+    let shares = settled(cells.is_mostly_marked(evidence), looks, &links, &seeds, told.as_ref());
     shares.par_iter().map(|share| cells.at_half(share)).collect()
 }
 
@@ -104,11 +102,8 @@ impl Example {
         let Squares { cells, looks } = &squares;
         let seeds = cells.seeds(evidence, num_names);
         let links = cells.links(&cells.colours(picture), field_of_view);
-        let shares = if cells.is_mostly_marked(evidence) {
-            spread(&links, &seeds, Before::Nothing, PULL, None)
-        } else {
-            grown(looks, &links, &seeds, None)
-        };
+        let is_mostly_marked = cells.is_mostly_marked(evidence);
+        let shares = settled(is_mostly_marked, || Cow::Borrowed(looks), &links, &seeds, None);
         let inside = || (0..links.len()).filter(|i| links.degrees[*i] > 0.0);
         let shown = shares.iter().map(|plane| inside().filter(|i| plane[*i] > SHOWN).collect()).collect();
         let is_open = |i: &usize| shares.iter().map(|plane| plane[*i]).sum::<f32>() < SHOWN;
@@ -137,6 +132,21 @@ impl Example {
     /// Area that a name has, px.
     pub(super) fn area_px(&self, name: usize) -> usize {
         self.shown[name].len() * self.squares.cells.side.pow(2)
+    }
+}
+
+/// Spreads marks: shares of each name, [names][squares]. Looks are asked for where a few marks have to grow.
+fn settled<'a>(
+    is_mostly_marked: bool,
+    looks: impl FnOnce() -> Cow<'a, Looks>,
+    links: &Links,
+    seeds: &Seeds,
+    told: Option<&Told>,
+) -> Vec<Vec<f32>> {
+    if is_mostly_marked {
+        spread(links, seeds, Before::Nothing, PULL, told.map(Hints::of_told).as_ref())
+    } else {
+        grown(&looks(), links, seeds, told)
     }
 }
 

@@ -66,6 +66,25 @@ impl Marked<'_> {
         }
         lacking
     }
+
+    /// Returns the chapters beside one that hand something on to it, each with the sources that it hears.
+    fn givers(&self, place: usize, sources: &[usize]) -> Vec<(usize, Vec<usize>)> {
+        let lacking = self.lacking(place, sources).into_keys();
+        let givers = lacking.map(|nearest| (towards(sources[nearest], place), sources[..=nearest].to_vec()));
+        givers.filter(|(beside, _)| self.between(place, *beside).is_some()).collect()
+    }
+
+    /// Returns the frame that a chapter has from the one beside it; `None` where a cut parts them.
+    fn between(&self, place: usize, beside: usize) -> Option<usize> {
+        let shown = &self.chapters[place].shown;
+        let frame = if beside < place { shown.start } else { shown.end - 1 };
+        self.chapters[beside].learned.contains(&frame).then_some(frame)
+    }
+}
+
+/// Returns the place beside a chapter that is nearer to a source.
+fn towards(source: usize, place: usize) -> usize {
+    if source < place { place - 1 } else { place + 1 }
 }
 
 impl Handed {
@@ -83,9 +102,32 @@ impl Handed {
         let chapters: Vec<Chapter> = scene.chapters.iter().cloned().collect();
         let marked = Marked { scene, chapters: &chapters, all };
         match chapters.iter().position(|chapter| chapter.index == current.index) {
-            Some(place) => self.of(place, &marked.sources(), marked, pictures),
+            Some(place) => self.found(place, &marked.sources(), marked, pictures),
             None => Ok(Marks::default()),
         }
+    }
+
+    /// Finds the marks that count in a chapter, those of chapters that it needs first. An operation of hours has
+    /// too many chapters for one to call the next.
+    fn found(
+        &mut self,
+        place: usize,
+        sources: &[usize],
+        marked: Marked<'_>,
+        pictures: &mut Pictures<'_>,
+    ) -> Result<Marks> {
+        let mut open = vec![(place, sources.to_vec())];
+        while let Some((place, sources)) = open.last().cloned() {
+            let mut needed = marked.givers(place, &sources);
+            needed.retain(|key| !self.of.contains_key(key));
+            if needed.is_empty() {
+                let marks = self.of(place, &sources, marked, pictures)?;
+                self.of.insert((place, sources), marks);
+                open.pop();
+            }
+            open.extend(needed);
+        }
+        Ok(self.of.get(&(place, sources.to_vec())).cloned().unwrap_or_default())
     }
 
     /// Returns what of this still holds if other marks take the place of `before`.
@@ -108,7 +150,8 @@ impl Handed {
         self
     }
 
-    /// Returns the marks that count in a chapter: its own, and those of other names that come from `sources`.
+    /// Returns the marks that count in a chapter: its own, and those of other names that come from `sources`, once
+    /// those of its givers are known.
     fn of(
         &mut self,
         place: usize,
@@ -116,19 +159,14 @@ impl Handed {
         marked: Marked<'_>,
         pictures: &mut Pictures<'_>,
     ) -> Result<Marks> {
-        let key = (place, sources.to_vec());
-        if let Some(known) = self.of.get(&key) {
-            return Ok(known.clone());
-        }
         let mut marks = marked.within(place);
         for (nearest, names) in marked.lacking(place, sources) {
             let heard = &sources[..=nearest];
-            let beside = if sources[nearest] < place { place - 1 } else { place + 1 };
+            let beside = towards(sources[nearest], place);
             let given = self.on(place, beside, heard, marked, pictures)?;
             let given = given.filtered(|mark| names.contains(&mark.name));
             marks.marks.extend(self.in_view(place, given, heard, marked, pictures)?.marks);
         }
-        self.of.insert(key, marks.clone());
         Ok(marks)
     }
 
@@ -141,17 +179,14 @@ impl Handed {
         marked: Marked<'_>,
         pictures: &mut Pictures<'_>,
     ) -> Result<Marks> {
-        let (here, there) = (&marked.chapters[place], &marked.chapters[beside]);
-        let between = if beside < place { here.shown.start } else { here.shown.end - 1 };
-        if !there.learned.contains(&between) {
-            return Ok(Marks::default());
-        }
+        let Some(between) = marked.between(place, beside) else { return Ok(Marks::default()) };
         let key = (beside, between, sources.to_vec());
         if let Some(known) = self.on.get(&key) {
             return Ok(known.clone());
         }
-        let given = self.of(beside, sources, marked, pictures)?;
-        let marks = on_frame(&marked.scene.of_chapter(there.index)?, &given, between, pictures)?;
+        let given = self.of.get(&(beside, sources.to_vec())).cloned().unwrap_or_default();
+        let marks =
+            on_frame(&marked.scene.of_chapter(marked.chapters[beside].index)?, &given, between, pictures)?;
         let marks = Marks { marks };
         self.on.insert(key, marks.clone());
         Ok(marks)
