@@ -150,8 +150,8 @@ impl Handed {
         self
     }
 
-    /// Returns the marks that count in a chapter: its own, and those of other names that come from `sources`, once
-    /// those of its givers are known.
+    /// Returns the marks that count in a chapter: its own, and those of other names that come from `sources`.
+    /// Those of its givers have to be known.
     fn of(
         &mut self,
         place: usize,
