@@ -51,7 +51,7 @@ impl Engine {
     /// and marks of the scene's own classes correct them. If there are other names than before, the prompts
     /// are forgotten.
     pub fn set_marks(&mut self, marks: Marks) -> Result<()> {
-        let mut earlier = self.marked.take();
+        let earlier = self.marked.take();
         self.turned_from = None;
         let names = marks.names();
         if names != earlier.as_ref().map(|m| m.marks.names()).unwrap_or_default() {
@@ -60,25 +60,24 @@ impl Engine {
         if marks.is_empty() {
             return Ok(());
         }
-        let handed =
-            earlier.as_mut().map(|m| std::mem::take(&mut m.handed).for_marks(&self.scene, &m.marks, &marks));
-        self.carry(marks, handed.unwrap_or_default(), earlier)
+        let handed = match &earlier {
+            Some(earlier) => earlier.handed.clone().for_marks(&self.scene, &marks),
+            None => Handed::new(&self.scene, &marks),
+        };
+        self.carry(marks, handed, earlier)
     }
 
     /// Carries marks to the scene, or to the chapter of it that it holds.
     pub(super) fn carry(&mut self, all: Marks, mut handed: Handed, earlier: Option<Marked>) -> Result<()> {
         let scene = self.scene.clone();
-        let marks = handed.marks(&scene, &all, &mut |i| match self.original(i)? {
+        let marks = handed.marks(&scene, &mut |i| match self.original(i)? {
             Some(picture) => Ok(picture),
             None => Ok(render_frame(&scene.at(scene.time(i))?, i).to_rgb()),
         })?;
         let names = marks.names();
         let earlier_graph = self.graph.take().filter(|g| g.is_of(&self.scene));
         let graph = earlier_graph.unwrap_or_else(|| Arc::new(Graph::of(&self.scene)));
-        let has_features = self.relevancy.is_some();
-        let is_known =
-            |name: &str| has_features && self.scene.classes.iter().any(|(class, _)| class.name == name);
-        let (known, new): (Vec<&String>, Vec<&String>) = names.iter().partition(|name| is_known(name));
+        let (known, new): (Vec<&String>, Vec<&String>) = names.iter().partition(|name| scene.finds(name));
         let carried =
             Carried::new(&self.scene, Arc::clone(&graph), &marks.named(&new), CarrySettings::default());
         let carried = match earlier {

@@ -4,7 +4,7 @@
 use super::{
     Evidence, Mark, Marks,
     carried::Pictures,
-    cells::{Example, Squares},
+    cells::{Alike, Example, Squares},
 };
 use crate::{
     Result,
@@ -37,11 +37,12 @@ impl Examples {
         self.by_frame.retain(|frame, _| is_same(*frame));
     }
 
-    /// Returns the marked frame that is nearest to some frames, of those that show a name and another one: by
-    /// itself, nothing tells what it looks unlike.
+    /// Returns the marked frame that is nearest to some frames, of those that show a name, and something else or
+    /// what it is not: by itself, nothing tells what it looks unlike.
     fn nearest(all: &Marks, name: &str, frames: &Range<usize>) -> Option<usize> {
         let shown = all.all().iter().filter(|mark| mark.add && mark.name == name).map(|mark| mark.frame);
-        let shown = shown.filter(|frame| names_on(all, *frame).len() > 1);
+        let tells = |frame: &usize| names_on(all, *frame).len() > 1 || all.on(*frame).any(|mark| !mark.add);
+        let shown = shown.filter(tells);
         shown.min_by_key(|frame| frame.abs_diff(frames.start).min(frame.abs_diff(frames.end)))
     }
 
@@ -93,8 +94,8 @@ impl Examples {
         Ok(kept)
     }
 
-    /// Looks for names on some of the `frames` of the chapter that `scene` holds. Returns a mask of each
-    /// name that is found, on that frame which shows most of it. `all` are the marks by hand.
+    /// Looks for names on some of the `frames` of the chapter that `scene` holds. Returns masks of each name that
+    /// is found, and of what is not it, on that frame which shows most of it. `all` are the marks by hand.
     ///
     /// # Errors
     /// A picture that cannot be read.
@@ -110,7 +111,8 @@ impl Examples {
             let Some(frame) = Self::nearest(all, name, frames) else { continue };
             let Some(place) = place_of(name, all, frame) else { continue };
             let example = self.on(frame, scene, all, pictures)?;
-            let own = without_border(&example.own(&scene.field_of_view)[place], 1).count();
+            let Some(own) = example.own(&scene.field_of_view) else { continue };
+            let own = without_border(&own[place].shows, 1).count();
             let least = LEAST_SQUARES.max((LEAST_PART * own as f32) as usize);
             sought.push(Sought { name, place, frame, example, least, best: None });
         }
@@ -120,22 +122,28 @@ impl Examples {
         let step = (frames.len() / FEWEST).clamp(1, EVERY);
         for frame in frames.clone().step_by(step) {
             let squares = Squares::of(&pictures(frame)?);
-            let mut likes: BTreeMap<usize, Vec<Mask>> = BTreeMap::new();
+            let mut likes: BTreeMap<usize, Option<Vec<Alike>>> = BTreeMap::new();
             for sought in &mut sought {
                 let example = || sought.example.likes(&squares, &scene.field_of_view);
-                let likes = likes.entry(sought.frame).or_insert_with(example);
-                let found = without_border(&likes[sought.place], sought.least);
+                let Some(likes) = likes.entry(sought.frame).or_insert_with(example) else { continue };
+                let found = without_border(&likes[sought.place].shows, sought.least);
                 let area = found.count();
                 if area > sought.best.as_ref().map_or(0, |(most, ..)| *most) {
-                    sought.best = Some((area, frame, found));
+                    let denied = without_border(&likes[sought.place].denies, LEAST_SQUARES);
+                    sought.best = Some((area, frame, [found, denied]));
                 }
             }
         }
-        let marks = sought.into_iter().filter_map(|sought| Some((sought.name, sought.best?)));
-        let marks = marks.map(|(name, (_, frame, found))| {
-            Mark::new(frame, name, true, Shape::from(&pixels(&found, &scene.cameras[frame])))
-        });
-        Ok(marks.collect())
+        let mut marks = Vec::new();
+        for (name, best) in sought.into_iter().map(|sought| (sought.name, sought.best)) {
+            let Some((_, frame, squares)) = best else { continue };
+            let squares = [true, false].into_iter().zip(squares);
+            for (add, squares) in squares.filter(|(_, squares)| squares.data.contains(&true)) {
+                let shape = Shape::from(&pixels(&squares, &scene.cameras[frame]));
+                marks.push(Mark::new(frame, name, add, shape));
+            }
+        }
+        Ok(marks)
     }
 }
 
@@ -159,8 +167,8 @@ struct Sought<'a> {
     example: Arc<Example>,
     /// Least area that counts, squares.
     least: usize,
-    /// Area, frame and squares that it was found on.
-    best: Option<(usize, usize, Mask)>,
+    /// Area, frame, squares that it was found on and those that are something else.
+    best: Option<(usize, usize, [Mask; 2])>,
 }
 
 /// Returns what is left of a mask without its border, in parts of a least area.

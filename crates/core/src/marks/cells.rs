@@ -28,8 +28,13 @@ const ROUNDS: usize = 2;
 const SHOWN: f32 = 0.7;
 /// Variance of the answer of an example's square that shows no name.
 const OPEN_VARIANCE: f64 = 0.1;
-/// Certainty from which on a square looks as an example's.
+/// Certainty from which on a square looks as an example's, and up to which it surely does not.
 const SURE: f32 = 0.6;
+const NOT: f32 = 0.2;
+/// Part of a picture that looks as something in an example, from which on both show the same place.
+const FAMILIAR: f32 = 0.6;
+/// Brightness, as [`opponents`] gives it, from which on there is something to be seen.
+const LIT: f32 = 0.15;
 /// Power of the mean share that a share is multiplied by.
 const AREA: f32 = 0.2;
 
@@ -50,6 +55,12 @@ impl Squares {
         let cells = Cells::of_picture(picture.width() as usize, picture.height() as usize);
         let looks = cells.looks(&cells.colours(picture));
         Self { cells, looks }
+    }
+
+    /// Returns the squares inside the field of view that are not black.
+    fn lit(&self, field_of_view: &Mask) -> Vec<usize> {
+        let inside = self.cells.inside(field_of_view);
+        (0..inside.len()).filter(|i| inside[*i] > 0.5 && self.looks.brightness(*i) > LIT).collect()
     }
 
     /// Returns the likeness of the looks around a pixel and around one of another picture, wherever they are,
@@ -88,6 +99,15 @@ pub(super) struct Example {
     /// Squares that clearly show each name, and those that show none.
     shown: Vec<Vec<usize>>,
     open: Vec<usize>,
+    /// Squares that are not black: all of them together, as one answer.
+    lit: [Vec<usize>; 1],
+}
+
+/// Squares of a picture that surely look as those of an example that show a name, and that surely look as others.
+#[derive(Clone, Debug)]
+pub(super) struct Alike {
+    pub(super) shows: Mask,
+    pub(super) denies: Mask,
 }
 
 impl Example {
@@ -108,24 +128,35 @@ impl Example {
         let shown = shares.iter().map(|plane| inside().filter(|i| plane[*i] > SHOWN).collect()).collect();
         let is_open = |i: &usize| shares.iter().map(|plane| plane[*i]).sum::<f32>() < SHOWN;
         let open = inside().filter(is_open).collect();
-        Self { squares, shown, open }
+        let lit = [squares.lit(field_of_view)];
+        Self { squares, shown, open, lit }
     }
 
-    /// Returns the squares of a picture of the same size that surely look as those that show each name.
-    pub(super) fn likes(&self, picture: &Squares, field_of_view: &Mask) -> Vec<Mask> {
-        let (looks, open) = (&self.squares.looks, (self.open.as_slice(), OPEN_VARIANCE));
-        let Answers { sure, known } = looks.answers_of(&picture.looks, &self.shown, &[], open);
-        let cells = &picture.cells;
-        let inside = cells.inside(field_of_view);
-        let is_sure = |plane: &Vec<f32>, i: usize| inside[i] > 0.5 && plane[i].min(known[i]) > SURE;
-        let mask = |plane: &Vec<f32>| {
-            Mask::from_vec(cells.columns, cells.rows, (0..known.len()).map(|i| is_sure(plane, i)).collect())
+    /// Returns the squares of a picture of the same size that are like those of each name, and unlike them. `None`
+    /// if the picture shows another place.
+    pub(super) fn likes(&self, picture: &Squares, field_of_view: &Mask) -> Option<Vec<Alike>> {
+        let (own, others) = (&self.squares.looks, &picture.looks);
+        let familiar = own.answers_of(others, &self.lit, &[], (&[], OPEN_VARIANCE)).known;
+        let lit = picture.lit(field_of_view);
+        let is_familiar = |i: usize| familiar[i] > SURE;
+        if lit.iter().filter(|i| is_familiar(**i)).count() as f32 <= FAMILIAR * lit.len() as f32 {
+            return None;
+        }
+        let Answers { sure, known } = own.answers_of(others, &self.shown, &[], (&self.open, OPEN_VARIANCE));
+        let mask = |is_so: &dyn Fn(usize) -> bool| {
+            let mut mask = Mask::filled(picture.cells.columns, picture.cells.rows, false);
+            lit.iter().filter(|i| is_so(**i)).for_each(|i| mask.data[*i] = true);
+            mask
         };
-        sure.iter().map(mask).collect()
+        let alike = |sure: &Vec<f32>| Alike {
+            shows: mask(&|i| sure[i].min(known[i]) > SURE),
+            denies: mask(&|i| is_familiar(i) && sure[i].min(known[i]) < NOT),
+        };
+        Some(sure.iter().map(alike).collect())
     }
 
-    /// Returns the same of the example itself.
-    pub(super) fn own(&self, field_of_view: &Mask) -> Vec<Mask> {
+    /// Returns the same of the example itself; `None` if it is black.
+    pub(super) fn own(&self, field_of_view: &Mask) -> Option<Vec<Alike>> {
         self.likes(&self.squares, field_of_view)
     }
 
@@ -219,8 +250,9 @@ impl Cells {
         self.means(|i| if field_of_view.data.get(i).is_none_or(|v| *v) { 1.0 } else { 0.0 })
     }
 
+    /// Returns `true` if marks leave less than half of the picture open.
     fn is_mostly_marked(&self, evidence: &Evidence) -> bool {
-        2 * evidence.pixels().count() > self.width * self.height
+        2 * evidence.settled().count() > self.width * self.height
     }
 
     fn seeds(&self, evidence: &Evidence, num_names: usize) -> Seeds {

@@ -95,6 +95,13 @@ impl Evidence {
         pixels.filter(|(_, verdicts)| verdicts.iter().any(|v| *v != 0)).map(|(i, _)| i)
     }
 
+    /// Returns the pixels that nothing is open of: they show a name, or are denied all.
+    pub(super) fn settled(&self) -> impl Iterator<Item = usize> {
+        let is_settled = |verdicts: &[i8]| verdicts.iter().any(|v| *v > 0) || verdicts.iter().all(|v| *v < 0);
+        let pixels = self.verdicts.chunks_exact(self.num_names.max(1)).enumerate();
+        pixels.filter(move |(_, verdicts)| is_settled(verdicts)).map(|(i, _)| i)
+    }
+
     /// Returns weight and share planes of some names: [names][pixels] each.
     pub(super) fn planes(&self, names: Range<usize>) -> (Vec<f32>, Vec<f32>) {
         let pixels = self.verdicts.len() / self.num_names.max(1);

@@ -16,14 +16,19 @@ use std::{
 
 /// Score above which a pixel of the frame between chapters shows a name.
 const SHOWN: f32 = 0.5;
+/// Number of chapters from a source after which names are looked for anew instead of handed on: errors add up on
+/// the way, and no chapter waits for all of a long operation.
+const LONGEST: usize = 8;
 
 /// Marks of each chapter, as far as they were needed.
 ///
 /// Chapters where names are marked by hand are sources, and one that shows more names comes first. What a
 /// source hands on competes with the names of earlier sources alone: so no chapter waits for itself, and one
 /// more mark changes little of what is known.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Handed {
+    /// Marks by hand, with what they deny.
+    all: Arc<Marks>,
     /// Marks that count in a chapter, by its place and the sources that were heard, in their order.
     of: BTreeMap<(usize, Vec<usize>), Marks>,
     /// Masks that a chapter hands on, by its place, their frame and the sources.
@@ -70,37 +75,45 @@ impl Marked<'_> {
     /// Returns the chapters beside one that hand something on to it, each with the sources that it hears.
     fn givers(&self, place: usize, sources: &[usize]) -> Vec<(usize, Vec<usize>)> {
         let lacking = self.lacking(place, sources).into_keys();
-        let givers = lacking.map(|nearest| (towards(sources[nearest], place), sources[..=nearest].to_vec()));
-        givers.filter(|(beside, _)| self.between(place, *beside).is_some()).collect()
+        let giver = |nearest: usize| {
+            let (beside, _) = self.handing(place, sources[nearest])?;
+            Some((beside, sources[..=nearest].to_vec()))
+        };
+        lacking.filter_map(giver).collect()
     }
 
-    /// Returns the frame that a chapter has from the one beside it; `None` where a cut parts them.
-    fn between(&self, place: usize, beside: usize) -> Option<usize> {
+    /// Returns the place of the chapter that hands names of a source on to another one, and the frame that both
+    /// have; `None` where a cut parts them, and where names are looked for anew.
+    fn handing(&self, place: usize, source: usize) -> Option<(usize, usize)> {
         let shown = &self.chapters[place].shown;
-        let frame = if beside < place { shown.start } else { shown.end - 1 };
-        self.chapters[beside].learned.contains(&frame).then_some(frame)
+        let (beside, frame) =
+            if source < place { (place - 1, shown.start) } else { (place + 1, shown.end - 1) };
+        let is_handed = !place.abs_diff(source).is_multiple_of(LONGEST);
+        (is_handed && self.chapters[beside].learned.contains(&frame)).then_some((beside, frame))
     }
-}
-
-/// Returns the place beside a chapter that is nearer to a source.
-fn towards(source: usize, place: usize) -> usize {
-    if source < place { place - 1 } else { place + 1 }
 }
 
 impl Handed {
+    /// Takes marks by hand.
+    pub fn new(scene: &Scene, marks: &Marks) -> Self {
+        let all = Arc::new(marks.with_outsides(scene));
+        Self { all, of: BTreeMap::new(), on: BTreeMap::new(), examples: Examples::default() }
+    }
+
     /// Returns the marks that count in the chapter that `scene` holds: those on its frames and, of names that are
     /// marked in other chapters alone, masks of the first or the last frame, wherever the two chapters of a frame
     /// are not parted by a cut; of those that are not seen there, masks of what looks like them later. A scene
-    /// that is one whole keeps all marks.
+    /// that is one whole keeps all marks. Marks come with what they deny, see [`Marks::with_outsides`].
     ///
     /// # Errors
     /// A chapter or a picture that cannot be read.
-    pub fn marks(&mut self, scene: &Scene, all: &Marks, pictures: &mut Pictures<'_>) -> Result<Marks> {
+    pub fn marks(&mut self, scene: &Scene, pictures: &mut Pictures<'_>) -> Result<Marks> {
+        let all = Arc::clone(&self.all);
         let Some(current) = scene.chapters.current() else {
-            return Ok(if scene.chapters.is_empty() { all.clone() } else { Marks::default() });
+            return Ok(if scene.chapters.is_empty() { (*all).clone() } else { Marks::default() });
         };
         let chapters: Vec<Chapter> = scene.chapters.iter().cloned().collect();
-        let marked = Marked { scene, chapters: &chapters, all };
+        let marked = Marked { scene, chapters: &chapters, all: &all };
         match chapters.iter().position(|chapter| chapter.index == current.index) {
             Some(place) => self.found(place, &marked.sources(), marked, pictures),
             None => Ok(Marks::default()),
@@ -130,11 +143,13 @@ impl Handed {
         Ok(self.of.get(&(place, sources.to_vec())).cloned().unwrap_or_default())
     }
 
-    /// Returns what of this still holds if other marks take the place of `before`.
-    pub fn for_marks(mut self, scene: &Scene, before: &Marks, after: &Marks) -> Self {
+    /// Takes other marks by hand, and keeps what still holds.
+    pub fn for_marks(mut self, scene: &Scene, marks: &Marks) -> Self {
+        let after = Arc::new(marks.with_outsides(scene));
+        let before = std::mem::replace(&mut self.all, Arc::clone(&after));
         let frames: BTreeSet<usize> = before.frames().into_iter().chain(after.frames()).collect();
         let on = |marks: &Marks, frame: usize| marks.within(&(frame..frame + 1)).digest();
-        let is_changed = |frame: &usize| on(before, *frame) != on(after, *frame);
+        let is_changed = |frame: &usize| on(&before, *frame) != on(&after, *frame);
         let changed: Vec<usize> = frames.into_iter().filter(is_changed).collect();
         let chapters: Vec<&Chapter> = scene.chapters.iter().collect();
         // All chapters on the way from the sources count.
@@ -162,24 +177,24 @@ impl Handed {
         let mut marks = marked.within(place);
         for (nearest, names) in marked.lacking(place, sources) {
             let heard = &sources[..=nearest];
-            let beside = towards(sources[nearest], place);
-            let given = self.on(place, beside, heard, marked, pictures)?;
+            let given = match marked.handing(place, sources[nearest]) {
+                Some(between) => self.on(between, heard, marked, pictures)?,
+                None => Marks::default(),
+            };
             let given = given.filtered(|mark| names.contains(&mark.name));
-            marks.marks.extend(self.in_view(place, given, heard, marked, pictures)?.marks);
+            marks.marks.extend(self.in_view(place, (names, given), heard, marked, pictures)?.marks);
         }
         Ok(marks)
     }
 
-    /// Returns masks of all names on the frame between two chapters, as the one `beside` hands them on.
+    /// Returns masks of all names on a frame that a chapter hands on.
     fn on(
         &mut self,
-        place: usize,
-        beside: usize,
+        (beside, between): (usize, usize),
         sources: &[usize],
         marked: Marked<'_>,
         pictures: &mut Pictures<'_>,
     ) -> Result<Marks> {
-        let Some(between) = marked.between(place, beside) else { return Ok(Marks::default()) };
         let key = (beside, between, sources.to_vec());
         if let Some(known) = self.on.get(&key) {
             return Ok(known.clone());
@@ -192,12 +207,12 @@ impl Handed {
         Ok(marks)
     }
 
-    /// Replaces marks that were handed to a chapter, of names that have left the view, by those of where they
-    /// come back.
+    /// Takes the names that a chapter lacks and the marks of them that were handed to it. Replaces those of
+    /// names that are not in view by marks of where they come back.
     fn in_view(
         &mut self,
         place: usize,
-        given: Marks,
+        (mut names, given): (Vec<String>, Marks),
         sources: &[usize],
         marked: Marked<'_>,
         pictures: &mut Pictures<'_>,
@@ -208,16 +223,10 @@ impl Handed {
         let marks = self.examples.without_rests(given.marks, by_hand, frames, pictures)?;
         let mut marks = Marks { marks };
         let is_seen = |name: &String| marks.all().iter().any(|mark| mark.add && mark.name == *name);
-        let mut unseen = marks.names();
-        unseen.retain(|name| !is_seen(name) && !is_known(scene, name));
-        marks.marks.extend(self.examples.found_again(&unseen, by_hand, frames, pictures)?);
+        names.retain(|name| !is_seen(name) && !scene.finds(name));
+        marks.marks.extend(self.examples.found_again(&names, by_hand, frames, pictures)?);
         Ok(marks)
     }
-}
-
-/// Returns `true` if a scene finds a name by its features.
-fn is_known(scene: &Scene, name: &str) -> bool {
-    scene.codec.is_some() && scene.classes.iter().any(|(class, _)| class.name == name)
 }
 
 /// Carries marks to a frame and returns masks of what is found there, and of what is not.

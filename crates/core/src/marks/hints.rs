@@ -41,7 +41,7 @@ pub(super) struct Told {
 
 impl Hints {
     /// Takes as examples of a name what is marked so, and what `shares` clearly give to it, if there are some.
-    /// What is denied and shows no other name is an example of no name.
+    /// What is denied all names is an example of none.
     pub(super) fn of(looks: &Looks, links: &Links, seeds: &Seeds, shares: &[Vec<f32>]) -> Self {
         let names = 0..seeds.weights.len();
         let is_marked = |k: usize, i: usize| {
@@ -56,10 +56,10 @@ impl Hints {
         let examples = |k: usize| -> Vec<usize> {
             (0..links.len()).filter(|i| counts[k] > 0 && (is_marked(k, *i) || is_clear(k, *i))).collect()
         };
-        let says = |i: usize| names.clone().any(|k| seeds.weights[k][i] > EXAMPLE);
-        let is_denied = |i: &usize| says(*i) && !names.clone().any(|k| is_marked(k, *i));
+        let shows = |i: &usize| names.clone().any(|k| is_marked(k, *i));
+        let is_denied = |i: &usize| names.clone().all(|k| seeds.weights[k][*i] > EXAMPLE) && !shows(i);
         let is_left = |i: usize| shares.iter().map(|plane| plane[i]).sum::<f32>() < 1.0 - OPEN;
-        let is_open = |i: &usize| links.degrees[*i] > 0.0 && !says(*i) && is_left(*i);
+        let is_open = |i: &usize| links.degrees[*i] > 0.0 && !shows(i) && !is_denied(i) && is_left(*i);
         let denied: Vec<usize> = (0..links.len()).filter(is_denied).collect();
         let open: Vec<usize> = (0..links.len()).filter(is_open).collect();
         let examples: Vec<Vec<usize>> = names.clone().map(examples).collect();

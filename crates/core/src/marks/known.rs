@@ -105,7 +105,7 @@ impl MarkedFrame {
 /// Returns the weights of the pixels of a marked frame at half size; `luma` is its luminance there.
 pub(super) fn weights(evidence: &Evidence, luma: &Grid<f32>, whole_width: usize) -> Vec<f32> {
     let mut weights = vec![UNMARKED; luma.data.len()];
-    for i in evidence.pixels() {
+    for i in evidence.settled() {
         weights[at_half(i, whole_width, luma)] = 1.0;
     }
     weights

@@ -85,6 +85,11 @@ impl Looks {
         Self(things.map(look).collect())
     }
 
+    /// Returns the brightness of a thing, as [`opponents`] gives it.
+    pub(super) fn brightness(&self, thing: usize) -> f32 {
+        BRIGHTNESS * self.0[thing][0]
+    }
+
     /// Returns the likeness of a thing and one of others, their places aside, 0–1.
     pub(super) fn likeness(&self, thing: usize, others: &Self, other: usize) -> f32 {
         likeness(&self.0[thing][..PLACE], &others.0[other][..PLACE])

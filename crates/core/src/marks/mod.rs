@@ -13,6 +13,8 @@
 mod again;
 mod carried;
 mod cells;
+#[cfg(test)]
+mod chapter_tests;
 mod conjugate;
 mod correction;
 mod entry;
@@ -25,6 +27,7 @@ mod known;
 mod links;
 mod looks;
 mod means;
+mod outside;
 mod plan;
 mod read;
 mod scores;

@@ -12,18 +12,18 @@ use crate::{
 };
 use image::RgbImage;
 use proptest::prelude::*;
-use std::{ops::Range, path::Path, sync::Arc};
+use std::{path::Path, sync::Arc};
 
-const SIZE: [usize; 2] = [64, 48];
-const FRAMES: usize = 4;
+pub(super) const SIZE: [usize; 2] = [64, 48];
+pub(super) const FRAMES: usize = 4;
 
-fn canvas() -> Canvas {
+pub(super) fn canvas() -> Canvas {
     let frame_names = (0..FRAMES).map(|i| format!("picture_{i}.png")).collect();
     Canvas { width: SIZE[0], height: SIZE[1], frame_names, num_frames: FRAMES }
 }
 
 /// A wall that is red on the left and green on the right.
-fn scene() -> Scene {
+pub(super) fn scene() -> Scene {
     let camera = Camera::with_field_of_view(SIZE[0] as u32, SIZE[1] as u32, 60.0);
     let places: Vec<(f32, f32)> =
         (0..24 * 32).map(|i| ((i % 32) as f32 * 2.0 + 1.0, (i / 32) as f32 * 2.0 + 1.0)).collect();
@@ -55,7 +55,7 @@ fn scene() -> Scene {
     }
 }
 
-fn picture(scene: &Scene, frame: usize) -> Result<RgbImage> {
+pub(super) fn picture(scene: &Scene, frame: usize) -> Result<RgbImage> {
     Ok(CpuRenderer::default().render(scene, &scene.cameras[frame], scene.time(frame), false)?.to_rgb())
 }
 
@@ -67,7 +67,7 @@ fn scores(marks: Vec<Mark>, frame: usize) -> (Vec<String>, FrameScores) {
     (carried.names().to_vec(), found)
 }
 
-fn stroke(frame: usize, name: &str, add: bool, points: &[[f32; 2]]) -> Mark {
+pub(super) fn stroke(frame: usize, name: &str, add: bool, points: &[[f32; 2]]) -> Mark {
     Mark::new(frame, name, add, Shape::Stroke { points_px: points.to_vec(), radius_px: 1.5 })
 }
 
@@ -85,7 +85,7 @@ fn a_stroke_on_each_side_finds_both_sides_on_every_frame() {
 }
 
 /// Share of the left or the right half where something is found.
-fn share_of_half(scores: &Grid<f32>, left: bool) -> f32 {
+pub(super) fn share_of_half(scores: &Grid<f32>, left: bool) -> f32 {
     let inside = |i: &usize| (i % SIZE[0] < SIZE[0] / 2) == left;
     let pixels: Vec<usize> = (0..SIZE[0] * SIZE[1]).filter(inside).collect();
     pixels.iter().filter(|i| scores.data[**i] > 0.5).count() as f32 / pixels.len() as f32
@@ -187,6 +187,35 @@ fn outlines_correct_strokes_where_they_are_and_grow_no_further() {
         assert!(fat.at(24, 30) < 0.5 && fat.at(50, 30) > 0.5, "on frame {frame}");
     }
     assert_eq!(on(&[2]), on(&[0, 3, 1, 2]), "what was looked at before does not matter");
+}
+
+#[test]
+fn an_outlined_structure_ends_at_its_outline() {
+    let scene = scene();
+    let outline = |frame: usize, corners: [[f32; 2]; 2]| {
+        Mark::new(frame, "liver", true, Shape::Box { corners_px: corners })
+    };
+    // A part of the left half, which looks the same all over.
+    let whole = outline(1, [[6.0, 6.0], [20.0, 30.0]]);
+    let marks = |marks: &[Mark]| Marks::new(marks.to_vec(), &canvas()).unwrap().with_outsides(&scene);
+    let alone = marks(std::slice::from_ref(&whole));
+    let settings = CarrySettings { refines: false, ..CarrySettings::default() };
+    let mut carried = Carried::new(&scene, Arc::new(Graph::of(&scene)), &alone, settings);
+    for frame in 0..FRAMES {
+        let liver = &carried.on_frame(&scene, frame, &mut |i| picture(&scene, i)).unwrap().scores[0];
+        let area = liver.data.iter().filter(|score| **score > 0.5).count();
+        assert!((300..=380).contains(&area), "{area} px instead of 336 on frame {frame}");
+    }
+    let denied = |marks: &Marks| -> Vec<usize> {
+        marks.all().iter().filter(|mark| !mark.add).map(|mark| mark.frame).collect()
+    };
+    assert_eq!(denied(&alone), [1]);
+    let piece = outline(2, [[6.0, 30.0], [12.0, 34.0]]);
+    assert_eq!(denied(&marks(&[whole.clone(), piece])), [1], "a piece is not all of it");
+    let pointed_at = stroke(3, "liver", true, &[[8.0, 10.0]]);
+    assert!(denied(&marks(&[whole.clone(), pointed_at])).is_empty(), "what is pointed at goes on");
+    let opposite = Mark { add: false, ..whole.clone() };
+    assert_eq!(denied(&marks(&[whole, opposite])), [1], "the opposite alone");
 }
 
 #[test]
@@ -513,128 +542,4 @@ fn dicom_segmentations_are_marks_and_labels() {
     assert_eq!((sequence.classes()[0].name.as_str(), sequence.classes()[0].id), ("liver", 1));
     assert_eq!(sequence.labels(1).unwrap(), None);
     assert_eq!(sequence.labels(2).unwrap().unwrap().map(|id| *id == 1), mask);
-}
-
-/// The wall as a scene of chapters, each with the frames that it shows and learned.
-fn in_chapters<const N: usize>(ranges: [(Range<usize>, Range<usize>); N]) -> Scene {
-    let num_frames = ranges[N - 1].0.end;
-    let parts = ranges.into_iter().enumerate().map(|(index, (shown, learned))| {
-        let mut part = scene();
-        part.cameras = vec![part.cameras[0]; num_frames];
-        let chapter = crate::scene::Chapter { index, count: N, shown, learned };
-        part.provenance.settings = serde_json::json!({ "chapter": chapter });
-        part.as_chapter()
-    });
-    parts.fold(None, |earlier, part| Some(Scene::joined(earlier, part))).unwrap()
-}
-
-#[test]
-fn marks_reach_the_next_chapter_as_masks_and_end_at_a_cut() {
-    let marks = vec![
-        stroke(0, "liver", true, &[[8.0, 10.0], [20.0, 40.0]]),
-        stroke(0, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]),
-    ];
-    let marks = Marks::new(marks, &canvas()).unwrap();
-    let mut handed = Handed::default();
-    // Frame 2 belongs to the second chapter alone, so that a cut parts the third.
-    let chapters = in_chapters([(0..2, 0..3), (2..3, 1..3), (3..4, 3..4)]);
-    let mut in_chapter = |index: usize| {
-        let scene = chapters.of_chapter(index).unwrap();
-        handed.marks(&scene, &marks, &mut |i| picture(&scene, i)).unwrap()
-    };
-    assert_eq!(in_chapter(0), marks);
-    let next = in_chapter(1);
-    assert_eq!((next.frames(), next.names()), (vec![2], marks.names()));
-    assert!(in_chapter(2).is_empty());
-    let shown = |name: &str, add: bool| {
-        let mark = next.all().iter().find(|mark| mark.name == name && mark.add == add).unwrap();
-        mark.shape.pixels(SIZE[0], SIZE[1])
-    };
-    let liver = shown("liver", true);
-    assert!(liver.at(12, 20) && !liver.at(56, 20));
-    assert!(shown("fat", true).at(56, 20) && shown("fat", false).at(12, 20));
-    let whole = scene();
-    assert_eq!(Handed::default().marks(&whole, &marks, &mut |i| picture(&whole, i)).unwrap(), marks);
-}
-
-#[test]
-fn marks_reach_a_chapter_from_both_sides() {
-    let chapters = in_chapters([(0..2, 0..3), (2..4, 1..5), (4..6, 3..6)]);
-    let canvas = Canvas { num_frames: 6, frame_names: Vec::new(), ..canvas() };
-    let liver = stroke(0, "liver", true, &[[8.0, 10.0], [20.0, 40.0]]);
-    let fat = stroke(5, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]);
-    let marks = Marks::new(vec![liver.clone(), fat.clone()], &canvas).unwrap();
-    // Returns the marks of a chapter, and the frames that were looked at for them.
-    let of = |handed: &mut Handed, index: usize, marks: &Marks| {
-        let scene = chapters.of_chapter(index).unwrap();
-        let mut frames = Vec::new();
-        let mut pictures = |i| {
-            frames.push(i);
-            picture(&scene, i)
-        };
-        let found = handed.marks(&scene, marks, &mut pictures).unwrap();
-        (found, frames)
-    };
-    let mut handed = Handed::default();
-    for (index, by_hand) in [(0, vec!["liver"]), (1, vec![]), (2, vec!["fat"])] {
-        let (found, _) = of(&mut handed, index, &marks);
-        assert_eq!(found.names(), marks.names());
-        for name in ["liver", "fat"] {
-            let mut shown = found.all().iter().filter(|mark| mark.name == name && mark.add);
-            assert!(
-                shown.any(|mark| mark.shape.is_outlined() != by_hand.contains(&name)),
-                "{name} in {index}"
-            );
-        }
-    }
-    // Another mark at the end leaves what came from the beginning, and not what it may change.
-    let more = Marks::new(vec![liver, fat, stroke(5, "fat", true, &[[60.0, 8.0]])], &canvas).unwrap();
-    let mut handed = handed.for_marks(&chapters, &marks, &more);
-    assert!(of(&mut handed, 2, &more).1.is_empty(), "it is known already");
-    assert!(!of(&mut handed, 0, &more).1.is_empty());
-}
-
-#[test]
-fn what_has_left_the_view_is_found_again_by_its_looks() {
-    let strokes = vec![
-        stroke(0, "liver", true, &[[6.0, 10.0], [12.0, 40.0]]),
-        stroke(0, "fat", true, &[[58.0, 10.0], [52.0, 40.0]]),
-        stroke(0, "clip", true, &[[24.0, 20.0], [26.0, 26.0]]),
-    ];
-    let (scene, marks) = (scene(), Marks::new(strokes, &canvas()).unwrap());
-    // A blue clip is seen at first, and later elsewhere.
-    let pictures = |i: usize, clip: Option<[u32; 2]>| {
-        let mut picture = picture(&scene, i)?;
-        if let Some([left, top]) = clip {
-            let pixels = (0..16 * 16).map(|k| (left + k % 16, top + k / 16));
-            pixels.for_each(|(x, y)| picture.put_pixel(x, y, image::Rgb([40, 60, 220])));
-        }
-        Ok(picture)
-    };
-    let (mut examples, clip) = (again::Examples::default(), ["clip".to_owned()]);
-    let mut found = |later: [u32; 2]| {
-        let seen = |i: usize| if i == 0 { Some([18, 14]) } else { Some(later).filter(|_| i == 3) };
-        let mut pictures = |i: usize| pictures(i, seen(i));
-        examples.found_again(&clip, (&scene, &marks), &(1..4), &mut pictures).unwrap()
-    };
-    let back = found([22, 20]);
-    let [mark] = &back[..] else { panic!("{} marks", back.len()) };
-    let pixels = mark.shape.pixels(SIZE[0], SIZE[1]);
-    let is_clip = |i: usize| (22..38).contains(&(i % SIZE[0])) && (20..36).contains(&(i / SIZE[0]));
-    let right = (0..pixels.data.len()).filter(|i| pixels.data[*i] && is_clip(*i)).count();
-    assert_eq!((mark.frame, mark.add, mark.name.as_str()), (3, true, "clip"));
-    assert!(right == pixels.count() && right > 100, "{right} of {}", pixels.count());
-    // Of what has left the view but for a rest, the rest does not count.
-    let mut kept = |pixels: usize| {
-        let mask = Mask::from_vec(SIZE[0], SIZE[1], (0..SIZE[0] * SIZE[1]).map(|i| i < pixels).collect());
-        let mark = Mark::new(1, "clip", true, Shape::from(&mask));
-        let mut pictures = |i: usize| pictures(i, Some([18, 14]));
-        let kept = examples.without_rests(vec![mark], (&scene, &marks), &(1..4), &mut pictures);
-        kept.unwrap().len()
-    };
-    assert_eq!([kept(3), kept(60)], [0, 1]);
-    let nowhere = again::Examples::default().found_again(&clip, (&scene, &marks), &(1..4), &mut |i| {
-        pictures(i, Some([18, 14]).filter(|_| i == 0))
-    });
-    assert!(nowhere.unwrap().is_empty());
 }

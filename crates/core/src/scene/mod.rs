@@ -118,6 +118,10 @@ impl Scene {
     pub fn time(&self, i: usize) -> f32 {
         self.times.get(i).copied().unwrap_or(i as f32 / self.num_frames().max(1) as f32)
     }
+    /// Returns `true` if the scene finds a name by its features: it is one of its classes.
+    pub fn finds(&self, name: &str) -> bool {
+        self.codec.is_some() && self.classes.iter().any(|(class, _)| class.name == name)
+    }
     /// Returns the revision of Gaussians and motion: scenes of equal revision look the same.
     pub fn revision(&self) -> [u64; 2] {
         [self.gaussians.revision(), self.deformation.revision()]

@@ -2,11 +2,16 @@
 
 use super::pace::Glance;
 use image::RgbImage;
+use std::ops::Range;
 
 /// Difference of neighbouring frames, in 8-bit levels, from which on it may be a cut.
 const CUT_LEVELS: f32 = 12.0;
 /// The same as a multiple of the usual difference around it.
 const CUT_TIMES: f32 = 3.0;
+/// The same as a multiple of the largest difference around it, where it is compared with one side alone.
+const LARGEST_TIMES: f32 = 1.5;
+/// Share of a difference from which on that of the next frame belongs to it: one frame alone is bright or dark.
+const FLASH_SHARE: f32 = 0.5;
 /// Number of frames on either side that tell what is usual.
 const AROUND: usize = 12;
 /// Brightness of a pixel's brightest channel from which on its colour counts, 8-bit levels.
@@ -67,20 +72,31 @@ fn shows_tissue(picture: &RgbImage) -> bool {
 }
 
 /// Returns the first frames of new shots: they differ far more from the frame before than frames around them
-/// do. A single bright or dark frame is none.
+/// do, or than those on one side, where a steady shot meets one that moves fast. A single bright or dark frame
+/// is none.
 pub(super) fn cuts(shots: &[Shot]) -> Vec<usize> {
-    let is_sudden = |i: usize| {
-        let Some(own) = shots.get(i).and_then(|shot| shot.difference) else { return false };
-        let around = shots[i.saturating_sub(AROUND)..(i + AROUND + 1).min(shots.len())].iter().enumerate();
-        let others = around.filter(|(k, _)| i.saturating_sub(AROUND) + k != i);
-        let mut others: Vec<f32> = others.filter_map(|(_, shot)| shot.difference).collect();
-        others.sort_by(f32::total_cmp);
-        let usual = others.get(others.len() / 2).copied().unwrap_or(0.0);
-        own > CUT_LEVELS && own > CUT_TIMES * usual
+    let differences = |frames: Range<usize>| -> Vec<f32> {
+        let mut differences: Vec<f32> = shots[frames].iter().filter_map(|shot| shot.difference).collect();
+        differences.sort_by(f32::total_cmp);
+        differences
     };
-    let sudden: Vec<bool> = (0..shots.len()).map(is_sudden).collect();
-    let is_next_to_another = |i: usize| (i > 0 && sudden[i - 1]) || sudden.get(i + 1) == Some(&true);
-    (0..shots.len()).filter(|i| sudden[*i] && !is_next_to_another(*i)).collect()
+    let usual = |sorted: &[f32]| sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    let sudden = |i: usize| {
+        let own = shots[i].difference.filter(|own| *own > CUT_LEVELS)?;
+        let before = differences(i.saturating_sub(AROUND)..i);
+        let after = differences(i + 1..(i + AROUND + 1).min(shots.len()));
+        let mut both = [&before[..], &after].concat();
+        both.sort_by(f32::total_cmp);
+        let stands_out = own > LARGEST_TIMES * both.last().copied().unwrap_or(0.0);
+        let beside = if stands_out { usual(&before).min(usual(&after)) } else { usual(&both) };
+        (own > CUT_TIMES * usual(&both).min(beside)).then_some(own)
+    };
+    let sudden: Vec<Option<f32>> = (0..shots.len()).map(sudden).collect();
+    let is_flash = |i: usize, own: f32| {
+        let beside = [i.checked_sub(1), Some(i + 1)].into_iter().flatten();
+        beside.filter_map(|k| *sudden.get(k)?).any(|other| other > FLASH_SHARE * own)
+    };
+    (0..shots.len()).filter(|i| sudden[*i].is_some_and(|own| !is_flash(*i, own))).collect()
 }
 
 /// Returns the first frames of new shots from the mean differences of frames from the ones that were read
@@ -122,6 +138,12 @@ mod tests {
         assert_eq!(cuts(&shots(&differences)), [20]);
         differences[21] = 40.0;
         assert_eq!(cuts(&shots(&differences)), [0; 0], "one frame that is bright by itself");
+        differences[21] = 18.0;
+        assert_eq!(cuts(&shots(&differences)), [20], "a jump in the new shot");
+        (21..40).for_each(|i| differences[i] = 18.0);
+        assert_eq!(cuts(&shots(&differences)), [20], "a steady shot before one that moves fast");
+        differences[20] = 25.0;
+        assert_eq!(cuts(&shots(&differences)), [0; 0], "a shot that begins to move fast");
         assert_eq!(cuts(&shots(&[0.0; 30])), [0; 0]);
         assert_eq!(cuts(&[]), [0; 0]);
         let mut known: Vec<Option<f32>> = vec![Some(5.0); 40];

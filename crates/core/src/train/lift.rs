@@ -76,6 +76,7 @@ impl Trainer {
         }
         let scene = self.scene()?;
         let graph = Arc::new(Graph::of(&scene));
+        let marks = marks.with_outsides(&scene);
         let mut carried = Carried::new(&scene, Arc::clone(&graph), &marks, CarrySettings::default());
         let rows: Vec<u16> = carried.names().iter().map(|name| row_of(&scene, name)).collect();
         let mut regions = BTreeMap::new();

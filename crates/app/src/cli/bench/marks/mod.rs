@@ -94,6 +94,9 @@ impl Measure for BenchMarksArgs {
             let marks = Marks::new(bench.alternately(rule, [middle, 5 * n / 6])?, &bench.canvas)?;
             add(bench.by_marks(&way, &marks, whole)?);
         }
+        for (name, rule) in [("full mask", Rule::Mask), ("one stroke", Rule::Stroke)] {
+            add(bench.by_classes(&format!("{name} of every class by itself"), rule, middle)?);
+        }
         add(bench.by_rule("strokes on three frames", Rule::Stroke, &[n / 6, middle, 5 * n / 6], whole)?);
         bench.corrected("corrections", middle, |_| true, Bench::painted_over, &mut add)?;
         let complete = bench.frames_like(middle)?;
@@ -185,22 +188,45 @@ impl Bench {
 
     fn by_marks(&self, way: &str, marks: &Marks, settings: CarrySettings) -> Result<Outcome> {
         let started = Instant::now();
-        let mut carried = Carried::new(&self.scene, Arc::clone(&self.graph), marks, settings);
+        let mut carried = self.carried(marks, settings);
         if let Some(shown) = marks.frames().last() {
             self.scores(&mut carried, *shown)?;
         }
         let marked_s = started.elapsed().as_secs_f64();
-        let none = Mask::filled(self.canvas.width, self.canvas.height, false);
         let found = |frame: usize| -> Result<Vec<Mask>> {
             let scores = self.scores(&mut carried, frame)?;
-            let of = |class: &Class| {
-                let place = carried.names().iter().position(|name| *name == class.name);
-                place.map_or_else(|| none.clone(), |k| threshold(&scores[k], 0.5))
-            };
-            Ok(self.classes.iter().map(of).collect())
+            Ok(self.classes.iter().map(|class| self.found(class, &carried, &scores)).collect())
         };
         let outcome = self.measured(way, &marks.frames(), found)?;
         Ok(Outcome { marked_s, ..outcome })
+    }
+
+    /// Marks every class by itself, as if there were no other.
+    fn by_classes(&self, way: &str, rule: Rule, frame: usize) -> Result<Outcome> {
+        let marks = Marks::new(self.marks(rule, &[frame])?, &self.canvas)?;
+        let own = |class: &Class| self.carried(&marks.named(&[&class.name]), CarrySettings::default());
+        let mut carried: Vec<Carried> = self.classes.iter().map(own).collect();
+        let found = |frame: usize| -> Result<Vec<Mask>> {
+            let mut masks = Vec::new();
+            for (class, carried) in self.classes.iter().zip(&mut carried) {
+                let scores = self.scores(carried, frame)?;
+                masks.push(self.found(class, carried, &scores));
+            }
+            Ok(masks)
+        };
+        self.measured(way, &[frame], found)
+    }
+
+    fn carried(&self, marks: &Marks, settings: CarrySettings) -> Carried {
+        let marks = marks.with_outsides(&self.scene);
+        Carried::new(&self.scene, Arc::clone(&self.graph), &marks, settings)
+    }
+
+    /// Returns where a class is found, nowhere if it was not marked.
+    fn found(&self, class: &Class, carried: &Carried, scores: &[Grid<f32>]) -> Mask {
+        let place = carried.names().iter().position(|name| *name == class.name);
+        let nowhere = || Mask::filled(self.canvas.width, self.canvas.height, false);
+        place.map_or_else(nowhere, |k| threshold(&scores[k], 0.5))
     }
 
     fn scores(&self, carried: &mut Carried, frame: usize) -> Result<Vec<Grid<f32>>> {
@@ -285,8 +311,7 @@ impl Bench {
         let mut marks = self.marks(Rule::Stroke, &[middle])?;
         for correction in 1..=CORRECTIONS {
             let current = Marks::new(marks.clone(), &self.canvas)?;
-            let mut carried =
-                Carried::new(&self.scene, Arc::clone(&self.graph), &current, CarrySettings::default());
+            let mut carried = self.carried(&current, CarrySettings::default());
             let mut places = carried.in_doubt(&self.scene, &mut |i| self.sequence.frame(i))?;
             places.retain(|here| may(here.frame));
             let Some(here) = LookHere::best(&places) else { break };
