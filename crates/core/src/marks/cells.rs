@@ -103,7 +103,8 @@ pub(super) struct Example {
     lit: [Vec<usize>; 1],
 }
 
-/// Squares of a picture that surely look as those of an example that show a name, and that surely look as others.
+/// Squares of a picture that surely look as those of an example that show a name, and that surely look as
+/// others.
 #[derive(Clone, Debug)]
 pub(super) struct Alike {
     pub(super) shows: Mask,
@@ -132,8 +133,8 @@ impl Example {
         Self { squares, shown, open, lit }
     }
 
-    /// Returns the squares of a picture of the same size that are like those of each name, and unlike them. `None`
-    /// if the picture shows another place.
+    /// Returns the squares of a picture of the same size that are like those of each name, and unlike them.
+    /// `None` if the picture shows another place.
     pub(super) fn likes(&self, picture: &Squares, field_of_view: &Mask) -> Option<Vec<Alike>> {
         let (own, others) = (&self.squares.looks, &picture.looks);
         let familiar = own.answers_of(others, &self.lit, &[], (&[], OPEN_VARIANCE)).known;

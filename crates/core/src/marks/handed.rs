@@ -16,8 +16,8 @@ use std::{
 
 /// Score above which a pixel of the frame between chapters shows a name.
 const SHOWN: f32 = 0.5;
-/// Number of chapters from a source after which names are looked for anew instead of handed on: errors add up on
-/// the way, and no chapter waits for all of a long operation.
+/// Number of chapters from a source after which names are looked for anew instead of handed on: errors add up
+/// on the way, and no chapter waits for all of a long operation.
 const LONGEST: usize = 8;
 
 /// Marks of each chapter, as far as they were needed.

@@ -7,8 +7,8 @@ use rayon::prelude::*;
 /// Least area of a structure's outlines on a frame, as a part of its largest one on any. Smaller ones add a
 /// piece, and say nothing of the rest of the structure.
 const LEAST_PART: f32 = 0.5;
-/// Number of columns of a picture for each pixel of the band around outlines that is left open: they are drawn
-/// by hand.
+/// Number of columns of a picture for each pixel of the band around outlines that is left open: they are
+/// drawn by hand.
 const COLUMNS_PER_BAND_PX: usize = 80;
 
 impl Marks {

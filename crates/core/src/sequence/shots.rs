@@ -10,7 +10,8 @@ const CUT_LEVELS: f32 = 12.0;
 const CUT_TIMES: f32 = 3.0;
 /// The same as a multiple of the largest difference around it, where it is compared with one side alone.
 const LARGEST_TIMES: f32 = 1.5;
-/// Share of a difference from which on that of the next frame belongs to it: one frame alone is bright or dark.
+/// Share of a difference from which on that of the next frame belongs to it: one frame alone is bright or
+/// dark.
 const FLASH_SHARE: f32 = 0.5;
 /// Number of frames on either side that tell what is usual.
 const AROUND: usize = 12;
@@ -72,8 +73,8 @@ fn shows_tissue(picture: &RgbImage) -> bool {
 }
 
 /// Returns the first frames of new shots: they differ far more from the frame before than frames around them
-/// do, or than those on one side, where a steady shot meets one that moves fast. A single bright or dark frame
-/// is none.
+/// do, or than those on one side, where a steady shot meets one that moves fast. A single bright or dark
+/// frame is none.
 pub(super) fn cuts(shots: &[Shot]) -> Vec<usize> {
     let differences = |frames: Range<usize>| -> Vec<f32> {
         let mut differences: Vec<f32> = shots[frames].iter().filter_map(|shot| shot.difference).collect();
