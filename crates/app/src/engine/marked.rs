@@ -3,32 +3,24 @@
 use super::{Engine, SceneView};
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 use surgtpgs_core::{
-    Result,
+    Error, Result,
     deform::deform,
     grid::Grid,
     marks::{Canvas, Carried, CarrySettings, Correction, FrameScores, Graph, Handed, LookHere, Marks},
     raster::render_frame,
     relevancy::{Points, Query, Relevancy},
+    scene::Scene,
 };
 
 /// Marks, carried to the scene.
 pub(super) struct Marked {
     marks: Marks,
-    /// Marks that count in each chapter of a long scene.
-    handed: Handed,
     /// Names that the scene does not have.
     carried: Carried,
     /// Corrections of the scene's classes, by name.
     corrections: BTreeMap<String, Correction>,
     /// Scores of the last frame, in the order of the carried names.
     last: Option<(usize, FrameScores)>,
-}
-
-impl Marked {
-    /// Returns what another chapter needs of the marks.
-    pub(super) fn to_carry(&self) -> (Marks, Handed) {
-        (self.marks.clone(), self.handed.clone())
-    }
 }
 
 impl Engine {
@@ -57,41 +49,57 @@ impl Engine {
         if names != earlier.as_ref().map(|m| m.marks.names()).unwrap_or_default() {
             self.asking.know(&self.scene, &self.settings, &names)?;
         }
+        let handed = self.handed.take();
         if marks.is_empty() {
             return Ok(());
         }
-        let handed = match &earlier {
-            Some(earlier) => earlier.handed.clone().for_marks(&self.scene, &marks),
-            None => Handed::new(&self.scene, &marks),
-        };
-        self.carry(marks, handed, earlier)
+        let scene = self.scene.clone();
+        self.handed = Some(match handed {
+            Some(handed) => handed.for_marks(&scene, &marks),
+            None => Handed::new(&scene, &marks),
+        });
+        let here = self.marks_in(&scene)?;
+        self.carry(marks, here, earlier)
     }
 
-    /// Carries marks to the scene, or to the chapter of it that it holds.
-    pub(super) fn carry(&mut self, all: Marks, mut handed: Handed, earlier: Option<Marked>) -> Result<()> {
+    /// Returns the marks that count in the chapter that `scene` holds. What is found until the work is left off
+    /// is kept.
+    pub(super) fn marks_in(&mut self, scene: &Scene) -> Result<Marks> {
+        let Some(mut handed) = self.handed.take() else { return Ok(Marks::default()) };
+        let found = handed.marks(scene, &mut |i| {
+            if self.pending.is_elsewhere(|frame| scene.is_at(scene.time(frame))) {
+                return Err(Error::Cancelled);
+            }
+            match self.original(i)? {
+                Some(picture) => Ok(picture),
+                None => Ok(render_frame(&scene.at(scene.time(i))?, i).to_rgb()),
+            }
+        });
+        self.handed = Some(handed);
+        found
+    }
+
+    /// Carries the marks that count here to the scene, or to the chapter of it that it holds.
+    pub(super) fn carry(&mut self, all: Marks, here: Marks, earlier: Option<Marked>) -> Result<()> {
         let scene = self.scene.clone();
-        let marks = handed.marks(&scene, &mut |i| match self.original(i)? {
-            Some(picture) => Ok(picture),
-            None => Ok(render_frame(&scene.at(scene.time(i))?, i).to_rgb()),
-        })?;
-        let names = marks.names();
+        let names = here.names();
         let earlier_graph = self.graph.take().filter(|g| g.is_of(&self.scene));
         let graph = earlier_graph.unwrap_or_else(|| Arc::new(Graph::of(&self.scene)));
         let (known, new): (Vec<&String>, Vec<&String>) = names.iter().partition(|name| scene.finds(name));
         let carried =
-            Carried::new(&self.scene, Arc::clone(&graph), &marks.named(&new), CarrySettings::default());
+            Carried::new(&self.scene, Arc::clone(&graph), &here.named(&new), CarrySettings::default());
         let carried = match earlier {
             Some(earlier) => carried.after(earlier.carried),
             None => carried,
         };
         let mut corrections = BTreeMap::new();
         for name in known {
-            let own = marks.named(&[name]);
+            let own = here.named(&[name]);
             let before = self.shares_before(name, own.frames().first().copied().unwrap_or(0));
             corrections.insert(name.clone(), Correction::new(&self.scene, &graph, &own, &before));
         }
         self.graph = Some(graph);
-        self.marked = Some(Marked { marks: all, handed, carried, corrections, last: None });
+        self.marked = Some(Marked { marks: all, carried, corrections, last: None });
         Ok(())
     }
 

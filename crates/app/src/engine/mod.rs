@@ -19,11 +19,13 @@
 
 mod answer;
 mod asking;
+mod chapters;
 mod layers;
 mod machine;
 mod marked;
 mod opening;
 mod outside;
+mod pending;
 mod question;
 
 pub use answer::{Answer, Verdict};
@@ -31,10 +33,12 @@ pub use layers::Motion;
 pub use machine::BackendChoice;
 pub(crate) use machine::Machine;
 pub(crate) use machine::may_have_gpu;
+pub(crate) use pending::{Next, Pending};
 pub use question::{Negatives, Question, Sample};
 
 use crate::memory::{Work, require_for};
 use asking::Asking;
+use chapters::TurnedFrom;
 pub use opening::open_text_encoder;
 use opening::{find_recording, open_recording, open_relevancy};
 use outside::{Outside, blank};
@@ -50,7 +54,7 @@ use surgtpgs_core::{
     deform::deform,
     files::Inputs,
     grid::{Grid, Mask},
-    marks::Graph,
+    marks::{Graph, Handed},
     mask::threshold,
     num::sigmoid,
     overlay::{OverlayPrompt, overlay},
@@ -135,19 +139,16 @@ pub struct Engine {
     settings: RelevancySettings,
     asking: Asking,
     marked: Option<marked::Marked>,
+    /// Marks that count in each chapter of a long scene, as far as they were needed.
+    handed: Option<Handed>,
+    /// The request that waits: carrying marks to another chapter leaves off for it.
+    pending: Arc<Pending>,
     /// Graph of the scene's Gaussians, which marks spread over; made for the first marks.
     graph: Option<Arc<Graph>>,
     /// Chapter of a long scene that was turned from last, with its marks.
     turned_from: Option<TurnedFrom>,
     /// File that the marks were read from.
     marks_file: Option<PathBuf>,
-}
-
-/// A chapter that was turned from, with its marks.
-struct TurnedFrom {
-    scene: Arc<Scene>,
-    marked: Option<marked::Marked>,
-    graph: Option<Arc<Graph>>,
 }
 
 /// The images of a view, with or without features.
@@ -198,6 +199,8 @@ impl Engine {
             travelling: None,
             settings,
             marked: None,
+            handed: None,
+            pending: Arc::default(),
             graph: None,
             turned_from: None,
             marks_file: None,
@@ -217,35 +220,9 @@ impl Engine {
         self.outside = Outside::default();
         // Marks belong to the Gaussians that they were carried to.
         self.marked = None;
+        self.handed = None;
         self.turned_from = None;
         self.scene = scene;
-    }
-
-    /// Takes the chapter of a long scene that is shown at `time`.
-    pub(crate) fn turn_to(&mut self, time: f32) -> Result<()> {
-        if self.scene.is_at(time) {
-            return Ok(());
-        }
-        if let Some(mut other) = self.turned_from.take_if(|other| other.scene.is_at(time)) {
-            std::mem::swap(&mut self.scene, &mut other.scene);
-            std::mem::swap(&mut self.marked, &mut other.marked);
-            std::mem::swap(&mut self.graph, &mut other.graph);
-            self.turned_from = Some(other);
-            return Ok(());
-        }
-        let next = Arc::new(self.scene.at(time)?);
-        let marks = self.marked.as_ref().map(marked::Marked::to_carry);
-        let scene = std::mem::replace(&mut self.scene, next);
-        self.turned_from = Some(TurnedFrom { scene, marked: self.marked.take(), graph: self.graph.take() });
-        // Marks belong to the Gaussians that they were carried to.
-        marks.map_or(Ok(()), |(marks, handed)| self.carry(marks, handed, None))
-    }
-
-    /// Returns `false` if marks have to be carried to another chapter before frame `i` can be asked.
-    pub(crate) fn answers_at_once(&self, i: usize) -> bool {
-        let time = self.scene.time(i);
-        let is_near = self.turned_from.as_ref().is_some_and(|other| other.scene.is_at(time));
-        self.marked.is_none() || self.scene.is_at(time) || is_near
     }
 
     /// Returns the recording, if it was found.

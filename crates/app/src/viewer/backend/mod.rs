@@ -9,7 +9,7 @@ pub(crate) mod ranges;
 pub(crate) mod task;
 
 use crate::{
-    engine::{Answer, Negatives, Question, Sample},
+    engine::{Answer, Negatives, Pending, Question, Sample},
     evaluation::Evaluation,
     jobs::ExportRequest,
 };
@@ -196,6 +196,9 @@ pub(crate) trait FrameSource: Send {
     fn look_here(&mut self, _: usize) -> Result<Option<LookHere>> {
         Ok(None)
     }
+    /// Takes the place where requests that wait are told: long work for other frames leaves off for them, with
+    /// [`surgtpgs_core::Error::Cancelled`].
+    fn leave_off_for(&mut self, _: &Arc<Pending>) {}
     /// Returns `false` if questions on a view have to wait for seconds, until marks are carried to it.
     fn answers_at_once(&self, _: &FrameView) -> bool {
         true

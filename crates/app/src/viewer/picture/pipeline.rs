@@ -2,7 +2,7 @@
 //! requests may need again, so that a moved threshold costs only a redraw of the overlay. It prepares the
 //! frames ahead while there is no request. It runs on the worker thread.
 
-use crate::engine::Question;
+use crate::engine::{Pending, Question};
 use crate::viewer::{
     backend::{FrameSource, FrameView, Parts, Rendering},
     picture::{
@@ -53,6 +53,8 @@ pub(crate) struct Pipeline {
     counted: Option<Counted>,
     /// Marks that the source has.
     marks: MarkList,
+    /// The request that waits.
+    pending: Arc<Pending>,
 }
 
 struct Rendered {
@@ -83,19 +85,29 @@ impl Pipeline {
             motion_top: None,
             last: None,
             marks: MarkList::default(),
+            pending: Arc::default(),
         }
+    }
+
+    /// Lets long work leave off for a request that waits.
+    pub(crate) fn leaving_off_for(mut self, pending: Arc<Pending>) -> Self {
+        self.source.leave_off_for(&pending);
+        self.pending = pending;
+        self
     }
 
     /// Continues with another state of the same recording; decoded frames are kept.
     pub(crate) fn replace(&mut self, source: Box<dyn FrameSource>) {
         self.source = source;
+        self.source.leave_off_for(&self.pending);
         self.rendered.clear();
         self.motion_top = None;
         self.counted = None;
         self.marks = MarkList::default();
     }
 
-    /// Makes the picture. A failure becomes [`Picture::problem`].
+    /// Makes the picture. A failure becomes [`Picture::problem`], and work that was left off
+    /// [`Picture::is_left_off`].
     pub(crate) fn produce(&mut self, request: Request) -> Picture {
         self.last = Some(request.clone());
         let began = Instant::now();
@@ -112,13 +124,16 @@ impl Pipeline {
             sample: None,
             unseen_share: 0.0,
             problem: None,
+            is_left_off: false,
             took_ms: 0.0,
             passes_run: 0,
             request,
         };
         let marked = self.take_marks(&picture.request.marks);
-        if let Err(e) = self.fill(&mut picture).and(marked) {
-            picture.problem = Some(message(&e));
+        match self.fill(&mut picture).and(marked) {
+            Ok(()) => {}
+            Err(Error::Cancelled) => picture.is_left_off = true,
+            Err(e) => picture.problem = Some(message(&e)),
         }
         let is_drawn = !picture.findings.is_empty();
         picture.passes_run = self.source.clock().ran_since(&passes_before) + usize::from(is_drawn);
@@ -280,7 +295,7 @@ impl Pipeline {
         let prompts: Vec<Measure> = last.prompts.iter().filter(|p| p.id != PREVIEW).map(measure).collect();
         let (frame, new) = self.counted.as_ref()?.next(&prompts)?;
         let questions: Vec<Question> = new.iter().map(|m| m.question.clone()).collect();
-        let answers = self.answers_unkept(frame, &questions, new.iter().map(Measure::reach).max()?);
+        let answers = self.answers_unkept(frame, &questions, new.iter().map(Measure::reach).max()?)?;
         let levels = |(k, measure): (usize, &Measure)| Some(measure.levels(answers.get(k)?.as_ref().ok()?));
         let levels: Vec<_> = new.iter().enumerate().map(levels).collect();
         let marks = self.marks.clone();
@@ -290,20 +305,27 @@ impl Pipeline {
         Some(measured)
     }
 
-    /// Returns the scores on a recorded frame; empty if they cannot be had. The rendered view is not kept,
-    /// because nobody asked to see it, unless neighbouring frames will need it.
-    fn answers_unkept(&mut self, frame: usize, questions: &[Question], reach: usize) -> Vec<Scores> {
+    /// Returns the scores on a recorded frame; empty if they cannot be had, and `None` if that was left off. The
+    /// rendered view is not kept, because nobody asked to see it, unless neighbouring frames will need it.
+    fn answers_unkept(&mut self, frame: usize, questions: &[Question], reach: usize) -> Option<Vec<Scores>> {
         let view = FrameView { frame, ..FrameView::default() };
         let parts = Parts { features: true, ..Parts::default() };
         if reach > 0 {
-            let answers = self.answers(&view, parts, questions, reach).unwrap_or_default();
-            return answers.into_iter().map(|(_, scores)| scores).collect();
+            return match self.answers(&view, parts, questions, reach) {
+                Ok(answers) => Some(answers.into_iter().map(|(_, scores)| scores).collect()),
+                Err(Error::Cancelled) => None,
+                Err(_) => Some(Vec::new()),
+            };
         }
         let kept = self.rendered.iter().find(|r| r.view == view).and_then(|r| r.known(questions));
-        kept.unwrap_or_else(|| match self.source.render(&view, parts) {
-            Ok(_) => self.source.scores(&view, questions).into_iter().map(shared).collect(),
-            Err(_) => Vec::new(),
-        })
+        kept.map_or_else(
+            || match self.source.render(&view, parts) {
+                Ok(_) => Some(self.source.scores(&view, questions).into_iter().map(shared).collect()),
+                Err(Error::Cancelled) => None,
+                Err(_) => Some(Vec::new()),
+            },
+            Some,
+        )
     }
 
     /// Returns the scores of a view, averaged over `reach` frames before and after. Afterwards the view is

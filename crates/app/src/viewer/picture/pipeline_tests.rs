@@ -1,6 +1,6 @@
 //! Tests that the pipeline keeps and prepares the right pictures, and that frames never mix.
 
-use crate::engine::{Negatives, Question};
+use crate::engine::{Negatives, Next, Pending, Question};
 use crate::viewer::{
     backend::{FrameSource, FrameView, Info, Parts, Rendering},
     picture::{
@@ -15,7 +15,9 @@ use std::{
     sync::{Arc, Mutex},
     time::Duration,
 };
-use surgtpgs_core::{Result, grid::Grid, mask::CleanUp, overlay::OverlayLook, relevancy::RelevancySettings};
+use surgtpgs_core::{
+    Error, Result, grid::Grid, mask::CleanUp, overlay::OverlayLook, relevancy::RelevancySettings,
+};
 
 const FRAMES: usize = 40;
 
@@ -26,6 +28,9 @@ struct Telling {
     side: u32,
     rendered: Arc<Mutex<Vec<usize>>>,
     parts: Arc<Mutex<Vec<Parts>>>,
+    /// Frame that takes until a request for another one waits.
+    endless: Option<usize>,
+    pending: Arc<Pending>,
 }
 
 impl FrameSource for Telling {
@@ -38,6 +43,12 @@ impl FrameSource for Telling {
     fn render(&mut self, view: &FrameView, parts: Parts) -> Result<Rendering> {
         self.rendered.lock().unwrap().push(view.frame);
         self.parts.lock().unwrap().push(parts);
+        while self.endless == Some(view.frame) {
+            if self.pending.is_elsewhere(|frame| frame == view.frame) {
+                return Err(Error::Cancelled);
+            }
+            std::thread::yield_now();
+        }
         let side = self.side as usize;
         let colour = || RgbImage::from_pixel(self.side, self.side, Rgb([view.frame as u8; 3]));
         Ok(Rendering {
@@ -55,6 +66,9 @@ impl FrameSource for Telling {
     fn scores(&mut self, view: &FrameView, questions: &[Question]) -> Vec<Result<Grid<f32>>> {
         let side = self.side as usize;
         questions.iter().map(|_| Ok(Grid::filled(side, side, score_of(view.frame)))).collect()
+    }
+    fn leave_off_for(&mut self, pending: &Arc<Pending>) {
+        self.pending = pending.clone();
     }
     fn answers_at_once(&self, view: &FrameView) -> bool {
         view.frame < FRAMES / 2
@@ -74,7 +88,14 @@ fn telling(side: u32) -> Telling {
         has_measured_depth: true,
         ..Info::default()
     };
-    Telling { info, side, rendered: Arc::default(), parts: Arc::default() }
+    Telling {
+        info,
+        side,
+        rendered: Arc::default(),
+        parts: Arc::default(),
+        endless: None,
+        pending: Arc::default(),
+    }
 }
 
 fn pipeline(side: u32) -> (Pipeline, Arc<Mutex<Vec<usize>>>) {
@@ -156,6 +177,39 @@ fn a_picture_can_be_waited_for() {
     worker.submit(request(3));
     worker.wait(Duration::from_secs(600));
     is_all_of(&worker.take().unwrap(), 3);
+}
+
+#[test]
+fn a_picture_that_takes_long_is_left_for_one_elsewhere() {
+    let source = Telling { endless: Some(30), ..telling(8) };
+    let rendered = source.rendered.clone();
+    let worker = Worker::start(Box::new(source), &egui::Context::default()).unwrap();
+    worker.submit(request(30));
+    while rendered.lock().unwrap().is_empty() {
+        std::thread::yield_now();
+    }
+    worker.submit(request(3));
+    worker.wait(Duration::from_secs(600));
+    is_all_of(&worker.take().unwrap(), 3);
+    assert!(rendered.lock().unwrap().starts_with(&[30, 3]));
+    worker.submit(request(30));
+    worker.end(Duration::from_secs(600));
+    assert_eq!(Arc::strong_count(&rendered), 1, "it is left at the end, too");
+}
+
+#[test]
+fn what_was_left_off_is_counted_later() {
+    let source = Telling { endless: Some(2), ..telling(8) };
+    let pending = Arc::new(Pending::default());
+    let mut pipeline = Pipeline::new(Box::new(source)).leaving_off_for(pending.clone());
+    pipeline.produce(request(20));
+    pending.set(Next::Frame(9));
+    let counted: Vec<usize> = std::iter::from_fn(|| pipeline.count_next()).map(|m| m.frame).collect();
+    assert_eq!(counted, [0, 1], "the third frame was left off");
+    assert!(pipeline.produce(request(2)).is_left_off);
+    let picture = pipeline.produce(request(9));
+    assert!(!picture.is_left_off && picture.problem.is_none());
+    assert!(pipeline.count_next().is_none(), "the third frame is next");
 }
 
 #[test]

@@ -105,6 +105,8 @@ pub(crate) struct Picture {
     pub(crate) unseen_share: f32,
     /// Description of a failure, for the user.
     pub(crate) problem: Option<String>,
+    /// `true` if a request for something else came before it was made.
+    pub(crate) is_left_off: bool,
     /// Duration of making the picture, milliseconds.
     pub(crate) took_ms: f64,
     /// Number of passes of a frame that had to run for the picture.

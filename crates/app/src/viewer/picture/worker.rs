@@ -1,5 +1,6 @@
 //! The thread that makes pictures. The newest request wins; an older one that has not begun is dropped.
 
+use crate::engine::{Next, Pending};
 use crate::viewer::{
     backend::FrameSource,
     picture::{
@@ -7,6 +8,7 @@ use crate::viewer::{
         pipeline::Pipeline,
         request::{Picture, Request},
     },
+    state::marks::MarkList,
 };
 use std::{
     panic::AssertUnwindSafe,
@@ -33,12 +35,16 @@ struct Shared {
     made: Condvar,
     measured: Mutex<Vec<Measured>>,
     thumbnails: Mutex<Vec<(usize, egui::ColorImage)>>,
+    /// The request in the inbox, for work that may leave off for it.
+    pending: Arc<Pending>,
 }
 
 #[derive(Default)]
 struct Inbox {
     request: Option<Request>,
     source: Option<Box<dyn FrameSource>>,
+    /// Marks of the request that was taken last.
+    marks: MarkList,
     /// Frames whose small pictures are wanted, the first one at the end.
     wanted: Vec<usize>,
     is_closed: bool,
@@ -51,7 +57,10 @@ impl Worker {
         let (theirs, repaint) = (shared.clone(), ctx.clone());
         let thread = std::thread::Builder::new()
             .name("pictures".into())
-            .spawn(move || work(&theirs, Pipeline::new(source), &repaint))
+            .spawn(move || {
+                let pipeline = Pipeline::new(source).leaving_off_for(theirs.pending.clone());
+                work(&theirs, pipeline, &repaint);
+            })
             .map_err(|e| Error::Missing {
                 what: format!("no thread could be started: {e}"),
                 hint: "Close other programs and try again.".into(),
@@ -59,15 +68,23 @@ impl Worker {
         Ok(Self { shared, thread })
     }
 
-    /// Requests a picture; replaces a request that has not begun.
+    /// Requests a picture; replaces a request that has not begun. Long work on other frames, and for other marks,
+    /// leaves off for it.
     pub(crate) fn submit(&self, request: Request) {
-        lock(&self.shared.inbox).request = Some(request);
+        let mut inbox = lock(&self.shared.inbox);
+        let has_marks = inbox.marks == request.marks;
+        self.shared.pending.set(if has_marks { Next::Frame(request.view.frame) } else { Next::Other });
+        inbox.request = Some(request);
+        drop(inbox);
         self.shared.wake.notify_one();
     }
 
     /// Continues with another state of the same recording.
     pub(crate) fn replace(&self, source: Box<dyn FrameSource>) {
-        lock(&self.shared.inbox).source = Some(source);
+        let mut inbox = lock(&self.shared.inbox);
+        self.shared.pending.set(Next::Other);
+        inbox.source = Some(source);
+        drop(inbox);
         self.shared.wake.notify_one();
     }
 
@@ -104,7 +121,10 @@ impl Worker {
     }
 
     fn close(&self) {
-        lock(&self.shared.inbox).is_closed = true;
+        let mut inbox = lock(&self.shared.inbox);
+        self.shared.pending.set(Next::Other);
+        inbox.is_closed = true;
+        drop(inbox);
         self.shared.wake.notify_one();
     }
 
@@ -134,6 +154,10 @@ fn work(shared: &Shared, mut pipeline: Pipeline, ctx: &egui::Context) {
             if inbox.is_closed {
                 return;
             }
+            shared.pending.clear();
+            if let Some(request) = &inbox.request {
+                inbox.marks = request.marks.clone();
+            }
             (inbox.source.take(), inbox.request.take())
         };
         if let Some(source) = source {
@@ -148,9 +172,12 @@ fn work(shared: &Shared, mut pipeline: Pipeline, ctx: &egui::Context) {
                 ctx.request_repaint();
             }
             let made = std::panic::catch_unwind(AssertUnwindSafe(|| pipeline.produce(request)));
-            *lock(&shared.outbox) = Some(made.unwrap_or_else(|_| broken(asked)));
-            shared.made.notify_one();
-            ctx.request_repaint();
+            let made = made.unwrap_or_else(|_| broken(asked));
+            if !made.is_left_off {
+                *lock(&shared.outbox) = Some(made);
+                shared.made.notify_one();
+                ctx.request_repaint();
+            }
             is_preparing = true;
         } else {
             let idle_work = || {
@@ -200,6 +227,7 @@ fn broken(request: Request) -> Picture {
         sample: None,
         unseen_share: 0.0,
         problem: Some("The program made a mistake with this picture; please report what you did.".into()),
+        is_left_off: false,
         took_ms: 0.0,
         passes_run: 0,
     }

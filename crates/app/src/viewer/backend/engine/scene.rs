@@ -1,7 +1,7 @@
 //! A scene as the window's source of pictures.
 
 use super::info::{examples, output_folder};
-use crate::engine::{self, Answer, Ask, Engine, Motion, Question, Sample};
+use crate::engine::{self, Answer, Ask, Engine, Motion, Pending, Question, Sample};
 use crate::viewer::{
     backend::{FrameSource, FrameView, Info, Lens, Parts, Rendering, orbit::Orbit},
     text::thousands,
@@ -213,6 +213,10 @@ impl FrameSource for SceneSource {
 
     fn look_here(&mut self, frame: usize) -> Result<Option<LookHere>> {
         self.engine.look_here_on(frame)
+    }
+
+    fn leave_off_for(&mut self, pending: &Arc<Pending>) {
+        self.engine.leave_off_for(pending.clone());
     }
 
     fn answers_at_once(&self, view: &FrameView) -> bool {

@@ -1,0 +1,108 @@
+//! The chapters of a long scene, of which an engine holds one at a time.
+
+use super::{Engine, Pending, marked::Marked};
+use std::sync::Arc;
+use surgtpgs_core::{Result, marks::Graph, scene::Scene};
+
+/// A chapter that was turned from, with its marks.
+pub(super) struct TurnedFrom {
+    scene: Arc<Scene>,
+    marked: Option<Marked>,
+    graph: Option<Arc<Graph>>,
+}
+
+impl Engine {
+    /// Takes the place where another thread tells of requests that wait: carrying marks to another chapter then
+    /// leaves off with [`surgtpgs_core::Error::Cancelled`], keeps what it found, and changes nothing.
+    pub(crate) fn leave_off_for(&mut self, pending: Arc<Pending>) {
+        self.pending = pending;
+    }
+
+    /// Takes the chapter of a long scene that is shown at `time`.
+    pub(crate) fn turn_to(&mut self, time: f32) -> Result<()> {
+        if self.scene.is_at(time) {
+            return Ok(());
+        }
+        if let Some(mut other) = self.turned_from.take_if(|other| other.scene.is_at(time)) {
+            std::mem::swap(&mut self.scene, &mut other.scene);
+            std::mem::swap(&mut self.marked, &mut other.marked);
+            std::mem::swap(&mut self.graph, &mut other.graph);
+            self.turned_from = Some(other);
+            return Ok(());
+        }
+        let next = Arc::new(self.scene.at(time)?);
+        // Marks belong to the Gaussians that they are carried to.
+        let marks = match self.marks().cloned() {
+            Some(all) => Some((self.marks_in(&next)?, all)),
+            None => None,
+        };
+        let scene = std::mem::replace(&mut self.scene, next);
+        self.turned_from = Some(TurnedFrom { scene, marked: self.marked.take(), graph: self.graph.take() });
+        marks.map_or(Ok(()), |(here, all)| self.carry(all, here, None))
+    }
+
+    /// Returns `false` if marks have to be carried to another chapter before frame `i` can be asked.
+    pub(crate) fn answers_at_once(&self, i: usize) -> bool {
+        let time = self.scene.time(i);
+        let is_near = self.turned_from.as_ref().is_some_and(|other| other.scene.is_at(time));
+        self.marked.is_none() || self.scene.is_at(time) || is_near
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::{BackendChoice, EngineOptions, Next};
+    use surgtpgs_core::{
+        Error,
+        marks::{Mark, Marks, Shape},
+        scene::Chapter,
+        stress,
+    };
+
+    /// An ordinary scene of three chapters, of two frames each.
+    fn engine() -> Engine {
+        let part = |index: usize| {
+            let mut part = stress::ordinary(200);
+            part.cameras = vec![part.cameras[0]; 6];
+            part.times = (0..6).map(|i| i as f32 / 6.0).collect();
+            let shown = 2 * index..2 * index + 2;
+            let learned = shown.start.saturating_sub(1)..(shown.end + 1).min(6);
+            let chapter = Chapter { index, count: 3, shown, learned };
+            part.provenance.settings = serde_json::json!({ "chapter": chapter });
+            part.as_chapter()
+        };
+        let scene = (0..3).map(part).fold(None, |earlier, part| Some(Scene::joined(earlier, part)));
+        let options = EngineOptions { backend: BackendChoice::Cpu, ..Default::default() };
+        Engine::new(Arc::new(scene.unwrap()), None, options).unwrap()
+    }
+
+    #[test]
+    fn carrying_marks_leaves_off_for_a_request_elsewhere_and_loses_none() {
+        let mut engine = engine();
+        let [first, second, last] = [0, 2, 5].map(|i| engine.scene().time(i));
+        engine.turn_to(first).unwrap();
+        let stroke = |name: &str, points: [[f32; 2]; 2]| {
+            Mark::new(0, name, true, Shape::Stroke { points_px: points.to_vec(), radius_px: 2.0 })
+        };
+        let marks =
+            vec![stroke("liver", [[6.0, 6.0], [12.0, 20.0]]), stroke("fat", [[40.0, 30.0], [46.0, 36.0]])];
+        let marks = Marks::new(marks, &engine.canvas()).unwrap();
+        let pending = Arc::new(Pending::default());
+        engine.leave_off_for(pending.clone());
+        engine.set_marks(marks.clone()).unwrap();
+        pending.set(Next::Frame(0));
+        assert!(matches!(engine.turn_to(last), Err(Error::Cancelled)));
+        assert!(engine.scene().is_at(first) && engine.marks() == Some(&marks), "nothing has changed");
+        pending.set(Next::Frame(2));
+        engine.turn_to(second).unwrap();
+        assert!(engine.scene().is_at(second) && engine.marks() == Some(&marks));
+        pending.set(Next::Other);
+        let fewer = Marks::new(marks.all()[..1].to_vec(), &engine.canvas()).unwrap();
+        assert!(matches!(engine.set_marks(fewer), Err(Error::Cancelled)));
+        pending.clear();
+        engine.set_marks(marks.clone()).unwrap();
+        engine.turn_to(last).unwrap();
+        assert!(engine.scene().is_at(last) && engine.marks() == Some(&marks));
+    }
+}
