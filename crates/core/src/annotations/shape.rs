@@ -79,7 +79,7 @@ impl Shape {
     }
 
     /// Returns `true` if the shape has a border that somebody drew, `false` if it only points at something.
-    pub(crate) fn is_outlined(&self) -> bool {
+    pub fn is_outlined(&self) -> bool {
         matches!(self, Self::Polygon { .. } | Self::Box { .. } | Self::Mask(_))
     }
 

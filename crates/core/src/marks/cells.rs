@@ -13,7 +13,6 @@ use super::{
 use crate::{camera::Camera, grid::Mask};
 use image::RgbImage;
 use rayon::prelude::*;
-use std::borrow::Cow;
 
 /// Number of squares of a picture, about: how far marks spread does not depend on its resolution.
 const SQUARES: f32 = 25_600.0;
@@ -30,7 +29,7 @@ const SHOWN: f32 = 0.7;
 const OPEN_VARIANCE: f64 = 0.1;
 /// Certainty from which on a square looks as an example's, and up to which it surely does not.
 const SURE: f32 = 0.6;
-const NOT: f32 = 0.2;
+const NOT: f32 = 0.3;
 /// Part of a picture that looks as something in an example, from which on both show the same place.
 const FAMILIAR: f32 = 0.6;
 /// Brightness, as [`opponents`] gives it, from which on there is something to be seen.
@@ -87,8 +86,11 @@ pub(super) fn spread_over(
     let colours = cells.colours(picture);
     let links = cells.links(&colours, field_of_view);
     let told = told.map(|told| cells.told(&told));
-    let looks = || Cow::Owned(cells.looks(&colours));
-    let shares = settled(cells.is_mostly_marked(evidence), looks, &links, &seeds, told.as_ref());
+    let shares = if cells.is_mostly_marked(evidence) {
+        spread(&links, &seeds, Before::Nothing, PULL, told.as_ref().map(Hints::of_told).as_ref())
+    } else {
+        grown(&cells.looks(&colours), &links, &seeds, told.as_ref())
+    };
     shares.par_iter().map(|share| cells.at_half(share)).collect()
 }
 
@@ -123,8 +125,7 @@ impl Example {
         let Squares { cells, looks } = &squares;
         let seeds = cells.seeds(evidence, num_names);
         let links = cells.links(&cells.colours(picture), field_of_view);
-        let is_mostly_marked = cells.is_mostly_marked(evidence);
-        let shares = settled(is_mostly_marked, || Cow::Borrowed(looks), &links, &seeds, None);
+        let shares = grown(looks, &links, &seeds, None);
         let inside = || (0..links.len()).filter(|i| links.degrees[*i] > 0.0);
         let shown = shares.iter().map(|plane| inside().filter(|i| plane[*i] > SHOWN).collect()).collect();
         let is_open = |i: &usize| shares.iter().map(|plane| plane[*i]).sum::<f32>() < SHOWN;
@@ -167,22 +168,7 @@ impl Example {
     }
 }
 
-/// Spreads marks: shares of each name, [names][squares]. Looks are asked for where a few marks have to grow.
-fn settled<'a>(
-    is_mostly_marked: bool,
-    looks: impl FnOnce() -> Cow<'a, Looks>,
-    links: &Links,
-    seeds: &Seeds,
-    told: Option<&Told>,
-) -> Vec<Vec<f32>> {
-    if is_mostly_marked {
-        spread(links, seeds, Before::Nothing, PULL, told.map(Hints::of_told).as_ref())
-    } else {
-        grown(&looks(), links, seeds, told)
-    }
-}
-
-/// Spreads a few marks in rounds: what clearly belongs to a name is an example of its looks in the next one.
+/// Spreads marks in rounds: what clearly belongs to a name is an example of its looks in the next one.
 fn grown(looks: &Looks, links: &Links, seeds: &Seeds, told: Option<&Told>) -> Vec<Vec<f32>> {
     let (mut walked, mut shares) = (Vec::new(), Vec::new());
     for round in 0..ROUNDS {

@@ -9,7 +9,7 @@ use crate::viewer::{
     theme,
 };
 use egui::{Align, Button, Frame, Layout, Margin, RichText, Slider, Stroke, TextEdit, Ui, vec2};
-use surgtpgs_core::sequence::plain_words;
+use surgtpgs_core::{marks::Mark, sequence::plain_words};
 
 /// Message while marks wait.
 pub(crate) const WAITS: &str = "Marked; waits for the reconstruction";
@@ -175,8 +175,12 @@ fn lacks_opposite(shared: &Shared) -> bool {
         let finding = prompt.and_then(|p| shared.finding(p.id, &p.text));
         finding.and_then(|f| f.outcome.as_ref().ok()).is_some_and(|found| found.area_fraction > LARGE)
     };
-    let is_denied = |name: &str| marks.all().iter().any(|mark| !mark.add && mark.name == name);
-    new.iter().any(|name| !is_denied(name) && (new.len() == 1 || is_large(name)))
+    // An outline says by itself what lies outside.
+    let is_open = |name: &str| {
+        let own: Vec<&Mark> = marks.all().iter().filter(|mark| mark.name == name).collect();
+        own.iter().all(|mark| mark.add) && own.iter().any(|mark| !mark.shape.is_outlined())
+    };
+    new.iter().any(|name| is_open(name) && (new.len() == 1 || is_large(name)))
 }
 
 /// Says that marks wait for a reconstruction.

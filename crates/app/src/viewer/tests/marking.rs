@@ -402,8 +402,9 @@ fn strokes_on_the_demo_find_their_structures_on_all_frames_and_words_find_them()
 fn what_takes_nearly_everything_asks_for_its_opposite() {
     const ADVICE: &str = "Now show what it is not";
     let mut window = Window::on(bare());
-    let all = Shape::Box { corners_px: [[0.0, 0.0], [31.0, 20.0]] };
-    let few = Shape::Box { corners_px: [[0.0, 21.0], [9.0, 23.0]] };
+    let line = |points: [[f32; 2]; 2], radius_px| Shape::Stroke { points_px: points.to_vec(), radius_px };
+    let all = line([[0.0, 8.0], [31.0, 8.0]], 11.0);
+    let few = line([[1.0, 22.0], [8.0, 22.0]], 1.0);
     let add = |window: &mut Window, name: &str, add: bool, shape: &Shape| {
         let mark = Mark::new(0, name, add, shape.clone());
         window.harness.state_mut().shared.document.add_mark(mark);
@@ -419,4 +420,8 @@ fn what_takes_nearly_everything_asks_for_its_opposite() {
     add(&mut window, "fat", false, &few);
     share(&mut window, "fat");
     assert!(!window.shows(ADVICE));
+    let mut window = Window::on(bare());
+    take_tool(&mut window, "tool");
+    add(&mut window, "tool", true, &Shape::Box { corners_px: [[0.0, 0.0], [31.0, 20.0]] });
+    assert!(share(&mut window, "tool") > 0.4 && !window.shows(ADVICE), "an outline says what lies outside");
 }
