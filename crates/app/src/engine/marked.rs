@@ -56,7 +56,7 @@ impl Engine {
         let scene = self.scene.clone();
         self.handed = Some(match handed {
             Some(handed) => handed.for_marks(&scene, &marks),
-            None => Handed::new(&scene, &marks),
+            None => Handed::new(&marks),
         });
         let here = self.marks_in(&scene)?;
         self.carry(marks, here, earlier)

@@ -83,6 +83,20 @@ impl Shape {
         matches!(self, Self::Polygon { .. } | Self::Box { .. } | Self::Mask(_))
     }
 
+    /// Returns the area of an outline, px, as if its line did not cross itself; 0 for other shapes.
+    pub(crate) fn area_px(&self) -> f32 {
+        match self {
+            Self::Click { .. } | Self::Stroke { .. } => 0.0,
+            Self::Polygon { points_px } => {
+                let next = points_px.iter().cycle().skip(1);
+                let twice: f32 = points_px.iter().zip(next).map(|(a, b)| a[0] * b[1] - b[0] * a[1]).sum();
+                0.5 * twice.abs()
+            }
+            Self::Box { corners_px: [a, b] } => ((b[0] - a[0]) * (b[1] - a[1])).abs(),
+            Self::Mask(runs) => runs.lengths().iter().skip(1).step_by(2).sum::<u32>() as f32,
+        }
+    }
+
     /// Returns the shape as text; equal shapes have equal texts.
     pub(crate) fn written(&self) -> String {
         match self {
@@ -193,6 +207,17 @@ mod tests {
         assert_eq!(picture(&click), ["..#...", ".###..", "..#...", "......"]);
         let corner = Shape::Click { point_px: [6.0, 4.0], radius_px: 0.0 };
         assert_eq!(picture(&corner)[3], ".....#");
+    }
+
+    #[test]
+    fn areas_are_those_of_the_pixels() {
+        let square = Shape::Box { corners_px: [[1.0, 3.0], [4.0, 1.0]] };
+        let corners = vec![[1.0, 1.0], [4.0, 1.0], [4.0, 3.0], [1.0, 3.0]];
+        let mask = Shape::from(&square.pixels(6, 4));
+        for shape in [square, Shape::Polygon { points_px: corners }, mask] {
+            assert_eq!((shape.area_px(), shape.pixels(6, 4).count()), (6.0, 6));
+        }
+        assert_eq!(Shape::Click { point_px: [2.5, 1.5], radius_px: 1.0 }.area_px(), 0.0);
     }
 
     #[test]

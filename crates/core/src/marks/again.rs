@@ -41,7 +41,8 @@ impl Examples {
     /// what it is not: by itself, nothing tells what it looks unlike.
     fn nearest(all: &Marks, name: &str, frames: &Range<usize>) -> Option<usize> {
         let shown = all.all().iter().filter(|mark| mark.add && mark.name == name).map(|mark| mark.frame);
-        let tells = |frame: &usize| names_on(all, *frame).len() > 1 || all.on(*frame).any(|mark| !mark.add);
+        let is_opposed = |mark: &Mark| !mark.add || mark.shape.is_outlined();
+        let tells = |frame: &usize| names_on(all, *frame).len() > 1 || all.on(*frame).any(is_opposed);
         let shown = shown.filter(tells);
         shown.min_by_key(|frame| frame.abs_diff(frames.start).min(frame.abs_diff(frames.end)))
     }
@@ -60,7 +61,8 @@ impl Examples {
         let picture = pictures(frame)?;
         let size = [picture.width(), picture.height()].map(|side| side as usize);
         let names = names_on(all, frame);
-        let evidence = Evidence::of(all, frame, &names, size);
+        let all = all.with_outsides(scene, &(frame..frame + 1));
+        let evidence = Evidence::of(&all, frame, &names, size);
         let example = Arc::new(Example::of(&picture, &scene.field_of_view, &evidence, names.len()));
         self.by_frame.insert(frame, example.clone());
         Ok(example)

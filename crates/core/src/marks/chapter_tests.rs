@@ -29,7 +29,7 @@ fn marks_reach_the_next_chapter_as_masks_and_what_a_cut_parts_by_their_looks() {
     let marks = Marks::new(marks, &canvas()).unwrap();
     // Frame 2 belongs to the second chapter alone, so that a cut parts the third.
     let chapters = in_chapters([(0..2, 0..3), (2..3, 1..3), (3..4, 3..4)]);
-    let mut handed = Handed::new(&chapters, &marks);
+    let mut handed = Handed::new(&marks);
     // The third shot may show another place, in another light.
     let in_chapter = |handed: &mut Handed, index: usize, light: [u8; 3]| {
         let scene = chapters.of_chapter(index).unwrap();
@@ -58,7 +58,7 @@ fn marks_reach_the_next_chapter_as_masks_and_what_a_cut_parts_by_their_looks() {
     }
     assert!(in_chapter(&mut handed, 2, [20, 30, 250]).is_empty(), "another place");
     let whole = scene();
-    let mut handed = Handed::new(&whole, &marks);
+    let mut handed = Handed::new(&marks);
     assert_eq!(handed.marks(&whole, &mut |i| picture(&whole, i)).unwrap(), marks);
 }
 
@@ -80,7 +80,7 @@ fn marks_reach_a_chapter_from_both_sides() {
         let found = handed.marks(&scene, &mut pictures).unwrap();
         (found, frames)
     };
-    let mut handed = Handed::new(&chapters, &marks);
+    let mut handed = Handed::new(&marks);
     for (index, by_hand) in [(0, vec!["liver"]), (1, vec![]), (2, vec!["fat"])] {
         let (found, _) = of(&mut handed, index);
         assert_eq!(found.names(), marks.names());
@@ -109,7 +109,7 @@ fn a_chapter_far_away_waits_for_few_others() {
         stroke(0, "liver", true, &[[8.0, 10.0], [20.0, 40.0]]),
         stroke(0, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]),
     ];
-    let mut handed = Handed::new(&chapters, &Marks::new(marks, &canvas).unwrap());
+    let mut handed = Handed::new(&Marks::new(marks, &canvas).unwrap());
     let scene = chapters.of_chapter(N - 1).unwrap();
     let mut frames = std::collections::BTreeSet::new();
     let mut pictures = |i| {

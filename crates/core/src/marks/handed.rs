@@ -27,7 +27,7 @@ const LONGEST: usize = 8;
 /// more mark changes little of what is known.
 #[derive(Clone, Debug)]
 pub struct Handed {
-    /// Marks by hand, with what they deny.
+    /// Marks by hand.
     all: Arc<Marks>,
     /// Marks that count in a chapter, by its place and the sources that were heard, in their order.
     of: BTreeMap<(usize, Vec<usize>), Marks>,
@@ -48,6 +48,12 @@ impl Marked<'_> {
     /// Returns the marks by hand in a chapter.
     fn within(&self, place: usize) -> Marks {
         self.all.within(&self.chapters[place].learned)
+    }
+
+    /// Returns the same, with what they deny.
+    fn by_hand(&self, place: usize) -> Marks {
+        let frames = &self.chapters[place].learned;
+        self.all.with_outsides(self.scene, frames).within(frames)
     }
 
     /// Returns the places of all sources, in their order.
@@ -95,8 +101,8 @@ impl Marked<'_> {
 
 impl Handed {
     /// Takes marks by hand.
-    pub fn new(scene: &Scene, marks: &Marks) -> Self {
-        let all = Arc::new(marks.with_outsides(scene));
+    pub fn new(marks: &Marks) -> Self {
+        let all = Arc::new(marks.clone());
         Self { all, of: BTreeMap::new(), on: BTreeMap::new(), examples: Examples::default() }
     }
 
@@ -110,7 +116,8 @@ impl Handed {
     pub fn marks(&mut self, scene: &Scene, pictures: &mut Pictures<'_>) -> Result<Marks> {
         let all = Arc::clone(&self.all);
         let Some(current) = scene.chapters.current() else {
-            return Ok(if scene.chapters.is_empty() { (*all).clone() } else { Marks::default() });
+            let whole = || all.with_outsides(scene, &(0..scene.num_frames()));
+            return Ok(if scene.chapters.is_empty() { whole() } else { Marks::default() });
         };
         let chapters: Vec<Chapter> = scene.chapters.iter().cloned().collect();
         let marked = Marked { scene, chapters: &chapters, all: &all };
@@ -145,12 +152,15 @@ impl Handed {
 
     /// Takes other marks by hand, and keeps what still holds.
     pub fn for_marks(mut self, scene: &Scene, marks: &Marks) -> Self {
-        let after = Arc::new(marks.with_outsides(scene));
+        let after = Arc::new(marks.clone());
         let before = std::mem::replace(&mut self.all, Arc::clone(&after));
         let frames: BTreeSet<usize> = before.frames().into_iter().chain(after.frames()).collect();
         let on = |marks: &Marks, frame: usize| marks.within(&(frame..frame + 1)).digest();
         let is_changed = |frame: &usize| on(&before, *frame) != on(&after, *frame);
-        let changed: Vec<usize> = frames.into_iter().filter(is_changed).collect();
+        let mut changed: BTreeSet<usize> = frames.into_iter().filter(is_changed).collect();
+        // A larger outline on another frame makes one a piece.
+        let [then, now] = [before, after].map(|marks| marks.outlined(scene));
+        changed.extend(then.symmetric_difference(&now).map(|(_, frame)| frame));
         let chapters: Vec<&Chapter> = scene.chapters.iter().collect();
         // All chapters on the way from the sources count.
         let holds = |place: usize, sources: &[usize]| {
@@ -174,7 +184,7 @@ impl Handed {
         marked: Marked<'_>,
         pictures: &mut Pictures<'_>,
     ) -> Result<Marks> {
-        let mut marks = marked.within(place);
+        let mut marks = marked.by_hand(place);
         for (nearest, names) in marked.lacking(place, sources) {
             let heard = &sources[..=nearest];
             let given = match marked.handing(place, sources[nearest]) {

@@ -197,7 +197,8 @@ fn an_outlined_structure_ends_at_its_outline() {
     };
     // A part of the left half, which looks the same all over.
     let whole = outline(1, [[6.0, 6.0], [20.0, 30.0]]);
-    let marks = |marks: &[Mark]| Marks::new(marks.to_vec(), &canvas()).unwrap().with_outsides(&scene);
+    let marks =
+        |marks: &[Mark]| Marks::new(marks.to_vec(), &canvas()).unwrap().with_outsides(&scene, &(0..FRAMES));
     let alone = marks(std::slice::from_ref(&whole));
     let settings = CarrySettings { refines: false, ..CarrySettings::default() };
     let mut carried = Carried::new(&scene, Arc::new(Graph::of(&scene)), &alone, settings);

@@ -70,13 +70,14 @@ impl Trainer {
         let marks = self.prepared.as_ref().map(Prepared::marks).transpose()?.flatten();
         let Some(marks) = marks else { return Ok(BTreeMap::new()) };
         // A chapter knows nothing of other frames.
-        let marks = marks.within(&self.settings.window(self.sequence.num_frames()));
+        let window = self.settings.window(self.sequence.num_frames());
+        let marks = marks.within(&window);
         if marks.is_empty() {
             return Ok(BTreeMap::new());
         }
         let scene = self.scene()?;
         let graph = Arc::new(Graph::of(&scene));
-        let marks = marks.with_outsides(&scene);
+        let marks = marks.with_outsides(&scene, &window);
         let mut carried = Carried::new(&scene, Arc::clone(&graph), &marks, CarrySettings::default());
         let rows: Vec<u16> = carried.names().iter().map(|name| row_of(&scene, name)).collect();
         let mut regions = BTreeMap::new();

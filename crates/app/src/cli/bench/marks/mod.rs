@@ -218,7 +218,7 @@ impl Bench {
     }
 
     fn carried(&self, marks: &Marks, settings: CarrySettings) -> Carried {
-        let marks = marks.with_outsides(&self.scene);
+        let marks = marks.with_outsides(&self.scene, &(0..self.canvas.num_frames));
         Carried::new(&self.scene, Arc::clone(&self.graph), &marks, settings)
     }
 
