@@ -318,14 +318,14 @@ impl Pipeline {
             };
         }
         let kept = self.rendered.iter().find(|r| r.view == view).and_then(|r| r.known(questions));
-        kept.map_or_else(
-            || match self.source.render(&view, parts) {
-                Ok(_) => Some(self.source.scores(&view, questions).into_iter().map(shared).collect()),
-                Err(Error::Cancelled) => None,
-                Err(_) => Some(Vec::new()),
-            },
-            Some,
-        )
+        if kept.is_some() {
+            return kept;
+        }
+        match self.source.render(&view, parts) {
+            Ok(_) => Some(self.source.scores(&view, questions).into_iter().map(shared).collect()),
+            Err(Error::Cancelled) => None,
+            Err(_) => Some(Vec::new()),
+        }
     }
 
     /// Returns the scores of a view, averaged over `reach` frames before and after. Afterwards the view is
