@@ -31,6 +31,16 @@ pub(super) struct Examples {
     by_frame: BTreeMap<usize, Arc<Example>>,
 }
 
+/// Marks by hand on a scene.
+#[derive(Clone, Copy)]
+pub(super) struct ByHand<'a> {
+    pub(super) scene: &'a Scene,
+    /// All of them, which tell what outlines deny.
+    pub(super) all: &'a Marks,
+    /// Those on frames that may be examples.
+    pub(super) heard: &'a Marks,
+}
+
 impl Examples {
     /// Forgets frames whose marks are others now.
     pub(super) fn retain(&mut self, is_same: impl Fn(usize) -> bool) {
@@ -39,10 +49,14 @@ impl Examples {
 
     /// Returns the marked frame that is nearest to some frames, of those that show a name, and something else or
     /// what it is not: by itself, nothing tells what it looks unlike.
-    fn nearest(all: &Marks, name: &str, frames: &Range<usize>) -> Option<usize> {
-        let shown = all.all().iter().filter(|mark| mark.add && mark.name == name).map(|mark| mark.frame);
-        let is_opposed = |mark: &Mark| !mark.add || mark.shape.is_outlined();
-        let tells = |frame: &usize| names_on(all, *frame).len() > 1 || all.on(*frame).any(is_opposed);
+    fn nearest(ByHand { scene, all, heard }: ByHand<'_>, name: &str, frames: &Range<usize>) -> Option<usize> {
+        let outlined = all.outlined(scene);
+        let tells = |frame: &usize| {
+            names_on(heard, *frame).len() > 1
+                || heard.on(*frame).any(|mark| !mark.add)
+                || outlined.contains(&(name.to_owned(), *frame))
+        };
+        let shown = heard.all().iter().filter(|mark| mark.add && mark.name == name).map(|mark| mark.frame);
         let shown = shown.filter(tells);
         shown.min_by_key(|frame| frame.abs_diff(frames.start).min(frame.abs_diff(frames.end)))
     }
@@ -51,8 +65,7 @@ impl Examples {
     fn on(
         &mut self,
         frame: usize,
-        scene: &Scene,
-        all: &Marks,
+        ByHand { scene, all, .. }: ByHand<'_>,
         pictures: &mut Pictures<'_>,
     ) -> Result<Arc<Example>> {
         if let Some(known) = self.by_frame.get(&frame) {
@@ -75,18 +88,20 @@ impl Examples {
     pub(super) fn without_rests(
         &mut self,
         marks: Vec<Mark>,
-        (scene, all): (&Scene, &Marks),
+        by_hand: ByHand<'_>,
         frames: &Range<usize>,
         pictures: &mut Pictures<'_>,
     ) -> Result<Vec<Mark>> {
         let mut kept = Vec::new();
         for mark in marks {
-            let is_rest = match Self::nearest(all, &mark.name, frames).filter(|_| mark.add) {
+            let nearest = mark.add.then(|| Self::nearest(by_hand, &mark.name, frames)).flatten();
+            let is_rest = match nearest {
                 Some(frame) => {
-                    let example = self.on(frame, scene, all, pictures)?;
-                    let camera = scene.cameras[mark.frame];
+                    let example = self.on(frame, by_hand, pictures)?;
+                    let camera = by_hand.scene.cameras[mark.frame];
                     let area = mark.shape.pixels(camera.width as usize, camera.height as usize).count();
-                    let shown = place_of(&mark.name, all, frame).map(|place| example.area_px(place));
+                    let shown =
+                        place_of(&mark.name, by_hand.heard, frame).map(|place| example.area_px(place));
                     (area as f32) < REST * shown.unwrap_or(0) as f32
                 }
                 None => false,
@@ -97,22 +112,22 @@ impl Examples {
     }
 
     /// Looks for names on some of the `frames` of the chapter that `scene` holds. Returns masks of each name that
-    /// is found, and of what is not it, on that frame which shows most of it. `all` are the marks by hand.
+    /// is found, and of what is not it, on that frame which shows most of it.
     ///
     /// # Errors
     /// A picture that cannot be read.
     pub(super) fn found_again(
         &mut self,
         names: &[String],
-        (scene, all): (&Scene, &Marks),
+        by_hand: ByHand<'_>,
         frames: &Range<usize>,
         pictures: &mut Pictures<'_>,
     ) -> Result<Vec<Mark>> {
-        let mut sought = Vec::new();
+        let (scene, mut sought) = (by_hand.scene, Vec::new());
         for name in names {
-            let Some(frame) = Self::nearest(all, name, frames) else { continue };
-            let Some(place) = place_of(name, all, frame) else { continue };
-            let example = self.on(frame, scene, all, pictures)?;
+            let Some(frame) = Self::nearest(by_hand, name, frames) else { continue };
+            let Some(place) = place_of(name, by_hand.heard, frame) else { continue };
+            let example = self.on(frame, by_hand, pictures)?;
             let Some(own) = example.own(&scene.field_of_view) else { continue };
             let own = without_border(&own[place].shows, 1).count();
             let least = LEAST_SQUARES.max((LEAST_PART * own as f32) as usize);

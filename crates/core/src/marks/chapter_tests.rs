@@ -139,11 +139,12 @@ fn what_has_left_the_view_is_found_again_by_its_looks() {
         }
         Ok(picture)
     };
+    let by_hand = again::ByHand { scene: &scene, all: &marks, heard: &marks };
     let (mut examples, clip) = (again::Examples::default(), ["clip".to_owned()]);
     let mut found = |later: [u32; 2]| {
         let seen = |i: usize| if i == 0 { Some([18, 14]) } else { Some(later).filter(|_| i == 3) };
         let mut pictures = |i: usize| pictures(i, seen(i));
-        examples.found_again(&clip, (&scene, &marks), &(1..4), &mut pictures).unwrap()
+        examples.found_again(&clip, by_hand, &(1..4), &mut pictures).unwrap()
     };
     let back = found([22, 20]);
     let [mark, not] = &back[..] else { panic!("{} marks", back.len()) };
@@ -160,12 +161,11 @@ fn what_has_left_the_view_is_found_again_by_its_looks() {
         let mask = Mask::from_vec(SIZE[0], SIZE[1], (0..SIZE[0] * SIZE[1]).map(|i| i < pixels).collect());
         let mark = Mark::new(1, "clip", true, Shape::from(&mask));
         let mut pictures = |i: usize| pictures(i, Some([18, 14]));
-        let kept = examples.without_rests(vec![mark], (&scene, &marks), &(1..4), &mut pictures);
+        let kept = examples.without_rests(vec![mark], by_hand, &(1..4), &mut pictures);
         kept.unwrap().len()
     };
     assert_eq!([kept(3), kept(60)], [0, 1]);
-    let nowhere = again::Examples::default().found_again(&clip, (&scene, &marks), &(1..4), &mut |i| {
-        pictures(i, Some([18, 14]).filter(|_| i == 0))
-    });
+    let nowhere = again::Examples::default()
+        .found_again(&clip, by_hand, &(1..4), &mut |i| pictures(i, Some([18, 14]).filter(|_| i == 0)));
     assert!(nowhere.unwrap().is_empty());
 }

@@ -1,7 +1,11 @@
 //! Marks of a scene in chapters: from one chapter to the next, what was marked is handed on as masks of the
 //! frame between them.
 
-use super::{Carried, CarrySettings, Graph, Mark, Marks, again::Examples, carried::Pictures};
+use super::{
+    Carried, CarrySettings, Graph, Mark, Marks,
+    again::{ByHand, Examples},
+    carried::Pictures,
+};
 use crate::{
     Result,
     annotations::Shape,
@@ -20,6 +24,9 @@ const SHOWN: f32 = 0.5;
 /// on the way, and no chapter waits for all of a long operation.
 const LONGEST: usize = 8;
 
+/// Place of a chapter, and the sources that were heard, in their order.
+type Key = (usize, Vec<usize>);
+
 /// Marks of each chapter, as far as they were needed.
 ///
 /// Chapters where names are marked by hand are sources, and one that shows more names comes first. What a
@@ -29,10 +36,10 @@ const LONGEST: usize = 8;
 pub struct Handed {
     /// Marks by hand.
     all: Arc<Marks>,
-    /// Marks that count in a chapter, by its place and the sources that were heard, in their order.
-    of: BTreeMap<(usize, Vec<usize>), Marks>,
-    /// Masks that a chapter hands on, by its place, their frame and the sources.
-    on: BTreeMap<(usize, usize, Vec<usize>), Marks>,
+    /// Marks that count in a chapter.
+    of: BTreeMap<Key, Marks>,
+    /// Masks that a chapter hands on, by their frame.
+    on: BTreeMap<(Key, usize), Marks>,
     examples: Examples,
 }
 
@@ -79,10 +86,10 @@ impl Marked<'_> {
     }
 
     /// Returns the chapters beside one that hand something on to it, each with the sources that it hears.
-    fn givers(&self, place: usize, sources: &[usize]) -> Vec<(usize, Vec<usize>)> {
-        let lacking = self.lacking(place, sources).into_keys();
+    fn givers(&self, (place, sources): &Key) -> Vec<Key> {
+        let lacking = self.lacking(*place, sources).into_keys();
         let giver = |nearest: usize| {
-            let (beside, _) = self.handing(place, sources[nearest])?;
+            let (beside, _) = self.handing(*place, sources[nearest])?;
             Some((beside, sources[..=nearest].to_vec()))
         };
         lacking.filter_map(giver).collect()
@@ -122,32 +129,26 @@ impl Handed {
         let chapters: Vec<Chapter> = scene.chapters.iter().cloned().collect();
         let marked = Marked { scene, chapters: &chapters, all: &all };
         match chapters.iter().position(|chapter| chapter.index == current.index) {
-            Some(place) => self.found(place, &marked.sources(), marked, pictures),
+            Some(place) => self.found((place, marked.sources()), marked, pictures),
             None => Ok(Marks::default()),
         }
     }
 
     /// Finds the marks that count in a chapter, those of chapters that it needs first. An operation of hours has
     /// too many chapters for one to call the next.
-    fn found(
-        &mut self,
-        place: usize,
-        sources: &[usize],
-        marked: Marked<'_>,
-        pictures: &mut Pictures<'_>,
-    ) -> Result<Marks> {
-        let mut open = vec![(place, sources.to_vec())];
-        while let Some((place, sources)) = open.last().cloned() {
-            let mut needed = marked.givers(place, &sources);
+    fn found(&mut self, key: Key, marked: Marked<'_>, pictures: &mut Pictures<'_>) -> Result<Marks> {
+        let mut open = vec![key.clone()];
+        while let Some(next) = open.last().cloned() {
+            let mut needed = marked.givers(&next);
             needed.retain(|key| !self.of.contains_key(key));
             if needed.is_empty() {
-                let marks = self.of(place, &sources, marked, pictures)?;
-                self.of.insert((place, sources), marks);
+                let marks = self.of(&next, marked, pictures)?;
+                self.of.insert(next, marks);
                 open.pop();
             }
             open.extend(needed);
         }
-        Ok(self.of.get(&(place, sources.to_vec())).cloned().unwrap_or_default())
+        Ok(self.of.get(&key).cloned().unwrap_or_default())
     }
 
     /// Takes other marks by hand, and keeps what still holds.
@@ -170,7 +171,7 @@ impl Handed {
             !changed.iter().any(|frame| (from..to).contains(frame))
         };
         self.of.retain(|(place, sources), _| holds(*place, sources));
-        self.on.retain(|(place, _, sources), _| holds(*place, sources));
+        self.on.retain(|((place, sources), _), _| holds(*place, sources));
         self.examples.retain(|frame| !changed.contains(&frame));
         self
     }
@@ -179,20 +180,19 @@ impl Handed {
     /// Those of its givers have to be known.
     fn of(
         &mut self,
-        place: usize,
-        sources: &[usize],
+        (place, sources): &Key,
         marked: Marked<'_>,
         pictures: &mut Pictures<'_>,
     ) -> Result<Marks> {
-        let mut marks = marked.by_hand(place);
-        for (nearest, names) in marked.lacking(place, sources) {
+        let mut marks = marked.by_hand(*place);
+        for (nearest, names) in marked.lacking(*place, sources) {
             let heard = &sources[..=nearest];
-            let given = match marked.handing(place, sources[nearest]) {
-                Some(between) => self.on(between, heard, marked, pictures)?,
+            let given = match marked.handing(*place, sources[nearest]) {
+                Some((beside, between)) => self.on((beside, heard.to_vec()), between, marked, pictures)?,
                 None => Marks::default(),
             };
             let given = given.filtered(|mark| names.contains(&mark.name));
-            marks.marks.extend(self.in_view(place, (names, given), heard, marked, pictures)?.marks);
+            marks.marks.extend(self.in_view(*place, (names, given), heard, marked, pictures)?.marks);
         }
         Ok(marks)
     }
@@ -200,20 +200,19 @@ impl Handed {
     /// Returns masks of all names on a frame that a chapter hands on.
     fn on(
         &mut self,
-        (beside, between): (usize, usize),
-        sources: &[usize],
+        key: Key,
+        frame: usize,
         marked: Marked<'_>,
         pictures: &mut Pictures<'_>,
     ) -> Result<Marks> {
-        let key = (beside, between, sources.to_vec());
-        if let Some(known) = self.on.get(&key) {
+        let place = (key, frame);
+        if let Some(known) = self.on.get(&place) {
             return Ok(known.clone());
         }
-        let given = self.of.get(&(beside, sources.to_vec())).cloned().unwrap_or_default();
-        let marks =
-            on_frame(&marked.scene.of_chapter(marked.chapters[beside].index)?, &given, between, pictures)?;
-        let marks = Marks { marks };
-        self.on.insert(key, marks.clone());
+        let given = self.of.get(&place.0).cloned().unwrap_or_default();
+        let chapter = marked.chapters[place.0.0].index;
+        let marks = Marks { marks: on_frame(&marked.scene.of_chapter(chapter)?, &given, frame, pictures)? };
+        self.on.insert(place, marks.clone());
         Ok(marks)
     }
 
@@ -227,9 +226,9 @@ impl Handed {
         marked: Marked<'_>,
         pictures: &mut Pictures<'_>,
     ) -> Result<Marks> {
-        let Marked { scene, chapters, .. } = marked;
-        let by_hand = Marks { marks: sources.iter().flat_map(|k| marked.within(*k).marks).collect() };
-        let (by_hand, frames) = ((scene, &by_hand), &chapters[place].shown);
+        let Marked { scene, chapters, all } = marked;
+        let heard = Marks { marks: sources.iter().flat_map(|k| marked.within(*k).marks).collect() };
+        let (by_hand, frames) = (ByHand { scene, all, heard: &heard }, &chapters[place].shown);
         let marks = self.examples.without_rests(given.marks, by_hand, frames, pictures)?;
         let mut marks = Marks { marks };
         let is_seen = |name: &String| marks.all().iter().any(|mark| mark.add && mark.name == *name);

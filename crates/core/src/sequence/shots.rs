@@ -82,6 +82,8 @@ pub(super) fn cuts(shots: &[Shot]) -> Vec<usize> {
         differences
     };
     let usual = |sorted: &[f32]| sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    // A few frames tell nothing by themselves.
+    let is_enough = |side: &&[f32]| 2 * side.len() >= AROUND;
     let sudden = |i: usize| {
         let own = shots[i].difference.filter(|own| *own > CUT_LEVELS)?;
         let before = differences(i.saturating_sub(AROUND)..i);
@@ -89,8 +91,8 @@ pub(super) fn cuts(shots: &[Shot]) -> Vec<usize> {
         let mut both = [&before[..], &after].concat();
         both.sort_by(f32::total_cmp);
         let stands_out = own > LARGEST_TIMES * both.last().copied().unwrap_or(0.0);
-        let beside = if stands_out { usual(&before).min(usual(&after)) } else { usual(&both) };
-        (own > CUT_TIMES * usual(&both).min(beside)).then_some(own)
+        let sides = [&before[..], &after].into_iter().filter(|side| stands_out && is_enough(side));
+        (own > CUT_TIMES * sides.map(usual).fold(usual(&both), f32::min)).then_some(own)
     };
     let sudden: Vec<Option<f32>> = (0..shots.len()).map(sudden).collect();
     let is_flash = |i: usize, own: f32| {
@@ -145,6 +147,9 @@ mod tests {
         assert_eq!(cuts(&shots(&differences)), [20], "a steady shot before one that moves fast");
         differences[20] = 25.0;
         assert_eq!(cuts(&shots(&differences)), [0; 0], "a shot that begins to move fast");
+        let mut first = vec![12.0; 30];
+        first[1] = 30.0;
+        assert_eq!(cuts(&shots(&first)), [0; 0], "one frame does not tell that the shot was steady");
         assert_eq!(cuts(&shots(&[0.0; 30])), [0; 0]);
         assert_eq!(cuts(&[]), [0; 0]);
         let mut known: Vec<Option<f32>> = vec![Some(5.0); 40];
