@@ -86,13 +86,14 @@ impl Asking {
         settings: &RelevancySettings,
         names: &[String],
     ) -> Result<()> {
-        self.forget(scene, settings);
         let is_new = |name: &&String| !scene.classes.iter().any(|(class, _)| class.name == **name);
         let names: Vec<&str> = names.iter().filter(is_new).map(String::as_str).collect();
+        let rows =
+            if names.is_empty() { Vec::new() } else { self.open_encoder(scene)?.encode_prompts(&names)? };
+        self.forget(scene, settings);
         if names.is_empty() {
             return Ok(());
         }
-        let rows = self.open_encoder(scene)?.encode_prompts(&names)?;
         let class = |name: &&str| Class { id: NO_LABEL, name: (*name).to_owned(), colour: [0; 3] };
         self.known.extend(names.iter().map(class).zip(rows));
         let words = class_words(scene, &self.known, settings);

@@ -12,8 +12,8 @@ pub(super) struct TurnedFrom {
 }
 
 impl Engine {
-    /// Takes the place where another thread tells of requests that wait: carrying marks to another chapter then
-    /// leaves off with [`surgtpgs_core::Error::Cancelled`], keeps what it found, and changes nothing.
+    /// Takes the place where another thread tells of requests that wait: carrying marks from one chapter to
+    /// another then leaves off with [`surgtpgs_core::Error::Cancelled`], and keeps what it found.
     pub(crate) fn leave_off_for(&mut self, pending: Arc<Pending>) {
         self.pending = pending;
     }
@@ -23,29 +23,29 @@ impl Engine {
         if self.scene.is_at(time) {
             return Ok(());
         }
-        if let Some(mut other) = self.turned_from.take_if(|other| other.scene.is_at(time)) {
-            std::mem::swap(&mut self.scene, &mut other.scene);
-            std::mem::swap(&mut self.marked, &mut other.marked);
-            std::mem::swap(&mut self.graph, &mut other.graph);
-            self.turned_from = Some(other);
-            return Ok(());
-        }
-        let next = Arc::new(self.scene.at(time)?);
-        // Marks belong to the Gaussians that they are carried to.
-        let marks = match self.marks().cloned() {
-            Some(all) => Some((self.marks_in(&next)?, all)),
-            None => None,
+        let next = match self.turned_from.take_if(|other| other.scene.is_at(time)) {
+            Some(known) => known,
+            None => TurnedFrom { scene: Arc::new(self.scene.at(time)?), marked: None, graph: None },
         };
-        let scene = std::mem::replace(&mut self.scene, next);
-        self.turned_from = Some(TurnedFrom { scene, marked: self.marked.take(), graph: self.graph.take() });
-        marks.map_or(Ok(()), |(here, all)| self.carry(all, here, None))
+        // Marks belong to the Gaussians that they were carried to.
+        self.turned_from = Some(TurnedFrom {
+            scene: std::mem::replace(&mut self.scene, next.scene),
+            marked: std::mem::replace(&mut self.marked, next.marked),
+            graph: std::mem::replace(&mut self.graph, next.graph),
+        });
+        Ok(())
     }
 
     /// Returns `false` if marks have to be carried to another chapter before frame `i` can be asked.
     pub(crate) fn answers_at_once(&self, i: usize) -> bool {
         let time = self.scene.time(i);
-        let is_near = self.turned_from.as_ref().is_some_and(|other| other.scene.is_at(time));
-        self.marked.is_none() || self.scene.is_at(time) || is_near
+        if self.handed.is_none() || self.scene.chapters.is_empty() {
+            return true;
+        }
+        let near = self.turned_from.as_ref().filter(|other| other.scene.is_at(time));
+        let marked =
+            if self.scene.is_at(time) { &self.marked } else { near.map_or(&None, |near| &near.marked) };
+        marked.is_some()
     }
 }
 
@@ -91,18 +91,22 @@ mod tests {
         let pending = Arc::new(Pending::default());
         engine.leave_off_for(pending.clone());
         engine.set_marks(marks.clone()).unwrap();
+        engine.carry_marks(first).unwrap();
         pending.set(Next::Frame(0));
-        assert!(matches!(engine.turn_to(last), Err(Error::Cancelled)));
-        assert!(engine.scene().is_at(first) && engine.marks() == Some(&marks), "nothing has changed");
+        assert!(matches!(engine.carry_marks(last), Err(Error::Cancelled)));
+        assert!(engine.scene().is_at(last), "the chapter can be shown");
+        assert!(engine.marks() == Some(&marks) && !engine.answers_at_once(5) && engine.answers_at_once(0));
         pending.set(Next::Frame(2));
-        engine.turn_to(second).unwrap();
-        assert!(engine.scene().is_at(second) && engine.marks() == Some(&marks));
+        engine.carry_marks(second).unwrap();
+        assert!(engine.answers_at_once(2) && !engine.answers_at_once(5));
         pending.set(Next::Other);
         let fewer = Marks::new(marks.all()[..1].to_vec(), &engine.canvas()).unwrap();
-        assert!(matches!(engine.set_marks(fewer), Err(Error::Cancelled)));
+        engine.set_marks(fewer).unwrap();
+        assert!(matches!(engine.carry_marks(second), Err(Error::Cancelled)));
+        assert!(matches!(engine.gaussians_found(second), Err(Error::Cancelled)), "old marks answer nothing");
         pending.clear();
         engine.set_marks(marks.clone()).unwrap();
-        engine.turn_to(last).unwrap();
-        assert!(engine.scene().is_at(last) && engine.marks() == Some(&marks));
+        engine.carry_marks(last).unwrap();
+        assert!(engine.answers_at_once(5) && engine.marks() == Some(&marks));
     }
 }

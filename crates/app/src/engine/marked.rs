@@ -1,6 +1,6 @@
 //! Marks by hand in an engine: scores of the names that they give, and corrections of the scene's prompts.
 
-use super::{Engine, SceneView};
+use super::{Engine, Recording, SceneView};
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 use surgtpgs_core::{
     Error, Result,
@@ -12,9 +12,10 @@ use surgtpgs_core::{
     scene::Scene,
 };
 
-/// Marks, carried to the scene.
+/// Marks, carried to the scene or to the chapter of it that is at hand.
 pub(super) struct Marked {
-    marks: Marks,
+    /// Marks by hand that were carried.
+    by_hand: Arc<Marks>,
     /// Names that the scene does not have.
     carried: Carried,
     /// Corrections of the scene's classes, by name.
@@ -32,63 +33,76 @@ impl Engine {
         Canvas { width, height, frame_names, num_frames: self.scene.num_frames() }
     }
 
-    /// Reads a file of marks and carries them, see [`Engine::set_marks`]. The file is an input from now on.
+    /// Reads a file of marks, see [`Engine::set_marks`]. The file is an input from now on.
     pub fn read_marks(&mut self, path: &Path) -> Result<()> {
         self.set_marks(Marks::read(path, &self.canvas())?)?;
         self.marks_file = Some(path.to_owned());
         Ok(())
     }
 
-    /// Carries marks to the whole scene, in place of earlier ones. From now on prompts find what was marked,
-    /// and marks of the scene's own classes correct them. If there are other names than before, the prompts
-    /// are forgotten.
+    /// Takes marks in place of earlier ones. From now on prompts find what was marked, and marks of the scene's
+    /// own classes correct them. If there are other names than before, the prompts are forgotten.
+    ///
+    /// Marks are carried to the Gaussians when the first prompt is asked, in each chapter of a long scene anew.
     pub fn set_marks(&mut self, marks: Marks) -> Result<()> {
-        let earlier = self.marked.take();
-        self.turned_from = None;
         let names = marks.names();
-        if names != earlier.as_ref().map(|m| m.marks.names()).unwrap_or_default() {
+        if names != self.marks().map(Marks::names).unwrap_or_default() {
             self.asking.know(&self.scene, &self.settings, &names)?;
         }
-        let handed = self.handed.take();
         if marks.is_empty() {
+            (self.handed, self.marked, self.turned_from) = (None, None, None);
             return Ok(());
         }
-        let scene = self.scene.clone();
-        self.handed = Some(match handed {
-            Some(handed) => handed.for_marks(&scene, &marks),
+        self.handed = Some(match self.handed.take() {
+            Some(handed) => handed.for_marks(&self.scene, &marks),
             None => Handed::new(&marks),
         });
-        let here = self.marks_in(&scene)?;
-        self.carry(marks, here, earlier)
+        Ok(())
     }
 
-    /// Returns the marks that count in the chapter that `scene` holds. What is found until the work is left off
-    /// is kept.
-    pub(super) fn marks_in(&mut self, scene: &Scene) -> Result<Marks> {
-        let Some(mut handed) = self.handed.take() else { return Ok(Marks::default()) };
-        let found = handed.marks(scene, &mut |i| {
-            if self.pending.is_elsewhere(|frame| scene.is_at(scene.time(frame))) {
+    /// Returns the marks by hand.
+    pub fn marks(&self) -> Option<&Marks> {
+        self.handed.as_ref().map(|handed| &**handed.by_hand())
+    }
+
+    /// Carries the marks to the chapter that is shown at `time`, unless that is done. It can take seconds, and
+    /// leaves off with [`surgtpgs_core::Error::Cancelled`] for a request elsewhere.
+    pub(crate) fn carry_marks(&mut self, time: f32) -> Result<()> {
+        self.turn_to(time)?;
+        let Some(by_hand) = self.handed.as_ref().map(|handed| handed.by_hand().clone()) else {
+            return Ok(());
+        };
+        if self.marked.as_ref().is_some_and(|marked| Arc::ptr_eq(&marked.by_hand, &by_hand)) {
+            return Ok(());
+        }
+        let here = self.marks_here()?;
+        self.carry(by_hand, &here);
+        Ok(())
+    }
+
+    /// Returns the marks that count in the chapter at hand.
+    fn marks_here(&mut self) -> Result<Marks> {
+        let Self { handed: Some(handed), scene, recording, pending, .. } = self else {
+            return Ok(Marks::default());
+        };
+        handed.marks(scene, &mut |i| {
+            if pending.is_elsewhere(|frame| scene.is_at(scene.time(frame))) {
                 return Err(Error::Cancelled);
             }
-            match self.original(i)? {
-                Some(picture) => Ok(picture),
-                None => Ok(render_frame(&scene.at(scene.time(i))?, i).to_rgb()),
-            }
-        });
-        self.handed = Some(handed);
-        found
+            picture(recording, scene, i)
+        })
     }
 
-    /// Carries the marks that count here to the scene, or to the chapter of it that it holds.
-    pub(super) fn carry(&mut self, all: Marks, here: Marks, earlier: Option<Marked>) -> Result<()> {
-        let scene = self.scene.clone();
+    /// Carries the marks that count `here` to the Gaussians.
+    fn carry(&mut self, by_hand: Arc<Marks>, here: &Marks) {
         let names = here.names();
         let earlier_graph = self.graph.take().filter(|g| g.is_of(&self.scene));
         let graph = earlier_graph.unwrap_or_else(|| Arc::new(Graph::of(&self.scene)));
-        let (known, new): (Vec<&String>, Vec<&String>) = names.iter().partition(|name| scene.finds(name));
+        let (known, new): (Vec<&String>, Vec<&String>) =
+            names.iter().partition(|name| self.scene.finds(name));
         let carried =
             Carried::new(&self.scene, Arc::clone(&graph), &here.named(&new), CarrySettings::default());
-        let carried = match earlier {
+        let carried = match self.marked.take() {
             Some(earlier) => carried.after(earlier.carried),
             None => carried,
         };
@@ -99,13 +113,7 @@ impl Engine {
             corrections.insert(name.clone(), Correction::new(&self.scene, &graph, &own, &before));
         }
         self.graph = Some(graph);
-        self.marked = Some(Marked { marks: all, carried, corrections, last: None });
-        Ok(())
-    }
-
-    /// Returns the marks.
-    pub fn marks(&self) -> Option<&Marks> {
-        self.marked.as_ref().map(|m| &m.marks)
+        self.marked = Some(Marked { by_hand, carried, corrections, last: None });
     }
 
     /// Returns the score of each Gaussian for a class of the scene, at the time of a frame.
@@ -124,6 +132,7 @@ impl Engine {
 
     /// Changes the scores of the prompts on a view by what was marked.
     pub(super) fn score_marked(&mut self, view: &SceneView, scores: &mut [Grid<f32>]) -> Result<()> {
+        self.carry_marks(view.time)?;
         let Some(mut marked) = self.marked.take() else { return Ok(()) };
         let result = self.add_marked(&mut marked, view, scores);
         self.marked = Some(marked);
@@ -164,7 +173,9 @@ impl Engine {
         frame: Option<usize>,
     ) -> Result<Vec<Grid<f32>>> {
         let Some(frame) = frame else {
-            return marked.carried.on_view(&self.scene, view.camera, view.time, &mut |i| self.picture(i));
+            let Self { scene, recording, .. } = self;
+            let pictures = &mut |i| picture(recording, scene, i);
+            return marked.carried.on_view(scene, view.camera, view.time, pictures);
         };
         let [width, height] = [view.camera.width, view.camera.height].map(|side| side as usize);
         let scores = &self.carried_on(marked, frame)?.scores;
@@ -174,20 +185,12 @@ impl Engine {
     /// Returns the scores of the carried names on a frame.
     fn carried_on<'a>(&mut self, marked: &'a mut Marked, frame: usize) -> Result<&'a FrameScores> {
         let known = marked.last.take().filter(|(last, _)| *last == frame);
-        let scene = self.scene.clone();
+        let Self { scene, recording, .. } = self;
         let found = match known {
             Some((_, found)) => found,
-            None => marked.carried.on_frame(&scene, frame, &mut |i| self.picture(i))?,
+            None => marked.carried.on_frame(scene, frame, &mut |i| picture(recording, scene, i))?,
         };
         Ok(&marked.last.insert((frame, found)).1)
-    }
-
-    /// Returns the recorded picture of a frame, or the reconstruction of it.
-    fn picture(&self, frame: usize) -> Result<image::RgbImage> {
-        match self.original(frame)? {
-            Some(picture) => Ok(picture),
-            None => Ok(render_frame(&self.scene, frame).to_rgb()),
-        }
     }
 
     /// Returns the frame that a view shows as it was recorded, at any size.
@@ -199,10 +202,12 @@ impl Engine {
         })
     }
 
-    /// Returns for each prompt the Gaussians that marks give it: those whose share is above one half.
-    pub(super) fn gaussians_marked(&mut self) -> Result<Vec<Vec<usize>>> {
+    /// Returns for each prompt the Gaussians that marks give it at `time`: those whose share is above one half.
+    pub(super) fn gaussians_marked(&mut self, time: f32) -> Result<Vec<Vec<usize>>> {
+        self.carry_marks(time)?;
         let Some(mut marked) = self.marked.take() else { return Ok(Vec::new()) };
-        let shares = marked.carried.shares(&self.scene, &mut |i| self.picture(i)).map(<[_]>::to_vec);
+        let Self { scene, recording, .. } = self;
+        let shares = marked.carried.shares(scene, &mut |i| picture(recording, scene, i)).map(<[_]>::to_vec);
         let names = marked.carried.names().to_vec();
         self.marked = Some(marked);
         let shares = shares?;
@@ -217,7 +222,7 @@ impl Engine {
     /// Returns the place on a frame where one more mark of a new name would help most; `None` if there is no
     /// such name, or if the frame is marked.
     pub fn look_here_on(&mut self, frame: usize) -> Result<Option<LookHere>> {
-        self.turn_to(self.scene.time(frame))?;
+        self.carry_marks(self.scene.time(frame))?;
         let Some(mut marked) = self.marked.take() else { return Ok(None) };
         let is_marked = marked.carried.frames().any(|other| other == frame);
         let found = if marked.carried.names().is_empty() || is_marked {
@@ -229,5 +234,15 @@ impl Engine {
         };
         self.marked = Some(marked);
         found
+    }
+}
+
+/// Returns the recorded picture of a frame, or the reconstruction of it where the recording is not at hand.
+fn picture(recording: &Recording, scene: &Scene, frame: usize) -> Result<image::RgbImage> {
+    let time = scene.time(frame);
+    match recording.frame(frame)? {
+        Some(picture) => Ok(picture),
+        None if scene.is_at(time) => Ok(render_frame(scene, frame).to_rgb()),
+        None => Ok(render_frame(&scene.at(time)?, frame).to_rgb()),
     }
 }

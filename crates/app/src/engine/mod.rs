@@ -138,9 +138,10 @@ pub struct Engine {
     relevancy: Option<Fastest>,
     settings: RelevancySettings,
     asking: Asking,
-    marked: Option<marked::Marked>,
-    /// Marks that count in each chapter of a long scene, as far as they were needed.
+    /// Marks by hand, and those that count in each chapter of a long scene, as far as they were needed.
     handed: Option<Handed>,
+    /// Marks that were carried to the Gaussians; those of before if the marks by hand are others now.
+    marked: Option<marked::Marked>,
     /// The request that waits: carrying marks to another chapter leaves off for it.
     pending: Arc<Pending>,
     /// Graph of the scene's Gaussians, which marks spread over; made for the first marks.
@@ -162,6 +163,16 @@ struct Rendered {
 enum Recording {
     Found(Sequence),
     Missing(String),
+}
+
+impl Recording {
+    /// Returns the picture of frame `i`; `None` if the recording is not there.
+    fn frame(&self, i: usize) -> Result<Option<image::RgbImage>> {
+        match self {
+            Self::Found(sequence) => sequence.frame(i).map(Some),
+            Self::Missing(_) => Ok(None),
+        }
+    }
 }
 
 impl Engine {
@@ -334,7 +345,7 @@ impl Engine {
         self.turn_to(view.time)?;
         let has_lattice = matches!(self.relevancy, Some(Fastest::Lattice(_)));
         let asks = matches!(ask, Ask::Now(_));
-        if !self.machine.is_gpu() || (asks && (!has_lattice || self.marked.is_some())) {
+        if !self.machine.is_gpu() || (asks && (!has_lattice || self.handed.is_some())) {
             return self.show_by_cpu(view, ask, wanted);
         }
         let features = has_lattice && !matches!(ask, Ask::Nothing);
@@ -490,7 +501,7 @@ impl Engine {
         self.clock.start();
         let mut scores = match &mut self.relevancy {
             Some(relevancy) => relevancy.score(images, &self.asking.queries, &self.settings),
-            None if self.marked.is_some() => {
+            None if self.handed.is_some() => {
                 vec![Grid::filled(images.width, images.height, 0.0); self.asking.queries.len()]
             }
             None => return Err(no_features(&self.scene)),
@@ -507,9 +518,8 @@ impl Engine {
     /// Returns for each prompt the Gaussians that it finds at `time`: their score is above the threshold, and
     /// they are at least as opaque as a pixel has to be.
     pub fn gaussians_found(&mut self, time: f32) -> Result<Vec<Vec<usize>>> {
-        self.turn_to(time)?;
-        let marked = self.gaussians_marked()?;
-        if self.relevancy.is_none() && self.marked.is_some() {
+        let marked = self.gaussians_marked(time)?;
+        if self.relevancy.is_none() && self.handed.is_some() {
             return Ok(marked);
         }
         let scores = self.gaussian_scores(time)?;
@@ -543,7 +553,7 @@ impl Engine {
 
     /// Returns the recorded picture of frame `i`; `None` if the recording is not there.
     pub fn original(&self, i: usize) -> Result<Option<image::RgbImage>> {
-        self.sequence().map(|s| s.frame(i)).transpose()
+        self.recording.frame(i)
     }
 
     /// Returns the mask of instruments on recorded frame `i`; `None` if the recording does not have one.

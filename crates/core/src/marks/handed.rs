@@ -113,6 +113,11 @@ impl Handed {
         Self { all, of: BTreeMap::new(), on: BTreeMap::new(), examples: Examples::default() }
     }
 
+    /// Returns the marks by hand.
+    pub fn by_hand(&self) -> &Arc<Marks> {
+        &self.all
+    }
+
     /// Returns the marks that count in the chapter that `scene` holds: those on its frames and, of names that are
     /// marked in other chapters alone, masks of the first or the last frame, wherever the two chapters of a frame
     /// are not parted by a cut; of those that are not seen there, masks of what looks like them later. A scene

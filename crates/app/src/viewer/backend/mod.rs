@@ -187,9 +187,13 @@ pub(crate) trait FrameSource: Send {
     fn sample(&mut self, _: &FrameView, _: [f32; 2]) -> Result<Option<Sample>> {
         Ok(None)
     }
-    /// Carries marks by hand to the whole recording, in place of earlier ones: questions then find what they
-    /// name. A recording without a reconstruction has nothing to carry them to.
+    /// Takes marks by hand in place of earlier ones: questions then find what they name. A recording without a
+    /// reconstruction has nothing to carry them to.
     fn set_marks(&mut self, _: &[Mark]) -> Result<()> {
+        Ok(())
+    }
+    /// Carries the marks to a view, so that questions on it can be answered. It can take seconds.
+    fn carry_marks(&mut self, _: &FrameView) -> Result<()> {
         Ok(())
     }
     /// Returns the place on a frame where one more mark would help most; `None` where that is not known.

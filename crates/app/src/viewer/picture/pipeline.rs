@@ -141,15 +141,13 @@ impl Pipeline {
         picture
     }
 
-    /// Makes the recorded frame alone, if that is what the request shows and its prompts take long.
+    /// Makes the picture without its prompts, if they have to wait for marks from another chapter.
     pub(crate) fn first_look(&mut self, request: &Request) -> Option<Picture> {
-        let shows_more = request.needs_reconstruction || request.needs_difference || request.layer.is_some();
-        let has_frame = request.needs_original && self.source.info().has_original && !shows_more;
         let is_asked = !request.prompts.is_empty() && self.can_ask();
-        let waits = has_frame && is_asked && !self.source.answers_at_once(&request.view);
+        let waits = is_asked && !self.source.answers_at_once(&request.view);
         let alone =
             || Request { prompts: Vec::new(), candidates: Vec::new(), point: None, ..request.clone() };
-        waits.then(|| self.produce(alone()))
+        waits.then(|| self.produce(alone())).filter(|picture| !picture.is_left_off)
     }
 
     fn fill(&mut self, picture: &mut Picture) -> Result<()> {
@@ -257,10 +255,8 @@ impl Pipeline {
                 return false;
             }
             let is_decoded = !decodes || self.original(frame).is_ok();
-            let is_rendered = parts.is_none_or(|parts| self.render(&view, parts).is_ok());
-            if is_rendered && parts.is_some() && asks {
-                self.score(&view, &request.questions());
-            }
+            let questions = if asks { request.questions() } else { Vec::new() };
+            let is_rendered = parts.is_none_or(|parts| self.render_asked(&view, parts, &questions).is_ok());
             return is_decoded && is_rendered;
         }
         false
@@ -321,8 +317,8 @@ impl Pipeline {
         if kept.is_some() {
             return kept;
         }
-        match self.source.render(&view, parts) {
-            Ok(_) => Some(self.source.scores(&view, questions).into_iter().map(shared).collect()),
+        match self.source.render(&view, parts).and_then(|_| self.source.carry_marks(&view)) {
+            Ok(()) => Some(self.source.scores(&view, questions).into_iter().map(shared).collect()),
             Err(Error::Cancelled) => None,
             Err(_) => Some(Vec::new()),
         }
@@ -344,12 +340,10 @@ impl Pipeline {
         let mut neighbours: Vec<Vec<Scores>> = Vec::new();
         for frame in around.filter(|frame| *frame != view.frame) {
             let beside = FrameView { frame, ..*view };
-            self.render(&beside, Parts { features: true, ..Parts::default() })?;
-            self.score(&beside, questions);
+            self.render_asked(&beside, Parts { features: true, ..Parts::default() }, questions)?;
             neighbours.extend(self.rendered.back().and_then(|r| r.known(questions)));
         }
-        self.render(view, parts)?;
-        self.score(view, questions);
+        self.render_asked(view, parts, questions)?;
         let own = self.rendered.back().and_then(|r| r.known(questions)).unwrap_or_default();
         let smoothed = |(k, scores): (usize, Scores)| match scores {
             Ok(scores) if reach > 0 => {
@@ -414,16 +408,21 @@ impl Pipeline {
         Ok(())
     }
 
-    /// Scores those questions that have not been asked for this view yet; the view must be the last of the
-    /// rendered ones.
-    fn score(&mut self, view: &FrameView, questions: &[Question]) {
-        let Some(rendered) = self.rendered.back_mut() else { return };
+    /// Does the same, and scores those questions that have not been asked for this view yet.
+    fn render_asked(&mut self, view: &FrameView, parts: Parts, questions: &[Question]) -> Result<()> {
+        self.render(view, parts)?;
+        let Some(rendered) = self.rendered.back_mut() else { return Ok(()) };
         let new = rendered.new_questions(questions);
         if new.is_empty() {
-            return;
+            return Ok(());
+        }
+        // Any other failure is that of the questions; the picture can be shown.
+        if matches!(self.source.carry_marks(view), Err(Error::Cancelled)) {
+            return Err(Error::Cancelled);
         }
         let answers = self.source.scores(view, &new).into_iter().map(shared);
         rendered.scores.extend(new.into_iter().zip(answers));
+        Ok(())
     }
 
     fn kept_bytes(&self) -> usize {

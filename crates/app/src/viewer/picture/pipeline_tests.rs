@@ -142,15 +142,17 @@ fn is_all_of(picture: &Picture, frame: usize) {
 }
 
 #[test]
-fn the_recorded_frame_is_shown_while_its_prompts_wait_for_marks() {
+fn the_picture_is_shown_while_its_prompts_wait_for_marks() {
     let (mut pipeline, rendered) = pipeline(8);
     let recorded = |frame: usize| Request { needs_reconstruction: false, ..request(frame) };
     let first = pipeline.first_look(&recorded(30)).unwrap();
     assert_eq!(first.original.unwrap().bare.pixels[0].r(), 30);
     assert!(first.findings.is_empty() && rendered.lock().unwrap().is_empty());
     assert_eq!(pipeline.produce(recorded(30)).findings.len(), 1);
+    let first = pipeline.first_look(&request(31)).unwrap();
+    assert_eq!(first.reconstruction.unwrap().bare.pixels[0].r(), 31);
+    assert!(first.findings.is_empty());
     assert!(pipeline.first_look(&recorded(3)).is_none(), "it takes no time");
-    assert!(pipeline.first_look(&request(30)).is_none(), "the reconstruction would be missing");
     assert!(pipeline.first_look(&Request { prompts: Vec::new(), ..recorded(30) }).is_none());
 }
 
@@ -191,7 +193,6 @@ fn a_picture_that_takes_long_is_left_for_one_elsewhere() {
     worker.submit(request(3));
     worker.wait(Duration::from_secs(600));
     is_all_of(&worker.take().unwrap(), 3);
-    assert!(rendered.lock().unwrap().starts_with(&[30, 3]));
     worker.submit(request(30));
     worker.end(Duration::from_secs(600));
     assert_eq!(Arc::strong_count(&rendered), 1, "it is left at the end, too");

@@ -211,6 +211,11 @@ impl FrameSource for SceneSource {
         self.engine.set_marks(marks)
     }
 
+    fn carry_marks(&mut self, view: &FrameView) -> Result<()> {
+        let time = self.engine.view(view.frame)?.time;
+        self.engine.carry_marks(time)
+    }
+
     fn look_here(&mut self, frame: usize) -> Result<Option<LookHere>> {
         self.engine.look_here_on(frame)
     }
