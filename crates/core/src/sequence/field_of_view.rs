@@ -64,16 +64,27 @@ impl FieldOfView {
         Self { shape: Shape::Whole, mask: Grid::filled(width, height, true) }
     }
 
-    /// Looks for a border in some frames of one recording, all `width × height`.
+    /// Looks for a border in some frames of one recording, all `width × height`. If there is none, because of a
+    /// single frame that may be a title or of another camera, looks for what at least two frames light.
     pub(super) fn detect(width: usize, height: usize, frames: impl IntoIterator<Item = RgbImage>) -> Self {
-        let mut brightest = vec![0_u8; width * height];
+        let mut num_lit = vec![0_usize; width * height];
+        let mut num_frames = 0;
         for frame in frames {
-            for (b, pixel) in brightest.iter_mut().zip(frame.pixels()) {
-                *b = pixel.0.into_iter().fold(*b, u8::max);
+            num_frames += 1;
+            for (lit, pixel) in num_lit.iter_mut().zip(frame.pixels()) {
+                *lit += usize::from(pixel.0.iter().any(|v| *v >= LIT));
             }
         }
-        let lit = Grid::from_vec(width, height, brightest.iter().map(|&b| b >= LIT).collect());
-        let outline = Outline::of_largest_region(&lit);
+        let lit_by = |fewest: usize| {
+            Self::of_lit(&Grid::from_vec(width, height, num_lit.iter().map(|n| *n >= fewest).collect()))
+        };
+        let found = lit_by(1);
+        if found.shape == Shape::Whole && num_frames > 2 { lit_by(2) } else { found }
+    }
+
+    fn of_lit(lit: &Mask) -> Self {
+        let (width, height) = (lit.width, lit.height);
+        let outline = Outline::of_largest_region(lit);
         let shape = outline.shape();
         let mask = shape.mask(width, height);
         let hidden = (mask.data.len() - mask.count()) as f64;
@@ -318,6 +329,14 @@ mod tests {
 
     fn detect(image: RgbImage) -> FieldOfView {
         FieldOfView::detect(image.width() as usize, image.height() as usize, [image])
+    }
+
+    #[test]
+    fn one_frame_without_a_border_among_others_does_not_count() {
+        let round = || draw(320, 200, |x, y| (x - 150.0).hypot(y - 104.0) < 90.0);
+        let title = draw(320, 200, |_, _| true);
+        let found = FieldOfView::detect(320, 200, [round(), title, round(), round()]);
+        assert!(matches!(found.shape, Shape::Disc(..)), "{}", found.describe());
     }
 
     #[test]

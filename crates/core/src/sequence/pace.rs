@@ -11,14 +11,21 @@ use crate::{
     progress::{Observer, Progress},
 };
 use image::RgbImage;
+use std::ops::Range;
 
 /// Number of samples of a picture that are compared.
 const SAMPLES: usize = 1 << 14;
-/// Share of the usual difference between neighbouring frames below which a frame repeats the one before.
+/// Share of the usual difference between different neighbouring frames below which a frame repeats the one
+/// before.
 const REPEAT_SHARE: f32 = 0.1;
-/// Usual difference, in 8-bit levels, below which a recording is too still to tell.
+/// Difference, in 8-bit levels, below which frames may be the same, or the recording stands still.
 const STILL: f32 = 0.3;
-/// Smallest number of repeated frames that makes a period.
+/// Share of frames that differ from the one before, below which a recording is too still to tell.
+const LEAST_DIFFERENT: f32 = 0.15;
+/// Number of frames on one side that tell what difference is usual; and the fewest of them that tell it.
+const AROUND: usize = 48;
+const FEWEST_AROUND: usize = 12;
+/// Smallest number of repeated frames that make a period, and of times that it comes.
 const FEWEST_REPEATS: usize = 3;
 /// Number of frames that are read in parallel; no more are in memory.
 const BATCH: usize = 64;
@@ -81,29 +88,57 @@ pub(crate) fn frame_times(differences: &[Option<f32>], frames: &[usize], seconds
 
 /// Returns for every frame if it repeats the one before, from their mean differences in 8-bit levels; `None`
 /// where it is not known, and for the first frame.
+///
+/// Half of the frames or more may be repeats, and a recording has slow parts, so that the usual difference is
+/// that of frames that differ, on the slower side of each frame.
 pub(super) fn repeats(differences: &[Option<f32>]) -> Vec<bool> {
-    let mut known: Vec<f32> = differences.iter().flatten().copied().collect();
-    known.sort_by(f32::total_cmp);
-    let usual = known.get(known.len() / 2).copied().unwrap_or(0.0);
-    if usual < STILL {
-        return vec![false; differences.len()];
+    let different = |frames: Range<usize>| -> Vec<f64> {
+        let known = differences[frames].iter().flatten().filter(|d| **d >= STILL);
+        known.map(|d| f64::from(*d)).collect()
+    };
+    let n = differences.len();
+    let mut all = different(0..n);
+    if (all.len() as f32) < LEAST_DIFFERENT * differences.iter().flatten().count().max(1) as f32 {
+        return vec![false; n];
     }
-    let seen: Vec<Option<bool>> = differences.iter().map(|d| d.map(|d| d < REPEAT_SHARE * usual)).collect();
+    let usual = median(&mut all).unwrap_or(0.0);
+    let usual_beside = |side: Range<usize>| {
+        let num_known = differences[side.clone()].iter().flatten().count();
+        let mut beside = different(side);
+        // Where a recording is frozen, frames are the same to the last level.
+        let is_frozen = (beside.len() as f32) < LEAST_DIFFERENT * num_known as f32;
+        let usual = if is_frozen { Some(f64::from(STILL)) } else { median(&mut beside) };
+        usual.filter(|_| num_known >= FEWEST_AROUND)
+    };
+    let is_repeat = |i: usize, difference: f32| {
+        let sides = [i.saturating_sub(AROUND)..i, i + 1..(i + 1 + AROUND).min(n)];
+        let known = sides.into_iter().filter_map(usual_beside).reduce(f64::min);
+        f64::from(difference) < f64::from(REPEAT_SHARE) * known.unwrap_or(usual)
+    };
+    let seen: Vec<Option<bool>> =
+        differences.iter().enumerate().map(|(i, d)| d.map(|d| is_repeat(i, d))).collect();
     let period = period(&seen);
-    let expected = |i: usize| i > 0 && period.is_some_and(|(length, phase)| i % length == phase);
+    let expected = |i: usize| i > 0 && period.as_ref().is_some_and(|period| period[i % period.len()]);
     seen.iter().enumerate().map(|(i, seen)| seen.unwrap_or_else(|| expected(i))).collect()
 }
 
-/// Returns length and phase of the shortest period that all frames keep to: frame i repeats the one before if
-/// i mod length is the phase, and not otherwise.
-fn period(seen: &[Option<bool>]) -> Option<(usize, usize)> {
-    let repeated: Vec<usize> = (0..seen.len()).filter(|&i| seen[i] == Some(true)).collect();
-    let first = *repeated.first().filter(|_| repeated.len() >= FEWEST_REPEATS)?;
-    let keeps = |length: usize| {
-        let is_due = |i: usize| i % length == first % length;
-        seen.iter().enumerate().all(|(i, seen)| seen.is_none_or(|seen| seen == is_due(i)))
+/// Returns the shortest period that all frames keep to: which of its frames repeat the one before.
+fn period(seen: &[Option<bool>]) -> Option<Vec<bool>> {
+    if seen.iter().filter(|seen| **seen == Some(true)).count() < FEWEST_REPEATS {
+        return None;
+    }
+    let of_length = |length: usize| {
+        let mut period = vec![None; length];
+        for (i, seen) in seen.iter().enumerate().filter_map(|(i, seen)| Some((i, (*seen)?))) {
+            if *period[i % length].get_or_insert(seen) != seen {
+                return None;
+            }
+        }
+        Some(period.into_iter().map(|repeats| repeats.unwrap_or(false)).collect())
     };
-    (2..=LONGEST_PERIOD).find(|&length| keeps(length)).map(|length| (length, first % length))
+    // A period has to come several times, or anything would keep to it.
+    let longest = LONGEST_PERIOD.min(seen.len() / FEWEST_REPEATS);
+    (2..=longest).find_map(of_length)
 }
 
 /// Returns the place of every frame, 0 to 1, from the seconds of frames that are not evenly spaced.
@@ -146,6 +181,27 @@ mod tests {
         let times = times(&found, &[]);
         assert_eq!((times[17], times[5]), (times[18], times[6]));
         assert!((times[47] - 40.0 / 41.0).abs() < 1e-6 && times[0] == 0.0);
+    }
+
+    #[test]
+    fn doubled_and_tripled_frames_are_repeats_and_slow_parts_are_none() {
+        for (n, copies) in [(78, 2), (96, 2), (60, 3), (97, 3)] {
+            // As with `--eval`: a frame and the one after it are not known.
+            let difference = |i: usize| {
+                (i % 8 > 1 + usize::from(i < 8)).then(|| if i.is_multiple_of(copies) { 6.0 } else { 0.1 })
+            };
+            let found = repeats(&(0..n).map(difference).collect::<Vec<_>>());
+            assert!(
+                (1..n).all(|i| found[i] != i.is_multiple_of(copies)),
+                "{n} frames, {copies} copies: {found:?}"
+            );
+        }
+        let slow = |i: usize| if (60..160).contains(&i) { 0.5 } else { 8.0 };
+        assert!(!repeats(&(0..220).map(|i| Some(slow(i))).collect::<Vec<_>>()).contains(&true));
+        let frozen = |i: usize| if (60..160).contains(&i) { 0.0 } else { 8.0 };
+        let found = repeats(&(0..220).map(|i| Some(frozen(i))).collect::<Vec<_>>());
+        assert!((0..220).all(|i| found[i] == (60..160).contains(&i)));
+        assert_eq!(repeats(&[None, Some(4.0), Some(5.0)]), [false; 3], "too few to tell");
     }
 
     #[test]

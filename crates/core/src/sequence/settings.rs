@@ -15,8 +15,8 @@
 //! field_of_view = "detect"    # or "whole": no border is looked for
 //!
 //! [labels]
-//! file = "annotations.xml"    # labels of another program, or a DICOM segmentation, instead of the
-//! recording's own
+//! file = "annotations.xml"    # labels of another program, or a DICOM segmentation, instead of
+//!                             # the recording's own
 //!
 //! [time]
 //! frames_per_second = 25.0    # of the files

@@ -1,6 +1,6 @@
 //! Changes of the shot, and runs of frames that show no tissue, from a glance at every frame.
 
-use super::pace::Glance;
+use super::pace::{self, Glance};
 use image::RgbImage;
 use std::ops::Range;
 
@@ -74,8 +74,16 @@ fn shows_tissue(picture: &RgbImage) -> bool {
 
 /// Returns the first frames of new shots: they differ far more from the frame before than frames around them
 /// do, or than those on one side, where a steady shot meets one that moves fast. A single bright or dark
-/// frame is none.
+/// frame is none. Frames that repeat the one before do not count.
 pub(super) fn cuts(shots: &[Shot]) -> Vec<usize> {
+    let repeats = pace::repeats(&shots.iter().map(|shot| shot.difference).collect::<Vec<_>>());
+    let new: Vec<usize> = (0..shots.len()).filter(|i| !repeats[*i]).collect();
+    let shots: Vec<Shot> = new.iter().map(|i| shots[*i]).collect();
+    cuts_of_new(&shots).into_iter().map(|k| new[k]).collect()
+}
+
+/// Returns the same for frames none of which repeats the one before.
+fn cuts_of_new(shots: &[Shot]) -> Vec<usize> {
     let differences = |frames: Range<usize>| -> Vec<f32> {
         let mut differences: Vec<f32> = shots[frames].iter().filter_map(|shot| shot.difference).collect();
         differences.sort_by(f32::total_cmp);
@@ -151,6 +159,10 @@ mod tests {
         first[1] = 30.0;
         assert_eq!(cuts(&shots(&first)), [0; 0], "one frame does not tell that the shot was steady");
         assert_eq!(cuts(&shots(&[0.0; 30])), [0; 0]);
+        let mut tripled: Vec<f32> = (0..90).map(|i| if i % 3 == 0 { 15.0 } else { 0.0 }).collect();
+        assert_eq!(cuts(&shots(&tripled)), [0; 0], "a changed frame rate");
+        tripled[45] = 60.0;
+        assert_eq!(cuts(&shots(&tripled)), [45]);
         assert_eq!(cuts(&[]), [0; 0]);
         let mut known: Vec<Option<f32>> = vec![Some(5.0); 40];
         (1..40).step_by(8).for_each(|i| known[i] = None);
