@@ -29,6 +29,7 @@ use build::Builder;
 use glam::{Affine3A, DAffine3, DQuat, DVec3, Quat, Vec3};
 use image::RgbImage;
 use lens::{Lens, likely_zoom};
+use std::ops::Range;
 use tracks::{Follower, Track, View};
 
 /// Longest side of what is in view in the pictures that are looked at, px; larger ones are halved.
@@ -49,6 +50,8 @@ const LARGEST_DEPTH_RANGE: f64 = 12.0;
 const TELLING_ANGLE: f64 = 0.02;
 /// Sharpness, as a share of the usual one around, below which a frame is passed over as blurred.
 const BLURRED: f32 = 0.65;
+/// Most frames in a row that are passed over because they show nothing that those around them show.
+const MOST_PASSED_OVER: usize = 2;
 /// Number of frames around that the usual sharpness is taken from.
 const AROUND: usize = 12;
 
@@ -56,8 +59,8 @@ const AROUND: usize = 12;
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    #[default]
     /// It stands still, or nothing says otherwise.
+    #[default]
     Still,
     /// It moves along a path that explains what is seen.
     Moves {
@@ -65,12 +68,15 @@ pub enum Verdict {
         fov_x_degrees: Option<f32>,
         /// Number of frames after which the tissue comes back, if it was seen to come back again and again: what
         /// of the path does, too, is not in it.
-        #[serde(default)]
         period_frames: Option<f32>,
+        /// First and last frame that the path is known for, if it breaks off: before and after them the camera is
+        /// taken to stand still.
+        known: Option<[usize; 2]>,
     },
     /// Something moves that neither a still camera nor a path explains.
     Unclear,
-    /// The path breaks off at this frame: nothing that was seen before is seen there.
+    /// The path breaks off at this frame: nothing that was seen before is seen there, and no other part is longer
+    /// than half of the recording.
     Lost(usize),
 }
 
@@ -82,16 +88,22 @@ impl Verdict {
         )
     }
 
+    /// Says, after "from the pictures", of which frames the path is known.
+    pub fn known_note([first, last]: [usize; 2]) -> String {
+        format!(" of frames {first} to {last}, before and after which it is not known")
+    }
+
     /// Returns a sentence for users; `None` if the camera stands still, as they expect.
     pub fn note(&self) -> Option<String> {
         let still = "the scope is taken to stand still";
         match self {
             Self::Still => None,
-            Self::Moves { fov_x_degrees, period_frames } => {
+            Self::Moves { fov_x_degrees, period_frames, known } => {
+                let part = known.map(Self::known_note).unwrap_or_default();
                 let lens = fov_x_degrees.map(|fov| format!(", and its field of view as {fov:.0}°"));
                 let lens = lens.unwrap_or_default();
                 let sway = period_frames.map(Self::sway_note).unwrap_or_default();
-                Some(format!("The scope moves: its path was estimated from the pictures{lens}{sway}"))
+                Some(format!("The scope moves: its path was estimated from the pictures{part}{lens}{sway}"))
             }
             Self::Unclear => {
                 Some(format!("Something moves that neither a still scope nor a moving one explains: {still}"))
@@ -115,7 +127,7 @@ pub struct ScopePath {
     /// Factor from the assumed focal length to the one that explains what is seen; `None` where the lens is
     /// known, or nothing tells.
     pub zoom: Option<f32>,
-    /// Frames that were passed over because they are blurred.
+    /// Frames that were passed over: they are blurred, or show nothing that those around them show.
     pub blurred: Vec<usize>,
     /// `camera_from_world` of every frame; empty unless the camera moves. The unit is that of the recording's
     /// depth, or such that the median depth of all sights is `typical_depth`. The first frame's camera is the
@@ -184,32 +196,35 @@ pub fn estimate(
     typical_depth: f32,
     observer: &mut Observer<'_>,
 ) -> Result<ScopePath> {
-    let Followed { tracks, lens, used, blurred } = Followed::new(sequence, timeline, observer)?;
-    let still_share = still_share(&tracks);
+    let mut followed = Followed::new(sequence, timeline, observer)?;
+    let still_share = still_share(&followed.tracks);
     let mut path = ScopePath {
         verdict: Verdict::Still,
         still_share,
         moving_share: still_share,
         zoom: None,
-        blurred,
+        blurred: std::mem::take(&mut followed.blurred),
         poses: Vec::new(),
         swaying: Vec::new(),
         points: Vec::new(),
     };
-    if used.len() < SHORTEST_TRACK || 1.0 - still_share < LEAST_GAIN {
+    if followed.used.len() < SHORTEST_TRACK || 1.0 - still_share < LEAST_GAIN {
         return Ok(path);
     }
     let is_assumed = matches!(sequence.camera_source(), CameraSource::Assumed(_));
-    let zoom = if is_assumed { likely_zoom(sequence, &tracks, &lens, observer)? } else { None };
-    let lens = zoom.map_or(lens, |zoom| lens.zoomed(zoom));
+    let zoom = if is_assumed { followed.likely_zoom(sequence, observer)? } else { None };
     Progress::new("finding the scope's path", 0, 1).tell(observer)?;
-    let mut landmarks = lens.landmarks(&tracks);
-    let known_depth = measured::take(&mut landmarks, &tracks, &lens, sequence, &used)?;
-    let mut builder = Builder::new(used.len(), landmarks, lens.focal_px());
-    if let Some(slot) = builder.build() {
-        path.verdict = Verdict::Lost(used[slot]);
-        return Ok(path);
-    }
+    let num_used = followed.used.len();
+    let (builder, known_depth) = match followed.build(sequence)? {
+        Ok(built) => built,
+        Err(first_break) => {
+            path.verdict = Verdict::Lost(first_break);
+            return Ok(path);
+        }
+    };
+    let Followed { tracks, lens, used, .. } = followed;
+    let known = (used.len() < num_used).then(|| [used[0], used[used.len() - 1]]);
+    path.still_share = self::still_share(&tracks);
     path.moving_share = moving_share(&builder, &lens);
     path.verdict = verdict(&path, &builder, &lens);
     if !matches!(path.verdict, Verdict::Moves { .. }) {
@@ -236,6 +251,7 @@ pub fn estimate(
     path.verdict = Verdict::Moves {
         fov_x_degrees: zoom.map(|_| lens.camera.field_of_view_degrees()[0]),
         period_frames: steadied.as_ref().map(|steadied| (steadied.period * num_frames) as f32),
+        known,
     };
     path.zoom = zoom.map(|zoom| zoom as f32);
     path.points = points(&builder, &lens, scale, &used);
@@ -270,7 +286,8 @@ struct Followed {
     /// Tracks by slots, which number the frames that were used.
     tracks: Vec<Track>,
     lens: Lens,
-    /// Frames that were used, and those that were passed over because they are blurred.
+    /// Frames that were used, and those that were passed over: they are blurred, or show nothing that those
+    /// around them show.
     used: Vec<usize>,
     blurred: Vec<usize>,
 }
@@ -280,15 +297,68 @@ impl Followed {
         let mut distinct = timeline.frames.to_vec();
         distinct.dedup_by(|later, earlier| timeline.times[*later] <= timeline.times[*earlier]);
         let halvings = halvings(sequence);
-        let (blurred, used) = sharp_frames(sequence, &distinct, halvings)?;
+        let (mut blurred, sharp) = sharp_frames(sequence, &distinct, halvings)?;
+        let view = |frame: usize| view(sequence, frame, &sequence.frame(frame)?, halvings);
         let mut follower = Follower::default();
-        for (slot, &frame) in used.iter().enumerate() {
-            Progress::new("following points", slot, used.len()).tell(observer)?;
-            follower.take(slot, view(sequence, frame, &sequence.frame(frame)?, halvings)?);
+        let mut used = Vec::new();
+        let mut next = 0;
+        while next < sharp.len() {
+            Progress::new("following points", next, sharp.len()).tell(observer)?;
+            let mut found = follower.found_in(view(sharp[next])?);
+            // A flash, or a picture that is damaged, hides for a moment what is seen again right after it.
+            let beyond = next + 1..(next + 1 + MOST_PASSED_OVER).min(sharp.len());
+            for later in beyond.filter(|_| found.is_lost()) {
+                let again = follower.found_in(view(sharp[later])?);
+                if !again.is_lost() {
+                    blurred.extend(&sharp[next..later]);
+                    (found, next) = (again, later);
+                    break;
+                }
+            }
+            follower.take(used.len(), found);
+            used.push(sharp[next]);
+            next += 1;
         }
+        blurred.sort_unstable();
         let lens = Lens { camera: sequence.camera(0), shrink: f64::from(1 << halvings) };
         Ok(Self { tracks: follower.finish(SHORTEST_TRACK), lens, used, blurred })
     }
+
+    /// Takes the lens that explains the tracks best, and returns its zoom; `None` if nothing tells.
+    fn likely_zoom(&mut self, sequence: &Sequence, observer: &mut Observer<'_>) -> Result<Option<f64>> {
+        let zoom = likely_zoom(sequence, &self.tracks, &self.lens, observer)?;
+        self.lens = zoom.map_or(self.lens, |zoom| self.lens.zoomed(zoom));
+        Ok(zoom)
+    }
+
+    /// Finds the path, and the typical depth if depth is known. Where the path breaks off, only the longest part
+    /// is kept; if that is less than half of the frames, the error is the frame of the first break.
+    fn build(&mut self, sequence: &Sequence) -> Result<std::result::Result<(Builder, Option<f64>), usize>> {
+        let fewest = self.used.len().div_ceil(2);
+        let mut first_break = None;
+        loop {
+            let mut landmarks = self.lens.landmarks(&self.tracks);
+            let known_depth = measured::take(&mut landmarks, &self.tracks, &self.lens, sequence, &self.used)?;
+            let mut builder = Builder::new(self.used.len(), landmarks, self.lens.focal_px());
+            let Some(slot) = builder.build() else { return Ok(Ok((builder, known_depth))) };
+            let first_break = *first_break.get_or_insert(self.used[slot]);
+            let longer = if 2 * slot >= self.used.len() { 0..slot } else { slot..self.used.len() };
+            if longer.len() < fewest {
+                return Ok(Err(first_break));
+            }
+            self.tracks = within(std::mem::take(&mut self.tracks), &longer);
+            self.used = self.used[longer].to_vec();
+        }
+    }
+}
+
+/// Returns the parts of tracks inside a range of slots, which are numbered from its start then.
+fn within(tracks: Vec<Track>, slots: &Range<usize>) -> Vec<Track> {
+    let inside = |track: Track| -> Track {
+        let sights = track.into_iter().filter(|(slot, _)| slots.contains(slot));
+        sights.map(|(slot, at)| (slot - slots.start, at)).collect()
+    };
+    tracks.into_iter().map(inside).filter(|track| track.len() >= SHORTEST_TRACK).collect()
 }
 
 /// Returns how often pictures are halved before they are looked at. A black border does not count: half of a
@@ -388,7 +458,7 @@ fn verdict(path: &ScopePath, builder: &Builder, lens: &Lens) -> Verdict {
     let gain = path.moving_share - path.still_share;
     let is_surface = depth_range(builder, lens) <= LARGEST_DEPTH_RANGE;
     match (gain >= LEAST_GAIN, path.moving_share >= LEAST_EXPLAINED && is_surface) {
-        (true, true) => Verdict::Moves { fov_x_degrees: None, period_frames: None },
+        (true, true) => Verdict::Moves { fov_x_degrees: None, period_frames: None, known: None },
         (true, false) => Verdict::Unclear,
         (false, _) => Verdict::Still,
     }

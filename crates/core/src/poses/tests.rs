@@ -49,7 +49,7 @@ fn a_moving_scope_is_found_between_the_frames_that_are_read_too() {
     let path = estimated(&Sequence::open(&images).unwrap());
     assert_eq!(
         path.verdict,
-        Verdict::Moves { fov_x_degrees: None, period_frames: None },
+        Verdict::Moves { fov_x_degrees: None, period_frames: None, known: None },
         "the lens is given"
     );
     assert!(path.moving_share > 0.9 && path.points.len() > 100, "{}", path.moving_share);
@@ -63,6 +63,34 @@ fn a_moving_scope_is_found_between_the_frames_that_are_read_too() {
         let error = (*found * scale).distance(*true_place);
         assert!(error < 0.05 * length, "frame {i} is {error} mm from its place on a path of {length} mm");
     }
+}
+
+#[test]
+fn a_damaged_frame_is_passed_over_and_the_longest_part_of_a_broken_path_is_kept() {
+    let folder = demo([320, 240], true);
+    let images = folder.path().join("images");
+    std::fs::write(images.join("sequence.toml"), "[camera]\nfov_x_degrees = 60\n").unwrap();
+    let pictures = std::fs::read_dir(&images).unwrap().map(|entry| entry.unwrap().path());
+    let mut pictures: Vec<_> =
+        pictures.filter(|path| path.extension().is_some_and(|ext| ext == "png")).collect();
+    pictures.sort();
+    let damage = |i: usize| {
+        let noise = |x: u32, y: u32| image::Rgb([((x * 7919 + y * 104_729) % 251) as u8; 3]);
+        image::RgbImage::from_fn(320, 240, noise).save(&pictures[i]).unwrap();
+    };
+    damage(12);
+    let path = estimated(&Sequence::open(&images).unwrap());
+    assert!(matches!(path.verdict, Verdict::Moves { known: None, .. }), "{:?}", path.verdict);
+    assert_eq!(path.blurred, [12]);
+    (19..FRAMES).for_each(damage);
+    let path = estimated(&Sequence::open(&images).unwrap());
+    let Verdict::Moves { known: Some([0, last]), .. } = path.verdict else { panic!("{:?}", path.verdict) };
+    assert!((18..=19).contains(&last), "{last}");
+    assert_eq!((path.poses.len(), path.poses[last]), (FRAMES, path.poses[23]), "it stands still after that");
+    // Both halves are too short.
+    (11..14).for_each(damage);
+    let path = estimated(&Sequence::open(&images).unwrap());
+    assert!(!matches!(path.verdict, Verdict::Moves { .. }) && path.poses.is_empty(), "{:?}", path.verdict);
 }
 
 /// Places of cameras in the world.

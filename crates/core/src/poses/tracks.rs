@@ -25,6 +25,9 @@ const LARGEST_MENDING: f32 = 2.0;
 /// Likeness (correlation) of patches, from which a place is taken; and from which the patch is kept.
 const ALIKE: f32 = 0.6;
 const VERY_ALIKE: f32 = 0.85;
+/// Share of the points that are found again at least, unless almost all are lost; and how many tell that.
+const LEAST_FOUND: f32 = 0.1;
+const FEWEST: usize = 30;
 /// Largest number of steps to find a patch.
 const STEPS: usize = 12;
 
@@ -50,7 +53,8 @@ impl View {
     }
 }
 
-/// A followed point: (number of the frame, position of a pixel centre's kind, px), in the order of frames.
+/// A followed point: (number of the frame, position in px, whole numbers at pixel centres), in the order of
+/// frames.
 pub(super) type Track = Vec<(usize, [f32; 2])>;
 
 /// A point that is being followed.
@@ -58,6 +62,22 @@ struct Live {
     track: Track,
     patch: Patch,
     at: [f32; 2],
+}
+
+/// Points that are followed, as they were found in a view.
+pub(super) struct Found {
+    view: View,
+    half: Grid<f32>,
+    /// Place of each point, and its new patch if the old one has become unlike; `None` if it is lost.
+    moved: Vec<Option<([f32; 2], Option<Patch>)>>,
+}
+
+impl Found {
+    /// Returns `true` if almost all points are lost.
+    pub(super) fn is_lost(&self) -> bool {
+        let num_found = self.moved.iter().flatten().count();
+        self.moved.len() >= FEWEST && (num_found as f32) < LEAST_FOUND * self.moved.len() as f32
+    }
 }
 
 /// Follows points from view to view.
@@ -69,31 +89,35 @@ pub(super) struct Follower {
 }
 
 impl Follower {
-    /// Takes in the next view, frame `index`; all have one size. A cut ends all tracks by itself, as nothing
-    /// is found again.
-    pub(super) fn take(&mut self, index: usize, view: View) {
+    /// Looks for the points that are followed in a view; all views have one size. A cut ends all tracks by
+    /// itself, as nothing is found again.
+    pub(super) fn found_in(&self, view: View) -> Found {
         let half = halved(&view.luma);
-        if let Some((last, last_half)) = &self.last
-            && (last_half.width, last_half.height) == (half.width, half.height)
-        {
-            let (forth, back) =
-                rayon::join(|| optical_flow(last_half, &half), || optical_flow(&half, last_half));
-            let moved: Vec<Option<([f32; 2], Option<Patch>)>> =
-                self.live.par_iter().map(|live| follow(live, last, &view, &forth, &back)).collect();
-            let before = std::mem::take(&mut self.live);
-            for (mut live, moved) in before.into_iter().zip(moved) {
-                match moved {
-                    Some((at, patch)) => {
-                        live.track.push((index, at));
-                        live.at = at;
-                        live.patch = patch.unwrap_or(live.patch);
-                        self.live.push(live);
-                    }
-                    None => self.ended.push(live.track),
-                }
+        let last =
+            self.last.as_ref().filter(|(_, last)| (last.width, last.height) == (half.width, half.height));
+        let moved = match last {
+            Some((last, last_half)) => {
+                let (forth, back) =
+                    rayon::join(|| optical_flow(last_half, &half), || optical_flow(&half, last_half));
+                self.live.par_iter().map(|live| follow(live, last, &view, &forth, &back)).collect()
             }
-        } else {
-            self.ended.extend(std::mem::take(&mut self.live).into_iter().map(|live| live.track));
+            None => self.live.iter().map(|_| None).collect(),
+        };
+        Found { view, half, moved }
+    }
+
+    /// Goes on from a view, frame `index`, with what was found in it.
+    pub(super) fn take(&mut self, index: usize, Found { view, half, moved }: Found) {
+        for (mut live, moved) in std::mem::take(&mut self.live).into_iter().zip(moved) {
+            match moved {
+                Some((at, patch)) => {
+                    live.track.push((index, at));
+                    live.at = at;
+                    live.patch = patch.unwrap_or(live.patch);
+                    self.live.push(live);
+                }
+                None => self.ended.push(live.track),
+            }
         }
         self.seed(index, &view);
         self.last = Some((view, half));
