@@ -80,6 +80,10 @@ fn unreadable(error: String) -> CheckReport {
 
 fn as_text(whole: &Whole) -> String {
     let report = &whole.report;
+    let minutes = match (whole.training_seconds / 60.0).ceil() {
+        ..=1.0 => "a minute".to_owned(),
+        minutes => format!("{minutes:.0} minutes"),
+    };
     let mut lines = vec![
         format!("frames   {} of {}×{}", report.frames, report.width, report.height),
         format!("camera   {}", report.camera),
@@ -87,8 +91,7 @@ fn as_text(whole: &Whole) -> String {
         format!("masks    {}", report.masks),
         format!("labels   {}", report.labels),
         format!(
-            "training about {:.0} minutes on two processor cores; a scene of up to {} MB",
-            (whole.training_seconds / 60.0).ceil(),
+            "training about {minutes} on two processor cores; a scene of up to {} MB",
             whole.scene_bytes.div_ceil(1_000_000)
         ),
     ];

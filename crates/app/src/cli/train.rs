@@ -96,7 +96,7 @@ enum TrainQuality {
     Quick,
     /// Good enough to work with, in minutes
     Standard,
-    /// More detail, in eight times the time
+    /// More detail, in ten times the time on a CPU
     Best,
 }
 
@@ -159,7 +159,7 @@ pub(super) struct TrainReport {
     gaussians: usize,
     chapters: usize,
     peak_rss_bytes: Option<u64>,
-    psnr_db: f64,
+    psnr_db: Option<f64>,
     held_out: bool,
     dropped_steps: usize,
     /// Reasons why the scene is worse than it could be.
@@ -171,7 +171,7 @@ impl Run for TrainArgs {
     fn run(&self) -> Result<Exit> {
         let report = train(self)?;
         print_report(&report, &as_text(&report, &self.output), self.json)?;
-        Ok(Exit::Done)
+        if report.finished { Ok(Exit::Done) } else { Err(Error::Cancelled) }
     }
 
     fn output(&self) -> Option<&Path> {
@@ -409,14 +409,14 @@ impl TrainReport {
 
 fn as_text(report: &TrainReport, output: &Path) -> String {
     let frames = if report.held_out { "held-out frames" } else { "training frames, none was held out" };
+    let psnr = report.psnr_db.map_or("unknown".into(), |db| format!("{db:.2} dB"));
     let memory = report.peak_rss_bytes.map_or(String::new(), |b| format!(", {} MB at most", b / 1_000_000));
     format!(
-        "{} steps in {:.1} s ({:.0} a second{memory}), {} Gaussians, PSNR {:.2} dB ({frames})\n{}\n",
+        "{} steps in {:.1} s ({:.0} a second{memory}), {} Gaussians, PSNR {psnr} ({frames})\n{}\n",
         report.steps,
         report.seconds,
         report.steps_per_second,
         report.gaussians,
-        report.psnr_db,
         output.display()
     )
 }

@@ -311,7 +311,7 @@ impl Trained {
     /// A chapter that was trained earlier.
     fn kept(part: Scene) -> Self {
         let (steps, gaussians) = (part.provenance.steps, part.gaussians.len());
-        let (seconds, psnr_db, dropped, notes) = (0.0, 0.0, 0, Vec::new());
+        let (seconds, psnr_db, dropped, notes) = (0.0, None, 0, Vec::new());
         Self { steps, steps_kept: steps, gaussians, scene: part, seconds, psnr_db, dropped, notes }
     }
 
@@ -409,6 +409,7 @@ mod tests {
         let missing = part.scene.at(part.scene.time(19)).unwrap();
         assert!(missing.gaussians.is_empty());
         let settings = settings_of_chapters(&stopped).unwrap().unwrap();
+        assert_eq!(settings, course.settings, "the first chapter decides nothing for the others");
         let course = Course { settings, ..course };
         let mut first = None;
         let resumed = course.train(&mut unobserved, &mut |watched, report| {

@@ -26,7 +26,7 @@ pub struct Trained {
     /// Wall time of the other steps, seconds, reading the recording included.
     pub seconds: f64,
     /// PSNR in dB over the held-out frames, inside the supervision mask.
-    pub psnr_db: f64,
+    pub psnr_db: Option<f64>,
     /// Number of steps dropped because their loss or gradient was not finite.
     pub dropped: usize,
     /// Notes on the scope, of each chapter.
@@ -107,7 +107,7 @@ fn steps(
     while trainer.steps_done() < total {
         let report = trainer.step()?;
         if report.step.is_multiple_of(psnr_every) && report.step < total {
-            psnr = format!(", {:.2} dB", trainer.psnr_db()?);
+            psnr = trainer.psnr_db()?.map_or(String::new(), |db| format!(", {db:.2} dB"));
         }
         watch(&mut Watched { trainer, done: None }, &report);
         let done_here = (report.step - first_step) as f64;

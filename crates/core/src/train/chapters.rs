@@ -4,7 +4,7 @@
 //! recording is cut where the shot changes, and if it is long into parts of equal length. Each chapter also
 //! learns from a few frames of its neighbours, so that it knows what goes on at its ends.
 
-use super::TrainSettings;
+use super::{TrainSettings, state::seed_frames};
 use crate::{
     Error, Result,
     prepare::Prepared,
@@ -43,6 +43,9 @@ impl Plan {
         }
         let n = sequence.num_frames();
         let frames = seen_frames(sequence, prepared, settings);
+        if frames.is_empty() {
+            return Err(no_frames_left());
+        }
         let differences = pace::differences(sequence, &frames, observer)?;
         let times = if settings.finds_repeats {
             pace::frame_times(&differences, &frames, sequence.frame_seconds())
@@ -56,15 +59,17 @@ impl Plan {
             // What is left out separates, too.
             ends.extend(settings.excluded.iter().flat_map(|(from, to)| [*from, to.saturating_add(1)]));
         }
-        let chapters = chapters(n, longest, ends);
-        let is_seen = |chapter: &Chapter| frames.iter().any(|i| chapter.learned.contains(i));
-        let chapters = chapters.into_iter().filter(is_seen).enumerate();
-        let mut chapters: Vec<Chapter> = chapters.map(|(index, c)| Chapter { index, ..c }).collect();
-        let count = chapters.len();
-        chapters.iter_mut().for_each(|chapter| chapter.count = count);
-        if chapters.is_empty() {
-            return Err(Error::input("every frame is excluded", "Take some of them back in."));
+        let chapters = chapters(n, longest, ends, &times);
+        let mut seen = Vec::new();
+        for chapter in chapters {
+            let own: Vec<usize> = frames.iter().copied().filter(|i| chapter.learned.contains(i)).collect();
+            if has_pixels(sequence, &own)? {
+                seen.push(chapter);
+            }
         }
+        let count = seen.len();
+        let numbered = |(index, chapter)| Chapter { index, count, ..chapter };
+        let chapters: Vec<Chapter> = seen.into_iter().enumerate().map(numbered).collect();
         Ok(Self { times, chapters: if chapters.len() > 1 { chapters } else { Vec::new() } })
     }
 
@@ -85,18 +90,35 @@ impl Plan {
     }
 }
 
+/// Error of a recording all of whose frames are excluded.
+pub(super) fn no_frames_left() -> Error {
+    Error::input("every frame is excluded", "Take some of them back in.")
+}
+
+/// Returns `true` if there is something in the frames that Gaussians begin with.
+fn has_pixels(sequence: &Sequence, frames: &[usize]) -> Result<bool> {
+    for i in seed_frames(frames) {
+        if sequence.mask(i)?.count() > 0 {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
 /// Frames that may be learned from.
 fn seen_frames(sequence: &Sequence, prepared: Option<&Prepared>, settings: &TrainSettings) -> Vec<usize> {
     let eval = settings.eval || prepared.is_some_and(|p| p.eval);
     TrainSettings { eval, ..settings.clone() }.frames(sequence.num_frames())
 }
 
-/// Cuts `n` frames into chapters of at most `longest`, at all of `ends` that leave enough frames between
-/// them.
-fn chapters(n: usize, longest: usize, mut ends: Vec<usize>) -> Vec<Chapter> {
+/// Cuts `n` frames into chapters of about `longest` at most, at all of `ends` that leave enough frames
+/// between them. Frames of one time stay in one chapter, because a time tells the chapter.
+fn chapters(n: usize, longest: usize, mut ends: Vec<usize>, times: &[f32]) -> Vec<Chapter> {
+    let is_repeat = |i: &usize| times.get(*i).is_some_and(|time| Some(time) == times.get(i - 1));
+    let new_from = |i: usize| (i..n).find(|i| !is_repeat(i)).unwrap_or(n);
     ends.sort_unstable();
     let mut borders = vec![0];
-    for end in ends {
+    for end in ends.into_iter().filter(|end| *end > 0).map(new_from) {
         if end >= borders[borders.len() - 1] + SHORTEST && end + SHORTEST <= n {
             borders.push(end);
         }
@@ -106,8 +128,8 @@ fn chapters(n: usize, longest: usize, mut ends: Vec<usize>) -> Vec<Chapter> {
     for shot in borders.windows(2) {
         let (first, len) = (shot[0], shot[1] - shot[0]);
         let count = len.div_ceil(longest.max(1));
-        for k in 0..count {
-            let shown = first + k * len / count..first + (k + 1) * len / count;
+        let border = |k: usize| if k == 0 { first } else { new_from(first + k * len / count) };
+        for shown in (0..count).map(|k| border(k)..border(k + 1)).filter(|shown| !shown.is_empty()) {
             let learned =
                 shown.start.saturating_sub(OVERLAP).max(shot[0])..(shown.end + OVERLAP).min(shot[1]);
             chapters.push(Chapter { index: chapters.len(), count: 0, shown, learned });
@@ -123,7 +145,7 @@ mod tests {
 
     #[test]
     fn chapters_follow_each_other_and_learn_from_their_neighbours() {
-        let found = chapters(250, 96, Vec::new());
+        let found = chapters(250, 96, Vec::new(), &[]);
         let shown: Vec<Range<usize>> = found.iter().map(|c| c.shown.clone()).collect();
         assert_eq!(shown, [0..83, 83..166, 166..250]);
         assert_eq!(found[1].learned, 75..174);
@@ -133,8 +155,22 @@ mod tests {
 
     #[test]
     fn nothing_is_learned_across_a_cut() {
-        let found = chapters(200, 96, vec![120, 123, 2, 199]);
+        let found = chapters(200, 96, vec![120, 123, 2, 199], &[]);
         let ranges: Vec<_> = found.iter().map(|c| (c.shown.clone(), c.learned.clone())).collect();
         assert_eq!(ranges, [(0..60, 0..68), (60..120, 52..120), (120..200, 120..200)]);
+    }
+
+    #[test]
+    fn frames_of_one_time_are_in_one_chapter() {
+        // Every third frame repeats the one before, and frames 100 to 180 are frozen.
+        let is_repeat = |i: usize| i % 3 == 1 || (101..180).contains(&i);
+        let times = (0..250).scan(0.0, |at, i| {
+            *at += if is_repeat(i) { 0.0 } else { 0.001 };
+            Some(*at)
+        });
+        let times: Vec<f32> = times.collect();
+        let found = chapters(250, 60, vec![220], &times);
+        let shown: Vec<Range<usize>> = found.iter().map(|c| c.shown.clone()).collect();
+        assert_eq!(shown, [0..56, 56..180, 180..221, 221..250]);
     }
 }

@@ -20,7 +20,7 @@ const MIN_WEIGHT: f32 = 1e-3;
 impl Trainer {
     /// Computes the features of the Gaussians if training leaves them out; called before a scene is saved.
     pub fn complete_features(&mut self) -> Result<()> {
-        if self.settings.feature_mode == FeatureMode::Lifted { self.lift_features() } else { Ok(()) }
+        if self.applied.feature_mode == FeatureMode::Lifted { self.lift_features() } else { Ok(()) }
     }
 
     /// Replaces the features of all Gaussians by the mean of the features that they show.
@@ -33,7 +33,7 @@ impl Trainer {
         let (n, dim) = (gaussians.len(), gaussians.latent_dim);
         let mut sums = vec![0.0f32; n * dim];
         let mut weights = vec![0.0f32; n];
-        for i in self.settings.frames(self.sequence.num_frames()) {
+        for i in self.applied.frames(self.sequence.num_frames()) {
             let frame = self.cache.get(Some(&prepared), i, false)?;
             let mut truth = frame.truth(&prepared.latents, self.state.typical_depth);
             if let Some(regions) = carried.get(&i) {
@@ -70,7 +70,7 @@ impl Trainer {
         let marks = self.prepared.as_ref().map(Prepared::marks).transpose()?.flatten();
         let Some(marks) = marks else { return Ok(BTreeMap::new()) };
         // A chapter knows nothing of other frames.
-        let window = self.settings.window(self.sequence.num_frames());
+        let window = self.applied.window(self.sequence.num_frames());
         let marks = marks.within(&window);
         if marks.is_empty() {
             return Ok(BTreeMap::new());
@@ -81,7 +81,7 @@ impl Trainer {
         let mut carried = Carried::new(&scene, Arc::clone(&graph), &marks, CarrySettings::default());
         let rows: Vec<u16> = carried.names().iter().map(|name| row_of(&scene, name)).collect();
         let mut regions = BTreeMap::new();
-        for i in self.settings.frames(self.sequence.num_frames()) {
+        for i in self.applied.frames(self.sequence.num_frames()) {
             let found = carried.on_frame(&scene, i, &mut |i| self.sequence.frame(i))?;
             let row = |pixel: usize| {
                 let likeliest = found.scores.iter().position(|plane| plane.data[pixel] > 0.5);

@@ -42,12 +42,12 @@ pub use settings::{
 };
 
 use crate::{
-    Error, Remedy, Result,
+    Result,
     clock::PassClock,
     deform::deform,
     files, metrics,
     poses::Verdict,
-    prepare::{Origin, Prepared},
+    prepare::Prepared,
     progress::{Observer, unobserved},
     raster::{Images, project::Sampling, render_deformed, render_frame},
     scene::{Chapter, Chapters, Provenance, Scene},
@@ -85,6 +85,8 @@ pub struct StepReport {
 /// Training in progress; holds parameters, moments and the decoded frames.
 pub struct Trainer {
     settings: TrainSettings,
+    /// The same, as far as the recording allows them.
+    applied: TrainSettings,
     sequence: Sequence,
     prepared: Option<Prepared>,
     identity: Arc<Identity>,
@@ -129,12 +131,7 @@ impl Trainer {
         observer: &mut Observer<'_>,
     ) -> Result<Self> {
         settings.eval |= prepared.is_some_and(|p| p.eval);
-        if prepared.is_some_and(|p| p.origin == Origin::Marks) {
-            // Marks are carried once the motion is known.
-            (settings.feature_mode, settings.feature_motion) = (FeatureMode::Lifted, false);
-        }
-        settings.rates.final_share = settings.final_share(settings.window(sequence.num_frames()).len());
-        let state = TrainState::new(sequence, prepared, &mut settings, times, observer)?;
+        let state = TrainState::new(sequence, prepared, &settings, times, observer)?;
         Ok(Self::with_state(sequence, prepared, settings, state, identity))
     }
 
@@ -162,9 +159,10 @@ impl Trainer {
         state: TrainState,
         identity: Arc<Identity>,
     ) -> Self {
-        let guesses = if settings.guesses_held_out {
-            let seen = settings.frames(sequence.num_frames());
-            let mut held_out = settings.frames_and_held_out(sequence.num_frames());
+        let applied = settings.applied(sequence, prepared, !state.poses.is_empty());
+        let guesses = if applied.guesses_held_out {
+            let seen = applied.frames(sequence.num_frames());
+            let mut held_out = applied.frames_and_held_out(sequence.num_frames());
             held_out.retain(|i| seen.binary_search(i).is_err());
             guess::guesses(&held_out, &seen, |i| state.time(sequence, i))
         } else {
@@ -172,10 +170,11 @@ impl Trainer {
         };
         Self {
             identity,
-            cache: FrameCache::new(sequence, guesses, settings.frame_cache_bytes),
+            cache: FrameCache::new(sequence, guesses, applied.frame_cache_bytes),
             sequence: state.posed(sequence),
             prepared: prepared.cloned(),
             settings,
+            applied,
             state,
             started: std::time::Instant::now(),
             backend: Box::new(CpuBackend::default()),
@@ -184,7 +183,7 @@ impl Trainer {
         }
     }
 
-    /// Settings, as far as the recording allows them.
+    /// Settings as they were asked for. What the recording, or the chapter, made of them does not count.
     pub fn settings(&self) -> &TrainSettings {
         &self.settings
     }
@@ -208,16 +207,16 @@ impl Trainer {
 
     /// Takes one optimiser step.
     pub fn step(&mut self) -> Result<StepReport> {
-        if self.state.step == 0 && self.settings.feature_mode == FeatureMode::LiftedFirst {
+        if self.state.step == 0 && self.applied.feature_mode == FeatureMode::LiftedFirst {
             self.lift_features()?;
         }
         let plan = self.next_plan()?;
-        let context = context(&self.settings, self.prepared.as_ref(), &self.sequence, &self.state);
+        let context = context(&self.applied, self.prepared.as_ref(), &self.sequence, &self.state);
         let outcome = self.backend.step(&mut self.state.model, plan, &context, &mut self.clock)?;
         self.state.step += 1;
         self.take_in(outcome);
         self.densify_if_due()?;
-        if self.state.step == self.settings.iterations {
+        if self.state.step == self.applied.iterations {
             self.complete_features()?;
         }
         Ok(StepReport {
@@ -241,14 +240,14 @@ impl Trainer {
             // The step was not begun and can be repeated once the frame can be read.
             (self.state.queue, self.state.rng) = before;
         })?;
-        let loses_step = self.settings.densify.loses_step;
-        let updates = !(loses_step && self.settings.densifies_at(self.state.step + 1));
+        let loses_step = self.applied.densify.loses_step;
+        let updates = !(loses_step && self.applied.densifies_at(self.state.step + 1));
         Ok(StepPlan { index, frame, look, step: self.state.step, updates })
     }
 
     /// Waits for the results of the steps that were taken.
     fn settle(&mut self) -> Result<()> {
-        let context = context(&self.settings, self.prepared.as_ref(), &self.sequence, &self.state);
+        let context = context(&self.applied, self.prepared.as_ref(), &self.sequence, &self.state);
         let outcome = self.backend.settle(&mut self.state.model, &context)?;
         self.take_in(outcome);
         Ok(())
@@ -256,7 +255,7 @@ impl Trainer {
 
     /// Waits for the backend and brings the model up to date with its results.
     pub fn finish(&mut self) -> Result<()> {
-        let context = context(&self.settings, self.prepared.as_ref(), &self.sequence, &self.state);
+        let context = context(&self.applied, self.prepared.as_ref(), &self.sequence, &self.state);
         let outcome = self.backend.finish(&mut self.state.model, &context)?;
         self.take_in(outcome);
         Ok(())
@@ -270,25 +269,25 @@ impl Trainer {
 
     /// Moves the cameras by what was learned in a whole round.
     fn update_poses(&mut self) -> Result<()> {
-        let is_still = self.state.poses.is_empty() || self.settings.rates.pose == 0.0;
+        let is_still = self.state.poses.is_empty() || self.applied.rates.pose == 0.0;
         if is_still || self.state.step == 0 {
             return Ok(());
         }
         self.settle()?;
         let progress = self.progress();
-        let context = context(&self.settings, self.prepared.as_ref(), &self.sequence, &self.state);
+        let context = context(&self.applied, self.prepared.as_ref(), &self.sequence, &self.state);
         let rates =
-            poses::rates(&self.settings.rates, progress, &self.sequence.camera(0), context.world_per_px);
+            poses::rates(&self.applied.rates, progress, &self.sequence.camera(0), context.world_per_px);
         let num_frames = self.sequence.num_frames();
         let times: Vec<f32> = (0..num_frames).map(|i| self.time(i)).collect();
-        self.state.poses.update(&self.settings.frames(num_frames), &times, rates);
+        self.state.poses.update(&self.applied.frames(num_frames), &times, rates);
         self.sequence = self.state.posed(&self.sequence);
         Ok(())
     }
 
     /// Share of the steps that are done.
     fn progress(&self) -> f32 {
-        self.state.step as f32 / self.settings.iterations.max(1) as f32
+        self.state.step as f32 / self.applied.iterations.max(1) as f32
     }
 
     /// Takes `steps` steps on `backend` and undoes them. Returns their duration in seconds, and the loss of the
@@ -298,8 +297,8 @@ impl Trainer {
         self.finish()?;
         let (before, terms) = (self.state.clone(), self.terms);
         let own = std::mem::replace(&mut self.backend, backend);
-        let most = self.settings.iterations.saturating_sub(steps + 1);
-        self.state.step = self.state.step.max((self.settings.iterations / 4 * 3).min(most));
+        let most = self.applied.iterations.saturating_sub(steps + 1);
+        self.state.step = self.state.step.max((self.applied.iterations / 4 * 3).min(most));
         let tried = (|| {
             let (first, queue, rng) = (self.state.step, self.state.queue.clone(), self.state.rng.clone());
             (0..steps).try_for_each(|_| self.step().map(drop))?;
@@ -322,14 +321,14 @@ impl Trainer {
     fn next_look(&mut self, i: usize) -> Look {
         let mut camera = self.sequence.camera(i);
         let progress = self.progress();
-        let half = progress < self.settings.half_size_share && camera.width > 1 && camera.height > 1;
-        let mut sampling = Sampling { step: self.settings.pixel_step.max(1), ..Sampling::ALL };
+        let half = progress < self.applied.half_size_share && camera.width > 1 && camera.height > 1;
+        let mut sampling = Sampling { step: self.applied.pixel_step.max(1), ..Sampling::ALL };
         if half {
             camera = camera.resized(camera.width / 2, camera.height / 2);
-            sampling.step = self.settings.half_size_pixel_step.max(1);
+            sampling.step = self.applied.half_size_pixel_step.max(1);
         }
         let pixels = (camera.width * camera.height) as usize;
-        while sampling.step > 1 && pixels < self.settings.min_pixels * sampling.step.pow(2) {
+        while sampling.step > 1 && pixels < self.applied.min_pixels * sampling.step.pow(2) {
             sampling.step -= 1;
         }
         if sampling.step > 1 {
@@ -346,9 +345,9 @@ impl Trainer {
     /// Next frame; every frame comes once a round.
     fn next_frame(&mut self) -> usize {
         if self.state.queue.is_empty() {
-            self.state.queue = self.settings.frames(self.sequence.num_frames());
+            self.state.queue = self.applied.frames(self.sequence.num_frames());
             self.state.queue.extend(self.cache.guessed());
-            if self.settings.frame_order == FrameOrder::Cyclic {
+            if self.applied.frame_order == FrameOrder::Cyclic {
                 self.state.queue.reverse();
                 return self.state.queue.pop().unwrap_or(0);
             }
@@ -361,12 +360,12 @@ impl Trainer {
     }
 
     fn densify_if_due(&mut self) -> Result<()> {
-        let is_last = self.state.step == self.settings.iterations;
-        if is_last || !self.settings.densifies_at(self.state.step) {
+        let is_last = self.state.step == self.applied.iterations;
+        if is_last || !self.applied.densifies_at(self.state.step) {
             return Ok(());
         }
-        let context = context(&self.settings, self.prepared.as_ref(), &self.sequence, &self.state);
-        let how = Densify::new(&self.settings, self.state.budget, context.world_per_px, self.state.step);
+        let context = context(&self.applied, self.prepared.as_ref(), &self.sequence, &self.state);
+        let how = Densify::new(&self.applied, self.state.budget, context.world_per_px, self.state.step);
         let outcome = self.backend.densify(&mut self.state.model, &how, &context)?;
         self.take_in(outcome);
         Ok(())
@@ -418,7 +417,7 @@ impl Trainer {
                 sequence_path: files::full_path(self.sequence.path()),
                 identity: Some(self.identity.clone()),
                 depth: Some(self.sequence.depth_origin()),
-                held_out: self.settings.eval,
+                held_out: self.applied.eval && (0..self.sequence.num_frames()).any(Sequence::is_test_frame),
                 frames_per_second: self.sequence.frames_per_second(),
                 frame_seconds: self.sequence.frame_seconds().to_vec(),
                 steps: self.state.step,
@@ -436,12 +435,9 @@ impl Trainer {
     }
 
     /// Mean PSNR in dB inside the supervision mask over the held-out frames, or over a few frames if none
-    /// is held out.
-    pub fn psnr_db(&mut self) -> Result<f64> {
-        let shown: Vec<usize> = self.settings.shown(self.sequence.num_frames()).collect();
-        let held_out: Vec<usize> =
-            shown.iter().copied().filter(|i| self.settings.eval && Sequence::is_test_frame(*i)).collect();
-        let frames = if held_out.is_empty() { spread(&shown, PSNR_FRAMES) } else { held_out };
+    /// is held out; `None` if their masks hide everything.
+    pub fn psnr_db(&mut self) -> Result<Option<f64>> {
+        let frames = psnr_frames(self.applied.shown(self.sequence.num_frames()).collect(), self.applied.eval);
         let sequence = self.sequence.clone();
         mean_psnr_db(&sequence, &frames, |i| self.render(i))
     }
@@ -451,13 +447,9 @@ impl Trainer {
 ///
 /// # Errors
 /// A frame or a chapter that cannot be read.
-pub fn psnr_db(scene: &Scene, sequence: &Sequence) -> Result<f64> {
-    let shown: Vec<usize> = scene.chapters.iter().flat_map(|chapter| chapter.shown.clone()).collect();
-    let is_held_out = |i: &usize| scene.provenance.held_out && Sequence::is_test_frame(*i);
-    let held_out: Vec<usize> = shown.iter().copied().filter(is_held_out).collect();
-    let frames = if held_out.is_empty() { spread(&shown, PSNR_FRAMES) } else { held_out };
-    let mut frames = frames;
-    frames.sort_unstable();
+pub fn psnr_db(scene: &Scene, sequence: &Sequence) -> Result<Option<f64>> {
+    let shown = scene.chapters.iter().flat_map(|chapter| chapter.shown.clone()).collect();
+    let frames = psnr_frames(shown, scene.provenance.held_out);
     let mut now = scene.clone();
     mean_psnr_db(sequence, &frames, |i| {
         let time = scene.time(i);
@@ -468,21 +460,27 @@ pub fn psnr_db(scene: &Scene, sequence: &Sequence) -> Result<f64> {
     })
 }
 
-/// Mean PSNR in dB of rendered frames inside the supervision mask.
+/// Returns the held-out ones of the shown frames, or a few if none is, in their order.
+fn psnr_frames(shown: Vec<usize>, is_held_out: bool) -> Vec<usize> {
+    let held_out: Vec<usize> =
+        shown.iter().copied().filter(|i| is_held_out && Sequence::is_test_frame(*i)).collect();
+    let mut frames = if held_out.is_empty() { spread(&shown, PSNR_FRAMES) } else { held_out };
+    frames.sort_unstable();
+    frames
+}
+
+/// Mean PSNR in dB of rendered frames inside the supervision mask; `None` if nothing is inside.
 fn mean_psnr_db(
     sequence: &Sequence,
     frames: &[usize],
     mut render: impl FnMut(usize) -> Result<Images>,
-) -> Result<f64> {
+) -> Result<Option<f64>> {
     let mut values = Vec::new();
     for &i in frames {
         let mask = sequence.mask(i)?;
         values.extend(metrics::psnr_db(&render(i)?.to_rgb(), &sequence.frame(i)?, Some(&mask)));
     }
-    if values.is_empty() {
-        return Err(Error::input("no frame has supervised pixels", Remedy::CheckRecording));
-    }
-    Ok(values.iter().sum::<f64>() / values.len() as f64)
+    Ok((!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64))
 }
 
 fn context<'a>(

@@ -82,7 +82,7 @@ fn the_search_for_the_path_says_how_far_it_is_and_can_be_stopped() {
         if stages.len() > 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
     let begun = Trainer::planned(&pictures, None, settings, &plan, None, &mut observer);
-    assert!(matches!(begun.err(), Some(Error::Cancelled)), "{stages:?}");
+    assert!(matches!(begun.err(), Some(crate::Error::Cancelled)), "{stages:?}");
     assert_eq!(stages, (0..4).map(|i| ("following points".to_owned(), i)).collect::<Vec<_>>());
 }
 

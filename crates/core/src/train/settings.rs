@@ -5,6 +5,7 @@
 use super::{chapters::OVERLAP, loss::LossWeights};
 use crate::{
     deform::{BasisShape, default_bases, length_warning, stride_for},
+    prepare::{Origin, Prepared},
     scene::Chapter,
     sequence::Sequence,
 };
@@ -30,7 +31,7 @@ pub enum Quality {
     /// Good enough to work with.
     #[default]
     Standard,
-    /// More detail, in eight times the time.
+    /// More detail, in ten times the time on a CPU.
     Best,
 }
 
@@ -51,7 +52,7 @@ impl Quality {
     pub fn step_cost(self) -> f64 {
         match self {
             Self::Quick | Self::Standard => 1.0,
-            Self::Best => 3.1,
+            Self::Best => 3.9,
         }
     }
 
@@ -84,7 +85,7 @@ impl Quality {
 /// Number of frames of a chapter at most.
 pub(super) const CHAPTER_FRAMES: usize = 96;
 /// Duration of a step of [`Quality::Standard`] per pixel of a frame, seconds, on two processor cores.
-const USUAL_PACE: f64 = 5.6e-8;
+const USUAL_PACE: f64 = 4.3e-8;
 /// Numbers of a Gaussian at rest, without its features: centre, rotation, scale, opacity, colour.
 const FLOATS_AT_REST: usize = 14;
 
@@ -429,19 +430,26 @@ impl TrainSettings {
         if is_cared_for { None } else { length_warning(num_frames) }
     }
 
-    /// Returns `true` if trainings of a chapter with these settings and with `other` come to the same. Which
-    /// chapter that is, and what the recording decides, does not count.
+    /// Returns `true` if trainings of a chapter with these settings and with `other` come to the same, whichever
+    /// chapters they name.
     pub fn agrees_with(&self, other: &Self) -> bool {
-        let asked = |settings: &Self| Self {
-            chapter: None,
-            feature_mode: FeatureMode::Learned,
-            feature_motion: true,
-            depth_over_time: false,
-            sh_degree: 0,
-            rates: LearningRates { final_share: 0.0, ..settings.rates.clone() },
-            ..settings.clone()
-        };
-        asked(self) == asked(other)
+        Self { chapter: None, ..self.clone() } == Self { chapter: None, ..other.clone() }
+    }
+
+    /// Returns the settings as far as a recording, or the chapter of it, allows them; `has_path` if a path of the
+    /// scope was estimated.
+    pub(super) fn applied(&self, sequence: &Sequence, prepared: Option<&Prepared>, has_path: bool) -> Self {
+        let mut applied = self.clone();
+        if prepared.is_some_and(|p| p.origin == Origin::Marks) {
+            // Marks are carried once the motion is known.
+            (applied.feature_mode, applied.feature_motion) = (FeatureMode::Lifted, false);
+        }
+        applied.rates.final_share = self.final_share(self.window(sequence.num_frames()).len());
+        let sees_around = sequence.camera_moves() || has_path || self.refines_poses;
+        let has_bands = sees_around || self.sh_when_still;
+        applied.sh_degree = if has_bands { self.sh_degree.min(3) } else { 0 };
+        applied.depth_over_time |= sees_around || sequence.has_depth();
+        applied
     }
 
     /// Share of their start that rates reach at the end, where `num_frames` frames are visited equally often.

@@ -1,6 +1,7 @@
 //! Everything that training changes, and its initial values.
 
 use super::{
+    chapters::no_frames_left,
     model::Model,
     poses::LearnedPoses,
     settings::{FeatureMode, TrainSettings},
@@ -59,7 +60,7 @@ impl TrainState {
     pub(super) fn new(
         sequence: &Sequence,
         prepared: Option<&Prepared>,
-        settings: &mut TrainSettings,
+        settings: &TrainSettings,
         times: Vec<f32>,
         observer: &mut Observer<'_>,
     ) -> Result<Self> {
@@ -68,16 +69,13 @@ impl TrainState {
             false => settings.frames(sequence.num_frames()),
         };
         if seen.is_empty() {
-            return Err(Error::input("every frame is excluded", "Take some of them back in."));
+            return Err(no_frames_left());
         }
         let latent_dim = prepared.map_or(0, |p| p.codec.latent_dim());
         let path = path(sequence, &times, settings, observer)?;
         let zoom = path.zoom.unwrap_or(1.0);
         let sequence = &sequence.clone().with_zoom(zoom);
-        let sees_around = sequence.camera_moves() || !path.poses.is_empty() || settings.refines_poses;
-        let has_bands = sees_around || settings.sh_when_still;
-        settings.sh_degree = if has_bands { settings.sh_degree.min(3) } else { 0 };
-        settings.depth_over_time |= sees_around || sequence.has_depth();
+        let settings = &settings.applied(sequence, prepared, !path.poses.is_empty());
         let is_known = path.poses.is_empty();
         let known = (0..sequence.num_frames()).map(|i| sequence.camera(i).camera_from_world);
         let poses = match is_known && settings.refines_poses {
@@ -186,6 +184,11 @@ pub(super) fn spread(frames: &[usize], count: usize) -> Vec<usize> {
     picked
 }
 
+/// Chooses those of `frames` that Gaussians begin with.
+pub(super) fn seed_frames(frames: &[usize]) -> Vec<usize> {
+    spread(frames, SEED_FRAMES)
+}
+
 /// Estimates the path of a camera that is not known, or points that a known one sees; it has no poses if the
 /// camera is known or stands still.
 fn path(
@@ -219,7 +222,7 @@ fn initial_gaussians(
     settings: &TrainSettings,
 ) -> Result<(Gaussians, f32)> {
     let mut seeds = Vec::new();
-    for i in spread(frames, SEED_FRAMES) {
+    for i in seed_frames(frames) {
         let recorded = sequence.camera(i);
         let pose = path.pose_to_tissue(i, recorded.camera_from_world);
         let camera = Camera { camera_from_world: pose, ..recorded };
@@ -249,19 +252,21 @@ fn initial_gaussians(
             },
         ));
     }
-    let spacing = settings.px_per_gaussian.max(1.0).sqrt();
-    let gaussians = init::seed(
-        &seeds,
-        &SeedSettings {
-            spacing_px: spacing,
-            default_depth: typical_depth,
-            opacity: settings.initial_opacity,
-            neighbour_sizes: settings.neighbour_sizes,
-            latent_dim,
-            sh_degree: settings.sh_degree,
-            seed: settings.seed,
-        },
-    );
+    let seeded = |spacing_px: f32| {
+        let (default_depth, opacity, neighbour_sizes) =
+            (typical_depth, settings.initial_opacity, settings.neighbour_sizes);
+        let (sh_degree, seed) = (settings.sh_degree, settings.seed);
+        let seed =
+            SeedSettings { spacing_px, default_depth, opacity, neighbour_sizes, latent_dim, sh_degree, seed };
+        init::seed(&seeds, &seed)
+    };
+    let mut spacing_px = settings.px_per_gaussian.max(1.0).sqrt();
+    let mut gaussians = seeded(spacing_px);
+    let (most, longest) = (settings.densify.max_gaussians.max(1), sequence.width().max(sequence.height()));
+    while gaussians.len() > most && spacing_px < longest as f32 {
+        spacing_px *= 1.05 * (gaussians.len() as f32 / most as f32).sqrt();
+        gaussians = seeded(spacing_px);
+    }
     if gaussians.is_empty() {
         return Err(Error::input_at(
             sequence.path(),

@@ -51,7 +51,7 @@ fn train(mut trainer: Trainer, backend: Option<GpuBackend>) -> (Scene, f64, f32)
         dropped = trainer.step().unwrap().dropped;
     }
     assert_eq!(dropped, 0);
-    let psnr = trainer.psnr_db().unwrap();
+    let psnr = trainer.psnr_db().unwrap().unwrap();
     let scene = trainer.scene().unwrap();
     let loss = trainer.last_loss();
     (scene, psnr, loss)
@@ -126,7 +126,7 @@ fn a_training_goes_on_on_another_backend() {
     let Some(gpu) = gpu() else { return };
     let clip = Clip::new();
     let mut trainer = clip.trainer();
-    let before = trainer.psnr_db().unwrap();
+    let before = trainer.psnr_db().unwrap().unwrap();
     for k in 0..60 {
         if k == 20 {
             trainer.set_backend(Box::new(GpuBackend::new(gpu.clone()).unwrap())).unwrap();
@@ -136,7 +136,7 @@ fn a_training_goes_on_on_another_backend() {
         }
         trainer.step().unwrap();
     }
-    let after = trainer.psnr_db().unwrap();
+    let after = trainer.psnr_db().unwrap().unwrap();
     assert!(after > before + 1.0, "{before} dB, then {after} dB");
 }
 
