@@ -230,8 +230,7 @@ impl Asking {
         embedding: &[f32],
     ) -> Result<Meaning> {
         if let Some(meaning) = self.interpreter.by_words(text) {
-            let nearest = meaning.nearest.or_else(|| self.interpreter.nearest(embedding));
-            return Ok(Meaning { nearest, ..meaning });
+            return Ok(meaning.or_nearest(|| self.interpreter.nearest(embedding)));
         }
         if self.make_space(scene).is_err() {
             // Words that are in no list are not understood then.

@@ -11,6 +11,7 @@ pub(super) struct Grammar {
     neutral: HashSet<String>,
     joining: HashSet<String>,
     prepositions: HashSet<String>,
+    negations: HashSet<String>,
     parts: HashSet<String>,
     places: HashSet<String>,
 }
@@ -58,6 +59,7 @@ impl Grammar {
             neutral: single.flatten().collect(),
             joining: token_set(&lists.joining),
             prepositions: token_set(&lists.prepositions),
+            negations: token_set(&lists.negations),
             parts: token_set(&lists.parts),
             places: token_set(&lists.places),
         }
@@ -65,8 +67,8 @@ impl Grammar {
 
     /// All words of the lists.
     pub fn words(&self) -> impl Iterator<Item = &String> {
-        let lists = [&self.articles, &self.neutral, &self.joining, &self.prepositions, &self.parts];
-        lists.into_iter().flatten().chain(&self.places)
+        let lists = [&self.articles, &self.neutral, &self.joining, &self.prepositions, &self.negations];
+        lists.into_iter().flatten().chain(&self.parts).chain(&self.places)
     }
 
     pub fn is_part(&self, token: &str) -> bool {
@@ -75,6 +77,13 @@ impl Grammar {
 
     pub fn is_neutral(&self, token: &str) -> bool {
         self.neutral.contains(token)
+    }
+
+    /// Returns `true` if words say what is not meant: "gallbladder without stones" means the gallbladder,
+    /// "without gallbladder" does not.
+    pub fn says_not(&self, tokens: &[String]) -> bool {
+        tokens.first().is_some_and(|first| first == "without")
+            || tokens.iter().any(|token| self.negations.contains(token))
     }
 
     /// Takes words apart.

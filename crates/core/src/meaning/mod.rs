@@ -30,7 +30,7 @@ use calibration::{Query, name_cosines};
 use classes::Class;
 use grammar::{KeyFit, Phrase};
 use space::{centred, largest};
-use std::fmt;
+use std::{collections::BTreeSet, fmt};
 use vocabulary::Path;
 
 /// Probability above which a class is meant.
@@ -71,9 +71,16 @@ pub enum Reason {
         /// `true` if it means all classes of a kind.
         kind: bool,
     },
+    /// It names several things, each of which is a name or listed.
+    Several {
+        /// Those of its parts that are not in the scene.
+        missing: Vec<String>,
+    },
+    /// It says what it does not mean.
+    Negated,
     /// It is in no list; the encoder and the single words decided.
     Encoder,
-    /// It means this class, which no training frame shows.
+    /// It means this class, which no training frame shows, or with too few pixels to be learned.
     UnseenClass(usize),
     /// Nothing is known of it.
     Unknown,
@@ -88,8 +95,11 @@ impl fmt::Display for Reason {
                 let means = if *kind { "stands for every" } else { "means" };
                 write!(f, "{means} {concept}{}", mended(spelled))
             }
+            Self::Several { missing } if missing.is_empty() => write!(f, "stands for several"),
+            Self::Several { missing } => write!(f, "stands for several, without {}", missing.join(", ")),
+            Self::Negated => write!(f, "says what it is not; only what it is can be looked for"),
             Self::Encoder => write!(f, "judged by the text encoder"),
-            Self::UnseenClass(_) => write!(f, "a class that no training frame shows"),
+            Self::UnseenClass(_) => write!(f, "a class that training frames hardly show, or not at all"),
             Self::Unknown => write!(f, "not known"),
         }
     }
@@ -104,6 +114,15 @@ impl Meaning {
     /// The meaning of words of which nothing is known.
     pub fn unknown() -> Self {
         Self::nothing(Reason::Unknown)
+    }
+
+    /// Takes the nearest class from `nearest` if none is known. What is not meant is like nothing.
+    #[must_use]
+    pub fn or_nearest(self, nearest: impl FnOnce() -> Option<usize>) -> Self {
+        match self.reason {
+            Reason::Negated => self,
+            _ => Self { nearest: self.nearest.or_else(nearest), ..self },
+        }
     }
 
     fn nothing(reason: Reason) -> Self {
@@ -138,11 +157,21 @@ impl<'v> Interpreter<'v> {
         if phrase.keys.is_empty() {
             return Some(Meaning::nothing(Reason::Unknown));
         }
+        let exact = &phrase.keys[0].text;
+        let is_listed = || {
+            self.classes.iter().any(|class| class.key == *exact) || self.vocabulary.at_key(exact).is_some()
+        };
+        if self.vocabulary.says_not(&phrase) && !is_listed() {
+            return Some(Meaning::nothing(Reason::Negated));
+        }
         if let Some(named) = self.named(&phrase) {
             return Some(self.meaning(named, 1.0, Reason::ClassName { spelled: false }));
         }
         if let Some((concept, path)) = self.vocabulary.look_up(&phrase) {
             return self.listed(concept, path);
+        }
+        if let Some(several) = self.several(prompt) {
+            return Some(several);
         }
         let may_be_name = |class: &Class| class.is_misspelt_as(&phrase);
         let misspelt = self.classes_that(may_be_name).filter(|_| self.vocabulary.may_be_misspelt(&phrase));
@@ -157,8 +186,29 @@ impl<'v> Interpreter<'v> {
             return by_words.unwrap_or(Meaning::nothing(Reason::Unknown));
         };
         let by_encoder = self.nearest(embedding);
-        let meaning = by_words.unwrap_or_else(|| self.judged(prompt, query, space));
-        Meaning { nearest: meaning.nearest.or(by_encoder), ..meaning }
+        by_words.unwrap_or_else(|| self.judged(prompt, query, space)).or_nearest(|| by_encoder)
+    }
+
+    /// The meaning of a prompt that names several things, at least two of which are found by lists of words.
+    fn several(&self, prompt: &str) -> Option<Meaning> {
+        let words = prompt.replace([',', ';', '/', '&', '+'], " and ").to_lowercase();
+        let words: Vec<&str> = words.split_whitespace().collect();
+        let parts = words.split(|word| ["and", "or"].contains(word)).filter(|part| !part.is_empty());
+        let parts: Vec<String> = parts.map(|part| part.join(" ")).collect();
+        if parts.len() < 2 {
+            return None;
+        }
+        let (mut found, mut missing) = (Vec::new(), Vec::new());
+        for part in parts {
+            match self.by_words(&part).filter(Meaning::is_found) {
+                Some(meaning) => found.push(meaning),
+                None => missing.push(part),
+            }
+        }
+        let probability = found.iter().map(|meaning| meaning.probability).fold(1.0, f32::min);
+        let classes: BTreeSet<usize> = found.iter().flat_map(|meaning| meaning.classes.clone()).collect();
+        let reason = Reason::Several { missing };
+        (found.len() > 1).then(|| self.meaning(classes.into_iter().collect(), probability, reason))
     }
 
     /// Returns the class that a prompt looks like to the encoder, if it is nearer to one than unrelated words

@@ -239,3 +239,49 @@ fn an_empty_vocabulary_knows_the_names_of_classes() {
     assert!(!interpreter.by_encoder("spleen", &embedding("liver"), &space).is_found());
     assert!(Vocabulary::parse("nonsense", "").is_err());
 }
+
+#[test]
+fn what_is_not_meant_is_not_found_and_several_things_are() {
+    let vocabulary = Vocabulary::standard();
+    let row = [1.0, 0.0];
+    let names = ["liver", "fat", "gallbladder", "grasper"];
+    let classes: Vec<ClassWords> = names.iter().map(|name| ClassWords::seen(name, &row)).collect();
+    let interpreter = Interpreter::new(vocabulary, &classes, None);
+    let says = |prompt: &str| interpreter.by_words(prompt);
+    for prompt in [
+        "not liver",
+        "no liver",
+        "non-liver",
+        "without gallbladder",
+        "fat but not liver",
+        "liver except gallbladder",
+        "neither liver nor fat",
+        "tool not grasper",
+        "absent gallbladder",
+    ] {
+        let meaning = says(prompt).unwrap_or_else(|| panic!("{prompt} is judged by the encoder"));
+        assert_eq!((meaning.classes.len(), &meaning.reason), (0, &Reason::Negated), "{prompt}");
+        assert_eq!(meaning.or_nearest(|| Some(0)).nearest, None, "{prompt}");
+    }
+    for (prompt, expected) in [
+        ("liver and gallbladder", vec![0, 2]),
+        ("Fat, liver", vec![0, 1]),
+        ("liver/gallbladder", vec![0, 2]),
+        ("gall bladder & hepatic tissue", vec![0, 2]),
+        ("liver or fat or grasper", vec![0, 1, 3]),
+    ] {
+        let meaning = says(prompt).unwrap_or_else(|| panic!("{prompt} is judged by the encoder"));
+        assert!(meaning.is_found() && meaning.reason == Reason::Several { missing: Vec::new() }, "{prompt}");
+        assert_eq!(meaning.classes, expected, "{prompt}");
+    }
+    let some = says("liver, fat and spaceship").unwrap();
+    assert_eq!(
+        (some.classes, some.reason),
+        (vec![0, 1], Reason::Several { missing: vec!["spaceship".into()] })
+    );
+    let one = says("gallbladder without stones");
+    assert!(one.is_none_or(|meaning| meaning.reason != Reason::Negated));
+    let named = [ClassWords::seen("no tissue", &row)];
+    let interpreter = Interpreter::new(vocabulary, &named, None);
+    assert!(interpreter.by_words("no tissue").unwrap().is_found(), "a class may be called so");
+}

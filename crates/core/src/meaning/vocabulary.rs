@@ -236,6 +236,11 @@ impl Vocabulary {
         self.grammar.phrase(words)
     }
 
+    /// Returns `true` if a phrase says what is not meant.
+    pub(super) fn says_not(&self, phrase: &Phrase) -> bool {
+        self.grammar.says_not(&phrase.tokens)
+    }
+
     /// Tests whether a concept stands for everything in its group.
     pub(super) fn is_kind(&self, concept: usize) -> bool {
         self.concepts[concept].name == self.concepts[concept].group
