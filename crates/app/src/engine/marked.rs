@@ -1,16 +1,22 @@
 //! Marks by hand in an engine: scores of the names that they give, and corrections of the scene's prompts.
 
-use super::{Engine, Recording, SceneView};
+use super::{Engine, Recording, SceneView, blank};
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 use surgtpgs_core::{
     Error, Result,
-    deform::deform,
     grid::Grid,
     marks::{Canvas, Carried, CarrySettings, Correction, FrameScores, Graph, Handed, LookHere, Marks},
-    raster::render_frame,
-    relevancy::{Points, Query, Relevancy},
+    raster::{Renderer, render_frame},
+    relevancy::{Query, Relevancy},
     scene::Scene,
 };
+
+/// Number of pictures that are read for a frame before a request for another one is answered first: what is
+/// shown while the time bar is dragged reads fewer.
+const MOST_READ: usize = 8;
+
+/// Number of score images from which on those without corrections are not kept for the next mark.
+const MOST_BEFORE: usize = 32;
 
 /// Marks, carried to the scene or to the chapter of it that is at hand.
 pub(super) struct Marked {
@@ -20,6 +26,8 @@ pub(super) struct Marked {
     carried: Carried,
     /// Corrections of the scene's classes, by name.
     corrections: BTreeMap<String, Correction>,
+    /// Scores of these classes on marked frames without the corrections, by name and frame.
+    before: BTreeMap<(String, usize), Arc<Grid<f32>>>,
     /// Scores of the last frame, in the order of the carried names.
     last: Option<(usize, FrameScores)>,
 }
@@ -76,8 +84,7 @@ impl Engine {
             return Ok(());
         }
         let here = self.marks_here()?;
-        self.carry(by_hand, &here);
-        Ok(())
+        self.carry(by_hand, &here)
     }
 
     /// Returns the marks that count in the chapter at hand.
@@ -94,40 +101,50 @@ impl Engine {
     }
 
     /// Carries the marks that count `here` to the Gaussians.
-    fn carry(&mut self, by_hand: Arc<Marks>, here: &Marks) {
+    fn carry(&mut self, by_hand: Arc<Marks>, here: &Marks) -> Result<()> {
+        let scene = Arc::clone(&self.scene);
         let names = here.names();
         let earlier_graph = self.graph.take().filter(|g| g.is_of(&self.scene));
         let graph = earlier_graph.unwrap_or_else(|| Arc::new(Graph::of(&self.scene)));
         let (known, new): (Vec<&String>, Vec<&String>) =
             names.iter().partition(|name| self.scene.finds(name));
-        let carried =
-            Carried::new(&self.scene, Arc::clone(&graph), &here.named(&new), CarrySettings::default());
-        let carried = match self.marked.take() {
-            Some(earlier) => carried.after(earlier.carried),
-            None => carried,
+        let carried = Carried::new(&scene, Arc::clone(&graph), &here.named(&new), CarrySettings::default());
+        let (carried, before) = match self.marked.take() {
+            Some(earlier) => (carried.after(earlier.carried), Some(earlier.before)),
+            None => (carried, None),
         };
-        let mut corrections = BTreeMap::new();
-        for name in known {
-            let own = here.named(&[name]);
-            let before = self.shares_before(name, own.frames().first().copied().unwrap_or(0));
-            corrections.insert(name.clone(), Correction::new(&self.scene, &graph, &own, &before));
-        }
+        let mut before = before.filter(|before| before.len() <= MOST_BEFORE).unwrap_or_default();
+        let threshold = self.settings.threshold;
+        let corrections =
+            Correction::of_classes(&scene, &graph, &here.named(&known), threshold, &mut |name, frame| {
+                let key = (name.to_owned(), frame);
+                match before.get(&key) {
+                    Some(scores) => Ok(Arc::clone(scores)),
+                    None => {
+                        let scores = Arc::new(self.scores_before(name, frame)?);
+                        before.insert(key, Arc::clone(&scores));
+                        Ok(scores)
+                    }
+                }
+            })?;
         self.graph = Some(graph);
-        self.marked = Some(Marked { by_hand, carried, corrections, last: None });
+        self.marked = Some(Marked { by_hand, carried, corrections, before, last: None });
+        Ok(())
     }
 
-    /// Returns the score of each Gaussian for a class of the scene, at the time of a frame.
-    fn shares_before(&mut self, name: &str, frame: usize) -> Vec<f32> {
-        let scene = &self.scene;
-        let place = scene.classes.iter().position(|(class, _)| class.name == name);
-        let (Some(relevancy), Some(place)) = (&mut self.relevancy, place) else {
-            return vec![0.0; scene.gaussians.len()];
-        };
-        let deformed = deform(&scene.gaussians, &scene.deformation, scene.time(frame), true);
-        let points = Points::of_latents(&deformed.features, scene.gaussians.latent_dim);
-        let query =
-            Query::new(name, scene.classes[place].1.clone()).among(self.asking.classes(), vec![place]);
-        relevancy.score_points(&points, &[query], &self.settings).pop().unwrap_or_default()
+    /// Returns the scores of a class on a frame, by the Gaussians of the chapter at hand, without marks.
+    fn scores_before(&mut self, name: &str, frame: usize) -> Result<Grid<f32>> {
+        let (camera, time) = (self.scene.cameras[frame], self.scene.time(frame));
+        let images = self
+            .on_a_working_machine(|Self { scene, machine, .. }| machine.render(scene, &camera, time, true))?;
+        let nothing = || Grid::filled(images.width, images.height, 0.0);
+        let place = self.scene.classes.iter().position(|(class, _)| class.name == name);
+        let (Some(relevancy), Some(place)) = (&mut self.relevancy, place) else { return Ok(nothing()) };
+        let row = self.scene.classes[place].1.clone();
+        let query = Query::new(name, row).among(self.asking.classes(), vec![place]);
+        let mut scores = relevancy.score(&images, &[query], &self.settings).pop().unwrap_or_else(nothing);
+        blank(&mut scores.data, self.outside.ranges(&images, &self.scene.field_of_view));
+        Ok(scores)
     }
 
     /// Changes the scores of the prompts on a view by what was marked.
@@ -185,10 +202,18 @@ impl Engine {
     /// Returns the scores of the carried names on a frame.
     fn carried_on<'a>(&mut self, marked: &'a mut Marked, frame: usize) -> Result<&'a FrameScores> {
         let known = marked.last.take().filter(|(last, _)| *last == frame);
-        let Self { scene, recording, .. } = self;
+        let Self { scene, recording, pending, .. } = self;
+        let mut num_read = 0;
+        let mut pictures = |i: usize| {
+            num_read += 1;
+            if num_read > MOST_READ && pending.is_elsewhere(|other| other == frame) {
+                return Err(Error::Cancelled);
+            }
+            picture(recording, scene, i)
+        };
         let found = match known {
             Some((_, found)) => found,
-            None => marked.carried.on_frame(scene, frame, &mut |i| picture(recording, scene, i))?,
+            None => marked.carried.on_frame(scene, frame, &mut pictures)?,
         };
         Ok(&marked.last.insert((frame, found)).1)
     }
@@ -237,12 +262,13 @@ impl Engine {
     }
 }
 
-/// Returns the recorded picture of a frame, or the reconstruction of it where the recording is not at hand.
+/// Returns the recorded picture of a frame, or the reconstruction of it where the recording is not at hand,
+/// or this frame of it cannot be read.
 fn picture(recording: &Recording, scene: &Scene, frame: usize) -> Result<image::RgbImage> {
     let time = scene.time(frame);
-    match recording.frame(frame)? {
-        Some(picture) => Ok(picture),
-        None if scene.is_at(time) => Ok(render_frame(scene, frame).to_rgb()),
-        None => Ok(render_frame(&scene.at(time)?, frame).to_rgb()),
+    match recording.frame(frame) {
+        Ok(Some(picture)) => Ok(picture),
+        _ if scene.is_at(time) => Ok(render_frame(scene, frame).to_rgb()),
+        _ => Ok(render_frame(&scene.at(time)?, frame).to_rgb()),
     }
 }

@@ -78,6 +78,7 @@ fn frame_of(image: &Image, canvas: &Canvas) -> Option<usize> {
 fn shapes(segmentation: &Segmentation) -> Option<Vec<Shape>> {
     match segmentation {
         Segmentation::Runs(entry) => Some(vec![Shape::Mask(Arc::new(entry.runs()?))]),
+        Segmentation::Polygons(polygons) if polygons.is_empty() => None,
         Segmentation::Polygons(polygons) => polygons.iter().map(|flat| polygon(flat)).collect(),
         Segmentation::Other => None,
     }

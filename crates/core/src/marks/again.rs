@@ -29,6 +29,8 @@ const REST: f32 = 0.05;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Examples {
     by_frame: BTreeMap<usize, Arc<Example>>,
+    /// Marks of names that were looked for, by the first frame where, the name, and the frame of the example.
+    found: BTreeMap<(usize, String, usize), Vec<Mark>>,
 }
 
 /// Marks by hand on a scene.
@@ -42,9 +44,10 @@ pub(super) struct ByHand<'a> {
 }
 
 impl Examples {
-    /// Forgets frames whose marks are others now.
+    /// Drops examples of frames whose marks have changed, and what was found by them.
     pub(super) fn retain(&mut self, is_same: impl Fn(usize) -> bool) {
         self.by_frame.retain(|frame, _| is_same(*frame));
+        self.found.retain(|(_, _, frame), _| is_same(*frame));
     }
 
     /// Returns the marked frame that is nearest to some frames, of those that show a name, and something else or
@@ -123,9 +126,13 @@ impl Examples {
         frames: &Range<usize>,
         pictures: &mut Pictures<'_>,
     ) -> Result<Vec<Mark>> {
-        let (scene, mut sought) = (by_hand.scene, Vec::new());
+        let (scene, mut sought, mut marks) = (by_hand.scene, Vec::new(), Vec::new());
         for name in names {
             let Some(frame) = Self::nearest(by_hand, name, frames) else { continue };
+            if let Some(known) = self.found.get(&(frames.start, name.clone(), frame)) {
+                marks.extend(known.iter().cloned());
+                continue;
+            }
             let Some(place) = place_of(name, by_hand.heard, frame) else { continue };
             let example = self.on(frame, by_hand, pictures)?;
             let Some(own) = example.own(&scene.field_of_view) else { continue };
@@ -134,7 +141,7 @@ impl Examples {
             sought.push(Sought { name, place, frame, example, least, best: None });
         }
         if sought.is_empty() {
-            return Ok(Vec::new());
+            return Ok(marks);
         }
         let step = (frames.len() / FEWEST).clamp(1, EVERY);
         for frame in frames.clone().step_by(step) {
@@ -151,14 +158,10 @@ impl Examples {
                 }
             }
         }
-        let mut marks = Vec::new();
-        for (name, best) in sought.into_iter().map(|sought| (sought.name, sought.best)) {
-            let Some((_, frame, squares)) = best else { continue };
-            let squares = [true, false].into_iter().zip(squares);
-            for (add, squares) in squares.filter(|(_, squares)| squares.data.contains(&true)) {
-                let shape = Shape::from(&pixels(&squares, &scene.cameras[frame]));
-                marks.push(Mark::new(frame, name, add, shape));
-            }
+        for sought in sought {
+            let found = sought.marks(scene);
+            marks.extend(found.iter().cloned());
+            self.found.insert((frames.start, sought.name.to_owned(), sought.frame), found);
         }
         Ok(marks)
     }
@@ -186,6 +189,19 @@ struct Sought<'a> {
     least: usize,
     /// Area, frame, squares that it was found on and those that are something else.
     best: Option<(usize, usize, [Mask; 2])>,
+}
+
+impl Sought<'_> {
+    /// Returns a mask of what was found, and one of what is something else; none if nothing was found.
+    fn marks(&self, scene: &Scene) -> Vec<Mark> {
+        let Some((_, frame, squares)) = &self.best else { return Vec::new() };
+        let squares = [true, false].into_iter().zip(squares);
+        let mark = |(add, squares)| {
+            let shape = Shape::from(&pixels(squares, &scene.cameras[*frame]));
+            Mark::new(*frame, self.name, add, shape)
+        };
+        squares.filter(|(_, squares)| squares.data.contains(&true)).map(mark).collect()
+    }
 }
 
 /// Returns what is left of a mask without its border, in parts of a least area.

@@ -22,7 +22,10 @@ use crate::{
 };
 use image::RgbImage;
 use rayon::prelude::*;
-use std::{collections::BTreeMap, sync::Arc};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
 
 /// Names whose shares are blended in one pass.
 const NAMES_AT_ONCE: usize = 16;
@@ -68,6 +71,8 @@ pub struct Carried {
     /// The same of the marks that grow.
     growing: BTreeMap<usize, Evidence>,
     plan: Plan,
+    /// Names that outlines show all of, with the frame.
+    outlined: BTreeSet<(String, usize)>,
     /// Graph of the Gaussians that the marks are carried over.
     graph: Arc<Graph>,
     /// Share of each name in each Gaussian, [names][Gaussians], once something needs it: a marked frame does not.
@@ -88,8 +93,9 @@ impl Carried {
         let evidence = Evidence::of_all(marks, &names, scene);
         let (growing, pointed) = Evidence::of_growing(marks, &evidence, &names, scene);
         let plan = Plan::of(&growing, &pointed, names.len());
-        let (known, trails) = (BTreeMap::new(), BTreeMap::new());
-        Self { names, settings, evidence, growing, plan, graph, shares: None, known, trails }
+        let (known, trails, shares) = (BTreeMap::new(), BTreeMap::new(), None);
+        let outlined = marks.outlined(scene);
+        Self { names, settings, evidence, growing, plan, outlined, graph, shares, known, trails }
     }
 
     /// Takes over what was found for earlier marks on the same recording and still holds: frames whose marks
@@ -152,13 +158,25 @@ impl Carried {
         Ok(self.shares.as_deref().unwrap_or_default())
     }
 
-    /// Returns the scores on a frame.
+    /// Returns the scores on a frame. A name that outlines show all of there ends where they end.
     pub fn on_frame(
         &mut self,
         scene: &Scene,
         frame: usize,
         pictures: &mut Pictures<'_>,
     ) -> Result<FrameScores> {
+        let mut found = self.found_on(scene, frame, pictures)?;
+        if let Some(evidence) = self.evidence.get(&frame) {
+            let is_outlined = |k: &usize| self.outlined.contains(&(self.names[*k].clone(), frame));
+            for k in (0..self.names.len()).filter(is_outlined) {
+                let scores = found.scores[k].data.iter_mut().enumerate();
+                scores.filter(|(i, _)| evidence.at(*i, k).1 == 0.0).for_each(|(_, score)| *score = 0.0);
+            }
+        }
+        Ok(found)
+    }
+
+    fn found_on(&mut self, scene: &Scene, frame: usize, pictures: &mut Pictures<'_>) -> Result<FrameScores> {
         let camera = scene.cameras[frame];
         let (width, height) = (camera.width as usize, camera.height as usize);
         if !is_looked_at(scene) {

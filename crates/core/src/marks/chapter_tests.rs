@@ -4,7 +4,7 @@ use super::{
     tests::{SIZE, canvas, picture, scene, stroke},
     *,
 };
-use crate::{grid::Mask, scene::Scene};
+use crate::{codec::Codec, grid::Mask, scene::Scene, sequence::Class};
 use std::ops::Range;
 
 /// The wall as a scene of chapters, each with the frames that it shows and learned.
@@ -97,6 +97,49 @@ fn marks_reach_a_chapter_from_both_sides() {
     let mut handed = handed.for_marks(&chapters, &more);
     assert!(of(&mut handed, 2).1.is_empty(), "it is known already");
     assert!(!of(&mut handed, 0).1.is_empty());
+}
+
+#[test]
+fn what_a_name_is_not_in_another_chapter_takes_nothing_away() {
+    let chapters = in_chapters([(0..2, 0..3), (2..4, 1..5), (4..6, 3..6)]);
+    let canvas = Canvas { num_frames: 6, frame_names: Vec::new(), ..canvas() };
+    let mut marks = vec![
+        stroke(0, "liver", true, &[[8.0, 10.0], [20.0, 40.0]]),
+        stroke(0, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]),
+        stroke(3, "liver", false, &[[60.0, 8.0], [60.0, 12.0]]),
+    ];
+    let marks_in = |marks: &[Mark], index: usize| {
+        let scene = chapters.of_chapter(index).unwrap();
+        let mut handed = Handed::new(&Marks::new(marks.to_vec(), &canvas).unwrap());
+        handed.marks(&scene, &mut |i| picture(&scene, i)).unwrap()
+    };
+    let shows = |marks: &Marks, name: &str| marks.all().iter().any(|mark| mark.add && mark.name == name);
+    for index in [1, 2] {
+        let found = marks_in(&marks, index);
+        assert!(shows(&found, "liver") && shows(&found, "fat"), "{index}: {:?}", found.names());
+    }
+    // What is denied alone is shown nowhere.
+    marks.remove(0);
+    for index in [0, 1, 2] {
+        assert!(!shows(&marks_in(&marks, index), "liver"));
+    }
+}
+
+#[test]
+fn corrections_of_what_the_scene_finds_stay_in_their_chapter() {
+    let mut chapters = in_chapters([(0..2, 0..3), (2..4, 1..5), (4..6, 3..6)]);
+    chapters.codec = Some(Codec { encoder: Vec::new(), decoder: Vec::new() });
+    chapters.classes = vec![(Class { id: 1, name: "liver".into(), colour: [0; 3] }, vec![1.0])];
+    let canvas = Canvas { num_frames: 6, frame_names: Vec::new(), ..canvas() };
+    let marks = vec![
+        stroke(0, "liver", false, &[[8.0, 10.0], [20.0, 40.0]]),
+        stroke(0, "fat", true, &[[50.0, 10.0], [44.0, 40.0]]),
+    ];
+    let mut handed = Handed::new(&Marks::new(marks, &canvas).unwrap());
+    let scene = chapters.of_chapter(1).unwrap();
+    assert!(scene.finds("liver") && !scene.finds("fat"));
+    let found = handed.marks(&scene, &mut |i| picture(&scene, i)).unwrap();
+    assert_eq!(found.names(), ["fat"]);
 }
 
 #[test]

@@ -7,11 +7,14 @@ use super::{
     seen::Seen,
     spread::{Before, spread},
 };
-use crate::{camera::Camera, grid::Grid, scene::Scene};
-use std::collections::BTreeMap;
+use crate::{Result, camera::Camera, grid::Grid, scene::Scene};
+use std::{collections::BTreeMap, sync::Arc};
 
-/// Pull of the scores before: much larger than without features, so that a correction stays around its mark.
+/// Pull of no change: much larger than without features, so that a correction stays around its mark.
 const PULL: f32 = 0.05;
+
+/// Gives the scores of a class on a frame, as they are before they are corrected.
+pub type ScoresBefore<'a> = dyn FnMut(&str, usize) -> Result<Arc<Grid<f32>>> + 'a;
 
 /// Change of the scores of one class.
 #[derive(Clone, Debug)]
@@ -22,15 +25,35 @@ pub struct Correction {
 }
 
 impl Correction {
-    /// Carries marks of one name to the Gaussians, whose scores were `before`.
-    pub fn new(scene: &Scene, graph: &Graph, marks: &Marks, before: &[f32]) -> Self {
+    /// Carries marks of the scene's classes to the Gaussians, and returns the correction of each class. Pixels
+    /// whose score is above `threshold` show it before. Where marks say the same, nothing is to change.
+    ///
+    /// # Errors
+    /// Scores that cannot be had.
+    pub fn of_classes(
+        scene: &Scene,
+        graph: &Graph,
+        marks: &Marks,
+        threshold: f32,
+        before: &mut ScoresBefore<'_>,
+    ) -> Result<BTreeMap<String, Self>> {
         let names = marks.names();
-        let evidence = Evidence::of_all(marks, &names, scene);
-        let seeds = Seeds::of(scene, names.len(), evidence.values());
-        let before = [before.to_vec()];
-        let change =
-            spread(&graph.links, &seeds, Before::Shares(&before), PULL, None).pop().unwrap_or_default();
-        Self { change, evidence }
+        let all = Evidence::of_all(marks, &names, scene);
+        let mut corrections = BTreeMap::new();
+        for (k, name) in names.into_iter().enumerate() {
+            let own = all.iter().map(|(frame, evidence)| (*frame, evidence.alone(k)));
+            let evidence: BTreeMap<usize, Evidence> = own.filter(|(_, own)| !own.is_empty()).collect();
+            let mut seeds = Seeds::none(scene, 1);
+            for (&frame, own) in &evidence {
+                let scores = before(&name, frame)?;
+                let mut here = marks.on(frame).filter(|mark| mark.name == name);
+                let planes = changes(own, &scores, threshold, here.all(|mark| mark.shape.is_outlined()));
+                seeds.add_pixels(scene, scene.cameras[frame], scene.time(frame), |_| planes.clone());
+            }
+            let change = spread(&graph.links, &seeds, Before::Nothing, PULL, None).pop().unwrap_or_default();
+            corrections.insert(name, Self { change, evidence });
+        }
+        Ok(corrections)
     }
 
     /// Changes the scores of a view, which shows a recorded `frame` or none.
@@ -53,4 +76,20 @@ impl Correction {
         let [plane] = planes;
         scores.data = plane;
     }
+}
+
+/// Returns the weight of each pixel, and the change of its score that the marks ask for. Outlines say on
+/// their frame how far the change goes; strokes grow.
+fn changes(
+    evidence: &Evidence,
+    scores: &Grid<f32>,
+    threshold: f32,
+    is_outlined: bool,
+) -> (Vec<f32>, Vec<f32>) {
+    let change = |(i, score): (usize, &f32)| match evidence.at(i, 0) {
+        (0.0, _) => (f32::from(u8::from(is_outlined)), 0.0),
+        (weight, share) if (share > 0.0) == (*score > threshold) => (weight, 0.0),
+        (weight, share) => (weight, share - score),
+    };
+    scores.data.iter().enumerate().map(change).unzip()
 }

@@ -59,7 +59,35 @@ impl Evidence {
         let outlined: Vec<&String> =
             names.iter().enumerate().filter(|(k, _)| !is_pointed_at(*k)).map(|(_, name)| name).collect();
         let grows = |mark: &Mark| !mark.shape.is_outlined() || outlined.contains(&&mark.name);
-        (Self::of_all(&marks.filtered(grows), names, scene), pointed.into_keys().collect())
+        let mut growing = Self::of_all(&marks.filtered(grows), names, scene);
+        growing.iter_mut().for_each(|(frame, evidence)| evidence.agree_with(all.get(frame)));
+        growing.retain(|_, evidence| !evidence.is_empty());
+        (growing, pointed.into_keys().collect())
+    }
+
+    /// Takes back verdicts that others do not share: an outline can erase a stroke.
+    fn agree_with(&mut self, other: Option<&Self>) {
+        for (i, verdict) in self.verdicts.iter_mut().enumerate() {
+            if other.is_none_or(|other| other.verdicts[i] != *verdict) {
+                *verdict = 0;
+            }
+        }
+    }
+
+    /// Returns what is said of name `k` alone. Pixels that show other names do not show it.
+    pub(super) fn alone(&self, k: usize) -> Self {
+        let verdict = |i: usize| match self.at(i, k) {
+            (0.0, _) => 0,
+            (_, share) => {
+                if share > 0.0 {
+                    1
+                } else {
+                    -1
+                }
+            }
+        };
+        let num_pixels = self.verdicts.len() / self.num_names.max(1);
+        Self { frame: self.frame, verdicts: (0..num_pixels).map(verdict).collect(), num_names: 1 }
     }
 
     /// Returns `true` if some pixel shows name `k`.

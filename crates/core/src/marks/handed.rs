@@ -49,6 +49,22 @@ struct Marked<'a> {
     scene: &'a Scene,
     chapters: &'a [Chapter],
     all: &'a Marks,
+    /// Names that some mark shows in each chapter, but for the scene's own, which are corrected where they are
+    /// marked alone. What a name is not says nothing of where it is.
+    names: &'a [BTreeSet<String>],
+}
+
+/// Returns the names that some mark shows in each chapter, but for those that the scene finds by itself.
+fn names_shown(scene: &Scene, chapters: &[Chapter], all: &Marks) -> Vec<BTreeSet<String>> {
+    let mut names = vec![BTreeSet::new(); chapters.len()];
+    for mark in all.all().iter().filter(|mark| mark.add && !scene.finds(&mark.name)) {
+        for (names, chapter) in names.iter_mut().zip(chapters) {
+            if chapter.learned.contains(&mark.frame) && !names.contains(&mark.name) {
+                names.insert(mark.name.clone());
+            }
+        }
+    }
+    names
 }
 
 impl Marked<'_> {
@@ -65,21 +81,20 @@ impl Marked<'_> {
 
     /// Returns the places of all sources, in their order.
     fn sources(&self) -> Vec<usize> {
-        let num_names = |place: usize| self.within(place).names().len();
-        let mut sources: Vec<usize> = (0..self.chapters.len()).filter(|k| num_names(*k) > 0).collect();
-        sources.sort_by_key(|place| (Reverse(num_names(*place)), *place));
+        let mut sources: Vec<usize> =
+            (0..self.chapters.len()).filter(|k| !self.names[*k].is_empty()).collect();
+        sources.sort_by_key(|place| (Reverse(self.names[*place].len()), *place));
         sources
     }
 
     /// Returns the names that a chapter lacks, by the nearest of the sources that has them, as its number.
     fn lacking(&self, place: usize, sources: &[usize]) -> BTreeMap<usize, Vec<String>> {
-        let own = self.within(place).names();
-        let names: Vec<Vec<String>> = sources.iter().map(|source| self.within(*source).names()).collect();
         let mut lacking: BTreeMap<usize, Vec<String>> = BTreeMap::new();
-        for name in self.all.names().into_iter().filter(|name| !own.contains(name)) {
-            let with_name = (0..sources.len()).filter(|k| names[*k].contains(&name));
+        let all: BTreeSet<&String> = sources.iter().flat_map(|source| &self.names[*source]).collect();
+        for name in all.into_iter().filter(|name| !self.names[place].contains(*name)) {
+            let with_name = (0..sources.len()).filter(|k| self.names[sources[*k]].contains(name));
             if let Some(nearest) = with_name.min_by_key(|k| sources[*k].abs_diff(place)) {
-                lacking.entry(nearest).or_default().push(name);
+                lacking.entry(nearest).or_default().push(name.clone());
             }
         }
         lacking
@@ -132,7 +147,8 @@ impl Handed {
             return Ok(if scene.chapters.is_empty() { whole() } else { Marks::default() });
         };
         let chapters: Vec<Chapter> = scene.chapters.iter().cloned().collect();
-        let marked = Marked { scene, chapters: &chapters, all: &all };
+        let names = names_shown(scene, &chapters, &all);
+        let marked = Marked { scene, chapters: &chapters, all: &all, names: &names };
         match chapters.iter().position(|chapter| chapter.index == current.index) {
             Some(place) => self.found((place, marked.sources()), marked, pictures),
             None => Ok(Marks::default()),
@@ -142,6 +158,9 @@ impl Handed {
     /// Finds the marks that count in a chapter, those of chapters that it needs first. An operation of hours has
     /// too many chapters for one to call the next.
     fn found(&mut self, key: Key, marked: Marked<'_>, pictures: &mut Pictures<'_>) -> Result<Marks> {
+        if let Some(known) = self.of.get(&key) {
+            return Ok(known.clone());
+        }
         let mut open = vec![key.clone()];
         while let Some(next) = open.last().cloned() {
             let mut needed = marked.givers(&next);
@@ -160,10 +179,9 @@ impl Handed {
     pub fn for_marks(mut self, scene: &Scene, marks: &Marks) -> Self {
         let after = Arc::new(marks.clone());
         let before = std::mem::replace(&mut self.all, Arc::clone(&after));
-        let frames: BTreeSet<usize> = before.frames().into_iter().chain(after.frames()).collect();
-        let on = |marks: &Marks, frame: usize| marks.within(&(frame..frame + 1)).digest();
-        let is_changed = |frame: &usize| on(&before, *frame) != on(&after, *frame);
-        let mut changed: BTreeSet<usize> = frames.into_iter().filter(is_changed).collect();
+        let [old, new] = [&before, &after].map(|marks| marks.digests());
+        let is_changed = |frame: &usize| old.get(frame) != new.get(frame);
+        let mut changed: BTreeSet<usize> = old.keys().chain(new.keys()).copied().filter(is_changed).collect();
         // A larger outline on another frame makes one a piece.
         let [then, now] = [before, after].map(|marks| marks.outlined(scene));
         changed.extend(then.symmetric_difference(&now).map(|(_, frame)| frame));
@@ -231,7 +249,7 @@ impl Handed {
         marked: Marked<'_>,
         pictures: &mut Pictures<'_>,
     ) -> Result<Marks> {
-        let Marked { scene, chapters, all } = marked;
+        let Marked { scene, chapters, all, .. } = marked;
         let heard = Marks { marks: sources.iter().flat_map(|k| marked.within(*k).marks).collect() };
         let (by_hand, frames) = (ByHand { scene, all, heard: &heard }, &chapters[place].shown);
         let marks = self.examples.without_rests(given.marks, by_hand, frames, pictures)?;

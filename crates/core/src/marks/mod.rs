@@ -40,14 +40,17 @@ mod trail;
 
 pub use crate::annotations::{Canvas, Shape};
 pub use carried::{Carried, CarrySettings};
-pub use correction::Correction;
+pub use correction::{Correction, ScoresBefore};
 pub use evidence::Evidence;
 pub use graph::Graph;
 pub use handed::Handed;
 pub use scores::{FrameScores, LookHere};
 
 use crate::{Error, Result, hash::sha256, sequence::plain_words};
-use std::{collections::BTreeSet, ops::Range};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    ops::Range,
+};
 
 /// A mark by hand on a frame.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -137,10 +140,16 @@ impl Marks {
 
     /// Returns the SHA-256 over all marks in a fixed order, hexadecimal.
     pub fn digest(&self) -> String {
-        let line = |m: &Mark| format!("{} {:?} {} {}", m.frame, m.name, m.add, m.shape.written());
-        let mut lines: Vec<String> = self.marks.iter().map(line).collect();
-        lines.sort_unstable();
-        sha256(lines.join("\n").as_bytes())
+        digest(self.marks.iter())
+    }
+
+    /// Returns the SHA-256 over the marks of each marked frame, hexadecimal.
+    pub(crate) fn digests(&self) -> BTreeMap<usize, String> {
+        let mut on: BTreeMap<usize, Vec<&Mark>> = BTreeMap::new();
+        for mark in &self.marks {
+            on.entry(mark.frame).or_default().push(mark);
+        }
+        on.into_iter().map(|(frame, marks)| (frame, digest(marks.into_iter()))).collect()
     }
 
     /// Returns the marks of some names.
@@ -162,6 +171,14 @@ impl Marks {
     pub fn on(&self, frame: usize) -> impl Iterator<Item = &Mark> {
         self.marks.iter().filter(move |m| m.frame == frame)
     }
+}
+
+/// Returns the SHA-256 over marks in a fixed order, hexadecimal.
+fn digest<'a>(marks: impl Iterator<Item = &'a Mark>) -> String {
+    let line = |m: &Mark| format!("{} {:?} {} {}", m.frame, m.name, m.add, m.shape.written());
+    let mut lines: Vec<String> = marks.map(line).collect();
+    lines.sort_unstable();
+    sha256(lines.join("\n").as_bytes())
 }
 
 /// Returns the words that name a mark in messages.

@@ -20,17 +20,22 @@ impl Marks {
     pub const EXTENSIONS: [&str; 4] = ["json", "xml", "nrrd", "dcm"];
 
     /// Reads a file of marks, or of [`annotations`]. Mask pictures are named relative to the file; half of the
-    /// brightest value and more is marked.
+    /// brightest value and more is marked, or of the opacity if some pixel is not opaque.
     ///
     /// # Errors
     /// A file that cannot be read, and the first mark that does not fit the recording; the message names it.
     pub fn read(path: &Path, canvas: &Canvas) -> Result<Self> {
-        if is_dicom(path) {
-            return Self::of_annotations(annotations::read(path, canvas)?, canvas);
+        let found = if is_dicom(path) {
+            Self::of_annotations(annotations::read(path, canvas)?, canvas)?
+        } else {
+            let bytes = annotations::bytes_of(path)?;
+            let folder = path.parent().unwrap_or(Path::new("."));
+            Self::parse(&bytes, folder, canvas).map_err(|e| annotations::in_file(e, path))?
+        };
+        if found.is_empty() {
+            return Err(Error::input_at(path, "there are no marks in this file", FORM));
         }
-        let bytes = annotations::bytes_of(path)?;
-        let folder = path.parent().unwrap_or(Path::new("."));
-        Self::parse(&bytes, folder, canvas).map_err(|e| annotations::in_file(e, path))
+        Ok(found)
     }
 
     /// Reads marks from the bytes of a file; `folder` is where it lies.
@@ -39,6 +44,7 @@ impl Marks {
             return Self::of_annotations(found, canvas);
         }
         let none = |e: &dyn std::fmt::Display| Error::input(format!("this is no file of marks: {e}"), FORM);
+        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
         let text = str::from_utf8(bytes).map_err(|e| none(&e))?;
         let json: Value = serde_json::from_str(&without_nan(text)).map_err(|e| none(&e))?;
         let Some(Value::Array(entries)) = json.get("marks") else {
@@ -80,9 +86,12 @@ fn mask(path: &Path, canvas: &Canvas) -> Result<Mask, String> {
         let expected = format!("{}×{}", canvas.width, canvas.height);
         return Err(format!("its mask has {width}×{height} pixels, the frames have {expected}"));
     }
-    let grey = picture(path).map_err(cannot)?.into_luma8();
-    let brightest = grey.iter().copied().max().unwrap_or(0).max(1);
-    let marked = grey.iter().map(|v| u16::from(*v) * 2 >= u16::from(brightest) && *v > 0).collect();
+    let pixels = picture(path).map_err(cannot)?.into_luma_alpha16();
+    // A cut-out says by its opacity what is marked, and shows what is there.
+    let channel = usize::from(pixels.pixels().any(|pixel| pixel.0[1] < u16::MAX));
+    let values = || pixels.pixels().map(|pixel| pixel.0[channel]);
+    let highest = u32::from(values().max().unwrap_or(0)).max(1);
+    let marked = values().map(|v| u32::from(v) * 2 >= highest && v > 0).collect();
     Ok(Mask::from_vec(width, height, marked))
 }
 

@@ -28,17 +28,6 @@ impl Seeds {
         Self { weights: zeros.clone(), shares: zeros }
     }
 
-    /// Sums the evidence of frames.
-    pub(super) fn of<'a>(
-        scene: &Scene,
-        num_names: usize,
-        evidence: impl Iterator<Item = &'a Evidence>,
-    ) -> Self {
-        let mut seeds = Self::none(scene, num_names);
-        evidence.for_each(|evidence| seeds.add(scene, evidence));
-        seeds
-    }
-
     /// Adds the evidence of a frame.
     pub(super) fn add(&mut self, scene: &Scene, evidence: &Evidence) {
         let camera = scene.cameras[evidence.frame];

@@ -1,10 +1,10 @@
 //! Spreads seeds over the graph: a random walker with soft seeds, and a small pull towards what was known
 //! before (Grady 2006, "Random walks for image segmentation").
 //!
-//! For each name: (D + ε + λ (deg − W)) z = D (y − x₀), with D the weights of the seeds, y their shares, W
-//! the graph, x₀ the share before (0 if nothing was known) and z its change. Without seeds z is 0. Where
-//! nothing was known, z is in 0–1 by the maximum principle, and the shares of names that are never denied add
-//! up to 1 at most, because all names share the graph.
+//! For each name: (D + ε + λ (deg − W)) z = D y, with D the weights of the seeds, y their shares, W the graph
+//! and z the shares of all. Without seeds z is 0. It is in 0–1 by the maximum principle, and the shares of
+//! names that are never denied add up to 1 at most, because all names share the graph. Of a correction, y and
+//! z are changes of scores, −1 to 1.
 
 use super::{
     conjugate::{Equation, solve},
@@ -27,8 +27,6 @@ const HINT: f32 = 0.02;
 pub(super) enum Before<'a> {
     /// Nothing.
     Nothing,
-    /// The shares that are changed.
-    Shares(&'a [Vec<f32>]),
     /// Shares that a walk much like this one came to: it takes less time from there.
     Nearly(&'a [Vec<f32>]),
 }
@@ -45,17 +43,16 @@ pub(super) fn spread(
     let equation = |i: usize, k: usize| {
         let weight = seeds.weights[k][i].min(MOST_WEIGHT);
         let share = seeds.shares[k][i] / seeds.weights[k][i].max(f32::MIN_POSITIVE);
-        let (known, x) = match before {
-            Before::Nothing => (0.0, 0.0),
-            Before::Shares(known) => (known[k][i], 0.0),
-            Before::Nearly(shares) => (0.0, shares[k][i]),
+        let x = match before {
+            Before::Nothing => 0.0,
+            Before::Nearly(shares) => shares[k][i],
         };
         // All names have the same weights of hints.
         let (sure, hint) = match hints {
             Some(hints) if links.degrees[i] > 0.0 => (HINT * hints.weights[i], hints.shares[k][i]),
             _ => (0.0, 0.0),
         };
-        [weight + pull + links.degrees[i] + sure, weight * (share - known) + sure * hint, x]
+        [weight + pull + links.degrees[i] + sure, weight * share + sure * hint, x]
     };
     let num_names = seeds.weights.len();
     let mut shares = Vec::with_capacity(num_names);

@@ -205,7 +205,8 @@ fn an_outlined_structure_ends_at_its_outline() {
     for frame in 0..FRAMES {
         let liver = &carried.on_frame(&scene, frame, &mut |i| picture(&scene, i)).unwrap().scores[0];
         let area = liver.data.iter().filter(|score| **score > 0.5).count();
-        assert!((300..=380).contains(&area), "{area} px instead of 336 on frame {frame}");
+        let expected = if frame == 1 { 336..=336 } else { 300..=380 };
+        assert!(expected.contains(&area), "{area} px instead of 336 on frame {frame}");
     }
     let denied = |marks: &Marks| -> Vec<usize> {
         marks.all().iter().filter(|mark| !mark.add).map(|mark| mark.frame).collect()
@@ -217,6 +218,27 @@ fn an_outlined_structure_ends_at_its_outline() {
     assert!(denied(&marks(&[whole.clone(), pointed_at])).is_empty(), "what is pointed at goes on");
     let opposite = Mark { add: false, ..whole.clone() };
     assert_eq!(denied(&marks(&[whole, opposite])), [1], "the opposite alone");
+}
+
+#[test]
+fn an_outline_erases_the_strokes_below_it() {
+    let wrong = stroke(0, "liver", true, &[[50.0, 10.0], [44.0, 40.0]]);
+    let right = stroke(0, "fat", true, &[[8.0, 10.0], [20.0, 40.0]]);
+    let whole = Shape::Polygon { points_px: vec![[34.0, 0.0], [64.0, 0.0], [64.0, 48.0], [34.0, 48.0]] };
+    let not = Mark::new(0, "liver", false, whole);
+    for frame in [0, 2] {
+        let (names, found) = scores(vec![wrong.clone(), right.clone(), not.clone()], frame);
+        let liver = names.iter().position(|name| name == "liver").unwrap();
+        let most = found.scores[liver].data.iter().copied().fold(0.0, f32::max);
+        assert!(most <= 0.5, "liver is found with {most} on frame {frame}");
+    }
+    // A mask that takes everything back leaves nothing to grow on that frame.
+    let erased = |add: bool| {
+        let pixels = right.shape.pixels(SIZE[0], SIZE[1]);
+        Mark::new(0, "fat", add, Shape::from(&pixels))
+    };
+    let marks = vec![erased(false), stroke(3, "fat", true, &[[8.0, 10.0], [20.0, 40.0]]), right.clone()];
+    assert_eq!(scores(marks, 1).0, ["fat"]);
 }
 
 #[test]
@@ -234,18 +256,25 @@ fn denied_pixels_are_not_found() {
 fn a_correction_changes_its_surroundings_alone() {
     let scene = scene();
     let graph = Arc::new(Graph::of(&scene));
-    let before = vec![0.8; scene.gaussians.len()];
+    let before = |score: f32| Arc::new(Grid::filled(SIZE[0], SIZE[1], score));
+    let correction = |marks: &Marks| {
+        let mut before = |_: &str, _| Ok(before(0.8));
+        Correction::of_classes(&scene, &graph, marks, 0.6, &mut before).unwrap().remove("liver").unwrap()
+    };
     let mark = stroke(0, "liver", false, &[[6.0, 6.0], [10.0, 6.0]]);
     let marks = Marks::new(vec![mark], &canvas()).unwrap();
-    let correction = Correction::new(&scene, &graph, &marks, &before);
     let mut scores = Grid::filled(SIZE[0], SIZE[1], 0.8);
     let view = (scene.cameras[3], scene.time(3));
-    correction.apply(&scene, view, Some(3), &mut scores);
+    correction(&marks).apply(&scene, view, Some(3), &mut scores);
     assert!(scores.at(8, 6) < 0.5 && (scores.at(60, 44) - 0.8).abs() < 1e-3);
     let opposite = stroke(0, "liver", true, &[[6.0, 6.0], [10.0, 6.0]]);
     let both = Marks::new(vec![marks.all()[0].clone(), opposite], &canvas()).unwrap();
     let mut unchanged = Grid::filled(SIZE[0], SIZE[1], 0.8);
-    Correction::new(&scene, &graph, &both, &before).apply(&scene, view, Some(0), &mut unchanged);
+    correction(&both).apply(&scene, view, Some(0), &mut unchanged);
+    assert_eq!(unchanged, Grid::filled(SIZE[0], SIZE[1], 0.8));
+    // What was found already is no news.
+    let same = Marks::new(vec![both.all()[1].clone()], &canvas()).unwrap();
+    correction(&same).apply(&scene, view, Some(3), &mut unchanged);
     assert_eq!(unchanged, Grid::filled(SIZE[0], SIZE[1], 0.8));
 }
 

@@ -47,7 +47,8 @@ pub(super) fn can_save_marks(shared: &Shared) -> bool {
 
 /// Goes to the frame where one more mark would help most.
 pub(super) fn look_here(shared: &mut Shared, given: &Given<'_>) {
-    if let Some(frame) = shared.areas().and_then(|areas| areas.look_here()).map(|here| here.frame) {
+    let counts = |frame: usize| !shared.document.is_excluded(frame);
+    if let Some(frame) = shared.areas().and_then(|areas| areas.look_here(counts)).map(|here| here.frame) {
         shared.playback.pause();
         shared.playback.seek(frame, given.now);
     }

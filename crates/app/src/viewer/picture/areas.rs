@@ -198,9 +198,11 @@ impl Areas {
         found.ok().map(|place| &self.look_here[place])
     }
 
-    /// Returns the place of all counted frames where one more mark would help most.
-    pub(crate) fn look_here(&self) -> Option<&LookHere> {
-        LookHere::best(&self.look_here)
+    /// Returns the place of all counted frames that `count` where one more mark would help most.
+    pub(crate) fn look_here(&self, counts: impl Fn(usize) -> bool) -> Option<LookHere> {
+        let places: Vec<LookHere> =
+            self.look_here.iter().filter(|here| counts(here.frame)).cloned().collect();
+        LookHere::best(&places).cloned()
     }
 
     /// Returns `true` if there is such a place.

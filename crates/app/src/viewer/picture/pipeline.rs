@@ -143,6 +143,7 @@ impl Pipeline {
 
     /// Makes the picture without its prompts, if they have to wait for marks from another chapter.
     pub(crate) fn first_look(&mut self, request: &Request) -> Option<Picture> {
+        self.take_marks(&request.marks).ok()?;
         let is_asked = !request.prompts.is_empty() && self.can_ask();
         let waits = is_asked && !self.source.answers_at_once(&request.view);
         let alone =
@@ -318,7 +319,11 @@ impl Pipeline {
             return kept;
         }
         match self.source.render(&view, parts).and_then(|_| self.source.carry_marks(&view)) {
-            Ok(()) => Some(self.source.scores(&view, questions).into_iter().map(shared).collect()),
+            Ok(()) => {
+                let answers = self.source.scores(&view, questions);
+                let is_left_off = answers.iter().any(|answer| matches!(answer, Err(Error::Cancelled)));
+                (!is_left_off).then(|| answers.into_iter().map(shared).collect())
+            }
             Err(Error::Cancelled) => None,
             Err(_) => Some(Vec::new()),
         }
@@ -420,8 +425,11 @@ impl Pipeline {
         if matches!(self.source.carry_marks(view), Err(Error::Cancelled)) {
             return Err(Error::Cancelled);
         }
-        let answers = self.source.scores(view, &new).into_iter().map(shared);
-        rendered.scores.extend(new.into_iter().zip(answers));
+        let answers = self.source.scores(view, &new);
+        if answers.iter().any(|answer| matches!(answer, Err(Error::Cancelled))) {
+            return Err(Error::Cancelled);
+        }
+        rendered.scores.extend(new.into_iter().zip(answers.into_iter().map(shared)));
         Ok(())
     }
 

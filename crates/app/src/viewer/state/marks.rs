@@ -6,7 +6,10 @@ use crate::viewer::{
     state::{content::Prompt, document::Document},
 };
 use serde_json::Value;
-use std::{collections::BTreeSet, sync::Arc};
+use std::{
+    collections::{BTreeSet, HashMap},
+    sync::Arc,
+};
 use surgtpgs_core::{
     marks::{Canvas, Mark},
     sequence::plain_words,
@@ -129,7 +132,11 @@ impl Document {
 
     /// Adds marks by one edit of this name, without those that are there already.
     pub(crate) fn add_marks(&mut self, name: String, mut marks: Vec<Mark>) {
-        marks.retain(|mark| !self.marks().all().contains(mark));
+        let mut on: HashMap<usize, Vec<&Mark>> = HashMap::new();
+        for mark in self.marks().all() {
+            on.entry(mark.frame).or_default().push(mark);
+        }
+        marks.retain(|mark| !on.get(&mark.frame).is_some_and(|there| there.contains(&mark)));
         if marks.is_empty() {
             return;
         }

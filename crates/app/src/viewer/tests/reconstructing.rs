@@ -257,7 +257,7 @@ fn the_choice_of_quality_speaks_of_minutes_not_of_steps() {
     window.click("Reconstruct…");
     // 32 × 24 pixels, 4000 steps: 307 s
     assert!(window.shows("Standard: good enough to work with, about 5 minutes"));
-    assert!(window.shows("Best: more detail, about 40 minutes"));
+    assert!(window.shows("Best: more detail, about 50 minutes"));
     assert!(!window.shows("steps") && !window.shows("Gaussians"));
 }
 

@@ -151,6 +151,7 @@ impl Shared {
         (*probe, *has_ruler, marking.draft) = (None, false, None);
         if !is_same_recording {
             *marking = Marking::default();
+            self.opening.marks = None;
         }
         self.open = Some(open);
         let title = format!("{} – SurgTPGS", self.title());
@@ -187,7 +188,7 @@ impl Shared {
         self.put_unsaved_aside(false);
         self.document.start_recording(CleanUp::default());
         self.saving.saved = Saved::default();
-        self.reconstruction.check = None;
+        (self.reconstruction.check, self.opening.marks) = (None, None);
         (self.open, self.problem) = (None, None);
         ctx.send_viewport_cmd(egui::ViewportCommand::Title("SurgTPGS".into()));
     }
