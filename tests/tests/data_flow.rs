@@ -367,7 +367,7 @@ fn an_interrupted_training_goes_on_where_it_stopped() {
         let mut child = surgtpgs_tests::start_until_training(flow.path(), &[&train, how].concat(), 1);
         std::thread::sleep(std::time::Duration::from_millis(300));
         surgtpgs_tests::signal(&child, sent);
-        assert!(child.wait().unwrap().success(), "{sent}");
+        assert_eq!(child.wait().unwrap().code(), Some(1), "{sent}");
         assert!(flow.path().join("interrupted.safetensors").exists(), "what is done is a scene");
         assert!(flow.run(&train).refused(1).contains("--resume"));
     }

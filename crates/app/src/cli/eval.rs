@@ -100,10 +100,12 @@ impl Run for EvalArgs {
 }
 
 impl EvalArgs {
-    /// Opens the engine of a scene with its recording.
+    /// Opens the engine of a scene with its recording, and with the marks.
     pub(super) fn open(&self, scene: &Path, sequence: &Path) -> Result<Engine> {
         let scene = SceneArgs { scene: scene.to_owned(), backend: self.backend };
-        scene.open(&self.relevancy, Some(sequence.to_owned()))
+        let mut engine = scene.open(&self.relevancy, Some(sequence.to_owned()))?;
+        self.marks.give_to(&mut engine)?;
+        Ok(engine)
     }
 
     /// Measures that are taken beside the usual ones.
@@ -118,7 +120,6 @@ impl EvalArgs {
         observer: &mut Observer<'_>,
     ) -> Result<Evaluated> {
         let mut engine = self.open(scene, sequence)?;
-        self.marks.give_to(&mut engine)?;
         let inputs = engine.inputs(scene).with("the recording", sequence);
         let output = self.claim(&inputs)?;
         let evaluation = evaluate(&mut engine, self.extras(), observer)?;

@@ -64,6 +64,8 @@ pub(crate) struct FrameRow {
     depth_within_1_25: Option<f64>,
     /// File name of the recorded frame.
     source: Option<String>,
+    /// `true` if the frame shows again what one beside it shows, which training saw.
+    repeats: bool,
 }
 
 /// Everything measured.
@@ -107,7 +109,12 @@ pub(crate) fn evaluate(
     engine.require_recording()?;
     let held_out = engine.scene().provenance.held_out;
     let frames = frames_to_measure(engine, &sequence);
-    let seen = if held_out { training_frames(&sequence) } else { Vec::new() };
+    if frames.is_empty() {
+        let what = "there is no frame to measure: all are marked, or too few for one to be held out";
+        return Err(Error::input(what, "Evaluate a longer recording, or with marks on some frames only."));
+    }
+    let all_held_out = held_out && frames.iter().all(|&i| Sequence::is_test_frame(i));
+    let seen = if all_held_out { training_frames(&sequence) } else { Vec::new() };
     let total = frames.len() + seen.len();
     let mut classes = asked_classes(engine, &sequence)?;
     let (mut rows, mut times) = (Vec::new(), Times::default());
@@ -116,6 +123,7 @@ pub(crate) fn evaluate(
         let images = times.render(engine, &at)?;
         let neighbours = Neighbours::of(frame, sequence.num_frames(), held_out);
         let mut measured = row(&images, &sequence, neighbours, lpips.as_mut())?;
+        measured.repeats = held_out && neighbours.repeats(engine.scene());
         let started = Instant::now();
         let scores = engine.scores(&images, &at)?;
         times.scored(started, scores.len());
@@ -150,7 +158,7 @@ pub(crate) fn evaluate(
         training: Some(Training { steps: scene.provenance.steps }),
         renderer: Some(engine.renderer_name()),
         relevancy: Some(engine.relevancy_name()),
-        ..EvalReport::of(&rows, held_out, &classes)
+        ..EvalReport::of(&rows, all_held_out, &classes)
     };
     Ok(Evaluation { report, frames: rows, classes })
 }
@@ -257,6 +265,7 @@ fn row(
         depth_rmse_log: depth.map(|d| d.rmse_log),
         depth_within_1_25: depth.map(|d| d.within_1_25),
         source: sequence.outline().names().nth(frame).map(str::to_owned),
+        repeats: false,
     })
 }
 

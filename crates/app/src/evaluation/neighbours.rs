@@ -4,6 +4,7 @@
 use surgtpgs_core::{
     Result,
     flow::{Between, between},
+    scene::Scene,
     sequence::Sequence,
 };
 
@@ -27,6 +28,12 @@ impl Neighbours {
     pub(super) fn nearest(&self) -> Option<usize> {
         let both = self.before.into_iter().chain(self.after);
         both.min_by_key(|i| i.abs_diff(self.frame))
+    }
+
+    /// Returns `true` if a neighbour has the frame's time: it shows the same.
+    pub(super) fn repeats(&self, scene: &Scene) -> bool {
+        let is_same = |i: usize| scene.time(i) == scene.time(self.frame);
+        self.before.into_iter().chain(self.after).any(is_same)
     }
 
     /// Guesses at the picture of the frame. At an end of the recording the only neighbour is copied. `None` if

@@ -10,6 +10,11 @@ pub(crate) struct EvalReport {
     pub(crate) psnr_db: Option<f64>,
     /// PSNR inside the supervision mask.
     pub(crate) psnr_masked_db: Option<f64>,
+    /// Frames that show again what a frame shows that training saw, as a changed frame rate leaves them; none of
+    /// foreign masks.
+    pub(crate) repeated_frames: usize,
+    /// PSNR inside the masks without these; `None` if there are none, or no others.
+    pub(crate) psnr_masked_new_db: Option<f64>,
     /// PSNR inside the masks with cameras that were fitted to the very frames; `None` if not asked for. Not to be
     /// compared with figures of frames that nothing was read of.
     pub(crate) fitted_camera_psnr_db: Option<f64>,
@@ -118,6 +123,9 @@ impl EvalReport {
         Self {
             psnr_db: mean_of(|r| r.psnr_db),
             psnr_masked_db: mean_of(|r| r.psnr_masked_db),
+            repeated_frames: rows.iter().filter(|r| r.repeats).count(),
+            psnr_masked_new_db: mean_of(|r| r.psnr_masked_db.filter(|_| !r.repeats))
+                .filter(|_| rows.iter().any(|r| r.repeats)),
             fitted_camera_psnr_db: mean_of(|r| r.fitted_camera_psnr_db),
             psnr_per_channel_db: mean_of(|r| r.psnr_per_channel_db),
             blend_psnr_db: mean_of(|r| r.blend_psnr_db),
@@ -161,10 +169,10 @@ pub(super) fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
 
 pub(crate) fn as_text(report: &EvalReport) -> String {
     let value = |v: Option<f64>, unit: &str| v.map_or("unknown".into(), |v| format!("{v:.3}{unit}"));
-    let kind = if report.held_out { "held-out" } else { "training (none was held out)" };
+    let kind = if report.held_out { "held-out frames" } else { "frames, not held out from training" };
     let mut text = match report.gaussians {
         Some(gaussians) => format!(
-            "{} {kind} frames, {gaussians} Gaussians\n\
+            "{} {kind}, {gaussians} Gaussians\n\
              PSNR        {} inside the masks\n  \
              to beat: {} by a blend of the frames around, {} by their flow\n  \
              training frames {}, all pixels {}, the paper's way {}\n\
@@ -190,6 +198,13 @@ pub(crate) fn as_text(report: &EvalReport) -> String {
         ),
         None => format!("masks of {} frames\n", report.frames),
     };
+    if report.repeated_frames > 0 {
+        text += &format!(
+            "repeats     {} of these frames repeat one that was learned; PSNR without them {}\n",
+            report.repeated_frames,
+            value(report.psnr_masked_new_db, " dB")
+        );
+    }
     if report.fitted_camera_psnr_db.is_some() {
         text += &format!(
             "fitted      PSNR {} inside the masks, with cameras fitted to these frames\n",

@@ -145,7 +145,8 @@ impl Manifest {
 
     /// Opens the recording. The relative path is tried first: both may have moved together.
     pub(super) fn open_recording(&self, folder: &Path) -> Result<Sequence> {
-        let beside = self.recording_relative.as_ref().map(|r| folder.join(r));
+        // The folder may be moved once it is whole, and the recording is read later, too.
+        let beside = self.recording_relative.as_ref().map(|r| full_path(&folder.join(r)));
         let places = beside.into_iter().chain([self.recording.clone()]);
         match places.into_iter().find(|p| p.exists()) {
             Some(path) => Sequence::open_with(

@@ -124,7 +124,7 @@ fn evaluate(args: &EvalArgs) -> Result<Value> {
         return Err(Error::input("an evaluation needs a scene, a recording and a folder", ""));
     };
     let mut engine = args.open(scene, sequence)?;
-    let inputs = engine.inputs(scene);
+    let inputs = engine.inputs(scene).with("the recording", sequence);
     let output = outputs::folder(folder, outputs::EVALUATION, &inputs, args.force)?;
     let mut view = ProgressView::default();
     let evaluation = evaluation::evaluate(&mut engine, args.extras(), &mut |p| view.show(p))?;
