@@ -163,15 +163,23 @@ pub(crate) fn evaluate(
     Ok(Evaluation { report, frames: rows, classes })
 }
 
-/// Returns the frames without a mark if there are marks, else those held out, or all.
+/// Returns the frames without a mark if there are marks, else those held out, or all. Frames that were left
+/// out of the training, and those that no chapter shows, do not count.
 fn frames_to_measure(engine: &Engine, sequence: &Sequence) -> Vec<usize> {
-    let held_out = engine.scene().provenance.held_out;
+    let scene = engine.scene();
+    let held_out = scene.provenance.held_out;
+    let excluded = scene.provenance.settings.get("excluded").cloned().unwrap_or_default();
+    let excluded: Vec<(usize, usize)> = serde_json::from_value(excluded).unwrap_or_default();
+    let gaps = scene.chapters.gaps(sequence.num_frames());
+    let is_shown = |i: &usize| {
+        !excluded.iter().any(|(from, to)| (from..=to).contains(&i)) && !gaps.iter().any(|gap| gap.contains(i))
+    };
     let marked = engine.marks().map(Marks::frames);
     let counts = |i: &usize| match &marked {
         Some(marked) => !marked.contains(i),
         None => !held_out || Sequence::is_test_frame(*i),
     };
-    (0..sequence.num_frames()).filter(counts).collect()
+    (0..sequence.num_frames()).filter(counts).filter(is_shown).collect()
 }
 
 /// Returns at most [`MOST_TRAIN_FRAMES`] frames that are not held out, evenly spread.

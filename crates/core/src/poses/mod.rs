@@ -75,6 +75,8 @@ pub enum Verdict {
     },
     /// Something moves that neither a still camera nor a path explains.
     Unclear,
+    /// Its poses are known, and explain little of what is seen.
+    Unexplained,
     /// The path breaks off at this frame: nothing that was seen before is seen there, and no other part is longer
     /// than half of the recording.
     Lost(usize),
@@ -108,6 +110,11 @@ impl Verdict {
             Self::Unclear => {
                 Some(format!("Something moves that neither a still scope nor a moving one explains: {still}"))
             }
+            Self::Unexplained => Some(
+                "The camera's poses explain little of what is seen: much moves by itself, or they are not of this \
+                 recording"
+                    .into(),
+            ),
             Self::Lost(frame) => Some(format!(
                 "The scope's path breaks off at frame {frame}, where nothing is seen that was seen before: {still}"
             )),
@@ -136,6 +143,9 @@ pub struct ScopePath {
     /// The path as it was found, if part of it was the motion of tissue that comes again and again: then `poses`
     /// are without that. If all of it was, the scope stands still.
     pub swaying: Vec<Affine3A>,
+    /// Median depth of what is seen, in units of known poses; `None` where it was not looked for, or nothing
+    /// tells.
+    pub typical_depth: Option<f32>,
     /// Points of the surface in the world, each with the first and the last frame that saw it. To a camera of
     /// `swaying`, if there is one, they stand still.
     pub points: Vec<(Vec3, [usize; 2])>,
@@ -206,6 +216,7 @@ pub fn estimate(
         blurred: std::mem::take(&mut followed.blurred),
         poses: Vec::new(),
         swaying: Vec::new(),
+        typical_depth: None,
         points: Vec::new(),
     };
     if followed.used.len() < SHORTEST_TRACK || 1.0 - still_share < LEAST_GAIN {
@@ -278,7 +289,12 @@ pub(crate) fn place(
     let scale = builder.place_points(used.iter().map(pose).collect());
     let is_explained = moving_share(&builder, &lens) >= LEAST_EXPLAINED;
     let points = scale.filter(|_| is_explained).map(|scale| points(&builder, &lens, scale, &used));
-    Ok(ScopePath { points: points.unwrap_or_default(), ..ScopePath::default() })
+    Ok(ScopePath {
+        verdict: if is_explained { Verdict::Still } else { Verdict::Unexplained },
+        points: points.unwrap_or_default(),
+        typical_depth: scale.map(|scale| scale as f32),
+        ..ScopePath::default()
+    })
 }
 
 /// Points that were followed through a recording.

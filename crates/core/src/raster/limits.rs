@@ -2,8 +2,8 @@
 
 /// Edge of a tile, px.
 pub const TILE: usize = 16;
-/// Gaussians nearer than this (scene units) are culled.
-pub const NEAR: f32 = 0.2;
+/// Gaussians nearer than this (scene units) are culled. Scenes in metres are seen from some centimetres away.
+pub const NEAR: f32 = 0.01;
 /// Blur that is added to the diagonal of the 2-D covariance (px²).
 pub const DILATION: f32 = 0.3;
 /// Smallest alpha of a contribution; smaller ones are skipped.

@@ -243,9 +243,9 @@ impl Recording {
         Ok(())
     }
 
-    /// Gives every frame its depth map (PNG or npy) from `folder`, if that exists.
+    /// Gives frames their depth map (PNG or npy) from `folder`, if that exists; not every frame needs one.
     pub(super) fn add_depth(&mut self, folder: &Path) -> Result<()> {
-        for (frame, file) in self.companions(folder, &["png", "npy"], "depth maps", false)? {
+        for (frame, file) in self.companions(folder, &["png", "npy"], "depth maps", true)? {
             frame.depth = Some(file);
         }
         Ok(())

@@ -237,7 +237,7 @@ fn initial_gaussians(
         .filter_map(|s| s.depth.as_ref())
         .flat_map(|d| d.data.iter().copied().filter(|z| *z > 0.0 && z.is_finite()))
         .collect();
-    let typical_depth = percentile(&mut known, 50.0).unwrap_or(DEFAULT_DEPTH);
+    let typical_depth = percentile(&mut known, 50.0).or(path.typical_depth).unwrap_or(DEFAULT_DEPTH);
     if typical_depth < 2.0 * NEAR {
         return Err(Error::input_at(
             sequence.path(),

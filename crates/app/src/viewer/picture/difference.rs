@@ -37,7 +37,7 @@ impl Difference {
         let pixels = recorded.pixels().zip(rendered.pixels()).map(level).collect();
         let image = ColorImage::new([width as usize, height as usize], pixels);
         let psnr_db = psnr_db(rendered, recorded, None).filter(|_| rendered != recorded);
-        Self { image: Arc::new(image), psnr_db: psnr_db }
+        Self { image: Arc::new(image), psnr_db }
     }
 }
 

@@ -88,19 +88,23 @@ impl Poses {
         let near = |a: f64, b: f64| (a / b - 1.0).abs() < 0.25;
         let stereo_mis = columns == 15 || (near(2.0 * s0, height) && near(2.0 * s1, width));
         let mut camera = Camera::with_field_of_view(width as u32, height as u32, 60.0);
-        let mut note = None;
+        // Columns and rows that the numbers are of. StereoMIS gives the principal point, near the middle.
+        let of = match stereo_mis {
+            true if near(2.0 * s0, height) && near(2.0 * s1, width) => (width, height),
+            true => (2.0 * s1, 2.0 * s0),
+            false => (s1, s0),
+        };
+        let (sx, sy) = (width / of.0, height / of.1);
+        (camera.fx, camera.fy) = ((focal * sx) as f32, (focal * sy) as f32);
         if stereo_mis {
-            (camera.fx, camera.fy) = (focal as f32, focal as f32);
-            (camera.cy, camera.cx) = (s0 as f32, s1 as f32);
-        } else {
-            let (sx, sy) = (width / s1, height / s0);
-            (camera.fx, camera.fy) = ((focal * sx) as f32, (focal * sy) as f32);
-            if (sx - 1.0).abs() > 1e-6 || (sy - 1.0).abs() > 1e-6 {
-                note = Some(format!(
-                    "poses_bounds.npy is for {s1}×{s0} pixels, the images are {width}×{height}: the focal length was scaled"
-                ));
-            }
+            (camera.cy, camera.cx) = ((s0 * sy) as f32, (s1 * sx) as f32);
         }
+        let note = ((sx - 1.0).abs() > 1e-6 || (sy - 1.0).abs() > 1e-6).then(|| {
+            format!(
+                "poses_bounds.npy is for {:.0}×{:.0} pixels, the images are {width}×{height}: the camera was scaled",
+                of.0, of.1
+            )
+        });
         let cameras = values.chunks_exact(columns).enumerate().map(|(i, row)| {
             let camera_from_world = camera_from_world(row, stereo_mis)
                 .ok_or_else(|| format!("pose {i} is not a number or cannot be inverted"))?;

@@ -12,6 +12,9 @@ use crate::{
 };
 use std::path::Path;
 
+/// Columns and rows of the challenge's pictures, which its calibration is of.
+const SIZE: [f32; 2] = [1280.0, 1024.0];
+
 /// Returns `true` if `folder` has the marks of this layout.
 pub(super) fn matches(folder: &Path) -> Result<bool> {
     Ok(read::holds(&folder.join("left_frames"), read::PICTURES))
@@ -26,6 +29,15 @@ pub(super) fn open(folder: &Path) -> Result<Recording> {
     let calibration = folder.join("camera_calibration.txt");
     if is_present(&calibration) {
         let [fx, fy, cx, cy] = read_calibration(&calibration)?;
+        let scale = [recording.width as f32 / SIZE[0], recording.height as f32 / SIZE[1]];
+        if scale != [1.0; 2] {
+            let [width, height] = SIZE;
+            recording.notes.push(format!(
+                "camera_calibration.txt is for {width}×{height} pixels, the images are {}×{}: it was scaled",
+                recording.width, recording.height
+            ));
+        }
+        let ([fx, cx], [fy, cy]) = ([fx, cx].map(|v| v * scale[0]), [fy, cy].map(|v| v * scale[1]));
         for camera in &mut recording.cameras {
             (camera.fx, camera.fy, camera.cx, camera.cy) = (fx, fy, cx, cy);
         }
