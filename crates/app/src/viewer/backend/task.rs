@@ -145,12 +145,43 @@ impl<U> TaskContext<U> {
     }
 }
 
+#[cfg(test)]
+impl<U> TaskContext<U> {
+    /// Makes the context of work without a window, which is asked to stop at the first progress that `stops`
+    /// is true for.
+    pub(crate) fn stopping_at(stops: impl Fn(&Progress) -> bool + Send + Sync + 'static) -> Self {
+        let num_stops = Arc::new(AtomicU32::new(0));
+        let counter = num_stops.clone();
+        let report = move |news: News<U>| {
+            if let News::Progress(progress) = news
+                && stops(&progress)
+            {
+                counter.fetch_add(1, Ordering::Relaxed);
+            }
+        };
+        Self {
+            report: Box::new(report),
+            stops: num_stops,
+            pause: Arc::default(),
+            wishes: Arc::new(Wishes::usual()),
+            stage_began: Mutex::new((String::new(), std::time::Instant::now())),
+        }
+    }
+}
+
 /// Wishes of the user while a task runs.
 struct Wishes {
     /// Seconds between two previews; 0 means never.
     preview_every: AtomicU32,
     /// Frame that the user looks at.
     play_head: AtomicU32,
+}
+
+impl Wishes {
+    /// Returns those of a user who has not said any.
+    fn usual() -> Self {
+        Self { preview_every: AtomicU32::new(USUAL_PREVIEW_SECONDS), play_head: AtomicU32::new(0) }
+    }
 }
 
 /// Pause switch of a task.
@@ -194,10 +225,7 @@ impl<T: Send + 'static, U: Send + 'static> Task<T, U> {
         let (sender, events) = channel();
         let stops = Arc::new(AtomicU32::new(0));
         let pause = Arc::new(Pause::default());
-        let wishes = Arc::new(Wishes {
-            preview_every: AtomicU32::new(USUAL_PREVIEW_SECONDS),
-            play_head: AtomicU32::new(0),
-        });
+        let wishes = Arc::new(Wishes::usual());
         let context = context(sender.clone(), ctx.clone(), stops.clone(), pause.clone(), wishes.clone());
         let (at_end, repaint) = (sender.clone(), ctx.clone());
         let body = move || {

@@ -309,25 +309,14 @@ mod tests {
             excluded: Vec::new(),
             words: Words::Models(models),
         };
-        let start = || {
-            let request = request.clone();
-            let work = move |task: &TaskContext<TrainNews>| reconstruct(&request, task);
-            Task::start("training", &egui::Context::default(), work)
+        let until = |stage: &'static str| {
+            let task = TaskContext::stopping_at(move |p| p.stage.starts_with(stage) && p.done > 0);
+            reconstruct(&request, &task)
         };
-        let wait = |task: &mut Task<PathBuf, TrainNews>, stop_at: &str| loop {
-            let event = task.poll();
-            if !stop_at.is_empty() && task.progress.stage.starts_with(stop_at) && task.progress.done > 0 {
-                task.cancel();
-            }
-            match event {
-                Some(TaskEvent::Done(result)) => return result,
-                _ => std::thread::yield_now(),
-            }
-        };
-        let stopped = wait(&mut start(), PREPARING);
-        assert!(matches!(stopped, Err(Error::Cancelled)) || stopped.is_ok(), "{stopped:?}");
+        let stopped = until(PREPARING);
+        assert!(matches!(stopped, Err(Error::Cancelled)), "{stopped:?}");
         assert!(request.features_folder().join("masks").is_dir(), "what was found is kept");
-        let scene = wait(&mut start(), "training").unwrap();
+        let scene = until("training").unwrap();
         let scene = Scene::load(&scene).unwrap();
         assert!(scene.codec.is_some(), "words can be asked");
     }
