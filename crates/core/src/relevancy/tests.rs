@@ -229,20 +229,16 @@ fn latents_outside_the_cube_are_decoded_exactly() {
 }
 
 #[test]
-fn prompts_do_not_depend_on_their_order_or_company() {
+fn prompts_do_not_depend_on_their_company() {
     let images = rendered(&WORLD.0, 48, 32, 0.05, 7);
     let settings = RelevancySettings::default();
     let queries: Vec<Query> = (0..4).map(query_for).collect();
     for (rung, alone) in every_rung().iter_mut().zip(&mut every_rung()) {
-        let forward = rung.score(&images, &queries, &settings);
-        let reversed: Vec<Query> = queries.iter().rev().cloned().collect();
-        let mut backward = rung.score(&images, &reversed, &settings);
-        backward.reverse();
+        let together = rung.score(&images, &queries, &settings);
         // The lattice is finer where another prompt required it, within its tolerance.
         let tolerance = if rung.name() == "lattice" { 1.0 / 255.0 } else { 1e-6 };
-        assert!(largest_difference(&forward, &backward) <= tolerance, "{}", rung.name());
         let single = alone.score(&images, &queries[2..3], &settings);
-        assert!(largest_difference(&forward[2..3], &single) <= tolerance, "{}", rung.name());
+        assert!(largest_difference(&together[2..3], &single) <= tolerance, "{}", rung.name());
         let twice = rung.score(&images, &[queries[1].clone(), queries[1].clone()], &settings);
         assert_eq!(twice[0], twice[1]);
         assert!(rung.score(&images, &[], &settings).is_empty());

@@ -101,7 +101,7 @@ fn a_perfect_picture_of_flat_regions_costs_nothing() {
     }
     let (terms, g) = loss(&f.planes, &f.truth(), &LossWeights { min_region_px: 5, ..LossWeights::default() });
     assert!(terms.total().abs() < 1e-9, "{terms:?}");
-    assert!(g.iter().all(|v| v.abs() < 1e-9 || v.is_finite()));
+    assert!(g.iter().all(|v| v.abs() < 1e-9), "and pulls nowhere");
 }
 
 #[test]
