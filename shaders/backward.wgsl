@@ -151,11 +151,11 @@ fn sum_channels(k: u32, column: u32, first: u32, origin: vec2u) {
 
 fn load(first: u32, count: u32, thread: u32) {
     if thread < count {
-        loaded[thread] = splats[pair_splats[first + thread]];
+        loaded[thread] = splats[pair_gaussians[first + thread]];
         loaded_slots[thread] = pair_slots[first + thread];
     }
     for (var i = thread; i < count * NUM_FEATURES && LATENT_DIM > 0u; i += PIXELS) {
-        let splat = pair_splats[first + i / NUM_FEATURES];
+        let splat = pair_gaussians[first + i / NUM_FEATURES];
         loaded_features[i] = features[splat * NUM_FEATURES + i % NUM_FEATURES];
     }
 }

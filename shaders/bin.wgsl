@@ -105,7 +105,7 @@ fn emit_pairs(
     if rank >= view.num_gaussians {
         return;
     }
-    var end = num_wanted[0];
+    var end = num_pairs_wanted[0];
     if rank + 1u < view.num_gaussians {
         end = first_pair[rank + 1u];
     }
@@ -118,7 +118,7 @@ fn emit_pairs(
         let span = tile_span(splat, row);
         for (var column = span.x; column < span.y && at < end; column++) {
             pair_tiles[at] = row * view.tiles.x + column;
-            pair_gaussians[at] = gaussian;
+            pair_values[at] = gaussian;
             at++;
         }
     }
@@ -126,7 +126,7 @@ fn emit_pairs(
     // go to a tile that does not exist.
     for (; at < end; at++) {
         pair_tiles[at] = view.tiles.x * view.tiles.y;
-        pair_gaussians[at] = gaussian;
+        pair_values[at] = gaussian;
     }
 }
 
@@ -137,7 +137,7 @@ fn find_ranges(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let at = flat_group(group, num_groups) * GROUP + lane;
-    let num_pairs = min(num_wanted[0], view.pair_capacity);
+    let num_pairs = min(num_pairs_wanted[0], view.pair_capacity);
     if at >= num_pairs {
         return;
     }
@@ -160,9 +160,9 @@ fn number_pairs(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let at = flat_group(group, num_groups) * GROUP + lane;
-    if at < min(num_wanted[0], view.pair_capacity) {
-        slot_owners[at] = pair_gaussians[at];
-        pair_gaussians[at] = at;
+    if at < min(num_pairs_wanted[0], view.pair_capacity) {
+        slot_gaussians[at] = pair_values[at];
+        pair_values[at] = at;
     }
 }
 
@@ -173,7 +173,7 @@ fn resolve_pairs(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let at = flat_group(group, num_groups) * GROUP + lane;
-    if at < min(num_wanted[0], view.pair_capacity) {
-        pair_owners[at] = slot_owners[pair_gaussians[at]];
+    if at < min(num_pairs_wanted[0], view.pair_capacity) {
+        pair_gaussians[at] = slot_gaussians[pair_values[at]];
     }
 }

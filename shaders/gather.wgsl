@@ -19,7 +19,7 @@ fn gather(
     if rank >= view.num_gaussians {
         return;
     }
-    var end = num_wanted[0];
+    var end = num_pairs_wanted[0];
     if rank + 1u < view.num_gaussians {
         end = first_pair[rank + 1u];
     }

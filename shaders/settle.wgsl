@@ -16,8 +16,8 @@ fn decide(terms: array<vec4f, 2>, camera: array<vec4f, 2>) {
     let is_bad = status[STATUS_BAD] != 0u;
     status[STATUS_BAD] = 0u;
     status[STATUS_OK] = 0u;
-    status[STATUS_WANTED] = max(status[STATUS_WANTED], num_wanted[0]);
-    if num_wanted[0] > params.capacity {
+    status[STATUS_WANTED] = max(status[STATUS_WANTED], num_pairs_wanted[0]);
+    if num_pairs_wanted[0] > params.capacity {
         status[STATUS_OVERFLOWN] = 1u;
     }
     if status[STATUS_OVERFLOWN] != 0u {

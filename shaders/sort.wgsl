@@ -10,7 +10,7 @@ const DIGITS: u32 = 16u;
 const SORT_ITEMS: u32 = SORT_BLOCK / SORT_GROUP;
 
 fn num_pairs() -> u32 {
-    return min(num_wanted[0], params.capacity);
+    return min(num_pairs_wanted[0], params.capacity);
 }
 
 fn digit_of(key: u32) -> u32 {

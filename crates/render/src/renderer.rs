@@ -86,7 +86,7 @@ impl GpuRenderer {
         loop {
             let mut encoder = self.encode_planes(input, clock)?;
             let planes = self.planes.raster.planes.part();
-            let parts = [self.num_wanted(), planes];
+            let parts = [self.num_pairs_wanted(), planes];
             self.timer.finish(&mut encoder);
             let (wanted, planes) =
                 submit(&self.gpu, &mut self.staging, encoder, &parts, |[wanted, planes]| {
@@ -177,7 +177,7 @@ impl GpuRenderer {
         let planes = &self.planes.raster.planes;
         self.shown.encode_pictures(&mut encoder, &mut self.timer, planes, asked, size)?;
         let [a, b, c, d, e, f] = self.shown.parts(asked, wanted);
-        let parts = [self.num_wanted(), a, b, c, d, e, f];
+        let parts = [self.num_pairs_wanted(), a, b, c, d, e, f];
         self.timer.finish(&mut encoder);
         submit(&self.gpu, &mut self.staging, encoder, &parts, |[num_pairs, parts @ ..]| {
             let (shown, num_open) = self.shown.parse(parts, size);
@@ -186,8 +186,8 @@ impl GpuRenderer {
     }
 
     /// Location of the number of pairs wanted. If it exceeds the capacity, the frame is wrong.
-    fn num_wanted(&self) -> Part {
-        (self.planes.bin.num_wanted().buffer().clone(), size_of::<u32>() as u64)
+    fn num_pairs_wanted(&self) -> Part {
+        (self.planes.bin.num_pairs_wanted().buffer().clone(), size_of::<u32>() as u64)
     }
 
     /// Returns the Gaussian at a pixel of the last rendered frame; `None` outside of it or if nothing

@@ -22,15 +22,16 @@ shader! {
     var<write> depth_order: [u32];
     /// Number of tiles of each rank in depth_order; after the scan its first pair.
     var<write> first_pair: [u32];
-    var<read> num_wanted: [u32];
+    var<read> num_pairs_wanted: [u32];
     var<write> pair_tiles: [u32];
-    var<write> pair_gaussians: [u32];
+    /// Sorted payload of each splat-tile pair: a Gaussian, or a slot when training.
+    var<write> pair_values: [u32];
     /// [first, end) of each tile; must have been cleared.
     var<write> tile_ranges: [[u32; 2]];
     /// Gaussian of each slot.
-    var<write> slot_owners: [u32];
-    /// Gaussian of each pair whose slot is in pair_gaussians.
-    var<write> pair_owners: [u32];
+    var<write> slot_gaussians: [u32];
+    /// Gaussian of each pair whose slot is in pair_values.
+    var<write> pair_gaussians: [u32];
 }
 
 #[derive(Debug)]
@@ -50,9 +51,9 @@ pub(crate) struct BinPass {
     levels: Levels,
     pairs: SortBuffers,
     capacity: usize,
-    slot_owners: DeviceVec<u32>,
+    slot_gaussians: DeviceVec<u32>,
     /// Output if pairs have slots: Gaussian of each pair, tile by tile and front to back.
-    pub pair_owners: DeviceVec<u32>,
+    pub pair_gaussians: DeviceVec<u32>,
     /// Output: [first, end) of each tile in the pairs.
     pub ranges: DeviceVec<[u32; 2]>,
 }
@@ -78,8 +79,8 @@ impl BinPass {
             levels: Levels::default(),
             pairs: SortBuffers::new(gpu),
             capacity: FIRST_CAPACITY,
-            slot_owners: DeviceVec::new(gpu, "splat-tile pairs"),
-            pair_owners: DeviceVec::new(gpu, "splat-tile pairs"),
+            slot_gaussians: DeviceVec::new(gpu, "splat-tile pairs"),
+            pair_gaussians: DeviceVec::new(gpu, "splat-tile pairs"),
             ranges: DeviceVec::new(gpu, "tiles"),
         })
     }
@@ -126,7 +127,7 @@ impl BinPass {
     }
 
     /// Number of pairs that the last frame wanted.
-    pub(crate) fn num_wanted(&self) -> &DeviceVec<u32> {
+    pub(crate) fn num_pairs_wanted(&self) -> &DeviceVec<u32> {
         self.levels.total().unwrap_or(&self.num_splats)
     }
 
@@ -163,20 +164,20 @@ impl BinPass {
         view: &ViewParams,
         splats: &DeviceVec<SplatRow>,
     ) -> Result<()> {
-        self.slot_owners.resize(gpu, self.capacity)?;
-        self.pair_owners.resize(gpu, self.capacity)?;
+        self.slot_gaussians.resize(gpu, self.capacity)?;
+        self.pair_gaussians.resize(gpu, self.capacity)?;
         let per_pair = (self.capacity as u32).div_ceil(GROUP);
         self.emit(gpu, pass, view_buffer, view, splats);
-        let common = [Wgsl::view(view_buffer), Wgsl::num_wanted(self.num_wanted())];
-        let emitted = [Wgsl::pair_gaussians(self.pairs()), Wgsl::slot_owners(&self.slot_owners)];
+        let common = [Wgsl::view(view_buffer), Wgsl::num_pairs_wanted(self.num_pairs_wanted())];
+        let emitted = [Wgsl::pair_values(self.pairs()), Wgsl::slot_gaussians(&self.slot_gaussians)];
         self.number_pairs.dispatch(gpu, pass, &[common, emitted].concat(), per_pair);
         self.sort_by_tile(gpu, pass, view_buffer, view);
         let bindings = [
             Wgsl::view(view_buffer),
-            Wgsl::num_wanted(self.num_wanted()),
-            Wgsl::pair_gaussians(self.pairs()),
-            Wgsl::slot_owners(&self.slot_owners),
-            Wgsl::pair_owners(&self.pair_owners),
+            Wgsl::num_pairs_wanted(self.num_pairs_wanted()),
+            Wgsl::pair_values(self.pairs()),
+            Wgsl::slot_gaussians(&self.slot_gaussians),
+            Wgsl::pair_gaussians(&self.pair_gaussians),
         ];
         self.resolve_pairs.dispatch(gpu, pass, &bindings, per_pair);
         Ok(())
@@ -204,9 +205,9 @@ impl BinPass {
         self.scan.encode(gpu, pass, &self.first_pair, &self.levels);
 
         let pairs = [
-            Wgsl::num_wanted(self.num_wanted()),
+            Wgsl::num_pairs_wanted(self.num_pairs_wanted()),
             Wgsl::pair_tiles(self.pairs.keys()),
-            Wgsl::pair_gaussians(self.pairs.values()),
+            Wgsl::pair_values(self.pairs.values()),
         ];
         self.emit_pairs.dispatch(gpu, pass, &[&ordered[..], &pairs].concat(), per_splat);
     }
@@ -218,14 +219,14 @@ impl BinPass {
         view_buffer: &Uniform<ViewParams>,
         view: &ViewParams,
     ) {
-        let num_wanted = self.levels.total().unwrap_or(&self.num_splats);
+        let num_pairs_wanted = self.levels.total().unwrap_or(&self.num_splats);
         // One tile more than there are: see the end of emit_pairs.
         let tile_bits = u32::BITS - (view.tiles[0] * view.tiles[1]).leading_zeros();
-        self.sort.encode(gpu, pass, &self.scan, &mut self.pairs, num_wanted, tile_bits);
+        self.sort.encode(gpu, pass, &self.scan, &mut self.pairs, num_pairs_wanted, tile_bits);
 
         let bindings = [
             Wgsl::view(view_buffer),
-            Wgsl::num_wanted(num_wanted),
+            Wgsl::num_pairs_wanted(num_pairs_wanted),
             Wgsl::pair_tiles(self.pairs.keys()),
             Wgsl::tile_ranges(&self.ranges),
         ];

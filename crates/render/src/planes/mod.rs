@@ -232,7 +232,7 @@ impl PlanePasses {
                 let view = view_of_splats(camera, splats.len(), self.bin.capacity());
                 self.bin.prepare(&gpu, &view)?;
                 run(&gpu, |pass| self.bin.encode(&gpu, pass, &uniform(&gpu, &view), &view, &rows));
-                let wanted = self.bin.num_wanted().read(&gpu, 1)?[0];
+                let wanted = self.bin.num_pairs_wanted().read(&gpu, 1)?[0];
                 if !self.bin.grow_if_full(&gpu, wanted)? {
                     return self.bin.read(&gpu, &view);
                 }

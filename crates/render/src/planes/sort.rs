@@ -15,7 +15,7 @@ shader! {
     const SORT_BLOCK = BLOCK;
     var<uniform> params: SortParams;
     /// Number of pairs that were wanted; may exceed the capacity.
-    var<read> num_wanted: [u32];
+    var<read> num_pairs_wanted: [u32];
     var<read> keys_in: [u32];
     var<read> values_in: [u32];
     var<write> keys_out: [u32];
@@ -102,7 +102,7 @@ impl Sort {
         })
     }
 
-    /// Adds a stable sort by the lowest `key_bits` bits of the first `num_wanted[0]` pairs, as far as
+    /// Adds a stable sort by the lowest `key_bits` bits of the first `num_pairs_wanted[0]` pairs, as far as
     /// they fit.
     pub(crate) fn encode(
         &self,
@@ -110,7 +110,7 @@ impl Sort {
         pass: &mut Pass<'_>,
         scan: &Scan,
         buffers: &mut SortBuffers,
-        num_wanted: &DeviceVec<u32>,
+        num_pairs_wanted: &DeviceVec<u32>,
         key_bits: u32,
     ) {
         let capacity = buffers.keys[0].len() as u32;
@@ -120,7 +120,7 @@ impl Sort {
             let (from, to) = (buffers.current, 1 - buffers.current);
             let common = [
                 Wgsl::params(&params),
-                Wgsl::num_wanted(num_wanted),
+                Wgsl::num_pairs_wanted(num_pairs_wanted),
                 Wgsl::keys_in(&buffers.keys[from]),
                 Wgsl::places(&buffers.places),
             ];

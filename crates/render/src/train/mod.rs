@@ -213,7 +213,7 @@ impl GpuBackend {
         let input = RasterInput {
             splats: &project.splats,
             features: &deform.features,
-            pairs: &bin.pair_owners,
+            pairs: &bin.pair_gaussians,
             ranges: &bin.ranges,
         };
         raster.encode(gpu, &mut timer.begin(encoder, "raster"), view_buffer, &view, &input, dim);

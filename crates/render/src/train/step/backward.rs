@@ -28,7 +28,7 @@ shader! {
     var<read> splats: [SplatRow];
     var<read> features: [f32];
     /// Gaussian and slot of each pair, sorted by tile, then depth.
-    var<read> pair_splats: [u32];
+    var<read> pair_gaussians: [u32];
     var<read> pair_slots: [u32];
     var<read> tile_ranges: [[u32; 2]];
     var<read> planes: [f32];
@@ -45,7 +45,7 @@ shader! {
     var<read> splats: [SplatRow];
     var<read> depth_order: [u32];
     var<read> first_pair: [u32];
-    var<read> num_wanted: [u32];
+    var<read> num_pairs_wanted: [u32];
     var<read> slots: [f32];
     var<write> g_splats: [SplatGradientRow];
     /// dL/d(feature at time t), [N][LATENT_DIM].
@@ -112,7 +112,7 @@ impl BackwardPass {
             BackwardWgsl::splats(step.splats),
             // The second half of them are the openings of gates.
             BackwardWgsl::features(Array::from(features).moving(features.num_bytes() / 2)),
-            BackwardWgsl::pair_splats(&step.bin.pair_owners),
+            BackwardWgsl::pair_gaussians(&step.bin.pair_gaussians),
             BackwardWgsl::pair_slots(step.bin.pairs()),
             BackwardWgsl::tile_ranges(&step.bin.ranges),
             BackwardWgsl::planes(&step.raster.planes),
@@ -129,14 +129,14 @@ impl BackwardPass {
                 padding: 0,
             },
         );
-        let [depth_order, first_slot] = step.bin.slots();
+        let [depth_order, first_pair] = step.bin.slots();
         let bindings = [
             GatherWgsl::view(step.view_buffer),
             GatherWgsl::params(&params),
             GatherWgsl::splats(step.splats),
             GatherWgsl::depth_order(depth_order),
-            GatherWgsl::first_pair(first_slot),
-            GatherWgsl::num_wanted(step.bin.num_wanted()),
+            GatherWgsl::first_pair(first_pair),
+            GatherWgsl::num_pairs_wanted(step.bin.num_pairs_wanted()),
             GatherWgsl::slots(&self.slots),
             GatherWgsl::g_splats(&self.g_splats),
             GatherWgsl::g_features(&self.g_features),

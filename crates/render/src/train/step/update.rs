@@ -44,7 +44,7 @@ shader! {
     var<read> spreads: [[f32; 4]];
     /// [workgroups][2]
     var<read> g_cameras: [[f32; 4]];
-    var<read> num_wanted: [u32];
+    var<read> num_pairs_wanted: [u32];
     var<write> status: [u32];
     var<write> history: [Settled];
 }
@@ -234,7 +234,7 @@ impl UpdatePass {
             SettleWgsl::partial_sums(&loss.sums),
             SettleWgsl::spreads(&loss.spreads),
             SettleWgsl::g_cameras(&chain.g_cameras),
-            SettleWgsl::num_wanted(step.bin.num_wanted()),
+            SettleWgsl::num_pairs_wanted(step.bin.num_pairs_wanted()),
             SettleWgsl::status(&resident.status),
             SettleWgsl::history(&resident.history),
         ];
