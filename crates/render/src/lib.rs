@@ -18,7 +18,7 @@ pub use device::{AdapterChoice, AdapterFacts, Gpu, Loss, Unavailable};
 pub use planes::{PlanePasses, RenderInput};
 pub use relevancy::GpuExact;
 pub use renderer::GpuRenderer;
-pub use shown::{Asked, Mark, Marking, Shown, ShownPasses, Wanted};
+pub use shown::{Asked, OverlayRequest, RegionStyle, Shown, ShownPasses, Wanted};
 pub use timer::PassCost;
 pub use traffic::Traffic;
 pub use train::{GpuBackend, StepTrace};

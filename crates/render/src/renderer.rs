@@ -114,8 +114,9 @@ impl GpuRenderer {
         }
         clock.start();
         // Prompts that cannot be answered are left out.
-        asked = asked
-            .filter(|a| !a.queries.is_empty() && a.marking.is_none_or(|m| m.marks.len() == a.queries.len()));
+        asked = asked.filter(|a| {
+            !a.queries.is_empty() && a.overlay.is_none_or(|o| o.regions.len() == a.queries.len())
+        });
         let is_asked = asked.is_some();
         let gpu = self.gpu.clone();
         let shown = gpu.guarded(|| {

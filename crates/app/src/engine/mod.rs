@@ -66,7 +66,7 @@ use surgtpgs_core::{
     summary::Summary,
     train::Profile,
 };
-use surgtpgs_render::{Asked, GpuRenderer, Mark, Marking, RenderInput, Shown, Wanted};
+use surgtpgs_render::{Asked, GpuRenderer, OverlayRequest, RegionStyle, RenderInput, Shown, Wanted};
 
 /// Choice of the text encoder.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -122,7 +122,7 @@ pub enum Ask<'a> {
     /// No scores yet: the features are rendered, so that asking later costs no rendering.
     Later,
     /// The scores of the prompts and, with a marking, the found areas drawn over the picture.
-    Now(Option<Marking<'a>>),
+    Now(Option<OverlayRequest<'a>>),
 }
 
 /// A scene that can be rendered and asked.
@@ -358,7 +358,7 @@ impl Engine {
             let field_of_view = view.recorded.then_some(&scene.field_of_view);
             let asked = match (ask, relevancy) {
                 (Ask::Now(marking), Some(Fastest::Lattice(lattice))) => {
-                    Some(Asked { lattice, queries: &asking.queries, settings, marking })
+                    Some(Asked { lattice, queries: &asking.queries, settings, overlay: marking })
                 }
                 _ => None,
             };
@@ -377,10 +377,10 @@ impl Engine {
         let picture = wanted.pictures.then(|| images.to_rgb());
         let depth = wanted.depth.then(|| images.normalised_depth(MIN_DEPTH_ALPHA));
         let mut shown = Shown { depth, ..Shown::default() };
-        if let Some(Marking { marks, look, base }) = marking {
-            let marked = || scores.iter().zip(marks);
+        if let Some(OverlayRequest { regions, look, base }) = marking {
+            let marked = || scores.iter().zip(regions);
             shown.summaries = marked().map(|(s, mark)| Summary::new(s, mark.threshold)).collect();
-            let prompt = |(scores, mark): (_, &Mark)| OverlayPrompt {
+            let prompt = |(scores, mark): (_, &RegionStyle)| OverlayPrompt {
                 scores,
                 threshold: mark.threshold,
                 colour: mark.colour,

@@ -30,13 +30,13 @@ fn asked_engine(backend: BackendChoice) -> Engine {
     engine
 }
 
-const MARKS: [Mark; 1] = [Mark { threshold: 0.25, colour: [0, 200, 80], is_dashed: false }];
+const REGIONS: [RegionStyle; 1] = [RegionStyle { threshold: 0.25, colour: [0, 200, 80], is_dashed: false }];
 
 fn shown(engine: &mut Engine, time: f32) -> Shown {
     use surgtpgs_core::overlay::{OverlayLook, OverlayStyle};
     let camera = engine.scene().cameras[0];
     let look = OverlayLook { style: OverlayStyle::Fill, opacity: 0.5, ..Default::default() };
-    let marking = Marking { marks: &MARKS, look, base: None };
+    let marking = OverlayRequest { regions: &REGIONS, look, base: None };
     let view = SceneView { time, camera, recorded: true };
     engine.show(&view, Ask::Now(Some(marking)), Wanted::ALL).unwrap()
 }

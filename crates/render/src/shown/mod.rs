@@ -47,16 +47,16 @@ pub struct Asked<'a> {
     pub queries: &'a [Query],
     /// Settings of the scores.
     pub settings: &'a RelevancySettings,
-    /// Style of the overlay; `None` if only the scores are wanted.
-    pub marking: Option<Marking<'a>>,
+    /// Overlay to draw; `None` if only the scores are wanted.
+    pub overlay: Option<OverlayRequest<'a>>,
 }
 
-/// Style of the overlay of found regions.
+/// Overlay of found regions.
 #[derive(Clone, Copy, Debug)]
-pub struct Marking<'a> {
-    /// Marks, one per prompt.
-    pub marks: &'a [Mark],
-    /// Look of each mark; found regions are drawn over instruments here.
+pub struct OverlayRequest<'a> {
+    /// Styles of the regions, one per prompt.
+    pub regions: &'a [RegionStyle],
+    /// Look of all regions; they are drawn over instruments here.
     pub look: OverlayLook,
     /// Picture to draw on instead of the rendered one; of the frame's size.
     pub base: Option<&'a RgbImage>,
@@ -64,7 +64,7 @@ pub struct Marking<'a> {
 
 /// Style of one prompt's region.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Mark {
+pub struct RegionStyle {
     /// Score above which a pixel is found.
     pub threshold: f32,
     /// Colour of the prompt.
@@ -116,7 +116,7 @@ pub struct ShownPasses {
     inside: DeviceVec<u32>,
     /// Size and field of view that `inside` was made for.
     inside_of: Option<([u32; 2], Option<Mask>)>,
-    marks: DeviceVec<PromptRow>,
+    prompts: DeviceVec<PromptRow>,
     marked: DeviceVec<u32>,
 }
 
@@ -132,7 +132,7 @@ impl ShownPasses {
                 summary: SummaryPass::new(gpu)?,
                 inside: DeviceVec::new(gpu, "field of view"),
                 inside_of: None,
-                marks: DeviceVec::new(gpu, "prompts"),
+                prompts: DeviceVec::new(gpu, "prompts"),
                 marked: DeviceVec::new(gpu, "pixels"),
             })
         })
@@ -204,33 +204,33 @@ impl ShownPasses {
         asked: Option<&Asked<'_>>,
         size: [u32; 2],
     ) -> Result<()> {
-        let Self { gpu, compose, lattice, overlay, summary, inside, marks, marked, .. } = self;
+        let Self { gpu, compose, lattice, overlay, summary, inside, prompts, marked, .. } = self;
         compose.prepare(gpu, (size[0] * size[1]) as usize)?;
         compose.encode(gpu, &mut timer.begin(encoder, "compose"), planes, inside, MIN_DEPTH_ALPHA);
-        let Some(marking) = asked.and_then(|a| a.marking) else { return Ok(()) };
+        let Some(request) = asked.and_then(|a| a.overlay) else { return Ok(()) };
         let rows: Vec<PromptRow> =
-            marking.marks.iter().map(|m| PromptRow::new(m.colour, m.threshold, m.is_dashed)).collect();
-        marks.write(gpu, &rows)?;
+            request.regions.iter().map(|r| PromptRow::new(r.colour, r.threshold, r.is_dashed)).collect();
+        prompts.write(gpu, &rows)?;
         marked.resize(gpu, compose.pixels.len())?;
-        match marking.base {
+        match request.base {
             Some(base) => marked.write(gpu, &to_pixels(base))?,
             None => {
                 let (pixels, num_bytes) = compose.pixels.part();
                 encoder.copy_buffer_to_buffer(&pixels, 0, marked.buffer(), 0, num_bytes);
             }
         }
-        let params = OverlayParams::new(size, marking.marks.len(), marking.look);
+        let params = OverlayParams::new(size, request.regions.len(), request.look);
         let scores = &lattice.scores;
-        overlay.encode(gpu, &mut timer.begin(encoder, "overlay"), &params, marks, scores, marked);
-        summary.prepare(gpu, size, marking.marks.len())?;
+        overlay.encode(gpu, &mut timer.begin(encoder, "overlay"), &params, prompts, scores, marked);
+        summary.prepare(gpu, size, request.regions.len())?;
         encoder.clear_buffer(summary.summaries.buffer(), 0, None);
-        summary.encode(gpu, &mut timer.begin(encoder, "summary"), marks, scores);
+        summary.encode(gpu, &mut timer.begin(encoder, "summary"), prompts, scores);
         Ok(())
     }
 
     /// Parts to read back; those that are not wanted are empty.
     pub(crate) fn parts(&self, asked: Option<&Asked<'_>>, wanted: Wanted) -> [Part; 6] {
-        let (is_asked, is_marked) = (asked.is_some(), asked.is_some_and(|a| a.marking.is_some()));
+        let (is_asked, is_marked) = (asked.is_some(), asked.is_some_and(|a| a.overlay.is_some()));
         [
             (is_asked, self.lattice.num_open.part()),
             (is_marked, self.summary.summaries.part()),

@@ -15,11 +15,11 @@ use surgtpgs_core::{
     scene::Scene,
     summary::Summary,
 };
-use surgtpgs_render::{Asked, GpuRenderer, Mark, Marking, RenderInput, Shown, Wanted};
+use surgtpgs_render::{Asked, GpuRenderer, OverlayRequest, RegionStyle, RenderInput, Shown, Wanted};
 
-const MARKS: [Mark; 2] = [
-    Mark { colour: [0, 114, 178], threshold: 0.5, is_dashed: false },
-    Mark { colour: [204, 121, 167], threshold: 0.3, is_dashed: true },
+const REGIONS: [RegionStyle; 2] = [
+    RegionStyle { colour: [0, 114, 178], threshold: 0.5, is_dashed: false },
+    RegionStyle { colour: [204, 121, 167], threshold: 0.3, is_dashed: true },
 ];
 
 /// A renderer, a scene, and the prompts.
@@ -61,7 +61,7 @@ impl Stage {
             lattice: &mut self.lattice,
             queries: &self.queries,
             settings: &self.settings,
-            marking: Some(Marking { marks: &MARKS, look: look(style), base }),
+            overlay: Some(OverlayRequest { regions: &REGIONS, look: look(style), base }),
         };
         self.renderer.show(&input, field_of_view, Some(asked), wanted, &mut FrameClock::default()).unwrap()
     }
@@ -89,13 +89,13 @@ fn look(style: OverlayStyle) -> OverlayLook {
 }
 
 pub(crate) fn drawn(frame: &RgbImage, scores: &[Grid<f32>], style: OverlayStyle) -> RgbImage {
-    let prompt = |(scores, mark): (_, &Mark)| OverlayPrompt {
+    let prompt = |(scores, region): (_, &RegionStyle)| OverlayPrompt {
         scores,
-        threshold: mark.threshold,
-        colour: mark.colour,
-        is_dashed: mark.is_dashed,
+        threshold: region.threshold,
+        colour: region.colour,
+        is_dashed: region.is_dashed,
     };
-    let prompts: Vec<OverlayPrompt<'_>> = scores.iter().zip(&MARKS).map(prompt).collect();
+    let prompts: Vec<OverlayPrompt<'_>> = scores.iter().zip(&REGIONS).map(prompt).collect();
     overlay(frame, &prompts, look(style))
 }
 
@@ -128,7 +128,7 @@ fn every_pass_after_the_raster_equals_its_twin() {
         let marked = drawn(base.unwrap_or(&picture), &shown.scores, style);
         compare::pictures(shown.marked.as_ref().unwrap(), &marked).unwrap();
         let summaries: Vec<Summary> =
-            shown.scores.iter().zip(&MARKS).map(|(s, m)| Summary::new(s, m.threshold)).collect();
+            shown.scores.iter().zip(&REGIONS).map(|(s, m)| Summary::new(s, m.threshold)).collect();
         assert_eq!(shown.summaries, summaries);
         assert!(summaries.iter().any(|s| s.area_px() > 50 && s.area_px() < 121 * 77), "{summaries:?}");
     }
@@ -181,7 +181,7 @@ fn only_what_is_wanted_comes_back() {
         lattice: &mut stage.lattice,
         queries: &stage.queries,
         settings: &stage.settings,
-        marking: None,
+        overlay: None,
     };
     let clock = &mut FrameClock::default();
     let scores = Wanted { scores: true, ..Wanted::default() };

@@ -7,7 +7,7 @@ use crate::{
 };
 use std::collections::BTreeMap;
 use surgtpgs_core::{Result, camera::Camera, overlay::OverlayLook, scene::Scene};
-use surgtpgs_render::{Mark, Marking, PassCost, Wanted};
+use surgtpgs_render::{OverlayRequest, PassCost, RegionStyle, Wanted};
 
 /// The picture with its outline, and nothing else.
 const PICTURES: Wanted = Wanted { pictures: true, depth: false, scores: false };
@@ -30,10 +30,10 @@ pub(super) fn spread(scene: &Scene, num_frames: usize) -> Vec<usize> {
     (0..wanted).map(|k| k * n / wanted).collect()
 }
 
-/// Frames to show, and marks for the prompts of an engine.
+/// Frames to show, and styles for what an engine's prompts find.
 pub(super) struct Show {
     pub(super) views: Vec<SceneView>,
-    marks: Vec<Mark>,
+    regions: Vec<RegionStyle>,
 }
 
 impl Show {
@@ -41,22 +41,22 @@ impl Show {
     pub(super) fn new(engine: &Engine, cameras: &[(f32, Camera)]) -> Self {
         let threshold = engine.settings().threshold;
         let colours = PROMPT_COLOURS.iter().cycle();
-        let mark = |colour: &[u8; 3]| Mark { threshold, colour: *colour, is_dashed: false };
+        let region = |colour: &[u8; 3]| RegionStyle { threshold, colour: *colour, is_dashed: false };
         Self {
             views: cameras.iter().map(|&(time, camera)| SceneView { time, camera, recorded: true }).collect(),
-            marks: colours.map(mark).take(engine.queries().len()).collect(),
+            regions: colours.map(region).take(engine.queries().len()).collect(),
         }
     }
 
     /// The first frame again and again.
     pub(super) fn again(&self) -> Self {
         let views = self.views.iter().take(1).cycle().take(self.views.len()).copied().collect();
-        Self { views, marks: self.marks.clone() }
+        Self { views, regions: self.regions.clone() }
     }
 
     /// Asks for the scores of the prompts and their outlines.
     pub(super) fn ask(&self) -> Ask<'_> {
-        Ask::Now(Some(Marking { marks: &self.marks, look: OverlayLook::default(), base: None }))
+        Ask::Now(Some(OverlayRequest { regions: &self.regions, look: OverlayLook::default(), base: None }))
     }
 
     /// Returns the milliseconds of every frame after a round to warm up.
