@@ -1,7 +1,7 @@
 // Adds Gaussians where the gradient of the picture pulls at them, and removes those that have faded;
 // twin: core::train::densify.
 //
-//   mark  (scan, stable sort by key)  choose  (scan)  list  copy_rows (for every array)  part
+//   decide  (scan, stable sort by key)  choose  (scan)  list  copy_rows (for every array)  part
 //
 // Between the sort and `choose` the host reads the numbers of kept and of pulled Gaussians, and decides
 // how many of the latter are divided into two. It has to make room for the new rows anyway.
@@ -25,7 +25,7 @@ fn is_parted(n: u32) -> bool {
 }
 
 @compute @workgroup_size(GROUP)
-fn mark(
+fn decide(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) num_groups: vec3u,
     @builtin(local_invocation_index) lane: u32,

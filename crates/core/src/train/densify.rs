@@ -76,14 +76,14 @@ impl Densify {
 /// children follow in the order of their parents. The statistics are reset.
 pub fn densify(model: &mut Model, how: &Densify) {
     let Model { gaussians, deformation, optimiser, statistics } = model;
-    let marks = mark(gaussians, statistics, how);
-    let num_kept = marks.iter().filter(|m| m.is_kept).count();
-    let mut parted = rank(&marks);
+    let decisions = decide(gaussians, statistics, how);
+    let num_kept = decisions.iter().filter(|d| d.is_kept).count();
+    let mut parted = rank(&decisions);
     parted.truncate(how.num_children(num_kept, parted.len()));
     // Sorted by index: if pulls differ in the last digit, at most the choice between two Gaussians
     // changes, not the order.
     parted.sort_unstable();
-    let (rows, pairs) = list(&marks, &parted, how.split_only);
+    let (rows, pairs) = list(&decisions, &parted, how.split_only);
     let (bands, dim, stride) = (gaussians.sh_bands() * 3, gaussians.latent_dim, deformation.stride);
     copy_rows(gaussians, deformation, &rows);
     let moments: Vec<Option<u32>> = rows.iter().map(|r| (!r.is_fresh).then_some(r.parent)).collect();
@@ -100,29 +100,29 @@ pub fn densify(model: &mut Model, how: &Densify) {
 
 /// Decision about one Gaussian.
 #[derive(Clone, Copy)]
-struct Mark {
+struct Decision {
     is_kept: bool,
     /// Sort key; the more it is pulled, the lower.
     pull_key: u32,
 }
 
-fn mark(gaussians: &Gaussians, statistics: &Statistics, how: &Densify) -> Vec<Mark> {
-    let mark_one = |i: usize| {
+fn decide(gaussians: &Gaussians, statistics: &Statistics, how: &Densify) -> Vec<Decision> {
+    let decide_one = |i: usize| {
         let numbers = gaussians.means[i].iter().chain(&gaussians.log_scales[i]);
         let is_kept = numbers.into_iter().all(|v| v.is_finite())
             && gaussians.opacity_logits[i] >= how.min_opacity_logit;
         let mean_pull = statistics.pull[i] / statistics.seen[i].max(1) as f32;
         let is_pulled = is_kept && mean_pull >= how.min_pull;
         // Pulls are positive, so their bits sort like the numbers.
-        Mark { is_kept, pull_key: if is_pulled { !mean_pull.to_bits() } else { NOT_PULLED } }
+        Decision { is_kept, pull_key: if is_pulled { !mean_pull.to_bits() } else { NOT_PULLED } }
     };
-    (0..gaussians.len()).map(mark_one).collect()
+    (0..gaussians.len()).map(decide_one).collect()
 }
 
 /// Gaussians to divide if there is room, the most pulled first, ties by index.
-fn rank(marks: &[Mark]) -> Vec<u32> {
-    let key = |i: &u32| marks[*i as usize].pull_key;
-    let mut ranked: Vec<u32> = (0..marks.len() as u32).filter(|i| key(i) != NOT_PULLED).collect();
+fn rank(decisions: &[Decision]) -> Vec<u32> {
+    let key = |i: &u32| decisions[*i as usize].pull_key;
+    let mut ranked: Vec<u32> = (0..decisions.len() as u32).filter(|i| key(i) != NOT_PULLED).collect();
     ranked.sort_by_key(key);
     ranked
 }
@@ -137,10 +137,10 @@ struct NewRow {
 }
 
 /// The new rows, and the indices of the two rows of each divided Gaussian.
-fn list(marks: &[Mark], parted: &[u32], split_only: bool) -> (Vec<NewRow>, Vec<[usize; 2]>) {
-    let mut places = vec![0; marks.len()];
+fn list(decisions: &[Decision], parted: &[u32], split_only: bool) -> (Vec<NewRow>, Vec<[usize; 2]>) {
+    let mut places = vec![0; decisions.len()];
     let mut rows = Vec::new();
-    for (parent, _) in marks.iter().enumerate().filter(|(_, mark)| mark.is_kept) {
+    for (parent, _) in decisions.iter().enumerate().filter(|(_, decision)| decision.is_kept) {
         places[parent] = rows.len();
         rows.push(NewRow { parent: parent as u32, is_fresh: false });
     }

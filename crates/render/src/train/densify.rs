@@ -95,7 +95,7 @@ shader_struct! {
 /// The kernels, and the buffers between them.
 #[derive(Debug)]
 pub(super) struct DensifyPass {
-    mark: Kernel,
+    decide: Kernel,
     choose: Kernel,
     list: Kernel,
     copy_rows: Kernel,
@@ -116,7 +116,7 @@ impl DensifyPass {
         let kernel = |entry| Kernel::new(gpu, &Wgsl::SHADER, entry, 0);
         let numbers = || DeviceVec::new(gpu, "Gaussians");
         Ok(Self {
-            mark: kernel("mark")?,
+            decide: kernel("decide")?,
             choose: kernel("choose")?,
             list: kernel("list")?,
             copy_rows: kernel("copy_rows")?,
@@ -133,8 +133,8 @@ impl DensifyPass {
         })
     }
 
-    /// Decides on one densification and carries it out; all steps before it must be settled. Only the
-    /// sizes of `model` are read.
+    /// Decides on one densification and carries it out; the outcome of all steps before it must be known.
+    /// Only the sizes of `model` are read.
     pub(super) fn run(
         &mut self,
         gpu: &Gpu,
@@ -182,7 +182,7 @@ impl DensifyPass {
                 Wgsl::ranked(self.ranked.values()),
                 Wgsl::counts(&self.counts),
             ];
-            self.mark.dispatch(gpu, pass, &bindings, (n as u32 + 1).div_ceil(GROUP));
+            self.decide.dispatch(gpu, pass, &bindings, (n as u32 + 1).div_ceil(GROUP));
             self.scan.encode(gpu, pass, &self.places, &self.levels);
             self.sort.encode(gpu, pass, &self.scan, &mut self.ranked, &self.num_gaussians, u32::BITS);
         });
