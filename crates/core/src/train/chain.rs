@@ -147,8 +147,8 @@ fn geometry_and_colour(
     let turned = std::array::from_fn(|k| gaussians.rotations[i][k] + psi[ROTATION_CHANNEL + k]);
     let moved = Moved { geometry: deformed.geometry(i), quaternion_length: unit_quaternion(turned).1 };
     let rest = &gaussians.sh_rest[i * g_rest.len()..(i + 1) * g_rest.len()];
-    let seen = Seen { view, degree: gaussians.sh_degree, rest, splat };
-    let (g_geometry, g_camera, g_colour) = seen.backward(&moved.geometry, g, g_rest);
+    let inputs = SplatInputs { view, degree: gaussians.sh_degree, rest, splat };
+    let (g_geometry, g_camera, g_colour) = inputs.backward(&moved.geometry, g, g_rest);
     let raw = move_geometry_backward(&moved, &g_geometry);
     g_psi[MEAN_CHANNEL..MEAN_CHANNEL + 3].copy_from_slice(&raw.mean);
     g_psi[ROTATION_CHANNEL..ROTATION_CHANNEL + 4].copy_from_slice(&raw.rotation);
@@ -173,8 +173,8 @@ pub(super) fn camera_backward(
         let mut g_rest = [0.0; MAX_SH_BANDS * 3];
         for i in (k * CHUNK..splats.len().min((k + 1) * CHUNK)).filter(|&i| splats[i].is_visible()) {
             let rest = &gaussians.sh_rest[i * bands..(i + 1) * bands];
-            let seen = Seen { view: &view, degree: gaussians.sh_degree, rest, splat: &splats[i] };
-            let (_, camera, _) = seen.backward(&deformed.geometry(i), &g_splats[i], &mut g_rest[..bands]);
+            let inputs = SplatInputs { view: &view, degree: gaussians.sh_degree, rest, splat: &splats[i] };
+            let (_, camera, _) = inputs.backward(&deformed.geometry(i), &g_splats[i], &mut g_rest[..bands]);
             sum.iter_mut().zip(camera.to_array()).for_each(|(total, part)| *total += part);
         }
         sum
@@ -183,8 +183,8 @@ pub(super) fn camera_backward(
     Twist::of(sums.iter().fold([0.0; 6], |total, part| std::array::from_fn(|k| total[k] + part[k])))
 }
 
-/// A Gaussian as a camera sees it.
-struct Seen<'a> {
+/// Inputs of one Gaussian's splat.
+struct SplatInputs<'a> {
     view: &'a CameraView<f32>,
     degree: usize,
     /// Its colour bands above 0.
@@ -192,7 +192,7 @@ struct Seen<'a> {
     splat: &'a Splat<f32>,
 }
 
-impl Seen<'_> {
+impl SplatInputs<'_> {
     /// Gradients with respect to geometry, a motion of the camera, and band 0 of the colour; adds those of the
     /// other bands to `g_rest`.
     fn backward(

@@ -131,7 +131,7 @@ impl BinPass {
         self.levels.total().unwrap_or(&self.num_splats)
     }
 
-    /// Output: Gaussian indices front to back, and the first slot of each.
+    /// Output: Gaussian indices front to back, and the first pair of each, which is its first slot.
     pub(crate) fn slots(&self) -> [&DeviceVec<u32>; 2] {
         [self.by_depth.values(), &self.first_pair]
     }
